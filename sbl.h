@@ -4492,16 +4492,16 @@ static void sbl__geometry_bind(sbl__device *d, const sbl__geometry *g) {
 }
 
 /* ==================================================================================================== >>topology
-   What triangles share: vertices in the same place, sides, and the groups that they form; and values that spread from
-   neighbour to neighbour. Rooms number their vertices and triangles themselves. A side is 3 * triangle + the corner at
-   which it begins. */
+   Connectivity of triangles: hash tables that find vertices at equal positions and shared sides, groups, and values
+   that spread from neighbour to neighbour. Callers number vertices and triangles themselves. The number of a side is
+   3 * triangle + the corner at which it begins. */
 
 #define SBL__NONE UINT32_MAX
 
-/* A hash table of numbers. Numbers with the same hash are found in the order in which they were put in. */
+/* Hash table of numbers, with linear probing. Numbers with equal hashes are found in the order of insertion. */
 typedef struct sbl__hash_table {
     uint32_t *slots;  /* 1 + number; 0: free */
-    uint32_t mask;    /* slots, a power of two, less 1 */
+    uint32_t mask;    /* number of slots, which is a power of two, minus 1 */
 } sbl__hash_table;
 
 static void sbl__hash_table_free(sbl__base *base, sbl__hash_table *t) {
@@ -4509,7 +4509,7 @@ static void sbl__hash_table_free(sbl__base *base, sbl__hash_table *t) {
     t->slots = NULL;
 }
 
-/* Empties the table and makes room for so many numbers. */
+/* Makes the table empty, with room for `count` numbers. */
 static sbl_result sbl__hash_table_make(sbl__base *base, sbl__hash_table *t, double count) {
     uint32_t slots = 16;
     while (slots < 2 * count && slots < 0x80000000u) slots *= 2;
@@ -4519,8 +4519,8 @@ static sbl_result sbl__hash_table_make(sbl__base *base, sbl__hash_table *t, doub
     return t->slots ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Slot search: returns the number in a slot and goes on to the next slot. Begin at the hash. Stays at the first free
-   slot, and returns SBL__NONE there. */
+/* Returns the number in a slot and advances *slot, which is the hash at first. Returns SBL__NONE at a free slot, and
+   does not advance beyond it. */
 static uint32_t sbl__slot_next(const sbl__hash_table *t, uint32_t *slot) {
     const uint32_t found = t->slots[*slot & t->mask];
     *slot += found > 0;
@@ -4531,8 +4531,8 @@ static void sbl__slot_fill(sbl__hash_table *t, uint32_t slot, uint32_t number) {
     t->slots[slot & t->mask] = number + 1;
 }
 
-/* Returns the first number with this hash that is the same as `number`. If there is none, puts `number` in and returns
-   it. */
+/* Returns the first number in the table with this hash for which `same` is true. If there is none, inserts `number` and
+   returns it. */
 static uint32_t sbl__hash_table_first(sbl__hash_table *t, uint32_t hash, uint32_t number,
                                       int (*same)(const void *user, uint32_t one, uint32_t other), const void *user) {
     uint32_t slot = hash, other;
@@ -4542,7 +4542,7 @@ static uint32_t sbl__hash_table_first(sbl__hash_table *t, uint32_t hash, uint32_
     return number;
 }
 
-/* Floats are hashed and compared by value: -0 is 0. */
+/* Floats are hashed and compared by value: -0 equals 0. */
 static uint32_t sbl__hash_floats(uint32_t hash, const float *x, int count) {
     int k;
     for (k = 0; k < count; k++) hash = sbl__hash(hash ^ (sbl__zero(x + k) ? 0 : sbl__float_bits(x + k)));
@@ -4555,7 +4555,7 @@ static int sbl__same_floats(const float *a, const float *b, int count) {
     return 1;
 }
 
-/* Vertices of the scene stand in the same place if their mesh and their position are the same. */
+/* Two vertices of the scene are at the same place if their meshes and their positions are equal. */
 static uint32_t sbl__place_hash(const sbl__geometry *g, uint32_t vertex) {
     return sbl__hash_floats(g->vertices[vertex].object, g->vertices[vertex].position, 3);
 }
@@ -4565,7 +4565,8 @@ static int sbl__same_place(const void *geometry, uint32_t one, uint32_t other) {
     return v[one].object == v[other].object && sbl__same_floats(v[one].position, v[other].position, 3);
 }
 
-/* The vertex at a side's first (0) or second end (1), or opposite (2). corners: three welded vertices a triangle. */
+/* Returns the vertex at a side's first end (0), at its second end (1), or opposite to it (2). corners: three welded
+   vertices per triangle */
 static uint32_t sbl__side_end(const uint32_t *corners, uint32_t side, uint32_t which) {
     return corners[side - side % 3 + (side + which) % 3];
 }
@@ -4577,27 +4578,30 @@ static int sbl__same_ends(const void *corners, uint32_t one, uint32_t other) {
     return (a == c && b == d) || (a == d && b == c);
 }
 
-/* Returns the first of the sides so far that has the same ends; the side itself if it is the first. */
+/* Returns the first side in the table with the same ends, in either order. If there is none, inserts `side` and returns
+   it. */
 static uint32_t sbl__first_side(sbl__hash_table *t, const uint32_t *corners, uint32_t side) {
     const uint32_t a = sbl__side_end(corners, side, 0), b = sbl__side_end(corners, side, 1);
     return sbl__hash_table_first(t, sbl__hash(SBL__MIN(a, b) ^ sbl__hash(SBL__MAX(a, b))), side, sbl__same_ends,
                                  corners);
 }
 
-/* Union-find: the root of a number's tree stands for its group. It is the least number of the group. */
+/* Union-find: returns the root of a number's tree, which is the least number of its group. */
 static uint32_t sbl__root(uint32_t *parents, uint32_t number) {
     while (parents[number] != number) number = parents[number] = parents[parents[number]];
     return number;
 }
 
+/* Merges the groups of two numbers. */
 static void sbl__join(uint32_t *parents, uint32_t one, uint32_t other) {
     one = sbl__root(parents, one);
     other = sbl__root(parents, other);
     parents[SBL__MAX(one, other)] = SBL__MIN(one, other);
 }
 
-/* >>topology: rings. Things that have a value pass it on to their neighbours, ring by ring: a thing of a ring gets its
-   value from those neighbours that have one since an earlier ring. */
+/* >>topology: rings. Values spread from things that have one (texels or vertices) to those that have none. Ring 1 holds
+   the neighbours of the former, ring 2 the neighbours of ring 1, and so on. A thing's value is computed from those of
+   its neighbours in earlier rings. */
 
 #define SBL__RING_WAITS (-1)
 #define SBL__RING_QUEUED (-2)
@@ -4606,15 +4610,16 @@ typedef struct sbl__rings {
     sbl__stages stages;
     sbl__base *base;
     void *user;
-    /* Returns the neighbour at *place, which begins at 0, and moves *place on; negative: there are no more. */
+    /* Returns the neighbour at *place and advances *place, which is 0 at first. Negative: there are no more. */
     int (*neighbour)(const struct sbl__rings *r, int thing, size_t *place);
-    void (*mean)(void *user, int thing);  /* gives a thing its value, from neighbours that sbl__ring_reached */
-    int count, width;   /* things; in a row, if they lie in a grid */
-    int last;           /* rings that are wanted */
-    int *ring;          /* a thing: 0: it had a value; above 0: the ring that reached it; else SBL__RING_... */
-    int *queue;         /* things, ring after ring */
-    int queued, room;
-    int number, end;    /* the ring under way, and its end in the queue */
+    void (*mean)(void *user, int thing);  /* computes a thing's value from neighbours for which sbl__ring_reached */
+    int count;          /* number of things */
+    int width;          /* things per row of a grid, for sbl__ring_grid */
+    int last;           /* number of the last ring wanted */
+    int *ring;          /* per thing: its ring, 0 if it had a value from the start; SBL__RING_WAITS or _QUEUED */
+    int *queue;         /* things of all rings, in the order of the rings */
+    int queued, room;   /* length and capacity of the queue */
+    int number, end;    /* number of the present ring, and where it ends in the queue */
 } sbl__rings;
 
 static void sbl__rings_free(sbl__base *base, sbl__rings *r) {
@@ -4623,7 +4628,8 @@ static void sbl__rings_free(sbl__base *base, sbl__rings *r) {
     memset(r, 0, sizeof *r);
 }
 
-/* All things wait. The caller sets the ring of those that have a value to 0, and the fields up to `last`. */
+/* Makes r->ring, with all things waiting. The caller sets the ring of things that have a value to 0, and sets the
+   fields from `user` to `last`. */
 static sbl_result sbl__rings_make(sbl__base *base, sbl__rings *r, int count) {
     r->base = base;
     r->count = count;
@@ -4636,7 +4642,7 @@ static int sbl__ring_reached(const sbl__rings *r, int thing) {
     return r->ring[thing] >= 0 && r->ring[thing] < r->number;
 }
 
-/* Neighbours in a grid: the thing's eight neighbours and itself, row by row. */
+/* Returns the neighbours of a thing in a grid: the 3 x 3 block around it, row by row, including the thing itself. */
 static int sbl__ring_grid(const sbl__rings *r, int thing, size_t *place) {
     while (*place < 9) {
         const int x = thing % r->width + (int)(*place % 3) - 1, y = thing / r->width + (int)(*place / 3) - 1;
@@ -4646,7 +4652,7 @@ static int sbl__ring_grid(const sbl__rings *r, int thing, size_t *place) {
     return -1;
 }
 
-/* A thing's neighbours that wait come into the next ring. */
+/* Appends a thing's waiting neighbours to the queue. They belong to the next ring. */
 static sbl_result sbl__ring_spread(sbl__rings *r, int thing) {
     size_t place = 0;
     int other;
@@ -4679,7 +4685,7 @@ static sbl_result sbl__ring_next(void *work, int at) {
 static int sbl__rings_things(void *work) { return ((sbl__rings *)work)->count; }
 static int sbl__rings_queued(void *work) { return ((sbl__rings *)work)->queued; }
 
-/* Does one piece. SBL_SUCCESS: all rings that are wanted have their values. */
+/* Does one piece. SBL_SUCCESS: all rings up to r->last have their values. */
 static sbl_result sbl__rings_step(sbl__rings *r, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__ring_source, sbl__rings_things },
@@ -4689,33 +4695,33 @@ static sbl_result sbl__rings_step(sbl__rings *r, sbl__slice *slice) {
 }
 
 /* ====================================================================================================== >>solver
-   Normal equations of least squares, for three channels at once, by conjugate gradients that the matrix's diagonal
-   preconditions (Shewchuk 1994, "An Introduction to the Conjugate Gradient Method Without the Agonizing Pain"). The
-   matrix is a sum of terms, which a function of the caller multiplies by a direction, and of a multiple of the
-   identity. */
+   Solves the normal equations of least-squares problems, for three channels at once, by conjugate gradients with a
+   diagonal preconditioner (Shewchuk 1994, "An Introduction to the Conjugate Gradient Method Without the Agonizing
+   Pain"). The matrix is the sum of terms, which a function of the caller multiplies by a direction, and of a multiple
+   of the identity. */
 
-#define SBL__SOLVER_ROUNDS 1000  /* at most */
+#define SBL__SOLVER_ROUNDS 1000  /* limit of the number of rounds */
 
 enum { SBL__SOLVER_START, SBL__SOLVER_MULTIPLY, SBL__SOLVER_DOT, SBL__SOLVER_ADVANCE, SBL__SOLVER_TURN,
        SBL__SOLVER_DONE };
 
-/* Sums over the unknowns of a system: residual and preconditioned residual, before and after the round; direction and
-   product; squares of the preconditioned residual, at first and now. */
+/* Dot products of vectors of a system. power, next_power: residual and preconditioned residual, before and after the
+   round. along: direction and product. first2, left2: preconditioned residual with itself, at the start and now. */
 typedef struct sbl__solver_sums { double power, next_power, along, first2, left2; } sbl__solver_sums;
 
 typedef struct sbl__solver {
     sbl__stages stages;
     void *user;
-    void (*term)(void *user, int i, const double *direction, double *product);  /* adds term i times the direction */
+    void (*term)(void *user, int i, const double *direction, double *product);  /* product += term i * direction */
     int term_count;
-    int count;                  /* unknowns */
-    int together;               /* the channels are one system; otherwise each is a system of its own */
-    double identity;            /* multiple of the identity in the matrix */
-    double precision2;          /* a system is solved if left2 / first2 is as low */
-    double *diagonal;           /* the matrix's, or all 1: three an unknown, one a channel, as below. 0: the solution
-                                   keeps its value there */
-    double *solution;           /* the caller sets it to 0, */
-    double *residual;           /* and this to the right side */
+    int count;                  /* number of unknowns */
+    int together;               /* 1: the channels form one system; 0: each channel is a system of its own */
+    double identity;            /* factor of the identity in the matrix */
+    double precision2;          /* a system is solved when left2 / first2 is at most this */
+    /* Arrays of three numbers per unknown, one per channel: */
+    double *diagonal;           /* the preconditioner: diagonal of the matrix, or all 1; 0 fixes the unknown */
+    double *solution;           /* must be 0 at the start */
+    double *residual;           /* must be the right side at the start */
     double *direction, *product;
     sbl__solver_sums sums[3];
     int rounds;
@@ -4730,7 +4736,7 @@ static void sbl__solver_free(sbl__base *base, sbl__solver *s) {
     memset(s, 0, sizeof *s);
 }
 
-/* Makes the arrays; all numbers are 0. */
+/* Makes the arrays, filled with 0. */
 static sbl_result sbl__solver_make(sbl__base *base, sbl__solver *s, int count) {
     double **const arrays[] = { &s->diagonal, &s->solution, &s->residual, &s->direction, &s->product };
     int i;
@@ -4751,7 +4757,7 @@ static sbl_result sbl__solver_term(void *work, int term) {
     return SBL_SUCCESS;
 }
 
-/* The other stages' part for an unknown. */
+/* Does an unknown's part of any stage except SBL__SOLVER_MULTIPLY. */
 static sbl_result sbl__solver_unknown(void *work, int unknown) {
     sbl__solver *s = (sbl__solver *)work;
     size_t i = 3 * (size_t)unknown;
@@ -4806,7 +4812,7 @@ static int sbl__solver_after_turn(void *work) {
     return SBL__SOLVER_MULTIPLY;
 }
 
-/* Does one piece. SBL_SUCCESS: the solution is there, and the next call starts on another right side. */
+/* Does one piece. SBL_SUCCESS: the solution is ready, and the next call starts with another right side. */
 static sbl_result sbl__solver_step(sbl__solver *s, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, sbl__solver_after_start, sbl__solver_unknown, sbl__solver_unknowns },
@@ -4824,9 +4830,9 @@ static sbl_result sbl__solver_step(sbl__solver *s, sbl__slice *slice) {
 }
 
 /* ======================================================================================================== >>textures
-   All textures of the scene share two GL textures, the texel tables: one for textures that the host gives as 8-bit
-   sRGB, whose bytes it keeps, and one of 16-bit floats for all others. A texture begins at the start of a row of its
-   table; its texels follow each other without gaps, whatever its width. scene.glsl filters them bilinearly. */
+   All textures of the scene share two GL textures, the texel tables: one of 8-bit sRGB for textures that the host gives
+   in that format, and one of 16-bit floats for all others. A texture begins at the start of a table's row; its texels
+   follow each other without gaps, whatever its width. scene.glsl filters them bilinearly. */
 
 #define SBL__TEXEL_TABLE_WIDTH 4096  /* texels per row; less if the driver's textures are smaller */
 
@@ -5017,11 +5023,11 @@ static void sbl__textures_bind(sbl__device *d, const sbl__textures *s) {
 }
 
 /* ======================================================================================================== >>material
-   What surfaces do with light: emission, reflection, holes. material.glsl does it for all shaders; here is the same for
-   the CPU, and nowhere else. */
+   How surfaces emit and reflect light, and where they have holes. Materials are read only here, for the CPU, and in
+   material.glsl, for shaders. Both compute the same. */
 
-/* Writes a material into its mesh's object, and raises *brightest to its radiance. Returns the features that programs
-   need for it. */
+/* Copies a material into its mesh's object, and raises *brightest to the highest radiance that the material emits.
+   Returns the features that programs need for the material. */
 static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *m, sbl__object *o, float *brightest) {
     const int holes = m->alpha_cutoff > 0;
     unsigned features = 0;
@@ -5043,7 +5049,7 @@ static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *
     return features;
 }
 
-/* True if light on its way meets something else, apart from what emits. */
+/* True if two objects of one mesh differ in anything but the light that they emit. */
 static int sbl__reflects_otherwise(const sbl__object *a, const sbl__object *b) {
     const uint32_t flags = ~SBL__ONE_SIDED_EMISSION;
     return memcmp(a->albedo, b->albedo, sizeof a->albedo) || (a->flags & flags) != (b->flags & flags) ||
@@ -5064,28 +5070,28 @@ static int sbl__emits(const sbl__object *o, int back) {
     return sbl__max3(emission) > 0;
 }
 
-/* The share of R that bounces in the store, before the texture is applied. */
+/* Share of R that stays in the store at a bounce, before the texture is applied. */
 static void sbl__bounced(const sbl__object *o, float out[3]) {
     int k;
     for (k = 0; k < 3; k++) out[k] = SBL__MIN(SBL__MAX(o->albedo[k], 0.0f), SBL__BOUNCE_ALBEDO);
 }
 
-/* True if less bounces of each colour than the surface reflects. */
+/* True if the surface has no albedo texture and SBL__BOUNCE_ALBEDO reduces its albedo in all three channels. */
 static int sbl__holds_light(const sbl__object *o) {
     float share[3];
     sbl__bounced(o, share);
     return share[0] < o->albedo[0] && share[1] < o->albedo[1] && share[2] < o->albedo[2] && !o->albedo_texture[1];
 }
 
-#define SBL__SHARE_ONE 65535.0f    /* the share 1 in 16 bits */
+#define SBL__SHARE_ONE 65535.0f    /* a share of 1, packed into 16 bits */
 
-/* A share of light that bounces, in 16 bits. */
+/* Packs shares of 0 .. 1 into 16 bits each. */
 static void sbl__share_pack(const float share[3], uint16_t out[3]) {
     int k;
     for (k = 0; k < 3; k++) out[k] = (uint16_t)(SBL__SHARE_ONE * share[k] + 0.5f);
 }
 
-/* Adds the light that a surface reflects, times SBL__SHARE_ONE. light: R, which falls on it. */
+/* Adds the R that a surface with a packed share reflects, times SBL__SHARE_ONE. light: R at the surface. */
 static void sbl__add_reflected(const uint16_t share[3], const float light[3], float sum[3]) {
     int k;
     for (k = 0; k < 3; k++) sum[k] += (float)share[k] * light[k];
@@ -5093,15 +5099,15 @@ static void sbl__add_reflected(const uint16_t share[3], const float light[3], fl
 
 /* >>glsl material: shaders_embedded/material.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_material[] = {
-"// What surfaces do with light: what they emit, what they reflect, where a reflected ray goes on, and where they\n",
-"// have holes. No other shader reads a material; >>material in sbl.h is the same for the CPU.\n",
+"// How surfaces emit and reflect light, and where they have holes. No other shader reads a material. >>material in\n",
+"// sbl.h does the same on the CPU.\n",
 "uniform float epsilon;     // the ambient factor\n",
-"uniform bool lamps_apart;  // light from emitters comes from lamps.glsl\n",
+"uniform bool lamps_apart;  // true: lamps.glsl adds the light of emitters, so sbl_outgoing leaves it out\n",
 "\n",
-"// A material at a point, after its textures have been read.\n",
+"// A material at a point, with its textures applied.\n",
 "struct sbl_Material {\n",
-"    vec3 albedo;   // share of the light that is reflected, the same towards all directions\n",
-"    bool cut_out;  // there is a hole here\n",
+"    vec3 albedo;   // diffuse reflectance\n",
+"    bool cut_out;  // the point lies in a hole\n",
 "};\n",
 "\n",
 "sbl_Material sbl_material(int object, sbl_Attributes at) {\n",
@@ -5110,10 +5116,10 @@ static const char *const sbl__glsl_material[] = {
 "    return sbl_Material(color.rgb, color.a < sbl_object_alpha_cutoff(object));\n",
 "}\n",
 "\n",
-"// False: sbl_material finds no hole anywhere, and need not be asked.\n",
+"// False: no point of the object lies in a hole, so sbl_material need not be called to find out.\n",
 "bool sbl_has_holes(int object) { return sbl_object_alpha_cutoff(object) > 0.0; }\n",
 "\n",
-"// True: this side of the surface does not emit, whatever the material's emission is.\n",
+"// True if this is the back of a surface that emits only in front.\n",
 "bool sbl_dark_side(int object, bool back) {\n",
 "    return back && (sbl_object_flags(object) & SBL_ONE_SIDED_EMISSION) != 0u;\n",
 "}\n",
@@ -5123,18 +5129,18 @@ static const char *const sbl__glsl_material[] = {
 "    return sbl_dark_side(object, back) ? vec3(0) : sbl_object_emission(object);\n",
 "}\n",
 "\n",
-"// It does not ask sbl_emission, since softpipe then shows wrong sides.\n",
+"// Does not call sbl_emission, because softpipe then shows wrong sides.\n",
 "bool sbl_emits(int object, bool back) {\n",
 "    vec3 emission = sbl_object_emission(object);\n",
 "    return max(max(emission.r, emission.g), emission.b) > 0.0 && !sbl_dark_side(object, back);\n",
 "}\n",
 "\n",
-"// The factor by which the texture changes the emission at a point.\n",
+"// The emission texture at a point, by which sbl_emission must be multiplied.\n",
 "vec3 sbl_emission_pattern(int object, sbl_Attributes at) {\n",
 "    return sbl_texture(sbl_object_emission_texture(object), at.uv).rgb;\n",
 "}\n",
 "\n",
-"// True: sbl_outgoing does not read the attributes.\n",
+"// True if sbl_outgoing does not read `at`.\n",
 "bool sbl_outgoing_is_plain(int object, bool back) {\n",
 "#ifdef SBL_TEXTURED\n",
 "#ifdef SBL_BOUNCED\n",
@@ -5147,8 +5153,8 @@ static const char *const sbl__glsl_material[] = {
 "#endif\n",
 "}\n",
 "\n",
-"// Radiance that a surface sends towards a sensor besides the stored light that it reflects: Ck of equations 1 and\n",
-"// 2, which is the radiance of an emitter, or the ambient factor times the colour.\n",
+"// Radiance that a surface sends towards a sensor, without the stored light that it reflects: Ck of equations 1 and\n",
+"// 2. It is the emission of an emitter; for other surfaces, epsilon times the albedo.\n",
 "vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {\n",
 "    bool emits = sbl_emits(object, back);\n",
 "    vec3 radiance = emits ? sbl_object_emission(object) : epsilon * sbl_object_albedo(object);\n",
@@ -5162,21 +5168,21 @@ static const char *const sbl__glsl_material[] = {
 "    return radiance;\n",
 "}\n",
 "\n",
-"// Radiance that a surface sends towards its receiver. light: R, which falls on it.\n",
+"// Radiance that a surface reflects. light: R at the surface\n",
 "vec3 sbl_reflected(sbl_Material m, vec3 light) { return m.albedo * light; }\n",
 "\n",
-"// The share of R that bounces in the store. It is below 1, since closed rooms would otherwise never grow dark.\n",
+"// Share of R that stays in the store at a bounce. It is below 1, so that light fades even in closed white rooms.\n",
 "vec3 sbl_bounced(sbl_Material m) { return clamp(m.albedo, 0.0, SBL_BOUNCE_ALBEDO); }\n",
 "\n",
-"// A ray that goes on from a surface.\n",
+"// A reflected ray.\n",
 "struct sbl_Bounce {\n",
 "    vec3 direction;\n",
-"    vec3 off;     // unit vector off the surface, on the side where the ray starts\n",
-"    vec3 weight;  // what the radiance that the ray finds counts towards the receiver\n",
+"    vec3 off;     // unit normal, on the side where the ray starts\n",
+"    vec3 weight;  // factor of the radiance that the ray finds\n",
 "};\n",
 "\n",
-"// A direction from which light is reflected towards the receiver, drawn by the cosine. across: the surface's\n",
-"// normal of any length, 0 where the triangle has no area. u: 0 to 1.\n",
+"// Draws a direction, cosine-distributed, from which a surface reflects light. across: normal of any length; 0 if\n",
+"// the triangle has no area, in which case to_receiver replaces it. u: uniform point of the unit square\n",
 "sbl_Bounce sbl_bounce(sbl_Material m, vec3 across, vec3 to_receiver, vec2 u) {\n",
 "    vec3 normal = dot(across, across) > 0.0 ? normalize(across) : to_receiver;\n",
 "    return sbl_Bounce(sbl_by_cosine(sbl_frame(normal), u), normal, m.albedo);\n",
@@ -5185,11 +5191,11 @@ static const char *const sbl__glsl_material[] = {
 /* <<glsl */
 
 /* ====================================================================================================== >>environment
-   Light that arrives from directions without a surface: from the sky, which is constant, and from a picture around the
-   scene. Rays over the hemisphere find the picture's radiance up to a limit. Radiance above the limit would make their
-   results noisy, so each texel that exceeds the limit is also a lamp, which emits the excess (see >>lamps). */
+   Light from directions without a surface: from the sky, which is constant, and from a picture around the scene. Rays
+   over the hemisphere find the picture's radiance up to a limit. Radiance above the limit would make their results
+   noisy, so each texel that exceeds the limit is also a lamp, which emits the excess (see >>lamps). */
 
-/* Limit for the radiance that rays over the hemisphere find, in multiples of the picture's mean over all directions */
+/* Limit of the picture's radiance that rays over the hemisphere find, as a multiple of its mean over all directions */
 #define SBL__SKY_LIMIT 4
 
 typedef struct sbl__environment {
@@ -5237,8 +5243,7 @@ static void sbl__environment_direction(const sbl__environment *e, int x, int y, 
         out[k] = sin(angle) * (cos(around) * e->axes[0][k] + sin(around) * e->axes[2][k]) + cos(angle) * e->axes[1][k];
 }
 
-/* Gets the linear radiance of a texel from the host's pixels or function, multiplied by the host's scale. c[3] has no
-   meaning. */
+/* Computes a texel's linear radiance from the host's pixels or function, times the host's scale. c[3] is undefined. */
 static void sbl__environment_texel(const sbl__environment *e, const sbl_environment *desc, int x, int y, float c[4]) {
     const sbl_texture *t = &desc->picture;
     double exact[3];
@@ -5381,31 +5386,32 @@ static const char *const sbl__glsl_sky[] = {
 /* <<glsl */
 
 /* ======================================================================================================== >>bvh
-   A bounding volume hierarchy over the scene's triangles: binned surface-area heuristic (Wald 2007, "On fast
-   Construction of SAH-based Bounding Volume Hierarchies"), boxes on a 16-bit grid over the scene, two texels a node. It
-   is built in slices when a picture or gather first needs it, and again after a mesh has moved. */
+   The bounding volume hierarchy over the scene's triangles, built with the binned surface-area heuristic (Wald 2007,
+   "On fast Construction of SAH-based Bounding Volume Hierarchies"). A node takes two texels, one for each child. Boxes
+   are stored in 16-bit steps of a grid over the scene, or of a finer grid around small geometry. The hierarchy is built
+   in slices, when it is first needed and again after surfaces have changed. */
 
-#define SBL__BVH_BINS 16
-#define SBL__BVH_LEAF 4          /* triangles in a leaf, at most 8 */
-#define SBL__BVH_SAH_DEPTH 32    /* below it halves are split off by number, so that the stack is deep enough */
-#define SBL__BVH_DROPPED 0xffffffffu  /* in the order: nothing stands here */
-#define SBL__BVH_GRID_STEPS 512  /* boxes of fewer steps in all directions ... */
-#define SBL__BVH_GRID_LEAST 32   /* and of as many triangles get a grid of their own */
-#define SBL__BVH_CHUNK 32        /* triangles of a turn: what a turn costs besides must not count */
-#define SBL__UPLOAD_CHUNK 65536  /* bytes */
+#define SBL__BVH_BINS 16         /* per axis */
+#define SBL__BVH_LEAF 4          /* limit of triangles in a leaf; the format allows 8 */
+#define SBL__BVH_SAH_DEPTH 32    /* deeper nodes are cut in the middle of their triangles, to limit the depth */
+#define SBL__BVH_DROPPED 0xffffffffu  /* in the order of triangles: an unused place */
+#define SBL__BVH_GRID_STEPS 512  /* boxes that measure fewer grid steps than this along each axis */
+#define SBL__BVH_GRID_LEAST 32   /* and have at least this number of triangles get a finer grid */
+#define SBL__BVH_CHUNK 32        /* triangles per turn of a loop, so that the overhead of turns is negligible */
+#define SBL__UPLOAD_CHUNK 65536  /* bytes per piece of an upload */
 
-/* A child: lowest x | highest x << 16, likewise y, z, in steps of the grid; a node's number, or
-   SBL_LEAF | triangles - 1 << 28 | first triangle, or SBL_ENTER | number of a finer grid in a node's place. */
+/* x, y, z of a child: lowest | highest << 16 coordinate of its box, in grid steps. w: number of a node, or
+   SBL_LEAF | triangles - 1 << 28 | first triangle, or SBL_ENTER | number of a grid record. */
 #define SBL__NODE(X) X(sbl__node, UVEC4, child_0) X(sbl__node, UVEC4, child_1)
 SBL__RECORD(sbl__node, SBL__NODE, "sbl_node", "sbl_nodes", SBL__SCENE_TABLE("sbl_nodes"), NULL)
 
-/* In a node's place: a grid over a part of the scene; its first node, and the grid around it with SBL_LEAVE. */
+/* A grid takes the place of a node. root: number of its first node. around: number of the grid that encloses it */
 #define SBL__GRID_NODE(X) \
     X(sbl__grid_node, VEC3, origin) X(sbl__grid_node, UINT, root) \
     X(sbl__grid_node, VEC3, per_length) X(sbl__grid_node, UINT, around)
 SBL__RECORD(sbl__grid_node, SBL__GRID_NODE, "sbl_grid", "sbl_nodes", "", NULL)
 
-/* Corners in the leaves' order; number in the scene; cutout: 1 where it may leave nothing. */
+/* Triangles in the order of the leaves. number: the triangle's number in the scene. cutout: 1 if it may have holes */
 #define SBL__TRIANGLE(X) \
     X(sbl__triangle, VEC3, corner_0) X(sbl__triangle, UINT, object) \
     X(sbl__triangle, VEC3, corner_1) X(sbl__triangle, UINT, number) \
@@ -5414,6 +5420,7 @@ SBL__RECORD(sbl__triangle, SBL__TRIANGLE, "sbl_triangle", "sbl_triangles", SBL__
 
 typedef struct sbl__box { float low[3], high[3]; } sbl__box;
 
+/* Makes a box empty. */
 static void sbl__box_clear(sbl__box *b) {
     int k;
     for (k = 0; k < 3; k++) { b->low[k] = FLT_MAX; b->high[k] = -FLT_MAX; }
@@ -5441,27 +5448,29 @@ static void sbl__box_add(sbl__box *b, const sbl__box *other) {
     }
 }
 
+/* Returns half the surface area of a box; 0 if it is empty. */
 static float sbl__box_area(const sbl__box *b) {
     float x = b->high[0] - b->low[0], y = b->high[1] - b->low[1], z = b->high[2] - b->low[2];
     return x < 0 ? 0 : x * y + y * z + z * x;
 }
 
-/* What boxes are written in steps of; where everything is small beside it, a finer one takes over. */
-typedef struct sbl__grid { float origin[3], per_length[3]; int place; /* among the nodes */ } sbl__grid;
+/* A grid: a position is (position - origin) * per_length steps. place: number of its record among the nodes */
+typedef struct sbl__grid { float origin[3], per_length[3]; int place; } sbl__grid;
 
-/* What is left to build: triangles first .. first + count - 1 of the order, inside `box`; child `side` of node `parent`
-   will name them. */
+/* A part to build: triangles first .. first + count - 1 of the order, inside `box`. It becomes child `side` of node
+   `parent`. */
 typedef struct sbl__bvh_task { int first, count, depth, parent, side; sbl__grid grid; sbl__box box; } sbl__bvh_task;
 
-/* A task's triangles being split in two by place. */
+/* The split of a task's triangles into two halves. */
 typedef struct sbl__bvh_split {
-    int left, axis, bin;         /* triangles that came first so far; where the cut is; axis < 0: there is none */
-    float scale[3];
+    int left;                    /* triangles moved to the first half so far */
+    int axis, bin;               /* the first half ends with this bin along the axis; axis < 0: there is no split */
+    float scale[3];              /* bins per unit of twice a centroid's coordinate; 0: the axis is not split */
     sbl__box centroids, bins[3][SBL__BVH_BINS], halves[2];
     int counts[3][SBL__BVH_BINS];
 } sbl__bvh_split;
 
-/* Of a node: what rays through it meet on average, times its area. */
+/* Cost of a node. sum: nodes and triangles that a ray through its box tests on average, times the box's area */
 typedef struct sbl__bvh_work { double sum; float area; int parent; } sbl__bvh_work;
 
 typedef enum sbl__bvh_stage {
@@ -5475,25 +5484,25 @@ typedef struct sbl__bvh {        /* while it is built */
     struct sbl__hierarchy *hierarchy;
     sbl__node *nodes;
     uint32_t *order;             /* triangle numbers, leaf after leaf */
-    sbl__box *boxes;             /* of the triangles */
-    sbl__bvh_work *work;
-    sbl__box all;
-    sbl__bvh_task stack[2 * SBL__STACK];
-    sbl__bvh_task task;          /* the one that is under way */
-    int top;
+    sbl__box *boxes;             /* per triangle: its bounds */
+    sbl__bvh_work *work;         /* per node: its cost */
+    sbl__box all;                /* bounds of all triangles */
+    sbl__bvh_task stack[2 * SBL__STACK];  /* tasks that have not been begun */
+    sbl__bvh_task task;          /* the present task */
+    int top;                     /* height of the stack */
     sbl__bvh_split split;
 } sbl__bvh;
 
 typedef struct sbl__hierarchy {
     int ready;
     int node_count, triangle_count;
-    float grid_origin[3], grid_per_length[3];
-    double cost;                 /* nodes and triangles that a ray through a node's box meets on average, by the
-                                    surface-area heuristic: the worst node's */
-    double seconds;              /* that building took */
+    float grid_origin[3], grid_per_length[3];  /* the grid over the scene */
+    double cost;                 /* nodes and triangles that a ray through a node's box tests on average, by the
+                                    surface-area heuristic: the highest of all nodes */
+    double seconds;              /* time spent on building */
     sbl__table node_table, triangle_table;
-    uint32_t *order;             /* of triangle_count triangles, for the lamps */
-    sbl__bvh *building;
+    uint32_t *order;             /* triangle numbers, leaf after leaf; >>lamps needs them */
+    sbl__bvh *building;          /* NULL if the hierarchy is not being built */
 } sbl__hierarchy;
 
 static void sbl__bvh_free(const sbl__device *d, sbl__bvh *b) {
@@ -5515,23 +5524,24 @@ static void sbl__hierarchy_free(const sbl__device *d, sbl__hierarchy *h) {
 
 /* >>bvh: splitting */
 
+/* Returns the bin of a triangle's box along an axis. */
 static int sbl__bvh_split_bin(const sbl__bvh_split *s, const sbl__box *b, int axis) {
     return (int)((b->low[axis] + b->high[axis] - s->centroids.low[axis]) * s->scale[axis]);
 }
 
-/* Chunks of triangles that the task under way has. */
+/* Returns the number of chunks of the present task's triangles. */
 static int sbl__bvh_chunks(void *work) {
     return (((sbl__bvh *)work)->task.count + SBL__BVH_CHUNK - 1) / SBL__BVH_CHUNK;
 }
 
-/* The triangles of a chunk: from returned to *end - 1 of the order. */
+/* Returns the place in the order where a chunk begins. *end: the place after its last triangle */
 static int sbl__bvh_chunk(const sbl__bvh *b, int chunk, int *end) {
     const int first = b->task.first + chunk * SBL__BVH_CHUNK;
     *end = SBL__MIN(first + SBL__BVH_CHUNK, b->task.first + b->task.count);
     return first;
 }
 
-/* Finds the bounds of the centroids. */
+/* Extends the bounds of the centroids, which are twice as large as in world space, by a chunk. */
 static sbl_result sbl__bvh_split_measure(void *work, int chunk) {
     sbl__bvh *b = (sbl__bvh *)work;
     int end, i = sbl__bvh_chunk(b, chunk, &end), k;
@@ -5544,7 +5554,7 @@ static sbl_result sbl__bvh_split_measure(void *work, int chunk) {
     return SBL_SUCCESS;
 }
 
-/* Where bins start and how wide they are, once the centroids are known. */
+/* Sets the width of the bins from the bounds of the centroids, and empties the bins. */
 static int sbl__bvh_split_bins(void *work) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__bvh_split *s = &b->split;
@@ -5561,7 +5571,7 @@ static int sbl__bvh_split_bins(void *work) {
     return SBL__BVH_COUNT;
 }
 
-/* Puts triangles into bins. */
+/* Puts the triangles of a chunk into bins. */
 static sbl_result sbl__bvh_split_count(void *work, int chunk) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__bvh_split *s = &b->split;
@@ -5579,7 +5589,7 @@ static sbl_result sbl__bvh_split_count(void *work, int chunk) {
     return SBL_SUCCESS;
 }
 
-/* The cut that costs least, of all between bins. */
+/* Chooses the split between two bins that costs least by the surface-area heuristic. */
 static int sbl__bvh_split_choose(void *work) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__bvh_split *s = &b->split;
@@ -5606,7 +5616,7 @@ static int sbl__bvh_split_choose(void *work) {
     return s->axis >= 0 ? SBL__BVH_PART : SBL__BVH_NODE;
 }
 
-/* Brings the triangles of the first half to the front. */
+/* Moves the triangles of a chunk that belong to the first half to the front. */
 static sbl_result sbl__bvh_split_part(void *work, int chunk) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__bvh_split *s = &b->split;
@@ -5624,7 +5634,7 @@ static sbl_result sbl__bvh_split_part(void *work, int chunk) {
 
 /* >>bvh: nodes */
 
-/* A box onto a grid, a little outwards. */
+/* Converts a box to steps of a grid, rounding outwards. It grows by at least 0.02 steps on each side. */
 static void sbl__bvh_quantise(const sbl__grid *grid, const sbl__box *b, uint32_t out[3]) {
     int k;
     for (k = 0; k < 3; k++) {
@@ -5634,27 +5644,27 @@ static void sbl__bvh_quantise(const sbl__grid *grid, const sbl__box *b, uint32_t
     }
 }
 
-/* The grid over a box, a step to spare at either end, in the place of the next node. */
+/* Appends a grid over a box, with a margin of one step on each side, in the place of the next node. */
 static sbl__grid sbl__bvh_add_grid(sbl__hierarchy *h, const sbl__box *b, int around) {
     const float longest = SBL__MAX(b->high[0] - b->low[0], SBL__MAX(b->high[1] - b->low[1], b->high[2] - b->low[2]));
     sbl__grid_node node;
     sbl__grid grid;
     int k;
-    for (k = 0; k < 3; k++) {  /* no finer than what floats resolve there */
+    for (k = 0; k < 3; k++) {  /* steps must not be finer than the resolution of floats */
         double size = SBL__MAX(1e-4 * (double)longest, SBL__MAX(1e-6 * fabs((double)b->low[k]), 1e-30));
         size = SBL__MAX((double)b->high[k] - b->low[k], size);
         node.per_length[k] = grid.per_length[k] = (float)(65533 / size);
         node.origin[k] = grid.origin[k] = (float)(b->low[k] - size / 65533);
     }
     grid.place = h->node_count++;
-    node.root = (uint32_t)grid.place + 1;  /* its root follows */
+    node.root = (uint32_t)grid.place + 1;
     node.around = (uint32_t)around;
     memcpy(&h->building->nodes[grid.place], &node, sizeof node);
     memset(&h->building->work[grid.place], 0, sizeof *h->building->work);
     return grid;
 }
 
-/* A triangle's nine coordinates and its number. */
+/* A triangle's nine coordinates, as bits, and its number. */
 typedef struct sbl__bvh_corners { uint32_t words[10]; } sbl__bvh_corners;
 
 static int sbl__bvh_corner_order(const void *first, const void *second) {
@@ -5664,8 +5674,8 @@ static int sbl__bvh_corner_order(const void *first, const void *second) {
     return a[k] < b[k] ? -1 : a[k] > b[k];
 }
 
-/* Of triangles that lie exactly on each other only the first can be seen: a thousand copies must not cost a thousand
-   tests. Shortens the task. */
+/* Drops triangles whose corners are exactly those of a triangle with a lower number and without holes: rays cannot hit
+   them, but would test all of them. Shortens the task. */
 static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
     const sbl__geometry *g = b->geometry;
     uint32_t *order = b->order;
@@ -5696,7 +5706,8 @@ static uint32_t *sbl__bvh_child(sbl__bvh *b, int node, int side) {
     return side ? b->nodes[node].child_1 : b->nodes[node].child_0;
 }
 
-/* Takes up a task: names its node to its parent, in a finer grid where it is small for the present one. */
+/* Begins the top task of the stack: links the next node to its parent, behind a finer grid if its box is small in the
+   parent's grid. */
 static sbl_result sbl__bvh_begin_task(void *work, sbl__slice *slice) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__hierarchy *h = b->hierarchy;
@@ -5722,7 +5733,7 @@ static sbl_result sbl__bvh_begin_task(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-/* Writes the node of the task, which has been split, and leaves its halves as leaves or tasks. */
+/* Writes the node of the present task after its split. Each half becomes a leaf or a task. */
 static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__bvh_split *s = &b->split;
@@ -5730,7 +5741,7 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
     const int node = b->hierarchy->node_count++;
     int side, i;
     (void)slice;
-    if (!s->left) {  /* all at one place, or too deep: halves by number; of one triangle one is empty, never entered */
+    if (!s->left) {  /* no split was found. The first half of a single triangle is an empty box, which no ray enters. */
         const sbl_result result = sbl__bvh_drop_copies(b, t);
         if (result != SBL_SUCCESS) return result;
         s->left = t->count / 2;
@@ -5761,7 +5772,7 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
 
 static int sbl__bvh_after_task(void *work) { return ((sbl__bvh *)work)->top ? SBL__BVH_TASK : SBL__BVH_COSTS; }
 
-/* >>bvh: its stages */
+/* >>bvh: stages */
 
 static sbl_result sbl__bvh_begin(const sbl__device *d, const sbl__geometry *g, sbl__hierarchy *h) {
     const size_t room = (size_t)SBL__MAX(1, g->triangle_count), nodes = room + room / SBL__BVH_GRID_LEAST + 2;
@@ -5785,7 +5796,7 @@ static sbl_result sbl__bvh_begin(const sbl__device *d, const sbl__geometry *g, s
 
 static int sbl__bvh_all_triangles(void *work) { return ((sbl__bvh *)work)->geometry->triangle_count; }
 
-/* The box of a triangle, if sensors see it. */
+/* Adds a triangle, unless it is hidden from sensors. */
 static sbl_result sbl__bvh_box(void *work, int at) {
     sbl__bvh *b = (sbl__bvh *)work;
     const uint32_t i = (uint32_t)at;
@@ -5796,7 +5807,7 @@ static sbl_result sbl__bvh_box(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* The first task, where sensors see anything at all. */
+/* Begins a task for all triangles, if there are any. */
 static int sbl__bvh_after_boxes(void *work) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__hierarchy *h = b->hierarchy;
@@ -5804,7 +5815,7 @@ static int sbl__bvh_after_boxes(void *work) {
     if (!h->triangle_count) return SBL__BVH_COSTS;
     task->count = h->triangle_count;
     task->box = b->all;
-    task->grid = sbl__bvh_add_grid(h, &b->all, 0);  /* number 0; it names the root as child_0 would */
+    task->grid = sbl__bvh_add_grid(h, &b->all, 0);  /* number 0, so that parent 0 and side 0 address its root field */
     memcpy(h->grid_origin, task->grid.origin, 12);
     memcpy(h->grid_per_length, task->grid.per_length, 12);
     b->top = 1;
@@ -5813,7 +5824,7 @@ static int sbl__bvh_after_boxes(void *work) {
 
 static int sbl__bvh_inner_nodes(void *work) { return ((sbl__bvh *)work)->hierarchy->node_count - 1; }
 
-/* Children come after their parents: what rays meet below a node is added up on the way back. */
+/* Adds a node's cost to its parent's. Nodes are visited from last to first, since children follow their parents. */
 static sbl_result sbl__bvh_cost(void *work, int at) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__hierarchy *h = b->hierarchy;
@@ -5823,7 +5834,8 @@ static sbl_result sbl__bvh_cost(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Stores `count` elements of a table's `all` from number stages.at on, and shows it to shaders once all are there. */
+/* Uploads `count` of a table's `all` elements, beginning with number stages.at. After the last one, makes the table
+   visible to shaders. */
 static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, size_t size, int count, int all) {
     int *at = &b->stages.at;
     sbl_result result = SBL_SUCCESS;
@@ -5837,7 +5849,7 @@ static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, 
     return result;
 }
 
-/* Triangles' records, in the leaves' order. */
+/* Uploads a piece of the triangles' records, in the order of the leaves. */
 static sbl_result sbl__bvh_triangles(void *work, sbl__slice *slice) {
     enum { MOST = SBL__UPLOAD_CHUNK / sizeof(sbl__triangle) };
     sbl__bvh *b = (sbl__bvh *)work;
@@ -5874,7 +5886,7 @@ static sbl_result sbl__bvh_nodes(void *work, sbl__slice *slice) {
                            SBL__MIN((int)MOST, all - at), all);
 }
 
-/* Builds the hierarchy and brings it to the GPU. SBL_SUCCESS: it is ready; after an error it can be begun anew. */
+/* Builds the hierarchy and uploads it. SBL_SUCCESS: it is ready. After an error the caller may begin again. */
 static sbl_result sbl__hierarchy_step(sbl__device *d, const sbl__geometry *g, sbl__hierarchy *h, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, sbl__bvh_after_boxes, sbl__bvh_box, sbl__bvh_all_triangles },
@@ -5896,7 +5908,7 @@ static sbl_result sbl__hierarchy_step(sbl__device *d, const sbl__geometry *g, sb
                                                         slice);
     h->seconds += sbl__now() - start;
     if (result == SBL_UNFINISHED) return result;
-    if (result == SBL_SUCCESS) {  /* the GPU has the nodes; the order tells where lamps are */
+    if (result == SBL_SUCCESS) {  /* >>lamps still needs the order; the nodes are on the GPU */
         h->ready = 1;
         sbl__free(d->base, h->order);
         h->order = h->building->order;
@@ -5907,7 +5919,7 @@ static sbl_result sbl__hierarchy_step(sbl__device *d, const sbl__geometry *g, sb
     return result;
 }
 
-/* For traverse.glsl. */
+/* Sets the tables and uniforms of traverse.glsl. */
 static void sbl__hierarchy_bind(sbl__device *d, const sbl__hierarchy *h) {
     sbl__bind_table(d, "sbl_nodes", &h->node_table);
     sbl__bind_table(d, "sbl_triangles", &h->triangle_table);
@@ -5918,16 +5930,16 @@ static void sbl__hierarchy_bind(sbl__device *d, const sbl__hierarchy *h) {
 
 /* >>glsl traverse: shaders_embedded/traverse.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_traverse[] = {
-"// A ray through the bounding volume hierarchy (see >>bvh in sbl.h).\n",
-"uniform vec3 grid_origin, grid_per_length;  // of the grid over all, which comes first\n",
-"uniform int node_count;                     // 0: an empty scene\n",
+"// Traces rays through the bounding volume hierarchy (see >>bvh in sbl.h).\n",
+"uniform vec3 grid_origin, grid_per_length;  // the grid over the scene, whose record is number 0\n",
+"uniform int node_count;                     // 0: the scene is empty\n",
 "\n",
-"const int SBL_LAYERS = 64;            // of cutouts that a ray goes through\n",
+"const int SBL_LAYERS = 64;            // limit of hits in holes that a ray passes\n",
 "const int SBL_BOX_SLACK = 8;          // units in the last place, see Ize 2013, \"Robust BVH Ray Traversal\"\n",
-"const float SBL_SELF_DEEP = 1e-4;     // a hit nearer than this share of its triangle's depth may be rounding:\n",
-"const float SBL_SELF_WIDE = 2.4e-7;   // it must be farther than half so many of its width\n",
+"const float SBL_SELF_DEEP = 1e-4;     // see sbl_test\n",
+"const float SBL_SELF_WIDE = 2.4e-7;\n",
 "\n",
-"// Attributes of a triangle that is traced, at b1, b2.\n",
+"// Attributes at barycentrics b1, b2 of a triangle of sbl_triangles.\n",
 "sbl_Attributes sbl_attributes_at(int triangle, float b1, float b2) {\n",
 "#ifdef SBL_TEXTURED\n",
 "    ivec3 corners = sbl_corners(int(sbl_triangle_number(triangle)));\n",
@@ -5946,18 +5958,19 @@ static const char *const sbl__glsl_traverse[] = {
 "}\n",
 "\n",
 "struct sbl_Hit {\n",
-"    float distance;   // in lengths of the direction\n",
-"    int triangle;     // as sbl_triangles counts; negative: nothing was hit\n",
-"    int number;       // of the triangle in the scene\n",
+"    float distance;   // in units of the direction's length\n",
+"    int triangle;     // number in sbl_triangles; negative: nothing was hit\n",
+"    int number;       // the triangle's number in the scene\n",
 "    float b1, b2;     // barycentrics of the second and third corner\n",
 "    bool back;\n",
 "};\n",
 "\n",
 "sbl_Attributes sbl_attributes_of(sbl_Hit hit) { return sbl_attributes_at(hit.triangle, hit.b1, hit.b2); }\n",
 "\n",
-"// Does the ray's stretch up to `nearest` cross the box? Its entry distance, or 0x7fffffff; distances are the bits\n",
-"// of floats, since they order as integers where none is negative, and a negative one is below all others. `per` is\n",
-"// the length of a grid step along the ray, `offset` brings the origin to 0.\n",
+"// Returns the distance at which the ray enters the box; 0x7fffffff if it does not enter before `nearest`.\n",
+"// Distances are the bits of floats: as integers, those of positive floats have the same order, and those of\n",
+"// negative floats are negative. per: ray distance per grid step. offset: ray distance of the grid's origin. flip:\n",
+"// where the ray's direction is negative\n",
 "int sbl_box(uvec4 box, vec3 per, vec3 offset, bvec3 flip, int nearest) {\n",
 "    vec3 low = vec3(box.xyz & 65535u), high = vec3(box.xyz >> 16);\n",
 "    ivec3 entry = floatBitsToInt(mix(low, high, flip) * per + offset);\n",
@@ -5966,20 +5979,20 @@ static const char *const sbl__glsl_traverse[] = {
 "    return from <= to + SBL_BOX_SLACK ? from : 0x7fffffff;\n",
 "}\n",
 "\n",
-"// A ray as triangles are tested against it. Watertight against shared edges: Woop, Benthin and Wald 2013. The axis\n",
-"// along which the direction is longest becomes z, the ray is sheared onto it.\n",
+"// A ray for triangle tests, which are watertight at shared edges (Woop, Benthin and Wald 2013). The axis of the\n",
+"// direction's largest component becomes z, and space is sheared so that the ray follows z.\n",
 "struct sbl_Ray {\n",
 "    vec3 origin;\n",
 "    int axis;\n",
 "    float shear_x, shear_y, z, per_z;\n",
-"    float after;  // hits are ordered by distance, then number: those up to this distance,\n",
-"    int past;     // and at it up to this number, do not count\n",
+"    float after;  // hits at a lower distance are ignored,\n",
+"    int past;     // and hits at an equal distance whose number is at most this\n",
 "};\n",
 "\n",
 "vec3 sbl_turn(vec3 v, int axis) { return axis == 0 ? v.yzx : axis == 1 ? v.zxy : v; }\n",
 "\n",
-"// Four times the area of an edge and the ray. From the edge's other side it is exactly the opposite, though\n",
-"// drivers may compute a * b - c * d with one rounding or with two: the edge both ways, halves that change places.\n",
+"// Four times the signed area of the triangle of an edge and the ray. The two equal terms make the result for (b,\n",
+"// a) the exact opposite, even if the driver rounds only one product of each a * b - c * d.\n",
 "float sbl_side(vec2 a, vec2 b) { return (a.x * b.y - a.y * b.x) - (b.x * a.y - b.y * a.x); }\n",
 "\n",
 "void sbl_test(int triangle, sbl_Ray ray, inout sbl_Hit hit) {\n",
@@ -5995,8 +6008,9 @@ static const char *const sbl__glsl_traverse[] = {
 "    bool front = u >= 0.0 && v >= 0.0 && w >= 0.0, back = u <= 0.0 && v <= 0.0 && w <= 0.0;\n",
 "    bool inside = (front || back) && determinant != 0.0;\n",
 "    float l = (u * p.z + v * q.z + w * r.z) * ray.per_z / determinant;\n",
-"    // A triangle that the ray starts beside, its own above all, must not be hit by rounding: it grows with how\n",
-"    // thin the triangle is.\n",
+"    // Rounding must not cause a hit of a triangle close to the ray's origin, such as the one that it starts on. A\n",
+"    // hit nearer than SBL_SELF_DEEP of the triangle's depth counts only if it is farther than the rounding error,\n",
+"    // which is larger for thin triangles.\n",
 "    float deep = max(abs(p.z), max(abs(q.z), abs(r.z)));\n",
 "    float wide = max(dot(p.xy, p.xy), max(dot(q.xy, q.xy), dot(r.xy, r.xy)));\n",
 "    inside = inside && l > SBL_SELF_DEEP * deep || inside && l * abs(determinant) > SBL_SELF_WIDE * deep * wide;\n",
@@ -6005,7 +6019,8 @@ static const char *const sbl__glsl_traverse[] = {
 "        hit = sbl_Hit(l, triangle, number, v / determinant, w / determinant, (determinant < 0.0) == (ray.z > 0.0));\n",
 "}\n",
 "\n",
-"// The nearest hit nearer than `limit` and farther than `after`, or as far and of a triangle numbered above `past`.\n",
+"// Returns the nearest hit below the distance `limit`. It is above the distance `after`, or at it with a number\n",
+"// above `past`.\n",
 "sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float limit) {\n",
 "    sbl_Hit hit = sbl_Hit(limit, -1, -1, 0.0, 0.0, false);\n",
 "    vec3 size = abs(direction);\n",
@@ -6020,10 +6035,10 @@ static const char *const sbl__glsl_traverse[] = {
 "    stack[0] = SBL_END;\n",
 "    int top = 0;\n",
 "    uint node = node_count == 0 ? SBL_END : 1u;\n",
-"    // Each turn is a leaf, or a way into or out of a grid. So many it takes at most; softpipe does not come out of\n",
-"    // this loop otherwise.\n",
+"    // Each turn visits a leaf, or enters or leaves a grid. Their number is limited, because softpipe does not\n",
+"    // leave a loop without a limit.\n",
 "    for (int turns = 4 * node_count + 4; turns > 0; turns--) {\n",
-"        while (node < SBL_LEAF) {  // down to a leaf, the nearer child first\n",
+"        while (node < SBL_LEAF) {  // descends to a leaf, to the nearer child first\n",
 "            uvec4 first = sbl_node_child_0(int(node)), second = sbl_node_child_1(int(node));\n",
 "            int nearest = floatBitsToInt(hit.distance);\n",
 "            int a = sbl_box(first, per, offset, flip, nearest), b = sbl_box(second, per, offset, flip, nearest);\n",
@@ -6032,7 +6047,7 @@ static const char *const sbl__glsl_traverse[] = {
 "            if (min(a, b) == 0x7fffffff) node = stack[top--];\n",
 "        }\n",
 "        bool leaf = true;\n",
-"        while ((node & 0xe0000000u) == SBL_ENTER && leaf) {  // into a grid, or back to the one around it\n",
+"        while ((node & 0xe0000000u) == SBL_ENTER && leaf) {  // SBL_ENTER or SBL_LEAVE: changes to another grid\n",
 "            int grid = int(node & SBL_CHILD_NUMBER);\n",
 "            per = inverse / sbl_grid_per_length(grid);\n",
 "            offset = (sbl_grid_origin(grid) - origin) * inverse;\n",
@@ -6051,11 +6066,11 @@ static const char *const sbl__glsl_traverse[] = {
 "    return hit;\n",
 "}\n",
 "\n",
-"// The nearest hit nearer than `limit`.\n",
+"// Returns the nearest hit whose distance is below `limit`.\n",
 "sbl_Hit sbl_trace(vec3 origin, vec3 direction, float limit) {\n",
 "    sbl_Hit hit = sbl_Hit(0.0, -1, 0x7fffffff, 0.0, 0.0, false);\n",
 "#ifdef SBL_CUTOUTS\n",
-"    // Cutouts: the nearest hit is looked at, and where nothing is there the ray goes on behind it.\n",
+"    // If the nearest hit lies in a hole, the ray continues behind it.\n",
 "    for (int layer = 0; layer < SBL_LAYERS; layer++) {\n",
 "        bool solid = true;\n",
 "        hit = sbl_nearest(origin, direction, hit.distance, hit.number, limit);\n",
@@ -6072,17 +6087,17 @@ static const char *const sbl__glsl_traverse[] = {
 /* <<glsl */
 
 /* ======================================================================================================== >>lamps
-   Lamps, at which sensors aim rays: emitting triangles, lights, and texels of the environment that are too bright for
-   random rays. Two trees, one of near lamps and one of directions, hold clusters of neighbours, so that a sensor's work
-   grows with the logarithm of the number of lamps (lamps.glsl). One table holds the nodes in preorder, then the leaves
-   in the order of the nodes, then the lights.
+   Lamps, which sensors send rays to: emitting triangles, lights, and texels of the environment that are too bright for
+   random rays. Two trees, one of near lamps and one of distant lamps, hold clusters of neighbours, so that a sensor's
+   work grows with the logarithm of the number of lamps (lamps.glsl). One table holds the nodes in preorder, then the
+   leaves in the order of the nodes, then the lights.
 
-   The power of a lamp is its light per solid angle, divided by pi, where the lamp shows its face: R at distance d is
-   about power * cosine / d^2, and power * cosine for directions. */
+   The power of a lamp is its radiant intensity along its normal, summed over the channels and divided by pi: R at
+   distance d is about power * cosine / d^2. For a distant lamp, R is power * cosine. */
 
 /* middle, radius: a ball around all lamps of the subtree. square, mixed: xx, yy, zz and xy, yz, zx of the sum of
-   power * normal * normal^T. beyond: the node after the subtree, with SBL_FAR_NODE set for directions. front: sum of
-   power * normal of one-sided lamps. first_leaf: the first leaf of the subtree. */
+   power * normal * normal^T. beyond: the node after the subtree, with SBL_FAR_NODE set for distant lamps. front: sum of
+   power * normal of one-sided lamps. first_leaf: the first leaf of the subtree */
 #define SBL__LAMP_NODE(X) \
     X(sbl__lamp_node, VEC3, middle) X(sbl__lamp_node, FLOAT, radius) \
     X(sbl__lamp_node, VEC3, square) X(sbl__lamp_node, FLOAT, power) \
@@ -6103,16 +6118,16 @@ SBL__RECORD(sbl__lamp_leaf, SBL__LAMP_LEAF, "sbl_lamp_leaf", "sbl_lamps", "", "s
     X(sbl__light_record, VEC3, axis) X(sbl__light_record, FLOAT, spot_offset)
 SBL__RECORD(sbl__light_record, SBL__LIGHT_RECORD, "sbl_light", "sbl_lamps", "", "sbl_first_light")
 
-#define SBL__POWER_MOST 1e37          /* limit of power, so that sums of several remain finite floats */
-#define SBL__POWER_LEAST 1e-30        /* least power of a lamp that emits light */
-#define SBL__MOMENT_MOST 1e18         /* limit of a moment, so that products of two remain finite floats */
+#define SBL__POWER_MOST 1e37          /* limit of power, so that sums remain finite floats */
+#define SBL__POWER_LEAST 1e-30        /* least power of an emitting triangle, times pi */
+#define SBL__MOMENT_MOST 1e18         /* limit of a moment, so that products of two moments remain finite floats */
 #define SBL__SPOT_LEAST 0.001         /* least difference between the cosines of a spot's cones (KHR_lights_punctual) */
 #define SBL__CURVE_BITS 20            /* bits of the Morton curve per axis */
 #define SBL__LAMP_DEPTH 128           /* largest depth of the trees: the 61 bits of the curve, then the logarithm of
                                          the number of lamps at one place */
 
 typedef struct sbl__lamp {
-    uint64_t curve;            /* position along a Morton curve; near lamps come before distant ones */
+    uint64_t curve;            /* position along a Morton curve; near lamps come before distant lamps */
     uint32_t code;
     uint32_t triangle;         /* number of the triangle in the scene */
     sbl__box bounds;
@@ -6136,8 +6151,8 @@ typedef struct sbl__lamps {    /* data for building the trees */
     sbl__lamp *list, *sorted;  /* sorted: the destination of merging */
     int count, room;
     double low[3], side;       /* cube around the centres of the near lamps, which the Morton curve fills */
-    int width, left, right, out;  /* width: lamps in a run to merge; left, right, out: positions in both runs and in
-                                     the output */
+    int width;                 /* number of lamps in a run to merge */
+    int left, right, out;      /* positions of merging: in both runs and in the output */
     sbl__lamp_node *nodes;
     int node_count;
     sbl__lamp_range ranges[SBL__LAMP_DEPTH];
@@ -6146,14 +6161,14 @@ typedef struct sbl__lamps {    /* data for building the trees */
 } sbl__lamps;
 
 typedef struct sbl__lights {
-    sbl_light *list;           /* lights as the host gave them */
+    sbl_light *list;           /* copy of the host's lights */
     int count;
     float unit;                /* approximate highest radiance of light from lamps; the unit in which shaders
                                   calculate */
     int ready;
     sbl__table table;
     int nodes, leaves;         /* numbers of nodes and leaves in the table */
-    int mixed;                 /* 0: all lamps are triangles, and few enough to be sampled one by one */
+    int mixed;                 /* 0: all lamps are triangles, and at most SBL__LAMPS; 1: otherwise */
     uint32_t (*names)[2];      /* name of each leaf's lamp: kind; number of the triangle in the scene or of the
                                   light, or row * width + column */
     sbl__lamps *building;
@@ -6175,7 +6190,7 @@ static void sbl__lights_free(const sbl__device *d, sbl__lights *l) {
     memset(l, 0, sizeof *l);
 }
 
-/* brightest: highest radiance of any surface or the sky. The caller has checked the descriptor. */
+/* Copies the host's lights, which have been checked. brightest: highest radiance of any surface or the sky */
 static sbl_result sbl__lights_make(sbl__base *base, sbl__lights *l, const sbl_light *lights, int count,
                                    float brightest, float extent) {
     int i;
@@ -6216,7 +6231,7 @@ static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3
 
 static int sbl__lamps_triangles(void *work) { return ((sbl__lamps *)work)->hierarchy->triangle_count; }
 
-/* Adds the triangle at a place of the hierarchy's order if the triangle emits light. */
+/* Adds the triangle at a place of the hierarchy's order, if it emits light. */
 static sbl_result sbl__lamps_add_triangle(void *work, int place) {
     sbl__lamps *l = (sbl__lamps *)work;
     const uint32_t number = l->hierarchy->order[place];
@@ -6305,7 +6320,7 @@ static sbl_result sbl__lamps_add_texel(void *work, int at) {
     return sbl__lamps_add(l, &lamp);
 }
 
-/* Returns the largest possible number of lamps, which the tables must hold. */
+/* Returns an upper bound of the number of lamps, for the size of the table. */
 static double sbl__lamps_most(const sbl__geometry *g, const sbl__environment *e, int light_count) {
     double lamps = light_count;
     size_t i;
@@ -6316,7 +6331,7 @@ static double sbl__lamps_most(const sbl__geometry *g, const sbl__environment *e,
     return lamps;
 }
 
-/* >>lamps: sorting near lamps along a Morton curve through their bounds, and after them the directions */
+/* >>lamps: sorting along a Morton curve, near lamps before distant lamps */
 
 static double sbl__box_middle(const sbl__box *b, int k) { return 0.5 * ((double)b->high[k] + b->low[k]); }
 
@@ -6336,7 +6351,7 @@ static int sbl__lamp_before(const sbl__lamp *a, const sbl__lamp *b) {
     return a->curve != b->curve ? a->curve < b->curve : a->code < b->code;
 }
 
-/* Sorts by merging runs of l->width lamps, then of twice as many, until one run is left. */
+/* Merges runs of l->width lamps, then runs twice as long, until one run is left. */
 static sbl_result sbl__lamps_sort(void *work, sbl__slice *slice) {
     sbl__lamps *l = (sbl__lamps *)work;
     for (; l->width < l->count; l->width *= 2, l->out = 0) {
@@ -6356,8 +6371,8 @@ static sbl_result sbl__lamps_sort(void *work, sbl__slice *slice) {
 
 /* >>lamps: the trees. A tree of n leaves has 2 n - 1 nodes, so the end of each subtree is known in advance. */
 
-/* Returns the first lamp of the range whose curve position has the highest differing bit set. Lamps at one curve
-   position are cut in the middle. */
+/* Returns the lamp at which to split a range: the first one in whose curve position the highest differing bit is set.
+   A range of equal curve positions is split in the middle. */
 static int sbl__lamps_cut(const sbl__lamps *l, const sbl__lamp_range *r) {
     int low = r->first, high = r->first + r->count - 1;
     uint64_t differs = l->list[low].curve ^ l->list[high].curve;
@@ -6387,7 +6402,7 @@ static sbl_result sbl__lamps_split(void *work, sbl__slice *slice) {
         l->node_count++;
         if (r.count > 1) {
             const int cut = sbl__lamps_cut(l, &r);
-            sbl__lamps_push(l, cut, r.first + r.count - cut);  /* on a stack, so the left half comes first */
+            sbl__lamps_push(l, cut, r.first + r.count - cut);  /* pushed first, so that the left half is popped first */
             sbl__lamps_push(l, r.first, cut - r.first);
         }
         if (l->depth && sbl__late(slice)) return SBL_UNFINISHED;
@@ -6478,11 +6493,11 @@ static sbl_result sbl__lamps_place(void *work, sbl__slice *slice) {
     return l->sorted && l->nodes ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Begins both trees after sorting. */
+/* Pushes the ranges of both trees. */
 static int sbl__lamps_plant(void *work) {
     sbl__lamps *l = (sbl__lamps *)work;
     int first = 0, end = l->count;
-    while (first < end) {  /* Binary search for the first distant lamp. */
+    while (first < end) {  /* binary search for the first distant lamp */
         const int middle = first + (end - first) / 2;
         if (l->list[middle].distant) end = middle;
         else first = middle + 1;
@@ -6493,7 +6508,7 @@ static int sbl__lamps_plant(void *work) {
     return l->stages.stage + 1;
 }
 
-/* Stores leaf number i and the name by which the host knows its lamp. */
+/* Writes leaf number i, and the name by which the host knows its lamp. */
 static void sbl__lamps_store_leaf(const sbl__lamps *l, int i, void *to) {
     const uint32_t code = l->list[i].code, kind = code >> SBL__LAMP_KIND_SHIFT;
     const uint32_t number = code & ((1u << SBL__LAMP_KIND_SHIFT) - 1);
@@ -7040,7 +7055,7 @@ static const char *const sbl__glsl_store[] = {
 /* <<glsl */
 
 /* ======================================================================================================== >>scene
-   The six things that a scene is, and what the host draws itself. */
+   The scene: all rooms above, and what the host draws itself. */
 
 typedef struct sbl__scene {
     sbl__geometry geometry;
@@ -7048,22 +7063,23 @@ typedef struct sbl__scene {
     sbl__environment environment;
     sbl__lights lights;
     sbl__hierarchy hierarchy;
-    sbl__store store;           /* of bounced light */
-    sbl_draw_function draw;     /* or NULL */
+    sbl__store store;
+    sbl_draw_function draw;     /* NULL if the host draws nothing itself */
     void *draw_user;
     float draw_bounds[2][3];
-    float draw_brightest;
+    float draw_brightest;       /* highest radiance that the host draws */
     int material_count;
-    float brightest;            /* radiance of any surface, the sky, or what the host draws */
-    unsigned features;          /* that programs must have for it */
-    uint32_t version;           /* another one whenever anything in it changes, */
-    uint32_t surfaces;          /* and whenever more does than what shines */
+    float brightest;            /* highest radiance of any surface, the sky, or what the host draws */
+    unsigned features;          /* features that programs need for the scene */
+    uint32_t version;           /* changes with every change of the scene */
+    uint32_t surfaces;          /* changes with every change but those of emission and lights */
 } sbl__scene;
 
-#define SBL__RADIANCE_MOST 1e37f
-#define SBL__ACROSS_LEAST 5e-10  /* measured: light is right to rounding in scenes between these, */
-#define SBL__ACROSS_MOST 6e9
-#define SBL__AWAY_MOST 4e3       /* and so many of their sizes away from the origin */
+#define SBL__RADIANCE_MOST 1e37f /* limit of radiance, so that sums stay finite */
+/* Limits within which light is correct up to rounding errors, found by measurement: */
+#define SBL__ACROSS_LEAST 5e-10  /* least diagonal of a scene */
+#define SBL__ACROSS_MOST 6e9     /* largest diagonal */
+#define SBL__AWAY_MOST 4e3       /* largest coordinate, in diagonals */
 
 static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
     sbl__store_free(d, &s->store);
@@ -7075,7 +7091,7 @@ static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
     memset(s, 0, sizeof *s);
 }
 
-/* Writes all materials into their meshes' objects, and finds the brightest radiance. */
+/* Writes all materials into their meshes' objects; computes s->brightest and s->features. */
 static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
     int i;
     s->brightest = SBL__MAX(s->environment.brightest, s->draw ? s->draw_brightest : 0);
@@ -7086,22 +7102,22 @@ static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
                                            &s->geometry.objects[i], &s->brightest);
 }
 
-#define SBL__STORE_LEAVES 49152
-#define SBL__STORE_TEXELS 8        /* a leaf, with its share of cells and cuts, at most */
+#define SBL__STORE_LEAVES 49152    /* default limit of the number of leaves */
+#define SBL__STORE_TEXELS 8        /* limit of the texels per leaf, including its share of cells and cuts */
 
-/* How many leaves the store may have: as many as the host allows, and the driver's limit for tables. */
+/* Sets the limit of the store's leaves: the host's or the default, and at most what the driver's tables hold. */
 static void sbl__scene_fit_store(const sbl__device *d, sbl__scene *s, int samples) {
     const int limit = d->gl.capabilities.max_texture_buffer_size - s->geometry.triangle_count / 4;
     s->store.most = samples ? samples : SBL__STORE_LEAVES;
     if (!s->geometry.wide) s->store.most = SBL__MAX(1024, SBL__MIN(s->store.most, limit / SBL__STORE_TEXELS));
 }
 
-/* Decides how tables are carried: as buffers, or in 2D textures where some is past the driver's limit for these. */
+/* Decides whether tables are buffer textures or, if one exceeds the driver's limit for those, 2D textures. */
 static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     const sbl_capabilities *c = &d->gl.capabilities;
     const sbl__geometry *g = &s->geometry;
     const double lamps = sbl__lamps_most(g, &s->environment, s->lights.count), limit = c->max_texture_buffer_size;
-    /* texels: three a triangle, and a few for grids; two a vertex; five a mesh; two nodes of four and a leaf a lamp */
+    /* texels: 3 per triangle, and a few for grids; 2 per vertex; 5 per mesh; 2 nodes of 4 and a leaf per lamp */
     const double texels = SBL__MAX(SBL__MAX(3.0 * g->triangle_count + 8, 2.0 * g->vertex_count),
                                    SBL__MAX(5.0 * g->mesh_count, 9 * lamps + 3.0 * s->lights.count));
     double most = (c->max_texture_size - 1) * (double)SBL__TEXELS_ACROSS;
@@ -7118,7 +7134,7 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     return SBL_SUCCESS;
 }
 
-/* Sums of what shines stay finite. */
+/* Checks s->brightest. */
 static sbl_result sbl__scene_check_radiance(const sbl__base *base, const sbl__scene *s) {
     if (sbl__between(&s->brightest, 0, SBL__RADIANCE_MOST)) return SBL_SUCCESS;
     sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MATERIAL, "the brightest emission (times its texture), sky or "
@@ -7126,7 +7142,7 @@ static sbl_result sbl__scene_check_radiance(const sbl__base *base, const sbl__sc
     return SBL_ERROR_INVALID_ARGUMENT;
 }
 
-/* What is no mistake, and yet hardly what the host wants. */
+/* Logs warnings about valid scenes that the host hardly intends. */
 static void sbl__scene_warn(const sbl__base *base, const sbl__scene *s) {
     const sbl__geometry *g = &s->geometry;
     double away = 0, across = 0, shining = s->brightest;
@@ -7150,7 +7166,7 @@ static void sbl__scene_warn(const sbl__base *base, const sbl__scene *s) {
                  "origin, where floats are too coarse for it: move it to the origin", across, away);
 }
 
-/* Copies what desc describes; hierarchy and lamps follow with the first picture. */
+/* Makes everything but the hierarchy, the lamps and the store, which are made when first needed. */
 static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene_desc *desc) {
     int i;
     sbl_result result = sbl__check_scene(d, desc);
@@ -7185,7 +7201,7 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
     return result;
 }
 
-/* What shines is out of date: it is made again when it is next needed. */
+/* Marks lamps and store as out of date. They are made again when next needed. */
 static void sbl__scene_lamps_changed(const sbl__device *d, sbl__scene *s) {
     sbl__lamps_free(d, s->lights.building);
     s->lights.building = NULL;
@@ -7193,7 +7209,7 @@ static void sbl__scene_lamps_changed(const sbl__device *d, sbl__scene *s) {
     s->version++;
 }
 
-/* So is all that rays need. */
+/* Marks hierarchy, lamps and store as out of date. */
 static void sbl__scene_changed(const sbl__device *d, sbl__scene *s) {
     sbl__bvh_free(d, s->hierarchy.building);
     s->hierarchy.building = NULL;
@@ -7202,7 +7218,7 @@ static void sbl__scene_changed(const sbl__device *d, sbl__scene *s) {
     sbl__scene_lamps_changed(d, s);
 }
 
-/* Other materials and lights, as many as there are. On failure all is as it was. */
+/* Replaces all materials and all lights; NULL keeps them. On failure nothing changes. */
 static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const sbl_material *materials,
                                      const sbl_light *lights) {
     const size_t bytes = (size_t)s->geometry.mesh_count * sizeof(sbl__object);
@@ -7242,6 +7258,7 @@ static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const s
     return SBL_SUCCESS;
 }
 
+/* Gives a mesh another transform. SBL_ERROR_INVALID_ARGUMENT: nothing has changed. */
 static sbl_result sbl__scene_move(sbl__device *d, sbl__scene *s, int mesh, const float transform[16]) {
     float before[16];
     sbl_result result;
@@ -7255,7 +7272,7 @@ static sbl_result sbl__scene_move(sbl__device *d, sbl__scene *s, int mesh, const
     return result;
 }
 
-/* What rays need, made in slices. SBL_SUCCESS: it is there. */
+/* Makes the hierarchy and the lamps, in slices. SBL_SUCCESS: both are ready. */
 static sbl_result sbl__scene_step(sbl__device *d, sbl__scene *s, sbl__slice *slice) {
     sbl__hierarchy *h = &s->hierarchy;
     sbl_result result = SBL_SUCCESS;
@@ -7267,7 +7284,7 @@ static sbl_result sbl__scene_step(sbl__device *d, sbl__scene *s, sbl__slice *sli
     return result;
 }
 
-/* For scene.glsl and surface.glsl. */
+/* Sets the tables and textures of scene.glsl and surface.glsl. */
 static void sbl__scene_bind(sbl__device *d, const sbl__scene *s) {
     sbl__geometry_bind(d, &s->geometry);
     sbl__textures_bind(d, &s->textures);
@@ -7276,12 +7293,12 @@ static void sbl__scene_bind(sbl__device *d, const sbl__scene *s) {
 /* >>glsl scene: shaders_embedded/scene.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_scene[] = {
 "// The scene's triangles and textures.\n",
-"uniform sbl_Texels sbl_indices;      // three a triangle\n",
-"uniform sampler2D sbl_texels_srgb;   // all 8-bit sRGB textures, each from a row of its own on: its texel n stands\n",
-"                                     // at n % the store's width, n / it rows further\n",
-"uniform sampler2D sbl_texels_float;  // all others\n",
+"uniform sbl_Texels sbl_indices;      // three vertex numbers per triangle\n",
+"uniform sampler2D sbl_texels_srgb;   // texel table of all 8-bit sRGB textures. Texel n of a texture is in column\n",
+"                                     // n % width of the table, n / width rows below the texture's first row.\n",
+"uniform sampler2D sbl_texels_float;  // texel table of all other textures\n",
 "\n",
-"// Vertices of a triangle of the scene.\n",
+"// Vertex numbers of a triangle of the scene.\n",
 "ivec3 sbl_corners(int triangle) {\n",
 "    return ivec3(int(sbl_fetch(sbl_indices, 3 * triangle).x), int(sbl_fetch(sbl_indices, 3 * triangle + 1).x),\n",
 "                 int(sbl_fetch(sbl_indices, 3 * triangle + 2).x));\n",
@@ -7289,7 +7306,7 @@ static const char *const sbl__glsl_scene[] = {
 "\n",
 "struct sbl_Attributes { vec2 uv; vec4 color; };\n",
 "\n",
-"const sbl_Attributes SBL_PLAIN = sbl_Attributes(vec2(0), vec4(1));  // of a surface without textures and colours\n",
+"const sbl_Attributes SBL_PLAIN = sbl_Attributes(vec2(0), vec4(1));  // without textures and vertex colours\n",
 "\n",
 "vec4 sbl_unpack_color(uint rg, uint ba) { return vec4(rg & 65535u, rg >> 16, ba & 65535u, ba >> 16); }\n",
 "\n",
@@ -7305,8 +7322,8 @@ static const char *const sbl__glsl_scene[] = {
 "    return srgb ? texelFetch(sbl_texels_srgb, texel, 0) : texelFetch(sbl_texels_float, texel, 0);\n",
 "}\n",
 "\n",
-"// A texture's place in its store is first row, width, height, kind. Bilinear, decoded before it is filtered; (0,\n",
-"// 0) is the first texel's outer corner.\n",
+"// Reads a texture with bilinear filtering of linear values. place: first row in the texel table, width, height,\n",
+"// kind; all 0: no texture. uv: (0, 0) is the outer corner of the first texel\n",
 "vec4 sbl_texture(uvec4 place, vec2 uv) {\n",
 "#if defined(SBL_TEXTURED) || defined(SBL_CUTOUTS)\n",
 "    if ((place.w & SBL_TEXTURE_CLAMPS) == 0u) uv -= floor(uv);\n",
@@ -7328,24 +7345,22 @@ static const char *const sbl__glsl_scene[] = {
 
 /* >>glsl surface: shaders_embedded/surface.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_surface[] = {
-"// From a triangle's number and a ray to the surface point. Exact where rasterised attributes are not: a point\n",
-"// interpolated across a large clipped triangle strays off its plane, and a sensor standing there would see its own\n",
-"// surface.\n",
+"// Computes surface points from a triangle's number and a ray. Positions that the rasteriser interpolates over a\n",
+"// large clipped triangle lie off its plane, so that a sensor there would see its own surface.\n",
 "struct sbl_Surface {\n",
 "    vec3 position, normal, geometric_normal;  // normals point against the ray\n",
 "    sbl_Material material;\n",
 "    vec3 emission;\n",
-"    float facet;                              // the triangle's least height\n",
-"    float reach;                              // of its corners from the origin, plus its longest side: what\n",
-"                                              // rounding is relative to\n",
+"    float facet;                              // least height of the triangle\n",
+"    float reach;                              // distance of the first corner from the origin, plus twice the\n",
+"                                              // longest side; rounding errors are in proportion to it\n",
 "    uint id;\n",
 "    int object;\n",
-"    bool back;                                // its back side is seen\n",
+"    bool back;                                // true: the ray sees the back of the triangle\n",
 "};\n",
 "\n",
-"// Interpolated where it is long enough, towards the viewer's side of the triangle, and bent away from the\n",
-"// surface's own horizon: a shading normal that turns away from the viewer would aim the sensor at the surface\n",
-"// itself.\n",
+"// Returns the interpolated normal or, if that is too short, `face`, on the side of geometric_normal. A normal that\n",
+"// turns away from the viewer would aim the sensor at its own surface, so the cosine is kept above SBL_GRAZING.\n",
 "vec3 sbl_shading_normal(ivec3 v, vec3 b, vec3 face, vec3 geometric_normal, vec3 direction) {\n",
 "    vec3 normal = b.x * sbl_attributes_normal(v.x) + b.y * sbl_attributes_normal(v.y) +\n",
 "                  b.z * sbl_attributes_normal(v.z);\n",
@@ -7367,8 +7382,8 @@ static const char *const sbl__glsl_surface[] = {
 "    return sbl_Attributes(uv, color / SBL_COLOR_MOST);\n",
 "}\n",
 "\n",
-"// A triangle: its vertices, its first corner, and the edges from there. size is the largest component of both\n",
-"// edges. Cross products take the edges over size (s1, s2), so that those of small triangles do not underflow.\n",
+"// A triangle: vertex numbers, first corner, and the edges from there. size: largest component of both edges. s1,\n",
+"// s2: edges divided by size, whose cross products do not underflow\n",
 "struct sbl_Facet {\n",
 "    ivec3 v;\n",
 "    vec3 p0, e1, e2, s1, s2;\n",
@@ -7382,7 +7397,7 @@ static const char *const sbl__glsl_surface[] = {
 "    return sbl_Facet(v, p0, e1, e2, e1 / size, e2 / size, size);\n",
 "}\n",
 "\n",
-"// The point of a triangle at b1, b2, weights of its second and third corner, as it is seen along direction.\n",
+"// The surface point at barycentrics b1, b2 (of the second and third corner), seen along `direction`.\n",
 "sbl_Surface sbl_surface_at(int triangle, float b1, float b2, vec3 direction) {\n",
 "    sbl_Facet f = sbl_facet(triangle);\n",
 "    int object = int(sbl_vertex_object(f.v.x));\n",
@@ -7408,11 +7423,11 @@ static const char *const sbl__glsl_surface[] = {
 "    return s;\n",
 "}\n",
 "\n",
-"// Where a ray meets it.\n",
+"// The surface point where a ray meets a triangle.\n",
 "sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {\n",
 "    sbl_Facet f = sbl_facet(triangle);\n",
 "\n",
-"    // Barycentrics of the ray's hit by Cramer's rule (Moeller and Trumbore 1997), kept inside the triangle.\n",
+"    // Barycentrics by Cramer's rule (Moeller and Trumbore 1997), clamped to the triangle.\n",
 "    vec3 t = (origin - f.p0) / f.size, q = cross(t, f.s1), h = cross(direction, f.s2);\n",
 "    float determinant = dot(f.s1, h);\n",
 "    float b1 = clamp(dot(t, h) / determinant, 0.0, 1.0);\n",
@@ -7422,7 +7437,7 @@ static const char *const sbl__glsl_surface[] = {
 "}\n",
 "\n",
 "#ifdef SBL_LIGHTMAP\n",
-"// Seen from the front, see sbl_lightmap_desc.\n",
+"// The surface point seen from the front, which is the side of the vertex normals (see sbl_lightmap_desc).\n",
 "sbl_Surface sbl_surface_front(int triangle, float b1, float b2) {\n",
 "    sbl_Facet f = sbl_facet(triangle);\n",
 "    vec3 face = normalize(cross(f.s1, f.s2));\n",
