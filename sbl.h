@@ -4838,8 +4838,9 @@ static sbl_result sbl__solver_step(sbl__solver *s, sbl__slice *slice) {
 
 typedef struct sbl__textures {
     sbl__texture tables[2];    /* texel tables: [0] 8-bit sRGB, [1] 16-bit floats */
-    uint32_t (*places)[4];     /* per texture: first row in its table, width, height, kind; copied to sbl__object */
-    float *brightest;          /* per texture: largest component of any texel; always 1 if pixels are 8-bit sRGB */
+    /* Per texture, numbered from 1 as in materials. Number 0 stands for no texture. */
+    uint32_t (*places)[4];     /* first row in its table, width, height, kind; copied to sbl__object */
+    float *brightest;          /* largest component of any texel; always 1 if pixels are 8-bit sRGB */
     int count;                 /* number of textures */
     uint64_t hash;             /* hash of both tables' texels */
 } sbl__textures;
@@ -4855,82 +4856,54 @@ static void sbl__textures_free(const sbl__device *d, sbl__textures *t) {
 /* A texel table while the CPU fills it. texel: bytes per texel, 4 for 8-bit sRGB or 8 for 16-bit floats */
 typedef struct sbl__texel_table { unsigned char *bytes; size_t texel; int width, rows; } sbl__texel_table;
 
-/* Writes a linear colour to texel number `at`, in the table's format. */
-static void sbl__texel_write(const sbl__texel_table *table, size_t at, const float rgba[4]) {
-    unsigned char *to = table->bytes + table->texel * at;
-    uint16_t half[4];
-    int i;
-    for (i = 0; i < 4; i++) {
-        if (table->texel == 8) half[i] = sbl__to_half(rgba[i]);
-        else to[i] = sbl__to_byte(i < 3 ? sbl__linear_to_srgb(rgba[i]) : rgba[i]);
-    }
-    if (table->texel == 8) memcpy(to, half, 8);
-}
-
-/* Reads pixel x of a row. Bytes are divided by 255. One channel is grey, two are grey and alpha; c[3] is left unchanged
-   if the texture has no alpha. */
-static void sbl__read_pixel(const sbl_texture *t, const unsigned char *row, int x, float c[4]) {
+/* Reads a pixel. Bytes are divided by 255. One channel is grey, two are grey and alpha; c[3] is left unchanged if the
+   texture has no alpha. */
+static void sbl__read_pixel(const sbl_texture *t, int x, int y, float c[4]) {
     const int channels = sbl__texture_channels(t);
+    const unsigned char *at = (const unsigned char *)t->pixels + (size_t)y * sbl__texture_stride(t, t->width) +
+                              (size_t)x * sbl__texture_texel(t);
     int k;
-    row += (size_t)x * sbl__texture_texel(t);
-    if (t->format == SBL_PIXELS_FLOAT) memcpy(c, row, 4 * (size_t)channels);
-    else for (k = 0; k < channels; k++) c[k] = (float)row[k] / 255.0f;
+    if (t->format == SBL_PIXELS_FLOAT) memcpy(c, at, 4 * (size_t)channels);
+    else for (k = 0; k < channels; k++) c[k] = (float)at[k] / 255.0f;
     if (channels == 2) c[3] = c[1];
     if (channels < 3) c[1] = c[2] = c[0];
 }
 
-/* Writes the bytes of an 8-bit sRGB texture unchanged, from texel number `at` on. GL decodes them when shaders read. */
-static void sbl__texels_write_bytes(const sbl__texel_table *table, size_t at, const sbl_texture *t) {
-    const int channels = sbl__texture_channels(t);
-    const size_t stride = sbl__texture_stride(t, t->width);
-    int x, y;
-    for (y = 0; y < t->height; y++)
-        for (x = 0; x < t->width; x++, at++) {
-            const unsigned char *p = (const unsigned char *)t->pixels + (size_t)y * stride + (size_t)(channels * x);
-            unsigned char *q = table->bytes + 4 * at;
-            q[0] = p[0];
-            q[1] = p[channels < 3 ? 0 : 1];
-            q[2] = p[channels < 3 ? 0 : 2];
-            q[3] = channels == 2 ? p[1] : channels == 4 ? p[3] : 255;
-        }
-}
-
-/* Writes the pixels of any other texture. copy: NULL, or the r g b a that were read from the host's GL texture. Logs an
-   error and returns SBL_ERROR_INVALID_ARGUMENT if a component is negative or not finite. */
-static sbl_result sbl__texels_write_pixels(const sbl__device *d, const sbl__textures *s, const sbl__texel_table *table,
-                                           const sbl_texture *t, int index, const float *copy) {
-    const int width = (int)s->places[index][1], height = (int)s->places[index][2];
-    const size_t stride = sbl__texture_stride(t, width);
-    size_t at = (size_t)s->places[index][0] * (size_t)table->width;
+/* Writes the texels of a texture into its table. copy: NULL, or the r g b a that were read from the host's GL texture.
+   Bytes in 8-bit sRGB stay as they are; GL decodes them when shaders read. Logs an error and returns
+   SBL_ERROR_INVALID_ARGUMENT if a component is negative or not finite. */
+static sbl_result sbl__texels_write(const sbl__device *d, const sbl__textures *s, const sbl__texel_table *table,
+                                    const sbl_texture *t, int number, const float *copy) {
+    const int width = (int)s->places[number][1], height = (int)s->places[number][2];
+    const int encoded = !copy && t->format == SBL_PIXELS_SRGB8;
+    unsigned char *to = table->bytes + (size_t)s->places[number][0] * (size_t)table->width * table->texel;
     int x, y, k;
     for (y = 0; y < height; y++)
-        for (x = 0; x < width; x++, at++) {
+        for (x = 0; x < width; x++, to += table->texel) {
             float c[4] = { 0, 0, 0, 1 };
             if (copy) memcpy(c, copy + 4 * ((size_t)y * (size_t)width + (size_t)x), sizeof c);
-            else sbl__read_pixel(t, (const unsigned char *)t->pixels + (size_t)y * stride, x, c);
-            for (k = 0; k < 4; k++)
+            else sbl__read_pixel(t, x, y, c);
+            for (k = 0; k < 4; k++) {
                 if (!sbl__between(&c[k], 0, FLT_MAX)) {
                     sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: component %d of pixel "
-                             "%d %d is %g; it must be finite and not negative", index + 1, k, x, y, (double)c[k]);
+                             "%d %d is %g; it must be finite and not negative", number, k, x, y, (double)c[k]);
                     return SBL_ERROR_INVALID_ARGUMENT;
                 }
-            s->brightest[index] = SBL__MAX(s->brightest[index], sbl__max3(c));
-            sbl__texel_write(table, at, c);
+                if (table->texel == 8) {
+                    const uint16_t half = sbl__to_half(c[k]);
+                    memcpy(to + 2 * k, &half, 2);
+                } else to[k] = sbl__to_byte(k < 3 && !encoded ? sbl__linear_to_srgb(c[k]) : c[k]);
+            }
+            s->brightest[number] = SBL__MAX(s->brightest[number], encoded ? 1.0f : sbl__max3(c));
         }
     return SBL_SUCCESS;
 }
 
 static sbl_result sbl__textures_fill(sbl__device *d, const sbl__textures *s, const sbl__texel_table *table,
-                                     const sbl_texture *t, int index) {
-    const uint32_t *place = s->places[index];
-    const int size[2] = { (int)place[1], (int)place[2] };
+                                     const sbl_texture *t, int number) {
+    const int size[2] = { (int)s->places[number][1], (int)s->places[number][2] };
     float *copy = NULL;
     sbl_result result = SBL_SUCCESS;
-    if (t->pixels && t->format == SBL_PIXELS_SRGB8) {
-        sbl__texels_write_bytes(table, (size_t)place[0] * (size_t)table->width, t);
-        s->brightest[index] = 1;
-        return SBL_SUCCESS;
-    }
     if (t->gl_texture) {
         copy = (float *)sbl__alloc_raw(d->base, (size_t)size[0] * (size_t)size[1], 16);
         if (!copy) return SBL_ERROR_OUT_OF_MEMORY;
@@ -4938,14 +4911,14 @@ static sbl_result sbl__textures_fill(sbl__device *d, const sbl__textures *s, con
         result = sbl__host_texture_read(d, t->gl_texture, size, copy);
         d->gl.doing = "storing textures";
     }
-    if (result == SBL_SUCCESS) result = sbl__texels_write_pixels(d, s, table, t, index, copy);
+    if (result == SBL_SUCCESS) result = sbl__texels_write(d, s, table, t, number, copy);
     sbl__free(d->base, copy);
     return result;
 }
 
 /* Assigns rows of a texel table to a texture. */
 static sbl_result sbl__textures_place(sbl__device *d, sbl__textures *s, sbl__texel_table *table, const sbl_texture *t,
-                                      int index) {
+                                      int number) {
     const int most = d->gl.capabilities.max_texture_size;
     int size[2] = { t->width, t->height };
     double rows;
@@ -4957,64 +4930,61 @@ static sbl_result sbl__textures_place(sbl__device *d, sbl__textures *s, sbl__tex
         if (result == SBL_ERROR_OUT_OF_MEMORY) return result;
         if (result != SBL_SUCCESS || size[0] < 1 || size[1] < 1) {
             sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: gl_texture %u is not a "
-                     "GL_TEXTURE_2D with pixels in level 0", index + 1, t->gl_texture);
+                     "GL_TEXTURE_2D with pixels in level 0", number, t->gl_texture);
             return SBL_ERROR_INVALID_ARGUMENT;
         }
     }
     rows = ceil((double)size[0] * size[1] / table->width);
     if (table->rows + rows > most) {
         sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "texture %d: all textures together need more than "
-                 "%d x %d texels; use smaller textures", index + 1, table->width, most);
+                 "%d x %d texels; use smaller textures", number, table->width, most);
         return SBL_ERROR_UNSUPPORTED;
     }
-    s->places[index][0] = (uint32_t)table->rows;
-    s->places[index][1] = (uint32_t)size[0];
-    s->places[index][2] = (uint32_t)size[1];
-    s->places[index][3] = (table->texel == 8 ? SBL__TEXTURE_FLOAT : SBL__TEXTURE_SRGB) |
+    s->places[number][0] = (uint32_t)table->rows;
+    s->places[number][1] = (uint32_t)size[0];
+    s->places[number][2] = (uint32_t)size[1];
+    s->places[number][3] = (table->texel == 8 ? SBL__TEXTURE_FLOAT : SBL__TEXTURE_SRGB) |
                           (t->wrap == SBL_WRAP_CLAMP ? SBL__TEXTURE_CLAMPS : 0);
     table->rows += (int)rows;
     return SBL_SUCCESS;
 }
 
-/* Makes the texel tables for all textures of a descriptor that has been checked. */
-static sbl_result sbl__textures_make(sbl__device *d, sbl__textures *s, const sbl_scene_desc *desc) {
-    static const unsigned formats[2] = { SBL__GL_SRGB8_ALPHA8, SBL__GL_RGBA16F };
-    sbl__texel_table tables[2];
+/* Makes a texel table. kind: 0: 8-bit sRGB, 1: 16-bit floats */
+static sbl_result sbl__texel_table_make(sbl__device *d, sbl__textures *s, const sbl_scene_desc *desc, int kind) {
+    const unsigned format = kind ? SBL__GL_RGBA16F : SBL__GL_SRGB8_ALPHA8;
+    sbl__texel_table table;
     sbl_result result = SBL_SUCCESS;
     int i;
+    memset(&table, 0, sizeof table);
+    table.texel = kind ? 8 : 4;
+    table.width = SBL__MIN(SBL__TEXEL_TABLE_WIDTH, d->gl.capabilities.max_texture_size);
+    for (i = 0; i < s->count && result == SBL_SUCCESS; i++)
+        if ((desc->textures[i].format != SBL_PIXELS_SRGB8) == kind)
+            result = sbl__textures_place(d, s, &table, &desc->textures[i], i + 1);
+    if (result != SBL_SUCCESS || !table.rows) return result;
+    table.bytes = (unsigned char *)sbl__alloc(d->base, (size_t)table.rows * (size_t)table.width, table.texel);
+    if (!table.bytes) return SBL_ERROR_OUT_OF_MEMORY;
+    for (i = 0; i < s->count && result == SBL_SUCCESS; i++)
+        if ((desc->textures[i].format != SBL_PIXELS_SRGB8) == kind)
+            result = sbl__textures_fill(d, s, &table, &desc->textures[i], i + 1);
+    s->hash = sbl__hash_bytes(s->hash, table.bytes, (size_t)table.rows * (size_t)table.width * table.texel);
+    if (result == SBL_SUCCESS) result = sbl__texture_make(d, &s->tables[kind], table.width, table.rows, format);
+    if (result == SBL_SUCCESS) result = sbl__texture_write(d, &s->tables[kind], 0, table.rows, table.bytes);
+    sbl__free(d->base, table.bytes);
+    return result;
+}
+
+/* Makes the texel tables for all textures of a descriptor that has been checked. */
+static sbl_result sbl__textures_make(sbl__device *d, sbl__textures *s, const sbl_scene_desc *desc) {
+    sbl_result result;
     d->gl.doing = "storing textures";
     s->count = desc->texture_count;
-    s->places = (uint32_t (*)[4])sbl__alloc(d->base, (size_t)s->count, sizeof *s->places);
-    s->brightest = (float *)sbl__alloc(d->base, (size_t)s->count, sizeof(float));
+    s->places = (uint32_t (*)[4])sbl__alloc(d->base, (size_t)s->count + 1, sizeof *s->places);
+    s->brightest = (float *)sbl__alloc(d->base, (size_t)s->count + 1, sizeof(float));
     if (!s->places || !s->brightest) return SBL_ERROR_OUT_OF_MEMORY;
-    memset(tables, 0, sizeof tables);
-    for (i = 0; i < 2; i++) {
-        tables[i].texel = i ? 8 : 4;
-        tables[i].width = SBL__MIN(SBL__TEXEL_TABLE_WIDTH, d->gl.capabilities.max_texture_size);
-    }
-#define SBL__TABLE_OF(i) (&tables[desc->textures[i].format != SBL_PIXELS_SRGB8])
-    for (i = 0; i < s->count && result == SBL_SUCCESS; i++)
-        result = sbl__textures_place(d, s, SBL__TABLE_OF(i), &desc->textures[i], i);
-    for (i = 0; i < 2 && result == SBL_SUCCESS; i++) {
-        sbl__texel_table *table = &tables[i];
-        if (!table->rows) continue;
-        table->bytes = (unsigned char *)sbl__alloc(d->base, (size_t)table->rows * (size_t)table->width, table->texel);
-        if (!table->bytes) result = SBL_ERROR_OUT_OF_MEMORY;
-    }
-    for (i = 0; i < s->count && result == SBL_SUCCESS; i++)
-        result = sbl__textures_fill(d, s, SBL__TABLE_OF(i), &desc->textures[i], i);
-#undef SBL__TABLE_OF
-    for (i = 0; i < 2; i++) {
-        if (result == SBL_SUCCESS)
-            s->hash = sbl__hash_bytes(s->hash, tables[i].bytes, (size_t)tables[i].rows * (size_t)tables[i].width *
-                                                                tables[i].texel);
-        if (result == SBL_SUCCESS && tables[i].rows)
-            result = sbl__texture_make(d, &s->tables[i], tables[i].width, tables[i].rows, formats[i]);
-        if (result == SBL_SUCCESS && tables[i].rows)
-            result = sbl__texture_write(d, &s->tables[i], 0, tables[i].rows, tables[i].bytes);
-        sbl__free(d->base, tables[i].bytes);
-    }
-    return result;
+    s->brightest[0] = 1;
+    result = sbl__texel_table_make(d, s, desc, 0);
+    return result == SBL_SUCCESS ? sbl__texel_table_make(d, s, desc, 1) : result;
 }
 
 static void sbl__textures_bind(sbl__device *d, const sbl__textures *s) {
@@ -5029,58 +4999,33 @@ static void sbl__textures_bind(sbl__device *d, const sbl__textures *s) {
 /* Copies a material into its mesh's object, and raises *brightest to the highest radiance that the material emits.
    Returns the features that programs need for the material. */
 static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *m, sbl__object *o, float *brightest) {
-    const int holes = m->alpha_cutoff > 0;
-    unsigned features = 0;
-    float scale = 1;
     memcpy(o->albedo, m->albedo, sizeof o->albedo);
     memcpy(o->emission, m->emission, sizeof o->emission);
-    memset(o->albedo_texture, 0, sizeof o->albedo_texture);
-    memset(o->emission_texture, 0, sizeof o->emission_texture);
+    memcpy(o->albedo_texture, t->places[m->albedo_texture], sizeof o->albedo_texture);
+    memcpy(o->emission_texture, t->places[m->emission_texture], sizeof o->emission_texture);
     o->alpha_cutoff = m->alpha_cutoff;
     o->flags = m->flags;
-    if (m->albedo_texture) memcpy(o->albedo_texture, t->places[m->albedo_texture - 1], sizeof o->albedo_texture);
-    if (m->emission_texture) {
-        memcpy(o->emission_texture, t->places[m->emission_texture - 1], sizeof o->emission_texture);
-        scale = t->brightest[m->emission_texture - 1];
-    }
-    *brightest = SBL__MAX(*brightest, scale * sbl__max3(m->emission));
-    if (holes) features |= SBL__TEXTURED | SBL__CUTOUTS;
-    if (m->albedo_texture || m->emission_texture) features |= SBL__TEXTURED;
-    return features;
+    *brightest = SBL__MAX(*brightest, t->brightest[m->emission_texture] * sbl__max3(m->emission));
+    if (m->alpha_cutoff > 0) return SBL__TEXTURED | SBL__CUTOUTS;
+    return m->albedo_texture || m->emission_texture ? (unsigned)SBL__TEXTURED : 0;
 }
 
 /* True if two objects of one mesh differ in anything but the light that they emit. */
-static int sbl__reflects_otherwise(const sbl__object *a, const sbl__object *b) {
+static int sbl__reflection_differs(const sbl__object *a, const sbl__object *b) {
     const uint32_t flags = ~SBL__ONE_SIDED_EMISSION;
     return memcmp(a->albedo, b->albedo, sizeof a->albedo) || (a->flags & flags) != (b->flags & flags) ||
            memcmp(&a->alpha_cutoff, &b->alpha_cutoff, sizeof a->alpha_cutoff) ||
            memcmp(a->albedo_texture, b->albedo_texture, sizeof a->albedo_texture);
 }
 
-/* Radiance that one side of a surface emits, before its texture is applied. */
-static void sbl__emission(const sbl__object *o, int back, float out[3]) {
-    const int dark = back && o->flags & SBL__ONE_SIDED_EMISSION;
-    int k;
-    for (k = 0; k < 3; k++) out[k] = dark ? 0 : o->emission[k];
-}
-
 static int sbl__emits(const sbl__object *o, int back) {
-    float emission[3];
-    sbl__emission(o, back, emission);
-    return sbl__max3(emission) > 0;
-}
-
-/* Share of R that stays in the store at a bounce, before the texture is applied. */
-static void sbl__bounced(const sbl__object *o, float out[3]) {
-    int k;
-    for (k = 0; k < 3; k++) out[k] = SBL__MIN(SBL__MAX(o->albedo[k], 0.0f), SBL__BOUNCE_ALBEDO);
+    return sbl__max3(o->emission) > 0 && !(back && o->flags & SBL__ONE_SIDED_EMISSION);
 }
 
 /* True if the surface has no albedo texture and SBL__BOUNCE_ALBEDO reduces its albedo in all three channels. */
 static int sbl__holds_light(const sbl__object *o) {
-    float share[3];
-    sbl__bounced(o, share);
-    return share[0] < o->albedo[0] && share[1] < o->albedo[1] && share[2] < o->albedo[2] && !o->albedo_texture[1];
+    const float *albedo = o->albedo, most = SBL__BOUNCE_ALBEDO;
+    return albedo[0] > most && albedo[1] > most && albedo[2] > most && !o->albedo_texture[1];
 }
 
 #define SBL__SHARE_ONE 65535.0f    /* a share of 1, packed into 16 bits */
@@ -5255,7 +5200,7 @@ static void sbl__environment_texel(const sbl__environment *e, const sbl_environm
         for (k = 0; k < 3; k++) direction[k] = (float)exact[k];
         desc->radiance(direction, c, desc->user);
     } else {
-        sbl__read_pixel(t, (const unsigned char *)t->pixels + (size_t)y * sbl__texture_stride(t, e->width), x, c);
+        sbl__read_pixel(t, x, y, c);
         for (k = 0; k < 3 && t->format == SBL_PIXELS_SRGB8; k++) c[k] = sbl__srgb_to_linear(c[k]);
     }
     for (k = 0; k < 3; k++) c[k] *= sbl__zero(&desc->scale) ? 1.0f : SBL__MAX(desc->scale, 0.0f);
@@ -6237,17 +6182,15 @@ static sbl_result sbl__lamps_add_triangle(void *work, int place) {
     const uint32_t number = l->hierarchy->order[place];
     const sbl__object *object;
     const double zero[3] = { 0, 0, 0 };
-    float emission[3];
     double normal[3], area;
     sbl__lamp lamp;
     int k;
     if (number == SBL__BVH_DROPPED) return SBL_SUCCESS;
     object = sbl__triangle_object(l->geometry, number);
     if (!sbl__emits(object, 0)) return SBL_SUCCESS;
-    sbl__emission(object, 0, emission);
     area = sbl__scene_normal(l->geometry, number, normal);
     sbl__lamp_make(&lamp, SBL__LAMP_TRIANGLE << SBL__LAMP_KIND_SHIFT | (uint32_t)place, zero, 0,
-                   SBL__MAX(area * sbl__sum3(emission), SBL__POWER_LEAST));
+                   SBL__MAX(area * sbl__sum3(object->emission), SBL__POWER_LEAST));
     sbl__box_of_triangle(&lamp.bounds, l->geometry, number);
     for (k = 0; k < 3; k++) lamp.normal[k] = (float)normal[k];
     lamp.one_sided = !sbl__emits(object, 1);
@@ -7249,7 +7192,7 @@ static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const s
         return result;
     }
     for (i = 0; i < s->geometry.mesh_count; i++)
-        differ |= sbl__reflects_otherwise(&objects[i], &s->geometry.objects[i]);
+        differ |= sbl__reflection_differs(&objects[i], &s->geometry.objects[i]);
     sbl__free(d->base, objects);
     sbl__lights_free(d, &s->lights);
     s->lights = others;
