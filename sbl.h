@@ -5365,11 +5365,9 @@ SBL__RECORD(sbl__triangle, SBL__TRIANGLE, "sbl_triangle", "sbl_triangles", SBL__
 
 typedef struct sbl__box { float low[3], high[3]; } sbl__box;
 
-/* Makes a box empty. */
-static void sbl__box_clear(sbl__box *b) {
-    int k;
-    for (k = 0; k < 3; k++) { b->low[k] = FLT_MAX; b->high[k] = -FLT_MAX; }
-}
+static const sbl__box sbl__box_empty = { { FLT_MAX, FLT_MAX, FLT_MAX }, { -FLT_MAX, -FLT_MAX, -FLT_MAX } };
+
+static void sbl__box_clear(sbl__box *b) { *b = sbl__box_empty; }
 
 static void sbl__box_add_point(sbl__box *b, const float *p) {
     int k;
@@ -5381,7 +5379,7 @@ static void sbl__box_add_point(sbl__box *b, const float *p) {
 
 static void sbl__box_of_triangle(sbl__box *b, const sbl__geometry *g, uint32_t triangle) {
     int k;
-    sbl__box_clear(b);
+    *b = sbl__box_empty;
     for (k = 0; k < 3; k++) sbl__box_add_point(b, sbl__triangle_corner(g, triangle, k));
 }
 
@@ -5399,27 +5397,31 @@ static float sbl__box_area(const sbl__box *b) {
     return x < 0 ? 0 : x * y + y * z + z * x;
 }
 
-/* A grid: a position is (position - origin) * per_length steps. place: number of its record among the nodes */
-typedef struct sbl__grid { float origin[3], per_length[3]; int place; } sbl__grid;
+/* Bounds of triangles, and of their centroids, whose coordinates are doubled. */
+typedef struct sbl__bvh_bounds { sbl__box box, centroids; } sbl__bvh_bounds;
 
-/* A part to build: triangles first .. first + count - 1 of the order, inside `box`. It becomes child `side` of node
-   `parent`. */
-typedef struct sbl__bvh_task { int first, count, depth, parent, side; sbl__grid grid; sbl__box box; } sbl__bvh_task;
+/* A part to build: triangles first .. first + count - 1 of the order. It becomes child `side` of node `parent`. */
+typedef struct sbl__bvh_task {
+    int first, count, depth, parent, side;
+    sbl__grid_node grid;
+    sbl__bvh_bounds bounds;
+} sbl__bvh_task;
 
 /* The split of a task's triangles into two halves. */
 typedef struct sbl__bvh_split {
     int left;                    /* triangles moved to the first half so far */
     int axis, bin;               /* the first half ends with this bin along the axis; axis < 0: there is no split */
-    float scale[3];              /* bins per unit of twice a centroid's coordinate; 0: the axis is not split */
-    sbl__box centroids, bins[3][SBL__BVH_BINS], halves[2];
+    float scale[3];              /* bins per unit of doubled centroids; 0: the axis is not split */
+    sbl__box bins[3][SBL__BVH_BINS];
     int counts[3][SBL__BVH_BINS];
+    sbl__bvh_bounds halves[2];
 } sbl__bvh_split;
 
 /* Cost of a node. sum: nodes and triangles that a ray through its box tests on average, times the box's area */
 typedef struct sbl__bvh_work { double sum; float area; int parent; } sbl__bvh_work;
 
 typedef enum sbl__bvh_stage {
-    SBL__BVH_BOXES, SBL__BVH_TASK, SBL__BVH_MEASURE, SBL__BVH_COUNT, SBL__BVH_PART, SBL__BVH_NODE, SBL__BVH_COSTS
+    SBL__BVH_BOXES, SBL__BVH_COUNT, SBL__BVH_PART, SBL__BVH_NODE, SBL__BVH_COSTS
 } sbl__bvh_stage;
 
 typedef struct sbl__bvh {        /* while it is built */
@@ -5431,7 +5433,7 @@ typedef struct sbl__bvh {        /* while it is built */
     uint32_t *order;             /* triangle numbers, leaf after leaf */
     sbl__box *boxes;             /* per triangle: its bounds */
     sbl__bvh_work *work;         /* per node: its cost */
-    sbl__box all;                /* bounds of all triangles */
+    sbl__bvh_bounds all;
     sbl__bvh_task stack[2 * SBL__STACK];  /* tasks that have not been begun */
     sbl__bvh_task task;          /* the present task */
     int top;                     /* height of the stack */
@@ -5441,7 +5443,7 @@ typedef struct sbl__bvh {        /* while it is built */
 typedef struct sbl__hierarchy {
     int ready;
     int node_count, triangle_count;
-    float grid_origin[3], grid_per_length[3];  /* the grid over the scene */
+    sbl__grid_node grid;         /* the grid over the scene */
     double cost;                 /* nodes and triangles that a ray through a node's box tests on average, by the
                                     surface-area heuristic: the highest of all nodes */
     double seconds;              /* time spent on building */
@@ -5469,64 +5471,42 @@ static void sbl__hierarchy_free(const sbl__device *d, sbl__hierarchy *h) {
 
 /* >>bvh: splitting */
 
-/* Returns the bin of a triangle's box along an axis. */
-static int sbl__bvh_split_bin(const sbl__bvh_split *s, const sbl__box *b, int axis) {
-    return (int)((b->low[axis] + b->high[axis] - s->centroids.low[axis]) * s->scale[axis]);
+static void sbl__bvh_bounds_add(sbl__bvh_bounds *bounds, const sbl__box *box) {
+    float centroid[3];
+    int k;
+    for (k = 0; k < 3; k++) centroid[k] = box->low[k] + box->high[k];
+    sbl__box_add(&bounds->box, box);
+    sbl__box_add_point(&bounds->centroids, centroid);
 }
 
-/* Returns the number of chunks of the present task's triangles. */
+/* Returns the bin of a triangle's box along an axis. */
+static int sbl__bvh_bin(const sbl__bvh *b, const sbl__box *box, int axis) {
+    return (int)((box->low[axis] + box->high[axis] - b->task.bounds.centroids.low[axis]) * b->split.scale[axis]);
+}
+
 static int sbl__bvh_chunks(void *work) {
     return (((sbl__bvh *)work)->task.count + SBL__BVH_CHUNK - 1) / SBL__BVH_CHUNK;
 }
 
-/* Returns the place in the order where a chunk begins. *end: the place after its last triangle */
-static int sbl__bvh_chunk(const sbl__bvh *b, int chunk, int *end) {
+/* Puts the triangles of a chunk into bins (SBL__BVH_COUNT), or moves those of the first half to the front of the task
+   (SBL__BVH_PART). */
+static sbl_result sbl__bvh_chunk(void *work, int chunk) {
+    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__bvh_split *s = &b->split;
     const int first = b->task.first + chunk * SBL__BVH_CHUNK;
-    *end = SBL__MIN(first + SBL__BVH_CHUNK, b->task.first + b->task.count);
-    return first;
-}
-
-/* Extends the bounds of the centroids, which are twice as large as in world space, by a chunk. */
-static sbl_result sbl__bvh_split_measure(void *work, int chunk) {
-    sbl__bvh *b = (sbl__bvh *)work;
-    int end, i = sbl__bvh_chunk(b, chunk, &end), k;
-    for (; i < end; i++) {
-        const sbl__box *box = &b->boxes[b->order[i]];
-        float centroid[3];
-        for (k = 0; k < 3; k++) centroid[k] = box->low[k] + box->high[k];
-        sbl__box_add_point(&b->split.centroids, centroid);
-    }
-    return SBL_SUCCESS;
-}
-
-/* Sets the width of the bins from the bounds of the centroids, and empties the bins. */
-static int sbl__bvh_split_bins(void *work) {
-    sbl__bvh *b = (sbl__bvh *)work;
-    sbl__bvh_split *s = &b->split;
-    int axis, k;
-    for (axis = 0; axis < 3; axis++) {
-        const float size = s->centroids.high[axis] - s->centroids.low[axis];
-        s->scale[axis] = size > 0 ? (float)SBL__BVH_BINS * 0.99999f / size : 0;
-        if (!sbl__finite(&s->scale[axis]) || b->task.depth >= SBL__BVH_SAH_DEPTH) s->scale[axis] = 0;
-        for (k = 0; k < SBL__BVH_BINS; k++) {
-            sbl__box_clear(&s->bins[axis][k]);
-            s->counts[axis][k] = 0;
-        }
-    }
-    return SBL__BVH_COUNT;
-}
-
-/* Puts the triangles of a chunk into bins. */
-static sbl_result sbl__bvh_split_count(void *work, int chunk) {
-    sbl__bvh *b = (sbl__bvh *)work;
-    sbl__bvh_split *s = &b->split;
-    int end, i = sbl__bvh_chunk(b, chunk, &end), axis;
-    for (; i < end; i++) {
-        const sbl__box *box = &b->boxes[b->order[i]];
-        for (axis = 0; axis < 3; axis++) {
-            int bin;
-            if (s->scale[axis] <= 0) continue;
-            bin = sbl__bvh_split_bin(s, box, axis);
+    const int end = SBL__MIN(first + SBL__BVH_CHUNK, b->task.first + b->task.count);
+    int i, axis;
+    for (i = first; i < end; i++) {
+        const uint32_t number = b->order[i];
+        const sbl__box *box = &b->boxes[number];
+        if (b->stages.stage == SBL__BVH_PART) {
+            const int second = sbl__bvh_bin(b, box, s->axis) > s->bin;
+            sbl__bvh_bounds_add(&s->halves[second], box);
+            if (second) continue;
+            b->order[i] = b->order[b->task.first + s->left];
+            b->order[b->task.first + s->left++] = number;
+        } else for (axis = 0; axis < 3; axis++) {
+            const int bin = s->scale[axis] > 0 ? sbl__bvh_bin(b, box, axis) : 0;
             sbl__box_add(&s->bins[axis][bin], box);
             s->counts[axis][bin]++;
         }
@@ -5535,21 +5515,20 @@ static sbl_result sbl__bvh_split_count(void *work, int chunk) {
 }
 
 /* Chooses the split between two bins that costs least by the surface-area heuristic. */
-static int sbl__bvh_split_choose(void *work) {
+static int sbl__bvh_choose(void *work) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__bvh_split *s = &b->split;
     float best = FLT_MAX, areas[SBL__BVH_BINS], cost;
     int axis, k, n;
-    sbl__box sweep;
     for (axis = 0; axis < 3; axis++) {
+        sbl__box sweep = sbl__box_empty;
         if (s->scale[axis] <= 0) continue;
-        sbl__box_clear(&sweep);
         for (k = SBL__BVH_BINS - 1, n = 0; k > 0; k--) {
             sbl__box_add(&sweep, &s->bins[axis][k]);
             n += s->counts[axis][k];
             areas[k] = n ? sbl__box_area(&sweep) * (float)n : 0;
         }
-        sbl__box_clear(&sweep);
+        sweep = sbl__box_empty;
         for (k = 0, n = 0; k < SBL__BVH_BINS - 1; k++) {
             sbl__box_add(&sweep, &s->bins[axis][k]);
             n += s->counts[axis][k];
@@ -5561,26 +5540,10 @@ static int sbl__bvh_split_choose(void *work) {
     return s->axis >= 0 ? SBL__BVH_PART : SBL__BVH_NODE;
 }
 
-/* Moves the triangles of a chunk that belong to the first half to the front. */
-static sbl_result sbl__bvh_split_part(void *work, int chunk) {
-    sbl__bvh *b = (sbl__bvh *)work;
-    sbl__bvh_split *s = &b->split;
-    int end, i = sbl__bvh_chunk(b, chunk, &end);
-    for (; i < end; i++) {
-        const uint32_t number = b->order[i];
-        const int second = sbl__bvh_split_bin(s, &b->boxes[number], s->axis) > s->bin;
-        sbl__box_add(&s->halves[second], &b->boxes[number]);
-        if (second) continue;
-        b->order[i] = b->order[b->task.first + s->left];
-        b->order[b->task.first + s->left++] = number;
-    }
-    return SBL_SUCCESS;
-}
-
 /* >>bvh: nodes */
 
 /* Converts a box to steps of a grid, rounding outwards. It grows by at least 0.02 steps on each side. */
-static void sbl__bvh_quantise(const sbl__grid *grid, const sbl__box *b, uint32_t out[3]) {
+static void sbl__bvh_quantise(const sbl__grid_node *grid, const sbl__box *b, uint32_t out[3]) {
     int k;
     for (k = 0; k < 3; k++) {
         double low = floor(((double)b->low[k] - grid->origin[k]) * grid->per_length[k] - 0.02);
@@ -5590,22 +5553,21 @@ static void sbl__bvh_quantise(const sbl__grid *grid, const sbl__box *b, uint32_t
 }
 
 /* Appends a grid over a box, with a margin of one step on each side, in the place of the next node. */
-static sbl__grid sbl__bvh_add_grid(sbl__hierarchy *h, const sbl__box *b, int around) {
+static sbl__grid_node sbl__bvh_add_grid(sbl__hierarchy *h, const sbl__box *b, uint32_t around) {
     const float longest = SBL__MAX(b->high[0] - b->low[0], SBL__MAX(b->high[1] - b->low[1], b->high[2] - b->low[2]));
-    sbl__grid_node node;
-    sbl__grid grid;
+    const int place = h->node_count++;
+    sbl__grid_node grid;
     int k;
     for (k = 0; k < 3; k++) {  /* steps must not be finer than the resolution of floats */
         double size = SBL__MAX(1e-4 * (double)longest, SBL__MAX(1e-6 * fabs((double)b->low[k]), 1e-30));
         size = SBL__MAX((double)b->high[k] - b->low[k], size);
-        node.per_length[k] = grid.per_length[k] = (float)(65533 / size);
-        node.origin[k] = grid.origin[k] = (float)(b->low[k] - size / 65533);
+        grid.per_length[k] = (float)(65533 / size);
+        grid.origin[k] = (float)(b->low[k] - size / 65533);
     }
-    grid.place = h->node_count++;
-    node.root = (uint32_t)grid.place + 1;
-    node.around = (uint32_t)around;
-    memcpy(&h->building->nodes[grid.place], &node, sizeof node);
-    memset(&h->building->work[grid.place], 0, sizeof *h->building->work);
+    grid.root = (uint32_t)place + 1;
+    grid.around = around;
+    memcpy(&h->building->nodes[place], &grid, sizeof grid);
+    memset(&h->building->work[place], 0, sizeof *h->building->work);
     return grid;
 }
 
@@ -5652,30 +5614,36 @@ static uint32_t *sbl__bvh_child(sbl__bvh *b, int node, int side) {
 }
 
 /* Begins the top task of the stack: links the next node to its parent, behind a finer grid if its box is small in the
-   parent's grid. */
-static sbl_result sbl__bvh_begin_task(void *work, sbl__slice *slice) {
+   parent's grid, and empties the bins. */
+static int sbl__bvh_next_task(void *work) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__hierarchy *h = b->hierarchy;
+    sbl__bvh_split *s = &b->split;
     sbl__bvh_task *t = &b->task;
+    const sbl__box *box = &t->bounds.box, *centroids = &t->bounds.centroids;
     uint32_t *child;
-    int k, fine = 1;
-    (void)slice;
+    int axis, k, fine = 1;
+    if (!b->top) return SBL__BVH_COSTS;
     *t = b->stack[--b->top];
     child = sbl__bvh_child(b, t->parent, t->side) + 3;
-    for (k = 0; k < 3; k++) fine &= (t->box.high[k] - t->box.low[k]) * t->grid.per_length[k] < SBL__BVH_GRID_STEPS;
     *child = (uint32_t)h->node_count;
+    for (k = 0; k < 3; k++) fine &= (box->high[k] - box->low[k]) * t->grid.per_length[k] < SBL__BVH_GRID_STEPS;
     if (fine && t->count >= SBL__BVH_GRID_LEAST && t->depth < SBL__BVH_SAH_DEPTH) {
         t->depth++;
         *child |= SBL__ENTER;
-        t->grid = sbl__bvh_add_grid(h, &t->box, t->grid.place);
+        t->grid = sbl__bvh_add_grid(h, box, t->grid.root - 1);
     }
     memset(&b->work[h->node_count], 0, sizeof *b->work);
-    b->split.left = 0;
-    b->split.axis = -1;
-    sbl__box_clear(&b->split.centroids);
-    sbl__box_clear(&b->split.halves[0]);
-    sbl__box_clear(&b->split.halves[1]);
-    return SBL_SUCCESS;
+    memset(s, 0, sizeof *s);
+    s->axis = -1;
+    for (k = 0; k < 2; k++) s->halves[k].box = s->halves[k].centroids = sbl__box_empty;
+    for (axis = 0; axis < 3; axis++) {
+        const float size = centroids->high[axis] - centroids->low[axis];
+        const float scale = size > 0 ? (float)SBL__BVH_BINS * 0.99999f / size : 0;
+        if (sbl__finite(&scale) && t->depth < SBL__BVH_SAH_DEPTH) s->scale[axis] = scale;
+        for (k = 0; k < SBL__BVH_BINS; k++) s->bins[axis][k] = sbl__box_empty;
+    }
+    return SBL__BVH_COUNT;
 }
 
 /* Writes the node of the present task after its split. Each half becomes a leaf or a task. */
@@ -5690,15 +5658,15 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
         const sbl_result result = sbl__bvh_drop_copies(b, t);
         if (result != SBL_SUCCESS) return result;
         s->left = t->count / 2;
-        for (i = 0; i < t->count; i++) sbl__box_add(&s->halves[i >= s->left], &b->boxes[b->order[t->first + i]]);
+        for (i = 0; i < t->count; i++) sbl__bvh_bounds_add(&s->halves[i >= s->left], &b->boxes[b->order[t->first + i]]);
     }
-    b->work[node].area = sbl__box_area(&t->box);
+    b->work[node].area = sbl__box_area(&t->bounds.box);
     b->work[node].parent = t->parent;
     for (side = 0; side < 2; side++) {
         const int first = side ? t->first + s->left : t->first, count = side ? t->count - s->left : s->left;
         uint32_t *child = sbl__bvh_child(b, node, side);
-        sbl__bvh_quantise(&t->grid, &s->halves[side], child);
-        b->work[node].sum += (double)sbl__box_area(&s->halves[side]) * (count <= SBL__BVH_LEAF ? 1 + count : 1);
+        sbl__bvh_quantise(&t->grid, &s->halves[side].box, child);
+        b->work[node].sum += (double)sbl__box_area(&s->halves[side].box) * (count <= SBL__BVH_LEAF ? 1 + count : 1);
         if (count <= SBL__BVH_LEAF)
             child[3] = SBL__LEAF | (uint32_t)(SBL__MAX(1, count) - 1) << 28 | (uint32_t)first;
         else {
@@ -5709,13 +5677,11 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
             task->depth++;
             task->parent = node;
             task->side = side;
-            task->box = s->halves[side];
+            task->bounds = s->halves[side];
         }
     }
     return SBL_SUCCESS;
 }
-
-static int sbl__bvh_after_task(void *work) { return ((sbl__bvh *)work)->top ? SBL__BVH_TASK : SBL__BVH_COSTS; }
 
 /* >>bvh: stages */
 
@@ -5729,13 +5695,11 @@ static sbl_result sbl__bvh_begin(const sbl__device *d, const sbl__geometry *g, s
     b->hierarchy = h;
     h->node_count = h->triangle_count = 0;
     h->cost = h->seconds = 0;
-    memset(h->grid_origin, 0, sizeof h->grid_origin);
-    memset(h->grid_per_length, 0, sizeof h->grid_per_length);
     b->nodes = (sbl__node *)sbl__alloc_raw(d->base, nodes, sizeof *b->nodes);
     b->order = (uint32_t *)sbl__alloc_raw(d->base, room, 4);
     b->boxes = (sbl__box *)sbl__alloc_raw(d->base, room, sizeof *b->boxes);
     b->work = (sbl__bvh_work *)sbl__alloc_raw(d->base, nodes, sizeof *b->work);
-    sbl__box_clear(&b->all);
+    b->all.box = b->all.centroids = sbl__box_empty;
     return b->nodes && b->order && b->boxes && b->work ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
@@ -5748,7 +5712,7 @@ static sbl_result sbl__bvh_box(void *work, int at) {
     if (sbl__triangle_object(b->geometry, i)->flags & SBL_MATERIAL_HIDDEN_FROM_SENSORS) return SBL_SUCCESS;
     b->order[b->hierarchy->triangle_count++] = i;
     sbl__box_of_triangle(&b->boxes[i], b->geometry, i);
-    sbl__box_add(&b->all, &b->boxes[i]);
+    sbl__bvh_bounds_add(&b->all, &b->boxes[i]);
     return SBL_SUCCESS;
 }
 
@@ -5757,14 +5721,13 @@ static int sbl__bvh_after_boxes(void *work) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__hierarchy *h = b->hierarchy;
     sbl__bvh_task *task = &b->stack[0];
-    if (!h->triangle_count) return SBL__BVH_COSTS;
-    task->count = h->triangle_count;
-    task->box = b->all;
-    task->grid = sbl__bvh_add_grid(h, &b->all, 0);  /* number 0, so that parent 0 and side 0 address its root field */
-    memcpy(h->grid_origin, task->grid.origin, 12);
-    memcpy(h->grid_per_length, task->grid.per_length, 12);
-    b->top = 1;
-    return SBL__BVH_TASK;
+    if (h->triangle_count) {
+        b->top = 1;
+        task->count = h->triangle_count;
+        task->bounds = b->all;
+        h->grid = task->grid = sbl__bvh_add_grid(h, &b->all.box, 0);  /* parent 0 and side 0 address its root field */
+    }
+    return sbl__bvh_next_task(b);
 }
 
 static int sbl__bvh_inner_nodes(void *work) { return ((sbl__bvh *)work)->hierarchy->node_count - 1; }
@@ -5835,11 +5798,9 @@ static sbl_result sbl__bvh_nodes(void *work, sbl__slice *slice) {
 static sbl_result sbl__hierarchy_step(sbl__device *d, const sbl__geometry *g, sbl__hierarchy *h, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, sbl__bvh_after_boxes, sbl__bvh_box, sbl__bvh_all_triangles },
-        { sbl__bvh_begin_task, NULL, NULL, NULL },
-        { NULL, sbl__bvh_split_bins, sbl__bvh_split_measure, sbl__bvh_chunks },
-        { NULL, sbl__bvh_split_choose, sbl__bvh_split_count, sbl__bvh_chunks },
-        { NULL, NULL, sbl__bvh_split_part, sbl__bvh_chunks },
-        { sbl__bvh_end_task, sbl__bvh_after_task, NULL, NULL },
+        { NULL, sbl__bvh_choose, sbl__bvh_chunk, sbl__bvh_chunks },
+        { NULL, NULL, sbl__bvh_chunk, sbl__bvh_chunks },
+        { sbl__bvh_end_task, sbl__bvh_next_task, NULL, NULL },
         { NULL, NULL, sbl__bvh_cost, sbl__bvh_inner_nodes },
         { sbl__bvh_triangles, NULL, NULL, NULL },
         { sbl__bvh_nodes, NULL, NULL, NULL }
@@ -5868,8 +5829,8 @@ static sbl_result sbl__hierarchy_step(sbl__device *d, const sbl__geometry *g, sb
 static void sbl__hierarchy_bind(sbl__device *d, const sbl__hierarchy *h) {
     sbl__bind_table(d, "sbl_nodes", &h->node_table);
     sbl__bind_table(d, "sbl_triangles", &h->triangle_table);
-    sbl__set_vec3(d, "grid_origin", h->grid_origin);
-    sbl__set_vec3(d, "grid_per_length", h->grid_per_length);
+    sbl__set_vec3(d, "grid_origin", h->grid.origin);
+    sbl__set_vec3(d, "grid_per_length", h->grid.per_length);
     sbl__set_int(d, "node_count", h->node_count);
 }
 
