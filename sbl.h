@@ -4718,7 +4718,7 @@ typedef struct sbl__solver {
     int together;               /* 1: the channels form one system; 0: each channel is a system of its own */
     double identity;            /* factor of the identity in the matrix */
     double precision2;          /* a system is solved when left2 / first2 is at most this */
-    /* Arrays of three numbers per unknown, one per channel: */
+    /* Arrays of three numbers per unknown, one per channel, in one block of memory: */
     double *diagonal;           /* the preconditioner: diagonal of the matrix, or all 1; 0 fixes the unknown */
     double *solution;           /* must be 0 at the start */
     double *residual;           /* must be the right side at the start */
@@ -4729,22 +4729,19 @@ typedef struct sbl__solver {
 
 static void sbl__solver_free(sbl__base *base, sbl__solver *s) {
     sbl__free(base, s->diagonal);
-    sbl__free(base, s->solution);
-    sbl__free(base, s->residual);
-    sbl__free(base, s->direction);
-    sbl__free(base, s->product);
     memset(s, 0, sizeof *s);
 }
 
 /* Makes the arrays, filled with 0. */
 static sbl_result sbl__solver_make(sbl__base *base, sbl__solver *s, int count) {
-    double **const arrays[] = { &s->diagonal, &s->solution, &s->residual, &s->direction, &s->product };
-    int i;
+    const size_t length = 3 * (size_t)count;
     s->count = count;
-    for (i = 0; i < SBL__COUNT(arrays); i++) {
-        *arrays[i] = (double *)sbl__alloc(base, (size_t)count, 3 * sizeof(double));
-        if (!*arrays[i]) return SBL_ERROR_OUT_OF_MEMORY;
-    }
+    s->diagonal = (double *)sbl__alloc(base, 5 * length, sizeof(double));
+    if (!s->diagonal) return SBL_ERROR_OUT_OF_MEMORY;
+    s->solution = s->diagonal + length;
+    s->residual = s->solution + length;
+    s->direction = s->residual + length;
+    s->product = s->direction + length;
     return SBL_SUCCESS;
 }
 
@@ -5236,23 +5233,23 @@ static sbl_result sbl__environment_read(const sbl__base *base, sbl__environment 
 static sbl_result sbl__environment_make(const sbl__device *d, sbl__environment *e, const sbl_scene_desc *desc) {
     const sbl_environment *from = &desc->environment;
     const int most = d->gl.capabilities.max_texture_size;
-    const size_t width = from->picture.width ? (size_t)from->picture.width : 512;
-    const size_t height = from->picture.height ? (size_t)from->picture.height : 256;
+    size_t pixels;
     float *texels;
     sbl_result result;
     memcpy(e->sky, desc->sky, sizeof e->sky);
     e->brightest = sbl__max3(e->sky);
     if (!from->picture.pixels && !from->radiance) return SBL_SUCCESS;
-    if ((int)width > most || (int)height > most) {
+    e->width = from->picture.width ? from->picture.width : 512;
+    e->height = from->picture.height ? from->picture.height : 256;
+    if (e->width > most || e->height > most) {
         sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "environment: picture is %d x %d; this driver's "
-                 "textures are at most %d across", (int)width, (int)height, most);
+                 "textures are at most %d across", e->width, e->height, most);
         return SBL_ERROR_UNSUPPORTED;
     }
-    e->width = (int)width;
-    e->height = (int)height;
     sbl__environment_axes(e, from);
-    e->pixels = (float *)sbl__alloc_raw(d->base, width * height, 12);
-    texels = (float *)sbl__alloc_raw(d->base, width * height, 16);
+    pixels = (size_t)e->width * (size_t)e->height;
+    e->pixels = (float *)sbl__alloc_raw(d->base, pixels, 12);
+    texels = (float *)sbl__alloc_raw(d->base, pixels, 16);
     result = e->pixels && texels ? sbl__environment_read(d->base, e, from, texels) : SBL_ERROR_OUT_OF_MEMORY;
     if (result == SBL_SUCCESS) result = sbl__texture_make(d, &e->texels, e->width, e->height, SBL__GL_RGBA32F);
     if (result == SBL_SUCCESS) result = sbl__texture_write(d, &e->texels, 0, e->height, texels);
@@ -6034,8 +6031,8 @@ SBL__RECORD(sbl__light_record, SBL__LIGHT_RECORD, "sbl_light", "sbl_lamps", "", 
 
 typedef struct sbl__lamp {
     uint64_t curve;            /* position along a Morton curve; near lamps come before distant lamps */
-    uint32_t code;
-    uint32_t triangle;         /* number of the triangle in the scene */
+    uint32_t code;             /* see sbl__lamp_leaf */
+    uint32_t name;             /* number of the triangle in the scene or of the light, or row * width + column */
     sbl__box bounds;
     float normal[3];           /* 0: the lamp shines in all directions; for a distant lamp, the direction towards it */
     float power;
@@ -6075,8 +6072,7 @@ typedef struct sbl__lights {
     sbl__table table;
     int nodes, leaves;         /* numbers of nodes and leaves in the table */
     int mixed;                 /* 0: all lamps are triangles, and at most SBL__LAMPS; 1: otherwise */
-    uint32_t (*names)[2];      /* name of each leaf's lamp: kind; number of the triangle in the scene or of the
-                                  light, or row * width + column */
+    uint32_t (*names)[2];      /* kind and name of each leaf's lamp */
     sbl__lamps *building;
 } sbl__lights;
 
@@ -6123,15 +6119,19 @@ static sbl_result sbl__lamps_add(sbl__lamps *l, const sbl__lamp *lamp) {
     return SBL_SUCCESS;
 }
 
-/* Makes a lamp that shines in all directions. around: half the side of its bounds. */
-static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3], double around, double power) {
+/* Makes a lamp that shines in all directions, or a distant one. middle: its position, or the direction towards it.
+   around: half the side of its bounds. power: times pi */
+static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3], double around, double power,
+                           int distant) {
     int k;
     memset(lamp, 0, sizeof *lamp);
     lamp->code = code;
+    lamp->distant = distant;
     lamp->power = (float)SBL__MIN(power / SBL__PI, SBL__POWER_MOST);
     for (k = 0; k < 3; k++) {
         lamp->bounds.low[k] = (float)(middle[k] - around);
         lamp->bounds.high[k] = (float)(middle[k] + around);
+        if (distant) lamp->normal[k] = (float)middle[k];
     }
 }
 
@@ -6151,11 +6151,11 @@ static sbl_result sbl__lamps_add_triangle(void *work, int place) {
     if (!sbl__emits(object, 0)) return SBL_SUCCESS;
     area = sbl__scene_normal(l->geometry, number, normal);
     sbl__lamp_make(&lamp, SBL__LAMP_TRIANGLE << SBL__LAMP_KIND_SHIFT | (uint32_t)place, zero, 0,
-                   SBL__MAX(area * sbl__sum3(object->emission), SBL__POWER_LEAST));
+                   SBL__MAX(area * sbl__sum3(object->emission), SBL__POWER_LEAST), 0);
     sbl__box_of_triangle(&lamp.bounds, l->geometry, number);
     for (k = 0; k < 3; k++) lamp.normal[k] = (float)normal[k];
     lamp.one_sided = !sbl__emits(object, 1);
-    lamp.triangle = number;
+    lamp.name = number;
     return sbl__lamps_add(l, &lamp);
 }
 
@@ -6189,12 +6189,10 @@ static sbl_result sbl__lamps_add_light(void *work, int number) {
     double place[3], half = 0.5 * light->angle * SBL__PI / 180;
     sbl__light_record record;
     sbl__lamp lamp;
-    int k;
     sbl__light_write(light, &record, place);
     sbl__lamp_make(&lamp, kind << SBL__LAMP_KIND_SHIFT | (uint32_t)number, place,
-                   distant ? 2 * sin(0.5 * half) : light->radius, sbl__sum3(light->intensity));
-    lamp.distant = distant;
-    for (k = 0; distant && k < 3; k++) lamp.normal[k] = (float)place[k];
+                   distant ? 2 * sin(0.5 * half) : light->radius, sbl__sum3(light->intensity), distant);
+    lamp.name = (uint32_t)number;
     return sbl__lamps_add(l, &lamp);
 }
 
@@ -6213,14 +6211,12 @@ static sbl_result sbl__lamps_add_texel(void *work, int at) {
     const uint32_t number = (uint32_t)y << SBL__SKY_COLUMN_BITS | (uint32_t)x;
     double direction[3];
     sbl__lamp lamp;
-    int k;
     if (!(sbl__max3(c) > e->limit)) return SBL_SUCCESS;
     sbl__environment_direction(e, x, y, direction);
     sbl__lamp_make(&lamp, SBL__LAMP_SKY_TEXEL << SBL__LAMP_KIND_SHIFT | number, direction,
                    SBL__MIN(step + 2 * SBL__PI / e->width, 1.0),
-                   sbl__sum3(c) * (1 - e->limit / sbl__max3(c)) * solid_angle);
-    lamp.distant = 1;
-    for (k = 0; k < 3; k++) lamp.normal[k] = (float)direction[k];
+                   sbl__sum3(c) * (1 - e->limit / sbl__max3(c)) * solid_angle, 1);
+    lamp.name = (uint32_t)at;
     return sbl__lamps_add(l, &lamp);
 }
 
@@ -6251,11 +6247,8 @@ static uint64_t sbl__lamp_curve(const sbl__lamps *l, const sbl__lamp *lamp) {
     return curve;
 }
 
-static int sbl__lamp_before(const sbl__lamp *a, const sbl__lamp *b) {
-    return a->curve != b->curve ? a->curve < b->curve : a->code < b->code;
-}
-
-/* Merges runs of l->width lamps, then runs twice as long, until one run is left. */
+/* Merges runs of l->width lamps, then runs twice as long, until one run is left. Lamps of equal curve positions keep
+   their order. */
 static sbl_result sbl__lamps_sort(void *work, sbl__slice *slice) {
     sbl__lamps *l = (sbl__lamps *)work;
     for (; l->width < l->count; l->width *= 2, l->out = 0) {
@@ -6264,7 +6257,7 @@ static sbl_result sbl__lamps_sort(void *work, sbl__slice *slice) {
             const int middle = SBL__MIN(run + l->width, l->count), end = SBL__MIN(run + 2 * l->width, l->count);
             if (l->out == run) { l->left = run; l->right = middle; }
             if (sbl__late(slice)) return SBL_UNFINISHED;
-            if (l->right == end || (l->left < middle && !sbl__lamp_before(&l->list[l->right], &l->list[l->left])))
+            if (l->right == end || (l->left < middle && l->list[l->left].curve <= l->list[l->right].curve))
                 l->sorted[l->out++] = l->list[l->left++];
             else l->sorted[l->out++] = l->list[l->right++];
         }
@@ -6367,10 +6360,8 @@ static sbl_result sbl__lamps_add_up(void *work, int at) {
     const sbl__lamp *lamp = &l->list[node->first_leaf];
     if ((int)node->beyond == number + 1) sbl__cluster_of_lamp(&l->clusters[l->depth++], lamp);
     else {
-        sbl__cluster *left = &l->clusters[l->depth - 1], *right = left - 1, both = *left;
-        sbl__cluster_add(&both, right);
-        *right = both;
         l->depth--;
+        sbl__cluster_add(&l->clusters[l->depth - 1], &l->clusters[l->depth]);
     }
     sbl__cluster_write(&l->clusters[l->depth - 1], lamp->distant, node);
     return SBL_SUCCESS;
@@ -6400,30 +6391,12 @@ static sbl_result sbl__lamps_place(void *work, sbl__slice *slice) {
 /* Pushes the ranges of both trees. */
 static int sbl__lamps_plant(void *work) {
     sbl__lamps *l = (sbl__lamps *)work;
-    int first = 0, end = l->count;
-    while (first < end) {  /* binary search for the first distant lamp */
-        const int middle = first + (end - first) / 2;
-        if (l->list[middle].distant) end = middle;
-        else first = middle + 1;
-    }
+    int near_count = 0;
+    while (near_count < l->count && !l->list[near_count].distant) near_count++;
     l->depth = 0;
-    if (l->count > first) sbl__lamps_push(l, first, l->count - first);
-    if (first) sbl__lamps_push(l, 0, first);
+    if (l->count > near_count) sbl__lamps_push(l, near_count, l->count - near_count);
+    if (near_count) sbl__lamps_push(l, 0, near_count);
     return l->stages.stage + 1;
-}
-
-/* Writes leaf number i, and the name by which the host knows its lamp. */
-static void sbl__lamps_store_leaf(const sbl__lamps *l, int i, void *to) {
-    const uint32_t code = l->list[i].code, kind = code >> SBL__LAMP_KIND_SHIFT;
-    const uint32_t number = code & ((1u << SBL__LAMP_KIND_SHIFT) - 1);
-    uint32_t *name = l->lights->names[i];
-    memcpy(to, &code, sizeof code);
-    name[0] = kind;
-    name[1] = kind == SBL__LAMP_TRIANGLE  ? l->list[i].triangle
-            : kind == SBL__LAMP_SKY_TEXEL ? (number >> SBL__SKY_COLUMN_BITS) * (uint32_t)l->environment->width +
-                                            (number & ((1u << SBL__SKY_COLUMN_BITS) - 1))
-                                          : number;
-    l->lights->mixed |= kind != SBL__LAMP_TRIANGLE;
 }
 
 static sbl_result sbl__lamps_store(void *work, sbl__slice *slice) {
@@ -6435,22 +6408,25 @@ static sbl_result sbl__lamps_store(void *work, sbl__slice *slice) {
     const size_t bytes = nodes + leaves + sizeof(sbl__light_record) * (size_t)lights->count;
     unsigned char *all = (unsigned char *)sbl__alloc(d->base, bytes, 1);
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
+    double place[3];
     int i;
     (void)slice;
     sbl__free(d->base, lights->names);
     lights->names = (uint32_t (*)[2])sbl__alloc_raw(d->base, (size_t)l->count, sizeof *lights->names);
     if (all && lights->names) {
+        sbl__lamp_leaf *leaf = (sbl__lamp_leaf *)(void *)(all + nodes);
+        sbl__light_record *record = (sbl__light_record *)(void *)(all + nodes + leaves);
         lights->nodes = l->node_count;
         lights->leaves = l->count;
         lights->mixed = l->count > SBL__LAMPS;
         memcpy(all, l->nodes, nodes);
-        for (i = 0; i < l->count; i++) sbl__lamps_store_leaf(l, i, all + nodes + sizeof(sbl__lamp_leaf) * (size_t)i);
-        for (i = 0; i < lights->count; i++) {
-            sbl__light_record record;
-            double place[3];
-            sbl__light_write(&lights->list[i], &record, place);
-            memcpy(all + nodes + leaves + sizeof record * (size_t)i, &record, sizeof record);
+        for (i = 0; i < l->count; i++) {
+            leaf[i].code = l->list[i].code;
+            lights->names[i][0] = l->list[i].code >> SBL__LAMP_KIND_SHIFT;
+            lights->names[i][1] = l->list[i].name;
+            lights->mixed |= lights->names[i][0] != SBL__LAMP_TRIANGLE;
         }
+        for (i = 0; i < lights->count; i++) sbl__light_write(&lights->list[i], &record[i], place);
         result = sbl__buffer_make(d, &lights->table.buffer, bytes, all, SBL__GL_STATIC_DRAW);
         if (result == SBL_SUCCESS) result = sbl__table_attach(d, &lights->table, SBL__GL_RGBA32UI, l->geometry->wide);
         if (l->geometry->wide) sbl__buffer_delete(d, &lights->table.buffer);
@@ -7016,7 +6992,8 @@ static void sbl__scene_fit_store(const sbl__device *d, sbl__scene *s, int sample
     if (!s->geometry.wide) s->store.most = SBL__MAX(1024, SBL__MIN(s->store.most, limit / SBL__STORE_TEXELS));
 }
 
-/* Decides whether tables are buffer textures or, if one exceeds the driver's limit for those, 2D textures. */
+/* Checks s->brightest. Decides whether tables are buffer textures or, if one exceeds the driver's limit for those, 2D
+   textures. */
 static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     const sbl_capabilities *c = &d->gl.capabilities;
     const sbl__geometry *g = &s->geometry;
@@ -7025,6 +7002,12 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     const double texels = SBL__MAX(SBL__MAX(3.0 * g->triangle_count + 8, 2.0 * g->vertex_count),
                                    SBL__MAX(5.0 * g->mesh_count, 9 * lamps + 3.0 * s->lights.count));
     double most = (c->max_texture_size - 1) * (double)SBL__TEXELS_ACROSS;
+    if (!sbl__between(&s->brightest, 0, SBL__RADIANCE_MOST)) {
+        sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MATERIAL, "the brightest emission (times its texture), "
+                 "sky or drawn radiance is %g; it must be at most %g", (double)s->brightest,
+                 (double)SBL__RADIANCE_MOST);
+        return SBL_ERROR_INVALID_ARGUMENT;
+    }
     if (c->max_texture_size < SBL__TEXELS_ACROSS) most = 0;
     s->geometry.wide = texels > limit;
     if (s->geometry.wide && texels > most) {
@@ -7036,14 +7019,6 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     }
     if (s->geometry.wide) s->features |= SBL__WIDE;
     return SBL_SUCCESS;
-}
-
-/* Checks s->brightest. */
-static sbl_result sbl__scene_check_radiance(const sbl__base *base, const sbl__scene *s) {
-    if (sbl__between(&s->brightest, 0, SBL__RADIANCE_MOST)) return SBL_SUCCESS;
-    sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MATERIAL, "the brightest emission (times its texture), sky or "
-             "drawn radiance is %g; it must be at most %g", (double)s->brightest, (double)SBL__RADIANCE_MOST);
-    return SBL_ERROR_INVALID_ARGUMENT;
 }
 
 /* Logs warnings about valid scenes that the host hardly intends. */
@@ -7096,7 +7071,6 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
         result = sbl__lights_make(d->base, &s->lights, desc->lights, desc->light_count, s->brightest,
                                   s->geometry.extent);
     }
-    if (result == SBL_SUCCESS) result = sbl__scene_check_radiance(d->base, s);
     if (result == SBL_SUCCESS) result = sbl__scene_fit(d, s);
     if (result == SBL_SUCCESS) sbl__scene_fit_store(d, s, desc->max_bounce_cells);
     d->gl.doing = "storing meshes";
@@ -7138,7 +7112,6 @@ static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const s
     if (materials) sbl__scene_dress(s, materials);
     result = sbl__lights_make(d->base, &others, lights ? lights : s->lights.list, s->lights.count, s->brightest,
                               s->geometry.extent);
-    if (result == SBL_SUCCESS) result = sbl__scene_check_radiance(d->base, s);
     if (result == SBL_SUCCESS) result = sbl__scene_fit(d, s);
     if (result == SBL_SUCCESS && s->geometry.wide != before.geometry.wide) result = SBL_ERROR_UNSUPPORTED;
     if (result == SBL_SUCCESS) {
@@ -7178,13 +7151,10 @@ static sbl_result sbl__scene_move(sbl__device *d, sbl__scene *s, int mesh, const
 
 /* Makes the hierarchy and the lamps, in slices. SBL_SUCCESS: both are ready. */
 static sbl_result sbl__scene_step(sbl__device *d, sbl__scene *s, sbl__slice *slice) {
-    sbl__hierarchy *h = &s->hierarchy;
-    sbl_result result = SBL_SUCCESS;
-    if (h->ready && s->lights.ready) return SBL_SUCCESS;
-    result = sbl__hierarchy_step(d, &s->geometry, h, slice);
-    if (result == SBL_SUCCESS) result = sbl__lights_step(d, &s->geometry, h, &s->environment, &s->lights, slice);
-    if (result == SBL_UNFINISHED) return result;
-    if (result != SBL_SUCCESS) h->ready = 0;
+    sbl_result result = sbl__hierarchy_step(d, &s->geometry, &s->hierarchy, slice);
+    if (result == SBL_SUCCESS)
+        result = sbl__lights_step(d, &s->geometry, &s->hierarchy, &s->environment, &s->lights, slice);
+    if (result != SBL_SUCCESS && result != SBL_UNFINISHED) s->hierarchy.ready = 0;
     return result;
 }
 
