@@ -5084,14 +5084,12 @@ static const char *const sbl__glsl_material[] = {
 "\n",
 "// True if sbl_outgoing does not read `at`.\n",
 "bool sbl_outgoing_is_plain(int object, bool back) {\n",
-"#ifdef SBL_TEXTURED\n",
-"#ifdef SBL_BOUNCED\n",
+"#if !defined(SBL_TEXTURED)\n",
+"    return true;\n",
+"#elif defined(SBL_BOUNCED)\n",
 "    return false;\n",
 "#else\n",
 "    return sbl_emits(object, back) ? lamps_apart : epsilon <= 0.0;\n",
-"#endif\n",
-"#else\n",
-"    return true;\n",
 "#endif\n",
 "}\n",
 "\n",
@@ -5366,26 +5364,22 @@ static const sbl__box sbl__box_empty = { { FLT_MAX, FLT_MAX, FLT_MAX }, { -FLT_M
 
 static void sbl__box_clear(sbl__box *b) { *b = sbl__box_empty; }
 
-static void sbl__box_add_point(sbl__box *b, const float *p) {
+/* Extends a box so that it contains all coordinates from low to high. */
+static void sbl__box_grow(sbl__box *b, const float *low, const float *high) {
     int k;
     for (k = 0; k < 3; k++) {
-        b->low[k] = SBL__MIN(b->low[k], p[k]);
-        b->high[k] = SBL__MAX(b->high[k], p[k]);
+        b->low[k] = SBL__MIN(b->low[k], low[k]);
+        b->high[k] = SBL__MAX(b->high[k], high[k]);
     }
 }
+
+static void sbl__box_add_point(sbl__box *b, const float *p) { sbl__box_grow(b, p, p); }
+static void sbl__box_add(sbl__box *b, const sbl__box *other) { sbl__box_grow(b, other->low, other->high); }
 
 static void sbl__box_of_triangle(sbl__box *b, const sbl__geometry *g, uint32_t triangle) {
     int k;
     *b = sbl__box_empty;
     for (k = 0; k < 3; k++) sbl__box_add_point(b, sbl__triangle_corner(g, triangle, k));
-}
-
-static void sbl__box_add(sbl__box *b, const sbl__box *other) {
-    int k;
-    for (k = 0; k < 3; k++) {
-        b->low[k] = SBL__MIN(b->low[k], other->low[k]);
-        b->high[k] = SBL__MAX(b->high[k], other->high[k]);
-    }
 }
 
 /* Returns half the surface area of a box; 0 if it is empty. */
@@ -5568,11 +5562,9 @@ static sbl__grid_node sbl__bvh_add_grid(sbl__hierarchy *h, const sbl__box *b, ui
     return grid;
 }
 
-/* A triangle's nine coordinates, as bits, and its number. */
-typedef struct sbl__bvh_corners { uint32_t words[10]; } sbl__bvh_corners;
-
+/* Compares triangles: the bits of nine coordinates, then the number. */
 static int sbl__bvh_corner_order(const void *first, const void *second) {
-    const uint32_t *a = ((const sbl__bvh_corners *)first)->words, *b = ((const sbl__bvh_corners *)second)->words;
+    const uint32_t *a = (const uint32_t *)first, *b = (const uint32_t *)second;
     int k = 0;
     while (k < 9 && a[k] == b[k]) k++;
     return a[k] < b[k] ? -1 : a[k] > b[k];
@@ -5583,22 +5575,21 @@ static int sbl__bvh_corner_order(const void *first, const void *second) {
 static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
     const sbl__geometry *g = b->geometry;
     uint32_t *order = b->order;
-    sbl__bvh_corners *corners = (sbl__bvh_corners *)sbl__alloc(b->device->base, (size_t)t->count, sizeof *corners);
+    uint32_t (*corners)[10] = (uint32_t (*)[10])sbl__alloc(b->device->base, (size_t)t->count, sizeof *corners);
     int i, k, kept = 0, last = 0;
     if (!corners) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < t->count; i++) {
         const uint32_t number = order[t->first + i];
-        for (k = 0; k < 3; k++) memcpy(corners[i].words + 3 * k, sbl__triangle_corner(g, number, k), 12);
-        corners[i].words[9] = number;
+        for (k = 0; k < 3; k++) memcpy(corners[i] + 3 * k, sbl__triangle_corner(g, number, k), 12);
+        corners[i][9] = number;
     }
     qsort(corners, (size_t)t->count, sizeof *corners, sbl__bvh_corner_order);
     for (i = 0; i < t->count; i++) {
-        const uint32_t number = corners[i].words[9], before = corners[last].words[9];
-        if (i && !memcmp(corners[i].words, corners[last].words, 36) &&
-            sbl__triangle_object(g, before)->alpha_cutoff == 0.0f)
+        if (i && !memcmp(corners[i], corners[last], 36) &&
+            sbl__triangle_object(g, corners[last][9])->alpha_cutoff == 0.0f)
             continue;
         last = i;
-        order[t->first + kept++] = number;
+        order[t->first + kept++] = corners[i][9];
     }
     for (i = kept; i < t->count; i++) order[t->first + i] = SBL__BVH_DROPPED;
     t->count = kept;
@@ -5887,7 +5878,8 @@ static const char *const sbl__glsl_traverse[] = {
 "struct sbl_Ray {\n",
 "    vec3 origin;\n",
 "    int axis;\n",
-"    float shear_x, shear_y, z, per_z;\n",
+"    vec2 shear;\n",
+"    float z, per_z;\n",
 "    float after;  // hits at a lower distance are ignored,\n",
 "    int past;     // and hits at an equal distance whose number is at most this\n",
 "};\n",
@@ -5903,10 +5895,9 @@ static const char *const sbl__glsl_traverse[] = {
 "    vec3 q = sbl_turn(sbl_triangle_corner_1(triangle) - ray.origin, ray.axis);\n",
 "    vec3 r = sbl_turn(sbl_triangle_corner_2(triangle) - ray.origin, ray.axis);\n",
 "    int number = int(sbl_triangle_number(triangle));\n",
-"    vec2 shear = vec2(ray.shear_x, ray.shear_y);\n",
-"    p.xy -= shear * p.z;\n",
-"    q.xy -= shear * q.z;\n",
-"    r.xy -= shear * r.z;\n",
+"    p.xy -= ray.shear * p.z;\n",
+"    q.xy -= ray.shear * q.z;\n",
+"    r.xy -= ray.shear * r.z;\n",
 "    float u = sbl_side(r.xy, q.xy), v = sbl_side(p.xy, r.xy), w = sbl_side(q.xy, p.xy), determinant = u + v + w;\n",
 "    bool front = u >= 0.0 && v >= 0.0 && w >= 0.0, back = u <= 0.0 && v <= 0.0 && w <= 0.0;\n",
 "    bool inside = (front || back) && determinant != 0.0;\n",
@@ -5929,7 +5920,7 @@ static const char *const sbl__glsl_traverse[] = {
 "    vec3 size = abs(direction);\n",
 "    int axis = size.x > size.y ? (size.x > size.z ? 0 : 2) : (size.y > size.z ? 1 : 2);\n",
 "    vec3 d = sbl_turn(direction, axis);\n",
-"    sbl_Ray ray = sbl_Ray(origin, axis, d.x / d.z, d.y / d.z, d.z, 1.0 / d.z, after, past);\n",
+"    sbl_Ray ray = sbl_Ray(origin, axis, d.xy / d.z, d.z, 1.0 / d.z, after, past);\n",
 "\n",
 "    bvec3 flip = lessThan(direction, vec3(0));\n",
 "    vec3 inverse = 1.0 / mix(max(direction, vec3(1e-12)), min(direction, vec3(-1e-12)), flip);\n",
@@ -6041,9 +6032,6 @@ typedef struct sbl__lamp {
 
 typedef struct sbl__cluster { double power, all_sides, square[6], front[3]; sbl__box bounds; } sbl__cluster;
 
-/* A range of lamps for which a subtree must still be built: first .. first + count - 1. */
-typedef struct sbl__lamp_range { int first, count; } sbl__lamp_range;
-
 typedef struct sbl__lamps {    /* data for building the trees */
     sbl__stages stages;
     const sbl__device *device;
@@ -6058,9 +6046,8 @@ typedef struct sbl__lamps {    /* data for building the trees */
     int left, right, out;      /* positions of merging: in both runs and in the output */
     sbl__lamp_node *nodes;
     int node_count;
-    sbl__lamp_range ranges[SBL__LAMP_DEPTH];
-    sbl__cluster clusters[SBL__LAMP_DEPTH];
-    int depth;                 /* height of the stack of ranges, later of the stack of clusters */
+    sbl__cluster clusters[SBL__LAMP_DEPTH];  /* stack of the clusters of subtrees */
+    int depth;                 /* height of the stack */
 } sbl__lamps;
 
 typedef struct sbl__lights {
@@ -6268,12 +6255,11 @@ static sbl_result sbl__lamps_sort(void *work, sbl__slice *slice) {
 
 /* >>lamps: the trees. A tree of n leaves has 2 n - 1 nodes, so the end of each subtree is known in advance. */
 
-/* Returns the lamp at which to split a range: the first one in whose curve position the highest differing bit is set.
-   A range of equal curve positions is split in the middle. */
-static int sbl__lamps_cut(const sbl__lamps *l, const sbl__lamp_range *r) {
-    int low = r->first, high = r->first + r->count - 1;
+/* Returns the lamp at which to split lamps low .. high: the first one in whose curve position the highest differing bit
+   is set. Lamps with equal curve positions are split in the middle. */
+static int sbl__lamps_cut(const sbl__lamps *l, int low, int high) {
     uint64_t differs = l->list[low].curve ^ l->list[high].curve;
-    if (!differs) return r->first + r->count / 2;
+    if (!differs) return low + (high - low + 1) / 2;
     while (differs & (differs - 1)) differs &= differs - 1;
     while (high - low > 1) {
         const int middle = low + (high - low) / 2;
@@ -6283,26 +6269,32 @@ static int sbl__lamps_cut(const sbl__lamps *l, const sbl__lamp_range *r) {
     return high;
 }
 
-static void sbl__lamps_push(sbl__lamps *l, int first, int count) {
-    l->ranges[l->depth].first = first;
-    l->ranges[l->depth++].count = count;
+/* Begins the subtree of `count` lamps from `first` on at node number `at`. Returns the number of the node after it. */
+static int sbl__lamps_root(sbl__lamps *l, int at, int first, int count) {
+    if (!count) return at;
+    l->nodes[at].first_leaf = (uint32_t)first;
+    l->nodes[at].beyond = (uint32_t)(at + 2 * count - 1);
+    return at + 2 * count - 1;
 }
 
-/* Writes the nodes in preorder, with the first leaf and the end of each subtree. */
-static sbl_result sbl__lamps_split(void *work, sbl__slice *slice) {
+/* Begins both trees after sorting. */
+static int sbl__lamps_plant(void *work) {
     sbl__lamps *l = (sbl__lamps *)work;
-    while (l->depth) {
-        sbl__lamp_range r = l->ranges[--l->depth];
-        sbl__lamp_node *node = &l->nodes[l->node_count];
-        node->first_leaf = (uint32_t)r.first;
-        node->beyond = (uint32_t)(l->node_count + 2 * r.count - 1);
-        l->node_count++;
-        if (r.count > 1) {
-            const int cut = sbl__lamps_cut(l, &r);
-            sbl__lamps_push(l, cut, r.first + r.count - cut);  /* pushed first, so that the left half is popped first */
-            sbl__lamps_push(l, r.first, cut - r.first);
-        }
-        if (l->depth && sbl__late(slice)) return SBL_UNFINISHED;
+    int near_count = 0;
+    while (near_count < l->count && !l->list[near_count].distant) near_count++;
+    l->node_count = sbl__lamps_root(l, sbl__lamps_root(l, 0, 0, near_count), near_count, l->count - near_count);
+    return l->stages.stage + 1;
+}
+
+static int sbl__lamps_nodes(void *work) { return ((sbl__lamps *)work)->node_count; }
+
+/* Begins the subtrees of a node's children, which follow it. */
+static sbl_result sbl__lamps_split(void *work, int at) {
+    sbl__lamps *l = (sbl__lamps *)work;
+    const int first = (int)l->nodes[at].first_leaf, end = first + ((int)l->nodes[at].beyond - at + 1) / 2;
+    if (end - first > 1) {
+        const int cut = sbl__lamps_cut(l, first, end - 1);
+        sbl__lamps_root(l, sbl__lamps_root(l, at + 1, first, cut - first), cut, end - cut);
     }
     return SBL_SUCCESS;
 }
@@ -6349,8 +6341,6 @@ static void sbl__cluster_write(const sbl__cluster *c, int distant, sbl__lamp_nod
     if (distant) node->beyond |= SBL__FAR_NODE;
 }
 
-static int sbl__lamps_nodes(void *work) { return ((sbl__lamps *)work)->node_count; }
-
 /* Computes the cluster of a node's lamps. Nodes are visited from last to first, so that the clusters of a node's
    halves lie on the stack, the left one on top. */
 static sbl_result sbl__lamps_add_up(void *work, int at) {
@@ -6386,17 +6376,6 @@ static sbl_result sbl__lamps_place(void *work, sbl__slice *slice) {
     l->nodes = (sbl__lamp_node *)sbl__alloc_raw(base, 2 * (size_t)l->count, sizeof *l->nodes);
     l->width = 1;
     return l->sorted && l->nodes ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
-}
-
-/* Pushes the ranges of both trees. */
-static int sbl__lamps_plant(void *work) {
-    sbl__lamps *l = (sbl__lamps *)work;
-    int near_count = 0;
-    while (near_count < l->count && !l->list[near_count].distant) near_count++;
-    l->depth = 0;
-    if (l->count > near_count) sbl__lamps_push(l, near_count, l->count - near_count);
-    if (near_count) sbl__lamps_push(l, 0, near_count);
-    return l->stages.stage + 1;
 }
 
 static sbl_result sbl__lamps_store(void *work, sbl__slice *slice) {
@@ -6445,7 +6424,7 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
         { NULL, NULL, sbl__lamps_add_texel, sbl__lamps_texels },
         { sbl__lamps_place, NULL, NULL, NULL },
         { sbl__lamps_sort, sbl__lamps_plant, NULL, NULL },
-        { sbl__lamps_split, NULL, NULL, NULL },
+        { NULL, NULL, sbl__lamps_split, sbl__lamps_nodes },
         { NULL, NULL, sbl__lamps_add_up, sbl__lamps_nodes },
         { sbl__lamps_store, NULL, NULL, NULL }
     };
@@ -7099,16 +7078,16 @@ static void sbl__scene_changed(const sbl__device *d, sbl__scene *s) {
 /* Replaces all materials and all lights; NULL keeps them. On failure nothing changes. */
 static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const sbl_material *materials,
                                      const sbl_light *lights) {
-    const size_t bytes = (size_t)s->geometry.mesh_count * sizeof(sbl__object);
-    sbl__object *objects = s->geometry.objects;
+    const size_t count = (size_t)s->geometry.mesh_count;
+    sbl__object *objects = (sbl__object *)sbl__alloc_raw(d->base, count, sizeof *objects);
     const sbl__scene before = *s;
     sbl__lights others;
     sbl_result result = SBL_SUCCESS;
     int i, differ = 0;
+    if (!objects) return SBL_ERROR_OUT_OF_MEMORY;
     memset(&others, 0, sizeof others);
-    s->geometry.objects = (sbl__object *)sbl__alloc_raw(d->base, (size_t)s->geometry.mesh_count, sizeof *objects);
-    if (!s->geometry.objects) { s->geometry.objects = objects; return SBL_ERROR_OUT_OF_MEMORY; }
-    memcpy(s->geometry.objects, objects, bytes);
+    memcpy(objects, before.geometry.objects, count * sizeof *objects);
+    s->geometry.objects = objects;
     if (materials) sbl__scene_dress(s, materials);
     result = sbl__lights_make(d->base, &others, lights ? lights : s->lights.list, s->lights.count, s->brightest,
                               s->geometry.extent);
@@ -7120,14 +7099,14 @@ static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const s
     }
     if (result != SBL_SUCCESS) {
         sbl__lights_free(d, &others);
-        sbl__free(d->base, s->geometry.objects);
+        sbl__free(d->base, objects);
         *s = before;
         sbl__geometry_attach_objects(d, &s->geometry);
         return result;
     }
     for (i = 0; i < s->geometry.mesh_count; i++)
-        differ |= sbl__reflection_differs(&objects[i], &s->geometry.objects[i]);
-    sbl__free(d->base, objects);
+        differ |= sbl__reflection_differs(&before.geometry.objects[i], &objects[i]);
+    sbl__free(d->base, before.geometry.objects);
     sbl__lights_free(d, &s->lights);
     s->lights = others;
     if (differ) sbl__scene_changed(d, s);

@@ -41,14 +41,12 @@ vec3 sbl_emission_pattern(int object, sbl_Attributes at) {
 
 // True if sbl_outgoing does not read `at`.
 bool sbl_outgoing_is_plain(int object, bool back) {
-#ifdef SBL_TEXTURED
-#ifdef SBL_BOUNCED
+#if !defined(SBL_TEXTURED)
+    return true;
+#elif defined(SBL_BOUNCED)
     return false;
 #else
     return sbl_emits(object, back) ? lamps_apart : epsilon <= 0.0;
-#endif
-#else
-    return true;
 #endif
 }
 

@@ -52,7 +52,8 @@ int sbl_box(uvec4 box, vec3 per, vec3 offset, bvec3 flip, int nearest) {
 struct sbl_Ray {
     vec3 origin;
     int axis;
-    float shear_x, shear_y, z, per_z;
+    vec2 shear;
+    float z, per_z;
     float after;  // hits at a lower distance are ignored,
     int past;     // and hits at an equal distance whose number is at most this
 };
@@ -68,10 +69,9 @@ void sbl_test(int triangle, sbl_Ray ray, inout sbl_Hit hit) {
     vec3 q = sbl_turn(sbl_triangle_corner_1(triangle) - ray.origin, ray.axis);
     vec3 r = sbl_turn(sbl_triangle_corner_2(triangle) - ray.origin, ray.axis);
     int number = int(sbl_triangle_number(triangle));
-    vec2 shear = vec2(ray.shear_x, ray.shear_y);
-    p.xy -= shear * p.z;
-    q.xy -= shear * q.z;
-    r.xy -= shear * r.z;
+    p.xy -= ray.shear * p.z;
+    q.xy -= ray.shear * q.z;
+    r.xy -= ray.shear * r.z;
     float u = sbl_side(r.xy, q.xy), v = sbl_side(p.xy, r.xy), w = sbl_side(q.xy, p.xy), determinant = u + v + w;
     bool front = u >= 0.0 && v >= 0.0 && w >= 0.0, back = u <= 0.0 && v <= 0.0 && w <= 0.0;
     bool inside = (front || back) && determinant != 0.0;
@@ -94,7 +94,7 @@ sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float li
     vec3 size = abs(direction);
     int axis = size.x > size.y ? (size.x > size.z ? 0 : 2) : (size.y > size.z ? 1 : 2);
     vec3 d = sbl_turn(direction, axis);
-    sbl_Ray ray = sbl_Ray(origin, axis, d.x / d.z, d.y / d.z, d.z, 1.0 / d.z, after, past);
+    sbl_Ray ray = sbl_Ray(origin, axis, d.xy / d.z, d.z, 1.0 / d.z, after, past);
 
     bvec3 flip = lessThan(direction, vec3(0));
     vec3 inverse = 1.0 / mix(max(direction, vec3(1e-12)), min(direction, vec3(-1e-12)), flip);
