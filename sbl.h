@@ -4702,12 +4702,13 @@ static sbl_result sbl__rings_step(sbl__rings *r, sbl__slice *slice) {
 
 #define SBL__SOLVER_ROUNDS 1000  /* limit of the number of rounds */
 
-enum { SBL__SOLVER_START, SBL__SOLVER_MULTIPLY, SBL__SOLVER_DOT, SBL__SOLVER_ADVANCE, SBL__SOLVER_TURN,
+enum { SBL__SOLVER_START, SBL__SOLVER_TURN, SBL__SOLVER_MULTIPLY, SBL__SOLVER_DOT, SBL__SOLVER_ADVANCE,
        SBL__SOLVER_DONE };
 
 /* Dot products of vectors of a system. power, next_power: residual and preconditioned residual, before and after the
-   round. along: direction and product. first2, left2: preconditioned residual with itself, at the start and now. */
-typedef struct sbl__solver_sums { double power, next_power, along, first2, left2; } sbl__solver_sums;
+   round. along: direction and product. first2, left2: preconditioned residual with itself, at the start and now. turn:
+   share of the last direction that the next direction keeps */
+typedef struct sbl__solver_sums { double power, next_power, along, first2, left2, turn; } sbl__solver_sums;
 
 typedef struct sbl__solver {
     sbl__stages stages;
@@ -4761,27 +4762,24 @@ static sbl_result sbl__solver_unknown(void *work, int unknown) {
     int k;
     for (k = 0; k < 3; k++, i++) {
         sbl__solver_sums *sum = &s->sums[s->together ? 0 : k];
-        const double d = s->diagonal[i], share = sum->along > 0 ? sum->power / sum->along : 0;
+        const double d = s->diagonal[i], preconditioned = d > 0 ? s->residual[i] / d : 0;
+        const double share = sum->along > 0 ? sum->power / sum->along : 0;
         switch (s->stages.stage) {
             case SBL__SOLVER_START:
-                s->direction[i] = d > 0 ? s->residual[i] / d : 0;
-                sum->power += s->residual[i] * s->direction[i];
-                sum->first2 += s->direction[i] * s->direction[i];
+                sum->power += s->residual[i] * preconditioned;
+                sum->first2 += preconditioned * preconditioned;
+                break;
+            case SBL__SOLVER_TURN:
+                s->direction[i] = preconditioned + sum->turn * s->direction[i];
                 s->product[i] = s->identity * s->direction[i];
                 break;
             case SBL__SOLVER_DOT: sum->along += s->direction[i] * s->product[i]; break;
-            case SBL__SOLVER_ADVANCE:
+            default:
                 if (!(d > 0)) break;
                 s->solution[i] += share * s->direction[i];
                 s->residual[i] -= share * s->product[i];
                 sum->next_power += s->residual[i] * s->residual[i] / d;
                 sum->left2 += s->residual[i] / d * (s->residual[i] / d);
-                break;
-            default:
-                if (d > 0)
-                    s->direction[i] = s->residual[i] / d +
-                                      (sum->power > 0 ? sum->next_power / sum->power : 0) * s->direction[i];
-                s->product[i] = s->identity * s->direction[i];
         }
     }
     return SBL_SUCCESS;
@@ -4789,34 +4787,30 @@ static sbl_result sbl__solver_unknown(void *work, int unknown) {
 
 static int sbl__solver_after_start(void *work) {
     const sbl__solver_sums *sums = ((const sbl__solver *)work)->sums;
-    return sums[0].first2 > 0 || sums[1].first2 > 0 || sums[2].first2 > 0 ? SBL__SOLVER_MULTIPLY : SBL__SOLVER_DONE;
+    return sums[0].first2 > 0 || sums[1].first2 > 0 || sums[2].first2 > 0 ? SBL__SOLVER_TURN : SBL__SOLVER_DONE;
 }
 
 static int sbl__solver_after_advance(void *work) {
     sbl__solver *s = (sbl__solver *)work;
     int k, solved = 1;
-    for (k = 0; k < 3; k++) solved &= s->sums[k].left2 <= s->precision2 * s->sums[k].first2;
-    return solved || ++s->rounds >= SBL__SOLVER_ROUNDS ? SBL__SOLVER_DONE : SBL__SOLVER_TURN;
-}
-
-static int sbl__solver_after_turn(void *work) {
-    sbl__solver *s = (sbl__solver *)work;
-    int k;
     for (k = 0; k < 3; k++) {
-        s->sums[k].power = s->sums[k].next_power;
-        s->sums[k].next_power = s->sums[k].along = s->sums[k].left2 = 0;
+        sbl__solver_sums *sum = &s->sums[k];
+        solved &= sum->left2 <= s->precision2 * sum->first2;
+        sum->turn = sum->power > 0 ? sum->next_power / sum->power : 0;
+        sum->power = sum->next_power;
+        sum->next_power = sum->along = sum->left2 = 0;
     }
-    return SBL__SOLVER_MULTIPLY;
+    return solved || ++s->rounds >= SBL__SOLVER_ROUNDS ? SBL__SOLVER_DONE : SBL__SOLVER_TURN;
 }
 
 /* Does one piece. SBL_SUCCESS: the solution is ready, and the next call starts with another right side. */
 static sbl_result sbl__solver_step(sbl__solver *s, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, sbl__solver_after_start, sbl__solver_unknown, sbl__solver_unknowns },
+        { NULL, NULL, sbl__solver_unknown, sbl__solver_unknowns },
         { NULL, NULL, sbl__solver_term, sbl__solver_terms },
         { NULL, NULL, sbl__solver_unknown, sbl__solver_unknowns },
-        { NULL, sbl__solver_after_advance, sbl__solver_unknown, sbl__solver_unknowns },
-        { NULL, sbl__solver_after_turn, sbl__solver_unknown, sbl__solver_unknowns }
+        { NULL, sbl__solver_after_advance, sbl__solver_unknown, sbl__solver_unknowns }
     };
     const sbl_result result = sbl__stages_step(&s->stages, table, SBL__COUNT(table), s, slice);
     if (result != SBL_SUCCESS) return result;
