@@ -4604,7 +4604,6 @@ static void sbl__join(uint32_t *parents, uint32_t one, uint32_t other) {
    its neighbours in earlier rings. */
 
 #define SBL__RING_WAITS (-1)
-#define SBL__RING_QUEUED (-2)
 
 typedef struct sbl__rings {
     sbl__stages stages;
@@ -4616,10 +4615,10 @@ typedef struct sbl__rings {
     int count;          /* number of things */
     int width;          /* things per row of a grid, for sbl__ring_grid */
     int last;           /* number of the last ring wanted */
-    int *ring;          /* per thing: its ring, 0 if it had a value from the start; SBL__RING_WAITS or _QUEUED */
+    int *ring;          /* per thing: its ring, 0 if it had a value from the start, or SBL__RING_WAITS */
     int *queue;         /* things of all rings, in the order of the rings */
     int queued, room;   /* length and capacity of the queue */
-    int number, end;    /* number of the present ring, and where it ends in the queue */
+    int number;         /* number of the present ring */
 } sbl__rings;
 
 static void sbl__rings_free(sbl__base *base, sbl__rings *r) {
@@ -4660,7 +4659,7 @@ static sbl_result sbl__ring_spread(sbl__rings *r, int thing) {
         if (r->ring[other] != SBL__RING_WAITS) continue;
         if (!sbl__grow(r->base, &r->queue, &r->room, r->queued + 1, sizeof *r->queue)) return SBL_ERROR_OUT_OF_MEMORY;
         r->queue[r->queued++] = other;
-        r->ring[other] = SBL__RING_QUEUED;
+        r->ring[other] = r->number + 1;
     }
     return SBL_SUCCESS;
 }
@@ -4673,12 +4672,8 @@ static sbl_result sbl__ring_source(void *work, int thing) {
 static sbl_result sbl__ring_next(void *work, int at) {
     sbl__rings *r = (sbl__rings *)work;
     const int thing = r->queue[at];
-    if (at == r->end) {
-        r->end = r->queued;
-        r->number++;
-    }
+    r->number = r->ring[thing];
     r->mean(r->user, thing);
-    r->ring[thing] = r->number;
     return sbl__ring_spread(r, thing);
 }
 
@@ -6958,15 +6953,8 @@ static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
 #define SBL__STORE_LEAVES 49152    /* default limit of the number of leaves */
 #define SBL__STORE_TEXELS 8        /* limit of the texels per leaf, including its share of cells and cuts */
 
-/* Sets the limit of the store's leaves: the host's or the default, and at most what the driver's tables hold. */
-static void sbl__scene_fit_store(const sbl__device *d, sbl__scene *s, int samples) {
-    const int limit = d->gl.capabilities.max_texture_buffer_size - s->geometry.triangle_count / 4;
-    s->store.most = samples ? samples : SBL__STORE_LEAVES;
-    if (!s->geometry.wide) s->store.most = SBL__MAX(1024, SBL__MIN(s->store.most, limit / SBL__STORE_TEXELS));
-}
-
 /* Checks s->brightest. Decides whether tables are buffer textures or, if one exceeds the driver's limit for those, 2D
-   textures. */
+   textures. Reduces the number of the store's leaves to what its tables hold. */
 static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     const sbl_capabilities *c = &d->gl.capabilities;
     const sbl__geometry *g = &s->geometry;
@@ -6991,6 +6979,10 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
         return SBL_ERROR_UNSUPPORTED;
     }
     if (s->geometry.wide) s->features |= SBL__WIDE;
+    else {
+        const int leaves = (c->max_texture_buffer_size - g->triangle_count / 4) / SBL__STORE_TEXELS;
+        s->store.most = SBL__MAX(1024, SBL__MIN(s->store.most, leaves));
+    }
     return SBL_SUCCESS;
 }
 
@@ -7034,6 +7026,7 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
         memcpy(s->draw_bounds, desc->draw_bounds, sizeof s->draw_bounds);
         s->draw_brightest = desc->draw_max_radiance > 0 ? desc->draw_max_radiance : 1.0f;
         s->material_count = desc->material_count;
+        s->store.most = desc->max_bounce_cells ? desc->max_bounce_cells : SBL__STORE_LEAVES;
         for (i = 0; i < desc->mesh_count; i++) {
             const sbl_mesh *mesh = &desc->meshes[i];
             s->geometry.meshes[i].material = mesh->material;
@@ -7045,7 +7038,6 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
                                   s->geometry.extent);
     }
     if (result == SBL_SUCCESS) result = sbl__scene_fit(d, s);
-    if (result == SBL_SUCCESS) sbl__scene_fit_store(d, s, desc->max_bounce_cells);
     d->gl.doing = "storing meshes";
     if (result == SBL_SUCCESS) result = sbl__geometry_upload(d, &s->geometry);
     if (result != SBL_SUCCESS) sbl__scene_free(d, s);
@@ -7159,8 +7151,7 @@ static const char *const sbl__glsl_scene[] = {
 "\n",
 "vec4 sbl_texel(uvec4 place, ivec2 at) {\n",
 "    ivec2 size = ivec2(place.yz);\n",
-"    if ((place.w & SBL_TEXTURE_CLAMPS) != 0u) at = clamp(at, ivec2(0), size - 1);\n",
-"    else at -= size * ivec2(floor(vec2(at) / vec2(size)));\n",
+"    if ((place.w & SBL_TEXTURE_CLAMPS) == 0u) at -= size * ivec2(floor(vec2(at) / vec2(size)));\n",
 "    at = clamp(at, ivec2(0), size - 1);  // the division above may round up for far repeats\n",
 "    bool srgb = (place.w & SBL_TEXTURE_KIND) == SBL_TEXTURE_SRGB;\n",
 "    int index = at.y * size.x + at.x;\n",

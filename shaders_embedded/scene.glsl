@@ -18,8 +18,7 @@ vec4 sbl_unpack_color(uint rg, uint ba) { return vec4(rg & 65535u, rg >> 16, ba 
 
 vec4 sbl_texel(uvec4 place, ivec2 at) {
     ivec2 size = ivec2(place.yz);
-    if ((place.w & SBL_TEXTURE_CLAMPS) != 0u) at = clamp(at, ivec2(0), size - 1);
-    else at -= size * ivec2(floor(vec2(at) / vec2(size)));
+    if ((place.w & SBL_TEXTURE_CLAMPS) == 0u) at -= size * ivec2(floor(vec2(at) / vec2(size)));
     at = clamp(at, ivec2(0), size - 1);  // the division above may round up for far repeats
     bool srgb = (place.w & SBL_TEXTURE_KIND) == SBL_TEXTURE_SRGB;
     int index = at.y * size.x + at.x;
