@@ -4519,8 +4519,7 @@ static sbl_result sbl__hash_table_make(sbl__base *base, sbl__hash_table *t, doub
     return t->slots ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Returns the number in a slot and advances *slot, which is the hash at first. Returns SBL__NONE at a free slot, and
-   does not advance beyond it. */
+/* Returns the number in a slot, and advances *slot, which is a hash at first. Stays at a free slot: SBL__NONE. */
 static uint32_t sbl__slot_next(const sbl__hash_table *t, uint32_t *slot) {
     const uint32_t found = t->slots[*slot & t->mask];
     *slot += found > 0;
@@ -4531,8 +4530,7 @@ static void sbl__slot_fill(sbl__hash_table *t, uint32_t slot, uint32_t number) {
     t->slots[slot & t->mask] = number + 1;
 }
 
-/* Returns the first number in the table with this hash for which `same` is true. If there is none, inserts `number` and
-   returns it. */
+/* Returns the first number with this hash for which `same` is true. If there is none, inserts and returns `number`. */
 static uint32_t sbl__hash_table_first(sbl__hash_table *t, uint32_t hash, uint32_t number,
                                       int (*same)(const void *user, uint32_t one, uint32_t other), const void *user) {
     uint32_t slot = hash, other;
@@ -4565,8 +4563,7 @@ static int sbl__same_place(const void *geometry, uint32_t one, uint32_t other) {
     return v[one].object == v[other].object && sbl__same_floats(v[one].position, v[other].position, 3);
 }
 
-/* Returns the vertex at a side's first end (0), at its second end (1), or opposite to it (2). corners: three welded
-   vertices per triangle */
+/* Returns a vertex of a side: first end (0), second end (1), opposite (2). corners: 3 welded vertices per triangle */
 static uint32_t sbl__side_end(const uint32_t *corners, uint32_t side, uint32_t which) {
     return corners[side - side % 3 + (side + which) % 3];
 }
@@ -4578,8 +4575,7 @@ static int sbl__same_ends(const void *corners, uint32_t one, uint32_t other) {
     return (a == c && b == d) || (a == d && b == c);
 }
 
-/* Returns the first side in the table with the same ends, in either order. If there is none, inserts `side` and returns
-   it. */
+/* Returns the first side with the same ends, in either order. If there is none, inserts and returns `side`. */
 static uint32_t sbl__first_side(sbl__hash_table *t, const uint32_t *corners, uint32_t side) {
     const uint32_t a = sbl__side_end(corners, side, 0), b = sbl__side_end(corners, side, 1);
     return sbl__hash_table_first(t, sbl__hash(SBL__MIN(a, b) ^ sbl__hash(SBL__MAX(a, b))), side, sbl__same_ends,
@@ -4842,8 +4838,7 @@ static void sbl__textures_free(const sbl__device *d, sbl__textures *t) {
 /* A texel table while the CPU fills it. texel: bytes per texel, 4 for 8-bit sRGB or 8 for 16-bit floats */
 typedef struct sbl__texel_table { unsigned char *bytes; size_t texel; int width, rows; } sbl__texel_table;
 
-/* Reads a pixel. Bytes are divided by 255. One channel is grey, two are grey and alpha; c[3] is left unchanged if the
-   texture has no alpha. */
+/* Reads a pixel. Bytes are divided by 255. One channel is grey, two are grey and alpha. Without alpha, c[3] stays. */
 static void sbl__read_pixel(const sbl_texture *t, int x, int y, float c[4]) {
     const int channels = sbl__texture_channels(t);
     const unsigned char *at = (const unsigned char *)t->pixels + (size_t)y * sbl__texture_stride(t, t->width) +
@@ -5719,8 +5714,7 @@ static sbl_result sbl__bvh_cost(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Uploads `count` of a table's `all` elements, beginning with number stages.at. After the last one, makes the table
-   visible to shaders. */
+/* Uploads `count` of a table's `all` elements, from number stages.at on. Attaches the table after the last one. */
 static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, size_t size, int count, int all) {
     int *at = &b->stages.at;
     sbl_result result = SBL_SUCCESS;
@@ -5902,8 +5896,7 @@ static const char *const sbl__glsl_traverse[] = {
 "        hit = sbl_Hit(l, triangle, number, v / determinant, w / determinant, (determinant < 0.0) == (ray.z > 0.0));\n",
 "}\n",
 "\n",
-"// Returns the nearest hit below the distance `limit`. It is above the distance `after`, or at it with a number\n",
-"// above `past`.\n",
+"// Returns the nearest hit below the distance `limit` and above `after`, or at `after` with a number above `past`.\n",
 "sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float limit) {\n",
 "    sbl_Hit hit = sbl_Hit(limit, -1, -1, 0.0, 0.0, false);\n",
 "    vec3 size = abs(direction);\n",
@@ -5918,8 +5911,7 @@ static const char *const sbl__glsl_traverse[] = {
 "    stack[0] = SBL_END;\n",
 "    int top = 0;\n",
 "    uint node = node_count == 0 ? SBL_END : 1u;\n",
-"    // Each turn visits a leaf, or enters or leaves a grid. Their number is limited, because softpipe does not\n",
-"    // leave a loop without a limit.\n",
+"    // Each turn visits a leaf or changes grids. softpipe does not leave this loop unless their number is limited.\n",
 "    for (int turns = 4 * node_count + 4; turns > 0; turns--) {\n",
 "        while (node < SBL_LEAF) {  // descends to a leaf, to the nearer child first\n",
 "            uvec4 first = sbl_node_child_0(int(node)), second = sbl_node_child_1(int(node));\n",
@@ -6223,8 +6215,7 @@ static uint64_t sbl__lamp_curve(const sbl__lamps *l, const sbl__lamp *lamp) {
     return curve;
 }
 
-/* Merges runs of l->width lamps, then runs twice as long, until one run is left. Lamps of equal curve positions keep
-   their order. */
+/* Merges runs of l->width lamps, then runs twice as long, until one run is left. The sort is stable. */
 static sbl_result sbl__lamps_sort(void *work, sbl__slice *slice) {
     sbl__lamps *l = (sbl__lamps *)work;
     for (; l->width < l->count; l->width *= 2, l->out = 0) {

@@ -87,8 +87,7 @@ void sbl_test(int triangle, sbl_Ray ray, inout sbl_Hit hit) {
         hit = sbl_Hit(l, triangle, number, v / determinant, w / determinant, (determinant < 0.0) == (ray.z > 0.0));
 }
 
-// Returns the nearest hit below the distance `limit`. It is above the distance `after`, or at it with a number
-// above `past`.
+// Returns the nearest hit below the distance `limit` and above `after`, or at `after` with a number above `past`.
 sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float limit) {
     sbl_Hit hit = sbl_Hit(limit, -1, -1, 0.0, 0.0, false);
     vec3 size = abs(direction);
@@ -103,8 +102,7 @@ sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float li
     stack[0] = SBL_END;
     int top = 0;
     uint node = node_count == 0 ? SBL_END : 1u;
-    // Each turn visits a leaf, or enters or leaves a grid. Their number is limited, because softpipe does not
-    // leave a loop without a limit.
+    // Each turn visits a leaf or changes grids. softpipe does not leave this loop unless their number is limited.
     for (int turns = 4 * node_count + 4; turns > 0; turns--) {
         while (node < SBL_LEAF) {  // descends to a leaf, to the nearer child first
             uvec4 first = sbl_node_child_0(int(node)), second = sbl_node_child_1(int(node));
