@@ -5395,16 +5395,14 @@ typedef struct sbl__bvh_split {
 /* Cost of a node. sum: nodes and triangles that a ray through its box tests on average, times the box's area */
 typedef struct sbl__bvh_work { double sum; float area; int parent; } sbl__bvh_work;
 
-typedef enum sbl__bvh_stage {
-    SBL__BVH_BOXES, SBL__BVH_COUNT, SBL__BVH_PART, SBL__BVH_NODE, SBL__BVH_COSTS
-} sbl__bvh_stage;
+enum { SBL__BVH_BOXES, SBL__BVH_COUNT, SBL__BVH_PART, SBL__BVH_NODE, SBL__BVH_COSTS };
 
 typedef struct sbl__bvh {        /* while it is built */
     sbl__stages stages;
     const sbl__device *device;
     const sbl__geometry *geometry;
     struct sbl__hierarchy *hierarchy;
-    sbl__node *nodes;
+    uint32_t (*children)[4];     /* sbl__node: two children per node */
     uint32_t *order;             /* triangle numbers, leaf after leaf */
     sbl__box *boxes;             /* per triangle: its bounds */
     sbl__bvh_work *work;         /* per node: its cost */
@@ -5429,7 +5427,7 @@ typedef struct sbl__hierarchy {
 
 static void sbl__bvh_free(const sbl__device *d, sbl__bvh *b) {
     if (!b) return;
-    sbl__free(d->base, b->nodes);
+    sbl__free(d->base, b->children);
     sbl__free(d->base, b->order);
     sbl__free(d->base, b->boxes);
     sbl__free(d->base, b->work);
@@ -5541,7 +5539,7 @@ static sbl__grid_node sbl__bvh_add_grid(sbl__hierarchy *h, const sbl__box *b, ui
     }
     grid.root = (uint32_t)place + 1;
     grid.around = around;
-    memcpy(&h->building->nodes[place], &grid, sizeof grid);
+    memcpy(&h->building->children[2 * place], &grid, sizeof grid);
     memset(&h->building->work[place], 0, sizeof *h->building->work);
     return grid;
 }
@@ -5581,10 +5579,6 @@ static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
     return SBL_SUCCESS;
 }
 
-static uint32_t *sbl__bvh_child(sbl__bvh *b, int node, int side) {
-    return side ? b->nodes[node].child_1 : b->nodes[node].child_0;
-}
-
 /* Begins the top task of the stack: links the next node to its parent, behind a finer grid if its box is small in the
    parent's grid, and empties the bins. */
 static int sbl__bvh_next_task(void *work) {
@@ -5597,7 +5591,7 @@ static int sbl__bvh_next_task(void *work) {
     int axis, k, fine = 1;
     if (!b->top) return SBL__BVH_COSTS;
     *t = b->stack[--b->top];
-    child = sbl__bvh_child(b, t->parent, t->side) + 3;
+    child = &b->children[2 * t->parent + t->side][3];
     *child = (uint32_t)h->node_count;
     for (k = 0; k < 3; k++) fine &= (box->high[k] - box->low[k]) * t->grid.per_length[k] < SBL__BVH_GRID_STEPS;
     if (fine && t->count >= SBL__BVH_GRID_LEAST && t->depth < SBL__BVH_SAH_DEPTH) {
@@ -5636,7 +5630,7 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
     b->work[node].parent = t->parent;
     for (side = 0; side < 2; side++) {
         const int first = side ? t->first + s->left : t->first, count = side ? t->count - s->left : s->left;
-        uint32_t *child = sbl__bvh_child(b, node, side);
+        uint32_t *child = b->children[2 * node + side];
         sbl__bvh_quantise(&t->grid, &s->halves[side].box, child);
         b->work[node].sum += (double)sbl__box_area(&s->halves[side].box) * (count <= SBL__BVH_LEAF ? 1 + count : 1);
         if (count <= SBL__BVH_LEAF)
@@ -5667,12 +5661,12 @@ static sbl_result sbl__bvh_begin(const sbl__device *d, const sbl__geometry *g, s
     b->hierarchy = h;
     h->node_count = h->triangle_count = 0;
     h->cost = h->seconds = 0;
-    b->nodes = (sbl__node *)sbl__alloc_raw(d->base, nodes, sizeof *b->nodes);
+    b->children = (uint32_t (*)[4])sbl__alloc_raw(d->base, nodes, sizeof(sbl__node));
     b->order = (uint32_t *)sbl__alloc_raw(d->base, room, 4);
     b->boxes = (sbl__box *)sbl__alloc_raw(d->base, room, sizeof *b->boxes);
     b->work = (sbl__bvh_work *)sbl__alloc_raw(d->base, nodes, sizeof *b->work);
     b->all.box = b->all.centroids = sbl__box_empty;
-    return b->nodes && b->order && b->boxes && b->work ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    return b->children && b->order && b->boxes && b->work ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 static int sbl__bvh_all_triangles(void *work) { return ((sbl__bvh *)work)->geometry->triangle_count; }
@@ -5714,9 +5708,10 @@ static sbl_result sbl__bvh_cost(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Uploads `count` of a table's `all` elements, from number stages.at on. Attaches the table after the last one. */
-static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, size_t size, int count, int all) {
+/* Uploads a piece of a table's `all` elements, from number stages.at on. Attaches the table after the last one. */
+static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, size_t size, int all) {
     int *at = &b->stages.at;
+    const int count = SBL__MIN(SBL__UPLOAD_CHUNK / (int)size, all - *at);
     sbl_result result = SBL_SUCCESS;
     if (!*at) result = sbl__buffer_make(b->device, &t->buffer, size * (size_t)all, NULL, SBL__GL_STATIC_DRAW);
     if (result != SBL_SUCCESS) return result;
@@ -5751,18 +5746,16 @@ static sbl_result sbl__bvh_triangles(void *work, sbl__slice *slice) {
         t->number = number;
         t->cutout = sbl__triangle_object(g, number)->alpha_cutoff != 0.0f;
     }
-    result = sbl__bvh_upload(b, &h->triangle_table, records, sizeof *records, count, h->triangle_count);
+    result = sbl__bvh_upload(b, &h->triangle_table, records, sizeof *records, h->triangle_count);
     sbl__free(b->device->base, records);
     return result;
 }
 
 static sbl_result sbl__bvh_nodes(void *work, sbl__slice *slice) {
-    enum { MOST = SBL__UPLOAD_CHUNK / sizeof(sbl__node) };
     sbl__bvh *b = (sbl__bvh *)work;
-    const int at = b->stages.at, all = b->hierarchy->node_count;
+    sbl__hierarchy *h = b->hierarchy;
     (void)slice;
-    return sbl__bvh_upload(b, &b->hierarchy->node_table, b->nodes + at, sizeof *b->nodes,
-                           SBL__MIN((int)MOST, all - at), all);
+    return sbl__bvh_upload(b, &h->node_table, b->children + 2 * b->stages.at, sizeof(sbl__node), h->node_count);
 }
 
 /* Builds the hierarchy and uploads it. SBL_SUCCESS: it is ready. After an error the caller may begin again. */
