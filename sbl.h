@@ -4864,7 +4864,8 @@ static sbl_result sbl__texels_write(const sbl__device *d, const sbl__textures *s
             float c[4] = { 0, 0, 0, 1 };
             if (copy) memcpy(c, copy + 4 * ((size_t)y * (size_t)width + (size_t)x), sizeof c);
             else sbl__read_pixel(t, x, y, c);
-            for (k = 0; k < 4; k++) {
+            for (k = 0; k < 4 && encoded; k++) to[k] = (unsigned char)(255.0f * c[k] + 0.5f);
+            for (k = 0; k < 4 && !encoded; k++) {
                 if (!sbl__between(&c[k], 0, FLT_MAX)) {
                     sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: component %d of pixel "
                              "%d %d is %g; it must be finite and not negative", number, k, x, y, (double)c[k]);
@@ -4873,7 +4874,7 @@ static sbl_result sbl__texels_write(const sbl__device *d, const sbl__textures *s
                 if (table->texel == 8) {
                     const uint16_t half = sbl__to_half(c[k]);
                     memcpy(to + 2 * k, &half, 2);
-                } else to[k] = sbl__to_byte(k < 3 && !encoded ? sbl__linear_to_srgb(c[k]) : c[k]);
+                } else to[k] = sbl__to_byte(k < 3 ? sbl__linear_to_srgb(c[k]) : c[k]);
             }
             s->brightest[number] = SBL__MAX(s->brightest[number], encoded ? 1.0f : sbl__max3(c));
         }
