@@ -4373,16 +4373,16 @@ static void sbl__geometry_bind(sbl__device *d, const sbl__geometry *g) {
 }
 
 /* ==================================================================================================== >>topology
-   What triangles share: vertices in the same place, sides, and the groups that they form; and values that spread from
-   neighbour to neighbour. Rooms number their vertices and triangles themselves. A side is 3 * triangle + the corner at
-   which it begins. */
+   Connectivity of triangles: hash tables that find vertices at equal positions and shared sides, groups, and values
+   that spread from neighbour to neighbour. Callers number vertices and triangles themselves. The number of a side is
+   3 * triangle + the corner at which it begins. */
 
 #define SBL__NONE UINT32_MAX
 
-/* A hash table of numbers. Numbers with the same hash are found in the order in which they were put in. */
+/* Hash table of numbers, with linear probing. Numbers with equal hashes are found in the order of insertion. */
 typedef struct sbl__hash_table {
     uint32_t *slots;  /* 1 + number; 0: free */
-    uint32_t mask;    /* slots, a power of two, less 1 */
+    uint32_t mask;    /* number of slots, which is a power of two, minus 1 */
 } sbl__hash_table;
 
 static void sbl__hash_table_free(sbl__base *base, sbl__hash_table *t) {
@@ -4390,7 +4390,7 @@ static void sbl__hash_table_free(sbl__base *base, sbl__hash_table *t) {
     t->slots = NULL;
 }
 
-/* Empties the table and makes room for so many numbers. */
+/* Makes the table empty, with room for `count` numbers. */
 static sbl_result sbl__hash_table_make(sbl__base *base, sbl__hash_table *t, double count) {
     uint32_t slots = 16;
     while (slots < 2 * count && slots < 0x80000000u) slots *= 2;
@@ -4400,8 +4400,7 @@ static sbl_result sbl__hash_table_make(sbl__base *base, sbl__hash_table *t, doub
     return t->slots ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Slot search: returns the number in a slot and goes on to the next slot. Begin at the hash. Stays at the first free
-   slot, and returns SBL__NONE there. */
+/* Returns the number in a slot, and advances *slot, which is a hash at first. Stays at a free slot: SBL__NONE. */
 static uint32_t sbl__slot_next(const sbl__hash_table *t, uint32_t *slot) {
     const uint32_t found = t->slots[*slot & t->mask];
     *slot += found > 0;
@@ -4412,8 +4411,7 @@ static void sbl__slot_fill(sbl__hash_table *t, uint32_t slot, uint32_t number) {
     t->slots[slot & t->mask] = number + 1;
 }
 
-/* Returns the first number with this hash that is the same as `number`. If there is none, puts `number` in and returns
-   it. */
+/* Returns the first number with this hash for which `same` is true. If there is none, inserts and returns `number`. */
 static uint32_t sbl__hash_table_first(sbl__hash_table *t, uint32_t hash, uint32_t number,
                                       int (*same)(const void *user, uint32_t one, uint32_t other), const void *user) {
     uint32_t slot = hash, other;
@@ -4423,7 +4421,7 @@ static uint32_t sbl__hash_table_first(sbl__hash_table *t, uint32_t hash, uint32_
     return number;
 }
 
-/* Floats are hashed and compared by value: -0 is 0. */
+/* Floats are hashed and compared by value: -0 equals 0. */
 static uint32_t sbl__hash_floats(uint32_t hash, const float *x, int count) {
     int k;
     for (k = 0; k < count; k++) hash = sbl__hash(hash ^ (sbl__zero(x + k) ? 0 : sbl__float_bits(x + k)));
@@ -4436,7 +4434,7 @@ static int sbl__same_floats(const float *a, const float *b, int count) {
     return 1;
 }
 
-/* Vertices of the scene stand in the same place if their mesh and their position are the same. */
+/* Two vertices of the scene are at the same place if their meshes and their positions are equal. */
 static uint32_t sbl__place_hash(const sbl__geometry *g, uint32_t vertex) {
     return sbl__hash_floats(g->vertices[vertex].object, g->vertices[vertex].position, 3);
 }
@@ -4446,7 +4444,7 @@ static int sbl__same_place(const void *geometry, uint32_t one, uint32_t other) {
     return v[one].object == v[other].object && sbl__same_floats(v[one].position, v[other].position, 3);
 }
 
-/* The vertex at a side's first (0) or second end (1), or opposite (2). corners: three welded vertices a triangle. */
+/* Returns a vertex of a side: first end (0), second end (1), opposite (2). corners: 3 welded vertices per triangle */
 static uint32_t sbl__side_end(const uint32_t *corners, uint32_t side, uint32_t which) {
     return corners[side - side % 3 + (side + which) % 3];
 }
@@ -4458,44 +4456,46 @@ static int sbl__same_ends(const void *corners, uint32_t one, uint32_t other) {
     return (a == c && b == d) || (a == d && b == c);
 }
 
-/* Returns the first of the sides so far that has the same ends; the side itself if it is the first. */
+/* Returns the first side with the same ends, in either order. If there is none, inserts and returns `side`. */
 static uint32_t sbl__first_side(sbl__hash_table *t, const uint32_t *corners, uint32_t side) {
     const uint32_t a = sbl__side_end(corners, side, 0), b = sbl__side_end(corners, side, 1);
     return sbl__hash_table_first(t, sbl__hash(SBL__MIN(a, b) ^ sbl__hash(SBL__MAX(a, b))), side, sbl__same_ends,
                                  corners);
 }
 
-/* Union-find: the root of a number's tree stands for its group. It is the least number of the group. */
+/* Union-find: returns the root of a number's tree, which is the least number of its group. */
 static uint32_t sbl__root(uint32_t *parents, uint32_t number) {
     while (parents[number] != number) number = parents[number] = parents[parents[number]];
     return number;
 }
 
+/* Merges the groups of two numbers. */
 static void sbl__join(uint32_t *parents, uint32_t one, uint32_t other) {
     one = sbl__root(parents, one);
     other = sbl__root(parents, other);
     parents[SBL__MAX(one, other)] = SBL__MIN(one, other);
 }
 
-/* >>topology: rings. Things that have a value pass it on to their neighbours, ring by ring: a thing of a ring gets its
-   value from those neighbours that have one since an earlier ring. */
+/* >>topology: rings. Values spread from things that have one (texels or vertices) to those that have none. Ring 1 holds
+   the neighbours of the former, ring 2 the neighbours of ring 1, and so on. A thing's value is computed from those of
+   its neighbours in earlier rings. */
 
 #define SBL__RING_WAITS (-1)
-#define SBL__RING_QUEUED (-2)
 
 typedef struct sbl__rings {
     sbl__stages stages;
     sbl__base *base;
     void *user;
-    /* Returns the neighbour at *place, which begins at 0, and moves *place on; negative: there are no more. */
+    /* Returns the neighbour at *place and advances *place, which is 0 at first. Negative: there are no more. */
     int (*neighbour)(const struct sbl__rings *r, int thing, size_t *place);
-    void (*mean)(void *user, int thing);  /* gives a thing its value, from neighbours that sbl__ring_reached */
-    int count, width;   /* things; in a row, if they lie in a grid */
-    int last;           /* rings that are wanted */
-    int *ring;          /* a thing: 0: it had a value; above 0: the ring that reached it; else SBL__RING_... */
-    int *queue;         /* things, ring after ring */
-    int queued, room;
-    int number, end;    /* the ring under way, and its end in the queue */
+    void (*mean)(void *user, int thing);  /* computes a thing's value from neighbours for which sbl__ring_reached */
+    int count;          /* number of things */
+    int width;          /* things per row of a grid, for sbl__ring_grid */
+    int last;           /* number of the last ring wanted */
+    int *ring;          /* per thing: its ring, 0 if it had a value from the start, or SBL__RING_WAITS */
+    int *queue;         /* things of all rings, in the order of the rings */
+    int queued, room;   /* length and capacity of the queue */
+    int number;         /* number of the present ring */
 } sbl__rings;
 
 static void sbl__rings_free(sbl__base *base, sbl__rings *r) {
@@ -4504,7 +4504,8 @@ static void sbl__rings_free(sbl__base *base, sbl__rings *r) {
     memset(r, 0, sizeof *r);
 }
 
-/* All things wait. The caller sets the ring of those that have a value to 0, and the fields up to `last`. */
+/* Makes r->ring, with all things waiting. The caller sets the ring of things that have a value to 0, and sets the
+   fields from `user` to `last`. */
 static sbl_result sbl__rings_make(sbl__base *base, sbl__rings *r, int count) {
     r->base = base;
     r->count = count;
@@ -4517,7 +4518,7 @@ static int sbl__ring_reached(const sbl__rings *r, int thing) {
     return r->ring[thing] >= 0 && r->ring[thing] < r->number;
 }
 
-/* Neighbours in a grid: the thing's eight neighbours and itself, row by row. */
+/* Returns the neighbours of a thing in a grid: the 3 x 3 block around it, row by row, including the thing itself. */
 static int sbl__ring_grid(const sbl__rings *r, int thing, size_t *place) {
     while (*place < 9) {
         const int x = thing % r->width + (int)(*place % 3) - 1, y = thing / r->width + (int)(*place / 3) - 1;
@@ -4527,7 +4528,7 @@ static int sbl__ring_grid(const sbl__rings *r, int thing, size_t *place) {
     return -1;
 }
 
-/* A thing's neighbours that wait come into the next ring. */
+/* Appends a thing's waiting neighbours to the queue. They belong to the next ring. */
 static sbl_result sbl__ring_spread(sbl__rings *r, int thing) {
     size_t place = 0;
     int other;
@@ -4535,7 +4536,7 @@ static sbl_result sbl__ring_spread(sbl__rings *r, int thing) {
         if (r->ring[other] != SBL__RING_WAITS) continue;
         if (!sbl__grow(r->base, &r->queue, &r->room, r->queued + 1, sizeof *r->queue)) return SBL_ERROR_OUT_OF_MEMORY;
         r->queue[r->queued++] = other;
-        r->ring[other] = SBL__RING_QUEUED;
+        r->ring[other] = r->number + 1;
     }
     return SBL_SUCCESS;
 }
@@ -4548,19 +4549,15 @@ static sbl_result sbl__ring_source(void *work, int thing) {
 static sbl_result sbl__ring_next(void *work, int at) {
     sbl__rings *r = (sbl__rings *)work;
     const int thing = r->queue[at];
-    if (at == r->end) {
-        r->end = r->queued;
-        r->number++;
-    }
+    r->number = r->ring[thing];
     r->mean(r->user, thing);
-    r->ring[thing] = r->number;
     return sbl__ring_spread(r, thing);
 }
 
 static int sbl__rings_things(void *work) { return ((sbl__rings *)work)->count; }
 static int sbl__rings_queued(void *work) { return ((sbl__rings *)work)->queued; }
 
-/* Does one piece. SBL_SUCCESS: all rings that are wanted have their values. */
+/* Does one piece. SBL_SUCCESS: all rings up to r->last have their values. */
 static sbl_result sbl__rings_step(sbl__rings *r, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__ring_source, sbl__rings_things },
@@ -4570,33 +4567,34 @@ static sbl_result sbl__rings_step(sbl__rings *r, sbl__slice *slice) {
 }
 
 /* ====================================================================================================== >>solver
-   Normal equations of least squares, for three channels at once, by conjugate gradients that the matrix's diagonal
-   preconditions (Shewchuk 1994, "An Introduction to the Conjugate Gradient Method Without the Agonizing Pain"). The
-   matrix is a sum of terms, which a function of the caller multiplies by a direction, and of a multiple of the
-   identity. */
+   Solves the normal equations of least-squares problems, for three channels at once, by conjugate gradients with a
+   diagonal preconditioner (Shewchuk 1994, "An Introduction to the Conjugate Gradient Method Without the Agonizing
+   Pain"). The matrix is the sum of terms, which a function of the caller multiplies by a direction, and of a multiple
+   of the identity. */
 
-#define SBL__SOLVER_ROUNDS 1000  /* at most */
+#define SBL__SOLVER_ROUNDS 1000  /* limit of the number of rounds */
 
-enum { SBL__SOLVER_START, SBL__SOLVER_MULTIPLY, SBL__SOLVER_DOT, SBL__SOLVER_ADVANCE, SBL__SOLVER_TURN,
+enum { SBL__SOLVER_START, SBL__SOLVER_TURN, SBL__SOLVER_MULTIPLY, SBL__SOLVER_DOT, SBL__SOLVER_ADVANCE,
        SBL__SOLVER_DONE };
 
-/* Sums over the unknowns of a system: residual and preconditioned residual, before and after the round; direction and
-   product; squares of the preconditioned residual, at first and now. */
-typedef struct sbl__solver_sums { double power, next_power, along, first2, left2; } sbl__solver_sums;
+/* Dot products of vectors of a system. power, next_power: residual and preconditioned residual, before and after the
+   round. along: direction and product. first2, left2: preconditioned residual with itself, at the start and now. turn:
+   share of the last direction that the next direction keeps */
+typedef struct sbl__solver_sums { double power, next_power, along, first2, left2, turn; } sbl__solver_sums;
 
 typedef struct sbl__solver {
     sbl__stages stages;
     void *user;
-    void (*term)(void *user, int i, const double *direction, double *product);  /* adds term i times the direction */
+    void (*term)(void *user, int i, const double *direction, double *product);  /* product += term i * direction */
     int term_count;
-    int count;                  /* unknowns */
-    int together;               /* the channels are one system; otherwise each is a system of its own */
-    double identity;            /* multiple of the identity in the matrix */
-    double precision2;          /* a system is solved if left2 / first2 is as low */
-    double *diagonal;           /* the matrix's, or all 1: three an unknown, one a channel, as below. 0: the solution
-                                   keeps its value there */
-    double *solution;           /* the caller sets it to 0, */
-    double *residual;           /* and this to the right side */
+    int count;                  /* number of unknowns */
+    int together;               /* 1: the channels form one system; 0: each channel is a system of its own */
+    double identity;            /* factor of the identity in the matrix */
+    double precision2;          /* a system is solved when left2 / first2 is at most this */
+    /* Arrays of three numbers per unknown, one per channel, in one block of memory: */
+    double *diagonal;           /* the preconditioner: diagonal of the matrix, or all 1; 0 fixes the unknown */
+    double *solution;           /* must be 0 at the start */
+    double *residual;           /* must be the right side at the start */
     double *direction, *product;
     sbl__solver_sums sums[3];
     int rounds;
@@ -4604,22 +4602,19 @@ typedef struct sbl__solver {
 
 static void sbl__solver_free(sbl__base *base, sbl__solver *s) {
     sbl__free(base, s->diagonal);
-    sbl__free(base, s->solution);
-    sbl__free(base, s->residual);
-    sbl__free(base, s->direction);
-    sbl__free(base, s->product);
     memset(s, 0, sizeof *s);
 }
 
-/* Makes the arrays; all numbers are 0. */
+/* Makes the arrays, filled with 0. */
 static sbl_result sbl__solver_make(sbl__base *base, sbl__solver *s, int count) {
-    double **const arrays[] = { &s->diagonal, &s->solution, &s->residual, &s->direction, &s->product };
-    int i;
+    const size_t length = 3 * (size_t)count;
     s->count = count;
-    for (i = 0; i < SBL__COUNT(arrays); i++) {
-        *arrays[i] = (double *)sbl__alloc(base, (size_t)count, 3 * sizeof(double));
-        if (!*arrays[i]) return SBL_ERROR_OUT_OF_MEMORY;
-    }
+    s->diagonal = (double *)sbl__alloc(base, 5 * length, sizeof(double));
+    if (!s->diagonal) return SBL_ERROR_OUT_OF_MEMORY;
+    s->solution = s->diagonal + length;
+    s->residual = s->solution + length;
+    s->direction = s->residual + length;
+    s->product = s->direction + length;
     return SBL_SUCCESS;
 }
 
@@ -4632,34 +4627,31 @@ static sbl_result sbl__solver_term(void *work, int term) {
     return SBL_SUCCESS;
 }
 
-/* The other stages' part for an unknown. */
+/* Does an unknown's part of any stage except SBL__SOLVER_MULTIPLY. */
 static sbl_result sbl__solver_unknown(void *work, int unknown) {
     sbl__solver *s = (sbl__solver *)work;
     size_t i = 3 * (size_t)unknown;
     int k;
     for (k = 0; k < 3; k++, i++) {
         sbl__solver_sums *sum = &s->sums[s->together ? 0 : k];
-        const double d = s->diagonal[i], share = sum->along > 0 ? sum->power / sum->along : 0;
+        const double d = s->diagonal[i], preconditioned = d > 0 ? s->residual[i] / d : 0;
+        const double share = sum->along > 0 ? sum->power / sum->along : 0;
         switch (s->stages.stage) {
             case SBL__SOLVER_START:
-                s->direction[i] = d > 0 ? s->residual[i] / d : 0;
-                sum->power += s->residual[i] * s->direction[i];
-                sum->first2 += s->direction[i] * s->direction[i];
+                sum->power += s->residual[i] * preconditioned;
+                sum->first2 += preconditioned * preconditioned;
+                break;
+            case SBL__SOLVER_TURN:
+                s->direction[i] = preconditioned + sum->turn * s->direction[i];
                 s->product[i] = s->identity * s->direction[i];
                 break;
             case SBL__SOLVER_DOT: sum->along += s->direction[i] * s->product[i]; break;
-            case SBL__SOLVER_ADVANCE:
+            default:
                 if (!(d > 0)) break;
                 s->solution[i] += share * s->direction[i];
                 s->residual[i] -= share * s->product[i];
                 sum->next_power += s->residual[i] * s->residual[i] / d;
                 sum->left2 += s->residual[i] / d * (s->residual[i] / d);
-                break;
-            default:
-                if (d > 0)
-                    s->direction[i] = s->residual[i] / d +
-                                      (sum->power > 0 ? sum->next_power / sum->power : 0) * s->direction[i];
-                s->product[i] = s->identity * s->direction[i];
         }
     }
     return SBL_SUCCESS;
@@ -4667,34 +4659,30 @@ static sbl_result sbl__solver_unknown(void *work, int unknown) {
 
 static int sbl__solver_after_start(void *work) {
     const sbl__solver_sums *sums = ((const sbl__solver *)work)->sums;
-    return sums[0].first2 > 0 || sums[1].first2 > 0 || sums[2].first2 > 0 ? SBL__SOLVER_MULTIPLY : SBL__SOLVER_DONE;
+    return sums[0].first2 > 0 || sums[1].first2 > 0 || sums[2].first2 > 0 ? SBL__SOLVER_TURN : SBL__SOLVER_DONE;
 }
 
 static int sbl__solver_after_advance(void *work) {
     sbl__solver *s = (sbl__solver *)work;
     int k, solved = 1;
-    for (k = 0; k < 3; k++) solved &= s->sums[k].left2 <= s->precision2 * s->sums[k].first2;
+    for (k = 0; k < 3; k++) {
+        sbl__solver_sums *sum = &s->sums[k];
+        solved &= sum->left2 <= s->precision2 * sum->first2;
+        sum->turn = sum->power > 0 ? sum->next_power / sum->power : 0;
+        sum->power = sum->next_power;
+        sum->next_power = sum->along = sum->left2 = 0;
+    }
     return solved || ++s->rounds >= SBL__SOLVER_ROUNDS ? SBL__SOLVER_DONE : SBL__SOLVER_TURN;
 }
 
-static int sbl__solver_after_turn(void *work) {
-    sbl__solver *s = (sbl__solver *)work;
-    int k;
-    for (k = 0; k < 3; k++) {
-        s->sums[k].power = s->sums[k].next_power;
-        s->sums[k].next_power = s->sums[k].along = s->sums[k].left2 = 0;
-    }
-    return SBL__SOLVER_MULTIPLY;
-}
-
-/* Does one piece. SBL_SUCCESS: the solution is there, and the next call starts on another right side. */
+/* Does one piece. SBL_SUCCESS: the solution is ready, and the next call starts with another right side. */
 static sbl_result sbl__solver_step(sbl__solver *s, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, sbl__solver_after_start, sbl__solver_unknown, sbl__solver_unknowns },
+        { NULL, NULL, sbl__solver_unknown, sbl__solver_unknowns },
         { NULL, NULL, sbl__solver_term, sbl__solver_terms },
         { NULL, NULL, sbl__solver_unknown, sbl__solver_unknowns },
-        { NULL, sbl__solver_after_advance, sbl__solver_unknown, sbl__solver_unknowns },
-        { NULL, sbl__solver_after_turn, sbl__solver_unknown, sbl__solver_unknowns }
+        { NULL, sbl__solver_after_advance, sbl__solver_unknown, sbl__solver_unknowns }
     };
     const sbl_result result = sbl__stages_step(&s->stages, table, SBL__COUNT(table), s, slice);
     if (result != SBL_SUCCESS) return result;
@@ -4705,16 +4693,17 @@ static sbl_result sbl__solver_step(sbl__solver *s, sbl__slice *slice) {
 }
 
 /* ======================================================================================================== >>textures
-   All textures of the scene share two GL textures, the texel tables: one for textures that the host gives as 8-bit
-   sRGB, whose bytes it keeps, and one of 16-bit floats for all others. A texture begins at the start of a row of its
-   table; its texels follow each other without gaps, whatever its width. scene.glsl filters them bilinearly. */
+   All textures of the scene share two GL textures, the texel tables: one of 8-bit sRGB for textures that the host gives
+   in that format, and one of 16-bit floats for all others. A texture begins at the start of a table's row; its texels
+   follow each other without gaps, whatever its width. scene.glsl filters them bilinearly. */
 
 #define SBL__TEXEL_TABLE_WIDTH 4096  /* texels per row; less if the driver's textures are smaller */
 
 typedef struct sbl__textures {
     sbl__texture tables[2];    /* texel tables: [0] 8-bit sRGB, [1] 16-bit floats */
-    uint32_t (*places)[4];     /* per texture: first row in its table, width, height, kind; copied to sbl__object */
-    float *brightest;          /* per texture: largest component of any texel; always 1 if pixels are 8-bit sRGB */
+    /* Per texture, numbered from 1 as in materials. Number 0 stands for no texture. */
+    uint32_t (*places)[4];     /* first row in its table, width, height, kind; copied to sbl__object */
+    float *brightest;          /* largest component of any texel; always 1 if pixels are 8-bit sRGB */
     int count;                 /* number of textures */
     uint64_t hash;             /* hash of both tables' texels */
 } sbl__textures;
@@ -4730,82 +4719,54 @@ static void sbl__textures_free(const sbl__device *d, sbl__textures *t) {
 /* A texel table while the CPU fills it. texel: bytes per texel, 4 for 8-bit sRGB or 8 for 16-bit floats */
 typedef struct sbl__texel_table { unsigned char *bytes; size_t texel; int width, rows; } sbl__texel_table;
 
-/* Writes a linear colour to texel number `at`, in the table's format. */
-static void sbl__texel_write(const sbl__texel_table *table, size_t at, const float rgba[4]) {
-    unsigned char *to = table->bytes + table->texel * at;
-    uint16_t half[4];
-    int i;
-    for (i = 0; i < 4; i++) {
-        if (table->texel == 8) half[i] = sbl__to_half(rgba[i]);
-        else to[i] = sbl__to_byte(i < 3 ? sbl__linear_to_srgb(rgba[i]) : rgba[i]);
-    }
-    if (table->texel == 8) memcpy(to, half, 8);
-}
-
-/* Reads pixel x of a row. Bytes are divided by 255. One channel is grey, two are grey and alpha; c[3] is left unchanged
-   if the texture has no alpha. */
-static void sbl__read_pixel(const sbl_texture *t, const unsigned char *row, int x, float c[4]) {
+/* Reads a pixel. Bytes are divided by 255. One channel is grey, two are grey and alpha. Without alpha, c[3] stays. */
+static void sbl__read_pixel(const sbl_texture *t, int x, int y, float c[4]) {
     const int channels = sbl__texture_channels(t);
+    const unsigned char *at = (const unsigned char *)t->pixels + (size_t)y * sbl__texture_stride(t, t->width) +
+                              (size_t)x * sbl__texture_texel(t);
     int k;
-    row += (size_t)x * sbl__texture_texel(t);
-    if (t->format == SBL_PIXELS_FLOAT) memcpy(c, row, 4 * (size_t)channels);
-    else for (k = 0; k < channels; k++) c[k] = (float)row[k] / 255.0f;
+    if (t->format == SBL_PIXELS_FLOAT) memcpy(c, at, 4 * (size_t)channels);
+    else for (k = 0; k < channels; k++) c[k] = (float)at[k] / 255.0f;
     if (channels == 2) c[3] = c[1];
     if (channels < 3) c[1] = c[2] = c[0];
 }
 
-/* Writes the bytes of an 8-bit sRGB texture unchanged, from texel number `at` on. GL decodes them when shaders read. */
-static void sbl__texels_write_bytes(const sbl__texel_table *table, size_t at, const sbl_texture *t) {
-    const int channels = sbl__texture_channels(t);
-    const size_t stride = sbl__texture_stride(t, t->width);
-    int x, y;
-    for (y = 0; y < t->height; y++)
-        for (x = 0; x < t->width; x++, at++) {
-            const unsigned char *p = (const unsigned char *)t->pixels + (size_t)y * stride + (size_t)(channels * x);
-            unsigned char *q = table->bytes + 4 * at;
-            q[0] = p[0];
-            q[1] = p[channels < 3 ? 0 : 1];
-            q[2] = p[channels < 3 ? 0 : 2];
-            q[3] = channels == 2 ? p[1] : channels == 4 ? p[3] : 255;
-        }
-}
-
-/* Writes the pixels of any other texture. copy: NULL, or the r g b a that were read from the host's GL texture. Logs an
-   error and returns SBL_ERROR_INVALID_ARGUMENT if a component is negative or not finite. */
-static sbl_result sbl__texels_write_pixels(const sbl__device *d, const sbl__textures *s, const sbl__texel_table *table,
-                                           const sbl_texture *t, int index, const float *copy) {
-    const int width = (int)s->places[index][1], height = (int)s->places[index][2];
-    const size_t stride = sbl__texture_stride(t, width);
-    size_t at = (size_t)s->places[index][0] * (size_t)table->width;
+/* Writes the texels of a texture into its table. copy: NULL, or the r g b a that were read from the host's GL texture.
+   Bytes in 8-bit sRGB stay as they are; GL decodes them when shaders read. Logs an error and returns
+   SBL_ERROR_INVALID_ARGUMENT if a component is negative or not finite. */
+static sbl_result sbl__texels_write(const sbl__device *d, const sbl__textures *s, const sbl__texel_table *table,
+                                    const sbl_texture *t, int number, const float *copy) {
+    const int width = (int)s->places[number][1], height = (int)s->places[number][2];
+    const int encoded = !copy && t->format == SBL_PIXELS_SRGB8;
+    unsigned char *to = table->bytes + (size_t)s->places[number][0] * (size_t)table->width * table->texel;
     int x, y, k;
     for (y = 0; y < height; y++)
-        for (x = 0; x < width; x++, at++) {
+        for (x = 0; x < width; x++, to += table->texel) {
             float c[4] = { 0, 0, 0, 1 };
             if (copy) memcpy(c, copy + 4 * ((size_t)y * (size_t)width + (size_t)x), sizeof c);
-            else sbl__read_pixel(t, (const unsigned char *)t->pixels + (size_t)y * stride, x, c);
-            for (k = 0; k < 4; k++)
+            else sbl__read_pixel(t, x, y, c);
+            for (k = 0; k < 4 && encoded; k++) to[k] = (unsigned char)(255.0f * c[k] + 0.5f);
+            for (k = 0; k < 4 && !encoded; k++) {
                 if (!sbl__between(&c[k], 0, FLT_MAX)) {
                     sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: component %d of pixel "
-                             "%d %d is %g; it must be finite and not negative", index + 1, k, x, y, (double)c[k]);
+                             "%d %d is %g; it must be finite and not negative", number, k, x, y, (double)c[k]);
                     return SBL_ERROR_INVALID_ARGUMENT;
                 }
-            s->brightest[index] = SBL__MAX(s->brightest[index], sbl__max3(c));
-            sbl__texel_write(table, at, c);
+                if (table->texel == 8) {
+                    const uint16_t half = sbl__to_half(c[k]);
+                    memcpy(to + 2 * k, &half, 2);
+                } else to[k] = sbl__to_byte(k < 3 ? sbl__linear_to_srgb(c[k]) : c[k]);
+            }
+            s->brightest[number] = SBL__MAX(s->brightest[number], encoded ? 1.0f : sbl__max3(c));
         }
     return SBL_SUCCESS;
 }
 
 static sbl_result sbl__textures_fill(sbl__device *d, const sbl__textures *s, const sbl__texel_table *table,
-                                     const sbl_texture *t, int index) {
-    const uint32_t *place = s->places[index];
-    const int size[2] = { (int)place[1], (int)place[2] };
+                                     const sbl_texture *t, int number) {
+    const int size[2] = { (int)s->places[number][1], (int)s->places[number][2] };
     float *copy = NULL;
     sbl_result result = SBL_SUCCESS;
-    if (t->pixels && t->format == SBL_PIXELS_SRGB8) {
-        sbl__texels_write_bytes(table, (size_t)place[0] * (size_t)table->width, t);
-        s->brightest[index] = 1;
-        return SBL_SUCCESS;
-    }
     if (t->gl_texture) {
         copy = (float *)sbl__alloc_raw(d->base, (size_t)size[0] * (size_t)size[1], 16);
         if (!copy) return SBL_ERROR_OUT_OF_MEMORY;
@@ -4813,14 +4774,14 @@ static sbl_result sbl__textures_fill(sbl__device *d, const sbl__textures *s, con
         result = sbl__host_texture_read(d, t->gl_texture, size, copy);
         d->gl.doing = "storing textures";
     }
-    if (result == SBL_SUCCESS) result = sbl__texels_write_pixels(d, s, table, t, index, copy);
+    if (result == SBL_SUCCESS) result = sbl__texels_write(d, s, table, t, number, copy);
     sbl__free(d->base, copy);
     return result;
 }
 
 /* Assigns rows of a texel table to a texture. */
 static sbl_result sbl__textures_place(sbl__device *d, sbl__textures *s, sbl__texel_table *table, const sbl_texture *t,
-                                      int index) {
+                                      int number) {
     const int most = d->gl.capabilities.max_texture_size;
     int size[2] = { t->width, t->height };
     double rows;
@@ -4832,64 +4793,61 @@ static sbl_result sbl__textures_place(sbl__device *d, sbl__textures *s, sbl__tex
         if (result == SBL_ERROR_OUT_OF_MEMORY) return result;
         if (result != SBL_SUCCESS || size[0] < 1 || size[1] < 1) {
             sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: gl_texture %u is not a "
-                     "GL_TEXTURE_2D with pixels in level 0", index + 1, t->gl_texture);
+                     "GL_TEXTURE_2D with pixels in level 0", number, t->gl_texture);
             return SBL_ERROR_INVALID_ARGUMENT;
         }
     }
     rows = ceil((double)size[0] * size[1] / table->width);
     if (table->rows + rows > most) {
         sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "texture %d: all textures together need more than "
-                 "%d x %d texels; use smaller textures", index + 1, table->width, most);
+                 "%d x %d texels; use smaller textures", number, table->width, most);
         return SBL_ERROR_UNSUPPORTED;
     }
-    s->places[index][0] = (uint32_t)table->rows;
-    s->places[index][1] = (uint32_t)size[0];
-    s->places[index][2] = (uint32_t)size[1];
-    s->places[index][3] = (table->texel == 8 ? SBL__TEXTURE_FLOAT : SBL__TEXTURE_SRGB) |
+    s->places[number][0] = (uint32_t)table->rows;
+    s->places[number][1] = (uint32_t)size[0];
+    s->places[number][2] = (uint32_t)size[1];
+    s->places[number][3] = (table->texel == 8 ? SBL__TEXTURE_FLOAT : SBL__TEXTURE_SRGB) |
                           (t->wrap == SBL_WRAP_CLAMP ? SBL__TEXTURE_CLAMPS : 0);
     table->rows += (int)rows;
     return SBL_SUCCESS;
 }
 
-/* Makes the texel tables for all textures of a descriptor that has been checked. */
-static sbl_result sbl__textures_make(sbl__device *d, sbl__textures *s, const sbl_scene_desc *desc) {
-    static const unsigned formats[2] = { SBL__GL_SRGB8_ALPHA8, SBL__GL_RGBA16F };
-    sbl__texel_table tables[2];
+/* Makes a texel table. kind: 0: 8-bit sRGB, 1: 16-bit floats */
+static sbl_result sbl__texel_table_make(sbl__device *d, sbl__textures *s, const sbl_scene_desc *desc, int kind) {
+    const unsigned format = kind ? SBL__GL_RGBA16F : SBL__GL_SRGB8_ALPHA8;
+    sbl__texel_table table;
     sbl_result result = SBL_SUCCESS;
     int i;
+    memset(&table, 0, sizeof table);
+    table.texel = kind ? 8 : 4;
+    table.width = SBL__MIN(SBL__TEXEL_TABLE_WIDTH, d->gl.capabilities.max_texture_size);
+    for (i = 0; i < s->count && result == SBL_SUCCESS; i++)
+        if ((desc->textures[i].format != SBL_PIXELS_SRGB8) == kind)
+            result = sbl__textures_place(d, s, &table, &desc->textures[i], i + 1);
+    if (result != SBL_SUCCESS || !table.rows) return result;
+    table.bytes = (unsigned char *)sbl__alloc(d->base, (size_t)table.rows * (size_t)table.width, table.texel);
+    if (!table.bytes) return SBL_ERROR_OUT_OF_MEMORY;
+    for (i = 0; i < s->count && result == SBL_SUCCESS; i++)
+        if ((desc->textures[i].format != SBL_PIXELS_SRGB8) == kind)
+            result = sbl__textures_fill(d, s, &table, &desc->textures[i], i + 1);
+    s->hash = sbl__hash_bytes(s->hash, table.bytes, (size_t)table.rows * (size_t)table.width * table.texel);
+    if (result == SBL_SUCCESS) result = sbl__texture_make(d, &s->tables[kind], table.width, table.rows, format);
+    if (result == SBL_SUCCESS) result = sbl__texture_write(d, &s->tables[kind], 0, table.rows, table.bytes);
+    sbl__free(d->base, table.bytes);
+    return result;
+}
+
+/* Makes the texel tables for all textures of a descriptor that has been checked. */
+static sbl_result sbl__textures_make(sbl__device *d, sbl__textures *s, const sbl_scene_desc *desc) {
+    sbl_result result;
     d->gl.doing = "storing textures";
     s->count = desc->texture_count;
-    s->places = (uint32_t (*)[4])sbl__alloc(d->base, (size_t)s->count, sizeof *s->places);
-    s->brightest = (float *)sbl__alloc(d->base, (size_t)s->count, sizeof(float));
+    s->places = (uint32_t (*)[4])sbl__alloc(d->base, (size_t)s->count + 1, sizeof *s->places);
+    s->brightest = (float *)sbl__alloc(d->base, (size_t)s->count + 1, sizeof(float));
     if (!s->places || !s->brightest) return SBL_ERROR_OUT_OF_MEMORY;
-    memset(tables, 0, sizeof tables);
-    for (i = 0; i < 2; i++) {
-        tables[i].texel = i ? 8 : 4;
-        tables[i].width = SBL__MIN(SBL__TEXEL_TABLE_WIDTH, d->gl.capabilities.max_texture_size);
-    }
-#define SBL__TABLE_OF(i) (&tables[desc->textures[i].format != SBL_PIXELS_SRGB8])
-    for (i = 0; i < s->count && result == SBL_SUCCESS; i++)
-        result = sbl__textures_place(d, s, SBL__TABLE_OF(i), &desc->textures[i], i);
-    for (i = 0; i < 2 && result == SBL_SUCCESS; i++) {
-        sbl__texel_table *table = &tables[i];
-        if (!table->rows) continue;
-        table->bytes = (unsigned char *)sbl__alloc(d->base, (size_t)table->rows * (size_t)table->width, table->texel);
-        if (!table->bytes) result = SBL_ERROR_OUT_OF_MEMORY;
-    }
-    for (i = 0; i < s->count && result == SBL_SUCCESS; i++)
-        result = sbl__textures_fill(d, s, SBL__TABLE_OF(i), &desc->textures[i], i);
-#undef SBL__TABLE_OF
-    for (i = 0; i < 2; i++) {
-        if (result == SBL_SUCCESS)
-            s->hash = sbl__hash_bytes(s->hash, tables[i].bytes, (size_t)tables[i].rows * (size_t)tables[i].width *
-                                                                tables[i].texel);
-        if (result == SBL_SUCCESS && tables[i].rows)
-            result = sbl__texture_make(d, &s->tables[i], tables[i].width, tables[i].rows, formats[i]);
-        if (result == SBL_SUCCESS && tables[i].rows)
-            result = sbl__texture_write(d, &s->tables[i], 0, tables[i].rows, tables[i].bytes);
-        sbl__free(d->base, tables[i].bytes);
-    }
-    return result;
+    s->brightest[0] = 1;
+    result = sbl__texel_table_make(d, s, desc, 0);
+    return result == SBL_SUCCESS ? sbl__texel_table_make(d, s, desc, 1) : result;
 }
 
 static void sbl__textures_bind(sbl__device *d, const sbl__textures *s) {
@@ -4898,75 +4856,50 @@ static void sbl__textures_bind(sbl__device *d, const sbl__textures *s) {
 }
 
 /* ======================================================================================================== >>material
-   What surfaces do with light: emission, reflection, holes. material.glsl does it for all shaders; here is the same for
-   the CPU, and nowhere else. */
+   How surfaces emit and reflect light, and where they have holes. Materials are read only here, for the CPU, and in
+   material.glsl, for shaders. Both compute the same. */
 
-/* Writes a material into its mesh's object, and raises *brightest to its radiance. Returns the features that programs
-   need for it. */
+/* Copies a material into its mesh's object, and raises *brightest to the highest radiance that the material emits.
+   Returns the features that programs need for the material. */
 static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *m, sbl__object *o, float *brightest) {
-    const int holes = m->alpha_cutoff > 0;
-    unsigned features = 0;
-    float scale = 1;
     memcpy(o->albedo, m->albedo, sizeof o->albedo);
     memcpy(o->emission, m->emission, sizeof o->emission);
-    memset(o->albedo_texture, 0, sizeof o->albedo_texture);
-    memset(o->emission_texture, 0, sizeof o->emission_texture);
+    memcpy(o->albedo_texture, t->places[m->albedo_texture], sizeof o->albedo_texture);
+    memcpy(o->emission_texture, t->places[m->emission_texture], sizeof o->emission_texture);
     o->alpha_cutoff = m->alpha_cutoff;
     o->flags = m->flags;
-    if (m->albedo_texture) memcpy(o->albedo_texture, t->places[m->albedo_texture - 1], sizeof o->albedo_texture);
-    if (m->emission_texture) {
-        memcpy(o->emission_texture, t->places[m->emission_texture - 1], sizeof o->emission_texture);
-        scale = t->brightest[m->emission_texture - 1];
-    }
-    *brightest = SBL__MAX(*brightest, scale * sbl__max3(m->emission));
-    if (holes) features |= SBL__TEXTURED | SBL__CUTOUTS;
-    if (m->albedo_texture || m->emission_texture) features |= SBL__TEXTURED;
-    return features;
+    *brightest = SBL__MAX(*brightest, t->brightest[m->emission_texture] * sbl__max3(m->emission));
+    if (m->alpha_cutoff > 0) return SBL__TEXTURED | SBL__CUTOUTS;
+    return m->albedo_texture || m->emission_texture ? (unsigned)SBL__TEXTURED : 0;
 }
 
-/* True if light on its way meets something else, apart from what emits. */
-static int sbl__reflects_otherwise(const sbl__object *a, const sbl__object *b) {
+/* True if two objects of one mesh differ in anything but the light that they emit. */
+static int sbl__reflection_differs(const sbl__object *a, const sbl__object *b) {
     const uint32_t flags = ~SBL__ONE_SIDED_EMISSION;
     return memcmp(a->albedo, b->albedo, sizeof a->albedo) || (a->flags & flags) != (b->flags & flags) ||
            memcmp(&a->alpha_cutoff, &b->alpha_cutoff, sizeof a->alpha_cutoff) ||
            memcmp(a->albedo_texture, b->albedo_texture, sizeof a->albedo_texture);
 }
 
-/* Radiance that one side of a surface emits, before its texture is applied. */
-static void sbl__emission(const sbl__object *o, int back, float out[3]) {
-    const int dark = back && o->flags & SBL__ONE_SIDED_EMISSION;
-    int k;
-    for (k = 0; k < 3; k++) out[k] = dark ? 0 : o->emission[k];
-}
-
 static int sbl__emits(const sbl__object *o, int back) {
-    float emission[3];
-    sbl__emission(o, back, emission);
-    return sbl__max3(emission) > 0;
+    return sbl__max3(o->emission) > 0 && !(back && o->flags & SBL__ONE_SIDED_EMISSION);
 }
 
-/* The share of R that bounces in the store, before the texture is applied. */
-static void sbl__bounced(const sbl__object *o, float out[3]) {
-    int k;
-    for (k = 0; k < 3; k++) out[k] = SBL__MIN(SBL__MAX(o->albedo[k], 0.0f), SBL__BOUNCE_ALBEDO);
-}
-
-/* True if less bounces of each colour than the surface reflects. */
+/* True if the surface has no albedo texture and SBL__BOUNCE_ALBEDO reduces its albedo in all three channels. */
 static int sbl__holds_light(const sbl__object *o) {
-    float share[3];
-    sbl__bounced(o, share);
-    return share[0] < o->albedo[0] && share[1] < o->albedo[1] && share[2] < o->albedo[2] && !o->albedo_texture[1];
+    const float *albedo = o->albedo, most = SBL__BOUNCE_ALBEDO;
+    return albedo[0] > most && albedo[1] > most && albedo[2] > most && !o->albedo_texture[1];
 }
 
-#define SBL__SHARE_ONE 65535.0f    /* the share 1 in 16 bits */
+#define SBL__SHARE_ONE 65535.0f    /* a share of 1, packed into 16 bits */
 
-/* A share of light that bounces, in 16 bits. */
+/* Packs shares of 0 .. 1 into 16 bits each. */
 static void sbl__share_pack(const float share[3], uint16_t out[3]) {
     int k;
     for (k = 0; k < 3; k++) out[k] = (uint16_t)(SBL__SHARE_ONE * share[k] + 0.5f);
 }
 
-/* Adds the light that a surface reflects, times SBL__SHARE_ONE. light: R, which falls on it. */
+/* Adds the R that a surface with a packed share reflects, times SBL__SHARE_ONE. light: R at the surface. */
 static void sbl__add_reflected(const uint16_t share[3], const float light[3], float sum[3]) {
     int k;
     for (k = 0; k < 3; k++) sum[k] += (float)share[k] * light[k];
@@ -4974,15 +4907,15 @@ static void sbl__add_reflected(const uint16_t share[3], const float light[3], fl
 
 /* >>glsl material: shaders_embedded/material.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_material[] = {
-"// What surfaces do with light: what they emit, what they reflect, where a reflected ray goes on, and where they\n",
-"// have holes. No other shader reads a material; >>material in sbl.h is the same for the CPU.\n",
+"// How surfaces emit and reflect light, and where they have holes. No other shader reads a material. >>material in\n",
+"// sbl.h does the same on the CPU.\n",
 "uniform float epsilon;     // the ambient factor\n",
-"uniform bool lamps_apart;  // light from emitters comes from lamps.glsl\n",
+"uniform bool lamps_apart;  // true: lamps.glsl adds the light of emitters, so sbl_outgoing leaves it out\n",
 "\n",
-"// A material at a point, after its textures have been read.\n",
+"// A material at a point, with its textures applied.\n",
 "struct sbl_Material {\n",
-"    vec3 albedo;   // share of the light that is reflected, the same towards all directions\n",
-"    bool cut_out;  // there is a hole here\n",
+"    vec3 albedo;   // diffuse reflectance\n",
+"    bool cut_out;  // the point lies in a hole\n",
 "};\n",
 "\n",
 "sbl_Material sbl_material(int object, sbl_Attributes at) {\n",
@@ -4991,10 +4924,10 @@ static const char *const sbl__glsl_material[] = {
 "    return sbl_Material(color.rgb, color.a < sbl_object_alpha_cutoff(object));\n",
 "}\n",
 "\n",
-"// False: sbl_material finds no hole anywhere, and need not be asked.\n",
+"// False: no point of the object lies in a hole, so sbl_material need not be called to find out.\n",
 "bool sbl_has_holes(int object) { return sbl_object_alpha_cutoff(object) > 0.0; }\n",
 "\n",
-"// True: this side of the surface does not emit, whatever the material's emission is.\n",
+"// True if this is the back of a surface that emits only in front.\n",
 "bool sbl_dark_side(int object, bool back) {\n",
 "    return back && (sbl_object_flags(object) & SBL_ONE_SIDED_EMISSION) != 0u;\n",
 "}\n",
@@ -5004,32 +4937,30 @@ static const char *const sbl__glsl_material[] = {
 "    return sbl_dark_side(object, back) ? vec3(0) : sbl_object_emission(object);\n",
 "}\n",
 "\n",
-"// It does not ask sbl_emission, since softpipe then shows wrong sides.\n",
+"// Does not call sbl_emission, because softpipe then shows wrong sides.\n",
 "bool sbl_emits(int object, bool back) {\n",
 "    vec3 emission = sbl_object_emission(object);\n",
 "    return max(max(emission.r, emission.g), emission.b) > 0.0 && !sbl_dark_side(object, back);\n",
 "}\n",
 "\n",
-"// The factor by which the texture changes the emission at a point.\n",
+"// The emission texture at a point, by which sbl_emission must be multiplied.\n",
 "vec3 sbl_emission_pattern(int object, sbl_Attributes at) {\n",
 "    return sbl_texture(sbl_object_emission_texture(object), at.uv).rgb;\n",
 "}\n",
 "\n",
-"// True: sbl_outgoing does not read the attributes.\n",
+"// True if sbl_outgoing does not read `at`.\n",
 "bool sbl_outgoing_is_plain(int object, bool back) {\n",
-"#ifdef SBL_TEXTURED\n",
-"#ifdef SBL_BOUNCED\n",
+"#if !defined(SBL_TEXTURED)\n",
+"    return true;\n",
+"#elif defined(SBL_BOUNCED)\n",
 "    return false;\n",
 "#else\n",
 "    return sbl_emits(object, back) ? lamps_apart : epsilon <= 0.0;\n",
 "#endif\n",
-"#else\n",
-"    return true;\n",
-"#endif\n",
 "}\n",
 "\n",
-"// Radiance that a surface sends towards a sensor besides the stored light that it reflects: Ck of equations 1 and\n",
-"// 2, which is the radiance of an emitter, or the ambient factor times the colour.\n",
+"// Radiance that a surface sends towards a sensor, without the stored light that it reflects: Ck of equations 1 and\n",
+"// 2. It is the emission of an emitter; for other surfaces, epsilon times the albedo.\n",
 "vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {\n",
 "    bool emits = sbl_emits(object, back);\n",
 "    vec3 radiance = emits ? sbl_object_emission(object) : epsilon * sbl_object_albedo(object);\n",
@@ -5043,21 +4974,21 @@ static const char *const sbl__glsl_material[] = {
 "    return radiance;\n",
 "}\n",
 "\n",
-"// Radiance that a surface sends towards its receiver. light: R, which falls on it.\n",
+"// Radiance that a surface reflects. light: R at the surface\n",
 "vec3 sbl_reflected(sbl_Material m, vec3 light) { return m.albedo * light; }\n",
 "\n",
-"// The share of R that bounces in the store. It is below 1, since closed rooms would otherwise never grow dark.\n",
+"// Share of R that stays in the store at a bounce. It is below 1, so that light fades even in closed white rooms.\n",
 "vec3 sbl_bounced(sbl_Material m) { return clamp(m.albedo, 0.0, SBL_BOUNCE_ALBEDO); }\n",
 "\n",
-"// A ray that goes on from a surface.\n",
+"// A reflected ray.\n",
 "struct sbl_Bounce {\n",
 "    vec3 direction;\n",
-"    vec3 off;     // unit vector off the surface, on the side where the ray starts\n",
-"    vec3 weight;  // what the radiance that the ray finds counts towards the receiver\n",
+"    vec3 off;     // unit normal, on the side where the ray starts\n",
+"    vec3 weight;  // factor of the radiance that the ray finds\n",
 "};\n",
 "\n",
-"// A direction from which light is reflected towards the receiver, drawn by the cosine. across: the surface's\n",
-"// normal of any length, 0 where the triangle has no area. u: 0 to 1.\n",
+"// Draws a direction, cosine-distributed, from which a surface reflects light. across: normal of any length; 0 if\n",
+"// the triangle has no area, in which case to_receiver replaces it. u: uniform point of the unit square\n",
 "sbl_Bounce sbl_bounce(sbl_Material m, vec3 across, vec3 to_receiver, vec2 u) {\n",
 "    vec3 normal = dot(across, across) > 0.0 ? normalize(across) : to_receiver;\n",
 "    return sbl_Bounce(sbl_by_cosine(sbl_frame(normal), u), normal, m.albedo);\n",
@@ -5066,11 +4997,11 @@ static const char *const sbl__glsl_material[] = {
 /* <<glsl */
 
 /* ====================================================================================================== >>environment
-   Light that arrives from directions without a surface: from the sky, which is constant, and from a picture around the
-   scene. Rays over the hemisphere find the picture's radiance up to a limit. Radiance above the limit would make their
-   results noisy, so each texel that exceeds the limit is also a lamp, which emits the excess (see >>lamps). */
+   Light from directions without a surface: from the sky, which is constant, and from a picture around the scene. Rays
+   over the hemisphere find the picture's radiance up to a limit. Radiance above the limit would make their results
+   noisy, so each texel that exceeds the limit is also a lamp, which emits the excess (see >>lamps). */
 
-/* Limit for the radiance that rays over the hemisphere find, in multiples of the picture's mean over all directions */
+/* Limit of the picture's radiance that rays over the hemisphere find, as a multiple of its mean over all directions */
 #define SBL__SKY_LIMIT 4
 
 typedef struct sbl__environment {
@@ -5118,8 +5049,7 @@ static void sbl__environment_direction(const sbl__environment *e, int x, int y, 
         out[k] = sin(angle) * (cos(around) * e->axes[0][k] + sin(around) * e->axes[2][k]) + cos(angle) * e->axes[1][k];
 }
 
-/* Gets the linear radiance of a texel from the host's pixels or function, multiplied by the host's scale. c[3] has no
-   meaning. */
+/* Computes a texel's linear radiance from the host's pixels or function, times the host's scale. c[3] is undefined. */
 static void sbl__environment_texel(const sbl__environment *e, const sbl_environment *desc, int x, int y, float c[4]) {
     const sbl_texture *t = &desc->picture;
     double exact[3];
@@ -5131,7 +5061,7 @@ static void sbl__environment_texel(const sbl__environment *e, const sbl_environm
         for (k = 0; k < 3; k++) direction[k] = (float)exact[k];
         desc->radiance(direction, c, desc->user);
     } else {
-        sbl__read_pixel(t, (const unsigned char *)t->pixels + (size_t)y * sbl__texture_stride(t, e->width), x, c);
+        sbl__read_pixel(t, x, y, c);
         for (k = 0; k < 3 && t->format == SBL_PIXELS_SRGB8; k++) c[k] = sbl__srgb_to_linear(c[k]);
     }
     for (k = 0; k < 3; k++) c[k] *= sbl__zero(&desc->scale) ? 1.0f : SBL__MAX(desc->scale, 0.0f);
@@ -5167,23 +5097,23 @@ static sbl_result sbl__environment_read(const sbl__base *base, sbl__environment 
 static sbl_result sbl__environment_make(const sbl__device *d, sbl__environment *e, const sbl_scene_desc *desc) {
     const sbl_environment *from = &desc->environment;
     const int most = d->gl.capabilities.max_texture_size;
-    const size_t width = from->picture.width ? (size_t)from->picture.width : 512;
-    const size_t height = from->picture.height ? (size_t)from->picture.height : 256;
+    size_t pixels;
     float *texels;
     sbl_result result;
     memcpy(e->sky, desc->sky, sizeof e->sky);
     e->brightest = sbl__max3(e->sky);
     if (!from->picture.pixels && !from->radiance) return SBL_SUCCESS;
-    if ((int)width > most || (int)height > most) {
+    e->width = from->picture.width ? from->picture.width : 512;
+    e->height = from->picture.height ? from->picture.height : 256;
+    if (e->width > most || e->height > most) {
         sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "environment: picture is %d x %d; this driver's "
-                 "textures are at most %d across", (int)width, (int)height, most);
+                 "textures are at most %d across", e->width, e->height, most);
         return SBL_ERROR_UNSUPPORTED;
     }
-    e->width = (int)width;
-    e->height = (int)height;
     sbl__environment_axes(e, from);
-    e->pixels = (float *)sbl__alloc_raw(d->base, width * height, 12);
-    texels = (float *)sbl__alloc_raw(d->base, width * height, 16);
+    pixels = (size_t)e->width * (size_t)e->height;
+    e->pixels = (float *)sbl__alloc_raw(d->base, pixels, 12);
+    texels = (float *)sbl__alloc_raw(d->base, pixels, 16);
     result = e->pixels && texels ? sbl__environment_read(d->base, e, from, texels) : SBL_ERROR_OUT_OF_MEMORY;
     if (result == SBL_SUCCESS) result = sbl__texture_make(d, &e->texels, e->width, e->height, SBL__GL_RGBA32F);
     if (result == SBL_SUCCESS) result = sbl__texture_write(d, &e->texels, 0, e->height, texels);
@@ -5262,31 +5192,32 @@ static const char *const sbl__glsl_sky[] = {
 /* <<glsl */
 
 /* ======================================================================================================== >>bvh
-   A bounding volume hierarchy over the scene's triangles: binned surface-area heuristic (Wald 2007, "On fast
-   Construction of SAH-based Bounding Volume Hierarchies"), boxes on a 16-bit grid over the scene, two texels a node. It
-   is built in slices when a picture or gather first needs it, and again after a mesh has moved. */
+   The bounding volume hierarchy over the scene's triangles, built with the binned surface-area heuristic (Wald 2007,
+   "On fast Construction of SAH-based Bounding Volume Hierarchies"). A node takes two texels, one for each child. Boxes
+   are stored in 16-bit steps of a grid over the scene, or of a finer grid around small geometry. The hierarchy is built
+   in slices, when it is first needed and again after surfaces have changed. */
 
-#define SBL__BVH_BINS 16
-#define SBL__BVH_LEAF 4          /* triangles in a leaf, at most 8 */
-#define SBL__BVH_SAH_DEPTH 32    /* below it halves are split off by number, so that the stack is deep enough */
-#define SBL__BVH_DROPPED 0xffffffffu  /* in the order: nothing stands here */
-#define SBL__BVH_GRID_STEPS 512  /* boxes of fewer steps in all directions ... */
-#define SBL__BVH_GRID_LEAST 32   /* and of as many triangles get a grid of their own */
-#define SBL__BVH_CHUNK 32        /* triangles of a turn: what a turn costs besides must not count */
-#define SBL__UPLOAD_CHUNK 65536  /* bytes */
+#define SBL__BVH_BINS 16         /* per axis */
+#define SBL__BVH_LEAF 4          /* limit of triangles in a leaf; the format allows 8 */
+#define SBL__BVH_SAH_DEPTH 32    /* deeper nodes are cut in the middle of their triangles, to limit the depth */
+#define SBL__BVH_DROPPED 0xffffffffu  /* in the order of triangles: an unused place */
+#define SBL__BVH_GRID_STEPS 512  /* boxes that measure fewer grid steps than this along each axis */
+#define SBL__BVH_GRID_LEAST 32   /* and have at least this number of triangles get a finer grid */
+#define SBL__BVH_CHUNK 32        /* triangles per turn of a loop, so that the overhead of turns is negligible */
+#define SBL__UPLOAD_CHUNK 65536  /* bytes per piece of an upload */
 
-/* A child: lowest x | highest x << 16, likewise y, z, in steps of the grid; a node's number, or
-   SBL_LEAF | triangles - 1 << 28 | first triangle, or SBL_ENTER | number of a finer grid in a node's place. */
+/* x, y, z of a child: lowest | highest << 16 coordinate of its box, in grid steps. w: number of a node, or
+   SBL_LEAF | triangles - 1 << 28 | first triangle, or SBL_ENTER | number of a grid record. */
 #define SBL__NODE(X) X(sbl__node, UVEC4, child_0) X(sbl__node, UVEC4, child_1)
 SBL__RECORD(sbl__node, SBL__NODE, "sbl_node", "sbl_nodes", SBL__SCENE_TABLE("sbl_nodes"), NULL)
 
-/* In a node's place: a grid over a part of the scene; its first node, and the grid around it with SBL_LEAVE. */
+/* A grid takes the place of a node. root: number of its first node. around: number of the grid that encloses it */
 #define SBL__GRID_NODE(X) \
     X(sbl__grid_node, VEC3, origin) X(sbl__grid_node, UINT, root) \
     X(sbl__grid_node, VEC3, per_length) X(sbl__grid_node, UINT, around)
 SBL__RECORD(sbl__grid_node, SBL__GRID_NODE, "sbl_grid", "sbl_nodes", "", NULL)
 
-/* Corners in the leaves' order; number in the scene; cutout: 1 where it may leave nothing. */
+/* Triangles in the order of the leaves. number: the triangle's number in the scene. cutout: 1 if it may have holes */
 #define SBL__TRIANGLE(X) \
     X(sbl__triangle, VEC3, corner_0) X(sbl__triangle, UINT, object) \
     X(sbl__triangle, VEC3, corner_1) X(sbl__triangle, UINT, number) \
@@ -5295,91 +5226,90 @@ SBL__RECORD(sbl__triangle, SBL__TRIANGLE, "sbl_triangle", "sbl_triangles", SBL__
 
 typedef struct sbl__box { float low[3], high[3]; } sbl__box;
 
-static void sbl__box_clear(sbl__box *b) {
-    int k;
-    for (k = 0; k < 3; k++) { b->low[k] = FLT_MAX; b->high[k] = -FLT_MAX; }
-}
+static const sbl__box sbl__box_empty = { { FLT_MAX, FLT_MAX, FLT_MAX }, { -FLT_MAX, -FLT_MAX, -FLT_MAX } };
 
-static void sbl__box_add_point(sbl__box *b, const float *p) {
+static void sbl__box_clear(sbl__box *b) { *b = sbl__box_empty; }
+
+/* Extends a box so that it contains all coordinates from low to high. */
+static void sbl__box_grow(sbl__box *b, const float *low, const float *high) {
     int k;
     for (k = 0; k < 3; k++) {
-        b->low[k] = SBL__MIN(b->low[k], p[k]);
-        b->high[k] = SBL__MAX(b->high[k], p[k]);
+        b->low[k] = SBL__MIN(b->low[k], low[k]);
+        b->high[k] = SBL__MAX(b->high[k], high[k]);
     }
 }
+
+static void sbl__box_add_point(sbl__box *b, const float *p) { sbl__box_grow(b, p, p); }
+static void sbl__box_add(sbl__box *b, const sbl__box *other) { sbl__box_grow(b, other->low, other->high); }
 
 static void sbl__box_of_triangle(sbl__box *b, const sbl__geometry *g, uint32_t triangle) {
     int k;
-    sbl__box_clear(b);
+    *b = sbl__box_empty;
     for (k = 0; k < 3; k++) sbl__box_add_point(b, sbl__triangle_corner(g, triangle, k));
 }
 
-static void sbl__box_add(sbl__box *b, const sbl__box *other) {
-    int k;
-    for (k = 0; k < 3; k++) {
-        b->low[k] = SBL__MIN(b->low[k], other->low[k]);
-        b->high[k] = SBL__MAX(b->high[k], other->high[k]);
-    }
-}
-
+/* Returns half the surface area of a box; 0 if it is empty. */
 static float sbl__box_area(const sbl__box *b) {
     float x = b->high[0] - b->low[0], y = b->high[1] - b->low[1], z = b->high[2] - b->low[2];
     return x < 0 ? 0 : x * y + y * z + z * x;
 }
 
-/* What boxes are written in steps of; where everything is small beside it, a finer one takes over. */
-typedef struct sbl__grid { float origin[3], per_length[3]; int place; /* among the nodes */ } sbl__grid;
+/* Bounds of triangles, and of their centroids, whose coordinates are doubled. */
+typedef struct sbl__bvh_bounds { sbl__box box, centroids; } sbl__bvh_bounds;
 
-/* What is left to build: triangles first .. first + count - 1 of the order, inside `box`; child `side` of node `parent`
-   will name them. */
-typedef struct sbl__bvh_task { int first, count, depth, parent, side; sbl__grid grid; sbl__box box; } sbl__bvh_task;
+/* A part to build: triangles first .. first + count - 1 of the order. It becomes child `side` of node `parent`. */
+typedef struct sbl__bvh_task {
+    int first, count, depth, parent, side;
+    sbl__grid_node grid;
+    sbl__bvh_bounds bounds;
+} sbl__bvh_task;
 
-/* A task's triangles being split in two by place. */
+/* The split of a task's triangles into two halves. */
 typedef struct sbl__bvh_split {
-    int left, axis, bin;         /* triangles that came first so far; where the cut is; axis < 0: there is none */
-    float scale[3];
-    sbl__box centroids, bins[3][SBL__BVH_BINS], halves[2];
+    int left;                    /* triangles moved to the first half so far */
+    int axis, bin;               /* the first half ends with this bin along the axis; axis < 0: there is no split */
+    float scale[3];              /* bins per unit of doubled centroids; 0: the axis is not split */
+    sbl__box bins[3][SBL__BVH_BINS];
     int counts[3][SBL__BVH_BINS];
+    sbl__bvh_bounds halves[2];
 } sbl__bvh_split;
 
-/* Of a node: what rays through it meet on average, times its area. */
+/* Cost of a node. sum: nodes and triangles that a ray through its box tests on average, times the box's area */
 typedef struct sbl__bvh_work { double sum; float area; int parent; } sbl__bvh_work;
 
-typedef enum sbl__bvh_stage {
-    SBL__BVH_BOXES, SBL__BVH_TASK, SBL__BVH_MEASURE, SBL__BVH_COUNT, SBL__BVH_PART, SBL__BVH_NODE, SBL__BVH_COSTS
-} sbl__bvh_stage;
+enum { SBL__BVH_BOXES, SBL__BVH_COUNT, SBL__BVH_PART, SBL__BVH_NODE, SBL__BVH_COSTS };
 
 typedef struct sbl__bvh {        /* while it is built */
     sbl__stages stages;
     const sbl__device *device;
     const sbl__geometry *geometry;
     struct sbl__hierarchy *hierarchy;
-    sbl__node *nodes;
+    uint32_t (*children)[4];     /* sbl__node: two children per node */
     uint32_t *order;             /* triangle numbers, leaf after leaf */
-    sbl__box *boxes;             /* of the triangles */
-    sbl__bvh_work *work;
-    sbl__box all;
-    sbl__bvh_task stack[2 * SBL__STACK];
-    sbl__bvh_task task;          /* the one that is under way */
-    int top;
+    sbl__box *boxes;             /* per triangle: its bounds */
+    sbl__bvh_work *work;         /* per node: its cost */
+    sbl__bvh_bounds all;
+    sbl__bvh_task stack[2 * SBL__STACK];  /* tasks that have not been begun */
+    sbl__bvh_task task;          /* the present task */
+    int top;                     /* height of the stack */
     sbl__bvh_split split;
 } sbl__bvh;
 
 typedef struct sbl__hierarchy {
     int ready;
     int node_count, triangle_count;
-    float grid_origin[3], grid_per_length[3];
-    double cost;                 /* nodes and triangles that a ray through a node's box meets on average, by the
-                                    surface-area heuristic: the worst node's */
-    double seconds;              /* that building took */
+    sbl__grid_node grid;         /* the grid over the scene */
+    double cost;                 /* nodes and triangles that a ray through a node's box tests on average, by the
+                                    surface-area heuristic: the highest of all nodes */
+    double seconds;              /* time spent on building */
     sbl__table node_table, triangle_table;
-    uint32_t *order;             /* of triangle_count triangles, for the lamps */
-    sbl__bvh *building;
+    uint32_t *order;             /* triangle numbers, leaf after leaf; >>lamps needs them */
+    sbl__bvh *building;          /* NULL if the hierarchy is not being built */
 } sbl__hierarchy;
 
 static void sbl__bvh_free(const sbl__device *d, sbl__bvh *b) {
     if (!b) return;
-    sbl__free(d->base, b->nodes);
+    sbl__free(d->base, b->children);
     sbl__free(d->base, b->order);
     sbl__free(d->base, b->boxes);
     sbl__free(d->base, b->work);
@@ -5396,63 +5326,42 @@ static void sbl__hierarchy_free(const sbl__device *d, sbl__hierarchy *h) {
 
 /* >>bvh: splitting */
 
-static int sbl__bvh_split_bin(const sbl__bvh_split *s, const sbl__box *b, int axis) {
-    return (int)((b->low[axis] + b->high[axis] - s->centroids.low[axis]) * s->scale[axis]);
+static void sbl__bvh_bounds_add(sbl__bvh_bounds *bounds, const sbl__box *box) {
+    float centroid[3];
+    int k;
+    for (k = 0; k < 3; k++) centroid[k] = box->low[k] + box->high[k];
+    sbl__box_add(&bounds->box, box);
+    sbl__box_add_point(&bounds->centroids, centroid);
 }
 
-/* Chunks of triangles that the task under way has. */
+/* Returns the bin of a triangle's box along an axis. */
+static int sbl__bvh_bin(const sbl__bvh *b, const sbl__box *box, int axis) {
+    return (int)((box->low[axis] + box->high[axis] - b->task.bounds.centroids.low[axis]) * b->split.scale[axis]);
+}
+
 static int sbl__bvh_chunks(void *work) {
     return (((sbl__bvh *)work)->task.count + SBL__BVH_CHUNK - 1) / SBL__BVH_CHUNK;
 }
 
-/* The triangles of a chunk: from returned to *end - 1 of the order. */
-static int sbl__bvh_chunk(const sbl__bvh *b, int chunk, int *end) {
+/* Puts the triangles of a chunk into bins (SBL__BVH_COUNT), or moves those of the first half to the front of the task
+   (SBL__BVH_PART). */
+static sbl_result sbl__bvh_chunk(void *work, int chunk) {
+    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__bvh_split *s = &b->split;
     const int first = b->task.first + chunk * SBL__BVH_CHUNK;
-    *end = SBL__MIN(first + SBL__BVH_CHUNK, b->task.first + b->task.count);
-    return first;
-}
-
-/* Finds the bounds of the centroids. */
-static sbl_result sbl__bvh_split_measure(void *work, int chunk) {
-    sbl__bvh *b = (sbl__bvh *)work;
-    int end, i = sbl__bvh_chunk(b, chunk, &end), k;
-    for (; i < end; i++) {
-        const sbl__box *box = &b->boxes[b->order[i]];
-        float centroid[3];
-        for (k = 0; k < 3; k++) centroid[k] = box->low[k] + box->high[k];
-        sbl__box_add_point(&b->split.centroids, centroid);
-    }
-    return SBL_SUCCESS;
-}
-
-/* Where bins start and how wide they are, once the centroids are known. */
-static int sbl__bvh_split_bins(void *work) {
-    sbl__bvh *b = (sbl__bvh *)work;
-    sbl__bvh_split *s = &b->split;
-    int axis, k;
-    for (axis = 0; axis < 3; axis++) {
-        const float size = s->centroids.high[axis] - s->centroids.low[axis];
-        s->scale[axis] = size > 0 ? (float)SBL__BVH_BINS * 0.99999f / size : 0;
-        if (!sbl__finite(&s->scale[axis]) || b->task.depth >= SBL__BVH_SAH_DEPTH) s->scale[axis] = 0;
-        for (k = 0; k < SBL__BVH_BINS; k++) {
-            sbl__box_clear(&s->bins[axis][k]);
-            s->counts[axis][k] = 0;
-        }
-    }
-    return SBL__BVH_COUNT;
-}
-
-/* Puts triangles into bins. */
-static sbl_result sbl__bvh_split_count(void *work, int chunk) {
-    sbl__bvh *b = (sbl__bvh *)work;
-    sbl__bvh_split *s = &b->split;
-    int end, i = sbl__bvh_chunk(b, chunk, &end), axis;
-    for (; i < end; i++) {
-        const sbl__box *box = &b->boxes[b->order[i]];
-        for (axis = 0; axis < 3; axis++) {
-            int bin;
-            if (s->scale[axis] <= 0) continue;
-            bin = sbl__bvh_split_bin(s, box, axis);
+    const int end = SBL__MIN(first + SBL__BVH_CHUNK, b->task.first + b->task.count);
+    int i, axis;
+    for (i = first; i < end; i++) {
+        const uint32_t number = b->order[i];
+        const sbl__box *box = &b->boxes[number];
+        if (b->stages.stage == SBL__BVH_PART) {
+            const int second = sbl__bvh_bin(b, box, s->axis) > s->bin;
+            sbl__bvh_bounds_add(&s->halves[second], box);
+            if (second) continue;
+            b->order[i] = b->order[b->task.first + s->left];
+            b->order[b->task.first + s->left++] = number;
+        } else for (axis = 0; axis < 3; axis++) {
+            const int bin = s->scale[axis] > 0 ? sbl__bvh_bin(b, box, axis) : 0;
             sbl__box_add(&s->bins[axis][bin], box);
             s->counts[axis][bin]++;
         }
@@ -5460,22 +5369,21 @@ static sbl_result sbl__bvh_split_count(void *work, int chunk) {
     return SBL_SUCCESS;
 }
 
-/* The cut that costs least, of all between bins. */
-static int sbl__bvh_split_choose(void *work) {
+/* Chooses the split between two bins that costs least by the surface-area heuristic. */
+static int sbl__bvh_choose(void *work) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__bvh_split *s = &b->split;
     float best = FLT_MAX, areas[SBL__BVH_BINS], cost;
     int axis, k, n;
-    sbl__box sweep;
     for (axis = 0; axis < 3; axis++) {
+        sbl__box sweep = sbl__box_empty;
         if (s->scale[axis] <= 0) continue;
-        sbl__box_clear(&sweep);
         for (k = SBL__BVH_BINS - 1, n = 0; k > 0; k--) {
             sbl__box_add(&sweep, &s->bins[axis][k]);
             n += s->counts[axis][k];
             areas[k] = n ? sbl__box_area(&sweep) * (float)n : 0;
         }
-        sbl__box_clear(&sweep);
+        sweep = sbl__box_empty;
         for (k = 0, n = 0; k < SBL__BVH_BINS - 1; k++) {
             sbl__box_add(&sweep, &s->bins[axis][k]);
             n += s->counts[axis][k];
@@ -5487,26 +5395,10 @@ static int sbl__bvh_split_choose(void *work) {
     return s->axis >= 0 ? SBL__BVH_PART : SBL__BVH_NODE;
 }
 
-/* Brings the triangles of the first half to the front. */
-static sbl_result sbl__bvh_split_part(void *work, int chunk) {
-    sbl__bvh *b = (sbl__bvh *)work;
-    sbl__bvh_split *s = &b->split;
-    int end, i = sbl__bvh_chunk(b, chunk, &end);
-    for (; i < end; i++) {
-        const uint32_t number = b->order[i];
-        const int second = sbl__bvh_split_bin(s, &b->boxes[number], s->axis) > s->bin;
-        sbl__box_add(&s->halves[second], &b->boxes[number]);
-        if (second) continue;
-        b->order[i] = b->order[b->task.first + s->left];
-        b->order[b->task.first + s->left++] = number;
-    }
-    return SBL_SUCCESS;
-}
-
 /* >>bvh: nodes */
 
-/* A box onto a grid, a little outwards. */
-static void sbl__bvh_quantise(const sbl__grid *grid, const sbl__box *b, uint32_t out[3]) {
+/* Converts a box to steps of a grid, rounding outwards. It grows by at least 0.02 steps on each side. */
+static void sbl__bvh_quantise(const sbl__grid_node *grid, const sbl__box *b, uint32_t out[3]) {
     int k;
     for (k = 0; k < 3; k++) {
         double low = floor(((double)b->low[k] - grid->origin[k]) * grid->per_length[k] - 0.02);
@@ -5515,57 +5407,53 @@ static void sbl__bvh_quantise(const sbl__grid *grid, const sbl__box *b, uint32_t
     }
 }
 
-/* The grid over a box, a step to spare at either end, in the place of the next node. */
-static sbl__grid sbl__bvh_add_grid(sbl__hierarchy *h, const sbl__box *b, int around) {
+/* Appends a grid over a box, with a margin of one step on each side, in the place of the next node. */
+static sbl__grid_node sbl__bvh_add_grid(sbl__hierarchy *h, const sbl__box *b, uint32_t around) {
     const float longest = SBL__MAX(b->high[0] - b->low[0], SBL__MAX(b->high[1] - b->low[1], b->high[2] - b->low[2]));
-    sbl__grid_node node;
-    sbl__grid grid;
+    const int place = h->node_count++;
+    sbl__grid_node grid;
     int k;
-    for (k = 0; k < 3; k++) {  /* no finer than what floats resolve there */
+    for (k = 0; k < 3; k++) {  /* steps must not be finer than the resolution of floats */
         double size = SBL__MAX(1e-4 * (double)longest, SBL__MAX(1e-6 * fabs((double)b->low[k]), 1e-30));
         size = SBL__MAX((double)b->high[k] - b->low[k], size);
-        node.per_length[k] = grid.per_length[k] = (float)(65533 / size);
-        node.origin[k] = grid.origin[k] = (float)(b->low[k] - size / 65533);
+        grid.per_length[k] = (float)(65533 / size);
+        grid.origin[k] = (float)(b->low[k] - size / 65533);
     }
-    grid.place = h->node_count++;
-    node.root = (uint32_t)grid.place + 1;  /* its root follows */
-    node.around = (uint32_t)around;
-    memcpy(&h->building->nodes[grid.place], &node, sizeof node);
-    memset(&h->building->work[grid.place], 0, sizeof *h->building->work);
+    grid.root = (uint32_t)place + 1;
+    grid.around = around;
+    memcpy(&h->building->children[2 * place], &grid, sizeof grid);
+    memset(&h->building->work[place], 0, sizeof *h->building->work);
     return grid;
 }
 
-/* A triangle's nine coordinates and its number. */
-typedef struct sbl__bvh_corners { uint32_t words[10]; } sbl__bvh_corners;
-
+/* Compares triangles: the bits of nine coordinates, then the number. */
 static int sbl__bvh_corner_order(const void *first, const void *second) {
-    const uint32_t *a = ((const sbl__bvh_corners *)first)->words, *b = ((const sbl__bvh_corners *)second)->words;
+    const uint32_t *a = (const uint32_t *)first, *b = (const uint32_t *)second;
     int k = 0;
     while (k < 9 && a[k] == b[k]) k++;
     return a[k] < b[k] ? -1 : a[k] > b[k];
 }
 
-/* Of triangles that lie exactly on each other only the first can be seen: a thousand copies must not cost a thousand
-   tests. Shortens the task. */
+/* Drops triangles whose corners are exactly those of a triangle with a lower number and without holes: rays cannot hit
+   them, but would test all of them. Shortens the task. */
 static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
     const sbl__geometry *g = b->geometry;
     uint32_t *order = b->order;
-    sbl__bvh_corners *corners = (sbl__bvh_corners *)sbl__alloc(b->device->base, (size_t)t->count, sizeof *corners);
+    uint32_t (*corners)[10] = (uint32_t (*)[10])sbl__alloc(b->device->base, (size_t)t->count, sizeof *corners);
     int i, k, kept = 0, last = 0;
     if (!corners) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < t->count; i++) {
         const uint32_t number = order[t->first + i];
-        for (k = 0; k < 3; k++) memcpy(corners[i].words + 3 * k, sbl__triangle_corner(g, number, k), 12);
-        corners[i].words[9] = number;
+        for (k = 0; k < 3; k++) memcpy(corners[i] + 3 * k, sbl__triangle_corner(g, number, k), 12);
+        corners[i][9] = number;
     }
     qsort(corners, (size_t)t->count, sizeof *corners, sbl__bvh_corner_order);
     for (i = 0; i < t->count; i++) {
-        const uint32_t number = corners[i].words[9], before = corners[last].words[9];
-        if (i && !memcmp(corners[i].words, corners[last].words, 36) &&
-            sbl__triangle_object(g, before)->alpha_cutoff == 0.0f)
+        if (i && !memcmp(corners[i], corners[last], 36) &&
+            sbl__triangle_object(g, corners[last][9])->alpha_cutoff == 0.0f)
             continue;
         last = i;
-        order[t->first + kept++] = number;
+        order[t->first + kept++] = corners[i][9];
     }
     for (i = kept; i < t->count; i++) order[t->first + i] = SBL__BVH_DROPPED;
     t->count = kept;
@@ -5573,37 +5461,40 @@ static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
     return SBL_SUCCESS;
 }
 
-static uint32_t *sbl__bvh_child(sbl__bvh *b, int node, int side) {
-    return side ? b->nodes[node].child_1 : b->nodes[node].child_0;
-}
-
-/* Takes up a task: names its node to its parent, in a finer grid where it is small for the present one. */
-static sbl_result sbl__bvh_begin_task(void *work, sbl__slice *slice) {
+/* Begins the top task of the stack: links the next node to its parent, behind a finer grid if its box is small in the
+   parent's grid, and empties the bins. */
+static int sbl__bvh_next_task(void *work) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__hierarchy *h = b->hierarchy;
+    sbl__bvh_split *s = &b->split;
     sbl__bvh_task *t = &b->task;
+    const sbl__box *box = &t->bounds.box, *centroids = &t->bounds.centroids;
     uint32_t *child;
-    int k, fine = 1;
-    (void)slice;
+    int axis, k, fine = 1;
+    if (!b->top) return SBL__BVH_COSTS;
     *t = b->stack[--b->top];
-    child = sbl__bvh_child(b, t->parent, t->side) + 3;
-    for (k = 0; k < 3; k++) fine &= (t->box.high[k] - t->box.low[k]) * t->grid.per_length[k] < SBL__BVH_GRID_STEPS;
+    child = &b->children[2 * t->parent + t->side][3];
     *child = (uint32_t)h->node_count;
+    for (k = 0; k < 3; k++) fine &= (box->high[k] - box->low[k]) * t->grid.per_length[k] < SBL__BVH_GRID_STEPS;
     if (fine && t->count >= SBL__BVH_GRID_LEAST && t->depth < SBL__BVH_SAH_DEPTH) {
         t->depth++;
         *child |= SBL__ENTER;
-        t->grid = sbl__bvh_add_grid(h, &t->box, t->grid.place);
+        t->grid = sbl__bvh_add_grid(h, box, t->grid.root - 1);
     }
     memset(&b->work[h->node_count], 0, sizeof *b->work);
-    b->split.left = 0;
-    b->split.axis = -1;
-    sbl__box_clear(&b->split.centroids);
-    sbl__box_clear(&b->split.halves[0]);
-    sbl__box_clear(&b->split.halves[1]);
-    return SBL_SUCCESS;
+    memset(s, 0, sizeof *s);
+    s->axis = -1;
+    for (k = 0; k < 2; k++) s->halves[k].box = s->halves[k].centroids = sbl__box_empty;
+    for (axis = 0; axis < 3; axis++) {
+        const float size = centroids->high[axis] - centroids->low[axis];
+        const float scale = size > 0 ? (float)SBL__BVH_BINS * 0.99999f / size : 0;
+        if (sbl__finite(&scale) && t->depth < SBL__BVH_SAH_DEPTH) s->scale[axis] = scale;
+        for (k = 0; k < SBL__BVH_BINS; k++) s->bins[axis][k] = sbl__box_empty;
+    }
+    return SBL__BVH_COUNT;
 }
 
-/* Writes the node of the task, which has been split, and leaves its halves as leaves or tasks. */
+/* Writes the node of the present task after its split. Each half becomes a leaf or a task. */
 static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__bvh_split *s = &b->split;
@@ -5611,19 +5502,19 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
     const int node = b->hierarchy->node_count++;
     int side, i;
     (void)slice;
-    if (!s->left) {  /* all at one place, or too deep: halves by number; of one triangle one is empty, never entered */
+    if (!s->left) {  /* no split was found. The first half of a single triangle is an empty box, which no ray enters. */
         const sbl_result result = sbl__bvh_drop_copies(b, t);
         if (result != SBL_SUCCESS) return result;
         s->left = t->count / 2;
-        for (i = 0; i < t->count; i++) sbl__box_add(&s->halves[i >= s->left], &b->boxes[b->order[t->first + i]]);
+        for (i = 0; i < t->count; i++) sbl__bvh_bounds_add(&s->halves[i >= s->left], &b->boxes[b->order[t->first + i]]);
     }
-    b->work[node].area = sbl__box_area(&t->box);
+    b->work[node].area = sbl__box_area(&t->bounds.box);
     b->work[node].parent = t->parent;
     for (side = 0; side < 2; side++) {
         const int first = side ? t->first + s->left : t->first, count = side ? t->count - s->left : s->left;
-        uint32_t *child = sbl__bvh_child(b, node, side);
-        sbl__bvh_quantise(&t->grid, &s->halves[side], child);
-        b->work[node].sum += (double)sbl__box_area(&s->halves[side]) * (count <= SBL__BVH_LEAF ? 1 + count : 1);
+        uint32_t *child = b->children[2 * node + side];
+        sbl__bvh_quantise(&t->grid, &s->halves[side].box, child);
+        b->work[node].sum += (double)sbl__box_area(&s->halves[side].box) * (count <= SBL__BVH_LEAF ? 1 + count : 1);
         if (count <= SBL__BVH_LEAF)
             child[3] = SBL__LEAF | (uint32_t)(SBL__MAX(1, count) - 1) << 28 | (uint32_t)first;
         else {
@@ -5634,15 +5525,13 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
             task->depth++;
             task->parent = node;
             task->side = side;
-            task->box = s->halves[side];
+            task->bounds = s->halves[side];
         }
     }
     return SBL_SUCCESS;
 }
 
-static int sbl__bvh_after_task(void *work) { return ((sbl__bvh *)work)->top ? SBL__BVH_TASK : SBL__BVH_COSTS; }
-
-/* >>bvh: its stages */
+/* >>bvh: stages */
 
 static sbl_result sbl__bvh_begin(const sbl__device *d, const sbl__geometry *g, sbl__hierarchy *h) {
     const size_t room = (size_t)SBL__MAX(1, g->triangle_count), nodes = room + room / SBL__BVH_GRID_LEAST + 2;
@@ -5654,47 +5543,44 @@ static sbl_result sbl__bvh_begin(const sbl__device *d, const sbl__geometry *g, s
     b->hierarchy = h;
     h->node_count = h->triangle_count = 0;
     h->cost = h->seconds = 0;
-    memset(h->grid_origin, 0, sizeof h->grid_origin);
-    memset(h->grid_per_length, 0, sizeof h->grid_per_length);
-    b->nodes = (sbl__node *)sbl__alloc_raw(d->base, nodes, sizeof *b->nodes);
+    b->children = (uint32_t (*)[4])sbl__alloc_raw(d->base, nodes, sizeof(sbl__node));
     b->order = (uint32_t *)sbl__alloc_raw(d->base, room, 4);
     b->boxes = (sbl__box *)sbl__alloc_raw(d->base, room, sizeof *b->boxes);
     b->work = (sbl__bvh_work *)sbl__alloc_raw(d->base, nodes, sizeof *b->work);
-    sbl__box_clear(&b->all);
-    return b->nodes && b->order && b->boxes && b->work ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    b->all.box = b->all.centroids = sbl__box_empty;
+    return b->children && b->order && b->boxes && b->work ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 static int sbl__bvh_all_triangles(void *work) { return ((sbl__bvh *)work)->geometry->triangle_count; }
 
-/* The box of a triangle, if sensors see it. */
+/* Adds a triangle, unless it is hidden from sensors. */
 static sbl_result sbl__bvh_box(void *work, int at) {
     sbl__bvh *b = (sbl__bvh *)work;
     const uint32_t i = (uint32_t)at;
     if (sbl__triangle_object(b->geometry, i)->flags & SBL_MATERIAL_HIDDEN_FROM_SENSORS) return SBL_SUCCESS;
     b->order[b->hierarchy->triangle_count++] = i;
     sbl__box_of_triangle(&b->boxes[i], b->geometry, i);
-    sbl__box_add(&b->all, &b->boxes[i]);
+    sbl__bvh_bounds_add(&b->all, &b->boxes[i]);
     return SBL_SUCCESS;
 }
 
-/* The first task, where sensors see anything at all. */
+/* Begins a task for all triangles, if there are any. */
 static int sbl__bvh_after_boxes(void *work) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__hierarchy *h = b->hierarchy;
     sbl__bvh_task *task = &b->stack[0];
-    if (!h->triangle_count) return SBL__BVH_COSTS;
-    task->count = h->triangle_count;
-    task->box = b->all;
-    task->grid = sbl__bvh_add_grid(h, &b->all, 0);  /* number 0; it names the root as child_0 would */
-    memcpy(h->grid_origin, task->grid.origin, 12);
-    memcpy(h->grid_per_length, task->grid.per_length, 12);
-    b->top = 1;
-    return SBL__BVH_TASK;
+    if (h->triangle_count) {
+        b->top = 1;
+        task->count = h->triangle_count;
+        task->bounds = b->all;
+        h->grid = task->grid = sbl__bvh_add_grid(h, &b->all.box, 0);  /* parent 0 and side 0 address its root field */
+    }
+    return sbl__bvh_next_task(b);
 }
 
 static int sbl__bvh_inner_nodes(void *work) { return ((sbl__bvh *)work)->hierarchy->node_count - 1; }
 
-/* Children come after their parents: what rays meet below a node is added up on the way back. */
+/* Adds a node's cost to its parent's. Nodes are visited from last to first, since children follow their parents. */
 static sbl_result sbl__bvh_cost(void *work, int at) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__hierarchy *h = b->hierarchy;
@@ -5704,9 +5590,10 @@ static sbl_result sbl__bvh_cost(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Stores `count` elements of a table's `all` from number stages.at on, and shows it to shaders once all are there. */
-static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, size_t size, int count, int all) {
+/* Uploads a piece of a table's `all` elements, from number stages.at on. Attaches the table after the last one. */
+static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, size_t size, int all) {
     int *at = &b->stages.at;
+    const int count = SBL__MIN(SBL__UPLOAD_CHUNK / (int)size, all - *at);
     sbl_result result = SBL_SUCCESS;
     if (!*at) result = sbl__buffer_make(b->device, &t->buffer, size * (size_t)all, NULL, SBL__GL_STATIC_DRAW);
     if (result != SBL_SUCCESS) return result;
@@ -5718,7 +5605,7 @@ static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, 
     return result;
 }
 
-/* Triangles' records, in the leaves' order. */
+/* Uploads a piece of the triangles' records, in the order of the leaves. */
 static sbl_result sbl__bvh_triangles(void *work, sbl__slice *slice) {
     enum { MOST = SBL__UPLOAD_CHUNK / sizeof(sbl__triangle) };
     sbl__bvh *b = (sbl__bvh *)work;
@@ -5741,29 +5628,25 @@ static sbl_result sbl__bvh_triangles(void *work, sbl__slice *slice) {
         t->number = number;
         t->cutout = sbl__triangle_object(g, number)->alpha_cutoff != 0.0f;
     }
-    result = sbl__bvh_upload(b, &h->triangle_table, records, sizeof *records, count, h->triangle_count);
+    result = sbl__bvh_upload(b, &h->triangle_table, records, sizeof *records, h->triangle_count);
     sbl__free(b->device->base, records);
     return result;
 }
 
 static sbl_result sbl__bvh_nodes(void *work, sbl__slice *slice) {
-    enum { MOST = SBL__UPLOAD_CHUNK / sizeof(sbl__node) };
     sbl__bvh *b = (sbl__bvh *)work;
-    const int at = b->stages.at, all = b->hierarchy->node_count;
+    sbl__hierarchy *h = b->hierarchy;
     (void)slice;
-    return sbl__bvh_upload(b, &b->hierarchy->node_table, b->nodes + at, sizeof *b->nodes,
-                           SBL__MIN((int)MOST, all - at), all);
+    return sbl__bvh_upload(b, &h->node_table, b->children + 2 * b->stages.at, sizeof(sbl__node), h->node_count);
 }
 
-/* Builds the hierarchy and brings it to the GPU. SBL_SUCCESS: it is ready; after an error it can be begun anew. */
+/* Builds the hierarchy and uploads it. SBL_SUCCESS: it is ready. After an error the caller may begin again. */
 static sbl_result sbl__hierarchy_step(sbl__device *d, const sbl__geometry *g, sbl__hierarchy *h, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, sbl__bvh_after_boxes, sbl__bvh_box, sbl__bvh_all_triangles },
-        { sbl__bvh_begin_task, NULL, NULL, NULL },
-        { NULL, sbl__bvh_split_bins, sbl__bvh_split_measure, sbl__bvh_chunks },
-        { NULL, sbl__bvh_split_choose, sbl__bvh_split_count, sbl__bvh_chunks },
-        { NULL, NULL, sbl__bvh_split_part, sbl__bvh_chunks },
-        { sbl__bvh_end_task, sbl__bvh_after_task, NULL, NULL },
+        { NULL, sbl__bvh_choose, sbl__bvh_chunk, sbl__bvh_chunks },
+        { NULL, NULL, sbl__bvh_chunk, sbl__bvh_chunks },
+        { sbl__bvh_end_task, sbl__bvh_next_task, NULL, NULL },
         { NULL, NULL, sbl__bvh_cost, sbl__bvh_inner_nodes },
         { sbl__bvh_triangles, NULL, NULL, NULL },
         { sbl__bvh_nodes, NULL, NULL, NULL }
@@ -5777,7 +5660,7 @@ static sbl_result sbl__hierarchy_step(sbl__device *d, const sbl__geometry *g, sb
                                                         slice);
     h->seconds += sbl__now() - start;
     if (result == SBL_UNFINISHED) return result;
-    if (result == SBL_SUCCESS) {  /* the GPU has the nodes; the order tells where lamps are */
+    if (result == SBL_SUCCESS) {  /* >>lamps still needs the order; the nodes are on the GPU */
         h->ready = 1;
         sbl__free(d->base, h->order);
         h->order = h->building->order;
@@ -5788,27 +5671,27 @@ static sbl_result sbl__hierarchy_step(sbl__device *d, const sbl__geometry *g, sb
     return result;
 }
 
-/* For traverse.glsl. */
+/* Sets the tables and uniforms of traverse.glsl. */
 static void sbl__hierarchy_bind(sbl__device *d, const sbl__hierarchy *h) {
     sbl__bind_table(d, "sbl_nodes", &h->node_table);
     sbl__bind_table(d, "sbl_triangles", &h->triangle_table);
-    sbl__set_vec3(d, "grid_origin", h->grid_origin);
-    sbl__set_vec3(d, "grid_per_length", h->grid_per_length);
+    sbl__set_vec3(d, "grid_origin", h->grid.origin);
+    sbl__set_vec3(d, "grid_per_length", h->grid.per_length);
     sbl__set_int(d, "node_count", h->node_count);
 }
 
 /* >>glsl traverse: shaders_embedded/traverse.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_traverse[] = {
-"// A ray through the bounding volume hierarchy (see >>bvh in sbl.h).\n",
-"uniform vec3 grid_origin, grid_per_length;  // of the grid over all, which comes first\n",
-"uniform int node_count;                     // 0: an empty scene\n",
+"// Traces rays through the bounding volume hierarchy (see >>bvh in sbl.h).\n",
+"uniform vec3 grid_origin, grid_per_length;  // the grid over the scene, whose record is number 0\n",
+"uniform int node_count;                     // 0: the scene is empty\n",
 "\n",
-"const int SBL_LAYERS = 64;            // of cutouts that a ray goes through\n",
+"const int SBL_LAYERS = 64;            // limit of hits in holes that a ray passes\n",
 "const int SBL_BOX_SLACK = 8;          // units in the last place, see Ize 2013, \"Robust BVH Ray Traversal\"\n",
-"const float SBL_SELF_DEEP = 1e-4;     // a hit nearer than this share of its triangle's depth may be rounding:\n",
-"const float SBL_SELF_WIDE = 2.4e-7;   // it must be farther than half so many of its width\n",
+"const float SBL_SELF_DEEP = 1e-4;     // see sbl_test\n",
+"const float SBL_SELF_WIDE = 2.4e-7;\n",
 "\n",
-"// Attributes of a triangle that is traced, at b1, b2.\n",
+"// Attributes at barycentrics b1, b2 of a triangle of sbl_triangles.\n",
 "sbl_Attributes sbl_attributes_at(int triangle, float b1, float b2) {\n",
 "#ifdef SBL_TEXTURED\n",
 "    ivec3 corners = sbl_corners(int(sbl_triangle_number(triangle)));\n",
@@ -5827,18 +5710,19 @@ static const char *const sbl__glsl_traverse[] = {
 "}\n",
 "\n",
 "struct sbl_Hit {\n",
-"    float distance;   // in lengths of the direction\n",
-"    int triangle;     // as sbl_triangles counts; negative: nothing was hit\n",
-"    int number;       // of the triangle in the scene\n",
+"    float distance;   // in units of the direction's length\n",
+"    int triangle;     // number in sbl_triangles; negative: nothing was hit\n",
+"    int number;       // the triangle's number in the scene\n",
 "    float b1, b2;     // barycentrics of the second and third corner\n",
 "    bool back;\n",
 "};\n",
 "\n",
 "sbl_Attributes sbl_attributes_of(sbl_Hit hit) { return sbl_attributes_at(hit.triangle, hit.b1, hit.b2); }\n",
 "\n",
-"// Does the ray's stretch up to `nearest` cross the box? Its entry distance, or 0x7fffffff; distances are the bits\n",
-"// of floats, since they order as integers where none is negative, and a negative one is below all others. `per` is\n",
-"// the length of a grid step along the ray, `offset` brings the origin to 0.\n",
+"// Returns the distance at which the ray enters the box; 0x7fffffff if it does not enter before `nearest`.\n",
+"// Distances are the bits of floats: as integers, those of positive floats have the same order, and those of\n",
+"// negative floats are negative. per: ray distance per grid step. offset: ray distance of the grid's origin. flip:\n",
+"// where the ray's direction is negative\n",
 "int sbl_box(uvec4 box, vec3 per, vec3 offset, bvec3 flip, int nearest) {\n",
 "    vec3 low = vec3(box.xyz & 65535u), high = vec3(box.xyz >> 16);\n",
 "    ivec3 entry = floatBitsToInt(mix(low, high, flip) * per + offset);\n",
@@ -5847,20 +5731,21 @@ static const char *const sbl__glsl_traverse[] = {
 "    return from <= to + SBL_BOX_SLACK ? from : 0x7fffffff;\n",
 "}\n",
 "\n",
-"// A ray as triangles are tested against it. Watertight against shared edges: Woop, Benthin and Wald 2013. The axis\n",
-"// along which the direction is longest becomes z, the ray is sheared onto it.\n",
+"// A ray for triangle tests, which are watertight at shared edges (Woop, Benthin and Wald 2013). The axis of the\n",
+"// direction's largest component becomes z, and space is sheared so that the ray follows z.\n",
 "struct sbl_Ray {\n",
 "    vec3 origin;\n",
 "    int axis;\n",
-"    float shear_x, shear_y, z, per_z;\n",
-"    float after;  // hits are ordered by distance, then number: those up to this distance,\n",
-"    int past;     // and at it up to this number, do not count\n",
+"    vec2 shear;\n",
+"    float z, per_z;\n",
+"    float after;  // hits at a lower distance are ignored,\n",
+"    int past;     // and hits at an equal distance whose number is at most this\n",
 "};\n",
 "\n",
 "vec3 sbl_turn(vec3 v, int axis) { return axis == 0 ? v.yzx : axis == 1 ? v.zxy : v; }\n",
 "\n",
-"// Four times the area of an edge and the ray. From the edge's other side it is exactly the opposite, though\n",
-"// drivers may compute a * b - c * d with one rounding or with two: the edge both ways, halves that change places.\n",
+"// Four times the signed area of the triangle of an edge and the ray. The two equal terms make the result for (b,\n",
+"// a) the exact opposite, even if the driver rounds only one product of each a * b - c * d.\n",
 "float sbl_side(vec2 a, vec2 b) { return (a.x * b.y - a.y * b.x) - (b.x * a.y - b.y * a.x); }\n",
 "\n",
 "void sbl_test(int triangle, sbl_Ray ray, inout sbl_Hit hit) {\n",
@@ -5868,16 +5753,16 @@ static const char *const sbl__glsl_traverse[] = {
 "    vec3 q = sbl_turn(sbl_triangle_corner_1(triangle) - ray.origin, ray.axis);\n",
 "    vec3 r = sbl_turn(sbl_triangle_corner_2(triangle) - ray.origin, ray.axis);\n",
 "    int number = int(sbl_triangle_number(triangle));\n",
-"    vec2 shear = vec2(ray.shear_x, ray.shear_y);\n",
-"    p.xy -= shear * p.z;\n",
-"    q.xy -= shear * q.z;\n",
-"    r.xy -= shear * r.z;\n",
+"    p.xy -= ray.shear * p.z;\n",
+"    q.xy -= ray.shear * q.z;\n",
+"    r.xy -= ray.shear * r.z;\n",
 "    float u = sbl_side(r.xy, q.xy), v = sbl_side(p.xy, r.xy), w = sbl_side(q.xy, p.xy), determinant = u + v + w;\n",
 "    bool front = u >= 0.0 && v >= 0.0 && w >= 0.0, back = u <= 0.0 && v <= 0.0 && w <= 0.0;\n",
 "    bool inside = (front || back) && determinant != 0.0;\n",
 "    float l = (u * p.z + v * q.z + w * r.z) * ray.per_z / determinant;\n",
-"    // A triangle that the ray starts beside, its own above all, must not be hit by rounding: it grows with how\n",
-"    // thin the triangle is.\n",
+"    // Rounding must not cause a hit of a triangle close to the ray's origin, such as the one that it starts on. A\n",
+"    // hit nearer than SBL_SELF_DEEP of the triangle's depth counts only if it is farther than the rounding error,\n",
+"    // which is larger for thin triangles.\n",
 "    float deep = max(abs(p.z), max(abs(q.z), abs(r.z)));\n",
 "    float wide = max(dot(p.xy, p.xy), max(dot(q.xy, q.xy), dot(r.xy, r.xy)));\n",
 "    inside = inside && l > SBL_SELF_DEEP * deep || inside && l * abs(determinant) > SBL_SELF_WIDE * deep * wide;\n",
@@ -5886,13 +5771,13 @@ static const char *const sbl__glsl_traverse[] = {
 "        hit = sbl_Hit(l, triangle, number, v / determinant, w / determinant, (determinant < 0.0) == (ray.z > 0.0));\n",
 "}\n",
 "\n",
-"// The nearest hit nearer than `limit` and farther than `after`, or as far and of a triangle numbered above `past`.\n",
+"// Returns the nearest hit below the distance `limit` and above `after`, or at `after` with a number above `past`.\n",
 "sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float limit) {\n",
 "    sbl_Hit hit = sbl_Hit(limit, -1, -1, 0.0, 0.0, false);\n",
 "    vec3 size = abs(direction);\n",
 "    int axis = size.x > size.y ? (size.x > size.z ? 0 : 2) : (size.y > size.z ? 1 : 2);\n",
 "    vec3 d = sbl_turn(direction, axis);\n",
-"    sbl_Ray ray = sbl_Ray(origin, axis, d.x / d.z, d.y / d.z, d.z, 1.0 / d.z, after, past);\n",
+"    sbl_Ray ray = sbl_Ray(origin, axis, d.xy / d.z, d.z, 1.0 / d.z, after, past);\n",
 "\n",
 "    bvec3 flip = lessThan(direction, vec3(0));\n",
 "    vec3 inverse = 1.0 / mix(max(direction, vec3(1e-12)), min(direction, vec3(-1e-12)), flip);\n",
@@ -5901,10 +5786,9 @@ static const char *const sbl__glsl_traverse[] = {
 "    stack[0] = SBL_END;\n",
 "    int top = 0;\n",
 "    uint node = node_count == 0 ? SBL_END : 1u;\n",
-"    // Each turn is a leaf, or a way into or out of a grid. So many it takes at most; softpipe does not come out of\n",
-"    // this loop otherwise.\n",
+"    // Each turn visits a leaf or changes grids. softpipe does not leave this loop unless their number is limited.\n",
 "    for (int turns = 4 * node_count + 4; turns > 0; turns--) {\n",
-"        while (node < SBL_LEAF) {  // down to a leaf, the nearer child first\n",
+"        while (node < SBL_LEAF) {  // descends to a leaf, to the nearer child first\n",
 "            uvec4 first = sbl_node_child_0(int(node)), second = sbl_node_child_1(int(node));\n",
 "            int nearest = floatBitsToInt(hit.distance);\n",
 "            int a = sbl_box(first, per, offset, flip, nearest), b = sbl_box(second, per, offset, flip, nearest);\n",
@@ -5913,7 +5797,7 @@ static const char *const sbl__glsl_traverse[] = {
 "            if (min(a, b) == 0x7fffffff) node = stack[top--];\n",
 "        }\n",
 "        bool leaf = true;\n",
-"        while ((node & 0xe0000000u) == SBL_ENTER && leaf) {  // into a grid, or back to the one around it\n",
+"        while ((node & 0xe0000000u) == SBL_ENTER && leaf) {  // SBL_ENTER or SBL_LEAVE: changes to another grid\n",
 "            int grid = int(node & SBL_CHILD_NUMBER);\n",
 "            per = inverse / sbl_grid_per_length(grid);\n",
 "            offset = (sbl_grid_origin(grid) - origin) * inverse;\n",
@@ -5932,11 +5816,11 @@ static const char *const sbl__glsl_traverse[] = {
 "    return hit;\n",
 "}\n",
 "\n",
-"// The nearest hit nearer than `limit`.\n",
+"// Returns the nearest hit whose distance is below `limit`.\n",
 "sbl_Hit sbl_trace(vec3 origin, vec3 direction, float limit) {\n",
 "    sbl_Hit hit = sbl_Hit(0.0, -1, 0x7fffffff, 0.0, 0.0, false);\n",
 "#ifdef SBL_CUTOUTS\n",
-"    // Cutouts: the nearest hit is looked at, and where nothing is there the ray goes on behind it.\n",
+"    // If the nearest hit lies in a hole, the ray continues behind it.\n",
 "    for (int layer = 0; layer < SBL_LAYERS; layer++) {\n",
 "        bool solid = true;\n",
 "        hit = sbl_nearest(origin, direction, hit.distance, hit.number, limit);\n",
@@ -5953,17 +5837,17 @@ static const char *const sbl__glsl_traverse[] = {
 /* <<glsl */
 
 /* ======================================================================================================== >>lamps
-   Lamps, at which sensors aim rays: emitting triangles, lights, and texels of the environment that are too bright for
-   random rays. Two trees, one of near lamps and one of directions, hold clusters of neighbours, so that a sensor's work
-   grows with the logarithm of the number of lamps (lamps.glsl). One table holds the nodes in preorder, then the leaves
-   in the order of the nodes, then the lights.
+   Lamps, which sensors send rays to: emitting triangles, lights, and texels of the environment that are too bright for
+   random rays. Two trees, one of near lamps and one of distant lamps, hold clusters of neighbours, so that a sensor's
+   work grows with the logarithm of the number of lamps (lamps.glsl). One table holds the nodes in preorder, then the
+   leaves in the order of the nodes, then the lights.
 
-   The power of a lamp is its light per solid angle, divided by pi, where the lamp shows its face: R at distance d is
-   about power * cosine / d^2, and power * cosine for directions. */
+   The power of a lamp is its radiant intensity along its normal, summed over the channels and divided by pi: R at
+   distance d is about power * cosine / d^2. For a distant lamp, R is power * cosine. */
 
 /* middle, radius: a ball around all lamps of the subtree. square, mixed: xx, yy, zz and xy, yz, zx of the sum of
-   power * normal * normal^T. beyond: the node after the subtree, with SBL_FAR_NODE set for directions. front: sum of
-   power * normal of one-sided lamps. first_leaf: the first leaf of the subtree. */
+   power * normal * normal^T. beyond: the node after the subtree, with SBL_FAR_NODE set for distant lamps. front: sum of
+   power * normal of one-sided lamps. first_leaf: the first leaf of the subtree */
 #define SBL__LAMP_NODE(X) \
     X(sbl__lamp_node, VEC3, middle) X(sbl__lamp_node, FLOAT, radius) \
     X(sbl__lamp_node, VEC3, square) X(sbl__lamp_node, FLOAT, power) \
@@ -5984,18 +5868,18 @@ SBL__RECORD(sbl__lamp_leaf, SBL__LAMP_LEAF, "sbl_lamp_leaf", "sbl_lamps", "", "s
     X(sbl__light_record, VEC3, axis) X(sbl__light_record, FLOAT, spot_offset)
 SBL__RECORD(sbl__light_record, SBL__LIGHT_RECORD, "sbl_light", "sbl_lamps", "", "sbl_first_light")
 
-#define SBL__POWER_MOST 1e37          /* limit of power, so that sums of several remain finite floats */
-#define SBL__POWER_LEAST 1e-30        /* least power of a lamp that emits light */
-#define SBL__MOMENT_MOST 1e18         /* limit of a moment, so that products of two remain finite floats */
+#define SBL__POWER_MOST 1e37          /* limit of power, so that sums remain finite floats */
+#define SBL__POWER_LEAST 1e-30        /* least power of an emitting triangle, times pi */
+#define SBL__MOMENT_MOST 1e18         /* limit of a moment, so that products of two moments remain finite floats */
 #define SBL__SPOT_LEAST 0.001         /* least difference between the cosines of a spot's cones (KHR_lights_punctual) */
 #define SBL__CURVE_BITS 20            /* bits of the Morton curve per axis */
 #define SBL__LAMP_DEPTH 128           /* largest depth of the trees: the 61 bits of the curve, then the logarithm of
                                          the number of lamps at one place */
 
 typedef struct sbl__lamp {
-    uint64_t curve;            /* position along a Morton curve; near lamps come before distant ones */
-    uint32_t code;
-    uint32_t triangle;         /* number of the triangle in the scene */
+    uint64_t curve;            /* position along a Morton curve; near lamps come before distant lamps */
+    uint32_t code;             /* see sbl__lamp_leaf */
+    uint32_t name;             /* number of the triangle in the scene or of the light, or row * width + column */
     sbl__box bounds;
     float normal[3];           /* 0: the lamp shines in all directions; for a distant lamp, the direction towards it */
     float power;
@@ -6003,9 +5887,6 @@ typedef struct sbl__lamp {
 } sbl__lamp;
 
 typedef struct sbl__cluster { double power, all_sides, square[6], front[3]; sbl__box bounds; } sbl__cluster;
-
-/* A range of lamps for which a subtree must still be built: first .. first + count - 1. */
-typedef struct sbl__lamp_range { int first, count; } sbl__lamp_range;
 
 typedef struct sbl__lamps {    /* data for building the trees */
     sbl__stages stages;
@@ -6017,26 +5898,24 @@ typedef struct sbl__lamps {    /* data for building the trees */
     sbl__lamp *list, *sorted;  /* sorted: the destination of merging */
     int count, room;
     double low[3], side;       /* cube around the centres of the near lamps, which the Morton curve fills */
-    int width, left, right, out;  /* width: lamps in a run to merge; left, right, out: positions in both runs and in
-                                     the output */
+    int width;                 /* number of lamps in a run to merge */
+    int left, right, out;      /* positions of merging: in both runs and in the output */
     sbl__lamp_node *nodes;
     int node_count;
-    sbl__lamp_range ranges[SBL__LAMP_DEPTH];
-    sbl__cluster clusters[SBL__LAMP_DEPTH];
-    int depth;                 /* height of the stack of ranges, later of the stack of clusters */
+    sbl__cluster clusters[SBL__LAMP_DEPTH];  /* stack of the clusters of subtrees */
+    int depth;                 /* height of the stack */
 } sbl__lamps;
 
 typedef struct sbl__lights {
-    sbl_light *list;           /* lights as the host gave them */
+    sbl_light *list;           /* copy of the host's lights */
     int count;
     float unit;                /* approximate highest radiance of light from lamps; the unit in which shaders
                                   calculate */
     int ready;
     sbl__table table;
     int nodes, leaves;         /* numbers of nodes and leaves in the table */
-    int mixed;                 /* 0: all lamps are triangles, and few enough to be sampled one by one */
-    uint32_t (*names)[2];      /* name of each leaf's lamp: kind; number of the triangle in the scene or of the
-                                  light, or row * width + column */
+    int mixed;                 /* 0: all lamps are triangles, and at most SBL__LAMPS; 1: otherwise */
+    uint32_t (*names)[2];      /* kind and name of each leaf's lamp */
     sbl__lamps *building;
 } sbl__lights;
 
@@ -6056,7 +5935,7 @@ static void sbl__lights_free(const sbl__device *d, sbl__lights *l) {
     memset(l, 0, sizeof *l);
 }
 
-/* brightest: highest radiance of any surface or the sky. The caller has checked the descriptor. */
+/* Copies the host's lights, which have been checked. brightest: highest radiance of any surface or the sky */
 static sbl_result sbl__lights_make(sbl__base *base, sbl__lights *l, const sbl_light *lights, int count,
                                    float brightest, float extent) {
     int i;
@@ -6083,41 +5962,43 @@ static sbl_result sbl__lamps_add(sbl__lamps *l, const sbl__lamp *lamp) {
     return SBL_SUCCESS;
 }
 
-/* Makes a lamp that shines in all directions. around: half the side of its bounds. */
-static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3], double around, double power) {
+/* Makes a lamp that shines in all directions, or a distant one. middle: its position, or the direction towards it.
+   around: half the side of its bounds. power: times pi */
+static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3], double around, double power,
+                           int distant) {
     int k;
     memset(lamp, 0, sizeof *lamp);
     lamp->code = code;
+    lamp->distant = distant;
     lamp->power = (float)SBL__MIN(power / SBL__PI, SBL__POWER_MOST);
     for (k = 0; k < 3; k++) {
         lamp->bounds.low[k] = (float)(middle[k] - around);
         lamp->bounds.high[k] = (float)(middle[k] + around);
+        if (distant) lamp->normal[k] = (float)middle[k];
     }
 }
 
 static int sbl__lamps_triangles(void *work) { return ((sbl__lamps *)work)->hierarchy->triangle_count; }
 
-/* Adds the triangle at a place of the hierarchy's order if the triangle emits light. */
+/* Adds the triangle at a place of the hierarchy's order, if it emits light. */
 static sbl_result sbl__lamps_add_triangle(void *work, int place) {
     sbl__lamps *l = (sbl__lamps *)work;
     const uint32_t number = l->hierarchy->order[place];
     const sbl__object *object;
     const double zero[3] = { 0, 0, 0 };
-    float emission[3];
     double normal[3], area;
     sbl__lamp lamp;
     int k;
     if (number == SBL__BVH_DROPPED) return SBL_SUCCESS;
     object = sbl__triangle_object(l->geometry, number);
     if (!sbl__emits(object, 0)) return SBL_SUCCESS;
-    sbl__emission(object, 0, emission);
     area = sbl__scene_normal(l->geometry, number, normal);
     sbl__lamp_make(&lamp, SBL__LAMP_TRIANGLE << SBL__LAMP_KIND_SHIFT | (uint32_t)place, zero, 0,
-                   SBL__MAX(area * sbl__sum3(emission), SBL__POWER_LEAST));
+                   SBL__MAX(area * sbl__sum3(object->emission), SBL__POWER_LEAST), 0);
     sbl__box_of_triangle(&lamp.bounds, l->geometry, number);
     for (k = 0; k < 3; k++) lamp.normal[k] = (float)normal[k];
     lamp.one_sided = !sbl__emits(object, 1);
-    lamp.triangle = number;
+    lamp.name = number;
     return sbl__lamps_add(l, &lamp);
 }
 
@@ -6151,12 +6032,10 @@ static sbl_result sbl__lamps_add_light(void *work, int number) {
     double place[3], half = 0.5 * light->angle * SBL__PI / 180;
     sbl__light_record record;
     sbl__lamp lamp;
-    int k;
     sbl__light_write(light, &record, place);
     sbl__lamp_make(&lamp, kind << SBL__LAMP_KIND_SHIFT | (uint32_t)number, place,
-                   distant ? 2 * sin(0.5 * half) : light->radius, sbl__sum3(light->intensity));
-    lamp.distant = distant;
-    for (k = 0; distant && k < 3; k++) lamp.normal[k] = (float)place[k];
+                   distant ? 2 * sin(0.5 * half) : light->radius, sbl__sum3(light->intensity), distant);
+    lamp.name = (uint32_t)number;
     return sbl__lamps_add(l, &lamp);
 }
 
@@ -6175,18 +6054,16 @@ static sbl_result sbl__lamps_add_texel(void *work, int at) {
     const uint32_t number = (uint32_t)y << SBL__SKY_COLUMN_BITS | (uint32_t)x;
     double direction[3];
     sbl__lamp lamp;
-    int k;
     if (!(sbl__max3(c) > e->limit)) return SBL_SUCCESS;
     sbl__environment_direction(e, x, y, direction);
     sbl__lamp_make(&lamp, SBL__LAMP_SKY_TEXEL << SBL__LAMP_KIND_SHIFT | number, direction,
                    SBL__MIN(step + 2 * SBL__PI / e->width, 1.0),
-                   sbl__sum3(c) * (1 - e->limit / sbl__max3(c)) * solid_angle);
-    lamp.distant = 1;
-    for (k = 0; k < 3; k++) lamp.normal[k] = (float)direction[k];
+                   sbl__sum3(c) * (1 - e->limit / sbl__max3(c)) * solid_angle, 1);
+    lamp.name = (uint32_t)at;
     return sbl__lamps_add(l, &lamp);
 }
 
-/* Returns the largest possible number of lamps, which the tables must hold. */
+/* Returns an upper bound of the number of lamps, for the size of the table. */
 static double sbl__lamps_most(const sbl__geometry *g, const sbl__environment *e, int light_count) {
     double lamps = light_count;
     size_t i;
@@ -6197,7 +6074,7 @@ static double sbl__lamps_most(const sbl__geometry *g, const sbl__environment *e,
     return lamps;
 }
 
-/* >>lamps: sorting near lamps along a Morton curve through their bounds, and after them the directions */
+/* >>lamps: sorting along a Morton curve, near lamps before distant lamps */
 
 static double sbl__box_middle(const sbl__box *b, int k) { return 0.5 * ((double)b->high[k] + b->low[k]); }
 
@@ -6213,11 +6090,7 @@ static uint64_t sbl__lamp_curve(const sbl__lamps *l, const sbl__lamp *lamp) {
     return curve;
 }
 
-static int sbl__lamp_before(const sbl__lamp *a, const sbl__lamp *b) {
-    return a->curve != b->curve ? a->curve < b->curve : a->code < b->code;
-}
-
-/* Sorts by merging runs of l->width lamps, then of twice as many, until one run is left. */
+/* Merges runs of l->width lamps, then runs twice as long, until one run is left. The sort is stable. */
 static sbl_result sbl__lamps_sort(void *work, sbl__slice *slice) {
     sbl__lamps *l = (sbl__lamps *)work;
     for (; l->width < l->count; l->width *= 2, l->out = 0) {
@@ -6226,7 +6099,7 @@ static sbl_result sbl__lamps_sort(void *work, sbl__slice *slice) {
             const int middle = SBL__MIN(run + l->width, l->count), end = SBL__MIN(run + 2 * l->width, l->count);
             if (l->out == run) { l->left = run; l->right = middle; }
             if (sbl__late(slice)) return SBL_UNFINISHED;
-            if (l->right == end || (l->left < middle && !sbl__lamp_before(&l->list[l->right], &l->list[l->left])))
+            if (l->right == end || (l->left < middle && l->list[l->left].curve <= l->list[l->right].curve))
                 l->sorted[l->out++] = l->list[l->left++];
             else l->sorted[l->out++] = l->list[l->right++];
         }
@@ -6237,12 +6110,11 @@ static sbl_result sbl__lamps_sort(void *work, sbl__slice *slice) {
 
 /* >>lamps: the trees. A tree of n leaves has 2 n - 1 nodes, so the end of each subtree is known in advance. */
 
-/* Returns the first lamp of the range whose curve position has the highest differing bit set. Lamps at one curve
-   position are cut in the middle. */
-static int sbl__lamps_cut(const sbl__lamps *l, const sbl__lamp_range *r) {
-    int low = r->first, high = r->first + r->count - 1;
+/* Returns the lamp at which to split lamps low .. high: the first one in whose curve position the highest differing bit
+   is set. Lamps with equal curve positions are split in the middle. */
+static int sbl__lamps_cut(const sbl__lamps *l, int low, int high) {
     uint64_t differs = l->list[low].curve ^ l->list[high].curve;
-    if (!differs) return r->first + r->count / 2;
+    if (!differs) return low + (high - low + 1) / 2;
     while (differs & (differs - 1)) differs &= differs - 1;
     while (high - low > 1) {
         const int middle = low + (high - low) / 2;
@@ -6252,26 +6124,32 @@ static int sbl__lamps_cut(const sbl__lamps *l, const sbl__lamp_range *r) {
     return high;
 }
 
-static void sbl__lamps_push(sbl__lamps *l, int first, int count) {
-    l->ranges[l->depth].first = first;
-    l->ranges[l->depth++].count = count;
+/* Begins the subtree of `count` lamps from `first` on at node number `at`. Returns the number of the node after it. */
+static int sbl__lamps_root(sbl__lamps *l, int at, int first, int count) {
+    if (!count) return at;
+    l->nodes[at].first_leaf = (uint32_t)first;
+    l->nodes[at].beyond = (uint32_t)(at + 2 * count - 1);
+    return at + 2 * count - 1;
 }
 
-/* Writes the nodes in preorder, with the first leaf and the end of each subtree. */
-static sbl_result sbl__lamps_split(void *work, sbl__slice *slice) {
+/* Begins both trees after sorting. */
+static int sbl__lamps_plant(void *work) {
     sbl__lamps *l = (sbl__lamps *)work;
-    while (l->depth) {
-        sbl__lamp_range r = l->ranges[--l->depth];
-        sbl__lamp_node *node = &l->nodes[l->node_count];
-        node->first_leaf = (uint32_t)r.first;
-        node->beyond = (uint32_t)(l->node_count + 2 * r.count - 1);
-        l->node_count++;
-        if (r.count > 1) {
-            const int cut = sbl__lamps_cut(l, &r);
-            sbl__lamps_push(l, cut, r.first + r.count - cut);  /* on a stack, so the left half comes first */
-            sbl__lamps_push(l, r.first, cut - r.first);
-        }
-        if (l->depth && sbl__late(slice)) return SBL_UNFINISHED;
+    int near_count = 0;
+    while (near_count < l->count && !l->list[near_count].distant) near_count++;
+    l->node_count = sbl__lamps_root(l, sbl__lamps_root(l, 0, 0, near_count), near_count, l->count - near_count);
+    return l->stages.stage + 1;
+}
+
+static int sbl__lamps_nodes(void *work) { return ((sbl__lamps *)work)->node_count; }
+
+/* Begins the subtrees of a node's children, which follow it. */
+static sbl_result sbl__lamps_split(void *work, int at) {
+    sbl__lamps *l = (sbl__lamps *)work;
+    const int first = (int)l->nodes[at].first_leaf, end = first + ((int)l->nodes[at].beyond - at + 1) / 2;
+    if (end - first > 1) {
+        const int cut = sbl__lamps_cut(l, first, end - 1);
+        sbl__lamps_root(l, sbl__lamps_root(l, at + 1, first, cut - first), cut, end - cut);
     }
     return SBL_SUCCESS;
 }
@@ -6318,8 +6196,6 @@ static void sbl__cluster_write(const sbl__cluster *c, int distant, sbl__lamp_nod
     if (distant) node->beyond |= SBL__FAR_NODE;
 }
 
-static int sbl__lamps_nodes(void *work) { return ((sbl__lamps *)work)->node_count; }
-
 /* Computes the cluster of a node's lamps. Nodes are visited from last to first, so that the clusters of a node's
    halves lie on the stack, the left one on top. */
 static sbl_result sbl__lamps_add_up(void *work, int at) {
@@ -6329,10 +6205,8 @@ static sbl_result sbl__lamps_add_up(void *work, int at) {
     const sbl__lamp *lamp = &l->list[node->first_leaf];
     if ((int)node->beyond == number + 1) sbl__cluster_of_lamp(&l->clusters[l->depth++], lamp);
     else {
-        sbl__cluster *left = &l->clusters[l->depth - 1], *right = left - 1, both = *left;
-        sbl__cluster_add(&both, right);
-        *right = both;
         l->depth--;
+        sbl__cluster_add(&l->clusters[l->depth - 1], &l->clusters[l->depth]);
     }
     sbl__cluster_write(&l->clusters[l->depth - 1], lamp->distant, node);
     return SBL_SUCCESS;
@@ -6359,35 +6233,6 @@ static sbl_result sbl__lamps_place(void *work, sbl__slice *slice) {
     return l->sorted && l->nodes ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Begins both trees after sorting. */
-static int sbl__lamps_plant(void *work) {
-    sbl__lamps *l = (sbl__lamps *)work;
-    int first = 0, end = l->count;
-    while (first < end) {  /* Binary search for the first distant lamp. */
-        const int middle = first + (end - first) / 2;
-        if (l->list[middle].distant) end = middle;
-        else first = middle + 1;
-    }
-    l->depth = 0;
-    if (l->count > first) sbl__lamps_push(l, first, l->count - first);
-    if (first) sbl__lamps_push(l, 0, first);
-    return l->stages.stage + 1;
-}
-
-/* Stores leaf number i and the name by which the host knows its lamp. */
-static void sbl__lamps_store_leaf(const sbl__lamps *l, int i, void *to) {
-    const uint32_t code = l->list[i].code, kind = code >> SBL__LAMP_KIND_SHIFT;
-    const uint32_t number = code & ((1u << SBL__LAMP_KIND_SHIFT) - 1);
-    uint32_t *name = l->lights->names[i];
-    memcpy(to, &code, sizeof code);
-    name[0] = kind;
-    name[1] = kind == SBL__LAMP_TRIANGLE  ? l->list[i].triangle
-            : kind == SBL__LAMP_SKY_TEXEL ? (number >> SBL__SKY_COLUMN_BITS) * (uint32_t)l->environment->width +
-                                            (number & ((1u << SBL__SKY_COLUMN_BITS) - 1))
-                                          : number;
-    l->lights->mixed |= kind != SBL__LAMP_TRIANGLE;
-}
-
 static sbl_result sbl__lamps_store(void *work, sbl__slice *slice) {
     sbl__lamps *l = (sbl__lamps *)work;
     const sbl__device *d = l->device;
@@ -6397,22 +6242,25 @@ static sbl_result sbl__lamps_store(void *work, sbl__slice *slice) {
     const size_t bytes = nodes + leaves + sizeof(sbl__light_record) * (size_t)lights->count;
     unsigned char *all = (unsigned char *)sbl__alloc(d->base, bytes, 1);
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
+    double place[3];
     int i;
     (void)slice;
     sbl__free(d->base, lights->names);
     lights->names = (uint32_t (*)[2])sbl__alloc_raw(d->base, (size_t)l->count, sizeof *lights->names);
     if (all && lights->names) {
+        sbl__lamp_leaf *leaf = (sbl__lamp_leaf *)(void *)(all + nodes);
+        sbl__light_record *record = (sbl__light_record *)(void *)(all + nodes + leaves);
         lights->nodes = l->node_count;
         lights->leaves = l->count;
         lights->mixed = l->count > SBL__LAMPS;
         memcpy(all, l->nodes, nodes);
-        for (i = 0; i < l->count; i++) sbl__lamps_store_leaf(l, i, all + nodes + sizeof(sbl__lamp_leaf) * (size_t)i);
-        for (i = 0; i < lights->count; i++) {
-            sbl__light_record record;
-            double place[3];
-            sbl__light_write(&lights->list[i], &record, place);
-            memcpy(all + nodes + leaves + sizeof record * (size_t)i, &record, sizeof record);
+        for (i = 0; i < l->count; i++) {
+            leaf[i].code = l->list[i].code;
+            lights->names[i][0] = l->list[i].code >> SBL__LAMP_KIND_SHIFT;
+            lights->names[i][1] = l->list[i].name;
+            lights->mixed |= lights->names[i][0] != SBL__LAMP_TRIANGLE;
         }
+        for (i = 0; i < lights->count; i++) sbl__light_write(&lights->list[i], &record[i], place);
         result = sbl__buffer_make(d, &lights->table.buffer, bytes, all, SBL__GL_STATIC_DRAW);
         if (result == SBL_SUCCESS) result = sbl__table_attach(d, &lights->table, SBL__GL_RGBA32UI, l->geometry->wide);
         if (l->geometry->wide) sbl__buffer_delete(d, &lights->table.buffer);
@@ -6431,7 +6279,7 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
         { NULL, NULL, sbl__lamps_add_texel, sbl__lamps_texels },
         { sbl__lamps_place, NULL, NULL, NULL },
         { sbl__lamps_sort, sbl__lamps_plant, NULL, NULL },
-        { sbl__lamps_split, NULL, NULL, NULL },
+        { NULL, NULL, sbl__lamps_split, sbl__lamps_nodes },
         { NULL, NULL, sbl__lamps_add_up, sbl__lamps_nodes },
         { sbl__lamps_store, NULL, NULL, NULL }
     };
@@ -6847,7 +6695,7 @@ static const char *const sbl__glsl_store[] = {
 /* <<glsl */
 
 /* ======================================================================================================== >>scene
-   The six things that a scene is, and what the host draws itself. */
+   The scene: all rooms above, and what the host draws itself. */
 
 typedef struct sbl__scene {
     sbl__geometry geometry;
@@ -6855,22 +6703,23 @@ typedef struct sbl__scene {
     sbl__environment environment;
     sbl__lights lights;
     sbl__hierarchy hierarchy;
-    sbl__store store;           /* of bounced light */
-    sbl_draw_function draw;     /* or NULL */
+    sbl__store store;
+    sbl_draw_function draw;     /* NULL if the host draws nothing itself */
     void *draw_user;
     float draw_bounds[2][3];
-    float draw_brightest;
+    float draw_brightest;       /* highest radiance that the host draws */
     int material_count;
-    float brightest;            /* radiance of any surface, the sky, or what the host draws */
-    unsigned features;          /* that programs must have for it */
-    uint32_t version;           /* another one whenever anything in it changes, */
-    uint32_t surfaces;          /* and whenever more does than what shines */
+    float brightest;            /* highest radiance of any surface, the sky, or what the host draws */
+    unsigned features;          /* features that programs need for the scene */
+    uint32_t version;           /* changes with every change of the scene */
+    uint32_t surfaces;          /* changes with every change but those of emission and lights */
 } sbl__scene;
 
-#define SBL__RADIANCE_MOST 1e37f
-#define SBL__ACROSS_LEAST 5e-10  /* measured: light is right to rounding in scenes between these, */
-#define SBL__ACROSS_MOST 6e9
-#define SBL__AWAY_MOST 4e3       /* and so many of their sizes away from the origin */
+#define SBL__RADIANCE_MOST 1e37f /* limit of radiance, so that sums stay finite */
+/* Limits within which light is correct up to rounding errors, found by measurement: */
+#define SBL__ACROSS_LEAST 5e-10  /* least diagonal of a scene */
+#define SBL__ACROSS_MOST 6e9     /* largest diagonal */
+#define SBL__AWAY_MOST 4e3       /* largest coordinate, in diagonals */
 
 static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
     sbl__store_free(d, &s->store);
@@ -6882,7 +6731,7 @@ static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
     memset(s, 0, sizeof *s);
 }
 
-/* Writes all materials into their meshes' objects, and finds the brightest radiance. */
+/* Writes all materials into their meshes' objects; computes s->brightest and s->features. */
 static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
     int i;
     s->brightest = SBL__MAX(s->environment.brightest, s->draw ? s->draw_brightest : 0);
@@ -6893,25 +6742,25 @@ static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
                                            &s->geometry.objects[i], &s->brightest);
 }
 
-#define SBL__STORE_LEAVES 49152
-#define SBL__STORE_TEXELS 8        /* a leaf, with its share of cells and cuts, at most */
+#define SBL__STORE_LEAVES 49152    /* default limit of the number of leaves */
+#define SBL__STORE_TEXELS 8        /* limit of the texels per leaf, including its share of cells and cuts */
 
-/* How many leaves the store may have: as many as the host allows, and the driver's limit for tables. */
-static void sbl__scene_fit_store(const sbl__device *d, sbl__scene *s, int samples) {
-    const int limit = d->gl.capabilities.max_texture_buffer_size - s->geometry.triangle_count / 4;
-    s->store.most = samples ? samples : SBL__STORE_LEAVES;
-    if (!s->geometry.wide) s->store.most = SBL__MAX(1024, SBL__MIN(s->store.most, limit / SBL__STORE_TEXELS));
-}
-
-/* Decides how tables are carried: as buffers, or in 2D textures where some is past the driver's limit for these. */
+/* Checks s->brightest. Decides whether tables are buffer textures or, if one exceeds the driver's limit for those, 2D
+   textures. Reduces the number of the store's leaves to what its tables hold. */
 static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     const sbl_capabilities *c = &d->gl.capabilities;
     const sbl__geometry *g = &s->geometry;
     const double lamps = sbl__lamps_most(g, &s->environment, s->lights.count), limit = c->max_texture_buffer_size;
-    /* texels: three a triangle, and a few for grids; two a vertex; five a mesh; two nodes of four and a leaf a lamp */
+    /* texels: 3 per triangle, and a few for grids; 2 per vertex; 5 per mesh; 2 nodes of 4 and a leaf per lamp */
     const double texels = SBL__MAX(SBL__MAX(3.0 * g->triangle_count + 8, 2.0 * g->vertex_count),
                                    SBL__MAX(5.0 * g->mesh_count, 9 * lamps + 3.0 * s->lights.count));
     double most = (c->max_texture_size - 1) * (double)SBL__TEXELS_ACROSS;
+    if (!sbl__between(&s->brightest, 0, SBL__RADIANCE_MOST)) {
+        sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MATERIAL, "the brightest emission (times its texture), "
+                 "sky or drawn radiance is %g; it must be at most %g", (double)s->brightest,
+                 (double)SBL__RADIANCE_MOST);
+        return SBL_ERROR_INVALID_ARGUMENT;
+    }
     if (c->max_texture_size < SBL__TEXELS_ACROSS) most = 0;
     s->geometry.wide = texels > limit;
     if (s->geometry.wide && texels > most) {
@@ -6922,18 +6771,14 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
         return SBL_ERROR_UNSUPPORTED;
     }
     if (s->geometry.wide) s->features |= SBL__WIDE;
+    else {
+        const int leaves = (c->max_texture_buffer_size - g->triangle_count / 4) / SBL__STORE_TEXELS;
+        s->store.most = SBL__MAX(1024, SBL__MIN(s->store.most, leaves));
+    }
     return SBL_SUCCESS;
 }
 
-/* Sums of what shines stay finite. */
-static sbl_result sbl__scene_check_radiance(const sbl__base *base, const sbl__scene *s) {
-    if (sbl__between(&s->brightest, 0, SBL__RADIANCE_MOST)) return SBL_SUCCESS;
-    sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MATERIAL, "the brightest emission (times its texture), sky or "
-             "drawn radiance is %g; it must be at most %g", (double)s->brightest, (double)SBL__RADIANCE_MOST);
-    return SBL_ERROR_INVALID_ARGUMENT;
-}
-
-/* What is no mistake, and yet hardly what the host wants. */
+/* Logs warnings about valid scenes that the host hardly intends. */
 static void sbl__scene_warn(const sbl__base *base, const sbl__scene *s) {
     const sbl__geometry *g = &s->geometry;
     double away = 0, across = 0, shining = s->brightest;
@@ -6957,7 +6802,7 @@ static void sbl__scene_warn(const sbl__base *base, const sbl__scene *s) {
                  "origin, where floats are too coarse for it: move it to the origin", across, away);
 }
 
-/* Copies what desc describes; hierarchy and lamps follow with the first picture. */
+/* Makes everything but the hierarchy, the lamps and the store, which are made when first needed. */
 static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene_desc *desc) {
     int i;
     sbl_result result = sbl__check_scene(d, desc);
@@ -6973,6 +6818,7 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
         memcpy(s->draw_bounds, desc->draw_bounds, sizeof s->draw_bounds);
         s->draw_brightest = desc->draw_max_radiance > 0 ? desc->draw_max_radiance : 1.0f;
         s->material_count = desc->material_count;
+        s->store.most = desc->max_bounce_cells ? desc->max_bounce_cells : SBL__STORE_LEAVES;
         for (i = 0; i < desc->mesh_count; i++) {
             const sbl_mesh *mesh = &desc->meshes[i];
             s->geometry.meshes[i].material = mesh->material;
@@ -6983,16 +6829,14 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
         result = sbl__lights_make(d->base, &s->lights, desc->lights, desc->light_count, s->brightest,
                                   s->geometry.extent);
     }
-    if (result == SBL_SUCCESS) result = sbl__scene_check_radiance(d->base, s);
     if (result == SBL_SUCCESS) result = sbl__scene_fit(d, s);
-    if (result == SBL_SUCCESS) sbl__scene_fit_store(d, s, desc->max_bounce_cells);
     d->gl.doing = "storing meshes";
     if (result == SBL_SUCCESS) result = sbl__geometry_upload(d, &s->geometry);
     if (result != SBL_SUCCESS) sbl__scene_free(d, s);
     return result;
 }
 
-/* What shines is out of date: it is made again when it is next needed. */
+/* Marks lamps and store as out of date. They are made again when next needed. */
 static void sbl__scene_lamps_changed(const sbl__device *d, sbl__scene *s) {
     sbl__lamps_free(d, s->lights.building);
     s->lights.building = NULL;
@@ -7000,7 +6844,7 @@ static void sbl__scene_lamps_changed(const sbl__device *d, sbl__scene *s) {
     s->version++;
 }
 
-/* So is all that rays need. */
+/* Marks hierarchy, lamps and store as out of date. */
 static void sbl__scene_changed(const sbl__device *d, sbl__scene *s) {
     sbl__bvh_free(d, s->hierarchy.building);
     s->hierarchy.building = NULL;
@@ -7009,23 +6853,22 @@ static void sbl__scene_changed(const sbl__device *d, sbl__scene *s) {
     sbl__scene_lamps_changed(d, s);
 }
 
-/* Other materials and lights, as many as there are. On failure all is as it was. */
+/* Replaces all materials and all lights; NULL keeps them. On failure nothing changes. */
 static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const sbl_material *materials,
                                      const sbl_light *lights) {
-    const size_t bytes = (size_t)s->geometry.mesh_count * sizeof(sbl__object);
-    sbl__object *objects = s->geometry.objects;
+    const size_t count = (size_t)s->geometry.mesh_count;
+    sbl__object *objects = (sbl__object *)sbl__alloc_raw(d->base, count, sizeof *objects);
     const sbl__scene before = *s;
     sbl__lights others;
     sbl_result result = SBL_SUCCESS;
     int i, differ = 0;
+    if (!objects) return SBL_ERROR_OUT_OF_MEMORY;
     memset(&others, 0, sizeof others);
-    s->geometry.objects = (sbl__object *)sbl__alloc_raw(d->base, (size_t)s->geometry.mesh_count, sizeof *objects);
-    if (!s->geometry.objects) { s->geometry.objects = objects; return SBL_ERROR_OUT_OF_MEMORY; }
-    memcpy(s->geometry.objects, objects, bytes);
+    memcpy(objects, before.geometry.objects, count * sizeof *objects);
+    s->geometry.objects = objects;
     if (materials) sbl__scene_dress(s, materials);
     result = sbl__lights_make(d->base, &others, lights ? lights : s->lights.list, s->lights.count, s->brightest,
                               s->geometry.extent);
-    if (result == SBL_SUCCESS) result = sbl__scene_check_radiance(d->base, s);
     if (result == SBL_SUCCESS) result = sbl__scene_fit(d, s);
     if (result == SBL_SUCCESS && s->geometry.wide != before.geometry.wide) result = SBL_ERROR_UNSUPPORTED;
     if (result == SBL_SUCCESS) {
@@ -7034,14 +6877,14 @@ static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const s
     }
     if (result != SBL_SUCCESS) {
         sbl__lights_free(d, &others);
-        sbl__free(d->base, s->geometry.objects);
+        sbl__free(d->base, objects);
         *s = before;
         sbl__geometry_attach_objects(d, &s->geometry);
         return result;
     }
     for (i = 0; i < s->geometry.mesh_count; i++)
-        differ |= sbl__reflects_otherwise(&objects[i], &s->geometry.objects[i]);
-    sbl__free(d->base, objects);
+        differ |= sbl__reflection_differs(&before.geometry.objects[i], &objects[i]);
+    sbl__free(d->base, before.geometry.objects);
     sbl__lights_free(d, &s->lights);
     s->lights = others;
     if (differ) sbl__scene_changed(d, s);
@@ -7049,6 +6892,7 @@ static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const s
     return SBL_SUCCESS;
 }
 
+/* Gives a mesh another transform. SBL_ERROR_INVALID_ARGUMENT: nothing has changed. */
 static sbl_result sbl__scene_move(sbl__device *d, sbl__scene *s, int mesh, const float transform[16]) {
     float before[16];
     sbl_result result;
@@ -7062,19 +6906,16 @@ static sbl_result sbl__scene_move(sbl__device *d, sbl__scene *s, int mesh, const
     return result;
 }
 
-/* What rays need, made in slices. SBL_SUCCESS: it is there. */
+/* Makes the hierarchy and the lamps, in slices. SBL_SUCCESS: both are ready. */
 static sbl_result sbl__scene_step(sbl__device *d, sbl__scene *s, sbl__slice *slice) {
-    sbl__hierarchy *h = &s->hierarchy;
-    sbl_result result = SBL_SUCCESS;
-    if (h->ready && s->lights.ready) return SBL_SUCCESS;
-    result = sbl__hierarchy_step(d, &s->geometry, h, slice);
-    if (result == SBL_SUCCESS) result = sbl__lights_step(d, &s->geometry, h, &s->environment, &s->lights, slice);
-    if (result == SBL_UNFINISHED) return result;
-    if (result != SBL_SUCCESS) h->ready = 0;
+    sbl_result result = sbl__hierarchy_step(d, &s->geometry, &s->hierarchy, slice);
+    if (result == SBL_SUCCESS)
+        result = sbl__lights_step(d, &s->geometry, &s->hierarchy, &s->environment, &s->lights, slice);
+    if (result != SBL_SUCCESS && result != SBL_UNFINISHED) s->hierarchy.ready = 0;
     return result;
 }
 
-/* For scene.glsl and surface.glsl. */
+/* Sets the tables and textures of scene.glsl and surface.glsl. */
 static void sbl__scene_bind(sbl__device *d, const sbl__scene *s) {
     sbl__geometry_bind(d, &s->geometry);
     sbl__textures_bind(d, &s->textures);
@@ -7083,12 +6924,12 @@ static void sbl__scene_bind(sbl__device *d, const sbl__scene *s) {
 /* >>glsl scene: shaders_embedded/scene.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_scene[] = {
 "// The scene's triangles and textures.\n",
-"uniform sbl_Texels sbl_indices;      // three a triangle\n",
-"uniform sampler2D sbl_texels_srgb;   // all 8-bit sRGB textures, each from a row of its own on: its texel n stands\n",
-"                                     // at n % the store's width, n / it rows further\n",
-"uniform sampler2D sbl_texels_float;  // all others\n",
+"uniform sbl_Texels sbl_indices;      // three vertex numbers per triangle\n",
+"uniform sampler2D sbl_texels_srgb;   // texel table of all 8-bit sRGB textures. Texel n of a texture is in column\n",
+"                                     // n % width of the table, n / width rows below the texture's first row.\n",
+"uniform sampler2D sbl_texels_float;  // texel table of all other textures\n",
 "\n",
-"// Vertices of a triangle of the scene.\n",
+"// Vertex numbers of a triangle of the scene.\n",
 "ivec3 sbl_corners(int triangle) {\n",
 "    return ivec3(int(sbl_fetch(sbl_indices, 3 * triangle).x), int(sbl_fetch(sbl_indices, 3 * triangle + 1).x),\n",
 "                 int(sbl_fetch(sbl_indices, 3 * triangle + 2).x));\n",
@@ -7096,14 +6937,13 @@ static const char *const sbl__glsl_scene[] = {
 "\n",
 "struct sbl_Attributes { vec2 uv; vec4 color; };\n",
 "\n",
-"const sbl_Attributes SBL_PLAIN = sbl_Attributes(vec2(0), vec4(1));  // of a surface without textures and colours\n",
+"const sbl_Attributes SBL_PLAIN = sbl_Attributes(vec2(0), vec4(1));  // without textures and vertex colours\n",
 "\n",
 "vec4 sbl_unpack_color(uint rg, uint ba) { return vec4(rg & 65535u, rg >> 16, ba & 65535u, ba >> 16); }\n",
 "\n",
 "vec4 sbl_texel(uvec4 place, ivec2 at) {\n",
 "    ivec2 size = ivec2(place.yz);\n",
-"    if ((place.w & SBL_TEXTURE_CLAMPS) != 0u) at = clamp(at, ivec2(0), size - 1);\n",
-"    else at -= size * ivec2(floor(vec2(at) / vec2(size)));\n",
+"    if ((place.w & SBL_TEXTURE_CLAMPS) == 0u) at -= size * ivec2(floor(vec2(at) / vec2(size)));\n",
 "    at = clamp(at, ivec2(0), size - 1);  // the division above may round up for far repeats\n",
 "    bool srgb = (place.w & SBL_TEXTURE_KIND) == SBL_TEXTURE_SRGB;\n",
 "    int index = at.y * size.x + at.x;\n",
@@ -7112,8 +6952,8 @@ static const char *const sbl__glsl_scene[] = {
 "    return srgb ? texelFetch(sbl_texels_srgb, texel, 0) : texelFetch(sbl_texels_float, texel, 0);\n",
 "}\n",
 "\n",
-"// A texture's place in its store is first row, width, height, kind. Bilinear, decoded before it is filtered; (0,\n",
-"// 0) is the first texel's outer corner.\n",
+"// Reads a texture with bilinear filtering of linear values. place: first row in the texel table, width, height,\n",
+"// kind; all 0: no texture. uv: (0, 0) is the outer corner of the first texel\n",
 "vec4 sbl_texture(uvec4 place, vec2 uv) {\n",
 "#if defined(SBL_TEXTURED) || defined(SBL_CUTOUTS)\n",
 "    if ((place.w & SBL_TEXTURE_CLAMPS) == 0u) uv -= floor(uv);\n",
@@ -7135,24 +6975,22 @@ static const char *const sbl__glsl_scene[] = {
 
 /* >>glsl surface: shaders_embedded/surface.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_surface[] = {
-"// From a triangle's number and a ray to the surface point. Exact where rasterised attributes are not: a point\n",
-"// interpolated across a large clipped triangle strays off its plane, and a sensor standing there would see its own\n",
-"// surface.\n",
+"// Computes surface points from a triangle's number and a ray. Positions that the rasteriser interpolates over a\n",
+"// large clipped triangle lie off its plane, so that a sensor there would see its own surface.\n",
 "struct sbl_Surface {\n",
 "    vec3 position, normal, geometric_normal;  // normals point against the ray\n",
 "    sbl_Material material;\n",
 "    vec3 emission;\n",
-"    float facet;                              // the triangle's least height\n",
-"    float reach;                              // of its corners from the origin, plus its longest side: what\n",
-"                                              // rounding is relative to\n",
+"    float facet;                              // least height of the triangle\n",
+"    float reach;                              // distance of the first corner from the origin, plus twice the\n",
+"                                              // longest side; rounding errors are in proportion to it\n",
 "    uint id;\n",
 "    int object;\n",
-"    bool back;                                // its back side is seen\n",
+"    bool back;                                // true: the ray sees the back of the triangle\n",
 "};\n",
 "\n",
-"// Interpolated where it is long enough, towards the viewer's side of the triangle, and bent away from the\n",
-"// surface's own horizon: a shading normal that turns away from the viewer would aim the sensor at the surface\n",
-"// itself.\n",
+"// Returns the interpolated normal or, if that is too short, `face`, on the side of geometric_normal. A normal that\n",
+"// turns away from the viewer would aim the sensor at its own surface, so the cosine is kept above SBL_GRAZING.\n",
 "vec3 sbl_shading_normal(ivec3 v, vec3 b, vec3 face, vec3 geometric_normal, vec3 direction) {\n",
 "    vec3 normal = b.x * sbl_attributes_normal(v.x) + b.y * sbl_attributes_normal(v.y) +\n",
 "                  b.z * sbl_attributes_normal(v.z);\n",
@@ -7174,8 +7012,8 @@ static const char *const sbl__glsl_surface[] = {
 "    return sbl_Attributes(uv, color / SBL_COLOR_MOST);\n",
 "}\n",
 "\n",
-"// A triangle: its vertices, its first corner, and the edges from there. size is the largest component of both\n",
-"// edges. Cross products take the edges over size (s1, s2), so that those of small triangles do not underflow.\n",
+"// A triangle: vertex numbers, first corner, and the edges from there. size: largest component of both edges. s1,\n",
+"// s2: edges divided by size, whose cross products do not underflow\n",
 "struct sbl_Facet {\n",
 "    ivec3 v;\n",
 "    vec3 p0, e1, e2, s1, s2;\n",
@@ -7189,7 +7027,7 @@ static const char *const sbl__glsl_surface[] = {
 "    return sbl_Facet(v, p0, e1, e2, e1 / size, e2 / size, size);\n",
 "}\n",
 "\n",
-"// The point of a triangle at b1, b2, weights of its second and third corner, as it is seen along direction.\n",
+"// The surface point at barycentrics b1, b2 (of the second and third corner), seen along `direction`.\n",
 "sbl_Surface sbl_surface_at(int triangle, float b1, float b2, vec3 direction) {\n",
 "    sbl_Facet f = sbl_facet(triangle);\n",
 "    int object = int(sbl_vertex_object(f.v.x));\n",
@@ -7215,11 +7053,11 @@ static const char *const sbl__glsl_surface[] = {
 "    return s;\n",
 "}\n",
 "\n",
-"// Where a ray meets it.\n",
+"// The surface point where a ray meets a triangle.\n",
 "sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {\n",
 "    sbl_Facet f = sbl_facet(triangle);\n",
 "\n",
-"    // Barycentrics of the ray's hit by Cramer's rule (Moeller and Trumbore 1997), kept inside the triangle.\n",
+"    // Barycentrics by Cramer's rule (Moeller and Trumbore 1997), clamped to the triangle.\n",
 "    vec3 t = (origin - f.p0) / f.size, q = cross(t, f.s1), h = cross(direction, f.s2);\n",
 "    float determinant = dot(f.s1, h);\n",
 "    float b1 = clamp(dot(t, h) / determinant, 0.0, 1.0);\n",
@@ -7229,7 +7067,7 @@ static const char *const sbl__glsl_surface[] = {
 "}\n",
 "\n",
 "#ifdef SBL_LIGHTMAP\n",
-"// Seen from the front, see sbl_lightmap_desc.\n",
+"// The surface point seen from the front, which is the side of the vertex normals (see sbl_lightmap_desc).\n",
 "sbl_Surface sbl_surface_front(int triangle, float b1, float b2) {\n",
 "    sbl_Facet f = sbl_facet(triangle);\n",
 "    vec3 face = normalize(cross(f.s1, f.s2));\n",

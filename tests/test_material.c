@@ -111,8 +111,10 @@ TEST(materials_in_c_and_in_shaders) {
             const int at = back * MATERIALS + i;
             float emission[3], share[3], reflected[3] = { 0, 0, 0 };
             uint16_t packed[3];
-            sbl__emission(object, back, emission);
-            sbl__bounced(object, share);
+            for (k = 0; k < 3; k++) {
+                emission[k] = sbl__emits(object, back) ? object->emission[k] : 0;
+                share[k] = SBL__MIN(object->albedo[k], SBL__BOUNCE_ALBEDO);
+            }
             sbl__share_pack(share, packed);
             sbl__add_reflected(packed, light, reflected);
             CHECK(memcmp(emission, texels[0][at], sizeof emission) == 0,
