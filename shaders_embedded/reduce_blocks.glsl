@@ -1,12 +1,11 @@
-// First half of a rasterised sensor's sum: every output texel adds up one block of the atlas.
-uniform sampler2D atlas;    // Ck r g b, signed distance
-uniform sampler2D weights;  // of one sheet: the texel's projected solid angle over pi, its ray's length at unit
-                            // depth
-uniform int block;          // texels across a block
-layout(location = 0) out vec4 out_sum;   // sum of weight * Ck; weight that sees back faces
-layout(location = 1) out vec4 out_hits;  // weight that sees surfaces; weight * distance; nearest distance; 0
+// First step of the sum over a sensor's views: each output texel is the sum over one block of the view texture.
+uniform sampler2D atlas;    // view texture: Ck, signed distance (see sensor_fragment.glsl)
+uniform sampler2D weights;  // per texel of a sheet: form factor; ratio of distance to depth
+uniform int block;          // width and height of a block, texels
+layout(location = 0) out vec4 out_sum;   // sum of weight * Ck; sum of the weights of back faces
+layout(location = 1) out vec4 out_hits;  // sum of the weights of surfaces; of weight * distance; least distance; 0
 #ifdef SBL_DIRECTIONAL
-uniform sampler2D directions;  // of one sheet: where its texels look, in the frame of a look that is not turned
+uniform sampler2D directions;  // per texel of a sheet: its direction, in the frame of a look that is not rotated
 layout(location = 2) out vec4 out_red;
 layout(location = 3) out vec4 out_green;
 layout(location = 4) out vec4 out_blue;
