@@ -9261,14 +9261,12 @@ static const char *const sbl__glsl_carrier[] = {
 /* <<glsl */
 
 /* ======================================================================================================== >>aim
-   Generates the sequence of points that gives rays their directions, and traces rays towards lamps. Looks of both back
-   ends trace rays towards lamps. */
+   The sequence of points from which rays get their directions, and rays towards lamps, which both back ends trace. */
 
 /* Limits of the work of one shader invocation. Some software renderers silently end an invocation after about 65,000
-   loop iterations. On average a ray takes about as many iterations as the hierarchy's cost, but a multiple of this
-   number in some places; SBL__LOOP_TURNS leaves a margin for these rays. */
+   loop iterations. A ray takes on average as many as the hierarchy's cost, but some rays take several times more. */
 #define SBL__LOOP_TURNS 20000      /* maximum number of loop iterations per invocation, on average */
-#define SBL__RAY_TURNS 20          /* number of iterations per ray in addition to the hierarchy's cost */
+#define SBL__RAY_TURNS 20          /* iterations per ray in addition to the hierarchy's cost */
 #define SBL__LAMP_CHUNK 256        /* maximum number of rays towards lamps per invocation */
 
 /* Resources for rays towards lamps. */
@@ -9276,27 +9274,24 @@ typedef struct sbl__aim {
     int rays;                      /* maximum number of rays towards lamps per look */
     int parts;                     /* number of invocations among which a look's rays are divided */
     sbl__table sequence;           /* points that give the rays' directions: two 32-bit fractions per point */
-    sbl__texture light;            /* R and its variance: `parts` texels per look, one below the other */
-    sbl__texture harmonics[3];     /* directional jobs: coefficients of red, green, blue, in texels like `light` */
+    sbl__texture lights[4];        /* R and its variance; directional jobs: harmonics of red, green and blue. Each look
+                                      has `parts` texels, one below the other */
     sbl__target target;
 } sbl__aim;
 
 static void sbl__aim_free(const sbl__device *d, sbl__aim *a) {
-    sbl__table_delete(d, &a->sequence);
     int i;
-    for (i = 0; i < 3; i++) sbl__texture_delete(d, &a->harmonics[i]);
+    sbl__table_delete(d, &a->sequence);
+    for (i = 0; i < 4; i++) sbl__texture_delete(d, &a->lights[i]);
     sbl__target_delete(d, &a->target);
-    sbl__texture_delete(d, &a->light);
-    memset(a, 0, sizeof *a);
 }
 
-/* Maximum number of rays per invocation, see SBL__LOOP_TURNS */
+/* Maximum number of rays per invocation */
 static int sbl__rays_most(const sbl__hierarchy *h) {
     return SBL__MAX(1, (int)(SBL__LOOP_TURNS / (h->cost + SBL__RAY_TURNS)));
 }
 
-/* Computes the first `count` points of the Sobol sequence in its first two dimensions (Joe and Kuo 2008), as 32-bit
-   fractions. */
+/* Computes the first `count` points of the two-dimensional Sobol sequence (Joe and Kuo 2008), as 32-bit fractions. */
 static void sbl__sobol(uint32_t *out, int count) {
     int i, bit;
     for (i = 0; i < count; i++) {
@@ -9308,8 +9303,8 @@ static void sbl__sobol(uint32_t *out, int count) {
     }
 }
 
-/* Comparison function for qsort that orders points along a Morton curve. Rays that neighbouring invocations trace then
-   have similar directions. Scrambling by exclusive or keeps points close to each other. */
+/* Comparison function for qsort: orders points along a Morton curve, so that neighbouring invocations trace rays of
+   similar directions. Scrambling by exclusive or keeps neighbours close to each other. */
 static int sbl__morton_order(const void *first, const void *second) {
     const uint32_t *a = (const uint32_t *)first, *b = (const uint32_t *)second;
     uint32_t x = a[0] ^ b[0], y = a[1] ^ b[1];
@@ -9317,23 +9312,23 @@ static int sbl__morton_order(const void *first, const void *second) {
     return a[axis] == b[axis] ? 0 : a[axis] < b[axis] ? -1 : 1;
 }
 
-/* Makes `rays` points for each of a site's looks. The points of a look consist of `stretches` sections, and each
-   section by itself covers the unit square evenly. The caller frees the result; NULL: out of memory */
-static uint32_t *sbl__sequence_make(sbl__base *base, int looks, int rays, int stretches) {
-    uint32_t *points = (uint32_t *)sbl__alloc_raw(base, (size_t)rays * (size_t)looks, 8);
-    int look, k;
+/* Makes `rays` points for each of a site's looks. A look's points consist of `sections`, each of which covers the unit
+   square evenly. The caller frees the result; NULL: out of memory */
+static uint32_t *sbl__sequence_make(sbl__base *base, int looks, int rays, int sections) {
+    const size_t count = (size_t)rays, parts = (size_t)sections;
+    uint32_t *points = (uint32_t *)sbl__alloc_raw(base, count * (size_t)looks, 8);
+    size_t look, k;
     if (!points) return NULL;
     sbl__sobol(points, rays * looks);
-    for (look = 0; look < looks; look++)
-        for (k = 0; k < stretches; k++) {
-            const size_t from = (size_t)rays * (size_t)k / (size_t)stretches;
-            const size_t to = (size_t)rays * (size_t)(k + 1) / (size_t)stretches;
-            if (to > from) qsort(points + 2 * ((size_t)rays * (size_t)look + from), to - from, 8, sbl__morton_order);
+    for (look = 0; look < (size_t)looks; look++)
+        for (k = 0; k < parts; k++) {
+            const size_t from = count * k / parts, to = count * (k + 1) / parts;
+            if (to > from) qsort(points + 2 * (count * look + from), to - from, 8, sbl__morton_order);
         }
     return points;
 }
 
-/* Gets point i of a sequence, scrambled with the seed in the same way as trace.glsl scrambles it; 0 to 1 */
+/* Gets point i of a sequence, 0 to 1, scrambled with the seed as in trace.glsl. */
 static void sbl__sequence_at(const uint32_t *sequence, int i, uint32_t seed, double u[2]) {
     int axis;
     for (axis = 0; axis < 2; axis++) {
@@ -9342,7 +9337,7 @@ static void sbl__sequence_at(const uint32_t *sequence, int i, uint32_t seed, dou
     }
 }
 
-/* Maps a point u of the unit square to a direction over the hemisphere around the normal, distributed by the cosine. */
+/* Maps a uniform point u of the unit square to a cosine-distributed direction, as sbl_by_cosine in frame.glsl does. */
 static void sbl__cosine_direction(const float normal[3], const double u[2], float out[3]) {
     const double angle = 2 * SBL__PI * u[1];
     double right[3], up[3];
@@ -9352,8 +9347,8 @@ static void sbl__cosine_direction(const float normal[3], const double u[2], floa
         out[k] = (float)(sqrt(u[0]) * (cos(angle) * right[k] - sin(angle) * up[k]) + sqrt(1 - u[0]) * normal[k]);
 }
 
-static sbl_result sbl__sequence_store(const sbl__device *d, sbl__table *t, int looks, int rays, int stretches) {
-    uint32_t *points = sbl__sequence_make(d->base, looks, rays, stretches);
+static sbl_result sbl__sequence_store(const sbl__device *d, sbl__table *t, int looks, int rays, int sections) {
+    uint32_t *points = sbl__sequence_make(d->base, looks, rays, sections);
     sbl_result result;
     if (!points) return SBL_ERROR_OUT_OF_MEMORY;
     result = sbl__buffer_make(d, &t->buffer, (size_t)rays * (size_t)looks * 8, points, SBL__GL_STATIC_DRAW);
@@ -9361,37 +9356,34 @@ static sbl_result sbl__sequence_store(const sbl__device *d, sbl__table *t, int l
     return result == SBL_SUCCESS ? sbl__table_attach(d, t, SBL__GL_RG32UI, 0) : result;
 }
 
-/* Number of invocations among which a look's rays towards lamps are divided. lamps.glsl may stop an invocation early,
-   after any section of the invocation's points. */
+/* Number of invocations among which a look's rays towards lamps are divided */
 static int sbl__aim_parts(const sbl__spec *spec, const sbl__hierarchy *h) {
     const int chunk = spec->traced ? SBL__MIN(SBL__LAMP_CHUNK, sbl__rays_most(h)) : SBL__LAMP_CHUNK;
     return (spec->lamp_rays + chunk - 1) / chunk;
 }
 
-/* Makes the sequence and the textures for rays towards lamps of looks in these slots. */
+/* Makes the resources for looks in these slots. The points of each invocation have a section for each pass. */
 static sbl_result sbl__aim_setup(const sbl__device *d, sbl__aim *a, const sbl__spec *spec, const sbl__slots *slots,
                                  const sbl__hierarchy *h) {
-    const int rows = (slots->count + slots->columns - 1) / slots->columns, parts = sbl__aim_parts(spec, h);
-    sbl__texture *const textures[4] = { &a->light, &a->harmonics[0], &a->harmonics[1], &a->harmonics[2] };
+    const int rows = (slots->count + slots->columns - 1) / slots->columns, count = spec->directional ? 4 : 1;
     const sbl__texture *colors[4];
-    const int count = spec->directional ? 4 : 1;
     sbl_result result;
     int i;
     a->rays = spec->lamp_rays;
-    a->parts = parts;
+    a->parts = sbl__aim_parts(spec, h);
     if (!a->rays) return SBL_SUCCESS;
-    result = sbl__sequence_store(d, &a->sequence, spec->looks, a->rays, SBL__LAMP_PASSES * parts);
+    result = sbl__sequence_store(d, &a->sequence, spec->looks, a->rays, SBL__LAMP_PASSES * a->parts);
     for (i = 0; i < 4; i++) {
-        if (i >= count) sbl__texture_delete(d, textures[i]);
+        if (i >= count) sbl__texture_delete(d, &a->lights[i]);
         else if (result == SBL_SUCCESS)
-            result = sbl__texture_make(d, textures[i], slots->columns, rows * parts, SBL__GL_RGBA32F);
-        colors[i] = textures[i];
+            result = sbl__texture_make(d, &a->lights[i], slots->columns, rows * a->parts, SBL__GL_RGBA32F);
+        colors[i] = &a->lights[i];
     }
     return result == SBL_SUCCESS ? sbl__target_make(d, &a->target, colors, count, NULL) : result;
 }
 
-/* Sets the uniforms that all ray-tracing programs share: those of scene.glsl to carrier.glsl. blocks: width and height
-   of a look's rectangle of invocations */
+/* Sets the uniforms that all programs share which trace rays for sensors. blocks: width and height of a look's
+   rectangle of invocations */
 static void sbl__rays_bind(sbl__device *d, const sbl__batch *b, const sbl__table *sequence, const int blocks[2]) {
     sbl__scene_bind(d, b->scene);
     sbl__hierarchy_bind(d, &b->scene->hierarchy);
@@ -9405,7 +9397,7 @@ static void sbl__rays_bind(sbl__device *d, const sbl__batch *b, const sbl__table
     sbl__set_int(d, "count", b->count);
 }
 
-/* Runs the current program for all looks of a batch, with blocks[0] x blocks[1] texels of the target per look. */
+/* Runs the current program for all looks of a batch, blocks[0] x blocks[1] invocations each. */
 static void sbl__rays_send(const sbl__device *d, const sbl__batch *b, const sbl__target *t, const int blocks[2]) {
     const int row = b->slot / b->slots->columns, last = (b->slot + b->count - 1) / b->slots->columns;
     sbl__invoke(d, t, row * blocks[1], (last - row + 1) * blocks[1], b->count * blocks[0] * blocks[1]);
@@ -9415,8 +9407,8 @@ static void sbl__rays_send(const sbl__device *d, const sbl__batch *b, const sbl_
 static const char *const sbl__glsl_lamps[] = {
 "// Light from lamps: emitting triangles, lights, and bright texels of the sky. The light of an unobstructed lamp is\n",
 "// known in closed form, and rays measure which share of it arrives: the ratio estimator of Heitz, Hill and McGuire\n",
-"// 2018, \"Combining analytic direct illumination and stochastic shadows\". If there are many lamps, distant ones are\n",
-"// grouped into clusters; a ray towards a cluster picks one of its lamps, in proportion to their light.\n",
+"// 2018, \"Combining analytic direct illumination and stochastic shadows\". If there are many lamps, distant ones\n",
+"// form clusters; a ray towards a cluster picks one of its lamps, in proportion to their light.\n",
 "//\n",
 "//     choose   makes the list of entries: the lamps and clusters that give this sensor light, with their strengths\n",
 "//     pick     picks one of the entries for a ray\n",
@@ -9582,8 +9574,8 @@ static const char *const sbl__glsl_lamps[] = {
 "                 : abs(sum) / (2.0 * SBL_PI);\n",
 "}\n",
 "\n",
-"// Form factor of a round lamp, divided by sine2 (Snyder 1996, \"Area Light Sources for Real-Time Graphics\"), or of\n",
-"// a flat disc if it is small. z: cosine between the normal and the direction to the lamp's centre\n",
+"// Form factor of a round lamp, divided by sine2 (Snyder 1996, \"Area Light Sources for Real-Time Graphics\");\n",
+"// small lamps are treated as flat discs. z: cosine between the normal and the direction to the lamp's centre\n",
 "float sbl_round(float z, float sine2) {\n",
 "    float sine = sqrt(sine2), s = sqrt(max(1.0 - z * z, 0.0));\n",
 "    if (z >= sine || z <= -sine) return max(z, 0.0);\n",
@@ -10133,8 +10125,7 @@ static unsigned sbl__aim_features(const sbl__scene *s, const sbl__spec *spec) {
            (spec->directional ? (unsigned)SBL__DIRECTIONAL : 0);
 }
 
-/* Sets the uniforms of lamps.glsl, which must be the current program, except those that sbl__raster_bind sets. blocks:
-   width and height of a look's rectangle of invocations */
+/* Sets the uniforms of lamps.glsl, except those that sbl__raster_bind sets. blocks: as for sbl__rays_bind */
 static void sbl__aim_bind(sbl__device *d, const sbl__aim *a, const sbl__batch *b, const int blocks[2], float scale) {
     const sbl__lights *l = &b->scene->lights;
     sbl__rays_bind(d, b, &a->sequence, blocks);
@@ -10148,9 +10139,8 @@ static void sbl__aim_bind(sbl__device *d, const sbl__aim *a, const sbl__batch *b
     sbl__set_float(d, "scale", scale);
 }
 
-/* Computes the directions of row j of a view's texels. `directions` has four floats per texel of the padded sheet, of
-   which the first three are a unit vector. The vector is relative to the frame that frame.glsl makes, for a look that
-   is not rotated. */
+/* Computes the directions of row j of a view's texels, in the frame of a look that is not rotated. `directions` has 4
+   floats per texel of the padded sheet, of which the first three are a unit vector. */
 static void sbl__directions_row(const sbl__layout *l, int face, int j, float *directions) {
     const int *r = l->rects[face];
     float *out = directions + 4 * ((size_t)(r[1] + j) * (size_t)sbl__layout_pitch(l, 0) + (size_t)r[0]);
@@ -10171,17 +10161,15 @@ static void sbl__directions_row(const sbl__layout *l, int face, int j, float *di
 /* ======================================================================================================== >>raster
    The back end that rasterises views, as the paper does. Only this back end shows geometry that the host draws itself.
 
-       view   +-------+-------+-------+      one instanced draw call draws every view of every look of a batch;
-       texture| sheet | sheet | sheet |
-              +-------+-------+-------+      reduce_blocks.glsl adds up each square of block x block texels and
-              | sheet |  ...          |      writes one texel of partial sums
-              +-------+---------------+                                                                          */
+       view    +-------+-------+    One instanced draw call draws all views of all looks of a batch, each look in its
+       texture | sheet | sheet |    sheet. reduce_blocks.glsl then adds up each square of block x block texels and
+               +-------+-------+    writes one texel of partial sums. */
 
 #define SBL__SLOTS_MOST 4096   /* maximum number of slots in the view texture */
-#define SBL__VIEW_DEPTH 1e-6f  /* depth is this value divided by the distance along the view's axis in scene extents;
-                                  all geometry nearer than this value gets depth 1 */
+#define SBL__VIEW_DEPTH 1e-6f  /* depth is this value divided by the distance along the view's axis in scene extents,
+                                  but at most 1 */
 #define SBL__STUCK_FOV 2.0f    /* field of view of a stuck test, degrees: wide enough to hit the sensor's own surface,
-                                  too one_ray to hit the walls of a corner */
+                                  too narrow to hit the walls of a corner */
 #define SBL__STUCK_SIZE 4      /* width and height of a stuck test's view, texels */
 #define SBL__STUCK_TEXTURE 512  /* maximum width and height of the part of the view texture for stuck tests, texels */
 
@@ -10189,7 +10177,7 @@ static void sbl__directions_row(const sbl__layout *l, int face, int j, float *di
 typedef struct sbl__lens {
     sbl__layout layout;         /* positions of the views in a look's sheet */
     sbl__slots slots;           /* slots of the view texture, one sheet each */
-    int area[2];                /* width and height of the part of the view texture that the slots cover, texels */
+    int area[4];                /* part of the view texture that the slots cover: 0, 0, width, height, texels */
     sbl__texture weights;       /* per texel of a sheet: form factor, and ratio of distance to depth */
     sbl__texture directions;    /* directional jobs: direction of each texel of a sheet, see sbl__directions_row */
 } sbl__lens;
@@ -10202,11 +10190,11 @@ typedef struct sbl__raster {
     sbl__texture atlas, depth;
     sbl__target target;
     sbl__buffer views;
-    unsigned view_array;       /* vertex array for jobs with bounced light: attributes come from `views` only, because
-                                  the shader fetches the vertices itself */
+    unsigned view_array;       /* vertex array for jobs with bounced light: it has the attributes of `views` only,
+                                  because the shader fetches the vertices itself */
     float radiance_scale;      /* factor of radiance in the view texture */
     float *weights, *directions;  /* contents of a lens's two textures while sbl__raster_weigh computes them */
-    int face, row;             /* view and row at which this computation continues */
+    int face, row;             /* view and row at which sbl__raster_weigh continues */
 } sbl__raster;
 
 static void sbl__raster_free(const sbl__device *d, sbl__raster *r) {
@@ -10222,31 +10210,27 @@ static void sbl__raster_free(const sbl__device *d, sbl__raster *r) {
     sbl__array_delete(d, &r->view_array);
     sbl__free(d->base, r->weights);
     sbl__free(d->base, r->directions);
-    memset(r, 0, sizeof *r);
 }
 
-/* Returns the power of two that scales the brightest radiance to between 512 and 1024. This range is far from both ends
-   of 16-bit floats. */
+/* Returns the power of two that scales the brightest radiance to 512 .. 1024, far from both ends of 16-bit floats. */
 static float sbl__raster_scale(float brightest) {
     return brightest > 0 ? (float)ldexp(1, SBL__MIN(10 - (int)ceil(log(brightest) / log(2.0)), 100)) : 1;
 }
 
-/* Computes the slots of a lens in a view texture of size view_texture_size squared, which grows to hold at least one
-   sheet, up to the driver's limit `most`. If the driver's limit is too small for a sheet, there are 0 slots. */
+/* Computes the slots of a lens in a square view texture of size view_texture_size, or larger if one sheet needs more,
+   up to the driver's limit `most`. If the limit is too small for a sheet, there are 0 slots. */
 static void sbl__lens_fit(sbl__lens *lens, int view_texture_size, int most) {
     const sbl__layout *l = &lens->layout;
     const int pitch[2] = { sbl__layout_pitch(l, 0), sbl__layout_pitch(l, 1) };
     const int size = SBL__MIN(SBL__MAX(view_texture_size, SBL__MAX(pitch[0], pitch[1])), most);
-    int fit[2];
-    fit[0] = size / pitch[0];
-    fit[1] = size / pitch[1];
-    if (fit[0] > 0) fit[1] = SBL__MIN(fit[1], (SBL__SLOTS_MOST + fit[0] - 1) / fit[0]);
-    lens->slots.blocks[0] = l->blocks[0];
-    lens->slots.blocks[1] = l->blocks[1];
-    lens->slots.columns = fit[0];
-    lens->slots.count = fit[0] * fit[1];
-    lens->area[0] = fit[0] * pitch[0];
-    lens->area[1] = fit[1] * pitch[1];
+    const int columns = size / pitch[0];
+    int rows = size / pitch[1];
+    if (columns > 0) rows = SBL__MIN(rows, (SBL__SLOTS_MOST + columns - 1) / columns);
+    memcpy(lens->slots.blocks, l->blocks, sizeof l->blocks);
+    lens->slots.columns = columns;
+    lens->slots.count = columns * rows;
+    lens->area[2] = columns * pitch[0];
+    lens->area[3] = rows * pitch[1];
 }
 
 /* Makes the view texture, and computes the slots of looks and of stuck tests in it. */
@@ -10269,8 +10253,8 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
         return SBL_ERROR_UNSUPPORTED;
     }
     for (k = 0; k < 2; k++) {
-        size[k] = SBL__MAX(lens->area[k], stuck->area[k]);
-        sums[k] = SBL__MAX(lens->area[k] / lens->layout.block, stuck->area[k] / stuck->layout.block);
+        size[k] = SBL__MAX(lens->area[2 + k], stuck->area[2 + k]);
+        sums[k] = SBL__MAX(lens->area[2 + k] / lens->layout.block, stuck->area[2 + k] / stuck->layout.block);
     }
     brightest = SBL__MAX(scene->brightest, spec->bounced ? scene->store.brightest : spec->epsilon);
     for (k = 0; k < 6 && spec->bounced; k++) brightest = SBL__MAX(brightest, sbl__max3(scene->store.air[k]));
@@ -10282,8 +10266,7 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
     return result == SBL_SUCCESS ? sbl__blocks_make(d, blocks, spec->directional ? 5 : 2, sums[0], sums[1]) : result;
 }
 
-/* Computes the weights of a lens's texels row by row, and for directional jobs the texels' directions. SBL_SUCCESS: the
-   lens's textures are written. */
+/* Computes the textures of a lens, row by row. Returns SBL_UNFINISHED if the slice ends before. */
 static sbl_result sbl__raster_weigh(const sbl__device *d, sbl__raster *r, sbl__lens *lens, const sbl__spec *spec,
                                     const sbl__slice *slice) {
     const sbl__layout *l = &lens->layout;
@@ -10300,13 +10283,12 @@ static sbl_result sbl__raster_weigh(const sbl__device *d, sbl__raster *r, sbl__l
             sbl__weights_row(l, paper, r->face, r->row++, r->weights);
             if (sbl__now() >= slice->end) return SBL_UNFINISHED;
         }
-    if (spec->directional) {
-        result = sbl__texture_make(d, &lens->directions, width, height, SBL__GL_RGBA32F);
-        if (result == SBL_SUCCESS) result = sbl__texture_write(d, &lens->directions, 0, height, r->directions);
-        if (result != SBL_SUCCESS) return result;
-    }
     result = sbl__texture_make(d, &lens->weights, width, height, SBL__GL_RG32F);
     if (result == SBL_SUCCESS) result = sbl__texture_write(d, &lens->weights, 0, height, r->weights);
+    if (result == SBL_SUCCESS && spec->directional) {
+        result = sbl__texture_make(d, &lens->directions, width, height, SBL__GL_RGBA32F);
+        if (result == SBL_SUCCESS) result = sbl__texture_write(d, &lens->directions, 0, height, r->directions);
+    }
     sbl__free(d->base, r->weights);
     sbl__free(d->base, r->directions);
     r->weights = r->directions = NULL;
@@ -10499,7 +10481,7 @@ static const sbl__input sbl__view_inputs[] = {
 static void sbl__raster_clear(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens,
                               const sbl__scene *scene, int slots) {
     const int rows = (slots + lens->slots.columns - 1) / lens->slots.columns;
-    const int used[4] = { 0, 0, lens->area[0], rows * sbl__layout_pitch(&lens->layout, 1) };
+    const int used[4] = { 0, 0, lens->area[2], rows * sbl__layout_pitch(&lens->layout, 1) };
     float sky[4] = { 0, 0, 0, 0 };
     int k;
     for (k = 0; k < 3; k++) sky[k] = scene->environment.sky[k] * r->radiance_scale;
@@ -10525,7 +10507,7 @@ static sbl_result sbl__raster_send(const sbl__device *d, sbl__raster *r, const s
     for (i = 0; i < b->count; i++)
         for (face = 0; face < l->view_count; face++) {
             sbl__raster_corner(lens, b->slot + i, corner);
-            sbl__view_make(l, &b->looks[i], face, corner, lens->area, &views[i * l->view_count + face]);
+            sbl__view_make(l, &b->looks[i], face, corner, lens->area + 2, &views[i * l->view_count + face]);
         }
     result = sbl__buffer_stream(d, &r->views, room * sizeof *views, views, count * sizeof *views);
     sbl__free(d->base, views);
@@ -10544,10 +10526,7 @@ static void sbl__raster_view(const sbl__device *d, const sbl__raster *r, const s
     memset(v, 0, sizeof *v);
     sbl__raster_corner(lens, b->slot + i, corner);
     v->kind = SBL_VIEW_SENSOR;
-    v->viewport[0] = corner[0] + rect[0];
-    v->viewport[1] = corner[1] + rect[1];
-    v->viewport[2] = rect[2];
-    v->viewport[3] = rect[3];
+    for (k = 0; k < 4; k++) v->viewport[k] = rect[k] + (k < 2 ? corner[k] : 0);
     sbl__view_axes(look, face, right, up, forward);
     for (k = 0; k < 3; k++) {
         v->world_to_view[4 * k] = (float)right[k];
@@ -10575,42 +10554,27 @@ static void sbl__raster_view(const sbl__device *d, const sbl__raster *r, const s
     v->face = face;
 }
 
-/* Calls the host's draw callback for each view of the batch. */
-static void sbl__raster_host(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b) {
-    sbl_draw_view view;
-    int i;
-    for (i = 0; i < b->count * lens->layout.view_count; i++) {
-        sbl__raster_view(d, r, lens, b, i, &view);
-        sbl__pass(d, &r->target, view.viewport, view.viewport, SBL__PASS_DEPTH);
-        sbl__host_draw(d, b->scene->draw, &view, b->scene->draw_user);
-    }
-}
-
-/* Begins a pass to the part of the view texture that the lens covers. */
-static void sbl__raster_pass(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens, int flags) {
-    const int area[4] = { 0, 0, lens->area[0], lens->area[1] };
-    sbl__pass(d, &r->target, area, NULL, flags);
-}
-
 static sbl_result sbl__raster_sky(sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b,
                                   int views) {
     const sbl_result result = sbl__use(d, &sbl__recipe_sky, b->scene->features);
     if (result != SBL_SUCCESS) return result;
-    sbl__raster_pass(d, r, lens, 0);
+    sbl__pass(d, &r->target, lens->area, NULL, 0);
     sbl__environment_bind(d, &b->scene->environment);
     sbl__set_float(d, "radiance_scale", r->radiance_scale);
     sbl__draw_rectangles(d, b->scene->geometry.vertex_array, views);
     return SBL_SUCCESS;
 }
 
-/* Draws the scene's triangles first .. end - 1 to all views of a batch. A range of triangles is drawn, because one look
-   at a large scene may take too long for one submission. The call with the first triangle also draws the environment,
-   the call with the last triangle also calls the host's draw callback. */
+/* Draws the triangles first .. end - 1 of the scene to all views of a batch. All triangles may take too long for one
+   submission. The call with the first triangle also draws the environment, and the call with the last triangle calls
+   the host's draw callback for each view. */
 static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__lens *lens, const sbl__batch *b,
                                    int first, int end) {
     const sbl__geometry *g = &b->scene->geometry;
     const int views = b->count * lens->layout.view_count;
     sbl_result result = SBL_SUCCESS;
+    sbl_draw_view view;
+    int i;
     if (first == 0) {
         result = sbl__raster_send(d, r, lens, b);
         if (result != SBL_SUCCESS) return result;
@@ -10625,24 +10589,28 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
     if (result == SBL_SUCCESS && end > first) {
         result = sbl__use(d, &sbl__recipe_sensor, sbl__batch_features(b));
         if (result != SBL_SUCCESS) return result;
-        sbl__raster_pass(d, r, lens, SBL__PASS_DEPTH | SBL__PASS_CLIP);
+        sbl__pass(d, &r->target, lens->area, NULL, SBL__PASS_DEPTH | SBL__PASS_CLIP);
         sbl__scene_bind(d, b->scene);
         sbl__set_int(d, "lamps_apart", b->spec->lamps_apart);
         sbl__set_float(d, "per_length", 1 / g->extent);
         sbl__set_float(d, "depth_scale", SBL__VIEW_DEPTH);
         sbl__set_float(d, "epsilon", b->spec->epsilon);
         sbl__set_float(d, "radiance_scale", r->radiance_scale);
-        sbl__set_vec2(d, "view_texture_size", (float)lens->area[0], (float)lens->area[1]);
+        sbl__set_vec2(d, "view_texture_size", (float)lens->area[2], (float)lens->area[3]);
         if (b->spec->bounced) {
             sbl__store_bind(d, &b->scene->store);
             sbl__draw_numbers(d, r->view_array, first, end - first, views);
         } else sbl__draw_mesh(d, g->vertex_array, first, end - first, views);
     }
-    if (result == SBL_SUCCESS && b->scene->draw && end == g->triangle_count) sbl__raster_host(d, r, lens, b);
+    for (i = 0; i < views && b->scene->draw && end == g->triangle_count && result == SBL_SUCCESS; i++) {
+        sbl__raster_view(d, r, lens, b, i, &view);
+        sbl__pass(d, &r->target, view.viewport, view.viewport, SBL__PASS_DEPTH);
+        sbl__host_draw(d, b->scene->draw, &view, b->scene->draw_user);
+    }
     return result;
 }
 
-/* Gives lamps.glsl access to the views, because geometry that the host draws may hide a lamp and exists only there. */
+/* Gives lamps.glsl access to the views, because they alone show geometry of the host that may hide a lamp. */
 static void sbl__raster_bind(sbl__device *d, const sbl__raster *r, float extent) {
     const sbl__layout *l = &r->lenses[SBL__LENS_SITE].layout;
     int i, k;
@@ -10744,8 +10712,8 @@ static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const
 }
 
 /* ======================================================================================================== >>trace
-   The back end that traces rays: shader invocations trace a look's rays over the hemisphere through the hierarchy of
-   triangles. The cost of a ray grows with the logarithm of the number of triangles. */
+   The back end that traces a look's rays over the hemisphere. The cost of a ray grows with the logarithm of the number
+   of triangles. */
 
 #define SBL__TRACE_CHUNK 16        /* maximum number of rays per invocation */
 #define SBL__TRACE_COLUMNS 256     /* maximum number of looks side by side in the textures of partial sums */
@@ -10753,14 +10721,8 @@ static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const
 
 typedef struct sbl__trace {
     sbl__slots slots[SBL__LENSES]; /* slots of looks, and of stuck tests, which trace one ray back to the surface */
-    int rays;                      /* number of rays over the hemisphere per look */
-    sbl__table sequence;           /* Sobol points that give the rays' directions, see sbl__sequence_make */
+    sbl__table sequence;           /* points that give the rays' directions, see sbl__sequence_make */
 } sbl__trace;
-
-static void sbl__trace_free(const sbl__device *d, sbl__trace *t) {
-    sbl__table_delete(d, &t->sequence);
-    memset(t, 0, sizeof *t);
-}
 
 static sbl_result sbl__trace_setup(const sbl__device *d, sbl__trace *t, const sbl__scene *scene, const sbl__spec *spec,
                                    sbl__blocks *blocks) {
@@ -10770,7 +10732,6 @@ static sbl_result sbl__trace_setup(const sbl__device *d, sbl__trace *t, const sb
     sbl__slots *s = &t->slots[SBL__LENS_SITE], *stuck = &t->slots[SBL__LENS_STUCK];
     sbl_result result;
     int rows;
-    t->rays = spec->rays;
     s->blocks[0] = SBL__MIN(chunks, 4);
     s->blocks[1] = (chunks + 3) / 4;
     s->columns = SBL__MIN(SBL__TRACE_TEXELS, d->gl.capabilities.max_texture_size) / s->blocks[0];
@@ -10780,7 +10741,7 @@ static sbl_result sbl__trace_setup(const sbl__device *d, sbl__trace *t, const sb
     s->count = s->columns * rows;
     *stuck = *s;
     stuck->blocks[0] = stuck->blocks[1] = 1;
-    result = sbl__sequence_store(d, &t->sequence, spec->looks, t->rays, 1);
+    result = sbl__sequence_store(d, &t->sequence, spec->looks, spec->rays, 1);
     return result == SBL_SUCCESS ? sbl__blocks_make(d, blocks, spec->directional ? 6 : 2, s->columns * s->blocks[0],
                                                     rows * s->blocks[1]) : result;
 }
@@ -10852,7 +10813,7 @@ static const char *const sbl__glsl_trace[] = {
 "const float SBL_NEIGHBOURS = 0.62;  // variance divided by its estimate from pairs: measured with 16 to 256 rays\n",
 "\n",
 "// Maximum number of segments of a ray. The mean light of a cell may differ much from the light at a hit that is\n",
-"// nearer than the cell's width. A second segment then finds bounced light; only light from lamps is from the store.\n",
+"// nearer than the cell's width. A second segment then finds bounced light; the store gives only light from lamps.\n",
 "#ifdef SBL_BOUNCED\n",
 "const int SBL_LEGS = 2;\n",
 "#else\n",
@@ -10971,20 +10932,18 @@ static const sbl__recipe sbl__recipe_trace = {
     { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_store, sbl__glsl_carrier, sbl__glsl_traverse,
       sbl__glsl_sky, sbl__glsl_guide, sbl__glsl_trace },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
-      &sbl__look_words_record,
-      &sbl__cut_record, &sbl__leaf_record },
+      &sbl__look_words_record, &sbl__cut_record, &sbl__leaf_record },
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE | SBL__BOUNCED | SBL__GUIDED | SBL__DIRECTIONAL
 };
 
-/* Traces the rays of a batch, whose looks must be in b->table already. Each look's rays are distributed over
-   slots->blocks[0] * slots->blocks[1] invocations. stuck: 1: each look traces one ray only, along its normal; paired:
-   1: an invocation takes its rays in pairs, to measure the variance; 0: it takes them singly, so that with one
+/* Traces the rays of a batch, whose looks must be in b->table already. stuck: 1: each look traces one ray only, along
+   its normal; paired: 1: an invocation traces pairs of rays, to measure the variance; 0: single rays, so that with one
    invocation per ray each output texel belongs to one ray */
 static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl__batch *b, int stuck, int paired) {
     const sbl_result result = sbl__use(d, &sbl__recipe_trace, sbl__batch_features(b));
     if (result != SBL_SUCCESS) return result;
     sbl__rays_bind(d, b, &t->sequence, b->slots->blocks);
-    sbl__set_int(d, "rays", stuck ? 1 : t->rays);
+    sbl__set_int(d, "rays", stuck ? 1 : b->spec->rays);
     sbl__set_int(d, "paired", paired);
     sbl__set_int(d, "no_light", b->spec->no_light);
     sbl__set_int(d, "lamps_apart", b->spec->lamps_apart);
@@ -11003,20 +10962,18 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
 }
 
 /* ======================================================================================================== >>job
-   A job measures the light at a list of sites and writes one reading per site. A job does not know what its sites are
-   for, and the rooms that follow do not depend on whether the job traces rays or rasterises views. Pictures run jobs
-   for pixels; other front ends run jobs for vertices or for points in the air. Every caller uses the same short loop:
+   A job measures the light at a list of sites and writes one reading per site. The rooms that follow must not depend on
+   whether the job traces rays or rasterises views. Pictures run jobs for pixels; other front ends run jobs for vertices
+   or for points in the air. Every caller uses the same loop:
 
        sbl__job_begin(job, scene, task)                       the task names sites, readings and the sensors' settings
        while (sbl__job_step(device, job, slice) == SBL_UNFINISHED) ...
                                                               each step does one piece of bounded duration
 
-   A job keeps its GPU resources for the next job and makes new ones only if the task or the scene needs different
-   ones. After an error the job can begin again.
+   A job keeps its GPU resources until a task or a scene needs different ones. After an error the job can begin again.
 
-   A site's reading is the mean of the site's looks, each of which is rotated further or uses other rays. A job draws
-   looks into the slots until all slots are full, reduces each look to one texel of results, and fills the slots again.
-   The first round makes the sites' looks, the second round makes the stuck tests of sites that may be stuck:
+   A job draws looks until all slots are full, reduces each look to one texel of results, and fills the slots again. The
+   first round makes the sites' looks, the second round makes the stuck tests of sites that may be stuck:
 
        set up -> { draw -> aim rays at lamps -> reduce } ... -> read -> { draw -> reduce } ... -> read -> done
                  first round: looks                                     second round: stuck tests              */
@@ -11031,15 +10988,9 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
 #define SBL__TEXEL_NOISE 2.6f      /* relative noise of a look that rasterises views, times the views' size in texels;
                                       measured with a lamp in a box */
 
-/* Results of all looks, in the first two textures: r g b of `sums` is the sum of weight * radiance, a is the weight of
-   the directions that see back faces; `hits` holds the weight of the directions that see surfaces, the sum of weight *
-   distance, the smallest distance, and the variance. The result of look n is at texel n % SBL__RESULTS_WIDTH,
-   n / SBL__RESULTS_WIDTH, and remains there until the next job. */
-typedef sbl__blocks sbl__results;
-
+/* What a job has to do. The caller must keep the arrays until the job is done. */
 typedef struct sbl__task {
     sbl__spec spec;
-    /* The caller must keep the arrays that these pointers name until the job is done. */
     const sbl__site *sites;
     sbl_reading *readings;      /* output: one reading per site */
     float *layers;              /* output of directional jobs: per site, 3 floats for each layer of light from layer 1
@@ -11063,24 +11014,25 @@ typedef struct sbl__job {
     sbl__task task;
     const sbl__scene *scene;
     sbl__job_counts counts;     /* sums over all jobs since the caller last cleared them */
-    int ready;                  /* 1: the resources below exist, for this spec and this version of the scene: */
+    int ready;                  /* 1: the resources below exist, for `made_for` and `made_for_scene` */
     sbl__spec made_for;
-    uint32_t made_for_scene;
+    uint32_t made_for_scene;    /* version of the scene */
     sbl__raster raster;
     sbl__trace trace;
     sbl__aim aim;
     sbl__blocks blocks;
-    sbl__results results[SBL__LENSES];
+    /* Results of all looks. `sums`: sum of weight * radiance; sum of the weights of directions that see back faces.
+       `hits`: sum of the weights of directions that see surfaces; sum of weight * distance; least distance; variance.
+       The result of look n stays at texel n % SBL__RESULTS_WIDTH, n / SBL__RESULTS_WIDTH until the next job. */
+    sbl__blocks results[SBL__LENSES];
     sbl__table table;           /* the looks of a batch, in the format that ray-tracing shaders read */
     sbl__look *looks;           /* the look in each slot */
     int look_most;              /* maximum number of looks per batch */
-    /* State of the current round. The first round makes the sites' looks, the second round makes the stuck tests. */
-    int lens;                   /* SBL__LENS_SITE: looks at sites; SBL__LENS_STUCK: stuck tests */
+    int lens;                   /* of the current round: SBL__LENS_SITE or SBL__LENS_STUCK */
     int *suspects;              /* indices of the sites that need a stuck test */
     int suspect_count, suspect_room;
     int look_count;             /* first_look plus the number of looks in the round */
-    int site, look;             /* index of the next site (or suspect) and of its look: while drawing the next one to
-                                   draw, while reading the next one to read */
+    int site, look;             /* index of the next site (or suspect), and of its look, to draw or to read */
     int drawn, aimed, reduced;  /* numbers of the looks at which the three stages continue */
     int batch;                  /* number of looks in the batch that is partly drawn; 0: no batch is partly drawn */
     int triangle;               /* index of the next triangle to draw for this batch */
@@ -11090,7 +11042,7 @@ typedef struct sbl__job {
 static void sbl__job_free(const sbl__device *d, sbl__job *j) {
     int i;
     sbl__raster_free(d, &j->raster);
-    sbl__trace_free(d, &j->trace);
+    sbl__table_delete(d, &j->trace.sequence);
     sbl__aim_free(d, &j->aim);
     sbl__blocks_free(d, &j->blocks);
     for (i = 0; i < SBL__LENSES; i++) sbl__blocks_free(d, &j->results[i]);
@@ -11102,8 +11054,8 @@ static void sbl__job_free(const sbl__device *d, sbl__job *j) {
 
 /* >>job: how sensors see */
 
-/* Derives the spec of a job from the host's options. `s` must hold its defaults and the chosen back end. Except in the
-   paper's mode, sbl__scene_step must have finished the scene. */
+/* Derives the spec of a job from the host's options, with defaults and the back end filled in. Except in the paper's
+   mode, sbl__scene_step must have finished the scene. */
 static void sbl__spec_make(sbl__spec *spec, const sbl__measurement *s, const sbl__scene *scene,
                            const sbl_context_desc *c) {
     const sbl__environment *e = &scene->environment;
@@ -11131,15 +11083,13 @@ static void sbl__spec_make(sbl__spec *spec, const sbl__measurement *s, const sbl
     }
 }
 
-/* Chooses the back end. SBL_BACKEND_AUTO applies a fixed rule instead of measuring times, so that the same input
-   always gives the same picture. */
+/* Chooses the back end. The rule does not measure time, so that the same input always gives the same picture. */
 static sbl_backend sbl__choose_backend(const sbl__measurement *s, const sbl__scene *scene) {
     const int views = s->options.mode == SBL_MODE_PAPER || s->sensor_kind == SBL_SENSOR_SINGLE || scene->draw;
     return s->options.backend != SBL_BACKEND_AUTO ? s->options.backend : views ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
 }
 
-/* Returns the distance of sensors from their surface, world units. reach: the triangle's distance from the origin plus
-   its size (see SBL__OFFSET); 0: unknown */
+/* Returns the distance of sensors from their surface, world units. reach: see SBL__OFFSET; 0: unknown */
 static float sbl__spec_offset(const sbl__spec *spec, const sbl__scene *scene, float reach) {
     return SBL__OFFSET * (spec->traced && reach > 0 ? reach : scene->geometry.extent);
 }
@@ -11147,8 +11097,8 @@ static float sbl__spec_offset(const sbl__spec *spec, const sbl__scene *scene, fl
 /* Number of layers of light that sensors find (see SBL__LAYERS) */
 static int sbl__spec_layers(const sbl__spec *spec) { return spec->directional ? SBL__LAYERS : 1; }
 
-/* Returns the noise of layers 1 to 4 as a share of R, for a look whose R is free of noise. Rays near the horizon count
-   most in harmonics, and a look has only a few of them. */
+/* Returns the noise of layers 1 to 4 as a share of R, for a look whose R has no noise. It is due to the few rays near
+   the horizon, which have the largest weights in harmonics. */
 static float sbl__spec_layer_noise(const sbl__spec *spec) {
     return spec->no_light || !spec->traced ? 0 : SBL__FEW_RAYS / (float)sqrt((double)spec->rays);
 }
@@ -11161,19 +11111,19 @@ static void sbl__spec_sheet(const sbl__spec *spec, int size[2]) {
     size[1] = spec->traced ? 1 : layout.sheet_height;
 }
 
-/* Returns 1 if sensors trace rays. Then a look may trace as few rays as the caller wants, and the caller may request
-   rays towards lamps and rays over the hemisphere separately. */
+/* Returns 1 if sensors trace rays. The caller may then choose their number per look, and whether a job traces rays
+   towards lamps, rays over the hemisphere, or both. */
 static int sbl__measurement_sends_rays(const sbl__measurement *s) { return s->options.backend == SBL_BACKEND_TRACE; }
 
-/* Number of rays per look if each sensor makes as many looks as the requested error needs. The number suits a sensor
-   whose reading covers a small area; other sensors make more looks. */
+/* Number of rays per look for a requested error. It suits sensors whose readings cover a small area; other sensors make
+   more looks. */
 static int sbl__look_rays(float error) {
     return error >= 0.06f ? 16 : error >= 0.015f ? 32 : error >= 0.004f ? 64 : 128;
 }
 
-/* Returns the factor, a power of two, by which sbl__look_rays must grow for looks of this relative variance; 1 if looks
-   cannot have more rays. If light is rare, most looks of few rays find none, so that sensors underestimate their own
-   noise, and the picture's cells are split because of noise. */
+/* Returns the factor, a power of two, by which the rays of a look must grow for looks of this relative variance. If
+   light is rare, most looks of few rays find none. Sensors then underestimate their noise, and refinement divides tiles
+   because of noise. */
 static int sbl__look_growth(const sbl__measurement *s, float error, double variance) {
     int times = 1;
     if (s->options.rays || !sbl__measurement_sends_rays(s)) return 1;
@@ -11182,13 +11132,13 @@ static int sbl__look_growth(const sbl__measurement *s, float error, double varia
     return times;
 }
 
+/* Returns 1 if both need the same resources. */
 static int sbl__spec_equal(const sbl__spec *a, const sbl__spec *b) {
-    return a->traced == b->traced && a->paper == b->paper && a->hemicube == b->hemicube && a->size == b->size &&
-           a->fov == b->fov && a->rays == b->rays && a->lamp_rays == b->lamp_rays && a->lamps_apart == b->lamps_apart &&
-           a->bounced == b->bounced && a->without_sky == b->without_sky && a->no_light == b->no_light &&
-           a->looks == b->looks &&
-           a->one_ray == b->one_ray && a->directional == b->directional &&
-           a->epsilon == b->epsilon && a->view_texture_size == b->view_texture_size && a->batch == b->batch;
+    sbl__spec c = *b;
+    c.seed = a->seed;
+    c.guided = a->guided;
+    c.distance_limit = a->distance_limit;
+    return !memcmp(a, &c, sizeof c);
 }
 
 /* >>job: setting up */
@@ -11197,7 +11147,7 @@ static const sbl__slots *sbl__lens_slots(const sbl__job *j, int lens) {
     return j->task.spec.traced ? &j->trace.slots[lens] : &j->raster.lenses[lens].slots;
 }
 
-/* The slots that the current round uses */
+/* Slots of the current round */
 static const sbl__slots *sbl__job_slots(const sbl__job *j) { return sbl__lens_slots(j, j->lens); }
 
 /* Factor of all radiance in the job's textures */
@@ -11232,7 +11182,7 @@ static sbl_result sbl__job_setup(void *work, sbl__slice *slice) {
     return j->looks ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Computes the weights of the views of looks and of stuck tests. Afterwards all resources exist. */
+/* Computes the weights of views. Afterwards all resources exist. */
 static sbl_result sbl__job_weigh(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     for (; j->lens < SBL__LENSES && !j->task.spec.traced; j->lens++) {
@@ -11324,7 +11274,7 @@ static const sbl__recipe sbl__recipe_reduce_sum = {
 static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
     const sbl__device *d = j->device;
     const int most = d->gl.capabilities.max_texture_size, directional = j->task.spec.directional;
-    const sbl__results *results = &j->results[lens];
+    const sbl__blocks *results = &j->results[lens];
     double looks = 0;
     int i, rows;
     j->lens = lens;
@@ -11344,8 +11294,7 @@ static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
     return sbl__blocks_make(d, &j->results[lens], directional ? 5 : 2, SBL__RESULTS_WIDTH, rows);
 }
 
-/* Compiles one of the shader programs that the job needs. If all of them exist, starts the round of the sites' looks
-   and returns SBL_SUCCESS. */
+/* Compiles one of the shader programs that the job needs. If all exist, starts the round of the sites' looks. */
 static sbl_result sbl__job_compile(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
@@ -11370,8 +11319,7 @@ static sbl_result sbl__job_compile(void *work, sbl__slice *slice) {
     return sbl__job_start_round(j, SBL__LENS_SITE);
 }
 
-/* Makes the next look of the round. A stuck test starts at the position of the site's first look and faces the
-   surface. */
+/* Makes the next look of the round. A stuck test looks from the position of the site's first look at the surface. */
 static void sbl__job_next_look(sbl__job *j, int number, sbl__look *out) {
     const int stuck = j->lens == SBL__LENS_STUCK;
     const sbl__site *site = &j->task.sites[stuck ? j->suspects[j->site] : j->site];
@@ -11398,8 +11346,8 @@ static void sbl__job_batch(const sbl__job *j, int first, int count, sbl__batch *
     out->count = count;
 }
 
-/* Draws `room` looks, or fewer if the slots or the round end before. If `room` is less than the batch, views get only
-   a part of the scene's triangles, and the next call continues. units: receives the work done, in looks */
+/* Draws `room` looks, or fewer if the slots or the round end before. If `room` is less than a batch, draws only a part
+   of the scene's triangles to its views, and the next call continues. units: receives the work done, in looks */
 static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     sbl__device *d = j->device;
     const sbl__spec *spec = &j->task.spec;
@@ -11434,9 +11382,9 @@ static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     return SBL_SUCCESS;
 }
 
-/* Does one piece of drawing. If the slice is long enough, the piece consists of several submissions of views without
-   waiting in between: a software renderer prepares one while it draws another, which saves a quarter of the time at
-   2,000 triangles. */
+/* Does one piece of drawing: one submission of rays, or several submissions of views without waiting in between, if the
+   slice is long enough. A software renderer prepares one submission while it draws another, which saves a quarter of
+   the time at 2,000 triangles. */
 static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
@@ -11465,13 +11413,10 @@ static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS && !full ? SBL_UNFINISHED : result;
 }
 
-static int sbl__job_after_draw(void *work) {
-    const sbl__job *j = (const sbl__job *)work;
-    return j->task.spec.lamp_rays && j->lens == SBL__LENS_SITE ? SBL__JOB_AIM : SBL__JOB_REDUCE;
-}
+/* Returns 1 if the looks of the current round trace rays towards lamps. */
+static int sbl__job_aims(const sbl__job *j) { return j->task.spec.lamp_rays && j->lens == SBL__LENS_SITE; }
 
-/* Traces rays towards lamps for some of the looks in the slots. This stage follows the drawing of views, because
-   geometry that the host draws exists only in views and may hide a lamp. */
+/* Traces rays towards lamps for some of the looks in the slots, after their views are drawn (see sbl__raster_bind). */
 static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
@@ -11499,8 +11444,8 @@ static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
 static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
     sbl__device *d = j->device;
     const sbl__slots *slots = sbl__job_slots(j);
-    const sbl__results *out = &j->results[j->lens];
-    const int directional = j->task.spec.directional, aimed = j->task.spec.lamp_rays && j->lens == SBL__LENS_SITE;
+    const sbl__blocks *out = &j->results[j->lens];
+    const int directional = j->task.spec.directional, aimed = sbl__job_aims(j);
     const int row = first / SBL__RESULTS_WIDTH, rows = last / SBL__RESULTS_WIDTH - row + 1;
     static const char *const blocks[3] = { "block_red", "block_green", "block_blue" };
     static const char *const lights[3] = { "lights_red", "lights_green", "lights_blue" };
@@ -11510,11 +11455,11 @@ static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
     sbl__pass_rows(d, &out->target, row, rows);
     for (k = 0; k < 3 && directional; k++) {
         sbl__bind(d, blocks[k], &j->blocks.harmonics[k]);
-        sbl__bind(d, lights[k], aimed ? &j->aim.harmonics[k] : &j->blocks.harmonics[k]);
+        sbl__bind(d, lights[k], aimed ? &j->aim.lights[1 + k] : &j->blocks.harmonics[k]);
     }
     sbl__bind(d, "block_sums", &j->blocks.sums);
     sbl__bind(d, "block_hits", &j->blocks.hits);
-    sbl__bind(d, "lights", aimed ? &j->aim.light : &j->blocks.sums);
+    sbl__bind(d, "lights", aimed ? &j->aim.lights[0] : &j->blocks.sums);
     sbl__set_int(d, "parts", aimed ? j->aim.parts : 0);
     if (directional) sbl__bind(d, "block_even", j->task.spec.traced ? &j->blocks.even : &j->blocks.sums);
     sbl__set_int(d, "even", j->task.spec.traced);
@@ -11552,20 +11497,12 @@ static sbl_result sbl__job_reduce(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS && j->reduced < j->drawn ? SBL_UNFINISHED : result;
 }
 
-static int sbl__job_after_reduce(void *work) {
-    sbl__job *j = (sbl__job *)work;
-    if (j->drawn < j->look_count) return SBL__JOB_DRAW;
-    j->site = j->look = 0;
-    return SBL__JOB_READ;
-}
-
 /* >>job: reading */
 
 /* Share of back faces among the surfaces that a look sees, by weight */
 static float sbl__back_share(const float sum[4], const float hits[4]) { return hits[0] > 0 ? sum[3] / hits[0] : 0; }
 
-/* Returns 1 if all numbers are finite. Shader arithmetic may overflow in scenes of extreme sizes (see sbl__scene_warn);
-   the sensor's reading is then invalid. */
+/* Returns 1 if all numbers are finite. In scenes of extreme sizes they may not be (see sbl__scene_warn). */
 static int sbl__reading_is_finite(const sbl_reading *r) {
     return sbl__all_finite(r->radiance, 3) && sbl__finite(&r->noise) && sbl__finite(&r->hit_share) &&
            sbl__finite(&r->back_share) && sbl__finite(&r->hit_mean) && sbl__finite(&r->hit_min);
@@ -11611,13 +11548,12 @@ static void sbl__job_take(sbl__job *j, const float *const found[5]) {
     j->site++;
 }
 
-/* Evaluates the result of the round's next look. found: the look's texel of each texture of results, see sbl__results
+/* Evaluates the result of the round's next look. found: the look's texel of each texture of results
 
-   A sensor is stuck if the offset from its surface moved it through another surface: the sensor is then inside a body,
-   although the visible point is outside. A look's share of back faces cannot decide this: whole rooms are modelled
-   inside out, and an emitter inside a body may hide the body's walls. A site whose first look sees more back faces
-   than SBL__SUSPECT_SHARE therefore gets a stuck test, which looks from the sensor back to its surface. The sensor is
-   stuck, and its reading invalid, if the stuck test sees something nearer than this surface. */
+   A sensor is stuck if the offset moved it through another surface into a body. A look's share of back faces cannot
+   decide this: whole rooms are modelled inside out, and an emitter inside a body may hide the body's walls. A site
+   whose first look sees more back faces than SBL__SUSPECT_SHARE therefore gets a stuck test, which looks from the
+   sensor back to its surface. If it sees something nearer, the site's reading becomes invalid. */
 static sbl_result sbl__job_judge(sbl__job *j, const float *const found[5]) {
     const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent, *hits = found[1];
     const int back = j->lens == SBL__LENS_STUCK, site = back ? j->suspects[j->site++] : j->site;
@@ -11653,12 +11589,12 @@ static void sbl__job_count(sbl__job *j) {
     }
 }
 
-/* Reads back SBL__READ_ROWS rows of results and evaluates their looks. After the last row of the sites' looks, starts
-   the round of stuck tests if there are suspects. */
+/* Reads back SBL__READ_ROWS rows of results and evaluates their looks. If the sites' looks are done and some sites are
+   suspects, starts the round of stuck tests. */
 static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     const sbl__device *d = j->device;
-    const sbl__results *from = &j->results[j->lens];
+    const sbl__blocks *from = &j->results[j->lens];
     const int first = j->lens == SBL__LENS_SITE ? j->task.first_look : 0;
     const int end = (j->look_count + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH;
     const int row = first / SBL__RESULTS_WIDTH + j->stages.at;
@@ -11668,6 +11604,7 @@ static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
     sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
     int i, k;
     (void)slice;
+    if (j->stages.at == 0) j->site = j->look = 0;
     j->device->gl.doing = "reading sensors";
     for (k = 0; k < parts && result == SBL_SUCCESS; k++)
         result = sbl__target_read(d, &from->target, k, row, rows, data + 4 * (size_t)count * (size_t)k);
@@ -11685,9 +11622,12 @@ static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
     return j->lens == SBL__LENS_SITE && j->suspect_count ? sbl__job_start_round(j, SBL__LENS_STUCK) : SBL_SUCCESS;
 }
 
-static int sbl__job_after_read(void *work) {
+/* Returns the stage that follows drawing, reducing or reading. */
+static int sbl__job_next(void *work) {
     const sbl__job *j = (const sbl__job *)work;
-    return j->drawn < j->look_count ? SBL__JOB_DRAW : SBL__JOB_DONE;
+    if (j->stages.stage == SBL__JOB_DRAW) return sbl__job_aims(j) ? SBL__JOB_AIM : SBL__JOB_REDUCE;
+    if (j->drawn < j->look_count) return SBL__JOB_DRAW;
+    return j->stages.stage == SBL__JOB_REDUCE ? SBL__JOB_READ : SBL__JOB_DONE;
 }
 
 /* >>job: beginning and stepping */
@@ -11702,17 +11642,17 @@ static void sbl__job_begin(sbl__job *j, const sbl__scene *scene, const sbl__task
     j->stages.at = 0;
 }
 
-/* Does one piece of bounded duration. SBL_SUCCESS: all readings are written. After an error the job can begin again. */
+/* Does one piece of bounded duration. Returns SBL_SUCCESS when all readings are written. */
 static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, NULL, NULL },
         { sbl__job_setup, NULL, NULL, NULL },
         { sbl__job_weigh, NULL, NULL, NULL },
         { sbl__job_compile, NULL, NULL, NULL },
-        { sbl__job_draw, sbl__job_after_draw, NULL, NULL },
+        { sbl__job_draw, sbl__job_next, NULL, NULL },
         { sbl__job_aim, NULL, NULL, NULL },
-        { sbl__job_reduce, sbl__job_after_reduce, NULL, NULL },
-        { sbl__job_read, sbl__job_after_read, NULL, NULL }
+        { sbl__job_reduce, sbl__job_next, NULL, NULL },
+        { sbl__job_read, sbl__job_next, NULL, NULL }
     };
     sbl_result result;
     j->device = d;
@@ -11723,7 +11663,7 @@ static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) 
     return result;
 }
 
-/* Share of the job that is done, 0 to 1. The share ignores stuck tests, because they are only a small part. */
+/* Share of the job that is done, 0 to 1, without its few stuck tests */
 static float sbl__job_progress(const sbl__job *j) {
     const int looks = j->look_count - j->task.first_look;
     if (j->stages.stage == SBL__JOB_DONE || j->lens == SBL__LENS_STUCK) return 1;
@@ -11740,7 +11680,7 @@ typedef struct sbl__core {
     int has_scene;
     sbl__job job;
     struct sbl__bounce *bounce; /* state of filling the store of bounced light; NULL: the store is not being filled */
-    sbl_stats stats;            /* statistics of the picture or gather that was begun last */
+    sbl_stats stats;            /* statistics of the work that was begun last */
 } sbl__core;
 
 /* Copies the job's counts to the statistics that the host reads. */
@@ -11753,7 +11693,7 @@ static void sbl__core_count(sbl__core *c) {
     c->job.counts.readbacks = 0;
 }
 
-/* Clears the statistics when a picture or a gather begins, except for the time spent on the scene. */
+/* Clears the statistics when work begins, except for the time spent on the scene. */
 static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
     const double scene_seconds = c->stats.seconds.scene;
     memset(&c->stats, 0, sizeof c->stats);

@@ -1,7 +1,7 @@
 // Light from lamps: emitting triangles, lights, and bright texels of the sky. The light of an unobstructed lamp is
 // known in closed form, and rays measure which share of it arrives: the ratio estimator of Heitz, Hill and McGuire
-// 2018, "Combining analytic direct illumination and stochastic shadows". If there are many lamps, distant ones are
-// grouped into clusters; a ray towards a cluster picks one of its lamps, in proportion to their light.
+// 2018, "Combining analytic direct illumination and stochastic shadows". If there are many lamps, distant ones
+// form clusters; a ray towards a cluster picks one of its lamps, in proportion to their light.
 //
 //     choose   makes the list of entries: the lamps and clusters that give this sensor light, with their strengths
 //     pick     picks one of the entries for a ray
@@ -167,8 +167,8 @@ float sbl_form_factor(vec3 a, vec3 b, vec3 c) {
                  : abs(sum) / (2.0 * SBL_PI);
 }
 
-// Form factor of a round lamp, divided by sine2 (Snyder 1996, "Area Light Sources for Real-Time Graphics"), or of
-// a flat disc if it is small. z: cosine between the normal and the direction to the lamp's centre
+// Form factor of a round lamp, divided by sine2 (Snyder 1996, "Area Light Sources for Real-Time Graphics");
+// small lamps are treated as flat discs. z: cosine between the normal and the direction to the lamp's centre
 float sbl_round(float z, float sine2) {
     float sine = sqrt(sine2), s = sqrt(max(1.0 - z * z, 0.0));
     if (z >= sine || z <= -sine) return max(z, 0.0);

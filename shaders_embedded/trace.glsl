@@ -20,7 +20,7 @@ SBL_OUT(5, out_even);                 // see sbl__blocks
 const float SBL_NEIGHBOURS = 0.62;  // variance divided by its estimate from pairs: measured with 16 to 256 rays
 
 // Maximum number of segments of a ray. The mean light of a cell may differ much from the light at a hit that is
-// nearer than the cell's width. A second segment then finds bounced light; only light from lamps is from the store.
+// nearer than the cell's width. A second segment then finds bounced light; the store gives only light from lamps.
 #ifdef SBL_BOUNCED
 const int SBL_LEGS = 2;
 #else
