@@ -9796,7 +9796,7 @@ static const char *const sbl__glsl_lamps[] = {
 "float crowd_within;          // the same sum of squares if each lamp of a cluster were an entry\n",
 "mat2x3 whole;                // light of single lamps if unobstructed, by group (see sbl_Lamp). Each group has its\n",
 "                             // own ratio, because one side of a closed mesh hides the other\n",
-"bool rounded;                // some entries are round lamps\n",
+"bool rounded = false;        // some entries are round lamps\n",
 "mat3x4 whole_harmonics[2];\n",
 "\n",
 "// Adds node i, or leaf i if all lamps can be entries, to the list of entries. Returns the number of the next one\n",
@@ -9848,7 +9848,6 @@ static const char *const sbl__glsl_lamps[] = {
 "    int limit = lamp_leaves <= SBL_LAMPS ? lamp_leaves : lamp_nodes;\n",
 "    float opening = SBL_OPENING;\n",
 "    bool full = true;\n",
-"    rounded = false;\n",
 "    for (int attempt = 0; attempt < SBL_OPENINGS && full; attempt++, opening *= 2.0) {\n",
 "        used = certain = 0;\n",
 "        total = crowd = crowd_within = 0.0;\n",
@@ -9902,15 +9901,16 @@ static const char *const sbl__glsl_lamps[] = {
 "// >>shoot\n",
 "\n",
 "// Sums over the rays. Clusters, texels and sparse groups are sampled; other lamps are estimated by ratios.\n",
-"mat2x3 open, seen;       // by group: light of rays to single lamps if unobstructed, and with obstruction\n",
-"vec3 sure, sampled;      // light of point lights; light of sampled rays\n",
-"vec2 samples, lit;       // by group: number of rays that bring light if unobstructed, and of those that do\n",
-"float taken, squares;    // number of rays; sum of the squared luminances of sampled rays\n",
-"vec2 sparse;             // by group: 1: it gets too few rays for a ratio\n",
-"vec2 bright, dark;       // by group: number of rays that were not blocked, and that were, rim samples included\n",
-"mat3x4 open_harmonics[2], seen_harmonics[2], sure_harmonics, sampled_harmonics;  // harmonics of the light above\n",
-"vec4 report, report_way; // inspected: the outputs\n",
-"bool reporting;          // inspected: the next ray is to be reported\n",
+"mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by group: light of rays to single lamps, unobstructed and actual\n",
+"vec3 sure = vec3(0), sampled = vec3(0);       // light of point lights; light of sampled rays\n",
+"vec2 samples = vec2(0), lit = vec2(0);        // by group: number of rays behind `open` and behind `seen`\n",
+"float taken = 0.0, squares = 0.0;             // number of rays; sum of the squared luminances of sampled rays\n",
+"vec2 sparse;                                  // by group: 1: it gets too few rays for a ratio\n",
+"vec2 bright = vec2(0), dark = vec2(0);        // by group: number of visible and of blocked rays, with rim samples\n",
+"mat3x4 sure_harmonics = mat3x4(0), sampled_harmonics = mat3x4(0);  // harmonics of the same light\n",
+"mat3x4 open_harmonics[2], seen_harmonics[2];\n",
+"vec4 report = vec4(0), report_way = vec4(0);  // inspected: the outputs\n",
+"bool reporting;                               // the next ray is to be reported\n",
 "\n",
 "// Traces the ray of a sample. at_rim: true: it is a rim sample, which only tells whether light is obstructed\n",
 "void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool point) {\n",
@@ -9932,7 +9932,7 @@ static const char *const sbl__glsl_lamps[] = {
 "#ifdef SBL_VIEWS\n",
 "    hidden = hidden || sbl_hidden(slot, l, s);\n",
 "#endif\n",
-"    if (inspected && reporting) {\n",
+"    if (reporting) {\n",
 "        report = vec4(point ? s.light : vec3(0), (hidden ? 2.0 : 1.0) + (point ? 1.0 : 0.0));\n",
 "        report_way = vec4(point ? vec3(0) : to / away, p.leaf);\n",
 "    }\n",
@@ -9947,7 +9947,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        light *= sbl_emission_pattern(int(sbl_triangle_object(l.triangle)), at);\n",
 "    }\n",
 "#endif\n",
-"    if (inspected && reporting && !point) report.rgb = light;\n",
+"    if (reporting && !point) report.rgb = light;\n",
 "    mat3x4 harmonics = outerProduct(counts, light);\n",
 "    if (directional && point) sure_harmonics += harmonics;\n",
 "    else if (directional && cluster) sampled_harmonics += harmonics;\n",
@@ -10013,13 +10013,13 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "void main() {\n",
 "    ivec2 at = sbl_texel_of_invocation();\n",
+"    int wanted = at.y * blocks.x + at.x, certain_ray = rays + SBL_LAMPS - 1 - wanted;  // inspected: ray or entry\n",
 "#ifdef SBL_INSPECT\n",
-"    int wanted = at.y * blocks.x + at.x, certain_ray = rays + SBL_LAMPS - 1 - wanted, part = 0, slot = sheet_slot;\n",
+"    int part = 0, slot = sheet_slot;\n",
 "    if (wanted >= rays + SBL_LAMPS) sbl_leave;\n",
 "    while (wanted < rays && part + 1 < parts && (part + 1) * rays / parts <= wanted) part++;\n",
 "    if (wanted >= rays) part = certain_ray % parts;\n",
 "    look = 0;\n",
-"    report = report_way = vec4(0);\n",
 "#else\n",
 "    int parts = blocks.y, part = at.y % parts, slot = at.y / parts * columns + at.x;\n",
 "    look = slot - first_slot;\n",
@@ -10033,17 +10033,10 @@ static const char *const sbl__glsl_lamps[] = {
 "    scramble = uvec2(hash, (hash ^ hash >> 15) * 747796405u);\n",
 "    scramble.y ^= scramble.y >> 13;\n",
 "    sbl_choose();\n",
-"#ifdef SBL_INSPECT\n",
-"    if (wanted >= rays && wanted - rays < used && entries[wanted - rays] >= 0) {\n",
+"    if (inspected && wanted >= rays && wanted - rays < used && entries[wanted - rays] >= 0) {\n",
 "        report = vec4(sbl_unhindered(sbl_lamp(entries[wanted - rays])), 1);\n",
 "        report_way.w = float(entries[wanted - rays]);\n",
 "    }\n",
-"#endif\n",
-"    open = seen = mat2x3(0);\n",
-"    sure = sampled = vec3(0);\n",
-"    samples = lit = bright = dark = vec2(0);\n",
-"    taken = squares = 0.0;\n",
-"    sure_harmonics = sampled_harmonics = mat3x4(0);\n",
 "    if (directional) open_harmonics[0] = open_harmonics[1] = seen_harmonics[0] = seen_harmonics[1] = mat3x4(0);\n",
 "    float enough = SBL_SPARSE * float(parts) / float(rays) * total;\n",
 "    sparse = vec2(lessThan(vec3(1) * whole, vec2(enough)));\n",
@@ -10087,9 +10080,7 @@ static const char *const sbl__glsl_lamps[] = {
 "                s.direction = way / s.far;\n",
 "                s.light = vec3(dot(way, n));\n",
 "            }\n",
-"#ifdef SBL_INSPECT\n",
-"            reporting = point ? k == certain_ray : !at_rim && k == wanted;\n",
-"#endif\n",
+"            reporting = inspected && (point ? k == certain_ray : !at_rim && k == wanted);\n",
 "            sbl_shoot(slot, p, l, s, at_rim, point);\n",
 "        }\n",
 "        if (!point) undecided = sbl_undecided();\n",
@@ -10121,8 +10112,8 @@ static const sbl__recipe sbl__recipe_lamps = {
 };
 
 static unsigned sbl__aim_features(const sbl__scene *s, const sbl__spec *spec) {
-    return s->features | (s->draw && !spec->traced ? SBL__VIEWS : 0) | (s->lights.mixed ? SBL__MIXED : 0) |
-           (spec->directional ? (unsigned)SBL__DIRECTIONAL : 0);
+    return sbl__features_of(s, spec) | (s->draw && !spec->traced ? (unsigned)SBL__VIEWS : 0) |
+           (s->lights.mixed ? (unsigned)SBL__MIXED : 0);
 }
 
 /* Sets the uniforms of lamps.glsl, except those that sbl__raster_bind sets. blocks: as for sbl__rays_bind */
@@ -11036,7 +11027,7 @@ typedef struct sbl__job {
     int drawn, aimed, reduced;  /* numbers of the looks at which the three stages continue */
     int batch;                  /* number of looks in the batch that is partly drawn; 0: no batch is partly drawn */
     int triangle;               /* index of the next triangle to draw for this batch */
-    sbl__pace draw_pace[SBL__LENSES], aim_pace, reduce_pace[SBL__LENSES];
+    struct { sbl__pace draw[SBL__LENSES], aim, reduce[SBL__LENSES]; } paces;
 } sbl__job;
 
 static void sbl__job_free(const sbl__device *d, sbl__job *j) {
@@ -11176,9 +11167,7 @@ static sbl_result sbl__job_setup(void *work, sbl__slice *slice) {
     sbl__free(d->base, j->looks);
     j->looks = (sbl__look *)sbl__alloc_raw(d->base, (size_t)room, sizeof *j->looks);
     j->look_most = spec->batch > 0 ? spec->batch : room;
-    memset(j->draw_pace, 0, sizeof j->draw_pace);
-    memset(&j->aim_pace, 0, sizeof j->aim_pace);
-    memset(j->reduce_pace, 0, sizeof j->reduce_pace);
+    memset(&j->paces, 0, sizeof j->paces);
     return j->looks ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
@@ -11299,21 +11288,21 @@ static sbl_result sbl__job_compile(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
     const sbl__spec *spec = &j->task.spec;
-    const unsigned features = sbl__features_of(j->scene, spec);
-    const struct { const sbl__recipe *recipe; int needed; unsigned features; } programs[] = {
-        { &sbl__recipe_trace, spec->traced, features },
-        { &sbl__recipe_sensor, !spec->traced, features },
-        { &sbl__recipe_sky, !spec->traced && j->scene->environment.pixels && !spec->paper, features },
-        { &sbl__recipe_lamps, spec->lamp_rays > 0, sbl__aim_features(j->scene, spec) },
-        { &sbl__recipe_reduce_blocks, !spec->traced, features },
-        { &sbl__recipe_reduce_sum, 1, features }
+    const unsigned features = sbl__aim_features(j->scene, spec);
+    const struct { const sbl__recipe *recipe; int needed; } programs[] = {
+        { &sbl__recipe_trace, spec->traced },
+        { &sbl__recipe_sensor, !spec->traced },
+        { &sbl__recipe_sky, !spec->traced && j->scene->environment.pixels && !spec->paper },
+        { &sbl__recipe_lamps, spec->lamp_rays > 0 },
+        { &sbl__recipe_reduce_blocks, !spec->traced },
+        { &sbl__recipe_reduce_sum, 1 }
     };
     int i;
     (void)slice;
     for (i = 0; i < SBL__COUNT(programs); i++) {
         sbl_result result;
-        if (!programs[i].needed || sbl__program_find(d, programs[i].recipe, programs[i].features)) continue;
-        result = sbl__program_need(d, programs[i].recipe, programs[i].features);
+        if (!programs[i].needed || sbl__program_find(d, programs[i].recipe, features)) continue;
+        result = sbl__program_need(d, programs[i].recipe, features);
         return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
     }
     return sbl__job_start_round(j, SBL__LENS_SITE);
@@ -11401,14 +11390,14 @@ static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
         result = sbl__gl_check(&d->gl);
         return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
     }
-    room = sbl__pace_begin(&j->draw_pace[j->lens], slice, SBL__LOOKS_FIRST, 1e-6);
+    room = sbl__pace_begin(&j->paces.draw[j->lens], slice, SBL__LOOKS_FIRST, 1e-6);
     for (i = 0; i < most && !full && result == SBL_SUCCESS; i++) {
         if (i) sbl__submit(d);
         result = sbl__job_submit(j, room, &units);
         all += units;
         full = j->drawn > first && (j->drawn == j->look_count || j->drawn % slots == 0);
     }
-    if (result == SBL_SUCCESS) sbl__pace_end(d, &j->draw_pace[j->lens], all);
+    if (result == SBL_SUCCESS) sbl__pace_end(d, &j->paces.draw[j->lens], all);
     if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
     return result == SBL_SUCCESS && !full ? SBL_UNFINISHED : result;
 }
@@ -11420,7 +11409,7 @@ static int sbl__job_aims(const sbl__job *j) { return j->task.spec.lamp_rays && j
 static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
-    const double pace = sbl__pace_begin(&j->aim_pace, slice, SBL__LOOKS_FIRST, 1);
+    const double pace = sbl__pace_begin(&j->paces.aim, slice, SBL__LOOKS_FIRST, 1);
     const double room = SBL__MIN(sbl__whole_lots(d, pace, j->aim.parts), (double)j->look_most);
     const int count = (int)SBL__MIN(room, (double)(j->drawn - j->aimed)), blocks[2] = { 1, j->aim.parts };
     const unsigned features = sbl__aim_features(j->scene, &j->task.spec);
@@ -11434,7 +11423,7 @@ static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     sbl__aim_bind(d, &j->aim, &b, blocks, sbl__job_scale(j));
     if (features & SBL__VIEWS) sbl__raster_bind(d, &j->raster, j->scene->geometry.extent);
     sbl__rays_send(d, &b, &j->aim.target, blocks);
-    sbl__pace_end(d, &j->aim_pace, sbl__whole_lots(d, count, j->aim.parts));
+    sbl__pace_end(d, &j->paces.aim, sbl__whole_lots(d, count, j->aim.parts));
     j->aimed += count;
     result = sbl__gl_check(&d->gl);
     return result == SBL_SUCCESS && j->aimed < j->drawn ? SBL_UNFINISHED : result;
@@ -11479,7 +11468,7 @@ static sbl_result sbl__job_reduce(void *work, sbl__slice *slice) {
     sbl__device *d = j->device;
     const sbl__slots *slots = sbl__job_slots(j);
     const int slot = j->reduced % slots->count, skip = slot % slots->columns, row = slot / slots->columns;
-    const double room = sbl__pace_begin(&j->reduce_pace[j->lens], slice, SBL__LOOKS_FIRST, 1);
+    const double room = sbl__pace_begin(&j->paces.reduce[j->lens], slice, SBL__LOOKS_FIRST, 1);
     const int most = (int)SBL__MIN(room / slots->columns + 1, (double)INT_MAX / slots->columns - 1) * slots->columns;
     const int count = SBL__MIN(j->drawn - j->reduced, most - skip), rows = (skip + count - 1) / slots->columns + 1;
     const int area[2] = { row, rows }, turned = !j->task.spec.traced && j->task.spec.directional;
@@ -11491,7 +11480,7 @@ static sbl_result sbl__job_reduce(void *work, sbl__slice *slice) {
         result = sbl__raster_reduce(d, &j->raster, &j->raster.lenses[j->lens], &j->blocks,
                                     turned ? &j->table : NULL, area);
     if (result == SBL_SUCCESS) result = sbl__job_sum(j, j->reduced, j->reduced + count - 1);
-    sbl__pace_end(d, &j->reduce_pace[j->lens], rows * slots->columns);
+    sbl__pace_end(d, &j->paces.reduce[j->lens], rows * slots->columns);
     if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
     j->reduced += count;
     return result == SBL_SUCCESS && j->reduced < j->drawn ? SBL_UNFINISHED : result;
@@ -11580,13 +11569,11 @@ static void sbl__job_count(sbl__job *j) {
     int i;
     if (j->lens == SBL__LENS_STUCK) return;
     j->counts.looks += looks;
-    if (spec->no_light) {
-        for (i = 0; i < j->task.site_count; i++) j->counts.rays += j->task.sites[i].first ? 0 : spec->rays;
-    } else if (spec->traced) j->counts.rays += (int64_t)looks * spec->rays;
-    else {
-        j->counts.views += (int64_t)looks * l->view_count;
-        j->counts.texels += (int64_t)looks * l->sheet_width * l->sheet_height;
-    }
+    for (i = 0; i < j->task.site_count && spec->traced; i++)
+        j->counts.rays += (int64_t)spec->rays * (spec->no_light ? !j->task.sites[i].first : j->task.sites[i].looks);
+    if (spec->traced) return;
+    j->counts.views += (int64_t)looks * l->view_count;
+    j->counts.texels += (int64_t)looks * l->sheet_width * l->sheet_height;
 }
 
 /* Reads back SBL__READ_ROWS rows of results and evaluates their looks. If the sites' looks are done and some sites are

@@ -389,7 +389,7 @@ float total, crowd;          // sum of the strengths, and of their squares
 float crowd_within;          // the same sum of squares if each lamp of a cluster were an entry
 mat2x3 whole;                // light of single lamps if unobstructed, by group (see sbl_Lamp). Each group has its
                              // own ratio, because one side of a closed mesh hides the other
-bool rounded;                // some entries are round lamps
+bool rounded = false;        // some entries are round lamps
 mat3x4 whole_harmonics[2];
 
 // Adds node i, or leaf i if all lamps can be entries, to the list of entries. Returns the number of the next one
@@ -441,7 +441,6 @@ void sbl_choose() {
     int limit = lamp_leaves <= SBL_LAMPS ? lamp_leaves : lamp_nodes;
     float opening = SBL_OPENING;
     bool full = true;
-    rounded = false;
     for (int attempt = 0; attempt < SBL_OPENINGS && full; attempt++, opening *= 2.0) {
         used = certain = 0;
         total = crowd = crowd_within = 0.0;
@@ -495,15 +494,16 @@ int sbl_pick_entry(inout sbl_Pick p) {
 // >>shoot
 
 // Sums over the rays. Clusters, texels and sparse groups are sampled; other lamps are estimated by ratios.
-mat2x3 open, seen;       // by group: light of rays to single lamps if unobstructed, and with obstruction
-vec3 sure, sampled;      // light of point lights; light of sampled rays
-vec2 samples, lit;       // by group: number of rays that bring light if unobstructed, and of those that do
-float taken, squares;    // number of rays; sum of the squared luminances of sampled rays
-vec2 sparse;             // by group: 1: it gets too few rays for a ratio
-vec2 bright, dark;       // by group: number of rays that were not blocked, and that were, rim samples included
-mat3x4 open_harmonics[2], seen_harmonics[2], sure_harmonics, sampled_harmonics;  // harmonics of the light above
-vec4 report, report_way; // inspected: the outputs
-bool reporting;          // inspected: the next ray is to be reported
+mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by group: light of rays to single lamps, unobstructed and actual
+vec3 sure = vec3(0), sampled = vec3(0);       // light of point lights; light of sampled rays
+vec2 samples = vec2(0), lit = vec2(0);        // by group: number of rays behind `open` and behind `seen`
+float taken = 0.0, squares = 0.0;             // number of rays; sum of the squared luminances of sampled rays
+vec2 sparse;                                  // by group: 1: it gets too few rays for a ratio
+vec2 bright = vec2(0), dark = vec2(0);        // by group: number of visible and of blocked rays, with rim samples
+mat3x4 sure_harmonics = mat3x4(0), sampled_harmonics = mat3x4(0);  // harmonics of the same light
+mat3x4 open_harmonics[2], seen_harmonics[2];
+vec4 report = vec4(0), report_way = vec4(0);  // inspected: the outputs
+bool reporting;                               // the next ray is to be reported
 
 // Traces the ray of a sample. at_rim: true: it is a rim sample, which only tells whether light is obstructed
 void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool point) {
@@ -525,7 +525,7 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
 #ifdef SBL_VIEWS
     hidden = hidden || sbl_hidden(slot, l, s);
 #endif
-    if (inspected && reporting) {
+    if (reporting) {
         report = vec4(point ? s.light : vec3(0), (hidden ? 2.0 : 1.0) + (point ? 1.0 : 0.0));
         report_way = vec4(point ? vec3(0) : to / away, p.leaf);
     }
@@ -540,7 +540,7 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
         light *= sbl_emission_pattern(int(sbl_triangle_object(l.triangle)), at);
     }
 #endif
-    if (inspected && reporting && !point) report.rgb = light;
+    if (reporting && !point) report.rgb = light;
     mat3x4 harmonics = outerProduct(counts, light);
     if (directional && point) sure_harmonics += harmonics;
     else if (directional && cluster) sampled_harmonics += harmonics;
@@ -606,13 +606,13 @@ int sbl_pass_count() {
 
 void main() {
     ivec2 at = sbl_texel_of_invocation();
+    int wanted = at.y * blocks.x + at.x, certain_ray = rays + SBL_LAMPS - 1 - wanted;  // inspected: ray or entry
 #ifdef SBL_INSPECT
-    int wanted = at.y * blocks.x + at.x, certain_ray = rays + SBL_LAMPS - 1 - wanted, part = 0, slot = sheet_slot;
+    int part = 0, slot = sheet_slot;
     if (wanted >= rays + SBL_LAMPS) sbl_leave;
     while (wanted < rays && part + 1 < parts && (part + 1) * rays / parts <= wanted) part++;
     if (wanted >= rays) part = certain_ray % parts;
     look = 0;
-    report = report_way = vec4(0);
 #else
     int parts = blocks.y, part = at.y % parts, slot = at.y / parts * columns + at.x;
     look = slot - first_slot;
@@ -626,17 +626,10 @@ void main() {
     scramble = uvec2(hash, (hash ^ hash >> 15) * 747796405u);
     scramble.y ^= scramble.y >> 13;
     sbl_choose();
-#ifdef SBL_INSPECT
-    if (wanted >= rays && wanted - rays < used && entries[wanted - rays] >= 0) {
+    if (inspected && wanted >= rays && wanted - rays < used && entries[wanted - rays] >= 0) {
         report = vec4(sbl_unhindered(sbl_lamp(entries[wanted - rays])), 1);
         report_way.w = float(entries[wanted - rays]);
     }
-#endif
-    open = seen = mat2x3(0);
-    sure = sampled = vec3(0);
-    samples = lit = bright = dark = vec2(0);
-    taken = squares = 0.0;
-    sure_harmonics = sampled_harmonics = mat3x4(0);
     if (directional) open_harmonics[0] = open_harmonics[1] = seen_harmonics[0] = seen_harmonics[1] = mat3x4(0);
     float enough = SBL_SPARSE * float(parts) / float(rays) * total;
     sparse = vec2(lessThan(vec3(1) * whole, vec2(enough)));
@@ -680,9 +673,7 @@ void main() {
                 s.direction = way / s.far;
                 s.light = vec3(dot(way, n));
             }
-#ifdef SBL_INSPECT
-            reporting = point ? k == certain_ray : !at_rim && k == wanted;
-#endif
+            reporting = inspected && (point ? k == certain_ray : !at_rim && k == wanted);
             sbl_shoot(slot, p, l, s, at_rim, point);
         }
         if (!point) undecided = sbl_undecided();
