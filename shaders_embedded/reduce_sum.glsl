@@ -8,13 +8,14 @@ uniform sampler2D lights;      // outputs of lamps.glsl, of which the mean over 
 uniform int parts;             // number of parts, one below the other; 0: no light from lamps
 layout(location = 0) out vec4 out_sum;   // see reduce_blocks.glsl
 layout(location = 1) out vec4 out_hits;  // w: variance of the luminance, if rays sampled it
-#ifdef SBL_DIRECTIONAL
 uniform sampler2D block_red, block_green, block_blue, lights_red, lights_green, lights_blue;  // harmonics
 uniform sampler2D block_even;  // error of the harmonics of radiance 1 from everywhere, see sbl__blocks
 uniform bool even;             // true: correct the harmonics by it
+#ifdef SBL_DIRECTIONAL
 layout(location = 2) out vec4 out_red;
 layout(location = 3) out vec4 out_green;
 layout(location = 4) out vec4 out_blue;
+#endif
 
 // Sum of a look's harmonics of one colour, from partial sums and from lamps.
 vec4 sbl_sum(sampler2D block_harmonics, ivec2 corner, sampler2D light_harmonics, ivec2 light_corner) {
@@ -25,7 +26,6 @@ vec4 sbl_sum(sampler2D block_harmonics, ivec2 corner, sampler2D light_harmonics,
         sum += texelFetch(light_harmonics, light_corner + ivec2(0, i), 0) / float(parts);
     return sum;
 }
-#endif
 
 void main() {
     int sensor = int(gl_FragCoord.y) * width + int(gl_FragCoord.x);
@@ -41,9 +41,7 @@ void main() {
             row_hits += h;
             hits.z = min(hits.z, h.z);
         }
-#ifdef SBL_DIRECTIONAL
         for (int x = 0; x < blocks.x && even; x++) missed += texelFetch(block_even, corner + ivec2(x, y), 0);
-#endif
         sum += row;
         hits.xyw += row_hits.xyw;
     }

@@ -3,19 +3,11 @@ layout(location = 0) out vec4 out_radiance;  // Ck; distance along the view's ax
 in vec3 place;                               // see sensor_vertex.glsl
 uniform vec2 view_texture_size;              // texels
 uniform float radiance_scale, depth_scale;
-#if defined(SBL_TEXTURED) || defined(SBL_BOUNCED)
-flat in int fragment_object;
-#else
+flat in int fragment_object, fragment_triangle;
 flat in vec3 radiance_front, radiance_back;
-#endif
-#ifdef SBL_TEXTURED
 in vec2 fragment_uv;
 in vec4 fragment_color;
-#endif
-#ifdef SBL_BOUNCED
-flat in int fragment_triangle;
 in vec3 fragment_way, fragment_place;
-#endif
 
 const float SBL_NEAREST = 3e-8;  // smallest distance at which surfaces are visible, in extents of the scene
 const float SBL_BESIDE = 0.4;    // maximum distance between a fragment and its interpolated position, texels,

@@ -1,12 +1,10 @@
 // Draws the scene into the views of many sensors. Each instance is one view; four clip planes limit it to its
 // rectangle of the view texture.
-#ifdef SBL_BOUNCED
-flat out int fragment_triangle;  // number of the triangle in the scene
-out vec3 fragment_way;           // vector from the sensor to the surface
-out vec3 fragment_place;         // point on the surface, world space
-#else
+#ifndef SBL_BOUNCED
 layout(location = 0) in vec3 position;
 layout(location = 1) in uint object;
+layout(location = 2) in vec2 vertex_uv;
+layout(location = 3) in uvec2 vertex_color;
 #endif
 layout(location = 4) in vec3 view_eye;      // position of the sensor
 layout(location = 5) in vec4 view_right;    // right over half the view's width at unit distance; w: scale of x
@@ -15,21 +13,15 @@ layout(location = 7) in vec4 view_forward;  // forward; w: lowest y: -1, or 0 fo
 layout(location = 8) in vec2 view_offset;   // offset of the rectangle in clip space
 uniform float per_length;                   // 1 / extent of the scene
 uniform float depth_scale;                  // depth is depth_scale / distance: reversed, without a far plane
-out vec3 place;                             // x, y and w of gl_Position
-#if defined(SBL_TEXTURED) || defined(SBL_BOUNCED)
-flat out int fragment_object;
-#else
 uniform float radiance_scale;
-flat out vec3 radiance_front, radiance_back;
-#endif
-#ifdef SBL_TEXTURED
-#ifndef SBL_BOUNCED
-layout(location = 2) in vec2 vertex_uv;
-layout(location = 3) in uvec2 vertex_color;
-#endif
-out vec2 fragment_uv;
+out vec3 place;                             // x, y and w of gl_Position
+flat out int fragment_object;               // if SBL_TEXTURED or SBL_BOUNCED
+flat out vec3 radiance_front, radiance_back;  // otherwise
+out vec2 fragment_uv;                       // if SBL_TEXTURED
 out vec4 fragment_color;
-#endif
+flat out int fragment_triangle;             // if SBL_BOUNCED: number of the triangle in the scene
+out vec3 fragment_way;                      // vector from the sensor to the surface
+out vec3 fragment_place;                    // point on the surface, world space
 
 void main() {
 #ifdef SBL_BOUNCED
@@ -39,10 +31,8 @@ void main() {
     fragment_triangle = gl_VertexID / 3;
     fragment_way = position - view_eye;
     fragment_place = position;
-#ifdef SBL_TEXTURED
     vec2 vertex_uv = vec2(sbl_attributes_u(vertex), sbl_attributes_v(vertex));
     uvec2 vertex_color = uvec2(sbl_attributes_color_rg(vertex), sbl_attributes_color_ba(vertex));
-#endif
 #endif
     int number = int(object);
 #ifdef SBL_TEXTURED
