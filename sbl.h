@@ -9420,7 +9420,7 @@ static const char *const sbl__glsl_lamps[] = {
 "uniform usamplerBuffer sbl_sequence;  // see trace.glsl\n",
 "uniform int lamp_nodes, lamp_leaves;  // numbers of nodes and leaves in the table of lamps\n",
 "uniform int rays;                     // maximum number of rays per sensor\n",
-"uniform float unit;                   // radiance in units of which the shader calculates, to prevent overflow\n",
+"uniform float unit;                   // unit of radiance in the calculations, which prevents overflow\n",
 "uniform float scale;                  // factor of the outputs\n",
 "#ifdef SBL_INSPECT\n",
 "const bool inspected = true;\n",
@@ -9799,8 +9799,8 @@ static const char *const sbl__glsl_lamps[] = {
 "bool rounded = false;        // some entries are round lamps\n",
 "mat3x4 whole_harmonics[2];\n",
 "\n",
-"// Adds node i, or leaf i if all lamps can be entries, to the list of entries. Returns the number of the next one\n",
-"// to add, or `limit` if the list is full. last: true: adds all clusters without descending to their lamps\n",
+"// Adds node i to the entries, skips it, or descends into it; or adds leaf i if all lamps fit. Returns the next node\n",
+"// or leaf, or `limit` if the entries are full. last: true: never descends\n",
 "int sbl_consider(int i, int limit, float opening, bool last, out bool full) {\n",
 "    int leaf = i, next = i + 1, lamps = 1;\n",
 "    float strength = 0.0;\n",
@@ -10157,8 +10157,7 @@ static void sbl__directions_row(const sbl__layout *l, int face, int j, float *di
                +-------+-------+    writes one texel of partial sums. */
 
 #define SBL__SLOTS_MOST 4096   /* maximum number of slots in the view texture */
-#define SBL__VIEW_DEPTH 1e-6f  /* depth is this value divided by the distance along the view's axis in scene extents,
-                                  but at most 1 */
+#define SBL__VIEW_DEPTH 1e-6f  /* depth is this value divided by the view-space depth in scene extents, at most 1 */
 #define SBL__STUCK_FOV 2.0f    /* field of view of a stuck test, degrees: wide enough to hit the sensor's own surface,
                                   too narrow to hit the walls of a corner */
 #define SBL__STUCK_SIZE 4      /* width and height of a stuck test's view, texels */
@@ -10181,8 +10180,7 @@ typedef struct sbl__raster {
     sbl__texture atlas, depth;
     sbl__target target;
     sbl__buffer views;
-    unsigned view_array;       /* vertex array for jobs with bounced light: it has the attributes of `views` only,
-                                  because the shader fetches the vertices itself */
+    unsigned view_array;       /* vertex array without vertices, which shaders with bounced light fetch themselves */
     float radiance_scale;      /* factor of radiance in the view texture */
     float *weights, *directions;  /* contents of a lens's two textures while sbl__raster_weigh computes them */
     int face, row;             /* view and row at which sbl__raster_weigh continues */
@@ -10201,11 +10199,6 @@ static void sbl__raster_free(const sbl__device *d, sbl__raster *r) {
     sbl__array_delete(d, &r->view_array);
     sbl__free(d->base, r->weights);
     sbl__free(d->base, r->directions);
-}
-
-/* Returns the power of two that scales the brightest radiance to 512 .. 1024, far from both ends of 16-bit floats. */
-static float sbl__raster_scale(float brightest) {
-    return brightest > 0 ? (float)ldexp(1, SBL__MIN(10 - (int)ceil(log(brightest) / log(2.0)), 100)) : 1;
 }
 
 /* Computes the slots of a lens in a square view texture of size view_texture_size, or larger if one sheet needs more,
@@ -10249,7 +10242,8 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
     }
     brightest = SBL__MAX(scene->brightest, spec->bounced ? scene->store.brightest : spec->epsilon);
     for (k = 0; k < 6 && spec->bounced; k++) brightest = SBL__MAX(brightest, sbl__max3(scene->store.air[k]));
-    r->radiance_scale = sbl__raster_scale(brightest);
+    r->radiance_scale = 1;  /* the power of two that scales the brightest radiance to 512 .. 1024 (16-bit floats) */
+    if (brightest > 0) r->radiance_scale = (float)ldexp(1, SBL__MIN(10 - (int)ceil(log(brightest) / log(2.0)), 100));
     r->face = r->row = 0;
     result = sbl__texture_make(d, &r->atlas, size[0], size[1], SBL__GL_RGBA16F);
     if (result == SBL_SUCCESS) result = sbl__texture_make(d, &r->depth, size[0], size[1], SBL__GL_DEPTH_COMPONENT32F);
@@ -10695,8 +10689,8 @@ typedef struct sbl__trace {
 
 static sbl_result sbl__trace_setup(const sbl__device *d, sbl__trace *t, const sbl__scene *scene, const sbl__spec *spec,
                                    sbl__blocks *blocks) {
-    const int most = sbl__rays_most(&scene->hierarchy), few = SBL__MAX(1, most / 4);
-    const int chunk = SBL__MIN(SBL__MIN(SBL__TRACE_CHUNK, few), (spec->rays + 7) / 8);
+    const int most = SBL__MIN(SBL__TRACE_CHUNK, SBL__MAX(1, sbl__rays_most(&scene->hierarchy) / 4));
+    const int chunk = SBL__MIN(most, (spec->rays + 7) / 8);
     const int chunks = (spec->rays + chunk - 1) / chunk, parts = sbl__aim_parts(spec, &scene->hierarchy);
     sbl__slots *s = &t->slots[SBL__LENS_SITE], *stuck = &t->slots[SBL__LENS_STUCK];
     sbl_result result;
@@ -10954,8 +10948,7 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
 #define SBL__SUSPECT_SHARE 0.02f   /* a site gets a stuck test if its first look sees a larger share of back faces */
 #define SBL__STUCK_SHARE 0.75f     /* a sensor is stuck if its stuck test hits at less than this share of its offset */
 #define SBL__FEW_RAYS 1.0f         /* noise of a harmonic divided by R, times the square root of a look's rays */
-#define SBL__TEXEL_NOISE 2.6f      /* relative noise of a look that rasterises views, times the views' size in texels;
-                                      measured with a lamp in a box */
+#define SBL__TEXEL_NOISE 2.6f      /* relative noise of rasterised looks times sbl__spec.size: measured, lamp in box */
 
 /* What a job has to do. The caller must keep the arrays until the job is done. */
 typedef struct sbl__task {
@@ -11101,7 +11094,7 @@ static int sbl__look_growth(const sbl__measurement *s, float error, double varia
     return times;
 }
 
-/* Returns 1 if both need the same resources. */
+/* Returns 1 if both need the same resources. sbl__spec has no padding: all its fields have 4 bytes. */
 static int sbl__spec_equal(const sbl__spec *a, const sbl__spec *b) {
     sbl__spec c = *b;
     c.seed = a->seed;
@@ -11447,14 +11440,14 @@ static sbl_result sbl__job_reduce(void *work, sbl__slice *slice) {
     const double room = sbl__pace_begin(&j->paces.reduce[j->lens], slice, SBL__LOOKS_FIRST, 1);
     const int most = (int)SBL__MIN(room / slots->columns + 1, (double)INT_MAX / slots->columns - 1) * slots->columns;
     const int count = SBL__MIN(j->drawn - j->reduced, most - skip), rows = (skip + count - 1) / slots->columns + 1;
-    const int area[2] = { row, rows }, turned = !j->task.spec.traced && j->task.spec.directional;
+    const int area[2] = { row, rows }, directional = !j->task.spec.traced && j->task.spec.directional;
     sbl_result result = SBL_SUCCESS;
     d->gl.doing = "adding up sensors";
-    if (turned)
+    if (directional)
         result = sbl__looks_send(d, &j->table, j->looks, (j->drawn - 1) % slots->count + 1, slots->count);
     if (!j->task.spec.traced && result == SBL_SUCCESS)
         result = sbl__raster_reduce(d, &j->raster, &j->raster.lenses[j->lens], &j->blocks,
-                                    turned ? &j->table : NULL, area);
+                                    directional ? &j->table : NULL, area);
     if (result == SBL_SUCCESS) result = sbl__job_sum(j, j->reduced, j->reduced + count - 1);
     sbl__pace_end(d, &j->paces.reduce[j->lens], rows * slots->columns);
     if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);

@@ -13,7 +13,7 @@
 uniform usamplerBuffer sbl_sequence;  // see trace.glsl
 uniform int lamp_nodes, lamp_leaves;  // numbers of nodes and leaves in the table of lamps
 uniform int rays;                     // maximum number of rays per sensor
-uniform float unit;                   // radiance in units of which the shader calculates, to prevent overflow
+uniform float unit;                   // unit of radiance in the calculations, which prevents overflow
 uniform float scale;                  // factor of the outputs
 #ifdef SBL_INSPECT
 const bool inspected = true;
@@ -392,8 +392,8 @@ mat2x3 whole;                // light of single lamps if unobstructed, by group 
 bool rounded = false;        // some entries are round lamps
 mat3x4 whole_harmonics[2];
 
-// Adds node i, or leaf i if all lamps can be entries, to the list of entries. Returns the number of the next one
-// to add, or `limit` if the list is full. last: true: adds all clusters without descending to their lamps
+// Adds node i to the entries, skips it, or descends into it; or adds leaf i if all lamps fit. Returns the next node
+// or leaf, or `limit` if the entries are full. last: true: never descends
 int sbl_consider(int i, int limit, float opening, bool last, out bool full) {
     int leaf = i, next = i + 1, lamps = 1;
     float strength = 0.0;
