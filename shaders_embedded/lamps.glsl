@@ -392,8 +392,8 @@ mat2x3 whole;                // light of single lamps if unobstructed, by group 
 bool rounded = false;        // some entries are round lamps
 mat3x4 whole_harmonics[2];
 
-// Adds node i to the entries, skips it, or descends into it; or adds leaf i if all lamps fit. Returns the next node
-// or leaf, or `limit` if the entries are full. last: true: never descends
+// Adds node i to the entries, skips it, or descends into it; or adds leaf i if all lamps fit. Returns the next
+// node or leaf, or `limit` if the entries are full. last: true: never descends
 int sbl_consider(int i, int limit, float opening, bool last, out bool full) {
     int leaf = i, next = i + 1, lamps = 1;
     float strength = 0.0;
