@@ -8825,14 +8825,12 @@ static const char *const sbl__glsl_carrier[] = {
 /* <<glsl */
 
 /* ======================================================================================================== >>aim
-   Generates the sequence of points that gives rays their directions, and traces rays towards lamps. Looks of both back
-   ends trace rays towards lamps. */
+   The sequence of points from which rays get their directions, and rays towards lamps, which both back ends trace. */
 
 /* Limits of the work of one shader invocation. Some software renderers silently end an invocation after about 65,000
-   loop iterations. On average a ray takes about as many iterations as the hierarchy's cost, but a multiple of this
-   number in some places; SBL__LOOP_TURNS leaves a margin for these rays. */
+   loop iterations. A ray takes on average as many as the hierarchy's cost, but some rays take several times more. */
 #define SBL__LOOP_TURNS 20000      /* maximum number of loop iterations per invocation, on average */
-#define SBL__RAY_TURNS 20          /* number of iterations per ray in addition to the hierarchy's cost */
+#define SBL__RAY_TURNS 20          /* iterations per ray in addition to the hierarchy's cost */
 #define SBL__LAMP_CHUNK 256        /* maximum number of rays towards lamps per invocation */
 
 /* Resources for rays towards lamps. */
@@ -8840,27 +8838,24 @@ typedef struct sbl__aim {
     int rays;                      /* maximum number of rays towards lamps per look */
     int parts;                     /* number of invocations among which a look's rays are divided */
     sbl__table sequence;           /* points that give the rays' directions: two 32-bit fractions per point */
-    sbl__texture light;            /* R and its variance: `parts` texels per look, one below the other */
-    sbl__texture harmonics[3];     /* directional jobs: coefficients of red, green, blue, in texels like `light` */
+    sbl__texture lights[4];        /* R and its variance; directional jobs: harmonics of red, green and blue. Each look
+                                      has `parts` texels, one below the other */
     sbl__target target;
 } sbl__aim;
 
 static void sbl__aim_free(const sbl__device *d, sbl__aim *a) {
-    sbl__table_delete(d, &a->sequence);
     int i;
-    for (i = 0; i < 3; i++) sbl__texture_delete(d, &a->harmonics[i]);
+    sbl__table_delete(d, &a->sequence);
+    for (i = 0; i < 4; i++) sbl__texture_delete(d, &a->lights[i]);
     sbl__target_delete(d, &a->target);
-    sbl__texture_delete(d, &a->light);
-    memset(a, 0, sizeof *a);
 }
 
-/* Maximum number of rays per invocation, see SBL__LOOP_TURNS */
+/* Maximum number of rays per invocation */
 static int sbl__rays_most(const sbl__hierarchy *h) {
     return SBL__MAX(1, (int)(SBL__LOOP_TURNS / (h->cost + SBL__RAY_TURNS)));
 }
 
-/* Computes the first `count` points of the Sobol sequence in its first two dimensions (Joe and Kuo 2008), as 32-bit
-   fractions. */
+/* Computes the first `count` points of the two-dimensional Sobol sequence (Joe and Kuo 2008), as 32-bit fractions. */
 static void sbl__sobol(uint32_t *out, int count) {
     int i, bit;
     for (i = 0; i < count; i++) {
@@ -8872,8 +8867,8 @@ static void sbl__sobol(uint32_t *out, int count) {
     }
 }
 
-/* Comparison function for qsort that orders points along a Morton curve. Rays that neighbouring invocations trace then
-   have similar directions. Scrambling by exclusive or keeps points close to each other. */
+/* Comparison function for qsort: orders points along a Morton curve, so that neighbouring invocations trace rays of
+   similar directions. Scrambling by exclusive or keeps neighbours close to each other. */
 static int sbl__morton_order(const void *first, const void *second) {
     const uint32_t *a = (const uint32_t *)first, *b = (const uint32_t *)second;
     uint32_t x = a[0] ^ b[0], y = a[1] ^ b[1];
@@ -8881,23 +8876,23 @@ static int sbl__morton_order(const void *first, const void *second) {
     return a[axis] == b[axis] ? 0 : a[axis] < b[axis] ? -1 : 1;
 }
 
-/* Makes `rays` points for each of a site's looks. The points of a look consist of `stretches` sections, and each
-   section by itself covers the unit square evenly. The caller frees the result; NULL: out of memory */
-static uint32_t *sbl__sequence_make(sbl__base *base, int looks, int rays, int stretches) {
-    uint32_t *points = (uint32_t *)sbl__alloc_raw(base, (size_t)rays * (size_t)looks, 8);
-    int look, k;
+/* Makes `rays` points for each of a site's looks. A look's points consist of `sections`, each of which covers the unit
+   square evenly. The caller frees the result; NULL: out of memory */
+static uint32_t *sbl__sequence_make(sbl__base *base, int looks, int rays, int sections) {
+    const size_t count = (size_t)rays, parts = (size_t)sections;
+    uint32_t *points = (uint32_t *)sbl__alloc_raw(base, count * (size_t)looks, 8);
+    size_t look, k;
     if (!points) return NULL;
     sbl__sobol(points, rays * looks);
-    for (look = 0; look < looks; look++)
-        for (k = 0; k < stretches; k++) {
-            const size_t from = (size_t)rays * (size_t)k / (size_t)stretches;
-            const size_t to = (size_t)rays * (size_t)(k + 1) / (size_t)stretches;
-            if (to > from) qsort(points + 2 * ((size_t)rays * (size_t)look + from), to - from, 8, sbl__morton_order);
+    for (look = 0; look < (size_t)looks; look++)
+        for (k = 0; k < parts; k++) {
+            const size_t from = count * k / parts, to = count * (k + 1) / parts;
+            if (to > from) qsort(points + 2 * (count * look + from), to - from, 8, sbl__morton_order);
         }
     return points;
 }
 
-/* Gets point i of a sequence, scrambled with the seed in the same way as trace.glsl scrambles it; 0 to 1 */
+/* Gets point i of a sequence, 0 to 1, scrambled with the seed as in trace.glsl. */
 static void sbl__sequence_at(const uint32_t *sequence, int i, uint32_t seed, double u[2]) {
     int axis;
     for (axis = 0; axis < 2; axis++) {
@@ -8906,7 +8901,7 @@ static void sbl__sequence_at(const uint32_t *sequence, int i, uint32_t seed, dou
     }
 }
 
-/* Maps a point u of the unit square to a direction over the hemisphere around the normal, distributed by the cosine. */
+/* Maps a uniform point u of the unit square to a cosine-distributed direction, as sbl_by_cosine in frame.glsl does. */
 static void sbl__cosine_direction(const float normal[3], const double u[2], float out[3]) {
     const double angle = 2 * SBL__PI * u[1];
     double right[3], up[3];
@@ -8916,8 +8911,8 @@ static void sbl__cosine_direction(const float normal[3], const double u[2], floa
         out[k] = (float)(sqrt(u[0]) * (cos(angle) * right[k] - sin(angle) * up[k]) + sqrt(1 - u[0]) * normal[k]);
 }
 
-static sbl_result sbl__sequence_store(const sbl__device *d, sbl__table *t, int looks, int rays, int stretches) {
-    uint32_t *points = sbl__sequence_make(d->base, looks, rays, stretches);
+static sbl_result sbl__sequence_store(const sbl__device *d, sbl__table *t, int looks, int rays, int sections) {
+    uint32_t *points = sbl__sequence_make(d->base, looks, rays, sections);
     sbl_result result;
     if (!points) return SBL_ERROR_OUT_OF_MEMORY;
     result = sbl__buffer_make(d, &t->buffer, (size_t)rays * (size_t)looks * 8, points, SBL__GL_STATIC_DRAW);
@@ -8925,37 +8920,34 @@ static sbl_result sbl__sequence_store(const sbl__device *d, sbl__table *t, int l
     return result == SBL_SUCCESS ? sbl__table_attach(d, t, SBL__GL_RG32UI, 0) : result;
 }
 
-/* Number of invocations among which a look's rays towards lamps are divided. lamps.glsl may stop an invocation early,
-   after any section of the invocation's points. */
+/* Number of invocations among which a look's rays towards lamps are divided */
 static int sbl__aim_parts(const sbl__spec *spec, const sbl__hierarchy *h) {
     const int chunk = spec->traced ? SBL__MIN(SBL__LAMP_CHUNK, sbl__rays_most(h)) : SBL__LAMP_CHUNK;
     return (spec->lamp_rays + chunk - 1) / chunk;
 }
 
-/* Makes the sequence and the textures for rays towards lamps of looks in these slots. */
+/* Makes the resources for looks in these slots. The points of each invocation have a section for each pass. */
 static sbl_result sbl__aim_setup(const sbl__device *d, sbl__aim *a, const sbl__spec *spec, const sbl__slots *slots,
                                  const sbl__hierarchy *h) {
-    const int rows = (slots->count + slots->columns - 1) / slots->columns, parts = sbl__aim_parts(spec, h);
-    sbl__texture *const textures[4] = { &a->light, &a->harmonics[0], &a->harmonics[1], &a->harmonics[2] };
+    const int rows = (slots->count + slots->columns - 1) / slots->columns, count = spec->directional ? 4 : 1;
     const sbl__texture *colors[4];
-    const int count = spec->directional ? 4 : 1;
     sbl_result result;
     int i;
     a->rays = spec->lamp_rays;
-    a->parts = parts;
+    a->parts = sbl__aim_parts(spec, h);
     if (!a->rays) return SBL_SUCCESS;
-    result = sbl__sequence_store(d, &a->sequence, spec->looks, a->rays, SBL__LAMP_PASSES * parts);
+    result = sbl__sequence_store(d, &a->sequence, spec->looks, a->rays, SBL__LAMP_PASSES * a->parts);
     for (i = 0; i < 4; i++) {
-        if (i >= count) sbl__texture_delete(d, textures[i]);
+        if (i >= count) sbl__texture_delete(d, &a->lights[i]);
         else if (result == SBL_SUCCESS)
-            result = sbl__texture_make(d, textures[i], slots->columns, rows * parts, SBL__GL_RGBA32F);
-        colors[i] = textures[i];
+            result = sbl__texture_make(d, &a->lights[i], slots->columns, rows * a->parts, SBL__GL_RGBA32F);
+        colors[i] = &a->lights[i];
     }
     return result == SBL_SUCCESS ? sbl__target_make(d, &a->target, colors, count, NULL) : result;
 }
 
-/* Sets the uniforms that all ray-tracing programs share: those of scene.glsl to carrier.glsl. blocks: width and height
-   of a look's rectangle of invocations */
+/* Sets the uniforms that all programs share which trace rays for sensors. blocks: width and height of a look's
+   rectangle of invocations */
 static void sbl__rays_bind(sbl__device *d, const sbl__batch *b, const sbl__table *sequence, const int blocks[2]) {
     sbl__scene_bind(d, b->scene);
     sbl__hierarchy_bind(d, &b->scene->hierarchy);
@@ -8969,7 +8961,7 @@ static void sbl__rays_bind(sbl__device *d, const sbl__batch *b, const sbl__table
     sbl__set_int(d, "count", b->count);
 }
 
-/* Runs the current program for all looks of a batch, with blocks[0] x blocks[1] texels of the target per look. */
+/* Runs the current program for all looks of a batch, blocks[0] x blocks[1] invocations each. */
 static void sbl__rays_send(const sbl__device *d, const sbl__batch *b, const sbl__target *t, const int blocks[2]) {
     const int row = b->slot / b->slots->columns, last = (b->slot + b->count - 1) / b->slots->columns;
     sbl__invoke(d, t, row * blocks[1], (last - row + 1) * blocks[1], b->count * blocks[0] * blocks[1]);
@@ -8977,81 +8969,88 @@ static void sbl__rays_send(const sbl__device *d, const sbl__batch *b, const sbl_
 
 /* >>glsl lamps: shaders_embedded/lamps.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_lamps[] = {
-"// Light from lamps: emitting triangles, punctual lights, bright spots of the sky. What each gives where nothing\n",
-"// stands between is known in closed form; rays only measure which share of it arrives: the ratio estimator of\n",
-"// Heitz, Hill and McGuire 2018, \"Combining analytic direct illumination and stochastic shadows\". Where lamps are\n",
-"// many, those far off stand together in clusters, of which only single lamps, picked in proportion to what they\n",
-"// give, are ever looked at.\n",
+"// Light from lamps: emitting triangles, lights, and bright texels of the sky. The light of an unobstructed lamp is\n",
+"// known in closed form, and rays measure which share of it arrives: the ratio estimator of Heitz, Hill and McGuire\n",
+"// 2018, \"Combining analytic direct illumination and stochastic shadows\". If there are many lamps, distant ones\n",
+"// form clusters; a ray towards a cluster picks one of its lamps, in proportion to their light.\n",
 "//\n",
-"//     choose   which lamps and clusters count here, and what each gives\n",
-"//     pick     one of them for a ray, and how often it is picked\n",
-"//     shoot    the ray: what it would bring, and whether something stands between\n",
-"//     combine  what the rays found with what is known\n",
+"//     choose   makes the list of entries: the lamps and clusters that give this sensor light, with their strengths\n",
+"//     pick     picks one of the entries for a ray\n",
+"//     shoot    traces the ray\n",
+"//     combine  computes R from the results of all rays and from the closed forms\n",
 "//\n",
-"// One invocation is one sensor, or a part of its rays where they are many: neighbours trace neighbouring rays, and\n",
-"// each stops as soon as it knows enough. With SBL_INSPECT it is one ray of one sensor, or one of the entries it\n",
-"// chose: what these gave is written.\n",
+"// One invocation computes one sensor, or one of the `blocks.y` parts into which its rays are divided. It stops\n",
+"// when more rays would not improve the result. With SBL_INSPECT it reports one ray or one entry of the sensor.\n",
 "uniform usamplerBuffer sbl_sequence;  // see trace.glsl\n",
-"uniform int lamp_nodes, lamp_leaves;  // how many\n",
-"uniform int rays;                     // at most so many a sensor\n",
-"uniform float unit, scale;            // radiance that calculations are in, so that none overflows; of what is\n",
-"                                      // written\n",
+"uniform int lamp_nodes, lamp_leaves;  // numbers of nodes and leaves in the table of lamps\n",
+"uniform int rays;                     // maximum number of rays per sensor\n",
+"uniform float unit;                   // unit of radiance in the calculations, which prevents overflow\n",
+"uniform float scale;                  // factor of the outputs\n",
 "#ifdef SBL_INSPECT\n",
-"uniform int parts;                    // that the sensor's rays were traced in\n",
-"uniform int sheet_slot;               // where its views stand\n",
-"SBL_OUT(0, out_light);                // a ray: what it brought; 1: open, 2: hidden, 0: was not sent. An entry: R\n",
-"                                      // from it unhindered; 1: a lamp, 2: a point of light that is open, 3: one\n",
-"                                      // that is hidden\n",
-"SBL_OUT(1, out_way);                  // a ray: its direction, its lamp's leaf. An entry: 0 0 0, its leaf\n",
+"const bool inspected = true;\n",
+"uniform int parts;                    // number of parts into which the sensor's rays were divided\n",
+"uniform int sheet_slot;               // slot of the sensor's views in the view texture\n",
+"SBL_OUT(0, out_light);                // of a ray: its light; 0: not traced, 1: reached the lamp, 2: was blocked;\n",
+"                                      // of an entry: R if unobstructed; 1: lamp, 2: visible, 3: hidden point light\n",
+"SBL_OUT(1, out_way);                  // of a ray: direction and the lamp's leaf; of an entry: 0 0 0 and its leaf\n",
 "#else\n",
-"SBL_OUT(0, out_light);                // R, each part's own; the variance of its luminance\n",
+"const bool inspected = false;\n",
+"SBL_OUT(0, out_light);                // R of the part, and the variance of its luminance\n",
 "#ifdef SBL_DIRECTIONAL\n",
-"SBL_OUT(1, out_red);                  // and its harmonics\n",
+"SBL_OUT(1, out_red);                  // spherical harmonics\n",
 "SBL_OUT(2, out_green);\n",
 "SBL_OUT(3, out_blue);\n",
 "#endif\n",
 "#endif\n",
+"#ifdef SBL_DIRECTIONAL\n",
+"const bool directional = true;\n",
+"#else\n",
+"const bool directional = false;\n",
+"#endif\n",
+"#ifdef SBL_MIXED\n",
+"const bool mixed = true;            // there are lamps of all kinds, or clusters\n",
+"#else\n",
+"const bool mixed = false;           // all lamps are triangles, at most SBL_LAMPS\n",
+"#endif\n",
 "\n",
-"const int SBL_CERTAIN = 32;         // so many points of light get a ray each\n",
-"const float SBL_STRATA = 1.5;       // variance of n stratified points, as a share of independent ones', times the\n",
-"                                    // root of n: what edges across a lamp leave, measured;\n",
-"const float SBL_STRATA_LOST = 0.6;  // and where as many lamps share the points\n",
-"const float SBL_OPENING = 0.3;      // a cluster whose radius is a smaller share of its distance is not opened ...\n",
-"const int SBL_OPENINGS = 12;        // ... or of twice as much, and so on, until all entries have room\n",
-"const float SBL_SPARSE = 16.0;      // rays that a group must get on average, to be known by a ratio\n",
-"const int SBL_PASS_RAYS = 32;       // rays are traced in passes, SBL_LAMP_PASSES at most; after each it is seen\n",
-"                                    // whether\n",
-"const float SBL_PASS_CROWD = 16.0;  // they were enough. Of so many rays at least, and the fewer the more lamps\n",
-"                                    // share the light\n",
-"const int SBL_RIM_LAMPS = 8;        // of so few entries, corners and rims are looked at besides\n",
-"const int SBL_CORNERS = 3;          // of a triangle, each so far from the others:\n",
-"const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;\n",
-"const int SBL_RIM = 12;             // points along the rim of a round lamp, at this share of its disc:\n",
-"const float SBL_RIM_AT = 0.99;\n",
-"const float SBL_KNOWN = 1e-6;       // relative variance from which on clusters are known well enough\n",
-"const float SBL_SMALL = 16.0;       // squared distance over squared size from which on a triangle is\n",
-"const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);\n",
+"const int SBL_CERTAIN = 32;         // maximum number of point lights that get one ray each\n",
+"const float SBL_STRATA = 1.5;       // variance of the mean of n stratified points, divided by that of independent\n",
+"                                    // points, times sqrt(n): measured with shadow edges that cross a lamp\n",
+"const float SBL_STRATA_LOST = 0.6;  // upper limit of that ratio, reached if there are as many lamps as points\n",
+"const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this share of its distance;\n",
+"const int SBL_OPENINGS = 12;        // the share is doubled up to this number of times, until all entries fit\n",
+"const float SBL_SPARSE = 16.0;      // minimum number of rays that a group must get on average for a ratio estimate\n",
+"const int SBL_PASS_RAYS = 32;       // minimum number of rays per pass\n",
+"const float SBL_PASS_CROWD = 16.0;  // maximum number of passes, times the effective number of entries\n",
+"const int SBL_RIM_LAMPS = 8;        // maximum number of entries for which rim samples are traced\n",
+"const int SBL_CORNERS = 3;          // number of rim samples of a triangle, each close to a corner:\n",
+"const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // barycentrics of this corner, and of the two others\n",
+"const int SBL_RIM = 12;             // number of rim samples of a round lamp\n",
+"const float SBL_RIM_AT = 0.99;      // share of a round lamp's disc that is inside the circle of its rim samples\n",
+"const float SBL_KNOWN = 1e-6;       // relative variance below which the light of clusters needs no more rays\n",
+"const float SBL_SMALL = 16.0;       // a triangle is small if its squared distance over its squared size is larger\n",
+"const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // see sbl_form_factor\n",
 "const float SBL_POINT_WEIGHT[2] = float[2](0.223381589678011, 0.109951743655322);\n",
-"const float SBL_BEFORE_LAMP = 0.99999;  // share of the way to a lamp that must be free\n",
+"const float SBL_BEFORE_LAMP = 0.99999;  // share of the distance to a lamp along which a ray is traced\n",
 "\n",
 "struct sbl_Lamp {\n",
 "    uint kind;\n",
-"    vec3 brightness;           // a triangle's radiance; a light's irradiance of a surface here that faces it; a\n",
-"                               // texel's light, radiance times solid angle\n",
-"    vec3 corner;               // of the triangle, from the sensor; else the unit direction to the light's, or the\n",
-"                               // texel's, middle\n",
-"    vec3 side_1, side_2;       // of the triangle\n",
-"    float away, radius, sine2; // of a light: distance, radius, sine squared of the angle that it spans each way\n",
-"    ivec2 texel;\n",
-"    int triangle, number;      // as traced; in the scene\n",
-"    vec2 group;                // 0 1 for a triangle that turns its back to the sensor, else 1 0\n",
+"    vec3 brightness;           // triangle: radiance; texel: radiance * solid angle; light: irradiance of a surface\n",
+"                               // at the sensor that faces the light\n",
+"    vec3 corner;               // triangle: first corner, relative to the sensor; else unit direction to the centre\n",
+"    vec3 side_1, side_2;       // triangle: vectors from the first corner to the other corners\n",
+"    float away, radius, sine2; // light: distance, radius, squared sine of half the angle that it subtends\n",
+"    ivec2 texel;               // texel: column and row\n",
+"    int triangle, number;      // triangle: its number in the hierarchy's order and in the scene; else number is -1\n",
+"    vec2 group;                // 0 1: a triangle that shows the sensor its back; 1 0: all other lamps\n",
 "};\n",
 "\n",
-"bool sbl_is_light(sbl_Lamp l) { return l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT; }\n",
+"bool sbl_is_light(sbl_Lamp l) { return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT); }\n",
+"bool sbl_is_texel(sbl_Lamp l) { return mixed && l.kind == SBL_LAMP_SKY_TEXEL; }\n",
 "\n",
-"// The sensor, and what is known of it.\n",
-"int look;                    // its number among those sent\n",
-"vec3 stand, position, n;     // where its rays start; on the surface: a lamp close by is seen from there; normal\n",
+"// The sensor\n",
+"int look;                    // number of the look in the batch\n",
+"vec3 stand, position, n;     // origin of its rays; position on the surface, used by closed forms; normal\n",
 "mat3 to_frame;\n",
 "uvec2 scramble;\n",
 "\n",
@@ -9071,11 +9070,10 @@ static const char *const sbl__glsl_lamps[] = {
 "        float off = dot(normal, l.corner);\n",
 "        l.group = off > 0.0 ? vec2(0, 1) : vec2(1, 0);\n",
 "        l.brightness = sbl_emission(object, l.group.y == 1.0) / unit;\n",
-"        // seen edge-on; above all its own, which rounding may put above the horizon, all over it\n",
+"        // Seen edge-on. This is so for the sensor's own triangle, which rounding may put above the horizon.\n",
 "        if (abs(off) < 0.5 * sbl_look_offset(look) * length(normal)) l.brightness = vec3(0);\n",
 "    }\n",
-"#ifdef SBL_MIXED\n",
-"    if (l.kind == SBL_LAMP_SKY_TEXEL) {\n",
+"    if (sbl_is_texel(l)) {\n",
 "        vec2 size = vec2(textureSize(sky_picture, 0)), middle = (vec2(l.texel) + 0.5) / size;\n",
 "        vec3 radiance = texelFetch(sky_picture, l.texel, 0).rgb;\n",
 "        l.corner = sbl_sky_direction(middle.x, cos(SBL_PI * middle.y));\n",
@@ -9093,34 +9091,33 @@ static const char *const sbl__glsl_lamps[] = {
 "            l.corner /= max(l.away, 1e-30);\n",
 "            float spot = clamp(dot(sbl_light_axis(int(at)), -l.corner) * sbl_light_spot_scale(int(at)) +\n",
 "                               sbl_light_spot_offset(int(at)), 0.0, 1.0);  // KHR_lights_punctual\n",
-"            if (l.away < l.radius) { l.corner = n; l.away = l.radius; spot = 1.0; }  // the sensor stands in it\n",
+"            if (l.away < l.radius) { l.corner = n; l.away = l.radius; spot = 1.0; }  // sensor inside\n",
 "            l.brightness *= spot * spot / (l.away * l.away);\n",
 "            l.sine2 = min(l.radius * l.radius / (l.away * l.away), 1.0);\n",
 "        }\n",
 "    }\n",
-"#endif\n",
 "    return l;\n",
 "}\n",
 "\n",
 "// >>closed forms\n",
 "\n",
-"// An edge's part of Lambert's sum: the angle it spans, times the cosine of its plane's normal to z.\n",
+"// An edge's term of Lambert's sum: the angle that it subtends, times z of the unit normal of its plane.\n",
 "float sbl_edge(vec3 p, vec3 q) {\n",
 "    vec3 normal = cross(p, q);\n",
 "    float size = length(normal);\n",
 "    return size > 0.0 ? atan(size, dot(p, q)) * normal.z / size : 0.0;\n",
 "}\n",
 "\n",
-"// Share of a hemisphere around z that a triangle fills, weighted by the cosine. Corners relative to the sensor, in\n",
-"// its frame. Lambert 1760: the sum over the edges of what is above the horizon; where the triangle is small for\n",
-"// its distance that would lose itself in rounding, and six points (Dunavant 1985, degree 4) know it to 4e-6.\n",
+"// Form factor of a triangle. a, b, c: corners relative to the sensor, in its frame. Sums the edges of the part\n",
+"// above the horizon (Lambert 1760). If the triangle is small for its distance, rounding would spoil this sum;\n",
+"// a sum over six points is then used instead (Dunavant 1985, degree 4; relative error up to 4e-6).\n",
 "float sbl_form_factor(vec3 a, vec3 b, vec3 c) {\n",
 "    vec3 corners[3] = vec3[3](a, b, c), entry = vec3(0), leave = vec3(0);\n",
 "    vec3 middle = (a + b + c) / 3.0, normal = cross(b - a, c - a);\n",
 "    float distance2 = dot(middle, middle), points = 0.0, sum = 0.0;\n",
 "    float size2 = max(dot(b - a, b - a), max(dot(c - a, c - a), dot(c - b, c - b)));\n",
 "    bool small = min(a.z, min(b.z, c.z)) > 0.0 && distance2 > SBL_SMALL * size2, cut = false;\n",
-"    for (int k = 0; k < 6; k++) {  // on the ways from the corners to the middle, and beyond it\n",
+"    for (int k = 0; k < 6; k++) {  // points on the lines from the corners through the middle\n",
 "        vec3 p = middle + SBL_POINT[k / 3] * (corners[k % 3] - middle);\n",
 "        float length2 = dot(p, p) / distance2;\n",
 "        points += SBL_POINT_WEIGHT[k / 3] * p.z / (length2 * length2);\n",
@@ -9141,8 +9138,8 @@ static const char *const sbl__glsl_lamps[] = {
 "                 : abs(sum) / (2.0 * SBL_PI);\n",
 "}\n",
 "\n",
-"// The same for a round lamp whose middle has the cosine z to the normal, over the sine squared of the angle that\n",
-"// it spans to each side: Snyder 1996, \"Area Light Sources for Real-Time Graphics\"; small ones as flat discs.\n",
+"// Form factor of a round lamp, divided by sine2 (Snyder 1996, \"Area Light Sources for Real-Time Graphics\");\n",
+"// small lamps are treated as flat discs. z: cosine between the normal and the direction to the lamp's centre\n",
 "float sbl_round(float z, float sine2) {\n",
 "    float sine = sqrt(sine2), s = sqrt(max(1.0 - z * z, 0.0));\n",
 "    if (z >= sine || z <= -sine) return max(z, 0.0);\n",
@@ -9151,31 +9148,28 @@ static const char *const sbl__glsl_lamps[] = {
 "    return (z * acos(y) - x * w + atan(w, x) / sine2) / SBL_PI;\n",
 "}\n",
 "\n",
-"// R from a lamp that nothing hides.\n",
+"// R from an unobstructed lamp. For a texel it is approximate: positive if any of the texel is above the horizon.\n",
 "vec3 sbl_unhindered(sbl_Lamp l) {\n",
 "    float factor = 0.0;\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
 "        vec3 corner = to_frame * l.corner;\n",
 "        factor = sbl_form_factor(corner, corner + to_frame * l.side_1, corner + to_frame * l.side_2);\n",
 "    }\n",
-"#ifdef SBL_MIXED\n",
 "    if (sbl_is_light(l)) factor = sbl_round(dot(n, l.corner), l.sine2) / SBL_PI;\n",
-"    // about: above 0 where some of it is above the horizon\n",
-"    if (l.kind == SBL_LAMP_SKY_TEXEL)\n",
+"    if (sbl_is_texel(l))\n",
 "        factor = max(dot(n, l.corner) + SBL_PI / float(textureSize(sky_picture, 0).y), 0.0) / SBL_PI;\n",
-"#endif\n",
 "    return l.brightness * factor;\n",
 "}\n",
 "\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"// What a lamp that nothing hides gives of the first four harmonics: of its solid angle, and of the integral of\n",
-"// directions over it, whose part along the normal is R's. Of round lamps on the horizon the rest is a guess.\n",
+"// The first four spherical harmonics of an unobstructed lamp, from its solid angle and from the integral of\n",
+"// directions over it (`way`). For a round lamp that the horizon cuts they are approximate, except for the integral\n",
+"// along the normal.\n",
 "mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {\n",
 "    float solid_angle = 0.0;\n",
 "    vec3 way = vec3(0);\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
-"        vec3 a = to_frame * l.corner, sides[2] = vec3[2](to_frame * l.side_1, to_frame * l.side_2);\n",
-"        vec3 corners[3] = vec3[3](a, a + sides[0], a + sides[1]), kept[4];\n",
+"        vec3 a = to_frame * l.corner, kept[4];\n",
+"        vec3 corners[3] = vec3[3](a, a + to_frame * l.side_1, a + to_frame * l.side_2);\n",
 "        int count = 0;\n",
 "        for (int k = 0; k < 3; k++) {\n",
 "            vec3 p = corners[k], q = corners[(k + 1) % 3];\n",
@@ -9196,24 +9190,21 @@ static const char *const sbl__glsl_lamps[] = {
 "        way = transpose(to_frame) * way * sign(solid_angle);\n",
 "        solid_angle = abs(solid_angle);\n",
 "    }\n",
-"#ifdef SBL_MIXED\n",
-"    if (sbl_is_light(l)) {  // all of it has the intensity pi times sine squared, see sbl_round\n",
+"    if (sbl_is_light(l)) {  // divided by pi * sine2, see sbl_round\n",
 "        float z = dot(n, l.corner), shown = clamp(0.5 + 0.5 * z / max(sqrt(l.sine2), 1e-30), 0.0, 1.0);\n",
 "        solid_angle = shown * 2.0 / (1.0 + sqrt(1.0 - l.sine2));\n",
 "        way = shown * (l.corner - z * n) + sbl_round(z, l.sine2) * n;\n",
 "    }\n",
-"#endif\n",
 "    return outerProduct(vec4(SBL_HARMONIC_0 * solid_angle, SBL_HARMONIC_1 * way.yzx), l.brightness);\n",
 "}\n",
-"#endif\n",
 "\n",
 "// >>clusters\n",
 "\n",
 "struct sbl_Cluster {\n",
-"    vec3 to;       // its middle, from the sensor\n",
+"    vec3 to;       // centre of its bounding sphere, relative to the sensor; if far, a direction\n",
 "    float radius;\n",
-"    bool far;      // directions\n",
-"    int beyond;    // the node after it\n",
+"    bool far;      // its lamps are infinitely far away\n",
+"    int beyond;    // node after the subtree\n",
 "};\n",
 "\n",
 "sbl_Cluster sbl_cluster(int node) {\n",
@@ -9223,12 +9214,12 @@ static const char *const sbl__glsl_lamps[] = {
 "                       int(beyond & ~SBL_FAR_NODE));\n",
 "}\n",
 "\n",
-"// What it gives about: zero only where none of its lamps gives anything.\n",
+"// Approximate light of an unobstructed cluster; 0 only if none of its lamps gives light to the sensor.\n",
 "float sbl_strength(int node, sbl_Cluster c) {\n",
 "    vec3 square = sbl_lamp_node_square(node), mixed = sbl_lamp_node_mixed(node), front = sbl_lamp_node_front(node);\n",
 "    float distance2 = max(dot(c.to, c.to), 1e-37), spread = min(c.radius * inversesqrt(distance2), 1.0);\n",
 "    float height = dot(n, c.to);\n",
-"    // far lamps turn no sides to the sensor, but are seen under the cosine to its normal\n",
+"    // The normal of a far lamp is the direction towards it, so this gives the cosine at the sensor.\n",
 "    vec3 w = c.far ? -n : c.to * inversesqrt(distance2);\n",
 "    float shown = sqrt(max(dot(square, w * w) + 2.0 * dot(mixed, w.xyz * w.yzx), 0.0)) - dot(front, w) +\n",
 "                  0.1 * sbl_lamp_node_power(node) * spread;\n",
@@ -9240,8 +9231,8 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// >>points of lamps\n",
 "\n",
-"// A direction to the spherical triangle of unit vectors a, b, c, evenly distributed: Arvo 1995, \"Stratified\n",
-"// Sampling of Spherical Triangles\". w: its solid angle; 0 where it is too small for that.\n",
+"// Maps u to a uniformly distributed direction in the spherical triangle of the unit vectors a, b, c (Arvo 1995,\n",
+"// \"Stratified Sampling of Spherical Triangles\"). w: the solid angle; 0 if it is too small for this method\n",
 "vec4 sbl_spherical(vec3 a, vec3 b, vec3 c, vec2 u) {\n",
 "    vec3 ab = cross(a, b), bc = cross(b, c), ca = cross(c, a);\n",
 "    float alpha = atan(length(cross(ab, ca)), -dot(ab, ca)), beta = atan(length(cross(bc, ab)), -dot(bc, ab));\n",
@@ -9258,26 +9249,26 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "struct sbl_Sample {\n",
 "    vec3 direction;\n",
-"    float far;    // how far it is\n",
-"    vec3 light;   // R from the lamp, were it all like this point\n",
-"    vec2 b;       // barycentrics on a triangle\n",
+"    float far;    // distance, or SBL_UNBOUNDED\n",
+"    vec3 light;   // R from the lamp if all of the lamp were like this point\n",
+"    vec2 b;       // triangle: weights of its second and third corner\n",
 "};\n",
 "\n",
-"// Weights of a triangle's second and third corner at a point of its plane. from_corner: from the first corner.\n",
+"// Weights of a triangle's second and third corner at a point. from_corner: the point, relative to the first corner\n",
 "vec2 sbl_barycentrics(sbl_Lamp l, vec3 normal, vec3 from_corner) {\n",
 "    vec2 areas = vec2(dot(cross(from_corner, l.side_2), normal), dot(cross(l.side_1, from_corner), normal));\n",
 "    return areas / dot(normal, normal);\n",
 "}\n",
 "\n",
+"// Maps a uniform point u of the unit square to a point on a lamp. Triangles are sampled by solid angle, or, if it\n",
+"// is small, by area (Heitz 2019, \"A Low-Distortion Map Between Triangle and Square\").\n",
 "sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {\n",
 "    sbl_Sample s = sbl_Sample(l.corner, SBL_UNBOUNDED, l.brightness / SBL_PI, u);\n",
-"    // by solid angle where it is large, else by area (Heitz 2019, \"A Low-Distortion Map Between Triangle and\n",
-"    // Square\")\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
 "        vec3 normal = cross(l.side_1, l.side_2), corner_1 = l.corner + l.side_1, corner_2 = l.corner + l.side_2;\n",
 "        vec4 ray = sbl_spherical(normalize(l.corner), normalize(corner_1), normalize(corner_2), u);\n",
 "        s.b = u.y > u.x ? vec2(0.5 * u.x, u.y - 0.5 * u.x) : vec2(u.x - 0.5 * u.y, 0.5 * u.y);\n",
-"        // not so near to an edge that rounding may carry the ray past it\n",
+"        // Keep a distance to the edges, so that rounding does not make the ray miss the triangle.\n",
 "        float reach2 = dot(l.corner, l.corner), longest2 = max(dot(l.side_1, l.side_1), dot(l.side_2, l.side_2));\n",
 "        float keep = 3e-6 * sqrt(longest2) * reach2 / max(abs(dot(normal, l.corner)), 1e-37);\n",
 "        s.b = mix(s.b, vec2(1.0 / 3.0), min(keep, 0.5));\n",
@@ -9290,59 +9281,54 @@ static const char *const sbl__glsl_lamps[] = {
 "        s.direction = to / s.far;\n",
 "        s.light *= ray.w > 0.0 ? ray.w : 0.5 * abs(dot(normal, s.direction)) / (s.far * s.far);\n",
 "    }\n",
-"#ifdef SBL_MIXED\n",
-"    if (l.kind == SBL_LAMP_SKY_TEXEL) {\n",
+"    if (sbl_is_texel(l)) {\n",
 "        vec2 size = vec2(textureSize(sky_picture, 0));\n",
 "        float row = float(l.texel.y);\n",
 "        s.direction = sbl_sky_direction((float(l.texel.x) + u.x) / size.x,\n",
 "                                        mix(cos(SBL_PI * row / size.y), cos(SBL_PI * (row + 1.0) / size.y), u.y));\n",
 "    }\n",
 "    if (sbl_is_light(l)) {\n",
-"        // off: what the ray's cosine to the middle lacks to 1\n",
+"        // off: 1 - cosine of the angle between the ray and the direction to the centre\n",
 "        float cosine = sqrt(1.0 - l.sine2), off = u.x * l.sine2 / (1.0 + cosine);\n",
-"        float r = sqrt(max(off * (2.0 - off), 0.0));\n",
-"        float angle = 2.0 * SBL_PI * u.y;\n",
+"        float r = sqrt(max(off * (2.0 - off), 0.0)), angle = 2.0 * SBL_PI * u.y;\n",
 "        s.direction = sbl_frame(l.corner) * vec3(r * cos(angle), r * sin(angle), 1.0 - off);\n",
 "        s.light *= 2.0 / (1.0 + cosine);\n",
 "        if (l.kind == SBL_LAMP_NEAR_LIGHT)\n",
 "            s.far = l.away * (1.0 - off) - sqrt(max(l.radius * l.radius - l.away * l.away * r * r, 0.0));\n",
 "    }\n",
-"#endif\n",
 "    s.light *= max(dot(n, s.direction), 0.0);\n",
 "    return s;\n",
 "}\n",
 "\n",
-"#ifdef SBL_VIEWS  // what the host draws stands in the sensor's own views only\n",
-"uniform sampler2D atlas;        // Ck r g b, signed distance along the view's axis\n",
-"uniform vec4 view_rects[5];     // x, y, width, height in the sheet\n",
-"uniform ivec2 sheet;            // a sensor's, in texels\n",
+"#ifdef SBL_VIEWS  // geometry that the host draws exists only in the sensor's views\n",
+"uniform sampler2D atlas;        // view texture: Ck r g b, signed distance along the view's axis\n",
+"uniform vec4 view_rects[5];     // per view: x, y, width, height in the sheet, texels\n",
+"uniform ivec2 sheet;            // size of a sheet, texels\n",
 "uniform int view_count;\n",
-"uniform float tangent, extent;  // of half a view's width; world units of a distance\n",
+"uniform float tangent;          // tangent of half a view's field of view\n",
+"uniform float extent;           // scene extent: unit of the view texture's distances, world units\n",
 "\n",
-"const float SBL_AT_LAMP = 0.002;  // share of a distance that texels' 16-bit floats leave open\n",
-"const int SBL_LOOKS_AGAIN = 4;\n",
+"const float SBL_AT_LAMP = 0.002;  // tolerance for the view texture's distances, which are 16-bit floats\n",
+"const int SBL_LOOKS_AGAIN = 4;    // maximum number of texels that are compared\n",
 "\n",
-"// A texel shows what stands in its middle, where a lamp's triangle may have ended: such points ask again, nearer\n",
-"// to the triangle's middle.\n",
+"// Returns true if the views show something in front of the sample. The direction of a texel's centre may miss the\n",
+"// lamp's triangle; a point closer to the triangle's middle is then compared instead.\n",
 "bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {\n",
 "    float turn = sbl_look_rotation(look);\n",
 "    mat3 frame = sbl_frame(n);\n",
-"    vec3 axes[2] = vec3[2](cos(turn) * frame[0] - sin(turn) * frame[1],\n",
-"                           -cos(turn) * frame[1] - sin(turn) * frame[0]);  // right and up, see sbl__frame\n",
+"    vec3 side_x = cos(turn) * frame[0] - sin(turn) * frame[1];\n",
+"    vec3 side_y = -cos(turn) * frame[1] - sin(turn) * frame[0];\n",
+"    vec3 sides[4] = vec3[4](side_x, side_y, -side_x, -side_y);  // axes of the side views, see sbl__view_axes\n",
 "    vec3 normal = cross(l.side_1, l.side_2), point = s.far * s.direction;\n",
 "    vec3 middle = l.corner + (l.side_1 + l.side_2) / 3.0;\n",
 "    if (l.kind != SBL_LAMP_TRIANGLE) point = s.direction;\n",
 "    for (int attempt = 0; attempt < SBL_LOOKS_AGAIN; attempt++, point = mix(point, middle, 0.4)) {\n",
-"        vec3 right = axes[0], up = axes[1], forward = n;\n",
-"        vec2 side = vec2(dot(point, right), dot(point, up));\n",
+"        vec2 side = vec2(dot(point, side_x), dot(point, side_y));\n",
 "        bool top = max(abs(side.x), abs(side.y)) <= dot(point, n) * tangent;\n",
 "        int face = top ? 0 : abs(side.x) > abs(side.y) ? (side.x > 0.0 ? 1 : 3) : (side.y > 0.0 ? 2 : 4);\n",
 "        if (!top && view_count == 1) return true;\n",
-"        if (!top) {\n",
-"            forward = face == 1 ? axes[0] : face == 2 ? axes[1] : face == 3 ? -axes[0] : -axes[1];\n",
-"            right = face == 1 ? axes[1] : face == 2 ? -axes[0] : face == 3 ? -axes[1] : axes[0];\n",
-"            up = n;\n",
-"        }\n",
+"        vec3 forward = top ? n : sides[max(face, 1) - 1], right = top ? side_x : sides[face % 4];\n",
+"        vec3 up = top ? side_y : n;\n",
 "        vec4 rect = view_rects[face];\n",
 "        vec2 lowest = vec2(-1, top ? -1 : 0), size = vec2(1) - lowest;\n",
 "        vec2 at = (vec2(dot(point, right), dot(point, up)) / (dot(point, forward) * tangent) - lowest) / size;\n",
@@ -9353,8 +9339,8 @@ static const char *const sbl__glsl_lamps[] = {
 "        if (seen == 0.0) return false;\n",
 "        if (l.kind != SBL_LAMP_TRIANGLE) return seen < (1.0 - SBL_AT_LAMP) * s.far * dot(point, forward);\n",
 "        vec3 ray = forward + tangent * (centre.x * right + centre.y * up);\n",
-"        float there = dot(l.corner, normal) / dot(ray, normal);  // where it meets the lamp's plane\n",
-"        bool other_side = (shown < 0.0) != (l.group.y == 1.0);   // of a thin body\n",
+"        float there = dot(l.corner, normal) / dot(ray, normal);  // depth at which it meets the lamp's plane\n",
+"        bool other_side = (shown < 0.0) != (l.group.y == 1.0);   // the texel shows the other side of a thin body\n",
 "        bool beyond = seen > (1.0 + SBL_AT_LAMP) * there;\n",
 "        if (there > 0.0 && (beyond || (seen >= (1.0 - SBL_AT_LAMP) * there && !other_side))) return false;\n",
 "        vec2 b = sbl_barycentrics(l, normal, there * ray - l.corner);\n",
@@ -9365,27 +9351,25 @@ static const char *const sbl__glsl_lamps[] = {
 "}\n",
 "#endif\n",
 "\n",
-"// >>choose: single lamps and, where there are many, clusters that are small for their distance\n",
+"// >>choose\n",
 "\n",
-"int entries[SBL_LAMPS];      // a leaf, or -1 - a node; from the end on: points of light, which get a ray each\n",
-"float strengths[SBL_LAMPS];  // what each gives about, summed up\n",
-"int used, certain;           // how many of either\n",
-"float total, crowd;          // sum of the strengths, and of their squares,\n",
-"float crowd_within;          // with those of the lamps in clusters\n",
-"mat2x3 whole;                // light of single lamps, unhindered; two groups, since of a closed mesh one is all\n",
-"                             // hidden, the other all open\n",
-"bool rounded;                // there are round lamps\n",
-"#ifdef SBL_DIRECTIONAL\n",
+"int entries[SBL_LAMPS];      // a lamp's leaf, or -1 - a cluster's node; from the end backwards: point lights\n",
+"float strengths[SBL_LAMPS];  // sums of the strengths (approximate light) of the entries up to each\n",
+"int used, certain;           // number of entries without point lights; number of point lights\n",
+"float total, crowd;          // sum of the strengths, and of their squares\n",
+"float crowd_within;          // the same sum of squares if each lamp of a cluster were an entry\n",
+"mat2x3 whole;                // light of single lamps if unobstructed, by group (see sbl_Lamp). Each group has its\n",
+"                             // own ratio, because one side of a closed mesh hides the other\n",
+"bool rounded = false;        // some entries are round lamps\n",
 "mat3x4 whole_harmonics[2];\n",
-"#endif\n",
 "\n",
-"// Takes node or leaf number i into account; returns the one that is next, or `limit` where entries have run out.\n",
+"// Adds node i to the entries, skips it, or descends into it; or adds leaf i if all lamps fit. Returns the next\n",
+"// node or leaf, or `limit` if the entries are full. last: true: never descends\n",
 "int sbl_consider(int i, int limit, float opening, bool last, out bool full) {\n",
 "    int leaf = i, next = i + 1, lamps = 1;\n",
 "    float strength = 0.0;\n",
-"    bool single = lamp_leaves <= SBL_LAMPS, point = false;\n",
+"    bool single = !mixed || lamp_leaves <= SBL_LAMPS, point = false;\n",
 "    full = false;\n",
-"#ifdef SBL_MIXED\n",
 "    if (!single) {\n",
 "        sbl_Cluster c = sbl_cluster(i);\n",
 "        if (dot(n, c.to) + c.radius <= 0.0) next = c.beyond;\n",
@@ -9398,18 +9382,15 @@ static const char *const sbl__glsl_lamps[] = {
 "            strength = sbl_strength(i, c);\n",
 "        }\n",
 "    }\n",
-"#endif\n",
 "    if (single) {\n",
 "        sbl_Lamp l = sbl_lamp(leaf);\n",
 "        vec3 light = sbl_unhindered(l);\n",
 "        strength = light.r + light.g + light.b;\n",
 "        rounded = rounded || l.kind != SBL_LAMP_TRIANGLE;\n",
 "        point = l.sine2 == 0.0 && sbl_is_light(l) && certain < SBL_CERTAIN;\n",
-"        if (!point && l.kind != SBL_LAMP_SKY_TEXEL) {\n",
+"        if (!point && !sbl_is_texel(l)) {\n",
 "            whole += outerProduct(light, l.group);\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"            whole_harmonics[l.group.y > 0.0 ? 1 : 0] += sbl_unhindered_harmonics(l);\n",
-"#endif\n",
+"            if (directional) whole_harmonics[l.group.y > 0.0 ? 1 : 0] += sbl_unhindered_harmonics(l);\n",
 "        }\n",
 "    }\n",
 "    if (strength > 0.0) {\n",
@@ -9431,14 +9412,11 @@ static const char *const sbl__glsl_lamps[] = {
 "    int limit = lamp_leaves <= SBL_LAMPS ? lamp_leaves : lamp_nodes;\n",
 "    float opening = SBL_OPENING;\n",
 "    bool full = true;\n",
-"    rounded = false;\n",
 "    for (int attempt = 0; attempt < SBL_OPENINGS && full; attempt++, opening *= 2.0) {\n",
 "        used = certain = 0;\n",
 "        total = crowd = crowd_within = 0.0;\n",
 "        whole = mat2x3(0);\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"        whole_harmonics[0] = whole_harmonics[1] = mat3x4(0);\n",
-"#endif\n",
+"        if (directional) whole_harmonics[0] = whole_harmonics[1] = mat3x4(0);\n",
 "        full = false;\n",
 "        for (int i = 0; i < limit; ) i = sbl_consider(i, limit, opening, attempt == SBL_OPENINGS - 1, full);\n",
 "    }\n",
@@ -9447,15 +9425,15 @@ static const char *const sbl__glsl_lamps[] = {
 "// >>pick\n",
 "\n",
 "struct sbl_Pick {\n",
-"    int leaf;\n",
-"    float share;   // how often it is picked\n",
-"    vec2 u;        // what is left of the point of the sequence\n",
-"    bool cluster;  // it was picked out of one\n",
+"    int leaf;      // the lamp that is picked\n",
+"    float share;   // probability of picking it\n",
+"    vec2 u;        // uniform point for sbl_sample: u.x is rescaled each time that it selects something\n",
+"    bool cluster;  // the entry was a cluster\n",
 "};\n",
 "\n",
-"// Down to one lamp of a cluster, at every fork in proportion to what the branches give.\n",
+"// Picks one lamp of a cluster: descends its subtree, at each node in proportion to the strengths of the children.\n",
 "void sbl_descend(inout sbl_Pick p, int node, uint fraction) {\n",
-"    // digits below those of a float that are left\n",
+"    // Adds the low bits of the fraction, which a float between 0 and 1 cannot hold.\n",
 "    p.u.x = clamp(p.u.x + (float(fraction & 255u) - 127.5) / 4294967296.0 / p.share, 0.0, 1.0);\n",
 "    for (sbl_Cluster c = sbl_cluster(node); c.beyond != node + 1; c = sbl_cluster(node)) {\n",
 "        sbl_Cluster left = sbl_cluster(node + 1), right = sbl_cluster(left.beyond);\n",
@@ -9469,7 +9447,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    p.leaf = int(sbl_lamp_node_first_leaf(node));\n",
 "}\n",
 "\n",
-"// One of the entries in proportion to its strength.\n",
+"// Picks one of the entries with a probability proportional to its strength.\n",
 "int sbl_pick_entry(inout sbl_Pick p) {\n",
 "    float wanted = p.u.x * total, before = 0.0;\n",
 "    int low = 0, high = used - 1;\n",
@@ -9486,33 +9464,28 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// >>shoot\n",
 "\n",
-"mat2x3 open, seen;       // what rays to single lamps bring without, and with, what stands between\n",
-"vec3 sure, sampled;      // from points of light; from clusters, summed over the rays\n",
-"vec2 samples, lit;       // rays of a group that would bring light, and that do\n",
-"float taken, squares;    // rays; sum of the squares of what clusters gave\n",
-"vec2 sparse;             // 1: a group that rays hardly meet is no ground for a ratio: it is sampled as clusters\n",
-"                         // are\n",
-"vec2 bright, dark;       // whether any of a group was seen, or hidden\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"mat3x4 open_harmonics[2], seen_harmonics[2], sure_harmonics, sampled_harmonics;  // as the above\n",
-"#endif\n",
-"#ifdef SBL_INSPECT\n",
-"vec4 report, report_way; // what is written\n",
-"bool reporting;          // the ray that is shot is the one\n",
-"#endif\n",
+"// Sums over the rays. Clusters, texels and sparse groups are sampled; other lamps are estimated by ratios.\n",
+"mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by group: light of rays to single lamps, unobstructed and actual\n",
+"vec3 sure = vec3(0), sampled = vec3(0);       // light of point lights; light of sampled rays\n",
+"vec2 samples = vec2(0), lit = vec2(0);        // by group: number of rays behind `open` and behind `seen`\n",
+"float taken = 0.0, squares = 0.0;             // number of rays; sum of the squared luminances of sampled rays\n",
+"vec2 sparse;                                  // by group: 1: it gets too few rays for a ratio\n",
+"vec2 bright = vec2(0), dark = vec2(0);        // by group: number of visible and of blocked rays, with rim samples\n",
+"mat3x4 sure_harmonics = mat3x4(0), sampled_harmonics = mat3x4(0);  // harmonics of the same light\n",
+"mat3x4 open_harmonics[2], seen_harmonics[2];\n",
+"vec4 report = vec4(0), report_way = vec4(0);  // inspected: the outputs\n",
+"bool reporting;                               // the next ray is to be reported\n",
 "\n",
-"// The ray of a sample. rim: of a at_rim, the number of its point along the lamp's rim; negative: it is none. A\n",
-"// at_rim brings no light.\n",
-"void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, int rim, bool point) {\n",
-"    bool at_rim = rim >= 0, cluster = p.cluster || l.kind == SBL_LAMP_SKY_TEXEL || dot(sparse, l.group) > 0.0;\n",
+"// Traces the ray of a sample. at_rim: true: it is a rim sample, which only tells whether light is obstructed\n",
+"void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool point) {\n",
+"    bool cluster = p.cluster || sbl_is_texel(l) || dot(sparse, l.group) > 0.0;\n",
 "    vec3 light = s.light / p.share, to = s.direction;\n",
+"    vec4 counts = vec4(0);\n",
 "    taken += point || at_rim ? 0.0 : 1.0;\n",
 "    if (!(light.r + light.g + light.b > 0.0)) return;\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"    vec4 counts = sbl_harmonics(s.direction, n, 1.0 / max(dot(s.direction, n), SBL_COSINE_LEAST));\n",
-"    if (!cluster && !point && !at_rim) open_harmonics[l.group.y > 0.0 ? 1 : 0] += outerProduct(counts, light);\n",
-"#endif\n",
+"    if (directional) counts = sbl_harmonics(s.direction, n, 1.0 / max(dot(s.direction, n), SBL_COSINE_LEAST));\n",
 "    if (!cluster && !point && !at_rim) {\n",
+"        if (directional) open_harmonics[l.group.y > 0.0 ? 1 : 0] += outerProduct(counts, light);\n",
 "        open += outerProduct(light, l.group);\n",
 "        samples += l.group;\n",
 "    }\n",
@@ -9523,12 +9496,10 @@ static const char *const sbl__glsl_lamps[] = {
 "#ifdef SBL_VIEWS\n",
 "    hidden = hidden || sbl_hidden(slot, l, s);\n",
 "#endif\n",
-"#ifdef SBL_INSPECT\n",
 "    if (reporting) {\n",
 "        report = vec4(point ? s.light : vec3(0), (hidden ? 2.0 : 1.0) + (point ? 1.0 : 0.0));\n",
 "        report_way = vec4(point ? vec3(0) : to / away, p.leaf);\n",
 "    }\n",
-"#endif\n",
 "    if (!point && (at_rim || !cluster)) {\n",
 "        if (hidden) dark += l.group;\n",
 "        else bright += l.group;\n",
@@ -9540,15 +9511,11 @@ static const char *const sbl__glsl_lamps[] = {
 "        light *= sbl_emission_pattern(int(sbl_triangle_object(l.triangle)), at);\n",
 "    }\n",
 "#endif\n",
-"#ifdef SBL_INSPECT\n",
 "    if (reporting && !point) report.rgb = light;\n",
-"#endif\n",
-"#ifdef SBL_DIRECTIONAL\n",
 "    mat3x4 harmonics = outerProduct(counts, light);\n",
-"    if (point) sure_harmonics += harmonics;\n",
-"    else if (cluster) sampled_harmonics += harmonics;\n",
-"    else seen_harmonics[l.group.y > 0.0 ? 1 : 0] += harmonics;\n",
-"#endif\n",
+"    if (directional && point) sure_harmonics += harmonics;\n",
+"    else if (directional && cluster) sampled_harmonics += harmonics;\n",
+"    else if (directional) seen_harmonics[l.group.y > 0.0 ? 1 : 0] += harmonics;\n",
 "    if (point) sure += light;\n",
 "    else if (cluster) {\n",
 "        sampled += light;\n",
@@ -9562,14 +9529,14 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// >>combine\n",
 "\n",
-"// Variance of the mean of n points over the lamps, as a share of one's: strata of a lamp's own are the smaller the\n",
-"// more points it gets.\n",
+"// Variance of the mean of n points, divided by the variance of one point. The more points each lamp gets, the\n",
+"// smaller are its strata. lamps: effective number of lamps\n",
 "float sbl_strata(float n) {\n",
 "    float lamps = total * total / max(crowd_within, 1e-37), points = max(n, 1.0);\n",
 "    return min(SBL_STRATA * sqrt(max(lamps - 1.0, 1.0) / points), SBL_STRATA_LOST) / points;\n",
 "}\n",
 "\n",
-"// All is open, or nothing: the first rays tell; so do clusters that are alike.\n",
+"// Returns true if rays of a group disagree, or if the light of clusters is noisy. More rays are then needed.\n",
 "bool sbl_undecided() {\n",
 "    float mean = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);\n",
 "    float error = squares / max(taken, 1.0) - mean * mean;\n",
@@ -9578,36 +9545,29 @@ static const char *const sbl__glsl_lamps[] = {
 "    return mixed || sbl_strata(taken) * error > SBL_KNOWN * mean * mean;\n",
 "}\n",
 "\n",
-"// R, and the variance of its luminance.\n",
+"// Computes R and the variance of its luminance.\n",
 "vec4 sbl_combine() {\n",
 "    float clusters = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);\n",
 "    float variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) * sbl_strata(taken);\n",
 "    vec3 light = sure + sampled / max(taken, 1.0);\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"    sure_harmonics += sampled_harmonics / max(taken, 1.0);\n",
-"#endif\n",
+"    if (directional) sure_harmonics += sampled_harmonics / max(taken, 1.0);\n",
 "    for (int g = 0; g < 2; g++) {\n",
-"        vec3 share = vec3(open[g].r > 0.0 ? seen[g].r / open[g].r : 0.0,\n",
-"                          open[g].g > 0.0 ? seen[g].g / open[g].g : 0.0,\n",
-"                          open[g].b > 0.0 ? seen[g].b / open[g].b : 0.0);\n",
+"        vec3 share = mix(vec3(0), seen[g] / open[g], greaterThan(open[g], vec3(0)));\n",
 "        float mean = dot(whole[g], SBL_LUMINANCE), lit_share = lit[g] / max(samples[g], 1.0);\n",
 "        if (sparse[g] > 0.0) continue;\n",
 "        light += whole[g] * share;\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"        // all that is known, as far as it is seen; and by what the seen part differs from that, as rays tell\n",
-"        for (int k = 0; k < 3; k++)\n",
+"        // the closed form times the same share, plus the deviation from it that the rays found\n",
+"        for (int k = 0; k < 3 && directional; k++)\n",
 "            if (open[g][k] > 0.0)\n",
 "                sure_harmonics[k] += share[k] * whole_harmonics[g][k] + whole[g][k] / open[g][k] *\n",
 "                                     (seen_harmonics[g][k] - share[k] * open_harmonics[g][k]);\n",
-"#endif\n",
 "        variance += mean * mean * lit_share * (1.0 - lit_share) * sbl_strata(samples[g]);\n",
 "    }\n",
 "    return vec4(light, variance * unit * scale) * unit * scale;\n",
 "}\n",
 "\n",
-"// How many passes the rays are traced in: after the first, an eighth of them or half of few, it is known whether\n",
-"// there is more to learn: what it overlooks is less than a ray's share. The more lamps there are, the more of the\n",
-"// rays it takes to know each.\n",
+"// Number of passes into which the rays are divided, a power of two. After each pass sbl_undecided decides whether\n",
+"// to trace more. The more lamps there are, the more rays a pass needs to reach each of them.\n",
 "int sbl_pass_count() {\n",
 "    float crowded = SBL_PASS_CROWD * crowd / max(total * total, 1e-37);\n",
 "    int passes = clamp(min(rays / SBL_PASS_RAYS, int(crowded)), 1, SBL_LAMP_PASSES), power = 1;\n",
@@ -9617,13 +9577,13 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "void main() {\n",
 "    ivec2 at = sbl_texel_of_invocation();\n",
+"    int wanted = at.y * blocks.x + at.x, certain_ray = rays + SBL_LAMPS - 1 - wanted;  // inspected: ray or entry\n",
 "#ifdef SBL_INSPECT\n",
-"    int wanted = at.y * blocks.x + at.x, certain_ray = rays + SBL_LAMPS - 1 - wanted, part = 0, slot = sheet_slot;\n",
+"    int part = 0, slot = sheet_slot;\n",
 "    if (wanted >= rays + SBL_LAMPS) sbl_leave;\n",
 "    while (wanted < rays && part + 1 < parts && (part + 1) * rays / parts <= wanted) part++;\n",
 "    if (wanted >= rays) part = certain_ray % parts;\n",
 "    look = 0;\n",
-"    report = report_way = vec4(0);\n",
 "#else\n",
 "    int parts = blocks.y, part = at.y % parts, slot = at.y / parts * columns + at.x;\n",
 "    look = slot - first_slot;\n",
@@ -9637,33 +9597,22 @@ static const char *const sbl__glsl_lamps[] = {
 "    scramble = uvec2(hash, (hash ^ hash >> 15) * 747796405u);\n",
 "    scramble.y ^= scramble.y >> 13;\n",
 "    sbl_choose();\n",
-"#ifdef SBL_INSPECT\n",
-"    if (wanted >= rays && wanted - rays < used && entries[wanted - rays] >= 0) {\n",
+"    if (inspected && wanted >= rays && wanted - rays < used && entries[wanted - rays] >= 0) {\n",
 "        report = vec4(sbl_unhindered(sbl_lamp(entries[wanted - rays])), 1);\n",
 "        report_way.w = float(entries[wanted - rays]);\n",
 "    }\n",
-"#endif\n",
-"\n",
-"    open = seen = mat2x3(0);\n",
-"    sure = sampled = vec3(0);\n",
-"    samples = lit = bright = dark = vec2(0);\n",
-"    taken = squares = 0.0;\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"    sure_harmonics = sampled_harmonics = mat3x4(0);\n",
-"    open_harmonics[0] = open_harmonics[1] = seen_harmonics[0] = seen_harmonics[1] = mat3x4(0);\n",
-"#endif\n",
+"    if (directional) open_harmonics[0] = open_harmonics[1] = seen_harmonics[0] = seen_harmonics[1] = mat3x4(0);\n",
 "    float enough = SBL_SPARSE * float(parts) / float(rays) * total;\n",
 "    sparse = vec2(lessThan(vec3(1) * whole, vec2(enough)));\n",
-"    // So that the first pass does not overlook an edge that hides little, corners and rims of few lamps are looked\n",
-"    // at.\n",
+"    // Rim samples find shadow edges that hide only a small part of a lamp, if there are few lamps.\n",
 "    int passes = sbl_pass_count(), rims = rounded ? SBL_RIM : SBL_CORNERS;\n",
 "    int rim_samples = passes > 1 && used <= SBL_RIM_LAMPS ? rims * used : 0;\n",
 "    int skip = int(sbl_look_which(look) & SBL_LOOK_NUMBER) * rays;\n",
 "    bool undecided = total > 0.0;\n",
-"    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // the points of light come first\n",
-"        // each part has a stretch of the sequence, and each eighth of it covers a lamp, and the lamps, evenly\n",
+"    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // pass -1: point lights\n",
+"        // Each part has a section of the sequence. Each eighth of a section covers the unit square evenly.\n",
 "        int eighth = SBL_LAMP_PASSES * part, eighths = SBL_LAMP_PASSES * parts;\n",
-"        // (unsigned: on some software renderers idle lanes divide what they hold, and INT_MIN / -1 traps)\n",
+"        // The divisions are unsigned, because idle lanes of some software renderers trap on INT_MIN / -1.\n",
 "        int stretch = int(uint(SBL_LAMP_PASSES) / uint(passes));\n",
 "        int from = int(uint((eighth + pass * stretch) * rays) / uint(eighths));\n",
 "        int to = total > 0.0 ? int(uint((eighth + (pass + 1) * stretch) * rays) / uint(eighths)) : from;\n",
@@ -9681,12 +9630,10 @@ static const char *const sbl__glsl_lamps[] = {
 "            if (at_rim && entry < 0) continue;\n",
 "            p.leaf = entry;\n",
 "            p.cluster = entry < 0;\n",
-"#ifdef SBL_MIXED\n",
-"            if (p.cluster) sbl_descend(p, -1 - entry, fraction.x);\n",
-"#endif\n",
+"            if (mixed && p.cluster) sbl_descend(p, -1 - entry, fraction.x);\n",
 "            sbl_Lamp l = sbl_lamp(p.leaf);\n",
 "            bool corner = at_rim && l.kind == SBL_LAMP_TRIANGLE;\n",
-"            if (at_rim && (l.kind == SBL_LAMP_SKY_TEXEL || (corner && rim >= SBL_CORNERS))) continue;\n",
+"            if (at_rim && (sbl_is_texel(l) || (corner && rim >= SBL_CORNERS))) continue;\n",
 "            float turned = float(rim) + float(scramble.y >> 8) / SBL_FRACTIONS;\n",
 "            if (at_rim) p.u = vec2(SBL_RIM_AT, turned / float(SBL_RIM));\n",
 "            sbl_Sample s = sbl_sample(l, p.u);\n",
@@ -9697,10 +9644,8 @@ static const char *const sbl__glsl_lamps[] = {
 "                s.direction = way / s.far;\n",
 "                s.light = vec3(dot(way, n));\n",
 "            }\n",
-"#ifdef SBL_INSPECT\n",
-"            reporting = point ? k == certain_ray : !at_rim && k == wanted;\n",
-"#endif\n",
-"            sbl_shoot(slot, p, l, s, rim, point);\n",
+"            reporting = inspected && (point ? k == certain_ray : !at_rim && k == wanted);\n",
+"            sbl_shoot(slot, p, l, s, at_rim, point);\n",
 "        }\n",
 "        if (!point) undecided = sbl_undecided();\n",
 "    }\n",
@@ -9731,12 +9676,11 @@ static const sbl__recipe sbl__recipe_lamps = {
 };
 
 static unsigned sbl__aim_features(const sbl__scene *s, const sbl__spec *spec) {
-    return s->features | (s->draw && !spec->traced ? SBL__VIEWS : 0) | (s->lights.mixed ? SBL__MIXED : 0) |
-           (spec->directional ? (unsigned)SBL__DIRECTIONAL : 0);
+    return sbl__features_of(s, spec) | (s->draw && !spec->traced ? (unsigned)SBL__VIEWS : 0) |
+           (s->lights.mixed ? (unsigned)SBL__MIXED : 0);
 }
 
-/* Sets the uniforms of lamps.glsl, which must be the current program, except those that sbl__raster_bind sets. blocks:
-   width and height of a look's rectangle of invocations */
+/* Sets the uniforms of lamps.glsl, except those that sbl__raster_bind sets. blocks: as for sbl__rays_bind */
 static void sbl__aim_bind(sbl__device *d, const sbl__aim *a, const sbl__batch *b, const int blocks[2], float scale) {
     const sbl__lights *l = &b->scene->lights;
     sbl__rays_bind(d, b, &a->sequence, blocks);
@@ -9750,9 +9694,8 @@ static void sbl__aim_bind(sbl__device *d, const sbl__aim *a, const sbl__batch *b
     sbl__set_float(d, "scale", scale);
 }
 
-/* Computes the directions of row j of a view's texels. `directions` has four floats per texel of the padded sheet, of
-   which the first three are a unit vector. The vector is relative to the frame that frame.glsl makes, for a look that
-   is not rotated. */
+/* Computes the directions of row j of a view's texels, in the frame of a look that is not rotated. `directions` has 4
+   floats per texel of the padded sheet, of which the first three are a unit vector. */
 static void sbl__directions_row(const sbl__layout *l, int face, int j, float *directions) {
     const int *r = l->rects[face];
     float *out = directions + 4 * ((size_t)(r[1] + j) * (size_t)sbl__layout_pitch(l, 0) + (size_t)r[0]);
@@ -9773,17 +9716,14 @@ static void sbl__directions_row(const sbl__layout *l, int face, int j, float *di
 /* ======================================================================================================== >>raster
    The back end that rasterises views, as the paper does. Only this back end shows geometry that the host draws itself.
 
-       view   +-------+-------+-------+      one instanced draw call draws every view of every look of a batch;
-       texture| sheet | sheet | sheet |
-              +-------+-------+-------+      reduce_blocks.glsl adds up each square of block x block texels and
-              | sheet |  ...          |      writes one texel of partial sums
-              +-------+---------------+                                                                          */
+       view    +-------+-------+    One instanced draw call draws all views of all looks of a batch, each look in its
+       texture | sheet | sheet |    sheet. reduce_blocks.glsl then adds up each square of block x block texels and
+               +-------+-------+    writes one texel of partial sums. */
 
 #define SBL__SLOTS_MOST 4096   /* maximum number of slots in the view texture */
-#define SBL__VIEW_DEPTH 1e-6f  /* depth is this value divided by the distance along the view's axis in scene extents;
-                                  all geometry nearer than this value gets depth 1 */
+#define SBL__VIEW_DEPTH 1e-6f  /* depth is this value divided by the view-space depth in scene extents, at most 1 */
 #define SBL__STUCK_FOV 2.0f    /* field of view of a stuck test, degrees: wide enough to hit the sensor's own surface,
-                                  too one_ray to hit the walls of a corner */
+                                  too narrow to hit the walls of a corner */
 #define SBL__STUCK_SIZE 4      /* width and height of a stuck test's view, texels */
 #define SBL__STUCK_TEXTURE 512  /* maximum width and height of the part of the view texture for stuck tests, texels */
 
@@ -9791,7 +9731,7 @@ static void sbl__directions_row(const sbl__layout *l, int face, int j, float *di
 typedef struct sbl__lens {
     sbl__layout layout;         /* positions of the views in a look's sheet */
     sbl__slots slots;           /* slots of the view texture, one sheet each */
-    int area[2];                /* width and height of the part of the view texture that the slots cover, texels */
+    int area[4];                /* part of the view texture that the slots cover: 0, 0, width, height, texels */
     sbl__texture weights;       /* per texel of a sheet: form factor, and ratio of distance to depth */
     sbl__texture directions;    /* directional jobs: direction of each texel of a sheet, see sbl__directions_row */
 } sbl__lens;
@@ -9804,11 +9744,10 @@ typedef struct sbl__raster {
     sbl__texture atlas, depth;
     sbl__target target;
     sbl__buffer views;
-    unsigned view_array;       /* vertex array for jobs with bounced light: attributes come from `views` only, because
-                                  the shader fetches the vertices itself */
+    unsigned view_array;       /* vertex array without vertices, which shaders with bounced light fetch themselves */
     float radiance_scale;      /* factor of radiance in the view texture */
     float *weights, *directions;  /* contents of a lens's two textures while sbl__raster_weigh computes them */
-    int face, row;             /* view and row at which this computation continues */
+    int face, row;             /* view and row at which sbl__raster_weigh continues */
 } sbl__raster;
 
 static void sbl__raster_free(const sbl__device *d, sbl__raster *r) {
@@ -9824,31 +9763,22 @@ static void sbl__raster_free(const sbl__device *d, sbl__raster *r) {
     sbl__array_delete(d, &r->view_array);
     sbl__free(d->base, r->weights);
     sbl__free(d->base, r->directions);
-    memset(r, 0, sizeof *r);
 }
 
-/* Returns the power of two that scales the brightest radiance to between 512 and 1024. This range is far from both ends
-   of 16-bit floats. */
-static float sbl__raster_scale(float brightest) {
-    return brightest > 0 ? (float)ldexp(1, SBL__MIN(10 - (int)ceil(log(brightest) / log(2.0)), 100)) : 1;
-}
-
-/* Computes the slots of a lens in a view texture of size view_texture_size squared, which grows to hold at least one
-   sheet, up to the driver's limit `most`. If the driver's limit is too small for a sheet, there are 0 slots. */
+/* Computes the slots of a lens in a square view texture of size view_texture_size, or larger if one sheet needs more,
+   up to the driver's limit `most`. If the limit is too small for a sheet, there are 0 slots. */
 static void sbl__lens_fit(sbl__lens *lens, int view_texture_size, int most) {
     const sbl__layout *l = &lens->layout;
     const int pitch[2] = { sbl__layout_pitch(l, 0), sbl__layout_pitch(l, 1) };
     const int size = SBL__MIN(SBL__MAX(view_texture_size, SBL__MAX(pitch[0], pitch[1])), most);
-    int fit[2];
-    fit[0] = size / pitch[0];
-    fit[1] = size / pitch[1];
-    if (fit[0] > 0) fit[1] = SBL__MIN(fit[1], (SBL__SLOTS_MOST + fit[0] - 1) / fit[0]);
-    lens->slots.blocks[0] = l->blocks[0];
-    lens->slots.blocks[1] = l->blocks[1];
-    lens->slots.columns = fit[0];
-    lens->slots.count = fit[0] * fit[1];
-    lens->area[0] = fit[0] * pitch[0];
-    lens->area[1] = fit[1] * pitch[1];
+    const int columns = size / pitch[0];
+    int rows = size / pitch[1];
+    if (columns > 0) rows = SBL__MIN(rows, (SBL__SLOTS_MOST + columns - 1) / columns);
+    memcpy(lens->slots.blocks, l->blocks, sizeof l->blocks);
+    lens->slots.columns = columns;
+    lens->slots.count = columns * rows;
+    lens->area[2] = columns * pitch[0];
+    lens->area[3] = rows * pitch[1];
 }
 
 /* Makes the view texture, and computes the slots of looks and of stuck tests in it. */
@@ -9871,12 +9801,13 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
         return SBL_ERROR_UNSUPPORTED;
     }
     for (k = 0; k < 2; k++) {
-        size[k] = SBL__MAX(lens->area[k], stuck->area[k]);
-        sums[k] = SBL__MAX(lens->area[k] / lens->layout.block, stuck->area[k] / stuck->layout.block);
+        size[k] = SBL__MAX(lens->area[2 + k], stuck->area[2 + k]);
+        sums[k] = SBL__MAX(lens->area[2 + k] / lens->layout.block, stuck->area[2 + k] / stuck->layout.block);
     }
     brightest = SBL__MAX(scene->brightest, spec->bounced ? scene->store.brightest : spec->epsilon);
     for (k = 0; k < 6 && spec->bounced; k++) brightest = SBL__MAX(brightest, sbl__max3(scene->store.air[k]));
-    r->radiance_scale = sbl__raster_scale(brightest);
+    r->radiance_scale = 1;  /* the power of two that scales the brightest radiance to 512 .. 1024 (16-bit floats) */
+    if (brightest > 0) r->radiance_scale = (float)ldexp(1, SBL__MIN(10 - (int)ceil(log(brightest) / log(2.0)), 100));
     r->face = r->row = 0;
     result = sbl__texture_make(d, &r->atlas, size[0], size[1], SBL__GL_RGBA16F);
     if (result == SBL_SUCCESS) result = sbl__texture_make(d, &r->depth, size[0], size[1], SBL__GL_DEPTH_COMPONENT32F);
@@ -9884,8 +9815,7 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
     return result == SBL_SUCCESS ? sbl__blocks_make(d, blocks, spec->directional ? 5 : 2, sums[0], sums[1]) : result;
 }
 
-/* Computes the weights of a lens's texels row by row, and for directional jobs the texels' directions. SBL_SUCCESS: the
-   lens's textures are written. */
+/* Computes the textures of a lens, row by row. Returns SBL_UNFINISHED if the slice ends before. */
 static sbl_result sbl__raster_weigh(const sbl__device *d, sbl__raster *r, sbl__lens *lens, const sbl__spec *spec,
                                     const sbl__slice *slice) {
     const sbl__layout *l = &lens->layout;
@@ -9902,13 +9832,12 @@ static sbl_result sbl__raster_weigh(const sbl__device *d, sbl__raster *r, sbl__l
             sbl__weights_row(l, paper, r->face, r->row++, r->weights);
             if (sbl__now() >= slice->end) return SBL_UNFINISHED;
         }
-    if (spec->directional) {
-        result = sbl__texture_make(d, &lens->directions, width, height, SBL__GL_RGBA32F);
-        if (result == SBL_SUCCESS) result = sbl__texture_write(d, &lens->directions, 0, height, r->directions);
-        if (result != SBL_SUCCESS) return result;
-    }
     result = sbl__texture_make(d, &lens->weights, width, height, SBL__GL_RG32F);
     if (result == SBL_SUCCESS) result = sbl__texture_write(d, &lens->weights, 0, height, r->weights);
+    if (result == SBL_SUCCESS && spec->directional) {
+        result = sbl__texture_make(d, &lens->directions, width, height, SBL__GL_RGBA32F);
+        if (result == SBL_SUCCESS) result = sbl__texture_write(d, &lens->directions, 0, height, r->directions);
+    }
     sbl__free(d->base, r->weights);
     sbl__free(d->base, r->directions);
     r->weights = r->directions = NULL;
@@ -9920,40 +9849,30 @@ static sbl_result sbl__raster_weigh(const sbl__device *d, sbl__raster *r, sbl__l
 
 /* >>glsl sensor_vertex: shaders_embedded/sensor_vertex.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sensor_vertex[] = {
-"// Draws the scene into many sensors' views at once: an instance is one view, cut to its rectangle of the atlas by\n",
-"// four planes.\n",
-"#ifdef SBL_BOUNCED\n",
-"flat out int fragment_triangle;  // of the scene: what bounces is looked up by it\n",
-"out vec3 fragment_way;           // from the sensor to the surface,\n",
-"out vec3 fragment_place;         // which is here\n",
-"#else\n",
+"// Draws the scene into the views of many sensors. Each instance is one view; four clip planes limit it to its\n",
+"// rectangle of the view texture.\n",
+"#ifndef SBL_BOUNCED\n",
 "layout(location = 0) in vec3 position;\n",
 "layout(location = 1) in uint object;\n",
-"#endif\n",
-"layout(location = 4) in vec3 view_eye;\n",
-"layout(location = 5) in vec4 view_right;    // right over half the view's width at unit distance; scale of x in\n",
-"                                            // atlas\n",
-"layout(location = 6) in vec4 view_up;       // up over half its height; scale of y\n",
-"layout(location = 7) in vec4 view_forward;  // forward;               lowest y: -1, or 0 where the horizon cuts the\n",
-"                                            // view\n",
-"layout(location = 8) in vec2 view_offset;   // of the rectangle in the atlas\n",
-"uniform float per_length;                   // 1 / extent of the scene\n",
-"uniform float depth_scale;                  // depth is depth_scale / distance: reversed, without a far plane\n",
-"out vec3 place;                             // x y w of gl_Position\n",
-"#if defined(SBL_TEXTURED) || defined(SBL_BOUNCED)\n",
-"flat out int fragment_object;\n",
-"#else\n",
-"uniform float radiance_scale;\n",
-"flat out vec3 radiance_front, radiance_back;\n",
-"#endif\n",
-"#ifdef SBL_TEXTURED\n",
-"#ifndef SBL_BOUNCED\n",
 "layout(location = 2) in vec2 vertex_uv;\n",
 "layout(location = 3) in uvec2 vertex_color;\n",
 "#endif\n",
-"out vec2 fragment_uv;\n",
+"layout(location = 4) in vec3 view_eye;      // position of the sensor\n",
+"layout(location = 5) in vec4 view_right;    // right over half the view's width at unit distance; w: scale of x\n",
+"layout(location = 6) in vec4 view_up;       // up over half its height; w: scale of y\n",
+"layout(location = 7) in vec4 view_forward;  // forward; w: lowest y: -1, or 0 for a view that ends at the horizon\n",
+"layout(location = 8) in vec2 view_offset;   // offset of the rectangle in clip space\n",
+"uniform float per_length;                   // 1 / extent of the scene\n",
+"uniform float depth_scale;                  // depth is depth_scale / distance: reversed, without a far plane\n",
+"uniform float radiance_scale;\n",
+"out vec3 place;                             // x, y and w of gl_Position\n",
+"flat out int fragment_object;               // if SBL_TEXTURED or SBL_BOUNCED\n",
+"flat out vec3 radiance_front, radiance_back;  // otherwise\n",
+"out vec2 fragment_uv;                       // if SBL_TEXTURED\n",
 "out vec4 fragment_color;\n",
-"#endif\n",
+"flat out int fragment_triangle;             // if SBL_BOUNCED: number of the triangle in the scene\n",
+"out vec3 fragment_way;                      // vector from the sensor to the surface\n",
+"out vec3 fragment_place;                    // point on the surface, world space\n",
 "\n",
 "void main() {\n",
 "#ifdef SBL_BOUNCED\n",
@@ -9963,10 +9882,8 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 "    fragment_triangle = gl_VertexID / 3;\n",
 "    fragment_way = position - view_eye;\n",
 "    fragment_place = position;\n",
-"#ifdef SBL_TEXTURED\n",
 "    vec2 vertex_uv = vec2(sbl_attributes_u(vertex), sbl_attributes_v(vertex));\n",
 "    uvec2 vertex_color = uvec2(sbl_attributes_color_rg(vertex), sbl_attributes_color_ba(vertex));\n",
-"#endif\n",
 "#endif\n",
 "    int number = int(object);\n",
 "#ifdef SBL_TEXTURED\n",
@@ -9994,34 +9911,23 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 
 /* >>glsl sensor_fragment: shaders_embedded/sensor_fragment.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sensor_fragment[] = {
-"// What a sensor's texel holds: Ck, and the distance along the view axis, negative where a back face is seen.\n",
-"layout(location = 0) out vec4 out_radiance;\n",
-"in vec3 place;              // where in the atlas it was put\n",
-"uniform vec2 view_texture_size;    // texels\n",
-"#if defined(SBL_TEXTURED) || defined(SBL_BOUNCED)\n",
-"uniform float radiance_scale;\n",
-"flat in int fragment_object;\n",
-"#else\n",
+"// Writes a texel of a sensor's view.\n",
+"layout(location = 0) out vec4 out_radiance;  // Ck; distance along the view's axis, negative for a back face\n",
+"in vec3 place;                               // see sensor_vertex.glsl\n",
+"uniform vec2 view_texture_size;              // texels\n",
+"uniform float radiance_scale, depth_scale;\n",
+"flat in int fragment_object, fragment_triangle;\n",
 "flat in vec3 radiance_front, radiance_back;\n",
-"#endif\n",
-"#ifdef SBL_TEXTURED\n",
 "in vec2 fragment_uv;\n",
 "in vec4 fragment_color;\n",
-"#endif\n",
-"#ifdef SBL_BOUNCED\n",
-"flat in int fragment_triangle;\n",
 "in vec3 fragment_way, fragment_place;\n",
-"#endif\n",
-"#ifdef SBL_WRITE_DEPTH\n",
-"uniform float depth_scale;\n",
-"#endif\n",
 "\n",
-"const float SBL_NEAREST = 3e-8;  // that anything is seen, in extents of the scene\n",
-"const float SBL_BESIDE = 0.4;    // texels that a fragment may lie beside its place,\n",
-"const float SBL_BESIDE_ROUNDING = 3e-7;  // and what rounding adds to that at unit distance\n",
+"const float SBL_NEAREST = 3e-8;  // smallest distance at which surfaces are visible, in extents of the scene\n",
+"const float SBL_BESIDE = 0.4;    // maximum distance between a fragment and its interpolated position, texels,\n",
+"const float SBL_BESIDE_ROUNDING = 3e-7;  // and the allowance for rounding that is added to it\n",
 "\n",
-"// A triangle whose plane holds the sensor is a line. Rounding makes it a triangle that may lie anywhere, in the\n",
-"// views of other sensors too: what is drawn there is not what is seen in that direction.\n",
+"// Returns false for fragments at wrong places. The projection of a triangle whose plane contains the sensor is a\n",
+"// line; rounding may turn the line into a triangle anywhere, even in the views of other sensors.\n",
 "bool sbl_seen_here() {\n",
 "    vec2 at = gl_FragCoord.xy / view_texture_size * 2.0 - 1.0;\n",
 "    vec2 beside = abs(place.xy - at * place.z) * 0.5 * view_texture_size;\n",
@@ -10062,8 +9968,8 @@ static const sbl__recipe sbl__recipe_sensor = {
 
 /* >>glsl sky_vertex: shaders_embedded/sky_vertex.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sky_vertex[] = {
-"// Draws the environment's picture as the background of many sensors' views at once: an instance is one view, whose\n",
-"// rectangle it covers. sensor_vertex.glsl explains the attributes.\n",
+"// Draws the environment's picture as the background of the views of many sensors. Each instance covers the\n",
+"// rectangle of one view. sensor_vertex.glsl explains the attributes.\n",
 "layout(location = 5) in vec4 view_right;\n",
 "layout(location = 6) in vec4 view_up;\n",
 "layout(location = 7) in vec4 view_forward;\n",
@@ -10082,9 +9988,9 @@ static const char *const sbl__glsl_sky_vertex[] = {
 /* >>glsl sky_fragment: shaders_embedded/sky_fragment.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sky_fragment[] = {
 "in vec3 direction;\n",
-"uniform vec3 sky;  // constant radiance that is added to the picture's\n",
+"uniform vec3 sky;                            // constant radiance of the sky\n",
 "uniform float radiance_scale;\n",
-"layout(location = 0) out vec4 out_radiance;  // a: 0, which means that nothing is hit; see sensor_fragment.glsl\n",
+"layout(location = 0) out vec4 out_radiance;  // a = 0: no surface, see sensor_fragment.glsl\n",
 "\n",
 "void main() { out_radiance = vec4(radiance_scale * (sky + sbl_sky(direction)), 0); }\n",
 0 };
@@ -10106,7 +10012,7 @@ static const sbl__input sbl__view_inputs[] = {
 static void sbl__raster_clear(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens,
                               const sbl__scene *scene, int slots) {
     const int rows = (slots + lens->slots.columns - 1) / lens->slots.columns;
-    const int used[4] = { 0, 0, lens->area[0], rows * sbl__layout_pitch(&lens->layout, 1) };
+    const int used[4] = { 0, 0, lens->area[2], rows * sbl__layout_pitch(&lens->layout, 1) };
     float sky[4] = { 0, 0, 0, 0 };
     int k;
     for (k = 0; k < 3; k++) sky[k] = scene->environment.sky[k] * r->radiance_scale;
@@ -10132,7 +10038,7 @@ static sbl_result sbl__raster_send(const sbl__device *d, sbl__raster *r, const s
     for (i = 0; i < b->count; i++)
         for (face = 0; face < l->view_count; face++) {
             sbl__raster_corner(lens, b->slot + i, corner);
-            sbl__view_make(l, &b->looks[i], face, corner, lens->area, &views[i * l->view_count + face]);
+            sbl__view_make(l, &b->looks[i], face, corner, lens->area + 2, &views[i * l->view_count + face]);
         }
     result = sbl__buffer_stream(d, &r->views, room * sizeof *views, views, count * sizeof *views);
     sbl__free(d->base, views);
@@ -10151,10 +10057,7 @@ static void sbl__raster_view(const sbl__device *d, const sbl__raster *r, const s
     memset(v, 0, sizeof *v);
     sbl__raster_corner(lens, b->slot + i, corner);
     v->kind = SBL_VIEW_SENSOR;
-    v->viewport[0] = corner[0] + rect[0];
-    v->viewport[1] = corner[1] + rect[1];
-    v->viewport[2] = rect[2];
-    v->viewport[3] = rect[3];
+    for (k = 0; k < 4; k++) v->viewport[k] = rect[k] + (k < 2 ? corner[k] : 0);
     sbl__view_axes(look, face, right, up, forward);
     for (k = 0; k < 3; k++) {
         v->world_to_view[4 * k] = (float)right[k];
@@ -10182,42 +10085,27 @@ static void sbl__raster_view(const sbl__device *d, const sbl__raster *r, const s
     v->face = face;
 }
 
-/* Calls the host's draw callback for each view of the batch. */
-static void sbl__raster_host(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b) {
-    sbl_draw_view view;
-    int i;
-    for (i = 0; i < b->count * lens->layout.view_count; i++) {
-        sbl__raster_view(d, r, lens, b, i, &view);
-        sbl__pass(d, &r->target, view.viewport, view.viewport, SBL__PASS_DEPTH);
-        sbl__host_draw(d, b->scene->draw, &view, b->scene->draw_user);
-    }
-}
-
-/* Begins a pass to the part of the view texture that the lens covers. */
-static void sbl__raster_pass(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens, int flags) {
-    const int area[4] = { 0, 0, lens->area[0], lens->area[1] };
-    sbl__pass(d, &r->target, area, NULL, flags);
-}
-
 static sbl_result sbl__raster_sky(sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b,
                                   int views) {
     const sbl_result result = sbl__use(d, &sbl__recipe_sky, b->scene->features);
     if (result != SBL_SUCCESS) return result;
-    sbl__raster_pass(d, r, lens, 0);
+    sbl__pass(d, &r->target, lens->area, NULL, 0);
     sbl__environment_bind(d, &b->scene->environment);
     sbl__set_float(d, "radiance_scale", r->radiance_scale);
     sbl__draw_rectangles(d, b->scene->geometry.vertex_array, views);
     return SBL_SUCCESS;
 }
 
-/* Draws the scene's triangles first .. end - 1 to all views of a batch. A range of triangles is drawn, because one look
-   at a large scene may take too long for one submission. The call with the first triangle also draws the environment,
-   the call with the last triangle also calls the host's draw callback. */
+/* Draws the triangles first .. end - 1 of the scene to all views of a batch. All triangles may take too long for one
+   submission. The call with the first triangle also draws the environment, and the call with the last triangle calls
+   the host's draw callback for each view. */
 static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__lens *lens, const sbl__batch *b,
                                    int first, int end) {
     const sbl__geometry *g = &b->scene->geometry;
     const int views = b->count * lens->layout.view_count;
     sbl_result result = SBL_SUCCESS;
+    sbl_draw_view view;
+    int i;
     if (first == 0) {
         result = sbl__raster_send(d, r, lens, b);
         if (result != SBL_SUCCESS) return result;
@@ -10232,24 +10120,28 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
     if (result == SBL_SUCCESS && end > first) {
         result = sbl__use(d, &sbl__recipe_sensor, sbl__batch_features(b));
         if (result != SBL_SUCCESS) return result;
-        sbl__raster_pass(d, r, lens, SBL__PASS_DEPTH | SBL__PASS_CLIP);
+        sbl__pass(d, &r->target, lens->area, NULL, SBL__PASS_DEPTH | SBL__PASS_CLIP);
         sbl__scene_bind(d, b->scene);
         sbl__set_int(d, "lamps_apart", b->spec->lamps_apart);
         sbl__set_float(d, "per_length", 1 / g->extent);
         sbl__set_float(d, "depth_scale", SBL__VIEW_DEPTH);
         sbl__set_float(d, "epsilon", b->spec->epsilon);
         sbl__set_float(d, "radiance_scale", r->radiance_scale);
-        sbl__set_vec2(d, "view_texture_size", (float)lens->area[0], (float)lens->area[1]);
+        sbl__set_vec2(d, "view_texture_size", (float)lens->area[2], (float)lens->area[3]);
         if (b->spec->bounced) {
             sbl__store_bind(d, &b->scene->store);
             sbl__draw_numbers(d, r->view_array, first, end - first, views);
         } else sbl__draw_mesh(d, g->vertex_array, first, end - first, views);
     }
-    if (result == SBL_SUCCESS && b->scene->draw && end == g->triangle_count) sbl__raster_host(d, r, lens, b);
+    for (i = 0; i < views && b->scene->draw && end == g->triangle_count && result == SBL_SUCCESS; i++) {
+        sbl__raster_view(d, r, lens, b, i, &view);
+        sbl__pass(d, &r->target, view.viewport, view.viewport, SBL__PASS_DEPTH);
+        sbl__host_draw(d, b->scene->draw, &view, b->scene->draw_user);
+    }
     return result;
 }
 
-/* Gives lamps.glsl access to the views, because geometry that the host draws may hide a lamp and exists only there. */
+/* Gives lamps.glsl access to the views, because they alone show geometry of the host that may hide a lamp. */
 static void sbl__raster_bind(sbl__device *d, const sbl__raster *r, float extent) {
     const sbl__layout *l = &r->lenses[SBL__LENS_SITE].layout;
     int i, k;
@@ -10269,15 +10161,14 @@ static void sbl__raster_bind(sbl__device *d, const sbl__raster *r, float extent)
 
 /* >>glsl reduce_blocks: shaders_embedded/reduce_blocks.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_reduce_blocks[] = {
-"// First half of a rasterised sensor's sum: every output texel adds up one block of the atlas.\n",
-"uniform sampler2D atlas;    // Ck r g b, signed distance\n",
-"uniform sampler2D weights;  // of one sheet: the texel's projected solid angle over pi, its ray's length at unit\n",
-"                            // depth\n",
-"uniform int block;          // texels across a block\n",
-"layout(location = 0) out vec4 out_sum;   // sum of weight * Ck; weight that sees back faces\n",
-"layout(location = 1) out vec4 out_hits;  // weight that sees surfaces; weight * distance; nearest distance; 0\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"uniform sampler2D directions;  // of one sheet: where its texels look, in the frame of a look that is not turned\n",
+"// First step of the sum over a sensor's views: each output texel is the sum over one block of the view texture.\n",
+"uniform sampler2D atlas;    // view texture: Ck, signed distance (see sensor_fragment.glsl)\n",
+"uniform sampler2D weights;  // per texel of a sheet: form factor; ratio of distance to depth\n",
+"uniform int block;          // width and height of a block, texels\n",
+"layout(location = 0) out vec4 out_sum;   // sum of weight * Ck; sum of the weights of back faces\n",
+"layout(location = 1) out vec4 out_hits;  // sum of the weights of surfaces; of weight * distance; least distance; 0\n",
+"uniform sampler2D directions;  // per texel of a sheet: its direction, in the frame of a look that is not rotated\n",
+"#ifdef SBL_DIRECTIONAL         // other variants do not use `directions` and `harmonics`\n",
 "layout(location = 2) out vec4 out_red;\n",
 "layout(location = 3) out vec4 out_green;\n",
 "layout(location = 4) out vec4 out_blue;\n",
@@ -10286,12 +10177,10 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 "void main() {\n",
 "    ivec2 at = ivec2(gl_FragCoord.xy), corner = at * block, sheet_corner = (at % blocks) * block;\n",
 "    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);\n",
-"#ifdef SBL_DIRECTIONAL\n",
 "    int slot = at.y / blocks.y * columns + at.x / blocks.x;\n",
 "    float s = sin(sbl_look_rotation(slot)), c = cos(sbl_look_rotation(slot));\n",
 "    mat3 frame = sbl_frame(sbl_look_normal(slot)) * mat3(c, -s, 0, s, c, 0, 0, 0, 1);\n",
 "    mat3x4 harmonics = mat3x4(0);\n",
-"#endif\n",
 "    for (int y = 0; y < block; y++) {\n",
 "        vec3 row = vec3(0);\n",
 "        float back = 0.0;\n",
@@ -10299,11 +10188,9 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 "            vec4 texel = texelFetch(atlas, corner + ivec2(x, y), 0);\n",
 "            vec2 weight = texelFetch(weights, sheet_corner + ivec2(x, y), 0).xy;\n",
 "            row += weight.x * texel.rgb;\n",
-"#ifdef SBL_DIRECTIONAL\n",
 "            vec3 way = texelFetch(directions, sheet_corner + ivec2(x, y), 0).xyz;\n",
 "            vec4 counts = sbl_harmonics(frame * way, frame[2], 1.0 / max(way.z, SBL_COSINE_LEAST));\n",
 "            harmonics += outerProduct(counts, weight.x * texel.rgb);\n",
-"#endif\n",
 "            float seen = weight.x > 0.0 && texel.a != 0.0 ? weight.x : 0.0;\n",
 "            float length_to_hit = abs(texel.a) * weight.y;\n",
 "            back += texel.a < 0.0 ? seen : 0.0;\n",
@@ -10352,8 +10239,8 @@ static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const
 }
 
 /* ======================================================================================================== >>trace
-   The back end that traces rays: shader invocations trace a look's rays over the hemisphere through the hierarchy of
-   triangles. The cost of a ray grows with the logarithm of the number of triangles. */
+   The back end that traces a look's rays over the hemisphere. The cost of a ray grows with the logarithm of the number
+   of triangles. */
 
 #define SBL__TRACE_CHUNK 16        /* maximum number of rays per invocation */
 #define SBL__TRACE_COLUMNS 256     /* maximum number of looks side by side in the textures of partial sums */
@@ -10361,24 +10248,17 @@ static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const
 
 typedef struct sbl__trace {
     sbl__slots slots[SBL__LENSES]; /* slots of looks, and of stuck tests, which trace one ray back to the surface */
-    int rays;                      /* number of rays over the hemisphere per look */
-    sbl__table sequence;           /* Sobol points that give the rays' directions, see sbl__sequence_make */
+    sbl__table sequence;           /* points that give the rays' directions, see sbl__sequence_make */
 } sbl__trace;
-
-static void sbl__trace_free(const sbl__device *d, sbl__trace *t) {
-    sbl__table_delete(d, &t->sequence);
-    memset(t, 0, sizeof *t);
-}
 
 static sbl_result sbl__trace_setup(const sbl__device *d, sbl__trace *t, const sbl__scene *scene, const sbl__spec *spec,
                                    sbl__blocks *blocks) {
-    const int most = sbl__rays_most(&scene->hierarchy), few = SBL__MAX(1, most / 4);
-    const int chunk = SBL__MIN(SBL__MIN(SBL__TRACE_CHUNK, few), (spec->rays + 7) / 8);
+    const int most = SBL__MIN(SBL__TRACE_CHUNK, SBL__MAX(1, sbl__rays_most(&scene->hierarchy) / 4));
+    const int chunk = SBL__MIN(most, (spec->rays + 7) / 8);
     const int chunks = (spec->rays + chunk - 1) / chunk, parts = sbl__aim_parts(spec, &scene->hierarchy);
     sbl__slots *s = &t->slots[SBL__LENS_SITE], *stuck = &t->slots[SBL__LENS_STUCK];
     sbl_result result;
     int rows;
-    t->rays = spec->rays;
     s->blocks[0] = SBL__MIN(chunks, 4);
     s->blocks[1] = (chunks + 3) / 4;
     s->columns = SBL__MIN(SBL__TRACE_TEXELS, d->gl.capabilities.max_texture_size) / s->blocks[0];
@@ -10388,7 +10268,7 @@ static sbl_result sbl__trace_setup(const sbl__device *d, sbl__trace *t, const sb
     s->count = s->columns * rows;
     *stuck = *s;
     stuck->blocks[0] = stuck->blocks[1] = 1;
-    result = sbl__sequence_store(d, &t->sequence, spec->looks, t->rays, 1);
+    result = sbl__sequence_store(d, &t->sequence, spec->looks, spec->rays, 1);
     return result == SBL_SUCCESS ? sbl__blocks_make(d, blocks, spec->directional ? 6 : 2, s->columns * s->blocks[0],
                                                     rows * s->blocks[1]) : result;
 }
@@ -10438,38 +10318,37 @@ static const char *const sbl__glsl_guide[] = {
 
 /* >>glsl trace: shaders_embedded/trace.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_trace[] = {
-"// A part of one sensor's rays: cosine-distributed directions, so that all weigh the same. The outputs are those of\n",
-"// reduce_blocks.glsl.\n",
-"uniform usamplerBuffer sbl_sequence;  // points of the Sobol sequence, two 32-bit fractions each, along a Morton\n",
-"                                      // curve\n",
-"uniform int rays;                     // of a look\n",
-"uniform int paired;                   // 1: an invocation takes two at a time; 0: one, which its outputs tell of\n",
-"uniform bool no_light;                // nothing shines but lamps: rays merely tell where a sensor stands, and\n",
-"                                      // those of its first look do\n",
-"uniform float spread;                 // 1: the cosine's whole hemisphere; 0: all rays go along the normal\n",
-"uniform float distance_limit;         // what is farther off counts as so far off in the mean distance\n",
-"uniform vec3 sky;\n",
-"uniform float ray_offset;             // of a surface's distance_limit, that rays start off it\n",
+"// Traces a part of a look's rays over the hemisphere, whose directions have a cosine distribution, and sums them.\n",
+"// The outputs are those of reduce_blocks.glsl; out_hits.w is the variance of the luminance.\n",
+"uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each\n",
+"uniform int rays;                     // number of rays per look\n",
+"uniform int paired;                   // 1: an invocation traces pairs of rays; 0: single ones\n",
+"uniform bool no_light;                // true: rays cannot find light; only those of a site's first look are traced\n",
+"uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal\n",
+"uniform float distance_limit;         // upper limit for each distance in the mean distance\n",
+"uniform vec3 sky;                     // constant radiance of the sky\n",
+"uniform float ray_offset;             // offset of a second segment from its surface, see SBL__OFFSET\n",
 "SBL_OUT(0, out_sum);\n",
 "SBL_OUT(1, out_hits);\n",
 "#ifdef SBL_DIRECTIONAL\n",
 "SBL_OUT(2, out_red);\n",
 "SBL_OUT(3, out_green);\n",
 "SBL_OUT(4, out_blue);\n",
-"SBL_OUT(5, out_even);                 // of light that comes evenly from everywhere, what these rays miss\n",
+"SBL_OUT(5, out_even);                 // see sbl__blocks\n",
 "#endif\n",
 "\n",
-"const float SBL_NEIGHBOURS = 0.62;  // variance, as a share of what pairs tell: measured, 16 to 256 rays\n",
+"const float SBL_NEIGHBOURS = 0.62;  // variance divided by its estimate from pairs: measured with 16 to 256 rays\n",
 "\n",
-"// A surface nearer than its cell is wide is not lit as the cell is on average: there a ray goes on, once, by the\n",
-"// cosine; only what lamps send there is taken from the store.\n",
+"// Maximum number of segments of a ray. The mean light of a cell may differ much from the light at a hit that is\n",
+"// nearer than the cell's width. A second segment then finds bounced light; the store gives only light from lamps.\n",
 "#ifdef SBL_BOUNCED\n",
 "const int SBL_LEGS = 2;\n",
 "#else\n",
 "const int SBL_LEGS = 1;\n",
 "#endif\n",
 "\n",
-"// Radiance that a hit sends back. goes_on: another ray finds the light that arrives there, but for that of lamps.\n",
+"// Radiance that leaves a hit towards the ray's origin. goes_on: set to true if the ray needs a second segment,\n",
+"// which finds the light that the returned radiance lacks\n",
 "vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool last, out bool goes_on, out sbl_Material material) {\n",
 "    int object = int(sbl_triangle_object(hit.triangle));\n",
 "    sbl_Attributes at = SBL_PLAIN;\n",
@@ -10485,17 +10364,15 @@ static const char *const sbl__glsl_trace[] = {
 "    return radiance;\n",
 "}\n",
 "\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"// The mean reciprocal cosine of rays in the stratum of u that this one lies in. A look has one in each; near the\n",
-"// horizon a single one's own would be too large by far, or too small.\n",
+"// Mean reciprocal cosine of the rays in u's stratum, of which each look has one ray. Near the horizon the\n",
+"// reciprocal cosine of a single ray is far too noisy.\n",
 "float sbl_stratum_reciprocal(float u) {\n",
 "    float n = float(rays), k = n - floor(u * n);\n",
 "    return 2.0 * sqrt(n) / (sqrt(k) + sqrt(k - 1.0));\n",
 "}\n",
-"#endif\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
-"// Moves a ray to where it goes on from a hit. Returns what the light that it finds there counts.\n",
+"// Sets the origin and the direction of a ray's second segment. Returns the factor for the light that it finds.\n",
 "vec3 sbl_go_on(sbl_Hit hit, sbl_Material material, uint hash, inout vec3 position, inout vec3 direction) {\n",
 "    vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,\n",
 "         e2 = sbl_triangle_corner_2(hit.triangle) - p0, e3 = e2 - e1;\n",
@@ -10521,10 +10398,10 @@ static const char *const sbl__glsl_trace[] = {
 "\n",
 "    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);\n",
 "    float squares = 0.0, other = 0.0;\n",
-"    mat3x4 harmonics = mat3x4(0);\n",
+"    mat3x4 harmonics = mat3x4(0);  // if SBL_DIRECTIONAL, as `even`\n",
 "    vec4 even = vec4(0);\n",
 "    int part = within.y * blocks.x + within.x, parts = blocks.x * blocks.y;\n",
-"    // Rays go in pairs of neighbours along the curve: how far those differ tells the noise of stratified points.\n",
+"    // The variance is estimated from the differences between pairs of neighbours on the Morton curve.\n",
 "    for (int k = 0, i = part << paired; i < end;\n",
 "         k++, i = (part + (k >> paired) * parts << paired) + (k & paired)) {\n",
 "        vec3 before = sum.rgb;\n",
@@ -10558,11 +10435,9 @@ static const char *const sbl__glsl_trace[] = {
 "            if (max(share.r, max(share.g, share.b)) <= 0.0) break;\n",
 "#endif\n",
 "        }\n",
-"#ifdef SBL_DIRECTIONAL\n",
 "        vec4 counts = sbl_harmonics(way, frame[2], sbl_stratum_reciprocal(u.x));\n",
 "        harmonics += outerProduct(counts, sum.rgb - before);\n",
 "        even -= weight * counts;\n",
-"#endif\n",
 "        float light = dot(sum.rgb - before, SBL_LUMINANCE);\n",
 "        if ((k & 1) == 1) squares += (light - other) * (light - other);\n",
 "        other = light;\n",
@@ -10584,20 +10459,18 @@ static const sbl__recipe sbl__recipe_trace = {
     { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_store, sbl__glsl_carrier, sbl__glsl_traverse,
       sbl__glsl_sky, sbl__glsl_guide, sbl__glsl_trace },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
-      &sbl__look_words_record,
-      &sbl__cut_record, &sbl__leaf_record },
+      &sbl__look_words_record, &sbl__cut_record, &sbl__leaf_record },
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE | SBL__BOUNCED | SBL__GUIDED | SBL__DIRECTIONAL
 };
 
-/* Traces the rays of a batch, whose looks must be in b->table already. Each look's rays are distributed over
-   slots->blocks[0] * slots->blocks[1] invocations. stuck: 1: each look traces one ray only, along its normal; paired:
-   1: an invocation takes its rays in pairs, to measure the variance; 0: it takes them singly, so that with one
+/* Traces the rays of a batch, whose looks must be in b->table already. stuck: 1: each look traces one ray only, along
+   its normal; paired: 1: an invocation traces pairs of rays, to measure the variance; 0: single rays, so that with one
    invocation per ray each output texel belongs to one ray */
 static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl__batch *b, int stuck, int paired) {
     const sbl_result result = sbl__use(d, &sbl__recipe_trace, sbl__batch_features(b));
     if (result != SBL_SUCCESS) return result;
     sbl__rays_bind(d, b, &t->sequence, b->slots->blocks);
-    sbl__set_int(d, "rays", stuck ? 1 : t->rays);
+    sbl__set_int(d, "rays", stuck ? 1 : b->spec->rays);
     sbl__set_int(d, "paired", paired);
     sbl__set_int(d, "no_light", b->spec->no_light);
     sbl__set_int(d, "lamps_apart", b->spec->lamps_apart);
@@ -10616,20 +10489,18 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
 }
 
 /* ======================================================================================================== >>job
-   A job measures the light at a list of sites and writes one reading per site. A job does not know what its sites are
-   for, and the rooms that follow do not depend on whether the job traces rays or rasterises views. Pictures run jobs
-   for pixels; other front ends run jobs for vertices or for points in the air. Every caller uses the same short loop:
+   A job measures the light at a list of sites and writes one reading per site. The rooms that follow must not depend on
+   whether the job traces rays or rasterises views. Pictures run jobs for pixels; other front ends run jobs for vertices
+   or for points in the air. Every caller uses the same loop:
 
        sbl__job_begin(job, scene, task)                       the task names sites, readings and the sensors' settings
        while (sbl__job_step(device, job, slice) == SBL_UNFINISHED) ...
                                                               each step does one piece of bounded duration
 
-   A job keeps its GPU resources for the next job and makes new ones only if the task or the scene needs different
-   ones. After an error the job can begin again.
+   A job keeps its GPU resources until a task or a scene needs different ones. After an error the job can begin again.
 
-   A site's reading is the mean of the site's looks, each of which is rotated further or uses other rays. A job draws
-   looks into the slots until all slots are full, reduces each look to one texel of results, and fills the slots again.
-   The first round makes the sites' looks, the second round makes the stuck tests of sites that may be stuck:
+   A job draws looks until all slots are full, reduces each look to one texel of results, and fills the slots again. The
+   first round makes the sites' looks, the second round makes the stuck tests of sites that may be stuck:
 
        set up -> { draw -> aim rays at lamps -> reduce } ... -> read -> { draw -> reduce } ... -> read -> done
                  first round: looks                                     second round: stuck tests              */
@@ -10641,18 +10512,11 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
 #define SBL__SUSPECT_SHARE 0.02f   /* a site gets a stuck test if its first look sees a larger share of back faces */
 #define SBL__STUCK_SHARE 0.75f     /* a sensor is stuck if its stuck test hits at less than this share of its offset */
 #define SBL__FEW_RAYS 1.0f         /* noise of a harmonic divided by R, times the square root of a look's rays */
-#define SBL__TEXEL_NOISE 2.6f      /* relative noise of a look that rasterises views, times the views' size in texels;
-                                      measured with a lamp in a box */
+#define SBL__TEXEL_NOISE 2.6f      /* relative noise of rasterised looks times sbl__spec.size: measured, lamp in box */
 
-/* Results of all looks, in the first two textures: r g b of `sums` is the sum of weight * radiance, a is the weight of
-   the directions that see back faces; `hits` holds the weight of the directions that see surfaces, the sum of weight *
-   distance, the smallest distance, and the variance. The result of look n is at texel n % SBL__RESULTS_WIDTH,
-   n / SBL__RESULTS_WIDTH, and remains there until the next job. */
-typedef sbl__blocks sbl__results;
-
+/* What a job has to do. The caller must keep the arrays until the job is done. */
 typedef struct sbl__task {
     sbl__spec spec;
-    /* The caller must keep the arrays that these pointers name until the job is done. */
     const sbl__site *sites;
     sbl_reading *readings;      /* output: one reading per site */
     float *layers;              /* output of directional jobs: per site, 3 floats for each layer of light from layer 1
@@ -10676,34 +10540,35 @@ typedef struct sbl__job {
     sbl__task task;
     const sbl__scene *scene;
     sbl__job_counts counts;     /* sums over all jobs since the caller last cleared them */
-    int ready;                  /* 1: the resources below exist, for this spec and this version of the scene: */
+    int ready;                  /* 1: the resources below exist, for `made_for` and `made_for_scene` */
     sbl__spec made_for;
-    uint32_t made_for_scene;
+    uint32_t made_for_scene;    /* version of the scene */
     sbl__raster raster;
     sbl__trace trace;
     sbl__aim aim;
     sbl__blocks blocks;
-    sbl__results results[SBL__LENSES];
+    /* Results of all looks. `sums`: sum of weight * radiance; sum of the weights of directions that see back faces.
+       `hits`: sum of the weights of directions that see surfaces; sum of weight * distance; least distance; variance.
+       The result of look n stays at texel n % SBL__RESULTS_WIDTH, n / SBL__RESULTS_WIDTH until the next job. */
+    sbl__blocks results[SBL__LENSES];
     sbl__table table;           /* the looks of a batch, in the format that ray-tracing shaders read */
     sbl__look *looks;           /* the look in each slot */
     int look_most;              /* maximum number of looks per batch */
-    /* State of the current round. The first round makes the sites' looks, the second round makes the stuck tests. */
-    int lens;                   /* SBL__LENS_SITE: looks at sites; SBL__LENS_STUCK: stuck tests */
+    int lens;                   /* of the current round: SBL__LENS_SITE or SBL__LENS_STUCK */
     int *suspects;              /* indices of the sites that need a stuck test */
     int suspect_count, suspect_room;
     int look_count;             /* first_look plus the number of looks in the round */
-    int site, look;             /* index of the next site (or suspect) and of its look: while drawing the next one to
-                                   draw, while reading the next one to read */
+    int site, look;             /* index of the next site (or suspect), and of its look, to draw or to read */
     int drawn, aimed, reduced;  /* numbers of the looks at which the three stages continue */
     int batch;                  /* number of looks in the batch that is partly drawn; 0: no batch is partly drawn */
     int triangle;               /* index of the next triangle to draw for this batch */
-    sbl__pace draw_pace[SBL__LENSES], aim_pace, reduce_pace[SBL__LENSES];
+    struct { sbl__pace draw[SBL__LENSES], aim, reduce[SBL__LENSES]; } paces;
 } sbl__job;
 
 static void sbl__job_free(const sbl__device *d, sbl__job *j) {
     int i;
     sbl__raster_free(d, &j->raster);
-    sbl__trace_free(d, &j->trace);
+    sbl__table_delete(d, &j->trace.sequence);
     sbl__aim_free(d, &j->aim);
     sbl__blocks_free(d, &j->blocks);
     for (i = 0; i < SBL__LENSES; i++) sbl__blocks_free(d, &j->results[i]);
@@ -10715,8 +10580,8 @@ static void sbl__job_free(const sbl__device *d, sbl__job *j) {
 
 /* >>job: how sensors see */
 
-/* Derives the spec of a job from the host's options. `s` must hold its defaults and the chosen back end. Except in the
-   paper's mode, sbl__scene_step must have finished the scene. */
+/* Derives the spec of a job from the host's options, with defaults and the back end filled in. Except in the paper's
+   mode, sbl__scene_step must have finished the scene. */
 static void sbl__spec_make(sbl__spec *spec, const sbl__measurement *s, const sbl__scene *scene,
                            const sbl_context_desc *c) {
     const sbl__environment *e = &scene->environment;
@@ -10744,15 +10609,13 @@ static void sbl__spec_make(sbl__spec *spec, const sbl__measurement *s, const sbl
     }
 }
 
-/* Chooses the back end. SBL_BACKEND_AUTO applies a fixed rule instead of measuring times, so that the same input
-   always gives the same picture. */
+/* Chooses the back end. The rule does not measure time, so that the same input always gives the same picture. */
 static sbl_backend sbl__choose_backend(const sbl__measurement *s, const sbl__scene *scene) {
     const int views = s->options.mode == SBL_MODE_PAPER || s->sensor_kind == SBL_SENSOR_SINGLE || scene->draw;
     return s->options.backend != SBL_BACKEND_AUTO ? s->options.backend : views ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
 }
 
-/* Returns the distance of sensors from their surface, world units. reach: the triangle's distance from the origin plus
-   its size (see SBL__OFFSET); 0: unknown */
+/* Returns the distance of sensors from their surface, world units. reach: see SBL__OFFSET; 0: unknown */
 static float sbl__spec_offset(const sbl__spec *spec, const sbl__scene *scene, float reach) {
     return SBL__OFFSET * (spec->traced && reach > 0 ? reach : scene->geometry.extent);
 }
@@ -10760,8 +10623,8 @@ static float sbl__spec_offset(const sbl__spec *spec, const sbl__scene *scene, fl
 /* Number of layers of light that sensors find (see SBL__LAYERS) */
 static int sbl__spec_layers(const sbl__spec *spec) { return spec->directional ? SBL__LAYERS : 1; }
 
-/* Returns the noise of layers 1 to 4 as a share of R, for a look whose R is free of noise. Rays near the horizon count
-   most in harmonics, and a look has only a few of them. */
+/* Returns the noise of layers 1 to 4 as a share of R, for a look whose R has no noise. It is due to the few rays near
+   the horizon, which have the largest weights in harmonics. */
 static float sbl__spec_layer_noise(const sbl__spec *spec) {
     return spec->no_light || !spec->traced ? 0 : SBL__FEW_RAYS / (float)sqrt((double)spec->rays);
 }
@@ -10774,19 +10637,19 @@ static void sbl__spec_sheet(const sbl__spec *spec, int size[2]) {
     size[1] = spec->traced ? 1 : layout.sheet_height;
 }
 
-/* Returns 1 if sensors trace rays. Then a look may trace as few rays as the caller wants, and the caller may request
-   rays towards lamps and rays over the hemisphere separately. */
+/* Returns 1 if sensors trace rays. The caller may then choose their number per look, and whether a job traces rays
+   towards lamps, rays over the hemisphere, or both. */
 static int sbl__measurement_sends_rays(const sbl__measurement *s) { return s->options.backend == SBL_BACKEND_TRACE; }
 
-/* Number of rays per look if each sensor makes as many looks as the requested error needs. The number suits a sensor
-   whose reading covers a small area; other sensors make more looks. */
+/* Number of rays per look for a requested error. It suits sensors whose readings cover a small area; other sensors make
+   more looks. */
 static int sbl__look_rays(float error) {
     return error >= 0.06f ? 16 : error >= 0.015f ? 32 : error >= 0.004f ? 64 : 128;
 }
 
-/* Returns the factor, a power of two, by which sbl__look_rays must grow for looks of this relative variance; 1 if looks
-   cannot have more rays. If light is rare, most looks of few rays find none, so that sensors underestimate their own
-   noise, and the picture's cells are split because of noise. */
+/* Returns the factor, a power of two, by which the rays of a look must grow for looks of this relative variance. If
+   light is rare, most looks of few rays find none. Sensors then underestimate their noise, and refinement divides tiles
+   because of noise. */
 static int sbl__look_growth(const sbl__measurement *s, float error, double variance) {
     int times = 1;
     if (s->options.rays || !sbl__measurement_sends_rays(s)) return 1;
@@ -10795,13 +10658,13 @@ static int sbl__look_growth(const sbl__measurement *s, float error, double varia
     return times;
 }
 
+/* Returns 1 if both need the same resources. sbl__spec has no padding: all its fields have 4 bytes. */
 static int sbl__spec_equal(const sbl__spec *a, const sbl__spec *b) {
-    return a->traced == b->traced && a->paper == b->paper && a->hemicube == b->hemicube && a->size == b->size &&
-           a->fov == b->fov && a->rays == b->rays && a->lamp_rays == b->lamp_rays && a->lamps_apart == b->lamps_apart &&
-           a->bounced == b->bounced && a->without_sky == b->without_sky && a->no_light == b->no_light &&
-           a->looks == b->looks &&
-           a->one_ray == b->one_ray && a->directional == b->directional &&
-           a->epsilon == b->epsilon && a->view_texture_size == b->view_texture_size && a->batch == b->batch;
+    sbl__spec c = *b;
+    c.seed = a->seed;
+    c.guided = a->guided;
+    c.distance_limit = a->distance_limit;
+    return !memcmp(a, &c, sizeof c);
 }
 
 /* >>job: setting up */
@@ -10810,7 +10673,7 @@ static const sbl__slots *sbl__lens_slots(const sbl__job *j, int lens) {
     return j->task.spec.traced ? &j->trace.slots[lens] : &j->raster.lenses[lens].slots;
 }
 
-/* The slots that the current round uses */
+/* Slots of the current round */
 static const sbl__slots *sbl__job_slots(const sbl__job *j) { return sbl__lens_slots(j, j->lens); }
 
 /* Factor of all radiance in the job's textures */
@@ -10839,13 +10702,11 @@ static sbl_result sbl__job_setup(void *work, sbl__slice *slice) {
     sbl__free(d->base, j->looks);
     j->looks = (sbl__look *)sbl__alloc_raw(d->base, (size_t)room, sizeof *j->looks);
     j->look_most = spec->batch > 0 ? spec->batch : room;
-    memset(j->draw_pace, 0, sizeof j->draw_pace);
-    memset(&j->aim_pace, 0, sizeof j->aim_pace);
-    memset(j->reduce_pace, 0, sizeof j->reduce_pace);
+    memset(&j->paces, 0, sizeof j->paces);
     return j->looks ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Computes the weights of the views of looks and of stuck tests. Afterwards all resources exist. */
+/* Computes the weights of views. Afterwards all resources exist. */
 static sbl_result sbl__job_weigh(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     for (; j->lens < SBL__LENSES && !j->task.spec.traced; j->lens++) {
@@ -10861,28 +10722,26 @@ static sbl_result sbl__job_weigh(void *work, sbl__slice *slice) {
 
 /* >>glsl reduce_sum: shaders_embedded/reduce_sum.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_reduce_sum[] = {
-"// Second half, and the only one of a traced sensor: every output texel adds up the blocks of one sensor and is its\n",
-"// result.\n",
-"uniform sampler2D block_sums, block_hits;\n",
-"uniform ivec2 blocks;  // of one sheet\n",
-"uniform int columns;   // sheets across the atlas\n",
-"uniform int slots;     // sheets in the atlas\n",
-"uniform int width;     // of the results' texture\n",
-"uniform int first, last;\n",
-"uniform sampler2D lights;  // parts texels a sensor, one below the other, whose mean comes on top: light; its\n",
-"                           // variance\n",
-"uniform int parts;         // 0: there are none\n",
-"layout(location = 0) out vec4 out_sum;\n",
-"layout(location = 1) out vec4 out_hits;  // w: the variance of its luminance, where rays sampled it\n",
-"#ifdef SBL_DIRECTIONAL\n",
+"// Second step of the sum over views, and only step of the sum over rays: each output texel is a look's result.\n",
+"uniform sampler2D block_sums, block_hits;  // partial sums\n",
+"uniform ivec2 blocks;          // width and height of a look's slot in them, texels\n",
+"uniform int columns, slots;    // number of slots in a row, and of all slots\n",
+"uniform int width;             // width of the outputs\n",
+"uniform int first, last;       // numbers of the looks to compute\n",
+"uniform sampler2D lights;      // outputs of lamps.glsl, of which the mean over the parts of a look is added\n",
+"uniform int parts;             // number of parts, one below the other; 0: no light from lamps\n",
+"layout(location = 0) out vec4 out_sum;   // see reduce_blocks.glsl\n",
+"layout(location = 1) out vec4 out_hits;  // w: variance of the luminance, if rays sampled it\n",
 "uniform sampler2D block_red, block_green, block_blue, lights_red, lights_green, lights_blue;  // harmonics\n",
-"uniform sampler2D block_even;            // what a sensor's rays miss of those of even light, and so, about, of any\n",
-"uniform bool even;                       // there is that\n",
+"uniform sampler2D block_even;  // error of the harmonics of radiance 1 from everywhere, see sbl__blocks\n",
+"uniform bool even;             // true: correct the harmonics by it\n",
+"#ifdef SBL_DIRECTIONAL\n",
 "layout(location = 2) out vec4 out_red;\n",
 "layout(location = 3) out vec4 out_green;\n",
 "layout(location = 4) out vec4 out_blue;\n",
+"#endif\n",
 "\n",
-"// A sensor's sum of one of them.\n",
+"// Sum of a look's harmonics of one colour, from partial sums and from lamps.\n",
 "vec4 sbl_sum(sampler2D block_harmonics, ivec2 corner, sampler2D light_harmonics, ivec2 light_corner) {\n",
 "    vec4 sum = vec4(0);\n",
 "    for (int i = 0; i < blocks.x * blocks.y; i++)\n",
@@ -10891,13 +10750,12 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "        sum += texelFetch(light_harmonics, light_corner + ivec2(0, i), 0) / float(parts);\n",
 "    return sum;\n",
 "}\n",
-"#endif\n",
 "\n",
 "void main() {\n",
 "    int sensor = int(gl_FragCoord.y) * width + int(gl_FragCoord.x);\n",
 "    if (sensor < first || sensor > last) discard;\n",
-"    int slot = sensor % slots;\n",
-"    ivec2 corner = ivec2(slot % columns, slot / columns) * blocks;\n",
+"    ivec2 slot = ivec2(sensor % slots % columns, sensor % slots / columns);\n",
+"    ivec2 corner = slot * blocks, light_corner = slot * ivec2(1, parts);\n",
 "    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0), missed = vec4(0);\n",
 "    for (int y = 0; y < blocks.y; y++) {\n",
 "        vec4 row = vec4(0), row_hits = vec4(0);\n",
@@ -10907,23 +10765,19 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "            row_hits += h;\n",
 "            hits.z = min(hits.z, h.z);\n",
 "        }\n",
-"#ifdef SBL_DIRECTIONAL\n",
 "        for (int x = 0; x < blocks.x && even; x++) missed += texelFetch(block_even, corner + ivec2(x, y), 0);\n",
-"#endif\n",
 "        sum += row;\n",
 "        hits.xyw += row_hits.xyw;\n",
 "    }\n",
 "    vec3 rays_light = sum.rgb;\n",
 "    for (int i = 0; i < parts; i++) {\n",
-"        ivec2 at = ivec2(slot % columns, slot / columns * parts + i);\n",
-"        vec4 light = texelFetch(lights, at, 0) / float(parts);\n",
+"        vec4 light = texelFetch(lights, light_corner + ivec2(0, i), 0) / float(parts);\n",
 "        sum.rgb += light.rgb;\n",
 "        hits.w += light.a / float(parts);\n",
 "    }\n",
 "    out_sum = sum;\n",
 "    out_hits = hits;\n",
 "#ifdef SBL_DIRECTIONAL\n",
-"    ivec2 light_corner = ivec2(slot % columns, slot / columns * parts);\n",
 "    out_red = sbl_sum(block_red, corner, lights_red, light_corner) + rays_light.r * missed;\n",
 "    out_green = sbl_sum(block_green, corner, lights_green, light_corner) + rays_light.g * missed;\n",
 "    out_blue = sbl_sum(block_blue, corner, lights_blue, light_corner) + rays_light.b * missed;\n",
@@ -10942,7 +10796,7 @@ static const sbl__recipe sbl__recipe_reduce_sum = {
 static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
     const sbl__device *d = j->device;
     const int most = d->gl.capabilities.max_texture_size, directional = j->task.spec.directional;
-    const sbl__results *results = &j->results[lens];
+    const sbl__blocks *results = &j->results[lens];
     double looks = 0;
     int i, rows;
     j->lens = lens;
@@ -10962,34 +10816,32 @@ static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
     return sbl__blocks_make(d, &j->results[lens], directional ? 5 : 2, SBL__RESULTS_WIDTH, rows);
 }
 
-/* Compiles one of the shader programs that the job needs. If all of them exist, starts the round of the sites' looks
-   and returns SBL_SUCCESS. */
+/* Compiles one of the shader programs that the job needs. If all exist, starts the round of the sites' looks. */
 static sbl_result sbl__job_compile(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
     const sbl__spec *spec = &j->task.spec;
-    const unsigned features = sbl__features_of(j->scene, spec);
-    const struct { const sbl__recipe *recipe; int needed; unsigned features; } programs[] = {
-        { &sbl__recipe_trace, spec->traced, features },
-        { &sbl__recipe_sensor, !spec->traced, features },
-        { &sbl__recipe_sky, !spec->traced && j->scene->environment.pixels && !spec->paper, features },
-        { &sbl__recipe_lamps, spec->lamp_rays > 0, sbl__aim_features(j->scene, spec) },
-        { &sbl__recipe_reduce_blocks, !spec->traced, features },
-        { &sbl__recipe_reduce_sum, 1, features }
+    const unsigned features = sbl__aim_features(j->scene, spec);
+    const struct { const sbl__recipe *recipe; int needed; } programs[] = {
+        { &sbl__recipe_trace, spec->traced },
+        { &sbl__recipe_sensor, !spec->traced },
+        { &sbl__recipe_sky, !spec->traced && j->scene->environment.pixels && !spec->paper },
+        { &sbl__recipe_lamps, spec->lamp_rays > 0 },
+        { &sbl__recipe_reduce_blocks, !spec->traced },
+        { &sbl__recipe_reduce_sum, 1 }
     };
     int i;
     (void)slice;
     for (i = 0; i < SBL__COUNT(programs); i++) {
         sbl_result result;
-        if (!programs[i].needed || sbl__program_find(d, programs[i].recipe, programs[i].features)) continue;
-        result = sbl__program_need(d, programs[i].recipe, programs[i].features);
+        if (!programs[i].needed || sbl__program_find(d, programs[i].recipe, features)) continue;
+        result = sbl__program_need(d, programs[i].recipe, features);
         return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
     }
     return sbl__job_start_round(j, SBL__LENS_SITE);
 }
 
-/* Makes the next look of the round. A stuck test starts at the position of the site's first look and faces the
-   surface. */
+/* Makes the next look of the round. A stuck test looks from the position of the site's first look at the surface. */
 static void sbl__job_next_look(sbl__job *j, int number, sbl__look *out) {
     const int stuck = j->lens == SBL__LENS_STUCK;
     const sbl__site *site = &j->task.sites[stuck ? j->suspects[j->site] : j->site];
@@ -11016,8 +10868,8 @@ static void sbl__job_batch(const sbl__job *j, int first, int count, sbl__batch *
     out->count = count;
 }
 
-/* Draws `room` looks, or fewer if the slots or the round end before. If `room` is less than the batch, views get only
-   a part of the scene's triangles, and the next call continues. units: receives the work done, in looks */
+/* Draws `room` looks, or fewer if the slots or the round end before. If `room` is less than a batch, draws only a part
+   of the scene's triangles to its views, and the next call continues. units: receives the work done, in looks */
 static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     sbl__device *d = j->device;
     const sbl__spec *spec = &j->task.spec;
@@ -11052,9 +10904,9 @@ static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     return SBL_SUCCESS;
 }
 
-/* Does one piece of drawing. If the slice is long enough, the piece consists of several submissions of views without
-   waiting in between: a software renderer prepares one while it draws another, which saves a quarter of the time at
-   2,000 triangles. */
+/* Does one piece of drawing: one submission of rays, or several submissions of views without waiting in between, if the
+   slice is long enough. A software renderer prepares one submission while it draws another, which saves a quarter of
+   the time at 2,000 triangles. */
 static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
@@ -11071,29 +10923,26 @@ static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
         result = sbl__gl_check(&d->gl);
         return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
     }
-    room = sbl__pace_begin(&j->draw_pace[j->lens], slice, SBL__LOOKS_FIRST, 1e-6);
+    room = sbl__pace_begin(&j->paces.draw[j->lens], slice, SBL__LOOKS_FIRST, 1e-6);
     for (i = 0; i < most && !full && result == SBL_SUCCESS; i++) {
         if (i) sbl__submit(d);
         result = sbl__job_submit(j, room, &units);
         all += units;
         full = j->drawn > first && (j->drawn == j->look_count || j->drawn % slots == 0);
     }
-    if (result == SBL_SUCCESS) sbl__pace_end(d, &j->draw_pace[j->lens], all);
+    if (result == SBL_SUCCESS) sbl__pace_end(d, &j->paces.draw[j->lens], all);
     if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
     return result == SBL_SUCCESS && !full ? SBL_UNFINISHED : result;
 }
 
-static int sbl__job_after_draw(void *work) {
-    const sbl__job *j = (const sbl__job *)work;
-    return j->task.spec.lamp_rays && j->lens == SBL__LENS_SITE ? SBL__JOB_AIM : SBL__JOB_REDUCE;
-}
+/* Returns 1 if the looks of the current round trace rays towards lamps. */
+static int sbl__job_aims(const sbl__job *j) { return j->task.spec.lamp_rays && j->lens == SBL__LENS_SITE; }
 
-/* Traces rays towards lamps for some of the looks in the slots. This stage follows the drawing of views, because
-   geometry that the host draws exists only in views and may hide a lamp. */
+/* Traces rays towards lamps for some of the looks in the slots, after their views are drawn (see sbl__raster_bind). */
 static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
-    const double pace = sbl__pace_begin(&j->aim_pace, slice, SBL__LOOKS_FIRST, 1);
+    const double pace = sbl__pace_begin(&j->paces.aim, slice, SBL__LOOKS_FIRST, 1);
     const double room = SBL__MIN(sbl__whole_lots(d, pace, j->aim.parts), (double)j->look_most);
     const int count = (int)SBL__MIN(room, (double)(j->drawn - j->aimed)), blocks[2] = { 1, j->aim.parts };
     const unsigned features = sbl__aim_features(j->scene, &j->task.spec);
@@ -11107,7 +10956,7 @@ static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     sbl__aim_bind(d, &j->aim, &b, blocks, sbl__job_scale(j));
     if (features & SBL__VIEWS) sbl__raster_bind(d, &j->raster, j->scene->geometry.extent);
     sbl__rays_send(d, &b, &j->aim.target, blocks);
-    sbl__pace_end(d, &j->aim_pace, sbl__whole_lots(d, count, j->aim.parts));
+    sbl__pace_end(d, &j->paces.aim, sbl__whole_lots(d, count, j->aim.parts));
     j->aimed += count;
     result = sbl__gl_check(&d->gl);
     return result == SBL_SUCCESS && j->aimed < j->drawn ? SBL_UNFINISHED : result;
@@ -11117,8 +10966,8 @@ static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
 static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
     sbl__device *d = j->device;
     const sbl__slots *slots = sbl__job_slots(j);
-    const sbl__results *out = &j->results[j->lens];
-    const int directional = j->task.spec.directional, aimed = j->task.spec.lamp_rays && j->lens == SBL__LENS_SITE;
+    const sbl__blocks *out = &j->results[j->lens];
+    const int directional = j->task.spec.directional, aimed = sbl__job_aims(j);
     const int row = first / SBL__RESULTS_WIDTH, rows = last / SBL__RESULTS_WIDTH - row + 1;
     static const char *const blocks[3] = { "block_red", "block_green", "block_blue" };
     static const char *const lights[3] = { "lights_red", "lights_green", "lights_blue" };
@@ -11128,11 +10977,11 @@ static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
     sbl__pass_rows(d, &out->target, row, rows);
     for (k = 0; k < 3 && directional; k++) {
         sbl__bind(d, blocks[k], &j->blocks.harmonics[k]);
-        sbl__bind(d, lights[k], aimed ? &j->aim.harmonics[k] : &j->blocks.harmonics[k]);
+        sbl__bind(d, lights[k], aimed ? &j->aim.lights[1 + k] : &j->blocks.harmonics[k]);
     }
     sbl__bind(d, "block_sums", &j->blocks.sums);
     sbl__bind(d, "block_hits", &j->blocks.hits);
-    sbl__bind(d, "lights", aimed ? &j->aim.light : &j->blocks.sums);
+    sbl__bind(d, "lights", aimed ? &j->aim.lights[0] : &j->blocks.sums);
     sbl__set_int(d, "parts", aimed ? j->aim.parts : 0);
     if (directional) sbl__bind(d, "block_even", j->task.spec.traced ? &j->blocks.even : &j->blocks.sums);
     sbl__set_int(d, "even", j->task.spec.traced);
@@ -11152,29 +11001,22 @@ static sbl_result sbl__job_reduce(void *work, sbl__slice *slice) {
     sbl__device *d = j->device;
     const sbl__slots *slots = sbl__job_slots(j);
     const int slot = j->reduced % slots->count, skip = slot % slots->columns, row = slot / slots->columns;
-    const double room = sbl__pace_begin(&j->reduce_pace[j->lens], slice, SBL__LOOKS_FIRST, 1);
+    const double room = sbl__pace_begin(&j->paces.reduce[j->lens], slice, SBL__LOOKS_FIRST, 1);
     const int most = (int)SBL__MIN(room / slots->columns + 1, (double)INT_MAX / slots->columns - 1) * slots->columns;
     const int count = SBL__MIN(j->drawn - j->reduced, most - skip), rows = (skip + count - 1) / slots->columns + 1;
-    const int area[2] = { row, rows }, turned = !j->task.spec.traced && j->task.spec.directional;
+    const int area[2] = { row, rows }, directional = !j->task.spec.traced && j->task.spec.directional;
     sbl_result result = SBL_SUCCESS;
     d->gl.doing = "adding up sensors";
-    if (turned)
+    if (directional)
         result = sbl__looks_send(d, &j->table, j->looks, (j->drawn - 1) % slots->count + 1, slots->count);
     if (!j->task.spec.traced && result == SBL_SUCCESS)
         result = sbl__raster_reduce(d, &j->raster, &j->raster.lenses[j->lens], &j->blocks,
-                                    turned ? &j->table : NULL, area);
+                                    directional ? &j->table : NULL, area);
     if (result == SBL_SUCCESS) result = sbl__job_sum(j, j->reduced, j->reduced + count - 1);
-    sbl__pace_end(d, &j->reduce_pace[j->lens], rows * slots->columns);
+    sbl__pace_end(d, &j->paces.reduce[j->lens], rows * slots->columns);
     if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
     j->reduced += count;
     return result == SBL_SUCCESS && j->reduced < j->drawn ? SBL_UNFINISHED : result;
-}
-
-static int sbl__job_after_reduce(void *work) {
-    sbl__job *j = (sbl__job *)work;
-    if (j->drawn < j->look_count) return SBL__JOB_DRAW;
-    j->site = j->look = 0;
-    return SBL__JOB_READ;
 }
 
 /* >>job: reading */
@@ -11182,8 +11024,7 @@ static int sbl__job_after_reduce(void *work) {
 /* Share of back faces among the surfaces that a look sees, by weight */
 static float sbl__back_share(const float sum[4], const float hits[4]) { return hits[0] > 0 ? sum[3] / hits[0] : 0; }
 
-/* Returns 1 if all numbers are finite. Shader arithmetic may overflow in scenes of extreme sizes (see sbl__scene_warn);
-   the sensor's reading is then invalid. */
+/* Returns 1 if all numbers are finite. In scenes of extreme sizes they may not be (see sbl__scene_warn). */
 static int sbl__reading_is_finite(const sbl_reading *r) {
     return sbl__all_finite(r->radiance, 3) && sbl__finite(&r->noise) && sbl__finite(&r->hit_share) &&
            sbl__finite(&r->back_share) && sbl__finite(&r->hit_mean) && sbl__finite(&r->hit_min);
@@ -11229,13 +11070,12 @@ static void sbl__job_take(sbl__job *j, const float *const found[5]) {
     j->site++;
 }
 
-/* Evaluates the result of the round's next look. found: the look's texel of each texture of results, see sbl__results
+/* Evaluates the result of the round's next look. found: the look's texel of each texture of results
 
-   A sensor is stuck if the offset from its surface moved it through another surface: the sensor is then inside a body,
-   although the visible point is outside. A look's share of back faces cannot decide this: whole rooms are modelled
-   inside out, and an emitter inside a body may hide the body's walls. A site whose first look sees more back faces
-   than SBL__SUSPECT_SHARE therefore gets a stuck test, which looks from the sensor back to its surface. The sensor is
-   stuck, and its reading invalid, if the stuck test sees something nearer than this surface. */
+   A sensor is stuck if the offset moved it through another surface into a body. A look's share of back faces cannot
+   decide this: whole rooms are modelled inside out, and an emitter inside a body may hide the body's walls. A site
+   whose first look sees more back faces than SBL__SUSPECT_SHARE therefore gets a stuck test, which looks from the
+   sensor back to its surface. If it sees something nearer, the site's reading becomes invalid. */
 static sbl_result sbl__job_judge(sbl__job *j, const float *const found[5]) {
     const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent, *hits = found[1];
     const int back = j->lens == SBL__LENS_STUCK, site = back ? j->suspects[j->site++] : j->site;
@@ -11262,21 +11102,19 @@ static void sbl__job_count(sbl__job *j) {
     int i;
     if (j->lens == SBL__LENS_STUCK) return;
     j->counts.looks += looks;
-    if (spec->no_light) {
-        for (i = 0; i < j->task.site_count; i++) j->counts.rays += j->task.sites[i].first ? 0 : spec->rays;
-    } else if (spec->traced) j->counts.rays += (int64_t)looks * spec->rays;
-    else {
-        j->counts.views += (int64_t)looks * l->view_count;
-        j->counts.texels += (int64_t)looks * l->sheet_width * l->sheet_height;
-    }
+    for (i = 0; i < j->task.site_count && spec->traced; i++)
+        j->counts.rays += (int64_t)spec->rays * (spec->no_light ? !j->task.sites[i].first : j->task.sites[i].looks);
+    if (spec->traced) return;
+    j->counts.views += (int64_t)looks * l->view_count;
+    j->counts.texels += (int64_t)looks * l->sheet_width * l->sheet_height;
 }
 
-/* Reads back SBL__READ_ROWS rows of results and evaluates their looks. After the last row of the sites' looks, starts
-   the round of stuck tests if there are suspects. */
+/* Reads back SBL__READ_ROWS rows of results and evaluates their looks. If the sites' looks are done and some sites are
+   suspects, starts the round of stuck tests. */
 static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     const sbl__device *d = j->device;
-    const sbl__results *from = &j->results[j->lens];
+    const sbl__blocks *from = &j->results[j->lens];
     const int first = j->lens == SBL__LENS_SITE ? j->task.first_look : 0;
     const int end = (j->look_count + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH;
     const int row = first / SBL__RESULTS_WIDTH + j->stages.at;
@@ -11286,6 +11124,7 @@ static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
     sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
     int i, k;
     (void)slice;
+    if (j->stages.at == 0) j->site = j->look = 0;
     j->device->gl.doing = "reading sensors";
     for (k = 0; k < parts && result == SBL_SUCCESS; k++)
         result = sbl__target_read(d, &from->target, k, row, rows, data + 4 * (size_t)count * (size_t)k);
@@ -11303,9 +11142,12 @@ static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
     return j->lens == SBL__LENS_SITE && j->suspect_count ? sbl__job_start_round(j, SBL__LENS_STUCK) : SBL_SUCCESS;
 }
 
-static int sbl__job_after_read(void *work) {
+/* Returns the stage that follows drawing, reducing or reading. */
+static int sbl__job_next(void *work) {
     const sbl__job *j = (const sbl__job *)work;
-    return j->drawn < j->look_count ? SBL__JOB_DRAW : SBL__JOB_DONE;
+    if (j->stages.stage == SBL__JOB_DRAW) return sbl__job_aims(j) ? SBL__JOB_AIM : SBL__JOB_REDUCE;
+    if (j->drawn < j->look_count) return SBL__JOB_DRAW;
+    return j->stages.stage == SBL__JOB_REDUCE ? SBL__JOB_READ : SBL__JOB_DONE;
 }
 
 /* >>job: beginning and stepping */
@@ -11320,17 +11162,17 @@ static void sbl__job_begin(sbl__job *j, const sbl__scene *scene, const sbl__task
     j->stages.at = 0;
 }
 
-/* Does one piece of bounded duration. SBL_SUCCESS: all readings are written. After an error the job can begin again. */
+/* Does one piece of bounded duration. Returns SBL_SUCCESS when all readings are written. */
 static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, NULL, NULL },
         { sbl__job_setup, NULL, NULL, NULL },
         { sbl__job_weigh, NULL, NULL, NULL },
         { sbl__job_compile, NULL, NULL, NULL },
-        { sbl__job_draw, sbl__job_after_draw, NULL, NULL },
+        { sbl__job_draw, sbl__job_next, NULL, NULL },
         { sbl__job_aim, NULL, NULL, NULL },
-        { sbl__job_reduce, sbl__job_after_reduce, NULL, NULL },
-        { sbl__job_read, sbl__job_after_read, NULL, NULL }
+        { sbl__job_reduce, sbl__job_next, NULL, NULL },
+        { sbl__job_read, sbl__job_next, NULL, NULL }
     };
     sbl_result result;
     j->device = d;
@@ -11341,7 +11183,7 @@ static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) 
     return result;
 }
 
-/* Share of the job that is done, 0 to 1. The share ignores stuck tests, because they are only a small part. */
+/* Share of the job that is done, 0 to 1, without its few stuck tests */
 static float sbl__job_progress(const sbl__job *j) {
     const int looks = j->look_count - j->task.first_look;
     if (j->stages.stage == SBL__JOB_DONE || j->lens == SBL__LENS_STUCK) return 1;
@@ -11358,7 +11200,7 @@ typedef struct sbl__core {
     int has_scene;
     sbl__job job;
     struct sbl__bounce *bounce; /* state of filling the store of bounced light; NULL: the store is not being filled */
-    sbl_stats stats;            /* statistics of the picture or gather that was begun last */
+    sbl_stats stats;            /* statistics of the work that was begun last */
 } sbl__core;
 
 /* Copies the job's counts to the statistics that the host reads. */
@@ -11371,7 +11213,7 @@ static void sbl__core_count(sbl__core *c) {
     c->job.counts.readbacks = 0;
 }
 
-/* Clears the statistics when a picture or a gather begins, except for the time spent on the scene. */
+/* Clears the statistics when work begins, except for the time spent on the scene. */
 static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
     const double scene_seconds = c->stats.seconds.scene;
     memset(&c->stats, 0, sizeof c->stats);
