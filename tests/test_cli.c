@@ -564,7 +564,7 @@ TEST(bounced_light_is_kept) {
     free(made.values);
     free(loaded.values);
     CHECK(TOOL(ROOM, "--bounce-samples", "2000", "--sky", "1,0,0", "--store", "light.sbl", "-o", "made.pfm") == 0 &&
-          strstr(ran.err, "light.sbl") && strstr(ran.err, "another scene") && strstr(ran.err, "anew"),
+          strstr(ran.err, "light.sbl") && strstr(ran.err, "another scene") && strstr(ran.err, "again"),
               "exit status %d: %s",
           ran.status, ran.err);
     CHECK(TOOL(ROOM, "--mode", "direct", "--store", "light.sbl") == 2 && strstr(ran.err, "--store needs --mode gi"),
