@@ -7,8 +7,7 @@
 #define STB_IMAGE_WRITE_IMPLEMENTATION
 #include <stb/stb_image_write.h>
 
-enum { RESOLUTION = 256, CELLS = 4, GAP = 4 };  /* texels across the map, charts across the map, texels around each
-                                                   chart */
+enum { RESOLUTION = 256, CELLS = 4, GAP = 4 };  /* texels across the map, charts across it, texels around a chart */
 
 /* Returns the lightmap coordinates (0 to 1) of the corners of quad i, which has a cell of its own in the map. Scenes
    without such coordinates need an unwrapper, such as xatlas or Blender. */
@@ -43,7 +42,7 @@ int main(int argc, char **argv) {
     stats = sbl_query_stats(context);
     sbl_destroy(context);
     if (!ok) return 1;
-    printf("bake_lightmap: %d texels, %.1f s; the light is off by %.1f %%, as predicted\n",
+    printf("bake_lightmap: %d texels, %.1f s; the light is off by %.1f %% according to the prediction\n",
            stats.picture.visible_pixels, stats.seconds.total, 100 * (double)stats.picture.expected_error);
     sbl_encode_srgb8(pixels, light, RESOLUTION * RESOLUTION * 3, 1);
     snprintf(path, sizeof path, "%s/bake_lightmap.png", argc > 1 ? argv[1] : ".");

@@ -53,8 +53,7 @@ static int box_bake(sbl_context *context, const box *b, int average, float *ligh
     unsigned *local = (unsigned *)malloc((size_t)triangles * sizeof *local);
     int i, ok;
     if (!local) return 0;
-    for (i = 0; i < triangles; i++) local[i] = b->indices[i];  /* indices of the first quad, which are the same for all
-                                                                  quads */
+    for (i = 0; i < triangles; i++) local[i] = b->indices[i];  /* the same for every quad */
     for (i = 0; i < CORNELL_QUADS; i++) {
         meshes[i].positions.data = b->positions[i * side * side];
         meshes[i].vertex_count = side * side;

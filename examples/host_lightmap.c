@@ -303,8 +303,8 @@ static float light_from(const sbl_probe *p, float x, float z) {
            0.273137f * p->sh[8][1];
 }
 
-/* Moves the camera inside, to half the height of the room: to the probe and the diagonal along which surfaces are
-   farthest, and neither dark nor too bright for a picture. */
+/* Moves the camera inside, to half the height of the room. Chooses the probe and the diagonal direction with the most
+   distant surfaces, which should be neither dark nor too bright for a picture. */
 static void room_enter(room *r) {
     const sbl_probe *best = NULL;
     int i, way = 0, diagonal;

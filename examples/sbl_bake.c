@@ -440,7 +440,7 @@ static int find_file(void) {
 typedef struct vertices {
     const sbl_scene_desc *scene;
     float *radiance;
-    size_t count;           /* vertices of all meshes */
+    size_t count;           /* number of vertices in all meshes */
     double faces;
     gltf_file gltf;
     int texture;
