@@ -1774,7 +1774,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 
    To change what a surface does with light (emission, reflection, cut-out):
        edit material.glsl, which all shaders call, and >>material, which computes the same on the CPU.
-       tests/test_bounce.c compares the two. tests/test_header.sh refuses shaders that read a material themselves. A new
+       tests/test_material.c compares the two. tests/test_header.sh refuses shaders that read a material themselves. A new
        property of materials goes to sbl_material and its checks, and to SBL__OBJECT (>>geometry).
 
    Work must stay divisible into short pieces. Loops over triangles, pixels or sites must check the slice. Everything
@@ -3607,9 +3607,9 @@ static void sbl__check_array(sbl__check *check, const char *where, const char *n
 }
 
 /* Returns 1 if range[0] <= x <= range[1]. Otherwise reports a mistake and returns 0. */
-static int sbl__check_int(sbl__check *check, const char *where, const char *name, int x, const int range[2]) {
-    if (x >= range[0] && x <= range[1]) return 1;
-    sbl__mistake(check, "%s: %s is %d; it must be %d to %d", where, name, x, range[0], range[1]);
+static int sbl__check_int(sbl__check *check, const char *where, const char *name, int x, int low, int high) {
+    if (x >= low && x <= high) return 1;
+    sbl__mistake(check, "%s: %s is %d; it must be %d to %d", where, name, x, low, high);
     return 0;
 }
 
@@ -3774,17 +3774,15 @@ static void sbl__check_pixels(sbl__check *check, const char *where, const char *
                      (double)t->stride, t->height);
 }
 
-static const int sbl__pixel_formats[2] = { 0, SBL_PIXEL_FORMAT_COUNT - 1 };
 
 #define SBL__TEXTURE_MOST 65536  /* largest width and height of a texture, in pixels */
 
 static void sbl__check_texture(sbl__check *check, const sbl_scene_desc *desc, int index) {
-    static const int wraps[2] = { 0, SBL_WRAP_COUNT - 1 };
     const sbl_texture *t = &desc->textures[index];
     char where[32];
     snprintf(where, sizeof where, "texture %d", index + 1);  /* sbl_material numbers textures from 1 */
-    if (!sbl__check_int(check, where, "format", (int)t->format, sbl__pixel_formats)) return;
-    sbl__check_int(check, where, "wrap", (int)t->wrap, wraps);
+    if (!sbl__check_int(check, where, "format", (int)t->format, 0, SBL_PIXEL_FORMAT_COUNT - 1)) return;
+    sbl__check_int(check, where, "wrap", (int)t->wrap, 0, SBL_WRAP_COUNT - 1);
     if (t->pixels && t->gl_texture)
         sbl__mistake(check, "%s: pixels and gl_texture (%u) are both set; give one", where, t->gl_texture);
     else if (!t->pixels && !t->gl_texture)
@@ -3806,12 +3804,11 @@ static void sbl__check_texture(sbl__check *check, const sbl_scene_desc *desc, in
 #define SBL__SKY_MOST 16384
 
 static void sbl__check_light(sbl__check *check, const sbl_light *l, int number) {
-    static const int kinds[2] = { 0, SBL_LIGHT_KIND_COUNT - 1 };
     static const float degrees[2] = { 0, 180 };
     const int distant = l->kind == SBL_LIGHT_DIRECTIONAL;
     char where[32];
     snprintf(where, sizeof where, "light %d", number);
-    if (!sbl__check_int(check, where, "kind", (int)l->kind, kinds)) return;
+    if (!sbl__check_int(check, where, "kind", (int)l->kind, 0, SBL_LIGHT_KIND_COUNT - 1)) return;
     sbl__check_range(check, where, "intensity", l->intensity, 3, sbl__not_negative_range);
     if (!distant) sbl__check_finite(check, where, "position", l->position, 3);
     if (l->kind != SBL_LIGHT_POINT) {
@@ -3829,7 +3826,6 @@ static void sbl__check_light(sbl__check *check, const sbl_light *l, int number) 
 }
 
 static void sbl__check_environment(sbl__check *check, const sbl_environment *e) {
-    static const int channels[2] = { 0, 4 };
     const sbl_texture *t = &e->picture;
     const int has_size = t->width || t->height;
     const char *where = "environment";
@@ -3840,9 +3836,10 @@ static void sbl__check_environment(sbl__check *check, const sbl_environment *e) 
     if (!t->pixels && !e->radiance && has_size)
         sbl__mistake(check, "%s: picture.pixels and radiance are both NULL, but the picture's size is %d x %d; "
                      "give pixels or a function", where, t->width, t->height);
-    if (sbl__check_int(check, where, "picture.format", (int)t->format, sbl__pixel_formats) && (t->pixels || has_size))
+    if (sbl__check_int(check, where, "picture.format", (int)t->format, 0, SBL_PIXEL_FORMAT_COUNT - 1) &&
+        (t->pixels || has_size))
         sbl__check_pixels(check, where, "picture.", t, SBL__SKY_MOST);
-    else sbl__check_int(check, where, "picture.channels", t->channels, channels);
+    else sbl__check_int(check, where, "picture.channels", t->channels, 0, 4);
     sbl__check_finite(check, where, "scale", &e->scale, 1);
     sbl__check_finite(check, where, "rotation", &e->rotation, 1);
     sbl__check_finite(check, where, "up", e->up, 3);
@@ -3851,7 +3848,6 @@ static void sbl__check_environment(sbl__check *check, const sbl_environment *e) 
 /* >>check: whole descriptors */
 
 static sbl_result sbl__check_scene(const sbl__device *d, const sbl_scene_desc *desc) {
-    static const int cells[2] = { 1024, 1048576 };
     const char *where = "sbl_scene_desc";
     sbl__check check;
     int i;
@@ -3870,7 +3866,7 @@ static sbl_result sbl__check_scene(const sbl__device *d, const sbl_scene_desc *d
     }
     sbl__check_range(&check, where, "draw_max_radiance", &desc->draw_max_radiance, 1, sbl__not_negative_range);
     if (desc->max_bounce_cells)
-        sbl__check_int(&check, where, "max_bounce_cells", desc->max_bounce_cells, cells);
+        sbl__check_int(&check, where, "max_bounce_cells", desc->max_bounce_cells, 1024, 1048576);
     check.item = SBL_LOG_ITEM_INVALID_LIGHT;
     for (i = 0; desc->lights && i < desc->light_count; i++) sbl__check_light(&check, &desc->lights[i], i);
     sbl__check_environment(&check, &desc->environment);
@@ -3898,7 +3894,6 @@ SBL_API sbl_context_desc sbl_context_desc_defaults(const sbl_context_desc *desc)
 }
 
 static sbl_result sbl__check_context(const sbl__base *base, const sbl_context_desc *d) {
-    static const int sizes[2] = { 256, 16384 };
     const char *where = "sbl_context_desc";
     sbl__check check;
     sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_CONTEXT_DESC);
@@ -3910,7 +3905,7 @@ static sbl_result sbl__check_context(const sbl__base *base, const sbl_context_de
         sbl__mistake(&check, "%s: disabled is 0x%x; only the bits 0x%x exist", where, d->disabled,
                      (unsigned)SBL_CAPABILITY_ALL);
     if (d->sensor_texture_size)
-        sbl__check_int(&check, where, "sensor_texture_size", d->sensor_texture_size, sizes);
+        sbl__check_int(&check, where, "sensor_texture_size", d->sensor_texture_size, 256, 16384);
     if (d->batch < 0) sbl__mistake(&check, "%s: batch is %d; it cannot be negative", where, d->batch);
     sbl__check_range(&check, where, "longest_submission", &d->longest_submission, 1, sbl__not_negative_range);
     return sbl__check_end(&check);
@@ -4378,16 +4373,16 @@ static void sbl__geometry_bind(sbl__device *d, const sbl__geometry *g) {
 }
 
 /* ==================================================================================================== >>topology
-   What triangles share: vertices in the same place, sides, and the groups that they form; and values that spread from
-   neighbour to neighbour. Rooms number their vertices and triangles themselves. A side is 3 * triangle + the corner at
-   which it begins. */
+   Connectivity of triangles: hash tables that find vertices at equal positions and shared sides, groups, and values
+   that spread from neighbour to neighbour. Callers number vertices and triangles themselves. The number of a side is
+   3 * triangle + the corner at which it begins. */
 
 #define SBL__NONE UINT32_MAX
 
-/* A hash table of numbers. Numbers with the same hash are found in the order in which they were put in. */
+/* Hash table of numbers, with linear probing. Numbers with equal hashes are found in the order of insertion. */
 typedef struct sbl__hash_table {
     uint32_t *slots;  /* 1 + number; 0: free */
-    uint32_t mask;    /* slots, a power of two, less 1 */
+    uint32_t mask;    /* number of slots, which is a power of two, minus 1 */
 } sbl__hash_table;
 
 static void sbl__hash_table_free(sbl__base *base, sbl__hash_table *t) {
@@ -4395,7 +4390,7 @@ static void sbl__hash_table_free(sbl__base *base, sbl__hash_table *t) {
     t->slots = NULL;
 }
 
-/* Empties the table and makes room for so many numbers. */
+/* Makes the table empty, with room for `count` numbers. */
 static sbl_result sbl__hash_table_make(sbl__base *base, sbl__hash_table *t, double count) {
     uint32_t slots = 16;
     while (slots < 2 * count && slots < 0x80000000u) slots *= 2;
@@ -4405,8 +4400,7 @@ static sbl_result sbl__hash_table_make(sbl__base *base, sbl__hash_table *t, doub
     return t->slots ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Slot search: returns the number in a slot and goes on to the next slot. Begin at the hash. Stays at the first free
-   slot, and returns SBL__NONE there. */
+/* Returns the number in a slot, and advances *slot, which is a hash at first. Stays at a free slot: SBL__NONE. */
 static uint32_t sbl__slot_next(const sbl__hash_table *t, uint32_t *slot) {
     const uint32_t found = t->slots[*slot & t->mask];
     *slot += found > 0;
@@ -4417,8 +4411,7 @@ static void sbl__slot_fill(sbl__hash_table *t, uint32_t slot, uint32_t number) {
     t->slots[slot & t->mask] = number + 1;
 }
 
-/* Returns the first number with this hash that is the same as `number`. If there is none, puts `number` in and returns
-   it. */
+/* Returns the first number with this hash for which `same` is true. If there is none, inserts and returns `number`. */
 static uint32_t sbl__hash_table_first(sbl__hash_table *t, uint32_t hash, uint32_t number,
                                       int (*same)(const void *user, uint32_t one, uint32_t other), const void *user) {
     uint32_t slot = hash, other;
@@ -4428,7 +4421,7 @@ static uint32_t sbl__hash_table_first(sbl__hash_table *t, uint32_t hash, uint32_
     return number;
 }
 
-/* Floats are hashed and compared by value: -0 is 0. */
+/* Floats are hashed and compared by value: -0 equals 0. */
 static uint32_t sbl__hash_floats(uint32_t hash, const float *x, int count) {
     int k;
     for (k = 0; k < count; k++) hash = sbl__hash(hash ^ (sbl__zero(x + k) ? 0 : sbl__float_bits(x + k)));
@@ -4441,7 +4434,7 @@ static int sbl__same_floats(const float *a, const float *b, int count) {
     return 1;
 }
 
-/* Vertices of the scene stand in the same place if their mesh and their position are the same. */
+/* Two vertices of the scene are at the same place if their meshes and their positions are equal. */
 static uint32_t sbl__place_hash(const sbl__geometry *g, uint32_t vertex) {
     return sbl__hash_floats(g->vertices[vertex].object, g->vertices[vertex].position, 3);
 }
@@ -4451,7 +4444,7 @@ static int sbl__same_place(const void *geometry, uint32_t one, uint32_t other) {
     return v[one].object == v[other].object && sbl__same_floats(v[one].position, v[other].position, 3);
 }
 
-/* The vertex at a side's first (0) or second end (1), or opposite (2). corners: three welded vertices a triangle. */
+/* Returns a vertex of a side: first end (0), second end (1), opposite (2). corners: 3 welded vertices per triangle */
 static uint32_t sbl__side_end(const uint32_t *corners, uint32_t side, uint32_t which) {
     return corners[side - side % 3 + (side + which) % 3];
 }
@@ -4463,44 +4456,46 @@ static int sbl__same_ends(const void *corners, uint32_t one, uint32_t other) {
     return (a == c && b == d) || (a == d && b == c);
 }
 
-/* Returns the first of the sides so far that has the same ends; the side itself if it is the first. */
+/* Returns the first side with the same ends, in either order. If there is none, inserts and returns `side`. */
 static uint32_t sbl__first_side(sbl__hash_table *t, const uint32_t *corners, uint32_t side) {
     const uint32_t a = sbl__side_end(corners, side, 0), b = sbl__side_end(corners, side, 1);
     return sbl__hash_table_first(t, sbl__hash(SBL__MIN(a, b) ^ sbl__hash(SBL__MAX(a, b))), side, sbl__same_ends,
                                  corners);
 }
 
-/* Union-find: the root of a number's tree stands for its group. It is the least number of the group. */
+/* Union-find: returns the root of a number's tree, which is the least number of its group. */
 static uint32_t sbl__root(uint32_t *parents, uint32_t number) {
     while (parents[number] != number) number = parents[number] = parents[parents[number]];
     return number;
 }
 
+/* Merges the groups of two numbers. */
 static void sbl__join(uint32_t *parents, uint32_t one, uint32_t other) {
     one = sbl__root(parents, one);
     other = sbl__root(parents, other);
     parents[SBL__MAX(one, other)] = SBL__MIN(one, other);
 }
 
-/* >>topology: rings. Things that have a value pass it on to their neighbours, ring by ring: a thing of a ring gets its
-   value from those neighbours that have one since an earlier ring. */
+/* >>topology: rings. Values spread from things that have one (texels or vertices) to those that have none. Ring 1 holds
+   the neighbours of the former, ring 2 the neighbours of ring 1, and so on. A thing's value is computed from those of
+   its neighbours in earlier rings. */
 
 #define SBL__RING_WAITS (-1)
-#define SBL__RING_QUEUED (-2)
 
 typedef struct sbl__rings {
     sbl__stages stages;
     sbl__base *base;
     void *user;
-    /* Returns the neighbour at *place, which begins at 0, and moves *place on; negative: there are no more. */
+    /* Returns the neighbour at *place and advances *place, which is 0 at first. Negative: there are no more. */
     int (*neighbour)(const struct sbl__rings *r, int thing, size_t *place);
-    void (*mean)(void *user, int thing);  /* gives a thing its value, from neighbours that sbl__ring_reached */
-    int count, width;   /* things; in a row, if they lie in a grid */
-    int last;           /* rings that are wanted */
-    int *ring;          /* a thing: 0: it had a value; above 0: the ring that reached it; else SBL__RING_... */
-    int *queue;         /* things, ring after ring */
-    int queued, room;
-    int number, end;    /* the ring under way, and its end in the queue */
+    void (*mean)(void *user, int thing);  /* computes a thing's value from neighbours for which sbl__ring_reached */
+    int count;          /* number of things */
+    int width;          /* things per row of a grid, for sbl__ring_grid */
+    int last;           /* number of the last ring wanted */
+    int *ring;          /* per thing: its ring, 0 if it had a value from the start, or SBL__RING_WAITS */
+    int *queue;         /* things of all rings, in the order of the rings */
+    int queued, room;   /* length and capacity of the queue */
+    int number;         /* number of the present ring */
 } sbl__rings;
 
 static void sbl__rings_free(sbl__base *base, sbl__rings *r) {
@@ -4509,7 +4504,8 @@ static void sbl__rings_free(sbl__base *base, sbl__rings *r) {
     memset(r, 0, sizeof *r);
 }
 
-/* All things wait. The caller sets the ring of those that have a value to 0, and the fields up to `last`. */
+/* Makes r->ring, with all things waiting. The caller sets the ring of things that have a value to 0, and sets the
+   fields from `user` to `last`. */
 static sbl_result sbl__rings_make(sbl__base *base, sbl__rings *r, int count) {
     r->base = base;
     r->count = count;
@@ -4522,7 +4518,7 @@ static int sbl__ring_reached(const sbl__rings *r, int thing) {
     return r->ring[thing] >= 0 && r->ring[thing] < r->number;
 }
 
-/* Neighbours in a grid: the thing's eight neighbours and itself, row by row. */
+/* Returns the neighbours of a thing in a grid: the 3 x 3 block around it, row by row, including the thing itself. */
 static int sbl__ring_grid(const sbl__rings *r, int thing, size_t *place) {
     while (*place < 9) {
         const int x = thing % r->width + (int)(*place % 3) - 1, y = thing / r->width + (int)(*place / 3) - 1;
@@ -4532,7 +4528,7 @@ static int sbl__ring_grid(const sbl__rings *r, int thing, size_t *place) {
     return -1;
 }
 
-/* A thing's neighbours that wait come into the next ring. */
+/* Appends a thing's waiting neighbours to the queue. They belong to the next ring. */
 static sbl_result sbl__ring_spread(sbl__rings *r, int thing) {
     size_t place = 0;
     int other;
@@ -4540,7 +4536,7 @@ static sbl_result sbl__ring_spread(sbl__rings *r, int thing) {
         if (r->ring[other] != SBL__RING_WAITS) continue;
         if (!sbl__grow(r->base, &r->queue, &r->room, r->queued + 1, sizeof *r->queue)) return SBL_ERROR_OUT_OF_MEMORY;
         r->queue[r->queued++] = other;
-        r->ring[other] = SBL__RING_QUEUED;
+        r->ring[other] = r->number + 1;
     }
     return SBL_SUCCESS;
 }
@@ -4553,19 +4549,15 @@ static sbl_result sbl__ring_source(void *work, int thing) {
 static sbl_result sbl__ring_next(void *work, int at) {
     sbl__rings *r = (sbl__rings *)work;
     const int thing = r->queue[at];
-    if (at == r->end) {
-        r->end = r->queued;
-        r->number++;
-    }
+    r->number = r->ring[thing];
     r->mean(r->user, thing);
-    r->ring[thing] = r->number;
     return sbl__ring_spread(r, thing);
 }
 
 static int sbl__rings_things(void *work) { return ((sbl__rings *)work)->count; }
 static int sbl__rings_queued(void *work) { return ((sbl__rings *)work)->queued; }
 
-/* Does one piece. SBL_SUCCESS: all rings that are wanted have their values. */
+/* Does one piece. SBL_SUCCESS: all rings up to r->last have their values. */
 static sbl_result sbl__rings_step(sbl__rings *r, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__ring_source, sbl__rings_things },
@@ -4575,33 +4567,34 @@ static sbl_result sbl__rings_step(sbl__rings *r, sbl__slice *slice) {
 }
 
 /* ====================================================================================================== >>solver
-   Normal equations of least squares, for three channels at once, by conjugate gradients that the matrix's diagonal
-   preconditions (Shewchuk 1994, "An Introduction to the Conjugate Gradient Method Without the Agonizing Pain"). The
-   matrix is a sum of terms, which a function of the caller multiplies by a direction, and of a multiple of the
-   identity. */
+   Solves the normal equations of least-squares problems, for three channels at once, by conjugate gradients with a
+   diagonal preconditioner (Shewchuk 1994, "An Introduction to the Conjugate Gradient Method Without the Agonizing
+   Pain"). The matrix is the sum of terms, which a function of the caller multiplies by a direction, and of a multiple
+   of the identity. */
 
-#define SBL__SOLVER_ROUNDS 1000  /* at most */
+#define SBL__SOLVER_ROUNDS 1000  /* limit of the number of rounds */
 
-enum { SBL__SOLVER_START, SBL__SOLVER_MULTIPLY, SBL__SOLVER_DOT, SBL__SOLVER_ADVANCE, SBL__SOLVER_TURN,
+enum { SBL__SOLVER_START, SBL__SOLVER_TURN, SBL__SOLVER_MULTIPLY, SBL__SOLVER_DOT, SBL__SOLVER_ADVANCE,
        SBL__SOLVER_DONE };
 
-/* Sums over the unknowns of a system: residual and preconditioned residual, before and after the round; direction and
-   product; squares of the preconditioned residual, at first and now. */
-typedef struct sbl__solver_sums { double power, next_power, along, first2, left2; } sbl__solver_sums;
+/* Dot products of vectors of a system. power, next_power: residual and preconditioned residual, before and after the
+   round. along: direction and product. first2, left2: preconditioned residual with itself, at the start and now. turn:
+   share of the last direction that the next direction keeps */
+typedef struct sbl__solver_sums { double power, next_power, along, first2, left2, turn; } sbl__solver_sums;
 
 typedef struct sbl__solver {
     sbl__stages stages;
     void *user;
-    void (*term)(void *user, int i, const double *direction, double *product);  /* adds term i times the direction */
+    void (*term)(void *user, int i, const double *direction, double *product);  /* product += term i * direction */
     int term_count;
-    int count;                  /* unknowns */
-    int together;               /* the channels are one system; otherwise each is a system of its own */
-    double identity;            /* multiple of the identity in the matrix */
-    double precision2;          /* a system is solved if left2 / first2 is as low */
-    double *diagonal;           /* the matrix's, or all 1: three an unknown, one a channel, as below. 0: the solution
-                                   keeps its value there */
-    double *solution;           /* the caller sets it to 0, */
-    double *residual;           /* and this to the right side */
+    int count;                  /* number of unknowns */
+    int together;               /* 1: the channels form one system; 0: each channel is a system of its own */
+    double identity;            /* factor of the identity in the matrix */
+    double precision2;          /* a system is solved when left2 / first2 is at most this */
+    /* Arrays of three numbers per unknown, one per channel, in one block of memory: */
+    double *diagonal;           /* the preconditioner: diagonal of the matrix, or all 1; 0 fixes the unknown */
+    double *solution;           /* must be 0 at the start */
+    double *residual;           /* must be the right side at the start */
     double *direction, *product;
     sbl__solver_sums sums[3];
     int rounds;
@@ -4609,22 +4602,19 @@ typedef struct sbl__solver {
 
 static void sbl__solver_free(sbl__base *base, sbl__solver *s) {
     sbl__free(base, s->diagonal);
-    sbl__free(base, s->solution);
-    sbl__free(base, s->residual);
-    sbl__free(base, s->direction);
-    sbl__free(base, s->product);
     memset(s, 0, sizeof *s);
 }
 
-/* Makes the arrays; all numbers are 0. */
+/* Makes the arrays, filled with 0. */
 static sbl_result sbl__solver_make(sbl__base *base, sbl__solver *s, int count) {
-    double **const arrays[] = { &s->diagonal, &s->solution, &s->residual, &s->direction, &s->product };
-    int i;
+    const size_t length = 3 * (size_t)count;
     s->count = count;
-    for (i = 0; i < SBL__COUNT(arrays); i++) {
-        *arrays[i] = (double *)sbl__alloc(base, (size_t)count, 3 * sizeof(double));
-        if (!*arrays[i]) return SBL_ERROR_OUT_OF_MEMORY;
-    }
+    s->diagonal = (double *)sbl__alloc(base, 5 * length, sizeof(double));
+    if (!s->diagonal) return SBL_ERROR_OUT_OF_MEMORY;
+    s->solution = s->diagonal + length;
+    s->residual = s->solution + length;
+    s->direction = s->residual + length;
+    s->product = s->direction + length;
     return SBL_SUCCESS;
 }
 
@@ -4637,34 +4627,31 @@ static sbl_result sbl__solver_term(void *work, int term) {
     return SBL_SUCCESS;
 }
 
-/* The other stages' part for an unknown. */
+/* Does an unknown's part of any stage except SBL__SOLVER_MULTIPLY. */
 static sbl_result sbl__solver_unknown(void *work, int unknown) {
     sbl__solver *s = (sbl__solver *)work;
     size_t i = 3 * (size_t)unknown;
     int k;
     for (k = 0; k < 3; k++, i++) {
         sbl__solver_sums *sum = &s->sums[s->together ? 0 : k];
-        const double d = s->diagonal[i], share = sum->along > 0 ? sum->power / sum->along : 0;
+        const double d = s->diagonal[i], preconditioned = d > 0 ? s->residual[i] / d : 0;
+        const double share = sum->along > 0 ? sum->power / sum->along : 0;
         switch (s->stages.stage) {
             case SBL__SOLVER_START:
-                s->direction[i] = d > 0 ? s->residual[i] / d : 0;
-                sum->power += s->residual[i] * s->direction[i];
-                sum->first2 += s->direction[i] * s->direction[i];
+                sum->power += s->residual[i] * preconditioned;
+                sum->first2 += preconditioned * preconditioned;
+                break;
+            case SBL__SOLVER_TURN:
+                s->direction[i] = preconditioned + sum->turn * s->direction[i];
                 s->product[i] = s->identity * s->direction[i];
                 break;
             case SBL__SOLVER_DOT: sum->along += s->direction[i] * s->product[i]; break;
-            case SBL__SOLVER_ADVANCE:
+            default:
                 if (!(d > 0)) break;
                 s->solution[i] += share * s->direction[i];
                 s->residual[i] -= share * s->product[i];
                 sum->next_power += s->residual[i] * s->residual[i] / d;
                 sum->left2 += s->residual[i] / d * (s->residual[i] / d);
-                break;
-            default:
-                if (d > 0)
-                    s->direction[i] = s->residual[i] / d +
-                                      (sum->power > 0 ? sum->next_power / sum->power : 0) * s->direction[i];
-                s->product[i] = s->identity * s->direction[i];
         }
     }
     return SBL_SUCCESS;
@@ -4672,34 +4659,30 @@ static sbl_result sbl__solver_unknown(void *work, int unknown) {
 
 static int sbl__solver_after_start(void *work) {
     const sbl__solver_sums *sums = ((const sbl__solver *)work)->sums;
-    return sums[0].first2 > 0 || sums[1].first2 > 0 || sums[2].first2 > 0 ? SBL__SOLVER_MULTIPLY : SBL__SOLVER_DONE;
+    return sums[0].first2 > 0 || sums[1].first2 > 0 || sums[2].first2 > 0 ? SBL__SOLVER_TURN : SBL__SOLVER_DONE;
 }
 
 static int sbl__solver_after_advance(void *work) {
     sbl__solver *s = (sbl__solver *)work;
     int k, solved = 1;
-    for (k = 0; k < 3; k++) solved &= s->sums[k].left2 <= s->precision2 * s->sums[k].first2;
+    for (k = 0; k < 3; k++) {
+        sbl__solver_sums *sum = &s->sums[k];
+        solved &= sum->left2 <= s->precision2 * sum->first2;
+        sum->turn = sum->power > 0 ? sum->next_power / sum->power : 0;
+        sum->power = sum->next_power;
+        sum->next_power = sum->along = sum->left2 = 0;
+    }
     return solved || ++s->rounds >= SBL__SOLVER_ROUNDS ? SBL__SOLVER_DONE : SBL__SOLVER_TURN;
 }
 
-static int sbl__solver_after_turn(void *work) {
-    sbl__solver *s = (sbl__solver *)work;
-    int k;
-    for (k = 0; k < 3; k++) {
-        s->sums[k].power = s->sums[k].next_power;
-        s->sums[k].next_power = s->sums[k].along = s->sums[k].left2 = 0;
-    }
-    return SBL__SOLVER_MULTIPLY;
-}
-
-/* Does one piece. SBL_SUCCESS: the solution is there, and the next call starts on another right side. */
+/* Does one piece. SBL_SUCCESS: the solution is ready, and the next call starts with another right side. */
 static sbl_result sbl__solver_step(sbl__solver *s, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, sbl__solver_after_start, sbl__solver_unknown, sbl__solver_unknowns },
+        { NULL, NULL, sbl__solver_unknown, sbl__solver_unknowns },
         { NULL, NULL, sbl__solver_term, sbl__solver_terms },
         { NULL, NULL, sbl__solver_unknown, sbl__solver_unknowns },
-        { NULL, sbl__solver_after_advance, sbl__solver_unknown, sbl__solver_unknowns },
-        { NULL, sbl__solver_after_turn, sbl__solver_unknown, sbl__solver_unknowns }
+        { NULL, sbl__solver_after_advance, sbl__solver_unknown, sbl__solver_unknowns }
     };
     const sbl_result result = sbl__stages_step(&s->stages, table, SBL__COUNT(table), s, slice);
     if (result != SBL_SUCCESS) return result;
@@ -4710,16 +4693,17 @@ static sbl_result sbl__solver_step(sbl__solver *s, sbl__slice *slice) {
 }
 
 /* ======================================================================================================== >>textures
-   All textures of the scene share two GL textures, the texel tables: one for textures that the host gives as 8-bit
-   sRGB, whose bytes it keeps, and one of 16-bit floats for all others. A texture begins at the start of a row of its
-   table; its texels follow each other without gaps, whatever its width. scene.glsl filters them bilinearly. */
+   All textures of the scene share two GL textures, the texel tables: one of 8-bit sRGB for textures that the host gives
+   in that format, and one of 16-bit floats for all others. A texture begins at the start of a table's row; its texels
+   follow each other without gaps, whatever its width. scene.glsl filters them bilinearly. */
 
 #define SBL__TEXEL_TABLE_WIDTH 4096  /* texels per row; less if the driver's textures are smaller */
 
 typedef struct sbl__textures {
     sbl__texture tables[2];    /* texel tables: [0] 8-bit sRGB, [1] 16-bit floats */
-    uint32_t (*places)[4];     /* per texture: first row in its table, width, height, kind; copied to sbl__object */
-    float *brightest;          /* per texture: largest component of any texel; always 1 if pixels are 8-bit sRGB */
+    /* Per texture, numbered from 1 as in materials. Number 0 stands for no texture. */
+    uint32_t (*places)[4];     /* first row in its table, width, height, kind; copied to sbl__object */
+    float *brightest;          /* largest component of any texel; always 1 if pixels are 8-bit sRGB */
     int count;                 /* number of textures */
     uint64_t hash;             /* hash of both tables' texels */
 } sbl__textures;
@@ -4735,82 +4719,54 @@ static void sbl__textures_free(const sbl__device *d, sbl__textures *t) {
 /* A texel table while the CPU fills it. texel: bytes per texel, 4 for 8-bit sRGB or 8 for 16-bit floats */
 typedef struct sbl__texel_table { unsigned char *bytes; size_t texel; int width, rows; } sbl__texel_table;
 
-/* Writes a linear colour to texel number `at`, in the table's format. */
-static void sbl__texel_write(const sbl__texel_table *table, size_t at, const float rgba[4]) {
-    unsigned char *to = table->bytes + table->texel * at;
-    uint16_t half[4];
-    int i;
-    for (i = 0; i < 4; i++) {
-        if (table->texel == 8) half[i] = sbl__to_half(rgba[i]);
-        else to[i] = sbl__to_byte(i < 3 ? sbl__linear_to_srgb(rgba[i]) : rgba[i]);
-    }
-    if (table->texel == 8) memcpy(to, half, 8);
-}
-
-/* Reads pixel x of a row. Bytes are divided by 255. One channel is grey, two are grey and alpha; c[3] is left unchanged
-   if the texture has no alpha. */
-static void sbl__read_pixel(const sbl_texture *t, const unsigned char *row, int x, float c[4]) {
+/* Reads a pixel. Bytes are divided by 255. One channel is grey, two are grey and alpha. Without alpha, c[3] stays. */
+static void sbl__read_pixel(const sbl_texture *t, int x, int y, float c[4]) {
     const int channels = sbl__texture_channels(t);
+    const unsigned char *at = (const unsigned char *)t->pixels + (size_t)y * sbl__texture_stride(t, t->width) +
+                              (size_t)x * sbl__texture_texel(t);
     int k;
-    row += (size_t)x * sbl__texture_texel(t);
-    if (t->format == SBL_PIXELS_FLOAT) memcpy(c, row, 4 * (size_t)channels);
-    else for (k = 0; k < channels; k++) c[k] = (float)row[k] / 255.0f;
+    if (t->format == SBL_PIXELS_FLOAT) memcpy(c, at, 4 * (size_t)channels);
+    else for (k = 0; k < channels; k++) c[k] = (float)at[k] / 255.0f;
     if (channels == 2) c[3] = c[1];
     if (channels < 3) c[1] = c[2] = c[0];
 }
 
-/* Writes the bytes of an 8-bit sRGB texture unchanged, from texel number `at` on. GL decodes them when shaders read. */
-static void sbl__texels_write_bytes(const sbl__texel_table *table, size_t at, const sbl_texture *t) {
-    const int channels = sbl__texture_channels(t);
-    const size_t stride = sbl__texture_stride(t, t->width);
-    int x, y;
-    for (y = 0; y < t->height; y++)
-        for (x = 0; x < t->width; x++, at++) {
-            const unsigned char *p = (const unsigned char *)t->pixels + (size_t)y * stride + (size_t)(channels * x);
-            unsigned char *q = table->bytes + 4 * at;
-            q[0] = p[0];
-            q[1] = p[channels < 3 ? 0 : 1];
-            q[2] = p[channels < 3 ? 0 : 2];
-            q[3] = channels == 2 ? p[1] : channels == 4 ? p[3] : 255;
-        }
-}
-
-/* Writes the pixels of any other texture. copy: NULL, or the r g b a that were read from the host's GL texture. Logs an
-   error and returns SBL_ERROR_INVALID_ARGUMENT if a component is negative or not finite. */
-static sbl_result sbl__texels_write_pixels(const sbl__device *d, const sbl__textures *s, const sbl__texel_table *table,
-                                           const sbl_texture *t, int index, const float *copy) {
-    const int width = (int)s->places[index][1], height = (int)s->places[index][2];
-    const size_t stride = sbl__texture_stride(t, width);
-    size_t at = (size_t)s->places[index][0] * (size_t)table->width;
+/* Writes the texels of a texture into its table. copy: NULL, or the r g b a that were read from the host's GL texture.
+   Bytes in 8-bit sRGB stay as they are; GL decodes them when shaders read. Logs an error and returns
+   SBL_ERROR_INVALID_ARGUMENT if a component is negative or not finite. */
+static sbl_result sbl__texels_write(const sbl__device *d, const sbl__textures *s, const sbl__texel_table *table,
+                                    const sbl_texture *t, int number, const float *copy) {
+    const int width = (int)s->places[number][1], height = (int)s->places[number][2];
+    const int encoded = !copy && t->format == SBL_PIXELS_SRGB8;
+    unsigned char *to = table->bytes + (size_t)s->places[number][0] * (size_t)table->width * table->texel;
     int x, y, k;
     for (y = 0; y < height; y++)
-        for (x = 0; x < width; x++, at++) {
+        for (x = 0; x < width; x++, to += table->texel) {
             float c[4] = { 0, 0, 0, 1 };
             if (copy) memcpy(c, copy + 4 * ((size_t)y * (size_t)width + (size_t)x), sizeof c);
-            else sbl__read_pixel(t, (const unsigned char *)t->pixels + (size_t)y * stride, x, c);
-            for (k = 0; k < 4; k++)
+            else sbl__read_pixel(t, x, y, c);
+            for (k = 0; k < 4 && encoded; k++) to[k] = (unsigned char)(255.0f * c[k] + 0.5f);
+            for (k = 0; k < 4 && !encoded; k++) {
                 if (!sbl__between(&c[k], 0, FLT_MAX)) {
                     sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: component %d of pixel "
-                             "%d %d is %g; it must be finite and not negative", index + 1, k, x, y, (double)c[k]);
+                             "%d %d is %g; it must be finite and not negative", number, k, x, y, (double)c[k]);
                     return SBL_ERROR_INVALID_ARGUMENT;
                 }
-            s->brightest[index] = SBL__MAX(s->brightest[index], sbl__max3(c));
-            sbl__texel_write(table, at, c);
+                if (table->texel == 8) {
+                    const uint16_t half = sbl__to_half(c[k]);
+                    memcpy(to + 2 * k, &half, 2);
+                } else to[k] = sbl__to_byte(k < 3 ? sbl__linear_to_srgb(c[k]) : c[k]);
+            }
+            s->brightest[number] = SBL__MAX(s->brightest[number], encoded ? 1.0f : sbl__max3(c));
         }
     return SBL_SUCCESS;
 }
 
 static sbl_result sbl__textures_fill(sbl__device *d, const sbl__textures *s, const sbl__texel_table *table,
-                                     const sbl_texture *t, int index) {
-    const uint32_t *place = s->places[index];
-    const int size[2] = { (int)place[1], (int)place[2] };
+                                     const sbl_texture *t, int number) {
+    const int size[2] = { (int)s->places[number][1], (int)s->places[number][2] };
     float *copy = NULL;
     sbl_result result = SBL_SUCCESS;
-    if (t->pixels && t->format == SBL_PIXELS_SRGB8) {
-        sbl__texels_write_bytes(table, (size_t)place[0] * (size_t)table->width, t);
-        s->brightest[index] = 1;
-        return SBL_SUCCESS;
-    }
     if (t->gl_texture) {
         copy = (float *)sbl__alloc_raw(d->base, (size_t)size[0] * (size_t)size[1], 16);
         if (!copy) return SBL_ERROR_OUT_OF_MEMORY;
@@ -4818,14 +4774,14 @@ static sbl_result sbl__textures_fill(sbl__device *d, const sbl__textures *s, con
         result = sbl__host_texture_read(d, t->gl_texture, size, copy);
         d->gl.doing = "storing textures";
     }
-    if (result == SBL_SUCCESS) result = sbl__texels_write_pixels(d, s, table, t, index, copy);
+    if (result == SBL_SUCCESS) result = sbl__texels_write(d, s, table, t, number, copy);
     sbl__free(d->base, copy);
     return result;
 }
 
 /* Assigns rows of a texel table to a texture. */
 static sbl_result sbl__textures_place(sbl__device *d, sbl__textures *s, sbl__texel_table *table, const sbl_texture *t,
-                                      int index) {
+                                      int number) {
     const int most = d->gl.capabilities.max_texture_size;
     int size[2] = { t->width, t->height };
     double rows;
@@ -4837,64 +4793,61 @@ static sbl_result sbl__textures_place(sbl__device *d, sbl__textures *s, sbl__tex
         if (result == SBL_ERROR_OUT_OF_MEMORY) return result;
         if (result != SBL_SUCCESS || size[0] < 1 || size[1] < 1) {
             sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: gl_texture %u is not a "
-                     "GL_TEXTURE_2D with pixels in level 0", index + 1, t->gl_texture);
+                     "GL_TEXTURE_2D with pixels in level 0", number, t->gl_texture);
             return SBL_ERROR_INVALID_ARGUMENT;
         }
     }
     rows = ceil((double)size[0] * size[1] / table->width);
     if (table->rows + rows > most) {
         sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "texture %d: all textures together need more than "
-                 "%d x %d texels; use smaller textures", index + 1, table->width, most);
+                 "%d x %d texels; use smaller textures", number, table->width, most);
         return SBL_ERROR_UNSUPPORTED;
     }
-    s->places[index][0] = (uint32_t)table->rows;
-    s->places[index][1] = (uint32_t)size[0];
-    s->places[index][2] = (uint32_t)size[1];
-    s->places[index][3] = (table->texel == 8 ? SBL__TEXTURE_FLOAT : SBL__TEXTURE_SRGB) |
+    s->places[number][0] = (uint32_t)table->rows;
+    s->places[number][1] = (uint32_t)size[0];
+    s->places[number][2] = (uint32_t)size[1];
+    s->places[number][3] = (table->texel == 8 ? SBL__TEXTURE_FLOAT : SBL__TEXTURE_SRGB) |
                           (t->wrap == SBL_WRAP_CLAMP ? SBL__TEXTURE_CLAMPS : 0);
     table->rows += (int)rows;
     return SBL_SUCCESS;
 }
 
-/* Makes the texel tables for all textures of a descriptor that has been checked. */
-static sbl_result sbl__textures_make(sbl__device *d, sbl__textures *s, const sbl_scene_desc *desc) {
-    static const unsigned formats[2] = { SBL__GL_SRGB8_ALPHA8, SBL__GL_RGBA16F };
-    sbl__texel_table tables[2];
+/* Makes a texel table. kind: 0: 8-bit sRGB, 1: 16-bit floats */
+static sbl_result sbl__texel_table_make(sbl__device *d, sbl__textures *s, const sbl_scene_desc *desc, int kind) {
+    const unsigned format = kind ? SBL__GL_RGBA16F : SBL__GL_SRGB8_ALPHA8;
+    sbl__texel_table table;
     sbl_result result = SBL_SUCCESS;
     int i;
+    memset(&table, 0, sizeof table);
+    table.texel = kind ? 8 : 4;
+    table.width = SBL__MIN(SBL__TEXEL_TABLE_WIDTH, d->gl.capabilities.max_texture_size);
+    for (i = 0; i < s->count && result == SBL_SUCCESS; i++)
+        if ((desc->textures[i].format != SBL_PIXELS_SRGB8) == kind)
+            result = sbl__textures_place(d, s, &table, &desc->textures[i], i + 1);
+    if (result != SBL_SUCCESS || !table.rows) return result;
+    table.bytes = (unsigned char *)sbl__alloc(d->base, (size_t)table.rows * (size_t)table.width, table.texel);
+    if (!table.bytes) return SBL_ERROR_OUT_OF_MEMORY;
+    for (i = 0; i < s->count && result == SBL_SUCCESS; i++)
+        if ((desc->textures[i].format != SBL_PIXELS_SRGB8) == kind)
+            result = sbl__textures_fill(d, s, &table, &desc->textures[i], i + 1);
+    s->hash = sbl__hash_bytes(s->hash, table.bytes, (size_t)table.rows * (size_t)table.width * table.texel);
+    if (result == SBL_SUCCESS) result = sbl__texture_make(d, &s->tables[kind], table.width, table.rows, format);
+    if (result == SBL_SUCCESS) result = sbl__texture_write(d, &s->tables[kind], 0, table.rows, table.bytes);
+    sbl__free(d->base, table.bytes);
+    return result;
+}
+
+/* Makes the texel tables for all textures of a descriptor that has been checked. */
+static sbl_result sbl__textures_make(sbl__device *d, sbl__textures *s, const sbl_scene_desc *desc) {
+    sbl_result result;
     d->gl.doing = "storing textures";
     s->count = desc->texture_count;
-    s->places = (uint32_t (*)[4])sbl__alloc(d->base, (size_t)s->count, sizeof *s->places);
-    s->brightest = (float *)sbl__alloc(d->base, (size_t)s->count, sizeof(float));
+    s->places = (uint32_t (*)[4])sbl__alloc(d->base, (size_t)s->count + 1, sizeof *s->places);
+    s->brightest = (float *)sbl__alloc(d->base, (size_t)s->count + 1, sizeof(float));
     if (!s->places || !s->brightest) return SBL_ERROR_OUT_OF_MEMORY;
-    memset(tables, 0, sizeof tables);
-    for (i = 0; i < 2; i++) {
-        tables[i].texel = i ? 8 : 4;
-        tables[i].width = SBL__MIN(SBL__TEXEL_TABLE_WIDTH, d->gl.capabilities.max_texture_size);
-    }
-#define SBL__TABLE_OF(i) (&tables[desc->textures[i].format != SBL_PIXELS_SRGB8])
-    for (i = 0; i < s->count && result == SBL_SUCCESS; i++)
-        result = sbl__textures_place(d, s, SBL__TABLE_OF(i), &desc->textures[i], i);
-    for (i = 0; i < 2 && result == SBL_SUCCESS; i++) {
-        sbl__texel_table *table = &tables[i];
-        if (!table->rows) continue;
-        table->bytes = (unsigned char *)sbl__alloc(d->base, (size_t)table->rows * (size_t)table->width, table->texel);
-        if (!table->bytes) result = SBL_ERROR_OUT_OF_MEMORY;
-    }
-    for (i = 0; i < s->count && result == SBL_SUCCESS; i++)
-        result = sbl__textures_fill(d, s, SBL__TABLE_OF(i), &desc->textures[i], i);
-#undef SBL__TABLE_OF
-    for (i = 0; i < 2; i++) {
-        if (result == SBL_SUCCESS)
-            s->hash = sbl__hash_bytes(s->hash, tables[i].bytes, (size_t)tables[i].rows * (size_t)tables[i].width *
-                                                                tables[i].texel);
-        if (result == SBL_SUCCESS && tables[i].rows)
-            result = sbl__texture_make(d, &s->tables[i], tables[i].width, tables[i].rows, formats[i]);
-        if (result == SBL_SUCCESS && tables[i].rows)
-            result = sbl__texture_write(d, &s->tables[i], 0, tables[i].rows, tables[i].bytes);
-        sbl__free(d->base, tables[i].bytes);
-    }
-    return result;
+    s->brightest[0] = 1;
+    result = sbl__texel_table_make(d, s, desc, 0);
+    return result == SBL_SUCCESS ? sbl__texel_table_make(d, s, desc, 1) : result;
 }
 
 static void sbl__textures_bind(sbl__device *d, const sbl__textures *s) {
@@ -4903,75 +4856,50 @@ static void sbl__textures_bind(sbl__device *d, const sbl__textures *s) {
 }
 
 /* ======================================================================================================== >>material
-   What surfaces do with light: emission, reflection, holes. material.glsl does it for all shaders; here is the same for
-   the CPU, and nowhere else. */
+   How surfaces emit and reflect light, and where they have holes. Materials are read only here, for the CPU, and in
+   material.glsl, for shaders. Both compute the same. */
 
-/* Writes a material into its mesh's object, and raises *brightest to its radiance. Returns the features that programs
-   need for it. */
+/* Copies a material into its mesh's object, and raises *brightest to the highest radiance that the material emits.
+   Returns the features that programs need for the material. */
 static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *m, sbl__object *o, float *brightest) {
-    const int holes = m->alpha_cutoff > 0;
-    unsigned features = 0;
-    float scale = 1;
     memcpy(o->albedo, m->albedo, sizeof o->albedo);
     memcpy(o->emission, m->emission, sizeof o->emission);
-    memset(o->albedo_texture, 0, sizeof o->albedo_texture);
-    memset(o->emission_texture, 0, sizeof o->emission_texture);
+    memcpy(o->albedo_texture, t->places[m->albedo_texture], sizeof o->albedo_texture);
+    memcpy(o->emission_texture, t->places[m->emission_texture], sizeof o->emission_texture);
     o->alpha_cutoff = m->alpha_cutoff;
     o->flags = m->flags;
-    if (m->albedo_texture) memcpy(o->albedo_texture, t->places[m->albedo_texture - 1], sizeof o->albedo_texture);
-    if (m->emission_texture) {
-        memcpy(o->emission_texture, t->places[m->emission_texture - 1], sizeof o->emission_texture);
-        scale = t->brightest[m->emission_texture - 1];
-    }
-    *brightest = SBL__MAX(*brightest, scale * sbl__max3(m->emission));
-    if (holes) features |= SBL__TEXTURED | SBL__CUTOUTS;
-    if (m->albedo_texture || m->emission_texture) features |= SBL__TEXTURED;
-    return features;
+    *brightest = SBL__MAX(*brightest, t->brightest[m->emission_texture] * sbl__max3(m->emission));
+    if (m->alpha_cutoff > 0) return SBL__TEXTURED | SBL__CUTOUTS;
+    return m->albedo_texture || m->emission_texture ? (unsigned)SBL__TEXTURED : 0;
 }
 
-/* True if light on its way meets something else, apart from what emits. */
-static int sbl__reflects_otherwise(const sbl__object *a, const sbl__object *b) {
+/* True if two objects of one mesh differ in anything but the light that they emit. */
+static int sbl__reflection_differs(const sbl__object *a, const sbl__object *b) {
     const uint32_t flags = ~SBL__ONE_SIDED_EMISSION;
     return memcmp(a->albedo, b->albedo, sizeof a->albedo) || (a->flags & flags) != (b->flags & flags) ||
            memcmp(&a->alpha_cutoff, &b->alpha_cutoff, sizeof a->alpha_cutoff) ||
            memcmp(a->albedo_texture, b->albedo_texture, sizeof a->albedo_texture);
 }
 
-/* Radiance that one side of a surface emits, before its texture is applied. */
-static void sbl__emission(const sbl__object *o, int back, float out[3]) {
-    const int dark = back && o->flags & SBL__ONE_SIDED_EMISSION;
-    int k;
-    for (k = 0; k < 3; k++) out[k] = dark ? 0 : o->emission[k];
-}
-
 static int sbl__emits(const sbl__object *o, int back) {
-    float emission[3];
-    sbl__emission(o, back, emission);
-    return sbl__max3(emission) > 0;
+    return sbl__max3(o->emission) > 0 && !(back && o->flags & SBL__ONE_SIDED_EMISSION);
 }
 
-/* The share of R that bounces in the store, before the texture is applied. */
-static void sbl__bounced(const sbl__object *o, float out[3]) {
-    int k;
-    for (k = 0; k < 3; k++) out[k] = SBL__MIN(SBL__MAX(o->albedo[k], 0.0f), SBL__BOUNCE_ALBEDO);
-}
-
-/* True if less bounces of each colour than the surface reflects. */
+/* True if the surface has no albedo texture and SBL__BOUNCE_ALBEDO reduces its albedo in all three channels. */
 static int sbl__holds_light(const sbl__object *o) {
-    float share[3];
-    sbl__bounced(o, share);
-    return share[0] < o->albedo[0] && share[1] < o->albedo[1] && share[2] < o->albedo[2] && !o->albedo_texture[1];
+    const float *albedo = o->albedo, most = SBL__BOUNCE_ALBEDO;
+    return albedo[0] > most && albedo[1] > most && albedo[2] > most && !o->albedo_texture[1];
 }
 
-#define SBL__SHARE_ONE 65535.0f    /* the share 1 in 16 bits */
+#define SBL__SHARE_ONE 65535.0f    /* a share of 1, packed into 16 bits */
 
-/* A share of light that bounces, in 16 bits. */
+/* Packs shares of 0 .. 1 into 16 bits each. */
 static void sbl__share_pack(const float share[3], uint16_t out[3]) {
     int k;
     for (k = 0; k < 3; k++) out[k] = (uint16_t)(SBL__SHARE_ONE * share[k] + 0.5f);
 }
 
-/* Adds the light that a surface reflects, times SBL__SHARE_ONE. light: R, which falls on it. */
+/* Adds the R that a surface with a packed share reflects, times SBL__SHARE_ONE. light: R at the surface. */
 static void sbl__add_reflected(const uint16_t share[3], const float light[3], float sum[3]) {
     int k;
     for (k = 0; k < 3; k++) sum[k] += (float)share[k] * light[k];
@@ -4979,15 +4907,15 @@ static void sbl__add_reflected(const uint16_t share[3], const float light[3], fl
 
 /* >>glsl material: shaders_embedded/material.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_material[] = {
-"// What surfaces do with light: what they emit, what they reflect, where a reflected ray goes on, and where they\n",
-"// have holes. No other shader reads a material; >>material in sbl.h is the same for the CPU.\n",
+"// How surfaces emit and reflect light, and where they have holes. No other shader reads a material. >>material in\n",
+"// sbl.h does the same on the CPU.\n",
 "uniform float epsilon;     // the ambient factor\n",
-"uniform bool lamps_apart;  // light from emitters comes from lamps.glsl\n",
+"uniform bool lamps_apart;  // true: lamps.glsl adds the light of emitters, so sbl_outgoing leaves it out\n",
 "\n",
-"// A material at a point, after its textures have been read.\n",
+"// A material at a point, with its textures applied.\n",
 "struct sbl_Material {\n",
-"    vec3 albedo;   // share of the light that is reflected, the same towards all directions\n",
-"    bool cut_out;  // there is a hole here\n",
+"    vec3 albedo;   // diffuse reflectance\n",
+"    bool cut_out;  // the point lies in a hole\n",
 "};\n",
 "\n",
 "sbl_Material sbl_material(int object, sbl_Attributes at) {\n",
@@ -4996,10 +4924,10 @@ static const char *const sbl__glsl_material[] = {
 "    return sbl_Material(color.rgb, color.a < sbl_object_alpha_cutoff(object));\n",
 "}\n",
 "\n",
-"// False: sbl_material finds no hole anywhere, and need not be asked.\n",
+"// False: no point of the object lies in a hole, so sbl_material need not be called to find out.\n",
 "bool sbl_has_holes(int object) { return sbl_object_alpha_cutoff(object) > 0.0; }\n",
 "\n",
-"// True: this side of the surface does not emit, whatever the material's emission is.\n",
+"// True if this is the back of a surface that emits only in front.\n",
 "bool sbl_dark_side(int object, bool back) {\n",
 "    return back && (sbl_object_flags(object) & SBL_ONE_SIDED_EMISSION) != 0u;\n",
 "}\n",
@@ -5009,32 +4937,30 @@ static const char *const sbl__glsl_material[] = {
 "    return sbl_dark_side(object, back) ? vec3(0) : sbl_object_emission(object);\n",
 "}\n",
 "\n",
-"// It does not ask sbl_emission, since softpipe then shows wrong sides.\n",
+"// Does not call sbl_emission, because softpipe then shows wrong sides.\n",
 "bool sbl_emits(int object, bool back) {\n",
 "    vec3 emission = sbl_object_emission(object);\n",
 "    return max(max(emission.r, emission.g), emission.b) > 0.0 && !sbl_dark_side(object, back);\n",
 "}\n",
 "\n",
-"// The factor by which the texture changes the emission at a point.\n",
+"// The emission texture at a point, by which sbl_emission must be multiplied.\n",
 "vec3 sbl_emission_pattern(int object, sbl_Attributes at) {\n",
 "    return sbl_texture(sbl_object_emission_texture(object), at.uv).rgb;\n",
 "}\n",
 "\n",
-"// True: sbl_outgoing does not read the attributes.\n",
+"// True if sbl_outgoing does not read `at`.\n",
 "bool sbl_outgoing_is_plain(int object, bool back) {\n",
-"#ifdef SBL_TEXTURED\n",
-"#ifdef SBL_BOUNCED\n",
+"#if !defined(SBL_TEXTURED)\n",
+"    return true;\n",
+"#elif defined(SBL_BOUNCED)\n",
 "    return false;\n",
 "#else\n",
 "    return sbl_emits(object, back) ? lamps_apart : epsilon <= 0.0;\n",
 "#endif\n",
-"#else\n",
-"    return true;\n",
-"#endif\n",
 "}\n",
 "\n",
-"// Radiance that a surface sends towards a sensor besides the stored light that it reflects: Ck of equations 1 and\n",
-"// 2, which is the radiance of an emitter, or the ambient factor times the colour.\n",
+"// Radiance that a surface sends towards a sensor, without the stored light that it reflects: Ck of equations 1 and\n",
+"// 2. It is the emission of an emitter; for other surfaces, epsilon times the albedo.\n",
 "vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {\n",
 "    bool emits = sbl_emits(object, back);\n",
 "    vec3 radiance = emits ? sbl_object_emission(object) : epsilon * sbl_object_albedo(object);\n",
@@ -5048,21 +4974,21 @@ static const char *const sbl__glsl_material[] = {
 "    return radiance;\n",
 "}\n",
 "\n",
-"// Radiance that a surface sends towards its receiver. light: R, which falls on it.\n",
+"// Radiance that a surface reflects. light: R at the surface\n",
 "vec3 sbl_reflected(sbl_Material m, vec3 light) { return m.albedo * light; }\n",
 "\n",
-"// The share of R that bounces in the store. It is below 1, since closed rooms would otherwise never grow dark.\n",
+"// Share of R that stays in the store at a bounce. It is below 1, so that light fades even in closed white rooms.\n",
 "vec3 sbl_bounced(sbl_Material m) { return clamp(m.albedo, 0.0, SBL_BOUNCE_ALBEDO); }\n",
 "\n",
-"// A ray that goes on from a surface.\n",
+"// A reflected ray.\n",
 "struct sbl_Bounce {\n",
 "    vec3 direction;\n",
-"    vec3 off;     // unit vector off the surface, on the side where the ray starts\n",
-"    vec3 weight;  // what the radiance that the ray finds counts towards the receiver\n",
+"    vec3 off;     // unit normal, on the side where the ray starts\n",
+"    vec3 weight;  // factor of the radiance that the ray finds\n",
 "};\n",
 "\n",
-"// A direction from which light is reflected towards the receiver, drawn by the cosine. across: the surface's\n",
-"// normal of any length, 0 where the triangle has no area. u: 0 to 1.\n",
+"// Draws a direction, cosine-distributed, from which a surface reflects light. across: normal of any length; 0 if\n",
+"// the triangle has no area, in which case to_receiver replaces it. u: uniform point of the unit square\n",
 "sbl_Bounce sbl_bounce(sbl_Material m, vec3 across, vec3 to_receiver, vec2 u) {\n",
 "    vec3 normal = dot(across, across) > 0.0 ? normalize(across) : to_receiver;\n",
 "    return sbl_Bounce(sbl_by_cosine(sbl_frame(normal), u), normal, m.albedo);\n",
@@ -5071,11 +4997,11 @@ static const char *const sbl__glsl_material[] = {
 /* <<glsl */
 
 /* ====================================================================================================== >>environment
-   Light that arrives from directions without a surface: from the sky, which is constant, and from a picture around the
-   scene. Rays over the hemisphere find the picture's radiance up to a limit. Radiance above the limit would make their
-   results noisy, so each texel that exceeds the limit is also a lamp, which emits the excess (see >>lamps). */
+   Light from directions without a surface: from the sky, which is constant, and from a picture around the scene. Rays
+   over the hemisphere find the picture's radiance up to a limit. Radiance above the limit would make their results
+   noisy, so each texel that exceeds the limit is also a lamp, which emits the excess (see >>lamps). */
 
-/* Limit for the radiance that rays over the hemisphere find, in multiples of the picture's mean over all directions */
+/* Limit of the picture's radiance that rays over the hemisphere find, as a multiple of its mean over all directions */
 #define SBL__SKY_LIMIT 4
 
 typedef struct sbl__environment {
@@ -5123,8 +5049,7 @@ static void sbl__environment_direction(const sbl__environment *e, int x, int y, 
         out[k] = sin(angle) * (cos(around) * e->axes[0][k] + sin(around) * e->axes[2][k]) + cos(angle) * e->axes[1][k];
 }
 
-/* Gets the linear radiance of a texel from the host's pixels or function, multiplied by the host's scale. c[3] has no
-   meaning. */
+/* Computes a texel's linear radiance from the host's pixels or function, times the host's scale. c[3] is undefined. */
 static void sbl__environment_texel(const sbl__environment *e, const sbl_environment *desc, int x, int y, float c[4]) {
     const sbl_texture *t = &desc->picture;
     double exact[3];
@@ -5136,7 +5061,7 @@ static void sbl__environment_texel(const sbl__environment *e, const sbl_environm
         for (k = 0; k < 3; k++) direction[k] = (float)exact[k];
         desc->radiance(direction, c, desc->user);
     } else {
-        sbl__read_pixel(t, (const unsigned char *)t->pixels + (size_t)y * sbl__texture_stride(t, e->width), x, c);
+        sbl__read_pixel(t, x, y, c);
         for (k = 0; k < 3 && t->format == SBL_PIXELS_SRGB8; k++) c[k] = sbl__srgb_to_linear(c[k]);
     }
     for (k = 0; k < 3; k++) c[k] *= sbl__zero(&desc->scale) ? 1.0f : SBL__MAX(desc->scale, 0.0f);
@@ -5172,23 +5097,23 @@ static sbl_result sbl__environment_read(const sbl__base *base, sbl__environment 
 static sbl_result sbl__environment_make(const sbl__device *d, sbl__environment *e, const sbl_scene_desc *desc) {
     const sbl_environment *from = &desc->environment;
     const int most = d->gl.capabilities.max_texture_size;
-    const size_t width = from->picture.width ? (size_t)from->picture.width : 512;
-    const size_t height = from->picture.height ? (size_t)from->picture.height : 256;
+    size_t pixels;
     float *texels;
     sbl_result result;
     memcpy(e->sky, desc->sky, sizeof e->sky);
     e->brightest = sbl__max3(e->sky);
     if (!from->picture.pixels && !from->radiance) return SBL_SUCCESS;
-    if ((int)width > most || (int)height > most) {
+    e->width = from->picture.width ? from->picture.width : 512;
+    e->height = from->picture.height ? from->picture.height : 256;
+    if (e->width > most || e->height > most) {
         sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "environment: picture is %d x %d; this driver's "
-                 "textures are at most %d across", (int)width, (int)height, most);
+                 "textures are at most %d across", e->width, e->height, most);
         return SBL_ERROR_UNSUPPORTED;
     }
-    e->width = (int)width;
-    e->height = (int)height;
     sbl__environment_axes(e, from);
-    e->pixels = (float *)sbl__alloc_raw(d->base, width * height, 12);
-    texels = (float *)sbl__alloc_raw(d->base, width * height, 16);
+    pixels = (size_t)e->width * (size_t)e->height;
+    e->pixels = (float *)sbl__alloc_raw(d->base, pixels, 12);
+    texels = (float *)sbl__alloc_raw(d->base, pixels, 16);
     result = e->pixels && texels ? sbl__environment_read(d->base, e, from, texels) : SBL_ERROR_OUT_OF_MEMORY;
     if (result == SBL_SUCCESS) result = sbl__texture_make(d, &e->texels, e->width, e->height, SBL__GL_RGBA32F);
     if (result == SBL_SUCCESS) result = sbl__texture_write(d, &e->texels, 0, e->height, texels);
@@ -5267,31 +5192,32 @@ static const char *const sbl__glsl_sky[] = {
 /* <<glsl */
 
 /* ======================================================================================================== >>bvh
-   A bounding volume hierarchy over the scene's triangles: binned surface-area heuristic (Wald 2007, "On fast
-   Construction of SAH-based Bounding Volume Hierarchies"), boxes on a 16-bit grid over the scene, two texels a node. It
-   is built in slices when a picture or gather first needs it, and again after a mesh has moved. */
+   The bounding volume hierarchy over the scene's triangles, built with the binned surface-area heuristic (Wald 2007,
+   "On fast Construction of SAH-based Bounding Volume Hierarchies"). A node takes two texels, one for each child. Boxes
+   are stored in 16-bit steps of a grid over the scene, or of a finer grid around small geometry. The hierarchy is built
+   in slices, when it is first needed and again after surfaces have changed. */
 
-#define SBL__BVH_BINS 16
-#define SBL__BVH_LEAF 4          /* triangles in a leaf, at most 8 */
-#define SBL__BVH_SAH_DEPTH 32    /* below it halves are split off by number, so that the stack is deep enough */
-#define SBL__BVH_DROPPED 0xffffffffu  /* in the order: nothing stands here */
-#define SBL__BVH_GRID_STEPS 512  /* boxes of fewer steps in all directions ... */
-#define SBL__BVH_GRID_LEAST 32   /* and of as many triangles get a grid of their own */
-#define SBL__BVH_CHUNK 32        /* triangles of a turn: what a turn costs besides must not count */
-#define SBL__UPLOAD_CHUNK 65536  /* bytes */
+#define SBL__BVH_BINS 16         /* per axis */
+#define SBL__BVH_LEAF 4          /* limit of triangles in a leaf; the format allows 8 */
+#define SBL__BVH_SAH_DEPTH 32    /* deeper nodes are cut in the middle of their triangles, to limit the depth */
+#define SBL__BVH_DROPPED 0xffffffffu  /* in the order of triangles: an unused place */
+#define SBL__BVH_GRID_STEPS 512  /* boxes that measure fewer grid steps than this along each axis */
+#define SBL__BVH_GRID_LEAST 32   /* and have at least this number of triangles get a finer grid */
+#define SBL__BVH_CHUNK 32        /* triangles per turn of a loop, so that the overhead of turns is negligible */
+#define SBL__UPLOAD_CHUNK 65536  /* bytes per piece of an upload */
 
-/* A child: lowest x | highest x << 16, likewise y, z, in steps of the grid; a node's number, or
-   SBL_LEAF | triangles - 1 << 28 | first triangle, or SBL_ENTER | number of a finer grid in a node's place. */
+/* x, y, z of a child: lowest | highest << 16 coordinate of its box, in grid steps. w: number of a node, or
+   SBL_LEAF | triangles - 1 << 28 | first triangle, or SBL_ENTER | number of a grid record. */
 #define SBL__NODE(X) X(sbl__node, UVEC4, child_0) X(sbl__node, UVEC4, child_1)
 SBL__RECORD(sbl__node, SBL__NODE, "sbl_node", "sbl_nodes", SBL__SCENE_TABLE("sbl_nodes"), NULL)
 
-/* In a node's place: a grid over a part of the scene; its first node, and the grid around it with SBL_LEAVE. */
+/* A grid takes the place of a node. root: number of its first node. around: number of the grid that encloses it */
 #define SBL__GRID_NODE(X) \
     X(sbl__grid_node, VEC3, origin) X(sbl__grid_node, UINT, root) \
     X(sbl__grid_node, VEC3, per_length) X(sbl__grid_node, UINT, around)
 SBL__RECORD(sbl__grid_node, SBL__GRID_NODE, "sbl_grid", "sbl_nodes", "", NULL)
 
-/* Corners in the leaves' order; number in the scene; cutout: 1 where it may leave nothing. */
+/* Triangles in the order of the leaves. number: the triangle's number in the scene. cutout: 1 if it may have holes */
 #define SBL__TRIANGLE(X) \
     X(sbl__triangle, VEC3, corner_0) X(sbl__triangle, UINT, object) \
     X(sbl__triangle, VEC3, corner_1) X(sbl__triangle, UINT, number) \
@@ -5300,91 +5226,90 @@ SBL__RECORD(sbl__triangle, SBL__TRIANGLE, "sbl_triangle", "sbl_triangles", SBL__
 
 typedef struct sbl__box { float low[3], high[3]; } sbl__box;
 
-static void sbl__box_clear(sbl__box *b) {
-    int k;
-    for (k = 0; k < 3; k++) { b->low[k] = FLT_MAX; b->high[k] = -FLT_MAX; }
-}
+static const sbl__box sbl__box_empty = { { FLT_MAX, FLT_MAX, FLT_MAX }, { -FLT_MAX, -FLT_MAX, -FLT_MAX } };
 
-static void sbl__box_add_point(sbl__box *b, const float *p) {
+static void sbl__box_clear(sbl__box *b) { *b = sbl__box_empty; }
+
+/* Extends a box so that it contains all coordinates from low to high. */
+static void sbl__box_grow(sbl__box *b, const float *low, const float *high) {
     int k;
     for (k = 0; k < 3; k++) {
-        b->low[k] = SBL__MIN(b->low[k], p[k]);
-        b->high[k] = SBL__MAX(b->high[k], p[k]);
+        b->low[k] = SBL__MIN(b->low[k], low[k]);
+        b->high[k] = SBL__MAX(b->high[k], high[k]);
     }
 }
+
+static void sbl__box_add_point(sbl__box *b, const float *p) { sbl__box_grow(b, p, p); }
+static void sbl__box_add(sbl__box *b, const sbl__box *other) { sbl__box_grow(b, other->low, other->high); }
 
 static void sbl__box_of_triangle(sbl__box *b, const sbl__geometry *g, uint32_t triangle) {
     int k;
-    sbl__box_clear(b);
+    *b = sbl__box_empty;
     for (k = 0; k < 3; k++) sbl__box_add_point(b, sbl__triangle_corner(g, triangle, k));
 }
 
-static void sbl__box_add(sbl__box *b, const sbl__box *other) {
-    int k;
-    for (k = 0; k < 3; k++) {
-        b->low[k] = SBL__MIN(b->low[k], other->low[k]);
-        b->high[k] = SBL__MAX(b->high[k], other->high[k]);
-    }
-}
-
+/* Returns half the surface area of a box; 0 if it is empty. */
 static float sbl__box_area(const sbl__box *b) {
     float x = b->high[0] - b->low[0], y = b->high[1] - b->low[1], z = b->high[2] - b->low[2];
     return x < 0 ? 0 : x * y + y * z + z * x;
 }
 
-/* What boxes are written in steps of; where everything is small beside it, a finer one takes over. */
-typedef struct sbl__grid { float origin[3], per_length[3]; int place; /* among the nodes */ } sbl__grid;
+/* Bounds of triangles, and of their centroids, whose coordinates are doubled. */
+typedef struct sbl__bvh_bounds { sbl__box box, centroids; } sbl__bvh_bounds;
 
-/* What is left to build: triangles first .. first + count - 1 of the order, inside `box`; child `side` of node `parent`
-   will name them. */
-typedef struct sbl__bvh_task { int first, count, depth, parent, side; sbl__grid grid; sbl__box box; } sbl__bvh_task;
+/* A part to build: triangles first .. first + count - 1 of the order. It becomes child `side` of node `parent`. */
+typedef struct sbl__bvh_task {
+    int first, count, depth, parent, side;
+    sbl__grid_node grid;
+    sbl__bvh_bounds bounds;
+} sbl__bvh_task;
 
-/* A task's triangles being split in two by place. */
+/* The split of a task's triangles into two halves. */
 typedef struct sbl__bvh_split {
-    int left, axis, bin;         /* triangles that came first so far; where the cut is; axis < 0: there is none */
-    float scale[3];
-    sbl__box centroids, bins[3][SBL__BVH_BINS], halves[2];
+    int left;                    /* triangles moved to the first half so far */
+    int axis, bin;               /* the first half ends with this bin along the axis; axis < 0: there is no split */
+    float scale[3];              /* bins per unit of doubled centroids; 0: the axis is not split */
+    sbl__box bins[3][SBL__BVH_BINS];
     int counts[3][SBL__BVH_BINS];
+    sbl__bvh_bounds halves[2];
 } sbl__bvh_split;
 
-/* Of a node: what rays through it meet on average, times its area. */
+/* Cost of a node. sum: nodes and triangles that a ray through its box tests on average, times the box's area */
 typedef struct sbl__bvh_work { double sum; float area; int parent; } sbl__bvh_work;
 
-typedef enum sbl__bvh_stage {
-    SBL__BVH_BOXES, SBL__BVH_TASK, SBL__BVH_MEASURE, SBL__BVH_COUNT, SBL__BVH_PART, SBL__BVH_NODE, SBL__BVH_COSTS
-} sbl__bvh_stage;
+enum { SBL__BVH_BOXES, SBL__BVH_COUNT, SBL__BVH_PART, SBL__BVH_NODE, SBL__BVH_COSTS };
 
 typedef struct sbl__bvh {        /* while it is built */
     sbl__stages stages;
     const sbl__device *device;
     const sbl__geometry *geometry;
     struct sbl__hierarchy *hierarchy;
-    sbl__node *nodes;
+    uint32_t (*children)[4];     /* sbl__node: two children per node */
     uint32_t *order;             /* triangle numbers, leaf after leaf */
-    sbl__box *boxes;             /* of the triangles */
-    sbl__bvh_work *work;
-    sbl__box all;
-    sbl__bvh_task stack[2 * SBL__STACK];
-    sbl__bvh_task task;          /* the one that is under way */
-    int top;
+    sbl__box *boxes;             /* per triangle: its bounds */
+    sbl__bvh_work *work;         /* per node: its cost */
+    sbl__bvh_bounds all;
+    sbl__bvh_task stack[2 * SBL__STACK];  /* tasks that have not been begun */
+    sbl__bvh_task task;          /* the present task */
+    int top;                     /* height of the stack */
     sbl__bvh_split split;
 } sbl__bvh;
 
 typedef struct sbl__hierarchy {
     int ready;
     int node_count, triangle_count;
-    float grid_origin[3], grid_per_length[3];
-    double cost;                 /* nodes and triangles that a ray through a node's box meets on average, by the
-                                    surface-area heuristic: the worst node's */
-    double seconds;              /* that building took */
+    sbl__grid_node grid;         /* the grid over the scene */
+    double cost;                 /* nodes and triangles that a ray through a node's box tests on average, by the
+                                    surface-area heuristic: the highest of all nodes */
+    double seconds;              /* time spent on building */
     sbl__table node_table, triangle_table;
-    uint32_t *order;             /* of triangle_count triangles, for the lamps */
-    sbl__bvh *building;
+    uint32_t *order;             /* triangle numbers, leaf after leaf; >>lamps needs them */
+    sbl__bvh *building;          /* NULL if the hierarchy is not being built */
 } sbl__hierarchy;
 
 static void sbl__bvh_free(const sbl__device *d, sbl__bvh *b) {
     if (!b) return;
-    sbl__free(d->base, b->nodes);
+    sbl__free(d->base, b->children);
     sbl__free(d->base, b->order);
     sbl__free(d->base, b->boxes);
     sbl__free(d->base, b->work);
@@ -5401,63 +5326,42 @@ static void sbl__hierarchy_free(const sbl__device *d, sbl__hierarchy *h) {
 
 /* >>bvh: splitting */
 
-static int sbl__bvh_split_bin(const sbl__bvh_split *s, const sbl__box *b, int axis) {
-    return (int)((b->low[axis] + b->high[axis] - s->centroids.low[axis]) * s->scale[axis]);
+static void sbl__bvh_bounds_add(sbl__bvh_bounds *bounds, const sbl__box *box) {
+    float centroid[3];
+    int k;
+    for (k = 0; k < 3; k++) centroid[k] = box->low[k] + box->high[k];
+    sbl__box_add(&bounds->box, box);
+    sbl__box_add_point(&bounds->centroids, centroid);
 }
 
-/* Chunks of triangles that the task under way has. */
+/* Returns the bin of a triangle's box along an axis. */
+static int sbl__bvh_bin(const sbl__bvh *b, const sbl__box *box, int axis) {
+    return (int)((box->low[axis] + box->high[axis] - b->task.bounds.centroids.low[axis]) * b->split.scale[axis]);
+}
+
 static int sbl__bvh_chunks(void *work) {
     return (((sbl__bvh *)work)->task.count + SBL__BVH_CHUNK - 1) / SBL__BVH_CHUNK;
 }
 
-/* The triangles of a chunk: from returned to *end - 1 of the order. */
-static int sbl__bvh_chunk(const sbl__bvh *b, int chunk, int *end) {
+/* Puts the triangles of a chunk into bins (SBL__BVH_COUNT), or moves those of the first half to the front of the task
+   (SBL__BVH_PART). */
+static sbl_result sbl__bvh_chunk(void *work, int chunk) {
+    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__bvh_split *s = &b->split;
     const int first = b->task.first + chunk * SBL__BVH_CHUNK;
-    *end = SBL__MIN(first + SBL__BVH_CHUNK, b->task.first + b->task.count);
-    return first;
-}
-
-/* Finds the bounds of the centroids. */
-static sbl_result sbl__bvh_split_measure(void *work, int chunk) {
-    sbl__bvh *b = (sbl__bvh *)work;
-    int end, i = sbl__bvh_chunk(b, chunk, &end), k;
-    for (; i < end; i++) {
-        const sbl__box *box = &b->boxes[b->order[i]];
-        float centroid[3];
-        for (k = 0; k < 3; k++) centroid[k] = box->low[k] + box->high[k];
-        sbl__box_add_point(&b->split.centroids, centroid);
-    }
-    return SBL_SUCCESS;
-}
-
-/* Where bins start and how wide they are, once the centroids are known. */
-static int sbl__bvh_split_bins(void *work) {
-    sbl__bvh *b = (sbl__bvh *)work;
-    sbl__bvh_split *s = &b->split;
-    int axis, k;
-    for (axis = 0; axis < 3; axis++) {
-        const float size = s->centroids.high[axis] - s->centroids.low[axis];
-        s->scale[axis] = size > 0 ? (float)SBL__BVH_BINS * 0.99999f / size : 0;
-        if (!sbl__finite(&s->scale[axis]) || b->task.depth >= SBL__BVH_SAH_DEPTH) s->scale[axis] = 0;
-        for (k = 0; k < SBL__BVH_BINS; k++) {
-            sbl__box_clear(&s->bins[axis][k]);
-            s->counts[axis][k] = 0;
-        }
-    }
-    return SBL__BVH_COUNT;
-}
-
-/* Puts triangles into bins. */
-static sbl_result sbl__bvh_split_count(void *work, int chunk) {
-    sbl__bvh *b = (sbl__bvh *)work;
-    sbl__bvh_split *s = &b->split;
-    int end, i = sbl__bvh_chunk(b, chunk, &end), axis;
-    for (; i < end; i++) {
-        const sbl__box *box = &b->boxes[b->order[i]];
-        for (axis = 0; axis < 3; axis++) {
-            int bin;
-            if (s->scale[axis] <= 0) continue;
-            bin = sbl__bvh_split_bin(s, box, axis);
+    const int end = SBL__MIN(first + SBL__BVH_CHUNK, b->task.first + b->task.count);
+    int i, axis;
+    for (i = first; i < end; i++) {
+        const uint32_t number = b->order[i];
+        const sbl__box *box = &b->boxes[number];
+        if (b->stages.stage == SBL__BVH_PART) {
+            const int second = sbl__bvh_bin(b, box, s->axis) > s->bin;
+            sbl__bvh_bounds_add(&s->halves[second], box);
+            if (second) continue;
+            b->order[i] = b->order[b->task.first + s->left];
+            b->order[b->task.first + s->left++] = number;
+        } else for (axis = 0; axis < 3; axis++) {
+            const int bin = s->scale[axis] > 0 ? sbl__bvh_bin(b, box, axis) : 0;
             sbl__box_add(&s->bins[axis][bin], box);
             s->counts[axis][bin]++;
         }
@@ -5465,22 +5369,21 @@ static sbl_result sbl__bvh_split_count(void *work, int chunk) {
     return SBL_SUCCESS;
 }
 
-/* The cut that costs least, of all between bins. */
-static int sbl__bvh_split_choose(void *work) {
+/* Chooses the split between two bins that costs least by the surface-area heuristic. */
+static int sbl__bvh_choose(void *work) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__bvh_split *s = &b->split;
     float best = FLT_MAX, areas[SBL__BVH_BINS], cost;
     int axis, k, n;
-    sbl__box sweep;
     for (axis = 0; axis < 3; axis++) {
+        sbl__box sweep = sbl__box_empty;
         if (s->scale[axis] <= 0) continue;
-        sbl__box_clear(&sweep);
         for (k = SBL__BVH_BINS - 1, n = 0; k > 0; k--) {
             sbl__box_add(&sweep, &s->bins[axis][k]);
             n += s->counts[axis][k];
             areas[k] = n ? sbl__box_area(&sweep) * (float)n : 0;
         }
-        sbl__box_clear(&sweep);
+        sweep = sbl__box_empty;
         for (k = 0, n = 0; k < SBL__BVH_BINS - 1; k++) {
             sbl__box_add(&sweep, &s->bins[axis][k]);
             n += s->counts[axis][k];
@@ -5492,26 +5395,10 @@ static int sbl__bvh_split_choose(void *work) {
     return s->axis >= 0 ? SBL__BVH_PART : SBL__BVH_NODE;
 }
 
-/* Brings the triangles of the first half to the front. */
-static sbl_result sbl__bvh_split_part(void *work, int chunk) {
-    sbl__bvh *b = (sbl__bvh *)work;
-    sbl__bvh_split *s = &b->split;
-    int end, i = sbl__bvh_chunk(b, chunk, &end);
-    for (; i < end; i++) {
-        const uint32_t number = b->order[i];
-        const int second = sbl__bvh_split_bin(s, &b->boxes[number], s->axis) > s->bin;
-        sbl__box_add(&s->halves[second], &b->boxes[number]);
-        if (second) continue;
-        b->order[i] = b->order[b->task.first + s->left];
-        b->order[b->task.first + s->left++] = number;
-    }
-    return SBL_SUCCESS;
-}
-
 /* >>bvh: nodes */
 
-/* A box onto a grid, a little outwards. */
-static void sbl__bvh_quantise(const sbl__grid *grid, const sbl__box *b, uint32_t out[3]) {
+/* Converts a box to steps of a grid, rounding outwards. It grows by at least 0.02 steps on each side. */
+static void sbl__bvh_quantise(const sbl__grid_node *grid, const sbl__box *b, uint32_t out[3]) {
     int k;
     for (k = 0; k < 3; k++) {
         double low = floor(((double)b->low[k] - grid->origin[k]) * grid->per_length[k] - 0.02);
@@ -5520,57 +5407,53 @@ static void sbl__bvh_quantise(const sbl__grid *grid, const sbl__box *b, uint32_t
     }
 }
 
-/* The grid over a box, a step to spare at either end, in the place of the next node. */
-static sbl__grid sbl__bvh_add_grid(sbl__hierarchy *h, const sbl__box *b, int around) {
+/* Appends a grid over a box, with a margin of one step on each side, in the place of the next node. */
+static sbl__grid_node sbl__bvh_add_grid(sbl__hierarchy *h, const sbl__box *b, uint32_t around) {
     const float longest = SBL__MAX(b->high[0] - b->low[0], SBL__MAX(b->high[1] - b->low[1], b->high[2] - b->low[2]));
-    sbl__grid_node node;
-    sbl__grid grid;
+    const int place = h->node_count++;
+    sbl__grid_node grid;
     int k;
-    for (k = 0; k < 3; k++) {  /* no finer than what floats resolve there */
+    for (k = 0; k < 3; k++) {  /* steps must not be finer than the resolution of floats */
         double size = SBL__MAX(1e-4 * (double)longest, SBL__MAX(1e-6 * fabs((double)b->low[k]), 1e-30));
         size = SBL__MAX((double)b->high[k] - b->low[k], size);
-        node.per_length[k] = grid.per_length[k] = (float)(65533 / size);
-        node.origin[k] = grid.origin[k] = (float)(b->low[k] - size / 65533);
+        grid.per_length[k] = (float)(65533 / size);
+        grid.origin[k] = (float)(b->low[k] - size / 65533);
     }
-    grid.place = h->node_count++;
-    node.root = (uint32_t)grid.place + 1;  /* its root follows */
-    node.around = (uint32_t)around;
-    memcpy(&h->building->nodes[grid.place], &node, sizeof node);
-    memset(&h->building->work[grid.place], 0, sizeof *h->building->work);
+    grid.root = (uint32_t)place + 1;
+    grid.around = around;
+    memcpy(&h->building->children[2 * place], &grid, sizeof grid);
+    memset(&h->building->work[place], 0, sizeof *h->building->work);
     return grid;
 }
 
-/* A triangle's nine coordinates and its number. */
-typedef struct sbl__bvh_corners { uint32_t words[10]; } sbl__bvh_corners;
-
+/* Compares triangles: the bits of nine coordinates, then the number. */
 static int sbl__bvh_corner_order(const void *first, const void *second) {
-    const uint32_t *a = ((const sbl__bvh_corners *)first)->words, *b = ((const sbl__bvh_corners *)second)->words;
+    const uint32_t *a = (const uint32_t *)first, *b = (const uint32_t *)second;
     int k = 0;
     while (k < 9 && a[k] == b[k]) k++;
     return a[k] < b[k] ? -1 : a[k] > b[k];
 }
 
-/* Of triangles that lie exactly on each other only the first can be seen: a thousand copies must not cost a thousand
-   tests. Shortens the task. */
+/* Drops triangles whose corners are exactly those of a triangle with a lower number and without holes: rays cannot hit
+   them, but would test all of them. Shortens the task. */
 static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
     const sbl__geometry *g = b->geometry;
     uint32_t *order = b->order;
-    sbl__bvh_corners *corners = (sbl__bvh_corners *)sbl__alloc(b->device->base, (size_t)t->count, sizeof *corners);
+    uint32_t (*corners)[10] = (uint32_t (*)[10])sbl__alloc(b->device->base, (size_t)t->count, sizeof *corners);
     int i, k, kept = 0, last = 0;
     if (!corners) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < t->count; i++) {
         const uint32_t number = order[t->first + i];
-        for (k = 0; k < 3; k++) memcpy(corners[i].words + 3 * k, sbl__triangle_corner(g, number, k), 12);
-        corners[i].words[9] = number;
+        for (k = 0; k < 3; k++) memcpy(corners[i] + 3 * k, sbl__triangle_corner(g, number, k), 12);
+        corners[i][9] = number;
     }
     qsort(corners, (size_t)t->count, sizeof *corners, sbl__bvh_corner_order);
     for (i = 0; i < t->count; i++) {
-        const uint32_t number = corners[i].words[9], before = corners[last].words[9];
-        if (i && !memcmp(corners[i].words, corners[last].words, 36) &&
-            sbl__triangle_object(g, before)->alpha_cutoff == 0.0f)
+        if (i && !memcmp(corners[i], corners[last], 36) &&
+            sbl__triangle_object(g, corners[last][9])->alpha_cutoff == 0.0f)
             continue;
         last = i;
-        order[t->first + kept++] = number;
+        order[t->first + kept++] = corners[i][9];
     }
     for (i = kept; i < t->count; i++) order[t->first + i] = SBL__BVH_DROPPED;
     t->count = kept;
@@ -5578,37 +5461,40 @@ static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
     return SBL_SUCCESS;
 }
 
-static uint32_t *sbl__bvh_child(sbl__bvh *b, int node, int side) {
-    return side ? b->nodes[node].child_1 : b->nodes[node].child_0;
-}
-
-/* Takes up a task: names its node to its parent, in a finer grid where it is small for the present one. */
-static sbl_result sbl__bvh_begin_task(void *work, sbl__slice *slice) {
+/* Begins the top task of the stack: links the next node to its parent, behind a finer grid if its box is small in the
+   parent's grid, and empties the bins. */
+static int sbl__bvh_next_task(void *work) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__hierarchy *h = b->hierarchy;
+    sbl__bvh_split *s = &b->split;
     sbl__bvh_task *t = &b->task;
+    const sbl__box *box = &t->bounds.box, *centroids = &t->bounds.centroids;
     uint32_t *child;
-    int k, fine = 1;
-    (void)slice;
+    int axis, k, fine = 1;
+    if (!b->top) return SBL__BVH_COSTS;
     *t = b->stack[--b->top];
-    child = sbl__bvh_child(b, t->parent, t->side) + 3;
-    for (k = 0; k < 3; k++) fine &= (t->box.high[k] - t->box.low[k]) * t->grid.per_length[k] < SBL__BVH_GRID_STEPS;
+    child = &b->children[2 * t->parent + t->side][3];
     *child = (uint32_t)h->node_count;
+    for (k = 0; k < 3; k++) fine &= (box->high[k] - box->low[k]) * t->grid.per_length[k] < SBL__BVH_GRID_STEPS;
     if (fine && t->count >= SBL__BVH_GRID_LEAST && t->depth < SBL__BVH_SAH_DEPTH) {
         t->depth++;
         *child |= SBL__ENTER;
-        t->grid = sbl__bvh_add_grid(h, &t->box, t->grid.place);
+        t->grid = sbl__bvh_add_grid(h, box, t->grid.root - 1);
     }
     memset(&b->work[h->node_count], 0, sizeof *b->work);
-    b->split.left = 0;
-    b->split.axis = -1;
-    sbl__box_clear(&b->split.centroids);
-    sbl__box_clear(&b->split.halves[0]);
-    sbl__box_clear(&b->split.halves[1]);
-    return SBL_SUCCESS;
+    memset(s, 0, sizeof *s);
+    s->axis = -1;
+    for (k = 0; k < 2; k++) s->halves[k].box = s->halves[k].centroids = sbl__box_empty;
+    for (axis = 0; axis < 3; axis++) {
+        const float size = centroids->high[axis] - centroids->low[axis];
+        const float scale = size > 0 ? (float)SBL__BVH_BINS * 0.99999f / size : 0;
+        if (sbl__finite(&scale) && t->depth < SBL__BVH_SAH_DEPTH) s->scale[axis] = scale;
+        for (k = 0; k < SBL__BVH_BINS; k++) s->bins[axis][k] = sbl__box_empty;
+    }
+    return SBL__BVH_COUNT;
 }
 
-/* Writes the node of the task, which has been split, and leaves its halves as leaves or tasks. */
+/* Writes the node of the present task after its split. Each half becomes a leaf or a task. */
 static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__bvh_split *s = &b->split;
@@ -5616,19 +5502,19 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
     const int node = b->hierarchy->node_count++;
     int side, i;
     (void)slice;
-    if (!s->left) {  /* all at one place, or too deep: halves by number; of one triangle one is empty, never entered */
+    if (!s->left) {  /* no split was found. The first half of a single triangle is an empty box, which no ray enters. */
         const sbl_result result = sbl__bvh_drop_copies(b, t);
         if (result != SBL_SUCCESS) return result;
         s->left = t->count / 2;
-        for (i = 0; i < t->count; i++) sbl__box_add(&s->halves[i >= s->left], &b->boxes[b->order[t->first + i]]);
+        for (i = 0; i < t->count; i++) sbl__bvh_bounds_add(&s->halves[i >= s->left], &b->boxes[b->order[t->first + i]]);
     }
-    b->work[node].area = sbl__box_area(&t->box);
+    b->work[node].area = sbl__box_area(&t->bounds.box);
     b->work[node].parent = t->parent;
     for (side = 0; side < 2; side++) {
         const int first = side ? t->first + s->left : t->first, count = side ? t->count - s->left : s->left;
-        uint32_t *child = sbl__bvh_child(b, node, side);
-        sbl__bvh_quantise(&t->grid, &s->halves[side], child);
-        b->work[node].sum += (double)sbl__box_area(&s->halves[side]) * (count <= SBL__BVH_LEAF ? 1 + count : 1);
+        uint32_t *child = b->children[2 * node + side];
+        sbl__bvh_quantise(&t->grid, &s->halves[side].box, child);
+        b->work[node].sum += (double)sbl__box_area(&s->halves[side].box) * (count <= SBL__BVH_LEAF ? 1 + count : 1);
         if (count <= SBL__BVH_LEAF)
             child[3] = SBL__LEAF | (uint32_t)(SBL__MAX(1, count) - 1) << 28 | (uint32_t)first;
         else {
@@ -5639,15 +5525,13 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
             task->depth++;
             task->parent = node;
             task->side = side;
-            task->box = s->halves[side];
+            task->bounds = s->halves[side];
         }
     }
     return SBL_SUCCESS;
 }
 
-static int sbl__bvh_after_task(void *work) { return ((sbl__bvh *)work)->top ? SBL__BVH_TASK : SBL__BVH_COSTS; }
-
-/* >>bvh: its stages */
+/* >>bvh: stages */
 
 static sbl_result sbl__bvh_begin(const sbl__device *d, const sbl__geometry *g, sbl__hierarchy *h) {
     const size_t room = (size_t)SBL__MAX(1, g->triangle_count), nodes = room + room / SBL__BVH_GRID_LEAST + 2;
@@ -5659,47 +5543,44 @@ static sbl_result sbl__bvh_begin(const sbl__device *d, const sbl__geometry *g, s
     b->hierarchy = h;
     h->node_count = h->triangle_count = 0;
     h->cost = h->seconds = 0;
-    memset(h->grid_origin, 0, sizeof h->grid_origin);
-    memset(h->grid_per_length, 0, sizeof h->grid_per_length);
-    b->nodes = (sbl__node *)sbl__alloc_raw(d->base, nodes, sizeof *b->nodes);
+    b->children = (uint32_t (*)[4])sbl__alloc_raw(d->base, nodes, sizeof(sbl__node));
     b->order = (uint32_t *)sbl__alloc_raw(d->base, room, 4);
     b->boxes = (sbl__box *)sbl__alloc_raw(d->base, room, sizeof *b->boxes);
     b->work = (sbl__bvh_work *)sbl__alloc_raw(d->base, nodes, sizeof *b->work);
-    sbl__box_clear(&b->all);
-    return b->nodes && b->order && b->boxes && b->work ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    b->all.box = b->all.centroids = sbl__box_empty;
+    return b->children && b->order && b->boxes && b->work ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 static int sbl__bvh_all_triangles(void *work) { return ((sbl__bvh *)work)->geometry->triangle_count; }
 
-/* The box of a triangle, if sensors see it. */
+/* Adds a triangle, unless it is hidden from sensors. */
 static sbl_result sbl__bvh_box(void *work, int at) {
     sbl__bvh *b = (sbl__bvh *)work;
     const uint32_t i = (uint32_t)at;
     if (sbl__triangle_object(b->geometry, i)->flags & SBL_MATERIAL_HIDDEN_FROM_SENSORS) return SBL_SUCCESS;
     b->order[b->hierarchy->triangle_count++] = i;
     sbl__box_of_triangle(&b->boxes[i], b->geometry, i);
-    sbl__box_add(&b->all, &b->boxes[i]);
+    sbl__bvh_bounds_add(&b->all, &b->boxes[i]);
     return SBL_SUCCESS;
 }
 
-/* The first task, where sensors see anything at all. */
+/* Begins a task for all triangles, if there are any. */
 static int sbl__bvh_after_boxes(void *work) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__hierarchy *h = b->hierarchy;
     sbl__bvh_task *task = &b->stack[0];
-    if (!h->triangle_count) return SBL__BVH_COSTS;
-    task->count = h->triangle_count;
-    task->box = b->all;
-    task->grid = sbl__bvh_add_grid(h, &b->all, 0);  /* number 0; it names the root as child_0 would */
-    memcpy(h->grid_origin, task->grid.origin, 12);
-    memcpy(h->grid_per_length, task->grid.per_length, 12);
-    b->top = 1;
-    return SBL__BVH_TASK;
+    if (h->triangle_count) {
+        b->top = 1;
+        task->count = h->triangle_count;
+        task->bounds = b->all;
+        h->grid = task->grid = sbl__bvh_add_grid(h, &b->all.box, 0);  /* parent 0 and side 0 address its root field */
+    }
+    return sbl__bvh_next_task(b);
 }
 
 static int sbl__bvh_inner_nodes(void *work) { return ((sbl__bvh *)work)->hierarchy->node_count - 1; }
 
-/* Children come after their parents: what rays meet below a node is added up on the way back. */
+/* Adds a node's cost to its parent's. Nodes are visited from last to first, since children follow their parents. */
 static sbl_result sbl__bvh_cost(void *work, int at) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__hierarchy *h = b->hierarchy;
@@ -5709,9 +5590,10 @@ static sbl_result sbl__bvh_cost(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Stores `count` elements of a table's `all` from number stages.at on, and shows it to shaders once all are there. */
-static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, size_t size, int count, int all) {
+/* Uploads a piece of a table's `all` elements, from number stages.at on. Attaches the table after the last one. */
+static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, size_t size, int all) {
     int *at = &b->stages.at;
+    const int count = SBL__MIN(SBL__UPLOAD_CHUNK / (int)size, all - *at);
     sbl_result result = SBL_SUCCESS;
     if (!*at) result = sbl__buffer_make(b->device, &t->buffer, size * (size_t)all, NULL, SBL__GL_STATIC_DRAW);
     if (result != SBL_SUCCESS) return result;
@@ -5723,7 +5605,7 @@ static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, 
     return result;
 }
 
-/* Triangles' records, in the leaves' order. */
+/* Uploads a piece of the triangles' records, in the order of the leaves. */
 static sbl_result sbl__bvh_triangles(void *work, sbl__slice *slice) {
     enum { MOST = SBL__UPLOAD_CHUNK / sizeof(sbl__triangle) };
     sbl__bvh *b = (sbl__bvh *)work;
@@ -5746,29 +5628,25 @@ static sbl_result sbl__bvh_triangles(void *work, sbl__slice *slice) {
         t->number = number;
         t->cutout = sbl__triangle_object(g, number)->alpha_cutoff != 0.0f;
     }
-    result = sbl__bvh_upload(b, &h->triangle_table, records, sizeof *records, count, h->triangle_count);
+    result = sbl__bvh_upload(b, &h->triangle_table, records, sizeof *records, h->triangle_count);
     sbl__free(b->device->base, records);
     return result;
 }
 
 static sbl_result sbl__bvh_nodes(void *work, sbl__slice *slice) {
-    enum { MOST = SBL__UPLOAD_CHUNK / sizeof(sbl__node) };
     sbl__bvh *b = (sbl__bvh *)work;
-    const int at = b->stages.at, all = b->hierarchy->node_count;
+    sbl__hierarchy *h = b->hierarchy;
     (void)slice;
-    return sbl__bvh_upload(b, &b->hierarchy->node_table, b->nodes + at, sizeof *b->nodes,
-                           SBL__MIN((int)MOST, all - at), all);
+    return sbl__bvh_upload(b, &h->node_table, b->children + 2 * b->stages.at, sizeof(sbl__node), h->node_count);
 }
 
-/* Builds the hierarchy and brings it to the GPU. SBL_SUCCESS: it is ready; after an error it can be begun anew. */
+/* Builds the hierarchy and uploads it. SBL_SUCCESS: it is ready. After an error the caller may begin again. */
 static sbl_result sbl__hierarchy_step(sbl__device *d, const sbl__geometry *g, sbl__hierarchy *h, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, sbl__bvh_after_boxes, sbl__bvh_box, sbl__bvh_all_triangles },
-        { sbl__bvh_begin_task, NULL, NULL, NULL },
-        { NULL, sbl__bvh_split_bins, sbl__bvh_split_measure, sbl__bvh_chunks },
-        { NULL, sbl__bvh_split_choose, sbl__bvh_split_count, sbl__bvh_chunks },
-        { NULL, NULL, sbl__bvh_split_part, sbl__bvh_chunks },
-        { sbl__bvh_end_task, sbl__bvh_after_task, NULL, NULL },
+        { NULL, sbl__bvh_choose, sbl__bvh_chunk, sbl__bvh_chunks },
+        { NULL, NULL, sbl__bvh_chunk, sbl__bvh_chunks },
+        { sbl__bvh_end_task, sbl__bvh_next_task, NULL, NULL },
         { NULL, NULL, sbl__bvh_cost, sbl__bvh_inner_nodes },
         { sbl__bvh_triangles, NULL, NULL, NULL },
         { sbl__bvh_nodes, NULL, NULL, NULL }
@@ -5782,7 +5660,7 @@ static sbl_result sbl__hierarchy_step(sbl__device *d, const sbl__geometry *g, sb
                                                         slice);
     h->seconds += sbl__now() - start;
     if (result == SBL_UNFINISHED) return result;
-    if (result == SBL_SUCCESS) {  /* the GPU has the nodes; the order tells where lamps are */
+    if (result == SBL_SUCCESS) {  /* >>lamps still needs the order; the nodes are on the GPU */
         h->ready = 1;
         sbl__free(d->base, h->order);
         h->order = h->building->order;
@@ -5793,27 +5671,27 @@ static sbl_result sbl__hierarchy_step(sbl__device *d, const sbl__geometry *g, sb
     return result;
 }
 
-/* For traverse.glsl. */
+/* Sets the tables and uniforms of traverse.glsl. */
 static void sbl__hierarchy_bind(sbl__device *d, const sbl__hierarchy *h) {
     sbl__bind_table(d, "sbl_nodes", &h->node_table);
     sbl__bind_table(d, "sbl_triangles", &h->triangle_table);
-    sbl__set_vec3(d, "grid_origin", h->grid_origin);
-    sbl__set_vec3(d, "grid_per_length", h->grid_per_length);
+    sbl__set_vec3(d, "grid_origin", h->grid.origin);
+    sbl__set_vec3(d, "grid_per_length", h->grid.per_length);
     sbl__set_int(d, "node_count", h->node_count);
 }
 
 /* >>glsl traverse: shaders_embedded/traverse.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_traverse[] = {
-"// A ray through the bounding volume hierarchy (see >>bvh in sbl.h).\n",
-"uniform vec3 grid_origin, grid_per_length;  // of the grid over all, which comes first\n",
-"uniform int node_count;                     // 0: an empty scene\n",
+"// Traces rays through the bounding volume hierarchy (see >>bvh in sbl.h).\n",
+"uniform vec3 grid_origin, grid_per_length;  // the grid over the scene, whose record is number 0\n",
+"uniform int node_count;                     // 0: the scene is empty\n",
 "\n",
-"const int SBL_LAYERS = 64;            // of cutouts that a ray goes through\n",
+"const int SBL_LAYERS = 64;            // limit of hits in holes that a ray passes\n",
 "const int SBL_BOX_SLACK = 8;          // units in the last place, see Ize 2013, \"Robust BVH Ray Traversal\"\n",
-"const float SBL_SELF_DEEP = 1e-4;     // a hit nearer than this share of its triangle's depth may be rounding:\n",
-"const float SBL_SELF_WIDE = 2.4e-7;   // it must be farther than half so many of its width\n",
+"const float SBL_SELF_DEEP = 1e-4;     // see sbl_test\n",
+"const float SBL_SELF_WIDE = 2.4e-7;\n",
 "\n",
-"// Attributes of a triangle that is traced, at b1, b2.\n",
+"// Attributes at barycentrics b1, b2 of a triangle of sbl_triangles.\n",
 "sbl_Attributes sbl_attributes_at(int triangle, float b1, float b2) {\n",
 "#ifdef SBL_TEXTURED\n",
 "    ivec3 corners = sbl_corners(int(sbl_triangle_number(triangle)));\n",
@@ -5832,18 +5710,19 @@ static const char *const sbl__glsl_traverse[] = {
 "}\n",
 "\n",
 "struct sbl_Hit {\n",
-"    float distance;   // in lengths of the direction\n",
-"    int triangle;     // as sbl_triangles counts; negative: nothing was hit\n",
-"    int number;       // of the triangle in the scene\n",
+"    float distance;   // in units of the direction's length\n",
+"    int triangle;     // number in sbl_triangles; negative: nothing was hit\n",
+"    int number;       // the triangle's number in the scene\n",
 "    float b1, b2;     // barycentrics of the second and third corner\n",
 "    bool back;\n",
 "};\n",
 "\n",
 "sbl_Attributes sbl_attributes_of(sbl_Hit hit) { return sbl_attributes_at(hit.triangle, hit.b1, hit.b2); }\n",
 "\n",
-"// Does the ray's stretch up to `nearest` cross the box? Its entry distance, or 0x7fffffff; distances are the bits\n",
-"// of floats, since they order as integers where none is negative, and a negative one is below all others. `per` is\n",
-"// the length of a grid step along the ray, `offset` brings the origin to 0.\n",
+"// Returns the distance at which the ray enters the box; 0x7fffffff if it does not enter before `nearest`.\n",
+"// Distances are the bits of floats: as integers, those of positive floats have the same order, and those of\n",
+"// negative floats are negative. per: ray distance per grid step. offset: ray distance of the grid's origin. flip:\n",
+"// where the ray's direction is negative\n",
 "int sbl_box(uvec4 box, vec3 per, vec3 offset, bvec3 flip, int nearest) {\n",
 "    vec3 low = vec3(box.xyz & 65535u), high = vec3(box.xyz >> 16);\n",
 "    ivec3 entry = floatBitsToInt(mix(low, high, flip) * per + offset);\n",
@@ -5852,20 +5731,21 @@ static const char *const sbl__glsl_traverse[] = {
 "    return from <= to + SBL_BOX_SLACK ? from : 0x7fffffff;\n",
 "}\n",
 "\n",
-"// A ray as triangles are tested against it. Watertight against shared edges: Woop, Benthin and Wald 2013. The axis\n",
-"// along which the direction is longest becomes z, the ray is sheared onto it.\n",
+"// A ray for triangle tests, which are watertight at shared edges (Woop, Benthin and Wald 2013). The axis of the\n",
+"// direction's largest component becomes z, and space is sheared so that the ray follows z.\n",
 "struct sbl_Ray {\n",
 "    vec3 origin;\n",
 "    int axis;\n",
-"    float shear_x, shear_y, z, per_z;\n",
-"    float after;  // hits are ordered by distance, then number: those up to this distance,\n",
-"    int past;     // and at it up to this number, do not count\n",
+"    vec2 shear;\n",
+"    float z, per_z;\n",
+"    float after;  // hits at a lower distance are ignored,\n",
+"    int past;     // and hits at an equal distance whose number is at most this\n",
 "};\n",
 "\n",
 "vec3 sbl_turn(vec3 v, int axis) { return axis == 0 ? v.yzx : axis == 1 ? v.zxy : v; }\n",
 "\n",
-"// Four times the area of an edge and the ray. From the edge's other side it is exactly the opposite, though\n",
-"// drivers may compute a * b - c * d with one rounding or with two: the edge both ways, halves that change places.\n",
+"// Four times the signed area of the triangle of an edge and the ray. The two equal terms make the result for (b,\n",
+"// a) the exact opposite, even if the driver rounds only one product of each a * b - c * d.\n",
 "float sbl_side(vec2 a, vec2 b) { return (a.x * b.y - a.y * b.x) - (b.x * a.y - b.y * a.x); }\n",
 "\n",
 "void sbl_test(int triangle, sbl_Ray ray, inout sbl_Hit hit) {\n",
@@ -5873,16 +5753,16 @@ static const char *const sbl__glsl_traverse[] = {
 "    vec3 q = sbl_turn(sbl_triangle_corner_1(triangle) - ray.origin, ray.axis);\n",
 "    vec3 r = sbl_turn(sbl_triangle_corner_2(triangle) - ray.origin, ray.axis);\n",
 "    int number = int(sbl_triangle_number(triangle));\n",
-"    vec2 shear = vec2(ray.shear_x, ray.shear_y);\n",
-"    p.xy -= shear * p.z;\n",
-"    q.xy -= shear * q.z;\n",
-"    r.xy -= shear * r.z;\n",
+"    p.xy -= ray.shear * p.z;\n",
+"    q.xy -= ray.shear * q.z;\n",
+"    r.xy -= ray.shear * r.z;\n",
 "    float u = sbl_side(r.xy, q.xy), v = sbl_side(p.xy, r.xy), w = sbl_side(q.xy, p.xy), determinant = u + v + w;\n",
 "    bool front = u >= 0.0 && v >= 0.0 && w >= 0.0, back = u <= 0.0 && v <= 0.0 && w <= 0.0;\n",
 "    bool inside = (front || back) && determinant != 0.0;\n",
 "    float l = (u * p.z + v * q.z + w * r.z) * ray.per_z / determinant;\n",
-"    // A triangle that the ray starts beside, its own above all, must not be hit by rounding: it grows with how\n",
-"    // thin the triangle is.\n",
+"    // Rounding must not cause a hit of a triangle close to the ray's origin, such as the one that it starts on. A\n",
+"    // hit nearer than SBL_SELF_DEEP of the triangle's depth counts only if it is farther than the rounding error,\n",
+"    // which is larger for thin triangles.\n",
 "    float deep = max(abs(p.z), max(abs(q.z), abs(r.z)));\n",
 "    float wide = max(dot(p.xy, p.xy), max(dot(q.xy, q.xy), dot(r.xy, r.xy)));\n",
 "    inside = inside && l > SBL_SELF_DEEP * deep || inside && l * abs(determinant) > SBL_SELF_WIDE * deep * wide;\n",
@@ -5891,13 +5771,13 @@ static const char *const sbl__glsl_traverse[] = {
 "        hit = sbl_Hit(l, triangle, number, v / determinant, w / determinant, (determinant < 0.0) == (ray.z > 0.0));\n",
 "}\n",
 "\n",
-"// The nearest hit nearer than `limit` and farther than `after`, or as far and of a triangle numbered above `past`.\n",
+"// Returns the nearest hit below the distance `limit` and above `after`, or at `after` with a number above `past`.\n",
 "sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float limit) {\n",
 "    sbl_Hit hit = sbl_Hit(limit, -1, -1, 0.0, 0.0, false);\n",
 "    vec3 size = abs(direction);\n",
 "    int axis = size.x > size.y ? (size.x > size.z ? 0 : 2) : (size.y > size.z ? 1 : 2);\n",
 "    vec3 d = sbl_turn(direction, axis);\n",
-"    sbl_Ray ray = sbl_Ray(origin, axis, d.x / d.z, d.y / d.z, d.z, 1.0 / d.z, after, past);\n",
+"    sbl_Ray ray = sbl_Ray(origin, axis, d.xy / d.z, d.z, 1.0 / d.z, after, past);\n",
 "\n",
 "    bvec3 flip = lessThan(direction, vec3(0));\n",
 "    vec3 inverse = 1.0 / mix(max(direction, vec3(1e-12)), min(direction, vec3(-1e-12)), flip);\n",
@@ -5906,10 +5786,9 @@ static const char *const sbl__glsl_traverse[] = {
 "    stack[0] = SBL_END;\n",
 "    int top = 0;\n",
 "    uint node = node_count == 0 ? SBL_END : 1u;\n",
-"    // Each turn is a leaf, or a way into or out of a grid. So many it takes at most; softpipe does not come out of\n",
-"    // this loop otherwise.\n",
+"    // Each turn visits a leaf or changes grids. softpipe does not leave this loop unless their number is limited.\n",
 "    for (int turns = 4 * node_count + 4; turns > 0; turns--) {\n",
-"        while (node < SBL_LEAF) {  // down to a leaf, the nearer child first\n",
+"        while (node < SBL_LEAF) {  // descends to a leaf, to the nearer child first\n",
 "            uvec4 first = sbl_node_child_0(int(node)), second = sbl_node_child_1(int(node));\n",
 "            int nearest = floatBitsToInt(hit.distance);\n",
 "            int a = sbl_box(first, per, offset, flip, nearest), b = sbl_box(second, per, offset, flip, nearest);\n",
@@ -5918,7 +5797,7 @@ static const char *const sbl__glsl_traverse[] = {
 "            if (min(a, b) == 0x7fffffff) node = stack[top--];\n",
 "        }\n",
 "        bool leaf = true;\n",
-"        while ((node & 0xe0000000u) == SBL_ENTER && leaf) {  // into a grid, or back to the one around it\n",
+"        while ((node & 0xe0000000u) == SBL_ENTER && leaf) {  // SBL_ENTER or SBL_LEAVE: changes to another grid\n",
 "            int grid = int(node & SBL_CHILD_NUMBER);\n",
 "            per = inverse / sbl_grid_per_length(grid);\n",
 "            offset = (sbl_grid_origin(grid) - origin) * inverse;\n",
@@ -5937,11 +5816,11 @@ static const char *const sbl__glsl_traverse[] = {
 "    return hit;\n",
 "}\n",
 "\n",
-"// The nearest hit nearer than `limit`.\n",
+"// Returns the nearest hit whose distance is below `limit`.\n",
 "sbl_Hit sbl_trace(vec3 origin, vec3 direction, float limit) {\n",
 "    sbl_Hit hit = sbl_Hit(0.0, -1, 0x7fffffff, 0.0, 0.0, false);\n",
 "#ifdef SBL_CUTOUTS\n",
-"    // Cutouts: the nearest hit is looked at, and where nothing is there the ray goes on behind it.\n",
+"    // If the nearest hit lies in a hole, the ray continues behind it.\n",
 "    for (int layer = 0; layer < SBL_LAYERS; layer++) {\n",
 "        bool solid = true;\n",
 "        hit = sbl_nearest(origin, direction, hit.distance, hit.number, limit);\n",
@@ -5958,17 +5837,17 @@ static const char *const sbl__glsl_traverse[] = {
 /* <<glsl */
 
 /* ======================================================================================================== >>lamps
-   Lamps, at which sensors aim rays: emitting triangles, lights, and texels of the environment that are too bright for
-   random rays. Two trees, one of near lamps and one of directions, hold clusters of neighbours, so that a sensor's work
-   grows with the logarithm of the number of lamps (lamps.glsl). One table holds the nodes in preorder, then the leaves
-   in the order of the nodes, then the lights.
+   Lamps, which sensors send rays to: emitting triangles, lights, and texels of the environment that are too bright for
+   random rays. Two trees, one of near lamps and one of distant lamps, hold clusters of neighbours, so that a sensor's
+   work grows with the logarithm of the number of lamps (lamps.glsl). One table holds the nodes in preorder, then the
+   leaves in the order of the nodes, then the lights.
 
-   The power of a lamp is its light per solid angle, divided by pi, where the lamp shows its face: R at distance d is
-   about power * cosine / d^2, and power * cosine for directions. */
+   The power of a lamp is its radiant intensity along its normal, summed over the channels and divided by pi: R at
+   distance d is about power * cosine / d^2. For a distant lamp, R is power * cosine. */
 
 /* middle, radius: a ball around all lamps of the subtree. square, mixed: xx, yy, zz and xy, yz, zx of the sum of
-   power * normal * normal^T. beyond: the node after the subtree, with SBL_FAR_NODE set for directions. front: sum of
-   power * normal of one-sided lamps. first_leaf: the first leaf of the subtree. */
+   power * normal * normal^T. beyond: the node after the subtree, with SBL_FAR_NODE set for distant lamps. front: sum of
+   power * normal of one-sided lamps. first_leaf: the first leaf of the subtree */
 #define SBL__LAMP_NODE(X) \
     X(sbl__lamp_node, VEC3, middle) X(sbl__lamp_node, FLOAT, radius) \
     X(sbl__lamp_node, VEC3, square) X(sbl__lamp_node, FLOAT, power) \
@@ -5989,18 +5868,18 @@ SBL__RECORD(sbl__lamp_leaf, SBL__LAMP_LEAF, "sbl_lamp_leaf", "sbl_lamps", "", "s
     X(sbl__light_record, VEC3, axis) X(sbl__light_record, FLOAT, spot_offset)
 SBL__RECORD(sbl__light_record, SBL__LIGHT_RECORD, "sbl_light", "sbl_lamps", "", "sbl_first_light")
 
-#define SBL__POWER_MOST 1e37          /* limit of power, so that sums of several remain finite floats */
-#define SBL__POWER_LEAST 1e-30        /* least power of a lamp that emits light */
-#define SBL__MOMENT_MOST 1e18         /* limit of a moment, so that products of two remain finite floats */
+#define SBL__POWER_MOST 1e37          /* limit of power, so that sums remain finite floats */
+#define SBL__POWER_LEAST 1e-30        /* least power of an emitting triangle, times pi */
+#define SBL__MOMENT_MOST 1e18         /* limit of a moment, so that products of two moments remain finite floats */
 #define SBL__SPOT_LEAST 0.001         /* least difference between the cosines of a spot's cones (KHR_lights_punctual) */
 #define SBL__CURVE_BITS 20            /* bits of the Morton curve per axis */
 #define SBL__LAMP_DEPTH 128           /* largest depth of the trees: the 61 bits of the curve, then the logarithm of
                                          the number of lamps at one place */
 
 typedef struct sbl__lamp {
-    uint64_t curve;            /* position along a Morton curve; near lamps come before distant ones */
-    uint32_t code;
-    uint32_t triangle;         /* number of the triangle in the scene */
+    uint64_t curve;            /* position along a Morton curve; near lamps come before distant lamps */
+    uint32_t code;             /* see sbl__lamp_leaf */
+    uint32_t name;             /* number of the triangle in the scene or of the light, or row * width + column */
     sbl__box bounds;
     float normal[3];           /* 0: the lamp shines in all directions; for a distant lamp, the direction towards it */
     float power;
@@ -6008,9 +5887,6 @@ typedef struct sbl__lamp {
 } sbl__lamp;
 
 typedef struct sbl__cluster { double power, all_sides, square[6], front[3]; sbl__box bounds; } sbl__cluster;
-
-/* A range of lamps for which a subtree must still be built: first .. first + count - 1. */
-typedef struct sbl__lamp_range { int first, count; } sbl__lamp_range;
 
 typedef struct sbl__lamps {    /* data for building the trees */
     sbl__stages stages;
@@ -6022,26 +5898,24 @@ typedef struct sbl__lamps {    /* data for building the trees */
     sbl__lamp *list, *sorted;  /* sorted: the destination of merging */
     int count, room;
     double low[3], side;       /* cube around the centres of the near lamps, which the Morton curve fills */
-    int width, left, right, out;  /* width: lamps in a run to merge; left, right, out: positions in both runs and in
-                                     the output */
+    int width;                 /* number of lamps in a run to merge */
+    int left, right, out;      /* positions of merging: in both runs and in the output */
     sbl__lamp_node *nodes;
     int node_count;
-    sbl__lamp_range ranges[SBL__LAMP_DEPTH];
-    sbl__cluster clusters[SBL__LAMP_DEPTH];
-    int depth;                 /* height of the stack of ranges, later of the stack of clusters */
+    sbl__cluster clusters[SBL__LAMP_DEPTH];  /* stack of the clusters of subtrees */
+    int depth;                 /* height of the stack */
 } sbl__lamps;
 
 typedef struct sbl__lights {
-    sbl_light *list;           /* lights as the host gave them */
+    sbl_light *list;           /* copy of the host's lights */
     int count;
     float unit;                /* approximate highest radiance of light from lamps; the unit in which shaders
                                   calculate */
     int ready;
     sbl__table table;
     int nodes, leaves;         /* numbers of nodes and leaves in the table */
-    int mixed;                 /* 0: all lamps are triangles, and few enough to be sampled one by one */
-    uint32_t (*names)[2];      /* name of each leaf's lamp: kind; number of the triangle in the scene or of the
-                                  light, or row * width + column */
+    int mixed;                 /* 0: all lamps are triangles, and at most SBL__LAMPS; 1: otherwise */
+    uint32_t (*names)[2];      /* kind and name of each leaf's lamp */
     sbl__lamps *building;
 } sbl__lights;
 
@@ -6061,7 +5935,7 @@ static void sbl__lights_free(const sbl__device *d, sbl__lights *l) {
     memset(l, 0, sizeof *l);
 }
 
-/* brightest: highest radiance of any surface or the sky. The caller has checked the descriptor. */
+/* Copies the host's lights, which have been checked. brightest: highest radiance of any surface or the sky */
 static sbl_result sbl__lights_make(sbl__base *base, sbl__lights *l, const sbl_light *lights, int count,
                                    float brightest, float extent) {
     int i;
@@ -6088,41 +5962,43 @@ static sbl_result sbl__lamps_add(sbl__lamps *l, const sbl__lamp *lamp) {
     return SBL_SUCCESS;
 }
 
-/* Makes a lamp that shines in all directions. around: half the side of its bounds. */
-static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3], double around, double power) {
+/* Makes a lamp that shines in all directions, or a distant one. middle: its position, or the direction towards it.
+   around: half the side of its bounds. power: times pi */
+static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3], double around, double power,
+                           int distant) {
     int k;
     memset(lamp, 0, sizeof *lamp);
     lamp->code = code;
+    lamp->distant = distant;
     lamp->power = (float)SBL__MIN(power / SBL__PI, SBL__POWER_MOST);
     for (k = 0; k < 3; k++) {
         lamp->bounds.low[k] = (float)(middle[k] - around);
         lamp->bounds.high[k] = (float)(middle[k] + around);
+        if (distant) lamp->normal[k] = (float)middle[k];
     }
 }
 
 static int sbl__lamps_triangles(void *work) { return ((sbl__lamps *)work)->hierarchy->triangle_count; }
 
-/* Adds the triangle at a place of the hierarchy's order if the triangle emits light. */
+/* Adds the triangle at a place of the hierarchy's order, if it emits light. */
 static sbl_result sbl__lamps_add_triangle(void *work, int place) {
     sbl__lamps *l = (sbl__lamps *)work;
     const uint32_t number = l->hierarchy->order[place];
     const sbl__object *object;
     const double zero[3] = { 0, 0, 0 };
-    float emission[3];
     double normal[3], area;
     sbl__lamp lamp;
     int k;
     if (number == SBL__BVH_DROPPED) return SBL_SUCCESS;
     object = sbl__triangle_object(l->geometry, number);
     if (!sbl__emits(object, 0)) return SBL_SUCCESS;
-    sbl__emission(object, 0, emission);
     area = sbl__scene_normal(l->geometry, number, normal);
     sbl__lamp_make(&lamp, SBL__LAMP_TRIANGLE << SBL__LAMP_KIND_SHIFT | (uint32_t)place, zero, 0,
-                   SBL__MAX(area * sbl__sum3(emission), SBL__POWER_LEAST));
+                   SBL__MAX(area * sbl__sum3(object->emission), SBL__POWER_LEAST), 0);
     sbl__box_of_triangle(&lamp.bounds, l->geometry, number);
     for (k = 0; k < 3; k++) lamp.normal[k] = (float)normal[k];
     lamp.one_sided = !sbl__emits(object, 1);
-    lamp.triangle = number;
+    lamp.name = number;
     return sbl__lamps_add(l, &lamp);
 }
 
@@ -6156,12 +6032,10 @@ static sbl_result sbl__lamps_add_light(void *work, int number) {
     double place[3], half = 0.5 * light->angle * SBL__PI / 180;
     sbl__light_record record;
     sbl__lamp lamp;
-    int k;
     sbl__light_write(light, &record, place);
     sbl__lamp_make(&lamp, kind << SBL__LAMP_KIND_SHIFT | (uint32_t)number, place,
-                   distant ? 2 * sin(0.5 * half) : light->radius, sbl__sum3(light->intensity));
-    lamp.distant = distant;
-    for (k = 0; distant && k < 3; k++) lamp.normal[k] = (float)place[k];
+                   distant ? 2 * sin(0.5 * half) : light->radius, sbl__sum3(light->intensity), distant);
+    lamp.name = (uint32_t)number;
     return sbl__lamps_add(l, &lamp);
 }
 
@@ -6180,18 +6054,16 @@ static sbl_result sbl__lamps_add_texel(void *work, int at) {
     const uint32_t number = (uint32_t)y << SBL__SKY_COLUMN_BITS | (uint32_t)x;
     double direction[3];
     sbl__lamp lamp;
-    int k;
     if (!(sbl__max3(c) > e->limit)) return SBL_SUCCESS;
     sbl__environment_direction(e, x, y, direction);
     sbl__lamp_make(&lamp, SBL__LAMP_SKY_TEXEL << SBL__LAMP_KIND_SHIFT | number, direction,
                    SBL__MIN(step + 2 * SBL__PI / e->width, 1.0),
-                   sbl__sum3(c) * (1 - e->limit / sbl__max3(c)) * solid_angle);
-    lamp.distant = 1;
-    for (k = 0; k < 3; k++) lamp.normal[k] = (float)direction[k];
+                   sbl__sum3(c) * (1 - e->limit / sbl__max3(c)) * solid_angle, 1);
+    lamp.name = (uint32_t)at;
     return sbl__lamps_add(l, &lamp);
 }
 
-/* Returns the largest possible number of lamps, which the tables must hold. */
+/* Returns an upper bound of the number of lamps, for the size of the table. */
 static double sbl__lamps_most(const sbl__geometry *g, const sbl__environment *e, int light_count) {
     double lamps = light_count;
     size_t i;
@@ -6202,7 +6074,7 @@ static double sbl__lamps_most(const sbl__geometry *g, const sbl__environment *e,
     return lamps;
 }
 
-/* >>lamps: sorting near lamps along a Morton curve through their bounds, and after them the directions */
+/* >>lamps: sorting along a Morton curve, near lamps before distant lamps */
 
 static double sbl__box_middle(const sbl__box *b, int k) { return 0.5 * ((double)b->high[k] + b->low[k]); }
 
@@ -6218,11 +6090,7 @@ static uint64_t sbl__lamp_curve(const sbl__lamps *l, const sbl__lamp *lamp) {
     return curve;
 }
 
-static int sbl__lamp_before(const sbl__lamp *a, const sbl__lamp *b) {
-    return a->curve != b->curve ? a->curve < b->curve : a->code < b->code;
-}
-
-/* Sorts by merging runs of l->width lamps, then of twice as many, until one run is left. */
+/* Merges runs of l->width lamps, then runs twice as long, until one run is left. The sort is stable. */
 static sbl_result sbl__lamps_sort(void *work, sbl__slice *slice) {
     sbl__lamps *l = (sbl__lamps *)work;
     for (; l->width < l->count; l->width *= 2, l->out = 0) {
@@ -6231,7 +6099,7 @@ static sbl_result sbl__lamps_sort(void *work, sbl__slice *slice) {
             const int middle = SBL__MIN(run + l->width, l->count), end = SBL__MIN(run + 2 * l->width, l->count);
             if (l->out == run) { l->left = run; l->right = middle; }
             if (sbl__late(slice)) return SBL_UNFINISHED;
-            if (l->right == end || (l->left < middle && !sbl__lamp_before(&l->list[l->right], &l->list[l->left])))
+            if (l->right == end || (l->left < middle && l->list[l->left].curve <= l->list[l->right].curve))
                 l->sorted[l->out++] = l->list[l->left++];
             else l->sorted[l->out++] = l->list[l->right++];
         }
@@ -6242,12 +6110,11 @@ static sbl_result sbl__lamps_sort(void *work, sbl__slice *slice) {
 
 /* >>lamps: the trees. A tree of n leaves has 2 n - 1 nodes, so the end of each subtree is known in advance. */
 
-/* Returns the first lamp of the range whose curve position has the highest differing bit set. Lamps at one curve
-   position are cut in the middle. */
-static int sbl__lamps_cut(const sbl__lamps *l, const sbl__lamp_range *r) {
-    int low = r->first, high = r->first + r->count - 1;
+/* Returns the lamp at which to split lamps low .. high: the first one in whose curve position the highest differing bit
+   is set. Lamps with equal curve positions are split in the middle. */
+static int sbl__lamps_cut(const sbl__lamps *l, int low, int high) {
     uint64_t differs = l->list[low].curve ^ l->list[high].curve;
-    if (!differs) return r->first + r->count / 2;
+    if (!differs) return low + (high - low + 1) / 2;
     while (differs & (differs - 1)) differs &= differs - 1;
     while (high - low > 1) {
         const int middle = low + (high - low) / 2;
@@ -6257,26 +6124,32 @@ static int sbl__lamps_cut(const sbl__lamps *l, const sbl__lamp_range *r) {
     return high;
 }
 
-static void sbl__lamps_push(sbl__lamps *l, int first, int count) {
-    l->ranges[l->depth].first = first;
-    l->ranges[l->depth++].count = count;
+/* Begins the subtree of `count` lamps from `first` on at node number `at`. Returns the number of the node after it. */
+static int sbl__lamps_root(sbl__lamps *l, int at, int first, int count) {
+    if (!count) return at;
+    l->nodes[at].first_leaf = (uint32_t)first;
+    l->nodes[at].beyond = (uint32_t)(at + 2 * count - 1);
+    return at + 2 * count - 1;
 }
 
-/* Writes the nodes in preorder, with the first leaf and the end of each subtree. */
-static sbl_result sbl__lamps_split(void *work, sbl__slice *slice) {
+/* Begins both trees after sorting. */
+static int sbl__lamps_plant(void *work) {
     sbl__lamps *l = (sbl__lamps *)work;
-    while (l->depth) {
-        sbl__lamp_range r = l->ranges[--l->depth];
-        sbl__lamp_node *node = &l->nodes[l->node_count];
-        node->first_leaf = (uint32_t)r.first;
-        node->beyond = (uint32_t)(l->node_count + 2 * r.count - 1);
-        l->node_count++;
-        if (r.count > 1) {
-            const int cut = sbl__lamps_cut(l, &r);
-            sbl__lamps_push(l, cut, r.first + r.count - cut);  /* on a stack, so the left half comes first */
-            sbl__lamps_push(l, r.first, cut - r.first);
-        }
-        if (l->depth && sbl__late(slice)) return SBL_UNFINISHED;
+    int near_count = 0;
+    while (near_count < l->count && !l->list[near_count].distant) near_count++;
+    l->node_count = sbl__lamps_root(l, sbl__lamps_root(l, 0, 0, near_count), near_count, l->count - near_count);
+    return l->stages.stage + 1;
+}
+
+static int sbl__lamps_nodes(void *work) { return ((sbl__lamps *)work)->node_count; }
+
+/* Begins the subtrees of a node's children, which follow it. */
+static sbl_result sbl__lamps_split(void *work, int at) {
+    sbl__lamps *l = (sbl__lamps *)work;
+    const int first = (int)l->nodes[at].first_leaf, end = first + ((int)l->nodes[at].beyond - at + 1) / 2;
+    if (end - first > 1) {
+        const int cut = sbl__lamps_cut(l, first, end - 1);
+        sbl__lamps_root(l, sbl__lamps_root(l, at + 1, first, cut - first), cut, end - cut);
     }
     return SBL_SUCCESS;
 }
@@ -6323,8 +6196,6 @@ static void sbl__cluster_write(const sbl__cluster *c, int distant, sbl__lamp_nod
     if (distant) node->beyond |= SBL__FAR_NODE;
 }
 
-static int sbl__lamps_nodes(void *work) { return ((sbl__lamps *)work)->node_count; }
-
 /* Computes the cluster of a node's lamps. Nodes are visited from last to first, so that the clusters of a node's
    halves lie on the stack, the left one on top. */
 static sbl_result sbl__lamps_add_up(void *work, int at) {
@@ -6334,10 +6205,8 @@ static sbl_result sbl__lamps_add_up(void *work, int at) {
     const sbl__lamp *lamp = &l->list[node->first_leaf];
     if ((int)node->beyond == number + 1) sbl__cluster_of_lamp(&l->clusters[l->depth++], lamp);
     else {
-        sbl__cluster *left = &l->clusters[l->depth - 1], *right = left - 1, both = *left;
-        sbl__cluster_add(&both, right);
-        *right = both;
         l->depth--;
+        sbl__cluster_add(&l->clusters[l->depth - 1], &l->clusters[l->depth]);
     }
     sbl__cluster_write(&l->clusters[l->depth - 1], lamp->distant, node);
     return SBL_SUCCESS;
@@ -6364,35 +6233,6 @@ static sbl_result sbl__lamps_place(void *work, sbl__slice *slice) {
     return l->sorted && l->nodes ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Begins both trees after sorting. */
-static int sbl__lamps_plant(void *work) {
-    sbl__lamps *l = (sbl__lamps *)work;
-    int first = 0, end = l->count;
-    while (first < end) {  /* Binary search for the first distant lamp. */
-        const int middle = first + (end - first) / 2;
-        if (l->list[middle].distant) end = middle;
-        else first = middle + 1;
-    }
-    l->depth = 0;
-    if (l->count > first) sbl__lamps_push(l, first, l->count - first);
-    if (first) sbl__lamps_push(l, 0, first);
-    return l->stages.stage + 1;
-}
-
-/* Stores leaf number i and the name by which the host knows its lamp. */
-static void sbl__lamps_store_leaf(const sbl__lamps *l, int i, void *to) {
-    const uint32_t code = l->list[i].code, kind = code >> SBL__LAMP_KIND_SHIFT;
-    const uint32_t number = code & ((1u << SBL__LAMP_KIND_SHIFT) - 1);
-    uint32_t *name = l->lights->names[i];
-    memcpy(to, &code, sizeof code);
-    name[0] = kind;
-    name[1] = kind == SBL__LAMP_TRIANGLE  ? l->list[i].triangle
-            : kind == SBL__LAMP_SKY_TEXEL ? (number >> SBL__SKY_COLUMN_BITS) * (uint32_t)l->environment->width +
-                                            (number & ((1u << SBL__SKY_COLUMN_BITS) - 1))
-                                          : number;
-    l->lights->mixed |= kind != SBL__LAMP_TRIANGLE;
-}
-
 static sbl_result sbl__lamps_store(void *work, sbl__slice *slice) {
     sbl__lamps *l = (sbl__lamps *)work;
     const sbl__device *d = l->device;
@@ -6402,22 +6242,25 @@ static sbl_result sbl__lamps_store(void *work, sbl__slice *slice) {
     const size_t bytes = nodes + leaves + sizeof(sbl__light_record) * (size_t)lights->count;
     unsigned char *all = (unsigned char *)sbl__alloc(d->base, bytes, 1);
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
+    double place[3];
     int i;
     (void)slice;
     sbl__free(d->base, lights->names);
     lights->names = (uint32_t (*)[2])sbl__alloc_raw(d->base, (size_t)l->count, sizeof *lights->names);
     if (all && lights->names) {
+        sbl__lamp_leaf *leaf = (sbl__lamp_leaf *)(void *)(all + nodes);
+        sbl__light_record *record = (sbl__light_record *)(void *)(all + nodes + leaves);
         lights->nodes = l->node_count;
         lights->leaves = l->count;
         lights->mixed = l->count > SBL__LAMPS;
         memcpy(all, l->nodes, nodes);
-        for (i = 0; i < l->count; i++) sbl__lamps_store_leaf(l, i, all + nodes + sizeof(sbl__lamp_leaf) * (size_t)i);
-        for (i = 0; i < lights->count; i++) {
-            sbl__light_record record;
-            double place[3];
-            sbl__light_write(&lights->list[i], &record, place);
-            memcpy(all + nodes + leaves + sizeof record * (size_t)i, &record, sizeof record);
+        for (i = 0; i < l->count; i++) {
+            leaf[i].code = l->list[i].code;
+            lights->names[i][0] = l->list[i].code >> SBL__LAMP_KIND_SHIFT;
+            lights->names[i][1] = l->list[i].name;
+            lights->mixed |= lights->names[i][0] != SBL__LAMP_TRIANGLE;
         }
+        for (i = 0; i < lights->count; i++) sbl__light_write(&lights->list[i], &record[i], place);
         result = sbl__buffer_make(d, &lights->table.buffer, bytes, all, SBL__GL_STATIC_DRAW);
         if (result == SBL_SUCCESS) result = sbl__table_attach(d, &lights->table, SBL__GL_RGBA32UI, l->geometry->wide);
         if (l->geometry->wide) sbl__buffer_delete(d, &lights->table.buffer);
@@ -6436,7 +6279,7 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
         { NULL, NULL, sbl__lamps_add_texel, sbl__lamps_texels },
         { sbl__lamps_place, NULL, NULL, NULL },
         { sbl__lamps_sort, sbl__lamps_plant, NULL, NULL },
-        { sbl__lamps_split, NULL, NULL, NULL },
+        { NULL, NULL, sbl__lamps_split, sbl__lamps_nodes },
         { NULL, NULL, sbl__lamps_add_up, sbl__lamps_nodes },
         { sbl__lamps_store, NULL, NULL, NULL }
     };
@@ -6460,32 +6303,32 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
 }
 
 /* ======================================================================================================== >>store
-   Store of bounced light: R on all surfaces of the scene, cell by cell. Sensors look R up where they see a surface.
-   >>bounce fills the store.
+   Holds the bounced light of the scene: R on all surfaces, cell by cell. >>bounce computes it. Sensors read it at the
+   surfaces that they see.
 
-   Surfaces are divided into patches: neighbouring triangles of a mesh that make one smooth surface. A cell is the part
+   Surfaces are divided into patches: neighbouring triangles of a mesh that form one smooth surface. A cell is the part
    of one side of a patch that lies in one cube of a grid over the scene and faces one of six directions. For a flat
-   patch, whose plane may coincide with a plane of the grid, a column takes the place of the cube. Light therefore does
+   patch, whose plane may coincide with a plane of the grid, a column of cubes replaces the cube. Therefore light does
    not leak through walls, between shelves or around edges; tiny triangles share a cell, and large triangles have many.
-   Where an object stands on a surface, the object's plane cuts the cell (see >>bounce), so that the part behind it is
-   another leaf. All cells have one size, except that wider ones are used for places found last once there are many.
+   Where an object stands on a surface, the plane of the object cuts the cell into two leaves (see >>bounce). Cells
+   have the same size at first; once there are many, new surfaces get wider cells, of level 1 or 2.
 
        triangle -> patch, side \
                                 hash grid -> leaf, or cut -> ... -> leaf: R
-       place    -> cube        /                                                                                  */
+       position -> cube        /                                                                                  */
 
-/* A slot of the hash grid of cells. check: 0 for an empty slot. reference: 0: nothing is known here; number of a
-   leaf + 1; SBL__CELL_CUT | number of a cut. */
+/* A slot of the hash grid. check: a second hash of the cell, 0 for an empty slot. reference: number of a leaf + 1,
+   SBL__CELL_CUT | number of a cut, or 0 if the cell has no light. */
 typedef struct sbl__cell_slot { uint32_t check, reference; } sbl__cell_slot;
 
-/* A plane through a cell, with references to the parts below and above the plane. */
+/* A plane that divides a cell. sides: references to the parts below and above the plane. */
 #define SBL__CUT(X) \
     X(sbl__cut, VEC3, normal) X(sbl__cut, FLOAT, distance) \
     X(sbl__cut, UVEC2, sides) X(sbl__cut, UVEC2, unused)
 SBL__RECORD(sbl__cut, SBL__CUT, "sbl_cut", "sbl_store", SBL__SCENE_TABLE("sbl_store"), "first_cut")
 
 /* light: R; the low eight bits of its blue hold the uncertainty, see sbl__leaf_uncertainty. lamps: the part of R that
-   comes from lamps. */
+   comes directly from lamps, see sbl__rgbe. */
 #define SBL__LEAF_RECORD(X) X(sbl__leaf, VEC3, light) X(sbl__leaf, UINT, lamps)
 SBL__RECORD(sbl__leaf, SBL__LEAF_RECORD, "sbl_leaf", "sbl_store", "", "first_leaf")
 
@@ -6495,15 +6338,14 @@ typedef struct sbl__store {
     float origin[3], length;   /* origin of the grid; length of a cell of level 0 */
     uint32_t *patches;         /* one word per triangle: number << SBL__PATCH_SHIFT | axis | flat | back */
     sbl__cell_slot *cells;
-    int cell_room;             /* a power of two */
+    int cell_room;             /* number of slots, a power of two */
     sbl__cut *cuts;
     sbl__leaf *leaves;
     int cut_count, cut_room, leaf_count, leaf_room;
     int most;                  /* largest allowed number of leaves */
     float brightest;           /* largest channel of R in any leaf */
     float air[6][3];           /* R where the host draws, for surfaces facing +x, -x, +y, -y, +z, -z */
-    sbl__table table;          /* patches, cells, cuts and leaves, one after the other, because few texture units
-                                  exist */
+    sbl__table table;          /* patches, cells, cuts and leaves in one table, because texture units are few */
     int first_cell, first_cut, first_leaf;  /* start of each part in the table, in texels of four words */
 } sbl__store;
 
@@ -6516,32 +6358,25 @@ static void sbl__store_free(const sbl__device *d, sbl__store *s) {
     memset(s, 0, sizeof *s);
 }
 
-/* >>store: uncertainty of light, kept in the low bits of blue; shaders read them as a negligible part of the light */
+/* >>store: the uncertainty, in the low bits of blue. Shaders read these bits as a negligible part of the light. */
 
 #define SBL__UNCERTAINTY_STEPS 16  /* steps in a factor of 2; bits of 0 mean that the uncertainty is unknown */
 #define SBL__UNCERTAINTY_LEAST 1e-30f  /* least blue value that holds such bits */
 
 static void sbl__leaf_set_uncertainty(sbl__leaf *leaf, double uncertainty) {
     const double steps = -SBL__UNCERTAINTY_STEPS * log(SBL__MAX(uncertainty, 1e-9)) / log(2.0);
-    uint32_t bits, step;
-    if (leaf->light[2] < SBL__UNCERTAINTY_LEAST) return;
-    step = (uint32_t)SBL__MIN(SBL__MAX(steps, 1.0), 255.0);
-    memcpy(&bits, &leaf->light[2], sizeof bits);
-    bits = (bits & ~255u) | step;
-    memcpy(&leaf->light[2], &bits, sizeof bits);
+    const uint32_t step = (uint32_t)SBL__MIN(SBL__MAX(steps, 1.0), 255.0);
+    const uint32_t bits = (sbl__float_bits(&leaf->light[2]) & ~255u) | step;
+    if (leaf->light[2] >= SBL__UNCERTAINTY_LEAST) memcpy(&leaf->light[2], &bits, sizeof bits);
 }
 
-/* Returns the uncertainty of light gathered at a place with the given stored light: a standard error as a share of
-   the stored light; 0: unknown. */
+/* Returns the uncertainty of stored light: its standard error divided by the light; 0: unknown. */
 static float sbl__leaf_uncertainty(const float light[3]) {
-    uint32_t bits;
-    if (light[2] < SBL__UNCERTAINTY_LEAST) return 0;
-    memcpy(&bits, &light[2], sizeof bits);
-    bits &= 255u;
-    return bits ? (float)pow(2.0, -(double)bits / SBL__UNCERTAINTY_STEPS) : 0;
+    const uint32_t step = light[2] < SBL__UNCERTAINTY_LEAST ? 0 : sbl__float_bits(&light[2]) & 255u;
+    return step ? (float)pow(2.0, -(double)step / SBL__UNCERTAINTY_STEPS) : 0;
 }
 
-/* >>store: cells. store.glsl repeats this lookup on the GPU. */
+/* >>store: cells. store.glsl finds them in the same way. */
 
 static uint32_t sbl__hash_step(uint32_t hash, uint32_t x) {
     hash = (hash ^ x) * SBL__HASH_FACTOR;
@@ -6553,8 +6388,8 @@ static float sbl__cell_length(const sbl__store *s, uint32_t patch) {
     return s->length * (float)(1 << SBL__LEVEL_SHIFT * level);
 }
 
-/* Computes the cube of the patch's grid that contains a position. patch: word of the triangle, with the bit of the
-   side that is seen. */
+/* Computes the cube of the patch's grid that contains a position. patch: the word of the triangle, with SBL__PATCH_BACK
+   inverted if the back side is meant, and with level and near bit. */
 static void sbl__cell_place(const sbl__store *s, uint32_t patch, const float position[3], uint32_t at[3]) {
     const float per_cell = 1 / sbl__cell_length(s, patch);
     int k;
@@ -6565,30 +6400,27 @@ static void sbl__cell_place(const sbl__store *s, uint32_t patch, const float pos
     if (patch & SBL__PATCH_FLAT) at[patch >> SBL__PATCH_AXIS_SHIFT & 3u] = 0;
 }
 
-/* Returns the slot of a position's cell or, if the cell has none, the free slot for it. Returns NULL if other cells
-   occupy all slots that are probed. */
-static sbl__cell_slot *sbl__store_slot(const sbl__store *s, uint32_t patch, const float position[3], uint32_t *check) {
-    uint32_t at[3], hash;
+/* Returns the reference in the slot of a position's cell, occupying a free slot if the cell has none. Returns NULL if
+   other cells occupy all slots that are probed. */
+static uint32_t *sbl__store_slot(const sbl__store *s, uint32_t patch, const float position[3]) {
+    uint32_t at[3], hash, check;
     int i;
     sbl__cell_place(s, patch, position, at);
     hash = sbl__hash_step(sbl__hash_step(sbl__hash_step(sbl__hash_step(0, patch), at[0]), at[1]), at[2]);
-    *check = sbl__hash_step(sbl__hash_step(sbl__hash_step(hash, at[2]), at[1]), at[0]) | 1u;
+    check = sbl__hash_step(sbl__hash_step(sbl__hash_step(hash, at[2]), at[1]), at[0]) | 1u;
     for (i = 0; i < SBL__SLOT_TRIES; i++) {
         sbl__cell_slot *slot = &s->cells[(hash + (uint32_t)i) & (uint32_t)(s->cell_room - 1)];
-        if (slot->check == *check || slot->check == 0) return slot;
+        if (slot->check == 0) slot->check = check;
+        if (slot->check == check) return &slot->reference;
     }
     return NULL;
 }
 
-/* Returns the reference that leads to the light at a position, adding the cell if necessary; NULL: there is no room.
-   *depth: number of cuts on the way. The pointer is valid until a cut is added. */
+/* Returns the reference to the leaf at a position, adding the cell if necessary; NULL: there is no room. *depth: number
+   of cuts on the way. The pointer is valid until a cut is added. */
 static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const float position[3], int *depth) {
-    uint32_t check, *reference;
-    sbl__cell_slot *slot = sbl__store_slot(s, patch, position, &check);
-    if (!slot) return NULL;
-    slot->check = check;
-    reference = &slot->reference;
-    for (*depth = 0; *reference >= SBL__CELL_CUT; ++*depth) {
+    uint32_t *reference = sbl__store_slot(s, patch, position);
+    for (*depth = 0; reference && *reference >= SBL__CELL_CUT; ++*depth) {
         sbl__cut *cut = &s->cuts[*reference & ~SBL__CELL_CUT];
         reference = &cut->sides[sbl__dot(cut->normal, position) > cut->distance];
     }
@@ -6609,33 +6441,7 @@ static uint32_t sbl__rgbe(const float light[3]) {
     return word;
 }
 
-/* Empties the store and makes room for `leaves` leaves. */
-static sbl_result sbl__store_clear(sbl__base *base, sbl__store *s, int leaves) {
-    int room = 1024;
-    while (room < 2 * leaves) room *= 2;
-    if (room != s->cell_room) {
-        sbl__free(base, s->cells);
-        s->cell_room = 0;
-        s->cells = (sbl__cell_slot *)sbl__alloc_raw(base, (size_t)room, sizeof *s->cells);
-        if (!s->cells) return SBL_ERROR_OUT_OF_MEMORY;
-        s->cell_room = room;
-    }
-    memset(s->cells, 0, (size_t)room * sizeof *s->cells);
-    s->leaf_count = s->cut_count = 0;
-    return SBL_SUCCESS;
-}
-
-/* reference: is set to lead to the new leaf. */
-static sbl_result sbl__store_add_leaf(sbl__base *base, sbl__store *s, uint32_t *reference) {
-    if (!sbl__grow(base, &s->leaves, &s->leaf_room, s->leaf_count + 1, sizeof *s->leaves))
-        return SBL_ERROR_OUT_OF_MEMORY;
-    memset(&s->leaves[s->leaf_count], 0, sizeof *s->leaves);
-    *reference = (uint32_t)++s->leaf_count;
-    return SBL_SUCCESS;
-}
-
-/* Cuts the part of a cell that a reference leads to along a plane. side: the side that keeps the former content of
-   the reference. */
+/* Cuts what a reference leads to along a plane. side: the side that keeps it; the other side is empty. */
 static sbl_result sbl__store_cut(sbl__base *base, sbl__store *s, uint32_t *reference, const float normal[3],
                                  float distance, int side) {
     const uint32_t before = *reference;
@@ -6651,52 +6457,32 @@ static sbl_result sbl__store_cut(sbl__base *base, sbl__store *s, uint32_t *refer
     return SBL_SUCCESS;
 }
 
-/* Cuts the leaf at a position along a plane; the leaf keeps the side of that position. */
-static sbl_result sbl__store_add_cut(sbl__base *base, sbl__store *s, uint32_t patch, const float position[3],
-                                       const float normal[3], float distance) {
-    int depth;
-    return sbl__store_cut(base, s, sbl__store_find(s, patch, position, &depth), normal, distance,
-                          sbl__dot(normal, position) > distance);
-}
+/* >>store: patches. Two triangles of a mesh are joined if they share an edge, whose ends have equal positions, and meet
+   there at a small angle. */
 
-#define SBL__PATCH_SMOOTH 0.8     /* least cosine between the normals of neighbours in a patch */
-#define SBL__PATCH_EVEN 0.9999    /* least cosine between the normals of a flat patch's triangles */
-#define SBL__PATCH_LEAST 0.25     /* in areas of a cell: a mesh's patches smaller than this are pooled as one patch */
-
-/* >>store: patches. Two triangles of a mesh are joined if they share an edge, which is recognised by the positions
-   of its ends, and meet there at a small angle. */
-
+#define SBL__PATCH_SMOOTH 0.8   /* least cosine between the normals of neighbours in a patch */
+#define SBL__PATCH_EVEN 0.9999  /* least cosine between the normals of a flat patch's triangles */
+#define SBL__PATCH_LEAST 0.25   /* in areas of a cell: a mesh's patches smaller than this are pooled as one patch */
 
 typedef struct sbl__patch { double area; float normal[3]; sbl__box bounds; int flat; } sbl__patch;
 
-typedef struct sbl__patching {  /* data for making patches */
+typedef struct sbl__patching {     /* state of dividing the scene into patches */
     sbl__stages stages;
     const sbl__geometry *geometry;
-    sbl__hash_table places, ends;  /* hash tables of vertices' positions, and of triangles' sides by their ends */
-    uint32_t *welded;           /* for each vertex, the first vertex at the same position */
-    uint32_t *corners;          /* three welded vertices per triangle */
-    uint32_t *parents;          /* union-find forest of triangles; each root stands for a patch, see sbl__root */
-    sbl__patch *patches;        /* patches, indexed by their roots */
-    double area;                /* area of all patches that sensors see */
-    double least;               /* area below which a mesh's patches are pooled */
-    double growth;              /* factor of the cells' area, above or below 1 after earlier sizes gave too many or
-                                   too few leaves */
-    double pool;                /* factor of `least`, above 1 after patches were too many */
+    sbl__hash_table places, ends;  /* finds vertices by their positions, and triangles' sides by their ends */
+    uint32_t *welded;              /* for each vertex, the first vertex at the same position */
+    uint32_t *corners;             /* three welded vertices per triangle */
+    uint32_t *parents;             /* union-find forest of triangles; each root stands for a patch, see sbl__root */
+    sbl__patch *patches;           /* indexed by their roots */
+    double area;                   /* area of all patches that sensors see */
+    double least;                  /* area below which a mesh's patches are pooled */
+    double growth;                 /* factor of the cells' area, changed after a size gave too many or few leaves */
+    double pool;                   /* factor of `least`, above 1 after patches were too many */
 } sbl__patching;
-
-static void sbl__patching_free(sbl__base *base, sbl__patching *p) {
-    sbl__hash_table_free(base, &p->places);
-    sbl__hash_table_free(base, &p->ends);
-    sbl__free(base, p->welded);
-    sbl__free(base, p->corners);
-    sbl__free(base, p->parents);
-    sbl__free(base, p->patches);
-    memset(p, 0, sizeof *p);
-}
 
 static sbl_result sbl__patching_begin(sbl__base *base, sbl__patching *p, const sbl__geometry *g) {
     const size_t triangles = (size_t)g->triangle_count;
-    int i;
+    uint32_t i;
     p->geometry = g;
     p->growth = p->pool = 1;
     p->welded = (uint32_t *)sbl__alloc(base, (size_t)g->vertex_count, sizeof *p->welded);
@@ -6706,7 +6492,7 @@ static sbl_result sbl__patching_begin(sbl__base *base, sbl__patching *p, const s
     if (!p->welded || !p->corners || !p->parents || !p->patches ||
         sbl__hash_table_make(base, &p->places, g->vertex_count) != SBL_SUCCESS ||
         sbl__hash_table_make(base, &p->ends, 3.0 * g->triangle_count) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
-    for (i = 0; i < g->triangle_count; i++) p->parents[i] = (uint32_t)i;
+    for (i = 0; i < triangles; i++) p->parents[i] = i;
     return SBL_SUCCESS;
 }
 
@@ -6742,11 +6528,9 @@ static sbl_result sbl__patch_join(void *work, int at) {
 static sbl_result sbl__patch_measure(void *work, int at) {
     sbl__patching *p = (sbl__patching *)work;
     const sbl__geometry *g = p->geometry;
-    const uint32_t triangle = (uint32_t)at;
-    const uint32_t root = sbl__root(p->parents, triangle);
+    const uint32_t triangle = (uint32_t)at, root = sbl__root(p->parents, triangle);
     sbl__patch *patch = &p->patches[root];
-    const sbl__object *o = sbl__triangle_object(g, triangle);
-    double normal[3], along;
+    double normal[3], cosine = 0;
     const double area = sbl__scene_normal(g, triangle, normal);
     sbl__box box;
     int k;
@@ -6757,27 +6541,16 @@ static sbl_result sbl__patch_measure(void *work, int at) {
     }
     sbl__box_of_triangle(&box, g, triangle);
     sbl__box_add(&patch->bounds, &box);
-    if (!(o->flags & SBL__HIDDEN_FROM_SENSORS)) {
+    if (!(sbl__triangle_object(g, triangle)->flags & SBL__HIDDEN_FROM_SENSORS)) {
         patch->area += area;
         p->area += area;
     }
-    for (k = 0, along = 0; k < 3; k++) along += normal[k] * patch->normal[k];
-    if (along < SBL__PATCH_EVEN) patch->flat = 0;
+    for (k = 0; k < 3; k++) cosine += normal[k] * patch->normal[k];
+    if (cosine < SBL__PATCH_EVEN) patch->flat = 0;
     return SBL_SUCCESS;
 }
 
-/* Places the grid for about `leaves` leaves on both sides of surfaces together, and sets the area below which
-   patches are pooled. In a scene without area, cells have length 1. */
-static void sbl__patch_grid(sbl__patching *p, sbl__store *s, double leaves) {
-    const double cell = 2 * p->area / leaves;
-    int k;
-    p->least = SBL__PATCH_LEAST * p->pool * cell;
-    s->length = (float)sqrt(p->growth * cell);
-    if (!sbl__between(&s->length, FLT_MIN, FLT_MAX)) s->length = 1;
-    for (k = 0; k < 3; k++) s->origin[k] = p->geometry->bounds[0][k] - s->length * (1.37f + 0.21f * (float)k);
-}
-
-/* Returns the patch word of a triangle. */
+/* Returns the patch word of a triangle. Pooled patches have one number for each mesh. */
 static uint32_t sbl__patch_word(sbl__patching *p, uint32_t triangle) {
     const sbl__geometry *g = p->geometry;
     const uint32_t root = sbl__root(p->parents, triangle);
@@ -6793,7 +6566,7 @@ static uint32_t sbl__patch_word(sbl__patching *p, uint32_t triangle) {
            (p->patches[root].flat && !pooled ? SBL__PATCH_FLAT : 0) | (n[axis] < 0 ? SBL__PATCH_BACK : 0);
 }
 
-/* Does one bounded piece of making patches. SBL_SUCCESS: they are ready. */
+/* Finds patches, piece by piece. */
 static sbl_result sbl__patching_step(sbl__patching *p, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__patch_weld, sbl__patching_vertices },
@@ -6804,10 +6577,6 @@ static sbl_result sbl__patching_step(sbl__patching *p, sbl__slice *slice) {
 }
 
 /* >>store: on the GPU */
-
-static void sbl__store_part(const sbl__device *d, const sbl__buffer *b, int texel, const void *data, size_t bytes) {
-    if (bytes) sbl__buffer_write(d, b, 16 * (size_t)texel, bytes, data);
-}
 
 static sbl_result sbl__store_send(const sbl__device *d, sbl__store *s, int triangles, int wide) {
     sbl__buffer *buffer = &s->table.buffer;
@@ -6821,10 +6590,10 @@ static sbl_result sbl__store_send(const sbl__device *d, sbl__store *s, int trian
     result = sbl__buffer_make(d, buffer, 16 * ((size_t)s->first_leaf + (size_t)s->leaf_count), NULL,
                               SBL__GL_STATIC_DRAW);
     if (result != SBL_SUCCESS) return result;
-    sbl__store_part(d, buffer, 0, s->patches, sizeof *s->patches * (size_t)triangles);
-    sbl__store_part(d, buffer, s->first_cell, s->cells, sizeof *s->cells * (size_t)s->cell_room);
-    sbl__store_part(d, buffer, s->first_cut, s->cuts, sizeof *s->cuts * (size_t)s->cut_count);
-    sbl__store_part(d, buffer, s->first_leaf, s->leaves, sizeof *s->leaves * (size_t)s->leaf_count);
+    sbl__buffer_write(d, buffer, 0, sizeof *s->patches * (size_t)triangles, s->patches);
+    sbl__buffer_write(d, buffer, 16 * (size_t)s->first_cell, sizeof *s->cells * (size_t)s->cell_room, s->cells);
+    sbl__buffer_write(d, buffer, 16 * (size_t)s->first_cut, sizeof *s->cuts * (size_t)s->cut_count, s->cuts);
+    sbl__buffer_write(d, buffer, 16 * (size_t)s->first_leaf, sizeof *s->leaves * (size_t)s->leaf_count, s->leaves);
     return sbl__table_attach(d, &s->table, SBL__GL_RGBA32UI, wide);
 }
 
@@ -6841,8 +6610,8 @@ static void sbl__store_bind(sbl__device *d, const sbl__store *s) {
 
 /* >>glsl frame: shaders_embedded/frame.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_frame[] = {
-"// Right-handed orthonormal basis whose third column is the unit vector n: Duff et al. 2017, \"Building an\n",
-"// Orthonormal Basis, Revisited\".\n",
+"// Returns a right-handed orthonormal basis whose third column is the unit vector n (Duff et al. 2017, \"Building\n",
+"// an Orthonormal Basis, Revisited\").\n",
 "mat3 sbl_frame(vec3 n) {\n",
 "    float s = n.z < 0.0 ? -1.0 : 1.0, f = -1.0 / (s + n.z), g = n.x * n.y * f;\n",
 "    return mat3(1.0 + s * n.x * n.x * f, s * g, -s * n.x, g, s + n.y * n.y * f, -n.y, n);\n",
@@ -6861,20 +6630,19 @@ static const char *const sbl__glsl_frame[] = {
 static const char *const sbl__glsl_store[] = {
 "// The store of bounced light (see >>store in sbl.h): R on surfaces, cell by cell.\n",
 "#ifdef SBL_BOUNCED\n",
-"// The table begins with a word a triangle of the scene; then the hash table of cells: check and reference; 0 0:\n",
-"// nothing.\n",
-"uniform int first_cell;   // texel that cells start at, two a texel\n",
-"uniform int cell_mask;    // their slots - 1\n",
-"uniform vec3 cell_origin;\n",
-"uniform float per_cell;   // 1 / length of a cell\n",
+"// The table sbl_store holds the patch words of all triangles, the hash table of cells, cuts, and leaves.\n",
+"uniform int first_cell;    // texel at which the hash table begins; each texel holds two slots (check, reference)\n",
+"uniform int cell_mask;     // number of slots - 1\n",
+"uniform vec3 cell_origin;  // origin of the grid of cells\n",
+"uniform float per_cell;    // 1 / length of a cell of level 0\n",
 "\n",
 "uint sbl_hash_step(uint hash, uint x) {\n",
 "    hash = (hash ^ x) * SBL_HASH_FACTOR;\n",
-"    return hash ^ hash >> 15;\n",
+"    return hash ^ hash >> SBL_HASH_SHIFT;\n",
 "}\n",
 "\n",
-"// 1 + the leaf at a point of triangle number `number` of the scene, on its back side or front, seen from so far\n",
-"// away; 0: there is none.\n",
+"// Returns 1 + the number of the leaf at a position on triangle `number` of the scene, or 0 if there is none.\n",
+"// back: the back side is seen. distance: distance from which the position is seen.\n",
 "int sbl_leaf_at(int number, bool back, vec3 position, float distance) {\n",
 "    uint patch_word = sbl_fetch(sbl_store, number >> 2)[number & 3] ^ (back ? SBL_PATCH_BACK : 0u);\n",
 "    uvec3 at = uvec3(clamp((position - cell_origin) * per_cell, vec3(0), vec3(SBL_CELL_MOST)));\n",
@@ -6884,7 +6652,8 @@ static const char *const sbl__glsl_store[] = {
 "    }\n",
 "    if (distance * per_cell * float(SBL_NEAR_PART) < 1.0) patch_word |= SBL_PATCH_NEAR;\n",
 "    uint reference = 0u;\n",
-"    for (int tries = 0; tries < 2 * SBL_LEVELS && reference == 0u; tries++) {  // as seen from elsewhere, or wider\n",
+"    // Each level is tried first with the near bit for this distance, then with the other one.\n",
+"    for (int tries = 0; tries < 2 * SBL_LEVELS && reference == 0u; tries++) {\n",
 "        uint hash = sbl_hash_step(sbl_hash_step(sbl_hash_step(sbl_hash_step(0u, patch_word), at.x), at.y), at.z);\n",
 "        uint check = sbl_hash_step(sbl_hash_step(sbl_hash_step(hash, at.z), at.y), at.x) | 1u;\n",
 "        for (int i = 0; i < SBL_SLOT_TRIES; i++) {\n",
@@ -6908,7 +6677,7 @@ static const char *const sbl__glsl_store[] = {
 "    return int(reference);\n",
 "}\n",
 "\n",
-"// R of a leaf, and what of it comes from lamps.\n",
+"// R of a leaf, and the part of it that comes directly from lamps. leaf: as returned by sbl_leaf_at\n",
 "vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : sbl_leaf_light(leaf - 1); }\n",
 "\n",
 "vec3 sbl_lamps_of(int leaf) {\n",
@@ -6917,7 +6686,7 @@ static const char *const sbl__glsl_store[] = {
 "    return vec3(rgbe & 255u, rgbe >> 8 & 255u, rgbe >> 16 & 255u) * exp2(exponent);\n",
 "}\n",
 "\n",
-"// R there.\n",
+"// R at a position; parameters as for sbl_leaf_at.\n",
 "vec3 sbl_stored(int number, bool back, vec3 position, float distance) {\n",
 "    return sbl_light_of(sbl_leaf_at(number, back, position, distance));\n",
 "}\n",
@@ -6926,7 +6695,7 @@ static const char *const sbl__glsl_store[] = {
 /* <<glsl */
 
 /* ======================================================================================================== >>scene
-   The six things that a scene is, and what the host draws itself. */
+   The scene: all rooms above, and what the host draws itself. */
 
 typedef struct sbl__scene {
     sbl__geometry geometry;
@@ -6934,22 +6703,23 @@ typedef struct sbl__scene {
     sbl__environment environment;
     sbl__lights lights;
     sbl__hierarchy hierarchy;
-    sbl__store store;           /* of bounced light */
-    sbl_draw_function draw;     /* or NULL */
+    sbl__store store;
+    sbl_draw_function draw;     /* NULL if the host draws nothing itself */
     void *draw_user;
     float draw_bounds[2][3];
-    float draw_brightest;
+    float draw_brightest;       /* highest radiance that the host draws */
     int material_count;
-    float brightest;            /* radiance of any surface, the sky, or what the host draws */
-    unsigned features;          /* that programs must have for it */
-    uint32_t version;           /* another one whenever anything in it changes, */
-    uint32_t surfaces;          /* and whenever more does than what shines */
+    float brightest;            /* highest radiance of any surface, the sky, or what the host draws */
+    unsigned features;          /* features that programs need for the scene */
+    uint32_t version;           /* changes with every change of the scene */
+    uint32_t surfaces;          /* changes with every change but those of emission and lights */
 } sbl__scene;
 
-#define SBL__RADIANCE_MOST 1e37f
-#define SBL__ACROSS_LEAST 5e-10  /* measured: light is right to rounding in scenes between these, */
-#define SBL__ACROSS_MOST 6e9
-#define SBL__AWAY_MOST 4e3       /* and so many of their sizes away from the origin */
+#define SBL__RADIANCE_MOST 1e37f /* limit of radiance, so that sums stay finite */
+/* Limits within which light is correct up to rounding errors, found by measurement: */
+#define SBL__ACROSS_LEAST 5e-10  /* least diagonal of a scene */
+#define SBL__ACROSS_MOST 6e9     /* largest diagonal */
+#define SBL__AWAY_MOST 4e3       /* largest coordinate, in diagonals */
 
 static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
     sbl__store_free(d, &s->store);
@@ -6961,7 +6731,7 @@ static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
     memset(s, 0, sizeof *s);
 }
 
-/* Writes all materials into their meshes' objects, and finds the brightest radiance. */
+/* Writes all materials into their meshes' objects; computes s->brightest and s->features. */
 static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
     int i;
     s->brightest = SBL__MAX(s->environment.brightest, s->draw ? s->draw_brightest : 0);
@@ -6972,25 +6742,25 @@ static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
                                            &s->geometry.objects[i], &s->brightest);
 }
 
-#define SBL__STORE_LEAVES 49152
-#define SBL__STORE_TEXELS 8        /* a leaf, with its share of cells and cuts, at most */
+#define SBL__STORE_LEAVES 49152    /* default limit of the number of leaves */
+#define SBL__STORE_TEXELS 8        /* limit of the texels per leaf, including its share of cells and cuts */
 
-/* How many leaves the store may have: as many as the host allows, and the driver's limit for tables. */
-static void sbl__scene_fit_store(const sbl__device *d, sbl__scene *s, int samples) {
-    const int limit = d->gl.capabilities.max_texture_buffer_size - s->geometry.triangle_count / 4;
-    s->store.most = samples ? samples : SBL__STORE_LEAVES;
-    if (!s->geometry.wide) s->store.most = SBL__MAX(1024, SBL__MIN(s->store.most, limit / SBL__STORE_TEXELS));
-}
-
-/* Decides how tables are carried: as buffers, or in 2D textures where some is past the driver's limit for these. */
+/* Checks s->brightest. Decides whether tables are buffer textures or, if one exceeds the driver's limit for those, 2D
+   textures. Reduces the number of the store's leaves to what its tables hold. */
 static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     const sbl_capabilities *c = &d->gl.capabilities;
     const sbl__geometry *g = &s->geometry;
     const double lamps = sbl__lamps_most(g, &s->environment, s->lights.count), limit = c->max_texture_buffer_size;
-    /* texels: three a triangle, and a few for grids; two a vertex; five a mesh; two nodes of four and a leaf a lamp */
+    /* texels: 3 per triangle, and a few for grids; 2 per vertex; 5 per mesh; 2 nodes of 4 and a leaf per lamp */
     const double texels = SBL__MAX(SBL__MAX(3.0 * g->triangle_count + 8, 2.0 * g->vertex_count),
                                    SBL__MAX(5.0 * g->mesh_count, 9 * lamps + 3.0 * s->lights.count));
     double most = (c->max_texture_size - 1) * (double)SBL__TEXELS_ACROSS;
+    if (!sbl__between(&s->brightest, 0, SBL__RADIANCE_MOST)) {
+        sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MATERIAL, "the brightest emission (times its texture), "
+                 "sky or drawn radiance is %g; it must be at most %g", (double)s->brightest,
+                 (double)SBL__RADIANCE_MOST);
+        return SBL_ERROR_INVALID_ARGUMENT;
+    }
     if (c->max_texture_size < SBL__TEXELS_ACROSS) most = 0;
     s->geometry.wide = texels > limit;
     if (s->geometry.wide && texels > most) {
@@ -7001,18 +6771,14 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
         return SBL_ERROR_UNSUPPORTED;
     }
     if (s->geometry.wide) s->features |= SBL__WIDE;
+    else {
+        const int leaves = (c->max_texture_buffer_size - g->triangle_count / 4) / SBL__STORE_TEXELS;
+        s->store.most = SBL__MAX(1024, SBL__MIN(s->store.most, leaves));
+    }
     return SBL_SUCCESS;
 }
 
-/* Sums of what shines stay finite. */
-static sbl_result sbl__scene_check_radiance(const sbl__base *base, const sbl__scene *s) {
-    if (sbl__between(&s->brightest, 0, SBL__RADIANCE_MOST)) return SBL_SUCCESS;
-    sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MATERIAL, "the brightest emission (times its texture), sky or "
-             "drawn radiance is %g; it must be at most %g", (double)s->brightest, (double)SBL__RADIANCE_MOST);
-    return SBL_ERROR_INVALID_ARGUMENT;
-}
-
-/* What is no mistake, and yet hardly what the host wants. */
+/* Logs warnings about valid scenes that the host hardly intends. */
 static void sbl__scene_warn(const sbl__base *base, const sbl__scene *s) {
     const sbl__geometry *g = &s->geometry;
     double away = 0, across = 0, shining = s->brightest;
@@ -7036,7 +6802,7 @@ static void sbl__scene_warn(const sbl__base *base, const sbl__scene *s) {
                  "origin, where floats are too coarse for it: move it to the origin", across, away);
 }
 
-/* Copies what desc describes; hierarchy and lamps follow with the first picture. */
+/* Makes everything but the hierarchy, the lamps and the store, which are made when first needed. */
 static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene_desc *desc) {
     int i;
     sbl_result result = sbl__check_scene(d, desc);
@@ -7052,6 +6818,7 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
         memcpy(s->draw_bounds, desc->draw_bounds, sizeof s->draw_bounds);
         s->draw_brightest = desc->draw_max_radiance > 0 ? desc->draw_max_radiance : 1.0f;
         s->material_count = desc->material_count;
+        s->store.most = desc->max_bounce_cells ? desc->max_bounce_cells : SBL__STORE_LEAVES;
         for (i = 0; i < desc->mesh_count; i++) {
             const sbl_mesh *mesh = &desc->meshes[i];
             s->geometry.meshes[i].material = mesh->material;
@@ -7062,16 +6829,14 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
         result = sbl__lights_make(d->base, &s->lights, desc->lights, desc->light_count, s->brightest,
                                   s->geometry.extent);
     }
-    if (result == SBL_SUCCESS) result = sbl__scene_check_radiance(d->base, s);
     if (result == SBL_SUCCESS) result = sbl__scene_fit(d, s);
-    if (result == SBL_SUCCESS) sbl__scene_fit_store(d, s, desc->max_bounce_cells);
     d->gl.doing = "storing meshes";
     if (result == SBL_SUCCESS) result = sbl__geometry_upload(d, &s->geometry);
     if (result != SBL_SUCCESS) sbl__scene_free(d, s);
     return result;
 }
 
-/* What shines is out of date: it is made again when it is next needed. */
+/* Marks lamps and store as out of date. They are made again when next needed. */
 static void sbl__scene_lamps_changed(const sbl__device *d, sbl__scene *s) {
     sbl__lamps_free(d, s->lights.building);
     s->lights.building = NULL;
@@ -7079,7 +6844,7 @@ static void sbl__scene_lamps_changed(const sbl__device *d, sbl__scene *s) {
     s->version++;
 }
 
-/* So is all that rays need. */
+/* Marks hierarchy, lamps and store as out of date. */
 static void sbl__scene_changed(const sbl__device *d, sbl__scene *s) {
     sbl__bvh_free(d, s->hierarchy.building);
     s->hierarchy.building = NULL;
@@ -7088,23 +6853,22 @@ static void sbl__scene_changed(const sbl__device *d, sbl__scene *s) {
     sbl__scene_lamps_changed(d, s);
 }
 
-/* Other materials and lights, as many as there are. On failure all is as it was. */
+/* Replaces all materials and all lights; NULL keeps them. On failure nothing changes. */
 static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const sbl_material *materials,
                                      const sbl_light *lights) {
-    const size_t bytes = (size_t)s->geometry.mesh_count * sizeof(sbl__object);
-    sbl__object *objects = s->geometry.objects;
+    const size_t count = (size_t)s->geometry.mesh_count;
+    sbl__object *objects = (sbl__object *)sbl__alloc_raw(d->base, count, sizeof *objects);
     const sbl__scene before = *s;
     sbl__lights others;
     sbl_result result = SBL_SUCCESS;
     int i, differ = 0;
+    if (!objects) return SBL_ERROR_OUT_OF_MEMORY;
     memset(&others, 0, sizeof others);
-    s->geometry.objects = (sbl__object *)sbl__alloc_raw(d->base, (size_t)s->geometry.mesh_count, sizeof *objects);
-    if (!s->geometry.objects) { s->geometry.objects = objects; return SBL_ERROR_OUT_OF_MEMORY; }
-    memcpy(s->geometry.objects, objects, bytes);
+    memcpy(objects, before.geometry.objects, count * sizeof *objects);
+    s->geometry.objects = objects;
     if (materials) sbl__scene_dress(s, materials);
     result = sbl__lights_make(d->base, &others, lights ? lights : s->lights.list, s->lights.count, s->brightest,
                               s->geometry.extent);
-    if (result == SBL_SUCCESS) result = sbl__scene_check_radiance(d->base, s);
     if (result == SBL_SUCCESS) result = sbl__scene_fit(d, s);
     if (result == SBL_SUCCESS && s->geometry.wide != before.geometry.wide) result = SBL_ERROR_UNSUPPORTED;
     if (result == SBL_SUCCESS) {
@@ -7113,14 +6877,14 @@ static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const s
     }
     if (result != SBL_SUCCESS) {
         sbl__lights_free(d, &others);
-        sbl__free(d->base, s->geometry.objects);
+        sbl__free(d->base, objects);
         *s = before;
         sbl__geometry_attach_objects(d, &s->geometry);
         return result;
     }
     for (i = 0; i < s->geometry.mesh_count; i++)
-        differ |= sbl__reflects_otherwise(&objects[i], &s->geometry.objects[i]);
-    sbl__free(d->base, objects);
+        differ |= sbl__reflection_differs(&before.geometry.objects[i], &objects[i]);
+    sbl__free(d->base, before.geometry.objects);
     sbl__lights_free(d, &s->lights);
     s->lights = others;
     if (differ) sbl__scene_changed(d, s);
@@ -7128,6 +6892,7 @@ static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const s
     return SBL_SUCCESS;
 }
 
+/* Gives a mesh another transform. SBL_ERROR_INVALID_ARGUMENT: nothing has changed. */
 static sbl_result sbl__scene_move(sbl__device *d, sbl__scene *s, int mesh, const float transform[16]) {
     float before[16];
     sbl_result result;
@@ -7141,19 +6906,16 @@ static sbl_result sbl__scene_move(sbl__device *d, sbl__scene *s, int mesh, const
     return result;
 }
 
-/* What rays need, made in slices. SBL_SUCCESS: it is there. */
+/* Makes the hierarchy and the lamps, in slices. SBL_SUCCESS: both are ready. */
 static sbl_result sbl__scene_step(sbl__device *d, sbl__scene *s, sbl__slice *slice) {
-    sbl__hierarchy *h = &s->hierarchy;
-    sbl_result result = SBL_SUCCESS;
-    if (h->ready && s->lights.ready) return SBL_SUCCESS;
-    result = sbl__hierarchy_step(d, &s->geometry, h, slice);
-    if (result == SBL_SUCCESS) result = sbl__lights_step(d, &s->geometry, h, &s->environment, &s->lights, slice);
-    if (result == SBL_UNFINISHED) return result;
-    if (result != SBL_SUCCESS) h->ready = 0;
+    sbl_result result = sbl__hierarchy_step(d, &s->geometry, &s->hierarchy, slice);
+    if (result == SBL_SUCCESS)
+        result = sbl__lights_step(d, &s->geometry, &s->hierarchy, &s->environment, &s->lights, slice);
+    if (result != SBL_SUCCESS && result != SBL_UNFINISHED) s->hierarchy.ready = 0;
     return result;
 }
 
-/* For scene.glsl and surface.glsl. */
+/* Sets the tables and textures of scene.glsl and surface.glsl. */
 static void sbl__scene_bind(sbl__device *d, const sbl__scene *s) {
     sbl__geometry_bind(d, &s->geometry);
     sbl__textures_bind(d, &s->textures);
@@ -7162,12 +6924,12 @@ static void sbl__scene_bind(sbl__device *d, const sbl__scene *s) {
 /* >>glsl scene: shaders_embedded/scene.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_scene[] = {
 "// The scene's triangles and textures.\n",
-"uniform sbl_Texels sbl_indices;      // three a triangle\n",
-"uniform sampler2D sbl_texels_srgb;   // all 8-bit sRGB textures, each from a row of its own on: its texel n stands\n",
-"                                     // at n % the store's width, n / it rows further\n",
-"uniform sampler2D sbl_texels_float;  // all others\n",
+"uniform sbl_Texels sbl_indices;      // three vertex numbers per triangle\n",
+"uniform sampler2D sbl_texels_srgb;   // texel table of all 8-bit sRGB textures. Texel n of a texture is in column\n",
+"                                     // n % width of the table, n / width rows below the texture's first row.\n",
+"uniform sampler2D sbl_texels_float;  // texel table of all other textures\n",
 "\n",
-"// Vertices of a triangle of the scene.\n",
+"// Vertex numbers of a triangle of the scene.\n",
 "ivec3 sbl_corners(int triangle) {\n",
 "    return ivec3(int(sbl_fetch(sbl_indices, 3 * triangle).x), int(sbl_fetch(sbl_indices, 3 * triangle + 1).x),\n",
 "                 int(sbl_fetch(sbl_indices, 3 * triangle + 2).x));\n",
@@ -7175,14 +6937,13 @@ static const char *const sbl__glsl_scene[] = {
 "\n",
 "struct sbl_Attributes { vec2 uv; vec4 color; };\n",
 "\n",
-"const sbl_Attributes SBL_PLAIN = sbl_Attributes(vec2(0), vec4(1));  // of a surface without textures and colours\n",
+"const sbl_Attributes SBL_PLAIN = sbl_Attributes(vec2(0), vec4(1));  // without textures and vertex colours\n",
 "\n",
 "vec4 sbl_unpack_color(uint rg, uint ba) { return vec4(rg & 65535u, rg >> 16, ba & 65535u, ba >> 16); }\n",
 "\n",
 "vec4 sbl_texel(uvec4 place, ivec2 at) {\n",
 "    ivec2 size = ivec2(place.yz);\n",
-"    if ((place.w & SBL_TEXTURE_CLAMPS) != 0u) at = clamp(at, ivec2(0), size - 1);\n",
-"    else at -= size * ivec2(floor(vec2(at) / vec2(size)));\n",
+"    if ((place.w & SBL_TEXTURE_CLAMPS) == 0u) at -= size * ivec2(floor(vec2(at) / vec2(size)));\n",
 "    at = clamp(at, ivec2(0), size - 1);  // the division above may round up for far repeats\n",
 "    bool srgb = (place.w & SBL_TEXTURE_KIND) == SBL_TEXTURE_SRGB;\n",
 "    int index = at.y * size.x + at.x;\n",
@@ -7191,8 +6952,8 @@ static const char *const sbl__glsl_scene[] = {
 "    return srgb ? texelFetch(sbl_texels_srgb, texel, 0) : texelFetch(sbl_texels_float, texel, 0);\n",
 "}\n",
 "\n",
-"// A texture's place in its store is first row, width, height, kind. Bilinear, decoded before it is filtered; (0,\n",
-"// 0) is the first texel's outer corner.\n",
+"// Reads a texture with bilinear filtering of linear values. place: first row in the texel table, width, height,\n",
+"// kind; all 0: no texture. uv: (0, 0) is the outer corner of the first texel\n",
 "vec4 sbl_texture(uvec4 place, vec2 uv) {\n",
 "#if defined(SBL_TEXTURED) || defined(SBL_CUTOUTS)\n",
 "    if ((place.w & SBL_TEXTURE_CLAMPS) == 0u) uv -= floor(uv);\n",
@@ -7214,24 +6975,22 @@ static const char *const sbl__glsl_scene[] = {
 
 /* >>glsl surface: shaders_embedded/surface.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_surface[] = {
-"// From a triangle's number and a ray to the surface point. Exact where rasterised attributes are not: a point\n",
-"// interpolated across a large clipped triangle strays off its plane, and a sensor standing there would see its own\n",
-"// surface.\n",
+"// Computes surface points from a triangle's number and a ray. Positions that the rasteriser interpolates over a\n",
+"// large clipped triangle lie off its plane, so that a sensor there would see its own surface.\n",
 "struct sbl_Surface {\n",
 "    vec3 position, normal, geometric_normal;  // normals point against the ray\n",
 "    sbl_Material material;\n",
 "    vec3 emission;\n",
-"    float facet;                              // the triangle's least height\n",
-"    float reach;                              // of its corners from the origin, plus its longest side: what\n",
-"                                              // rounding is relative to\n",
+"    float facet;                              // least height of the triangle\n",
+"    float reach;                              // distance of the first corner from the origin, plus twice the\n",
+"                                              // longest side; rounding errors are in proportion to it\n",
 "    uint id;\n",
 "    int object;\n",
-"    bool back;                                // its back side is seen\n",
+"    bool back;                                // true: the ray sees the back of the triangle\n",
 "};\n",
 "\n",
-"// Interpolated where it is long enough, towards the viewer's side of the triangle, and bent away from the\n",
-"// surface's own horizon: a shading normal that turns away from the viewer would aim the sensor at the surface\n",
-"// itself.\n",
+"// Returns the interpolated normal or, if that is too short, `face`, on the side of geometric_normal. A normal that\n",
+"// turns away from the viewer would aim the sensor at its own surface, so the cosine is kept above SBL_GRAZING.\n",
 "vec3 sbl_shading_normal(ivec3 v, vec3 b, vec3 face, vec3 geometric_normal, vec3 direction) {\n",
 "    vec3 normal = b.x * sbl_attributes_normal(v.x) + b.y * sbl_attributes_normal(v.y) +\n",
 "                  b.z * sbl_attributes_normal(v.z);\n",
@@ -7253,8 +7012,8 @@ static const char *const sbl__glsl_surface[] = {
 "    return sbl_Attributes(uv, color / SBL_COLOR_MOST);\n",
 "}\n",
 "\n",
-"// A triangle: its vertices, its first corner, and the edges from there. size is the largest component of both\n",
-"// edges. Cross products take the edges over size (s1, s2), so that those of small triangles do not underflow.\n",
+"// A triangle: vertex numbers, first corner, and the edges from there. size: largest component of both edges. s1,\n",
+"// s2: edges divided by size, whose cross products do not underflow\n",
 "struct sbl_Facet {\n",
 "    ivec3 v;\n",
 "    vec3 p0, e1, e2, s1, s2;\n",
@@ -7268,7 +7027,7 @@ static const char *const sbl__glsl_surface[] = {
 "    return sbl_Facet(v, p0, e1, e2, e1 / size, e2 / size, size);\n",
 "}\n",
 "\n",
-"// The point of a triangle at b1, b2, weights of its second and third corner, as it is seen along direction.\n",
+"// The surface point at barycentrics b1, b2 (of the second and third corner), seen along `direction`.\n",
 "sbl_Surface sbl_surface_at(int triangle, float b1, float b2, vec3 direction) {\n",
 "    sbl_Facet f = sbl_facet(triangle);\n",
 "    int object = int(sbl_vertex_object(f.v.x));\n",
@@ -7294,11 +7053,11 @@ static const char *const sbl__glsl_surface[] = {
 "    return s;\n",
 "}\n",
 "\n",
-"// Where a ray meets it.\n",
+"// The surface point where a ray meets a triangle.\n",
 "sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {\n",
 "    sbl_Facet f = sbl_facet(triangle);\n",
 "\n",
-"    // Barycentrics of the ray's hit by Cramer's rule (Moeller and Trumbore 1997), kept inside the triangle.\n",
+"    // Barycentrics by Cramer's rule (Moeller and Trumbore 1997), clamped to the triangle.\n",
 "    vec3 t = (origin - f.p0) / f.size, q = cross(t, f.s1), h = cross(direction, f.s2);\n",
 "    float determinant = dot(f.s1, h);\n",
 "    float b1 = clamp(dot(t, h) / determinant, 0.0, 1.0);\n",
@@ -7308,7 +7067,7 @@ static const char *const sbl__glsl_surface[] = {
 "}\n",
 "\n",
 "#ifdef SBL_LIGHTMAP\n",
-"// Seen from the front, see sbl_lightmap_desc.\n",
+"// The surface point seen from the front, which is the side of the vertex normals (see sbl_lightmap_desc).\n",
 "sbl_Surface sbl_surface_front(int triangle, float b1, float b2) {\n",
 "    sbl_Facet f = sbl_facet(triangle);\n",
 "    vec3 face = normalize(cross(f.s1, f.s2));\n",
@@ -7322,7 +7081,7 @@ static const char *const sbl__glsl_surface[] = {
 
 /* ====================================================================================================== >>options
    The options that all front ends share, and the descriptor of each front end, with defaults and checks side by side.
-   In functions that check a descriptor, d has its defaults filled in, and `given` is what the host wrote, or NULL. */
+   In functions that check a descriptor, d has its defaults filled in. */
 
 /* Until a preset out of range is refused, it counts as the default one. */
 static int sbl__preset_of(const sbl_options *o) {
@@ -7346,18 +7105,16 @@ static const int sbl__sensor_sizes[SBL_PRESET_COUNT] = { 64, 32, 128 };
    callback */
 static void sbl__check_options(sbl__check *check, const char *where, const sbl_options *o, int papers,
                                const int rays[2], int host_draws) {
-    static const int modes[2] = { 0, SBL_MODE_COUNT - 1 }, presets[2] = { 0, SBL_PRESET_COUNT - 1 };
-    static const int backends[2] = { 0, SBL_BACKEND_COUNT - 1 }, sizes[2] = { 4, 512 };
-    sbl__check_int(check, where, "options.mode", (int)o->mode, modes);
+    sbl__check_int(check, where, "options.mode", (int)o->mode, 0, SBL_MODE_COUNT - 1);
     if (o->mode == SBL_MODE_PAPER && !papers)
         sbl__mistake(check, "%s: options.mode is SBL_MODE_PAPER; only pictures and readings have it", where);
-    sbl__check_int(check, where, "options.preset", (int)o->preset, presets);
-    sbl__check_int(check, where, "options.backend", (int)o->backend, backends);
+    sbl__check_int(check, where, "options.preset", (int)o->preset, 0, SBL_PRESET_COUNT - 1);
+    sbl__check_int(check, where, "options.backend", (int)o->backend, 0, SBL_BACKEND_COUNT - 1);
     if (o->backend == SBL_BACKEND_TRACE && (o->mode == SBL_MODE_PAPER || host_draws))
         sbl__mistake(check, "%s: options.backend is SBL_BACKEND_TRACE %s; use SBL_BACKEND_AUTO or SBL_BACKEND_RASTER",
                      where, host_draws ? "in a scene with a draw callback" : "in SBL_MODE_PAPER");
-    if (o->rays) sbl__check_int(check, where, "options.rays", o->rays, rays);
-    sbl__check_int(check, where, "options.sensor_size", o->sensor_size, sizes);
+    if (o->rays) sbl__check_int(check, where, "options.rays", o->rays, rays[0], rays[1]);
+    sbl__check_int(check, where, "options.sensor_size", o->sensor_size, 4, 512);
     if (!sbl__between(&o->epsilon, -FLT_MAX, FLT_MAX))
         sbl__mistake(check, "%s: options.epsilon is %g; it must be finite", where, (double)o->epsilon);
 }
@@ -7371,8 +7128,7 @@ static void sbl__sensor_defaults(sbl_mode mode, sbl_sensor_kind *kind, float *fo
 
 static void sbl__check_sensor_kind(sbl__check *check, const char *where, const sbl_options *o, sbl_sensor_kind kind,
                                    float fov) {
-    static const int kinds[2] = { 0, SBL_SENSOR_KIND_COUNT - 1 };
-    sbl__check_int(check, where, "sensor_kind", (int)kind, kinds);
+    sbl__check_int(check, where, "sensor_kind", (int)kind, 0, SBL_SENSOR_KIND_COUNT - 1);
     if (o->mode == SBL_MODE_PAPER && kind == SBL_SENSOR_HEMICUBE)
         sbl__mistake(check, "%s: sensor_kind is SBL_SENSOR_HEMICUBE in SBL_MODE_PAPER; the paper's sensor is "
                      "SBL_SENSOR_SINGLE", where);
@@ -7454,10 +7210,9 @@ SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc)
 
 /* Checks the fields that pictures and lightmaps share. */
 static void sbl__check_refinement(sbl__check *check, const char *where, const sbl_picture_desc *d) {
-    static const int sizes[2] = { 1, 16384 }, tiles[2] = { 1, 1024 };
-    sbl__check_int(check, where, "width", d->width, sizes);
-    sbl__check_int(check, where, "height", d->height, sizes);
-    sbl__check_int(check, where, "tile", d->tile, tiles);
+    sbl__check_int(check, where, "width", d->width, 1, 16384);
+    sbl__check_int(check, where, "height", d->height, 1, 16384);
+    sbl__check_int(check, where, "tile", d->tile, 1, 1024);
     if (!sbl__between(&d->target_error, 0, 1))
         sbl__mistake(check, "%s: target_error is %g; it must be 0 to 1", where, (double)d->target_error);
     if (!sbl__between(&d->threshold, -FLT_MAX, FLT_MAX))
@@ -7466,20 +7221,17 @@ static void sbl__check_refinement(sbl__check *check, const char *where, const sb
         sbl__mistake(check, "%s: filter_radius is %d; it must be at most 32", where, d->filter_radius);
 }
 
-static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_desc *given, const sbl_picture_desc *d,
-                                     int host_draws) {
-    static const int samples[2] = { 1, 64 };
+static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_desc *d, int host_draws) {
     const char *where = "sbl_picture_desc";
     sbl__check check;
     sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_PICTURE_DESC);
-    if (given && !sbl__check_canaries(&check, where, given->start_canary, given->end_canary))
-        return sbl__check_end(&check);
+    if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     sbl__check_options(&check, where, &d->options, 1, sbl__sensor_rays, host_draws);
     sbl__check_sensor_kind(&check, where, &d->options, d->sensor_kind, d->sensor_fov);
     sbl__check_refinement(&check, where, d);
     if (!sbl__between(&d->facet_limit, -FLT_MAX, FLT_MAX))
         sbl__mistake(&check, "%s: facet_limit is %g; it must be finite", where, (double)d->facet_limit);
-    sbl__check_int(&check, where, "samples", d->samples, samples);
+    sbl__check_int(&check, where, "samples", d->samples, 1, 64);
     sbl__check_camera(&check, where, d);
     return sbl__check_end(&check);
 }
@@ -7527,23 +7279,20 @@ SBL_API sbl_lightmap_desc sbl_lightmap_desc_defaults(const sbl_lightmap_desc *de
     return d;
 }
 
-static sbl_result sbl__check_lightmap(const sbl__base *base, const sbl_lightmap_desc *given, const sbl_lightmap_desc *d,
-                                      const sbl__scene *scene) {
-    static const int gutters[2] = { -INT_MAX, 16384 }, supersamples[2] = { 1, 8 }, switches[2] = { 0, 1 };
+static sbl_result sbl__check_lightmap(const sbl__base *base, const sbl_lightmap_desc *d, const sbl__scene *scene) {
     const char *where = "sbl_lightmap_desc";
     const sbl_picture_desc picture = sbl__lightmap_picture(d);
     const sbl__geometry *g = &scene->geometry;
     sbl__check check;
     int i;
     sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_LIGHTMAP_DESC);
-    if (given && !sbl__check_canaries(&check, where, given->start_canary, given->end_canary))
-        return sbl__check_end(&check);
+    if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     sbl__check_options(&check, where, &d->options, 0, sbl__sensor_rays, scene->draw != NULL);
     sbl__check_refinement(&check, where, &picture);
-    sbl__check_int(&check, where, "gutter", d->gutter, gutters);
-    sbl__check_int(&check, where, "directional", d->directional, switches);
-    sbl__check_int(&check, where, "supersample", d->supersample, supersamples);
-    if (d->supersample > 1 && d->supersample <= supersamples[1] && !sbl__supersample_fits(d))
+    sbl__check_int(&check, where, "gutter", d->gutter, -INT_MAX, 16384);
+    sbl__check_int(&check, where, "directional", d->directional, 0, 1);
+    sbl__check_int(&check, where, "supersample", d->supersample, 1, 8);
+    if (d->supersample > 1 && d->supersample <= 8 && !sbl__supersample_fits(d))
         sbl__mistake(&check, "%s: supersample is %d; times the size, %d x %d, it must be at most 16384", where,
                      d->supersample, d->width, d->height);
     sbl__check_array(&check, where, "mesh_count", d->mesh_count, d->meshes);
@@ -7588,14 +7337,12 @@ static int sbl__check_site(sbl__check *check, const sbl_site *s, int number, int
     return 0;
 }
 
-static sbl_result sbl__check_readings(const sbl__base *base, const sbl_readings_desc *given, const sbl_readings_desc *d,
-                                      int host_draws) {
+static sbl_result sbl__check_readings(const sbl__base *base, const sbl_readings_desc *d, int host_draws) {
     const char *where = "sbl_readings_desc";
     sbl__check check;
     int i, wrong = 0;
     sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_READINGS_DESC);
-    if (given && !sbl__check_canaries(&check, where, given->start_canary, given->end_canary))
-        return sbl__check_end(&check);
+    if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     sbl__check_options(&check, where, &d->options, 1, sbl__sensor_rays, host_draws);
     sbl__check_sensor_kind(&check, where, &d->options, d->sensor_kind, d->sensor_fov);
     sbl__check_array(&check, where, "site_count", d->site_count, d->sites);
@@ -7631,20 +7378,17 @@ SBL_API sbl_vertices_desc sbl_vertices_desc_defaults(const sbl_vertices_desc *de
 
 #define SBL__VERTICES_SMOOTHEST 1e6f
 
-static sbl_result sbl__check_vertices(const sbl__base *base, const sbl_vertices_desc *given, const sbl_vertices_desc *d,
-                                      const sbl__scene *scene) {
-    static const int samples[2] = { 1, 1024 }, flags[2] = { 0, 1 };
+static sbl_result sbl__check_vertices(const sbl__base *base, const sbl_vertices_desc *d, const sbl__scene *scene) {
     const char *where = "sbl_vertices_desc";
     const sbl__geometry *g = &scene->geometry;
     double vertices = 0, triangles = 0;
     sbl__check check;
     int i;
     sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_VERTICES_DESC);
-    if (given && !sbl__check_canaries(&check, where, given->start_canary, given->end_canary))
-        return sbl__check_end(&check);
+    if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     sbl__check_options(&check, where, &d->options, 0, sbl__sensor_rays, scene->draw != NULL);
-    sbl__check_int(&check, where, "samples", d->samples, samples);
-    sbl__check_int(&check, where, "average", d->average, flags);
+    sbl__check_int(&check, where, "samples", d->samples, 1, 1024);
+    sbl__check_int(&check, where, "average", d->average, 0, 1);
     if (!sbl__between(&d->smoothing, -FLT_MAX, SBL__VERTICES_SMOOTHEST))
         sbl__mistake(&check, "%s: smoothing is %g; it must be finite and at most %g", where, (double)d->smoothing,
                      (double)SBL__VERTICES_SMOOTHEST);
@@ -7679,7 +7423,6 @@ static int sbl__grid_count(const int grid[3]) {
 }
 
 static void sbl__check_grid(sbl__check *check, const char *where, const sbl_probes_desc *d) {
-    static const int sizes[2] = { 1, 16384 };
     const int given = d->grid[0] || d->grid[1] || d->grid[2], points = sbl__grid_count(d->grid);
     int k;
     if (!given && d->probe_count > 0)
@@ -7687,7 +7430,7 @@ static void sbl__check_grid(sbl__check *check, const char *where, const sbl_prob
     for (k = 0; k < 3 && given; k++) {
         char name[16];
         snprintf(name, sizeof name, "grid[%d]", k);
-        sbl__check_int(check, where, name, d->grid[k], sizes);
+        sbl__check_int(check, where, name, d->grid[k], 1, 16384);
     }
     if (points == INT_MAX) sbl__mistake(check, "%s: grid has more points than an int can count", where);
     else if (points && d->probe_count != points && d->probe_count >= 0)
@@ -7710,15 +7453,13 @@ SBL_API sbl_probes_desc sbl_probes_desc_defaults(const sbl_probes_desc *desc) {
     return d;
 }
 
-static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc *given, const sbl_probes_desc *d,
-                                    int host_draws) {
+static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc *d, int host_draws) {
     static const int rays[2] = { 64, 65536 };
     const char *where = "sbl_probes_desc";
     sbl__check check;
     int i, wrong = 0;
     sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_PROBES_DESC);
-    if (given && !sbl__check_canaries(&check, where, given->start_canary, given->end_canary))
-        return sbl__check_end(&check);
+    if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     sbl__check_options(&check, where, &d->options, 0, rays, host_draws);
     if (!sbl__between(&d->move, 0, FLT_MAX))
         sbl__mistake(&check, "%s: move is %g; it must be finite and not negative", where, (double)d->move);
@@ -9084,14 +8825,12 @@ static const char *const sbl__glsl_carrier[] = {
 /* <<glsl */
 
 /* ======================================================================================================== >>aim
-   Generates the sequence of points that gives rays their directions, and traces rays towards lamps. Looks of both back
-   ends trace rays towards lamps. */
+   The sequence of points from which rays get their directions, and rays towards lamps, which both back ends trace. */
 
 /* Limits of the work of one shader invocation. Some software renderers silently end an invocation after about 65,000
-   loop iterations. On average a ray takes about as many iterations as the hierarchy's cost, but a multiple of this
-   number in some places; SBL__LOOP_TURNS leaves a margin for these rays. */
+   loop iterations. A ray takes on average as many as the hierarchy's cost, but some rays take several times more. */
 #define SBL__LOOP_TURNS 20000      /* maximum number of loop iterations per invocation, on average */
-#define SBL__RAY_TURNS 20          /* number of iterations per ray in addition to the hierarchy's cost */
+#define SBL__RAY_TURNS 20          /* iterations per ray in addition to the hierarchy's cost */
 #define SBL__LAMP_CHUNK 256        /* maximum number of rays towards lamps per invocation */
 
 /* Resources for rays towards lamps. */
@@ -9099,27 +8838,24 @@ typedef struct sbl__aim {
     int rays;                      /* maximum number of rays towards lamps per look */
     int parts;                     /* number of invocations among which a look's rays are divided */
     sbl__table sequence;           /* points that give the rays' directions: two 32-bit fractions per point */
-    sbl__texture light;            /* R and its variance: `parts` texels per look, one below the other */
-    sbl__texture harmonics[3];     /* directional jobs: coefficients of red, green, blue, in texels like `light` */
+    sbl__texture lights[4];        /* R and its variance; directional jobs: harmonics of red, green and blue. Each look
+                                      has `parts` texels, one below the other */
     sbl__target target;
 } sbl__aim;
 
 static void sbl__aim_free(const sbl__device *d, sbl__aim *a) {
-    sbl__table_delete(d, &a->sequence);
     int i;
-    for (i = 0; i < 3; i++) sbl__texture_delete(d, &a->harmonics[i]);
+    sbl__table_delete(d, &a->sequence);
+    for (i = 0; i < 4; i++) sbl__texture_delete(d, &a->lights[i]);
     sbl__target_delete(d, &a->target);
-    sbl__texture_delete(d, &a->light);
-    memset(a, 0, sizeof *a);
 }
 
-/* Maximum number of rays per invocation, see SBL__LOOP_TURNS */
+/* Maximum number of rays per invocation */
 static int sbl__rays_most(const sbl__hierarchy *h) {
     return SBL__MAX(1, (int)(SBL__LOOP_TURNS / (h->cost + SBL__RAY_TURNS)));
 }
 
-/* Computes the first `count` points of the Sobol sequence in its first two dimensions (Joe and Kuo 2008), as 32-bit
-   fractions. */
+/* Computes the first `count` points of the two-dimensional Sobol sequence (Joe and Kuo 2008), as 32-bit fractions. */
 static void sbl__sobol(uint32_t *out, int count) {
     int i, bit;
     for (i = 0; i < count; i++) {
@@ -9131,8 +8867,8 @@ static void sbl__sobol(uint32_t *out, int count) {
     }
 }
 
-/* Comparison function for qsort that orders points along a Morton curve. Rays that neighbouring invocations trace then
-   have similar directions. Scrambling by exclusive or keeps points close to each other. */
+/* Comparison function for qsort: orders points along a Morton curve, so that neighbouring invocations trace rays of
+   similar directions. Scrambling by exclusive or keeps neighbours close to each other. */
 static int sbl__morton_order(const void *first, const void *second) {
     const uint32_t *a = (const uint32_t *)first, *b = (const uint32_t *)second;
     uint32_t x = a[0] ^ b[0], y = a[1] ^ b[1];
@@ -9140,23 +8876,23 @@ static int sbl__morton_order(const void *first, const void *second) {
     return a[axis] == b[axis] ? 0 : a[axis] < b[axis] ? -1 : 1;
 }
 
-/* Makes `rays` points for each of a site's looks. The points of a look consist of `stretches` sections, and each
-   section by itself covers the unit square evenly. The caller frees the result; NULL: out of memory */
-static uint32_t *sbl__sequence_make(sbl__base *base, int looks, int rays, int stretches) {
-    uint32_t *points = (uint32_t *)sbl__alloc_raw(base, (size_t)rays * (size_t)looks, 8);
-    int look, k;
+/* Makes `rays` points for each of a site's looks. A look's points consist of `sections`, each of which covers the unit
+   square evenly. The caller frees the result; NULL: out of memory */
+static uint32_t *sbl__sequence_make(sbl__base *base, int looks, int rays, int sections) {
+    const size_t count = (size_t)rays, parts = (size_t)sections;
+    uint32_t *points = (uint32_t *)sbl__alloc_raw(base, count * (size_t)looks, 8);
+    size_t look, k;
     if (!points) return NULL;
     sbl__sobol(points, rays * looks);
-    for (look = 0; look < looks; look++)
-        for (k = 0; k < stretches; k++) {
-            const size_t from = (size_t)rays * (size_t)k / (size_t)stretches;
-            const size_t to = (size_t)rays * (size_t)(k + 1) / (size_t)stretches;
-            if (to > from) qsort(points + 2 * ((size_t)rays * (size_t)look + from), to - from, 8, sbl__morton_order);
+    for (look = 0; look < (size_t)looks; look++)
+        for (k = 0; k < parts; k++) {
+            const size_t from = count * k / parts, to = count * (k + 1) / parts;
+            if (to > from) qsort(points + 2 * (count * look + from), to - from, 8, sbl__morton_order);
         }
     return points;
 }
 
-/* Gets point i of a sequence, scrambled with the seed in the same way as trace.glsl scrambles it; 0 to 1 */
+/* Gets point i of a sequence, 0 to 1, scrambled with the seed as in trace.glsl. */
 static void sbl__sequence_at(const uint32_t *sequence, int i, uint32_t seed, double u[2]) {
     int axis;
     for (axis = 0; axis < 2; axis++) {
@@ -9165,7 +8901,7 @@ static void sbl__sequence_at(const uint32_t *sequence, int i, uint32_t seed, dou
     }
 }
 
-/* Maps a point u of the unit square to a direction over the hemisphere around the normal, distributed by the cosine. */
+/* Maps a uniform point u of the unit square to a cosine-distributed direction, as sbl_by_cosine in frame.glsl does. */
 static void sbl__cosine_direction(const float normal[3], const double u[2], float out[3]) {
     const double angle = 2 * SBL__PI * u[1];
     double right[3], up[3];
@@ -9175,8 +8911,8 @@ static void sbl__cosine_direction(const float normal[3], const double u[2], floa
         out[k] = (float)(sqrt(u[0]) * (cos(angle) * right[k] - sin(angle) * up[k]) + sqrt(1 - u[0]) * normal[k]);
 }
 
-static sbl_result sbl__sequence_store(const sbl__device *d, sbl__table *t, int looks, int rays, int stretches) {
-    uint32_t *points = sbl__sequence_make(d->base, looks, rays, stretches);
+static sbl_result sbl__sequence_store(const sbl__device *d, sbl__table *t, int looks, int rays, int sections) {
+    uint32_t *points = sbl__sequence_make(d->base, looks, rays, sections);
     sbl_result result;
     if (!points) return SBL_ERROR_OUT_OF_MEMORY;
     result = sbl__buffer_make(d, &t->buffer, (size_t)rays * (size_t)looks * 8, points, SBL__GL_STATIC_DRAW);
@@ -9184,37 +8920,34 @@ static sbl_result sbl__sequence_store(const sbl__device *d, sbl__table *t, int l
     return result == SBL_SUCCESS ? sbl__table_attach(d, t, SBL__GL_RG32UI, 0) : result;
 }
 
-/* Number of invocations among which a look's rays towards lamps are divided. lamps.glsl may stop an invocation early,
-   after any section of the invocation's points. */
+/* Number of invocations among which a look's rays towards lamps are divided */
 static int sbl__aim_parts(const sbl__spec *spec, const sbl__hierarchy *h) {
     const int chunk = spec->traced ? SBL__MIN(SBL__LAMP_CHUNK, sbl__rays_most(h)) : SBL__LAMP_CHUNK;
     return (spec->lamp_rays + chunk - 1) / chunk;
 }
 
-/* Makes the sequence and the textures for rays towards lamps of looks in these slots. */
+/* Makes the resources for looks in these slots. The points of each invocation have a section for each pass. */
 static sbl_result sbl__aim_setup(const sbl__device *d, sbl__aim *a, const sbl__spec *spec, const sbl__slots *slots,
                                  const sbl__hierarchy *h) {
-    const int rows = (slots->count + slots->columns - 1) / slots->columns, parts = sbl__aim_parts(spec, h);
-    sbl__texture *const textures[4] = { &a->light, &a->harmonics[0], &a->harmonics[1], &a->harmonics[2] };
+    const int rows = (slots->count + slots->columns - 1) / slots->columns, count = spec->directional ? 4 : 1;
     const sbl__texture *colors[4];
-    const int count = spec->directional ? 4 : 1;
     sbl_result result;
     int i;
     a->rays = spec->lamp_rays;
-    a->parts = parts;
+    a->parts = sbl__aim_parts(spec, h);
     if (!a->rays) return SBL_SUCCESS;
-    result = sbl__sequence_store(d, &a->sequence, spec->looks, a->rays, SBL__LAMP_PASSES * parts);
+    result = sbl__sequence_store(d, &a->sequence, spec->looks, a->rays, SBL__LAMP_PASSES * a->parts);
     for (i = 0; i < 4; i++) {
-        if (i >= count) sbl__texture_delete(d, textures[i]);
+        if (i >= count) sbl__texture_delete(d, &a->lights[i]);
         else if (result == SBL_SUCCESS)
-            result = sbl__texture_make(d, textures[i], slots->columns, rows * parts, SBL__GL_RGBA32F);
-        colors[i] = textures[i];
+            result = sbl__texture_make(d, &a->lights[i], slots->columns, rows * a->parts, SBL__GL_RGBA32F);
+        colors[i] = &a->lights[i];
     }
     return result == SBL_SUCCESS ? sbl__target_make(d, &a->target, colors, count, NULL) : result;
 }
 
-/* Sets the uniforms that all ray-tracing programs share: those of scene.glsl to carrier.glsl. blocks: width and height
-   of a look's rectangle of invocations */
+/* Sets the uniforms that all programs share which trace rays for sensors. blocks: width and height of a look's
+   rectangle of invocations */
 static void sbl__rays_bind(sbl__device *d, const sbl__batch *b, const sbl__table *sequence, const int blocks[2]) {
     sbl__scene_bind(d, b->scene);
     sbl__hierarchy_bind(d, &b->scene->hierarchy);
@@ -9228,7 +8961,7 @@ static void sbl__rays_bind(sbl__device *d, const sbl__batch *b, const sbl__table
     sbl__set_int(d, "count", b->count);
 }
 
-/* Runs the current program for all looks of a batch, with blocks[0] x blocks[1] texels of the target per look. */
+/* Runs the current program for all looks of a batch, blocks[0] x blocks[1] invocations each. */
 static void sbl__rays_send(const sbl__device *d, const sbl__batch *b, const sbl__target *t, const int blocks[2]) {
     const int row = b->slot / b->slots->columns, last = (b->slot + b->count - 1) / b->slots->columns;
     sbl__invoke(d, t, row * blocks[1], (last - row + 1) * blocks[1], b->count * blocks[0] * blocks[1]);
@@ -9236,81 +8969,88 @@ static void sbl__rays_send(const sbl__device *d, const sbl__batch *b, const sbl_
 
 /* >>glsl lamps: shaders_embedded/lamps.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_lamps[] = {
-"// Light from lamps: emitting triangles, punctual lights, bright spots of the sky. What each gives where nothing\n",
-"// stands between is known in closed form; rays only measure which share of it arrives: the ratio estimator of\n",
-"// Heitz, Hill and McGuire 2018, \"Combining analytic direct illumination and stochastic shadows\". Where lamps are\n",
-"// many, those far off stand together in clusters, of which only single lamps, picked in proportion to what they\n",
-"// give, are ever looked at.\n",
+"// Light from lamps: emitting triangles, lights, and bright texels of the sky. The light of an unobstructed lamp is\n",
+"// known in closed form, and rays measure which share of it arrives: the ratio estimator of Heitz, Hill and McGuire\n",
+"// 2018, \"Combining analytic direct illumination and stochastic shadows\". If there are many lamps, distant ones\n",
+"// form clusters; a ray towards a cluster picks one of its lamps, in proportion to their light.\n",
 "//\n",
-"//     choose   which lamps and clusters count here, and what each gives\n",
-"//     pick     one of them for a ray, and how often it is picked\n",
-"//     shoot    the ray: what it would bring, and whether something stands between\n",
-"//     combine  what the rays found with what is known\n",
+"//     choose   makes the list of entries: the lamps and clusters that give this sensor light, with their strengths\n",
+"//     pick     picks one of the entries for a ray\n",
+"//     shoot    traces the ray\n",
+"//     combine  computes R from the results of all rays and from the closed forms\n",
 "//\n",
-"// One invocation is one sensor, or a part of its rays where they are many: neighbours trace neighbouring rays, and\n",
-"// each stops as soon as it knows enough. With SBL_INSPECT it is one ray of one sensor, or one of the entries it\n",
-"// chose: what these gave is written.\n",
+"// One invocation computes one sensor, or one of the `blocks.y` parts into which its rays are divided. It stops\n",
+"// when more rays would not improve the result. With SBL_INSPECT it reports one ray or one entry of the sensor.\n",
 "uniform usamplerBuffer sbl_sequence;  // see trace.glsl\n",
-"uniform int lamp_nodes, lamp_leaves;  // how many\n",
-"uniform int rays;                     // at most so many a sensor\n",
-"uniform float unit, scale;            // radiance that calculations are in, so that none overflows; of what is\n",
-"                                      // written\n",
+"uniform int lamp_nodes, lamp_leaves;  // numbers of nodes and leaves in the table of lamps\n",
+"uniform int rays;                     // maximum number of rays per sensor\n",
+"uniform float unit;                   // unit of radiance in the calculations, which prevents overflow\n",
+"uniform float scale;                  // factor of the outputs\n",
 "#ifdef SBL_INSPECT\n",
-"uniform int parts;                    // that the sensor's rays were traced in\n",
-"uniform int sheet_slot;               // where its views stand\n",
-"SBL_OUT(0, out_light);                // a ray: what it brought; 1: open, 2: hidden, 0: was not sent. An entry: R\n",
-"                                      // from it unhindered; 1: a lamp, 2: a point of light that is open, 3: one\n",
-"                                      // that is hidden\n",
-"SBL_OUT(1, out_way);                  // a ray: its direction, its lamp's leaf. An entry: 0 0 0, its leaf\n",
+"const bool inspected = true;\n",
+"uniform int parts;                    // number of parts into which the sensor's rays were divided\n",
+"uniform int sheet_slot;               // slot of the sensor's views in the view texture\n",
+"SBL_OUT(0, out_light);                // of a ray: its light; 0: not traced, 1: reached the lamp, 2: was blocked;\n",
+"                                      // of an entry: R if unobstructed; 1: lamp, 2: visible, 3: hidden point light\n",
+"SBL_OUT(1, out_way);                  // of a ray: direction and the lamp's leaf; of an entry: 0 0 0 and its leaf\n",
 "#else\n",
-"SBL_OUT(0, out_light);                // R, each part's own; the variance of its luminance\n",
+"const bool inspected = false;\n",
+"SBL_OUT(0, out_light);                // R of the part, and the variance of its luminance\n",
 "#ifdef SBL_DIRECTIONAL\n",
-"SBL_OUT(1, out_red);                  // and its harmonics\n",
+"SBL_OUT(1, out_red);                  // spherical harmonics\n",
 "SBL_OUT(2, out_green);\n",
 "SBL_OUT(3, out_blue);\n",
 "#endif\n",
 "#endif\n",
+"#ifdef SBL_DIRECTIONAL\n",
+"const bool directional = true;\n",
+"#else\n",
+"const bool directional = false;\n",
+"#endif\n",
+"#ifdef SBL_MIXED\n",
+"const bool mixed = true;            // there are lamps of all kinds, or clusters\n",
+"#else\n",
+"const bool mixed = false;           // all lamps are triangles, at most SBL_LAMPS\n",
+"#endif\n",
 "\n",
-"const int SBL_CERTAIN = 32;         // so many points of light get a ray each\n",
-"const float SBL_STRATA = 1.5;       // variance of n stratified points, as a share of independent ones', times the\n",
-"                                    // root of n: what edges across a lamp leave, measured;\n",
-"const float SBL_STRATA_LOST = 0.6;  // and where as many lamps share the points\n",
-"const float SBL_OPENING = 0.3;      // a cluster whose radius is a smaller share of its distance is not opened ...\n",
-"const int SBL_OPENINGS = 12;        // ... or of twice as much, and so on, until all entries have room\n",
-"const float SBL_SPARSE = 16.0;      // rays that a group must get on average, to be known by a ratio\n",
-"const int SBL_PASS_RAYS = 32;       // rays are traced in passes, SBL_LAMP_PASSES at most; after each it is seen\n",
-"                                    // whether\n",
-"const float SBL_PASS_CROWD = 16.0;  // they were enough. Of so many rays at least, and the fewer the more lamps\n",
-"                                    // share the light\n",
-"const int SBL_RIM_LAMPS = 8;        // of so few entries, corners and rims are looked at besides\n",
-"const int SBL_CORNERS = 3;          // of a triangle, each so far from the others:\n",
-"const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;\n",
-"const int SBL_RIM = 12;             // points along the rim of a round lamp, at this share of its disc:\n",
-"const float SBL_RIM_AT = 0.99;\n",
-"const float SBL_KNOWN = 1e-6;       // relative variance from which on clusters are known well enough\n",
-"const float SBL_SMALL = 16.0;       // squared distance over squared size from which on a triangle is\n",
-"const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);\n",
+"const int SBL_CERTAIN = 32;         // maximum number of point lights that get one ray each\n",
+"const float SBL_STRATA = 1.5;       // variance of the mean of n stratified points, divided by that of independent\n",
+"                                    // points, times sqrt(n): measured with shadow edges that cross a lamp\n",
+"const float SBL_STRATA_LOST = 0.6;  // upper limit of that ratio, reached if there are as many lamps as points\n",
+"const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this share of its distance;\n",
+"const int SBL_OPENINGS = 12;        // the share is doubled up to this number of times, until all entries fit\n",
+"const float SBL_SPARSE = 16.0;      // minimum number of rays that a group must get on average for a ratio estimate\n",
+"const int SBL_PASS_RAYS = 32;       // minimum number of rays per pass\n",
+"const float SBL_PASS_CROWD = 16.0;  // maximum number of passes, times the effective number of entries\n",
+"const int SBL_RIM_LAMPS = 8;        // maximum number of entries for which rim samples are traced\n",
+"const int SBL_CORNERS = 3;          // number of rim samples of a triangle, each close to a corner:\n",
+"const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // barycentrics of this corner, and of the two others\n",
+"const int SBL_RIM = 12;             // number of rim samples of a round lamp\n",
+"const float SBL_RIM_AT = 0.99;      // share of a round lamp's disc that is inside the circle of its rim samples\n",
+"const float SBL_KNOWN = 1e-6;       // relative variance below which the light of clusters needs no more rays\n",
+"const float SBL_SMALL = 16.0;       // a triangle is small if its squared distance over its squared size is larger\n",
+"const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // see sbl_form_factor\n",
 "const float SBL_POINT_WEIGHT[2] = float[2](0.223381589678011, 0.109951743655322);\n",
-"const float SBL_BEFORE_LAMP = 0.99999;  // share of the way to a lamp that must be free\n",
+"const float SBL_BEFORE_LAMP = 0.99999;  // share of the distance to a lamp along which a ray is traced\n",
 "\n",
 "struct sbl_Lamp {\n",
 "    uint kind;\n",
-"    vec3 brightness;           // a triangle's radiance; a light's irradiance of a surface here that faces it; a\n",
-"                               // texel's light, radiance times solid angle\n",
-"    vec3 corner;               // of the triangle, from the sensor; else the unit direction to the light's, or the\n",
-"                               // texel's, middle\n",
-"    vec3 side_1, side_2;       // of the triangle\n",
-"    float away, radius, sine2; // of a light: distance, radius, sine squared of the angle that it spans each way\n",
-"    ivec2 texel;\n",
-"    int triangle, number;      // as traced; in the scene\n",
-"    vec2 group;                // 0 1 for a triangle that turns its back to the sensor, else 1 0\n",
+"    vec3 brightness;           // triangle: radiance; texel: radiance * solid angle; light: irradiance of a surface\n",
+"                               // at the sensor that faces the light\n",
+"    vec3 corner;               // triangle: first corner, relative to the sensor; else unit direction to the centre\n",
+"    vec3 side_1, side_2;       // triangle: vectors from the first corner to the other corners\n",
+"    float away, radius, sine2; // light: distance, radius, squared sine of half the angle that it subtends\n",
+"    ivec2 texel;               // texel: column and row\n",
+"    int triangle, number;      // triangle: its number in the hierarchy's order and in the scene; else number is -1\n",
+"    vec2 group;                // 0 1: a triangle that shows the sensor its back; 1 0: all other lamps\n",
 "};\n",
 "\n",
-"bool sbl_is_light(sbl_Lamp l) { return l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT; }\n",
+"bool sbl_is_light(sbl_Lamp l) { return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT); }\n",
+"bool sbl_is_texel(sbl_Lamp l) { return mixed && l.kind == SBL_LAMP_SKY_TEXEL; }\n",
 "\n",
-"// The sensor, and what is known of it.\n",
-"int look;                    // its number among those sent\n",
-"vec3 stand, position, n;     // where its rays start; on the surface: a lamp close by is seen from there; normal\n",
+"// The sensor\n",
+"int look;                    // number of the look in the batch\n",
+"vec3 stand, position, n;     // origin of its rays; position on the surface, used by closed forms; normal\n",
 "mat3 to_frame;\n",
 "uvec2 scramble;\n",
 "\n",
@@ -9330,11 +9070,10 @@ static const char *const sbl__glsl_lamps[] = {
 "        float off = dot(normal, l.corner);\n",
 "        l.group = off > 0.0 ? vec2(0, 1) : vec2(1, 0);\n",
 "        l.brightness = sbl_emission(object, l.group.y == 1.0) / unit;\n",
-"        // seen edge-on; above all its own, which rounding may put above the horizon, all over it\n",
+"        // Seen edge-on. This is so for the sensor's own triangle, which rounding may put above the horizon.\n",
 "        if (abs(off) < 0.5 * sbl_look_offset(look) * length(normal)) l.brightness = vec3(0);\n",
 "    }\n",
-"#ifdef SBL_MIXED\n",
-"    if (l.kind == SBL_LAMP_SKY_TEXEL) {\n",
+"    if (sbl_is_texel(l)) {\n",
 "        vec2 size = vec2(textureSize(sky_picture, 0)), middle = (vec2(l.texel) + 0.5) / size;\n",
 "        vec3 radiance = texelFetch(sky_picture, l.texel, 0).rgb;\n",
 "        l.corner = sbl_sky_direction(middle.x, cos(SBL_PI * middle.y));\n",
@@ -9352,34 +9091,33 @@ static const char *const sbl__glsl_lamps[] = {
 "            l.corner /= max(l.away, 1e-30);\n",
 "            float spot = clamp(dot(sbl_light_axis(int(at)), -l.corner) * sbl_light_spot_scale(int(at)) +\n",
 "                               sbl_light_spot_offset(int(at)), 0.0, 1.0);  // KHR_lights_punctual\n",
-"            if (l.away < l.radius) { l.corner = n; l.away = l.radius; spot = 1.0; }  // the sensor stands in it\n",
+"            if (l.away < l.radius) { l.corner = n; l.away = l.radius; spot = 1.0; }  // sensor inside\n",
 "            l.brightness *= spot * spot / (l.away * l.away);\n",
 "            l.sine2 = min(l.radius * l.radius / (l.away * l.away), 1.0);\n",
 "        }\n",
 "    }\n",
-"#endif\n",
 "    return l;\n",
 "}\n",
 "\n",
 "// >>closed forms\n",
 "\n",
-"// An edge's part of Lambert's sum: the angle it spans, times the cosine of its plane's normal to z.\n",
+"// An edge's term of Lambert's sum: the angle that it subtends, times z of the unit normal of its plane.\n",
 "float sbl_edge(vec3 p, vec3 q) {\n",
 "    vec3 normal = cross(p, q);\n",
 "    float size = length(normal);\n",
 "    return size > 0.0 ? atan(size, dot(p, q)) * normal.z / size : 0.0;\n",
 "}\n",
 "\n",
-"// Share of a hemisphere around z that a triangle fills, weighted by the cosine. Corners relative to the sensor, in\n",
-"// its frame. Lambert 1760: the sum over the edges of what is above the horizon; where the triangle is small for\n",
-"// its distance that would lose itself in rounding, and six points (Dunavant 1985, degree 4) know it to 4e-6.\n",
+"// Form factor of a triangle. a, b, c: corners relative to the sensor, in its frame. Sums the edges of the part\n",
+"// above the horizon (Lambert 1760). If the triangle is small for its distance, rounding would spoil this sum;\n",
+"// a sum over six points is then used instead (Dunavant 1985, degree 4; relative error up to 4e-6).\n",
 "float sbl_form_factor(vec3 a, vec3 b, vec3 c) {\n",
 "    vec3 corners[3] = vec3[3](a, b, c), entry = vec3(0), leave = vec3(0);\n",
 "    vec3 middle = (a + b + c) / 3.0, normal = cross(b - a, c - a);\n",
 "    float distance2 = dot(middle, middle), points = 0.0, sum = 0.0;\n",
 "    float size2 = max(dot(b - a, b - a), max(dot(c - a, c - a), dot(c - b, c - b)));\n",
 "    bool small = min(a.z, min(b.z, c.z)) > 0.0 && distance2 > SBL_SMALL * size2, cut = false;\n",
-"    for (int k = 0; k < 6; k++) {  // on the ways from the corners to the middle, and beyond it\n",
+"    for (int k = 0; k < 6; k++) {  // points on the lines from the corners through the middle\n",
 "        vec3 p = middle + SBL_POINT[k / 3] * (corners[k % 3] - middle);\n",
 "        float length2 = dot(p, p) / distance2;\n",
 "        points += SBL_POINT_WEIGHT[k / 3] * p.z / (length2 * length2);\n",
@@ -9400,8 +9138,8 @@ static const char *const sbl__glsl_lamps[] = {
 "                 : abs(sum) / (2.0 * SBL_PI);\n",
 "}\n",
 "\n",
-"// The same for a round lamp whose middle has the cosine z to the normal, over the sine squared of the angle that\n",
-"// it spans to each side: Snyder 1996, \"Area Light Sources for Real-Time Graphics\"; small ones as flat discs.\n",
+"// Form factor of a round lamp, divided by sine2 (Snyder 1996, \"Area Light Sources for Real-Time Graphics\");\n",
+"// small lamps are treated as flat discs. z: cosine between the normal and the direction to the lamp's centre\n",
 "float sbl_round(float z, float sine2) {\n",
 "    float sine = sqrt(sine2), s = sqrt(max(1.0 - z * z, 0.0));\n",
 "    if (z >= sine || z <= -sine) return max(z, 0.0);\n",
@@ -9410,31 +9148,28 @@ static const char *const sbl__glsl_lamps[] = {
 "    return (z * acos(y) - x * w + atan(w, x) / sine2) / SBL_PI;\n",
 "}\n",
 "\n",
-"// R from a lamp that nothing hides.\n",
+"// R from an unobstructed lamp. For a texel it is approximate: positive if any of the texel is above the horizon.\n",
 "vec3 sbl_unhindered(sbl_Lamp l) {\n",
 "    float factor = 0.0;\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
 "        vec3 corner = to_frame * l.corner;\n",
 "        factor = sbl_form_factor(corner, corner + to_frame * l.side_1, corner + to_frame * l.side_2);\n",
 "    }\n",
-"#ifdef SBL_MIXED\n",
 "    if (sbl_is_light(l)) factor = sbl_round(dot(n, l.corner), l.sine2) / SBL_PI;\n",
-"    // about: above 0 where some of it is above the horizon\n",
-"    if (l.kind == SBL_LAMP_SKY_TEXEL)\n",
+"    if (sbl_is_texel(l))\n",
 "        factor = max(dot(n, l.corner) + SBL_PI / float(textureSize(sky_picture, 0).y), 0.0) / SBL_PI;\n",
-"#endif\n",
 "    return l.brightness * factor;\n",
 "}\n",
 "\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"// What a lamp that nothing hides gives of the first four harmonics: of its solid angle, and of the integral of\n",
-"// directions over it, whose part along the normal is R's. Of round lamps on the horizon the rest is a guess.\n",
+"// The first four spherical harmonics of an unobstructed lamp, from its solid angle and from the integral of\n",
+"// directions over it (`way`). For a round lamp that the horizon cuts they are approximate, except for the integral\n",
+"// along the normal.\n",
 "mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {\n",
 "    float solid_angle = 0.0;\n",
 "    vec3 way = vec3(0);\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
-"        vec3 a = to_frame * l.corner, sides[2] = vec3[2](to_frame * l.side_1, to_frame * l.side_2);\n",
-"        vec3 corners[3] = vec3[3](a, a + sides[0], a + sides[1]), kept[4];\n",
+"        vec3 a = to_frame * l.corner, kept[4];\n",
+"        vec3 corners[3] = vec3[3](a, a + to_frame * l.side_1, a + to_frame * l.side_2);\n",
 "        int count = 0;\n",
 "        for (int k = 0; k < 3; k++) {\n",
 "            vec3 p = corners[k], q = corners[(k + 1) % 3];\n",
@@ -9455,24 +9190,21 @@ static const char *const sbl__glsl_lamps[] = {
 "        way = transpose(to_frame) * way * sign(solid_angle);\n",
 "        solid_angle = abs(solid_angle);\n",
 "    }\n",
-"#ifdef SBL_MIXED\n",
-"    if (sbl_is_light(l)) {  // all of it has the intensity pi times sine squared, see sbl_round\n",
+"    if (sbl_is_light(l)) {  // divided by pi * sine2, see sbl_round\n",
 "        float z = dot(n, l.corner), shown = clamp(0.5 + 0.5 * z / max(sqrt(l.sine2), 1e-30), 0.0, 1.0);\n",
 "        solid_angle = shown * 2.0 / (1.0 + sqrt(1.0 - l.sine2));\n",
 "        way = shown * (l.corner - z * n) + sbl_round(z, l.sine2) * n;\n",
 "    }\n",
-"#endif\n",
 "    return outerProduct(vec4(SBL_HARMONIC_0 * solid_angle, SBL_HARMONIC_1 * way.yzx), l.brightness);\n",
 "}\n",
-"#endif\n",
 "\n",
 "// >>clusters\n",
 "\n",
 "struct sbl_Cluster {\n",
-"    vec3 to;       // its middle, from the sensor\n",
+"    vec3 to;       // centre of its bounding sphere, relative to the sensor; if far, a direction\n",
 "    float radius;\n",
-"    bool far;      // directions\n",
-"    int beyond;    // the node after it\n",
+"    bool far;      // its lamps are infinitely far away\n",
+"    int beyond;    // node after the subtree\n",
 "};\n",
 "\n",
 "sbl_Cluster sbl_cluster(int node) {\n",
@@ -9482,12 +9214,12 @@ static const char *const sbl__glsl_lamps[] = {
 "                       int(beyond & ~SBL_FAR_NODE));\n",
 "}\n",
 "\n",
-"// What it gives about: zero only where none of its lamps gives anything.\n",
+"// Approximate light of an unobstructed cluster; 0 only if none of its lamps gives light to the sensor.\n",
 "float sbl_strength(int node, sbl_Cluster c) {\n",
 "    vec3 square = sbl_lamp_node_square(node), mixed = sbl_lamp_node_mixed(node), front = sbl_lamp_node_front(node);\n",
 "    float distance2 = max(dot(c.to, c.to), 1e-37), spread = min(c.radius * inversesqrt(distance2), 1.0);\n",
 "    float height = dot(n, c.to);\n",
-"    // far lamps turn no sides to the sensor, but are seen under the cosine to its normal\n",
+"    // The normal of a far lamp is the direction towards it, so this gives the cosine at the sensor.\n",
 "    vec3 w = c.far ? -n : c.to * inversesqrt(distance2);\n",
 "    float shown = sqrt(max(dot(square, w * w) + 2.0 * dot(mixed, w.xyz * w.yzx), 0.0)) - dot(front, w) +\n",
 "                  0.1 * sbl_lamp_node_power(node) * spread;\n",
@@ -9499,8 +9231,8 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// >>points of lamps\n",
 "\n",
-"// A direction to the spherical triangle of unit vectors a, b, c, evenly distributed: Arvo 1995, \"Stratified\n",
-"// Sampling of Spherical Triangles\". w: its solid angle; 0 where it is too small for that.\n",
+"// Maps u to a uniformly distributed direction in the spherical triangle of the unit vectors a, b, c (Arvo 1995,\n",
+"// \"Stratified Sampling of Spherical Triangles\"). w: the solid angle; 0 if it is too small for this method\n",
 "vec4 sbl_spherical(vec3 a, vec3 b, vec3 c, vec2 u) {\n",
 "    vec3 ab = cross(a, b), bc = cross(b, c), ca = cross(c, a);\n",
 "    float alpha = atan(length(cross(ab, ca)), -dot(ab, ca)), beta = atan(length(cross(bc, ab)), -dot(bc, ab));\n",
@@ -9517,26 +9249,26 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "struct sbl_Sample {\n",
 "    vec3 direction;\n",
-"    float far;    // how far it is\n",
-"    vec3 light;   // R from the lamp, were it all like this point\n",
-"    vec2 b;       // barycentrics on a triangle\n",
+"    float far;    // distance, or SBL_UNBOUNDED\n",
+"    vec3 light;   // R from the lamp if all of the lamp were like this point\n",
+"    vec2 b;       // triangle: weights of its second and third corner\n",
 "};\n",
 "\n",
-"// Weights of a triangle's second and third corner at a point of its plane. from_corner: from the first corner.\n",
+"// Weights of a triangle's second and third corner at a point. from_corner: the point, relative to the first corner\n",
 "vec2 sbl_barycentrics(sbl_Lamp l, vec3 normal, vec3 from_corner) {\n",
 "    vec2 areas = vec2(dot(cross(from_corner, l.side_2), normal), dot(cross(l.side_1, from_corner), normal));\n",
 "    return areas / dot(normal, normal);\n",
 "}\n",
 "\n",
+"// Maps a uniform point u of the unit square to a point on a lamp. Triangles are sampled by solid angle, or, if it\n",
+"// is small, by area (Heitz 2019, \"A Low-Distortion Map Between Triangle and Square\").\n",
 "sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {\n",
 "    sbl_Sample s = sbl_Sample(l.corner, SBL_UNBOUNDED, l.brightness / SBL_PI, u);\n",
-"    // by solid angle where it is large, else by area (Heitz 2019, \"A Low-Distortion Map Between Triangle and\n",
-"    // Square\")\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
 "        vec3 normal = cross(l.side_1, l.side_2), corner_1 = l.corner + l.side_1, corner_2 = l.corner + l.side_2;\n",
 "        vec4 ray = sbl_spherical(normalize(l.corner), normalize(corner_1), normalize(corner_2), u);\n",
 "        s.b = u.y > u.x ? vec2(0.5 * u.x, u.y - 0.5 * u.x) : vec2(u.x - 0.5 * u.y, 0.5 * u.y);\n",
-"        // not so near to an edge that rounding may carry the ray past it\n",
+"        // Keep a distance to the edges, so that rounding does not make the ray miss the triangle.\n",
 "        float reach2 = dot(l.corner, l.corner), longest2 = max(dot(l.side_1, l.side_1), dot(l.side_2, l.side_2));\n",
 "        float keep = 3e-6 * sqrt(longest2) * reach2 / max(abs(dot(normal, l.corner)), 1e-37);\n",
 "        s.b = mix(s.b, vec2(1.0 / 3.0), min(keep, 0.5));\n",
@@ -9549,59 +9281,54 @@ static const char *const sbl__glsl_lamps[] = {
 "        s.direction = to / s.far;\n",
 "        s.light *= ray.w > 0.0 ? ray.w : 0.5 * abs(dot(normal, s.direction)) / (s.far * s.far);\n",
 "    }\n",
-"#ifdef SBL_MIXED\n",
-"    if (l.kind == SBL_LAMP_SKY_TEXEL) {\n",
+"    if (sbl_is_texel(l)) {\n",
 "        vec2 size = vec2(textureSize(sky_picture, 0));\n",
 "        float row = float(l.texel.y);\n",
 "        s.direction = sbl_sky_direction((float(l.texel.x) + u.x) / size.x,\n",
 "                                        mix(cos(SBL_PI * row / size.y), cos(SBL_PI * (row + 1.0) / size.y), u.y));\n",
 "    }\n",
 "    if (sbl_is_light(l)) {\n",
-"        // off: what the ray's cosine to the middle lacks to 1\n",
+"        // off: 1 - cosine of the angle between the ray and the direction to the centre\n",
 "        float cosine = sqrt(1.0 - l.sine2), off = u.x * l.sine2 / (1.0 + cosine);\n",
-"        float r = sqrt(max(off * (2.0 - off), 0.0));\n",
-"        float angle = 2.0 * SBL_PI * u.y;\n",
+"        float r = sqrt(max(off * (2.0 - off), 0.0)), angle = 2.0 * SBL_PI * u.y;\n",
 "        s.direction = sbl_frame(l.corner) * vec3(r * cos(angle), r * sin(angle), 1.0 - off);\n",
 "        s.light *= 2.0 / (1.0 + cosine);\n",
 "        if (l.kind == SBL_LAMP_NEAR_LIGHT)\n",
 "            s.far = l.away * (1.0 - off) - sqrt(max(l.radius * l.radius - l.away * l.away * r * r, 0.0));\n",
 "    }\n",
-"#endif\n",
 "    s.light *= max(dot(n, s.direction), 0.0);\n",
 "    return s;\n",
 "}\n",
 "\n",
-"#ifdef SBL_VIEWS  // what the host draws stands in the sensor's own views only\n",
-"uniform sampler2D atlas;        // Ck r g b, signed distance along the view's axis\n",
-"uniform vec4 view_rects[5];     // x, y, width, height in the sheet\n",
-"uniform ivec2 sheet;            // a sensor's, in texels\n",
+"#ifdef SBL_VIEWS  // geometry that the host draws exists only in the sensor's views\n",
+"uniform sampler2D atlas;        // view texture: Ck r g b, signed distance along the view's axis\n",
+"uniform vec4 view_rects[5];     // per view: x, y, width, height in the sheet, texels\n",
+"uniform ivec2 sheet;            // size of a sheet, texels\n",
 "uniform int view_count;\n",
-"uniform float tangent, extent;  // of half a view's width; world units of a distance\n",
+"uniform float tangent;          // tangent of half a view's field of view\n",
+"uniform float extent;           // scene extent: unit of the view texture's distances, world units\n",
 "\n",
-"const float SBL_AT_LAMP = 0.002;  // share of a distance that texels' 16-bit floats leave open\n",
-"const int SBL_LOOKS_AGAIN = 4;\n",
+"const float SBL_AT_LAMP = 0.002;  // tolerance for the view texture's distances, which are 16-bit floats\n",
+"const int SBL_LOOKS_AGAIN = 4;    // maximum number of texels that are compared\n",
 "\n",
-"// A texel shows what stands in its middle, where a lamp's triangle may have ended: such points ask again, nearer\n",
-"// to the triangle's middle.\n",
+"// Returns true if the views show something in front of the sample. The direction of a texel's centre may miss the\n",
+"// lamp's triangle; a point closer to the triangle's middle is then compared instead.\n",
 "bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {\n",
 "    float turn = sbl_look_rotation(look);\n",
 "    mat3 frame = sbl_frame(n);\n",
-"    vec3 axes[2] = vec3[2](cos(turn) * frame[0] - sin(turn) * frame[1],\n",
-"                           -cos(turn) * frame[1] - sin(turn) * frame[0]);  // right and up, see sbl__frame\n",
+"    vec3 side_x = cos(turn) * frame[0] - sin(turn) * frame[1];\n",
+"    vec3 side_y = -cos(turn) * frame[1] - sin(turn) * frame[0];\n",
+"    vec3 sides[4] = vec3[4](side_x, side_y, -side_x, -side_y);  // axes of the side views, see sbl__view_axes\n",
 "    vec3 normal = cross(l.side_1, l.side_2), point = s.far * s.direction;\n",
 "    vec3 middle = l.corner + (l.side_1 + l.side_2) / 3.0;\n",
 "    if (l.kind != SBL_LAMP_TRIANGLE) point = s.direction;\n",
 "    for (int attempt = 0; attempt < SBL_LOOKS_AGAIN; attempt++, point = mix(point, middle, 0.4)) {\n",
-"        vec3 right = axes[0], up = axes[1], forward = n;\n",
-"        vec2 side = vec2(dot(point, right), dot(point, up));\n",
+"        vec2 side = vec2(dot(point, side_x), dot(point, side_y));\n",
 "        bool top = max(abs(side.x), abs(side.y)) <= dot(point, n) * tangent;\n",
 "        int face = top ? 0 : abs(side.x) > abs(side.y) ? (side.x > 0.0 ? 1 : 3) : (side.y > 0.0 ? 2 : 4);\n",
 "        if (!top && view_count == 1) return true;\n",
-"        if (!top) {\n",
-"            forward = face == 1 ? axes[0] : face == 2 ? axes[1] : face == 3 ? -axes[0] : -axes[1];\n",
-"            right = face == 1 ? axes[1] : face == 2 ? -axes[0] : face == 3 ? -axes[1] : axes[0];\n",
-"            up = n;\n",
-"        }\n",
+"        vec3 forward = top ? n : sides[max(face, 1) - 1], right = top ? side_x : sides[face % 4];\n",
+"        vec3 up = top ? side_y : n;\n",
 "        vec4 rect = view_rects[face];\n",
 "        vec2 lowest = vec2(-1, top ? -1 : 0), size = vec2(1) - lowest;\n",
 "        vec2 at = (vec2(dot(point, right), dot(point, up)) / (dot(point, forward) * tangent) - lowest) / size;\n",
@@ -9612,8 +9339,8 @@ static const char *const sbl__glsl_lamps[] = {
 "        if (seen == 0.0) return false;\n",
 "        if (l.kind != SBL_LAMP_TRIANGLE) return seen < (1.0 - SBL_AT_LAMP) * s.far * dot(point, forward);\n",
 "        vec3 ray = forward + tangent * (centre.x * right + centre.y * up);\n",
-"        float there = dot(l.corner, normal) / dot(ray, normal);  // where it meets the lamp's plane\n",
-"        bool other_side = (shown < 0.0) != (l.group.y == 1.0);   // of a thin body\n",
+"        float there = dot(l.corner, normal) / dot(ray, normal);  // depth at which it meets the lamp's plane\n",
+"        bool other_side = (shown < 0.0) != (l.group.y == 1.0);   // the texel shows the other side of a thin body\n",
 "        bool beyond = seen > (1.0 + SBL_AT_LAMP) * there;\n",
 "        if (there > 0.0 && (beyond || (seen >= (1.0 - SBL_AT_LAMP) * there && !other_side))) return false;\n",
 "        vec2 b = sbl_barycentrics(l, normal, there * ray - l.corner);\n",
@@ -9624,27 +9351,25 @@ static const char *const sbl__glsl_lamps[] = {
 "}\n",
 "#endif\n",
 "\n",
-"// >>choose: single lamps and, where there are many, clusters that are small for their distance\n",
+"// >>choose\n",
 "\n",
-"int entries[SBL_LAMPS];      // a leaf, or -1 - a node; from the end on: points of light, which get a ray each\n",
-"float strengths[SBL_LAMPS];  // what each gives about, summed up\n",
-"int used, certain;           // how many of either\n",
-"float total, crowd;          // sum of the strengths, and of their squares,\n",
-"float crowd_within;          // with those of the lamps in clusters\n",
-"mat2x3 whole;                // light of single lamps, unhindered; two groups, since of a closed mesh one is all\n",
-"                             // hidden, the other all open\n",
-"bool rounded;                // there are round lamps\n",
-"#ifdef SBL_DIRECTIONAL\n",
+"int entries[SBL_LAMPS];      // a lamp's leaf, or -1 - a cluster's node; from the end backwards: point lights\n",
+"float strengths[SBL_LAMPS];  // sums of the strengths (approximate light) of the entries up to each\n",
+"int used, certain;           // number of entries without point lights; number of point lights\n",
+"float total, crowd;          // sum of the strengths, and of their squares\n",
+"float crowd_within;          // the same sum of squares if each lamp of a cluster were an entry\n",
+"mat2x3 whole;                // light of single lamps if unobstructed, by group (see sbl_Lamp). Each group has its\n",
+"                             // own ratio, because one side of a closed mesh hides the other\n",
+"bool rounded = false;        // some entries are round lamps\n",
 "mat3x4 whole_harmonics[2];\n",
-"#endif\n",
 "\n",
-"// Takes node or leaf number i into account; returns the one that is next, or `limit` where entries have run out.\n",
+"// Adds node i to the entries, skips it, or descends into it; or adds leaf i if all lamps fit. Returns the next\n",
+"// node or leaf, or `limit` if the entries are full. last: true: never descends\n",
 "int sbl_consider(int i, int limit, float opening, bool last, out bool full) {\n",
 "    int leaf = i, next = i + 1, lamps = 1;\n",
 "    float strength = 0.0;\n",
-"    bool single = lamp_leaves <= SBL_LAMPS, point = false;\n",
+"    bool single = !mixed || lamp_leaves <= SBL_LAMPS, point = false;\n",
 "    full = false;\n",
-"#ifdef SBL_MIXED\n",
 "    if (!single) {\n",
 "        sbl_Cluster c = sbl_cluster(i);\n",
 "        if (dot(n, c.to) + c.radius <= 0.0) next = c.beyond;\n",
@@ -9657,18 +9382,15 @@ static const char *const sbl__glsl_lamps[] = {
 "            strength = sbl_strength(i, c);\n",
 "        }\n",
 "    }\n",
-"#endif\n",
 "    if (single) {\n",
 "        sbl_Lamp l = sbl_lamp(leaf);\n",
 "        vec3 light = sbl_unhindered(l);\n",
 "        strength = light.r + light.g + light.b;\n",
 "        rounded = rounded || l.kind != SBL_LAMP_TRIANGLE;\n",
 "        point = l.sine2 == 0.0 && sbl_is_light(l) && certain < SBL_CERTAIN;\n",
-"        if (!point && l.kind != SBL_LAMP_SKY_TEXEL) {\n",
+"        if (!point && !sbl_is_texel(l)) {\n",
 "            whole += outerProduct(light, l.group);\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"            whole_harmonics[l.group.y > 0.0 ? 1 : 0] += sbl_unhindered_harmonics(l);\n",
-"#endif\n",
+"            if (directional) whole_harmonics[l.group.y > 0.0 ? 1 : 0] += sbl_unhindered_harmonics(l);\n",
 "        }\n",
 "    }\n",
 "    if (strength > 0.0) {\n",
@@ -9690,14 +9412,11 @@ static const char *const sbl__glsl_lamps[] = {
 "    int limit = lamp_leaves <= SBL_LAMPS ? lamp_leaves : lamp_nodes;\n",
 "    float opening = SBL_OPENING;\n",
 "    bool full = true;\n",
-"    rounded = false;\n",
 "    for (int attempt = 0; attempt < SBL_OPENINGS && full; attempt++, opening *= 2.0) {\n",
 "        used = certain = 0;\n",
 "        total = crowd = crowd_within = 0.0;\n",
 "        whole = mat2x3(0);\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"        whole_harmonics[0] = whole_harmonics[1] = mat3x4(0);\n",
-"#endif\n",
+"        if (directional) whole_harmonics[0] = whole_harmonics[1] = mat3x4(0);\n",
 "        full = false;\n",
 "        for (int i = 0; i < limit; ) i = sbl_consider(i, limit, opening, attempt == SBL_OPENINGS - 1, full);\n",
 "    }\n",
@@ -9706,15 +9425,15 @@ static const char *const sbl__glsl_lamps[] = {
 "// >>pick\n",
 "\n",
 "struct sbl_Pick {\n",
-"    int leaf;\n",
-"    float share;   // how often it is picked\n",
-"    vec2 u;        // what is left of the point of the sequence\n",
-"    bool cluster;  // it was picked out of one\n",
+"    int leaf;      // the lamp that is picked\n",
+"    float share;   // probability of picking it\n",
+"    vec2 u;        // uniform point for sbl_sample: u.x is rescaled each time that it selects something\n",
+"    bool cluster;  // the entry was a cluster\n",
 "};\n",
 "\n",
-"// Down to one lamp of a cluster, at every fork in proportion to what the branches give.\n",
+"// Picks one lamp of a cluster: descends its subtree, at each node in proportion to the strengths of the children.\n",
 "void sbl_descend(inout sbl_Pick p, int node, uint fraction) {\n",
-"    // digits below those of a float that are left\n",
+"    // Adds the low bits of the fraction, which a float between 0 and 1 cannot hold.\n",
 "    p.u.x = clamp(p.u.x + (float(fraction & 255u) - 127.5) / 4294967296.0 / p.share, 0.0, 1.0);\n",
 "    for (sbl_Cluster c = sbl_cluster(node); c.beyond != node + 1; c = sbl_cluster(node)) {\n",
 "        sbl_Cluster left = sbl_cluster(node + 1), right = sbl_cluster(left.beyond);\n",
@@ -9728,7 +9447,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    p.leaf = int(sbl_lamp_node_first_leaf(node));\n",
 "}\n",
 "\n",
-"// One of the entries in proportion to its strength.\n",
+"// Picks one of the entries with a probability proportional to its strength.\n",
 "int sbl_pick_entry(inout sbl_Pick p) {\n",
 "    float wanted = p.u.x * total, before = 0.0;\n",
 "    int low = 0, high = used - 1;\n",
@@ -9745,33 +9464,28 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// >>shoot\n",
 "\n",
-"mat2x3 open, seen;       // what rays to single lamps bring without, and with, what stands between\n",
-"vec3 sure, sampled;      // from points of light; from clusters, summed over the rays\n",
-"vec2 samples, lit;       // rays of a group that would bring light, and that do\n",
-"float taken, squares;    // rays; sum of the squares of what clusters gave\n",
-"vec2 sparse;             // 1: a group that rays hardly meet is no ground for a ratio: it is sampled as clusters\n",
-"                         // are\n",
-"vec2 bright, dark;       // whether any of a group was seen, or hidden\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"mat3x4 open_harmonics[2], seen_harmonics[2], sure_harmonics, sampled_harmonics;  // as the above\n",
-"#endif\n",
-"#ifdef SBL_INSPECT\n",
-"vec4 report, report_way; // what is written\n",
-"bool reporting;          // the ray that is shot is the one\n",
-"#endif\n",
+"// Sums over the rays. Clusters, texels and sparse groups are sampled; other lamps are estimated by ratios.\n",
+"mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by group: light of rays to single lamps, unobstructed and actual\n",
+"vec3 sure = vec3(0), sampled = vec3(0);       // light of point lights; light of sampled rays\n",
+"vec2 samples = vec2(0), lit = vec2(0);        // by group: number of rays behind `open` and behind `seen`\n",
+"float taken = 0.0, squares = 0.0;             // number of rays; sum of the squared luminances of sampled rays\n",
+"vec2 sparse;                                  // by group: 1: it gets too few rays for a ratio\n",
+"vec2 bright = vec2(0), dark = vec2(0);        // by group: number of visible and of blocked rays, with rim samples\n",
+"mat3x4 sure_harmonics = mat3x4(0), sampled_harmonics = mat3x4(0);  // harmonics of the same light\n",
+"mat3x4 open_harmonics[2], seen_harmonics[2];\n",
+"vec4 report = vec4(0), report_way = vec4(0);  // inspected: the outputs\n",
+"bool reporting;                               // the next ray is to be reported\n",
 "\n",
-"// The ray of a sample. rim: of a at_rim, the number of its point along the lamp's rim; negative: it is none. A\n",
-"// at_rim brings no light.\n",
-"void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, int rim, bool point) {\n",
-"    bool at_rim = rim >= 0, cluster = p.cluster || l.kind == SBL_LAMP_SKY_TEXEL || dot(sparse, l.group) > 0.0;\n",
+"// Traces the ray of a sample. at_rim: true: it is a rim sample, which only tells whether light is obstructed\n",
+"void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool point) {\n",
+"    bool cluster = p.cluster || sbl_is_texel(l) || dot(sparse, l.group) > 0.0;\n",
 "    vec3 light = s.light / p.share, to = s.direction;\n",
+"    vec4 counts = vec4(0);\n",
 "    taken += point || at_rim ? 0.0 : 1.0;\n",
 "    if (!(light.r + light.g + light.b > 0.0)) return;\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"    vec4 counts = sbl_harmonics(s.direction, n, 1.0 / max(dot(s.direction, n), SBL_COSINE_LEAST));\n",
-"    if (!cluster && !point && !at_rim) open_harmonics[l.group.y > 0.0 ? 1 : 0] += outerProduct(counts, light);\n",
-"#endif\n",
+"    if (directional) counts = sbl_harmonics(s.direction, n, 1.0 / max(dot(s.direction, n), SBL_COSINE_LEAST));\n",
 "    if (!cluster && !point && !at_rim) {\n",
+"        if (directional) open_harmonics[l.group.y > 0.0 ? 1 : 0] += outerProduct(counts, light);\n",
 "        open += outerProduct(light, l.group);\n",
 "        samples += l.group;\n",
 "    }\n",
@@ -9782,12 +9496,10 @@ static const char *const sbl__glsl_lamps[] = {
 "#ifdef SBL_VIEWS\n",
 "    hidden = hidden || sbl_hidden(slot, l, s);\n",
 "#endif\n",
-"#ifdef SBL_INSPECT\n",
 "    if (reporting) {\n",
 "        report = vec4(point ? s.light : vec3(0), (hidden ? 2.0 : 1.0) + (point ? 1.0 : 0.0));\n",
 "        report_way = vec4(point ? vec3(0) : to / away, p.leaf);\n",
 "    }\n",
-"#endif\n",
 "    if (!point && (at_rim || !cluster)) {\n",
 "        if (hidden) dark += l.group;\n",
 "        else bright += l.group;\n",
@@ -9799,15 +9511,11 @@ static const char *const sbl__glsl_lamps[] = {
 "        light *= sbl_emission_pattern(int(sbl_triangle_object(l.triangle)), at);\n",
 "    }\n",
 "#endif\n",
-"#ifdef SBL_INSPECT\n",
 "    if (reporting && !point) report.rgb = light;\n",
-"#endif\n",
-"#ifdef SBL_DIRECTIONAL\n",
 "    mat3x4 harmonics = outerProduct(counts, light);\n",
-"    if (point) sure_harmonics += harmonics;\n",
-"    else if (cluster) sampled_harmonics += harmonics;\n",
-"    else seen_harmonics[l.group.y > 0.0 ? 1 : 0] += harmonics;\n",
-"#endif\n",
+"    if (directional && point) sure_harmonics += harmonics;\n",
+"    else if (directional && cluster) sampled_harmonics += harmonics;\n",
+"    else if (directional) seen_harmonics[l.group.y > 0.0 ? 1 : 0] += harmonics;\n",
 "    if (point) sure += light;\n",
 "    else if (cluster) {\n",
 "        sampled += light;\n",
@@ -9821,14 +9529,14 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// >>combine\n",
 "\n",
-"// Variance of the mean of n points over the lamps, as a share of one's: strata of a lamp's own are the smaller the\n",
-"// more points it gets.\n",
+"// Variance of the mean of n points, divided by the variance of one point. The more points each lamp gets, the\n",
+"// smaller are its strata. lamps: effective number of lamps\n",
 "float sbl_strata(float n) {\n",
 "    float lamps = total * total / max(crowd_within, 1e-37), points = max(n, 1.0);\n",
 "    return min(SBL_STRATA * sqrt(max(lamps - 1.0, 1.0) / points), SBL_STRATA_LOST) / points;\n",
 "}\n",
 "\n",
-"// All is open, or nothing: the first rays tell; so do clusters that are alike.\n",
+"// Returns true if rays of a group disagree, or if the light of clusters is noisy. More rays are then needed.\n",
 "bool sbl_undecided() {\n",
 "    float mean = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);\n",
 "    float error = squares / max(taken, 1.0) - mean * mean;\n",
@@ -9837,36 +9545,29 @@ static const char *const sbl__glsl_lamps[] = {
 "    return mixed || sbl_strata(taken) * error > SBL_KNOWN * mean * mean;\n",
 "}\n",
 "\n",
-"// R, and the variance of its luminance.\n",
+"// Computes R and the variance of its luminance.\n",
 "vec4 sbl_combine() {\n",
 "    float clusters = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);\n",
 "    float variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) * sbl_strata(taken);\n",
 "    vec3 light = sure + sampled / max(taken, 1.0);\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"    sure_harmonics += sampled_harmonics / max(taken, 1.0);\n",
-"#endif\n",
+"    if (directional) sure_harmonics += sampled_harmonics / max(taken, 1.0);\n",
 "    for (int g = 0; g < 2; g++) {\n",
-"        vec3 share = vec3(open[g].r > 0.0 ? seen[g].r / open[g].r : 0.0,\n",
-"                          open[g].g > 0.0 ? seen[g].g / open[g].g : 0.0,\n",
-"                          open[g].b > 0.0 ? seen[g].b / open[g].b : 0.0);\n",
+"        vec3 share = mix(vec3(0), seen[g] / open[g], greaterThan(open[g], vec3(0)));\n",
 "        float mean = dot(whole[g], SBL_LUMINANCE), lit_share = lit[g] / max(samples[g], 1.0);\n",
 "        if (sparse[g] > 0.0) continue;\n",
 "        light += whole[g] * share;\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"        // all that is known, as far as it is seen; and by what the seen part differs from that, as rays tell\n",
-"        for (int k = 0; k < 3; k++)\n",
+"        // the closed form times the same share, plus the deviation from it that the rays found\n",
+"        for (int k = 0; k < 3 && directional; k++)\n",
 "            if (open[g][k] > 0.0)\n",
 "                sure_harmonics[k] += share[k] * whole_harmonics[g][k] + whole[g][k] / open[g][k] *\n",
 "                                     (seen_harmonics[g][k] - share[k] * open_harmonics[g][k]);\n",
-"#endif\n",
 "        variance += mean * mean * lit_share * (1.0 - lit_share) * sbl_strata(samples[g]);\n",
 "    }\n",
 "    return vec4(light, variance * unit * scale) * unit * scale;\n",
 "}\n",
 "\n",
-"// How many passes the rays are traced in: after the first, an eighth of them or half of few, it is known whether\n",
-"// there is more to learn: what it overlooks is less than a ray's share. The more lamps there are, the more of the\n",
-"// rays it takes to know each.\n",
+"// Number of passes into which the rays are divided, a power of two. After each pass sbl_undecided decides whether\n",
+"// to trace more. The more lamps there are, the more rays a pass needs to reach each of them.\n",
 "int sbl_pass_count() {\n",
 "    float crowded = SBL_PASS_CROWD * crowd / max(total * total, 1e-37);\n",
 "    int passes = clamp(min(rays / SBL_PASS_RAYS, int(crowded)), 1, SBL_LAMP_PASSES), power = 1;\n",
@@ -9876,13 +9577,13 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "void main() {\n",
 "    ivec2 at = sbl_texel_of_invocation();\n",
+"    int wanted = at.y * blocks.x + at.x, certain_ray = rays + SBL_LAMPS - 1 - wanted;  // inspected: ray or entry\n",
 "#ifdef SBL_INSPECT\n",
-"    int wanted = at.y * blocks.x + at.x, certain_ray = rays + SBL_LAMPS - 1 - wanted, part = 0, slot = sheet_slot;\n",
+"    int part = 0, slot = sheet_slot;\n",
 "    if (wanted >= rays + SBL_LAMPS) sbl_leave;\n",
 "    while (wanted < rays && part + 1 < parts && (part + 1) * rays / parts <= wanted) part++;\n",
 "    if (wanted >= rays) part = certain_ray % parts;\n",
 "    look = 0;\n",
-"    report = report_way = vec4(0);\n",
 "#else\n",
 "    int parts = blocks.y, part = at.y % parts, slot = at.y / parts * columns + at.x;\n",
 "    look = slot - first_slot;\n",
@@ -9896,33 +9597,22 @@ static const char *const sbl__glsl_lamps[] = {
 "    scramble = uvec2(hash, (hash ^ hash >> 15) * 747796405u);\n",
 "    scramble.y ^= scramble.y >> 13;\n",
 "    sbl_choose();\n",
-"#ifdef SBL_INSPECT\n",
-"    if (wanted >= rays && wanted - rays < used && entries[wanted - rays] >= 0) {\n",
+"    if (inspected && wanted >= rays && wanted - rays < used && entries[wanted - rays] >= 0) {\n",
 "        report = vec4(sbl_unhindered(sbl_lamp(entries[wanted - rays])), 1);\n",
 "        report_way.w = float(entries[wanted - rays]);\n",
 "    }\n",
-"#endif\n",
-"\n",
-"    open = seen = mat2x3(0);\n",
-"    sure = sampled = vec3(0);\n",
-"    samples = lit = bright = dark = vec2(0);\n",
-"    taken = squares = 0.0;\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"    sure_harmonics = sampled_harmonics = mat3x4(0);\n",
-"    open_harmonics[0] = open_harmonics[1] = seen_harmonics[0] = seen_harmonics[1] = mat3x4(0);\n",
-"#endif\n",
+"    if (directional) open_harmonics[0] = open_harmonics[1] = seen_harmonics[0] = seen_harmonics[1] = mat3x4(0);\n",
 "    float enough = SBL_SPARSE * float(parts) / float(rays) * total;\n",
 "    sparse = vec2(lessThan(vec3(1) * whole, vec2(enough)));\n",
-"    // So that the first pass does not overlook an edge that hides little, corners and rims of few lamps are looked\n",
-"    // at.\n",
+"    // Rim samples find shadow edges that hide only a small part of a lamp, if there are few lamps.\n",
 "    int passes = sbl_pass_count(), rims = rounded ? SBL_RIM : SBL_CORNERS;\n",
 "    int rim_samples = passes > 1 && used <= SBL_RIM_LAMPS ? rims * used : 0;\n",
 "    int skip = int(sbl_look_which(look) & SBL_LOOK_NUMBER) * rays;\n",
 "    bool undecided = total > 0.0;\n",
-"    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // the points of light come first\n",
-"        // each part has a stretch of the sequence, and each eighth of it covers a lamp, and the lamps, evenly\n",
+"    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // pass -1: point lights\n",
+"        // Each part has a section of the sequence. Each eighth of a section covers the unit square evenly.\n",
 "        int eighth = SBL_LAMP_PASSES * part, eighths = SBL_LAMP_PASSES * parts;\n",
-"        // (unsigned: on some software renderers idle lanes divide what they hold, and INT_MIN / -1 traps)\n",
+"        // The divisions are unsigned, because idle lanes of some software renderers trap on INT_MIN / -1.\n",
 "        int stretch = int(uint(SBL_LAMP_PASSES) / uint(passes));\n",
 "        int from = int(uint((eighth + pass * stretch) * rays) / uint(eighths));\n",
 "        int to = total > 0.0 ? int(uint((eighth + (pass + 1) * stretch) * rays) / uint(eighths)) : from;\n",
@@ -9940,12 +9630,10 @@ static const char *const sbl__glsl_lamps[] = {
 "            if (at_rim && entry < 0) continue;\n",
 "            p.leaf = entry;\n",
 "            p.cluster = entry < 0;\n",
-"#ifdef SBL_MIXED\n",
-"            if (p.cluster) sbl_descend(p, -1 - entry, fraction.x);\n",
-"#endif\n",
+"            if (mixed && p.cluster) sbl_descend(p, -1 - entry, fraction.x);\n",
 "            sbl_Lamp l = sbl_lamp(p.leaf);\n",
 "            bool corner = at_rim && l.kind == SBL_LAMP_TRIANGLE;\n",
-"            if (at_rim && (l.kind == SBL_LAMP_SKY_TEXEL || (corner && rim >= SBL_CORNERS))) continue;\n",
+"            if (at_rim && (sbl_is_texel(l) || (corner && rim >= SBL_CORNERS))) continue;\n",
 "            float turned = float(rim) + float(scramble.y >> 8) / SBL_FRACTIONS;\n",
 "            if (at_rim) p.u = vec2(SBL_RIM_AT, turned / float(SBL_RIM));\n",
 "            sbl_Sample s = sbl_sample(l, p.u);\n",
@@ -9956,10 +9644,8 @@ static const char *const sbl__glsl_lamps[] = {
 "                s.direction = way / s.far;\n",
 "                s.light = vec3(dot(way, n));\n",
 "            }\n",
-"#ifdef SBL_INSPECT\n",
-"            reporting = point ? k == certain_ray : !at_rim && k == wanted;\n",
-"#endif\n",
-"            sbl_shoot(slot, p, l, s, rim, point);\n",
+"            reporting = inspected && (point ? k == certain_ray : !at_rim && k == wanted);\n",
+"            sbl_shoot(slot, p, l, s, at_rim, point);\n",
 "        }\n",
 "        if (!point) undecided = sbl_undecided();\n",
 "    }\n",
@@ -9990,12 +9676,11 @@ static const sbl__recipe sbl__recipe_lamps = {
 };
 
 static unsigned sbl__aim_features(const sbl__scene *s, const sbl__spec *spec) {
-    return s->features | (s->draw && !spec->traced ? SBL__VIEWS : 0) | (s->lights.mixed ? SBL__MIXED : 0) |
-           (spec->directional ? (unsigned)SBL__DIRECTIONAL : 0);
+    return sbl__features_of(s, spec) | (s->draw && !spec->traced ? (unsigned)SBL__VIEWS : 0) |
+           (s->lights.mixed ? (unsigned)SBL__MIXED : 0);
 }
 
-/* Sets the uniforms of lamps.glsl, which must be the current program, except those that sbl__raster_bind sets. blocks:
-   width and height of a look's rectangle of invocations */
+/* Sets the uniforms of lamps.glsl, except those that sbl__raster_bind sets. blocks: as for sbl__rays_bind */
 static void sbl__aim_bind(sbl__device *d, const sbl__aim *a, const sbl__batch *b, const int blocks[2], float scale) {
     const sbl__lights *l = &b->scene->lights;
     sbl__rays_bind(d, b, &a->sequence, blocks);
@@ -10009,9 +9694,8 @@ static void sbl__aim_bind(sbl__device *d, const sbl__aim *a, const sbl__batch *b
     sbl__set_float(d, "scale", scale);
 }
 
-/* Computes the directions of row j of a view's texels. `directions` has four floats per texel of the padded sheet, of
-   which the first three are a unit vector. The vector is relative to the frame that frame.glsl makes, for a look that
-   is not rotated. */
+/* Computes the directions of row j of a view's texels, in the frame of a look that is not rotated. `directions` has 4
+   floats per texel of the padded sheet, of which the first three are a unit vector. */
 static void sbl__directions_row(const sbl__layout *l, int face, int j, float *directions) {
     const int *r = l->rects[face];
     float *out = directions + 4 * ((size_t)(r[1] + j) * (size_t)sbl__layout_pitch(l, 0) + (size_t)r[0]);
@@ -10032,17 +9716,14 @@ static void sbl__directions_row(const sbl__layout *l, int face, int j, float *di
 /* ======================================================================================================== >>raster
    The back end that rasterises views, as the paper does. Only this back end shows geometry that the host draws itself.
 
-       view   +-------+-------+-------+      one instanced draw call draws every view of every look of a batch;
-       texture| sheet | sheet | sheet |
-              +-------+-------+-------+      reduce_blocks.glsl adds up each square of block x block texels and
-              | sheet |  ...          |      writes one texel of partial sums
-              +-------+---------------+                                                                          */
+       view    +-------+-------+    One instanced draw call draws all views of all looks of a batch, each look in its
+       texture | sheet | sheet |    sheet. reduce_blocks.glsl then adds up each square of block x block texels and
+               +-------+-------+    writes one texel of partial sums. */
 
 #define SBL__SLOTS_MOST 4096   /* maximum number of slots in the view texture */
-#define SBL__VIEW_DEPTH 1e-6f  /* depth is this value divided by the distance along the view's axis in scene extents;
-                                  all geometry nearer than this value gets depth 1 */
+#define SBL__VIEW_DEPTH 1e-6f  /* depth is this value divided by the view-space depth in scene extents, at most 1 */
 #define SBL__STUCK_FOV 2.0f    /* field of view of a stuck test, degrees: wide enough to hit the sensor's own surface,
-                                  too one_ray to hit the walls of a corner */
+                                  too narrow to hit the walls of a corner */
 #define SBL__STUCK_SIZE 4      /* width and height of a stuck test's view, texels */
 #define SBL__STUCK_TEXTURE 512  /* maximum width and height of the part of the view texture for stuck tests, texels */
 
@@ -10050,7 +9731,7 @@ static void sbl__directions_row(const sbl__layout *l, int face, int j, float *di
 typedef struct sbl__lens {
     sbl__layout layout;         /* positions of the views in a look's sheet */
     sbl__slots slots;           /* slots of the view texture, one sheet each */
-    int area[2];                /* width and height of the part of the view texture that the slots cover, texels */
+    int area[4];                /* part of the view texture that the slots cover: 0, 0, width, height, texels */
     sbl__texture weights;       /* per texel of a sheet: form factor, and ratio of distance to depth */
     sbl__texture directions;    /* directional jobs: direction of each texel of a sheet, see sbl__directions_row */
 } sbl__lens;
@@ -10063,11 +9744,10 @@ typedef struct sbl__raster {
     sbl__texture atlas, depth;
     sbl__target target;
     sbl__buffer views;
-    unsigned view_array;       /* vertex array for jobs with bounced light: attributes come from `views` only, because
-                                  the shader fetches the vertices itself */
+    unsigned view_array;       /* vertex array without vertices, which shaders with bounced light fetch themselves */
     float radiance_scale;      /* factor of radiance in the view texture */
     float *weights, *directions;  /* contents of a lens's two textures while sbl__raster_weigh computes them */
-    int face, row;             /* view and row at which this computation continues */
+    int face, row;             /* view and row at which sbl__raster_weigh continues */
 } sbl__raster;
 
 static void sbl__raster_free(const sbl__device *d, sbl__raster *r) {
@@ -10083,31 +9763,22 @@ static void sbl__raster_free(const sbl__device *d, sbl__raster *r) {
     sbl__array_delete(d, &r->view_array);
     sbl__free(d->base, r->weights);
     sbl__free(d->base, r->directions);
-    memset(r, 0, sizeof *r);
 }
 
-/* Returns the power of two that scales the brightest radiance to between 512 and 1024. This range is far from both ends
-   of 16-bit floats. */
-static float sbl__raster_scale(float brightest) {
-    return brightest > 0 ? (float)ldexp(1, SBL__MIN(10 - (int)ceil(log(brightest) / log(2.0)), 100)) : 1;
-}
-
-/* Computes the slots of a lens in a view texture of size view_texture_size squared, which grows to hold at least one
-   sheet, up to the driver's limit `most`. If the driver's limit is too small for a sheet, there are 0 slots. */
+/* Computes the slots of a lens in a square view texture of size view_texture_size, or larger if one sheet needs more,
+   up to the driver's limit `most`. If the limit is too small for a sheet, there are 0 slots. */
 static void sbl__lens_fit(sbl__lens *lens, int view_texture_size, int most) {
     const sbl__layout *l = &lens->layout;
     const int pitch[2] = { sbl__layout_pitch(l, 0), sbl__layout_pitch(l, 1) };
     const int size = SBL__MIN(SBL__MAX(view_texture_size, SBL__MAX(pitch[0], pitch[1])), most);
-    int fit[2];
-    fit[0] = size / pitch[0];
-    fit[1] = size / pitch[1];
-    if (fit[0] > 0) fit[1] = SBL__MIN(fit[1], (SBL__SLOTS_MOST + fit[0] - 1) / fit[0]);
-    lens->slots.blocks[0] = l->blocks[0];
-    lens->slots.blocks[1] = l->blocks[1];
-    lens->slots.columns = fit[0];
-    lens->slots.count = fit[0] * fit[1];
-    lens->area[0] = fit[0] * pitch[0];
-    lens->area[1] = fit[1] * pitch[1];
+    const int columns = size / pitch[0];
+    int rows = size / pitch[1];
+    if (columns > 0) rows = SBL__MIN(rows, (SBL__SLOTS_MOST + columns - 1) / columns);
+    memcpy(lens->slots.blocks, l->blocks, sizeof l->blocks);
+    lens->slots.columns = columns;
+    lens->slots.count = columns * rows;
+    lens->area[2] = columns * pitch[0];
+    lens->area[3] = rows * pitch[1];
 }
 
 /* Makes the view texture, and computes the slots of looks and of stuck tests in it. */
@@ -10130,12 +9801,13 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
         return SBL_ERROR_UNSUPPORTED;
     }
     for (k = 0; k < 2; k++) {
-        size[k] = SBL__MAX(lens->area[k], stuck->area[k]);
-        sums[k] = SBL__MAX(lens->area[k] / lens->layout.block, stuck->area[k] / stuck->layout.block);
+        size[k] = SBL__MAX(lens->area[2 + k], stuck->area[2 + k]);
+        sums[k] = SBL__MAX(lens->area[2 + k] / lens->layout.block, stuck->area[2 + k] / stuck->layout.block);
     }
     brightest = SBL__MAX(scene->brightest, spec->bounced ? scene->store.brightest : spec->epsilon);
     for (k = 0; k < 6 && spec->bounced; k++) brightest = SBL__MAX(brightest, sbl__max3(scene->store.air[k]));
-    r->radiance_scale = sbl__raster_scale(brightest);
+    r->radiance_scale = 1;  /* the power of two that scales the brightest radiance to 512 .. 1024 (16-bit floats) */
+    if (brightest > 0) r->radiance_scale = (float)ldexp(1, SBL__MIN(10 - (int)ceil(log(brightest) / log(2.0)), 100));
     r->face = r->row = 0;
     result = sbl__texture_make(d, &r->atlas, size[0], size[1], SBL__GL_RGBA16F);
     if (result == SBL_SUCCESS) result = sbl__texture_make(d, &r->depth, size[0], size[1], SBL__GL_DEPTH_COMPONENT32F);
@@ -10143,8 +9815,7 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
     return result == SBL_SUCCESS ? sbl__blocks_make(d, blocks, spec->directional ? 5 : 2, sums[0], sums[1]) : result;
 }
 
-/* Computes the weights of a lens's texels row by row, and for directional jobs the texels' directions. SBL_SUCCESS: the
-   lens's textures are written. */
+/* Computes the textures of a lens, row by row. Returns SBL_UNFINISHED if the slice ends before. */
 static sbl_result sbl__raster_weigh(const sbl__device *d, sbl__raster *r, sbl__lens *lens, const sbl__spec *spec,
                                     const sbl__slice *slice) {
     const sbl__layout *l = &lens->layout;
@@ -10161,13 +9832,12 @@ static sbl_result sbl__raster_weigh(const sbl__device *d, sbl__raster *r, sbl__l
             sbl__weights_row(l, paper, r->face, r->row++, r->weights);
             if (sbl__now() >= slice->end) return SBL_UNFINISHED;
         }
-    if (spec->directional) {
-        result = sbl__texture_make(d, &lens->directions, width, height, SBL__GL_RGBA32F);
-        if (result == SBL_SUCCESS) result = sbl__texture_write(d, &lens->directions, 0, height, r->directions);
-        if (result != SBL_SUCCESS) return result;
-    }
     result = sbl__texture_make(d, &lens->weights, width, height, SBL__GL_RG32F);
     if (result == SBL_SUCCESS) result = sbl__texture_write(d, &lens->weights, 0, height, r->weights);
+    if (result == SBL_SUCCESS && spec->directional) {
+        result = sbl__texture_make(d, &lens->directions, width, height, SBL__GL_RGBA32F);
+        if (result == SBL_SUCCESS) result = sbl__texture_write(d, &lens->directions, 0, height, r->directions);
+    }
     sbl__free(d->base, r->weights);
     sbl__free(d->base, r->directions);
     r->weights = r->directions = NULL;
@@ -10179,40 +9849,30 @@ static sbl_result sbl__raster_weigh(const sbl__device *d, sbl__raster *r, sbl__l
 
 /* >>glsl sensor_vertex: shaders_embedded/sensor_vertex.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sensor_vertex[] = {
-"// Draws the scene into many sensors' views at once: an instance is one view, cut to its rectangle of the atlas by\n",
-"// four planes.\n",
-"#ifdef SBL_BOUNCED\n",
-"flat out int fragment_triangle;  // of the scene: what bounces is looked up by it\n",
-"out vec3 fragment_way;           // from the sensor to the surface,\n",
-"out vec3 fragment_place;         // which is here\n",
-"#else\n",
+"// Draws the scene into the views of many sensors. Each instance is one view; four clip planes limit it to its\n",
+"// rectangle of the view texture.\n",
+"#ifndef SBL_BOUNCED\n",
 "layout(location = 0) in vec3 position;\n",
 "layout(location = 1) in uint object;\n",
-"#endif\n",
-"layout(location = 4) in vec3 view_eye;\n",
-"layout(location = 5) in vec4 view_right;    // right over half the view's width at unit distance; scale of x in\n",
-"                                            // atlas\n",
-"layout(location = 6) in vec4 view_up;       // up over half its height; scale of y\n",
-"layout(location = 7) in vec4 view_forward;  // forward;               lowest y: -1, or 0 where the horizon cuts the\n",
-"                                            // view\n",
-"layout(location = 8) in vec2 view_offset;   // of the rectangle in the atlas\n",
-"uniform float per_length;                   // 1 / extent of the scene\n",
-"uniform float depth_scale;                  // depth is depth_scale / distance: reversed, without a far plane\n",
-"out vec3 place;                             // x y w of gl_Position\n",
-"#if defined(SBL_TEXTURED) || defined(SBL_BOUNCED)\n",
-"flat out int fragment_object;\n",
-"#else\n",
-"uniform float radiance_scale;\n",
-"flat out vec3 radiance_front, radiance_back;\n",
-"#endif\n",
-"#ifdef SBL_TEXTURED\n",
-"#ifndef SBL_BOUNCED\n",
 "layout(location = 2) in vec2 vertex_uv;\n",
 "layout(location = 3) in uvec2 vertex_color;\n",
 "#endif\n",
-"out vec2 fragment_uv;\n",
+"layout(location = 4) in vec3 view_eye;      // position of the sensor\n",
+"layout(location = 5) in vec4 view_right;    // right over half the view's width at unit distance; w: scale of x\n",
+"layout(location = 6) in vec4 view_up;       // up over half its height; w: scale of y\n",
+"layout(location = 7) in vec4 view_forward;  // forward; w: lowest y: -1, or 0 for a view that ends at the horizon\n",
+"layout(location = 8) in vec2 view_offset;   // offset of the rectangle in clip space\n",
+"uniform float per_length;                   // 1 / extent of the scene\n",
+"uniform float depth_scale;                  // depth is depth_scale / distance: reversed, without a far plane\n",
+"uniform float radiance_scale;\n",
+"out vec3 place;                             // x, y and w of gl_Position\n",
+"flat out int fragment_object;               // if SBL_TEXTURED or SBL_BOUNCED\n",
+"flat out vec3 radiance_front, radiance_back;  // otherwise\n",
+"out vec2 fragment_uv;                       // if SBL_TEXTURED\n",
 "out vec4 fragment_color;\n",
-"#endif\n",
+"flat out int fragment_triangle;             // if SBL_BOUNCED: number of the triangle in the scene\n",
+"out vec3 fragment_way;                      // vector from the sensor to the surface\n",
+"out vec3 fragment_place;                    // point on the surface, world space\n",
 "\n",
 "void main() {\n",
 "#ifdef SBL_BOUNCED\n",
@@ -10222,10 +9882,8 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 "    fragment_triangle = gl_VertexID / 3;\n",
 "    fragment_way = position - view_eye;\n",
 "    fragment_place = position;\n",
-"#ifdef SBL_TEXTURED\n",
 "    vec2 vertex_uv = vec2(sbl_attributes_u(vertex), sbl_attributes_v(vertex));\n",
 "    uvec2 vertex_color = uvec2(sbl_attributes_color_rg(vertex), sbl_attributes_color_ba(vertex));\n",
-"#endif\n",
 "#endif\n",
 "    int number = int(object);\n",
 "#ifdef SBL_TEXTURED\n",
@@ -10253,34 +9911,23 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 
 /* >>glsl sensor_fragment: shaders_embedded/sensor_fragment.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sensor_fragment[] = {
-"// What a sensor's texel holds: Ck, and the distance along the view axis, negative where a back face is seen.\n",
-"layout(location = 0) out vec4 out_radiance;\n",
-"in vec3 place;              // where in the atlas it was put\n",
-"uniform vec2 view_texture_size;    // texels\n",
-"#if defined(SBL_TEXTURED) || defined(SBL_BOUNCED)\n",
-"uniform float radiance_scale;\n",
-"flat in int fragment_object;\n",
-"#else\n",
+"// Writes a texel of a sensor's view.\n",
+"layout(location = 0) out vec4 out_radiance;  // Ck; distance along the view's axis, negative for a back face\n",
+"in vec3 place;                               // see sensor_vertex.glsl\n",
+"uniform vec2 view_texture_size;              // texels\n",
+"uniform float radiance_scale, depth_scale;\n",
+"flat in int fragment_object, fragment_triangle;\n",
 "flat in vec3 radiance_front, radiance_back;\n",
-"#endif\n",
-"#ifdef SBL_TEXTURED\n",
 "in vec2 fragment_uv;\n",
 "in vec4 fragment_color;\n",
-"#endif\n",
-"#ifdef SBL_BOUNCED\n",
-"flat in int fragment_triangle;\n",
 "in vec3 fragment_way, fragment_place;\n",
-"#endif\n",
-"#ifdef SBL_WRITE_DEPTH\n",
-"uniform float depth_scale;\n",
-"#endif\n",
 "\n",
-"const float SBL_NEAREST = 3e-8;  // that anything is seen, in extents of the scene\n",
-"const float SBL_BESIDE = 0.4;    // texels that a fragment may lie beside its place,\n",
-"const float SBL_BESIDE_ROUNDING = 3e-7;  // and what rounding adds to that at unit distance\n",
+"const float SBL_NEAREST = 3e-8;  // smallest distance at which surfaces are visible, in extents of the scene\n",
+"const float SBL_BESIDE = 0.4;    // maximum distance between a fragment and its interpolated position, texels,\n",
+"const float SBL_BESIDE_ROUNDING = 3e-7;  // and the allowance for rounding that is added to it\n",
 "\n",
-"// A triangle whose plane holds the sensor is a line. Rounding makes it a triangle that may lie anywhere, in the\n",
-"// views of other sensors too: what is drawn there is not what is seen in that direction.\n",
+"// Returns false for fragments at wrong places. The projection of a triangle whose plane contains the sensor is a\n",
+"// line; rounding may turn the line into a triangle anywhere, even in the views of other sensors.\n",
 "bool sbl_seen_here() {\n",
 "    vec2 at = gl_FragCoord.xy / view_texture_size * 2.0 - 1.0;\n",
 "    vec2 beside = abs(place.xy - at * place.z) * 0.5 * view_texture_size;\n",
@@ -10321,8 +9968,8 @@ static const sbl__recipe sbl__recipe_sensor = {
 
 /* >>glsl sky_vertex: shaders_embedded/sky_vertex.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sky_vertex[] = {
-"// Draws the environment's picture as the background of many sensors' views at once: an instance is one view, whose\n",
-"// rectangle it covers. sensor_vertex.glsl explains the attributes.\n",
+"// Draws the environment's picture as the background of the views of many sensors. Each instance covers the\n",
+"// rectangle of one view. sensor_vertex.glsl explains the attributes.\n",
 "layout(location = 5) in vec4 view_right;\n",
 "layout(location = 6) in vec4 view_up;\n",
 "layout(location = 7) in vec4 view_forward;\n",
@@ -10341,9 +9988,9 @@ static const char *const sbl__glsl_sky_vertex[] = {
 /* >>glsl sky_fragment: shaders_embedded/sky_fragment.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sky_fragment[] = {
 "in vec3 direction;\n",
-"uniform vec3 sky;  // constant radiance that is added to the picture's\n",
+"uniform vec3 sky;                            // constant radiance of the sky\n",
 "uniform float radiance_scale;\n",
-"layout(location = 0) out vec4 out_radiance;  // a: 0, which means that nothing is hit; see sensor_fragment.glsl\n",
+"layout(location = 0) out vec4 out_radiance;  // a = 0: no surface, see sensor_fragment.glsl\n",
 "\n",
 "void main() { out_radiance = vec4(radiance_scale * (sky + sbl_sky(direction)), 0); }\n",
 0 };
@@ -10365,7 +10012,7 @@ static const sbl__input sbl__view_inputs[] = {
 static void sbl__raster_clear(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens,
                               const sbl__scene *scene, int slots) {
     const int rows = (slots + lens->slots.columns - 1) / lens->slots.columns;
-    const int used[4] = { 0, 0, lens->area[0], rows * sbl__layout_pitch(&lens->layout, 1) };
+    const int used[4] = { 0, 0, lens->area[2], rows * sbl__layout_pitch(&lens->layout, 1) };
     float sky[4] = { 0, 0, 0, 0 };
     int k;
     for (k = 0; k < 3; k++) sky[k] = scene->environment.sky[k] * r->radiance_scale;
@@ -10391,7 +10038,7 @@ static sbl_result sbl__raster_send(const sbl__device *d, sbl__raster *r, const s
     for (i = 0; i < b->count; i++)
         for (face = 0; face < l->view_count; face++) {
             sbl__raster_corner(lens, b->slot + i, corner);
-            sbl__view_make(l, &b->looks[i], face, corner, lens->area, &views[i * l->view_count + face]);
+            sbl__view_make(l, &b->looks[i], face, corner, lens->area + 2, &views[i * l->view_count + face]);
         }
     result = sbl__buffer_stream(d, &r->views, room * sizeof *views, views, count * sizeof *views);
     sbl__free(d->base, views);
@@ -10410,10 +10057,7 @@ static void sbl__raster_view(const sbl__device *d, const sbl__raster *r, const s
     memset(v, 0, sizeof *v);
     sbl__raster_corner(lens, b->slot + i, corner);
     v->kind = SBL_VIEW_SENSOR;
-    v->viewport[0] = corner[0] + rect[0];
-    v->viewport[1] = corner[1] + rect[1];
-    v->viewport[2] = rect[2];
-    v->viewport[3] = rect[3];
+    for (k = 0; k < 4; k++) v->viewport[k] = rect[k] + (k < 2 ? corner[k] : 0);
     sbl__view_axes(look, face, right, up, forward);
     for (k = 0; k < 3; k++) {
         v->world_to_view[4 * k] = (float)right[k];
@@ -10441,42 +10085,27 @@ static void sbl__raster_view(const sbl__device *d, const sbl__raster *r, const s
     v->face = face;
 }
 
-/* Calls the host's draw callback for each view of the batch. */
-static void sbl__raster_host(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b) {
-    sbl_draw_view view;
-    int i;
-    for (i = 0; i < b->count * lens->layout.view_count; i++) {
-        sbl__raster_view(d, r, lens, b, i, &view);
-        sbl__pass(d, &r->target, view.viewport, view.viewport, SBL__PASS_DEPTH);
-        sbl__host_draw(d, b->scene->draw, &view, b->scene->draw_user);
-    }
-}
-
-/* Begins a pass to the part of the view texture that the lens covers. */
-static void sbl__raster_pass(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens, int flags) {
-    const int area[4] = { 0, 0, lens->area[0], lens->area[1] };
-    sbl__pass(d, &r->target, area, NULL, flags);
-}
-
 static sbl_result sbl__raster_sky(sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b,
                                   int views) {
     const sbl_result result = sbl__use(d, &sbl__recipe_sky, b->scene->features);
     if (result != SBL_SUCCESS) return result;
-    sbl__raster_pass(d, r, lens, 0);
+    sbl__pass(d, &r->target, lens->area, NULL, 0);
     sbl__environment_bind(d, &b->scene->environment);
     sbl__set_float(d, "radiance_scale", r->radiance_scale);
     sbl__draw_rectangles(d, b->scene->geometry.vertex_array, views);
     return SBL_SUCCESS;
 }
 
-/* Draws the scene's triangles first .. end - 1 to all views of a batch. A range of triangles is drawn, because one look
-   at a large scene may take too long for one submission. The call with the first triangle also draws the environment,
-   the call with the last triangle also calls the host's draw callback. */
+/* Draws the triangles first .. end - 1 of the scene to all views of a batch. All triangles may take too long for one
+   submission. The call with the first triangle also draws the environment, and the call with the last triangle calls
+   the host's draw callback for each view. */
 static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__lens *lens, const sbl__batch *b,
                                    int first, int end) {
     const sbl__geometry *g = &b->scene->geometry;
     const int views = b->count * lens->layout.view_count;
     sbl_result result = SBL_SUCCESS;
+    sbl_draw_view view;
+    int i;
     if (first == 0) {
         result = sbl__raster_send(d, r, lens, b);
         if (result != SBL_SUCCESS) return result;
@@ -10491,24 +10120,28 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
     if (result == SBL_SUCCESS && end > first) {
         result = sbl__use(d, &sbl__recipe_sensor, sbl__batch_features(b));
         if (result != SBL_SUCCESS) return result;
-        sbl__raster_pass(d, r, lens, SBL__PASS_DEPTH | SBL__PASS_CLIP);
+        sbl__pass(d, &r->target, lens->area, NULL, SBL__PASS_DEPTH | SBL__PASS_CLIP);
         sbl__scene_bind(d, b->scene);
         sbl__set_int(d, "lamps_apart", b->spec->lamps_apart);
         sbl__set_float(d, "per_length", 1 / g->extent);
         sbl__set_float(d, "depth_scale", SBL__VIEW_DEPTH);
         sbl__set_float(d, "epsilon", b->spec->epsilon);
         sbl__set_float(d, "radiance_scale", r->radiance_scale);
-        sbl__set_vec2(d, "view_texture_size", (float)lens->area[0], (float)lens->area[1]);
+        sbl__set_vec2(d, "view_texture_size", (float)lens->area[2], (float)lens->area[3]);
         if (b->spec->bounced) {
             sbl__store_bind(d, &b->scene->store);
             sbl__draw_numbers(d, r->view_array, first, end - first, views);
         } else sbl__draw_mesh(d, g->vertex_array, first, end - first, views);
     }
-    if (result == SBL_SUCCESS && b->scene->draw && end == g->triangle_count) sbl__raster_host(d, r, lens, b);
+    for (i = 0; i < views && b->scene->draw && end == g->triangle_count && result == SBL_SUCCESS; i++) {
+        sbl__raster_view(d, r, lens, b, i, &view);
+        sbl__pass(d, &r->target, view.viewport, view.viewport, SBL__PASS_DEPTH);
+        sbl__host_draw(d, b->scene->draw, &view, b->scene->draw_user);
+    }
     return result;
 }
 
-/* Gives lamps.glsl access to the views, because geometry that the host draws may hide a lamp and exists only there. */
+/* Gives lamps.glsl access to the views, because they alone show geometry of the host that may hide a lamp. */
 static void sbl__raster_bind(sbl__device *d, const sbl__raster *r, float extent) {
     const sbl__layout *l = &r->lenses[SBL__LENS_SITE].layout;
     int i, k;
@@ -10528,15 +10161,14 @@ static void sbl__raster_bind(sbl__device *d, const sbl__raster *r, float extent)
 
 /* >>glsl reduce_blocks: shaders_embedded/reduce_blocks.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_reduce_blocks[] = {
-"// First half of a rasterised sensor's sum: every output texel adds up one block of the atlas.\n",
-"uniform sampler2D atlas;    // Ck r g b, signed distance\n",
-"uniform sampler2D weights;  // of one sheet: the texel's projected solid angle over pi, its ray's length at unit\n",
-"                            // depth\n",
-"uniform int block;          // texels across a block\n",
-"layout(location = 0) out vec4 out_sum;   // sum of weight * Ck; weight that sees back faces\n",
-"layout(location = 1) out vec4 out_hits;  // weight that sees surfaces; weight * distance; nearest distance; 0\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"uniform sampler2D directions;  // of one sheet: where its texels look, in the frame of a look that is not turned\n",
+"// First step of the sum over a sensor's views: each output texel is the sum over one block of the view texture.\n",
+"uniform sampler2D atlas;    // view texture: Ck, signed distance (see sensor_fragment.glsl)\n",
+"uniform sampler2D weights;  // per texel of a sheet: form factor; ratio of distance to depth\n",
+"uniform int block;          // width and height of a block, texels\n",
+"layout(location = 0) out vec4 out_sum;   // sum of weight * Ck; sum of the weights of back faces\n",
+"layout(location = 1) out vec4 out_hits;  // sum of the weights of surfaces; of weight * distance; least distance; 0\n",
+"uniform sampler2D directions;  // per texel of a sheet: its direction, in the frame of a look that is not rotated\n",
+"#ifdef SBL_DIRECTIONAL         // other variants do not use `directions` and `harmonics`\n",
 "layout(location = 2) out vec4 out_red;\n",
 "layout(location = 3) out vec4 out_green;\n",
 "layout(location = 4) out vec4 out_blue;\n",
@@ -10545,12 +10177,10 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 "void main() {\n",
 "    ivec2 at = ivec2(gl_FragCoord.xy), corner = at * block, sheet_corner = (at % blocks) * block;\n",
 "    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);\n",
-"#ifdef SBL_DIRECTIONAL\n",
 "    int slot = at.y / blocks.y * columns + at.x / blocks.x;\n",
 "    float s = sin(sbl_look_rotation(slot)), c = cos(sbl_look_rotation(slot));\n",
 "    mat3 frame = sbl_frame(sbl_look_normal(slot)) * mat3(c, -s, 0, s, c, 0, 0, 0, 1);\n",
 "    mat3x4 harmonics = mat3x4(0);\n",
-"#endif\n",
 "    for (int y = 0; y < block; y++) {\n",
 "        vec3 row = vec3(0);\n",
 "        float back = 0.0;\n",
@@ -10558,11 +10188,9 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 "            vec4 texel = texelFetch(atlas, corner + ivec2(x, y), 0);\n",
 "            vec2 weight = texelFetch(weights, sheet_corner + ivec2(x, y), 0).xy;\n",
 "            row += weight.x * texel.rgb;\n",
-"#ifdef SBL_DIRECTIONAL\n",
 "            vec3 way = texelFetch(directions, sheet_corner + ivec2(x, y), 0).xyz;\n",
 "            vec4 counts = sbl_harmonics(frame * way, frame[2], 1.0 / max(way.z, SBL_COSINE_LEAST));\n",
 "            harmonics += outerProduct(counts, weight.x * texel.rgb);\n",
-"#endif\n",
 "            float seen = weight.x > 0.0 && texel.a != 0.0 ? weight.x : 0.0;\n",
 "            float length_to_hit = abs(texel.a) * weight.y;\n",
 "            back += texel.a < 0.0 ? seen : 0.0;\n",
@@ -10611,8 +10239,8 @@ static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const
 }
 
 /* ======================================================================================================== >>trace
-   The back end that traces rays: shader invocations trace a look's rays over the hemisphere through the hierarchy of
-   triangles. The cost of a ray grows with the logarithm of the number of triangles. */
+   The back end that traces a look's rays over the hemisphere. The cost of a ray grows with the logarithm of the number
+   of triangles. */
 
 #define SBL__TRACE_CHUNK 16        /* maximum number of rays per invocation */
 #define SBL__TRACE_COLUMNS 256     /* maximum number of looks side by side in the textures of partial sums */
@@ -10620,24 +10248,17 @@ static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const
 
 typedef struct sbl__trace {
     sbl__slots slots[SBL__LENSES]; /* slots of looks, and of stuck tests, which trace one ray back to the surface */
-    int rays;                      /* number of rays over the hemisphere per look */
-    sbl__table sequence;           /* Sobol points that give the rays' directions, see sbl__sequence_make */
+    sbl__table sequence;           /* points that give the rays' directions, see sbl__sequence_make */
 } sbl__trace;
-
-static void sbl__trace_free(const sbl__device *d, sbl__trace *t) {
-    sbl__table_delete(d, &t->sequence);
-    memset(t, 0, sizeof *t);
-}
 
 static sbl_result sbl__trace_setup(const sbl__device *d, sbl__trace *t, const sbl__scene *scene, const sbl__spec *spec,
                                    sbl__blocks *blocks) {
-    const int most = sbl__rays_most(&scene->hierarchy), few = SBL__MAX(1, most / 4);
-    const int chunk = SBL__MIN(SBL__MIN(SBL__TRACE_CHUNK, few), (spec->rays + 7) / 8);
+    const int most = SBL__MIN(SBL__TRACE_CHUNK, SBL__MAX(1, sbl__rays_most(&scene->hierarchy) / 4));
+    const int chunk = SBL__MIN(most, (spec->rays + 7) / 8);
     const int chunks = (spec->rays + chunk - 1) / chunk, parts = sbl__aim_parts(spec, &scene->hierarchy);
     sbl__slots *s = &t->slots[SBL__LENS_SITE], *stuck = &t->slots[SBL__LENS_STUCK];
     sbl_result result;
     int rows;
-    t->rays = spec->rays;
     s->blocks[0] = SBL__MIN(chunks, 4);
     s->blocks[1] = (chunks + 3) / 4;
     s->columns = SBL__MIN(SBL__TRACE_TEXELS, d->gl.capabilities.max_texture_size) / s->blocks[0];
@@ -10647,7 +10268,7 @@ static sbl_result sbl__trace_setup(const sbl__device *d, sbl__trace *t, const sb
     s->count = s->columns * rows;
     *stuck = *s;
     stuck->blocks[0] = stuck->blocks[1] = 1;
-    result = sbl__sequence_store(d, &t->sequence, spec->looks, t->rays, 1);
+    result = sbl__sequence_store(d, &t->sequence, spec->looks, spec->rays, 1);
     return result == SBL_SUCCESS ? sbl__blocks_make(d, blocks, spec->directional ? 6 : 2, s->columns * s->blocks[0],
                                                     rows * s->blocks[1]) : result;
 }
@@ -10697,38 +10318,37 @@ static const char *const sbl__glsl_guide[] = {
 
 /* >>glsl trace: shaders_embedded/trace.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_trace[] = {
-"// A part of one sensor's rays: cosine-distributed directions, so that all weigh the same. The outputs are those of\n",
-"// reduce_blocks.glsl.\n",
-"uniform usamplerBuffer sbl_sequence;  // points of the Sobol sequence, two 32-bit fractions each, along a Morton\n",
-"                                      // curve\n",
-"uniform int rays;                     // of a look\n",
-"uniform int paired;                   // 1: an invocation takes two at a time; 0: one, which its outputs tell of\n",
-"uniform bool no_light;                // nothing shines but lamps: rays merely tell where a sensor stands, and\n",
-"                                      // those of its first look do\n",
-"uniform float spread;                 // 1: the cosine's whole hemisphere; 0: all rays go along the normal\n",
-"uniform float distance_limit;         // what is farther off counts as so far off in the mean distance\n",
-"uniform vec3 sky;\n",
-"uniform float ray_offset;             // of a surface's distance_limit, that rays start off it\n",
+"// Traces a part of a look's rays over the hemisphere, whose directions have a cosine distribution, and sums them.\n",
+"// The outputs are those of reduce_blocks.glsl; out_hits.w is the variance of the luminance.\n",
+"uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each\n",
+"uniform int rays;                     // number of rays per look\n",
+"uniform int paired;                   // 1: an invocation traces pairs of rays; 0: single ones\n",
+"uniform bool no_light;                // true: rays cannot find light; only those of a site's first look are traced\n",
+"uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal\n",
+"uniform float distance_limit;         // upper limit for each distance in the mean distance\n",
+"uniform vec3 sky;                     // constant radiance of the sky\n",
+"uniform float ray_offset;             // offset of a second segment from its surface, see SBL__OFFSET\n",
 "SBL_OUT(0, out_sum);\n",
 "SBL_OUT(1, out_hits);\n",
 "#ifdef SBL_DIRECTIONAL\n",
 "SBL_OUT(2, out_red);\n",
 "SBL_OUT(3, out_green);\n",
 "SBL_OUT(4, out_blue);\n",
-"SBL_OUT(5, out_even);                 // of light that comes evenly from everywhere, what these rays miss\n",
+"SBL_OUT(5, out_even);                 // see sbl__blocks\n",
 "#endif\n",
 "\n",
-"const float SBL_NEIGHBOURS = 0.62;  // variance, as a share of what pairs tell: measured, 16 to 256 rays\n",
+"const float SBL_NEIGHBOURS = 0.62;  // variance divided by its estimate from pairs: measured with 16 to 256 rays\n",
 "\n",
-"// A surface nearer than its cell is wide is not lit as the cell is on average: there a ray goes on, once, by the\n",
-"// cosine; only what lamps send there is taken from the store.\n",
+"// Maximum number of segments of a ray. The mean light of a cell may differ much from the light at a hit that is\n",
+"// nearer than the cell's width. A second segment then finds bounced light; the store gives only light from lamps.\n",
 "#ifdef SBL_BOUNCED\n",
 "const int SBL_LEGS = 2;\n",
 "#else\n",
 "const int SBL_LEGS = 1;\n",
 "#endif\n",
 "\n",
-"// Radiance that a hit sends back. goes_on: another ray finds the light that arrives there, but for that of lamps.\n",
+"// Radiance that leaves a hit towards the ray's origin. goes_on: set to true if the ray needs a second segment,\n",
+"// which finds the light that the returned radiance lacks\n",
 "vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool last, out bool goes_on, out sbl_Material material) {\n",
 "    int object = int(sbl_triangle_object(hit.triangle));\n",
 "    sbl_Attributes at = SBL_PLAIN;\n",
@@ -10744,17 +10364,15 @@ static const char *const sbl__glsl_trace[] = {
 "    return radiance;\n",
 "}\n",
 "\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"// The mean reciprocal cosine of rays in the stratum of u that this one lies in. A look has one in each; near the\n",
-"// horizon a single one's own would be too large by far, or too small.\n",
+"// Mean reciprocal cosine of the rays in u's stratum, of which each look has one ray. Near the horizon the\n",
+"// reciprocal cosine of a single ray is far too noisy.\n",
 "float sbl_stratum_reciprocal(float u) {\n",
 "    float n = float(rays), k = n - floor(u * n);\n",
 "    return 2.0 * sqrt(n) / (sqrt(k) + sqrt(k - 1.0));\n",
 "}\n",
-"#endif\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
-"// Moves a ray to where it goes on from a hit. Returns what the light that it finds there counts.\n",
+"// Sets the origin and the direction of a ray's second segment. Returns the factor for the light that it finds.\n",
 "vec3 sbl_go_on(sbl_Hit hit, sbl_Material material, uint hash, inout vec3 position, inout vec3 direction) {\n",
 "    vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,\n",
 "         e2 = sbl_triangle_corner_2(hit.triangle) - p0, e3 = e2 - e1;\n",
@@ -10780,10 +10398,10 @@ static const char *const sbl__glsl_trace[] = {
 "\n",
 "    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);\n",
 "    float squares = 0.0, other = 0.0;\n",
-"    mat3x4 harmonics = mat3x4(0);\n",
+"    mat3x4 harmonics = mat3x4(0);  // if SBL_DIRECTIONAL, as `even`\n",
 "    vec4 even = vec4(0);\n",
 "    int part = within.y * blocks.x + within.x, parts = blocks.x * blocks.y;\n",
-"    // Rays go in pairs of neighbours along the curve: how far those differ tells the noise of stratified points.\n",
+"    // The variance is estimated from the differences between pairs of neighbours on the Morton curve.\n",
 "    for (int k = 0, i = part << paired; i < end;\n",
 "         k++, i = (part + (k >> paired) * parts << paired) + (k & paired)) {\n",
 "        vec3 before = sum.rgb;\n",
@@ -10817,11 +10435,9 @@ static const char *const sbl__glsl_trace[] = {
 "            if (max(share.r, max(share.g, share.b)) <= 0.0) break;\n",
 "#endif\n",
 "        }\n",
-"#ifdef SBL_DIRECTIONAL\n",
 "        vec4 counts = sbl_harmonics(way, frame[2], sbl_stratum_reciprocal(u.x));\n",
 "        harmonics += outerProduct(counts, sum.rgb - before);\n",
 "        even -= weight * counts;\n",
-"#endif\n",
 "        float light = dot(sum.rgb - before, SBL_LUMINANCE);\n",
 "        if ((k & 1) == 1) squares += (light - other) * (light - other);\n",
 "        other = light;\n",
@@ -10843,20 +10459,18 @@ static const sbl__recipe sbl__recipe_trace = {
     { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_store, sbl__glsl_carrier, sbl__glsl_traverse,
       sbl__glsl_sky, sbl__glsl_guide, sbl__glsl_trace },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
-      &sbl__look_words_record,
-      &sbl__cut_record, &sbl__leaf_record },
+      &sbl__look_words_record, &sbl__cut_record, &sbl__leaf_record },
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE | SBL__BOUNCED | SBL__GUIDED | SBL__DIRECTIONAL
 };
 
-/* Traces the rays of a batch, whose looks must be in b->table already. Each look's rays are distributed over
-   slots->blocks[0] * slots->blocks[1] invocations. stuck: 1: each look traces one ray only, along its normal; paired:
-   1: an invocation takes its rays in pairs, to measure the variance; 0: it takes them singly, so that with one
+/* Traces the rays of a batch, whose looks must be in b->table already. stuck: 1: each look traces one ray only, along
+   its normal; paired: 1: an invocation traces pairs of rays, to measure the variance; 0: single rays, so that with one
    invocation per ray each output texel belongs to one ray */
 static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl__batch *b, int stuck, int paired) {
     const sbl_result result = sbl__use(d, &sbl__recipe_trace, sbl__batch_features(b));
     if (result != SBL_SUCCESS) return result;
     sbl__rays_bind(d, b, &t->sequence, b->slots->blocks);
-    sbl__set_int(d, "rays", stuck ? 1 : t->rays);
+    sbl__set_int(d, "rays", stuck ? 1 : b->spec->rays);
     sbl__set_int(d, "paired", paired);
     sbl__set_int(d, "no_light", b->spec->no_light);
     sbl__set_int(d, "lamps_apart", b->spec->lamps_apart);
@@ -10875,20 +10489,18 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
 }
 
 /* ======================================================================================================== >>job
-   A job measures the light at a list of sites and writes one reading per site. A job does not know what its sites are
-   for, and the rooms that follow do not depend on whether the job traces rays or rasterises views. Pictures run jobs
-   for pixels; other front ends run jobs for vertices or for points in the air. Every caller uses the same short loop:
+   A job measures the light at a list of sites and writes one reading per site. The rooms that follow must not depend on
+   whether the job traces rays or rasterises views. Pictures run jobs for pixels; other front ends run jobs for vertices
+   or for points in the air. Every caller uses the same loop:
 
        sbl__job_begin(job, scene, task)                       the task names sites, readings and the sensors' settings
        while (sbl__job_step(device, job, slice) == SBL_UNFINISHED) ...
                                                               each step does one piece of bounded duration
 
-   A job keeps its GPU resources for the next job and makes new ones only if the task or the scene needs different
-   ones. After an error the job can begin again.
+   A job keeps its GPU resources until a task or a scene needs different ones. After an error the job can begin again.
 
-   A site's reading is the mean of the site's looks, each of which is rotated further or uses other rays. A job draws
-   looks into the slots until all slots are full, reduces each look to one texel of results, and fills the slots again.
-   The first round makes the sites' looks, the second round makes the stuck tests of sites that may be stuck:
+   A job draws looks until all slots are full, reduces each look to one texel of results, and fills the slots again. The
+   first round makes the sites' looks, the second round makes the stuck tests of sites that may be stuck:
 
        set up -> { draw -> aim rays at lamps -> reduce } ... -> read -> { draw -> reduce } ... -> read -> done
                  first round: looks                                     second round: stuck tests              */
@@ -10900,18 +10512,11 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
 #define SBL__SUSPECT_SHARE 0.02f   /* a site gets a stuck test if its first look sees a larger share of back faces */
 #define SBL__STUCK_SHARE 0.75f     /* a sensor is stuck if its stuck test hits at less than this share of its offset */
 #define SBL__FEW_RAYS 1.0f         /* noise of a harmonic divided by R, times the square root of a look's rays */
-#define SBL__TEXEL_NOISE 2.6f      /* relative noise of a look that rasterises views, times the views' size in texels;
-                                      measured with a lamp in a box */
+#define SBL__TEXEL_NOISE 2.6f      /* relative noise of rasterised looks times sbl__spec.size: measured, lamp in box */
 
-/* Results of all looks, in the first two textures: r g b of `sums` is the sum of weight * radiance, a is the weight of
-   the directions that see back faces; `hits` holds the weight of the directions that see surfaces, the sum of weight *
-   distance, the smallest distance, and the variance. The result of look n is at texel n % SBL__RESULTS_WIDTH,
-   n / SBL__RESULTS_WIDTH, and remains there until the next job. */
-typedef sbl__blocks sbl__results;
-
+/* What a job has to do. The caller must keep the arrays until the job is done. */
 typedef struct sbl__task {
     sbl__spec spec;
-    /* The caller must keep the arrays that these pointers name until the job is done. */
     const sbl__site *sites;
     sbl_reading *readings;      /* output: one reading per site */
     float *layers;              /* output of directional jobs: per site, 3 floats for each layer of light from layer 1
@@ -10935,34 +10540,35 @@ typedef struct sbl__job {
     sbl__task task;
     const sbl__scene *scene;
     sbl__job_counts counts;     /* sums over all jobs since the caller last cleared them */
-    int ready;                  /* 1: the resources below exist, for this spec and this version of the scene: */
+    int ready;                  /* 1: the resources below exist, for `made_for` and `made_for_scene` */
     sbl__spec made_for;
-    uint32_t made_for_scene;
+    uint32_t made_for_scene;    /* version of the scene */
     sbl__raster raster;
     sbl__trace trace;
     sbl__aim aim;
     sbl__blocks blocks;
-    sbl__results results[SBL__LENSES];
+    /* Results of all looks. `sums`: sum of weight * radiance; sum of the weights of directions that see back faces.
+       `hits`: sum of the weights of directions that see surfaces; sum of weight * distance; least distance; variance.
+       The result of look n stays at texel n % SBL__RESULTS_WIDTH, n / SBL__RESULTS_WIDTH until the next job. */
+    sbl__blocks results[SBL__LENSES];
     sbl__table table;           /* the looks of a batch, in the format that ray-tracing shaders read */
     sbl__look *looks;           /* the look in each slot */
     int look_most;              /* maximum number of looks per batch */
-    /* State of the current round. The first round makes the sites' looks, the second round makes the stuck tests. */
-    int lens;                   /* SBL__LENS_SITE: looks at sites; SBL__LENS_STUCK: stuck tests */
+    int lens;                   /* of the current round: SBL__LENS_SITE or SBL__LENS_STUCK */
     int *suspects;              /* indices of the sites that need a stuck test */
     int suspect_count, suspect_room;
     int look_count;             /* first_look plus the number of looks in the round */
-    int site, look;             /* index of the next site (or suspect) and of its look: while drawing the next one to
-                                   draw, while reading the next one to read */
+    int site, look;             /* index of the next site (or suspect), and of its look, to draw or to read */
     int drawn, aimed, reduced;  /* numbers of the looks at which the three stages continue */
     int batch;                  /* number of looks in the batch that is partly drawn; 0: no batch is partly drawn */
     int triangle;               /* index of the next triangle to draw for this batch */
-    sbl__pace draw_pace[SBL__LENSES], aim_pace, reduce_pace[SBL__LENSES];
+    struct { sbl__pace draw[SBL__LENSES], aim, reduce[SBL__LENSES]; } paces;
 } sbl__job;
 
 static void sbl__job_free(const sbl__device *d, sbl__job *j) {
     int i;
     sbl__raster_free(d, &j->raster);
-    sbl__trace_free(d, &j->trace);
+    sbl__table_delete(d, &j->trace.sequence);
     sbl__aim_free(d, &j->aim);
     sbl__blocks_free(d, &j->blocks);
     for (i = 0; i < SBL__LENSES; i++) sbl__blocks_free(d, &j->results[i]);
@@ -10974,8 +10580,8 @@ static void sbl__job_free(const sbl__device *d, sbl__job *j) {
 
 /* >>job: how sensors see */
 
-/* Derives the spec of a job from the host's options. `s` must hold its defaults and the chosen back end. Except in the
-   paper's mode, sbl__scene_step must have finished the scene. */
+/* Derives the spec of a job from the host's options, with defaults and the back end filled in. Except in the paper's
+   mode, sbl__scene_step must have finished the scene. */
 static void sbl__spec_make(sbl__spec *spec, const sbl__measurement *s, const sbl__scene *scene,
                            const sbl_context_desc *c) {
     const sbl__environment *e = &scene->environment;
@@ -11003,15 +10609,13 @@ static void sbl__spec_make(sbl__spec *spec, const sbl__measurement *s, const sbl
     }
 }
 
-/* Chooses the back end. SBL_BACKEND_AUTO applies a fixed rule instead of measuring times, so that the same input
-   always gives the same picture. */
+/* Chooses the back end. The rule does not measure time, so that the same input always gives the same picture. */
 static sbl_backend sbl__choose_backend(const sbl__measurement *s, const sbl__scene *scene) {
     const int views = s->options.mode == SBL_MODE_PAPER || s->sensor_kind == SBL_SENSOR_SINGLE || scene->draw;
     return s->options.backend != SBL_BACKEND_AUTO ? s->options.backend : views ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
 }
 
-/* Returns the distance of sensors from their surface, world units. reach: the triangle's distance from the origin plus
-   its size (see SBL__OFFSET); 0: unknown */
+/* Returns the distance of sensors from their surface, world units. reach: see SBL__OFFSET; 0: unknown */
 static float sbl__spec_offset(const sbl__spec *spec, const sbl__scene *scene, float reach) {
     return SBL__OFFSET * (spec->traced && reach > 0 ? reach : scene->geometry.extent);
 }
@@ -11019,8 +10623,8 @@ static float sbl__spec_offset(const sbl__spec *spec, const sbl__scene *scene, fl
 /* Number of layers of light that sensors find (see SBL__LAYERS) */
 static int sbl__spec_layers(const sbl__spec *spec) { return spec->directional ? SBL__LAYERS : 1; }
 
-/* Returns the noise of layers 1 to 4 as a share of R, for a look whose R is free of noise. Rays near the horizon count
-   most in harmonics, and a look has only a few of them. */
+/* Returns the noise of layers 1 to 4 as a share of R, for a look whose R has no noise. It is due to the few rays near
+   the horizon, which have the largest weights in harmonics. */
 static float sbl__spec_layer_noise(const sbl__spec *spec) {
     return spec->no_light || !spec->traced ? 0 : SBL__FEW_RAYS / (float)sqrt((double)spec->rays);
 }
@@ -11033,19 +10637,19 @@ static void sbl__spec_sheet(const sbl__spec *spec, int size[2]) {
     size[1] = spec->traced ? 1 : layout.sheet_height;
 }
 
-/* Returns 1 if sensors trace rays. Then a look may trace as few rays as the caller wants, and the caller may request
-   rays towards lamps and rays over the hemisphere separately. */
+/* Returns 1 if sensors trace rays. The caller may then choose their number per look, and whether a job traces rays
+   towards lamps, rays over the hemisphere, or both. */
 static int sbl__measurement_sends_rays(const sbl__measurement *s) { return s->options.backend == SBL_BACKEND_TRACE; }
 
-/* Number of rays per look if each sensor makes as many looks as the requested error needs. The number suits a sensor
-   whose reading covers a small area; other sensors make more looks. */
+/* Number of rays per look for a requested error. It suits sensors whose readings cover a small area; other sensors make
+   more looks. */
 static int sbl__look_rays(float error) {
     return error >= 0.06f ? 16 : error >= 0.015f ? 32 : error >= 0.004f ? 64 : 128;
 }
 
-/* Returns the factor, a power of two, by which sbl__look_rays must grow for looks of this relative variance; 1 if looks
-   cannot have more rays. If light is rare, most looks of few rays find none, so that sensors underestimate their own
-   noise, and the picture's cells are split because of noise. */
+/* Returns the factor, a power of two, by which the rays of a look must grow for looks of this relative variance. If
+   light is rare, most looks of few rays find none. Sensors then underestimate their noise, and refinement divides tiles
+   because of noise. */
 static int sbl__look_growth(const sbl__measurement *s, float error, double variance) {
     int times = 1;
     if (s->options.rays || !sbl__measurement_sends_rays(s)) return 1;
@@ -11054,13 +10658,13 @@ static int sbl__look_growth(const sbl__measurement *s, float error, double varia
     return times;
 }
 
+/* Returns 1 if both need the same resources. sbl__spec has no padding: all its fields have 4 bytes. */
 static int sbl__spec_equal(const sbl__spec *a, const sbl__spec *b) {
-    return a->traced == b->traced && a->paper == b->paper && a->hemicube == b->hemicube && a->size == b->size &&
-           a->fov == b->fov && a->rays == b->rays && a->lamp_rays == b->lamp_rays && a->lamps_apart == b->lamps_apart &&
-           a->bounced == b->bounced && a->without_sky == b->without_sky && a->no_light == b->no_light &&
-           a->looks == b->looks &&
-           a->one_ray == b->one_ray && a->directional == b->directional &&
-           a->epsilon == b->epsilon && a->view_texture_size == b->view_texture_size && a->batch == b->batch;
+    sbl__spec c = *b;
+    c.seed = a->seed;
+    c.guided = a->guided;
+    c.distance_limit = a->distance_limit;
+    return !memcmp(a, &c, sizeof c);
 }
 
 /* >>job: setting up */
@@ -11069,7 +10673,7 @@ static const sbl__slots *sbl__lens_slots(const sbl__job *j, int lens) {
     return j->task.spec.traced ? &j->trace.slots[lens] : &j->raster.lenses[lens].slots;
 }
 
-/* The slots that the current round uses */
+/* Slots of the current round */
 static const sbl__slots *sbl__job_slots(const sbl__job *j) { return sbl__lens_slots(j, j->lens); }
 
 /* Factor of all radiance in the job's textures */
@@ -11098,13 +10702,11 @@ static sbl_result sbl__job_setup(void *work, sbl__slice *slice) {
     sbl__free(d->base, j->looks);
     j->looks = (sbl__look *)sbl__alloc_raw(d->base, (size_t)room, sizeof *j->looks);
     j->look_most = spec->batch > 0 ? spec->batch : room;
-    memset(j->draw_pace, 0, sizeof j->draw_pace);
-    memset(&j->aim_pace, 0, sizeof j->aim_pace);
-    memset(j->reduce_pace, 0, sizeof j->reduce_pace);
+    memset(&j->paces, 0, sizeof j->paces);
     return j->looks ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Computes the weights of the views of looks and of stuck tests. Afterwards all resources exist. */
+/* Computes the weights of views. Afterwards all resources exist. */
 static sbl_result sbl__job_weigh(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     for (; j->lens < SBL__LENSES && !j->task.spec.traced; j->lens++) {
@@ -11120,28 +10722,26 @@ static sbl_result sbl__job_weigh(void *work, sbl__slice *slice) {
 
 /* >>glsl reduce_sum: shaders_embedded/reduce_sum.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_reduce_sum[] = {
-"// Second half, and the only one of a traced sensor: every output texel adds up the blocks of one sensor and is its\n",
-"// result.\n",
-"uniform sampler2D block_sums, block_hits;\n",
-"uniform ivec2 blocks;  // of one sheet\n",
-"uniform int columns;   // sheets across the atlas\n",
-"uniform int slots;     // sheets in the atlas\n",
-"uniform int width;     // of the results' texture\n",
-"uniform int first, last;\n",
-"uniform sampler2D lights;  // parts texels a sensor, one below the other, whose mean comes on top: light; its\n",
-"                           // variance\n",
-"uniform int parts;         // 0: there are none\n",
-"layout(location = 0) out vec4 out_sum;\n",
-"layout(location = 1) out vec4 out_hits;  // w: the variance of its luminance, where rays sampled it\n",
-"#ifdef SBL_DIRECTIONAL\n",
+"// Second step of the sum over views, and only step of the sum over rays: each output texel is a look's result.\n",
+"uniform sampler2D block_sums, block_hits;  // partial sums\n",
+"uniform ivec2 blocks;          // width and height of a look's slot in them, texels\n",
+"uniform int columns, slots;    // number of slots in a row, and of all slots\n",
+"uniform int width;             // width of the outputs\n",
+"uniform int first, last;       // numbers of the looks to compute\n",
+"uniform sampler2D lights;      // outputs of lamps.glsl, of which the mean over the parts of a look is added\n",
+"uniform int parts;             // number of parts, one below the other; 0: no light from lamps\n",
+"layout(location = 0) out vec4 out_sum;   // see reduce_blocks.glsl\n",
+"layout(location = 1) out vec4 out_hits;  // w: variance of the luminance, if rays sampled it\n",
 "uniform sampler2D block_red, block_green, block_blue, lights_red, lights_green, lights_blue;  // harmonics\n",
-"uniform sampler2D block_even;            // what a sensor's rays miss of those of even light, and so, about, of any\n",
-"uniform bool even;                       // there is that\n",
+"uniform sampler2D block_even;  // error of the harmonics of radiance 1 from everywhere, see sbl__blocks\n",
+"uniform bool even;             // true: correct the harmonics by it\n",
+"#ifdef SBL_DIRECTIONAL\n",
 "layout(location = 2) out vec4 out_red;\n",
 "layout(location = 3) out vec4 out_green;\n",
 "layout(location = 4) out vec4 out_blue;\n",
+"#endif\n",
 "\n",
-"// A sensor's sum of one of them.\n",
+"// Sum of a look's harmonics of one colour, from partial sums and from lamps.\n",
 "vec4 sbl_sum(sampler2D block_harmonics, ivec2 corner, sampler2D light_harmonics, ivec2 light_corner) {\n",
 "    vec4 sum = vec4(0);\n",
 "    for (int i = 0; i < blocks.x * blocks.y; i++)\n",
@@ -11150,13 +10750,12 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "        sum += texelFetch(light_harmonics, light_corner + ivec2(0, i), 0) / float(parts);\n",
 "    return sum;\n",
 "}\n",
-"#endif\n",
 "\n",
 "void main() {\n",
 "    int sensor = int(gl_FragCoord.y) * width + int(gl_FragCoord.x);\n",
 "    if (sensor < first || sensor > last) discard;\n",
-"    int slot = sensor % slots;\n",
-"    ivec2 corner = ivec2(slot % columns, slot / columns) * blocks;\n",
+"    ivec2 slot = ivec2(sensor % slots % columns, sensor % slots / columns);\n",
+"    ivec2 corner = slot * blocks, light_corner = slot * ivec2(1, parts);\n",
 "    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0), missed = vec4(0);\n",
 "    for (int y = 0; y < blocks.y; y++) {\n",
 "        vec4 row = vec4(0), row_hits = vec4(0);\n",
@@ -11166,23 +10765,19 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "            row_hits += h;\n",
 "            hits.z = min(hits.z, h.z);\n",
 "        }\n",
-"#ifdef SBL_DIRECTIONAL\n",
 "        for (int x = 0; x < blocks.x && even; x++) missed += texelFetch(block_even, corner + ivec2(x, y), 0);\n",
-"#endif\n",
 "        sum += row;\n",
 "        hits.xyw += row_hits.xyw;\n",
 "    }\n",
 "    vec3 rays_light = sum.rgb;\n",
 "    for (int i = 0; i < parts; i++) {\n",
-"        ivec2 at = ivec2(slot % columns, slot / columns * parts + i);\n",
-"        vec4 light = texelFetch(lights, at, 0) / float(parts);\n",
+"        vec4 light = texelFetch(lights, light_corner + ivec2(0, i), 0) / float(parts);\n",
 "        sum.rgb += light.rgb;\n",
 "        hits.w += light.a / float(parts);\n",
 "    }\n",
 "    out_sum = sum;\n",
 "    out_hits = hits;\n",
 "#ifdef SBL_DIRECTIONAL\n",
-"    ivec2 light_corner = ivec2(slot % columns, slot / columns * parts);\n",
 "    out_red = sbl_sum(block_red, corner, lights_red, light_corner) + rays_light.r * missed;\n",
 "    out_green = sbl_sum(block_green, corner, lights_green, light_corner) + rays_light.g * missed;\n",
 "    out_blue = sbl_sum(block_blue, corner, lights_blue, light_corner) + rays_light.b * missed;\n",
@@ -11201,7 +10796,7 @@ static const sbl__recipe sbl__recipe_reduce_sum = {
 static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
     const sbl__device *d = j->device;
     const int most = d->gl.capabilities.max_texture_size, directional = j->task.spec.directional;
-    const sbl__results *results = &j->results[lens];
+    const sbl__blocks *results = &j->results[lens];
     double looks = 0;
     int i, rows;
     j->lens = lens;
@@ -11221,34 +10816,32 @@ static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
     return sbl__blocks_make(d, &j->results[lens], directional ? 5 : 2, SBL__RESULTS_WIDTH, rows);
 }
 
-/* Compiles one of the shader programs that the job needs. If all of them exist, starts the round of the sites' looks
-   and returns SBL_SUCCESS. */
+/* Compiles one of the shader programs that the job needs. If all exist, starts the round of the sites' looks. */
 static sbl_result sbl__job_compile(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
     const sbl__spec *spec = &j->task.spec;
-    const unsigned features = sbl__features_of(j->scene, spec);
-    const struct { const sbl__recipe *recipe; int needed; unsigned features; } programs[] = {
-        { &sbl__recipe_trace, spec->traced, features },
-        { &sbl__recipe_sensor, !spec->traced, features },
-        { &sbl__recipe_sky, !spec->traced && j->scene->environment.pixels && !spec->paper, features },
-        { &sbl__recipe_lamps, spec->lamp_rays > 0, sbl__aim_features(j->scene, spec) },
-        { &sbl__recipe_reduce_blocks, !spec->traced, features },
-        { &sbl__recipe_reduce_sum, 1, features }
+    const unsigned features = sbl__aim_features(j->scene, spec);
+    const struct { const sbl__recipe *recipe; int needed; } programs[] = {
+        { &sbl__recipe_trace, spec->traced },
+        { &sbl__recipe_sensor, !spec->traced },
+        { &sbl__recipe_sky, !spec->traced && j->scene->environment.pixels && !spec->paper },
+        { &sbl__recipe_lamps, spec->lamp_rays > 0 },
+        { &sbl__recipe_reduce_blocks, !spec->traced },
+        { &sbl__recipe_reduce_sum, 1 }
     };
     int i;
     (void)slice;
     for (i = 0; i < SBL__COUNT(programs); i++) {
         sbl_result result;
-        if (!programs[i].needed || sbl__program_find(d, programs[i].recipe, programs[i].features)) continue;
-        result = sbl__program_need(d, programs[i].recipe, programs[i].features);
+        if (!programs[i].needed || sbl__program_find(d, programs[i].recipe, features)) continue;
+        result = sbl__program_need(d, programs[i].recipe, features);
         return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
     }
     return sbl__job_start_round(j, SBL__LENS_SITE);
 }
 
-/* Makes the next look of the round. A stuck test starts at the position of the site's first look and faces the
-   surface. */
+/* Makes the next look of the round. A stuck test looks from the position of the site's first look at the surface. */
 static void sbl__job_next_look(sbl__job *j, int number, sbl__look *out) {
     const int stuck = j->lens == SBL__LENS_STUCK;
     const sbl__site *site = &j->task.sites[stuck ? j->suspects[j->site] : j->site];
@@ -11275,8 +10868,8 @@ static void sbl__job_batch(const sbl__job *j, int first, int count, sbl__batch *
     out->count = count;
 }
 
-/* Draws `room` looks, or fewer if the slots or the round end before. If `room` is less than the batch, views get only
-   a part of the scene's triangles, and the next call continues. units: receives the work done, in looks */
+/* Draws `room` looks, or fewer if the slots or the round end before. If `room` is less than a batch, draws only a part
+   of the scene's triangles to its views, and the next call continues. units: receives the work done, in looks */
 static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     sbl__device *d = j->device;
     const sbl__spec *spec = &j->task.spec;
@@ -11311,9 +10904,9 @@ static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     return SBL_SUCCESS;
 }
 
-/* Does one piece of drawing. If the slice is long enough, the piece consists of several submissions of views without
-   waiting in between: a software renderer prepares one while it draws another, which saves a quarter of the time at
-   2,000 triangles. */
+/* Does one piece of drawing: one submission of rays, or several submissions of views without waiting in between, if the
+   slice is long enough. A software renderer prepares one submission while it draws another, which saves a quarter of
+   the time at 2,000 triangles. */
 static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
@@ -11330,29 +10923,26 @@ static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
         result = sbl__gl_check(&d->gl);
         return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
     }
-    room = sbl__pace_begin(&j->draw_pace[j->lens], slice, SBL__LOOKS_FIRST, 1e-6);
+    room = sbl__pace_begin(&j->paces.draw[j->lens], slice, SBL__LOOKS_FIRST, 1e-6);
     for (i = 0; i < most && !full && result == SBL_SUCCESS; i++) {
         if (i) sbl__submit(d);
         result = sbl__job_submit(j, room, &units);
         all += units;
         full = j->drawn > first && (j->drawn == j->look_count || j->drawn % slots == 0);
     }
-    if (result == SBL_SUCCESS) sbl__pace_end(d, &j->draw_pace[j->lens], all);
+    if (result == SBL_SUCCESS) sbl__pace_end(d, &j->paces.draw[j->lens], all);
     if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
     return result == SBL_SUCCESS && !full ? SBL_UNFINISHED : result;
 }
 
-static int sbl__job_after_draw(void *work) {
-    const sbl__job *j = (const sbl__job *)work;
-    return j->task.spec.lamp_rays && j->lens == SBL__LENS_SITE ? SBL__JOB_AIM : SBL__JOB_REDUCE;
-}
+/* Returns 1 if the looks of the current round trace rays towards lamps. */
+static int sbl__job_aims(const sbl__job *j) { return j->task.spec.lamp_rays && j->lens == SBL__LENS_SITE; }
 
-/* Traces rays towards lamps for some of the looks in the slots. This stage follows the drawing of views, because
-   geometry that the host draws exists only in views and may hide a lamp. */
+/* Traces rays towards lamps for some of the looks in the slots, after their views are drawn (see sbl__raster_bind). */
 static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
-    const double pace = sbl__pace_begin(&j->aim_pace, slice, SBL__LOOKS_FIRST, 1);
+    const double pace = sbl__pace_begin(&j->paces.aim, slice, SBL__LOOKS_FIRST, 1);
     const double room = SBL__MIN(sbl__whole_lots(d, pace, j->aim.parts), (double)j->look_most);
     const int count = (int)SBL__MIN(room, (double)(j->drawn - j->aimed)), blocks[2] = { 1, j->aim.parts };
     const unsigned features = sbl__aim_features(j->scene, &j->task.spec);
@@ -11366,7 +10956,7 @@ static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     sbl__aim_bind(d, &j->aim, &b, blocks, sbl__job_scale(j));
     if (features & SBL__VIEWS) sbl__raster_bind(d, &j->raster, j->scene->geometry.extent);
     sbl__rays_send(d, &b, &j->aim.target, blocks);
-    sbl__pace_end(d, &j->aim_pace, sbl__whole_lots(d, count, j->aim.parts));
+    sbl__pace_end(d, &j->paces.aim, sbl__whole_lots(d, count, j->aim.parts));
     j->aimed += count;
     result = sbl__gl_check(&d->gl);
     return result == SBL_SUCCESS && j->aimed < j->drawn ? SBL_UNFINISHED : result;
@@ -11376,8 +10966,8 @@ static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
 static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
     sbl__device *d = j->device;
     const sbl__slots *slots = sbl__job_slots(j);
-    const sbl__results *out = &j->results[j->lens];
-    const int directional = j->task.spec.directional, aimed = j->task.spec.lamp_rays && j->lens == SBL__LENS_SITE;
+    const sbl__blocks *out = &j->results[j->lens];
+    const int directional = j->task.spec.directional, aimed = sbl__job_aims(j);
     const int row = first / SBL__RESULTS_WIDTH, rows = last / SBL__RESULTS_WIDTH - row + 1;
     static const char *const blocks[3] = { "block_red", "block_green", "block_blue" };
     static const char *const lights[3] = { "lights_red", "lights_green", "lights_blue" };
@@ -11387,11 +10977,11 @@ static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
     sbl__pass_rows(d, &out->target, row, rows);
     for (k = 0; k < 3 && directional; k++) {
         sbl__bind(d, blocks[k], &j->blocks.harmonics[k]);
-        sbl__bind(d, lights[k], aimed ? &j->aim.harmonics[k] : &j->blocks.harmonics[k]);
+        sbl__bind(d, lights[k], aimed ? &j->aim.lights[1 + k] : &j->blocks.harmonics[k]);
     }
     sbl__bind(d, "block_sums", &j->blocks.sums);
     sbl__bind(d, "block_hits", &j->blocks.hits);
-    sbl__bind(d, "lights", aimed ? &j->aim.light : &j->blocks.sums);
+    sbl__bind(d, "lights", aimed ? &j->aim.lights[0] : &j->blocks.sums);
     sbl__set_int(d, "parts", aimed ? j->aim.parts : 0);
     if (directional) sbl__bind(d, "block_even", j->task.spec.traced ? &j->blocks.even : &j->blocks.sums);
     sbl__set_int(d, "even", j->task.spec.traced);
@@ -11411,29 +11001,22 @@ static sbl_result sbl__job_reduce(void *work, sbl__slice *slice) {
     sbl__device *d = j->device;
     const sbl__slots *slots = sbl__job_slots(j);
     const int slot = j->reduced % slots->count, skip = slot % slots->columns, row = slot / slots->columns;
-    const double room = sbl__pace_begin(&j->reduce_pace[j->lens], slice, SBL__LOOKS_FIRST, 1);
+    const double room = sbl__pace_begin(&j->paces.reduce[j->lens], slice, SBL__LOOKS_FIRST, 1);
     const int most = (int)SBL__MIN(room / slots->columns + 1, (double)INT_MAX / slots->columns - 1) * slots->columns;
     const int count = SBL__MIN(j->drawn - j->reduced, most - skip), rows = (skip + count - 1) / slots->columns + 1;
-    const int area[2] = { row, rows }, turned = !j->task.spec.traced && j->task.spec.directional;
+    const int area[2] = { row, rows }, directional = !j->task.spec.traced && j->task.spec.directional;
     sbl_result result = SBL_SUCCESS;
     d->gl.doing = "adding up sensors";
-    if (turned)
+    if (directional)
         result = sbl__looks_send(d, &j->table, j->looks, (j->drawn - 1) % slots->count + 1, slots->count);
     if (!j->task.spec.traced && result == SBL_SUCCESS)
         result = sbl__raster_reduce(d, &j->raster, &j->raster.lenses[j->lens], &j->blocks,
-                                    turned ? &j->table : NULL, area);
+                                    directional ? &j->table : NULL, area);
     if (result == SBL_SUCCESS) result = sbl__job_sum(j, j->reduced, j->reduced + count - 1);
-    sbl__pace_end(d, &j->reduce_pace[j->lens], rows * slots->columns);
+    sbl__pace_end(d, &j->paces.reduce[j->lens], rows * slots->columns);
     if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
     j->reduced += count;
     return result == SBL_SUCCESS && j->reduced < j->drawn ? SBL_UNFINISHED : result;
-}
-
-static int sbl__job_after_reduce(void *work) {
-    sbl__job *j = (sbl__job *)work;
-    if (j->drawn < j->look_count) return SBL__JOB_DRAW;
-    j->site = j->look = 0;
-    return SBL__JOB_READ;
 }
 
 /* >>job: reading */
@@ -11441,8 +11024,7 @@ static int sbl__job_after_reduce(void *work) {
 /* Share of back faces among the surfaces that a look sees, by weight */
 static float sbl__back_share(const float sum[4], const float hits[4]) { return hits[0] > 0 ? sum[3] / hits[0] : 0; }
 
-/* Returns 1 if all numbers are finite. Shader arithmetic may overflow in scenes of extreme sizes (see sbl__scene_warn);
-   the sensor's reading is then invalid. */
+/* Returns 1 if all numbers are finite. In scenes of extreme sizes they may not be (see sbl__scene_warn). */
 static int sbl__reading_is_finite(const sbl_reading *r) {
     return sbl__all_finite(r->radiance, 3) && sbl__finite(&r->noise) && sbl__finite(&r->hit_share) &&
            sbl__finite(&r->back_share) && sbl__finite(&r->hit_mean) && sbl__finite(&r->hit_min);
@@ -11488,13 +11070,12 @@ static void sbl__job_take(sbl__job *j, const float *const found[5]) {
     j->site++;
 }
 
-/* Evaluates the result of the round's next look. found: the look's texel of each texture of results, see sbl__results
+/* Evaluates the result of the round's next look. found: the look's texel of each texture of results
 
-   A sensor is stuck if the offset from its surface moved it through another surface: the sensor is then inside a body,
-   although the visible point is outside. A look's share of back faces cannot decide this: whole rooms are modelled
-   inside out, and an emitter inside a body may hide the body's walls. A site whose first look sees more back faces
-   than SBL__SUSPECT_SHARE therefore gets a stuck test, which looks from the sensor back to its surface. The sensor is
-   stuck, and its reading invalid, if the stuck test sees something nearer than this surface. */
+   A sensor is stuck if the offset moved it through another surface into a body. A look's share of back faces cannot
+   decide this: whole rooms are modelled inside out, and an emitter inside a body may hide the body's walls. A site
+   whose first look sees more back faces than SBL__SUSPECT_SHARE therefore gets a stuck test, which looks from the
+   sensor back to its surface. If it sees something nearer, the site's reading becomes invalid. */
 static sbl_result sbl__job_judge(sbl__job *j, const float *const found[5]) {
     const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent, *hits = found[1];
     const int back = j->lens == SBL__LENS_STUCK, site = back ? j->suspects[j->site++] : j->site;
@@ -11521,21 +11102,19 @@ static void sbl__job_count(sbl__job *j) {
     int i;
     if (j->lens == SBL__LENS_STUCK) return;
     j->counts.looks += looks;
-    if (spec->no_light) {
-        for (i = 0; i < j->task.site_count; i++) j->counts.rays += j->task.sites[i].first ? 0 : spec->rays;
-    } else if (spec->traced) j->counts.rays += (int64_t)looks * spec->rays;
-    else {
-        j->counts.views += (int64_t)looks * l->view_count;
-        j->counts.texels += (int64_t)looks * l->sheet_width * l->sheet_height;
-    }
+    for (i = 0; i < j->task.site_count && spec->traced; i++)
+        j->counts.rays += (int64_t)spec->rays * (spec->no_light ? !j->task.sites[i].first : j->task.sites[i].looks);
+    if (spec->traced) return;
+    j->counts.views += (int64_t)looks * l->view_count;
+    j->counts.texels += (int64_t)looks * l->sheet_width * l->sheet_height;
 }
 
-/* Reads back SBL__READ_ROWS rows of results and evaluates their looks. After the last row of the sites' looks, starts
-   the round of stuck tests if there are suspects. */
+/* Reads back SBL__READ_ROWS rows of results and evaluates their looks. If the sites' looks are done and some sites are
+   suspects, starts the round of stuck tests. */
 static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     const sbl__device *d = j->device;
-    const sbl__results *from = &j->results[j->lens];
+    const sbl__blocks *from = &j->results[j->lens];
     const int first = j->lens == SBL__LENS_SITE ? j->task.first_look : 0;
     const int end = (j->look_count + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH;
     const int row = first / SBL__RESULTS_WIDTH + j->stages.at;
@@ -11545,6 +11124,7 @@ static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
     sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
     int i, k;
     (void)slice;
+    if (j->stages.at == 0) j->site = j->look = 0;
     j->device->gl.doing = "reading sensors";
     for (k = 0; k < parts && result == SBL_SUCCESS; k++)
         result = sbl__target_read(d, &from->target, k, row, rows, data + 4 * (size_t)count * (size_t)k);
@@ -11562,9 +11142,12 @@ static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
     return j->lens == SBL__LENS_SITE && j->suspect_count ? sbl__job_start_round(j, SBL__LENS_STUCK) : SBL_SUCCESS;
 }
 
-static int sbl__job_after_read(void *work) {
+/* Returns the stage that follows drawing, reducing or reading. */
+static int sbl__job_next(void *work) {
     const sbl__job *j = (const sbl__job *)work;
-    return j->drawn < j->look_count ? SBL__JOB_DRAW : SBL__JOB_DONE;
+    if (j->stages.stage == SBL__JOB_DRAW) return sbl__job_aims(j) ? SBL__JOB_AIM : SBL__JOB_REDUCE;
+    if (j->drawn < j->look_count) return SBL__JOB_DRAW;
+    return j->stages.stage == SBL__JOB_REDUCE ? SBL__JOB_READ : SBL__JOB_DONE;
 }
 
 /* >>job: beginning and stepping */
@@ -11579,17 +11162,17 @@ static void sbl__job_begin(sbl__job *j, const sbl__scene *scene, const sbl__task
     j->stages.at = 0;
 }
 
-/* Does one piece of bounded duration. SBL_SUCCESS: all readings are written. After an error the job can begin again. */
+/* Does one piece of bounded duration. Returns SBL_SUCCESS when all readings are written. */
 static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, NULL, NULL },
         { sbl__job_setup, NULL, NULL, NULL },
         { sbl__job_weigh, NULL, NULL, NULL },
         { sbl__job_compile, NULL, NULL, NULL },
-        { sbl__job_draw, sbl__job_after_draw, NULL, NULL },
+        { sbl__job_draw, sbl__job_next, NULL, NULL },
         { sbl__job_aim, NULL, NULL, NULL },
-        { sbl__job_reduce, sbl__job_after_reduce, NULL, NULL },
-        { sbl__job_read, sbl__job_after_read, NULL, NULL }
+        { sbl__job_reduce, sbl__job_next, NULL, NULL },
+        { sbl__job_read, sbl__job_next, NULL, NULL }
     };
     sbl_result result;
     j->device = d;
@@ -11600,7 +11183,7 @@ static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) 
     return result;
 }
 
-/* Share of the job that is done, 0 to 1. The share ignores stuck tests, because they are only a small part. */
+/* Share of the job that is done, 0 to 1, without its few stuck tests */
 static float sbl__job_progress(const sbl__job *j) {
     const int looks = j->look_count - j->task.first_look;
     if (j->stages.stage == SBL__JOB_DONE || j->lens == SBL__LENS_STUCK) return 1;
@@ -11617,7 +11200,7 @@ typedef struct sbl__core {
     int has_scene;
     sbl__job job;
     struct sbl__bounce *bounce; /* state of filling the store of bounced light; NULL: the store is not being filled */
-    sbl_stats stats;            /* statistics of the picture or gather that was begun last */
+    sbl_stats stats;            /* statistics of the work that was begun last */
 } sbl__core;
 
 /* Copies the job's counts to the statistics that the host reads. */
@@ -11630,7 +11213,7 @@ static void sbl__core_count(sbl__core *c) {
     c->job.counts.readbacks = 0;
 }
 
-/* Clears the statistics when a picture or a gather begins, except for the time spent on the scene. */
+/* Clears the statistics when work begins, except for the time spent on the scene. */
 static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
     const double scene_seconds = c->stats.seconds.scene;
     memset(&c->stats, 0, sizeof c->stats);
@@ -11642,73 +11225,62 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 }
 
 /* ======================================================================================================== >>bounce
-   Fills the store of bounced light. Points are spread over the scene; the job measures their light from lamps, rays
-   whose hits are kept find the other surfaces that they see, and all bounces are solved from both.
+   Fills the store of bounced light. Rays from samples of all surfaces find the places that surfaces see, and these
+   become points. Each leaf has up to SBL__BOUNCE_POINTS points, and each point sends SBL__BOUNCE_RAYS rays, whose hits
+   become points of other leaves, until nothing new is hit. Finally surface samples fill the leaves that no ray hit.
 
-       seeds -> { place -> feel } -> cast -> hits are placed likewise, until nothing new is hit -> light -> solve
-       -> uncertainty
+   Ray r of leaf i hits leaf j, which reflects the share a of its light, so that R_i = L_i + mean over r of a * R_j,
+   where L is direct light: from lamps (measured by the job) and from the environment (rays that hit nothing). The rays
+   are kept, and the equations are solved by iteration (Kajiya 1986; gathering, as Cohen and Greenberg 1985).
 
-   A leaf has up to SBL__BOUNCE_POINTS points, at places that seeds or rays found; each point sends SBL__BOUNCE_RAYS
-   rays. Ray r of a leaf i hits leaf j, which reflects the share a of its light, so that
-   R_i = L_i + mean over r of a * R_j, where L is light from lamps and the environment; the job measures the lamps'. The
-   rays are kept, and the equations are solved by iteration (Kajiya 1986; gathering, as Cohen and Greenberg 1985).
+   The differences between the points of a leaf tell its standard error. Light of that amount and of random sign is sent
+   from leaf to leaf along the same rays; the amount that arrives is the uncertainty of light gathered there.
 
-   The uncertainty of the result comes from the few points of a leaf, which differ from each other. An amount of light
-   of that size and random sign is sent from leaf to leaf along the same rays; the amount that arrives is the
-   uncertainty of light gathered there.
-
-   Where a surface continues beneath an object that stands on it, one leaf must not receive light on both sides of the
+   Where a surface continues beneath an object that stands on it, one leaf must not get light on both sides of the
    object. From each leaf's first point contact rays go along its surface to the end of its cell, and planes that they
-   hit cut the cell (sbl__store_add_cut). In corners and narrow cells contact rays miss much; therefore an object on a
-   flat surface, once hit, cuts all cells along the line where it stands. */
+   hit cut the cell. Contact rays miss much in corners and narrow cells; therefore an object that a contact ray hits on
+   a flat surface cuts all cells along its contact line. */
 
-#define SBL__BOUNCE_SEEDS 1.0      /* seeds in the area of one cell, at the first size of cells */
-/* least value of that number: 8 in the area of a widest cell */
-#define SBL__BOUNCE_SEEDS_WIDEST (8.0 / (1 << 2 * SBL__LEVEL_SHIFT * (SBL__LEVELS - 1)))
-#define SBL__BOUNCE_SEED_RAYS 4
-#define SBL__BOUNCE_POINTS 4
-#define SBL__BOUNCE_RAYS 16        /* rays of a point */
-#define SBL__BOUNCE_STRETCHES 4    /* stretches of the sequence, which the points of a leaf use in turn */
-#define SBL__BOUNCE_LAMP_RAYS 8
-#define SBL__BOUNCE_DARK_RAYS 4    /* rays of a point over the hemisphere in the job; they only tell whether the
-                                      point is inside geometry */
-#define SBL__BOUNCE_CONTACTS 8
-#define SBL__CONTACT_STEEP 0.7     /* a surface cuts if the cosine between its normal and the normal at the contact
-                                      ray's origin is below this */
-#define SBL__CONTACT_APART 1e-3    /* share of a cell's length: planes nearer than this to an earlier hit count as
-                                      the same plane */
-#define SBL__CONTACT_LEAST 0.25    /* share of a cell's length: shorter lines cut only the leaf whose contact ray
-                                      found them */
-#define SBL__CONTACTS_WALKED 1024  /* size of the table of lines that have been walked and need not be walked again */
-#define SBL__BOUNCE_HELD 3.0       /* a warning is due when all light exceeds this multiple of the light from lamps
-                                      and the environment */
-#define SBL__BOUNCE_SCALED 4       /* number of first rounds whose light is scaled, see sbl__bounce_after_gather */
-#define SBL__BOUNCE_ROUNDS 200
-#define SBL__BOUNCE_REST 2e-4      /* share of the light that may be missing at the end */
+/* A fill is a number of leaves divided by the largest allowed number, sbl__store.most. */
+#define SBL__FILL_AIM 0.35         /* fill for which the first size of cells is chosen */
+#define SBL__FILL_FIRST 0.3        /* cells become larger if the rays of surface samples alone fill more than this */
+#define SBL__FILL_FIRST_POWER 2.4  /* measured: growth of the cells' area by x^2.4 divides the number of leaves by x */
+#define SBL__FILL_LEAST 0.12       /* cells become smaller if they fill less than this */
+#define SBL__FILL_WIDER 0.6        /* from this fill on, new leaves belong to wider cells */
+#define SBL__FILL_WIDEST 0.8       /* from this fill on, new leaves belong to the widest cells */
 #define SBL__BOUNCE_GROWTH 1.5     /* least and largest growth of cells' area when the leaves do not suffice */
 #define SBL__BOUNCE_GROWTH_MOST 2.0
-#define SBL__BOUNCE_POOL 16.0      /* limit of the total growth of the area below which patches are pooled; beyond it
-                                      there are more meshes than leaves, and places without room stay dark */
-#define SBL__BOUNCE_FIRST 0.3      /* share of all allowed leaves that the rays of seeds may create */
-#define SBL__BOUNCE_FIRST_POWER 2.4  /* measured exponent: growth of cells' area by x^2.4 divides the number of
-                                        leaves by x */
-#define SBL__BOUNCE_SPARE 0.12     /* with fewer than this share of the allowed leaves, cells are made smaller; */
-#define SBL__BOUNCE_SHRINK 0.03    /* least factor of the cells' area in one such step */
-#define SBL__BOUNCE_WIDER 0.6      /* from this share of the allowed leaves on, new leaves belong to wider cells */
-#define SBL__BOUNCE_WIDEST 0.8     /* from this share on, new leaves belong to the widest cells */
-#define SBL__BOUNCE_AIM 0.35       /* share of the allowed leaves for which the first size of cells is chosen */
+#define SBL__BOUNCE_SHRINK_MOST 0.03  /* least factor of the cells' area when cells become smaller */
+#define SBL__BOUNCE_POOL 16.0      /* limit of the growth of the area below which patches are pooled; beyond it, meshes
+                                      outnumber leaves, and places without room stay dark */
+/* least number of surface samples per area of a cell of level 0: 8 in the area of a widest cell */
+#define SBL__BOUNCE_SAMPLES_LEAST (8.0 / (1 << 2 * SBL__LEVEL_SHIFT * (SBL__LEVELS - 1)))
+#define SBL__BOUNCE_SAMPLE_RAYS 4
+#define SBL__BOUNCE_POINTS 4       /* points of a leaf */
+#define SBL__BOUNCE_RAYS 16        /* rays of a point */
+#define SBL__BOUNCE_SEQUENCES 4    /* sequences of ray directions, which the points of a leaf use in turn */
+#define SBL__BOUNCE_LAMP_RAYS 8
+#define SBL__BOUNCE_STUCK_RAYS 4   /* rays of a point over the hemisphere in the job, for its stuck test only */
+#define SBL__BOUNCE_CONTACTS 8     /* contact rays of a leaf */
+#define SBL__CONTACT_STEEP 0.7     /* largest cosine between the normals of a surface and of a plane that cuts it */
+#define SBL__CONTACT_APART 1e-3    /* in lengths of a cell: planes nearer to each other than this count as one */
+#define SBL__CONTACT_LEAST 0.25    /* in lengths of a cell: shorter contact lines cut the leaf of the ray only */
+#define SBL__CONTACT_CACHE 1024    /* size of the hash table of contact lines that have cut their cells recently */
+#define SBL__BOUNCE_BRIGHT 3.0     /* a warning is due when all light exceeds this multiple of the direct light */
+#define SBL__BOUNCE_SCALED 4       /* number of first rounds whose light is scaled, see sbl__bounce_after_gather */
+#define SBL__BOUNCE_ROUNDS 200     /* largest number of rounds */
+#define SBL__BOUNCE_TOLERANCE 2e-4 /* share of the light that may be missing at the end */
 #define SBL__UNCERTAINTY_ROUNDS 6
 #define SBL__UNCERTAINTY_STRATA 0.35  /* measured share of the differences among a leaf's points that is error of the
-                                      leaf: points and rays come from low-discrepancy sequences, and neighbours
-                                      compensate for what one leaf misses */
-#define SBL__UNCERTAINTY_MOST 0.12  /* limit of the uncertainty before that factor is applied, because a few rays that
-                                      all hit one leaf exaggerate it */
-#define SBL__BOUNCE_SHARE 0.35f    /* approximate share of a picture's time that filling the store takes, if the
-                                      picture has to fill it */
+                                      leaf: points and rays come from low-discrepancy sequences, and neighbouring
+                                      leaves compensate each other's errors */
+#define SBL__UNCERTAINTY_MOST 0.12 /* limit before that factor; a few rays that all hit one leaf exaggerate it */
+#define SBL__BOUNCE_TIME 0.35f     /* approximate share of a picture's time that filling the store takes */
 #define SBL__AIR_SITES 54          /* six sites at each of nine places */
 #define SBL__AIR_RAYS 512
 #define SBL__CAST_COLUMNS 256
 #define SBL__CAST_ROWS 64
+#define SBL__CAST_MOST (SBL__CAST_COLUMNS * SBL__CAST_ROWS)  /* rays cast at once */
 
 /* A ray, as cast.glsl reads it. limit: length; below 0: the ray leaves a surface with normal `direction` and
    cosine-weighted distribution. fractions: two random numbers of 16 bits each that choose such a ray's direction. */
@@ -11720,30 +11292,24 @@ SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sb
 #define SBL__NOWHERE 0xffffffffu
 #define SBL__UNSEEN FLT_MAX        /* distance of a place that no surface sees */
 
-/* The hit of a ray: position, length of the ray, surface. place: triangle << 1 | back, or SBL__NOWHERE; after
-   joining, the number of the leaf. share: share of light that the surface reflects, see sbl__share_pack. */
-typedef struct sbl__hit { float position[3], distance; uint32_t place; uint16_t share[4]; } sbl__hit;
-
-typedef struct sbl__bounce_point { sbl__hit at; int leaf, number; /* index in its leaf */ } sbl__bounce_point;
-
-/* State of a leaf while the store is filled. points: their number; first: the first of them, after sorting the start
-   of their range; valid: number of points with a valid reading. */
-typedef struct sbl__bounce_leaf { int points, first, valid; } sbl__bounce_leaf;
-
-/* Sums over all leaves in a round of bounces. lit: light from lamps and the environment; before, after: all light
-   before and after the round; change: sum of absolute differences. */
-typedef struct sbl__balance { double lit[3], before[3], after[3], change; } sbl__balance;
-
-/* The normal and ray offset of the last place, cached because many consecutive rays start at one place. */
-typedef struct sbl__bounce_aimed { int known; uint32_t place; float normal[3], offset; } sbl__bounce_aimed;
+/* The hit of a ray: position, length of the ray, surface. place: triangle << 1 | back, or SBL__NOWHERE; after linking,
+   the number of the leaf. albedo: share of light that the surface reflects, see sbl__share_pack. */
+typedef struct sbl__hit { float position[3], distance; uint32_t place; uint16_t albedo[4]; } sbl__hit;
 
 typedef struct sbl__hits { sbl__hit *list; int count, room; } sbl__hits;
 
+typedef struct sbl__bounce_point { sbl__hit at; int leaf, number; /* index in its leaf */ } sbl__bounce_point;
+
+/* State of a leaf while the store is filled. points: their number; first: index of the first point; valid: number of
+   points with a valid reading. */
+typedef struct sbl__bounce_leaf { int points, first, valid; } sbl__bounce_leaf;
+
 typedef enum sbl__bounce_stage {
-    SBL__BOUNCE_PATCHES, SBL__BOUNCE_GRID, SBL__BOUNCE_WORDS, SBL__BOUNCE_SEED, SBL__BOUNCE_SOW,
-    SBL__BOUNCE_PLACE, SBL__BOUNCE_FEEL, SBL__BOUNCE_CUT, SBL__BOUNCE_CAST, SBL__BOUNCE_FIND, SBL__BOUNCE_ORDER,
-    SBL__BOUNCE_SORT, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_JOIN, SBL__BOUNCE_GATHER, SBL__BOUNCE_NOISE,
-    SBL__BOUNCE_CARRY, SBL__BOUNCE_UNCERTAINTY, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
+    SBL__BOUNCE_PATCHES, SBL__BOUNCE_GRID, SBL__BOUNCE_SAMPLE, SBL__BOUNCE_CAST_SAMPLES, SBL__BOUNCE_PLACE,
+    SBL__BOUNCE_CAST_CONTACTS, SBL__BOUNCE_CUT, SBL__BOUNCE_CAST_POINTS, SBL__BOUNCE_RELOCATE, SBL__BOUNCE_ORDER,
+    SBL__BOUNCE_SORT, SBL__BOUNCE_LINK, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_DIRECT, SBL__BOUNCE_GATHER,
+    SBL__BOUNCE_NOISE, SBL__BOUNCE_PROPAGATE, SBL__BOUNCE_UNCERTAINTY, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR,
+    SBL__BOUNCE_DONE
 } sbl__bounce_stage;
 
 typedef struct sbl__bounce {
@@ -11755,57 +11321,55 @@ typedef struct sbl__bounce {
     sbl__bounce_point *points;
     sbl__bounce_leaf *states;        /* states of the leaves */
     int point_count, point_room, state_room;
-    sbl__hits hits;                  /* hits of the points' rays, SBL__BOUNCE_RAYS a point */
-    int joined;                      /* number of leaves whose hits have been replaced with numbers of leaves */
+    sbl__hits hits;                  /* hits of the points' rays, SBL__BOUNCE_RAYS per point */
     float progress;
-    sbl__patching patching;          /* data on patches; this field and all below are dropped when the store is ready */
-    double spread;                   /* number of seeds due for the triangles visited so far */
-    sbl__hits seeds;                 /* seeds, which are places spread over all surfaces */
-    sbl__hits queue;                 /* places that may become points: a part of seeds, hits or `again` */
-    sbl__hits held, again;           /* places that wait until contact rays have cut their leaf; places that have
-                                        finished waiting */
-    sbl__hits contacts;
-    int fresh;                       /* index of the first leaf that has sent no contact rays yet */
-    int cast;                        /* index of the first point whose rays have not been cast yet */
-    uint32_t *sequence;
-    sbl__bounce_aimed aim;
-    sbl__site *sites;
+    sbl__patching patching;          /* this field and all below are dropped when the store is ready */
+    double samples_due;              /* number of surface samples due for the triangles visited so far */
+    sbl__hits samples;               /* surface samples: places spread over all surfaces */
+    sbl__hits queue;                 /* places that may become points: a part of samples, hits or `released` */
+    sbl__hits waiting, released;     /* places whose leaf has not been cut yet; places that have finished waiting */
+    sbl__hits contacts;              /* hits of contact rays */
+    int cut_leaves;                  /* number of leaves that contact rays have cut */
+    int points_cast;                 /* number of points whose rays have been cast */
+    uint32_t *sequence;              /* random fractions of ray directions */
+    struct { int known; uint32_t place; float normal[3], offset; } origin;  /* cached: rays of a point share it */
+    sbl__site *sites;                /* the job's sites: points, then places in the air */
     sbl_reading *readings;
-    uint32_t *walked;                /* hash table of lines walked recently */
-    int parted;                      /* 1: a line has cut leaves that had points, so all hits must be placed again */
-    float *light;                    /* light of each leaf from lamps and the environment, 3 floats; in the end its
-                                        noise */
+    uint32_t recent_lines[SBL__CONTACT_CACHE];  /* hash table of contact lines that have cut their cells recently */
+    int recheck;                     /* 1: a line has cut leaves that had points, so all hits must be placed again */
+    float *direct;                   /* light of each leaf from lamps and environment, 3 floats; at the end its noise */
     float *solved;                   /* solved light, kept while noise occupies the leaves */
     int *order;                      /* index of each point in the order by leaf */
-    double change;                   /* change in the last round */
-    sbl__balance balance;            /* sums of the current round */
-    double crowding;                 /* above 0: there are too many cells; factor of their area that would make them
-                                        few enough */
-    double share;                    /* share of the allowed leaves that an earlier attempt with larger cells used */
+    double change;                   /* balance.change of the round before */
+    /* sums over all leaves in a round: direct light; all light before and after the round; absolute differences */
+    struct { double direct[3], before[3], after[3], change; } balance;
+    double needed_growth;            /* above 0: there are too many leaves; growth of cells' area that would suffice */
+    double previous_fill;            /* fill that an earlier attempt with larger cells reached */
     int rounds;
-    int sown, seen;                  /* 1: seeds have been placed; number of leaves before seeds were placed */
+    int samples_placed, seen_leaves; /* 1: surface samples have been placed; number of leaves before that */
     sbl__table casts;
     sbl__blocks blocks;
     sbl__pace pace;
-    sbl__job job;                    /* measures light at the points, then in the air */
-    sbl__site air[SBL__AIR_SITES];
-    sbl_reading air_readings[SBL__AIR_SITES];
+    sbl__job job;
 } sbl__bounce;
 
 /* >>bounce: casting of rays on the GPU */
 
 /* >>glsl cast: shaders_embedded/cast.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_cast[] = {
-"// Rays in, hits out: what each of some rays meets first. A ray of negative limit goes off a surface somewhere, by\n",
-"// the cosine; its direction is the surface's normal.\n",
-"SBL_OUT(0, out_place);   // where; 1 + the triangle's number, its low bits, negative: of its back side; 0: nothing\n",
-"SBL_OUT(1, out_share);   // the share of light that bounces there; the number's high bits\n",
+"// Finds the first hit of each ray. A ray with a negative limit leaves a surface, whose normal is `direction`, in a\n",
+"// random direction with cosine distribution.\n",
+"// xyz: position of the hit, far away if nothing was hit; w: 0 if nothing was hit, otherwise 1 + low bits of the\n",
+"// triangle's number, negative for its back side\n",
+"SBL_OUT(0, out_place);\n",
+"// rgb: albedo for bounced light; a: high bits of the triangle's number\n",
+"SBL_OUT(1, out_albedo);\n",
 "\n",
 "void main() {\n",
 "    ivec2 texel = sbl_texel_of_invocation();\n",
 "    int ray = texel.y * columns + texel.x;\n",
 "    if (ray >= count) sbl_leave;\n",
-"    vec3 origin = sbl_cast_origin(ray), direction = sbl_cast_direction(ray), share = vec3(0);\n",
+"    vec3 origin = sbl_cast_origin(ray), direction = sbl_cast_direction(ray), albedo = vec3(0);\n",
 "    float limit = sbl_cast_limit(ray);\n",
 "    uint fractions = sbl_cast_fractions(ray);\n",
 "    vec2 u = (vec2(fractions & 65535u, fractions >> 16) + 0.5) / 65536.0;\n",
@@ -11814,12 +11378,12 @@ static const char *const sbl__glsl_cast[] = {
 "    float low = 0.0, high = 0.0;\n",
 "    if (hit.triangle >= 0) {\n",
 "        int object = int(sbl_triangle_object(hit.triangle));\n",
-"        share = sbl_bounced(sbl_material(object, sbl_attributes_of(hit)));\n",
+"        albedo = sbl_bounced(sbl_material(object, sbl_attributes_of(hit)));\n",
 "        low = (float(hit.number % SBL_CAST_NUMBERS) + 1.0) * (hit.back ? -1.0 : 1.0);\n",
 "        high = float(hit.number / SBL_CAST_NUMBERS);\n",
 "    }\n",
 "    sbl_write(out_place, vec4(origin + direction * hit.distance, low));\n",
-"    sbl_write(out_share, vec4(share, high));\n",
+"    sbl_write(out_albedo, vec4(albedo, high));\n",
 "}\n",
 0 };
 /* <<glsl */
@@ -11833,12 +11397,12 @@ static const sbl__recipe sbl__recipe_cast = {
 };
 
 static sbl_result sbl__cast_send(sbl__bounce *b, const sbl__cast *rays, int count) {
-    const size_t room = SBL__CAST_COLUMNS * SBL__CAST_ROWS;
     const sbl__scene *scene = &b->core->scene;
     sbl__device *d = &b->core->device;
     sbl_result result = sbl__blocks_make(d, &b->blocks, 2, SBL__CAST_COLUMNS, SBL__CAST_ROWS);
     if (result == SBL_SUCCESS)
-        result = sbl__buffer_stream(d, &b->casts.buffer, room * sizeof *rays, rays, (size_t)count * sizeof *rays);
+        result = sbl__buffer_stream(d, &b->casts.buffer, SBL__CAST_MOST * sizeof *rays, rays,
+                                    (size_t)count * sizeof *rays);
     if (result == SBL_SUCCESS) result = sbl__table_attach(d, &b->casts, SBL__GL_RGBA32UI, 0);
     if (result == SBL_SUCCESS) result = sbl__use(d, &sbl__recipe_cast, scene->features);
     if (result != SBL_SUCCESS) return result;
@@ -11854,8 +11418,8 @@ static sbl_result sbl__cast_send(sbl__bounce *b, const sbl__cast *rays, int coun
 }
 
 /* Decodes the output of cast.glsl for a ray. */
-static void sbl__cast_take(const sbl__cast *ray, const float place[4], const float share[4], sbl__hit *out) {
-    const double low = fabs((double)place[3]) - 1, number = low + SBL__CAST_NUMBERS * (double)share[3];
+static void sbl__cast_take(const sbl__cast *ray, const float place[4], const float albedo[4], sbl__hit *out) {
+    const double low = fabs((double)place[3]) - 1, number = low + SBL__CAST_NUMBERS * (double)albedo[3];
     double length2 = 0;
     int k;
     memset(out, 0, sizeof *out);
@@ -11863,23 +11427,20 @@ static void sbl__cast_take(const sbl__cast *ray, const float place[4], const flo
     for (k = 0; k < 3; k++) length2 += ((double)place[k] - ray->origin[k]) * ((double)place[k] - ray->origin[k]);
     out->distance = (float)sqrt(length2);
     out->place = low < 0 ? SBL__NOWHERE : (uint32_t)number << 1 | (place[3] < 0);
-    sbl__share_pack(share, out->share);
+    sbl__share_pack(albedo, out->albedo);
 }
 
-typedef void (*sbl__cast_make)(sbl__bounce *b, int number, sbl__cast *out);
-
-/* Casts rays number stages.at .. count - 1 into hits, as many at once as time permits. SBL_SUCCESS: all rays have
-   been cast. */
-static sbl_result sbl__bounce_cast(sbl__bounce *b, sbl__cast_make make, int count, sbl__hits *hits,
-                                   const sbl__slice *slice) {
-    enum { MOST = SBL__CAST_COLUMNS * SBL__CAST_ROWS };
+/* Casts rays number stages.at .. count - 1 into hits, as many at once as time permits. make: computes the ray of a
+   number. SBL_SUCCESS: all rays have been cast. */
+static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, int number, sbl__cast *out), int count,
+                                   sbl__hits *hits, const sbl__slice *slice) {
     sbl__device *d = &b->core->device;
     const double room = sbl__pace_begin(&b->pace, slice, 1024, 64);
-    const int at = b->stages.at, some = (int)SBL__MIN(SBL__MIN(room, (double)MOST), count - at);
+    const int at = b->stages.at, some = (int)SBL__MIN(SBL__MIN(room, (double)SBL__CAST_MOST), count - at);
     const int rows = (some + SBL__CAST_COLUMNS - 1) / SBL__CAST_COLUMNS;
     const size_t texels = (size_t)rows * SBL__CAST_COLUMNS;
     sbl__cast *rays;
-    float *places, *shares;
+    float *places, *albedos;
     sbl_result result;
     int i;
     d->gl.doing = "casting rays between surfaces";
@@ -11888,13 +11449,13 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, sbl__cast_make make, int coun
     rays = (sbl__cast *)sbl__alloc_raw(d->base, texels, sizeof *rays + 32);
     if (!rays) return SBL_ERROR_OUT_OF_MEMORY;
     places = (float *)(rays + texels);
-    shares = places + 4 * texels;
+    albedos = places + 4 * texels;
     for (i = 0; i < some; i++) make(b, at + i, &rays[i]);
     result = sbl__cast_send(b, rays, some);
     if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 0, 0, rows, places);
-    if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 1, 0, rows, shares);
+    if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 1, 0, rows, albedos);
     for (i = 0; i < some && result == SBL_SUCCESS; i++)
-        sbl__cast_take(&rays[i], places + 4 * (size_t)i, shares + 4 * (size_t)i, &hits->list[at + i]);
+        sbl__cast_take(&rays[i], places + 4 * (size_t)i, albedos + 4 * (size_t)i, &hits->list[at + i]);
     sbl__free(d->base, rays);
     if (result != SBL_SUCCESS) return result;
     sbl__pace_end(d, &b->pace, some);
@@ -11906,25 +11467,23 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, sbl__cast_make make, int coun
 
 /* >>bounce: places that may become points */
 
-/* Returns the patch word of a place: the triangle's word with the bits for the place's side and for a ray from near
-   by. */
+/* Returns the patch word of a place: its triangle's word, with the bits of its side and of rays from near by. */
 static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
     const uint32_t patch = s->patches[at->place >> 1] ^ (at->place & 1 ? SBL__PATCH_BACK : 0);
     return patch | (at->distance * SBL__NEAR_PART < s->length ? SBL__PATCH_NEAR : 0);
 }
 
-/* Finds the reference to the leaf of a place: in its cell, or in a wider cell around the place if the cell has no
-   leaf and leaves are becoming scarce. Returns NULL if there is no room. Sets *patch to the word of the cell that
-   was used, unless `patch` is NULL. A place that no surface sees uses the widest cells only, as only points in the
-   air may see it. */
+/* Returns the reference to the leaf of a place: in its cell or, if the cell has no leaf and leaves are becoming scarce,
+   in a wider cell. NULL: there is no room. patch: NULL, or receives the word of the cell that was used. A place that no
+   surface sees uses the widest cells only, because only points in the air may see it. */
 static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32_t *patch) {
-    static const double shares[SBL__LEVELS] = { SBL__BOUNCE_WIDER, SBL__BOUNCE_WIDEST, 1 };
+    static const double fills[SBL__LEVELS] = { SBL__FILL_WIDER, SBL__FILL_WIDEST, 1 };
     uint32_t *reference = NULL, word = sbl__place_patch(s, at);
     int level = at->distance < SBL__UNSEEN ? 0 : SBL__LEVELS - 1, depth;
     word += SBL__PATCH_LEVEL * (uint32_t)level;
     for (; level < SBL__LEVELS; level++, word += SBL__PATCH_LEVEL) {
         reference = sbl__store_find(s, word, at->position, &depth);
-        if (reference && (*reference || s->leaf_count < shares[level] * s->most)) break;
+        if (reference && (*reference || s->leaf_count < fills[level] * s->most)) break;
     }
     if (patch) *patch = word;
     return reference;
@@ -11953,137 +11512,136 @@ static float sbl__place_normal(const sbl__geometry *g, uint32_t place, float nor
 static sbl_result sbl__bounce_patches(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__base *base = &b->core->base;
-    uint32_t **patches = &b->store->patches;
+    uint32_t **words = &b->store->patches;
     sbl_result result;
     if (b->sequence) return sbl__patching_step(&b->patching, slice);
-    sbl__free(base, *patches);
-    *patches = (uint32_t *)sbl__alloc(base, (size_t)b->geometry->triangle_count, sizeof **patches);
-    b->walked = (uint32_t *)sbl__alloc(base, SBL__CONTACTS_WALKED, sizeof *b->walked);
-    b->sequence = sbl__sequence_make(base, SBL__BOUNCE_STRETCHES, SBL__BOUNCE_RAYS, 1);
-    if (!*patches || !b->walked || !b->sequence) return SBL_ERROR_OUT_OF_MEMORY;
+    sbl__free(base, *words);
+    *words = (uint32_t *)sbl__alloc(base, (size_t)b->geometry->triangle_count, sizeof **words);
+    b->sequence = sbl__sequence_make(base, SBL__BOUNCE_SEQUENCES, SBL__BOUNCE_RAYS, 1);
+    if (!*words || !b->sequence) return SBL_ERROR_OUT_OF_MEMORY;
     result = sbl__patching_begin(base, &b->patching, b->geometry);
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
 }
 
-/* Empties the store and sets the size of its cells. */
+/* Empties the store, and sets the sizes of cells and of pooled patches for a fill of about SBL__FILL_AIM by leaves on
+   both sides of surfaces. In a scene without area, cells have length 1. */
 static sbl_result sbl__bounce_grid(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
+    sbl__base *base = &b->core->base;
+    sbl__patching *p = &b->patching;
+    sbl__store *s = b->store;
+    const double area = 2 * p->area / (SBL__FILL_AIM * s->most);
+    int k, room = 1024;
     (void)slice;
-    sbl__patch_grid(&b->patching, b->store, SBL__BOUNCE_AIM * b->store->most);
-    return sbl__store_clear(&b->core->base, b->store, b->store->most);
+    p->least = SBL__PATCH_LEAST * p->pool * area;
+    s->length = (float)sqrt(p->growth * area);
+    if (!sbl__between(&s->length, FLT_MIN, FLT_MAX)) s->length = 1;
+    for (k = 0; k < 3; k++) s->origin[k] = b->geometry->bounds[0][k] - s->length * (1.37f + 0.21f * (float)k);
+    while (room < 2 * s->most) room *= 2;
+    sbl__free(base, s->cells);
+    s->cells = (sbl__cell_slot *)sbl__alloc(base, (size_t)room, sizeof *s->cells);
+    s->cell_room = s->cells ? room : 0;
+    s->leaf_count = s->cut_count = 0;
+    return s->cells ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 static int sbl__bounce_triangles(void *work) { return ((sbl__bounce *)work)->geometry->triangle_count; }
 
-static sbl_result sbl__bounce_word(void *work, int triangle) {
-    sbl__bounce *b = (sbl__bounce *)work;
-    b->store->patches[triangle] = sbl__patch_word(&b->patching, (uint32_t)triangle);
-    return SBL_SUCCESS;
-}
-
-static sbl_result sbl__hits_add(sbl__bounce *b, sbl__hits *to, const sbl__hit *hit) {
-    if (!sbl__grow(&b->core->base, &to->list, &to->room, to->count + 1, sizeof *to->list))
-        return SBL_ERROR_OUT_OF_MEMORY;
+/* Returns 0 if out of memory. */
+static int sbl__hits_add(sbl__bounce *b, sbl__hits *to, const sbl__hit *hit) {
+    if (!sbl__grow(&b->core->base, &to->list, &to->room, to->count + 1, sizeof *to->list)) return 0;
     to->list[to->count++] = *hit;
-    return SBL_SUCCESS;
+    return 1;
 }
 
-/* Adds one seed on each side of a triangle. */
-static sbl_result sbl__bounce_add_seeds(sbl__bounce *b, uint32_t triangle, uint32_t number) {
-    const uint32_t hash = sbl__hash(number);
-    double u = hash / 4294967296.0, v = sbl__hash(hash) / 4294967296.0;
-    const float *p[3];
-    sbl__hit seed;
-    sbl_result result = SBL_SUCCESS;
-    int k;
-    if (u + v > 1) { u = 1 - u; v = 1 - v; }
-    sbl__scene_triangle(b->geometry, triangle, p);
-    memset(&seed, 0, sizeof seed);
-    for (k = 0; k < 3; k++)
-        seed.position[k] = (float)(p[0][k] + u * ((double)p[1][k] - p[0][k]) + v * ((double)p[2][k] - p[0][k]));
-    for (k = 0; k < 2 && result == SBL_SUCCESS; k++) {
-        seed.place = triangle << 1 | (uint32_t)k;
-        result = sbl__hits_add(b, &b->seeds, &seed);
-    }
-    return result;
-}
-
-/* Adds a triangle's seeds, in proportion to its area; b->spread carries fractions of seeds over to the next
-   triangle. */
-static sbl_result sbl__bounce_seed(void *work, int at) {
+/* Sets a triangle's patch word, and adds surface samples at random positions on both sides: one per cell's area at the
+   first size of cells. b->samples_due carries fractions over to the next triangle. */
+static sbl_result sbl__bounce_sample(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const uint32_t triangle = (uint32_t)at;
-    const double density = SBL__MAX(SBL__BOUNCE_SEEDS * b->patching.growth, SBL__BOUNCE_SEEDS_WIDEST);
-    const double length = (double)b->store->length;
-    double normal[3], k = floor(b->spread);
-    sbl_result result = SBL_SUCCESS;
+    const double density = SBL__MAX(b->patching.growth, SBL__BOUNCE_SAMPLES_LEAST), length = (double)b->store->length;
+    const float *p[3];
+    double normal[3], number = floor(b->samples_due);
+    sbl__hit sample;
+    int k;
+    memset(&sample, 0, sizeof sample);
+    b->store->patches[triangle] = sbl__patch_word(&b->patching, triangle);
     if (sbl__triangle_object(b->geometry, triangle)->flags & SBL__HIDDEN_FROM_SENSORS) return SBL_SUCCESS;
-    b->spread += density * sbl__scene_normal(b->geometry, triangle, normal) / (length * length);
-    for (; k < floor(b->spread) && result == SBL_SUCCESS; k++)
-        result = sbl__bounce_add_seeds(b, triangle, (uint32_t)k);
-    return result;
+    b->samples_due += density * sbl__scene_normal(b->geometry, triangle, normal) / (length * length);
+    sbl__scene_triangle(b->geometry, triangle, p);
+    for (; number < floor(b->samples_due); number++) {
+        const uint32_t hash = sbl__hash((uint32_t)number);
+        double u = hash / 4294967296.0, v = sbl__hash(hash) / 4294967296.0;
+        if (u + v > 1) { u = 1 - u; v = 1 - v; }
+        for (k = 0; k < 3; k++)
+            sample.position[k] = (float)(p[0][k] + u * ((double)p[1][k] - p[0][k]) + v * ((double)p[2][k] - p[0][k]));
+        for (k = 0; k < 2; k++) {
+            sample.place = triangle << 1 | (uint32_t)k;
+            if (!sbl__hits_add(b, &b->samples, &sample)) return SBL_ERROR_OUT_OF_MEMORY;
+        }
+    }
+    return SBL_SUCCESS;
 }
 
-/* Adds a point at a place, projected onto the plane of its triangle, because rounding along a long ray moves hits
-   off the plane. */
-static sbl_result sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
+/* Adds a point at a place, projected onto the plane of its triangle: rounding moves hits of long rays off it. Returns 0
+   if out of memory. */
+static int sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
     sbl__bounce_point *point;
-    const float *p[3];
+    const float *corner = sbl__triangle_corner(b->geometry, at->place >> 1, 0);
     double normal[3], off = 0;
     int k;
-    if (!sbl__grow(&b->core->base, &b->points, &b->point_room, b->point_count + 1, sizeof *b->points))
-        return SBL_ERROR_OUT_OF_MEMORY;
+    if (!sbl__grow(&b->core->base, &b->points, &b->point_room, b->point_count + 1, sizeof *b->points)) return 0;
     point = &b->points[b->point_count++];
     point->at = *at;
     point->leaf = leaf;
     point->number = b->states[leaf].points++;
-    sbl__scene_triangle(b->geometry, at->place >> 1, p);
     sbl__scene_normal(b->geometry, at->place >> 1, normal);
-    for (k = 0; k < 3; k++) off += normal[k] * ((double)at->position[k] - p[0][k]);
+    for (k = 0; k < 3; k++) off += normal[k] * ((double)at->position[k] - corner[k]);
     for (k = 0; k < 3; k++) point->at.position[k] = (float)(at->position[k] - off * normal[k]);
-    return SBL_SUCCESS;
+    return 1;
 }
 
-/* Adds a leaf without points and lets the reference lead to it. */
-static sbl_result sbl__bounce_add_leaf(sbl__bounce *b, uint32_t *reference) {
-    const int leaf = b->store->leaf_count;
-    const sbl_result result = sbl__store_add_leaf(&b->core->base, b->store, reference);
-    if (result != SBL_SUCCESS) return result;
-    if (!sbl__grow(&b->core->base, &b->states, &b->state_room, leaf + 1, sizeof *b->states))
-        return SBL_ERROR_OUT_OF_MEMORY;
+/* Adds a leaf without points and lets the reference lead to it. Returns 0 if out of memory. */
+static int sbl__bounce_add_leaf(sbl__bounce *b, uint32_t *reference) {
+    sbl__base *base = &b->core->base;
+    sbl__store *s = b->store;
+    const int leaf = s->leaf_count;
+    if (!sbl__grow(base, &s->leaves, &s->leaf_room, leaf + 1, sizeof *s->leaves) ||
+        !sbl__grow(base, &b->states, &b->state_room, leaf + 1, sizeof *b->states)) return 0;
+    memset(&s->leaves[leaf], 0, sizeof *s->leaves);
     memset(&b->states[leaf], 0, sizeof *b->states);
     b->states[leaf].first = b->point_count;
-    return SBL_SUCCESS;
+    *reference = (uint32_t)++s->leaf_count;
+    return 1;
 }
 
 /* Returns the number of queued places, or 0 once there is no room for more leaves. */
 static int sbl__bounce_queued(void *work) {
     const sbl__bounce *b = (const sbl__bounce *)work;
-    return b->crowding > 0 ? 0 : b->queue.count;
+    return b->needed_growth > 0 ? 0 : b->queue.count;
 }
 
-/* Makes a point of a place that a seed or a ray found, if its leaf needs one. Sets b->crowding if there is no room
-   for a new leaf. */
+/* Makes a point of a place that a surface sample or a ray found, if its leaf needs one. Sets b->needed_growth if there
+   is no room for a new leaf. */
 static sbl_result sbl__bounce_place(void *work, int number) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *at = &b->queue.list[number];
     const sbl__store *s = b->store;
     uint32_t *reference;
-    int leaf;
+    int leaf, added, ok = 1;
     if (at->place == SBL__NOWHERE) return SBL_SUCCESS;
     reference = sbl__place_find(s, at, NULL);
     if (!reference || (!*reference && s->leaf_count >= s->most)) {
         if (b->patching.pool < SBL__BOUNCE_POOL)
-            b->crowding = SBL__MIN(1.3 * b->queue.count / (number + 1), SBL__BOUNCE_GROWTH_MOST);
+            b->needed_growth = SBL__MIN(1.3 * b->queue.count / (number + 1), SBL__BOUNCE_GROWTH_MOST);
         return SBL_SUCCESS;
     }
+    added = *reference == 0;
+    if (added && !sbl__bounce_add_leaf(b, reference)) return SBL_ERROR_OUT_OF_MEMORY;
     leaf = (int)*reference - 1;
-    if (leaf < 0) {
-        const sbl_result result = sbl__bounce_add_leaf(b, reference);
-        return result == SBL_SUCCESS ? sbl__bounce_add_point(b, at, s->leaf_count - 1) : result;
-    }
-    if (leaf >= b->fresh) return sbl__hits_add(b, &b->held, at);
-    return b->states[leaf].points < SBL__BOUNCE_POINTS ? sbl__bounce_add_point(b, at, leaf) : SBL_SUCCESS;
+    if (!added && leaf >= b->cut_leaves) ok = sbl__hits_add(b, &b->waiting, at);
+    else if (b->states[leaf].points < SBL__BOUNCE_POINTS) ok = sbl__bounce_add_point(b, at, leaf);
+    return ok ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 /* Sets the places that may become points next. */
@@ -12093,50 +11651,51 @@ static int sbl__bounce_queue(sbl__bounce *b, sbl__hit *list, int count) {
     return SBL__BOUNCE_PLACE;
 }
 
-/* Starts again with an area of cells multiplied by `growth`. Larger cells do not help where patches outnumber
-   leaves, so the area below which patches are pooled grows, too. */
-static int sbl__bounce_again(sbl__bounce *b, double growth) {
+/* Starts again with an area of cells multiplied by `growth`. Larger cells do not help where patches outnumber leaves,
+   so the area below which patches are pooled grows, too. */
+static int sbl__bounce_restart(sbl__bounce *b, double growth) {
     sbl__patching *p = &b->patching;
     p->growth *= growth;
     if (growth > 1 || p->pool <= 1) p->pool *= growth;
-    b->spread = b->crowding = 0;
-    b->seeds.count = b->held.count = b->point_count = b->fresh = b->cast = b->parted = b->sown = 0;
-    memset(b->walked, 0, SBL__CONTACTS_WALKED * sizeof *b->walked);
+    b->samples_due = b->needed_growth = 0;
+    b->samples.count = b->waiting.count = b->point_count = b->cut_leaves = b->points_cast = 0;
+    b->recheck = b->samples_placed = 0;
+    memset(b->recent_lines, 0, sizeof b->recent_lines);
     return SBL__BOUNCE_GRID;
 }
 
-/* Sends contact rays from new leaves and casts rays from new points, until there are no new ones. */
+/* Sends contact rays from new leaves and casts rays from new points, until there are no new ones. Surface samples are
+   placed last; they fill the places that no ray hit. */
 static int sbl__bounce_after_place(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
-    const double share = (double)b->store->leaf_count / b->store->most;
-    if (b->crowding > 0) return sbl__bounce_again(b, SBL__MAX(b->crowding, SBL__BOUNCE_GROWTH));
-    if (!b->fresh && share > SBL__BOUNCE_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
+    const double fill = (double)b->store->leaf_count / b->store->most;
+    if (b->needed_growth > 0) return sbl__bounce_restart(b, SBL__MAX(b->needed_growth, SBL__BOUNCE_GROWTH));
+    if (!b->cut_leaves && fill > SBL__FILL_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
         /* The surfaces that these leaves see would need too many more leaves. */
-        return sbl__bounce_again(b, pow(share / SBL__BOUNCE_FIRST, SBL__BOUNCE_FIRST_POWER));
-    if (b->store->leaf_count > b->fresh) return SBL__BOUNCE_FEEL;
-    if (b->cast < b->point_count) return SBL__BOUNCE_CAST;
-    if (b->parted) {  /* A cut leaf that had points may lack points on its other side. */
-        b->parted = 0;
+        return sbl__bounce_restart(b, pow(fill / SBL__FILL_FIRST, SBL__FILL_FIRST_POWER));
+    if (b->store->leaf_count > b->cut_leaves) return SBL__BOUNCE_CAST_CONTACTS;
+    if (b->points_cast < b->point_count) return SBL__BOUNCE_CAST_POINTS;
+    if (b->recheck) {  /* A cut leaf that had points may lack points on its other side. */
+        b->recheck = 0;
         return sbl__bounce_queue(b, b->hits.list, b->point_count * SBL__BOUNCE_RAYS);
     }
-    if (b->sown && b->seen > 0 && share < SBL__BOUNCE_SPARE && share > 2 * b->share) {
-        b->share = share;  /* Nothing sees much of the scene, so the rest can have more leaves. */
-        return sbl__bounce_again(b, SBL__MAX(share / SBL__BOUNCE_AIM, SBL__BOUNCE_SHRINK));
+    if (b->samples_placed && b->seen_leaves > 0 && fill < SBL__FILL_LEAST && fill > 2 * b->previous_fill) {
+        b->previous_fill = fill;  /* Nothing sees much of the scene, so the rest can have more leaves. */
+        return sbl__bounce_restart(b, SBL__MAX(fill / SBL__FILL_AIM, SBL__BOUNCE_SHRINK_MOST));
     }
-    if (b->sown) return SBL__BOUNCE_FIND;
-    b->sown = 1;
-    b->seen = b->store->leaf_count;
-    return sbl__bounce_queue(b, b->seeds.list, b->seeds.count);  /* Seeds come last: they fill places that no ray
-                                                                    hit. */
+    if (b->samples_placed) return SBL__BOUNCE_RELOCATE;
+    b->samples_placed = 1;
+    b->seen_leaves = b->store->leaf_count;
+    return sbl__bounce_queue(b, b->samples.list, b->samples.count);
 }
 
-/* >>bounce: contact rays */
+/* >>bounce: contact rays and contact lines */
 
-static void sbl__bounce_contact(sbl__bounce *b, int number, sbl__cast *out) {
+static void sbl__bounce_contact_ray(sbl__bounce *b, int number, sbl__cast *out) {
     const sbl__store *s = b->store;
-    const int leaf = b->fresh + number / SBL__BOUNCE_CONTACTS;
+    const int leaf = b->cut_leaves + number / SBL__BOUNCE_CONTACTS;
     const sbl__hit *at = &b->points[b->states[leaf].first].at;
-    const double share = number % SBL__BOUNCE_CONTACTS + sbl__hash((uint32_t)leaf) / 4294967296.0;
+    const double turn = number % SBL__BOUNCE_CONTACTS + sbl__hash((uint32_t)leaf) / 4294967296.0;
     const float offset = sbl__place_normal(b->geometry, at->place, out->direction);
     double right[3], up[3];
     uint32_t cube[3], patch;
@@ -12144,7 +11703,7 @@ static void sbl__bounce_contact(sbl__bounce *b, int number, sbl__cast *out) {
     int k;
     sbl__place_find(s, at, &patch);
     length = sbl__cell_length(s, patch);
-    sbl__frame(out->direction, 2 * SBL__PI / SBL__BOUNCE_CONTACTS * share, right, up);
+    sbl__frame(out->direction, 2 * SBL__PI / SBL__BOUNCE_CONTACTS * turn, right, up);
     sbl__cell_place(s, patch, at->position, cube);
     out->limit = FLT_MAX;
     for (k = 0; k < 3; k++) {
@@ -12160,89 +11719,89 @@ static void sbl__bounce_contact(sbl__bounce *b, int number, sbl__cast *out) {
 
 static sbl_result sbl__bounce_cast_contacts(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
-    return sbl__bounce_cast(b, sbl__bounce_contact, (b->store->leaf_count - b->fresh) * SBL__BOUNCE_CONTACTS,
+    return sbl__bounce_cast(b, sbl__bounce_contact_ray, (b->store->leaf_count - b->cut_leaves) * SBL__BOUNCE_CONTACTS,
                             &b->contacts, slice);
 }
 
 /* The line along which an object stands on a flat surface. */
 typedef struct sbl__contact {
-    uint32_t patch, what;        /* patch: word of the flat surface; what: the object, as the word of a flat patch
-                                    with bit 0 set, or as number of a triangle * 2 */
+    uint32_t patch;              /* word of the flat surface */
+    uint32_t object;             /* word of the object's flat patch with bit 0 set, or number of its triangle * 2 */
     float normal[3], distance;   /* plane of the object */
-    double from[3], along[3];
-    sbl__cell_slot *slot;        /* slot of the cell that is being walked */
+    double from[3], along[3];    /* one end of the line, and the vector to the other end */
+    uint32_t *reference;         /* reference in the slot of the cell that is being cut */
 } sbl__contact;
 
-static void sbl__contact_place(const sbl__contact *line, double t, float position[3]) {
+static void sbl__contact_position(const sbl__contact *line, double t, float position[3]) {
     int k;
     for (k = 0; k < 3; k++) position[k] = (float)(line->from[k] + t * line->along[k]);
 }
 
-/* Makes the line where a plane that a contact ray hit meets the ray's own surface. The line extends over the common
-   bounds of both: of flat patches or, for the object, of the one triangle. Returns 0 if the line is too short or the
-   surface is not flat. */
-static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl__hit *met, sbl__contact *line) {
+/* Makes the line where the plane that a contact ray from `at` hit meets the surface of `at`. The line extends over the
+   common bounds of the flat patches or, if the object is not flat, of its triangle. Returns 0 if the line is too short
+   or the surface is not flat. */
+static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl__hit *hit, sbl__contact *line) {
     const sbl__store *s = b->store;
     const sbl__geometry *g = b->geometry;
     const sbl__patch *patches = b->patching.patches;
-    const uint32_t patch = sbl__place_patch(s, at) & ~SBL__PATCH_NEAR, other = s->patches[met->place >> 1];
+    const uint32_t patch = sbl__place_patch(s, at) & ~SBL__PATCH_NEAR, other = s->patches[hit->place >> 1];
     const double length = (double)s->length;
     const int flat = (other & SBL__PATCH_FLAT) != 0;
     const sbl__box *own;
-    sbl__box its;
+    sbl__box others;
     float normal[3];
     double along[3], t0 = -1e300, t1 = 1e300, slack;
     int k;
     if (!(patch & SBL__PATCH_FLAT)) return 0;
     own = &patches[patch >> SBL__PATCH_SHIFT].bounds;
-    if (flat) its = patches[other >> SBL__PATCH_SHIFT].bounds;
-    else sbl__box_of_triangle(&its, g, met->place >> 1);
+    if (flat) others = patches[other >> SBL__PATCH_SHIFT].bounds;
+    else sbl__box_of_triangle(&others, g, hit->place >> 1);
     slack = SBL__CONTACT_APART * length + 4 * (double)sbl__place_normal(g, at->place, normal);
-    sbl__place_normal(g, met->place, line->normal);
+    sbl__place_normal(g, hit->place, line->normal);
     for (k = 0; k < 3; k++) {
         const int m = (k + 1) % 3, n = (k + 2) % 3;
         along[k] = (double)normal[m] * line->normal[n] - (double)normal[n] * line->normal[m];
     }
     if (!sbl__normalize(along)) return 0;
     for (k = 0; k < 3; k++) {
-        const float low = SBL__MAX(own->low[k], its.low[k]), high = SBL__MIN(own->high[k], its.high[k]);
-        const double from = (double)low - slack - met->position[k], to = (double)high + slack - met->position[k];
+        const float low = SBL__MAX(own->low[k], others.low[k]), high = SBL__MIN(own->high[k], others.high[k]);
+        const double from = (double)low - slack - hit->position[k], to = (double)high + slack - hit->position[k];
         if (fabs(along[k]) < 1e-6) continue;
         t0 = SBL__MAX(t0, SBL__MIN(from / along[k], to / along[k]));
         t1 = SBL__MIN(t1, SBL__MAX(from / along[k], to / along[k]));
     }
     if (!(t1 - t0 >= SBL__CONTACT_LEAST * length)) return 0;
     for (k = 0; k < 3; k++) {
-        line->from[k] = met->position[k] + t0 * along[k];
+        line->from[k] = hit->position[k] + t0 * along[k];
         line->along[k] = (t1 - t0) * along[k];
     }
-    line->distance = sbl__dot(line->normal, sbl__triangle_corner(g, met->place >> 1, 0));
-    line->what = flat ? other | 1u : met->place & ~1u;
+    line->distance = sbl__dot(line->normal, sbl__triangle_corner(g, hit->place >> 1, 0));
+    line->object = flat ? other | 1u : hit->place & ~1u;
     line->patch = patch;
     return 1;
 }
 
-/* Cuts all leaves that the line crosses below a reference: sides[side] of a cut or, if `cut` is negative, the
-   reference of the slot. range: part of the line that lies there. */
+/* Cuts all leaves that the line crosses below a reference: sides[side] of a cut or, if `cut` is negative,
+   line->reference. range: part of the line that lies there. */
 static sbl_result sbl__contact_part(sbl__bounce *b, const sbl__contact *line, int cut, int side,
                                     const double range[2], int depth) {
     sbl__store *s = b->store;
     const double apart = SBL__CONTACT_APART * (double)s->length;
-    uint32_t *reference = cut < 0 ? &line->slot->reference : &s->cuts[cut].sides[side];
+    uint32_t *reference = cut < 0 ? line->reference : &s->cuts[cut].sides[side];
     sbl_result result = SBL_SUCCESS;
     double over[2];
     int i;
     if (*reference < SBL__CELL_CUT) {
         const float *first = *reference ? b->points[b->states[*reference - 1].first].at.position : NULL;
         if (depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
-        if (first && (int)*reference <= b->fresh) b->parted = 1;
+        if (first && (int)*reference <= b->cut_leaves) b->recheck = 1;
         return sbl__store_cut(&b->core->base, s, reference, line->normal, line->distance,
                               first && sbl__dot(line->normal, first) > line->distance);
     }
     cut = (int)(*reference & ~SBL__CELL_CUT);
     for (i = 0; i < 2; i++) {
         float position[3];
-        sbl__contact_place(line, range[i], position);
+        sbl__contact_position(line, range[i], position);
         over[i] = (double)sbl__dot(s->cuts[cut].normal, position) - s->cuts[cut].distance;
     }
     /* A cut along the same line exists already. */
@@ -12273,26 +11832,24 @@ static sbl_result sbl__contact_walk(sbl__bounce *b, sbl__contact *line) {
     while (range[0] < 1 && result == SBL_SUCCESS) {
         const int axis = next[0] <= next[1] && next[0] <= next[2] ? 0 : next[1] <= next[2] ? 1 : 2;
         float middle[3];
-        uint32_t check;
         range[1] = SBL__MIN(next[axis], 1.0);
-        sbl__contact_place(line, 0.5 * (range[0] + range[1]), middle);
-        line->slot = sbl__store_slot(s, line->patch, middle, &check);
-        if (line->slot) line->slot->check = check;
-        if (line->slot) result = sbl__contact_part(b, line, -1, 0, range, 0);
+        sbl__contact_position(line, 0.5 * (range[0] + range[1]), middle);
+        line->reference = sbl__store_slot(s, line->patch, middle);
+        if (line->reference) result = sbl__contact_part(b, line, -1, 0, range, 0);
         range[0] = range[1];
         next[axis] += step[axis];
     }
     return result;
 }
 
-/* Cuts all cells along the line at every level and distance, unless the line has been walked recently. */
+/* Cuts all cells along the line at every level and distance, unless it has done so recently. */
 static sbl_result sbl__contact_cut(sbl__bounce *b, sbl__contact *line) {
-    const uint32_t patch = line->patch, hash = sbl__hash_step(sbl__hash_step(0, patch), line->what);
-    uint32_t *walked = &b->walked[hash % SBL__CONTACTS_WALKED];
+    const uint32_t patch = line->patch, hash = sbl__hash_step(sbl__hash_step(0, patch), line->object);
+    uint32_t *recent = &b->recent_lines[hash % SBL__CONTACT_CACHE];
     sbl_result result = SBL_SUCCESS;
     int i;
-    if (*walked == hash) return SBL_SUCCESS;
-    *walked = hash;
+    if (*recent == hash) return SBL_SUCCESS;
+    *recent = hash;
     for (i = 0; i < 2 * SBL__LEVELS && result == SBL_SUCCESS; i++) {
         line->patch = patch | (i & 1 ? SBL__PATCH_NEAR : 0) | SBL__PATCH_LEVEL * (uint32_t)(i >> 1);
         result = sbl__contact_walk(b, line);
@@ -12300,117 +11857,119 @@ static sbl_result sbl__contact_cut(sbl__bounce *b, sbl__contact *line) {
     return result;
 }
 
-/* Cuts a leaf by a plane that one of its contact rays hit, if the plane is steep to the surface and the hit still
-   lies in the same leaf. */
-static sbl_result sbl__bounce_cut(sbl__bounce *b, int leaf, const sbl__hit *met) {
+/* Cuts a leaf by a plane that one of its contact rays hit, if the plane is steep to the surface and the hit still lies
+   in the same leaf. On a flat surface, cuts all cells along the contact line instead. */
+static sbl_result sbl__bounce_cut(sbl__bounce *b, int leaf, const sbl__hit *hit) {
     sbl__store *s = b->store;
     const sbl__hit *at = &b->points[b->states[leaf].first].at;
-    float before[3], normal[3], own[3], apart;
+    float before[3], normal[3], own[3], apart, distance;
     sbl__contact line;
     uint32_t *reference, patch;
     int k, depth;
     sbl__place_find(s, at, &patch);
     sbl__place_normal(b->geometry, at->place, own);
-    sbl__place_normal(b->geometry, met->place, normal);
-    apart = sbl__dot(normal, at->position) - sbl__dot(normal, met->position);
+    sbl__place_normal(b->geometry, hit->place, normal);
+    distance = sbl__dot(normal, hit->position);
+    apart = sbl__dot(normal, at->position) - distance;
     if (fabs((double)sbl__dot(normal, own)) > SBL__CONTACT_STEEP) return SBL_SUCCESS;
-    if (sbl__contact_make(b, at, met, &line)) return sbl__contact_cut(b, &line);
+    if (sbl__contact_make(b, at, hit, &line)) return sbl__contact_cut(b, &line);
     if (fabs((double)apart) < SBL__CONTACT_APART * (double)s->length) return SBL_SUCCESS;
     for (k = 0; k < 3; k++)  /* a position just behind the hit */
-        before[k] = met->position[k] + (float)SBL__CONTACT_APART * (met->position[k] - at->position[k]);
+        before[k] = hit->position[k] + (float)SBL__CONTACT_APART * (hit->position[k] - at->position[k]);
     reference = sbl__store_find(s, patch, before, &depth);
     if (!reference || *reference != (uint32_t)leaf + 1 || depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
-    return sbl__store_add_cut(&b->core->base, s, patch, at->position, normal, sbl__dot(normal, met->position));
+    reference = sbl__store_find(s, patch, at->position, &depth);
+    return sbl__store_cut(&b->core->base, s, reference, normal, distance, sbl__dot(normal, at->position) > distance);
 }
 
-static int sbl__bounce_fresh_leaves(void *work) {
+static int sbl__bounce_uncut_leaves(void *work) {
     const sbl__bounce *b = (const sbl__bounce *)work;
-    return b->store->leaf_count - b->fresh;
+    return b->store->leaf_count - b->cut_leaves;
 }
 
 static sbl_result sbl__bounce_cuts(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
-    const sbl__hit *met = &b->contacts.list[at * SBL__BOUNCE_CONTACTS];
+    const sbl__hit *hits = &b->contacts.list[at * SBL__BOUNCE_CONTACTS];
     sbl_result result = SBL_SUCCESS;
     int i;
     for (i = 0; i < SBL__BOUNCE_CONTACTS && result == SBL_SUCCESS; i++)
-        if (met[i].place != SBL__NOWHERE) result = sbl__bounce_cut(b, b->fresh + at, &met[i]);
+        if (hits[i].place != SBL__NOWHERE) result = sbl__bounce_cut(b, b->cut_leaves + at, &hits[i]);
     return result;
 }
 
 /* Queues the places that waited for contact rays. */
 static int sbl__bounce_after_cuts(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
-    const sbl__hits held = b->held;
-    b->fresh = b->store->leaf_count;
-    b->held = b->again;
-    b->held.count = 0;
-    b->again = held;
-    return sbl__bounce_queue(b, held.list, held.count);
+    const sbl__hits waiting = b->waiting;
+    b->cut_leaves = b->store->leaf_count;
+    b->waiting = b->released;
+    b->waiting.count = 0;
+    b->released = waiting;
+    return sbl__bounce_queue(b, waiting.list, waiting.count);
 }
 
 /* >>bounce: rays */
 
-/* Makes a cosine-weighted ray over the hemisphere at a place. */
-static void sbl__bounce_aim(sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number, sbl__cast *out) {
-    sbl__bounce_aimed *aim = &b->aim;
+/* Makes a cosine-weighted ray over the hemisphere at a place. number: index into b->sequence, which a hash of `seed`
+   scrambles. */
+static void sbl__bounce_surface_ray(sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number, sbl__cast *out) {
+    const float *normal = b->origin.normal;
     int k;
-    if (!aim->known || aim->place != at->place) {
-        aim->known = 1;
-        aim->place = at->place;
-        aim->offset = sbl__place_normal(b->geometry, at->place, aim->normal);
+    if (!b->origin.known || b->origin.place != at->place) {
+        b->origin.known = 1;
+        b->origin.place = at->place;
+        b->origin.offset = sbl__place_normal(b->geometry, at->place, b->origin.normal);
     }
     out->fractions = (b->sequence[2 * number] ^ sbl__hash(seed)) >> 16 |
                      ((b->sequence[2 * number + 1] ^ sbl__hash(seed + 1u)) & 0xffff0000u);
     for (k = 0; k < 3; k++) {
-        out->direction[k] = aim->normal[k];
-        out->origin[k] = at->position[k] + aim->offset * aim->normal[k];
+        out->direction[k] = normal[k];
+        out->origin[k] = at->position[k] + b->origin.offset * normal[k];
     }
     out->limit = -SBL__UNBOUNDED;
 }
 
-static void sbl__bounce_seed_ray(sbl__bounce *b, int number, sbl__cast *out) {
-    const int seed = number / SBL__BOUNCE_SEED_RAYS;
-    sbl__bounce_aim(b, &b->seeds.list[seed], sbl__hash((uint32_t)seed), number % SBL__BOUNCE_SEED_RAYS, out);
+static void sbl__bounce_sample_ray(sbl__bounce *b, int number, sbl__cast *out) {
+    const int sample = number / SBL__BOUNCE_SAMPLE_RAYS;
+    sbl__bounce_surface_ray(b, &b->samples.list[sample], sbl__hash((uint32_t)sample), number % SBL__BOUNCE_SAMPLE_RAYS,
+                            out);
 }
 
-static sbl_result sbl__bounce_sow(void *work, sbl__slice *slice) {
+/* Casts rays from surface samples and queues their hits. The distance from which a sample is seen becomes the length of
+   its shortest ray, or SBL__UNSEEN if its rays hit nothing. */
+static sbl_result sbl__bounce_cast_samples(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
-    return sbl__bounce_cast(b, sbl__bounce_seed_ray, b->seeds.count * SBL__BOUNCE_SEED_RAYS, &b->hits, slice);
-}
-
-/* Sets the distance from which each seed is seen: the length of its shortest ray, or SBL__UNSEEN if its rays hit
-   nothing. */
-static int sbl__bounce_after_sow(void *work) {
-    sbl__bounce *b = (sbl__bounce *)work;
-    int i, k;
-    for (i = 0; i < b->seeds.count; i++) {
-        const sbl__hit *hits = &b->hits.list[(size_t)i * SBL__BOUNCE_SEED_RAYS];
-        float *distance = &b->seeds.list[i].distance;
-        *distance = SBL__UNSEEN;
-        for (k = 0; k < SBL__BOUNCE_SEED_RAYS; k++)
-            if (hits[k].place != SBL__NOWHERE) *distance = SBL__MIN(*distance, hits[k].distance);
+    const int rays = b->samples.count * SBL__BOUNCE_SAMPLE_RAYS;
+    const sbl_result result = sbl__bounce_cast(b, sbl__bounce_sample_ray, rays, &b->hits, slice);
+    int i;
+    if (result != SBL_SUCCESS) return result;
+    for (i = 0; i < rays; i++) {
+        sbl__hit *sample = &b->samples.list[i / SBL__BOUNCE_SAMPLE_RAYS];
+        if (i % SBL__BOUNCE_SAMPLE_RAYS == 0) sample->distance = SBL__UNSEEN;
+        if (b->hits.list[i].place == SBL__NOWHERE) continue;
+        sample->distance = SBL__MIN(sample->distance, b->hits.list[i].distance);
     }
-    return sbl__bounce_queue(b, b->hits.list, b->seeds.count * SBL__BOUNCE_SEED_RAYS);
+    sbl__bounce_queue(b, b->hits.list, rays);
+    return SBL_SUCCESS;
 }
 
-static void sbl__bounce_ray(sbl__bounce *b, int number, sbl__cast *out) {
+static void sbl__bounce_point_ray(sbl__bounce *b, int number, sbl__cast *out) {
     const sbl__bounce_point *p = &b->points[number / SBL__BOUNCE_RAYS];
-    const int stretch = p->number % SBL__BOUNCE_STRETCHES * SBL__BOUNCE_RAYS + number % SBL__BOUNCE_RAYS;
-    const uint32_t hash = sbl__hash((uint32_t)p->leaf + 0x10000000u * (uint32_t)(p->number / SBL__BOUNCE_STRETCHES));
-    sbl__bounce_aim(b, &p->at, hash, stretch, out);
+    const int index = p->number % SBL__BOUNCE_SEQUENCES * SBL__BOUNCE_RAYS + number % SBL__BOUNCE_RAYS;
+    const uint32_t hash = sbl__hash((uint32_t)p->leaf + 0x10000000u * (uint32_t)(p->number / SBL__BOUNCE_SEQUENCES));
+    sbl__bounce_surface_ray(b, &p->at, hash, index, out);
 }
 
-static sbl_result sbl__bounce_follow(void *work, sbl__slice *slice) {
+static sbl_result sbl__bounce_cast_points(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
-    b->stages.at = SBL__MAX(b->stages.at, b->cast * SBL__BOUNCE_RAYS);
-    return sbl__bounce_cast(b, sbl__bounce_ray, b->point_count * SBL__BOUNCE_RAYS, &b->hits, slice);
+    b->stages.at = SBL__MAX(b->stages.at, b->points_cast * SBL__BOUNCE_RAYS);
+    return sbl__bounce_cast(b, sbl__bounce_point_ray, b->point_count * SBL__BOUNCE_RAYS, &b->hits, slice);
 }
 
-static int sbl__bounce_after_follow(void *work) {
+static int sbl__bounce_after_rays(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
-    const int first = b->cast * SBL__BOUNCE_RAYS;
-    b->cast = b->point_count;
+    const int first = b->points_cast * SBL__BOUNCE_RAYS;
+    b->points_cast = b->point_count;
     return sbl__bounce_queue(b, b->hits.list + first, b->point_count * SBL__BOUNCE_RAYS - first);
 }
 
@@ -12419,15 +11978,14 @@ static int sbl__bounce_after_follow(void *work) {
 static int sbl__bounce_points(void *work) { return ((sbl__bounce *)work)->point_count; }
 static int sbl__bounce_leaves(void *work) { return ((sbl__bounce *)work)->store->leaf_count; }
 
-/* Finds each point's leaf again, because cuts made since may have put the point into another leaf. */
-static sbl_result sbl__bounce_find(void *work, int at) {
+/* Finds each point's leaf again, because later cuts may have put the point into another leaf. */
+static sbl_result sbl__bounce_relocate(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__bounce_point *p = &b->points[at];
     uint32_t *reference = sbl__place_find(b->store, &p->at, NULL);
-    sbl_result result = SBL_SUCCESS;
-    if (reference && !*reference) result = sbl__bounce_add_leaf(b, reference);
+    if (reference && !*reference && !sbl__bounce_add_leaf(b, reference)) return SBL_ERROR_OUT_OF_MEMORY;
     if (reference) p->leaf = (int)*reference - 1;
-    return result;
+    return SBL_SUCCESS;
 }
 
 /* Computes an order in which the points of each leaf are consecutive. */
@@ -12439,13 +11997,9 @@ static sbl_result sbl__bounce_order(void *work, sbl__slice *slice) {
     b->order = (int *)sbl__alloc_raw(&b->core->base, (size_t)b->point_count, sizeof *b->order);
     if (!b->order) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < leaves; i++) b->states[i].points = 0;
-    for (i = 0; i < b->point_count; i++) b->states[b->points[i].leaf].points++;
+    for (i = 0; i < b->point_count; i++) b->order[i] = b->states[b->points[i].leaf].points++;
     for (i = 0; i < leaves; next += b->states[i++].points) b->states[i].first = next;
-    for (i = 0; i < leaves; i++) b->states[i].points = 0;
-    for (i = 0; i < b->point_count; i++) {
-        sbl__bounce_leaf *leaf = &b->states[b->points[i].leaf];
-        b->order[i] = leaf->first + leaf->points++;
-    }
+    for (i = 0; i < b->point_count; i++) b->order[i] += b->states[b->points[i].leaf].first;
     return SBL_SUCCESS;
 }
 
@@ -12471,21 +12025,30 @@ static sbl_result sbl__bounce_sort(void *work, int at) {
     return SBL_SUCCESS;
 }
 
+/* Replaces the places that a point's rays hit with numbers of leaves. */
+static sbl_result sbl__bounce_link(void *work, int at) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    sbl__hit *hit = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS], *const end = hit + SBL__BOUNCE_RAYS;
+    for (; hit < end; hit++) {
+        const uint32_t *reference = hit->place == SBL__NOWHERE ? NULL : sbl__place_find(b->store, hit, NULL);
+        hit->place = reference && *reference ? *reference - 1 : SBL__NOWHERE;
+    }
+    return SBL_SUCCESS;
+}
+
 /* >>bounce: light from lamps */
 
-static sbl_result sbl__bounce_room(void *work, sbl__slice *slice) {
+static sbl_result sbl__bounce_allocate(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__base *base = &b->core->base;
-    const size_t points = (size_t)b->point_count, leaves = (size_t)b->store->leaf_count;
+    const size_t sites = (size_t)SBL__MAX(b->point_count, SBL__AIR_SITES), leaves = (size_t)b->store->leaf_count;
     (void)slice;
     if (b->solved) return SBL_SUCCESS;  /* The memory exists after an earlier solution with other lights. */
-    sbl__free(base, b->order);
-    b->order = NULL;
-    b->sites = (sbl__site *)sbl__alloc_raw(base, points, sizeof *b->sites);
-    b->readings = (sbl_reading *)sbl__alloc_raw(base, points, sizeof *b->readings);
-    b->light = (float *)sbl__alloc_raw(base, leaves, 3 * sizeof *b->light);
+    b->sites = (sbl__site *)sbl__alloc_raw(base, sites, sizeof *b->sites);
+    b->readings = (sbl_reading *)sbl__alloc_raw(base, sites, sizeof *b->readings);
+    b->direct = (float *)sbl__alloc_raw(base, leaves, 3 * sizeof *b->direct);
     b->solved = (float *)sbl__alloc_raw(base, leaves, 3 * sizeof *b->solved);
-    return b->sites && b->readings && b->light && b->solved ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    return b->sites && b->readings && b->direct && b->solved ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 static sbl_result sbl__bounce_site(void *work, int at) {
@@ -12501,9 +12064,8 @@ static sbl_result sbl__bounce_site(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Begins a job for `count` sites that measures light from lamps only (SBL_MODE_DIRECT) or all light. */
-static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, const sbl__site *sites, sbl_reading *readings,
-                                int count) {
+/* Begins a job for the first `count` sites that measures light from lamps only (SBL_MODE_DIRECT) or all light. */
+static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, int count) {
     const int direct = mode == SBL_MODE_DIRECT;
     sbl__core *c = b->core;
     sbl__measurement measurement;
@@ -12515,11 +12077,11 @@ static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, const sbl__site *
     measurement.options.rays = direct ? SBL__BOUNCE_LAMP_RAYS : SBL__AIR_RAYS;
     sbl__spec_make(&task.spec, &measurement, &c->scene, &c->desc);
     if (direct) {
-        task.spec.rays = SBL__BOUNCE_DARK_RAYS;
+        task.spec.rays = SBL__BOUNCE_STUCK_RAYS;
         task.spec.without_sky = 1;  /* Kept rays that hit nothing bring the light of the environment. */
     }
-    task.sites = sites;
-    task.readings = readings;
+    task.sites = b->sites;
+    task.readings = b->readings;
     task.site_count = count;
     memset(&b->job.counts, 0, sizeof b->job.counts);
     sbl__job_begin(&b->job, &c->scene, &task);
@@ -12527,23 +12089,24 @@ static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, const sbl__site *
 
 static int sbl__bounce_after_sites(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
-    sbl__bounce_measure(b, SBL_MODE_DIRECT, b->sites, b->readings, b->point_count);
+    sbl__bounce_measure(b, SBL_MODE_DIRECT, b->point_count);
     return SBL__BOUNCE_LIGHT;
 }
 
-static sbl_result sbl__bounce_sense(void *work, sbl__slice *slice) {
+static sbl_result sbl__bounce_run_job(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl_stats *stats = &b->core->stats;
     const sbl_result result = sbl__job_step(&b->core->device, &b->job, slice);
-    if (result != SBL_SUCCESS) return result;
-    stats->sensors.readbacks += b->job.counts.readbacks;
-    stats->store.rays += b->job.counts.rays;
-    return SBL_SUCCESS;
+    if (result == SBL_SUCCESS) {
+        stats->sensors.readbacks += b->job.counts.readbacks;
+        stats->store.rays += b->job.counts.rays;
+    }
+    return result;
 }
 
 /* >>bounce: all bounces at once */
 
-/* Computes the light of the environment that a point's rays bring that hit nothing. */
+/* Computes the light of the environment from those rays of a point that hit nothing. */
 static void sbl__bounce_sky(const sbl__bounce *b, int point, float out[3]) {
     const sbl__hit *hits = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS];
     int i, k;
@@ -12559,118 +12122,97 @@ static void sbl__bounce_sky(const sbl__bounce *b, int point, float out[3]) {
     }
 }
 
-/* Replaces the places that a point's rays hit with numbers of leaves. */
-static void sbl__bounce_join_point(sbl__bounce *b, int point) {
-    sbl__hit *hit = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS], *const end = hit + SBL__BOUNCE_RAYS;
-    for (; hit < end; hit++) {
-        const uint32_t *reference;
-        if (hit->place == SBL__NOWHERE) continue;
-        reference = sbl__place_find(b->store, hit, NULL);
-        hit->place = reference && *reference ? *reference - 1 : SBL__NOWHERE;
-    }
-}
-
-/* Replaces the hits of a leaf's points with numbers of leaves, and averages the points' light from lamps and the
-   environment. */
-static sbl_result sbl__bounce_join(void *work, int at) {
+/* Averages the direct light of a leaf's points. */
+static sbl_result sbl__bounce_direct(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__bounce_leaf *state = &b->states[at];
     sbl__leaf *leaf = &b->store->leaves[at];
-    float *light = b->light + 3 * at, rest[3] = { 0, 0, 0 };
+    float *light = b->direct + 3 * at, sky[3], all_sky[3] = { 0, 0, 0 };
     int i, k;
     light[0] = light[1] = light[2] = 0;
     for (i = state->first, state->valid = 0; i < state->first + state->points; i++)
         state->valid += b->readings[i].valid;
     for (i = state->first; i < state->first + state->points; i++) {
-        float sky[3];
-        if (at >= b->joined) sbl__bounce_join_point(b, i);
         if (!b->readings[i].valid) continue;
         sbl__bounce_sky(b, i, sky);
-        for (k = 0; k < 3; k++) rest[k] += sky[k] / (float)state->valid;
+        for (k = 0; k < 3; k++) all_sky[k] += sky[k] / (float)state->valid;
         for (k = 0; k < 3; k++) light[k] += b->readings[i].radiance[k] / (float)state->valid;
     }
     leaf->lamps = sbl__rgbe(light);
-    for (k = 0; k < 3; k++) leaf->light[k] = light[k] += rest[k];
-    b->joined = SBL__MAX(b->joined, at + 1);
+    for (k = 0; k < 3; k++) leaf->light[k] = light[k] += all_sky[k];
     return SBL_SUCCESS;
 }
 
-#define SBL__BOUNCE_UNIT (SBL__SHARE_ONE * SBL__BOUNCE_RAYS)  /* unit of the sums of sbl__bounce_add_got */
+#define SBL__BOUNCE_UNIT (SBL__SHARE_ONE * SBL__BOUNCE_RAYS)  /* unit of the sums of sbl__bounce_add_received */
 
 /* Adds the light that a point receives from leaves, at their current values. */
-static void sbl__bounce_add_got(const sbl__bounce *b, int point, float sum[3]) {
+static void sbl__bounce_add_received(const sbl__bounce *b, int point, float sum[3]) {
     const sbl__hit *hits = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS];
     int j;
     for (j = 0; j < SBL__BOUNCE_RAYS; j++)
         if (hits[j].place != SBL__NOWHERE)
-            sbl__add_reflected(hits[j].share, b->store->leaves[hits[j].place].light, sum);
+            sbl__add_reflected(hits[j].albedo, b->store->leaves[hits[j].place].light, sum);
 }
 
-/* Computes one more bounce for a leaf: adds the average light that its points receive from other leaves to its light
-   from lamps and the environment. Leaves earlier in the round already have their new light (Gauss-Seidel iteration). */
+/* Computes one more bounce for a leaf: adds the average light that its points receive from other leaves to its direct
+   light. Leaves earlier in the round already have their new light (Gauss-Seidel iteration). */
 static sbl_result sbl__bounce_gather(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__bounce_leaf *leaf = &b->states[at];
-    sbl__balance *balance = &b->balance;
     float *light = b->store->leaves[at].light, sum[3] = { 0, 0, 0 };
     int i, k;
-    if (at == 0) memset(balance, 0, sizeof *balance);
+    if (at == 0) memset(&b->balance, 0, sizeof b->balance);
     for (i = leaf->first; i < leaf->first + leaf->points; i++)
-        if (b->readings[i].valid) sbl__bounce_add_got(b, i, sum);
+        if (b->readings[i].valid) sbl__bounce_add_received(b, i, sum);
     for (k = 0; k < 3; k++) {
-        const float lit = b->light[3 * at + k];
-        const float next = lit + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);
-        balance->lit[k] += (double)lit;
-        balance->before[k] += (double)light[k];
-        balance->after[k] += (double)next;
-        balance->change += fabs((double)next - light[k]);
+        const float direct = b->direct[3 * at + k];
+        const float next = direct + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);
+        b->balance.direct[k] += (double)direct;
+        b->balance.before[k] += (double)light[k];
+        b->balance.after[k] += (double)next;
+        b->balance.change += fabs((double)next - light[k]);
         light[k] = next;
     }
     return SBL_SUCCESS;
 }
 
-/* Warns once per scene if the clamped albedos of white walls make a visible difference. */
-static void sbl__bounce_warn(const sbl__bounce *b) {
+/* Warns once per scene if the clamped albedos of white walls make a visible difference. direct, all: sums of direct
+   light and of all light. */
+static void sbl__bounce_warn(const sbl__bounce *b, double direct, double all) {
     const sbl__geometry *g = b->geometry;
-    sbl__store *s = b->store;
-    double lit = 0, all = 0;
     int i, white = 0;
-    for (i = 0; i < s->leaf_count; i++) {
-        lit += sbl__sum3(b->light + 3 * i);
-        all += sbl__sum3(s->leaves[i].light);
-    }
     for (i = 0; i < g->mesh_count; i++) white += sbl__holds_light(&g->objects[i]);
-    if (!white || !(all > SBL__BOUNCE_HELD * lit) || s->warned) return;
-    sbl__log(&b->core->base, SBL_LOG_WARNING, SBL_LOG_ITEM_ALBEDO, "%d meshes have albedos above %g and hold much "
-             "light; what bounces is that of %g: closed rooms of such walls would never grow dark", white,
-             (double)SBL__BOUNCE_ALBEDO, (double)SBL__BOUNCE_ALBEDO);
-    s->warned = 1;
+    if (!white || !(all > SBL__BOUNCE_BRIGHT * direct) || b->store->warned) return;
+    sbl__log(&b->core->base, SBL_LOG_WARNING, SBL_LOG_ITEM_ALBEDO, "%d meshes have albedos above %g in a scene with "
+             "much bounced light; bounced light uses %g instead, because closed rooms with such walls would never grow "
+             "dark", white, (double)SBL__BOUNCE_ALBEDO, (double)SBL__BOUNCE_ALBEDO);
+    b->store->warned = 1;
 }
 
 /* Finishes a round. In the first rounds gathered light is scaled so that emitted and lost light balance, channel by
    channel. This settles the overall brightness of a room, the slowest part of convergence, at once. */
 static int sbl__bounce_after_gather(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
-    const sbl__balance *balance = &b->balance;
     const sbl__store *s = b->store;
-    double sum = 0, ratio;
+    double all_direct = 0, sum = 0, ratio;
     int i, k;
     for (k = 0; k < 3; k++) {
-        const double lit = balance->lit[k], gathered = balance->after[k] - lit;
-        const double lost = 0.5 * (balance->before[k] + balance->after[k]) - gathered;
-        const float scale = (float)(lost > 0 ? lit / lost : 1);
-        sum += balance->after[k];
+        const double direct = b->balance.direct[k], gathered = b->balance.after[k] - direct;
+        const double lost = 0.5 * (b->balance.before[k] + b->balance.after[k]) - gathered;
+        const float scale = (float)(lost > 0 ? direct / lost : 1);
+        all_direct += direct;
+        sum += b->balance.after[k];
         if (b->rounds >= SBL__BOUNCE_SCALED || !(scale > 0)) continue;
         for (i = 0; i < s->leaf_count; i++)
-            s->leaves[i].light[k] = b->light[3 * i + k] + scale * (s->leaves[i].light[k] - b->light[3 * i + k]);
+            s->leaves[i].light[k] = b->direct[3 * i + k] + scale * (s->leaves[i].light[k] - b->direct[3 * i + k]);
     }
-    ratio = b->change > 0 ? SBL__MIN(balance->change / b->change, 0.999) : 0.999;
-    b->change = balance->change;
+    ratio = b->change > 0 ? SBL__MIN(b->balance.change / b->change, 0.999) : 0.999;
+    b->change = b->balance.change;
     b->rounds++;
     if (b->rounds < SBL__BOUNCE_SCALED + 2 && b->change > 0) return SBL__BOUNCE_GATHER;
-    if (!(b->change * ratio / (1 - ratio) <= SBL__BOUNCE_REST * sum) && b->rounds < SBL__BOUNCE_ROUNDS)
+    if (!(b->change * ratio / (1 - ratio) <= SBL__BOUNCE_TOLERANCE * sum) && b->rounds < SBL__BOUNCE_ROUNDS)
         return SBL__BOUNCE_GATHER;
-    sbl__bounce_warn(b);
+    sbl__bounce_warn(b, all_direct, sum);
     return SBL__BOUNCE_NOISE;
 }
 
@@ -12686,12 +12228,12 @@ static sbl_result sbl__bounce_noise(void *work, int at) {
     int i, k;
     memcpy(b->solved + 3 * at, b->store->leaves[at].light, 3 * sizeof *b->solved);
     for (i = leaf->first; i < leaf->first + leaf->points; i++) {
-        float got[3] = { 0, 0, 0 }, sky[3];
+        float received[3] = { 0, 0, 0 }, sky[3];
         if (!b->readings[i].valid) continue;
-        sbl__bounce_add_got(b, i, got);
+        sbl__bounce_add_received(b, i, received);
         sbl__bounce_sky(b, i, sky);
         for (k = 0; k < 3; k++) {
-            const double light = (double)got[k] / SBL__BOUNCE_UNIT + sky[k] + b->readings[i].radiance[k];
+            const double light = (double)received[k] / SBL__BOUNCE_UNIT + sky[k] + b->readings[i].radiance[k];
             sum[k] += light;
             squares[k] += light * light;
         }
@@ -12699,29 +12241,30 @@ static sbl_result sbl__bounce_noise(void *work, int at) {
     for (k = 0; k < 3; k++) {
         const double n = leaf->valid, variance = n > 1 ? (squares[k] - sum[k] * sum[k] / n) / (n - 1) / n
                                                        : 0.25 * sum[k] * sum[k];
-        b->light[3 * at + k] = (float)(variance > 0 ? sqrt(variance) : 0) * (signs >> (8 + k) & 1 ? 1.0f : -1.0f);
+        b->direct[3 * at + k] = (float)(variance > 0 ? sqrt(variance) : 0) * (signs >> (8 + k) & 1 ? 1.0f : -1.0f);
     }
     return SBL_SUCCESS;
 }
 
-/* Puts the noise in place of the light, so that rounds of bounces carry the noise along the same rays. */
+/* Puts the noise in place of the light, so that rounds of bounces propagate the noise along the same rays. */
 static int sbl__bounce_after_noise(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     int i;
     for (i = 0; i < b->store->leaf_count; i++)
-        memcpy(b->store->leaves[i].light, b->light + 3 * i, 3 * sizeof *b->light);
+        memcpy(b->store->leaves[i].light, b->direct + 3 * i, 3 * sizeof *b->direct);
     b->rounds = 0;
-    return SBL__BOUNCE_CARRY;
+    return SBL__BOUNCE_PROPAGATE;
 }
 
-static int sbl__bounce_after_carry(void *work) {
-    return ++((sbl__bounce *)work)->rounds < SBL__UNCERTAINTY_ROUNDS ? SBL__BOUNCE_CARRY : SBL__BOUNCE_UNCERTAINTY;
+static int sbl__bounce_after_propagate(void *work) {
+    const int round = ++((sbl__bounce *)work)->rounds;
+    return round < SBL__UNCERTAINTY_ROUNDS ? SBL__BOUNCE_PROPAGATE : SBL__BOUNCE_UNCERTAINTY;
 }
 
 /* Restores the light. Noise that has arrived from other leaves, relative to the light, is the leaf's uncertainty. */
 static sbl_result sbl__bounce_uncertainty(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
-    const float *solved = b->solved + 3 * at, *own = b->light + 3 * at;
+    const float *solved = b->solved + 3 * at, *own = b->direct + 3 * at;
     float *light = b->store->leaves[at].light;
     double uncertainty2 = 0;
     int k;
@@ -12751,19 +12294,19 @@ static int sbl__bounce_after_send(void *work) {
     const sbl__scene *scene = &b->core->scene;
     int i, k;
     if (!scene->draw) return SBL__BOUNCE_DONE;
-    memset(b->air, 0, sizeof b->air);
+    memset(b->sites, 0, SBL__AIR_SITES * sizeof *b->sites);
     for (i = 0; i < SBL__AIR_SITES; i++) {
-        sbl__site *site = &b->air[i];
+        sbl__site *site = &b->sites[i];
         const int place = i / 6, axis = i % 6 / 2;
         for (k = 0; k < 3; k++) {
-            const double share = place == 8 ? 0.5 : place >> k & 1 ? 0.75 : 0.25;
-            site->position[k] = (float)((1 - share) * scene->draw_bounds[0][k] + share * scene->draw_bounds[1][k]);
+            const double t = place == 8 ? 0.5 : place >> k & 1 ? 0.75 : 0.25;
+            site->position[k] = (float)((1 - t) * scene->draw_bounds[0][k] + t * scene->draw_bounds[1][k]);
         }
         site->normal[axis] = site->geometric_normal[axis] = i & 1 ? -1.0f : 1.0f;
         site->number = (uint32_t)i;
         site->looks = 1;
     }
-    sbl__bounce_measure(b, SBL_MODE_GI, b->air, b->air_readings, SBL__AIR_SITES);
+    sbl__bounce_measure(b, SBL_MODE_GI, SBL__AIR_SITES);
     return SBL__BOUNCE_AIR;
 }
 
@@ -12772,22 +12315,23 @@ static int sbl__bounce_after_air(void *work) {
     float (*air)[3] = b->store->air;
     int i, k, valid[6] = { 0, 0, 0, 0, 0, 0 };
     memset(air, 0, sizeof b->store->air);
-    for (i = 0; i < SBL__AIR_SITES; i++) valid[i % 6] += b->air_readings[i].valid;
+    for (i = 0; i < SBL__AIR_SITES; i++) valid[i % 6] += b->readings[i].valid;
     for (i = 0; i < SBL__AIR_SITES; i++)
-        for (k = 0; k < 3 && b->air_readings[i].valid; k++)
-            air[i % 6][k] += b->air_readings[i].radiance[k] / (float)valid[i % 6];
+        for (k = 0; k < 3 && b->readings[i].valid; k++)
+            air[i % 6][k] += b->readings[i].radiance[k] / (float)valid[i % 6];
     return SBL__BOUNCE_DONE;
 }
 
 /* >>bounce: beginning, stepping and freeing */
 
 /* Frees everything except points and their hits, which are kept for later changes of lights. */
-static void sbl__bounce_rest(const sbl__device *d, sbl__bounce *b) {
-    void *const blocks[] = { b->seeds.list, b->held.list, b->again.list, b->contacts.list, b->sequence, b->sites,
-                             b->readings, b->walked, b->light, b->solved, b->order };
+static void sbl__bounce_free_temporary(const sbl__device *d, sbl__bounce *b) {
+    const sbl__patching *p = &b->patching;
+    void *const blocks[] = { p->places.slots, p->ends.slots, p->welded, p->corners, p->parents, p->patches,
+                             b->samples.list, b->waiting.list, b->released.list, b->contacts.list, b->sequence,
+                             b->sites, b->readings, b->direct, b->solved, b->order };
     int i;
     for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(d->base, blocks[i]);
-    sbl__patching_free(d->base, &b->patching);
     sbl__table_delete(d, &b->casts);
     sbl__blocks_free(d, &b->blocks);
     sbl__job_free(d, &b->job);
@@ -12798,7 +12342,7 @@ static void sbl__bounce_rest(const sbl__device *d, sbl__bounce *b) {
 static void sbl__bounce_end(sbl__core *c) {
     sbl__bounce *b = c->bounce;
     if (!b) return;
-    sbl__bounce_rest(&c->device, b);
+    sbl__bounce_free_temporary(&c->device, b);
     sbl__free(&c->base, b->points);
     sbl__free(&c->base, b->states);
     sbl__free(&c->base, b->hits.list);
@@ -12806,9 +12350,8 @@ static void sbl__bounce_end(sbl__core *c) {
     c->bounce = NULL;
 }
 
-/* Returns the filling in progress or a new one; NULL: out of memory. If only lights have changed, points and hits
-   are kept. */
-static sbl__bounce *sbl__bounce_under_way(sbl__core *c) {
+/* Returns the filling in progress or a new one; NULL: out of memory. Points and hits outlive changes of lights. */
+static sbl__bounce *sbl__bounce_resume(sbl__core *c) {
     sbl__bounce *b;
     if (c->bounce && c->bounce->surfaces != c->scene.surfaces) sbl__bounce_end(c);
     if (!c->bounce) c->bounce = (sbl__bounce *)sbl__alloc(&c->base, 1, sizeof *c->bounce);
@@ -12832,34 +12375,34 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { sbl__bounce_patches, NULL, NULL, NULL },
         { sbl__bounce_grid, NULL, NULL, NULL },
-        { NULL, NULL, sbl__bounce_word, sbl__bounce_triangles },
-        { NULL, NULL, sbl__bounce_seed, sbl__bounce_triangles },
-        { sbl__bounce_sow, sbl__bounce_after_sow, NULL, NULL },
+        { NULL, NULL, sbl__bounce_sample, sbl__bounce_triangles },
+        { sbl__bounce_cast_samples, NULL, NULL, NULL },
         { NULL, sbl__bounce_after_place, sbl__bounce_place, sbl__bounce_queued },
         { sbl__bounce_cast_contacts, NULL, NULL, NULL },
-        { NULL, sbl__bounce_after_cuts, sbl__bounce_cuts, sbl__bounce_fresh_leaves },
-        { sbl__bounce_follow, sbl__bounce_after_follow, NULL, NULL },
-        { NULL, NULL, sbl__bounce_find, sbl__bounce_points },
+        { NULL, sbl__bounce_after_cuts, sbl__bounce_cuts, sbl__bounce_uncut_leaves },
+        { sbl__bounce_cast_points, sbl__bounce_after_rays, NULL, NULL },
+        { NULL, NULL, sbl__bounce_relocate, sbl__bounce_points },
         { sbl__bounce_order, NULL, NULL, NULL },
         { NULL, NULL, sbl__bounce_sort, sbl__bounce_points },
-        { sbl__bounce_room, sbl__bounce_after_sites, sbl__bounce_site, sbl__bounce_points },
-        { sbl__bounce_sense, NULL, NULL, NULL },
-        { NULL, NULL, sbl__bounce_join, sbl__bounce_leaves },
+        { NULL, NULL, sbl__bounce_link, sbl__bounce_points },
+        { sbl__bounce_allocate, sbl__bounce_after_sites, sbl__bounce_site, sbl__bounce_points },
+        { sbl__bounce_run_job, NULL, NULL, NULL },
+        { NULL, NULL, sbl__bounce_direct, sbl__bounce_leaves },
         { NULL, sbl__bounce_after_gather, sbl__bounce_gather, sbl__bounce_leaves },
         { NULL, sbl__bounce_after_noise, sbl__bounce_noise, sbl__bounce_leaves },
-        { NULL, sbl__bounce_after_carry, sbl__bounce_gather, sbl__bounce_leaves },
+        { NULL, sbl__bounce_after_propagate, sbl__bounce_gather, sbl__bounce_leaves },
         { NULL, NULL, sbl__bounce_uncertainty, sbl__bounce_leaves },
         { sbl__bounce_send, sbl__bounce_after_send, NULL, NULL },
-        { sbl__bounce_sense, sbl__bounce_after_air, NULL, NULL }
+        { sbl__bounce_run_job, sbl__bounce_after_air, NULL, NULL }
     };
     const double start = sbl__now();
     sbl__store *s = &c->scene.store;
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
-    if (!s->ready && sbl__bounce_under_way(c))
+    if (!s->ready && sbl__bounce_resume(c))
         result = sbl__stages_step(&c->bounce->stages, table, SBL__COUNT(table), c->bounce, slice);
     if (s->ready) result = SBL_SUCCESS;
     else if (result == SBL_SUCCESS) {
-        sbl__bounce_rest(&c->device, c->bounce);
+        sbl__bounce_free_temporary(&c->device, c->bounce);
         s->ready = 1;
     } else if (result != SBL_UNFINISHED) sbl__bounce_end(c);
     c->stats.seconds.bounce += sbl__now() - start;
@@ -12867,13 +12410,13 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     return result;
 }
 
-/* Estimates the share of the store that is done, 0 to 1, never less than before. Rays between surfaces make up half
-   of it. */
+/* Estimates how much of the store is done, 0 to 1, never less than before. Rays between surfaces are half of it. */
 static float sbl__bounce_progress(sbl__core *c) {
     sbl__bounce *b = c->bounce;
     float now;
     if (c->scene.store.ready || !b) return c->scene.store.ready ? 1.0f : 0.0f;
-    now = b->stages.stage < SBL__BOUNCE_SITES  ? 0.5f * (float)b->cast / (float)(SBL__BOUNCE_POINTS * b->store->most)
+    now = b->stages.stage < SBL__BOUNCE_SITES
+              ? 0.5f * (float)b->points_cast / (float)(SBL__BOUNCE_POINTS * b->store->most)
         : b->stages.stage == SBL__BOUNCE_SITES ? 0.5f
         : b->stages.stage == SBL__BOUNCE_LIGHT ? 0.5f + 0.4f * sbl__job_progress(&b->job)
                                                : 0.9f;
@@ -12881,13 +12424,13 @@ static float sbl__bounce_progress(sbl__core *c) {
     return b->progress;
 }
 
-/* Returns the share of the progress of a picture or gather that filling the store takes, or 0 if the store is ready
-   or not needed. */
+/* Returns the share of progress that filling the store takes, or 0 if the store is ready or not needed. */
 static float sbl__prepare_share(const sbl__core *c, const sbl__measurement *s) {
-    return s->options.mode == SBL_MODE_GI && !c->scene.store.ready ? SBL__BOUNCE_SHARE : 0;
+    return s->options.mode == SBL_MODE_GI && !c->scene.store.ready ? SBL__BOUNCE_TIME : 0;
 }
 
-/* Makes ready what sensors of that kind need of the scene. SBL_SUCCESS: it is. */
+/* Prepares what a measurement needs of the scene, piece by piece: hierarchy and lamps for rays, the store for bounced
+   light. SBL_SUCCESS: all is ready. */
 static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__slice *slice) {
     const sbl__hierarchy *h = &c->scene.hierarchy;
     const int rays = s->options.mode != SBL_MODE_PAPER;
@@ -12901,25 +12444,23 @@ static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__sli
 }
 
 /* ======================================================================================================== >>saved
-   Stored light as a stream: a header, the store's four arrays, a checksum. What is read is believed only where it fits
-   the scene and itself. */
+   Writes the store to a stream and reads it: a header, the store, a checksum. Data that is read is used only if it
+   belongs to the scene and is valid. */
 
+#define SBL__SAVED_NAME "sblstore"
 #define SBL__SAVED_VERSION 3u
-#define SBL__SAVED_ORDER 0x01020304u
+#define SBL__SAVED_ORDER 0x01020304u   /* tells the byte order */
 #define SBL__SAVED_SEED 0xcbf29ce484222325u
-#define SBL__SAVED_CELLS (1 << 22)     /* at most; as many cuts, and half as many leaves */
+#define SBL__SAVED_CELLS (1 << 22)     /* largest number of slots and of cuts; half of it for leaves */
 
 typedef struct sbl__saved {
     char name[8];
     uint32_t version, order;
-    uint64_t scene;                    /* hash of what the light depends on */
+    uint64_t scene;                    /* see sbl__saved_scene */
     int32_t triangles, cells, cuts, leaves;
-    float origin[3], length, air[6][3];
 } sbl__saved;
 
-static const char sbl__saved_name[8] = { 's', 'b', 'l', 's', 't', 'o', 'r', 'e' };
-
-/* Of all that stored light depends on. */
+/* Returns a hash of everything that stored light depends on. */
 static uint64_t sbl__saved_scene(const sbl__scene *s) {
     const sbl__geometry *g = &s->geometry;
     const sbl__environment *e = &s->environment;
@@ -12937,34 +12478,37 @@ static uint64_t sbl__saved_scene(const sbl__scene *s) {
     return hash;
 }
 
-/* One end of a stream: get or put is the host's function, the other is NULL. */
+/* A stream that the host reads (get) or writes (put); the other function is NULL. */
 typedef struct sbl__saved_stream {
     sbl_read_function get;
     sbl_write_function put;
     void *user;
-    uint64_t sum;                      /* hash of all that went through */
+    uint64_t sum;                      /* hash of all data so far */
 } sbl__saved_stream;
 
-static int sbl__saved_pass(sbl__saved_stream *s, void *data, size_t bytes) {
+/* Reads or writes a block of data. Returns 0 if the stream has failed or ended. */
+static int sbl__saved_transfer(sbl__saved_stream *s, void *data, size_t bytes) {
     if (bytes && (s->get ? s->get(data, bytes, s->user) : s->put(data, bytes, s->user)) != bytes) return 0;
     s->sum = sbl__hash_bytes(s->sum, data, bytes);
     return 1;
 }
 
-/* The arrays that follow the header. */
-static int sbl__saved_arrays(sbl__saved_stream *stream, const sbl__store *s, int triangles) {
-    return sbl__saved_pass(stream, s->patches, (size_t)triangles * sizeof *s->patches) &&
-           sbl__saved_pass(stream, s->cells, (size_t)s->cell_room * sizeof *s->cells) &&
-           sbl__saved_pass(stream, s->cuts, (size_t)s->cut_count * sizeof *s->cuts) &&
-           sbl__saved_pass(stream, s->leaves, (size_t)s->leaf_count * sizeof *s->leaves);
+/* Reads or writes what follows the header: the grid, light in the air and the arrays. */
+static int sbl__saved_store(sbl__saved_stream *stream, sbl__store *s, int triangles) {
+    return sbl__saved_transfer(stream, s->origin, sizeof s->origin) &&
+           sbl__saved_transfer(stream, &s->length, sizeof s->length) &&
+           sbl__saved_transfer(stream, s->air, sizeof s->air) &&
+           sbl__saved_transfer(stream, s->patches, (size_t)triangles * sizeof *s->patches) &&
+           sbl__saved_transfer(stream, s->cells, (size_t)s->cell_room * sizeof *s->cells) &&
+           sbl__saved_transfer(stream, s->cuts, (size_t)s->cut_count * sizeof *s->cuts) &&
+           sbl__saved_transfer(stream, s->leaves, (size_t)s->leaf_count * sizeof *s->leaves);
 }
 
-static int sbl__saved_write(const sbl__scene *s, sbl_write_function put, void *user) {
+static int sbl__saved_write(sbl__scene *s, sbl_write_function put, void *user) {
     sbl__saved_stream stream = { NULL, put, user, SBL__SAVED_SEED };
     sbl__saved header;
-    uint64_t sum;
     memset(&header, 0, sizeof header);
-    memcpy(header.name, sbl__saved_name, sizeof header.name);
+    memcpy(header.name, SBL__SAVED_NAME, sizeof header.name);
     header.version = SBL__SAVED_VERSION;
     header.order = SBL__SAVED_ORDER;
     header.scene = sbl__saved_scene(s);
@@ -12972,61 +12516,57 @@ static int sbl__saved_write(const sbl__scene *s, sbl_write_function put, void *u
     header.cells = s->store.cell_room;
     header.cuts = s->store.cut_count;
     header.leaves = s->store.leaf_count;
-    memcpy(header.origin, s->store.origin, sizeof header.origin);
-    header.length = s->store.length;
-    memcpy(header.air, s->store.air, sizeof header.air);
-    if (!sbl__saved_pass(&stream, &header, sizeof header)) return 0;
-    if (!sbl__saved_arrays(&stream, &s->store, header.triangles)) return 0;
-    sum = stream.sum;
-    return sbl__saved_pass(&stream, &sum, sizeof sum);
+    return sbl__saved_transfer(&stream, &header, sizeof header) &&
+           sbl__saved_store(&stream, &s->store, header.triangles) &&
+           sbl__saved_transfer(&stream, &stream.sum, sizeof stream.sum);
 }
 
-/* NULL: it is of this scene and this version. */
+/* Returns what is wrong with a header, or NULL if it belongs to this scene and this version. */
 static const char *sbl__saved_check(const sbl__saved *header, const sbl__scene *s) {
     const int32_t most = SBL__SAVED_CELLS, cells = header->cells;
-    if (memcmp(header->name, sbl__saved_name, sizeof header->name)) return "it is not stored light of sbl.h";
-    if (header->order != SBL__SAVED_ORDER) return "it comes from a machine of another byte order";
-    if (header->version != SBL__SAVED_VERSION) return "it is of another version of sbl.h";
+    if (memcmp(header->name, SBL__SAVED_NAME, sizeof header->name)) return "it is not stored light of sbl.h";
+    if (header->order != SBL__SAVED_ORDER) return "it was written on a machine with another byte order";
+    if (header->version != SBL__SAVED_VERSION) return "it was written by another version of sbl.h";
     if (header->scene != sbl__saved_scene(s) || header->triangles != s->geometry.triangle_count)
-        return "it is of another scene";
+        return "it belongs to another scene";
     if (cells < 1 || cells > most || (cells & (cells - 1)) || header->cuts < 0 || header->cuts > most ||
-        header->leaves < 0 || header->leaves > most / 2 || !sbl__all_finite(header->origin, 3) ||
-        !sbl__between(&header->length, FLT_MIN, FLT_MAX) || !sbl__all_finite(&header->air[0][0], 18))
-        return "it is damaged";
+        header->leaves < 0 || header->leaves > most / 2) return "it is damaged";
     return NULL;
 }
 
-/* Leads a reference to something? Those of cut number `from` only to later ones: no way goes round. */
+/* Returns 1 if a reference leads to a leaf or cut that exists. The sides of cut number `from` may only lead to later
+   cuts, so that no cycle exists; other references have `from` -1. */
 static int sbl__saved_leads(const sbl__store *s, uint32_t reference, int from) {
     const uint32_t cut = reference & ~SBL__CELL_CUT;
     if (reference < SBL__CELL_CUT) return reference <= (uint32_t)s->leaf_count;
     return cut < (uint32_t)s->cut_count && (from < 0 || cut > (uint32_t)from);
 }
 
-static int sbl__saved_sound(const sbl__store *s) {
+static int sbl__saved_valid(const sbl__store *s) {
     int i, k;
+    if (!sbl__all_finite(s->origin, 3) || !sbl__between(&s->length, FLT_MIN, FLT_MAX) ||
+        !sbl__all_finite(&s->air[0][0], 18)) return 0;
     for (i = 0; i < s->cell_room; i++) if (!sbl__saved_leads(s, s->cells[i].reference, -1)) return 0;
-    for (i = 0; i < s->cut_count; i++)
-        if (!sbl__saved_leads(s, s->cuts[i].sides[0], i) || !sbl__saved_leads(s, s->cuts[i].sides[1], i) ||
-            !sbl__all_finite(s->cuts[i].normal, 4)) return 0;
+    for (i = 0; i < s->cut_count; i++) {
+        const sbl__cut *cut = &s->cuts[i];
+        if (!sbl__saved_leads(s, cut->sides[0], i) || !sbl__saved_leads(s, cut->sides[1], i)) return 0;
+        if (!sbl__all_finite(cut->normal, 4)) return 0;  /* normal and distance */
+    }
     for (i = 0; i < s->leaf_count; i++)
         for (k = 0; k < 3; k++) if (!sbl__between(&s->leaves[i].light[k], 0, FLT_MAX)) return 0;
     return 1;
 }
 
-/* Reads a store, of which nothing is made yet. *why: what is wrong with the data. */
+/* Reads a store into s, which is empty. *why: receives what is wrong with the data. */
 static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene, sbl__store *s, sbl_read_function get,
                                   void *user, const char **why) {
     sbl__saved_stream stream = { get, NULL, user, SBL__SAVED_SEED };
     sbl__saved header;
     uint64_t sum, end;
     *why = "it ends too soon";
-    if (!sbl__saved_pass(&stream, &header, sizeof header)) return SBL_ERROR_INVALID_ARGUMENT;
+    if (!sbl__saved_transfer(&stream, &header, sizeof header)) return SBL_ERROR_INVALID_ARGUMENT;
     *why = sbl__saved_check(&header, scene);
     if (*why) return SBL_ERROR_INVALID_ARGUMENT;
-    memcpy(s->origin, header.origin, sizeof s->origin);
-    s->length = header.length;
-    memcpy(s->air, header.air, sizeof s->air);
     s->patches = (uint32_t *)sbl__alloc(d->base, (size_t)header.triangles, sizeof *s->patches);
     s->cells = (sbl__cell_slot *)sbl__alloc(d->base, (size_t)header.cells, sizeof *s->cells);
     s->cuts = (sbl__cut *)sbl__alloc(d->base, (size_t)header.cuts, sizeof *s->cuts);
@@ -13036,14 +12576,14 @@ static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene,
     s->cut_count = s->cut_room = header.cuts;
     s->leaf_count = s->leaf_room = header.leaves;
     *why = "it ends too soon";
-    if (!sbl__saved_arrays(&stream, s, header.triangles)) return SBL_ERROR_INVALID_ARGUMENT;
+    if (!sbl__saved_store(&stream, s, header.triangles)) return SBL_ERROR_INVALID_ARGUMENT;
     sum = stream.sum;
-    if (!sbl__saved_pass(&stream, &end, sizeof end)) return SBL_ERROR_INVALID_ARGUMENT;
-    *why = end == sum && sbl__saved_sound(s) ? NULL : "it is damaged";
+    if (!sbl__saved_transfer(&stream, &end, sizeof end)) return SBL_ERROR_INVALID_ARGUMENT;
+    *why = end == sum && sbl__saved_valid(s) ? NULL : "it is damaged";
     return *why ? SBL_ERROR_INVALID_ARGUMENT : SBL_SUCCESS;
 }
 
-/* The scene's store, from a stream. On failure it has the one that it had. */
+/* Replaces the scene's store with a store from a stream. On failure the scene keeps its store. */
 static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *user) {
     sbl__scene *scene = &c->scene;
     const int triangles = scene->geometry.triangle_count, wide = scene->geometry.wide;
@@ -15698,7 +15238,7 @@ static sbl_picture_desc sbl__picture_desc_of(const sbl__core *c, const sbl_pictu
 
 static sbl_result sbl__picture_check(const sbl__core *c, const void *desc, sbl__measurement *measurement) {
     const sbl_picture_desc *given = (const sbl_picture_desc *)desc, d = sbl__picture_desc_of(c, given);
-    const sbl_result result = sbl__check_picture(&c->base, given, &d, c->scene.draw != NULL);
+    const sbl_result result = sbl__check_picture(&c->base, &d, c->scene.draw != NULL);
     if (result != SBL_SUCCESS) return result;
     return sbl__map_check(c, "sbl_picture_desc", &d, given && given->target_error > 0, measurement);
 }
@@ -15893,7 +15433,7 @@ static void sbl__lightmap_free(void *work) {
 static sbl_result sbl__lightmap_check(const sbl__core *c, const void *desc, sbl__measurement *measurement) {
     const sbl_lightmap_desc *given = (const sbl_lightmap_desc *)desc, d = sbl_lightmap_desc_defaults(given);
     const sbl_picture_desc picture = sbl__lightmap_picture(&d);
-    const sbl_result result = sbl__check_lightmap(&c->base, given, &d, &c->scene);
+    const sbl_result result = sbl__check_lightmap(&c->base, &d, &c->scene);
     if (result != SBL_SUCCESS) return result;
     return sbl__map_check(c, "sbl_lightmap_desc", &picture, given && given->target_error > 0, measurement);
 }
@@ -16138,7 +15678,7 @@ static sbl_result sbl__gathering_check(const sbl__core *c, const void *desc, sbl
     const sbl_readings_desc *given = (const sbl_readings_desc *)desc, d = sbl_readings_desc_defaults(given);
     *measurement = sbl__measurement_of(&d.options, d.sensor_kind, d.sensor_fov);
     measurement->every_ray = given && given->options.rays > 0;
-    return sbl__check_readings(&c->base, given, &d, c->scene.draw != NULL);
+    return sbl__check_readings(&c->base, &d, c->scene.draw != NULL);
 }
 
 static sbl_result sbl__gathering_begin(void *work, const void *desc) {
@@ -16362,7 +15902,7 @@ static sbl_result sbl__vertices_check(const sbl__core *c, const void *desc, sbl_
     const sbl_readings_desc readings = sbl__vertices_readings(&d);
     *measurement = sbl__measurement_of(&readings.options, readings.sensor_kind, readings.sensor_fov);
     measurement->every_ray = given && given->options.rays > 0;
-    return sbl__check_vertices(&c->base, given, &d, &c->scene);
+    return sbl__check_vertices(&c->base, &d, &c->scene);
 }
 
 static sbl_result sbl__vertices_begin(void *work, const void *desc) {
@@ -17059,9 +16599,9 @@ static void sbl__probe_asked(const sbl_probes_desc *d, int i, float out[3]) {
 }
 
 static sbl_result sbl__probes_check(const sbl__core *c, const void *desc, sbl__measurement *measurement) {
-    const sbl_probes_desc *given = (const sbl_probes_desc *)desc, d = sbl_probes_desc_defaults(given);
+    const sbl_probes_desc d = sbl_probes_desc_defaults((const sbl_probes_desc *)desc);
     *measurement = sbl__measurement_of(&d.options, SBL_SENSOR_HEMICUBE, 135);
-    return sbl__check_probes(&c->base, given, &d, c->scene.draw != NULL);
+    return sbl__check_probes(&c->base, &d, c->scene.draw != NULL);
 }
 
 static sbl_result sbl__probes_begin(void *work, const void *desc) {

@@ -16,17 +16,17 @@ job = json.loads(sys.argv[sys.argv.index('--') + 1])
 bpy.ops.wm.read_factory_settings(use_empty=True)
 to_blender = Matrix()
 if job['file'].endswith('.obj'):
-    bpy.ops.wm.obj_import(filepath=job['file'], forward_axis='Y', up_axis='Z')  # coordinates as they are
+    bpy.ops.wm.obj_import(filepath=job['file'], forward_axis='Y', up_axis='Z')  # keeps the coordinates
 else:
     import numpy
     if not hasattr(numpy, 'bool'):
-        numpy.bool = bool  # Blender 3.4's importer wants a name that numpy 1.24 dropped
+        numpy.bool = bool  # needed by the importer of Blender 3.4, removed in numpy 1.24
     bpy.ops.import_scene.gltf(filepath=job['file'])
-    to_blender = Matrix.Rotation(math.pi / 2, 4, 'X')  # that importer turns y up into z up
+    to_blender = Matrix.Rotation(math.pi / 2, 4, 'X')  # the glTF importer turns y up into z up
 
 
 def lambertian(material):
-    """Puts diffuse plus emission in the place of what the importer made."""
+    """Replaces the shader that the importer made by diffuse plus emission."""
     tree = material.node_tree
     made = next(n for n in tree.nodes if n.type == 'BSDF_PRINCIPLED')
     output = next(n for n in tree.nodes if n.type == 'OUTPUT_MATERIAL')
@@ -39,7 +39,7 @@ def lambertian(material):
         else:
             target.default_value = value.default_value
     if made.inputs['Alpha'].is_linked:
-        sys.exit('%s: cutouts are not set up here' % material.name)
+        sys.exit('%s: cut-outs are not supported' % material.name)
     if not made.inputs['Emission'].is_linked and max(made.inputs['Emission'].default_value[:3]) == 0:
         glow.inputs['Strength'].default_value = 0
     tree.links.new(diffuse.outputs[0], both.inputs[0])
@@ -69,7 +69,7 @@ cycles.caustics_reflective = cycles.caustics_refractive = False
 
 
 def camera():
-    """Returns what renders the picture through the job's camera, and what writes it."""
+    """Returns two functions: one renders the picture through the job's camera, one writes it."""
     eye, look_at, up = (Vector(job[key]) for key in ('eye', 'look_at', 'up'))
     backward = (eye - look_at).normalized()
     right = up.cross(backward).normalized()
@@ -82,8 +82,8 @@ def camera():
                                                                       backward)).transposed().to_4x4()
     render.resolution_x, render.resolution_y = job['size']
     render.resolution_percentage = 100
-    cycles.pixel_filter_type, cycles.filter_width = 'GAUSSIAN', 0.01  # the narrowest there is: pixel centres
-    # light over pi, the surface's colour taken out: R, in two parts
+    cycles.pixel_filter_type, cycles.filter_width = 'GAUSSIAN', 0.01  # the narrowest one, for pixel centres
+    # the sum of these passes, without the surface's colour, is R
     scene.view_layers[0].use_pass_diffuse_direct = scene.view_layers[0].use_pass_diffuse_indirect = True
     image = render.image_settings
     image.file_format, image.color_depth, image.exr_codec = 'OPEN_EXR_MULTILAYER', '32', 'NONE'
@@ -92,12 +92,12 @@ def camera():
 
 
 def lightmap():
-    """The same of a lightmap of R."""
+    """Returns two functions that bake a lightmap of R and write it."""
     import numpy
     size = job['lightmap']
     image = bpy.data.images.new('light', size, size, float_buffer=True)
     for material in bpy.data.materials:
-        if material.use_nodes:  # where Blender bakes to: the active picture
+        if material.use_nodes:  # Blender bakes into the active image node
             material.node_tree.nodes.active = material.node_tree.nodes.new('ShaderNodeTexImage')
             material.node_tree.nodes.active.image = image
     meshes = [thing for thing in scene.objects if thing.type == 'MESH']
@@ -120,7 +120,7 @@ print('BENCH ready', flush=True)
 for line in sys.stdin:
     samples, cycles.seed, path = (f(x) for f, x in zip((int, int, str), line.split(' ', 2)))
     cycles.samples = samples
-    scene.update_tag()  # without it Cycles keeps to the settings of its first picture
+    scene.update_tag()  # otherwise Cycles keeps the settings of its first picture
     start = time.perf_counter()
     make()
     seconds = time.perf_counter() - start

@@ -6,7 +6,7 @@ import sys
 import bpy
 import numpy
 
-if not hasattr(numpy, "bool"):  # Blender 3.4's reader of glTF asks for it, numpy 1.24 has dropped it
+if not hasattr(numpy, "bool"):  # needed by the glTF reader of Blender 3.4, removed in numpy 1.24
     numpy.bool = bool
 
 scene, out, size, degrees, GAP = sys.argv[sys.argv.index("--") + 1:]
@@ -14,7 +14,7 @@ size, degrees, GAP = int(size), float(degrees), int(GAP)  # GAP: texels between 
 
 
 def read():
-    for thing in list(bpy.data.objects):  # the start-up file's cube, lamp and camera
+    for thing in list(bpy.data.objects):  # the cube, lamp and camera of the start-up file
         bpy.data.objects.remove(thing)
     if os.path.splitext(scene)[1].lower() == ".obj":
         bpy.ops.wm.obj_import(filepath=scene)
@@ -31,8 +31,8 @@ def unwrap(meshes):
     bpy.context.view_layer.objects.active = meshes[0]
     bpy.ops.object.make_single_user(object=True, obdata=True)
     bpy.ops.object.parent_clear(type="CLEAR_KEEP_TRANSFORM")
-    bpy.ops.object.transform_apply(location=False, rotation=False, scale=True)  # charts as large as their surfaces
-    for o in meshes:  # TEXCOORD_0 is the materials', whether they have textures or not
+    bpy.ops.object.transform_apply(location=False, rotation=False, scale=True)  # keeps charts proportional
+    for o in meshes:  # TEXCOORD_0 is reserved for materials, with or without textures
         layers = o.data.uv_layers
         if not layers:
             layers.new(name="UVMap")
@@ -47,12 +47,12 @@ def unwrap(meshes):
 
 
 class Chart:
-    """Corners of an object's faces that share edges in the map: their numbers, and where they lie."""
+    """The corners of faces of an object that share edges in the map: their numbers and coordinates."""
 
     def __init__(self, coordinates, corners):
         self.coordinates, self.corners = coordinates, numpy.array(corners)
         at = coordinates[self.corners]
-        if numpy.ptp(at[:, 1]) > numpy.ptp(at[:, 0]):  # lying charts pack better
+        if numpy.ptp(at[:, 1]) > numpy.ptp(at[:, 0]):  # horizontal charts pack better
             at = numpy.stack((at[:, 1], -at[:, 0]), 1)
         self.low = at.min(0)
         self.at, self.extent = at - self.low, numpy.ptp(at, 0)
@@ -87,7 +87,7 @@ def charts_of(coordinates, mesh):
 
 
 def rows_of(charts, scale):
-    """Where each goes, rows from the highest charts to the lowest; None: it does not fit."""
+    """Returns the place of each chart, in rows from the highest chart to the lowest, or None if they do not fit."""
     places, column, row, high = [], GAP // 2, GAP // 2, 0
     for chart in charts:
         width, height = chart.texels(scale)
@@ -101,7 +101,7 @@ def rows_of(charts, scale):
 
 
 def pack(meshes):
-    """Whole texels between all charts: Blender 3.4's own packer lets some overlap."""
+    """Packs charts with whole texels between them, because some overlap with the packer of Blender 3.4."""
     layers = [o.data.uv_layers["Lightmap"].data for o in meshes]
     coordinates = []
     for layer in layers:
@@ -127,7 +127,7 @@ def pack(meshes):
 
 meshes = read()
 if not meshes:
-    sys.exit("unwrap: there is no surface in it")
+    sys.exit("unwrap: the scene has no surface")
 unwrap(meshes)
 count = pack(meshes)
 for o in meshes:

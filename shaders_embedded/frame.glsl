@@ -1,5 +1,5 @@
-// Right-handed orthonormal basis whose third column is the unit vector n: Duff et al. 2017, "Building an
-// Orthonormal Basis, Revisited".
+// Returns a right-handed orthonormal basis whose third column is the unit vector n (Duff et al. 2017, "Building
+// an Orthonormal Basis, Revisited").
 mat3 sbl_frame(vec3 n) {
     float s = n.z < 0.0 ? -1.0 : 1.0, f = -1.0 / (s + n.z), g = n.x * n.y * f;
     return mat3(1.0 + s * n.x * n.x * f, s * g, -s * n.x, g, s + n.y * n.y * f, -n.y, n);

@@ -1,12 +1,12 @@
-// What surfaces do with light: what they emit, what they reflect, where a reflected ray goes on, and where they
-// have holes. No other shader reads a material; >>material in sbl.h is the same for the CPU.
+// How surfaces emit and reflect light, and where they have holes. No other shader reads a material. >>material in
+// sbl.h does the same on the CPU.
 uniform float epsilon;     // the ambient factor
-uniform bool lamps_apart;  // light from emitters comes from lamps.glsl
+uniform bool lamps_apart;  // true: lamps.glsl adds the light of emitters, so sbl_outgoing leaves it out
 
-// A material at a point, after its textures have been read.
+// A material at a point, with its textures applied.
 struct sbl_Material {
-    vec3 albedo;   // share of the light that is reflected, the same towards all directions
-    bool cut_out;  // there is a hole here
+    vec3 albedo;   // diffuse reflectance
+    bool cut_out;  // the point lies in a hole
 };
 
 sbl_Material sbl_material(int object, sbl_Attributes at) {
@@ -15,10 +15,10 @@ sbl_Material sbl_material(int object, sbl_Attributes at) {
     return sbl_Material(color.rgb, color.a < sbl_object_alpha_cutoff(object));
 }
 
-// False: sbl_material finds no hole anywhere, and need not be asked.
+// False: no point of the object lies in a hole, so sbl_material need not be called to find out.
 bool sbl_has_holes(int object) { return sbl_object_alpha_cutoff(object) > 0.0; }
 
-// True: this side of the surface does not emit, whatever the material's emission is.
+// True if this is the back of a surface that emits only in front.
 bool sbl_dark_side(int object, bool back) {
     return back && (sbl_object_flags(object) & SBL_ONE_SIDED_EMISSION) != 0u;
 }
@@ -28,32 +28,30 @@ vec3 sbl_emission(int object, bool back) {
     return sbl_dark_side(object, back) ? vec3(0) : sbl_object_emission(object);
 }
 
-// It does not ask sbl_emission, since softpipe then shows wrong sides.
+// Does not call sbl_emission, because softpipe then shows wrong sides.
 bool sbl_emits(int object, bool back) {
     vec3 emission = sbl_object_emission(object);
     return max(max(emission.r, emission.g), emission.b) > 0.0 && !sbl_dark_side(object, back);
 }
 
-// The factor by which the texture changes the emission at a point.
+// The emission texture at a point, by which sbl_emission must be multiplied.
 vec3 sbl_emission_pattern(int object, sbl_Attributes at) {
     return sbl_texture(sbl_object_emission_texture(object), at.uv).rgb;
 }
 
-// True: sbl_outgoing does not read the attributes.
+// True if sbl_outgoing does not read `at`.
 bool sbl_outgoing_is_plain(int object, bool back) {
-#ifdef SBL_TEXTURED
-#ifdef SBL_BOUNCED
+#if !defined(SBL_TEXTURED)
+    return true;
+#elif defined(SBL_BOUNCED)
     return false;
 #else
     return sbl_emits(object, back) ? lamps_apart : epsilon <= 0.0;
 #endif
-#else
-    return true;
-#endif
 }
 
-// Radiance that a surface sends towards a sensor besides the stored light that it reflects: Ck of equations 1 and
-// 2, which is the radiance of an emitter, or the ambient factor times the colour.
+// Radiance that a surface sends towards a sensor, without the stored light that it reflects: Ck of equations 1 and
+// 2. It is the emission of an emitter; for other surfaces, epsilon times the albedo.
 vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {
     bool emits = sbl_emits(object, back);
     vec3 radiance = emits ? sbl_object_emission(object) : epsilon * sbl_object_albedo(object);
@@ -67,21 +65,21 @@ vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {
     return radiance;
 }
 
-// Radiance that a surface sends towards its receiver. light: R, which falls on it.
+// Radiance that a surface reflects. light: R at the surface
 vec3 sbl_reflected(sbl_Material m, vec3 light) { return m.albedo * light; }
 
-// The share of R that bounces in the store. It is below 1, since closed rooms would otherwise never grow dark.
+// Share of R that stays in the store at a bounce. It is below 1, so that light fades even in closed white rooms.
 vec3 sbl_bounced(sbl_Material m) { return clamp(m.albedo, 0.0, SBL_BOUNCE_ALBEDO); }
 
-// A ray that goes on from a surface.
+// A reflected ray.
 struct sbl_Bounce {
     vec3 direction;
-    vec3 off;     // unit vector off the surface, on the side where the ray starts
-    vec3 weight;  // what the radiance that the ray finds counts towards the receiver
+    vec3 off;     // unit normal, on the side where the ray starts
+    vec3 weight;  // factor of the radiance that the ray finds
 };
 
-// A direction from which light is reflected towards the receiver, drawn by the cosine. across: the surface's
-// normal of any length, 0 where the triangle has no area. u: 0 to 1.
+// Draws a direction, cosine-distributed, from which a surface reflects light. across: normal of any length; 0 if
+// the triangle has no area, in which case to_receiver replaces it. u: uniform point of the unit square
 sbl_Bounce sbl_bounce(sbl_Material m, vec3 across, vec3 to_receiver, vec2 u) {
     vec3 normal = dot(across, across) > 0.0 ? normalize(across) : to_receiver;
     return sbl_Bounce(sbl_by_cosine(sbl_frame(normal), u), normal, m.albedo);

@@ -1,10 +1,10 @@
 // The scene's triangles and textures.
-uniform sbl_Texels sbl_indices;      // three a triangle
-uniform sampler2D sbl_texels_srgb;   // all 8-bit sRGB textures, each from a row of its own on: its texel n stands
-                                     // at n % the store's width, n / it rows further
-uniform sampler2D sbl_texels_float;  // all others
+uniform sbl_Texels sbl_indices;      // three vertex numbers per triangle
+uniform sampler2D sbl_texels_srgb;   // texel table of all 8-bit sRGB textures. Texel n of a texture is in column
+                                     // n % width of the table, n / width rows below the texture's first row.
+uniform sampler2D sbl_texels_float;  // texel table of all other textures
 
-// Vertices of a triangle of the scene.
+// Vertex numbers of a triangle of the scene.
 ivec3 sbl_corners(int triangle) {
     return ivec3(int(sbl_fetch(sbl_indices, 3 * triangle).x), int(sbl_fetch(sbl_indices, 3 * triangle + 1).x),
                  int(sbl_fetch(sbl_indices, 3 * triangle + 2).x));
@@ -12,14 +12,13 @@ ivec3 sbl_corners(int triangle) {
 
 struct sbl_Attributes { vec2 uv; vec4 color; };
 
-const sbl_Attributes SBL_PLAIN = sbl_Attributes(vec2(0), vec4(1));  // of a surface without textures and colours
+const sbl_Attributes SBL_PLAIN = sbl_Attributes(vec2(0), vec4(1));  // without textures and vertex colours
 
 vec4 sbl_unpack_color(uint rg, uint ba) { return vec4(rg & 65535u, rg >> 16, ba & 65535u, ba >> 16); }
 
 vec4 sbl_texel(uvec4 place, ivec2 at) {
     ivec2 size = ivec2(place.yz);
-    if ((place.w & SBL_TEXTURE_CLAMPS) != 0u) at = clamp(at, ivec2(0), size - 1);
-    else at -= size * ivec2(floor(vec2(at) / vec2(size)));
+    if ((place.w & SBL_TEXTURE_CLAMPS) == 0u) at -= size * ivec2(floor(vec2(at) / vec2(size)));
     at = clamp(at, ivec2(0), size - 1);  // the division above may round up for far repeats
     bool srgb = (place.w & SBL_TEXTURE_KIND) == SBL_TEXTURE_SRGB;
     int index = at.y * size.x + at.x;
@@ -28,8 +27,8 @@ vec4 sbl_texel(uvec4 place, ivec2 at) {
     return srgb ? texelFetch(sbl_texels_srgb, texel, 0) : texelFetch(sbl_texels_float, texel, 0);
 }
 
-// A texture's place in its store is first row, width, height, kind. Bilinear, decoded before it is filtered; (0,
-// 0) is the first texel's outer corner.
+// Reads a texture with bilinear filtering of linear values. place: first row in the texel table, width, height,
+// kind; all 0: no texture. uv: (0, 0) is the outer corner of the first texel
 vec4 sbl_texture(uvec4 place, vec2 uv) {
 #if defined(SBL_TEXTURED) || defined(SBL_CUTOUTS)
     if ((place.w & SBL_TEXTURE_CLAMPS) == 0u) uv -= floor(uv);

@@ -1,19 +1,18 @@
 // The store of bounced light (see >>store in sbl.h): R on surfaces, cell by cell.
 #ifdef SBL_BOUNCED
-// The table begins with a word a triangle of the scene; then the hash table of cells: check and reference; 0 0:
-// nothing.
-uniform int first_cell;   // texel that cells start at, two a texel
-uniform int cell_mask;    // their slots - 1
-uniform vec3 cell_origin;
-uniform float per_cell;   // 1 / length of a cell
+// The table sbl_store holds the patch words of all triangles, the hash table of cells, cuts, and leaves.
+uniform int first_cell;    // texel at which the hash table begins; each texel holds two slots (check, reference)
+uniform int cell_mask;     // number of slots - 1
+uniform vec3 cell_origin;  // origin of the grid of cells
+uniform float per_cell;    // 1 / length of a cell of level 0
 
 uint sbl_hash_step(uint hash, uint x) {
     hash = (hash ^ x) * SBL_HASH_FACTOR;
-    return hash ^ hash >> 15;
+    return hash ^ hash >> SBL_HASH_SHIFT;
 }
 
-// 1 + the leaf at a point of triangle number `number` of the scene, on its back side or front, seen from so far
-// away; 0: there is none.
+// Returns 1 + the number of the leaf at a position on triangle `number` of the scene, or 0 if there is none.
+// back: the back side is seen. distance: distance from which the position is seen.
 int sbl_leaf_at(int number, bool back, vec3 position, float distance) {
     uint patch_word = sbl_fetch(sbl_store, number >> 2)[number & 3] ^ (back ? SBL_PATCH_BACK : 0u);
     uvec3 at = uvec3(clamp((position - cell_origin) * per_cell, vec3(0), vec3(SBL_CELL_MOST)));
@@ -23,7 +22,8 @@ int sbl_leaf_at(int number, bool back, vec3 position, float distance) {
     }
     if (distance * per_cell * float(SBL_NEAR_PART) < 1.0) patch_word |= SBL_PATCH_NEAR;
     uint reference = 0u;
-    for (int tries = 0; tries < 2 * SBL_LEVELS && reference == 0u; tries++) {  // as seen from elsewhere, or wider
+    // Each level is tried first with the near bit for this distance, then with the other one.
+    for (int tries = 0; tries < 2 * SBL_LEVELS && reference == 0u; tries++) {
         uint hash = sbl_hash_step(sbl_hash_step(sbl_hash_step(sbl_hash_step(0u, patch_word), at.x), at.y), at.z);
         uint check = sbl_hash_step(sbl_hash_step(sbl_hash_step(hash, at.z), at.y), at.x) | 1u;
         for (int i = 0; i < SBL_SLOT_TRIES; i++) {
@@ -47,7 +47,7 @@ int sbl_leaf_at(int number, bool back, vec3 position, float distance) {
     return int(reference);
 }
 
-// R of a leaf, and what of it comes from lamps.
+// R of a leaf, and the part of it that comes directly from lamps. leaf: as returned by sbl_leaf_at
 vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : sbl_leaf_light(leaf - 1); }
 
 vec3 sbl_lamps_of(int leaf) {
@@ -56,7 +56,7 @@ vec3 sbl_lamps_of(int leaf) {
     return vec3(rgbe & 255u, rgbe >> 8 & 255u, rgbe >> 16 & 255u) * exp2(exponent);
 }
 
-// R there.
+// R at a position; parameters as for sbl_leaf_at.
 vec3 sbl_stored(int number, bool back, vec3 position, float distance) {
     return sbl_light_of(sbl_leaf_at(number, back, position, distance));
 }

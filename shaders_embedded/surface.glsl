@@ -1,21 +1,19 @@
-// From a triangle's number and a ray to the surface point. Exact where rasterised attributes are not: a point
-// interpolated across a large clipped triangle strays off its plane, and a sensor standing there would see its own
-// surface.
+// Computes surface points from a triangle's number and a ray. Positions that the rasteriser interpolates over a
+// large clipped triangle lie off its plane, so that a sensor there would see its own surface.
 struct sbl_Surface {
     vec3 position, normal, geometric_normal;  // normals point against the ray
     sbl_Material material;
     vec3 emission;
-    float facet;                              // the triangle's least height
-    float reach;                              // of its corners from the origin, plus its longest side: what
-                                              // rounding is relative to
+    float facet;                              // least height of the triangle
+    float reach;                              // distance of the first corner from the origin, plus twice the
+                                              // longest side; rounding errors are in proportion to it
     uint id;
     int object;
-    bool back;                                // its back side is seen
+    bool back;                                // true: the ray sees the back of the triangle
 };
 
-// Interpolated where it is long enough, towards the viewer's side of the triangle, and bent away from the
-// surface's own horizon: a shading normal that turns away from the viewer would aim the sensor at the surface
-// itself.
+// Returns the interpolated normal or, if that is too short, `face`, on the side of geometric_normal. A normal that
+// turns away from the viewer would aim the sensor at its own surface, so the cosine is kept above SBL_GRAZING.
 vec3 sbl_shading_normal(ivec3 v, vec3 b, vec3 face, vec3 geometric_normal, vec3 direction) {
     vec3 normal = b.x * sbl_attributes_normal(v.x) + b.y * sbl_attributes_normal(v.y) +
                   b.z * sbl_attributes_normal(v.z);
@@ -37,8 +35,8 @@ sbl_Attributes sbl_mix_attributes(ivec3 v, vec3 b) {
     return sbl_Attributes(uv, color / SBL_COLOR_MOST);
 }
 
-// A triangle: its vertices, its first corner, and the edges from there. size is the largest component of both
-// edges. Cross products take the edges over size (s1, s2), so that those of small triangles do not underflow.
+// A triangle: vertex numbers, first corner, and the edges from there. size: largest component of both edges. s1,
+// s2: edges divided by size, whose cross products do not underflow
 struct sbl_Facet {
     ivec3 v;
     vec3 p0, e1, e2, s1, s2;
@@ -52,7 +50,7 @@ sbl_Facet sbl_facet(int triangle) {
     return sbl_Facet(v, p0, e1, e2, e1 / size, e2 / size, size);
 }
 
-// The point of a triangle at b1, b2, weights of its second and third corner, as it is seen along direction.
+// The surface point at barycentrics b1, b2 (of the second and third corner), seen along `direction`.
 sbl_Surface sbl_surface_at(int triangle, float b1, float b2, vec3 direction) {
     sbl_Facet f = sbl_facet(triangle);
     int object = int(sbl_vertex_object(f.v.x));
@@ -78,11 +76,11 @@ sbl_Surface sbl_surface_at(int triangle, float b1, float b2, vec3 direction) {
     return s;
 }
 
-// Where a ray meets it.
+// The surface point where a ray meets a triangle.
 sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {
     sbl_Facet f = sbl_facet(triangle);
 
-    // Barycentrics of the ray's hit by Cramer's rule (Moeller and Trumbore 1997), kept inside the triangle.
+    // Barycentrics by Cramer's rule (Moeller and Trumbore 1997), clamped to the triangle.
     vec3 t = (origin - f.p0) / f.size, q = cross(t, f.s1), h = cross(direction, f.s2);
     float determinant = dot(f.s1, h);
     float b1 = clamp(dot(t, h) / determinant, 0.0, 1.0);
@@ -92,7 +90,7 @@ sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {
 }
 
 #ifdef SBL_LIGHTMAP
-// Seen from the front, see sbl_lightmap_desc.
+// The surface point seen from the front, which is the side of the vertex normals (see sbl_lightmap_desc).
 sbl_Surface sbl_surface_front(int triangle, float b1, float b2) {
     sbl_Facet f = sbl_facet(triangle);
     vec3 face = normalize(cross(f.s1, f.s2));

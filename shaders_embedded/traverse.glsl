@@ -1,13 +1,13 @@
-// A ray through the bounding volume hierarchy (see >>bvh in sbl.h).
-uniform vec3 grid_origin, grid_per_length;  // of the grid over all, which comes first
-uniform int node_count;                     // 0: an empty scene
+// Traces rays through the bounding volume hierarchy (see >>bvh in sbl.h).
+uniform vec3 grid_origin, grid_per_length;  // the grid over the scene, whose record is number 0
+uniform int node_count;                     // 0: the scene is empty
 
-const int SBL_LAYERS = 64;            // of cutouts that a ray goes through
+const int SBL_LAYERS = 64;            // limit of hits in holes that a ray passes
 const int SBL_BOX_SLACK = 8;          // units in the last place, see Ize 2013, "Robust BVH Ray Traversal"
-const float SBL_SELF_DEEP = 1e-4;     // a hit nearer than this share of its triangle's depth may be rounding:
-const float SBL_SELF_WIDE = 2.4e-7;   // it must be farther than half so many of its width
+const float SBL_SELF_DEEP = 1e-4;     // see sbl_test
+const float SBL_SELF_WIDE = 2.4e-7;
 
-// Attributes of a triangle that is traced, at b1, b2.
+// Attributes at barycentrics b1, b2 of a triangle of sbl_triangles.
 sbl_Attributes sbl_attributes_at(int triangle, float b1, float b2) {
 #ifdef SBL_TEXTURED
     ivec3 corners = sbl_corners(int(sbl_triangle_number(triangle)));
@@ -26,18 +26,19 @@ sbl_Attributes sbl_attributes_at(int triangle, float b1, float b2) {
 }
 
 struct sbl_Hit {
-    float distance;   // in lengths of the direction
-    int triangle;     // as sbl_triangles counts; negative: nothing was hit
-    int number;       // of the triangle in the scene
+    float distance;   // in units of the direction's length
+    int triangle;     // number in sbl_triangles; negative: nothing was hit
+    int number;       // the triangle's number in the scene
     float b1, b2;     // barycentrics of the second and third corner
     bool back;
 };
 
 sbl_Attributes sbl_attributes_of(sbl_Hit hit) { return sbl_attributes_at(hit.triangle, hit.b1, hit.b2); }
 
-// Does the ray's stretch up to `nearest` cross the box? Its entry distance, or 0x7fffffff; distances are the bits
-// of floats, since they order as integers where none is negative, and a negative one is below all others. `per` is
-// the length of a grid step along the ray, `offset` brings the origin to 0.
+// Returns the distance at which the ray enters the box; 0x7fffffff if it does not enter before `nearest`.
+// Distances are the bits of floats: as integers, those of positive floats have the same order, and those of
+// negative floats are negative. per: ray distance per grid step. offset: ray distance of the grid's origin. flip:
+// where the ray's direction is negative
 int sbl_box(uvec4 box, vec3 per, vec3 offset, bvec3 flip, int nearest) {
     vec3 low = vec3(box.xyz & 65535u), high = vec3(box.xyz >> 16);
     ivec3 entry = floatBitsToInt(mix(low, high, flip) * per + offset);
@@ -46,20 +47,21 @@ int sbl_box(uvec4 box, vec3 per, vec3 offset, bvec3 flip, int nearest) {
     return from <= to + SBL_BOX_SLACK ? from : 0x7fffffff;
 }
 
-// A ray as triangles are tested against it. Watertight against shared edges: Woop, Benthin and Wald 2013. The axis
-// along which the direction is longest becomes z, the ray is sheared onto it.
+// A ray for triangle tests, which are watertight at shared edges (Woop, Benthin and Wald 2013). The axis of the
+// direction's largest component becomes z, and space is sheared so that the ray follows z.
 struct sbl_Ray {
     vec3 origin;
     int axis;
-    float shear_x, shear_y, z, per_z;
-    float after;  // hits are ordered by distance, then number: those up to this distance,
-    int past;     // and at it up to this number, do not count
+    vec2 shear;
+    float z, per_z;
+    float after;  // hits at a lower distance are ignored,
+    int past;     // and hits at an equal distance whose number is at most this
 };
 
 vec3 sbl_turn(vec3 v, int axis) { return axis == 0 ? v.yzx : axis == 1 ? v.zxy : v; }
 
-// Four times the area of an edge and the ray. From the edge's other side it is exactly the opposite, though
-// drivers may compute a * b - c * d with one rounding or with two: the edge both ways, halves that change places.
+// Four times the signed area of the triangle of an edge and the ray. The two equal terms make the result for (b,
+// a) the exact opposite, even if the driver rounds only one product of each a * b - c * d.
 float sbl_side(vec2 a, vec2 b) { return (a.x * b.y - a.y * b.x) - (b.x * a.y - b.y * a.x); }
 
 void sbl_test(int triangle, sbl_Ray ray, inout sbl_Hit hit) {
@@ -67,16 +69,16 @@ void sbl_test(int triangle, sbl_Ray ray, inout sbl_Hit hit) {
     vec3 q = sbl_turn(sbl_triangle_corner_1(triangle) - ray.origin, ray.axis);
     vec3 r = sbl_turn(sbl_triangle_corner_2(triangle) - ray.origin, ray.axis);
     int number = int(sbl_triangle_number(triangle));
-    vec2 shear = vec2(ray.shear_x, ray.shear_y);
-    p.xy -= shear * p.z;
-    q.xy -= shear * q.z;
-    r.xy -= shear * r.z;
+    p.xy -= ray.shear * p.z;
+    q.xy -= ray.shear * q.z;
+    r.xy -= ray.shear * r.z;
     float u = sbl_side(r.xy, q.xy), v = sbl_side(p.xy, r.xy), w = sbl_side(q.xy, p.xy), determinant = u + v + w;
     bool front = u >= 0.0 && v >= 0.0 && w >= 0.0, back = u <= 0.0 && v <= 0.0 && w <= 0.0;
     bool inside = (front || back) && determinant != 0.0;
     float l = (u * p.z + v * q.z + w * r.z) * ray.per_z / determinant;
-    // A triangle that the ray starts beside, its own above all, must not be hit by rounding: it grows with how
-    // thin the triangle is.
+    // Rounding must not cause a hit of a triangle close to the ray's origin, such as the one that it starts on. A
+    // hit nearer than SBL_SELF_DEEP of the triangle's depth counts only if it is farther than the rounding error,
+    // which is larger for thin triangles.
     float deep = max(abs(p.z), max(abs(q.z), abs(r.z)));
     float wide = max(dot(p.xy, p.xy), max(dot(q.xy, q.xy), dot(r.xy, r.xy)));
     inside = inside && l > SBL_SELF_DEEP * deep || inside && l * abs(determinant) > SBL_SELF_WIDE * deep * wide;
@@ -85,13 +87,13 @@ void sbl_test(int triangle, sbl_Ray ray, inout sbl_Hit hit) {
         hit = sbl_Hit(l, triangle, number, v / determinant, w / determinant, (determinant < 0.0) == (ray.z > 0.0));
 }
 
-// The nearest hit nearer than `limit` and farther than `after`, or as far and of a triangle numbered above `past`.
+// Returns the nearest hit below the distance `limit` and above `after`, or at `after` with a number above `past`.
 sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float limit) {
     sbl_Hit hit = sbl_Hit(limit, -1, -1, 0.0, 0.0, false);
     vec3 size = abs(direction);
     int axis = size.x > size.y ? (size.x > size.z ? 0 : 2) : (size.y > size.z ? 1 : 2);
     vec3 d = sbl_turn(direction, axis);
-    sbl_Ray ray = sbl_Ray(origin, axis, d.x / d.z, d.y / d.z, d.z, 1.0 / d.z, after, past);
+    sbl_Ray ray = sbl_Ray(origin, axis, d.xy / d.z, d.z, 1.0 / d.z, after, past);
 
     bvec3 flip = lessThan(direction, vec3(0));
     vec3 inverse = 1.0 / mix(max(direction, vec3(1e-12)), min(direction, vec3(-1e-12)), flip);
@@ -100,10 +102,9 @@ sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float li
     stack[0] = SBL_END;
     int top = 0;
     uint node = node_count == 0 ? SBL_END : 1u;
-    // Each turn is a leaf, or a way into or out of a grid. So many it takes at most; softpipe does not come out of
-    // this loop otherwise.
+    // Each turn visits a leaf or changes grids. softpipe does not leave this loop unless their number is limited.
     for (int turns = 4 * node_count + 4; turns > 0; turns--) {
-        while (node < SBL_LEAF) {  // down to a leaf, the nearer child first
+        while (node < SBL_LEAF) {  // descends to a leaf, to the nearer child first
             uvec4 first = sbl_node_child_0(int(node)), second = sbl_node_child_1(int(node));
             int nearest = floatBitsToInt(hit.distance);
             int a = sbl_box(first, per, offset, flip, nearest), b = sbl_box(second, per, offset, flip, nearest);
@@ -112,7 +113,7 @@ sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float li
             if (min(a, b) == 0x7fffffff) node = stack[top--];
         }
         bool leaf = true;
-        while ((node & 0xe0000000u) == SBL_ENTER && leaf) {  // into a grid, or back to the one around it
+        while ((node & 0xe0000000u) == SBL_ENTER && leaf) {  // SBL_ENTER or SBL_LEAVE: changes to another grid
             int grid = int(node & SBL_CHILD_NUMBER);
             per = inverse / sbl_grid_per_length(grid);
             offset = (sbl_grid_origin(grid) - origin) * inverse;
@@ -131,11 +132,11 @@ sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float li
     return hit;
 }
 
-// The nearest hit nearer than `limit`.
+// Returns the nearest hit whose distance is below `limit`.
 sbl_Hit sbl_trace(vec3 origin, vec3 direction, float limit) {
     sbl_Hit hit = sbl_Hit(0.0, -1, 0x7fffffff, 0.0, 0.0, false);
 #ifdef SBL_CUTOUTS
-    // Cutouts: the nearest hit is looked at, and where nothing is there the ray goes on behind it.
+    // If the nearest hit lies in a hole, the ray continues behind it.
     for (int layer = 0; layer < SBL_LAYERS; layer++) {
         bool solid = true;
         hit = sbl_nearest(origin, direction, hit.distance, hit.number, limit);

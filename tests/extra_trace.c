@@ -1,6 +1,6 @@
-/* Traced sensors in real rooms, which lie beside the repository in ../shared/scenes where they exist: rays hit the
-   triangles that an independent caster hits, and smooth light is what large rasterised sensors find. Run by
-   extra_references.sh: extra_trace SCENE EYE LOOK_AT UP FOV. */
+/* Traced sensors in real rooms from ../shared/scenes: rays hit the same triangles as those of an independent ray
+   caster, and smooth light equals that of large rasterised sensors. extra_references.sh runs: extra_trace SCENE EYE
+   LOOK_AT UP FOV. */
 #define _DEFAULT_SOURCE
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
@@ -24,7 +24,7 @@ static sbl_picture_desc camera_view(int width, int height) {
     view.tile = 1;
     view.filter_radius = -1;
     view.samples = 1;
-    view.facet_limit = 1e9f;  /* normals are the triangles' own: no ray starts into its own surface */
+    view.facet_limit = 1e9f;  /* normals are the triangles' own, so that no ray starts into its own surface */
     view.options.backend = SBL_BACKEND_TRACE;
     sbl_look_at(view.world_to_view, camera[0], camera[1], camera[2], camera[3], camera[4], camera[5], camera[6],
                 camera[7], camera[8]);
@@ -32,6 +32,7 @@ static sbl_picture_desc camera_view(int width, int height) {
     return view;
 }
 
+/* Rays from a thousand visible points hit the same triangles as those of the ray caster. */
 TEST(a_thousand_points_see_the_same_triangles) {
     enum { POINTS = 1000, EACH = 1024 };
     sbl_picture_desc view = camera_view(160, 90);
@@ -45,12 +46,12 @@ TEST(a_thousand_points_see_the_same_triangles) {
            seen.differ, seen.unexplained);
     CHECK(seen.rays == POINTS * EACH, "only %d rays", seen.rays);
     CHECK(seen.differ + seen.ties < seen.rays / 10000 && seen.unexplained < seen.rays / 100000,
-          "%d rays hit something else, %d see another triangle as far", seen.differ, seen.ties);
+          "%d rays hit another triangle, %d another one at the same distance", seen.differ, seen.ties);
     free(rays);
     ref_destroy(truth);
 }
 
-/* Every surface glows with its albedo. */
+/* R of traced and rasterised sensors differs by less than 1 % rms if every surface emits its albedo. */
 TEST(smooth_light_is_what_rasterised_sensors_find) {
     enum { WIDTH = 12, HEIGHT = 8 };
     sbl_picture_desc view = camera_view(WIDTH, HEIGHT);
@@ -88,7 +89,7 @@ int main(int argc, char **argv) {
     }
     file = scene_file_load(argv[1], NULL, error, sizeof error);
     if (!file) return fprintf(stderr, "%s\n", error), 1;
-    /* smooth light: a sky and every surface's albedo, no lamps */
+    /* smooth light: a sky, and every surface emits its albedo; no lamps */
     materials = (sbl_material *)malloc(sizeof *materials * (size_t)(file->scene.material_count + 1));
     if (!materials) abort();
     for (i = 0; i < file->scene.material_count; i++) {

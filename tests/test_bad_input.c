@@ -1,6 +1,7 @@
-/* What a host can get wrong: every field of every descriptor, NULL, the wrong order, too little room, cancelling,
-   giving up. Each mistake gives its result and a message that names the place, the field and the value; nothing
-   changes, nothing leaks, and a known picture comes out of the context as before, bit for bit. */
+/* Mistakes of a host: wrong values in every field of every descriptor, NULL, calls in the wrong order, arrays that are
+   too small, cancelling, and abandoning work. For each mistake the tests check the result and a message that names the
+   place, the field and the value. They also check that nothing has changed or leaked: the context must still render a
+   known picture that is the same to the bit. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -15,11 +16,12 @@ static watch seen;
 static sbl_context *context;
 static test_scene small;
 static small_picture expected, expected_traced;
-static sbl_memory memory;  /* with the small picture finished */
+static sbl_memory memory;  /* memory in use when the known picture is finished */
 static int blocks;
 static sbl_picture_desc view;
 
-/* The context as every test finds and leaves it: the small scene set, its picture finished, rays traced before. */
+/* Brings the context into the state in which every test finds and leaves it: the small scene is set, and its picture is
+   finished, first traced, then rasterised. */
 static void known_picture(void) {
     sbl_scene_desc desc = scene_desc(&small);
     if (sbl_set_scene(context, &desc) != SBL_SUCCESS) abort();
@@ -32,8 +34,8 @@ static void known_picture(void) {
     blocks = seen.blocks;
 }
 
-/* Renders the known picture once more, in both ways, and compares it and the memory in use. The scene is the small one,
-   or the last set_scene did not keep it. */
+/* Renders the known picture again, traced and rasterised, and compares the picture and the memory in use. The context
+   must hold the small scene. */
 static int usable(const char *after) {
     static small_picture picture;
     sbl_result result;
@@ -42,7 +44,7 @@ static int usable(const char *after) {
     view.options.backend = SBL_BACKEND_TRACE;
     result = small_render(context, &view, &picture);
     CHECK(result == SBL_SUCCESS && small_same(&picture, &expected_traced),
-          "after %s: the known picture, traced, gives \"%s\" or has changed: %s",
+          "after %s: the traced known picture gives \"%s\" or has changed: %s",
           after, sbl_result_string(result), watch_last(&seen));
     view.options.backend = SBL_BACKEND_RASTER;
     result = small_render(context, &view, &picture);
@@ -54,7 +56,7 @@ static int usable(const char *after) {
           "after %s: %.0f host and %.0f GPU bytes in use, before %.0f and %.0f", after,
           (double)now.host_bytes, (double)now.gpu_bytes, (double)memory.host_bytes, (double)memory.gpu_bytes);
     CHECK(seen.blocks == blocks, "after %s: %d blocks of memory in use, before %d", after, seen.blocks, blocks);
-    CHECK(seen.strangers == 0, "after %s: a block was freed that was not allocated, or twice", after);
+    CHECK(seen.strangers == 0, "after %s: a block was freed twice, or was never allocated", after);
     return result == SBL_SUCCESS;
 }
 
@@ -62,7 +64,7 @@ static void refused(sbl_result result, sbl_result right, sbl_log_item item, cons
                     const char *field, const char *value) {
     CHECK(result == right, "%s: \"%s\", expected \"%s\"", mistake, sbl_result_string(result), sbl_result_string(right));
     CHECK(watch_said(&seen, SBL_LOG_ERROR, item, where, field, value),
-          "%s: no message with \"%s\", \"%s\", \"%s\" (%s); the last of %d: %s",
+          "%s: no message with \"%s\", \"%s\", \"%s\" (%s); the last of %d messages: %s",
           mistake, where ? where : "",
           field ? field : "", value ? value : "", sbl_log_item_string(item), seen.count, watch_last(&seen));
 }
@@ -75,7 +77,7 @@ static void bad_context(const sbl_context_desc *desc, const char *mistake, const
     watch_forget(&seen);
     refused(sbl_create(desc, &out), SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, mistake,
             "sbl_context_desc", field, value);
-    CHECK(out == NULL, "%s: a context came out of it", mistake);
+    CHECK(out == NULL, "%s: sbl_create returned a context", mistake);
     CHECK(seen.blocks == before, "%s: %d blocks leaked", mistake, seen.blocks - before);
 }
 
@@ -88,6 +90,7 @@ static int has_no_bounds(const sbl_context *c) {
     return memcmp(&bounds, &none, sizeof none) == 0;
 }
 
+/* Each invalid field of sbl_context_desc is refused with a message that names field and value. */
 TEST(context_desc) {
     BAD_CONTEXT(d.start_canary = 0xabc, "start_canary", "abc");
     BAD_CONTEXT(d.end_canary = 0xabc, "end_canary", "abc");
@@ -104,6 +107,7 @@ TEST(context_desc) {
     usable("bad context descriptors");
 }
 
+/* Four invalid fields give four messages. */
 TEST(context_desc_all_at_once) {
     sbl_context_desc d = watch_desc(&seen);
     sbl_context *out = NULL;
@@ -124,9 +128,9 @@ TEST(context_desc_all_at_once) {
             "batch", "-3");
 }
 
-/* >>sbl_scene_desc, sbl_mesh, sbl_stream, sbl_material, sbl_texture, sbl_light, sbl_environment: a scene without
-   mistakes, and one field of it changed. The mistakes stand in the second mesh, material and texture, so that a message
-   that always says 0 is found. */
+/* >>sbl_scene_desc, sbl_mesh, sbl_stream, sbl_material, sbl_texture, sbl_light, sbl_environment: each test takes a
+   valid scene and changes one field. The mistakes are in the second mesh, material and texture, so that a message that
+   always says 0 fails the test. */
 
 typedef struct fixture {
     float positions[12], normals[12], texcoords[8], colors[16];
@@ -206,7 +210,8 @@ static void bad_scene(sbl_result right, sbl_log_item item, const char *mistake, 
     watch_forget(&seen);
     result = sbl_set_scene(context, &f.scene);
     refused(result, right, item, mistake, where, field, value);
-    if (result == SBL_SUCCESS) known_picture();  /* one mistake that gets through must not fail all tests after it */
+    /* if a mistake is accepted, the tests that follow must not fail, too */
+    if (result == SBL_SUCCESS) known_picture();
     CHECK(seen.blocks == blocks, "%s: %d blocks leaked", mistake, seen.blocks - blocks);
 }
 
@@ -214,7 +219,7 @@ static void bad_scene(sbl_result right, sbl_log_item item, const char *mistake, 
     do { fixture_reset(); change; bad_scene(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_##item, #change, where, \
                                             field, value); } while (0)
 
-/* The fixture itself must be good, or every refusal below would prove nothing. */
+/* The unchanged fixture must be accepted. Otherwise the refusals below would prove nothing. */
 TEST(scene_without_mistakes) {
     sbl_result result;
     fixture_reset();
@@ -226,6 +231,7 @@ TEST(scene_without_mistakes) {
     CHECK(seen.blocks == blocks, "blocks leaked");
 }
 
+/* Each invalid field of sbl_scene_desc is refused with a message that names field and value. */
 TEST(scene_desc) {
     int i, k;
     BAD_SCENE(f.scene.start_canary = 0xabc, SCENE_DESC, "sbl_scene_desc", "start_canary", "abc");
@@ -265,6 +271,7 @@ TEST(scene_desc) {
     usable("bad scene descriptors");
 }
 
+/* Invalid counts and materials of a mesh are refused; the message names the mesh. */
 TEST(mesh_counts_and_material) {
     BAD_SCENE(f.meshes[1].vertex_count = -1, MESH, "mesh 1", "vertex_count", "-1");
     BAD_SCENE(f.meshes[1].vertex_count = INT_MIN, MESH, "mesh 1", "vertex_count", "-2147483648");
@@ -279,6 +286,7 @@ TEST(mesh_counts_and_material) {
     usable("bad meshes");
 }
 
+/* Indices beyond the last vertex are refused; the message names mesh and index. */
 TEST(mesh_indices_past_the_end) {
     BAD_SCENE(f.indices32[4] = 4, MESH, "mesh 0", "index 4", "4");
     BAD_SCENE(f.indices32[4] = 0xffffffffu, MESH, "mesh 0", "index 4", "4294967295");
@@ -298,6 +306,7 @@ static sbl_stream *stream(int which) {
         : &m->indices;
 }
 
+/* Every field of every vertex stream is checked, including sizes whose products overflow. */
 TEST(streams) {
     static const char *const names[5] = { "positions", "normals", "texcoords", "colors", "indices" };
     static const int components[5] = { 3, 3, 2, 4, 1 };
@@ -318,7 +327,7 @@ TEST(streams) {
         BAD_SCENE(stream(i)->stride = (size_t)(4 * components[i] - 1), MESH, "mesh 1", field, components[i] ==
                   1 ? "3" : "1");
         BAD_SCENE(stream(i)->stride = 1, MESH, "mesh 1", field, "1");
-        /* sizes whose products overflow */
+        /* strides, offsets and counts whose products overflow size_t */
         snprintf(field, sizeof field, "%s.", names[i]);
         BAD_SCENE(stream(i)->stride = SIZE_MAX, MESH, "mesh 1", field, "stride");
         BAD_SCENE(stream(i)->stride = SIZE_MAX / 2, MESH, "mesh 1", field, "stride");
@@ -326,15 +335,16 @@ TEST(streams) {
         BAD_SCENE(stream(i)->offset = SIZE_MAX, MESH, "mesh 1", field, "offset");
         BAD_SCENE(stream(i)->offset = SIZE_MAX - 8, MESH, "mesh 1", field, "offset");
         snprintf(field, sizeof field, "%s.gl_buffer", names[i]);
-        BAD_SCENE(stream(i)->gl_buffer = 12345, MESH, "mesh 1", field, "(12345) are both set");  /* beside data */
+        BAD_SCENE(stream(i)->gl_buffer = 12345, MESH, "mesh 1", field, "(12345) are both set");  /* data is set, too */
         BAD_SCENE((stream(i)->gl_buffer = 12345, stream(i)->data = NULL), MESH, "mesh 1", field, "12345");
     }
-    /* sbl_type says that 8 bits are for colours and texture coordinates only */
+    /* sbl_type allows SBL_UINT8_NORM only for colours and texture coordinates */
     BAD_SCENE(f.meshes[1].positions.type = SBL_UINT8_NORM, MESH, "mesh 1", "positions.type", "2");
     BAD_SCENE(f.meshes[1].normals.type = SBL_UINT8_NORM, MESH, "mesh 1", "normals.type", "2");
     usable("bad streams");
 }
 
+/* NaN, infinities and colours out of range are refused; the message names mesh and vertex. */
 TEST(vertices_that_are_no_numbers) {
     static const float values[3] = { NOT, INF, -INF };
     static const char *const words[3] = { "nan", "inf", "-inf" };
@@ -365,6 +375,7 @@ TEST(vertices_that_are_no_numbers) {
     usable("vertices that are no numbers");
 }
 
+/* Transforms that are singular, not finite or not affine are refused. */
 TEST(mesh_transforms) {
     int i;
     for (i = 0; i < 16; i++) {
@@ -380,6 +391,7 @@ TEST(mesh_transforms) {
     usable("bad transforms");
 }
 
+/* Each invalid field of sbl_material is refused; the message names the material. */
 TEST(materials) {
     int i;
     for (i = 0; i < 3; i++) {
@@ -407,6 +419,7 @@ TEST(materials) {
     usable("bad materials");
 }
 
+/* Each invalid field of sbl_texture and each invalid pixel is refused; the message names the texture. */
 TEST(textures) {
     int i;
     BAD_SCENE(f.textures[1].pixels = NULL, TEXTURE, "texture 2", "pixels", "0");
@@ -425,7 +438,7 @@ TEST(textures) {
     BAD_SCENE(f.textures[1].height = INT_MIN, TEXTURE, "texture 2", "size", "2 x -2147483648");
     BAD_SCENE(f.textures[1].stride = 31, TEXTURE, "texture 2", "stride", "31");
     BAD_SCENE(f.textures[0].stride = 7, TEXTURE, "texture 1", "stride", "7");
-    /* height rows of it reach past the address space */
+    /* height rows of this stride exceed the address space */
     BAD_SCENE(f.textures[1].stride = SIZE_MAX, TEXTURE, "texture 2", "stride", NULL);
     BAD_SCENE(f.textures[1].stride = SIZE_MAX / 2 + 1, TEXTURE, "texture 2", "stride", NULL);
     for (i = 0; i < 16; i++) {
@@ -438,7 +451,7 @@ TEST(textures) {
     usable("bad textures");
 }
 
-/* Light 0 is a point, 1 a spot, 2 directional. */
+/* Light 0 of the fixture is a point light, 1 a spot, 2 directional. */
 TEST(lights) {
     int i, k;
     BAD_SCENE(f.scene.light_count = -1, SCENE_DESC, "sbl_scene_desc", "light_count", "-1");
@@ -481,10 +494,10 @@ TEST(lights) {
     BAD_SCENE(f.lights[1].cone = 180.5f, LIGHT, "light 1", "cone", "180.5");
     BAD_SCENE(f.lights[1].cone = NOT, LIGHT, "light 1", "cone", "nan");
     BAD_SCENE(f.lights[1].inner_cone = -0.5f, LIGHT, "light 1", "inner_cone", "-0.5");
-    BAD_SCENE(f.lights[1].inner_cone = 90.5f, LIGHT, "light 1", "inner_cone", "90.5");  /* the cone's default is 90 */
+    BAD_SCENE(f.lights[1].inner_cone = 90.5f, LIGHT, "light 1", "inner_cone", "90.5");  /* the default of cone is 90 */
     BAD_SCENE((f.lights[1].cone = 30, f.lights[1].inner_cone = 31), LIGHT, "light 1", "inner_cone", "31");
     BAD_SCENE(f.lights[1].inner_cone = NOT, LIGHT, "light 1", "inner_cone", "nan");
-    /* one line a mistake */
+    /* each mistake gives one message */
     fixture_reset();
     f.lights[0].radius = -1;
     f.lights[1].cone = 200;
@@ -507,6 +520,7 @@ static void glows_wrongly(const float direction[3], float radiance[3], void *use
     radiance[2] = *(const float *)user;
 }
 
+/* Each invalid field, pixel and callback of sbl_environment is refused. */
 TEST(environments) {
     sbl_environment *e = &f.scene.environment;
     float wrong;
@@ -539,9 +553,9 @@ TEST(environments) {
     }
     for (i = 0; i < 16; i++) {
         char pixel[32];
-        if (i % 4 == 3) continue;  /* alpha means nothing here */
+        if (i % 4 == 3) continue;  /* the alpha of a sky is ignored */
         snprintf(pixel, sizeof pixel, "component %d of pixel %d %d", i % 4, i / 4 % 2, i / 8);
-        /* textures share the array's numbers no more */
+        /* The textures get another format, so that they do not read the changed float as well. */
         BAD_SCENE((f.textures[1].format = SBL_PIXELS_LINEAR8, f.floats[i] = NOT), LIGHT, "environment", pixel, "nan");
         BAD_SCENE((f.textures[1].format = SBL_PIXELS_LINEAR8, f.floats[i] = INF), LIGHT, "environment", pixel, "inf");
         BAD_SCENE((f.textures[1].format = SBL_PIXELS_LINEAR8, f.floats[i] = -0.25f), LIGHT, "environment", pixel,
@@ -553,7 +567,7 @@ TEST(environments) {
         BAD_SCENE((memset(&e->picture, 0, sizeof e->picture), e->radiance = glows_wrongly, e->user = &wrong), LIGHT,
                   "environment", "component 2", words[i]);
     }
-    /* one line a mistake */
+    /* each mistake gives one message */
     fixture_reset();
     e->scale = NOT;
     e->rotation = NOT;
@@ -565,7 +579,8 @@ TEST(environments) {
     usable("bad environments");
 }
 
-/* What looks like a mistake and is none; nothing of it gives light, so all is as without. */
+/* Lights of intensity 0 and a black sky picture are valid, also with extreme directions, angles and rotations. The
+   picture must equal the one without lights, to the bit. */
 TEST(lights_without_light) {
     static small_picture without, with;
     static float black[4 * 4];
@@ -603,7 +618,7 @@ TEST(lights_without_light) {
     usable("lights without light");
 }
 
-/* Too large is not a mistake of form, but is refused all the same, before anything is read. */
+/* Scenes that are too large are refused before any of their data is read. */
 TEST(scenes_too_large) {
     fixture_reset();
     f.meshes[1].vertex_count = INT_MAX;
@@ -618,6 +633,7 @@ TEST(scenes_too_large) {
     usable("scenes too large");
 }
 
+/* A scene with a mistake in every part gives one message for each. */
 TEST(scene_all_at_once) {
     static const struct { sbl_log_item item; const char *where, *field; } mistakes[] = {
         { SBL_LOG_ITEM_INVALID_SCENE_DESC, "sbl_scene_desc", "sky[2]" },
@@ -650,23 +666,23 @@ TEST(scene_all_at_once) {
     CHECK(sbl_set_scene(context, &f.scene) == SBL_ERROR_INVALID_ARGUMENT, "%d mistakes are accepted", count);
     for (i = 0; i < count; i++)
         CHECK(watch_said(&seen, SBL_LOG_ERROR, mistakes[i].item, mistakes[i].where, mistakes[i].field, NULL),
-              "%s: nothing is said about %s",
+              "%s: no message mentions %s",
               mistakes[i].where, mistakes[i].field);
     CHECK(seen.errors == count, "%d errors for %d mistakes", seen.errors, count);
-    /* in the vertices too: each mesh that has some is named */
+    /* the vertices of every mesh are checked, and each bad mesh is named */
     fixture_reset();
     f.meshes[0].positions.offset = 0;
     f.positions[1] = NOT;
     watch_forget(&seen);
     CHECK(sbl_set_scene(context, &f.scene) == SBL_ERROR_INVALID_ARGUMENT, "NaN in two meshes is accepted");
     CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MESH, "mesh 0", "positions", "nan"),
-          "nothing is said about mesh 0");
+          "no message mentions mesh 0");
     CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MESH, "mesh 1", "positions", "nan"),
-          "nothing is said about mesh 1");
+          "no message mentions mesh 1");
     usable("many mistakes");
 }
 
-/* What looks like a mistake and is none. */
+/* Empty scenes and empty meshes are valid. */
 TEST(empty_scenes_and_meshes) {
     sbl_scene_desc nothing;
     static small_picture picture;
@@ -695,7 +711,7 @@ TEST(empty_scenes_and_meshes) {
     CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "the default camera fails in an empty scene: %s",
           watch_last(&seen));
 
-    fixture_reset();  /* a mesh without vertices, one without triangles, one whose indices are given and none */
+    fixture_reset();  /* meshes without vertices, without triangles, and with indices but an index_count of 0 */
     memset(&f.meshes[1], 0, sizeof f.meshes[1]);
     CHECK(sbl_set_scene(context, &f.scene) == SBL_SUCCESS && sbl_query_stats(context).scene.triangles == 2,
           "an empty mesh is refused: %s", watch_last(&seen));
@@ -713,9 +729,11 @@ TEST(empty_scenes_and_meshes) {
     usable("empty scenes");
 }
 
+/* Degenerate triangles give one warning per mesh and leave the picture unchanged, to the bit. */
 TEST(degenerate_triangles) {
     static small_picture without, with;
-    /* 2 good ones; corners twice, thrice; on a line; of one place */
+    /* 2 valid triangles, then triangles with two or three equal indices, with collinear corners, with equal
+       positions */
     static const uint32_t spoiled[18] = { 0, 1, 2, 0, 0, 1, 0, 2, 3, 2, 2, 2, 0, 4, 5, 1, 6, 2 };
     static const float corners[21] = { -1, 0, -1, -1, 0, 1, 1, 0, 1, 1, 0, -1,  0, 0, 0, 1, 0, 1, 1, 0, 1 };
     float lamp[12] = { -1, 1, -1, -1, 1, 1, 1, 1, 1, 1, 1, -1 };
@@ -735,7 +753,7 @@ TEST(degenerate_triangles) {
         watch_forget(&seen);
         REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS && small_render(context, &view, &without) == SBL_SUCCESS,
                 "%s", watch_last(&seen));
-        CHECK(seen.warnings == 0, "a warning without reason: %s", watch_last(&seen));
+        CHECK(seen.warnings == 0, "an unjustified warning: %s", watch_last(&seen));
         desc = scene_desc(&bad);
         watch_forget(&seen);
         REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS, "degenerate triangles are an error: %s",
@@ -754,7 +772,7 @@ TEST(degenerate_triangles) {
     known_picture();
 }
 
-/* The brightest and the dimmest lights that are allowed. */
+/* The brightest and the dimmest lights that are allowed give finite, positive pictures. */
 TEST(extreme_light) {
     static const float lights[] = { 1e-45f, 1e-40f, 1e-37f, 1e-20f, 1e20f, 1e37f };
     int i, k, way;
@@ -797,6 +815,7 @@ static void bad_picture(const sbl_picture_desc *desc, sbl_result right, sbl_log_
         bad_picture(&d, SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_PICTURE_DESC, #change, field, value); \
     } while (0)
 
+/* Each invalid field of sbl_picture_desc is refused; the finished picture stays. */
 TEST(picture_desc) {
     int i;
     BAD_PICTURE(d.start_canary = 0xabc, "start_canary", "abc");
@@ -859,9 +878,9 @@ TEST(picture_desc) {
         BAD_PICTURE((identity(d.world_to_view), d.world_to_view[5 * i] = 1.1f), "world_to_view", "rigid");
     for (i = 3; i < 16; i += 4)
         BAD_PICTURE((identity(d.world_to_view), d.world_to_view[i] += 0.5f), "world_to_view", "rigid");
-    BAD_PICTURE((identity(d.world_to_view), d.world_to_view[0] = -1), "world_to_view", "rigid");  /* a mirror */
-    BAD_PICTURE((identity(d.world_to_view), d.world_to_view[4] = 0.5f), "world_to_view", "rigid");  /* a shear */
-    BAD_PICTURE(d.view_to_clip[11] = 1, "view_to_clip", "1");    /* looks along +z */
+    BAD_PICTURE((identity(d.world_to_view), d.world_to_view[0] = -1), "world_to_view", "rigid");  /* mirrored */
+    BAD_PICTURE((identity(d.world_to_view), d.world_to_view[4] = 0.5f), "world_to_view", "rigid");  /* sheared */
+    BAD_PICTURE(d.view_to_clip[11] = 1, "view_to_clip", "1");    /* would look along +z */
     BAD_PICTURE(d.view_to_clip[0] = 0, "view_to_clip", NULL);
     BAD_PICTURE(d.view_to_clip[5] = 0, "view_to_clip", NULL);
     BAD_PICTURE(d.view_to_clip[15] = 1, "view_to_clip", NULL);   /* neither perspective nor orthographic */
@@ -870,6 +889,7 @@ TEST(picture_desc) {
     usable("bad picture descriptors");
 }
 
+/* Many invalid fields of sbl_picture_desc give one message each. */
 TEST(picture_desc_all_at_once) {
     static const char *const fields[] = { "width", "height", "mode", "preset", "sensor_kind", "backend", "rays",
         "sensor_size", "sensor_fov", "tile", "threshold", "epsilon", "facet_limit", "filter_radius", "samples",
@@ -889,12 +909,12 @@ TEST(picture_desc_all_at_once) {
     CHECK(sbl_render_picture(context, &d) == SBL_ERROR_INVALID_ARGUMENT, "%d mistakes are accepted", count);
     for (i = 0; i < count; i++)
         CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_PICTURE_DESC, "sbl_picture_desc", fields[i], NULL),
-              "nothing is said about %s", fields[i]);
+              "no message mentions %s", fields[i]);
     CHECK(seen.errors == count, "%d errors for %d mistakes", seen.errors, count);
     usable("many mistakes");
 }
 
-/* The ends of every range are inside. */
+/* Both ends of every range of sbl_picture_desc are accepted. */
 TEST(picture_desc_ends_of_ranges) {
     sbl_picture_desc d = small_view();
     d.width = d.height = 1;
@@ -925,6 +945,7 @@ TEST(picture_desc_ends_of_ranges) {
     usable("the ends of ranges");
 }
 
+/* SBL_BACKEND_TRACE is refused if the scene has a draw callback. */
 TEST(rays_with_a_draw_callback) {
     sbl_scene_desc desc = scene_desc(&small);
     desc.draw = draws_nothing;
@@ -937,7 +958,7 @@ TEST(rays_with_a_draw_callback) {
     known_picture();
 }
 
-/* The ends of the range of max_bounce_cells are inside, and 0 is the default, too. */
+/* Both ends of the range of max_bounce_cells are accepted, and 0 means the default. */
 TEST(max_bounce_cells_ends_of_range) {
     static const int samples[] = { 0, 1024, 1048576 };
     int i;
@@ -948,7 +969,7 @@ TEST(max_bounce_cells_ends_of_range) {
         desc.max_bounce_cells = samples[i];
         d.options.mode = i ? SBL_MODE_GI : SBL_MODE_DEFAULT;
         watch_forget(&seen);
-        if (samples[i] > 2000) {  /* much work, of which a little is done */
+        if (samples[i] > 2000) {  /* only begins the work, because all of it takes long */
             CHECK(sbl_set_scene(context, &desc) == SBL_SUCCESS && sbl_begin_picture(context, &d) == SBL_SUCCESS &&
                       sbl_step(context, 1e-3) == SBL_UNFINISHED,
                   "max_bounce_cells of %d: %s", samples[i], watch_last(&seen));
@@ -972,6 +993,7 @@ TEST(max_bounce_cells_ends_of_range) {
 #define SAID(call, right, item, a, b) \
     do { watch_forget(&seen); refused(call, right, SBL_LOG_ITEM_##item, #call, a, b, NULL); } while (0)
 
+/* NULL for any parameter is refused, and no function crashes without a context. */
 TEST(null_parameters) {
     float three[3], matrix[16];
     sbl_sensor sensor;
@@ -1008,13 +1030,14 @@ TEST(null_parameters) {
     sbl_end(NULL);
     sbl_destroy(NULL);
 
-    /* all defaults; the default logger writes one line to stderr */
+    /* a NULL descriptor means all defaults; the default logger writes one line to stderr */
     CHECK(sbl_create(NULL, &out) == SBL_SUCCESS, "sbl_create without a descriptor");
     CHECK(sbl_begin_picture(out, NULL) == SBL_ERROR_STATE, "sbl_begin without a scene");
     sbl_destroy(out);
     usable("NULL parameters");
 }
 
+/* Enumeration values out of range are refused, or give empty strings and zeros. */
 TEST(values_that_do_not_exist) {
     float some[3];
     small_picture picture;
@@ -1034,6 +1057,7 @@ TEST(values_that_do_not_exist) {
     usable("values that do not exist");
 }
 
+/* sbl_look_at and sbl_perspective return 0 for impossible input and leave their output untouched. */
 TEST(helpers_out_of_range) {
     float m[16], before[16];
     int i;
@@ -1044,13 +1068,14 @@ TEST(helpers_out_of_range) {
     CHECK(!sbl_look_at(m, NOT, 0, 0, 0, 0, 1, 0, 1, 0), "sbl_look_at from nan");
     CHECK(!sbl_look_at(m, 0, 0, 0, INF, 0, 1, 0, 1, 0), "sbl_look_at at inf");
     CHECK(!sbl_look_at(m, 3e38f, 3e38f, 3e38f, -3e38f, -3e38f, 3e38f, 0, 1, 0),
-          "sbl_look_at from past what a float holds");
-    CHECK(!sbl_perspective(m, 1e-42f, 1) && !sbl_perspective(m, 40, 1e-42f), "sbl_perspective: too narrow for a float");
+          "sbl_look_at from beyond the range of float");
+    CHECK(!sbl_perspective(m, 1e-42f, 1) && !sbl_perspective(m, 40, 1e-42f),
+          "sbl_perspective: angles below the range of float");
     CHECK(!sbl_perspective(m, 0, 1) && !sbl_perspective(m, 180, 1) && !sbl_perspective(m, -10, 1) &&
           !sbl_perspective(m, NOT, 1), "sbl_perspective: fov_y");
     CHECK(!sbl_perspective(m, 40, 0) && !sbl_perspective(m, 40, -1) && !sbl_perspective(m, 40, NOT) &&
           !sbl_perspective(m, 40, INF), "sbl_perspective: aspect");
-    CHECK(memcmp(m, before, sizeof m) == 0, "a helper wrote though it failed");
+    CHECK(memcmp(m, before, sizeof m) == 0, "a helper failed, but wrote to its output");
 }
 
 static void little_room(sbl_backend backend) {
@@ -1069,7 +1094,7 @@ static void little_room(sbl_backend backend) {
         SAID(sbl_read_channel(context, (sbl_channel)channel, floats, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT,
              "count is 0", NULL);
         for (i = 0; i < SMALL_FLOATS && floats[i] == 7; i++) {}
-        CHECK(i == SMALL_FLOATS, "channel %d: float %d was written though there is too little room", channel, i);
+        CHECK(i == SMALL_FLOATS, "channel %d: float %d was written, but the array is too small", channel, i);
         CHECK(sbl_read_channel(context, (sbl_channel)channel, floats, needed) == SBL_SUCCESS,
               "channel %d: exactly enough room is refused", channel);
         for (i = (int)needed; i < SMALL_FLOATS && floats[i] == 7; i++) {}
@@ -1097,7 +1122,7 @@ static void little_room(sbl_backend backend) {
     SAID(sbl_inspect_sensor(context, 0, 0, &sensor, NULL, NULL, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT,
          "sbl_inspect_sensor", "no surface");
     for (i = 0; i < 64 * 64 && weights[i] == 7 && radiance[4 * i] == 7; i++) {}
-    CHECK(i == 64 * 64, "texel %d was written though there is too little room", i);
+    CHECK(i == 64 * 64, "texel %d was written, but the array is too small", i);
     CHECK(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, radiance, weights, texels) ==
           SBL_SUCCESS,
           "exactly enough room is refused: %s", watch_last(&seen));
@@ -1106,11 +1131,13 @@ static void little_room(sbl_backend backend) {
     usable("too little room");
 }
 
+/* Arrays that are one element too small are refused and left untouched; arrays of the exact size work. */
 TEST(too_little_room) {
     little_room(SBL_BACKEND_RASTER);
     little_room(SBL_BACKEND_TRACE);
 }
 
+/* Every function that is called too early or too late returns SBL_ERROR_STATE. */
 TEST(wrong_order) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_scene_desc scene = scene_desc(&small);
@@ -1132,7 +1159,7 @@ TEST(wrong_order) {
     NOT_YET(sbl_read_channel(fresh, SBL_CHANNEL_FINAL, floats, SMALL_FLOATS), "sbl_read_channel");
     NOT_YET(sbl_inspect_sensor(fresh, 0, 0, &sensor, NULL, NULL, 0), "sbl_inspect_sensor");
     CHECK(sbl_channel_texture(fresh, SBL_CHANNEL_FINAL) == 0 && sbl_progress(fresh) == 0,
-          "a picture where there is none");
+          "there is a texture or progress before any picture was begun");
     sbl_end(fresh);
     REQUIRE(sbl_set_scene(fresh, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
     NOT_YET(sbl_step(fresh, 0), "sbl_step");
@@ -1143,11 +1170,11 @@ TEST(wrong_order) {
     floats[0] = 7;
     CHECK(sbl_read_channel(fresh, SBL_CHANNEL_FINAL, floats, SMALL_FLOATS) == SBL_UNFINISHED &&
           sbl_channel_texture(fresh, SBL_CHANNEL_FINAL) == 0 &&
-          floats[0] == 7 && seen.count == 0, "something is shown of a picture of which nothing is known yet: %s",
+          floats[0] == 7 && seen.count == 0, "channels of a picture that has just begun can be read: %s",
               watch_last(&seen));
     NOT_YET(sbl_inspect_sensor(fresh, 5, 5, &sensor, NULL, NULL, 0), "sbl_inspect_sensor");
     REQUIRE(sbl_step(fresh, 0) == SBL_SUCCESS, "%s", watch_last(&seen));
-    CHECK(sbl_step(fresh, 0) == SBL_SUCCESS && sbl_progress(fresh) == 1, "stepping on after the end");
+    CHECK(sbl_step(fresh, 0) == SBL_SUCCESS && sbl_progress(fresh) == 1, "sbl_step fails after the picture is done");
     CHECK(sbl_read_channel(fresh, SBL_CHANNEL_FINAL, floats, SMALL_FLOATS) == SBL_SUCCESS, "%s", watch_last(&seen));
     sbl_end(fresh);
     sbl_end(fresh);
@@ -1160,7 +1187,7 @@ TEST(wrong_order) {
     usable("the wrong order");
 }
 
-/* >>cancelling and giving up */
+/* >>cancelling and abandoning */
 
 typedef struct canceller { int calls, stop_at, out_of_order; float last; } canceller;
 
@@ -1171,6 +1198,7 @@ static int cancel(float done, void *user) {
     return ++c->calls == c->stop_at;
 }
 
+/* A progress callback that cancels at its Nth call, for every N, ends the picture and leaks nothing. */
 TEST(cancel_at_every_call) {
     int stop, budget, steps, most = 0;
     for (budget = 0; budget < 4; budget++)
@@ -1187,7 +1215,7 @@ TEST(cancel_at_every_call) {
             for (steps = 0; steps < 10000 && (steps == 0 ? result == SBL_SUCCESS : result == SBL_UNFINISHED); steps++)
                 result = sbl_step(context, budget % 2 ? 1e-9 : 0);
             REQUIRE(steps < 10000, "the picture is not done after %d calls of sbl_step", steps);
-            CHECK(c.out_of_order == 0, "progress went back or out of 0 to 1");
+            CHECK(c.out_of_order == 0, "progress decreased or left the range 0 to 1");
             if (c.calls < stop) {
                 CHECK(result == SBL_SUCCESS && c.last == 1, "not cancelled: \"%s\", progress %g",
                       sbl_result_string(result), (double)c.last);
@@ -1197,7 +1225,7 @@ TEST(cancel_at_every_call) {
             CHECK(sbl_read_channel(context, SBL_CHANNEL_ID, &value, 1) == SBL_ERROR_STATE && sbl_step(context, 0) ==
                   SBL_ERROR_STATE &&
                   sbl_progress(context) == 0,
-                  "cancelled at call %d: the picture is not gone", stop);
+                  "cancelled at call %d: the picture still exists", stop);
             if (!usable("cancelling")) return;
             most = stop;
         }
@@ -1205,6 +1233,7 @@ TEST(cancel_at_every_call) {
     usable("cancelling");
 }
 
+/* Ending, replacing or destroying an unfinished picture after 0 to 11 steps leaks nothing. */
 TEST(giving_up_midway) {
     sbl_scene_desc scene = scene_desc(&small);
     float matrix[16];
@@ -1227,7 +1256,8 @@ TEST(giving_up_midway) {
             else if (way == 2) CHECK(sbl_set_mesh_transform(c, 0, matrix) == SBL_SUCCESS, "%s", watch_last(&seen));
             else if (way == 3) CHECK(sbl_begin_picture(c, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
             else sbl_destroy(c);
-            if (way < 3) CHECK(sbl_progress(c) == 0 && sbl_step(c, 0) == SBL_ERROR_STATE, "the picture goes on");
+            if (way < 3)
+                CHECK(sbl_progress(c) == 0 && sbl_step(c, 0) == SBL_ERROR_STATE, "the abandoned picture continues");
             if (way == 4)
                 CHECK(seen.blocks == before, "%d blocks leaked by sbl_destroy after %d steps", seen.blocks - before,
                       steps);
@@ -1235,7 +1265,7 @@ TEST(giving_up_midway) {
     usable("giving up midway");
 }
 
-/* >>callbacks that call back */
+/* >>callbacks that call sbl.h */
 
 typedef struct meddler {
     sbl_context *context;
@@ -1247,7 +1277,7 @@ enum { MEDDLINGS = 20 };
 static size_t put_nothing(const void *data, size_t size, void *user) { return (void)data, (void)size, (void)user, 0; }
 static size_t get_nothing(void *data, size_t size, void *user) { return (void)data, (void)size, (void)user, 0; }
 
-/* Does one thing that may not be done now, counts where it was refused. */
+/* Makes one call that is forbidden inside of a callback, and counts how often it is refused. */
 static int meddle(meddler *m) {
     static sbl_sensor sensor;
     static float values[3 * SMALL_PIXELS];
@@ -1317,16 +1347,17 @@ static void meddling_draw(const sbl_draw_view *drawn, void *user) {
     meddle((meddler *)user);
 }
 
-/* Of what a callback calls nothing is done, and the picture is the one it would have been. */
+/* A call from inside of a callback must be refused and have no effect. The picture must equal the one without such
+   calls, to the bit. */
 TEST(callbacks_that_call_back) {
     static small_picture plain, other;
     sbl_scene_desc scene = scene_desc(&small);
     int way, which;
-    for (way = 0; way < 3; way++) {  /* progress, rastered and traced; draw */
+    for (way = 0; way < 3; way++) {  /* progress callback, rasterised and traced; draw callback */
         view = small_view();
         view.options.backend = way == 1 ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
         REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
-        for (which = -1; which < MEDDLINGS; which++) {  /* the first does nothing */
+        for (which = -1; which < MEDDLINGS; which++) {  /* -1 makes no call */
             meddler m = { NULL, 0, 0, 0, 0 };
             sbl_result result;
             m.context = context;
@@ -1351,7 +1382,7 @@ TEST(callbacks_that_call_back) {
                 continue;
             }
             CHECK(result == SBL_SUCCESS && small_read(context, &other) == SBL_SUCCESS && small_same(&other, &plain),
-                  "way %d, call %d: \"%s\", or another picture",
+                  "way %d, call %d: \"%s\", or the picture differs",
                   way, which, sbl_result_string(result));
             CHECK(m.calls > 1 && m.refused == m.calls, "way %d, call %d: refused %d of %d times", way, which, m.refused,
                   m.calls);
@@ -1363,7 +1394,7 @@ TEST(callbacks_that_call_back) {
     usable("callbacks that call back");
 }
 
-/* Triangles of all sizes in one scene, the needles among them: whatever they look like, they make no NaN. */
+/* A scene that mixes triangles of sizes 1e-20 to 1e17, some of them needles, gives finite values in all channels. */
 TEST(sizes_far_apart) {
     static const float sizes[] = { 1e-20f, 1e-18f, 1e-12f, 1e-6f, 1, 1e6f, 1e12f, 1e17f };
     static small_picture picture;
@@ -1396,7 +1427,8 @@ TEST(sizes_far_apart) {
     scene_free(&s);
 }
 
-/* What is no mistake, but hardly wanted: a scene in which nothing shines, one too small, too large or too far off. */
+/* Valid but suspicious scenes give a warning and are accepted: a scene without any light, a scene that is too small or
+   too large, and one too far from the origin for its size. */
 TEST(warnings) {
     static const struct { float size, offset; int light, warnings; sbl_log_item item; } cases[] = {
         { 1, 0, 1, 0, SBL_LOG_ITEM_OK }, { 1, 0, 0, 1, SBL_LOG_ITEM_NO_LIGHT }, { 1e-9f, 0, 1, 0, SBL_LOG_ITEM_OK },
@@ -1423,7 +1455,7 @@ TEST(warnings) {
               seen.errors, seen.warnings, watch_last(&seen));
         if (cases[i].warnings)
             CHECK(seen.messages[0].item == cases[i].item, "case %d: the warning is \"%s\"", i, watch_last(&seen));
-        /* without a warning it is right: Lambert's sum, Howell B-4 */
+        /* scenes without a warning must be right: compare with the exact form factor (Howell B-4) */
         for (way = 0; way < 2 && !cases[i].warnings; way++) {
             const double form = 2 / sqrt(1.25) * atan(0.5 / sqrt(1.25)) / TEST_PI;
             view = small_view();
@@ -1444,7 +1476,7 @@ TEST(warnings) {
     usable("warnings");
 }
 
-/* An emission that a float holds, times a texture that it holds, may be more than one holds. */
+/* The product of a finite emission and a finite texel may overflow a float. */
 TEST(radiance_that_overflows) {
     static const float bright[3] = { 8, 8, 8 };
     test_scene s = { 0 };
@@ -1460,6 +1492,7 @@ TEST(radiance_that_overflows) {
     scene_free(&s);
 }
 
+/* After the last context is destroyed, the counting allocator holds no blocks. */
 TEST(nothing_leaked) {
     sbl_destroy(context);
     CHECK(seen.blocks == 0 && seen.bytes == 0, "%d blocks, %.0f bytes leaked", seen.blocks, (double)seen.bytes);

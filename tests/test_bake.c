@@ -1,5 +1,5 @@
-/* build/sbl_bake as a user runs it, and build/host_lightmap, which draws what it wrote. The scene is a floor beneath a
-   lamp, whose light Lambert's formula gives. */
+/* Tests of build/sbl_bake as a user runs it, and of build/host_lightmap, which draws its output. The scene is a floor
+   beneath a lamp, whose light Lambert's formula gives. */
 #define _GNU_SOURCE
 #include "support/test.h"
 #include "support/tool.h"
@@ -10,7 +10,7 @@
 
 enum { FLOOR, LAMP, QUADS };
 
-/* Corners as in the file: the floor's node moves it to where it is. */
+/* Corners as in the file. The node of the floor moves them by `moved`. */
 static const float quads[QUADS][4][3] = {
     { { -2, 0, -2 }, { -2, 0, 2 }, { 2, 0, 2 }, { 2, 0, -2 } },
     { { -0.5f, 2, -0.5f }, { 0.5f, 2, -0.5f }, { 0.5f, 2, 0.5f }, { -0.5f, 2, 0.5f } }
@@ -18,7 +18,7 @@ static const float quads[QUADS][4][3] = {
 static const float moved[3] = { 0.25f, -0.5f, 0 };
 static const double strength = 5;
 
-/* charts: left, upper, right, lower edge of each in the map; floor_v of its texture runs along x. */
+/* charts: left, upper, right and lower edge of each chart in the map. The v coordinate of the floor runs along x. */
 static void write_scene(const char *name, float charts[QUADS][4], int second) {
     char json[8192], bin[64];
     FILE *out;
@@ -72,7 +72,7 @@ static void write_scene(const char *name, float charts[QUADS][4], int second) {
 
 static float apart[QUADS][4] = { { 0.1f, 0.1f, 0.6f, 0.6f }, { 0.7f, 0.7f, 0.9f, 0.9f } };
 
-/* R on the floor at a place of the map. */
+/* R of the floor at a point of the map. */
 static double truth_at(double u, double v) {
     const float *c = apart[FLOOR];
     const v3 p = { -2 + 4 * (u - (double)c[0]) / (double)(c[2] - c[0]) + (double)moved[0], (double)moved[1],
@@ -90,12 +90,12 @@ static double truth_at(double u, double v) {
 #define MAP 64
 #define DIRECT "--mode", "direct", "--lightmap", "64", "--quiet"
 
-static int inside(const float *chart, int x, int y) {  /* the texel's centre */
+static int inside(const float *chart, int x, int y) {  /* whether the texel's centre is in the chart */
     const double u = (x + 0.5) / MAP, v = (y + 0.5) / MAP;
     return u > (double)chart[0] && u < (double)chart[2] && v > (double)chart[1] && v < (double)chart[3];
 }
 
-/* The texel and the chart have something in common. */
+/* Returns whether texel and chart overlap. */
 static int touches(const float *chart, int x, int y) {
     return x + 1 > MAP * chart[0] && x < MAP * chart[2] && y + 1 > MAP * chart[1] && y < MAP * chart[3];
 }
@@ -104,6 +104,7 @@ static const float *texel(const picture *p, int x, int y) { return p->values + 3
 
 /* ---- lightmaps ---- */
 
+/* The lightmap holds Lambert's light within 1 % of the brightest texel; atlas.pfm also fills the gutter. */
 TEST(a_lightmap_holds_lamberts_light) {
     picture light, atlas;
     int x, y, k, wrong = 0, dark = 0, filled = 0;
@@ -111,7 +112,8 @@ TEST(a_lightmap_holds_lamberts_light) {
     write_scene("room.gltf", apart, 1);
     REQUIRE(TOOL("room.gltf", DIRECT, "-o", "out", "--stats", "out.json") == 0, "exit status %d: %s", ran.status,
             ran.err);
-    CHECK(ran.err_lines == 0 && ran.out_lines == 0 && exists("out.json") && !parts_left(), "it said %s%s", ran.err,
+    CHECK(ran.err_lines == 0 && ran.out_lines == 0 && exists("out.json") && !parts_left(), "unexpected output: %s%s",
+          ran.err,
           ran.out);
     light = read_pfm("out/lightmap.pfm");
     atlas = read_pfm("out/atlas.pfm");
@@ -140,10 +142,10 @@ TEST(a_lightmap_holds_lamberts_light) {
 #ifdef SBL_RENDER_OPENEXR
     CHECK(exists("out/lightmap.exr") && exists("out/atlas.exr"), "no .exr");
 #endif
-    CHECK(!exists("out/overlap.png"), "there is no overlap");
+    CHECK(!exists("out/overlap.png"), "overlap.png was written without an overlap");
 }
 
-/* Eight bits, the factor, and the factor's place in the .gltf. */
+/* The .png, multiplied by the factor in the .gltf, holds the light within one step of 8 bits. */
 TEST(viewers_get_the_same_light) {
     char text[16384];
     const char *extension;
@@ -159,7 +161,7 @@ TEST(viewers_get_the_same_light) {
                                 &index, &set, &intensity) == 3,
             "no MOZ_lightmap in %s", text);
     CHECK(set == 1 && index == 1 && strstr(text, "\"uri\": \"atlas.png\"") && strstr(text, "TEXCOORD_1") && intensity >
-          0, "it is %.100s", extension);
+          0, "the extension is %.100s", extension);
     atlas = read_pfm("out/atlas.pfm");
     png = stbi_load(in_folder("out/atlas.png"), &width, &height, &channels, 3);
     REQUIRE(atlas.values && png && width == MAP && height == MAP, "no atlas");
@@ -176,7 +178,7 @@ TEST(viewers_get_the_same_light) {
     stbi_image_free(png);
 }
 
-/* What is written is the scene: read again it gives the same lightmap and the same picture. */
+/* The written scene is complete: it gives the same lightmap and the same picture as the original. */
 TEST(the_scene_is_written_whole) {
     picture light, again, seen, seen_again;
     int i, differ = 0, colored = 0;
@@ -207,6 +209,7 @@ TEST(the_scene_is_written_whole) {
     free(seen_again.values);
 }
 
+/* Overlapping charts give a warning, and overlap.png marks the shared texels. */
 TEST(overlaps_are_shown) {
     static float over[QUADS][4] = { { 0.1f, 0.1f, 0.6f, 0.6f }, { 0.5f, 0.5f, 0.9f, 0.9f } };
     int width = 0, height = 0, channels, x, y, wrong = 0;
@@ -229,7 +232,8 @@ TEST(overlaps_are_shown) {
 
 /* ---- vertices and probes ---- */
 
-/* The floor has four corners: what fits best there is what the test finds by a fit of its own. */
+/* The floor has only four corners. Its light at vertices must be the best fit, which the test computes
+   independently. */
 TEST(vertices_fit_lamberts_light) {
     enum { HEAD = 1024, VERTEX = 36, CELLS = 200 };
     static unsigned char file[65536];
@@ -253,7 +257,7 @@ TEST(vertices_fit_lamberts_light) {
             strstr((const char *)file, "element vertex 8\n") &&
             strstr((const char *)file, "element face 4\n"), "the head is %.300s", (const char *)file);
     body = (const unsigned char *)end + strlen("end_header\n");
-    REQUIRE(size == (size_t)(body - file) + 8 * VERTEX + 4 * 13, "it has %d bytes", (int)size);
+    REQUIRE(size == (size_t)(body - file) + 8 * VERTEX + 4 * 13, "the file has %d bytes", (int)size);
     memcpy(v, body, sizeof v);  /* this machine is little-endian, or the test fails */
     for (body += 8 * VERTEX; faces < 4; faces++, body += 13) {
         uint32_t corner[3];
@@ -288,14 +292,14 @@ TEST(vertices_fit_lamberts_light) {
             if (fabs((double)(v[i][0] - quads[quad][k][0] - (quad ? 0 : moved[0]))) < 1e-5 &&
                 fabs((double)(v[i][2] - quads[quad][k][2])) < 1e-5 &&
                 fabs((double)(v[i][1] - quads[quad][k][1] - (quad ? 0 : moved[1]))) < 1e-5) found = k;
-        CHECK(found >= 0, "vertex %d stands at %g %g %g", i, (double)v[i][0], (double)v[i][1], (double)v[i][2]);
+        CHECK(found >= 0, "vertex %d is at %g %g %g", i, (double)v[i][0], (double)v[i][1], (double)v[i][2]);
         CHECK(fabs((double)v[i][3]) < 1e-5 && fabs(fabs((double)v[i][4]) - 1) < 1e-5 && (v[i][4] > 0) == (quad == 0),
               "normal %g %g %g", (double)v[i][3],
               (double)v[i][4], (double)v[i][5]);
         if (quad == 0 && found >= 0)
             CHECK(fabs((double)v[i][6] - test_max(best[found], 0)) < 0.08 * truth_at(0.35, 0.35) &&
                   fabs(2 * (double)v[i][8] - (double)v[i][6]) < 1e-3,
-                  "vertex %d has %g %g, not %g", i, (double)v[i][6], (double)v[i][8], best[found]);
+                  "vertex %d has R = %g %g, expected %g", i, (double)v[i][6], (double)v[i][8], best[found]);
     }
     REQUIRE(TOOL("room.gltf", "--mode", "direct", "--vertices", "-o", "new.gltf", "--quiet") == 0, "exit status %d: %s",
             ran.status, ran.err);
@@ -303,7 +307,7 @@ TEST(vertices_fit_lamberts_light) {
     CHECK(strstr((const char *)file, "\"_RADIANCE\": ") && strstr((const char *)file, "\"uri\": \"new.bin\"") &&
           exists("new.bin") && exists("texture_0.png"),
           "no attribute");
-    CHECK(TOOL("new.gltf", DIRECT, "-o", "again") == 0 && exists("again/lightmap.pfm"), "it cannot be read: %s",
+    CHECK(TOOL("new.gltf", DIRECT, "-o", "again") == 0 && exists("again/lightmap.pfm"), "the output cannot be read: %s",
           ran.err);
 }
 
@@ -322,7 +326,8 @@ static double basis(int i, const double d[3]) {  /* real, orthonormal */
     }
 }
 
-/* Probes under the lamp and beside it: its light over its area, by numbers. The floor sends nothing in this mode. */
+/* Probes under the lamp and beside it, compared with a numerical integral over the lamp. In this mode the floor gives
+   no light. */
 TEST(probes_hold_the_lamps_light) {
     static const double points[2][3] = { { 0.2, 1, 0.1 }, { -1, 1.5, 0.4 } };
     static char text[65536];
@@ -341,8 +346,8 @@ TEST(probes_hold_the_lamps_light) {
         at = strstr(at, "{\"position\": [");
         REQUIRE(at && sscanf(at, "{\"position\": [%lf, %lf, %lf], \"valid\": true, \"sh\": [%n", &position[0],
                              &position[1], &position[2], &count) == 3 && count,
-                "probe %d is not there: %.200s", probe, at ? at : text);
-        for (k = 0; k < 3; k++) CHECK(fabs(position[k] - points[probe][k]) < 1e-6, "it stands at %g", position[k]);
+                "probe %d is missing: %.200s", probe, at ? at : text);
+        for (k = 0; k < 3; k++) CHECK(fabs(position[k] - points[probe][k]) < 1e-6, "the probe is at %g", position[k]);
         at += count;
         for (y = 0; y < 200; y++)
             for (x = 0; x < 200; x++) {
@@ -356,14 +361,14 @@ TEST(probes_hold_the_lamps_light) {
         for (i = 0; i < 9; i++) {
             REQUIRE(sscanf(at, "%*[, ][%lf, %lf, %lf]%n", &sh[0], &sh[1], &sh[2], &count) == 3 ||
                     sscanf(at, "[%lf, %lf, %lf]%n", &sh[0], &sh[1], &sh[2], &count) == 3,
-                    "coefficient %d is not there: %.80s", i, at);
+                    "coefficient %d is missing: %.80s", i, at);
             at += count;
             CHECK(fabs(sh[0] - truth[i]) < 0.005 * sqrt(norm) && fabs(2 * sh[2] - sh[0]) < 1e-3 * sqrt(norm),
-                  "probe %d, coefficient %d is %g %g, not %g", probe, i,
+                  "probe %d, coefficient %d is %g %g, expected %g", probe, i,
                   sh[0], sh[2], truth[i]);
         }
     }
-    CHECK(!strstr(at, "\"position\""), "there are more");
+    CHECK(!strstr(at, "\"position\""), "there are more probes");
     REQUIRE(TOOL("room.gltf", "--mode", "direct", "--probes", "2x3x1", "--preset", "draft", "-o", "out.json",
                  "--quiet") == 0, "%s", ran.err);
     read_text(in_folder("out.json"), text, sizeof text, &lines);
@@ -372,18 +377,20 @@ TEST(probes_hold_the_lamps_light) {
         double p[3] = { 0, 0, 0 };
         const double expected[3] = { -1.75 + 4 * (i % 2 + 0.5) / 2, -0.5 + 2.5 * (i / 2 + 0.5) / 3, 0 };
         CHECK(sscanf(at, "{\"position\": [%lf, %lf, %lf]", &p[0], &p[1], &p[2]) == 3, "%.50s", at);
-        for (k = 0; k < 3; k++) CHECK(fabs(p[k] - expected[k]) < 1e-5, "point %d: %g, not %g", i, p[k], expected[k]);
+        for (k = 0; k < 3; k++)
+            CHECK(fabs(p[k] - expected[k]) < 1e-5, "point %d: %g, expected %g", i, p[k], expected[k]);
     }
     CHECK(i == 6 && strstr(text, "\"grid\": [2, 3, 1]"), "%d probes", i);
 }
 
-/* ---- what is wrong ---- */
+/* ---- mistakes and failures ---- */
 
 #define REFUSED(code, words, ...) do {                                                         \
         CHECK(TOOL(__VA_ARGS__) == code && said(words) && ran.err_lines == 1,                  \
               "exit status %d, expected %d and \"%s\": %s", ran.status, code, words, ran.err); \
     } while (0)
 
+/* Each wrong command line gives its exit status and one line that names the mistake. */
 TEST(what_is_wrong_is_said) {
     write_scene("room.gltf", apart, 1);
     write_scene("plain.gltf", apart, 0);
@@ -420,15 +427,17 @@ TEST(what_is_wrong_is_said) {
           strstr(ran.out, "sbl_bake 0."), "%s", ran.out);
 }
 
+/* A full disk gives a message and leaves no incomplete file. */
 TEST(a_full_disk_is_said) {
     static const char *const arguments[] = { "room.gltf", DIRECT, "-o", "full", NULL };
     write_scene("room.gltf", apart, 1);
     finish(start(arguments, -1, 4096));
     CHECK(ran.status == 1 && said("cannot be written") && ran.err_lines == 1 && !parts_left(), "exit status %d: %s",
           ran.status, ran.err);
-    CHECK(!exists("full/lightmap.pfm") && !exists("full/atlas.pfm"), "half a file is there");
+    CHECK(!exists("full/lightmap.pfm") && !exists("full/atlas.pfm"), "an incomplete file is left");
 }
 
+/* Interrupted early, the tool writes nothing; later, it writes the light so far. */
 TEST(interrupted) {
     static const char *const early[] = { "room.gltf", "--lightmap", "2048", "--rays", "4096", "--tile", "1", "-o",
         "early", NULL };
@@ -444,13 +453,13 @@ TEST(interrupted) {
           ran.status, ran.err);
     light = read_pfm("late/lightmap.partial.pfm");
     CHECK(light.values && light.width == 1024 && *texel(&light, 300, 300) > 0 && !exists("late/lightmap.pfm") &&
-          !parts_left(), "no light so far");
+          !parts_left(), "there is no partial output");
     free(light.values);
 }
 
-/* ---- a host draws it ---- */
+/* ---- a host draws the lightmap ---- */
 
-/* From above the map's light is drawn where the camera sees the floor; a pixel there is as large as a texel. */
+/* Seen from above, host_lightmap draws the light of the map on the floor; a pixel is as large as a texel. */
 TEST(a_host_draws_it) {
     picture drawn;
     double worst = 0;
@@ -476,7 +485,7 @@ TEST(a_host_draws_it) {
     CHECK(TOOL("room.gltf", "out", "--eye", "0.25,1.4,3", "--look-at", "0.25,0.5,0", "--size", "60x40", "--sky",
                "1,1,1") == 0 && exists("out/frame_00.png") &&
           exists("out/frame_11.png"), "exit status %d: %s", ran.status, ran.err);
-    for (x = 0; x < 2; x++) {  /* the ball goes from left to right: it is where the sky was */
+    for (x = 0; x < 2; x++) {  /* the ball moves from left to right: its pixels were sky before */
         int width = 0, height = 0, channels, column, from = x ? 30 : 0, balls = 0;
         unsigned char *png = stbi_load(in_folder(x ? "out/frame_11.png" : "out/frame_00.png"), &width, &height,
                                        &channels, 3);
@@ -494,7 +503,7 @@ TEST(a_host_draws_it) {
     tool_use("sbl_bake");
 }
 
-/* A box that is seen from inside alone, its walls aglow; a quad a wall, and a chart in a map of three by two cells. */
+/* Writes a box whose emitting walls face inwards. Each wall is a quad, and a chart in a map of three by two cells. */
 static void write_closed_room(void) {
     static const char json[] =
         "{\"asset\":{\"version\":\"2.0\"},\"scene\":0,\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"mesh\":0}],"
@@ -514,7 +523,7 @@ static void write_closed_room(void) {
     unsigned indices[36];
     FILE *out;
     int i, k;
-    for (i = 0; i < 24; i++) {  /* wall i / 4: of axis wall / 2, the lower or the upper one; corners around it */
+    for (i = 0; i < 24; i++) {  /* wall i / 4 is the lower or upper one of axis wall / 2; its corners go around it */
         const int wall = i / 4, axis = wall / 2, side = wall % 2 ? 1 : -1, u = (i & 3) == 1 || (i & 3) == 2,
             v = (i & 3) >= 2;
         for (k = 0; k < 3; k++) positions[i][k] = 0;
@@ -533,7 +542,7 @@ static void write_closed_room(void) {
     write_file("closed.gltf", json, strlen(json));
 }
 
-/* From where all of it would be in sight only the walls' backs are: the walk is inside. */
+/* From outside, only the back sides of the walls would be visible, so host_lightmap must place its camera inside. */
 TEST(a_host_walks_inside) {
     unsigned char *png;
     int width = 0, height = 0, channels, i, dark = 0;

@@ -1,5 +1,5 @@
-/* Light that bounces: SBL_MODE_GI. What closed forms, sums of light and a path tracer say it must be, what walls must
-   keep out, and when the store of it is made anew. */
+/* Tests of bounced light (SBL_MODE_GI). They compare R with closed forms, with energy balances, with radiosity and with
+   a path tracer, check that walls keep light out, and check when the store is rebuilt. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -13,10 +13,10 @@ static watch seen;
 static sbl_context *context;
 static sbl_site sites[MOST_SITES];
 static sbl_reading readings[MOST_SITES];
-static double areas[MOST_SITES];  /* of the surface that each stands for */
+static double areas[MOST_SITES];  /* the area that each site represents */
 static int site_count;
 
-/* Sets the scene in the one context that all share. samples: of the store; 0 is the default. */
+/* Sets the scene in the context that all tests share. samples: max_bounce_cells, 0 is the default. */
 static int use_scene(const test_scene *s, int samples) {
     const sbl_context_desc desc = watch_desc(&seen);
     sbl_scene_desc scene = scene_desc(s);
@@ -36,7 +36,8 @@ static void add_site(double x, double y, double z, double nx, double ny, double 
     areas[site_count++] = area;
 }
 
-/* n x n sites in the middles of parts of a parallelogram that the corner and two edges span, looking along u x v. */
+/* Adds n x n sites at the centres of the parts of a parallelogram, given by a corner and two edges. Their normal is
+   along u x v. */
 static void add_sites(const double corner[3], const double u[3], const double v[3], int n) {
     double normal[3], area;
     int i, j, k;
@@ -50,7 +51,7 @@ static void add_sites(const double corner[3], const double u[3], const double v[
         }
 }
 
-/* n x n on each of a box's faces, looking inwards; their areas are what they stand for. */
+/* Adds n x n sites on each face of a box, facing inwards. Each represents its share of the face's area. */
 static void add_sites_in_box(double x0, double y0, double z0, double x1, double y1, double z1, int n) {
     const double low[3] = { x0, y0, z0 }, high[3] = { x1, y1, z1 };
     int axis, side, k;
@@ -74,7 +75,7 @@ static void scale_sites(float scale) {
     }
 }
 
-/* Readings at all sites. */
+/* Measures R at all sites. */
 static int gather(sbl_mode mode, sbl_backend backend, int rays) {
     sbl_readings_desc desc;
     sbl_result result;
@@ -92,7 +93,7 @@ static int gather(sbl_mode mode, sbl_backend backend, int rays) {
     return result == SBL_SUCCESS;
 }
 
-/* Mean and greatest R of a channel over sites from .. to - 1. */
+/* Area-weighted mean of R (mean_of) and its maximum (most_of) over sites from .. to - 1. */
 static double mean_of(int from, int to, int channel) {
     double sum = 0, area = 0;
     int i;
@@ -128,7 +129,7 @@ static void box_of_slabs(test_scene *s, int material, float x0, float y0, float 
     scene_box(s, material, x0 - t, y0, z1, x1 + t, y1, z1 + t);
 }
 
-/* Four sides and a top. */
+/* A box without its bottom: four sides and a top. */
 static void box_without_bottom(test_scene *s, int material, float x0, float y0, float z0, float x1, float y1,
                                float z1) {
     scene_box(s, material, x0, y0, z0, x1, y1, z1);
@@ -136,7 +137,7 @@ static void box_without_bottom(test_scene *s, int material, float x0, float y0, 
     s->mesh_count--;
 }
 
-/* Its places, about the y axis, and moved. */
+/* Turns the vertices of a mesh about the y axis, then translates them. */
 static void turn_mesh(test_scene *s, sbl_mesh *m, double angle, float x, float y, float z) {
     const float *from = (const float *)m->positions.data, c = (float)cos(angle), d = (float)sin(angle);
     float *to = (float *)scene_alloc(s, sizeof *to * 3 * (size_t)m->vertex_count);
@@ -149,7 +150,7 @@ static void turn_mesh(test_scene *s, sbl_mesh *m, double angle, float x, float y
     m->positions.data = to;
 }
 
-/* Each triangle becomes four, and again, so many times; no indices any more. */
+/* Divides each triangle into four, `times` times. The mesh has no indices afterwards. */
 static void divide_mesh(test_scene *s, sbl_mesh *m, int times) {
     for (; times > 0; times--) {
         const float *from = (const float *)m->positions.data;
@@ -188,14 +189,14 @@ static void leak_scene(test_scene *s, int kind) {
             break;
         case 2: box_of_slabs(s, grey, 1.53f, 0.51f, 1.37f, 2.12f, 1.1f, 2.03f, 0.04f); break;
         case 3: box_without_bottom(s, grey, 1.53f, 0, 1.37f, 2.12f, 0.6f, 2.03f); break;
-        case 4:  /* turned, and of small triangles */
+        case 4:  /* a turned box of small triangles */
             box_without_bottom(s, grey, -0.3f, 0, -0.2f, 0.3f, 0.6f, 0.2f);
             for (i = s->mesh_count - 5; i < s->mesh_count; i++) {
                 turn_mesh(s, &s->meshes[i], 0.5, 2, 0, 1.7f);
                 divide_mesh(s, &s->meshes[i], 4);
             }
             break;
-        case 8:  /* ground that nothing else sees, but a sun */
+        case 8:  /* ground that only the sun and a box see */
             scene_quad(s, grey, -20, 0, -20, -20, 0, 20, 20, 0, 20, 20, 0, -20);
             box_without_bottom(s, grey, 1.53f, 0, 1.37f, 2.12f, 0.6f, 2.03f);
             scene_light(s, SBL_LIGHT_DIRECTIONAL, 3, 3, 3)->direction[1] = -1;
@@ -218,6 +219,7 @@ static void leak_sites(int kind, int n) {
     else add_sites_in_box(3.88, 0, 0, 8, 3, 4, n);
 }
 
+/* Closed boxes and rooms in a lit room stay dark: R inside is below 1e-4 of the room's, at three scales and budgets. */
 TEST(walls_keep_light_out) {
     static const char *const names[] = { "a thin box", "a hollow box", "a box of slabs", "a box on the floor",
         "a turned box", "two rooms", "two rooms askew",
@@ -229,7 +231,7 @@ TEST(walls_keep_light_out) {
                 test_scene s = { 0 };
                 int inside;
                 double lit, dark;
-                if (i != 1 && (kind == 1 || (j == 2 && kind != 3))) continue;  /* they take a second each */
+                if (i != 1 && (kind == 1 || (j == 2 && kind != 3))) continue;  /* these take a second each */
                 if (i != 1 && !test_kind_is("plain")) continue;
                 leak_scene(&s, kind);
                 scene_scale_and_move(&s, scales[i], 0, 0, 0);
@@ -249,16 +251,16 @@ TEST(walls_keep_light_out) {
                     printf("  %s, scale %g, %d: lit %g, dark %g; %d leaves %.2f s\n", names[kind], (double)scales[i],
                            budgets[j], lit, dark, sbl_query_stats(context).store.cells,
                            sbl_query_stats(context).seconds.bounce);
-                CHECK(lit > 0.1, "%s, scale %g, %d samples: the room's R is %g", names[kind], (double)scales[i],
+                CHECK(lit > 0.1, "%s, scale %g, %d cells: the room's R is %g", names[kind], (double)scales[i],
                       budgets[j], lit);
-                CHECK(dark < 1e-4 * lit, "%s, scale %g, %d samples: R in the dark is %g of the room's", names[kind],
+                CHECK(dark < 1e-4 * lit, "%s, scale %g, %d cells: R in the dark is %g of the room's", names[kind],
                       (double)scales[i], budgets[j], dark / lit);
                 scene_free(&s);
             }
 }
 
-/* Both sides of one wall, of which one has a thousand times the light, against each side where the other is dark. The
-   lights have no size, so that they are without noise. */
+/* A wall between two rooms, one a thousand times brighter than the other. R on each side must be the same as when the
+   other side has no light. Point lights are used, because their light has no noise. */
 TEST(two_sides_of_a_wall) {
     double worst = 0;
     int i, j, k;
@@ -288,7 +290,7 @@ TEST(two_sides_of_a_wall) {
                 const double mean = mean_of(8 * j, 8 * j + 8, 0);
                 if (k == 2) both[j] = mean;
                 else if (k == j) alone[j] = mean;
-                else CHECK(mean == 0, "scale %g, %d samples: light comes through the wall: %g", (double)scales[i / 3],
+                else CHECK(mean == 0, "scale %g, %d cells: light comes through the wall: %g", (double)scales[i / 3],
                            budgets[i % 3], mean);
             }
             scene_free(&s);
@@ -296,17 +298,17 @@ TEST(two_sides_of_a_wall) {
         for (k = 0; k < 2; k++) {
             worst = test_max(worst, fabs(both[k] / alone[k] - 1));
             CHECK(alone[k] > 1e-4 && fabs(both[k] / alone[k] - 1) < 0.01,
-                  "scale %g, %d samples, side %d: R is %g, alone %g", (double)scales[i / 3],
+                  "scale %g, %d cells, side %d: R is %g, without the other light %g", (double)scales[i / 3],
                   budgets[i % 3], k, both[k], alone[k]);
         }
     }
     printf("  off by %.2g at most\n", worst);
 }
 
-/* >>furnaces: where all walls shine with E and reflect rho, R is E / (1 - rho) everywhere. What a few hundred lamps
-   give one sensor has a noise of percents; its mean has none. */
+/* >>furnaces: in a closed scene where all surfaces emit E and reflect rho, R is E / (1 - rho) everywhere. With a few
+   hundred lamps, one sensor has a noise of a few percent; the mean over many sensors has none. */
 
-/* The greatest error of all readings and channels, where R must be 1; *mean: of the mean. */
+/* Returns the largest error of all readings and channels, where R must be 1. *mean gets the error of the mean. */
 static double off_one(double *mean) {
     double worst = 0, sum = 0;
     int i, k;
@@ -320,14 +322,14 @@ static double off_one(double *mean) {
     return worst;
 }
 
-/* Emits what makes R 1. */
+/* A material that reflects rho and emits 1 - rho, so that R is 1. */
 static int furnace_material(test_scene *s, float rho) {
     const int m = scene_lamp(s, 1 - rho, 1 - rho, 1 - rho);
     s->materials[m].albedo[0] = s->materials[m].albedo[1] = s->materials[m].albedo[2] = rho;
     return m;
 }
 
-/* Anywhere inside a ball about the origin. */
+/* Adds sites with random positions and normals inside a ball about the origin. */
 static void add_sites_anywhere(double radius, int count) {
     uint32_t hash = 1;
     while (count > 0) {
@@ -365,6 +367,7 @@ static void check_furnace_picture(double rho, int kind) {
     free(final);
 }
 
+/* Boxes and spheres of four albedos have R = 1 everywhere, gathered and in pictures. */
 TEST(furnaces) {
     static const float albedos[] = { 0.2f, 0.5f, 0.8f, 0.95f };
     int kind, i, raster;
@@ -395,7 +398,7 @@ TEST(furnaces) {
             }
 }
 
-/* Under a sky of 1, too, and of surfaces of any shape: where each emits what it does not reflect. */
+/* A furnace under a sky of 1: surfaces of any shape, each of which emits what it does not reflect, have R = 1. */
 TEST(furnace_under_the_sky) {
     test_scene s = { 0 };
     double mean, worst;
@@ -415,7 +418,8 @@ TEST(furnace_under_the_sky) {
         CHECK(mean < 0.003 && worst < 0.05, "R is off by %g, at most %g", mean, worst);
     }
     scene_free(&s);
-    scene_sphere(&s, scene_material(&s, 0.2f, 0.5f, 0.9f), 0, 0, 0, 1, 16, 8, 0);  /* convex: whatever it reflects */
+    /* on a convex body R is 1 for any albedo */
+    scene_sphere(&s, scene_material(&s, 0.2f, 0.5f, 0.9f), 0, 0, 0, 1, 16, 8, 0);
     scene_sky(&s, 1, 1, 1);
     site_count = 0;
     for (i = 0; i < 8; i++)
@@ -427,7 +431,8 @@ TEST(furnace_under_the_sky) {
     scene_free(&s);
 }
 
-/* A white furnace cannot be: light bounces with 0.98 at most, and there is a warning. */
+/* An albedo of 1 in a closed scene would make the light infinite. Bounced light uses 0.98 at most, and there is a
+   warning. */
 TEST(albedo_of_one) {
     test_scene s = { 0 };
     int m = furnace_material(&s, 0.98f), i;
@@ -438,7 +443,7 @@ TEST(albedo_of_one) {
     add_sites_anywhere(0.9, 32);
     watch_forget(&seen);
     REQUIRE(use_scene(&s, 1024) && gather(SBL_MODE_DIRECT, SBL_BACKEND_TRACE, 64), "no scene");
-    CHECK(seen.warnings == 0, "a warning though nothing bounces: %s", watch_last(&seen));
+    CHECK(seen.warnings == 0, "a warning in a mode without bounces: %s", watch_last(&seen));
     for (i = 0; i < 2; i++) REQUIRE(gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 64), "no light");
     worst = off_one(&mean);
     printf("  mean off by %.2g, worst %.2g\n", mean, worst);
@@ -446,14 +451,14 @@ TEST(albedo_of_one) {
     CHECK(seen.warnings == 1 && watch_said(&seen, SBL_LOG_WARNING, SBL_LOG_ITEM_ALBEDO, "0.98", NULL, NULL),
           "%d warnings: %s", seen.warnings,
         watch_last(&seen));
-    s.materials[m].albedo[1] = 0.5f;  /* one channel that is absorbed will do */
+    s.materials[m].albedo[1] = 0.5f;  /* no warning if one channel is below 1 */
     watch_forget(&seen);
     REQUIRE(use_scene(&s, 1024) && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 64), "no scene");
     CHECK(seen.warnings == 0, "a warning: %s", watch_last(&seen));
     scene_free(&s);
 }
 
-/* >>sums of light: what is emitted in a closed box is absorbed by its walls */
+/* >>energy: in a closed box, the walls absorb as much light as is emitted */
 
 enum { AREA_LIGHT, POINT_LIGHT, ROUND_LIGHT, SPOT_LIGHT, SOFT_SPOT, LIGHTS };
 
@@ -477,6 +482,7 @@ static double flux_scene(test_scene *s, int kind) {
     return 4 * 4 * pi;
 }
 
+/* For each kind of light and several albedos, the absorbed flux equals the emitted one within 1 %. */
 TEST(light_is_neither_made_nor_lost) {
     static const double rho[3] = { 0.3, 0.6, 0.85 };
     int kind, k, i;
@@ -494,15 +500,15 @@ TEST(light_is_neither_made_nor_lost) {
             double absorbed = 0;
             for (i = 0; i < site_count; i++)
                 absorbed += (i < walls ? 1 - rho[k] : 1) * TEST_PI * (double)readings[i].radiance[k] * areas[i];
-            printf("  light %d, albedo %g: %.4f of it is absorbed\n", kind, rho[k], absorbed / emitted);
-            CHECK(fabs(absorbed / emitted - 1) < 0.01, "light %d, albedo %g: %g of it is absorbed", kind, rho[k],
+            printf("  light %d, albedo %g: %.4f of the flux is absorbed\n", kind, rho[k], absorbed / emitted);
+            CHECK(fabs(absorbed / emitted - 1) < 0.01, "light %d, albedo %g: %g of the flux is absorbed", kind, rho[k],
                   absorbed / emitted);
         }
         scene_free(&s);
     }
 }
 
-/* >>a reference: a cube of six faces, by paths */
+/* >>reference: a cube whose six faces differ, compared with a path tracer */
 
 static const float face_albedo[6][3] = { { 0.8f, 0.1f, 0.5f }, { 0.1f, 0.8f, 0.5f }, { 0.7f, 0.7f, 0.2f },
     { 0.9f, 0.6f, 0.4f }, { 0.3f, 0.5f, 0.9f },
@@ -515,7 +521,7 @@ static double chance(uint32_t *state) {
     return (test_hash(*state) + 0.5) / 4294967296.0;
 }
 
-/* What comes along one path, from a point of a face on. Faces are 2 * axis + side. */
+/* Adds the light along one random path that starts at a random point of a face. Faces are numbered 2 * axis + side. */
 static void follow_path(int face, uint32_t *state, double light[3]) {
     double at[3], share[3] = { 1, 1, 1 };
     int k, bounce;
@@ -542,10 +548,11 @@ static void follow_path(int face, uint32_t *state, double light[3]) {
     }
 }
 
+/* The mean of R on each face agrees with 200,000 random paths per face within 1 %. */
 TEST(a_cube_by_paths) {
     enum { PATHS = 200000, SIDE = 14 };
     test_scene s = { 0 };
-    static const int faces[6] = { 0, 1, 2, 3, 4, 5 };  /* of scene_box's quads */
+    static const int faces[6] = { 0, 1, 2, 3, 4, 5 };  /* the face of each quad of scene_box */
     double worst = 0;
     uint32_t state = 7;
     int f, k, i;
@@ -564,7 +571,8 @@ TEST(a_cube_by_paths) {
             for (k = 0; k < 3; k++) {
                 const double mean = mean_of(f * SIDE * SIDE, (f + 1) * SIDE * SIDE, k), wanted = light[k] / PATHS;
                 worst = test_max(worst, fabs(mean / wanted - 1));
-                CHECK(fabs(mean / wanted - 1) < 0.01, "face %d, channel %d: the mean of R is %g, by paths %g", f, k,
+                CHECK(fabs(mean / wanted - 1) < 0.01, "face %d, channel %d: the mean of R is %g, by path tracing %g", f,
+                      k,
                       mean, wanted);
             }
         }
@@ -574,7 +582,7 @@ TEST(a_cube_by_paths) {
 
 /* >>textures, vertex colours, cutouts */
 
-/* A cube of 1 with a lamp in its middle; its wall at x = 0 is the caller's. */
+/* A cube of edge 1 with a lamp in its middle. The caller adds the wall at x = 0. */
 static void room_but_a_wall(test_scene *s) {
     scene_box(s, scene_material(s, 0.6f, 0.6f, 0.6f), 0, 0, 0, 1, 1, 1);
     s->meshes[0] = s->meshes[--s->mesh_count];
@@ -585,7 +593,7 @@ static void quarter_of_a_wall(test_scene *s, int material, float y0, float y1, f
     scene_quad(s, material, 0, y0, z0, 0, y0, z1, 0, y1, z1, 0, y1, z0);
 }
 
-/* Sites in two halves of the room, by what the wall has before them; mean R of each by channel. */
+/* Measures sites on the floor near each half of the wall. means[half][channel] is the mean of R. */
 static int read_halves(const test_scene *s, double means[2][3]) {
     int i, k;
     site_count = 0;
@@ -602,13 +610,14 @@ static void check_halves(const char *what, const test_scene *s, double wanted[2]
     for (i = 0; i < 2; i++)
         for (k = 0; k < 3; k++) {
             worst = test_max(worst, fabs(found[i][k] / wanted[i][k] - 1));
-            CHECK(fabs(found[i][k] / wanted[i][k] - 1) < 0.02, "%s, half %d, channel %d: R is %g, of plain walls %g",
+            CHECK(fabs(found[i][k] / wanted[i][k] - 1) < 0.02, "%s, half %d, channel %d: R is %g, with plain walls %g",
                   what, i, k, found[i][k], wanted[i][k]);
         }
     printf("  %s: off by %.2g at most\n", what, worst);
 }
 
-/* A wall that is half red and half blue, by each means there is. */
+/* A wall that is half red and half blue, made by a texture, by vertex colours and by a cut-out. Each must give the
+   light of two walls of plain colours. */
 TEST(colours_of_a_wall) {
     enum { WIDE = 128 };
     static const float red[3] = { 0.8f, 0.1f, 0.1f }, blue[3] = { 0.1f, 0.1f, 0.8f };
@@ -649,7 +658,7 @@ TEST(colours_of_a_wall) {
             }
             m = scene_mesh(&s, scene_material(&s, 1, 1, 1), eight, NULL, NULL, 8, indices, 12);
             m->colors.data = scene_copy(&s, colors[0], 32);
-        } else {  /* a red one with a hole before a blue one */
+        } else {  /* a red wall with a hole, before a blue wall */
             for (i = 0; i < WIDE; i++) {
                 memcpy(pixels[i], red, sizeof red);
                 pixels[i][3] = i < WIDE / 2 ? 1.0f : 0;
@@ -668,6 +677,7 @@ TEST(colours_of_a_wall) {
     }
 }
 
+/* A furnace whose albedo comes from a texture has R = 1. */
 TEST(furnace_of_a_texture) {
     static const unsigned char greys[4] = { 128, 128, 128, 128 };
     test_scene s = { 0 };
@@ -688,7 +698,7 @@ TEST(furnace_of_a_texture) {
     scene_free(&s);
 }
 
-/* >>reuse */
+/* >>keeping the store */
 
 enum { WIDTH = 20, HEIGHT = 15, PIXELS = WIDTH * HEIGHT };
 
@@ -705,7 +715,7 @@ static void reuse_scene(test_scene *s) {
     scene_box(s, scene_material(s, 0.2f, 0.7f, 0.3f), 1.5f, 0, 1.3f, 2.1f, 0.8f, 2);
 }
 
-/* A picture in a context of its own; the caller frees it. moved: a mesh that is moved by 0.3 along x before, or -1. */
+/* Renders a picture in a new context; the caller frees it. If moved >= 0, that mesh is first moved by 0.3 along x. */
 static float *fresh_picture(const test_scene *s, const sbl_picture_desc *view, int moved, sbl_stats *stats) {
     static watch quiet;
     const sbl_context_desc desc = watch_desc(&quiet);
@@ -729,8 +739,8 @@ static float *fresh_picture(const test_scene *s, const sbl_picture_desc *view, i
     return picture;
 }
 
-/* The shared context's picture must be that of a fresh one, to the bit. Returns how far it is from another picture,
-   which it replaces. */
+/* Renders with the shared context and checks that the picture is that of a new context, to the bit. Returns the
+   difference from *last, which is replaced. */
 static double check_fresh(const char *what, const test_scene *s, int number, int moved, float **last) {
     const sbl_picture_desc view = reuse_view(number);
     sbl_stats stats, own;
@@ -741,8 +751,8 @@ static double check_fresh(const char *what, const test_scene *s, int number, int
     own = sbl_query_stats(context);
     mine = scene_channel(context, &view, SBL_CHANNEL_FINAL);
     CHECK(fresh && memcmp(fresh, mine, 3 * PIXELS * sizeof *mine) == 0,
-          "%s: the picture is not that of a fresh context", what);
-    CHECK(stats.store.cells == own.store.cells && own.store.cells > 100, "%s: %d samples, freshly %d", what,
+          "%s: the picture differs from that of a new context", what);
+    CHECK(stats.store.cells == own.store.cells && own.store.cells > 100, "%s: %d cells, in a new context %d", what,
           own.store.cells, stats.store.cells);
     for (i = 0; i < 3 * PIXELS; i++) {
         off += *last ? fabs((double)mine[i] - (double)(*last)[i]) : 0;
@@ -751,16 +761,20 @@ static double check_fresh(const char *what, const test_scene *s, int number, int
     free(fresh);
     free(*last);
     *last = mine;
-    if (number) {  /* the store is there */
-        CHECK(own.sensors.readbacks < stats.sensors.readbacks, "%s: %d readbacks, with the store %d", what,
+    if (number) {  /* the store exists already */
+        CHECK(own.sensors.readbacks < stats.sensors.readbacks,
+              "%s: %d readbacks in a new context, but %d with the store", what,
               own.sensors.readbacks, stats.sensors.readbacks);
-        CHECK(own.store.rays == 0, "%s: %.0f rays for a store that is there", what, (double)own.store.rays);
+        CHECK(own.store.rays == 0, "%s: %.0f rays for a store that exists", what, (double)own.store.rays);
     } else
-        CHECK(own.store.rays == stats.store.rays && own.store.rays > 1000, "%s: a store of %.0f rays, freshly of %.0f",
+        CHECK(own.store.rays == stats.store.rays && own.store.rays > 1000,
+              "%s: a store of %.0f rays, in a new context %.0f",
               what, (double)own.store.rays, (double)stats.store.rays);
     return off / sum;
 }
 
+/* The store is kept while only the camera changes and rebuilt when the scene changes; pictures equal those of new
+   contexts. */
 TEST(the_store_is_kept_and_renewed) {
     const float transform[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.3f, 0, 0, 1 };
     test_scene s = { 0 };
@@ -770,7 +784,7 @@ TEST(the_store_is_kept_and_renewed) {
     REQUIRE(use_scene(&s, 2048), "no scene");
     check_fresh("the first picture", &s, 0, -1, &last);
     check_fresh("another camera", &s, 1, -1, &last);
-    REQUIRE(sbl_set_mesh_transform(context, 6, transform) == SBL_SUCCESS, "no move");  /* the lamp */
+    REQUIRE(sbl_set_mesh_transform(context, 6, transform) == SBL_SUCCESS, "no move");  /* moves the lamp */
     check_fresh("a lamp that moved", &s, 0, 6, &last);
     check_fresh("another camera again", &s, 1, 6, &last);
     s.materials[0].albedo[0] = 0.1f;
@@ -782,13 +796,13 @@ TEST(the_store_is_kept_and_renewed) {
     scene_free(&s);
 }
 
-/* >>a trench that is narrower than cells, under the sky, by radiosity in its cross-section */
+/* >>a trench that is narrower than the cells, under the sky; compared with radiosity in its cross-section */
 
-enum { STRIPS = 120 };  /* of a side: left wall, floor, right wall */
+enum { STRIPS = 120 };  /* per side: left wall, floor, right wall */
 
 static double apart(const double a[2], const double b[2]) { return hypot(a[0] - b[0], a[1] - b[1]); }
 
-/* Ends of strip i of a trench of width 1 and depth 1, from its left rim around. */
+/* End points of strip i of a trench of width 1 and depth 1, counted from its left rim downwards. */
 static void strip_of(int i, double from[2], double to[2]) {
     const double a = i % STRIPS / (double)STRIPS, b = (i % STRIPS + 1) / (double)STRIPS;
     const int side = i / STRIPS;
@@ -798,7 +812,8 @@ static void strip_of(int i, double from[2], double to[2]) {
     to[1] = side == 0 ? -b : side == 1 ? -1 : b - 1;
 }
 
-/* R along the trench's inside, which reflects rho, under a sky of 1: form factors by crossed strings (Hottel 1954). */
+/* R along the inside of the trench, which reflects rho, under a sky of 1. Form factors by crossed strings (Hottel
+   1954). */
 static void trench_by_radiosity(double rho, double r[3 * STRIPS]) {
     static double factor[3 * STRIPS][3 * STRIPS];
     const double rim[2][2] = { { 0, 0 }, { 1, 0 } };
@@ -824,6 +839,7 @@ static void trench_by_radiosity(double rho, double r[3 * STRIPS]) {
         }
 }
 
+/* R in the trench agrees with radiosity, although the cells are larger than the trench. */
 TEST(a_trench_narrower_than_cells) {
     static double expected[3 * STRIPS];
     test_scene s = { 0 };
@@ -833,7 +849,7 @@ TEST(a_trench_narrower_than_cells) {
     scene_quad(&s, m, 0, -1, -w, 1, -1, -w, 1, -1, w, 0, -1, w);
     scene_quad(&s, m, 0, -1, -w, 0, -1, w, 0, 0, w, 0, 0, -w);
     scene_quad(&s, m, 1, -1, -w, 1, 0, -w, 1, 0, w, 1, -1, w);
-    scene_quad(&s, m, -60, -4, -60, 60, -4, -60, 60, -4, 60, -60, -4, 60);  /* what makes cells wide */
+    scene_quad(&s, m, -60, -4, -60, 60, -4, -60, 60, -4, 60, -60, -4, 60);  /* a large scene makes the cells large */
     scene_sky(&s, 1, 1, 1);
     trench_by_radiosity(0.8, expected);
     site_count = 0;
@@ -858,8 +874,8 @@ TEST(a_trench_narrower_than_cells) {
     scene_free(&s);
 }
 
-/* A pleated sheet of one mesh, its pleats narrower than cells and steep: light that falls on those of one kind leaves
-   the others dark, though cells have both. What the store itself knows, seen from above. */
+/* A pleated sheet of one mesh, with steep pleats narrower than the cells. A sun lights every second pleat; R on the
+   others must stay near 0, although each cell contains pleats of both kinds. Reads the store by a view from above. */
 TEST(a_pleated_sheet) {
     enum { PLEATS = 20 };
     static float corners[18 * PLEATS];
@@ -873,10 +889,10 @@ TEST(a_pleated_sheet) {
             const int right = k == 1 || k == 2 || k == 4, away = k == 2 || k > 3;
             float *p = &corners[18 * i + 3 * k];
             p[0] = 0.05f * (float)(i + right - PLEATS / 2);
-            p[1] = (i + right) % 2 ? 0.0483f : 0;  /* 44 degrees */
+            p[1] = (i + right) % 2 ? 0.0483f : 0;  /* slopes of 44 degrees */
             p[2] = away ? 0.25f : -0.25f;
         }
-    /* what makes cells wide */
+    /* a large scene makes the cells large */
     scene_quad(&s, scene_material(&s, 0, 0, 0), -2, -1, -2, 2, -1, -2, 2, -1, 2, -2, -1, 2);
     scene_mesh(&s, scene_material(&s, 0.001f, 0.001f, 0.001f), corners, NULL, NULL, 6 * PLEATS, NULL, 6 * PLEATS);
     light = scene_light(&s, SBL_LIGHT_DIRECTIONAL, 1, 1, 1);  /* 42 degrees above the horizon */
@@ -896,16 +912,16 @@ TEST(a_pleated_sheet) {
         lit /= count;
         printf("  lit %g, in the dark %g at most; cells of %g\n", lit, most, (double)inside_cell_length(context));
         CHECK(inside_cell_length(context) > 0.1f, "cells are no wider than two pleats");
-        CHECK(count > PIXELS / 10 && lit > 0.1, "R of what is lit is %g", lit);
-        CHECK(most < 0.01 * lit, "R in the dark is %g of what is lit", most / lit);
+        CHECK(count > PIXELS / 10 && lit > 0.1, "R of the lit pleats is %g", lit);
+        CHECK(most < 0.01 * lit, "R of the dark pleats is %g of the lit ones'", most / lit);
         free(stored);
         free(normal);
     } else CHECK(0, "no picture: %s", watch_last(&seen));
     scene_free(&s);
 }
 
-/* More things than the store has room for in cells of the first size: what is found last has wider ones. A white
-   furnace all the same. */
+/* A furnace with more surfaces than the store can hold in cells of the initial size. Surfaces that are found last get
+   larger cells. R must still be 1. */
 TEST(a_crowd_of_boxes) {
     test_scene s = { 0 };
     double mean, worst;
@@ -923,20 +939,20 @@ TEST(a_crowd_of_boxes) {
         printf("  mean off by %.2g, worst %.2g; %d samples, cells of %g\n", mean, worst,
                sbl_query_stats(context).store.cells, (double)inside_cell_length(context));
         CHECK(mean < 0.01 && worst < 0.05, "R is off by %g, at most %g", mean, worst);
-        CHECK(inside_cell_length(context) < 0.45f, "cells are of %g: all grew", (double)inside_cell_length(context));
+        CHECK(inside_cell_length(context) < 0.45f, "all cells have grown, to %g", (double)inside_cell_length(context));
     }
     scene_free(&s);
 }
 
-/* More sides of things than the store has room for, however wide its cells: it ends, and nothing stays dark. Many
-   shelves share a few measurements, so they are only about right. */
+/* A furnace with more sides of triangles than the store can hold in cells of any size. Building the store must end, and
+   no side may stay dark. Many shelves share a few measurements, so R is only about 1. */
 TEST(more_sides_than_samples) {
     enum { SHELVES = 700 };
     static float corners[6 * 3 * SHELVES];
     test_scene s = { 0 };
     const int m = furnace_material(&s, 0.5f);
     int i, k;
-    for (i = 0; i < SHELVES; i++)  /* squares above each other, in eight stacks */
+    for (i = 0; i < SHELVES; i++)  /* horizontal squares above each other, in eight stacks */
         for (k = 0; k < 6; k++) {
             float *p = &corners[3 * (6 * i + k)];
             p[0] = (float)(k == 1 || k == 2 || k == 4) + 1.5f * (float)(i % 4);
@@ -956,16 +972,16 @@ TEST(more_sides_than_samples) {
         mean = mean_of(0, site_count, 0);
         printf("  %d samples of %d: mean %.3f, off by %.3f\n", sbl_query_stats(context).store.cells, k, mean, off);
         CHECK(sbl_query_stats(context).store.cells > 100 && sbl_query_stats(context).store.cells <= k,
-              "%d samples of %d", sbl_query_stats(context).store.cells, k);
+              "%d cells of %d", sbl_query_stats(context).store.cells, k);
         CHECK(fabs(mean - 1) < 0.25 && off < 0.25, "R is %g on average, off by %g", mean, off);
     }
     scene_free(&s);
 }
 
-/* Ground that no surface sees has light all the same, for who looks at it from the air. A square under the sun, seen
-   from above its middle: the form factor of a square is known. */
+/* Ground that no other surface sees must still have light for sites in the air. A square of ground under the sun, seen
+   from above its middle, compared with the form factor of a square. */
 TEST(ground_that_no_surface_sees) {
-    static const float sizes[] = { 1, 30 };  /* of the ground; seen from 1 above */
+    static const float sizes[] = { 1, 30 };  /* edges of the ground; the site is 1 above it */
     int i;
     for (i = 0; i < 2; i++) {
         test_scene s = { 0 };
@@ -973,7 +989,7 @@ TEST(ground_that_no_surface_sees) {
         const float w = sizes[i];
         double expected = 0.5 * 3 / TEST_PI * seen_share;
         scene_quad(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), -w, -1, -w, -w, -1, w, w, -1, w, w, -1, -w);
-        if (i) scene_box(&s, 0, 9, -1, 9, 10, 0, 10);  /* far away; its sides see the ground */
+        if (i) scene_box(&s, 0, 9, -1, 9, 10, 0, 10);  /* a box far away whose sides see the ground */
         scene_light(&s, SBL_LIGHT_DIRECTIONAL, 3, 3, 3)->direction[1] = -1;
         site_count = 0;
         add_site(0, 0, 0, 0, -1, 0, 1);
@@ -987,12 +1003,12 @@ TEST(ground_that_no_surface_sees) {
     }
 }
 
-/* >>what the host draws */
+/* >>things that a host draws */
 
-/* light: what it was told last */
+/* light: the ambient cube that the last draw callback received */
 static struct drawn { GLuint program; float albedo, emission, light[6][3]; int views; } drawn;
 
-/* A box of half a side 0.3 about the origin, which reflects by the ambient cube that it is told. */
+/* Draw callback: draws a cube of half edge 0.3 about the origin, which reflects the ambient cube it receives. */
 static void draw_box(const sbl_draw_view *view, void *user) {
     static const char vertex[] =
         "uniform vec4 column[4];\n"
@@ -1064,14 +1080,15 @@ static size_t saved_get(void *data, size_t bytes, void *user) {
     return bytes;
 }
 
-/* In a furnace a drawn thing that emits what it does not reflect cannot be told from the walls. */
+/* In a furnace, a drawn cube that emits what it does not reflect looks like the walls, so R stays 1. */
 TEST(drawn_things_are_told_their_light) {
     test_scene s = { 0 };
     sbl_scene_desc scene;
     const int m = furnace_material(&s, 0.5f);
     double mean, worst, least = 2, most = 0;
     int i;
-    REQUIRE(host_gl_open("test_bounce"), "no GL");  /* for its functions: they serve the context that sbl.h made, too */
+    /* loads the GL functions; the context that sbl.h creates uses the same ones */
+    REQUIRE(host_gl_open("test_bounce"), "no GL");
     scene_box(&s, m, -1.2f, -1, -0.9f, 1.2f, 1, 0.9f);
     if (!use_scene(&s, 4096)) return;
     scene = scene_desc(&s);
@@ -1090,17 +1107,17 @@ TEST(drawn_things_are_told_their_light) {
         least = fmin(least, (double)drawn.light[i / 3][i % 3]);
         most = test_max(most, (double)drawn.light[i / 3][i % 3]);
     }
-    printf("  %d views; told %.4f to %.4f; mean off by %.2g, worst %.2g\n", drawn.views, least, most, mean, worst);
-    CHECK(drawn.views > 54 && least > 0.99 && most < 1.01, "%d views are told %g to %g", drawn.views, least, most);
+    printf("  %d views; received %.4f to %.4f; mean off by %.2g, worst %.2g\n", drawn.views, least, most, mean, worst);
+    CHECK(drawn.views > 54 && least > 0.99 && most < 1.01, "%d views receive %g to %g", drawn.views, least, most);
     CHECK(mean < 0.005 && worst < 0.05, "R is off by %g, at most %g", mean, worst);
-    drawn.emission = 0;  /* the thing is seen at all */
+    drawn.emission = 0;  /* a dark cube must change R, which shows that it is drawn at all */
     REQUIRE(gather(SBL_MODE_GI, SBL_BACKEND_RASTER, 64), "no light: %s", watch_last(&seen));
     off_one(&mean);
-    CHECK(mean > 0.01, "a dark thing changes R by %g", mean);
+    CHECK(mean > 0.01, "a dark cube changes R by only %g", mean);
     scene_free(&s);
     memset(&s, 0, sizeof s);
     scene_quad(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), -1, -1, -1, -1, -1, 1, 1, -1, 1, 1, -1, -1);
-    /* from above: for a side that faces up, known */
+    /* under a vertical sun, R of a side that faces up is known */
     scene_light(&s, SBL_LIGHT_DIRECTIONAL, 2, 3, 5)->direction[1] = -1;
     scene.meshes = s.meshes;
     scene.mesh_count = s.mesh_count;
@@ -1111,32 +1128,36 @@ TEST(drawn_things_are_told_their_light) {
     add_site(0, -1, 0, 0, 1, 0, 1);
     REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && gather(SBL_MODE_GI, SBL_BACKEND_RASTER, 64),
             "no light: %s", watch_last(&seen));
-    CHECK(fabs((double)drawn.light[2][2] * TEST_PI / 5 - 1) < 0.001, "what faces up is told %g",
+    CHECK(fabs((double)drawn.light[2][2] * TEST_PI / 5 - 1) < 0.001, "the side that faces up receives %g",
           (double)drawn.light[2][2]);
-    CHECK(drawn.light[3][0] > 0.05f && drawn.light[3][0] < 0.5f * drawn.light[2][0], "what faces down is told %g",
+    CHECK(drawn.light[3][0] > 0.05f && drawn.light[3][0] < 0.5f * drawn.light[2][0],
+          "the side that faces down receives %g",
           (double)drawn.light[3][0]);
     {
         const float before =
-            drawn.light[2][2]; /* a stored store knows it, too; but not one of things drawn elsewhere */
+            /* a saved store includes this light; but a store of things drawn elsewhere must be refused */
+            drawn.light[2][2];
         REQUIRE(
             sbl_save_store(context, saved_put, NULL) == SBL_SUCCESS && sbl_set_scene(context, &scene) == SBL_SUCCESS &&
                 sbl_load_store(context, saved_get, NULL) == SBL_SUCCESS && gather(SBL_MODE_GI, SBL_BACKEND_RASTER, 64),
             "%s", watch_last(&seen));
         CHECK(sbl_query_stats(context).store.rays == 0 && !memcmp(&drawn.light[2][2], &before, sizeof before),
-              "after loading it is told %g, not %g", (double)drawn.light[2][2], (double)before);
+              "after loading the cube receives %g, not %g", (double)drawn.light[2][2], (double)before);
         scene.draw_bounds[0][0] = -0.4f;
         saved.at = 0;
         CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_load_store(context, saved_get, NULL) ==
               SBL_ERROR_INVALID_ARGUMENT,
-            "light of things drawn elsewhere is loaded");
+            "a store of things drawn elsewhere was loaded");
     }
     REQUIRE(gather(SBL_MODE_DIRECT, SBL_BACKEND_RASTER, 64), "no light: %s", watch_last(&seen));
-    CHECK(most_of(0, 1) >= 0 && drawn.light[2][2] == 0, "in SBL_MODE_DIRECT it is told %g", (double)drawn.light[2][2]);
+    CHECK(most_of(0, 1) >= 0 && drawn.light[2][2] == 0, "in SBL_MODE_DIRECT the cube receives %g",
+          (double)drawn.light[2][2]);
     host_gl_close();
     scene_free(&s);
 }
 
-/* Rasterised light goes with the light's strength, however strong or weak, though views have texels of sixteen bits. */
+/* Rasterised light is proportional to the lamp's emission over 18 orders of magnitude, although views have texels of 16
+   bits. */
 TEST(light_of_any_strength) {
     static const float strengths[] = { 1, 1e-9f, 1e9f };
     double first = 0;
@@ -1153,14 +1174,15 @@ TEST(light_of_any_strength) {
         if (use_scene(&s, 1024) && gather(SBL_MODE_GI, SBL_BACKEND_RASTER, 64)) {
             mean = mean_of(0, site_count, 0) / (double)strengths[i];
             if (i == 0) first = mean;
-            CHECK(mean > 0.05 && fabs(mean / first - 1) < 1e-3, "light of strength %g gives %g of it, of strength 1 %g",
+            CHECK(mean > 0.05 && fabs(mean / first - 1) < 1e-3,
+                  "emission %g gives R = %g times itself, emission 1 gives %g",
                   (double)strengths[i], mean, first);
         }
         scene_free(&s);
     }
 }
 
-/* >>all front ends find the same */
+/* >>all front ends measure the same */
 
 static int inspect_all(int *same) {
     int i, shown = 0;
@@ -1180,6 +1202,7 @@ static int inspect_all(int *same) {
     return shown;
 }
 
+/* Gathered readings and inspected sensors equal the pixels of a picture with one sensor per pixel. */
 TEST(gather_inspection_and_picture_agree) {
     static const sbl_backend backends[] = { SBL_BACKEND_TRACE, SBL_BACKEND_RASTER };
     test_scene s = { 0 };
@@ -1219,11 +1242,12 @@ TEST(gather_inspection_and_picture_agree) {
         printf("  %d shown, %d close, %d the same, %d inspected\n", shown, close, same, inspected);
         CHECK(shown > PIXELS / 2 && close > shown * (b ? 95 : 100) / 100 - 1,
               "backend %d: %d of %d readings are close to the picture's", b, close, shown);
-        if (b == 0) CHECK(same == shown, "%d of %d readings are the picture's to the bit", same, shown);
-        CHECK(inspected > shown * 98 / 100, "backend %d: %d of %d inspections are the picture's", b, inspected, shown);
+        if (b == 0) CHECK(same == shown, "%d of %d readings equal the picture's R to the bit", same, shown);
+        CHECK(inspected > shown * 98 / 100, "backend %d: %d of %d inspections equal the picture's R", b, inspected,
+              shown);
     }
     printf("  rasterised against traced: %.4f\n", sums[1] / sums[0]);
-    CHECK(fabs(sums[1] / sums[0] - 1) < 0.02, "rasterised R is %g of the traced", sums[1] / sums[0]);
+    CHECK(fabs(sums[1] / sums[0] - 1) < 0.02, "rasterised R is %g of the traced R", sums[1] / sums[0]);
     free(radiance[0]);
     free(radiance[1]);
     scene_free(&s);

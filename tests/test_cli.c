@@ -1,5 +1,5 @@
-/* The command line tool, run as a user runs it: build/sbl_render beside this program. Its files are made here, so that
-   what must come out is known. */
+/* Tests of the command line tool build/sbl_render, which they run as a user would. They create all input files, so that
+   the correct output is known. */
 #define _XOPEN_SOURCE 700
 #define _DEFAULT_SOURCE
 #include "support/test.h"
@@ -22,7 +22,7 @@ static int encode_srgb(double x) {
     return (int)(255 * (v > 1 ? 1 : v) + 0.5);
 }
 
-/* Four by four texels, all different, with a different value in every corner of the picture. */
+/* Value of component k of a texel of the 4 x 4 test texture. All texels differ, so that flips and turns show. */
 static int texel(int x, int y, int k) {
     return k == 3 ? 17 * (4 * y + x) : k == 0 ? 60 + 50 * x : k == 1 ? 250 - 60 * y : 40 + 12 * (4 * y + x);
 }
@@ -33,7 +33,8 @@ static void make_texels(unsigned char *out, int channels) {
             for (k = 0; k < channels; k++) *out++ = (unsigned char)texel(x, y, k);
 }
 
-/* >>scenes: a wall of four by four cells seen from the front, each four by four pixels of a picture of 16 by 16 */
+/* >>scenes: a wall of 4 x 4 cells seen from the front, in a picture of 16 x 16, so that each cell covers 4 x 4
+   pixels */
 
 #define WALL_CAMERA "--eye", "0,0,1", "--look-at", "0,0,0", "--fov", "90"
 #define WALL_SIZE "--size", "16x16"
@@ -75,7 +76,7 @@ static void wall_obj(void) {
     fclose(obj);
 }
 
-/* Compares a cell of a picture with what each pixel of it should hold. */
+/* Compares the 4 x 4 pixels of a cell with their expected values. */
 typedef double (*expected_value)(int x, int y, int k);
 static void check_cell(const picture *p, int cell, expected_value expected, double tolerance, const char *what) {
     int x, y, k, bad = 0, bx = 0, by = 0, bk = 0;
@@ -101,6 +102,7 @@ static double checkered(int x, int y, int k) { (void)k; return (x ^ y) & 1 ? 0.5
 static double lower_left(int x, int y, int k) { return y >= x ? tex(x, y, k) : 0; }
 static double by_alpha(int x, int y, int k) { return texel(x, y, 3) >= 128 ? tex(x, y, k) : 0; }
 
+/* Every cell of an .obj scene has the albedo or emission that its .mtl file defines. */
 TEST(obj_materials_and_textures) {
     picture albedo, final;
     wall_obj();
@@ -108,7 +110,7 @@ TEST(obj_materials_and_textures) {
                "albedo.pfm") == 0,
           "exit status %d: %s", ran.status, ran.err);
     CHECK(ran.err_lines == 1 && strstr(ran.err, "warning") && strstr(ran.err, "absent.png"),
-          "the missing texture should be the one warning: %s", ran.err);
+          "expected exactly one warning, about the missing texture: %s", ran.err);
     albedo = read_pfm("albedo.pfm");
     CHECK(TOOL("wall.obj", WALL_CAMERA, WALL_SIZE, SMALL, "--mode", "direct", "--quiet", "-o", "final.pfm") == 0,
           "exit status %d: %s",
@@ -137,8 +139,8 @@ TEST(obj_materials_and_textures) {
     free(final.values);
 }
 
-/* The wall as glTF. Materials are used in another order than they are listed in, two have no name; there is a camera of
-   90 degrees. */
+/* The wall as glTF, with a camera of 90 degrees. Materials are not used in the order of the file, and two have no
+   name. */
 enum { GLTF_CELLS = 16 };
 static const char *const gltf_materials[GLTF_CELLS] = {
     "\"pbrMetallicRoughness\":{\"baseColorFactor\":[0.2,0.4,0.6,1]}",
@@ -181,7 +183,7 @@ static void wall_gltf(const char *name, int binary) {
     static unsigned char buffer[4096];
     static char json[32768], text[8192];
     const float positions[12] = { 0, -0.5f, 0, 0.5f, -0.5f, 0, 0.5f, 0, 0, 0, 0, 0 },
-                texcoords[8] = { 0, 1, 1, 1, 1, 0, 0, 0 }; /* v = 0 is the top */
+                texcoords[8] = { 0, 1, 1, 1, 1, 0, 0, 0 }; /* in glTF, v = 0 is the top row */
     const float colors[16] = { 0, 0, 0, 1, 1, 0, 0, 1, 1, 1, 0, 1, 0, 1, 0, 1 };
     const unsigned short indices[6] = { 0, 1, 2, 0, 2, 3 };
     unsigned char rgba[64], *png;
@@ -206,7 +208,8 @@ static void wall_gltf(const char *name, int binary) {
                  "0.01}}],\"nodes\":[",
                  GLTF_CELLS);
     for (i = 0; i < GLTF_CELLS; i++) {
-        /* 14 and 15 are uses of the meshes 0 and 12, by a parent that shifts and a child that scales */
+        /* Nodes 14 and 15 reuse meshes 12 and 0. Node 14 is a parent that translates; its child, with mesh 12,
+           scales. */
         if (i == 14) n += sprintf(json + n, "{\"translation\":[0,-0.75,0],\"children\":[%d]},", GLTF_CELLS + 1);
         else n += sprintf(json + n, "{\"mesh\":%d,\"translation\":[%g,%g,0]},", i == 15 ? 0 : i, -1 + 0.5 * (i % 4),
                           1 - 0.5 * (i / 4));
@@ -259,7 +262,7 @@ static double ke_glb(int x, int y, int k) { return ke(x, y, k); }
 static double ke_strong(int x, int y, int k) { return 100 * ke(x, y, k); }
 static double ke_tex_glb(int x, int y, int k) { return (k ? 4 : 2) * tex(x, y, k); }
 static double alpha_quarter(int x, int y, int k) { return texel(x, y, 3) >= 64 ? tex(x, y, k) : 0; }
-static double vertex_colors(int x, int y, int k) {  /* two triangles: lower right and upper left of the diagonal */
+static double vertex_colors(int x, int y, int k) {  /* two triangles, lower right and upper left of the diagonal */
     double u = (x + 0.5) / 4, v = 1 - (y + 0.5) / 4;
     if (k == 2) return 0;
     return k == 0 ? (u > v ? u : u) : v;
@@ -273,7 +276,7 @@ static void check_gltf(const char *scene) {
     CHECK(TOOL(scene, WALL_SIZE, SMALL, "--mode", "direct", "--channel", "albedo", "-o", channel) == 0,
           "exit status %d: %s", ran.status,
           ran.err);
-    CHECK(!ran.err[0], "there is nothing to warn of: %s", ran.err);
+    CHECK(!ran.err[0], "unexpected warning: %s", ran.err);
     albedo = read_pfm(channel);
     CHECK(TOOL(scene, WALL_SIZE, SMALL, "--mode", "direct", "-o", "final.pfm") == 0, "exit status %d: %s", ran.status,
           ran.err);
@@ -292,17 +295,19 @@ static void check_gltf(const char *scene) {
     check_cell(&albedo, 10, by_alpha, 0.004, "MASK with a factor and a texture");
     check_cell(&albedo, 11, vertex_colors, 0.004, "COLOR_0 in an opaque material");
     check_cell(&final, 12, one, 0.002, "emission without strength");
-    check_cell(&albedo, 15, kd, 0.002, "a second use of a mesh");
-    for (y = 0; y < 4; y++)  /* moved by its parent and half as large: columns 8 and 9, rows 14 and 15 */
+    check_cell(&albedo, 15, kd, 0.002, "a second instance of a mesh");
+    for (y = 0; y < 4; y++)  /* translated by its parent and half as large: columns 8 and 9, rows 14 and 15 */
         for (x = 0; x < 4; x++)
             for (k = 0; k < 3; k++) lit += fabs(at(&final, 8 + x, 12 + y, k) - (x < 2 && y >= 2)) < 0.002;
-    CHECK(lit == 48, "a use with a parent: %d values of 48 are right", lit);
+    CHECK(lit == 48, "a mesh instance with a parent: %d values of 48 are right", lit);
     free(albedo.values);
     free(final.values);
 }
+/* Every cell of the wall as .gltf and as .glb has the albedo or emission that its material defines. */
 TEST(gltf_materials_and_camera) { wall_gltf("wall.gltf", 0); check_gltf("wall.gltf"); }
 TEST(glb_materials_and_camera) { wall_gltf("wall.glb", 1); check_gltf("wall.glb"); }
 
+/* Every instance of a mesh has an id of its own. */
 TEST(ids_are_of_uses_of_meshes) {
     picture id;
     int cell, other;
@@ -312,7 +317,7 @@ TEST(ids_are_of_uses_of_meshes) {
     id = read_pfm("id.pfm");
     REQUIRE(id.values, "the picture is not there");
     for (cell = 0; cell < 16; cell++) {
-        if (cell == 9 || cell == 14) continue;  /* cut out; not filled */
+        if (cell == 9 || cell == 14) continue;  /* cell 9 is cut out, and cell 14 is not filled */
         CHECK(at(&id, cell % 4 * 4 + 3, cell / 4 * 4 + 3, 0) > 0, "cell %d has no id", cell);
         for (other = 0; other < cell; other++)
             CHECK(other == 9 || other == 14 ||
@@ -325,6 +330,7 @@ TEST(ids_are_of_uses_of_meshes) {
 
 /* >>cameras */
 
+/* Options give the same picture as an equal camera in the file, and override the file's camera. */
 TEST(options_override_the_files_camera) {
     picture a, b;
     wall_gltf("wall.glb", 1);
@@ -349,10 +355,11 @@ TEST(options_override_the_files_camera) {
           "exit status %d: %s", ran.status, ran.err);
     a = read_pfm("a.pfm");
     REQUIRE(a.values, "the picture is not there");
-    /* turned by a quarter: up is +x, so the right side is -y; tan(22.5 degrees) of it is seen */
+    /* The camera is rolled by a quarter turn: up is +x, so the right side is -y; the half height that is seen is
+       tan(22.5 degrees). */
     CHECK(fabs(at(&a, 1, 1, 0) - 13 / 16.0 * tan(atan(1.0) / 2)) < 1e-4 &&
           fabs(at(&a, 1, 1, 1) - 13 / 16.0 * tan(atan(1.0) / 2)) < 1e-4,
-          "turned: pixel 1 1 shows %g %g", at(&a, 1, 1, 0), at(&a, 1, 1, 1));
+          "rolled camera: pixel 1 1 shows %g %g", at(&a, 1, 1, 0), at(&a, 1, 1, 1));
     free(a.values);
 }
 
@@ -371,6 +378,7 @@ static void check_framed(const char *size, int width, int height) {
           "%s: %d pixels of the scene are seen, %d of them at the border", size, seen, border);
     free(depth.values);
 }
+/* Without a camera the whole scene is seen, and fills the picture. */
 TEST(without_a_camera_the_scene_is_framed) {
     int i;
     char text[2048] = "";
@@ -385,7 +393,8 @@ TEST(without_a_camera_the_scene_is_framed) {
 
 /* >>outputs */
 
-/* One lamp over a floor before a wall; numbers without a nought before the point are in use, too. */
+/* A room with one lamp over a floor before a wall. The .obj file also has numbers without a zero before the point. */
+/* A .png holds the values of the .pfm, with exposure and sRGB encoding applied. */
 TEST(png_is_the_encoded_pfm) {
     picture p;
     unsigned char *png;
@@ -409,6 +418,7 @@ TEST(png_is_the_encoded_pfm) {
     free(p.values);
 }
 
+/* Eight channels can be written as .pfm and .png, and none is of one colour. */
 TEST(every_channel_is_written) {
     static const char *const names[] = { "final", "radiance", "albedo", "normal", "position", "id", "depth",
         "sensors" };
@@ -436,6 +446,7 @@ TEST(every_channel_is_written) {
     }
 }
 
+/* A build with OpenEXR writes .exr; one without says so in one line. */
 TEST(exr_is_written_or_refused) {
     unsigned char head[4] = { 0 };
     FILE *in;
@@ -453,7 +464,7 @@ TEST(exr_is_written_or_refused) {
     CHECK(head[0] == 0x76 && head[1] == 0x2f && head[2] == 0x31 && head[3] == 0x01, "the file is no OpenEXR");
 }
 
-/* The number after "key": in the text, and where it goes on. */
+/* Returns the number after "key": in the text, or a negative number if the key is missing. */
 static double json_number(const char *text, const char *key) {
     char quoted[64];
     const char *found;
@@ -462,6 +473,7 @@ static double json_number(const char *text, const char *key) {
     return found ? strtod(found + strlen(quoted), NULL) : -1;
 }
 
+/* --stats writes every field, and the numbers are consistent. */
 TEST(statistics_have_every_field) {
     static const char *const counts[] = { "triangles", "visible_pixels", "sensors", "sensor_views", "sensor_texels",
         "rays", "bounce_samples", "bounce_rays", "microseconds_per_sensor", "peak_gpu_bytes", "peak_host_bytes" };
@@ -482,19 +494,20 @@ TEST(statistics_have_every_field) {
           "a field is missing or wrong: %s", text);
     for (i = 0; i < 10; i++) CHECK(json_number(text, counts[i]) >= 0, "%s is missing", counts[i]);
     for (i = 0; i < 9; i++) {
-        CHECK(json_number(text, seconds[i]) >= 0, "seconds: %s is missing", seconds[i]);
+        CHECK(json_number(text, seconds[i]) >= 0, "seconds.%s is missing", seconds[i]);
         if (i < 8) parts += json_number(text, seconds[i]);
     }
     CHECK(json_number(text, "triangles") == 6.0, "%g triangles", json_number(text, "triangles"));
     CHECK(json_number(text, "lights") == 0.0, "%g lights", json_number(text, "lights"));
-    CHECK(json_number(text, "rays") == 0.0, "rays without the back end that casts them");
+    CHECK(json_number(text, "rays") == 0.0, "rays are counted, but the rasteriser was used");
     CHECK(json_number(text, "sensors") > 0 && json_number(text, "sensor_texels") >= json_number(text, "sensors") * 64,
           "%g sensors, %g texels", json_number(text, "sensors"), json_number(text, "sensor_texels"));
     for (level = strstr(text, "\"levels\""); level && (level = strstr(level, "{\"tile\"")) != NULL; level++)
         sum += json_number(level, "sensors");
     CHECK(sum == json_number(text, "sensors"), "the levels' sensors add up to %g of %g", sum,
           json_number(text, "sensors"));
-    CHECK(json_number(text, "total") >= parts && json_number(text, "load") > 0, "the parts take %g s, all takes %g s",
+    CHECK(json_number(text, "total") >= parts && json_number(text, "load") > 0,
+          "the parts take %g s, the total is %g s",
           parts,
           json_number(text, "total"));
     CHECK(json_number(text, "peak_host_bytes") > 1e6 && json_number(text, "peak_gpu_bytes") > 1e5,
@@ -503,6 +516,7 @@ TEST(statistics_have_every_field) {
     CHECK(!parts_left(), "%d temporary files are left", leftovers);
 }
 
+/* --backend trace casts the given number of rays per sensor; invalid combinations give exit status 2. */
 TEST(rays_can_be_traced) {
     char text[8192];
     int lines;
@@ -519,6 +533,7 @@ TEST(rays_can_be_traced) {
     CHECK(TOOL(ROOM, "--rays", "4097") == 2, "4097 rays: exit status %d: %s", ran.status, ran.err);
 }
 
+/* The default mode is gi: the room is brighter than with direct light alone. */
 TEST(light_bounces_by_default) {
     picture all, direct;
     double sum[2] = { 0, 0 };
@@ -542,7 +557,8 @@ TEST(light_bounces_by_default) {
     free(direct.values);
 }
 
-/* Bounced light is saved, found again, and made anew for another scene. */
+/* --store writes the bounced light to a file and loads it in the next run, which gives the same picture to the bit. The
+   file of another scene is replaced, with a warning. */
 TEST(bounced_light_is_kept) {
     picture made, loaded;
     char text[8192];
@@ -555,12 +571,12 @@ TEST(bounced_light_is_kept) {
             0,
             "exit status %d: %s", ran.status, ran.err);
     read_text(in_folder("stats.json"), text, sizeof text, &lines);
-    CHECK(json_number(text, "bounce") < 1e-3, "it is made again: %s", text);
+    CHECK(json_number(text, "bounce") < 1e-3, "the bounced light was computed again: %s", text);
     made = read_pfm("made.pfm");
     loaded = read_pfm("loaded.pfm");
     REQUIRE(made.values && loaded.values, "a picture is missing");
     for (i = 0; i < 24 * 16 * 3; i++) same = same && fabs((double)made.values[i] - (double)loaded.values[i]) == 0;
-    CHECK(same, "the picture is another one");
+    CHECK(same, "the picture differs");
     free(made.values);
     free(loaded.values);
     CHECK(TOOL(ROOM, "--bounce-samples", "2000", "--sky", "1,0,0", "--store", "light.sbl", "-o", "made.pfm") == 0 &&
@@ -573,7 +589,8 @@ TEST(bounced_light_is_kept) {
           ran.err);
 }
 
-/* What the tool prints of a sensor adds up; of a single light, all of it. */
+/* The sums that --inspect prints agree: the weights sum to 1, R is the sum of the sheet and the lamps. The light of the
+   single lamp has the lamp's colour. */
 static void inspect_with(const char *backend, const char *seen) {
     double sum[3], r[3], lamps[3], weights;
     const char *line;
@@ -595,25 +612,26 @@ static void inspect_with(const char *backend, const char *seen) {
     CHECK(fabs(weights - 1) < 1e-4, "the weights sum to %g", weights);
     for (k = 0; k < 3; k++)
         CHECK(sum[k] > 0 && lamps[k] > 0 && fabs(r[k] - sum[k] - lamps[k]) < 1e-3 * r[k],
-              "R is %g, the sheet's sum %g, from lamps come %g", r[k],
+              "R is %g, the sheet's sum %g, R from lamps %g", r[k],
               sum[k], lamps[k]);
-    CHECK(fabs(lamps[2] / lamps[0] - 7.0 / 5) < 0.02, "from lamps come %g %g %g", lamps[0], lamps[1], lamps[2]);
+    CHECK(fabs(lamps[2] / lamps[0] - 7.0 / 5) < 0.02, "R from lamps is %g %g %g", lamps[0], lamps[1], lamps[2]);
     line = strstr(ran.out, "  triangle ");
     REQUIRE(line && (line = strstr(line, ", ")) && sscanf(line, ", %d of %d rays", &arrive, &rays) == 2,
-            "no triangle is a lamp: %s", ran.out);
+            "no lamp is listed: %s", ran.out);
     CHECK(rays > 0 && arrive >= 0 && arrive <= rays, "%d of %d rays", arrive, rays);
     CHECK(strstr(ran.out, seen), "no %s: %s", seen, ran.out);
 }
 
+/* --inspect prints a sensor for both back ends, and refuses pixels outside of the picture. */
 TEST(a_sensor_can_be_inspected) {
     room_obj();
     inspect_with("trace", " 32 rays\n");
     inspect_with("raster", " 5 views, 16 x 12 texels\n");
     CHECK(TOOL(ROOM, "--inspect", "24,0", "-o", "outside.png") == 1 && ran.err_lines == 1 && !exists("outside.png"),
-          "outside of the picture: exit status %d: %s", ran.status, ran.err);
+          "a pixel outside of the picture: exit status %d: %s", ran.status, ran.err);
 }
 
-/* To sbl.h a zero means the default; on the command line it means zero. */
+/* In sbl.h a zero means the default; on the command line a zero means zero. */
 TEST(zero_is_zero) {
     picture direct, dark, glow, raw, smooth;
     char text[8192];
@@ -646,8 +664,8 @@ TEST(zero_is_zero) {
     free(direct.values); free(dark.values); free(glow.values); free(raw.values); free(smooth.values);
 }
 
-/* A wall of triangles of less than a pixel, whose normals in the file lean over: --facet-limit 0 shows them
-   everywhere. */
+/* --facet-limit 0 keeps the normals of the file. The scene is a wall of triangles smaller than a pixel, whose normals
+   lean, so that the default limit replaces them by the facets' normals. */
 TEST(facet_limit_zero_is_zero) {
     char text[16384] = "vn 1 0.5 0\n";
     picture usual, none;
@@ -667,7 +685,8 @@ TEST(facet_limit_zero_is_zero) {
     REQUIRE(usual.values && none.values, "a picture is not there: %s", ran.err);
     for (i = k = 0; i < 8 * 8; i++) {
         if (usual.values[3 * i] == 0) continue;  /* half of the wall is missing */
-        CHECK(fabs((double)usual.values[3 * i] - 1) < 1e-5, "pixel %d: by default a small facet has the file's normal",
+        CHECK(fabs((double)usual.values[3 * i] - 1) < 1e-5, "pixel %d: with the default limit a small facet has the "
+              "file's normal",
               i);
         CHECK(fabs((double)none.values[3 * i] - sqrt(0.8)) < 1e-5, "pixel %d: --facet-limit 0 is not 0", i);
         k++;
@@ -677,7 +696,7 @@ TEST(facet_limit_zero_is_zero) {
     free(none.values);
 }
 
-/* Names that options had before. */
+/* Former names of options still work and mean the same. */
 TEST(old_names_of_options) {
     static const char *const names[2] = { "--target-error", "--error" }, *const cells[2] = { "--max-bounce-cells=1500",
                                                                                             "--bounce-samples=1500" };
@@ -688,14 +707,14 @@ TEST(old_names_of_options) {
         TOOL(ROOM, names[i], "20%", cells[i], "-o", "named.pfm", "--stats", "stats.json");
         CHECK(ran.status == 0, "%s: exit status %d: %s", names[i], ran.status, ran.err);
         shown[i] = read_pfm("named.pfm");
-        CHECK(TOOL(ROOM, names[i], "7") == 2 && said(i ? " --error 7" : "--target-error 7"), "a message names another "
-              "option than %s: %s", names[i], ran.err);
+        CHECK(TOOL(ROOM, names[i], "7") == 2 && said(i ? " --error 7" : "--target-error 7"), "the message does not "
+              "name the option %s: %s", names[i], ran.err);
         CHECK(TOOL(ROOM, names[i]) == 2 && said(i ? " --error needs" : "--target-error needs"),
               "%s without a value: %s", names[i], ran.err);
     }
     REQUIRE(shown[0].values && shown[1].values, "a picture is not there");
     CHECK(memcmp(shown[0].values, shown[1].values, 24 * 16 * 3 * sizeof(float)) == 0,
-          "an old name means something else");
+          "the former name gives another picture");
     free(shown[0].values);
     free(shown[1].values);
     CHECK(TOOL("--help") == 0 && strstr(ran.out, "\n  --target-error E, --error E\n     ") &&
@@ -703,19 +722,21 @@ TEST(old_names_of_options) {
           "--help does not show both names in one line");
 }
 
-/* >>lights: R of every pixel against the closed form at its position. EXACT: a sensor a pixel, and no filter. */
+/* >>lights: compares R of every pixel with the closed form at the pixel's position. EXACT: one sensor per pixel, no
+   filter. */
 
 #define EXACT "--mode", "direct", "--tile", "1", "--filter-radius", "0", "--size", "48x36", "--quiet", "--samples", "1"
 
 static double dot(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
-/* What a light at `from` gives per intensity to the ground (y is up) at p: cos / (pi d^2). */
+/* R per unit of intensity of a point light at (x, y, z), at the point p of the ground (y is up): cos / (pi d^2). */
 static double lamp_at(double x, double y, double z, const double p[3]) {
     double d2 = (x - p[0]) * (x - p[0]) + (y - p[1]) * (y - p[1]) + (z - p[2]) * (z - p[2]);
     return (y - p[1]) / sqrt(d2) / (acos(-1.0) * d2);
 }
 
-/* Of a spot, besides: full inside of the inner angle (radians from the axis), nothing outside of the outer one. */
+/* The same for a spot light: full intensity inside of the inner angle, none outside of the outer one. Both angles are
+   measured from the axis, in radians. */
 static double spot_at(double x, double y, double z, const double axis[3], double inner, double outer,
                       const double p[3]) {
     const double to[3] = { p[0] - x, p[1] - y, p[2] - z };
@@ -724,7 +745,8 @@ static double spot_at(double x, double y, double z, const double axis[3], double
     return share * share * lamp_at(x, y, z, p);
 }
 
-/* Does the way from p towards `way`, up to its end, meet the box of scenes/lights.gltf, larger by `more`? */
+/* Returns whether the segment from p to p + way meets the box of scenes/lights.gltf, enlarged by `more` on all
+   sides. */
 static int meets_box(const double p[3], const double way[3], double more) {
     const double low[3] = { -0.5 - more, 0 - more, -0.5 - more }, high[3] = { 0.5 + more, 1 + more, 0.5 + more };
     double from = 0, to = 1;
@@ -737,7 +759,7 @@ static int meets_box(const double p[3], const double way[3], double more) {
     return from < to;
 }
 
-/* Positions and R of a scene that is seen from its file's camera, or from above. */
+/* Renders positions and R of a scene, seen from the camera of its file or from above. */
 static int shoot(const char *scene, int own_camera, picture *position, picture *radiance) {
     int i;
     for (i = 0; i < 2; i++) {
@@ -760,7 +782,7 @@ static double light_count(void) {
     return json_number(text, "lights");
 }
 
-/* Every pixel of the ground in the picture, component by component. */
+/* Compares all components of every pixel that shows the ground. */
 static void check_ground(const picture *position, const picture *radiance,
                          void (*expected)(const double p[3], double r[3]), const char *what) {
     int x, y, k, bad = 0, pixels = 0, lit = 0;
@@ -779,7 +801,7 @@ static void check_ground(const picture *position, const picture *radiance,
                     CHECK(0, "%s: %g %g %g component %d: R is %g, expected %g", what, p[0], p[1], p[2], k, value, r[k]);
             }
         }
-    CHECK(!bad && pixels > 1000 && lit > 100, "%s: %d of %d values are wrong, %d are to be lit", what, bad, pixels,
+    CHECK(!bad && pixels > 1000 && lit > 100, "%s: %d of %d values are wrong, %d should be lit", what, bad, pixels,
           lit);
 }
 
@@ -796,6 +818,7 @@ static void three_primaries(const double p[3], double r[3]) {
         else if (meets_box(p, to[k], 0.01)) r[k] = NAN;
     }
 }
+/* Point, spot and sun of a glTF scene give the closed forms of their light and shadows. */
 TEST(lights_of_a_gltf_scene) {
     picture position, radiance;
     char scene[4096];
@@ -807,7 +830,7 @@ TEST(lights_of_a_gltf_scene) {
     free(radiance.values);
 }
 
-/* A ground of 8 by 8, and what else is given: the lights, and nodes that use them, which are numbered from 1. */
+/* Writes a scene: ground of 8 by 8, the given lights, and the given nodes that use them, numbered from 1. */
 static void lamps_gltf(const char *lights, int node_count, const char *nodes) {
     static char json[8192];
     const float corners[12] = { -4, 0, -4, -4, 0, 4, 4, 0, 4, 4, 0, -4 };
@@ -849,6 +872,7 @@ static void four_lamps(const double p[3], double r[3]) {
         r[k] = (8 >> k) * (lamp_at(1, 1, 0, p) + lamp_at(-2, 2, 1, p) + lamp_at(0, 1.5, -2, p)) + 3 *
             lamp_at(2, 1, 2, p);
 }
+/* A glTF light that three nodes use shines three times. */
 TEST(a_light_of_many_nodes) {
     lamps_gltf("{\"type\":\"point\",\"intensity\":8,\"color\":[1,0.5,0.25],\"range\":1.5},{\"type\":\"point\","
                "\"intensity\":3}", 3,
@@ -862,12 +886,12 @@ TEST(a_light_of_many_nodes) {
 static void three_spots(const double p[3], double r[3]) {
     static const double down[3] = { 0, -1, 0 }, aslant[3] = { 1, -1, 0 };
     int k;
-    r[0] = 10 * spot_at(0, 2, 0, down, 0, acos(-1.0) / 4, p);  /* the defaults */
+    r[0] = 10 * spot_at(0, 2, 0, down, 0, acos(-1.0) / 4, p);  /* the default cone angles */
     r[1] = 10 * spot_at(-2, 2, 0, aslant, 0.2, 0.6, p);
     r[2] = 10 * spot_at(0, 1, 1, down, 0, acos(-1.0) / 2, p);
     for (k = 0; k < 3; k++) r[k] += 0.001;
 }
-/* Lights shine along their nodes' -z, whatever the scale: and a sun of little light besides. */
+/* Spots shine along their node's -z, whatever its scale. A weak directional light through two parents is added. */
 TEST(spots_of_gltf) {
     char lights[1024];
     snprintf(lights, sizeof lights, "{\"type\":\"spot\",\"intensity\":10,\"color\":[1,0,0],\"spot\":{}},"
@@ -875,7 +899,7 @@ TEST(spots_of_gltf) {
                  "\"outerConeAngle\":0.6}},"
              "{\"type\":\"spot\",\"intensity\":10,\"color\":[0,0,1],\"spot\":{\"outerConeAngle\":1.5707963267948966}},"
              "{\"type\":\"directional\",\"intensity\":%.9g}", 0.001 * acos(-1.0));
-    /* down: -90 degrees about x; aslant: -45 about z of what looks to +x, so -90 about y before */
+    /* Down is a rotation by -90 degrees about x. Aslant is -90 about y, which turns -z to +x, then -45 about z. */
     lamps_gltf(lights, 3, ",{\"translation\":[0,2,0],\"rotation\":[-0.70710678,0,0,0.70710678]," LIGHT(0) "},"
                "{\"translation\":[0,1,1],\"rotation\":[-0.70710678,0,0,0.70710678],\"scale\":[3,3,0.01]," LIGHT(2) "},"
                "{\"translation\":[-2,2,0],\"rotation\":[0,0,-0.38268343,0.92387953],\"scale\":[2,2,2],\"children\":[4]"
@@ -885,13 +909,14 @@ TEST(spots_of_gltf) {
     check_lamps("lamps.gltf", 4, three_spots, "spots");
 }
 
-/* Angles are whole there, and colours are intensities. */
+/* In COLLADA, spot angles are full angles, and colours are intensities. */
 static void collada_lamps(const double p[3], double r[3]) {
     static const double down[3] = { 0, -1, 0 };
     r[0] = 10 * lamp_at(1, 2, 1, p);
     r[1] = 8 * spot_at(0, 2, 0, down, acos(-1.0) / 6, acos(-1.0) / 4.5, p);
     r[2] = 3 / acos(-1.0);
 }
+/* Lights of a COLLADA file have their closed forms; ambient lights are ignored. */
 TEST(lights_of_other_formats) {
     write_text("lamps.dae", "<?xml version=\"1.0\"?><COLLADA xmlns=\"http://www.collada.org/2005/11/COLLADASchema\" "
                "version=\"1.4.1\"><asset><up_axis>Y_UP</up_axis></asset>"
@@ -925,6 +950,7 @@ TEST(lights_of_other_formats) {
 }
 
 static void one_lamp(const double p[3], double r[3]) { r[0] = r[1] = r[2] = lamp_at(0, 1, 0, p); }
+/* Each broken light gives one warning and is ignored. */
 TEST(broken_lights_are_left_out) {
     static const char *const bad[][2] = {
         { "{\"type\":\"point\",\"intensity\":-1}", "intensity" },
@@ -968,13 +994,13 @@ TEST(broken_lights_are_left_out) {
 
 /* >>sky pictures */
 
-/* A wall in the open, without a ground: it looks to +x. */
+/* A wall that faces +x, in the open, without any ground. */
 static void lone_wall(void) {
     write_text("lone.mtl", "newmtl grey\nKd .5 .5 .5\n");
     write_text("lone.obj", "mtllib lone.mtl\nusemtl grey\nv 0 -1 1\nv 0 -1 -1\nv 0 1 -1\nv 0 1 1\nf 1 2 3 4\n");
 }
 
-/* Mean R of the wall, by component, and how far one pixel is from it. */
+/* Returns the mean R of the wall in component k. *deviation is the largest difference of a pixel from the mean. */
 static double wall_mean(int k, double *deviation) {
     picture p = read_pfm("sky.pfm");
     double sum = 0;
@@ -996,7 +1022,7 @@ static void check_sky(double expected, double tolerance, const char *what) {
           mean, deviation, expected, ran.err);
 }
 
-/* 64 by 32 texels in three colours: bright where `bright` says so, black elsewhere. */
+/* Writes a sky of 64 x 32 texels, which has the given colour where bright() returns 1 and is black elsewhere. */
 static void write_sky(const char *name, int (*bright)(int x, int y), float red, float green, float blue) {
     static float texels[32][64][3];
     int x, y;
@@ -1012,6 +1038,7 @@ static int everywhere(int x, int y) { (void)x; (void)y; return 1; }
 static int towards_minus_z(int x, int y) { (void)y; return x < 32; }
 static int above(int x, int y) { (void)x; return y < 16; }
 
+/* A sky picture lights the wall like a constant sky of its mean; scale, order of options and colours count. */
 TEST(sky_pictures) {
     unsigned char grey[2 * 2 * 4];
     double deviation;
@@ -1026,16 +1053,16 @@ TEST(sky_pictures) {
     TOOL(WALL_IN_THE_OPEN, "--sky", "one.hdr", "--sky-scale", "0");
     check_sky(0, 1e-9, "nothing of it");
     TOOL(WALL_IN_THE_OPEN, "--sky", "one.hdr", "--sky", "0.5,0.5,0.5");
-    check_sky(0.5, 0.001, "the last one counts");
+    check_sky(0.5, 0.001, "of two --sky options the last counts");
     TOOL(WALL_IN_THE_OPEN, "--sky", "9,9,9", "--sky", "one.hdr");
-    check_sky(1, 0.001, "the last one counts, a picture");
+    check_sky(1, 0.001, "of two --sky options the last counts, a picture");
     write_sky("colors.hdr", everywhere, 64, 0.5f, 2);
     TOOL(WALL_IN_THE_OPEN, "--sky=colors.hdr");
     check_sky(0.5, 0.001, "a bright picture");
     CHECK(fabs(wall_mean(0, &deviation) - 64) < 0.1 && fabs(wall_mean(2, &deviation) - 2) < 0.01,
-          "its colours are mixed up");
+          "the colours of the picture are swapped");
     memset(grey, 188, sizeof grey);
-    grey[3] = grey[7] = grey[11] = grey[15] = 10;  /* alpha is nothing to a sky */
+    grey[3] = grey[7] = grey[11] = grey[15] = 10;  /* the alpha of a sky is ignored */
     stbi_write_png(in_folder("grey.PNG"), 2, 2, 4, grey, 8);
     TOOL(WALL_IN_THE_OPEN, "--sky", "grey.PNG");
     check_sky(decode_srgb(188 / 255.0), 0.003, "a .png");
@@ -1045,8 +1072,8 @@ TEST(sky_pictures) {
           wall_mean(1, &deviation), deviation);
 }
 
-/* The wall looks to +x, a picture's middle; its left half is towards -z. Seen from above a quarter turn takes that to
-   -x. */
+/* The wall faces +x, the middle of a sky picture. Seen from the wall, the picture's left half is towards -z; a quarter
+   turn about y takes it to -x. */
 TEST(sky_pictures_turn) {
     static const struct { const char *degrees; double r;
         } turns[] = { { "0", 1 }, { "90", 0 }, { "-90", 2 }, { "270", 2 }, { "180", 1 }, { "-30", 1.5 } };
@@ -1068,6 +1095,7 @@ TEST(sky_pictures_turn) {
 
 /* >>failures */
 
+/* Wrong command lines give exit status 2, one line on stderr, and no picture. */
 TEST(bad_usage_is_two) {
     static const char *const lines[][6] = { { NULL },
                                             { "--size" },
@@ -1147,7 +1175,7 @@ TEST(bad_usage_is_two) {
     }
 }
 
-/* The last run failed, with one line that holds the words, and left nothing behind. */
+/* Checks that the last run failed with one line on stderr that contains the words, and left no file behind. */
 static void check_refused(const char *what, const char *words) {
     CHECK(ran.status == 1, "%s: exit status %d, expected 1: %s", what, ran.status, ran.err);
     CHECK(ran.err_lines == 1 && strncmp(ran.err, "sbl_render: ", 12) == 0, "%s: expected one line on stderr: %s", what,
@@ -1156,6 +1184,7 @@ static void check_refused(const char *what, const char *words) {
     CHECK(!exists("refused.png") && !parts_left(), "%s: something was written", what);
 }
 
+/* Failures at run time give exit status 1 and one line that names the file. */
 TEST(failures_are_one) {
     room_obj();
     TOOL("absent.obj", "-o", "refused.png"); check_refused("no scene", "absent.obj: No such file");
@@ -1172,6 +1201,7 @@ TEST(failures_are_one) {
           ran.err);
 }
 
+/* Damaged, truncated and missing sky pictures give exit status 1 and a message with the file's name. */
 TEST(broken_sky_pictures_are_refused) {
     static const struct { const char *name, *text, *words; } files[] = {
         { "empty.hdr", "", "too soon" }, { "text.hdr",
@@ -1199,7 +1229,7 @@ TEST(broken_sky_pictures_are_refused) {
     size = fread(whole, 1, sizeof whole, in);
     fclose(in);
     REQUIRE(size == (size_t)info.st_size && size > 400, "%d bytes of it", (int)size);
-    for (i = 1; i < 20; i++) {  /* where it is cut it could be read for ever */
+    for (i = 1; i < 20; i++) {  /* a reader that misses the end of the file would loop for ever */
         write_file("cut.hdr", whole, size * i / 20);
         TOOL("lone.obj", SMALL, "--size", "8x8", "--sky", "cut.hdr", "-o", "refused.png");
         snprintf(shown, sizeof shown, "%d bytes of %d", (int)(size * i / 20), (int)size);
@@ -1211,6 +1241,7 @@ TEST(broken_sky_pictures_are_refused) {
     TOOL("lone.obj", "--sky", "folder.hdr", "-o", "refused.png"); check_refused("a folder", "folder.hdr");
 }
 
+/* Invalid scenes give exit status 1 and one line that names the mistake. */
 TEST(hostile_files_are_refused) {
     static const struct { const char *name, *text, *words;
     } files[] = {
@@ -1266,7 +1297,8 @@ static int try_file(const char *path, const struct stat *info, int kind, struct 
     TOOL(full, "--quiet", "--size", "8x6", "--sensor-size", "4", "--samples", "1", "--tile", "8", "--threshold", "100",
          "-o", "hostile.png");
     if (SANITIZED && ran.status == 1 && strstr(ran.err, "SUMMARY: AddressSanitizer")) {
-        /* a reader that dies in its own process does it aloud here; our code must not be where it happens */
+        /* Readers run in a process of their own. Under the sanitizer, a crash of that process is reported here; it must
+           be in libassimp, not in our code. */
         const char *summary = strstr(ran.err, "SUMMARY: AddressSanitizer"),
                    *memory = strstr(ran.err, "ERROR: AddressSanitizer: requested allocation size");
         if (!memory) memory = strstr(ran.err, "ERROR: AddressSanitizer: allocator is out of memory");
@@ -1283,6 +1315,7 @@ static int try_file(const char *path, const struct stat *info, int kind, struct 
     remove(in_folder("hostile.png"));
     return 0;
 }
+/* Every file of a collection of damaged scenes is rendered or refused, and crashes nothing. */
 TEST(collected_hostile_files) {
     struct stat info;
     if (stat("../shared/scenes/hostile", &info) != 0) SKIP("no ../shared/scenes/hostile beside the repository");
@@ -1290,6 +1323,7 @@ TEST(collected_hostile_files) {
     CHECK(tried > 50, "only %d files were tried", tried);
 }
 
+/* When a write fails, the old file stays and no temporary file is left. */
 TEST(a_file_is_written_whole_or_not_at_all) {
     static const char *const arguments[] = { "room.obj", "--size", "64x48", SMALL, "-o", "whole.pfm", NULL };
     static const char *const png[] = { "room.obj", "--size", "64x48", SMALL, "--channel", "position", "-o", "whole.png",
@@ -1306,7 +1340,7 @@ TEST(a_file_is_written_whole_or_not_at_all) {
     room_obj();
     for (i = 0; i < 3; i++) {
         write_text(names[i], "old\n");
-        finish(start(all[i], -1, 500));  /* the disk is full */
+        finish(start(all[i], -1, 500));  /* the limit of the file size stands for a full disk */
         CHECK(ran.status == 1 && strstr(ran.err, names[i]) && ran.err_lines == 1, "%s: exit status %d: %s", names[i],
               ran.status, ran.err);
         read_text(in_folder(names[i]), text, sizeof text, &lines);
@@ -1316,7 +1350,7 @@ TEST(a_file_is_written_whole_or_not_at_all) {
     CHECK(run(arguments) == 0 && stat(in_folder("whole.pfm"), &info) == 0 && info.st_size > 64 * 48 * 12,
           "exit status %d: %s", ran.status,
           ran.err);
-    /* through a link to the file, which stays a link; into a pipe */
+    /* A link to the file is written through and stays a link. Statistics can go into a pipe. */
     CHECK(symlink("whole.pfm", in_folder("link.pfm")) == 0 && run(link_to) == 0 &&
           lstat(in_folder("link.pfm"), &info) == 0 &&
               S_ISLNK(info.st_mode) && stat(in_folder("whole.pfm"), &info) == 0 && info.st_size < 1000,
@@ -1332,6 +1366,7 @@ TEST(a_file_is_written_whole_or_not_at_all) {
     close(reader);
 }
 
+/* The progress bar appears only if stderr is a terminal, and not with --quiet. */
 TEST(progress_is_for_terminals) {
     static const char *const arguments[] = { "room.obj", "--size", "160x120", "--tile", "1", "--sensor-size", "16",
         "-o", "bar.png", NULL };
@@ -1365,9 +1400,10 @@ TEST(progress_is_for_terminals) {
         else
             CHECK(strstr(shown, "%") && strstr(shown, "\r["), "expected a bar with a percentage: %s", shown);
     }
-    CHECK(run(arguments) == 0 && !ran.err[0], "no bar belongs into a file: %s", ran.err);
+    CHECK(run(arguments) == 0 && !ran.err[0], "a progress bar was written to a file: %s", ran.err);
 }
 
+/* --help mentions every option. */
 TEST(help_names_every_option) {
     static const char *const names[] = { "--output",
                                          "-o",
@@ -1413,6 +1449,7 @@ TEST(help_names_every_option) {
           "--version: %s", ran.out);
 }
 
+/* The scene in examples/scenes has a red left, a green right and a white back wall. */
 TEST(the_cornell_box_of_the_repository) {
     picture albedo;
     char text[8192];

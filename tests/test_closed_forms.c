@@ -1,5 +1,5 @@
-/* Pictures whose radiance map is known in closed form: furnaces, skies, Lambert's polygons, half-space occlusion, the
-   sensors' weights. */
+/* Pictures whose R is known in closed form: furnaces, skies, Lambert's formula for polygons, occlusion by half spaces,
+   and the weights of sensors. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -8,8 +8,8 @@
 
 static sbl_context *context;
 
-/* Largest |R - expected| over the pixels that show a surface (all of them must, unless `holes`); 1e30 where nothing
-   could be measured. */
+/* Returns the largest |R - expected| over the pixels that show a surface, or 1e30 if there are none. All pixels must
+   show one, unless `holes`. */
 static double worst_radiance(const test_scene *s, const sbl_picture_desc *view, double r, double g, double b,
                              int holes) {
     double expected[3], worst = 0;
@@ -38,6 +38,7 @@ static double worst_radiance(const test_scene *s, const sbl_picture_desc *view, 
 static const int sizes[] = { 4, 5, 7, 31, 32, 64, 512 };
 enum { SIZES = sizeof sizes / sizeof *sizes };
 
+/* An unoccluded plane under a sky of 1 has R = 1, at all sensor sizes. */
 TEST(open_plane_under_sky) {
     test_scene s = { 0 };
     int i;
@@ -53,6 +54,7 @@ TEST(open_plane_under_sky) {
     scene_free(&s);
 }
 
+/* In a closed box that emits and does not reflect, R equals the emission, at all sensor sizes. */
 TEST(furnace) {
     test_scene s = { 0 };
     int i;
@@ -70,7 +72,7 @@ TEST(furnace) {
     scene_free(&s);
 }
 
-/* Default settings too: tiles, interpolation and filter leave a constant alone. */
+/* Tiles, interpolation and filtering do not change a constant R. */
 TEST(furnace_default_settings) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_view(50, 37, 90, 0.2f, -0.3f, 0.8f, -0.1f, 0, -1);
@@ -81,9 +83,9 @@ TEST(furnace_default_settings) {
     scene_free(&s);
 }
 
-/* Nothing of a convex object lies above any of its own facets, so a flat-shaded one sees only sky: R = 1. With smooth
-   normals the sensor's hemisphere leans over by the angle d between normal and facet; its cosine-weighted share above
-   the facet's plane, which is what sees the sky, is (1 + cos d) / 2. */
+/* No part of a convex body lies above the plane of one of its facets, so with flat shading R = 1. With smooth normals,
+   the hemisphere is tilted by the angle d between normal and facet; its cosine-weighted share above the facet's plane,
+   the part that sees the sky, is (1 + cos d) / 2. */
 TEST(sphere_under_sky) {
     int smooth, x, y;
     for (smooth = 0; smooth < 2; smooth++) {
@@ -105,11 +107,12 @@ TEST(sphere_under_sky) {
                     double expected = 0.5 + 0.5 * v3_dot(p.normal, p.face),
                         off = fabs((double)radiance[3 * (y * view.width + x)] - expected);
                     int corner, seam = 0;
-                    for (corner = 0; corner < 4; corner++)  /* right at a facet's edge the sensor looks past it */
+                    /* skips pixels at a facet's edge, where the sensor sees past it */
+                    for (corner = 0; corner < 4; corner++)
                         seam |= v3_dot(p.face, ref_camera_point(reference, &view, x + 0.4 + 0.2 * (corner & 1),
                                                                 y + 0.4 + 0.2 * (corner >> 1)).face) < 0.9999;
                     if (!p.hit || seam) continue;
-                    /* where the normal turns from the camera the renderer may bend it: design, not physics */
+                    /* skips normals that turn away from the camera, because sbl.h may bend them */
                     if (smooth && v3_dot(p.normal, v3_unit(v3_sub(v3_of(0.3, 0.4, 3.2), p.position))) < 0.05) continue;
                     seen++;
                     if (expected < least) least = expected;
@@ -118,19 +121,17 @@ TEST(sphere_under_sky) {
             free(radiance);
         }
         CHECK(seen > 100, "only %d pixels show the sphere", seen);
-        CHECK(!smooth || least < 0.995, "the normals lean too little to tell: %.4f", least);
+        CHECK(!smooth || least < 0.995, "the normals are tilted too little for the test: %.4f", least);
         CHECK(worst < 0.005, "%s sphere: R is off by %.5f", smooth ? "smooth" : "flat", worst);
         ref_destroy(reference);
         scene_free(&s);
     }
 }
 
-/* The paper's view sees the directions (x, y, 1) with |x|, |y| <= S = tan(135 / 2 degrees), a square at distance 1. The
-   form factor from a small patch to a parallel rectangle that starts above it, sides a and b in units of the distance,
-   is
-
+/* The view of the paper covers the directions (x, y, 1) with |x|, |y| <= S = tan(135 / 2 degrees), a square at
+   distance 1. The form factor from a small patch to a parallel rectangle with one corner above it and edges a and b, in
+   units of the distance, is
        1 / (2 pi) * (a / sqrt(1 + a^2) * atan(b / sqrt(1 + a^2)) + b / sqrt(1 + b^2) * atan(a / sqrt(1 + b^2)))
-
    Four such quarters with a = b = S, where S / sqrt(1 + S^2) = sin(67.5 degrees) =: s, give 4 / pi * s * atan(s) =
    0.8773. */
 static double single_view_share(double fov) {
@@ -138,6 +139,7 @@ static double single_view_share(double fov) {
     return 4 / REF_PI * s * atan(s);
 }
 
+/* A single view of 135 or 90 degrees sees the closed form's share of the sky; so does the paper's estimator. */
 TEST(single_view_under_sky) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(scene_view(4, 3, 30, 1, 3, 4, 0, 0, 0), SBL_MODE_DIRECT, 64);
@@ -145,13 +147,14 @@ TEST(single_view_under_sky) {
     scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 1000);
     scene_sky(&s, 1, 1, 1);
     CHECK(fabs(share - 0.8773) < 1e-4, "the closed form itself gives %.5f", share);
-    view.sensor_kind = SBL_SENSOR_SINGLE;  /* exact weights: any size gives the share */
+    view.sensor_kind = SBL_SENSOR_SINGLE;  /* weights are exact at any size */
     worst = worst_radiance(&s, &view, share, share, share, 0);
     CHECK(worst < 1e-4, "one view of 135 degrees is off by %.6f from %.4f", worst, share);
     view.sensor_fov = 90;
     worst = worst_radiance(&s, &view, single_view_share(90), single_view_share(90), single_view_share(90), 0);
     CHECK(worst < 1e-4, "one view of 90 degrees is off by %.6f", worst);
-    view = scene_plain(scene_view(2, 1, 30, 1, 3, 4, 0, 0, 0), SBL_MODE_PAPER, 512);  /* equation 4 converges to it */
+    /* equation 4 converges to the exact share */
+    view = scene_plain(scene_view(2, 1, 30, 1, 3, 4, 0, 0, 0), SBL_MODE_PAPER, 512);
     worst = worst_radiance(&s, &view, share, share, share, 0);
     CHECK(worst < 1e-4, "the paper's view is off by %.6f from %.4f", worst, share);
     scene_free(&s);
@@ -159,8 +162,8 @@ TEST(single_view_under_sky) {
 
 /* >>weights */
 
-/* Projected solid angle over pi of the directions forward + right * x + up * y for x in [x0, x1], y in [y0, y1], what
-   is below the horizon left out: the integral of cos(theta) / |d|^3, by Gauss's rule with five points, on 4 x 4
+/* Returns the projected solid angle / pi of the directions forward + right * x + up * y for x in [x0, x1], y in [y0,
+   y1], without the part below the horizon: integrates cos(theta) / |d|^3 by Gauss's rule with five points, on 4 x 4
    pieces. */
 static double weight_by_quadrature(const sbl_sensor_view *view, v3 n, double x0, double x1, double y0, double y1) {
     static const double at[5] = { -0.906179845938664, -0.538469310105683, 0, 0.538469310105683, 0.906179845938664 };
@@ -202,13 +205,13 @@ static void check_weights(sbl_sensor_kind kind, int size, double expected_sum) {
     int v, i, j, outside = 0;
     uint64_t seed = 1;
     view.sensor_kind = kind;
-    /* a tilted ground, so that no axis is special */
+    /* tilted ground, so that no axis is special */
     scene_quad(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), -30, -12, -30, -30, -3, 30, 30, 12, 30, 30, 3, -30);
     scene_quad(&s, scene_lamp(&s, 1, 2, 3), -1, 5, -1, -1, 5, 1, 1, 5, 1, 1, 5, -1)->id = 9;
     scene_sky(&s, 0.5f, 0.5f, 0.5f);
     if (!scene_render(context, &s, &view)) { scene_free(&s); return; }
     memset(&sensor, 0, sizeof sensor);
-    CHECK(sbl_inspect_sensor(context, 1, 1, &sensor, NULL, NULL, 0) == SBL_SUCCESS, "the sensor cannot be looked at");
+    CHECK(sbl_inspect_sensor(context, 1, 1, &sensor, NULL, NULL, 0) == SBL_SUCCESS, "the sensor cannot be inspected");
     count = (size_t)sensor.sheet_width * (size_t)sensor.sheet_height;
     weights = (float *)calloc(count + 1, sizeof *weights);
     radiance = (float *)calloc(4 * count + 1, sizeof *radiance);
@@ -239,25 +242,26 @@ static void check_weights(sbl_sensor_kind kind, int size, double expected_sum) {
         sum += (double)weights[i];
         light += (double)weights[i] * (double)radiance[4 * i + 1];
     }
-    CHECK(frame < 1e-5, "size %d: the views' axes are not orthonormal by %.7f", size, frame);
+    CHECK(frame < 1e-5, "size %d: the views' axes deviate from orthonormal by %.7f", size, frame);
     CHECK(fabs(sum - expected_sum) < 1e-5, "size %d: the weights' sum is %.7f, expected %.7f", size, sum, expected_sum);
-    CHECK(fabs((double)sensor.weight_sum - sum) < 1e-5, "size %d: weight_sum says %.7f, the weights %.7f", size,
+    CHECK(fabs((double)sensor.weight_sum - sum) < 1e-5, "size %d: weight_sum is %.7f, the sum of the weights %.7f",
+          size,
           (double)sensor.weight_sum, sum);
     CHECK(fabs(exact_sum - expected_sum) < 1e-5, "size %d: the views cover %.7f of the hemisphere, expected %.7f", size,
           exact_sum, expected_sum);
-    /* float rounding of a texel's weight, whose size is about 1 / texels */
+    /* float rounding of a texel's weight, which is about 1 / texels */
     CHECK(worst < 1e-7 + 2e-5 / (size * size), "size %d: a texel's weight is off by %.3g (a mean weight is %.3g)", size,
           worst, 1.0 / (3 * size * size));
     CHECK(fabs(light - (double)sensor.from_surroundings[1]) < 2e-3 * light,
-          "size %d: the texels sum to %.6f, the sensor says %.6f", size,
+          "size %d: the texels sum to %.6f, from_surroundings is %.6f", size,
           light, (double)sensor.from_surroundings[1]);
     CHECK(light > 0.3, "size %d: the sensor is dark: %g", size, light);
     CHECK(sensor.looks == 1 && sensor.from_lamps[1] > 0.05f &&
           fabsf(sensor.from_surroundings[1] + sensor.from_lamps[1] - sensor.radiance[1]) < 1e-5f,
-          "size %d: %d looks; %g from the surroundings, %g from the lamp, all in all %g", size, sensor.looks, (double)
+          "size %d: %d looks; %g from the surroundings, %g from the lamp, R is %g", size, sensor.looks, (double)
           sensor.from_surroundings[1],
           (double)sensor.from_lamps[1], (double)sensor.radiance[1]);
-    /* every direction above the horizon belongs to exactly one view */
+    /* every direction above the horizon is in exactly one view */
     for (i = 0; i < 2000 && kind != SBL_SENSOR_SINGLE; i++) {
         v3 d = v3_of(ref_random(&seed) - 0.5, ref_random(&seed) - 0.5, ref_random(&seed) - 0.5);
         int views = 0;
@@ -278,16 +282,19 @@ static void check_weights(sbl_sensor_kind kind, int size, double expected_sum) {
     scene_free(&s);
 }
 
+/* Weights of a hemicube are exact at all sizes, sum to 1, and its views cover the hemisphere once. */
 TEST(weights_of_hemicube) {
     int i;
     for (i = 0; i < SIZES; i++) if (sizes[i] < 512) check_weights(SBL_SENSOR_HEMICUBE, sizes[i], 1);
 }
 
+/* Weights of a single view are exact, and sum to the closed form. */
 TEST(weights_of_single_view) {
     check_weights(SBL_SENSOR_SINGLE, 32, single_view_share(135));
     check_weights(SBL_SENSOR_SINGLE, 5, single_view_share(135));
 }
 
+/* The rotation of a sensor about its normal depends on pixel and seed. */
 TEST(sensors_are_turned_by_pixel_and_seed) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(scene_view(8, 8, 30, 1, 3, 4, 0, 0, 0), SBL_MODE_DIRECT, 8);
@@ -311,7 +318,8 @@ TEST(sensors_are_turned_by_pixel_and_seed) {
 
 /* >>polygons */
 
-/* Lamps above a floor, hidden from the camera so that they do not cover what they light. */
+/* R of a floor under polygonal lamps agrees with Lambert's formula. The lamps are hidden from the camera, so that they
+   do not cover the floor. */
 TEST(lambert_polygons) {
     static const struct { const char *name; int count; float corners[5][3]; } lamps[] = {
         { "square overhead", 4, { { -1, 1, -1 }, { 1, 1, -1 }, { 1, 1, 1 }, { -1, 1, 1 } } },
@@ -346,7 +354,7 @@ TEST(lambert_polygons) {
                     const float *r = radiance + 3 * (y * view.width + x);
                     double off = fabs((double)r[0] / expected - 1);
                     CHECK(fabsf(r[1] / r[0] - 0.5f) < 1e-3f && fabsf(r[2] / r[0] - 0.25f) < 1e-3f,
-                          "%s: the light changes colour", lamps[lamp].name);
+                          "%s: the light has another colour", lamps[lamp].name);
                     sum += (double)r[0];
                     expected_sum += expected;
                     squares += off * off;
@@ -354,8 +362,8 @@ TEST(lambert_polygons) {
                 }
             free(radiance);
         }
-        /* The sensors' texels are blunt at the lamp's rim, each pixel's otherwise: the mean shows the bias, the root
-           mean square the noise. */
+        /* Texels blur the rim of the lamp, differently at each pixel: the mean shows the bias, the rms error the
+           noise. */
         CHECK(fabs(sum / expected_sum - 1) < 0.003, "%s: mean R is off by %+.3f %%", lamps[lamp].name,
               100 * (sum / expected_sum - 1));
         CHECK(sqrt(squares / 100) < 0.01 && worst < 0.03, "%s: R is off by %.3f %% rms, %.3f %% at worst",
@@ -365,7 +373,7 @@ TEST(lambert_polygons) {
     }
 }
 
-/* The form factor's formula against brute force, so that the test above leans on something checked. */
+/* Lambert's formula agrees with a sum over directions. The test above relies on it. */
 TEST(lambert_formula_against_quadrature) {
     v3 corners[4], n = v3_unit(v3_of(0.3, 1, -0.2)), p = v3_of(0.1, 0, 0.2);
     double sum = 0, formula;
@@ -386,8 +394,8 @@ TEST(lambert_formula_against_quadrature) {
 
 /* >>occlusion */
 
-/* An endless wall (as good as: 200 long) whose top stands at elevation a takes the directions below a on one side: of
-   the cosine-weighted hemisphere (1 - cos a) / 2, so (1 + cos a) / 2 is left. */
+/* A very long wall whose top is at elevation a hides the directions below a on one side: (1 - cos a) / 2 of the
+   cosine-weighted hemisphere. R under a sky of 1 is (1 + cos a) / 2. */
 TEST(wall) {
     static const float heights[] = { 0.25f, 1, 4, 200 };
     int i, x, y;
@@ -425,15 +433,16 @@ TEST(wall) {
     }
 }
 
-/* A slope over endless black ground sees (1 + cos tilt) / 2 of the sky, an overhang (tilt beyond 90 degrees)
-   likewise. */
+/* A slope over an infinite black ground sees (1 + cos tilt) / 2 of the sky; so does an overhang, with a tilt beyond 90
+   degrees. */
 TEST(slope) {
     static const int tilts[] = { 15, 45, 90, 135 };
     int i;
     for (i = 0; i < 4; i++) {
         test_scene s = { 0 };
         double t = tilts[i] * REF_PI / 180, expected = 0.5 * (1 + cos(t)), worst;
-        float c = (float)cos(t), n = (float)sin(t);  /* the slope's normal is (0, c, n), its way up (0, n, -c) */
+        /* the slope's normal is (0, c, n), its upward direction (0, n, -c) */
+        float c = (float)cos(t), n = (float)sin(t);
         sbl_picture_desc view = scene_plain(scene_view(8, 6, 10, 0.3f, 3 * c, 3 * n, 0, 0, 0), SBL_MODE_DIRECT, 128);
         int black = scene_material(&s, 0, 0, 0);
         scene_quad(&s, black, -2, -2 * n, 2 * c, 2, -2 * n, 2 * c, 2, 2 * n, -2 * c, -2, 2 * n, -2 * c);
@@ -447,8 +456,8 @@ TEST(slope) {
 
 /* >>scale */
 
-/* Three scenes whose R is the same everywhere, at all scales and far from the origin: anything a sensor sees of its own
-   surface, or past a seam, shows. Vertices are binary fractions, so that moving the scene does not bend it. */
+/* Scenes with the same R everywhere, at all scales and far from the origin. A sensor that saw its own surface, or past
+   an edge, would have another R. Vertices are binary fractions, so that translation does not change the shapes. */
 static void check_scale(float scale, float away, int holes) {
     static const char *const names[] = { "inside a box that glows", "a box on the floor of one",
         "a sphere under the sky", "a closed dark room in bright light" };
@@ -477,6 +486,7 @@ static void check_scale(float scale, float away, int holes) {
     }
 }
 
+/* R does not depend on the scale of the scene, from 0.01 to 10,000. */
 TEST(scales) {
     check_scale(0.01f, 0, 0);
     check_scale(1, 0, 0);
@@ -484,6 +494,7 @@ TEST(scales) {
     check_scale(10000, 0, 0);
 }
 
+/* R does not depend on the distance from the origin, up to 1,024 times the scene's size. */
 TEST(far_from_the_origin) {
     check_scale(0.0078125f, 128, 0);
     check_scale(1, 128, 0);
@@ -491,7 +502,7 @@ TEST(far_from_the_origin) {
     check_scale(8192, 128, 0);
 }
 
-/* A lamp half a millimetre under a ceiling of a large room: neither hides the other. */
+/* A lamp half a millimetre below the ceiling of a large room: neither hides the other. */
 TEST(thin_gaps) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(scene_view(12, 9, 50, 0, 200, 0, 0, 0, 0), SBL_MODE_DIRECT, 64);
@@ -522,7 +533,7 @@ TEST(thin_gaps) {
 
 /* >>materials */
 
-/* In a closed room without lamps the paper's estimator sees epsilon * albedo everywhere. */
+/* In a closed room without lamps, SBL_MODE_AMBIENT gives R = epsilon * albedo everywhere. */
 TEST(ambient_room) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(scene_view(12, 9, 90, 0.2f, -0.3f, 0.8f, -0.1f, 0, -1), SBL_MODE_AMBIENT, 16);
@@ -542,6 +553,7 @@ TEST(ambient_room) {
     scene_free(&s);
 }
 
+/* Vertex colours multiply the albedo, in R and in SBL_CHANNEL_ALBEDO. */
 TEST(vertex_colours) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(scene_view(12, 9, 90, 0.2f, -0.3f, 0.8f, -0.1f, 0, -1), SBL_MODE_AMBIENT, 16);
@@ -566,8 +578,8 @@ TEST(vertex_colours) {
 
 static double overlap(double a, double b, double low, double high) { return fmax(0, fmin(b, high) - fmax(a, low)); }
 
-/* Anti-aliasing: a glowing rectangle against black, of which each pixel shows the share of samples that it covers,
-   which is about that of the pixel. A pixel is a unit wide. */
+/* Anti-aliasing: an emitting rectangle on black. The value of each pixel is the share of its samples that the rectangle
+   covers, which is about the share of its area. A pixel is one unit wide. */
 TEST(samples_cover_pixels) {
     const double left = -2.3, right = 1.4, low = -1.2, high = 2.75;
     test_scene s = { 0 };
@@ -586,7 +598,7 @@ TEST(samples_cover_pixels) {
             const double seen = (double)final[3 * (8 * y + x)];
             double sum = 0;
             for (i = 0; i < view.samples; i++) {
-                float offset[2];  /* rightwards, downwards */
+                float offset[2];  /* to the right, downwards */
                 inside_sample_offset(i, view.samples, offset);
                 sum += x - 3.5 + offset[0] > left && x - 3.5 + offset[0] < right && 3.5 - y - offset[1] > low && 3.5 -
                     y - offset[1] < high;
@@ -594,13 +606,14 @@ TEST(samples_cover_pixels) {
             worst = test_max(worst, fabs(seen - overlap(x - 4, x - 3, left, right) * overlap(3 - y, 4 - y, low, high)));
             worst_sum = test_max(worst_sum, fabs(seen - sum / view.samples));
         }
-    CHECK(worst < 0.05 && worst_sum < 1e-5, "a pixel is off by %.3f of what it covers, by %.5f of what its samples do",
+    CHECK(worst < 0.05 && worst_sum < 1e-5, "a pixel differs by %.3f from its covered area, by %.5f from its covered "
+          "samples",
           worst, worst_sum);
     free(final);
     scene_free(&s);
 }
 
-/* Where the camera sees nothing, it sees the sky and the environment's picture: here at the middles of its texels. */
+/* Pixels without a surface show the sky or the environment, here at the centres of its texels. */
 TEST(environment_behind) {
     static float pixels[8 * 4 * 3];
     test_scene s = { 0 };
@@ -631,7 +644,8 @@ TEST(environment_behind) {
     scene_free(&s);
 }
 
-/* In a scene of millions, what lies a unit from the camera: nearer than depth can tell. */
+/* In a scene of a million units, a surface one unit from the camera is seen, although it is nearer than the depth
+   buffer resolves. */
 TEST(near_things_in_large_scenes) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(scene_view(8, 8, 60, 0, 1, 0, 0.1f, 0, 0.05f), SBL_MODE_DIRECT, 16);
@@ -648,8 +662,8 @@ TEST(near_things_in_large_scenes) {
     scene_free(&s);
 }
 
-/* 16-bit floats, as textures are stored: each comes back as it was, and what lies between two is rounded to the nearer,
-   half way to the even one. */
+/* Conversion to 16-bit floats: exact values are unchanged, values in between are rounded to the nearest, ties to
+   even. */
 TEST(half_floats) {
     int i, wrong = 0;
     for (i = 0; i < 0x7bff; i++) {
@@ -659,12 +673,12 @@ TEST(half_floats) {
         wrong += inside_to_half(low) != i || inside_to_half(-high) != (0x8000 | (i + 1)) || !(high > low);
         wrong += inside_to_half(below) != i || inside_to_half(above) != i + 1 || inside_to_half(middle) != i + (i & 1);
     }
-    CHECK(wrong == 0, "%d are rounded wrongly", wrong);
+    CHECK(wrong == 0, "%d values are rounded wrongly", wrong);
     CHECK(inside_to_half(1) == 0x3c00 && inside_to_half(1e9f) == 0x7bff && inside_to_half(0) == 0,
-          "1, or what is too large, or 0");
+          "1, 0 or a value that is too large is converted wrongly");
 }
 
-/* A glowing lid over a floor, 2 x 2 at height 1; what the floor sees of it. */
+/* Adds a floor and an emitting lid of 2 x 2 at height 1, and returns the largest error of R on the floor. */
 static double floor_under_lid(test_scene *s, sbl_picture_desc *view, const float corners[12], uint32_t flags,
                               double sky) {
     v3 lid[4];
@@ -694,6 +708,7 @@ static double floor_under_lid(test_scene *s, sbl_picture_desc *view, const float
 static const float lid_up[12] = { -1, 1, -1, -1, 1, 1, 1, 1, 1, 1, 1, -1 };    /* counter-clockwise from above */
 static const float lid_down[12] = { -1, 1, -1, 1, 1, -1, 1, 1, 1, -1, 1, 1 };  /* counter-clockwise from below */
 
+/* The floor under a lid sees lid and sky in their closed forms. */
 TEST(lid_and_sky) {
     test_scene s = { 0 };
     sbl_picture_desc view;
@@ -702,6 +717,7 @@ TEST(lid_and_sky) {
     scene_free(&s);
 }
 
+/* One-sided lamps light only the side that they face, also when mirrored. */
 TEST(one_sided_emission) {
     test_scene s = { 0 };
     sbl_picture_desc view;
@@ -713,11 +729,11 @@ TEST(one_sided_emission) {
     CHECK(worst < 0.02, "facing the floor: R is off by %.4f", worst);
     scene_free(&s);
     worst = floor_under_lid(&s, &view, lid_up, SBL_MATERIAL_HIDDEN_FROM_CAMERA | SBL_MATERIAL_ONE_SIDED_EMISSION, 0);
-    CHECK(worst > 0.5, "turned away it shines all the same");
+    CHECK(worst > 0.5, "facing away, the lid still lights the floor");
     worst = worst_radiance(&s, &view, 0, 0, 0, 0);
-    CHECK(worst == 0, "turned away: R is %.4f", worst);
+    CHECK(worst == 0, "facing away: R is %.4f", worst);
     scene_free(&s);
-    /* a mirror keeps its front in front: where the mesh stands so from the start, and where it is moved */
+    /* mirroring must not exchange front and back, whether in the scene or by sbl_set_mesh_transform */
     for (i = 0; i < 2; i++) {
         floor_under_lid(&s, &view, lid_down, SBL_MATERIAL_HIDDEN_FROM_CAMERA | SBL_MATERIAL_ONE_SIDED_EMISSION, 0);
         if (i == 0) {
@@ -726,36 +742,38 @@ TEST(one_sided_emission) {
         } else
             CHECK(sbl_set_mesh_transform(context, 1, mirror) == SBL_SUCCESS &&
                       sbl_render_picture(context, &view) == SBL_SUCCESS,
-                  "not moved");
+                  "the mesh cannot be moved");
         picture = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
-        CHECK(picture[0] > 0.5f, "mirrored%s it turns away: R is %g", i ? " later" : "", (double)picture[0]);
+        CHECK(picture[0] > 0.5f, "mirrored%s, the lid faces away: R is %g", i ? " later" : "", (double)picture[0]);
         free(picture);
         scene_free(&s);
     }
-    /* and so the camera sees it, from above */
+    /* the same for a camera that sees it from above */
     floor_under_lid(&s, &view, lid_down, SBL_MATERIAL_ONE_SIDED_EMISSION, 0);
     picture = scene_channel(context, &view, SBL_CHANNEL_FINAL);
-    CHECK(picture[0] < 1e-3f, "the back shines: %g", (double)picture[0]);
+    CHECK(picture[0] < 1e-3f, "the back side emits: %g", (double)picture[0]);
     free(picture);
     scene_free(&s);
     floor_under_lid(&s, &view, lid_up, SBL_MATERIAL_ONE_SIDED_EMISSION, 0);
     picture = scene_channel(context, &view, SBL_CHANNEL_FINAL);
-    CHECK(fabsf(picture[0] - 2) < 2e-3f, "the front does not shine: %g", (double)picture[0]);
+    CHECK(fabsf(picture[0] - 2) < 2e-3f, "the front side does not emit: %g", (double)picture[0]);
     free(picture);
     scene_free(&s);
 }
 
+/* A mesh that is hidden from the camera is not seen, but lights the floor. */
 TEST(hidden_from_camera) {
     test_scene s = { 0 };
     sbl_picture_desc view;
     double worst = floor_under_lid(&s, &view, lid_up, SBL_MATERIAL_HIDDEN_FROM_CAMERA, 0);
     float *id = scene_channel(context, &view, SBL_CHANNEL_ID);
-    CHECK(id[0] == 1 && id[35] == 1, "the camera sees mesh %g", (double)id[0]);
+    CHECK(id[0] == 1 && id[35] == 1, "the camera sees mesh %g instead of the floor", (double)id[0]);
     CHECK(worst < 0.02, "the lamp does not light the floor: R is off by %.4f", worst);
     free(id);
     scene_free(&s);
 }
 
+/* A mesh that is hidden from sensors is seen, but neither lights nor shadows the floor. */
 TEST(hidden_from_sensors) {
     test_scene s = { 0 };
     sbl_picture_desc view;
@@ -765,13 +783,14 @@ TEST(hidden_from_sensors) {
     id = scene_channel(context, &view, SBL_CHANNEL_ID);
     CHECK(id[0] == 2, "the camera does not see the lid");
     free(id);
-    /* the floor from under the lid */
+    /* the floor seen from below the lid */
     view = scene_plain(scene_view(6, 6, 20, 0, 0.5f, 3, 0, 0, 0), SBL_MODE_DIRECT, 32);
     worst = worst_radiance(&s, &view, 1, 1, 1, 0);
     CHECK(worst < 0.005, "the lid lights or shadows the floor: R is off by %.4f", worst);
     scene_free(&s);
 }
 
+/* SBL_CHANNEL_FINAL equals emission + albedo * R of the other channels. */
 TEST(final_is_emission_plus_albedo_times_radiance) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(scene_view(24, 18, 60, 0, 1, 4, 0, 0.5f, 0), SBL_MODE_DIRECT, 16);
@@ -806,7 +825,7 @@ TEST(final_is_emission_plus_albedo_times_radiance) {
 
 /* >>transforms */
 
-/* A lid given in other coordinates and put in place by a matrix that turns, stretches and moves. */
+/* A lid in other coordinates is put in place by a matrix that rotates, scales and translates. */
 TEST(transforms) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(scene_view(6, 6, 20, 0, 4, 0.1f, 0, 0, 0), SBL_MODE_DIRECT, 128);
@@ -817,7 +836,7 @@ TEST(transforms) {
     s.materials[lamp].flags = SBL_MATERIAL_HIDDEN_FROM_CAMERA;
     scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 100);
     memcpy(scene_quad(&s, lamp, 0, 0, 0, 0, 0, 1, 1, 0.5f, 1, 1, 0.5f, 0)->transform, place, sizeof place);
-    for (step = 0; step < 2; step++) {  /* as given with the scene; then moved up by half */
+    for (step = 0; step < 2; step++) {  /* first as set with the scene, then moved up by half */
         double squares = 0, worst = 0;
         double up = 1 + 0.5 * step;
         corners[0] = v3_of(1, up, -1); corners[1] = v3_of(-1, up, -1); corners[2] = v3_of(-1, up + 0.5, 1); corners[3] =
@@ -844,7 +863,7 @@ TEST(transforms) {
                   100 * sqrt(squares / 36), 100 * worst);
             CHECK(scene_bounds(context, low, high) && fabs((double)high[1] - up - 0.5) < 1e-6 && low[1] == 0 &&
                       high[0] == 100,
-                  "the bounds do not follow: %g", (double)high[1]);
+                  "the bounds are not updated: %g", (double)high[1]);
             free(radiance);
             free(position);
         }

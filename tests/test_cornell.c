@@ -1,9 +1,8 @@
-/* How good it is on the Cornell box at 512 x 512: what the README says of sensors at every pixel and of the default
-   settings, which use at most a quarter of the pixels as sensors.
-
-   The reference is the lamp's closed form times its visibility, by the ray caster. A sensor at all 262,144 pixels would
-   take minutes on a software renderer, so windows spread over the picture stand for it: crops of the same camera, pixel
-   for pixel. */
+/* The error in the Cornell box at 512 x 512 with sensors at every pixel and with default settings, which must be as
+   examples/MEASUREMENTS.md says; the default puts sensors at no more than a fifth of the pixels.
+   The reference is the closed form of the lamp times its visibility, by the ray caster. Sensors at all 262,144 pixels
+   would take minutes on a software renderer, so windows spread over the picture are rendered instead: crops of the same
+   camera with the same pixels. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -11,12 +10,12 @@
 
 static sbl_context *context;
 
-/* WINDOWS x WINDOWS of them; their border lacks the filter's neighbours */
+/* WINDOWS x WINDOWS windows; pixels at their border lack neighbours for the filter and are left out */
 enum { SIZE = 512, WINDOW = 40, WINDOWS = 4, BORDER = 2 };
-/* a sensor everywhere; without the filter; and rasterised, in every fifth window */
+/* a sensor at every pixel; the same without filter; the same rasterised, in every fifth window */
 enum { FILTERED, PLAIN, RASTER, WAYS };
 
-/* The part of the picture that starts at pixel (x, y). */
+/* Returns the view of the part of the picture that starts at pixel (x, y). */
 static sbl_picture_desc window_of(sbl_picture_desc view, int x, int y, int size) {
     double scale_x = (double)view.width / size, scale_y = (double)view.height / size;
     double centre_x = (2.0 * x + size) / view.width - 1, centre_y = 1 - (2.0 * y + size) / view.height;
@@ -42,7 +41,7 @@ static void tally_add(tally *t, double r, double expected) {
 static double tally_error(const tally *t) { return sqrt(t->squares / t->count) / (t->expected_sum / t->count); }
 static double tally_bias(const tally *t) { return t->sum / t->expected_sum - 1; }
 
-/* What is predicted is what was asked for, or less, and the pixels' predictions make it up. */
+/* The predicted error must be at most the target error, and agree with the errors predicted for the pixels. */
 static void check_prediction(const sbl_picture_desc *view, const sbl_stats *stats, const float *radiance) {
     float *error = scene_channel(context, view, SBL_CHANNEL_ERROR), *id = scene_channel(context, view, SBL_CHANNEL_ID);
     double squares = 0, sum = 0;
@@ -54,20 +53,22 @@ static void check_prediction(const sbl_picture_desc *view, const sbl_stats *stat
             (double)radiance[3 * i + 2];
     }
     squares = sqrt(squares * stats->picture.visible_pixels) / sum;
-    printf("  asked for %.3f %%, predicted %.3f %%, by pixels %.3f %%\n", 100 * (double)stats->picture.target_error,
+    printf("  target error %.3f %%, predicted %.3f %%, by pixels %.3f %%\n", 100 * (double)stats->picture.target_error,
            100 * (double)stats->picture.expected_error, 100 * squares);
-    CHECK(wrong == 0, "%d pixels have a strange error", wrong);
+    CHECK(wrong == 0, "%d pixels have an invalid error", wrong);
     CHECK(stats->picture.target_error == view->target_error &&
               stats->picture.expected_error <= stats->picture.target_error &&
               stats->picture.expected_error > 0.5f * stats->picture.target_error,
-          "asked for %g, %g is predicted", (double)stats->picture.target_error, (double)stats->picture.expected_error);
+          "target error %g, but %g is predicted", (double)stats->picture.target_error,
+          (double)stats->picture.expected_error);
     CHECK(squares > 0.8 * (double)stats->picture.expected_error &&
               squares < 1.2 * (double)stats->picture.expected_error,
-          "pixels' errors make %.3f %%", 100 * squares);
+          "the errors of the pixels combine to %.3f %%", 100 * squares);
     free(error);
     free(id);
 }
 
+/* With default settings, few pixels have sensors, and R has the predicted error, which is at most the target. */
 TEST(refinement_on_the_cornell_box) {
     test_scene s = { 0 };
     sbl_scene_desc desc;
@@ -115,7 +116,7 @@ TEST(refinement_on_the_cornell_box) {
                 double first, second, expected;
                 if (!p.hit || p.mesh == 1 || ref_is_edge(reference, &view, x0 + x, y0 + y)) continue;
                 CHECK(v3_length(v3_sub(v3_from(position + 3 * (y * WINDOW + x)), p.position)) < 0.05,
-                      "the window shows something else than the picture there");
+                      "the window differs from that part of the picture");
                 first = (double)s.materials[3].emission[0] *
                     ref_quad_light(reference, p.position, p.normal, lamp, 1, 7, &seed);
                 second = (double)s.materials[3].emission[0] *
@@ -136,9 +137,10 @@ TEST(refinement_on_the_cornell_box) {
     CHECK(share <= 0.2, "%.1f %% of the pixels are sensed", 100 * share);
     off = sqrt(fmax(tally_error(&tiled) * tally_error(&tiled) - tally_error(&noise) * tally_error(&noise), 0));
     CHECK(off < 1.5 * (double)stats.picture.expected_error && off > 0.4 * (double)stats.picture.expected_error,
-          "R is off by %.3f %%, %.3f %% was predicted", 100 * off, 100 * (double)stats.picture.expected_error);
+          "R is off by %.3f %%, but %.3f %% was predicted", 100 * off, 100 * (double)stats.picture.expected_error);
     CHECK(tally_error(&tiled) < 0.0052 && fabs(tally_bias(&tiled)) < 0.0005,
-          "by default R is off by %.2f %%, bias %+.3f %%", 100 * tally_error(&tiled), 100 * tally_bias(&tiled));
+          "with default settings R is off by %.2f %%, bias %+.3f %%", 100 * tally_error(&tiled),
+          100 * tally_bias(&tiled));
     for (k = 0; k < WAYS; k++) {
         printf("  %s: %.3f %%, %+.3f %%\n", names[k], 100 * tally_error(&everywhere[k]),
                100 * tally_bias(&everywhere[k]));

@@ -1,6 +1,6 @@
-/* The same input gives the same picture, bit for bit: whatever the batch, the slices, the repetitions, what the context
-   did before, and whether a mesh was moved or stood there from the start. Where bits may differ (other GL paths, other
-   atlas sizes, the host's own shaders) the difference is rounding. */
+/* The same input gives the same picture, to the bit, for any batch size, any slices, repeated calls, any earlier work
+   of the context, and whether a mesh was moved or set at its place. Other GL paths, view texture sizes and the host's
+   own shaders may change rounding only. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -37,7 +37,7 @@ static float *channel_of(picture *p, sbl_channel channel) {
 
 static int read_all(sbl_context *context, picture *out) {
     int channel, i;
-    /* there are other channels than FLOATS says */
+    /* there must be no channels that FLOATS does not count */
     if (channel_of(out, SBL_CHANNEL_COUNT) != out->values + FLOATS) return 0;
     for (i = 0; i < FLOATS; i++) out->values[i] = (float)NAN;
     for (channel = 0; channel < SBL_CHANNEL_COUNT; channel++)
@@ -52,7 +52,7 @@ static int render(sbl_context *context, const sbl_picture_desc *view, picture *o
 
 static int same(const picture *a, const picture *b) { return memcmp(a, b, sizeof *a) == 0; }
 
-/* How far two pictures of one scene are apart, in R, as shares of the mean of a. */
+/* Difference of R of two pictures of one scene, relative to the mean of a. */
 typedef struct distance { double mean, rms, most; int pixels; } distance;
 
 static distance distance_of(picture *a, picture *b) {
@@ -86,6 +86,7 @@ static double average(picture *p) {
 
 /* >>bit for bit */
 
+/* The reference is finite, mostly lit, and has sensors of several levels; otherwise the comparisons prove nothing. */
 TEST(reference_is_a_picture) {
     int i, lit = 0, levels[8] = { 0 };
     const float *final = channel_of(&expected, SBL_CHANNEL_FINAL),
@@ -97,10 +98,12 @@ TEST(reference_is_a_picture) {
         levels[(int)sensors[i] & 7]++;
     }
     CHECK(lit > PIXELS / 2, "%d of %d pixels are lit", lit, PIXELS);
-    CHECK(levels[0] > 0 && levels[1] > 0 && levels[3] > 0, "interpolated, first and third level: %d, %d, %d pixels",
+    CHECK(levels[0] > 0 && levels[1] > 0 && levels[3] > 0, "pixels without sensor, of the first and the third level: "
+          "%d, %d, %d",
           levels[0], levels[1], levels[3]);
 }
 
+/* Batch sizes do not change the picture. */
 TEST(batches) {
     static const int batches[] = { 1, 3, 7, 64, 1000000 };
     static picture now;
@@ -120,6 +123,7 @@ TEST(batches) {
 
 static int counts_calls(float done, void *user) { (void)done; ++*(int *)user; return 0; }
 
+/* The length of slices does not change the picture. */
 TEST(slices) {
     static const double budgets[] = { 1e-9, 1e-4, 2e-3, 0 };
     static picture now;
@@ -135,15 +139,17 @@ TEST(slices) {
         view.options.progress_user = &calls;
         result = sbl_begin_picture(context, &view);
         for (steps = 0; steps < 100000 && (steps ? result == SBL_UNFINISHED : result == SBL_SUCCESS); steps++)
-            result = sbl_step(context, i < 4 ? budgets[i] : budgets[steps % 3]);  /* the last: all of them in turns */
+            /* the last run alternates between all of them */
+            result = sbl_step(context, i < 4 ? budgets[i] : budgets[steps % 3]);
         REQUIRE(result == SBL_SUCCESS && read_all(context, &now), "slices %d: \"%s\" after %d steps", i,
                 sbl_result_string(result), steps);
         CHECK(i == 3 ? steps == 1 : i > 0 || steps > 10, "slices %d: %d steps", i, steps);
-        CHECK(same(&now, &expected), "slices %d, %d steps, change the picture", i, steps);
+        CHECK(same(&now, &expected), "slices %d in %d steps change the picture", i, steps);
     }
     sbl_destroy(context);
 }
 
+/* Earlier pictures, scenes and abandoned work, and other allocators, do not change the picture. */
 TEST(repetitions) {
     static picture now;
     test_scene other = { 0 };
@@ -155,25 +161,26 @@ TEST(repetitions) {
     if (!context) return;
     for (i = 0; i < 3; i++) CHECK(render(context, &view, &now) && same(&now, &expected), "repetition %d differs", i);
     CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && render(context, &view, &now) && same(&now, &expected),
-          "the scene set twice differs");
+          "after setting the scene again the picture differs");
     small.width = 7;
     small.height = 50;
     small.options.sensor_size = 33;
     small.options.backend = SBL_BACKEND_RASTER;
     small.options.mode = SBL_MODE_PAPER;
     CHECK(sbl_render_picture(context, &small) == SBL_SUCCESS, "%s", watch_last(&seen));
-    CHECK(render(context, &view, &now) && same(&now, &expected), "after another picture it differs");
+    CHECK(render(context, &view, &now) && same(&now, &expected), "after another picture the picture differs");
     scene_sphere(&other, scene_lamp(&other, 1, 2, 3), 0, 0, 0, 2, 12, 8, 1);
     other_scene = scene_desc(&other);
     CHECK(sbl_set_scene(context, &other_scene) == SBL_SUCCESS && sbl_render_picture(context, &small) == SBL_SUCCESS,
           "%s", watch_last(&seen));
     CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && render(context, &view, &now) && same(&now, &expected),
-          "after another scene it differs");
+          "after another scene the picture differs");
     CHECK(sbl_begin_picture(context, &view) == SBL_SUCCESS && sbl_step(context, 1e-9) == SBL_UNFINISHED, "%s",
           watch_last(&seen));
-    CHECK(render(context, &view, &now) && same(&now, &expected), "after an abandoned picture it differs");
+    CHECK(render(context, &view, &now) && same(&now, &expected), "after an abandoned picture the picture differs");
     sbl_destroy(context);
-    memset(&plain, 0, sizeof plain);  /* malloc, whose memory is often zero; the other allocator's never is */
+    /* malloc, whose memory is often zero; the memory of the other allocator never is */
+    memset(&plain, 0, sizeof plain);
     context = watch_context(&seen, &plain, &cornell);
     CHECK(context && render(context, &view, &now) && same(&now, &expected), "another allocator changes the picture");
     sbl_destroy(context);
@@ -184,10 +191,11 @@ TEST(repetitions) {
 
 static const float places[4][16] = {
     { 1, 0, 0, 0,  0, 1, 0, 0,  0, 0, 1, 0,  -20, 0, 35, 1 },
-    { 0.8f, 0, -0.6f, 0,  0, 1.25f, 0, 0,  0.6f, 0, 0.8f, 0,  60, 10, -15, 1 },   /* turned and stretched */
+    { 0.8f, 0, -0.6f, 0,  0, 1.25f, 0, 0,  0.6f, 0, 0.8f, 0,  60, 10, -15, 1 },   /* rotated and scaled */
     { -1, 0, 0, 0,  0, 1, 0, 0,  0, 0, 1, 0,  556, 0, 0, 1 },                     /* mirrored */
     { 1, 0, 0, 0,  0, 1, 0, 0,  0, 0, 1, 0,  0, 0, 0, 1 } };
 
+/* A mesh that was moved gives the same picture as one set at that place. */
 TEST(moving) {
     static picture now, fresh;
     static test_scene moved;
@@ -199,7 +207,7 @@ TEST(moving) {
     if (!context) return;
     for (i = 0; i < 3; i++) {
         moved = cornell;
-        for (mesh = 6; mesh < 11; mesh++) {  /* one of the blocks */
+        for (mesh = 6; mesh < 11; mesh++) {  /* the faces of one block */
             memcpy(moved.meshes[mesh].transform, places[i], sizeof places[i]);
             CHECK(sbl_set_mesh_transform(context, mesh, places[i]) == SBL_SUCCESS, "%s", watch_last(&seen));
         }
@@ -207,7 +215,7 @@ TEST(moving) {
         if (!another) return;
         CHECK(render(context, &view, &now) && render(another, &view, &fresh), "%s", watch_last(&seen));
         CHECK(!same(&now, &expected), "place %d: moving a block changes nothing", i);
-        CHECK(same(&now, &fresh), "place %d: the moved block differs from one that stood there from the start", i);
+        CHECK(same(&now, &fresh), "place %d: the moved block differs from one set at that place", i);
         CHECK(scene_bounds(context, low[0], high[0]) && scene_bounds(another, low[1], high[1]) &&
                   memcmp(low[0], low[1], sizeof low[0]) == 0 && memcmp(high[0], high[1], sizeof high[0]) == 0,
               "place %d: the bounds differ", i);
@@ -221,6 +229,7 @@ TEST(moving) {
 
 /* >>seeds */
 
+/* The same seed gives the same picture; another seed changes pixels, but hardly the mean of R. */
 TEST(seeds) {
     static picture now, again;
     static const uint32_t values[] = { 1, 2, 0x80000000u, 0xffffffffu };
@@ -233,10 +242,10 @@ TEST(seeds) {
         distance d;
         view.options.seed = values[i];
         CHECK(render(context, &view, &now) && render(context, &view, &again), "%s", watch_last(&seen));
-        CHECK(same(&now, &again), "seed %u twice differs", values[i]);
+        CHECK(same(&now, &again), "the same seed %u gives another picture", values[i]);
         d = distance_of(&expected, &now);
-        CHECK(d.pixels > PIXELS / 4, "seed %u changes %d pixels", values[i], d.pixels);
-        CHECK(fabs(average(&now) / average(&expected) - 1) < 0.1, "seed %u: R is %g on average, with seed 0 %g",
+        CHECK(d.pixels > PIXELS / 4, "seed %u changes only %d pixels", values[i], d.pixels);
+        CHECK(fabs(average(&now) / average(&expected) - 1) < 0.1, "seed %u: the mean of R is %g, with seed 0 %g",
               values[i], average(&now), average(&expected));
         for (channel = SBL_CHANNEL_ALBEDO; channel <= SBL_CHANNEL_DEPTH; channel++)
             CHECK(memcmp(channel_of(&now, (sbl_channel)channel), channel_of(&expected, (sbl_channel)channel),
@@ -246,17 +255,17 @@ TEST(seeds) {
     sbl_destroy(context);
 }
 
-/* >>up to rounding: with a sensor at every pixel, so that no decision of the refinement tips over */
+/* >>equal up to rounding, with a sensor at every pixel, so that refinement decides nothing */
 
-/* A texel shows what its centre sees. Where an edge passes a centre by less than float rounding, it may go either way;
-   that is one texel of some thousand, of a few sensors. So nearly all pixels agree to the bit, and none is off by more
-   than a few texels weigh: lamps are not seen by texels. Texels see bounced light by cells, and more centres lie on the
-   edges of these. */
+/* A texel shows what its centre sees. If an edge passes the centre within float rounding, the texel may show either
+   side: one of some thousand texels, in few sensors. So nearly all pixels are equal to the bit, and no pixel differs by
+   more than a few texels' weight. Lamps are not measured by texels. Bounced light is read from cells, whose edges add
+   more such centres. */
 static void rounding(distance d, const char *what) {
     const int cells = mode == SBL_MODE_GI && backend == SBL_BACKEND_RASTER;
-    CHECK(d.mean < (cells ? 5e-5 : 1e-5), "%s changes R by %.2g on average", what, d.mean);
+    CHECK(d.mean < (cells ? 5e-5 : 1e-5), "%s changes the mean of R by %.2g", what, d.mean);
     CHECK(d.pixels <= PIXELS / (cells ? 10 : 100), "%s changes R at %d of %d pixels", what, d.pixels, PIXELS);
-    CHECK(d.most < 0.01, "%s changes R by %.2g", what, d.most);
+    CHECK(d.most < 0.01, "%s changes R by up to %.2g", what, d.most);
 }
 
 static sbl_picture_desc plain_view(void) {
@@ -274,6 +283,7 @@ static int plain_picture(const sbl_context_desc *desc, picture *out) {
     return done;
 }
 
+/* Without an optional capability of GL, the picture differs by rounding only. */
 TEST(capabilities) {
     static picture all, without;
     sbl_context_desc desc = watch_desc(&seen);
@@ -283,9 +293,9 @@ TEST(capabilities) {
     context = watch_context(&seen, &desc, &cornell);
     if (!context) return;
     available = sbl_query_capabilities(context).available;
-    CHECK(sbl_query_capabilities(context).used == available, "not all that is available is used");
+    CHECK(sbl_query_capabilities(context).used == available, "not all available capabilities are used");
     sbl_destroy(context);
-    if (!available) SKIP("the driver has none of them");
+    if (!available) SKIP("the driver has no optional capability");
     for (bit = 1; bit <= SBL_CAPABILITY_ALL; bit <<= 1) {
         distance d;
         if (!(available & bit)) continue;
@@ -298,12 +308,13 @@ TEST(capabilities) {
         d = distance_of(&all, &without);
         printf("  without capability 0x%x: mean %.2g, rms %.2g, most %.2g, %d pixels\n", bit, d.mean, d.rms, d.most,
                d.pixels);
-        rounding(d, "a capability less");
+        rounding(d, "disabling a capability");
         if (bit == SBL_CAPABILITY_COMPUTE && strstr((const char *)gl.GetString(GL_RENDERER), "llvmpipe"))
-            CHECK(same(&all, &without), "compute and fragment shaders sum differently");
+            CHECK(same(&all, &without), "compute and fragment shaders give different sums");
     }
 }
 
+/* The size of the view texture changes rounding only. */
 TEST(atlas_sizes) {
     static const int sizes[] = { 256, 300, 1024, 4096 };
     static picture base, now;
@@ -315,14 +326,15 @@ TEST(atlas_sizes) {
         desc.sensor_texture_size = sizes[i];
         if (!plain_picture(&desc, &now)) return;
         d = distance_of(&base, &now);
-        printf("  atlas of %d: mean %.2g, rms %.2g, most %.2g, %d pixels\n", sizes[i], d.mean, d.rms, d.most, d.pixels);
-        rounding(d, "another atlas");
+        printf("  view texture of %d: mean %.2g, rms %.2g, most %.2g, %d pixels\n", sizes[i], d.mean, d.rms, d.most,
+               d.pixels);
+        rounding(d, "another size of the view texture");
     }
 }
 
-/* >>scenes past what buffer textures hold: bit for bit the same from 2D textures */
+/* >>scenes that exceed the limit of buffer textures are read from 2D textures, with the same bits */
 
-/* The Cornell box and a ball of so many triangles, with a texture that leaves holes. */
+/* The Cornell box and a ball of many triangles, with a texture that cuts holes. */
 static void crowd_make(test_scene *s, int slices, int stacks) {
     static const unsigned char texels[16] = { 255, 128, 0, 255, 0, 128, 255, 255, 90, 180, 45, 255, 200, 200, 10, 0 };
     int material;
@@ -337,6 +349,7 @@ static void crowd_make(test_scene *s, int slices, int stacks) {
     ball->texcoords.stride = 12;
 }
 
+/* Scenes above the limit of buffer textures give the same pictures, to the bit, also with moved meshes. */
 TEST(past_buffer_textures) {
     static picture pictures[2][2], now;
     static test_scene crowd;
@@ -350,41 +363,41 @@ TEST(past_buffer_textures) {
     desc.get_gl_function = fake_proc;
     view.tile = 16;
     view.options.sensor_size = 8;
-    view.threshold = 1e9f;  /* few sensors, of one view */
+    view.threshold = 1e9f;  /* few sensors of one view each */
     if (backend == SBL_BACKEND_RASTER) view.sensor_kind = SBL_SENSOR_SINGLE;
     for (i = 0; i < 2; i++) {
-        fake.most_texels = i ? 65536 : 0;  /* what GL 3.3 promises */
+        fake.most_texels = i ? 65536 : 0;  /* the least that GL 3.3 guarantees */
         fake.texels = 0;
         context = watch_context(&seen, &desc, &crowd);
         REQUIRE(context && render(context, &view, &pictures[i][0]), "%s", watch_last(&seen));
         CHECK(i ? fake.texels <= 65536 : fake.texels > 65536, "a buffer texture of %d texels was made", fake.texels);
         for (mesh = 6; mesh < 11; mesh++)
             CHECK(sbl_set_mesh_transform(context, mesh, places[1]) == SBL_SUCCESS, "%s", watch_last(&seen));
-        /* mirrored: its corners turn */
+        /* mirrored, so that its corners run the other way */
         CHECK(sbl_set_mesh_transform(context, crowd.mesh_count - 1, places[2]) == SBL_SUCCESS, "%s", watch_last(&seen));
         CHECK(render(context, &view, &pictures[i][1]), "%s", watch_last(&seen));
         CHECK(sbl_set_scene(context, &plain) == SBL_SUCCESS && render(context, &usual, &now) && same(&now, &expected),
-              "a scene that fits, after one that does not, differs");
+              "after a scene that exceeds the limit, the picture of a smaller one differs");
         CHECK(!i || (sbl_set_scene(context, &scene) == SBL_SUCCESS && render(context, &view, &now) &&
-                     same(&now, &pictures[0][0])), "set again, the scene differs");
+                     same(&now, &pictures[0][0])), "after setting the scene again, the picture differs");
         sbl_destroy(context);
     }
     CHECK(!same(&pictures[0][0], &pictures[0][1]), "moving meshes changes nothing");
-    CHECK(same(&pictures[0][0], &pictures[1][0]), "past the limit the picture differs");
-    CHECK(same(&pictures[0][1], &pictures[1][1]), "past the limit, with meshes moved, the picture differs");
+    CHECK(same(&pictures[0][0], &pictures[1][0]), "above the limit the picture differs");
+    CHECK(same(&pictures[0][1], &pictures[1][1]), "above the limit, the picture with moved meshes differs");
 
-    fake.texture_size = 2048;  /* narrower than the rows of 2D textures */
+    fake.texture_size = 2048;  /* narrower than the rows of the 2D textures */
     watch_forget(&seen);
     REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS, "%s", watch_last(&seen));
     CHECK(sbl_set_scene(context, &scene) == SBL_ERROR_UNSUPPORTED &&
           watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "triangles", "21845", NULL),
-          "a scene that no texture holds: %s", watch_last(&seen));
+          "a scene too large for any texture: %s", watch_last(&seen));
     sbl_destroy(context);
     fake.most_texels = fake.texture_size = 0;
     scene_free(&crowd);
 }
 
-/* >>the draw callback: meshes first .. last - 1 of the Cornell box, drawn by the host as sbl_draw_view says */
+/* >>the draw callback: the host draws meshes first .. last - 1 of the Cornell box as sbl_draw_view requires */
 
 typedef struct host_geometry { GLuint array, buffer, programs[2][2]; int corners, calls[2]; } host_geometry;
 typedef struct host_corner { float position[3], normal[3], albedo[3], emission[3], id; } host_corner;
@@ -432,7 +445,7 @@ static const char host_camera[] =
     "layout(location = 4) out vec4 out_emission;\n"
     "layout(location = 5) out uint out_id;\n"
     "void main() {\n"
-    "    vec3 ray = position - eye;\n"   /* the interpolated position strays off its plane: put it back along the ray */
+    "    vec3 ray = position - eye;\n"   /* moves the interpolated position along the ray back onto its plane */
     "    vec3 p = eye + ray * (dot(on_plane - eye, normal) / dot(ray, normal));\n"
     "    vec3 n = dot(normal, ray) > 0.0 ? -normal : normal;\n"
     "    out_position = vec4(p, 0);\n"
@@ -509,8 +522,9 @@ static void host_geometry_draw(const sbl_draw_view *view, void *user) {
     gl.DrawArrays(GL_TRIANGLES, 0, h->corners);
 }
 
-/* The room without its lamp, under a sky: all light comes by texels, and is the same. Or lit: rays to the lamp meet
-   meshes exactly, but what the host draws by texels. */
+/* Compares drawing by the host with meshes. If not lit, the room has a sky and no lamp: all light comes from texels and
+   must be equal up to rounding. If lit, rays to the lamp meet meshes exactly, but things that the host draws only in
+   texels. */
 static void drawn_by_host(int first, uint32_t disabled, int lit) {
     static picture meshes, drawn;
     static test_scene room, rest;
@@ -558,31 +572,34 @@ static void drawn_by_host(int first, uint32_t disabled, int lit) {
            "%d pixels\n", first, ids, off,
         d.mean, d.rms, d.most, d.pixels);
     CHECK(ids <= PIXELS / 200, "%d ids differ", ids);
-    /* the eye alone is rounded by 1e-7 of that */
-    CHECK(off < 1e-5 * 1500, "positions differ by %g, in a scene of about 1500", off);
+    /* the position of the eye alone has a rounding error of 1e-7 of the scene's size */
+    CHECK(off < 1e-5 * 1500, "positions differ by %g, in a scene of size 1500", off);
     if (!lit) rounding(d, "drawing by the host");
     else CHECK(fabs(average(&drawn) / average(&meshes) - 1) < 0.02 && d.rms < (first ? 0.06 : 0.35),
-               "drawing by the host changes R from %g to %g on average, by %g of it rms", average(&meshes),
+               "drawing by the host changes the mean of R from %g to %g, by %g rms", average(&meshes),
                average(&drawn), d.rms);
     sbl_end(context);
-    scene.draw_user = &nothing;  /* what is compared above must come from the callback */
+    scene.draw_user = &nothing;  /* without the callback's geometry, the picture must differ */
     REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && render(context, &view, &drawn), "%s", watch_last(&seen));
-    CHECK(distance_of(&meshes, &drawn).pixels > PIXELS / 10, "without the host's geometry the picture is the same");
+    CHECK(distance_of(&meshes, &drawn).pixels > PIXELS / 10, "the picture is the same without the host's geometry");
     sbl_destroy(context);
     host_geometry_free(&h);
 }
 
+/* Geometry that the host draws gives the same picture as meshes. */
 TEST(draw_callback) {
     int lit;
     for (lit = 0; lit < 2; lit++) {
         drawn_by_host(6, 0, lit);  /* the blocks */
         drawn_by_host(2, 0, lit);  /* all but the floor and the lamp */
-        drawn_by_host(0, 0, lit);  /* everything: no mesh is left. A lamp that the host draws is seen by texels */
+        drawn_by_host(0, 0, lit);  /* everything; a lamp that the host draws is measured only by texels */
     }
 }
 
+/* The same if the host's shaders write depth, without clip control. */
 TEST(draw_callback_writing_depth) { drawn_by_host(6, SBL_CAPABILITY_ALL, 0); }
 
+/* After all tests the counting allocator holds no blocks. */
 TEST(nothing_leaked) {
     CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks, %.0f bytes leaked", seen.blocks, (double)seen.bytes);
 }
@@ -598,7 +615,7 @@ static int reference(sbl_mode how, sbl_backend which) {
     context = watch_context(&seen, &desc, &cornell);
     good = context && render(context, &view, &expected) && sbl_query_stats(context).backend == which;
     sbl_destroy(context);
-    if (!good) printf("no reference: %s\n", watch_last(&seen));
+    if (!good) printf("the reference picture failed: %s\n", watch_last(&seen));
     return good;
 }
 

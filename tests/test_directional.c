@@ -1,4 +1,4 @@
-/* Directional lightmaps, where light comes from, against closed forms; and supersampled ones, of light that changes
+/* Tests of directional lightmaps, compared with closed forms, and of supersampled lightmaps, with light that changes
    within a texel. */
 #include "../sbl.h"
 #include "support/test.h"
@@ -7,11 +7,11 @@
 #include "support/gl_watch.h"
 #include "support/lightmap.h"
 
-/* >>where light comes from */
+/* >>directional light */
 
-/* The four harmonics of a triangle's light of radiance 1, all of it above the horizon: its solid angle (Van Oosterom
-   and Strackee 1983) and the integral of directions over it, half the sum over its edges of the angle they span times
-   their plane's normal (Lambert 1760). */
+/* Returns the four harmonics of a triangle of radiance 1 that is above the horizon: from its solid angle (Van Oosterom
+   and Strackee 1983), and from the integral of the direction over it, which is half the sum over its edges of the angle
+   that the edge subtends times the normal of its plane (Lambert 1760). */
 static void triangle_harmonics(v3 p, const v3 corners[3], double out[4]) {
     v3 c[3], sum = v3_of(0, 0, 0);
     double length[3], solid_angle;
@@ -43,13 +43,13 @@ static void quad_harmonics(v3 p, const v3 corners[4], double out[4]) {
     for (i = 0; i < 4; i++) out[i] = one[i] + other[i];
 }
 
-/* All four; each the caller's to free. */
+/* Reads all four channels; the caller frees each. */
 static void harmonics_of(const sbl_lightmap_desc *desc, float *sh[4]) {
     int i;
     for (i = 0; i < 4; i++) sh[i] = channel_of(desc, (sbl_channel)(SBL_CHANNEL_SH_0 + i));
 }
 
-/* R of a surface that faces m there, from R and the harmonics of a texel that faces n: as ON LIGHTMAPS says. */
+/* Returns R of a surface that faces m, from R and harmonics of a texel that faces n, by the formula in ON LIGHTMAPS. */
 static double reconstructed(double R, const double sh[4], v3 n, v3 m) {
     const v3 lobe = v3_of(0.16286750 * sh[3], 0.16286750 * sh[1], 0.16286750 * sh[2]);
     const double mean = 0.28209479 * sh[0], length = v3_length(lobe), r = fmin(length / mean, 1);
@@ -58,8 +58,8 @@ static double reconstructed(double R, const double sh[4], v3 n, v3 m) {
     return R * (a + (1 - a) * (p + 1) * pow(q_m, p)) / (a + (1 - a) * (p + 1) * pow(q_n, p));
 }
 
-/* A floor under two lamps of different colours, of which the second one stands to the side: every texel's harmonics
-   against closed forms, seen by rays and by views; and R on normals that lean up to 30 degrees, from them. */
+/* A floor under two lamps of different colours, the second one to the side. The harmonics of every texel agree with
+   closed forms, for both back ends, and so does R reconstructed for normals tilted by up to 30 degrees. */
 TEST(harmonics_of_two_lamps) {
     static const float lamps[2][12] = { { -0.5f, 2, -0.5f, 0.5f, 2, -0.5f, 0.5f, 2, 0.5f, -0.5f, 2, 0.5f },
                                         { 3, 0.6f, -1, 3, 0.6f, 0.5f, 3, 2, 0.5f, 3, 2, -1 } };
@@ -116,11 +116,11 @@ TEST(harmonics_of_two_lamps) {
         mean_R /= count;
         for (k = 0; k < 4; k++) off[k] = sqrt(off[k] / count) / mean;
         leaning = sqrt(leaning / leans) / mean_R;
-        printf("  %s: off by %.2f %.2f %.2f %.2f %% rms; R of leaning normals by %.1f %%\n", run ? "views" : "rays",
+        printf("  %s: off by %.2f %.2f %.2f %.2f %% rms; R of tilted normals by %.1f %%\n", run ? "views" : "rays",
                100 * off[0], 100 * off[1], 100 * off[2],
                100 * off[3], 100 * leaning);
         for (k = 0; k < 4; k++) CHECK(off[k] < 0.008, "run %d: harmonic %d is off by %.2f %%", run, k, 100 * off[k]);
-        CHECK(leaning < 0.12, "run %d: R of leaning normals is off by %.1f %%", run, 100 * leaning);
+        CHECK(leaning < 0.12, "run %d: R of tilted normals is off by %.1f %%", run, 100 * leaning);
         free(R);
         free(position);
         free(id);
@@ -129,9 +129,9 @@ TEST(harmonics_of_two_lamps) {
     }
 }
 
-/* Points of light: few, which get a ray each; few and a ball, all above the horizon; and so many that they stand
-   together in clusters, which sensors look at again and again. What each gives is known: its irradiance e, from one
-   direction; of a ball a little more than e is its radiance times its solid angle. */
+/* Harmonics of point lights above the horizon agree with closed forms: 5 points, which get a ray each; 40 points and
+   balls; and 400 points, which are sampled in clusters by several looks. A point gives its irradiance e from one
+   direction; harmonic 0 of a ball is its radiance times its solid angle, slightly more than e. */
 TEST(harmonics_of_lights) {
     static const int counts[3] = { 5, 40, 400 };
     static const double limits[3] = { 0.001, 0.001, 0.03 };
@@ -196,8 +196,8 @@ TEST(harmonics_of_lights) {
     }
 }
 
-/* Light that is the same from everywhere, over a surface that leans: no noise is left, by rays, views, and in a closed
-   box whose walls shine and reflect, where no sensors stand on it, too. */
+/* Light that is equal from all directions, on a tilted surface, gives the closed form of the harmonics without noise:
+   with rays, with views, in a closed box that emits and reflects, and there for a surface without sensors, too. */
 TEST(even_light_has_no_direction) {
     int run, i, k;
     for (run = 0; run < 4; run++) {
@@ -230,7 +230,8 @@ TEST(even_light_has_no_direction) {
             count++;
             truth[0] = sqrt(0.25 / REF_PI) * 2 * REF_PI;
             for (k = 1; k < 4; k++) truth[k] = y * (double)normal[3 * i + k % 3];
-            for (k = 0; k < 4; k++)  /* of what is stored R is off, but that is even, too */
+            /* on the surface without sensors, R itself has an error, which scales all harmonics */
+            for (k = 0; k < 4; k++)
                 worst[k] = fmax(worst[k], fabs((double)sh[k][3 * i + 1] - truth[k] *
                                                (run == 3 ? (double)R[3 * i + 1] : 1)));
             of_R = fmax(of_R, fabs((double)R[3 * i] - 1));
@@ -246,7 +247,8 @@ TEST(even_light_has_no_direction) {
     }
 }
 
-/* A black wall without end hides half of a white sky: what is left of the four, by rays and by views that turn. */
+/* An infinite black wall hides half of a white sky. The harmonics of the other half agree with closed forms, with rays
+   and with rotated views. */
 TEST(half_a_sky) {
     int run, i, k;
     for (run = 0; run < 2; run++) {
@@ -290,7 +292,8 @@ TEST(half_a_sky) {
     }
 }
 
-/* Who does not ask for them gets zeroes, also of pictures; R is the same to the bit either way. */
+/* Without desc.directional the harmonics are 0, also those of pictures. R is the same to the bit with and without
+   them. */
 TEST(harmonics_are_asked_for) {
     static test_scene s;
     sbl_lightmap_desc desc = map_of(24, 24, SBL_MODE_DIRECT);
@@ -310,7 +313,7 @@ TEST(harmonics_are_asked_for) {
     sh = channel_of(&desc, SBL_CHANNEL_SH_0);
     for (i = 0; sh && i < 3 * 24 * 24; i++) lit += sh[i] != 0;
     free(sh);
-    CHECK(lit == 0, "%d values where none are asked for", lit);
+    CHECK(lit == 0, "%d harmonics are not 0 without desc.directional", lit);
     desc.directional = 1;
     directional = bake(&s, &desc);
     sh = channel_of(&desc, SBL_CHANNEL_SH_0);
@@ -322,7 +325,8 @@ TEST(harmonics_are_asked_for) {
         reached += final[3 * i] > 0;
         beyond += (final[3 * i] > 0) != (sh[3 * i] > 0);
     }
-    CHECK(reached > 15 * 15 && beyond == 0, "R reaches %d texels, harmonics %d others", reached, beyond);
+    CHECK(reached > 15 * 15 && beyond == 0, "R is lit at %d texels, the harmonics differ from that at %d", reached,
+          beyond);
     free(plain);
     free(directional);
     free(sh);
@@ -332,7 +336,7 @@ TEST(harmonics_are_asked_for) {
 
 /* >>light that changes within a texel */
 
-/* The part of the texel from 0 to 1 where a x + b y < c. */
+/* Returns the area of the part of the unit square where a x + b y < c. */
 static double below(double a, double b, double c) {
     double sum = 0;
     int i;
@@ -343,8 +347,8 @@ static double below(double a, double b, double c) {
     return sum / 1000;
 }
 
-/* The sun shines straight down past the straight edge of a roof, which crosses the floor askew: a texel that the edge
-   crosses has as much light as it has lit area, the more so the more places it has. */
+/* A vertical sun and the straight edge of a roof that crosses the floor at an angle. The light of a crossed texel is
+   its lit area; the error falls with the number of places per texel. */
 TEST(a_shadow_crosses_texels) {
     enum { N = 16 };
     static const int places[3] = { 1, 3, 8 };
@@ -358,11 +362,11 @@ TEST(a_shadow_crosses_texels) {
         double squares = 0, far_off = 0;
         int crossed = 0, wrong = 0;
         memset(&s, 0, sizeof s);
-        /* the floor from 0 to N is the map itself */
+        /* the floor from 0 to N equals the map */
         uv_rectangle(&s, scene_quad(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 0, 0, 0, 0, N, N, 0, N, N, 0, 0), 0, 0,
                      1, 1);
         { const float turned[8] = { 0, 0, 0, 1, 1, 1, 1, 0 }; uv_set(&s, &s.meshes[0], turned); }
-        /* its edge: z = 9.2667 - 0.25833 x */
+        /* its edge is z = 9.2667 - 0.25833 x */
         scene_quad(&s, 0, -4, 1, -4, -4, 1, 10.3f, N + 4, 1, 4.1f, N + 4, 1, -4);
         sun = scene_light(&s, SBL_LIGHT_DIRECTIONAL, (float)REF_PI, (float)REF_PI, (float)REF_PI);
         sun->direction[1] = -1;
@@ -386,7 +390,7 @@ TEST(a_shadow_crosses_texels) {
             }
         error[run] = sqrt(squares / crossed);
         CHECK(crossed >= N && wrong == 0, "%d places: %d texels are crossed, %d wrong", places[run], crossed, wrong);
-        CHECK(far_off < (places[run] == 8 ? 0.092 : 0.021), "%d places: positions are %g texels off centres",
+        CHECK(far_off < (places[run] == 8 ? 0.092 : 0.021), "%d places: positions are up to %g texels from the centres",
               places[run], far_off);
         CHECK(sbl_query_stats(context).picture.width == N && sbl_query_stats(context).picture.visible_pixels == N * N,
               "%d texels across, %d visible", sbl_query_stats(context).picture.width,
@@ -401,8 +405,8 @@ TEST(a_shadow_crosses_texels) {
     CHECK(error[0] > 0.2 && error[1] < 0.08 && error[2] < 0.02, "%g, %g, %g", error[0], error[1], error[2]);
 }
 
-/* Two charts meet within a column of texels, one bright, one dark: each texel has the light of the one that has more of
-   it, and of no other. */
+/* A bright and a dark chart meet within a column of texels. Each texel has the light of the chart that covers more of
+   it, and none of the other's. */
 TEST(texels_are_of_one_chart) {
     static const float roof[12] = { -9, 0.3f, -9, 9, 0.3f, -9, 9, 0.3f, 9, -9, 0.3f, 9 };
     int run, y;
@@ -410,7 +414,7 @@ TEST(texels_are_of_one_chart) {
         static test_scene s;
         sbl_lightmap_desc desc = map_of(16, 8, SBL_MODE_DIRECT);
         const float where = run ? 8.3f / 16 : 8.7f / 16;
-        const int last = run ? 7 : 8;  /* column of the bright chart */
+        const int last = run ? 7 : 8;  /* last column of the bright chart */
         sbl_sensor sensor;
         float *R, *id, *position;
         int wrong = 0;
@@ -436,7 +440,7 @@ TEST(texels_are_of_one_chart) {
         CHECK(sbl_inspect_sensor(context, last, 3, &sensor, NULL, NULL, 0) == SBL_SUCCESS &&
               fabs((double)sensor.position[1] - 0.31) < 1e-3, "%s", watch_last(&seen));
         CHECK(sbl_inspect_sensor(context, 16, 3, &sensor, NULL, NULL, 0) == SBL_ERROR_INVALID_ARGUMENT,
-              "a texel outside");
+              "a texel outside of the map can be inspected");
         CHECK(sbl_channel_texture(context, SBL_CHANNEL_ID) && sbl_channel_texture(context, SBL_CHANNEL_RADIANCE) &&
               sbl_channel_texture(context, SBL_CHANNEL_ALBEDO), "a texture is missing: %s", watch_last(&seen));
         free(R);
@@ -455,6 +459,7 @@ int main(void) {
     RUN(a_shadow_crosses_texels);
     RUN(texels_are_of_one_chart);
     sbl_destroy(context);
-    CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks are left, %d are strangers", seen.blocks, seen.strangers);
+    CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks are not freed, %d were freed twice or never allocated",
+          seen.blocks, seen.strangers);
     return test_report() || test_errors;
 }

@@ -1,6 +1,6 @@
-/* The same small pictures from other drivers, in processes of their own: Mesa's softpipe, which interprets shaders and
-   has GL 3.3 only, and zink, which gives them to Vulkan (lavapipe here). They must agree with llvmpipe's, which the
-   other tests hold to references. */
+/* Renders small pictures with other drivers, in processes of their own: Mesa's softpipe, which interprets shaders and
+   has only GL 3.3, and zink, which uses Vulkan (here lavapipe). They must agree with llvmpipe, which the other tests
+   compare with references. */
 #define _DEFAULT_SOURCE
 #include "../sbl.h"
 #include "support/test.h"
@@ -14,7 +14,8 @@ enum { PICTURES = 3 };
 
 static const char *program;
 
-/* A child: renders with the driver that the environment names, and writes its name and the pictures. */
+/* The child process: renders with the driver that the environment selects, and writes the driver's name and the
+   pictures. */
 static int child(const char *path) {
     static const struct { sbl_mode mode; sbl_backend backend; } ways[PICTURES] = {
         { SBL_MODE_AMBIENT, SBL_BACKEND_TRACE }, { SBL_MODE_AMBIENT, SBL_BACKEND_RASTER },
@@ -47,7 +48,7 @@ static int child(const char *path) {
     return fclose(file) == 0 && good ? 0 : 1;
 }
 
-/* Runs the child; 0: it could not, or another driver came up. */
+/* Runs the child. Returns 0 if that fails, or if another driver was used. */
 static int pictures_of(const char *driver, char renderer[128], small_picture out[PICTURES]) {
     char path[] = "/tmp/sbl_drivers_XXXXXX";
     const int handle = mkstemp(path);
@@ -61,7 +62,8 @@ static int pictures_of(const char *driver, char renderer[128], small_picture out
     if (pid == 0) {
         setenv("LIBGL_ALWAYS_SOFTWARE", "1", 1);
         setenv("GALLIUM_DRIVER", driver, 1);
-        setenv("ASAN_OPTIONS", "detect_leaks=0", 1);  /* the driver's own, which no suppression names */
+        /* the driver itself leaks, in modules that no suppression names */
+        setenv("ASAN_OPTIONS", "detect_leaks=0", 1);
         execl(program, program, path, (char *)NULL);
         _exit(1);
     }
@@ -75,7 +77,7 @@ static int pictures_of(const char *driver, char renderer[128], small_picture out
     return good;
 }
 
-/* Root mean square difference of R, relative to its mean. */
+/* Returns the rms difference of R, relative to its mean. */
 static double difference(const small_picture *a, const small_picture *b) {
     const float *x = a->values + 3 * SMALL_PIXELS * SBL_CHANNEL_RADIANCE,
         *y = b->values + 3 * SMALL_PIXELS * SBL_CHANNEL_RADIANCE;
@@ -88,14 +90,14 @@ static double difference(const small_picture *a, const small_picture *b) {
     return sqrt(squares * 3 * SMALL_PIXELS) / sum;
 }
 
-/* views: the hemicube's too, which on softpipe are not the same from run to run. most: as small as these pictures are,
-   a texel or a ray that falls on the other side of an edge is one of a few. */
+/* views: whether to compare rasterised hemicubes; on softpipe these differ from run to run. most: largest error;
+   pictures are so small that a single texel or ray on the other side of an edge matters. */
 static void agrees(const char *driver, double most, int views) {
     static small_picture truth[PICTURES], other[PICTURES];
     char renderer[128] = "";
     int i;
-    if (!pictures_of("llvmpipe", renderer, truth)) SKIP("llvmpipe is not there (%s)", renderer);
-    if (!pictures_of(driver, renderer, other)) SKIP("it is not there (%s)", renderer);
+    if (!pictures_of("llvmpipe", renderer, truth)) SKIP("llvmpipe is not available (%s)", renderer);
+    if (!pictures_of(driver, renderer, other)) SKIP("the driver is not available (%s)", renderer);
     for (i = 0; i < PICTURES; i++) {
         const double error = difference(&other[i], &truth[i]);
         printf("  picture %d: %.4f %%\n", i, 100 * error);
@@ -104,6 +106,7 @@ static void agrees(const char *driver, double most, int views) {
     }
 }
 
+/* Pictures of each driver agree with llvmpipe's within 3 % and 0.1 % rms. */
 TEST(softpipe) { agrees("softpipe", 0.03, 0); }
 TEST(zink) { agrees("zink", 1e-3, 1); }
 

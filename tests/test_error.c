@@ -1,5 +1,5 @@
-/* Predicted errors against true ones: scenes whose R is known at every pixel, in closed form or by an independent
-   caster, asked for errors of 1 to 8 %. */
+/* Compares predicted errors with true ones, in scenes whose R is known at every pixel, in closed form or from an
+   independent ray caster, for target errors of 1 to 8 %. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -10,21 +10,21 @@ static sbl_context *context;
 
 enum { WIDTH = 128, HEIGHT = 96, POLYGONS = 40, LEVELS = 4 };
 
-/* What gives light: polygons of one radiance (grey), of which convex ones may be covered by others, and the caster
-   where it takes one. */
+/* The light of a scene: polygons of one grey radiance, possibly occluded by a rectangle or by others, and the ray
+   caster if it is needed. */
 typedef struct known {
     test_scene scene;
     sbl_picture_desc view;
     v3 corners[POLYGONS][4];
-    double radiance[POLYGONS];    /* negative: what stands in the light of a sky of 1 */
+    double radiance[POLYGONS];    /* negative: the polygon hides a part of a sky of 1 */
     int count;
     double sky;
-    double blocker[4], height, lamp_height;  /* of a rectangle over the floor: x0, z0, x1, z1 */
-    double view_below;            /* what is higher is not compared; 0: everything is */
-    int lamp;                     /* the mesh that the caster asks for; 0: none */
-    int levels;                   /* of the errors that are asked for */
-    double within;                /* so many pixels must be within twice their predicted error */
-    /* how far off the dark may be when the least error is asked for, as a share of its own light; 0: any */
+    double blocker[4], height, lamp_height;  /* an occluding rectangle above the floor: x0, z0, x1, z1 */
+    double view_below;            /* surfaces above this height are not compared; 0: all are */
+    int lamp;                     /* mesh of the lamp whose light the ray caster finds; 0: none */
+    int levels;                   /* number of target errors that are tested */
+    double within;                /* the least share of pixels within twice their predicted error */
+    /* the largest error of dark pixels, relative to their own light, with the smallest target error; 0: any */
     double dark;
 } known;
 
@@ -34,14 +34,14 @@ static void known_polygon(known *k, double radiance, const float *corners) {
     k->radiance[k->count++] = radiance;
 }
 
-/* A rectangle that looks down. */
+/* Adds a rectangular lamp that faces down. */
 static void known_lamp(known *k, double radiance, float x0, float z0, float x1, float z1, float y) {
     const float corners[12] = { x0, y, z0, x1, y, z0, x1, y, z1, x0, y, z1 };
     scene_polygon(&k->scene, scene_lamp(&k->scene, (float)radiance, (float)radiance, (float)radiance), corners, 4);
     known_polygon(k, radiance, corners);
 }
 
-/* A rectangle of a ceiling, black from below, and what of the sky it takes away. */
+/* Adds a rectangle of a ceiling that is black from below and hides a part of the sky. */
 static void known_lid(known *k, float x0, float z0, float x1, float z1, float y) {
     const float corners[12] = { x0, y, z0, x1, y, z0, x1, y, z1, x0, y, z1 };
     scene_polygon(&k->scene, scene_material(&k->scene, 0.5f, 0.5f, 0.5f), corners, 4);
@@ -52,7 +52,7 @@ static void known_floor(known *k, float half) {
     scene_floor(&k->scene, scene_material(&k->scene, 0.5f, 0.5f, 0.5f), 0, half);
 }
 
-/* A rectangle hangs between a square lamp and the floor: penumbrae of all widths, in closed form. */
+/* A rectangle between a square lamp and the floor: penumbrae of all widths, in closed form. */
 static void penumbra(known *k) {
     const float blocker[12] = { -0.7f, 1, -0.2f, 0.4f, 1, -0.2f, 0.4f, 1, 0.5f, -0.7f, 1, 0.5f };
     known_floor(k, 4);
@@ -64,7 +64,7 @@ static void penumbra(known *k) {
     k->view = scene_view(WIDTH, HEIGHT, 60, 0, 0.9f, 2.4f, 0, 0, 0);
 }
 
-/* Sky through a hole in the ceiling; and through bars. */
+/* Sky through a hole in the ceiling, or through a hole with bars. */
 static void window_of(known *k, int bars) {
     int i;
     known_floor(k, 60);
@@ -117,7 +117,7 @@ static void many_lamps(known *k) {
     k->view = scene_view(WIDTH, HEIGHT, 60, 0, 3, 4, 0, 0, 0);
 }
 
-/* Boards that stand in a lamp's light: shadows of every kind, as the caster finds them. */
+/* Boards in the light of a lamp, which cast shadows of every kind. The ray caster finds the truth. */
 static void boards(known *k) {
     const float corners[12] = { -0.3f, 2, -0.3f, 0.3f, 2, -0.3f, 0.3f, 2, 0.3f, -0.3f, 2, 0.3f };
     const int grey = scene_material(&k->scene, 0.5f, 0.5f, 0.5f);
@@ -134,13 +134,13 @@ static void boards(known *k) {
     k->view = scene_view(WIDTH, HEIGHT, 50, 0.5f, 1.7f, 2.2f, 0, 0.1f, 0);
 }
 
-/* R where the surface is at p and looks along n. */
+/* Returns R at p with normal n. */
 static double known_light(const known *k, const ref_scene *caster, v3 p, v3 n, uint64_t *seed) {
     double light = k->sky;
     int i;
     if (k->lamp) return k->radiance[0] * ref_quad_light(caster, p, n, k->corners[0], k->lamp, 20, seed);
     for (i = 0; i < k->count; i++) light += k->radiance[i] * ref_polygon(p, n, k->corners[i], 4);
-    if (k->height > 0) {  /* its shadow on the lamp's plane takes away what it covers */
+    if (k->height > 0) {  /* subtracts the light that the rectangle hides: its projection onto the plane of the lamp */
         const double t = k->lamp_height / k->height;
         const double x0 = fmax(k->corners[0][0].x, p.x + t * (k->blocker[0] - p.x)),
             x1 = fmin(k->corners[0][2].x, p.x + t * (k->blocker[2] - p.x));
@@ -153,7 +153,7 @@ static double known_light(const known *k, const ref_scene *caster, v3 p, v3 n, u
     return light;
 }
 
-/* dark: share of their own light, where it is a tenth of the mean */
+/* dark: error of pixels below a tenth of the mean, relative to their own light */
 typedef struct figures { double truth, predicted, by_pixels, within, dark; } figures;
 
 static figures compare(const known *k, const double *truth) {
@@ -212,29 +212,31 @@ static void predicted_well(void (*make)(known *)) {
         k.view.target_error = asked[level];
         if (!scene_render(context, &k.scene, &k.view)) break;
         f = compare(&k, truth);
-        printf("  asked for %.1f %%: %.2f %% predicted, %.2f %% by pixels, %.2f %% true; %.1f %% of the pixels within "
-               "twice theirs; %lld sensors, %lld rays\n",
+        printf("  target error %.1f %%: %.2f %% predicted, %.2f %% by pixels, %.2f %% true; %.1f %% of the pixels "
+               "within twice their prediction; %lld sensors, %lld rays\n",
                100 * (double)asked[level], 100 * f.predicted, 100 * f.by_pixels, 100 * f.truth, 100 * f.within,
                (long long)sbl_query_stats(context).sensors.count, (long long)sbl_query_stats(context).sensors.rays);
         CHECK(f.predicted <= (double)asked[level] && f.predicted > 0.5 * (double)asked[level],
-              "asked for %g: %g is predicted", (double)asked[level], f.predicted);
+              "target %g: the predicted error is %g", (double)asked[level], f.predicted);
         CHECK(f.truth < 1.35 * f.predicted && f.truth > 0.5 * f.predicted,
-              "asked for %g: %.2f %% is predicted, %.2f %% true", (double)asked[level], 100 * f.predicted,
+              "target %g: the predicted error is %.2f %%, the true one %.2f %%", (double)asked[level],
+              100 * f.predicted,
               100 * f.truth);
         CHECK(f.by_pixels < 1.2 * f.predicted && f.by_pixels > 0.8 * f.predicted,
-              "asked for %g: %.2f %% is predicted, by pixels %.2f %%", (double)asked[level],
+              "target %g: the predicted error is %.2f %%, that of SBL_CHANNEL_ERROR %.2f %%", (double)asked[level],
               100 * f.predicted, 100 * f.by_pixels);
-        CHECK(level < k.levels - 1 || k.dark == 0 || f.dark < k.dark, "in the dark R is off by %.1f %% of itself",
+        CHECK(level < k.levels - 1 || k.dark == 0 || f.dark < k.dark,
+              "R of dark pixels is off by %.1f %% of their light",
               100 * f.dark);
-        CHECK(f.within > k.within, "asked for %g: %.1f %% of the pixels are within twice their predicted error",
+        CHECK(f.within > k.within, "target %g: %.1f %% of the pixels are within twice their predicted error",
               (double)asked[level], 100 * f.within);
     }
     ref_destroy(caster);
     scene_free(&k.scene);
 }
 
-/* The shadow of a red lamp under a blue sky of five: an error counts by its channel's own mean, and red has an eighth
-   of the light. Were it luminance that is looked at, red would be off by 29 %. */
+/* The shadow of a red lamp under a blue sky of 5. Errors are relative to the mean of their own channel, and red has
+   only an eighth of the light. If sbl.h looked at luminance, red would be off by 29 %. */
 TEST(of_a_red_shadow_in_blue_light) {
     static known k;
     float *light;
@@ -269,7 +271,7 @@ TEST(of_a_red_shadow_in_blue_light) {
     scene_free(&k.scene);
 }
 
-/* Plates side by side under the sky, and light that bounces between them. */
+/* Parallel plates under the sky, and light that bounces between them. */
 static void plates(known *k) {
     const int grey = scene_material(&k->scene, 0.7f, 0.7f, 0.7f);
     int i;
@@ -282,8 +284,8 @@ static void plates(known *k) {
     k->view.filter_radius = -1;
 }
 
-/* Most rays meet plates so near that they go on from there. A sensor's looks must not go on in the same directions, or
-   more of them bring nothing: against one look of 4096 rays. */
+/* Most rays meet plates that are so near that they are continued from there. If the looks of a sensor were continued in
+   the same directions, more looks would not reduce the error. The truth is one look of 4096 rays. */
 TEST(of_looks_between_near_plates) {
     static known k;
     int i;
@@ -305,7 +307,8 @@ TEST(of_looks_between_near_plates) {
             predicted = (double)sbl_query_stats(context).picture.expected_error;
             off = sqrt(squares * 64 * 48) / mean;
             printf("  %.2f %% predicted, %.2f %% true\n", 100 * predicted, 100 * off);
-            CHECK(off < 1.1 * predicted, "%.2f %% is predicted, %.2f %% true", 100 * predicted, 100 * off);
+            CHECK(off < 1.1 * predicted, "the predicted error is %.2f %%, the true one %.2f %%", 100 * predicted,
+                  100 * off);
             free(light);
         }
         free(truth);
@@ -313,26 +316,29 @@ TEST(of_looks_between_near_plates) {
     scene_free(&k.scene);
 }
 
-/* What may hide beside a silhouette is no difference that noise could make: a cell by itself, between two surfaces with
-   a strip of a third that no sensor stands on. */
+/* A cell with corners on two surfaces, and between them a strip of a third one without a sensor: the light that may be
+   hidden there counts as bias, not as noise. With one surface there is no such bias. */
 TEST(of_what_silhouettes_hide) {
     float hidden[2] = { 0, 0 };
     int run;
-    for (run = 0; run < 3; run++) {  /* dim; four times as bright; one surface all over */
+    for (run = 0; run < 3; run++) {  /* dim; four times as bright; a single surface */
         const float light = run == 1 ? 4 : 1;
         const inside_weight w = inside_weigh_corners(run < 2, light);
         CHECK(w.noise2 > 1 && w.light > 0.9f * light, "noise %g, light %g", (double)w.noise2, (double)w.light);
         if (run < 2) hidden[run] = w.bias2;
-        else CHECK(w.bias2 == 0 && w.split_gain == 0, "even light misses %g, a split gains %g", (double)w.bias2,
+        else CHECK(w.bias2 == 0 && w.split_gain == 0, "on a single surface the bias is %g, the gain of a split %g",
+                   (double)w.bias2,
                    (double)w.split_gain);
-        CHECK(run == 2 || w.split_gain > 0, "a split gains %g", (double)w.split_gain);
+        CHECK(run == 2 || w.split_gain > 0, "the gain of a split is %g", (double)w.split_gain);
     }
-    CHECK(hidden[0] > 0.25f * 0.04f * 0.04f && hidden[0] < 0.25f * 3 * 0.15f * 0.15f, "hidden: %g", (double)hidden[0]);
-    CHECK(hidden[1] > 15.9f * hidden[0] && hidden[1] < 16.1f * hidden[0], "of four times the light: %g times as much",
+    CHECK(hidden[0] > 0.25f * 0.04f * 0.04f && hidden[0] < 0.25f * 3 * 0.15f * 0.15f, "the bias is %g",
+          (double)hidden[0]);
+    CHECK(hidden[1] > 15.9f * hidden[0] && hidden[1] < 16.1f * hidden[0],
+          "with four times the light the bias is %g times as large",
           (double)(hidden[1] / hidden[0]));
 }
 
-/* What few places of stored light are off by: against many. */
+/* The predicted error of a store with few cells fits its difference from a store with many. */
 TEST(of_few_bounce_samples) {
     static known k;
     float *light[2] = { NULL, NULL };
@@ -354,14 +360,15 @@ TEST(of_few_bounce_samples) {
         mean += (double)light[1][3 * i];
     }
     off = mean > 0 ? sqrt(squares * 64 * 48) / mean : HUGE_VAL;
-    printf("  %.2f and %.2f %% predicted, %.2f %% apart\n", 100 * predicted[0], 100 * predicted[1], 100 * off);
-    CHECK(off < 2.3 * predicted[0] && off > 0.5 * predicted[0], "%.2f %% is predicted, %.2f %% true",
+    printf("  %.2f and %.2f %% predicted, difference %.2f %%\n", 100 * predicted[0], 100 * predicted[1], 100 * off);
+    CHECK(off < 2.3 * predicted[0] && off > 0.5 * predicted[0], "the predicted error is %.2f %%, the true one %.2f %%",
           100 * predicted[0], 100 * off);
     free(light[0]);
     free(light[1]);
     scene_free(&k.scene);
 }
 
+/* In each scene the predicted error is at most the target, and fits the true one as predicted_well requires. */
 TEST(of_penumbrae) { predicted_well(penumbra); }
 TEST(of_sky_through_a_hole) { predicted_well(hole); }
 TEST(of_sky_through_bars) { predicted_well(bars); }

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Every example runs, and what it writes is looked at: see picture.c for what is asked of the pictures.
+# Runs every example and checks its output; picture.c defines the checks of pictures.
 set -u
 export LC_ALL=C
 cd "$(dirname "$0")/.." || exit 1
@@ -7,7 +7,7 @@ cd "$(dirname "$0")/.." || exit 1
 : "${BUILD_DIR:=build}"
 gcc -std=c99 -O2 -Wall -Wextra tests/tools/picture.c -lm -o "$folder/picture" || exit 1
 
-# run NAME FOLDER ARGUMENTS...: an example ends well, says nothing on stderr, and leaves what it printed in FOLDER/said
+# run NAME FOLDER ARGUMENTS...: the example must succeed without output on stderr; its stdout is in FOLDER/said
 run() {
     example=$1 out=$folder/$2
     shift 2
@@ -17,7 +17,7 @@ run() {
     cat "$out/said" "$out/errors"
     [ "$status" = 0 ] && [ ! -s "$out/errors" ]
 }
-# picture COMMAND FILES...: a look at pictures under $folder
+# look COMMAND FILES...: checks pictures in $folder
 look() { (cd "$folder" && ./picture "$@"); }
 
 for source in examples/*.c; do
@@ -41,7 +41,7 @@ check minimal_picture minimal_picture
 
 # >>host_context
 
-# how many frames it takes depends on the machine; test_steps.c counts pieces, test_gl_state.c looks at the host's state
+# The number of frames depends on the machine. test_steps.c counts pieces, test_gl_state.c checks the host's state.
 host_context_run() {
     run host_context host_context && grep -Eq 'done after [1-9][0-9]* frames' "$folder/host_context/said"
 }
@@ -57,12 +57,12 @@ host_draw_picture() {
     run host_draw with && run host_draw bare --bare && look varied with/host_draw.png 400 320 &&
         look slabs with/host_draw.png bare/host_draw.png
 }
-# where the driver has no clip control the host's shaders write their own depth
+# without clip control in the driver, the host's shaders write their own depth
 host_draw_writes_depth() {
     (
         export MESA_GL_VERSION_OVERRIDE=3.3 MESA_GLSL_VERSION_OVERRIDE=330 MESA_EXTENSION_OVERRIDE=-GL_ARB_clip_control
-        # gcc 12's leak checker dies reading thread storage of a driver under these overrides; the runs above look for
-        # leaks
+        # gcc 12's leak checker crashes when it reads thread storage of a driver under these overrides; the runs above
+        # test for leaks
         export ASAN_OPTIONS="${ASAN_OPTIONS-}:detect_leaks=0"
         run host_draw old
     ) && look alike with/host_draw.png old/host_draw.png
@@ -74,7 +74,7 @@ check host_draw_writes_depth host_draw_writes_depth
 
 lights_kinds='quad textured thousand_lamps sphere point spot sun sky'
 lights_run() { run lights lights; }
-# each kind gives its own picture
+# each kind of light gives a different picture
 lights_differ() {
     last=
     for kind in $lights_kinds; do
@@ -92,7 +92,7 @@ check lights_run lights_run
 check lights_differ lights_differ
 check lights_penumbra lights_penumbra
 
-# >>vertex_light: the light that pictures show, at the vertices of a mesh
+# >>vertex_light: light that pictures show, baked to the vertices of a mesh
 
 vertex_light_run() {
     run vertex_light vertex_light && grep -Eq '[0-9]{5} vertices, [0-9]{2,} of them inside' "$folder/vertex_light/said"
@@ -104,7 +104,7 @@ vertex_light_mesh() {
         END { print v, f, lit, bad; exit !(v == vertices && f == faces && v > 10000 && lit > v / 2 && !bad) }' \
         "$folder/vertex_light/vertex_light.ply"
 }
-# by eye and by the Cornell box's own checks: red left, green right, lamp on top
+# checked by eye, and by the check of the Cornell box: red left, green right, lamp on top
 vertex_light_picture() {
     look varied vertex_light/vertex_light.png 512 512 && look cornell vertex_light/vertex_light.png
 }
@@ -127,7 +127,7 @@ bake_lightmap_map() {
 check bake_lightmap_is_short bake_lightmap_is_short
 check bake_lightmap_map bake_lightmap_map
 
-# >>bake_vertices: least squares are nearer to the truth than averages
+# >>bake_vertices: least squares have a smaller error than averages
 
 bake_vertices_run() {
     run bake_vertices bake_vertices &&
@@ -146,14 +146,14 @@ check bake_vertices_mesh bake_vertices_mesh
 
 # >>paper_metrics
 
-# rows FILE COLUMNS ROWS: a header and so many rows of that many numbers above 0
+# rows FILE COLUMNS ROWS: the file has a header and ROWS rows of COLUMNS numbers above 0
 rows() {
     awk -F, -v columns="$2" -v rows="$3" '
         NF != columns { print "line " NR " has " NF " columns"; bad = 1 }
         NR > 1 { for (i = 1; i <= NF; i++) if ($i !~ /^[0-9.]+$/ || $i + 0 <= 0) { print "line " NR ": " $0; bad = 1 } }
         END { if (NR != rows + 1) print NR - 1 " rows"; exit bad || NR != rows + 1 }' "$folder/metrics/$1"
 }
-# rising FILE COLUMN: from row to row
+# rising FILE COLUMN: the column increases from row to row
 rising() {
     awk -F, -v c="$2" '
         NR > 2 && $c + 0 <= last { print FILENAME ": " $0; bad = 1 } { last = $c + 0 } END { exit bad }' \
@@ -167,7 +167,7 @@ metrics_plots() {
     scripts/plot_metrics "$folder/metrics" && look plot metrics/table_1.png 1 &&
     look plot metrics/figure_10.png 3 && look plot metrics/figure_11.png 3
 }
-# says in one line what to install, or what is missing
+# fails with one line that says what to install, or what is missing
 plots_without() { ! "$@" > "$folder/errors" 2>&1 && cat "$folder/errors" && [ "$(wc -l < "$folder/errors")" = 1 ]; }
 metrics_plots_without_gnuplot() {
     plots_without env PATH=/nowhere /bin/sh scripts/plot_metrics "$folder/metrics" &&
@@ -195,7 +195,7 @@ else
 fi
 check paper_metrics_plots_without_gnuplot metrics_plots_without_gnuplot
 
-# >>bench: that it works, not how fast
+# >>bench: tests that it works, not how fast
 
 bench_rows() {
     "$BUILD_DIR/bench" raster --quick --json > "$folder/bench.json" || return
@@ -204,17 +204,17 @@ bench_rows() {
 import json, sys
 rows = json.load(open(sys.argv[1]))["rows"]
 assert [(r["kind"], r["size"]) for r in rows] == [("hemicube", 16), ("single", 16), ("hemicube", 32), ("single", 32)], \
-    "the rows"
+    "kinds and sizes of the rows"
 for r in rows:
     for key in ("sensors", "sbl_us", "sbl_total_us", "plain_us", "speedup", "fill_us", "over_fill", "draw_us",
                 "reduce_us"):
         assert r[key] > 0, key
     assert 0.5 < r["depth_complexity"] < 3, "depth complexity"
-    assert r["sbl_total_us"] >= r["sbl_us"], "the whole is more than its part"
+    assert r["sbl_total_us"] >= r["sbl_us"], "the total is less than a part"
 END
 }
 bench_check() {
-    if [ "$BUILD_DIR" = build ]; then check "$1" "$1"; else skip "$1" "sanitizers have seen all of it elsewhere"; fi
+    if [ "$BUILD_DIR" = build ]; then check "$1" "$1"; else skip "$1" "other tests run this code with sanitizers"; fi
 }
 bench_check bench_rows
 
@@ -224,15 +224,15 @@ bench_rooms() {
     python3 - "$folder/bench.json" << 'END'
 import json, sys
 scenes = json.load(open(sys.argv[1]))["trace"]["scenes"]
-assert [round(s["triangles"], -2) for s in scenes] == [0, 1000, 32800], "the rooms"
+assert [round(s["triangles"], -2) for s in scenes] == [0, 1000, 32800], "triangles of the rooms"
 for s in scenes:
     rays, views = [w for w in s["ways"] if "rays" in w], [w for w in s["ways"] if "texels" in w]
     assert s["sensors"] > 1000 and s["bvh_bytes"] > 0 and s["growth"] > 0, "the scene"
-    assert all(abs(w["mrays"] * w["us"] / w["rays"] - 1) < 0.01 for w in rays), "rays a sensor"
+    assert all(abs(w["mrays"] * w["us"] / w["rays"] - 1) < 0.01 for w in rays), "rays per sensor"
     for ways, most in ((rays, 0.07), (views, 0.12)):
         errors = [w["error"] for w in ways]
         assert errors == sorted(errors, reverse=True) and 0.0005 < errors[-1] and errors[0] < most, "errors"
-    assert all(0.2 < p["errors"] < 5 for p in s["nearest_error"]), "like errors"
+    assert all(0.2 < p["errors"] < 5 for p in s["nearest_error"]), "errors of the compared sizes"
 END
 }
 bench_check bench_rooms
@@ -242,7 +242,7 @@ bench_versions() {
     cat "$folder/bench.json"
     python3 - "$folder/bench.json" << 'END'
 import json, sys
-# where there is no git history, there is no older version
+# without git history there is no older version
 (room,) = json.load(open(sys.argv[1])).get("versions") or [None]
 if room:
     before, now = room["before"], room["now"]
@@ -251,14 +251,14 @@ if room:
         assert p["seconds"] > 0 and p["sensors"] > 1000 and 0.0005 < p["error_4x4"] < p["error"] < 0.07, "a picture"
     for pictures in before, now:
         assert [p["error"] for p in pictures] == sorted((p["error"] for p in pictures), reverse=True), \
-            "the better, the better"
+            "errors fall with the preset"
 END
 }
 bench_check bench_versions
 
-# >>failures: a status that is not 0, one line on stderr
+# >>failures: an exit status that is not 0, and one line on stderr
 
-# fails_in_words PROGRAM ARGUMENTS...
+# fails_in_words PROGRAM ARGUMENTS...: the program must fail with one line on stderr
 fails_in_words() {
     status=0
     "$BUILD_DIR/$@" > "$folder/said" 2> "$folder/errors" || status=$?

@@ -1,6 +1,6 @@
-/* What the fuzz target (fuzz/fuzz.c) finds in a bounded, repeatable run: the inputs of tests/fuzz/corpus, small ones
-   that between them reach nearly all that a long run reached, orders of calls that matter, and each mistake that was
-   found; then some of random bytes. build/test_fuzz FILE... runs these files instead. */
+/* A bounded, repeatable run of the fuzz target (fuzz/fuzz.c): first the inputs of tests/fuzz/corpus, which are small,
+   reach nearly all code that a long run reached, and include each mistake that was found and important orders of calls;
+   then random bytes. build/test_fuzz FILE... runs these files instead. */
 #include "fuzz/fuzz.c"
 
 static unsigned char input[4096];
@@ -16,7 +16,7 @@ static int run_file(const char *path) {
     return fuzz_failures == before;
 }
 
-/* Numbered without a gap. */
+/* Runs the corpus. Its files are numbered without gaps. */
 TEST(corpus) {
     char path[64];
     int number;
@@ -33,7 +33,7 @@ TEST(corpus) {
           fuzz_counts.pictures, fuzz_counts.gathers, fuzz_counts.inspections, fuzz_counts.out_of_memory);
 }
 
-/* Calls with random parameters, some cut short, between which a scene is set that is there without luck. */
+/* Calls with random parameters, some of them truncated. In between, a valid scene is set. */
 TEST(random_bytes) {
     uint32_t state = 12345;
     int round, i;
@@ -48,14 +48,14 @@ TEST(random_bytes) {
         fuzz_one(input, (size_t)size);
         CHECK(fuzz_failures == before, "round %d: see above", round);
     }
-    CHECK(fuzz_counts.accepted > 100 && fuzz_counts.refused > 100, "%d calls accepted, %d refused: one side only",
+    CHECK(fuzz_counts.accepted > 100 && fuzz_counts.refused > 100, "%d calls accepted, %d refused: too few of one kind",
           fuzz_counts.accepted, fuzz_counts.refused);
 
     CHECK(fuzz_counts.pictures > 10 && fuzz_counts.gathers > 10, "%d pictures, %d gathers finished",
           fuzz_counts.pictures, fuzz_counts.gathers);
 }
 
-/* Bakes of all kinds, begun over each other, in the scene that is there without luck and in others. */
+/* Bakes of all kinds, which replace each other, with the valid scene and with random ones. */
 TEST(random_bakes) {
     uint32_t state = 777;
     int round, i;

@@ -1,5 +1,5 @@
-/* Light at any points: sbl_gather_readings. It is the picture's own primitive, so that at a pixel's site it finds that
-   pixel's light, bit for bit; elsewhere closed forms say what it must find. */
+/* Tests of sbl_gather_readings. At the site of a pixel it must find the pixel's light, to the bit, because pictures use
+   the same measurement. At other sites it is compared with closed forms. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -24,7 +24,7 @@ static sbl_site site_of(float x, float y, float z, float nx, float ny, float nz)
     return s;
 }
 
-/* The reading at one site, in the scene in use. */
+/* Returns the reading at one site of the current scene. */
 static sbl_reading reading_at(sbl_site site, int rays) {
     sbl_reading r;
     sbl_readings_desc desc = gather_of(&site, &r, 1);
@@ -57,6 +57,7 @@ static sbl_readings_desc gather_as(const sbl_picture_desc *view, const sbl_site 
     return desc;
 }
 
+/* Readings at the sites of a picture's sensors equal the picture's R, in all modes and back ends. */
 TEST(finds_what_the_picture_found) {
     static const struct { sbl_mode mode; sbl_backend backend; } ways[] = {
         { SBL_MODE_DIRECT, SBL_BACKEND_TRACE }, { SBL_MODE_AMBIENT, SBL_BACKEND_TRACE },
@@ -77,7 +78,7 @@ TEST(finds_what_the_picture_found) {
         REQUIRE(radiance, "no radiance");
         for (i = 0; i < PIXELS; i++) {
             sbl_sensor sensor;
-            sites[i] = site_of(278, 100, 278, 0, 1, 0);  /* nothing is shown there */
+            sites[i] = site_of(278, 100, 278, 0, 1, 0);  /* a placeholder for pixels that show nothing */
             if (sbl_inspect_sensor(context, i % WIDTH, i / WIDTH, &sensor, NULL, NULL, 0) == SBL_SUCCESS) {
                 sites[i] = sensor.site;
                 shown++;
@@ -93,15 +94,16 @@ TEST(finds_what_the_picture_found) {
         }
         CHECK(shown > PIXELS / 2 && close > shown * 98 / 100, "way %d: %d of %d readings are close to the picture's", w,
               close, shown);
-        if (view.options.backend == SBL_BACKEND_TRACE)  /* views lie elsewhere in the atlas, and round otherwise */
-            CHECK(same == shown, "way %d: %d of %d readings are the picture's to the bit", w, same, shown);
+        /* rasterised views are elsewhere in the view texture, and round differently */
+        if (view.options.backend == SBL_BACKEND_TRACE)
+            CHECK(same == shown, "way %d: %d of %d readings equal the picture's R to the bit", w, same, shown);
         CHECK(lit > PIXELS / 4, "way %d: %d pixels are lit", w, lit);
-        CHECK((noisy > 0) == (ways[w].mode != SBL_MODE_PAPER), "way %d: noise is told at %d pixels", w, noisy);
+        CHECK((noisy > 0) == (ways[w].mode != SBL_MODE_PAPER), "way %d: noise is not 0 at %d pixels", w, noisy);
         desc.readings = again;
         desc.options.seed = 8;
         CHECK(sbl_gather_readings(context, &desc) == SBL_SUCCESS, "no gather: %s", watch_last(&seen));
         CHECK((memcmp(again, readings, sizeof again) != 0) == (ways[w].mode != SBL_MODE_PAPER),
-              "way %d: what does the seed change?", w);
+              "way %d: another seed changes nothing", w);
         free(radiance);
     }
     scene_free(&s);
@@ -109,6 +111,7 @@ TEST(finds_what_the_picture_found) {
 
 /* >>against closed forms */
 
+/* R of an open sky and of point lights has its closed form, and an empty scene has no hits. */
 TEST(sky_and_lights) {
     test_scene s = { 0 };
     sbl_light *light;
@@ -122,7 +125,7 @@ TEST(sky_and_lights) {
         CHECK(r.radiance[0] == 1 && r.radiance[1] == 2 && r.radiance[2] == 3, "R under a sky of 1 2 3 is %g %g %g",
               (double)r.radiance[0], (double)r.radiance[1], (double)r.radiance[2]);
         CHECK(r.hit_share == 0 && r.hit_mean == 0 && r.hit_min == 0 && r.back_share == 0 && r.valid == 1,
-              "nothing is there, and it was seen");
+              "a hit is reported in an empty scene");
     }
     scene_sky(&s, 0, 0, 0);
     light = scene_light(&s, SBL_LIGHT_POINT, 10, 20, 30);
@@ -139,8 +142,8 @@ TEST(sky_and_lights) {
     scene_free(&s);
 }
 
-/* Over the middle of a disc of angular radius t, of height h: the share of the hemisphere that it fills, weighted by
-   the cosine, is sin^2 t, and the mean distance over it 2 h / (1 + cos t). */
+/* A site above the centre of a disc of angular radius t, at height h: the disc's cosine-weighted share of the
+   hemisphere is sin^2 t, and the mean distance over it is 2 h / (1 + cos t). */
 TEST(distances_to_a_disc) {
     static const double angles[] = { 20, 45, 70, 85 };
     test_scene s = { 0 };
@@ -161,13 +164,15 @@ TEST(distances_to_a_disc) {
               2 * h / (1 + cos(t)));
         CHECK(r.hit_min >= h * 0.9999 && r.hit_min < 1.002 * h, "%g degrees: least distance %g, expected %g", angles[i],
               (double)r.hit_min, h);
-        CHECK(r.back_share + back.back_share == 1, "of two sides one is the back: %g, %g", (double)r.back_share,
+        CHECK(r.back_share + back.back_share == 1, "back_share of the two sides is %g and %g, expected 0 and 1",
+              (double)r.back_share,
               (double)back.back_share);
         scene_free(&s);
     }
 }
 
-/* A quad lamp above: Lambert's sum. Half of it is hidden by a wall for the second site. */
+/* R of a quad lamp above agrees with Lambert's formula, also if a wall hides half of it. The noise is 0 without a
+   shadow, and fits the error with one. */
 TEST(lamps_and_noise) {
     test_scene s = { 0 };
     sbl_reading r;
@@ -179,9 +184,10 @@ TEST(lamps_and_noise) {
     REQUIRE(use_scene(&s), "no scene");
     r = reading_at(site_of(0, 0, 0, 0, 1, 0), 256);
     CHECK(fabs(r.radiance[0] / (3 * form) - 1) < 1e-4, "R is %.7g, expected %.7g", (double)r.radiance[0], 3 * form);
-    CHECK(r.noise < 1e-4f * r.radiance[0], "all of the lamp is seen, and the noise is %g", (double)r.noise);
-    r = reading_at(site_of(0, 0.25f, 0, 0, -1, 0), 0);  /* few rays, which bring no light, but tell of the floor */
-    CHECK(r.hit_share > 0.9f && fabs(r.hit_min - 0.25) < 0.1, "of the floor %g are seen, from %g on",
+    CHECK(r.noise < 1e-4f * r.radiance[0], "the lamp is not occluded, but the noise is %g", (double)r.noise);
+    /* few rays; they find no light, but they measure the distance to the floor */
+    r = reading_at(site_of(0, 0.25f, 0, 0, -1, 0), 0);
+    CHECK(r.hit_share > 0.9f && fabs(r.hit_min - 0.25) < 0.1, "the share of the floor is %g, its distance %g",
           (double)r.hit_share, (double)r.hit_min);
     scene_quad(&s, grey, 0, 0.5f, -1, 0, 1.5f, -1, 0, 1.5f, 1, 0, 0.5f, 1);
     scene_quad(&s, grey, 0, 0.5f, -1, -2, 0.5f, -1, -2, 0.5f, 1, 0, 0.5f, 1);
@@ -196,6 +202,7 @@ TEST(lamps_and_noise) {
 
 /* >>sites */
 
+/* The length of a site's normal does not change the reading. */
 TEST(normals_of_any_length) {
     test_scene s = { 0 };
     sbl_site site = site_of(300, 0, 200, 0, 1, 0);
@@ -214,7 +221,7 @@ TEST(normals_of_any_length) {
     scene_free(&s);
 }
 
-/* A closed box hovers over the floor: a sensor that is moved up by more than the gap stands in it. */
+/* A closed box floats above the floor. A sensor whose offset is larger than the gap is inside of the box. */
 TEST(offsets_and_validity) {
     test_scene s = { 0 };
     sbl_site site = site_of(0, 0, 0, 0, 1, 0);
@@ -224,33 +231,35 @@ TEST(offsets_and_validity) {
     scene_box(&s, grey, -1, 0.01f, -1, 1, 1, 1);
     REQUIRE(use_scene(&s), "no scene");
     site.offset = 0.002f;
-    CHECK(reading_at(site, 64).valid == 1, "a sensor in the gap is taken for stuck");
+    CHECK(reading_at(site, 64).valid == 1, "a sensor in the gap is reported as invalid");
     CHECK(fabs(reading_at(site, 64).hit_min - 0.008f) < 2e-3, "the box is %g away",
           (double)reading_at(site, 64).hit_min);
     site.offset = 0.02f;
-    CHECK(reading_at(site, 64).valid == 0, "a sensor in the box is not found");
+    CHECK(reading_at(site, 64).valid == 0, "a sensor in the box is not reported as invalid");
     site.geometric_normal[1] = -1;
-    CHECK(reading_at(site, 64).hit_min < 0.022f, "the other side of the floor: %g",
+    CHECK(reading_at(site, 64).hit_min < 0.022f, "the other side of the floor is %g away",
           (double)reading_at(site, 64).hit_min);
     site.geometric_normal[1] = 0;
     site.position[1] = 0.005f;
     site.offset = -1;
     CHECK(fabs(reading_at(site, 64).hit_min - 0.005f) < 1e-3, "without an offset the box is %g away",
           (double)reading_at(site, 64).hit_min);
-    site.position[1] = 0.01f - 3e-5f;  /* nearer to the box than the default takes it */
-    CHECK(reading_at(site, 64).hit_min < 0.01f, "without an offset it is moved, and sees what is %g away",
+    site.position[1] = 0.01f - 3e-5f;  /* closer to the box than the default offset */
+    CHECK(reading_at(site, 64).hit_min < 0.01f, "without an offset the sensor is moved, and the nearest surface is %g "
+          "away",
           (double)reading_at(site, 64).hit_min);
     site.offset = 0;
-    CHECK(reading_at(site, 64).hit_min > 0.5f, "by default it is not moved");
+    CHECK(reading_at(site, 64).hit_min > 0.5f, "by default the sensor is not moved");
     site.position[1] = 0;
     site.position[0] = 5;
-    CHECK(reading_at(site, 256).radiance[0] > 0.7f && reading_at(site, 256).valid, "the open floor");
+    CHECK(reading_at(site, 256).radiance[0] > 0.7f && reading_at(site, 256).valid,
+          "R of the open floor is too small, or invalid");
     scene_free(&s);
 }
 
-/* Two black walls without end meet in a corner, under an even sky. Between them a quarter of it is seen. A wall whose
-   plane holds the sensor hides nothing, which leaves three quarters, and all of it in the corner itself: such a wall is
-   a line without a place, and must not be drawn into others' views. */
+/* Two infinite black walls meet in a corner under a constant sky. Between them, R is a quarter. A wall whose plane
+   contains the sensor hides nothing: R is three quarters in one wall's plane, and 1 in the corner itself. Such a wall
+   projects to a line and must not be drawn into the sensor's other views. */
 TEST(in_the_planes_of_walls) {
     enum { SITES = 600 };
     static sbl_site sites[SITES];
@@ -288,9 +297,9 @@ TEST(in_the_planes_of_walls) {
     }
 }
 
-/* >>how it runs */
+/* >>slices, cancelling and memory */
 
-/* Sites all over the Cornell box's floor. */
+/* Spreads sites over the floor of the Cornell box. */
 static void floor_sites(sbl_site *sites, int count) {
     int i;
     for (i = 0; i < count; i++)
@@ -300,6 +309,7 @@ static void floor_sites(sbl_site *sites, int count) {
 
 static int stops_at(float done, void *user) { return done >= *(float *)user; }
 
+/* Slices do not change readings; cancelled, ended and abandoned gathers leave no traces. */
 TEST(slices_cancel_and_end) {
     enum { COUNT = 3000 };
     static sbl_site sites[COUNT];
@@ -319,15 +329,16 @@ TEST(slices_cancel_and_end) {
     desc.options.rays = 24;
     REQUIRE(sbl_gather_readings(context, &desc) == SBL_SUCCESS, "no gather: %s", watch_last(&seen));
     CHECK(sbl_query_stats(context).sensors.count == COUNT && sbl_query_stats(context).sensors.rays == 24 * COUNT,
-          "stats: %d sensors.count, %d sensors.rays", (int)sbl_query_stats(context).sensors.count,
+          "sensors.count is %d, sensors.rays is %d", (int)sbl_query_stats(context).sensors.count,
           (int)sbl_query_stats(context).sensors.rays);
-    CHECK(sbl_step(context, 0) == SBL_SUCCESS && sbl_progress(context) == 1, "a finished gather is not finished");
+    CHECK(sbl_step(context, 0) == SBL_SUCCESS && sbl_progress(context) == 1,
+          "sbl_step after the end fails, or progress is not 1");
     desc.readings = now;
     for (i = 0; i < 2; i++) {
         memset(now, 0, sizeof now);
         REQUIRE(use_scene(&s) && sbl_begin_readings(context, &desc) == SBL_SUCCESS, "cannot begin");
         for (steps = 0, before = 0; (result = sbl_step(context, slices[i])) == SBL_UNFINISHED; steps++) {
-            CHECK(sbl_progress(context) >= before, "progress falls from %g to %g", (double)before,
+            CHECK(sbl_progress(context) >= before, "progress decreases from %g to %g", (double)before,
                   (double)sbl_progress(context));
             before = sbl_progress(context);
         }
@@ -345,22 +356,23 @@ TEST(slices_cancel_and_end) {
     CHECK(sbl_begin_readings(context, &desc) == SBL_SUCCESS && sbl_step(context, 1e-9) == SBL_UNFINISHED,
           "cannot begin");
     sbl_end(context);
-    CHECK(sbl_step(context, 0) == SBL_ERROR_STATE && sbl_progress(context) == 0, "an ended gather goes on");
+    CHECK(sbl_step(context, 0) == SBL_ERROR_STATE && sbl_progress(context) == 0, "the ended gather continues");
     CHECK(sbl_begin_readings(context, &desc) == SBL_SUCCESS && sbl_step(context, 1e-9) == SBL_UNFINISHED,
           "cannot begin");
     CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_step(context, 0) == SBL_ERROR_STATE,
-          "a gather survives its scene");
+          "the gather continues after sbl_set_scene");
     memset(now, 0, sizeof now);
     CHECK(sbl_gather_readings(context, &desc) == SBL_SUCCESS && memcmp(now, whole, sizeof now) == 0,
-          "what was abandoned leaves traces");
+          "abandoned gathers change later readings");
     desc.site_count = 0;
     desc.sites = NULL;
     desc.readings = NULL;
-    CHECK(sbl_gather_readings(context, &desc) == SBL_SUCCESS, "no sites are too few");
+    CHECK(sbl_gather_readings(context, &desc) == SBL_SUCCESS, "a gather of 0 sites fails");
     scene_free(&s);
 }
 
-/* A gather goes on after each look at a sensor, also one that memory fails for; and the sensor is seen as ever. */
+/* A gather continues after each inspection of a sensor, even if the inspection runs out of memory, and the inspected
+   sensor is the same as without the gather. */
 TEST(inspection_in_between) {
     enum { COUNT = 40 };
     static sbl_site sites[COUNT];
@@ -392,17 +404,18 @@ TEST(inspection_in_between) {
             seen.refuse_at = 0;
             looks++;
             CHECK(inspected == (refused ? SBL_ERROR_OUT_OF_MEMORY : SBL_SUCCESS), "%s", sbl_result_string(inspected));
-            CHECK(refused || !memcmp(between.from_lamps, alone.from_lamps, sizeof alone.from_lamps), "another sensor");
-            CHECK(sbl_query_memory(context).gpu_bytes == memory.gpu_bytes, "the inspection keeps memory of the GPU");
+            CHECK(refused || !memcmp(between.from_lamps, alone.from_lamps, sizeof alone.from_lamps),
+                  "the sensor differs");
+            CHECK(sbl_query_memory(context).gpu_bytes == memory.gpu_bytes, "the inspection keeps GPU memory");
         }
         CHECK(result == SBL_SUCCESS && looks > 3 && !memcmp(now, whole, sizeof now),
-              "%s, %d looks: the gather is not what "
-              "it was", sbl_result_string(result), looks);
+              "%s, %d inspections: the gather "
+              "differs", sbl_result_string(result), looks);
     }
     scene_free(&s);
 }
 
-/* What is needed for a million points is needed for a few jobs of them. */
+/* Memory in use does not grow from 131,072 to a million points. */
 TEST(a_million_points) {
     enum { MANY = 1000000, FEW = 2 * 65536 };
     test_scene s = { 0 };
@@ -428,10 +441,11 @@ TEST(a_million_points) {
         wrong += !(readings[i].radiance[0] == 1 && readings[i].radiance[2] == 1 && readings[i].valid);
     CHECK(wrong == 0, "%d of a million readings are wrong", wrong);
     CHECK(many.host_peak_bytes == few.host_peak_bytes && many.gpu_peak_bytes == few.gpu_peak_bytes,
-          "memory grows: host %.1f to %.1f MB, GPU %.1f to %.1f MB",
+          "memory grows: host from %.1f to %.1f MB, GPU from %.1f to %.1f MB",
           (double)few.host_peak_bytes / 1e6, (double)many.host_peak_bytes / 1e6, (double)few.gpu_peak_bytes / 1e6,
               (double)many.gpu_peak_bytes / 1e6);
-    CHECK(few.host_peak_bytes < 64u << 20 && few.gpu_peak_bytes < 256u << 20, "%.1f and %.1f MB are much",
+    CHECK(few.host_peak_bytes < 64u << 20 && few.gpu_peak_bytes < 256u << 20,
+          "%.1f MB of host memory and %.1f MB of GPU memory are too much",
           (double)few.host_peak_bytes / 1e6,
           (double)few.gpu_peak_bytes / 1e6);
     printf("  host %.1f MB, GPU %.1f MB, %.2f s\n", (double)many.host_peak_bytes / 1e6,
@@ -442,8 +456,9 @@ done:
     scene_free(&s);
 }
 
-/* >>mistakes and bad days */
+/* >>mistakes and lack of memory */
 
+/* Invalid descriptors, NULL and calls without a scene are refused and write nothing. */
 TEST(mistakes) {
     test_scene s = { 0 };
     sbl_site site = site_of(0, 0, 0, 0, 1, 0);
@@ -455,7 +470,7 @@ TEST(mistakes) {
         watch_forget(&seen); \
         CHECK(sbl_gather_readings(context, &d) == result, "not refused: " a " " b); \
         CHECK(watch_said(&seen, SBL_LOG_ERROR, item, a, b, NULL), "said: %s", watch_last(&seen)); \
-        CHECK(memcmp(&reading, &untouched, sizeof reading) == 0, "a refused gather writes readings"); \
+        CHECK(memcmp(&reading, &untouched, sizeof reading) == 0, "a refused gather wrote readings"); \
         d = good; \
         site = site_of(0, 0, 0, 0, 1, 0); \
     } while (0)
@@ -485,13 +500,13 @@ TEST(mistakes) {
     site.offset = (float)INFINITY;
     REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "site", "offset");
     CHECK(sbl_gather_readings(context, &good) == SBL_SUCCESS && memcmp(&reading, &untouched, sizeof reading) != 0,
-          "a good gather after bad ones: %s", watch_last(&seen));
+          "a valid gather after invalid ones: %s", watch_last(&seen));
     CHECK(sbl_begin_readings(NULL, &good) == SBL_ERROR_INVALID_ARGUMENT &&
               sbl_gather_readings(NULL, NULL) == SBL_ERROR_INVALID_ARGUMENT,
-          "a NULL context is taken");
-    CHECK(sbl_gather_readings(context, NULL) == SBL_SUCCESS, "a NULL descriptor is all zeroes: no sites");
+          "a NULL context is accepted");
+    CHECK(sbl_gather_readings(context, NULL) == SBL_SUCCESS, "a NULL descriptor does not mean no sites");
     CHECK(sbl_create(&desc, &empty) == SBL_SUCCESS && sbl_gather_readings(empty, &good) == SBL_ERROR_STATE,
-          "a gather without a scene");
+          "a gather begins without a scene");
     sbl_destroy(empty);
     scene_free(&s);
 }
@@ -500,7 +515,8 @@ static sbl_result gather_call(const void *desc) {
     return sbl_gather_readings(context, (const sbl_readings_desc *)desc);
 }
 
-/* Each allocation fails once: it says so, gives all back, and the next gather is right. */
+/* Fails each allocation once, in turn. The gather must fail with a message and leak nothing, and the next one must be
+   right. */
 TEST(memory_runs_out) {
     enum { COUNT = 300 };
     static sbl_site sites[COUNT];
@@ -516,7 +532,8 @@ TEST(memory_runs_out) {
     CHECK(refused > 10, "%d allocations were refused", refused);
     sbl_destroy(context);
     context = NULL;
-    CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks are left, %d strangers", seen.blocks, seen.strangers);
+    CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks are not freed, %d were freed twice or never allocated",
+          seen.blocks, seen.strangers);
     scene_free(&s);
 }
 

@@ -1,6 +1,6 @@
-/* What happens when GL or the allocator fails, at every place at which it can: the right result and a message, nothing
-   leaked, GL's state as it was, and the same picture as ever from the context afterwards. Never success with another
-   picture. */
+/* Tests of failures of GL and of the allocator, simulated at every place where they can happen. Each must give the
+   right result and a message, leak nothing and restore GL's state, and the context must render the same picture as
+   before afterwards. SBL_SUCCESS with another picture is never allowed. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -11,7 +11,7 @@
 #include "support/gl_state.h"
 #include "support/gl_fake.h"
 
-enum { MOST_PLACES = 2000 };  /* a loop over places that ends here does not end by itself */
+enum { MOST_PLACES = 2000 };  /* a loop over places that reaches this number does not end */
 
 static watch seen;
 static gl_state before, after;
@@ -19,7 +19,7 @@ static test_scene scene, second;   /* second: the small scene with a box moved *
 static GLuint buffer, texture;
 static small_picture expected, expected_moved;
 static float bounds[2][3];
-/* out of the scene's bounds */
+/* moves a mesh out of the scene's bounds */
 static const float moved[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 3, 0.1f, 0.2f, 1 };
 
 static sbl_context_desc faulty_desc(void) {
@@ -36,7 +36,7 @@ static void scenes_make(void) {
         1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2 };
     sbl_mesh *m;
     small_scene(&scene);
-    /* the hierarchy drops copies: one more place to fail at */
+    /* duplicate triangles, which the hierarchy removes in an additional step that can fail */
     scene_mesh(&scene, 0, corners, NULL, NULL, 3, copies, 3 * 12);
     gl.GenBuffers(1, &buffer);
     gl.BindBuffer(GL_ARRAY_BUFFER, buffer);
@@ -57,7 +57,7 @@ static void scenes_make(void) {
     memcpy(second.meshes[SMALL_BOX].transform, moved, sizeof moved);
 }
 
-/* >>the calls that can fail, each from a context in which all before it went well */
+/* >>the calls that can fail; before each, all earlier calls have succeeded */
 
 typedef enum phase {
     PHASE_SCENE,
@@ -88,7 +88,7 @@ static sbl_reading readings[SITES], expected_readings[SITES];
 static sbl_result small_gather(sbl_context *context) {
     static const sbl_site sites[SITES] = { { { 1, 0, 0.5f }, { 0, 1, 0 }, { 0, 0, 0 }, 0 },
         { { 0, 0.7f, 0 }, { 0, 1, 0 }, { 0, 0, 0 }, 0 },
-                                           /* the last stands in the box, and looks back */
+                                           /* the last site is inside of the box and faces out */
                                            { { 0, 0.3f, 0 }, { 1, 0, 0 }, { 0, 0, 0 }, 0 } };
     const sbl_picture_desc view = small_view();
     sbl_readings_desc desc;
@@ -104,7 +104,7 @@ static sbl_result small_gather(sbl_context *context) {
     return sbl_gather_readings(context, &desc);
 }
 
-/* The sensor without its arrays, which are the context's; and these. */
+/* Compares sensors. Their arrays belong to the context, so only their contents are compared. */
 static int sensor_same(void) {
     sbl_sensor a = sensor, b = expected_sensor;
     a.rays = b.rays = NULL;
@@ -116,10 +116,11 @@ static int sensor_same(void) {
                memcmp(weights, expected_weights, sizeof weights) == 0;
 }
 
-/* What must have happened before. */
+/* Makes the calls that must precede the phase. */
 static int phase_prepare(sbl_context *context, phase p) {
     sbl_picture_desc view = small_view();
-    if (p == PHASE_RENDER) {  /* the scene anew, so that what is built once a scene is built by the call */
+    /* sets the scene again, so that data that is built once per scene is built by the tested call */
+    if (p == PHASE_RENDER) {
         sbl_scene_desc desc = scene_desc(&scene);
         return sbl_set_scene(context, &desc) == SBL_SUCCESS && sbl_begin_picture(context, &view) == SBL_SUCCESS;
     }
@@ -144,7 +145,7 @@ static sbl_result phase_run(sbl_context *context, phase p) {
     }
 }
 
-/* Is what the phase gave what it gives without faults? */
+/* Returns whether the phase's result equals the one without faults. */
 static int phase_right(sbl_context *context, phase p) {
     sbl_picture_desc view = small_view();
     if (p == PHASE_READ) return small_same(&picture, &expected);
@@ -156,8 +157,8 @@ static int phase_right(sbl_context *context, phase p) {
            small_same(&picture, p == PHASE_SCENE || p == PHASE_MOVE ? &expected_moved : &expected);
 }
 
-/* All that can be called goes on, whatever failed: it succeeds, or there is no picture. The finished picture of a
-   reading that failed is still there. */
+/* After a fault every function can be called: it succeeds, or there is no picture. A finished picture still exists if
+   only its reading failed. */
 static void every_function(sbl_context *context, phase p, const char *fault, int place) {
     const sbl_result none = p >= PHASE_READ ? SBL_SUCCESS : SBL_ERROR_STATE;
     static small_picture read;
@@ -178,13 +179,14 @@ static void every_function(sbl_context *context, phase p, const char *fault, int
           "%s, %s %d: after a gather the sensor differs", phase_names[p], fault, place);
 }
 
-/* The context as before: the scene and its picture. Undone is what a success did. */
+/* Checks that the context holds its scene and renders its picture as before. First undoes what a successful call has
+   changed. */
 static void still_usable(sbl_context *context, phase p, int succeeded, const char *fault, int place) {
     sbl_picture_desc view = small_view();
     float low[3], high[3];
     static small_picture again;
     sbl_result result;
-    /* or a half-built scene is replaced */
+    /* also replaces a half-built scene */
     if ((succeeded && (p == PHASE_SCENE || p == PHASE_MOVE)) || (p == PHASE_RENDER && replacing)) {
         sbl_scene_desc desc = scene_desc(&scene);
         CHECK(sbl_set_scene(context, &desc) == SBL_SUCCESS, "%s, %s %d: the scene cannot be set again: %s",
@@ -192,14 +194,14 @@ static void still_usable(sbl_context *context, phase p, int succeeded, const cha
     }
     result = small_render(context, &view, &again);
     CHECK(result == SBL_SUCCESS && small_same(&again, &expected),
-          "%s, %s %d: afterwards the context gives \"%s\" or another picture",
+          "%s, %s %d: afterwards the context gives \"%s\", or the picture differs",
           phase_names[p], fault, place, sbl_result_string(result));
     CHECK(scene_bounds(context, low, high) && memcmp(low, bounds[0], sizeof low) == 0 &&
               memcmp(high, bounds[1], sizeof high) == 0,
           "%s, %s %d: the scene's bounds have changed", phase_names[p], fault, place);
 }
 
-/* What is in use once the known picture is finished: nothing may add to it. */
+/* Memory and GL objects in use when the known picture is finished. No fault may change them. */
 typedef struct usage { int blocks, objects[FAKE_KINDS]; size_t host, gpu; } usage;
 
 static usage usage_take(sbl_context *context) {
@@ -213,16 +215,16 @@ static usage usage_take(sbl_context *context) {
     return u;
 }
 
-/* Faults strike at each place, but where there are many, or the plain run has tried them all. */
+/* Every place is tested, except in runs with many places, and in those whose places the plain run has tested. */
 static int stride(void) { return small_mode == SBL_MODE_GI || test_kind_is("gl33") ? 3 : 1; }
 
-/* The fault strikes at its place-th chance from here on; FAKE_NONE stands for an allocation that fails. */
+/* Arms a fault for the place-th opportunity from now on. FAKE_NONE stands for a failing allocation. */
 static void fault_arm(fake_fault fault, int place, GLenum error) {
     if (fault == FAKE_NONE) watch_refuse(&seen, place);
     else fake_arm(fault, place, error);
 }
 
-/* Did it strike? */
+/* Disarms and returns whether the fault happened. */
 static int fault_disarm(fake_fault fault) {
     const int hit = fault == FAKE_NONE ? seen.refused : fake.hits;
     seen.refuse_at = 0;
@@ -230,7 +232,7 @@ static int fault_disarm(fake_fault fault) {
     return hit;
 }
 
-/* Every place of one fault in one phase. Returns how many there are. */
+/* Tests one fault at every place in one phase. Returns the number of places. */
 static int every_place(sbl_context *context, phase p, fake_fault fault, GLenum error, sbl_result right,
                        const char *name) {
     usage start, end;
@@ -238,7 +240,7 @@ static int every_place(sbl_context *context, phase p, fake_fault fault, GLenum e
     int place;
     if (sbl_render_picture(context, &view) != SBL_SUCCESS) return 0;
     if (phase_run(context, PHASE_INSPECT) != SBL_SUCCESS || sbl_render_picture(context, &view) != SBL_SUCCESS)
-        return 0; /* all programs are there */
+        return 0; /* all programs exist already */
     start = usage_take(context);
     for (place = 1; place < MOST_PLACES; place += stride()) {
         sbl_result result;
@@ -253,11 +255,11 @@ static int every_place(sbl_context *context, phase p, fake_fault fault, GLenum e
         result = phase_run(context, p);
         hit = fault_disarm(fault);
         gl_state_take(&after);
-        CHECK(!gl_state_difference(&before, &after), "%s, %s %d left behind: %s", phase_names[p], name, place,
+        CHECK(!gl_state_difference(&before, &after), "%s, %s %d changes GL state: %s", phase_names[p], name, place,
               gl_state_difference(&before, &after));
         CHECK(gl.GetError() == GL_NO_ERROR, "%s, %s %d leaves a GL error", phase_names[p], name, place);
         if (result == SBL_SUCCESS)
-            CHECK(phase_right(context, p), "%s, %s %d: success, but not the right picture", phase_names[p], name,
+            CHECK(phase_right(context, p), "%s, %s %d: success, but the picture differs", phase_names[p], name,
                   place);
         else {
             CHECK(result == right || p == PHASE_TEXTURE, "%s, %s %d: \"%s\", expected \"%s\"", phase_names[p], name,
@@ -274,9 +276,9 @@ static int every_place(sbl_context *context, phase p, fake_fault fault, GLenum e
               name, place, end.blocks,
               (double)end.host, (double)end.gpu, fake_live(), start.blocks, (double)start.host, (double)start.gpu);
         if (!hit) break;
-        if (test_errors > errors + 20 || test_errors > 60) { printf("  and so on\n"); return place; }
+        if (test_errors > errors + 20 || test_errors > 60) { printf("  too many errors\n"); return place; }
     }
-    CHECK(place < MOST_PLACES, "%s, %s: no end", phase_names[p], name);
+    CHECK(place < MOST_PLACES, "%s, %s: the places do not end", phase_names[p], name);
     return place - 1;
 }
 
@@ -289,23 +291,25 @@ static void every_phase(fake_fault fault, GLenum error, sbl_result right, const 
     REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &first) == SBL_SUCCESS, "%s",
             watch_last(&seen));
     for (p = 0; p < PHASES; p++) {
-        if (small_mode == SBL_MODE_GI && p != PHASE_RENDER) continue;  /* where the store is filled */
+        if (small_mode == SBL_MODE_GI && p != PHASE_RENDER) continue;  /* this phase fills the store */
         replacing = 0;
         places += every_place(context, (phase)p, fault, error, right, name);
         replacing = 1;
         if (p == PHASE_RENDER && small_mode != SBL_MODE_GI)
             every_place(context, PHASE_RENDER, fault, error, right, name);
     }
-    CHECK(places >= least, "%s could strike at %d places only", name, places);
+    CHECK(places >= least, "%s is possible at only %d places", name, places);
     sbl_destroy(context);
-    CHECK(seen.blocks == blocks && seen.strangers == 0, "%d blocks leaked, %d strangers freed", seen.blocks - blocks,
+    CHECK(seen.blocks == blocks && seen.strangers == 0, "%d blocks leaked, %d freed twice or never allocated",
+          seen.blocks - blocks,
           seen.strangers);
     CHECK(fake_live() == 0 && fake.strangers == 0,
           "%d GL objects leaked (buffers %d, framebuffers %d, textures %d, arrays %d, programs %d, shaders %d), %d "
-          "strangers deleted", fake_live(),
+          "deleted twice or never made", fake_live(),
           fake.live[0], fake.live[1], fake.live[2], fake.live[3], fake.live[4], fake.live[5], fake.strangers);
 }
 
+/* Each kind of fault, at every place in every phase. */
 TEST(allocations) { every_phase(FAKE_NONE, 0, SBL_ERROR_OUT_OF_MEMORY, "allocation", 20); }
 TEST(calls_out_of_memory) {
     every_phase(FAKE_REFUSE, GL_OUT_OF_MEMORY, SBL_ERROR_OUT_OF_MEMORY, "GL_OUT_OF_MEMORY by call", 40);
@@ -313,7 +317,7 @@ TEST(calls_out_of_memory) {
 TEST(calls_invalid) {
     every_phase(FAKE_REFUSE, GL_INVALID_OPERATION, SBL_ERROR_GL, "GL_INVALID_OPERATION by call", 40);
 }
-/* The first inspection compiles its programs. Whatever fails there, the next one shows the sensor. */
+/* The first inspection compiles its programs. After a fault in it, the next inspection must show the sensor. */
 TEST(first_inspections) {
     static const struct { fake_fault fault; GLenum error; int least; } faults[] = {
         { FAKE_NONE, 0, 10 }, { FAKE_ERROR, GL_OUT_OF_MEMORY, 3 }, { FAKE_COMPILE, 0, 1 }, { FAKE_NO_NAME, 0, 5 } };
@@ -332,12 +336,12 @@ TEST(first_inspections) {
             fault_arm(faults[i].fault, place, faults[i].error);
             result = phase_run(context, PHASE_INSPECT);
             last = !fault_disarm(faults[i].fault);
-            CHECK(result != SBL_SUCCESS || sensor_same(), "fault %d at %d: another sensor", i, place);
+            CHECK(result != SBL_SUCCESS || sensor_same(), "fault %d at %d: success, but the sensor differs", i, place);
             failed += result != SBL_SUCCESS;
             result = phase_run(context, PHASE_INSPECT);
-            CHECK(result == SBL_SUCCESS && sensor_same(), "fault %d at %d: afterwards \"%s\", or another sensor", i,
+            CHECK(result == SBL_SUCCESS && sensor_same(), "fault %d at %d: afterwards \"%s\", or the sensor differs", i,
                   place, sbl_result_string(result));
-            CHECK(!last || failed >= faults[i].least, "fault %d made %d inspections fail", i, failed);
+            CHECK(!last || failed >= faults[i].least, "fault %d made only %d inspections fail", i, failed);
             sbl_destroy(context);
         }
 }
@@ -348,9 +352,9 @@ TEST(errors_out_of_memory) {
 TEST(no_names) { every_phase(FAKE_NO_NAME, 0, SBL_ERROR_GL, "no name by glGen", 20); }
 TEST(framebuffers) { every_phase(FAKE_FRAMEBUFFER, 0, SBL_ERROR_GL, "framebuffer status", 5); }
 
-/* Lists that the small picture does not need: those that grow with the sensors, and those of sensors stuck inside
-   geometry (a box over a floor, higher by less than sensors stand off their surface, seen through the gap; see
-   test_validity.c). */
+/* Fails allocations that the small picture does not need: lists that grow with the number of sensors, and lists of
+   sensors inside of geometry. For those, a box floats above a floor by less than the offset of sensors, seen through
+   the gap; see test_validity.c. */
 static void larger_picture(const test_scene *s, const sbl_picture_desc *view, int stuck) {
     sbl_context_desc desc = faulty_desc();
     sbl_scene_desc first = scene_desc(s);
@@ -359,7 +363,7 @@ static void larger_picture(const test_scene *s, const sbl_picture_desc *view, in
     REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &first) == SBL_SUCCESS &&
                 sbl_render_picture(context, view) == SBL_SUCCESS,
             "%s", watch_last(&seen));
-    CHECK((sbl_query_stats(context).sensors.invalid > 0) == stuck, "%d sensors are stuck",
+    CHECK((sbl_query_stats(context).sensors.invalid > 0) == stuck, "%d sensors are invalid",
           (int)sbl_query_stats(context).sensors.invalid);
     sbl_end(context);
     blocks = seen.blocks;
@@ -381,6 +385,7 @@ static void larger_picture(const test_scene *s, const sbl_picture_desc *view, in
           fake_live());
 }
 
+/* Failing allocations of a larger picture, and of one with sensors inside of geometry. */
 TEST(allocations_of_larger_pictures) {
     const float slope = 3e-5f;
     test_scene gap = { 0 };
@@ -398,7 +403,7 @@ TEST(allocations_of_larger_pictures) {
     view.width = 8;
     view.height = 64;
     view.options.sensor_size = 16;
-    sbl_look_at(view.world_to_view, -1.2f - 3, 3 * slope, 0, -1.2f, 0, 0, 0, 1, 0);  /* grazing */
+    sbl_look_at(view.world_to_view, -1.2f - 3, 3 * slope, 0, -1.2f, 0, 0, 0, 1, 0);  /* seen at a grazing angle */
     memset(view.view_to_clip, 0, sizeof view.view_to_clip);
     view.view_to_clip[0] = 2;
     view.view_to_clip[5] = 1 / slope;
@@ -408,7 +413,7 @@ TEST(allocations_of_larger_pictures) {
     scene_free(&gap);
 }
 
-/* >>bakes: a lightmap with all that it can have, vertices, probes */
+/* >>bakes: a lightmap with all options, vertices, probes */
 
 enum { BAKE_LIGHTMAP, BAKE_VERTICES, BAKE_PROBES, BAKES };
 enum { MAP = 8, BAKE_FLOATS = 18 * MAP * MAP };
@@ -468,7 +473,7 @@ static sbl_result bake_one(sbl_context *context, int kind) {
     return result;
 }
 
-/* Every seventh place, another one of the seven in each run over kinds and faults. */
+/* Tests every seventh place at most, starting at a different place for each kind and fault. */
 TEST(bakes) {
     static const struct { fake_fault fault; GLenum error; sbl_result right; } faults[] = {
         { FAKE_NONE, 0, SBL_ERROR_OUT_OF_MEMORY }, { FAKE_ERROR, GL_OUT_OF_MEMORY, SBL_ERROR_OUT_OF_MEMORY },
@@ -490,16 +495,17 @@ TEST(bakes) {
                 bake_one(context, kind) == SBL_SUCCESS, "%s",
                 watch_last(&seen));
         memcpy(right, baked, sizeof right);
-        CHECK(bake_one(context, kind) == SBL_SUCCESS && memcmp(baked, right, sizeof right) == 0, "kind %d: it differs",
+        CHECK(bake_one(context, kind) == SBL_SUCCESS && memcmp(baked, right, sizeof right) == 0,
+              "kind %d: a second bake differs",
               kind);
         for (i = lit = 0; i < BAKE_FLOATS; i++) lit += right[i] > 0;
-        CHECK(lit > 20, "kind %d: %d values shine", kind, lit);
+        CHECK(lit > 20, "kind %d: only %d values are lit", kind, lit);
         start = usage_take(context);
         for (i = 0; i < (int)(sizeof faults / sizeof *faults); i++)
             for (place = 1 + (kind + i) % strides[i], last = failed = 0; place < MOST_PLACES && !last; place +=
                  strides[i]) {
                 sbl_result result;
-                const int replaced = place / strides[i] % 4 == 0;  /* what is made once a scene, too */
+                const int replaced = place / strides[i] % 4 == 0;  /* includes data that is built once per scene */
                 if (replaced) CHECK(sbl_set_scene(context, &bare) == SBL_SUCCESS, "%s", watch_last(&seen));
                 watch_forget(&seen);
                 gl_state_take(&before);
@@ -507,17 +513,19 @@ TEST(bakes) {
                 result = bake_one(context, kind);
                 last = !fault_disarm(faults[i].fault);
                 gl_state_take(&after);
-                CHECK(!gl_state_difference(&before, &after), "kind %d, fault %d at %d left behind: %s", kind, i, place,
+                CHECK(!gl_state_difference(&before, &after), "kind %d, fault %d at %d changes GL state: %s", kind, i,
+                      place,
                       gl_state_difference(&before, &after));
                 if (result == SBL_SUCCESS)
-                    CHECK(memcmp(baked, right, sizeof right) == 0, "kind %d, fault %d at %d: success, but other light",
+                    CHECK(memcmp(baked, right, sizeof right) == 0,
+                          "kind %d, fault %d at %d: success, but the light differs",
                           kind, i, place);
                 else CHECK(result == faults[i].right && seen.errors > 0, "kind %d, fault %d at %d: \"%s\", %d messages",
                            kind, i, place, sbl_result_string(result), seen.errors);
                 failed += result != SBL_SUCCESS;
                 result = bake_one(context, kind);
                 CHECK(result == SBL_SUCCESS && memcmp(baked, right, sizeof right) == 0,
-                      "kind %d, fault %d at %d: afterwards \"%s\", or other light", kind, i, place,
+                      "kind %d, fault %d at %d: afterwards \"%s\", or the light differs", kind, i, place,
                       sbl_result_string(result));
                 end = usage_take(context);
                 CHECK(start.blocks == end.blocks && start.host == end.host && start.gpu == end.gpu &&
@@ -526,7 +534,7 @@ TEST(bakes) {
                       place, end.blocks, (double)end.host,
                       (double)end.gpu, start.blocks, (double)start.host, (double)start.gpu);
                 if (last)
-                    CHECK(failed > (faults[i].fault == FAKE_FRAMEBUFFER ? 0 : 2), "kind %d, fault %d: %d failures",
+                    CHECK(failed > (faults[i].fault == FAKE_FRAMEBUFFER ? 0 : 2), "kind %d, fault %d: only %d failures",
                           kind, i, failed);
                 if (test_errors > 20) break;
             }
@@ -537,8 +545,8 @@ TEST(bakes) {
     scene_free(&room);
 }
 
-/* A scene past what buffer textures hold has programs of its own, compiled when its first picture needs them. Whatever
-   fails there, the next try succeeds, and so does the scene before. */
+/* A scene that exceeds the limit of buffer textures needs other programs, compiled for its first picture. After a
+   fault, the next attempt must succeed, and so must the previous scene. */
 TEST(scene_programs) {
     static const struct { fake_fault fault; GLenum error; sbl_result right; int least; } faults[] = {
         { FAKE_COMPILE, 0, SBL_ERROR_GL, 3 }, { FAKE_LINK, 0, SBL_ERROR_GL, 3 }, { FAKE_NO_NAME, 0, SBL_ERROR_GL, 10 },
@@ -569,7 +577,7 @@ TEST(scene_programs) {
             CHECK(result == (last ? SBL_SUCCESS : faults[i].right), "fault %d at %d: \"%s\"", i, place,
                   sbl_result_string(result));
             CHECK(last || seen.errors > 0, "fault %d at %d: no message", i, place);
-            CHECK(!last || place > faults[i].least, "fault %d could strike at %d places only", i, place - 1);
+            CHECK(!last || place > faults[i].least, "fault %d is possible at only %d places", i, place - 1);
             CHECK(small_render(context, &view, &picture) == SBL_SUCCESS && (!known || small_same(&picture, &of_past)),
                   "fault %d at %d: afterwards the picture fails or differs", i, place);
             if (!known) of_past = picture;
@@ -578,7 +586,8 @@ TEST(scene_programs) {
                   SBL_SUCCESS &&
                   small_same(&picture, &expected), "fault %d at %d: the former scene's picture differs", i, place);
             sbl_destroy(context);
-            CHECK(fake_live() == 0 && fake.strangers == 0, "fault %d at %d: %d GL objects leaked, %d strangers deleted",
+            CHECK(fake_live() == 0 && fake.strangers == 0, "fault %d at %d: %d GL objects leaked, %d deleted twice or "
+                  "never made",
                   i, place, fake_live(),
                   fake.strangers);
         }
@@ -586,8 +595,8 @@ TEST(scene_programs) {
     scene_free(&ball);
 }
 
-/* A driver with few texture units: a program that reads more textures than that is refused, by name. None is drawn
-   without some of its textures. */
+/* A driver with few texture units: a program that reads more textures than there are units is refused by name, instead
+   of drawing without some of its textures. */
 TEST(too_few_texture_units) {
     sbl_context_desc desc = faulty_desc();
     sbl_scene_desc fits = scene_desc(&scene);
@@ -603,7 +612,7 @@ TEST(too_few_texture_units) {
         if (result == SBL_SUCCESS) result = sbl_set_scene(context, &fits);
         if (result == SBL_SUCCESS) result = small_render(context, &view, &picture);
         if (result == SBL_SUCCESS) {
-            CHECK(small_same(&picture, &expected), "%d units: another picture", fake.units);
+            CHECK(small_same(&picture, &expected), "%d units: the picture differs", fake.units);
             if (!least) least = fake.units;
         } else {
             CHECK(result == SBL_ERROR_UNSUPPORTED && !least, "%d units: \"%s\"", fake.units, sbl_result_string(result));
@@ -617,7 +626,8 @@ TEST(too_few_texture_units) {
     }
     fake.units = 0;
     printf("  a picture needs %d texture units\n", least);
-    CHECK(least > 4 && least <= inside_guard_units() && refused == least - 1, "%d units suffice, %d refusals", least,
+    CHECK(least > 4 && least <= inside_guard_units() && refused == least - 1,
+          "%d units suffice, but there were %d refusals", least,
           refused);
 }
 
@@ -637,9 +647,9 @@ static void every_creation(fake_fault fault, GLenum error, sbl_result right, con
         result = sbl_create(&desc, &context);
         hit = fault_disarm(fault);
         gl_state_take(&after);
-        CHECK(!gl_state_difference(&before, &after), "%s %d left behind: %s", name, place,
+        CHECK(!gl_state_difference(&before, &after), "%s %d changes GL state: %s", name, place,
               gl_state_difference(&before, &after));
-        if (result == SBL_SUCCESS) {  /* then all must work */
+        if (result == SBL_SUCCESS) {  /* the context must work completely */
             sbl_scene_desc desc_of_scene = scene_desc(&scene);
             sbl_picture_desc view = small_view();
             CHECK(sbl_set_scene(context, &desc_of_scene) == SBL_SUCCESS && small_render(context, &view, &picture) ==
@@ -650,11 +660,11 @@ static void every_creation(fake_fault fault, GLenum error, sbl_result right, con
         } else {
             CHECK(result == right, "%s %d: \"%s\", expected \"%s\"", name, place, sbl_result_string(result),
                   sbl_result_string(right));
-            CHECK(context == NULL, "%s %d: a context came out", name, place);
+            CHECK(context == NULL, "%s %d: sbl_create failed, but returned a context", name, place);
             CHECK(seen.errors > 0, "%s %d fails without a message", name, place);
             if (fault == FAKE_LOOKUP)
                 CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_FUNCTION_MISSING, fake.lookup, NULL, NULL),
-                      "nothing is said about %s: %s",
+                      "no message mentions %s: %s",
                       fake.lookup, watch_last(&seen));
         }
         if (fault == FAKE_LOOKUP && hit)
@@ -662,13 +672,15 @@ static void every_creation(fake_fault fault, GLenum error, sbl_result right, con
                   sbl_result_string(result));
         CHECK(seen.blocks == blocks && seen.strangers == 0, "%s %d: %d blocks leaked", name, place,
               seen.blocks - blocks);
-        CHECK(fake_live() == 0 && fake.strangers == 0, "%s %d: %d GL objects leaked, %d strangers deleted", name, place,
+        CHECK(fake_live() == 0 && fake.strangers == 0, "%s %d: %d GL objects leaked, %d deleted twice or never made",
+              name, place,
               fake_live(), fake.strangers);
         if (!hit) break;
     }
-    CHECK(place > least && place < MOST_PLACES, "%s could strike at %d places only", name, place - 1);
+    CHECK(place > least && place < MOST_PLACES, "%s is possible at only %d places", name, place - 1);
 }
 
+/* Each kind of fault at every place in sbl_create. */
 TEST(create_functions_missing) { every_creation(FAKE_LOOKUP, 0, SBL_ERROR_UNSUPPORTED, "function", 80); }
 TEST(create_allocations) { every_creation(FAKE_NONE, 0, SBL_ERROR_OUT_OF_MEMORY, "allocation", 0); }
 TEST(create_no_names) { every_creation(FAKE_NO_NAME, 0, SBL_ERROR_GL, "no name", 1); }
@@ -683,6 +695,7 @@ TEST(create_shaders) {
 
 static sbl_gl_function knows_nothing(const char *name, void *user) { (void)name; ++*(int *)user; return NULL; }
 
+/* If no GL function is found, each one is reported. */
 TEST(create_without_any_function) {
     sbl_context_desc desc = faulty_desc();
     sbl_context *context = NULL;
@@ -690,31 +703,35 @@ TEST(create_without_any_function) {
     desc.get_gl_function = knows_nothing;
     desc.gl_user = &calls;
     watch_forget(&seen);
-    CHECK(sbl_create(&desc, &context) == SBL_ERROR_UNSUPPORTED && !context, "a loader that knows nothing");
-    CHECK(calls > 80 && seen.errors >= calls - 1, "%d functions were looked for, %d reported", calls, seen.errors);
+    CHECK(sbl_create(&desc, &context) == SBL_ERROR_UNSUPPORTED && !context,
+          "a loader without any function is accepted");
+    CHECK(calls > 80 && seen.errors >= calls - 1, "%d functions were requested, %d reported missing", calls,
+          seen.errors);
     CHECK(seen.blocks == blocks, "%d blocks leaked", seen.blocks - blocks);
 }
 
-/* What some drivers of Windows say of a function that they do not know. */
+/* Some Windows drivers return small numbers from -1 to 3 for functions that they do not have. */
 static intptr_t answer;
 static sbl_gl_function answering_proc(const char *name, void *user) {
     return strcmp(name, "glCreateShader") == 0 ? (sbl_gl_function)answer : gl_host_proc(name, user);
 }
 
+/* Small numbers instead of function pointers count as missing functions. */
 TEST(create_with_answers_that_are_no_functions) {
     sbl_context_desc desc = faulty_desc();
     sbl_context *context = NULL;
     desc.get_gl_function = answering_proc;
     for (answer = -1; answer <= 3; answer++) {
         watch_forget(&seen);
-        CHECK(sbl_create(&desc, &context) == SBL_ERROR_UNSUPPORTED && !context, "%d is taken for a function",
+        CHECK(sbl_create(&desc, &context) == SBL_ERROR_UNSUPPORTED && !context,
+              "the value %d is accepted as a function",
               (int)answer);
         CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_FUNCTION_MISSING, "glCreateShader", NULL, NULL),
               "%d: %s", (int)answer, watch_last(&seen));
     }
 }
 
-/* A driver that takes a call and does nothing. */
+/* A driver that accepts a call and does nothing. */
 static const char *idle_function;
 static void idle_draw(GLenum mode, GLint first, GLsizei count) { (void)mode; (void)first; (void)count; }
 static void idle_dispatch(GLuint x, GLuint y, GLuint z) { (void)x; (void)y; (void)z; }
@@ -724,6 +741,7 @@ static sbl_gl_function idle_proc(const char *name, void *user) {
     return strcmp(name, "glDrawArrays") ? (sbl_gl_function)idle_dispatch : (sbl_gl_function)idle_draw;
 }
 
+/* The trial in sbl_create finds drivers whose draws or dispatches have no effect. */
 TEST(create_with_a_driver_that_draws_nothing) {
     static const struct { const char *function, *words; uint32_t disabled; } ways[] = {
         { "glDrawArrays", "does not draw a known triangle", 0 },
@@ -752,6 +770,7 @@ TEST(create_with_a_driver_that_draws_nothing) {
           fake_live());
 }
 
+/* GL versions below 3.3, and OpenGL ES, are refused. */
 TEST(create_old_gl) {
     static const struct { const char *version; int major, minor;
         } old[] = { { "2.1 Mesa", 2, 1 }, { "3.2 (Core Profile)", 3, 2 }, { "OpenGL ES 3.2 Mesa", 3, 2 },
@@ -774,13 +793,14 @@ TEST(create_old_gl) {
           fake_live());
 }
 
-/* A driver error that never ends, as a lost context reports it. */
+/* A GL error that never ends, as a lost context reports it. */
 static GLenum APIENTRY lost(void) { return 0x0507; }
 static int lose;
 static sbl_gl_function losing_proc(const char *name, void *user) {
     return lose && strcmp(name, "glGetError") == 0 ? (sbl_gl_function)lost : gl_host_proc(name, user);
 }
 
+/* A lost GL context is refused and leaks nothing. */
 TEST(context_lost) {
     sbl_context_desc desc = faulty_desc();
     sbl_context *context = NULL;
@@ -794,7 +814,7 @@ TEST(context_lost) {
     while (gl.GetError() != GL_NO_ERROR) {}
 }
 
-/* What comes out of the back end without faults. */
+/* Renders the references of a back end, without faults. */
 static int references(sbl_backend backend) {
     sbl_context_desc desc = faulty_desc();
     sbl_scene_desc first = scene_desc(&scene), other = scene_desc(&second);
@@ -862,7 +882,7 @@ int main(void) {
     RUN(allocations_of_larger_pictures);
     RUN(scene_programs);
     RUN(too_few_texture_units);
-    if (getenv("MESA_GL_VERSION_OVERRIDE")) goto wide;  /* an older GL strikes at the same places */
+    if (getenv("MESA_GL_VERSION_OVERRIDE")) goto wide;  /* with an older GL the places are the same */
     RUN(bakes);
     printf("with bounced light:\n");
     small_mode = SBL_MODE_GI;
@@ -877,7 +897,7 @@ int main(void) {
     RUN(too_few_texture_units);
     small_mode = SBL_MODE_AMBIENT;
 wide:
-    printf("traced, the scene past what buffer textures hold:\n");
+    printf("traced, with a scene that exceeds the limit of buffer textures:\n");
     fake.most_texels = 50;
     if (!references(SBL_BACKEND_TRACE)) {
         printf("without faults: %s; %d GL objects made, %d left\n", watch_last(&seen), fake.made, fake_live());

@@ -1,5 +1,6 @@
-/* What goes in and comes out as GL objects. Meshes from GL buffers and textures from GL names give the same picture,
-   bit for bit, as the same bytes from client memory; a channel's texture holds what sbl_read_channel gives. */
+/* Tests of GL objects as input and output. Meshes in GL buffers and textures in GL textures give the same picture as
+   the same bytes in client memory, to the bit. The texture of a channel holds the values that sbl_read_channel
+   returns. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -16,16 +17,18 @@ static unsigned buffer_of(const void *bytes, size_t size) {
     return name;
 }
 
-/* A white floor with a picture on it under a small lamp, corners interleaved with texture coordinates. */
+/* A white, textured floor under a small lamp; positions and texture coordinates are interleaved. */
 static const float corners[] = { -1, 0, -1, 0, 0,   -1, 0, 1, 0, 1,   1, 0, 1, 1, 1,   1, 0, -1, 1, 0 };
-static const unsigned short quad[] = { 7, 7, 0, 1, 2, 0, 2, 3 };  /* the first two are skipped by the offset */
+static const unsigned short quad[] = { 7, 7, 0, 1, 2, 0, 2, 3 };  /* the offset skips the first two */
 static const unsigned char texels[] = { 255, 0, 0, 255,   0, 200, 0, 255,   0, 0, 150, 255,   90, 90, 90, 255 };
 
+/* GL buffers and textures give the same picture as arrays, to the bit. */
 TEST(gl_objects_are_as_good_as_arrays) {
     float *pictures[3] = { NULL, NULL, NULL };
     int kind, i;
     sbl_picture_desc view = scene_view(32, 24, 50, 0, 2, 2, 0, 0, 0);
-    for (kind = 0; kind < 3; kind++) {  /* arrays; GL objects; other bytes in the buffers, to see that they are read */
+    /* arrays; GL objects; other bytes in the buffers, which must change the picture */
+    for (kind = 0; kind < 3; kind++) {
         test_scene s = { 0 };
         sbl_mesh *m;
         int white = scene_material(&s, 0.9f, 0.9f, 0.9f), lamp = scene_lamp(&s, 9, 9, 9);
@@ -70,11 +73,12 @@ TEST(gl_objects_are_as_good_as_arrays) {
     CHECK(i == 32 * 24 * 3, "float %d is %g from arrays, %g from GL objects", i, (double)pictures[0][i % 2304],
           (double)pictures[1][i % 2304]);
     CHECK(memcmp(pictures[1], pictures[2], sizeof(float) * 32 * 24 * 3) != 0,
-          "what the buffer holds makes no difference");
+          "the contents of the buffer have no effect");
     for (kind = 0; kind < 3; kind++) free(pictures[kind]);
 }
 
-/* Compares all channels of the picture, under way or finished; returns how many could be seen. */
+/* Compares all channels of a picture, unfinished or finished, with their textures. Returns how many channels are
+   available. */
 static int compare_channels(const char *when) {
     enum { PIXELS = 32 * 24 };
     static float read[3 * PIXELS], held[4 * PIXELS];
@@ -108,6 +112,7 @@ static int compare_channels(const char *when) {
     return shown;
 }
 
+/* Textures of all channels hold the values that are read, before and after the end of the picture. */
 TEST(textures_hold_the_channels) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_view(32, 24, 50, 0.3f, 2, 2, 0, 0, 0);
@@ -123,9 +128,9 @@ TEST(textures_hold_the_channels) {
             "no scene");
     for (steps = 0; result == SBL_UNFINISHED && steps < 100000; steps++) {
         result = sbl_step(context, 1e-9);
-        if (result == SBL_UNFINISHED && steps % 16 == 0) shown += compare_channels("under way");
+        if (result == SBL_UNFINISHED && steps % 16 == 0) shown += compare_channels("unfinished");
     }
-    CHECK(result == SBL_SUCCESS && shown > SBL_CHANNEL_COUNT, "%d channels were seen under way: %s", shown,
+    CHECK(result == SBL_SUCCESS && shown > SBL_CHANNEL_COUNT, "%d channels were available before the end: %s", shown,
           sbl_result_string(result));
     CHECK(compare_channels("finished") == SBL_CHANNEL_COUNT, "channels without a texture");
     scene_free(&s);

@@ -1,7 +1,7 @@
-/* What sbl.h leaves behind in a host's GL context: nothing. All state is compared before and after every function, on
-   success, failure and cancel, once with GL's defaults and once with values that no program has by accident; the
-   pictures of both are the same, bit for bit. And contexts side by side, in one GL context and headless ones: none
-   disturbs another. */
+/* sbl.h must not change the GL state of a host. Every function is called on success, failure and cancelling, and all GL
+   state is compared before and after: once with GL's defaults, once with values that no program has by chance. The
+   pictures of both must be the same, to the bit. The tests also check that several contexts, in one GL context or
+   headless, do not disturb each other. */
 #include <EGL/egl.h>
 #include <string.h>
 #include "../sbl.h"
@@ -13,9 +13,9 @@
 #include "support/gl_state.h"
 #include "support/gl_fake.h"
 
-static const char *missing;  /* the function that the headless contexts' loader does not know */
+static const char *missing;  /* the name of a function that the loader of headless contexts does not find */
 
-/* The linker turns all calls of eglGetProcAddress into calls of this one: see scripts/Makefile. */
+/* The linker redirects all calls of eglGetProcAddress to this function; see scripts/Makefile. */
 typedef __eglMustCastToProperFunctionPointerType egl_function;
 egl_function __real_eglGetProcAddress(const char *name);
 egl_function __wrap_eglGetProcAddress(const char *name);
@@ -28,14 +28,14 @@ static gl_state before, after;
 static gl_odd odd;
 static const char *situation = "";
 
-/* Calls and compares. */
+/* Makes a call and checks that GL state is the same before and after. */
 #define KEPT(call) do {                                                                              \
         const char *difference_;                                                                     \
         gl_state_take(&before);                                                                      \
         call;                                                                                        \
         gl_state_take(&after);                                                                       \
         difference_ = gl_state_difference(&before, &after);                                          \
-        CHECK(!difference_, "%s%s left behind: %s", #call, situation, difference_ ? difference_ : ""); \
+        CHECK(!difference_, "%s%s changes GL state: %s", #call, situation, difference_ ? difference_ : ""); \
     } while (0)
 
 #define GIVES(call, right) do {                                                               \
@@ -45,7 +45,7 @@ static const char *situation = "";
               sbl_result_string(result_), sbl_result_string(right), watch_last(&seen));       \
     } while (0)
 
-/* >>the host's scene: positions and indices of one mesh in GL buffers, one texture a GL texture */
+/* >>the host's scene: positions and indices of one mesh in GL buffers, one GL texture */
 
 typedef struct host_scene { test_scene small; GLuint buffers[2], texture; sbl_scene_desc desc; } host_scene;
 
@@ -84,8 +84,7 @@ static host_scene scene;
 
 static int cancel_second(float done, void *user) { (void)done; return ++*(int *)user == 2; }
 
-/* Every function that touches GL, in every way that it can end. The pictures are the last good ones of the two back
-   ends. */
+/* Calls every function that uses GL, with every outcome. The outputs are the last pictures of the two back ends. */
 static void every_function(small_picture *picture, small_picture *traced) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_picture_desc view = small_view(), bad = small_view();
@@ -125,7 +124,7 @@ static void every_function(small_picture *picture, small_picture *traced) {
     GIVES(sbl_set_scene(context, &wrong), SBL_ERROR_INVALID_ARGUMENT);
     scene.small.meshes[1].material = 1;
     GIVES(sbl_set_scene(context, &scene.desc), SBL_SUCCESS);
-    for (i = 1; i < 1000; i++) {  /* each place at which GL can refuse */
+    for (i = 1; i < 1000; i++) {  /* GL refuses each call in turn */
         sbl_result result = SBL_RESULT_COUNT;
         fake_arm(FAKE_REFUSE, i, GL_OUT_OF_MEMORY);
         KEPT(result = sbl_set_scene(context, &scene.desc));
@@ -134,8 +133,8 @@ static void every_function(small_picture *picture, small_picture *traced) {
               sbl_result_string(result));
     }
     CHECK(i > 5 && i < 1000, "%d refusals of sbl_set_scene", i);
-    fake_disarm();  /* or GL refuses the last call below */
-    for (i = 1; i < 1000; i++) {  /* and at which the allocator can */
+    fake_disarm();  /* otherwise GL would refuse the last call below */
+    for (i = 1; i < 1000; i++) {  /* each allocation fails in turn */
         sbl_result result = SBL_RESULT_COUNT;
         watch_refuse(&seen, i);
         KEPT(result = sbl_set_scene(context, &scene.desc));
@@ -163,7 +162,7 @@ static void every_function(small_picture *picture, small_picture *traced) {
     fake_arm(FAKE_FRAMEBUFFER, 2, 0);
     GIVES(sbl_step(context, 0), SBL_ERROR_GL);
     fake_disarm();
-    for (i = 1; i <= 8; i++) {  /* programs are compiled when they are first used */
+    for (i = 1; i <= 8; i++) {  /* faults in compiling; programs are compiled when they are first used */
         GIVES(sbl_begin_picture(context, &view), SBL_SUCCESS);
         fake_arm(i % 2 ? FAKE_COMPILE : FAKE_LINK, 1, 0);
         GIVES(sbl_step(context, 0), SBL_ERROR_GL);
@@ -202,7 +201,7 @@ static void every_function(small_picture *picture, small_picture *traced) {
         if (result != SBL_UNFINISHED) break;
         if (steps % 8 == 0) KEPT(early += sbl_channel_texture(context, SBL_CHANNEL_FINAL) != 0);
     }
-    CHECK(early > 0, "the picture under way was never to be seen%s", situation);
+    CHECK(early > 0, "the unfinished picture was never visible%s", situation);
     CHECK(steps >= 5 && steps < 10000, "%d steps", steps);
     for (channel = 0; channel < SBL_CHANNEL_COUNT; channel++) {
         GIVES(sbl_read_channel(context, (sbl_channel)channel, room, SMALL_FLOATS), SBL_SUCCESS);
@@ -218,28 +217,31 @@ static void every_function(small_picture *picture, small_picture *traced) {
           SBL_ERROR_OUT_OF_MEMORY);
     fake_disarm();
 
-    gl.Enable(0xdead);  /* an error that the host left behind */
+    gl.Enable(0xdead);  /* a GL error that the host left */
     GIVES(sbl_render_picture(context, &view), SBL_SUCCESS);
     CHECK(gl.GetError() == GL_NO_ERROR, "sbl_render%s leaves a GL error", situation);
     CHECK(small_read(context, picture) == SBL_SUCCESS, "the picture%s cannot be read: %s", situation,
           watch_last(&seen));
     KEPT(sbl_destroy(context));
     CHECK(seen.blocks == start && seen.strangers == 0, "%d blocks leaked%s", seen.blocks - start, situation);
-    CHECK(fake_live() == 0 && fake.strangers == 0, "%d GL objects leaked, %d others deleted%s", fake_live(),
+    CHECK(fake_live() == 0 && fake.strangers == 0, "%d GL objects leaked, %d deleted that are not sbl.h's%s",
+          fake_live(),
           fake.strangers, situation);
 }
 
 static small_picture by_default[2], by_odd[2];
 
+/* With GL's default state, no function changes any of it. */
 TEST(default_state) {
     situation = ", GL's state being the default,";
     every_function(&by_default[0], &by_default[1]);
     CHECK(small_plausible(&by_default[0]) && small_plausible(&by_default[1]) &&
           !small_same(&by_default[0], &by_default[1]),
-          "the picture is of one colour, or holds NaN");
+          "the picture has only one colour, or contains NaN");
 }
 
-/* The unusual state must be unusual: whatever it does not change, the comparison above could not see forgotten. */
+/* The unusual state must differ from the default in every value. A value that stays the same would not show that sbl.h
+   fails to set or restore it. */
 TEST(unusual_state) {
     static gl_state usual, unusual;
     int i, k, left = 0;
@@ -269,7 +271,7 @@ TEST(unusual_state) {
     gl_state_odd(&odd);
 }
 
-/* Each switch and the winding by itself, since one may hide another (discarding hides all). */
+/* Each switch and the winding are changed alone, because one may hide another (discarding hides all). */
 TEST(one_by_one) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_picture_desc view = small_view();
@@ -277,7 +279,7 @@ TEST(one_by_one) {
     static small_picture alone[2], picture;
     GLuint sampler;
     int i, k, way;
-    if (!host_gl_open("test")) SKIP("no second GL context");  /* a fresh one: all is default again */
+    if (!host_gl_open("test")) SKIP("no second GL context");  /* a new context, in which all state is default again */
     desc.get_gl_function = gl_host_proc;
     situation = ", one value being unusual,";
     scene_free(&scene.small);
@@ -287,7 +289,7 @@ TEST(one_by_one) {
     view.options.backend = SBL_BACKEND_TRACE;
     REQUIRE(small_render(context, &view, &alone[1]) == SBL_SUCCESS, "%s", watch_last(&seen));
     CHECK(small_same(&alone[0], &by_default[0]) && small_same(&alone[1], &by_default[1]),
-          "another GL context gives another picture");
+          "the picture differs in another GL context");
     gl.GenSamplers(1, &sampler);
     gl.SamplerParameteri(sampler, GL_TEXTURE_MIN_FILTER, GL_LINEAR_MIPMAP_LINEAR);
     for (i = 0; i < GL_STATE__COUNT(gl_state__switches) + 7; i++) {
@@ -328,7 +330,8 @@ TEST(one_by_one) {
     sbl_destroy(context);
 }
 
-/* >>the host's own drawing, which relies on all that it has set: also on what no list above knows */
+/* >>the host's own drawing, which relies on everything it has set, including state that the lists above do not
+   contain */
 
 enum { SHAPE = 96 };
 
@@ -358,7 +361,7 @@ static GLuint shape_texture(GLint internal, GLsizei size, GLenum format, GLenum 
     return id;
 }
 
-/* Returns the program; 0 where it does not compile. */
+/* Returns the program, or 0 if it does not compile. */
 static GLuint shape_make(void) {
     static const float corners[3][5] = { { -0.8f, -0.7f, 1, 0.3f, 0.2f }, { 0.9f, -0.5f, 0.2f, 1, 0.3f },
         { 0.1f, 0.9f, 0.3f, 0.4f, 1 } };
@@ -373,7 +376,7 @@ static GLuint shape_make(void) {
     gl.FramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, color, 0);
     gl.FramebufferTexture2D(GL_FRAMEBUFFER, GL_DEPTH_STENCIL_ATTACHMENT, GL_TEXTURE_2D, depth, 0);
     gl.ActiveTexture(GL_TEXTURE0 + 1);
-    gl.PixelStorei(GL_UNPACK_ROW_LENGTH, 4);  /* rows of four texels, of which two are used */
+    gl.PixelStorei(GL_UNPACK_ROW_LENGTH, 4);  /* rows of four texels, two of which are used */
     gl.PixelStorei(GL_UNPACK_ALIGNMENT, 1);
     shape_texture(GL_RGB8, 2, GL_RGB, GL_UNSIGNED_BYTE, checks);
     gl.GenSamplers(1, &sampler);
@@ -394,7 +397,7 @@ static GLuint shape_make(void) {
     return program;
 }
 
-/* Set once; nearly every value differs from GL's default. */
+/* Set only once; nearly every value differs from GL's default. */
 static void shape_state(void) {
     gl.ClearColor(0.1f, 0.12f, 0.15f, 1);
     gl.ClearDepth(0.5);
@@ -427,6 +430,7 @@ static void shape_draw(unsigned char *pixels) {
     gl.ReadPixels(0, 0, SHAPE, SHAPE, GL_RGB, GL_UNSIGNED_BYTE, pixels);
 }
 
+/* The host's drawing is the same to the bit between all steps of sbl.h. */
 TEST(the_host_draws_on) {
     static unsigned char first[3 * SHAPE * SHAPE], then[3 * SHAPE * SHAPE];
     sbl_context_desc desc = watch_desc(&seen);
@@ -440,7 +444,8 @@ TEST(the_host_draws_on) {
     scene_free(&scene.small);
     host_scene_make(&scene);
     program = shape_make();
-    REQUIRE(program && gl.CheckFramebufferStatus(GL_FRAMEBUFFER) == GL_FRAMEBUFFER_COMPLETE, "no shape");
+    REQUIRE(program && gl.CheckFramebufferStatus(GL_FRAMEBUFFER) == GL_FRAMEBUFFER_COMPLETE,
+            "the shape cannot be made");
     shape_state();
     REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene.desc) == SBL_SUCCESS &&
             sbl_begin_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
@@ -455,7 +460,7 @@ TEST(the_host_draws_on) {
     CHECK(result == SBL_SUCCESS && steps >= 5, "%d steps: %s", steps, watch_last(&seen));
     for (i = 0; i < SHAPE * SHAPE; i++) size += memcmp(then, then + 3 * i, 3) != 0;
     CHECK(size > SHAPE * SHAPE / 8, "the shape has %d pixels", size);
-    CHECK(!differing, "after %d of %d steps the shape differs from the one before", differing, steps);
+    CHECK(!differing, "after %d of %d steps the host draws the shape differently", differing, steps);
     CHECK(gl.GetError() == GL_NO_ERROR, "a GL error is left");
     sbl_destroy(context);
 }
@@ -464,7 +469,7 @@ TEST(the_host_draws_on) {
 
 typedef struct mess { int on; GLuint objects[5]; int calls; } mess;
 
-/* Draws nothing, but behaves as programs do that have drawn: nothing is put back. */
+/* Draws nothing, but changes state like programs that draw, and restores none of it. */
 static void make_mess(const sbl_draw_view *v, void *user) {
     mess *m = (mess *)user;
     int first = !m->objects[0];
@@ -487,7 +492,7 @@ static void make_mess(const sbl_draw_view *v, void *user) {
     gl.BindSampler(0, m->objects[3]);
     gl.ActiveTexture(GL_TEXTURE0 + 3);
     gl.BindTexture(GL_TEXTURE_2D, m->objects[0]);
-    gl.ActiveTexture(GL_TEXTURE0 + 13);  /* a unit that sbl.h does not use: what the callback once binds there stays */
+    gl.ActiveTexture(GL_TEXTURE0 + 13);  /* a unit that sbl.h does not use; the binding must stay */
     if (first) gl.BindTexture(GL_TEXTURE_2D, m->objects[0]);
     gl.Enable(GL_BLEND);
     gl.Enable(GL_CULL_FACE);
@@ -515,6 +520,7 @@ static void make_mess(const sbl_draw_view *v, void *user) {
     if (m->on > 1) gl.Enable(0xdead);
 }
 
+/* A draw callback that restores nothing neither changes the picture nor the host's state. */
 TEST(draw_callback_that_puts_nothing_back) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_picture_desc view = small_view();
@@ -537,27 +543,27 @@ TEST(draw_callback_that_puts_nothing_back) {
     m.on = 1;
     gl_state_take(&before);
     CHECK(small_render(context, &view, &rude) == SBL_SUCCESS, "%s", watch_last(&seen));
-    CHECK(gl.GetError() == GL_NO_ERROR, "the callback's GL error is left");
+    CHECK(gl.GetError() == GL_NO_ERROR, "the GL error of the callback remains");
     gl_state_take(&after);
     gl.ActiveTexture(GL_TEXTURE0 + 13);
     gl.GetIntegerv(GL_TEXTURE_BINDING_2D, &unit_13);
     gl.GetIntegerv(GL_TEXTURE_BINDING_BUFFER, &unit_13_buffer);
     CHECK((GLuint)unit_13 == m.objects[0] && unit_13_buffer == 0,
-          "texture unit 13 holds %d and %d, the callback bound %u", unit_13, unit_13_buffer,
+          "texture unit 13 has bindings %d and %d, the callback bound %u", unit_13, unit_13_buffer,
           m.objects[0]);
     for (i = 0; i < after.count; i++)
         if (strcmp(after.entries[i].name, "TEXTURE_2D 13") == 0)
             memcpy(after.entries[i].value, before.entries[i].value, sizeof after.entries[i].value);
     difference = gl_state_difference(&before, &after);
-    CHECK(!difference, "left behind by the callback: %s", difference ? difference : "");
-    CHECK(small_same(&polite, &rude), "what the callback leaves behind changes the picture");
-    m.on = 2;  /* GL errors too: they may fail the picture, but not spoil it */
+    CHECK(!difference, "state changed by the callback is not restored: %s", difference ? difference : "");
+    CHECK(small_same(&polite, &rude), "state that the callback changes affects the picture");
+    m.on = 2;  /* GL errors, too: they may make the picture fail, but not change it */
     watch_forget(&seen);
     KEPT(result = small_render(context, &view, &rude));
     CHECK(result == SBL_SUCCESS ? small_same(&polite, &rude) : result == SBL_ERROR_GL && seen.errors > 0,
-          "the callback's GL error gives \"%s\"",
+          "after a GL error of the callback: \"%s\"",
           sbl_result_string(result));
-    CHECK(gl.GetError() == GL_NO_ERROR, "the callback's GL error is left");
+    CHECK(gl.GetError() == GL_NO_ERROR, "the GL error of the callback remains");
     sbl_destroy(context);
 }
 
@@ -576,7 +582,8 @@ static sbl_picture_desc other_view(void) {
     return view;
 }
 
-/* Two contexts made from desc: alone one after the other, then with their steps in turns. */
+/* Renders with two contexts made from desc, first one after the other, then with their steps alternating. The pictures
+   must be the same. */
 static void side_by_side(const sbl_context_desc *desc, const char *where) {
     static small_picture alone[2], together[2];
     static test_scene first;
@@ -612,25 +619,27 @@ static void side_by_side(const sbl_context_desc *desc, const char *where) {
         CHECK(small_read(contexts[i], &together[i]) == SBL_SUCCESS, "%s: %s", where, watch_last(&seen));
         CHECK(small_same(&together[i], &alone[i]), "%s: picture %d differs from the one made alone", where, i);
     }
-    sbl_destroy(contexts[0]);  /* the other goes on */
+    sbl_destroy(contexts[0]);  /* the other context must still work */
     CHECK(small_render(contexts[1], &views[1], &together[1]) == SBL_SUCCESS && small_same(&together[1], &alone[1]),
-          "%s: the other context does not outlive the first", where);
+          "%s: the other context fails after the first is destroyed", where);
     sbl_destroy(contexts[1]);
     scene_free(&first);
 }
 
+/* Two sbl.h contexts in one GL context do not disturb each other. */
 TEST(two_contexts_in_one_gl_context) {
     sbl_context_desc desc = watch_desc(&seen);
     desc.get_gl_function = gl_host_proc;
     side_by_side(&desc, "in one GL context");
 }
 
+/* Two headless contexts do not disturb each other. */
 TEST(two_headless_contexts) {
     sbl_context_desc desc = watch_desc(&seen);
     side_by_side(&desc, "headless");
 }
 
-/* >>EGL's binding, with headless contexts */
+/* >>EGL's binding, which headless contexts must restore */
 
 typedef struct binding { EGLDisplay display; EGLContext context; EGLSurface draw, read; EGLenum api; } binding;
 
@@ -700,6 +709,7 @@ static void headless_fails(void) {
     CHECK(seen.blocks == blocks, "%d blocks leaked", seen.blocks - blocks);
 }
 
+/* Headless contexts leave the host's GL context current and its state unchanged. */
 TEST(headless_beside_the_hosts_context) {
     EGLContext host = eglGetCurrentContext();
     situation = ", the host's GL context being current,";
@@ -737,6 +747,7 @@ TEST(headless_beside_two_surfaces) {
     if (!current) SKIP("no two surfaces can be made current");
 }
 
+/* Failed creations of headless contexts restore EGL's binding. */
 TEST(headless_creation_fails) {
     EGLContext host = eglGetCurrentContext();
     situation = ", the host's GL context being current,";
@@ -744,6 +755,7 @@ TEST(headless_creation_fails) {
     eglMakeCurrent(gl.display, EGL_NO_SURFACE, EGL_NO_SURFACE, host);
 }
 
+/* Headless contexts leave no context current if none was, and keep the API of EGL. */
 TEST(headless_with_nothing_current) {
     EGLContext host = eglGetCurrentContext();
     eglMakeCurrent(gl.display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
@@ -759,9 +771,9 @@ TEST(headless_with_nothing_current) {
     eglMakeCurrent(gl.display, EGL_NO_SURFACE, EGL_NO_SURFACE, host);
 }
 
-/* >>what cannot be put aside must at least be said */
+/* >>state that sbl.h cannot save must be documented */
 
-/* The manual's chapter ON GL STATE; NULL where sbl.h is not in the current directory. */
+/* Returns the manual's chapter ON GL STATE, or NULL if sbl.h is not in the current directory. */
 static const char *chapter(void) {
     static char text[1 << 16];
     FILE *file = fopen("sbl.h", "rb");
@@ -775,16 +787,17 @@ static const char *chapter(void) {
     return end ? start : "";
 }
 
+/* The manual mentions the state that sbl.h does not save. */
 TEST(limits_are_documented) {
     static const char *const words[] = { "conditional render", "transform feedback", "quer" };
     const char *text = chapter();
     int i;
     if (!text) SKIP("sbl.h is not in the current directory");
     for (i = 0; i < 3; i++)
-        CHECK(strstr(text, words[i]), "ON GL STATE does not say what becomes of a %s... that is active", words[i]);
+        CHECK(strstr(text, words[i]), "ON GL STATE does not mention an active %s...", words[i]);
 }
 
-/* glViewport, glScissor and glDepthRange set all sixteen viewports of GL 4.1. */
+/* glViewport, glScissor and glDepthRange set all sixteen viewports of GL 4.1, so each must be restored. */
 TEST(viewport_array) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_picture_desc view = small_view();

@@ -1,5 +1,5 @@
-/* Guides: where sensors' rays go when light comes through a hole. As densities by themselves; ray by ray against the
-   hole; and the pictures that they make. */
+/* Tests of guides, which direct the rays of sensors when light comes through a hole: their densities, single rays
+   compared with the hole, and the pictures. */
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
 #include "../sbl.h"
@@ -13,7 +13,7 @@ enum { WIDTH = 96, HEIGHT = 72, PIXELS = WIDTH * HEIGHT };
 static watch seen;
 static test_scene dark_room;
 
-/* A closed room, and a hole in its ceiling, x and z from -0.3 to 0.3, under a sky of 1. */
+/* A closed room under a sky of 1, with a hole in its ceiling: x and z from -0.3 to 0.3. */
 static const float hole = 0.3f, lid = 1.5f;
 
 static void dark_room_make(test_scene *s) {
@@ -42,7 +42,7 @@ static sbl_picture_desc view_of(void) {
 
 /* >>densities */
 
-/* Shares of rays add up to all, none is too small for what no scout found, and they follow what was found. */
+/* The weights of a guide's rays have the mean 1, none exceeds the limit, and rays go where the scouts found light. */
 TEST(guides_are_densities) {
     static float found[SBL__GUIDE_BINS];
     static uint32_t words[SBL__GUIDE_WORDS];
@@ -61,16 +61,17 @@ TEST(guides_are_densities) {
             if (!(u[0] >= 0 && u[0] <= 1 && u[1] >= 0 && u[1] <= 1)) break;
             if (weight > 1.01 / (SBL__GUIDE_EVEN * SBL__GUIDE_EVEN)) break;
             all += weight;
-            weights += weight * u[0];  /* the mean of any function stays: here u's own */
+            weights += weight * u[0];  /* the weighted mean of any function stays the same; here of u itself */
             in_bright += bin == bright;
         }
-        REQUIRE(count == 512 * 512, "guide %d: point %d goes astray", kind, i);
-        CHECK(fabs(all / count - 1) < 0.01, "guide %d: weights are %g on average", kind, all / count);
-        CHECK(fabs(weights / all - 0.5) < 0.01, "guide %d: u is %g on average", kind, weights / all);
+        REQUIRE(count == 512 * 512, "guide %d: point %d is outside of the range, or its weight too large", kind, i);
+        CHECK(fabs(all / count - 1) < 0.01, "guide %d: the mean of the weights is %g", kind, all / count);
+        CHECK(fabs(weights / all - 0.5) < 0.01, "guide %d: the mean of u is %g", kind, weights / all);
         if (kind == 0)
-            CHECK(fabs(in_bright / count * SBL__GUIDE_BINS - 1) < 0.2, "an even guide sends %g to a bin",
+            CHECK(fabs(in_bright / count * SBL__GUIDE_BINS - 1) < 0.2, "a uniform guide sends %g of the rays to a bin",
                   in_bright / count);
-        if (kind == 1) CHECK(in_bright / count > 0.08, "%g of the rays go where all the light is", in_bright / count);
+        if (kind == 1)
+            CHECK(in_bright / count > 0.08, "%g of the rays go to the bin that has all light", in_bright / count);
     }
 }
 
@@ -83,8 +84,8 @@ static double hit_height(const sbl_sensor *s, const sbl_sensor_ray *ray, double 
     return t;
 }
 
-/* Each ray is told where it went and what it saw there; most go through the hole; together they are the sensor's
-   light. */
+/* Inspected rays report the right direction and radiance; most of them pass through the hole; their weighted sum is R
+   of the sensor. */
 TEST(rays_go_through_the_hole) {
     static float radiance[4 * 4096], weights[4096];
     sbl_context_desc desc = watch_desc(&seen);
@@ -122,13 +123,17 @@ TEST(rays_go_through_the_hole) {
             CHECK(fabs(sum - s.from_surroundings[0]) < 1e-4 * s.radiance[0] + 1e-6,
                   "%d %d: the sheet gives %g, the sensor %g", x, y, sum,
                   (double)s.from_surroundings[0]);
-            CHECK(fabs(all - s.weight_sum) < 1e-3, "%d %d: weights are %g and %g", x, y, all, (double)s.weight_sum);
+            CHECK(fabs(all - s.weight_sum) < 1e-3, "%d %d: the sum of the weights is %g, weight_sum is %g", x, y, all,
+                  (double)s.weight_sum);
         }
-    printf("  %d sensors: %.1f %% of the rays would go through the hole, %.1f %% do\n", sensors, 100 * even / sensors,
+    printf("  %d sensors: without guides %.1f %% of the rays would pass through the hole, with them %.1f %% do\n",
+           sensors, 100 * even / sensors,
            100 * guided / sensors);
-    CHECK(sensors > 100 && wrong == 0 && worst < 1e-3, "%d sensors, %d of %d rays saw what is not there; by up to %g",
+    CHECK(sensors > 100 && wrong == 0 && worst < 1e-3, "%d sensors, %d of %d rays have the wrong radiance; others are "
+          "off by up to %g",
           sensors, wrong, rays, worst);
-    CHECK(guided > 8 * even, "%g of the rays go through the hole, evenly %g would", guided / sensors, even / sensors);
+    CHECK(guided > 8 * even, "%g of the rays pass through the hole, without guides %g would", guided / sensors,
+          even / sensors);
     sbl_destroy(context);
 }
 
@@ -140,7 +145,7 @@ static int render(sbl_context *context, const sbl_picture_desc *view, float *out
                SBL_SUCCESS;
 }
 
-/* The same to the bit in any batches and slices, in fragment shaders, and after other pictures. */
+/* Batches, slices, fragment shaders and earlier pictures do not change the picture, to the bit. */
 TEST(the_picture_is_the_same) {
     static const int batches[] = { 1, 7, 100000 };
     static float expected[3 * PIXELS / 4], now[3 * PIXELS / 4];
@@ -160,9 +165,9 @@ TEST(the_picture_is_the_same) {
         guiding += context->picture.map.refine.stages.stage == SBL__REFINE_GUIDES;
     }
     CHECK(result == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_RADIANCE, now, 3 * PIXELS / 4) == SBL_SUCCESS,
-          "no picture in steps");
+          "no picture with steps");
     CHECK(memcmp(now, expected, sizeof now) == 0, "steps change the picture");
-    CHECK(scouting > 20 && guiding > 1, "%d steps of scouts, %d of guides", scouting, guiding);
+    CHECK(scouting > 20 && guiding > 1, "%d steps for scouts, %d for guides", scouting, guiding);
     sbl_destroy(context);
     for (i = 0; i < 4; i++) {
         desc.batch = i < 3 ? batches[i] : 0;
@@ -175,8 +180,8 @@ TEST(the_picture_is_the_same) {
     }
 }
 
-/* What 4 % take with guides; without them it is five times as many rays. And where the light is even, there are
-   none. */
+/* A target error of 4 % takes few rays with guides; without them it would take five times as many. A scene with uniform
+   light has no guides. */
 TEST(few_rays_do) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_picture_desc view = view_of();
@@ -195,12 +200,13 @@ TEST(few_rays_do) {
     scene = scene_desc(&open);
     REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS,
             "no picture: %s", watch_last(&seen));
-    CHECK(!context->picture.map.spec.guided && !context->picture.map.refine.guides.words, "a plain floor has guides");
+    CHECK(!context->picture.map.spec.guided && !context->picture.map.refine.guides.words, "an open floor has guides");
     sbl_destroy(context);
     scene_free(&open);
 }
 
-/* Looks of a few rays, too noisy for what is asked, get more, guided ones, too; as many rays a sensor as before. */
+/* If looks are too noisy for the target error, they get more rays, also with guides. The largest number of rays per
+   sensor stays the same. */
 TEST(looks_grow) {
     static const float asked[2] = { 0.3f, 0.01f };
     sbl_context_desc desc = watch_desc(&seen);
@@ -210,24 +216,26 @@ TEST(looks_grow) {
         sbl_picture_desc view = view_of();
         const sbl__spec *spec = &context->picture.map.spec;
         view.target_error = asked[i];
-        if (i) view.tile = 32;  /* the first round is enough */
+        if (i) view.tile = 32;  /* one round is enough */
         REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
         while (!sbl__refine_round_is_over(&context->picture.map.refine))
-            REQUIRE(sbl_step(context, 1e-9) == SBL_UNFINISHED, "too early");
-        printf("  asked for %g %%: looks of %d rays, %d at most\n", 100 * (double)asked[i], spec->rays, spec->looks);
+            REQUIRE(sbl_step(context, 1e-9) == SBL_UNFINISHED, "the picture ended before the first round");
+        printf("  target %g %%: looks of %d rays, at most %d looks\n", 100 * (double)asked[i], spec->rays,
+               spec->looks);
         if (i == 0)
-            CHECK(spec->rays == 16 && spec->looks == SBL__MAX_LOOKS, "looks of %d rays, %d at most", spec->rays,
+            CHECK(spec->rays == 16 && spec->looks == SBL__MAX_LOOKS, "looks of %d rays, at most %d looks", spec->rays,
                   spec->looks);
         if (i == 1)
-            CHECK(spec->rays == 128 && spec->looks == SBL__MAX_LOOKS / 2, "looks of %d rays, %d at most", spec->rays,
+            CHECK(spec->rays == 128 && spec->looks == SBL__MAX_LOOKS / 2, "looks of %d rays, at most %d looks",
+                  spec->rays,
                   spec->looks);
         sbl_end(context);
     }
     sbl_destroy(context);
 }
 
-/* A guide serves where rings' sectors begin on the same side as at home: not across the plane where sbl__frame turns
-   round. */
+/* A guide is used for other sensors only if the sectors of its rings begin on the same side: not across the plane where
+   sbl__frame is discontinuous. */
 TEST(guides_serve_their_like) {
     static const struct { float normal[3]; int serves; } others[] = {
         { { 0.999999f, 0, 0.001f }, 1 }, { { 0.999999f, 0, -0.001f }, 0 }, { { 0.99f, 0.14f, 0 }, 1 },
@@ -243,11 +251,11 @@ TEST(guides_serve_their_like) {
         CHECK((sbl__guide_fits(&home, &other) > 0.5f) == others[i].serves, "normal %d: %g", i,
               (double)sbl__guide_fits(&home, &other));
     }
-    CHECK(sbl__guide_fits(&home, &home) >= 1, "a guide does not serve its own sensor");
+    CHECK(sbl__guide_fits(&home, &home) >= 1, "a guide does not fit its own sensor");
 }
 
-/* Where scouts find light everywhere, as often as chance has it, rays go evenly: each counts as much. Where they find
-   it in a tenth of the bins, most go there. */
+/* If scouts find light in all bins, as chance distributes them, rays are uniform and have equal weights. If they find
+   it in a tenth of the bins, most rays go there. */
 TEST(even_light_needs_no_guide) {
     uint64_t seed = 9;
     int run, i;
@@ -257,7 +265,7 @@ TEST(even_light_needs_no_guide) {
         double worst = 0, least = HUGE_VAL;
         memset(found, 0, sizeof found);
         memset(words, 0, sizeof words);
-        for (i = 0; i < 6 * SBL__GUIDE_BINS; i++) {  /* six scouts a bin, on average */
+        for (i = 0; i < 6 * SBL__GUIDE_BINS; i++) {  /* six scouts per bin, on average */
             const int bin = (int)(ref_random(&seed) * SBL__GUIDE_BINS);
             if (run == 0 || bin < SBL__GUIDE_BINS / 10) found[bin] += 1;
         }
@@ -270,12 +278,12 @@ TEST(even_light_needs_no_guide) {
             worst = fmax(worst, fabs(weight - 1));
             least = fmin(least, weight);
         }
-        if (run == 0) CHECK(worst < 1e-3, "rays count up to %g more or less than others", worst);
-        else CHECK(least < 0.2, "rays towards the light count %g", least);
+        if (run == 0) CHECK(worst < 1e-3, "the weights of rays differ by up to %g", worst);
+        else CHECK(least < 0.2, "the weight of rays towards the light is %g", least);
     }
 }
 
-/* In a larger picture guides are as many, and further apart. */
+/* A larger picture has no more guides; they are further apart. */
 TEST(guides_are_bounded) {
     sbl__core core;
     sbl__refine r;
@@ -295,6 +303,7 @@ TEST(guides_are_bounded) {
     sbl__free(&core.base, r.guides.words);
 }
 
+/* Each failing allocation gives an error, and the next picture is the usual one, to the bit. */
 TEST(memory_runs_out) {
     static float expected[3 * PIXELS], now[3 * PIXELS];
     sbl_context_desc desc = watch_desc(&seen);
@@ -313,7 +322,8 @@ TEST(memory_runs_out) {
     CHECK(refused > 20 && at < 600, "%d allocations were refused", refused);
     CHECK(render(context, &view, now) && memcmp(now, expected, sizeof now) == 0, "the next picture differs");
     sbl_destroy(context);
-    CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks are left, %d strangers", seen.blocks, seen.strangers);
+    CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks are not freed, %d were freed twice or never allocated",
+          seen.blocks, seen.strangers);
 }
 
 int main(void) {

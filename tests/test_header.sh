@@ -1,6 +1,6 @@
 #!/bin/sh
-# The header as others meet it: every language and compiler it promises, what it lets out, and what its manual says of
-# it.
+# Tests of sbl.h as a file: the languages and compilers it supports, the symbols and names it exports, and whether its
+# manual agrees with the code.
 set -u
 export LC_ALL=C
 cd "$(dirname "$0")/.." || exit 1
@@ -12,7 +12,7 @@ warnings='-Wall -Wextra -Wpedantic -Wconversion -Wshadow -Werror'
 # language STANDARD: the compiler's name for it
 language() { case $1 in c++*) echo c++ ;; *) echo c ;; esac; }
 
-# compiles COMPILER STANDARD DEFINES...: included twice, first for the declarations alone
+# compiles COMPILER STANDARD DEFINES...: includes sbl.h twice, first for the declarations only
 compiles() {
     compiler=$1 standard=$2
     shift 2
@@ -24,10 +24,12 @@ compiles() {
         echo 'int sbl_test_unit(void);'
         echo 'int sbl_test_unit(void) { return SBL_SUCCESS; }'
     } > "$folder/unit.c"
-    # SBL_STATIC has to be known from the start
+    # SBL_STATIC must be defined before the first inclusion
     case " $* " in *" SBL_STATIC "*) sed -i 1d "$folder/unit.c" ;; esac
-    # $warnings is several words
-    $compiler -x "$(language "$standard")" -std="$standard" $warnings -I . -c "$folder/unit.c" -o "$folder/unit.o"
+    # One standard of each language generates code. The others differ from it only in what they accept.
+    case $standard in c99 | c++11) output="-c -o $folder/unit.o" ;; *) output=-fsyntax-only ;; esac
+    # $warnings and $output are lists of words
+    $compiler -x "$(language "$standard")" -std="$standard" $warnings -I . $output "$folder/unit.c"
 }
 
 for compiler in gcc clang; do
@@ -43,7 +45,7 @@ for compiler in gcc clang; do
     done
 done
 
-# others' macros: None, Bool, Status, Always, Success, I, major, minor; test_windows.sh has windows.h
+# macros of other headers: None, Bool, Status, Always, Success, I, major, minor; test_windows.sh tests windows.h
 beside_xlib() {
     headers='#include <X11/Xlib.h>\n#include <X11/Xutil.h>\n#include <complex.h>\n#include <sys/sysmacros.h>\n'
     case $1 in first) printf "$headers" > "$folder/xlib.c" ;; *) : > "$folder/xlib.c" ;; esac
@@ -83,9 +85,9 @@ else
     skip big_endian "no s390x-linux-gnu-gcc (gcc-s390x-linux-gnu, libc6-dev-s390x-cross) or no qemu-s390x (qemu-user)"
 fi
 
-# >>what it lets out
+# >>exported symbols and names
 
-# object FLAGS...: the implementation as an object, its symbols in $folder/symbols
+# object FLAGS...: compiles the implementation; its symbols are in $folder/symbols
 object() {
     gcc -I . -fno-pie -O1 -w "$@" -c -o "$folder/object.o" tests/header/implementation.c &&
         nm "$folder/object.o" > "$folder/symbols"
@@ -116,16 +118,16 @@ check static_exports_nothing exports_nothing
 check no_mutable_globals no_globals
 check no_stdio_writes_nowhere no_stdio
 
-# includes FILE: what the header includes, in the order of the file; the manual's own lines do not count
+# includes FILE: lists the headers that sbl.h includes, in order, without those in the manual's examples
 includes() { sed '1,/^\*\/$/d' "$@" | sed -n 's/^ *# *include *\(<[^>]*>\).*/\1/p'; }
 only_system_includes() {
     grep -n '^ *# *include *"' sbl.h |
-        grep -v '^[0-9]*:       #include "sbl.h"' > "$folder/strangers"  # the manual's own lines
+        grep -v '^[0-9]*:       #include "sbl.h"' > "$folder/strangers"  # lines of the manual
     standard='assert|float|limits|math|stdarg|stddef|stdint|stdio|stdlib|string|time'
     includes sbl.h | grep -vxE "<($standard|sys/time|EGL/egl|EGL/eglext)\.h>" >> "$folder/strangers"
     nothing "$folder/strangers"
 }
-# direct FLAGS...: files that sbl.h itself includes
+# direct FLAGS...: lists the files that sbl.h itself includes
 direct() {
     gcc -x c -std=c99 -H -fsyntax-only "$@" sbl.h 2>&1 | sed -n 's/^\. \(.*\)/\1/p' | sed 's/.*include\///' | sort -u
 }
@@ -143,14 +145,14 @@ check only_system_includes only_system_includes
 check declarations_include_stddef_and_stdint declarations_include_little
 check egl_only_when_asked egl_only_when_asked
 
-# The names that a file brings, macros or declarations, less those that its system headers bring.
+# The names that a file declares, as macros or otherwise, without those of its system headers.
 macros() { gcc -x c -std=c99 -I . -dM -E "$@" "$folder/names.c" | awk '{ sub(/\(.*/, "", $2); print $2 }' | sort -u; }
 declarations() {
     clang -x c -std=c99 -I . -w -fsyntax-only -fno-color-diagnostics -Xclang -ast-dump "$@" "$folder/names.c" | awk '
         /^[|`]-(Typedef|Function|Var|Record|Enum)Decl / || /^[| ] [|`]-EnumConstantDecl / {
             sub(/\047.*/, "")             # the type
             sub(/ definition *$/, "")
-            if ($NF !~ /[:>]|^(struct|union)$/) print $NF  # those have no name
+            if ($NF !~ /[:>]|^(struct|union)$/) print $NF  # declarations without a name
         }' | sort -u
 }
 leaks() {
@@ -165,7 +167,7 @@ leaks() {
     $list "$@" > "$folder/with"
     comm -13 "$folder/without" "$folder/with" > "$folder/new"
     grep -qxE 'SBL_MAX_LEVELS|sbl_render_picture' "$folder/new" ||
-        { echo "not even what must be there was found: is $list broken?"; return 1; }
+        { echo "none of the expected names was found: is $list broken?"; return 1; }
     grep -vE '^(SBL_|sbl_|__builtin_)' "$folder/new" > "$folder/strangers"
     nothing "$folder/strangers"
 }
@@ -178,9 +180,9 @@ else
     skip names_have_the_prefix "no clang"
 fi
 
-# >>what is said of it
+# >>the manual
 
-# the manual: the comment on top
+# the manual is the comment at the top
 sed '/^\*\/$/q' sbl.h > "$folder/manual"
 
 index_is_complete() {
@@ -214,21 +216,22 @@ defaults_agree() {
 }
 check comments_name_the_defaults defaults_agree
 
-# The quick start as it stands, but its last line looks at the picture.
+# Runs the quick start of the manual, with the last line replaced by one that checks the picture.
 quick_start_runs() {
     sed -n '/^   QUICK START$/,/^   FUNCTIONS$/s/^       //p' "$folder/manual" > "$folder/quick.c"
     grep -q '^int main' "$folder/quick.c" || return
     sed 's|^    return 0;$|    for (i = 0; i < 64 * 64 * 3; i++) if (picture[i] > 0) return 0;\n    return 2;|' \
         "$folder/quick.c" > "$folder/quick_look.c"
-    cmp -s "$folder/quick.c" "$folder/quick_look.c" && { echo "where does the quick start return 0?"; return 1; }
+    cmp -s "$folder/quick.c" "$folder/quick_look.c" && { echo "the quick start has no line 'return 0;'"; return 1; }
     gcc -std=c99 $warnings -I . "$folder/quick.c" -lEGL -lm -o "$folder/quick" &&
     g++ -x c++ -std=c++11 $warnings -Wno-missing-field-initializers -I . -c "$folder/quick.c" -o "$folder/quick.o" &&
     gcc -std=c99 $warnings -I . "$folder/quick_look.c" -lEGL -lm -o "$folder/quick" && "$folder/quick"
 }
 check quick_start_compiles_and_draws quick_start_runs
 
-# The manual's other snippets: statements with a context, an array of floats and a number of vertices at hand. Formulas
-# have no semicolons. test_windows.sh compiles the programs of the chapters on embedding.
+# The other snippets of the manual are compiled as statements, with a context, an array of floats and a number of
+# vertices as variables. Text without semicolons is a formula. test_windows.sh compiles the programs of the chapters on
+# embedding.
 manual_snippets() {
     awk -v folder="$folder" '
         function end() { if (text ~ /;\n/) printf "%s", text > sprintf("%s/manual_%02d.txt", folder, ++n); text = "" }
@@ -252,8 +255,8 @@ manual_snippets() {
 }
 check manual_snippets_compile manual_snippets
 
-# The README's blocks marked c: those with a main are whole programs and run; those with an #include compile as a file;
-# all others compile as statements with a context, a scene and a picture at hand.
+# The blocks of README.md marked c: blocks with a main are run as programs; blocks with an #include are compiled as a
+# file; others are compiled as statements, with a context, a scene and a picture as variables.
 snippet_compiles() {
     code=$1
     if ! grep -q '^ *# *include' "$code"; then
@@ -298,20 +301,20 @@ nothing_left_to_do() {
 }
 check nothing_left_to_do nothing_left_to_do
 top_level() {
-    # git knows what belongs to the repository; without git all that lies there does, but for what was built
+    # if git lists no files, all files count except those that were built
     { git ls-files 2> /dev/null | grep . || ls -A; } | sed 's|/.*||' | sort -u |
         grep -vxE 'sbl\.h|examples|shaders_embedded|tests|scripts|LICENSE|README\.md|build|\..*' > "$folder/strangers"
     nothing "$folder/strangers"
 }
 check top_level_is_tidy top_level
 
-# >>the house
+# >>rules of the code
 
 check rooms_keep_their_rules python3 tests/tools/rooms.py
 check words_keep_their_meaning python3 tests/tools/words.py
 
-# One shader and one room know what a surface does with light. Other shaders neither read a material's fields nor
-# multiply by an albedo or by the ambient factor: $1 is the folder of shaders.
+# Only material.glsl and >>material compute what a surface does with light. Other shaders must neither read fields of a
+# material nor multiply by an albedo or by epsilon. $1 is the folder of shaders.
 one_material() {
     for shader in "$1"/*.glsl; do
         [ "${shader##*/}" = material.glsl ] || sed 's|//.*||' "$shader" | tr '\n' ' ' | tr ';{}' '\n\n\n' |
@@ -327,7 +330,7 @@ one_material() {
     nothing "$folder/strangers"
 }
 check one_place_for_materials one_material shaders_embedded
-# ... and that check sees what it is there for
+# tests that one_material finds such lines
 material_is_guarded() {
     for line in 'light = s.material.albedo * light;' 'light *= m.albedo;' \
         'light = texelFetch(sample_albedo, at, 0).rgb * light;' \
@@ -338,7 +341,7 @@ material_is_guarded() {
     done
 }
 check one_place_for_materials_is_guarded material_is_guarded
-# numbers that C hands to shaders stand in no shader
+# numbers that C passes to shaders must not be written in shaders
 one_number() {
     ! grep -nE '3\.14|6\.28|0\.2126|0\.282|0\.488|1e30|16777216|65535\.0|0x9e3779b1' shaders_embedded/*.glsl
 }

@@ -1,10 +1,10 @@
 #!/bin/sh
-# scripts/install: what it copies works where it lies, for pkg-config, CMake and man, and goes again without a trace.
+# Tests of scripts/install: the installed files work for pkg-config, CMake and man, and --uninstall removes all of them.
 set -u
 export LC_ALL=C
 cd "$(dirname "$0")/.." || exit 1
 . tests/support/check.sh
-umask 077  # root's may be so; others must be able to read it all the same
+umask 077  # strict, as root's may be; others must be able to read the installed files anyway
 
 prefix="$folder/prefix" stage="$folder/a stage"
 list() { (cd "$1" && find . -type f | sort); }
@@ -50,7 +50,7 @@ tool_runs() { (cd / && "$prefix/bin/$1" --version) | grep -qx "$1 $version"; }
 version=$(sed -n 's/^ *sbl_version *"\([0-9.]*\)"$/\1/p' sbl.h | head -n 1)
 for tool in sbl_render sbl_bake; do check ${tool}_runs tool_runs $tool; done
 
-# >>a program, which also proves that it was this header
+# >>a program that also checks that it was compiled with the installed header
 
 cat > "$folder/program.c" << 'END'
 #define SBL_IMPLEMENTATION
@@ -74,7 +74,7 @@ with_pkg_config() {
 }
 check with_pkg_config with_pkg_config
 
-# cmake_project VERSION: looks for that
+# cmake_project VERSION PREFIX: configures a project that requires this version
 cmake_project() {
     rm -rf "$folder/project"
     mkdir -p "$folder/project"
@@ -83,7 +83,7 @@ cmake_project() {
 cmake_minimum_required(VERSION 3.5...3.25)
 project(program C)
 find_package(sbl $1 REQUIRED)
-find_package(sbl $1 REQUIRED)  # as a package does that others need, too
+find_package(sbl $1 REQUIRED)  # as a package that other packages depend on
 add_executable(program program.c)
 target_link_libraries(program PRIVATE sbl::sbl)
 END
@@ -93,11 +93,11 @@ with_cmake() {
     cmake_project "$version" "$1" && cmake --build "$folder/project/build" &&
     program_says "$folder/project/build/program"
 }
-# cmake_refuses WANTED PREFIX VERSION-THERE
+# cmake_refuses VERSION PREFIX INSTALLED-VERSION
 cmake_refuses() {
     ! cmake_project "$1" "$2" > "$folder/said" 2>&1 && grep -q "sblConfig.cmake, version: $3" "$folder/said"
 }
-# what is there is made out to be 2.1.0
+# pretends that version 2.1.0 is installed
 cmake_refuses_a_former_major() {
     sed -i "s/ $version)/ 2.1.0)/; s/EQUAL ${version%%.*})/EQUAL 2)/" \
         "$stage/opt/sbl/share/cmake/sbl/sblConfigVersion.cmake" &&
@@ -124,7 +124,7 @@ page_has_all() {
         [ "$(grep -cx ".SH $section" "$page")" = 1 ] || { echo "section $section"; return 1; }
     done && ! sed '1,/^.SH EXIT/d' "$page" | grep '^[.]'
 }
-# nothing of --help is lost: words, in order
+# the page contains all words of --help, in order
 words() { tr -s ' \n' '\n\n' | grep -v '^$'; }
 page_says_what_help_says() {
     page_of "$1"
@@ -145,7 +145,7 @@ for tool in sbl_render sbl_bake; do
     else skip page_for_groff "groff is missing"; fi
 done
 
-# >>and away
+# >>uninstalling
 
 uninstalls() {
     mkdir -p "$prefix/share/cmake/other" && echo mine > "$prefix/share/man/man1/other.1"

@@ -1,6 +1,6 @@
-/* What sbl_render writes and where, and what is left when it is interrupted. Signals come at chosen moments: when it
-   makes a certain system call, which this program sees as its tracer, or when its progress bar shows so many percent.
-   None of it depends on how fast anything runs. */
+/* Tests of the files that sbl_render writes, and of what it leaves when it is interrupted. Signals are sent at chosen
+   moments: at a certain system call, which this program observes as the tracer of the tool, or when the progress bar
+   shows a certain percentage. No test depends on how fast anything runs. */
 #define _GNU_SOURCE
 #include "support/test.h"
 #include "support/tool.h"
@@ -28,9 +28,9 @@ static int holds(const char *name, const char *words) {
     return strcmp(text, words) == 0;
 }
 
-/* >>moments: the tool stops at system calls that concern its temporary files */
+/* >>moments: the tool is stopped at system calls that concern its temporary files */
 
-enum { OPENS, WRITES, RENAMES, WAITS, CALLS }; /* waits: for the process that reads the scene */
+enum { OPENS, WRITES, RENAMES, WAITS, CALLS }; /* WAITS: for the process that reads the scene */
 
 typedef struct moment {
     int call, signal;
@@ -71,12 +71,12 @@ static void be_traced(void) {
     const char *options = getenv("ASAN_OPTIONS");
     hear_signals();
     snprintf(more, sizeof more, "%.500s%sdetect_leaks=0", options ? options : "", options && *options ? ":" : "");
-    setenv("ASAN_OPTIONS", more, 1); /* the leak checker wants to be the tracer itself */
+    setenv("ASAN_OPTIONS", more, 1); /* the leak checker would have to be the tracer */
     if (ptrace(PTRACE_TRACEME, 0, NULL, NULL) != 0) _exit(98);
 }
 
-/* Runs the tool; at each moment in turn acts and sends the signal. Returns how many came, -1 where nothing can be
-   traced. */
+/* Runs the tool. At each moment in turn, acts and sends the signal. Returns the number of moments that occurred, or -1
+   if nothing can be traced. */
 static int run_traced_as(void (*child_start)(void), const char *const *arguments, const moment *moments, int count) {
     struct __ptrace_syscall_info call;
     char path[600];
@@ -122,14 +122,14 @@ static int run_traced_as(void (*child_start)(void), const char *const *arguments
     if (WIFSTOPPED(status)) ptrace(PTRACE_DETACH, child, NULL, NULL);
     finish(child);
     if (!WIFSTOPPED(status))
-        ran.status = WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status); /* it had ended */
+        ran.status = WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status); /* the process had ended */
     return done;
 }
 #define TRACED(arguments, moments, count)                                                                         \
   do {                                                                                                            \
     const int came_ = run_traced_as(be_traced, arguments, moments, count);                                        \
     if (came_ < 0) SKIP("processes cannot be traced here");                                                       \
-    CHECK(came_ == (count), "only %d of %d moments came: exit status %d: %s", came_, count, ran.status, ran.err); \
+    CHECK(came_ == (count), "only %d of %d moments occurred: exit status %d: %s", came_, count, ran.status, ran.err); \
   } while (0)
 
 static const char *const room_arguments[] = { ROOM, "-o", "out.png", NULL };
@@ -142,7 +142,8 @@ static void plant(const char *path) {
     CHECK(symlink("victim", planted) == 0, "%s: %s", planted, strerror(errno));
 }
 
-/* It opens one to see whether it may, and one to write to. */
+/* A symbolic link planted at the name of the temporary file is not written through. The tool opens a temporary file
+   twice: to test whether it may, and to write. */
 TEST(planted_links_are_not_written_through) {
     static const moment first[] = { { OPENS, 0, plant } }, second[] = { { OPENS, 0, NULL }, { OPENS, 0, plant } };
     int i;
@@ -155,12 +156,13 @@ TEST(planted_links_are_not_written_through) {
         else TRACED(room_arguments, first, 1);
         CHECK(ran.status == 0 && is_picture("out.png", 24, 16), "opening %d: exit status %d: %s", i, ran.status,
               ran.err);
-        CHECK(holds("victim", "dear\n"), "opening %d: it wrote through a link that it had not made", i);
+        CHECK(holds("victim", "dear\n"), "opening %d: the tool wrote through a planted link", i);
         CHECK(remove(planted) == 0 && !parts_left() && !is_link("out.png"), "opening %d: %d temporary files are left",
               i, leftovers);
     }
 }
 
+/* An output name of the maximal length works, although temporary names are derived from it. */
 TEST(names_may_be_as_long_as_they_can) {
     char name[256];
     memset(name, 'x', sizeof name);
@@ -170,8 +172,9 @@ TEST(names_may_be_as_long_as_they_can) {
     remove(in_folder(name));
 }
 
-/* >>what was there */
+/* >>existing files */
 
+/* New files get the permissions of the umask; existing files keep theirs. */
 TEST(permissions_are_kept) {
     static const mode_t masks[] = { 0, 022, 027, 077 }, modes[] = { 0644, 0640, 0600, 0444, 0666, 0755 };
     const mode_t mask = umask(0);
@@ -198,6 +201,7 @@ TEST(permissions_are_kept) {
     umask(mask);
 }
 
+/* Symbolic links are followed and stay; hard links are separated. */
 TEST(links_stay) {
     struct stat info;
     room_obj();
@@ -209,21 +213,23 @@ TEST(links_stay) {
     CHECK(TOOL(ROOM, "-o", "first.png") == 0, "exit status %d: %s", ran.status, ran.err);
     CHECK(is_link("first.png") && is_link("far/second.png") && !is_link("far/true.png") &&
               is_picture("far/true.png", 24, 16),
-          "the picture should be where the links lead");
+          "the picture should be in the file that the links lead to");
     CHECK(symlink("far/absent.png", in_folder("dangling.png")) == 0, "no link");
     CHECK(TOOL(ROOM, "-o", "dangling.png") == 0, "exit status %d: %s", ran.status, ran.err);
-    CHECK(is_link("dangling.png") && is_picture("far/absent.png", 24, 16), "a link may lead to what is to be");
+    CHECK(is_link("dangling.png") && is_picture("far/absent.png", 24, 16),
+          "a link to a file that does not exist yet should be followed");
     CHECK(symlink("round.png", in_folder("round.png")) == 0 && TOOL(ROOM, "-o", "round.png") == 1 &&
               ran.err_lines == 1 && said("round.png"),
           "a link to itself: exit status %d: %s", ran.status, ran.err);
     write_text("one.png", "old\n");
     CHECK(link(in_folder("one.png"), in_folder("two.png")) == 0, "no hard links");
     CHECK(TOOL(ROOM, "-o", "one.png") == 0 && is_picture("one.png", 24, 16) && holds("two.png", "old\n"),
-          "the other name of the file should keep what it had");
+          "the other hard link should keep the old contents");
     CHECK(stat(in_folder("one.png"), &info) == 0 && info.st_nlink == 1 && !parts_left(), "%d links, %d temporary files",
           (int)info.st_nlink, leftovers);
 }
 
+/* Devices, pipes and links to them are written directly and stay what they are. */
 TEST(devices_and_pipes_are_written_to) {
     static const char *const into_pipe[] = { ROOM, "-o", "pipe.png", NULL };
     static unsigned char bytes[1 << 16];
@@ -255,11 +261,11 @@ TEST(devices_and_pipes_are_written_to) {
     CHECK(ran.status == 0 && pixels && width == 24 && height == 16, "exit status %d, %d bytes: %s", ran.status,
           (int)got, ran.err);
     CHECK(lstat(in_folder("pipe.png"), &info) == 0 && S_ISFIFO(info.st_mode) && !parts_left(),
-          "the pipe should stay one");
+          "the pipe should stay a pipe");
     stbi_image_free(pixels);
 }
 
-/* >>one file twice */
+/* >>two outputs in one file */
 
 static void check_misuse(const char *what) {
     CHECK(ran.status == 2 && ran.err_lines == 1 && strncmp(ran.err, "sbl_render: ", 12) == 0, "%s: exit status %d: %s",
@@ -267,6 +273,7 @@ static void check_misuse(const char *what) {
     CHECK(!parts_left(), "%s: %d temporary files are left", what, leftovers);
 }
 
+/* Picture and statistics in one file are refused, whatever names and links are used. */
 TEST(outputs_are_two_files) {
     char whole[256];
     room_obj();
@@ -284,16 +291,16 @@ TEST(outputs_are_two_files) {
     TOOL(ROOM, "-o", "same.png", "--stats", "here/same.png");
     check_misuse("a link to the folder");
     TOOL(ROOM, "-o", "same.png", "--stats", "alias.png");
-    check_misuse("a link to what is to be");
+    check_misuse("a link to a file that does not exist yet");
     TOOL(ROOM, "-o", "alias.png", "--stats", "same.png");
-    check_misuse("the same, the other way round");
+    check_misuse("the same with the two options exchanged");
     TOOL(ROOM, "-o", "same.png", "--stats", "same.partial.png");
-    check_misuse("an interrupted picture's name");
+    check_misuse("the name of a partial picture");
     TOOL(ROOM, "-o", "stdout.png", "--stats", "/dev/stdout");
     CHECK(ran.status == 0, "another file on stdout: %s", ran.err);
     CHECK(symlink("stdout", in_folder("output.png")) == 0 &&
               TOOL(ROOM, "-o", "output.png", "--stats", "/dev/stdout") == 2,
-          "what stdout goes to: %s", ran.err);
+          "the file that stdout goes to: %s", ran.err);
     CHECK(!exists("same.png"), "a picture was written");
     write_text("same.png", "old\n");
     CHECK(link(in_folder("same.png"), in_folder("hard")) == 0, "no hard links");
@@ -303,6 +310,7 @@ TEST(outputs_are_two_files) {
     CHECK(TOOL(ROOM, "-o", "same.png", "--stats", "same.json") == 0, "two files: %s", ran.err);
 }
 
+/* An output that is an input file of the scene is refused. */
 TEST(what_is_read_is_not_overwritten) {
     static const char mtl[] = "newmtl m\nKd 1 1 1\nmap_Kd wood.png\n";
     static const char obj[] = "mtllib wood.mtl\nvt 0 0\nv -1 0 -1\nv -1 0 1\nv 1 0 1\nusemtl m\nf 1/1 2/1 3/1\n";
@@ -333,9 +341,10 @@ TEST(what_is_read_is_not_overwritten) {
           "%s", ran.err);
 }
 
-/* >>interrupts */
+/* >>signals */
 
-/* The last run ended by that signal, said so in one line that holds the words, and left nothing under its own names. */
+/* Checks that the last run ended by the signal, said so in one line that contains the words, and left no temporary
+   files. */
 static void check_interrupted(const char *what, int number, const char *words) {
     CHECK(ran.status == 128 + number, "%s: exit status %d, expected %d: %s", what, ran.status, 128 + number, ran.err);
     CHECK(ran.err_lines == 1 && said("sbl_render: interrupted; ") && said(words), "%s: expected \"%s\" in one line: %s",
@@ -349,6 +358,7 @@ static void forget(void) {
     for (i = 0; i < sizeof names / sizeof *names; i++) remove(in_folder(names[i]));
 }
 
+/* A signal before the first pixel leaves nothing behind. */
 TEST(before_there_is_a_picture) {
     static const int calls[] = { OPENS, WAITS };
     int i, k;
@@ -360,14 +370,14 @@ TEST(before_there_is_a_picture) {
             m.signal = signals[k];
             forget();
             TRACED(room_arguments, &m, 1);
-            check_interrupted(i ? "while the scene is read" : "at the first look at the folder", signals[k],
+            check_interrupted(i ? "while the scene is read" : "at the first test of the folder", signals[k],
                               "no picture");
             CHECK(!exists("out.png") && !exists("out.partial.png"), "signal %d: a picture was written", signals[k]);
         }
 }
 
-/* The picture is done by then, but must not get its name any more. The first opening is only to see whether it may be
-   written. */
+/* A signal while the picture is written: the picture must not get its final name. The first opening only tests whether
+   the file may be written. */
 TEST(while_the_picture_is_written) {
     static const char *const arguments[] = { ROOM, "-o", "out.pfm", "--stats", "out.json", NULL };
     int k;
@@ -380,13 +390,14 @@ TEST(while_the_picture_is_written) {
         write_text("out.pfm", "old\n");
         TRACED(arguments, m, 3);
         check_interrupted("while the picture is written", signals[k], "is in out.partial.pfm");
-        CHECK(holds("out.pfm", "old\n") && !exists("out.json"), "signal %d: it was written all the same", signals[k]);
+        CHECK(holds("out.pfm", "old\n") && !exists("out.json"), "signal %d: the output was written", signals[k]);
         p = read_pfm("out.partial.pfm");
         CHECK(p.values && p.width == 24 && p.height == 16, "signal %d: the partial picture is not there", signals[k]);
         free(p.values);
     }
 }
 
+/* A signal after the picture is written keeps the picture, without statistics. */
 TEST(while_the_statistics_are_written) {
     static const char *const arguments[] = { ROOM, "-o", "out.png", "--stats", "out.json", NULL };
     static const moment m[] = { { RENAMES, 0, NULL }, { OPENS, SIGTERM, NULL } };
@@ -395,10 +406,10 @@ TEST(while_the_statistics_are_written) {
     TRACED(arguments, m, 2);
     check_interrupted("while the statistics are written", SIGTERM, "out.png is written, out.json is not");
     CHECK(is_picture("out.png", 24, 16) && !exists("out.partial.png") && !exists("out.json"),
-          "the picture should be whole, and all there is");
+          "the picture should be complete, and the only file");
 }
 
-/* The second signal comes while what the first one asked for is under way. */
+/* A second signal, while the tool still handles the first one, ends it at once. */
 TEST(a_second_signal_ends_at_once) {
     int i, k;
     room_obj();
@@ -426,7 +437,7 @@ static void be_traced_deaf(void) {
     for (i = 0; i < SIGNALS; i++) signal(signals[i], SIG_IGN);
 }
 
-/* As nohup does. */
+/* Signals that are ignored at the start, as nohup does, stay ignored. */
 TEST(what_is_ignored_stays_ignored) {
     static const moment m[] = { { OPENS, SIGHUP, NULL }, { WAITS, SIGINT, NULL }, { WRITES, SIGTERM, NULL } };
     int came;
@@ -438,11 +449,13 @@ TEST(what_is_ignored_stays_ignored) {
           ran.status, ran.err);
 }
 
-/* >>interrupted at work. One sensor a pixel takes minutes on two cores, and long enough anywhere. */
+/* >>signals during the work. With one sensor per pixel the picture takes minutes on two cores, and long enough on any
+   machine. */
 
 #define LONG \
     "room.obj", "--mode", "ambient", "--size", "640x480", "--rays", "4096", "--threshold", "0", "--samples", "1"
 
+/* Interrupted before the first level, the tool writes nothing. */
 TEST(before_the_first_level) {
     static const char *const arguments[] = { LONG, "--tile", "1", "-o", "out.png", "--stats", "out.json", NULL };
     int k;
@@ -452,13 +465,13 @@ TEST(before_the_first_level) {
         if (!interrupt_at(arguments, k, signals[k])) SKIP("no pseudo-terminals");
         CHECK(ran.status == 128 + signals[k] && said("interrupted; there is no picture yet"),
               "exit status %d: %s", ran.status, ran.err);
-        CHECK(k < 2 || strstr(on_terminal, " left"), "the bar should tell the time left: %s", ran.err);
+        CHECK(k < 2 || strstr(on_terminal, " left"), "the progress bar should show the time left: %s", ran.err);
         CHECK(!exists("out.png") && !exists("out.partial.png") && !exists("out.json") && !parts_left(),
               "something was written");
     }
 }
 
-/* The first of five levels is there at 5 %. */
+/* Interrupted after the first of five levels, which ends at 5 %, the tool writes a partial picture. */
 TEST(after_the_first_level) {
     static const char *const png[] = { LONG, "--tile", "16", "-o", "out.png", "--stats", "out.json", NULL };
     static const char *const sensor[] = { LONG, "--tile", "16", "--inspect", "5,5", "-o", "out.png", NULL };
@@ -481,7 +494,7 @@ TEST(after_the_first_level) {
           ran.status, ran.err);
 }
 
-/* >>pipes that nobody reads, and what is not open */
+/* >>broken pipes and closed handles */
 
 static int closed_handle;
 static void break_pipe(void) {
@@ -497,6 +510,7 @@ static void run_with(void (*before)(void), const char *const *arguments) {
     in_child = NULL;
 }
 
+/* SIGPIPE does not kill the tool: a broken pipe is ignored for warnings, and a failed write for outputs. */
 TEST(a_broken_pipe_is_a_failed_write) {
     static const char *const warned[] = { "warned.obj", "--size", "24x16", SMALL, "-o", "out.png", NULL };
     static const char *const stats[] = { ROOM, "-o", "out.png", "--stats", "/dev/stdout", NULL };
@@ -507,15 +521,16 @@ TEST(a_broken_pipe_is_a_failed_write) {
     forget();
     closed_handle = 2;
     run_with(break_pipe, warned);
-    CHECK(ran.status == 0 && is_picture("out.png", 24, 16), "nobody hears its warning: exit status %d", ran.status);
+    CHECK(ran.status == 0 && is_picture("out.png", 24, 16), "stderr is a broken pipe: exit status %d", ran.status);
     forget();
     closed_handle = 1;
     run_with(break_pipe, stats);
     CHECK(ran.status == 1 && said("/dev/stdout") && is_picture("out.png", 24, 16),
-          "nobody reads its statistics: exit status %d: %s", ran.status, ran.err);
+          "the statistics go into a broken pipe: exit status %d: %s", ran.status, ran.err);
     forget();
     run_with(break_pipe, sums);
-    CHECK(ran.status >= 0 && !parts_left() && exists("out.png"), "nobody reads its sums: exit status %d: %s",
+    CHECK(ran.status >= 0 && !parts_left() && exists("out.png"),
+          "--inspect prints into a broken pipe: exit status %d: %s",
           ran.status, ran.err);
 }
 
@@ -539,14 +554,15 @@ static void be_traced_closed(void) {
     close(2);
 }
 
-/* What it says must not go into the picture or a file of the driver's, as it would where these got handles 1 and 2. */
+/* If stdin, stdout and stderr are closed, files must not get their handles, or messages would go into the picture. The
+   tool must open /dev/null for all three. */
 TEST(closed_handles_do_no_harm) {
     static const moment m[] = { { WRITES, 0, look_at_handles } };
     int came;
     forget();
     came = run_traced_as(be_traced_closed, room_arguments, m, 1);
     if (came < 0) SKIP("processes cannot be traced here");
-    CHECK(came == 1 && handles_lead_away == 3, "%d of the first three handles lead nowhere", handles_lead_away);
+    CHECK(came == 1 && handles_lead_away == 3, "%d of the first three handles are /dev/null", handles_lead_away);
     CHECK(ran.status == 0 && is_picture("out.png", 24, 16), "exit status %d", ran.status);
 }
 

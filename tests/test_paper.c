@@ -1,4 +1,5 @@
-/* The paper's own mode against its sums done on the CPU, and what holds of tiles, thresholds and filter in any mode. */
+/* The paper's mode compared with its sums computed on the CPU, and properties of tiles, thresholds and filter in all
+   modes. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -8,8 +9,8 @@ static sbl_context *context;
 
 /* >>the paper's sensor */
 
-/* Two axes across n by Duff et al. 2017, Building an Orthonormal Basis, Revisited; the second turned round, so that a
-   view along n has its right hand where it belongs: right x up = -n. */
+/* Two axes perpendicular to n by Duff et al. 2017, Building an Orthonormal Basis, Revisited. The second is negated, so
+   that right x up = -n, as a view along n needs. */
 static void frame(v3 n, v3 *right, v3 *up) {
     if (n.z < 0) {
         double a = 1 / (1 - n.z), b = n.x * n.y * a;
@@ -22,10 +23,10 @@ static void frame(v3 n, v3 *right, v3 *up) {
     }
 }
 
-/* V'': onto the unit sphere, then down into the tangent plane. */
+/* V'': the point (x, y, 1) projected onto the unit sphere, then into the tangent plane. */
 static v3 project(double x, double y) { return v3_scale(v3_of(x, y, 0), 1 / sqrt(x * x + y * y + 1)); }
 
-/* Equation 4 over pi for texel (j, i) of rd x rd. */
+/* Equation 4 divided by pi, for texel (j, i) of rd x rd. */
 static double paper_weight(double fov, int rd, int j, int i) {
     double s = tan(fov / 2 * REF_PI / 180);
     double x0 = 2 * s * ((double)j / rd - 0.5), x1 = 2 * s * ((j + 1.0) / rd - 0.5);
@@ -34,9 +35,9 @@ static double paper_weight(double fov, int rd, int j, int i) {
     return v3_length(v3_cross(v3_sub(v1, v0), v3_sub(v2, v0))) / REF_PI;
 }
 
-/* Section III-E: the sum of Ck d / pi over the texels, Ck found by a ray through the texel's centre. slack, unless
-   NULL: how much of it hangs on texels whose centre lies within 1/128 texel of an edge. GL places corners to 1/256, so
-   there the renderer may see either side. */
+/* Section III-E: the sum of Ck d / pi over the texels, where a ray through the texel's centre finds Ck. slack, unless
+   NULL, gets the uncertainty from texels whose centre is within 1/128 texel of an edge: GL places corners to 1/256, so
+   that the renderer may see either side. */
 static void paper_sum(const ref_scene *scene, v3 p, v3 n, double epsilon, double fov, int rd, const double *weights,
                       double rgb[3], double *slack) {
     static const double aside[5][2] = { { 0, 0 }, { 1, 1 }, { 1, -1 }, { -1, 1 }, { -1, -1 } };
@@ -86,7 +87,8 @@ static void check_paper(const test_scene *s, sbl_picture_desc view, double fov, 
                     if (r != r) off = 1e30;
                 }
                 count++;
-                if (off > 0.01) {  /* a lamp may cover few texels: one at its rim is more than 1 % of the light */
+                /* a lamp may cover few texels, so that one texel at its rim is more than 1 % of the light */
+                if (off > 0.01) {
                     paper_sum(reference, p.position, p.normal, (double)view.options.epsilon, fov, rd, weights, expected,
                               &slack);
                     off -= slack / luminance;
@@ -99,10 +101,10 @@ static void check_paper(const test_scene *s, sbl_picture_desc view, double fov, 
             }
         free(radiance);
     }
-    printf("  %s: %d pixels, %d of them hang on texels on an edge; the others are off by %.3f %% at worst\n", name,
+    printf("  %s: %d pixels, %d of them depend on texels at an edge; without these, errors are up to %.3f %%\n", name,
            count, doubtful, 100 * worst);
     CHECK(count > view.width * view.height * 8 / 10, "%s: only %d pixels can be compared", name, count);
-    CHECK(doubtful < count / 8, "%s: %d pixels of %d hang on texels on an edge", name, doubtful, count);
+    CHECK(doubtful < count / 8, "%s: %d pixels of %d depend on texels at an edge", name, doubtful, count);
     CHECK(worst < 0.007, "%s: a pixel is off by %.3f %%", name, 100 * worst);
     CHECK(fabs(sum / expected_sum - 1) < 0.001, "%s: the mean is off by %+.4f %%", name,
           100 * (sum / expected_sum - 1));
@@ -110,8 +112,8 @@ static void check_paper(const test_scene *s, sbl_picture_desc view, double fov, 
     ref_destroy(reference);
 }
 
-/* Turns scene and camera together about x and y: the frame of a normal with z = 0 hangs on the sign of that zero, so
-   none may have it. */
+/* Rotates scene and camera together about x and y. The frame of a normal with z = 0 depends on the sign of that zero,
+   so no normal may have z = 0. */
 static void turn(test_scene *s, sbl_picture_desc *view, double yaw, double pitch) {
     double m[3][3], v[3][3];  /* columns */
     int i, j, k;
@@ -124,11 +126,12 @@ static void turn(test_scene *s, sbl_picture_desc *view, double yaw, double pitch
         s->meshes[i].transform[15] = 1;
     }
     for (j = 0; j < 3; j++) for (k = 0; k < 3; k++) v[j][k] = (double)view->world_to_view[4 * j + k];
-    for (j = 0; j < 3; j++)  /* times the transposed matrix: turn back first */
+    for (j = 0; j < 3; j++)  /* times the transposed matrix, which rotates back first */
         for (k = 0; k < 3; k++)
             view->world_to_view[4 * j + k] = (float)(v[0][k] * m[0][j] + v[1][k] * m[1][j] + v[2][k] * m[2][j]);
 }
 
+/* R of the Cornell box in SBL_MODE_PAPER equals the sums on the CPU, for two sizes and fields of view. */
 TEST(paper_sums) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(scene_view(20, 20, 37, 278, 273, -800, 278, 273, 0), SBL_MODE_PAPER, 64);
@@ -143,7 +146,7 @@ TEST(paper_sums) {
     scene_free(&s);
 }
 
-/* Normals in all directions, so that both halves of the frame's definition and its turning matter. */
+/* Normals in all directions test both cases of the frame's definition. */
 TEST(paper_sums_on_sphere) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(scene_view(16, 12, 60, 0.2f, 0.3f, 0.1f, 0.5f, -0.2f, -1), SBL_MODE_PAPER, 24);
@@ -161,6 +164,7 @@ TEST(paper_sums_on_sphere) {
     scene_free(&s);
 }
 
+/* Axes, field of view and weights of inspected sensors are those of the paper. */
 TEST(paper_frame_and_weights) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(scene_view(9, 9, 60, 0.1f, 0.2f, 0.1f, 2, 1, -1), SBL_MODE_PAPER, 16);
@@ -176,17 +180,17 @@ TEST(paper_frame_and_weights) {
             memset(&sensor, 0, sizeof sensor);
             memset(weights, 0, sizeof weights);
             CHECK(sbl_inspect_sensor(context, x, y, &sensor, radiance, weights, 256) == SBL_SUCCESS,
-                  "the sensor cannot be looked at");
+                  "the sensor cannot be inspected");
             CHECK(sensor.view_count == 1 && sensor.sheet_width == 16 && sensor.sheet_height == 16,
                   "%d views on %d x %d", sensor.view_count, sensor.sheet_width, sensor.sheet_height);
             frame(v3_from(sensor.normal), &right, &up);
             CHECK(v3_dot(v3_from(sensor.views[0].right), right) > 0.99999 && v3_dot(v3_from(sensor.views[0].up), up) >
                   0.99999 &&
                   v3_dot(v3_from(sensor.views[0].forward), v3_from(sensor.normal)) > 0.99999,
-                      "pixel %d %d: another frame", x, y);
+                      "pixel %d %d: the frame differs", x, y);
             CHECK(fabs((double)sensor.views[0].x0 + s_max) < 1e-5 && fabs((double)sensor.views[0].x1 - s_max) < 1e-5 &&
                   fabs((double)sensor.views[0].y0 + s_max) < 1e-5 && fabs((double)sensor.views[0].y1 - s_max) < 1e-5,
-                      "another field of view: %g", (double)sensor.views[0].x1);
+                      "the field of view differs: %g", (double)sensor.views[0].x1);
             for (i = 0; i < 16; i++)
                 for (j = 0; j < 16; j++)
                     worst = test_max(worst, fabs((double)weights[16 * i + j] - paper_weight(135, 16, j, i)));
@@ -197,8 +201,8 @@ TEST(paper_frame_and_weights) {
 
 /* >>filter */
 
-/* The step: a top that sees the whole sky, R = 1, and a front that black ground takes half of it from, R = 0.5. Its
-   edge runs across the picture. */
+/* The step: a top face that sees the whole sky, R = 1, and a front face that loses half of it to black ground, R = 0.5.
+   Its edge crosses the picture. */
 static void step_scene(test_scene *s) {
     int black = scene_material(s, 0, 0, 0);
     scene_quad(s, black, -50, 0, -50, -50, 0, 0, 50, 0, 0, 50, 0, -50);
@@ -211,8 +215,8 @@ static sbl_picture_desc step_view(int width, int height) {
     return scene_view(width, height, 20, 0.3f, 2, 2, 0.3f, 0, 0);
 }
 
-/* Worst distance of R from what the step's geometry says, and how many pixels lie between the two values by more than
-   0.1. */
+/* Returns the largest error of R on the step. *between: number of pixels whose R is between the two values, at least
+   0.1 from both. */
 static double step_error(const test_scene *s, const sbl_picture_desc *view, int *between) {
     double worst = 0;
     int i, tops = 0, fronts = 0;
@@ -229,12 +233,13 @@ static double step_error(const test_scene *s, const sbl_picture_desc *view, int 
         if (!(off <= worst)) worst = off;
     }
     CHECK(tops > view->width * view->height / 5 && fronts > view->width * view->height / 5,
-          "%d pixels of top, %d of front", tops, fronts);
+          "%d pixels of the top, %d of the front", tops, fronts);
     free(radiance);
     free(normal);
     return worst;
 }
 
+/* The filter mixes neither ids nor normals; the paper's filter compares only ids. */
 TEST(filter_stays_on_its_surface) {
     test_scene s = { 0 };
     sbl_picture_desc view = step_view(24, 24);
@@ -251,12 +256,12 @@ TEST(filter_stays_on_its_surface) {
     view.options.mode = SBL_MODE_PAPER;
     view.options.sensor_size = 64;
     worst = step_error(&s, &view, &between);
-    CHECK(between >= 24, "the paper's filter knows only ids, yet %d pixels are mixed", between);
+    CHECK(between >= 24, "the paper's filter compares only ids, but only %d pixels are mixed", between);
     scene_free(&s);
 }
 
-/* In paper mode one view sees 0.877 of the sky; the front, of normal +z, that of the texels that look up. Equation 4
-   takes a texel's size at one of its corners, so this is not quite the half. */
+/* In the paper's mode the view of the top sees 0.877 of the sky; that of the front, with normal +z, sees the sky in the
+   texels that look up. Equation 4 takes the size of a texel at one of its corners, so this is not exactly half. */
 TEST(paper_filter_stays_on_its_id) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(step_view(24, 24), SBL_MODE_PAPER, 64);
@@ -291,7 +296,7 @@ TEST(paper_filter_stays_on_its_id) {
     scene_free(&s);
 }
 
-/* A noisy picture: the filter keeps its mean (up to the borders) and takes most of its noise. */
+/* The filter keeps the mean of a noisy picture (except at borders) and removes most of its noise. */
 TEST(filter_smooths) {
     static const sbl_mode modes[] = { SBL_MODE_PAPER, SBL_MODE_AMBIENT };
     int mode, filtered, i;
@@ -304,7 +309,7 @@ TEST(filter_smooths) {
             sbl_picture_desc view = scene_plain(scene_view(48, 48, 30, 0, 9, 1, 0, 0, 0), modes[mode], 8);
             double sum = 0, squares = 0;
             view.filter_radius = filtered ? 4 : -1;
-            view.options.epsilon = 5;  /* what glows so is seen by texels */
+            view.options.epsilon = 5;  /* with this epsilon, texels measure surfaces that emit */
             if (scene_render(context, &s, &view)) {
                 float *radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
                 for (i = 0; i < 48 * 48; i++) {
@@ -318,7 +323,8 @@ TEST(filter_smooths) {
         }
         CHECK(mean[0] > 0 && fabs(mean[1] / mean[0] - 1) < 0.02, "mode %d: the mean goes from %.4f to %.4f",
               (int)modes[mode], mean[0], mean[1]);
-        if (modes[mode] == SBL_MODE_AMBIENT) {  /* the paper's unturned sensors err all alike: nothing to smooth */
+        /* in the paper's mode sensors are not rotated, so all have the same error, and there is no noise */
+        if (modes[mode] == SBL_MODE_AMBIENT) {
             CHECK(variance[0] > 1e-5 * mean[0] * mean[0], "there is no noise to smooth: %g", variance[0]);
             CHECK(variance[1] < 0.2 * variance[0], "the variance goes from %g to %g", variance[0], variance[1]);
         }
@@ -334,7 +340,7 @@ static sbl_picture_desc inside_view(int width, int height) {
     return scene_view(width, height, 80, 0.2f, -0.3f, 0.8f, -0.1f, 0.1f, -1);
 }
 
-/* Any size of picture against any tile: R = 1 at every pixel, whatever was interpolated. */
+/* Pictures of any size with tiles of any size: R = 1 at every pixel, interpolated or not. */
 TEST(odd_sizes) {
     static const int pictures[][2] = { { 1, 1 }, { 1, 7 }, { 7, 1 }, { 3, 2 }, { 2, 2 }, { 16, 16 }, { 17, 16 },
         { 33, 15 }, { 31, 47 }, { 50, 3 } };
@@ -369,16 +375,17 @@ TEST(odd_sizes) {
                 CHECK(stats.picture.visible_pixels == pixels, "%d x %d: %d pixels are visible", view.width, view.height,
                       stats.picture.visible_pixels);
                 CHECK(marked == stats.sensors.count && marked > 0,
-                      "%d x %d, tile %d: %d pixels are marked, %d sensors.count counted", view.width, view.height,
+                      "%d x %d, tile %d: %d pixels are marked, but sensors.count is %d", view.width, view.height,
                       tiles[t], marked, (int)stats.sensors.count);
-                CHECK(tiles[t] != 1 || marked == pixels, "%d x %d: tile 1 sensed %d pixels", view.width, view.height,
+                CHECK(tiles[t] != 1 || marked == pixels, "%d x %d: with tile 1, %d pixels have a sensor", view.width,
+                      view.height,
                       marked);
                 free(radiance); free(final); free(sensed);
             }
     scene_free(&s);
 }
 
-/* Nothing changes across a surface, so only the first, coarse level is needed (and what its borders want). */
+/* Constant light on a surface needs only the first, coarse level, and sensors at borders. */
 TEST(constant_light_needs_few_sensors) {
     static const sbl_mode modes[] = { SBL_MODE_DIRECT, SBL_MODE_PAPER };
     int m, i;
@@ -400,10 +407,10 @@ TEST(constant_light_needs_few_sensors) {
             stats = sbl_query_stats(context);
             for (i = 0; i < 96 * 64; i++)
                 off[fine] = test_max(off[fine], fabs((double)radiance[3 * i] - (m ? 0.8773 : 1)));
-            if (fine) CHECK(stats.sensors.count == 96 * 64, "tile 1: %d sensors.count", (int)stats.sensors.count);
+            if (fine) CHECK(stats.sensors.count == 96 * 64, "tile 1: sensors.count is %d", (int)stats.sensors.count);
             else
                 CHECK(stats.sensors.count >= 4 * 6 && stats.sensors.count <= 5 * 7 * 2,
-                      "tile 16: %d sensors.count for 24 tiles", (int)stats.sensors.count);
+                      "tile 16: sensors.count is %d for 24 tiles", (int)stats.sensors.count);
             free(radiance);
         }
         CHECK(off[0] < 0.002 && off[1] < 0.002, "mode %d: R is off by %.5f with tiles, by %.5f without", (int)modes[m],
@@ -412,8 +419,8 @@ TEST(constant_light_needs_few_sensors) {
     }
 }
 
-/* Interpolation never crosses the step's edge, where R halves: every interpolated pixel has its own surface's value.
-   Also with a threshold that finds nothing to refine, when there is only interpolation to keep the two apart. */
+/* Interpolation never crosses the step's edge, where R halves: every interpolated pixel has the value of its own
+   surface. This also holds with a threshold that refines nothing. */
 TEST(interpolation_stays_on_its_surface) {
     test_scene s = { 0 };
     int between, kind;
@@ -439,7 +446,7 @@ TEST(interpolation_stays_on_its_surface) {
     scene_free(&s);
 }
 
-/* Only pixels that show a surface are sensed, and with tile 1 all of them. */
+/* Only pixels that show a surface have a sensor; with tile 1 all of them do. */
 TEST(tile_1_senses_what_is_visible) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(scene_view(40, 30, 40, 0, 1, 6, 0, 0, 0), SBL_MODE_DIRECT, 8);
@@ -457,16 +464,17 @@ TEST(tile_1_senses_what_is_visible) {
         wrong += (id[i] != 0) != (sensed[i] != 0);
     }
     CHECK(visible > 100 && visible < 1000, "%d pixels show the sphere", visible);
-    CHECK(wrong == 0, "%d pixels are wrongly sensed or not", wrong);
+    CHECK(wrong == 0, "%d pixels wrongly have a sensor, or have none", wrong);
     CHECK(stats.sensors.count == visible && stats.picture.visible_pixels == visible,
-          "%d sensors.count, %d visible, expected %d", (int)stats.sensors.count, stats.picture.visible_pixels, visible);
+          "sensors.count is %d, visible_pixels %d, expected %d", (int)stats.sensors.count, stats.picture.visible_pixels,
+          visible);
     CHECK(stats.sensors.views == 5 * stats.sensors.count, "%d views", (int)stats.sensors.views);
     free(id);
     free(sensed);
     scene_free(&s);
 }
 
-/* Levels halve the tile; a lower threshold wants more sensors; the threshold bounds what interpolation costs. */
+/* Each level halves the tile; a lower threshold needs more sensors and has a smaller error of interpolation. */
 static void check_threshold(sbl_mode mode, const float thresholds[3]) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_cornell_view(64, 64);
@@ -501,7 +509,8 @@ static void check_threshold(sbl_mode mode, const float thresholds[3]) {
             sum += stats.picture.levels[i].sensors;
             CHECK(stats.picture.levels[i].tile == 16 >> i, "level %d has tile %d", i, stats.picture.levels[i].tile);
         }
-        CHECK(sum == stats.sensors.count, "the levels sum to %d, not %d", (int)sum, (int)stats.sensors.count);
+        CHECK(sum == stats.sensors.count, "the levels sum to %d sensors, expected %d", (int)sum,
+              (int)stats.sensors.count);
         free(radiance);
     }
     printf("  thresholds %g %g %g: %d %d %d sensors of %d, mean error %.2f %.2f %.2f %%\n", (double)thresholds[0],
@@ -510,29 +519,31 @@ static void check_threshold(sbl_mode mode, const float thresholds[3]) {
     CHECK(sensors[0] > sensors[1] && sensors[1] > sensors[2] && sensors[2] > 0, "sensors %d %d %d", (int)sensors[0],
           (int)sensors[1], (int)sensors[2]);
     CHECK(off[0] < off[1] + 1e-9 && off[1] < off[2], "errors %.4f %.4f %.4f", off[0], off[1], off[2]);
-    CHECK(off[0] < 0.01, "the finest threshold still costs %.2f %%", 100 * off[0]);
+    CHECK(off[0] < 0.01, "the error with the finest threshold is %.2f %%", 100 * off[0]);
     free(exact);
     scene_free(&s);
 }
 
+/* The threshold of SBL_MODE_DIRECT, relative to the light. */
 TEST(relative_threshold) {
     static const float thresholds[] = { 0.001f, 0.1f, 100 };
     check_threshold(SBL_MODE_DIRECT, thresholds);
 }
 
+/* The threshold of SBL_MODE_PAPER, a radiance. */
 TEST(absolute_threshold) {
     static const float thresholds[] = { 0.0001f, 0.05f, 100 };
     check_threshold(SBL_MODE_PAPER, thresholds);
 }
 
-/* The paper's threshold is a radiance: eight times the light, eight times the threshold, the same sensors. A relative
-   one needs no change. */
+/* The paper's threshold is a radiance: with eight times the light, eight times the threshold gives the same sensors. A
+   relative threshold needs no change. */
 TEST(threshold_units) {
     static const sbl_mode modes[] = { SBL_MODE_PAPER, SBL_MODE_DIRECT };
     int m, k;
     for (m = 0; m < 2; m++) {
         int64_t sensors[3] = { 0, 0, 0 };
-        for (k = 0; k < 3; k++) {  /* plain; eight times the light; and eight times the threshold as well */
+        for (k = 0; k < 3; k++) {  /* plain; eight times the light; eight times the light and the threshold */
             test_scene s = { 0 };
             sbl_picture_desc view = scene_cornell_view(48, 48);
             int i;

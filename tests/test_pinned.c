@@ -1,7 +1,6 @@
-/* Pictures do not change unnoticed: a hash of every channel of small pictures in all modes and back ends, pinned for
-   each renderer they were made on. On another renderer the test is skipped, and prints the lines to add to `pins`.
-
-   A change that is meant to change pictures pins them anew, and says in its commit message by how much they moved;
+/* Pictures must not change unintentionally: a hash of every channel of small pictures in all modes and back ends is
+   pinned for each renderer. On an unknown renderer the test is skipped and prints the lines to add to `pins`. A commit
+   that changes pictures intentionally updates the hashes and states in its message by how much they changed;
    scripts/compare_commits measures that. */
 #include "../sbl.h"
 #include "support/test.h"
@@ -9,8 +8,8 @@
 
 static sbl_context *context;
 
-/* A corner of everything: textures of both kinds, a cutout, vertex colours, one-sided emission, hidden surfaces, a
-   mirrored mesh, smooth normals; all kinds of lights and a sky picture where asked for. */
+/* A scene with textures of both kinds, a cut-out, vertex colours, one-sided emission, hidden surfaces, a mirrored mesh
+   and smooth normals; optionally with all kinds of lights and a sky picture. */
 static void scene_everything(test_scene *s, int lights, int sky) {
     static const unsigned char checks[] = { 255, 255, 255, 255, 200, 30, 20, 255, 20, 60, 190, 0, 240, 240, 80, 255 };
     static const float glow[] = { 3, 2, 1, 1, 0.5f, 1, 2, 1 };
@@ -64,7 +63,7 @@ static void scene_everything(test_scene *s, int lights, int sky) {
     scene_sky(s, 0.02f, 0.03f, 0.04f);
 }
 
-/* More lamps than are weighed one by one: clusters. */
+/* More lamps than are sampled one by one, so that clusters are used. */
 static void scene_many_lamps(test_scene *s) {
     int white = scene_material(s, 0.8f, 0.8f, 0.8f), lamp = scene_lamp(s, 4, 3, 2);
     scene_floor(s, white, 0, 3);
@@ -118,7 +117,7 @@ static void pin_cases(pin_case cases[PINS]) {
         cases[i].scene = list[i].scene;
         cases[i].view = view_of(list[i].scene, list[i].mode, list[i].backend, list[i].preset);
     }
-    cases[8].view.view_to_clip[0] = 0.4f;  /* one of them through an orthographic camera */
+    cases[8].view.view_to_clip[0] = 0.4f;  /* one picture with an orthographic camera */
     cases[8].view.view_to_clip[5] = 0.5f;
     cases[8].view.view_to_clip[11] = 0;
     cases[8].view.view_to_clip[15] = 1;
@@ -161,6 +160,7 @@ static const struct { const char *renderer, *version; uint64_t hashes[PINS]; } p
         0xd599f611a415c290u,  /* sky_gi_traced */ } }
 };
 
+/* The hashes of all pictures are those pinned for this renderer. */
 TEST(pictures_are_the_same_as_ever) {
     const sbl_capabilities c = sbl_query_capabilities(context);
     pin_case cases[PINS];
@@ -175,7 +175,8 @@ TEST(pictures_are_the_same_as_ever) {
         else if (cases[i].scene == 4) scene_many_lamps(&s);
         else scene_everything(&s, cases[i].scene > 1, cases[i].scene > 2);
         hashes[i] = scene_render(context, &s, &cases[i].view) ? hash_of(&cases[i].view) : 0;
-        /* what is worth its cost hangs on roundings: GL 3.3 without clip control has its own for this one */
+        /* the decisions of refinement depend on rounding; GL 3.3 without clip control has another hash for this
+           picture */
         if (c.gl_major == 3 && strcmp(cases[i].name, "cornell_gi_rasterised") == 0 && hashes[i] ==
             0x5ca3f25b35988b73u) {
             scene_free(&s);

@@ -1,5 +1,6 @@
-/* Probes: the light at points in the air, against closed forms and loops of their own over directions, lamps' areas and
-   boxes; where they stand, and how they come about. */
+/* Tests of probes. They compare the light at points in the air with closed forms, and with sums over directions,
+   areas of lamps and sides of boxes that are computed here. They also test how probes are placed, moved and baked in
+   slices. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -35,11 +36,11 @@ static sbl_probe probe_at(float x, float y, float z, sbl_mode mode) {
     return probe;
 }
 
-/* >>references: what should be there, as sums of light from directions */
+/* >>references: the expected light, as sums over directions */
 
 typedef struct field { double sh[9], cube[6]; } field;
 
-/* The harmonics as books have them. */
+/* The nine spherical harmonics as textbooks define them. */
 static void basis(double x, double y, double z, double out[9]) {
     out[0] = sqrt(1 / (4 * pi));
     out[1] = sqrt(3 / (4 * pi)) * y;
@@ -52,7 +53,7 @@ static void basis(double x, double y, double z, double out[9]) {
     out[8] = sqrt(15 / (16 * pi)) * (x + y) * (x - y);
 }
 
-/* So much light (radiance times solid angle) comes from the direction. */
+/* Adds light (radiance times solid angle) from a direction to the field. */
 static void shine(field *f, double light, double x, double y, double z) {
     const double way[3] = { x, y, z };
     double y9[9];
@@ -66,7 +67,7 @@ static double norm_of(const field *f) {
     return sqrt(f->sh[0] * f->sh[0] + f->sh[1] * f->sh[1] + f->sh[2] * f->sh[2] + f->sh[3] * f->sh[3]);
 }
 
-/* How far off a channel's coefficients are, as a share of the norm of the first four. */
+/* Returns the largest error of a channel's coefficients, relative to the norm of the first four. */
 static double off(const sbl_probe *p, int channel, const field *f) {
     double worst = 0;
     int i;
@@ -74,7 +75,7 @@ static double off(const sbl_probe *p, int channel, const field *f) {
     return worst;
 }
 
-/* And the cube's sides, as a share of the brightest. */
+/* Returns the largest error of the cube's sides, relative to the brightest. */
 static double cube_off(const sbl_probe *p, int channel, const field *f) {
     double worst = 0, most = 0;
     int i;
@@ -83,7 +84,7 @@ static double cube_off(const sbl_probe *p, int channel, const field *f) {
     return worst;
 }
 
-/* A function of directions, by the middles of 400 x 800 cells. */
+/* Integrates a function of the direction, at the centres of 400 x 800 cells. */
 static void around(field *f, double (*radiance)(const double d[3])) {
     int i, j;
     memset(f, 0, sizeof *f);
@@ -95,8 +96,8 @@ static void around(field *f, double (*radiance)(const double d[3])) {
         }
 }
 
-/* A lamp with corner a and sides u, v, both of whose faces shine, from the origin: the middles of 500 x 500 parts.
-   keep: those with x below it. */
+/* Integrates a lamp with corner a and edges u, v that emits to both sides, as seen from the origin, at the centres of
+   500 x 500 parts. Only parts with x < keep count. */
 static void rectangle(field *f, const double a[3], const double u[3], const double v[3], double radiance, double keep) {
     const double n[3] = { u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0] };
     int i, j, k;
@@ -116,6 +117,7 @@ static void rectangle(field *f, const double a[3], const double u[3], const doub
 
 /* >>light */
 
+/* Under a constant sky, coefficients and cube have their closed forms, for both back ends. */
 TEST(a_uniform_sky) {
     static test_scene s;
     int backend, i, k;
@@ -140,7 +142,7 @@ TEST(a_uniform_sky) {
         CHECK(p.sky == 1 && p.back_share == 0 && p.valid == 1 && p.distance[3] == 0 && p.distance_squared[3] == 0,
               "sky %g, back %g, valid %d, distance %g",
               (double)p.sky, (double)p.back_share, p.valid, (double)p.distance[3]);
-        CHECK(p.position[0] == 3 && p.position[1] == 4 && p.position[2] == 5, "it stands elsewhere");
+        CHECK(p.position[0] == 3 && p.position[1] == 4 && p.position[2] == 5, "the probe is at another position");
     }
     scene_free(&s);
 }
@@ -161,6 +163,7 @@ static void sky_of(const float direction[3], float radiance[3], void *user) {
     radiance[2] = 0.5f;
 }
 
+/* Sky callbacks with a gradient and with a sun agree with a sum over directions. */
 TEST(skies_with_pictures) {
     static test_scene s;
     static double (*const functions[2])(const double d[3]) = { gradient, with_a_sun };
@@ -181,7 +184,7 @@ TEST(skies_with_pictures) {
     scene_free(&s);
 }
 
-/* A lamp that is all seen; and one that a wall hides to a part. */
+/* A rectangular lamp, unoccluded and partly hidden by a wall, agrees with an integral over its area. */
 TEST(a_rectangular_lamp) {
     static const double a[3] = { -0.4, 1.1, 0.3 }, u[3] = { 1.2, 0.2, 0 }, v[3] = { -0.1, 0.3, 0.8 };
     int backend, hidden;
@@ -200,7 +203,8 @@ TEST(a_rectangular_lamp) {
                 for (k = 0; k < 3; k++)
                     c[3 * i + k] = (float)((double)at[k] + a[k] + (i == 1 || i == 2) * u[k] + (i > 1) * v[k]);
             scene_quad_uv(&s, scene_lamp(&s, 1, 5, 25), c, 1, 1);
-            /* a wall just above that ends over the probe: it hides what lies beyond x = 0, and takes many rays */
+            /* A wall close to the lamp that ends above the probe and hides the part beyond x = 0. Many rays are needed
+               for its edge. */
             if (hidden)
                 scene_quad(&s, scene_material(&s, 0, 0, 0), 7, 8.01f, 8, 7, 8.01f, 10.5f, 9, 8.01f, 10.5f, 9, 8.01f, 8);
             REQUIRE(use_scene(&s), "no scene");
@@ -211,7 +215,8 @@ TEST(a_rectangular_lamp) {
             CHECK(off(&p, 1, &f) < most, "back end %d, hidden %d: off by %g", backend, hidden, off(&p, 1, &f));
             CHECK(cube_off(&p, 1, &f) < (hidden ? 0.02 : 1e-3), "back end %d, hidden %d: the cube is off by %g",
                   backend, hidden, cube_off(&p, 1, &f));
-            CHECK(fabsf(p.sh[0][2] / p.sh[0][0] - 25) < 1e-2f, "blue %g, red %g", (double)p.sh[0][2],
+            CHECK(fabsf(p.sh[0][2] / p.sh[0][0] - 25) < 1e-2f, "the blue coefficient is %g, the red one %g",
+                  (double)p.sh[0][2],
                   (double)p.sh[0][0]);
             printf("  %s, %s: %.3f %%, cube %.3f %%\n", backend == SBL_BACKEND_RASTER ? "views" : "rays",
                    hidden ? "half hidden" : "open", 100 * off(&p, 1, &f),
@@ -220,8 +225,8 @@ TEST(a_rectangular_lamp) {
         }
 }
 
-/* Lights about the origin in many directions. A sphere's harmonics are its axis' own, times 2 pi times the integral of
-   the Legendre polynomial. */
+/* Point, sphere, sun and spot in random directions. The harmonics of a cone of light are those of its axis, times 2 pi
+   times the integral of the Legendre polynomial over the cone. */
 TEST(points_spheres_and_suns) {
     static const sbl_light_kind kinds[4] = { SBL_LIGHT_POINT, SBL_LIGHT_POINT, SBL_LIGHT_DIRECTIONAL, SBL_LIGHT_SPOT };
     static const char *const names[4] = { "point", "sphere", "sun", "spot" };
@@ -263,7 +268,7 @@ TEST(points_spheres_and_suns) {
     }
 }
 
-/* A closed room that shines and reflects evenly: emission / (1 - albedo) from everywhere. */
+/* In a closed box that emits and reflects evenly, the light from everywhere is emission / (1 - albedo). */
 TEST(a_furnace) {
     int backend;
     for (backend = SBL_BACKEND_RASTER; backend <= SBL_BACKEND_TRACE; backend++) {
@@ -286,7 +291,8 @@ TEST(a_furnace) {
         for (i = 0; i < 6; i++) worst_cube = test_max(worst_cube, fabs((double)p.cube[i][1] / 2 - 1));
         CHECK(worst < 0.005, "back end %d: off by %g", backend, worst);
         CHECK(worst_cube < 0.005, "back end %d: the cube is off by %g", backend, worst_cube);
-        CHECK(p.sky == 0 && p.back_share == 1 && !p.valid, "its walls face outward: sky %g, back %g", (double)p.sky,
+        CHECK(p.sky == 0 && p.back_share == 1 && !p.valid, "seen from behind, the walls give sky %g, back_share %g",
+              (double)p.sky,
               (double)p.back_share);
         printf("  %s: %.3f %%, cube %.3f %%\n", backend == SBL_BACKEND_RASTER ? "views" : "rays", 100 * worst,
                100 * worst_cube);
@@ -296,7 +302,8 @@ TEST(a_furnace) {
 
 static double half_below(const double d[3]) { return d[1] < 0 ? 0.5 : 0; }
 
-/* A wide floor under a sun that is straight above: it sends 0.5 everywhere. */
+/* A large floor under a vertical sun reflects a radiance of 0.5 in all directions, except in SBL_MODE_DIRECT, where
+   only lamps give light. */
 TEST(what_a_floor_reflects) {
     static test_scene s;
     static const sbl_mode modes[3] = { SBL_MODE_GI, SBL_MODE_DIRECT, SBL_MODE_AMBIENT };
@@ -327,9 +334,10 @@ TEST(what_a_floor_reflects) {
     scene_free(&s);
 }
 
-/* >>what is seen */
+/* >>distances and visibility */
 
-/* Distance from a point in a box to its side along d; *side: which, as the cube counts. */
+/* Returns the distance from a point in a box to the side that direction d meets. *side: the number of that side, as in
+   sbl_probe.cube. */
 static double box_distance(const double at[3], const double low[3], const double high[3], const double d[3],
                            int *side) {
     double least = HUGE_VAL;
@@ -341,7 +349,8 @@ static double box_distance(const double at[3], const double low[3], const double
     return least;
 }
 
-/* In a box of three unlike sides, all of it or without its upper side. */
+/* Distances and share of sky in a box of three different edge lengths, closed and without its upper side, agree with
+   sums over directions. */
 TEST(distances_in_a_box) {
     static const double low[3] = { -1, -2, -0.5 }, high[3] = { 3, 1, 2 }, at[3] = { 0.3, 0.2, 0.4 };
     int open, i, j, o;
@@ -354,7 +363,7 @@ TEST(distances_in_a_box) {
         memset(square, 0, sizeof square);
         memset(weight, 0, sizeof weight);
         scene_box(&s, scene_material(&s, 0, 0, 0), -1, -2, -0.5f, 3, 1, 2);
-        if (open) s.meshes[3] = s.meshes[2];  /* y = 1 */
+        if (open) s.meshes[3] = s.meshes[2];  /* removes the side y = 1 */
         REQUIRE(use_scene(&s), "no scene");
         p = probe_at((float)at[0], (float)at[1], (float)at[2], SBL_MODE_DIRECT);
         for (i = 0; i < 400; i++)
@@ -377,13 +386,14 @@ TEST(distances_in_a_box) {
             worst = test_max(worst, fabs((double)p.distance_squared[o] * weight[o] / square[o] - 1));
         }
         CHECK(worst < 0.005, "open %d: off by %g", open, worst);
-        CHECK(fabs((double)p.sky - sky) < 2e-3 && p.back_share == 1, "open %d: sky %g, is %g; back %g", open,
+        CHECK(fabs((double)p.sky - sky) < 2e-3 && p.back_share == 1, "open %d: sky %g, expected %g; back %g", open,
               (double)p.sky, sky, (double)p.back_share);
         printf("  %s: %.3f %%\n", open ? "without a side" : "closed", 100 * worst);
         scene_free(&s);
     }
 }
 
+/* At the centre of a sphere, all distances are its radius. */
 TEST(distances_in_a_sphere) {
     static test_scene s;
     sbl_probe p;
@@ -399,8 +409,9 @@ TEST(distances_in_a_sphere) {
     scene_free(&s);
 }
 
-/* >>inside or out */
+/* >>inside and outside of geometry */
 
+/* Inside of a closed or open cube a probe is invalid; outside, and in front of a single square, it is valid. */
 TEST(inside_and_outside) {
     static const float heights[2] = { 0.6f, 0.7f };
     static test_scene s;
@@ -412,10 +423,10 @@ TEST(inside_and_outside) {
     p = probe_at(0.5f, 0.3f, 0.6f, SBL_MODE_DIRECT);
     CHECK(!p.valid && p.back_share == 1 && p.sky == 0, "in a cube: valid %d, back %g", p.valid, (double)p.back_share);
     p = probe_at(0.5f, 0.3f, 1.01f, SBL_MODE_DIRECT);
-    CHECK(p.valid && p.back_share == 0 && p.sky > 0.5f, "before a cube: valid %d, back %g", p.valid,
+    CHECK(p.valid && p.back_share == 0 && p.sky > 0.5f, "in front of a cube: valid %d, back %g", p.valid,
           (double)p.back_share);
     scene_free(&s);
-    /* five sides of a cube: from within, a sixth of the sphere is the sky's */
+    /* a cube with five sides: a sixth of the sphere around its centre is sky */
     memset(&s, 0, sizeof s);
     scene_box(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 0, 0, 1, 1, 1);
     s.meshes[3] = s.meshes[2];
@@ -424,8 +435,8 @@ TEST(inside_and_outside) {
     CHECK(!p.valid && p.back_share == 1 && fabs((double)p.sky - 1 / 6.0) < 2e-3, "in an open cube: valid %d, sky %g",
           p.valid, (double)p.sky);
     scene_free(&s);
-    /* a square of one layer, from before and from behind: it covers asin(1 / (1 + h^2)) / pi of the sphere, a quarter
-       at h = 0.6436 */
+    /* A square of one layer, seen from the front and from behind. It covers asin(1 / (1 + h^2)) / pi of the sphere,
+       which is a quarter at h = 0.6436. Behind it, probes are valid if it covers less. */
     memset(&s, 0, sizeof s);
     m = scene_material(&s, 0.5f, 0.5f, 0.5f);
     scene_floor(&s, m, 0, 1);
@@ -434,7 +445,7 @@ TEST(inside_and_outside) {
         const double share = asin(1 / (1 + (double)heights[i] * (double)heights[i])) / pi;
         p = probe_at(0, heights[i], 0, SBL_MODE_DIRECT);
         CHECK(p.valid && p.back_share == 0 && fabs((double)p.sky - 1 + share) < 3e-3,
-              "before: valid %d, sky %g, share %g", p.valid, (double)p.sky, share);
+              "in front: valid %d, sky %g, share %g", p.valid, (double)p.sky, share);
         p = probe_at(0, -heights[i], 0, SBL_MODE_DIRECT);
         CHECK(p.valid == i && p.back_share == 1 && fabs((double)p.sky - 1 + share) < 3e-3,
               "%g behind: valid %d, sky %g, share %g", (double)heights[i], p.valid,
@@ -451,7 +462,8 @@ static double apart(const float a[3], const float b[3]) {
     return sqrt(x * x + y * y + z * z);
 }
 
-/* Out of a cube, to where the light is that which is found there; not farther than allowed; nor into the next cube. */
+/* Probes inside of a cube move out of it, by at most `move`, and not into the cube beside it. Their light must equal
+   that of probes placed at their new positions. */
 TEST(moving_out) {
     static const float at[9] = { 0.8f, 0.5f, 0.55f, 3, 3, 3, 0.5f, 0.5f, 0.7f };
     float there[9];
@@ -468,44 +480,47 @@ TEST(moving_out) {
         desc = probes_of(at, still, 3);
         bake(&desc);
         CHECK(!still[0].valid && still[1].valid && !still[2].valid && sbl_query_stats(context).sensors.invalid == 2,
-              "nothing is moved unasked");
+              "probes moved although move is 0");
         desc.probes = moved;
         desc.move = blocked ? 0.7f : 0.4f;
         bake(&desc);
-        CHECK(sbl_query_stats(context).sensors.invalid == 0, "%d are left",
+        CHECK(sbl_query_stats(context).sensors.invalid == 0, "%d probes are still inside",
               (int)sbl_query_stats(context).sensors.invalid);
-        CHECK(sbl_query_stats(context).sensors.count >= 5 + blocked, "%d sensors.count",
+        CHECK(sbl_query_stats(context).sensors.count >= 5 + blocked, "sensors.count is %d",
               (int)sbl_query_stats(context).sensors.count);
-        CHECK(memcmp(&moved[1], &still[1], sizeof *moved) == 0, "one that is valid is moved");
+        CHECK(memcmp(&moved[1], &still[1], sizeof *moved) == 0, "a valid probe was moved");
         for (i = 0; i < 3; i += 2) {
             const float *p = moved[i].position;
             CHECK(moved[i].valid && !inside_unit(p) && apart(p, at + 3 * i) <= (double)desc.move * 1.00001,
-                  "it stands at %g %g %g, %g away", (double)p[0],
+                  "the probe is at %g %g %g, %g from its place", (double)p[0],
                   (double)p[1], (double)p[2], apart(p, at + 3 * i));
-            CHECK(blocked ? p[0] < 1 : i == 0 ? p[0] > 1 : p[2] > 1, "blocked %d: that is no way out: %g %g %g",
+            CHECK(blocked ? p[0] < 1 : i == 0 ? p[0] > 1 : p[2] > 1,
+                  "blocked %d: the probe moved in a wrong direction: %g %g %g",
                   blocked, (double)p[0], (double)p[1], (double)p[2]);
         }
         if (!blocked)
-            CHECK(apart(moved[0].position, at) < 0.2 * 1.1 + 0.4 / 8, "it was moved %g", apart(moved[0].position, at));
+            CHECK(apart(moved[0].position, at) < 0.2 * 1.1 + 0.4 / 8, "the probe was moved by %g",
+                  apart(moved[0].position, at));
         for (i = 0; i < 3; i++) memcpy(there + 3 * i, moved[i].position, 3 * sizeof(float));
         desc.positions = there;
         desc.probes = again;
         bake(&desc);
-        CHECK(memcmp(again, moved, sizeof again) == 0, "the light is not that of where it stands");
+        CHECK(memcmp(again, moved, sizeof again) == 0, "the light differs from that of a probe at the new position");
         desc = probes_of(at, moved, 3);
         desc.move = 0.15f;
         bake(&desc);
-        CHECK(memcmp(moved, still, sizeof moved) == 0, "what cannot get out does not stay");
+        CHECK(memcmp(moved, still, sizeof moved) == 0, "a probe that cannot get out was changed");
         desc.move = 0.3f;
         desc.options.mode = SBL_MODE_DIRECT;
         bake(&desc);
-        CHECK(moved[2].valid == 0 || apart(moved[2].position, at + 6) <= 0.3001, "too far");
+        CHECK(moved[2].valid == 0 || apart(moved[2].position, at + 6) <= 0.3001, "a probe was moved farther than move");
         scene_free(&s);
     }
 }
 
 /* >>the descriptor */
 
+/* A grid's probes are in order, x fastest, and have the same light as a list of the same positions. */
 TEST(grids_in_order) {
     static test_scene s;
     static const float low[3] = { -1, 0, 2 }, high[3] = { 5, 1, 10 };
@@ -537,7 +552,7 @@ TEST(grids_in_order) {
         CHECK(worst < 1e-5, "bounds %d: off by %g", bounds, worst);
         desc = probes_of(at, listed, 24);
         bake(&desc);
-        CHECK(memcmp(probes, listed, sizeof probes) == 0, "bounds %d: a list of the same places has other light",
+        CHECK(memcmp(probes, listed, sizeof probes) == 0, "bounds %d: a list of the same positions has other light",
               bounds);
         desc = probes_of(NULL, listed, 24);
         memcpy(desc.grid, sizes, sizeof desc.grid);
@@ -545,7 +560,7 @@ TEST(grids_in_order) {
         memset(listed, 0, sizeof listed);
         desc.probe_count = 0;
         CHECK(sbl_bake_probes(context, &desc) == SBL_SUCCESS && memcmp(probes, listed, sizeof probes) == 0,
-              "count is not the grid's by default");
+              "the default of probe_count is not the size of the grid");
     }
     scene_free(&s);
 }
@@ -559,6 +574,7 @@ static void refused(sbl_probes_desc desc, const char *word) {
     watch_forget(&seen);
 }
 
+/* Every field of sbl_probes_desc is checked; the message names field and value. */
 TEST(every_field_is_checked) {
     static test_scene s;
     float at[60];
@@ -606,17 +622,17 @@ TEST(every_field_is_checked) {
     for (i = 0; i < 60; i++) at[i] = (float)INFINITY;
     d = good;
     CHECK(sbl_begin_probes(context, &d) == SBL_ERROR_INVALID_ARGUMENT &&
-          watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_PROBES_DESC, "4 probes more", NULL, NULL),
+          watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_PROBES_DESC, "4 more probes", NULL, NULL),
           "%s", watch_last(&seen));
     memset(at, 0, sizeof at);
     for (i = 0; i < (int)sizeof probes; i++) if (((unsigned char *)probes)[i] != 0x5a) break;
-    CHECK(i == (int)sizeof probes, "what is refused is written");
+    CHECK(i == (int)sizeof probes, "a refused call wrote to the probes");
     CHECK(sbl_begin_probes(NULL, &good) == SBL_ERROR_INVALID_ARGUMENT && sbl_bake_probes(NULL, NULL) ==
-          SBL_ERROR_INVALID_ARGUMENT, "NULL is taken");
+          SBL_ERROR_INVALID_ARGUMENT, "NULL is accepted");
     CHECK(sbl_bake_probes(context, NULL) == SBL_SUCCESS && sbl_progress(context) == 1,
-          "a NULL descriptor is all zeroes: no probes");
+          "a NULL descriptor does not mean no probes");
     CHECK(sbl_create(&watched, &empty) == SBL_SUCCESS && sbl_bake_probes(empty, &good) == SBL_ERROR_STATE,
-          "probes without a scene");
+          "probes are begun without a scene");
     sbl_destroy(empty);
     d = sbl_probes_desc_defaults(NULL);
     CHECK(d.options.rays == 4096 && d.options.sensor_size == 16 && d.options.mode == SBL_MODE_GI &&
@@ -626,11 +642,11 @@ TEST(every_field_is_checked) {
     CHECK(d.probe_count == 8, "probe_count %d", d.probe_count);
 }
 
-/* >>how it runs */
+/* >>slices and cancelling */
 
 enum { MANY = 300 };
 
-/* All over the Cornell box and beyond it, some in its blocks. */
+/* Positions all over the Cornell box and around it, some of them inside of its blocks. */
 static void many_places(float *at) {
     int i;
     for (i = 0; i < MANY; i++) {
@@ -642,6 +658,8 @@ static void many_places(float *at) {
 
 static int stops_at(float done, void *user) { return done >= *(float *)user; }
 
+/* Baking in slices, with other batch sizes, next to a picture and after abandoned bakes gives the same probes, to the
+   bit. */
 TEST(slices_cancel_and_end) {
     static float at[3 * MANY];
     static sbl_probe whole[MANY], now[MANY];
@@ -672,7 +690,8 @@ TEST(slices_cancel_and_end) {
               sbl_query_stats(context).backend == SBL_BACKEND_TRACE,
           "%d sensors, %d rays", (int)sbl_query_stats(context).sensors.count,
           (int)sbl_query_stats(context).sensors.rays);
-    CHECK(sbl_step(context, 0) == SBL_SUCCESS && sbl_progress(context) == 1, "what is finished is not finished");
+    CHECK(sbl_step(context, 0) == SBL_SUCCESS && sbl_progress(context) == 1,
+          "sbl_step after the end fails, or progress is not 1");
     desc.probes = now;
     for (i = 0; i < 2; i++) {
         memset(now, 0, sizeof now);
@@ -681,23 +700,24 @@ TEST(slices_cancel_and_end) {
         context = watch_context(&seen, &watched, &s);
         REQUIRE(context && sbl_begin_probes(context, &desc) == SBL_SUCCESS, "cannot begin");
         for (steps = 0, before = 0; (result = sbl_step(context, slices[i])) == SBL_UNFINISHED; steps++) {
-            CHECK(sbl_progress(context) >= before && sbl_progress(context) <= 1, "progress falls from %g to %g",
+            CHECK(sbl_progress(context) >= before && sbl_progress(context) <= 1, "progress decreases from %g to %g",
                   (double)before, (double)sbl_progress(context));
             before = sbl_progress(context);
         }
         CHECK(result == SBL_SUCCESS && memcmp(now, whole, sizeof now) == 0, "slices of %g s change probes: %s",
               slices[i], sbl_result_string(result));
-        CHECK(steps > (i ? 20 : 100) && before > 0.5f, "slices of %g s: %d steps, the last at %g", slices[i], steps,
+        CHECK(steps > (i ? 20 : 100) && before > 0.5f, "slices of %g s: %d steps, progress before the last %g",
+              slices[i], steps,
               (double)before);
     }
-    desc.probe_count = 200;  /* fewer are the same */
+    desc.probe_count = 200;  /* the first probes do not depend on the number of probes */
     memset(now, 0, sizeof now);
     bake(&desc);
     CHECK(memcmp(now, whole, 200 * sizeof *now) == 0 && now[200].valid == 0 && now[200].sh[0][0] == 0,
-          "fewer probes are others");
+          "the first probes change if there are fewer");
     desc.options.seed = 5;
     bake(&desc);
-    CHECK(memcmp(now[0].sh, whole[0].sh, sizeof now[0].sh) != 0, "what does the seed change?");
+    CHECK(memcmp(now[0].sh, whole[0].sh, sizeof now[0].sh) != 0, "another seed changes nothing");
     desc.options.seed = 0;
     desc.probe_count = MANY;
     REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS && sbl_begin_probes(context, &desc) == SBL_SUCCESS,
@@ -706,7 +726,7 @@ TEST(slices_cancel_and_end) {
     while ((result = sbl_step(context, 1e-9)) == SBL_UNFINISHED)
         if (looks < 20 && ++looks)
             CHECK(sbl_inspect_sensor(context, 4, 4, &sensor, NULL, NULL, 0) == SBL_SUCCESS, "%s", watch_last(&seen));
-    CHECK(result == SBL_SUCCESS && memcmp(now, whole, sizeof now) == 0, "looks at a sensor change probes: %s",
+    CHECK(result == SBL_SUCCESS && memcmp(now, whole, sizeof now) == 0, "inspecting a sensor changes probes: %s",
           sbl_result_string(result));
     CHECK(sbl_read_channel(context, SBL_CHANNEL_FINAL, pixels, 8 * 8 * 3) == SBL_SUCCESS, "the picture is gone");
     desc.options.progress = stops_at;
@@ -714,24 +734,24 @@ TEST(slices_cancel_and_end) {
     CHECK(sbl_begin_probes(context, &desc) == SBL_SUCCESS, "cannot begin");
     while ((result = sbl_step(context, 1e-4)) == SBL_UNFINISHED) {}
     CHECK(result == SBL_CANCELLED && sbl_step(context, 0) == SBL_SUCCESS, "not cancelled: %s",
-          sbl_result_string(result)); /* the picture is */
+          sbl_result_string(result)); /* SBL_SUCCESS: the picture is still finished */
     desc.options.progress = NULL;
     CHECK(sbl_begin_probes(context, &desc) == SBL_SUCCESS && sbl_step(context, 1e-9) == SBL_UNFINISHED, "cannot begin");
     sbl_end(context);
-    CHECK(sbl_step(context, 0) == SBL_ERROR_STATE && sbl_progress(context) == 0, "what was ended goes on");
+    CHECK(sbl_step(context, 0) == SBL_ERROR_STATE && sbl_progress(context) == 0, "the ended bake continues");
     CHECK(sbl_begin_probes(context, &desc) == SBL_SUCCESS && sbl_step(context, 0.01) == SBL_UNFINISHED, "cannot begin");
     CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_step(context, 0) == SBL_ERROR_STATE,
-          "it goes on in another scene");
+          "the bake continues after sbl_set_scene");
     CHECK(sbl_begin_probes(context, &desc) == SBL_SUCCESS && sbl_step(context, 1e-9) == SBL_UNFINISHED &&
               sbl_begin_picture(context, &view) == SBL_SUCCESS && sbl_step(context, 0) == SBL_SUCCESS,
-          "no picture in its place");
+          "a picture cannot replace the bake");
     memset(now, 0, sizeof now);
     bake(&desc);
-    CHECK(memcmp(now, whole, sizeof now) == 0, "what was abandoned leaves traces");
+    CHECK(memcmp(now, whole, sizeof now) == 0, "abandoned bakes change later probes");
     scene_free(&s);
 }
 
-/* Memory is that of a batch. */
+/* Memory in use is that of a batch, however many probes are baked; and all of 4,000 probes are right. */
 TEST(many_probes) {
     enum { FEW = 256, HEAPS = 4000 };
     static test_scene s;
@@ -752,18 +772,19 @@ TEST(many_probes) {
     bake(&desc);
     heaps = sbl_query_memory(context);
     CHECK(heaps.host_peak_bytes == few.host_peak_bytes && heaps.gpu_peak_bytes == few.gpu_peak_bytes,
-          "memory grows: host %.2f to %.2f MB, GPU %.2f to %.2f MB",
+          "memory grows: host from %.2f to %.2f MB, GPU from %.2f to %.2f MB",
           (double)few.host_peak_bytes / 1e6, (double)heaps.host_peak_bytes / 1e6, (double)few.gpu_peak_bytes / 1e6,
               (double)heaps.gpu_peak_bytes / 1e6);
     for (i = 0; i < HEAPS; i++)
         wrong += !(probes[i].valid && probes[i].sh[0][0] > 1 && probes[i].position[2] == at[3 * i + 2]);
-    CHECK(wrong == 0, "%d are wrong", wrong);
+    CHECK(wrong == 0, "%d probes are wrong", wrong);
     scene_free(&s);
 }
 
 static sbl_result probes_call(const void *desc) { return sbl_bake_probes(context, (const sbl_probes_desc *)desc); }
 
-/* Each allocation fails once: it says so, gives all back, and the next probes are right. */
+/* Fails each allocation once, in turn. The bake must fail with a message and leak nothing, and the next one must be
+   right. */
 TEST(memory_runs_out) {
     enum { COUNT = 20 };
     static float at[3 * MANY];
@@ -782,11 +803,12 @@ TEST(memory_runs_out) {
     CHECK(refused > 10, "%d allocations were refused", refused);
     sbl_destroy(context);
     context = NULL;
-    CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks are left, %d strangers", seen.blocks, seen.strangers);
+    CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks are not freed, %d were freed twice or never allocated",
+          seen.blocks, seen.strangers);
     scene_free(&s);
 }
 
-/* Both ways to see find the same light in the Cornell box. */
+/* Both back ends find the same light in the Cornell box, within 5 %. */
 TEST(views_and_rays_agree) {
     static const float at[9] = { 278, 274, 280, 100, 400, 200, 450, 80, 80 };
     static test_scene s;
@@ -807,14 +829,14 @@ TEST(views_and_rays_agree) {
             worst = test_max(worst, fabs((double)probes[0][i].sh[k][0] - (double)probes[1][i].sh[k][0]) /
                              (double)probes[1][i].sh[0][0]);
         CHECK(memcmp(probes[0][i].distance, probes[1][i].distance, sizeof probes[0][i].distance) == 0 &&
-              probes[0][i].sky == probes[1][i].sky, "what is seen differs");
+              probes[0][i].sky == probes[1][i].sky, "back_share or sky differs");
     }
-    CHECK(worst < 0.05, "they differ by %g", worst);
+    CHECK(worst < 0.05, "the back ends differ by %g", worst);
     printf("  differ by %.2f %% of the mean at most\n", 100 * worst);
     scene_free(&s);
 }
 
-/* What overflows is told, and comes out as nothing else. */
+/* A probe whose light overflows is invalid and holds no infinities or NaN. Farther from the light it is valid. */
 TEST(light_that_overflows) {
     static test_scene s;
     static const float bare[27];
@@ -841,6 +863,7 @@ static int calls_back(float done, void *user) {
     return 0;
 }
 
+/* Calls inside of the progress callback are refused, and the bake succeeds. */
 TEST(callbacks_may_not_begin) {
     static test_scene s;
     static const float at[3] = { 0, 1, 0 };
@@ -859,7 +882,8 @@ TEST(callbacks_may_not_begin) {
 
 static void nothing(const sbl_draw_view *view, void *user) { *(int *)user += view->kind == SBL_VIEW_SENSOR; }
 
-/* Where the host draws, views see: 132 normals and four looks at each of the cube's sides, five views each. */
+/* If the host draws, probes use rasterised views: 132 normals and four looks at each side of the cube, with five views
+   each. The result must equal that without a draw callback. */
 TEST(a_host_that_draws) {
     static const float at[3] = { 0, 1, 0 };
     static test_scene s;

@@ -1,5 +1,5 @@
-/* The process that reads scenes (examples/scene_file.h): what it may do, how long, with how much memory, and that it is
-   gone afterwards. The readers here are this program's own functions, so that each does one thing wrong. */
+/* Tests of the process that reads scenes (examples/scene_file.h): what it may access, its limits of time and memory,
+   and that it has ended afterwards. The readers are functions of this program, each of which does one thing wrong. */
 #define _DEFAULT_SOURCE
 #include "../sbl.h"
 #include "../examples/scene_file.h"
@@ -11,7 +11,7 @@
 
 static char folder[64], error[512];
 
-/* What readers leave behind where the pages are gone; shared with them. */
+/* Notes of readers that survive the pages of the scene, in shared memory. */
 static struct notes {
     volatile pid_t child;
     volatile size_t taken;
@@ -30,7 +30,7 @@ static void write_text(const char *name, const char *text) {
     if (out) { fputs(text, out); fclose(out); }
 }
 
-/* Not running: gone, or waiting to be noticed. */
+/* Returns whether the process is not running: ended, or a zombie. */
 static int is_gone(pid_t child) {
     char path[64], state = 0;
     FILE *in;
@@ -47,7 +47,7 @@ static int goes(pid_t child) {
     return i < 600;
 }
 
-/* Reads room.obj by `reading`, by default within half a second. */
+/* Reads room.obj with the function `reading`, by default within half a second. */
 static scene_file *load(scene__reading reading, const scene_file_options *given) {
     scene_file_options options;
     memset(&options, 0, sizeof options);
@@ -58,9 +58,9 @@ static scene_file *load(scene__reading reading, const scene_file_options *given)
     return scene__load(reading, in_folder("room.obj"), &options, error, sizeof error);
 }
 
-/* >>the file system and the rest of the machine */
+/* >>access to the file system and the rest of the machine */
 
-/* scene__warn tells the test what went wrong. */
+/* Reports a call that should have failed, as a warning of the scene. */
 #define MUST_FAIL(call, what) do { if ((call) >= 0) scene__warn(file, "%s", what); } while (0)
 
 static void look_around(scene_file *file, const char *path, scene__bytes *bytes) {
@@ -96,9 +96,9 @@ static void look_around(scene_file *file, const char *path, scene__bytes *bytes)
 
 static void complain(const scene_file *file) {
     int i;
-    for (i = 0; i < file->warning_count && i < SCENE_FILE_WARNINGS; i++) CHECK(0, "it should have failed: %s",
+    for (i = 0; i < file->warning_count && i < SCENE_FILE_WARNINGS; i++) CHECK(0, "this should have failed: %s",
         file->warnings[i]);
-    CHECK(file->warning_count == 0, "%d things that should not be", file->warning_count);
+    CHECK(file->warning_count == 0, "%d forbidden things were possible", file->warning_count);
 }
 
 static char told[512];
@@ -107,6 +107,8 @@ static void listen_to(const char *path, const char *message, void *user) {
     snprintf(told, sizeof told, "%s: %s", path, message);
 }
 
+/* A reader can open files of the scene's folder, and nothing else: no files, sockets, processes or executable
+   memory. */
 TEST(it_sees_nothing_else) {
     scene_file_options options;
     scene_file *file;
@@ -121,17 +123,18 @@ TEST(it_sees_nothing_else) {
     REQUIRE(file, "%s", error);
     complain(file);
     printf("  %s\n", told);
-    CHECK(strstr(told, "room.obj: Landlock ") && strstr(told, "seccomp "), "expected both to be named: %s", told);
+    CHECK(strstr(told, "room.obj: Landlock ") && strstr(told, "seccomp "),
+          "expected Landlock and seccomp to be named: %s", told);
     if (syscall(SCENE__LANDLOCK_CREATE, NULL, 0, 1) >= 1)
-        CHECK(strstr(told, "Landlock active"), "the kernel has Landlock: %s", told);
+        CHECK(strstr(told, "Landlock active"), "the kernel has Landlock, but it is not used: %s", told);
 #ifdef SCENE__MACHINE
-    if (prctl(PR_GET_SECCOMP, 0, 0, 0, 0) >= 0) CHECK(strstr(told, "seccomp active"), "the kernel has seccomp: %s",
-        told);
+    if (prctl(PR_GET_SECCOMP, 0, 0, 0, 0) >= 0)
+        CHECK(strstr(told, "seccomp active"), "the kernel has seccomp, but it is not used: %s", told);
 #endif
     scene_file_free(file);
 }
 
-/* Takes Landlock and seccomp away, by seccomp, from a copy of this process; then the rest must still be at work. */
+/* Makes Landlock and seccomp fail in a copy of this process, by means of seccomp. The other limits must still work. */
 static int without_both(void) {
     struct sock_filter code[] = {
         BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(struct seccomp_data, nr)),
@@ -151,6 +154,7 @@ static void read_outside(scene_file *file, const char *path, scene__bytes *bytes
     notes->reads_of_outside = scene__slurp(file, "/etc/passwd", &other) || errno != SCENE__REFUSED;
 }
 
+/* Without Landlock and seccomp the scene is still read, and a message says that they are missing. */
 TEST(an_older_kernel_is_told_of) {
     scene_file_options options;
     int status = -1;
@@ -170,13 +174,14 @@ TEST(an_older_kernel_is_told_of) {
               !strstr(told, "seccomp not available") ? 4 : 0);
     }
     waitpid(child, &status, 0);
-    if (WIFEXITED(status) && WEXITSTATUS(status) == 77) SKIP("no seccomp to take them away with");
-    CHECK(WIFEXITED(status) && WEXITSTATUS(status) == 0, "status %#x: 1 not read, 2 a file outside was, 3 no word of "
+    if (WIFEXITED(status) && WEXITSTATUS(status) == 77) SKIP("no seccomp to simulate an older kernel with");
+    CHECK(WIFEXITED(status) && WEXITSTATUS(status) == 0, "status %#x: 1 not read, 2 read a file outside, 3 no message "
+          "about "
         "Landlock,"
           " 4 none of seccomp", status);
 }
 
-/* >>what it leaves */
+/* >>a reader that was taken over by an attacker */
 
 static int called;
 static void be_called(const float direction[3], float radiance[3], void *user) {
@@ -189,7 +194,7 @@ static void draw_nothing(const sbl_draw_view *view, void *user) { (void)view; (v
 static int lie;
 static float elsewhere[64];
 
-/* A scene in order, but for one thing that whoever has taken the reader over might like. */
+/* Leaves a valid scene with one lie in it, as an attacker who controls the reader would. */
 static void leave_a_lie(scene_file *file, const char *path, scene__bytes *bytes) {
     sbl_mesh *m = (sbl_mesh *)scene__alloc(file, 1, sizeof *m);
     sbl_texture *t = (sbl_texture *)scene__alloc(file, 1, sizeof *t);
@@ -237,6 +242,8 @@ static void leave_a_lie(scene_file *file, const char *path, scene__bytes *bytes)
     file->capacity = (size_t)1 << 50;
 }
 
+/* Each of 15 inconsistencies in the shared memory makes reading fail; pointers to functions and GL objects are
+   dropped. */
 TEST(lies_are_not_believed) {
     scene_file_options options;
     scene_file *file;
@@ -244,26 +251,28 @@ TEST(lies_are_not_believed) {
     options.seconds = 60;
     for (lie = 1; lie <= 15; lie++) {
         file = load(leave_a_lie, &options);
-        CHECK(!file && strstr(error, "its reader crashed"), "lie %d: %s", lie, file ? "it was believed" : error);
+        CHECK(!file && strstr(error, "its reader crashed"), "lie %d: %s", lie,
+              file ? "the lie was believed" : error);
         scene_file_free(file);
     }
     lie = 0;
     file = load(leave_a_lie, &options);
     REQUIRE(file, "%s", error);
-    CHECK(!file->scene.draw && !file->scene.environment.radiance, "a function is to be called");
+    CHECK(!file->scene.draw && !file->scene.environment.radiance, "a callback of the reader was kept");
     CHECK(!file->scene.meshes[0].positions.gl_buffer && !file->scene.meshes[0].indices.gl_buffer &&
-              !file->scene.textures[0].gl_texture, "buffers of GL are to be read");
+              !file->scene.textures[0].gl_texture, "names of GL objects were kept");
     CHECK(!file->scene.meshes[0].positions.offset && !file->scene.meshes[0].indices.stride &&
-              !file->scene.textures[0].stride, "it is to be read past the end");
+              !file->scene.textures[0].stride, "offsets beyond the arrays were kept");
     CHECK(memchr(file->warnings[0], 0, sizeof file->warnings[0]) && memchr(file->confined, 0, sizeof file->confined),
-          "a text has no end");
-    CHECK(file->capacity >= file->used && file->capacity < 1 << 20, "%.0f bytes to be given back",
+          "a text is not terminated");
+    CHECK(file->capacity >= file->used && file->capacity < 1 << 20, "the capacity is %.0f bytes",
           (double)file->capacity);
     scene_file_free(file);
 }
 
 /* >>pictures */
 
+/* A broken texture file is opened only once, however many materials use it. */
 TEST(a_broken_picture_is_opened_once) {
     char text[8192] = "";
     int i, opened = 0, watch = inotify_init1(O_NONBLOCK);
@@ -290,14 +299,14 @@ TEST(a_broken_picture_is_opened_once) {
             at += sizeof(struct inotify_event) + ((struct inotify_event *)(void *)at)->len)
             opened += (((struct inotify_event *)(void *)at)->mask & IN_OPEN) != 0;
     close(watch);
-    CHECK(opened == 1, "50 materials opened it %d times", opened);
+    CHECK(opened == 1, "50 materials opened the file %d times", opened);
     scene_file_free(file);
 }
 
-/* >>time */
+/* >>limit of time */
 
 static void read_on(scene_file *file, const char *path,
-    scene__bytes *bytes) {  /* as a file that names itself for ever */
+    scene__bytes *bytes) {  /* like a file that includes itself endlessly */
     notes->child = getpid();
     for (;;) {
         scene__bytes again = { NULL, 0 };
@@ -327,9 +336,10 @@ static void compute_for_ever(scene_file *file, const char *path, scene__bytes *b
     for (;;) n++;
 }
 
+/* Readers that run endlessly, ignore signals or pretend to have ended are killed at the time limit. */
 TEST(the_deadline_stands) {
     static const struct { const char *name; scene__reading reading; } late[] = {
-        { "reading on and on", read_on }, { "deaf to signals", wait_for_ever }, { "seemingly gone",
+        { "reading endlessly", read_on }, { "ignoring signals", wait_for_ever }, { "pretending to have ended",
             pretend_to_be_gone },
         { "computing", compute_for_ever } };
     size_t i;
@@ -337,13 +347,14 @@ TEST(the_deadline_stands) {
         scene_file *file = load(late[i].reading, NULL);
         CHECK(!file && strstr(error, "room.obj: reading it takes longer than 0.5 s") && strstr(error, "--read-time"),
             "%s: %s",
-              late[i].name, file ? "it was read" : error);
-        CHECK(notes->child > 0 && kill(notes->child, 0) != 0 && errno == ESRCH, "%s: the reader is still there",
+              late[i].name, file ? "the file was read" : error);
+        CHECK(notes->child > 0 && kill(notes->child, 0) != 0 && errno == ESRCH, "%s: the reader still exists",
             late[i].name);
         scene_file_free(file);
     }
 }
 
+/* A cancelled load returns nothing, without a message, and its reader has ended. */
 TEST(a_cancelled_reader_is_gone) {
     static volatile sig_atomic_t cancel = 1;
     scene_file_options options;
@@ -353,12 +364,12 @@ TEST(a_cancelled_reader_is_gone) {
     options.seconds = 1000;
     strcpy(error, "old");
     file = load(wait_for_ever, &options);
-    CHECK(!file && !error[0], "expected nothing, and no words: %s", error);
-    CHECK(notes->child == 0 || kill(notes->child, 0) != 0, "the reader is still there");
+    CHECK(!file && !error[0], "expected neither a scene nor a message: %s", error);
+    CHECK(notes->child == 0 || kill(notes->child, 0) != 0, "the reader still exists");
     scene_file_free(file);
 }
 
-/* In a process of its own that waits for its reader, for longer than this test lives. */
+/* Starts a process that waits for its reader for longer than this test runs. */
 static pid_t load_elsewhere(scene__reading reading, double seconds) {
     scene_file_options options;
     pid_t host;
@@ -376,39 +387,42 @@ static pid_t load_elsewhere(scene__reading reading, double seconds) {
     return host;
 }
 
+/* A limit of processor time ends the reader even if its host is stopped. */
 TEST(its_processor_time_is_limited) {
     pid_t host;
     if (SCENE__SANITIZED) SKIP("under sanitizers the reader is not confined");
     host = load_elsewhere(compute_for_ever, 1);
-    kill(host, SIGSTOP);  /* nobody is left to keep the deadline */
-    CHECK(notes->child && goes(notes->child), "it computes for ever where its host is stopped");
+    kill(host, SIGSTOP);  /* a stopped host cannot enforce the time limit */
+    CHECK(notes->child && goes(notes->child), "with a stopped host, the reader computes for ever");
     if (notes->child && !is_gone(notes->child)) kill(notes->child, SIGKILL);
     kill(host, SIGKILL);
     waitpid(host, NULL, 0);
 }
 
+/* The reader ends if its host is killed. */
 TEST(it_does_not_outlive_its_host) {
     pid_t host = load_elsewhere(wait_for_ever, 1000), child = notes->child;
     kill(host, SIGKILL);
     waitpid(host, NULL, 0);
-    CHECK(child && goes(child), "the reader is still there");
+    CHECK(child && goes(child), "the reader still exists");
     if (child && !is_gone(child)) kill(child, SIGKILL);
 }
 
+/* A reader whose host ended before it started ends at once. */
 TEST(a_host_that_is_gone_already) {
     int status = -1;
     pid_t child;
     fflush(NULL);
     child = fork();
     if (child == 0) {
-        scene__die_with(getpid());  /* not its parent */
+        scene__die_with(getpid());  /* not the parent of the process */
         _exit(0);
     }
     waitpid(child, &status, 0);
-    CHECK(WIFEXITED(status) && WEXITSTATUS(status) == 1, "status %#x: it should end at once", status);
+    CHECK(WIFEXITED(status) && WEXITSTATUS(status) == 1, "status %#x: the reader should end at once", status);
 }
 
-/* >>memory */
+/* >>limit of memory */
 
 enum { MEGABYTE = 1 << 20, LIMIT = 64 * MEGABYTE };
 
@@ -435,6 +449,7 @@ static void take_the_rest(scene_file *file, const char *path, scene__bytes *byte
     take_all(file, path, bytes);
 }
 
+/* A reader that allocates or shares more than the limit fails, with a message. */
 TEST(memory_is_limited) {
     scene_file_options options;
     scene_file *file;
@@ -443,21 +458,24 @@ TEST(memory_is_limited) {
     options.memory = LIMIT;
     if (SCENE__SANITIZED) SKIP("under sanitizers the reader's own memory is not limited");
     file = load(take_all, &options);
-    CHECK(file && notes->taken > LIMIT / 2 && notes->taken <= LIMIT, "of %d bytes it took %.0f: %s", LIMIT,
+    CHECK(file && notes->taken > LIMIT / 2 && notes->taken <= LIMIT,
+          "with a limit of %d bytes the reader allocated %.0f: %s", LIMIT,
         (double)notes->taken, error);
     scene_file_free(file);
     file = load(share_all, &options);
-    CHECK(!file && notes->taken < LIMIT / 2, "of %d bytes it took as many and shared %.0f more", LIMIT,
+    CHECK(!file && notes->taken < LIMIT / 2, "with a limit of %d bytes the reader could share %.0f more", LIMIT,
         (double)notes->taken);
     CHECK(strstr(error, "room.obj: it needs ") && strstr(error, "0.0625 GB") && strstr(error, "--memory"), "%s", error);
     scene_file_free(file);
     file = load(take_the_rest, &options);
-    CHECK(file && notes->taken > LIMIT / 8 && notes->taken <= LIMIT / 4, "of %d bytes it shared 3/4 and took %.0f: "
+    CHECK(file && notes->taken > LIMIT / 8 && notes->taken <= LIMIT / 4,
+          "with a limit of %d bytes the reader shared 3/4 and allocated %.0f: "
         "%s", LIMIT,
           (double)notes->taken, error);
     scene_file_free(file);
 }
 
+/* Shared pages that are not used any more are returned. */
 TEST(shared_pages_are_limited) {
     scene_file_options options;
     scene_file *file;
@@ -466,12 +484,12 @@ TEST(shared_pages_are_limited) {
     options.memory = LIMIT;
     file = load(share_most, &options);
     REQUIRE(file, "%s", error);
-    CHECK(file->capacity < LIMIT && file->capacity >= LIMIT / 4 * 3, "%.0f bytes are kept of %d",
+    CHECK(file->capacity < LIMIT && file->capacity >= LIMIT / 4 * 3, "%.0f of %d bytes are kept",
         (double)file->capacity, LIMIT);
     scene_file_free(file);
 }
 
-/* Control groups as files say they are. */
+/* Memory limits of control groups are read from files of the formats of versions 1 and 2. */
 TEST(control_groups_are_heeded) {
     static const struct { const char *groups, *file, *text; double limit; } cases[] = {
         { "0::/a/b\n", "/a/b/memory.max", "1000\n", 1000 },
@@ -499,16 +517,17 @@ TEST(control_groups_are_heeded) {
         remove(in_folder(name));
     }
     CHECK(scene__group_limit(in_folder("absent"), in_folder("groups")) == SIZE_MAX,
-        "there is no limit where there are no groups");
+        "without control groups there should be no limit");
 }
 
+/* The default limit is half of the physical memory and of ulimit -v; a smaller request is kept. */
 TEST(ulimit_is_heeded) {
     const size_t before = scene__memory_limit(0), mine = scene__memory_limit((size_t)1 << 30);
     int status = -1;
     pid_t child;
     CHECK(before > 0 && before <= (size_t)sysconf(_SC_PHYS_PAGES) * (size_t)sysconf(_SC_PAGESIZE) / 2,
-        "%.0f by default", (double)before);
-    CHECK(mine == (size_t)1 << 30, "a wish became %.0f", (double)mine);
+        "the default is %.0f bytes", (double)before);
+    CHECK(mine == (size_t)1 << 30, "a requested limit became %.0f bytes", (double)mine);
     if (SCENE__SANITIZED) SKIP("sanitizers need much address space");
     fflush(NULL);
     child = fork();
@@ -520,14 +539,14 @@ TEST(ulimit_is_heeded) {
                 scene__memory_limit((size_t)1 << 20) == (size_t)1 << 20));
     }
     waitpid(child, &status, 0);
-    CHECK(status == 0, "it allows more than half of ulimit -v, or less than was asked for");
+    CHECK(status == 0, "the limit is more than half of ulimit -v, or less than requested");
 }
 
 int main(void) {
     const char *temporary = getenv("TMPDIR");
     char command[128];
     int failed;
-    alarm(7200);  /* a parent that waits for ever is a failure */
+    alarm(7200);  /* ends this test if a parent waits for ever */
     snprintf(folder, sizeof folder, "%.40s/sbl_reader_XXXXXX", temporary && *temporary ? temporary : "/tmp");
     notes = (struct notes *)mmap(NULL, sizeof *notes, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
     if (!mkdtemp(folder) || notes == MAP_FAILED) { printf("no temporary folder %s\n0 passed, 1 failed, 0 skipped\n",

@@ -1,5 +1,5 @@
-/* The pipeline against the ray caster of reference.h, pixel by pixel: what the camera sees, what arrives there, what
-   single sensors see; every vertex format, texture format and kind of camera. */
+/* The pipeline compared with the ray caster of reference.h, pixel by pixel: what the camera sees, the light that
+   arrives there, and what single sensors see; with every vertex format, texture format and kind of camera. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -9,7 +9,7 @@ static sbl_context *context;
 
 /* >>scene */
 
-/* Random texels; alpha, where there is any, makes holes of about half the area. */
+/* Adds a texture of random texels. Alpha, if there is any, cuts out about half of the area. */
 static int random_texture(test_scene *s, sbl_pixel_format format, int width, int height, int channels, uint64_t *seed) {
     static unsigned char pixels[32 * 32 * 4 * 4];
     int i, count = width * height * channels;
@@ -27,8 +27,8 @@ static int random_texture(test_scene *s, sbl_pixel_format format, int width, int
                          channels);
 }
 
-/* A room open to the sky: textured floor and walls, a smooth ball, a box with coloured corners, a pierced screen
-   between lamp and floor. */
+/* A room open to the sky: textured floor and walls, a smooth ball, a box with coloured corners, and a screen with
+   cut-outs between lamp and floor. */
 static void textured_scene(test_scene *s) {
     static const float floor[12] = { -3, 0, -3, -3, 0, 3, 3, 0, 3, 3, 0, -3 },
         back[12] = { -3, 0, -3, 3, 0, -3, 3, 3, -3, -3, 3, -3 };
@@ -72,10 +72,10 @@ static sbl_picture_desc textured_view(int width, int height) {
 
 /* >>camera */
 
-/* What the camera sees, at every pixel but those on an edge. Positions must lie in the surface's plane within float
-   rounding (a sensor off it would see its own surface), and on the pixel's ray within 1/256 pixel, the precision to
-   which GL places a triangle's corners: right at a seam it may choose the neighbour. Albedo: 8 bits decoded, or 16-bit
-   floats, then filtered. */
+/* Compares what the camera sees at every pixel except at edges. Positions must be in the surface's plane within float
+   rounding (otherwise a sensor would see its own surface), and on the pixel's ray within 1/256 pixel, the precision to
+   which GL places corners; directly at a seam GL may choose the neighbour. Albedo: 8 bits decoded, or 16-bit floats,
+   then filtered. */
 static void check_camera(const test_scene *s, const sbl_picture_desc *view, const char *name, int least_seen) {
     sbl_scene_desc desc = scene_desc(s);
     ref_scene *reference = ref_create(&desc);
@@ -116,8 +116,8 @@ static void check_camera(const test_scene *s, const sbl_picture_desc *view, cons
     CHECK(seen >= least_seen, "%s: only %d pixels can be compared", name, seen);
     CHECK(edges <= pixels / 10, "%s: %d of %d pixels are edges", name, edges, pixels);
     CHECK(wrong_id == 0, "%s: %d pixels show another surface", name, wrong_id);
-    CHECK(off_plane < 2e-7, "%s: positions are off their plane by %.3g of the scene's size", name, off_plane);
-    CHECK(off_ray < 1 / 256.0, "%s: positions are off their ray by %.5f pixels", name, off_ray);
+    CHECK(off_plane < 2e-7, "%s: positions differ from their plane by %.3g of the scene's size", name, off_plane);
+    CHECK(off_ray < 1 / 256.0, "%s: positions differ from their ray by %.5f pixels", name, off_ray);
     CHECK(off_depth < 5e-7, "%s: depth and position differ by %.3g of the scene's size", name, off_depth);
     CHECK(off_normal < 1e-3, "%s: normals are off by %.3g", name, off_normal);
     CHECK(off_albedo < 2e-3, "%s: albedo is off by %.3g", name, off_albedo);
@@ -125,6 +125,7 @@ static void check_camera(const test_scene *s, const sbl_picture_desc *view, cons
     ref_destroy(reference);
 }
 
+/* All channels of a textured scene agree with the ray caster. */
 TEST(camera_sees_textured_scene) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(textured_view(200, 150), SBL_MODE_DIRECT, 4);
@@ -135,6 +136,7 @@ TEST(camera_sees_textured_scene) {
     scene_free(&s);
 }
 
+/* Shifted, stretched, orthographic and rolled cameras agree with the ray caster. */
 TEST(cameras) {
     static const char *const names[] = { "off-centre", "oblong pixels", "parallel", "parallel, off-centre",
         "turned upside down" };
@@ -161,9 +163,9 @@ TEST(cameras) {
 
 /* >>light */
 
-/* R at every pixel but edges. The caster's estimate has a standard error of its own, found from independent rounds; the
-   sensor's texels (size 128) misjudge the rims of lamp, holes and shadows. Both are unbiased: the mean must agree
-   closely, single pixels loosely. */
+/* Compares R at every pixel except at edges. The reference has a standard error, estimated from independent rounds, and
+   the sensor's texels (size 128) err at the rims of lamp, cut-outs and shadows. Both are unbiased, so the means must
+   agree closely, and single pixels roughly. */
 static void check_light(sbl_mode mode, double epsilon) {
     test_scene s = { 0 };
     sbl_scene_desc desc;
@@ -185,7 +187,7 @@ static void check_light(sbl_mode mode, double epsilon) {
                 v3 origin, direction;
                 if (!p.hit || ref_is_edge(reference, &view, x, y)) continue;
                 ref_camera_ray(&view, x + 0.5, y + 0.5, &origin, &direction);
-                if (v3_dot(direction, p.normal) > -0.02) continue;  /* the shading normal turns away: bent by design */
+                if (v3_dot(direction, p.normal) > -0.02) continue;  /* sbl.h bends shading normals that turn away */
                 ref_gather(reference, p.position, p.normal, epsilon, 16, 10, 4, &seed, expected, error);
                 count++;
                 for (k = 0; k < 3; k++) {
@@ -202,7 +204,7 @@ static void check_light(sbl_mode mode, double epsilon) {
     mean = (expected_sum[0] + expected_sum[1] + expected_sum[2]) / (3 * count);
     squares = sqrt(squares / (3 * count)) / mean;
     errors = sqrt(errors / (3 * count)) / mean;
-    printf("  %d pixels: rms %.2f %% of the mean, of which the reference %.2f %%; worst %.1f %%; bias %+.3f %%\n",
+    printf("  %d pixels: rms %.2f %% of the mean, that of the reference %.2f %%; worst %.1f %%; bias %+.3f %%\n",
            count, 100 * squares, 100 * errors, 100 * worst / mean,
            100 * (sum[0] / expected_sum[0] - 1));
     CHECK(count > 400, "only %d pixels can be compared", count);
@@ -211,18 +213,19 @@ static void check_light(sbl_mode mode, double epsilon) {
         CHECK(fabs(sum[k] / expected_sum[k] - 1) < 0.003, "mean R, colour %d, is off by %+.3f %%", k,
               100 * (sum[k] / expected_sum[k] - 1));
     CHECK(squares < 0.015, "R is off by %.2f %% rms", 100 * squares);
-    CHECK(worst < 0.05 * mean, "R is off by %.4f beyond the reference's error at one pixel, the mean is %.4f", worst,
+    CHECK(worst < 0.05 * mean, "R of a pixel is off by %.4f more than the reference's error; the mean is %.4f", worst,
           mean);
     ref_destroy(reference);
     scene_free(&s);
 }
 
+/* R in SBL_MODE_DIRECT and SBL_MODE_AMBIENT agrees with the estimate of the ray caster. */
 TEST(direct_light) { check_light(SBL_MODE_DIRECT, 0); }
 TEST(ambient_light) { check_light(SBL_MODE_AMBIENT, 0.5); }
 
-/* Each texel of a sensor against a ray through its centre. Texels on an edge (rays a tenth of a texel aside see
-   something else) may differ. Emitters are met by texels in SBL_MODE_PAPER only; else by rays towards them, and texels
-   show them black. */
+/* Compares each texel of a sensor with a ray through its centre. Texels at an edge (rays a tenth of a texel aside meet
+   another surface) may differ. Only in SBL_MODE_PAPER do texels show emitters; in other modes rays towards the lamps
+   measure them, and texels show them black. */
 static void check_texels(sbl_mode mode) {
     static const int pixels[][2] = { { 12, 9 }, { 30, 25 }, { 33, 16 }, { 5, 12 }, { 20, 28 }, { 10, 17 } };
     test_scene s = { 0 };
@@ -244,7 +247,7 @@ static void check_texels(sbl_mode mode) {
         memset(&sensor, 0, sizeof sensor);
         CHECK(p.hit, "pixel %d %d is empty", pixels[n][0], pixels[n][1]);
         if (sbl_inspect_sensor(context, pixels[n][0], pixels[n][1], &sensor, NULL, NULL, 0) != SBL_SUCCESS) {
-            CHECK(0, "the sensor cannot be looked at");
+            CHECK(0, "the sensor cannot be inspected");
             continue;
         }
         count = (size_t)sensor.sheet_width * (size_t)sensor.sheet_height;
@@ -252,10 +255,10 @@ static void check_texels(sbl_mode mode) {
         weights = (float *)calloc(count + 1, sizeof *weights);
         if (!radiance || !weights) abort();
         CHECK(sbl_inspect_sensor(context, pixels[n][0], pixels[n][1], &sensor, radiance, weights, count) == SBL_SUCCESS,
-              "the sensor cannot be looked at");
-        CHECK(v3_length(v3_sub(v3_from(sensor.position), p.position)) < 0.01, "the sensor stands %.4f from its point",
+              "the sensor cannot be inspected");
+        CHECK(v3_length(v3_sub(v3_from(sensor.position), p.position)) < 0.01, "the sensor is %.4f from its point",
               v3_length(v3_sub(v3_from(sensor.position), p.position)));
-        CHECK(v3_dot(v3_from(sensor.normal), p.normal) > 0.9999, "the sensor looks elsewhere");
+        CHECK(v3_dot(v3_from(sensor.normal), p.normal) > 0.9999, "the sensor's normal is wrong");
         CHECK(sensor.valid == 1 && sensor.sensed == 1, "valid %d, sensed %d", sensor.valid, sensor.sensed);
         for (v = 0; v < sensor.view_count; v++) {
             const sbl_sensor_view *w = &sensor.views[v];
@@ -292,38 +295,40 @@ static void check_texels(sbl_mode mode) {
                     }
                     for (k = 0; k < 3; k++) off = test_max(off, fabs((double)texel[k] - light[k]) - 0.01 * light[k]);
                     holes += seen[0].mesh == 3 || seen[0].mesh == 4;
-                    /* light: stored with 16 bits, textures with 8 or 16 */
+                    /* light is stored with 16 bits, textures with 8 or 16 */
                     if (!(off < 3e-3)) wrong_light++;
                     if (!(fabs((double)texel[3] - distance) <= 2e-3 * fabs(distance))) wrong_distance++;
                 }
         }
-        CHECK(fabs((double)sensor.hit_mean / (distances / hits) - 1) < 0.02, "the mean distance is %.4f, not %.4f",
+        CHECK(fabs((double)sensor.hit_mean / (distances / hits) - 1) < 0.02, "the mean distance is %.4f, expected %.4f",
               (double)sensor.hit_mean, distances / hits);
-        CHECK(fabs((double)sensor.hit_min / nearest - 1) < 0.1, "the nearest surface is at %.4f, not %.4f",
+        CHECK(fabs((double)sensor.hit_min / nearest - 1) < 0.1, "the nearest surface is at %.4f, expected %.4f",
               (double)sensor.hit_min, nearest);
-        CHECK(fabs((double)sensor.back_share - backs) < 0.01, "back faces take %.4f, not %.4f",
+        CHECK(fabs((double)sensor.back_share - backs) < 0.01, "back_share is %.4f, expected %.4f",
               (double)sensor.back_share, backs);
         free(radiance);
         free(weights);
     }
-    printf("  %d texels, %d on edges, %d on pierced surfaces\n", texels, edges, holes);
-    CHECK(texels >= 6 * 48 * 48 && holes > 300 && glowing > 20, "%d texels, %d on pierced surfaces, %d on emitters",
+    printf("  %d texels, %d at edges, %d on surfaces with cut-outs\n", texels, edges, holes);
+    CHECK(texels >= 6 * 48 * 48 && holes > 300 && glowing > 20,
+          "%d texels, %d on surfaces with cut-outs, %d on emitters",
           texels, holes, glowing);
-    CHECK(edges < texels / 5, "%d of %d texels are on edges", edges, texels);
-    /* sensors very close to the pierced surfaces' rims may differ in a few */
-    CHECK(wrong_light * 1000 < texels, "%d of %d texels have other light", wrong_light, texels);
-    CHECK(wrong_distance * 1000 < texels, "%d of %d texels have another distance", wrong_distance, texels);
+    CHECK(edges < texels / 5, "%d of %d texels are at edges", edges, texels);
+    /* a few texels may differ in sensors very close to the rims of cut-outs */
+    CHECK(wrong_light * 1000 < texels, "the light of %d of %d texels differs", wrong_light, texels);
+    CHECK(wrong_distance * 1000 < texels, "the distance of %d of %d texels differs", wrong_distance, texels);
 done:
     ref_destroy(reference);
     scene_free(&s);
 }
 
+/* Texels of sensors agree with single rays, in two modes. */
 TEST(sensors_see_what_rays_see) { check_texels(SBL_MODE_AMBIENT); }
 TEST(sensors_of_the_paper_see_what_rays_see) { check_texels(SBL_MODE_PAPER); }
 
 /* >>vertex formats */
 
-static uint16_t to_half(double value) {  /* values up to some thousand, not subnormal */
+static uint16_t to_half(double value) {  /* for values up to some thousand that are not subnormal */
     int exponent;
     double fraction = frexp(fabs(value), &exponent);
     unsigned sign = value < 0 ? 0x8000u : 0;
@@ -348,7 +353,7 @@ static size_t encode(unsigned char *at, double value, sbl_type type) {
     }
 }
 
-/* Encodes with `gap` bytes of rubbish before and between elements. */
+/* Encodes values with `gap` bytes of garbage before and between elements. */
 static sbl_stream make_stream(test_scene *s, const double *values, int count, int components, sbl_type type, int gap) {
     sbl_stream stream;
     size_t element = ref_type_bytes(type) * (size_t)components + (size_t)gap, at;
@@ -366,9 +371,11 @@ static sbl_stream make_stream(test_scene *s, const double *values, int count, in
     return stream;
 }
 
+/* Every vertex format, with and without gaps, indices and optional streams, shows the same surface as the ray
+   caster. */
 TEST(vertex_formats) {
     enum { N = 6, VERTICES = N * N, CORNERS = 6 * (N - 1) * (N - 1) };
-    /* SBL_TYPE_COUNT: without */
+    /* SBL_TYPE_COUNT: no such stream */
     static const struct { sbl_type position, normal, texcoord, color, index; int gap; } kinds[] = {
         { SBL_FLOAT32, SBL_FLOAT32, SBL_FLOAT32, SBL_FLOAT32, SBL_UINT32, 0 },
         { SBL_FLOAT32, SBL_INT8_NORM, SBL_UINT8_NORM, SBL_UINT8_NORM, SBL_UINT8, 4 },
@@ -388,7 +395,7 @@ TEST(vertex_formats) {
         char name[64];
         uint64_t seed = 3;
         sbl_mesh *m = &s.meshes[s.mesh_count++];
-        /* position, normal, texture coordinates, colour; all in 0 to 1 but the normal */
+        /* position, normal, texture coordinates, colour; all but the normal are from 0 to 1 */
         for (i = 0; i < VERTICES; i++) {
             double x = (i % N) / (N - 1.0), z = (double)(i / N) / (N - 1);
             v3 n = v3_unit(v3_of(0.3 * cos(4 * x), 1, -0.4 * sin(3 * z)));
@@ -429,7 +436,7 @@ TEST(vertex_formats) {
     }
 }
 
-/* Normals go with the inverse transpose of a transform that turns, stretches and (the second time) mirrors. */
+/* Normals are transformed by the inverse transpose of a matrix that rotates, scales and (the second time) mirrors. */
 TEST(transformed_smooth_mesh) {
     int mirrored, i;
     for (mirrored = 0; mirrored < 2; mirrored++) {
@@ -447,10 +454,10 @@ TEST(transformed_smooth_mesh) {
     }
 }
 
-/* facet_limit: facets that are smaller on the screen are lit by their own normals, those of twice as much by their
+/* facet_limit: facets smaller than it on the screen have their own normals; facets of twice that size have their
    shading normals. */
 TEST(facets) {
-    static const float limits[3] = { -1, 1, 1e6f };  /* the ball's facets are some 20 pixels high */
+    static const float limits[3] = { -1, 1, 1e6f };  /* the facets of the ball are about 20 pixels high */
     float *flat = NULL;
     int way, i, k;
     for (way = 3; way >= 0; way--) {  /* 3: a ball without normals */
@@ -465,8 +472,8 @@ TEST(facets) {
         normals = scene_channel(context, &view, SBL_CHANNEL_NORMAL);
         for (i = 0; flat && i < 64 * 64; i++)
             for (k = 0; k < 3; k++) apart += fabs((double)normals[3 * i + k] - (double)flat[3 * i + k]) / (64 * 64);
-        if (way == 2) CHECK(apart < 1e-5, "of facets below the limit normals are off by %g", apart);
-        if (way < 2) CHECK(apart > 0.02, "with a limit of %g all normals are the facets'", (double)limits[way]);
+        if (way == 2) CHECK(apart < 1e-5, "normals of facets below the limit are off by %g", apart);
+        if (way < 2) CHECK(apart > 0.02, "with a limit of %g all pixels have the facets' normals", (double)limits[way]);
         if (flat) free(normals);
         else flat = normals;
         scene_free(&s);
@@ -476,8 +483,7 @@ TEST(facets) {
 
 /* >>texture formats */
 
-/* A wall of quads, one for every format, number of channels and wrap mode, with coordinates that go beyond the
-   texture. */
+/* A wall of quads, one for every format, number of channels and wrap mode, with coordinates outside of 0 to 1. */
 TEST(texture_formats) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(scene_view(150, 100, 40, 3, 2, 6, 3, 2, 0), SBL_MODE_DIRECT, 4);
@@ -497,11 +503,11 @@ TEST(texture_formats) {
         s.materials[m].albedo_texture = random_texture(&s, (sbl_pixel_format)format, 3 + i % 4, 2 + i % 3, channels,
                                                        &seed);
         s.textures[i].wrap = wrap ? SBL_WRAP_CLAMP : SBL_WRAP_REPEAT;
-        if (channels == 4 && i % 2) s.textures[i].channels = 0;  /* means 4 */
+        if (channels == 4 && i % 2) s.textures[i].channels = 0;  /* 0 means 4 */
         if (channels % 2 == 0) s.materials[m].alpha_cutoff = 0.5f;
         scene_quad_uv(&s, m, corners, 1, 1)->texcoords.data = uv;
     }
-    /* one with its rows apart */
+    /* a texture with a stride larger than its rows */
     {
         static const unsigned char rows[2][8] = { { 255, 0, 0, 0, 255, 0, 99, 99 },
             { 0, 0, 255, 255, 255, 255, 99, 99 } };

@@ -1,6 +1,6 @@
 #!/bin/sh
-# The scripts that judge all else: embed_shaders finds and mends what differs, test counts right, the sanitizers are
-# awake, mutants fit sbl.h.
+# Tests of the scripts that other tests rely on: embed_shaders finds and repairs differences, scripts/test counts
+# correctly, the sanitizers work, mutants.txt fits sbl.h.
 set -u
 export LC_ALL=C
 cd "$(dirname "$0")/.." || exit 1
@@ -13,7 +13,7 @@ mkdir -p "$copy"
 cp -r scripts sbl.h shaders_embedded "$copy"
 printf 'void first() {}  // "quoted", back\\slash, \\n, what??= and %%d\n\n\tlast line without an end' > \
     "$copy/shaders_embedded/copy.glsl"
-block='/^\/\* >>glsl copy: /,/^\/\* <<glsl \*\/$/'  # where it stands in sbl.h
+block='/^\/\* >>glsl copy: /,/^\/\* <<glsl \*\/$/'  # its block in sbl.h
 
 finds_the_difference() {
     cp "$copy/sbl.h" "$folder/before"
@@ -23,7 +23,7 @@ mends_it() {
     "$copy/scripts/embed_shaders" && "$copy/scripts/embed_shaders" --check && cp "$copy/sbl.h" "$folder/once" &&
     ! cmp -s "$folder/before" "$folder/once" && "$copy/scripts/embed_shaders" && cmp "$folder/once" "$copy/sbl.h"
 }
-# all outside the markers is what it was
+# everything outside of the markers stays the same
 keeps_the_rest() {
     for file in before once; do sed "$block d" "$folder/$file" > "$folder/$file.rest"; done
     [ -s "$folder/once.rest" ] && same "$folder/before.rest" "$folder/once.rest"
@@ -42,7 +42,7 @@ strings_are_the_file() {
         "$folder/print" > "$folder/printed" &&
     same "$folder/expected" "$folder/printed"
 }
-# refused: embed_shaders says so, and leaves sbl.h as it is
+# refused: embed_shaders must fail and leave sbl.h unchanged
 refused() {
     cp "$copy/sbl.h" "$folder/broken"
     ! "$copy/scripts/embed_shaders" && cmp "$folder/broken" "$copy/sbl.h"
@@ -65,11 +65,11 @@ check embed_shaders_keeps_the_rest keeps_the_rest
 check embed_shaders_strings_are_the_file strings_are_the_file
 check embed_shaders_refuses_without_markers refuses_without_markers
 
-# >>test, on a repository of small fakes
+# >>scripts/test, run in a repository of small fake tests
 
 fake="$folder/fake repository"
-# fake_tests NAME|END|LAST-LINE...: runs scripts/test over programs that print LAST-LINE and then do END; its output in
-# $folder/verdict
+# fake_tests NAME|END|LAST-LINE...: runs scripts/test with programs that print LAST-LINE and then execute END; its
+# output is in $folder/verdict
 fake_tests() {
     rm -rf "$fake"
     mkdir -p "$fake/tests/support"
@@ -86,16 +86,16 @@ fake_tests() {
     done
     "$fake/scripts/test" > "$folder/verdict" 2>&1
 }
-# fails_with COUNTS NAME...: scripts/test fails and says so
+# fails_with COUNTS NAME...: scripts/test must fail and print these counts
 fails_with() {
     counts=$1
     shift
-    if fake_tests "$@"; then echo "scripts/test is content with:"; cat "$folder/verdict"; return 1; fi
+    if fake_tests "$@"; then echo "scripts/test succeeds with:"; cat "$folder/verdict"; return 1; fi
     tail -n 1 "$folder/verdict" | grep -qx "$counts" || { cat "$folder/verdict"; return 1; }
 }
-# env_of NAME=VALUE FUNCTION...
+# env_of NAME=VALUE COMMAND...
 env_of() { (export "${1?}"; shift; "$@"); }
-# all tests run twice: plain and sanitized
+# every test runs twice: plain and sanitized
 adds_up() {
     fake_tests "one|exit(0)|3 passed, 0 failed, 1 skipped" "two|exit(0)|4 passed, 0 failed, 0 skipped" ||
         { cat "$folder/verdict"; return 1; }
@@ -103,7 +103,7 @@ adds_up() {
 }
 one="1 passed, 0 failed, 0 skipped"
 good="good|exit(0)|$one"
-# of a good test, a bad one and one that takes long, only what is named is built and run, the longest of last time first
+# with a good, a bad and a slow test: only the named tests are built and run, and the one that took longest starts first
 names_and_order() {
     ! fake_tests "$good" "bad|exit(1)|2 passed, 1 failed, 0 skipped" \
         "slow|volatile long i; for (i = 0; i < 200000000; i++) {}|1 passed, 0 failed, 0 skipped" || return
@@ -121,7 +121,7 @@ check test_fails_on_a_crash fails_with '2 passed, 2 failed, 0 skipped' "$good" "
 check test_fails_on_an_early_exit fails_with '2 passed, 2 failed, 0 skipped' "$good" "early|exit(0)|words"
 check test_fails_on_a_crash_after_the_counts fails_with '2 passed, 2 failed, 0 skipped' "$good" \
     "late|abort()|3 passed, 0 failed, 0 skipped"
-# stops_for WORDS NAME...: fails_with, and why the test was stopped is said
+# stops_for WORDS NAME...: like fails_with, and the output must say why the test was stopped
 stops_for() {
     words=$1
     shift
@@ -137,7 +137,7 @@ check test_fails_on_a_test_that_runs_nothing fails_with '2 passed, 2 failed, 0 s
 check test_fails_on_what_does_not_compile fails_with '0 passed, 1 failed, 0 skipped' "$good" \
     "typo|x|1 passed, 0 failed, 0 skipped"
 check test_fails_without_tests fails_with '0 passed, 0 failed, 0 skipped'
-# only sanitizers see these
+# only sanitizers find these
 check test_sees_a_heap_overflow fails_with '3 passed, 1 failed, 0 skipped' "$good" \
     "overflow|volatile char *p = malloc(5); p[getenv(\"PATH\") ? 5 : 0] = 1; free((void *)p)|$one"
 check test_sees_undefined_behaviour fails_with '3 passed, 1 failed, 0 skipped' "$good" \
@@ -169,7 +169,7 @@ unwrap_usage() {
         { scripts/unwrap examples/scenes/cornell_box.obj "$folder/u.glb" --size 512 2> "$folder/said"; [ $? = 2 ]; } &&
             grep -q numbers "$folder/said"
 }
-# the charts lie apart, on whole texels: nothing overlaps, nothing lies outside
+# the charts are separate and on whole texels, so that nothing overlaps or is outside
 unwrap_box() {
     scripts/unwrap examples/scenes/cornell_box.obj "$folder/u.glb" 128 66 6 &&
     build/sbl_bake "$folder/u.glb" --lightmap 128 --mode direct --preset draft -o "$folder/baked" > "$folder/said" \

@@ -1,6 +1,6 @@
-/* A picture in steps: every stage of it comes in pieces, submissions follow the limit, programs are compiled when they
-   are first used or all ahead, what is known can be seen on the way, and a finished picture stays. None of this looks
-   at a clock: pieces are counted, or sbl.h is given a clock that goes on by as much at every look. */
+/* Pictures in steps: every stage is divided into pieces; the size of GL submissions follows the limit; programs are
+   compiled when first used, or all ahead; unfinished pictures can be read; finished pictures stay. No test depends on
+   the real time: pieces are counted, or sbl.h gets a clock that advances by a fixed amount per call. */
 #include <sys/time.h>
 static int clock_of_test(struct timeval *out, void *zone);
 #define gettimeofday clock_of_test
@@ -19,7 +19,7 @@ enum { WIDTH = 160, HEIGHT = 120, PIXELS = WIDTH * HEIGHT };
 static watch seen;
 static test_scene cornell;
 
-static long clock_tick, clock_now;  /* microseconds; where a tick is 0, the true time */
+static long clock_tick, clock_now;  /* microseconds; a tick of 0 means the real time */
 
 static int clock_of_test(struct timeval *out, void *zone) {
     (void)zone;
@@ -43,20 +43,21 @@ static sbl_picture_desc view_of(sbl_backend backend) {
 
 /* >>pieces */
 
-/* Steps that began in each stage, in slices too short for more than a piece. */
+/* In very short slices, every stage takes several steps, and sbl_begin does neither allocate textures nor compile. */
 TEST(every_stage_comes_in_pieces) {
+    enum { FILTERS = SBL__PICTURE_DONE, SENSES };  /* parts of stages, which are counted as stages of their own */
     static const struct { int stage; int least; const char *name;
     } stages[] = { { SBL__MAP_SURFACE, 4, "the G-buffer" },
                    { SBL__MAP_READ, 1, "reading it" },
-                   { 0, 100, "sensors" },
-                   { SBL__PICTURE_DONE, 3, "the filter" },
+                   { SENSES, 100, "sensors" },
+                   { FILTERS, 3, "the filter" },
                    { SBL__PICTURE_SAMPLE, 6, "samples' G-buffers" },
                    { SBL__PICTURE_RESOLVE, 6, "resolving" } };
     sbl_context_desc desc = watch_desc(&seen);
     sbl_picture_desc view = view_of(SBL_BACKEND_TRACE);
     sbl_context *context = watch_context(&seen, &desc, &cornell);
     sbl_result result = SBL_UNFINISHED;
-    int counts[SBL__PICTURE_DONE + 1] = { 0 }, steps = 0, i;
+    int counts[SENSES + 1] = { 0 }, steps = 0, i;
     size_t gpu;
     if (!context) return;
     view.width = 640;
@@ -72,18 +73,17 @@ TEST(every_stage_comes_in_pieces) {
         const sbl__map *map = &context->picture.map;
         const int filters = map->work.stages.stage == SBL__MAP_DEVELOP && map->developing.stage == SBL__DEVELOP_FILTER;
         const int senses = map->work.stages.stage == SBL__MAP_REFINE && sbl__refine_is_sensing(&map->refine);
-        counts[filters  ? SBL__PICTURE_DONE
-               : senses ? 0
-                        : map->work.stages.stage]++; /* these two are parts of other stages */
+        counts[filters ? FILTERS : senses ? SENSES : map->work.stages.stage]++;
         result = sbl_step(context, 1e-9);
     }
     CHECK(result == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
     for (i = 0; i < (int)(sizeof stages / sizeof *stages); i++)
-        CHECK(counts[stages[i].stage] >= stages[i].least, "%s took %d steps", stages[i].name, counts[stages[i].stage]);
+        CHECK(counts[stages[i].stage] >= stages[i].least, "%s took only %d steps", stages[i].name,
+              counts[stages[i].stage]);
     sbl_destroy(context);
 }
 
-/* The hierarchy and the lamps of a scene of some size. */
+/* The hierarchy and the lamps of 18,000 triangles are prepared in many steps. */
 TEST(the_hierarchy_comes_in_pieces) {
     test_scene s = { 0 };
     sbl_context_desc desc = watch_desc(&seen);
@@ -105,12 +105,12 @@ TEST(the_hierarchy_comes_in_pieces) {
         result = sbl_step(context, 1e-9);
     }
     CHECK(result == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
-    CHECK(before > 500, "18,000 triangles and as many lamps were made ready in %d steps", before);
+    CHECK(before > 500, "18,000 triangles and as many lamps were prepared in only %d steps", before);
     sbl_destroy(context);
     scene_free(&s);
 }
 
-/* Calls that draw, store or read, in one sbl_render: the lower the limit of a submission, the more. */
+/* Counts the GL calls that draw, store or read in one sbl_render. A lower limit of a submission gives more calls. */
 static int calls_at(float longest, sbl_backend backend, float *radiance) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_picture_desc view = view_of(backend);
@@ -129,6 +129,7 @@ static int calls_at(float longest, sbl_backend backend, float *radiance) {
     return count;
 }
 
+/* A lower limit of a submission gives more GL calls and the same picture, to the bit. */
 TEST(submissions_follow_the_limit) {
     static float base[3 * PIXELS], now[3 * PIXELS];
     int b;
@@ -136,11 +137,11 @@ TEST(submissions_follow_the_limit) {
         const sbl_backend backend = b ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
         const int many = calls_at(1e-6f, backend, base), few = calls_at(100, backend, now);
         CHECK(memcmp(base, now, sizeof base) == 0, "back end %d: the limit changes the picture", b);
-        CHECK(many > few + 100, "back end %d: %d calls at a microsecond, %d at 100 s", b, many, few);
+        CHECK(many > few + 100, "back end %d: %d calls with a limit of 1 us, %d with 100 s", b, many, few);
     }
 }
 
-/* A step ends when its time is over, give or take a piece, and does not end long before; and a gather's alike. */
+/* A step takes the requested time within one piece, and more than half of it, for pictures and for gathers. */
 TEST(steps_keep_to_their_time) {
     enum { BUDGET = 20000, GIVE = 3000, SITES = 40000 };
     static sbl_site sites[SITES];
@@ -177,7 +178,7 @@ TEST(steps_keep_to_their_time) {
         clock_tick = 0;
         CHECK(result == SBL_SUCCESS && steps > 3, "%s after %d steps: %s", sbl_result_string(result), steps,
               watch_last(&seen));
-        CHECK(longest < BUDGET + GIVE && shortest > BUDGET / 2, "way %d: of %d us, steps took %ld to %ld", way, BUDGET,
+        CHECK(longest < BUDGET + GIVE && shortest > BUDGET / 2, "way %d: steps of %d us took %ld to %ld", way, BUDGET,
               shortest, longest);
         printf("  %d steps of %ld to %ld us\n", steps, shortest, longest);
         sbl_destroy(context);
@@ -186,7 +187,7 @@ TEST(steps_keep_to_their_time) {
 
 /* >>bounced light */
 
-/* Of a square of sites, so that a gather lasts. */
+/* A gather of a square of sites, large enough to take several steps. */
 enum { GATHER_SITES = 64 };
 static sbl_site gather_sites[GATHER_SITES];
 static sbl_reading gather_readings[GATHER_SITES];
@@ -208,7 +209,7 @@ static sbl_readings_desc gather_of(sbl_mode mode) {
     return gather;
 }
 
-/* A small picture, most of whose work is the store. */
+/* A small picture; most of its work is filling the store. */
 static sbl_picture_desc bounced_view(void) {
     sbl_picture_desc view = scene_cornell_view(WIDTH / 8, HEIGHT / 8);
     view.options.mode = SBL_MODE_GI;
@@ -225,7 +226,8 @@ static sbl_result bounced_read(sbl_context *context, float *out) {
     return sbl_read_channel(context, SBL_CHANNEL_RADIANCE, out, BOUNCED);
 }
 
-/* Steps of that length until the picture is done; how many began in each of the store's stages. */
+/* Steps of a given length until the picture is done. counts[stage] is the number of steps that began in that stage of
+   the store. */
 static sbl_result bounced_steps(sbl_context *context, double seconds, int counts[SBL__BOUNCE_DONE + 1]) {
     sbl_result result = SBL_UNFINISHED;
     int steps = 0;
@@ -236,6 +238,7 @@ static sbl_result bounced_steps(sbl_context *context, double seconds, int counts
     return result;
 }
 
+/* Every stage of the store takes several short steps, and the picture does not depend on their length. */
 TEST(the_store_comes_in_pieces) {
     static const double budgets[] = { 1e-9, 1e-4, 2e-3 };
     static float whole[BOUNCED], now[BOUNCED];
@@ -253,10 +256,10 @@ TEST(the_store_comes_in_pieces) {
     REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS && bounced_read(context, now) == SBL_SUCCESS,
             "no picture: %s", watch_last(&seen));
     again = sbl_query_stats(context);
-    CHECK(memcmp(now, whole, sizeof now) == 0, "a store that is there gives another picture");
+    CHECK(memcmp(now, whole, sizeof now) == 0, "a second picture from the same store differs");
     CHECK(stats.store.rays > 1000 && again.store.rays == 0 && again.store.cells == stats.store.cells &&
               again.sensors.rays == stats.sensors.rays,
-          "a store of %d samples and %.0f rays, then of %d and %.0f", stats.store.cells, (double)stats.store.rays,
+          "a store of %d cells and %.0f rays, then %d cells and %.0f rays", stats.store.cells, (double)stats.store.rays,
           again.store.cells, (double)again.store.rays);
     for (i = 0; i < 3; i++) {
         int counts[SBL__BOUNCE_DONE + 1] = { 0 };
@@ -265,7 +268,7 @@ TEST(the_store_comes_in_pieces) {
         REQUIRE(bounced_steps(context, budgets[i], counts) == SBL_SUCCESS && bounced_read(context, now) == SBL_SUCCESS,
                 "no picture: %s", watch_last(&seen));
         CHECK(memcmp(now, whole, sizeof now) == 0, "in steps of %g s the picture differs", budgets[i]);
-        /* the air is for what the host draws */
+        /* the stage for light in the air runs only if the host draws */
         for (stage = SBL__BOUNCE_PATCHES; stage <= SBL__BOUNCE_SEND && i == 0; stage++)
             CHECK(counts[stage] >= (stage == SBL__BOUNCE_LIGHT ? 10 : 1), "stage %d took %d steps", stage,
                   counts[stage]);
@@ -273,7 +276,7 @@ TEST(the_store_comes_in_pieces) {
     sbl_destroy(context);
 }
 
-/* Of the store. */
+/* Returns the relative difference of two pictures of the store. */
 static double store_distance(const float *a, const float *b) {
     double sum = 0, off = 0;
     int i;
@@ -283,18 +286,18 @@ static double store_distance(const float *a, const float *b) {
 
 static int cancels(float done, void *user) { (void)done; return --*(int *)user <= 0; }
 
-/* Is the store half way through what lamps give? */
+/* Returns whether the store has begun to measure the light of lamps. */
 static int lit(const sbl_context *context) {
     const sbl__bounce *b = context->core.bounce;
     return b && b->stages.stage == SBL__BOUNCE_LIGHT && b->job.stages.stage == SBL__JOB_READ;
 }
 
-/* After each number of short steps, and first in the midst of the store's lamps, something else happens; the picture
-   that is made afterwards is the usual one, bit for bit. */
+/* A picture is abandoned after each number of short steps, and first while the store measures lamps, by nine kinds of
+   calls. The picture rendered afterwards must be the usual one, to the bit. */
 TEST(the_store_is_left_at_any_step) {
-    static const char *const names[] = { "another picture like it", "an ambient picture", "an ambient gather",
-        "a gather like it", "the end", "a move there and back",
-                                         "the scene anew", "cancelling", "a rasterised picture" };
+    static const char *const names[] = { "the same picture again", "an ambient picture", "an ambient gather",
+        "a gather with bounced light", "sbl_end", "a move there and back",
+                                         "the scene again", "cancelling", "a rasterised picture" };
     static const float away[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 100, 0, 1 }, back[16] = { 0 };
     static float whole[BOUNCED], now[BOUNCED];
     static sbl_reading ambient[GATHER_SITES];
@@ -329,7 +332,7 @@ TEST(the_store_is_left_at_any_step) {
             while (at == 0 && what != 7 && result == SBL_UNFINISHED && !lit(context)) result = sbl_step(context, 1e-9);
             done += result == SBL_SUCCESS;
             CHECK(what != 7 || !context->core.bounce || context->core.scene.store.ready,
-                  "cancelled after %d steps, a store is left", at);
+                  "cancelled after %d steps, but a store that is not ready remains", at);
             CHECK(result == SBL_SUCCESS || result == (what == 7 ? SBL_CANCELLED : SBL_UNFINISHED), "%s",
                   watch_last(&seen));
             view.options.progress = NULL;
@@ -344,7 +347,8 @@ TEST(the_store_is_left_at_any_step) {
                 case 4: case 7:
                     sbl_end(context);
                     sbl_set_scene(context, &scene);
-                    CHECK(seen.blocks == blocks, "%s after %d steps: %d blocks, not %d", names[what], at, seen.blocks,
+                    CHECK(seen.blocks == blocks, "%s after %d steps: %d blocks, expected %d", names[what], at,
+                          seen.blocks,
                           blocks);
                     break;
                 case 5: result = sbl_set_mesh_transform(context, 3, away);
@@ -362,18 +366,20 @@ TEST(the_store_is_left_at_any_step) {
             CHECK(result == SBL_SUCCESS, "%s after %d steps: %s", names[what], at, watch_last(&seen));
             CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS && bounced_read(context, now) == SBL_SUCCESS,
                   "%s after %d steps: %s", names[what], at, watch_last(&seen));
-            CHECK(memcmp(now, whole, sizeof now) == 0, "%s after %d steps changes the picture by %g of it", names[what],
+            CHECK(memcmp(now, whole, sizeof now) == 0, "%s after %d steps changes the picture by a share of %g",
+                  names[what],
                   at, store_distance(whole, now));
         }
         if (done == whats / 3) break;
     }
-    CHECK(at < 100000, "after %d steps the picture is not done", at);
-    printf("  left after up to %d steps\n", at);
+    CHECK(at < 100000, "the picture is not done after %d steps", at);
+    printf("  abandoned after up to %d steps\n", at);
     sbl_destroy(context);
 }
 
 /* >>programs */
 
+/* Without compile_ahead at most one program is compiled per step; with it, all are compiled by sbl_create. */
 TEST(programs_compile_when_used_or_ahead) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_context *context;
@@ -387,7 +393,8 @@ TEST(programs_compile_when_used_or_ahead) {
     context = watch_context(&seen, &desc, &cornell);
     if (!context) return;
     before = sbl_query_programs(context);
-    CHECK(before.count <= 4, "%d programs are compiled before they are used", before.count);  /* those of >>trial */
+    /* the programs of >>trial */
+    CHECK(before.count <= 4, "%d programs are compiled before they are used", before.count);
     REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
     while (result == SBL_UNFINISHED && steps++ < 1000000) {
         programs = sbl_query_programs(context).count;
@@ -396,10 +403,10 @@ TEST(programs_compile_when_used_or_ahead) {
         most = programs > most ? programs : most;
     }
     after = sbl_query_programs(context);
-    CHECK(result == SBL_SUCCESS && most == 1, "%d programs in one step", most);
+    CHECK(result == SBL_SUCCESS && most == 1, "%d programs compiled in one step", most);
     CHECK(after.count >= 5 && after.compile_seconds > 0, "%d programs in %g s", after.count, after.compile_seconds);
     CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS && sbl_query_programs(context).count == after.count,
-          "compiled again");
+          "a program was compiled again");
     sbl_destroy(context);
 
     desc.compile_ahead = 1;
@@ -437,7 +444,7 @@ TEST(programs_compile_when_used_or_ahead) {
     scene_free(&textured);
 }
 
-/* A context keeps all programs that it has compiled: whatever scenes come, there is room for them. */
+/* A context keeps all programs that it compiles. Their largest possible number must not exceed SBL__PROGRAMS_MOST. */
 TEST(programs_have_room) {
     static const sbl__recipe *const recipes[] = {
         &sbl__recipe_copy, &sbl__recipe_visibility, &sbl__recipe_gbuffer, &sbl__recipe_lamps, &sbl__recipe_sensor,
@@ -447,15 +454,15 @@ TEST(programs_have_room) {
     int i, k, all = 0;
     for (i = 0; i < SBL__COUNT(recipes); i++) {
         int variants = 1;
-        for (k = 0; k < SBL__FEATURES; k++)  /* but those that are the driver's, not the scene's */
+        for (k = 0; k < SBL__FEATURES; k++)  /* except features that depend on the driver, not on the scene */
             if ((recipes[i]->features & ~(unsigned)(SBL__WRITE_DEPTH | SBL__COMPUTE)) >> k & 1) variants *= 2;
         all += variants;
     }
-    CHECK(all > 60 && all <= SBL__PROGRAMS_MOST, "there may be %d programs, and there is room for %d", all,
+    CHECK(all > 60 && all <= SBL__PROGRAMS_MOST, "up to %d programs are possible, but SBL__PROGRAMS_MOST is %d", all,
           SBL__PROGRAMS_MOST);
 }
 
-/* >>something to see */
+/* >>unfinished pictures */
 
 static double distance(const float *a, const float *b) {
     double sum = 0;
@@ -464,6 +471,7 @@ static double distance(const float *a, const float *b) {
     return sqrt(sum / (3 * PIXELS));
 }
 
+/* The picture can be read after the first level, and its error falls with each level. */
 TEST(each_level_is_sharper) {
     static const sbl_channel channels[] = { SBL_CHANNEL_RADIANCE, SBL_CHANNEL_FINAL };
     static float whole[2][3 * PIXELS], now[2][3 * PIXELS], last[2][3 * PIXELS];
@@ -480,46 +488,52 @@ TEST(each_level_is_sharper) {
     for (k = 0; k < 2; k++)
         REQUIRE(sbl_read_channel(context, channels[k], whole[k], 3 * PIXELS) == SBL_SUCCESS, "not read");
     REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
-    CHECK(sbl_channel_texture(context, SBL_CHANNEL_FINAL) == 0, "a texture of nothing");
+    CHECK(sbl_channel_texture(context, SBL_CHANNEL_FINAL) == 0, "a texture before the first step");
     memset(last, 0, sizeof last);
     while (result == SBL_UNFINISHED) {
         result = sbl_step(context, 1e-9);
         if (result != SBL_UNFINISHED) break;
         for (k = 0; k < 2; k++) {
             const sbl_result is = sbl_read_channel(context, channels[k], now[k], 3 * PIXELS);
-            if (is == SBL_UNFINISHED) { waiting++; CHECK(!seen_before, "what was seen is gone"); continue; }
-            REQUIRE(is == SBL_SUCCESS, "a picture under way cannot be read: %s", sbl_result_string(is));
+            if (is == SBL_UNFINISHED) {
+                waiting++;
+                CHECK(!seen_before, "a visible picture became unreadable");
+                continue;
+            }
+            REQUIRE(is == SBL_SUCCESS, "an unfinished picture cannot be read: %s", sbl_result_string(is));
             seen_before = 1;
             if (memcmp(now[k], last[k], sizeof last[k]) == 0) continue;
             memcpy(last[k], now[k], sizeof last[k]);
             error = distance(now[k], whole[k]);
-            /* within a level some pieces make a little worse what others make better; what is seen of them depends on
-               pace */
+            /* Within a level, some pieces may increase the error; which states are visible depends on the pace. */
             if (before[k] > 0)
                 CHECK(error < 1.1 * before[k], "channel %d: a level brings the error from %g to %g", k, before[k],
                       error);
             else first[k] = error;
             before[k] = error;
-            if (k && sbl_query_stats(context).sensors.count != sensors) shown++;  /* it comes in rows */
+            /* rows of the picture appear one after another */
+            if (k && sbl_query_stats(context).sensors.count != sensors) shown++;
             if (k) sensors = sbl_query_stats(context).sensors.count;
         }
     }
     CHECK(result == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
-    CHECK(waiting > 0 && shown >= 4, "%d readings came before the first level, %d pictures were shown", waiting, shown);
+    CHECK(waiting > 0 && shown >= 4, "%d attempts to read before the first level, %d pictures were read", waiting,
+          shown);
     for (k = 0; k < 2; k++) {
-        /* the last preview may be a quarter of the looks old */
-        CHECK(before[k] < 0.5 * first[k], "channel %d: error %g in the first picture shown, %g in the last", k,
+        /* the last preview may lack a quarter of the looks */
+        CHECK(before[k] < 0.5 * first[k], "channel %d: error %g in the first picture read, %g in the last", k,
               first[k], before[k]);
         CHECK(sbl_read_channel(context, channels[k], now[k], 3 * PIXELS) == SBL_SUCCESS &&
               memcmp(now[k], whole[k], sizeof now[k]) == 0,
-              "channel %d: looking on changes the picture", k);
+              "channel %d: reading the unfinished picture changes it", k);
     }
-    printf("  R is off by %.4g in the first picture shown, by %.4g in the last of %d\n", first[0], before[0], shown);
+    printf("  R is off by %.4g in the first picture read, by %.4g in the last of %d\n", first[0], before[0], shown);
     sbl_destroy(context);
 }
 
 /* >>lifetimes */
 
+/* A finished picture stays readable while other work is begun, fails or is refused, until sbl_end. */
 TEST(a_finished_picture_stays) {
     static float whole[SBL_CHANNEL_COUNT][3 * PIXELS], now[3 * PIXELS];
     static const float away[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 5000, 0, 1 };
@@ -551,14 +565,14 @@ TEST(a_finished_picture_stays) {
           "no texture, or no inspection");
     for (step = -2; step < 6; step++) {
         switch (step) {
-            case -2: case -1:  /* the first allocation is refused, or a later one */
+            case -2: case -1:  /* the first allocation fails, or a later one */
                 seen.refuse_at = seen.allocations + (step == -2 ? 1 : 9);
                 CHECK(sbl_set_scene(context, &empty) == (step == -2 ? SBL_ERROR_OUT_OF_MEMORY : SBL_SUCCESS) ||
-                      seen.refused, "no memory");
+                      seen.refused, "a failing allocation");
                 break;
-            case 0: CHECK(sbl_set_mesh_transform(context, 0, bad) == SBL_ERROR_INVALID_ARGUMENT, "a bad move"); break;
+            case 0: CHECK(sbl_set_mesh_transform(context, 0, bad) == SBL_ERROR_INVALID_ARGUMENT, "a bad matrix"); break;
             case 1: CHECK(sbl_gather_readings(context, &gather) == SBL_SUCCESS, "a gather"); break;
-            case 2: CHECK(sbl_begin_readings(context, &gather) == SBL_SUCCESS, "the beginning of a gather"); break;
+            case 2: CHECK(sbl_begin_readings(context, &gather) == SBL_SUCCESS, "beginning a gather"); break;
             case 3: CHECK(sbl_set_mesh_transform(context, 0, away) == SBL_SUCCESS, "a move"); break;
             case 4: CHECK(sbl_set_scene(context, &empty) == SBL_SUCCESS, "an empty scene"); break;
             default: CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS, "the scene again"); break;
@@ -566,20 +580,22 @@ TEST(a_finished_picture_stays) {
         for (k = 0; k < SBL_CHANNEL_COUNT; k++) {
             size_t bytes = sizeof(float) * PIXELS * (size_t)sbl_channel_components((sbl_channel)k);
             CHECK(sbl_read_channel(context, (sbl_channel)k, now, 3 * PIXELS) == SBL_SUCCESS &&
-                  memcmp(now, whole[k], bytes) == 0, "after %d, channel %d", step, k);
+                  memcmp(now, whole[k], bytes) == 0, "after event %d, channel %d differs", step, k);
         }
-        CHECK(sbl_channel_texture(context, SBL_CHANNEL_FINAL) == name, "after %d the texture is another", step);
+        CHECK(sbl_channel_texture(context, SBL_CHANNEL_FINAL) == name, "after event %d, the texture is another one",
+              step);
         CHECK(sbl_inspect_sensor(context, 80, 80, &sensor, NULL, NULL, 0) == (step < 3 ? SBL_SUCCESS : SBL_ERROR_STATE),
-              "after %d: inspection", step);
+              "after event %d: the inspected sensor differs", step);
     }
     sbl_end(context);
     CHECK(sbl_read_channel(context, SBL_CHANNEL_FINAL, now, 3 * PIXELS) == SBL_ERROR_STATE &&
-          sbl_channel_texture(context, SBL_CHANNEL_FINAL) == 0, "after the end");
+          sbl_channel_texture(context, SBL_CHANNEL_FINAL) == 0, "the picture remains after sbl_end");
     sbl_destroy(context);
 }
 
-/* >>what a sensor shows adds up to what the picture used */
+/* >>inspected sensors agree with the picture */
 
+/* Sheet, rays and lamps of an inspected sensor add up to its R, and R is the picture's. */
 TEST(inspection_adds_up) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_context *context = watch_context(&seen, &desc, &cornell);
@@ -623,20 +639,21 @@ TEST(inspection_adds_up) {
                 CHECK(s.lamps[i].kind == SBL_LAMP_TRIANGLE && s.lamps[i].mesh == 1 && (unsigned)s.lamps[i].number < 2,
                       "%d %d: lamp %d is triangle %d of mesh %d",
                       x, y, i, s.lamps[i].number, s.lamps[i].mesh);
-            CHECK(k == sent && open <= sent, "%d %d: lamps tell of %d rays, there are %d", x, y, k, sent);
+            CHECK(k == sent && open <= sent, "%d %d: the lamps count %d rays, but there are %d", x, y, k, sent);
             CHECK((s.from_lamps[0] > 0) == (open > 0), "%d %d: %g from lamps, %d rays reach them", x, y,
                   (double)s.from_lamps[0], open);
             CHECK((b == 0) == (s.backend == SBL_BACKEND_TRACE) && (b == 0) == (s.view_count == 0),
-                  "%d %d: which back end?", x, y);
+                  "%d %d: wrong back end or counts", x, y);
             lit += open > 0;
             half += open > 0 && open < sent;
         }
     }
-    CHECK(lit > 40 && half > 3, "%d sensors are lit, %d of them in part", lit, half);
+    CHECK(lit > 40 && half > 3, "%d sensors are lit, %d of them partly", lit, half);
     sbl_destroy(context);
 }
 
-/* Where no sensor stood, one is made now, and says so; where one stood, it was of the level that the channel shows. */
+/* A pixel without a sensor gets one for the inspection, with sensed = 0. A pixel with a sensor reports the level that
+   SBL_CHANNEL_SENSORS shows. */
 TEST(inspection_tells_levels) {
     static float levels[PIXELS];
     sbl_context_desc desc = watch_desc(&seen);
@@ -658,10 +675,11 @@ TEST(inspection_tells_levels) {
     }
     CHECK(met[0] == 8 && met[1] == 8 && met[2] == 8 && met[3] == 8, "%d %d %d %d sensors of the first levels", met[0],
           met[1], met[2], met[3]);
-    CHECK(wrong == 0, "%d sensors say another level than the channel", wrong);
+    CHECK(wrong == 0, "%d sensors report another level than the channel", wrong);
     sbl_destroy(context);
 }
 
+/* The statistics report the lamps, triangles and bytes of the Cornell box. */
 TEST(stats_tell_of_lamps_and_the_hierarchy) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_context *context = watch_context(&seen, &desc, &cornell);
@@ -671,20 +689,22 @@ TEST(stats_tell_of_lamps_and_the_hierarchy) {
     view.width = view.height = 8;
     REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture");
     stats = sbl_query_stats(context);
-    CHECK(stats.scene.lamps == 2 && stats.scene.triangles == 32, "%d lamps among %d triangles; the lamp is 2 of 32",
+    CHECK(stats.scene.lamps == 2 && stats.scene.triangles == 32, "%d lamps among %d triangles; expected 2 among 32",
           stats.scene.lamps, stats.scene.triangles);
     CHECK(stats.scene.bvh_bytes > 32 * 36 && stats.scene.bvh_bytes < 32 * 200,
-          "32 triangles' hierarchy takes %.0f bytes", (double)stats.scene.bvh_bytes);
+          "the hierarchy of 32 triangles takes %.0f bytes", (double)stats.scene.bvh_bytes);
     view.options.mode = SBL_MODE_PAPER;
     view.options.backend = SBL_BACKEND_AUTO;
     REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture");
-    CHECK(sbl_query_stats(context).scene.lamps == 0, "the paper's sensors aim at %d lamps",
+    CHECK(sbl_query_stats(context).scene.lamps == 0, "SBL_MODE_PAPER reports %d lamps",
           sbl_query_stats(context).scene.lamps);
     sbl_destroy(context);
 }
 
+/* After all tests the counting allocator holds no blocks. */
 TEST(nothing_is_left) {
-    CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks are left, %d strangers", seen.blocks, seen.strangers);
+    CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks are not freed, %d were freed twice or never allocated",
+          seen.blocks, seen.strangers);
 }
 
 int main(void) {

@@ -1,5 +1,5 @@
-/* The store of bounced light as a thing of its own: kept from picture to picture, made again for other lamps, saved and
-   loaded, shown, and put on surfaces that take no sensors. */
+/* Tests of the store of bounced light: reuse for further pictures, updates for other lamps, saving and loading, its
+   channel in pictures, and surfaces without sensors. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -13,7 +13,7 @@ static watch seen;
 static sbl_context *context;
 static test_scene scene;
 
-/* A stream in memory, cut off at `room`. */
+/* A stream in memory that ends at `room`. */
 static struct { unsigned char bytes[STREAM]; size_t count, at, room; } stream;
 
 static size_t put(const void *data, size_t bytes, void *user) {
@@ -32,7 +32,7 @@ static size_t get(void *data, size_t bytes, void *user) {
     return bytes;
 }
 
-/* A room with a lamp, a light and a textured box. */
+/* A room with a lamp, a point light and a textured box. */
 static void make_room(test_scene *s) {
     static const unsigned char checks[2 * 2 * 3] = { 255, 200, 100, 30, 60, 90, 30, 90, 60, 200, 255, 100 };
     memset(s, 0, sizeof *s);
@@ -54,7 +54,7 @@ static sbl_result set(const test_scene *s) {
     return sbl_set_scene(context, &desc);
 }
 
-/* Another context, with the scene as it is now. */
+/* Creates a new context and sets the scene as it is now. */
 static int start(void) {
     const sbl_context_desc desc = watch_desc(&seen);
     sbl_destroy(context);
@@ -62,7 +62,7 @@ static int start(void) {
     return sbl_create(&desc, &context) == SBL_SUCCESS && set(&scene) == SBL_SUCCESS;
 }
 
-/* Light across the room. */
+/* Measures light at sites all over the room. */
 static sbl_result gather(sbl_reading readings[SITES]) {
     sbl_readings_desc desc;
     sbl_site sites[SITES];
@@ -92,19 +92,21 @@ static sbl_picture_desc view_of(float x) {
     return view;
 }
 
-/* Is the scene's light the same as in a context that has seen nothing else? bounced: was the store made for it? */
+/* Checks that the light equals that of a new context, to the bit. bounced: whether the store had to be filled for
+   it. */
 static void same_as_fresh(const char *what, int bounced) {
     static sbl_reading here[SITES], fresh[SITES];
     REQUIRE(gather(here) == SBL_SUCCESS, "%s: %s", what, watch_last(&seen));
     CHECK((sbl_query_stats(context).store.rays > 0) == bounced, "%s: %.0f rays of bounced light", what,
           (double)sbl_query_stats(context).store.rays);
-    REQUIRE(start() && gather(fresh) == SBL_SUCCESS, "%s: no fresh light: %s", what, watch_last(&seen));
-    CHECK(!memcmp(here, fresh, sizeof fresh), "%s: first site %.9g, in a fresh context %.9g", what,
+    REQUIRE(start() && gather(fresh) == SBL_SUCCESS, "%s: a new context fails: %s", what, watch_last(&seen));
+    CHECK(!memcmp(here, fresh, sizeof fresh), "%s: first site %.9g, in a new context %.9g", what,
           (double)here[0].radiance[0], (double)fresh[0].radiance[0]);
 }
 
-/* >>kept and made again */
+/* >>reused and updated */
 
+/* Other lamps change the light without filling the store again; the result equals a new context's. */
 TEST(lamps_change_what_surfaces_fixed_stays) {
     static sbl_reading before[SITES], after[SITES];
     make_room(&scene);
@@ -116,12 +118,13 @@ TEST(lamps_change_what_surfaces_fixed_stays) {
     scene.lights[0].position[2] = 2;
     REQUIRE(sbl_set_lights(context, scene.lights, scene.light_count) == SBL_SUCCESS, "%s", watch_last(&seen));
     REQUIRE(gather(after) == SBL_SUCCESS, "%s", watch_last(&seen));
-    CHECK(after[0].radiance[0] < 0.7f * before[0].radiance[0], "the lamps' change does not show: %g, before %g",
+    CHECK(after[0].radiance[0] < 0.7f * before[0].radiance[0], "other lamps do not change the light: %g, before %g",
           (double)after[0].radiance[0], (double)before[0].radiance[0]);
     same_as_fresh("other lamps", 0);
     scene_free(&scene);
 }
 
+/* Other surfaces fill the store again; the result equals a new context's. */
 TEST(surfaces_change) {
     static sbl_reading before[SITES];
     make_room(&scene);
@@ -137,12 +140,13 @@ TEST(surfaces_change) {
     scene_free(&scene);
 }
 
+/* Refused materials and lights leave the light as it was, to the bit. */
 TEST(refused_changes_change_nothing) {
     static sbl_reading before[SITES], after[SITES];
     sbl_material other[3];
     make_room(&scene);
     CHECK(sbl_set_materials(NULL, scene.materials, 3) == SBL_ERROR_INVALID_ARGUMENT &&
-          sbl_set_lights(NULL, scene.lights, 1) == SBL_ERROR_INVALID_ARGUMENT, "no context is accepted");
+          sbl_set_lights(NULL, scene.lights, 1) == SBL_ERROR_INVALID_ARGUMENT, "a NULL context is accepted");
     REQUIRE(start() && gather(before) == SBL_SUCCESS, "%s", watch_last(&seen));
     memcpy(other, scene.materials, sizeof other);
     other[WALLS].albedo[0] = 0.1f;
@@ -169,7 +173,7 @@ TEST(refused_changes_change_nothing) {
 
 /* >>streams */
 
-/* Loads what lies in the stream, which must be refused with these words, and the light must stay. */
+/* Loads the stream, which must be refused with these words. The light must not change. */
 static void refused(const char *what, const char *words) {
     static sbl_reading readings[SITES];
     stream.at = 0;
@@ -177,22 +181,23 @@ static void refused(const char *what, const char *words) {
     CHECK(sbl_load_store(context, get, NULL) == SBL_ERROR_INVALID_ARGUMENT &&
           watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_STORE, words, "", ""), "%s: %s", what,
           watch_last(&seen));
-    CHECK(gather(readings) == SBL_SUCCESS && sbl_query_stats(context).store.rays == 0, "%s: the store is gone",
+    CHECK(gather(readings) == SBL_SUCCESS && sbl_query_stats(context).store.rays == 0, "%s: the old store is lost",
           what);
 }
 
+/* A loaded store gives the same light as the saved one, to the bit. */
 TEST(saved_and_loaded) {
     static sbl_reading made[SITES], loaded[SITES];
     make_room(&scene);
     stream.count = stream.at = 0;
     stream.room = STREAM;
     REQUIRE(start(), "%s", watch_last(&seen));
-    CHECK(sbl_save_store(context, put, NULL) == SBL_ERROR_STATE, "a store is saved that is not there");
+    CHECK(sbl_save_store(context, put, NULL) == SBL_ERROR_STATE, "a store is saved before there is one");
     REQUIRE(gather(made) == SBL_SUCCESS && sbl_save_store(context, put, NULL) == SBL_SUCCESS, "%s", watch_last(&seen));
     REQUIRE(start() && sbl_load_store(context, get, NULL) == SBL_SUCCESS, "%s", watch_last(&seen));
     CHECK(stream.at == stream.count, "%.0f of %.0f bytes are read", (double)stream.at, (double)stream.count);
     REQUIRE(gather(loaded) == SBL_SUCCESS, "%s", watch_last(&seen));
-    CHECK(sbl_query_stats(context).store.rays == 0, "a loaded store is made again");
+    CHECK(sbl_query_stats(context).store.rays == 0, "a loaded store is filled again");
     CHECK(!memcmp(made, loaded, sizeof made), "first site %.9g, loaded %.9g", (double)made[0].radiance[0],
           (double)loaded[0].radiance[0]);
     scene.materials[LAMP].emission[1] = 9;
@@ -201,6 +206,7 @@ TEST(saved_and_loaded) {
     scene_free(&scene);
 }
 
+/* Damaged, incomplete and foreign streams are refused with their own messages. */
 TEST(streams_that_are_refused) {
     static const char *const words[] = { "not stored light", "another version", "byte order", "another scene" };
     static const size_t places[] = { 0, 8, 12, 16 };
@@ -217,7 +223,7 @@ TEST(streams_that_are_refused) {
         refused(words[i], words[i]);
         stream.bytes[places[i]] ^= 0x40;
     }
-    for (i = 0; i < 40; i++) {  /* one bit anywhere behind the header */
+    for (i = 0; i < 40; i++) {  /* flips one bit at 40 places behind the header */
         const size_t at = 60 + (whole - 60) * i / 40;
         stream.bytes[at] ^= (unsigned char)(1 << i % 8);
         refused("a bit", "");
@@ -229,7 +235,7 @@ TEST(streams_that_are_refused) {
     }
     stream.count = stream.at = 0;
     stream.room = whole - 1;
-    CHECK(sbl_save_store(context, put, NULL) == SBL_ERROR_INVALID_ARGUMENT, "a full disk is not noticed");
+    CHECK(sbl_save_store(context, put, NULL) == SBL_ERROR_INVALID_ARGUMENT, "a full disk is not reported");
     stream.count = whole;
     scene.lights[0].intensity[0] = 2;
     REQUIRE(set(&scene) == SBL_SUCCESS && gather(made) == SBL_SUCCESS, "%s", watch_last(&seen));
@@ -237,7 +243,8 @@ TEST(streams_that_are_refused) {
     scene_free(&scene);
 }
 
-/* What has a right checksum and is wrong all the same: references that lead nowhere or round, light that is none. */
+/* Streams with a valid checksum and wrong contents: references that are out of range or circular, and light that is not
+   finite. They are refused, or give finite light. */
 TEST(forged_streams_do_no_harm) {
     static sbl_reading readings[SITES];
     uint32_t state = 7;
@@ -262,15 +269,15 @@ TEST(forged_streams_do_no_harm) {
         accepted += sbl_load_store(context, get, NULL) == SBL_SUCCESS;
         REQUIRE(gather(readings) == SBL_SUCCESS, "forgery %d: %s", i, watch_last(&seen));
         for (k = 0; k < SITES; k++)
-            CHECK(readings[k].radiance[0] >= 0 && readings[k].radiance[0] <= FLT_MAX, "forgery %d: light of %g", i,
+            CHECK(readings[k].radiance[0] >= 0 && readings[k].radiance[0] <= FLT_MAX, "forgery %d: R is %g", i,
                   (double)readings[k].radiance[0]);
         if (i % 8 == 7) REQUIRE(start() && gather(readings) == SBL_SUCCESS, "%s", watch_last(&seen));
     }
-    CHECK(accepted < 60, "all forgeries are believed");
+    CHECK(accepted < 60, "all forgeries are accepted");
     scene_free(&scene);
 }
 
-/* >>on the way */
+/* >>progress */
 
 static struct { int calls, stop_at; float last; int falls; } told;
 
@@ -281,7 +288,7 @@ static int on_progress(float done, void *user) {
     return ++told.calls == told.stop_at;
 }
 
-/* Even in one call the store is made in pieces, each of which tells how far it is, and may be the last. */
+/* Even in a single call the store is filled in pieces. Each calls the progress callback, which can cancel. */
 TEST(progress_covers_the_store) {
     sbl_picture_desc view = view_of(0.5f);
     int calls;
@@ -289,12 +296,13 @@ TEST(progress_covers_the_store) {
     view.options.progress = on_progress;
     memset(&told, 0, sizeof told);
     REQUIRE(start() && sbl_render_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
-    CHECK(told.calls > 30 && !told.falls && told.last >= 1, "%d calls, %d fall, the last says %g", told.calls,
+    CHECK(told.calls > 30 && !told.falls && told.last >= 1, "%d calls, %d of them decreasing, the last one %g",
+          told.calls,
           told.falls, (double)told.last);
     calls = told.calls;
     memset(&told, 0, sizeof told);
     told.stop_at = calls / 5;
-    REQUIRE(start() && sbl_render_picture(context, &view) == SBL_CANCELLED, "it is not cancelled: %s",
+    REQUIRE(start() && sbl_render_picture(context, &view) == SBL_CANCELLED, "the picture is not cancelled: %s",
             watch_last(&seen));
     CHECK(told.calls == told.stop_at && told.last > 0.02f && told.last < 0.34f, "%d calls, %g done", told.calls,
           (double)told.last);
@@ -302,9 +310,10 @@ TEST(progress_covers_the_store) {
     scene_free(&scene);
 }
 
-/* >>shown */
+/* >>SBL_CHANNEL_STORE */
 
-/* The store's picture is R's, in cells; what takes no sensors shows it; in other modes there is none. */
+/* SBL_CHANNEL_STORE shows R as the store has it. Surfaces without sensors get their R from it. In other modes it is
+   0. */
 TEST(pictures_of_the_store) {
     static float stored[3 * PIXELS], light[3 * PIXELS], excluded[3 * PIXELS], sensors[PIXELS], ids[PIXELS];
     sbl_picture_desc view = view_of(0.5f);
@@ -317,7 +326,7 @@ TEST(pictures_of_the_store) {
             sbl_read_channel(context, SBL_CHANNEL_RADIANCE, light, 3 * PIXELS) == SBL_SUCCESS, "%s", watch_last(&seen));
     CHECK(sbl_channel_texture(context, SBL_CHANNEL_STORE) != 0, "no texture: %s", watch_last(&seen));
     for (i = 0; i < 3 * PIXELS; i++) { sums[0] += (double)stored[i]; sums[1] += (double)light[i]; }
-    CHECK(fabs(sums[0] / sums[1] - 1) < 0.1, "the store has %g of the light", sums[0] / sums[1]);
+    CHECK(fabs(sums[0] / sums[1] - 1) < 0.1, "R of the store is %g of R", sums[0] / sums[1]);
     scene.materials[BOX].flags = SBL_MATERIAL_NO_SENSORS;
     for (i = 0; i < scene.mesh_count; i++) if (scene.meshes[i].material == BOX) scene.meshes[i].id = 77;
     REQUIRE(set(&scene) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
@@ -332,12 +341,12 @@ TEST(pictures_of_the_store) {
         box[1] += (double)light[3 * i];
     }
     CHECK(shown > 20 && sensed == 0, "%d pixels show the box, %d have sensors", shown, sensed);
-    CHECK(fabs(box[0] / box[1] - 1) < 0.15, "the box has %g of the light that sensors find", box[0] / box[1]);
+    CHECK(fabs(box[0] / box[1] - 1) < 0.15, "R of the box is %g of the R that sensors find", box[0] / box[1]);
     view.options.mode = SBL_MODE_DIRECT;
     REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS &&
             sbl_read_channel(context, SBL_CHANNEL_STORE, stored, 3 * PIXELS) == SBL_SUCCESS, "%s", watch_last(&seen));
     for (i = 0; i < 3 * PIXELS; i++) sums[2] += (double)stored[i];
-    CHECK(sums[2] == 0, "direct light has a store of %g", sums[2]);
+    CHECK(sums[2] == 0, "in SBL_MODE_DIRECT the channel has a sum of %g", sums[2]);
     scene_free(&scene);
 }
 

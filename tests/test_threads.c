@@ -1,6 +1,6 @@
-/* Two threads, each with a GL context and an sbl.h of its own, do all there is to do at the same time: what comes out
-   is what one thread alone gets, bit for bit. scripts/test runs this once more under the thread sanitizer, which finds
-   what they share though nothing came of it; tests/support/tsan.supp holds the driver's part. */
+/* Two threads, each with its own GL context and sbl.h context, make all kinds of calls at the same time. Each must get
+   the same results as when it runs alone, to the bit. scripts/test also runs this with the thread sanitizer, which
+   finds shared data even if results are right; tests/support/tsan.supp lists the driver's part. */
 #define _POSIX_C_SOURCE 200809L
 #include "../sbl.h"
 #include <pthread.h>
@@ -12,7 +12,7 @@
 
 enum { THREADS = 2, ROUNDS = 4, SITES = 5, SHEET = 4096 };
 
-/* What one round gives. */
+/* The results of one round. */
 typedef struct output {
     sbl_result result;
     small_picture rasterised, traced;
@@ -22,10 +22,10 @@ typedef struct output {
 
 typedef struct worker {
     int number, rounds, round;
-    pthread_barrier_t *barrier;  /* NULL: it is alone */
+    pthread_barrier_t *barrier;  /* NULL: no other thread runs */
     watch log;
     sbl_context *context;
-    test_scene scene;            /* with a sky that is each thread's own */
+    test_scene scene;            /* with a different sky for each thread */
     output outputs[ROUNDS];
 } worker;
 
@@ -34,7 +34,8 @@ static worker workers[THREADS];
 static EGLDisplay display;
 static EGLConfig config;
 
-/* In the thread's GL context in even rounds, else in one of its own, which it makes current in each call. */
+/* In even rounds the sbl.h context uses the thread's GL context; otherwise it has its own, which it makes current in
+   each call. */
 static sbl_result create(worker *w, output *out) {
     sbl_context_desc desc = watch_desc(&w->log);
     (void)out;
@@ -74,7 +75,8 @@ static sbl_result inspect(worker *w, output *out) {
     sbl_result result = SBL_ERROR_INVALID_ARGUMENT;
     sbl_sensor sensor;
     int i;
-    for (i = 0; i < SMALL_PIXELS && result == SBL_ERROR_INVALID_ARGUMENT; i++)  /* the first that shows a surface */
+    /* the first pixel that shows a surface */
+    for (i = 0; i < SMALL_PIXELS && result == SBL_ERROR_INVALID_ARGUMENT; i++)
         result = sbl_inspect_sensor(w->context, i % SMALL_WIDTH, i / SMALL_WIDTH, &sensor, out->radiance, out->weights,
                                     SHEET);
     return result;
@@ -98,7 +100,8 @@ static sbl_result gather(worker *w, output *out) {
 static sbl_result destroy(worker *w, output *out) { (void)out; sbl_destroy(w->context); return SBL_SUCCESS; }
 
 static void *work(void *user) {
-    /* Each begins together: what a driver locks puts calls in an order, and what stands in an order is no race. */
+    /* The threads wait for each other before each call: the driver's locks put calls in an order, and calls in an order
+       show no race. */
     static sbl_result (*const calls[])(worker *, output *) = {
         create, set_scene, move, rasterise, read_rasterised, inspect, trace, read_traced, inspect, gather, destroy
     };
@@ -126,7 +129,7 @@ static void *work(void *user) {
     return NULL;
 }
 
-/* In threads of their own, too, so that the sanitizer sees no more in what comes after than in this. */
+/* The references also run in threads of their own, so that the sanitizer sees the same kind of code in both tests. */
 TEST(one_thread_at_a_time) {
     pthread_t thread;
     int i;
@@ -144,6 +147,7 @@ TEST(one_thread_at_a_time) {
     CHECK(!small_same(&expected[0].traced, &expected[1].traced), "the threads' pictures are the same");
 }
 
+/* Two threads at the same time get the results that each gets alone. */
 TEST(threads_side_by_side) {
     pthread_barrier_t barrier;
     pthread_t threads[THREADS];
@@ -161,7 +165,8 @@ TEST(threads_side_by_side) {
             const output *out = &workers[i].outputs[round];
             CHECK(out->result == SBL_SUCCESS, "thread %d, round %d: %s, %s", i, round, sbl_result_string(out->result),
                   watch_last(&workers[i].log));
-            CHECK(!memcmp(out, &expected[i], sizeof *out), "thread %d, round %d: other results than alone", i, round);
+            CHECK(!memcmp(out, &expected[i], sizeof *out), "thread %d, round %d: the results differ from those of the "
+                  "thread alone", i, round);
         }
     for (i = 0; i < THREADS; i++)
         CHECK(workers[i].log.blocks == 0 && workers[i].log.strangers == 0, "thread %d: %d blocks leaked", i,

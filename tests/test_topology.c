@@ -1,4 +1,4 @@
-/* Topology and solver, without GL: hash tables, welding, shared sides, groups, rings, normal equations. */
+/* Tests of topology and solver, without GL: hash tables, welding, shared sides, groups, rings, normal equations. */
 #define SBL_IMPLEMENTATION
 #include "../sbl.h"
 #include "support/test.h"
@@ -16,7 +16,8 @@ static sbl__slice slice_of(double seconds) {
 
 static int same_tens(const void *user, uint32_t one, uint32_t other) { (void)user; return one / 10 == other / 10; }
 
-/* All numbers have one hash, so that they lie in a row: the first of a group must be found behind others. */
+/* All numbers have the same hash, so that they are in one chain. Equal numbers are found, and the chain keeps its
+   order. */
 TEST(numbers_are_found_in_order) {
     sbl__hash_table t = { NULL, 0 };
     uint32_t i, slot = 7, wrong = 0;
@@ -25,17 +26,19 @@ TEST(numbers_are_found_in_order) {
     for (i = 0; i < 100; i++) wrong += sbl__hash_table_first(&t, 7, i, same_tens, NULL) != i / 10 * 10;
     CHECK(!wrong, "%u numbers are not found", wrong);
     for (i = 0; i < 10; i++) wrong += sbl__slot_next(&t, &slot) != 10 * i;
-    CHECK(!wrong && sbl__slot_next(&t, &slot) == SBL__NONE, "ten numbers are not in their order");
+    CHECK(!wrong && sbl__slot_next(&t, &slot) == SBL__NONE, "ten numbers are not in order");
     sbl__hash_table_free(&base, &t);
 }
 
+/* 0 and -0 have the same hash and are equal. */
 TEST(zeroes_are_the_same) {
     const float a[3] = { 0, -0.0f, 1 }, b[3] = { -0.0f, 0, 1 }, c[3] = { 0, 0, 2 };
-    CHECK(sbl__hash_floats(5, a, 3) == sbl__hash_floats(5, b, 3) && sbl__same_floats(a, b, 3), "0 is not -0");
+    CHECK(sbl__hash_floats(5, a, 3) == sbl__hash_floats(5, b, 3) && sbl__same_floats(a, b, 3), "0 and -0 differ");
     CHECK(sbl__hash_floats(5, a, 3) != sbl__hash_floats(5, c, 3) && !sbl__same_floats(a, c, 3), "1 is 2");
-    CHECK(sbl__same_floats(a, c, 2), "the third float counts");
+    CHECK(sbl__same_floats(a, c, 2), "the third float is compared");
 }
 
+/* Positions are compared by value, within one mesh only. */
 TEST(places_are_a_meshs) {
     sbl__vertex v[3];
     sbl__geometry g;
@@ -44,13 +47,14 @@ TEST(places_are_a_meshs) {
     g.vertices = v;
     v[0].position[1] = v[1].position[1] = v[2].position[1] = 3;
     v[1].object = 1;
-    CHECK(sbl__same_place(&g, 0, 2) && sbl__place_hash(&g, 0) == sbl__place_hash(&g, 2), "one place is two");
-    CHECK(!sbl__same_place(&g, 0, 1), "two meshes share a place");
+    CHECK(sbl__same_place(&g, 0, 2) && sbl__place_hash(&g, 0) == sbl__place_hash(&g, 2),
+          "equal positions of one mesh differ");
+    CHECK(!sbl__same_place(&g, 0, 1), "equal positions of two meshes are the same place");
     v[2].position[2] = 1;
-    CHECK(!sbl__same_place(&g, 0, 2), "two places are one");
+    CHECK(!sbl__same_place(&g, 0, 2), "different positions are the same place");
 }
 
-/* Two triangles side by side, turned either way, and a third that touches them in a corner. */
+/* Two triangles that share a side, with either orientation, and a third that touches them only in a corner. */
 TEST(sides_are_shared) {
     static const uint32_t corners[9] = { 0, 1, 2, 1, 2, 3, 3, 4, 5 };
     static const uint32_t first[9] = { 0, 1, 2, 1, 4, 5, 6, 7, 8 };
@@ -62,10 +66,11 @@ TEST(sides_are_shared) {
         CHECK(found == first[i], "side %u is side %u's, expected %u", i, found, first[i]);
     }
     CHECK(sbl__side_end(corners, 4, 0) == 2 && sbl__side_end(corners, 4, 1) == 3 && sbl__side_end(corners, 4, 2) == 1,
-          "side 4 has other ends");
+          "the ends of side 4 are wrong");
     sbl__hash_table_free(&base, &t);
 }
 
+/* The root of a group is its least number, in whatever order its members are joined. */
 TEST(groups_have_their_least_number) {
     enum { COUNT = 1000 };
     static uint32_t parents[COUNT];
@@ -73,9 +78,9 @@ TEST(groups_have_their_least_number) {
     for (i = 0; i < COUNT; i++) parents[i] = i;
     for (i = COUNT - 1; i >= 7; i--) sbl__join(parents, i, i - 7);
     for (i = 0; i < COUNT; i++) wrong += sbl__root(parents, i) != i % 7;
-    CHECK(!wrong, "%u numbers have another root", wrong);
+    CHECK(!wrong, "%u numbers have a wrong root", wrong);
     sbl__join(parents, 996, 5);
-    CHECK(sbl__root(parents, 996) == sbl__root(parents, 5), "they were joined");
+    CHECK(sbl__root(parents, 996) == sbl__root(parents, 5), "two joined groups have different roots");
 }
 
 enum { GRID_WIDTH = 12, GRID_HEIGHT = 9 };
@@ -95,7 +100,8 @@ static void mean_of_neighbours(void *user, int thing) {
     values[thing] = sum / count;
 }
 
-/* From the left column, whose value is its row, values spread over `last` columns: each gets the mean of three. */
+/* Values spread from the left column, where each is its row, over `last` columns; each value becomes the mean of
+   three. */
 static void spread(int last) {
     sbl__slice slice = slice_of(0);
     int i, x, y;
@@ -125,13 +131,14 @@ static void spread(int last) {
     sbl__rings_free(&base, &rings);
 }
 
+/* Values spread to the last column, or to fewer, in rings of equal distance. */
 TEST(values_spread_ring_by_ring) {
     spread(GRID_WIDTH);
     spread(3);
     spread(0);
 }
 
-/* A least squares problem of random rows: a matrix with a small multiple of the identity, against elimination. */
+/* A least squares problem of random rows plus a small multiple of the identity, compared with elimination. */
 enum { UNKNOWNS = 12, ROWS = 20 };
 static double rows[ROWS][UNKNOWNS];
 
@@ -145,7 +152,7 @@ static void row_term(void *user, int row, const double *direction, double *produ
     }
 }
 
-/* Solves the dense system with those channels left out whose diagonal is 0. */
+/* Solves the dense system without the channels whose diagonal is 0. */
 static void eliminate(int channel, const double *diagonal, const double *right, double identity, double *out) {
     double m[UNKNOWNS][UNKNOWNS + 1];
     int i, j, k;
@@ -186,7 +193,7 @@ static void solve(int together, int preconditioned, double identity, int bound) 
         if (bound && i % 5 == 0) diagonal[i] = 0;
         s.diagonal[i] = diagonal[i];
     }
-    for (run = 0; run < 2; run++) {  /* the second right side must not know the first */
+    for (run = 0; run < 2; run++) {  /* the second right side must not depend on the first */
         for (i = 0; i < 3 * UNKNOWNS; i++) {
             s.solution[i] = 0;
             s.residual[i] = right[i] = i % 3 == 2 && run ? 0 : sbl__hash(seed++) / 4294967296.0;
@@ -203,6 +210,7 @@ static void solve(int together, int preconditioned, double identity, int bound) 
     sbl__solver_free(&base, &s);
 }
 
+/* The solver agrees with elimination, with and without preconditioning, fixed unknowns and joint channels. */
 TEST(least_squares_are_solved) {
     solve(0, 1, 0, 0);
     solve(0, 1, 0.1, 1);
@@ -210,7 +218,7 @@ TEST(least_squares_are_solved) {
     solve(1, 0, 0.1, 1);
 }
 
-/* Without a right side there is nothing to do. */
+/* A right side of 0 is solved by 0, in one step. */
 TEST(zero_is_solved_at_once) {
     sbl__slice slice = slice_of(0);
     sbl__solver s;
@@ -220,12 +228,15 @@ TEST(zero_is_solved_at_once) {
     s.term = row_term;
     s.term_count = ROWS;
     for (i = 0; i < 3 * UNKNOWNS; i++) s.diagonal[i] = 1;
-    CHECK(sbl__solver_step(&s, &slice) == SBL_SUCCESS, "it takes more than one piece");
+    CHECK(sbl__solver_step(&s, &slice) == SBL_SUCCESS, "a right side of 0 takes more than one step");
     for (i = 0; i < 3 * UNKNOWNS; i++) CHECK(!(fabs(s.solution[i]) > 0), "unknown %d is %g", i, s.solution[i]);
     sbl__solver_free(&base, &s);
 }
 
-TEST(no_memory_is_left) { CHECK(base.memory.host_bytes == 0, "%.0f bytes are left", (double)base.memory.host_bytes); }
+/* All memory has been freed. */
+TEST(no_memory_is_left) {
+    CHECK(base.memory.host_bytes == 0, "%.0f bytes are not freed", (double)base.memory.host_bytes);
+}
 
 int main(void) {
     base.allocator.alloc = take;

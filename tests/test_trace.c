@@ -1,5 +1,5 @@
-/* Sensors that trace rays: they see what rasterised ones and closed forms say, let no light through closed walls, and
-   do not depend on how the work is cut. */
+/* Sensors that trace rays agree with rasterised ones and with closed forms, let no light through closed walls, and do
+   not depend on how the work is divided. */
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
 #include "../sbl.h"
@@ -33,7 +33,7 @@ static double luminance(const float *rgb) {
     return 0.2126 * (double)rgb[0] + 0.7152 * (double)rgb[1] + 0.0722 * (double)rgb[2];
 }
 
-/* Root mean square of the differences in luminance over the mean of the second, over pixels that show something. */
+/* Returns the rms of the differences in luminance, relative to the mean of b, over pixels that show something. */
 static double difference(const float *a, const float *b, int pixels) {
     double squares = 0, sum = 0;
     int i, count = 0;
@@ -47,13 +47,14 @@ static double difference(const float *a, const float *b, int pixels) {
     return count ? sqrt(squares / count) / (sum / count) : 1;
 }
 
-/* A room whose walls glow in several colours, with boxes in it: smooth light. */
+/* A room with boxes whose surfaces emit several colours, for smooth light. */
 static void glowing_room(test_scene *s) {
     int i;
     scene_cornell_box(s);
     for (i = 0; i < s->material_count; i++) memset(s->materials[i].emission, 0, sizeof s->materials[i].emission);
 }
 
+/* Traced and rasterised R differ by less than 0.3 % rms where light is smooth. */
 TEST(agrees_with_raster_on_smooth_light) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_cornell_view(64, 64), raster = scene_plain(view, SBL_MODE_AMBIENT, 256),
@@ -64,12 +65,12 @@ TEST(agrees_with_raster_on_smooth_light) {
     raster.options.epsilon = ray.options.epsilon = 1;
     REQUIRE(scene_render(context, &s, &raster), "no picture");
     CHECK(sbl_query_stats(context).backend == SBL_BACKEND_RASTER && sbl_query_stats(context).sensors.rays == 0,
-          "the stats do not say raster");
+          "the statistics do not report SBL_BACKEND_RASTER");
     a = scene_channel(context, &raster, SBL_CHANNEL_RADIANCE);
     REQUIRE(scene_render(context, &s, &ray), "no picture");
     CHECK(sbl_query_stats(context).backend == SBL_BACKEND_TRACE &&
               sbl_query_stats(context).sensors.rays >= 4096 * (int64_t)sbl_query_stats(context).sensors.count,
-          "the stats do not say trace");
+          "the statistics do not report SBL_BACKEND_TRACE");
     b = scene_channel(context, &ray, SBL_CHANNEL_RADIANCE);
     error = difference(b, a, 64 * 64);
     CHECK(error < 0.003, "traced and rasterised differ by %.2f %% rms", 100 * error);
@@ -79,7 +80,7 @@ TEST(agrees_with_raster_on_smooth_light) {
     scene_free(&s);
 }
 
-/* What is asked of the samples: design figures of Sobol points on smooth light. */
+/* The error falls with the number of rays as Sobol points should make it, on smooth light. */
 TEST(error_falls_with_the_rays) {
     static const struct { int rays; double most; } steps[3] = { { 64, 0.033 }, { 256, 0.013 }, { 1024, 0.005 } };
     test_scene s = { 0 };
@@ -100,8 +101,8 @@ TEST(error_falls_with_the_rays) {
         r = scene_channel(context, &ray, SBL_CHANNEL_RADIANCE);
         error = difference(r, truth, 48 * 48);
         printf("  %d rays: %.2f %%\n", steps[i].rays, 100 * error);
-        CHECK(error < steps[i].most, "%d rays leave %.2f %%", steps[i].rays, 100 * error);
-        if (i == 0) {  /* grain, not bands: what is wrong at a pixel says little about its neighbour */
+        CHECK(error < steps[i].most, "%d rays have an error of %.2f %%", steps[i].rays, 100 * error);
+        if (i == 0) {  /* the error is noise rather than bands: errors of neighbouring pixels are hardly correlated */
             double product = 0, square = 0;
             int x, y;
             for (y = 0; y < 48; y++)
@@ -111,7 +112,7 @@ TEST(error_falls_with_the_rays) {
                     product += here * there;
                     square += here * here;
                 }
-            CHECK(product < 0.3 * square, "neighbours' errors correlate by %.2f", product / square);
+            CHECK(product < 0.3 * square, "the correlation of neighbouring errors is %.2f", product / square);
         }
         free(r);
     }
@@ -119,10 +120,10 @@ TEST(error_falls_with_the_rays) {
     scene_free(&s);
 }
 
-/* A closed black sphere, finely tessellated, under a bright sky, seen from inside: any ray that slips between two
-   triangles brings light in. */
+/* A closed black sphere of small triangles under a bright sky, seen from inside. Any ray that passes between two
+   triangles brings in light. */
 TEST(closed_walls_are_tight) {
-    /* turned, so that no edge lies along an axis; the last one is dented, with facets of all sizes and slopes */
+    /* rotated, so that no edge is parallel to an axis; the last one is dented, with facets of all sizes and slopes */
     static const float turns[3][16] = { { 0.36f, 0.48f, -0.8f, 0, -0.8f, 0.6f, 0, 0, 0.48f, 0.64f, 0.6f, 0, 0, 0, 0,
         1 },
                                         { 0.6f, -0.64f, 0.48f, 0, 0.8f, 0.48f, -0.36f, 0, 0, 0.6f, 0.8f, 0, 0, 0, 0,
@@ -154,7 +155,7 @@ TEST(closed_walls_are_tight) {
         rays += (double)sbl_query_stats(context).sensors.rays;
         r = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
         for (i = 0; i < 64 * 64 * 3; i++) escaped += (double)r[i];
-        CHECK(escaped == 0, "wall %d: light of %g came in", way, escaped);
+        CHECK(escaped == 0, "wall %d: R = %g comes through", way, escaped);
         free(r);
         free(positions);
         scene_free(&s);
@@ -163,14 +164,14 @@ TEST(closed_walls_are_tight) {
     CHECK(rays > 1e7, "only %.0f rays", rays);
 }
 
-/* >>contraction: a compiler may compute a * b - c * d with one rounding instead of two. Shaders are given to the driver
-   as if it did: with doubles, which hold the product of two floats. */
+/* >>contraction: a compiler may compute a * b - c * d with one rounding instead of two. To simulate that, the shaders
+   are rewritten to use doubles, which hold the product of two floats exactly. */
 
 typedef void (*shader_source)(unsigned shader, int count, const char *const *strings, const int *lengths);
 static shader_source true_source;
-static int contracted;  /* places */
+static int contracted;  /* number of expressions that were rewritten */
 
-/* The length of a plain operand, such as a.x, and of the `between` that follows it; 0: there is none. */
+/* Returns the length of a plain operand such as a.x if `between` follows it, otherwise 0. */
 static size_t operand(const char *at, const char *between) {
     size_t length = strspn(at, "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ_0123456789.");
     return length && strncmp(at + length, between, strlen(between)) == 0 ? length : 0;
@@ -187,7 +188,7 @@ static void contracted_source(unsigned shader, int count, const char *const *str
     (void)lengths;
     memcpy(text, start, sizeof start);
     joined[0] = text;
-    for (i = 1; i < count; i++)  /* after the version */
+    for (i = 1; i < count; i++)  /* the first string is the version */
         for (at = strings[i]; *at; ) {
             const char *operands[4], *next = at;
             int sizes[4];
@@ -206,7 +207,7 @@ static void contracted_source(unsigned shader, int count, const char *const *str
     true_source(shader, 1, joined, NULL);
 }
 
-/* Rays from inside a closed dented ball, aimed at the edges and corners that its triangles share. */
+/* Rays from inside a closed dented ball, aimed at the edges and corners that its triangles share, do not escape. */
 TEST(edges_are_tight_however_products_round) {
     enum { RAYS = 100000 };
     float *rays = (float *)malloc(32 * (size_t)RAYS);
@@ -223,7 +224,7 @@ TEST(edges_are_tight_however_products_round) {
         float *positions;
         REQUIRE(sbl_create(NULL, &own) == SBL_SUCCESS, "no context");
         if (way == 1 && !(sbl_query_capabilities(own).available & SBL_CAPABILITY_COMPUTE)) {
-            printf("  no doubles in this GL: not fused\n");
+            printf("  this GL has no doubles; contraction is not tested\n");
             sbl_destroy(own);
             break;
         }
@@ -255,8 +256,8 @@ TEST(edges_are_tight_however_products_round) {
         }
         REQUIRE(trace_hits(own, rays, RAYS, hits), "nothing was traced");
         for (i = 0; i < RAYS; i++) escaped += hits[i].number < 0;
-        CHECK(escaped == 0, "%s: %d of %d rays slip through edges", way ? "fused" : "plain", escaped, RAYS);
-        CHECK(way == 0 || contracted > 0, "nothing was fused");
+        CHECK(escaped == 0, "%s: %d of %d rays escape through edges", way ? "fused" : "plain", escaped, RAYS);
+        CHECK(way == 0 || contracted > 0, "no expression was rewritten");
         sbl_destroy(own);
         scene_free(&s);
     }
@@ -264,7 +265,7 @@ TEST(edges_are_tight_however_products_round) {
     free(hits);
 }
 
-/* Rays from visible points of the scene into it, compared with the independent caster's. */
+/* Compares rays from visible points of the scene with those of the independent ray caster of support/reference.h. */
 static void compare_hits(const char *what, const test_scene *s, const sbl_picture_desc *view, int points, int each) {
     sbl_scene_desc desc = scene_desc(s);
     ref_scene *truth = ref_create(&desc);
@@ -273,13 +274,14 @@ static void compare_hits(const char *what, const test_scene *s, const sbl_pictur
     if (!rays || !scene_render(context, s, view)) abort();
     seen = trace_hits_compare(context, truth, rays, trace_hits_rays(context, view, points, each, 1, rays));
     printf("  %s: %d rays, %d hits, %d ties, %d differ\n", what, seen.rays, seen.hits, seen.ties, seen.differ);
-    CHECK(seen.rays == points * each, "%s: only %d rays", what, seen.rays);
-    CHECK(seen.differ <= seen.rays / 10000, "%s: %d of %d rays hit something else", what, seen.differ, seen.rays);
-    CHECK(seen.unexplained == 0, "%s: %d rays hit something else, away from all edges", what, seen.unexplained);
+    CHECK(seen.rays == points * each, "%s: only %d rays were compared", what, seen.rays);
+    CHECK(seen.differ <= seen.rays / 10000, "%s: %d of %d rays hit another triangle", what, seen.differ, seen.rays);
+    CHECK(seen.unexplained == 0, "%s: %d rays hit another triangle, away from all edges", what, seen.unexplained);
     free(rays);
     ref_destroy(truth);
 }
 
+/* Rays hit the same triangles as those of an independent ray caster. */
 TEST(rays_hit_what_they_should) {
     static const unsigned char texels[2 * 4] = { 90, 90, 90, 0, 90, 90, 90, 255 };
     test_scene s = { 0 };
@@ -302,6 +304,7 @@ TEST(rays_hit_what_they_should) {
     scene_free(&s);
 }
 
+/* Inside a closed box that emits, R equals its emission. */
 TEST(furnaces) {
     test_scene s = { 0 };
     sbl_picture_desc view = traced(scene_view(32, 32, 90, 0.1f, 0, 0, 1, 0.2f, 0.3f), SBL_MODE_DIRECT, 64);
@@ -312,12 +315,12 @@ TEST(furnaces) {
     REQUIRE(scene_render(context, &s, &view), "no picture");
     r = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
     for (i = 0; i < 32 * 32 * 3; i++) worst = test_max(worst, fabs((double)r[i] - 2));
-    CHECK(worst < 1e-4, "inside a glowing box R is off by %g", worst);
+    CHECK(worst < 1e-4, "inside an emitting box R is off by %g", worst);
     free(r);
     scene_free(&s);
 }
 
-/* Cutouts and hidden materials: a black lid over a floor under the sky. Its texture leaves the half x < 0 open. */
+/* Cut-outs and hidden materials: a black lid over a floor under the sky. Its texture cuts out the half x < 0. */
 TEST(cutouts_and_hidden_materials) {
     static const unsigned char texels[2 * 4] = { 0, 0, 0, 0, 0, 0, 0, 255 };
     static const float lid[12] = { -4, 1, -4, 4, 1, -4, 4, 1, 4, -4, 1, 4 };
@@ -347,7 +350,7 @@ TEST(cutouts_and_hidden_materials) {
     CHECK(fabsf(light[2] - 1) < 1e-3f, "under a hidden lid R is %g", (double)light[2]);
 }
 
-/* Where sensors may see nothing at all, the hierarchy is empty, and the sky is everywhere. */
+/* If all meshes are hidden from sensors, the hierarchy is empty and R is that of the open sky. */
 TEST(all_hidden_from_sensors) {
     test_scene s = { 0 };
     sbl_picture_desc view = traced(scene_view(16, 16, 60, 0.1f, 0, 0, 1, 0.2f, 0.3f), SBL_MODE_DIRECT, 64);
@@ -365,6 +368,7 @@ TEST(all_hidden_from_sensors) {
     scene_free(&s);
 }
 
+/* Slices and batch sizes do not change the picture, to the bit. */
 TEST(the_picture_does_not_depend_on_the_slices) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_cornell_view(48, 40);
@@ -391,7 +395,7 @@ TEST(the_picture_does_not_depend_on_the_slices) {
         r = scene_channel(other, &view, SBL_CHANNEL_RADIANCE);
         if (!first) first = r;
         else {
-            CHECK(memcmp(first, r, sizeof(float) * 48 * 40 * 3) == 0, "run %d gives another picture", i);
+            CHECK(memcmp(first, r, sizeof(float) * 48 * 40 * 3) == 0, "run %d: the picture differs", i);
             free(r);
         }
         sbl_destroy(other);
@@ -400,7 +404,7 @@ TEST(the_picture_does_not_depend_on_the_slices) {
     scene_free(&s);
 }
 
-/* Where a mesh has moved, rays find it there. */
+/* After a mesh has moved, rays meet it at its new place. */
 TEST(moved_meshes_are_found) {
     test_scene s = { 0 };
     sbl_picture_desc view = traced(scene_view(24, 24, 40, 0, 3, 5, 0, 0, 0), SBL_MODE_DIRECT, 64);
@@ -427,8 +431,8 @@ TEST(moved_meshes_are_found) {
     scene_free(&s);
 }
 
-/* Many triangles at one place, needles, and extents from 10^-3 to 10^6 in one scene: rays still hit what they should,
-   and soon. */
+/* Many triangles at one place, needles, and extents from 10^-3 to 10^6 in one scene: rays hit the right triangles, in
+   reasonable time. */
 TEST(nasty_triangles) {
     static const double spots[4][4] = { { 0, 0, 0, 1e-3 }, { 2, 0.5, 1, 0.25 }, { 3000, 4000, -1000, 20 },
         { -5e5, 2e5, 3e5, 4000 } };
@@ -470,14 +474,14 @@ TEST(nasty_triangles) {
         for (i = 0; i < 3 * copies; i++) indices[i] = (uint32_t)i;
         scene_mesh(&s, grey, corners, NULL, NULL, 3 * copies, indices, 3 * copies);
         view.options.epsilon =
-            1; /* all glow alike; a shader that takes too many turns is stopped, and light is missing */
+            1; /* all surfaces emit the same; a shader that the driver stops would lose light */
         compare_hits(way == 0   ? "copies"
                      : way == 1 ? "copies of either winding"
                                 : "needles",
                      &s, &view, 100, 200); /* side by side across the room */
         CHECK(sbl_query_stats(context).scene.triangles == 12 + copies, "%d triangles",
               sbl_query_stats(context).scene.triangles);
-        CHECK(way == 2 || context->core.scene.hierarchy.node_count < 100, "copies make a hierarchy of %d nodes",
+        CHECK(way == 2 || context->core.scene.hierarchy.node_count < 100, "the hierarchy of copies has %d nodes",
               context->core.scene.hierarchy.node_count);
         r = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
         for (i = 0; i < 32 * 32 * 3; i++) worst = test_max(worst, fabs((double)r[i] - 0.5));
@@ -489,12 +493,12 @@ TEST(nasty_triangles) {
     }
 }
 
-/* Every ray's work is in the thousands of steps, and none may get lost: some software renderers end a shader invocation
-   that takes too many, silently. All is white and glows, so R is 1 wherever a ray goes. */
+/* Rays that need thousands of steps are not lost; some software renderers silently end a shader invocation that takes
+   too many. All surfaces are white and emit 1, so R is 1 for every ray. */
 TEST(every_ray_arrives) {
     const int count = MILLION / 50;
     int way, i;
-    /* triangles as large as the room, through each other; a fan of needles about a point */
+    /* triangles as large as the room that intersect; a fan of needles about a point */
     for (way = 0; way < 2; way++) {
         test_scene s = { 0 };
         sbl_picture_desc view = traced(scene_view(24, 16, 60, 0.1f, 0.2f, 4, 0, 0, 0), SBL_MODE_AMBIENT, 256);
@@ -525,7 +529,7 @@ TEST(every_ray_arrives) {
         }
         CHECK(sbl_query_stats(context).scene.triangles == count + 4, "%d triangles",
               sbl_query_stats(context).scene.triangles);
-        CHECK(seen > 100 && low > 1 - 1e-4 && high < 1 + 1e-4, "%s: in %d pixels R is %g to %g, and should be 1",
+        CHECK(seen > 100 && low > 1 - 1e-4 && high < 1 + 1e-4, "%s: in %d pixels R is %g to %g, expected 1",
               way == 0 ? "large triangles" : "a fan", seen, low, high);
         free(r);
         free(id);
@@ -534,6 +538,7 @@ TEST(every_ray_arrives) {
     }
 }
 
+/* Rays among a million triangles hit the right ones, and the hierarchy stays small. */
 TEST(a_million_triangles) {
     test_scene s = { 0 };
     sbl_picture_desc view = traced(scene_cornell_view(48, 48), SBL_MODE_AMBIENT, 16);
@@ -553,8 +558,8 @@ TEST(a_million_triangles) {
     scene_free(&s);
 }
 
-/* A ball of ten million facets, seen from inside: it glows with 0.5, the sky outside is blinding. Takes 20 s and 3 GiB,
-   of them 2 for sbl.h: run only where SBL_TEST_HUGE is set. */
+/* A ball of ten million triangles that emits 0.5, seen from inside, under an extremely bright sky. It takes 20 s and 3
+   GiB, 2 of them in sbl.h, so it runs only if SBL_TEST_HUGE is set. */
 TEST(ten_million_triangles) {
     test_scene s = { 0 };
     sbl_picture_desc view = traced(scene_view(32, 32, 90, 0.1f, 0.2f, 0.05f, 0.7f, 0.3f, -1), SBL_MODE_AMBIENT, 64);
@@ -577,13 +582,15 @@ TEST(ten_million_triangles) {
            "GL's\n",
            stats.scene.triangles, start, stats.seconds.scene, stats.scene.bvh_seconds,
            (double)memory.host_peak_bytes / 1048576, (double)memory.gpu_peak_bytes / 1048576);
-    CHECK(stats.scene.triangles > 9e6 && worst < 1e-4, "of %d triangles R is off by %g", stats.scene.triangles, worst);
+    CHECK(stats.scene.triangles > 9e6 && worst < 1e-4, "with %d triangles R is off by %g", stats.scene.triangles,
+          worst);
     CHECK((double)memory.host_peak_bytes + (double)memory.gpu_peak_bytes < 300.0 * stats.scene.triangles,
           "too much memory");
     free(r);
     scene_free(&s);
 }
 
+/* Invalid options of the tracing back end are refused. */
 TEST(refusals) {
     test_scene s = { 0 };
     sbl_scene_desc desc;
@@ -593,15 +600,17 @@ TEST(refusals) {
     REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS, "no scene");
     view.options.backend = SBL_BACKEND_TRACE;
     view.options.mode = SBL_MODE_PAPER;
-    CHECK(sbl_begin_picture(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "the paper's mode was traced");
+    CHECK(sbl_begin_picture(context, &view) == SBL_ERROR_INVALID_ARGUMENT,
+          "SBL_MODE_PAPER with traced rays is accepted");
     view.options.mode = SBL_MODE_DIRECT;
     view.options.rays = 4097;
-    CHECK(sbl_begin_picture(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "4097 rays were taken");
+    CHECK(sbl_begin_picture(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "4097 rays are accepted");
     view.options.rays = -1;
-    CHECK(sbl_begin_picture(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "-1 rays were taken");
+    CHECK(sbl_begin_picture(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "-1 rays are accepted");
     view.options.rays = 0;
     view.options.backend = SBL_BACKEND_COUNT;
-    CHECK(sbl_begin_picture(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "a backend that does not exist was taken");
+    CHECK(sbl_begin_picture(context, &view) == SBL_ERROR_INVALID_ARGUMENT,
+          "a back end that does not exist is accepted");
     scene_free(&s);
 }
 

@@ -1,7 +1,7 @@
-/* Sensors stuck inside geometry. A sensor stands a little off its surface; where a closed box hovers over a floor by
-   less than that, the sensors of the floor that the camera still sees in the gap stand inside the box. They must be
-   found out, and must not bring to the floor the light that shines inside. A room modelled inside out, where every
-   surface shows its back, must not be mistaken for that. */
+/* Sensors inside of geometry. A sensor is slightly above its surface. If a closed box floats above a floor by less than
+   that, sensors of the floor that the camera sees through the gap are inside of the box. They must be detected, and
+   must not bring light from inside of the box to the floor. In a room that is modelled inside out, all surfaces show
+   their back sides; its sensors must not be taken for invalid. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -17,8 +17,8 @@ static sbl_picture_desc plain(sbl_picture_desc view, int sensor_size) {
     return view;
 }
 
-/* An orthographic camera that grazes the floor: rows of its picture lie 2 / height apart on it, from x = -2.2 to
-   -0.2. */
+/* An orthographic camera that sees the floor at a grazing angle, from x = -2.2 to -0.2. The rows of its picture are 2 /
+   height apart on the floor. */
 static sbl_picture_desc grazing_view(int width, int height) {
     sbl_picture_desc view;
     const float slope = 3e-5f;
@@ -33,7 +33,7 @@ static sbl_picture_desc grazing_view(int width, int height) {
     return plain(view, 32);
 }
 
-/* A floor under the sky; over it a box with a red lamp inside, higher by `gap`. */
+/* A floor under the sky, and a box above it at height `gap` with a red lamp inside. */
 static void gap_scene(test_scene *s, float gap) {
     int grey = scene_material(s, 0.5f, 0.5f, 0.5f), red = scene_lamp(s, 5, 0, 0);
     scene_sky(s, 0, 1, 0);
@@ -42,6 +42,7 @@ static void gap_scene(test_scene *s, float gap) {
     scene_box(s, red, -0.9f, 0.5f, -0.9f, 0.9f, 0.6f, 0.9f);
 }
 
+/* Sensors of the floor in the gap are invalid and get light from their neighbours, not from the box. */
 TEST(stuck_sensors_bring_no_light_from_inside) {
     test_scene s = { 0 };
     sbl_picture_desc view = grazing_view(16, 64);
@@ -50,7 +51,7 @@ TEST(stuck_sensors_bring_no_light_from_inside) {
     float *radiance, *position, red = 0, lowest_green = 1;
     float offset;
     int i, gap_row = -1, open_row = -1;
-    gap_scene(&s, 0);  /* how far do sensors stand off the floor? */
+    gap_scene(&s, 0);  /* without a gap, to measure the offset of the sensors */
     REQUIRE(scene_render(context, &s, &view), "no picture");
     offset = inside_farthest_offset(context);
     scene_free(&s);
@@ -68,10 +69,11 @@ TEST(stuck_sensors_bring_no_light_from_inside) {
         red = radiance[3 * i] > red ? radiance[3 * i] : red;
         lowest_green = radiance[3 * i + 1] < lowest_green ? radiance[3 * i + 1] : lowest_green;
     }
-    CHECK(gap_row >= 0 && open_row >= 0, "the camera does not see the floor in the gap and before it");
-    CHECK(stats.sensors.invalid > 100, "%d sensors were found stuck", (int)stats.sensors.invalid);
+    CHECK(gap_row >= 0 && open_row >= 0, "the camera does not see the floor in the gap and in front of it");
+    CHECK(stats.sensors.invalid > 100, "only %d sensors are invalid", (int)stats.sensors.invalid);
     CHECK(red < 0.01f, "red light of %g came out of the box", (double)red);
-    CHECK(lowest_green > 0.2f, "a pixel got %g of the sky: it took nothing from its neighbours", (double)lowest_green);
+    CHECK(lowest_green > 0.2f, "a pixel has R = %g of the sky: it got no light from its neighbours",
+          (double)lowest_green);
     if (gap_row >= 0 && open_row >= 0) {
         REQUIRE(sbl_inspect_sensor(context, gap_row % view.width, gap_row / view.width, &sensor, NULL, NULL, 0) ==
                 SBL_SUCCESS, "no sensor");
@@ -80,19 +82,20 @@ TEST(stuck_sensors_bring_no_light_from_inside) {
               (double)sensor.back_share);
         REQUIRE(sbl_inspect_sensor(context, open_row % view.width, open_row / view.width, &sensor, NULL, NULL, 0) ==
                 SBL_SUCCESS, "no sensor");
-        CHECK(sensor.valid, "before the gap: valid %d", sensor.valid);
+        CHECK(sensor.valid, "in front of the gap: valid %d", sensor.valid);
     }
     free(radiance);
     free(position);
     scene_free(&s);
 }
 
+/* A room that is modelled inside out has the same R as a normal one, and no invalid sensors. */
 TEST(a_room_inside_out_is_valid) {
     test_scene s = { 0 };
     sbl_picture_desc view = plain(scene_view(48, 48, 80, 0.05f, 0.02f, 0.9f, 0.1f, 0.03f, -1), 16);
     float *pictures[2] = { NULL, NULL };
     int i, turned;
-    /* a box shows its back to a camera inside; swapped corners turn it round */
+    /* a camera inside of a box sees its back sides; exchanged corners turn the faces around */
     for (turned = 0; turned < 2; turned++) {
         sbl_stats stats;
         int grey = scene_material(&s, 0.5f, 0.5f, 0.5f), lamp = scene_lamp(&s, 3, 2, 1);
@@ -100,14 +103,15 @@ TEST(a_room_inside_out_is_valid) {
         scene_box(&s, lamp, -0.3f, 0.7f, -0.3f, 0.3f, 0.8f, 0.3f);
         REQUIRE(scene_render(context, &s, &view), "no picture");
         stats = sbl_query_stats(context);
-        CHECK(stats.sensors.invalid == 0, "%d sensors were taken for stuck", (int)stats.sensors.invalid);
+        CHECK(stats.sensors.invalid == 0, "%d sensors are invalid", (int)stats.sensors.invalid);
         pictures[turned] = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
         scene_free(&s);
     }
     REQUIRE(pictures[0] && pictures[1], "no channels");
     for (i = 0; i < 48 * 48 * 3; i++)
         if (fabs((double)pictures[0][i] - (double)pictures[1][i]) > 0.02 * (double)pictures[1][i] + 1e-3) break;
-    CHECK(i == 48 * 48 * 3, "inside out, pixel %d has %g instead of %g", i / 3, (double)pictures[0][i % (48 * 48 * 3)],
+    CHECK(i == 48 * 48 * 3, "inside out, R of pixel %d is %g instead of %g", i / 3,
+          (double)pictures[0][i % (48 * 48 * 3)],
           (double)pictures[1][i % (48 * 48 * 3)]);
     CHECK(pictures[0][3 * (24 * 48 + 24)] > 0.01f, "the wall is dark");
     free(pictures[0]);

@@ -1,5 +1,5 @@
-/* Light at vertices: against closed forms, where triangles are small for it and where they are large; which vertices
-   are one; what is buried; and what strangers ask for. */
+/* Tests of light at vertices: compared with closed forms, on grids finer and coarser than the light; joining of
+   vertices; buried vertices; and invalid descriptors. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -20,8 +20,8 @@ static sbl_vertices_desc desc_of(sbl_mode mode) {
     return desc;
 }
 
-/* Bakes into an array of `count` vertices, whose floats are NaN where nothing is written; NULL where it fails. The
-   caller frees it. */
+/* Bakes `count` vertices into an array that is filled with NaN, and checks that all of it and nothing more is written.
+   Returns NULL on failure. The caller frees the array. */
 static float *bake_again(const sbl_vertices_desc *from, int count) {
     float *light = (float *)malloc((3 * (size_t)count + 1) * sizeof *light);
     sbl_vertices_desc desc = *from;
@@ -34,14 +34,14 @@ static float *bake_again(const sbl_vertices_desc *from, int count) {
     result = sbl_bake_vertices(context, &desc);
     CHECK(result == SBL_SUCCESS && sbl_progress(context) == 1, "%s: %s", sbl_result_string(result), watch_last(&seen));
     for (i = 0; i < 3 * count && result == SBL_SUCCESS; i++)
-        if (!(light[i] >= 0)) { CHECK(0, "vertex %d has the light %g", i / 3, (double)light[i]); break; }
-    CHECK(light[3 * count] != light[3 * count], "more is written than there is room for");
+        if (!(light[i] >= 0)) { CHECK(0, "vertex %d has R = %g", i / 3, (double)light[i]); break; }
+    CHECK(light[3 * count] != light[3 * count], "the bake wrote past the end");
     if (result == SBL_SUCCESS) return light;
     free(light);
     return NULL;
 }
 
-/* Of the whole scene. */
+/* Sets the scene and bakes all of its vertices. */
 static float *bake(const test_scene *s, const sbl_vertices_desc *desc) {
     if (!use_scene(s)) { CHECK(0, "no context"); return NULL; }
     return bake_again(desc, vertices_of(s));
@@ -49,7 +49,7 @@ static float *bake(const test_scene *s, const sbl_vertices_desc *desc) {
 
 /* >>light */
 
-/* (side + 1)^2 vertices over a square about 0, the way that scene_floor faces; its normals point up. */
+/* Adds (side + 1)^2 vertices over a square about the origin, with the orientation of scene_floor; normals point up. */
 static sbl_mesh *grid(test_scene *s, int material, int side, float half) {
     float *p = (float *)scene_alloc(s, sizeof(float) * 3 * (size_t)((side + 1) * (side + 1)));
     uint32_t *indices = (uint32_t *)scene_alloc(s, sizeof *indices * 6 * (size_t)(side * side));
@@ -71,7 +71,8 @@ static sbl_mesh *grid(test_scene *s, int material, int side, float half) {
 
 static const float lamp_corners[12] = { -0.5f, 0.5f, -0.5f, 0.5f, 0.5f, -0.5f, 0.5f, 0.5f, 0.5f, -0.5f, 0.5f, 0.5f };
 
-/* Root mean square of what is drawn from a grid's vertices less what a lamp of radiance 1 gives, over its mean. */
+/* Returns the rms difference between the light interpolated from a grid's vertices and that of the lamp, relative to
+   the mean. */
 static double grid_error(const float *light, int side, double half) {
     v3 corners[4];
     double squares = 0, mean = 0;
@@ -111,8 +112,8 @@ static double grid_of_size(int side, sbl_vertices_desc desc, float scale) {
 
 static double grid_under_a_lamp(int side, sbl_vertices_desc desc) { return grid_of_size(side, desc, 1); }
 
-/* The nearest that light which is linear between a grid's vertices can come: normal equations of many points, by
-   elimination. */
+/* Returns the least possible error of light that is linear between a grid's vertices: solves the normal equations of
+   many points by elimination. */
 static double grid_least_error(int side, double half) {
     enum { FINE = 160, MOST = 81 };
     static double m[MOST][MOST + 1];
@@ -134,7 +135,7 @@ static double grid_least_error(int side, double half) {
                 m[at[i]][count] += h[i] * truth;
             }
         }
-    for (k = 0; k < count; k++)  /* positive definite: no need to choose */
+    for (k = 0; k < count; k++)  /* positive definite, so that pivoting is not needed */
         for (row = 0; row < count; row++) {
             const double factor = m[row][k] / m[k][k];
             for (i = k; i <= count && row != k; i++) m[row][i] -= factor * m[k][i];
@@ -143,6 +144,8 @@ static double grid_least_error(int side, double half) {
     return grid_error(light, side, half);
 }
 
+/* The light interpolated between a grid's vertices is close to the closed form, and close to the least possible
+   error. */
 TEST(a_floor_under_a_lamp) {
     sbl_vertices_desc desc = desc_of(SBL_MODE_DIRECT), average = desc, rough = desc;
     const double fine = grid_under_a_lamp(32, desc), coarse = grid_under_a_lamp(8, desc),
@@ -153,16 +156,17 @@ TEST(a_floor_under_a_lamp) {
     mean_coarse = grid_under_a_lamp(8, average);
     rough.smoothing = -1;
     raw = grid_under_a_lamp(8, rough);
-    printf("  33^2 vertices: %.3f %% rms, averages %.2f %%; 9^2: %.2f %%, not smoothed %.2f %%, averages %.1f %%, the "
-           "least there is %.2f %%\n", 100 * fine,
+    printf("  33^2 vertices: %.3f %% rms, averages %.2f %%; 9^2: %.2f %%, not smoothed %.2f %%, averages %.1f %%, "
+           "optimum %.2f %%\n", 100 * fine,
            100 * mean_fine, 100 * coarse, 100 * raw, 100 * mean_coarse, 100 * least);
     CHECK(fine < 0.005, "fine grid: %.3f %%", 100 * fine);
     CHECK(mean_fine < 0.02 && mean_coarse < 0.3, "averages: %.3f %%, %.2f %%", 100 * mean_fine, 100 * mean_coarse);
     CHECK(coarse < 1.05 * least && raw < 1.05 * least && coarse < 0.4 * mean_coarse,
-          "coarse grid: %.3f %%, %.3f %%, at least %.3f %%, averages %.3f %%",
+          "coarse grid: %.3f %%, not smoothed %.3f %%, optimum %.3f %%, averages %.3f %%",
           100 * coarse, 100 * raw, 100 * least, 100 * mean_coarse);
 }
 
+/* Scaling the scene does not change R. */
 TEST(scenes_of_all_sizes) {
     const sbl_vertices_desc desc = desc_of(SBL_MODE_DIRECT);
     const double right = grid_under_a_lamp(16, desc), tiny = grid_of_size(16, desc, 3e-10f),
@@ -172,10 +176,9 @@ TEST(scenes_of_all_sizes) {
           100 * huge);
 }
 
-/* A lamp far off gives light that is almost linear: however much is smoothed, it stays so, over triangles of all
-   shapes. */
+/* The light of a distant lamp is almost linear. Strong smoothing must not change it, on triangles of all shapes. */
 TEST(smoothing_leaves_slopes_alone) {
-    static const float lamp[12] = { 6, 3, -1, 6, 5, -1, 6, 5, 1, 6, 3, 1 };  /* it looks down at -x */
+    static const float lamp[12] = { 6, 3, -1, 6, 5, -1, 6, 5, 1, 6, 3, 1 };  /* the lamp faces -x */
     static test_scene s;
     sbl_vertices_desc desc = desc_of(SBL_MODE_DIRECT);
     double truth[81], mean = 0, spread = 0, squares = 0;
@@ -199,16 +202,17 @@ TEST(smoothing_leaves_slopes_alone) {
     light = bake(&s, &desc);
     if (light) {
         for (i = 0; i < 81; i++) squares += pow((double)light[3 * i] - truth[i], 2) / 81;
-        printf("  light varies by %.1f %%, and is off by %.2f %%\n", 100 * sqrt(spread) / mean,
+        printf("  R varies by %.1f %% and is off by %.2f %%\n", 100 * sqrt(spread) / mean,
                100 * sqrt(squares) / mean);
-        CHECK(sqrt(spread) > 0.08 * mean && sqrt(squares) < 0.01 * mean, "spread %g, off %g", sqrt(spread) / mean,
+        CHECK(sqrt(spread) > 0.08 * mean && sqrt(squares) < 0.01 * mean, "R varies by %g and is off by %g",
+              sqrt(spread) / mean,
               sqrt(squares) / mean);
     }
     free(light);
     scene_free(&s);
 }
 
-/* A closed box that shines and reflects: R is emission / (1 - albedo). */
+/* In a closed box that emits and reflects, R is emission / (1 - albedo), for both methods and both back ends. */
 TEST(a_furnace) {
     static test_scene s;
     sbl_vertices_desc desc = desc_of(SBL_MODE_GI);
@@ -221,7 +225,7 @@ TEST(a_furnace) {
     for (i = 0; i < 6; i++) {
         float turned[12];
         for (k = 0; k < 12; k++) turned[k] = ((const float *)s.meshes[i].positions.data)[3 * (3 - k / 3) + k % 3];
-        s.meshes[i].positions.data = scene_copy(&s, turned, 12);  /* they face inward */
+        s.meshes[i].positions.data = scene_copy(&s, turned, 12);  /* the walls face inwards */
     }
     REQUIRE(use_scene(&s), "no context");
     scene = scene_desc(&s);
@@ -239,13 +243,13 @@ TEST(a_furnace) {
                100 * worst);
         CHECK(light && worst < 0.03, "way %d: off by %.2f %% at worst", way, 100 * worst);
         CHECK(sbl_query_stats(context).backend == (way == 2 ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE),
-              "the other backend");
+              "the wrong back end was used");
         free(light);
     }
     scene_free(&s);
 }
 
-/* From the direction that the sun comes from; R of a surface that faces it is 1. */
+/* Adds a sun that shines from (x, y, z) and returns that direction. R of a surface that faces it is 1. */
 static v3 scene_sun(test_scene *s, double x, double y, double z) {
     sbl_light *sun = scene_light(s, SBL_LIGHT_DIRECTIONAL, (float)REF_PI, (float)REF_PI, (float)REF_PI);
     const v3 from = v3_unit(v3_of(x, y, z));
@@ -253,8 +257,8 @@ static v3 scene_sun(test_scene *s, double x, double y, double z) {
     return from;
 }
 
-/* The front is where normals point to; without them, where corners run counter-clockwise; and a mirror does not turn it
-   round. */
+/* The front side is the one that normals point to; without normals, the one from which corners run counter-clockwise.
+   Mirroring does not exchange the sides. */
 TEST(light_falls_on_the_front) {
     int turned, normals, mirrored, i;
     for (turned = 0; turned < 2; turned++)
@@ -280,7 +284,7 @@ TEST(light_falls_on_the_front) {
                 light = bake(&s, &desc);
                 for (i = 0; light && i < 4; i++)
                     CHECK(fabs((double)light[3 * i] - (lit ? sqrt(0.5) : 0)) < 1e-4,
-                          "corners %s, normals %s, %s: R is %g", turned ? "turned" : "as they are",
+                          "corners %s, normals %s, %s: R is %g", turned ? "reversed" : "in order",
                           normals == 0 ? "absent" : normals == 1 ? "up" : "down",
                               mirrored ? "mirrored" : "not mirrored", (double)light[3 * i]);
                 free(light);
@@ -288,7 +292,7 @@ TEST(light_falls_on_the_front) {
             }
 }
 
-/* A ball in the sun, with normals: its seam, where vertices stand twice, does not show, and neither do its facets. */
+/* A ball with normals in the sun: neither its seam of duplicate vertices nor its facets show in R. */
 TEST(a_ball_in_the_sun) {
     enum { SLICES = 48, STACKS = 24 };
     static test_scene s;
@@ -320,9 +324,9 @@ TEST(a_ball_in_the_sun) {
     scene_free(&s);
 }
 
-/* >>which vertices are one */
+/* >>which vertices are joined */
 
-/* The six faces of a cube: where a corner of one stands, and its normal. */
+/* Position and normal of a corner of one of a cube's six faces. */
 static void cube_corner(int face, int corner, float position[3], float normal[3]) {
     const int axis = face / 2, u = (axis + 1) % 3, v = (axis + 2) % 3;
     const float side = face % 2 ? 1.0f : -1.0f;
@@ -332,10 +336,11 @@ static void cube_corner(int face, int corner, float position[3], float normal[3]
     position[v] = corner >= 2 ? 1.0f : -1.0f;
 }
 
-/* Of a cube's 24 vertices each has the light of its own face; also where nothing tells so but the triangles' planes. */
+/* Each of a cube's 24 vertices has the light of its own face, also if only the triangles' planes show which face that
+   is. */
 TEST(hard_edges_are_kept) {
     int way, i;
-    for (way = 0; way < 3; way++) {  /* with normals; without; and three vertices a triangle, without */
+    for (way = 0; way < 3; way++) {  /* with normals; without; without indices and normals */
         static test_scene s;
         sbl_vertices_desc desc = desc_of(SBL_MODE_DIRECT);
         float positions[36 * 3], normals[36 * 3], *light;
@@ -355,7 +360,7 @@ TEST(hard_edges_are_kept) {
         light = bake(&s, &desc);
         for (i = 0; light && i < (way == 2 ? 36 : 24); i++) {
             const double truth = fmax(0, v3_dot(sun, v3_from(normals + 3 * i)));
-            CHECK(fabs((double)light[3 * i] - truth) < 1e-4, "way %d, vertex %d: %g, and not %g", way, i,
+            CHECK(fabs((double)light[3 * i] - truth) < 1e-4, "way %d, vertex %d: R is %g, expected %g", way, i,
                   (double)light[3 * i], truth);
         }
         free(light);
@@ -363,8 +368,8 @@ TEST(hard_edges_are_kept) {
     }
 }
 
-/* Two halves of a floor under a lamp, of a mesh of their own or of the same, whose normals where they touch differ by
-   so many degrees. */
+/* Two halves of a floor under a lamp, in one mesh or two, whose normals at the common edge differ by an angle. Returns
+   1 if vertices at the edge get the same light, 0 if not, -1 on failure. */
 static int halves_are_one(double degrees, int of_one_mesh) {
     static const uint32_t indices[12] = { 0, 1, 2, 0, 2, 3, 4, 5, 6, 4, 6, 7 };
     static test_scene s;
@@ -389,13 +394,15 @@ static int halves_are_one(double degrees, int of_one_mesh) {
     return one;
 }
 
+/* Vertices of one mesh are joined if position and normal agree within 1 degree. */
 TEST(seams_are_joined) {
-    CHECK(halves_are_one(0, 1) == 1 && halves_are_one(0.5, 1) == 1 && halves_are_one(-0.9, 1) == 1, "seams show");
-    CHECK(halves_are_one(1.2, 1) == 0 && halves_are_one(45, 1) == 0, "edges are smoothed");
-    CHECK(halves_are_one(0, 0) == 0, "vertices of two meshes are one");
+    CHECK(halves_are_one(0, 1) == 1 && halves_are_one(0.5, 1) == 1 && halves_are_one(-0.9, 1) == 1,
+          "vertices at a seam are not joined");
+    CHECK(halves_are_one(1.2, 1) == 0 && halves_are_one(45, 1) == 0, "vertices at a hard edge are joined");
+    CHECK(halves_are_one(0, 0) == 0, "vertices of two meshes are joined");
 }
 
-/* The same floor with indices of all types, and with none. */
+/* The same floor with indices of each type, and without indices, gets the same light. */
 TEST(indices_of_all_types) {
     enum { SIDE = 6, VERTICES = 49, CORNERS = SIDE * SIDE * 6 };
     const sbl_vertices_desc desc = desc_of(SBL_MODE_DIRECT);
@@ -434,7 +441,7 @@ TEST(indices_of_all_types) {
             const int at = way == 3 ? i : (int)numbers[i];
             for (k = 0; k < 3; k++)
                 CHECK(fabs((double)light[3 * at + k] - (double)first[3 * numbers[i] + (uint32_t)k]) <=
-                      (way == 3 ? 1e-4 : 0), "way %d, corner %d: %g, and not %g",
+                      (way == 3 ? 1e-4 : 0), "way %d, corner %d: R is %g, expected %g",
                       way, i, (double)light[3 * at + k], (double)first[3 * numbers[i] + (uint32_t)k]);
         }
         if (way == 0) first = light;
@@ -444,7 +451,7 @@ TEST(indices_of_all_types) {
     free(first);
 }
 
-/* Vertices that no triangle has, or only one without area, are 0, though they stand where others do. */
+/* Vertices that no triangle uses, or only a degenerate one, have R = 0, even at the position of other vertices. */
 TEST(vertices_without_triangles) {
     static const float p[27] = { 0, 0, 0, 0, 0, 1, 1, 0, 1, 0, 0, 0, 5, 5, 5, 2, 0, 0, 3, 0, 0, 4, 0, 0, 1, 0, 0 };
     static const uint32_t indices[12] = { 5, 6, 7, 0, 1, 2, 1, 1, 2, 0, 2, 8 };
@@ -466,7 +473,8 @@ TEST(vertices_without_triangles) {
     }
 }
 
-/* Three floors that lean: by themselves, turned about, one twice, none. */
+/* Selected meshes: all, two in reverse order, one twice, and one alone. The meshes are floors of different tilt, so
+   that R tells them apart. */
 TEST(meshes_are_chosen) {
     static const int lists[4][4] = { { 0, 1, 2 }, { 2, 0 }, { 1, 0, 1, 2 }, { 1 } };
     static const int counts[4] = { 3, 2, 4, 1 }, corners[3] = { 4, 9, 16 };
@@ -504,12 +512,13 @@ TEST(meshes_are_chosen) {
     REQUIRE(use_scene(&s), "no context");
     desc.meshes = NULL;
     desc.mesh_count = 0;
-    CHECK(sbl_bake_vertices(context, &desc) == SBL_SUCCESS, "nothing is a mistake: %s", watch_last(&seen));
+    CHECK(sbl_bake_vertices(context, &desc) == SBL_SUCCESS, "an empty scene is refused: %s", watch_last(&seen));
 }
 
 /* >>points */
 
-/* As many as area says, at least 4, at most 8 times `samples`; and in gathers of 65,536. */
+/* The number of points is proportional to the area, at least 4 (or `samples` if less) and at most 8 * `samples` per
+   triangle. Large bakes are gathered in parts of 65,536 points. */
 TEST(points_follow_area) {
     static const float p[18] = { 0, 0, 0, 0, 0, 1, 1, 0, 0, 5, 0, 0, 5, 0, 3, 6, 0, 0 };
     static const struct { int samples, sensors;
@@ -530,7 +539,8 @@ TEST(points_follow_area) {
         free(light);
     }
     scene_free(&s);
-    scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 1);  /* one triangle of it is huge beside a thousand */
+    /* one triangle is huge, the other thousand are small */
+    scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 1);
     grid(&s, 0, 24, 0.01f);
     s.meshes[1].transform[0] = s.meshes[1].transform[5] = s.meshes[1].transform[10] = s.meshes[1].transform[15] = 1;
     s.meshes[1].transform[13] = 0.5f;
@@ -547,16 +557,16 @@ TEST(points_follow_area) {
           (int)sbl_query_stats(context).sensors.count);
     free(light);
     scene_free(&s);
-    desc.samples = 7;  /* each gather's points go where they belong */
+    desc.samples = 7;  /* many parts: each point's light must reach its own vertices */
     worst = grid_under_a_lamp(100, desc);
     CHECK(sbl_query_stats(context).sensors.count == 7 * 20002 && worst < 0.002, "%d points, off by %.3f %%",
           (int)sbl_query_stats(context).sensors.count, 100 * worst);
 }
 
-/* >>what is buried */
+/* >>buried vertices */
 
-/* A black box stands on a floor under the sky, a little sunk: what is drawn around it has all the light that it lets
-   through, and none of the dark inside. Vertices deep inside have their neighbours' light. */
+/* A black box stands on a floor under the sky, slightly sunk. The interpolated light around it is right and not
+   darkened by vertices beneath it, which get the light of their neighbours. */
 TEST(what_is_buried_leaves_no_stain) {
     enum { SIDE = 20, FINE = 200 };
     int average;
@@ -611,7 +621,7 @@ TEST(what_is_buried_leaves_no_stain) {
     }
 }
 
-/* What is buried as a whole is dark. A room that is modelled inside out is lit as any other. */
+/* A room that is modelled inside out is lit like any other. A floor that is buried as a whole is dark. */
 TEST(only_backs_are_seen) {
     enum { SIDE = 24 };
     static test_scene s;
@@ -622,7 +632,7 @@ TEST(only_backs_are_seen) {
     memset(&s, 0, sizeof s);
     k = scene_material(&s, 0, 0, 0);
     grid(&s, k, SIDE, 1.5f);
-    scene_box(&s, k, -3, -0.1f, -3, 3, 0.5001f, 3);  /* they face outward */
+    scene_box(&s, k, -3, -0.1f, -3, 3, 0.5001f, 3);  /* the walls face outwards */
     scene_polygon(&s, scene_lamp(&s, 1, 1, 1), lamp_corners, 4);
     light = bake(&s, &desc);
     error = light ? grid_error(light, SIDE, 1.5) : 1;
@@ -632,12 +642,12 @@ TEST(only_backs_are_seen) {
     scene_sky(&s, 1, 1, 1);
     light = bake(&s, &desc);
     for (i = 0; light && i < 3 * (SIDE + 1) * (SIDE + 1); i++)
-        CHECK(light[i] == 0, "vertex %d is buried and has %g", i / 3, (double)light[i]);
+        CHECK(light[i] == 0, "vertex %d is buried, but R is %g", i / 3, (double)light[i]);
     free(light);
     scene_free(&s);
 }
 
-/* >>what strangers ask for */
+/* >>invalid descriptors */
 
 static void refused(sbl_vertices_desc desc, const char *word) {
     const sbl_result result = sbl_begin_vertices(context, &desc);
@@ -647,6 +657,7 @@ static void refused(sbl_vertices_desc desc, const char *word) {
     watch_forget(&seen);
 }
 
+/* Every field of sbl_vertices_desc is checked; the message names field and value. */
 TEST(every_field_is_checked) {
     static test_scene s;
     static const int meshes[3] = { 0, 1, 7 };
@@ -680,10 +691,10 @@ TEST(every_field_is_checked) {
     d = good; d.meshes = meshes; d.mesh_count = 3; refused(d, "meshes[2]");
     d = good; d.meshes = meshes; d.mesh_count = 1; d.float_count = 11; refused(d, "count is 11");
     CHECK(sbl_progress(context) == 0 && sbl_step(context, 0) == SBL_SUCCESS && sbl_progress(context) == 1,
-          "a mistake changed what was under way");
+          "a refused descriptor ended the bake in progress");
     CHECK(sbl_begin_vertices(NULL, &good) == SBL_ERROR_INVALID_ARGUMENT &&
               sbl_bake_vertices(NULL, NULL) == SBL_ERROR_INVALID_ARGUMENT,
-          "NULL is taken");
+          "NULL is accepted");
     CHECK(sbl_bake_vertices(context, NULL) == SBL_ERROR_INVALID_ARGUMENT &&
               watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_VERTICES_DESC, "radiance", NULL, NULL),
           "%s", watch_last(&seen));
@@ -695,11 +706,11 @@ TEST(every_field_is_checked) {
         const sbl_context_desc desc = watch_desc(&seen);
         REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS, "no context");
     }
-    CHECK(sbl_begin_vertices(context, &good) == SBL_ERROR_STATE, "there is no scene, and it begins");
+    CHECK(sbl_begin_vertices(context, &good) == SBL_ERROR_STATE, "a bake begins without a scene");
     scene_free(&s);
 }
 
-/* >>in pieces */
+/* >>slices */
 
 static void small_scene(test_scene *s) {
     memset(s, 0, sizeof *s);
@@ -711,8 +722,8 @@ static void small_scene(test_scene *s) {
 static int calls;
 static int cancel(float done, void *user) { calls++; return done >= *(const float *)user; }
 
-/* In thin slices it is the same to the bit; it can be cancelled, and the scene replaced; a finished picture stays, and
-   its sensors can be inspected. */
+/* A bake in short slices equals one in a single call, to the bit. It can be cancelled, and setting another scene ends
+   it. A finished picture stays, and its sensors can be inspected meanwhile. */
 TEST(it_comes_in_pieces) {
     static test_scene s;
     static float pieces[3 * 300], picture[2][20 * 20 * 3];
@@ -738,19 +749,19 @@ TEST(it_comes_in_pieces) {
         result = sbl_step(context, 1e-6);
         if (++steps % 5 == 0 && result == SBL_UNFINISHED)
             inspected += sbl_inspect_sensor(context, 10, 10, &sensor, NULL, NULL, 0) == SBL_SUCCESS;
-        CHECK(sbl_progress(context) >= last, "progress falls from %g", (double)last);
+        CHECK(sbl_progress(context) >= last, "progress decreases from %g", (double)last);
         last = sbl_progress(context);
     }
     CHECK(result == SBL_SUCCESS && steps > 40 && inspected > 5 && last == 1, "%s, %d steps, %d inspected",
           sbl_result_string(result), steps, inspected);
-    CHECK(memcmp(whole, pieces, sizeof *whole * 3 * (size_t)count) == 0, "in pieces it is another");
-    CHECK(sbl_step(context, 0) == SBL_SUCCESS, "it is not done");
+    CHECK(memcmp(whole, pieces, sizeof *whole * 3 * (size_t)count) == 0, "the bake in slices differs");
+    CHECK(sbl_step(context, 0) == SBL_SUCCESS, "the bake is not finished");
     CHECK(sbl_read_channel(context, SBL_CHANNEL_FINAL, picture[1], 1200) == SBL_SUCCESS &&
-          !memcmp(picture[0], picture[1], sizeof picture[0]), "the picture is another");
+          !memcmp(picture[0], picture[1], sizeof picture[0]), "the picture differs");
     free(whole);
 
     sbl_end(context);
-    CHECK(sbl_progress(context) == 0, "something is left");
+    CHECK(sbl_progress(context) == 0, "progress is not 0 after sbl_end");
     blocks = seen.blocks;
     desc.options.progress = cancel;
     desc.options.progress_user = &stop;
@@ -758,13 +769,13 @@ TEST(it_comes_in_pieces) {
         memset(pieces, 0, sizeof pieces);
         result = sbl_bake_vertices(context, &desc);
         CHECK(result == SBL_CANCELLED, "cancelled at %g: %s", (double)stop, sbl_result_string(result));
-        CHECK(stop == 1 || pieces[0] == 0, "cancelled at %g, and light was written", (double)stop);
-        CHECK(seen.blocks <= blocks, "cancelled at %g: %d blocks more", (double)stop, seen.blocks - blocks);
-        CHECK(sbl_step(context, 0) == SBL_ERROR_STATE, "it goes on");
+        CHECK(stop == 1 || pieces[0] == 0, "cancelled at %g, but light was written", (double)stop);
+        CHECK(seen.blocks <= blocks, "cancelled at %g: %d more blocks in use", (double)stop, seen.blocks - blocks);
+        CHECK(sbl_step(context, 0) == SBL_ERROR_STATE, "the bake continues");
     }
     CHECK(calls > 30, "progress was called %d times", calls);
     desc.options.progress = NULL;
-    for (place = 0; place < 60; place += 3) {  /* whatever it is at */
+    for (place = 0; place < 60; place += 3) {  /* at every stage of the bake */
         const int way = place / 3 % 4;
         float m[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0.1f, 0, 1 };
         CHECK(sbl_begin_vertices(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));
@@ -774,7 +785,8 @@ TEST(it_comes_in_pieces) {
         else if (way == 1) result = sbl_set_mesh_transform(context, 1, m);
         else if (way == 2) result = sbl_set_materials(context, s.materials, s.material_count);
         else { result = SBL_SUCCESS; sbl_end(context); }
-        CHECK(result == SBL_SUCCESS && sbl_step(context, 0) == SBL_ERROR_STATE, "way %d: it goes on in another scene",
+        CHECK(result == SBL_SUCCESS && sbl_step(context, 0) == SBL_ERROR_STATE,
+              "way %d: the bake continues after sbl_set_scene",
               way);
     }
     CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
@@ -795,7 +807,7 @@ static int meddle(float done, void *user) {
     return 0;
 }
 
-/* Progress may not begin another; what it tries changes nothing. Another seed does. */
+/* Calls inside of the progress callback are refused and change nothing. Another seed changes the light. */
 TEST(callbacks_and_seeds) {
     static test_scene s;
     sbl_vertices_desc desc = desc_of(SBL_MODE_DIRECT);
@@ -813,8 +825,8 @@ TEST(callbacks_and_seeds) {
     desc.options.seed = 7;
     light[2] = bake_again(&desc, count);
     if (light[0] && light[1] && light[2]) {
-        CHECK(memcmp(light[0], light[1], 12 * (size_t)count) == 0, "it is another");
-        CHECK(memcmp(light[0], light[2], 12 * (size_t)count) != 0, "the seed is of no account");
+        CHECK(memcmp(light[0], light[1], 12 * (size_t)count) == 0, "refused calls changed the light");
+        CHECK(memcmp(light[0], light[2], 12 * (size_t)count) != 0, "the seed has no effect");
     }
     for (i = 0; i < 3; i++) free(light[i]);
     scene_free(&s);
@@ -824,7 +836,8 @@ static sbl_result vertices_call(const void *desc) {
     return sbl_bake_vertices(context, (const sbl_vertices_desc *)desc);
 }
 
-/* Each allocation is refused once: it fails, says so, and leaves nothing behind; then it works. */
+/* Fails each allocation once, in turn. The bake must fail with a message and leak nothing, and the next one must
+   work. */
 TEST(memory_runs_out) {
     static test_scene s;
     static float light[3 * 300];
@@ -862,6 +875,7 @@ int main(void) {
     RUN(callbacks_and_seeds);
     RUN(memory_runs_out);
     sbl_destroy(context);
-    CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks are left, %d are strangers", seen.blocks, seen.strangers);
+    CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks are not freed, %d were freed twice or never allocated",
+          seen.blocks, seen.strangers);
     return test_report() || test_errors;
 }

@@ -1,13 +1,13 @@
 #!/bin/sh
-# Windows and macOS, as far as they can be seen from here: mingw-w64 compiles and links beside windows.h, wine runs it
-# and draws what this machine draws, Mesa plays a GL 4.1.
+# Tests for Windows and macOS that run on Linux: mingw-w64 compiles and links with windows.h, wine runs the programs and
+# must draw the same as here, and Mesa simulates GL 4.1.
 set -u
 export LC_ALL=C
 cd "$(dirname "$0")/.." || exit 1
 . tests/support/check.sh
 warnings='-Wall -Wextra -Wpedantic -Wconversion -Wshadow -Werror'
 
-# the manual's programs in that chapter, each from its first #include on
+# the programs in the manual's chapter ON WINDOWS AND MACOS, each from its first #include on
 awk -v folder="$folder" '
     /^   ON DETERMINISM$/ { exit }
     /^   ON WINDOWS AND MACOS$/ { on = 1 }
@@ -16,14 +16,15 @@ awk -v folder="$folder" '
     /^   [^ ]/ { file = "" }
     file { sub(/^       /, ""); print > file }' sbl.h
 
-# all that is built stands in a copy, so that nothing of what lies in build/ is touched
+# everything is built in a copy, so that build/ stays untouched
 copy="$folder/copy"
 mkdir "$copy"
 cp -r sbl.h examples scripts tests "$copy"
 
 # >>compilers
 
-# beside ORDER COMPILER...: a program whose one file sees windows.h first, last or not at all
+# beside ORDER COMPILER...: a program whose file includes windows.h first, last or not at all. It is linked, unless the
+# command contains -fsyntax-only.
 beside() {
     order=$1
     shift
@@ -44,19 +45,20 @@ beside_all() {
     check "${ways}_static_alone" beside none "$@" -DSBL_STATIC
     for order in first last; do
         check "${ways}_windows_h_$order" beside $order "$@"
-        check "${ways}_lean_windows_h_$order" beside $order "$@" -DWIN32_LEAN_AND_MEAN
-        check "${ways}_static_windows_h_$order" beside $order "$@" -DSBL_STATIC
-        check "${ways}_static_lean_windows_h_$order" beside $order "$@" -DSBL_STATIC -DWIN32_LEAN_AND_MEAN
+        check "${ways}_lean_windows_h_$order" beside $order "$@" -DWIN32_LEAN_AND_MEAN -fsyntax-only
+        check "${ways}_static_windows_h_$order" beside $order "$@" -DSBL_STATIC -fsyntax-only
+        check "${ways}_static_lean_windows_h_$order" beside $order "$@" -DSBL_STATIC -DWIN32_LEAN_AND_MEAN \
+            -fsyntax-only
     done
 }
 
-# macros FLAGS...: the names of those that a file of includes, from stdin, ends with
+# macros FLAGS...: lists the macros that are defined at the end of a file of includes from stdin
 macros() {
     "$target-w64-mingw32-gcc" -std=c99 -I . -x c -dM -E "$@" - | awk '{ sub(/\(.*/, "", $2); print $2 }' | sort -u
 }
 own_includes() { sed '1,/^\*\/$/d' sbl.h | sed -n 's/^ *# *include \(<[^>]*>\)$/#include \1/p' | grep -v EGL; }
 
-# words of sbl.h that are none of its comments or strings, against the macros of Windows' headers
+# compares the identifiers of sbl.h, without comments and strings, with the macros of Windows' headers
 no_macro_is_a_name() {
     gcc -fpreprocessed -dD -E -P sbl.h | sed 's/"\([^"\\]\|\\.\)*"//g' |
         grep -oE '[A-Za-z_][A-Za-z0-9_]*' | sort -u > "$folder/words"
@@ -64,9 +66,9 @@ no_macro_is_a_name() {
     printf '#include <%s>\n' windows.h winsock2.h objbase.h shellapi.h commctrl.h GL/gl.h | macros > "$folder/macros"
     [ "$(grep -cxE 'near|far|hyper|interface|min|max' "$folder/macros")" = 6 ] || return
     grep -qx sbl__now "$folder/words" || return
-    printf '%s\n' small pascal cdecl >> "$folder/macros"  # Microsoft's own headers have these, too
+    printf '%s\n' small pascal cdecl >> "$folder/macros"  # macros of Microsoft's own headers
     sort -o "$folder/macros" "$folder/macros"
-    # MemoryBarrier: called in parentheses, its name is never looked at
+    # MemoryBarrier: it is called in parentheses, so that the macro is not expanded
     ! grep 'gl->MemoryBarrier(' sbl.h || return
     comm -23 "$folder/macros" "$folder/own" | comm -12 - "$folder/words" | grep -vx MemoryBarrier > "$folder/strangers"
     nothing "$folder/strangers"
@@ -98,7 +100,7 @@ snippet() {
 windows_program() {
     "$target-w64-mingw32-gcc" -std=c99 $warnings tests/header/windows.c -lopengl32 -lgdi32 -o "$folder/windows.exe"
 }
-# the README's way; what is left out is what needs POSIX
+# built as README.md says; examples that need POSIX are left out
 examples() {
     CC=$target-w64-mingw32-gcc CFLAGS=-O0 "$copy/scripts/build" || return
     for source in examples/*.c; do
@@ -117,7 +119,7 @@ for target in i686 x86_64; do
     fi
     beside_all "${target}_c" "$target-w64-mingw32-gcc" -std=c99
     beside_all "${target}_cpp" "$target-w64-mingw32-g++" -std=c++11 -x c++
-    if command -v clang > /dev/null; then  # which does not link here
+    if command -v clang > /dev/null; then  # clang cannot link here
         check "${target}_clang" beside first clang -target "$target-w64-windows-gnu" -std=c99 -c
         check "${target}_clang_cpp" beside last clang -target "$target-w64-windows-gnu" -std=c++11 -x c++ -c
     else
@@ -130,10 +132,10 @@ for target in i686 x86_64; do
     check "${target}_manual_compiles" snippet
     check "${target}_windows_compiles" windows_program
     check "${target}_examples_compile" examples
-    wine_target=$target  # the last one's programs are what wine runs
+    wine_target=$target  # wine runs the programs of the last target
 done
 
-# >>pictures, all of Mesa's software renderer
+# >>pictures, all with Mesa's software renderer
 
 export LIBGL_ALWAYS_SOFTWARE=1
 look() { (cd "$folder" && ./picture "$@"); }
@@ -141,7 +143,7 @@ here() { mkdir -p "$folder/here" && "$copy/scripts/build" minimal && "$copy/buil
 gcc -std=c99 -O2 -Wall -Wextra tests/tools/picture.c -lm -o "$folder/picture" || exit 1
 here > "$folder/log" 2>&1 || { cat "$folder/log"; exit 1; }
 
-# as macOS has it: no compute shaders, no clip control
+# like macOS: no compute shaders, no clip control
 gl_41() {
     mkdir -p "$folder/gl_41" &&
     MESA_GL_VERSION_OVERRIDE=4.1FC MESA_GLSL_VERSION_OVERRIDE=410 \
@@ -169,7 +171,7 @@ fi
 
 # >>wine
 
-# 700 MB while it lasts; nothing in the home folder
+# uses 700 MB temporarily; leaves nothing in the home folder
 export TMPDIR="$folder" WINEPREFIX="$folder/wine" WINEDEBUG=-all WINEDLLOVERRIDES='mscoree,mshtml,winemenubuilder.exe='
 run() { mkdir -p "$folder/there" && (cd "$folder" && with_display wine "$@"); }
 minimal_there() { run "$copy/build/minimal.exe" there && look alike here/minimal.png there/minimal.png; }

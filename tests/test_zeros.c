@@ -19,17 +19,17 @@ static sbl_options options_of(int mode, int preset, float epsilon) {
     return o;
 }
 
-/* Defaults that are filled in twice are those that are filled in once. given: a descriptor; `kept` is a condition on d,
-   the descriptor with its defaults. */
+/* Filling in defaults twice must equal filling them in once. given: a descriptor. kept: a condition on d, the
+   descriptor with its defaults. */
 #define TWICE(front_end, given, kept) do {                                                                      \
         const sbl_##front_end##_desc d = sbl_##front_end##_desc_defaults(&given);                               \
         const sbl_##front_end##_desc again = sbl_##front_end##_desc_defaults(&d);                               \
-        CHECK(memcmp(&d, &again, sizeof d) == 0, #front_end ", mode %d, preset %d, sign %g: filled in again, "  \
-              "defaults change", mode, preset, (double)sign);                                                   \
-        CHECK(kept, #front_end ", mode %d, preset %d: a negative number does not stay", mode, preset);          \
+        CHECK(memcmp(&d, &again, sizeof d) == 0, #front_end ", mode %d, preset %d, sign %g: filling in twice "  \
+              "changes it", mode, preset, (double)sign);                                                   \
+        CHECK(kept, #front_end ", mode %d, preset %d: a negative number is replaced", mode, preset);          \
     } while (0)
 
-/* sign: 0, or -1 in all fields where a negative number means zero. */
+/* sign: 0, or -1 for all fields in which a negative number means zero. */
 static void fill_twice(int mode, int preset, float sign) {
     const sbl_options options = options_of(mode, preset, sign);
     const int ambient = mode == SBL_MODE_AMBIENT || mode == SBL_MODE_PAPER, negative = sign < 0;
@@ -56,10 +56,11 @@ static void fill_twice(int mode, int preset, float sign) {
     TWICE(probes, probes, d.probe_count == 27 && (!negative || !ambient || d.options.epsilon < 0));
 }
 
+/* Filling in defaults twice equals filling them in once, for all front ends, modes and presets. */
 TEST(defaults_are_idempotent) {
     sbl_context_desc once = sbl_context_desc_defaults(NULL), again = sbl_context_desc_defaults(&once);
     int mode, preset;
-    CHECK(memcmp(&once, &again, sizeof once) == 0, "context: filled in again, defaults change");
+    CHECK(memcmp(&once, &again, sizeof once) == 0, "context: filling in defaults twice changes it");
     for (mode = 0; mode < SBL_MODE_COUNT; mode++)
         for (preset = 0; preset < SBL_PRESET_COUNT; preset++) {
             fill_twice(mode, preset, 0);
@@ -73,6 +74,7 @@ TEST(defaults_are_idempotent) {
         CHECK(memcmp(&is, &none, sizeof is) == 0, #value " is not all zeroes");  \
     } while (0)
 
+/* Queries of a NULL context return zeroes. */
 TEST(queries_without_a_context_are_zeroes) {
     IS_ZERO(sbl_context_desc, sbl_query_desc(NULL));
     IS_ZERO(sbl_capabilities, sbl_query_capabilities(NULL));
@@ -83,7 +85,7 @@ TEST(queries_without_a_context_are_zeroes) {
     CHECK(sbl_query_desc(context).sensor_texture_size == 2048, "sbl_query_desc of a context lacks its defaults");
 }
 
-/* Without ambient light SBL_MODE_AMBIENT is SBL_MODE_DIRECT, to the bit. */
+/* With a negative epsilon, SBL_MODE_AMBIENT equals SBL_MODE_DIRECT, to the bit. */
 TEST(negative_epsilon_is_no_ambient_light) {
     static small_picture direct, none, usual;
     test_scene s;
@@ -102,13 +104,14 @@ TEST(negative_epsilon_is_no_ambient_light) {
         REQUIRE(small_render(context, &view, &usual) == SBL_SUCCESS, "%s", watch_last(&seen));
         view.options.epsilon = -0.5f;
         REQUIRE(small_render(context, &view, &none) == SBL_SUCCESS, "%s", watch_last(&seen));
-        CHECK(small_same(&none, &direct), "%s: a negative epsilon is not direct light", name);
+        CHECK(small_same(&none, &direct), "%s: a negative epsilon differs from direct light", name);
         CHECK(!small_same(&usual, &direct), "%s: the default of epsilon gives no ambient light", name);
     }
     scene_free(&s);
 }
 
-/* A point light over a floor: light differs from pixel to pixel, without any noise. */
+/* A point light over a floor: R differs from pixel to pixel, without noise, so that a negative threshold must put a
+   sensor at almost every pixel. */
 TEST(negative_threshold_refines_every_difference) {
     static const float thresholds[3] = { -1, 0, 1e6f };
     double share[3];
@@ -125,15 +128,15 @@ TEST(negative_threshold_refines_every_difference) {
         share[i] = (double)sbl_query_stats(context).sensors.count / sbl_query_stats(context).picture.visible_pixels;
         scene_free(&s);
     }
-    printf("  sensors at %.1f %% of all pixels, by the target error at %.1f %%, with a high threshold at %.1f %%\n",
+    printf("  sensors at %.1f %% of all pixels, with the target error at %.1f %%, with a high threshold at %.1f %%\n",
               100 * share[0], 100 * share[1], 100 * share[2]);
-    CHECK(share[0] > 0.95, "a negative threshold leaves tiles whose corners differ");
-    CHECK(share[1] < 0.5, "without a threshold the target error does not decide");
+    CHECK(share[0] > 0.95, "a negative threshold does not refine all tiles whose corners differ");
+    CHECK(share[1] < 0.5, "without a threshold the target error has no effect");
     CHECK(share[2] < 0.03, "a high threshold refines");
 }
 
-/* The mean distance of the normals of a picture from those of the ball that it shows, or -1. facets: 1 if the ball
-   has no normals of its own. */
+/* Returns the mean distance of a picture's normals from those of the ball that it shows, or -1. facets: 1 if the ball
+   has no normals. */
 static double off_the_ball(int facets, float facet_limit, float **normals) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_view(64, 64, 40, 0, 0, 3, 0, 0, 0);
@@ -141,7 +144,8 @@ static double off_the_ball(int facets, float facet_limit, float **normals) {
     float *shown, *points;
     double off = 0;
     int i, k, count = 0;
-    scene_sphere(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 0, 0, 0.9f, 128, 64, !facets);  /* of 1.4 pixels each */
+    /* its facets are 1.4 pixels high */
+    scene_sphere(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 0, 0, 0.9f, 128, 64, !facets);
     view.options.mode = SBL_MODE_DIRECT;
     view.tile = 64;
     view.facet_limit = facet_limit;
@@ -161,21 +165,24 @@ static double off_the_ball(int facets, float facet_limit, float **normals) {
     return count ? off / count : -1;
 }
 
+/* The default of facet_limit is 2 pixels; a negative one keeps all shading normals. */
 TEST(negative_facet_limit_is_shading_normals_everywhere) {
     static const float limits[4] = { 0, 2, -1, 1 };
     float *normals[4];
     double off[4];
     int i;
     for (i = 0; i < 4; i++) REQUIRE((off[i] = off_the_ball(0, limits[i], &normals[i])) >= 0, "%s", watch_last(&seen));
-    printf("  normals are off the ball by %.5f, with a limit of 2 %.5f, -1 %.5f, 1 %.5f\n", off[0], off[1], off[2],
-           off[3]);
+    printf("  normals differ from the ball's by %.5f, with a limit of 2 by %.5f, -1 %.5f, 1 %.5f\n", off[0], off[1],
+           off[2], off[3]);
     CHECK(memcmp(normals[0], normals[1], 64 * 64 * 3 * sizeof(float)) == 0, "the default is not 2 pixels");
-    CHECK(memcmp(normals[0], normals[3], 64 * 64 * 3 * sizeof(float)) != 0, "1 pixel is as 2");
-    CHECK(off[2] < 0.001, "with a negative limit normals are not the shading normals");
+    CHECK(memcmp(normals[0], normals[3], 64 * 64 * 3 * sizeof(float)) != 0,
+          "limits of 1 and 2 pixels give the same normals");
+    CHECK(off[2] < 0.001, "with a negative limit normals differ from the shading normals");
     CHECK(off[0] > 3 * off[2], "by default small facets have shading normals");
     for (i = 0; i < 4; i++) free(normals[i]);
 }
 
+/* With a negative scale, the picture equals the one without an environment, to the bit. */
 TEST(negative_scale_is_no_light_of_the_environment) {
     static const float white[4] = { 1, 1, 1, 1 };
     static small_picture without, none, usual;

@@ -1,28 +1,20 @@
-/* bench: how fast sbl.h gathers light.
-
-       bench [raster] [trace] [lamps] [versions] [--json] [--quick] [FILE...]        all parts but the last by default
-
-   raster: what gathering in batches is worth, on the Cornell box's 32 triangles. Side by side in one process and one GL
-   context, in several alternating runs, for each kind of sensor and several sizes:
-
+/* bench: measures how fast sbl.h gathers light.
+       bench [raster] [trace] [lamps] [versions] [--json] [--quick] [FILE...]     default: all parts but versions
+   raster: the gain of gathering in batches, in the Cornell box of 32 triangles. For each kind of sensor and several
+   sizes, these are measured alternately in one process and one GL context:
        sbl      the gather of a picture with a sensor at every pixel (sbl_stats.seconds.gather)
-       plain    the plain way, written here with GL of its own: for every sensor a clear, a draw per view, two reduction
-       passes and a
-                readback. The same points, normals, projections, texel formats, weights and sum; only rotation about the
-                normal is left out
-       fill     the time in which GL fills as many texels as the sensors' views have, as often as the scene's mean depth
-       complexity
-                (counted here by additive blending), by passes over a whole target that write a constant
-
-   trace: what rays cost in the Cornell box, in the same room filled with more and more triangles, and in scene FILEs
-   (by default two rooms beside the repository, where they lie there), against rasterised sensors of about the same
-   error and, where it is installed, against Embree. A sensor at every pixel; no lamps: every surface radiates its
-   albedo, so that the light is smooth. All scenes and ways alternate.
-
+       plain    the same work without batches, by GL code in this file: for every sensor a clear, one draw per view,
+                two reduction passes and a readback. It uses the same points, normals, projections, texel formats,
+                weights and sums, but does not rotate the views about the normal
+       fill     the time in which GL fills as many texels as the views of the sensors have, times the mean depth
+                complexity of the scene (counted by additive blending); passes write a constant to a whole target
+   trace: the cost of rays in the Cornell box, in rooms of 1,000 to 1,000,000 triangles, and in scene FILEs (default:
+   two rooms beside the repository, if they exist). They are compared with rasterised sensors of about the same error
+   and, if it is installed, with Embree. Every pixel has a sensor. There are no lamps: each surface radiates its albedo,
+   so that the light is smooth. All scenes and methods are measured alternately.
    lamps, versions: see bench_lamps.h, bench_versions.h.
-
-   Prints medians of the runs; --json prints the same as one JSON object; --quick measures less. Never fails on a
-   timing: only when something does not work at all, or when two ways do not see the same light. */
+   Prints the medians of the runs; --json prints them as one JSON object; --quick measures less. A slow result is never
+   a failure. The bench fails only if something does not work, or if two methods find different light. */
 #define _DEFAULT_SOURCE
 #define SBL_IMPLEMENTATION
 #include "../../sbl.h"
@@ -54,8 +46,8 @@ static double now(void) {
 
 static int fail(const char *what) { return fprintf(stderr, "bench: %s\n", what), 0; }
 
-/* Seconds at an error, by the line through the two measured points around it, or the last two, both axes
-   logarithmic. */
+/* Returns the seconds at which an error is reached: linear interpolation in logarithms of both axes between the two
+   measured points around it, or the last two. */
 static double seconds_at(const double *seconds, const double *errors, int count, double error) {
     int i = 0;
     while (i + 2 < count && errors[i + 1] > error) i++;
@@ -63,7 +55,7 @@ static double seconds_at(const double *seconds, const double *errors, int count,
     return seconds[i] * exp(log(seconds[i + 1] / seconds[i]) * log(error / errors[i]) / log(errors[i + 1] / errors[i]));
 }
 
-/* ---- the plain way */
+/* ---- the method without batches */
 
 static const char draw_vertex[] =
     "layout(location = 0) in vec3 position;\n"
@@ -184,18 +176,18 @@ static void plain_stop(void) {
     target_free(&plain.fill_target);
 }
 
-/* One kind of sensor at one size: views side by side on a sheet, a hemicube's sides cut at the horizon. */
+/* One kind of sensor at one size: its views side by side on a sheet. The sides of a hemicube end at the horizon. */
 typedef struct sheet {
     int size, views, width, height, rects[5][4];
-    float half;          /* of the view's width, at unit distance */
+    float half;          /* half of the view's width, at unit distance */
     int blocks[2];
     GLuint weights;
     target texels, block_sums, sum;
 } sheet;
 
-/* Projected solid angle over pi of a texel of the plane at unit distance: the form factor of a rectangle, by its four
-   corners' antiderivative. top: the plane lies along the normal; otherwise it stands upright and y is the height above
-   the horizon. */
+/* Returns the form factor (projected solid angle / pi) of a rectangle in the plane at unit distance, from the
+   antiderivative at its four corners. top: the plane is perpendicular to the normal; otherwise it contains the
+   direction of the normal, and y is the height above the horizon. */
 static double texel_weight(int top, double x0, double x1, double y0, double y1) {
     double sum = 0;
     int i;
@@ -209,7 +201,7 @@ static double texel_weight(int top, double x0, double x1, double y0, double y1) 
 }
 
 static int sheet_make(sheet *s, int hemicube, int size) {
-    /* in half sizes */
+    /* in units of half the size */
     static const int cells[5][4] = { { 0, 0, 2, 2 }, { 2, 0, 2, 1 }, { 2, 1, 2, 1 }, { 0, 2, 2, 1 }, { 2, 2, 2, 1 } };
     float *weights;
     int view, x, y, k;
@@ -252,7 +244,7 @@ static void sheet_free(sheet *s) {
     target_free(&s->sum);
 }
 
-/* world_to_clip of one view, column by column: depth is 1 - near / distance, without a far plane. */
+/* Computes world_to_clip of one view, column by column. Depth is 1 - near / distance; there is no far plane. */
 static void view_matrix(const sheet *s, int view, vec3 eye, vec3 normal, float m[16]) {
     const float near = 0.5f;
     vec3 tangent = vec3_unit(vec3_cross(normal, fabsf(normal.x) > 0.5f ? vec3_make(0, 1, 0) : vec3_make(1, 0, 0)));
@@ -271,7 +263,7 @@ static void view_matrix(const sheet *s, int view, vec3 eye, vec3 normal, float m
     }
     rows[0] = vec3_mix(vec3_make(0, 0, 0), 1 / s->half, right);
     rows[1] = view ? vec3_mix(vec3_mix(vec3_make(0, 0, 0), 2, up), -1, forward)
-        : vec3_mix(vec3_make(0, 0, 0), 1 / s->half, up);  /* a side shows 0 to 1 */
+        : vec3_mix(vec3_make(0, 0, 0), 1 / s->half, up);  /* a side view shows 0 to 1 */
     rows[2] = rows[3] = forward;
     for (i = 0; i < 4; i++) offsets[i] = -vec3_dot(rows[i], eye);
     offsets[2] -= 2 * near;  /* clip z = w - 2 near */
@@ -304,7 +296,7 @@ static void texture_use(GLuint program, const char *name, GLint unit, GLuint tex
     gl.Uniform1i(host_gl_uniform(program, name), unit);
 }
 
-/* Sums one sheet's texels by their weights, in two passes, and reads the result back. */
+/* Computes the weighted sum of one sheet's texels in two passes, and reads it back. */
 static void sheet_sum(const sheet *s, float sum[4]) {
     gl.Disable(GL_DEPTH_TEST);
     gl.BindVertexArray(plain.empty_array);
@@ -324,7 +316,7 @@ static void sheet_sum(const sheet *s, float sum[4]) {
 
 typedef struct points { int count; vec3 *positions, *normals; } points;
 
-/* Seconds for all points; mean: of their light. */
+/* Returns the seconds for all points. mean: their mean light. */
 static double plain_gather(const sheet *s, const points *p, double mean[3]) {
     double start = now();
     int i, k;
@@ -344,7 +336,7 @@ static double plain_gather(const sheet *s, const points *p, double mean[3]) {
     return now() - start;
 }
 
-/* Fragments a texel of the views, without a depth test. */
+/* Returns the mean number of fragments per texel of the views, without a depth test. */
 static double depth_complexity(const sheet *s, const points *p) {
     float *texels = (float *)malloc((size_t)(s->width * s->height) * 4 * sizeof(float));
     double sum = 0;
@@ -366,7 +358,7 @@ static double depth_complexity(const sheet *s, const points *p) {
     return sum / p->count / (s->width * s->height);
 }
 
-/* Seconds a texel: passes over a whole target of the atlas's format that write a constant. */
+/* Returns the seconds per texel of passes that write a constant to a whole target of the view texture's format. */
 static double fill_seconds(int passes) {
     double start;
     int i;
@@ -380,16 +372,16 @@ static double fill_seconds(int passes) {
     start = now();
     for (i = 0; i < passes; i++) {
         gl.DrawArrays(GL_TRIANGLES, 0, 3);
-        gl.Finish();  /* each by itself: a tiling renderer drops what the next pass covers */
+        gl.Finish();  /* after each pass, because a tiling renderer omits passes that the next one overwrites */
     }
     return (now() - start) / passes / ((double)FILL_SIZE * FILL_SIZE);
 }
 
 /* ---- sbl.h */
 
-/* Where a gather's time goes: sbl.h is handed GL functions that, in a run apart from the timed ones, wait for the GPU
-   before and after. A gather starts with an instanced draw of its views and ends with reading its results; the
-   full-target draws between are the reduction. */
+/* Profile of a gather: sbl.h gets GL functions that wait for the GPU before and after each call, in a separate run that
+   is not timed otherwise. A gather starts with an instanced draw of its views and ends with the reading of its results;
+   draws over the full target in between are the reduction. */
 enum { CLEAR, DRAW, REDUCE, READ, PARTS };
 static struct { int on, drawn, read; double seconds[PARTS]; } profile;
 
@@ -451,12 +443,12 @@ static int box_render(sbl_context *context, int hemicube, int size, int side, sb
     view.tile = 1;
     view.filter_radius = -1;
     view.samples = 1;
-    if (sbl_render_picture(context, &view) != SBL_SUCCESS) return 0;  /* sbl.h says what is wrong on stderr */
+    if (sbl_render_picture(context, &view) != SBL_SUCCESS) return 0;  /* sbl.h has printed the reason on stderr */
     *stats = sbl_query_stats(context);
     return stats->sensors.count > 0 || fail("the picture has no sensors");
 }
 
-/* Every stride-th surface point of the finished picture, and the mean of what sbl.h found there. */
+/* Reads every stride-th surface point of the finished picture, and the mean R of sbl.h at these points. */
 static int points_read(sbl_context *context, int side, int most, points *p, double mean[3]) {
     size_t pixels = (size_t)side * (size_t)side, i, count = 0, stride;
     float *values = (float *)malloc(pixels * 10 * sizeof(float));
@@ -489,11 +481,11 @@ static int points_read(sbl_context *context, int side, int most, points *p, doub
 
 typedef struct row {
     int hemicube, size, runs;
-    double sbl[RUNS_MOST], total[RUNS_MOST], plain[RUNS_MOST], fill[RUNS_MOST];  /* microseconds a sensor */
+    double sbl[RUNS_MOST], total[RUNS_MOST], plain[RUNS_MOST], fill[RUNS_MOST];  /* microseconds per sensor */
     double speedup[RUNS_MOST], over_fill[RUNS_MOST];                              /* ratios within a run */
-    /* microseconds a sensor, in a run of its own */
+    /* microseconds per sensor, in a separate run */
     double parts[PARTS];
-    /* light: sbl's mean over the plain way's */
+    /* light_ratio: mean R of sbl.h divided by that of the plain method */
     double complexity, light_ratio;
     long long sensors;
 } row;
@@ -516,7 +508,7 @@ static int row_measure(sbl_context *context, row *r, int runs, int side, int mos
     sbl_stats stats;
     double light[3], plain_light[3];
     int run, ok;
-    /* warms up, too */
+    /* this first picture also warms up */
     ok = sheet_make(&s, r->hemicube, r->size) && box_render(context, r->hemicube, r->size, side, &stats) &&
          points_read(context, side, most, &p, light);
     if (ok) r->complexity = depth_complexity(&s, &p);
@@ -544,7 +536,7 @@ static int row_measure(sbl_context *context, row *r, int runs, int side, int mos
             r->parts[run] = 1e6 * profile.seconds[run] / (double)stats.sensors.count;
     }
     if (ok) r->light_ratio = (light[0] + light[1] + light[2]) / (plain_light[0] + plain_light[1] + plain_light[2]);
-    if (gl.GetError() != GL_NO_ERROR) ok = fail("a GL error in the plain way");
+    if (gl.GetError() != GL_NO_ERROR) ok = fail("a GL error in the plain method");
     free(p.positions);
     sheet_free(&s);
     return ok;
@@ -552,7 +544,7 @@ static int row_measure(sbl_context *context, row *r, int runs, int side, int mos
 
 static void raster_table(const row *rows, int count) {
     int i;
-    printf("raster: 32 triangles; medians, microseconds a sensor\n\n");
+    printf("raster: 32 triangles; medians, microseconds per sensor\n\n");
     printf("kind      size  sensors/s |     sbl  (total)     plain  plain/sbl | complexity    fill  sbl/fill | "
            "light\n");
     for (i = 0; i < count; i++) {
@@ -564,7 +556,7 @@ static void raster_table(const row *rows, int count) {
                    median(r->fill, r->runs),
                median(r->over_fill, r->runs), r->light_ratio);
     }
-    printf("\nwhere sbl's gather spends its time (a run apart that waits after every call)\n\n"
+    printf("\nparts of sbl's gather (from a separate run that waits after every call)\n\n"
            "kind      size |   clear     draw   reduce     read\n");
     for (i = 0; i < count; i++) {
         const row *r = &rows[i];
@@ -573,8 +565,9 @@ static void raster_table(const row *rows, int count) {
     }
     printf("\nplain/sbl: how many times as many sensors a second as a draw per view, a reduction and a readback per "
            "sensor\n"
-           "sbl/fill:  drawing and reducing over filling the same texels as often as the depth complexity\n"
-           "light:     sbl's mean over the plain way's at the same points\n");
+           "sbl/fill:  time to draw and reduce, divided by the time to fill the same texels, times the depth "
+           "complexity\n"
+           "light:     sbl's mean R divided by the plain method's, at the same points\n");
 }
 
 static void raster_json(const row *rows, int count) {
@@ -610,9 +603,11 @@ static int raster_part(int json, int quick) {
         r->size = sizes[i / 2];
         ok = row_measure(context, r, quick ? 1 : 5, quick ? 32 : r->size > 64 ? 48 : 72,
                          quick ? 64 : r->size > 64 ? 128 : 384);
-        /* few texels across the lamp, and at the plain way's one orientation: coarse sensors agree coarsely */
+        /* coarse sensors agree only roughly: few texels cover the lamp, and the plain method does not rotate its
+           views */
         if (ok && !(fabs(r->light_ratio - 1) < (r->size < 64 ? 0.3 : 0.05))) {
-            fprintf(stderr, "bench: at %s %d sbl.h finds %.3f times the plain way's light: not the same work\n",
+            fprintf(stderr, "bench: at %s %d sbl.h finds %.3f times the light of the plain method; the comparison is "
+                    "invalid\n",
                     r->hemicube ? "hemicube" : "single", r->size, r->light_ratio);
             ok = 0;
         }
@@ -624,16 +619,16 @@ static int raster_part(int json, int quick) {
     return ok;
 }
 
-/* ---- trace: rays in rooms of more and more triangles */
+/* ---- trace: rays in rooms of 32 to 1,000,000 triangles */
 
 enum { BALLS = 40, ROOMS = 5, FILES_MOST = 8, RAYS = 3, VIEWS = 5, SMALL_MOST = 48, SIDE_MOST = 1024 };
 enum { REFERENCE_RAYS = 4096, REFERENCE_SEED = 77 };
-enum { HEAVY = 200000 };  /* from so many triangles on rasterised sensors are measured once, in one size */
+/* in scenes of at least this many triangles, rasterised sensors are measured once, at one size */
+enum { HEAVY = 200000 };
 static const int room_triangles[ROOMS] = { CORNELL_TRIANGLES, 1000, 32768, 131072, 1000000 };
 static const int ray_counts[RAYS] = { 64, 256, 1024 }, view_sizes[VIEWS] = { 4, 8, 16, 32, 64 };
 
-/* The Cornell box with balls of many sizes in it, all bumps: always the same shapes, more or less finely
-   tessellated. */
+/* The Cornell box with bumpy balls of many sizes. The shapes are always the same; only the tessellation varies. */
 typedef struct room {
     cornell_box box;
     sbl_mesh meshes[CORNELL_QUADS + BALLS];
@@ -645,7 +640,7 @@ static double room_random(uint32_t *state) {
     return (*state >> 8) / 16777216.0;
 }
 
-/* About so many triangles; returns 0 where memory runs out. */
+/* Makes a ball of about the given number of triangles; returns 0 if memory runs out. */
 static int ball_make(sbl_mesh *mesh, void *arrays[2], const double centre[3], double radius, int triangles) {
     const double pi = 4 * atan(1.0);
     int stacks = (int)((1 + sqrt(1.0 + triangles)) / 2), slices, vertices, i, j, n = 0;
@@ -658,7 +653,7 @@ static int ball_make(sbl_mesh *mesh, void *arrays[2], const double centre[3], do
     arrays[0] = positions = (float *)malloc((size_t)vertices * 3 * sizeof *positions);
     arrays[1] = indices = (uint32_t *)malloc((size_t)slices * (size_t)(stacks - 1) * 6 * sizeof *indices);
     if (!positions || !indices) return 0;
-    for (i = 0; i < vertices; i++) {  /* the two poles, then ring by ring */
+    for (i = 0; i < vertices; i++) {  /* the two poles, then the rings */
         double theta = i == 0 ? 0 : i == 1 ? pi : pi * ((i - 2) / slices + 1) / stacks,
             phi = 2 * pi * ((i + slices - 2) % slices) / slices;
         double x = sin(theta) * cos(phi), y = cos(theta), z = sin(theta) * sin(phi);
@@ -698,7 +693,7 @@ static int room_make(room *r, int triangles, sbl_scene_desc *desc) {
         sbl_mesh *mesh = &r->meshes[CORNELL_QUADS + i];
         double *centre = centres[i];
         radii[i] = 90 * pow(6, -i / (BALLS - 1.0));  /* 90 to 15 */
-        for (attempt = 0; attempt < 1000; attempt++) {  /* until it touches no other */
+        for (attempt = 0; attempt < 1000; attempt++) {  /* until the ball touches no other */
             for (k = 0; k < 3; k++) centre[k] = 1.2 * radii[i] + (size[k] - 2.4 * radii[i]) * room_random(&random);
             for (j = 0; j < i; j++) {
                 double x = centre[0] - centres[j][0], y = centre[1] - centres[j][1], z = centre[2] - centres[j][2];
@@ -717,28 +712,30 @@ static int room_make(room *r, int triangles, sbl_scene_desc *desc) {
 typedef struct place {
     char name[32];
     sbl_scene_desc desc;
-    sbl_material *materials;      /* of desc, their lamps off */
-    room *room;                   /* whichever it is made of */
+    sbl_material *materials;      /* the materials of desc, with their lamps off */
+    room *room;                   /* the source of the scene: a room or a file */
     scene_file *file;
     sbl_context *context;
     embree *embree;
     sbl_picture_desc view;        /* the camera */
     points points;
-    int triangles, side, small;   /* sides of the pictures for speed, and for errors and views */
-    double light[3];              /* mean of R at the points */
+    /* edge lengths in pixels of the pictures for speed (side), and of those for errors and views (small) */
+    int triangles, side, small;
+    double light[3];              /* mean R at the points */
     float reference[3 * SMALL_MOST * SMALL_MOST];
     double errors[RAYS + VIEWS];
     int runs, view_runs[VIEWS];
-    double us[RAYS + VIEWS][RUNS_MOST], mrays[RAYS][RUNS_MOST];  /* microseconds a sensor, millions of rays a second */
+    /* microseconds per sensor, millions of rays per second */
+    double us[RAYS + VIEWS][RUNS_MOST], mrays[RAYS][RUNS_MOST];
     double bvh[RUNS_MOST];                                       /* seconds */
     size_t bvh_bytes;
-    /* Embree's millions of 64 rays a point, on one thread and on all */
+    /* Embree's millions of rays per second, 64 rays per point, on one thread and on all */
     double embree_one[RUNS_MOST], embree_all[RUNS_MOST];
-    double over_embree[RUNS_MOST];                               /* ours over Embree's on all threads */
+    double over_embree[RUNS_MOST];                               /* speed of sbl.h divided by Embree's on all threads */
     double embree_light[3];
 } place;
 
-/* amount: rays of a traced sensor or texels across a rasterised one's view. */
+/* amount: rays of a traced sensor, or texels across the view of a rasterised one */
 static int place_render(place *p, sbl_backend backend, int amount, int side, uint32_t seed, sbl_stats *stats) {
     sbl_picture_desc view = p->view;
     view.width = view.height = side;
@@ -751,12 +748,12 @@ static int place_render(place *p, sbl_backend backend, int amount, int side, uin
     view.filter_radius = -1;
     view.samples = 1;
     view.options.seed = seed;
-    if (sbl_render_picture(p->context, &view) != SBL_SUCCESS) return 0;  /* sbl.h says what is wrong on stderr */
+    if (sbl_render_picture(p->context, &view) != SBL_SUCCESS) return 0;  /* sbl.h has printed the reason on stderr */
     *stats = sbl_query_stats(p->context);
     return (stats->backend == backend && stats->sensors.count > 0) || fail("the picture has no sensors");
 }
 
-/* Relative RMSE of R in the small picture just made. */
+/* Relative RMSE of R in the small picture that was rendered last. */
 static int place_error(const place *p, double *error) {
     static float radiance[3 * SMALL_MOST * SMALL_MOST];
     size_t values = 3 * (size_t)p->small * (size_t)p->small, i, count = 0;
@@ -772,7 +769,7 @@ static int place_error(const place *p, double *error) {
     return 1;
 }
 
-/* Copies the materials, lamps off, and takes the file's camera, if it has one. */
+/* Copies the materials with their lamps off, and takes the camera of the file, if it has one. */
 static int place_prepare(place *p) {
     int i;
     p->materials = (sbl_material *)malloc((size_t)(p->desc.material_count + 1) * sizeof *p->materials);
@@ -793,14 +790,15 @@ static int place_prepare(place *p) {
     return 1;
 }
 
-/* Not that triangles without area were left out, every time. */
+/* Prints errors only, because there would be a warning about degenerate triangles every time. */
 static void log_error(sbl_log_level level, sbl_log_item item, const char *message, void *user) {
     (void)item;
     (void)user;
     if (level == SBL_LOG_ERROR) fprintf(stderr, "%s\n", message);
 }
 
-/* Sizes of the pictures, the rays' errors, points for Embree; and all shaders are compiled before anything is timed. */
+/* Chooses the sizes of the pictures, measures the errors of the rays, and collects points for Embree. This compiles all
+   shaders before anything is timed. */
 static int place_open(place *p, int quick) {
     sbl_context_desc desc = { 0 };
     sbl_stats stats;
@@ -811,14 +809,14 @@ static int place_open(place *p, int quick) {
     desc.logger.log = log_error;
     if (!place_prepare(p) || sbl_create(&desc, &p->context) != SBL_SUCCESS || sbl_set_scene(p->context, &p->desc) !=
         SBL_SUCCESS) return 0;
-    for (p->side = 64; ; p->side *= 2) {  /* long enough to be timed, on a GPU too */
+    for (p->side = 64; ; p->side *= 2) {  /* large enough to be timed, also on a GPU */
         for (k = 0; k < 2; k++)
             if (!place_render(p, SBL_BACKEND_TRACE, ray_counts[0], p->side, 0, &stats)) return 0;
         if (quick || stats.seconds.gather > 0.08 || p->side >= SIDE_MOST) break;
     }
     p->triangles = stats.scene.triangles;
     if (!points_read(p->context, p->side, p->side * p->side + 1, &p->points, p->light)) return 0;
-    /* a rasterised sensor costs as much as the scene has triangles */
+    /* the cost of a rasterised sensor is proportional to the number of triangles */
     p->small = (int)sqrt(fmin(fmax(4e6 / p->triangles, 49), most));
     if (!place_render(p, SBL_BACKEND_TRACE, REFERENCE_RAYS, p->small, REFERENCE_SEED, &stats) ||
         sbl_read_channel(p->context, SBL_CHANNEL_RADIANCE, p->reference, 3 * (size_t)p->small * (size_t)p->small) !=
@@ -847,7 +845,7 @@ static void place_close(place *p) {
     free(p->points.positions);
 }
 
-/* One run: the scene anew, then each way once. */
+/* One run: sets the scene again, then measures each method once. */
 static int place_run(place *p) {
     sbl_stats stats;
     int i, n = p->runs;
@@ -885,9 +883,9 @@ static int place_run(place *p) {
     return 1;
 }
 
-/* ---- trace: what it comes to */
+/* ---- trace: results */
 
-/* The median of a[run] / b[run]. */
+/* Returns the median of a[run] / b[run]. */
 static double median_ratio(const double *a, const double *b, int runs) {
     double ratios[RUNS_MOST];
     int i;
@@ -895,7 +893,8 @@ static double median_ratio(const double *a, const double *b, int runs) {
     return median(ratios, runs);
 }
 
-/* The size of view whose error is nearest to that of rays, and how many times as many sensors a second are traced. */
+/* The size of view whose error is nearest to that of the rays, and the ratio of traced to rasterised sensors per
+   second. */
 typedef struct pair { int texels; double errors, speedup; } pair;
 
 static pair place_pair(const place *p, int way) {
@@ -924,8 +923,8 @@ static struct { place *places; int count, skipped[2]; } trace;
 static void trace_table(void) {
     const place *base = &trace.places[1];
     int i, k, embree_on = base->embree != NULL;
-    printf("trace: no lamps, every surface radiates its albedo; medians of %d runs\n\n", base->runs);
-    printf("                         |      Mrays/s by rays   | microseconds a sensor | growth | Embree Mrays/s  sbl / "
+    printf("trace: no lamps, each surface radiates its albedo; medians of %d runs\n\n", base->runs);
+    printf("                         |      Mrays/s by rays   | microseconds / sensor | growth | Embree Mrays/s  sbl / "
            "| BVH: seconds/million  bytes/\n"
            "scene          triangles |    64     256    1024  |    64     256    1024 |   (64) | 1 thread   all Embree "
                "|        sbl   Embree triangle\n");
@@ -948,7 +947,7 @@ static void trace_table(void) {
             printf(" %8.1f\n", (double)p->bvh_bytes / p->triangles);
         }
     }
-    printf("\nerror in %% and microseconds of a sensor with\n"
+    printf("\nerror in %% and microseconds per sensor, with\n"
            "scene          triangles  pixels |  64 rays      256 rays     1024 rays    |  4 texels        8 texels     "
                "    "
            "16 texels        32 texels        64 texels\n");
@@ -962,7 +961,7 @@ static void trace_table(void) {
             else printf("     -         - ");
         printf("\n");
     }
-    printf("\ntraced sensors a second over rasterised ones of the nearest error (texels, the rays' error over theirs)\n"
+    printf("\ntraced sensors per second / rasterised ones of the nearest error (their texels, ratio of the errors)\n"
            "scene          triangles |  64 rays                256 rays               1024 rays\n");
     for (i = 0; i < trace.count; i++) {
         const place *p = &trace.places[i];
@@ -974,19 +973,20 @@ static void trace_table(void) {
     }
     for (i = 0; i < 2; i++)
         if (trace.skipped[i]) printf("%s: skipped, there is no %s\n", default_files[i].name, default_files[i].path);
-    printf("\ngrowth:  microseconds a sensor over those among %d triangles, run by run\n", base->triangles);
+    printf("\ngrowth:  microseconds per sensor, relative to the scene of %d triangles, run by run\n", base->triangles);
     if (embree_on)
-        printf("Embree:  rtcIntersect1 on 1 thread and on all %d, one ray at a time, 64 rays a point: the same points "
-               "and normals, a like distribution;\n"
-               "         making the rays and adding up what they hit included, textures and cutouts not looked at. "
-                   "Ours: all of gather, on all\n"
-               "         of GL's threads; sbl / Embree is all against all\n",
+        printf("Embree:  rtcIntersect1 on 1 thread and on all %d, one ray at a time, 64 rays per point: the same "
+               "points and normals, a similar distribution;\n"
+               "         includes generating the rays and summing the radiance, but not textures and cut-outs. "
+                   "sbl: the whole gather, on all\n"
+               "         of GL's threads; sbl / Embree compares all threads\n",
                base->embree->threads);
-    else printf("Embree:  not there when the bench was built\n");
-    printf("BVH:     one thread builds it\n"
+    else printf("Embree:  was not installed when the bench was built\n");
+    printf("BVH:     built by one thread\n"
            "error:   relative RMSE of R over the pixels of a small picture, against %d traced rays of another seed, "
-               "that is, against sbl.h itself\n"
-           "texels:  across the views of a hemicube; from %d triangles on one size, once\n", REFERENCE_RAYS, HEAVY);
+               "i.e. against sbl.h itself\n"
+           "texels:  across the views of a hemicube; from %d triangles on only one size, measured once\n",
+           REFERENCE_RAYS, HEAVY);
 }
 
 static void trace_json(void) {
@@ -1029,7 +1029,7 @@ static void trace_json(void) {
     printf("]}");
 }
 
-/* Rooms and files; before there is GL, since files are read in a child process. */
+/* Loads rooms and files. Called before GL is started, because files are read in a child process. */
 static int trace_load(int quick, char **files, int file_count) {
     int rooms = quick ? 3 : ROOMS, i;
     trace.places = (place *)calloc(ROOMS + FILES_MOST, sizeof *trace.places);
@@ -1069,7 +1069,7 @@ static int trace_part(int json, int quick) {
         double ratio = (p->light[0] + p->light[1] + p->light[2]) /
             (p->embree_light[0] + p->embree_light[1] + p->embree_light[2]);
         if (!p->embree || !p->room || fabs(ratio - 1) < 0.01) continue;
-        fprintf(stderr, "bench: among %d triangles sbl.h finds %.3f times Embree's light: not the same work\n",
+        fprintf(stderr, "bench: with %d triangles sbl.h finds %.3f times Embree's light; the comparison is invalid\n",
                 p->triangles, ratio);
         ok = 0;
     }

@@ -1,16 +1,16 @@
-/* bench lamps: what a sensor costs under 1 to 10,000 emitting triangles, at equal error. A panel cut into more and more
-   triangles, and as many scattered through the room, of one total area; a plate below them hides a part, so that nearly
-   every sensor has a share to measure. A sensor at every pixel; errors are against 4,096 rays with other seeds. */
+/* bench lamps: measures the time of a sensor under 1 to 10,000 emitting triangles of the same total area, at equal
+   error. The triangles are a panel that is cut into more and more pieces, or scattered through the room. A plate below
+   them hides a part, so that nearly every sensor has a penumbra. There is a sensor at every pixel; the truth is 4,096
+   rays with other seeds. */
 #ifndef BENCH_LAMPS_H
 #define BENCH_LAMPS_H
 
 enum { LAMP_KINDS = 2, LAMP_COUNTS = 5, LAMP_RAYS = 3, LAMP_RUNS = 3, LAMP_SIDE = 48 };
 static const char *const lamp_kinds[LAMP_KINDS] = { "panel", "scattered" };
 static const int lamp_rays[LAMP_RAYS] = { 64, 256, 1024 };
-static const double lamp_target = 0.01;  /* relative RMSE that times are compared at */
+static const double lamp_target = 0.01;  /* relative RMSE at which times are compared */
 
-/* Corners of at least `count` triangles at x, z in -4 to 4 and y about 4, whose area is 4 together; returns how
-   many. */
+/* Makes at least `count` triangles at x, z in -4 to 4 and y about 4, with a total area of 4. Returns their number. */
 static int lamps_scatter(int kind, int count, float *corners) {
     int side = (int)ceil(sqrt(count / 2.0)), made = 0, i, k;
     uint32_t state = 5;
@@ -35,7 +35,7 @@ static int lamps_scatter(int kind, int count, float *corners) {
     return made;
 }
 
-/* R at every pixel, allocated; seconds per sensor. */
+/* Returns R at every pixel, which the caller frees. seconds: per sensor. */
 static float *lamps_render(sbl_context *context, int rays, uint32_t seed, double *seconds) {
     float *radiance = (float *)malloc(LAMP_SIDE * LAMP_SIDE * 3 * sizeof(float));
     sbl_picture_desc view = { 0 };
@@ -100,7 +100,7 @@ static int lamps_part(int json, int quick) {
     desc.get_gl_function = gl_function;
     if (sbl_create(&desc, &context) != SBL_SUCCESS) return fail("lamps: no context");
     if (!json)
-        printf("lamps: microseconds a sensor, relative RMSE; time at an error of %g %%, by the line through the "
+        printf("lamps: microseconds per sensor, relative RMSE; time at an error of %g %%, from the line through the "
                "measured points\n\n"
                       "| lamps | triangles | 64 rays | 256 | 1024 | at %g %% |\n|---|---|---|---|---|---|\n",
                           100 * lamp_target, 100 * lamp_target);

@@ -1,10 +1,9 @@
-/* bench_steps [--slice SECONDS] [NAME...]: how long sbl_step takes when asked for a slice, and what slices cost.
-
-   For each picture: sbl_begin's seconds, a histogram of every sbl_step's seconds over the whole picture, its first
-   hierarchy included (shaders were compiled before), the seconds of all steps beside those of one sbl_render, and the
-   longest submission: what GL works on from one flush, wait or readback to the next, in an sbl_render whose draws are
-   waited for there. Pictures: the Cornell box, and where ../shared lies beside the repository two rooms. Never fails on
-   a timing. */
+/* bench_steps [--slice SECONDS] [NAME...]: measures how long sbl_step takes when a slice is requested, and the cost of
+   slices. For each picture it prints the seconds of sbl_begin, a histogram of the seconds of all calls of sbl_step
+   including those that build the hierarchy (shaders are compiled before), the seconds of all steps compared with those
+   of one sbl_render, and the longest submission. A submission is the work that GL gets from one flush, wait or readback
+   to the next; it is measured in an sbl_render that waits for GL at these points. Pictures: the Cornell box, and two
+   rooms if ../shared exists. A slow result is never a failure. */
 #define _DEFAULT_SOURCE
 #define SBL_IMPLEMENTATION
 #include "../../sbl.h"
@@ -21,7 +20,7 @@ static double now(void) {
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* ---- submissions: sbl.h is handed GL functions that note when work starts, and wait where sbl.h flushes */
+/* ---- submissions: sbl.h gets GL functions that note when work starts, and wait where sbl.h flushes */
 
 static struct { int on, open; double start, longest; int count; } submission;
 
@@ -115,7 +114,7 @@ static int ascending(const void *a, const void *b) {
     return x < y ? -1 : x > y;
 }
 
-/* Returns 0 where something does not work at all. */
+/* Returns 0 if something does not work. */
 static int measure(const struct picture *p, double slice) {
     static const double edges[] = { 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1e30 };
     static double steps[STEPS_MOST];
@@ -141,7 +140,7 @@ static int measure(const struct picture *p, double slice) {
     sbl_perspective(view.view_to_clip, p->fov, (float)p->width / (float)p->height);
     desc.get_gl_function = gl_function;
     ok = sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene) == SBL_SUCCESS &&
-         sbl_render_picture(context, &view) == SBL_SUCCESS; /* shaders */
+         sbl_render_picture(context, &view) == SBL_SUCCESS; /* compiles shaders */
     start = now();
     ok = ok && sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS;
     easy = now() - start;

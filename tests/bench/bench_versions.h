@@ -1,7 +1,7 @@
-/* bench versions: pictures of direct light by this header and by the one before pictures were asked for an error, which
-   the Makefile takes from git history: error over seconds of both, in turns, and how many times sooner this one is at
-   the errors that the older one's presets have. The reference: windows of the same picture, spread over all of it, with
-   4,096 rays at every pixel. */
+/* bench versions: compares pictures of direct light by this header and by the last one before target errors existed,
+   which the Makefile takes from git history. Both are measured alternately. It prints the error over the seconds, and
+   how many times faster this version reaches the errors of the old presets. The reference: windows spread over the same
+   picture, with 4,096 rays at every pixel. */
 #ifndef BENCH_VERSIONS_H
 #define BENCH_VERSIONS_H
 #ifdef BENCH_BEFORE
@@ -11,9 +11,9 @@ enum { WINDOW = 4, WINDOWS = 32, BLOCK_SIDE = 4, ASKED = 6, OLD_RUNS = 3, VERSIO
 
 static const struct version_room {
     const char *name, *path;
-    int small;               /* --quick has it */
-    int presets;             /* of the older version, from draft on */
-    float asked[ASKED];      /* of this one: pairs among the presets */
+    int small;               /* whether --quick includes it */
+    int presets;             /* presets of the older version, from draft upwards */
+    float asked[ASKED];      /* target errors of this version, in pairs among the presets */
     version_view view;
 } version_rooms[VERSION_ROOMS] = {
     { "cornell_box", "examples/scenes/cornell_box.obj", 1, 3, { 0.05f, 0.015f, 0.01f, 0.0075f, 0.005f, 0.0025f },
@@ -28,20 +28,20 @@ static const struct version_room {
         1280, 720, 1 } } };
 static const char *const preset_names[OLD_RUNS] = { "draft", "default", "high" };
 
-/* errors: shares of the mean, over pixels and blocks */
+/* errors of pixels and of blocks, relative to the mean */
 typedef struct measured { double seconds, pixels, blocks; long long sensors; } measured;
 
 typedef struct reference_windows {
-    float *light[2];                /* of two seeds: WINDOWS * WINDOWS windows one after the other */
+    float *light[2];                /* for two seeds: WINDOWS * WINDOWS windows one after the other */
     int corner[WINDOWS * WINDOWS][2];
-    double mean, noise_pixels, noise_blocks;  /* variances of the two seeds' mean */
+    double mean, noise_pixels, noise_blocks;  /* the noises are variances of the mean of the two seeds */
 } reference_windows;
 
 static double luminance(const float c[3]) {
     return 0.2126 * (double)c[0] + 0.7152 * (double)c[1] + 0.0722 * (double)c[2];
 }
 
-/* Adds up squares of differences over pixels and over blocks of one window. */
+/* Adds the squared differences over pixels and over blocks of one window. */
 static void window_compare(const float *a, int a_width, const float *b, const float *c, double *pixels,
                            double *blocks) {
     int bx, by, x, y;
@@ -71,7 +71,7 @@ static int reference_make(reference_windows *r, const version_view *view) {
             version_cost cost;
             uint32_t random = (uint32_t)i * 2654435761u;
             const int size[2] = { view->width, view->height }, cell[2] = { i % WINDOWS, i / WINDOWS };
-            for (k = 0; k < 2; k++) {  /* one in each cell of a grid over the picture, somewhere */
+            for (k = 0; k < 2; k++) {  /* a random position in each cell of a grid over the picture */
                 const int wide = size[k] / WINDOWS;
                 s.window[k] = r->corner[i][k] = cell[k] * wide + (int)(room_random(&random) * (wide - WINDOW));
                 s.window[k + 2] = WINDOW;
@@ -114,7 +114,7 @@ static int version_measure(const version *v, const version_view *view, const ver
     return 1;
 }
 
-/* How many times sooner this version is at an older one's error. */
+/* Returns how many times faster this version reaches the error of an older picture. */
 static double sooner(const measured *before, const measured *now, int by_blocks) {
     double seconds[ASKED], errors[ASKED];
     int i;
@@ -132,7 +132,7 @@ static int version_room_run(const struct version_room *scene, const version_view
     int i, ok;
     for (i = 0; i < 2; i++) r.light[i] = (float *)malloc(WINDOWS * WINDOWS * WINDOW * WINDOW * 3 * sizeof(float));
     ok = picture && r.light[0] && r.light[1] && reference_make(&r, view);
-    for (i = 0; ok && i < ASKED; i++) {  /* in turns: old pictures among the new ones */
+    for (i = 0; ok && i < ASKED; i++) {  /* old pictures are measured among the new ones */
         version_settings s = { 1, scene->asked[i], 0, 0, { 0 } };
         ok = version_measure(&version_now, view, &s, &r, picture, &now[i]);
         s.preset = i / 2;
@@ -156,7 +156,7 @@ static int version_room_run(const struct version_room *scene, const version_view
                    now[i].seconds, now[i].pixels, now[i].blocks, now[i].sensors);
         printf("]}");
     } else if (ok) {
-        printf("%s, %d x %d   seconds  error %%    4 x 4    sensors   this one is sooner, at equal error of pixels, of "
+        printf("%s, %d x %d   seconds  error %%    4 x 4    sensors   speedup at equal error of pixels, of "
                "4 x 4\n", scene->name, view->width,
                view->height);
         for (i = 0; i < scene->presets; i++)
@@ -165,7 +165,7 @@ static int version_room_run(const struct version_room *scene, const version_view
                    before[i].sensors, sooner(&before[i], now, 0),
                    sooner(&before[i], now, 1));
         for (i = 0; i < ASKED; i++)
-            printf("  asked %5.2f %%       %8.2f %8.2f %8.2f %10lld\n", 100 * (double)scene->asked[i], now[i].seconds,
+            printf("  target %5.2f %%      %8.2f %8.2f %8.2f %10lld\n", 100 * (double)scene->asked[i], now[i].seconds,
                    100 * now[i].pixels, 100 * now[i].blocks,
                    now[i].sensors);
         fflush(stdout);
@@ -202,7 +202,8 @@ static int versions_part(int json, int quick) {
 #else
 static int versions_part(int json, int quick) {
     (void)quick;
-    if (!json) printf("versions: left out, git history did not have the older header when the bench was built\n");
+    if (!json) printf("versions: skipped, because git history did not contain the older header when the bench was "
+                      "built\n");
     return 1;
 }
 #endif

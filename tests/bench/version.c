@@ -1,6 +1,5 @@
-/* See version.h. Built with -DVERSION=version_now and the header of this tree, and with -DVERSION=version_before, an
-   older header and that header's implementation, static here. The include path says which sbl.h and which folder
-   examples are meant. */
+/* See version.h. It is compiled with -DVERSION=version_now and this header, and with -DVERSION=version_before and an
+   older header, whose implementation is then static. The include path selects sbl.h and the folder examples. */
 #define _DEFAULT_SOURCE
 #include <sbl.h>
 #include <examples/scene_file.h>
@@ -15,7 +14,7 @@ static int version_load(const char *path) {
     return file != NULL || (fprintf(stderr, "%s\n", error), 0);
 }
 
-/* windows may be empty */
+/* errors only, because a window may be empty, which gives a warning */
 static void version_log(sbl_log_level level, sbl_log_item item, const char *message, void *user) {
     (void)item;
     (void)user;
@@ -31,7 +30,7 @@ static int version_start(void (*(*get)(const char *name, void *user))(void), flo
     return sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene) == SBL_SUCCESS;
 }
 
-/* The projection that shows nothing but a window of the picture. */
+/* Changes the projection so that it shows only a window of the picture. */
 static void crop(float m[16], const version_view *view, const int window[4]) {
     const double x = (2.0 * window[0] + window[2]) / view->width - 1,
         y = 1 - (2.0 * window[1] + window[3]) / view->height;

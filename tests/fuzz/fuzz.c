@@ -1,13 +1,11 @@
-/* A fuzz target: bytes become calls in any order, with scenes, pictures, gathers, bakes and allocators that are often
-   wrong. sbl.h must refuse with a message or do what was asked: no NaN or infinity comes out, nothing leaks, and a
-   known picture comes out of the context as before. tests/test_fuzz.c runs a bounded, repeatable part of it, and
-   build/test_fuzz FILE... single inputs. By itself, for as long as wanted:
-
+/* A fuzz target: the input bytes become calls in any order, with scenes, pictures, gathers, bakes and allocators that
+   are often invalid. sbl.h must either refuse with a message or do the work. No NaN or infinity may come out, nothing
+   may leak, and the context must render a known picture as before. tests/test_fuzz.c runs a bounded, repeatable part of
+   this; build/test_fuzz FILE... runs single inputs. To fuzz for as long as you want:
        clang -g -O1 -fsanitize=fuzzer,address,undefined tests/fuzz/fuzz.c -lEGL -lm -o build/fuzz &&
        mkdir -p build/corpus && ASAN_OPTIONS=detect_leaks=0 build/fuzz -max_len=1024 build/corpus tests/fuzz/corpus
-
-   Leaks are counted here, since drivers have some of their own. Client arrays have exactly the size that their
-   descriptor asks for, and go as soon as sbl.h may no longer look at them. */
+   This file counts leaks itself, because drivers leak, too. Client arrays have exactly the size that their descriptor
+   requires, and are freed as soon as sbl.h may no longer read them. */
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
 #include "../../sbl.h"
@@ -23,33 +21,35 @@ enum { FUZZ_CALLS = 24, FUZZ_MESHES = 3, FUZZ_MATERIALS = 3, FUZZ_TEXTURES = 2, 
 
 static const float fuzz_least = 1e-30f, fuzz_most = 1e30f;
 
-/* A context, its allocator and logger, and what the calls so far should have led to. */
+/* A context, its allocator and logger, and the state that the calls so far should have led to. */
 typedef struct fuzz_context {
     sbl_context *sbl;
-    int blocks, refuse_in, refuse_on, refused;  /* the allocation that fails, from 1; refuse_on: and all after it */
+    /* refuse_in: which allocation fails, from 1; refuse_on: all later ones fail, too */
+    int blocks, refuse_in, refuse_on, refused;
     int errors, cancel_in, cancelled;
     int refused_before, errors_before;
-    int width, height;                          /* of the picture begun last */
-    sbl_site *sites;                            /* of the gather under way */
+    int width, height;                          /* of the picture that was begun last */
+    sbl_site *sites;                            /* of the gather in progress */
     sbl_reading *readings;
     int site_count;
-    void *baked_from;                           /* what a bake under way reads, */
-    float *baked;                               /* and its result */
+    void *baked_from;                           /* data that the bake in progress reads */
+    float *baked;                               /* result of the bake in progress */
     size_t baked_count;
 } fuzz_context;
 
 typedef struct fuzz_bytes {
     const unsigned char *at, *end;
-    void *blocks[FUZZ_BLOCKS];  /* of the scene that is being described */
+    void *blocks[FUZZ_BLOCKS];  /* memory of the scene description that is being made */
     int block_count;
 } fuzz_bytes;
 
 static struct {
-    fuzz_context contexts[2];  /* the first is made once, in the host's GL context; the second comes and goes */
-    sbl_memory memory;         /* of the first after the known picture */
+    /* the first lives as long as the process, in the host's GL context; the second is created and destroyed by calls */
+    fuzz_context contexts[2];
+    sbl_memory memory;         /* memory of the first context after the known picture */
     int blocks;
     float known[3 * 16];
-    GLuint buffer, texture;    /* the host's */
+    GLuint buffer, texture;    /* GL objects of the host */
 } fuzz;
 static struct { int accepted, refused, pictures, gathers, bakes, inspections, out_of_memory; } fuzz_counts;
 static int fuzz_failures;
@@ -61,7 +61,7 @@ static int fuzz_failures;
 
 static unsigned fuzz_byte(fuzz_bytes *b) { return b->at < b->end ? *b->at++ : 0; }
 
-/* Mostly one of the good values, sometimes a wild one. */
+/* Returns a value from lowest to highest most of the time, sometimes a wild one. */
 static int fuzz_int(fuzz_bytes *b, int lowest, int highest) {
     static const int wild[8] = { -1, -2147483647 - 1, 2147483647, 65536, 0, 3, 1 << 24, -65537 };
     unsigned byte = fuzz_byte(b);
@@ -92,8 +92,9 @@ static void *fuzz_block(fuzz_bytes *b, size_t bytes) {
 
 static int fuzz_wild_size(fuzz_bytes *b) { return fuzz_byte(b) >= 253; }
 
-/* A stream of `count` elements in an array that ends with its last byte. Absent where it would be large but not too
-   large to exist. vertices: what indices may name; 0: no indices. */
+/* Makes a stream of `count` elements in an array that ends with its last byte. The stream is left empty if its size
+   would be large but legal. vertices: number of vertices that indices may refer to; 0 for streams that are not
+   indices. */
 static void fuzz_stream(fuzz_bytes *b, sbl_stream *s, int components, int count, int vertices) {
     static const int sizes[SBL_TYPE_COUNT] = { 4, 2, 1, 2, 1, 2, 1, 2, 4 };
     const int type = vertices ? fuzz_int(b, SBL_UINT8, SBL_UINT32) : fuzz_int(b, 0, SBL_INT16_NORM);
@@ -109,7 +110,7 @@ static void fuzz_stream(fuzz_bytes *b, sbl_stream *s, int components, int count,
     stride = s->stride ? s->stride : element;
     if (n == 0) { s->data = fuzz_block(b, 1); return; }
     if (s->offset > FUZZ_ARRAY || stride > FUZZ_ARRAY || stride * n > FUZZ_ARRAY) {
-        /* what is more than memory must be refused; what only is large would be read */
+        /* a stream larger than the address space must be refused; one that is only large would be read */
         if (s->offset > SIZE_MAX / 2 || n - 1 > SIZE_MAX / 2 / stride) s->data = fuzz_block(b, 1);
         else memset(s, 0, sizeof *s);
         return;
@@ -121,12 +122,13 @@ static void fuzz_stream(fuzz_bytes *b, sbl_stream *s, int components, int count,
         unsigned char *to = data + s->offset + i / (size_t)components * stride + i % (size_t)components * item;
         if (type == SBL_FLOAT32) { float x = fuzz_float(b, components == 4 ? 0.0f : -1.0f, 1); memcpy(to, &x, 4); }
         else if (vertices) *to = (unsigned char)(fuzz_byte(b) % (unsigned)(vertices + 1 - (fuzz_byte(b) < 250)));
-        else to[item - 1] = (unsigned char)fuzz_byte(b);  /* the upper one: half floats have infinities, too */
+        /* the high byte of the value, because half floats have infinities, too */
+        else to[item - 1] = (unsigned char)fuzz_byte(b);
     }
     s->data = data;
 }
 
-/* A picture in an array that ends with its last byte. */
+/* Makes a picture in an array that ends with its last byte. */
 static void fuzz_texture(fuzz_bytes *b, sbl_texture *t) {
     size_t texel, row, bytes, at;
     unsigned char *data;
@@ -136,7 +138,7 @@ static void fuzz_texture(fuzz_bytes *b, sbl_texture *t) {
     t->channels = fuzz_int(b, 0, 4);
     t->wrap = (sbl_wrap)fuzz_int(b, 0, 1);
     texel = (size_t)(t->channels < 1 || t->channels > 4 ? 4 : t->channels) * (t->format == SBL_PIXELS_FLOAT ? 4 : 1);
-    if (t->width > 64 || t->height > 64) t->width = 0;  /* large, but not wrong: it would be read */
+    if (t->width > 64 || t->height > 64) t->width = 0;  /* a large but legal picture would be read */
     if (t->width < 1 || t->height < 1) { t->pixels = fuzz_block(b, 1); return; }
     row = texel * (size_t)t->width;
     if (fuzz_byte(b) % 4 == 1) t->stride = row + fuzz_byte(b) % 8;
@@ -206,7 +208,8 @@ static void fuzz_environment(fuzz_bytes *b, sbl_environment *e) {
     const unsigned shape = fuzz_byte(b);
     if (shape & 1) fuzz_texture(b, &e->picture);
     if (shape & 2) { e->radiance = fuzz_sky; if (fuzz_byte(b) < 250) e->picture.pixels = NULL; }
-    if (e->radiance && !e->picture.width) e->picture.width = e->picture.height = 4;  /* by default 512 x 256 */
+    /* the default, 512 x 256, would be slow */
+    if (e->radiance && !e->picture.width) e->picture.width = e->picture.height = 4;
     e->picture.wrap = SBL_WRAP_REPEAT;
     e->scale = fuzz_float(b, 0, 4);
     e->rotation = fuzz_float(b, -180, 180);
@@ -261,7 +264,7 @@ static sbl_result fuzz_set_scene(fuzz_bytes *b, sbl_context *context) {
     return result;
 }
 
-/* A wall and a lamp in front of it: a scene that is there without luck. */
+/* A wall and a lamp in front of it: a valid scene that does not depend on the input. */
 static sbl_result fuzz_known_scene(sbl_context *context) {
     static const float corners[18] = { -3, -3, -1, 3, -3, -1, 0, 4, -2, -1, -1, 1, 1, -1, 1, 0, 1, 2 };
     static const float places[6] = { 0.1f, 0.1f, 0.9f, 0.1f, 0.5f, 0.9f };
@@ -315,7 +318,8 @@ static void fuzz_picture(fuzz_bytes *b, fuzz_context *c, sbl_picture_desc *view)
     view->filter_radius = fuzz_int(b, -1, 3);
     view->samples = fuzz_int(b, 1, 3);
     view->options.seed = fuzz_byte(b);
-    if ((view->options.seed & 3) == 3) {  /* the error decides; more than 1 and less than 0 are none */
+    /* the target error decides the number of rays; values above 1 and below 0 are invalid */
+    if ((view->options.seed & 3) == 3) {
         view->options.rays = 0;
         view->target_error = view->options.seed == 255 ? -1 : 0.02f * (float)(view->options.seed >> 2);
     }
@@ -329,7 +333,7 @@ static void fuzz_picture(fuzz_bytes *b, fuzz_context *c, sbl_picture_desc *view)
         sbl_look_at(view->world_to_view, eye[0], eye[1], eye[2], 0, 0, 0, 0, 1, 0);
     }
     if (shape & 64) sbl_perspective(view->view_to_clip, fuzz_float(b, 1, 179), fuzz_float(b, 0.5f, 2));
-    if (shape & 128) {  /* orthographic, or anything */
+    if (shape & 128) {  /* orthographic or arbitrary */
         fuzz_floats(b, view->view_to_clip, 1, 0, 2);
         fuzz_floats(b, view->view_to_clip + 5, 1, 0, 2);
         fuzz_floats(b, view->view_to_clip + 10, 6, -1, 1);
@@ -344,7 +348,7 @@ static void fuzz_picture(fuzz_bytes *b, fuzz_context *c, sbl_picture_desc *view)
     view->options.progress_user = c;
 }
 
-/* Its sites and readings are the caller's to free. */
+/* The caller must free sites and readings. */
 static void fuzz_gather(fuzz_bytes *b, fuzz_context *c, sbl_readings_desc *gather) {
     const unsigned shape = fuzz_byte(b);
     const int count = (int)(fuzz_byte(b) % (FUZZ_SITES + 1));
@@ -375,7 +379,7 @@ static void fuzz_gather(fuzz_bytes *b, fuzz_context *c, sbl_readings_desc *gathe
     gather->options.progress_user = c;
 }
 
-/* >>bakes. Light at vertices and of probes is baked into floats that are the caller's to free. */
+/* >>bakes. The caller must free the floats into which vertices and probes are baked. */
 
 static void fuzz_lightmap(fuzz_bytes *b, fuzz_context *c, sbl_lightmap_desc *map) {
     const unsigned shape = fuzz_byte(b);
@@ -402,7 +406,7 @@ static void fuzz_lightmap(fuzz_bytes *b, fuzz_context *c, sbl_lightmap_desc *map
     map->options.progress_user = c;
 }
 
-/* meshes: of which some are named. */
+/* meshes: storage for the list of meshes, which some descriptors use. */
 static void fuzz_vertices(fuzz_bytes *b, fuzz_context *c, int meshes[2], sbl_vertices_desc *light) {
     const unsigned shape = fuzz_byte(b);
     int i;
@@ -438,7 +442,7 @@ static void fuzz_probes(fuzz_bytes *b, fuzz_context *c, float **positions, sbl_p
     fuzz_floats(b, *positions, 3 * count, -2, 2);
     desc->probe_count = count;
     if (shape & 1) desc->positions = *positions;
-    else {  /* a grid of as many, or a wrong one */
+    else {  /* a grid of the right or a wrong number of probes */
         desc->grid[0] = fuzz_int(b, 1, 1);
         desc->grid[1] = count ? count : 1;
         desc->grid[2] = 1;
@@ -459,7 +463,7 @@ static void fuzz_probes(fuzz_bytes *b, fuzz_context *c, float **positions, sbl_p
 
 /* >>contexts and calls */
 
-/* What is handed out is NaN, so that floats which were never written show. */
+/* Blocks are filled with NaN, so that floats that were never written are found. */
 static void *fuzz_alloc(size_t bytes, void *user) {
     fuzz_context *c = (fuzz_context *)user;
     void *block;
@@ -497,7 +501,7 @@ static sbl_result fuzz_after(fuzz_context *c, const char *call, sbl_result resul
     if (oom) fuzz_counts.out_of_memory++;
     FUZZ_CHECK((int)result >= 0 && result < SBL_RESULT_COUNT, "%s: result %d", call, (int)result);
     FUZZ_CHECK(result != SBL_ERROR_GL, "%s: %s", call, words);
-    FUZZ_CHECK(!c->sbl || !error || c->errors > c->errors_before, "%s: \"%s\" without a message", call, words);
+    FUZZ_CHECK(!c->sbl || !error || c->errors > c->errors_before, "%s: \"%s\", but no message", call, words);
     FUZZ_CHECK(oom == (refused > 0), "%s: \"%s\", %d allocations refused", call, words, refused);
     FUZZ_CHECK((result == SBL_CANCELLED) == c->cancelled || refused, "%s: \"%s\", cancelled: %d", call, words,
                c->cancelled);
@@ -521,7 +525,7 @@ static void fuzz_make(fuzz_context *c, const sbl_context_desc *wishes) {
     FUZZ_CALL(c, sbl_create(&desc, &c->sbl));
 }
 
-/* The gather under way is no more. */
+/* The gather or bake in progress has ended. whole: its results are complete and are checked. */
 static void fuzz_gather_gone(fuzz_context *c, int whole) {
     if (whole && c->readings) {
         fuzz_numbers("readings", (const float *)c->readings, sizeof *c->readings / 4 * (size_t)c->site_count);
@@ -557,7 +561,8 @@ static void fuzz_read(fuzz_context *c, int channel, size_t room) {
     memset(out, 0xff, less * sizeof *out);
     snprintf(what, sizeof what, "channel %d", channel);
     if (FUZZ_CALL(c, sbl_read_channel(c->sbl, (sbl_channel)channel, out, less)) == SBL_SUCCESS) {
-        FUZZ_CHECK(less == count, "channel %d: %d floats went where %d have room", channel, (int)count, (int)less);
+        FUZZ_CHECK(less == count, "channel %d: %d floats were written into an array of %d", channel, (int)count,
+                   (int)less);
         fuzz_numbers(what, out, less);
     }
     free(out);
@@ -576,12 +581,12 @@ static void fuzz_inspect(fuzz_context *c, int x, int y, size_t room) {
     weights = (float *)malloc(room * 4 + 1);
     if (!radiance || !weights) abort();
     if (FUZZ_CALL(c, sbl_inspect_sensor(c->sbl, x, y, &s, radiance, weights, room)) == SBL_SUCCESS) {
-        FUZZ_CHECK(room == count, "a sheet went where it has no room");
+        FUZZ_CHECK(room == count, "a sheet was written into an array that is too small");
         fuzz_counts.inspections++;
         fuzz_numbers("inspected radiance", radiance, 4 * room);
         fuzz_numbers("inspected weights", weights, room);
         fuzz_numbers("inspected site", s.site.position, 10);
-        fuzz_numbers("inspected position to noise", s.position, 10);
+        fuzz_numbers("inspected sensor from position to noise", s.position, 10);
         fuzz_numbers("inspected sums", s.from_surroundings, 10);
         for (i = 0; i < s.ray_count; i++) fuzz_numbers("inspected ray", s.rays[i].direction, 7);
         for (i = 0; i < s.lamp_count; i++) fuzz_numbers("inspected lamp", s.lamps[i].unhindered, 3);
@@ -609,10 +614,11 @@ static void fuzz_queries(fuzz_bytes *b, fuzz_context *c) {
     if (sbl_perspective(m, 60 * numbers[9], numbers[10])) fuzz_numbers("sbl_perspective", m, 16);
     sbl_encode_srgb8(bytes, numbers, sizeof bytes, numbers[11]);
     FUZZ_CHECK(sbl_progress(c->sbl) >= 0 && sbl_progress(c->sbl) <= 1, "sbl_progress");
-    FUZZ_CHECK(sbl_result_string((sbl_result)number)[0] && sbl_log_item_string((sbl_log_item)number)[0], "no words");
+    FUZZ_CHECK(sbl_result_string((sbl_result)number)[0] && sbl_log_item_string((sbl_log_item)number)[0],
+               "a result or log item has no text");
     FUZZ_CHECK(memory.host_bytes <= memory.host_peak_bytes && memory.gpu_bytes <= memory.gpu_peak_bytes, "peaks");
     FUZZ_CHECK(picture.width && gather.options.rays && stats.sensors.count >= 0, "defaults");
-    FUZZ_CHECK(!desc.sensor_texture_size == !c->sbl, "the context's descriptor");
+    FUZZ_CHECK(!desc.sensor_texture_size == !c->sbl, "sbl_query_desc does not fit the context");
     FUZZ_CHECK(!c->sbl || programs.count <= 64, "%d programs", programs.count);
 }
 
@@ -681,7 +687,7 @@ static void fuzz_bake_lightmap(fuzz_bytes *b, fuzz_context *c, int whole) {
     fuzz_inspect(c, (int)map.options.seed % map.width, (int)map.options.seed / map.width % map.height, SIZE_MAX);
 }
 
-/* Of vertices, or of probes. */
+/* Bakes vertices or probes. */
 static void fuzz_bake(fuzz_bytes *b, fuzz_context *c, int whole) {
     const fuzz_context before = *c;
     const int of_probes = fuzz_byte(b) & 1;
@@ -703,7 +709,7 @@ static void fuzz_bake(fuzz_bytes *b, fuzz_context *c, int whole) {
         count = light.float_count;
         result = FUZZ_CALL(c, sbl_begin_vertices(c->sbl, &light));
     }
-    free(meshes);  /* they are read when it begins */
+    free(meshes);  /* the list is read only when the bake begins */
     if (result == SBL_SUCCESS) {
         fuzz_gather_gone(c, 0);
         c->baked_from = positions;
@@ -717,7 +723,7 @@ static void fuzz_bake(fuzz_bytes *b, fuzz_context *c, int whole) {
     free(out);
 }
 
-/* An allocator that refuses the nth time from here, and from then on if the byte says so. */
+/* Makes the allocator fail at the nth allocation from now, and at all later ones if the byte is at least 192. */
 static void fuzz_refuse(fuzz_bytes *b, fuzz_context *c) {
     const unsigned byte = fuzz_byte(b);
     c->refuse_in = (int)(byte % 64);
@@ -730,7 +736,8 @@ static void fuzz_second(fuzz_bytes *b, fuzz_context *c) {
     fuzz_destroy(c);
     if (shape & 1) return;
     memset(&desc, 0, sizeof desc);
-    if (shape & 2) desc.get_gl_function = gl_host_proc;  /* in the GL context of the first; else in its own */
+    /* in the GL context of the first; otherwise in a context of its own */
+    if (shape & 2) desc.get_gl_function = gl_host_proc;
     if (shape & 4) fuzz_refuse(b, c);
     desc.disabled = shape >> 3 & SBL_CAPABILITY_ALL;
     desc.batch = shape & 32 ? fuzz_int(b, 0, 9) : 0;
@@ -744,7 +751,8 @@ static void fuzz_one_call(fuzz_bytes *b) {
     fuzz_context *c = &fuzz.contexts[what >> 7];
     float m[16];
     int i;
-    if ((what >> 4 & 7) == 7 && what % 16 > 7) {  /* what came last, out of the way of the corpus */
+    /* calls that were added last; older inputs of the corpus do not use these values */
+    if ((what >> 4 & 7) == 7 && what % 16 > 7) {
         if (what & 1) fuzz_bake_lightmap(b, c, (int)(what >> 1 & 1));
         else fuzz_bake(b, c, (int)(what >> 1 & 1));
         FUZZ_CHECK(eglGetCurrentContext() == gl.context, "the host's GL context is not current any more");
@@ -783,7 +791,7 @@ static void fuzz_one_call(fuzz_bytes *b) {
 
 /* >>inputs */
 
-/* Takes the known picture; then leaves an empty scene, so that nothing but what a context always has is in memory. */
+/* Renders the known picture, then sets an empty scene, so that only the constant memory of a context is in use. */
 static sbl_result fuzz_known(fuzz_context *c, float picture[3 * 16]) {
     sbl_scene_desc empty;
     sbl_picture_desc view;
@@ -801,7 +809,7 @@ static sbl_result fuzz_known(fuzz_context *c, float picture[3 * 16]) {
     return result;
 }
 
-/* Once for a process. Returns 0 where there is no GL. */
+/* Called once per process. Returns 0 if there is no GL. */
 static int fuzz_open(void) {
     static const unsigned char pixels[16] = { 255, 0, 0, 255, 0, 255, 0, 128, 0, 0, 255, 0, 9, 99, 200, 255 };
     float values[256];
@@ -848,9 +856,9 @@ static void fuzz_one(const unsigned char *data, size_t size) {
     FUZZ_CHECK(result == SBL_SUCCESS, "the known picture: %s", sbl_result_string(result));
     FUZZ_CHECK(result != SBL_SUCCESS || !memcmp(picture, fuzz.known, sizeof picture), "the known picture has changed");
     FUZZ_CHECK(memory.host_bytes == fuzz.memory.host_bytes && c->blocks == fuzz.blocks,
-               "%.0f bytes in %d blocks, before %.0f in %d", (double)memory.host_bytes, c->blocks,
+               "%.0f bytes in %d blocks, before %.0f bytes in %d", (double)memory.host_bytes, c->blocks,
                (double)fuzz.memory.host_bytes, fuzz.blocks);
-    FUZZ_CHECK(memory.gpu_bytes == fuzz.memory.gpu_bytes, "%.0f bytes of the GPU, before %.0f",
+    FUZZ_CHECK(memory.gpu_bytes == fuzz.memory.gpu_bytes, "%.0f bytes of GPU memory, before %.0f",
                (double)memory.gpu_bytes, (double)fuzz.memory.gpu_bytes);
 }
 

@@ -1,5 +1,5 @@
-/* What the GPU is sent, looked at as the GPU does: as 32-bit words and floats, whichever byte comes first in memory.
-   Run by tests/test_header.sh on a big-endian machine that qemu plays. Needs no GL. */
+/* Data for the GPU, checked as the GPU reads it: as 32-bit words and floats, in either byte order. tests/test_header.sh
+   runs it on a big-endian machine that qemu emulates. Needs no GL. */
 #define SBL_IMPLEMENTATION
 #define SBL_STATIC
 #include "sbl.h"
@@ -25,7 +25,7 @@ int main(void) {
     memset(&attributes, 0, sizeof attributes);
     attributes.color_rg = packed;
     attributes.color_ba = 7;
-    /* what an array of unsigned ints and a texel give the shader */
+    /* the array of unsigned ints and the texel that the shader reads */
     CHECK(word_of(&attributes, (int)(offsetof(sbl__attributes, color_rg) / 4)) == packed);
     CHECK(offsetof(sbl__attributes, color_ba) == offsetof(sbl__attributes, color_rg) + 4);
     for (i = 0; i < 4; i++) CHECK(sbl__from_half(sbl__to_half(numbers[i])) == (i < 3 ? numbers[i] : 65504.0f));

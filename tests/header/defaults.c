@@ -1,9 +1,7 @@
-/* Prints the defaults as sbl.h fills them in. One line for each field of a descriptor and for each mode:
-
+/* Prints the defaults that sbl.h fills in, one line for each field of a descriptor and each mode:
        DESCRIPTOR FIELD MODE DRAFT DEFAULT HIGH
-
-   DESCRIPTOR is the name without sbl_ and _desc, MODE the number of the sbl_mode that was asked for.
-   tests/tools/defaults.py compares the lines with the comments of the fields. */
+   DESCRIPTOR is the name without sbl_ and _desc, MODE the number of the requested sbl_mode. tests/tools/defaults.py
+   compares the lines with the comments of the fields. */
 #define SBL_IMPLEMENTATION
 #include "../../sbl.h"
 #include <stdio.h>
@@ -27,7 +25,7 @@ static const sbl_preset presets[3] = { SBL_PRESET_DRAFT, SBL_PRESET_DEFAULT, SBL
 #define PRINT(field) \
     printf("%s %s %d %g %g %g\n", name, #field, (int)mode, (double)d[0].field, (double)d[1].field, (double)d[2].field)
 
-/* The vertical field of view in degrees, rounded as the comment is. */
+/* The vertical field of view in degrees, rounded like the comment. */
 static double fov_y(const sbl_picture_desc *d) {
     return floor(2e4 * atan(1 / (double)d->view_to_clip[5]) * 180 / SBL__PI + 0.5) / 1e4;
 }
@@ -76,7 +74,7 @@ int main(void) {
     for (mode = 0; mode < SBL_MODE_COUNT; mode++) {
         picture((sbl_mode)mode);
         readings((sbl_mode)mode);
-        if (mode == SBL_MODE_PAPER) continue;  /* which only pictures and readings have */
+        if (mode == SBL_MODE_PAPER) continue;  /* only pictures and readings have this mode */
         lightmap((sbl_mode)mode);
         vertices((sbl_mode)mode);
         probes((sbl_mode)mode);

@@ -1,5 +1,5 @@
-/* Are all functions of sbl.h's list what GL's own header declares, to the type? On Windows that has the calling
-   convention in it: __stdcall, of which a wrong one breaks the stack on 32 bits. Compiles, or does not. */
+/* Compiles only if every function in sbl.h's list has exactly the type that GL's own header declares. On Windows this
+   includes the calling convention: a wrong one instead of __stdcall breaks the stack on 32 bits. */
 #define SBL_IMPLEMENTATION
 #include "../../sbl.h"
 #ifdef _WIN32
@@ -8,7 +8,7 @@
 #define GL_GLEXT_PROTOTYPES
 #include <GL/glcorearb.h>
 
-/* int and long are the same on 32 bits, but not to the compiler */
+/* on 32 bits int and long are equal, but different types for the compiler */
 #define ptrdiff_t GLsizeiptr
 #define int64_t GLint64
 #define SAME(type, name, parameters) \

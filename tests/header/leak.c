@@ -1,4 +1,5 @@
-/* Loses a context: tests/test_scripts.sh wants the leak sanitizer to say so, driver's suppressions or not. */
+/* Leaks a context. tests/test_scripts.sh checks that the leak sanitizer reports it in spite of the driver's
+   suppressions. */
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
 #include "../../sbl.h"

@@ -1,12 +1,12 @@
-/* What only a Windows shows: test_windows.sh compiles it with mingw-w64, and runs it under wine. */
+/* Tests that need Windows: test_windows.sh compiles this file with mingw-w64 and runs it under wine. */
 #include "../../examples/wgl.h"
 #define SBL_IMPLEMENTATION
 #include "../../sbl.h"
 #include "../support/test.h"
 
-static int unknown;  /* functions that wglGetProcAddress did not find */
+static int unknown;  /* number of functions that wglGetProcAddress did not find */
 
-/* What drivers say of a function that they do not know: NULL, or one of these. */
+/* For a function that they do not have, drivers return NULL or one of these numbers. */
 static sbl_gl_function wgl_loader(const char *name, void *user) {
     const sbl_gl_function found = (sbl_gl_function)wglGetProcAddress(name);
     if (found) return found;
@@ -24,8 +24,8 @@ TEST(gl_1_1_is_found_without_the_loader) {
         sbl_context *context = NULL;
         desc.gl_user = &answer;
         unknown = 0;
-        CHECK(sbl_create(&desc, &context) == SBL_SUCCESS, "the loader answers %d", (int)answer);
-        CHECK(unknown > 20, "wglGetProcAddress knows all but %d: what is tested here?", unknown);
+        CHECK(sbl_create(&desc, &context) == SBL_SUCCESS, "the loader returns %d", (int)answer);
+        CHECK(unknown > 20, "wglGetProcAddress finds all but %d functions; this test needs more", unknown);
         sbl_destroy(context);
     }
 }
@@ -41,7 +41,7 @@ TEST(clock_goes_by_seconds) {
 TEST(large_numbers_are_printed) {
     const int64_t sensors = (int64_t)1 << 40;
     char text[64];
-    snprintf(text, sizeof text, "%lld %zu", (long long)sensors, (size_t)7);  /* as the examples do */
+    snprintf(text, sizeof text, "%lld %zu", (long long)sensors, (size_t)7);  /* like the examples */
     CHECK(strcmp(text, "1099511627776 7") == 0, "%s", text);
 }
 

@@ -1,10 +1,11 @@
-# The shell tests' harness, as test.h is for C; to be sourced from the repository's root. Ends with: report
+# The harness of the shell tests, as test.h is for C. Source it in the repository's root. The last line of a test must
+# be: report
 
 passed=0 failed=0 skipped=0
 folder=$(mktemp -d) || exit 1
 trap 'rm -rf "$folder"' EXIT
 
-# check NAME COMMAND...: a test; what the command prints is shown where it fails
+# check NAME COMMAND...: runs a test; the output of the command is shown if it fails
 check() {
     name=$1
     shift
@@ -19,7 +20,7 @@ check() {
 skip() { echo "  skipped: $2"; echo "skip $1"; skipped=$((skipped + 1)); }
 report() { echo "$passed passed, $failed failed, $skipped skipped"; [ "$failed" = 0 ]; exit; }
 
-# same EXPECTED ACTUAL: two files are equal and not empty
+# same EXPECTED ACTUAL: succeeds if two files are equal and not empty
 same() { [ -s "$1" ] && [ -s "$2" ] && diff "$1" "$2"; }
-# nothing FILE: a list of mistakes is empty
+# nothing FILE: succeeds if a list of mistakes is empty
 nothing() { cat "$1"; [ ! -s "$1" ]; }

@@ -1,22 +1,20 @@
-/* A GL that breaks on demand: the functions behind sbl_context_desc.get_gl_function, with the real ones underneath. It
-   also keeps the names of all objects that were made through it, so that each must be deleted, once.
-
+/* A GL that fails on demand: functions for sbl_context_desc.get_gl_function that call the real ones. It also keeps the
+   names of all objects made through it, to check that each is deleted exactly once.
        desc.get_gl_function = fake_proc;
-       fake_arm(FAKE_NO_NAME, 3, 0);        the third glGen or glCreate from here on gives 0
+       fake_arm(FAKE_NO_NAME, 3, 0);        the third glGen or glCreate from now on gives 0
        ...
-       fake_disarm();  fake.hits            how often it struck
-
+       fake_disarm();  fake.hits            how often the fault happened
    Include after gl_host.h. */
 #ifndef GL_FAKE_H
 #define GL_FAKE_H
 
 typedef enum fake_fault {
     FAKE_NONE = 0,
-    FAKE_LOOKUP,       /* the loader does not know the function */
-    FAKE_NO_NAME,      /* glGen*, glCreate* give 0 */
-    FAKE_REFUSE,       /* a call that stores, draws or reads is not carried out; glGetError then gives fake.error */
-    FAKE_ERROR,        /* glGetError gives fake.error, though all was carried out */
-    FAKE_FRAMEBUFFER,  /* glCheckFramebufferStatus: unsupported */
+    FAKE_LOOKUP,       /* the loader does not find the function */
+    FAKE_NO_NAME,      /* glGen* and glCreate* give 0 */
+    FAKE_REFUSE,       /* a call that stores, draws or reads has no effect; glGetError then gives fake.error */
+    FAKE_ERROR,        /* glGetError gives fake.error, although the call had its effect */
+    FAKE_FRAMEBUFFER,  /* glCheckFramebufferStatus gives GL_FRAMEBUFFER_UNSUPPORTED */
     FAKE_COMPILE,      /* a shader does not compile */
     FAKE_LINK,         /* a program does not link */
     FAKE_FAULTS
@@ -30,17 +28,17 @@ enum { FAKE_NAMES = 512 };
 static struct {
     fake_fault fault;
     int at, hits;
-    int counts[FAKE_FAULTS];       /* calls at which that fault could have struck, since fake_arm */
+    int counts[FAKE_FAULTS];       /* calls since fake_arm at which that fault was possible */
     GLenum error, pending;
-    char lookup[64];               /* the name that FAKE_LOOKUP refused */
-    const char *version;           /* instead of GL_VERSION */
-    int major, minor;              /* instead of GL_MAJOR_VERSION and GL_MINOR_VERSION, where not 0 */
-    int most_texels, texture_size; /* instead of GL_MAX_TEXTURE_BUFFER_SIZE and GL_MAX_TEXTURE_SIZE, where not 0 */
-    int units;                     /* instead of GL_MAX_TEXTURE_IMAGE_UNITS, where not 0 */
-    int texels;                    /* of the largest buffer texture that was made */
+    char lookup[64];               /* the name that FAKE_LOOKUP did not find */
+    const char *version;           /* replaces GL_VERSION */
+    int major, minor;              /* replace GL_MAJOR_VERSION and GL_MINOR_VERSION if not 0 */
+    int most_texels, texture_size; /* replace GL_MAX_TEXTURE_BUFFER_SIZE and GL_MAX_TEXTURE_SIZE if not 0 */
+    int units;                     /* replaces GL_MAX_TEXTURE_IMAGE_UNITS if not 0 */
+    int texels;                    /* size of the largest buffer texture that was made */
     GLuint names[FAKE_KINDS][FAKE_NAMES];
     int live[FAKE_KINDS], made;
-    int strangers;                 /* names deleted that were not made here, or twice */
+    int strangers;                 /* number of names that were deleted twice, or never made here */
 } fake;
 
 static inline void fake_arm(fake_fault fault, int at, GLenum error) {

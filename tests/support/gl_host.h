@@ -1,6 +1,5 @@
-/* The GL of a host program, for tests: the examples' context and functions, and the rest of those that the tests call.
+/* The GL of a host program, for tests: the examples' context and functions, and other functions that the tests call.
    Include after sbl.h and test.h.
-
        if (!gl_host_open()) ...            makes a context current; gl.Name and more_gl.Name are its functions
        desc.get_gl_function = gl_host_proc */
 #ifndef GL_HOST_H
@@ -30,7 +29,7 @@
     X(TEXIMAGE1D, TexImage1D) X(TEXIMAGE3D, TexImage3D) X(TEXSUBIMAGE2D, TexSubImage2D)                               \
     X(VERTEXATTRIBDIVISOR, VertexAttribDivisor)
 
-/* of newer versions; NULL where the driver has none */
+/* functions of newer versions; NULL if the driver does not have them */
 #define GL_HOST_OPTIONAL_FUNCTIONS(X)                                                                     \
     X(CLIPCONTROL, ClipControl) X(MINSAMPLESHADING, MinSampleShading) X(PATCHPARAMETERI, PatchParameteri) \
     X(VIEWPORTINDEXEDF, ViewportIndexedf)                                                                 \
@@ -43,7 +42,7 @@ static struct gl_host_more {
     GL_HOST_FUNCTIONS(X)
     GL_HOST_OPTIONAL_FUNCTIONS(X)
 #undef X
-    int version;  /* 33, 45 */
+    int version;  /* such as 33 or 45 */
 } more_gl;
 
 static inline sbl_gl_function gl_host_proc(const char *name, void *user) {
@@ -64,7 +63,7 @@ static inline int gl_host_open(void) {
 #define X(TYPE, name) more_gl.name = (PFNGL##TYPE##PROC)eglGetProcAddress("gl" #name);
     GL_HOST_OPTIONAL_FUNCTIONS(X)
 #undef X
-    /* loaders hand out functions that the context's version does not have */
+    /* loaders also return functions that the context's version does not have */
     if (more_gl.version < 45) more_gl.ClipControl = NULL;
     if (more_gl.version < 42) more_gl.BindImageTexture = NULL;
     if (more_gl.version < 41) {

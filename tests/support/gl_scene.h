@@ -1,4 +1,4 @@
-/* A small scene that touches every way into sbl.h, and its picture as one array. Include after scenes.h and
+/* A small scene that uses every kind of input of sbl.h, and its picture as one array. Include after scenes.h and
    gl_watch.h. */
 #ifndef GL_SCENE_H
 #define GL_SCENE_H
@@ -9,7 +9,7 @@ enum { SMALL_WIDTH = 11, SMALL_HEIGHT = 9, SMALL_PIXELS = SMALL_WIDTH * SMALL_HE
 
 typedef struct small_picture { float values[SMALL_FLOATS]; } small_picture;
 
-/* A textured floor, a box, a one-sided lamp above and a small sky; mesh SMALL_BOX is one side of the box. */
+/* A textured floor, a box, a one-sided lamp above it and a weak sky; mesh SMALL_BOX is one side of the box. */
 enum { SMALL_FLOOR = 0, SMALL_LAMP = 1, SMALL_BOX = 2 };
 
 static inline void small_scene(test_scene *s) {
@@ -42,7 +42,7 @@ static inline sbl_picture_desc small_view(void) {
     return view;
 }
 
-/* All channels of the finished picture, one after the other. Returns what the first that fails gives. */
+/* Reads all channels of the finished picture, one after the other. Returns the result of the first that fails. */
 static inline sbl_result small_read(sbl_context *context, small_picture *out) {
     int channel, at = 0;
     for (channel = 0; channel < SMALL_FLOATS; channel++) out->values[channel] = (float)NAN;
@@ -54,7 +54,7 @@ static inline sbl_result small_read(sbl_context *context, small_picture *out) {
         if (result != SBL_SUCCESS) return result;
         at += floats;
     }
-    for (; at < SMALL_FLOATS; at++) out->values[at] = 0;  /* the channels need no more */
+    for (; at < SMALL_FLOATS; at++) out->values[at] = 0;  /* the channels use fewer floats */
     return SBL_SUCCESS;
 }
 
@@ -65,7 +65,8 @@ static inline sbl_result small_render(sbl_context *context, const sbl_picture_de
 
 static inline int small_same(const small_picture *a, const small_picture *b) { return memcmp(a, b, sizeof *a) == 0; }
 
-/* 0 where the picture holds NaN or infinities, or is of one colour: a reference that nothing could differ from. */
+/* Returns 0 if the picture contains NaN or infinities, or has only one colour. Such a picture is useless as a
+   reference. */
 static inline int small_plausible(const small_picture *p) {
     int i, differs = 0;
     for (i = 0; i < SMALL_FLOATS; i++) if (!(p->values[i] - p->values[i] == 0)) return 0;

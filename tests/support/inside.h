@@ -1,16 +1,16 @@
-/* What tests look at in the library's private parts. sbl.c defines these functions beside the implementation, so that
-   the tests that need no more than this share its object. Include after sbl.h. */
+/* Private values of the implementation that tests read. sbl.c defines these functions together with the implementation,
+   so that tests that need nothing else share its object. Include after sbl.h. */
 #ifndef INSIDE_H
 #define INSIDE_H
 
-float inside_cell_length(const sbl_context *context);       /* edge of the store's smallest cells */
-/* of all pixels' sensors: the largest distance from the surface */
+float inside_cell_length(const sbl_context *context);       /* edge length of the store's smallest cells */
+/* the largest distance of a pixel's sensor from its surface */
 float inside_farthest_offset(const sbl_context *context);
 void inside_sample_offset(int sample, int samples, float offset[2]);
 uint16_t inside_to_half(float value);
 float inside_from_half(uint16_t half);
-uint64_t inside_saved_sum(const void *bytes, size_t count);  /* the check sum that ends a saved store */
-int inside_gl_is_optional(const char *function);             /* is "glName" a function that sbl.h can do without? */
+uint64_t inside_saved_sum(const void *bytes, size_t count);  /* the checksum at the end of a saved store */
+int inside_gl_is_optional(const char *function);             /* whether sbl.h works without the function "glName" */
 int inside_guard_units(void); /* number of texture units whose state the guard restores */
 
 /* A square of 17 x 17 pixels, refined no further than its corners. With strips: the left columns are one surface, the

@@ -6,7 +6,7 @@
 static watch seen;
 static sbl_context *context;
 
-/* A context with the scene set, in place of the one before. */
+/* Replaces the context by a new one with the scene set. Returns 0 on failure. */
 static inline int use_scene(const test_scene *s) {
     const sbl_context_desc desc = watch_desc(&seen);
     sbl_destroy(context);
@@ -15,9 +15,9 @@ static inline int use_scene(const test_scene *s) {
     return context != NULL;
 }
 
-/* Calls call(desc), which writes out, again and again; each time one allocation later fails. The call must say so,
-   leave nothing behind, and give the same output the next time. If a scene is given, each call starts with a new
-   context. Returns how many allocations failed. */
+/* Calls call(desc), which writes `out`, repeatedly; each time a later allocation fails. The call must report that and
+   leak nothing, and the next call must give the same output. If a scene is given, each call starts with a new context.
+   Returns the number of allocations that failed. */
 static inline int each_allocation_fails(sbl_result (*call)(const void *desc), const void *desc, const test_scene *scene,
                                         void *out, size_t bytes) {
     enum { MOST = 600 };
@@ -40,18 +40,19 @@ static inline int each_allocation_fails(sbl_result (*call)(const void *desc), co
         result = call(desc);
         if (!watch_refused(&seen, place, result)) break;
         CHECK(seen.errors > 0 && sbl_step(context, 0) == SBL_ERROR_STATE,
-              "allocation %d: it goes on, or nothing is said", place);
+              "allocation %d: the call continues, or there is no message", place);
         sbl_end(context);
         if (!scene) {
-            CHECK(seen.blocks == blocks, "allocation %d: %d blocks are left", place, seen.blocks - blocks);
-            CHECK(sbl_query_memory(context).host_bytes == used, "allocation %d: bytes are left", place);
+            CHECK(seen.blocks == blocks, "allocation %d: %d blocks are not freed", place, seen.blocks - blocks);
+            CHECK(sbl_query_memory(context).host_bytes == used, "allocation %d: sbl_query_memory reports unfreed bytes",
+                  place);
         }
         memset(out, 0, bytes);
         CHECK(call(desc) == SBL_SUCCESS && memcmp(out, whole, bytes) == 0, "allocation %d: the next light differs",
               place);
         sbl_end(context);
     }
-    CHECK(place < MOST, "no end of allocations");
+    CHECK(place < MOST, "the allocations do not end");
     free(whole);
     return place - 1;
 }

@@ -1,12 +1,10 @@
-/* A ray caster for the tests: double precision, on the CPU. It shares nothing with the implementation in sbl.h; it
-   reads scenes and cameras from the public types, so that one description goes both ways.
-
+/* A ray caster for the tests: double precision, on the CPU. It shares no code with sbl.h. It reads scenes and cameras
+   from the public types, so that one description serves both.
        ref_scene *scene = ref_create(&desc);
        ref_hit hit = ref_trace(scene, origin, direction, 0, HUGE_VAL, SBL_MATERIAL_HIDDEN_FROM_CAMERA);
        if (hit.triangle >= 0) point = ref_surface(scene, hit, direction);
        ref_destroy(scene);
-
-   Include after sbl.h. */
+   Include it after sbl.h. */
 #ifndef REFERENCE_H
 #define REFERENCE_H
 
@@ -53,11 +51,11 @@ typedef struct ref_triangle {
 
 typedef struct ref_node {
     double low[3], high[3];
-    int first, count;  /* a leaf's triangles; count 0: an inner node, its children are the next node and `first` */
+    int first, count;  /* triangles of a leaf; count 0: an inner node, whose children are the next node and `first` */
 } ref_node;
 
 typedef struct ref_scene {
-    sbl_scene_desc desc;  /* points into what the caller holds */
+    sbl_scene_desc desc;  /* points to the caller's data */
     ref_triangle *triangles;
     ref_node *nodes;
     int triangle_count, node_count;
@@ -122,7 +120,7 @@ static inline void ref_load_mesh(ref_scene *scene, int number) {
             v = (size_t)index;
             ref_element(&mesh->positions, v, 3, e);
             t->p[k] = v3_mad(v3_mad(v3_mad(v3_of(m[12], m[13], m[14]), a, e[0]), b, e[1]), c, e[2]);
-            /* normals go with the inverse transpose, which is the matrix of cofactors up to a factor */
+            /* normals are transformed by the inverse transpose, which is the matrix of cofactors up to a factor */
             if (t->smooth) {
                 ref_element(&mesh->normals, v, 3, e);
                 t->n[k] = v3_unit(v3_add(v3_add(v3_scale(v3_cross(b, c), e[0]), v3_scale(v3_cross(c, a), e[1])),
@@ -145,7 +143,7 @@ static inline int ref_by_centre(const void *a, const void *b) {
     return x < y ? -1 : x > y;
 }
 
-/* Halves the triangles along the longest side of their box until few are left. */
+/* Divides the triangles along the longest side of their box, until a leaf has few. */
 static inline void ref_build(ref_scene *scene, int first, int count) {
     int self = scene->node_count++, i, k, axis;
     ref_node *node = &scene->nodes[self];
@@ -223,7 +221,7 @@ static inline void ref_texel(const sbl_texture *texture, int x, int y, double rg
     rgba[3] = channels == 2 ? value[1] : channels == 4 ? value[3] : 1;
 }
 
-/* number: counted from 1, 0 is white. */
+/* Samples a texture. number counts from 1; 0 is white. */
 static inline void ref_sample(const ref_scene *scene, int number, double u, double v, double rgba[4]) {
     double corner[4][4], x, y, fx, fy;
     int i, x0, y0;
@@ -242,12 +240,12 @@ static inline void ref_sample(const ref_scene *scene, int number, double u, doub
 /* >>rays */
 
 typedef struct ref_hit {
-    int triangle;      /* -1: nothing */
+    int triangle;      /* -1: no hit */
     double t, b1, b2;  /* distance in units of the direction's length; weights of the second and third corner */
 } ref_hit;
 
 typedef struct ref_point {
-    v3 position, normal, face;  /* normals against the ray: the shading normal, and the triangle's own */
+    v3 position, normal, face;  /* both face the ray: the shading normal, and the triangle's */
     double albedo[3], emission[3];
     uint32_t id;
     int mesh, back, hit;
@@ -265,8 +263,7 @@ static inline void ref_albedo(const ref_scene *scene, ref_hit hit, double rgba[4
             (b0 * t->color[0][i] + hit.b1 * t->color[1][i] + hit.b2 * t->color[2][i]);
 }
 
-/* The nearest hit with low < t < high; materials with the flag `hidden` are not there, nor what their cutout
-   removes. */
+/* Returns the nearest hit with low < t < high. Ignores materials that have the flag `hidden`, and cut-out parts. */
 static inline ref_hit ref_trace(const ref_scene *scene, v3 origin, v3 direction, double low, double high,
                                 uint32_t hidden) {
     int stack[64], depth = 0, i, axis;
@@ -303,7 +300,7 @@ static inline ref_hit ref_trace(const ref_scene *scene, v3 origin, v3 direction,
             hit.b1 = v3_dot(s, h) / determinant;
             hit.b2 = v3_dot(direction, q) / determinant;
             hit.t = v3_dot(e2, q) / determinant;
-            /* a hair of overlap, so that no ray slips between two triangles */
+            /* slightly enlarged, so that no ray passes between two triangles */
             if (hit.b1 < -1e-9 || hit.b2 < -1e-9 || hit.b1 + hit.b2 > 1 + 1e-9 || hit.t <= low || hit.t >= best.t)
                 continue;
             if (material->alpha_cutoff > 0) {
@@ -358,7 +355,7 @@ static inline int ref_glows(const ref_scene *scene, const ref_point *point) {
     return m->emission[0] > 0 || m->emission[1] > 0 || m->emission[2] > 0;
 }
 
-/* What the paper calls Ck: an emitter's radiance, epsilon * albedo of anything else, the sky where nothing is hit. */
+/* Ck of the paper: the radiance of an emitter, epsilon * albedo of other surfaces, the sky if nothing is hit. */
 static inline void ref_light(const ref_scene *scene, const ref_point *point, double epsilon, double rgb[3]) {
     int i;
     for (i = 0; i < 3; i++)
@@ -368,8 +365,9 @@ static inline void ref_light(const ref_scene *scene, const ref_point *point, dou
 
 /* >>camera */
 
-/* The ray through picture coordinates (x, y), pixels from the top left corner: pixel (i, j) has its centre at (i + 0.5,
-   j + 0.5). All points v of the ray have clip(v).xy = ndc * clip(v).w, which is two planes; their line is the ray. */
+/* The ray through picture coordinates (x, y), in pixels from the top left corner: pixel (i, j) has its centre at (i +
+   0.5, j + 0.5). All points v of the ray satisfy clip(v).xy = ndc * clip(v).w. These are two planes, which meet in the
+   ray. */
 static inline void ref_camera_ray(const sbl_picture_desc *view, double x, double y, v3 *origin, v3 *direction) {
     const float *c = view->view_to_clip, *m = view->world_to_view;
     double ndc[2], plane[2][4], w[4], det;
@@ -385,7 +383,7 @@ static inline void ref_camera_ray(const sbl_picture_desc *view, double x, double
     b = v3_of(plane[1][0], plane[1][1], plane[1][2]);
     along = v3_unit(v3_cross(a, b));
     if (along.z > 0) along = v3_scale(along, -1);
-    /* it starts in the eye, where w is 0, or, for parallel rays, in the plane z = 0 */
+    /* the origin is the eye, where w is 0, or, for parallel rays, in the plane z = 0 */
     third = v3_of(w[0], w[1], w[2]);
     if (v3_length(third) == 0) { third = v3_of(0, 0, 1); w[3] = 0; }
     det = v3_dot(third, v3_cross(a, b));
@@ -413,8 +411,8 @@ static inline double ref_depth(const sbl_picture_desc *view, v3 p) {
     return -((double)m[2] * p.x + (double)m[6] * p.y + (double)m[10] * p.z + (double)m[14]);
 }
 
-/* 1 where the rays 0.01 pixels around the centre do not all see the same plane of the same surface: there rounding
-   decides. */
+/* Returns 1 unless all rays 0.01 pixels around the centre meet the same plane of the same surface. At an edge rounding
+   decides which surface is seen. */
 static inline int ref_is_edge(const ref_scene *scene, const sbl_picture_desc *view, int x, int y) {
     ref_point centre = ref_pixel(scene, view, x, y);
     int i;
@@ -431,7 +429,8 @@ static inline int ref_is_edge(const ref_scene *scene, const sbl_picture_desc *vi
 
 /* >>light */
 
-/* What is left of a polygon on the side of the plane through p that m points to; `out` has room for one corner more. */
+/* Clips a polygon by the plane through p with normal m and keeps the side that m points to. `out` must have room for
+   one more corner than the polygon has. */
 static inline int ref_clip(v3 p, v3 m, const v3 *corners, int count, v3 *out) {
     int i, kept = 0;
     for (i = 0; i < count; i++) {
@@ -443,8 +442,9 @@ static inline int ref_clip(v3 p, v3 m, const v3 *corners, int count, v3 *out) {
     return kept;
 }
 
-/* Share of the cosine-weighted hemisphere about n that a polygon with up to 30 corners covers, by Lambert's sum over
-   its edges. What lies below the horizon is cut off first. R of an unoccluded polygon is its radiance times this. */
+/* Returns the share of the cosine-weighted hemisphere about n that a polygon of up to 30 corners covers, by Lambert's
+   sum over its edges. The part below the horizon is clipped first. R of an unoccluded polygon is its radiance times
+   this share. */
 static inline double ref_polygon(v3 p, v3 n, const v3 *corners, int count) {
     v3 above[32];
     double sum = 0;
@@ -463,9 +463,9 @@ static inline double ref_polygon(v3 p, v3 n, const v3 *corners, int count) {
     return fabs(sum) / (2 * REF_PI);
 }
 
-/* R at a point, estimated: emitting triangles by points spread over their area, all else by cosine-distributed rays,
-   both one to a cell of a grid (side lamp_side and side). `rounds` independent estimates are averaged; error: the
-   standard error of that mean. */
+/* Estimates R at a point: emitting triangles by points on their area, everything else by cosine-distributed rays, both
+   stratified, one per cell of a grid (lamp_side and side cells per edge). Averages `rounds` independent estimates.
+   error: the standard error of the mean. */
 static inline void ref_gather(const ref_scene *scene, v3 p, v3 n, double epsilon, int side, int lamp_side, int rounds,
                               uint64_t *seed, double rgb[3], double error[3]) {
     double sum[3] = { 0, 0, 0 }, squares[3] = { 0, 0, 0 }, light[3], nearest = 1e-7 * (1 + v3_length(p));
@@ -518,8 +518,9 @@ static inline void ref_gather(const ref_scene *scene, v3 p, v3 n, double epsilon
     }
 }
 
-/* Share of a quad lamp's light that arrives at p, without other lamps: its closed form times the share of side * side
-   points on it that are seen, each weighted by what it gives. lamp: the mesh; its four corners in order. */
+/* Returns the share of a quad lamp's light that arrives at p, ignoring other lamps: its closed form times the visible
+   share of side * side points on it, each weighted by its contribution. lamp: the mesh of the lamp; its four corners in
+   order. */
 static inline double ref_quad_light(const ref_scene *scene, v3 p, v3 n, const v3 corners[4], int lamp, int side,
                                     uint64_t *seed) {
     double given = 0, seen = 0, whole = ref_polygon(p, n, corners, 4), nearest = 1e-7 * (1 + v3_length(p));

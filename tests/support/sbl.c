@@ -1,5 +1,4 @@
-/* The library as an object of its own, which all programs share that do not look at private names: see
-   scripts/Makefile. */
+/* The implementation as one object, which all programs share that do not use private names; see scripts/Makefile. */
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
 #include "../../sbl.h"

@@ -1,13 +1,10 @@
-/* The tests' harness: a test program is a list of TEST functions and a main of RUN lines.
-
+/* The harness of the tests: a test program is a list of TEST functions and a main of RUN lines.
        TEST(sum_is_one) { CHECK(fabs(sum - 1) < 1e-5, "sum %.9g, expected 1", sum); }
        int main(void) { RUN(sum_is_one); return test_report(); }
-
-   CHECK reports and goes on; REQUIRE reports and leaves the test. SKIP leaves it, saying why. The last line of a
-   program's output is "N passed, N failed, N skipped"; scripts/test adds them up. A test that checks nothing counts as
-   failed.
-
-       TEST_ONLY=sum_is_one build/test_NAME        runs this test alone; the program fails if there is none */
+   CHECK reports a failure and continues; REQUIRE reports it and leaves the test. SKIP leaves it and prints a reason.
+   The last line of a program's output is "N passed, N failed, N skipped"; scripts/test adds these up. A test without
+   any CHECK counts as failed.
+       TEST_ONLY=sum_is_one build/test_NAME        runs only this test; the program fails if there is none */
 #ifndef TEST_H
 #define TEST_H
 
@@ -29,20 +26,19 @@ static int test_checks, test_errors, test_left_out;
 
 #define TEST_PI 3.14159265358979323846
 
-/* Of which kind is this run (see scripts/test)? Where a program is run by hand, it is plain. */
+/* Returns whether this is a run of the given kind (see scripts/test). Programs that are run by hand are plain. */
 static inline int test_kind_is(const char *kind) {
     const char *now = getenv("TEST_KIND");
     return strcmp(now ? now : "plain", kind) == 0;
 }
-/* The plain run does all. The other kinds leave out what takes long and meets no code that shorter tests do not
-   meet. */
+/* Only in plain runs, which do everything. Other kinds leave out long tests whose code shorter tests run, too. */
 #define RUN_PLAIN(name) do { if (test_kind_is("plain")) RUN(name); } while (0)
 
-/* NaN, which fmax and fmin pass over, stays: every comparison with it fails. */
+/* Unlike fmax and fmin they keep NaN, so that every comparison with the result fails. */
 static inline double test_max(double a, double b) { return a >= b || a != a ? a : b; }
 static inline double test_min(double a, double b) { return a <= b || a != a ? a : b; }
 
-/* Spreads x over 32 bits (PCG), for rows of numbers without a pattern. */
+/* Hashes x to 32 bits (PCG), for sequences of numbers without a pattern. */
 static inline uint32_t test_hash(uint32_t x) {
     uint32_t word;
     x = x * 747796405u + 2891336453u;

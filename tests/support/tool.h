@@ -1,10 +1,9 @@
-/* build/sbl_render run as a user runs it, in a folder of its own, or after tool_use("NAME") another tool; for the tests
-   of the command line. Include after test.h.
-
+/* For tests of the command line tools: runs build/sbl_render, or after tool_use("NAME") another tool, as a user would,
+   in a temporary folder. Include after test.h.
        int main(int argc, char **argv) {
            if (!tool_begin(argv[0])) return 1;
-           ...  TOOL("room.obj", "-o", "room.png") == 0, and what it said lies in ran
-           tool_end();  */
+           ...  TOOL("room.obj", "-o", "room.png") == 0, and `ran` holds its output
+           tool_end(); */
 #ifndef TOOL_H
 #define TOOL_H
 
@@ -51,14 +50,15 @@ static void read_text(const char *path, char *text, size_t size, int *lines) {
 
 enum { MOST_ARGUMENTS = 48 };
 
-/* Before those of the test, which count the more: small stores of bounced light, so that tests are fast. */
+/* Inserted before the arguments of the test, so that the test can override them: small stores of bounced light are
+   fast. */
 static const char *const first_arguments[] = { "--bounce-samples", "1024" };
 enum { FIRST_ARGUMENTS = 2 };
 
-static void (*in_child)(void); /* called before the tool is; NULL: nothing */
+static void (*in_child)(void); /* called in the child process before the tool is started; NULL: nothing */
 
-/* Starts the tool in the test's folder; terminal: -1, or what its stderr is. file_limit: bytes a file may have, 0 for
-   any. */
+/* Starts the tool in the test's folder. terminal: handle of its stderr, or -1. file_limit: largest size of a file in
+   bytes, 0 for any. */
 static pid_t start(const char *const *arguments, int terminal, rlim_t file_limit) {
     char *argv[FIRST_ARGUMENTS + MOST_ARGUMENTS + 2];
     int i, k = 1;
@@ -114,7 +114,7 @@ static inline int said(const char *words) { return strstr(ran.err, words) != NUL
 enum { SIGNALS = 3 };
 static const int signals[SIGNALS] = { SIGINT, SIGTERM, SIGHUP };
 
-/* A shell without job control starts its background jobs deaf to SIGINT. */
+/* A shell without job control starts its background jobs with SIGINT ignored. */
 static inline void hear_signals(void) {
     int i;
     for (i = 0; i < SIGNALS; i++) signal(signals[i], SIG_DFL);
@@ -122,8 +122,8 @@ static inline void hear_signals(void) {
 
 static char on_terminal[1 << 18];
 
-/* Runs the tool on a terminal until its bar shows so many percent, then sends the signal. What it said lies in
-   on_terminal, the end of it in ran.err. 0 where there are no terminals. */
+/* Runs the tool on a terminal until its progress bar shows `percent`, then sends the signal. Its output is in
+   on_terminal, the end of it in ran.err. Returns 0 if there are no terminals. */
 static inline int interrupt_at(const char *const *arguments, int percent, int number) {
     struct pollfd waiting;
     size_t n = 0;
@@ -197,7 +197,7 @@ static int parts_left(void) {
 typedef struct picture {
     int width, height;
     float *values;
-} picture; /* three a pixel, top row first */
+} picture; /* three values per pixel, top row first */
 
 static picture read_pfm(const char *name) {
     picture p = { 0, 0, NULL };
@@ -231,10 +231,10 @@ static inline void room_obj(void) {
 }
 #define ROOM "room.obj", "--eye", "0,1.4,3", "--look-at", "0,.5,0", "--size", "24x16", SMALL
 
-/* From now on build/NAME is run. */
+/* Runs build/NAME from now on. */
 static inline void tool_use(const char *name) { strcpy(strrchr(tool, '/') + 1, name); }
 
-/* Returns 0 where there is no place to work in. */
+/* Returns 0 if no temporary folder can be made. */
 static int tool_begin(const char *argv0) {
     const char *slash = strrchr(argv0, '/'), *temporary = getenv("TMPDIR");
     char here[700], *full;
@@ -243,8 +243,8 @@ static int tool_begin(const char *argv0) {
     snprintf(tool, sizeof tool, "%.900s/sbl_render", full ? full : here);
     free(full);
     if (SANITIZED) {
-        /* Files that ask for dozens of gigabytes: the sanitizer has to refuse what the limit on memory refuses
-           otherwise. */
+        /* Files that request dozens of gigabytes: with sanitizers, the sanitizer must refuse what the memory limit
+           refuses otherwise. */
         const char *options = getenv("ASAN_OPTIONS");
         char more[512];
         snprintf(more, sizeof more, "%.400s%smax_allocation_size_mb=1024", options ? options : "",

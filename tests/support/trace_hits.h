@@ -1,9 +1,9 @@
-/* Single rays through the traversal of shaders_embedded/traverse.glsl, and whether an independent caster (reference.h)
-   sees the same triangles. Include after sbl.h with its implementation, test.h and reference.h. */
+/* Casts single rays with shaders_embedded/traverse.glsl, and compares them with an independent ray caster
+   (reference.h). Include after sbl.h with its implementation, test.h and reference.h. */
 #ifndef TRACE_HITS_H
 #define TRACE_HITS_H
 
-/* number: of the triangle in the scene; below 0: nothing */
+/* number: of the triangle in the scene; negative: no hit */
 typedef struct traced_hit { float number, distance, b1, b2; } traced_hit;
 
 static const char *const trace_hits_main[] = {
@@ -69,8 +69,8 @@ static int trace_hits(sbl_context *c, const float *rays, int count, traced_hit *
     return result == SBL_SUCCESS;
 }
 
-/* Does the ray pass so close by an edge of the triangle, or so flat, that float rounding may decide? `reach`:
-   coordinates that rounding is relative to. */
+/* Returns whether the ray passes an edge of the triangle so closely, or is so parallel to it, that float rounding may
+   decide. reach: size of the coordinates, which rounding is relative to. */
 static int trace_hits_graze(const v3 corners[3], v3 origin, v3 direction, double t, double reach) {
     v3 at = v3_mad(origin, direction, t), normal =
         v3_cross(v3_sub(corners[1], corners[0]), v3_sub(corners[2], corners[0]));
@@ -86,12 +86,12 @@ static int trace_hits_graze(const v3 corners[3], v3 origin, v3 direction, double
 
 typedef struct hits_compared {
     int rays, hits;
-    int differ;       /* see another triangle, at another distance */
-    int ties;         /* see another triangle as far: they lie on each other, or the ray meets their common edge */
-    int unexplained;  /* of those that differ: neither triangle's edge is near */
+    int differ;       /* another triangle, at another distance */
+    int ties;         /* another triangle at the same distance: triangles overlap, or the ray meets a common edge */
+    int unexplained;  /* differ, and no edge of either triangle is near */
 } hits_compared;
 
-/* Casts the rays with both; the casters' triangles are told by their corners. */
+/* Casts the rays with both. Triangles of the ray caster are identified by their corners. */
 static hits_compared trace_hits_compare(sbl_context *c, const ref_scene *scene, const float *rays, int count) {
     hits_compared out = { 0, 0, 0, 0, 0 };
     traced_hit *hits = (traced_hit *)malloc((size_t)count * sizeof *hits);
@@ -127,8 +127,8 @@ static hits_compared trace_hits_compare(sbl_context *c, const ref_scene *scene, 
     return out;
 }
 
-/* Cosine-distributed rays from `points` pixels of the finished picture that show a surface, `each` from every one;
-   writes 8 floats a ray, returns how many. */
+/* Makes cosine-distributed rays, `each` from every one of `points` pixels of the finished picture that show a surface.
+   Writes 8 floats per ray and returns the number of rays. */
 static int trace_hits_rays(sbl_context *c, const sbl_picture_desc *view, int points, int each, uint64_t seed,
                            float *rays) {
     size_t pixels = (size_t)view->width * (size_t)view->height;

@@ -78,7 +78,7 @@ class Comments:
 
 def offences(text, printed):
     comments = Comments(text)
-    # what the caller of sbl_..._desc_defaults gives
+    # the caller of sbl_..._desc_defaults sets the others
     unseen = {(name, field) for name, struct in comments.structs.items() for field in struct
               if not field.endswith('canary') and field != 'options.preset'}
     for line in printed:

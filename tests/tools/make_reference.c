@@ -1,14 +1,14 @@
 /* make_reference FILE.pfm [SIZE [SIDE]]: direct light R in the Cornell box as its published camera sees it, from the
-   tests' own ray caster: at every pixel the lamp's closed form times the share of it that is seen, told by two
-   estimates of SIDE x SIDE rays each (default 256, 16). NaN where R is not to be compared: on the lamp, where nothing
-   is hit, on edges. Prints the noise, which is what the two differ by. */
+   tests' ray caster. At every pixel it is the closed form of the lamp times its visible share, from two estimates of
+   SIDE x SIDE rays each (default 256, 16). Pixels that must not be compared are NaN: on the lamp, at edges, and where
+   nothing is hit. Prints the noise, which is the difference of the two estimates. */
 #define SBL_IMPLEMENTATION
 #include "../../sbl.h"
 #include "../../examples/cornell_box.h"
 #include "../support/reference.h"
 #include <stdio.h>
 
-/* R of a lamp of radiance 1; 0: not to be compared. */
+/* Estimates R of a lamp of radiance 1 twice. Returns 0 if the pixel must not be compared. */
 static int compared(const ref_scene *scene, const sbl_picture_desc *view, int x, int y, int side, double estimates[2]) {
     const int lamp = 1;
     ref_point p = ref_pixel(scene, view, x, y);

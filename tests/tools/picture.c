@@ -1,17 +1,16 @@
-/* Looks at the pictures that the examples write; built and run by test_examples.sh. Decodes with stb_image, shares
-   nothing with sbl.h. Each command prints what it measured and exits nonzero where that is not what it should be:
-
-       picture varied FILE WIDTH HEIGHT     decodes, has that size, is not one colour nor all but black or white
-       picture pyramid FILE                 minimal: an orange pyramid, one of its faces brighter, stands before grey
-       picture cornell FILE                 host_context: the Cornell box the right way round and up in the right part,
-       a shape in the left
-       picture charts FILE                  bake_lightmap: 4 x 4 charts, light from coloured walls on the back wall,
-       none black between
-       picture slabs WITH BARE              host_draw: lit slabs, their shadow, and what their glow adds, against the
-       picture without them
-       picture alike A B [ROWS]             but for a few pixels; in the first rows
-       picture plot FILE SERIES             so many colours of lines inside the axes
-       picture halves FILE                  two pictures side by side, varied, similar, not the same */
+/* Checks the pictures that the examples write. test_examples.sh builds and runs it. It decodes with stb_image and
+   shares no code with sbl.h. Each command prints its measurements and fails if the picture is not as described:
+       picture varied FILE WIDTH HEIGHT     has that size; is neither of one colour nor almost black or white
+       picture pyramid FILE                 minimal: an orange pyramid with one brighter face, before grey
+       picture cornell FILE                 host_context: the Cornell box in the right part, correctly oriented, and a
+                                            shape in the left part
+       picture charts FILE                  bake_lightmap: 4 x 4 charts, coloured light on the back wall, and no black
+                                            texels between charts
+       picture slabs WITH BARE              host_draw: lit slabs, their shadow and their emitted light, compared with
+                                            the picture without slabs
+       picture alike A B [ROWS]             equal except for a few pixels; in the first ROWS rows only
+       picture plot FILE SERIES             lines of SERIES colours inside the axes
+       picture halves FILE                  two pictures side by side, varied and similar, but not the same */
 #define STB_IMAGE_IMPLEMENTATION
 #include <stb/stb_image.h>
 #include <math.h>
@@ -35,9 +34,9 @@ static picture load(const char *path) {
 static const unsigned char *at(const picture *p, int x, int y) { return p->pixels + 3 * (y * p->width + x); }
 static int light(const unsigned char *c) { return c[0] + c[1] + c[2]; }
 
-static int fail(const char *what) { return printf("  not so: %s\n", what), 1; }
+static int fail(const char *what) { return printf("  expected: %s\n", what), 1; }
 
-/* Mean and deviation of a part's brightness, 0 to 255. */
+/* Mean and standard deviation of the brightness of columns x0 to x1 - 1, 0 to 255. */
 static void spread(const picture *p, int x0, int x1, double *mean, double *deviation) {
     double sum = 0, squares = 0, count = (double)(x1 - x0) * p->height;
     int x, y;
@@ -55,9 +54,9 @@ static int varied(const picture *p, int width, int height) {
     double mean, deviation;
     spread(p, 0, p->width, &mean, &deviation);
     printf("%d x %d, mean %.1f, deviation %.1f\n", p->width, p->height, mean, deviation);
-    if (p->width != width || p->height != height) return fail("the size asked for");
-    if (deviation < 8) return fail("something to see");
-    if (mean < 10 || mean > 245) return fail("exposed so that it can be seen");
+    if (p->width != width || p->height != height) return fail("the requested size");
+    if (deviation < 8) return fail("a picture that is not of one colour");
+    if (mean < 10 || mean > 245) return fail("a picture that is neither black nor white");
     return 0;
 }
 
@@ -74,7 +73,7 @@ static int pyramid(const picture *p) {
         }
     printf("%d orange pixels, brightness %d to %d; %d grey\n", orange, darkest, brightest, grey);
     if (orange < p->width * p->height / 50) return fail("a pyramid");
-    if (brightest < 1.5 * darkest) return fail("faces that shade differently");
+    if (brightest < 1.5 * darkest) return fail("faces of different brightness");
     if (grey < p->width * p->height / 3) return fail("a lit room");
     return 0;
 }
@@ -109,9 +108,10 @@ static int charts(const picture *p) {
     for (x = 0; x < p->width; x++) black += light(at(p, x, cell)) == 0;
     printf("back wall %d %d %d to %d %d %d; %d black texels between charts\n", left[0], left[1], left[2], right[0],
            right[1], right[2], black);
-    if (left[0] * right[1] < 1.1 * left[1] * right[0]) return fail("redder by the red wall, greener by the green one");
+    if (left[0] * right[1] < 1.1 * left[1] * right[0]) return fail("a back wall that is redder near the red wall, "
+                                                                            "greener near the green one");
     if (light(top) < 1.5 * light(lamp) || light(lamp) < 100)
-        return fail("the tall block's top is lit by the lamp, the lamp by what the room reflects");
+        return fail("a tall block lit by the lamp, and a lamp lit by the room");
     if (black) return fail("charts continued beyond their edges");
     return 0;
 }
@@ -133,14 +133,14 @@ static int slabs(const picture *with, const picture *bare) {
                 warmed += (double)a[0] / (a[2] + 1) > 1.1 * b[0] / (b[2] + 1);
             }
         }
-    printf("%d pixels of slabs, green %.1f; %d glow; %d in shadow, %d warmed; %d coloured without them\n",
+    printf("%d pixels of slabs, green %.1f; %d emit; %d in shadow, %d lit by them; %d coloured without them\n",
            teal, teal ? light_of_teal / teal : 0, glowing, shadow, warmed, coloured);
     if (coloured) return fail("a grey room without the slabs");
     if (teal < with->width * with->height / 100) return fail("slabs");
     if (light_of_teal / teal < 50) return fail("slabs that are lit");
-    if (glowing < 200) return fail("slabs that glow");
+    if (glowing < 200) return fail("slabs that emit");
     if (shadow < with->width * with->height / 200) return fail("their shadow");
-    if (warmed < with->width * with->height / 400) return fail("a room warmed by their glow");
+    if (warmed < with->width * with->height / 400) return fail("a room lit by their emission");
     return 0;
 }
 
@@ -155,16 +155,17 @@ static int alike(const picture *a, const picture *b, int rows) {
 static int plot(const picture *p, int series) {
     int hues[3] = { 0, 0, 0 }, found = 0, x, y, k;
     if (p->width < 400 || p->height < 300) return fail("a plot's size");
-    for (y = p->height / 8; y < p->height * 7 / 8; y++)  /* the legend's row is above */
+    for (y = p->height / 8; y < p->height * 7 / 8; y++)  /* without the row of the legend, which is above */
         for (x = p->width / 8; x < p->width; x++) {
             const unsigned char *c = at(p, x, y);
             if (c[0] > c[1] + 80 && c[0] > c[2] + 80) hues[0]++;
             if (c[2] > c[0] + 80 && c[2] > c[1] + 40) hues[1]++;
             if (c[1] > c[0] + 60 && c[1] > c[2] + 40) hues[2]++;
         }
-    for (k = 0; k < 3; k++) found += hues[k] > p->width / 8;  /* a line across is more, though others lie over it */
+    /* a line across the plot has more pixels, even if others cover parts of it */
+    for (k = 0; k < 3; k++) found += hues[k] > p->width / 8;
     printf("red %d, blue %d, green %d\n", hues[0], hues[1], hues[2]);
-    return found == series ? 0 : fail("that many lines");
+    return found == series ? 0 : fail("the given number of lines");
 }
 
 static int halves(const picture *p) {
@@ -178,7 +179,7 @@ static int halves(const picture *p) {
            deviation[1], differing);
     if (p->width <= 2 * side || deviation[0] < 8 || deviation[1] < 8) return fail("two pictures");
     if (fabs(mean[0] - mean[1]) > 0.15 * mean[1]) return fail("the same scene");
-    if (differing < side * side / 100) return fail("more noise in one");
+    if (differing < side * side / 100) return fail("more noise in one of them");
     return 0;
 }
 

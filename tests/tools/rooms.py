@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""rooms.py [FILE]: the rooms of sbl.h with their lines and GL calls, its longest functions, and what breaks the rules
-of the house:
+"""rooms.py [FILE]: prints the rooms of sbl.h with their lines and GL calls, its longest functions, and violations of
+these rules:
 
     a line of more than 120 columns, here and in README.md, shaders_embedded, examples, scripts and tests;
     a function of more than 80 lines or 6 parameters in the implementation;
@@ -19,7 +19,7 @@ BINARY = ('.pyc', '.png', '.pfm', '.exr')
 
 
 def functions(lines):
-    """(name, first line, lines, parameters) of each function defined at the left margin."""
+    """Returns (name, first line, lines, parameters) of each function defined at the left margin."""
     start = None
     for number, line in enumerate(lines, 1):
         if start is None and re.match(r'(static |SBL_API )[^=;]*\($|(static |SBL_API )[^=;]*\([^=;]*$',
@@ -56,7 +56,7 @@ def main():
             room = tag.group(1) or tag.group(2)
         count = rooms.setdefault(room, [0, 0, 0])
         count[0] += 1
-        # a function pointer handed on is as good as a call
+        # a function pointer that is passed on counts like a call
         calls = len(re.findall(r'\bgl(?:->|\.)\(?[A-Z]\w*', line))
         count[1] += calls
         if calls and room not in GL_ROOMS and number > implementation:
