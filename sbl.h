@@ -1774,8 +1774,8 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 
    To change what a surface does with light (emission, reflection, cut-out):
        edit material.glsl, which all shaders call, and >>material, which computes the same on the CPU.
-       tests/test_material.c compares the two. tests/test_header.sh refuses shaders that read a material themselves. A new
-       property of materials goes to sbl_material and its checks, and to SBL__OBJECT (>>geometry).
+       tests/test_material.c compares the two. tests/test_header.sh refuses shaders that read a material themselves. A
+       new property of materials goes to sbl_material and its checks, and to SBL__OBJECT (>>geometry).
 
    Work must stay divisible into short pieces. Loops over triangles, pixels or sites must check the slice. Everything
    that draws must ask sbl__pace_begin how much to draw, and report to sbl__pace_end. Neither may change results. */
