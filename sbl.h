@@ -6327,8 +6327,8 @@ typedef struct sbl__cell_slot { uint32_t check, reference; } sbl__cell_slot;
     X(sbl__cut, UVEC2, sides) X(sbl__cut, UVEC2, unused)
 SBL__RECORD(sbl__cut, SBL__CUT, "sbl_cut", "sbl_store", SBL__SCENE_TABLE("sbl_store"), "first_cut")
 
-/* light: R; the low eight bits of its blue hold the uncertainty, see sbl__leaf_uncertainty. lamps: the part of R that
-   comes directly from lamps, see sbl__rgbe. */
+/* light: R; the low bits of its blue hold the uncertainty. lamps: the part of R that comes directly from lamps, packed
+   by sbl__rgbe. */
 #define SBL__LEAF_RECORD(X) X(sbl__leaf, VEC3, light) X(sbl__leaf, UINT, lamps)
 SBL__RECORD(sbl__leaf, SBL__LEAF_RECORD, "sbl_leaf", "sbl_store", "", "first_leaf")
 
@@ -6400,8 +6400,7 @@ static void sbl__cell_place(const sbl__store *s, uint32_t patch, const float pos
     if (patch & SBL__PATCH_FLAT) at[patch >> SBL__PATCH_AXIS_SHIFT & 3u] = 0;
 }
 
-/* Returns the reference in the slot of a position's cell, and adds the cell if necessary; NULL: there is no free slot
-   where the cell may be. */
+/* Returns the reference in the slot of a position's cell, and adds the cell if necessary; NULL: there is no slot. */
 static uint32_t *sbl__store_slot(const sbl__store *s, uint32_t patch, const float position[3]) {
     uint32_t at[3], hash, check;
     int i;
@@ -6457,8 +6456,7 @@ static sbl_result sbl__store_cut(sbl__base *base, sbl__store *s, uint32_t *refer
     return SBL_SUCCESS;
 }
 
-/* >>store: patches. Two triangles of a mesh are joined if they share an edge, whose ends have equal positions, and meet
-   there at a small angle. */
+/* >>store: patches. Triangles of a mesh are joined where they meet at a small angle, at edges with equal positions. */
 
 #define SBL__PATCH_SMOOTH 0.8   /* least cosine between the normals of neighbours in a patch */
 #define SBL__PATCH_EVEN 0.9999  /* least cosine between the normals of a flat patch's triangles */
@@ -11456,17 +11454,16 @@ typedef struct sbl__hits { sbl__hit *list; int count, room; } sbl__hits;
 
 typedef struct sbl__bounce_point { sbl__hit at; int leaf, number; /* index in its leaf */ } sbl__bounce_point;
 
-/* State of a leaf while the store is filled. points: their number; first: index of the first point; valid: number of
-   points with a valid reading. */
+/* A leaf while the store is filled. points: number of points; first: index of the first; valid: valid readings */
 typedef struct sbl__bounce_leaf { int points, first, valid; } sbl__bounce_leaf;
 
-typedef enum sbl__bounce_stage {
+enum {
     SBL__BOUNCE_PATCHES, SBL__BOUNCE_GRID, SBL__BOUNCE_SAMPLE, SBL__BOUNCE_CAST_SAMPLES, SBL__BOUNCE_PLACE,
     SBL__BOUNCE_CAST_CONTACTS, SBL__BOUNCE_CUT, SBL__BOUNCE_CAST_POINTS, SBL__BOUNCE_RELOCATE, SBL__BOUNCE_ORDER,
     SBL__BOUNCE_SORT, SBL__BOUNCE_LINK, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_DIRECT, SBL__BOUNCE_GATHER,
     SBL__BOUNCE_NOISE, SBL__BOUNCE_PROPAGATE, SBL__BOUNCE_UNCERTAINTY, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR,
     SBL__BOUNCE_DONE
-} sbl__bounce_stage;
+};
 
 typedef struct sbl__bounce {
     sbl__stages stages;
@@ -11586,8 +11583,7 @@ static void sbl__cast_take(const sbl__cast *ray, const float place[4], const flo
     sbl__share_pack(albedo, out->albedo);
 }
 
-/* Casts rays number stages.at .. count - 1 into hits, as many at once as time permits. make: computes a ray from its
-   number. Returns SBL_SUCCESS when all rays have been cast. */
+/* Casts rays number stages.at .. count - 1 into hits, piece by piece. make: computes the ray with a given number */
 static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, int number, sbl__cast *out), int count,
                                    sbl__hits *hits, const sbl__slice *slice) {
     sbl__device *d = &b->core->device;
@@ -11739,8 +11735,7 @@ static sbl_result sbl__bounce_sample(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Adds a point at a place, projected onto the plane of its triangle: rounding moves hits of long rays off it. Returns 0
-   if out of memory. */
+/* Adds a point at a place, moved into its triangle's plane, which hits of long rays miss. Returns 0 if out of memory. */
 static int sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
     sbl__bounce_point *point;
     const float *corner = sbl__triangle_corner(b->geometry, at->place >> 1, 0);
@@ -11777,8 +11772,7 @@ static int sbl__bounce_queued(void *work) {
     return b->needed_growth > 0 ? 0 : b->queue.count;
 }
 
-/* Makes a point of a place that a surface sample or a ray found, if its leaf needs one. Sets b->needed_growth if there
-   is no room for a new leaf. */
+/* Makes a point of a queued place if its leaf needs one. Sets b->needed_growth if there is no room for a new leaf. */
 static sbl_result sbl__bounce_place(void *work, int number) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *at = &b->queue.list[number];
@@ -11820,8 +11814,7 @@ static int sbl__bounce_restart(sbl__bounce *b, double growth) {
     return SBL__BOUNCE_GRID;
 }
 
-/* Sends contact rays from new leaves and casts rays from new points, until there are no new ones. Surface samples are
-   placed last; they fill the places that no ray hit. */
+/* Casts rays from new leaves and new points until there are none. Places surface samples last, where no ray hit. */
 static int sbl__bounce_after_place(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const double fill = (double)b->store->leaf_count / b->store->max_leaves;
@@ -11893,9 +11886,8 @@ static void sbl__contact_position(const sbl__contact *line, double t, float posi
     for (k = 0; k < 3; k++) position[k] = (float)(line->from[k] + t * line->along[k]);
 }
 
-/* Makes the line where the surface of `at` meets the plane that its contact ray hit. The line extends over the common
-   bounds of both flat patches or, if the object is not flat, of the patch and the object's triangle. Returns 0 if the
-   line is too short or the surface is not flat. */
+/* Makes the line where the surface of `at` meets the plane that its contact ray hit, within the bounds of both: of flat
+   patches or, if the object is not flat, of its triangle. Returns 0 if it is too short or the surface is not flat. */
 static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl__hit *hit, sbl__contact *line) {
     const sbl__store *s = b->store;
     const sbl__geometry *g = b->geometry;
@@ -12065,8 +12057,7 @@ static int sbl__bounce_after_cuts(void *work) {
 
 /* >>bounce: rays */
 
-/* Makes a cosine-weighted ray over the hemisphere at a place. number: index into b->sequence, which a hash of `seed`
-   scrambles. */
+/* Makes a cosine-weighted ray from a place. number: index into b->sequence, which a hash of `seed` scrambles */
 static void sbl__bounce_surface_ray(sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number, sbl__cast *out) {
     const float *normal = b->origin.normal;
     int k;
@@ -12090,8 +12081,7 @@ static void sbl__bounce_sample_ray(sbl__bounce *b, int number, sbl__cast *out) {
                             out);
 }
 
-/* Casts rays from surface samples and queues their hits. The distance from which a sample is seen becomes the length of
-   its shortest ray, or SBL__UNSEEN if its rays hit nothing. */
+/* Casts rays from surface samples and queues their hits. The distance of a sample becomes that of its nearest hit. */
 static sbl_result sbl__bounce_cast_samples(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     const int rays = b->samples.count * SBL__BOUNCE_SAMPLE_RAYS;
@@ -12372,8 +12362,8 @@ static int sbl__bounce_after_gather(void *work) {
 
 /* >>bounce: uncertainty */
 
-/* Estimates the standard error of a leaf's light per channel from its points, with a random sign. A leaf with a
-   single point is assumed to be off by half its light. */
+/* Sets b->direct to the standard error of a leaf's light with a random sign, estimated from the differences between its
+   points or, for a single point, as half the light. */
 static sbl_result sbl__bounce_noise(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__bounce_leaf *leaf = &b->states[at];
@@ -12441,8 +12431,7 @@ static sbl_result sbl__bounce_send(void *work, sbl__slice *slice) {
 
 /* >>bounce: light in the air, for objects that the host draws */
 
-/* Measures light at the centre of the host's objects and half way from there to each corner of their bounds, with
-   six sensors at each place. */
+/* Measures light with six sensors each at the centre of draw_bounds and half way from there to each corner. */
 static int sbl__bounce_after_send(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__scene *scene = &b->core->scene;
@@ -12583,8 +12572,7 @@ static float sbl__prepare_share(const sbl__core *c, const sbl__measurement *s) {
     return s->options.mode == SBL_MODE_GI && !c->scene.store.ready ? SBL__BOUNCE_TIME : 0;
 }
 
-/* Prepares what a measurement needs, piece by piece: hierarchy and lamps for rays, the store for bounced light. Returns
-   SBL_SUCCESS when all is ready. */
+/* Prepares what a measurement needs, piece by piece: hierarchy and lamps for rays, the store for bounced light. */
 static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__slice *slice) {
     const sbl__hierarchy *h = &c->scene.hierarchy;
     const int rays = s->options.mode != SBL_MODE_PAPER;
@@ -12598,8 +12586,7 @@ static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__sli
 }
 
 /* ======================================================================================================== >>saved
-   Writes the store to a stream and reads it: a header, the store, a checksum. Data that is read is used only if it
-   belongs to the scene and is valid. */
+   Writes a header, the store and a checksum to a stream, and reads them if they are valid and belong to the scene. */
 
 #define SBL__SAVED_NAME "sblstore"
 #define SBL__SAVED_VERSION 3u
@@ -12836,8 +12823,7 @@ typedef struct sbl__pixel {
 /* Noise. */
 #define SBL__LEAST_NOISE 1e-12f         /* least noise of a surface in the radiance map; 0 marks empty pixels */
 #define SBL__NOISE_WEIGHT 4             /* with a threshold, multiple of the variance that is added to its square */
-#define SBL__LOOKS_GAIN 0.4f            /* variance with twice as many looks / variance; below 0.5, because looks share
-                                           one Sobol sequence */
+#define SBL__LOOKS_GAIN 0.4f            /* variance of twice as many looks / variance; below 0.5 with Sobol sequences */
 #define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* gain per look of a doubling / gain of the previous doubling */
 #define SBL__LOOKS_GROWTH 8             /* largest factor by which a sensor's looks grow in one round */
 #define SBL__DOUBLINGS 10               /* number of powers of two up to SBL__MAX_LOOKS, which is 2^9 */
@@ -12851,8 +12837,7 @@ typedef struct sbl__pixel {
 #define SBL__MAX_ROUNDS 40              /* limits the number of transfers between CPU and GPU */
 #define SBL__JOB_LOOKS (1 << 21)        /* approximate number of looks in one job */
 #define SBL__AIM_BELOW 0.9              /* a round aims at this share of the squared target error */
-#define SBL__AIM_SHARE 0.6              /* a round aims at no less than this share of the present squared error, since
-                                           new readings may change what is worth buying */
+#define SBL__AIM_SHARE 0.6              /* a round keeps this share of the squared error, as readings change worths */
 #define SBL__AIM_LEAST 0.7              /* least share of the squared target error that uncertainty leaves to sensors */
 #define SBL__SPLIT_COST 3               /* cost in sensors: a split adds five, but neighbours share most of them */
 #define SBL__SPLIT_GAIN 0.875f          /* share of the squared error of interpolation that a split removes */
@@ -12871,9 +12856,10 @@ typedef struct sbl__range { int x[2], y[2]; } sbl__range;
 typedef struct sbl__tile {
     sbl__range area;
     int level, split;
+    int must_split;           /* 1: the corners do not cover all pixels */
     int parent;               /* index of the tile whose split made this one, or -1 */
     int looks;                /* number of looks that new sensors at the tile's corners begin with */
-    int pixels;               /* number of pixels that the tile gives light to; counted by the first WEIGH */
+    int pixels;               /* number of pixels that the tile gives light to */
     float uncovered;          /* mean bilinear weight, over these pixels, of corners that show other surfaces */
     float raw_bias2;          /* squared error of interpolation as estimated from edges and rim, noise included */
     float unseen_bias2;       /* part of raw_bias2 for changes of light that no sensor can see */
@@ -12902,6 +12888,7 @@ typedef struct sbl__refine {
     int tile_count, tile_room;
     int first_new;            /* index of the first tile that has not been weighed yet */
     int weigh_count;          /* number of tiles that the running WEIGH or SPEND stage visits */
+    int row;                  /* next row of a tile whose pixels COUNT counts */
     int rounds, weighed;      /* number of rounds; 1: errors have been predicted */
     int listed;               /* number of tiles, or guides, that have been listed for jobs in this round */
     sbl__site *sites;         /* sites of the job; site i belongs to pixel sites[i].number */
@@ -12985,8 +12972,8 @@ static int sbl__doublings(int looks) {
     return k;
 }
 
-/* Records that the mean of `more` new looks differs from the mean of `before` earlier looks of the same sensor by a
-   squared luminance of difference2; more >= before. */
+/* Records the squared difference between the luminance of `more` new looks and of `before` earlier looks of a sensor;
+   more >= before. */
 static void sbl__looks_compare(sbl__refine *r, const sbl__pixel *p, int before, int more, double difference2) {
     const int k = sbl__doublings(before);
     const double gain = (double)SBL__LOOKS_GAIN;
@@ -13061,8 +13048,7 @@ static const sbl__pixel *sbl__sensor_beyond(const sbl__refine *r, const sbl__pix
     return p && sbl__usable(p) && sbl__belongs(pixel, p, r->geometry_aware) > 0 ? p : NULL;
 }
 
-/* Returns the pixels that a tile gives light to. Its last column and row belong to the next tile, except at the
-   picture's border. */
+/* Returns the pixels that a tile gives light to: all but its last column and row, unless the picture ends there. */
 static sbl__range sbl__tile_pixels(const sbl__refine *r, const sbl__tile *c) {
     sbl__range pixels = c->area;
     pixels.x[1] -= pixels.x[1] < r->width - 1;
@@ -13225,8 +13211,7 @@ static float sbl__extrapolation_bias2(const sbl__refine *r, const sbl__edge *e, 
     return sbl__squared(r, difference);
 }
 
-/* Returns the squared error of interpolation in a tile, estimated from its edges, both where corners cover the tile
-   and where light is extrapolated. Sets c->unseen_bias2. */
+/* Estimates the squared error of interpolation and extrapolation in a tile from its edges. Sets c->unseen_bias2. */
 static float sbl__tile_edge_bias2(const sbl__refine *r, sbl__tile *c) {
     float inside = 0, outside = 0, unseen = 0;
     int side, end, k, insides = 0, outsides = 0;
@@ -13383,26 +13368,20 @@ static int sbl__tile_differs(const sbl__refine *r, const sbl__tile *c) {
     return 0;
 }
 
-/* Sets c->pixels and c->uncovered. Returns 1 if the tile must be split because its corners do not cover all pixels. */
-static int sbl__tile_count(const sbl__refine *r, sbl__tile *c) {
+/* Adds the pixels of row y to c->pixels and c->uncovered. Sets c->must_split if the corners do not cover them. */
+static void sbl__tile_count(const sbl__refine *r, sbl__tile *c, const sbl__range *pixels, int y) {
     const int extrapolated = r->geometry_aware && sbl__tile_span(c) <= SBL__EXTRAPOLATED_SPAN && !(r->threshold > 0);
-    const sbl__range pixels = sbl__tile_pixels(r, c);
-    float uncovered = 0;
-    int x, y, must_split = 0;
-    c->pixels = 0;
-    for (y = pixels.y[0]; y <= pixels.y[1]; y++)
-        for (x = pixels.x[0]; x <= pixels.x[1]; x++) {
-            const sbl__pixel *p = sbl__pixel_at(r, x, y);
-            sbl__mix m;
-            if (!p->id) continue;
-            c->pixels++;
-            if (p->sensed) continue;
-            sbl__interpolate(r, c, x, y, 0, &m);
-            uncovered += 1 - m.own;
-            must_split |= (extrapolated ? m.covered : m.own) < SBL__COVERAGE;
-        }
-    c->uncovered = c->pixels ? uncovered / (float)c->pixels : 0;
-    return must_split;
+    int x;
+    for (x = pixels->x[0]; x <= pixels->x[1]; x++) {
+        const sbl__pixel *p = sbl__pixel_at(r, x, y);
+        sbl__mix m;
+        if (!p->id) continue;
+        c->pixels++;
+        if (p->sensed) continue;
+        sbl__interpolate(r, c, x, y, 0, &m);
+        c->uncovered += 1 - m.own;
+        c->must_split |= (extrapolated ? m.covered : m.own) < SBL__COVERAGE;
+    }
 }
 
 /* >>refine: guides for sensors' rays, see >>guide */
@@ -13527,9 +13506,8 @@ static int sbl__refine_occlusion(sbl__refine *r, const sbl_reading *reading) {
     return reading->hit_min < SBL__HIDDEN_TOUCH * r->distance_limit ? SBL__TOUCHED : 0;
 }
 
-/* Decides from the first reading of pixel number `index` whether its light may be shown. Hidden texels, and touched
-   texels next to them, take their neighbours' light instead, because their own light would show beyond the edge of the
-   object that hides them. */
+/* Decides from the first reading of a pixel whether its light may be shown. Hidden texels and touched texels next to
+   them take their neighbours' light, because their own would show beyond the edge of the object that hides them. */
 static void sbl__refine_validate(sbl__refine *r, int index, const sbl_reading *reading) {
     sbl__pixel *p = &r->pixels[index];
     int i;
@@ -13662,19 +13640,18 @@ static sbl_result sbl__scouts_take(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__guides *g = &r->guides;
     uint32_t *sequence = sbl__sequence_make(&r->core->base, SBL__SCOUTS, 1, 1);
-    int i;
-    (void)slice;
+    int *at = &r->stages.at;
     if (!sequence) return SBL_ERROR_OUT_OF_MEMORY;
-    for (i = 0; i < r->site_count; i++) {
-        const sbl__site *site = &r->sites[i];
+    for (; *at < r->site_count && !sbl__late(slice); ++*at) {
+        const sbl__site *site = &r->sites[*at];
         const int column = (int)site->number % r->width / g->step, row = (int)site->number / r->width / g->step;
-        const float light = r->readings[i].valid ? sbl__luminance(r->readings[i].radiance) : 0;
+        const float light = r->readings[*at].valid ? sbl__luminance(r->readings[*at].radiance) : 0;
         double u[2];
         sbl__sequence_at(sequence, site->first, sbl__hash(site->number ^ sbl__hash(sbl__scouts_seed(r))), u);
         sbl__guide_found(g, row * g->columns + column)[sbl__guide_bin(u[0], u[1])] += light * light;
     }
     sbl__free(&r->core->base, sequence);
-    return SBL_SUCCESS;
+    return *at < r->site_count ? SBL_UNFINISHED : SBL_SUCCESS;
 }
 
 static int sbl__guides_count(void *work) {
@@ -13746,8 +13723,7 @@ static void sbl__weigh_begin(sbl__refine *r) {
     r->bought = 0;
 }
 
-/* Returns how many pixels the filter averages in a tile of single pixels. The filter leaves out pixels that differ
-   visibly, so the number falls where neighbours differ. */
+/* Returns how many pixels the filter averages in a tile of single pixels: fewer where neighbours differ visibly. */
 static float sbl__tile_smoothing(const sbl__refine *r, const sbl__tile *c, float noise) {
     float alike = 0;
     int side, count = 0;
@@ -13768,6 +13744,7 @@ static float sbl__tile_smoothing(const sbl__refine *r, const sbl__tile *c, float
 
 /* Computes a tile's noise from its corners, and adds the tile's light to the picture's mean. */
 static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
+    const int span = sbl__tile_span(c);
     float variance, share = 0, light[3] = { 0, 0, 0 };
     double sum = 0;
     int corner, k, count = 0;
@@ -13784,9 +13761,8 @@ static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
     c->variance = variance = sbl__relative2(r, sum / count);
     if (c->parent >= 0) c->variance += SBL__PARENT_WEIGHT * (r->tiles[c->parent].variance - variance);
     variance = c->variance * share / (float)count;
-    c->noise2 = variance;
-    if (sbl__tile_span(c) > 1) c->noise2 *= sbl__noise_left(r, sbl__tile_span(c));
-    else c->noise2 /= sbl__tile_smoothing(r, c, r->luminance * (float)sqrt((double)variance));
+    c->noise2 = span > 1 ? variance * sbl__noise_left(r, span)
+                         : variance / sbl__tile_smoothing(r, c, r->luminance * (float)sqrt((double)variance));
     for (k = 0; k < 3; k++) r->sum[k] += (double)light[k] * c->pixels / count;
     r->pixels_summed += c->pixels;
     r->look_variance += (double)c->variance * c->pixels;
@@ -13795,9 +13771,9 @@ static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
 
 /* Updates c->raw_bias2, or marks a tile that must be split. */
 static void sbl__tile_weigh_split(sbl__refine *r, sbl__tile *c, int is_new) {
-    const int must_split = is_new && sbl__tile_count(r, c), span = sbl__tile_span(c);
+    const int span = sbl__tile_span(c);
     if (span <= 1) return;
-    if (must_split) c->split_worth = FLT_MAX;
+    if (c->must_split) c->split_worth = FLT_MAX;
     else if (r->threshold > 0) c->split_worth = sbl__tile_differs(r, c) ? FLT_MAX : 0;
     else if (is_new || sbl__tile_corners(r, c).is_new || span > SBL__EXTRAPOLATED_SPAN)
         c->raw_bias2 = sbl__tile_raw_bias2(r, c);
@@ -13859,6 +13835,24 @@ static void sbl__weigh_end(sbl__refine *r) {
     r->least_worth = sbl__bin_gain(bin);
 }
 
+/* Counts the pixels of new tiles, row by row. */
+static sbl_result sbl__refine_count(void *work, sbl__slice *slice) {
+    sbl__refine *r = (sbl__refine *)work;
+    int *at = &r->stages.at;
+    for (*at = SBL__MAX(*at, r->first_new); *at < r->tile_count; ++*at, r->row = 0) {
+        sbl__tile *c = &r->tiles[*at];
+        const sbl__range pixels = sbl__tile_pixels(r, c);
+        if (r->row == 0) c->pixels = c->must_split = 0;
+        if (r->row == 0) c->uncovered = 0;
+        for (; pixels.y[0] + r->row <= pixels.y[1]; r->row++) {
+            if (sbl__late(slice)) return SBL_UNFINISHED;
+            sbl__tile_count(r, c, &pixels, pixels.y[0] + r->row);
+        }
+        if (c->pixels) c->uncovered /= (float)c->pixels;
+    }
+    return SBL_SUCCESS;
+}
+
 static int sbl__refine_weigh_count(void *work) { return ((sbl__refine *)work)->weigh_count; }
 
 static sbl_result sbl__refine_weigh(void *work, int at) {
@@ -13896,9 +13890,9 @@ static sbl_result sbl__refine_spend(void *work, int at) {
 
 /* >>refine: stages */
 
-enum { SBL__REFINE_TILES, SBL__REFINE_COLLECT, SBL__REFINE_SENSE, SBL__REFINE_TAKE, SBL__REFINE_WEIGH,
-       SBL__REFINE_SPEND, SBL__REFINE_COLLECT_SCOUTS, SBL__REFINE_SCOUT, SBL__REFINE_TAKE_SCOUTS, SBL__REFINE_GUIDES,
-       SBL__REFINE_SEND, SBL__REFINE_DONE };
+enum { SBL__REFINE_TILES, SBL__REFINE_COLLECT, SBL__REFINE_SENSE, SBL__REFINE_TAKE, SBL__REFINE_COUNT,
+       SBL__REFINE_WEIGH, SBL__REFINE_SPEND, SBL__REFINE_COLLECT_SCOUTS, SBL__REFINE_SCOUT, SBL__REFINE_TAKE_SCOUTS,
+       SBL__REFINE_GUIDES, SBL__REFINE_SEND, SBL__REFINE_DONE };
 
 static void sbl__refine_task(const sbl__refine *r, sbl__task *task) {
     memset(task, 0, sizeof *task);
@@ -13934,26 +13928,23 @@ static sbl_result sbl__refine_sense(void *work, sbl__slice *slice) {
     return result;
 }
 
-/* Empties the list of sites. Returns 1 if fewer than `all` tiles or guides have been listed in this round. */
-static int sbl__refine_next_job(sbl__refine *r, int all) {
-    r->site_count = r->look_count = 0;
-    if (r->listed < all) return 1;
-    r->listed = 0;
-    return 0;
-}
-
+/* Begins the next job if there are tiles or guides that this round has not listed yet. */
 static int sbl__refine_after_take(void *work) {
     sbl__refine *r = (sbl__refine *)work;
-    if (sbl__refine_next_job(r, r->tile_count)) return SBL__REFINE_COLLECT;
+    const int scouts = r->stages.stage == SBL__REFINE_TAKE_SCOUTS;
+    r->site_count = r->look_count = 0;
+    if (r->listed < (scouts ? r->guides.columns * r->guides.rows : r->tile_count))
+        return scouts ? SBL__REFINE_COLLECT_SCOUTS : SBL__REFINE_COLLECT;
+    r->listed = 0;
+    if (scouts) return SBL__REFINE_GUIDES;
     r->rounds++;
     r->weigh_count = r->tile_count;
     sbl__weigh_begin(r);
-    return SBL__REFINE_WEIGH;
+    return SBL__REFINE_COUNT;
 }
 
-/* After the first round, looks of few rays may be too noisy for the target error. In this case their rays first get
-   guides, provided that sensors see any light; if noise is still too high, looks get more rays. Both changes make all
-   sensors start again. */
+/* If looks prove too noisy for the target error in the first round, makes guides for their rays, or gives looks more
+   rays if there are guides already or no light. In both cases all sensors start again. */
 static int sbl__refine_after_weigh(void *work) {
     sbl__refine *r = (sbl__refine *)work;
     int times;
@@ -13977,11 +13968,7 @@ static int sbl__refine_after_spend(void *work) {
     return r->bought ? SBL__REFINE_COLLECT : SBL__REFINE_DONE;
 }
 
-static int sbl__refine_after_take_scouts(void *work) {
-    sbl__refine *r = (sbl__refine *)work;
-    const int unfinished = sbl__refine_next_job(r, r->guides.columns * r->guides.rows);
-    return unfinished ? SBL__REFINE_COLLECT_SCOUTS : SBL__REFINE_GUIDES;
-}
+
 
 static int sbl__refine_after_send(void *work) {
     ((sbl__refine *)work)->spec->guided = 1;
@@ -13995,11 +13982,12 @@ static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
         { NULL, sbl__refine_after_list, sbl__refine_list, sbl__refine_unlisted },
         { sbl__refine_sense, NULL, NULL, NULL },
         { NULL, sbl__refine_after_take, sbl__refine_take, sbl__refine_sites },
+        { sbl__refine_count, NULL, NULL, NULL },
         { NULL, sbl__refine_after_weigh, sbl__refine_weigh, sbl__refine_weigh_count },
         { NULL, sbl__refine_after_spend, sbl__refine_spend, sbl__refine_weigh_count },
         { sbl__guides_begin, sbl__refine_after_list, sbl__scouts_list, sbl__scouts_unlisted },
         { sbl__refine_sense, NULL, NULL, NULL },
-        { sbl__scouts_take, sbl__refine_after_take_scouts, NULL, NULL },
+        { sbl__scouts_take, sbl__refine_after_take, NULL, NULL },
         { NULL, NULL, sbl__guides_make, sbl__guides_count },
         { sbl__guides_send, sbl__refine_after_send, NULL, NULL }
     };
