@@ -6474,7 +6474,7 @@ typedef struct sbl__patching {     /* state of dividing the scene into patches *
     sbl__patch *patches;           /* indexed by their roots */
     double area;                   /* area of all patches that sensors see */
     double least;                  /* area below which a mesh's patches are pooled */
-    double growth;                 /* factor of the area of cells; not 1 after there were too many or too few leaves */
+    double growth;                 /* factor of the area of cells; changes if there are too many or too few leaves */
     double pool;                   /* factor of `least`; above 1 after there were too many patches */
 } sbl__patching;
 
@@ -11404,9 +11404,9 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__FILL_LEAST 0.12       /* cells become smaller if they fill less than this */
 #define SBL__FILL_WIDER 0.6        /* from this fill on, new leaves belong to wider cells */
 #define SBL__FILL_WIDEST 0.8       /* from this fill on, new leaves belong to the widest cells */
-#define SBL__BOUNCE_GROWTH 1.5     /* least factor of the cells' area when there are too many leaves */
-#define SBL__BOUNCE_GROWTH_MOST 2.0  /* largest factor of the cells' area when there are too many leaves */
-#define SBL__BOUNCE_SHRINK_MOST 0.03  /* least factor of the cells' area when there are too few leaves */
+#define SBL__BOUNCE_GROWTH 1.5     /* least factor by which the cells' area grows if leaves do not suffice */
+#define SBL__BOUNCE_GROWTH_MOST 2.0  /* largest factor by which the cells' area grows if leaves do not suffice */
+#define SBL__BOUNCE_SHRINK_MOST 0.03  /* least factor by which the cells' area shrinks if leaves are left over */
 #define SBL__BOUNCE_POOL 16.0      /* largest sbl__patching.pool; above it, places without a leaf stay dark */
 /* least number of surface samples per area of a cell of level 0; the widest cells have 8 samples */
 #define SBL__BOUNCE_SAMPLES_LEAST (8.0 / (1 << 2 * SBL__LEVEL_SHIFT * (SBL__LEVELS - 1)))
@@ -11426,8 +11426,8 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__BOUNCE_ROUNDS 200     /* largest number of rounds */
 #define SBL__BOUNCE_TOLERANCE 2e-4 /* share of the light that may be missing at the end */
 #define SBL__UNCERTAINTY_ROUNDS 6
-#define SBL__UNCERTAINTY_STRATA 0.35  /* measured: true error / error estimated from points. Points and rays are in low-
-                                      discrepancy sequences, and errors of neighbouring leaves compensate each other */
+#define SBL__UNCERTAINTY_STRATA 0.35  /* measured: true error / error estimated from points; below 1, since rays have
+                                      low discrepancy, and errors of neighbouring leaves compensate each other */
 #define SBL__UNCERTAINTY_MOST 0.12 /* largest estimated error; few rays that all hit one leaf exaggerate it */
 #define SBL__BOUNCE_TIME 0.35f     /* approximate share of a picture's time that filling the store takes */
 #define SBL__AIR_SITES 54          /* six sites at each of nine places */
@@ -11496,10 +11496,10 @@ typedef struct sbl__bounce {
     double change;                   /* balance.change of the previous round */
     /* sums over leaves in this round: direct light, all light before and after the round, absolute changes of light */
     struct { double direct[3], before[3], after[3], change; } balance;
-    double needed_growth;            /* factor of the cells' area that leaves require; 0: leaves suffice */
+    double needed_growth;            /* factor by which the cells' area must grow; 0: leaves suffice */
     double previous_fill;            /* fill after which cells became smaller */
     int rounds;
-    int samples_placed, seen_leaves; /* 1: surface samples have been placed; number of leaves without samples */
+    int samples_placed, seen_leaves; /* 1: surface samples have been placed; number of leaves that rays have hit */
     sbl__table casts;
     sbl__blocks blocks;
     sbl__pace pace;
@@ -11512,8 +11512,8 @@ typedef struct sbl__bounce {
 static const char *const sbl__glsl_cast[] = {
 "// Finds the first hit of each ray. A ray with a negative limit leaves a surface, whose normal is `direction`, in a\n",
 "// random direction with cosine distribution.\n",
-"// xyz: position of the hit, far away if nothing was hit; w: 0 if nothing was hit, otherwise 1 + low bits of the\n",
-"// triangle's number, negative for its back side\n",
+"// out_place: xyz: position of the hit, far away if nothing was hit; w: 0 if nothing was hit, otherwise 1 + low bits\n",
+"// of the triangle's number, negative for its back side\n",
 "SBL_OUT(0, out_place);\n",
 "// rgb: albedo for bounced light; a: high bits of the triangle's number\n",
 "SBL_OUT(1, out_albedo);\n",
@@ -11735,7 +11735,7 @@ static sbl_result sbl__bounce_sample(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Adds a point at a place, moved into its triangle's plane, which hits of long rays miss. Returns 0 if out of memory. */
+/* Adds a point at a place, moved into its triangle's plane because hits are rounded. Returns 0 if out of memory. */
 static int sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
     sbl__bounce_point *point;
     const float *corner = sbl__triangle_corner(b->geometry, at->place >> 1, 0);
@@ -11814,7 +11814,7 @@ static int sbl__bounce_restart(sbl__bounce *b, double growth) {
     return SBL__BOUNCE_GRID;
 }
 
-/* Casts rays from new leaves and new points until there are none. Places surface samples last, where no ray hit. */
+/* Casts rays from new leaves and points until there are none. Finally places surface samples where no ray has hit. */
 static int sbl__bounce_after_place(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const double fill = (double)b->store->leaf_count / b->store->max_leaves;
@@ -12155,7 +12155,7 @@ static void sbl__swap(void *a, void *b, size_t bytes) {
     memcpy(b, keep, bytes);
 }
 
-/* Sorts points and their hits by leaf, because rounds of bounces read them in that order. */
+/* Sorts points and their hits by leaf. Rounds of bounces in another order take 3 to 6 times as long. */
 static sbl_result sbl__bounce_sort(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__hit *hits = b->hits.list;
@@ -12815,15 +12815,15 @@ typedef struct sbl__pixel {
 #define SBL__CURVE_ERROR 0.1f
 #define SBL__EXTRAPOLATION_ERROR 0.35f  /* error of extrapolated light / second difference beside the tile */
 #define SBL__SILHOUETTE_ERROR 0.05f     /* least error of extrapolated light at a silhouette, as a share of the light */
-#define SBL__CONTACT_ERROR 0.12f        /* least error where the other surface is near enough to cast a shadow */
-#define SBL__CONTACT_DISTANCE 2.5f      /* largest distance of such a surface, in distances between sensors */
+#define SBL__CONTACT_ERROR 0.12f        /* least error if the other surface is near, since it may cast a shadow */
+#define SBL__CONTACT_DISTANCE 2.5f      /* distance up to which surfaces are near, in distances between sensors */
 #define SBL__PIXEL_ERROR 0.15f          /* error of each pixel for unknown causes, as a share of the picture's error */
 #define SBL__NOISE_IN_BIAS 0.75f        /* noise adds this multiple of the sensors' variance to raw_bias2 */
-#define SBL__NOISE_IN_SPLITS 1.25f      /* multiple for splits; larger, as more looks resolve what may be noise */
-/* Noise. */
+#define SBL__NOISE_IN_SPLITS 1.25f      /* multiple if splits are weighed; larger, as looks resolve what may be noise */
+/* Noise of sensors. */
 #define SBL__LEAST_NOISE 1e-12f         /* least noise of a surface in the radiance map; 0 marks empty pixels */
-#define SBL__NOISE_WEIGHT 4             /* with a threshold, multiple of the variance that is added to its square */
-#define SBL__LOOKS_GAIN 0.4f            /* variance of twice as many looks / variance; below 0.5 with Sobol sequences */
+#define SBL__NOISE_WEIGHT 4             /* multiple of the variance that is added to the squared threshold */
+#define SBL__LOOKS_GAIN 0.4f            /* variance of 2n looks / of n looks; below 0.5, as looks share a sequence */
 #define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* gain per look of a doubling / gain of the previous doubling */
 #define SBL__LOOKS_GROWTH 8             /* largest factor by which a sensor's looks grow in one round */
 #define SBL__DOUBLINGS 10               /* number of powers of two up to SBL__MAX_LOOKS, which is 2^9 */
@@ -12837,13 +12837,13 @@ typedef struct sbl__pixel {
 #define SBL__MAX_ROUNDS 40              /* limits the number of transfers between CPU and GPU */
 #define SBL__JOB_LOOKS (1 << 21)        /* approximate number of looks in one job */
 #define SBL__AIM_BELOW 0.9              /* a round aims at this share of the squared target error */
-#define SBL__AIM_SHARE 0.6              /* a round keeps this share of the squared error, as readings change worths */
+#define SBL__AIM_SHARE 0.6              /* a round aims at no less than this share of the present squared error, since
+                                           new readings may change what is worth buying */
 #define SBL__AIM_LEAST 0.7              /* least share of the squared target error that uncertainty leaves to sensors */
 #define SBL__SPLIT_COST 3               /* cost in sensors: a split adds five, but neighbours share most of them */
 #define SBL__SPLIT_GAIN 0.875f          /* share of the squared error of interpolation that a split removes */
-#define SBL__DIFFERENCE_FLOOR 0.02f     /* share of the picture's luminance added to light before it is compared */
-#define SBL__GAIN_FLOOR 0.1f            /* added to the relative luminance by which a tile's gains are divided; dark
-                                           places count little in the sum of errors, but their errors are visible */
+#define SBL__DIFFERENCE_FLOOR 0.02f     /* share of the mean luminance, added to light before it is compared */
+#define SBL__GAIN_FLOOR 0.1f            /* gains are divided by relative luminance + this: errors show in dark places */
 #define SBL__GAIN_BINS 512              /* bins of a histogram of gains, four to an octave */
 /* To prevent ragged shadows, a tile is always split if its error exceeds TILE_ERROR_MAX times the target error times
    its relative luminance plus TILE_ERROR_FLOOR. */
@@ -12865,12 +12865,13 @@ typedef struct sbl__tile {
     float unseen_bias2;       /* part of raw_bias2 for changes of light that no sensor can see */
     float bias2, noise2;      /* predicted squared errors per pixel */
     float light, variance;    /* mean luminance of the corners; relative variance of one look */
-    float split_worth, look_worth;  /* worth of a split (FLT_MAX: necessary) and of more looks, see sbl__weigh_enter */
+    /* gain per look of a split (FLT_MAX: necessary) or of more looks / (relative luminance + SBL__GAIN_FLOOR) */
+    float split_worth, look_worth;
 } sbl__tile;
 
 typedef struct sbl__refine {
     sbl__core *core;
-    sbl__measurement *measurement;  /* after the first round, looks may get more rays */
+    sbl__measurement *measurement;  /* how sensors measure; after the first round, looks may get more rays */
     sbl__spec *spec;
     sbl__stages stages;
     int width, height;
@@ -12899,7 +12900,7 @@ typedef struct sbl__refine {
     int64_t looks_taken;
     float mean[3], luminance; /* mean of R over the picture, and its luminance */
     double sum[3], pixels_summed;  /* sum of R and number of pixels visited in this round; they yield the next mean */
-    float weights[3];         /* factors that make relative errors of differences in each channel */
+    float weights[3];         /* factors that turn a difference in each channel into a relative error */
     float variance_shares[SBL__DOUBLINGS];  /* [k]: variance of a mean of 2^k looks / variance of one look */
     double measured2[SBL__DOUBLINGS];  /* [k]: sum of squared differences between 2^k looks and later looks */
     double expected2[SBL__DOUBLINGS];  /* [k]: expected value of measured2[k] */
@@ -13779,13 +13780,8 @@ static void sbl__tile_weigh_split(sbl__refine *r, sbl__tile *c, int is_new) {
         c->raw_bias2 = sbl__tile_raw_bias2(r, c);
 }
 
-/* Enters an offer into the histogram: each of `looks` looks reduces the sum of squared errors by `gain`. worth: gain
-   divided by the tile's relative luminance plus SBL__GAIN_FLOOR, or FLT_MAX */
-static void sbl__weigh_enter(sbl__refine *r, float worth, float gain, int looks) {
-    if (gain > 0) r->gains[sbl__gain_bin(worth)] += (double)gain * looks;
-}
-
-/* Predicts the errors of a tile and enters its offers into the histogram. Splits that must be made come first. */
+/* Predicts the errors of a tile and enters its offers into the histogram. gain: reduction of the sum of squared errors
+   per look */
 static void sbl__tile_weigh(sbl__refine *r, sbl__tile *c, int is_new) {
     float bias2, gain, variance, weight;
     int looks = sbl__tile_corners(r, c).looks, most, interpolated;
@@ -13804,7 +13800,7 @@ static void sbl__tile_weigh(sbl__refine *r, sbl__tile *c, int is_new) {
         const int cost = SBL__SPLIT_COST * SBL__MAX(looks, 1);
         gain = bias2 * SBL__SPLIT_GAIN * (float)interpolated / (float)cost;
         if (c->split_worth < FLT_MAX) c->split_worth = bias2 > error_max * error_max ? FLT_MAX : gain * weight;
-        sbl__weigh_enter(r, c->split_worth, gain, cost);
+        if (gain > 0) r->gains[sbl__gain_bin(c->split_worth)] += (double)gain * cost;
     }
     c->look_worth = 0;
     if (!looks || looks >= r->spec->looks) return;
@@ -13812,7 +13808,7 @@ static void sbl__tile_weigh(sbl__refine *r, sbl__tile *c, int is_new) {
     c->look_worth = gain * weight;
     most = SBL__MIN(SBL__LOOKS_GROWTH * looks, r->spec->looks);
     for (; looks < most; looks *= 2) {
-        sbl__weigh_enter(r, gain * weight, gain, looks);
+        if (gain > 0) r->gains[sbl__gain_bin(gain * weight)] += (double)gain * looks;
         gain *= SBL__LOOKS_GAIN_NEXT;
     }
 }
