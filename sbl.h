@@ -11512,8 +11512,8 @@ typedef struct sbl__bounce {
 static const char *const sbl__glsl_cast[] = {
 "// Finds the first hit of each ray. A ray with a negative limit leaves a surface, whose normal is `direction`, in a\n",
 "// random direction with cosine distribution.\n",
-"// out_place: xyz: position of the hit, far away if nothing was hit; w: 0 if nothing was hit, otherwise 1 + low bits\n",
-"// of the triangle's number, negative for its back side\n",
+"// out_place: xyz: position of the hit, far away if nothing was hit; w: 0 if nothing was hit, otherwise 1 + low\n",
+"// bits of the triangle's number, negative for its back side\n",
 "SBL_OUT(0, out_place);\n",
 "// rgb: albedo for bounced light; a: high bits of the triangle's number\n",
 "SBL_OUT(1, out_albedo);\n",
