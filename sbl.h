@@ -6317,8 +6317,8 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
                                 hash grid -> leaf, or cut -> ... -> leaf: R
        position -> cube        /                                                                                  */
 
-/* A slot of the hash grid. check: a second hash of the cell, 0 for an empty slot. reference: number of a leaf + 1,
-   SBL__CELL_CUT | number of a cut, or 0 if the cell has no light. */
+/* A slot of the hash grid. check: a second hash of the cell, 0 if the slot is free. reference: the number of a leaf
+   plus 1, the number of a cut plus SBL__CELL_CUT, or 0 if the cell has no leaf. */
 typedef struct sbl__cell_slot { uint32_t check, reference; } sbl__cell_slot;
 
 /* A plane that divides a cell. sides: references to the parts below and above the plane. */
@@ -6327,24 +6327,24 @@ typedef struct sbl__cell_slot { uint32_t check, reference; } sbl__cell_slot;
     X(sbl__cut, UVEC2, sides) X(sbl__cut, UVEC2, unused)
 SBL__RECORD(sbl__cut, SBL__CUT, "sbl_cut", "sbl_store", SBL__SCENE_TABLE("sbl_store"), "first_cut")
 
-/* light: R; the low eight bits of its blue hold the uncertainty, see sbl__leaf_uncertainty. lamps: the part of R that
-   comes directly from lamps, see sbl__rgbe. */
+/* light: R; the low bits of its blue hold the uncertainty. lamps: the part of R that comes directly from lamps, packed
+   by sbl__rgbe. */
 #define SBL__LEAF_RECORD(X) X(sbl__leaf, VEC3, light) X(sbl__leaf, UINT, lamps)
 SBL__RECORD(sbl__leaf, SBL__LEAF_RECORD, "sbl_leaf", "sbl_store", "", "first_leaf")
 
 typedef struct sbl__store {
     int ready;
-    int warned;                /* 1: the warning about albedos has been given */
+    int warned;                /* 1: sbl__bounce_warn has logged its warning */
     float origin[3], length;   /* origin of the grid; length of a cell of level 0 */
-    uint32_t *patches;         /* one word per triangle: number << SBL__PATCH_SHIFT | axis | flat | back */
+    uint32_t *patches;         /* one word per triangle, see sbl__patch_word */
     sbl__cell_slot *cells;
     int cell_room;             /* number of slots, a power of two */
     sbl__cut *cuts;
     sbl__leaf *leaves;
     int cut_count, cut_room, leaf_count, leaf_room;
-    int most;                  /* largest allowed number of leaves */
+    int max_leaves;
     float brightest;           /* largest channel of R in any leaf */
-    float air[6][3];           /* R where the host draws, for surfaces facing +x, -x, +y, -y, +z, -z */
+    float air[6][3];           /* R of objects that the host draws, where they face +x, -x, +y, -y, +z, -z */
     sbl__table table;          /* patches, cells, cuts and leaves in one table, because texture units are few */
     int first_cell, first_cut, first_leaf;  /* start of each part in the table, in texels of four words */
 } sbl__store;
@@ -6358,10 +6358,11 @@ static void sbl__store_free(const sbl__device *d, sbl__store *s) {
     memset(s, 0, sizeof *s);
 }
 
-/* >>store: the uncertainty, in the low bits of blue. Shaders read these bits as a negligible part of the light. */
+/* >>store: uncertainty. It is 2^(-n / SBL__UNCERTAINTY_STEPS), where n, the low eight bits of blue, is 1 to 255; with
+   n = 0 it is unknown. Shaders read these bits as a negligible part of the light. */
 
-#define SBL__UNCERTAINTY_STEPS 16  /* steps in a factor of 2; bits of 0 mean that the uncertainty is unknown */
-#define SBL__UNCERTAINTY_LEAST 1e-30f  /* least blue value that holds such bits */
+#define SBL__UNCERTAINTY_STEPS 16
+#define SBL__UNCERTAINTY_LEAST 1e-30f  /* light with a smaller blue value has no known uncertainty */
 
 static void sbl__leaf_set_uncertainty(sbl__leaf *leaf, double uncertainty) {
     const double steps = -SBL__UNCERTAINTY_STEPS * log(SBL__MAX(uncertainty, 1e-9)) / log(2.0);
@@ -6370,7 +6371,7 @@ static void sbl__leaf_set_uncertainty(sbl__leaf *leaf, double uncertainty) {
     if (leaf->light[2] >= SBL__UNCERTAINTY_LEAST) memcpy(&leaf->light[2], &bits, sizeof bits);
 }
 
-/* Returns the uncertainty of stored light: its standard error divided by the light; 0: unknown. */
+/* Returns the standard error of stored light divided by the light; 0: unknown. */
 static float sbl__leaf_uncertainty(const float light[3]) {
     const uint32_t step = light[2] < SBL__UNCERTAINTY_LEAST ? 0 : sbl__float_bits(&light[2]) & 255u;
     return step ? (float)pow(2.0, -(double)step / SBL__UNCERTAINTY_STEPS) : 0;
@@ -6388,8 +6389,7 @@ static float sbl__cell_length(const sbl__store *s, uint32_t patch) {
     return s->length * (float)(1 << SBL__LEVEL_SHIFT * level);
 }
 
-/* Computes the cube of the patch's grid that contains a position. patch: the word of the triangle, with SBL__PATCH_BACK
-   inverted if the back side is meant, and with level and near bit. */
+/* Computes the cube of the patch's grid that contains a position. patch: patch word of a place, see sbl__place_patch */
 static void sbl__cell_place(const sbl__store *s, uint32_t patch, const float position[3], uint32_t at[3]) {
     const float per_cell = 1 / sbl__cell_length(s, patch);
     int k;
@@ -6400,8 +6400,7 @@ static void sbl__cell_place(const sbl__store *s, uint32_t patch, const float pos
     if (patch & SBL__PATCH_FLAT) at[patch >> SBL__PATCH_AXIS_SHIFT & 3u] = 0;
 }
 
-/* Returns the reference in the slot of a position's cell, occupying a free slot if the cell has none. Returns NULL if
-   other cells occupy all slots that are probed. */
+/* Returns the reference in the slot of a position's cell, and adds the cell if necessary; NULL: there is no slot. */
 static uint32_t *sbl__store_slot(const sbl__store *s, uint32_t patch, const float position[3]) {
     uint32_t at[3], hash, check;
     int i;
@@ -6416,8 +6415,8 @@ static uint32_t *sbl__store_slot(const sbl__store *s, uint32_t patch, const floa
     return NULL;
 }
 
-/* Returns the reference to the leaf at a position, adding the cell if necessary; NULL: there is no room. *depth: number
-   of cuts on the way. The pointer is valid until a cut is added. */
+/* Returns the reference to the leaf at a position, and adds the cell if necessary; NULL: there is no slot. *depth:
+   receives the number of cuts above the leaf. The pointer is valid until a cut is added. */
 static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const float position[3], int *depth) {
     uint32_t *reference = sbl__store_slot(s, patch, position);
     for (*depth = 0; reference && *reference >= SBL__CELL_CUT; ++*depth) {
@@ -6441,7 +6440,7 @@ static uint32_t sbl__rgbe(const float light[3]) {
     return word;
 }
 
-/* Cuts what a reference leads to along a plane. side: the side that keeps it; the other side is empty. */
+/* Makes a reference lead to a new cut. side: the side of the cut that gets the reference's previous value. */
 static sbl_result sbl__store_cut(sbl__base *base, sbl__store *s, uint32_t *reference, const float normal[3],
                                  float distance, int side) {
     const uint32_t before = *reference;
@@ -6457,12 +6456,11 @@ static sbl_result sbl__store_cut(sbl__base *base, sbl__store *s, uint32_t *refer
     return SBL_SUCCESS;
 }
 
-/* >>store: patches. Two triangles of a mesh are joined if they share an edge, whose ends have equal positions, and meet
-   there at a small angle. */
+/* >>store: patches. Triangles of a mesh are joined where they meet at a small angle, at edges with equal positions. */
 
 #define SBL__PATCH_SMOOTH 0.8   /* least cosine between the normals of neighbours in a patch */
 #define SBL__PATCH_EVEN 0.9999  /* least cosine between the normals of a flat patch's triangles */
-#define SBL__PATCH_LEAST 0.25   /* in areas of a cell: a mesh's patches smaller than this are pooled as one patch */
+#define SBL__PATCH_LEAST 0.25   /* area, in areas of a cell, below which patches of a mesh are pooled as one patch */
 
 typedef struct sbl__patch { double area; float normal[3]; sbl__box bounds; int flat; } sbl__patch;
 
@@ -6476,8 +6474,8 @@ typedef struct sbl__patching {     /* state of dividing the scene into patches *
     sbl__patch *patches;           /* indexed by their roots */
     double area;                   /* area of all patches that sensors see */
     double least;                  /* area below which a mesh's patches are pooled */
-    double growth;                 /* factor of the cells' area, changed after a size gave too many or few leaves */
-    double pool;                   /* factor of `least`, above 1 after patches were too many */
+    double growth;                 /* factor of the area of cells; changes if there are too many or too few leaves */
+    double pool;                   /* factor of `least`; above 1 after there were too many patches */
 } sbl__patching;
 
 static sbl_result sbl__patching_begin(sbl__base *base, sbl__patching *p, const sbl__geometry *g) {
@@ -6550,7 +6548,8 @@ static sbl_result sbl__patch_measure(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Returns the patch word of a triangle. Pooled patches have one number for each mesh. */
+/* Returns the patch word of a triangle: the patch's number (pooled patches of a mesh share one), the axis that the
+   triangle faces most, SBL__PATCH_FLAT, and SBL__PATCH_BACK if its normal points down that axis. */
 static uint32_t sbl__patch_word(sbl__patching *p, uint32_t triangle) {
     const sbl__geometry *g = p->geometry;
     const uint32_t root = sbl__root(p->parents, triangle);
@@ -6566,7 +6565,6 @@ static uint32_t sbl__patch_word(sbl__patching *p, uint32_t triangle) {
            (p->patches[root].flat && !pooled ? SBL__PATCH_FLAT : 0) | (n[axis] < 0 ? SBL__PATCH_BACK : 0);
 }
 
-/* Finds patches, piece by piece. */
 static sbl_result sbl__patching_step(sbl__patching *p, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__patch_weld, sbl__patching_vertices },
@@ -6677,7 +6675,7 @@ static const char *const sbl__glsl_store[] = {
 "    return int(reference);\n",
 "}\n",
 "\n",
-"// R of a leaf, and the part of it that comes directly from lamps. leaf: as returned by sbl_leaf_at\n",
+"// Return R of a leaf, and the part of R that comes directly from lamps. leaf: as sbl_leaf_at returns it\n",
 "vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : sbl_leaf_light(leaf - 1); }\n",
 "\n",
 "vec3 sbl_lamps_of(int leaf) {\n",
@@ -6686,7 +6684,7 @@ static const char *const sbl__glsl_store[] = {
 "    return vec3(rgbe & 255u, rgbe >> 8 & 255u, rgbe >> 16 & 255u) * exp2(exponent);\n",
 "}\n",
 "\n",
-"// R at a position; parameters as for sbl_leaf_at.\n",
+"// Returns R at a position. The parameters are those of sbl_leaf_at.\n",
 "vec3 sbl_stored(int number, bool back, vec3 position, float distance) {\n",
 "    return sbl_light_of(sbl_leaf_at(number, back, position, distance));\n",
 "}\n",
@@ -6773,7 +6771,7 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     if (s->geometry.wide) s->features |= SBL__WIDE;
     else {
         const int leaves = (c->max_texture_buffer_size - g->triangle_count / 4) / SBL__STORE_TEXELS;
-        s->store.most = SBL__MAX(1024, SBL__MIN(s->store.most, leaves));
+        s->store.max_leaves = SBL__MAX(1024, SBL__MIN(s->store.max_leaves, leaves));
     }
     return SBL_SUCCESS;
 }
@@ -6818,7 +6816,7 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
         memcpy(s->draw_bounds, desc->draw_bounds, sizeof s->draw_bounds);
         s->draw_brightest = desc->draw_max_radiance > 0 ? desc->draw_max_radiance : 1.0f;
         s->material_count = desc->material_count;
-        s->store.most = desc->max_bounce_cells ? desc->max_bounce_cells : SBL__STORE_LEAVES;
+        s->store.max_leaves = desc->max_bounce_cells ? desc->max_bounce_cells : SBL__STORE_LEAVES;
         for (i = 0; i < desc->mesh_count; i++) {
             const sbl_mesh *mesh = &desc->meshes[i];
             s->geometry.meshes[i].material = mesh->material;
@@ -11241,40 +11239,38 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
    hit cut the cell. Contact rays miss much in corners and narrow cells; therefore an object that a contact ray hits on
    a flat surface cuts all cells along its contact line. */
 
-/* A fill is a number of leaves divided by the largest allowed number, sbl__store.most. */
+/* A fill is a number of leaves divided by the largest allowed number, sbl__store.max_leaves. */
 #define SBL__FILL_AIM 0.35         /* fill for which the first size of cells is chosen */
-#define SBL__FILL_FIRST 0.3        /* cells become larger if the rays of surface samples alone fill more than this */
+#define SBL__FILL_FIRST 0.3        /* cells become larger if hits of samples' rays alone fill more than this */
 #define SBL__FILL_FIRST_POWER 2.4  /* measured: growth of the cells' area by x^2.4 divides the number of leaves by x */
 #define SBL__FILL_LEAST 0.12       /* cells become smaller if they fill less than this */
 #define SBL__FILL_WIDER 0.6        /* from this fill on, new leaves belong to wider cells */
 #define SBL__FILL_WIDEST 0.8       /* from this fill on, new leaves belong to the widest cells */
-#define SBL__BOUNCE_GROWTH 1.5     /* least and largest growth of cells' area when the leaves do not suffice */
-#define SBL__BOUNCE_GROWTH_MOST 2.0
-#define SBL__BOUNCE_SHRINK_MOST 0.03  /* least factor of the cells' area when cells become smaller */
-#define SBL__BOUNCE_POOL 16.0      /* limit of the growth of the area below which patches are pooled; beyond it, meshes
-                                      outnumber leaves, and places without room stay dark */
-/* least number of surface samples per area of a cell of level 0: 8 in the area of a widest cell */
+#define SBL__BOUNCE_GROWTH 1.5     /* least factor by which the cells' area grows if leaves do not suffice */
+#define SBL__BOUNCE_GROWTH_MOST 2.0  /* largest factor by which the cells' area grows if leaves do not suffice */
+#define SBL__BOUNCE_SHRINK_MOST 0.03  /* least factor by which the cells' area shrinks if leaves are left over */
+#define SBL__BOUNCE_POOL 16.0      /* largest sbl__patching.pool; above it, places without a leaf stay dark */
+/* least number of surface samples per area of a cell of level 0; the widest cells have 8 samples */
 #define SBL__BOUNCE_SAMPLES_LEAST (8.0 / (1 << 2 * SBL__LEVEL_SHIFT * (SBL__LEVELS - 1)))
 #define SBL__BOUNCE_SAMPLE_RAYS 4
 #define SBL__BOUNCE_POINTS 4       /* points of a leaf */
 #define SBL__BOUNCE_RAYS 16        /* rays of a point */
 #define SBL__BOUNCE_SEQUENCES 4    /* sequences of ray directions, which the points of a leaf use in turn */
 #define SBL__BOUNCE_LAMP_RAYS 8
-#define SBL__BOUNCE_STUCK_RAYS 4   /* rays of a point over the hemisphere in the job, for its stuck test only */
+#define SBL__BOUNCE_STUCK_RAYS 4   /* rays of a point's stuck test */
 #define SBL__BOUNCE_CONTACTS 8     /* contact rays of a leaf */
 #define SBL__CONTACT_STEEP 0.7     /* largest cosine between the normals of a surface and of a plane that cuts it */
-#define SBL__CONTACT_APART 1e-3    /* in lengths of a cell: planes nearer to each other than this count as one */
-#define SBL__CONTACT_LEAST 0.25    /* in lengths of a cell: shorter contact lines cut the leaf of the ray only */
+#define SBL__CONTACT_APART 1e-3    /* least distance between two planes that cut a cell, in lengths of a cell */
+#define SBL__CONTACT_LEAST 0.25    /* least length of a contact line, in lengths of a cell */
 #define SBL__CONTACT_CACHE 1024    /* size of the hash table of contact lines that have cut their cells recently */
 #define SBL__BOUNCE_BRIGHT 3.0     /* a warning is due when all light exceeds this multiple of the direct light */
 #define SBL__BOUNCE_SCALED 4       /* number of first rounds whose light is scaled, see sbl__bounce_after_gather */
 #define SBL__BOUNCE_ROUNDS 200     /* largest number of rounds */
 #define SBL__BOUNCE_TOLERANCE 2e-4 /* share of the light that may be missing at the end */
 #define SBL__UNCERTAINTY_ROUNDS 6
-#define SBL__UNCERTAINTY_STRATA 0.35  /* measured share of the differences among a leaf's points that is error of the
-                                      leaf: points and rays come from low-discrepancy sequences, and neighbouring
-                                      leaves compensate each other's errors */
-#define SBL__UNCERTAINTY_MOST 0.12 /* limit before that factor; a few rays that all hit one leaf exaggerate it */
+#define SBL__UNCERTAINTY_STRATA 0.35  /* measured: true error / error estimated from points; below 1, since rays have
+                                      low discrepancy, and errors of neighbouring leaves compensate each other */
+#define SBL__UNCERTAINTY_MOST 0.12 /* largest estimated error; few rays that all hit one leaf exaggerate it */
 #define SBL__BOUNCE_TIME 0.35f     /* approximate share of a picture's time that filling the store takes */
 #define SBL__AIR_SITES 54          /* six sites at each of nine places */
 #define SBL__AIR_RAYS 512
@@ -11300,26 +11296,25 @@ typedef struct sbl__hits { sbl__hit *list; int count, room; } sbl__hits;
 
 typedef struct sbl__bounce_point { sbl__hit at; int leaf, number; /* index in its leaf */ } sbl__bounce_point;
 
-/* State of a leaf while the store is filled. points: their number; first: index of the first point; valid: number of
-   points with a valid reading. */
+/* A leaf while the store is filled. points: number of points; first: index of the first; valid: valid readings */
 typedef struct sbl__bounce_leaf { int points, first, valid; } sbl__bounce_leaf;
 
-typedef enum sbl__bounce_stage {
+enum {
     SBL__BOUNCE_PATCHES, SBL__BOUNCE_GRID, SBL__BOUNCE_SAMPLE, SBL__BOUNCE_CAST_SAMPLES, SBL__BOUNCE_PLACE,
     SBL__BOUNCE_CAST_CONTACTS, SBL__BOUNCE_CUT, SBL__BOUNCE_CAST_POINTS, SBL__BOUNCE_RELOCATE, SBL__BOUNCE_ORDER,
     SBL__BOUNCE_SORT, SBL__BOUNCE_LINK, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_DIRECT, SBL__BOUNCE_GATHER,
     SBL__BOUNCE_NOISE, SBL__BOUNCE_PROPAGATE, SBL__BOUNCE_UNCERTAINTY, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR,
     SBL__BOUNCE_DONE
-} sbl__bounce_stage;
+};
 
 typedef struct sbl__bounce {
     sbl__stages stages;
     sbl__core *core;
-    sbl__store *store;               /* the store of the scene */
+    sbl__store *store;
     const sbl__geometry *geometry;
     uint32_t scene, surfaces;        /* versions of the scene and of its surfaces that the filling is for */
     sbl__bounce_point *points;
-    sbl__bounce_leaf *states;        /* states of the leaves */
+    sbl__bounce_leaf *states;        /* one state per leaf */
     int point_count, point_room, state_room;
     sbl__hits hits;                  /* hits of the points' rays, SBL__BOUNCE_RAYS per point */
     float progress;
@@ -11327,26 +11322,26 @@ typedef struct sbl__bounce {
     double samples_due;              /* number of surface samples due for the triangles visited so far */
     sbl__hits samples;               /* surface samples: places spread over all surfaces */
     sbl__hits queue;                 /* places that may become points: a part of samples, hits or `released` */
-    sbl__hits waiting, released;     /* places whose leaf has not been cut yet; places that have finished waiting */
+    sbl__hits waiting, released;     /* places in leaves that have yet to be cut; places that have waited */
     sbl__hits contacts;              /* hits of contact rays */
     int cut_leaves;                  /* number of leaves that contact rays have cut */
     int points_cast;                 /* number of points whose rays have been cast */
     uint32_t *sequence;              /* random fractions of ray directions */
-    struct { int known; uint32_t place; float normal[3], offset; } origin;  /* cached: rays of a point share it */
+    struct { int known; uint32_t place; float normal[3], offset; } origin;  /* result of the last sbl__place_normal */
     sbl__site *sites;                /* the job's sites: points, then places in the air */
     sbl_reading *readings;
     uint32_t recent_lines[SBL__CONTACT_CACHE];  /* hash table of contact lines that have cut their cells recently */
     int recheck;                     /* 1: a line has cut leaves that had points, so all hits must be placed again */
-    float *direct;                   /* light of each leaf from lamps and environment, 3 floats; at the end its noise */
-    float *solved;                   /* solved light, kept while noise occupies the leaves */
+    float *direct;                   /* direct light of each leaf, 3 floats; then the noise of each leaf */
+    float *solved;                   /* light of each leaf, saved while the leaves hold noise */
     int *order;                      /* index of each point in the order by leaf */
-    double change;                   /* balance.change of the round before */
-    /* sums over all leaves in a round: direct light; all light before and after the round; absolute differences */
+    double change;                   /* balance.change of the previous round */
+    /* sums over leaves in this round: direct light, all light before and after the round, absolute changes of light */
     struct { double direct[3], before[3], after[3], change; } balance;
-    double needed_growth;            /* above 0: there are too many leaves; growth of cells' area that would suffice */
-    double previous_fill;            /* fill that an earlier attempt with larger cells reached */
+    double needed_growth;            /* factor by which the cells' area must grow; 0: leaves suffice */
+    double previous_fill;            /* fill after which cells became smaller */
     int rounds;
-    int samples_placed, seen_leaves; /* 1: surface samples have been placed; number of leaves before that */
+    int samples_placed, seen_leaves; /* 1: surface samples have been placed; number of leaves that rays have hit */
     sbl__table casts;
     sbl__blocks blocks;
     sbl__pace pace;
@@ -11359,8 +11354,8 @@ typedef struct sbl__bounce {
 static const char *const sbl__glsl_cast[] = {
 "// Finds the first hit of each ray. A ray with a negative limit leaves a surface, whose normal is `direction`, in a\n",
 "// random direction with cosine distribution.\n",
-"// xyz: position of the hit, far away if nothing was hit; w: 0 if nothing was hit, otherwise 1 + low bits of the\n",
-"// triangle's number, negative for its back side\n",
+"// out_place: xyz: position of the hit, far away if nothing was hit; w: 0 if nothing was hit, otherwise 1 + low\n",
+"// bits of the triangle's number, negative for its back side\n",
 "SBL_OUT(0, out_place);\n",
 "// rgb: albedo for bounced light; a: high bits of the triangle's number\n",
 "SBL_OUT(1, out_albedo);\n",
@@ -11417,7 +11412,7 @@ static sbl_result sbl__cast_send(sbl__bounce *b, const sbl__cast *rays, int coun
     return sbl__gl_check(&d->gl);
 }
 
-/* Decodes the output of cast.glsl for a ray. */
+/* Decodes the output of cast.glsl. */
 static void sbl__cast_take(const sbl__cast *ray, const float place[4], const float albedo[4], sbl__hit *out) {
     const double low = fabs((double)place[3]) - 1, number = low + SBL__CAST_NUMBERS * (double)albedo[3];
     double length2 = 0;
@@ -11430,8 +11425,7 @@ static void sbl__cast_take(const sbl__cast *ray, const float place[4], const flo
     sbl__share_pack(albedo, out->albedo);
 }
 
-/* Casts rays number stages.at .. count - 1 into hits, as many at once as time permits. make: computes the ray of a
-   number. SBL_SUCCESS: all rays have been cast. */
+/* Casts rays number stages.at .. count - 1 into hits, piece by piece. make: computes the ray with a given number */
 static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, int number, sbl__cast *out), int count,
                                    sbl__hits *hits, const sbl__slice *slice) {
     sbl__device *d = &b->core->device;
@@ -11467,15 +11461,16 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, 
 
 /* >>bounce: places that may become points */
 
-/* Returns the patch word of a place: its triangle's word, with the bits of its side and of rays from near by. */
+/* Returns the patch word of a place: the triangle's word, with SBL__PATCH_BACK inverted on the back side and
+   SBL__PATCH_NEAR set if a short ray hit the place. */
 static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
     const uint32_t patch = s->patches[at->place >> 1] ^ (at->place & 1 ? SBL__PATCH_BACK : 0);
     return patch | (at->distance * SBL__NEAR_PART < s->length ? SBL__PATCH_NEAR : 0);
 }
 
-/* Returns the reference to the leaf of a place: in its cell or, if the cell has no leaf and leaves are becoming scarce,
-   in a wider cell. NULL: there is no room. patch: NULL, or receives the word of the cell that was used. A place that no
-   surface sees uses the widest cells only, because only points in the air may see it. */
+/* Returns the reference to the leaf of a place, in its cell or, if the cell has no leaf and leaves are becoming scarce,
+   in a wider cell; NULL: there is no slot. patch: NULL, or receives the patch word with the level of the cell. A place
+   that no surface sees uses the widest cells only, because only points in the air may see it. */
 static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32_t *patch) {
     static const double fills[SBL__LEVELS] = { SBL__FILL_WIDER, SBL__FILL_WIDEST, 1 };
     uint32_t *reference = NULL, word = sbl__place_patch(s, at);
@@ -11483,13 +11478,13 @@ static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32
     word += SBL__PATCH_LEVEL * (uint32_t)level;
     for (; level < SBL__LEVELS; level++, word += SBL__PATCH_LEVEL) {
         reference = sbl__store_find(s, word, at->position, &depth);
-        if (reference && (*reference || s->leaf_count < fills[level] * s->most)) break;
+        if (reference && (*reference || s->leaf_count < fills[level] * s->max_leaves)) break;
     }
     if (patch) *patch = word;
     return reference;
 }
 
-/* Computes the normal on a place's side; returns the distance from the surface at which rays start. */
+/* Computes the normal on the side of a place. Returns the distance from the surface at which its rays start. */
 static float sbl__place_normal(const sbl__geometry *g, uint32_t place, float normal[3]) {
     const float *p[3];
     double n[3], longest = 0, away = 0;
@@ -11508,7 +11503,6 @@ static float sbl__place_normal(const sbl__geometry *g, uint32_t place, float nor
     return (float)(SBL__OFFSET * (sqrt(away) + 2 * sqrt(longest)));
 }
 
-/* Divides surfaces into patches. */
 static sbl_result sbl__bounce_patches(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__base *base = &b->core->base;
@@ -11530,14 +11524,14 @@ static sbl_result sbl__bounce_grid(void *work, sbl__slice *slice) {
     sbl__base *base = &b->core->base;
     sbl__patching *p = &b->patching;
     sbl__store *s = b->store;
-    const double area = 2 * p->area / (SBL__FILL_AIM * s->most);
+    const double area = 2 * p->area / (SBL__FILL_AIM * s->max_leaves);
     int k, room = 1024;
     (void)slice;
     p->least = SBL__PATCH_LEAST * p->pool * area;
     s->length = (float)sqrt(p->growth * area);
     if (!sbl__between(&s->length, FLT_MIN, FLT_MAX)) s->length = 1;
     for (k = 0; k < 3; k++) s->origin[k] = b->geometry->bounds[0][k] - s->length * (1.37f + 0.21f * (float)k);
-    while (room < 2 * s->most) room *= 2;
+    while (room < 2 * s->max_leaves) room *= 2;
     sbl__free(base, s->cells);
     s->cells = (sbl__cell_slot *)sbl__alloc(base, (size_t)room, sizeof *s->cells);
     s->cell_room = s->cells ? room : 0;
@@ -11554,8 +11548,8 @@ static int sbl__hits_add(sbl__bounce *b, sbl__hits *to, const sbl__hit *hit) {
     return 1;
 }
 
-/* Sets a triangle's patch word, and adds surface samples at random positions on both sides: one per cell's area at the
-   first size of cells. b->samples_due carries fractions over to the next triangle. */
+/* Sets a triangle's patch word, and adds surface samples at random positions on both sides: one per area of a cell of
+   the first size. b->samples_due carries fractions over to the next triangle. */
 static sbl_result sbl__bounce_sample(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const uint32_t triangle = (uint32_t)at;
@@ -11583,8 +11577,7 @@ static sbl_result sbl__bounce_sample(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Adds a point at a place, projected onto the plane of its triangle: rounding moves hits of long rays off it. Returns 0
-   if out of memory. */
+/* Adds a point at a place, moved into its triangle's plane because hits are rounded. Returns 0 if out of memory. */
 static int sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
     sbl__bounce_point *point;
     const float *corner = sbl__triangle_corner(b->geometry, at->place >> 1, 0);
@@ -11621,8 +11614,7 @@ static int sbl__bounce_queued(void *work) {
     return b->needed_growth > 0 ? 0 : b->queue.count;
 }
 
-/* Makes a point of a place that a surface sample or a ray found, if its leaf needs one. Sets b->needed_growth if there
-   is no room for a new leaf. */
+/* Makes a point of a queued place if its leaf needs one. Sets b->needed_growth if there is no room for a new leaf. */
 static sbl_result sbl__bounce_place(void *work, int number) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *at = &b->queue.list[number];
@@ -11631,7 +11623,7 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     int leaf, added, ok = 1;
     if (at->place == SBL__NOWHERE) return SBL_SUCCESS;
     reference = sbl__place_find(s, at, NULL);
-    if (!reference || (!*reference && s->leaf_count >= s->most)) {
+    if (!reference || (!*reference && s->leaf_count >= s->max_leaves)) {
         if (b->patching.pool < SBL__BOUNCE_POOL)
             b->needed_growth = SBL__MIN(1.3 * b->queue.count / (number + 1), SBL__BOUNCE_GROWTH_MOST);
         return SBL_SUCCESS;
@@ -11664,14 +11656,13 @@ static int sbl__bounce_restart(sbl__bounce *b, double growth) {
     return SBL__BOUNCE_GRID;
 }
 
-/* Sends contact rays from new leaves and casts rays from new points, until there are no new ones. Surface samples are
-   placed last; they fill the places that no ray hit. */
+/* Casts rays from new leaves and points until there are none. Finally places surface samples where no ray has hit. */
 static int sbl__bounce_after_place(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
-    const double fill = (double)b->store->leaf_count / b->store->most;
+    const double fill = (double)b->store->leaf_count / b->store->max_leaves;
     if (b->needed_growth > 0) return sbl__bounce_restart(b, SBL__MAX(b->needed_growth, SBL__BOUNCE_GROWTH));
     if (!b->cut_leaves && fill > SBL__FILL_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
-        /* The surfaces that these leaves see would need too many more leaves. */
+        /* The rays of these leaves would hit too many more leaves. */
         return sbl__bounce_restart(b, pow(fill / SBL__FILL_FIRST, SBL__FILL_FIRST_POWER));
     if (b->store->leaf_count > b->cut_leaves) return SBL__BOUNCE_CAST_CONTACTS;
     if (b->points_cast < b->point_count) return SBL__BOUNCE_CAST_POINTS;
@@ -11680,7 +11671,7 @@ static int sbl__bounce_after_place(void *work) {
         return sbl__bounce_queue(b, b->hits.list, b->point_count * SBL__BOUNCE_RAYS);
     }
     if (b->samples_placed && b->seen_leaves > 0 && fill < SBL__FILL_LEAST && fill > 2 * b->previous_fill) {
-        b->previous_fill = fill;  /* Nothing sees much of the scene, so the rest can have more leaves. */
+        b->previous_fill = fill;  /* Rays hit few surfaces, so cells can be smaller. */
         return sbl__bounce_restart(b, SBL__MAX(fill / SBL__FILL_AIM, SBL__BOUNCE_SHRINK_MOST));
     }
     if (b->samples_placed) return SBL__BOUNCE_RELOCATE;
@@ -11726,7 +11717,7 @@ static sbl_result sbl__bounce_cast_contacts(void *work, sbl__slice *slice) {
 /* The line along which an object stands on a flat surface. */
 typedef struct sbl__contact {
     uint32_t patch;              /* word of the flat surface */
-    uint32_t object;             /* word of the object's flat patch with bit 0 set, or number of its triangle * 2 */
+    uint32_t object;             /* word of the object's flat patch | 1, or number of its triangle * 2 */
     float normal[3], distance;   /* plane of the object */
     double from[3], along[3];    /* one end of the line, and the vector to the other end */
     uint32_t *reference;         /* reference in the slot of the cell that is being cut */
@@ -11737,9 +11728,8 @@ static void sbl__contact_position(const sbl__contact *line, double t, float posi
     for (k = 0; k < 3; k++) position[k] = (float)(line->from[k] + t * line->along[k]);
 }
 
-/* Makes the line where the plane that a contact ray from `at` hit meets the surface of `at`. The line extends over the
-   common bounds of the flat patches or, if the object is not flat, of its triangle. Returns 0 if the line is too short
-   or the surface is not flat. */
+/* Makes the line where the surface of `at` meets the plane that its contact ray hit, within the bounds of both: of flat
+   patches or, if the object is not flat, of its triangle. Returns 0 if it is too short or the surface is not flat. */
 static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl__hit *hit, sbl__contact *line) {
     const sbl__store *s = b->store;
     const sbl__geometry *g = b->geometry;
@@ -11782,7 +11772,7 @@ static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl
 }
 
 /* Cuts all leaves that the line crosses below a reference: sides[side] of a cut or, if `cut` is negative,
-   line->reference. range: part of the line that lies there. */
+   line->reference. range: part of the line in the reference's part of the cell. */
 static sbl_result sbl__contact_part(sbl__bounce *b, const sbl__contact *line, int cut, int side,
                                     const double range[2], int depth) {
     sbl__store *s = b->store;
@@ -11816,7 +11806,7 @@ static sbl_result sbl__contact_part(sbl__bounce *b, const sbl__contact *line, in
     return result;
 }
 
-/* Cuts all cells of one patch word that the line crosses. */
+/* Cuts all cells that the line crosses and that have the patch word line->patch. */
 static sbl_result sbl__contact_walk(sbl__bounce *b, sbl__contact *line) {
     const sbl__store *s = b->store;
     const double length = (double)sbl__cell_length(s, line->patch);
@@ -11897,7 +11887,6 @@ static sbl_result sbl__bounce_cuts(void *work, int at) {
     return result;
 }
 
-/* Queues the places that waited for contact rays. */
 static int sbl__bounce_after_cuts(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hits waiting = b->waiting;
@@ -11910,8 +11899,7 @@ static int sbl__bounce_after_cuts(void *work) {
 
 /* >>bounce: rays */
 
-/* Makes a cosine-weighted ray over the hemisphere at a place. number: index into b->sequence, which a hash of `seed`
-   scrambles. */
+/* Makes a cosine-weighted ray from a place. number: index into b->sequence, which a hash of `seed` scrambles */
 static void sbl__bounce_surface_ray(sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number, sbl__cast *out) {
     const float *normal = b->origin.normal;
     int k;
@@ -11935,8 +11923,7 @@ static void sbl__bounce_sample_ray(sbl__bounce *b, int number, sbl__cast *out) {
                             out);
 }
 
-/* Casts rays from surface samples and queues their hits. The distance from which a sample is seen becomes the length of
-   its shortest ray, or SBL__UNSEEN if its rays hit nothing. */
+/* Casts rays from surface samples and queues their hits. The distance of a sample becomes that of its nearest hit. */
 static sbl_result sbl__bounce_cast_samples(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     const int rays = b->samples.count * SBL__BOUNCE_SAMPLE_RAYS;
@@ -12010,7 +11997,7 @@ static void sbl__swap(void *a, void *b, size_t bytes) {
     memcpy(b, keep, bytes);
 }
 
-/* Sorts points and their hits by leaf, because rounds of bounces read them in that order. */
+/* Sorts points and their hits by leaf. Rounds of bounces in another order take 3 to 6 times as long. */
 static sbl_result sbl__bounce_sort(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__hit *hits = b->hits.list;
@@ -12064,7 +12051,7 @@ static sbl_result sbl__bounce_site(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Begins a job for the first `count` sites that measures light from lamps only (SBL_MODE_DIRECT) or all light. */
+/* Begins a job that measures light from lamps (SBL_MODE_DIRECT) or all light at the first `count` sites. */
 static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, int count) {
     const int direct = mode == SBL_MODE_DIRECT;
     sbl__core *c = b->core;
@@ -12078,7 +12065,7 @@ static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, int count) {
     sbl__spec_make(&task.spec, &measurement, &c->scene, &c->desc);
     if (direct) {
         task.spec.rays = SBL__BOUNCE_STUCK_RAYS;
-        task.spec.without_sky = 1;  /* Kept rays that hit nothing bring the light of the environment. */
+        task.spec.without_sky = 1;  /* sbl__bounce_sky computes the light of the environment. */
     }
     task.sites = b->sites;
     task.readings = b->readings;
@@ -12143,9 +12130,9 @@ static sbl_result sbl__bounce_direct(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-#define SBL__BOUNCE_UNIT (SBL__SHARE_ONE * SBL__BOUNCE_RAYS)  /* unit of the sums of sbl__bounce_add_received */
+#define SBL__BOUNCE_UNIT (SBL__SHARE_ONE * SBL__BOUNCE_RAYS)
 
-/* Adds the light that a point receives from leaves, at their current values. */
+/* Adds SBL__BOUNCE_UNIT times the light that a point receives from leaves. */
 static void sbl__bounce_add_received(const sbl__bounce *b, int point, float sum[3]) {
     const sbl__hit *hits = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS];
     int j;
@@ -12154,8 +12141,8 @@ static void sbl__bounce_add_received(const sbl__bounce *b, int point, float sum[
             sbl__add_reflected(hits[j].albedo, b->store->leaves[hits[j].place].light, sum);
 }
 
-/* Computes one more bounce for a leaf: adds the average light that its points receive from other leaves to its direct
-   light. Leaves earlier in the round already have their new light (Gauss-Seidel iteration). */
+/* Sets a leaf's light to its direct light plus the mean light that its points receive. Leaves earlier in the round
+   already have their new light (Gauss-Seidel iteration). */
 static sbl_result sbl__bounce_gather(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__bounce_leaf *leaf = &b->states[at];
@@ -12176,8 +12163,7 @@ static sbl_result sbl__bounce_gather(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Warns once per scene if the clamped albedos of white walls make a visible difference. direct, all: sums of direct
-   light and of all light. */
+/* Warns once per scene if clamping of albedos makes a visible difference. direct, all: sums of direct and all light */
 static void sbl__bounce_warn(const sbl__bounce *b, double direct, double all) {
     const sbl__geometry *g = b->geometry;
     int i, white = 0;
@@ -12189,8 +12175,8 @@ static void sbl__bounce_warn(const sbl__bounce *b, double direct, double all) {
     b->store->warned = 1;
 }
 
-/* Finishes a round. In the first rounds gathered light is scaled so that emitted and lost light balance, channel by
-   channel. This settles the overall brightness of a room, the slowest part of convergence, at once. */
+/* In the first rounds, scales gathered light so that emitted and lost light balance, channel by channel. This settles
+   the overall brightness of a room, the slowest part of convergence, at once. */
 static int sbl__bounce_after_gather(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__store *s = b->store;
@@ -12218,8 +12204,8 @@ static int sbl__bounce_after_gather(void *work) {
 
 /* >>bounce: uncertainty */
 
-/* Estimates the standard error of a leaf's light per channel from its points, with a random sign. A leaf with a
-   single point is assumed to be off by half its light. */
+/* Sets b->direct to the standard error of a leaf's light with a random sign, estimated from the differences between its
+   points or, for a single point, as half the light. */
 static sbl_result sbl__bounce_noise(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__bounce_leaf *leaf = &b->states[at];
@@ -12246,7 +12232,7 @@ static sbl_result sbl__bounce_noise(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Puts the noise in place of the light, so that rounds of bounces propagate the noise along the same rays. */
+/* Replaces the light by its noise, so that further rounds propagate the noise along the same rays. */
 static int sbl__bounce_after_noise(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     int i;
@@ -12287,8 +12273,7 @@ static sbl_result sbl__bounce_send(void *work, sbl__slice *slice) {
 
 /* >>bounce: light in the air, for objects that the host draws */
 
-/* Measures light at the centre of the host's objects and half way from there to each corner of their bounds, with
-   six sensors at each place. */
+/* Measures light with six sensors each at the centre of draw_bounds and half way from there to each corner. */
 static int sbl__bounce_after_send(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__scene *scene = &b->core->scene;
@@ -12338,7 +12323,7 @@ static void sbl__bounce_free_temporary(const sbl__device *d, sbl__bounce *b) {
     memset(&b->patching, 0, sizeof *b - offsetof(sbl__bounce, patching));
 }
 
-/* Drops a filling in progress. */
+/* Frees the filling in progress. */
 static void sbl__bounce_end(sbl__core *c) {
     sbl__bounce *b = c->bounce;
     if (!b) return;
@@ -12370,7 +12355,7 @@ static sbl__bounce *sbl__bounce_resume(sbl__core *c) {
     return b;
 }
 
-/* Does one bounded piece of filling the store. SBL_SUCCESS: the store is ready. */
+/* Fills the store, piece by piece. Returns SBL_SUCCESS when the store is ready. */
 static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { sbl__bounce_patches, NULL, NULL, NULL },
@@ -12416,7 +12401,7 @@ static float sbl__bounce_progress(sbl__core *c) {
     float now;
     if (c->scene.store.ready || !b) return c->scene.store.ready ? 1.0f : 0.0f;
     now = b->stages.stage < SBL__BOUNCE_SITES
-              ? 0.5f * (float)b->points_cast / (float)(SBL__BOUNCE_POINTS * b->store->most)
+              ? 0.5f * (float)b->points_cast / (float)(SBL__BOUNCE_POINTS * b->store->max_leaves)
         : b->stages.stage == SBL__BOUNCE_SITES ? 0.5f
         : b->stages.stage == SBL__BOUNCE_LIGHT ? 0.5f + 0.4f * sbl__job_progress(&b->job)
                                                : 0.9f;
@@ -12429,8 +12414,7 @@ static float sbl__prepare_share(const sbl__core *c, const sbl__measurement *s) {
     return s->options.mode == SBL_MODE_GI && !c->scene.store.ready ? SBL__BOUNCE_TIME : 0;
 }
 
-/* Prepares what a measurement needs of the scene, piece by piece: hierarchy and lamps for rays, the store for bounced
-   light. SBL_SUCCESS: all is ready. */
+/* Prepares what a measurement needs, piece by piece: hierarchy and lamps for rays, the store for bounced light. */
 static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__slice *slice) {
     const sbl__hierarchy *h = &c->scene.hierarchy;
     const int rays = s->options.mode != SBL_MODE_PAPER;
@@ -12444,19 +12428,18 @@ static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__sli
 }
 
 /* ======================================================================================================== >>saved
-   Writes the store to a stream and reads it: a header, the store, a checksum. Data that is read is used only if it
-   belongs to the scene and is valid. */
+   Writes a header, the store and a checksum to a stream, and reads them if they are valid and belong to the scene. */
 
 #define SBL__SAVED_NAME "sblstore"
 #define SBL__SAVED_VERSION 3u
-#define SBL__SAVED_ORDER 0x01020304u   /* tells the byte order */
+#define SBL__SAVED_ORDER 0x01020304u   /* reads differently with another byte order */
 #define SBL__SAVED_SEED 0xcbf29ce484222325u
-#define SBL__SAVED_CELLS (1 << 22)     /* largest number of slots and of cuts; half of it for leaves */
+#define SBL__SAVED_CELLS (1 << 22)     /* largest number of slots, of cuts, and of leaves times 2 */
 
 typedef struct sbl__saved {
     char name[8];
     uint32_t version, order;
-    uint64_t scene;                    /* see sbl__saved_scene */
+    uint64_t scene;                    /* hash, see sbl__saved_scene */
     int32_t triangles, cells, cuts, leaves;
 } sbl__saved;
 
@@ -12486,7 +12469,7 @@ typedef struct sbl__saved_stream {
     uint64_t sum;                      /* hash of all data so far */
 } sbl__saved_stream;
 
-/* Reads or writes a block of data. Returns 0 if the stream has failed or ended. */
+/* Reads or writes a block of data. Returns 0 if the stream fails or ends. */
 static int sbl__saved_transfer(sbl__saved_stream *s, void *data, size_t bytes) {
     if (bytes && (s->get ? s->get(data, bytes, s->user) : s->put(data, bytes, s->user)) != bytes) return 0;
     s->sum = sbl__hash_bytes(s->sum, data, bytes);
@@ -12591,7 +12574,7 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
     sbl__store s;
     sbl_result result;
     memset(&s, 0, sizeof s);
-    s.most = scene->store.most;
+    s.max_leaves = scene->store.max_leaves;
     result = sbl__saved_read(&c->device, scene, &s, get, user, &why);
     if (result == SBL_SUCCESS && !wide && triangles / 4 + 1 + s.cell_room / 2 + 2 * s.cut_count + s.leaf_count >
                                               c->device.gl.capabilities.max_texture_buffer_size) {
@@ -12637,8 +12620,7 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
    Everything except jobs runs on the CPU, in slices. Errors are relative to the picture's mean luminance. A name that
    ends in 2 holds a squared error. Later rooms only call functions; they read no field of sbl__refine. */
 
-/* Occlusion of a texel of a lightmap by surfaces that lie on it, see sbl__refine_occlusion. */
-enum { SBL__TOUCHED = 1, SBL__HIDDEN };
+enum { SBL__TOUCHED = 1, SBL__HIDDEN };  /* occlusion of a texel of a lightmap, see sbl__refine_occlusion */
 
 typedef struct sbl__pixel {
     float position[3], normal[3], geometric_normal[3];
@@ -12649,14 +12631,14 @@ typedef struct sbl__pixel {
     float stored[3];          /* stored value of R at this pixel */
     float uncertainty;        /* standard error of the luminance of R that is due to errors of stored light */
     uint32_t id;              /* number of the surface; 0: the pixel shows no surface */
-    int look;                 /* number of the sensor's first look in the job that took it */
-    int looks, wanted;        /* number of looks that the sensor has taken, and that it is to have taken in the end */
+    int look;                 /* index of the sensor's first look in its job, where sbl_inspect_sensor repeats it */
+    int looks, wanted;        /* number of looks taken so far; number of looks to be taken in total */
     short round;              /* last round in which the sensor was read */
     unsigned char level;      /* 0: the pixel is interpolated; otherwise 1 + level of its sensor */
     unsigned char sensed;     /* 1: radiance holds the light of the pixel's own sensor */
     unsigned char invalid;    /* 1: the sensor is stuck inside geometry, or occlusion makes its light unfit to show */
-    unsigned char occlusion;  /* texel of a lightmap: SBL__HIDDEN, SBL__TOUCHED, or 0 */
-    unsigned char queued;     /* 1: a job that is listed or running takes looks here */
+    unsigned char occlusion;  /* of a texel of a lightmap: SBL__HIDDEN, SBL__TOUCHED or 0 */
+    unsigned char queued;     /* 1: the pixel is among the sites of the present job */
 } sbl__pixel;
 
 /* Occlusion. The sensor of a hidden texel sees surfaces in more than HIDDEN_SHARE of directions, at a mean distance
@@ -12666,36 +12648,34 @@ typedef struct sbl__pixel {
 #define SBL__HIDDEN_TOUCH 0.15f
 #define SBL__HIDDEN_REACH 2       /* distance_limit, in widths of a texel */
 
-/* Interpolation. Errors are root mean squares. Those along an edge are shares of the second differences at its ends,
-   measured on shadows of lamps with tiles of 2 to 16 pixels: STEP for a step of light between the ends, CURVE for a
-   parabola after the correction of sbl__edge_parabola. */
-#define SBL__COVERAGE 0.75f             /* a tile is split if less of a pixel's bilinear weight is covered */
-#define SBL__EXTRAPOLATED_SPAN 4        /* widest tile, pixels, in which corners with extrapolated light cover pixels */
+/* Interpolation. Errors are root mean squares. STEP_ERROR (for a step of light on an edge of a tile) and CURVE_ERROR
+   (for a parabola, after the correction of sbl__edge_parabola) are shares of the second differences at the edge's ends,
+   measured on shadows of lamps with tiles of 2 to 16 pixels. */
+#define SBL__COVERAGE 0.75f             /* a tile is split if corners cover less of a pixel (sbl__mix.covered, .own) */
+#define SBL__EXTRAPOLATED_SPAN 4        /* widest tile, pixels, in which extrapolated light covers pixels */
 #define SBL__STEP_ERROR 0.29f
 #define SBL__CURVE_ERROR 0.1f
-#define SBL__EXTRAPOLATION_ERROR 0.35f  /* of extrapolation by a tile's width, as a share of the difference beyond */
-#define SBL__SILHOUETTE_ERROR 0.05f     /* least error of extrapolation as a share of the light, at a silhouette */
-#define SBL__CONTACT_ERROR 0.12f        /* the same if the other surface is near enough to cast a shadow there */
-#define SBL__CONTACT_DISTANCE 2.5f      /* largest distance of such a surface, in distances between sensors */
-#define SBL__PIXEL_ERROR 0.15f          /* share of the picture's error added to each pixel's for unknown causes */
-#define SBL__NOISE_IN_BIAS 0.75f        /* multiple of the sensors' variance that noise adds to the measured bias */
-#define SBL__NOISE_IN_SPLITS 1.25f      /* the same where splits are weighed; larger, because more looks will resolve a
-                                           difference that might be noise */
-/* Noise. */
+#define SBL__EXTRAPOLATION_ERROR 0.35f  /* error of extrapolated light / second difference beside the tile */
+#define SBL__SILHOUETTE_ERROR 0.05f     /* least error of extrapolated light at a silhouette, as a share of the light */
+#define SBL__CONTACT_ERROR 0.12f        /* least error if the other surface is near, since it may cast a shadow */
+#define SBL__CONTACT_DISTANCE 2.5f      /* distance up to which surfaces are near, in distances between sensors */
+#define SBL__PIXEL_ERROR 0.15f          /* error of each pixel for unknown causes, as a share of the picture's error */
+#define SBL__NOISE_IN_BIAS 0.75f        /* noise adds this multiple of the sensors' variance to raw_bias2 */
+#define SBL__NOISE_IN_SPLITS 1.25f      /* multiple if splits are weighed; larger, as looks resolve what may be noise */
+/* Noise of sensors. */
 #define SBL__LEAST_NOISE 1e-12f         /* least noise of a surface in the radiance map; 0 marks empty pixels */
-#define SBL__NOISE_WEIGHT 4             /* with a threshold, differences must exceed this multiple of the variance */
-#define SBL__LOOKS_GAIN 0.4f            /* factor by which twice as many looks reduce the variance; below 0.5, because
-                                           looks share one Sobol sequence */
-#define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* gain per look of a doubling, relative to the one before */
+#define SBL__NOISE_WEIGHT 4             /* multiple of the variance that is added to the squared threshold */
+#define SBL__LOOKS_GAIN 0.4f            /* variance of 2n looks / of n looks; below 0.5, as looks share a sequence */
+#define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* gain per look of a doubling / gain of the previous doubling */
 #define SBL__LOOKS_GROWTH 8             /* largest factor by which a sensor's looks grow in one round */
 #define SBL__DOUBLINGS 10               /* number of powers of two up to SBL__MAX_LOOKS, which is 2^9 */
-#define SBL__LOOKS_DIFFERENCE 1.1       /* variance of the difference of two means of looks, as a share of the sum of
-                                           theirs; above 1, because later points complement earlier ones */
-#define SBL__LOOKS_COMPARED 64          /* least number of sensors whose repeated looks may correct variances */
-#define SBL__LOOKS_CORRECTION_MIN 0.5   /* least factor of that correction */
-#define SBL__LOOKS_CORRECTION_MAX 8.0   /* largest factor of that correction */
-#define SBL__PARENT_WEIGHT 0.6f         /* weight of the parent's variance in a tile's, since a tile has few sensors */
-/* Choice of what a round buys. Numbers that are added to luminances are shares of the picture's mean luminance. */
+#define SBL__LOOKS_DIFFERENCE 1.1       /* variance of the difference between earlier and later looks / sum of the two
+                                           variances; above 1, because later points complement earlier points */
+#define SBL__LOOKS_COMPARED 64          /* least number of differences that may correct a share of variance */
+#define SBL__LOOKS_CORRECTION_MIN 0.5   /* least correction factor */
+#define SBL__LOOKS_CORRECTION_MAX 8.0   /* largest correction factor */
+#define SBL__PARENT_WEIGHT 0.6f         /* weight of the parent's variance, because a tile has few sensors */
+/* Choice of what a round buys. */
 #define SBL__MAX_ROUNDS 40              /* limits the number of transfers between CPU and GPU */
 #define SBL__JOB_LOOKS (1 << 21)        /* approximate number of looks in one job */
 #define SBL__AIM_BELOW 0.9              /* a round aims at this share of the squared target error */
@@ -12704,12 +12684,11 @@ typedef struct sbl__pixel {
 #define SBL__AIM_LEAST 0.7              /* least share of the squared target error that uncertainty leaves to sensors */
 #define SBL__SPLIT_COST 3               /* cost in sensors: a split adds five, but neighbours share most of them */
 #define SBL__SPLIT_GAIN 0.875f          /* share of the squared error of interpolation that a split removes */
-#define SBL__DIFFERENCE_FLOOR 0.02f     /* added to the light that a threshold is a share of */
-#define SBL__GAIN_FLOOR 0.1f            /* added to a tile's luminance when its gains are divided by it: dark places
-                                           count little in the sum, but their errors are visible */
+#define SBL__DIFFERENCE_FLOOR 0.02f     /* share of the mean luminance, added to light before it is compared */
+#define SBL__GAIN_FLOOR 0.1f            /* gains are divided by relative luminance + this: errors show in dark places */
 #define SBL__GAIN_BINS 512              /* bins of a histogram of gains, four to an octave */
-/* A tile is always split if its error exceeds MAX times the target error, relative to its own luminance plus FLOOR.
-   Otherwise ragged shadows would be visible. */
+/* To prevent ragged shadows, a tile is always split if its error exceeds TILE_ERROR_MAX times the target error times
+   its relative luminance plus TILE_ERROR_FLOOR. */
 #define SBL__TILE_ERROR_MAX 5.0f
 #define SBL__TILE_ERROR_FLOOR 0.1f
 
@@ -12719,27 +12698,29 @@ typedef struct sbl__range { int x[2], y[2]; } sbl__range;
 typedef struct sbl__tile {
     sbl__range area;
     int level, split;
+    int must_split;           /* 1: the corners do not cover all pixels */
     int parent;               /* index of the tile whose split made this one, or -1 */
     int looks;                /* number of looks that new sensors at the tile's corners begin with */
-    int pixels;               /* number of pixels that the tile gives light to; counted by the first WEIGH */
-    float uncovered;          /* share of those pixels' bilinear weight at corners that do not belong to the pixel */
+    int pixels;               /* number of pixels that the tile gives light to */
+    float uncovered;          /* mean bilinear weight, over these pixels, of corners that show other surfaces */
     float raw_bias2;          /* squared error of interpolation as estimated from edges and rim, noise included */
     float unseen_bias2;       /* part of raw_bias2 for changes of light that no sensor can see */
     float bias2, noise2;      /* predicted squared errors per pixel */
     float light, variance;    /* mean luminance of the corners; relative variance of one look */
-    float split_worth, look_worth;  /* gain per look of a split, or of more looks, per luminance; FLT_MAX: must split */
+    /* gain per look of a split (FLT_MAX: necessary) or of more looks / (relative luminance + SBL__GAIN_FLOOR) */
+    float split_worth, look_worth;
 } sbl__tile;
 
 typedef struct sbl__refine {
     sbl__core *core;
-    sbl__measurement *measurement;  /* how sensors see; their looks may get more rays after the first round */
+    sbl__measurement *measurement;  /* how sensors measure; after the first round, looks may get more rays */
     sbl__spec *spec;
     sbl__stages stages;
     int width, height;
     int tile_size;            /* width and height of first-level tiles */
     int geometry_aware;       /* 1 except in SBL_MODE_PAPER; the threshold is then relative to the mean */
-    float distance_limit;     /* cut-off of distances in the sensors' mean distances; 0: no test for occlusion */
-    double lit, lit_backs;    /* number of sensors that found light so far; sum of their shares of back faces */
+    float distance_limit;     /* see sbl__spec.distance_limit; 0: no test for occlusion */
+    double lit, lit_backs;    /* number of sensors that found light so far; sum of their back_share */
     float threshold;          /* 0: tiles are split by predicted gain */
     float target_error;       /* 0: refine until nothing is left to buy */
     float smoothing;          /* number of pixels that the filter averages */
@@ -12750,8 +12731,9 @@ typedef struct sbl__refine {
     int tile_count, tile_room;
     int first_new;            /* index of the first tile that has not been weighed yet */
     int weigh_count;          /* number of tiles that the running WEIGH or SPEND stage visits */
+    int row;                  /* next row of a tile whose pixels COUNT counts */
     int rounds, weighed;      /* number of rounds; 1: errors have been predicted */
-    int listed;               /* tiles, or guides, with smaller indices have been listed for the round's jobs */
+    int listed;               /* number of tiles, or guides, that have been listed for jobs in this round */
     sbl__site *sites;         /* sites of the job; site i belongs to pixel sites[i].number */
     sbl_reading *readings;
     float *reading_layers;    /* layers 1 and up of the readings, site after site */
@@ -12760,16 +12742,16 @@ typedef struct sbl__refine {
     int64_t looks_taken;
     float mean[3], luminance; /* mean of R over the picture, and its luminance */
     double sum[3], pixels_summed;  /* sum of R and number of pixels visited in this round; they yield the next mean */
-    float weights[3];         /* weights of differences of the channels in errors */
-    float variance_shares[SBL__DOUBLINGS];  /* variance of a mean of 2^k looks as a share of that of one look */
-    double measured2[SBL__DOUBLINGS];  /* sum of squared differences between later and 2^k earlier looks of a sensor */
-    double expected2[SBL__DOUBLINGS];  /* expected value of that sum */
-    int compared[SBL__DOUBLINGS];      /* number of terms of that sum */
+    float weights[3];         /* factors that turn a difference in each channel into a relative error */
+    float variance_shares[SBL__DOUBLINGS];  /* [k]: variance of a mean of 2^k looks / variance of one look */
+    double measured2[SBL__DOUBLINGS];  /* [k]: sum of squared differences between 2^k looks and later looks */
+    double expected2[SBL__DOUBLINGS];  /* [k]: expected value of measured2[k] */
+    int compared[SBL__DOUBLINGS];      /* [k]: number of differences in measured2[k] */
     double bias2, noise2;     /* sums of bias and noise over pixels */
     double uncertainty2;      /* sum over pixels of the squared uncertainty of stored light; absolute, not relative */
     double look_variance;     /* relative variance of one look, averaged over the picture */
     double predicted, first_predicted;  /* predicted error of the picture now, and after the first round */
-    double gains[SBL__GAIN_BINS];  /* reductions of the squared error on offer, binned by worth */
+    double gains[SBL__GAIN_BINS];  /* histogram of all offers by worth: sums of gains */
     float least_worth;        /* least worth that is bought in this round */
     int bought;               /* number of tiles split and sensors that were given more looks in this round */
 } sbl__refine;
@@ -12833,8 +12815,8 @@ static int sbl__doublings(int looks) {
     return k;
 }
 
-/* Records that the mean of `more` new looks differs from the mean of `before` earlier looks of the same sensor by a
-   squared luminance of difference2; more >= before. */
+/* Records the squared difference between the luminance of `more` new looks and of `before` earlier looks of a sensor;
+   more >= before. */
 static void sbl__looks_compare(sbl__refine *r, const sbl__pixel *p, int before, int more, double difference2) {
     const int k = sbl__doublings(before);
     const double gain = (double)SBL__LOOKS_GAIN;
@@ -12843,9 +12825,8 @@ static void sbl__looks_compare(sbl__refine *r, const sbl__pixel *p, int before, 
     r->compared[k]++;
 }
 
-/* Computes the shares of variance from SBL__LOOKS_GAIN and the recorded differences, because the advantage of a Sobol
-   sequence over independent points depends on the scene. Numbers of looks that too few sensors have taken keep the
-   correction of the next smaller number. */
+/* Computes r->variance_shares from SBL__LOOKS_GAIN and the recorded differences, because the advantage of a Sobol
+   sequence over independent points depends on the scene. Where k has too few differences, k - 1 gives the factor. */
 static void sbl__looks_calibrate(sbl__refine *r) {
     double times = 1;
     int k;
@@ -12866,7 +12847,7 @@ static double sbl__variance(const sbl__refine *r, const sbl__pixel *p) {
 }
 static float sbl__noise(const sbl__refine *r, const sbl__pixel *p) { return (float)sqrt(sbl__variance(r, p)); }
 
-/* Returns the share of the variance of sensors `span` pixels apart that remains after interpolation and the filter.
+/* Returns the share of the sensors' variance that remains after interpolation and the filter in a tile of this span.
    Bilinear weights keep 4/9 on average; a filter that averages n pixels keeps a larger share in a wider tile. */
 static float sbl__noise_left(const sbl__refine *r, int span) {
     const float area = (float)span * (float)span;
@@ -12910,8 +12891,7 @@ static const sbl__pixel *sbl__sensor_beyond(const sbl__refine *r, const sbl__pix
     return p && sbl__usable(p) && sbl__belongs(pixel, p, r->geometry_aware) > 0 ? p : NULL;
 }
 
-/* Returns the pixels that a tile gives light to. Its last column and row belong to the next tile, except at the
-   picture's border. */
+/* Returns the pixels that a tile gives light to: all but its last column and row, unless the picture ends there. */
 static sbl__range sbl__tile_pixels(const sbl__refine *r, const sbl__tile *c) {
     sbl__range pixels = c->area;
     pixels.x[1] -= pixels.x[1] < r->width - 1;
@@ -12925,7 +12905,7 @@ typedef struct sbl__mix {
     float share[2];           /* position in the tile, 0 to 1 on each axis */
     float light[3];
     float own;                /* weight of corners that belong to the pixel, 0 to 1 */
-    float covered;            /* that weight plus the weight of extrapolated corners; 0: there is no light */
+    float covered;            /* `own` plus the weight of extrapolated corners; 0: there is no light */
     double variance;
 } sbl__mix;
 
@@ -12936,9 +12916,8 @@ static void sbl__mix_add(const sbl__refine *r, sbl__mix *m, const sbl__pixel *p,
     m->variance += (double)(weight * weight) * sbl__variance(r, p);
 }
 
-/* Handles a corner that shows another surface than the pixel: estimates the light that the pixel's own surface would
-   have there by linear extrapolation from the adjacent corners and from the sensors at equal distance beyond them.
-   Without a sensor beyond, the light of the adjacent corner is used as it is. */
+/* Adds a corner that shows another surface than the pixel. Its light is extrapolated linearly from the adjacent corners
+   and the sensors at equal distance beyond them, or copied from an adjacent corner without a sensor beyond it. */
 static void sbl__mix_extrapolate(const sbl__refine *r, const sbl__tile *c, int corner, const sbl__pixel *pixel,
                                  float weight, sbl__mix *m) {
     const sbl__pixel *adjacent[2], *beyond[2];
@@ -12991,12 +12970,11 @@ static void sbl__interpolate(const sbl__refine *r, const sbl__tile *c, int x, in
     m->variance /= (double)m->covered * (double)m->covered;
 }
 
-/* Second differences of a layer of light at both ends of an edge, each from the two ends and a sensor at equal
-   distance beyond one of them. Without such a sensor: the negative of that at the other end. */
+/* Second differences of a layer of light at both ends of an edge. known: 1 if there is a sensor beyond an end */
 typedef struct sbl__curvature { int known; float at[2][3]; } sbl__curvature;
 
-/* Returns 1 if the ends of the edge have usable sensors that may share light. known: 0 if there is no sensor beyond
-   either end. */
+/* Computes second differences, each from both ends and a sensor at equal distance beyond an end. If only one end has
+   such a sensor, the other end gets the negative value. Returns 1 if the ends have sensors that may share light. */
 static int sbl__edge_curvature(const sbl__refine *r, const sbl__edge *e, int layer, sbl__curvature *out) {
     const int length = e->line.x[1] - e->line.x[0] + e->line.y[1] - e->line.y[0];
     int known[2] = { 0, 0 }, end, k;
@@ -13013,8 +12991,8 @@ static int sbl__edge_curvature(const sbl__refine *r, const sbl__edge *e, int lay
     return 1;
 }
 
-/* Computes the second difference that corrects interpolation along an edge: the smaller of those at its two ends
-   where their signs agree, else 0, because signs differ at a kink. */
+/* Computes the second difference that corrects interpolation along an edge: the one of its ends that is nearer to 0, or
+   0 if their signs differ, as they do at a kink. */
 static void sbl__edge_parabola(const sbl__refine *r, const sbl__edge *e, int layer, float out[3]) {
     sbl__curvature curvature;
     int k;
@@ -13076,8 +13054,7 @@ static float sbl__extrapolation_bias2(const sbl__refine *r, const sbl__edge *e, 
     return sbl__squared(r, difference);
 }
 
-/* Returns the squared error of interpolation in a tile, estimated from its edges, both where corners cover the tile
-   and where light is extrapolated. Sets c->unseen_bias2. */
+/* Estimates the squared error of interpolation and extrapolation in a tile from its edges. Sets c->unseen_bias2. */
 static float sbl__tile_edge_bias2(const sbl__refine *r, sbl__tile *c) {
     float inside = 0, outside = 0, unseen = 0;
     int side, end, k, insides = 0, outsides = 0;
@@ -13106,8 +13083,8 @@ static float sbl__tile_edge_bias2(const sbl__refine *r, sbl__tile *c) {
     return (1 - c->uncovered) * inside + c->uncovered * outside;
 }
 
-/* Returns the next sensor that splits of neighbours put on a tile's rim, from position *at on, or NULL. Corners are
-   skipped, because interpolation is exact there. *guess: the light that the tile interpolates at the sensor. */
+/* Returns the next sensor, from position *at on, that splits of neighbours put on a tile's rim, or NULL. Skips corners,
+   because interpolation is exact there. *guess: receives the light that the tile interpolates at the sensor. */
 static const sbl__pixel *sbl__tile_rim_next(const sbl__refine *r, const sbl__tile *c, int *at, sbl__mix *guess) {
     const sbl__range *a = &c->area;
     const int width = a->x[1] - a->x[0], height = a->y[1] - a->y[0];
@@ -13139,8 +13116,8 @@ static float sbl__tile_rim_bias2(const sbl__refine *r, const sbl__tile *c) {
     return count ? sum / (float)count : 0;
 }
 
-/* Returns the squared error of interpolation in a tile, noise included. Sensors on the rim stand where neighbours had
-   reason to split, so that the error there exceeds the average of the tile and counts only half. */
+/* Returns the squared error of interpolation in a tile, noise included. The error on the rim counts only half, because
+   its sensors are where neighbours had reason to split. */
 static float sbl__tile_raw_bias2(const sbl__refine *r, sbl__tile *c) {
     const float edges2 = sbl__tile_edge_bias2(r, c), rim2 = sbl__tile_rim_bias2(r, c);
     return SBL__MAX(edges2, 0.5f * (edges2 + rim2));
@@ -13150,9 +13127,9 @@ static float sbl__tile_raw_bias2(const sbl__refine *r, sbl__tile *c) {
 
 /* Summary of the sensors at a tile's corners. */
 typedef struct sbl__corners {
-    int looks;                /* fewest looks that any of them has taken; 0: there is no sensor */
-    int is_new;               /* 1: the last round read one of them */
-    int unread;               /* 1: one of them has not been read yet */
+    int looks;                /* fewest looks of a sensor; 0: there is no sensor */
+    int is_new;               /* 1: the last round has read a sensor */
+    int unread;               /* 1: a sensor has not been read yet */
 } sbl__corners;
 
 static sbl__corners sbl__tile_corners(const sbl__refine *r, const sbl__tile *c) {
@@ -13167,8 +13144,8 @@ static sbl__corners sbl__tile_corners(const sbl__refine *r, const sbl__tile *c) 
     return all;
 }
 
-/* parent: index of the tile whose split makes this one, or -1. New sensors begin with as many looks as the parent's,
-   since with fewer they would be noisier than interpolation. */
+/* Adds a tile. parent: index of the tile that is split, or -1. New sensors begin with as many looks as the sensors of
+   the parent, because with fewer looks they would be noisier than interpolation. */
 static sbl_result sbl__refine_add_tile(sbl__refine *r, const sbl__range *area, int parent) {
     sbl__tile *c;
     if (!sbl__grow(&r->core->base, &r->tiles, &r->tile_room, r->tile_count + 1, sizeof *r->tiles))
@@ -13234,26 +13211,20 @@ static int sbl__tile_differs(const sbl__refine *r, const sbl__tile *c) {
     return 0;
 }
 
-/* Counts the pixels that a tile gives light to. Returns 1 if it must be split because corners do not cover all. */
-static int sbl__tile_count(const sbl__refine *r, sbl__tile *c) {
+/* Adds the pixels of row y to c->pixels and c->uncovered. Sets c->must_split if the corners do not cover them. */
+static void sbl__tile_count(const sbl__refine *r, sbl__tile *c, const sbl__range *pixels, int y) {
     const int extrapolated = r->geometry_aware && sbl__tile_span(c) <= SBL__EXTRAPOLATED_SPAN && !(r->threshold > 0);
-    const sbl__range pixels = sbl__tile_pixels(r, c);
-    float uncovered = 0;
-    int x, y, must_split = 0;
-    c->pixels = 0;
-    for (y = pixels.y[0]; y <= pixels.y[1]; y++)
-        for (x = pixels.x[0]; x <= pixels.x[1]; x++) {
-            const sbl__pixel *p = sbl__pixel_at(r, x, y);
-            sbl__mix m;
-            if (!p->id) continue;
-            c->pixels++;
-            if (p->sensed) continue;
-            sbl__interpolate(r, c, x, y, 0, &m);
-            uncovered += 1 - m.own;
-            must_split |= (extrapolated ? m.covered : m.own) < SBL__COVERAGE;
-        }
-    c->uncovered = c->pixels ? uncovered / (float)c->pixels : 0;
-    return must_split;
+    int x;
+    for (x = pixels->x[0]; x <= pixels->x[1]; x++) {
+        const sbl__pixel *p = sbl__pixel_at(r, x, y);
+        sbl__mix m;
+        if (!p->id) continue;
+        c->pixels++;
+        if (p->sensed) continue;
+        sbl__interpolate(r, c, x, y, 0, &m);
+        c->uncovered += 1 - m.own;
+        c->must_split |= (extrapolated ? m.covered : m.own) < SBL__COVERAGE;
+    }
 }
 
 /* >>refine: guides for sensors' rays, see >>guide */
@@ -13265,7 +13236,7 @@ static const sbl__pixel *sbl__guide_pixel(const sbl__refine *r, int column, int 
 }
 
 /* Returns how well a guide made at one pixel suits another pixel: the weight with which the pixels belong together, or
-   0 unless the sectors of both guides' rings begin on the same side. */
+   0 if the sectors of their guides' rings begin on different sides. */
 static float sbl__guide_fits(const sbl__pixel *a, const sbl__pixel *b) {
     const float belongs = sbl__belongs(a, b, 1);
     double right[2][3], up[3];
@@ -13335,13 +13306,13 @@ static int sbl__refine_room(sbl__refine *r, int more) {
            sbl__grow(base, &r->reading_layers, &r->reading_layer_room, count, r->harmonics * sizeof(float));
 }
 
-/* Returns how many tiles the stage may list: any number until the looks of their sites fill a job. */
+/* Returns 0 when the looks of the listed sites fill a job, or all tiles are listed. */
 static int sbl__refine_unlisted(void *work) {
     const sbl__refine *r = (const sbl__refine *)work;
     return r->listed < r->tile_count && r->look_count < SBL__JOB_LOOKS ? INT_MAX : 0;
 }
 
-/* Lists sites for those corners of the next tile that have no sensor yet or whose sensor is to look again. */
+/* Lists sites for those corners of the next tile that need a sensor or more looks. */
 static sbl_result sbl__refine_list(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__tile *c = &r->tiles[r->listed++];
@@ -13364,9 +13335,9 @@ static sbl_result sbl__refine_list(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Returns the occlusion of a texel of a lightmap. A hidden texel is one that no viewer sees: surfaces lie on it, nearer
-   than the size of a texel, in most directions, or it lies inside a solid, which no bounce reaches. A touched texel
-   lies close to the edge of a surface that hides texels, where light changes within a fraction of a texel. */
+/* Returns the occlusion of a texel of a lightmap. No viewer sees a hidden texel: surfaces lie on it, in most directions
+   nearer than the size of a texel, or it is inside a solid, which no bounce reaches. A touched texel is close to the
+   edge of a surface that hides texels, where light changes within a fraction of a texel. */
 static int sbl__refine_occlusion(sbl__refine *r, const sbl_reading *reading) {
     const int dark = sbl__all_zero(reading->radiance, 3), backs = reading->back_share > 0.5f;
     if (!(r->distance_limit > 0) || !(reading->hit_min > 0)) return 0;
@@ -13378,9 +13349,8 @@ static int sbl__refine_occlusion(sbl__refine *r, const sbl_reading *reading) {
     return reading->hit_min < SBL__HIDDEN_TOUCH * r->distance_limit ? SBL__TOUCHED : 0;
 }
 
-/* Decides from the first reading of pixel number `index` whether its light may be shown. Hidden texels, and touched
-   texels next to them, take their neighbours' light instead, because their own light would show beyond the edge of the
-   object that hides them. */
+/* Decides from the first reading of a pixel whether its light may be shown. Hidden texels and touched texels next to
+   them take their neighbours' light, because their own would show beyond the edge of the object that hides them. */
 static void sbl__refine_validate(sbl__refine *r, int index, const sbl_reading *reading) {
     sbl__pixel *p = &r->pixels[index];
     int i;
@@ -13388,7 +13358,7 @@ static void sbl__refine_validate(sbl__refine *r, int index, const sbl_reading *r
     p->occlusion = (unsigned char)sbl__refine_occlusion(r, reading);
     if (p->occlusion == SBL__HIDDEN) {
         p->invalid = 1;
-        r->uncertainty2 -= (double)p->uncertainty * p->uncertainty;  /* Its own light is not shown. */
+        r->uncertainty2 -= (double)p->uncertainty * p->uncertainty;  /* The light of this pixel is not shown. */
         p->uncertainty = 0;
     }
     for (i = 0; i < 9 && p->occlusion; i++) {
@@ -13442,8 +13412,8 @@ static sbl_result sbl__refine_take(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Makes the spec anew after a change of `measurement`, and keeps its `directional` and `guided` flags. */
-static void sbl__refine_see(sbl__refine *r) {
+/* Updates the spec after a change of `measurement`, but keeps its `directional` and `guided` flags. */
+static void sbl__refine_update_spec(sbl__refine *r) {
     const int directional = r->spec->directional, guided = r->spec->guided;
     sbl__spec_make(r->spec, r->measurement, &r->core->scene, &r->core->desc);
     r->spec->directional = directional;
@@ -13513,19 +13483,18 @@ static sbl_result sbl__scouts_take(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__guides *g = &r->guides;
     uint32_t *sequence = sbl__sequence_make(&r->core->base, SBL__SCOUTS, 1, 1);
-    int i;
-    (void)slice;
+    int *at = &r->stages.at;
     if (!sequence) return SBL_ERROR_OUT_OF_MEMORY;
-    for (i = 0; i < r->site_count; i++) {
-        const sbl__site *site = &r->sites[i];
+    for (; *at < r->site_count && !sbl__late(slice); ++*at) {
+        const sbl__site *site = &r->sites[*at];
         const int column = (int)site->number % r->width / g->step, row = (int)site->number / r->width / g->step;
-        const float light = r->readings[i].valid ? sbl__luminance(r->readings[i].radiance) : 0;
+        const float light = r->readings[*at].valid ? sbl__luminance(r->readings[*at].radiance) : 0;
         double u[2];
         sbl__sequence_at(sequence, site->first, sbl__hash(site->number ^ sbl__hash(sbl__scouts_seed(r))), u);
         sbl__guide_found(g, row * g->columns + column)[sbl__guide_bin(u[0], u[1])] += light * light;
     }
     sbl__free(&r->core->base, sequence);
-    return SBL_SUCCESS;
+    return *at < r->site_count ? SBL_UNFINISHED : SBL_SUCCESS;
 }
 
 static int sbl__guides_count(void *work) {
@@ -13582,7 +13551,7 @@ static int sbl__gain_bin(float gain) {
 /* Returns the least gain that falls into a bin. */
 static float sbl__bin_gain(int bin) { return (float)ldexp(0.5 + 0.125 * (bin % 4), bin / 4 - 100); }
 
-/* Prepares for weighing all tiles. Errors are relative to the mean that the round before summed up. */
+/* Prepares for weighing all tiles. Errors are relative to the mean R that the previous round summed up. */
 static void sbl__weigh_begin(sbl__refine *r) {
     int k;
     sbl__looks_calibrate(r);
@@ -13597,8 +13566,7 @@ static void sbl__weigh_begin(sbl__refine *r) {
     r->bought = 0;
 }
 
-/* Returns how many pixels the filter averages in a tile of single pixels. The filter leaves out pixels that differ
-   visibly, so the number falls where neighbours differ. */
+/* Returns how many pixels the filter averages in a tile of single pixels: fewer where neighbours differ visibly. */
 static float sbl__tile_smoothing(const sbl__refine *r, const sbl__tile *c, float noise) {
     float alike = 0;
     int side, count = 0;
@@ -13619,6 +13587,7 @@ static float sbl__tile_smoothing(const sbl__refine *r, const sbl__tile *c, float
 
 /* Computes a tile's noise from its corners, and adds the tile's light to the picture's mean. */
 static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
+    const int span = sbl__tile_span(c);
     float variance, share = 0, light[3] = { 0, 0, 0 };
     double sum = 0;
     int corner, k, count = 0;
@@ -13635,31 +13604,26 @@ static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
     c->variance = variance = sbl__relative2(r, sum / count);
     if (c->parent >= 0) c->variance += SBL__PARENT_WEIGHT * (r->tiles[c->parent].variance - variance);
     variance = c->variance * share / (float)count;
-    c->noise2 = variance;
-    if (sbl__tile_span(c) > 1) c->noise2 *= sbl__noise_left(r, sbl__tile_span(c));
-    else c->noise2 /= sbl__tile_smoothing(r, c, r->luminance * (float)sqrt((double)variance));
+    c->noise2 = span > 1 ? variance * sbl__noise_left(r, span)
+                         : variance / sbl__tile_smoothing(r, c, r->luminance * (float)sqrt((double)variance));
     for (k = 0; k < 3; k++) r->sum[k] += (double)light[k] * c->pixels / count;
     r->pixels_summed += c->pixels;
     r->look_variance += (double)c->variance * c->pixels;
     c->light = sbl__luminance(light) / (float)count;
 }
 
-/* Updates the error of interpolation in a tile, and marks a tile that must be split. */
+/* Updates c->raw_bias2, or marks a tile that must be split. */
 static void sbl__tile_weigh_split(sbl__refine *r, sbl__tile *c, int is_new) {
-    const int must_split = is_new && sbl__tile_count(r, c), span = sbl__tile_span(c);
+    const int span = sbl__tile_span(c);
     if (span <= 1) return;
-    if (must_split) c->split_worth = FLT_MAX;
+    if (c->must_split) c->split_worth = FLT_MAX;
     else if (r->threshold > 0) c->split_worth = sbl__tile_differs(r, c) ? FLT_MAX : 0;
     else if (is_new || sbl__tile_corners(r, c).is_new || span > SBL__EXTRAPOLATED_SPAN)
         c->raw_bias2 = sbl__tile_raw_bias2(r, c);
 }
 
-/* Enters an offer into the histogram: each of `looks` looks reduces the sum of squared errors by `gain`. */
-static void sbl__weigh_enter(sbl__refine *r, float worth, float gain, int looks) {
-    if (gain > 0) r->gains[sbl__gain_bin(worth)] += (double)gain * looks;
-}
-
-/* Predicts the errors of a tile and enters its offers into the histogram. Splits that must be made come first. */
+/* Predicts the errors of a tile and enters its offers into the histogram. gain: reduction of the sum of squared errors
+   per look */
 static void sbl__tile_weigh(sbl__refine *r, sbl__tile *c, int is_new) {
     float bias2, gain, variance, weight;
     int looks = sbl__tile_corners(r, c).looks, most, interpolated;
@@ -13678,7 +13642,7 @@ static void sbl__tile_weigh(sbl__refine *r, sbl__tile *c, int is_new) {
         const int cost = SBL__SPLIT_COST * SBL__MAX(looks, 1);
         gain = bias2 * SBL__SPLIT_GAIN * (float)interpolated / (float)cost;
         if (c->split_worth < FLT_MAX) c->split_worth = bias2 > error_max * error_max ? FLT_MAX : gain * weight;
-        sbl__weigh_enter(r, c->split_worth, gain, cost);
+        if (gain > 0) r->gains[sbl__gain_bin(c->split_worth)] += (double)gain * cost;
     }
     c->look_worth = 0;
     if (!looks || looks >= r->spec->looks) return;
@@ -13686,7 +13650,7 @@ static void sbl__tile_weigh(sbl__refine *r, sbl__tile *c, int is_new) {
     c->look_worth = gain * weight;
     most = SBL__MIN(SBL__LOOKS_GROWTH * looks, r->spec->looks);
     for (; looks < most; looks *= 2) {
-        sbl__weigh_enter(r, gain * weight, gain, looks);
+        if (gain > 0) r->gains[sbl__gain_bin(gain * weight)] += (double)gain * looks;
         gain *= SBL__LOOKS_GAIN_NEXT;
     }
 }
@@ -13707,6 +13671,24 @@ static void sbl__weigh_end(sbl__refine *r) {
     aim = SBL__MAX(SBL__AIM_BELOW * target2 * pixels, SBL__AIM_SHARE * left);
     while (bin > 1 && left > aim) left -= r->gains[--bin];
     r->least_worth = sbl__bin_gain(bin);
+}
+
+/* Counts the pixels of new tiles, row by row. */
+static sbl_result sbl__refine_count(void *work, sbl__slice *slice) {
+    sbl__refine *r = (sbl__refine *)work;
+    int *at = &r->stages.at;
+    for (*at = SBL__MAX(*at, r->first_new); *at < r->tile_count; ++*at, r->row = 0) {
+        sbl__tile *c = &r->tiles[*at];
+        const sbl__range pixels = sbl__tile_pixels(r, c);
+        if (r->row == 0) c->pixels = c->must_split = 0;
+        if (r->row == 0) c->uncovered = 0;
+        for (; pixels.y[0] + r->row <= pixels.y[1]; r->row++) {
+            if (sbl__late(slice)) return SBL_UNFINISHED;
+            sbl__tile_count(r, c, &pixels, pixels.y[0] + r->row);
+        }
+        if (c->pixels) c->uncovered /= (float)c->pixels;
+    }
+    return SBL_SUCCESS;
 }
 
 static int sbl__refine_weigh_count(void *work) { return ((sbl__refine *)work)->weigh_count; }
@@ -13746,9 +13728,9 @@ static sbl_result sbl__refine_spend(void *work, int at) {
 
 /* >>refine: stages */
 
-enum { SBL__REFINE_TILES, SBL__REFINE_COLLECT, SBL__REFINE_SENSE, SBL__REFINE_TAKE, SBL__REFINE_WEIGH,
-       SBL__REFINE_SPEND, SBL__REFINE_COLLECT_SCOUTS, SBL__REFINE_SCOUT, SBL__REFINE_TAKE_SCOUTS, SBL__REFINE_GUIDES,
-       SBL__REFINE_SEND, SBL__REFINE_DONE };
+enum { SBL__REFINE_TILES, SBL__REFINE_COLLECT, SBL__REFINE_SENSE, SBL__REFINE_TAKE, SBL__REFINE_COUNT,
+       SBL__REFINE_WEIGH, SBL__REFINE_SPEND, SBL__REFINE_COLLECT_SCOUTS, SBL__REFINE_SCOUT, SBL__REFINE_TAKE_SCOUTS,
+       SBL__REFINE_GUIDES, SBL__REFINE_SEND, SBL__REFINE_DONE };
 
 static void sbl__refine_task(const sbl__refine *r, sbl__task *task) {
     memset(task, 0, sizeof *task);
@@ -13784,26 +13766,23 @@ static sbl_result sbl__refine_sense(void *work, sbl__slice *slice) {
     return result;
 }
 
-/* Empties the list of sites. Returns 1 if fewer than `all` tiles or guides have been listed in this round. */
-static int sbl__refine_next_job(sbl__refine *r, int all) {
-    r->site_count = r->look_count = 0;
-    if (r->listed < all) return 1;
-    r->listed = 0;
-    return 0;
-}
-
+/* Begins the next job if there are tiles or guides that this round has not listed yet. */
 static int sbl__refine_after_take(void *work) {
     sbl__refine *r = (sbl__refine *)work;
-    if (sbl__refine_next_job(r, r->tile_count)) return SBL__REFINE_COLLECT;
+    const int scouts = r->stages.stage == SBL__REFINE_TAKE_SCOUTS;
+    r->site_count = r->look_count = 0;
+    if (r->listed < (scouts ? r->guides.columns * r->guides.rows : r->tile_count))
+        return scouts ? SBL__REFINE_COLLECT_SCOUTS : SBL__REFINE_COLLECT;
+    r->listed = 0;
+    if (scouts) return SBL__REFINE_GUIDES;
     r->rounds++;
     r->weigh_count = r->tile_count;
     sbl__weigh_begin(r);
-    return SBL__REFINE_WEIGH;
+    return SBL__REFINE_COUNT;
 }
 
-/* After the first round, looks of few rays may be too noisy for the target error. In this case their rays first get
-   guides, provided that sensors see any light; if noise is still too high, looks get more rays. Both changes make all
-   sensors start again. */
+/* If looks prove too noisy for the target error in the first round, makes guides for their rays, or gives looks more
+   rays if there are guides already or no light. In both cases all sensors start again. */
 static int sbl__refine_after_weigh(void *work) {
     sbl__refine *r = (sbl__refine *)work;
     int times;
@@ -13817,7 +13796,7 @@ static int sbl__refine_after_weigh(void *work) {
     if (!r->spec->guided && !r->spec->no_light) return SBL__REFINE_COLLECT_SCOUTS;
     r->measurement->look_rays *= times;
     r->measurement->looks = SBL__MAX(r->measurement->looks / times, 1);
-    sbl__refine_see(r);
+    sbl__refine_update_spec(r);
     return SBL__REFINE_COLLECT;
 }
 
@@ -13827,29 +13806,26 @@ static int sbl__refine_after_spend(void *work) {
     return r->bought ? SBL__REFINE_COLLECT : SBL__REFINE_DONE;
 }
 
-static int sbl__refine_after_take_scouts(void *work) {
-    sbl__refine *r = (sbl__refine *)work;
-    const int unfinished = sbl__refine_next_job(r, r->guides.columns * r->guides.rows);
-    return unfinished ? SBL__REFINE_COLLECT_SCOUTS : SBL__REFINE_GUIDES;
-}
+
 
 static int sbl__refine_after_send(void *work) {
     ((sbl__refine *)work)->spec->guided = 1;
     return SBL__REFINE_COLLECT;
 }
 
-/* Does one bounded piece of work. Returns SBL_SUCCESS when the target error is reached or nothing is left to buy. */
+/* Refines, piece by piece. Returns SBL_SUCCESS when the target error is reached or nothing is left to buy. */
 static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__refine_tile, sbl__refine_tiles },
         { NULL, sbl__refine_after_list, sbl__refine_list, sbl__refine_unlisted },
         { sbl__refine_sense, NULL, NULL, NULL },
         { NULL, sbl__refine_after_take, sbl__refine_take, sbl__refine_sites },
+        { sbl__refine_count, NULL, NULL, NULL },
         { NULL, sbl__refine_after_weigh, sbl__refine_weigh, sbl__refine_weigh_count },
         { NULL, sbl__refine_after_spend, sbl__refine_spend, sbl__refine_weigh_count },
         { sbl__guides_begin, sbl__refine_after_list, sbl__scouts_list, sbl__scouts_unlisted },
         { sbl__refine_sense, NULL, NULL, NULL },
-        { sbl__scouts_take, sbl__refine_after_take_scouts, NULL, NULL },
+        { sbl__scouts_take, sbl__refine_after_take, NULL, NULL },
         { NULL, NULL, sbl__guides_make, sbl__guides_count },
         { sbl__guides_send, sbl__refine_after_send, NULL, NULL }
     };
@@ -13858,7 +13834,7 @@ static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
 
 /* >>refine: functions for later rooms */
 
-/* smoothing: number of pixels that the filter averages. */
+/* smoothing: number of pixels that the filter averages */
 static void sbl__refine_begin(sbl__refine *r, sbl__core *c, sbl__measurement *measurement, sbl__spec *spec,
                               const sbl_picture_desc *desc, float smoothing) {
     r->core = c;
@@ -13882,14 +13858,14 @@ static sbl_result sbl__refine_make(sbl__refine *r) {
     return r->pixels && r->layers ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Sets the surface that pixel number `index` shows. shown->sensed: it shows stored light, without a sensor. */
+/* Sets a pixel. shown->sensed: the pixel shows its stored light, so that it needs no sensor */
 static void sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel *shown) {
     r->pixels[index] = *shown;
     if (shown->sensed) sbl__refine_even(r, shown, r->layers + r->harmonics * index);
     r->uncertainty2 += (double)shown->uncertainty * shown->uncertainty;
 }
 
-/* Turns on the test for occlusion (see sbl__refine_occlusion). width: of a texel, world units. */
+/* Turns on the test for occlusion (see sbl__refine_occlusion). width: width of a texel, world units */
 static void sbl__refine_hide_within(sbl__refine *r, float width) { r->distance_limit = SBL__HIDDEN_REACH * width; }
 
 static const sbl__pixel *sbl__refine_pixel(const sbl__refine *r, size_t index) { return &r->pixels[index]; }
@@ -13927,8 +13903,8 @@ typedef struct sbl__fill {
     sbl__stages stages;
     int row;                    /* next row of the current tile */
     float *rgba;                /* output, 4 floats per pixel: light; noise of R, above 0 where there is a surface */
-    int orphans;                /* number of pixels whose sensor is stuck and that their tile does not cover */
-    sbl__rings rings;           /* spread light to the orphans over their surface */
+    int orphans;                /* number of pixels without a usable sensor that their tile does not cover */
+    sbl__rings rings;           /* spread light to orphans over their surface */
 } sbl__fill;
 
 static void sbl__fill_free(sbl__base *base, sbl__fill *f) {
@@ -13937,7 +13913,7 @@ static void sbl__fill_free(sbl__base *base, sbl__fill *f) {
     memset(f, 0, sizeof *f);
 }
 
-/* Returns the tile or, while refinement is in progress, the smallest tile around it whose sensors have been read. */
+/* Returns the tile or, if its sensors have not all been read yet, the smallest tile around it whose sensors have. */
 static const sbl__tile *sbl__tile_known(const sbl__refine *r, const sbl__tile *c) {
     while (c->parent >= 0 && sbl__tile_corners(r, c).unread) c = &r->tiles[c->parent];
     return c;
@@ -13964,7 +13940,7 @@ static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, floa
     memcpy(to, sbl__pixel_light(r, p, f->layer), 3 * sizeof *to);
     if (lit) {
         const float least = r->luminance * (float)sqrt((double)c->variance * (double)sbl__variance_share(r, p->looks));
-        to[3] = SBL__MAX(least, sbl__noise(r, p));  /* the few rays of a single sensor may agree by chance */
+        to[3] = SBL__MAX(least, sbl__noise(r, p));  /* The few rays of a single sensor may agree by chance. */
         p->error = sbl__pixel_error(r, p, c->noise2);
     } else {
         sbl__interpolate(r, c, x, y, f->layer, &m);
@@ -14047,7 +14023,7 @@ static sbl_result sbl__fill_spread(void *work, sbl__slice *slice) {
     return f->orphans ? sbl__rings_step(&f->rings, slice) : SBL_SUCCESS;
 }
 
-/* Does one bounded piece of filling in. Returns SBL_SUCCESS when f->rgba is filled in. */
+/* Fills in f->rgba, piece by piece. */
 static sbl_result sbl__fill_step(sbl__fill *f, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { sbl__fill_tiles, NULL, NULL, NULL },
@@ -14880,7 +14856,7 @@ static sbl_result sbl__map_texture(const sbl__map *m, int across, sbl__texture *
 static sbl_result sbl__map_prepare(void *work, sbl__slice *slice) {
     sbl__map *m = (sbl__map *)work;
     const sbl_result result = sbl__prepare(m->work.core, &m->work.measurement, slice);
-    if (result == SBL_SUCCESS) sbl__refine_see(&m->refine);
+    if (result == SBL_SUCCESS) sbl__refine_update_spec(&m->refine);
     return result;
 }
 
