@@ -6989,7 +6989,7 @@ static const char *const sbl__glsl_surface[] = {
    The options that all front ends share, and the descriptor of each front end, with defaults and checks side by side.
    In functions that check a descriptor, d has its defaults filled in. */
 
-/* Until a preset out of range is refused, it counts as the default one. */
+/* Returns the preset as an index. A number out of range, which the checks refuse later, counts as the default. */
 static int sbl__preset_of(const sbl_options *o) {
     return (int)o->preset >= 0 && o->preset < SBL_PRESET_COUNT ? (int)o->preset : SBL_PRESET_DEFAULT;
 }
@@ -7007,8 +7007,7 @@ static void sbl__options_defaults(sbl_options *o, const int rays[SBL_PRESET_COUN
 
 static const int sbl__sensor_sizes[SBL_PRESET_COUNT] = { 64, 32, 128 };
 
-/* papers: 1 if SBL_MODE_PAPER is allowed; rays: lowest and highest number; host_draws: 1 if the scene has a draw
-   callback */
+/* papers: 1 allows SBL_MODE_PAPER; rays: limits of options.rays; host_draws: 1 if the scene has a draw callback */
 static void sbl__check_options(sbl__check *check, const char *where, const sbl_options *o, int papers,
                                const int rays[2], int host_draws) {
     sbl__check_int(check, where, "options.mode", (int)o->mode, 0, SBL_MODE_COUNT - 1);
@@ -7021,8 +7020,7 @@ static void sbl__check_options(sbl__check *check, const char *where, const sbl_o
                      where, host_draws ? "in a scene with a draw callback" : "in SBL_MODE_PAPER");
     if (o->rays) sbl__check_int(check, where, "options.rays", o->rays, rays[0], rays[1]);
     sbl__check_int(check, where, "options.sensor_size", o->sensor_size, 4, 512);
-    if (!sbl__between(&o->epsilon, -FLT_MAX, FLT_MAX))
-        sbl__mistake(check, "%s: options.epsilon is %g; it must be finite", where, (double)o->epsilon);
+    sbl__check_finite(check, where, "options.epsilon", &o->epsilon, 1);
 }
 
 static const int sbl__sensor_rays[2] = { 1, 4096 };  /* lowest and highest number of rays of a sensor */
@@ -7045,9 +7043,9 @@ static void sbl__check_sensor_kind(sbl__check *check, const char *where, const s
         sbl__mistake(check, "%s: sensor_fov is %g; it must be 1 to 179 degrees", where, (double)fov);
 }
 
-/* How the sensors of a front end measure. */
+/* What the host asks of the sensors of a front end. */
 typedef struct sbl__measurement {
-    sbl_options options;       /* with defaults; epsilon is not negative; backend is the one chosen */
+    sbl_options options;       /* with defaults; epsilon is not negative; see sbl__choose_backend */
     sbl_sensor_kind sensor_kind;
     float sensor_fov;
     int look_rays, looks;      /* if options.rays is 0: number of rays per look, and maximum number of looks */
@@ -7082,7 +7080,7 @@ static void sbl__check_camera(sbl__check *check, const char *where, const sbl_pi
         sbl__mistake(check, "%s: world_to_view is not rigid (a rotation and a translation, column-major); sbl_look_at "
                      "makes one", where);
     sbl__check_finite(check, where, "view_to_clip", m, 16);
-    if (!sbl__all_finite(m, 16) || d->width <= 0 || d->height <= 0) return;  /* no default projection without a size */
+    if (!sbl__all_finite(m, 16) || d->width <= 0 || d->height <= 0) return;  /* the default needs a size */
     perspective = m[3] == 0.0f && m[7] == 0.0f && m[11] < 0.0f && m[15] == 0.0f && m[12] == 0.0f && m[13] == 0.0f;
     orthographic = m[3] == 0.0f && m[7] == 0.0f && m[11] == 0.0f && m[15] == 1.0f && m[8] == 0.0f && m[9] == 0.0f;
     if (!(perspective || orthographic) || m[0] == 0.0f || m[5] == 0.0f || m[1] != 0.0f || m[4] != 0.0f)
@@ -7119,10 +7117,8 @@ static void sbl__check_refinement(sbl__check *check, const char *where, const sb
     sbl__check_int(check, where, "width", d->width, 1, 16384);
     sbl__check_int(check, where, "height", d->height, 1, 16384);
     sbl__check_int(check, where, "tile", d->tile, 1, 1024);
-    if (!sbl__between(&d->target_error, 0, 1))
-        sbl__mistake(check, "%s: target_error is %g; it must be 0 to 1", where, (double)d->target_error);
-    if (!sbl__between(&d->threshold, -FLT_MAX, FLT_MAX))
-        sbl__mistake(check, "%s: threshold is %g; it must be finite", where, (double)d->threshold);
+    sbl__check_range(check, where, "target_error", &d->target_error, 1, sbl__unit_range);
+    sbl__check_finite(check, where, "threshold", &d->threshold, 1);
     if (d->filter_radius > 32)
         sbl__mistake(check, "%s: filter_radius is %d; it must be at most 32", where, d->filter_radius);
 }
@@ -7135,8 +7131,7 @@ static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_de
     sbl__check_options(&check, where, &d->options, 1, sbl__sensor_rays, host_draws);
     sbl__check_sensor_kind(&check, where, &d->options, d->sensor_kind, d->sensor_fov);
     sbl__check_refinement(&check, where, d);
-    if (!sbl__between(&d->facet_limit, -FLT_MAX, FLT_MAX))
-        sbl__mistake(&check, "%s: facet_limit is %g; it must be finite", where, (double)d->facet_limit);
+    sbl__check_finite(&check, where, "facet_limit", &d->facet_limit, 1);
     sbl__check_int(&check, where, "samples", d->samples, 1, 64);
     sbl__check_camera(&check, where, d);
     return sbl__check_end(&check);
@@ -7263,14 +7258,6 @@ static sbl_result sbl__check_readings(const sbl__base *base, const sbl_readings_
 
 /* >>options: light at vertices */
 
-/* Returns the readings that light at vertices is computed from, without their sites. */
-static sbl_readings_desc sbl__vertices_readings(const sbl_vertices_desc *d) {
-    sbl_readings_desc readings;
-    memset(&readings, 0, sizeof readings);
-    readings.options = d->options;
-    return sbl_readings_desc_defaults(&readings);
-}
-
 SBL_API sbl_vertices_desc sbl_vertices_desc_defaults(const sbl_vertices_desc *desc) {
     static const int rays[SBL_PRESET_COUNT] = { 64, 16, 256 }, samples[SBL_PRESET_COUNT] = { 8, 4, 16 };
     sbl_vertices_desc d;
@@ -7367,8 +7354,7 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
     sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_PROBES_DESC);
     if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     sbl__check_options(&check, where, &d->options, 0, rays, host_draws);
-    if (!sbl__between(&d->move, 0, FLT_MAX))
-        sbl__mistake(&check, "%s: move is %g; it must be finite and not negative", where, (double)d->move);
+    sbl__check_range(&check, where, "move", &d->move, 1, sbl__not_negative_range);
     if (d->probe_count < 0) sbl__mistake(&check, "%s: probe_count is %d; it cannot be negative", where, d->probe_count);
     if (!d->probes && d->probe_count > 0)
         sbl__mistake(&check, "%s: probes is NULL; it receives probe_count probes", where);
@@ -7390,23 +7376,23 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
    several are equally near, that of the first triangle. Triangles that share a corner, with the same position and the
    same lightmap coordinates, belong to one chart. */
 
-#define SBL__ATLAS_WORDS 4      /* per texel: 1 + triangle, or 0; weights of its second and third corner; 1 + chart */
-#define SBL__ATLAS_FAR 1e30f    /* texels show only points with a squared distance below this */
+#define SBL__ATLAS_WORDS 4      /* of a texel: 1 + triangle (0: none); weights of corners 1 and 2; 1 + chart */
+#define SBL__ATLAS_FAR 1e30f    /* squared distance that stands for the triangle of a texel without one */
 #define SBL__ATLAS_WELL -1.0f   /* value of `away` for a centre well inside the triangle */
 #define SBL__ATLAS_EDGE -0.5f   /* value of `away` for a centre inside, near an edge: a neighbour may contain it too */
 #define SBL__ATLAS_INSIDE 1e-3  /* a centre lies well inside if all its barycentric weights are at least this */
 #define SBL__ATLAS_INSET 0.02   /* points on edges are moved inward by this number of texels; otherwise a sensor in a
                                    crease would stand inside the other wall */
-#define SBL__ATLAS_INSET_MOST 0.01  /* upper limit of this move, as a share of the way to the centroid */
+#define SBL__ATLAS_INSET_MOST 0.01  /* upper limit of the inset, as a share of the distance to the centroid */
 
 typedef struct sbl__atlas {
     sbl__stages stages;
     sbl__base *base;
     const sbl__geometry *geometry;
-    int width, height;          /* supersampled texels, which this room calls texels */
+    int width, height;          /* of the map in supersampled texels, which this room calls texels */
     int across;                 /* number of supersampled texels across a texel of the lightmap */
     unsigned char *baked;       /* per mesh: 1 if it is baked */
-    int row;                    /* next row of the triangle in progress; 0: the triangle has not begun */
+    int row;                    /* next row of the triangle in progress; 0 before its first row */
     uint32_t *parents;          /* per vertex: union-find over charts (see sbl__root); later the chart's number */
     sbl__hash_table places;     /* vertices by position and lightmap coordinates */
     uint32_t *texels;           /* SBL__ATLAS_WORDS per texel */
@@ -7426,7 +7412,7 @@ static void sbl__atlas_free(sbl__base *base, sbl__atlas *a) {
     memset(a, 0, sizeof *a);
 }
 
-/* desc has been checked. If it lists no meshes, all lightmapped meshes are baked. */
+/* Allocates an atlas for a checked descriptor. If it lists no meshes, all lightmapped meshes are baked. */
 static sbl_result sbl__atlas_begin(sbl__base *base, sbl__atlas *a, const sbl__geometry *g,
                                    const sbl_lightmap_desc *desc) {
     size_t texels;
@@ -7499,7 +7485,7 @@ typedef struct sbl__atlas_triangle {
     double corners[3][2];  /* texels */
     double area;           /* twice the signed area, square texels */
     uint32_t number, chart;
-    int rows[2];           /* first and last row that it touches */
+    int rows[2];           /* first and last row that the triangle touches */
 } sbl__atlas_triangle;
 
 /* Gets the first and last of `size` texels that an interval touches. If it touches none, last < first. */
@@ -7599,7 +7585,7 @@ static float sbl__atlas_others(const sbl__atlas *a, size_t texel) {
     return a->away && a->away[texel] < 0 ? (float)ceil(-(double)a->away[texel]) - 1 : 0;
 }
 
-/* Counts overlaps and warns about the first. triangle: contains the centre of a texel that shows another one */
+/* Counts texels whose centre lies in several triangles, and warns about the first. triangle: the hidden one */
 static void sbl__atlas_warn_overlap(sbl__atlas *a, uint32_t triangle, size_t texel) {
     const sbl__geometry *g = a->geometry;
     const uint32_t first = a->texels[SBL__ATLAS_WORDS * texel] - 1;
@@ -7613,7 +7599,7 @@ static void sbl__atlas_warn_overlap(sbl__atlas *a, uint32_t triangle, size_t tex
              (int)(texel / (size_t)a->width) / a->across);
 }
 
-/* Offers a triangle to the texel in column at[0] of row at[1]. */
+/* Makes the texel in column at[0] of row at[1] show a triangle if this is nearer than the one shown so far. */
 static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const int at[2]) {
     const size_t i = (size_t)at[1] * (size_t)a->width + (size_t)at[0];
     const double centre[2] = { at[0] + 0.5, at[1] + 0.5 };
@@ -7621,7 +7607,7 @@ static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const 
     double weights[3];
     const float away = (float)sbl__atlas_nearest(t, centre, weights);
     const int well = away <= SBL__ATLAS_WELL, other_chart = t->chart + 1 != texel[3];
-    const int was_well = floor((double)a->away[i]) >= (double)a->away[i];  /* SBL__ATLAS_WELL minus overlaps */
+    const int was_well = floor((double)a->away[i]) >= (double)a->away[i];  /* whole: SBL__ATLAS_WELL */
     float shares[2];
     if (away < 0 && a->away[i] < 0 && (other_chart || (well && was_well))) {
         sbl__atlas_warn_overlap(a, t->number, i);
@@ -7720,7 +7706,7 @@ static sbl_result sbl__atlas_step(sbl__atlas *a, sbl__slice *slice) {
          atlas     (depth)    -> and its point                   <-- the host's draw callback, same depth          */
 
 enum { SBL__GBUFFER_POSITION, SBL__GBUFFER_NORMAL, SBL__GBUFFER_GEOMETRIC_NORMAL, SBL__GBUFFER_ALBEDO,
-       SBL__GBUFFER_EMISSION, SBL__GBUFFER_ID, SBL__GBUFFER_COUNT };  /* attachments */
+       SBL__GBUFFER_EMISSION, SBL__GBUFFER_ID, SBL__GBUFFER_COUNT };
 
 typedef struct sbl__gbuffer { sbl__texture textures[SBL__GBUFFER_COUNT]; sbl__target target; } sbl__gbuffer;
 
@@ -7756,7 +7742,7 @@ typedef struct sbl__surface {
     sbl__pace triangle_pace, point_pace;
 } sbl__surface;
 
-#define SBL__DEPTH_SHARE 1e-6      /* share of the scene's extent; points nearer to the camera all have depth 1 */
+#define SBL__DEPTH_SHARE 1e-6      /* points nearer than this share of the scene's extent all have depth 1 */
 #define SBL__BAND_PIXELS 1048576   /* approximate size of a band of rows; limits the area of one triangle at a time */
 #define SBL__TRIANGLE_PIXELS 64.0  /* cost of a triangle besides its pixels, in pixels */
 
@@ -7797,7 +7783,7 @@ static void sbl__surface_free(const sbl__device *d, sbl__surface *s) {
 
 /* >>surface: the camera */
 
-/* The matrices of desc have been checked. */
+/* Makes a camera from the checked matrices of desc. */
 static void sbl__camera_make(sbl__camera *c, const sbl_picture_desc *desc, const sbl__geometry *g) {
     const float *m = desc->world_to_view;
     int i, k;
@@ -7875,9 +7861,8 @@ static void sbl__camera_set(const sbl__device *d, const sbl__camera *c, const fl
     const double a = c->orthographic ? 1 : -(double)m[11], step_x = 2.0 / t->width, step_y = -2.0 / t->height;
     const double x0 = -1 + offset[0] * step_x, y0 = 1 + offset[1] * step_y;
     const double dx = a * step_x / m[0], dy = a * step_y / m[5];
-    const int moving = c->orthographic ? 0 : 3, still = 3 - moving;  /* indices in rays: which differs between pixels */
-    /* x in view space, at unit distance (perspective) or everywhere (orthographic), is linear in ndc:
-       x = (a ndc + m8) / m0 or (ndc - m12) / m0 */
+    const int moving = c->orthographic ? 0 : 3, still = 3 - moving;  /* which of `rays` vary over the pixels */
+    /* x in view space: (a ndc + m8) / m0 at unit distance (perspective), (ndc - m12) / m0 (orthographic) */
     const double across = c->orthographic ? (x0 - m[12]) / m[0] : (a * x0 + m[8]) / m[0];
     const double down = c->orthographic ? (y0 - m[13]) / m[5] : (a * y0 + m[9]) / m[5];
     float rays[6][3];
@@ -7916,7 +7901,7 @@ static const char *const sbl__glsl_visibility_vertex[] = {
 /* >>glsl visibility_fragment: shaders_embedded/visibility_fragment.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_visibility_fragment[] = {
 "flat in int triangle;\n",
-"uniform float depth_from_w;  // depth is this * gl_FragCoord.w (drivers without clip control); 0: orthographic\n",
+"uniform float depth_from_w;  // depth / gl_FragCoord.w, for drivers without clip control; 0: orthographic\n",
 "layout(location = 0) out uint out_triangle;  // 1 + number of the triangle; 0: the pixel shows none\n",
 "\n",
 "void main() {\n",
@@ -7940,7 +7925,7 @@ static const sbl__recipe sbl__recipe_visibility = {
     SBL__CUTOUTS | SBL__WIDE | SBL__WRITE_DEPTH
 };
 
-#define SBL__BEFORE_CAMERA 1e-3  /* share of a triangle's largest w; its part with a smaller w is cut off */
+#define SBL__BEFORE_CAMERA 1e-3  /* parts of a triangle where w is below this share of its largest w are cut off */
 
 /* Estimates the number of pixels that a triangle covers in the band: half the area of the bounding rectangle, on the
    screen, of its part in front of the camera. rows: see visibility_vertex.glsl */
@@ -7961,7 +7946,7 @@ static double sbl__triangle_pixels(const sbl__surface *s, float rows[4][4], uint
     for (i = 0; i < 3; i++) {
         const double *a = v[i], *b = v[(i + 1) % 3];
         const double t = (a[3] > before) != (b[3] > before) ? (before - a[3]) / (b[3] - a[3]) : 0;
-        for (k = 0; k < 2; k++) {  /* the corner, and the point where the edge is cut off */
+        for (k = 0; k < 2; k++) {  /* the corner, then the end of the cut edge */
             if (a[3] > before) sbl__extend(&from[k], &to[k], (0.5 * a[k] / a[3] + 0.5) * size[k]);
             if (t > 0) sbl__extend(&from[k], &to[k], (0.5 * (a[k] + t * (b[k] - a[k])) / before + 0.5) * size[k]);
         }
@@ -7974,7 +7959,7 @@ static double sbl__triangle_pixels(const sbl__surface *s, float rows[4][4], uint
     return 0.5 * (to[0] - from[0]) * (to[1] - from[1]);
 }
 
-/* Begins the band of rows at `row`. All triangles are drawn in each band. */
+/* Begins a band with the row `row`. Each band draws all triangles again. */
 static void sbl__surface_band(sbl__surface *s, int row) {
     s->row = row;
     s->rows = SBL__MIN(SBL__MAX(1, SBL__BAND_PIXELS / s->visibility.width), s->visibility.height - row);
@@ -8036,8 +8021,8 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
 static const char *const sbl__glsl_gbuffer_fragment[] = {
 "// Computes the surface points that the camera's pixels, or the texels of a lightmap, show.\n",
 "uniform usampler2D triangles;  // output of visibility_fragment.glsl; lightmaps: see SBL__ATLAS_WORDS\n",
-"uniform float facet_limit;     // pixels. Triangles with a smaller least height on the screen get their geometric\n",
-"                               // normal, those of twice this height their shading normal, between them a mixture\n",
+"uniform float facet_limit;     // pixels. Triangles whose least height on the screen is below this get their\n",
+"                               // geometric normal, above twice this their shading normal, in between a mixture\n",
 "layout(location = 0) out vec4 out_position;          // w: reach, see surface.glsl\n",
 "layout(location = 1) out vec4 out_normal;\n",
 "layout(location = 2) out vec4 out_geometric_normal;\n",
@@ -8211,7 +8196,7 @@ typedef struct sbl__site {
     float position[3];          /* world space: on a surface or in the air */
     float normal[3];            /* unit vector to the centre of the hemisphere; a surface's shading normal */
     float geometric_normal[3];  /* unit vector; the sensor is moved off the surface along it */
-    float offset;               /* distance of this move, world units */
+    float offset;               /* world distance by which the sensor is moved off the surface */
     uint32_t number;            /* seed for rotating the site's rays or views; differs between positions */
     int guide;                  /* number of the guide for the site's rays, see >>guide; 0: no guide */
     int first, looks;           /* the job takes `looks` looks, beginning with look number `first` */
@@ -8245,7 +8230,7 @@ typedef struct sbl__spec {
     int directional;            /* 1: measure layers 1 to 4 too, see SBL__LAYERS */
     float epsilon;              /* ambient light: radiance that reaches all surfaces from all directions */
     uint32_t seed;              /* seed for the rotation of all sensors, see sbl_picture_desc */
-    int view_texture_size, batch;  /* fields of sbl_context_desc */
+    int view_texture_size, batch;  /* sensor_texture_size and batch of sbl_context_desc */
 } sbl__spec;
 
 /* One look of a site. */
@@ -8260,11 +8245,11 @@ typedef struct sbl__look {
     int sensor;                 /* index of the look among all looks of the job */
 } sbl__look;
 
-#define SBL__MAX_LOOKS 512         /* maximum number of looks per site if the host has requested an error */
-#define SBL__DEFAULT_LOOKS 16      /* maximum number of looks per site otherwise */
-#define SBL__LOOK_RAYS_MOST 128    /* maximum number of rays per look when a noisy look gets more rays */
-#define SBL__LOOK_VARIANCE 12.5    /* a look gets more rays while its relative variance exceeds this multiple of the
-                                      requested error squared (see sbl__look_growth) */
+#define SBL__MAX_LOOKS 512         /* maximum number of looks per site if the host sets target_error */
+#define SBL__DEFAULT_LOOKS 16      /* maximum number of looks per site with the default target error */
+#define SBL__LOOK_RAYS_MOST 128    /* looks that are too noisy get more rays, up to this number */
+#define SBL__LOOK_VARIANCE 12.5    /* a look is too noisy while its relative variance exceeds this multiple of the
+                                      target error squared (see sbl__look_growth) */
 /* Distance of a sensor from its surface, as a share of the scene's extent if views are rasterised (for the precision of
    the depth buffer), or of the triangle's reach (see surface.glsl) if rays are traced. Float rounding needs a sixth of
    it: at 2.5e-7 and below, sensors on a sphere see the sphere itself. */
@@ -8304,8 +8289,8 @@ typedef struct sbl__layout {
     double tangent;             /* tangent of half the field of view; 1 for a hemicube */
     int rects[5][4];            /* per view: x, y, width, height in the sheet, texels */
     int sheet_width, sheet_height;  /* size of the sheet without padding, texels */
-    int block;                  /* width and height of the squares of texels that reduce_blocks.glsl adds up */
-    int blocks[2];              /* number of such squares across and down; the sheet is padded to whole ones */
+    int block;                  /* width and height of a block: the square of texels that reduce_blocks.glsl adds up */
+    int blocks[2];              /* number of blocks across and down; the sheet is padded to whole blocks */
 } sbl__layout;
 
 /* The vertex attributes of a view. sensor_vertex.glsl explains them. */
@@ -8407,7 +8392,7 @@ static double sbl__rectangle_weight(int side, const double from[2], const double
            sbl__corner_weight(side, to[0], from[1]) + sbl__corner_weight(side, from[0], from[1]);
 }
 
-/* V'' in the paper's equation 4. Projects (x, y, 1) to the unit sphere, then along the normal to the tangent plane. */
+/* Projects (x, y, 1) to the unit sphere, then along the normal to the tangent plane: V'' in the paper's equation 4. */
 static void sbl__paper_project(double x, double y, double out[2]) {
     double length = sqrt(x * x + y * y + 1);
     out[0] = x / length;
@@ -8464,8 +8449,8 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 #define SBL__GUIDE_EVEN 0.2
 #define SBL__GUIDE_DARK 0.4
 #define SBL__GUIDE_LIT 0.7
-/* Distance between the grid's pixels. A quarter or half of it is used if there are then fewer than SBL__GUIDES_FEW
-   guides; otherwise it is doubled until there are fewer than SBL__GUIDES_MOST. */
+/* Distance between the pixels that have guides. A quarter or half of it is used if that gives fewer than
+   SBL__GUIDES_FEW guides; otherwise it is doubled until there are fewer than SBL__GUIDES_MOST. */
 #define SBL__GUIDE_STEP 8
 #define SBL__GUIDES_FEW 4096
 #define SBL__GUIDES_MOST 16384
@@ -8635,8 +8620,6 @@ typedef struct sbl__batch {
     int slot, count;
 } sbl__batch;
 
-static unsigned sbl__batch_features(const sbl__batch *b) { return sbl__features_of(b->scene, b->spec); }
-
 /* Makes the first `count` textures of partial sums, in the order of the array below, and a target that draws to them.
    Deletes the other textures. */
 static sbl_result sbl__blocks_make(const sbl__device *d, sbl__blocks *b, int count, int width, int height) {
@@ -8701,9 +8684,9 @@ static const char *const sbl__glsl_carrier[] = {
 "// Converts 32-bit fractions to a point between 0 and 1.\n",
 "vec2 sbl_unit_square(uvec2 fractions) { return (vec2(fractions >> 8) + 0.5) / SBL_FRACTIONS; }\n",
 "\n",
-"// Returns the weights of light from the unit direction w in the coefficients of the first two bands of real\n",
-"// spherical harmonics, in the order 1, y, z, x. The light is given as part of R, which includes the cosine between\n",
-"// w and the normal n; the coefficients describe radiance, which does not. reciprocal: 1 / that cosine\n",
+"// Returns the factors that convert light from the unit direction w, given as its part of R, to its part of the\n",
+"// first four coefficients of radiance in real spherical harmonics, in the order 1, y, z, x. R includes the cosine\n",
+"// between w and the normal n, radiance does not. reciprocal: 1 / cosine\n",
 "vec4 sbl_harmonics(vec3 w, vec3 n, float reciprocal) {\n",
 "    vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w divided by the cosine\n",
 "    return SBL_PI * vec4(SBL_HARMONIC_0 * reciprocal, SBL_HARMONIC_1 * way.yzx);\n",
@@ -10136,7 +10119,7 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
         if (b->scene->environment.pixels && !b->spec->paper) result = sbl__raster_sky(d, r, lens, b, views);
     }
     if (result == SBL_SUCCESS && end > first) {
-        result = sbl__use(d, &sbl__recipe_sensor, sbl__batch_features(b));
+        result = sbl__use(d, &sbl__recipe_sensor, sbl__features_of(b->scene, b->spec));
         if (result != SBL_SUCCESS) return result;
         sbl__raster_pass(d, r, lens, SBL__PASS_DEPTH | SBL__PASS_CLIP);
         sbl__scene_bind(d, b->scene);
@@ -10500,7 +10483,7 @@ static const sbl__recipe sbl__recipe_trace = {
    1: an invocation takes its rays in pairs, to measure the variance; 0: it takes them singly, so that with one
    invocation per ray each output texel belongs to one ray */
 static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl__batch *b, int stuck, int paired) {
-    const sbl_result result = sbl__use(d, &sbl__recipe_trace, sbl__batch_features(b));
+    const sbl_result result = sbl__use(d, &sbl__recipe_trace, sbl__features_of(b->scene, b->spec));
     if (result != SBL_SUCCESS) return result;
     sbl__rays_bind(d, b, &t->sequence, b->slots->blocks);
     sbl__set_int(d, "rays", stuck ? 1 : t->rays);
@@ -14139,9 +14122,9 @@ static const char *const sbl__glsl_belongs[] = {
 /* >>glsl filter: shaders_embedded/filter.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_filter[] = {
 "// The Gaussian of section III-H over pixels with the same id, normalised. Outside paper mode, weights are also\n",
-"// reduced for pixels whose normal or plane differs, or whose light differs by more than noise can explain.\n",
+"// reduced for pixels whose normal or plane differs, or whose R or harmonics differ by more than noise explains.\n",
 "uniform sampler2D radiance;  // R; a: its noise, above 0 where there is a surface\n",
-"uniform sampler2D layer;     // SBL_DIRECTIONAL: harmonics, smoothed instead of R, where both they and R are alike\n",
+"uniform sampler2D layer;     // SBL_DIRECTIONAL: a layer of harmonics, which is smoothed instead of R\n",
 "uniform sampler2D positions, normals;\n",
 "uniform usampler2D ids;\n",
 "uniform int radius;\n",
@@ -14149,11 +14132,11 @@ static const char *const sbl__glsl_filter[] = {
 "uniform int geometry_aware;\n",
 "layout(location = 0) out vec4 out_radiance;\n",
 "\n",
-"uniform float few;           // noise of harmonics where R has none, since looks have few rays; as a share of R\n",
+"uniform float layer_noise;   // noise of harmonics, as a share of R, where R has no noise: looks have few rays\n",
 "const float SBL_HARMONIC = 2.0;  // noise of a harmonic divided by the noise of R, approximately\n",
 "\n",
-"// Returns the approximate noise of a harmonic. light: R and its noise\n",
-"float sbl_harmonic_noise(vec4 light) { return SBL_HARMONIC * light.a + few * max(light.r, max(light.g, light.b)); }\n",
+"// Returns the approximate noise of a harmonic. r: R and its noise\n",
+"float sbl_harmonic_noise(vec4 r) { return SBL_HARMONIC * r.a + layer_noise * max(r.r, max(r.g, r.b)); }\n",
 "\n",
 "// Returns about 1 if noise explains the difference of two pixels, about 0 if the difference is several times that.\n",
 "float sbl_alike(vec4 a, vec4 b) {\n",
@@ -14202,7 +14185,7 @@ typedef struct sbl__filter {
     int radius, geometry_aware;
     const sbl__texture *radiance;  /* R and its noise */
     const sbl__texture *layer;     /* the layer of harmonics to smooth; NULL: smooth R */
-    float few;                     /* see filter.glsl */
+    float layer_noise;             /* see filter.glsl */
 } sbl__filter;
 
 static double sbl__filter_sigma(int radius) { return SBL__MAX(0.5 * radius, 0.1); }
@@ -14229,7 +14212,7 @@ static sbl_result sbl__filter_draw(sbl__device *d, const sbl__filter *f, const s
     sbl__pass_rows(d, out, rows[0], rows[1]);
     sbl__bind(d, "radiance", f->radiance);
     if (f->layer) sbl__bind(d, "layer", f->layer);
-    sbl__set_float(d, "few", f->few);
+    sbl__set_float(d, "layer_noise", f->layer_noise);
     sbl__bind(d, "positions", &g->textures[SBL__GBUFFER_POSITION]);
     sbl__bind(d, "normals", &g->textures[SBL__GBUFFER_NORMAL]);
     sbl__bind(d, "ids", &g->textures[SBL__GBUFFER_ID]);
@@ -14256,13 +14239,14 @@ static const char *const sbl__glsl_resolve[] = {
 "uniform vec2 offset;                        // position of the sample relative to the pixel's centre, pixels\n",
 "uniform vec3 sky;                           // constant radiance of the sky\n",
 "uniform sampler2D previous;                 // sum over the previous samples\n",
-"uniform float first, share;                 // first: 0 for the first sample, else 1; share: 1 / number of samples\n",
+"uniform int has_previous;                   // 0: this is the first sample\n",
+"uniform float share;                        // 1 / number of samples\n",
 "layout(location = 0) out vec4 out_color;\n",
 "\n",
 "const int SBL_REACH = 2;                // R is taken from pixels at most this far away in x and y\n",
 "const float SBL_NEAR_ENOUGH = 0.05;     // least sum of weights at which the four nearest pixels suffice\n",
-"const float SBL_SAME_ID = 1e-3;         // least weight of a pixel with the same id, even if it does not belong\n",
-"const float SBL_OTHER_ID = 0.01;        // least weight of a pixel with any id, if there is none with the same id\n",
+"const float SBL_SAME_ID = 1e-3;         // weight of a pixel with the same id that does not belong to the surface\n",
+"const float SBL_OTHER_ID = 0.01;        // least weight of a pixel if none has the same id\n",
 "\n",
 "// Returns the radiance of the environment picture in a direction, bilinearly filtered.\n",
 "vec3 sbl_sky_smooth(vec3 direction) {\n",
@@ -14311,7 +14295,7 @@ static const char *const sbl__glsl_resolve[] = {
 "void main() {\n",
 "    ivec2 at = ivec2(gl_FragCoord.xy);\n",
 "    uint id = texelFetch(sample_ids, at, 0).x;\n",
-"    vec4 before = first == 0.0 ? vec4(0) : texelFetch(previous, at, 0);\n",
+"    vec4 before = has_previous == 0 ? vec4(0) : texelFetch(previous, at, 0);\n",
 "    vec3 color;\n",
 "    if (id == 0u) color = sky + sbl_sky_smooth(sbl_camera_direction());\n",
 "    else {\n",
@@ -14338,21 +14322,22 @@ static void sbl__sample_offset(int i, int count, float out[2]) {
     out[1] = count == 1 ? 0 : (float)(y - floor(y) - 0.5);
 }
 
-/* A sample of every pixel. */
+/* One anti-aliasing sample, of all pixels. */
 typedef struct sbl__resolve {
     const sbl__gbuffer *centres, *sample;  /* G-buffers of the pixels' centres and of the sample */
     const sbl__texture *radiance;          /* R at pixel centres */
     const sbl__texture *previous;          /* sum over the previous samples */
     const sbl__environment *environment;
     const sbl__camera *camera;
-    float offset[2];                       /* position relative to the pixel's centre, pixels */
     int index, count;                      /* index of the sample; number of samples */
 } sbl__resolve;
 
 /* Adds the sample to `previous` and writes the sum to rows of `out`. rows: first row, number of rows */
 static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const sbl__target *out, const int rows[2]) {
     const sbl_result result = sbl__use(d, &sbl__recipe_resolve, 0);
+    float offset[2];
     if (result != SBL_SUCCESS) return result;
+    sbl__sample_offset(r->index, r->count, offset);
     sbl__pass_rows(d, out, rows[0], rows[1]);
     sbl__bind(d, "radiance", r->radiance);
     sbl__bind(d, "positions", &r->centres->textures[SBL__GBUFFER_POSITION]);
@@ -14365,9 +14350,9 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
     sbl__bind(d, "sample_ids", &r->sample->textures[SBL__GBUFFER_ID]);
     sbl__bind(d, "previous", r->previous);
     sbl__environment_bind(d, r->environment);
-    sbl__camera_set(d, r->camera, r->offset, out);
-    sbl__set_vec2(d, "offset", r->offset[0], r->offset[1]);
-    sbl__set_float(d, "first", r->index ? 1.0f : 0.0f);
+    sbl__camera_set(d, r->camera, offset, out);
+    sbl__set_vec2(d, "offset", offset[0], offset[1]);
+    sbl__set_int(d, "has_previous", r->index > 0);
     sbl__set_float(d, "share", 1.0f / (float)r->count);
     sbl__draw_screen(d);
     return SBL_SUCCESS;
@@ -14461,7 +14446,8 @@ static sbl_result sbl__gutters_step(sbl__gutters *g, sbl__slice *slice) {
 #define SBL__SEAM_ROUNDS 4        /* maximum number of solutions per layer */
 #define SBL__SEAM_PRECISION2 1e-10
 
-/* unknowns: texels until the point is added, then numbers of unknowns; weights: of A, then of B, which are negative */
+/* A point of a seam. Entries 0 to 3 are for its place A in the map, 4 to 7 for B; the weights of B are negative.
+   unknowns: texels until the point is added, then numbers of unknowns */
 typedef struct sbl__seam_point { int unknowns[8]; float weights[8]; } sbl__seam_point;
 
 enum { SBL__SEAMS_EDGES, SBL__SEAMS_BEFORE, SBL__SEAMS_SOLVE, SBL__SEAMS_APPLY, SBL__SEAMS_AFTER, SBL__SEAMS_DONE };
@@ -14480,7 +14466,7 @@ typedef struct sbl__seams {
     int seams;                  /* number of seams */
     int layers;                 /* number of layers done; layer 0 is R, the others are harmonics, which have signs */
     int rounds;                 /* number of solutions of this layer so far */
-    int bound;                  /* 1 if the last solution made channels negative */
+    int bound;                  /* 1 if the last solution made channels negative, which then were set to 0 */
     float before, after;        /* largest differences across seams before and after solutions, luminance */
 } sbl__seams;
 
@@ -14707,7 +14693,7 @@ static sbl_result sbl__seams_make(void *work, sbl__slice *slice) {
 static sbl_result sbl__seams_make_solver(void *work, sbl__slice *slice) {
     sbl__seams *s = (sbl__seams *)work;
     (void)slice;
-    if (s->solver.user) return SBL_SUCCESS;  /* it has been made */
+    if (s->solver.user) return SBL_SUCCESS;  /* made for layer 0 */
     s->solver.user = s;
     s->solver.term = sbl__seam_term;
     s->solver.term_count = s->point_count;
@@ -14734,7 +14720,7 @@ static int sbl__seams_unknowns(void *work) { return ((sbl__seams *)work)->unknow
 
 /* Prepares for another layer of the same lightmap. */
 static void sbl__seams_again(sbl__seams *s) {
-    if (s->stages.stage < SBL__SEAMS_DONE) return;  /* seams are not wanted */
+    if (s->stages.stage < SBL__SEAMS_DONE) return;  /* sbl_lightmap_desc.seams leaves them open */
     s->stages.stage = SBL__SEAMS_BEFORE;
     s->layers++;
     s->rounds = 0;
@@ -15059,7 +15045,7 @@ static sbl_result sbl__map_filter(void *work, sbl__slice *slice) {
     filter.geometry_aware = m->desc.options.mode != SBL_MODE_PAPER;
     filter.radiance = &m->layers[0].light;
     filter.layer = m->layer ? &layer->light : NULL;
-    filter.few = sbl__spec_layer_noise(&m->spec);
+    filter.layer_noise = sbl__spec_layer_noise(&m->spec);
     rows[1] = sbl__pace_rows(&m->filter_pace, slice, &layer->target, rows[0]);
     result = sbl__filter_draw(d, &filter, &m->gbuffer, &layer->target, rows);
     sbl__pace_end(d, &m->filter_pace, (double)rows[1] * m->desc.width);
@@ -15374,7 +15360,6 @@ static sbl_result sbl__picture_compose(sbl__picture *p, sbl__resolve *r, const s
     r->radiance = &m->layers[0].smooth;
     r->environment = &m->work.core->scene.environment;
     r->camera = &p->camera;
-    sbl__sample_offset(r->index, r->count, r->offset);
     rows[0] = *row;
     rows[1] = sbl__pace_rows(&p->resolve_pace, slice, out, *row);
     result = sbl__resolve_draw(d, r, out, rows);
@@ -15963,8 +15948,7 @@ static void sbl__vertices_free(void *work) {
 
 static sbl_result sbl__vertices_check(const sbl__core *c, const void *desc, sbl__measurement *measurement) {
     const sbl_vertices_desc *given = (const sbl_vertices_desc *)desc, d = sbl_vertices_desc_defaults(given);
-    const sbl_readings_desc readings = sbl__vertices_readings(&d);
-    *measurement = sbl__measurement_of(&readings.options, readings.sensor_kind, readings.sensor_fov);
+    *measurement = sbl__measurement_of(&d.options, SBL_SENSOR_HEMICUBE, 135);
     measurement->every_ray = given && given->options.rays > 0;
     return sbl__check_vertices(&c->base, &d, &c->scene);
 }
@@ -15987,7 +15971,8 @@ static sbl_result sbl__vertices_begin(void *work, const void *desc) {
         s->vertex_count += g->meshes[part->mesh].vertex_count;
         s->triangle_count += g->meshes[part->mesh].triangle_count;
     }
-    readings = sbl__vertices_readings(&s->desc);
+    memset(&readings, 0, sizeof readings);
+    readings.options = s->desc.options;
     s->desc.meshes = NULL;
     return sbl__work_begin(&s->gathering.work, &sbl__readings_front_end, c, &s->work.measurement, &readings);
 }
