@@ -26,13 +26,13 @@
        tile      a rectangle of pixels with a sensor at each of its four corners
 
    A sensor finds light in three ways. For lamps it computes the light of the whole lamp in closed form, and multiplies
-   it by the fraction of the lamp that rays find unobstructed. For the sky it traces rays (or draws small views) and
-   forms a weighted sum of what they find. For light that surfaces reflect, the same rays look up the store, which is
-   computed once per scene.
+   it by the fraction of the lamp that rays find unobstructed. For the sky it forms a weighted sum of what rays (or
+   small views of the scene) find. For light that surfaces reflect, the same rays look up the store, which is made once
+   per scene.
 
    A picture starts with large tiles. Tiles whose predicted error is large are subdivided, down to single pixels. Pixels
-   between sensors are interpolated. A filter that never mixes different surfaces smooths the result, which is then
-   multiplied by the surface colour.
+   between sensors are interpolated. A filter that never mixes surfaces smooths the result, which is then multiplied by
+   the surface colour.
 
        camera --> G-buffer --> tiles --> sites --> sensors --> readings --> refine --> filter --> resolve --> final
                                            ^                                   |
@@ -165,7 +165,7 @@
 
    Radiance (linear, not gamma encoded) and lengths may have any unit. Use one unit of each kind throughout a scene.
    Results are accurate for scenes that are 5e-10 to 6e9 units across, at a distance of at most 4,000 times their size
-   from the origin; for others sbl_set_scene logs a warning. A value that overflows never becomes NaN.
+   from the origin; sbl_set_scene warns about others. A value that overflows never becomes NaN.
 
    For a surface point p with normal n:
 
@@ -229,8 +229,7 @@
    targets of 8, 4, 2 and 1 % are about in the ratio 1 : 1.5 : 3 : 6.
 
    SBL_CHANNEL_ERROR is the prediction for each pixel: the standard error of the luminance of R, in the unit of R.
-   sbl_stats.picture.expected_error is that for the whole picture. A host may read both while the picture is under way,
-   and stop when it is good enough.
+   sbl_stats.picture.expected_error is that for the whole picture. A host may read both early, and stop.
 
    SBL_MODE_GI adds a third part: the error of the stored light. It is estimated from the differences between the points
    of a cell, and propagated from cell to cell as light is. Sensors cannot reduce it; a larger max_bounce_cells does.
@@ -309,19 +308,19 @@
    with smaller cells. Surfaces that no other surface sees get the largest cells; only sensors in the air may see these.
 
    Time and memory grow with the budget. Raise it if a room is lit through a gap or a door, if geometry is small
-   compared with the scene, or if light looks patchy; lower it for a quick preview. Grain of single pixels comes from
-   the sensors and needs a smaller target_error.
+   compared with the scene, or if light looks patchy; lower it for a quick preview. Grain of single pixels needs a
+   smaller target_error.
 
    Accuracy at default settings, measured against an independent path tracer (relative root mean square error of R, in
    blocks of 4 x 4 pixels): 0.8 % in the Cornell box, 1.6 % in a staircase room with 130 emitting triangles, 4 % in a
-   furnished room of 130,000 triangles that the sky lights through windows. In a dark room with a door ajar, in blocks
-   of 8 x 8 pixels: 2.3 to 3 %.
+   furnished room of 130,000 triangles with sky light from windows, and, in blocks of 8 x 8, 2.3 to 3 % in a dark room
+   with a door ajar.
 
    Limits: an albedo above 0.98 reflects bounced light as 0.98, so that the sum of all bounces stays finite. A small and
    very bright surface, such as a ceiling just above a lamp, is found by rays at random, as in a path tracer, and leaves
    bright specks. Geometry of a draw callback neither blocks nor reflects light between other surfaces. The callback is
    told what light to reflect towards sensors, one value for each of six directions. Light that arrives at this geometry
-   is measured as for everything that the camera sees.
+   is measured as everywhere.
 
 
    ON LIGHTMAPS
@@ -357,8 +356,8 @@
 
    Seams: where charts meet in the world and their normals agree, FINAL is changed as little as possible so that
    bilinear samples are equal on both sides. Light that differs by half or more is left as it is, because something
-   stands between the two sides. The triangles on both sides must share the edge from end to end. sbl_stats.lightmap
-   tells the largest difference before and after.
+   stands between the sides. The triangles on both sides must share the edge from end to end. sbl_stats.lightmap has the
+   differences.
 
    Detail: the light of a texel is that at its centre. A thin shadow, or the edge of a wide one, needs `supersample`,
    which measures several places per texel. A value of 2 takes about twice the time.
@@ -427,15 +426,13 @@
    A surface at the probe that faces n sends out emission + albedo * R(n); sbl_probe has the formula of R(n).
 
    The ambient cube (sbl_probe.cube) is a coarser form of the same light: R is the mean of the three sides that n turns
-   to, weighted by the squares of the components of n. Both contain all light, including that of lamps and their
-   shadows.
+   to, weighted by the squares of the components of n. Both contain all light, also from lamps, with shadows.
 
    Accuracy: light from surfaces and from the sky is measured along `rays` single rays, evenly over the sphere. Light
    from lamps is measured as sensors measure it, in closed form with the horizon, on 320 normals all around, and the
    cosine is divided out afterwards. For a point light this leaves an error of at most 0.4 % of the norm of its first
    four coefficients, and less for larger lamps. The noise of a half hidden lamp is 1.3 % with 4,096 rays and 0.5 % with
-   16,384. Nine coefficients cannot represent sharper light: R of a small lamp is slightly negative on the far side; the
-   cube gives 0.
+   16,384. Sharper light does not fit: R of a small lamp is slightly negative on the far side; the cube gives 0.
 
    Validity: surfaces have two sides here, and a probe sees the light of both. Only back faces tell whether a probe is
    inside something: `valid` is 0 if more than a quarter of all directions end on back faces. This finds probes in
@@ -445,7 +442,7 @@
    Moving probes out of solids: if `move` is above 0, an invalid probe tries other positions. In each octant it takes
    the nearest back face that it has seen. It goes through the nearest of these first, and an eighth of `move` beyond
    it, but never farther than `move` from the given position. It stays at the first valid position, or else where it
-   was; sbl_probe.position tells where it is.
+   was.
 
    Shadows of light from probes (as in DDGI) use distance and distance_squared. The weights of an octant reach over half
    the sphere. The sky is left out; where nothing but sky is visible, 0 means infinitely far.
@@ -491,7 +488,7 @@
    Programs are compiled when they are first used, one per step, and are kept. With sbl_context_desc.compile_ahead,
    sbl_create compiles nearly all of them (1.5 s on llvmpipe).
 
-   The channels of a picture under way can be read and shown after the first level; before, sbl_read_channel returns
+   The channels of a picture under way can be read after the first level; before, sbl_read_channel returns
    SBL_UNFINISHED and sbl_channel_texture returns 0. They hold the best picture so far, interpolated and resolved from
    what is known. The first request makes such a preview at once. After that, sbl_step makes a better one whenever the
    number of looks has grown by a quarter.
@@ -501,8 +498,7 @@
 
    Every function that can fail returns an sbl_result. The logger receives one line for each mistake, which says what
    went wrong, where, and what to change. Descriptors are checked completely, in release builds too: one call reports
-   all mistakes, and a descriptor with a mistake changes nothing. Every function accepts a NULL context; those that
-   return a result then return SBL_ERROR_INVALID_ARGUMENT.
+   all mistakes, and a descriptor with a mistake changes nothing. A NULL context gives SBL_ERROR_INVALID_ARGUMENT, or 0.
 
    Callbacks (draw, environment, allocator, logger, progress) may call the sbl_query_... functions of their context, and
    sbl_progress. Functions that change or step the context are refused there with SBL_ERROR_STATE. The progress
@@ -520,8 +516,8 @@
    Functions that use GL save the state that they change and restore it before they return, also on failure and cancel:
    framebuffers, program, vertex array, buffers, textures, samplers and images of the units that they use, viewport,
    scissor, depth, stencil, blend, cull, masks, clear values, polygon mode, pixel store, sRGB, clip distances, depth
-   clamp, clip control, and so on. With a headless context of its own, sbl.h restores the EGL binding instead. GL errors
-   that the host has left behind are cleared.
+   clamp, clip control, and so on. A headless context restores the EGL binding instead. GL errors of the host are
+   cleared.
 
    A conditional render, a transform feedback, and queries that count samples or primitives must not be active during a
    call. sbl.h cannot suspend them, and they would drop or count its own drawing.
@@ -534,8 +530,7 @@
    SBL_EGL is for systems that have EGL. On Windows and macOS the host creates an OpenGL context of version 3.3 core or
    later (with WGL, GLFW, SDL, Qt), makes it current, and sets sbl_context_desc.get_gl_function to its loader. Size,
    pixel format and visibility of the window do not matter: sbl.h draws into its own textures of 16-bit and 32-bit
-   floats, which every GL 3.3 supports. OpenGL ES, and so ANGLE, is refused: it lacks clip distances and buffer
-   textures.
+   floats. OpenGL ES, and so ANGLE, is refused: it lacks clip distances and buffer textures.
 
    Windows: windows.h may be included before sbl.h, after it, or not at all. The loader may consist of wglGetProcAddress
    alone. It does not know the functions of GL 1.1, which sbl.h takes from opengl32.dll. A return value of 1, 2, 3 or -1
@@ -558,8 +553,7 @@
        }
 
    macOS: the newest GL is 4.1, which has neither compute shaders nor clip control. Fragment shaders then trace rays,
-   with the same results. A context must be core and forward compatible; others end at GL 2.1. With GLFW, on all
-   systems:
+   with the same results. Contexts must be core and forward compatible, or they end at GL 2.1. With GLFW, anywhere:
 
        #include <GLFW/glfw3.h>
        #define SBL_IMPLEMENTATION
@@ -749,9 +743,8 @@ typedef struct sbl_context_desc {
     sbl_logger logger;        /* receives all messages. Default: errors and warnings go to stderr, one line each, or
                                  nowhere if SBL_NO_STDIO is defined */
     uint32_t disabled;        /* sbl_capability bits of features that must not be used, for tests. Default: 0 */
-    int sensor_texture_size;  /* width and height in texels of the texture that holds the views of a batch, 256 to
-                                 16384, but at most what the driver supports. Changes pictures by float rounding only.
-                                 Default: 2048 */
+    int sensor_texture_size;  /* width and height in texels of the texture of a batch's views, 256 to 16384, but at most
+                                 what the driver supports. Changes pictures by float rounding only. Default: 2048 */
     int batch;                /* number of sensors that one draw call draws, at most as many as fit into the texture of
                                  views. The number never changes a picture. Default: as many as the time allows */
     float longest_submission; /* seconds that GL may work at a time, roughly. Default: 0.1 */
@@ -834,8 +827,7 @@ typedef enum sbl_material_flag {
     SBL_MATERIAL_HIDDEN_FROM_CAMERA = 1 << 1,  /* the camera does not see the surface */
     SBL_MATERIAL_HIDDEN_FROM_SENSORS = 1 << 2, /* the surface neither sheds light on others nor casts shadows */
     SBL_MATERIAL_NO_SENSORS = 1 << 3,  /* SBL_MODE_GI: no sensors stand on the surface; it shows the stored light,
-                                          smoothed. This suits fine or moving things. It casts shadows and reflects as
-                                          others do */
+                                          smoothed. For fine or moving things. Casts shadows and reflects as usual */
     SBL_MATERIAL_FLAGS_ALL = (1 << 4) - 1
 } sbl_material_flag;
 
@@ -1200,8 +1192,7 @@ typedef struct sbl_lightmap_desc {
     int mesh_count;            /* number of entries in meshes */
     int gutter;                /* width of the border around charts into which FINAL is continued, up to 16384 texels,
                                   see ON LIGHTMAPS. Default: 16. Negative: no gutter */
-    int seams;                 /* see ON LIGHTMAPS. Default: 0, seams are closed. Negative, or without a gutter: seams
-                                  stay as they are */
+    int seams;                 /* see ON LIGHTMAPS. Default: 0, seams are closed. Negative, or no gutter: they stay */
     int directional;           /* 1: also store the direction of the light, in channels SH_0 to SH_3 */
     int supersample;           /* number of places across a texel at which light is measured, 1 to 8; FINAL, RADIANCE
                                   and SH are their means, other channels show the place nearest to the centre. width and
@@ -7043,7 +7034,7 @@ static void sbl__check_sensor_kind(sbl__check *check, const char *where, const s
         sbl__mistake(check, "%s: sensor_fov is %g; it must be 1 to 179 degrees", where, (double)fov);
 }
 
-/* What the host asks of the sensors of a front end. */
+/* What the host requests of a front end's sensors. */
 typedef struct sbl__measurement {
     sbl_options options;       /* with defaults; epsilon is not negative; see sbl__choose_backend */
     sbl_sensor_kind sensor_kind;
@@ -7080,7 +7071,7 @@ static void sbl__check_camera(sbl__check *check, const char *where, const sbl_pi
         sbl__mistake(check, "%s: world_to_view is not rigid (a rotation and a translation, column-major); sbl_look_at "
                      "makes one", where);
     sbl__check_finite(check, where, "view_to_clip", m, 16);
-    if (!sbl__all_finite(m, 16) || d->width <= 0 || d->height <= 0) return;  /* the default needs a size */
+    if (!sbl__all_finite(m, 16) || d->width <= 0 || d->height <= 0) return;  /* the default projection needs both */
     perspective = m[3] == 0.0f && m[7] == 0.0f && m[11] < 0.0f && m[15] == 0.0f && m[12] == 0.0f && m[13] == 0.0f;
     orthographic = m[3] == 0.0f && m[7] == 0.0f && m[11] == 0.0f && m[15] == 1.0f && m[8] == 0.0f && m[9] == 0.0f;
     if (!(perspective || orthographic) || m[0] == 0.0f || m[5] == 0.0f || m[1] != 0.0f || m[4] != 0.0f)
@@ -7376,8 +7367,8 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
    several are equally near, that of the first triangle. Triangles that share a corner, with the same position and the
    same lightmap coordinates, belong to one chart. */
 
-#define SBL__ATLAS_WORDS 4      /* of a texel: 1 + triangle (0: none); weights of corners 1 and 2; 1 + chart */
-#define SBL__ATLAS_FAR 1e30f    /* squared distance that stands for the triangle of a texel without one */
+#define SBL__ATLAS_WORDS 4      /* per texel: 1 + triangle (0: none); weights of corners 1 and 2; 1 + chart */
+#define SBL__ATLAS_FAR 1e30f    /* initial squared distance of a texel, before any triangle touches it */
 #define SBL__ATLAS_WELL -1.0f   /* value of `away` for a centre well inside the triangle */
 #define SBL__ATLAS_EDGE -0.5f   /* value of `away` for a centre inside, near an edge: a neighbour may contain it too */
 #define SBL__ATLAS_INSIDE 1e-3  /* a centre lies well inside if all its barycentric weights are at least this */
@@ -7389,7 +7380,7 @@ typedef struct sbl__atlas {
     sbl__stages stages;
     sbl__base *base;
     const sbl__geometry *geometry;
-    int width, height;          /* of the map in supersampled texels, which this room calls texels */
+    int width, height;          /* size of the map in supersampled texels, which this room calls texels */
     int across;                 /* number of supersampled texels across a texel of the lightmap */
     unsigned char *baked;       /* per mesh: 1 if it is baked */
     int row;                    /* next row of the triangle in progress; 0 before its first row */
@@ -7607,7 +7598,7 @@ static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const 
     double weights[3];
     const float away = (float)sbl__atlas_nearest(t, centre, weights);
     const int well = away <= SBL__ATLAS_WELL, other_chart = t->chart + 1 != texel[3];
-    const int was_well = floor((double)a->away[i]) >= (double)a->away[i];  /* whole: SBL__ATLAS_WELL */
+    const int was_well = floor((double)a->away[i]) >= (double)a->away[i];  /* integer: SBL__ATLAS_WELL - overlaps */
     float shares[2];
     if (away < 0 && a->away[i] < 0 && (other_chart || (well && was_well))) {
         sbl__atlas_warn_overlap(a, t->number, i);
@@ -7946,7 +7937,7 @@ static double sbl__triangle_pixels(const sbl__surface *s, float rows[4][4], uint
     for (i = 0; i < 3; i++) {
         const double *a = v[i], *b = v[(i + 1) % 3];
         const double t = (a[3] > before) != (b[3] > before) ? (before - a[3]) / (b[3] - a[3]) : 0;
-        for (k = 0; k < 2; k++) {  /* the corner, then the end of the cut edge */
+        for (k = 0; k < 2; k++) {  /* the corner a, then the point where the edge is cut */
             if (a[3] > before) sbl__extend(&from[k], &to[k], (0.5 * a[k] / a[3] + 0.5) * size[k]);
             if (t > 0) sbl__extend(&from[k], &to[k], (0.5 * (a[k] + t * (b[k] - a[k])) / before + 0.5) * size[k]);
         }
@@ -8202,11 +8193,10 @@ typedef struct sbl__site {
     int first, looks;           /* the job takes `looks` looks, beginning with look number `first` */
 } sbl__site;
 
-/* Layers of light that a sensor measures. Layer 0 is R. Layers 1 to 4 exist if the spec is directional: the radiance
-   over the site's hemisphere, projected to the first two bands of spherical harmonics, in the order of sbl_probe. */
+/* Layers of light that a sensor measures. Layer 0 is R. Layers 1 to 4, which have signs, exist if the spec is
+   directional: the radiance over the site's hemisphere, projected to the first two bands of spherical harmonics, in the
+   order of sbl_probe. */
 #define SBL__LAYERS 5
-
-static int sbl__layer_is_signed(int layer) { return layer > 0; }
 
 /* How all sensors of a job measure light. */
 typedef struct sbl__spec {
@@ -13009,7 +12999,7 @@ static void sbl__mix_extrapolate(const sbl__refine *r, const sbl__tile *c, int c
 
 /* Clamps extrapolated light to 0 or more, except in layers of signed values. */
 static float sbl__clamp_light(int layer, float light) {
-    return sbl__layer_is_signed(layer) ? light : SBL__MAX(light, 0.0f);
+    return layer ? light : SBL__MAX(light, 0.0f);
 }
 
 /* Interpolates a layer of light at pixel (x, y) from a tile's corners. */
@@ -14364,7 +14354,7 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
 
 typedef struct sbl__gutters {
     sbl__stages stages;
-    int width, height;
+    int size[2];               /* width and height, texels */
     float *light;              /* 4 floats per texel: R, and the texel's ring: 0 on charts, negative if none */
     sbl__rings spread;
 } sbl__gutters;
@@ -14392,8 +14382,8 @@ static void sbl__gutters_mean(void *user, int texel) {
 static sbl_result sbl__gutters_begin(sbl__base *base, sbl__gutters *g, const int size[2], int rings) {
     const size_t texels = (size_t)size[0] * (size_t)size[1];
     g->spread.last = rings;
-    g->width = g->spread.width = size[0];
-    g->height = size[1];
+    g->size[0] = g->spread.width = size[0];
+    g->size[1] = size[1];
     g->spread.user = g;
     g->spread.mean = sbl__gutters_mean;
     g->spread.neighbour = sbl__ring_grid;
@@ -14518,17 +14508,16 @@ static int sbl__seam_match(const sbl__geometry *g, const uint32_t edges[2], cons
 /* Stores the four texels around a place in the map (at, in texels) and their bilinear weights as one side of a point.
    Returns 0 if one of these texels has no light. */
 static int sbl__seam_mix(const sbl__gutters *g, const double at[2], int side, sbl__seam_point *p) {
-    const int size[2] = { g->width, g->height };
     int low[2], high[2], i, k;
     double share[2];
     for (k = 0; k < 2; k++) {
-        const double x = SBL__MIN(SBL__MAX(at[k] - 0.5, 0.0), size[k] - 1.0);
+        const double x = SBL__MIN(SBL__MAX(at[k] - 0.5, 0.0), g->size[k] - 1.0);
         low[k] = (int)x;
-        high[k] = SBL__MIN(low[k] + 1, size[k] - 1);
+        high[k] = SBL__MIN(low[k] + 1, g->size[k] - 1);
         share[k] = x - low[k];
     }
     for (i = 0; i < 4; i++) {
-        const int texel = (i & 2 ? high[1] : low[1]) * g->width + (i & 1 ? high[0] : low[0]);
+        const int texel = (i & 2 ? high[1] : low[1]) * g->size[0] + (i & 1 ? high[0] : low[0]);
         const double weight = (i & 1 ? share[0] : 1 - share[0]) * (i & 2 ? share[1] : 1 - share[1]);
         if (g->light[4 * (size_t)texel + 3] < 0) return 0;
         p->unknowns[4 * side + i] = texel;
@@ -14569,14 +14558,13 @@ static sbl_result sbl__seam_add(sbl__seams *s, const sbl__seam_point *p) {
 
 /* Adds points along a seam. ends: two vertices per side */
 static sbl_result sbl__seam_points(sbl__seams *s, const uint32_t ends[2][2]) {
-    const int size[2] = { s->light->width, s->light->height };
     double places[2][2][2], longest = 0;  /* positions in the map of side and end, texels */
     int side, k, i, count;
     for (side = 0; side < 2; side++) {
         double dx, dy;
         for (i = 0; i < 4; i++)
             places[side][i / 2][i % 2] = (double)sbl__atlas_uv(s->atlas->geometry, ends[side][i / 2])[i % 2] *
-                                         size[i % 2];
+                                         s->light->size[i % 2];
         dx = places[side][1][0] - places[side][0][0];
         dy = places[side][1][1] - places[side][0][1];
         longest = SBL__MAX(longest, sqrt(dx * dx + dy * dy));
