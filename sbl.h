@@ -6,8 +6,7 @@
        #define SBL_EGL              // optional: sbl.h can then create a headless GL context (link with -lEGL)
        #include "sbl.h"
 
-   All other files include the header without these defines. sbl.h needs C99 or C++11, libm, and OpenGL 3.3 core or
-   later.
+   Other files include the header without these defines. sbl.h needs C99 or C++11, libm, and OpenGL 3.3 core or later.
 
 
    WHAT IT IS
@@ -27,13 +26,13 @@
        tile      a rectangle of pixels with a sensor at each of its four corners
 
    A sensor finds light in three ways. For lamps it computes the light of the whole lamp in closed form, and multiplies
-   it by the fraction of the lamp that rays find unobstructed. For the sky it traces rays (or draws small views of the
-   scene) and forms a weighted sum of what they find. For light that surfaces reflect, the same rays look up the store,
-   which is computed once for each scene.
+   it by the fraction of the lamp that rays find unobstructed. For the sky it forms a weighted sum of what rays (or
+   small views of the scene) find. For light that surfaces reflect, the same rays look up the store, which is made once
+   per scene.
 
-   A picture starts with large tiles. Tiles whose predicted error is large are subdivided, down to single pixels.
-   Pixels between sensors are interpolated. A filter that never mixes different surfaces smooths the result.
-   Multiplication by the surface colour completes the picture.
+   A picture starts with large tiles. Tiles whose predicted error is large are subdivided, down to single pixels. Pixels
+   between sensors are interpolated. A filter that never mixes surfaces smooths the result, which is then multiplied by
+   the surface colour.
 
        camera --> G-buffer --> tiles --> sites --> sensors --> readings --> refine --> filter --> resolve --> final
                                            ^                                   |
@@ -164,10 +163,9 @@
 
    ON UNITS
 
-   Radiance is linear, not gamma encoded, and may have any unit. Lengths may have any unit too. Use one unit of each
-   kind throughout a scene. Results are accurate for scenes that are between 5e-10 and 6e9 units across and whose
-   distance from the origin is at most 4,000 times their size. Outside these limits sbl_set_scene logs a warning. A
-   value that overflows never becomes NaN.
+   Radiance (linear, not gamma encoded) and lengths may have any unit. Use one unit of each kind throughout a scene.
+   Results are accurate for scenes that are 5e-10 to 6e9 units across, at a distance of at most 4,000 times their size
+   from the origin; sbl_set_scene warns about others. A value that overflows never becomes NaN.
 
    For a surface point p with normal n:
 
@@ -177,8 +175,7 @@
 
    R is the quantity that sensors measure. This manual calls it R everywhere; fields and channels call it radiance.
 
-   Surfaces are Lambertian. They reflect on both sides. They also emit on both sides, unless the material has the flag
-   SBL_MATERIAL_ONE_SIDED_EMISSION.
+   Surfaces are Lambertian. Both sides reflect, and both emit unless SBL_MATERIAL_ONE_SIDED_EMISSION is set.
 
    Matrices are column-major, as in GL. View space looks along -z. Pixel (0, 0) is the top left pixel. A pixel is
    sampled at its centre. Arrays and textures hold the top row first: texture coordinate v = 0 is the top edge.
@@ -186,12 +183,9 @@
 
    ON ZEROS
 
-   Zero is the default of every field of a descriptor; where zero itself would be a meaningful value, a negative number
-   asks for it ("none" or "off").
-
-   So fill a descriptor with zeroes and set only the fields that you care about. For example, filter_radius = 0 selects
-   the default radius of 2 pixels, and filter_radius = -1 turns the filter off. The comment at each field names its
-   default and says what a negative number means.
+   Fill a descriptor with zeroes and set only the fields that you care about. Zero is the default of every field; where
+   zero itself would be a meaningful value, a negative number asks for it ("none" or "off"). For example, filter_radius
+   = 0 selects the default radius of 2 pixels, and -1 turns the filter off. Each field's comment names its default.
 
    Items are numbered from 0, as in C (sbl_mesh.material). Textures are numbered from 1, so that 0 means no texture
    (sbl_material.albedo_texture). A material has no defaults: zero albedo is black, zero emission emits nothing.
@@ -203,38 +197,25 @@
    sbl_read_channel or sbl_channel_texture. The most used channels are SBL_CHANNEL_FINAL (the lit picture) and
    SBL_CHANNEL_RADIANCE (R, light without surface colour).
 
-   sbl_picture_desc.options.mode selects the light that is computed:
+   sbl_picture_desc.options.mode selects the light that is computed, see sbl_mode. The default, SBL_MODE_GI, computes
+   all light; SBL_MODE_DIRECT takes a third to half of its time.
 
-       SBL_MODE_GI       the default: emitters, lights, sky, and the light that all surfaces reflect, with all bounces
-       SBL_MODE_DIRECT   only emitters, lights and sky. It takes a third to half of the time of SBL_MODE_GI
-       SBL_MODE_AMBIENT  direct light, and every surface that does not emit has the radiance epsilon * albedo. This is
-                         the paper's substitute for bounced light
-       SBL_MODE_PAPER    the paper's method without changes, see ON THE PAPER
+   The struct sbl_options (field `options`) is the same in all five descriptors. Its preset (draft, default, high)
+   selects the defaults of other fields; their comments then list three values.
 
-   The struct sbl_options (field `options`) is the same in all five descriptors: mode, preset, backend, rays, sensor
-   size, epsilon, seed and the progress callback. The preset (draft, default, high) selects the defaults of other
-   fields; their comments then list three values.
-
-   Triangles that are small on the screen are lit by their true normals, larger ones by the shading normals of their
-   vertices: shading normals exist to hide facets that are large enough to be seen. sbl_picture_desc.facet_limit is the
-   limit, by default 2 pixels.
-
-   Geometry that only the host can draw, such as the result of a vertex shader, takes part through a draw callback. See
-   sbl_draw_view.
+   Geometry that only the host can draw (for example with a vertex shader) is drawn by a callback, see sbl_draw_view.
 
 
    ON THE TARGET ERROR
 
    sbl_picture_desc.target_error is the error of R that you accept: the root mean square over the visible pixels, in
-   luminance, divided by the mean luminance of R there. 0.02 means 2 %. The default is 0.015 (draft 0.05, high 0.0075).
+   luminance, divided by the mean luminance of R there. 0.02 means 2 %.
 
-   With the default target, each sensor takes at most 16 looks. These are 512 / 512 / 1024 rays (draft / default / high)
-   for pictures, and 512 / 1024 / 2048 for lightmaps. This limit keeps the time bounded where light comes through
-   windows, and there the picture may miss the target. If you set target_error yourself, a sensor may take up to 512
-   looks, at least 16 times as many rays.
+   With the default target, each sensor takes at most 16 looks; target_error tells how many rays these have. The limit
+   bounds the time where light comes through windows, and there the picture may miss the target. If you set target_error
+   yourself, a sensor may take up to 512 looks, at least 16 times as many rays.
 
-   A picture begins with few sensors that take one look each. From these it predicts the error of each tile, which has
-   two parts:
+   A picture begins with few sensors that take one look each. They predict the error of each tile. It has two parts:
 
        noise           the differences between rays in neighbouring directions, after interpolation and filter. They
                        are averaged over nearby sensors, because a single sensor may miss the window that the next one
@@ -248,33 +229,25 @@
    targets of 8, 4, 2 and 1 % are about in the ratio 1 : 1.5 : 3 : 6.
 
    SBL_CHANNEL_ERROR is the prediction for each pixel: the standard error of the luminance of R, in the unit of R.
-   sbl_stats.picture.expected_error is the prediction for the whole picture. Both are available while the picture is
-   under way, so a host may stop when the picture is good enough.
+   sbl_stats.picture.expected_error is that for the whole picture. A host may read both early, and stop.
 
-   SBL_MODE_GI adds a third part: the error of the stored light. It is estimated from the differences between the
-   points of a cell, and propagated from cell to cell as light is. Sensors cannot reduce this part; a larger
-   max_bounce_cells does. The sensors' own part of the error is never driven below 0.84 of the target, even where the
-   store's part alone exceeds it.
+   SBL_MODE_GI adds a third part: the error of the stored light. It is estimated from the differences between the points
+   of a cell, and propagated from cell to cell as light is. Sensors cannot reduce it; a larger max_bounce_cells does.
+   The sensors' own part is never driven below 0.84 of the target, even where the third part alone exceeds it.
 
    The noise of a sensor falls faster than that of independent rays, because rays follow a low-discrepancy sequence.
    Each picture measures how much faster, by comparing the second looks of sensors with their first looks.
 
    If the first looks are far too noisy for the target, most light comes through windows or from a few other bright
-   places. The picture then first traces 256 single rays from each pixel of a grid, whose spacing is 2 to 16 pixels.
-   These rays give guides: histograms of the directions that light comes from. Sensors send most of their rays in these
-   directions, which saves half to two thirds of all rays. If noise is still too high, looks become longer: up to 128
-   rays instead of 16 to 64.
+   places. The picture then traces 256 single rays from each pixel of a grid, whose spacing is 2 to 16 pixels. These
+   rays give guides: histograms of the directions that light comes from. Sensors send most of their rays there, which
+   saves half to two thirds of all rays. If noise is still too high, looks get up to 128 rays instead of 16 to 64.
 
    Accuracy of the prediction, measured at targets of 8, 4, 2 and 1 % against references: the true error is 0.6 to 1.2
    times the prediction where R is known in closed form and in the Cornell box. With bounced light it is 1.2 to 1.9
-   times the prediction in three furnished rooms, and 3 to 4 times in a room of 361,000 triangles and in a building of
-   which the picture shows a part. Three errors cannot be predicted: a shadow that falls between all sensors of the
-   first level, which are `tile` pixels apart; a window that no ray has met; and changes of the stored light inside a
-   cell, where a cell is larger than the geometry beside it.
-
-   Three fields are for experts. If `rays` is set, each sensor takes exactly one look of that many rays. `tile` is the
-   size of the first tiles in pixels; 1 places a sensor at every pixel. If `threshold` is set, a tile is subdivided
-   where its corners differ by more than the threshold, instead of where the predicted error is large.
+   times the prediction in three furnished rooms, and 3 to 4 times in a room of 361,000 triangles and in a building that
+   the picture shows in part. Three errors cannot be predicted: a shadow between all sensors of the first level; a
+   window that no ray has met; and changes of the stored light inside a cell that is larger than the geometry beside it.
 
 
    ON LIGHTS
@@ -283,20 +256,18 @@
    being visible themselves (sbl_light). The sky shines where nothing is hit: with a constant radiance
    (sbl_scene_desc.sky), and with a picture or a function (sbl_environment).
 
-   A lamp is one emitting triangle, one light, or one bright texel of a sky picture. For emitting triangles, spheres
-   and suns, the unobstructed light is computed in closed form, and the horizon of the sensor's surface is taken into
-   account. Rays towards the lamp only measure the fraction that arrives. So the light is exact where the whole lamp is
-   visible, and black where nothing of it is visible. In between, its noise is the noise of the measured fraction. An
-   emission texture is sampled where the rays meet the lamp, which adds noise also where the lamp is unobstructed.
+   The unobstructed light of emitting triangles, spheres and suns is computed in closed form, and the horizon of the
+   sensor's surface is taken into account. Rays towards the lamp only measure the fraction that arrives. So the light is
+   exact where the whole lamp is visible, and black where none of it is. In between, its noise is that of the fraction.
+   An emission texture is sampled where the rays meet the lamp, which adds noise even without obstruction.
 
    A sensor sends at most as many rays towards lamps as over its hemisphere. If `rays` is 256, it first sends an eighth
    of them, and looks at the corners and rims of lamps. If these rays are all open or all blocked, it stops there. It
-   traces the rest if they disagree, or if there are many lamps. A light without size needs only one ray; up to 32 such
-   lights get one ray each.
+   traces the rest if they disagree, or if there are many lamps. Up to 32 lights without size get only one ray each.
 
    Up to 256 lamps are weighed one by one. If there are more, lamps that are far away for their size are combined to
-   clusters of a tree. Each ray picks a single lamp of a cluster, with a probability proportional to the light it
-   gives. The mean stays correct, the noise is a few percent, and the cost of a sensor hardly grows with more lamps.
+   clusters of a tree. Each ray picks one lamp of a cluster, with a probability proportional to the light it gives. The
+   mean stays correct, the noise is a few percent, and more lamps hardly raise the cost of a sensor.
 
    Texels of a sky picture that are brighter than four times its mean are lamps, so that a sun in the picture casts a
    clean shadow. Rays over the hemisphere meet the rest of the sky.
@@ -315,44 +286,41 @@
    same surfaces seen from farther away. Where something stands on a surface, such as a wall on the floor of two rooms,
    the plane of the wall cuts the cells of the floor.
 
-   Points are placed where rays meet surfaces. At each point, light from lamps is measured as sensors measure it, and
-   rays find the sky and the other cells. These rays are kept. They define a system of linear equations, whose solution
-   contains all bounces at once.
+   Points are placed where rays meet surfaces. At a point, light from lamps is measured as sensors measure it, and rays
+   find the sky and other cells. These rays define a system of linear equations, whose solution contains all bounces.
 
    The sensors of a picture use the store only for the light that other surfaces reflect towards them. They measure all
-   light that reaches them with rays of their own, and lamps in closed form. If a traced ray meets a surface at less
-   than the length of a cell, the mean of the cell says little about that place; the ray then continues from there,
-   once. The store itself is visible only on surfaces with SBL_MATERIAL_NO_SENSORS and in SBL_CHANNEL_STORE.
+   light that reaches them with rays of their own, and lamps in closed form. Where a traced ray meets a surface closer
+   than the length of a cell, the mean of the cell says little about that place; the ray then continues once from there.
+   The store itself is visible only on surfaces with SBL_MATERIAL_NO_SENSORS and in SBL_CHANNEL_STORE.
 
    Cost: a picture takes 2 to 3 times as long as with direct light alone, including the store, and more if the picture
-   is small (measured in rooms of several kinds, llvmpipe on two cores). The first work in this mode makes the store.
-   It then serves all pictures and bakes of the scene, with any camera and size, until the scene changes. sbl_set_scene
-   and sbl_set_mesh_transform discard it. After sbl_set_materials or sbl_set_lights, if only emission or lights have
-   changed, the store's rays are reused and the update takes half as long. sbl_end frees the memory of these rays, but
-   not the store. sbl_save_store and sbl_load_store carry a store over to the next run. sbl_stats.seconds.bounce and
-   sbl_stats.store tell what the store has cost.
+   is small (measured in several rooms, llvmpipe on two cores). The first work in this mode makes the store. It then
+   serves all pictures and bakes of the scene, with any camera and size, until sbl_set_scene or sbl_set_mesh_transform
+   discards it. If sbl_set_materials or sbl_set_lights change only emission or lights, the store's rays are reused and
+   the update takes half as long. sbl_end frees the memory of these rays, but not the store. sbl_save_store and
+   sbl_load_store carry a store over to the next run. sbl_stats.seconds.bounce and sbl_stats.store tell its cost.
 
-   Budget: sbl_scene_desc.max_bounce_cells limits the number of cells. At first all cells have one size, which is
-   chosen so that about a third of the budget is used; the rest is kept for cells that are cut. Three measures keep the
-   store within its budget: cells that are found last become larger, the store is rebuilt with larger cells, and small
-   patches of a mesh share cells. If rays reach only a small part of the scene, as with a house in a wide meadow, the
-   store is rebuilt with smaller cells. Surfaces that no other surface sees get the largest cells; only sensors in the
-   air may see these.
+   Budget: sbl_scene_desc.max_bounce_cells limits the number of cells. At first all cells have one size, which uses
+   about a third of the budget; the rest is kept for cells that are cut. Three measures keep the store within its
+   budget: cells that are found last become larger, the store is rebuilt with larger cells, and small patches of a mesh
+   share cells. If rays reach only a small part of the scene, as with a house in a wide meadow, the store is rebuilt
+   with smaller cells. Surfaces that no other surface sees get the largest cells; only sensors in the air may see these.
 
-   Raise the budget if a room is lit through a gap or a door, if geometry is small compared with the scene, or if light
-   looks patchy. Grain of single pixels comes from the sensors and needs a smaller target_error. Lower the budget for a
-   quick preview. Time and memory grow with it.
+   Time and memory grow with the budget. Raise it if a room is lit through a gap or a door, if geometry is small
+   compared with the scene, or if light looks patchy; lower it for a quick preview. Grain of single pixels needs a
+   smaller target_error.
 
    Accuracy at default settings, measured against an independent path tracer (relative root mean square error of R, in
-   blocks of 4 x 4 pixels): 0.8 % in the Cornell box, 1.6 % in a staircase room that 130 emitting triangles light, 4 %
-   in a furnished room of 130,000 triangles that the sky lights through windows. In blocks of 8 x 8 pixels: 2.3 to 3 %
-   in a dark room with a door ajar.
+   blocks of 4 x 4 pixels): 0.8 % in the Cornell box, 1.6 % in a staircase room with 130 emitting triangles, 4 % in a
+   furnished room of 130,000 triangles with sky light from windows, and, in blocks of 8 x 8, 2.3 to 3 % in a dark room
+   with a door ajar.
 
-   Limits: all reflection is diffuse. An albedo above 0.98 reflects bounced light as 0.98, so that the sum of all
-   bounces stays finite. A small and very bright surface, such as a ceiling just above a lamp, is found by rays at
-   random, as in a path tracer, and leaves bright specks. Geometry of a draw callback neither blocks nor reflects light
-   between other surfaces. The callback is told what light to reflect towards sensors, one value for each of six
-   directions. Light that arrives at this geometry is measured as for everything that the camera sees.
+   Limits: an albedo above 0.98 reflects bounced light as 0.98, so that the sum of all bounces stays finite. A small and
+   very bright surface, such as a ceiling just above a lamp, is found by rays at random, as in a path tracer, and leaves
+   bright specks. Geometry of a draw callback neither blocks nor reflects light between other surfaces. The callback is
+   told what light to reflect towards sensors, one value for each of six directions. Light that arrives at this geometry
+   is measured as everywhere.
 
 
    ON LIGHTMAPS
@@ -372,9 +340,8 @@
        if (sbl_bake_lightmap(context, &map) != SBL_SUCCESS) return 0;
        sbl_read_channel(context, SBL_CHANNEL_FINAL, light, 1024 * 1024 * 3);
 
-   The map holds R. A renderer shows emission + albedo * R. The statements about pictures are true for lightmaps: the
-   target error is predicted and reached texel by texel (SBL_CHANNEL_ERROR), sensors stand where they reduce it most,
-   sbl_step works in pieces, and sbl_inspect_sensor shows what the sensor of a texel sees. Refinement, interpolation
+   The map holds R. A renderer shows emission + albedo * R. The chapters on pictures and on the target error are true
+   for lightmaps, with texels instead of pixels, and so are sbl_step and sbl_inspect_sensor. Refinement, interpolation
    and filter never cross the border of a chart.
 
    Space between charts: leave at least four texels, and twice as many for each mip level that you sample. FINAL is
@@ -383,21 +350,19 @@
    Texels at borders: a texel that a chart only touches gets the light of the chart's nearest point, moved a little
    inward. Without this, a sensor in the corner of two walls would stand inside both.
 
-   Hidden texels: these get the light of their neighbours, because their own darkness would show beside the thing that
-   hides them. A texel is hidden if something lies on it, closer than about half a texel. In SBL_MODE_GI a texel that
-   no light reaches at all lies inside something and is hidden too. So are texels close to the border of a hidden area.
+   Hidden texels get the light of their neighbours, because their own darkness would show beside the thing that hides
+   them. A texel is hidden if something lies on it, closer than about half a texel. In SBL_MODE_GI a texel that no light
+   reaches at all lies inside something and is hidden too. So are texels close to the border of a hidden area.
 
    Seams: where charts meet in the world and their normals agree, FINAL is changed as little as possible so that
    bilinear samples are equal on both sides. Light that differs by half or more is left as it is, because something
-   stands between the two sides. The triangles on both sides must share the edge from end to end. sbl_stats.lightmap
-   tells the largest difference before and after.
+   stands between the sides. The triangles on both sides must share the edge from end to end. sbl_stats.lightmap has the
+   differences.
 
-   Detail within a texel: the light of a texel is the light at its centre. Light that changes within a texel, such as a
-   thin shadow or the edge of a wide one, needs `supersample`, which measures several places per texel. A value of 2
-   takes about twice the time.
+   Detail: the light of a texel is that at its centre. A thin shadow, or the edge of a wide one, needs `supersample`,
+   which measures several places per texel. A value of 2 takes about twice the time.
 
-   Overlaps: if charts overlap or lie outside the map, a warning names the first place, and SBL_CHANNEL_OVERLAP shows
-   all of them.
+   Overlaps: if charts overlap or leave the map, a warning names the first place; SBL_CHANNEL_OVERLAP shows overlaps.
 
    Normal maps need light from several directions. If `directional` is set, the channels SH_0 to SH_3 hold the radiance
    L over the hemisphere of each texel in rgb, as integrals of L times 0.28209479, and of L times 0.48860251 times y,
@@ -431,8 +396,7 @@
    The light at the vertices is the least-squares fit: the values whose interpolation is closest to R at the points (L.
    Kavan, A. W. Bargteil and P.-P. Sloan, "Least Squares Vertex Baking", EGSR 2011). If triangles are large compared
    with the changes of light on them, the fit is more accurate than light that is measured at vertices or averaged
-   around them. Beside the edge of a shadow the fit may make a vertex darker than all points around it. Values that
-   would be negative are 0.
+   around them. Beside a shadow the fit may make a vertex darker than all points around it, but not negative.
 
    Vertices of a mesh that have the same position, and normals that agree within 1 degree, share one value, so that
    texture seams do not show. If the normals differ, as at hard edges, each vertex has its own light. A vertex without
@@ -440,8 +404,8 @@
 
    Points stuck inside geometry are left out. So are points that see little but back faces, because these lie inside
    something; but if most points of a mesh see back faces, all are kept, because whole rooms are modelled inside out. A
-   vertex without any point beside it gets the light of its neighbours, from edge to edge, over at most 64 edges, or 0
-   if no neighbour has light. A vertex that belongs to no triangle, or only to triangles without area, gets 0.
+   vertex without points beside it gets the light of its neighbours, over at most 64 edges, or 0 if none has light. A
+   vertex that belongs to no triangle, or only to triangles without area, gets 0.
 
    A vertex has little noise, because it averages a dozen points or more. So a point uses 64 rays by default. The fit
    takes about 200 bytes of memory and a few microseconds per triangle.
@@ -459,39 +423,33 @@
        desc.grid[1] = 4;
        if (sbl_bake_probes(context, &desc) != SBL_SUCCESS) return 0;
 
-   A surface at the probe that faces n receives
+   A surface at the probe that faces n sends out emission + albedo * R(n); sbl_probe has the formula of R(n).
 
-       R(n) = sum over i = 0 to 8 of A_i sh[i] Y_i(n),   A_0 = 1,   A_1 to A_3 = 2/3,   A_4 to A_8 = 1/4
-
-   and sends out emission + albedo * R. sbl_probe lists the functions Y_i. The ambient cube (sbl_probe.cube) is a
-   coarser form of the same light: R is the mean of the three sides that n turns to, weighted by the squares of the
-   components of n. Both contain all light, including that of lamps and their shadows.
+   The ambient cube (sbl_probe.cube) is a coarser form of the same light: R is the mean of the three sides that n turns
+   to, weighted by the squares of the components of n. Both contain all light, also from lamps, with shadows.
 
    Accuracy: light from surfaces and from the sky is measured along `rays` single rays, evenly over the sphere. Light
    from lamps is measured as sensors measure it, in closed form with the horizon, on 320 normals all around, and the
    cosine is divided out afterwards. For a point light this leaves an error of at most 0.4 % of the norm of its first
-   four coefficients, and less for larger lamps. The noise of a half hidden lamp is 1.3 % with 4,096 rays and 0.5 %
-   with 16,384. Nine coefficients cannot represent sharper light: for a small lamp, R becomes slightly negative on the
-   far side, where the cube gives 0.
+   four coefficients, and less for larger lamps. The noise of a half hidden lamp is 1.3 % with 4,096 rays and 0.5 % with
+   16,384. Sharper light does not fit: R of a small lamp is slightly negative on the far side; the cube gives 0.
 
    Validity: surfaces have two sides here, and a probe sees the light of both. Only back faces tell whether a probe is
    inside something: `valid` is 0 if more than a quarter of all directions end on back faces. This finds probes in
    closed objects, below the ground, and close behind a wall of one layer. If meshes are wound at random it tells
-   nothing; use back_share for a test of your own. The light is correct for the probe's position in any case.
+   nothing; use back_share for your own test. The light is correct for the probe's position in any case.
 
    Moving probes out of solids: if `move` is above 0, an invalid probe tries other positions. In each octant it takes
    the nearest back face that it has seen. It goes through the nearest of these first, and an eighth of `move` beyond
-   it, but never farther than `move` from the position that was asked for. The probe stays at the first valid position,
-   which `position` tells. If there is none, it stays where it was.
+   it, but never farther than `move` from the given position. It stays at the first valid position, or else where it
+   was.
 
-   Shadows of light from probes (as in DDGI): distance and distance_squared are the means of the distance to the
-   visible surfaces, and of its square. Each octant uses the weights max(0, cosine to the middle of the octant), so it
-   covers half the sphere. The sky is left out. If nothing but sky is visible, both are 0, which means infinitely far.
+   Shadows of light from probes (as in DDGI) use distance and distance_squared. The weights of an octant reach over half
+   the sphere. The sky is left out; where nothing but sky is visible, 0 means infinitely far.
 
    Geometry of a draw callback contributes to the light. The probe then sees by views (SBL_BACKEND_RASTER): on 132
    normals, and four times on each side of the cube, with five views each time. For a point light this leaves an error
-   of 1.4 %. Rays still find sky, distance, distance_squared, back_share and valid, and these do not include that
-   geometry.
+   of 1.4 %. Rays still find sky, distance, distance_squared, back_share and valid, without that geometry.
 
 
    ON MEMORY
@@ -509,48 +467,42 @@
    ON LIFETIMES
 
    A finished picture stays readable until the next sbl_begin_picture, sbl_begin_lightmap or sbl_end, whatever else
-   happens: also after sbl_set_scene, after meshes have moved, and during and after readings, vertices and probes.
-   sbl_inspect_sensor is the one exception. It needs the scene that the picture was made of, and returns
-   SBL_ERROR_STATE if the scene has changed.
+   happens: also after sbl_set_scene, after meshes have moved, and during and after readings, vertices and probes. Only
+   sbl_inspect_sensor needs the unchanged scene, and otherwise returns SBL_ERROR_STATE.
 
-   A picture that is under way is dropped when its scene changes. The textures of a finished picture's channels live as
-   long as the picture; those of a picture under way live until the next sbl_step.
+   A picture under way is dropped when its scene changes. The textures of a finished picture's channels live as long as
+   the picture; those of a picture under way live until the next sbl_step.
 
 
    ON TIME
 
-   sbl_set_scene copies the scene and sends it to GL. The sbl_begin_... functions only check their descriptor. All
-   other work is done by sbl_step, in small pieces: the bounding volume hierarchy (with the scene's first traced rays),
-   the store of bounced light (with the scene's first work in SBL_MODE_GI), the G-buffer, sensors, filter, and all
-   anti-aliasing samples.
+   sbl_set_scene copies the scene and sends it to GL. The sbl_begin_... functions only check their descriptor. All other
+   work is done by sbl_step, in small pieces: the bounding volume hierarchy (with the scene's first traced rays), the
+   store of bounced light (with the scene's first work in SBL_MODE_GI), G-buffer, sensors, filter, anti-aliasing.
 
-   sbl_step(context, 0.005) returns after about 5 ms. CPU work checks the clock. GL work is sized by the speed that was
-   measured so far. GL never works longer at a time than about sbl_context_desc.longest_submission, so that no driver's
-   watchdog takes it for a hang. Two things cannot be divided: the smallest part of a submission (a few sensors, or one
-   row of pixels), and the compilation of a shader program. Neither the slices nor the measured speed ever change a
-   result.
+   sbl_step(context, 0.005) returns after about 5 ms. CPU work checks the clock. GL work is sized by the speed measured
+   so far, to at most about sbl_context_desc.longest_submission at a time, so that no driver's watchdog takes it for a
+   hang. Two things cannot be divided: the smallest part of a submission (a few sensors, or one row of pixels), and the
+   compilation of a shader program. Neither the slices nor the measured speed ever change a result.
 
    Programs are compiled when they are first used, one per step, and are kept. With sbl_context_desc.compile_ahead,
-   sbl_create compiles all of them, except those of inspections and of directional lightmaps (1.5 s on llvmpipe).
-   sbl_query_programs tells how many programs were compiled and how long this took.
+   sbl_create compiles nearly all of them (1.5 s on llvmpipe).
 
-   The channels of a picture under way can be read and shown after the first level. They hold the best picture so far,
-   interpolated and resolved from what is known. The first request makes such a preview at once. After that, sbl_step
-   makes a better one whenever the number of looks has grown by a quarter. Before the end of the first level,
-   sbl_read_channel returns SBL_UNFINISHED and sbl_channel_texture returns 0.
+   The channels of a picture under way can be read after the first level; before, sbl_read_channel returns
+   SBL_UNFINISHED and sbl_channel_texture returns 0. They hold the best picture so far, interpolated and resolved from
+   what is known. The first request makes such a preview at once. After that, sbl_step makes a better one whenever the
+   number of looks has grown by a quarter.
 
 
    ON RESULTS AND MESSAGES
 
-   Every function that can fail returns an sbl_result. The logger receives the details: one line for each mistake,
-   which says what went wrong, where, and what to change. Descriptors are checked completely, in release builds too.
-   All mistakes in a descriptor are reported by one call, and a descriptor with a mistake changes nothing. Every
-   function accepts a NULL context; those that return a result then return SBL_ERROR_INVALID_ARGUMENT.
+   Every function that can fail returns an sbl_result. The logger receives one line for each mistake, which says what
+   went wrong, where, and what to change. Descriptors are checked completely, in release builds too: one call reports
+   all mistakes, and a descriptor with a mistake changes nothing. A NULL context gives SBL_ERROR_INVALID_ARGUMENT, or 0.
 
-   Callbacks (draw, environment, allocator, logger, progress) may call the sbl_query_... functions of their context,
-   and sbl_progress. Functions that change or step the context are refused there with SBL_ERROR_STATE. The progress
-   callback is called between two pieces of work. It may also read channels, and cancels the work by returning a
-   nonzero value.
+   Callbacks (draw, environment, allocator, logger, progress) may call the sbl_query_... functions of their context, and
+   sbl_progress. Functions that change or step the context are refused there with SBL_ERROR_STATE. The progress
+   callback, called between pieces of work, may also read channels. A nonzero result cancels the work.
 
 
    ON THREADS
@@ -564,8 +516,8 @@
    Functions that use GL save the state that they change and restore it before they return, also on failure and cancel:
    framebuffers, program, vertex array, buffers, textures, samplers and images of the units that they use, viewport,
    scissor, depth, stencil, blend, cull, masks, clear values, polygon mode, pixel store, sRGB, clip distances, depth
-   clamp, clip control, and so on. If the context has its own headless GL context, the EGL binding is restored instead.
-   GL errors that the host has left behind are cleared.
+   clamp, clip control, and so on. A headless context restores the EGL binding instead. GL errors of the host are
+   cleared.
 
    A conditional render, a transform feedback, and queries that count samples or primitives must not be active during a
    call. sbl.h cannot suspend them, and they would drop or count its own drawing.
@@ -576,14 +528,13 @@
    ON WINDOWS AND MACOS
 
    SBL_EGL is for systems that have EGL. On Windows and macOS the host creates an OpenGL context of version 3.3 core or
-   later (with WGL, GLFW, SDL, Qt), makes it current, and sets sbl_context_desc.get_gl_function to its loader. The size
-   and the pixel format of the window do not matter, and the window may be invisible: sbl.h draws into its own textures
-   of 16-bit and 32-bit floats, which every GL 3.3 supports. OpenGL ES, and so ANGLE, is refused, because it has
-   neither clip distances nor buffer textures.
+   later (with WGL, GLFW, SDL, Qt), makes it current, and sets sbl_context_desc.get_gl_function to its loader. Size,
+   pixel format and visibility of the window do not matter: sbl.h draws into its own textures of 16-bit and 32-bit
+   floats. OpenGL ES, and so ANGLE, is refused: it lacks clip distances and buffer textures.
 
-   Windows: windows.h may be included before sbl.h, after it, or not at all. The loader may consist of
-   wglGetProcAddress alone. It does not know the functions of GL 1.1, so sbl.h takes these from opengl32.dll. A return
-   value of 1, 2, 3 or -1 counts as not found. The loader works only while a context is current. After wglMakeCurrent:
+   Windows: windows.h may be included before sbl.h, after it, or not at all. The loader may consist of wglGetProcAddress
+   alone. It does not know the functions of GL 1.1, which sbl.h takes from opengl32.dll. A return value of 1, 2, 3 or -1
+   counts as not found. The loader works only while a context is current. After wglMakeCurrent:
 
        #include <windows.h>
        #define SBL_IMPLEMENTATION
@@ -601,9 +552,8 @@
            return sbl_create(&desc, &context) == SBL_SUCCESS ? context : NULL;
        }
 
-   macOS: the newest GL is 4.1, which has neither compute shaders nor clip control. Fragment shaders then trace the
-   rays, with the same results. A context must be core and forward compatible, because others end at GL 2.1. With GLFW,
-   on macOS and on any other system:
+   macOS: the newest GL is 4.1, which has neither compute shaders nor clip control. Fragment shaders then trace rays,
+   with the same results. Contexts must be core and forward compatible, or they end at GL 2.1. With GLFW, anywhere:
 
        #include <GLFW/glfw3.h>
        #define SBL_IMPLEMENTATION
@@ -634,8 +584,7 @@
            return 0;
        }
 
-   Tested are mingw-w64 for 64 and 32 bits, the 64-bit programs under wine, and GL 4.1 on Mesa. Microsoft's compiler
-   and a Mac have not been tested.
+   Tested: mingw-w64 (64 and 32 bits), 64-bit programs in wine, GL 4.1 on Mesa. Not tested: Microsoft's compiler, a Mac.
 
 
    ON DETERMINISM
@@ -645,8 +594,8 @@
    Other GL versions and drivers give the same picture up to rounding.
 
    sbl_gather_readings can repeat the light of pixel i. Give it the site of that pixel (sbl_sensor.site) as its site
-   number i, with the picture's seed and `rays`, which must be set and not 0. The result is equal to the bit if rays
-   are traced, and equal up to rounding if views are drawn.
+   number i, with the picture's seed and `rays`, which must be set and not 0. The result is equal to the bit if rays are
+   traced, and equal up to rounding if views are drawn.
 
    The light of a probe depends on its number, its position, `rays` and the seed, and not on other probes.
 
@@ -656,14 +605,12 @@
    SBL_BACKEND_TRACE traces rays through a bounding volume hierarchy, in a compute shader, or in a fragment shader
    before GL 4.3. The rays have a cosine distribution. At most as many more rays go to lamps; sbl_stats.sensors.rays
    does not count these. The cost hardly grows with the scene. The noise of the sensors is known, so refinement follows
-   light and not noise, and the filter leaves differences alone that noise does not explain.
+   light and not noise, and the filter keeps differences that noise does not explain.
 
    SBL_BACKEND_RASTER draws the scene into the views of a sensor, as the paper does. It can see geometry that only the
    host can draw, and it serves as a check of the other way. Its cost grows with the number of triangles. Rays go to
-   lamps here too, and meet the meshes. Where the geometry of a draw callback blocks a lamp, the views show it; light
-   that this geometry emits is found by the texels of the views.
-
-   SBL_BACKEND_AUTO traces wherever it can.
+   lamps here too, and meet the meshes. Where geometry of a draw callback blocks a lamp, the views show it; texels of
+   the views also find the light that it emits.
 
 
    ON THE PAPER
@@ -796,9 +743,8 @@ typedef struct sbl_context_desc {
     sbl_logger logger;        /* receives all messages. Default: errors and warnings go to stderr, one line each, or
                                  nowhere if SBL_NO_STDIO is defined */
     uint32_t disabled;        /* sbl_capability bits of features that must not be used, for tests. Default: 0 */
-    int sensor_texture_size;  /* width and height of the texture that holds the views of a batch of sensors, in texels,
-                                 256 to 16384, but at most what the driver supports. The size changes pictures by float
-                                 rounding only. Default: 2048 */
+    int sensor_texture_size;  /* width and height in texels of the texture of a batch's views, 256 to 16384, but at most
+                                 what the driver supports. Changes pictures by float rounding only. Default: 2048 */
     int batch;                /* number of sensors that one draw call draws, at most as many as fit into the texture of
                                  views. The number never changes a picture. Default: as many as the time allows */
     float longest_submission; /* seconds that GL may work at a time, roughly. Default: 0.1 */
@@ -810,12 +756,10 @@ typedef struct sbl_context_desc {
 typedef struct sbl_capabilities {
     int gl_major, gl_minor;   /* version of the GL context */
     uint32_t available;       /* sbl_capability bits of the features that the driver has */
-    uint32_t used;            /* sbl_capability bits of the features that sbl.h uses: available without
-                                 sbl_context_desc.disabled */
+    uint32_t used;            /* sbl_capability bits of the features that sbl.h uses: available, but not disabled */
     int max_texture_size;     /* largest width and height of a texture */
-    int max_texture_buffer_size;  /* largest number of texels of a buffer texture. Scenes that need more (3 per
-                                 triangle, 2 per vertex, 5 per mesh) are read from 2D textures, 15 to 45 % slower on
-                                 llvmpipe */
+    int max_texture_buffer_size;  /* largest number of texels of a buffer texture. Larger scenes (3 per triangle, 2 per
+                                 vertex, 5 per mesh) are read from 2D textures, 15 to 45 % slower on llvmpipe */
     char renderer[128];       /* GL_RENDERER */
     char version[128];        /* GL_VERSION */
 } sbl_capabilities;
@@ -833,8 +777,7 @@ typedef struct sbl_bounds {
 typedef struct sbl_memory {
     size_t host_bytes;        /* bytes that the context holds of the host's memory now */
     size_t host_peak_bytes;   /* the highest host_bytes so far */
-    size_t gpu_bytes;         /* bytes of the GL textures and buffers that the context holds now; a driver may use more
-                                 */
+    size_t gpu_bytes;         /* bytes of the context's GL textures and buffers now; a driver may use more */
     size_t gpu_peak_bytes;    /* the highest gpu_bytes so far */
 } sbl_memory;
 
@@ -870,8 +813,7 @@ typedef struct sbl_mesh {
     sbl_stream texcoords;  /* 2 components; v = 0 is the first row of the texture. Default: 0 0 */
     sbl_stream lightmap_texcoords;  /* 2 components, the place in a lightmap: (0, 0) is the first corner of the first
                               row, (1, 1) the last corner of the last row. Default: the mesh is in no lightmap */
-    sbl_stream colors;     /* 4 components, linear rgb and alpha, which multiply the material's albedo. Default:
-                              1 1 1 1 */
+    sbl_stream colors;     /* 4 components, linear rgb and alpha, times the material's albedo. Default: 1 1 1 1 */
     sbl_stream indices;    /* 3 per triangle: SBL_UINT8, SBL_UINT16 or SBL_UINT32. Default: 0 1 2, 3 4 5, ... */
     int vertex_count;      /* number of vertices in each of the attributes */
     int index_count;       /* number of indices, a multiple of 3; ignored if there are no indices */
@@ -885,8 +827,7 @@ typedef enum sbl_material_flag {
     SBL_MATERIAL_HIDDEN_FROM_CAMERA = 1 << 1,  /* the camera does not see the surface */
     SBL_MATERIAL_HIDDEN_FROM_SENSORS = 1 << 2, /* the surface neither sheds light on others nor casts shadows */
     SBL_MATERIAL_NO_SENSORS = 1 << 3,  /* SBL_MODE_GI: no sensors stand on the surface; it shows the stored light,
-                                          smoothed. This suits things that are fine or move much. The surface casts
-                                          shadows and reflects light as others do */
+                                          smoothed. For fine or moving things. Casts shadows and reflects as usual */
     SBL_MATERIAL_FLAGS_ALL = (1 << 4) - 1
 } sbl_material_flag;
 
@@ -914,7 +855,7 @@ typedef enum sbl_wrap { SBL_WRAP_REPEAT = 0, SBL_WRAP_CLAMP, SBL_WRAP_COUNT } sb
 typedef struct sbl_texture {
     const void *pixels;       /* client memory; it is copied */
     uint32_t gl_texture;      /* a GL_TEXTURE_2D, used if pixels is NULL; level 0 is copied as a shader samples it */
-    sbl_pixel_format format;  /* format of pixels. For gl_texture: SRGB8 stores 8 bits, FLOAT stores 16 bits. Default:
+    sbl_pixel_format format;  /* of pixels. For gl_texture: SRGB8 stores 8 bits, FLOAT 16 bits. Default:
                                  SBL_PIXELS_SRGB8 */
     int width, height;        /* pixels; leave 0 for gl_texture, whose size is read from GL */
     int channels;             /* 1: grey, 2: grey and alpha, 3: rgb, 4: rgba. Default: 4 */
@@ -934,17 +875,14 @@ typedef enum sbl_light_kind {
    spot) and in lux (directional). The light has no maximum range. */
 typedef struct sbl_light {
     sbl_light_kind kind;      /* Default: SBL_LIGHT_POINT */
-    float intensity[3];       /* point, spot: light per solid angle (radiance times area); a surface at distance d that
-                                 faces the light has the irradiance intensity / d^2. Directional: the irradiance of a
-                                 surface that faces the light */
+    float intensity[3];       /* point, spot: radiance times area; the irradiance at distance d is intensity / d^2.
+                                 Directional: the irradiance. Both are those of a surface that faces the light */
     float position[3];        /* point, spot: world position */
     float direction[3];       /* spot, directional: the direction in which the light travels, of any length but 0 */
     float radius;             /* point, spot: radius of a sphere of constant radiance intensity / (pi radius^2), which
                                  makes shadows soft; 0: a point */
-    float angle;              /* directional: angular diameter in degrees, 0 (a point far away) to 180; the sun has
-                                 0.53 */
-    float cone;               /* spot: full angle of the cone that receives any light, degrees, up to 180. Default: 90
-                                 */
+    float angle;              /* directional: angular diameter, 0 (a point) to 180 degrees; the sun has 0.53 */
+    float cone;               /* spot: full angle of the cone that receives light, degrees, up to 180. Default: 90 */
     float inner_cone;         /* spot: full angle of the cone that receives all of the light, degrees, 0 to cone.
                                  Between the cones the light falls with the square of the share of the cosine's way */
 } sbl_light;
@@ -957,14 +895,12 @@ typedef struct sbl_light {
 typedef struct sbl_environment {
     sbl_texture picture;      /* equirectangular picture of any pixel format, with finite values that are not negative;
                                  gl_texture and wrap are not allowed. Absent if its width is 0 */
-    void (*radiance)(const float direction[3], float radiance[3], void *user);  /* a function that is used instead of
-                                 pixels: the radiance from a unit direction in the world. sbl_set_scene calls it for the
-                                 centre of each texel of a picture of picture.width x picture.height texels, by default
-                                 512 x 256 */
+    void (*radiance)(const float direction[3], float radiance[3], void *user);  /* used instead of pixels: gets the
+                                 radiance from a unit direction in the world. sbl_set_scene calls it for the centre of
+                                 each texel of a picture of picture.width x picture.height, by default 512 x 256 */
     void *user;               /* passed to radiance */
     float scale;              /* multiplies the light of the environment. Default: 1. Negative: 0, no light */
-    float rotation;           /* degrees by which the picture is rotated about `up`, counter-clockwise seen from above
-                                 */
+    float rotation;           /* degrees; rotates the picture about `up`, counter-clockwise seen from above */
     float up[3];              /* world direction of the picture's upper edge. Default: 0 1 0 */
 } sbl_environment;
 
@@ -990,8 +926,7 @@ typedef enum sbl_view_kind { SBL_VIEW_CAMERA = 0, SBL_VIEW_SENSOR } sbl_view_kin
    the driver has no clip control, and the fragment shader must also do gl_FragDepth = gl_FragCoord.w * depth_scale.
 
    Cost: meshes that are given as vertex arrays are drawn for a whole batch of sensors in one call. The callback is
-   called once for each view of each sensor (five per hemicube), so it costs the host's own draw calls times 5 times
-   the number of sensors. */
+   called once for each view of each sensor; a hemicube has five. */
 typedef struct sbl_draw_view {
     sbl_view_kind kind;       /* whose view is drawn: the camera's or a sensor's */
     int viewport[4];          /* x, y, width, height in the current framebuffer; the scissor is the same */
@@ -1044,10 +979,10 @@ typedef size_t (*sbl_read_function)(void *data, size_t bytes, void *user);
 
 typedef enum sbl_mode {
     SBL_MODE_DEFAULT = 0,  /* the default, see sbl_options.mode */
-    SBL_MODE_AMBIENT,      /* emitters, lights and sky, and every other surface has the radiance epsilon * albedo: the
-                              paper's method, over the whole hemisphere */
+    SBL_MODE_AMBIENT,      /* emitters, lights and sky; every other surface has the radiance epsilon * albedo, which is
+                              the paper's substitute for bounced light */
     SBL_MODE_DIRECT,       /* emitters, lights and sky only */
-    SBL_MODE_PAPER,        /* exactly the paper's method */
+    SBL_MODE_PAPER,        /* exactly the paper's method, see ON THE PAPER */
     SBL_MODE_GI,           /* all light: emitters, lights, sky, and the light that surfaces reflect, with all bounces */
     SBL_MODE_COUNT
 } sbl_mode;
@@ -1057,32 +992,28 @@ typedef enum sbl_preset { SBL_PRESET_DEFAULT = 0, SBL_PRESET_DRAFT, SBL_PRESET_H
 typedef enum sbl_sensor_kind {
     SBL_SENSOR_DEFAULT = 0,  /* the default, see sbl_picture_desc.sensor_kind */
     SBL_SENSOR_HEMICUBE,     /* five views, which cover the whole hemisphere */
-    SBL_SENSOR_SINGLE,       /* the paper's single view along the normal, sensor_fov wide. Outside of it the sensor sees
-                                nothing but lamps */
+    SBL_SENSOR_SINGLE,       /* the paper's single view, sensor_fov wide; beyond it the sensor sees only lamps */
     SBL_SENSOR_KIND_COUNT
 } sbl_sensor_kind;
 
 /* How sensors collect light. Both ways give the same light up to noise. */
 typedef enum sbl_backend {
-    SBL_BACKEND_AUTO = 0,    /* SBL_BACKEND_TRACE; SBL_BACKEND_RASTER in SBL_MODE_PAPER, with a draw callback, and with
-                                SBL_SENSOR_SINGLE */
-    SBL_BACKEND_RASTER,      /* draws views of the scene, as in the paper; the cost grows with the number of triangles
-                                */
-    SBL_BACKEND_TRACE,       /* traces rays through a bounding volume hierarchy in a shader; the cost grows with the
-                                logarithm of the number of triangles. Not possible in SBL_MODE_PAPER, nor with a draw
-                                callback */
+    SBL_BACKEND_AUTO = 0,    /* RASTER in SBL_MODE_PAPER, with a draw callback or SBL_SENSOR_SINGLE; else TRACE */
+    SBL_BACKEND_RASTER,      /* draws views, as in the paper; the cost grows with the number of triangles */
+    SBL_BACKEND_TRACE,       /* traces rays through a bounding volume hierarchy; the cost grows with the logarithm of
+                                the number of triangles. Not in SBL_MODE_PAPER, nor with a draw callback */
     SBL_BACKEND_COUNT
 } sbl_backend;
 
 /* The options that all front ends share. Three numbers are the values of the presets draft / default / high. */
 typedef struct sbl_options {
-    sbl_mode mode;             /* the light that is computed. SBL_MODE_PAPER is for pictures and readings only. Default:
-                                  SBL_MODE_GI */
+    sbl_mode mode;             /* light to compute; SBL_MODE_PAPER: only pictures and readings. Default: SBL_MODE_GI */
     sbl_preset preset;         /* selects the defaults of other fields. Default: SBL_PRESET_DEFAULT */
     sbl_backend backend;       /* how sensors collect light. Default: SBL_BACKEND_AUTO */
     int rays;                  /* number of rays that a sensor traces over its hemisphere, 1 to 4096; for vertices that
                                   of each point; for probes the number over the whole sphere, 64 to 65536.
-                                  Default of pictures and lightmaps: as many as the target error requires.
+                                  Default of pictures and lightmaps: as many as the target error requires. If set, a
+                                  sensor takes exactly one look of that many rays.
                                   Default of readings: 64 / 256 / 1024.
                                   Default of vertices: 16 / 64 / 256.
                                   Default of probes: 1024 / 4096 / 16384.
@@ -1108,8 +1039,7 @@ typedef struct sbl_options {
 typedef struct sbl_picture_desc {
     uint32_t start_canary;     /* must stay 0 */
     int width, height;         /* pixels, 1 to 16384. Default: 640 x 480 */
-    float world_to_view[16];   /* rigid camera transform, see sbl_look_at. Default (all zero): a view from the front
-                                  that shows the whole scene */
+    float world_to_view[16];   /* rigid, see sbl_look_at. Default (all zero): shows the whole scene from the front */
     float view_to_clip[16];    /* perspective projection, or an orthographic one, which also sees what is behind the
                                   camera; near and far planes are ignored. Default (all zero): 40 degrees vertically */
     sbl_options options;       /* mode, preset, back end, rays, seed, progress: see sbl_options */
@@ -1120,20 +1050,17 @@ typedef struct sbl_picture_desc {
                                   there, 0 to 1; see ON THE TARGET ERROR. If set, a sensor takes as many rays as that
                                   requires, within the limits there. Otherwise it takes at most 512 / 512 / 1024 rays.
                                   Default: 0.05 / 0.015 / 0.0075. Default in SBL_MODE_PAPER: threshold decides */
-    int tile;                  /* distance between the sensors of the first level, 1 (every pixel) to 1024 pixels.
-                                  Default: 16 */
+    int tile;                  /* pixels between sensors of the first level, 1 (every pixel) to 1024. Default: 16 */
     float threshold;           /* if set, tiles are refined where neighbouring sensors differ by more than this share of
                                   their mean, instead of where the target error requires it; in SBL_MODE_PAPER the
                                   threshold is a radiance. Default: the target error decides.
                                   Default in SBL_MODE_PAPER: 0.05. Negative: 0, every difference refines */
     float facet_limit;         /* triangles whose least height on the screen is at most this many pixels are lit by
                                   their true normals, because the facets that shading normals hide are too small to be
-                                  seen. Triangles of at least twice the height are lit by their shading normals; between
-                                  the two heights the normals are mixed. Default: 2. Negative: shading normals on all
-                                  triangles */
+                                  seen. From twice this height on, shading normals are used; in between, a mixture.
+                                  Default: 2. Negative: shading normals on all triangles */
     int filter_radius;         /* radius of the Gaussian filter, up to 32 pixels. Default: 2. Negative: no filter */
-    int samples;               /* number of anti-aliasing samples per pixel of SBL_CHANNEL_FINAL, 1 to 64.
-                                  Default: 1 / 4 / 16 */
+    int samples;               /* anti-aliasing samples per pixel of SBL_CHANNEL_FINAL, 1 to 64. Default: 1 / 4 / 16 */
     uint32_t end_canary;       /* must stay 0 */
 } sbl_picture_desc;
 
@@ -1168,16 +1095,14 @@ typedef struct sbl_stats {
     sbl_backend backend;          /* SBL_BACKEND_RASTER or SBL_BACKEND_TRACE */
     struct {
         int triangles;            /* number of triangles in the scene, without degenerate ones */
-        int lamps;                /* number of emitting triangles, lights and bright texels of the sky that sensors send
-                                     rays to */
+        int lamps;                /* number of emitting triangles, lights and bright texels of the sky */
         double bvh_seconds;       /* seconds spent on building the bounding volume hierarchy, once per scene; they are
                                      part of seconds.surface of the scene's first traced work */
         size_t bvh_bytes;         /* GPU memory of the hierarchy in bytes */
     } scene;
     struct {                      /* the store of bounced light, SBL_MODE_GI */
         int cells;                /* number of cells in the store */
-        int64_t rays;             /* number of rays traced between surfaces and by the store's sensors, if this work
-                                     made the store */
+        int64_t rays;             /* rays between surfaces and of the store's sensors, if this work made the store */
     } store;
     struct {
         int64_t count;            /* number of sensors, one for each point at which light was measured */
@@ -1204,12 +1129,10 @@ typedef struct sbl_stats {
     } lightmap;
     struct {
         double scene;             /* time that sbl_set_scene took */
-        double surface;           /* time before the first sensor: hierarchy, lamps, and what is visible or in the map
-                                     */
+        double surface;           /* time before the first sensor: hierarchy, lamps, and the G-buffer */
         double bounce;            /* time spent on the store of bounced light */
         double gather;            /* time spent on sensors */
-        double refine;            /* time spent on tiles, errors and interpolation, and on the fit of light at vertices
-                                     */
+        double refine;            /* time spent on tiles, errors and interpolation, and on fitting light at vertices */
         double filter;            /* time spent on the filter */
         double resolve;           /* time spent on previews, anti-aliasing, gutters and seams */
         double total;             /* time since the work was begun, as far as it was spent in sbl.h */
@@ -1223,16 +1146,14 @@ typedef struct sbl_site {
     float position[3];          /* world position */
     float normal[3];            /* middle of the hemisphere that light comes from; any length but 0 */
     float geometric_normal[3];  /* side of the surface to which the sensor is moved. Default (all zero): normal */
-    float offset;               /* world distance by which the sensor is moved. Default: as far as rounding requires in
-                                   this scene. Negative: not at all */
+    float offset;               /* world distance that the sensor moves. Default: what rounding requires. Negative: 0 */
 } sbl_site;
 
 /* The light at a site. */
 typedef struct sbl_reading {
     float radiance[3];  /* R */
     float noise;        /* standard error of the luminance of R; 0 if it is unknown */
-    float hit_share;    /* share of the hemisphere, weighted by the cosine, in which surfaces are seen; the rest is sky
-                           */
+    float hit_share;    /* cosine-weighted share of the hemisphere that surfaces cover; the rest is sky */
     float back_share;   /* share of hit_share in which back faces are seen */
     float hit_mean;     /* mean world distance to the surfaces seen; 0 if there are none */
     float hit_min;      /* least world distance to the surfaces seen; 0 if there are none */
@@ -1262,8 +1183,7 @@ typedef struct sbl_readings_desc {
    which its corners run counter-clockwise. Triangles that touch each other both in the world and in the map form a
    chart. Light is never interpolated or filtered across charts.
 
-   Three channels differ from those of a picture: FINAL is R, continued into the gutter; ID is 1 + the number of the
-   chart; DEPTH is 0. */
+   Unlike in a picture, FINAL is R, continued into the gutter; ID is 1 + the number of the chart; DEPTH is 0. */
 typedef struct sbl_lightmap_desc {
     uint32_t start_canary;     /* must stay 0 */
     int width, height;         /* texels, 1 to 16384. Default: 512 x 512 */
@@ -1271,21 +1191,16 @@ typedef struct sbl_lightmap_desc {
                                   lightmap begins. Default: all meshes that have them */
     int mesh_count;            /* number of entries in meshes */
     int gutter;                /* width of the border around charts into which FINAL is continued, up to 16384 texels,
-                                  so that bilinear sampling and mip maps do not mix in black. Default: 16. Negative: no
-                                  gutter */
-    int seams;                 /* where charts meet in the world and their normals agree, FINAL is changed slightly so
-                                  that it is equal on both sides. Default: 0, seams are closed. Negative, or without a
-                                  gutter: seams stay as they are */
+                                  see ON LIGHTMAPS. Default: 16. Negative: no gutter */
+    int seams;                 /* see ON LIGHTMAPS. Default: 0, seams are closed. Negative, or no gutter: they stay */
     int directional;           /* 1: also store the direction of the light, in channels SH_0 to SH_3 */
-    int supersample;           /* number of places across a texel at which light is measured, 1 to 8, for light that
-                                  changes within a texel; FINAL, RADIANCE and SH are their means, other channels show
-                                  the place nearest to the centre. width and height times this are at most 16384.
-                                  Default: 1 */
+    int supersample;           /* number of places across a texel at which light is measured, 1 to 8; FINAL, RADIANCE
+                                  and SH are their means, other channels show the place nearest to the centre. width and
+                                  height times this are at most 16384. Default: 1 */
     sbl_options options;       /* see sbl_options */
     float target_error;        /* accepted root mean square error of R over the texels, as in sbl_picture_desc. If not
                                   set, a sensor takes at most 512 / 1024 / 2048 rays. Default: 0.02 / 0.005 / 0.0025 */
-    int tile;                  /* distance between the sensors of the first level in texels. Default: as in
-                                  sbl_picture_desc */
+    int tile;                  /* texels between sensors of the first level. Default: as in sbl_picture_desc */
     float threshold;           /* refines where sensors differ by more. Default: as in sbl_picture_desc */
     int filter_radius;         /* radius of the filter in texels. Default: as in sbl_picture_desc */
     uint32_t end_canary;       /* must stay 0 */
@@ -1325,8 +1240,7 @@ typedef struct sbl_probes_desc {
     int grid[3];               /* if positions is NULL: number of probes along x, y and z. x runs fastest, then y. The
                                   probes are at the centres of equal boxes that fill the space from lowest to highest */
     float lowest[3], highest[3];  /* world corners of the grid. Default (all zero): the bounds of the scene */
-    float move;                /* greatest world distance by which a probe that is inside something may be moved to get
-                                  out, see ON PROBES. Default: 0, not at all */
+    float move;                /* greatest world distance to move a probe out of something, see ON PROBES. Default: 0 */
     sbl_options options;       /* see sbl_options; the seed rotates the rays */
     uint32_t end_canary;       /* must stay 0 */
 } sbl_probes_desc;
@@ -1410,8 +1324,7 @@ typedef struct sbl_sensor {
     float normal[3];          /* unit normal of the sensor */
     float radiance[3];        /* R that the picture used, before interpolation and filter: the mean of all looks */
     float noise;              /* standard error of the luminance of R; 0 if it is unknown */
-    int looks;                /* number of looks that the sensor took, each rotated differently. All fields below
-                                 describe the first look */
+    int looks;                /* number of looks of the sensor. All fields below describe the first look */
     float from_surroundings[3];  /* part of R: the sum of weight * radiance over the sheet */
     float from_lamps[3];      /* part of R that rays towards lamps have measured */
     float weight_sum;         /* sum of the weights of the sheet: 1 except for a single view */
@@ -1436,7 +1349,8 @@ extern "C" {
 /* >>functions
 
    Results are listed without SBL_SUCCESS and without the prefix SBL_ERROR_. Each function also returns
-   INVALID_ARGUMENT for a NULL context, and STATE if a callback calls it from which it is not allowed. */
+   INVALID_ARGUMENT for a NULL context, and STATE if a callback calls it from which it is not allowed. Each mistake in a
+   descriptor is logged. Functions that drop work under way keep a finished picture, unless their comment says more. */
 
 /* Creates a context.
    desc: NULL means defaults. out: receives the context, or NULL on failure.
@@ -1447,22 +1361,21 @@ SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out);
 /* Frees a context and all its GL objects. context: may be NULL. */
 SBL_API void sbl_destroy(sbl_context *context);
 
-/* Replaces the scene by a copy of the one that desc describes. Work under way is dropped, a finished picture stays. An
-   empty scene is allowed and shows only sky. Triangles without area are left out, with a warning.
-   Results: INVALID_ARGUMENT (each mistake is logged with its mesh, field and value), OUT_OF_MEMORY, UNSUPPORTED (the
-   scene is too large), GL. On failure the former scene and all work stay. */
+/* Replaces the scene by a copy of the one that desc describes. Work under way is dropped. An empty scene is allowed and
+   shows only sky. Triangles without area are left out, with a warning.
+   Results: INVALID_ARGUMENT, OUT_OF_MEMORY, UNSUPPORTED (scene too large), GL. On failure scene and work stay. */
 SBL_API sbl_result sbl_set_scene(sbl_context *context, const sbl_scene_desc *desc);
 
-/* Moves one mesh of the scene. Work under way is dropped, a finished picture stays.
+/* Moves one mesh of the scene. Work under way is dropped.
    mesh: index of the mesh. transform: object to world, as sbl_mesh.transform.
    Results: INVALID_ARGUMENT, STATE (no scene), OUT_OF_MEMORY, GL. On failure the mesh stays where it was. */
 SBL_API sbl_result sbl_set_mesh_transform(sbl_context *context, int mesh, const float transform[16]);
 
 /* Replaces all materials, or all lights, of the scene: the same number in the same order. Textures keep their numbers.
-   Work under way is dropped, a finished picture stays. If only emission or lights have changed, the update of the
-   bounced light reuses the store's rays, and traces no ray between surfaces again.
-   Results: INVALID_ARGUMENT (each mistake is logged), STATE (no scene), UNSUPPORTED (more lamps than the tables of the
-   scene can hold: use sbl_set_scene), OUT_OF_MEMORY, GL. On failure the scene stays as it was. */
+   Work under way is dropped. If only emission or lights have changed, the update of the bounced light traces no ray
+   between surfaces again.
+   Results: INVALID_ARGUMENT, STATE (no scene), UNSUPPORTED (more lamps than the tables of the scene can hold: use
+   sbl_set_scene), OUT_OF_MEMORY, GL. On failure the scene stays as it was. */
 SBL_API sbl_result sbl_set_materials(sbl_context *context, const sbl_material *materials, int material_count);
 SBL_API sbl_result sbl_set_lights(sbl_context *context, const sbl_light *lights, int light_count);
 
@@ -1477,50 +1390,37 @@ SBL_API sbl_result sbl_set_lights(sbl_context *context, const sbl_light *lights,
 SBL_API sbl_result sbl_save_store(sbl_context *context, sbl_write_function put, void *user);
 SBL_API sbl_result sbl_load_store(sbl_context *context, sbl_read_function get, void *user);
 
-/* Renders a picture: sbl_begin_picture, then sbl_step until it is done. Results: those of both. */
+/* Do work in one call: sbl_begin_... below, then sbl_step until the work is done. Results: those of both. */
 SBL_API sbl_result sbl_render_picture(sbl_context *context, const sbl_picture_desc *desc);
+SBL_API sbl_result sbl_bake_lightmap(sbl_context *context, const sbl_lightmap_desc *desc);
+SBL_API sbl_result sbl_bake_vertices(sbl_context *context, const sbl_vertices_desc *desc);
+SBL_API sbl_result sbl_gather_readings(sbl_context *context, const sbl_readings_desc *desc);
+SBL_API sbl_result sbl_bake_probes(sbl_context *context, const sbl_probes_desc *desc);
 
 /* Starts a picture: checks desc and copies it; sbl_step does the work. Whatever was begun before is dropped, and so is
    a finished picture or lightmap.
-   desc: NULL means defaults.
-   Results: INVALID_ARGUMENT (each mistake is logged), STATE (no scene), UNSUPPORTED (larger than the driver's
+   desc: NULL means defaults. Results: INVALID_ARGUMENT, STATE (no scene), UNSUPPORTED (larger than the driver's
    textures). On failure nothing is dropped. */
 SBL_API sbl_result sbl_begin_picture(sbl_context *context, const sbl_picture_desc *desc);
 
-/* Bakes a lightmap: sbl_begin_lightmap, then sbl_step until it is done. Results: those of both. */
-SBL_API sbl_result sbl_bake_lightmap(sbl_context *context, const sbl_lightmap_desc *desc);
-
 /* Starts a lightmap, which takes the place of a picture: the comments on pictures are true for it, from sbl_step to
    sbl_inspect_sensor. Warnings name triangles that overlap in the map or lie outside of it.
-   desc: NULL means defaults.
-   Results: INVALID_ARGUMENT (each mistake is logged), STATE (no scene), UNSUPPORTED (larger than the driver's
-   textures), OUT_OF_MEMORY. */
+   desc: NULL means defaults. Results: as for sbl_begin_picture, and OUT_OF_MEMORY. */
 SBL_API sbl_result sbl_begin_lightmap(sbl_context *context, const sbl_lightmap_desc *desc);
 
-/* Bakes light at vertices: sbl_begin_vertices, then sbl_step until it is done. Results: those of both. */
-SBL_API sbl_result sbl_bake_vertices(sbl_context *context, const sbl_vertices_desc *desc);
-
-/* Starts light at vertices. Work under way is dropped, a finished picture stays.
+/* Starts light at vertices. Work under way is dropped.
    desc: copied; desc->radiance is filled when the work is done.
-   Results: INVALID_ARGUMENT (each mistake is logged), STATE (no scene), OUT_OF_MEMORY. */
+   Results: INVALID_ARGUMENT, STATE (no scene), OUT_OF_MEMORY. */
 SBL_API sbl_result sbl_begin_vertices(sbl_context *context, const sbl_vertices_desc *desc);
 
-/* Measures the light at points: sbl_begin_readings, then sbl_step until it is done. Results: those of both. */
-SBL_API sbl_result sbl_gather_readings(sbl_context *context, const sbl_readings_desc *desc);
-
-/* Starts readings. Sensors measure them as for pictures: by views with a draw callback and in SBL_MODE_PAPER, otherwise
-   by rays. Work under way is dropped, a finished picture stays.
+/* Starts readings, which sensors measure as for pictures. Work under way is dropped.
    desc: copied; desc->readings is filled from the first site to the last while the work goes on.
-   Results: INVALID_ARGUMENT (each mistake is logged; of the sites only the first mistakes), STATE (no scene). */
+   Results: INVALID_ARGUMENT (of the sites only the first mistakes are logged), STATE (no scene). */
 SBL_API sbl_result sbl_begin_readings(sbl_context *context, const sbl_readings_desc *desc);
 
-/* Bakes probes: sbl_begin_probes, then sbl_step until it is done. Results: those of both. */
-SBL_API sbl_result sbl_bake_probes(sbl_context *context, const sbl_probes_desc *desc);
-
-/* Starts probes. With a draw callback their light is measured by views. Work under way is dropped, a finished picture
-   stays.
+/* Starts probes. Work under way is dropped.
    desc: copied; desc->probes is filled from the first position to the last while the work goes on.
-   Results: INVALID_ARGUMENT (each mistake is logged; of the positions only the first mistakes), STATE (no scene). */
+   Results: INVALID_ARGUMENT (of the positions only the first mistakes are logged), STATE (no scene). */
 SBL_API sbl_result sbl_begin_probes(sbl_context *context, const sbl_probes_desc *desc);
 
 /* Works on whatever was begun last; see ON TIME.
@@ -1529,8 +1429,7 @@ SBL_API sbl_result sbl_begin_probes(sbl_context *context, const sbl_probes_desc 
    UNSUPPORTED (sensors are larger than the driver's textures), GL. After CANCELLED or an error the work is dropped. */
 SBL_API sbl_result sbl_step(sbl_context *context, double seconds);
 
-/* Returns how much of the work is done, 0 to 1, or 0 if nothing was begun. This is an estimate, because refinement may
-   still find work. */
+/* Returns how much of the work is done, 0 to 1 (estimated: refinement may find more), or 0 if nothing was begun. */
 SBL_API float sbl_progress(const sbl_context *context);
 
 /* Frees whatever was begun: stops work under way, frees a finished picture or lightmap, and frees the memory of the
@@ -1572,8 +1471,7 @@ SBL_API int sbl_look_at(float world_to_view[16], float eye_x, float eye_y, float
 SBL_API int sbl_perspective(float view_to_clip[16], float fov_y, float aspect);
 
 /* Writes linear[i] * scale as 8-bit sRGB (IEC 61966-2-1), rounded, to out[i]. Negative numbers and NaN become 0,
-   numbers above 1 become 255. float_count: number of floats, not of pixels. scale: the exposure; with 1, radiance 1 is
-   white. */
+   numbers above 1 become 255. float_count: number of floats, not of pixels. scale: the exposure. */
 SBL_API void sbl_encode_srgb8(unsigned char *out, const float *linear, size_t float_count, float scale);
 
 /* Return a copy of desc in which each zero that stands for a default is replaced by it. NULL means all zeroes. The copy
@@ -1689,7 +1587,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    the predicted error is wrong                               >>refine; the error of stored light: >>bounce
    the target error is missed or takes too long               >>refine (rounds), >>guide
    a slow picture: see sbl_stats.seconds                      the room of the largest number
-   one sbl_step takes too long, or a driver's watchdog bites  >>device (pace)
+   one sbl_step takes too long, or the driver resets          >>device (pace)
    a driver is refused, draws nothing, or reports GL errors   >>trial, >>gl, >>device
    the GL state of the host has changed                       >>gl (guard)
    a descriptor is refused, or accepted wrongly               >>check
@@ -1743,10 +1641,9 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 
    FOR THOSE WHO CHANGE IT
 
-   Anything may be changed as long as scripts/test passes. tests/test_pinned.c compares pictures to the bit.
-   scripts/compare_commits BASE shows what a change does to some 220 pictures and bakes, and to their times.
-   tests/tools/rooms.py lists the length of all rooms. It refuses functions of more than 80 lines or 6 parameters, and
-   lines of more than 120 columns.
+   Any change is fine if scripts/test passes. tests/test_pinned.c compares pictures to the bit. scripts/compare_commits
+   BASE shows what a change does to some 220 pictures and bakes, and to their times. tests/tools/rooms.py lists the
+   length of all rooms, and refuses functions of more than 80 lines or 6 parameters, and lines of more than 120 columns.
 
    To add a channel:
        add it to sbl_channel, with a comment, and add a row to sbl__channels (>>map). If refinement holds its values,
@@ -1768,14 +1665,14 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 
    To add a shader, or a table that shaders read:
        add a file to shaders_embedded and a pair of markers to the room that uses it. Declare a recipe: the files of the
-       program, the records that they read, and the features that make variants. Call sbl__use before drawing. Programs
-       are compiled when first used; sbl__compile_all (>>public) lists those that compile_ahead compiles. SBL__RECORD
-       makes a C struct and the GLSL functions sbl_NAME_FIELD(i) from a list of fields.
+       program, the records that they read, and the features that make variants. Call sbl__use before drawing.
+       sbl__compile_all (>>public) lists the programs that compile_ahead compiles. SBL__RECORD makes a C struct and the
+       GLSL functions sbl_NAME_FIELD(i) from a list of fields.
 
    To change what a surface does with light (emission, reflection, cut-out):
-       edit material.glsl, which all shaders call, and >>material, which computes the same on the CPU.
-       tests/test_material.c compares the two. tests/test_header.sh refuses shaders that read a material themselves. A
-       new property of materials goes to sbl_material and its checks, and to SBL__OBJECT (>>geometry).
+       edit material.glsl, which all shaders call, and >>material, which computes the same on the CPU;
+       tests/test_material.c compares the two. Other shaders must not read a material. A new property of materials goes
+       to sbl_material and its checks, and to SBL__OBJECT (>>geometry).
 
    Work must stay divisible into short pieces. Loops over triangles, pixels or sites must check the slice. Everything
    that draws must ask sbl__pace_begin how much to draw, and report to sbl__pace_end. Neither may change results. */
@@ -7081,7 +6978,7 @@ static const char *const sbl__glsl_surface[] = {
    The options that all front ends share, and the descriptor of each front end, with defaults and checks side by side.
    In functions that check a descriptor, d has its defaults filled in. */
 
-/* Until a preset out of range is refused, it counts as the default one. */
+/* Returns the preset as an index. A number out of range, which the checks refuse later, counts as the default. */
 static int sbl__preset_of(const sbl_options *o) {
     return (int)o->preset >= 0 && o->preset < SBL_PRESET_COUNT ? (int)o->preset : SBL_PRESET_DEFAULT;
 }
@@ -7099,8 +6996,7 @@ static void sbl__options_defaults(sbl_options *o, const int rays[SBL_PRESET_COUN
 
 static const int sbl__sensor_sizes[SBL_PRESET_COUNT] = { 64, 32, 128 };
 
-/* papers: 1 if SBL_MODE_PAPER is allowed; rays: lowest and highest number; host_draws: 1 if the scene has a draw
-   callback */
+/* papers: 1 allows SBL_MODE_PAPER; rays: limits of options.rays; host_draws: 1 if the scene has a draw callback */
 static void sbl__check_options(sbl__check *check, const char *where, const sbl_options *o, int papers,
                                const int rays[2], int host_draws) {
     sbl__check_int(check, where, "options.mode", (int)o->mode, 0, SBL_MODE_COUNT - 1);
@@ -7113,8 +7009,7 @@ static void sbl__check_options(sbl__check *check, const char *where, const sbl_o
                      where, host_draws ? "in a scene with a draw callback" : "in SBL_MODE_PAPER");
     if (o->rays) sbl__check_int(check, where, "options.rays", o->rays, rays[0], rays[1]);
     sbl__check_int(check, where, "options.sensor_size", o->sensor_size, 4, 512);
-    if (!sbl__between(&o->epsilon, -FLT_MAX, FLT_MAX))
-        sbl__mistake(check, "%s: options.epsilon is %g; it must be finite", where, (double)o->epsilon);
+    sbl__check_finite(check, where, "options.epsilon", &o->epsilon, 1);
 }
 
 static const int sbl__sensor_rays[2] = { 1, 4096 };  /* lowest and highest number of rays of a sensor */
@@ -7137,9 +7032,9 @@ static void sbl__check_sensor_kind(sbl__check *check, const char *where, const s
         sbl__mistake(check, "%s: sensor_fov is %g; it must be 1 to 179 degrees", where, (double)fov);
 }
 
-/* How the sensors of a front end measure. */
+/* What the host requests of a front end's sensors. */
 typedef struct sbl__measurement {
-    sbl_options options;       /* with defaults; epsilon is not negative; backend is the one chosen */
+    sbl_options options;       /* with defaults; epsilon is not negative; see sbl__choose_backend */
     sbl_sensor_kind sensor_kind;
     float sensor_fov;
     int look_rays, looks;      /* if options.rays is 0: number of rays per look, and maximum number of looks */
@@ -7174,7 +7069,7 @@ static void sbl__check_camera(sbl__check *check, const char *where, const sbl_pi
         sbl__mistake(check, "%s: world_to_view is not rigid (a rotation and a translation, column-major); sbl_look_at "
                      "makes one", where);
     sbl__check_finite(check, where, "view_to_clip", m, 16);
-    if (!sbl__all_finite(m, 16) || d->width <= 0 || d->height <= 0) return;  /* no default projection without a size */
+    if (!sbl__all_finite(m, 16) || d->width <= 0 || d->height <= 0) return;  /* the default projection needs both */
     perspective = m[3] == 0.0f && m[7] == 0.0f && m[11] < 0.0f && m[15] == 0.0f && m[12] == 0.0f && m[13] == 0.0f;
     orthographic = m[3] == 0.0f && m[7] == 0.0f && m[11] == 0.0f && m[15] == 1.0f && m[8] == 0.0f && m[9] == 0.0f;
     if (!(perspective || orthographic) || m[0] == 0.0f || m[5] == 0.0f || m[1] != 0.0f || m[4] != 0.0f)
@@ -7211,10 +7106,8 @@ static void sbl__check_refinement(sbl__check *check, const char *where, const sb
     sbl__check_int(check, where, "width", d->width, 1, 16384);
     sbl__check_int(check, where, "height", d->height, 1, 16384);
     sbl__check_int(check, where, "tile", d->tile, 1, 1024);
-    if (!sbl__between(&d->target_error, 0, 1))
-        sbl__mistake(check, "%s: target_error is %g; it must be 0 to 1", where, (double)d->target_error);
-    if (!sbl__between(&d->threshold, -FLT_MAX, FLT_MAX))
-        sbl__mistake(check, "%s: threshold is %g; it must be finite", where, (double)d->threshold);
+    sbl__check_range(check, where, "target_error", &d->target_error, 1, sbl__unit_range);
+    sbl__check_finite(check, where, "threshold", &d->threshold, 1);
     if (d->filter_radius > 32)
         sbl__mistake(check, "%s: filter_radius is %d; it must be at most 32", where, d->filter_radius);
 }
@@ -7227,8 +7120,7 @@ static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_de
     sbl__check_options(&check, where, &d->options, 1, sbl__sensor_rays, host_draws);
     sbl__check_sensor_kind(&check, where, &d->options, d->sensor_kind, d->sensor_fov);
     sbl__check_refinement(&check, where, d);
-    if (!sbl__between(&d->facet_limit, -FLT_MAX, FLT_MAX))
-        sbl__mistake(&check, "%s: facet_limit is %g; it must be finite", where, (double)d->facet_limit);
+    sbl__check_finite(&check, where, "facet_limit", &d->facet_limit, 1);
     sbl__check_int(&check, where, "samples", d->samples, 1, 64);
     sbl__check_camera(&check, where, d);
     return sbl__check_end(&check);
@@ -7355,14 +7247,6 @@ static sbl_result sbl__check_readings(const sbl__base *base, const sbl_readings_
 
 /* >>options: light at vertices */
 
-/* Returns the readings that light at vertices is computed from, without their sites. */
-static sbl_readings_desc sbl__vertices_readings(const sbl_vertices_desc *d) {
-    sbl_readings_desc readings;
-    memset(&readings, 0, sizeof readings);
-    readings.options = d->options;
-    return sbl_readings_desc_defaults(&readings);
-}
-
 SBL_API sbl_vertices_desc sbl_vertices_desc_defaults(const sbl_vertices_desc *desc) {
     static const int rays[SBL_PRESET_COUNT] = { 64, 16, 256 }, samples[SBL_PRESET_COUNT] = { 8, 4, 16 };
     sbl_vertices_desc d;
@@ -7459,8 +7343,7 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
     sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_PROBES_DESC);
     if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     sbl__check_options(&check, where, &d->options, 0, rays, host_draws);
-    if (!sbl__between(&d->move, 0, FLT_MAX))
-        sbl__mistake(&check, "%s: move is %g; it must be finite and not negative", where, (double)d->move);
+    sbl__check_range(&check, where, "move", &d->move, 1, sbl__not_negative_range);
     if (d->probe_count < 0) sbl__mistake(&check, "%s: probe_count is %d; it cannot be negative", where, d->probe_count);
     if (!d->probes && d->probe_count > 0)
         sbl__mistake(&check, "%s: probes is NULL; it receives probe_count probes", where);
@@ -7482,23 +7365,23 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
    several are equally near, that of the first triangle. Triangles that share a corner, with the same position and the
    same lightmap coordinates, belong to one chart. */
 
-#define SBL__ATLAS_WORDS 4      /* per texel: 1 + triangle, or 0; weights of its second and third corner; 1 + chart */
-#define SBL__ATLAS_FAR 1e30f    /* texels show only points with a squared distance below this */
+#define SBL__ATLAS_WORDS 4      /* per texel: 1 + triangle (0: none); weights of corners 1 and 2; 1 + chart */
+#define SBL__ATLAS_FAR 1e30f    /* initial squared distance of a texel, before any triangle touches it */
 #define SBL__ATLAS_WELL -1.0f   /* value of `away` for a centre well inside the triangle */
 #define SBL__ATLAS_EDGE -0.5f   /* value of `away` for a centre inside, near an edge: a neighbour may contain it too */
 #define SBL__ATLAS_INSIDE 1e-3  /* a centre lies well inside if all its barycentric weights are at least this */
 #define SBL__ATLAS_INSET 0.02   /* points on edges are moved inward by this number of texels; otherwise a sensor in a
                                    crease would stand inside the other wall */
-#define SBL__ATLAS_INSET_MOST 0.01  /* upper limit of this move, as a share of the way to the centroid */
+#define SBL__ATLAS_INSET_MOST 0.01  /* upper limit of the inset, as a share of the distance to the centroid */
 
 typedef struct sbl__atlas {
     sbl__stages stages;
     sbl__base *base;
     const sbl__geometry *geometry;
-    int width, height;          /* supersampled texels, which this room calls texels */
+    int width, height;          /* size of the map in supersampled texels, which this room calls texels */
     int across;                 /* number of supersampled texels across a texel of the lightmap */
     unsigned char *baked;       /* per mesh: 1 if it is baked */
-    int row;                    /* next row of the triangle in progress; 0: the triangle has not begun */
+    int row;                    /* next row of the triangle in progress; 0 before its first row */
     uint32_t *parents;          /* per vertex: union-find over charts (see sbl__root); later the chart's number */
     sbl__hash_table places;     /* vertices by position and lightmap coordinates */
     uint32_t *texels;           /* SBL__ATLAS_WORDS per texel */
@@ -7518,7 +7401,7 @@ static void sbl__atlas_free(sbl__base *base, sbl__atlas *a) {
     memset(a, 0, sizeof *a);
 }
 
-/* desc has been checked. If it lists no meshes, all lightmapped meshes are baked. */
+/* Allocates an atlas for a checked descriptor. If it lists no meshes, all lightmapped meshes are baked. */
 static sbl_result sbl__atlas_begin(sbl__base *base, sbl__atlas *a, const sbl__geometry *g,
                                    const sbl_lightmap_desc *desc) {
     size_t texels;
@@ -7591,7 +7474,7 @@ typedef struct sbl__atlas_triangle {
     double corners[3][2];  /* texels */
     double area;           /* twice the signed area, square texels */
     uint32_t number, chart;
-    int rows[2];           /* first and last row that it touches */
+    int rows[2];           /* first and last row that the triangle touches */
 } sbl__atlas_triangle;
 
 /* Gets the first and last of `size` texels that an interval touches. If it touches none, last < first. */
@@ -7691,7 +7574,7 @@ static float sbl__atlas_others(const sbl__atlas *a, size_t texel) {
     return a->away && a->away[texel] < 0 ? (float)ceil(-(double)a->away[texel]) - 1 : 0;
 }
 
-/* Counts overlaps and warns about the first. triangle: contains the centre of a texel that shows another one */
+/* Counts texels whose centre lies in several triangles, and warns about the first. triangle: the hidden one */
 static void sbl__atlas_warn_overlap(sbl__atlas *a, uint32_t triangle, size_t texel) {
     const sbl__geometry *g = a->geometry;
     const uint32_t first = a->texels[SBL__ATLAS_WORDS * texel] - 1;
@@ -7705,7 +7588,7 @@ static void sbl__atlas_warn_overlap(sbl__atlas *a, uint32_t triangle, size_t tex
              (int)(texel / (size_t)a->width) / a->across);
 }
 
-/* Offers a triangle to the texel in column at[0] of row at[1]. */
+/* Makes the texel in column at[0] of row at[1] show a triangle if this is nearer than the one shown so far. */
 static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const int at[2]) {
     const size_t i = (size_t)at[1] * (size_t)a->width + (size_t)at[0];
     const double centre[2] = { at[0] + 0.5, at[1] + 0.5 };
@@ -7713,7 +7596,7 @@ static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const 
     double weights[3];
     const float away = (float)sbl__atlas_nearest(t, centre, weights);
     const int well = away <= SBL__ATLAS_WELL, other_chart = t->chart + 1 != texel[3];
-    const int was_well = floor((double)a->away[i]) >= (double)a->away[i];  /* SBL__ATLAS_WELL minus overlaps */
+    const int was_well = floor((double)a->away[i]) >= (double)a->away[i];  /* integer: SBL__ATLAS_WELL - overlaps */
     float shares[2];
     if (away < 0 && a->away[i] < 0 && (other_chart || (well && was_well))) {
         sbl__atlas_warn_overlap(a, t->number, i);
@@ -7812,7 +7695,7 @@ static sbl_result sbl__atlas_step(sbl__atlas *a, sbl__slice *slice) {
          atlas     (depth)    -> and its point                   <-- the host's draw callback, same depth          */
 
 enum { SBL__GBUFFER_POSITION, SBL__GBUFFER_NORMAL, SBL__GBUFFER_GEOMETRIC_NORMAL, SBL__GBUFFER_ALBEDO,
-       SBL__GBUFFER_EMISSION, SBL__GBUFFER_ID, SBL__GBUFFER_COUNT };  /* attachments */
+       SBL__GBUFFER_EMISSION, SBL__GBUFFER_ID, SBL__GBUFFER_COUNT };
 
 typedef struct sbl__gbuffer { sbl__texture textures[SBL__GBUFFER_COUNT]; sbl__target target; } sbl__gbuffer;
 
@@ -7848,7 +7731,7 @@ typedef struct sbl__surface {
     sbl__pace triangle_pace, point_pace;
 } sbl__surface;
 
-#define SBL__DEPTH_SHARE 1e-6      /* share of the scene's extent; points nearer to the camera all have depth 1 */
+#define SBL__DEPTH_SHARE 1e-6      /* points nearer than this share of the scene's extent all have depth 1 */
 #define SBL__BAND_PIXELS 1048576   /* approximate size of a band of rows; limits the area of one triangle at a time */
 #define SBL__TRIANGLE_PIXELS 64.0  /* cost of a triangle besides its pixels, in pixels */
 
@@ -7889,7 +7772,7 @@ static void sbl__surface_free(const sbl__device *d, sbl__surface *s) {
 
 /* >>surface: the camera */
 
-/* The matrices of desc have been checked. */
+/* Makes a camera from the checked matrices of desc. */
 static void sbl__camera_make(sbl__camera *c, const sbl_picture_desc *desc, const sbl__geometry *g) {
     const float *m = desc->world_to_view;
     int i, k;
@@ -7967,9 +7850,8 @@ static void sbl__camera_set(const sbl__device *d, const sbl__camera *c, const fl
     const double a = c->orthographic ? 1 : -(double)m[11], step_x = 2.0 / t->width, step_y = -2.0 / t->height;
     const double x0 = -1 + offset[0] * step_x, y0 = 1 + offset[1] * step_y;
     const double dx = a * step_x / m[0], dy = a * step_y / m[5];
-    const int moving = c->orthographic ? 0 : 3, still = 3 - moving;  /* indices in rays: which differs between pixels */
-    /* x in view space, at unit distance (perspective) or everywhere (orthographic), is linear in ndc:
-       x = (a ndc + m8) / m0 or (ndc - m12) / m0 */
+    const int moving = c->orthographic ? 0 : 3, still = 3 - moving;  /* which of `rays` vary over the pixels */
+    /* x in view space: (a ndc + m8) / m0 at unit distance (perspective), (ndc - m12) / m0 (orthographic) */
     const double across = c->orthographic ? (x0 - m[12]) / m[0] : (a * x0 + m[8]) / m[0];
     const double down = c->orthographic ? (y0 - m[13]) / m[5] : (a * y0 + m[9]) / m[5];
     float rays[6][3];
@@ -8008,7 +7890,7 @@ static const char *const sbl__glsl_visibility_vertex[] = {
 /* >>glsl visibility_fragment: shaders_embedded/visibility_fragment.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_visibility_fragment[] = {
 "flat in int triangle;\n",
-"uniform float depth_from_w;  // depth is this * gl_FragCoord.w (drivers without clip control); 0: orthographic\n",
+"uniform float depth_from_w;  // depth / gl_FragCoord.w, for drivers without clip control; 0: orthographic\n",
 "layout(location = 0) out uint out_triangle;  // 1 + number of the triangle; 0: the pixel shows none\n",
 "\n",
 "void main() {\n",
@@ -8032,7 +7914,7 @@ static const sbl__recipe sbl__recipe_visibility = {
     SBL__CUTOUTS | SBL__WIDE | SBL__WRITE_DEPTH
 };
 
-#define SBL__BEFORE_CAMERA 1e-3  /* share of a triangle's largest w; its part with a smaller w is cut off */
+#define SBL__BEFORE_CAMERA 1e-3  /* parts of a triangle where w is below this share of its largest w are cut off */
 
 /* Estimates the number of pixels that a triangle covers in the band: half the area of the bounding rectangle, on the
    screen, of its part in front of the camera. rows: see visibility_vertex.glsl */
@@ -8053,7 +7935,7 @@ static double sbl__triangle_pixels(const sbl__surface *s, float rows[4][4], uint
     for (i = 0; i < 3; i++) {
         const double *a = v[i], *b = v[(i + 1) % 3];
         const double t = (a[3] > before) != (b[3] > before) ? (before - a[3]) / (b[3] - a[3]) : 0;
-        for (k = 0; k < 2; k++) {  /* the corner, and the point where the edge is cut off */
+        for (k = 0; k < 2; k++) {  /* the corner a, then the point where the edge is cut */
             if (a[3] > before) sbl__extend(&from[k], &to[k], (0.5 * a[k] / a[3] + 0.5) * size[k]);
             if (t > 0) sbl__extend(&from[k], &to[k], (0.5 * (a[k] + t * (b[k] - a[k])) / before + 0.5) * size[k]);
         }
@@ -8066,7 +7948,7 @@ static double sbl__triangle_pixels(const sbl__surface *s, float rows[4][4], uint
     return 0.5 * (to[0] - from[0]) * (to[1] - from[1]);
 }
 
-/* Begins the band of rows at `row`. All triangles are drawn in each band. */
+/* Begins a band with the row `row`. Each band draws all triangles again. */
 static void sbl__surface_band(sbl__surface *s, int row) {
     s->row = row;
     s->rows = SBL__MIN(SBL__MAX(1, SBL__BAND_PIXELS / s->visibility.width), s->visibility.height - row);
@@ -8128,8 +8010,8 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
 static const char *const sbl__glsl_gbuffer_fragment[] = {
 "// Computes the surface points that the camera's pixels, or the texels of a lightmap, show.\n",
 "uniform usampler2D triangles;  // output of visibility_fragment.glsl; lightmaps: see SBL__ATLAS_WORDS\n",
-"uniform float facet_limit;     // pixels. Triangles with a smaller least height on the screen get their geometric\n",
-"                               // normal, those of twice this height their shading normal, between them a mixture\n",
+"uniform float facet_limit;     // pixels. Triangles whose least height on the screen is below this get their\n",
+"                               // geometric normal, above twice this their shading normal, in between a mixture\n",
 "layout(location = 0) out vec4 out_position;          // w: reach, see surface.glsl\n",
 "layout(location = 1) out vec4 out_normal;\n",
 "layout(location = 2) out vec4 out_geometric_normal;\n",
@@ -8303,17 +8185,16 @@ typedef struct sbl__site {
     float position[3];          /* world space: on a surface or in the air */
     float normal[3];            /* unit vector to the centre of the hemisphere; a surface's shading normal */
     float geometric_normal[3];  /* unit vector; the sensor is moved off the surface along it */
-    float offset;               /* distance of this move, world units */
+    float offset;               /* world distance by which the sensor is moved off the surface */
     uint32_t number;            /* seed for rotating the site's rays or views; differs between positions */
     int guide;                  /* number of the guide for the site's rays, see >>guide; 0: no guide */
     int first, looks;           /* the job takes `looks` looks, beginning with look number `first` */
 } sbl__site;
 
-/* Layers of light that a sensor measures. Layer 0 is R. Layers 1 to 4 exist if the spec is directional: the radiance
-   over the site's hemisphere, projected to the first two bands of spherical harmonics, in the order of sbl_probe. */
+/* Layers of light that a sensor measures. Layer 0 is R. Layers 1 to 4, which have signs, exist if the spec is
+   directional: the radiance over the site's hemisphere, projected to the first two bands of spherical harmonics, in the
+   order of sbl_probe. */
 #define SBL__LAYERS 5
-
-static int sbl__layer_is_signed(int layer) { return layer > 0; }
 
 /* How all sensors of a job measure light. */
 typedef struct sbl__spec {
@@ -8337,7 +8218,7 @@ typedef struct sbl__spec {
     int directional;            /* 1: measure layers 1 to 4 too, see SBL__LAYERS */
     float epsilon;              /* ambient light: radiance that reaches all surfaces from all directions */
     uint32_t seed;              /* seed for the rotation of all sensors, see sbl_picture_desc */
-    int view_texture_size, batch;  /* fields of sbl_context_desc */
+    int view_texture_size, batch;  /* sensor_texture_size and batch of sbl_context_desc */
 } sbl__spec;
 
 /* One look of a site. */
@@ -8352,11 +8233,11 @@ typedef struct sbl__look {
     int sensor;                 /* index of the look among all looks of the job */
 } sbl__look;
 
-#define SBL__MAX_LOOKS 512         /* maximum number of looks per site if the host has requested an error */
-#define SBL__DEFAULT_LOOKS 16      /* maximum number of looks per site otherwise */
-#define SBL__LOOK_RAYS_MOST 128    /* maximum number of rays per look when a noisy look gets more rays */
-#define SBL__LOOK_VARIANCE 12.5    /* a look gets more rays while its relative variance exceeds this multiple of the
-                                      requested error squared (see sbl__look_growth) */
+#define SBL__MAX_LOOKS 512         /* maximum number of looks per site if the host sets target_error */
+#define SBL__DEFAULT_LOOKS 16      /* maximum number of looks per site with the default target error */
+#define SBL__LOOK_RAYS_MOST 128    /* looks that are too noisy get more rays, up to this number */
+#define SBL__LOOK_VARIANCE 12.5    /* a look is too noisy while its relative variance exceeds this multiple of the
+                                      target error squared (see sbl__look_growth) */
 /* Distance of a sensor from its surface, as a share of the scene's extent if views are rasterised (for the precision of
    the depth buffer), or of the triangle's reach (see surface.glsl) if rays are traced. Float rounding needs a sixth of
    it: at 2.5e-7 and below, sensors on a sphere see the sphere itself. */
@@ -8396,8 +8277,8 @@ typedef struct sbl__layout {
     double tangent;             /* tangent of half the field of view; 1 for a hemicube */
     int rects[5][4];            /* per view: x, y, width, height in the sheet, texels */
     int sheet_width, sheet_height;  /* size of the sheet without padding, texels */
-    int block;                  /* width and height of the squares of texels that reduce_blocks.glsl adds up */
-    int blocks[2];              /* number of such squares across and down; the sheet is padded to whole ones */
+    int block;                  /* width and height of a block: the square of texels that reduce_blocks.glsl adds up */
+    int blocks[2];              /* number of blocks across and down; the sheet is padded to whole blocks */
 } sbl__layout;
 
 /* The vertex attributes of a view. sensor_vertex.glsl explains them. */
@@ -8499,7 +8380,7 @@ static double sbl__rectangle_weight(int side, const double from[2], const double
            sbl__corner_weight(side, to[0], from[1]) + sbl__corner_weight(side, from[0], from[1]);
 }
 
-/* V'' in the paper's equation 4. Projects (x, y, 1) to the unit sphere, then along the normal to the tangent plane. */
+/* Projects (x, y, 1) to the unit sphere, then along the normal to the tangent plane: V'' in the paper's equation 4. */
 static void sbl__paper_project(double x, double y, double out[2]) {
     double length = sqrt(x * x + y * y + 1);
     out[0] = x / length;
@@ -8556,8 +8437,8 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 #define SBL__GUIDE_EVEN 0.2
 #define SBL__GUIDE_DARK 0.4
 #define SBL__GUIDE_LIT 0.7
-/* Distance between the grid's pixels. A quarter or half of it is used if there are then fewer than SBL__GUIDES_FEW
-   guides; otherwise it is doubled until there are fewer than SBL__GUIDES_MOST. */
+/* Distance between the pixels that have guides. A quarter or half of it is used if that gives fewer than
+   SBL__GUIDES_FEW guides; otherwise it is doubled until there are fewer than SBL__GUIDES_MOST. */
 #define SBL__GUIDE_STEP 8
 #define SBL__GUIDES_FEW 4096
 #define SBL__GUIDES_MOST 16384
@@ -8727,8 +8608,6 @@ typedef struct sbl__batch {
     int slot, count;
 } sbl__batch;
 
-static unsigned sbl__batch_features(const sbl__batch *b) { return sbl__features_of(b->scene, b->spec); }
-
 /* Makes the first `count` textures of partial sums, in the order of the array below, and a target that draws to them.
    Deletes the other textures. */
 static sbl_result sbl__blocks_make(const sbl__device *d, sbl__blocks *b, int count, int width, int height) {
@@ -8793,9 +8672,9 @@ static const char *const sbl__glsl_carrier[] = {
 "// Converts 32-bit fractions to a point between 0 and 1.\n",
 "vec2 sbl_unit_square(uvec2 fractions) { return (vec2(fractions >> 8) + 0.5) / SBL_FRACTIONS; }\n",
 "\n",
-"// Returns the weights of light from the unit direction w in the coefficients of the first two bands of real\n",
-"// spherical harmonics, in the order 1, y, z, x. The light is given as part of R, which includes the cosine between\n",
-"// w and the normal n; the coefficients describe radiance, which does not. reciprocal: 1 / that cosine\n",
+"// Returns the factors that convert light from the unit direction w, given as its part of R, to its part of the\n",
+"// first four coefficients of radiance in real spherical harmonics, in the order 1, y, z, x. R includes the cosine\n",
+"// between w and the normal n, radiance does not. reciprocal: 1 / cosine\n",
 "vec4 sbl_harmonics(vec3 w, vec3 n, float reciprocal) {\n",
 "    vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w divided by the cosine\n",
 "    return SBL_PI * vec4(SBL_HARMONIC_0 * reciprocal, SBL_HARMONIC_1 * way.yzx);\n",
@@ -10116,7 +9995,7 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
         if (b->scene->environment.pixels && !b->spec->paper) result = sbl__raster_sky(d, r, lens, b, views);
     }
     if (result == SBL_SUCCESS && end > first) {
-        result = sbl__use(d, &sbl__recipe_sensor, sbl__batch_features(b));
+        result = sbl__use(d, &sbl__recipe_sensor, sbl__features_of(b->scene, b->spec));
         if (result != SBL_SUCCESS) return result;
         sbl__pass(d, &r->target, lens->area, NULL, SBL__PASS_DEPTH | SBL__PASS_CLIP);
         sbl__scene_bind(d, b->scene);
@@ -10465,7 +10344,7 @@ static const sbl__recipe sbl__recipe_trace = {
    its normal; paired: 1: an invocation traces pairs of rays, to measure the variance; 0: single rays, so that with one
    invocation per ray each output texel belongs to one ray */
 static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl__batch *b, int stuck, int paired) {
-    const sbl_result result = sbl__use(d, &sbl__recipe_trace, sbl__batch_features(b));
+    const sbl_result result = sbl__use(d, &sbl__recipe_trace, sbl__features_of(b->scene, b->spec));
     if (result != SBL_SUCCESS) return result;
     sbl__rays_bind(d, b, &t->sequence, b->slots->blocks);
     sbl__set_int(d, "rays", stuck ? 1 : b->spec->rays);
@@ -12941,7 +12820,7 @@ static void sbl__mix_extrapolate(const sbl__refine *r, const sbl__tile *c, int c
 
 /* Clamps extrapolated light to 0 or more, except in layers of signed values. */
 static float sbl__clamp_light(int layer, float light) {
-    return sbl__layer_is_signed(layer) ? light : SBL__MAX(light, 0.0f);
+    return layer ? light : SBL__MAX(light, 0.0f);
 }
 
 /* Interpolates a layer of light at pixel (x, y) from a tile's corners. */
@@ -14051,9 +13930,9 @@ static const char *const sbl__glsl_belongs[] = {
 /* >>glsl filter: shaders_embedded/filter.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_filter[] = {
 "// The Gaussian of section III-H over pixels with the same id, normalised. Outside paper mode, weights are also\n",
-"// reduced for pixels whose normal or plane differs, or whose light differs by more than noise can explain.\n",
+"// reduced for pixels whose normal or plane differs, or whose R or harmonics differ by more than noise explains.\n",
 "uniform sampler2D radiance;  // R; a: its noise, above 0 where there is a surface\n",
-"uniform sampler2D layer;     // SBL_DIRECTIONAL: harmonics, smoothed instead of R, where both they and R are alike\n",
+"uniform sampler2D layer;     // SBL_DIRECTIONAL: a layer of harmonics, which is smoothed instead of R\n",
 "uniform sampler2D positions, normals;\n",
 "uniform usampler2D ids;\n",
 "uniform int radius;\n",
@@ -14061,11 +13940,11 @@ static const char *const sbl__glsl_filter[] = {
 "uniform int geometry_aware;\n",
 "layout(location = 0) out vec4 out_radiance;\n",
 "\n",
-"uniform float few;           // noise of harmonics where R has none, since looks have few rays; as a share of R\n",
+"uniform float layer_noise;   // noise of harmonics, as a share of R, where R has no noise: looks have few rays\n",
 "const float SBL_HARMONIC = 2.0;  // noise of a harmonic divided by the noise of R, approximately\n",
 "\n",
-"// Returns the approximate noise of a harmonic. light: R and its noise\n",
-"float sbl_harmonic_noise(vec4 light) { return SBL_HARMONIC * light.a + few * max(light.r, max(light.g, light.b)); }\n",
+"// Returns the approximate noise of a harmonic. r: R and its noise\n",
+"float sbl_harmonic_noise(vec4 r) { return SBL_HARMONIC * r.a + layer_noise * max(r.r, max(r.g, r.b)); }\n",
 "\n",
 "// Returns about 1 if noise explains the difference of two pixels, about 0 if the difference is several times that.\n",
 "float sbl_alike(vec4 a, vec4 b) {\n",
@@ -14114,7 +13993,7 @@ typedef struct sbl__filter {
     int radius, geometry_aware;
     const sbl__texture *radiance;  /* R and its noise */
     const sbl__texture *layer;     /* the layer of harmonics to smooth; NULL: smooth R */
-    float few;                     /* see filter.glsl */
+    float layer_noise;             /* see filter.glsl */
 } sbl__filter;
 
 static double sbl__filter_sigma(int radius) { return SBL__MAX(0.5 * radius, 0.1); }
@@ -14141,7 +14020,7 @@ static sbl_result sbl__filter_draw(sbl__device *d, const sbl__filter *f, const s
     sbl__pass_rows(d, out, rows[0], rows[1]);
     sbl__bind(d, "radiance", f->radiance);
     if (f->layer) sbl__bind(d, "layer", f->layer);
-    sbl__set_float(d, "few", f->few);
+    sbl__set_float(d, "layer_noise", f->layer_noise);
     sbl__bind(d, "positions", &g->textures[SBL__GBUFFER_POSITION]);
     sbl__bind(d, "normals", &g->textures[SBL__GBUFFER_NORMAL]);
     sbl__bind(d, "ids", &g->textures[SBL__GBUFFER_ID]);
@@ -14168,13 +14047,14 @@ static const char *const sbl__glsl_resolve[] = {
 "uniform vec2 offset;                        // position of the sample relative to the pixel's centre, pixels\n",
 "uniform vec3 sky;                           // constant radiance of the sky\n",
 "uniform sampler2D previous;                 // sum over the previous samples\n",
-"uniform float first, share;                 // first: 0 for the first sample, else 1; share: 1 / number of samples\n",
+"uniform int has_previous;                   // 0: this is the first sample\n",
+"uniform float share;                        // 1 / number of samples\n",
 "layout(location = 0) out vec4 out_color;\n",
 "\n",
 "const int SBL_REACH = 2;                // R is taken from pixels at most this far away in x and y\n",
 "const float SBL_NEAR_ENOUGH = 0.05;     // least sum of weights at which the four nearest pixels suffice\n",
-"const float SBL_SAME_ID = 1e-3;         // least weight of a pixel with the same id, even if it does not belong\n",
-"const float SBL_OTHER_ID = 0.01;        // least weight of a pixel with any id, if there is none with the same id\n",
+"const float SBL_SAME_ID = 1e-3;         // weight of a pixel with the same id that does not belong to the surface\n",
+"const float SBL_OTHER_ID = 0.01;        // least weight of a pixel if none has the same id\n",
 "\n",
 "// Returns the radiance of the environment picture in a direction, bilinearly filtered.\n",
 "vec3 sbl_sky_smooth(vec3 direction) {\n",
@@ -14223,7 +14103,7 @@ static const char *const sbl__glsl_resolve[] = {
 "void main() {\n",
 "    ivec2 at = ivec2(gl_FragCoord.xy);\n",
 "    uint id = texelFetch(sample_ids, at, 0).x;\n",
-"    vec4 before = first == 0.0 ? vec4(0) : texelFetch(previous, at, 0);\n",
+"    vec4 before = has_previous == 0 ? vec4(0) : texelFetch(previous, at, 0);\n",
 "    vec3 color;\n",
 "    if (id == 0u) color = sky + sbl_sky_smooth(sbl_camera_direction());\n",
 "    else {\n",
@@ -14250,21 +14130,22 @@ static void sbl__sample_offset(int i, int count, float out[2]) {
     out[1] = count == 1 ? 0 : (float)(y - floor(y) - 0.5);
 }
 
-/* A sample of every pixel. */
+/* One anti-aliasing sample, of all pixels. */
 typedef struct sbl__resolve {
     const sbl__gbuffer *centres, *sample;  /* G-buffers of the pixels' centres and of the sample */
     const sbl__texture *radiance;          /* R at pixel centres */
     const sbl__texture *previous;          /* sum over the previous samples */
     const sbl__environment *environment;
     const sbl__camera *camera;
-    float offset[2];                       /* position relative to the pixel's centre, pixels */
     int index, count;                      /* index of the sample; number of samples */
 } sbl__resolve;
 
 /* Adds the sample to `previous` and writes the sum to rows of `out`. rows: first row, number of rows */
 static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const sbl__target *out, const int rows[2]) {
     const sbl_result result = sbl__use(d, &sbl__recipe_resolve, 0);
+    float offset[2];
     if (result != SBL_SUCCESS) return result;
+    sbl__sample_offset(r->index, r->count, offset);
     sbl__pass_rows(d, out, rows[0], rows[1]);
     sbl__bind(d, "radiance", r->radiance);
     sbl__bind(d, "positions", &r->centres->textures[SBL__GBUFFER_POSITION]);
@@ -14277,9 +14158,9 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
     sbl__bind(d, "sample_ids", &r->sample->textures[SBL__GBUFFER_ID]);
     sbl__bind(d, "previous", r->previous);
     sbl__environment_bind(d, r->environment);
-    sbl__camera_set(d, r->camera, r->offset, out);
-    sbl__set_vec2(d, "offset", r->offset[0], r->offset[1]);
-    sbl__set_float(d, "first", r->index ? 1.0f : 0.0f);
+    sbl__camera_set(d, r->camera, offset, out);
+    sbl__set_vec2(d, "offset", offset[0], offset[1]);
+    sbl__set_int(d, "has_previous", r->index > 0);
     sbl__set_float(d, "share", 1.0f / (float)r->count);
     sbl__draw_screen(d);
     return SBL_SUCCESS;
@@ -14291,7 +14172,7 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
 
 typedef struct sbl__gutters {
     sbl__stages stages;
-    int width, height;
+    int size[2];               /* width and height, texels */
     float *light;              /* 4 floats per texel: R, and the texel's ring: 0 on charts, negative if none */
     sbl__rings spread;
 } sbl__gutters;
@@ -14319,8 +14200,8 @@ static void sbl__gutters_mean(void *user, int texel) {
 static sbl_result sbl__gutters_begin(sbl__base *base, sbl__gutters *g, const int size[2], int rings) {
     const size_t texels = (size_t)size[0] * (size_t)size[1];
     g->spread.last = rings;
-    g->width = g->spread.width = size[0];
-    g->height = size[1];
+    g->size[0] = g->spread.width = size[0];
+    g->size[1] = size[1];
     g->spread.user = g;
     g->spread.mean = sbl__gutters_mean;
     g->spread.neighbour = sbl__ring_grid;
@@ -14373,7 +14254,8 @@ static sbl_result sbl__gutters_step(sbl__gutters *g, sbl__slice *slice) {
 #define SBL__SEAM_ROUNDS 4        /* maximum number of solutions per layer */
 #define SBL__SEAM_PRECISION2 1e-10
 
-/* unknowns: texels until the point is added, then numbers of unknowns; weights: of A, then of B, which are negative */
+/* A point of a seam. Entries 0 to 3 are for its place A in the map, 4 to 7 for B; the weights of B are negative.
+   unknowns: texels until the point is added, then numbers of unknowns */
 typedef struct sbl__seam_point { int unknowns[8]; float weights[8]; } sbl__seam_point;
 
 enum { SBL__SEAMS_EDGES, SBL__SEAMS_BEFORE, SBL__SEAMS_SOLVE, SBL__SEAMS_APPLY, SBL__SEAMS_AFTER, SBL__SEAMS_DONE };
@@ -14392,7 +14274,7 @@ typedef struct sbl__seams {
     int seams;                  /* number of seams */
     int layers;                 /* number of layers done; layer 0 is R, the others are harmonics, which have signs */
     int rounds;                 /* number of solutions of this layer so far */
-    int bound;                  /* 1 if the last solution made channels negative */
+    int bound;                  /* 1 if the last solution made channels negative, which then were set to 0 */
     float before, after;        /* largest differences across seams before and after solutions, luminance */
 } sbl__seams;
 
@@ -14444,17 +14326,16 @@ static int sbl__seam_match(const sbl__geometry *g, const uint32_t edges[2], cons
 /* Stores the four texels around a place in the map (at, in texels) and their bilinear weights as one side of a point.
    Returns 0 if one of these texels has no light. */
 static int sbl__seam_mix(const sbl__gutters *g, const double at[2], int side, sbl__seam_point *p) {
-    const int size[2] = { g->width, g->height };
     int low[2], high[2], i, k;
     double share[2];
     for (k = 0; k < 2; k++) {
-        const double x = SBL__MIN(SBL__MAX(at[k] - 0.5, 0.0), size[k] - 1.0);
+        const double x = SBL__MIN(SBL__MAX(at[k] - 0.5, 0.0), g->size[k] - 1.0);
         low[k] = (int)x;
-        high[k] = SBL__MIN(low[k] + 1, size[k] - 1);
+        high[k] = SBL__MIN(low[k] + 1, g->size[k] - 1);
         share[k] = x - low[k];
     }
     for (i = 0; i < 4; i++) {
-        const int texel = (i & 2 ? high[1] : low[1]) * g->width + (i & 1 ? high[0] : low[0]);
+        const int texel = (i & 2 ? high[1] : low[1]) * g->size[0] + (i & 1 ? high[0] : low[0]);
         const double weight = (i & 1 ? share[0] : 1 - share[0]) * (i & 2 ? share[1] : 1 - share[1]);
         if (g->light[4 * (size_t)texel + 3] < 0) return 0;
         p->unknowns[4 * side + i] = texel;
@@ -14495,14 +14376,13 @@ static sbl_result sbl__seam_add(sbl__seams *s, const sbl__seam_point *p) {
 
 /* Adds points along a seam. ends: two vertices per side */
 static sbl_result sbl__seam_points(sbl__seams *s, const uint32_t ends[2][2]) {
-    const int size[2] = { s->light->width, s->light->height };
     double places[2][2][2], longest = 0;  /* positions in the map of side and end, texels */
     int side, k, i, count;
     for (side = 0; side < 2; side++) {
         double dx, dy;
         for (i = 0; i < 4; i++)
             places[side][i / 2][i % 2] = (double)sbl__atlas_uv(s->atlas->geometry, ends[side][i / 2])[i % 2] *
-                                         size[i % 2];
+                                         s->light->size[i % 2];
         dx = places[side][1][0] - places[side][0][0];
         dy = places[side][1][1] - places[side][0][1];
         longest = SBL__MAX(longest, sqrt(dx * dx + dy * dy));
@@ -14619,7 +14499,7 @@ static sbl_result sbl__seams_make(void *work, sbl__slice *slice) {
 static sbl_result sbl__seams_make_solver(void *work, sbl__slice *slice) {
     sbl__seams *s = (sbl__seams *)work;
     (void)slice;
-    if (s->solver.user) return SBL_SUCCESS;  /* it has been made */
+    if (s->solver.user) return SBL_SUCCESS;  /* made for layer 0 */
     s->solver.user = s;
     s->solver.term = sbl__seam_term;
     s->solver.term_count = s->point_count;
@@ -14646,7 +14526,7 @@ static int sbl__seams_unknowns(void *work) { return ((sbl__seams *)work)->unknow
 
 /* Prepares for another layer of the same lightmap. */
 static void sbl__seams_again(sbl__seams *s) {
-    if (s->stages.stage < SBL__SEAMS_DONE) return;  /* seams are not wanted */
+    if (s->stages.stage < SBL__SEAMS_DONE) return;  /* sbl_lightmap_desc.seams leaves them open */
     s->stages.stage = SBL__SEAMS_BEFORE;
     s->layers++;
     s->rounds = 0;
@@ -14971,7 +14851,7 @@ static sbl_result sbl__map_filter(void *work, sbl__slice *slice) {
     filter.geometry_aware = m->desc.options.mode != SBL_MODE_PAPER;
     filter.radiance = &m->layers[0].light;
     filter.layer = m->layer ? &layer->light : NULL;
-    filter.few = sbl__spec_layer_noise(&m->spec);
+    filter.layer_noise = sbl__spec_layer_noise(&m->spec);
     rows[1] = sbl__pace_rows(&m->filter_pace, slice, &layer->target, rows[0]);
     result = sbl__filter_draw(d, &filter, &m->gbuffer, &layer->target, rows);
     sbl__pace_end(d, &m->filter_pace, (double)rows[1] * m->desc.width);
@@ -15286,7 +15166,6 @@ static sbl_result sbl__picture_compose(sbl__picture *p, sbl__resolve *r, const s
     r->radiance = &m->layers[0].smooth;
     r->environment = &m->work.core->scene.environment;
     r->camera = &p->camera;
-    sbl__sample_offset(r->index, r->count, r->offset);
     rows[0] = *row;
     rows[1] = sbl__pace_rows(&p->resolve_pace, slice, out, *row);
     result = sbl__resolve_draw(d, r, out, rows);
@@ -15875,8 +15754,7 @@ static void sbl__vertices_free(void *work) {
 
 static sbl_result sbl__vertices_check(const sbl__core *c, const void *desc, sbl__measurement *measurement) {
     const sbl_vertices_desc *given = (const sbl_vertices_desc *)desc, d = sbl_vertices_desc_defaults(given);
-    const sbl_readings_desc readings = sbl__vertices_readings(&d);
-    *measurement = sbl__measurement_of(&readings.options, readings.sensor_kind, readings.sensor_fov);
+    *measurement = sbl__measurement_of(&d.options, SBL_SENSOR_HEMICUBE, 135);
     measurement->every_ray = given && given->options.rays > 0;
     return sbl__check_vertices(&c->base, &d, &c->scene);
 }
@@ -15899,7 +15777,8 @@ static sbl_result sbl__vertices_begin(void *work, const void *desc) {
         s->vertex_count += g->meshes[part->mesh].vertex_count;
         s->triangle_count += g->meshes[part->mesh].triangle_count;
     }
-    readings = sbl__vertices_readings(&s->desc);
+    memset(&readings, 0, sizeof readings);
+    readings.options = s->desc.options;
     s->desc.meshes = NULL;
     return sbl__work_begin(&s->gathering.work, &sbl__readings_front_end, c, &s->work.measurement, &readings);
 }
