@@ -4745,8 +4745,7 @@ static sbl_result sbl__texels_write(const sbl__device *d, const sbl__textures *s
             float c[4] = { 0, 0, 0, 1 };
             if (copy) memcpy(c, copy + 4 * ((size_t)y * (size_t)width + (size_t)x), sizeof c);
             else sbl__read_pixel(t, x, y, c);
-            for (k = 0; k < 4 && encoded; k++) to[k] = (unsigned char)(255.0f * c[k] + 0.5f);
-            for (k = 0; k < 4 && !encoded; k++) {
+            for (k = 0; k < 4; k++) {
                 if (!sbl__between(&c[k], 0, FLT_MAX)) {
                     sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: component %d of pixel "
                              "%d %d is %g; it must be finite and not negative", number, k, x, y, (double)c[k]);
@@ -4755,7 +4754,7 @@ static sbl_result sbl__texels_write(const sbl__device *d, const sbl__textures *s
                 if (table->texel == 8) {
                     const uint16_t half = sbl__to_half(c[k]);
                     memcpy(to + 2 * k, &half, 2);
-                } else to[k] = sbl__to_byte(k < 3 ? sbl__linear_to_srgb(c[k]) : c[k]);
+                } else to[k] = sbl__to_byte(encoded || k == 3 ? c[k] : sbl__linear_to_srgb(c[k]));
             }
             s->brightest[number] = SBL__MAX(s->brightest[number], encoded ? 1.0f : sbl__max3(c));
         }
@@ -5006,7 +5005,7 @@ static const char *const sbl__glsl_material[] = {
 
 typedef struct sbl__environment {
     float sky[3];        /* constant radiance from all directions, added to the picture's */
-    float *pixels;       /* radiance of the picture, host's scale included: r g b; NULL if there is no picture */
+    float *pixels;       /* radiance of the picture, host's scale included: r g b 0; NULL if there is no picture */
     int width, height;   /* size of the picture, texels */
     float axes[3][3];    /* the picture's x, up and z axes in world space: unit vectors */
     float limit;         /* radiance (largest component) above which a texel is a lamp; 0 if there is no picture */
@@ -5049,7 +5048,7 @@ static void sbl__environment_direction(const sbl__environment *e, int x, int y, 
         out[k] = sin(angle) * (cos(around) * e->axes[0][k] + sin(around) * e->axes[2][k]) + cos(angle) * e->axes[1][k];
 }
 
-/* Computes a texel's linear radiance from the host's pixels or function, times the host's scale. c[3] is undefined. */
+/* Computes a texel's linear radiance from the host's pixels or function, times the host's scale. c[3] is 0. */
 static void sbl__environment_texel(const sbl__environment *e, const sbl_environment *desc, int x, int y, float c[4]) {
     const sbl_texture *t = &desc->picture;
     double exact[3];
@@ -5065,18 +5064,17 @@ static void sbl__environment_texel(const sbl__environment *e, const sbl_environm
         for (k = 0; k < 3 && t->format == SBL_PIXELS_SRGB8; k++) c[k] = sbl__srgb_to_linear(c[k]);
     }
     for (k = 0; k < 3; k++) c[k] *= sbl__zero(&desc->scale) ? 1.0f : SBL__MAX(desc->scale, 0.0f);
+    c[3] = 0;
 }
 
-/* Fills e->pixels (r g b) and texels (r g b a, for the GPU); computes e->limit and e->brightest. */
-static sbl_result sbl__environment_read(const sbl__base *base, sbl__environment *e, const sbl_environment *desc,
-                                        float *texels) {
+/* Fills e->pixels; computes e->limit and e->brightest. */
+static sbl_result sbl__environment_read(const sbl__base *base, sbl__environment *e, const sbl_environment *desc) {
     double mean = 0, weights = 0;
+    float *c = e->pixels;
     int x, y, k;
     for (y = 0; y < e->height; y++) {
         const double weight = sin(SBL__PI * (y + 0.5) / e->height);
-        for (x = 0; x < e->width; x++) {
-            const size_t at = (size_t)y * (size_t)e->width + (size_t)x;
-            float *c = texels + 4 * at;
+        for (x = 0; x < e->width; x++, c += 4) {
             sbl__environment_texel(e, desc, x, y, c);
             for (k = 0; k < 3; k++)
                 if (!sbl__between(&c[k], 0, FLT_MAX)) {
@@ -5084,7 +5082,6 @@ static sbl_result sbl__environment_read(const sbl__base *base, sbl__environment 
                              "%d %d is %g; it must be finite and not negative", k, x, y, (double)c[k]);
                     return SBL_ERROR_INVALID_ARGUMENT;
                 }
-            memcpy(e->pixels + 3 * at, c, 12);
             mean += weight * sbl__max3(c);
             weights += weight;
             e->brightest = SBL__MAX(e->brightest, sbl__max3(c) + sbl__max3(e->sky));
@@ -5097,8 +5094,6 @@ static sbl_result sbl__environment_read(const sbl__base *base, sbl__environment 
 static sbl_result sbl__environment_make(const sbl__device *d, sbl__environment *e, const sbl_scene_desc *desc) {
     const sbl_environment *from = &desc->environment;
     const int most = d->gl.capabilities.max_texture_size;
-    size_t pixels;
-    float *texels;
     sbl_result result;
     memcpy(e->sky, desc->sky, sizeof e->sky);
     e->brightest = sbl__max3(e->sky);
@@ -5111,14 +5106,10 @@ static sbl_result sbl__environment_make(const sbl__device *d, sbl__environment *
         return SBL_ERROR_UNSUPPORTED;
     }
     sbl__environment_axes(e, from);
-    pixels = (size_t)e->width * (size_t)e->height;
-    e->pixels = (float *)sbl__alloc_raw(d->base, pixels, 12);
-    texels = (float *)sbl__alloc_raw(d->base, pixels, 16);
-    result = e->pixels && texels ? sbl__environment_read(d->base, e, from, texels) : SBL_ERROR_OUT_OF_MEMORY;
+    e->pixels = (float *)sbl__alloc_raw(d->base, (size_t)e->width * (size_t)e->height, 16);
+    result = e->pixels ? sbl__environment_read(d->base, e, from) : SBL_ERROR_OUT_OF_MEMORY;
     if (result == SBL_SUCCESS) result = sbl__texture_make(d, &e->texels, e->width, e->height, SBL__GL_RGBA32F);
-    if (result == SBL_SUCCESS) result = sbl__texture_write(d, &e->texels, 0, e->height, texels);
-    sbl__free(d->base, texels);
-    return result;
+    return result == SBL_SUCCESS ? sbl__texture_write(d, &e->texels, 0, e->height, e->pixels) : result;
 }
 
 #define SBL__FAR 1e29f   /* a distance above this means that a ray hit nothing */
@@ -5135,7 +5126,7 @@ static void sbl__environment_radiance(const sbl__environment *e, const double di
         for (k = 0; k < 3; k++) d[i] += direction[k] * (double)e->axes[i][k];
     x = (int)((0.5 + atan2(d[2], d[0]) / (2 * SBL__PI)) * e->width);
     y = (int)(acos(SBL__MIN(SBL__MAX(d[1], -1.0), 1.0)) / SBL__PI * e->height);
-    texel = e->pixels + 3 * ((size_t)SBL__MIN(y, e->height - 1) * (size_t)e->width + (size_t)SBL__MIN(x, e->width - 1));
+    texel = e->pixels + 4 * ((size_t)SBL__MIN(y, e->height - 1) * (size_t)e->width + (size_t)SBL__MIN(x, e->width - 1));
     excess = SBL__MAX(1 - (double)(e->limit / SBL__MAX(sbl__max3(texel), SBL__SKY_LEAST)), 0);
     for (k = 0; k < 3; k++) light[k] += (float)((1 - excess) * (double)texel[k]);
 }
@@ -5228,8 +5219,6 @@ typedef struct sbl__box { float low[3], high[3]; } sbl__box;
 
 static const sbl__box sbl__box_empty = { { FLT_MAX, FLT_MAX, FLT_MAX }, { -FLT_MAX, -FLT_MAX, -FLT_MAX } };
 
-static void sbl__box_clear(sbl__box *b) { *b = sbl__box_empty; }
-
 /* Extends a box so that it contains all coordinates from low to high. */
 static void sbl__box_grow(sbl__box *b, const float *low, const float *high) {
     int k;
@@ -5285,7 +5274,6 @@ typedef struct sbl__bvh {        /* while it is built */
     const sbl__geometry *geometry;
     struct sbl__hierarchy *hierarchy;
     uint32_t (*children)[4];     /* sbl__node: two children per node */
-    uint32_t *order;             /* triangle numbers, leaf after leaf */
     sbl__box *boxes;             /* per triangle: its bounds */
     sbl__bvh_work *work;         /* per node: its cost */
     sbl__bvh_bounds all;
@@ -5310,7 +5298,6 @@ typedef struct sbl__hierarchy {
 static void sbl__bvh_free(const sbl__device *d, sbl__bvh *b) {
     if (!b) return;
     sbl__free(d->base, b->children);
-    sbl__free(d->base, b->order);
     sbl__free(d->base, b->boxes);
     sbl__free(d->base, b->work);
     sbl__free(d->base, b);
@@ -5348,18 +5335,19 @@ static int sbl__bvh_chunks(void *work) {
 static sbl_result sbl__bvh_chunk(void *work, int chunk) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__bvh_split *s = &b->split;
+    uint32_t *order = b->hierarchy->order;
     const int first = b->task.first + chunk * SBL__BVH_CHUNK;
     const int end = SBL__MIN(first + SBL__BVH_CHUNK, b->task.first + b->task.count);
     int i, axis;
     for (i = first; i < end; i++) {
-        const uint32_t number = b->order[i];
+        const uint32_t number = order[i];
         const sbl__box *box = &b->boxes[number];
         if (b->stages.stage == SBL__BVH_PART) {
             const int second = sbl__bvh_bin(b, box, s->axis) > s->bin;
             sbl__bvh_bounds_add(&s->halves[second], box);
             if (second) continue;
-            b->order[i] = b->order[b->task.first + s->left];
-            b->order[b->task.first + s->left++] = number;
+            order[i] = order[b->task.first + s->left];
+            order[b->task.first + s->left++] = number;
         } else for (axis = 0; axis < 3; axis++) {
             const int bin = s->scale[axis] > 0 ? sbl__bvh_bin(b, box, axis) : 0;
             sbl__box_add(&s->bins[axis][bin], box);
@@ -5438,7 +5426,7 @@ static int sbl__bvh_corner_order(const void *first, const void *second) {
    them, but would test all of them. Shortens the task. */
 static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
     const sbl__geometry *g = b->geometry;
-    uint32_t *order = b->order;
+    uint32_t *order = b->hierarchy->order;
     uint32_t (*corners)[10] = (uint32_t (*)[10])sbl__alloc(b->device->base, (size_t)t->count, sizeof *corners);
     int i, k, kept = 0, last = 0;
     if (!corners) return SBL_ERROR_OUT_OF_MEMORY;
@@ -5506,7 +5494,8 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
         const sbl_result result = sbl__bvh_drop_copies(b, t);
         if (result != SBL_SUCCESS) return result;
         s->left = t->count / 2;
-        for (i = 0; i < t->count; i++) sbl__bvh_bounds_add(&s->halves[i >= s->left], &b->boxes[b->order[t->first + i]]);
+        for (i = 0; i < t->count; i++)
+            sbl__bvh_bounds_add(&s->halves[i >= s->left], &b->boxes[b->hierarchy->order[t->first + i]]);
     }
     b->work[node].area = sbl__box_area(&t->bounds.box);
     b->work[node].parent = t->parent;
@@ -5544,11 +5533,12 @@ static sbl_result sbl__bvh_begin(const sbl__device *d, const sbl__geometry *g, s
     h->node_count = h->triangle_count = 0;
     h->cost = h->seconds = 0;
     b->children = (uint32_t (*)[4])sbl__alloc_raw(d->base, nodes, sizeof(sbl__node));
-    b->order = (uint32_t *)sbl__alloc_raw(d->base, room, 4);
+    sbl__free(d->base, h->order);
+    h->order = (uint32_t *)sbl__alloc_raw(d->base, room, 4);
     b->boxes = (sbl__box *)sbl__alloc_raw(d->base, room, sizeof *b->boxes);
     b->work = (sbl__bvh_work *)sbl__alloc_raw(d->base, nodes, sizeof *b->work);
     b->all.box = b->all.centroids = sbl__box_empty;
-    return b->children && b->order && b->boxes && b->work ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    return b->children && h->order && b->boxes && b->work ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 static int sbl__bvh_all_triangles(void *work) { return ((sbl__bvh *)work)->geometry->triangle_count; }
@@ -5558,7 +5548,7 @@ static sbl_result sbl__bvh_box(void *work, int at) {
     sbl__bvh *b = (sbl__bvh *)work;
     const uint32_t i = (uint32_t)at;
     if (sbl__triangle_object(b->geometry, i)->flags & SBL_MATERIAL_HIDDEN_FROM_SENSORS) return SBL_SUCCESS;
-    b->order[b->hierarchy->triangle_count++] = i;
+    b->hierarchy->order[b->hierarchy->triangle_count++] = i;
     sbl__box_of_triangle(&b->boxes[i], b->geometry, i);
     sbl__bvh_bounds_add(&b->all, &b->boxes[i]);
     return SBL_SUCCESS;
@@ -5618,7 +5608,7 @@ static sbl_result sbl__bvh_triangles(void *work, sbl__slice *slice) {
     (void)slice;
     if (!records) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < count; i++) {
-        const uint32_t number = b->order[b->stages.at + i];
+        const uint32_t number = h->order[b->stages.at + i];
         sbl__triangle *t = &records[i];
         if (number == SBL__BVH_DROPPED) continue;
         memcpy(t->corner_0, sbl__triangle_corner(g, number, 0), 12);
@@ -5660,12 +5650,7 @@ static sbl_result sbl__hierarchy_step(sbl__device *d, const sbl__geometry *g, sb
                                                         slice);
     h->seconds += sbl__now() - start;
     if (result == SBL_UNFINISHED) return result;
-    if (result == SBL_SUCCESS) {  /* >>lamps still needs the order; the nodes are on the GPU */
-        h->ready = 1;
-        sbl__free(d->base, h->order);
-        h->order = h->building->order;
-        h->building->order = NULL;
-    }
+    h->ready = result == SBL_SUCCESS;
     sbl__bvh_free(d, h->building);
     h->building = NULL;
     return result;
@@ -6048,7 +6033,7 @@ static sbl_result sbl__lamps_add_texel(void *work, int at) {
     sbl__lamps *l = (sbl__lamps *)work;
     const sbl__environment *e = l->environment;
     const int x = at % e->width, y = at / e->width;
-    const float *c = e->pixels + 3 * (size_t)at;
+    const float *c = e->pixels + 4 * (size_t)at;
     const double step = SBL__PI / e->height;
     const double solid_angle = 2 * SBL__PI / e->width * 2 * sin(step * (y + 0.5)) * sin(0.5 * step);
     const uint32_t number = (uint32_t)y << SBL__SKY_COLUMN_BITS | (uint32_t)x;
@@ -6070,7 +6055,7 @@ static double sbl__lamps_most(const sbl__geometry *g, const sbl__environment *e,
     for (i = 0; i < (size_t)g->mesh_count; i++)
         if (sbl__emits(&g->objects[i], 0)) lamps += g->meshes[i].triangle_count;
     for (i = 0; e->pixels && i < (size_t)e->width * (size_t)e->height; i++)
-        lamps += sbl__max3(e->pixels + 3 * i) > e->limit;
+        lamps += sbl__max3(e->pixels + 4 * i) > e->limit;
     return lamps;
 }
 
@@ -6537,7 +6522,7 @@ static sbl_result sbl__patch_measure(void *work, int at) {
     if (triangle == root) {  /* A root has the smallest number in its patch, so the stage visits it first. */
         patch->flat = 1;
         for (k = 0; k < 3; k++) patch->normal[k] = (float)normal[k];
-        sbl__box_clear(&patch->bounds);
+        patch->bounds = sbl__box_empty;
     }
     sbl__box_of_triangle(&box, g, triangle);
     sbl__box_add(&patch->bounds, &box);
@@ -12606,7 +12591,7 @@ static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__sli
    belongs to the scene and is valid. */
 
 #define SBL__SAVED_NAME "sblstore"
-#define SBL__SAVED_VERSION 3u
+#define SBL__SAVED_VERSION 4u
 #define SBL__SAVED_ORDER 0x01020304u   /* tells the byte order */
 #define SBL__SAVED_SEED 0xcbf29ce484222325u
 #define SBL__SAVED_CELLS (1 << 22)     /* largest number of slots and of cuts; half of it for leaves */
@@ -12632,7 +12617,7 @@ static uint64_t sbl__saved_scene(const sbl__scene *s) {
     hash = sbl__hash_bytes(hash, e->sky, sizeof e->sky);
     hash = sbl__hash_bytes(hash, e->axes, sizeof e->axes);
     if (s->draw) hash = sbl__hash_bytes(hash, s->draw_bounds, sizeof s->draw_bounds);
-    if (e->pixels) hash = sbl__hash_bytes(hash, e->pixels, 3 * sizeof(float) * (size_t)e->width * (size_t)e->height);
+    if (e->pixels) hash = sbl__hash_bytes(hash, e->pixels, 4 * sizeof(float) * (size_t)e->width * (size_t)e->height);
     return hash;
 }
 
