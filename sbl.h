@@ -5281,6 +5281,7 @@ typedef struct sbl__bvh {        /* while it is built */
     sbl__bvh_task task;          /* the present task */
     int top;                     /* height of the stack */
     sbl__bvh_split split;
+    sbl__triangle records[SBL__UPLOAD_CHUNK / sizeof(sbl__triangle)];  /* a piece of an upload */
 } sbl__bvh;
 
 typedef struct sbl__hierarchy {
@@ -5597,19 +5598,15 @@ static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, 
 
 /* Uploads a piece of the triangles' records, in the order of the leaves. */
 static sbl_result sbl__bvh_triangles(void *work, sbl__slice *slice) {
-    enum { MOST = SBL__UPLOAD_CHUNK / sizeof(sbl__triangle) };
     sbl__bvh *b = (sbl__bvh *)work;
     const sbl__geometry *g = b->geometry;
     sbl__hierarchy *h = b->hierarchy;
-    const int count = SBL__MIN((int)MOST, h->triangle_count - b->stages.at);
-    sbl__triangle *records = (sbl__triangle *)sbl__alloc(b->device->base, MOST, sizeof *records);
-    sbl_result result;
+    const int count = SBL__MIN(SBL__COUNT(b->records), h->triangle_count - b->stages.at);
     int i;
     (void)slice;
-    if (!records) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < count; i++) {
         const uint32_t number = h->order[b->stages.at + i];
-        sbl__triangle *t = &records[i];
+        sbl__triangle *t = &b->records[i];
         if (number == SBL__BVH_DROPPED) continue;
         memcpy(t->corner_0, sbl__triangle_corner(g, number, 0), 12);
         memcpy(t->corner_1, sbl__triangle_corner(g, number, 1), 12);
@@ -5618,9 +5615,7 @@ static sbl_result sbl__bvh_triangles(void *work, sbl__slice *slice) {
         t->number = number;
         t->cutout = sbl__triangle_object(g, number)->alpha_cutoff != 0.0f;
     }
-    result = sbl__bvh_upload(b, &h->triangle_table, records, sizeof *records, h->triangle_count);
-    sbl__free(b->device->base, records);
-    return result;
+    return sbl__bvh_upload(b, &h->triangle_table, b->records, sizeof *b->records, h->triangle_count);
 }
 
 static sbl_result sbl__bvh_nodes(void *work, sbl__slice *slice) {
@@ -6739,14 +6734,13 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     /* texels: 3 per triangle, and a few for grids; 2 per vertex; 5 per mesh; 2 nodes of 4 and a leaf per lamp */
     const double texels = SBL__MAX(SBL__MAX(3.0 * g->triangle_count + 8, 2.0 * g->vertex_count),
                                    SBL__MAX(5.0 * g->mesh_count, 9 * lamps + 3.0 * s->lights.count));
-    double most = (c->max_texture_size - 1) * (double)SBL__TEXELS_ACROSS;
+    double most = c->max_texture_size < SBL__TEXELS_ACROSS ? 0 : (c->max_texture_size - 1) * (double)SBL__TEXELS_ACROSS;
     if (!sbl__between(&s->brightest, 0, SBL__RADIANCE_MOST)) {
         sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MATERIAL, "the brightest emission (times its texture), "
                  "sky or drawn radiance is %g; it must be at most %g", (double)s->brightest,
                  (double)SBL__RADIANCE_MOST);
         return SBL_ERROR_INVALID_ARGUMENT;
     }
-    if (c->max_texture_size < SBL__TEXELS_ACROSS) most = 0;
     s->geometry.wide = texels > limit;
     if (s->geometry.wide && texels > most) {
         most = SBL__MAX(most, limit);
@@ -6845,7 +6839,7 @@ static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const s
     sbl__object *objects = (sbl__object *)sbl__alloc_raw(d->base, count, sizeof *objects);
     const sbl__scene before = *s;
     sbl__lights others;
-    sbl_result result = SBL_SUCCESS;
+    sbl_result result;
     int i, differ = 0;
     if (!objects) return SBL_ERROR_OUT_OF_MEMORY;
     memset(&others, 0, sizeof others);
@@ -7013,8 +7007,7 @@ static const char *const sbl__glsl_surface[] = {
 "}\n",
 "\n",
 "// The surface point at barycentrics b1, b2 (of the second and third corner), seen along `direction`.\n",
-"sbl_Surface sbl_surface_at(int triangle, float b1, float b2, vec3 direction) {\n",
-"    sbl_Facet f = sbl_facet(triangle);\n",
+"sbl_Surface sbl_surface_at(sbl_Facet f, float b1, float b2, vec3 direction) {\n",
 "    int object = int(sbl_vertex_object(f.v.x));\n",
 "    float b0 = 1.0 - b1 - b2;\n",
 "\n",
@@ -7041,14 +7034,13 @@ static const char *const sbl__glsl_surface[] = {
 "// The surface point where a ray meets a triangle.\n",
 "sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {\n",
 "    sbl_Facet f = sbl_facet(triangle);\n",
-"\n",
 "    // Barycentrics by Cramer's rule (Moeller and Trumbore 1997), clamped to the triangle.\n",
 "    vec3 t = (origin - f.p0) / f.size, q = cross(t, f.s1), h = cross(direction, f.s2);\n",
 "    float determinant = dot(f.s1, h);\n",
 "    float b1 = clamp(dot(t, h) / determinant, 0.0, 1.0);\n",
 "    float b2 = clamp(dot(direction, q) / determinant, 0.0, 1.0 - b1);\n",
 "    if (!(abs(determinant) > 0.0)) { b1 = 1.0 / 3.0; b2 = 1.0 / 3.0; }\n",
-"    return sbl_surface_at(triangle, b1, b2, direction);\n",
+"    return sbl_surface_at(f, b1, b2, direction);\n",
 "}\n",
 "\n",
 "#ifdef SBL_LIGHTMAP\n",
@@ -7058,7 +7050,7 @@ static const char *const sbl__glsl_surface[] = {
 "    vec3 face = normalize(cross(f.s1, f.s2));\n",
 "    vec3 normal = (1.0 - b1 - b2) * sbl_attributes_normal(f.v.x) + b1 * sbl_attributes_normal(f.v.y) +\n",
 "                  b2 * sbl_attributes_normal(f.v.z);\n",
-"    return sbl_surface_at(triangle, b1, b2, dot(normal, face) < 0.0 ? face : -face);\n",
+"    return sbl_surface_at(f, b1, b2, dot(normal, face) < 0.0 ? face : -face);\n",
 "}\n",
 "#endif\n",
 0 };

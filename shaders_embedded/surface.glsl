@@ -51,8 +51,7 @@ sbl_Facet sbl_facet(int triangle) {
 }
 
 // The surface point at barycentrics b1, b2 (of the second and third corner), seen along `direction`.
-sbl_Surface sbl_surface_at(int triangle, float b1, float b2, vec3 direction) {
-    sbl_Facet f = sbl_facet(triangle);
+sbl_Surface sbl_surface_at(sbl_Facet f, float b1, float b2, vec3 direction) {
     int object = int(sbl_vertex_object(f.v.x));
     float b0 = 1.0 - b1 - b2;
 
@@ -79,14 +78,13 @@ sbl_Surface sbl_surface_at(int triangle, float b1, float b2, vec3 direction) {
 // The surface point where a ray meets a triangle.
 sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {
     sbl_Facet f = sbl_facet(triangle);
-
     // Barycentrics by Cramer's rule (Moeller and Trumbore 1997), clamped to the triangle.
     vec3 t = (origin - f.p0) / f.size, q = cross(t, f.s1), h = cross(direction, f.s2);
     float determinant = dot(f.s1, h);
     float b1 = clamp(dot(t, h) / determinant, 0.0, 1.0);
     float b2 = clamp(dot(direction, q) / determinant, 0.0, 1.0 - b1);
     if (!(abs(determinant) > 0.0)) { b1 = 1.0 / 3.0; b2 = 1.0 / 3.0; }
-    return sbl_surface_at(triangle, b1, b2, direction);
+    return sbl_surface_at(f, b1, b2, direction);
 }
 
 #ifdef SBL_LIGHTMAP
@@ -96,6 +94,6 @@ sbl_Surface sbl_surface_front(int triangle, float b1, float b2) {
     vec3 face = normalize(cross(f.s1, f.s2));
     vec3 normal = (1.0 - b1 - b2) * sbl_attributes_normal(f.v.x) + b1 * sbl_attributes_normal(f.v.y) +
                   b2 * sbl_attributes_normal(f.v.z);
-    return sbl_surface_at(triangle, b1, b2, dot(normal, face) < 0.0 ? face : -face);
+    return sbl_surface_at(f, b1, b2, dot(normal, face) < 0.0 ? face : -face);
 }
 #endif
