@@ -4400,7 +4400,8 @@ static sbl_result sbl__hash_table_make(sbl__base *base, sbl__hash_table *t, doub
     return t->slots ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Returns the number in a slot, and advances *slot, which is a hash at first. Stays at a free slot: SBL__NONE. */
+/* Returns the next number that may have a certain hash, and advances *slot, which the caller sets to the hash at first.
+   Returns SBL__NONE if there are no more numbers; *slot is then free. */
 static uint32_t sbl__slot_next(const sbl__hash_table *t, uint32_t *slot) {
     const uint32_t found = t->slots[*slot & t->mask];
     *slot += found > 0;
@@ -4444,7 +4445,7 @@ static int sbl__same_place(const void *geometry, uint32_t one, uint32_t other) {
     return v[one].object == v[other].object && sbl__same_floats(v[one].position, v[other].position, 3);
 }
 
-/* Returns a vertex of a side: first end (0), second end (1), opposite (2). corners: 3 welded vertices per triangle */
+/* Returns a vertex of a side. which: 0, 1: an end; 2: the opposite corner. corners: 3 welded vertices per triangle */
 static uint32_t sbl__side_end(const uint32_t *corners, uint32_t side, uint32_t which) {
     return corners[side - side % 3 + (side + which) % 3];
 }
@@ -4476,9 +4477,9 @@ static void sbl__join(uint32_t *parents, uint32_t one, uint32_t other) {
     parents[SBL__MAX(one, other)] = SBL__MIN(one, other);
 }
 
-/* >>topology: rings. Values spread from things that have one (texels or vertices) to those that have none. Ring 1 holds
-   the neighbours of the former, ring 2 the neighbours of ring 1, and so on. A thing's value is computed from those of
-   its neighbours in earlier rings. */
+/* >>topology: rings. Values spread to things (texels or vertices) that have none. Ring 0 holds the things that have a
+   value from the start, ring 1 their neighbours, ring 2 the neighbours of ring 1, and so on. A thing's value is
+   computed from the values of its neighbours in earlier rings. */
 
 #define SBL__RING_WAITS (-1)
 
@@ -4488,14 +4489,14 @@ typedef struct sbl__rings {
     void *user;
     /* Returns the neighbour at *place and advances *place, which is 0 at first. Negative: there are no more. */
     int (*neighbour)(const struct sbl__rings *r, int thing, size_t *place);
-    void (*mean)(void *user, int thing);  /* computes a thing's value from neighbours for which sbl__ring_reached */
+    void (*mean)(void *user, int thing);  /* computes a value from the neighbours that sbl__ring_reached accepts */
     int count;          /* number of things */
     int width;          /* things per row of a grid, for sbl__ring_grid */
-    int last;           /* number of the last ring wanted */
-    int *ring;          /* per thing: its ring, 0 if it had a value from the start, or SBL__RING_WAITS */
+    int last;           /* last ring to compute */
+    int *ring;          /* ring of each thing; SBL__RING_WAITS until it is known */
     int *queue;         /* things of all rings, in the order of the rings */
     int queued, room;   /* length and capacity of the queue */
-    int number;         /* number of the present ring */
+    int number;         /* ring that is being computed */
 } sbl__rings;
 
 static void sbl__rings_free(sbl__base *base, sbl__rings *r) {
@@ -4504,8 +4505,8 @@ static void sbl__rings_free(sbl__base *base, sbl__rings *r) {
     memset(r, 0, sizeof *r);
 }
 
-/* Makes r->ring, with all things waiting. The caller sets the ring of things that have a value to 0, and sets the
-   fields from `user` to `last`. */
+/* Allocates r->ring and fills it with SBL__RING_WAITS. The caller then sets the fields from `user` to `last`, and
+   r->ring of things that have a value to 0. */
 static sbl_result sbl__rings_make(sbl__base *base, sbl__rings *r, int count) {
     r->base = base;
     r->count = count;
@@ -4518,7 +4519,7 @@ static int sbl__ring_reached(const sbl__rings *r, int thing) {
     return r->ring[thing] >= 0 && r->ring[thing] < r->number;
 }
 
-/* Returns the neighbours of a thing in a grid: the 3 x 3 block around it, row by row, including the thing itself. */
+/* A `neighbour` function for grids. Visits the 3 x 3 block around a thing, including the thing itself, row by row. */
 static int sbl__ring_grid(const sbl__rings *r, int thing, size_t *place) {
     while (*place < 9) {
         const int x = thing % r->width + (int)(*place % 3) - 1, y = thing / r->width + (int)(*place / 3) - 1;
@@ -4557,7 +4558,7 @@ static sbl_result sbl__ring_next(void *work, int at) {
 static int sbl__rings_things(void *work) { return ((sbl__rings *)work)->count; }
 static int sbl__rings_queued(void *work) { return ((sbl__rings *)work)->queued; }
 
-/* Does one piece. SBL_SUCCESS: all rings up to r->last have their values. */
+/* Does a piece of the work. Returns SBL_SUCCESS when all rings up to r->last have their values. */
 static sbl_result sbl__rings_step(sbl__rings *r, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__ring_source, sbl__rings_things },
@@ -4572,30 +4573,30 @@ static sbl_result sbl__rings_step(sbl__rings *r, sbl__slice *slice) {
    Pain"). The matrix is the sum of terms, which a function of the caller multiplies by a direction, and of a multiple
    of the identity. */
 
-#define SBL__SOLVER_ROUNDS 1000  /* limit of the number of rounds */
+#define SBL__SOLVER_ROUNDS 1000  /* limit of the number of iterations */
 
 enum { SBL__SOLVER_START, SBL__SOLVER_TURN, SBL__SOLVER_MULTIPLY, SBL__SOLVER_DOT, SBL__SOLVER_ADVANCE,
        SBL__SOLVER_DONE };
 
-/* Dot products of vectors of a system. power, next_power: residual and preconditioned residual, before and after the
-   round. along: direction and product. first2, left2: preconditioned residual with itself, at the start and now. turn:
-   share of the last direction that the next direction keeps */
+/* The scalars of a system. power, next_power: residual . preconditioned residual, before and after the iteration.
+   along: direction . product. first2, left2: squared length of the preconditioned residual, at the start and after the
+   iteration. turn: factor of the last direction in the next direction */
 typedef struct sbl__solver_sums { double power, next_power, along, first2, left2, turn; } sbl__solver_sums;
 
 typedef struct sbl__solver {
     sbl__stages stages;
     void *user;
-    void (*term)(void *user, int i, const double *direction, double *product);  /* product += term i * direction */
+    void (*term)(void *user, int i, const double *direction, double *product);  /* adds term i * direction to product */
     int term_count;
     int count;                  /* number of unknowns */
     int together;               /* 1: the channels form one system; 0: each channel is a system of its own */
     double identity;            /* factor of the identity in the matrix */
     double precision2;          /* a system is solved when left2 / first2 is at most this */
-    /* Arrays of three numbers per unknown, one per channel, in one block of memory: */
-    double *diagonal;           /* the preconditioner: diagonal of the matrix, or all 1; 0 fixes the unknown */
+    /* The arrays have three numbers per unknown, one for each channel. They share one block of memory. */
+    double *diagonal;           /* the preconditioner: diagonal of the matrix, or all 1; an unknown with 0 is fixed */
     double *solution;           /* must be 0 at the start */
     double *residual;           /* must be the right side at the start */
-    double *direction, *product;
+    double *direction, *product;  /* product: matrix * direction */
     sbl__solver_sums sums[3];
     int rounds;
 } sbl__solver;
@@ -4627,7 +4628,7 @@ static sbl_result sbl__solver_term(void *work, int term) {
     return SBL_SUCCESS;
 }
 
-/* Does an unknown's part of any stage except SBL__SOLVER_MULTIPLY. */
+/* Processes an unknown, in any stage except SBL__SOLVER_MULTIPLY. */
 static sbl_result sbl__solver_unknown(void *work, int unknown) {
     sbl__solver *s = (sbl__solver *)work;
     size_t i = 3 * (size_t)unknown;
@@ -4675,7 +4676,7 @@ static int sbl__solver_after_advance(void *work) {
     return solved || ++s->rounds >= SBL__SOLVER_ROUNDS ? SBL__SOLVER_DONE : SBL__SOLVER_TURN;
 }
 
-/* Does one piece. SBL_SUCCESS: the solution is ready, and the next call starts with another right side. */
+/* Does a piece of the work. Returns SBL_SUCCESS when the solution is ready; the next call then starts anew. */
 static sbl_result sbl__solver_step(sbl__solver *s, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, sbl__solver_after_start, sbl__solver_unknown, sbl__solver_unknowns },
@@ -4701,10 +4702,10 @@ static sbl_result sbl__solver_step(sbl__solver *s, sbl__slice *slice) {
 
 typedef struct sbl__textures {
     sbl__texture tables[2];    /* texel tables: [0] 8-bit sRGB, [1] 16-bit floats */
-    /* Per texture, numbered from 1 as in materials. Number 0 stands for no texture. */
+    /* Materials number textures from 1. Element 0 of the arrays stands for no texture. */
     uint32_t (*places)[4];     /* first row in its table, width, height, kind; copied to sbl__object */
     float *brightest;          /* largest component of any texel; always 1 if pixels are 8-bit sRGB */
-    int count;                 /* number of textures */
+    int count;
     uint64_t hash;             /* hash of both tables' texels */
 } sbl__textures;
 
@@ -4719,7 +4720,7 @@ static void sbl__textures_free(const sbl__device *d, sbl__textures *t) {
 /* A texel table while the CPU fills it. texel: bytes per texel, 4 for 8-bit sRGB or 8 for 16-bit floats */
 typedef struct sbl__texel_table { unsigned char *bytes; size_t texel; int width, rows; } sbl__texel_table;
 
-/* Reads a pixel. Bytes are divided by 255. One channel is grey, two are grey and alpha. Without alpha, c[3] stays. */
+/* Reads a pixel. Bytes are divided by 255. One channel is grey, two are grey and alpha. c[3] is kept without alpha. */
 static void sbl__read_pixel(const sbl_texture *t, int x, int y, float c[4]) {
     const int channels = sbl__texture_channels(t);
     const unsigned char *at = (const unsigned char *)t->pixels + (size_t)y * sbl__texture_stride(t, t->width) +
@@ -4936,7 +4937,7 @@ static const char *const sbl__glsl_material[] = {
 "    return sbl_dark_side(object, back) ? vec3(0) : sbl_object_emission(object);\n",
 "}\n",
 "\n",
-"// Does not call sbl_emission, because softpipe then shows wrong sides.\n",
+"// True if one side of a surface emits light. Does not call sbl_emission: softpipe would show wrong sides.\n",
 "bool sbl_emits(int object, bool back) {\n",
 "    vec3 emission = sbl_object_emission(object);\n",
 "    return max(max(emission.r, emission.g), emission.b) > 0.0 && !sbl_dark_side(object, back);\n",
@@ -5144,11 +5145,11 @@ static void sbl__environment_bind(sbl__device *d, const sbl__environment *e) {
 /* >>glsl sky: shaders_embedded/sky.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sky[] = {
 "// The environment's picture (see sbl_environment), in equirectangular projection. A ray that hits nothing finds\n",
-"// the sum of its light and of the constant sky's.\n",
+"// the picture's radiance plus that of the constant sky.\n",
 "uniform sampler2D sky_picture;\n",
 "uniform vec3 sky_x, sky_up, sky_z;  // axes of the picture in world space: unit vectors\n",
 "uniform float sky_limit;            // radiance (largest component) above which a texel is also a lamp, which emits\n",
-"                                    // the excess; 0: the picture gives no light, or there is none\n",
+"                                    // the excess; 0: sbl_sky returns 0\n",
 "\n",
 "// Position in the picture where a direction points to: 0 to 1 from left to right and from top to bottom.\n",
 "vec2 sbl_sky_at(vec3 direction) {\n",
@@ -5188,12 +5189,12 @@ static const char *const sbl__glsl_sky[] = {
    are stored in 16-bit steps of a grid over the scene, or of a finer grid around small geometry. The hierarchy is built
    in slices, when it is first needed and again after surfaces have changed. */
 
-#define SBL__BVH_BINS 16         /* per axis */
+#define SBL__BVH_BINS 16         /* bins per axis */
 #define SBL__BVH_LEAF 4          /* limit of triangles in a leaf; the format allows 8 */
-#define SBL__BVH_SAH_DEPTH 32    /* deeper nodes are cut in the middle of their triangles, to limit the depth */
-#define SBL__BVH_DROPPED 0xffffffffu  /* in the order of triangles: an unused place */
-#define SBL__BVH_GRID_STEPS 512  /* boxes that measure fewer grid steps than this along each axis */
-#define SBL__BVH_GRID_LEAST 32   /* and have at least this number of triangles get a finer grid */
+#define SBL__BVH_SAH_DEPTH 32    /* deeper nodes get two halves of equally many triangles, to limit the depth */
+#define SBL__BVH_DROPPED 0xffffffffu  /* marks an unused element of sbl__hierarchy.order */
+#define SBL__BVH_GRID_STEPS 512  /* a node gets a finer grid if its box is shorter than this on all axes, in steps */
+#define SBL__BVH_GRID_LEAST 32   /* least number of triangles of a node that gets a finer grid */
 #define SBL__BVH_CHUNK 32        /* triangles per turn of a loop, so that the overhead of turns is negligible */
 #define SBL__UPLOAD_CHUNK 65536  /* bytes per piece of an upload */
 
@@ -5202,7 +5203,7 @@ static const char *const sbl__glsl_sky[] = {
 #define SBL__NODE(X) X(sbl__node, UVEC4, child_0) X(sbl__node, UVEC4, child_1)
 SBL__RECORD(sbl__node, SBL__NODE, "sbl_node", "sbl_nodes", SBL__SCENE_TABLE("sbl_nodes"), NULL)
 
-/* A grid takes the place of a node. root: number of its first node. around: number of the grid that encloses it */
+/* A grid, which is stored in the place of a node. root: number of its first node. around: number of the outer grid */
 #define SBL__GRID_NODE(X) \
     X(sbl__grid_node, VEC3, origin) X(sbl__grid_node, UINT, root) \
     X(sbl__grid_node, VEC3, per_length) X(sbl__grid_node, UINT, around)
@@ -5243,10 +5244,10 @@ static float sbl__box_area(const sbl__box *b) {
     return x < 0 ? 0 : x * y + y * z + z * x;
 }
 
-/* Bounds of triangles, and of their centroids, whose coordinates are doubled. */
+/* Bounds of triangles, and of their centroids multiplied by 2 */
 typedef struct sbl__bvh_bounds { sbl__box box, centroids; } sbl__bvh_bounds;
 
-/* A part to build: triangles first .. first + count - 1 of the order. It becomes child `side` of node `parent`. */
+/* A node to build, over triangles first .. first + count - 1 of the order. It becomes child `side` of node `parent`. */
 typedef struct sbl__bvh_task {
     int first, count, depth, parent, side;
     sbl__grid_node grid;
@@ -5268,18 +5269,18 @@ typedef struct sbl__bvh_work { double sum; float area; int parent; } sbl__bvh_wo
 
 enum { SBL__BVH_BOXES, SBL__BVH_COUNT, SBL__BVH_PART, SBL__BVH_NODE, SBL__BVH_COSTS };
 
-typedef struct sbl__bvh {        /* while it is built */
+typedef struct sbl__bvh {        /* data for building the hierarchy */
     sbl__stages stages;
     const sbl__device *device;
     const sbl__geometry *geometry;
     struct sbl__hierarchy *hierarchy;
     uint32_t (*children)[4];     /* sbl__node: two children per node */
-    sbl__box *boxes;             /* per triangle: its bounds */
-    sbl__bvh_work *work;         /* per node: its cost */
+    sbl__box *boxes;             /* bounds of each triangle */
+    sbl__bvh_work *work;         /* cost of each node */
     sbl__bvh_bounds all;
-    sbl__bvh_task stack[2 * SBL__STACK];  /* tasks that have not been begun */
-    sbl__bvh_task task;          /* the present task */
-    int top;                     /* height of the stack */
+    sbl__bvh_task stack[2 * SBL__STACK];  /* tasks to do */
+    sbl__bvh_task task;          /* the current task */
+    int top;                     /* number of tasks on the stack */
     sbl__bvh_split split;
     sbl__triangle records[SBL__UPLOAD_CHUNK / sizeof(sbl__triangle)];  /* a piece of an upload */
 } sbl__bvh;
@@ -5289,10 +5290,10 @@ typedef struct sbl__hierarchy {
     int node_count, triangle_count;
     sbl__grid_node grid;         /* the grid over the scene */
     double cost;                 /* nodes and triangles that a ray through a node's box tests on average, by the
-                                    surface-area heuristic: the highest of all nodes */
+                                    surface-area heuristic; the highest of all nodes */
     double seconds;              /* time spent on building */
     sbl__table node_table, triangle_table;
-    uint32_t *order;             /* triangle numbers, leaf after leaf; >>lamps needs them */
+    uint32_t *order;             /* triangle numbers, leaf after leaf; read by >>lamps */
     sbl__bvh *building;          /* NULL if the hierarchy is not being built */
 } sbl__hierarchy;
 
@@ -5411,7 +5412,6 @@ static sbl__grid_node sbl__bvh_add_grid(sbl__hierarchy *h, const sbl__box *b, ui
     grid.root = (uint32_t)place + 1;
     grid.around = around;
     memcpy(&h->building->children[2 * place], &grid, sizeof grid);
-    memset(&h->building->work[place], 0, sizeof *h->building->work);
     return grid;
 }
 
@@ -5423,8 +5423,8 @@ static int sbl__bvh_corner_order(const void *first, const void *second) {
     return a[k] < b[k] ? -1 : a[k] > b[k];
 }
 
-/* Drops triangles whose corners are exactly those of a triangle with a lower number and without holes: rays cannot hit
-   them, but would test all of them. Shortens the task. */
+/* Drops triangles that have exactly the corners of a triangle with a lower number and without holes: a ray hits the
+   latter, but would test all of them. Shortens the task. */
 static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
     const sbl__geometry *g = b->geometry;
     uint32_t *order = b->hierarchy->order;
@@ -5450,8 +5450,8 @@ static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
     return SBL_SUCCESS;
 }
 
-/* Begins the top task of the stack: links the next node to its parent, behind a finer grid if its box is small in the
-   parent's grid, and empties the bins. */
+/* Begins the top task of the stack: makes the next node a child of its parent, inserts a finer grid between them if the
+   node's box is small in the parent's grid, and empties the bins. */
 static int sbl__bvh_next_task(void *work) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__hierarchy *h = b->hierarchy;
@@ -5470,7 +5470,6 @@ static int sbl__bvh_next_task(void *work) {
         *child |= SBL__ENTER;
         t->grid = sbl__bvh_add_grid(h, box, t->grid.root - 1);
     }
-    memset(&b->work[h->node_count], 0, sizeof *b->work);
     memset(s, 0, sizeof *s);
     s->axis = -1;
     for (k = 0; k < 2; k++) s->halves[k].box = s->halves[k].centroids = sbl__box_empty;
@@ -5491,7 +5490,7 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
     const int node = b->hierarchy->node_count++;
     int side, i;
     (void)slice;
-    if (!s->left) {  /* no split was found. The first half of a single triangle is an empty box, which no ray enters. */
+    if (!s->left) {  /* no split was found; the first half of a single triangle is a box that no ray enters */
         const sbl_result result = sbl__bvh_drop_copies(b, t);
         if (result != SBL_SUCCESS) return result;
         s->left = t->count / 2;
@@ -5537,7 +5536,7 @@ static sbl_result sbl__bvh_begin(const sbl__device *d, const sbl__geometry *g, s
     sbl__free(d->base, h->order);
     h->order = (uint32_t *)sbl__alloc_raw(d->base, room, 4);
     b->boxes = (sbl__box *)sbl__alloc_raw(d->base, room, sizeof *b->boxes);
-    b->work = (sbl__bvh_work *)sbl__alloc_raw(d->base, nodes, sizeof *b->work);
+    b->work = (sbl__bvh_work *)sbl__alloc(d->base, nodes, sizeof *b->work);
     b->all.box = b->all.centroids = sbl__box_empty;
     return b->children && h->order && b->boxes && b->work ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
@@ -5564,7 +5563,8 @@ static int sbl__bvh_after_boxes(void *work) {
         b->top = 1;
         task->count = h->triangle_count;
         task->bounds = b->all;
-        h->grid = task->grid = sbl__bvh_add_grid(h, &b->all.box, 0);  /* parent 0 and side 0 address its root field */
+        /* The grid is node 0. Child 0 of node 0, which this task sets, is the grid's field `root`. */
+        h->grid = task->grid = sbl__bvh_add_grid(h, &b->all.box, 0);
     }
     return sbl__bvh_next_task(b);
 }
@@ -5581,7 +5581,7 @@ static sbl_result sbl__bvh_cost(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Uploads a piece of a table's `all` elements, from number stages.at on. Attaches the table after the last one. */
+/* Uploads the next piece of a table of `all` elements, from element stages.at on. Attaches the table at the end. */
 static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, size_t size, int all) {
     int *at = &b->stages.at;
     const int count = SBL__MIN(SBL__UPLOAD_CHUNK / (int)size, all - *at);
@@ -5592,7 +5592,7 @@ static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, 
     *at += count;
     if (*at < all) return SBL_UNFINISHED;
     result = sbl__table_attach(b->device, t, SBL__GL_RGBA32UI, b->geometry->wide);
-    if (b->geometry->wide) sbl__buffer_delete(b->device, &t->buffer);  /* copied */
+    if (b->geometry->wide) sbl__buffer_delete(b->device, &t->buffer);  /* a texture holds a copy */
     return result;
 }
 
@@ -5666,7 +5666,7 @@ static const char *const sbl__glsl_traverse[] = {
 "uniform vec3 grid_origin, grid_per_length;  // the grid over the scene, whose record is number 0\n",
 "uniform int node_count;                     // 0: the scene is empty\n",
 "\n",
-"const int SBL_LAYERS = 64;            // limit of hits in holes that a ray passes\n",
+"const int SBL_LAYERS = 64;            // limit of the number of holes that a ray passes\n",
 "const int SBL_BOX_SLACK = 8;          // units in the last place, see Ize 2013, \"Robust BVH Ray Traversal\"\n",
 "const float SBL_SELF_DEEP = 1e-4;     // see sbl_test\n",
 "const float SBL_SELF_WIDE = 2.4e-7;\n",
@@ -5718,8 +5718,8 @@ static const char *const sbl__glsl_traverse[] = {
 "    int axis;\n",
 "    vec2 shear;\n",
 "    float z, per_z;\n",
-"    float after;  // hits at a lower distance are ignored,\n",
-"    int past;     // and hits at an equal distance whose number is at most this\n",
+"    float after;  // hits at a lower distance are ignored\n",
+"    int past;     // hits at the distance `after` are ignored if the triangle's number is at most this\n",
 "};\n",
 "\n",
 "vec3 sbl_turn(vec3 v, int axis) { return axis == 0 ? v.yzx : axis == 1 ? v.zxy : v; }\n",
@@ -5859,7 +5859,7 @@ SBL__RECORD(sbl__light_record, SBL__LIGHT_RECORD, "sbl_light", "sbl_lamps", "", 
 typedef struct sbl__lamp {
     uint64_t curve;            /* position along a Morton curve; near lamps come before distant lamps */
     uint32_t code;             /* see sbl__lamp_leaf */
-    uint32_t name;             /* number of the triangle in the scene or of the light, or row * width + column */
+    uint32_t name;             /* number of the triangle in the scene, of the light or of the texel */
     sbl__box bounds;
     float normal[3];           /* 0: the lamp shines in all directions; for a distant lamp, the direction towards it */
     float power;
@@ -5879,7 +5879,7 @@ typedef struct sbl__lamps {    /* data for building the trees */
     int count, room;
     double low[3], side;       /* cube around the centres of the near lamps, which the Morton curve fills */
     int width;                 /* number of lamps in a run to merge */
-    int left, right, out;      /* positions of merging: in both runs and in the output */
+    int left, right, out;      /* next lamps of the two runs to merge; next place in `sorted` */
     sbl__lamp_node *nodes;
     int node_count;
     sbl__cluster clusters[SBL__LAMP_DEPTH];  /* stack of the clusters of subtrees */
@@ -5889,12 +5889,11 @@ typedef struct sbl__lamps {    /* data for building the trees */
 typedef struct sbl__lights {
     sbl_light *list;           /* copy of the host's lights */
     int count;
-    float unit;                /* approximate highest radiance of light from lamps; the unit in which shaders
-                                  calculate */
+    float unit;                /* unit of radiance in lamps.glsl: about the highest radiance that lamps cause */
     int ready;
     sbl__table table;
     int nodes, leaves;         /* numbers of nodes and leaves in the table */
-    int mixed;                 /* 0: all lamps are triangles, and at most SBL__LAMPS; 1: otherwise */
+    int mixed;                 /* 1 if not all lamps are triangles, or if there are more than SBL__LAMPS */
     uint32_t (*names)[2];      /* kind and name of each leaf's lamp */
     sbl__lamps *building;
 } sbl__lights;
@@ -5915,7 +5914,7 @@ static void sbl__lights_free(const sbl__device *d, sbl__lights *l) {
     memset(l, 0, sizeof *l);
 }
 
-/* Copies the host's lights, which have been checked. brightest: highest radiance of any surface or the sky */
+/* Copies the host's lights, which have been checked. brightest, extent: see sbl__scene, sbl__geometry */
 static sbl_result sbl__lights_make(sbl__base *base, sbl__lights *l, const sbl_light *lights, int count,
                                    float brightest, float extent) {
     int i;
@@ -6135,10 +6134,10 @@ static sbl_result sbl__lamps_split(void *work, int at) {
 }
 
 static void sbl__cluster_of_lamp(sbl__cluster *c, const sbl__lamp *lamp) {
-    /* in the order that lamps.glsl uses */
+    /* axes of the products xx yy zz xy yz zx of sbl__lamp_node */
     static const int pairs[6][2] = { { 0, 0 }, { 1, 1 }, { 2, 2 }, { 0, 1 }, { 1, 2 }, { 2, 0 } };
     const int sides = !sbl__all_zero(lamp->normal, 3), front = lamp->one_sided || lamp->distant;
-    const double shown = front ? 0.5 * lamp->power : lamp->power;  /* max(x, 0) = (|x| + x) / 2 */
+    const double shown = front ? 0.5 * lamp->power : lamp->power;  /* one side: max(x, 0) = (|x| + x) / 2 */
     int k;
     c->power = lamp->power;
     c->all_sides = shown;
@@ -6696,10 +6695,9 @@ typedef struct sbl__scene {
 } sbl__scene;
 
 #define SBL__RADIANCE_MOST 1e37f /* limit of radiance, so that sums stay finite */
-/* Limits within which light is correct up to rounding errors, found by measurement: */
-#define SBL__ACROSS_LEAST 5e-10  /* least diagonal of a scene */
-#define SBL__ACROSS_MOST 6e9     /* largest diagonal */
-#define SBL__AWAY_MOST 4e3       /* largest coordinate, in diagonals */
+#define SBL__ACROSS_LEAST 5e-10  /* least diagonal of a scene whose light is correct up to rounding errors; measured */
+#define SBL__ACROSS_MOST 6e9     /* largest diagonal of such a scene; measured */
+#define SBL__AWAY_MOST 4e3       /* largest coordinate in such a scene, in diagonals; measured */
 
 static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
     sbl__store_free(d, &s->store);
@@ -6731,7 +6729,7 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     const sbl_capabilities *c = &d->gl.capabilities;
     const sbl__geometry *g = &s->geometry;
     const double lamps = sbl__lamps_most(g, &s->environment, s->lights.count), limit = c->max_texture_buffer_size;
-    /* texels: 3 per triangle, and a few for grids; 2 per vertex; 5 per mesh; 2 nodes of 4 and a leaf per lamp */
+    /* the longest table: 3 texels per triangle, and a few for grids; 2 per vertex; 5 per mesh; 9 per lamp */
     const double texels = SBL__MAX(SBL__MAX(3.0 * g->triangle_count + 8, 2.0 * g->vertex_count),
                                    SBL__MAX(5.0 * g->mesh_count, 9 * lamps + 3.0 * s->lights.count));
     double most = c->max_texture_size < SBL__TEXELS_ACROSS ? 0 : (c->max_texture_size - 1) * (double)SBL__TEXELS_ACROSS;
@@ -6757,7 +6755,7 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     return SBL_SUCCESS;
 }
 
-/* Logs warnings about valid scenes that the host hardly intends. */
+/* Logs warnings about valid scenes that are probably mistakes. */
 static void sbl__scene_warn(const sbl__base *base, const sbl__scene *s) {
     const sbl__geometry *g = &s->geometry;
     double away = 0, across = 0, shining = s->brightest;
@@ -6771,14 +6769,14 @@ static void sbl__scene_warn(const sbl__base *base, const sbl__scene *s) {
     across = sqrt(across);
     for (i = 0; i < s->lights.count; i++) shining = SBL__MAX(shining, (double)sbl__max3(s->lights.list[i].intensity));
     if (!(shining > 0))
-        sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_NO_LIGHT, "nothing in the scene shines; give it a sky, an "
-                 "environment, lights or a material with emission");
+        sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_NO_LIGHT, "nothing in the scene emits light; give it a sky, "
+                 "an environment, lights or a material with emission");
     if (across < SBL__ACROSS_LEAST || across > SBL__ACROSS_MOST)
-        sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the scene is %g across; light is right from %g to %g: "
-                 "scale it", across, SBL__ACROSS_LEAST, SBL__ACROSS_MOST);
+        sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the scene is %g across; light is only correct from "
+                 "%g to %g: scale the scene", across, SBL__ACROSS_LEAST, SBL__ACROSS_MOST);
     if (away > SBL__AWAY_MOST * across)
         sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the scene is %g across and reaches %g away from the "
-                 "origin, where floats are too coarse for it: move it to the origin", across, away);
+                 "origin, where floats are too coarse; move it to the origin", across, away);
 }
 
 /* Makes everything but the hierarchy, the lamps and the store, which are made when first needed. */
@@ -6916,7 +6914,7 @@ static const char *const sbl__glsl_scene[] = {
 "\n",
 "struct sbl_Attributes { vec2 uv; vec4 color; };\n",
 "\n",
-"const sbl_Attributes SBL_PLAIN = sbl_Attributes(vec2(0), vec4(1));  // without textures and vertex colours\n",
+"const sbl_Attributes SBL_PLAIN = sbl_Attributes(vec2(0), vec4(1));  // attributes without any effect\n",
 "\n",
 "vec4 sbl_unpack_color(uint rg, uint ba) { return vec4(rg & 65535u, rg >> 16, ba & 65535u, ba >> 16); }\n",
 "\n",
@@ -7014,8 +7012,8 @@ static const char *const sbl__glsl_surface[] = {
 "    sbl_Surface s;\n",
 "    s.position = f.p0 + (b1 * f.e1 + b2 * f.e2);\n",
 "    vec3 across = cross(f.s1, f.s2), s3 = f.s2 - f.s1;\n",
-"    float widest = max(max(abs(across.x), abs(across.y)), abs(across.z));\n",
-"    vec3 face = normalize(widest > 1e-15 ? across : widest > 0.0 ? across / widest : -direction);  // no underflow\n",
+"    float widest = max(max(abs(across.x), abs(across.y)), abs(across.z));  // if tiny, normalize underflows\n",
+"    vec3 face = normalize(widest > 1e-15 ? across : widest > 0.0 ? across / widest : -direction);\n",
 "    float longest = sqrt(max(dot(f.s1, f.s1), max(dot(f.s2, f.s2), dot(s3, s3))));\n",
 "    s.facet = f.size * length(across) / longest;\n",
 "    s.reach = length(f.p0) + 2.0 * f.size * longest;\n",
