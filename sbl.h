@@ -2619,7 +2619,6 @@ typedef struct sbl__record {
 #define SBL__LAMP_FAR_LIGHT 2u
 #define SBL__LAMP_SKY_TEXEL 3u
 #define SBL__LAMP_KIND_SHIFT 30
-#define SBL__SKY_COLUMN_BITS 15    /* bits of the column in the number of a sky texel; the row follows above them */
 #define SBL__FAR_NODE 0x80000000u  /* flag: all lamps of a node are at infinity */
 #define SBL__PATCH_BACK 1u         /* bits of a patch's word, see >>store */
 #define SBL__PATCH_FLAT 2u
@@ -2666,7 +2665,7 @@ typedef struct sbl__record {
 
 /* The constants that shaders get as #defines. FLAGS are enumerators, so their values are written, not their text. */
 #define SBL__SHARED_CONSTANTS(X) \
-    X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) X(SKY_COLUMN_BITS) \
+    X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) \
     X(PATCH_AXIS_SHIFT) X(NEAR_PART) X(SLOT_TRIES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) \
     X(GUIDE_RINGS) X(GUIDE_SECTORS) X(GUIDE_TEXELS) X(GUIDES_ACROSS) X(LOOK_GUIDE_SHIFT) X(HASH_SHIFT) X(RGBE_BIAS) \
     X(RGBE_BITS) X(TEXTURE_SRGB) X(TEXTURE_KIND) X(TEXTURE_CLAMPS) X(LEAF) X(ENTER) X(LEAVE) X(END) X(CHILD_NUMBER) \
@@ -4485,7 +4484,6 @@ static void sbl__join(uint32_t *parents, uint32_t one, uint32_t other) {
 
 typedef struct sbl__rings {
     sbl__stages stages;
-    sbl__base *base;
     void *user;
     /* Returns the neighbour at *place and advances *place, which is 0 at first. Negative: there are no more. */
     int (*neighbour)(const struct sbl__rings *r, int thing, size_t *place);
@@ -4494,25 +4492,25 @@ typedef struct sbl__rings {
     int width;          /* things per row of a grid, for sbl__ring_grid */
     int last;           /* last ring to compute */
     int *ring;          /* ring of each thing; SBL__RING_WAITS until it is known */
-    int *queue;         /* things of all rings, in the order of the rings */
-    int queued, room;   /* length and capacity of the queue */
+    int *queue;         /* things of rings 1 .. last, in the order of the rings; the second half of `ring` */
+    int queued;         /* length of the queue */
     int number;         /* ring that is being computed */
 } sbl__rings;
 
 static void sbl__rings_free(sbl__base *base, sbl__rings *r) {
     sbl__free(base, r->ring);
-    sbl__free(base, r->queue);
     memset(r, 0, sizeof *r);
 }
 
 /* Allocates r->ring and fills it with SBL__RING_WAITS. The caller then sets the fields from `user` to `last`, and
    r->ring of things that have a value to 0. */
 static sbl_result sbl__rings_make(sbl__base *base, sbl__rings *r, int count) {
-    r->base = base;
     r->count = count;
-    r->ring = (int *)sbl__alloc_raw(base, (size_t)count, sizeof *r->ring);
-    if (r->ring) memset(r->ring, 0xff, (size_t)count * sizeof *r->ring);
-    return r->ring ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    r->ring = (int *)sbl__alloc_raw(base, (size_t)count, 2 * sizeof *r->ring);
+    if (!r->ring) return SBL_ERROR_OUT_OF_MEMORY;
+    memset(r->ring, 0xff, (size_t)count * sizeof *r->ring);
+    r->queue = r->ring + count;
+    return SBL_SUCCESS;
 }
 
 static int sbl__ring_reached(const sbl__rings *r, int thing) {
@@ -4530,21 +4528,20 @@ static int sbl__ring_grid(const sbl__rings *r, int thing, size_t *place) {
 }
 
 /* Appends a thing's waiting neighbours to the queue. They belong to the next ring. */
-static sbl_result sbl__ring_spread(sbl__rings *r, int thing) {
+static void sbl__ring_spread(sbl__rings *r, int thing) {
     size_t place = 0;
     int other;
     while (r->number < r->last && (other = r->neighbour(r, thing, &place)) >= 0) {
         if (r->ring[other] != SBL__RING_WAITS) continue;
-        if (!sbl__grow(r->base, &r->queue, &r->room, r->queued + 1, sizeof *r->queue)) return SBL_ERROR_OUT_OF_MEMORY;
         r->queue[r->queued++] = other;
         r->ring[other] = r->number + 1;
     }
-    return SBL_SUCCESS;
 }
 
 static sbl_result sbl__ring_source(void *work, int thing) {
     sbl__rings *r = (sbl__rings *)work;
-    return r->ring[thing] == 0 ? sbl__ring_spread(r, thing) : SBL_SUCCESS;
+    if (r->ring[thing] == 0) sbl__ring_spread(r, thing);
+    return SBL_SUCCESS;
 }
 
 static sbl_result sbl__ring_next(void *work, int at) {
@@ -4552,7 +4549,8 @@ static sbl_result sbl__ring_next(void *work, int at) {
     const int thing = r->queue[at];
     r->number = r->ring[thing];
     r->mean(r->user, thing);
-    return sbl__ring_spread(r, thing);
+    sbl__ring_spread(r, thing);
+    return SBL_SUCCESS;
 }
 
 static int sbl__rings_things(void *work) { return ((sbl__rings *)work)->count; }
@@ -4850,11 +4848,6 @@ static sbl_result sbl__textures_make(sbl__device *d, sbl__textures *s, const sbl
     return result == SBL_SUCCESS ? sbl__texel_table_make(d, s, desc, 1) : result;
 }
 
-static void sbl__textures_bind(sbl__device *d, const sbl__textures *s) {
-    sbl__bind(d, "sbl_texels_srgb", &s->tables[0]);
-    sbl__bind(d, "sbl_texels_float", &s->tables[1]);
-}
-
 /* ======================================================================================================== >>material
    How surfaces emit and reflect light, and where they have holes. Materials are read only here, for the CPU, and in
    material.glsl, for shaders. Both compute the same. */
@@ -5001,8 +4994,7 @@ static const char *const sbl__glsl_material[] = {
    over the hemisphere find the picture's radiance up to a limit. Radiance above the limit would make their results
    noisy, so each texel that exceeds the limit is also a lamp, which emits the excess (see >>lamps). */
 
-/* Limit of the picture's radiance that rays over the hemisphere find, as a multiple of its mean over all directions */
-#define SBL__SKY_LIMIT 4
+#define SBL__SKY_LIMIT 4  /* limit of radiance for rays over the hemisphere, in multiples of the picture's mean */
 
 typedef struct sbl__environment {
     float sky[3];        /* constant radiance from all directions, added to the picture's */
@@ -5264,7 +5256,7 @@ typedef struct sbl__bvh_split {
     sbl__bvh_bounds halves[2];
 } sbl__bvh_split;
 
-/* Cost of a node. sum: nodes and triangles that a ray through its box tests on average, times the box's area */
+/* Cost of a node. sum: area of its box * number of nodes and triangles that a ray through the box tests on average */
 typedef struct sbl__bvh_work { double sum; float area; int parent; } sbl__bvh_work;
 
 enum { SBL__BVH_BOXES, SBL__BVH_COUNT, SBL__BVH_PART, SBL__BVH_NODE, SBL__BVH_COSTS };
@@ -5289,8 +5281,7 @@ typedef struct sbl__hierarchy {
     int ready;
     int node_count, triangle_count;
     sbl__grid_node grid;         /* the grid over the scene */
-    double cost;                 /* nodes and triangles that a ray through a node's box tests on average, by the
-                                    surface-area heuristic; the highest of all nodes */
+    double cost;                 /* highest sum / area of any node, see sbl__bvh_work */
     double seconds;              /* time spent on building */
     sbl__table node_table, triangle_table;
     uint32_t *order;             /* triangle numbers, leaf after leaf; read by >>lamps */
@@ -5835,8 +5826,8 @@ static const char *const sbl__glsl_traverse[] = {
     X(sbl__lamp_node, VEC3, front) X(sbl__lamp_node, UINT, first_leaf)
 SBL__RECORD(sbl__lamp_node, SBL__LAMP_NODE, "sbl_lamp_node", "sbl_lamps", SBL__SCENE_TABLE("sbl_lamps"), NULL)
 
-/* code: kind << SBL_LAMP_KIND_SHIFT | number. The number is that of a triangle in the hierarchy's order, of a light,
-   or of a texel: row << SBL_SKY_COLUMN_BITS | column. */
+/* code: kind << SBL_LAMP_KIND_SHIFT | number. The number is a triangle's place in the hierarchy's order, a light's
+   number, or a texel's row * width + column. */
 #define SBL__LAMP_LEAF(X) X(sbl__lamp_leaf, UINT, code) X(sbl__lamp_leaf, UVEC3, unused)
 SBL__RECORD(sbl__lamp_leaf, SBL__LAMP_LEAF, "sbl_lamp_leaf", "sbl_lamps", "", "sbl_first_leaf")
 
@@ -5853,13 +5844,11 @@ SBL__RECORD(sbl__light_record, SBL__LIGHT_RECORD, "sbl_light", "sbl_lamps", "", 
 #define SBL__MOMENT_MOST 1e18         /* limit of a moment, so that products of two moments remain finite floats */
 #define SBL__SPOT_LEAST 0.001         /* least difference between the cosines of a spot's cones (KHR_lights_punctual) */
 #define SBL__CURVE_BITS 20            /* bits of the Morton curve per axis */
-#define SBL__LAMP_DEPTH 128           /* largest depth of the trees: the 61 bits of the curve, then the logarithm of
-                                         the number of lamps at one place */
+#define SBL__LAMP_DEPTH 128           /* largest depth of a tree: 61 bits of the curve + log2(lamps at one place) */
 
 typedef struct sbl__lamp {
     uint64_t curve;            /* position along a Morton curve; near lamps come before distant lamps */
     uint32_t code;             /* see sbl__lamp_leaf */
-    uint32_t name;             /* number of the triangle in the scene, of the light or of the texel */
     sbl__box bounds;
     float normal[3];           /* 0: the lamp shines in all directions; for a distant lamp, the direction towards it */
     float power;
@@ -5894,7 +5883,7 @@ typedef struct sbl__lights {
     sbl__table table;
     int nodes, leaves;         /* numbers of nodes and leaves in the table */
     int mixed;                 /* 1 if not all lamps are triangles, or if there are more than SBL__LAMPS */
-    uint32_t (*names)[2];      /* kind and name of each leaf's lamp */
+    uint32_t *codes;           /* code of each leaf, see sbl__lamp_leaf */
     sbl__lamps *building;
 } sbl__lights;
 
@@ -5909,7 +5898,7 @@ static void sbl__lamps_free(const sbl__device *d, sbl__lamps *l) {
 static void sbl__lights_free(const sbl__device *d, sbl__lights *l) {
     sbl__lamps_free(d, l->building);
     sbl__free(d->base, l->list);
-    sbl__free(d->base, l->names);
+    sbl__free(d->base, l->codes);
     sbl__table_delete(d, &l->table);
     memset(l, 0, sizeof *l);
 }
@@ -5977,7 +5966,6 @@ static sbl_result sbl__lamps_add_triangle(void *work, int place) {
     sbl__box_of_triangle(&lamp.bounds, l->geometry, number);
     for (k = 0; k < 3; k++) lamp.normal[k] = (float)normal[k];
     lamp.one_sided = !sbl__emits(object, 1);
-    lamp.name = number;
     return sbl__lamps_add(l, &lamp);
 }
 
@@ -6014,7 +6002,6 @@ static sbl_result sbl__lamps_add_light(void *work, int number) {
     sbl__light_write(light, &record, place);
     sbl__lamp_make(&lamp, kind << SBL__LAMP_KIND_SHIFT | (uint32_t)number, place,
                    distant ? 2 * sin(0.5 * half) : light->radius, sbl__sum3(light->intensity), distant);
-    lamp.name = (uint32_t)number;
     return sbl__lamps_add(l, &lamp);
 }
 
@@ -6030,15 +6017,13 @@ static sbl_result sbl__lamps_add_texel(void *work, int at) {
     const float *c = e->pixels + 4 * (size_t)at;
     const double step = SBL__PI / e->height;
     const double solid_angle = 2 * SBL__PI / e->width * 2 * sin(step * (y + 0.5)) * sin(0.5 * step);
-    const uint32_t number = (uint32_t)y << SBL__SKY_COLUMN_BITS | (uint32_t)x;
     double direction[3];
     sbl__lamp lamp;
     if (!(sbl__max3(c) > e->limit)) return SBL_SUCCESS;
     sbl__environment_direction(e, x, y, direction);
-    sbl__lamp_make(&lamp, SBL__LAMP_SKY_TEXEL << SBL__LAMP_KIND_SHIFT | number, direction,
+    sbl__lamp_make(&lamp, SBL__LAMP_SKY_TEXEL << SBL__LAMP_KIND_SHIFT | (uint32_t)at, direction,
                    SBL__MIN(step + 2 * SBL__PI / e->width, 1.0),
                    sbl__sum3(c) * (1 - e->limit / sbl__max3(c)) * solid_angle, 1);
-    lamp.name = (uint32_t)at;
     return sbl__lamps_add(l, &lamp);
 }
 
@@ -6224,9 +6209,9 @@ static sbl_result sbl__lamps_store(void *work, sbl__slice *slice) {
     double place[3];
     int i;
     (void)slice;
-    sbl__free(d->base, lights->names);
-    lights->names = (uint32_t (*)[2])sbl__alloc_raw(d->base, (size_t)l->count, sizeof *lights->names);
-    if (all && lights->names) {
+    sbl__free(d->base, lights->codes);
+    lights->codes = (uint32_t *)sbl__alloc_raw(d->base, (size_t)l->count, sizeof *lights->codes);
+    if (all && lights->codes) {
         sbl__lamp_leaf *leaf = (sbl__lamp_leaf *)(void *)(all + nodes);
         sbl__light_record *record = (sbl__light_record *)(void *)(all + nodes + leaves);
         lights->nodes = l->node_count;
@@ -6234,10 +6219,8 @@ static sbl_result sbl__lamps_store(void *work, sbl__slice *slice) {
         lights->mixed = l->count > SBL__LAMPS;
         memcpy(all, l->nodes, nodes);
         for (i = 0; i < l->count; i++) {
-            leaf[i].code = l->list[i].code;
-            lights->names[i][0] = l->list[i].code >> SBL__LAMP_KIND_SHIFT;
-            lights->names[i][1] = l->list[i].name;
-            lights->mixed |= lights->names[i][0] != SBL__LAMP_TRIANGLE;
+            leaf[i].code = lights->codes[i] = l->list[i].code;
+            lights->mixed |= leaf[i].code >> SBL__LAMP_KIND_SHIFT != SBL__LAMP_TRIANGLE;
         }
         for (i = 0; i < lights->count; i++) sbl__light_write(&lights->list[i], &record[i], place);
         result = sbl__buffer_make(d, &lights->table.buffer, bytes, all, SBL__GL_STATIC_DRAW);
@@ -6248,8 +6231,7 @@ static sbl_result sbl__lamps_store(void *work, sbl__slice *slice) {
     return result;
 }
 
-/* Collects the scene's lamps and builds their trees. The hierarchy must be ready and still have its order.
-   SBL_SUCCESS: lamps are ready; after an error the caller may begin again. */
+/* Collects the lamps of a scene whose hierarchy is ready, and builds their trees. It can begin again after an error. */
 static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const sbl__hierarchy *h,
                                    const sbl__environment *e, sbl__lights *lights, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
@@ -6772,7 +6754,7 @@ static void sbl__scene_warn(const sbl__base *base, const sbl__scene *s) {
         sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_NO_LIGHT, "nothing in the scene emits light; give it a sky, "
                  "an environment, lights or a material with emission");
     if (across < SBL__ACROSS_LEAST || across > SBL__ACROSS_MOST)
-        sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the scene is %g across; light is only correct from "
+        sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the scene is %g across; light is correct only from "
                  "%g to %g: scale the scene", across, SBL__ACROSS_LEAST, SBL__ACROSS_MOST);
     if (away > SBL__AWAY_MOST * across)
         sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the scene is %g across and reaches %g away from the "
@@ -6895,7 +6877,8 @@ static sbl_result sbl__scene_step(sbl__device *d, sbl__scene *s, sbl__slice *sli
 /* Sets the tables and textures of scene.glsl and surface.glsl. */
 static void sbl__scene_bind(sbl__device *d, const sbl__scene *s) {
     sbl__geometry_bind(d, &s->geometry);
-    sbl__textures_bind(d, &s->textures);
+    sbl__bind(d, "sbl_texels_srgb", &s->textures.tables[0]);
+    sbl__bind(d, "sbl_texels_float", &s->textures.tables[1]);
 }
 
 /* >>glsl scene: shaders_embedded/scene.glsl, copied by scripts/embed_shaders */
@@ -6980,13 +6963,12 @@ static const char *const sbl__glsl_surface[] = {
 "}\n",
 "\n",
 "sbl_Attributes sbl_mix_attributes(ivec3 v, vec3 b) {\n",
-"    vec2 uv = b.x * vec2(sbl_attributes_u(v.x), sbl_attributes_v(v.x)) +\n",
-"              b.y * vec2(sbl_attributes_u(v.y), sbl_attributes_v(v.y)) +\n",
-"              b.z * vec2(sbl_attributes_u(v.z), sbl_attributes_v(v.z));\n",
-"    vec4 color = b.x * sbl_unpack_color(sbl_attributes_color_rg(v.x), sbl_attributes_color_ba(v.x)) +\n",
-"                 b.y * sbl_unpack_color(sbl_attributes_color_rg(v.y), sbl_attributes_color_ba(v.y)) +\n",
-"                 b.z * sbl_unpack_color(sbl_attributes_color_rg(v.z), sbl_attributes_color_ba(v.z));\n",
-"    return sbl_Attributes(uv, color / SBL_COLOR_MOST);\n",
+"    sbl_Attributes at = sbl_Attributes(vec2(0), vec4(0));\n",
+"    for (int k = 0; k < 3; k++) {\n",
+"        at.uv += b[k] * vec2(sbl_attributes_u(v[k]), sbl_attributes_v(v[k]));\n",
+"        at.color += b[k] * sbl_unpack_color(sbl_attributes_color_rg(v[k]), sbl_attributes_color_ba(v[k]));\n",
+"    }\n",
+"    return sbl_Attributes(at.uv, at.color / SBL_COLOR_MOST);\n",
 "}\n",
 "\n",
 "// A triangle: vertex numbers, first corner, and the edges from there. size: largest component of both edges. s1,\n",
@@ -9032,9 +9014,8 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "sbl_Lamp sbl_lamp(int leaf) {\n",
 "    uint code = sbl_lamp_leaf_code(leaf), at = code & ((1u << SBL_LAMP_KIND_SHIFT) - 1u);\n",
-"    ivec2 texel = ivec2(at & ((1u << SBL_SKY_COLUMN_BITS) - 1u), at >> SBL_SKY_COLUMN_BITS);\n",
 "    sbl_Lamp l = sbl_Lamp(code >> SBL_LAMP_KIND_SHIFT, vec3(0), vec3(0), vec3(0), vec3(0), SBL_UNBOUNDED, 0.0, 0.0,\n",
-"                          texel, int(at), -1, vec2(1, 0));\n",
+"                          ivec2(0), int(at), -1, vec2(1, 0));\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
 "        int object = int(sbl_triangle_object(l.triangle));\n",
 "        l.corner = sbl_triangle_corner_0(l.triangle);\n",
@@ -9051,6 +9032,8 @@ static const char *const sbl__glsl_lamps[] = {
 "    }\n",
 "#ifdef SBL_MIXED\n",
 "    if (l.kind == SBL_LAMP_SKY_TEXEL) {\n",
+"        uint width = uint(textureSize(sky_picture, 0).x);\n",
+"        l.texel = ivec2(at % width, at / width);\n",
 "        vec2 size = vec2(textureSize(sky_picture, 0)), middle = (vec2(l.texel) + 0.5) / size;\n",
 "        vec3 radiance = texelFetch(sky_picture, l.texel, 0).rgb;\n",
 "        l.corner = sbl_sky_direction(middle.x, cos(SBL_PI * middle.y));\n",
@@ -17068,18 +17051,20 @@ static int sbl__inspect_slot(const sbl__job *j) { return j->task.first_look % sb
 /* Returns the index of the lamp of a leaf, and appends the lamp if it is new. */
 static int sbl__inspect_lamp(const sbl__inspect_request *k, int leaf) {
     const sbl__geometry *g = &k->core->scene.geometry;
-    const uint32_t *name = k->core->scene.lights.names[leaf];
+    const uint32_t code = k->core->scene.lights.codes[leaf], kind = code >> SBL__LAMP_KIND_SHIFT;
+    uint32_t number = code & ((1u << SBL__LAMP_KIND_SHIFT) - 1);
     sbl__inspection *f = k->found;
     sbl_sensor_lamp lamp;
     int i;
     memset(&lamp, 0, sizeof lamp);
-    lamp.kind = name[0] == SBL__LAMP_TRIANGLE    ? SBL_LAMP_TRIANGLE
-              : name[0] == SBL__LAMP_SKY_TEXEL   ? SBL_LAMP_SKY_TEXEL
-                                                 : SBL_LAMP_LIGHT;
-    lamp.number = (int)name[1];
+    lamp.kind = kind == SBL__LAMP_TRIANGLE    ? SBL_LAMP_TRIANGLE
+              : kind == SBL__LAMP_SKY_TEXEL   ? SBL_LAMP_SKY_TEXEL
+                                              : SBL_LAMP_LIGHT;
+    if (lamp.kind == SBL_LAMP_TRIANGLE) number = k->core->scene.hierarchy.order[number];
+    lamp.number = (int)number;
     lamp.mesh = -1;
     if (lamp.kind == SBL_LAMP_TRIANGLE) {
-        lamp.mesh = (int)g->vertices[g->indices[3 * (size_t)name[1]]].object;
+        lamp.mesh = (int)g->vertices[g->indices[3 * (size_t)number]].object;
         lamp.number -= g->meshes[lamp.mesh].first_triangle;
     }
     for (i = 0; i < f->lamp_count; i++)

@@ -26,13 +26,12 @@ vec3 sbl_shading_normal(ivec3 v, vec3 b, vec3 face, vec3 geometric_normal, vec3 
 }
 
 sbl_Attributes sbl_mix_attributes(ivec3 v, vec3 b) {
-    vec2 uv = b.x * vec2(sbl_attributes_u(v.x), sbl_attributes_v(v.x)) +
-              b.y * vec2(sbl_attributes_u(v.y), sbl_attributes_v(v.y)) +
-              b.z * vec2(sbl_attributes_u(v.z), sbl_attributes_v(v.z));
-    vec4 color = b.x * sbl_unpack_color(sbl_attributes_color_rg(v.x), sbl_attributes_color_ba(v.x)) +
-                 b.y * sbl_unpack_color(sbl_attributes_color_rg(v.y), sbl_attributes_color_ba(v.y)) +
-                 b.z * sbl_unpack_color(sbl_attributes_color_rg(v.z), sbl_attributes_color_ba(v.z));
-    return sbl_Attributes(uv, color / SBL_COLOR_MOST);
+    sbl_Attributes at = sbl_Attributes(vec2(0), vec4(0));
+    for (int k = 0; k < 3; k++) {
+        at.uv += b[k] * vec2(sbl_attributes_u(v[k]), sbl_attributes_v(v[k]));
+        at.color += b[k] * sbl_unpack_color(sbl_attributes_color_rg(v[k]), sbl_attributes_color_ba(v[k]));
+    }
+    return sbl_Attributes(at.uv, at.color / SBL_COLOR_MOST);
 }
 
 // A triangle: vertex numbers, first corner, and the edges from there. size: largest component of both edges. s1,
