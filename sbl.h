@@ -2516,7 +2516,6 @@ typedef struct sbl__record {
 #define SBL__LAMP_FAR_LIGHT 2u
 #define SBL__LAMP_SKY_TEXEL 3u
 #define SBL__LAMP_KIND_SHIFT 30
-#define SBL__SKY_COLUMN_BITS 15    /* bits of the column in the number of a sky texel; the row follows above them */
 #define SBL__FAR_NODE 0x80000000u  /* flag: all lamps of a node are at infinity */
 #define SBL__PATCH_BACK 1u         /* bits of a patch's word, see >>store */
 #define SBL__PATCH_FLAT 2u
@@ -2563,7 +2562,7 @@ typedef struct sbl__record {
 
 /* The constants that shaders get as #defines. FLAGS are enumerators, so their values are written, not their text. */
 #define SBL__SHARED_CONSTANTS(X) \
-    X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) X(SKY_COLUMN_BITS) \
+    X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) \
     X(PATCH_AXIS_SHIFT) X(NEAR_PART) X(SLOT_TRIES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) \
     X(GUIDE_RINGS) X(GUIDE_SECTORS) X(GUIDE_TEXELS) X(GUIDES_ACROSS) X(LOOK_GUIDE_SHIFT) X(HASH_SHIFT) X(RGBE_BIAS) \
     X(RGBE_BITS) X(TEXTURE_SRGB) X(TEXTURE_KIND) X(TEXTURE_CLAMPS) X(LEAF) X(ENTER) X(LEAVE) X(END) X(CHILD_NUMBER) \
@@ -4297,7 +4296,8 @@ static sbl_result sbl__hash_table_make(sbl__base *base, sbl__hash_table *t, doub
     return t->slots ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Returns the number in a slot, and advances *slot, which is a hash at first. Stays at a free slot: SBL__NONE. */
+/* Returns the next number that may have a certain hash, and advances *slot, which the caller sets to the hash at first.
+   Returns SBL__NONE if there are no more numbers; *slot is then free. */
 static uint32_t sbl__slot_next(const sbl__hash_table *t, uint32_t *slot) {
     const uint32_t found = t->slots[*slot & t->mask];
     *slot += found > 0;
@@ -4341,7 +4341,7 @@ static int sbl__same_place(const void *geometry, uint32_t one, uint32_t other) {
     return v[one].object == v[other].object && sbl__same_floats(v[one].position, v[other].position, 3);
 }
 
-/* Returns a vertex of a side: first end (0), second end (1), opposite (2). corners: 3 welded vertices per triangle */
+/* Returns a vertex of a side. which: 0, 1: an end; 2: the opposite corner. corners: 3 welded vertices per triangle */
 static uint32_t sbl__side_end(const uint32_t *corners, uint32_t side, uint32_t which) {
     return corners[side - side % 3 + (side + which) % 3];
 }
@@ -4373,49 +4373,48 @@ static void sbl__join(uint32_t *parents, uint32_t one, uint32_t other) {
     parents[SBL__MAX(one, other)] = SBL__MIN(one, other);
 }
 
-/* >>topology: rings. Values spread from things that have one (texels or vertices) to those that have none. Ring 1 holds
-   the neighbours of the former, ring 2 the neighbours of ring 1, and so on. A thing's value is computed from those of
-   its neighbours in earlier rings. */
+/* >>topology: rings. Values spread to things (texels or vertices) that have none. Ring 0 holds the things that have a
+   value from the start, ring 1 their neighbours, ring 2 the neighbours of ring 1, and so on. A thing's value is
+   computed from the values of its neighbours in earlier rings. */
 
 #define SBL__RING_WAITS (-1)
 
 typedef struct sbl__rings {
     sbl__stages stages;
-    sbl__base *base;
     void *user;
     /* Returns the neighbour at *place and advances *place, which is 0 at first. Negative: there are no more. */
     int (*neighbour)(const struct sbl__rings *r, int thing, size_t *place);
-    void (*mean)(void *user, int thing);  /* computes a thing's value from neighbours for which sbl__ring_reached */
+    void (*mean)(void *user, int thing);  /* computes a value from the neighbours that sbl__ring_reached accepts */
     int count;          /* number of things */
     int width;          /* things per row of a grid, for sbl__ring_grid */
-    int last;           /* number of the last ring wanted */
-    int *ring;          /* per thing: its ring, 0 if it had a value from the start, or SBL__RING_WAITS */
-    int *queue;         /* things of all rings, in the order of the rings */
-    int queued, room;   /* length and capacity of the queue */
-    int number;         /* number of the present ring */
+    int last;           /* last ring to compute */
+    int *ring;          /* ring of each thing; SBL__RING_WAITS until it is known */
+    int *queue;         /* things of rings 1 .. last, in the order of the rings; the second half of `ring` */
+    int queued;         /* length of the queue */
+    int number;         /* ring that is being computed */
 } sbl__rings;
 
 static void sbl__rings_free(sbl__base *base, sbl__rings *r) {
     sbl__free(base, r->ring);
-    sbl__free(base, r->queue);
     memset(r, 0, sizeof *r);
 }
 
-/* Makes r->ring, with all things waiting. The caller sets the ring of things that have a value to 0, and sets the
-   fields from `user` to `last`. */
+/* Allocates r->ring and fills it with SBL__RING_WAITS. The caller then sets the fields from `user` to `last`, and
+   r->ring of things that have a value to 0. */
 static sbl_result sbl__rings_make(sbl__base *base, sbl__rings *r, int count) {
-    r->base = base;
     r->count = count;
-    r->ring = (int *)sbl__alloc_raw(base, (size_t)count, sizeof *r->ring);
-    if (r->ring) memset(r->ring, 0xff, (size_t)count * sizeof *r->ring);
-    return r->ring ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    r->ring = (int *)sbl__alloc_raw(base, (size_t)count, 2 * sizeof *r->ring);
+    if (!r->ring) return SBL_ERROR_OUT_OF_MEMORY;
+    memset(r->ring, 0xff, (size_t)count * sizeof *r->ring);
+    r->queue = r->ring + count;
+    return SBL_SUCCESS;
 }
 
 static int sbl__ring_reached(const sbl__rings *r, int thing) {
     return r->ring[thing] >= 0 && r->ring[thing] < r->number;
 }
 
-/* Returns the neighbours of a thing in a grid: the 3 x 3 block around it, row by row, including the thing itself. */
+/* A `neighbour` function for grids. Visits the 3 x 3 block around a thing, including the thing itself, row by row. */
 static int sbl__ring_grid(const sbl__rings *r, int thing, size_t *place) {
     while (*place < 9) {
         const int x = thing % r->width + (int)(*place % 3) - 1, y = thing / r->width + (int)(*place / 3) - 1;
@@ -4426,21 +4425,20 @@ static int sbl__ring_grid(const sbl__rings *r, int thing, size_t *place) {
 }
 
 /* Appends a thing's waiting neighbours to the queue. They belong to the next ring. */
-static sbl_result sbl__ring_spread(sbl__rings *r, int thing) {
+static void sbl__ring_spread(sbl__rings *r, int thing) {
     size_t place = 0;
     int other;
     while (r->number < r->last && (other = r->neighbour(r, thing, &place)) >= 0) {
         if (r->ring[other] != SBL__RING_WAITS) continue;
-        if (!sbl__grow(r->base, &r->queue, &r->room, r->queued + 1, sizeof *r->queue)) return SBL_ERROR_OUT_OF_MEMORY;
         r->queue[r->queued++] = other;
         r->ring[other] = r->number + 1;
     }
-    return SBL_SUCCESS;
 }
 
 static sbl_result sbl__ring_source(void *work, int thing) {
     sbl__rings *r = (sbl__rings *)work;
-    return r->ring[thing] == 0 ? sbl__ring_spread(r, thing) : SBL_SUCCESS;
+    if (r->ring[thing] == 0) sbl__ring_spread(r, thing);
+    return SBL_SUCCESS;
 }
 
 static sbl_result sbl__ring_next(void *work, int at) {
@@ -4448,13 +4446,14 @@ static sbl_result sbl__ring_next(void *work, int at) {
     const int thing = r->queue[at];
     r->number = r->ring[thing];
     r->mean(r->user, thing);
-    return sbl__ring_spread(r, thing);
+    sbl__ring_spread(r, thing);
+    return SBL_SUCCESS;
 }
 
 static int sbl__rings_things(void *work) { return ((sbl__rings *)work)->count; }
 static int sbl__rings_queued(void *work) { return ((sbl__rings *)work)->queued; }
 
-/* Does one piece. SBL_SUCCESS: all rings up to r->last have their values. */
+/* Does a piece of the work. Returns SBL_SUCCESS when all rings up to r->last have their values. */
 static sbl_result sbl__rings_step(sbl__rings *r, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__ring_source, sbl__rings_things },
@@ -4469,30 +4468,30 @@ static sbl_result sbl__rings_step(sbl__rings *r, sbl__slice *slice) {
    Pain"). The matrix is the sum of terms, which a function of the caller multiplies by a direction, and of a multiple
    of the identity. */
 
-#define SBL__SOLVER_ROUNDS 1000  /* limit of the number of rounds */
+#define SBL__SOLVER_ROUNDS 1000  /* limit of the number of iterations */
 
 enum { SBL__SOLVER_START, SBL__SOLVER_TURN, SBL__SOLVER_MULTIPLY, SBL__SOLVER_DOT, SBL__SOLVER_ADVANCE,
        SBL__SOLVER_DONE };
 
-/* Dot products of vectors of a system. power, next_power: residual and preconditioned residual, before and after the
-   round. along: direction and product. first2, left2: preconditioned residual with itself, at the start and now. turn:
-   share of the last direction that the next direction keeps */
+/* The scalars of a system. power, next_power: residual . preconditioned residual, before and after the iteration.
+   along: direction . product. first2, left2: squared length of the preconditioned residual, at the start and after the
+   iteration. turn: factor of the last direction in the next direction */
 typedef struct sbl__solver_sums { double power, next_power, along, first2, left2, turn; } sbl__solver_sums;
 
 typedef struct sbl__solver {
     sbl__stages stages;
     void *user;
-    void (*term)(void *user, int i, const double *direction, double *product);  /* product += term i * direction */
+    void (*term)(void *user, int i, const double *direction, double *product);  /* adds term i * direction to product */
     int term_count;
     int count;                  /* number of unknowns */
     int together;               /* 1: the channels form one system; 0: each channel is a system of its own */
     double identity;            /* factor of the identity in the matrix */
     double precision2;          /* a system is solved when left2 / first2 is at most this */
-    /* Arrays of three numbers per unknown, one per channel, in one block of memory: */
-    double *diagonal;           /* the preconditioner: diagonal of the matrix, or all 1; 0 fixes the unknown */
+    /* The arrays have three numbers per unknown, one for each channel. They share one block of memory. */
+    double *diagonal;           /* the preconditioner: diagonal of the matrix, or all 1; an unknown with 0 is fixed */
     double *solution;           /* must be 0 at the start */
     double *residual;           /* must be the right side at the start */
-    double *direction, *product;
+    double *direction, *product;  /* product: matrix * direction */
     sbl__solver_sums sums[3];
     int rounds;
 } sbl__solver;
@@ -4524,7 +4523,7 @@ static sbl_result sbl__solver_term(void *work, int term) {
     return SBL_SUCCESS;
 }
 
-/* Does an unknown's part of any stage except SBL__SOLVER_MULTIPLY. */
+/* Processes an unknown, in any stage except SBL__SOLVER_MULTIPLY. */
 static sbl_result sbl__solver_unknown(void *work, int unknown) {
     sbl__solver *s = (sbl__solver *)work;
     size_t i = 3 * (size_t)unknown;
@@ -4572,7 +4571,7 @@ static int sbl__solver_after_advance(void *work) {
     return solved || ++s->rounds >= SBL__SOLVER_ROUNDS ? SBL__SOLVER_DONE : SBL__SOLVER_TURN;
 }
 
-/* Does one piece. SBL_SUCCESS: the solution is ready, and the next call starts with another right side. */
+/* Does a piece of the work. Returns SBL_SUCCESS when the solution is ready; the next call then starts anew. */
 static sbl_result sbl__solver_step(sbl__solver *s, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, sbl__solver_after_start, sbl__solver_unknown, sbl__solver_unknowns },
@@ -4598,10 +4597,10 @@ static sbl_result sbl__solver_step(sbl__solver *s, sbl__slice *slice) {
 
 typedef struct sbl__textures {
     sbl__texture tables[2];    /* texel tables: [0] 8-bit sRGB, [1] 16-bit floats */
-    /* Per texture, numbered from 1 as in materials. Number 0 stands for no texture. */
+    /* Materials number textures from 1. Element 0 of the arrays stands for no texture. */
     uint32_t (*places)[4];     /* first row in its table, width, height, kind; copied to sbl__object */
     float *brightest;          /* largest component of any texel; always 1 if pixels are 8-bit sRGB */
-    int count;                 /* number of textures */
+    int count;
     uint64_t hash;             /* hash of both tables' texels */
 } sbl__textures;
 
@@ -4616,7 +4615,7 @@ static void sbl__textures_free(const sbl__device *d, sbl__textures *t) {
 /* A texel table while the CPU fills it. texel: bytes per texel, 4 for 8-bit sRGB or 8 for 16-bit floats */
 typedef struct sbl__texel_table { unsigned char *bytes; size_t texel; int width, rows; } sbl__texel_table;
 
-/* Reads a pixel. Bytes are divided by 255. One channel is grey, two are grey and alpha. Without alpha, c[3] stays. */
+/* Reads a pixel. Bytes are divided by 255. One channel is grey, two are grey and alpha. c[3] is kept without alpha. */
 static void sbl__read_pixel(const sbl_texture *t, int x, int y, float c[4]) {
     const int channels = sbl__texture_channels(t);
     const unsigned char *at = (const unsigned char *)t->pixels + (size_t)y * sbl__texture_stride(t, t->width) +
@@ -4642,8 +4641,7 @@ static sbl_result sbl__texels_write(const sbl__device *d, const sbl__textures *s
             float c[4] = { 0, 0, 0, 1 };
             if (copy) memcpy(c, copy + 4 * ((size_t)y * (size_t)width + (size_t)x), sizeof c);
             else sbl__read_pixel(t, x, y, c);
-            for (k = 0; k < 4 && encoded; k++) to[k] = (unsigned char)(255.0f * c[k] + 0.5f);
-            for (k = 0; k < 4 && !encoded; k++) {
+            for (k = 0; k < 4; k++) {
                 if (!sbl__between(&c[k], 0, FLT_MAX)) {
                     sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: component %d of pixel "
                              "%d %d is %g; it must be finite and not negative", number, k, x, y, (double)c[k]);
@@ -4652,7 +4650,7 @@ static sbl_result sbl__texels_write(const sbl__device *d, const sbl__textures *s
                 if (table->texel == 8) {
                     const uint16_t half = sbl__to_half(c[k]);
                     memcpy(to + 2 * k, &half, 2);
-                } else to[k] = sbl__to_byte(k < 3 ? sbl__linear_to_srgb(c[k]) : c[k]);
+                } else to[k] = sbl__to_byte(encoded || k == 3 ? c[k] : sbl__linear_to_srgb(c[k]));
             }
             s->brightest[number] = SBL__MAX(s->brightest[number], encoded ? 1.0f : sbl__max3(c));
         }
@@ -4747,11 +4745,6 @@ static sbl_result sbl__textures_make(sbl__device *d, sbl__textures *s, const sbl
     return result == SBL_SUCCESS ? sbl__texel_table_make(d, s, desc, 1) : result;
 }
 
-static void sbl__textures_bind(sbl__device *d, const sbl__textures *s) {
-    sbl__bind(d, "sbl_texels_srgb", &s->tables[0]);
-    sbl__bind(d, "sbl_texels_float", &s->tables[1]);
-}
-
 /* ======================================================================================================== >>material
    How surfaces emit and reflect light, and where they have holes. Materials are read only here, for the CPU, and in
    material.glsl, for shaders. Both compute the same. */
@@ -4834,7 +4827,7 @@ static const char *const sbl__glsl_material[] = {
 "    return sbl_dark_side(object, back) ? vec3(0) : sbl_object_emission(object);\n",
 "}\n",
 "\n",
-"// Does not call sbl_emission, because softpipe then shows wrong sides.\n",
+"// True if one side of a surface emits light. Does not call sbl_emission: softpipe would show wrong sides.\n",
 "bool sbl_emits(int object, bool back) {\n",
 "    vec3 emission = sbl_object_emission(object);\n",
 "    return max(max(emission.r, emission.g), emission.b) > 0.0 && !sbl_dark_side(object, back);\n",
@@ -4898,12 +4891,11 @@ static const char *const sbl__glsl_material[] = {
    over the hemisphere find the picture's radiance up to a limit. Radiance above the limit would make their results
    noisy, so each texel that exceeds the limit is also a lamp, which emits the excess (see >>lamps). */
 
-/* Limit of the picture's radiance that rays over the hemisphere find, as a multiple of its mean over all directions */
-#define SBL__SKY_LIMIT 4
+#define SBL__SKY_LIMIT 4  /* limit of radiance for rays over the hemisphere, in multiples of the picture's mean */
 
 typedef struct sbl__environment {
     float sky[3];        /* constant radiance from all directions, added to the picture's */
-    float *pixels;       /* radiance of the picture, host's scale included: r g b; NULL if there is no picture */
+    float *pixels;       /* radiance of the picture, host's scale included: r g b 0; NULL if there is no picture */
     int width, height;   /* size of the picture, texels */
     float axes[3][3];    /* the picture's x, up and z axes in world space: unit vectors */
     float limit;         /* radiance (largest component) above which a texel is a lamp; 0 if there is no picture */
@@ -4946,7 +4938,7 @@ static void sbl__environment_direction(const sbl__environment *e, int x, int y, 
         out[k] = sin(angle) * (cos(around) * e->axes[0][k] + sin(around) * e->axes[2][k]) + cos(angle) * e->axes[1][k];
 }
 
-/* Computes a texel's linear radiance from the host's pixels or function, times the host's scale. c[3] is undefined. */
+/* Computes a texel's linear radiance from the host's pixels or function, times the host's scale. c[3] is 0. */
 static void sbl__environment_texel(const sbl__environment *e, const sbl_environment *desc, int x, int y, float c[4]) {
     const sbl_texture *t = &desc->picture;
     double exact[3];
@@ -4962,18 +4954,17 @@ static void sbl__environment_texel(const sbl__environment *e, const sbl_environm
         for (k = 0; k < 3 && t->format == SBL_PIXELS_SRGB8; k++) c[k] = sbl__srgb_to_linear(c[k]);
     }
     for (k = 0; k < 3; k++) c[k] *= sbl__zero(&desc->scale) ? 1.0f : SBL__MAX(desc->scale, 0.0f);
+    c[3] = 0;
 }
 
-/* Fills e->pixels (r g b) and texels (r g b a, for the GPU); computes e->limit and e->brightest. */
-static sbl_result sbl__environment_read(const sbl__base *base, sbl__environment *e, const sbl_environment *desc,
-                                        float *texels) {
+/* Fills e->pixels; computes e->limit and e->brightest. */
+static sbl_result sbl__environment_read(const sbl__base *base, sbl__environment *e, const sbl_environment *desc) {
     double mean = 0, weights = 0;
+    float *c = e->pixels;
     int x, y, k;
     for (y = 0; y < e->height; y++) {
         const double weight = sin(SBL__PI * (y + 0.5) / e->height);
-        for (x = 0; x < e->width; x++) {
-            const size_t at = (size_t)y * (size_t)e->width + (size_t)x;
-            float *c = texels + 4 * at;
+        for (x = 0; x < e->width; x++, c += 4) {
             sbl__environment_texel(e, desc, x, y, c);
             for (k = 0; k < 3; k++)
                 if (!sbl__between(&c[k], 0, FLT_MAX)) {
@@ -4981,7 +4972,6 @@ static sbl_result sbl__environment_read(const sbl__base *base, sbl__environment 
                              "%d %d is %g; it must be finite and not negative", k, x, y, (double)c[k]);
                     return SBL_ERROR_INVALID_ARGUMENT;
                 }
-            memcpy(e->pixels + 3 * at, c, 12);
             mean += weight * sbl__max3(c);
             weights += weight;
             e->brightest = SBL__MAX(e->brightest, sbl__max3(c) + sbl__max3(e->sky));
@@ -4994,8 +4984,6 @@ static sbl_result sbl__environment_read(const sbl__base *base, sbl__environment 
 static sbl_result sbl__environment_make(const sbl__device *d, sbl__environment *e, const sbl_scene_desc *desc) {
     const sbl_environment *from = &desc->environment;
     const int most = d->gl.capabilities.max_texture_size;
-    size_t pixels;
-    float *texels;
     sbl_result result;
     memcpy(e->sky, desc->sky, sizeof e->sky);
     e->brightest = sbl__max3(e->sky);
@@ -5008,14 +4996,10 @@ static sbl_result sbl__environment_make(const sbl__device *d, sbl__environment *
         return SBL_ERROR_UNSUPPORTED;
     }
     sbl__environment_axes(e, from);
-    pixels = (size_t)e->width * (size_t)e->height;
-    e->pixels = (float *)sbl__alloc_raw(d->base, pixels, 12);
-    texels = (float *)sbl__alloc_raw(d->base, pixels, 16);
-    result = e->pixels && texels ? sbl__environment_read(d->base, e, from, texels) : SBL_ERROR_OUT_OF_MEMORY;
+    e->pixels = (float *)sbl__alloc_raw(d->base, (size_t)e->width * (size_t)e->height, 16);
+    result = e->pixels ? sbl__environment_read(d->base, e, from) : SBL_ERROR_OUT_OF_MEMORY;
     if (result == SBL_SUCCESS) result = sbl__texture_make(d, &e->texels, e->width, e->height, SBL__GL_RGBA32F);
-    if (result == SBL_SUCCESS) result = sbl__texture_write(d, &e->texels, 0, e->height, texels);
-    sbl__free(d->base, texels);
-    return result;
+    return result == SBL_SUCCESS ? sbl__texture_write(d, &e->texels, 0, e->height, e->pixels) : result;
 }
 
 #define SBL__FAR 1e29f   /* a distance above this means that a ray hit nothing */
@@ -5032,7 +5016,7 @@ static void sbl__environment_radiance(const sbl__environment *e, const double di
         for (k = 0; k < 3; k++) d[i] += direction[k] * (double)e->axes[i][k];
     x = (int)((0.5 + atan2(d[2], d[0]) / (2 * SBL__PI)) * e->width);
     y = (int)(acos(SBL__MIN(SBL__MAX(d[1], -1.0), 1.0)) / SBL__PI * e->height);
-    texel = e->pixels + 3 * ((size_t)SBL__MIN(y, e->height - 1) * (size_t)e->width + (size_t)SBL__MIN(x, e->width - 1));
+    texel = e->pixels + 4 * ((size_t)SBL__MIN(y, e->height - 1) * (size_t)e->width + (size_t)SBL__MIN(x, e->width - 1));
     excess = SBL__MAX(1 - (double)(e->limit / SBL__MAX(sbl__max3(texel), SBL__SKY_LEAST)), 0);
     for (k = 0; k < 3; k++) light[k] += (float)((1 - excess) * (double)texel[k]);
 }
@@ -5050,11 +5034,11 @@ static void sbl__environment_bind(sbl__device *d, const sbl__environment *e) {
 /* >>glsl sky: shaders_embedded/sky.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sky[] = {
 "// The environment's picture (see sbl_environment), in equirectangular projection. A ray that hits nothing finds\n",
-"// the sum of its light and of the constant sky's.\n",
+"// the picture's radiance plus that of the constant sky.\n",
 "uniform sampler2D sky_picture;\n",
 "uniform vec3 sky_x, sky_up, sky_z;  // axes of the picture in world space: unit vectors\n",
 "uniform float sky_limit;            // radiance (largest component) above which a texel is also a lamp, which emits\n",
-"                                    // the excess; 0: the picture gives no light, or there is none\n",
+"                                    // the excess; 0: sbl_sky returns 0\n",
 "\n",
 "// Position in the picture where a direction points to: 0 to 1 from left to right and from top to bottom.\n",
 "vec2 sbl_sky_at(vec3 direction) {\n",
@@ -5094,12 +5078,12 @@ static const char *const sbl__glsl_sky[] = {
    are stored in 16-bit steps of a grid over the scene, or of a finer grid around small geometry. The hierarchy is built
    in slices, when it is first needed and again after surfaces have changed. */
 
-#define SBL__BVH_BINS 16         /* per axis */
+#define SBL__BVH_BINS 16         /* bins per axis */
 #define SBL__BVH_LEAF 4          /* limit of triangles in a leaf; the format allows 8 */
-#define SBL__BVH_SAH_DEPTH 32    /* deeper nodes are cut in the middle of their triangles, to limit the depth */
-#define SBL__BVH_DROPPED 0xffffffffu  /* in the order of triangles: an unused place */
-#define SBL__BVH_GRID_STEPS 512  /* boxes that measure fewer grid steps than this along each axis */
-#define SBL__BVH_GRID_LEAST 32   /* and have at least this number of triangles get a finer grid */
+#define SBL__BVH_SAH_DEPTH 32    /* deeper nodes get two halves of equally many triangles, to limit the depth */
+#define SBL__BVH_DROPPED 0xffffffffu  /* marks an unused element of sbl__hierarchy.order */
+#define SBL__BVH_GRID_STEPS 512  /* a node gets a finer grid if its box is shorter than this on all axes, in steps */
+#define SBL__BVH_GRID_LEAST 32   /* least number of triangles of a node that gets a finer grid */
 #define SBL__BVH_CHUNK 32        /* triangles per turn of a loop, so that the overhead of turns is negligible */
 #define SBL__UPLOAD_CHUNK 65536  /* bytes per piece of an upload */
 
@@ -5108,7 +5092,7 @@ static const char *const sbl__glsl_sky[] = {
 #define SBL__NODE(X) X(sbl__node, UVEC4, child_0) X(sbl__node, UVEC4, child_1)
 SBL__RECORD(sbl__node, SBL__NODE, "sbl_node", "sbl_nodes", SBL__SCENE_TABLE("sbl_nodes"), NULL)
 
-/* A grid takes the place of a node. root: number of its first node. around: number of the grid that encloses it */
+/* A grid, which is stored in the place of a node. root: number of its first node. around: number of the outer grid */
 #define SBL__GRID_NODE(X) \
     X(sbl__grid_node, VEC3, origin) X(sbl__grid_node, UINT, root) \
     X(sbl__grid_node, VEC3, per_length) X(sbl__grid_node, UINT, around)
@@ -5124,8 +5108,6 @@ SBL__RECORD(sbl__triangle, SBL__TRIANGLE, "sbl_triangle", "sbl_triangles", SBL__
 typedef struct sbl__box { float low[3], high[3]; } sbl__box;
 
 static const sbl__box sbl__box_empty = { { FLT_MAX, FLT_MAX, FLT_MAX }, { -FLT_MAX, -FLT_MAX, -FLT_MAX } };
-
-static void sbl__box_clear(sbl__box *b) { *b = sbl__box_empty; }
 
 /* Extends a box so that it contains all coordinates from low to high. */
 static void sbl__box_grow(sbl__box *b, const float *low, const float *high) {
@@ -5151,10 +5133,10 @@ static float sbl__box_area(const sbl__box *b) {
     return x < 0 ? 0 : x * y + y * z + z * x;
 }
 
-/* Bounds of triangles, and of their centroids, whose coordinates are doubled. */
+/* Bounds of triangles, and of their centroids multiplied by 2 */
 typedef struct sbl__bvh_bounds { sbl__box box, centroids; } sbl__bvh_bounds;
 
-/* A part to build: triangles first .. first + count - 1 of the order. It becomes child `side` of node `parent`. */
+/* A node to build, over triangles first .. first + count - 1 of the order. It becomes child `side` of node `parent`. */
 typedef struct sbl__bvh_task {
     int first, count, depth, parent, side;
     sbl__grid_node grid;
@@ -5171,43 +5153,41 @@ typedef struct sbl__bvh_split {
     sbl__bvh_bounds halves[2];
 } sbl__bvh_split;
 
-/* Cost of a node. sum: nodes and triangles that a ray through its box tests on average, times the box's area */
+/* Cost of a node. sum: area of its box * number of nodes and triangles that a ray through the box tests on average */
 typedef struct sbl__bvh_work { double sum; float area; int parent; } sbl__bvh_work;
 
 enum { SBL__BVH_BOXES, SBL__BVH_COUNT, SBL__BVH_PART, SBL__BVH_NODE, SBL__BVH_COSTS };
 
-typedef struct sbl__bvh {        /* while it is built */
+typedef struct sbl__bvh {        /* data for building the hierarchy */
     sbl__stages stages;
     const sbl__device *device;
     const sbl__geometry *geometry;
     struct sbl__hierarchy *hierarchy;
     uint32_t (*children)[4];     /* sbl__node: two children per node */
-    uint32_t *order;             /* triangle numbers, leaf after leaf */
-    sbl__box *boxes;             /* per triangle: its bounds */
-    sbl__bvh_work *work;         /* per node: its cost */
+    sbl__box *boxes;             /* bounds of each triangle */
+    sbl__bvh_work *work;         /* cost of each node */
     sbl__bvh_bounds all;
-    sbl__bvh_task stack[2 * SBL__STACK];  /* tasks that have not been begun */
-    sbl__bvh_task task;          /* the present task */
-    int top;                     /* height of the stack */
+    sbl__bvh_task stack[2 * SBL__STACK];  /* tasks to do */
+    sbl__bvh_task task;          /* the current task */
+    int top;                     /* number of tasks on the stack */
     sbl__bvh_split split;
+    sbl__triangle records[SBL__UPLOAD_CHUNK / sizeof(sbl__triangle)];  /* a piece of an upload */
 } sbl__bvh;
 
 typedef struct sbl__hierarchy {
     int ready;
     int node_count, triangle_count;
     sbl__grid_node grid;         /* the grid over the scene */
-    double cost;                 /* nodes and triangles that a ray through a node's box tests on average, by the
-                                    surface-area heuristic: the highest of all nodes */
+    double cost;                 /* highest sum / area of any node, see sbl__bvh_work */
     double seconds;              /* time spent on building */
     sbl__table node_table, triangle_table;
-    uint32_t *order;             /* triangle numbers, leaf after leaf; >>lamps needs them */
+    uint32_t *order;             /* triangle numbers, leaf after leaf; read by >>lamps */
     sbl__bvh *building;          /* NULL if the hierarchy is not being built */
 } sbl__hierarchy;
 
 static void sbl__bvh_free(const sbl__device *d, sbl__bvh *b) {
     if (!b) return;
     sbl__free(d->base, b->children);
-    sbl__free(d->base, b->order);
     sbl__free(d->base, b->boxes);
     sbl__free(d->base, b->work);
     sbl__free(d->base, b);
@@ -5245,18 +5225,19 @@ static int sbl__bvh_chunks(void *work) {
 static sbl_result sbl__bvh_chunk(void *work, int chunk) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__bvh_split *s = &b->split;
+    uint32_t *order = b->hierarchy->order;
     const int first = b->task.first + chunk * SBL__BVH_CHUNK;
     const int end = SBL__MIN(first + SBL__BVH_CHUNK, b->task.first + b->task.count);
     int i, axis;
     for (i = first; i < end; i++) {
-        const uint32_t number = b->order[i];
+        const uint32_t number = order[i];
         const sbl__box *box = &b->boxes[number];
         if (b->stages.stage == SBL__BVH_PART) {
             const int second = sbl__bvh_bin(b, box, s->axis) > s->bin;
             sbl__bvh_bounds_add(&s->halves[second], box);
             if (second) continue;
-            b->order[i] = b->order[b->task.first + s->left];
-            b->order[b->task.first + s->left++] = number;
+            order[i] = order[b->task.first + s->left];
+            order[b->task.first + s->left++] = number;
         } else for (axis = 0; axis < 3; axis++) {
             const int bin = s->scale[axis] > 0 ? sbl__bvh_bin(b, box, axis) : 0;
             sbl__box_add(&s->bins[axis][bin], box);
@@ -5319,7 +5300,6 @@ static sbl__grid_node sbl__bvh_add_grid(sbl__hierarchy *h, const sbl__box *b, ui
     grid.root = (uint32_t)place + 1;
     grid.around = around;
     memcpy(&h->building->children[2 * place], &grid, sizeof grid);
-    memset(&h->building->work[place], 0, sizeof *h->building->work);
     return grid;
 }
 
@@ -5331,11 +5311,11 @@ static int sbl__bvh_corner_order(const void *first, const void *second) {
     return a[k] < b[k] ? -1 : a[k] > b[k];
 }
 
-/* Drops triangles whose corners are exactly those of a triangle with a lower number and without holes: rays cannot hit
-   them, but would test all of them. Shortens the task. */
+/* Drops triangles that have exactly the corners of a triangle with a lower number and without holes: a ray hits the
+   latter, but would test all of them. Shortens the task. */
 static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
     const sbl__geometry *g = b->geometry;
-    uint32_t *order = b->order;
+    uint32_t *order = b->hierarchy->order;
     uint32_t (*corners)[10] = (uint32_t (*)[10])sbl__alloc(b->device->base, (size_t)t->count, sizeof *corners);
     int i, k, kept = 0, last = 0;
     if (!corners) return SBL_ERROR_OUT_OF_MEMORY;
@@ -5358,8 +5338,8 @@ static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
     return SBL_SUCCESS;
 }
 
-/* Begins the top task of the stack: links the next node to its parent, behind a finer grid if its box is small in the
-   parent's grid, and empties the bins. */
+/* Begins the top task of the stack: makes the next node a child of its parent, inserts a finer grid between them if the
+   node's box is small in the parent's grid, and empties the bins. */
 static int sbl__bvh_next_task(void *work) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__hierarchy *h = b->hierarchy;
@@ -5378,7 +5358,6 @@ static int sbl__bvh_next_task(void *work) {
         *child |= SBL__ENTER;
         t->grid = sbl__bvh_add_grid(h, box, t->grid.root - 1);
     }
-    memset(&b->work[h->node_count], 0, sizeof *b->work);
     memset(s, 0, sizeof *s);
     s->axis = -1;
     for (k = 0; k < 2; k++) s->halves[k].box = s->halves[k].centroids = sbl__box_empty;
@@ -5399,11 +5378,12 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
     const int node = b->hierarchy->node_count++;
     int side, i;
     (void)slice;
-    if (!s->left) {  /* no split was found. The first half of a single triangle is an empty box, which no ray enters. */
+    if (!s->left) {  /* no split was found; the first half of a single triangle is a box that no ray enters */
         const sbl_result result = sbl__bvh_drop_copies(b, t);
         if (result != SBL_SUCCESS) return result;
         s->left = t->count / 2;
-        for (i = 0; i < t->count; i++) sbl__bvh_bounds_add(&s->halves[i >= s->left], &b->boxes[b->order[t->first + i]]);
+        for (i = 0; i < t->count; i++)
+            sbl__bvh_bounds_add(&s->halves[i >= s->left], &b->boxes[b->hierarchy->order[t->first + i]]);
     }
     b->work[node].area = sbl__box_area(&t->bounds.box);
     b->work[node].parent = t->parent;
@@ -5441,11 +5421,12 @@ static sbl_result sbl__bvh_begin(const sbl__device *d, const sbl__geometry *g, s
     h->node_count = h->triangle_count = 0;
     h->cost = h->seconds = 0;
     b->children = (uint32_t (*)[4])sbl__alloc_raw(d->base, nodes, sizeof(sbl__node));
-    b->order = (uint32_t *)sbl__alloc_raw(d->base, room, 4);
+    sbl__free(d->base, h->order);
+    h->order = (uint32_t *)sbl__alloc_raw(d->base, room, 4);
     b->boxes = (sbl__box *)sbl__alloc_raw(d->base, room, sizeof *b->boxes);
-    b->work = (sbl__bvh_work *)sbl__alloc_raw(d->base, nodes, sizeof *b->work);
+    b->work = (sbl__bvh_work *)sbl__alloc(d->base, nodes, sizeof *b->work);
     b->all.box = b->all.centroids = sbl__box_empty;
-    return b->children && b->order && b->boxes && b->work ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    return b->children && h->order && b->boxes && b->work ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 static int sbl__bvh_all_triangles(void *work) { return ((sbl__bvh *)work)->geometry->triangle_count; }
@@ -5455,7 +5436,7 @@ static sbl_result sbl__bvh_box(void *work, int at) {
     sbl__bvh *b = (sbl__bvh *)work;
     const uint32_t i = (uint32_t)at;
     if (sbl__triangle_object(b->geometry, i)->flags & SBL_MATERIAL_HIDDEN_FROM_SENSORS) return SBL_SUCCESS;
-    b->order[b->hierarchy->triangle_count++] = i;
+    b->hierarchy->order[b->hierarchy->triangle_count++] = i;
     sbl__box_of_triangle(&b->boxes[i], b->geometry, i);
     sbl__bvh_bounds_add(&b->all, &b->boxes[i]);
     return SBL_SUCCESS;
@@ -5470,7 +5451,8 @@ static int sbl__bvh_after_boxes(void *work) {
         b->top = 1;
         task->count = h->triangle_count;
         task->bounds = b->all;
-        h->grid = task->grid = sbl__bvh_add_grid(h, &b->all.box, 0);  /* parent 0 and side 0 address its root field */
+        /* The grid is node 0. Child 0 of node 0, which this task sets, is the grid's field `root`. */
+        h->grid = task->grid = sbl__bvh_add_grid(h, &b->all.box, 0);
     }
     return sbl__bvh_next_task(b);
 }
@@ -5487,7 +5469,7 @@ static sbl_result sbl__bvh_cost(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Uploads a piece of a table's `all` elements, from number stages.at on. Attaches the table after the last one. */
+/* Uploads the next piece of a table of `all` elements, from element stages.at on. Attaches the table at the end. */
 static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, size_t size, int all) {
     int *at = &b->stages.at;
     const int count = SBL__MIN(SBL__UPLOAD_CHUNK / (int)size, all - *at);
@@ -5498,25 +5480,21 @@ static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, 
     *at += count;
     if (*at < all) return SBL_UNFINISHED;
     result = sbl__table_attach(b->device, t, SBL__GL_RGBA32UI, b->geometry->wide);
-    if (b->geometry->wide) sbl__buffer_delete(b->device, &t->buffer);  /* copied */
+    if (b->geometry->wide) sbl__buffer_delete(b->device, &t->buffer);  /* a texture holds a copy */
     return result;
 }
 
 /* Uploads a piece of the triangles' records, in the order of the leaves. */
 static sbl_result sbl__bvh_triangles(void *work, sbl__slice *slice) {
-    enum { MOST = SBL__UPLOAD_CHUNK / sizeof(sbl__triangle) };
     sbl__bvh *b = (sbl__bvh *)work;
     const sbl__geometry *g = b->geometry;
     sbl__hierarchy *h = b->hierarchy;
-    const int count = SBL__MIN((int)MOST, h->triangle_count - b->stages.at);
-    sbl__triangle *records = (sbl__triangle *)sbl__alloc(b->device->base, MOST, sizeof *records);
-    sbl_result result;
+    const int count = SBL__MIN(SBL__COUNT(b->records), h->triangle_count - b->stages.at);
     int i;
     (void)slice;
-    if (!records) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < count; i++) {
-        const uint32_t number = b->order[b->stages.at + i];
-        sbl__triangle *t = &records[i];
+        const uint32_t number = h->order[b->stages.at + i];
+        sbl__triangle *t = &b->records[i];
         if (number == SBL__BVH_DROPPED) continue;
         memcpy(t->corner_0, sbl__triangle_corner(g, number, 0), 12);
         memcpy(t->corner_1, sbl__triangle_corner(g, number, 1), 12);
@@ -5525,9 +5503,7 @@ static sbl_result sbl__bvh_triangles(void *work, sbl__slice *slice) {
         t->number = number;
         t->cutout = sbl__triangle_object(g, number)->alpha_cutoff != 0.0f;
     }
-    result = sbl__bvh_upload(b, &h->triangle_table, records, sizeof *records, h->triangle_count);
-    sbl__free(b->device->base, records);
-    return result;
+    return sbl__bvh_upload(b, &h->triangle_table, b->records, sizeof *b->records, h->triangle_count);
 }
 
 static sbl_result sbl__bvh_nodes(void *work, sbl__slice *slice) {
@@ -5557,12 +5533,7 @@ static sbl_result sbl__hierarchy_step(sbl__device *d, const sbl__geometry *g, sb
                                                         slice);
     h->seconds += sbl__now() - start;
     if (result == SBL_UNFINISHED) return result;
-    if (result == SBL_SUCCESS) {  /* >>lamps still needs the order; the nodes are on the GPU */
-        h->ready = 1;
-        sbl__free(d->base, h->order);
-        h->order = h->building->order;
-        h->building->order = NULL;
-    }
+    h->ready = result == SBL_SUCCESS;
     sbl__bvh_free(d, h->building);
     h->building = NULL;
     return result;
@@ -5583,7 +5554,7 @@ static const char *const sbl__glsl_traverse[] = {
 "uniform vec3 grid_origin, grid_per_length;  // the grid over the scene, whose record is number 0\n",
 "uniform int node_count;                     // 0: the scene is empty\n",
 "\n",
-"const int SBL_LAYERS = 64;            // limit of hits in holes that a ray passes\n",
+"const int SBL_LAYERS = 64;            // limit of the number of holes that a ray passes\n",
 "const int SBL_BOX_SLACK = 8;          // units in the last place, see Ize 2013, \"Robust BVH Ray Traversal\"\n",
 "const float SBL_SELF_DEEP = 1e-4;     // see sbl_test\n",
 "const float SBL_SELF_WIDE = 2.4e-7;\n",
@@ -5635,8 +5606,8 @@ static const char *const sbl__glsl_traverse[] = {
 "    int axis;\n",
 "    vec2 shear;\n",
 "    float z, per_z;\n",
-"    float after;  // hits at a lower distance are ignored,\n",
-"    int past;     // and hits at an equal distance whose number is at most this\n",
+"    float after;  // hits at a lower distance are ignored\n",
+"    int past;     // hits at the distance `after` are ignored if the triangle's number is at most this\n",
 "};\n",
 "\n",
 "vec3 sbl_turn(vec3 v, int axis) { return axis == 0 ? v.yzx : axis == 1 ? v.zxy : v; }\n",
@@ -5752,8 +5723,8 @@ static const char *const sbl__glsl_traverse[] = {
     X(sbl__lamp_node, VEC3, front) X(sbl__lamp_node, UINT, first_leaf)
 SBL__RECORD(sbl__lamp_node, SBL__LAMP_NODE, "sbl_lamp_node", "sbl_lamps", SBL__SCENE_TABLE("sbl_lamps"), NULL)
 
-/* code: kind << SBL_LAMP_KIND_SHIFT | number. The number is that of a triangle in the hierarchy's order, of a light,
-   or of a texel: row << SBL_SKY_COLUMN_BITS | column. */
+/* code: kind << SBL_LAMP_KIND_SHIFT | number. The number is a triangle's place in the hierarchy's order, a light's
+   number, or a texel's row * width + column. */
 #define SBL__LAMP_LEAF(X) X(sbl__lamp_leaf, UINT, code) X(sbl__lamp_leaf, UVEC3, unused)
 SBL__RECORD(sbl__lamp_leaf, SBL__LAMP_LEAF, "sbl_lamp_leaf", "sbl_lamps", "", "sbl_first_leaf")
 
@@ -5770,13 +5741,11 @@ SBL__RECORD(sbl__light_record, SBL__LIGHT_RECORD, "sbl_light", "sbl_lamps", "", 
 #define SBL__MOMENT_MOST 1e18         /* limit of a moment, so that products of two moments remain finite floats */
 #define SBL__SPOT_LEAST 0.001         /* least difference between the cosines of a spot's cones (KHR_lights_punctual) */
 #define SBL__CURVE_BITS 20            /* bits of the Morton curve per axis */
-#define SBL__LAMP_DEPTH 128           /* largest depth of the trees: the 61 bits of the curve, then the logarithm of
-                                         the number of lamps at one place */
+#define SBL__LAMP_DEPTH 128           /* largest depth of a tree: 61 bits of the curve + log2(lamps at one place) */
 
 typedef struct sbl__lamp {
     uint64_t curve;            /* position along a Morton curve; near lamps come before distant lamps */
     uint32_t code;             /* see sbl__lamp_leaf */
-    uint32_t name;             /* number of the triangle in the scene or of the light, or row * width + column */
     sbl__box bounds;
     float normal[3];           /* 0: the lamp shines in all directions; for a distant lamp, the direction towards it */
     float power;
@@ -5796,7 +5765,7 @@ typedef struct sbl__lamps {    /* data for building the trees */
     int count, room;
     double low[3], side;       /* cube around the centres of the near lamps, which the Morton curve fills */
     int width;                 /* number of lamps in a run to merge */
-    int left, right, out;      /* positions of merging: in both runs and in the output */
+    int left, right, out;      /* next lamps of the two runs to merge; next place in `sorted` */
     sbl__lamp_node *nodes;
     int node_count;
     sbl__cluster clusters[SBL__LAMP_DEPTH];  /* stack of the clusters of subtrees */
@@ -5806,13 +5775,12 @@ typedef struct sbl__lamps {    /* data for building the trees */
 typedef struct sbl__lights {
     sbl_light *list;           /* copy of the host's lights */
     int count;
-    float unit;                /* approximate highest radiance of light from lamps; the unit in which shaders
-                                  calculate */
+    float unit;                /* unit of radiance in lamps.glsl: about the highest radiance that lamps cause */
     int ready;
     sbl__table table;
     int nodes, leaves;         /* numbers of nodes and leaves in the table */
-    int mixed;                 /* 0: all lamps are triangles, and at most SBL__LAMPS; 1: otherwise */
-    uint32_t (*names)[2];      /* kind and name of each leaf's lamp */
+    int mixed;                 /* 1 if not all lamps are triangles, or if there are more than SBL__LAMPS */
+    uint32_t *codes;           /* code of each leaf, see sbl__lamp_leaf */
     sbl__lamps *building;
 } sbl__lights;
 
@@ -5827,12 +5795,12 @@ static void sbl__lamps_free(const sbl__device *d, sbl__lamps *l) {
 static void sbl__lights_free(const sbl__device *d, sbl__lights *l) {
     sbl__lamps_free(d, l->building);
     sbl__free(d->base, l->list);
-    sbl__free(d->base, l->names);
+    sbl__free(d->base, l->codes);
     sbl__table_delete(d, &l->table);
     memset(l, 0, sizeof *l);
 }
 
-/* Copies the host's lights, which have been checked. brightest: highest radiance of any surface or the sky */
+/* Copies the host's lights, which have been checked. brightest, extent: see sbl__scene, sbl__geometry */
 static sbl_result sbl__lights_make(sbl__base *base, sbl__lights *l, const sbl_light *lights, int count,
                                    float brightest, float extent) {
     int i;
@@ -5895,7 +5863,6 @@ static sbl_result sbl__lamps_add_triangle(void *work, int place) {
     sbl__box_of_triangle(&lamp.bounds, l->geometry, number);
     for (k = 0; k < 3; k++) lamp.normal[k] = (float)normal[k];
     lamp.one_sided = !sbl__emits(object, 1);
-    lamp.name = number;
     return sbl__lamps_add(l, &lamp);
 }
 
@@ -5932,7 +5899,6 @@ static sbl_result sbl__lamps_add_light(void *work, int number) {
     sbl__light_write(light, &record, place);
     sbl__lamp_make(&lamp, kind << SBL__LAMP_KIND_SHIFT | (uint32_t)number, place,
                    distant ? 2 * sin(0.5 * half) : light->radius, sbl__sum3(light->intensity), distant);
-    lamp.name = (uint32_t)number;
     return sbl__lamps_add(l, &lamp);
 }
 
@@ -5945,18 +5911,16 @@ static sbl_result sbl__lamps_add_texel(void *work, int at) {
     sbl__lamps *l = (sbl__lamps *)work;
     const sbl__environment *e = l->environment;
     const int x = at % e->width, y = at / e->width;
-    const float *c = e->pixels + 3 * (size_t)at;
+    const float *c = e->pixels + 4 * (size_t)at;
     const double step = SBL__PI / e->height;
     const double solid_angle = 2 * SBL__PI / e->width * 2 * sin(step * (y + 0.5)) * sin(0.5 * step);
-    const uint32_t number = (uint32_t)y << SBL__SKY_COLUMN_BITS | (uint32_t)x;
     double direction[3];
     sbl__lamp lamp;
     if (!(sbl__max3(c) > e->limit)) return SBL_SUCCESS;
     sbl__environment_direction(e, x, y, direction);
-    sbl__lamp_make(&lamp, SBL__LAMP_SKY_TEXEL << SBL__LAMP_KIND_SHIFT | number, direction,
+    sbl__lamp_make(&lamp, SBL__LAMP_SKY_TEXEL << SBL__LAMP_KIND_SHIFT | (uint32_t)at, direction,
                    SBL__MIN(step + 2 * SBL__PI / e->width, 1.0),
                    sbl__sum3(c) * (1 - e->limit / sbl__max3(c)) * solid_angle, 1);
-    lamp.name = (uint32_t)at;
     return sbl__lamps_add(l, &lamp);
 }
 
@@ -5967,7 +5931,7 @@ static double sbl__lamps_most(const sbl__geometry *g, const sbl__environment *e,
     for (i = 0; i < (size_t)g->mesh_count; i++)
         if (sbl__emits(&g->objects[i], 0)) lamps += g->meshes[i].triangle_count;
     for (i = 0; e->pixels && i < (size_t)e->width * (size_t)e->height; i++)
-        lamps += sbl__max3(e->pixels + 3 * i) > e->limit;
+        lamps += sbl__max3(e->pixels + 4 * i) > e->limit;
     return lamps;
 }
 
@@ -6052,10 +6016,10 @@ static sbl_result sbl__lamps_split(void *work, int at) {
 }
 
 static void sbl__cluster_of_lamp(sbl__cluster *c, const sbl__lamp *lamp) {
-    /* in the order that lamps.glsl uses */
+    /* axes of the products xx yy zz xy yz zx of sbl__lamp_node */
     static const int pairs[6][2] = { { 0, 0 }, { 1, 1 }, { 2, 2 }, { 0, 1 }, { 1, 2 }, { 2, 0 } };
     const int sides = !sbl__all_zero(lamp->normal, 3), front = lamp->one_sided || lamp->distant;
-    const double shown = front ? 0.5 * lamp->power : lamp->power;  /* max(x, 0) = (|x| + x) / 2 */
+    const double shown = front ? 0.5 * lamp->power : lamp->power;  /* one side: max(x, 0) = (|x| + x) / 2 */
     int k;
     c->power = lamp->power;
     c->all_sides = shown;
@@ -6142,9 +6106,9 @@ static sbl_result sbl__lamps_store(void *work, sbl__slice *slice) {
     double place[3];
     int i;
     (void)slice;
-    sbl__free(d->base, lights->names);
-    lights->names = (uint32_t (*)[2])sbl__alloc_raw(d->base, (size_t)l->count, sizeof *lights->names);
-    if (all && lights->names) {
+    sbl__free(d->base, lights->codes);
+    lights->codes = (uint32_t *)sbl__alloc_raw(d->base, (size_t)l->count, sizeof *lights->codes);
+    if (all && lights->codes) {
         sbl__lamp_leaf *leaf = (sbl__lamp_leaf *)(void *)(all + nodes);
         sbl__light_record *record = (sbl__light_record *)(void *)(all + nodes + leaves);
         lights->nodes = l->node_count;
@@ -6152,10 +6116,8 @@ static sbl_result sbl__lamps_store(void *work, sbl__slice *slice) {
         lights->mixed = l->count > SBL__LAMPS;
         memcpy(all, l->nodes, nodes);
         for (i = 0; i < l->count; i++) {
-            leaf[i].code = l->list[i].code;
-            lights->names[i][0] = l->list[i].code >> SBL__LAMP_KIND_SHIFT;
-            lights->names[i][1] = l->list[i].name;
-            lights->mixed |= lights->names[i][0] != SBL__LAMP_TRIANGLE;
+            leaf[i].code = lights->codes[i] = l->list[i].code;
+            lights->mixed |= leaf[i].code >> SBL__LAMP_KIND_SHIFT != SBL__LAMP_TRIANGLE;
         }
         for (i = 0; i < lights->count; i++) sbl__light_write(&lights->list[i], &record[i], place);
         result = sbl__buffer_make(d, &lights->table.buffer, bytes, all, SBL__GL_STATIC_DRAW);
@@ -6166,8 +6128,7 @@ static sbl_result sbl__lamps_store(void *work, sbl__slice *slice) {
     return result;
 }
 
-/* Collects the scene's lamps and builds their trees. The hierarchy must be ready and still have its order.
-   SBL_SUCCESS: lamps are ready; after an error the caller may begin again. */
+/* Collects the lamps of a scene whose hierarchy is ready, and builds their trees. It can begin again after an error. */
 static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const sbl__hierarchy *h,
                                    const sbl__environment *e, sbl__lights *lights, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
@@ -6432,7 +6393,7 @@ static sbl_result sbl__patch_measure(void *work, int at) {
     if (triangle == root) {  /* A root has the smallest number in its patch, so the stage visits it first. */
         patch->flat = 1;
         for (k = 0; k < 3; k++) patch->normal[k] = (float)normal[k];
-        sbl__box_clear(&patch->bounds);
+        patch->bounds = sbl__box_empty;
     }
     sbl__box_of_triangle(&box, g, triangle);
     sbl__box_add(&patch->bounds, &box);
@@ -6611,10 +6572,9 @@ typedef struct sbl__scene {
 } sbl__scene;
 
 #define SBL__RADIANCE_MOST 1e37f /* limit of radiance, so that sums stay finite */
-/* Limits within which light is correct up to rounding errors, found by measurement: */
-#define SBL__ACROSS_LEAST 5e-10  /* least diagonal of a scene */
-#define SBL__ACROSS_MOST 6e9     /* largest diagonal */
-#define SBL__AWAY_MOST 4e3       /* largest coordinate, in diagonals */
+#define SBL__ACROSS_LEAST 5e-10  /* least diagonal of a scene whose light is correct up to rounding errors; measured */
+#define SBL__ACROSS_MOST 6e9     /* largest diagonal of such a scene; measured */
+#define SBL__AWAY_MOST 4e3       /* largest coordinate in such a scene, in diagonals; measured */
 
 static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
     sbl__store_free(d, &s->store);
@@ -6646,17 +6606,16 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     const sbl_capabilities *c = &d->gl.capabilities;
     const sbl__geometry *g = &s->geometry;
     const double lamps = sbl__lamps_most(g, &s->environment, s->lights.count), limit = c->max_texture_buffer_size;
-    /* texels: 3 per triangle, and a few for grids; 2 per vertex; 5 per mesh; 2 nodes of 4 and a leaf per lamp */
+    /* the longest table: 3 texels per triangle, and a few for grids; 2 per vertex; 5 per mesh; 9 per lamp */
     const double texels = SBL__MAX(SBL__MAX(3.0 * g->triangle_count + 8, 2.0 * g->vertex_count),
                                    SBL__MAX(5.0 * g->mesh_count, 9 * lamps + 3.0 * s->lights.count));
-    double most = (c->max_texture_size - 1) * (double)SBL__TEXELS_ACROSS;
+    double most = c->max_texture_size < SBL__TEXELS_ACROSS ? 0 : (c->max_texture_size - 1) * (double)SBL__TEXELS_ACROSS;
     if (!sbl__between(&s->brightest, 0, SBL__RADIANCE_MOST)) {
         sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MATERIAL, "the brightest emission (times its texture), "
                  "sky or drawn radiance is %g; it must be at most %g", (double)s->brightest,
                  (double)SBL__RADIANCE_MOST);
         return SBL_ERROR_INVALID_ARGUMENT;
     }
-    if (c->max_texture_size < SBL__TEXELS_ACROSS) most = 0;
     s->geometry.wide = texels > limit;
     if (s->geometry.wide && texels > most) {
         most = SBL__MAX(most, limit);
@@ -6673,7 +6632,7 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     return SBL_SUCCESS;
 }
 
-/* Logs warnings about valid scenes that the host hardly intends. */
+/* Logs warnings about valid scenes that are probably mistakes. */
 static void sbl__scene_warn(const sbl__base *base, const sbl__scene *s) {
     const sbl__geometry *g = &s->geometry;
     double away = 0, across = 0, shining = s->brightest;
@@ -6687,14 +6646,14 @@ static void sbl__scene_warn(const sbl__base *base, const sbl__scene *s) {
     across = sqrt(across);
     for (i = 0; i < s->lights.count; i++) shining = SBL__MAX(shining, (double)sbl__max3(s->lights.list[i].intensity));
     if (!(shining > 0))
-        sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_NO_LIGHT, "nothing in the scene shines; give it a sky, an "
-                 "environment, lights or a material with emission");
+        sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_NO_LIGHT, "nothing in the scene emits light; give it a sky, "
+                 "an environment, lights or a material with emission");
     if (across < SBL__ACROSS_LEAST || across > SBL__ACROSS_MOST)
-        sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the scene is %g across; light is right from %g to %g: "
-                 "scale it", across, SBL__ACROSS_LEAST, SBL__ACROSS_MOST);
+        sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the scene is %g across; light is correct only from "
+                 "%g to %g: scale the scene", across, SBL__ACROSS_LEAST, SBL__ACROSS_MOST);
     if (away > SBL__AWAY_MOST * across)
         sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the scene is %g across and reaches %g away from the "
-                 "origin, where floats are too coarse for it: move it to the origin", across, away);
+                 "origin, where floats are too coarse; move it to the origin", across, away);
 }
 
 /* Makes everything but the hierarchy, the lamps and the store, which are made when first needed. */
@@ -6755,7 +6714,7 @@ static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const s
     sbl__object *objects = (sbl__object *)sbl__alloc_raw(d->base, count, sizeof *objects);
     const sbl__scene before = *s;
     sbl__lights others;
-    sbl_result result = SBL_SUCCESS;
+    sbl_result result;
     int i, differ = 0;
     if (!objects) return SBL_ERROR_OUT_OF_MEMORY;
     memset(&others, 0, sizeof others);
@@ -6813,7 +6772,8 @@ static sbl_result sbl__scene_step(sbl__device *d, sbl__scene *s, sbl__slice *sli
 /* Sets the tables and textures of scene.glsl and surface.glsl. */
 static void sbl__scene_bind(sbl__device *d, const sbl__scene *s) {
     sbl__geometry_bind(d, &s->geometry);
-    sbl__textures_bind(d, &s->textures);
+    sbl__bind(d, "sbl_texels_srgb", &s->textures.tables[0]);
+    sbl__bind(d, "sbl_texels_float", &s->textures.tables[1]);
 }
 
 /* >>glsl scene: shaders_embedded/scene.glsl, copied by scripts/embed_shaders */
@@ -6832,7 +6792,7 @@ static const char *const sbl__glsl_scene[] = {
 "\n",
 "struct sbl_Attributes { vec2 uv; vec4 color; };\n",
 "\n",
-"const sbl_Attributes SBL_PLAIN = sbl_Attributes(vec2(0), vec4(1));  // without textures and vertex colours\n",
+"const sbl_Attributes SBL_PLAIN = sbl_Attributes(vec2(0), vec4(1));  // attributes without any effect\n",
 "\n",
 "vec4 sbl_unpack_color(uint rg, uint ba) { return vec4(rg & 65535u, rg >> 16, ba & 65535u, ba >> 16); }\n",
 "\n",
@@ -6898,13 +6858,12 @@ static const char *const sbl__glsl_surface[] = {
 "}\n",
 "\n",
 "sbl_Attributes sbl_mix_attributes(ivec3 v, vec3 b) {\n",
-"    vec2 uv = b.x * vec2(sbl_attributes_u(v.x), sbl_attributes_v(v.x)) +\n",
-"              b.y * vec2(sbl_attributes_u(v.y), sbl_attributes_v(v.y)) +\n",
-"              b.z * vec2(sbl_attributes_u(v.z), sbl_attributes_v(v.z));\n",
-"    vec4 color = b.x * sbl_unpack_color(sbl_attributes_color_rg(v.x), sbl_attributes_color_ba(v.x)) +\n",
-"                 b.y * sbl_unpack_color(sbl_attributes_color_rg(v.y), sbl_attributes_color_ba(v.y)) +\n",
-"                 b.z * sbl_unpack_color(sbl_attributes_color_rg(v.z), sbl_attributes_color_ba(v.z));\n",
-"    return sbl_Attributes(uv, color / SBL_COLOR_MOST);\n",
+"    sbl_Attributes at = sbl_Attributes(vec2(0), vec4(0));\n",
+"    for (int k = 0; k < 3; k++) {\n",
+"        at.uv += b[k] * vec2(sbl_attributes_u(v[k]), sbl_attributes_v(v[k]));\n",
+"        at.color += b[k] * sbl_unpack_color(sbl_attributes_color_rg(v[k]), sbl_attributes_color_ba(v[k]));\n",
+"    }\n",
+"    return sbl_Attributes(at.uv, at.color / SBL_COLOR_MOST);\n",
 "}\n",
 "\n",
 "// A triangle: vertex numbers, first corner, and the edges from there. size: largest component of both edges. s1,\n",
@@ -6923,16 +6882,15 @@ static const char *const sbl__glsl_surface[] = {
 "}\n",
 "\n",
 "// The surface point at barycentrics b1, b2 (of the second and third corner), seen along `direction`.\n",
-"sbl_Surface sbl_surface_at(int triangle, float b1, float b2, vec3 direction) {\n",
-"    sbl_Facet f = sbl_facet(triangle);\n",
+"sbl_Surface sbl_surface_at(sbl_Facet f, float b1, float b2, vec3 direction) {\n",
 "    int object = int(sbl_vertex_object(f.v.x));\n",
 "    float b0 = 1.0 - b1 - b2;\n",
 "\n",
 "    sbl_Surface s;\n",
 "    s.position = f.p0 + (b1 * f.e1 + b2 * f.e2);\n",
 "    vec3 across = cross(f.s1, f.s2), s3 = f.s2 - f.s1;\n",
-"    float widest = max(max(abs(across.x), abs(across.y)), abs(across.z));\n",
-"    vec3 face = normalize(widest > 1e-15 ? across : widest > 0.0 ? across / widest : -direction);  // no underflow\n",
+"    float widest = max(max(abs(across.x), abs(across.y)), abs(across.z));  // if tiny, normalize underflows\n",
+"    vec3 face = normalize(widest > 1e-15 ? across : widest > 0.0 ? across / widest : -direction);\n",
 "    float longest = sqrt(max(dot(f.s1, f.s1), max(dot(f.s2, f.s2), dot(s3, s3))));\n",
 "    s.facet = f.size * length(across) / longest;\n",
 "    s.reach = length(f.p0) + 2.0 * f.size * longest;\n",
@@ -6951,14 +6909,13 @@ static const char *const sbl__glsl_surface[] = {
 "// The surface point where a ray meets a triangle.\n",
 "sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {\n",
 "    sbl_Facet f = sbl_facet(triangle);\n",
-"\n",
 "    // Barycentrics by Cramer's rule (Moeller and Trumbore 1997), clamped to the triangle.\n",
 "    vec3 t = (origin - f.p0) / f.size, q = cross(t, f.s1), h = cross(direction, f.s2);\n",
 "    float determinant = dot(f.s1, h);\n",
 "    float b1 = clamp(dot(t, h) / determinant, 0.0, 1.0);\n",
 "    float b2 = clamp(dot(direction, q) / determinant, 0.0, 1.0 - b1);\n",
 "    if (!(abs(determinant) > 0.0)) { b1 = 1.0 / 3.0; b2 = 1.0 / 3.0; }\n",
-"    return sbl_surface_at(triangle, b1, b2, direction);\n",
+"    return sbl_surface_at(f, b1, b2, direction);\n",
 "}\n",
 "\n",
 "#ifdef SBL_LIGHTMAP\n",
@@ -6968,7 +6925,7 @@ static const char *const sbl__glsl_surface[] = {
 "    vec3 face = normalize(cross(f.s1, f.s2));\n",
 "    vec3 normal = (1.0 - b1 - b2) * sbl_attributes_normal(f.v.x) + b1 * sbl_attributes_normal(f.v.y) +\n",
 "                  b2 * sbl_attributes_normal(f.v.z);\n",
-"    return sbl_surface_at(triangle, b1, b2, dot(normal, face) < 0.0 ? face : -face);\n",
+"    return sbl_surface_at(f, b1, b2, dot(normal, face) < 0.0 ? face : -face);\n",
 "}\n",
 "#endif\n",
 0 };
@@ -8933,9 +8890,8 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "sbl_Lamp sbl_lamp(int leaf) {\n",
 "    uint code = sbl_lamp_leaf_code(leaf), at = code & ((1u << SBL_LAMP_KIND_SHIFT) - 1u);\n",
-"    ivec2 texel = ivec2(at & ((1u << SBL_SKY_COLUMN_BITS) - 1u), at >> SBL_SKY_COLUMN_BITS);\n",
 "    sbl_Lamp l = sbl_Lamp(code >> SBL_LAMP_KIND_SHIFT, vec3(0), vec3(0), vec3(0), vec3(0), SBL_UNBOUNDED, 0.0, 0.0,\n",
-"                          texel, int(at), -1, vec2(1, 0));\n",
+"                          ivec2(0), int(at), -1, vec2(1, 0));\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
 "        int object = int(sbl_triangle_object(l.triangle));\n",
 "        l.corner = sbl_triangle_corner_0(l.triangle);\n",
@@ -8951,6 +8907,8 @@ static const char *const sbl__glsl_lamps[] = {
 "        if (abs(off) < 0.5 * sbl_look_offset(look) * length(normal)) l.brightness = vec3(0);\n",
 "    }\n",
 "    if (sbl_is_texel(l)) {\n",
+"        uint width = uint(textureSize(sky_picture, 0).x);\n",
+"        l.texel = ivec2(at % width, at / width);\n",
 "        vec2 size = vec2(textureSize(sky_picture, 0)), middle = (vec2(l.texel) + 0.5) / size;\n",
 "        vec3 radiance = texelFetch(sky_picture, l.texel, 0).rgb;\n",
 "        l.corner = sbl_sky_direction(middle.x, cos(SBL_PI * middle.y));\n",
@@ -12310,8 +12268,8 @@ static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__sli
    Writes a header, the store and a checksum to a stream, and reads them if they are valid and belong to the scene. */
 
 #define SBL__SAVED_NAME "sblstore"
-#define SBL__SAVED_VERSION 3u
-#define SBL__SAVED_ORDER 0x01020304u   /* reads differently with another byte order */
+#define SBL__SAVED_VERSION 4u
+#define SBL__SAVED_ORDER 0x01020304u   /* tells the byte order */
 #define SBL__SAVED_SEED 0xcbf29ce484222325u
 #define SBL__SAVED_CELLS (1 << 22)     /* largest number of slots, of cuts, and of leaves times 2 */
 
@@ -12336,7 +12294,7 @@ static uint64_t sbl__saved_scene(const sbl__scene *s) {
     hash = sbl__hash_bytes(hash, e->sky, sizeof e->sky);
     hash = sbl__hash_bytes(hash, e->axes, sizeof e->axes);
     if (s->draw) hash = sbl__hash_bytes(hash, s->draw_bounds, sizeof s->draw_bounds);
-    if (e->pixels) hash = sbl__hash_bytes(hash, e->pixels, 3 * sizeof(float) * (size_t)e->width * (size_t)e->height);
+    if (e->pixels) hash = sbl__hash_bytes(hash, e->pixels, 4 * sizeof(float) * (size_t)e->width * (size_t)e->height);
     return hash;
 }
 
@@ -16790,18 +16748,20 @@ static int sbl__inspect_slot(const sbl__job *j) { return j->task.first_look % sb
 /* Returns the index of the lamp of a leaf, and appends the lamp if it is new. */
 static int sbl__inspect_lamp(const sbl__inspect_request *k, int leaf) {
     const sbl__geometry *g = &k->core->scene.geometry;
-    const uint32_t *name = k->core->scene.lights.names[leaf];
+    const uint32_t code = k->core->scene.lights.codes[leaf], kind = code >> SBL__LAMP_KIND_SHIFT;
+    uint32_t number = code & ((1u << SBL__LAMP_KIND_SHIFT) - 1);
     sbl__inspection *f = k->found;
     sbl_sensor_lamp lamp;
     int i;
     memset(&lamp, 0, sizeof lamp);
-    lamp.kind = name[0] == SBL__LAMP_TRIANGLE    ? SBL_LAMP_TRIANGLE
-              : name[0] == SBL__LAMP_SKY_TEXEL   ? SBL_LAMP_SKY_TEXEL
-                                                 : SBL_LAMP_LIGHT;
-    lamp.number = (int)name[1];
+    lamp.kind = kind == SBL__LAMP_TRIANGLE    ? SBL_LAMP_TRIANGLE
+              : kind == SBL__LAMP_SKY_TEXEL   ? SBL_LAMP_SKY_TEXEL
+                                              : SBL_LAMP_LIGHT;
+    if (lamp.kind == SBL_LAMP_TRIANGLE) number = k->core->scene.hierarchy.order[number];
+    lamp.number = (int)number;
     lamp.mesh = -1;
     if (lamp.kind == SBL_LAMP_TRIANGLE) {
-        lamp.mesh = (int)g->vertices[g->indices[3 * (size_t)name[1]]].object;
+        lamp.mesh = (int)g->vertices[g->indices[3 * (size_t)number]].object;
         lamp.number -= g->meshes[lamp.mesh].first_triangle;
     }
     for (i = 0; i < f->lamp_count; i++)

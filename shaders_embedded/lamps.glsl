@@ -85,9 +85,8 @@ uvec2 scramble;
 
 sbl_Lamp sbl_lamp(int leaf) {
     uint code = sbl_lamp_leaf_code(leaf), at = code & ((1u << SBL_LAMP_KIND_SHIFT) - 1u);
-    ivec2 texel = ivec2(at & ((1u << SBL_SKY_COLUMN_BITS) - 1u), at >> SBL_SKY_COLUMN_BITS);
     sbl_Lamp l = sbl_Lamp(code >> SBL_LAMP_KIND_SHIFT, vec3(0), vec3(0), vec3(0), vec3(0), SBL_UNBOUNDED, 0.0, 0.0,
-                          texel, int(at), -1, vec2(1, 0));
+                          ivec2(0), int(at), -1, vec2(1, 0));
     if (l.kind == SBL_LAMP_TRIANGLE) {
         int object = int(sbl_triangle_object(l.triangle));
         l.corner = sbl_triangle_corner_0(l.triangle);
@@ -103,6 +102,8 @@ sbl_Lamp sbl_lamp(int leaf) {
         if (abs(off) < 0.5 * sbl_look_offset(look) * length(normal)) l.brightness = vec3(0);
     }
     if (sbl_is_texel(l)) {
+        uint width = uint(textureSize(sky_picture, 0).x);
+        l.texel = ivec2(at % width, at / width);
         vec2 size = vec2(textureSize(sky_picture, 0)), middle = (vec2(l.texel) + 0.5) / size;
         vec3 radiance = texelFetch(sky_picture, l.texel, 0).rgb;
         l.corner = sbl_sky_direction(middle.x, cos(SBL_PI * middle.y));

@@ -28,7 +28,7 @@ vec3 sbl_emission(int object, bool back) {
     return sbl_dark_side(object, back) ? vec3(0) : sbl_object_emission(object);
 }
 
-// Does not call sbl_emission, because softpipe then shows wrong sides.
+// True if one side of a surface emits light. Does not call sbl_emission: softpipe would show wrong sides.
 bool sbl_emits(int object, bool back) {
     vec3 emission = sbl_object_emission(object);
     return max(max(emission.r, emission.g), emission.b) > 0.0 && !sbl_dark_side(object, back);

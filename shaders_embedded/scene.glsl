@@ -12,7 +12,7 @@ ivec3 sbl_corners(int triangle) {
 
 struct sbl_Attributes { vec2 uv; vec4 color; };
 
-const sbl_Attributes SBL_PLAIN = sbl_Attributes(vec2(0), vec4(1));  // without textures and vertex colours
+const sbl_Attributes SBL_PLAIN = sbl_Attributes(vec2(0), vec4(1));  // attributes without any effect
 
 vec4 sbl_unpack_color(uint rg, uint ba) { return vec4(rg & 65535u, rg >> 16, ba & 65535u, ba >> 16); }
 

@@ -1,9 +1,9 @@
 // The environment's picture (see sbl_environment), in equirectangular projection. A ray that hits nothing finds
-// the sum of its light and of the constant sky's.
+// the picture's radiance plus that of the constant sky.
 uniform sampler2D sky_picture;
 uniform vec3 sky_x, sky_up, sky_z;  // axes of the picture in world space: unit vectors
 uniform float sky_limit;            // radiance (largest component) above which a texel is also a lamp, which emits
-                                    // the excess; 0: the picture gives no light, or there is none
+                                    // the excess; 0: sbl_sky returns 0
 
 // Position in the picture where a direction points to: 0 to 1 from left to right and from top to bottom.
 vec2 sbl_sky_at(vec3 direction) {

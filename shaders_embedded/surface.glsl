@@ -26,13 +26,12 @@ vec3 sbl_shading_normal(ivec3 v, vec3 b, vec3 face, vec3 geometric_normal, vec3 
 }
 
 sbl_Attributes sbl_mix_attributes(ivec3 v, vec3 b) {
-    vec2 uv = b.x * vec2(sbl_attributes_u(v.x), sbl_attributes_v(v.x)) +
-              b.y * vec2(sbl_attributes_u(v.y), sbl_attributes_v(v.y)) +
-              b.z * vec2(sbl_attributes_u(v.z), sbl_attributes_v(v.z));
-    vec4 color = b.x * sbl_unpack_color(sbl_attributes_color_rg(v.x), sbl_attributes_color_ba(v.x)) +
-                 b.y * sbl_unpack_color(sbl_attributes_color_rg(v.y), sbl_attributes_color_ba(v.y)) +
-                 b.z * sbl_unpack_color(sbl_attributes_color_rg(v.z), sbl_attributes_color_ba(v.z));
-    return sbl_Attributes(uv, color / SBL_COLOR_MOST);
+    sbl_Attributes at = sbl_Attributes(vec2(0), vec4(0));
+    for (int k = 0; k < 3; k++) {
+        at.uv += b[k] * vec2(sbl_attributes_u(v[k]), sbl_attributes_v(v[k]));
+        at.color += b[k] * sbl_unpack_color(sbl_attributes_color_rg(v[k]), sbl_attributes_color_ba(v[k]));
+    }
+    return sbl_Attributes(at.uv, at.color / SBL_COLOR_MOST);
 }
 
 // A triangle: vertex numbers, first corner, and the edges from there. size: largest component of both edges. s1,
@@ -51,16 +50,15 @@ sbl_Facet sbl_facet(int triangle) {
 }
 
 // The surface point at barycentrics b1, b2 (of the second and third corner), seen along `direction`.
-sbl_Surface sbl_surface_at(int triangle, float b1, float b2, vec3 direction) {
-    sbl_Facet f = sbl_facet(triangle);
+sbl_Surface sbl_surface_at(sbl_Facet f, float b1, float b2, vec3 direction) {
     int object = int(sbl_vertex_object(f.v.x));
     float b0 = 1.0 - b1 - b2;
 
     sbl_Surface s;
     s.position = f.p0 + (b1 * f.e1 + b2 * f.e2);
     vec3 across = cross(f.s1, f.s2), s3 = f.s2 - f.s1;
-    float widest = max(max(abs(across.x), abs(across.y)), abs(across.z));
-    vec3 face = normalize(widest > 1e-15 ? across : widest > 0.0 ? across / widest : -direction);  // no underflow
+    float widest = max(max(abs(across.x), abs(across.y)), abs(across.z));  // if tiny, normalize underflows
+    vec3 face = normalize(widest > 1e-15 ? across : widest > 0.0 ? across / widest : -direction);
     float longest = sqrt(max(dot(f.s1, f.s1), max(dot(f.s2, f.s2), dot(s3, s3))));
     s.facet = f.size * length(across) / longest;
     s.reach = length(f.p0) + 2.0 * f.size * longest;
@@ -79,14 +77,13 @@ sbl_Surface sbl_surface_at(int triangle, float b1, float b2, vec3 direction) {
 // The surface point where a ray meets a triangle.
 sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {
     sbl_Facet f = sbl_facet(triangle);
-
     // Barycentrics by Cramer's rule (Moeller and Trumbore 1997), clamped to the triangle.
     vec3 t = (origin - f.p0) / f.size, q = cross(t, f.s1), h = cross(direction, f.s2);
     float determinant = dot(f.s1, h);
     float b1 = clamp(dot(t, h) / determinant, 0.0, 1.0);
     float b2 = clamp(dot(direction, q) / determinant, 0.0, 1.0 - b1);
     if (!(abs(determinant) > 0.0)) { b1 = 1.0 / 3.0; b2 = 1.0 / 3.0; }
-    return sbl_surface_at(triangle, b1, b2, direction);
+    return sbl_surface_at(f, b1, b2, direction);
 }
 
 #ifdef SBL_LIGHTMAP
@@ -96,6 +93,6 @@ sbl_Surface sbl_surface_front(int triangle, float b1, float b2) {
     vec3 face = normalize(cross(f.s1, f.s2));
     vec3 normal = (1.0 - b1 - b2) * sbl_attributes_normal(f.v.x) + b1 * sbl_attributes_normal(f.v.y) +
                   b2 * sbl_attributes_normal(f.v.z);
-    return sbl_surface_at(triangle, b1, b2, dot(normal, face) < 0.0 ? face : -face);
+    return sbl_surface_at(f, b1, b2, dot(normal, face) < 0.0 ? face : -face);
 }
 #endif

@@ -2,7 +2,7 @@
 uniform vec3 grid_origin, grid_per_length;  // the grid over the scene, whose record is number 0
 uniform int node_count;                     // 0: the scene is empty
 
-const int SBL_LAYERS = 64;            // limit of hits in holes that a ray passes
+const int SBL_LAYERS = 64;            // limit of the number of holes that a ray passes
 const int SBL_BOX_SLACK = 8;          // units in the last place, see Ize 2013, "Robust BVH Ray Traversal"
 const float SBL_SELF_DEEP = 1e-4;     // see sbl_test
 const float SBL_SELF_WIDE = 2.4e-7;
@@ -54,8 +54,8 @@ struct sbl_Ray {
     int axis;
     vec2 shear;
     float z, per_z;
-    float after;  // hits at a lower distance are ignored,
-    int past;     // and hits at an equal distance whose number is at most this
+    float after;  // hits at a lower distance are ignored
+    int past;     // hits at the distance `after` are ignored if the triangle's number is at most this
 };
 
 vec3 sbl_turn(vec3 v, int axis) { return axis == 0 ? v.yzx : axis == 1 ? v.zxy : v; }
