@@ -4771,6 +4771,9 @@ static int sbl__reflection_differs(const sbl__object *a, const sbl__object *b) {
            memcmp(a->albedo_texture, b->albedo_texture, sizeof a->albedo_texture);
 }
 
+/* Returns the sum of the emitted radiance's three channels, before the texture is applied. */
+static double sbl__emission_sum(const sbl__object *o) { return sbl__sum3(o->emission); }
+
 static int sbl__emits(const sbl__object *o, int back) {
     return sbl__max3(o->emission) > 0 && !(back && o->flags & SBL__ONE_SIDED_EMISSION);
 }
@@ -5859,7 +5862,7 @@ static sbl_result sbl__lamps_add_triangle(void *work, int place) {
     if (!sbl__emits(object, 0)) return SBL_SUCCESS;
     area = sbl__scene_normal(l->geometry, number, normal);
     sbl__lamp_make(&lamp, SBL__LAMP_TRIANGLE << SBL__LAMP_KIND_SHIFT | (uint32_t)place, zero, 0,
-                   SBL__MAX(area * sbl__sum3(object->emission), SBL__POWER_LEAST), 0);
+                   SBL__MAX(area * sbl__emission_sum(object), SBL__POWER_LEAST), 0);
     sbl__box_of_triangle(&lamp.bounds, l->geometry, number);
     for (k = 0; k < 3; k++) lamp.normal[k] = (float)normal[k];
     lamp.one_sided = !sbl__emits(object, 1);

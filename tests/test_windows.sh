@@ -102,11 +102,14 @@ windows_program() {
 }
 # built as README.md says; examples that need POSIX are left out
 examples() {
-    CC=$target-w64-mingw32-gcc CFLAGS=-O0 "$copy/scripts/build" || return
+    # Names end with .exe. For 32 bits two examples are enough, because the tests above compile sbl.h itself.
+    case $target in i686) set -- minimal.exe host_context.exe ;; *) set -- ;; esac
+    CC=$target-w64-mingw32-gcc CFLAGS=-O0 "$copy/scripts/build" "$@" || return
     for source in examples/*.c; do
-        example=$(basename "$source" .c)
-        grep -q '#include "scene_file.h"' "$source" || [ -f "$copy/build/$example.exe" ] ||
-            { echo "no $example.exe"; return 1; }
+        example=$(basename "$source" .c).exe
+        [ $# = 0 ] || case " $* " in *" $example "*) ;; *) continue ;; esac
+        grep -q '#include "scene_file.h"' "$source" || [ -f "$copy/build/$example" ] ||
+            { echo "no $example"; return 1; }
     done
 }
 
