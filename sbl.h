@@ -2108,7 +2108,6 @@ static unsigned char sbl__to_byte(float x) {
     X(void, DepthRange, (double nearest, double farthest)) \
     X(void, Disable, (unsigned capability)) \
     X(void, Disablei, (unsigned capability, unsigned index)) \
-    X(void, DrawArrays, (unsigned mode, int first, int count)) \
     X(void, DrawBuffers, (int count, const unsigned *buffers)) \
     X(void, DrawArraysInstanced, (unsigned mode, int first, int count, int instances)) \
     X(void, DrawElementsInstanced, (unsigned mode, int count, unsigned type, const void *offset, int instances)) \
@@ -2127,7 +2126,6 @@ static unsigned char sbl__to_byte(float x) {
     X(void, GetActiveUniform, (unsigned program, unsigned index, int room, int *length, int *size, unsigned *type, \
       char *name)) \
     X(void, GetBooleani_v, (unsigned name, unsigned index, unsigned char *out)) \
-    X(void, GetBooleanv, (unsigned name, unsigned char *out)) \
     X(void, GetBufferParameteri64v, (unsigned target, unsigned name, int64_t *out)) \
     X(void, GetBufferSubData, (unsigned target, ptrdiff_t offset, ptrdiff_t size, void *data)) \
     X(void, GetDoublev, (unsigned name, double *out)) \
@@ -2337,10 +2335,9 @@ static int sbl__gl_load_functions(sbl__gl *gl, const sbl_context_desc *desc) {
 
 /* Loads the GL functions and fills gl->capabilities, gl->units and gl->viewports. The library uses the optional
    features that the driver has and desc->disabled does not exclude. */
-static sbl_result sbl__gl_load(sbl__gl *gl, sbl__base *base, const sbl_context_desc *desc) {
+static sbl_result sbl__gl_load(sbl__gl *gl, const sbl_context_desc *desc) {
     sbl_capabilities *c = &gl->capabilities;
     const char *text;
-    gl->base = base;
     gl->doing = "starting";
     if (!sbl__gl_load_functions(gl, desc)) return SBL_ERROR_UNSUPPORTED;
     sbl__gl_clear_errors(gl);
@@ -2351,8 +2348,8 @@ static sbl_result sbl__gl_load(sbl__gl *gl, sbl__base *base, const sbl_context_d
     gl->GetIntegerv(SBL__GL_MAJOR_VERSION, &c->gl_major);
     gl->GetIntegerv(SBL__GL_MINOR_VERSION, &c->gl_minor);
     if (!sbl__gl_at_least(gl, 33) || strstr(c->version, "OpenGL ES")) {
-        sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_NO_GL, "the current GL context is \"%s\"; sbl.h needs a context of "
-                 "OpenGL 3.3 or later (not OpenGL ES) that is current in this thread",
+        sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_NO_GL, "the current GL context is \"%s\"; sbl.h needs a "
+                 "context of OpenGL 3.3 or later (not OpenGL ES) that is current in this thread",
                  c->version[0] ? c->version : "none");
         return SBL_ERROR_UNSUPPORTED;
     }
@@ -2417,8 +2414,8 @@ static const struct { unsigned target, query; } sbl__guard_buffers[] = {
 };
 
 typedef struct sbl__guard {
-    unsigned char switches[32], blend[SBL__GUARD_DRAW_BUFFERS], color_mask[SBL__GUARD_DRAW_BUFFERS][4], depth_mask;
-    int pixel_store[16], polygon_mode[2], front_face, clamp_read, depth_function, clip_origin, clip_depth;
+    unsigned char switches[32], blend[SBL__GUARD_DRAW_BUFFERS], color_mask[SBL__GUARD_DRAW_BUFFERS][4];
+    int pixel_store[16], polygon_mode[2], front_face, clamp_read, depth_mask, depth_function, clip_origin, clip_depth;
     unsigned char scissor_test[SBL__GUARD_VIEWPORTS];
     int viewport[4], scissor[4], scissors[SBL__GUARD_VIEWPORTS][4];
     float viewports[SBL__GUARD_VIEWPORTS][4];
@@ -2439,7 +2436,7 @@ static void sbl__guard_save(const sbl__gl *gl, sbl__guard *g) {
         g->blend[i] = gl->IsEnabledi(SBL__GL_BLEND, (unsigned)i);
         gl->GetBooleani_v(SBL__GL_COLOR_WRITEMASK, (unsigned)i, g->color_mask[i]);
     }
-    gl->GetBooleanv(SBL__GL_DEPTH_WRITEMASK, &g->depth_mask);
+    gl->GetIntegerv(SBL__GL_DEPTH_WRITEMASK, &g->depth_mask);
     gl->GetIntegerv(SBL__GL_POLYGON_MODE, g->polygon_mode);
     gl->GetIntegerv(SBL__GL_FRONT_FACE, &g->front_face);
     gl->GetIntegerv(SBL__GL_CLAMP_READ_COLOR, &g->clamp_read);
@@ -2494,10 +2491,9 @@ static void sbl__guard_force(const sbl__gl *gl) {
     gl->FrontFace(SBL__GL_CCW);
     gl->DepthFunc(SBL__GL_GREATER);
     gl->DepthRange(0, 1);
-    if (gl->capabilities.used & SBL_CAPABILITY_CLIP_CONTROL)
-        gl->ClipControl(SBL__GL_LOWER_LEFT, SBL__GL_ZERO_TO_ONE);
-    else if (gl->capabilities.available & SBL_CAPABILITY_CLIP_CONTROL)
-        gl->ClipControl(SBL__GL_LOWER_LEFT, SBL__GL_NEGATIVE_ONE_TO_ONE);
+    if (gl->capabilities.available & SBL_CAPABILITY_CLIP_CONTROL)
+        gl->ClipControl(SBL__GL_LOWER_LEFT, gl->capabilities.used & SBL_CAPABILITY_CLIP_CONTROL ?
+                        SBL__GL_ZERO_TO_ONE : SBL__GL_NEGATIVE_ONE_TO_ONE);
     gl->BindBuffer(SBL__GL_PIXEL_PACK_BUFFER, 0);
     gl->BindBuffer(SBL__GL_PIXEL_UNPACK_BUFFER, 0);
     for (i = 0; i < SBL__GUARD_UNITS; i++) gl->BindSampler((unsigned)i, 0);
@@ -2514,7 +2510,7 @@ static void sbl__guard_restore(const sbl__gl *gl, const sbl__guard *g) {
         (g->blend[i] ? gl->Enablei : gl->Disablei)(SBL__GL_BLEND, (unsigned)i);
         gl->ColorMaski((unsigned)i, m[0], m[1], m[2], m[3]);
     }
-    gl->DepthMask(g->depth_mask);
+    gl->DepthMask((unsigned char)g->depth_mask);
     gl->PolygonMode(SBL__GL_FRONT_AND_BACK, (unsigned)g->polygon_mode[0]);
     gl->ClampColor(SBL__GL_CLAMP_READ_COLOR, (unsigned)g->clamp_read);
     gl->FrontFace((unsigned)g->front_face);
@@ -2605,10 +2601,6 @@ typedef struct sbl__record {
 #define SBL__TEXTURE_FLOAT 2u      /* 16-bit float */
 #define SBL__TEXTURE_KIND 3u       /* mask of the kind; 0: no texture */
 #define SBL__TEXTURE_CLAMPS 4u     /* flag: coordinates are clamped; otherwise the texture repeats */
-#define SBL__ONE_SIDED_EMISSION ((unsigned)SBL_MATERIAL_ONE_SIDED_EMISSION)
-#define SBL__HIDDEN_FROM_CAMERA ((unsigned)SBL_MATERIAL_HIDDEN_FROM_CAMERA)
-#define SBL__HIDDEN_FROM_SENSORS ((unsigned)SBL_MATERIAL_HIDDEN_FROM_SENSORS)
-#define SBL__NO_SENSORS ((unsigned)SBL_MATERIAL_NO_SENSORS)
 #define SBL__LEAF 0x80000000u      /* references to children in the hierarchy, see >>bvh */
 #define SBL__ENTER 0xc0000000u
 #define SBL__LEAVE 0xd0000000u
@@ -2664,7 +2656,7 @@ typedef struct sbl__record {
 #define SBL__FILTER_FALL 0.25          /* weights are exp(-this * (difference / noise)^2) */
 #define SBL__DIVISOR_LEAST 1e-30f      /* prevents divisions by 0 */
 
-/* The constants that shaders get as #defines. FLAGS are enumerators, so their values are written, not their text. */
+/* The constants that shaders get as #defines: SBL__name as its text, SBL_MATERIAL_name as its value. */
 #define SBL__SHARED_CONSTANTS(X) \
     X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) X(SKY_COLUMN_BITS) \
     X(PATCH_AXIS_SHIFT) X(NEAR_PART) X(SLOT_TRIES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) \
@@ -2675,8 +2667,7 @@ typedef struct sbl__record {
     X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
     X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_TURN) \
     X(BELONGS_OFF) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST)
-#define SBL__SHARED_FLAGS(X) \
-    X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
+#define SBL__SHARED_FLAGS(X) X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
 
 #define SBL__PRELUDE_MOST 8192     /* room for the constants of a program, and for its records, in characters */
 
@@ -2691,7 +2682,7 @@ static size_t sbl__write(char *text, size_t length, const char *format, ...) {
 }
 
 static void sbl__write_constants(char *text, size_t length) {
-#define SBL__X(name) length = sbl__write(text, length, "#define SBL_" #name " %uu\n", SBL__##name);
+#define SBL__X(name) length = sbl__write(text, length, "#define SBL_" #name " %uu\n", (unsigned)SBL_MATERIAL_##name);
     SBL__SHARED_FLAGS(SBL__X)
 #undef SBL__X
     /* The text of the macros, because printf would round floats, and write commas in some locales. */
@@ -2740,8 +2731,7 @@ typedef struct sbl__device {
     unsigned features;       /* features that the driver gives to all programs: SBL__WRITE_DEPTH, SBL__COMPUTE */
     unsigned empty_array;    /* a vertex array without attributes */
     sbl__program programs[SBL__PROGRAMS_MOST];  /* the programs compiled so far */
-    sbl_programs compiled;
-    int program_count;
+    sbl_programs compiled;   /* their number, and the seconds spent compiling them */
     unsigned program;        /* GL name of the program in use */
     int unit;                /* next free texture unit of the program in use */
     int workgroup;           /* invocations in a workgroup of a compute shader */
@@ -3097,7 +3087,7 @@ static sbl_result sbl__program_make(const sbl__device *d, sbl__program *program)
 static const sbl__program *sbl__program_find(const sbl__device *d, const sbl__recipe *recipe, unsigned features) {
     int i;
     features = (features | d->features) & recipe->features;
-    for (i = 0; i < d->program_count; i++)
+    for (i = 0; i < d->compiled.count; i++)
         if (d->programs[i].recipe == recipe && d->programs[i].features == features) return &d->programs[i];
     return NULL;
 }
@@ -3106,17 +3096,17 @@ static const sbl__program *sbl__program_find(const sbl__device *d, const sbl__re
 static sbl_result sbl__program_need(sbl__device *d, const sbl__recipe *recipe, unsigned features) {
     const char *doing = d->gl.doing;
     const double start = sbl__now();
-    sbl__program *program = &d->programs[d->program_count];
+    sbl__program *program = &d->programs[d->compiled.count];
     sbl_result result;
     if (sbl__program_find(d, recipe, features)) return SBL_SUCCESS;
-    if (d->program_count == SBL__PROGRAMS_MOST) return SBL_ERROR_UNSUPPORTED;
+    if (d->compiled.count == SBL__PROGRAMS_MOST) return SBL_ERROR_UNSUPPORTED;
     program->recipe = recipe;
     program->features = (features | d->features) & recipe->features;
     d->gl.doing = "making shader programs";
     result = sbl__program_make(d, program);
     d->gl.doing = doing;
     if (result != SBL_SUCCESS) return result;
-    d->compiled.count = ++d->program_count;
+    d->compiled.count++;
     d->compiled.compile_seconds += sbl__now() - start;
     return SBL_SUCCESS;
 }
@@ -3210,15 +3200,6 @@ static void sbl__clear_depth(const sbl__device *d) {
     d->gl.ClearBufferfv(SBL__GL_DEPTH, 0, &zero);
 }
 
-/* Draws `count` triangles without vertex attributes; gl_VertexID begins at 3 * first. */
-static void sbl__draw_triangles(const sbl__device *d, int first, int count) {
-    d->gl.BindVertexArray(d->empty_array);
-    d->gl.DrawArrays(SBL__GL_TRIANGLES, 3 * first, 3 * count);
-}
-
-/* Draws a triangle that covers the viewport, for fullscreen_vertex.glsl. */
-static void sbl__draw_screen(const sbl__device *d) { sbl__draw_triangles(d, 0, 1); }
-
 /* Draws instances of the triangles first .. first + count - 1 of a vertex array with indices. */
 static void sbl__draw_mesh(const sbl__device *d, unsigned array, int first, int count, int instances) {
     d->gl.BindVertexArray(array);
@@ -3231,6 +3212,14 @@ static void sbl__draw_numbers(const sbl__device *d, unsigned array, int first, i
     d->gl.BindVertexArray(array);
     d->gl.DrawArraysInstanced(SBL__GL_TRIANGLES, 3 * first, 3 * count, instances);
 }
+
+/* Draws `count` triangles without vertex attributes; gl_VertexID begins at 3 * first. */
+static void sbl__draw_triangles(const sbl__device *d, int first, int count) {
+    sbl__draw_numbers(d, d->empty_array, first, count, 1);
+}
+
+/* Draws a triangle that covers the viewport, for fullscreen_vertex.glsl. */
+static void sbl__draw_screen(const sbl__device *d) { sbl__draw_triangles(d, 0, 1); }
 
 /* Draws instances of a rectangle. */
 static void sbl__draw_rectangles(const sbl__device *d, unsigned array, int instances) {
@@ -3505,11 +3494,11 @@ static sbl_result sbl__stages_run(sbl__stages *s, const sbl__stage_row *table, i
 
 /* >>device: creation and deletion */
 
-static sbl_result sbl__device_make(sbl__device *d, sbl__base *base, const sbl_context_desc *desc) {
+/* Loads GL and makes the vertex array that all passes share. Changes no state of the host. */
+static sbl_result sbl__device_make(sbl__device *d, const sbl_context_desc *desc) {
     static const char *const cpu_renderers[] = { "llvmpipe", "softpipe", "SwiftShader" };
-    const sbl_result result = sbl__gl_load(&d->gl, base, desc);
+    const sbl_result result = sbl__gl_load(&d->gl, desc);
     int i, on_cpu = 0;
-    d->base = base;
     if (result != SBL_SUCCESS) return result;
     if (!(d->gl.capabilities.used & SBL_CAPABILITY_CLIP_CONTROL)) d->features |= SBL__WRITE_DEPTH;
     if (d->gl.capabilities.used & SBL_CAPABILITY_COMPUTE) d->features |= SBL__COMPUTE;
@@ -3522,21 +3511,15 @@ static sbl_result sbl__device_make(sbl__device *d, sbl__base *base, const sbl_co
         on_cpu |= strstr(d->gl.capabilities.renderer, cpu_renderers[i]) != NULL;
     d->workgroup = on_cpu ? 8 : 64;
     d->lot = on_cpu ? 16 : 1024;
-    return SBL_SUCCESS;
+    return sbl__name_make(d, d->gl.GenVertexArrays, &d->empty_array) ? sbl__gl_check(&d->gl) : SBL_ERROR_GL;
 }
 
 /* Returns 1 if GL was loaded, so that GL objects can be deleted. */
 static int sbl__device_is_made(const sbl__device *d) { return d->gl.GetError && d->gl.capabilities.gl_major; }
 
-/* Makes the vertex array that all passes share. The caller has saved the host's GL state. */
-static sbl_result sbl__device_start(sbl__device *d) {
-    d->gl.doing = "making a vertex array";
-    return sbl__name_make(d, d->gl.GenVertexArrays, &d->empty_array) ? sbl__gl_check(&d->gl) : SBL_ERROR_GL;
-}
-
 static void sbl__device_free(sbl__device *d) {
     int i;
-    for (i = 0; i < d->program_count; i++) d->gl.DeleteProgram(d->programs[i].id);
+    for (i = 0; i < d->compiled.count; i++) d->gl.DeleteProgram(d->programs[i].id);
     sbl__array_delete(d, &d->empty_array);
 }
 
@@ -3550,11 +3533,6 @@ typedef struct sbl__check {
     sbl_log_item item;          /* log item of the mistakes */
     int mistakes;               /* number of mistakes found */
 } sbl__check;
-
-static void sbl__check_start(sbl__check *check, const sbl__base *base, const sbl__device *device, sbl_log_item item) {
-    const sbl__check start = { base, device, item, 0 };
-    *check = start;
-}
 
 static void sbl__mistake(sbl__check *check, const char *format, ...) {
     char text[512];
@@ -3623,14 +3601,6 @@ static const struct { int bytes; double scale; } sbl__types[SBL_TYPE_COUNT] = {
 
 static int sbl__stream_present(const sbl_stream *s) { return s->data != NULL || s->gl_buffer != 0; }
 
-static size_t sbl__stream_element(const sbl_stream *s, int components) {
-    return (size_t)sbl__types[s->type].bytes * (size_t)components;
-}
-
-static size_t sbl__stream_stride(const sbl_stream *s, int components) {
-    return s->stride ? s->stride : sbl__stream_element(s, components);
-}
-
 /* A stream of a mesh and the layout of its elements. A stream with one component holds indices, others hold floats. */
 typedef struct sbl__stream_use {
     const char *name;          /* field of sbl_mesh, for messages */
@@ -3641,6 +3611,14 @@ typedef struct sbl__stream_use {
 enum {
     SBL__POSITIONS, SBL__NORMALS, SBL__TEXCOORDS, SBL__COLORS, SBL__LIGHTMAP_TEXCOORDS, SBL__INDICES, SBL__STREAMS
 };
+
+static size_t sbl__stream_element(const sbl__stream_use *use) {
+    return (size_t)sbl__types[use->stream->type].bytes * (size_t)use->components;
+}
+
+static size_t sbl__stream_stride(const sbl__stream_use *use) {
+    return use->stream->stride ? use->stream->stride : sbl__stream_element(use);
+}
 
 /* Describes the streams of a mesh. out is indexed by the enumerators above; those before SBL__INDICES are floats. */
 static void sbl__mesh_streams(const sbl_mesh *m, sbl__stream_use out[SBL__STREAMS]) {
@@ -3672,8 +3650,8 @@ static void sbl__check_stream(sbl__check *check, int mesh, const sbl__stream_use
     if (s->type == SBL_UINT8_NORM && use->components == 3)
         sbl__mistake(check, "mesh %d: %s.type is %d, SBL_UINT8_NORM; only colours and texture coordinates may have it",
                      mesh, use->name, type);
-    element = sbl__stream_element(s, use->components);
-    stride = sbl__stream_stride(s, use->components);
+    element = sbl__stream_element(use);
+    stride = sbl__stream_stride(use);
     if (stride < element)
         sbl__mistake(check, "mesh %d: %s.stride is %.0f; it must be at least the %.0f bytes of an element", mesh,
                      use->name, (double)stride, (double)element);
@@ -3774,7 +3752,6 @@ static void sbl__check_pixels(sbl__check *check, const char *where, const char *
                      (double)t->stride, t->height);
 }
 
-
 #define SBL__TEXTURE_MOST 65536  /* largest width and height of a texture, in pixels */
 
 static void sbl__check_texture(sbl__check *check, const sbl_scene_desc *desc, int index) {
@@ -3849,9 +3826,8 @@ static void sbl__check_environment(sbl__check *check, const sbl_environment *e) 
 
 static sbl_result sbl__check_scene(const sbl__device *d, const sbl_scene_desc *desc) {
     const char *where = "sbl_scene_desc";
-    sbl__check check;
+    sbl__check check = { d->base, d, SBL_LOG_ITEM_INVALID_SCENE_DESC, 0 };
     int i;
-    sbl__check_start(&check, d->base, d, SBL_LOG_ITEM_INVALID_SCENE_DESC);
     if (!sbl__check_canaries(&check, where, desc->start_canary, desc->end_canary)) return sbl__check_end(&check);
     sbl__check_array(&check, where, "mesh_count", desc->mesh_count, desc->meshes);
     sbl__check_array(&check, where, "material_count", desc->material_count, desc->materials);
@@ -3895,8 +3871,7 @@ SBL_API sbl_context_desc sbl_context_desc_defaults(const sbl_context_desc *desc)
 
 static sbl_result sbl__check_context(const sbl__base *base, const sbl_context_desc *d) {
     const char *where = "sbl_context_desc";
-    sbl__check check;
-    sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_CONTEXT_DESC);
+    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, 0 };
     if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     if (!d->allocator.alloc != !d->allocator.free)
         sbl__mistake(&check, "%s: allocator.%s is NULL; give both functions or none", where,
@@ -3982,7 +3957,8 @@ static void sbl__geometry_free(const sbl__device *d, sbl__geometry *g) {
 
 /* >>geometry: reading */
 
-static float sbl__component(const unsigned char *at, sbl_type type) {
+/* Returns the value of a component, as a double because a float cannot hold all 32-bit indices. */
+static double sbl__component(const unsigned char *at, sbl_type type) {
     float f;
     uint16_t u16;
     int16_t i16;
@@ -3991,29 +3967,20 @@ static float sbl__component(const unsigned char *at, sbl_type type) {
     switch (type) {
         case SBL_FLOAT32: memcpy(&f, at, 4); return f;
         case SBL_FLOAT16: memcpy(&u16, at, 2); return sbl__from_half(u16);
-        case SBL_UINT8: case SBL_UINT8_NORM: return (float)(*at * sbl__types[type].scale);
-        case SBL_UINT16: case SBL_UINT16_NORM: memcpy(&u16, at, 2); return (float)(u16 * sbl__types[type].scale);
-        case SBL_INT8_NORM: memcpy(&i8, at, 1); return (float)SBL__MAX(-1.0, i8 * sbl__types[type].scale);
-        case SBL_INT16_NORM: memcpy(&i16, at, 2); return (float)SBL__MAX(-1.0, i16 * sbl__types[type].scale);
-        case SBL_UINT32: memcpy(&u32, at, 4); return (float)u32;
+        case SBL_UINT8: case SBL_UINT8_NORM: return *at * sbl__types[type].scale;
+        case SBL_UINT16: case SBL_UINT16_NORM: memcpy(&u16, at, 2); return u16 * sbl__types[type].scale;
+        case SBL_INT8_NORM: memcpy(&i8, at, 1); return SBL__MAX(-1.0, i8 * sbl__types[type].scale);
+        case SBL_INT16_NORM: memcpy(&i16, at, 2); return SBL__MAX(-1.0, i16 * sbl__types[type].scale);
+        case SBL_UINT32: memcpy(&u32, at, 4); return u32;
         default: return 0;
     }
-}
-
-static uint32_t sbl__index(const unsigned char *at, sbl_type type) {
-    uint16_t u16;
-    uint32_t u32;
-    if (type == SBL_UINT8) return *at;
-    if (type == SBL_UINT16) { memcpy(&u16, at, 2); return u16; }
-    memcpy(&u32, at, 4);
-    return u32;
 }
 
 /* Reads the elements of a stream that has been checked. out: indices as uint32_t, other components as float */
 static sbl_result sbl__stream_read(const sbl__device *d, const sbl__stream_use *use, void *out) {
     const sbl_stream *s = use->stream;
-    const size_t stride = sbl__stream_stride(s, use->components), element = sbl__stream_element(s, use->components);
-    const size_t bytes = use->count ? stride * ((size_t)use->count - 1) + element : 0;
+    const size_t stride = sbl__stream_stride(use);
+    const size_t bytes = use->count ? stride * ((size_t)use->count - 1) + sbl__stream_element(use) : 0;
     const unsigned char *from = s->data && bytes ? (const unsigned char *)s->data + s->offset : NULL;
     void *copy = NULL;
     sbl_result result = SBL_SUCCESS;
@@ -4024,14 +3991,12 @@ static sbl_result sbl__stream_read(const sbl__device *d, const sbl__stream_use *
         result = sbl__host_buffer_read(d, s->gl_buffer, s->offset, bytes, copy);
         from = (const unsigned char *)copy;
     }
-    for (i = 0; i < use->count && result == SBL_SUCCESS; i++) {
-        const unsigned char *at = from + stride * (size_t)i;
-        if (use->components == 1) ((uint32_t *)out)[i] = sbl__index(at, s->type);
-        else
-            for (k = 0; k < use->components; k++)
-                ((float *)out)[(size_t)use->components * (size_t)i + (size_t)k] =
-                    sbl__component(at + k * sbl__types[s->type].bytes, s->type);
-    }
+    for (i = 0; i < use->count && result == SBL_SUCCESS; i++)
+        for (k = 0; k < use->components; k++) {
+            const double x = sbl__component(from + stride * (size_t)i + k * sbl__types[s->type].bytes, s->type);
+            if (use->components == 1) ((uint32_t *)out)[i] = (uint32_t)x;
+            else ((float *)out)[(size_t)use->components * (size_t)i + (size_t)k] = (float)x;
+        }
     sbl__free(d->base, copy);
     return result;
 }
@@ -4188,10 +4153,9 @@ static int sbl__mesh_transform(const sbl__base *base, sbl__geometry *g, int numb
 static sbl_result sbl__geometry_add(const sbl__device *d, sbl__geometry *g, const sbl_mesh *in, int number) {
     sbl__mesh *mesh = &g->meshes[number];
     sbl__mesh_data data;
-    sbl__check check;
+    sbl__check check = { d->base, d, SBL_LOG_ITEM_INVALID_MESH, 0 };
     sbl_result result = sbl__mesh_read(d, g, in, &data);
     if (result == SBL_SUCCESS) {
-        sbl__check_start(&check, d->base, d, SBL_LOG_ITEM_INVALID_MESH);
         sbl__mesh_validate(&check, &data, number);
         result = sbl__check_end(&check);
     }
@@ -4875,14 +4839,14 @@ static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *
 
 /* True if two objects of one mesh differ in anything but the light that they emit. */
 static int sbl__reflection_differs(const sbl__object *a, const sbl__object *b) {
-    const uint32_t flags = ~SBL__ONE_SIDED_EMISSION;
+    const uint32_t flags = ~(uint32_t)SBL_MATERIAL_ONE_SIDED_EMISSION;
     return memcmp(a->albedo, b->albedo, sizeof a->albedo) || (a->flags & flags) != (b->flags & flags) ||
            memcmp(&a->alpha_cutoff, &b->alpha_cutoff, sizeof a->alpha_cutoff) ||
            memcmp(a->albedo_texture, b->albedo_texture, sizeof a->albedo_texture);
 }
 
 static int sbl__emits(const sbl__object *o, int back) {
-    return sbl__max3(o->emission) > 0 && !(back && o->flags & SBL__ONE_SIDED_EMISSION);
+    return sbl__max3(o->emission) > 0 && !(back && o->flags & SBL_MATERIAL_ONE_SIDED_EMISSION);
 }
 
 /* True if the surface has no albedo texture and SBL__BOUNCE_ALBEDO reduces its albedo in all three channels. */
@@ -6541,7 +6505,7 @@ static sbl_result sbl__patch_measure(void *work, int at) {
     }
     sbl__box_of_triangle(&box, g, triangle);
     sbl__box_add(&patch->bounds, &box);
-    if (!(sbl__triangle_object(g, triangle)->flags & SBL__HIDDEN_FROM_SENSORS)) {
+    if (!(sbl__triangle_object(g, triangle)->flags & SBL_MATERIAL_HIDDEN_FROM_SENSORS)) {
         patch->area += area;
         p->area += area;
     }
@@ -7223,8 +7187,7 @@ static void sbl__check_refinement(sbl__check *check, const char *where, const sb
 
 static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_desc *d, int host_draws) {
     const char *where = "sbl_picture_desc";
-    sbl__check check;
-    sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_PICTURE_DESC);
+    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_PICTURE_DESC, 0 };
     if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     sbl__check_options(&check, where, &d->options, 1, sbl__sensor_rays, host_draws);
     sbl__check_sensor_kind(&check, where, &d->options, d->sensor_kind, d->sensor_fov);
@@ -7283,9 +7246,8 @@ static sbl_result sbl__check_lightmap(const sbl__base *base, const sbl_lightmap_
     const char *where = "sbl_lightmap_desc";
     const sbl_picture_desc picture = sbl__lightmap_picture(d);
     const sbl__geometry *g = &scene->geometry;
-    sbl__check check;
+    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_LIGHTMAP_DESC, 0 };
     int i;
-    sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_LIGHTMAP_DESC);
     if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     sbl__check_options(&check, where, &d->options, 0, sbl__sensor_rays, scene->draw != NULL);
     sbl__check_refinement(&check, where, &picture);
@@ -7339,9 +7301,8 @@ static int sbl__check_site(sbl__check *check, const sbl_site *s, int number, int
 
 static sbl_result sbl__check_readings(const sbl__base *base, const sbl_readings_desc *d, int host_draws) {
     const char *where = "sbl_readings_desc";
-    sbl__check check;
+    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_READINGS_DESC, 0 };
     int i, wrong = 0;
-    sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_READINGS_DESC);
     if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     sbl__check_options(&check, where, &d->options, 1, sbl__sensor_rays, host_draws);
     sbl__check_sensor_kind(&check, where, &d->options, d->sensor_kind, d->sensor_fov);
@@ -7382,9 +7343,8 @@ static sbl_result sbl__check_vertices(const sbl__base *base, const sbl_vertices_
     const char *where = "sbl_vertices_desc";
     const sbl__geometry *g = &scene->geometry;
     double vertices = 0, triangles = 0;
-    sbl__check check;
+    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_VERTICES_DESC, 0 };
     int i;
-    sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_VERTICES_DESC);
     if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     sbl__check_options(&check, where, &d->options, 0, sbl__sensor_rays, scene->draw != NULL);
     sbl__check_int(&check, where, "samples", d->samples, 1, 1024);
@@ -7456,9 +7416,8 @@ SBL_API sbl_probes_desc sbl_probes_desc_defaults(const sbl_probes_desc *desc) {
 static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc *d, int host_draws) {
     static const int rays[2] = { 64, 65536 };
     const char *where = "sbl_probes_desc";
-    sbl__check check;
+    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_PROBES_DESC, 0 };
     int i, wrong = 0;
-    sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_PROBES_DESC);
     if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     sbl__check_options(&check, where, &d->options, 0, rays, host_draws);
     if (!sbl__between(&d->move, 0, FLT_MAX))
@@ -11724,7 +11683,7 @@ static sbl_result sbl__bounce_sample(void *work, int at) {
     int k;
     memset(&sample, 0, sizeof sample);
     b->store->patches[triangle] = sbl__patch_word(&b->patching, triangle);
-    if (sbl__triangle_object(b->geometry, triangle)->flags & SBL__HIDDEN_FROM_SENSORS) return SBL_SUCCESS;
+    if (sbl__triangle_object(b->geometry, triangle)->flags & SBL_MATERIAL_HIDDEN_FROM_SENSORS) return SBL_SUCCESS;
     b->samples_due += density * sbl__scene_normal(b->geometry, triangle, normal) / (length * length);
     sbl__scene_triangle(b->geometry, triangle, p);
     for (; number < floor(b->samples_due); number++) {
@@ -17750,14 +17709,13 @@ static sbl_result sbl__compile_all(sbl__device *d) {
     return result;
 }
 
-/* Makes what all passes share, compiles programs if the host has asked for it, and tries out the driver. */
+/* Compiles programs if the host has asked for it, and tries out the driver. */
 static sbl_result sbl__context_start(sbl__core *core) {
     sbl__guard guard;
-    sbl_result result;
+    sbl_result result = SBL_SUCCESS;
     sbl__guard_save(&core->device.gl, &guard);
     sbl__guard_force(&core->device.gl);
-    result = sbl__device_start(&core->device);
-    if (result == SBL_SUCCESS && core->desc.compile_ahead) result = sbl__compile_all(&core->device);
+    if (core->desc.compile_ahead) result = sbl__compile_all(&core->device);
     if (result == SBL_SUCCESS) result = sbl__trial(core);
     sbl__guard_restore(&core->device.gl, &guard);
     sbl__gl_clear_errors(&core->device.gl);
@@ -17788,7 +17746,7 @@ SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
     c->core.desc = d;
     c->core.device.base = c->core.device.gl.base = &c->core.base;
     if (!d.get_gl_function) result = sbl__egl_open(&c->egl, &c->core.base, &before, &d);
-    if (result == SBL_SUCCESS) result = sbl__device_make(&c->core.device, &c->core.base, &d);
+    if (result == SBL_SUCCESS) result = sbl__device_make(&c->core.device, &d);
     if (result == SBL_SUCCESS) result = sbl__context_start(&c->core);
     if (result != SBL_SUCCESS) sbl__context_free(c);
     sbl__egl_leave(&c->egl, &before);
@@ -17847,13 +17805,13 @@ static sbl_result sbl__update_light(sbl_context *c, const char *function, const 
     const char *what = desc->materials ? "materials" : "lights";
     const int count = desc->materials ? desc->material_count : desc->light_count;
     sbl__visit visit;
-    sbl__check check;
+    sbl__check check = { NULL, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, 0 };
     sbl_result result;
     int i, has;
     result = sbl__may_call(c, function, 1);
     if (result != SBL_SUCCESS) return result;
     has = desc->materials ? c->core.scene.material_count : c->core.scene.lights.count;
-    sbl__check_start(&check, &c->core.base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT);
+    check.base = &c->core.base;
     if (count != has) sbl__mistake(&check, "%s: %d %s are given; the scene has %d", function, count, what, has);
     check.item = desc->materials ? SBL_LOG_ITEM_INVALID_MATERIAL : SBL_LOG_ITEM_INVALID_LIGHT;
     for (i = 0; i < count && count == has; i++) {
@@ -17914,11 +17872,11 @@ SBL_API sbl_result sbl_load_store(sbl_context *c, sbl_read_function get, void *u
 SBL_API sbl_result sbl_set_mesh_transform(sbl_context *c, int mesh, const float transform[16]) {
     float to[16];
     sbl__visit visit;
-    sbl__check check;
+    sbl__check check = { NULL, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, 0 };
     sbl_result result;
     result = sbl__may_call(c, "sbl_set_mesh_transform", 1);
     if (result != SBL_SUCCESS) return result;
-    sbl__check_start(&check, &c->core.base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT);
+    check.base = &c->core.base;
     if (mesh < 0 || mesh >= c->core.scene.geometry.mesh_count)
         sbl__mistake(&check, "sbl_set_mesh_transform: mesh is %d; the scene has %d", mesh,
                      c->core.scene.geometry.mesh_count);
@@ -18098,8 +18056,7 @@ SBL_API uint32_t sbl_channel_texture(sbl_context *c, sbl_channel channel) {
 static sbl_result sbl__inspect_check(const sbl_context *c, int x, int y, const sbl_sensor *sensor) {
     const sbl__map *m = c->map;
     const int finished = m && sbl__work_is_done(&m->work);
-    sbl__check check;
-    sbl__check_start(&check, &c->core.base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT);
+    sbl__check check = { &c->core.base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, 0 };
     if (!sensor) {
         sbl__mistake(&check, "sbl_inspect_sensor: sensor is NULL");
         return SBL_ERROR_INVALID_ARGUMENT;
