@@ -2638,7 +2638,7 @@ typedef struct sbl__record {
 #define SBL__RGBE_BITS 8           /* bits of each of the three mantissas that sbl__rgbe stores */
 
 #define SBL__UNBOUNDED 1e30f           /* length of a ray without a limit; distance of a hit that does not exist */
-#define SBL__FRACTIONS 16777216.0      /* 2^24: shaders keep only 24 bits of a 32-bit fraction, as many as a float has */
+#define SBL__FRACTIONS 16777216.0      /* 2^24: shaders keep 24 bits of a 32-bit fraction, as many as a float has */
 #define SBL__COLOR_MOST 65535.0f       /* integer that stands for 1 in a vertex colour */
 #define SBL__GUIDE_STEPS 65536.0       /* 2^16: a guide stores the bounds of intervals in units of 1 / this */
 #define SBL__HARMONIC_0 0.28209479f    /* spherical harmonic of band 0: 1 / sqrt(4 pi) */
@@ -2793,7 +2793,7 @@ static sbl_result sbl__texture_make(const sbl__device *d, sbl__texture *t, int w
     gl->TexImage2D(SBL__GL_TEXTURE_2D, 0, (int)format, width, height, 0, f->format, f->type, NULL);
     gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_MIN_FILTER, SBL__GL_NEAREST);
     gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_MAG_FILTER, SBL__GL_NEAREST);
-    gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_WRAP_S, SBL__GL_CLAMP_TO_EDGE);
+    gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_WRAP_S, SBL__GL_CLAMP_TO_EDGE);  /* see sbl_channel_texture */
     gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_WRAP_T, SBL__GL_CLAMP_TO_EDGE);
     gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_MAX_LEVEL, 0);
     result = sbl__gl_check(gl);
@@ -3185,19 +3185,13 @@ static void sbl__pass_rows(const sbl__device *d, const sbl__target *t, int row, 
     sbl__pass(d, t, area, NULL, 0);
 }
 
-/* Clears a colour attachment of the pass, inside the scissor. */
-static void sbl__clear(const sbl__device *d, int attachment, const float value[4]) {
-    d->gl.ClearBufferfv(SBL__GL_COLOR, attachment, value);
-}
-
-static void sbl__clear_uint(const sbl__device *d, int attachment) {
+/* Clears colour attachment 0 and the depth of a pass, inside the scissor. color: NULL if the attachment has integers */
+static void sbl__clear(const sbl__device *d, const float *color) {
     static const unsigned zero[4] = { 0, 0, 0, 0 };
-    d->gl.ClearBufferuiv(SBL__GL_COLOR, attachment, zero);
-}
-
-static void sbl__clear_depth(const sbl__device *d) {
-    static const float zero = 0;
-    d->gl.ClearBufferfv(SBL__GL_DEPTH, 0, &zero);
+    static const float farthest = 0;
+    if (color) d->gl.ClearBufferfv(SBL__GL_COLOR, 0, color);
+    else d->gl.ClearBufferuiv(SBL__GL_COLOR, 0, zero);
+    d->gl.ClearBufferfv(SBL__GL_DEPTH, 0, &farthest);
 }
 
 /* Draws instances of the triangles first .. first + count - 1 of a vertex array with indices. */
@@ -3687,25 +3681,24 @@ static void sbl__check_mesh(sbl__check *check, const sbl_scene_desc *desc, int n
     const sbl_mesh *m = &desc->meshes[number];
     sbl__stream_use streams[SBL__STREAMS];
     const int indexed = sbl__stream_present(&m->indices);
+    char where[32];
     int i;
-    if (m->vertex_count < 0) {
-        sbl__mistake(check, "mesh %d: vertex_count is %d; it cannot be negative", number, m->vertex_count);
-        return;
-    }
+    snprintf(where, sizeof where, "mesh %d", number);
+    if (!sbl__check_int(check, where, "vertex_count", m->vertex_count, 0, INT_MAX)) return;
     if (m->vertex_count > 0 && !sbl__stream_present(&m->positions))
-        sbl__mistake(check, "mesh %d: positions are missing (data and gl_buffer are both 0) for vertex_count %d",
-                     number, m->vertex_count);
+        sbl__mistake(check, "%s: positions are missing (data and gl_buffer are both 0) for vertex_count %d", where,
+                     m->vertex_count);
     sbl__mesh_streams(m, streams);
     for (i = 0; i < SBL__INDICES; i++) sbl__check_stream(check, number, &streams[i]);
     if (indexed && (m->index_count < 0 || m->index_count % 3 != 0))
-        sbl__mistake(check, "mesh %d: index_count is %d; it must be a multiple of 3", number, m->index_count);
+        sbl__mistake(check, "%s: index_count is %d; it must be a multiple of 3", where, m->index_count);
     else if (indexed) sbl__check_stream(check, number, &streams[SBL__INDICES]);
     else if (m->vertex_count % 3 != 0)
-        sbl__mistake(check, "mesh %d: vertex_count is %d; without indices it must be a multiple of 3", number,
+        sbl__mistake(check, "%s: vertex_count is %d; without indices it must be a multiple of 3", where,
                      m->vertex_count);
     sbl__check_transform(check, number, m->transform);
     if (m->material < 0 || m->material >= desc->material_count)
-        sbl__mistake(check, "mesh %d: material is %d; it must be 0 or more, and less than material_count (%d)", number,
+        sbl__mistake(check, "%s: material is %d; it must be 0 or more, and less than material_count (%d)", where,
                      m->material, desc->material_count);
 }
 
@@ -3713,16 +3706,12 @@ static void sbl__check_mesh(sbl__check *check, const sbl_scene_desc *desc, int n
 
 static void sbl__check_material(sbl__check *check, const sbl_scene_desc *desc, int number) {
     const sbl_material *m = &desc->materials[number];
-    const int textures[2] = { m->albedo_texture, m->emission_texture };
     char where[32];
-    int i;
     snprintf(where, sizeof where, "material %d", number);
     sbl__check_range(check, where, "albedo", m->albedo, 3, sbl__unit_range);
     sbl__check_range(check, where, "emission", m->emission, 3, sbl__not_negative_range);
-    for (i = 0; i < 2; i++)
-        if (textures[i] < 0 || textures[i] > desc->texture_count)
-            sbl__mistake(check, "%s: %s_texture is %d; it must be 0 (none) to %d", where, i ? "emission" : "albedo",
-                         textures[i], desc->texture_count);
+    sbl__check_int(check, where, "albedo_texture (0: none)", m->albedo_texture, 0, desc->texture_count);
+    sbl__check_int(check, where, "emission_texture (0: none)", m->emission_texture, 0, desc->texture_count);
     sbl__check_range(check, where, "alpha_cutoff", &m->alpha_cutoff, 1, sbl__unit_range);
     if (m->flags & ~(uint32_t)SBL_MATERIAL_FLAGS_ALL)
         sbl__mistake(check, "%s: flags is 0x%x; only the bits 0x%x exist", where, m->flags,
@@ -8042,8 +8031,7 @@ static sbl_result sbl__surface_clear(void *work, sbl__slice *slice) {
     sbl__surface *s = (sbl__surface *)work;
     (void)slice;
     sbl__pass(s->device, &s->visibility, NULL, NULL, 0);
-    sbl__clear_uint(s->device, 0);
-    sbl__clear_depth(s->device);
+    sbl__clear(s->device, NULL);
     sbl__surface_band(s, 0);
     return sbl__gl_check(&s->device->gl);
 }
@@ -10074,8 +10062,7 @@ static void sbl__raster_clear(const sbl__device *d, const sbl__raster *r, const 
     int k;
     for (k = 0; k < 3; k++) sky[k] = scene->environment.sky[k] * r->radiance_scale;
     sbl__pass(d, &r->target, NULL, used, 0);
-    sbl__clear(d, 0, sky);
-    sbl__clear_depth(d);
+    sbl__clear(d, sky);
 }
 
 /* Lowest x and y of a slot's sheet in the view texture, texels */
