@@ -3525,9 +3525,9 @@ static void sbl__device_free(sbl__device *d) {
 
 typedef struct sbl__check {
     const sbl__base *base;
-    const sbl__device *device;  /* looks up the host's GL buffers and textures; NULL if the descriptor has none */
+    const sbl__device *device;  /* finds the host's GL objects; NULL if the descriptor cannot contain any */
     sbl_log_item item;          /* log item of the mistakes */
-    int mistakes;               /* number found so far */
+    int mistakes;               /* number of mistakes found so far */
 } sbl__check;
 
 static void sbl__mistake(sbl__check *check, const char *format, ...) {
@@ -3602,7 +3602,7 @@ static int sbl__stream_present(const sbl_stream *s) { return s->data != NULL || 
 typedef struct sbl__stream_use {
     const char *name;          /* field of sbl_mesh, for messages */
     const sbl_stream *stream;
-    int components;            /* per element */
+    int components;            /* number of components of an element */
     int count;                 /* number of elements */
 } sbl__stream_use;
 
@@ -3932,7 +3932,7 @@ typedef struct sbl__geometry {
                                       offsets from surfaces and depth are in proportion to it */
     sbl__table position_table, attribute_table, index_table, object_table;
     unsigned vertex_array;         /* GL vertex array: position, object, texture coordinates, colour */
-    int wide;                      /* 1 if tables are 2D textures, because one exceeds the limit of buffer textures */
+    int wide;                      /* 1 if the tables are 2D textures, see sbl__table */
 } sbl__geometry;
 
 static void sbl__geometry_free(const sbl__device *d, sbl__geometry *g) {
