@@ -1768,7 +1768,7 @@ static void sbl__default_log(sbl_log_level level, sbl_log_item item, const char 
 static void *sbl__default_alloc(size_t bytes, void *user) { (void)user; return malloc(bytes); }
 static void sbl__default_free(void *pointer, void *user) { (void)user; free(pointer); }
 
-/* Bytes before each allocated block, which hold its size; 16 preserve the alignment of malloc. */
+/* Number of bytes that precede a block and hold its size; 16 preserves the alignment of malloc. */
 #define SBL__ALLOC_PREFIX 16
 
 /* Allocates count * size bytes with undefined contents. Logs an error and returns NULL if the product overflows or
@@ -2005,7 +2005,6 @@ static unsigned char sbl__to_byte(float x) {
     X(void, DepthRange, (double nearest, double farthest)) \
     X(void, Disable, (unsigned capability)) \
     X(void, Disablei, (unsigned capability, unsigned index)) \
-    X(void, DrawArrays, (unsigned mode, int first, int count)) \
     X(void, DrawBuffers, (int count, const unsigned *buffers)) \
     X(void, DrawArraysInstanced, (unsigned mode, int first, int count, int instances)) \
     X(void, DrawElementsInstanced, (unsigned mode, int count, unsigned type, const void *offset, int instances)) \
@@ -2024,7 +2023,6 @@ static unsigned char sbl__to_byte(float x) {
     X(void, GetActiveUniform, (unsigned program, unsigned index, int room, int *length, int *size, unsigned *type, \
       char *name)) \
     X(void, GetBooleani_v, (unsigned name, unsigned index, unsigned char *out)) \
-    X(void, GetBooleanv, (unsigned name, unsigned char *out)) \
     X(void, GetBufferParameteri64v, (unsigned target, unsigned name, int64_t *out)) \
     X(void, GetBufferSubData, (unsigned target, ptrdiff_t offset, ptrdiff_t size, void *data)) \
     X(void, GetDoublev, (unsigned name, double *out)) \
@@ -2211,7 +2209,7 @@ static sbl_gl_function sbl__gl_find(const sbl_context_desc *desc, const char *na
     return NULL;
 }
 
-/* Fills the table of GL functions. Logs each required function that is missing. Returns 1 if none is, otherwise 0. */
+/* Loads all GL functions. Returns 1 on success. Logs each required function that is missing and returns 0. */
 static int sbl__gl_load_functions(sbl__gl *gl, const sbl_context_desc *desc) {
     int missing = 0;
 #define SBL__LOAD(type, name, parameters) \
@@ -2232,12 +2230,11 @@ static int sbl__gl_load_functions(sbl__gl *gl, const sbl_context_desc *desc) {
     return 1;
 }
 
-/* Loads the GL functions and fills gl->capabilities, gl->units and gl->viewports. The library uses the optional
-   features that the driver has and desc->disabled does not exclude. */
-static sbl_result sbl__gl_load(sbl__gl *gl, sbl__base *base, const sbl_context_desc *desc) {
+/* Loads the GL functions and fills gl->capabilities, gl->units and gl->viewports. Optional features are used if the
+   driver has them, except for those in desc->disabled. */
+static sbl_result sbl__gl_load(sbl__gl *gl, const sbl_context_desc *desc) {
     sbl_capabilities *c = &gl->capabilities;
     const char *text;
-    gl->base = base;
     gl->doing = "starting";
     if (!sbl__gl_load_functions(gl, desc)) return SBL_ERROR_UNSUPPORTED;
     sbl__gl_clear_errors(gl);
@@ -2248,8 +2245,8 @@ static sbl_result sbl__gl_load(sbl__gl *gl, sbl__base *base, const sbl_context_d
     gl->GetIntegerv(SBL__GL_MAJOR_VERSION, &c->gl_major);
     gl->GetIntegerv(SBL__GL_MINOR_VERSION, &c->gl_minor);
     if (!sbl__gl_at_least(gl, 33) || strstr(c->version, "OpenGL ES")) {
-        sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_NO_GL, "the current GL context is \"%s\"; sbl.h needs a context of "
-                 "OpenGL 3.3 or later (not OpenGL ES) that is current in this thread",
+        sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_NO_GL, "the current GL context is \"%s\"; sbl.h needs a "
+                 "context of OpenGL 3.3 or later (not OpenGL ES) that is current in this thread",
                  c->version[0] ? c->version : "none");
         return SBL_ERROR_UNSUPPORTED;
     }
@@ -2305,7 +2302,7 @@ static const unsigned sbl__guard_image[6] = {
     SBL__GL_IMAGE_BINDING_LAYER, SBL__GL_IMAGE_BINDING_ACCESS, SBL__GL_IMAGE_BINDING_FORMAT
 };
 
-/* Buffer targets, and the names that query their bindings; for some targets both are equal */
+/* Buffer targets, and the names that query their bindings */
 static const struct { unsigned target, query; } sbl__guard_buffers[] = {
     { SBL__GL_ARRAY_BUFFER, SBL__GL_ARRAY_BUFFER_BINDING }, { SBL__GL_TEXTURE_BUFFER, SBL__GL_TEXTURE_BUFFER },
     { SBL__GL_COPY_READ_BUFFER, SBL__GL_COPY_READ_BUFFER },
@@ -2314,8 +2311,8 @@ static const struct { unsigned target, query; } sbl__guard_buffers[] = {
 };
 
 typedef struct sbl__guard {
-    unsigned char switches[32], blend[SBL__GUARD_DRAW_BUFFERS], color_mask[SBL__GUARD_DRAW_BUFFERS][4], depth_mask;
-    int pixel_store[16], polygon_mode[2], front_face, clamp_read, depth_function, clip_origin, clip_depth;
+    unsigned char switches[32], blend[SBL__GUARD_DRAW_BUFFERS], color_mask[SBL__GUARD_DRAW_BUFFERS][4];
+    int pixel_store[16], polygon_mode[2], front_face, clamp_read, depth_mask, depth_function, clip_origin, clip_depth;
     unsigned char scissor_test[SBL__GUARD_VIEWPORTS];
     int viewport[4], scissor[4], scissors[SBL__GUARD_VIEWPORTS][4];
     float viewports[SBL__GUARD_VIEWPORTS][4];
@@ -2336,7 +2333,7 @@ static void sbl__guard_save(const sbl__gl *gl, sbl__guard *g) {
         g->blend[i] = gl->IsEnabledi(SBL__GL_BLEND, (unsigned)i);
         gl->GetBooleani_v(SBL__GL_COLOR_WRITEMASK, (unsigned)i, g->color_mask[i]);
     }
-    gl->GetBooleanv(SBL__GL_DEPTH_WRITEMASK, &g->depth_mask);
+    gl->GetIntegerv(SBL__GL_DEPTH_WRITEMASK, &g->depth_mask);
     gl->GetIntegerv(SBL__GL_POLYGON_MODE, g->polygon_mode);
     gl->GetIntegerv(SBL__GL_FRONT_FACE, &g->front_face);
     gl->GetIntegerv(SBL__GL_CLAMP_READ_COLOR, &g->clamp_read);
@@ -2371,7 +2368,7 @@ static void sbl__guard_save(const sbl__gl *gl, sbl__guard *g) {
     }
     for (i = 0; gl->capabilities.used & SBL_CAPABILITY_COMPUTE && i < 6 * SBL__GUARD_IMAGES; i++)
         gl->GetIntegeri_v(sbl__guard_image[i % 6], (unsigned)i / 6, &g->images[i / 6][i % 6]);
-    sbl__gl_clear_errors(gl);  /* old drivers refuse some of the queries above with an error; the value is then 0 */
+    sbl__gl_clear_errors(gl);  /* old drivers reject some of the queries with an error; the saved value is then 0 */
 }
 
 static void sbl__guard_force(const sbl__gl *gl) {
@@ -2391,10 +2388,9 @@ static void sbl__guard_force(const sbl__gl *gl) {
     gl->FrontFace(SBL__GL_CCW);
     gl->DepthFunc(SBL__GL_GREATER);
     gl->DepthRange(0, 1);
-    if (gl->capabilities.used & SBL_CAPABILITY_CLIP_CONTROL)
-        gl->ClipControl(SBL__GL_LOWER_LEFT, SBL__GL_ZERO_TO_ONE);
-    else if (gl->capabilities.available & SBL_CAPABILITY_CLIP_CONTROL)
-        gl->ClipControl(SBL__GL_LOWER_LEFT, SBL__GL_NEGATIVE_ONE_TO_ONE);
+    if (gl->capabilities.available & SBL_CAPABILITY_CLIP_CONTROL)
+        gl->ClipControl(SBL__GL_LOWER_LEFT, gl->capabilities.used & SBL_CAPABILITY_CLIP_CONTROL ?
+                        SBL__GL_ZERO_TO_ONE : SBL__GL_NEGATIVE_ONE_TO_ONE);
     gl->BindBuffer(SBL__GL_PIXEL_PACK_BUFFER, 0);
     gl->BindBuffer(SBL__GL_PIXEL_UNPACK_BUFFER, 0);
     for (i = 0; i < SBL__GUARD_UNITS; i++) gl->BindSampler((unsigned)i, 0);
@@ -2411,7 +2407,7 @@ static void sbl__guard_restore(const sbl__gl *gl, const sbl__guard *g) {
         (g->blend[i] ? gl->Enablei : gl->Disablei)(SBL__GL_BLEND, (unsigned)i);
         gl->ColorMaski((unsigned)i, m[0], m[1], m[2], m[3]);
     }
-    gl->DepthMask(g->depth_mask);
+    gl->DepthMask((unsigned char)g->depth_mask);
     gl->PolygonMode(SBL__GL_FRONT_AND_BACK, (unsigned)g->polygon_mode[0]);
     gl->ClampColor(SBL__GL_CLAMP_READ_COLOR, (unsigned)g->clamp_read);
     gl->FrontFace((unsigned)g->front_face);
@@ -2489,23 +2485,19 @@ typedef struct sbl__record {
     static const sbl__record type##_record = { name, sampler, declaration, first, (int)(sizeof(type) / 16), \
                                                type##_fields, SBL__COUNT(type##_fields) };
 
-/* Declarations of samplers: of a table that grows with the scene (see tables.glsl), and of other tables */
+/* GLSL declarations of samplers: for tables that grow with the scene (see tables.glsl), and for other tables */
 #define SBL__SCENE_TABLE(sampler) "uniform sbl_Texels " sampler ";\n"
 #define SBL__BUFFER_TABLE(sampler) "uniform usamplerBuffer " sampler ";\n"
 
-#define SBL__TEXELS_SHIFT 12       /* GL 3.3 promises textures 1024 wide; all known drivers have at least 4096 */
-#define SBL__TEXELS_ACROSS (1 << SBL__TEXELS_SHIFT)  /* width of a table that is a 2D texture */
-#define SBL__STACK 64              /* size of a ray's stack in the hierarchy */
-#define SBL__LAMPS 256             /* most lamps and clusters that lamps.glsl compares at a sensor */
-#define SBL__LAMP_PASSES 8         /* most passes in which a sensor traces rays towards lamps */
-#define SBL__TEXTURE_SRGB 1u       /* kinds of textures: 8-bit sRGB; */
-#define SBL__TEXTURE_FLOAT 2u      /* 16-bit float */
-#define SBL__TEXTURE_KIND 3u       /* mask of the kind; 0: no texture */
+#define SBL__TEXELS_SHIFT 12       /* log2 of TEXELS_ACROSS; GL 3.3 guarantees 1024 texels, all known drivers 4096 */
+#define SBL__TEXELS_ACROSS (1 << SBL__TEXELS_SHIFT)  /* width of tables that are 2D textures, in texels */
+#define SBL__STACK 64              /* size of the stack with which a ray traverses the hierarchy, in nodes */
+#define SBL__LAMPS 256             /* largest number of lamps and clusters that lamps.glsl compares at a sensor */
+#define SBL__LAMP_PASSES 8         /* largest number of passes in which a sensor traces rays towards lamps */
+#define SBL__TEXTURE_SRGB 1u       /* kind of a texture: 8-bit sRGB */
+#define SBL__TEXTURE_FLOAT 2u      /* kind of a texture: 16-bit float */
+#define SBL__TEXTURE_KIND 3u       /* mask of the kind; 0 means that there is no texture */
 #define SBL__TEXTURE_CLAMPS 4u     /* flag: coordinates are clamped; otherwise the texture repeats */
-#define SBL__ONE_SIDED_EMISSION ((unsigned)SBL_MATERIAL_ONE_SIDED_EMISSION)
-#define SBL__HIDDEN_FROM_CAMERA ((unsigned)SBL_MATERIAL_HIDDEN_FROM_CAMERA)
-#define SBL__HIDDEN_FROM_SENSORS ((unsigned)SBL_MATERIAL_HIDDEN_FROM_SENSORS)
-#define SBL__NO_SENSORS ((unsigned)SBL_MATERIAL_NO_SENSORS)
 #define SBL__LEAF 0x80000000u      /* references to children in the hierarchy, see >>bvh */
 #define SBL__ENTER 0xc0000000u
 #define SBL__LEAVE 0xd0000000u
@@ -2520,47 +2512,48 @@ typedef struct sbl__record {
 #define SBL__PATCH_BACK 1u         /* bits of a patch's word, see >>store */
 #define SBL__PATCH_FLAT 2u
 #define SBL__PATCH_AXIS_SHIFT 2
-#define SBL__PATCH_NEAR 16u
-#define SBL__PATCH_LEVEL 32u       /* lowest bit of the level of a cell, which has two bits */
+#define SBL__PATCH_NEAR 16u        /* flag: the ray that meets the patch is shorter than a cell's length / NEAR_PART */
+#define SBL__PATCH_LEVEL 32u       /* the lower of the two bits that hold the cell's level */
 #define SBL__PATCH_SHIFT 7
-#define SBL__NEAR_PART 2           /* a ray that is shorter than a cell's length / this has PATCH_NEAR set */
-#define SBL__SLOT_TRIES 64         /* most slots of the table of cells that a search visits */
-#define SBL__CELL_CUT 0x80000000u  /* flag of a reference: it names a cut, not a leaf */
-#define SBL__CELL_DEPTH 8          /* most cuts between a cell and a leaf */
-#define SBL__LEVELS 3              /* sizes of cells; the store uses larger ones when leaves become scarce */
-#define SBL__LEVEL_SHIFT 2         /* cells of each level are 2^this times as long as those of the level before */
-#define SBL__CAST_NUMBERS 1048576  /* cast.glsl stores a triangle's number as two floats: % this, and / this */
+#define SBL__NEAR_PART 2
+#define SBL__SLOT_TRIES 64         /* largest number of slots that a search in the hash grid visits */
+#define SBL__CELL_CUT 0x80000000u  /* flag of a reference: it leads to a cut, not to a leaf */
+#define SBL__CELL_DEPTH 8          /* largest number of cuts between a cell and a leaf */
+#define SBL__LEVELS 3              /* number of cell sizes; the store uses larger cells when leaves become scarce */
+#define SBL__LEVEL_SHIFT 2         /* cells of level n + 1 are 2^this times as long as cells of level n */
+#define SBL__CAST_NUMBERS 1048576  /* cast.glsl stores a triangle's number n as two floats, n % this and n / this */
 #define SBL__GUIDE_RINGS 16        /* rings of a guide's histogram, see >>guide */
 #define SBL__GUIDE_SECTORS 32      /* sectors of each ring */
-#define SBL__GUIDE_TEXELS 66       /* texels of a guide; each holds eight values */
+#define SBL__GUIDE_TEXELS 66       /* texels of a guide; each texel holds eight values */
 #define SBL__GUIDES_ACROSS 15      /* guides in a row of the guides' texture */
-#define SBL__LOOK_NUMBER 0x3ffu    /* mask of a look's number in its word; the bits above it hold its guide's number */
-#define SBL__LOOK_GUIDE_SHIFT 10
+#define SBL__LOOK_NUMBER 0x3ffu    /* mask of the look's number in sbl__look_words.which */
+#define SBL__LOOK_GUIDE_SHIFT 10   /* the guide's number is which >> this */
 #define SBL__HASH_FACTOR 0x9e3779b1u
 #define SBL__HASH_SHIFT 15
-#define SBL__RGBE_BIAS 128         /* three numbers share an exponent, to which this bias is added; */
-#define SBL__RGBE_BITS 8           /* bits of each of the three numbers */
+#define SBL__RGBE_BIAS 128         /* offset of the exponent that sbl__rgbe stores */
+#define SBL__RGBE_BITS 8           /* bits of each of the three mantissas that sbl__rgbe stores */
 
 #define SBL__UNBOUNDED 1e30f           /* length of a ray without a limit; distance of a hit that does not exist */
-#define SBL__FRACTIONS 16777216.0      /* 2^24: the upper 24 bits of a 32-bit fraction are used */
+#define SBL__FRACTIONS 16777216.0      /* 2^24: shaders keep 24 bits of a 32-bit fraction, as many as a float has */
 #define SBL__COLOR_MOST 65535.0f       /* integer that stands for 1 in a vertex colour */
-#define SBL__GUIDE_STEPS 65536.0       /* 2^16: a guide's shares are multiples of 1 / this */
+#define SBL__GUIDE_STEPS 65536.0       /* 2^16: a guide stores the bounds of intervals in units of 1 / this */
 #define SBL__HARMONIC_0 0.28209479f    /* spherical harmonic of band 0: 1 / sqrt(4 pi) */
-#define SBL__HARMONIC_1 0.48860251f    /* those of band 1: sqrt(3 / (4 pi)), times y, z or x */
-#define SBL__BOUNCE_ALBEDO 0.98f       /* largest albedo that bounced light is computed with */
+#define SBL__HARMONIC_1 0.48860251f    /* factor of y, z and x in the spherical harmonics of band 1: sqrt(3 / (4 pi)) */
+#define SBL__BOUNCE_ALBEDO 0.98f       /* largest albedo in the computation of bounced light */
 #define SBL__SKY_LEAST 1e-37f          /* smallest sky radiance that may be a divisor */
-#define SBL__CELL_MOST 2e9f            /* largest coordinate of a cell in its grid */
-#define SBL__NORMAL_LEAST 1e-12        /* an interpolated normal whose squared length is not above this is not used */
-#define SBL__GRAZING 0.01              /* least cosine between shading normals and the direction to the viewer */
-#define SBL__BELONGS_COSINE 0.8f       /* cosine between two normals up to which points do not belong together; */
-#define SBL__BELONGS_TURN 0.2f         /* how much larger the cosine must be for points that fully belong together */
-#define SBL__BELONGS_OFF 8.0f          /* x = this * distance from the plane / distance of the points. Points belong
-                                          together fully up to x = 1, and not at all from x = 2 on */
-#define SBL__FILTER_VISIBLE 0.0025f    /* relative difference of light that cannot be seen */
-#define SBL__FILTER_FALL 0.25          /* weights are exp(-this * (difference / noise)^2) */
+#define SBL__CELL_MOST 2e9f            /* largest coordinate of a cell in the grid */
+#define SBL__NORMAL_LEAST 1e-12        /* squared length up to which an interpolated normal is replaced by the face's */
+#define SBL__GRAZING 0.01              /* smallest cosine that a shading normal may have with the direction to the
+                                          viewer or, at sites of >>vertices, with the face's normal */
+#define SBL__BELONGS_COSINE 0.8f       /* belongs.glsl: the weight is 0 up to this cosine between two points' normals */
+#define SBL__BELONGS_TURN 0.2f         /* the weight is not reduced if the cosine is larger by this or more */
+#define SBL__BELONGS_OFF 8.0f          /* the weight falls from 1 to 0 while this * distance from the plane / distance
+                                          between the points rises from 1 to 2 */
+#define SBL__FILTER_VISIBLE 0.0025f    /* invisible relative difference of light, which the filter may smooth */
+#define SBL__FILTER_FALL 0.25          /* the filter's weights are exp(-this * (difference / noise)^2) */
 #define SBL__DIVISOR_LEAST 1e-30f      /* prevents divisions by 0 */
 
-/* The constants that shaders get as #defines. FLAGS are enumerators, so their values are written, not their text. */
+/* The constants that shaders get as #defines: SBL__name as its text, SBL_MATERIAL_name as its value. */
 #define SBL__SHARED_CONSTANTS(X) \
     X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) \
     X(PATCH_AXIS_SHIFT) X(NEAR_PART) X(SLOT_TRIES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) \
@@ -2571,12 +2564,11 @@ typedef struct sbl__record {
     X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
     X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_TURN) \
     X(BELONGS_OFF) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST)
-#define SBL__SHARED_FLAGS(X) \
-    X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
+#define SBL__SHARED_FLAGS(X) X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
 
-#define SBL__PRELUDE_MOST 8192     /* room for the constants of a program, and for its records, in characters */
+#define SBL__PRELUDE_MOST 8192     /* size of the GLSL text of the constants, and of the records, in characters */
 
-/* Appends to text, an array of SBL__PRELUDE_MOST characters that holds `length`. Returns the new length. */
+/* Appends to a string of `length` characters in an array of SBL__PRELUDE_MOST. Returns the new length. */
 static size_t sbl__write(char *text, size_t length, const char *format, ...) {
     va_list arguments;
     int more;
@@ -2587,10 +2579,10 @@ static size_t sbl__write(char *text, size_t length, const char *format, ...) {
 }
 
 static void sbl__write_constants(char *text, size_t length) {
-#define SBL__X(name) length = sbl__write(text, length, "#define SBL_" #name " %uu\n", SBL__##name);
+#define SBL__X(name) length = sbl__write(text, length, "#define SBL_" #name " %uu\n", (unsigned)SBL_MATERIAL_##name);
     SBL__SHARED_FLAGS(SBL__X)
 #undef SBL__X
-    /* The text of the macros, because printf would round floats, and write commas in some locales. */
+    /* Writes the text of the macros, because printf would round floats, and write commas in some locales. */
 #define SBL__TEXT(...) #__VA_ARGS__
 #define SBL__TEXT_OF(...) SBL__TEXT(__VA_ARGS__)
 #define SBL__X(name) length = sbl__write(text, length, "#define SBL_" #name " %s\n", SBL__TEXT_OF(SBL__##name));
@@ -2623,25 +2615,24 @@ static size_t sbl__write_record(char *text, size_t length, const sbl__record *r)
 typedef struct sbl__texture { unsigned id; int width, height; unsigned format; size_t bytes; } sbl__texture;
 typedef struct sbl__buffer { unsigned id; size_t bytes; } sbl__buffer;
 
-/* A framebuffer with `count` colour textures, and a depth texture if the pass needs it. */
+/* A framebuffer with `count` colour textures and, for some passes, a depth texture. */
 typedef struct sbl__target { unsigned id; int width, height, count; unsigned textures[6], formats[6]; } sbl__target;
 
 typedef struct sbl__program { const struct sbl__recipe *recipe; unsigned features, id; } sbl__program;
 
-#define SBL__PROGRAMS_MOST 256  /* more than all variants of all recipes; test_steps.c counts them */
+#define SBL__PROGRAMS_MOST 256  /* at least the number of all variants of all recipes; test_steps.c counts them */
 
 typedef struct sbl__device {
     sbl__base *base;
     sbl__gl gl;
-    unsigned features;       /* features that the driver gives to all programs: SBL__WRITE_DEPTH, SBL__COMPUTE */
-    unsigned empty_array;    /* a vertex array without attributes */
-    sbl__program programs[SBL__PROGRAMS_MOST];  /* the programs compiled so far */
-    sbl_programs compiled;
-    int program_count;
+    unsigned features;       /* features that depend on the driver: SBL__WRITE_DEPTH, SBL__COMPUTE */
+    unsigned empty_array;    /* vertex array without attributes */
+    sbl__program programs[SBL__PROGRAMS_MOST];  /* programs compiled so far */
+    sbl_programs compiled;   /* number of programs compiled so far, and seconds spent compiling them */
     unsigned program;        /* GL name of the program in use */
     int unit;                /* next free texture unit of the program in use */
     int workgroup;           /* invocations in a workgroup of a compute shader */
-    int lot;                 /* number of invocations that occupy the whole device; fewer take the same time */
+    int lot;                 /* invocations that occupy the whole device; fewer take as long as this number */
 } sbl__device;
 
 /* Makes *name the name of a new GL object if it is 0. Returns 1 on success. If GL gives no name, logs an error and
@@ -2686,7 +2677,7 @@ static void sbl__texture_delete(const sbl__device *d, sbl__texture *t) {
     memset(t, 0, sizeof *t);
 }
 
-/* Gives a texture this size and format. Its texels are undefined, unless it has both already: then it is unchanged. */
+/* Gives a texture this size and format, with undefined texels. Does nothing if it has this size and format already. */
 static sbl_result sbl__texture_make(const sbl__device *d, sbl__texture *t, int width, int height, unsigned format) {
     const sbl__gl *gl = &d->gl;
     const sbl__format *f = sbl__format_of(format);
@@ -2698,7 +2689,7 @@ static sbl_result sbl__texture_make(const sbl__device *d, sbl__texture *t, int w
     gl->TexImage2D(SBL__GL_TEXTURE_2D, 0, (int)format, width, height, 0, f->format, f->type, NULL);
     gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_MIN_FILTER, SBL__GL_NEAREST);
     gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_MAG_FILTER, SBL__GL_NEAREST);
-    gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_WRAP_S, SBL__GL_CLAMP_TO_EDGE);
+    gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_WRAP_S, SBL__GL_CLAMP_TO_EDGE);  /* see sbl_channel_texture */
     gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_WRAP_T, SBL__GL_CLAMP_TO_EDGE);
     gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_MAX_LEVEL, 0);
     result = sbl__gl_check(gl);
@@ -2723,8 +2714,7 @@ static void sbl__buffer_delete(const sbl__device *d, sbl__buffer *b) {
     memset(b, 0, sizeof *b);
 }
 
-/* Gives a buffer this size and content. data: NULL leaves the content undefined. usage: SBL__GL_STATIC_DRAW or
-   SBL__GL_STREAM_DRAW */
+/* Gives a buffer this size and content. data: NULL leaves the content undefined. usage: as in glBufferData */
 static sbl_result sbl__buffer_make(const sbl__device *d, sbl__buffer *b, size_t bytes, const void *data,
                                    unsigned usage) {
     const sbl__gl *gl = &d->gl;
@@ -2756,8 +2746,8 @@ static void sbl__buffer_write(const sbl__device *d, const sbl__buffer *b, size_t
     d->gl.BufferSubData(SBL__GL_ARRAY_BUFFER, (ptrdiff_t)offset, (ptrdiff_t)bytes, data);
 }
 
-/* A buffer whose texels shaders read by number, as a buffer texture. If a table of the scene exceeds the driver's limit
-   of buffer textures, all of them are copied to 2D textures (`wide`). sbl_fetch in tables.glsl reads both. */
+/* A buffer that shaders read as a buffer texture. If one of the scene's tables exceeds the driver's limit of buffer
+   textures, all tables of the scene are copied to 2D textures (`wide`). sbl_fetch in tables.glsl reads both kinds. */
 typedef struct sbl__table { sbl__buffer buffer; sbl__texture texels; } sbl__table;
 
 static void sbl__table_delete(const sbl__device *d, sbl__table *t) {
@@ -2765,7 +2755,7 @@ static void sbl__table_delete(const sbl__device *d, sbl__table *t) {
     sbl__buffer_delete(d, &t->buffer);
 }
 
-/* Makes the present content of the table's buffer visible to shaders, as texels of the format. */
+/* Makes the content of the table's buffer visible to shaders. wide: copies it to a 2D texture */
 static sbl_result sbl__table_attach(const sbl__device *d, sbl__table *t, unsigned format, int wide) {
     const sbl__gl *gl = &d->gl;
     const sbl__format *f = sbl__format_of(format);
@@ -2828,7 +2818,7 @@ static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const s
     return result;
 }
 
-/* Reads rows of an attachment. out: the components of its texels: uint32_t if the format has integers, else float */
+/* Reads rows of a colour attachment. out: uint32_t components if the format has 32-bit integers, otherwise floats */
 static sbl_result sbl__target_read(const sbl__device *d, const sbl__target *t, int attachment, int row, int rows,
                                    void *out) {
     const sbl__gl *gl = &d->gl;
@@ -2845,17 +2835,17 @@ static sbl_result sbl__target_read(const sbl__device *d, const sbl__target *t, i
 
 enum {
     SBL__TEXTURED = 1 << 0,     /* the scene has textures, cutouts or vertex colours */
-    SBL__WIDE = 1 << 1,         /* tables are 2D textures */
-    SBL__VIEWS = 1 << 2,        /* rays towards lamps also test views, which show what the host draws itself */
+    SBL__WIDE = 1 << 1,         /* the scene's tables are 2D textures, see sbl__table */
+    SBL__VIEWS = 1 << 2,        /* also test rays towards lamps against views, which alone hold what the host draws */
     SBL__INSPECT = 1 << 3,      /* lamps.glsl writes each ray, for sbl_inspect_sensor */
     SBL__WRITE_DEPTH = 1 << 4,  /* shaders write depth, because the driver has no clip control */
-    SBL__COMPUTE = 1 << 5,      /* programs that can be compute shaders are */
-    SBL__BOUNCED = 1 << 6,      /* sensors see bounced light, see >>store */
+    SBL__COMPUTE = 1 << 5,      /* use compute shaders in recipes that allow them, see sbl__invoke */
+    SBL__BOUNCED = 1 << 6,      /* shaders read bounced light from the store */
     SBL__MIXED = 1 << 7,        /* some lamp is not a triangle, or there are more than SBL__LAMPS lamps */
     SBL__CUTOUTS = 1 << 8,      /* some materials have holes */
     SBL__GUIDED = 1 << 9,       /* guides choose the directions of rays, see >>guide */
-    SBL__LIGHTMAP = 1 << 10,    /* pixels are the texels of an atlas; otherwise a camera's */
-    SBL__DIRECTIONAL = 1 << 11, /* also store the direction of the light, in channels SH_0 to SH_3 */
+    SBL__LIGHTMAP = 1 << 10,    /* pixels are texels of an atlas; otherwise they belong to a camera */
+    SBL__DIRECTIONAL = 1 << 11, /* also output the direction of the light, for channels SH_0 to SH_3 */
     SBL__FEATURES = 12
 };
 
@@ -2863,13 +2853,13 @@ enum {
 
 typedef struct sbl__recipe {
     const char *name;
-    const char *const *vertex[SBL__SHADERS_MOST];    /* files that are joined, in this order; NULL ends the list */
-    const char *const *fragment[SBL__SHADERS_MOST];  /* likewise; the compute shader if SBL__COMPUTE is in `features` */
-    const sbl__record *records[SBL__SHADERS_MOST];
-    unsigned features;                               /* the features that make variants */
+    const char *const *vertex[SBL__SHADERS_MOST];    /* files of the vertex shader, joined in this order */
+    const char *const *fragment[SBL__SHADERS_MOST];  /* files of the fragment shader or compute shader */
+    const sbl__record *records[SBL__SHADERS_MOST];   /* records that the shaders read */
+    unsigned features;                               /* each feature doubles the number of variants */
 } sbl__recipe;
 
-#define SBL__LINES_MOST 1500  /* most lines of a shader */
+#define SBL__LINES_MOST 1500  /* largest number of lines of a shader */
 
 /* >>glsl tables: shaders_embedded/tables.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_tables[] = {
@@ -2955,7 +2945,7 @@ static sbl_result sbl__program_check_textures(const sbl__device *d, unsigned pro
     return SBL_ERROR_UNSUPPORTED;
 }
 
-/* Compiles a program; sets program->id. */
+/* Compiles a program and sets program->id. */
 static sbl_result sbl__program_make(const sbl__device *d, sbl__program *program) {
     static const char *const names[SBL__FEATURES] = {
         "TEXTURED", "WIDE", "VIEWS", "INSPECT", "WRITE_DEPTH", "COMPUTE", "BOUNCED", "MIXED", "CUTOUTS",
@@ -2988,36 +2978,36 @@ static sbl_result sbl__program_make(const sbl__device *d, sbl__program *program)
     return result;
 }
 
-/* Returns a recipe's program for the given features and those of the device, as far as the recipe has them. Returns
-   NULL if it has not been compiled. */
+/* Returns a recipe's program for the given features and the device's, without features that the recipe does not list.
+   Returns NULL if the program has not been compiled. */
 static const sbl__program *sbl__program_find(const sbl__device *d, const sbl__recipe *recipe, unsigned features) {
     int i;
     features = (features | d->features) & recipe->features;
-    for (i = 0; i < d->program_count; i++)
+    for (i = 0; i < d->compiled.count; i++)
         if (d->programs[i].recipe == recipe && d->programs[i].features == features) return &d->programs[i];
     return NULL;
 }
 
-/* Compiles a recipe's program for these features if it has not been compiled. */
+/* Compiles a recipe's program with these features if it has not been compiled. */
 static sbl_result sbl__program_need(sbl__device *d, const sbl__recipe *recipe, unsigned features) {
     const char *doing = d->gl.doing;
     const double start = sbl__now();
-    sbl__program *program = &d->programs[d->program_count];
+    sbl__program *program = &d->programs[d->compiled.count];
     sbl_result result;
     if (sbl__program_find(d, recipe, features)) return SBL_SUCCESS;
-    if (d->program_count == SBL__PROGRAMS_MOST) return SBL_ERROR_UNSUPPORTED;
+    if (d->compiled.count == SBL__PROGRAMS_MOST) return SBL_ERROR_UNSUPPORTED;
     program->recipe = recipe;
     program->features = (features | d->features) & recipe->features;
     d->gl.doing = "making shader programs";
     result = sbl__program_make(d, program);
     d->gl.doing = doing;
     if (result != SBL_SUCCESS) return result;
-    d->compiled.count = ++d->program_count;
+    d->compiled.count++;
     d->compiled.compile_seconds += sbl__now() - start;
     return SBL_SUCCESS;
 }
 
-/* Makes a recipe's program the current one; compiles it if needed. */
+/* Makes a recipe's program the current program; compiles it if needed. */
 static sbl_result sbl__use(sbl__device *d, const sbl__recipe *recipe, unsigned features) {
     const sbl_result result = sbl__program_need(d, recipe, features);
     if (result != SBL_SUCCESS) return result;
@@ -3069,10 +3059,10 @@ static void sbl__bind_table(sbl__device *d, const char *name, const sbl__table *
 
 /* >>device: passes and draws */
 
-enum { SBL__PASS_DEPTH = 1, SBL__PASS_CLIP = 2 };  /* depth test on; four clip distances on */
+enum { SBL__PASS_DEPTH = 1, SBL__PASS_CLIP = 2 };  /* enables the depth test; enables four clip distances */
 
-/* Begins a pass: the following draws go to the target. viewport: x, y, width, height; NULL: the whole target. scissor:
-   likewise; NULL: none. flags: SBL__PASS_... */
+/* Begins a pass: the following draws go to the target. viewport and scissor: x, y, width, height; NULL: the whole
+   target. flags: SBL__PASS_... */
 static void sbl__pass(const sbl__device *d, const sbl__target *t, const int *viewport, const int *scissor, int flags) {
     const sbl__gl *gl = &d->gl;
     unsigned i;
@@ -3091,29 +3081,14 @@ static void sbl__pass_rows(const sbl__device *d, const sbl__target *t, int row, 
     sbl__pass(d, t, area, NULL, 0);
 }
 
-/* Clears a colour attachment of the pass, inside the scissor. */
-static void sbl__clear(const sbl__device *d, int attachment, const float value[4]) {
-    d->gl.ClearBufferfv(SBL__GL_COLOR, attachment, value);
-}
-
-static void sbl__clear_uint(const sbl__device *d, int attachment) {
+/* Clears colour attachment 0 and the depth of a pass, inside the scissor. color: NULL if the attachment has integers */
+static void sbl__clear(const sbl__device *d, const float *color) {
     static const unsigned zero[4] = { 0, 0, 0, 0 };
-    d->gl.ClearBufferuiv(SBL__GL_COLOR, attachment, zero);
+    static const float farthest = 0;
+    if (color) d->gl.ClearBufferfv(SBL__GL_COLOR, 0, color);
+    else d->gl.ClearBufferuiv(SBL__GL_COLOR, 0, zero);
+    d->gl.ClearBufferfv(SBL__GL_DEPTH, 0, &farthest);
 }
-
-static void sbl__clear_depth(const sbl__device *d) {
-    static const float zero = 0;
-    d->gl.ClearBufferfv(SBL__GL_DEPTH, 0, &zero);
-}
-
-/* Draws `count` triangles without vertex attributes; gl_VertexID begins at 3 * first. */
-static void sbl__draw_triangles(const sbl__device *d, int first, int count) {
-    d->gl.BindVertexArray(d->empty_array);
-    d->gl.DrawArrays(SBL__GL_TRIANGLES, 3 * first, 3 * count);
-}
-
-/* Draws a triangle that covers the viewport, for fullscreen_vertex.glsl. */
-static void sbl__draw_screen(const sbl__device *d) { sbl__draw_triangles(d, 0, 1); }
 
 /* Draws instances of the triangles first .. first + count - 1 of a vertex array with indices. */
 static void sbl__draw_mesh(const sbl__device *d, unsigned array, int first, int count, int instances) {
@@ -3128,22 +3103,30 @@ static void sbl__draw_numbers(const sbl__device *d, unsigned array, int first, i
     d->gl.DrawArraysInstanced(SBL__GL_TRIANGLES, 3 * first, 3 * count, instances);
 }
 
-/* Draws instances of a rectangle. */
+/* Draws `count` triangles without vertex attributes; gl_VertexID begins at 3 * first. */
+static void sbl__draw_triangles(const sbl__device *d, int first, int count) {
+    sbl__draw_numbers(d, d->empty_array, first, count, 1);
+}
+
+/* Draws a triangle that covers the viewport, for fullscreen_vertex.glsl. */
+static void sbl__draw_screen(const sbl__device *d) { sbl__draw_triangles(d, 0, 1); }
+
+/* Draws instances of a rectangle as a strip of two triangles: gl_VertexID is 0 to 3. */
 static void sbl__draw_rectangles(const sbl__device *d, unsigned array, int instances) {
     d->gl.BindVertexArray(array);
     d->gl.DrawArraysInstanced(SBL__GL_TRIANGLE_STRIP, 0, 4, instances);
 }
 
 /* Runs the program in use (see carrier.glsl): a compute shader with `count` invocations or, without SBL__COMPUTE, a
-   fragment shader over `rows` rows of the target. Both write the same numbers. Compute is used if the driver has it,
-   whatever is faster, so that pictures do not depend on timings; on llvmpipe it is as fast or faster. */
+   fragment shader over `rows` rows of the target. Both write the same numbers. The choice depends on the driver, not on
+   measured times, so that pictures do not depend on timings; on llvmpipe, compute is not slower. */
 static void sbl__invoke(const sbl__device *d, const sbl__target *t, int row, int rows, int count) {
     const sbl__gl *gl = &d->gl;
     int i;
     if (d->features & SBL__COMPUTE) {
         for (i = 0; i < t->count; i++)
             gl->BindImageTexture((unsigned)i, t->textures[i], 0, 0, 0, SBL__GL_WRITE_ONLY, SBL__GL_RGBA32F);
-        /* Waits until earlier work has used the images. windows.h has a macro MemoryBarrier, hence the parentheses. */
+        /* Waits for earlier work that uses the images. The parentheses avoid the macro MemoryBarrier of windows.h. */
         (gl->MemoryBarrier)(SBL__GL_SHADER_IMAGE_ACCESS_BARRIER);
         gl->DispatchCompute((unsigned)((count + d->workgroup - 1) / d->workgroup), 1, 1);
         (gl->MemoryBarrier)(SBL__GL_TEXTURE_FETCH_BARRIER | SBL__GL_FRAMEBUFFER_BARRIER);
@@ -3153,7 +3136,7 @@ static void sbl__invoke(const sbl__device *d, const sbl__target *t, int row, int
     }
 }
 
-/* Rounds a number of items to whole lots of invocations, at least one lot. invocations: those of each item */
+/* Rounds a number of items to a multiple of a lot, at least one lot. invocations: number of invocations per item */
 static double sbl__whole_lots(const sbl__device *d, double room, int invocations) {
     const double lot = SBL__MAX(d->lot / invocations, 1);
     return SBL__MAX(floor(room / lot + 0.5), 1.0) * lot;
@@ -3163,8 +3146,8 @@ static double sbl__whole_lots(const sbl__device *d, double room, int invocations
 typedef struct sbl__input {
     int location, components;
     unsigned type;
-    int whole;      /* 1: the shader reads an integer; 0: it reads a float, and integers are normalised */
-    int instances;  /* 1: one value for each instance; 0: for each vertex */
+    int integer;    /* 1: the shader's input is an integer; 0: it is a float, to which integers are normalised */
+    int instances;  /* 1: the input changes with each instance; 0: with each vertex */
     size_t stride, offset;
 } sbl__input;
 
@@ -3185,7 +3168,7 @@ static void sbl__array_inputs(const sbl__device *d, unsigned array, const sbl__b
     for (i = 0; i < count; i++) {
         const sbl__input *a = &inputs[i];
         const void *offset = (const void *)(uintptr_t)a->offset;
-        if (a->whole) gl->VertexAttribIPointer((unsigned)a->location, a->components, a->type, (int)a->stride, offset);
+        if (a->integer) gl->VertexAttribIPointer((unsigned)a->location, a->components, a->type, (int)a->stride, offset);
         else gl->VertexAttribPointer((unsigned)a->location, a->components, a->type, a->type != SBL__GL_FLOAT,
                                      (int)a->stride, offset);
         gl->EnableVertexAttribArray((unsigned)a->location);
@@ -3218,7 +3201,7 @@ static sbl_result sbl__host_buffer_read(const sbl__device *d, unsigned name, siz
 
 static int sbl__host_texture_exists(const sbl__device *d, unsigned name) { return d->gl.IsTexture(name) != 0; }
 
-/* Gets the width and height of level 0. Returns an error if the texture is not a GL_TEXTURE_2D. */
+/* Gets the width and height of level 0 of a texture. Returns an error if it is not a GL_TEXTURE_2D. */
 static sbl_result sbl__host_texture_size(const sbl__device *d, unsigned name, int size[2]) {
     const sbl__gl *gl = &d->gl;
     gl->ActiveTexture(SBL__GL_TEXTURE0);
@@ -3262,7 +3245,7 @@ static sbl_result sbl__host_texture_read(sbl__device *d, unsigned name, const in
     if (result == SBL_SUCCESS && !sbl__name_make(d, gl->GenSamplers, &sampler)) result = SBL_ERROR_GL;
     if (result == SBL_SUCCESS) {
         sbl__bind_to(d, "source", SBL__GL_TEXTURE_2D, name);
-        /* GL's default filter needs mip maps. With this sampler a texture that has level 0 only is complete, too. */
+        /* This sampler needs no mip maps. With GL's default filter, a texture without them is incomplete. */
         gl->SamplerParameteri(sampler, SBL__GL_TEXTURE_MIN_FILTER, SBL__GL_NEAREST);
         gl->SamplerParameteri(sampler, SBL__GL_TEXTURE_MAG_FILTER, SBL__GL_NEAREST);
         gl->BindSampler(0, sampler);
@@ -3277,29 +3260,29 @@ static sbl_result sbl__host_texture_read(sbl__device *d, unsigned name, const in
     return result;
 }
 
-/* Calls the host's draw callback inside the current pass, then sets the state that passes rely on again. */
+/* Calls the host's draw callback inside the current pass, then restores the state that passes rely on. */
 static void sbl__host_draw(const sbl__device *d, sbl_draw_function draw, const sbl_draw_view *view, void *user) {
     draw(view, user);
     sbl__guard_force(&d->gl);
 }
 
-/* >>device: time. Work is done in pieces. Loops on the CPU read the clock now and then. The size of a piece on the GPU
-   is computed from the time that the last pieces of its kind took. Neither may change a result. */
+/* >>device: time. Work is done in pieces. Loops on the CPU read the clock in every 64th turn. The size of a piece on
+   the GPU is computed from the time that earlier pieces of its kind took. Neither may change a result. */
 
-/* The time that one call of sbl_step has. */
+/* The time that a call of sbl_step may take. */
 typedef struct sbl__slice {
     double end;      /* end of the slice, on the clock of sbl__now */
-    double longest;  /* longest time of one submission, seconds */
+    double longest;  /* longest allowed time of a submission, seconds */
     int turns;       /* turns of loops on the CPU since the clock was last read */
 } sbl__slice;
 
-/* seconds: length of the slice; 0 or less: unlimited */
+/* Begins a slice. seconds: its length; 0 or less: unlimited */
 static sbl__slice sbl__slice_of(const sbl_context_desc *desc, double seconds) {
     const sbl__slice slice = { seconds > 0 ? sbl__now() + seconds : DBL_MAX, desc->longest_submission, 0 };
     return slice;
 }
 
-/* Returns 1 if the slice is over. Loops on the CPU call it in each turn; it reads the clock in every 64th. */
+/* Returns 1 if the slice is over. Loops on the CPU call this in each turn; every 64th call reads the clock. */
 static int sbl__late(sbl__slice *s) {
     if (++s->turns < 64) return 0;
     s->turns = 0;
@@ -3310,18 +3293,20 @@ static int sbl__late(sbl__slice *s) {
    when the current submission began */
 typedef struct sbl__pace { double cost, start; } sbl__pace;
 
-/* A submission is planned to take the smaller of two times, with a reserve for work that is slower than before: */
-#define SBL__PACE_MARGIN 0.9   /* times the rest of the slice; the slice may be overrun now and then */
-#define SBL__PACE_CAUTION 0.5  /* times the longest submission, which must not be exceeded */
-#define SBL__PACE_LEAST 0.001  /* seconds; shorter submissions are not planned, as they lose too much time by waiting */
-/* When work gets cheaper, `cost` moves by PACE_FALL of the difference; by PACE_FAR_FALL if the new cost is less than
-   PACE_FAR times the old one, as it is after the driver compiled a shader during a submission. */
+/* A submission is planned to take PACE_MARGIN times the rest of the slice, which may be overrun occasionally, but at
+   most PACE_CAUTION times the longest allowed submission, which must not be exceeded, and at least PACE_LEAST seconds,
+   because waiting for shorter submissions wastes too much time. If a measured cost is lower than the estimate, the
+   estimate falls by PACE_FALL of the difference, or by PACE_FAR_FALL of it if the measured cost is less than PACE_FAR
+   times the estimate, for example because the driver compiled a shader during an earlier submission. */
+#define SBL__PACE_MARGIN 0.9
+#define SBL__PACE_CAUTION 0.5
+#define SBL__PACE_LEAST 0.001
 #define SBL__PACE_FALL 0.1
 #define SBL__PACE_FAR 0.25
 #define SBL__PACE_FAR_FALL 0.5
 
-/* Starts the clock for a submission and returns how many units it should have: as many as there is time for, and at
-   least `least`. first: the number of units while the cost is unknown */
+/* Starts the clock for a submission and returns how many units of work it should have. first: number of units while
+   the cost is unknown. least: smallest number to return */
 static double sbl__pace_begin(sbl__pace *p, const sbl__slice *s, double first, double least) {
     double seconds;
     p->start = sbl__now();
@@ -3332,7 +3317,7 @@ static double sbl__pace_begin(sbl__pace *p, const sbl__slice *s, double first, d
 
 #define SBL__PACE_PIXELS 16384  /* pixels of the first submission of a pass, while its cost is unknown */
 
-/* Like sbl__pace_begin for a pass over a target. The unit is a pixel. Returns a number of rows, beginning at `row`. */
+/* Calls sbl__pace_begin for a pass over a target, in pixels. Returns the number of rows to draw, from `row` on. */
 static int sbl__pace_rows(sbl__pace *p, const sbl__slice *s, const sbl__target *t, int row) {
     const double rows = sbl__pace_begin(p, s, SBL__PACE_PIXELS, t->width) / t->width;
     return rows < t->height - row ? (int)rows : t->height - row;
@@ -3341,8 +3326,8 @@ static int sbl__pace_rows(sbl__pace *p, const sbl__slice *s, const sbl__target *
 /* Ends a submission without waiting for it. */
 static void sbl__submit(const sbl__device *d) { d->gl.Flush(); }
 
-/* Waits until the GPU has finished the submission, and updates the cost. units: the work done. A higher cost replaces
-   the old one at once. The cost falls slowly, because work that was cheap a few times can be expensive again. */
+/* Waits until the GPU has finished a submission of `units` units of work, and updates the cost. The cost rises at once
+   and falls slowly, because work that was cheap a few times can be expensive again. */
 static void sbl__pace_end(const sbl__device *d, sbl__pace *p, double units) {
     double cost, fall;
     d->gl.Finish();
@@ -3357,16 +3342,16 @@ static void sbl__pace_end(const sbl__device *d, sbl__pace *p, double units) {
    a loop may have a `piece` too, which runs whenever the loop starts or continues. To add a stage, add a row and, if
    other stages refer to it, its name in the room's enum. */
 typedef struct sbl__stage_row {
-    sbl_result (*piece)(void *work, sbl__slice *slice);  /* does one piece; SBL_UNFINISHED: there are more */
-    int (*next)(void *work);                             /* returns the next stage; NULL: the next row */
-    sbl_result (*turn)(void *work, int at);              /* does turn `at` of a loop; NULL: the stage is no loop */
+    sbl_result (*piece)(void *work, sbl__slice *slice);  /* does one piece; SBL_UNFINISHED: pieces remain */
+    int (*next)(void *work);                             /* returns the next stage; NULL: the next row follows */
+    sbl_result (*turn)(void *work, int at);              /* does turn `at` of a loop; NULL: the stage is not a loop */
     int (*count)(void *work);                            /* returns the number of turns; called before each turn */
 } sbl__stage_row;
 
 /* The progress of staged work. */
 typedef struct sbl__stages {
     int stage;  /* row of the table */
-    int at;     /* next turn of a loop, or a counter for a piece's own use; 0 when the stage begins */
+    int at;     /* next turn of a loop, or a counter that a piece may use as it likes; 0 when the stage begins */
 } sbl__stages;
 
 /* Does one piece of the current stage, or as many turns of its loop as there is time for. Returns SBL_UNFINISHED until
@@ -3387,7 +3372,7 @@ static sbl_result sbl__stages_step(sbl__stages *s, const sbl__stage_row *table, 
     return s->stage < row_count ? SBL_UNFINISHED : SBL_SUCCESS;
 }
 
-/* Does stages until one is unfinished, for work with many short stages. */
+/* Repeats sbl__stages_step while it completes stages, for work with many short stages. */
 static sbl_result sbl__stages_run(sbl__stages *s, const sbl__stage_row *table, int row_count, void *work,
                                   sbl__slice *slice) {
     sbl_result result;
@@ -3401,38 +3386,32 @@ static sbl_result sbl__stages_run(sbl__stages *s, const sbl__stage_row *table, i
 
 /* >>device: creation and deletion */
 
-static sbl_result sbl__device_make(sbl__device *d, sbl__base *base, const sbl_context_desc *desc) {
+/* Loads GL and makes the vertex array that all passes share. Changes no state of the host. */
+static sbl_result sbl__device_make(sbl__device *d, const sbl_context_desc *desc) {
     static const char *const cpu_renderers[] = { "llvmpipe", "softpipe", "SwiftShader" };
-    const sbl_result result = sbl__gl_load(&d->gl, base, desc);
+    const sbl_result result = sbl__gl_load(&d->gl, desc);
     int i, on_cpu = 0;
-    d->base = base;
     if (result != SBL_SUCCESS) return result;
     if (!(d->gl.capabilities.used & SBL_CAPABILITY_CLIP_CONTROL)) d->features |= SBL__WRITE_DEPTH;
     if (d->gl.capabilities.used & SBL_CAPABILITY_COMPUTE) d->features |= SBL__COMPUTE;
     /* A renderer on the CPU runs each workgroup in one thread, so small workgroups leave fewer threads idle at the end
-       of a submission: on llvmpipe, slices of 5 ms are 10 to 15 % faster with 8 (the width of its vectors) than with
-       64. With lots of two workgroups, the pace does not settle on submissions that keep one thread busy: with
-       expensive looks (staircase2, high), slices take 9 % longer than one call, not 75 %. A GPU needs at least a
-       wavefront, which is at most 64 wide, and several on each core; this was not measured. */
+       of a submission: on llvmpipe, work in slices of 5 ms is 10 to 15 % faster with 8 (the width of its vectors) than
+       with 64. A lot of two workgroups keeps the pace from settling on submissions that use one thread: with expensive
+       looks (staircase2, high), work in slices takes 9 % longer than work in one call, instead of 75 %. A GPU needs at
+       least a wavefront, which is at most 64 wide, and several on each core; this was not measured. */
     for (i = 0; i < SBL__COUNT(cpu_renderers); i++)
         on_cpu |= strstr(d->gl.capabilities.renderer, cpu_renderers[i]) != NULL;
     d->workgroup = on_cpu ? 8 : 64;
     d->lot = on_cpu ? 16 : 1024;
-    return SBL_SUCCESS;
-}
-
-/* Returns 1 if GL was loaded, so that GL objects can be deleted. */
-static int sbl__device_is_made(const sbl__device *d) { return d->gl.GetError && d->gl.capabilities.gl_major; }
-
-/* Makes the vertex array that all passes share. The caller has saved the host's GL state. */
-static sbl_result sbl__device_start(sbl__device *d) {
-    d->gl.doing = "making a vertex array";
     return sbl__name_make(d, d->gl.GenVertexArrays, &d->empty_array) ? sbl__gl_check(&d->gl) : SBL_ERROR_GL;
 }
 
+/* Returns 1 if the GL functions are loaded, so that GL objects can exist. */
+static int sbl__device_is_made(const sbl__device *d) { return d->gl.GetError && d->gl.capabilities.gl_major; }
+
 static void sbl__device_free(sbl__device *d) {
     int i;
-    for (i = 0; i < d->program_count; i++) d->gl.DeleteProgram(d->programs[i].id);
+    for (i = 0; i < d->compiled.count; i++) d->gl.DeleteProgram(d->programs[i].id);
     sbl__array_delete(d, &d->empty_array);
 }
 
@@ -3442,15 +3421,10 @@ static void sbl__device_free(sbl__device *d) {
 
 typedef struct sbl__check {
     const sbl__base *base;
-    const sbl__device *device;  /* looks up the host's GL buffers and textures; NULL if the descriptor has none */
+    const sbl__device *device;  /* finds the host's GL objects; NULL if the descriptor cannot contain any */
     sbl_log_item item;          /* log item of the mistakes */
-    int mistakes;               /* number of mistakes found */
+    int mistakes;               /* number of mistakes found so far */
 } sbl__check;
-
-static void sbl__check_start(sbl__check *check, const sbl__base *base, const sbl__device *device, sbl_log_item item) {
-    const sbl__check start = { base, device, item, 0 };
-    *check = start;
-}
 
 static void sbl__mistake(sbl__check *check, const char *format, ...) {
     char text[512];
@@ -3466,7 +3440,7 @@ static sbl_result sbl__check_end(const sbl__check *check) {
     return check->mistakes ? SBL_ERROR_INVALID_ARGUMENT : SBL_SUCCESS;
 }
 
-/* Returns 1 if both canaries are 0. Otherwise the host has not zeroed the struct: reports this and returns 0. */
+/* Returns 1 if both canaries are 0. Otherwise reports that the host has not zeroed the struct, and returns 0. */
 static int sbl__check_canaries(sbl__check *check, const char *name, uint32_t start, uint32_t end) {
     if (start == 0 && end == 0) return 1;
     sbl__mistake(check, "%s: start_canary is 0x%x, end_canary 0x%x; zero the whole struct before use", name, start,
@@ -3477,7 +3451,8 @@ static int sbl__check_canaries(sbl__check *check, const char *name, uint32_t sta
 static const float sbl__any_range[2] = { -FLT_MAX, FLT_MAX }, sbl__not_negative_range[2] = { 0, FLT_MAX };
 static const float sbl__unit_range[2] = { 0, 1 };
 
-/* Checks that numbers are finite and in range[0] .. range[1]. where: the object that has them, such as "light 3" */
+/* Checks that numbers are finite and in range[0] .. range[1]. where: object in messages, such as "light 3". name: field
+   in messages */
 static void sbl__check_range(sbl__check *check, const char *where, const char *name, const float *v, int count,
                              const float range[2]) {
     int k;
@@ -3495,14 +3470,14 @@ static void sbl__check_finite(sbl__check *check, const char *where, const char *
     sbl__check_range(check, where, name, v, count, sbl__any_range);
 }
 
-/* Checks that an array and its element count fit together. name: the field that holds the count */
+/* Checks that a count is not negative and, if it is above 0, that its array is not NULL. name: field of the count */
 static void sbl__check_array(sbl__check *check, const char *where, const char *name, int count, const void *array) {
     if (count < 0 || (count > 0 && !array))
-        sbl__mistake(check, "%s: %s is %d and its array is %s; a count must not be negative, and one above 0 needs an "
-                     "array", where, name, count, array ? "given" : "NULL");
+        sbl__mistake(check, "%s: %s is %d and its array is %s; a count must not be negative, and a count above 0 "
+                     "needs an array", where, name, count, array ? "given" : "NULL");
 }
 
-/* Returns 1 if range[0] <= x <= range[1]. Otherwise reports a mistake and returns 0. */
+/* Returns 1 if low <= x <= high. Otherwise reports a mistake and returns 0. */
 static int sbl__check_int(sbl__check *check, const char *where, const char *name, int x, int low, int high) {
     if (x >= low && x <= high) return 1;
     sbl__mistake(check, "%s: %s is %d; it must be %d to %d", where, name, x, low, high);
@@ -3511,7 +3486,7 @@ static int sbl__check_int(sbl__check *check, const char *where, const char *name
 
 /* >>check: meshes */
 
-/* For each sbl_type: bytes of a component, and the factor that converts a stored integer to its value */
+/* For each sbl_type: size of a component in bytes, and the value of a stored 1 */
 static const struct { int bytes; double scale; } sbl__types[SBL_TYPE_COUNT] = {
     { 4, 1 }, { 2, 1 }, { 1, 1 / 255.0 }, { 2, 1 / 65535.0 }, { 1, 1 / 127.0 }, { 2, 1 / 32767.0 },
     { 1, 1 }, { 2, 1 }, { 4, 1 }
@@ -3519,26 +3494,27 @@ static const struct { int bytes; double scale; } sbl__types[SBL_TYPE_COUNT] = {
 
 static int sbl__stream_present(const sbl_stream *s) { return s->data != NULL || s->gl_buffer != 0; }
 
-static size_t sbl__stream_element(const sbl_stream *s, int components) {
-    return (size_t)sbl__types[s->type].bytes * (size_t)components;
-}
-
-static size_t sbl__stream_stride(const sbl_stream *s, int components) {
-    return s->stride ? s->stride : sbl__stream_element(s, components);
-}
-
-/* A stream of a mesh and the layout of its elements. A stream with one component holds indices, others hold floats. */
+/* A stream of a mesh and its layout. Elements with one component are indices; components of others become floats. */
 typedef struct sbl__stream_use {
     const char *name;          /* field of sbl_mesh, for messages */
     const sbl_stream *stream;
-    int components, count;     /* components of an element; elements */
+    int components;            /* number of components of an element */
+    int count;                 /* number of elements */
 } sbl__stream_use;
 
 enum {
     SBL__POSITIONS, SBL__NORMALS, SBL__TEXCOORDS, SBL__COLORS, SBL__LIGHTMAP_TEXCOORDS, SBL__INDICES, SBL__STREAMS
 };
 
-/* Describes the streams of a mesh. out is indexed by the enumerators above; those before SBL__INDICES are floats. */
+static size_t sbl__stream_element(const sbl__stream_use *use) {
+    return (size_t)sbl__types[use->stream->type].bytes * (size_t)use->components;
+}
+
+static size_t sbl__stream_stride(const sbl__stream_use *use) {
+    return use->stream->stride ? use->stream->stride : sbl__stream_element(use);
+}
+
+/* Describes the streams of a mesh. out: one entry for each of the enumerators above */
 static void sbl__mesh_streams(const sbl_mesh *m, sbl__stream_use out[SBL__STREAMS]) {
     const sbl__stream_use streams[SBL__STREAMS] = {
         { "positions", &m->positions, 3, m->vertex_count }, { "normals", &m->normals, 3, m->vertex_count },
@@ -3549,8 +3525,8 @@ static void sbl__mesh_streams(const sbl_mesh *m, sbl__stream_use out[SBL__STREAM
     memcpy(out, streams, sizeof streams);
 }
 
-/* Checks that a stream's type fits, and that its elements do not overlap and lie inside the address space and, if the
-   stream names a GL buffer, inside that buffer. Does not read the elements. */
+/* Checks that a stream's type fits, that its elements do not overlap, and that they lie inside the address space and
+   inside the stream's GL buffer, if it has one. Does not read the elements. */
 static void sbl__check_stream(sbl__check *check, int mesh, const sbl__stream_use *use) {
     const sbl_stream *s = use->stream;
     const int type = (int)s->type, is_index = use->components == 1;
@@ -3568,8 +3544,8 @@ static void sbl__check_stream(sbl__check *check, int mesh, const sbl__stream_use
     if (s->type == SBL_UINT8_NORM && use->components == 3)
         sbl__mistake(check, "mesh %d: %s.type is %d, SBL_UINT8_NORM; only colours and texture coordinates may have it",
                      mesh, use->name, type);
-    element = sbl__stream_element(s, use->components);
-    stride = sbl__stream_stride(s, use->components);
+    element = sbl__stream_element(use);
+    stride = sbl__stream_stride(use);
     if (stride < element)
         sbl__mistake(check, "mesh %d: %s.stride is %.0f; it must be at least the %.0f bytes of an element", mesh,
                      use->name, (double)stride, (double)element);
@@ -3601,25 +3577,24 @@ static void sbl__check_mesh(sbl__check *check, const sbl_scene_desc *desc, int n
     const sbl_mesh *m = &desc->meshes[number];
     sbl__stream_use streams[SBL__STREAMS];
     const int indexed = sbl__stream_present(&m->indices);
+    char where[32];
     int i;
-    if (m->vertex_count < 0) {
-        sbl__mistake(check, "mesh %d: vertex_count is %d; it cannot be negative", number, m->vertex_count);
-        return;
-    }
+    snprintf(where, sizeof where, "mesh %d", number);
+    if (!sbl__check_int(check, where, "vertex_count", m->vertex_count, 0, INT_MAX)) return;
     if (m->vertex_count > 0 && !sbl__stream_present(&m->positions))
-        sbl__mistake(check, "mesh %d: positions are missing (data and gl_buffer are both 0) for vertex_count %d",
-                     number, m->vertex_count);
+        sbl__mistake(check, "%s: positions are missing (data and gl_buffer are both 0) for vertex_count %d", where,
+                     m->vertex_count);
     sbl__mesh_streams(m, streams);
     for (i = 0; i < SBL__INDICES; i++) sbl__check_stream(check, number, &streams[i]);
     if (indexed && (m->index_count < 0 || m->index_count % 3 != 0))
-        sbl__mistake(check, "mesh %d: index_count is %d; it must be a multiple of 3", number, m->index_count);
+        sbl__mistake(check, "%s: index_count is %d; it must be a multiple of 3", where, m->index_count);
     else if (indexed) sbl__check_stream(check, number, &streams[SBL__INDICES]);
     else if (m->vertex_count % 3 != 0)
-        sbl__mistake(check, "mesh %d: vertex_count is %d; without indices it must be a multiple of 3", number,
+        sbl__mistake(check, "%s: vertex_count is %d; without indices it must be a multiple of 3", where,
                      m->vertex_count);
     sbl__check_transform(check, number, m->transform);
     if (m->material < 0 || m->material >= desc->material_count)
-        sbl__mistake(check, "mesh %d: material is %d; it must be 0 or more, and less than material_count (%d)", number,
+        sbl__mistake(check, "%s: material is %d; it must be 0 or more, and less than material_count (%d)", where,
                      m->material, desc->material_count);
 }
 
@@ -3627,16 +3602,12 @@ static void sbl__check_mesh(sbl__check *check, const sbl_scene_desc *desc, int n
 
 static void sbl__check_material(sbl__check *check, const sbl_scene_desc *desc, int number) {
     const sbl_material *m = &desc->materials[number];
-    const int textures[2] = { m->albedo_texture, m->emission_texture };
     char where[32];
-    int i;
     snprintf(where, sizeof where, "material %d", number);
     sbl__check_range(check, where, "albedo", m->albedo, 3, sbl__unit_range);
     sbl__check_range(check, where, "emission", m->emission, 3, sbl__not_negative_range);
-    for (i = 0; i < 2; i++)
-        if (textures[i] < 0 || textures[i] > desc->texture_count)
-            sbl__mistake(check, "%s: %s_texture is %d; it must be 0 (none) to %d", where, i ? "emission" : "albedo",
-                         textures[i], desc->texture_count);
+    sbl__check_int(check, where, "albedo_texture (0: none)", m->albedo_texture, 0, desc->texture_count);
+    sbl__check_int(check, where, "emission_texture (0: none)", m->emission_texture, 0, desc->texture_count);
     sbl__check_range(check, where, "alpha_cutoff", &m->alpha_cutoff, 1, sbl__unit_range);
     if (m->flags & ~(uint32_t)SBL_MATERIAL_FLAGS_ALL)
         sbl__mistake(check, "%s: flags is 0x%x; only the bits 0x%x exist", where, m->flags,
@@ -3646,30 +3617,29 @@ static void sbl__check_material(sbl__check *check, const sbl_scene_desc *desc, i
 static int sbl__texture_channels(const sbl_texture *t) { return t->channels ? t->channels : 4; }
 
 /* Returns the size of a pixel in client memory, in bytes. */
-static size_t sbl__texture_texel(const sbl_texture *t) {
+static size_t sbl__texture_pixel_bytes(const sbl_texture *t) {
     return (size_t)sbl__texture_channels(t) * (t->format == SBL_PIXELS_FLOAT ? 4u : 1u);
 }
 
 static size_t sbl__texture_stride(const sbl_texture *t, int width) {
-    return t->stride ? t->stride : (size_t)width * sbl__texture_texel(t);
+    return t->stride ? t->stride : (size_t)width * sbl__texture_pixel_bytes(t);
 }
 
-/* Checks the channels, size and stride of pixels in client memory. most: largest width and height. where: the object in
-   messages, such as "texture 2". prefix: precedes the names of fields in messages: "" or "picture." */
+/* Checks the channels, size and stride of pixels in client memory. where: object in messages, such as "texture 2".
+   prefix: what precedes field names in messages: "" or "picture.". most: largest width and height */
 static void sbl__check_pixels(sbl__check *check, const char *where, const char *prefix, const sbl_texture *t,
                               int most) {
     if (t->channels < 0 || t->channels > 4)
         sbl__mistake(check, "%s: %schannels is %d; it must be 1 to 4, or 0 for 4", where, prefix, t->channels);
     else if (t->width < 1 || t->height < 1 || t->width > most || t->height > most)
         sbl__mistake(check, "%s: %ssize is %d x %d; both must be 1 to %d", where, prefix, t->width, t->height, most);
-    else if (t->stride && t->stride < (size_t)t->width * sbl__texture_texel(t))
+    else if (t->stride && t->stride < (size_t)t->width * sbl__texture_pixel_bytes(t))
         sbl__mistake(check, "%s: %sstride is %.0f; it must be at least the %.0f bytes of a row", where, prefix,
-                     (double)t->stride, (double)t->width * (double)sbl__texture_texel(t));
+                     (double)t->stride, (double)t->width * (double)sbl__texture_pixel_bytes(t));
     else if (t->stride > SIZE_MAX / 4 / (size_t)t->height)
         sbl__mistake(check, "%s: %sstride is %.0f; %d rows of it exceed the address space", where, prefix,
                      (double)t->stride, t->height);
 }
-
 
 #define SBL__TEXTURE_MOST 65536  /* largest width and height of a texture, in pixels */
 
@@ -3745,9 +3715,8 @@ static void sbl__check_environment(sbl__check *check, const sbl_environment *e) 
 
 static sbl_result sbl__check_scene(const sbl__device *d, const sbl_scene_desc *desc) {
     const char *where = "sbl_scene_desc";
-    sbl__check check;
+    sbl__check check = { d->base, d, SBL_LOG_ITEM_INVALID_SCENE_DESC, 0 };
     int i;
-    sbl__check_start(&check, d->base, d, SBL_LOG_ITEM_INVALID_SCENE_DESC);
     if (!sbl__check_canaries(&check, where, desc->start_canary, desc->end_canary)) return sbl__check_end(&check);
     sbl__check_array(&check, where, "mesh_count", desc->mesh_count, desc->meshes);
     sbl__check_array(&check, where, "material_count", desc->material_count, desc->materials);
@@ -3791,8 +3760,7 @@ SBL_API sbl_context_desc sbl_context_desc_defaults(const sbl_context_desc *desc)
 
 static sbl_result sbl__check_context(const sbl__base *base, const sbl_context_desc *d) {
     const char *where = "sbl_context_desc";
-    sbl__check check;
-    sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_CONTEXT_DESC);
+    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, 0 };
     if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     if (!d->allocator.alloc != !d->allocator.free)
         sbl__mistake(&check, "%s: allocator.%s is NULL; give both functions or none", where,
@@ -3819,7 +3787,7 @@ static sbl_result sbl__check_context(const sbl__base *base, const sbl_context_de
 #define SBL__VERTEX(X) X(sbl__vertex, VEC3, position) X(sbl__vertex, UINT, object)
 SBL__RECORD(sbl__vertex, SBL__VERTEX, "sbl_vertex", "sbl_positions", SBL__SCENE_TABLE("sbl_positions"), NULL)
 
-/* color_rg and color_ba hold two components of the colour each, 0 .. 65535, the first one in the low 16 bits. */
+/* color_rg and color_ba: two components of the colour, each 0 .. 65535; r and b are in the low 16 bits */
 #define SBL__ATTRIBUTES(X) \
     X(sbl__attributes, VEC3, normal) X(sbl__attributes, FLOAT, u) \
     X(sbl__attributes, FLOAT, v) X(sbl__attributes, UINT, color_rg) X(sbl__attributes, UINT, color_ba) \
@@ -3827,8 +3795,8 @@ SBL__RECORD(sbl__vertex, SBL__VERTEX, "sbl_vertex", "sbl_positions", SBL__SCENE_
 SBL__RECORD(sbl__attributes, SBL__ATTRIBUTES, "sbl_attributes", "sbl_attributes", SBL__SCENE_TABLE("sbl_attributes"),
             NULL)
 
-/* id is sbl_mesh.id or, if that is 0, the mesh's index + 1. A texture is given by its first row in the texel table, its
-   width, its height and its kind (see >>textures); four zeroes mean that the object has no such texture. */
+/* id: sbl_mesh.id or, if that is 0, the mesh's index + 1. albedo_texture, emission_texture: first row in the texel
+   table, width, height, and kind (see >>textures); four zeroes if the object has no such texture */
 #define SBL__OBJECT(X) \
     X(sbl__object, VEC3, albedo) X(sbl__object, FLOAT, alpha_cutoff) \
     X(sbl__object, VEC3, emission) X(sbl__object, UINT, flags) \
@@ -3847,7 +3815,7 @@ typedef struct sbl__geometry {
     sbl__mesh *meshes;
     int mesh_count;
     float *lightmap_texcoords;     /* 2 floats per vertex; NULL if no mesh has them */
-    float *positions, *normals;    /* in object space, 3 floats per vertex; sbl_set_mesh_transform needs them */
+    float *positions, *normals;    /* in object space, 3 floats per vertex, for sbl_set_mesh_transform */
     sbl__vertex *vertices;
     sbl__attributes *attributes;
     uint32_t *indices;
@@ -3860,7 +3828,7 @@ typedef struct sbl__geometry {
                                       offsets from surfaces and depth are in proportion to it */
     sbl__table position_table, attribute_table, index_table, object_table;
     unsigned vertex_array;         /* GL vertex array: position, object, texture coordinates, colour */
-    int wide;                      /* 1 if tables are 2D textures, because one exceeds the limit of buffer textures */
+    int wide;                      /* 1 if the tables are 2D textures, see sbl__table */
 } sbl__geometry;
 
 static void sbl__geometry_free(const sbl__device *d, sbl__geometry *g) {
@@ -3878,7 +3846,8 @@ static void sbl__geometry_free(const sbl__device *d, sbl__geometry *g) {
 
 /* >>geometry: reading */
 
-static float sbl__component(const unsigned char *at, sbl_type type) {
+/* Returns the value of a component, as a double because a float cannot hold all 32-bit indices. */
+static double sbl__component(const unsigned char *at, sbl_type type) {
     float f;
     uint16_t u16;
     int16_t i16;
@@ -3887,29 +3856,20 @@ static float sbl__component(const unsigned char *at, sbl_type type) {
     switch (type) {
         case SBL_FLOAT32: memcpy(&f, at, 4); return f;
         case SBL_FLOAT16: memcpy(&u16, at, 2); return sbl__from_half(u16);
-        case SBL_UINT8: case SBL_UINT8_NORM: return (float)(*at * sbl__types[type].scale);
-        case SBL_UINT16: case SBL_UINT16_NORM: memcpy(&u16, at, 2); return (float)(u16 * sbl__types[type].scale);
-        case SBL_INT8_NORM: memcpy(&i8, at, 1); return (float)SBL__MAX(-1.0, i8 * sbl__types[type].scale);
-        case SBL_INT16_NORM: memcpy(&i16, at, 2); return (float)SBL__MAX(-1.0, i16 * sbl__types[type].scale);
-        case SBL_UINT32: memcpy(&u32, at, 4); return (float)u32;
+        case SBL_UINT8: case SBL_UINT8_NORM: return *at * sbl__types[type].scale;
+        case SBL_UINT16: case SBL_UINT16_NORM: memcpy(&u16, at, 2); return u16 * sbl__types[type].scale;
+        case SBL_INT8_NORM: memcpy(&i8, at, 1); return SBL__MAX(-1.0, i8 * sbl__types[type].scale);
+        case SBL_INT16_NORM: memcpy(&i16, at, 2); return SBL__MAX(-1.0, i16 * sbl__types[type].scale);
+        case SBL_UINT32: memcpy(&u32, at, 4); return u32;
         default: return 0;
     }
 }
 
-static uint32_t sbl__index(const unsigned char *at, sbl_type type) {
-    uint16_t u16;
-    uint32_t u32;
-    if (type == SBL_UINT8) return *at;
-    if (type == SBL_UINT16) { memcpy(&u16, at, 2); return u16; }
-    memcpy(&u32, at, 4);
-    return u32;
-}
-
-/* Reads the elements of a stream that has been checked. out: indices as uint32_t, other components as float */
+/* Reads the elements of a stream that has been checked. out: array of uint32_t for indices, otherwise of float */
 static sbl_result sbl__stream_read(const sbl__device *d, const sbl__stream_use *use, void *out) {
     const sbl_stream *s = use->stream;
-    const size_t stride = sbl__stream_stride(s, use->components), element = sbl__stream_element(s, use->components);
-    const size_t bytes = use->count ? stride * ((size_t)use->count - 1) + element : 0;
+    const size_t stride = sbl__stream_stride(use);
+    const size_t bytes = use->count ? stride * ((size_t)use->count - 1) + sbl__stream_element(use) : 0;
     const unsigned char *from = s->data && bytes ? (const unsigned char *)s->data + s->offset : NULL;
     void *copy = NULL;
     sbl_result result = SBL_SUCCESS;
@@ -3920,20 +3880,18 @@ static sbl_result sbl__stream_read(const sbl__device *d, const sbl__stream_use *
         result = sbl__host_buffer_read(d, s->gl_buffer, s->offset, bytes, copy);
         from = (const unsigned char *)copy;
     }
-    for (i = 0; i < use->count && result == SBL_SUCCESS; i++) {
-        const unsigned char *at = from + stride * (size_t)i;
-        if (use->components == 1) ((uint32_t *)out)[i] = sbl__index(at, s->type);
-        else
-            for (k = 0; k < use->components; k++)
-                ((float *)out)[(size_t)use->components * (size_t)i + (size_t)k] =
-                    sbl__component(at + k * sbl__types[s->type].bytes, s->type);
-    }
+    for (i = 0; i < use->count && result == SBL_SUCCESS; i++)
+        for (k = 0; k < use->components; k++) {
+            const double x = sbl__component(from + stride * (size_t)i + k * sbl__types[s->type].bytes, s->type);
+            if (use->components == 1) ((uint32_t *)out)[i] = (uint32_t)x;
+            else ((float *)out)[(size_t)use->components * (size_t)i + (size_t)k] = (float)x;
+        }
     sbl__free(d->base, copy);
     return result;
 }
 
-/* A mesh that has been read. The values of a stream are NULL if the mesh does not have it. Texture coordinates and
-   colours belong to this struct. The other values and the corners point into the arrays of sbl__geometry. */
+/* A mesh that has been read. values: contents of the streams, NULL for a missing stream. The texture coordinates and
+   colours belong to this struct; the other values, and the corners, are parts of the arrays of sbl__geometry. */
 typedef struct sbl__mesh_data {
     sbl__stream_use streams[SBL__STREAMS];
     float *values[SBL__INDICES];
@@ -4026,7 +3984,7 @@ static void sbl__mesh_convert(sbl__geometry *g, const sbl__mesh_data *m, int num
         }
         sbl__triangle_normal(p, normal);
         if (normal[0] == 0 && normal[1] == 0 && normal[2] == 0) { g->degenerate_count++; continue; }
-        for (i = 0; i < 3; i++)  /* g->indices also holds m->corners, but only those already read are overwritten */
+        for (i = 0; i < 3; i++)  /* m->corners is in the same array, at this place or later */
             g->indices[3 * (size_t)g->triangle_count + (size_t)i] = (uint32_t)g->vertex_count + corners[i];
         g->triangle_count++;
     }
@@ -4035,7 +3993,7 @@ static void sbl__mesh_convert(sbl__geometry *g, const sbl__mesh_data *m, int num
     if (colors) g->colored = 1;
 }
 
-/* Reverses the winding of a mesh's triangles. This keeps front faces in front after a reflection. */
+/* Reverses the winding of a mesh's triangles, because a reflection has turned their front faces to the back. */
 static void sbl__mesh_reverse(sbl__geometry *g, const sbl__mesh *mesh) {
     int t;
     for (t = mesh->first_triangle; t < mesh->first_triangle + mesh->triangle_count; t++) {
@@ -4055,7 +4013,7 @@ static int sbl__mesh_transform(const sbl__base *base, sbl__geometry *g, int numb
     const double d = sbl__affine_determinant(m);
     double n[9], column[3][3];
     int v, i, k;
-    /* Normals are transformed by the cofactor matrix, which is the inverse transpose times the determinant. */
+    /* Normals are transformed by the cofactor matrix n, which is the inverse transpose times the determinant. */
     for (i = 0; i < 3; i++) for (k = 0; k < 3; k++) column[i][k] = m[4 * i + k];
     for (i = 0; i < 3; i++) sbl__cross(column[(i + 1) % 3], column[(i + 2) % 3], n + 3 * i);
     for (v = mesh->first_vertex; v < mesh->first_vertex + mesh->vertex_count; v++) {
@@ -4074,7 +4032,7 @@ static int sbl__mesh_transform(const sbl__base *base, sbl__geometry *g, int numb
                          (double)world[0], (double)world[1], (double)world[2]);
                 return 0;
             }
-        if (!sbl__normalize(normal)) normal[0] = normal[1] = normal[2] = 0;  /* the vertex is shaded flat */
+        if (!sbl__normalize(normal)) normal[0] = normal[1] = normal[2] = 0;  /* shaders then use the face's normal */
         for (i = 0; i < 3; i++) g->attributes[v].normal[i] = (float)normal[i];
     }
     return 1;
@@ -4084,10 +4042,9 @@ static int sbl__mesh_transform(const sbl__base *base, sbl__geometry *g, int numb
 static sbl_result sbl__geometry_add(const sbl__device *d, sbl__geometry *g, const sbl_mesh *in, int number) {
     sbl__mesh *mesh = &g->meshes[number];
     sbl__mesh_data data;
-    sbl__check check;
+    sbl__check check = { d->base, d, SBL_LOG_ITEM_INVALID_MESH, 0 };
     sbl_result result = sbl__mesh_read(d, g, in, &data);
     if (result == SBL_SUCCESS) {
-        sbl__check_start(&check, d->base, d, SBL_LOG_ITEM_INVALID_MESH);
         sbl__mesh_validate(&check, &data, number);
         result = sbl__check_end(&check);
     }
@@ -4131,7 +4088,7 @@ static sbl_result sbl__geometry_make(const sbl__device *d, sbl__geometry *g, con
     if (!g->meshes || !g->positions || !g->normals || !g->vertices || !g->attributes || !g->indices || !g->objects ||
         (lightmapped && !g->lightmap_texcoords))
         return SBL_ERROR_OUT_OF_MEMORY;
-    for (i = 0; i < desc->mesh_count; i++) {  /* goes on after a mesh with mistakes, so that those of all are logged */
+    for (i = 0; i < desc->mesh_count; i++) {  /* goes on after mistakes, to log the mistakes of all meshes */
         const sbl_result mesh = sbl__geometry_add(d, g, &desc->meshes[i], i);
         if (mesh == SBL_SUCCESS) continue;
         result = mesh;
@@ -4168,7 +4125,7 @@ static void sbl__geometry_measure(sbl__geometry *g, const float (*drawn)[3]) {
     if (!(g->extent > 0)) g->extent = 1;
 }
 
-/* Makes the contents of the tables' buffers visible to shaders. */
+/* Makes the contents of all tables' buffers visible to shaders. */
 static sbl_result sbl__geometry_attach(const sbl__device *d, sbl__geometry *g) {
     sbl_result result = sbl__table_attach(d, &g->position_table, SBL__GL_RGBA32UI, g->wide);
     if (result == SBL_SUCCESS) result = sbl__table_attach(d, &g->attribute_table, SBL__GL_RGBA32UI, g->wide);
@@ -4250,7 +4207,7 @@ static void sbl__scene_triangle(const sbl__geometry *g, uint32_t triangle, const
     for (k = 0; k < 3; k++) corners[k] = sbl__triangle_corner(g, triangle, k);
 }
 
-/* Computes the unit normal of a triangle, 0 0 0 if it has none; returns the area. */
+/* Computes the unit normal of a triangle, or 0 0 0 if the triangle has no area. Returns the area. */
 static double sbl__scene_normal(const sbl__geometry *g, uint32_t triangle, double normal[3]) {
     const float *corners[3];
     double area;
@@ -4619,7 +4576,7 @@ typedef struct sbl__texel_table { unsigned char *bytes; size_t texel; int width,
 static void sbl__read_pixel(const sbl_texture *t, int x, int y, float c[4]) {
     const int channels = sbl__texture_channels(t);
     const unsigned char *at = (const unsigned char *)t->pixels + (size_t)y * sbl__texture_stride(t, t->width) +
-                              (size_t)x * sbl__texture_texel(t);
+                              (size_t)x * sbl__texture_pixel_bytes(t);
     int k;
     if (t->format == SBL_PIXELS_FLOAT) memcpy(c, at, 4 * (size_t)channels);
     else for (k = 0; k < channels; k++) c[k] = (float)at[k] / 255.0f;
@@ -4765,7 +4722,7 @@ static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *
 
 /* True if two objects of one mesh differ in anything but the light that they emit. */
 static int sbl__reflection_differs(const sbl__object *a, const sbl__object *b) {
-    const uint32_t flags = ~SBL__ONE_SIDED_EMISSION;
+    const uint32_t flags = ~(uint32_t)SBL_MATERIAL_ONE_SIDED_EMISSION;
     return memcmp(a->albedo, b->albedo, sizeof a->albedo) || (a->flags & flags) != (b->flags & flags) ||
            memcmp(&a->alpha_cutoff, &b->alpha_cutoff, sizeof a->alpha_cutoff) ||
            memcmp(a->albedo_texture, b->albedo_texture, sizeof a->albedo_texture);
@@ -4775,7 +4732,7 @@ static int sbl__reflection_differs(const sbl__object *a, const sbl__object *b) {
 static double sbl__emission_sum(const sbl__object *o) { return sbl__sum3(o->emission); }
 
 static int sbl__emits(const sbl__object *o, int back) {
-    return sbl__max3(o->emission) > 0 && !(back && o->flags & SBL__ONE_SIDED_EMISSION);
+    return sbl__max3(o->emission) > 0 && !(back && o->flags & SBL_MATERIAL_ONE_SIDED_EMISSION);
 }
 
 /* True if the surface has no albedo texture and SBL__BOUNCE_ALBEDO reduces its albedo in all three channels. */
@@ -6400,7 +6357,7 @@ static sbl_result sbl__patch_measure(void *work, int at) {
     }
     sbl__box_of_triangle(&box, g, triangle);
     sbl__box_add(&patch->bounds, &box);
-    if (!(sbl__triangle_object(g, triangle)->flags & SBL__HIDDEN_FROM_SENSORS)) {
+    if (!(sbl__triangle_object(g, triangle)->flags & SBL_MATERIAL_HIDDEN_FROM_SENSORS)) {
         patch->area += area;
         p->area += area;
     }
@@ -7074,8 +7031,7 @@ static void sbl__check_refinement(sbl__check *check, const char *where, const sb
 
 static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_desc *d, int host_draws) {
     const char *where = "sbl_picture_desc";
-    sbl__check check;
-    sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_PICTURE_DESC);
+    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_PICTURE_DESC, 0 };
     if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     sbl__check_options(&check, where, &d->options, 1, sbl__sensor_rays, host_draws);
     sbl__check_sensor_kind(&check, where, &d->options, d->sensor_kind, d->sensor_fov);
@@ -7133,9 +7089,8 @@ static sbl_result sbl__check_lightmap(const sbl__base *base, const sbl_lightmap_
     const char *where = "sbl_lightmap_desc";
     const sbl_picture_desc picture = sbl__lightmap_picture(d);
     const sbl__geometry *g = &scene->geometry;
-    sbl__check check;
+    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_LIGHTMAP_DESC, 0 };
     int i;
-    sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_LIGHTMAP_DESC);
     if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     sbl__check_options(&check, where, &d->options, 0, sbl__sensor_rays, scene->draw != NULL);
     sbl__check_refinement(&check, where, &picture);
@@ -7189,9 +7144,8 @@ static int sbl__check_site(sbl__check *check, const sbl_site *s, int number, int
 
 static sbl_result sbl__check_readings(const sbl__base *base, const sbl_readings_desc *d, int host_draws) {
     const char *where = "sbl_readings_desc";
-    sbl__check check;
+    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_READINGS_DESC, 0 };
     int i, wrong = 0;
-    sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_READINGS_DESC);
     if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     sbl__check_options(&check, where, &d->options, 1, sbl__sensor_rays, host_draws);
     sbl__check_sensor_kind(&check, where, &d->options, d->sensor_kind, d->sensor_fov);
@@ -7224,9 +7178,8 @@ static sbl_result sbl__check_vertices(const sbl__base *base, const sbl_vertices_
     const char *where = "sbl_vertices_desc";
     const sbl__geometry *g = &scene->geometry;
     double vertices = 0, triangles = 0;
-    sbl__check check;
+    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_VERTICES_DESC, 0 };
     int i;
-    sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_VERTICES_DESC);
     if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     sbl__check_options(&check, where, &d->options, 0, sbl__sensor_rays, scene->draw != NULL);
     sbl__check_int(&check, where, "samples", d->samples, 1, 1024);
@@ -7298,9 +7251,8 @@ SBL_API sbl_probes_desc sbl_probes_desc_defaults(const sbl_probes_desc *desc) {
 static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc *d, int host_draws) {
     static const int rays[2] = { 64, 65536 };
     const char *where = "sbl_probes_desc";
-    sbl__check check;
+    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_PROBES_DESC, 0 };
     int i, wrong = 0;
-    sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_PROBES_DESC);
     if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     sbl__check_options(&check, where, &d->options, 0, rays, host_draws);
     sbl__check_range(&check, where, "move", &d->move, 1, sbl__not_negative_range);
@@ -7919,8 +7871,7 @@ static sbl_result sbl__surface_clear(void *work, sbl__slice *slice) {
     sbl__surface *s = (sbl__surface *)work;
     (void)slice;
     sbl__pass(s->device, &s->visibility, NULL, NULL, 0);
-    sbl__clear_uint(s->device, 0);
-    sbl__clear_depth(s->device);
+    sbl__clear(s->device, NULL);
     sbl__surface_band(s, 0);
     return sbl__gl_check(&s->device->gl);
 }
@@ -9855,8 +9806,7 @@ static void sbl__raster_clear(const sbl__device *d, const sbl__raster *r, const 
     int k;
     for (k = 0; k < 3; k++) sky[k] = scene->environment.sky[k] * r->radiance_scale;
     sbl__pass(d, &r->target, NULL, used, 0);
-    sbl__clear(d, 0, sky);
-    sbl__clear_depth(d);
+    sbl__clear(d, sky);
 }
 
 /* Lowest x and y of a slot's sheet in the view texture, texels */
@@ -11400,7 +11350,7 @@ static sbl_result sbl__bounce_sample(void *work, int at) {
     int k;
     memset(&sample, 0, sizeof sample);
     b->store->patches[triangle] = sbl__patch_word(&b->patching, triangle);
-    if (sbl__triangle_object(b->geometry, triangle)->flags & SBL__HIDDEN_FROM_SENSORS) return SBL_SUCCESS;
+    if (sbl__triangle_object(b->geometry, triangle)->flags & SBL_MATERIAL_HIDDEN_FROM_SENSORS) return SBL_SUCCESS;
     b->samples_due += density * sbl__scene_normal(b->geometry, triangle, normal) / (length * length);
     sbl__scene_triangle(b->geometry, triangle, p);
     for (; number < floor(b->samples_due); number++) {
@@ -17410,14 +17360,13 @@ static sbl_result sbl__compile_all(sbl__device *d) {
     return result;
 }
 
-/* Makes what all passes share, compiles programs if the host has asked for it, and tries out the driver. */
+/* Compiles programs if the host has asked for it, and tries out the driver. */
 static sbl_result sbl__context_start(sbl__core *core) {
     sbl__guard guard;
-    sbl_result result;
+    sbl_result result = SBL_SUCCESS;
     sbl__guard_save(&core->device.gl, &guard);
     sbl__guard_force(&core->device.gl);
-    result = sbl__device_start(&core->device);
-    if (result == SBL_SUCCESS && core->desc.compile_ahead) result = sbl__compile_all(&core->device);
+    if (core->desc.compile_ahead) result = sbl__compile_all(&core->device);
     if (result == SBL_SUCCESS) result = sbl__trial(core);
     sbl__guard_restore(&core->device.gl, &guard);
     sbl__gl_clear_errors(&core->device.gl);
@@ -17448,7 +17397,7 @@ SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
     c->core.desc = d;
     c->core.device.base = c->core.device.gl.base = &c->core.base;
     if (!d.get_gl_function) result = sbl__egl_open(&c->egl, &c->core.base, &before, &d);
-    if (result == SBL_SUCCESS) result = sbl__device_make(&c->core.device, &c->core.base, &d);
+    if (result == SBL_SUCCESS) result = sbl__device_make(&c->core.device, &d);
     if (result == SBL_SUCCESS) result = sbl__context_start(&c->core);
     if (result != SBL_SUCCESS) sbl__context_free(c);
     sbl__egl_leave(&c->egl, &before);
@@ -17507,13 +17456,13 @@ static sbl_result sbl__update_light(sbl_context *c, const char *function, const 
     const char *what = desc->materials ? "materials" : "lights";
     const int count = desc->materials ? desc->material_count : desc->light_count;
     sbl__visit visit;
-    sbl__check check;
+    sbl__check check = { NULL, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, 0 };
     sbl_result result;
     int i, has;
     result = sbl__may_call(c, function, 1);
     if (result != SBL_SUCCESS) return result;
     has = desc->materials ? c->core.scene.material_count : c->core.scene.lights.count;
-    sbl__check_start(&check, &c->core.base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT);
+    check.base = &c->core.base;
     if (count != has) sbl__mistake(&check, "%s: %d %s are given; the scene has %d", function, count, what, has);
     check.item = desc->materials ? SBL_LOG_ITEM_INVALID_MATERIAL : SBL_LOG_ITEM_INVALID_LIGHT;
     for (i = 0; i < count && count == has; i++) {
@@ -17574,11 +17523,11 @@ SBL_API sbl_result sbl_load_store(sbl_context *c, sbl_read_function get, void *u
 SBL_API sbl_result sbl_set_mesh_transform(sbl_context *c, int mesh, const float transform[16]) {
     float to[16];
     sbl__visit visit;
-    sbl__check check;
+    sbl__check check = { NULL, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, 0 };
     sbl_result result;
     result = sbl__may_call(c, "sbl_set_mesh_transform", 1);
     if (result != SBL_SUCCESS) return result;
-    sbl__check_start(&check, &c->core.base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT);
+    check.base = &c->core.base;
     if (mesh < 0 || mesh >= c->core.scene.geometry.mesh_count)
         sbl__mistake(&check, "sbl_set_mesh_transform: mesh is %d; the scene has %d", mesh,
                      c->core.scene.geometry.mesh_count);
@@ -17758,8 +17707,7 @@ SBL_API uint32_t sbl_channel_texture(sbl_context *c, sbl_channel channel) {
 static sbl_result sbl__inspect_check(const sbl_context *c, int x, int y, const sbl_sensor *sensor) {
     const sbl__map *m = c->map;
     const int finished = m && sbl__work_is_done(&m->work);
-    sbl__check check;
-    sbl__check_start(&check, &c->core.base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT);
+    sbl__check check = { &c->core.base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, 0 };
     if (!sensor) {
         sbl__mistake(&check, "sbl_inspect_sensor: sensor is NULL");
         return SBL_ERROR_INVALID_ARGUMENT;

@@ -733,19 +733,21 @@ TEST(create_with_answers_that_are_no_functions) {
 
 /* A driver that accepts a call and does nothing. */
 static const char *idle_function;
-static void idle_draw(GLenum mode, GLint first, GLsizei count) { (void)mode; (void)first; (void)count; }
+static void idle_draw(GLenum mode, GLint first, GLsizei count, GLsizei instances) {
+    (void)mode; (void)first; (void)count; (void)instances;
+}
 static void idle_dispatch(GLuint x, GLuint y, GLuint z) { (void)x; (void)y; (void)z; }
 
 static sbl_gl_function idle_proc(const char *name, void *user) {
     if (strcmp(name, idle_function)) return fake_proc(name, user);
-    return strcmp(name, "glDrawArrays") ? (sbl_gl_function)idle_dispatch : (sbl_gl_function)idle_draw;
+    return strcmp(name, "glDrawArraysInstanced") ? (sbl_gl_function)idle_dispatch : (sbl_gl_function)idle_draw;
 }
 
 /* The trial in sbl_create finds drivers whose draws or dispatches have no effect. */
 TEST(create_with_a_driver_that_draws_nothing) {
     static const struct { const char *function, *words; uint32_t disabled; } ways[] = {
-        { "glDrawArrays", "does not draw a known triangle", 0 },
-        { "glDrawArrays", "does not draw a known triangle", SBL_CAPABILITY_ALL },
+        { "glDrawArraysInstanced", "does not draw a known triangle", 0 },
+        { "glDrawArraysInstanced", "does not draw a known triangle", SBL_CAPABILITY_ALL },
         { "glDispatchCompute", "traces a known ray", 0 } };
     sbl_context_desc desc = faulty_desc();
     sbl_context *context;
