@@ -107,7 +107,7 @@
        sbl_set_scene              replaces the scene: meshes, materials, textures, lights, sky
        sbl_set_mesh_transform     moves one mesh
        sbl_set_materials          replaces the materials of the scene
-       sbl_set_lights             replaces the lights of the scene
+       sbl_set_lights             replaces the lights of the scene by as many others; intensity 0 turns a light off
        sbl_save_store             writes the stored bounced light, for a later run
        sbl_load_store             reads stored bounced light that an earlier run has written
 
@@ -213,27 +213,29 @@
 
    With the default target, each sensor takes at most 16 looks; target_error tells how many rays these have. The limit
    bounds the time where light comes through windows, and there the picture may miss the target. If you set target_error
-   yourself, a sensor may take up to 512 looks, at least 16 times as many rays.
+   yourself, a sensor may take up to 512 looks, which is 16 to 32 times as many rays.
 
    A picture begins with few sensors that take one look each. They predict the error of each tile. It has two parts:
 
-       noise           the differences between rays in neighbouring directions, after interpolation and filter. They
-                       are averaged over nearby sensors, because a single sensor may miss the window that the next one
-                       has found
+       noise           estimated from how much rays in neighbouring directions differ, less what interpolation and the
+                       filter average out. The estimate is averaged over nearby sensors, because a single sensor may
+                       miss the window that the next one has found
        interpolation   the part of the light that interpolation between sensors misses. It is estimated from second
-                       differences of the light between sensors, also where a surface continues beyond its last sensor,
-                       and from sensors of a neighbouring tile that contradict the interpolated value
+                       differences of the light between sensors. Sensors of a neighbouring tile on the common edge
+                       show it directly. Beyond the last sensor of a surface it is extrapolated
 
    The library then spends rays where they reduce the error most for their cost. Sensors take further looks, or tiles
    are subdivided, down to single pixels, until the predicted error of the picture reaches the target. The times for
    targets of 8, 4, 2 and 1 % are about in the ratio 1 : 1.5 : 3 : 6.
 
    SBL_CHANNEL_ERROR is the prediction for each pixel: the standard error of the luminance of R, in the unit of R.
-   sbl_stats.picture.expected_error is that for the whole picture. A host may read both early, and stop.
+   sbl_stats.picture.expected_error is that for the whole picture, and 0 until the first level is done. A host may read
+   both early, and stop. The luminance of a colour is 0.2126 r + 0.7152 g + 0.0722 b.
 
    SBL_MODE_GI adds a third part: the error of the stored light. It is estimated from the differences between the points
    of a cell, and propagated from cell to cell as light is. Sensors cannot reduce it; a larger max_bounce_cells does.
-   The sensors' own part is never driven below 0.84 of the target, even where the third part alone exceeds it.
+   The sensors' own part is never driven below 0.84 of the target, even where the third part alone exceeds it; the
+   picture then ends with SUCCESS and an expected_error above the target.
 
    The noise of a sensor falls faster than that of independent rays, because rays follow a low-discrepancy sequence.
    Each picture measures how much faster, by comparing the second looks of sensors with their first looks.
@@ -262,7 +264,7 @@
    An emission texture is sampled where the rays meet the lamp, which adds noise even without obstruction.
 
    A sensor sends at most as many rays towards lamps as over its hemisphere. If `rays` is 256, it first sends an eighth
-   of them, and looks at the corners and rims of lamps. If these rays are all open or all blocked, it stops there. It
+   of them, and also rays to the corners and rims of lamps. If these rays are all open or all blocked, it stops there. It
    traces the rest if they disagree, or if there are many lamps. Up to 32 lights without size get only one ray each.
 
    Up to 256 lamps are weighed one by one. If there are more, lamps that are far away for their size are combined to
@@ -291,7 +293,8 @@
 
    The sensors of a picture use the store only for the light that other surfaces reflect towards them. They measure all
    light that reaches them with rays of their own, and lamps in closed form. Where a traced ray meets a surface closer
-   than the length of a cell, the mean of the cell says little about that place; the ray then continues once from there.
+   than the length of a cell, the mean of the cell says little about that place; a new ray in a random direction then
+   starts from there, once.
    The store itself is visible only on surfaces with SBL_MATERIAL_NO_SENSORS and in SBL_CHANNEL_STORE.
 
    Cost: a picture takes 2 to 3 times as long as with direct light alone, including the store, and more if the picture
@@ -377,6 +380,8 @@
        v = 0.16286750 (SH_3, SH_1, SH_2)    r = min(|v| / (0.28209479 SH_0), 1)    a = (1 - r) / (1 + r)
        f(m) = a + 2 (1 - a) (1 + r) ((1 + dot(m, v) / |v|) / 2)^(1 + 2 r)          R(m) = FINAL f(m) / f(n)
 
+   If |v| or SH_0 is 0, R(m) = FINAL.
+
    (SH_3, SH_1, SH_2) is also the direction that most light comes from, for engines that store one colour and one
    direction. The predicted error is that of R. The harmonics come from the same rays, and are filtered and their seams
    closed as for R. They take 8 % more time and 144 more bytes per texel.
@@ -414,7 +419,7 @@
    ON PROBES
 
    A probe is the light at a point in the air, from all directions. It lights things that move through a baked scene.
-   Give positions, or a grid, which fills the bounds of the scene:
+   Give positions, or a grid of probes at the centres of equal boxes that fill the bounds of the scene:
 
        static sbl_probe probes[8 * 4 * 8];
        sbl_probes_desc desc = { 0 };
@@ -439,10 +444,10 @@
    closed objects, below the ground, and close behind a wall of one layer. If meshes are wound at random it tells
    nothing; use back_share for your own test. The light is correct for the probe's position in any case.
 
-   Moving probes out of solids: if `move` is above 0, an invalid probe tries other positions. In each octant it takes
-   the nearest back face that it has seen. It goes through the nearest of these first, and an eighth of `move` beyond
-   it, but never farther than `move` from the given position. It stays at the first valid position, or else where it
-   was.
+   Moving probes out of solids: if `move` is above 0, an invalid probe tries other positions. In each octant of
+   directions it remembers the nearest back face. It tries these up to eight places from the nearest on: it goes through
+   the face, and an eighth of `move` beyond it, but never farther than `move` from the given position. It stays at the
+   first valid position, or else where it was.
 
    Shadows of light from probes (as in DDGI) use distance and distance_squared. The weights of an octant reach over half
    the sphere. The sky is left out; where nothing but sky is visible, 0 means infinitely far.
@@ -480,6 +485,7 @@
    work is done by sbl_step, in small pieces: the bounding volume hierarchy (with the scene's first traced rays), the
    store of bounced light (with the scene's first work in SBL_MODE_GI), G-buffer, sensors, filter, anti-aliasing.
 
+   Call sbl_step until it no longer returns SBL_UNFINISHED; examples/host_context.c does so in a frame loop.
    sbl_step(context, 0.005) returns after about 5 ms. CPU work checks the clock. GL work is sized by the speed measured
    so far, to at most about sbl_context_desc.longest_submission at a time, so that no driver's watchdog takes it for a
    hang. Two things cannot be divided: the smallest part of a submission (a few sensors, or one row of pixels), and the
@@ -488,8 +494,8 @@
    Programs are compiled when they are first used, one per step, and are kept. With sbl_context_desc.compile_ahead,
    sbl_create compiles nearly all of them (1.5 s on llvmpipe).
 
-   The channels of a picture under way can be read after the first level; before, sbl_read_channel returns
-   SBL_UNFINISHED and sbl_channel_texture returns 0. They hold the best picture so far, interpolated and resolved from
+   The channels of a picture under way can be read after the first level, when the sensors of the first tiles have
+   measured; before, sbl_read_channel returns SBL_UNFINISHED and sbl_channel_texture returns 0. They hold the best picture so far, interpolated and resolved from
    what is known. The first request makes such a preview at once. After that, sbl_step makes a better one whenever the
    number of looks has grown by a quarter.
 
@@ -498,11 +504,13 @@
 
    Every function that can fail returns an sbl_result. The logger receives one line for each mistake, which says what
    went wrong, where, and what to change. Descriptors are checked completely, in release builds too: one call reports
-   all mistakes, and a descriptor with a mistake changes nothing. A NULL context gives SBL_ERROR_INVALID_ARGUMENT, or 0.
+   all mistakes (unless a canary is not 0), and a descriptor with a mistake changes nothing. A NULL context gives
+   SBL_ERROR_INVALID_ARGUMENT, or 0.
 
    Callbacks (draw, environment, allocator, logger, progress) may call the sbl_query_... functions of their context, and
    sbl_progress. Functions that change or step the context are refused there with SBL_ERROR_STATE. The progress
-   callback, called between pieces of work, may also read channels. A nonzero result cancels the work.
+   callback, called between pieces of work, may also read channels. If it returns nonzero, the work is cancelled and
+   dropped, and so is the picture. sbl_write_function and sbl_read_function must not call functions of the context.
 
 
    ON THREADS
@@ -522,7 +530,8 @@
    A conditional render, a transform feedback, and queries that count samples or primitives must not be active during a
    call. sbl.h cannot suspend them, and they would drop or count its own drawing.
 
-   All functions that touch GL, including sbl_destroy, need the same current GL context as sbl_create.
+   All functions that touch GL, including sbl_destroy, need the same current GL context as sbl_create. A headless
+   context is made current by sbl.h itself, and the host's EGL context is restored.
 
 
    ON WINDOWS AND MACOS
@@ -593,9 +602,9 @@
    for bit, on the same GL driver, whatever the batch size, the slices of sbl_step, and the number of repetitions.
    Other GL versions and drivers give the same picture up to rounding.
 
-   sbl_gather_readings can repeat the light of pixel i. Give it the site of that pixel (sbl_sensor.site) as its site
-   number i, with the picture's seed and `rays`, which must be set and not 0. The result is equal to the bit if rays are
-   traced, and equal up to rounding if views are drawn.
+   sbl_gather_readings can repeat the light of the pixel (x, y). Give it the site of that pixel (sbl_sensor.site) as its
+   site number y * width + x, with the picture's seed, and make both with the same `rays`, not 0. The result is equal to
+   the bit if rays are traced, and equal up to rounding if views are drawn.
 
    The light of a probe depends on its number, its position, `rays` and the seed, and not on other probes.
 
@@ -720,7 +729,8 @@ typedef struct sbl_allocator {
 } sbl_allocator;
 
 typedef struct sbl_logger {
-    void (*log)(sbl_log_level level, sbl_log_item item, const char *message, void *user);
+    void (*log)(sbl_log_level level, sbl_log_item item, const char *message, void *user);  /* message: a line
+                                                  without a line break, valid during the call */
     void *user;                                /* passed to log */
 } sbl_logger;
 
@@ -872,7 +882,7 @@ typedef enum sbl_light_kind {
 
 /* A light that is not a surface: camera and sensors do not see it, and it casts no shadow. Kinds and units follow
    glTF's KHR_lights_punctual: if radiance is in nits and lengths are in metres, intensities are in candela (point,
-   spot) and in lux (directional). The light has no maximum range. */
+   spot) and in lux (directional). Unlike in glTF, cones are full angles in degrees, and there is no maximum range. */
 typedef struct sbl_light {
     sbl_light_kind kind;      /* Default: SBL_LIGHT_POINT */
     float intensity[3];       /* point, spot: radiance times area; the irradiance at distance d is intensity / d^2.
@@ -883,8 +893,9 @@ typedef struct sbl_light {
                                  makes shadows soft; 0: a point */
     float angle;              /* directional: angular diameter, 0 (a point) to 180 degrees; the sun has 0.53 */
     float cone;               /* spot: full angle of the cone that receives light, degrees, up to 180. Default: 90 */
-    float inner_cone;         /* spot: full angle of the cone that receives all of the light, degrees, 0 to cone.
-                                 Between the cones the light falls with the square of the share of the cosine's way */
+    float inner_cone;         /* spot: full angle of the cone that receives all of the light, degrees, 0 to cone. At an
+                                 angle a from the axis between the cones, the light is multiplied by s * s, where s =
+                                 (cos a - cos(cone / 2)) / (cos(inner_cone / 2) - cos(cone / 2)). Default: 0 */
 } sbl_light;
 
 /* Light from far away, given as a picture or as a function. It adds to the constant sky. In SBL_MODE_PAPER there is
@@ -894,10 +905,12 @@ typedef struct sbl_light {
    corner, so the upper edge of the picture is straight up everywhere. */
 typedef struct sbl_environment {
     sbl_texture picture;      /* equirectangular picture of any pixel format, with finite values that are not negative;
-                                 gl_texture and wrap are not allowed. Absent if its width is 0 */
+                                 gl_texture and wrap are not allowed. There is no environment if its width is 0
+                                 and radiance is NULL */
     void (*radiance)(const float direction[3], float radiance[3], void *user);  /* used instead of pixels: gets the
                                  radiance from a unit direction in the world. sbl_set_scene calls it for the centre of
-                                 each texel of a picture of picture.width x picture.height, by default 512 x 256 */
+                                 each texel of a picture of picture.width x picture.height, by default 512 x 256.
+                                 rotation and up do not change the direction that it gets */
     void *user;               /* passed to radiance */
     float scale;              /* multiplies the light of the environment. Default: 1. Negative: 0, no light */
     float rotation;           /* degrees; rotates the picture about `up`, counter-clockwise seen from above */
@@ -1038,7 +1051,7 @@ typedef struct sbl_options {
 /* Three numbers are the values of the presets draft / default / high. */
 typedef struct sbl_picture_desc {
     uint32_t start_canary;     /* must stay 0 */
-    int width, height;         /* pixels, 1 to 16384. Default: 640 x 480 */
+    int width, height;         /* pixels, 1 to 16384. Default if both are 0: 640 x 480 */
     float world_to_view[16];   /* rigid, see sbl_look_at. Default (all zero): shows the whole scene from the front */
     float view_to_clip[16];    /* perspective projection, or an orthographic one, which also sees what is behind the
                                   camera; near and far planes are ignored. Default (all zero): 40 degrees vertically */
@@ -1157,7 +1170,8 @@ typedef struct sbl_reading {
     float back_share;   /* share of hit_share in which back faces are seen */
     float hit_mean;     /* mean world distance to the surfaces seen; 0 if there are none */
     float hit_min;      /* least world distance to the surfaces seen; 0 if there are none */
-    int valid;          /* 0: the sensor is stuck inside geometry, or its light overflows */
+    int valid;          /* 0: a surface is so close that the sensor is stuck in it, or the light overflows. A point
+                           inside a closed object, away from its surfaces, is valid; back_share tells that */
 } sbl_reading;
 
 /* Fields with the same name as in sbl_picture_desc have the same meaning. */
@@ -1301,7 +1315,8 @@ typedef struct sbl_sensor_ray {
     float direction[3];       /* unit vector */
     float distance;           /* world distance to the surface that the ray met, negative for a back face; 0 if it met
                                  none, and for rays towards lamps */
-    float radiance[3];        /* radiance along the ray; towards a lamp, the part of R that this ray brought */
+    float radiance[3];        /* radiance along the ray; towards a lamp, an estimate of R from all lamps by this ray
+                                 alone, so that the mean over these rays is about sbl_sensor.from_lamps */
     int lamp;                 /* index into sbl_sensor.lamps; -1: a ray over the hemisphere */
 } sbl_sensor_ray;
 
@@ -1322,10 +1337,10 @@ typedef struct sbl_sensor {
     sbl_site site;            /* the point of the sensor; sbl_gather_readings measures the same light there */
     float position[3];        /* world position of the sensor: the site moved off its surface */
     float normal[3];          /* unit normal of the sensor */
-    float radiance[3];        /* R that the picture used, before interpolation and filter: the mean of all looks */
+    float radiance[3];        /* R of the pixel's sensor, or of a new sensor if `sensed` is 0: the mean of all looks */
     float noise;              /* standard error of the luminance of R; 0 if it is unknown */
     int looks;                /* number of looks of the sensor. All fields below describe the first look */
-    float from_surroundings[3];  /* part of R: the sum of weight * radiance over the sheet */
+    float from_surroundings[3];  /* part of the first look's R: the sum of weight * radiance over the sheet */
     float from_lamps[3];      /* part of R that rays towards lamps have measured */
     float weight_sum;         /* sum of the weights of the sheet: 1 except for a single view */
     float back_share;         /* share of the weight that sees back faces */
@@ -1336,8 +1351,8 @@ typedef struct sbl_sensor {
     int view_count;           /* number of entries in views; 0 if rays were traced */
     sbl_sensor_view views[5];
     int sheet_width, sheet_height;  /* size of the sheet in texels */
-    const sbl_sensor_ray *rays;     /* ray_count rays over the hemisphere, then towards lamps; owned by sbl.h, valid
-                                       until the next inspection, begin or end */
+    const sbl_sensor_ray *rays;     /* ray_count rays: first those over the hemisphere, then those towards lamps. They
+                                       are owned by sbl.h and valid until the next inspection, begin or end */
     const sbl_sensor_lamp *lamps;   /* lamp_count lamps; owned by sbl.h, valid as long as rays */
     int ray_count, lamp_count;
 } sbl_sensor;
@@ -1373,7 +1388,7 @@ SBL_API sbl_result sbl_set_mesh_transform(sbl_context *context, int mesh, const 
 
 /* Replaces all materials, or all lights, of the scene: the same number in the same order. Textures keep their numbers.
    Work under way is dropped. If only emission or lights have changed, the update of the bounced light traces no ray
-   between surfaces again.
+   between surfaces again, unless sbl_end has freed the store's rays. Other changes discard the store.
    Results: INVALID_ARGUMENT, STATE (no scene), UNSUPPORTED (more lamps than the tables of the scene can hold: use
    sbl_set_scene), OUT_OF_MEMORY, GL. On failure the scene stays as it was. */
 SBL_API sbl_result sbl_set_materials(sbl_context *context, const sbl_material *materials, int material_count);
@@ -1382,6 +1397,7 @@ SBL_API sbl_result sbl_set_lights(sbl_context *context, const sbl_light *lights,
 /* Writes the stored bounced light of the scene through put, or reads it back through get, so that a later run need not
    compute it. The scene must be the same to the bit: meshes, materials, textures, lights, sky and environment. The
    camera may differ.
+   max_bounce_cells, preset and seed may differ too. Loading drops work under way.
    put, get: called for some bytes at a time; they return the number of bytes written or read, and fewer than asked for
    are an error. user: passed to them. The format has a version and a checksum, and uses the machine's byte order.
    Results: INVALID_ARGUMENT (put or get failed; the data are damaged, or of another version, byte order or scene),
