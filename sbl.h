@@ -495,9 +495,9 @@
    sbl_create compiles nearly all of them (1.5 s on llvmpipe).
 
    The channels of a picture under way can be read after the first level, when the sensors of the first tiles have
-   measured; before, sbl_read_channel returns SBL_UNFINISHED and sbl_channel_texture returns 0. They hold the best picture so far, interpolated and resolved from
-   what is known. The first request makes such a preview at once. After that, sbl_step makes a better one whenever the
-   number of looks has grown by a quarter.
+   measured; before, sbl_read_channel returns SBL_UNFINISHED and sbl_channel_texture returns 0. They hold the best
+   picture so far, interpolated and resolved from what is known. The first request makes such a preview at once. After
+   that, sbl_step makes a better one whenever the number of looks has grown by a quarter.
 
 
    ON RESULTS AND MESSAGES
