@@ -8702,12 +8702,11 @@ typedef struct sbl__slots {
     int blocks[2];              /* width and height of a slot in the textures of sbl__blocks, texels */
 } sbl__slots;
 
-/* Partial sums of the looks in all slots. reduce_blocks.glsl and trace.glsl write them. */
+/* Textures that the programs of sensors write: partial sums of the looks in all slots (see reduce_blocks.glsl and
+   trace.glsl), or results of looks, or light from lamps. Directional jobs also need the harmonics of red, green and
+   blue, and those that correct the harmonics of rays (see trace.glsl). */
 typedef struct sbl__blocks {
-    sbl__texture sums, hits;
-    sbl__texture harmonics[3];  /* directional jobs: coefficients of red, green, blue */
-    sbl__texture even;          /* directional jobs: exact coefficients of radiance 1 from all directions, minus those
-                                   that the rays yield; reduce_sum.glsl corrects the rays' coefficients with them */
+    sbl__texture textures[6];
     sbl__target target;
 } sbl__blocks;
 
@@ -8731,29 +8730,24 @@ typedef struct sbl__batch {
 
 static unsigned sbl__batch_features(const sbl__batch *b) { return sbl__features_of(b->scene, b->spec); }
 
-/* Makes the first `count` textures of partial sums, in the order of the array below, and a target that draws to them.
-   Deletes the other textures. */
+/* Makes the first `count` textures and a target that draws to them. Deletes the other textures. */
 static sbl_result sbl__blocks_make(const sbl__device *d, sbl__blocks *b, int count, int width, int height) {
-    sbl__texture *const textures[6] = { &b->sums, &b->hits, &b->harmonics[0], &b->harmonics[1], &b->harmonics[2],
-                                        &b->even };
     const sbl__texture *colors[6];
     sbl_result result = SBL_SUCCESS;
     int i;
     for (i = 0; i < 6; i++) {
-        if (i >= count) sbl__texture_delete(d, textures[i]);
-        else if (result == SBL_SUCCESS) result = sbl__texture_make(d, textures[i], width, height, SBL__GL_RGBA32F);
-        colors[i] = textures[i];
+        sbl__texture *texture = &b->textures[i];
+        if (i >= count) sbl__texture_delete(d, texture);
+        else if (result == SBL_SUCCESS) result = sbl__texture_make(d, texture, width, height, SBL__GL_RGBA32F);
+        colors[i] = texture;
     }
     return result == SBL_SUCCESS ? sbl__target_make(d, &b->target, colors, count, NULL) : result;
 }
 
 static void sbl__blocks_free(const sbl__device *d, sbl__blocks *b) {
     int i;
-    for (i = 0; i < 3; i++) sbl__texture_delete(d, &b->harmonics[i]);
-    sbl__texture_delete(d, &b->even);
+    for (i = 0; i < 6; i++) sbl__texture_delete(d, &b->textures[i]);
     sbl__target_delete(d, &b->target);
-    sbl__texture_delete(d, &b->sums);
-    sbl__texture_delete(d, &b->hits);
 }
 
 /* Sends looks to the table that ray-tracing shaders read. room: capacity of the table */
@@ -8838,17 +8832,8 @@ typedef struct sbl__aim {
     int rays;                      /* maximum number of rays towards lamps per look */
     int parts;                     /* number of invocations among which a look's rays are divided */
     sbl__table sequence;           /* points that give the rays' directions: two 32-bit fractions per point */
-    sbl__texture lights[4];        /* R and its variance; directional jobs: harmonics of red, green and blue. Each look
-                                      has `parts` texels, one below the other */
-    sbl__target target;
+    sbl__blocks light;             /* outputs of lamps.glsl. Each look has a column of `parts` texels */
 } sbl__aim;
-
-static void sbl__aim_free(const sbl__device *d, sbl__aim *a) {
-    int i;
-    sbl__table_delete(d, &a->sequence);
-    for (i = 0; i < 4; i++) sbl__texture_delete(d, &a->lights[i]);
-    sbl__target_delete(d, &a->target);
-}
 
 /* Maximum number of rays per invocation */
 static int sbl__rays_most(const sbl__hierarchy *h) {
@@ -8929,21 +8914,14 @@ static int sbl__aim_parts(const sbl__spec *spec, const sbl__hierarchy *h) {
 /* Makes the resources for looks in these slots. The points of each invocation have a section for each pass. */
 static sbl_result sbl__aim_setup(const sbl__device *d, sbl__aim *a, const sbl__spec *spec, const sbl__slots *slots,
                                  const sbl__hierarchy *h) {
-    const int rows = (slots->count + slots->columns - 1) / slots->columns, count = spec->directional ? 4 : 1;
-    const sbl__texture *colors[4];
+    const int rows = (slots->count + slots->columns - 1) / slots->columns;
     sbl_result result;
-    int i;
     a->rays = spec->lamp_rays;
     a->parts = sbl__aim_parts(spec, h);
     if (!a->rays) return SBL_SUCCESS;
     result = sbl__sequence_store(d, &a->sequence, spec->looks, a->rays, SBL__LAMP_PASSES * a->parts);
-    for (i = 0; i < 4; i++) {
-        if (i >= count) sbl__texture_delete(d, &a->lights[i]);
-        else if (result == SBL_SUCCESS)
-            result = sbl__texture_make(d, &a->lights[i], slots->columns, rows * a->parts, SBL__GL_RGBA32F);
-        colors[i] = &a->lights[i];
-    }
-    return result == SBL_SUCCESS ? sbl__target_make(d, &a->target, colors, count, NULL) : result;
+    return result == SBL_SUCCESS ? sbl__blocks_make(d, &a->light, spec->directional ? 4 : 1, slots->columns,
+                                                    rows * a->parts) : result;
 }
 
 /* Sets the uniforms that all programs share which trace rays for sensors. blocks: width and height of a look's
@@ -10569,7 +10547,8 @@ static void sbl__job_free(const sbl__device *d, sbl__job *j) {
     int i;
     sbl__raster_free(d, &j->raster);
     sbl__table_delete(d, &j->trace.sequence);
-    sbl__aim_free(d, &j->aim);
+    sbl__table_delete(d, &j->aim.sequence);
+    sbl__blocks_free(d, &j->aim.light);
     sbl__blocks_free(d, &j->blocks);
     for (i = 0; i < SBL__LENSES; i++) sbl__blocks_free(d, &j->results[i]);
     sbl__table_delete(d, &j->table);
@@ -10811,7 +10790,7 @@ static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
         return SBL_ERROR_UNSUPPORTED;
     }
     j->look_count = j->drawn + (int)looks;
-    if (results->sums.height >= rows && results->target.id && (results->target.count > 2) == directional)
+    if (results->target.height >= rows && results->target.id && (results->target.count > 2) == directional)
         return SBL_SUCCESS;
     return sbl__blocks_make(d, &j->results[lens], directional ? 5 : 2, SBL__RESULTS_WIDTH, rows);
 }
@@ -10955,7 +10934,7 @@ static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     if (result != SBL_SUCCESS) return result;
     sbl__aim_bind(d, &j->aim, &b, blocks, sbl__job_scale(j));
     if (features & SBL__VIEWS) sbl__raster_bind(d, &j->raster, j->scene->geometry.extent);
-    sbl__rays_send(d, &b, &j->aim.target, blocks);
+    sbl__rays_send(d, &b, &j->aim.light.target, blocks);
     sbl__pace_end(d, &j->paces.aim, sbl__whole_lots(d, count, j->aim.parts));
     j->aimed += count;
     result = sbl__gl_check(&d->gl);
@@ -10966,24 +10945,21 @@ static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
 static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
     sbl__device *d = j->device;
     const sbl__slots *slots = sbl__job_slots(j);
-    const sbl__blocks *out = &j->results[j->lens];
-    const int directional = j->task.spec.directional, aimed = sbl__job_aims(j);
+    const sbl__target *out = &j->results[j->lens].target;
+    const sbl__texture *blocks = j->blocks.textures;
+    const int count = j->blocks.target.count, aimed = sbl__job_aims(j);
     const int row = first / SBL__RESULTS_WIDTH, rows = last / SBL__RESULTS_WIDTH - row + 1;
-    static const char *const blocks[3] = { "block_red", "block_green", "block_blue" };
-    static const char *const lights[3] = { "lights_red", "lights_green", "lights_blue" };
-    const sbl_result result = sbl__use(d, &sbl__recipe_reduce_sum, directional ? (unsigned)SBL__DIRECTIONAL : 0);
+    static const char *const block_names[6] = { "block_sums", "block_hits", "block_red", "block_green", "block_blue",
+                                                "block_even" };
+    static const char *const light_names[4] = { "lights", "lights_red", "lights_green", "lights_blue" };
+    const sbl_result result =
+        sbl__use(d, &sbl__recipe_reduce_sum, j->task.spec.directional ? (unsigned)SBL__DIRECTIONAL : 0);
     int k;
     if (result != SBL_SUCCESS) return result;
-    sbl__pass_rows(d, &out->target, row, rows);
-    for (k = 0; k < 3 && directional; k++) {
-        sbl__bind(d, blocks[k], &j->blocks.harmonics[k]);
-        sbl__bind(d, lights[k], aimed ? &j->aim.lights[1 + k] : &j->blocks.harmonics[k]);
-    }
-    sbl__bind(d, "block_sums", &j->blocks.sums);
-    sbl__bind(d, "block_hits", &j->blocks.hits);
-    sbl__bind(d, "lights", aimed ? &j->aim.lights[0] : &j->blocks.sums);
+    sbl__pass_rows(d, out, row, rows);
+    for (k = 0; k < 6; k++) sbl__bind(d, block_names[k], &blocks[k < count ? k : 0]);
+    for (k = 0; k < 4; k++) sbl__bind(d, light_names[k], aimed ? &j->aim.light.textures[k] : &blocks[0]);
     sbl__set_int(d, "parts", aimed ? j->aim.parts : 0);
-    if (directional) sbl__bind(d, "block_even", j->task.spec.traced ? &j->blocks.even : &j->blocks.sums);
     sbl__set_int(d, "even", j->task.spec.traced);
     sbl__set_ints(d, "blocks", slots->blocks[0], slots->blocks[1]);
     sbl__set_int(d, "columns", slots->columns);
@@ -17111,7 +17087,7 @@ static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
     float *data = NULL, *light = (float *)sbl__alloc_raw(d->base, (size_t)columns * (size_t)parts, 16);
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
     int i, n;
-    if (light) result = sbl__target_read(d, &j->aim.target, 0, slot / columns * parts, parts, light);
+    if (light) result = sbl__target_read(d, &j->aim.light.target, 0, slot / columns * parts, parts, light);
     for (i = 0; i < parts && result == SBL_SUCCESS; i++)
         for (n = 0; n < 3; n++)
             k->from_lamps[n] += light[4 * ((size_t)columns * (size_t)i + (size_t)(slot % columns)) + (size_t)n] /
