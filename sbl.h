@@ -9658,20 +9658,6 @@ static unsigned sbl__aim_features(const sbl__scene *s, const sbl__spec *spec) {
            (s->lights.mixed ? (unsigned)SBL__MIXED : 0);
 }
 
-/* Sets the uniforms of lamps.glsl, except those that sbl__raster_bind sets. blocks: as for sbl__rays_bind */
-static void sbl__aim_bind(sbl__device *d, const sbl__aim *a, const sbl__batch *b, const int blocks[2], float scale) {
-    const sbl__lights *l = &b->scene->lights;
-    sbl__rays_bind(d, b, &a->sequence, blocks);
-    sbl__bind_table(d, "sbl_lamps", &l->table);
-    sbl__set_int(d, "sbl_first_leaf", (int)sizeof(sbl__lamp_node) / 16 * l->nodes);
-    sbl__set_int(d, "sbl_first_light", (int)sizeof(sbl__lamp_node) / 16 * l->nodes + l->leaves);
-    sbl__set_int(d, "lamp_nodes", l->nodes);
-    sbl__set_int(d, "lamp_leaves", l->leaves);
-    sbl__set_int(d, "rays", a->rays);
-    sbl__set_float(d, "unit", l->unit);
-    sbl__set_float(d, "scale", scale);
-}
-
 /* Computes the directions of row j of a view's texels, in the frame of a look that is not rotated. `directions` has 4
    floats per texel of the padded sheet, of which the first three are a unit vector. */
 static void sbl__directions_row(const sbl__layout *l, int face, int j, float *directions) {
@@ -10063,14 +10049,15 @@ static void sbl__raster_view(const sbl__device *d, const sbl__raster *r, const s
     v->face = face;
 }
 
+/* Draws the environment's picture. array: the vertex array that has the attributes of the views */
 static sbl_result sbl__raster_sky(sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b,
-                                  int views) {
+                                  unsigned array) {
     const sbl_result result = sbl__use(d, &sbl__recipe_sky, b->scene->features);
     if (result != SBL_SUCCESS) return result;
     sbl__pass(d, &r->target, lens->area, NULL, 0);
     sbl__environment_bind(d, &b->scene->environment);
     sbl__set_float(d, "radiance_scale", r->radiance_scale);
-    sbl__draw_rectangles(d, b->scene->geometry.vertex_array, views);
+    sbl__draw_rectangles(d, array, b->count * lens->layout.view_count);
     return SBL_SUCCESS;
 }
 
@@ -10085,15 +10072,14 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
     sbl_draw_view view;
     int i;
     if (first == 0) {
+        unsigned array;
         result = sbl__raster_send(d, r, lens, b);
-        if (result != SBL_SUCCESS) return result;
-        sbl__array_inputs(d, g->vertex_array, &r->views, sbl__view_inputs, SBL__COUNT(sbl__view_inputs));
-        if (b->spec->bounced) {
+        if (result == SBL_SUCCESS && b->spec->bounced)
             result = sbl__array_make(d, &r->view_array, &g->index_table.buffer);
-            if (result != SBL_SUCCESS) return result;
-            sbl__array_inputs(d, r->view_array, &r->views, sbl__view_inputs, SBL__COUNT(sbl__view_inputs));
-        }
-        if (b->scene->environment.pixels && !b->spec->paper) result = sbl__raster_sky(d, r, lens, b, views);
+        if (result != SBL_SUCCESS) return result;
+        array = b->spec->bounced ? r->view_array : g->vertex_array;
+        sbl__array_inputs(d, array, &r->views, sbl__view_inputs, SBL__COUNT(sbl__view_inputs));
+        if (b->scene->environment.pixels && !b->spec->paper) result = sbl__raster_sky(d, r, lens, b, array);
     }
     if (result == SBL_SUCCESS && end > first) {
         result = sbl__use(d, &sbl__recipe_sensor, sbl__batch_features(b));
@@ -10505,7 +10491,7 @@ typedef struct sbl__task {
     const sbl__guides *guides;  /* guides that direct the sites' rays, see >>guide */
 } sbl__task;
 
-typedef struct sbl__job_counts { int64_t looks, views, texels, rays; int readbacks; } sbl__job_counts;
+typedef struct sbl__job_counts { int64_t views, texels, rays; int readbacks; } sbl__job_counts;
 
 typedef enum sbl__job_stage {
     SBL__JOB_IDLE, SBL__JOB_SETUP, SBL__JOB_WEIGH, SBL__JOB_COMPILE, SBL__JOB_DRAW, SBL__JOB_AIM, SBL__JOB_REDUCE,
@@ -10637,7 +10623,12 @@ static int sbl__look_growth(const sbl__measurement *s, float error, double varia
     return times;
 }
 
-/* Returns 1 if both need the same resources. sbl__spec has no padding: all its fields have 4 bytes. */
+/* Fails to compile if sbl__spec has padding, which sbl__spec_equal would compare, too. When a field is added, add its
+   size here. */
+typedef char sbl__spec_has_no_padding[sizeof(sbl__spec) == 16 * sizeof(int) + 3 * sizeof(float) + sizeof(uint32_t)
+                                      ? 1 : -1];
+
+/* Returns 1 if both need the same resources. */
 static int sbl__spec_equal(const sbl__spec *a, const sbl__spec *b) {
     sbl__spec c = *b;
     c.seed = a->seed;
@@ -10917,6 +10908,27 @@ static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
 /* Returns 1 if the looks of the current round trace rays towards lamps. */
 static int sbl__job_aims(const sbl__job *j) { return j->task.spec.lamp_rays && j->lens == SBL__LENS_SITE; }
 
+/* Uses lamps.glsl for a batch. extra: SBL__INSPECT or 0; blocks: as for sbl__rays_bind; scale: factor of the outputs */
+static sbl_result sbl__aim_use(const sbl__job *j, const sbl__batch *b, unsigned extra, const int blocks[2],
+                               float scale) {
+    sbl__device *d = j->device;
+    const sbl__lights *l = &b->scene->lights;
+    const unsigned features = sbl__aim_features(b->scene, b->spec);
+    const sbl_result result = sbl__use(d, &sbl__recipe_lamps, features | extra);
+    if (result != SBL_SUCCESS) return result;
+    sbl__rays_bind(d, b, &j->aim.sequence, blocks);
+    sbl__bind_table(d, "sbl_lamps", &l->table);
+    sbl__set_int(d, "sbl_first_leaf", (int)sizeof(sbl__lamp_node) / 16 * l->nodes);
+    sbl__set_int(d, "sbl_first_light", (int)sizeof(sbl__lamp_node) / 16 * l->nodes + l->leaves);
+    sbl__set_int(d, "lamp_nodes", l->nodes);
+    sbl__set_int(d, "lamp_leaves", l->leaves);
+    sbl__set_int(d, "rays", j->aim.rays);
+    sbl__set_float(d, "unit", l->unit);
+    sbl__set_float(d, "scale", scale);
+    if (features & SBL__VIEWS) sbl__raster_bind(d, &j->raster, b->scene->geometry.extent);
+    return SBL_SUCCESS;
+}
+
 /* Traces rays towards lamps for some of the looks in the slots, after their views are drawn (see sbl__raster_bind). */
 static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
@@ -10924,16 +10936,13 @@ static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     const double pace = sbl__pace_begin(&j->paces.aim, slice, SBL__LOOKS_FIRST, 1);
     const double room = SBL__MIN(sbl__whole_lots(d, pace, j->aim.parts), (double)j->look_most);
     const int count = (int)SBL__MIN(room, (double)(j->drawn - j->aimed)), blocks[2] = { 1, j->aim.parts };
-    const unsigned features = sbl__aim_features(j->scene, &j->task.spec);
     sbl__batch b;
     sbl_result result;
-    d->gl.doing = "sending rays towards lamps";
+    d->gl.doing = "tracing rays towards lamps";
     sbl__job_batch(j, j->aimed, count, &b);
     result = sbl__looks_send(d, &j->table, b.looks, b.count, b.slots->count);
-    if (result == SBL_SUCCESS) result = sbl__use(d, &sbl__recipe_lamps, features);
+    if (result == SBL_SUCCESS) result = sbl__aim_use(j, &b, 0, blocks, sbl__job_scale(j));
     if (result != SBL_SUCCESS) return result;
-    sbl__aim_bind(d, &j->aim, &b, blocks, sbl__job_scale(j));
-    if (features & SBL__VIEWS) sbl__raster_bind(d, &j->raster, j->scene->geometry.extent);
     sbl__rays_send(d, &b, &j->aim.light.target, blocks);
     sbl__pace_end(d, &j->paces.aim, sbl__whole_lots(d, count, j->aim.parts));
     j->aimed += count;
@@ -11077,7 +11086,6 @@ static void sbl__job_count(sbl__job *j) {
     const sbl__layout *l = &j->raster.lenses[SBL__LENS_SITE].layout;
     int i;
     if (j->lens == SBL__LENS_STUCK) return;
-    j->counts.looks += looks;
     for (i = 0; i < j->task.site_count && spec->traced; i++)
         j->counts.rays += (int64_t)spec->rays * (spec->no_light ? !j->task.sites[i].first : j->task.sites[i].looks);
     if (spec->traced) return;
@@ -16933,13 +16941,10 @@ static int sbl__inspect_lamp(const sbl__inspect_request *k, int leaf) {
 }
 
 static sbl_result sbl__inspect_aim(sbl__device *d, const sbl__job *j, const sbl__batch *b) {
-    const unsigned features = sbl__aim_features(b->scene, b->spec);
-    const sbl_result result = sbl__use(d, &sbl__recipe_lamps, features | SBL__INSPECT);
+    const sbl_result result = sbl__aim_use(j, b, SBL__INSPECT, b->slots->blocks, 1);
     if (result != SBL_SUCCESS) return result;
-    sbl__aim_bind(d, &j->aim, b, b->slots->blocks, 1);
-    if (features & SBL__VIEWS) sbl__raster_bind(d, &j->raster, b->scene->geometry.extent);
     sbl__set_int(d, "parts", j->aim.parts);
-    sbl__set_int(d, "sheet_slot", features & SBL__VIEWS ? sbl__inspect_slot(j) : 0);
+    sbl__set_int(d, "sheet_slot", sbl__inspect_slot(j));
     sbl__rays_send(d, b, &b->blocks->target, b->slots->blocks);
     return SBL_SUCCESS;
 }
