@@ -8831,11 +8831,11 @@ static const char *const sbl__glsl_carrier[] = {
 typedef struct sbl__aim {
     int rays;                      /* maximum number of rays towards lamps per look */
     int parts;                     /* number of invocations among which a look's rays are divided */
-    sbl__table sequence;           /* points that give the rays' directions: two 32-bit fractions per point */
+    sbl__table sequence;           /* points of the unit square that give directions, see sbl__sequence_make */
     sbl__blocks light;             /* outputs of lamps.glsl. Each look has a column of `parts` texels */
 } sbl__aim;
 
-/* Maximum number of rays per invocation */
+/* Returns the maximum number of rays per invocation. */
 static int sbl__rays_most(const sbl__hierarchy *h) {
     return SBL__MAX(1, (int)(SBL__LOOP_TURNS / (h->cost + SBL__RAY_TURNS)));
 }
@@ -8857,12 +8857,12 @@ static void sbl__sobol(uint32_t *out, int count) {
 static int sbl__morton_order(const void *first, const void *second) {
     const uint32_t *a = (const uint32_t *)first, *b = (const uint32_t *)second;
     uint32_t x = a[0] ^ b[0], y = a[1] ^ b[1];
-    int axis = x < y && x < (x ^ y);  /* axis whose highest differing bit is the higher one */
+    int axis = x < y && x < (x ^ y);  /* axis in which the points differ in the higher bit */
     return a[axis] == b[axis] ? 0 : a[axis] < b[axis] ? -1 : 1;
 }
 
-/* Makes `rays` points for each of a site's looks. A look's points consist of `sections`, each of which covers the unit
-   square evenly. The caller frees the result; NULL: out of memory */
+/* Makes `rays` points for each of a site's looks: two 32-bit fractions per point. A look's points are divided into
+   `sections`, each of which covers the unit square evenly. The caller frees the result; NULL: out of memory */
 static uint32_t *sbl__sequence_make(sbl__base *base, int looks, int rays, int sections) {
     const size_t count = (size_t)rays, parts = (size_t)sections;
     uint32_t *points = (uint32_t *)sbl__alloc_raw(base, count * (size_t)looks, 8);
@@ -8905,7 +8905,7 @@ static sbl_result sbl__sequence_store(const sbl__device *d, sbl__table *t, int l
     return result == SBL_SUCCESS ? sbl__table_attach(d, t, SBL__GL_RG32UI, 0) : result;
 }
 
-/* Number of invocations among which a look's rays towards lamps are divided */
+/* Returns the number of invocations among which a look's rays towards lamps are divided. */
 static int sbl__aim_parts(const sbl__spec *spec, const sbl__hierarchy *h) {
     const int chunk = spec->traced ? SBL__MIN(SBL__LAMP_CHUNK, sbl__rays_most(h)) : SBL__LAMP_CHUNK;
     return (spec->lamp_rays + chunk - 1) / chunk;
@@ -9705,9 +9705,9 @@ typedef struct sbl__raster {
     sbl__texture atlas, depth;
     sbl__target target;
     sbl__buffer views;
-    unsigned view_array;       /* vertex array without vertices, which shaders with bounced light fetch themselves */
+    unsigned view_array;       /* vertex array of the views alone: shaders with bounced light fetch the vertices */
     float radiance_scale;      /* factor of radiance in the view texture */
-    float *weights, *directions;  /* contents of a lens's two textures while sbl__raster_weigh computes them */
+    float *weights, *directions;  /* texels of a lens's two textures while sbl__raster_weigh computes them */
     int face, row;             /* view and row at which sbl__raster_weigh continues */
 } sbl__raster;
 
@@ -9756,8 +9756,8 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
     sbl__lens_fit(lens, spec->view_texture_size, most);
     sbl__lens_fit(stuck, SBL__MIN(spec->view_texture_size, SBL__STUCK_TEXTURE), most);
     if (lens->slots.count < 1) {
-        sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "a sensor of size %d needs a texture of %d x %d, the "
-                 "driver has %d; use a smaller sensor_size", spec->size, sbl__layout_pitch(&lens->layout, 0),
+        sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "a sensor of size %d needs a texture of %d x %d, but "
+                 "the driver's limit is %d; use a smaller sensor_size", spec->size, sbl__layout_pitch(&lens->layout, 0),
                  sbl__layout_pitch(&lens->layout, 1), most);
         return SBL_ERROR_UNSUPPORTED;
     }
@@ -9767,7 +9767,7 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
     }
     brightest = SBL__MAX(scene->brightest, spec->bounced ? scene->store.brightest : spec->epsilon);
     for (k = 0; k < 6 && spec->bounced; k++) brightest = SBL__MAX(brightest, sbl__max3(scene->store.air[k]));
-    r->radiance_scale = 1;  /* the power of two that scales the brightest radiance to 512 .. 1024 (16-bit floats) */
+    r->radiance_scale = 1;  /* power of two that scales the brightest radiance to 512 .. 1024, for 16-bit floats */
     if (brightest > 0) r->radiance_scale = (float)ldexp(1, SBL__MIN(10 - (int)ceil(log(brightest) / log(2.0)), 100));
     r->face = r->row = 0;
     result = sbl__texture_make(d, &r->atlas, size[0], size[1], SBL__GL_RGBA16F);
@@ -9982,7 +9982,7 @@ static void sbl__raster_clear(const sbl__device *d, const sbl__raster *r, const 
     sbl__clear_depth(d);
 }
 
-/* Lowest x and y of a slot's sheet in the view texture, texels */
+/* Gets the lowest x and y of a slot's sheet in the view texture, texels. */
 static void sbl__raster_corner(const sbl__lens *lens, int slot, int corner[2]) {
     corner[0] = slot % lens->slots.columns * sbl__layout_pitch(&lens->layout, 0);
     corner[1] = slot / lens->slots.columns * sbl__layout_pitch(&lens->layout, 1);
@@ -10102,7 +10102,7 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
     return result;
 }
 
-/* Gives lamps.glsl access to the views, because they alone show geometry of the host that may hide a lamp. */
+/* Gives lamps.glsl access to the views. Geometry that the host draws may hide a lamp, and only views show it. */
 static void sbl__raster_bind(sbl__device *d, const sbl__raster *r, float extent) {
     const sbl__layout *l = &r->lenses[SBL__LENS_SITE].layout;
     int i, k;
@@ -10472,8 +10472,8 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
 #define SBL__SUBMISSIONS 8         /* maximum number of submissions of views before the CPU waits for the GPU */
 #define SBL__SUSPECT_SHARE 0.02f   /* a site gets a stuck test if its first look sees a larger share of back faces */
 #define SBL__STUCK_SHARE 0.75f     /* a sensor is stuck if its stuck test hits at less than this share of its offset */
-#define SBL__FEW_RAYS 1.0f         /* noise of a harmonic divided by R, times the square root of a look's rays */
-#define SBL__TEXEL_NOISE 2.6f      /* relative noise of rasterised looks times sbl__spec.size: measured, lamp in box */
+#define SBL__FEW_RAYS 1.0f         /* sbl__spec_layer_noise times the square root of the number of rays per look */
+#define SBL__TEXEL_NOISE 2.6f      /* relative noise of a rasterised look times sbl__spec.size; measured: lamp in box */
 
 /* What a job has to do. The caller must keep the arrays until the job is done. */
 typedef struct sbl__task {
@@ -10483,8 +10483,8 @@ typedef struct sbl__task {
     float *layers;              /* output of directional jobs: per site, 3 floats for each layer of light from layer 1
                                    on, see sbl__spec_layers */
     int site_count;
-    int first_look;             /* number of the job's first look, which selects its slot: with the number that a look
-                                   had in an earlier job, >>inspect repeats the look in the same slot */
+    int first_look;             /* number of the job's first look, which selects its slot. To repeat a look in the slot
+                                   that it had in an earlier job, >>inspect sets the number that it had there */
     const sbl__guides *guides;  /* guides that direct the sites' rays, see >>guide */
 } sbl__task;
 
@@ -10515,12 +10515,12 @@ typedef struct sbl__job {
     sbl__table table;           /* the looks of a batch, in the format that ray-tracing shaders read */
     sbl__look *looks;           /* the look in each slot */
     int look_most;              /* maximum number of looks per batch */
-    int lens;                   /* of the current round: SBL__LENS_SITE or SBL__LENS_STUCK */
+    int lens;                   /* kind of the current round's looks: SBL__LENS_SITE or SBL__LENS_STUCK */
     int *suspects;              /* indices of the sites that need a stuck test */
     int suspect_count, suspect_room;
     int look_count;             /* first_look plus the number of looks in the round */
-    int site, look;             /* index of the next site (or suspect), and of its look, to draw or to read */
-    int drawn, aimed, reduced;  /* numbers of the looks at which the three stages continue */
+    int site, look;             /* index of the site (or suspect) to draw or to read next, and of its look */
+    int drawn, aimed, reduced;  /* numbers of the looks with which drawing, aiming and reducing continue */
     int batch;                  /* number of looks in the batch that is partly drawn; 0: no batch is partly drawn */
     int triangle;               /* index of the next triangle to draw for this batch */
     struct { sbl__pace draw[SBL__LENSES], aim, reduce[SBL__LENSES]; } paces;
@@ -10582,11 +10582,11 @@ static float sbl__spec_offset(const sbl__spec *spec, const sbl__scene *scene, fl
     return SBL__OFFSET * (spec->traced && reach > 0 ? reach : scene->geometry.extent);
 }
 
-/* Number of layers of light that sensors find (see SBL__LAYERS) */
+/* Returns the number of layers of light that sensors measure, see SBL__LAYERS. */
 static int sbl__spec_layers(const sbl__spec *spec) { return spec->directional ? SBL__LAYERS : 1; }
 
-/* Returns the noise of layers 1 to 4 as a share of R, for a look whose R has no noise. It is due to the few rays near
-   the horizon, which have the largest weights in harmonics. */
+/* Returns the noise of layers 1 to 4 as a share of R, for a look whose R has no noise. The cause is that the few rays
+   near the horizon have the largest weights in harmonics. */
 static float sbl__spec_layer_noise(const sbl__spec *spec) {
     return spec->no_light || !spec->traced ? 0 : SBL__FEW_RAYS / (float)sqrt((double)spec->rays);
 }
@@ -10599,12 +10599,12 @@ static void sbl__spec_sheet(const sbl__spec *spec, int size[2]) {
     size[1] = spec->traced ? 1 : layout.sheet_height;
 }
 
-/* Returns 1 if sensors trace rays. The caller may then choose their number per look, and whether a job traces rays
-   towards lamps, rays over the hemisphere, or both. */
+/* Returns 1 if sensors trace rays. The caller may then choose the number of rays per look, and whether a job traces
+   rays towards lamps, rays over the hemisphere, or both. */
 static int sbl__measurement_sends_rays(const sbl__measurement *s) { return s->options.backend == SBL_BACKEND_TRACE; }
 
-/* Number of rays per look for a requested error. It suits sensors whose readings cover a small area; other sensors make
-   more looks. */
+/* Returns the number of rays per look for a requested error. It suits sensors whose readings apply to a small area;
+   other sensors take more looks. */
 static int sbl__look_rays(float error) {
     return error >= 0.06f ? 16 : error >= 0.015f ? 32 : error >= 0.004f ? 64 : 128;
 }
@@ -10640,13 +10640,13 @@ static const sbl__slots *sbl__lens_slots(const sbl__job *j, int lens) {
     return j->task.spec.traced ? &j->trace.slots[lens] : &j->raster.lenses[lens].slots;
 }
 
-/* Slots of the current round */
+/* Returns the slots of the current round. */
 static const sbl__slots *sbl__job_slots(const sbl__job *j) { return sbl__lens_slots(j, j->lens); }
 
-/* Factor of all radiance in the job's textures */
+/* Returns the factor by which all radiance in the job's textures is multiplied. */
 static float sbl__job_scale(const sbl__job *j) { return j->task.spec.traced ? 1 : j->raster.radiance_scale; }
 
-/* Positions of the views in a look's sheet; NULL if sensors trace rays */
+/* Returns the layout of a look's views, or NULL if sensors trace rays. */
 static const sbl__layout *sbl__job_layout(const sbl__job *j) {
     return j->task.spec.traced ? NULL : &j->raster.lenses[SBL__LENS_SITE].layout;
 }
@@ -10773,8 +10773,8 @@ static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
     else for (i = 0; i < j->task.site_count; i++) looks += j->task.sites[i].looks;
     rows = (int)SBL__MIN((looks + j->drawn + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH, INT_MAX);
     if (rows > most) {
-        sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "%.0f sensors in one job; the driver's textures hold "
-                 "%.0f; use a smaller picture", looks, (double)most * SBL__RESULTS_WIDTH);
+        sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "%.0f looks of sensors are too many for one job; the "
+                 "driver's textures hold %.0f; use a smaller picture", looks, (double)most * SBL__RESULTS_WIDTH);
         return SBL_ERROR_UNSUPPORTED;
     }
     j->look_count = j->drawn + (int)looks;
@@ -10808,7 +10808,7 @@ static sbl_result sbl__job_compile(void *work, sbl__slice *slice) {
     return sbl__job_start_round(j, SBL__LENS_SITE);
 }
 
-/* Makes the next look of the round. A stuck test looks from the position of the site's first look at the surface. */
+/* Makes the next look of the round. A stuck test has the position of the site's first look and faces the surface. */
 static void sbl__job_next_look(sbl__job *j, int number, sbl__look *out) {
     const int stuck = j->lens == SBL__LENS_STUCK;
     const sbl__site *site = &j->task.sites[stuck ? j->suspects[j->site] : j->site];
@@ -10885,7 +10885,7 @@ static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
     sbl_result result = SBL_SUCCESS;
     int i, full = 0;
     d->gl.doing = "drawing sensors";
-    if (j->stages.at++ == 0) {  /* sky: the background of all views in the slots that looks will fill */
+    if (j->stages.at++ == 0) {  /* first draw the sky into all slots that looks will fill */
         if (!traced) sbl__raster_clear(d, &j->raster, lens, j->scene, SBL__MIN(slots, first % slots + left));
         result = sbl__gl_check(&d->gl);
         return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
@@ -11003,7 +11003,7 @@ static sbl_result sbl__job_reduce(void *work, sbl__slice *slice) {
 
 /* >>job: reading */
 
-/* Share of back faces among the surfaces that a look sees, by weight */
+/* Returns the share of back faces among the surfaces that a look sees, by weight. */
 static float sbl__back_share(const float sum[4], const float hits[4]) { return hits[0] > 0 ? sum[3] / hits[0] : 0; }
 
 /* Returns 1 if all numbers are finite. In scenes of extreme sizes they may not be (see sbl__scene_warn). */
@@ -11180,7 +11180,7 @@ typedef struct sbl__core {
     sbl__scene scene;
     int has_scene;
     sbl__job job;
-    struct sbl__bounce *bounce; /* state of filling the store of bounced light; NULL: the store is not being filled */
+    struct sbl__bounce *bounce; /* the work that fills the store of bounced light; NULL: none */
     sbl_stats stats;            /* statistics of the work that was begun last */
 } sbl__core;
 
