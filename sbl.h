@@ -8924,8 +8924,7 @@ static sbl_result sbl__aim_setup(const sbl__device *d, sbl__aim *a, const sbl__s
                                                     rows * a->parts) : result;
 }
 
-/* Sets the uniforms that all programs share which trace rays for sensors. blocks: width and height of a look's
-   rectangle of invocations */
+/* Sets the uniforms of all programs that trace sensors' rays. blocks: size of a look's rectangle of invocations */
 static void sbl__rays_bind(sbl__device *d, const sbl__batch *b, const sbl__table *sequence, const int blocks[2]) {
     sbl__scene_bind(d, b->scene);
     sbl__hierarchy_bind(d, &b->scene->hierarchy);
@@ -9045,8 +9044,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        float off = dot(normal, l.corner);\n",
 "        l.group = off > 0.0 ? vec2(0, 1) : vec2(1, 0);\n",
 "        l.brightness = sbl_emission(object, l.group.y == 1.0) / unit;\n",
-"        // A triangle seen edge-on gives no light. The sensor's own triangle is one; rounding may put it above the\n",
-"        // horizon.\n",
+"        // Nearly edge-on. This excludes the sensor's own triangle, which rounding may put above the horizon.\n",
 "        if (abs(off) < 0.5 * sbl_look_offset(look) * length(normal)) l.brightness = vec3(0);\n",
 "    }\n",
 "    if (sbl_is_texel(l)) {\n",
@@ -9134,8 +9132,7 @@ static const char *const sbl__glsl_lamps[] = {
 "}\n",
 "\n",
 "// The first four spherical harmonics of an unobstructed lamp, from its solid angle and from the integral of\n",
-"// directions over it (`way`). For a round lamp that the horizon cuts they are approximate, except for the integral\n",
-"// along the normal.\n",
+"// directions over it (`way`). They are approximate for round lamps that the horizon cuts, except along the normal.\n",
 "mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {\n",
 "    float solid_angle = 0.0;\n",
 "    vec3 way = vec3(0);\n",
@@ -9449,8 +9446,7 @@ static const char *const sbl__glsl_lamps[] = {
 "vec4 report = vec4(0), report_way = vec4(0);  // the outputs, if inspected\n",
 "bool reporting;                               // true: report the next ray\n",
 "\n",
-"// Traces the ray of a sample. at_rim: true: a rim sample, which only tests for obstruction; point: true: a sample\n",
-"// of a point light\n",
+"// Traces the ray of a sample. at_rim: the sample only tests for obstruction; point: it is on a point light\n",
 "void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool point) {\n",
 "    bool cluster = p.cluster || sbl_is_texel(l) || dot(sparse, l.group) > 0.0;\n",
 "    vec3 light = s.light / p.share, to = s.direction;\n",
@@ -9810,8 +9806,7 @@ static sbl_result sbl__raster_weigh(const sbl__device *d, sbl__raster *r, sbl__l
 
 /* >>glsl sensor_vertex: shaders_embedded/sensor_vertex.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sensor_vertex[] = {
-"// Draws the scene into the views of many sensors. Each instance is one view; four clip planes limit it to its\n",
-"// rectangle of the view texture.\n",
+"// Draws the scene into views of many sensors. Each instance is a view, clipped to its part of the view texture.\n",
 "#ifndef SBL_BOUNCED\n",
 "layout(location = 0) in vec3 position;\n",
 "layout(location = 1) in uint object;\n",
@@ -10058,9 +10053,8 @@ static sbl_result sbl__raster_sky(sbl__device *d, const sbl__raster *r, const sb
     return SBL_SUCCESS;
 }
 
-/* Draws the triangles first .. end - 1 of the scene to all views of a batch. All triangles may take too long for one
-   submission. The call with the first triangle also draws the environment, and the call with the last triangle calls
-   the host's draw callback for each view. */
+/* Draws the triangles first .. end - 1 of the scene to all views of a batch. The call with the first triangle also
+   draws the environment. The call with the last triangle also calls the host's draw callback for each view. */
 static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__lens *lens, const sbl__batch *b,
                                    int first, int end) {
     const sbl__geometry *g = &b->scene->geometry;
@@ -10177,8 +10171,7 @@ static const sbl__recipe sbl__recipe_reduce_blocks = {
     { &sbl__look_words_record }, SBL__DIRECTIONAL
 };
 
-/* Computes the partial sums of the slots in rows[1] rows from row rows[0] on. looks: the looks in all slots, for
-   directional jobs; NULL for other jobs */
+/* Computes the partial sums of rows[1] rows of slots from row rows[0] on. looks: NULL if the job is not directional */
 static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__blocks *b,
                                      const sbl__table *looks, const int rows[2]) {
     const sbl__layout *l = &lens->layout;
@@ -10200,8 +10193,7 @@ static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const
 }
 
 /* ======================================================================================================== >>trace
-   The back end that traces a look's rays over the hemisphere. The cost of a ray grows with the logarithm of the number
-   of triangles. */
+   The back end that traces rays over the hemisphere. A ray's cost grows with the logarithm of the triangle count. */
 
 #define SBL__TRACE_CHUNK 16        /* maximum number of rays per invocation */
 #define SBL__TRACE_COLUMNS 256     /* maximum number of looks side by side in the textures of partial sums */
@@ -10603,15 +10595,13 @@ static void sbl__spec_sheet(const sbl__spec *spec, int size[2]) {
    rays towards lamps, rays over the hemisphere, or both. */
 static int sbl__measurement_sends_rays(const sbl__measurement *s) { return s->options.backend == SBL_BACKEND_TRACE; }
 
-/* Returns the number of rays per look for a requested error. It suits sensors whose readings apply to a small area;
-   other sensors take more looks. */
+/* Returns the number of rays per look for a requested error. Sensors that stand for a large area take more looks. */
 static int sbl__look_rays(float error) {
     return error >= 0.06f ? 16 : error >= 0.015f ? 32 : error >= 0.004f ? 64 : 128;
 }
 
-/* Returns the factor, a power of two, by which the rays of a look must grow for looks of this relative variance. If
-   light is rare, most looks of few rays find none. Sensors then underestimate their noise, and refinement divides tiles
-   because of noise. */
+/* Returns the factor, a power of two, by which the rays of a look must grow for looks of this relative variance. Looks
+   of too few rays miss rare light, so sensors underestimate their noise and refinement divides tiles because of it. */
 static int sbl__look_growth(const sbl__measurement *s, float error, double variance) {
     int times = 1;
     if (s->options.rays || !sbl__measurement_sends_rays(s)) return 1;
@@ -10620,8 +10610,7 @@ static int sbl__look_growth(const sbl__measurement *s, float error, double varia
     return times;
 }
 
-/* Fails to compile if sbl__spec has padding, which sbl__spec_equal would compare, too. When a field is added, add its
-   size here. */
+/* Fails to compile if sbl__spec has padding, which memcmp would compare. Add the size of each new field here. */
 typedef char sbl__spec_has_no_padding[sizeof(sbl__spec) == 16 * sizeof(int) + 3 * sizeof(float) + sizeof(uint32_t)
                                       ? 1 : -1];
 
@@ -10871,9 +10860,8 @@ static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     return SBL_SUCCESS;
 }
 
-/* Does one piece of drawing: one submission of rays, or several submissions of views without waiting in between, if the
-   slice is long enough. A software renderer prepares one submission while it draws another, which saves a quarter of
-   the time at 2,000 triangles. */
+/* Draws one submission of rays, or as many submissions of views as the slice has time for, without waiting in between:
+   software renderers prepare one while they draw another, which saves a quarter of the time at 2,000 triangles. */
 static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
@@ -11060,16 +11048,15 @@ static void sbl__job_take(sbl__job *j, const float *const found[5]) {
    sensor back to its surface. If it sees something nearer, the site's reading becomes invalid. */
 static sbl_result sbl__job_judge(sbl__job *j, const float *const found[5]) {
     const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent, *hits = found[1];
-    const int back = j->lens == SBL__LENS_STUCK, site = back ? j->suspects[j->site++] : j->site;
-    const int first_look = j->look == 0;
-    if (back) {
-        if (hits[0] > 0 && hits[2] * length < SBL__STUCK_SHARE * j->task.sites[site].offset)
-            j->task.readings[site].valid = 0;
+    const int stuck_test = j->lens == SBL__LENS_STUCK, site = stuck_test ? j->suspects[j->site++] : j->site;
+    const float offset = j->task.sites[site].offset;
+    const int suspect = j->look == 0 && offset > 0 && sbl__back_share(found[0], hits) > SBL__SUSPECT_SHARE;
+    if (stuck_test) {
+        if (hits[0] > 0 && hits[2] * length < SBL__STUCK_SHARE * offset) j->task.readings[site].valid = 0;
         return SBL_SUCCESS;
     }
     sbl__job_take(j, found);
-    if (!first_look || !(j->task.sites[site].offset > 0) ||
-        !(sbl__back_share(found[0], hits) > SBL__SUSPECT_SHARE)) return SBL_SUCCESS;
+    if (!suspect) return SBL_SUCCESS;
     if (!sbl__grow(j->device->base, &j->suspects, &j->suspect_room, j->suspect_count + 1, sizeof *j->suspects))
         return SBL_ERROR_OUT_OF_MEMORY;
     j->suspects[j->suspect_count++] = site;

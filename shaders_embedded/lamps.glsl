@@ -96,8 +96,7 @@ sbl_Lamp sbl_lamp(int leaf) {
         float off = dot(normal, l.corner);
         l.group = off > 0.0 ? vec2(0, 1) : vec2(1, 0);
         l.brightness = sbl_emission(object, l.group.y == 1.0) / unit;
-        // A triangle seen edge-on gives no light. The sensor's own triangle is one; rounding may put it above the
-        // horizon.
+        // Nearly edge-on. This excludes the sensor's own triangle, which rounding may put above the horizon.
         if (abs(off) < 0.5 * sbl_look_offset(look) * length(normal)) l.brightness = vec3(0);
     }
     if (sbl_is_texel(l)) {
@@ -185,8 +184,7 @@ vec3 sbl_unhindered(sbl_Lamp l) {
 }
 
 // The first four spherical harmonics of an unobstructed lamp, from its solid angle and from the integral of
-// directions over it (`way`). For a round lamp that the horizon cuts they are approximate, except for the integral
-// along the normal.
+// directions over it (`way`). They are approximate for round lamps that the horizon cuts, except along the normal.
 mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {
     float solid_angle = 0.0;
     vec3 way = vec3(0);
@@ -500,8 +498,7 @@ mat3x4 open_harmonics[2], seen_harmonics[2];  // harmonics of `open` and of `see
 vec4 report = vec4(0), report_way = vec4(0);  // the outputs, if inspected
 bool reporting;                               // true: report the next ray
 
-// Traces the ray of a sample. at_rim: true: a rim sample, which only tests for obstruction; point: true: a sample
-// of a point light
+// Traces the ray of a sample. at_rim: the sample only tests for obstruction; point: it is on a point light
 void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool point) {
     bool cluster = p.cluster || sbl_is_texel(l) || dot(sparse, l.group) > 0.0;
     vec3 light = s.light / p.share, to = s.direction;

@@ -1,5 +1,4 @@
-// Draws the scene into the views of many sensors. Each instance is one view; four clip planes limit it to its
-// rectangle of the view texture.
+// Draws the scene into views of many sensors. Each instance is a view, clipped to its part of the view texture.
 #ifndef SBL_BOUNCED
 layout(location = 0) in vec3 position;
 layout(location = 1) in uint object;
