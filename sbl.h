@@ -264,8 +264,8 @@
    An emission texture is sampled where the rays meet the lamp, which adds noise even without obstruction.
 
    A sensor sends at most as many rays towards lamps as over its hemisphere. If `rays` is 256, it first sends an eighth
-   of them, and also rays to the corners and rims of lamps. If these rays are all open or all blocked, it stops there. It
-   traces the rest if they disagree, or if there are many lamps. Up to 32 lights without size get only one ray each.
+   of them, and also rays to the corners and rims of lamps. If these rays are all open or all blocked, it stops there.
+   It traces the rest if they disagree, or if there are many lamps. Up to 32 lights without size get only one ray each.
 
    Up to 256 lamps are weighed one by one. If there are more, lamps that are far away for their size are combined to
    clusters of a tree. Each ray picks one lamp of a cluster, with a probability proportional to the light it gives. The
@@ -8508,12 +8508,11 @@ typedef struct sbl__slots {
     int blocks[2];              /* width and height of a slot in the textures of sbl__blocks, texels */
 } sbl__slots;
 
-/* Partial sums of the looks in all slots. reduce_blocks.glsl and trace.glsl write them. */
+/* Textures that the programs of sensors write: partial sums of the looks in all slots (see reduce_blocks.glsl and
+   trace.glsl), or results of looks, or light from lamps. Directional jobs also need the harmonics of red, green and
+   blue, and those that correct the harmonics of rays (see trace.glsl). */
 typedef struct sbl__blocks {
-    sbl__texture sums, hits;
-    sbl__texture harmonics[3];  /* directional jobs: coefficients of red, green, blue */
-    sbl__texture even;          /* directional jobs: exact coefficients of radiance 1 from all directions, minus those
-                                   that the rays yield; reduce_sum.glsl corrects the rays' coefficients with them */
+    sbl__texture textures[6];
     sbl__target target;
 } sbl__blocks;
 
@@ -8535,29 +8534,24 @@ typedef struct sbl__batch {
     int slot, count;
 } sbl__batch;
 
-/* Makes the first `count` textures of partial sums, in the order of the array below, and a target that draws to them.
-   Deletes the other textures. */
+/* Makes the first `count` textures and a target that draws to them. Deletes the other textures. */
 static sbl_result sbl__blocks_make(const sbl__device *d, sbl__blocks *b, int count, int width, int height) {
-    sbl__texture *const textures[6] = { &b->sums, &b->hits, &b->harmonics[0], &b->harmonics[1], &b->harmonics[2],
-                                        &b->even };
     const sbl__texture *colors[6];
     sbl_result result = SBL_SUCCESS;
     int i;
     for (i = 0; i < 6; i++) {
-        if (i >= count) sbl__texture_delete(d, textures[i]);
-        else if (result == SBL_SUCCESS) result = sbl__texture_make(d, textures[i], width, height, SBL__GL_RGBA32F);
-        colors[i] = textures[i];
+        sbl__texture *texture = &b->textures[i];
+        if (i >= count) sbl__texture_delete(d, texture);
+        else if (result == SBL_SUCCESS) result = sbl__texture_make(d, texture, width, height, SBL__GL_RGBA32F);
+        colors[i] = texture;
     }
     return result == SBL_SUCCESS ? sbl__target_make(d, &b->target, colors, count, NULL) : result;
 }
 
 static void sbl__blocks_free(const sbl__device *d, sbl__blocks *b) {
     int i;
-    for (i = 0; i < 3; i++) sbl__texture_delete(d, &b->harmonics[i]);
-    sbl__texture_delete(d, &b->even);
+    for (i = 0; i < 6; i++) sbl__texture_delete(d, &b->textures[i]);
     sbl__target_delete(d, &b->target);
-    sbl__texture_delete(d, &b->sums);
-    sbl__texture_delete(d, &b->hits);
 }
 
 /* Sends looks to the table that ray-tracing shaders read. room: capacity of the table */
@@ -8641,20 +8635,11 @@ static const char *const sbl__glsl_carrier[] = {
 typedef struct sbl__aim {
     int rays;                      /* maximum number of rays towards lamps per look */
     int parts;                     /* number of invocations among which a look's rays are divided */
-    sbl__table sequence;           /* points that give the rays' directions: two 32-bit fractions per point */
-    sbl__texture lights[4];        /* R and its variance; directional jobs: harmonics of red, green and blue. Each look
-                                      has `parts` texels, one below the other */
-    sbl__target target;
+    sbl__table sequence;           /* points of the unit square that give directions, see sbl__sequence_make */
+    sbl__blocks light;             /* outputs of lamps.glsl. Each look has a column of `parts` texels */
 } sbl__aim;
 
-static void sbl__aim_free(const sbl__device *d, sbl__aim *a) {
-    int i;
-    sbl__table_delete(d, &a->sequence);
-    for (i = 0; i < 4; i++) sbl__texture_delete(d, &a->lights[i]);
-    sbl__target_delete(d, &a->target);
-}
-
-/* Maximum number of rays per invocation */
+/* Returns the maximum number of rays per invocation. */
 static int sbl__rays_most(const sbl__hierarchy *h) {
     return SBL__MAX(1, (int)(SBL__LOOP_TURNS / (h->cost + SBL__RAY_TURNS)));
 }
@@ -8676,12 +8661,12 @@ static void sbl__sobol(uint32_t *out, int count) {
 static int sbl__morton_order(const void *first, const void *second) {
     const uint32_t *a = (const uint32_t *)first, *b = (const uint32_t *)second;
     uint32_t x = a[0] ^ b[0], y = a[1] ^ b[1];
-    int axis = x < y && x < (x ^ y);  /* axis whose highest differing bit is the higher one */
+    int axis = x < y && x < (x ^ y);  /* axis in which the points differ in the higher bit */
     return a[axis] == b[axis] ? 0 : a[axis] < b[axis] ? -1 : 1;
 }
 
-/* Makes `rays` points for each of a site's looks. A look's points consist of `sections`, each of which covers the unit
-   square evenly. The caller frees the result; NULL: out of memory */
+/* Makes `rays` points for each of a site's looks: two 32-bit fractions per point. A look's points are divided into
+   `sections`, each of which covers the unit square evenly. The caller frees the result; NULL: out of memory */
 static uint32_t *sbl__sequence_make(sbl__base *base, int looks, int rays, int sections) {
     const size_t count = (size_t)rays, parts = (size_t)sections;
     uint32_t *points = (uint32_t *)sbl__alloc_raw(base, count * (size_t)looks, 8);
@@ -8724,7 +8709,7 @@ static sbl_result sbl__sequence_store(const sbl__device *d, sbl__table *t, int l
     return result == SBL_SUCCESS ? sbl__table_attach(d, t, SBL__GL_RG32UI, 0) : result;
 }
 
-/* Number of invocations among which a look's rays towards lamps are divided */
+/* Returns the number of invocations among which a look's rays towards lamps are divided. */
 static int sbl__aim_parts(const sbl__spec *spec, const sbl__hierarchy *h) {
     const int chunk = spec->traced ? SBL__MIN(SBL__LAMP_CHUNK, sbl__rays_most(h)) : SBL__LAMP_CHUNK;
     return (spec->lamp_rays + chunk - 1) / chunk;
@@ -8733,25 +8718,17 @@ static int sbl__aim_parts(const sbl__spec *spec, const sbl__hierarchy *h) {
 /* Makes the resources for looks in these slots. The points of each invocation have a section for each pass. */
 static sbl_result sbl__aim_setup(const sbl__device *d, sbl__aim *a, const sbl__spec *spec, const sbl__slots *slots,
                                  const sbl__hierarchy *h) {
-    const int rows = (slots->count + slots->columns - 1) / slots->columns, count = spec->directional ? 4 : 1;
-    const sbl__texture *colors[4];
+    const int rows = (slots->count + slots->columns - 1) / slots->columns;
     sbl_result result;
-    int i;
     a->rays = spec->lamp_rays;
     a->parts = sbl__aim_parts(spec, h);
     if (!a->rays) return SBL_SUCCESS;
     result = sbl__sequence_store(d, &a->sequence, spec->looks, a->rays, SBL__LAMP_PASSES * a->parts);
-    for (i = 0; i < 4; i++) {
-        if (i >= count) sbl__texture_delete(d, &a->lights[i]);
-        else if (result == SBL_SUCCESS)
-            result = sbl__texture_make(d, &a->lights[i], slots->columns, rows * a->parts, SBL__GL_RGBA32F);
-        colors[i] = &a->lights[i];
-    }
-    return result == SBL_SUCCESS ? sbl__target_make(d, &a->target, colors, count, NULL) : result;
+    return result == SBL_SUCCESS ? sbl__blocks_make(d, &a->light, spec->directional ? 4 : 1, slots->columns,
+                                                    rows * a->parts) : result;
 }
 
-/* Sets the uniforms that all programs share which trace rays for sensors. blocks: width and height of a look's
-   rectangle of invocations */
+/* Sets the uniforms of all programs that trace sensors' rays. blocks: size of a look's rectangle of invocations */
 static void sbl__rays_bind(sbl__device *d, const sbl__batch *b, const sbl__table *sequence, const int blocks[2]) {
     sbl__scene_bind(d, b->scene);
     sbl__hierarchy_bind(d, &b->scene->hierarchy);
@@ -8785,13 +8762,13 @@ static const char *const sbl__glsl_lamps[] = {
 "//\n",
 "// One invocation computes one sensor, or one of the `blocks.y` parts into which its rays are divided. It stops\n",
 "// when more rays would not improve the result. With SBL_INSPECT it reports one ray or one entry of the sensor.\n",
-"uniform usamplerBuffer sbl_sequence;  // see trace.glsl\n",
+"uniform usamplerBuffer sbl_sequence;  // points of the unit square for the rays, as in trace.glsl\n",
 "uniform int lamp_nodes, lamp_leaves;  // numbers of nodes and leaves in the table of lamps\n",
 "uniform int rays;                     // maximum number of rays per sensor\n",
-"uniform float unit;                   // unit of radiance in the calculations, which prevents overflow\n",
-"uniform float scale;                  // factor of the outputs\n",
+"uniform float unit;                   // radiance is divided by this unit while it is summed, to prevent overflow\n",
+"uniform float scale;                  // the outputs are multiplied by this factor\n",
 "#ifdef SBL_INSPECT\n",
-"const bool inspected = true;\n",
+"const bool inspected = true, directional = false;\n",
 "uniform int parts;                    // number of parts into which the sensor's rays were divided\n",
 "uniform int sheet_slot;               // slot of the sensor's views in the view texture\n",
 "SBL_OUT(0, out_light);                // of a ray: its light; 0: not traced, 1: reached the lamp, 2: was blocked;\n",
@@ -8801,15 +8778,13 @@ static const char *const sbl__glsl_lamps[] = {
 "const bool inspected = false;\n",
 "SBL_OUT(0, out_light);                // R of the part, and the variance of its luminance\n",
 "#ifdef SBL_DIRECTIONAL\n",
-"SBL_OUT(1, out_red);                  // spherical harmonics\n",
+"const bool directional = true;\n",
+"SBL_OUT(1, out_red);                  // spherical harmonics of the part's red light\n",
 "SBL_OUT(2, out_green);\n",
 "SBL_OUT(3, out_blue);\n",
-"#endif\n",
-"#endif\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"const bool directional = true;\n",
 "#else\n",
 "const bool directional = false;\n",
+"#endif\n",
 "#endif\n",
 "#ifdef SBL_MIXED\n",
 "const bool mixed = true;            // there are lamps of all kinds, or clusters\n",
@@ -8818,22 +8793,22 @@ static const char *const sbl__glsl_lamps[] = {
 "#endif\n",
 "\n",
 "const int SBL_CERTAIN = 32;         // maximum number of point lights that get one ray each\n",
-"const float SBL_STRATA = 1.5;       // variance of the mean of n stratified points, divided by that of independent\n",
-"                                    // points, times sqrt(n): measured with shadow edges that cross a lamp\n",
-"const float SBL_STRATA_LOST = 0.6;  // upper limit of that ratio, reached if there are as many lamps as points\n",
-"const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this share of its distance;\n",
-"const int SBL_OPENINGS = 12;        // the share is doubled up to this number of times, until all entries fit\n",
+"const float SBL_STRATA = 1.5;       // variance of the mean of n stratified points, divided by the variance for\n",
+"                                    // independent points, times sqrt(n): measured with shadow edges on a lamp\n",
+"const float SBL_STRATA_LOST = 0.6;  // upper limit of the quotient of these variances, for few points per lamp\n",
+"const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this share of its distance\n",
+"const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each one doubles the share\n",
 "const float SBL_SPARSE = 16.0;      // minimum number of rays that a group must get on average for a ratio estimate\n",
 "const int SBL_PASS_RAYS = 32;       // minimum number of rays per pass\n",
 "const float SBL_PASS_CROWD = 16.0;  // maximum number of passes, times the effective number of entries\n",
-"const int SBL_RIM_LAMPS = 8;        // maximum number of entries for which rim samples are traced\n",
-"const int SBL_CORNERS = 3;          // number of rim samples of a triangle, each close to a corner:\n",
-"const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // barycentrics of this corner, and of the two others\n",
+"const int SBL_RIM_LAMPS = 8;        // maximum number of entries that get rim samples: rays to the edge of a lamp\n",
+"const int SBL_CORNERS = 3;          // number of rim samples of a triangle, one close to each corner\n",
+"const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // barycentrics of such a sample: close corner, others\n",
 "const int SBL_RIM = 12;             // number of rim samples of a round lamp\n",
 "const float SBL_RIM_AT = 0.99;      // share of a round lamp's disc that is inside the circle of its rim samples\n",
 "const float SBL_KNOWN = 1e-6;       // relative variance below which the light of clusters needs no more rays\n",
 "const float SBL_SMALL = 16.0;       // a triangle is small if its squared distance over its squared size is larger\n",
-"const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // see sbl_form_factor\n",
+"const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // Dunavant's points and weights\n",
 "const float SBL_POINT_WEIGHT[2] = float[2](0.223381589678011, 0.109951743655322);\n",
 "const float SBL_BEFORE_LAMP = 0.99999;  // share of the distance to a lamp along which a ray is traced\n",
 "\n",
@@ -8846,15 +8821,14 @@ static const char *const sbl__glsl_lamps[] = {
 "    float away, radius, sine2; // light: distance, radius, squared sine of half the angle that it subtends\n",
 "    ivec2 texel;               // texel: column and row\n",
 "    int triangle, number;      // triangle: its number in the hierarchy's order and in the scene; else number is -1\n",
-"    vec2 group;                // 0 1: a triangle that shows the sensor its back; 1 0: all other lamps\n",
+"    vec2 group;                // (0, 1): triangles that show the sensor their back; (1, 0): all other lamps\n",
 "};\n",
 "\n",
 "bool sbl_is_light(sbl_Lamp l) { return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT); }\n",
 "bool sbl_is_texel(sbl_Lamp l) { return mixed && l.kind == SBL_LAMP_SKY_TEXEL; }\n",
 "\n",
-"// The sensor\n",
-"int look;                    // number of the look in the batch\n",
-"vec3 stand, position, n;     // origin of its rays; position on the surface, used by closed forms; normal\n",
+"int look;                    // number of the sensor's look in the batch\n",
+"vec3 stand, position, n;     // the sensor: origin of rays; position on the surface, for closed forms; normal\n",
 "mat3 to_frame;\n",
 "uvec2 scramble;\n",
 "\n",
@@ -8873,7 +8847,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        float off = dot(normal, l.corner);\n",
 "        l.group = off > 0.0 ? vec2(0, 1) : vec2(1, 0);\n",
 "        l.brightness = sbl_emission(object, l.group.y == 1.0) / unit;\n",
-"        // Seen edge-on. This is so for the sensor's own triangle, which rounding may put above the horizon.\n",
+"        // Nearly edge-on. This excludes the sensor's own triangle, which rounding may put above the horizon.\n",
 "        if (abs(off) < 0.5 * sbl_look_offset(look) * length(normal)) l.brightness = vec3(0);\n",
 "    }\n",
 "    if (sbl_is_texel(l)) {\n",
@@ -8896,7 +8870,7 @@ static const char *const sbl__glsl_lamps[] = {
 "            l.corner /= max(l.away, 1e-30);\n",
 "            float spot = clamp(dot(sbl_light_axis(int(at)), -l.corner) * sbl_light_spot_scale(int(at)) +\n",
 "                               sbl_light_spot_offset(int(at)), 0.0, 1.0);  // KHR_lights_punctual\n",
-"            if (l.away < l.radius) { l.corner = n; l.away = l.radius; spot = 1.0; }  // sensor inside\n",
+"            if (l.away < l.radius) { l.corner = n; l.away = l.radius; spot = 1.0; }  // the sensor is inside\n",
 "            l.brightness *= spot * spot / (l.away * l.away);\n",
 "            l.sine2 = min(l.radius * l.radius / (l.away * l.away), 1.0);\n",
 "        }\n",
@@ -8906,15 +8880,9 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// >>closed forms\n",
 "\n",
-"// An edge's term of Lambert's sum: the angle that it subtends, times z of the unit normal of its plane.\n",
-"float sbl_edge(vec3 p, vec3 q) {\n",
-"    vec3 normal = cross(p, q);\n",
-"    float size = length(normal);\n",
-"    return size > 0.0 ? atan(size, dot(p, q)) * normal.z / size : 0.0;\n",
-"}\n",
-"\n",
-"// Form factor of a triangle. a, b, c: corners relative to the sensor, in its frame. Sums the edges of the part\n",
-"// above the horizon (Lambert 1760). If the triangle is small for its distance, rounding would spoil this sum;\n",
+"// Form factor of a triangle. a, b, c: corners relative to the sensor, in its frame. Lambert's sum (1760) over the\n",
+"// edges of the part above the horizon adds the angle that each edge subtends, times z of the unit normal of the\n",
+"// plane through the edge and the sensor. If the triangle is small for its distance, rounding would spoil this sum;\n",
 "// a sum over six points is then used instead (Dunavant 1985, degree 4; relative error up to 4e-6).\n",
 "float sbl_form_factor(vec3 a, vec3 b, vec3 c) {\n",
 "    vec3 corners[3] = vec3[3](a, b, c), entry = vec3(0), leave = vec3(0);\n",
@@ -8937,7 +8905,9 @@ static const char *const sbl__glsl_lamps[] = {
 "            if (p.z <= 0.0) entry = p = x;\n",
 "            else leave = q = x;\n",
 "        }\n",
-"        sum += sbl_edge(p, q);\n",
+"        vec3 across = cross(p, q);\n",
+"        float size = length(across);\n",
+"        sum += size > 0.0 ? atan(size, dot(p, q)) * across.z / size : 0.0;\n",
 "    }\n",
 "    return small ? points * 0.5 * abs(dot(normal, middle)) / (SBL_PI * distance2 * distance2)\n",
 "                 : abs(sum) / (2.0 * SBL_PI);\n",
@@ -8967,8 +8937,7 @@ static const char *const sbl__glsl_lamps[] = {
 "}\n",
 "\n",
 "// The first four spherical harmonics of an unobstructed lamp, from its solid angle and from the integral of\n",
-"// directions over it (`way`). For a round lamp that the horizon cuts they are approximate, except for the integral\n",
-"// along the normal.\n",
+"// directions over it (`way`). They are approximate for round lamps that the horizon cuts, except along the normal.\n",
 "mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {\n",
 "    float solid_angle = 0.0;\n",
 "    vec3 way = vec3(0);\n",
@@ -8995,7 +8964,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        way = transpose(to_frame) * way * sign(solid_angle);\n",
 "        solid_angle = abs(solid_angle);\n",
 "    }\n",
-"    if (sbl_is_light(l)) {  // divided by pi * sine2, see sbl_round\n",
+"    if (sbl_is_light(l)) {  // as in sbl_round, but divided by pi * sine2\n",
 "        float z = dot(n, l.corner), shown = clamp(0.5 + 0.5 * z / max(sqrt(l.sine2), 1e-30), 0.0, 1.0);\n",
 "        solid_angle = shown * 2.0 / (1.0 + sqrt(1.0 - l.sine2));\n",
 "        way = shown * (l.corner - z * n) + sbl_round(z, l.sine2) * n;\n",
@@ -9008,8 +8977,8 @@ static const char *const sbl__glsl_lamps[] = {
 "struct sbl_Cluster {\n",
 "    vec3 to;       // centre of its bounding sphere, relative to the sensor; if far, a direction\n",
 "    float radius;\n",
-"    bool far;      // its lamps are infinitely far away\n",
-"    int beyond;    // node after the subtree\n",
+"    bool far;      // true: the lamps are infinitely far away\n",
+"    int beyond;    // next node that is not in the cluster's subtree\n",
 "};\n",
 "\n",
 "sbl_Cluster sbl_cluster(int node) {\n",
@@ -9055,8 +9024,8 @@ static const char *const sbl__glsl_lamps[] = {
 "struct sbl_Sample {\n",
 "    vec3 direction;\n",
 "    float far;    // distance, or SBL_UNBOUNDED\n",
-"    vec3 light;   // R from the lamp if all of the lamp were like this point\n",
-"    vec2 b;       // triangle: weights of its second and third corner\n",
+"    vec3 light;   // R from the lamp, estimated from this point alone\n",
+"    vec2 b;       // triangle: weights of the second and third corner\n",
 "};\n",
 "\n",
 "// Weights of a triangle's second and third corner at a point. from_corner: the point, relative to the first corner\n",
@@ -9065,8 +9034,8 @@ static const char *const sbl__glsl_lamps[] = {
 "    return areas / dot(normal, normal);\n",
 "}\n",
 "\n",
-"// Maps a uniform point u of the unit square to a point on a lamp. Triangles are sampled by solid angle, or, if it\n",
-"// is small, by area (Heitz 2019, \"A Low-Distortion Map Between Triangle and Square\").\n",
+"// Maps a uniform point u of the unit square to a point on a lamp. Triangles are sampled by solid angle, or by area\n",
+"// if the solid angle is small (Heitz 2019, \"A Low-Distortion Map Between Triangle and Square\").\n",
 "sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {\n",
 "    sbl_Sample s = sbl_Sample(l.corner, SBL_UNBOUNDED, l.brightness / SBL_PI, u);\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
@@ -9105,12 +9074,12 @@ static const char *const sbl__glsl_lamps[] = {
 "    return s;\n",
 "}\n",
 "\n",
-"#ifdef SBL_VIEWS  // geometry that the host draws exists only in the sensor's views\n",
+"#ifdef SBL_VIEWS  // the host draws geometry, which only the sensor's views show\n",
 "uniform sampler2D atlas;        // view texture: Ck r g b, signed distance along the view's axis\n",
 "uniform vec4 view_rects[5];     // per view: x, y, width, height in the sheet, texels\n",
 "uniform ivec2 sheet;            // size of a sheet, texels\n",
 "uniform int view_count;\n",
-"uniform float tangent;          // tangent of half a view's field of view\n",
+"uniform float tangent;          // tangent of half the field of view\n",
 "uniform float extent;           // scene extent: unit of the view texture's distances, world units\n",
 "\n",
 "const float SBL_AT_LAMP = 0.002;  // tolerance for the view texture's distances, which are 16-bit floats\n",
@@ -9144,7 +9113,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        if (seen == 0.0) return false;\n",
 "        if (l.kind != SBL_LAMP_TRIANGLE) return seen < (1.0 - SBL_AT_LAMP) * s.far * dot(point, forward);\n",
 "        vec3 ray = forward + tangent * (centre.x * right + centre.y * up);\n",
-"        float there = dot(l.corner, normal) / dot(ray, normal);  // depth at which it meets the lamp's plane\n",
+"        float there = dot(l.corner, normal) / dot(ray, normal);  // depth at which the ray meets the lamp's plane\n",
 "        bool other_side = (shown < 0.0) != (l.group.y == 1.0);   // the texel shows the other side of a thin body\n",
 "        bool beyond = seen > (1.0 + SBL_AT_LAMP) * there;\n",
 "        if (there > 0.0 && (beyond || (seen >= (1.0 - SBL_AT_LAMP) * there && !other_side))) return false;\n",
@@ -9158,15 +9127,15 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// >>choose\n",
 "\n",
-"int entries[SBL_LAMPS];      // a lamp's leaf, or -1 - a cluster's node; from the end backwards: point lights\n",
-"float strengths[SBL_LAMPS];  // sums of the strengths (approximate light) of the entries up to each\n",
+"int entries[SBL_LAMPS];      // a lamp's leaf, or -1 - a cluster's node; point lights fill the array from its end\n",
+"float strengths[SBL_LAMPS];  // cumulative sums of the entries' strengths (approximate light)\n",
 "int used, certain;           // number of entries without point lights; number of point lights\n",
-"float total, crowd;          // sum of the strengths, and of their squares\n",
-"float crowd_within;          // the same sum of squares if each lamp of a cluster were an entry\n",
+"float total, crowd;          // sum of the strengths; sum of the squared strengths\n",
+"float crowd_within;          // estimate of the sum of squared strengths if all lamps of clusters were entries\n",
 "mat2x3 whole;                // light of single lamps if unobstructed, by group (see sbl_Lamp). Each group has its\n",
 "                             // own ratio, because one side of a closed mesh hides the other\n",
-"bool rounded = false;        // some entries are round lamps\n",
-"mat3x4 whole_harmonics[2];\n",
+"bool rounded = false;        // true: some entries are round lamps\n",
+"mat3x4 whole_harmonics[2];   // harmonics of `whole`\n",
 "\n",
 "// Adds node i to the entries, skips it, or descends into it; or adds leaf i if all lamps fit. Returns the next\n",
 "// node or leaf, or `limit` if the entries are full. last: true: never descends\n",
@@ -9232,8 +9201,8 @@ static const char *const sbl__glsl_lamps[] = {
 "struct sbl_Pick {\n",
 "    int leaf;      // the lamp that is picked\n",
 "    float share;   // probability of picking it\n",
-"    vec2 u;        // uniform point for sbl_sample: u.x is rescaled each time that it selects something\n",
-"    bool cluster;  // the entry was a cluster\n",
+"    vec2 u;        // uniform point for sbl_sample; each choice by u.x rescales it, so that it stays uniform\n",
+"    bool cluster;  // true: the lamp was picked from a cluster\n",
 "};\n",
 "\n",
 "// Picks one lamp of a cluster: descends its subtree, at each node in proportion to the strengths of the children.\n",
@@ -9269,19 +9238,20 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// >>shoot\n",
 "\n",
-"// Sums over the rays. Clusters, texels and sparse groups are sampled; other lamps are estimated by ratios.\n",
-"mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by group: light of rays to single lamps, unobstructed and actual\n",
-"vec3 sure = vec3(0), sampled = vec3(0);       // light of point lights; light of sampled rays\n",
-"vec2 samples = vec2(0), lit = vec2(0);        // by group: number of rays behind `open` and behind `seen`\n",
-"float taken = 0.0, squares = 0.0;             // number of rays; sum of the squared luminances of sampled rays\n",
-"vec2 sparse;                                  // by group: 1: it gets too few rays for a ratio\n",
+"// Sums over the rays. Light from clusters, texels and sparse groups is the mean of the rays' light; light from\n",
+"// other lamps is the closed form times the ratio seen / open.\n",
+"mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by group: rays' light without obstruction, and with it\n",
+"vec3 sure = vec3(0), sampled = vec3(0);       // light of point lights; light of rays of which the mean is taken\n",
+"vec2 samples = vec2(0), lit = vec2(0);        // by group: number of rays summed in `open`, and in `seen`\n",
+"float taken = 0.0, squares = 0.0;             // number of rays; sum of the squared luminances in `sampled`\n",
+"vec2 sparse;                                  // by group: 1: too few rays for a ratio; 0: enough\n",
 "vec2 bright = vec2(0), dark = vec2(0);        // by group: number of visible and of blocked rays, with rim samples\n",
-"mat3x4 sure_harmonics = mat3x4(0), sampled_harmonics = mat3x4(0);  // harmonics of the same light\n",
-"mat3x4 open_harmonics[2], seen_harmonics[2];\n",
-"vec4 report = vec4(0), report_way = vec4(0);  // inspected: the outputs\n",
-"bool reporting;                               // the next ray is to be reported\n",
+"mat3x4 sure_harmonics = mat3x4(0), sampled_harmonics = mat3x4(0);  // harmonics of `sure` and of `sampled`\n",
+"mat3x4 open_harmonics[2], seen_harmonics[2];  // harmonics of `open` and of `seen`\n",
+"vec4 report = vec4(0), report_way = vec4(0);  // the outputs, if inspected\n",
+"bool reporting;                               // true: report the next ray\n",
 "\n",
-"// Traces the ray of a sample. at_rim: true: it is a rim sample, which only tells whether light is obstructed\n",
+"// Traces the ray of a sample. at_rim: the sample only tests for obstruction; point: it is on a point light\n",
 "void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool point) {\n",
 "    bool cluster = p.cluster || sbl_is_texel(l) || dot(sparse, l.group) > 0.0;\n",
 "    vec3 light = s.light / p.share, to = s.direction;\n",
@@ -9334,8 +9304,8 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// >>combine\n",
 "\n",
-"// Variance of the mean of n points, divided by the variance of one point. The more points each lamp gets, the\n",
-"// smaller are its strata. lamps: effective number of lamps\n",
+"// Variance of the mean of n points, divided by the variance of one point. The strata of a lamp are the smaller the\n",
+"// more points it gets. `lamps` is the effective number of lamps.\n",
 "float sbl_strata(float n) {\n",
 "    float lamps = total * total / max(crowd_within, 1e-37), points = max(n, 1.0);\n",
 "    return min(SBL_STRATA * sqrt(max(lamps - 1.0, 1.0) / points), SBL_STRATA_LOST) / points;\n",
@@ -9361,7 +9331,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        float mean = dot(whole[g], SBL_LUMINANCE), lit_share = lit[g] / max(samples[g], 1.0);\n",
 "        if (sparse[g] > 0.0) continue;\n",
 "        light += whole[g] * share;\n",
-"        // the closed form times the same share, plus the deviation from it that the rays found\n",
+"        // The closed form times the same share, plus the deviation from this product that the rays found.\n",
 "        for (int k = 0; k < 3 && directional; k++)\n",
 "            if (open[g][k] > 0.0)\n",
 "                sure_harmonics[k] += share[k] * whole_harmonics[g][k] + whole[g][k] / open[g][k] *\n",
@@ -9382,7 +9352,8 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "void main() {\n",
 "    ivec2 at = sbl_texel_of_invocation();\n",
-"    int wanted = at.y * blocks.x + at.x, certain_ray = rays + SBL_LAMPS - 1 - wanted;  // inspected: ray or entry\n",
+"    int wanted = at.y * blocks.x + at.x;  // number of the ray or, from `rays` on, of the entry to report\n",
+"    int certain_ray = rays + SBL_LAMPS - 1 - wanted;  // number of the point light to report\n",
 "#ifdef SBL_INSPECT\n",
 "    int part = 0, slot = sheet_slot;\n",
 "    if (wanted >= rays + SBL_LAMPS) sbl_leave;\n",
@@ -9414,7 +9385,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    int rim_samples = passes > 1 && used <= SBL_RIM_LAMPS ? rims * used : 0;\n",
 "    int skip = int(sbl_look_which(look) & SBL_LOOK_NUMBER) * rays;\n",
 "    bool undecided = total > 0.0;\n",
-"    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // pass -1: point lights\n",
+"    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // pass -1 traces rays to point lights\n",
 "        // Each part has a section of the sequence. Each eighth of a section covers the unit square evenly.\n",
 "        int eighth = SBL_LAMP_PASSES * part, eighths = SBL_LAMP_PASSES * parts;\n",
 "        // The divisions are unsigned, because idle lanes of some software renderers trap on INT_MIN / -1.\n",
@@ -9485,20 +9456,6 @@ static unsigned sbl__aim_features(const sbl__scene *s, const sbl__spec *spec) {
            (s->lights.mixed ? (unsigned)SBL__MIXED : 0);
 }
 
-/* Sets the uniforms of lamps.glsl, except those that sbl__raster_bind sets. blocks: as for sbl__rays_bind */
-static void sbl__aim_bind(sbl__device *d, const sbl__aim *a, const sbl__batch *b, const int blocks[2], float scale) {
-    const sbl__lights *l = &b->scene->lights;
-    sbl__rays_bind(d, b, &a->sequence, blocks);
-    sbl__bind_table(d, "sbl_lamps", &l->table);
-    sbl__set_int(d, "sbl_first_leaf", (int)sizeof(sbl__lamp_node) / 16 * l->nodes);
-    sbl__set_int(d, "sbl_first_light", (int)sizeof(sbl__lamp_node) / 16 * l->nodes + l->leaves);
-    sbl__set_int(d, "lamp_nodes", l->nodes);
-    sbl__set_int(d, "lamp_leaves", l->leaves);
-    sbl__set_int(d, "rays", a->rays);
-    sbl__set_float(d, "unit", l->unit);
-    sbl__set_float(d, "scale", scale);
-}
-
 /* Computes the directions of row j of a view's texels, in the frame of a look that is not rotated. `directions` has 4
    floats per texel of the padded sheet, of which the first three are a unit vector. */
 static void sbl__directions_row(const sbl__layout *l, int face, int j, float *directions) {
@@ -9549,9 +9506,9 @@ typedef struct sbl__raster {
     sbl__texture atlas, depth;
     sbl__target target;
     sbl__buffer views;
-    unsigned view_array;       /* vertex array without vertices, which shaders with bounced light fetch themselves */
+    unsigned view_array;       /* vertex array of the views alone: shaders with bounced light fetch the vertices */
     float radiance_scale;      /* factor of radiance in the view texture */
-    float *weights, *directions;  /* contents of a lens's two textures while sbl__raster_weigh computes them */
+    float *weights, *directions;  /* texels of a lens's two textures while sbl__raster_weigh computes them */
     int face, row;             /* view and row at which sbl__raster_weigh continues */
 } sbl__raster;
 
@@ -9600,8 +9557,8 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
     sbl__lens_fit(lens, spec->view_texture_size, most);
     sbl__lens_fit(stuck, SBL__MIN(spec->view_texture_size, SBL__STUCK_TEXTURE), most);
     if (lens->slots.count < 1) {
-        sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "a sensor of size %d needs a texture of %d x %d, the "
-                 "driver has %d; use a smaller sensor_size", spec->size, sbl__layout_pitch(&lens->layout, 0),
+        sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "a sensor of size %d needs a texture of %d x %d, but "
+                 "the driver's limit is %d; use a smaller sensor_size", spec->size, sbl__layout_pitch(&lens->layout, 0),
                  sbl__layout_pitch(&lens->layout, 1), most);
         return SBL_ERROR_UNSUPPORTED;
     }
@@ -9611,7 +9568,7 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
     }
     brightest = SBL__MAX(scene->brightest, spec->bounced ? scene->store.brightest : spec->epsilon);
     for (k = 0; k < 6 && spec->bounced; k++) brightest = SBL__MAX(brightest, sbl__max3(scene->store.air[k]));
-    r->radiance_scale = 1;  /* the power of two that scales the brightest radiance to 512 .. 1024 (16-bit floats) */
+    r->radiance_scale = 1;  /* power of two that scales the brightest radiance to 512 .. 1024, for 16-bit floats */
     if (brightest > 0) r->radiance_scale = (float)ldexp(1, SBL__MIN(10 - (int)ceil(log(brightest) / log(2.0)), 100));
     r->face = r->row = 0;
     result = sbl__texture_make(d, &r->atlas, size[0], size[1], SBL__GL_RGBA16F);
@@ -9654,8 +9611,7 @@ static sbl_result sbl__raster_weigh(const sbl__device *d, sbl__raster *r, sbl__l
 
 /* >>glsl sensor_vertex: shaders_embedded/sensor_vertex.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sensor_vertex[] = {
-"// Draws the scene into the views of many sensors. Each instance is one view; four clip planes limit it to its\n",
-"// rectangle of the view texture.\n",
+"// Draws the scene into views of many sensors. Each instance is a view, clipped to its part of the view texture.\n",
 "#ifndef SBL_BOUNCED\n",
 "layout(location = 0) in vec3 position;\n",
 "layout(location = 1) in uint object;\n",
@@ -9663,21 +9619,21 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 "layout(location = 3) in uvec2 vertex_color;\n",
 "#endif\n",
 "layout(location = 4) in vec3 view_eye;      // position of the sensor\n",
-"layout(location = 5) in vec4 view_right;    // right over half the view's width at unit distance; w: scale of x\n",
-"layout(location = 6) in vec4 view_up;       // up over half its height; w: scale of y\n",
-"layout(location = 7) in vec4 view_forward;  // forward; w: lowest y: -1, or 0 for a view that ends at the horizon\n",
+"layout(location = 5) in vec4 view_right;    // unit vector to the right, divided by tan(fov / 2); w: scale of x\n",
+"layout(location = 6) in vec4 view_up;       // unit vector up, divided by tan(fov / 2); w: scale of y\n",
+"layout(location = 7) in vec4 view_forward;  // unit vector; w: lowest y: -1, or 0 if the view begins at the horizon\n",
 "layout(location = 8) in vec2 view_offset;   // offset of the rectangle in clip space\n",
 "uniform float per_length;                   // 1 / extent of the scene\n",
 "uniform float depth_scale;                  // depth is depth_scale / distance: reversed, without a far plane\n",
 "uniform float radiance_scale;\n",
 "out vec3 place;                             // x, y and w of gl_Position\n",
-"flat out int fragment_object;               // if SBL_TEXTURED or SBL_BOUNCED\n",
-"flat out vec3 radiance_front, radiance_back;  // otherwise\n",
-"out vec2 fragment_uv;                       // if SBL_TEXTURED\n",
+"flat out int fragment_object;               // only with SBL_TEXTURED or SBL_BOUNCED\n",
+"flat out vec3 radiance_front, radiance_back;  // only without both\n",
+"out vec2 fragment_uv;                       // only with SBL_TEXTURED, like fragment_color\n",
 "out vec4 fragment_color;\n",
-"flat out int fragment_triangle;             // if SBL_BOUNCED: number of the triangle in the scene\n",
-"out vec3 fragment_way;                      // vector from the sensor to the surface\n",
-"out vec3 fragment_place;                    // point on the surface, world space\n",
+"flat out int fragment_triangle;             // only with SBL_BOUNCED: number of the triangle in the scene\n",
+"out vec3 fragment_way;                      // only with SBL_BOUNCED: vector from the sensor to the surface\n",
+"out vec3 fragment_place;                    // only with SBL_BOUNCED: point on the surface, world space\n",
 "\n",
 "void main() {\n",
 "#ifdef SBL_BOUNCED\n",
@@ -9718,7 +9674,7 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 static const char *const sbl__glsl_sensor_fragment[] = {
 "// Writes a texel of a sensor's view.\n",
 "layout(location = 0) out vec4 out_radiance;  // Ck; distance along the view's axis, negative for a back face\n",
-"in vec3 place;                               // see sensor_vertex.glsl\n",
+"in vec3 place;                               // x, y and w of the position in clip space\n",
 "uniform vec2 view_texture_size;              // texels\n",
 "uniform float radiance_scale, depth_scale;\n",
 "flat in int fragment_object, fragment_triangle;\n",
@@ -9728,8 +9684,8 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 "in vec3 fragment_way, fragment_place;\n",
 "\n",
 "const float SBL_NEAREST = 3e-8;  // smallest distance at which surfaces are visible, in extents of the scene\n",
-"const float SBL_BESIDE = 0.4;    // maximum distance between a fragment and its interpolated position, texels,\n",
-"const float SBL_BESIDE_ROUNDING = 3e-7;  // and the allowance for rounding that is added to it\n",
+"const float SBL_BESIDE = 0.4;    // maximum distance between a fragment and its interpolated position, texels\n",
+"const float SBL_BESIDE_ROUNDING = 3e-7;  // allowance for rounding in this comparison, in clip space\n",
 "\n",
 "// Returns false for fragments at wrong places. The projection of a triangle whose plane contains the sensor is a\n",
 "// line; rounding may turn the line into a triangle anywhere, even in the views of other sensors.\n",
@@ -9774,7 +9730,7 @@ static const sbl__recipe sbl__recipe_sensor = {
 /* >>glsl sky_vertex: shaders_embedded/sky_vertex.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sky_vertex[] = {
 "// Draws the environment's picture as the background of the views of many sensors. Each instance covers the\n",
-"// rectangle of one view. sensor_vertex.glsl explains the attributes.\n",
+"// rectangle of one view. The attributes are those of sensor_vertex.glsl.\n",
 "layout(location = 5) in vec4 view_right;\n",
 "layout(location = 6) in vec4 view_up;\n",
 "layout(location = 7) in vec4 view_forward;\n",
@@ -9795,7 +9751,7 @@ static const char *const sbl__glsl_sky_fragment[] = {
 "in vec3 direction;\n",
 "uniform vec3 sky;                            // constant radiance of the sky\n",
 "uniform float radiance_scale;\n",
-"layout(location = 0) out vec4 out_radiance;  // a = 0: no surface, see sensor_fragment.glsl\n",
+"layout(location = 0) out vec4 out_radiance;  // a: distance as in sensor_fragment.glsl; 0: no surface\n",
 "\n",
 "void main() { out_radiance = vec4(radiance_scale * (sky + sbl_sky(direction)), 0); }\n",
 0 };
@@ -9825,7 +9781,7 @@ static void sbl__raster_clear(const sbl__device *d, const sbl__raster *r, const 
     sbl__clear(d, sky);
 }
 
-/* Lowest x and y of a slot's sheet in the view texture, texels */
+/* Gets the lowest x and y of a slot's sheet in the view texture, texels. */
 static void sbl__raster_corner(const sbl__lens *lens, int slot, int corner[2]) {
     corner[0] = slot % lens->slots.columns * sbl__layout_pitch(&lens->layout, 0);
     corner[1] = slot / lens->slots.columns * sbl__layout_pitch(&lens->layout, 1);
@@ -9889,20 +9845,20 @@ static void sbl__raster_view(const sbl__device *d, const sbl__raster *r, const s
     v->face = face;
 }
 
+/* Draws the environment's picture. array: the vertex array that has the attributes of the views */
 static sbl_result sbl__raster_sky(sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b,
-                                  int views) {
+                                  unsigned array) {
     const sbl_result result = sbl__use(d, &sbl__recipe_sky, b->scene->features);
     if (result != SBL_SUCCESS) return result;
     sbl__pass(d, &r->target, lens->area, NULL, 0);
     sbl__environment_bind(d, &b->scene->environment);
     sbl__set_float(d, "radiance_scale", r->radiance_scale);
-    sbl__draw_rectangles(d, b->scene->geometry.vertex_array, views);
+    sbl__draw_rectangles(d, array, b->count * lens->layout.view_count);
     return SBL_SUCCESS;
 }
 
-/* Draws the triangles first .. end - 1 of the scene to all views of a batch. All triangles may take too long for one
-   submission. The call with the first triangle also draws the environment, and the call with the last triangle calls
-   the host's draw callback for each view. */
+/* Draws the triangles first .. end - 1 of the scene to all views of a batch. The call with the first triangle also
+   draws the environment. The call with the last triangle also calls the host's draw callback for each view. */
 static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__lens *lens, const sbl__batch *b,
                                    int first, int end) {
     const sbl__geometry *g = &b->scene->geometry;
@@ -9911,15 +9867,14 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
     sbl_draw_view view;
     int i;
     if (first == 0) {
+        unsigned array;
         result = sbl__raster_send(d, r, lens, b);
-        if (result != SBL_SUCCESS) return result;
-        sbl__array_inputs(d, g->vertex_array, &r->views, sbl__view_inputs, SBL__COUNT(sbl__view_inputs));
-        if (b->spec->bounced) {
+        if (result == SBL_SUCCESS && b->spec->bounced)
             result = sbl__array_make(d, &r->view_array, &g->index_table.buffer);
-            if (result != SBL_SUCCESS) return result;
-            sbl__array_inputs(d, r->view_array, &r->views, sbl__view_inputs, SBL__COUNT(sbl__view_inputs));
-        }
-        if (b->scene->environment.pixels && !b->spec->paper) result = sbl__raster_sky(d, r, lens, b, views);
+        if (result != SBL_SUCCESS) return result;
+        array = b->spec->bounced ? r->view_array : g->vertex_array;
+        sbl__array_inputs(d, array, &r->views, sbl__view_inputs, SBL__COUNT(sbl__view_inputs));
+        if (b->scene->environment.pixels && !b->spec->paper) result = sbl__raster_sky(d, r, lens, b, array);
     }
     if (result == SBL_SUCCESS && end > first) {
         result = sbl__use(d, &sbl__recipe_sensor, sbl__features_of(b->scene, b->spec));
@@ -9945,7 +9900,7 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
     return result;
 }
 
-/* Gives lamps.glsl access to the views, because they alone show geometry of the host that may hide a lamp. */
+/* Gives lamps.glsl access to the views. Geometry that the host draws may hide a lamp, and only views show it. */
 static void sbl__raster_bind(sbl__device *d, const sbl__raster *r, float extent) {
     const sbl__layout *l = &r->lenses[SBL__LENS_SITE].layout;
     int i, k;
@@ -9966,13 +9921,13 @@ static void sbl__raster_bind(sbl__device *d, const sbl__raster *r, float extent)
 /* >>glsl reduce_blocks: shaders_embedded/reduce_blocks.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_reduce_blocks[] = {
 "// First step of the sum over a sensor's views: each output texel is the sum over one block of the view texture.\n",
-"uniform sampler2D atlas;    // view texture: Ck, signed distance (see sensor_fragment.glsl)\n",
+"uniform sampler2D atlas;    // view texture, written by sensor_fragment.glsl\n",
 "uniform sampler2D weights;  // per texel of a sheet: form factor; ratio of distance to depth\n",
 "uniform int block;          // width and height of a block, texels\n",
 "layout(location = 0) out vec4 out_sum;   // sum of weight * Ck; sum of the weights of back faces\n",
 "layout(location = 1) out vec4 out_hits;  // sum of the weights of surfaces; of weight * distance; least distance; 0\n",
 "uniform sampler2D directions;  // per texel of a sheet: its direction, in the frame of a look that is not rotated\n",
-"#ifdef SBL_DIRECTIONAL         // other variants do not use `directions` and `harmonics`\n",
+"#ifdef SBL_DIRECTIONAL         // spherical harmonics; without them, `directions` has no effect\n",
 "layout(location = 2) out vec4 out_red;\n",
 "layout(location = 3) out vec4 out_green;\n",
 "layout(location = 4) out vec4 out_blue;\n",
@@ -10020,8 +9975,7 @@ static const sbl__recipe sbl__recipe_reduce_blocks = {
     { &sbl__look_words_record }, SBL__DIRECTIONAL
 };
 
-/* Computes the partial sums of the slots in rows[1] rows from row rows[0] on. looks: the looks in all slots, for
-   directional jobs; NULL for other jobs */
+/* Computes the partial sums of rows[1] rows of slots from row rows[0] on. looks: NULL if the job is not directional */
 static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__blocks *b,
                                      const sbl__table *looks, const int rows[2]) {
     const sbl__layout *l = &lens->layout;
@@ -10043,8 +9997,7 @@ static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const
 }
 
 /* ======================================================================================================== >>trace
-   The back end that traces a look's rays over the hemisphere. The cost of a ray grows with the logarithm of the number
-   of triangles. */
+   The back end that traces rays over the hemisphere. A ray's cost grows with the logarithm of the triangle count. */
 
 #define SBL__TRACE_CHUNK 16        /* maximum number of rays per invocation */
 #define SBL__TRACE_COLUMNS 256     /* maximum number of looks side by side in the textures of partial sums */
@@ -10129,27 +10082,20 @@ static const char *const sbl__glsl_trace[] = {
 "uniform int paired;                   // 1: an invocation traces pairs of rays; 0: single ones\n",
 "uniform bool no_light;                // true: rays cannot find light; only those of a site's first look are traced\n",
 "uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal\n",
-"uniform float distance_limit;         // upper limit for each distance in the mean distance\n",
+"uniform float distance_limit;         // larger distances of hits count as this distance in the mean\n",
 "uniform vec3 sky;                     // constant radiance of the sky\n",
-"uniform float ray_offset;             // offset of a second segment from its surface, see SBL__OFFSET\n",
+"uniform float ray_offset;             // offset of a second segment's origin from the surface, see SBL__OFFSET\n",
 "SBL_OUT(0, out_sum);\n",
 "SBL_OUT(1, out_hits);\n",
 "#ifdef SBL_DIRECTIONAL\n",
 "SBL_OUT(2, out_red);\n",
 "SBL_OUT(3, out_green);\n",
 "SBL_OUT(4, out_blue);\n",
-"SBL_OUT(5, out_even);                 // see sbl__blocks\n",
+"SBL_OUT(5, out_even);                 // exact harmonics of radiance 1 from all directions, minus the result of\n",
+"                                      // these rays; reduce_sum.glsl corrects the other harmonics with it\n",
 "#endif\n",
 "\n",
 "const float SBL_NEIGHBOURS = 0.62;  // variance divided by its estimate from pairs: measured with 16 to 256 rays\n",
-"\n",
-"// Maximum number of segments of a ray. The mean light of a cell may differ much from the light at a hit that is\n",
-"// nearer than the cell's width. A second segment then finds bounced light; the store gives only light from lamps.\n",
-"#ifdef SBL_BOUNCED\n",
-"const int SBL_LEGS = 2;\n",
-"#else\n",
-"const int SBL_LEGS = 1;\n",
-"#endif\n",
 "\n",
 "// Radiance that leaves a hit towards the ray's origin. goes_on: set to true if the ray needs a second segment,\n",
 "// which finds the light that the returned radiance lacks\n",
@@ -10168,14 +10114,19 @@ static const char *const sbl__glsl_trace[] = {
 "    return radiance;\n",
 "}\n",
 "\n",
-"// Mean reciprocal cosine of the rays in u's stratum, of which each look has one ray. Near the horizon the\n",
-"// reciprocal cosine of a single ray is far too noisy.\n",
+"// Mean reciprocal cosine of the rays in u's stratum; each of the look's rays has its own stratum. Near the horizon\n",
+"// the reciprocal cosine of a single ray is far too noisy.\n",
 "float sbl_stratum_reciprocal(float u) {\n",
 "    float n = float(rays), k = n - floor(u * n);\n",
 "    return 2.0 * sqrt(n) / (sqrt(k) + sqrt(k - 1.0));\n",
 "}\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
+"// Maximum number of segments of a ray. The mean light of a cell may differ much from the light at a hit that is\n",
+"// nearer than the cell's width. At such a hit the ray takes only the light from lamps out of the store, and a\n",
+"// second segment finds the bounced light.\n",
+"const int SBL_LEGS = 2;\n",
+"\n",
 "// Sets the origin and the direction of a ray's second segment. Returns the factor for the light that it finds.\n",
 "vec3 sbl_go_on(sbl_Hit hit, sbl_Material material, uint hash, inout vec3 position, inout vec3 direction) {\n",
 "    vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,\n",
@@ -10188,6 +10139,8 @@ static const char *const sbl__glsl_trace[] = {
 "    direction = bounce.direction;\n",
 "    return bounce.weight;\n",
 "}\n",
+"#else\n",
+"const int SBL_LEGS = 1;\n",
 "#endif\n",
 "\n",
 "void main() {\n",
@@ -10202,7 +10155,7 @@ static const char *const sbl__glsl_trace[] = {
 "\n",
 "    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);\n",
 "    float squares = 0.0, other = 0.0;\n",
-"    mat3x4 harmonics = mat3x4(0);  // if SBL_DIRECTIONAL, as `even`\n",
+"    mat3x4 harmonics = mat3x4(0);  // written only if SBL_DIRECTIONAL, like `even`\n",
 "    vec4 even = vec4(0);\n",
 "    int part = within.y * blocks.x + within.x, parts = blocks.x * blocks.y;\n",
 "    // The variance is estimated from the differences between pairs of neighbours on the Morton curve.\n",
@@ -10315,8 +10268,8 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
 #define SBL__SUBMISSIONS 8         /* maximum number of submissions of views before the CPU waits for the GPU */
 #define SBL__SUSPECT_SHARE 0.02f   /* a site gets a stuck test if its first look sees a larger share of back faces */
 #define SBL__STUCK_SHARE 0.75f     /* a sensor is stuck if its stuck test hits at less than this share of its offset */
-#define SBL__FEW_RAYS 1.0f         /* noise of a harmonic divided by R, times the square root of a look's rays */
-#define SBL__TEXEL_NOISE 2.6f      /* relative noise of rasterised looks times sbl__spec.size: measured, lamp in box */
+#define SBL__FEW_RAYS 1.0f         /* sbl__spec_layer_noise times the square root of the number of rays per look */
+#define SBL__TEXEL_NOISE 2.6f      /* relative noise of a rasterised look times sbl__spec.size; measured: lamp in box */
 
 /* What a job has to do. The caller must keep the arrays until the job is done. */
 typedef struct sbl__task {
@@ -10326,12 +10279,12 @@ typedef struct sbl__task {
     float *layers;              /* output of directional jobs: per site, 3 floats for each layer of light from layer 1
                                    on, see sbl__spec_layers */
     int site_count;
-    int first_look;             /* number of the job's first look, which selects its slot: with the number that a look
-                                   had in an earlier job, >>inspect repeats the look in the same slot */
+    int first_look;             /* number of the job's first look, which selects its slot. To repeat a look in the slot
+                                   that it had in an earlier job, >>inspect sets the number that it had there */
     const sbl__guides *guides;  /* guides that direct the sites' rays, see >>guide */
 } sbl__task;
 
-typedef struct sbl__job_counts { int64_t looks, views, texels, rays; int readbacks; } sbl__job_counts;
+typedef struct sbl__job_counts { int64_t views, texels, rays; int readbacks; } sbl__job_counts;
 
 typedef enum sbl__job_stage {
     SBL__JOB_IDLE, SBL__JOB_SETUP, SBL__JOB_WEIGH, SBL__JOB_COMPILE, SBL__JOB_DRAW, SBL__JOB_AIM, SBL__JOB_REDUCE,
@@ -10358,12 +10311,12 @@ typedef struct sbl__job {
     sbl__table table;           /* the looks of a batch, in the format that ray-tracing shaders read */
     sbl__look *looks;           /* the look in each slot */
     int look_most;              /* maximum number of looks per batch */
-    int lens;                   /* of the current round: SBL__LENS_SITE or SBL__LENS_STUCK */
+    int lens;                   /* kind of the current round's looks: SBL__LENS_SITE or SBL__LENS_STUCK */
     int *suspects;              /* indices of the sites that need a stuck test */
     int suspect_count, suspect_room;
     int look_count;             /* first_look plus the number of looks in the round */
-    int site, look;             /* index of the next site (or suspect), and of its look, to draw or to read */
-    int drawn, aimed, reduced;  /* numbers of the looks at which the three stages continue */
+    int site, look;             /* index of the site (or suspect) to draw or to read next, and of its look */
+    int drawn, aimed, reduced;  /* numbers of the looks with which drawing, aiming and reducing continue */
     int batch;                  /* number of looks in the batch that is partly drawn; 0: no batch is partly drawn */
     int triangle;               /* index of the next triangle to draw for this batch */
     struct { sbl__pace draw[SBL__LENSES], aim, reduce[SBL__LENSES]; } paces;
@@ -10373,7 +10326,8 @@ static void sbl__job_free(const sbl__device *d, sbl__job *j) {
     int i;
     sbl__raster_free(d, &j->raster);
     sbl__table_delete(d, &j->trace.sequence);
-    sbl__aim_free(d, &j->aim);
+    sbl__table_delete(d, &j->aim.sequence);
+    sbl__blocks_free(d, &j->aim.light);
     sbl__blocks_free(d, &j->blocks);
     for (i = 0; i < SBL__LENSES; i++) sbl__blocks_free(d, &j->results[i]);
     sbl__table_delete(d, &j->table);
@@ -10424,11 +10378,11 @@ static float sbl__spec_offset(const sbl__spec *spec, const sbl__scene *scene, fl
     return SBL__OFFSET * (spec->traced && reach > 0 ? reach : scene->geometry.extent);
 }
 
-/* Number of layers of light that sensors find (see SBL__LAYERS) */
+/* Returns the number of layers of light that sensors measure, see SBL__LAYERS. */
 static int sbl__spec_layers(const sbl__spec *spec) { return spec->directional ? SBL__LAYERS : 1; }
 
-/* Returns the noise of layers 1 to 4 as a share of R, for a look whose R has no noise. It is due to the few rays near
-   the horizon, which have the largest weights in harmonics. */
+/* Returns the noise of layers 1 to 4 as a share of R, for a look whose R has no noise. The cause is that the few rays
+   near the horizon have the largest weights in harmonics. */
 static float sbl__spec_layer_noise(const sbl__spec *spec) {
     return spec->no_light || !spec->traced ? 0 : SBL__FEW_RAYS / (float)sqrt((double)spec->rays);
 }
@@ -10441,19 +10395,17 @@ static void sbl__spec_sheet(const sbl__spec *spec, int size[2]) {
     size[1] = spec->traced ? 1 : layout.sheet_height;
 }
 
-/* Returns 1 if sensors trace rays. The caller may then choose their number per look, and whether a job traces rays
-   towards lamps, rays over the hemisphere, or both. */
+/* Returns 1 if sensors trace rays. The caller may then choose the number of rays per look, and whether a job traces
+   rays towards lamps, rays over the hemisphere, or both. */
 static int sbl__measurement_sends_rays(const sbl__measurement *s) { return s->options.backend == SBL_BACKEND_TRACE; }
 
-/* Number of rays per look for a requested error. It suits sensors whose readings cover a small area; other sensors make
-   more looks. */
+/* Returns the number of rays per look for a requested error. Sensors that stand for a large area take more looks. */
 static int sbl__look_rays(float error) {
     return error >= 0.06f ? 16 : error >= 0.015f ? 32 : error >= 0.004f ? 64 : 128;
 }
 
-/* Returns the factor, a power of two, by which the rays of a look must grow for looks of this relative variance. If
-   light is rare, most looks of few rays find none. Sensors then underestimate their noise, and refinement divides tiles
-   because of noise. */
+/* Returns the factor, a power of two, by which the rays of a look must grow for looks of this relative variance. Looks
+   of too few rays miss rare light, so sensors underestimate their noise and refinement divides tiles because of it. */
 static int sbl__look_growth(const sbl__measurement *s, float error, double variance) {
     int times = 1;
     if (s->options.rays || !sbl__measurement_sends_rays(s)) return 1;
@@ -10462,7 +10414,11 @@ static int sbl__look_growth(const sbl__measurement *s, float error, double varia
     return times;
 }
 
-/* Returns 1 if both need the same resources. sbl__spec has no padding: all its fields have 4 bytes. */
+/* Fails to compile if sbl__spec has padding, which memcmp would compare. Add the size of each new field here. */
+typedef char sbl__spec_has_no_padding[sizeof(sbl__spec) == 16 * sizeof(int) + 3 * sizeof(float) + sizeof(uint32_t)
+                                      ? 1 : -1];
+
+/* Returns 1 if both need the same resources. */
 static int sbl__spec_equal(const sbl__spec *a, const sbl__spec *b) {
     sbl__spec c = *b;
     c.seed = a->seed;
@@ -10477,13 +10433,13 @@ static const sbl__slots *sbl__lens_slots(const sbl__job *j, int lens) {
     return j->task.spec.traced ? &j->trace.slots[lens] : &j->raster.lenses[lens].slots;
 }
 
-/* Slots of the current round */
+/* Returns the slots of the current round. */
 static const sbl__slots *sbl__job_slots(const sbl__job *j) { return sbl__lens_slots(j, j->lens); }
 
-/* Factor of all radiance in the job's textures */
+/* Returns the factor by which all radiance in the job's textures is multiplied. */
 static float sbl__job_scale(const sbl__job *j) { return j->task.spec.traced ? 1 : j->raster.radiance_scale; }
 
-/* Positions of the views in a look's sheet; NULL if sensors trace rays */
+/* Returns the layout of a look's views, or NULL if sensors trace rays. */
 static const sbl__layout *sbl__job_layout(const sbl__job *j) {
     return j->task.spec.traced ? NULL : &j->raster.lenses[SBL__LENS_SITE].layout;
 }
@@ -10528,17 +10484,17 @@ static sbl_result sbl__job_weigh(void *work, sbl__slice *slice) {
 static const char *const sbl__glsl_reduce_sum[] = {
 "// Second step of the sum over views, and only step of the sum over rays: each output texel is a look's result.\n",
 "uniform sampler2D block_sums, block_hits;  // partial sums\n",
-"uniform ivec2 blocks;          // width and height of a look's slot in them, texels\n",
-"uniform int columns, slots;    // number of slots in a row, and of all slots\n",
+"uniform ivec2 blocks;          // width and height of a look's slot in the textures of partial sums, texels\n",
+"uniform int columns, slots;    // number of slots per row; number of all slots\n",
 "uniform int width;             // width of the outputs\n",
 "uniform int first, last;       // numbers of the looks to compute\n",
-"uniform sampler2D lights;      // outputs of lamps.glsl, of which the mean over the parts of a look is added\n",
+"uniform sampler2D lights;      // outputs of lamps.glsl; the mean over the parts of a look is added\n",
 "uniform int parts;             // number of parts, one below the other; 0: no light from lamps\n",
-"layout(location = 0) out vec4 out_sum;   // see reduce_blocks.glsl\n",
-"layout(location = 1) out vec4 out_hits;  // w: variance of the luminance, if rays sampled it\n",
-"uniform sampler2D block_red, block_green, block_blue, lights_red, lights_green, lights_blue;  // harmonics\n",
-"uniform sampler2D block_even;  // error of the harmonics of radiance 1 from everywhere, see sbl__blocks\n",
-"uniform bool even;             // true: correct the harmonics by it\n",
+"layout(location = 0) out vec4 out_sum;   // as in reduce_blocks.glsl\n",
+"layout(location = 1) out vec4 out_hits;  // likewise; w: variance of the luminance, if rays sampled it\n",
+"uniform sampler2D block_red, block_green, block_blue, lights_red, lights_green, lights_blue;\n",
+"uniform sampler2D block_even;  // out_even of trace.glsl\n",
+"uniform bool even;             // true: correct the harmonics with block_even\n",
 "#ifdef SBL_DIRECTIONAL\n",
 "layout(location = 2) out vec4 out_red;\n",
 "layout(location = 3) out vec4 out_green;\n",
@@ -10568,8 +10524,8 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "            vec4 h = texelFetch(block_hits, corner + ivec2(x, y), 0);\n",
 "            row_hits += h;\n",
 "            hits.z = min(hits.z, h.z);\n",
+"            if (even) missed += texelFetch(block_even, corner + ivec2(x, y), 0);\n",
 "        }\n",
-"        for (int x = 0; x < blocks.x && even; x++) missed += texelFetch(block_even, corner + ivec2(x, y), 0);\n",
 "        sum += row;\n",
 "        hits.xyw += row_hits.xyw;\n",
 "    }\n",
@@ -10610,12 +10566,12 @@ static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
     else for (i = 0; i < j->task.site_count; i++) looks += j->task.sites[i].looks;
     rows = (int)SBL__MIN((looks + j->drawn + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH, INT_MAX);
     if (rows > most) {
-        sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "%.0f sensors in one job; the driver's textures hold "
-                 "%.0f; use a smaller picture", looks, (double)most * SBL__RESULTS_WIDTH);
+        sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "%.0f looks of sensors are too many for one job; the "
+                 "driver's textures hold %.0f; use a smaller picture", looks, (double)most * SBL__RESULTS_WIDTH);
         return SBL_ERROR_UNSUPPORTED;
     }
     j->look_count = j->drawn + (int)looks;
-    if (results->sums.height >= rows && results->target.id && (results->target.count > 2) == directional)
+    if (results->target.height >= rows && results->target.id && (results->target.count > 2) == directional)
         return SBL_SUCCESS;
     return sbl__blocks_make(d, &j->results[lens], directional ? 5 : 2, SBL__RESULTS_WIDTH, rows);
 }
@@ -10645,7 +10601,7 @@ static sbl_result sbl__job_compile(void *work, sbl__slice *slice) {
     return sbl__job_start_round(j, SBL__LENS_SITE);
 }
 
-/* Makes the next look of the round. A stuck test looks from the position of the site's first look at the surface. */
+/* Makes the next look of the round. A stuck test has the position of the site's first look and faces the surface. */
 static void sbl__job_next_look(sbl__job *j, int number, sbl__look *out) {
     const int stuck = j->lens == SBL__LENS_STUCK;
     const sbl__site *site = &j->task.sites[stuck ? j->suspects[j->site] : j->site];
@@ -10708,9 +10664,8 @@ static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     return SBL_SUCCESS;
 }
 
-/* Does one piece of drawing: one submission of rays, or several submissions of views without waiting in between, if the
-   slice is long enough. A software renderer prepares one submission while it draws another, which saves a quarter of
-   the time at 2,000 triangles. */
+/* Draws one submission of rays, or as many submissions of views as the slice has time for, without waiting in between:
+   software renderers prepare one while they draw another, which saves a quarter of the time at 2,000 triangles. */
 static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
@@ -10722,7 +10677,7 @@ static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
     sbl_result result = SBL_SUCCESS;
     int i, full = 0;
     d->gl.doing = "drawing sensors";
-    if (j->stages.at++ == 0) {  /* sky: the background of all views in the slots that looks will fill */
+    if (j->stages.at++ == 0) {  /* first draw the sky into all slots that looks will fill */
         if (!traced) sbl__raster_clear(d, &j->raster, lens, j->scene, SBL__MIN(slots, first % slots + left));
         result = sbl__gl_check(&d->gl);
         return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
@@ -10742,6 +10697,27 @@ static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
 /* Returns 1 if the looks of the current round trace rays towards lamps. */
 static int sbl__job_aims(const sbl__job *j) { return j->task.spec.lamp_rays && j->lens == SBL__LENS_SITE; }
 
+/* Uses lamps.glsl for a batch. extra: SBL__INSPECT or 0; blocks: as for sbl__rays_bind; scale: factor of the outputs */
+static sbl_result sbl__aim_use(const sbl__job *j, const sbl__batch *b, unsigned extra, const int blocks[2],
+                               float scale) {
+    sbl__device *d = j->device;
+    const sbl__lights *l = &b->scene->lights;
+    const unsigned features = sbl__aim_features(b->scene, b->spec);
+    const sbl_result result = sbl__use(d, &sbl__recipe_lamps, features | extra);
+    if (result != SBL_SUCCESS) return result;
+    sbl__rays_bind(d, b, &j->aim.sequence, blocks);
+    sbl__bind_table(d, "sbl_lamps", &l->table);
+    sbl__set_int(d, "sbl_first_leaf", (int)sizeof(sbl__lamp_node) / 16 * l->nodes);
+    sbl__set_int(d, "sbl_first_light", (int)sizeof(sbl__lamp_node) / 16 * l->nodes + l->leaves);
+    sbl__set_int(d, "lamp_nodes", l->nodes);
+    sbl__set_int(d, "lamp_leaves", l->leaves);
+    sbl__set_int(d, "rays", j->aim.rays);
+    sbl__set_float(d, "unit", l->unit);
+    sbl__set_float(d, "scale", scale);
+    if (features & SBL__VIEWS) sbl__raster_bind(d, &j->raster, b->scene->geometry.extent);
+    return SBL_SUCCESS;
+}
+
 /* Traces rays towards lamps for some of the looks in the slots, after their views are drawn (see sbl__raster_bind). */
 static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
@@ -10749,17 +10725,14 @@ static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     const double pace = sbl__pace_begin(&j->paces.aim, slice, SBL__LOOKS_FIRST, 1);
     const double room = SBL__MIN(sbl__whole_lots(d, pace, j->aim.parts), (double)j->look_most);
     const int count = (int)SBL__MIN(room, (double)(j->drawn - j->aimed)), blocks[2] = { 1, j->aim.parts };
-    const unsigned features = sbl__aim_features(j->scene, &j->task.spec);
     sbl__batch b;
     sbl_result result;
-    d->gl.doing = "sending rays towards lamps";
+    d->gl.doing = "tracing rays towards lamps";
     sbl__job_batch(j, j->aimed, count, &b);
     result = sbl__looks_send(d, &j->table, b.looks, b.count, b.slots->count);
-    if (result == SBL_SUCCESS) result = sbl__use(d, &sbl__recipe_lamps, features);
+    if (result == SBL_SUCCESS) result = sbl__aim_use(j, &b, 0, blocks, sbl__job_scale(j));
     if (result != SBL_SUCCESS) return result;
-    sbl__aim_bind(d, &j->aim, &b, blocks, sbl__job_scale(j));
-    if (features & SBL__VIEWS) sbl__raster_bind(d, &j->raster, j->scene->geometry.extent);
-    sbl__rays_send(d, &b, &j->aim.target, blocks);
+    sbl__rays_send(d, &b, &j->aim.light.target, blocks);
     sbl__pace_end(d, &j->paces.aim, sbl__whole_lots(d, count, j->aim.parts));
     j->aimed += count;
     result = sbl__gl_check(&d->gl);
@@ -10770,24 +10743,21 @@ static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
 static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
     sbl__device *d = j->device;
     const sbl__slots *slots = sbl__job_slots(j);
-    const sbl__blocks *out = &j->results[j->lens];
-    const int directional = j->task.spec.directional, aimed = sbl__job_aims(j);
+    const sbl__target *out = &j->results[j->lens].target;
+    const sbl__texture *blocks = j->blocks.textures;
+    const int count = j->blocks.target.count, aimed = sbl__job_aims(j);
     const int row = first / SBL__RESULTS_WIDTH, rows = last / SBL__RESULTS_WIDTH - row + 1;
-    static const char *const blocks[3] = { "block_red", "block_green", "block_blue" };
-    static const char *const lights[3] = { "lights_red", "lights_green", "lights_blue" };
-    const sbl_result result = sbl__use(d, &sbl__recipe_reduce_sum, directional ? (unsigned)SBL__DIRECTIONAL : 0);
+    static const char *const block_names[6] = { "block_sums", "block_hits", "block_red", "block_green", "block_blue",
+                                                "block_even" };
+    static const char *const light_names[4] = { "lights", "lights_red", "lights_green", "lights_blue" };
+    const sbl_result result =
+        sbl__use(d, &sbl__recipe_reduce_sum, j->task.spec.directional ? (unsigned)SBL__DIRECTIONAL : 0);
     int k;
     if (result != SBL_SUCCESS) return result;
-    sbl__pass_rows(d, &out->target, row, rows);
-    for (k = 0; k < 3 && directional; k++) {
-        sbl__bind(d, blocks[k], &j->blocks.harmonics[k]);
-        sbl__bind(d, lights[k], aimed ? &j->aim.lights[1 + k] : &j->blocks.harmonics[k]);
-    }
-    sbl__bind(d, "block_sums", &j->blocks.sums);
-    sbl__bind(d, "block_hits", &j->blocks.hits);
-    sbl__bind(d, "lights", aimed ? &j->aim.lights[0] : &j->blocks.sums);
+    sbl__pass_rows(d, out, row, rows);
+    for (k = 0; k < 6; k++) sbl__bind(d, block_names[k], &blocks[k < count ? k : 0]);
+    for (k = 0; k < 4; k++) sbl__bind(d, light_names[k], aimed ? &j->aim.light.textures[k] : &blocks[0]);
     sbl__set_int(d, "parts", aimed ? j->aim.parts : 0);
-    if (directional) sbl__bind(d, "block_even", j->task.spec.traced ? &j->blocks.even : &j->blocks.sums);
     sbl__set_int(d, "even", j->task.spec.traced);
     sbl__set_ints(d, "blocks", slots->blocks[0], slots->blocks[1]);
     sbl__set_int(d, "columns", slots->columns);
@@ -10825,7 +10795,7 @@ static sbl_result sbl__job_reduce(void *work, sbl__slice *slice) {
 
 /* >>job: reading */
 
-/* Share of back faces among the surfaces that a look sees, by weight */
+/* Returns the share of back faces among the surfaces that a look sees, by weight. */
 static float sbl__back_share(const float sum[4], const float hits[4]) { return hits[0] > 0 ? sum[3] / hits[0] : 0; }
 
 /* Returns 1 if all numbers are finite. In scenes of extreme sizes they may not be (see sbl__scene_warn). */
@@ -10882,16 +10852,15 @@ static void sbl__job_take(sbl__job *j, const float *const found[5]) {
    sensor back to its surface. If it sees something nearer, the site's reading becomes invalid. */
 static sbl_result sbl__job_judge(sbl__job *j, const float *const found[5]) {
     const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent, *hits = found[1];
-    const int back = j->lens == SBL__LENS_STUCK, site = back ? j->suspects[j->site++] : j->site;
-    const int first_look = j->look == 0;
-    if (back) {
-        if (hits[0] > 0 && hits[2] * length < SBL__STUCK_SHARE * j->task.sites[site].offset)
-            j->task.readings[site].valid = 0;
+    const int stuck_test = j->lens == SBL__LENS_STUCK, site = stuck_test ? j->suspects[j->site++] : j->site;
+    const float offset = j->task.sites[site].offset;
+    const int suspect = j->look == 0 && offset > 0 && sbl__back_share(found[0], hits) > SBL__SUSPECT_SHARE;
+    if (stuck_test) {
+        if (hits[0] > 0 && hits[2] * length < SBL__STUCK_SHARE * offset) j->task.readings[site].valid = 0;
         return SBL_SUCCESS;
     }
     sbl__job_take(j, found);
-    if (!first_look || !(j->task.sites[site].offset > 0) ||
-        !(sbl__back_share(found[0], hits) > SBL__SUSPECT_SHARE)) return SBL_SUCCESS;
+    if (!suspect) return SBL_SUCCESS;
     if (!sbl__grow(j->device->base, &j->suspects, &j->suspect_room, j->suspect_count + 1, sizeof *j->suspects))
         return SBL_ERROR_OUT_OF_MEMORY;
     j->suspects[j->suspect_count++] = site;
@@ -10905,7 +10874,6 @@ static void sbl__job_count(sbl__job *j) {
     const sbl__layout *l = &j->raster.lenses[SBL__LENS_SITE].layout;
     int i;
     if (j->lens == SBL__LENS_STUCK) return;
-    j->counts.looks += looks;
     for (i = 0; i < j->task.site_count && spec->traced; i++)
         j->counts.rays += (int64_t)spec->rays * (spec->no_light ? !j->task.sites[i].first : j->task.sites[i].looks);
     if (spec->traced) return;
@@ -11003,7 +10971,7 @@ typedef struct sbl__core {
     sbl__scene scene;
     int has_scene;
     sbl__job job;
-    struct sbl__bounce *bounce; /* state of filling the store of bounced light; NULL: the store is not being filled */
+    struct sbl__bounce *bounce; /* the work that fills the store of bounced light; NULL: none */
     sbl_stats stats;            /* statistics of the work that was begun last */
 } sbl__core;
 
@@ -16741,13 +16709,10 @@ static int sbl__inspect_lamp(const sbl__inspect_request *k, int leaf) {
 }
 
 static sbl_result sbl__inspect_aim(sbl__device *d, const sbl__job *j, const sbl__batch *b) {
-    const unsigned features = sbl__aim_features(b->scene, b->spec);
-    const sbl_result result = sbl__use(d, &sbl__recipe_lamps, features | SBL__INSPECT);
+    const sbl_result result = sbl__aim_use(j, b, SBL__INSPECT, b->slots->blocks, 1);
     if (result != SBL_SUCCESS) return result;
-    sbl__aim_bind(d, &j->aim, b, b->slots->blocks, 1);
-    if (features & SBL__VIEWS) sbl__raster_bind(d, &j->raster, b->scene->geometry.extent);
     sbl__set_int(d, "parts", j->aim.parts);
-    sbl__set_int(d, "sheet_slot", features & SBL__VIEWS ? sbl__inspect_slot(j) : 0);
+    sbl__set_int(d, "sheet_slot", sbl__inspect_slot(j));
     sbl__rays_send(d, b, &b->blocks->target, b->slots->blocks);
     return SBL_SUCCESS;
 }
@@ -16895,7 +16860,7 @@ static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
     float *data = NULL, *light = (float *)sbl__alloc_raw(d->base, (size_t)columns * (size_t)parts, 16);
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
     int i, n;
-    if (light) result = sbl__target_read(d, &j->aim.target, 0, slot / columns * parts, parts, light);
+    if (light) result = sbl__target_read(d, &j->aim.light.target, 0, slot / columns * parts, parts, light);
     for (i = 0; i < parts && result == SBL_SUCCESS; i++)
         for (n = 0; n < 3; n++)
             k->from_lamps[n] += light[4 * ((size_t)columns * (size_t)i + (size_t)(slot % columns)) + (size_t)n] /

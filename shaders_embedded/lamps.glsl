@@ -10,13 +10,13 @@
 //
 // One invocation computes one sensor, or one of the `blocks.y` parts into which its rays are divided. It stops
 // when more rays would not improve the result. With SBL_INSPECT it reports one ray or one entry of the sensor.
-uniform usamplerBuffer sbl_sequence;  // see trace.glsl
+uniform usamplerBuffer sbl_sequence;  // points of the unit square for the rays, as in trace.glsl
 uniform int lamp_nodes, lamp_leaves;  // numbers of nodes and leaves in the table of lamps
 uniform int rays;                     // maximum number of rays per sensor
-uniform float unit;                   // unit of radiance in the calculations, which prevents overflow
-uniform float scale;                  // factor of the outputs
+uniform float unit;                   // radiance is divided by this unit while it is summed, to prevent overflow
+uniform float scale;                  // the outputs are multiplied by this factor
 #ifdef SBL_INSPECT
-const bool inspected = true;
+const bool inspected = true, directional = false;
 uniform int parts;                    // number of parts into which the sensor's rays were divided
 uniform int sheet_slot;               // slot of the sensor's views in the view texture
 SBL_OUT(0, out_light);                // of a ray: its light; 0: not traced, 1: reached the lamp, 2: was blocked;
@@ -26,15 +26,13 @@ SBL_OUT(1, out_way);                  // of a ray: direction and the lamp's leaf
 const bool inspected = false;
 SBL_OUT(0, out_light);                // R of the part, and the variance of its luminance
 #ifdef SBL_DIRECTIONAL
-SBL_OUT(1, out_red);                  // spherical harmonics
+const bool directional = true;
+SBL_OUT(1, out_red);                  // spherical harmonics of the part's red light
 SBL_OUT(2, out_green);
 SBL_OUT(3, out_blue);
-#endif
-#endif
-#ifdef SBL_DIRECTIONAL
-const bool directional = true;
 #else
 const bool directional = false;
+#endif
 #endif
 #ifdef SBL_MIXED
 const bool mixed = true;            // there are lamps of all kinds, or clusters
@@ -43,22 +41,22 @@ const bool mixed = false;           // all lamps are triangles, at most SBL_LAMP
 #endif
 
 const int SBL_CERTAIN = 32;         // maximum number of point lights that get one ray each
-const float SBL_STRATA = 1.5;       // variance of the mean of n stratified points, divided by that of independent
-                                    // points, times sqrt(n): measured with shadow edges that cross a lamp
-const float SBL_STRATA_LOST = 0.6;  // upper limit of that ratio, reached if there are as many lamps as points
-const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this share of its distance;
-const int SBL_OPENINGS = 12;        // the share is doubled up to this number of times, until all entries fit
+const float SBL_STRATA = 1.5;       // variance of the mean of n stratified points, divided by the variance for
+                                    // independent points, times sqrt(n): measured with shadow edges on a lamp
+const float SBL_STRATA_LOST = 0.6;  // upper limit of the quotient of these variances, for few points per lamp
+const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this share of its distance
+const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each one doubles the share
 const float SBL_SPARSE = 16.0;      // minimum number of rays that a group must get on average for a ratio estimate
 const int SBL_PASS_RAYS = 32;       // minimum number of rays per pass
 const float SBL_PASS_CROWD = 16.0;  // maximum number of passes, times the effective number of entries
-const int SBL_RIM_LAMPS = 8;        // maximum number of entries for which rim samples are traced
-const int SBL_CORNERS = 3;          // number of rim samples of a triangle, each close to a corner:
-const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // barycentrics of this corner, and of the two others
+const int SBL_RIM_LAMPS = 8;        // maximum number of entries that get rim samples: rays to the edge of a lamp
+const int SBL_CORNERS = 3;          // number of rim samples of a triangle, one close to each corner
+const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // barycentrics of such a sample: close corner, others
 const int SBL_RIM = 12;             // number of rim samples of a round lamp
 const float SBL_RIM_AT = 0.99;      // share of a round lamp's disc that is inside the circle of its rim samples
 const float SBL_KNOWN = 1e-6;       // relative variance below which the light of clusters needs no more rays
 const float SBL_SMALL = 16.0;       // a triangle is small if its squared distance over its squared size is larger
-const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // see sbl_form_factor
+const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // Dunavant's points and weights
 const float SBL_POINT_WEIGHT[2] = float[2](0.223381589678011, 0.109951743655322);
 const float SBL_BEFORE_LAMP = 0.99999;  // share of the distance to a lamp along which a ray is traced
 
@@ -71,15 +69,14 @@ struct sbl_Lamp {
     float away, radius, sine2; // light: distance, radius, squared sine of half the angle that it subtends
     ivec2 texel;               // texel: column and row
     int triangle, number;      // triangle: its number in the hierarchy's order and in the scene; else number is -1
-    vec2 group;                // 0 1: a triangle that shows the sensor its back; 1 0: all other lamps
+    vec2 group;                // (0, 1): triangles that show the sensor their back; (1, 0): all other lamps
 };
 
 bool sbl_is_light(sbl_Lamp l) { return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT); }
 bool sbl_is_texel(sbl_Lamp l) { return mixed && l.kind == SBL_LAMP_SKY_TEXEL; }
 
-// The sensor
-int look;                    // number of the look in the batch
-vec3 stand, position, n;     // origin of its rays; position on the surface, used by closed forms; normal
+int look;                    // number of the sensor's look in the batch
+vec3 stand, position, n;     // the sensor: origin of rays; position on the surface, for closed forms; normal
 mat3 to_frame;
 uvec2 scramble;
 
@@ -98,7 +95,7 @@ sbl_Lamp sbl_lamp(int leaf) {
         float off = dot(normal, l.corner);
         l.group = off > 0.0 ? vec2(0, 1) : vec2(1, 0);
         l.brightness = sbl_emission(object, l.group.y == 1.0) / unit;
-        // Seen edge-on. This is so for the sensor's own triangle, which rounding may put above the horizon.
+        // Nearly edge-on. This excludes the sensor's own triangle, which rounding may put above the horizon.
         if (abs(off) < 0.5 * sbl_look_offset(look) * length(normal)) l.brightness = vec3(0);
     }
     if (sbl_is_texel(l)) {
@@ -121,7 +118,7 @@ sbl_Lamp sbl_lamp(int leaf) {
             l.corner /= max(l.away, 1e-30);
             float spot = clamp(dot(sbl_light_axis(int(at)), -l.corner) * sbl_light_spot_scale(int(at)) +
                                sbl_light_spot_offset(int(at)), 0.0, 1.0);  // KHR_lights_punctual
-            if (l.away < l.radius) { l.corner = n; l.away = l.radius; spot = 1.0; }  // sensor inside
+            if (l.away < l.radius) { l.corner = n; l.away = l.radius; spot = 1.0; }  // the sensor is inside
             l.brightness *= spot * spot / (l.away * l.away);
             l.sine2 = min(l.radius * l.radius / (l.away * l.away), 1.0);
         }
@@ -131,15 +128,9 @@ sbl_Lamp sbl_lamp(int leaf) {
 
 // >>closed forms
 
-// An edge's term of Lambert's sum: the angle that it subtends, times z of the unit normal of its plane.
-float sbl_edge(vec3 p, vec3 q) {
-    vec3 normal = cross(p, q);
-    float size = length(normal);
-    return size > 0.0 ? atan(size, dot(p, q)) * normal.z / size : 0.0;
-}
-
-// Form factor of a triangle. a, b, c: corners relative to the sensor, in its frame. Sums the edges of the part
-// above the horizon (Lambert 1760). If the triangle is small for its distance, rounding would spoil this sum;
+// Form factor of a triangle. a, b, c: corners relative to the sensor, in its frame. Lambert's sum (1760) over the
+// edges of the part above the horizon adds the angle that each edge subtends, times z of the unit normal of the
+// plane through the edge and the sensor. If the triangle is small for its distance, rounding would spoil this sum;
 // a sum over six points is then used instead (Dunavant 1985, degree 4; relative error up to 4e-6).
 float sbl_form_factor(vec3 a, vec3 b, vec3 c) {
     vec3 corners[3] = vec3[3](a, b, c), entry = vec3(0), leave = vec3(0);
@@ -162,7 +153,9 @@ float sbl_form_factor(vec3 a, vec3 b, vec3 c) {
             if (p.z <= 0.0) entry = p = x;
             else leave = q = x;
         }
-        sum += sbl_edge(p, q);
+        vec3 across = cross(p, q);
+        float size = length(across);
+        sum += size > 0.0 ? atan(size, dot(p, q)) * across.z / size : 0.0;
     }
     return small ? points * 0.5 * abs(dot(normal, middle)) / (SBL_PI * distance2 * distance2)
                  : abs(sum) / (2.0 * SBL_PI);
@@ -192,8 +185,7 @@ vec3 sbl_unhindered(sbl_Lamp l) {
 }
 
 // The first four spherical harmonics of an unobstructed lamp, from its solid angle and from the integral of
-// directions over it (`way`). For a round lamp that the horizon cuts they are approximate, except for the integral
-// along the normal.
+// directions over it (`way`). They are approximate for round lamps that the horizon cuts, except along the normal.
 mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {
     float solid_angle = 0.0;
     vec3 way = vec3(0);
@@ -220,7 +212,7 @@ mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {
         way = transpose(to_frame) * way * sign(solid_angle);
         solid_angle = abs(solid_angle);
     }
-    if (sbl_is_light(l)) {  // divided by pi * sine2, see sbl_round
+    if (sbl_is_light(l)) {  // as in sbl_round, but divided by pi * sine2
         float z = dot(n, l.corner), shown = clamp(0.5 + 0.5 * z / max(sqrt(l.sine2), 1e-30), 0.0, 1.0);
         solid_angle = shown * 2.0 / (1.0 + sqrt(1.0 - l.sine2));
         way = shown * (l.corner - z * n) + sbl_round(z, l.sine2) * n;
@@ -233,8 +225,8 @@ mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {
 struct sbl_Cluster {
     vec3 to;       // centre of its bounding sphere, relative to the sensor; if far, a direction
     float radius;
-    bool far;      // its lamps are infinitely far away
-    int beyond;    // node after the subtree
+    bool far;      // true: the lamps are infinitely far away
+    int beyond;    // next node that is not in the cluster's subtree
 };
 
 sbl_Cluster sbl_cluster(int node) {
@@ -280,8 +272,8 @@ vec4 sbl_spherical(vec3 a, vec3 b, vec3 c, vec2 u) {
 struct sbl_Sample {
     vec3 direction;
     float far;    // distance, or SBL_UNBOUNDED
-    vec3 light;   // R from the lamp if all of the lamp were like this point
-    vec2 b;       // triangle: weights of its second and third corner
+    vec3 light;   // R from the lamp, estimated from this point alone
+    vec2 b;       // triangle: weights of the second and third corner
 };
 
 // Weights of a triangle's second and third corner at a point. from_corner: the point, relative to the first corner
@@ -290,8 +282,8 @@ vec2 sbl_barycentrics(sbl_Lamp l, vec3 normal, vec3 from_corner) {
     return areas / dot(normal, normal);
 }
 
-// Maps a uniform point u of the unit square to a point on a lamp. Triangles are sampled by solid angle, or, if it
-// is small, by area (Heitz 2019, "A Low-Distortion Map Between Triangle and Square").
+// Maps a uniform point u of the unit square to a point on a lamp. Triangles are sampled by solid angle, or by area
+// if the solid angle is small (Heitz 2019, "A Low-Distortion Map Between Triangle and Square").
 sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
     sbl_Sample s = sbl_Sample(l.corner, SBL_UNBOUNDED, l.brightness / SBL_PI, u);
     if (l.kind == SBL_LAMP_TRIANGLE) {
@@ -330,12 +322,12 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
     return s;
 }
 
-#ifdef SBL_VIEWS  // geometry that the host draws exists only in the sensor's views
+#ifdef SBL_VIEWS  // the host draws geometry, which only the sensor's views show
 uniform sampler2D atlas;        // view texture: Ck r g b, signed distance along the view's axis
 uniform vec4 view_rects[5];     // per view: x, y, width, height in the sheet, texels
 uniform ivec2 sheet;            // size of a sheet, texels
 uniform int view_count;
-uniform float tangent;          // tangent of half a view's field of view
+uniform float tangent;          // tangent of half the field of view
 uniform float extent;           // scene extent: unit of the view texture's distances, world units
 
 const float SBL_AT_LAMP = 0.002;  // tolerance for the view texture's distances, which are 16-bit floats
@@ -369,7 +361,7 @@ bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
         if (seen == 0.0) return false;
         if (l.kind != SBL_LAMP_TRIANGLE) return seen < (1.0 - SBL_AT_LAMP) * s.far * dot(point, forward);
         vec3 ray = forward + tangent * (centre.x * right + centre.y * up);
-        float there = dot(l.corner, normal) / dot(ray, normal);  // depth at which it meets the lamp's plane
+        float there = dot(l.corner, normal) / dot(ray, normal);  // depth at which the ray meets the lamp's plane
         bool other_side = (shown < 0.0) != (l.group.y == 1.0);   // the texel shows the other side of a thin body
         bool beyond = seen > (1.0 + SBL_AT_LAMP) * there;
         if (there > 0.0 && (beyond || (seen >= (1.0 - SBL_AT_LAMP) * there && !other_side))) return false;
@@ -383,15 +375,15 @@ bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
 
 // >>choose
 
-int entries[SBL_LAMPS];      // a lamp's leaf, or -1 - a cluster's node; from the end backwards: point lights
-float strengths[SBL_LAMPS];  // sums of the strengths (approximate light) of the entries up to each
+int entries[SBL_LAMPS];      // a lamp's leaf, or -1 - a cluster's node; point lights fill the array from its end
+float strengths[SBL_LAMPS];  // cumulative sums of the entries' strengths (approximate light)
 int used, certain;           // number of entries without point lights; number of point lights
-float total, crowd;          // sum of the strengths, and of their squares
-float crowd_within;          // the same sum of squares if each lamp of a cluster were an entry
+float total, crowd;          // sum of the strengths; sum of the squared strengths
+float crowd_within;          // estimate of the sum of squared strengths if all lamps of clusters were entries
 mat2x3 whole;                // light of single lamps if unobstructed, by group (see sbl_Lamp). Each group has its
                              // own ratio, because one side of a closed mesh hides the other
-bool rounded = false;        // some entries are round lamps
-mat3x4 whole_harmonics[2];
+bool rounded = false;        // true: some entries are round lamps
+mat3x4 whole_harmonics[2];   // harmonics of `whole`
 
 // Adds node i to the entries, skips it, or descends into it; or adds leaf i if all lamps fit. Returns the next
 // node or leaf, or `limit` if the entries are full. last: true: never descends
@@ -457,8 +449,8 @@ void sbl_choose() {
 struct sbl_Pick {
     int leaf;      // the lamp that is picked
     float share;   // probability of picking it
-    vec2 u;        // uniform point for sbl_sample: u.x is rescaled each time that it selects something
-    bool cluster;  // the entry was a cluster
+    vec2 u;        // uniform point for sbl_sample; each choice by u.x rescales it, so that it stays uniform
+    bool cluster;  // true: the lamp was picked from a cluster
 };
 
 // Picks one lamp of a cluster: descends its subtree, at each node in proportion to the strengths of the children.
@@ -494,19 +486,20 @@ int sbl_pick_entry(inout sbl_Pick p) {
 
 // >>shoot
 
-// Sums over the rays. Clusters, texels and sparse groups are sampled; other lamps are estimated by ratios.
-mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by group: light of rays to single lamps, unobstructed and actual
-vec3 sure = vec3(0), sampled = vec3(0);       // light of point lights; light of sampled rays
-vec2 samples = vec2(0), lit = vec2(0);        // by group: number of rays behind `open` and behind `seen`
-float taken = 0.0, squares = 0.0;             // number of rays; sum of the squared luminances of sampled rays
-vec2 sparse;                                  // by group: 1: it gets too few rays for a ratio
+// Sums over the rays. Light from clusters, texels and sparse groups is the mean of the rays' light; light from
+// other lamps is the closed form times the ratio seen / open.
+mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by group: rays' light without obstruction, and with it
+vec3 sure = vec3(0), sampled = vec3(0);       // light of point lights; light of rays of which the mean is taken
+vec2 samples = vec2(0), lit = vec2(0);        // by group: number of rays summed in `open`, and in `seen`
+float taken = 0.0, squares = 0.0;             // number of rays; sum of the squared luminances in `sampled`
+vec2 sparse;                                  // by group: 1: too few rays for a ratio; 0: enough
 vec2 bright = vec2(0), dark = vec2(0);        // by group: number of visible and of blocked rays, with rim samples
-mat3x4 sure_harmonics = mat3x4(0), sampled_harmonics = mat3x4(0);  // harmonics of the same light
-mat3x4 open_harmonics[2], seen_harmonics[2];
-vec4 report = vec4(0), report_way = vec4(0);  // inspected: the outputs
-bool reporting;                               // the next ray is to be reported
+mat3x4 sure_harmonics = mat3x4(0), sampled_harmonics = mat3x4(0);  // harmonics of `sure` and of `sampled`
+mat3x4 open_harmonics[2], seen_harmonics[2];  // harmonics of `open` and of `seen`
+vec4 report = vec4(0), report_way = vec4(0);  // the outputs, if inspected
+bool reporting;                               // true: report the next ray
 
-// Traces the ray of a sample. at_rim: true: it is a rim sample, which only tells whether light is obstructed
+// Traces the ray of a sample. at_rim: the sample only tests for obstruction; point: it is on a point light
 void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool point) {
     bool cluster = p.cluster || sbl_is_texel(l) || dot(sparse, l.group) > 0.0;
     vec3 light = s.light / p.share, to = s.direction;
@@ -559,8 +552,8 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
 
 // >>combine
 
-// Variance of the mean of n points, divided by the variance of one point. The more points each lamp gets, the
-// smaller are its strata. lamps: effective number of lamps
+// Variance of the mean of n points, divided by the variance of one point. The strata of a lamp are the smaller the
+// more points it gets. `lamps` is the effective number of lamps.
 float sbl_strata(float n) {
     float lamps = total * total / max(crowd_within, 1e-37), points = max(n, 1.0);
     return min(SBL_STRATA * sqrt(max(lamps - 1.0, 1.0) / points), SBL_STRATA_LOST) / points;
@@ -586,7 +579,7 @@ vec4 sbl_combine() {
         float mean = dot(whole[g], SBL_LUMINANCE), lit_share = lit[g] / max(samples[g], 1.0);
         if (sparse[g] > 0.0) continue;
         light += whole[g] * share;
-        // the closed form times the same share, plus the deviation from it that the rays found
+        // The closed form times the same share, plus the deviation from this product that the rays found.
         for (int k = 0; k < 3 && directional; k++)
             if (open[g][k] > 0.0)
                 sure_harmonics[k] += share[k] * whole_harmonics[g][k] + whole[g][k] / open[g][k] *
@@ -607,7 +600,8 @@ int sbl_pass_count() {
 
 void main() {
     ivec2 at = sbl_texel_of_invocation();
-    int wanted = at.y * blocks.x + at.x, certain_ray = rays + SBL_LAMPS - 1 - wanted;  // inspected: ray or entry
+    int wanted = at.y * blocks.x + at.x;  // number of the ray or, from `rays` on, of the entry to report
+    int certain_ray = rays + SBL_LAMPS - 1 - wanted;  // number of the point light to report
 #ifdef SBL_INSPECT
     int part = 0, slot = sheet_slot;
     if (wanted >= rays + SBL_LAMPS) sbl_leave;
@@ -639,7 +633,7 @@ void main() {
     int rim_samples = passes > 1 && used <= SBL_RIM_LAMPS ? rims * used : 0;
     int skip = int(sbl_look_which(look) & SBL_LOOK_NUMBER) * rays;
     bool undecided = total > 0.0;
-    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // pass -1: point lights
+    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // pass -1 traces rays to point lights
         // Each part has a section of the sequence. Each eighth of a section covers the unit square evenly.
         int eighth = SBL_LAMP_PASSES * part, eighths = SBL_LAMP_PASSES * parts;
         // The divisions are unsigned, because idle lanes of some software renderers trap on INT_MIN / -1.

@@ -1,11 +1,11 @@
 // First step of the sum over a sensor's views: each output texel is the sum over one block of the view texture.
-uniform sampler2D atlas;    // view texture: Ck, signed distance (see sensor_fragment.glsl)
+uniform sampler2D atlas;    // view texture, written by sensor_fragment.glsl
 uniform sampler2D weights;  // per texel of a sheet: form factor; ratio of distance to depth
 uniform int block;          // width and height of a block, texels
 layout(location = 0) out vec4 out_sum;   // sum of weight * Ck; sum of the weights of back faces
 layout(location = 1) out vec4 out_hits;  // sum of the weights of surfaces; of weight * distance; least distance; 0
 uniform sampler2D directions;  // per texel of a sheet: its direction, in the frame of a look that is not rotated
-#ifdef SBL_DIRECTIONAL         // other variants do not use `directions` and `harmonics`
+#ifdef SBL_DIRECTIONAL         // spherical harmonics; without them, `directions` has no effect
 layout(location = 2) out vec4 out_red;
 layout(location = 3) out vec4 out_green;
 layout(location = 4) out vec4 out_blue;

@@ -1,16 +1,16 @@
 // Second step of the sum over views, and only step of the sum over rays: each output texel is a look's result.
 uniform sampler2D block_sums, block_hits;  // partial sums
-uniform ivec2 blocks;          // width and height of a look's slot in them, texels
-uniform int columns, slots;    // number of slots in a row, and of all slots
+uniform ivec2 blocks;          // width and height of a look's slot in the textures of partial sums, texels
+uniform int columns, slots;    // number of slots per row; number of all slots
 uniform int width;             // width of the outputs
 uniform int first, last;       // numbers of the looks to compute
-uniform sampler2D lights;      // outputs of lamps.glsl, of which the mean over the parts of a look is added
+uniform sampler2D lights;      // outputs of lamps.glsl; the mean over the parts of a look is added
 uniform int parts;             // number of parts, one below the other; 0: no light from lamps
-layout(location = 0) out vec4 out_sum;   // see reduce_blocks.glsl
-layout(location = 1) out vec4 out_hits;  // w: variance of the luminance, if rays sampled it
-uniform sampler2D block_red, block_green, block_blue, lights_red, lights_green, lights_blue;  // harmonics
-uniform sampler2D block_even;  // error of the harmonics of radiance 1 from everywhere, see sbl__blocks
-uniform bool even;             // true: correct the harmonics by it
+layout(location = 0) out vec4 out_sum;   // as in reduce_blocks.glsl
+layout(location = 1) out vec4 out_hits;  // likewise; w: variance of the luminance, if rays sampled it
+uniform sampler2D block_red, block_green, block_blue, lights_red, lights_green, lights_blue;
+uniform sampler2D block_even;  // out_even of trace.glsl
+uniform bool even;             // true: correct the harmonics with block_even
 #ifdef SBL_DIRECTIONAL
 layout(location = 2) out vec4 out_red;
 layout(location = 3) out vec4 out_green;
@@ -40,8 +40,8 @@ void main() {
             vec4 h = texelFetch(block_hits, corner + ivec2(x, y), 0);
             row_hits += h;
             hits.z = min(hits.z, h.z);
+            if (even) missed += texelFetch(block_even, corner + ivec2(x, y), 0);
         }
-        for (int x = 0; x < blocks.x && even; x++) missed += texelFetch(block_even, corner + ivec2(x, y), 0);
         sum += row;
         hits.xyw += row_hits.xyw;
     }

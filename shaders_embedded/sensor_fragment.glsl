@@ -1,6 +1,6 @@
 // Writes a texel of a sensor's view.
 layout(location = 0) out vec4 out_radiance;  // Ck; distance along the view's axis, negative for a back face
-in vec3 place;                               // see sensor_vertex.glsl
+in vec3 place;                               // x, y and w of the position in clip space
 uniform vec2 view_texture_size;              // texels
 uniform float radiance_scale, depth_scale;
 flat in int fragment_object, fragment_triangle;
@@ -10,8 +10,8 @@ in vec4 fragment_color;
 in vec3 fragment_way, fragment_place;
 
 const float SBL_NEAREST = 3e-8;  // smallest distance at which surfaces are visible, in extents of the scene
-const float SBL_BESIDE = 0.4;    // maximum distance between a fragment and its interpolated position, texels,
-const float SBL_BESIDE_ROUNDING = 3e-7;  // and the allowance for rounding that is added to it
+const float SBL_BESIDE = 0.4;    // maximum distance between a fragment and its interpolated position, texels
+const float SBL_BESIDE_ROUNDING = 3e-7;  // allowance for rounding in this comparison, in clip space
 
 // Returns false for fragments at wrong places. The projection of a triangle whose plane contains the sensor is a
 // line; rounding may turn the line into a triangle anywhere, even in the views of other sensors.

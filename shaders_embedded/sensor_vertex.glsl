@@ -1,5 +1,4 @@
-// Draws the scene into the views of many sensors. Each instance is one view; four clip planes limit it to its
-// rectangle of the view texture.
+// Draws the scene into views of many sensors. Each instance is a view, clipped to its part of the view texture.
 #ifndef SBL_BOUNCED
 layout(location = 0) in vec3 position;
 layout(location = 1) in uint object;
@@ -7,21 +6,21 @@ layout(location = 2) in vec2 vertex_uv;
 layout(location = 3) in uvec2 vertex_color;
 #endif
 layout(location = 4) in vec3 view_eye;      // position of the sensor
-layout(location = 5) in vec4 view_right;    // right over half the view's width at unit distance; w: scale of x
-layout(location = 6) in vec4 view_up;       // up over half its height; w: scale of y
-layout(location = 7) in vec4 view_forward;  // forward; w: lowest y: -1, or 0 for a view that ends at the horizon
+layout(location = 5) in vec4 view_right;    // unit vector to the right, divided by tan(fov / 2); w: scale of x
+layout(location = 6) in vec4 view_up;       // unit vector up, divided by tan(fov / 2); w: scale of y
+layout(location = 7) in vec4 view_forward;  // unit vector; w: lowest y: -1, or 0 if the view begins at the horizon
 layout(location = 8) in vec2 view_offset;   // offset of the rectangle in clip space
 uniform float per_length;                   // 1 / extent of the scene
 uniform float depth_scale;                  // depth is depth_scale / distance: reversed, without a far plane
 uniform float radiance_scale;
 out vec3 place;                             // x, y and w of gl_Position
-flat out int fragment_object;               // if SBL_TEXTURED or SBL_BOUNCED
-flat out vec3 radiance_front, radiance_back;  // otherwise
-out vec2 fragment_uv;                       // if SBL_TEXTURED
+flat out int fragment_object;               // only with SBL_TEXTURED or SBL_BOUNCED
+flat out vec3 radiance_front, radiance_back;  // only without both
+out vec2 fragment_uv;                       // only with SBL_TEXTURED, like fragment_color
 out vec4 fragment_color;
-flat out int fragment_triangle;             // if SBL_BOUNCED: number of the triangle in the scene
-out vec3 fragment_way;                      // vector from the sensor to the surface
-out vec3 fragment_place;                    // point on the surface, world space
+flat out int fragment_triangle;             // only with SBL_BOUNCED: number of the triangle in the scene
+out vec3 fragment_way;                      // only with SBL_BOUNCED: vector from the sensor to the surface
+out vec3 fragment_place;                    // only with SBL_BOUNCED: point on the surface, world space
 
 void main() {
 #ifdef SBL_BOUNCED

@@ -5,27 +5,20 @@ uniform int rays;                     // number of rays per look
 uniform int paired;                   // 1: an invocation traces pairs of rays; 0: single ones
 uniform bool no_light;                // true: rays cannot find light; only those of a site's first look are traced
 uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal
-uniform float distance_limit;         // upper limit for each distance in the mean distance
+uniform float distance_limit;         // larger distances of hits count as this distance in the mean
 uniform vec3 sky;                     // constant radiance of the sky
-uniform float ray_offset;             // offset of a second segment from its surface, see SBL__OFFSET
+uniform float ray_offset;             // offset of a second segment's origin from the surface, see SBL__OFFSET
 SBL_OUT(0, out_sum);
 SBL_OUT(1, out_hits);
 #ifdef SBL_DIRECTIONAL
 SBL_OUT(2, out_red);
 SBL_OUT(3, out_green);
 SBL_OUT(4, out_blue);
-SBL_OUT(5, out_even);                 // see sbl__blocks
+SBL_OUT(5, out_even);                 // exact harmonics of radiance 1 from all directions, minus the result of
+                                      // these rays; reduce_sum.glsl corrects the other harmonics with it
 #endif
 
 const float SBL_NEIGHBOURS = 0.62;  // variance divided by its estimate from pairs: measured with 16 to 256 rays
-
-// Maximum number of segments of a ray. The mean light of a cell may differ much from the light at a hit that is
-// nearer than the cell's width. A second segment then finds bounced light; the store gives only light from lamps.
-#ifdef SBL_BOUNCED
-const int SBL_LEGS = 2;
-#else
-const int SBL_LEGS = 1;
-#endif
 
 // Radiance that leaves a hit towards the ray's origin. goes_on: set to true if the ray needs a second segment,
 // which finds the light that the returned radiance lacks
@@ -44,14 +37,19 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool last, out bool goes_on, out s
     return radiance;
 }
 
-// Mean reciprocal cosine of the rays in u's stratum, of which each look has one ray. Near the horizon the
-// reciprocal cosine of a single ray is far too noisy.
+// Mean reciprocal cosine of the rays in u's stratum; each of the look's rays has its own stratum. Near the horizon
+// the reciprocal cosine of a single ray is far too noisy.
 float sbl_stratum_reciprocal(float u) {
     float n = float(rays), k = n - floor(u * n);
     return 2.0 * sqrt(n) / (sqrt(k) + sqrt(k - 1.0));
 }
 
 #ifdef SBL_BOUNCED
+// Maximum number of segments of a ray. The mean light of a cell may differ much from the light at a hit that is
+// nearer than the cell's width. At such a hit the ray takes only the light from lamps out of the store, and a
+// second segment finds the bounced light.
+const int SBL_LEGS = 2;
+
 // Sets the origin and the direction of a ray's second segment. Returns the factor for the light that it finds.
 vec3 sbl_go_on(sbl_Hit hit, sbl_Material material, uint hash, inout vec3 position, inout vec3 direction) {
     vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,
@@ -64,6 +62,8 @@ vec3 sbl_go_on(sbl_Hit hit, sbl_Material material, uint hash, inout vec3 positio
     direction = bounce.direction;
     return bounce.weight;
 }
+#else
+const int SBL_LEGS = 1;
 #endif
 
 void main() {
@@ -78,7 +78,7 @@ void main() {
 
     vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);
     float squares = 0.0, other = 0.0;
-    mat3x4 harmonics = mat3x4(0);  // if SBL_DIRECTIONAL, as `even`
+    mat3x4 harmonics = mat3x4(0);  // written only if SBL_DIRECTIONAL, like `even`
     vec4 even = vec4(0);
     int part = within.y * blocks.x + within.x, parts = blocks.x * blocks.y;
     // The variance is estimated from the differences between pairs of neighbours on the Morton curve.
