@@ -14850,34 +14850,35 @@ static sbl_result sbl__seams_step(sbl__seams *s, const sbl__gutters *light, cons
 }
 
 /* ======================================================================================================== >>work
-   What all front ends have in common. A front end is a struct whose first field is an sbl__work, and an sbl__front_end
-   that says how to check its descriptor, begin, and run its stages. >>public lists all front ends in one table. */
+   What all front ends have in common. A front end consists of a struct, whose first field is an sbl__work, and of an
+   sbl__front_end, whose functions check the descriptor, begin the work and do its stages. These functions get a pointer
+   to the struct, which is also a pointer to its sbl__work. >>public lists all front ends in one table. */
 
 struct sbl__front_end;
 
-/* Work that the host has begun. All zeroes: none. */
+/* Work that the host has begun; all zeroes if there is none. */
 typedef struct sbl__work {
     const struct sbl__front_end *front_end;
     sbl__core *core;
     sbl__measurement measurement;
     sbl__stages stages;  /* position in the front end's table of stages */
     float store_share;   /* share of the progress that filling the store takes */
-    float progress;      /* what the host has been told, 0 to 1; never decreases */
+    float progress;      /* progress that the host has been told, 0 to 1; never decreases */
 } sbl__work;
 
-/* The functions of a front end. `work` points to its struct, desc to its descriptor as the host gave it, or NULL. */
+/* The functions of a front end. work: its struct. desc: the descriptor that the host gave, which may be NULL */
 typedef struct sbl__front_end {
-    const char *begin_name;         /* name of the public function that begins it, for messages */
-    int is_map;                     /* 1: it makes an sbl__map, which the host can read when it is finished */
-    /* Checks the descriptor, logs mistakes, and says how sensors measure. Changes nothing else. */
+    const char *begin_name;         /* name of the public function that begins the work, for messages */
+    int is_map;                     /* 1: the struct begins with an sbl__map, whose channels the host can read */
+    /* Checks the descriptor, logs mistakes, and sets *measurement. Changes nothing else. */
     sbl_result (*check)(const sbl__core *core, const void *desc, sbl__measurement *measurement);
-    /* Fills the struct, which is zero but for its sbl__work. desc has been checked. */
+    /* Fills the struct, of which only the sbl__work is set so far. desc has been checked. */
     sbl_result (*begin)(void *work, const void *desc);
     const sbl__stage_row *stages;
     int stage_count;
-    /* Returns the statistic to which the seconds of the current stage are added; NULL: none. */
+    /* Returns the statistic to which the seconds of the current stage are added, or NULL if there is none. */
     double *(*seconds)(const void *work);
-    float (*progress)(const void *work);  /* returns the share that is done, 0 to 1, without filling the store */
+    float (*progress)(const void *work);  /* returns the finished share of the work, 0 to 1, not counting the store */
     void (*free)(void *work);             /* frees all memory and sets the struct to zero */
 } sbl__front_end;
 
@@ -14903,11 +14904,45 @@ static sbl_result sbl__work_step(sbl__work *w, sbl__slice *slice) {
     return result;
 }
 
+/* >>work: stages that several front ends share */
+
+static sbl_result sbl__work_prepare(void *work, sbl__slice *slice) {
+    const sbl__work *w = (const sbl__work *)work;
+    return sbl__prepare(w->core, &w->measurement, slice);
+}
+
+/* Begins the job that sbl__work_sense does. */
+static void sbl__work_begin_job(const sbl__work *w, const sbl__spec *spec, const sbl__site *sites,
+                                sbl_reading *readings, int site_count) {
+    sbl__task task;
+    memset(&task, 0, sizeof task);
+    task.spec = *spec;
+    task.sites = sites;
+    task.readings = readings;
+    task.site_count = site_count;
+    sbl__job_begin(&w->core->job, &w->core->scene, &task);
+}
+
+static sbl_result sbl__work_sense(void *work, sbl__slice *slice) {
+    sbl__core *c = ((const sbl__work *)work)->core;
+    const sbl_result result = sbl__job_step(&c->device, &c->job, slice);
+    if (result == SBL_SUCCESS) sbl__core_count(c);
+    return result;
+}
+
+/* The `seconds` of front ends whose stage 0 is sbl__work_prepare and whose other stages measure. */
+static double *sbl__work_seconds(const void *work) {
+    const sbl__work *w = (const sbl__work *)work;
+    return w->stages.stage ? &w->core->stats.seconds.gather : &w->core->stats.seconds.surface;
+}
+
 /* ======================================================================================================== >>map
    A radiance map holds R, and any further layers of light, for a grid of pixels. A front end that makes one (>>picture,
-   >>lightmap) has an sbl__map as its first field and a table of stages that begins with SBL__MAP_ROWS. Four of these
-   rows are functions of the front end: they allocate memory, find the surfaces that pixels show, read these back, and
-   make a preview.
+   >>lightmap) has an sbl__map as its first field and a table of stages that begins with SBL__MAP_ROWS. READ and PREVIEW
+   are functions of the front end.
+
+   The map is made on the working grid, which is finer than the map that the host reads if texels of a lightmap are
+   supersampled: each pixel of the host then consists of across x across working pixels.
 
        SETUP -> PREPARE -> SURFACE -> READ -> REFINE -> DEVELOP -> the front end's stages
                                               |    ^
@@ -14923,39 +14958,40 @@ enum { SBL__DEVELOP_FILL, SBL__DEVELOP_SEND, SBL__DEVELOP_FILTER, SBL__DEVELOP_D
 
 /* A layer of light on the GPU. */
 typedef struct sbl__map_layer {
-    sbl__texture light;         /* interpolated light; a of layer 0: its noise */
+    sbl__texture light;         /* interpolated light; the alpha channel of layer 0 is its noise */
     sbl__texture smooth;        /* filtered light */
     sbl__target target;         /* draws into smooth */
 } sbl__map_layer;
 
 typedef struct sbl__map {
-    sbl__work work;             /* first: see >>work */
-    sbl_picture_desc desc;      /* with defaults. width and height are those of the working grid */
-    int size[2], across;        /* size that the host reads; each of its pixels is across x across working pixels */
-    int *shown;                 /* per pixel that the host reads: the working pixel that it shows; NULL: across is 1 */
+    sbl__work work;             /* must be first, because pointers to the struct are cast to sbl__work * */
+    sbl_picture_desc desc;      /* with defaults; width and height are the size of the working grid */
+    int size[2], across;        /* size of the map that the host reads; width of its pixels, working pixels */
+    int *shown;                 /* per pixel of the host: number of the working pixel whose surface it shows; NULL if
+                                   across is 1 */
     sbl__spec spec;
     uint32_t scene_version;     /* version of the scene that the map shows */
-    const sbl__camera *camera;  /* what a picture shows; otherwise NULL */
-    const sbl__atlas *atlas;    /* what a lightmap shows; otherwise NULL */
+    sbl__camera camera;
+    sbl__atlas *atlas;          /* the atlas that a lightmap shows; NULL: a picture shows what the camera sees */
     sbl__surface surface;
     sbl__gbuffer gbuffer;
     sbl__refine refine;
-    int layers_at_once;         /* number of layers that DEVELOP makes before the front end's stages */
-    int layer, layer_end;       /* layer that is being developed; end of the layers that DEVELOP makes this time */
+    int layers_at_once;         /* number of layers that DEVELOP makes before the next stage */
+    int layer, layer_end;       /* layer that is being developed; the next stage follows before layer layer_end */
     int developed;              /* number of layers that are final */
     sbl__stages developing;
     sbl__fill fill;
     sbl__map_layer layers[SBL__LAYERS];
     sbl__pace filter_pace;
-    const sbl__target *channels[SBL_CHANNEL_COUNT];  /* target that holds a channel now; NULL: refinement holds it */
-    sbl__texture scalars[SBL_CHANNEL_COUNT];  /* textures of channels that refinement holds, made on demand */
+    const sbl__target *channels[SBL_CHANNEL_COUNT];  /* per channel: target that holds it; NULL: see scalars */
+    sbl__texture scalars[SBL_CHANNEL_COUNT];  /* channels that are copied from refinement's pixels when needed */
     int watched;                /* 1: the host has read a channel of the unfinished map, so previews are made */
     int64_t previewed;          /* number of looks when the last preview was made; 0: there is no preview */
     float finished;             /* share of the front end's own stages that is done, 0 to 1 */
 } sbl__map;
 
 #define SBL__READ_PIXELS 32768    /* number of pixels transferred between GPU and host at once */
-#define SBL__STORED_NOISE 0.1f    /* relative noise that the filter assumes for stored light that pixels show */
+#define SBL__STORED_NOISE 0.1f    /* assumed relative noise of stored light, for the filter */
 #define SBL__PREVIEW_GROWTH 1.25  /* the next preview is made when the number of looks has grown by this factor */
 
 static void sbl__map_layer_free(const sbl__device *d, sbl__map_layer *l) {
@@ -14976,8 +15012,8 @@ static void sbl__map_free(sbl__map *m) {
     sbl__free(d->base, m->shown);
 }
 
-/* Completes the check of a front end: says how sensors measure, and refuses a working grid that exceeds the driver's
-   textures. d: with defaults. asked: the host has set target_error. */
+/* The last part of a front end's check: sets *measurement, and refuses a working grid that is larger than the driver's
+   largest texture. d: with defaults. asked: 1 if the host has set target_error */
 static sbl_result sbl__map_check(const sbl__core *c, const char *where, const sbl_picture_desc *d, int asked,
                                  sbl__measurement *measurement) {
     const int most = c->device.gl.capabilities.max_texture_size;
@@ -14990,13 +15026,14 @@ static sbl_result sbl__map_check(const sbl__core *c, const char *where, const sb
     return SBL_ERROR_UNSUPPORTED;
 }
 
-/* desc: with defaults. across: see sbl__map. directional: 1: harmonics are layers 1 to 4. */
+/* desc: with defaults. directional: 1: layers 1 to 4 are spherical harmonics */
 static void sbl__map_begin(sbl__map *m, const sbl_picture_desc *desc, int across, int directional) {
     sbl__core *c = m->work.core;
     int level;
     m->desc = *desc;
     m->spec.directional = directional;
     m->scene_version = c->scene.version;
+    sbl__camera_make(&m->camera, desc, &c->scene.geometry);
     m->size[0] = desc->width / across;
     m->size[1] = desc->height / across;
     m->across = across;
@@ -15013,21 +15050,23 @@ static void sbl__map_begin(sbl__map *m, const sbl_picture_desc *desc, int across
 
 /* >>map: what pixels show */
 
-/* Allocates memory and textures, one of them per piece. drawn: 1: surfaces are drawn, which needs a depth buffer. */
-static sbl_result sbl__map_setup(sbl__map *m, int drawn) {
+/* Allocates memory and textures, a part of them per piece. Only pictures need a depth buffer. */
+static sbl_result sbl__map_setup(void *work, sbl__slice *slice) {
+    sbl__map *m = (sbl__map *)work;
     sbl__device *d = &m->work.core->device;
     const int width = m->desc.width, height = m->desc.height;
     sbl_result result;
+    (void)slice;
     d->gl.doing = "making the picture's textures";
     switch (m->work.stages.at++) {
         case 0: result = sbl__refine_make(&m->refine); break;
-        case 1: result = sbl__surface_make(d, &m->surface, width, height, !drawn); break;
-        default: return sbl__gbuffer_make(d, &m->gbuffer, width, height, drawn ? &m->surface.depth : NULL);
+        case 1: result = sbl__surface_make(d, &m->surface, width, height, m->atlas != NULL); break;
+        default: return sbl__gbuffer_make(d, &m->gbuffer, width, height, m->atlas ? NULL : &m->surface.depth);
     }
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
 }
 
-/* Makes a texture of the size that the host reads times `across`. target: NULL if nothing is drawn into it. */
+/* Makes a texture with across x across pixels per pixel of the host, and its target, unless this is NULL. */
 static sbl_result sbl__map_texture(const sbl__map *m, int across, sbl__texture *t, sbl__target *target) {
     const sbl__device *d = &m->work.core->device;
     const sbl__texture *color = t;
@@ -15035,15 +15074,48 @@ static sbl_result sbl__map_texture(const sbl__map *m, int across, sbl__texture *
     return result == SBL_SUCCESS && target ? sbl__target_make(d, target, &color, 1, NULL) : result;
 }
 
-static sbl_result sbl__map_prepare(void *work, sbl__slice *slice) {
+/* Uploads rows from *at on, and advances *at. The first call makes the texture, see sbl__map_texture. rgba: all rows.
+   SBL_SUCCESS: all rows are uploaded. */
+static sbl_result sbl__map_upload(const sbl__map *m, int across, sbl__texture *t, sbl__target *target,
+                                  const float *rgba, int *at) {
+    const int width = m->size[0] * across, height = m->size[1] * across, first = *at;
+    const int rows = SBL__MIN(SBL__MAX(1, SBL__READ_PIXELS / width), height - first);
+    sbl_result result = first == 0 ? sbl__map_texture(m, across, t, target) : SBL_SUCCESS;
+    if (result == SBL_SUCCESS)
+        result = sbl__texture_write(&m->work.core->device, t, first, rows, rgba + 4 * (size_t)first * (size_t)width);
+    *at += rows;
+    return result == SBL_SUCCESS && *at < height ? SBL_UNFINISHED : result;
+}
+
+static int sbl__map_after_prepare(void *work) {
+    sbl__refine_see(&((sbl__map *)work)->refine);
+    return SBL__MAP_SURFACE;
+}
+
+/* Draws surfaces into a G-buffer. offset: position of the sample relative to the pixel's centre, pixels */
+static sbl_result sbl__map_draw_surface(sbl__map *m, const sbl__gbuffer *g, const float offset[2], sbl__slice *slice) {
+    sbl__core *c = m->work.core;
+    sbl__surface_job job;
+    job.scene = &c->scene;
+    job.camera = &m->camera;
+    job.gbuffer = g;
+    memcpy(job.offset, offset, sizeof job.offset);
+    job.epsilon = m->work.measurement.options.epsilon;
+    job.bounced = m->spec.bounced && g == &m->gbuffer;
+    job.atlas = m->atlas;
+    return sbl__surface_step(&c->device, &m->surface, &job, slice);
+}
+
+static sbl_result sbl__map_surface(void *work, sbl__slice *slice) {
+    static const float centre[2] = { 0, 0 };
     sbl__map *m = (sbl__map *)work;
-    const sbl_result result = sbl__prepare(m->work.core, &m->work.measurement, slice);
-    if (result == SBL_SUCCESS) sbl__refine_see(&m->refine);
+    const sbl_result result = sbl__map_draw_surface(m, &m->gbuffer, centre, slice);
+    if (result == SBL_SUCCESS && m->atlas) sbl__refine_hide_within(&m->refine, sbl__atlas_texel_size(m->atlas));
     return result;
 }
 
 /* Converts a pixel of the G-buffer for refinement. from: position, normal, geometric normal and emission, 4 floats
-   each, see >>surface for their fourth components. */
+   each; >>surface describes their fourth components */
 static void sbl__map_pixel(const sbl__map *m, const float *const from[4], uint32_t id, sbl__pixel *out) {
     memset(out, 0, sizeof *out);
     memcpy(out->position, from[0], sizeof out->position);
@@ -15065,15 +15137,16 @@ static void sbl__map_pixel(const sbl__map *m, const float *const from[4], uint32
     out->variance *= out->variance;
 }
 
-/* Returns the working pixel that pixel i of those that the host reads shows. */
+/* Returns the number of the working pixel whose surface pixel i of the host shows. */
 static size_t sbl__map_shown(const sbl__map *m, size_t i) { return m->shown ? (size_t)m->shown[i] : i; }
 
 /* Reads rows of the G-buffer back, from row stages.at on, and advances stages.at. SBL_SUCCESS: all rows are read. */
-static sbl_result sbl__map_read(sbl__map *m) {
+static sbl_result sbl__map_read(void *work, sbl__slice *slice) {
     static const int attachments[4] = { SBL__GBUFFER_POSITION, SBL__GBUFFER_NORMAL, SBL__GBUFFER_GEOMETRIC_NORMAL,
                                         SBL__GBUFFER_EMISSION };
+    sbl__map *m = (sbl__map *)work;
     sbl__core *c = m->work.core;
-    const int parts = m->spec.bounced ? 4 : 3;  /* the last holds a component of the stored light */
+    const int parts = m->spec.bounced ? 4 : 3;  /* emission is read only because its alpha channel is stored light */
     const int width = m->desc.width, most = SBL__MAX(1, SBL__READ_PIXELS / width / m->across) * m->across;
     const int first = m->work.stages.at, rows = SBL__MIN(most, m->desc.height - first), count = rows * width;
     const sbl__target *t = &m->gbuffer.target;
@@ -15081,6 +15154,7 @@ static sbl_result sbl__map_read(sbl__map *m) {
     float *ids = data ? data + 16 * (size_t)count : NULL;
     sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
     int i, k;
+    (void)slice;
     c->device.gl.doing = "reading the G-buffer";
     for (k = 0; k < parts && result == SBL_SUCCESS; k++)
         result = sbl__target_read(&c->device, t, attachments[k], first, rows, data + 4 * (size_t)count * (size_t)k);
@@ -15101,9 +15175,19 @@ static sbl_result sbl__map_read(sbl__map *m) {
     return result == SBL_SUCCESS && m->work.stages.at < m->desc.height ? SBL_UNFINISHED : result;
 }
 
+static int sbl__map_after_read(void *work) {
+    const sbl__map *m = (const sbl__map *)work;
+    const sbl__core *c = m->work.core;
+    if (!c->stats.picture.visible_pixels)
+        sbl__log(&c->base, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE, "%s", m->atlas ?
+                 "no mesh of the lightmap has a triangle on the map; check lightmap_texcoords" :
+                 "the camera sees no surface; check world_to_view, view_to_clip and the scene's bounds");
+    return SBL__MAP_REFINE;
+}
+
 /* >>map: developing */
 
-/* Starts DEVELOP at a layer. */
+/* Makes DEVELOP begin with a layer. */
 static void sbl__map_develop_from(sbl__map *m, int layer) {
     sbl__fill_free(&m->work.core->base, &m->fill);
     m->layer = layer;
@@ -15119,21 +15203,13 @@ static sbl_result sbl__map_fill(void *work, sbl__slice *slice) {
     return sbl__fill_step(&m->fill, slice);
 }
 
-/* Uploads rows of the layer. */
 static sbl_result sbl__map_send(void *work, sbl__slice *slice) {
     sbl__map *m = (sbl__map *)work;
     sbl__device *d = &m->work.core->device;
-    sbl__texture *t = &m->layers[m->layer].light;
-    const int width = m->desc.width, at = m->developing.at;
-    const int rows = SBL__MIN(SBL__MAX(1, SBL__READ_PIXELS / width), m->desc.height - at);
-    sbl_result result = SBL_SUCCESS;
+    sbl_result result;
     (void)slice;
-    d->gl.doing = "sending the radiance map";
-    if (at == 0) result = sbl__map_texture(m, m->across, t, NULL);
-    if (result == SBL_SUCCESS)
-        result = sbl__texture_write(d, t, at, rows, m->fill.rgba + 4 * (size_t)at * (size_t)width);
-    m->developing.at += rows;
-    if (result == SBL_SUCCESS && m->developing.at < m->desc.height) return SBL_UNFINISHED;
+    d->gl.doing = "uploading the radiance map";
+    result = sbl__map_upload(m, m->across, &m->layers[m->layer].light, NULL, m->fill.rgba, &m->developing.at);
     if (result == SBL_SUCCESS) sbl__fill_free(d->base, &m->fill);
     return result;
 }
@@ -15167,7 +15243,7 @@ static int sbl__map_after_filter(void *work) {
     return ++m->layer < m->layer_end ? SBL__DEVELOP_FILL : SBL__DEVELOP_DONE;
 }
 
-/* SBL_SUCCESS: the layers are developed. */
+/* Develops the layers up to layer_end, piece by piece. */
 static sbl_result sbl__map_develop(void *work, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { sbl__map_fill, NULL, NULL, NULL },
@@ -15211,11 +15287,12 @@ static int sbl__map_after_preview(void *work) {
 
 /* >>map: stages */
 
-/* The first rows of a front end's table. setup, surface, read and preview are functions of the front end. */
-#define SBL__MAP_ROWS(setup, surface, read, preview) \
-    { setup, NULL, NULL, NULL }, { sbl__map_prepare, NULL, NULL, NULL }, { surface, NULL, NULL, NULL }, \
-    { read, NULL, NULL, NULL }, { sbl__map_refine, sbl__map_after_refine, NULL, NULL }, \
-    { preview, sbl__map_after_preview, NULL, NULL }, { sbl__map_develop, sbl__map_after_develop, NULL, NULL }
+/* The first rows of a front end's table. read and preview: functions of the front end */
+#define SBL__MAP_ROWS(read, preview) \
+    { sbl__map_setup, NULL, NULL, NULL }, { sbl__work_prepare, sbl__map_after_prepare, NULL, NULL }, \
+    { sbl__map_surface, NULL, NULL, NULL }, { read, sbl__map_after_read, NULL, NULL }, \
+    { sbl__map_refine, sbl__map_after_refine, NULL, NULL }, { preview, sbl__map_after_preview, NULL, NULL }, \
+    { sbl__map_develop, sbl__map_after_develop, NULL, NULL }
 
 static double *sbl__map_seconds(const void *work) {
     const sbl__map *m = (const sbl__map *)work;
@@ -15251,15 +15328,15 @@ static sbl_result sbl__map_watch(sbl__map *m) {
     return result;
 }
 
-/* The row `preview` of a front end whose channel FINAL is R. Once R is final, nothing is left to do. */
+/* The row `preview` of a front end whose channel FINAL is R. When R is final, no preview is needed. */
 static sbl_result sbl__map_preview(void *work, sbl__slice *slice) {
     return ((sbl__map *)work)->developed ? SBL_SUCCESS : sbl__map_develop(work, slice);
 }
 
 /* >>map: channels */
 
-/* Per channel: number of floats per pixel; which texture of its target holds it, if a target of sbl__map.channels holds
-   it; texture of the G-buffer that holds it, or -1. */
+/* Per channel: number of floats per pixel; index of its texture among those of sbl__map.channels, if this is not NULL;
+   index of its texture in the G-buffer, or -1 if the G-buffer does not have it. */
 static const struct { int components, attachment, gbuffer; } sbl__channels[SBL_CHANNEL_COUNT] = {
     { 3, 0, -1 }, { 3, 0, -1 }, { 3, SBL__GBUFFER_ALBEDO, -1 }, { 3, 0, SBL__GBUFFER_NORMAL },
     { 3, 0, SBL__GBUFFER_POSITION }, { 1, 0, SBL__GBUFFER_ID }, { 1, 0, -1 }, { 1, 0, -1 }, { 3, 0, -1 }, { 1, 0, -1 },
@@ -15270,14 +15347,14 @@ static int sbl__map_components(sbl_channel channel) {
     return (int)channel >= 0 && channel < SBL_CHANNEL_COUNT ? sbl__channels[channel].components : 0;
 }
 
-/* Writes a channel that no target holds. place: number of the pixel among those that the host reads. */
+/* Gets a pixel of a channel that no target holds. place: number of the pixel of the host */
 static void sbl__map_channel_pixel(const sbl__map *m, sbl_channel channel, size_t place, float *out) {
     const size_t i = sbl__map_shown(m, place);
     const sbl__pixel *pixel = sbl__refine_pixel(&m->refine, i);
     double depth = 0;
     int k;
-    for (k = 0; k < 3 && m->camera; k++)
-        depth -= m->camera->back[k] * ((double)pixel->position[k] - m->camera->eye[k]);
+    for (k = 0; k < 3 && !m->atlas; k++)
+        depth -= m->camera.back[k] * ((double)pixel->position[k] - m->camera.eye[k]);
     if (channel == SBL_CHANNEL_OVERLAP) out[0] = m->atlas ? sbl__atlas_others(m->atlas, i) : 0;
     else if (!pixel->id || channel >= SBL_CHANNEL_SH_0)
         memset(out, 0, (size_t)sbl__channels[channel].components * sizeof *out);
@@ -15289,7 +15366,7 @@ static void sbl__map_channel_pixel(const sbl__map *m, sbl_channel channel, size_
                 : channel == SBL_CHANNEL_ERROR ? pixel->error : (float)pixel->level;
 }
 
-/* Copies a channel that a target holds: three components of each pixel that the host reads. */
+/* Copies a channel that a target holds, three components per pixel of the host. */
 static sbl_result sbl__map_copy_channel(sbl__map *m, sbl_channel channel, float *out) {
     sbl__core *c = m->work.core;
     const sbl__target *t = m->channels[channel];
@@ -15321,7 +15398,7 @@ static sbl_result sbl__map_read_channel(sbl__map *m, sbl_channel channel, float 
     return SBL_SUCCESS;
 }
 
-/* Makes the texture of a channel that no texture holds in the size that the host reads. Returns its name, or 0 on
+/* Makes the texture of a channel if there is none of the size that the host reads. Returns its GL name, or 0 on
    failure. */
 static uint32_t sbl__map_send_channel(sbl__map *m, sbl_channel channel) {
     sbl__core *c = m->work.core;
@@ -15347,7 +15424,7 @@ static uint32_t sbl__map_send_channel(sbl__map *m, sbl_channel channel) {
     return result == SBL_SUCCESS ? t->id : 0;
 }
 
-/* Returns the name of a channel's texture, or 0 on failure. */
+/* Returns the GL name of a channel's texture, or 0 on failure. */
 static uint32_t sbl__map_channel_texture(sbl__map *m, sbl_channel channel) {
     const sbl__target *target = m->channels[channel];
     const int gbuffer = sbl__channels[channel].gbuffer;
@@ -15362,8 +15439,7 @@ static uint32_t sbl__map_channel_texture(sbl__map *m, sbl_channel channel) {
 enum { SBL__PICTURE_FINISH = SBL__MAP_END, SBL__PICTURE_SAMPLE, SBL__PICTURE_RESOLVE, SBL__PICTURE_DONE };
 
 typedef struct sbl__picture {
-    sbl__map map;               /* first: see >>map */
-    sbl__camera camera;
+    sbl__map map;               /* must be first, because pointers to the struct are cast to sbl__map * */
     sbl__gbuffer sample;        /* G-buffer of the current anti-aliasing sample */
     sbl__texture finals[2], preview;
     sbl__target final_targets[2], preview_target;
@@ -15403,60 +15479,16 @@ static sbl_result sbl__picture_check(const sbl__core *c, const void *desc, sbl__
 
 static sbl_result sbl__picture_begin(void *work, const void *desc) {
     sbl__picture *p = (sbl__picture *)work;
-    const sbl__core *c = p->map.work.core;
-    const sbl_picture_desc d = sbl__picture_desc_of(c, (const sbl_picture_desc *)desc);
+    const sbl_picture_desc d = sbl__picture_desc_of(p->map.work.core, (const sbl_picture_desc *)desc);
     sbl__map_begin(&p->map, &d, 1, 0);
     p->map.channels[SBL_CHANNEL_FINAL] = &p->preview_target;
-    p->map.camera = &p->camera;
-    sbl__camera_make(&p->camera, &d, &c->scene.geometry);
     return SBL_SUCCESS;
-}
-
-static sbl_result sbl__picture_setup(void *work, sbl__slice *slice) {
-    (void)slice;
-    return sbl__map_setup((sbl__map *)work, 1);
-}
-
-/* >>picture: what the camera sees */
-
-/* Draws surfaces into a G-buffer. offset: of the sample from the pixel's centre, in pixels. */
-static sbl_result sbl__picture_draw_surface(sbl__picture *p, const sbl__gbuffer *g, const float offset[2],
-                                            sbl__slice *slice) {
-    sbl__map *m = &p->map;
-    sbl__core *c = m->work.core;
-    sbl__surface_job job;
-    memset(&job, 0, sizeof job);
-    job.scene = &c->scene;
-    job.camera = &p->camera;
-    job.gbuffer = g;
-    job.offset[0] = offset[0];
-    job.offset[1] = offset[1];
-    job.epsilon = m->work.measurement.options.epsilon;
-    job.bounced = m->spec.bounced && g == &m->gbuffer;
-    return sbl__surface_step(&c->device, &m->surface, &job, slice);
-}
-
-static sbl_result sbl__picture_surface(void *work, sbl__slice *slice) {
-    static const float centre[2] = { 0, 0 };
-    sbl__picture *p = (sbl__picture *)work;
-    return sbl__picture_draw_surface(p, &p->map.gbuffer, centre, slice);
-}
-
-static sbl_result sbl__picture_read(void *work, sbl__slice *slice) {
-    sbl__map *m = (sbl__map *)work;
-    const sbl__core *c = m->work.core;
-    const sbl_result result = sbl__map_read(m);
-    (void)slice;
-    if (result == SBL_SUCCESS && !c->stats.picture.visible_pixels)
-        sbl__log(&c->base, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE, "the camera sees no surface; check "
-                 "world_to_view, view_to_clip and the scene's bounds");
-    return result;
 }
 
 /* >>picture: composition */
 
-/* Draws rows of sample number r->index of r->count, from *row on, and advances *row. r->sample and r->previous are set.
-   SBL_SUCCESS: all rows are drawn. */
+/* Adds rows of an anti-aliasing sample to a target, from *row on, and advances *row. The caller has set r's sample,
+   previous, index and count. SBL_SUCCESS: all rows are drawn. */
 static sbl_result sbl__picture_compose(sbl__picture *p, sbl__resolve *r, const sbl__target *out, int *row,
                                        const sbl__slice *slice) {
     const sbl__map *m = &p->map;
@@ -15467,7 +15499,7 @@ static sbl_result sbl__picture_compose(sbl__picture *p, sbl__resolve *r, const s
     r->centres = &m->gbuffer;
     r->radiance = &m->layers[0].smooth;
     r->environment = &m->work.core->scene.environment;
-    r->camera = &p->camera;
+    r->camera = &m->camera;
     sbl__sample_offset(r->index, r->count, r->offset);
     rows[0] = *row;
     rows[1] = sbl__pace_rows(&p->resolve_pace, slice, out, *row);
@@ -15478,7 +15510,7 @@ static sbl_result sbl__picture_compose(sbl__picture *p, sbl__resolve *r, const s
     return result == SBL_SUCCESS && *row < m->desc.height ? SBL_UNFINISHED : result;
 }
 
-/* Composes the sample at pixel centres with the R that is known so far. */
+/* Composes the picture from the sample at pixel centres and from R as far as it is known. */
 static sbl_result sbl__picture_compose_preview(sbl__picture *p, const sbl__slice *slice) {
     sbl_result result = SBL_SUCCESS;
     sbl__resolve r;
@@ -15499,7 +15531,7 @@ static sbl_result sbl__picture_preview(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS ? sbl__picture_compose_preview((sbl__picture *)work, slice) : result;
 }
 
-/* Makes the textures of the last stages, and the last preview. */
+/* Makes the textures of the last stages and, if the host reads channels, a preview with the final R. */
 static sbl_result sbl__picture_finish(void *work, sbl__slice *slice) {
     sbl__picture *p = (sbl__picture *)work;
     sbl__map *m = &p->map;
@@ -15519,7 +15551,7 @@ static sbl_result sbl__picture_sample(void *work, sbl__slice *slice) {
     sbl__picture *p = (sbl__picture *)work;
     float offset[2];
     sbl__sample_offset(p->resolved, p->map.desc.samples, offset);
-    return p->map.desc.samples > 1 ? sbl__picture_draw_surface(p, &p->sample, offset, slice) : SBL_SUCCESS;
+    return p->map.desc.samples > 1 ? sbl__map_draw_surface(&p->map, &p->sample, offset, slice) : SBL_SUCCESS;
 }
 
 static sbl_result sbl__picture_resolve(void *work, sbl__slice *slice) {
@@ -15542,7 +15574,7 @@ static int sbl__picture_after_resolve(void *work) {
 }
 
 static const sbl__stage_row sbl__picture_stages[] = {
-    SBL__MAP_ROWS(sbl__picture_setup, sbl__picture_surface, sbl__picture_read, sbl__picture_preview),
+    SBL__MAP_ROWS(sbl__map_read, sbl__picture_preview),
     { sbl__picture_finish, NULL, NULL, NULL },
     { sbl__picture_sample, NULL, NULL, NULL },
     { sbl__picture_resolve, sbl__picture_after_resolve, NULL, NULL }
@@ -15560,7 +15592,7 @@ enum { SBL__LIGHTMAP_LIGHT = SBL__MAP_END, SBL__LIGHTMAP_GUTTERS, SBL__LIGHTMAP_
        SBL__LIGHTMAP_DONE };
 
 typedef struct sbl__lightmap {
-    sbl__map map;               /* first: see >>map */
+    sbl__map map;               /* must be first, because pointers to the struct are cast to sbl__map * */
     sbl__atlas atlas;
     int gutter, sew;            /* width of gutters, texels; 1: seams are sewn */
     int visible;                /* number of texels read so far that show a surface */
@@ -15607,43 +15639,16 @@ static sbl_result sbl__lightmap_begin(void *work, const void *desc) {
     m->channels[SBL_CHANNEL_FINAL] = &m->layers[0].target;
     l->gutter = SBL__MAX(d.gutter, 0);
     l->sew = d.seams >= 0;
-    return sbl__atlas_begin(&m->work.core->base, &l->atlas, &m->work.core->scene.geometry, &d);
-}
-
-static sbl_result sbl__lightmap_setup(void *work, sbl__slice *slice) {
-    sbl__map *m = (sbl__map *)work;
-    const size_t texels = (size_t)m->size[0] * (size_t)m->size[1];
-    (void)slice;
-    if (m->across > 1 && !m->shown) {
-        m->shown = (int *)sbl__alloc(&m->work.core->base, texels, sizeof *m->shown);
+    if (m->across > 1) {
+        m->shown = (int *)sbl__alloc(&m->work.core->base, (size_t)d.width * (size_t)d.height, sizeof *m->shown);
         if (!m->shown) return SBL_ERROR_OUT_OF_MEMORY;
     }
-    return sbl__map_setup(m, 0);
+    return sbl__atlas_begin(&m->work.core->base, &l->atlas, &m->work.core->scene.geometry, &d);
 }
 
 /* >>lightmap: what texels show */
 
-static sbl_result sbl__lightmap_surface(void *work, sbl__slice *slice) {
-    sbl__lightmap *l = (sbl__lightmap *)work;
-    sbl__map *m = &l->map;
-    sbl__core *c = m->work.core;
-    sbl__surface_job job;
-    sbl__camera camera;
-    sbl_result result;
-    memset(&job, 0, sizeof job);
-    sbl__camera_make(&camera, &m->desc, &c->scene.geometry);
-    job.scene = &c->scene;
-    job.camera = &camera;
-    job.gbuffer = &m->gbuffer;
-    job.epsilon = m->work.measurement.options.epsilon;
-    job.bounced = m->spec.bounced;
-    job.atlas = &l->atlas;
-    result = sbl__surface_step(&c->device, &m->surface, &job, slice);
-    if (result == SBL_SUCCESS) sbl__refine_hide_within(&m->refine, sbl__atlas_texel_size(&l->atlas));
-    return result;
-}
-
-/* Returns working pixel number i, 0 to across * across - 1, of a texel. */
+/* Returns the number of the working pixel that is part i of a texel. i: 0 to across * across - 1 */
 static size_t sbl__lightmap_part(const sbl__map *m, int texel, int i) {
     const int x = texel % m->size[0] * m->across + i % m->across, y = texel / m->size[0] * m->across + i / m->across;
     return (size_t)y * (size_t)m->desc.width + (size_t)x;
@@ -15653,8 +15658,8 @@ static uint32_t sbl__lightmap_part_id(const sbl__map *m, int texel, int i) {
     return sbl__refine_pixel(&m->refine, sbl__lightmap_part(m, texel, i))->id;
 }
 
-/* Sets m->shown of a supersampled texel: of the working pixels that show the texel's most frequent surface, the one
-   nearest to the texel's centre. Returns the number of working pixels that show this surface. */
+/* Finds the surface that most working pixels of a supersampled texel show. Sets m->shown to that of these pixels which
+   is nearest to the texel's centre, and returns their number. */
 static int sbl__lightmap_show(const sbl__map *m, int texel) {
     const int parts = m->across * m->across;
     int i, k, most = 0, nearest = INT_MAX;
@@ -15677,27 +15682,17 @@ static int sbl__lightmap_show(const sbl__map *m, int texel) {
 static sbl_result sbl__lightmap_read(void *work, sbl__slice *slice) {
     sbl__lightmap *l = (sbl__lightmap *)work;
     sbl__map *m = &l->map;
-    sbl__core *c = m->work.core;
     int i = m->work.stages.at / m->across * m->size[0];
-    const sbl_result result = sbl__map_read(m);
-    (void)slice;
+    const sbl_result result = sbl__map_read(m, slice);
     for (; m->shown && i < m->work.stages.at / m->across * m->size[0]; i++) l->visible += sbl__lightmap_show(m, i) > 0;
-    if (m->shown) c->stats.picture.visible_pixels = l->visible;
-    if (result == SBL_SUCCESS && !c->stats.picture.visible_pixels)
-        sbl__log(&c->base, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE, "no mesh of the lightmap has a triangle on "
-                 "the map; check lightmap_texcoords");
+    if (m->shown) m->work.core->stats.picture.visible_pixels = l->visible;
     return result;
 }
 
 /* >>lightmap: a layer of light */
 
-/* Returns the number of rows of texels to transfer at once, from row `at` on. */
-static int sbl__lightmap_rows(const sbl__map *m, int at) {
-    return SBL__MIN(SBL__MAX(1, SBL__READ_PIXELS / m->desc.width / m->across), m->size[1] - at);
-}
-
-/* Computes the mean light of the working pixels that show the same surface as their texel. data: 4 floats per working
-   pixel, from number `first` on. */
+/* Computes the mean light of a texel's working pixels that show the same surface as the texel. data: 4 floats per
+   working pixel, beginning with working pixel number `first` */
 static void sbl__lightmap_mean(const sbl__map *m, int texel, const float *data, size_t first, float out[4]) {
     const uint32_t id = sbl__refine_pixel(&m->refine, sbl__map_shown(m, (size_t)texel))->id;
     const int parts = sbl__lightmap_show(m, texel);
@@ -15710,12 +15705,13 @@ static void sbl__lightmap_mean(const sbl__map *m, int texel, const float *data, 
     }
 }
 
-/* Reads rows of the layer back into gutters.light. */
+/* Reads rows of a layer into gutters.light. */
 static sbl_result sbl__lightmap_light(void *work, sbl__slice *slice) {
     sbl__lightmap *l = (sbl__lightmap *)work;
     sbl__map *m = &l->map;
     sbl__core *c = m->work.core;
-    const int across = m->across, at = m->work.stages.at, rows = sbl__lightmap_rows(m, at);
+    const int across = m->across, at = m->work.stages.at;
+    const int rows = SBL__MIN(SBL__MAX(1, SBL__READ_PIXELS / m->desc.width / across), m->size[1] - at);
     const int first = at * m->size[0], count = rows * m->size[0], means = m->shown && l->layer == 0;
     const size_t before = (size_t)(at * across) * (size_t)m->desc.width;
     float *light, *data;
@@ -15757,21 +15753,13 @@ static sbl_result sbl__lightmap_sew(void *work, sbl__slice *slice) {
     return result;
 }
 
-/* Uploads rows of the finished layer. */
 static sbl_result sbl__lightmap_send(void *work, sbl__slice *slice) {
     sbl__lightmap *l = (sbl__lightmap *)work;
     sbl__map *m = &l->map;
-    sbl__device *d = &m->work.core->device;
-    sbl__texture *t = &l->finals[l->layer];
-    const int at = m->work.stages.at, rows = sbl__lightmap_rows(m, at);
-    sbl_result result = SBL_SUCCESS;
     (void)slice;
-    d->gl.doing = "sending the lightmap";
-    if (at == 0) result = sbl__map_texture(m, 1, t, &l->final_targets[l->layer]);
-    if (result == SBL_SUCCESS)
-        result = sbl__texture_write(d, t, at, rows, l->gutters.light + 4 * (size_t)at * (size_t)m->size[0]);
-    m->work.stages.at += rows;
-    return result == SBL_SUCCESS && m->work.stages.at < m->size[1] ? SBL_UNFINISHED : result;
+    m->work.core->device.gl.doing = "uploading the lightmap";
+    return sbl__map_upload(m, 1, &l->finals[l->layer], &l->final_targets[l->layer], l->gutters.light,
+                           &m->work.stages.at);
 }
 
 /* Goes back to DEVELOP for the next layer, if there is one. */
@@ -15797,7 +15785,7 @@ static int sbl__lightmap_after_send(void *work) {
 }
 
 static const sbl__stage_row sbl__lightmap_stages[] = {
-    SBL__MAP_ROWS(sbl__lightmap_setup, sbl__lightmap_surface, sbl__lightmap_read, sbl__map_preview),
+    SBL__MAP_ROWS(sbl__lightmap_read, sbl__map_preview),
     { sbl__lightmap_light, NULL, NULL, NULL },
     { sbl__lightmap_gutters, NULL, NULL, NULL },
     { sbl__lightmap_sew, NULL, NULL, NULL },
@@ -15813,17 +15801,17 @@ static const sbl__front_end sbl__lightmap_front_end = {
    number of sites, so that memory stays bounded. */
 
 #define SBL__GATHER_SITES 65536  /* maximum number of sites of a job */
-#define SBL__UNIT_SLACK 1e-6     /* a normal is not normalized again if its squared length is so close to 1 */
+#define SBL__UNIT_SLACK 1e-6     /* a normal whose squared length differs from 1 by at most this much counts as unit */
 
 enum { SBL__GATHER_PREPARE, SBL__GATHER_SITES_NEXT, SBL__GATHER_SENSE, SBL__GATHER_DONE };
 
 typedef struct sbl__gathering {
-    sbl__work work;             /* first: see >>work */
+    sbl__work work;             /* must be first, because pointers to the struct are cast to sbl__work * */
     sbl_readings_desc desc;     /* with defaults */
     sbl__spec spec;
     sbl__site *sites;           /* sites of the job */
     int first, count;           /* index of the job's first site among desc.sites; number of the job's sites */
-    uint32_t passed;            /* number of sites before desc.sites[0], see sbl__gathering_more */
+    uint32_t passed;            /* number of sites measured before sbl__gathering_more replaced them by desc.sites */
 } sbl__gathering;
 
 static void sbl__gathering_free(void *work) {
@@ -15844,8 +15832,8 @@ static sbl_result sbl__gathering_begin(void *work, const void *desc) {
     return SBL_SUCCESS;
 }
 
-/* Continues a gathering, finished or not yet started, with other sites: site_count sites now stand in the array of
-   desc.sites, at most as many as at first. */
+/* Makes a gathering that has finished, or not started, measure new sites, which the caller has written to the array
+   desc.sites. site_count: at most the number of sites of the first job, for which memory was allocated */
 static void sbl__gathering_more(sbl__gathering *g, int site_count) {
     if (g->work.stages.stage == SBL__GATHER_DONE) {
         g->passed += (uint32_t)g->desc.site_count;
@@ -15862,7 +15850,7 @@ static void sbl__unit_normal(const float from[3], float out[3]) {
     for (k = 0; k < 3; k++) out[k] = (float)n[k];
 }
 
-/* Converts a site of the host for the job. */
+/* Converts site `number` of desc.sites for the job. */
 static void sbl__site_make(const sbl__gathering *g, int number, sbl__site *out) {
     const sbl_site *from = &g->desc.sites[number];
     const float usual_offset = sbl__spec_offset(&g->spec, &g->work.core->scene, 0);
@@ -15876,60 +15864,37 @@ static void sbl__site_make(const sbl__gathering *g, int number, sbl__site *out) 
     out->looks = 1;
 }
 
-static sbl_result sbl__gathering_prepare(void *work, sbl__slice *slice) {
-    sbl__gathering *g = (sbl__gathering *)work;
-    sbl__core *c = g->work.core;
-    const sbl_result result = sbl__prepare(c, &g->work.measurement, slice);
-    if (result == SBL_SUCCESS) sbl__spec_make(&g->spec, &g->work.measurement, &c->scene, &c->desc);
-    return result;
-}
-
 static int sbl__gathering_after_prepare(void *work) {
-    return ((sbl__gathering *)work)->desc.site_count ? SBL__GATHER_SITES_NEXT : SBL__GATHER_DONE;
+    sbl__gathering *g = (sbl__gathering *)work;
+    const sbl__core *c = g->work.core;
+    sbl__spec_make(&g->spec, &g->work.measurement, &c->scene, &c->desc);
+    return g->desc.site_count ? SBL__GATHER_SITES_NEXT : SBL__GATHER_DONE;
 }
 
 /* Makes the sites of the next job, then begins the job. */
 static sbl_result sbl__gathering_sites(void *work, sbl__slice *slice) {
     sbl__gathering *g = (sbl__gathering *)work;
-    sbl__core *c = g->work.core;
     int *at = &g->work.stages.at;
-    sbl__task task;
     if (*at == 0) g->count = SBL__MIN(SBL__GATHER_SITES, g->desc.site_count - g->first);
-    if (!g->sites) g->sites = (sbl__site *)sbl__alloc_raw(&c->base, (size_t)g->count, sizeof *g->sites);
+    if (!g->sites)
+        g->sites = (sbl__site *)sbl__alloc_raw(&g->work.core->base, (size_t)g->count, sizeof *g->sites);
     if (!g->sites) return SBL_ERROR_OUT_OF_MEMORY;
     for (; *at < g->count; ++*at) {
         if (*at && sbl__late(slice)) return SBL_UNFINISHED;
         sbl__site_make(g, g->first + *at, &g->sites[*at]);
     }
-    memset(&task, 0, sizeof task);
-    task.spec = g->spec;
-    task.sites = g->sites;
-    task.readings = g->desc.readings + g->first;
-    task.site_count = g->count;
-    sbl__job_begin(&c->job, &c->scene, &task);
+    sbl__work_begin_job(&g->work, &g->spec, g->sites, g->desc.readings + g->first, g->count);
     return SBL_SUCCESS;
 }
 
-static sbl_result sbl__gathering_sense(void *work, sbl__slice *slice) {
-    sbl__core *c = ((sbl__gathering *)work)->work.core;
-    return sbl__job_step(&c->device, &c->job, slice);
-}
-
-/* Adds the finished job to the statistics. */
 static int sbl__gathering_after_sense(void *work) {
     sbl__gathering *g = (sbl__gathering *)work;
     sbl_stats *stats = &g->work.core->stats;
     int i;
-    sbl__core_count(g->work.core);
     stats->sensors.count += g->count;
     for (i = g->first; i < g->first + g->count; i++) stats->sensors.invalid += !g->desc.readings[i].valid;
     g->first += g->count;
     return g->first < g->desc.site_count ? SBL__GATHER_SITES_NEXT : SBL__GATHER_DONE;
-}
-
-static double *sbl__gathering_seconds(const void *work) {
-    const sbl__work *w = (const sbl__work *)work;
-    return w->stages.stage == SBL__GATHER_PREPARE ? &w->core->stats.seconds.surface : &w->core->stats.seconds.gather;
 }
 
 static float sbl__gathering_progress(const void *work) {
@@ -15941,13 +15906,13 @@ static float sbl__gathering_progress(const void *work) {
 }
 
 static const sbl__stage_row sbl__gathering_stages[] = {
-    { sbl__gathering_prepare, sbl__gathering_after_prepare, NULL, NULL },
+    { sbl__work_prepare, sbl__gathering_after_prepare, NULL, NULL },
     { sbl__gathering_sites, NULL, NULL, NULL },
-    { sbl__gathering_sense, sbl__gathering_after_sense, NULL, NULL }
+    { sbl__work_sense, sbl__gathering_after_sense, NULL, NULL }
 };
 static const sbl__front_end sbl__readings_front_end = {
     "sbl_begin_readings", 0, sbl__gathering_check, sbl__gathering_begin, sbl__gathering_stages, SBL__GATHER_DONE,
-    sbl__gathering_seconds, sbl__gathering_progress, sbl__gathering_free
+    sbl__work_seconds, sbl__gathering_progress, sbl__gathering_free
 };
 
 /* ======================================================================================================== >>vertices
@@ -15964,59 +15929,59 @@ static const sbl__front_end sbl__readings_front_end = {
    are relative to the mean triangle area of the mesh. */
 
 #define SBL__VERTICES_POINTS 65536      /* maximum number of points per gather, so that each gather is one job */
-#define SBL__VERTICES_FEW 4             /* minimum number of points on a triangle, unless `samples` is lower */
-#define SBL__VERTICES_MANY 8            /* maximum number of points on a triangle, as a multiple of `samples` */
-#define SBL__VERTICES_LEAST 1e-9f       /* least relative area; smaller triangles are treated as having this area */
-#define SBL__VERTICES_AGREE 0.99985f    /* least cosine between the normals of welded vertices: 1 degree */
-#define SBL__VERTICES_BACK 0.9f         /* share of a hemisphere with back faces; above it a point is rejected */
-#define SBL__VERTICES_INSIDE_OUT 0.5    /* share of a mesh's points that see back faces; above it the mesh counts as a
-                                           room that is modelled inside out, and these points are used after all */
+#define SBL__VERTICES_FEW 4             /* minimum number of points on a triangle, unless desc.samples is lower */
+#define SBL__VERTICES_MANY 8            /* maximum number of points on a triangle, divided by desc.samples */
+#define SBL__VERTICES_LEAST 1e-9f       /* minimum relative area; smaller triangles are treated as having this area */
+#define SBL__VERTICES_AGREE 0.99985f    /* minimum cosine between the normals of welded vertices: 1 degree */
+#define SBL__VERTICES_BACK 0.9f         /* a point is rejected if back faces cover more than this share of its view */
+#define SBL__VERTICES_INSIDE_OUT 0.5    /* if more than this share of a mesh's points see mostly back faces, the mesh is
+                                           a room that is modelled inside out, and these points are used after all */
 #define SBL__VERTICES_SUMS 16           /* number of floats per triangle in sbl__vertices.sums */
-#define SBL__VERTICES_WHOLE 1e-5f       /* share of a triangle's area that may be missing because of rounding */
+#define SBL__VERTICES_WHOLE 1e-5f       /* share of a triangle's area by which rounding may lower the sum of weights */
 #define SBL__VERTICES_SPRING 0.02f      /* stiffness of the springs between the corners of a triangle with rejected
                                            points, relative to the area of these points */
 #define SBL__VERTICES_PRECISION 1e-6    /* accepted ratio of the residual's norm to its initial norm */
 #define SBL__VERTICES_RINGS 64          /* maximum number of edges over which light spreads to other vertices */
+#define SBL__VERTICES_LIT (-1)          /* see sbl__vertices.neighbours */
 
 enum {
-    SBL__VERTICES_FACES, SBL__VERTICES_WELD, SBL__VERTICES_SIDES,  /* compute normals and areas; unknowns; hinges */
-    SBL__VERTICES_MAKE, SBL__VERTICES_SITES, SBL__VERTICES_SENSE, SBL__VERTICES_TAKE,
-    SBL__VERTICES_MASS, SBL__VERTICES_BEND, SBL__VERTICES_SOLVE,   /* add triangles and hinges to the matrix; solve */
-    SBL__VERTICES_LINK, SBL__VERTICES_SPREAD,                      /* extend light to vertices without valid points */
-    SBL__VERTICES_WRITE,
-    SBL__VERTICES_DONE
+    SBL__VERTICES_FACES, SBL__VERTICES_WELD, SBL__VERTICES_SIDES, SBL__VERTICES_MAKE,
+    SBL__VERTICES_SITES, SBL__VERTICES_SENSE, SBL__VERTICES_TAKE,  /* a gather */
+    SBL__VERTICES_MASS, SBL__VERTICES_BEND, SBL__VERTICES_SOLVE,
+    SBL__VERTICES_SPREAD, SBL__VERTICES_MEAN,                      /* a ring of unknowns without valid points */
+    SBL__VERTICES_WRITE, SBL__VERTICES_DONE
 };
 
-/* A mesh that is baked. Vertices and triangles are numbered consecutively over all parts, unless a comment says that
-   a number belongs to the scene. */
+/* A mesh that is baked. Vertices and triangles are numbered consecutively over all parts, except for functions whose
+   comment says that the number belongs to the scene. */
 typedef struct sbl__vertices_part {
     int mesh, first_vertex, first_triangle;
     double area;
-    double points, back_points;  /* number of valid points; number of those that see mostly back faces */
+    double points, back_points;  /* number of valid points; number of valid points that see mostly back faces */
 } sbl__vertices_part;
 
-/* An edge that two triangles share. sides: the edge as a side of each triangle, see >>topology. weights: those of the
-   corner opposite each side, then of the two ends of the first side */
+/* An edge that two triangles share. sides: number of the edge as a side of each triangle, see >>topology. weights:
+   weights of the two corners opposite the edge, then of the two ends of the first side */
 typedef struct sbl__hinge { uint32_t sides[2]; float weights[4]; } sbl__hinge;
 
-/* Point number `point` on a triangle, see sbl__vertices_point */
+/* A point. point: its number among the points on its triangle, see sbl__vertices_point */
 typedef struct sbl__vertices_place { int triangle, point; } sbl__vertices_place;
 
 typedef struct sbl__vertices {
-    sbl__work work;             /* first: see >>work */
+    sbl__work work;             /* must be first, because pointers to the struct are cast to sbl__work * */
     int part;                   /* index of the part that sbl__vertices_part_of found last */
-    sbl_vertices_desc desc;     /* defaults filled in */
+    sbl_vertices_desc desc;     /* with defaults */
     sbl__vertices_part *parts;
     int part_count, vertex_count, triangle_count;
     sbl__gathering gathering;
     sbl_site *sites;
     sbl_reading *readings;
     int site_count;             /* number of sites of the current gather */
-    double points, taken;       /* number of all points, and of those in the completed gathers */
+    double points, taken;       /* number of all points; number of points in the finished gathers */
     sbl__vertices_place next, first;  /* point that is processed next; point of the current gather's first site */
-    float *normals;             /* per vertex: sum of the unit normals of its triangles; after welding: its normal */
-    uint32_t *unknowns;         /* per vertex: number of its unknown, which is the first vertex that it is welded to;
-                                   SBL__NONE: no triangle uses the vertex */
+    float *normals;             /* per vertex: sum of its triangles' unit normals; after WELD: its normal */
+    uint32_t *unknowns;         /* per vertex: number of its unknown, which is the lowest of the numbers of the welded
+                                   vertices; SBL__NONE if no triangle uses the vertex */
     sbl__hash_table places, ends;  /* vertices by position; sides by their ends */
     uint32_t *corners;          /* per triangle: three unknowns */
     float *areas;               /* per triangle: area relative to the mean of its mesh */
@@ -16028,31 +15993,23 @@ typedef struct sbl__vertices {
     int hinge_count, hinge_room;
     sbl__solver solver;         /* with desc.average nothing is solved: diagonal holds sums of weights, and residual
                                    sums of weighted light */
-    sbl__rings rings;           /* extends light, ring by ring, to unknowns without valid points */
-    uint32_t *first_corners, *next_corners;  /* per unknown: 1 + the first corner that uses it; per corner: 1 + the
-                                                next corner with the same unknown; 0: there is none */
+    int *neighbours;            /* per unknown: SBL__VERTICES_LIT if it has light; otherwise the number of neighbours
+                                   that have light, each counted once per triangle */
+    int ring, reached;          /* number of rings that have got light; number of unknowns in the present ring */
 } sbl__vertices;
 
-/* Frees all memory, keeps the head of the struct. */
-static void sbl__vertices_clear(sbl__vertices *s) {
+static void sbl__vertices_free(void *work) {
+    sbl__vertices *s = (sbl__vertices *)work;
     void *const blocks[] = { s->parts, s->sites, s->readings, s->normals, s->unknowns, s->corners, s->areas,
-                             s->sums, s->back_sums, s->hinges, s->first_corners, s->next_corners };
-    const sbl__work work = s->work;
-    sbl__base *base = &work.core->base;
+                             s->sums, s->back_sums, s->hinges, s->neighbours };
+    sbl__base *base = &s->work.core->base;
     int i;
     for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(base, blocks[i]);
     sbl__hash_table_free(base, &s->places);
     sbl__hash_table_free(base, &s->ends);
     sbl__solver_free(base, &s->solver);
-    sbl__rings_free(base, &s->rings);
     sbl__gathering_free(&s->gathering);
     memset(s, 0, sizeof *s);
-    s->work = work;
-}
-
-static void sbl__vertices_free(void *work) {
-    sbl__vertices_clear((sbl__vertices *)work);
-    memset(work, 0, sizeof(sbl__vertices));
 }
 
 static sbl_result sbl__vertices_check(const sbl__core *c, const void *desc, sbl__measurement *measurement) {
@@ -16068,6 +16025,7 @@ static sbl_result sbl__vertices_begin(void *work, const void *desc) {
     sbl__core *c = s->work.core;
     const sbl__geometry *g = &c->scene.geometry;
     sbl_readings_desc readings;
+    size_t vertices, triangles;
     int i;
     s->desc = sbl_vertices_desc_defaults((const sbl_vertices_desc *)desc);
     s->part_count = s->desc.mesh_count ? s->desc.mesh_count : g->mesh_count;
@@ -16083,43 +16041,37 @@ static sbl_result sbl__vertices_begin(void *work, const void *desc) {
     }
     readings = sbl__vertices_readings(&s->desc);
     s->desc.meshes = NULL;
-    return sbl__work_begin(&s->gathering.work, &sbl__readings_front_end, c, &s->work.measurement, &readings);
-}
-
-/* Allocates the memory for normals, areas and welding, once. */
-static sbl_result sbl__vertices_make_faces(void *work, sbl__slice *slice) {
-    sbl__vertices *s = (sbl__vertices *)work;
-    sbl__base *base = &s->work.core->base;
-    const size_t vertices = (size_t)s->vertex_count, triangles = (size_t)s->triangle_count;
-    (void)slice;
-    if (s->normals) return SBL_SUCCESS;
-    s->normals = (float *)sbl__alloc(base, vertices, 12);
-    s->unknowns = (uint32_t *)sbl__alloc_raw(base, vertices, sizeof *s->unknowns);
-    s->corners = (uint32_t *)sbl__alloc_raw(base, triangles, 12);
-    s->areas = (float *)sbl__alloc_raw(base, triangles, sizeof *s->areas);
+    vertices = (size_t)s->vertex_count;
+    triangles = (size_t)s->triangle_count;
+    s->normals = (float *)sbl__alloc(&c->base, vertices, 12);
+    s->unknowns = (uint32_t *)sbl__alloc_raw(&c->base, vertices, sizeof *s->unknowns);
+    s->corners = (uint32_t *)sbl__alloc_raw(&c->base, triangles, 12);
+    s->areas = (float *)sbl__alloc_raw(&c->base, triangles, sizeof *s->areas);
     if (!s->normals || !s->unknowns || !s->corners || !s->areas ||
-        sbl__hash_table_make(base, &s->places, s->vertex_count) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
+        sbl__hash_table_make(&c->base, &s->places, s->vertex_count) != SBL_SUCCESS ||
+        sbl__hash_table_make(&c->base, &s->ends, 3.0 * s->triangle_count) != SBL_SUCCESS)
+        return SBL_ERROR_OUT_OF_MEMORY;
     memset(s->unknowns, 0xff, vertices * sizeof *s->unknowns);
-    return sbl__hash_table_make(base, &s->ends, 3.0 * s->triangle_count);
+    return sbl__work_begin(&s->gathering.work, &sbl__readings_front_end, c, &s->work.measurement, &readings);
 }
 
 /* >>vertices: welding */
 
 static const sbl__geometry *sbl__vertices_geometry(const sbl__vertices *s) { return &s->work.core->scene.geometry; }
 
-/* Returns the scene's number of a triangle of part s->part. */
+/* Returns the number in the scene of a triangle of part s->part. */
 static uint32_t sbl__vertices_triangle(const sbl__vertices *s, int triangle) {
     const sbl__vertices_part *p = &s->parts[s->part];
     return (uint32_t)(sbl__vertices_geometry(s)->meshes[p->mesh].first_triangle + triangle - p->first_triangle);
 }
 
-/* Returns the scene's number of a vertex of part s->part. */
+/* Returns the number in the scene of a vertex of part s->part. */
 static uint32_t sbl__vertices_vertex(const sbl__vertices *s, uint32_t vertex) {
     const sbl__vertices_part *p = &s->parts[s->part];
     return (uint32_t)sbl__vertices_geometry(s)->meshes[p->mesh].first_vertex + vertex - (uint32_t)p->first_vertex;
 }
 
-/* Sets s->part to the part that contains a triangle, or with is_vertex 1 a vertex, and returns the part. The search
+/* Sets s->part to the part that contains a triangle or, if is_vertex is 1, a vertex, and returns the part. The search
    begins at the part that was found last, because most callers ask for ascending numbers. */
 static sbl__vertices_part *sbl__vertices_part_of(sbl__vertices *s, int at, int is_vertex) {
     const sbl__vertices_part *p = s->parts;
@@ -16130,8 +16082,7 @@ static sbl__vertices_part *sbl__vertices_part_of(sbl__vertices *s, int at, int i
     return &s->parts[i];
 }
 
-/* Computes a triangle's area, records its vertices, and adds its normal to the sums of its vertices, which replace
-   normals that the mesh lacks. */
+/* Computes a triangle's area, stores the numbers of its vertices, and adds its normal to those of its vertices. */
 static sbl_result sbl__vertices_face(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
     const sbl__geometry *g = sbl__vertices_geometry(s);
@@ -16151,8 +16102,7 @@ static sbl_result sbl__vertices_face(void *work, int triangle) {
     return SBL_SUCCESS;
 }
 
-/* Returns whether two vertices are welded: they belong to the same part, have the same position, and their normals
-   agree. */
+/* Returns 1 if two vertices are welded: they are in the same part and at the same position, and their normals agree. */
 static int sbl__vertices_same(const void *user, uint32_t one, uint32_t other) {
     const sbl__vertices *s = (const sbl__vertices *)user;
     const float *a = s->normals + 3 * (size_t)one, *b = s->normals + 3 * (size_t)other;
@@ -16160,8 +16110,8 @@ static int sbl__vertices_same(const void *user, uint32_t one, uint32_t other) {
            sbl__same_place(sbl__vertices_geometry(s), sbl__vertices_vertex(s, one), sbl__vertices_vertex(s, other));
 }
 
-/* Replaces the sum of a vertex's normals by its normal in the scene, or else by their mean, and welds the vertex.
-   Vertices without triangles or without a normal are not welded. */
+/* Replaces the sum of the normals of a vertex's triangles by the vertex's normal in the scene, or by the normalized sum
+   if it has none, and welds the vertex. Vertices without triangles or without a normal are not welded. */
 static sbl_result sbl__vertices_weld(void *work, int vertex) {
     sbl__vertices *s = (sbl__vertices *)work;
     const sbl__geometry *g = sbl__vertices_geometry(s);
@@ -16186,8 +16136,8 @@ static void sbl__hinge_unknowns(const sbl__vertices *s, const sbl__hinge *h, siz
     for (i = 0; i < 4; i++) out[i] = sbl__side_end(s->corners, h->sides[i == 1], i < 2 ? 2 : (uint32_t)i - 2);
 }
 
-/* Computes the weights of a hinge: the difference between the slopes of the light across the shared edge, with both
-   triangles unfolded into one plane. The weighted sum is therefore 0 for linear light. */
+/* Computes the weights of a hinge. The weighted sum of the light at its corners is the difference between the slopes of
+   the light on both sides of the edge, when both triangles are unfolded into one plane. It is 0 for linear light. */
 static void sbl__hinge_make(const sbl__vertices *s, sbl__hinge *h) {
     const sbl__vertex *vertices = sbl__vertices_geometry(s)->vertices;
     const float *p[4];
@@ -16215,8 +16165,8 @@ static void sbl__hinge_make(const sbl__vertices *s, sbl__hinge *h) {
     for (i = 0; i < 4; i++) h->weights[i] = (float)(w[i] / sqrt(SBL__MAX(norm, 1.0)));
 }
 
-/* Adds a hinge between a side and the first side with the same ends. An edge of more than two triangles gets a hinge
-   from the first of them to each other one. */
+/* Adds a hinge between a side and the first side with the same ends. If more than two triangles share an edge, the
+   first triangle gets a hinge with each of the others. */
 static sbl_result sbl__vertices_side(sbl__vertices *s, uint32_t side) {
     const uint32_t other = sbl__first_side(&s->ends, s->corners, side);
     sbl__hinge *hinge;
@@ -16271,8 +16221,8 @@ static void sbl__vertices_point(int k, double weights[3]) {
     }
 }
 
-/* Makes the site at a point on the scene's triangle `number`, as surface.glsl does: the front is the side to which the
-   interpolated normal points, and that normal is bent to stay above the triangle's horizon. */
+/* Makes the site at a point on a triangle as surface.glsl does: the front is the side to which the interpolated normal
+   points, and the normal is bent to stay above the triangle's horizon. number: number of the triangle in the scene */
 static void sbl__vertices_site(const sbl__geometry *g, uint32_t number, const double weights[3], sbl_site *out) {
     double face[3], normal[3] = { 0, 0, 0 }, height = 0, length2;
     int i, k;
@@ -16300,8 +16250,8 @@ static void sbl__vertices_site(const sbl__geometry *g, uint32_t number, const do
     }
 }
 
-/* Returns the triangle of the point `next`, gets the point's barycentric weights, sets s->part to the triangle's part,
-   and advances `next` to the following point. */
+/* Returns the triangle of point s->next, gets the point's barycentric weights, sets s->part to the triangle's part, and
+   advances s->next to the following point. */
 static int sbl__vertices_pass(sbl__vertices *s, double weights[3]) {
     const int triangle = s->next.triangle;
     sbl__vertices_part_of(s, triangle, 0);
@@ -16372,7 +16322,7 @@ static sbl_result sbl__vertices_mass(void *work, int triangle) {
     missing = s->areas[triangle] - sums[6];
     spring = missing > SBL__VERTICES_WHOLE * s->areas[triangle] ? SBL__VERTICES_SPRING * missing / 3 : 0;
     for (a = 0; a < 3; a++) {
-        s->rings.ring[corners[a]] = 0;
+        s->neighbours[corners[a]] = SBL__VERTICES_LIT;
         for (k = 0; k < 3; k++) s->solver.residual[3 * (size_t)corners[a] + (size_t)k] += sums[7 + 3 * a + k];
         for (b = 0; b < 3 && s->desc.average; b++) sbl__vertices_weigh(s, corners[a], sums[sbl__mass_at[a][b]]);
     }
@@ -16383,8 +16333,8 @@ static sbl_result sbl__vertices_mass(void *work, int triangle) {
     return SBL_SUCCESS;
 }
 
-/* Scales a hinge's weights by the square root of the smoothing and the smaller area of valid points on its two
-   triangles, and adds the hinge to the diagonal. */
+/* Scales the weights of a hinge, and adds the hinge to the diagonal. The square of the scale is desc.smoothing times the
+   smaller area of its two triangles. Only the share of an area that has valid points counts. */
 static sbl_result sbl__vertices_bend(void *work, int hinge) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl__hinge *h = &s->hinges[hinge];
@@ -16402,8 +16352,7 @@ static sbl_result sbl__vertices_bend(void *work, int hinge) {
     return SBL_SUCCESS;
 }
 
-/* Adds one term of the matrix times the direction to the product. The triangles are the first terms, the hinges the
-   last. */
+/* Adds one term of the matrix times the direction to the product. The terms are the triangles, then the hinges. */
 static void sbl__vertices_term(void *user, int term, const double *direction, double *product) {
     const sbl__vertices *s = (const sbl__vertices *)user;
     const size_t triangle = (size_t)term;
@@ -16437,43 +16386,39 @@ static sbl_result sbl__vertices_average(void *work, int unknown) {
 
 /* >>vertices: extending light to unknowns without valid points */
 
-/* Prepends the corners of a triangle to their unknowns' lists. The loop runs from the last triangle to the first, so
-   that each list is in ascending order. */
-static sbl_result sbl__vertices_link(void *work, int at) {
+/* Adds the light of a triangle's corners to those of its corners that have no light yet. */
+static sbl_result sbl__vertices_spread(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
-    size_t corner = 3 * (size_t)(s->triangle_count - at);
-    int i;
-    for (i = 0; i < 3; i++, corner--) {
-        uint32_t *first = &s->first_corners[s->corners[corner - 1]];
-        s->next_corners[corner - 1] = *first;
-        *first = (uint32_t)corner;
-    }
+    const uint32_t *corners = s->corners + 3 * (size_t)triangle;
+    int a, b, k;
+    for (a = 0; a < 3; a++)
+        for (b = 0; b < 3 && s->neighbours[corners[a]] != SBL__VERTICES_LIT; b++) {
+            const double *from = s->solver.solution + 3 * (size_t)corners[b];
+            double *to = s->solver.solution + 3 * (size_t)corners[a];
+            if (s->neighbours[corners[b]] != SBL__VERTICES_LIT) continue;
+            for (k = 0; k < 3; k++) to[k] += from[k];
+            s->neighbours[corners[a]]++;
+        }
     return SBL_SUCCESS;
 }
 
-/* Returns the next neighbour of an unknown, or -1 after the last one. Neighbours share a triangle. *place encodes the
-   position: 4 * (1 + a corner that uses the unknown) + the next corner, 0 to 2, of the same triangle. */
-static int sbl__vertices_neighbour(const sbl__rings *r, int unknown, size_t *place) {
-    const sbl__vertices *s = (const sbl__vertices *)r->user;
-    size_t corner;
-    if (*place == 0) *place = 4 * (size_t)s->first_corners[unknown];
-    else if (*place % 4 == 3) *place = 4 * (size_t)s->next_corners[*place / 4 - 1];
-    if (*place == 0) return -1;
-    corner = *place / 4 - 1;
-    return (int)s->corners[corner - corner % 3 + (*place)++ % 4];
+/* Divides the sum of the light of an unknown's neighbours by their number. */
+static sbl_result sbl__vertices_mean(void *work, int unknown) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    double *light = s->solver.solution + 3 * (size_t)unknown;
+    int k;
+    if (s->neighbours[unknown] <= 0) return SBL_SUCCESS;
+    for (k = 0; k < 3; k++) light[k] /= s->neighbours[unknown];
+    s->neighbours[unknown] = SBL__VERTICES_LIT;
+    s->reached++;
+    return SBL_SUCCESS;
 }
 
-static void sbl__vertices_mean(void *user, int unknown) {
-    sbl__vertices *s = (sbl__vertices *)user;
-    double *out = s->solver.solution + 3 * (size_t)unknown, count = 0;
-    size_t place = 0;
-    int other, k;
-    while ((other = sbl__vertices_neighbour(&s->rings, unknown, &place)) >= 0) {
-        if (!sbl__ring_reached(&s->rings, other)) continue;
-        for (k = 0; k < 3; k++) out[k] += s->solver.solution[3 * (size_t)other + (size_t)k];
-        count += 1;
-    }
-    for (k = 0; k < 3; k++) out[k] /= count;
+static int sbl__vertices_after_mean(void *work) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    const int more = s->reached && ++s->ring < SBL__VERTICES_RINGS;
+    s->reached = 0;
+    return more ? SBL__VERTICES_SPREAD : SBL__VERTICES_WRITE;
 }
 
 static sbl_result sbl__vertices_write(void *work, int vertex) {
@@ -16489,31 +16434,25 @@ static sbl_result sbl__vertices_write(void *work, int vertex) {
 
 /* >>vertices: stages */
 
-/* Allocates the memory whose size depends on the number of points, and sets up the solver and the rings. */
+/* Allocates the memory for gathers, and sets up the solver. */
 static sbl_result sbl__vertices_make(void *work, sbl__slice *slice) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl__base *base = &s->work.core->base;
     const size_t most = (size_t)SBL__MIN(s->points, (double)SBL__VERTICES_POINTS);
-    const size_t triangles = (size_t)s->triangle_count;
-    sbl_result result;
     (void)slice;
-    s->solver.user = s->rings.user = s;
+    s->solver.user = s;
     s->solver.term = sbl__vertices_term;
     s->solver.term_count = s->triangle_count + s->hinge_count;
     s->solver.precision2 = SBL__VERTICES_PRECISION * SBL__VERTICES_PRECISION;
-    s->rings.neighbour = sbl__vertices_neighbour;
-    s->rings.mean = sbl__vertices_mean;
-    s->rings.last = SBL__VERTICES_RINGS;
+
     s->sites = (sbl_site *)sbl__alloc_raw(base, most, sizeof *s->sites);
     s->readings = (sbl_reading *)sbl__alloc_raw(base, most, sizeof *s->readings);
-    s->sums = (float *)sbl__alloc(base, triangles, SBL__VERTICES_SUMS * sizeof *s->sums);
-    s->next_corners = (uint32_t *)sbl__alloc_raw(base, triangles, 12);
-    s->first_corners = (uint32_t *)sbl__alloc(base, (size_t)s->vertex_count, sizeof *s->first_corners);
-    if (!s->sites || !s->readings || !s->sums || !s->next_corners || !s->first_corners) return SBL_ERROR_OUT_OF_MEMORY;
+    s->sums = (float *)sbl__alloc(base, (size_t)s->triangle_count, SBL__VERTICES_SUMS * sizeof *s->sums);
+    s->neighbours = (int *)sbl__alloc(base, (size_t)s->vertex_count, sizeof *s->neighbours);
+    if (!s->sites || !s->readings || !s->sums || !s->neighbours) return SBL_ERROR_OUT_OF_MEMORY;
     s->gathering.desc.sites = s->sites;
     s->gathering.desc.readings = s->readings;
-    result = sbl__solver_make(base, &s->solver, s->vertex_count);
-    return result == SBL_SUCCESS ? sbl__rings_make(base, &s->rings, s->vertex_count) : result;
+    return sbl__solver_make(base, &s->solver, s->vertex_count);
 }
 
 static sbl_result sbl__vertices_sense(void *work, sbl__slice *slice) {
@@ -16526,20 +16465,14 @@ static sbl_result sbl__vertices_solve(void *work, sbl__slice *slice) {
     return s->desc.average ? SBL_SUCCESS : sbl__solver_step(&s->solver, slice);
 }
 
-static sbl_result sbl__vertices_spread(void *work, sbl__slice *slice) {
-    return sbl__rings_step(&((sbl__vertices *)work)->rings, slice);
-}
-
-/* Chooses the number of sites of the next gather, and remembers its first point, at which the readings start again. */
-static int sbl__vertices_begin_sites(sbl__vertices *s) {
+/* Ends a gather, of which there is none at first, and begins the next one. s->next goes over its points twice: in SITES
+   and, from s->first again, in TAKE. */
+static int sbl__vertices_next_gather(void *work) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    s->taken += s->site_count;
     s->site_count = (int)SBL__MIN(s->points - s->taken, (double)SBL__VERTICES_POINTS);
     s->first = s->next;
-    return SBL__VERTICES_SITES;
-}
-
-static int sbl__vertices_after_make(void *work) {
-    sbl__vertices *s = (sbl__vertices *)work;
-    return s->points > 0 ? sbl__vertices_begin_sites(s) : SBL__VERTICES_WRITE;
+    return s->site_count ? SBL__VERTICES_SITES : SBL__VERTICES_MASS;
 }
 
 static int sbl__vertices_after_sites(void *work) {
@@ -16547,12 +16480,6 @@ static int sbl__vertices_after_sites(void *work) {
     sbl__gathering_more(&s->gathering, s->site_count);
     s->next = s->first;
     return SBL__VERTICES_SENSE;
-}
-
-static int sbl__vertices_after_take(void *work) {
-    sbl__vertices *s = (sbl__vertices *)work;
-    s->taken += s->site_count;
-    return s->taken < s->points ? sbl__vertices_begin_sites(s) : SBL__VERTICES_MASS;
 }
 
 static int sbl__vertices_count(void *work) { return ((sbl__vertices *)work)->vertex_count; }
@@ -16563,16 +16490,17 @@ static int sbl__vertices_triangles(void *work) { return ((sbl__vertices *)work)-
 static int sbl__vertices_hinges(void *work) { return ((sbl__vertices *)work)->hinge_count; }
 static int sbl__vertices_sites(void *work) { return ((sbl__vertices *)work)->site_count; }
 
-/* Frees the memory. The last piece of the front end. */
+/* Frees the memory, because only the sbl__work is needed when the work is done. */
 static int sbl__vertices_after_write(void *work) {
-    sbl__vertices_clear((sbl__vertices *)work);
+    const sbl__work w = *(const sbl__work *)work;
+    sbl__vertices_free(work);
+    *(sbl__work *)work = w;
     return SBL__VERTICES_DONE;
 }
 
-/* The gathering adds its own seconds. */
 static double *sbl__vertices_seconds(const void *work) {
     const sbl__work *w = (const sbl__work *)work;
-    if (w->stages.stage == SBL__VERTICES_SENSE) return NULL;
+    if (w->stages.stage == SBL__VERTICES_SENSE) return NULL;  /* the gathering adds its own seconds */
     return w->stages.stage < SBL__VERTICES_SENSE ? &w->core->stats.seconds.surface : &w->core->stats.seconds.refine;
 }
 
@@ -16589,18 +16517,18 @@ static float sbl__vertices_progress(const void *work) {
 }
 
 static const sbl__stage_row sbl__vertices_stages[] = {
-    { sbl__vertices_make_faces, NULL, sbl__vertices_face, sbl__vertices_triangles },
+    { NULL, NULL, sbl__vertices_face, sbl__vertices_triangles },
     { NULL, NULL, sbl__vertices_weld, sbl__vertices_count },
     { NULL, NULL, sbl__vertices_sides, sbl__vertices_triangles },
-    { sbl__vertices_make, sbl__vertices_after_make, NULL, NULL },
+    { sbl__vertices_make, sbl__vertices_next_gather, NULL, NULL },
     { NULL, sbl__vertices_after_sites, sbl__vertices_ask, sbl__vertices_sites },
     { sbl__vertices_sense, NULL, NULL, NULL },
-    { NULL, sbl__vertices_after_take, sbl__vertices_take, sbl__vertices_sites },
+    { NULL, sbl__vertices_next_gather, sbl__vertices_take, sbl__vertices_sites },
     { NULL, NULL, sbl__vertices_mass, sbl__vertices_triangles },
     { NULL, NULL, sbl__vertices_bend, sbl__vertices_hinges },
     { sbl__vertices_solve, NULL, sbl__vertices_average, sbl__vertices_averages },
-    { NULL, NULL, sbl__vertices_link, sbl__vertices_triangles },
-    { sbl__vertices_spread, NULL, NULL, NULL },
+    { NULL, NULL, sbl__vertices_spread, sbl__vertices_triangles },
+    { NULL, sbl__vertices_after_mean, sbl__vertices_mean, sbl__vertices_count },
     { NULL, sbl__vertices_after_write, sbl__vertices_write, sbl__vertices_count }
 };
 static const sbl__front_end sbl__vertices_front_end = {
