@@ -16333,8 +16333,8 @@ static sbl_result sbl__vertices_mass(void *work, int triangle) {
     return SBL_SUCCESS;
 }
 
-/* Scales the weights of a hinge, and adds the hinge to the diagonal. The square of the scale is desc.smoothing times the
-   smaller area of its two triangles. Only the share of an area that has valid points counts. */
+/* Scales the weights of a hinge, and adds the hinge to the diagonal. The square of the scale is desc.smoothing times
+   the smaller area of its two triangles. Only the share of an area that has valid points counts. */
 static sbl_result sbl__vertices_bend(void *work, int hinge) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl__hinge *h = &s->hinges[hinge];
@@ -16537,56 +16537,59 @@ static const sbl__front_end sbl__vertices_front_end = {
 };
 
 /* ======================================================================================================== >>probes
-   The front end for points in the air. Probes are measured in batches, by two kinds of sites. If sensors trace rays,
-   FACES, whose normals lie all over the sphere and towards the cube's six sides, measure the light from lamps; RAYS,
-   which trace one ray each, measure the light from surfaces and sky. If sensors rasterise views, FACES measure all
-   light, and RAYS only distances. Probes that are inside something then move and are measured again, round by round. */
+   The front end for points in the air. Probes are measured in batches, by two kinds of sites. FACES are sites whose
+   normals lie on rings all over the sphere, and six whose normals point to the sides of a cube. RAYS are sites that
+   trace one ray each. If sensors trace rays, FACES measure the light from lamps, and RAYS measure the light from
+   surfaces and sky. If sensors rasterise views, FACES measure all light, and RAYS only distances. Probes that are
+   inside something then move and are measured again, round by round. */
 
-/* Number of rings of normals, and of normals on a ring. With these numbers, the aliasing of a point light is at most
-   0.4 % (rays) or 1.4 % (views) of the norm of its first four coefficients. */
+/* Number of rings, and number of normals on a ring (AROUND), if sensors trace rays or rasterise views (VIEW). With
+   these numbers, the aliasing of a point light is at most 0.4 % (rays) or 1.4 % (views) of the norm of its first four
+   coefficients. */
 #define SBL__PROBE_RINGS 10
 #define SBL__PROBE_AROUND 32
 #define SBL__PROBE_VIEW_RINGS 6
 #define SBL__PROBE_VIEW_AROUND 22
 #define SBL__PROBES_BATCH 128      /* maximum number of probes per batch */
-#define SBL__PROBE_LOOKS 4         /* looks of a site for a side of the cube: no other site averages out its noise */
+#define SBL__PROBE_LOOKS 4         /* looks per side of the cube; no other site helps to average out the noise there */
 #define SBL__PROBE_LAMP_SHARE 64   /* options.rays, divided by the number of rays that a look of FACES sends to lamps */
-#define SBL__PROBE_LAMP_LEAST 32   /* least such number: twice what a ratio estimate needs (SBL_SPARSE in lamps.glsl) */
-#define SBL__PROBE_LAMP_MOST 256   /* greatest such number */
-#define SBL__PROBE_INSIDE 0.25     /* share of directions that see back faces; above it a probe is inside something */
+#define SBL__PROBE_LAMP_LEAST 32   /* minimum number of rays that a look of FACES sends to lamps: twice the number that
+                                      a ratio estimate needs (SBL_SPARSE in lamps.glsl) */
+#define SBL__PROBE_LAMP_MOST 256   /* maximum number of rays that a look of FACES sends to lamps */
+#define SBL__PROBE_INSIDE 0.25     /* a probe is inside something if more than this share of its rays hit back faces */
 #define SBL__PROBE_BEYOND 0.125    /* distance that a probe moves beyond a back face, as a share of desc.move */
-#define SBL__PROBE_BARELY 0.015625 /* least such distance, used if desc.move does not reach farther */
+#define SBL__PROBE_BARELY 0.015625 /* the same if desc.move does not reach farther: minimum of this distance */
 
 enum { SBL__PROBE_FACES, SBL__PROBE_RAYS, SBL__PROBE_KINDS };  /* kinds of sites */
 
-enum { SBL__PROBES_PREPARE, SBL__PROBES_BEGIN_BATCH, SBL__PROBES_SITES, SBL__PROBES_SENSE,
+enum { SBL__PROBES_PREPARE, SBL__PROBES_SETUP, SBL__PROBES_BEGIN_BATCH, SBL__PROBES_SITES, SBL__PROBES_SENSE,
        SBL__PROBES_TAKE, SBL__PROBES_CLOSE, SBL__PROBES_DONE };
 
-/* The measurement of one probe of the batch at one place */
+/* The measurement of a probe at one place. */
 typedef struct sbl__probe_sum {
     int number, overflows;         /* index of the probe in desc.probes; 1: a reading is not valid */
     float place[3];                /* world position */
     double sh[9][3], cube[6][3];   /* see sbl_probe */
     double hits, back;             /* numbers of rays that hit surfaces and back faces */
     double weight[8], distance[8], squared[8];  /* per octant: sums of weights, weighted distances and their squares */
-    float exits[8][4];             /* per octant: direction and distance of the nearest back face as seen from the
-                                      position that was asked for; distance 0: none is seen, or it was tried */
+    float exits[8][4];             /* per octant: direction and distance of the nearest back face, seen from the
+                                      position that the host wants; distance 0: there is none, or it was tried */
 } sbl__probe_sum;
 
 typedef struct sbl__probes {
-    sbl__work work;                /* first: see >>work */
-    sbl_probes_desc desc;          /* defaults filled in */
+    sbl__work work;                /* must be first, because pointers to the struct are cast to sbl__work * */
+    sbl_probes_desc desc;          /* with defaults */
     sbl__spec specs[SBL__PROBE_KINDS];
-    int apart;                     /* 1: sensors trace rays, so FACES measure only the light from lamps */
-    int rings, around;             /* number of rings of normals, and of normals on a ring */
+    int lamps_apart;               /* 1: sensors trace rays, so FACES measure only the light from lamps */
+    int rings, around;             /* number of rings of normals; number of normals on a ring */
     double ring[SBL__PROBE_RINGS], ring_weight[SBL__PROBE_RINGS];  /* z of each ring, 0 to 1; weights, whose sum is 1 */
     uint32_t *sequence;            /* directions of a probe's rays, see sbl__sequence_at */
     sbl__probe_sum *sums;          /* probes of the batch that are measured in this round */
     sbl__site *sites;              /* sites of a job */
     sbl_reading *readings;
-    int first, taken;              /* first probe of the batch; number of probes that it began with */
+    int first, taken;              /* first probe of the batch; number of probes in the batch */
     int count, round;              /* number of entries in sums; number of the round, from 0 */
-    int kind, from;                /* kind of the job's sites; number of its first site among the round's sites */
+    int kind, from;                /* kind of the job's sites; index of its first site among the round's sites */
 } sbl__probes;
 
 static void sbl__probes_free(void *work) {
@@ -16637,7 +16640,7 @@ static void sbl__gauss_nodes(int count, double *nodes, double *weights) {
 
 static int sbl__probe_normals(const sbl__probes *g) { return g->rings * g->around; }
 
-/* Returns the number of a probe's sites of one kind. */
+/* Returns the number of sites of one kind that a probe has. */
 static int sbl__probe_sites(const sbl__probes *g, int kind) {
     return kind == SBL__PROBE_RAYS ? g->desc.options.rays : sbl__probe_normals(g) + 6;
 }
@@ -16654,8 +16657,8 @@ static void sbl__probe_normal(const sbl__probes *g, int i, double out[3]) {
     out[2] = sign * z;
 }
 
-/* Computes the direction of a probe's site number i: the direction of a ray; or a normal; or, after the normals, that
-   of a side of the cube. */
+/* Computes the direction of a probe's site number i, of kind g->kind: the direction of a ray, or a normal. The normals
+   of the cube's sides come last. number: number of the probe */
 static void sbl__probe_direction(const sbl__probes *g, int number, int i, double out[3]) {
     const int side = i - sbl__probe_normals(g);
     double u[2], r;
@@ -16698,28 +16701,31 @@ static sbl_result sbl__probes_begin(void *work, const void *desc) {
         memcpy(g->desc.lowest, bounds[0], sizeof g->desc.lowest);
         memcpy(g->desc.highest, bounds[1], sizeof g->desc.highest);
     }
-    g->apart = sbl__measurement_sends_rays(&g->work.measurement);
-    g->rings = g->apart ? SBL__PROBE_RINGS : SBL__PROBE_VIEW_RINGS;
-    g->around = g->apart ? SBL__PROBE_AROUND : SBL__PROBE_VIEW_AROUND;
+    g->lamps_apart = sbl__measurement_sends_rays(&g->work.measurement);
+    g->rings = g->lamps_apart ? SBL__PROBE_RINGS : SBL__PROBE_VIEW_RINGS;
+    g->around = g->lamps_apart ? SBL__PROBE_AROUND : SBL__PROBE_VIEW_AROUND;
     sbl__gauss_nodes(g->rings, g->ring, g->ring_weight);
     return SBL_SUCCESS;
 }
 
 /* Makes the specs of both kinds of sites, and allocates memory for a batch. */
-static sbl_result sbl__probes_setup(sbl__core *c, sbl__probes *g) {
+static sbl_result sbl__probes_setup(void *work, sbl__slice *slice) {
+    sbl__probes *g = (sbl__probes *)work;
+    sbl__core *c = g->work.core;
     sbl__spec *faces = &g->specs[SBL__PROBE_FACES], *rays = &g->specs[SBL__PROBE_RAYS];
     const int most = SBL__MAX(sbl__probe_sites(g, SBL__PROBE_FACES), g->desc.options.rays);
     const int batch = SBL__MIN(SBL__PROBES_BATCH, g->desc.probe_count);
     const int lamp_rays = SBL__MAX(g->desc.options.rays / SBL__PROBE_LAMP_SHARE, SBL__PROBE_LAMP_LEAST);
     const size_t room = (size_t)SBL__MIN(SBL__GATHER_SITES, (double)most * batch);
     sbl__measurement measurement = g->work.measurement;
+    (void)slice;
     measurement.options.rays = SBL__MIN(lamp_rays, SBL__PROBE_LAMP_MOST);
-    if (g->apart) {
+    if (g->lamps_apart) {
         measurement.options.mode = SBL_MODE_DIRECT;
         measurement.options.epsilon = 0;
     }
     sbl__spec_make(faces, &measurement, &c->scene, &c->desc);
-    if (g->apart) faces->without_sky = faces->no_light = faces->one_ray = faces->rays = 1;
+    if (g->lamps_apart) faces->without_sky = faces->no_light = faces->one_ray = faces->rays = 1;
     faces->looks = SBL__PROBE_LOOKS;
     measurement = g->work.measurement;
     measurement.options.backend = SBL_BACKEND_TRACE;
@@ -16734,20 +16740,14 @@ static sbl_result sbl__probes_setup(sbl__core *c, sbl__probes *g) {
     return g->sequence && g->sums && g->sites && g->readings ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-static sbl_result sbl__probes_prepare(void *work, sbl__slice *slice) {
-    sbl__probes *g = (sbl__probes *)work;
-    const sbl_result result = sbl__prepare(g->work.core, &g->work.measurement, slice);
-    return result == SBL_SUCCESS && g->desc.probe_count ? sbl__probes_setup(g->work.core, g) : result;
-}
-
 static int sbl__probes_after_prepare(void *work) {
-    return ((sbl__probes *)work)->desc.probe_count ? SBL__PROBES_BEGIN_BATCH : SBL__PROBES_DONE;
+    return ((sbl__probes *)work)->desc.probe_count ? SBL__PROBES_SETUP : SBL__PROBES_DONE;
 }
 
-/* Begins a round. FACES are left out if sensors trace rays and the scene has no lamps. */
+/* Begins a round with FACES, or with RAYS if FACES would find no light. */
 static int sbl__probes_round(void *work) {
     sbl__probes *g = (sbl__probes *)work;
-    g->kind = g->apart && !g->work.core->scene.lights.leaves ? SBL__PROBE_RAYS : SBL__PROBE_FACES;
+    g->kind = g->lamps_apart && !g->work.core->scene.lights.leaves ? SBL__PROBE_RAYS : SBL__PROBE_FACES;
     g->from = 0;
     return SBL__PROBES_SITES;
 }
@@ -16792,28 +16792,15 @@ static sbl_result sbl__probes_site(void *work, int at) {
 
 static int sbl__probes_after_sites(void *work) {
     sbl__probes *g = (sbl__probes *)work;
-    sbl__task task;
-    memset(&task, 0, sizeof task);
-    task.spec = g->specs[g->kind];
-    task.sites = g->sites;
-    task.readings = g->readings;
-    task.site_count = sbl__probes_job(g);
-    sbl__job_begin(&g->work.core->job, &g->work.core->scene, &task);
+    sbl__work_begin_job(&g->work, &g->specs[g->kind], g->sites, g->readings, sbl__probes_job(g));
     return SBL__PROBES_SENSE;
 }
 
-static sbl_result sbl__probes_sense(void *work, sbl__slice *slice) {
-    sbl__core *c = ((sbl__probes *)work)->work.core;
-    const sbl_result result = sbl__job_step(&c->device, &c->job, slice);
-    if (result == SBL_SUCCESS) sbl__core_count(c);
-    return result;
-}
-
 /* Adds the reading of a site to the harmonics: the radiance along a ray, or R at a normal. A ray's radiance is also
-   added to the sides of the cube. site: number of the site among those of its probe; d: its direction */
+   added to the sides of the cube. site: number of the site among the sites of its probe. d: its direction */
 static void sbl__probe_add(const sbl__probes *g, sbl__probe_sum *sum, int site, const double d[3],
                            const sbl_reading *r) {
-    /* A_i in the formula for R at sbl_probe */
+    /* the factors A_i of the formula for R in the comment of sbl_probe */
     static const double factors[9] = { 1, 2 / 3.0, 2 / 3.0, 2 / 3.0, 0.25, 0.25, 0.25, 0.25, 0.25 };
     const int rays = g->kind == SBL__PROBE_RAYS;
     const double share = rays ? 1.0 / g->desc.options.rays : g->ring_weight[site / g->around] / g->around;
@@ -16831,7 +16818,7 @@ static void sbl__probe_add(const sbl__probes *g, sbl__probe_sum *sum, int site, 
     }
 }
 
-/* Adds the distance at which a ray met a surface. exits: 1: also remember the nearest back face of each octant */
+/* Adds the distance at which a ray hit a surface. exits: 1: also remembers the nearest back face of each octant */
 static void sbl__probe_meet(sbl__probe_sum *sum, const double d[3], const sbl_reading *r, int exits) {
     const int octant = (d[0] > 0) | (d[1] > 0) << 1 | (d[2] > 0) << 2;
     const double distance = (double)r->hit_mean;
@@ -16866,7 +16853,7 @@ static sbl_result sbl__probes_take(void *work, int at) {
         return SBL_SUCCESS;
     }
     sbl__probe_direction(g, sum->number, i, d);
-    if (g->apart || g->kind == SBL__PROBE_FACES) sbl__probe_add(g, sum, i, d, r);
+    if (g->lamps_apart || g->kind == SBL__PROBE_FACES) sbl__probe_add(g, sum, i, d, r);
     if (g->kind == SBL__PROBE_RAYS) sbl__probe_meet(sum, d, r, g->round == 0 && g->desc.move > 0);
     return SBL_SUCCESS;
 }
@@ -16899,8 +16886,8 @@ static void sbl__probe_make(const sbl__probes *g, const sbl__probe_sum *sum, sbl
     memcpy(out->position, sum->place, sizeof out->position);
 }
 
-/* Moves a probe through the nearest back face that was not tried yet, measured from the position that was asked for.
-   Returns 0 if there is none within reach of desc.move. */
+/* Moves a probe through the back face nearest to the position that the host wants, among those not tried yet. Returns 0
+   if none is within reach of desc.move. */
 static int sbl__probe_move(const sbl__probes *g, sbl__probe_sum *sum) {
     const double most = (double)g->desc.move;
     float from[3], *way = NULL;
@@ -16916,8 +16903,8 @@ static int sbl__probe_move(const sbl__probes *g, sbl__probe_sum *sum) {
     return 1;
 }
 
-/* Ends a round: writes the probes to the host's array, and begins the next round with those that are not valid and can
-   move. A probe that is invalid in every round keeps the result of the first one. */
+/* Ends a round: writes the probes to the host's array, and begins the next round with the invalid probes that can move.
+   A probe that is invalid in every round keeps the result of the first round. */
 static int sbl__probes_close(void *work) {
     sbl__probes *g = (sbl__probes *)work;
     sbl_stats *stats = &g->work.core->stats;
@@ -16943,11 +16930,6 @@ static int sbl__probes_close(void *work) {
     return g->first < g->desc.probe_count ? SBL__PROBES_BEGIN_BATCH : SBL__PROBES_DONE;
 }
 
-static double *sbl__probes_seconds(const void *work) {
-    const sbl__work *w = (const sbl__work *)work;
-    return w->stages.stage == SBL__PROBES_PREPARE ? &w->core->stats.seconds.surface : &w->core->stats.seconds.gather;
-}
-
 static float sbl__probes_progress(const void *work) {
     const sbl__probes *g = (const sbl__probes *)work;
     const sbl__job *job = &g->work.core->job;
@@ -16963,16 +16945,17 @@ static float sbl__probes_progress(const void *work) {
 }
 
 static const sbl__stage_row sbl__probes_stages[] = {
-    { sbl__probes_prepare, sbl__probes_after_prepare, NULL, NULL },
+    { sbl__work_prepare, sbl__probes_after_prepare, NULL, NULL },
+    { sbl__probes_setup, NULL, NULL, NULL },
     { sbl__probes_batch, sbl__probes_round, NULL, NULL },
     { NULL, sbl__probes_after_sites, sbl__probes_site, sbl__probes_sites },
-    { sbl__probes_sense, NULL, NULL, NULL },
+    { sbl__work_sense, NULL, NULL, NULL },
     { NULL, sbl__probes_after_take, sbl__probes_take, sbl__probes_sites },
     { NULL, sbl__probes_close, NULL, NULL }
 };
 static const sbl__front_end sbl__probes_front_end = {
     "sbl_begin_probes", 0, sbl__probes_check, sbl__probes_begin, sbl__probes_stages, SBL__PROBES_DONE,
-    sbl__probes_seconds, sbl__probes_progress, sbl__probes_free
+    sbl__work_seconds, sbl__probes_progress, sbl__probes_free
 };
 
 /* ======================================================================================================== >>inspect
@@ -16981,9 +16964,9 @@ static const sbl__front_end sbl__probes_front_end = {
 
 #define SBL__INSPECT_ACROSS 64  /* width of the target of the rays towards lamps, texels */
 
-/* The result, which the host may read until the next inspection */
+/* The result, which the host may read until the next inspection. */
 typedef struct sbl__inspection {
-    sbl__job job;               /* its textures are kept for the next inspection */
+    sbl__job job;               /* kept, because the next inspection uses its textures again */
     sbl_sensor_ray *rays;
     sbl_sensor_lamp *lamps;
     int ray_count, lamp_count;
@@ -16991,14 +16974,15 @@ typedef struct sbl__inspection {
 
 typedef struct sbl__inspect_request {
     sbl__core *core;
-    sbl__map *map;              /* map of a finished picture */
+    sbl__map *map;              /* of a finished picture or lightmap */
     sbl__inspection *found;
-    int pixel;                  /* index of the pixel in the map's refinement */
+    int pixel;                  /* number of the working pixel */
+    int sheet[2];               /* width and height of the sheet, texels */
     float *radiance, *weights;  /* the host's arrays for the sheet; NULL: not wanted */
     sbl__site site;
     sbl__look look;             /* the sensor's first look, which is repeated */
-    sbl_reading reading;        /* reading of this look alone */
-    float layers[3 * (SBL__LAYERS - 1)];  /* further layers of light of this look, see sbl__task */
+    sbl_reading reading;        /* of the first look alone */
+    float layers[3 * (SBL__LAYERS - 1)];  /* further layers of light of the first look, see sbl__task */
     float from_lamps[3], weight_sum;      /* see sbl_sensor */
 } sbl__inspect_request;
 
@@ -17015,10 +16999,10 @@ static void sbl__inspection_free(const sbl__device *d, sbl__inspection *i) {
     sbl__job_free(d, &i->job);
 }
 
-/* Returns the slot of the look, which is the same as that of the sensor's first look in the picture. */
+/* Returns the slot of the look. The sensor's first look had the same slot when the picture was made. */
 static int sbl__inspect_slot(const sbl__job *j) { return j->task.first_look % sbl__job_slots(j)->count; }
 
-/* Returns the index of the lamp of a leaf, and appends the lamp if it is new. */
+/* Returns the index in found->lamps of the lamp of a leaf. Appends the lamp if it is new. */
 static int sbl__inspect_lamp(const sbl__inspect_request *k, int leaf) {
     const sbl__geometry *g = &k->core->scene.geometry;
     const uint32_t *name = k->core->scene.lights.names[leaf];
@@ -17054,9 +17038,9 @@ static sbl_result sbl__inspect_aim(sbl__device *d, const sbl__job *j, const sbl_
     return SBL_SUCCESS;
 }
 
-/* Runs the program for rays over the hemisphere, or with lamps 1 the program for rays towards lamps, for the look of
-   the request, with size[0] x size[1] invocations. *out: 4 floats of the first output per invocation, then 4 floats of
-   the second output per invocation; the caller frees it, also after an error */
+/* Runs the program for rays over the hemisphere or, if lamps is 1, the program for rays towards lamps, for the look of
+   the request, with size[0] x size[1] invocations. *out: the first output of all invocations, 4 floats each, then the
+   second output; the caller frees *out, also after an error */
 static sbl_result sbl__inspect_run(const sbl__inspect_request *k, int lamps, const int size[2], float **out) {
     sbl__device *d = &k->core->device;
     const sbl__job *j = &k->found->job;
@@ -17170,8 +17154,8 @@ static void sbl__inspect_views(const sbl__inspect_request *k, sbl_sensor *out) {
 
 /* >>inspect: rays towards lamps */
 
-/* Evaluates the outputs of an invocation of lamps.glsl: light (out_light) and way (out_way). is_ray: 1: the invocation
-   traced a ray; 0: it describes one of the lamps or clusters that the look chose */
+/* Evaluates the outputs of an invocation of lamps.glsl, out_light and out_way. is_ray: 1 if the invocation traced a
+   ray; 0 if it describes one of the lamps or clusters that the look chose */
 static void sbl__inspect_take(const sbl__inspect_request *k, const float *light, const float *way, int is_ray) {
     const int state = (int)light[3], lamp = state ? sbl__inspect_lamp(k, (int)way[3]) : 0;
     sbl_sensor_lamp *l = &k->found->lamps[lamp];
@@ -17187,7 +17171,7 @@ static void sbl__inspect_take(const sbl__inspect_request *k, const float *light,
         memcpy(l->unhindered, light, sizeof l->unhindered);
 }
 
-/* Reads R from lamps, which the job's rays towards lamps have measured, and the rays themselves. */
+/* Reads the light from lamps that the job has measured, then traces the rays towards lamps again to read them. */
 static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
     sbl__device *d = &k->core->device;
     const sbl__job *j = &k->found->job;
@@ -17205,7 +17189,7 @@ static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
     sbl__free(d->base, light);
     if (result == SBL_SUCCESS) result = sbl__inspect_run(k, 1, size, &data);
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
-        const int from = i < SBL__LAMPS ? rays + i : i - SBL__LAMPS;  /* lamps come first, in the order of the choice */
+        const int from = i < SBL__LAMPS ? rays + i : i - SBL__LAMPS;  /* first the lamps, then the rays */
         const float *out = data + 4 * (size_t)from;
         sbl__inspect_take(k, out, out + 4 * (size_t)(size[0] * size[1]), from < rays);
     }
@@ -17215,9 +17199,37 @@ static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
 
 /* >>inspect: the job */
 
-/* Returns the index, in the map's refinement, of the pixel that the host reads at (x, y). */
-static size_t sbl__inspect_pixel(const sbl__map *m, int x, int y) {
-    return sbl__map_shown(m, (size_t)y * (size_t)m->size[0] + (size_t)x);
+/* Checks the arguments of sbl_inspect_sensor, and sets the request's pixel and sheet. */
+static sbl_result sbl__inspect_check(sbl__inspect_request *k, int x, int y, const sbl_sensor *sensor,
+                                     size_t texel_count) {
+    const sbl__map *m = k->map;
+    const int finished = m && sbl__work_is_done(&m->work);
+    sbl__check check;
+    sbl__check_start(&check, &k->core->base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT);
+    if (!sensor) {
+        sbl__mistake(&check, "sbl_inspect_sensor: sensor is NULL");
+        return SBL_ERROR_INVALID_ARGUMENT;
+    }
+    if (!finished || m->scene_version != k->core->scene.version) {
+        check.item = SBL_LOG_ITEM_WRONG_ORDER;
+        sbl__mistake(&check, "sbl_inspect_sensor: %s", !finished ?
+                     "there is no finished picture; call sbl_render_picture first" :
+                     "the scene has changed since the picture was made; call sbl_render_picture again");
+        return SBL_ERROR_STATE;
+    }
+    if (x < 0 || y < 0 || x >= m->size[0] || y >= m->size[1]) {
+        sbl__mistake(&check, "sbl_inspect_sensor: pixel %d %d lies outside of the picture's %d x %d", x, y,
+                     m->size[0], m->size[1]);
+        return SBL_ERROR_INVALID_ARGUMENT;
+    }
+    k->pixel = (int)sbl__map_shown(m, (size_t)y * (size_t)m->size[0] + (size_t)x);
+    sbl__spec_sheet(&m->spec, k->sheet);
+    if (!sbl__refine_pixel(&m->refine, (size_t)k->pixel)->id)
+        sbl__mistake(&check, "sbl_inspect_sensor: pixel %d %d shows no surface", x, y);
+    else if ((k->radiance || k->weights) && texel_count < (size_t)k->sheet[0] * (size_t)k->sheet[1])
+        sbl__mistake(&check, "sbl_inspect_sensor: texel_count is %.0f; the sheet has %d x %d texels",
+                     (double)texel_count, k->sheet[0], k->sheet[1]);
+    return sbl__check_end(&check);
 }
 
 /* Repeats the first look of the pixel's sensor, in the slot that this look had, so that every rounding is the same. */
@@ -17245,7 +17257,8 @@ static sbl_result sbl__inspect(sbl__inspect_request *k) {
     while (result == SBL_UNFINISHED) {
         result = sbl__job_step(&c->device, j, &slice);
         if (result != SBL_UNFINISHED || j->stages.stage != SBL__JOB_READ || j->lens != SBL__LENS_SITE) continue;
-        c->device.gl.doing = "inspecting a sensor";  /* now, because stuck tests will draw over the look */
+        /* This is the time to read the look: the stuck tests that follow overwrite its views and sums. */
+        c->device.gl.doing = "inspecting a sensor";
         result = sbl__job_layout(j) ? sbl__inspect_sheet(k) : sbl__inspect_rays(k);
         if (result == SBL_SUCCESS && lamp_rays) result = sbl__inspect_lamps(k);
         if (result == SBL_SUCCESS) result = SBL_UNFINISHED;
@@ -17253,11 +17266,14 @@ static sbl_result sbl__inspect(sbl__inspect_request *k) {
     return result;
 }
 
-/* Fills in the result, except for the size of the sheet. */
+/* Fills in the result. */
 static void sbl__inspect_tell(const sbl__inspect_request *k, sbl_sensor *out) {
     const sbl__pixel *p = sbl__refine_pixel(&k->map->refine, (size_t)k->pixel);
     const sbl_reading *r = &k->reading;
     int i;
+    memset(out, 0, sizeof *out);
+    out->sheet_width = k->sheet[0];
+    out->sheet_height = k->sheet[1];
     out->backend = k->map->work.measurement.options.backend;
     memcpy(out->site.position, p->position, sizeof p->position);
     memcpy(out->site.normal, p->normal, sizeof p->normal);
@@ -17311,8 +17327,8 @@ static sbl_result sbl__trial_scene(sbl__core *c) {
     return sbl__scene_make(&c->device, &c->scene, &desc);
 }
 
-/* Draws the G-buffer of a camera at z = 2 that looks at the origin. *shown: 1 if a pixel in the middle shows the
-   triangle at the right position and a pixel in an upper corner shows nothing */
+/* Draws the G-buffer of a camera at z = 2 that looks at the origin. *shown: 1 if a pixel near the centre shows the
+   triangle at the right position, and a corner pixel that the triangle does not cover shows nothing */
 static sbl_result sbl__trial_camera(sbl__core *c, sbl__surface *surface, sbl__gbuffer *gbuffer, int *shown) {
     const float *middle, *corner;
     float pixels[SBL__TRIAL_SIZE * SBL__TRIAL_SIZE][4];
@@ -17343,8 +17359,8 @@ static sbl_result sbl__trial_camera(sbl__core *c, sbl__surface *surface, sbl__gb
     return result;
 }
 
-/* Traces a sensor at unit distance from the triangle. *met: 1 if most of its rays hit the triangle, at the right
-   distance, and find the radiance that the ambient light of 0.5 gives it */
+/* Traces the rays of a sensor at unit distance from the triangle. *met: 1 if most rays hit the triangle at the right
+   distance, and find its radiance of 0.5, which is due to ambient light */
 static sbl_result sbl__trial_rays(sbl__core *c, int *met) {
     sbl_readings_desc desc;
     sbl__gathering gathering;
@@ -17377,7 +17393,7 @@ static sbl_result sbl__trial_rays(sbl__core *c, int *met) {
     return result;
 }
 
-/* Runs both tests. Returns SBL_ERROR_GL, after logging the driver's name, if one fails. */
+/* Runs both tests. If one fails, logs the driver's name and returns SBL_ERROR_GL. */
 static sbl_result sbl__trial(sbl__core *c) {
     sbl__surface surface;
     sbl__gbuffer gbuffer;
@@ -17389,7 +17405,7 @@ static sbl_result sbl__trial(sbl__core *c) {
     if (result == SBL_SUCCESS) result = sbl__trial_rays(c, &met);
     if (result == SBL_SUCCESS && !(shown && met)) {
         sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_DRAWS_WRONG, "the driver \"%s\" (%s) %s; use another driver or "
-                 "another version of it", c->device.gl.capabilities.renderer, c->device.gl.capabilities.version,
+                 "another version", c->device.gl.capabilities.renderer, c->device.gl.capabilities.version,
                  shown ? "traces a known ray incorrectly" : "does not draw a known triangle correctly");
         result = SBL_ERROR_GL;
     }
@@ -17434,8 +17450,8 @@ static void sbl__egl_destroy(sbl__egl *e) {
     memset(e, 0, sizeof *e);
 }
 
-/* Tries to create a context on a display and to make it current. pbuffer: 1: with a pbuffer as its surface; 0: without
-   a surface. Returns 1 on success. */
+/* Tries to create a context on a display and to make it current. pbuffer: 1 if its surface is a pbuffer, 0 if it has no
+   surface. Returns 1 on success. */
 static int sbl__egl_try(sbl__egl *e, EGLDisplay display, int pbuffer) {
     static const EGLint context_attributes[] = { EGL_CONTEXT_MAJOR_VERSION, 3, EGL_CONTEXT_MINOR_VERSION, 3,
                                                  EGL_CONTEXT_OPENGL_PROFILE_MASK,
@@ -17491,7 +17507,7 @@ static void sbl__egl_save(sbl__egl_before *b) {
     b->switched = 1;
 }
 
-/* Saves the EGL state of a host that has given no GL loader, and gives it a context and a loader. */
+/* Saves the host's EGL state, creates a context, and sets the GL loader in *desc. */
 static sbl_result sbl__egl_open(sbl__egl *e, const sbl__base *base, sbl__egl_before *b, sbl_context_desc *desc) {
     sbl__egl_save(b);
     desc->get_gl_function = sbl__egl_function;
@@ -17546,8 +17562,8 @@ static void sbl__egl_destroy(sbl__egl *e) { (void)e; }
     X(bake, vertices, sbl__vertices) \
     X(bake, probes, sbl__probes)
 
-/* What the context is doing, so that calls from callbacks can be refused. Callbacks may always call query functions.
-   The progress callback runs between two pieces of work and may read channels too. */
+/* What the context is doing, by which calls from callbacks are refused. All callbacks may call sbl_progress and the
+   query functions. The progress callback runs between two pieces of work, so it may also read channels. */
 typedef enum sbl__inside {
     SBL__INSIDE_NOTHING, SBL__INSIDE_PROGRESS, SBL__INSIDE_WORK, SBL__INSIDE_REFUSAL
 } sbl__inside;
@@ -17557,8 +17573,8 @@ struct sbl_context {
 #define SBL__X(verb, noun, type) type noun;
     SBL__FRONT_ENDS(SBL__X)
 #undef SBL__X
-    sbl__work *work;           /* what was begun last; NULL: nothing */
-    sbl__map *map;             /* the picture or lightmap, finished or not; NULL: there is none */
+    sbl__work *work;           /* the work that was begun last, finished or not; NULL if there is none */
+    sbl__map *map;             /* the picture or lightmap, finished or not; NULL if there is none */
     sbl__inspection inspection;
     sbl__inside inside;
     sbl__egl egl;
@@ -17583,37 +17599,35 @@ static void sbl__visit_leave(sbl_context *c, const sbl__visit *v) {
     c->inside = v->inside;
 }
 
-static void sbl__refuse(const sbl_context *c, sbl_log_item item, const char *function, const char *why) {
+/* Logs why a function does nothing, and returns its result. */
+static sbl_result sbl__refuse(const sbl_context *c, sbl_log_item item, const char *function, const char *why) {
     sbl__log(&c->core.base, SBL_LOG_ERROR, item, "%s: %s", function, why);
+    return item == SBL_LOG_ITEM_WRONG_ORDER ? SBL_ERROR_STATE : SBL_ERROR_INVALID_ARGUMENT;
 }
 
-/* Returns 1, after logging, if a callback calls the function from which it must not. most: the innermost place from
-   which it may be called. */
-static int sbl__called_back(sbl_context *c, const char *function, sbl__inside most) {
-    const sbl__inside inside = c->inside;
-    if (inside <= most) return 0;
-    c->inside = SBL__INSIDE_REFUSAL;
-    if (inside != SBL__INSIDE_REFUSAL)  /* otherwise the logger itself calls, while a refusal is logged */
-        sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "called by a callback, in the middle of work; let it "
-                    "return first (progress: return nonzero to cancel)");
-    c->inside = inside;
-    return 1;
-}
-
-/* The checks of a function that must not be called from callbacks and, if `scene` is 1, needs a scene. */
-static sbl_result sbl__may_call(sbl_context *c, const char *function, int scene) {
+/* Checks that the context exists, that it is not further inside than `most`, which means that a callback calls the
+   function, and, if scene is 1, that it has a scene. */
+static sbl_result sbl__may_call(sbl_context *c, const char *function, sbl__inside most, int scene) {
+    sbl__inside inside;
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
-    if (sbl__called_back(c, function, SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
+    inside = c->inside;
+    if (inside > most) {
+        c->inside = SBL__INSIDE_REFUSAL;
+        if (inside != SBL__INSIDE_REFUSAL)  /* a logger that calls the function again must not cause a recursion */
+            sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "called by a callback, in the middle of work; let the "
+                        "callback return first (progress: return nonzero to cancel)");
+        c->inside = inside;
+        return SBL_ERROR_STATE;
+    }
     if (!scene || c->core.has_scene) return SBL_SUCCESS;
-    sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "there is no scene yet; call sbl_set_scene first");
-    return SBL_ERROR_STATE;
+    return sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "there is no scene yet; call sbl_set_scene first");
 }
 
 /* >>public: dropping work */
 
 static int sbl__is_shown(const sbl_context *c, const sbl__work *work) { return c->map && work == &c->map->work; }
 
-/* Frees work that was begun, finished or not. work: may be NULL. */
+/* Frees work that was begun, finished or not. */
 static void sbl__drop(sbl_context *c, sbl__work *work) {
     if (!work) return;
     if (sbl__is_shown(c, work)) {
@@ -17626,11 +17640,12 @@ static void sbl__drop(sbl_context *c, sbl__work *work) {
 
 static void sbl__drop_all(sbl_context *c) {
     sbl__drop(c, c->work);
-    sbl__drop(c, c->work);  /* the map, if it is not what was begun last */
+    sbl__drop(c, c->work);  /* the picture or lightmap, if other work was begun after it */
     sbl__job_free(&c->core.device, &c->core.job);
+    sbl__bounce_end(&c->core);
 }
 
-/* Drops what was begun last, except for a finished picture or lightmap. A store that is half filled stays. */
+/* Drops the work that was begun last, unless it is a finished picture or lightmap. A half-filled store stays. */
 static void sbl__abandon(sbl_context *c) {
     if (c->work && !(sbl__is_shown(c, c->work) && sbl__work_is_done(c->work))) sbl__drop(c, c->work);
     sbl__job_free(&c->core.device, &c->core.job);
@@ -17638,15 +17653,13 @@ static void sbl__abandon(sbl_context *c) {
 
 /* >>public: contexts */
 
-/* Frees all but the struct itself, also of a context that sbl_create did not complete. */
+/* Frees everything except the struct itself. sbl_create may have failed to complete the context. */
 static void sbl__context_free(sbl_context *c) {
     sbl__core *core = &c->core;
     if (sbl__device_is_made(&core->device)) {
         sbl__visit visit;
         sbl__visit_enter(c, &visit);
         sbl__drop_all(c);
-        sbl__bounce_end(core);
-        sbl__job_free(&core->device, &core->job);
         sbl__scene_free(&core->device, &core->scene);
         sbl__device_free(&core->device);
         sbl__visit_leave(c, &visit);
@@ -17678,17 +17691,16 @@ static sbl_result sbl__compile_all(sbl__device *d) {
     return result;
 }
 
-/* Makes what all passes share, compiles programs if the host has asked for it, and tries out the driver. */
-static sbl_result sbl__context_start(sbl__core *core) {
-    sbl__guard guard;
+/* Makes the GL objects that all passes share, compiles programs if the host wants them ahead, and tests the driver. */
+static sbl_result sbl__context_start(sbl_context *c) {
+    sbl__device *d = &c->core.device;
+    sbl__visit visit;
     sbl_result result;
-    sbl__guard_save(&core->device.gl, &guard);
-    sbl__guard_force(&core->device.gl);
-    result = sbl__device_start(&core->device);
-    if (result == SBL_SUCCESS && core->desc.compile_ahead) result = sbl__compile_all(&core->device);
-    if (result == SBL_SUCCESS) result = sbl__trial(core);
-    sbl__guard_restore(&core->device.gl, &guard);
-    sbl__gl_clear_errors(&core->device.gl);
+    sbl__visit_enter(c, &visit);
+    result = sbl__device_start(d);
+    if (result == SBL_SUCCESS && c->core.desc.compile_ahead) result = sbl__compile_all(d);
+    if (result == SBL_SUCCESS) result = sbl__trial(&c->core);
+    sbl__visit_leave(c, &visit);
     return result;
 }
 
@@ -17717,7 +17729,7 @@ SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
     c->core.device.base = c->core.device.gl.base = &c->core.base;
     if (!d.get_gl_function) result = sbl__egl_open(&c->egl, &c->core.base, &before, &d);
     if (result == SBL_SUCCESS) result = sbl__device_make(&c->core.device, &c->core.base, &d);
-    if (result == SBL_SUCCESS) result = sbl__context_start(&c->core);
+    if (result == SBL_SUCCESS) result = sbl__context_start(c);
     if (result != SBL_SUCCESS) sbl__context_free(c);
     sbl__egl_leave(&c->egl, &before);
     if (result != SBL_SUCCESS) {
@@ -17731,8 +17743,7 @@ SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
 
 SBL_API void sbl_destroy(sbl_context *c) {
     sbl__base base;
-    if (!c) return;
-    if (sbl__called_back(c, "sbl_destroy", SBL__INSIDE_NOTHING)) return;
+    if (sbl__may_call(c, "sbl_destroy", SBL__INSIDE_NOTHING, 0) != SBL_SUCCESS) return;
     sbl__context_free(c);
     base = c->core.base;
     sbl__free(&base, c);
@@ -17744,12 +17755,9 @@ SBL_API sbl_result sbl_set_scene(sbl_context *c, const sbl_scene_desc *desc) {
     const double start = sbl__now();
     sbl__scene scene;
     sbl__visit visit;
-    sbl_result result = sbl__may_call(c, "sbl_set_scene", 0);
+    sbl_result result = sbl__may_call(c, "sbl_set_scene", SBL__INSIDE_NOTHING, 0);
     if (result != SBL_SUCCESS) return result;
-    if (!desc) {
-        sbl__refuse(c, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_set_scene", "desc is NULL");
-        return SBL_ERROR_INVALID_ARGUMENT;
-    }
+    if (!desc) return sbl__refuse(c, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_set_scene", "desc is NULL");
     memset(&scene, 0, sizeof scene);
     sbl__visit_enter(c, &visit);
     result = sbl__scene_make(&c->core.device, &scene, desc);
@@ -17770,7 +17778,7 @@ SBL_API sbl_result sbl_set_scene(sbl_context *c, const sbl_scene_desc *desc) {
     return result;
 }
 
-/* Replaces the materials or the lights, whichever desc has; the other pointer is NULL. */
+/* Replaces the materials or the lights. desc: has only one of them; the pointer to the other is NULL */
 static sbl_result sbl__update_light(sbl_context *c, const char *function, const sbl_scene_desc *desc) {
     const char *what = desc->materials ? "materials" : "lights";
     const int count = desc->materials ? desc->material_count : desc->light_count;
@@ -17778,7 +17786,7 @@ static sbl_result sbl__update_light(sbl_context *c, const char *function, const 
     sbl__check check;
     sbl_result result;
     int i, has;
-    result = sbl__may_call(c, function, 1);
+    result = sbl__may_call(c, function, SBL__INSIDE_NOTHING, 1);
     if (result != SBL_SUCCESS) return result;
     has = desc->materials ? c->core.scene.material_count : c->core.scene.lights.count;
     sbl__check_start(&check, &c->core.base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT);
@@ -17816,21 +17824,19 @@ SBL_API sbl_result sbl_set_lights(sbl_context *c, const sbl_light *lights, int l
 }
 
 SBL_API sbl_result sbl_save_store(sbl_context *c, sbl_write_function put, void *user) {
-    const sbl_result result = put ? sbl__may_call(c, "sbl_save_store", 1) : SBL_ERROR_INVALID_ARGUMENT;
+    const sbl_result result = put ? sbl__may_call(c, "sbl_save_store", SBL__INSIDE_NOTHING, 1)
+                                  : SBL_ERROR_INVALID_ARGUMENT;
     if (result != SBL_SUCCESS) return result;
-    if (!c->core.scene.store.ready) {
-        sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, "sbl_save_store", "no light is stored; render or gather in "
-                    "SBL_MODE_GI first");
-        return SBL_ERROR_STATE;
-    }
+    if (!c->core.scene.store.ready)
+        return sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, "sbl_save_store", "no light is stored; render or gather in "
+                           "SBL_MODE_GI first");
     if (sbl__saved_write(&c->core.scene, put, user)) return SBL_SUCCESS;
-    sbl__refuse(c, SBL_LOG_ITEM_INVALID_STORE, "sbl_save_store", "put took fewer bytes than it was given");
-    return SBL_ERROR_INVALID_ARGUMENT;
+    return sbl__refuse(c, SBL_LOG_ITEM_INVALID_STORE, "sbl_save_store", "put took fewer bytes than it was given");
 }
 
 SBL_API sbl_result sbl_load_store(sbl_context *c, sbl_read_function get, void *user) {
     sbl__visit visit;
-    sbl_result result = get ? sbl__may_call(c, "sbl_load_store", 1) : SBL_ERROR_INVALID_ARGUMENT;
+    sbl_result result = get ? sbl__may_call(c, "sbl_load_store", SBL__INSIDE_NOTHING, 1) : SBL_ERROR_INVALID_ARGUMENT;
     if (result != SBL_SUCCESS) return result;
     sbl__visit_enter(c, &visit);
     sbl__abandon(c);
@@ -17844,7 +17850,7 @@ SBL_API sbl_result sbl_set_mesh_transform(sbl_context *c, int mesh, const float 
     sbl__visit visit;
     sbl__check check;
     sbl_result result;
-    result = sbl__may_call(c, "sbl_set_mesh_transform", 1);
+    result = sbl__may_call(c, "sbl_set_mesh_transform", SBL__INSIDE_NOTHING, 1);
     if (result != SBL_SUCCESS) return result;
     sbl__check_start(&check, &c->core.base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT);
     if (mesh < 0 || mesh >= c->core.scene.geometry.mesh_count)
@@ -17868,12 +17874,12 @@ SBL_API sbl_result sbl_set_mesh_transform(sbl_context *c, int mesh, const float 
 
 /* >>public: begin, step, end */
 
-/* Begins work: checks desc, drops former work, and fills the struct `work`. */
+/* Checks desc, drops former work, and begins work. work: the front end's struct in the context */
 static sbl_result sbl__begin(sbl_context *c, void *work, const sbl__front_end *f, const void *desc) {
     const double start = sbl__now();
     sbl__measurement measurement;
     sbl__visit visit;
-    sbl_result result = sbl__may_call(c, f->begin_name, 1);
+    sbl_result result = sbl__may_call(c, f->begin_name, SBL__INSIDE_NOTHING, 1);
     if (result == SBL_SUCCESS) result = f->check(&c->core, desc, &measurement);
     if (result != SBL_SUCCESS) return result;
     measurement.options.backend = sbl__choose_backend(&measurement, &c->core.scene);
@@ -17925,13 +17931,12 @@ static sbl_result sbl__context_step(sbl_context *c, sbl__slice *slice) {
 SBL_API sbl_result sbl_step(sbl_context *c, double seconds) {
     sbl__slice slice;
     sbl__visit visit;
-    sbl_result result = sbl__may_call(c, "sbl_step", 0);
+    sbl_result result = sbl__may_call(c, "sbl_step", SBL__INSIDE_NOTHING, 0);
     double last;
     if (result != SBL_SUCCESS) return result;
-    if (!c->work) {
-        sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, "sbl_step", "there is no picture; call sbl_begin_picture first");
-        return SBL_ERROR_STATE;
-    }
+    if (!c->work)
+        return sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, "sbl_step",
+                           "there is no picture; call sbl_begin_picture first");
     if (sbl__work_is_done(c->work)) return SBL_SUCCESS;
     slice = sbl__slice_of(&c->core.desc, seconds);
     last = seconds > 0 ? slice.end - SBL__SLICE_REST * seconds : DBL_MAX;
@@ -17941,7 +17946,7 @@ SBL_API sbl_result sbl_step(sbl_context *c, double seconds) {
     if (c->core.stats.sensors.count)
         c->core.stats.sensors.microseconds = 1e6 * c->core.stats.seconds.total / (double)c->core.stats.sensors.count;
     if (result != SBL_SUCCESS && result != SBL_UNFINISHED) {
-        sbl__drop(c, c->work);  /* even a finished picture, if the callback has cancelled after its last piece */
+        sbl__drop(c, c->work);  /* also a finished picture, if the progress callback cancels after the last piece */
         sbl__job_free(&c->core.device, &c->core.job);
         if (!c->core.scene.store.ready) sbl__bounce_end(&c->core);
     }
@@ -17953,10 +17958,9 @@ SBL_API float sbl_progress(const sbl_context *c) { return c && c->work ? c->work
 
 SBL_API void sbl_end(sbl_context *c) {
     sbl__visit visit;
-    if (!c || !c->work || sbl__called_back(c, "sbl_end", SBL__INSIDE_NOTHING)) return;
+    if (!c || !c->work || sbl__may_call(c, "sbl_end", SBL__INSIDE_NOTHING, 0) != SBL_SUCCESS) return;
     sbl__visit_enter(c, &visit);
     sbl__drop_all(c);
-    sbl__bounce_end(&c->core);
     sbl__visit_leave(c, &visit);
 }
 
@@ -17964,15 +17968,13 @@ SBL_API void sbl_end(sbl_context *c) {
 
 SBL_API int sbl_channel_components(sbl_channel channel) { return sbl__map_components(channel); }
 
-/* Returns SBL_SUCCESS if channels can be read, after making a preview if the map is not finished. */
+/* Returns SBL_SUCCESS if channels can be read. Makes a preview first if the map is not finished. */
 static sbl_result sbl__channel_ready(sbl_context *c, const char *function) {
     sbl__visit visit;
     sbl_result result;
-    if (!c->map) {
-        sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "there is no picture; call sbl_render_picture, or "
-                    "sbl_begin_picture and sbl_step");
-        return SBL_ERROR_STATE;
-    }
+    if (!c->map)
+        return sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "there is no picture; call sbl_render_picture, or "
+                           "sbl_begin_picture and sbl_step");
     if (sbl__work_is_done(&c->map->work)) return SBL_SUCCESS;
     if (sbl__refine_error(&c->map->refine) < 0) return SBL_UNFINISHED;
     sbl__visit_enter(c, &visit);
@@ -17985,22 +17987,19 @@ static sbl_result sbl__channel_ready(sbl_context *c, const char *function) {
 SBL_API sbl_result sbl_read_channel(sbl_context *c, sbl_channel channel, float *out, size_t float_count) {
     const int components = sbl_channel_components(channel);
     sbl__visit visit;
+    sbl__check check;
     size_t pixels;
-    sbl_result result;
-    if (!c) return SBL_ERROR_INVALID_ARGUMENT;
-    if (sbl__called_back(c, "sbl_read_channel", SBL__INSIDE_PROGRESS)) return SBL_ERROR_STATE;
-    if (!components || !out) {
-        sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_read_channel: channel is %d (0 to "
-                 "%d exist), out is %s", (int)channel, SBL_CHANNEL_COUNT - 1, out ? "given" : "NULL");
-        return SBL_ERROR_INVALID_ARGUMENT;
-    }
+    sbl_result result = sbl__may_call(c, "sbl_read_channel", SBL__INSIDE_PROGRESS, 0);
+    if (result != SBL_SUCCESS) return result;
+    sbl__check_start(&check, &c->core.base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT);
     pixels = c->map ? (size_t)c->map->size[0] * (size_t)c->map->size[1] : 0;
-    if (float_count < pixels * (size_t)components) {
-        sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_read_channel: float_count is %.0f; "
-                 "channel %d of %d x %d pixels needs %.0f floats", (double)float_count, (int)channel, c->map->size[0],
-                 c->map->size[1], (double)pixels * components);
-        return SBL_ERROR_INVALID_ARGUMENT;
-    }
+    if (!components || !out)
+        sbl__mistake(&check, "sbl_read_channel: channel is %d (0 to %d exist), out is %s", (int)channel,
+                     SBL_CHANNEL_COUNT - 1, out ? "given" : "NULL");
+    else if (float_count < pixels * (size_t)components)
+        sbl__mistake(&check, "sbl_read_channel: float_count is %.0f; channel %d of %d x %d pixels needs %.0f floats",
+                     (double)float_count, (int)channel, c->map->size[0], c->map->size[1], (double)pixels * components);
+    if (check.mistakes) return SBL_ERROR_INVALID_ARGUMENT;
     result = sbl__channel_ready(c, "sbl_read_channel");
     if (result != SBL_SUCCESS) return result;
     sbl__visit_enter(c, &visit);
@@ -18012,9 +18011,9 @@ SBL_API sbl_result sbl_read_channel(sbl_context *c, sbl_channel channel, float *
 SBL_API uint32_t sbl_channel_texture(sbl_context *c, sbl_channel channel) {
     sbl__visit visit;
     uint32_t texture;
-    if (!c || !c->map || !sbl_channel_components(channel)) return 0;
-    if (sbl__called_back(c, "sbl_channel_texture", SBL__INSIDE_PROGRESS)) return 0;
-    if (sbl__channel_ready(c, "sbl_channel_texture") != SBL_SUCCESS) return 0;
+    if (!c || !c->map || !sbl_channel_components(channel) ||
+        sbl__may_call(c, "sbl_channel_texture", SBL__INSIDE_PROGRESS, 0) != SBL_SUCCESS ||
+        sbl__channel_ready(c, "sbl_channel_texture") != SBL_SUCCESS) return 0;
     sbl__visit_enter(c, &visit);
     texture = sbl__map_channel_texture(c->map, channel);
     sbl__visit_leave(c, &visit);
@@ -18023,77 +18022,37 @@ SBL_API uint32_t sbl_channel_texture(sbl_context *c, sbl_channel channel) {
 
 /* >>public: inspection */
 
-static sbl_result sbl__inspect_check(const sbl_context *c, int x, int y, const sbl_sensor *sensor) {
-    const sbl__map *m = c->map;
-    const int finished = m && sbl__work_is_done(&m->work);
-    sbl__check check;
-    sbl__check_start(&check, &c->core.base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT);
-    if (!sensor) {
-        sbl__mistake(&check, "sbl_inspect_sensor: sensor is NULL");
-        return SBL_ERROR_INVALID_ARGUMENT;
-    }
-    if (!finished || m->scene_version != c->core.scene.version) {
-        sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, "sbl_inspect_sensor", !finished ?
-                    "there is no finished picture; call sbl_render_picture first" :
-                    "the scene has changed since the picture was made; call sbl_render_picture again");
-        return SBL_ERROR_STATE;
-    }
-    if (x < 0 || y < 0 || x >= m->size[0] || y >= m->size[1])
-        sbl__mistake(&check, "sbl_inspect_sensor: pixel %d %d lies outside of the picture's %d x %d", x, y,
-                     m->size[0], m->size[1]);
-    else if (!sbl__refine_pixel(&m->refine, sbl__inspect_pixel(m, x, y))->id)
-        sbl__mistake(&check, "sbl_inspect_sensor: pixel %d %d shows no surface", x, y);
-    return sbl__check_end(&check);
-}
-
 SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *sensor, float *radiance, float *weights,
                                       size_t texel_count) {
     sbl__inspect_request request;
-    sbl_sensor s;
     sbl__visit visit;
-    sbl_result result = sbl__may_call(c, "sbl_inspect_sensor", 0);
-    int sheet[2];
-    if (result == SBL_SUCCESS) result = sbl__inspect_check(c, x, y, sensor);
+    sbl_result result = sbl__may_call(c, "sbl_inspect_sensor", SBL__INSIDE_NOTHING, 0);
     if (result != SBL_SUCCESS) return result;
-    memset(&s, 0, sizeof s);
-    sbl__spec_sheet(&c->map->spec, sheet);
-    s.sheet_width = sheet[0];
-    s.sheet_height = sheet[1];
-    if ((radiance || weights) && texel_count < (size_t)s.sheet_width * (size_t)s.sheet_height) {
-        sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor: texel_count is "
-                 "%.0f; the sheet has %d x %d texels", (double)texel_count, s.sheet_width, s.sheet_height);
-        return SBL_ERROR_INVALID_ARGUMENT;
-    }
-    sbl__inspection_clear(&c->core.base, &c->inspection);
     memset(&request, 0, sizeof request);
     request.core = &c->core;
     request.map = c->map;
     request.found = &c->inspection;
-    request.pixel = (int)sbl__inspect_pixel(c->map, x, y);
     request.radiance = radiance;
     request.weights = weights;
+    result = sbl__inspect_check(&request, x, y, sensor, texel_count);
+    if (result != SBL_SUCCESS) return result;
+    sbl__inspection_clear(&c->core.base, &c->inspection);
     sbl__visit_enter(c, &visit);
     result = sbl__inspect(&request);
     sbl__visit_leave(c, &visit);
-    if (result != SBL_SUCCESS) {
-        sbl__inspection_clear(&c->core.base, &c->inspection);
-        return result;
-    }
-    sbl__inspect_tell(&request, &s);
-    *sensor = s;
-    return SBL_SUCCESS;
+    if (result == SBL_SUCCESS) sbl__inspect_tell(&request, sensor);
+    else sbl__inspection_clear(&c->core.base, &c->inspection);
+    return result;
 }
 
 /* >>public: helpers */
 
 SBL_API int sbl_look_at(float world_to_view[16], float eye_x, float eye_y, float eye_z, float at_x, float at_y,
                         float at_z, float up_x, float up_y, float up_z) {
-    double eye[3], f[3], u[3], r[3];
+    const double eye[3] = { eye_x, eye_y, eye_z };
+    double f[3] = { at_x - eye[0], at_y - eye[1], at_z - eye[2] }, u[3] = { up_x, up_y, up_z }, r[3];
     float m[16];
     int k;
-    eye[0] = eye_x; eye[1] = eye_y; eye[2] = eye_z;
-    f[0] = at_x - eye[0]; f[1] = at_y - eye[1]; f[2] = at_z - eye[2];
-    u[0] = up_x; u[1] = up_y; u[2] = up_z;
     if (!sbl__normalize(f) || !sbl__normalize(u)) return 0;
     sbl__cross(f, u, r);
     if (r[0] * r[0] + r[1] * r[1] + r[2] * r[2] < 1e-12 || !sbl__normalize(r)) return 0;
@@ -18123,7 +18082,7 @@ SBL_API int sbl_perspective(float m[16], float fov_y, float aspect) {
     m[5] = high;
     m[10] = -1;
     m[11] = -1;
-    m[14] = -0.2f;  /* near 0.1, no far plane; sbl.h itself ignores both */
+    m[14] = -0.2f;  /* the near plane is at 0.1, and there is no far plane; sbl.h itself ignores both */
     return 1;
 }
 
@@ -18139,35 +18098,21 @@ SBL_API void sbl_encode_srgb8(unsigned char *out, const float *linear, size_t fl
 
 /* >>public: queries */
 
-SBL_API sbl_context_desc sbl_query_desc(const sbl_context *c) {
-    sbl_context_desc none;
-    memset(&none, 0, sizeof none);
-    return c ? c->core.desc : none;
-}
-
-SBL_API sbl_capabilities sbl_query_capabilities(const sbl_context *c) {
-    sbl_capabilities none;
-    memset(&none, 0, sizeof none);
-    return c ? c->core.device.gl.capabilities : none;
-}
-
-SBL_API sbl_stats sbl_query_stats(const sbl_context *c) {
-    sbl_stats none;
-    memset(&none, 0, sizeof none);
-    return c ? c->core.stats : none;
-}
-
-SBL_API sbl_memory sbl_query_memory(const sbl_context *c) {
-    sbl_memory none;
-    memset(&none, 0, sizeof none);
-    return c ? c->core.base.memory : none;
-}
-
-SBL_API sbl_programs sbl_query_programs(const sbl_context *c) {
-    sbl_programs programs;
-    memset(&programs, 0, sizeof programs);
-    return c ? c->core.device.compiled : programs;
-}
+/* Functions that return a struct of the context, or all zeroes without a context. */
+#define SBL__QUERIES(X) \
+    X(sbl_context_desc, sbl_query_desc, c->core.desc) \
+    X(sbl_capabilities, sbl_query_capabilities, c->core.device.gl.capabilities) \
+    X(sbl_stats, sbl_query_stats, c->core.stats) \
+    X(sbl_memory, sbl_query_memory, c->core.base.memory) \
+    X(sbl_programs, sbl_query_programs, c->core.device.compiled)
+#define SBL__X(type, function, value) \
+    SBL_API type function(const sbl_context *c) { \
+        type none; \
+        memset(&none, 0, sizeof none); \
+        return c ? value : none; \
+    }
+SBL__QUERIES(SBL__X)
+#undef SBL__X
 
 SBL_API sbl_bounds sbl_query_bounds(const sbl_context *c) {
     sbl_bounds bounds;
