@@ -6,8 +6,7 @@
        #define SBL_EGL              // optional: sbl.h can then create a headless GL context (link with -lEGL)
        #include "sbl.h"
 
-   All other files include the header without these defines. sbl.h needs C99 or C++11, libm, and OpenGL 3.3 core or
-   later.
+   Other files include the header without these defines. sbl.h needs C99 or C++11, libm, and OpenGL 3.3 core or later.
 
 
    WHAT IT IS
@@ -27,13 +26,13 @@
        tile      a rectangle of pixels with a sensor at each of its four corners
 
    A sensor finds light in three ways. For lamps it computes the light of the whole lamp in closed form, and multiplies
-   it by the fraction of the lamp that rays find unobstructed. For the sky it traces rays (or draws small views of the
-   scene) and forms a weighted sum of what they find. For light that surfaces reflect, the same rays look up the store,
-   which is computed once for each scene.
+   it by the fraction of the lamp that rays find unobstructed. For the sky it forms a weighted sum of what rays (or
+   small views of the scene) find. For light that surfaces reflect, the same rays look up the store, which is made once
+   per scene.
 
-   A picture starts with large tiles. Tiles whose predicted error is large are subdivided, down to single pixels.
-   Pixels between sensors are interpolated. A filter that never mixes different surfaces smooths the result.
-   Multiplication by the surface colour completes the picture.
+   A picture starts with large tiles. Tiles whose predicted error is large are subdivided, down to single pixels. Pixels
+   between sensors are interpolated. A filter that never mixes surfaces smooths the result, which is then multiplied by
+   the surface colour.
 
        camera --> G-buffer --> tiles --> sites --> sensors --> readings --> refine --> filter --> resolve --> final
                                            ^                                   |
@@ -164,10 +163,9 @@
 
    ON UNITS
 
-   Radiance is linear, not gamma encoded, and may have any unit. Lengths may have any unit too. Use one unit of each
-   kind throughout a scene. Results are accurate for scenes that are between 5e-10 and 6e9 units across and whose
-   distance from the origin is at most 4,000 times their size. Outside these limits sbl_set_scene logs a warning. A
-   value that overflows never becomes NaN.
+   Radiance (linear, not gamma encoded) and lengths may have any unit. Use one unit of each kind throughout a scene.
+   Results are accurate for scenes that are 5e-10 to 6e9 units across, at a distance of at most 4,000 times their size
+   from the origin; sbl_set_scene warns about others. A value that overflows never becomes NaN.
 
    For a surface point p with normal n:
 
@@ -177,8 +175,7 @@
 
    R is the quantity that sensors measure. This manual calls it R everywhere; fields and channels call it radiance.
 
-   Surfaces are Lambertian. They reflect on both sides. They also emit on both sides, unless the material has the flag
-   SBL_MATERIAL_ONE_SIDED_EMISSION.
+   Surfaces are Lambertian. Both sides reflect, and both emit unless SBL_MATERIAL_ONE_SIDED_EMISSION is set.
 
    Matrices are column-major, as in GL. View space looks along -z. Pixel (0, 0) is the top left pixel. A pixel is
    sampled at its centre. Arrays and textures hold the top row first: texture coordinate v = 0 is the top edge.
@@ -186,12 +183,9 @@
 
    ON ZEROS
 
-   Zero is the default of every field of a descriptor; where zero itself would be a meaningful value, a negative number
-   asks for it ("none" or "off").
-
-   So fill a descriptor with zeroes and set only the fields that you care about. For example, filter_radius = 0 selects
-   the default radius of 2 pixels, and filter_radius = -1 turns the filter off. The comment at each field names its
-   default and says what a negative number means.
+   Fill a descriptor with zeroes and set only the fields that you care about. Zero is the default of every field; where
+   zero itself would be a meaningful value, a negative number asks for it ("none" or "off"). For example, filter_radius
+   = 0 selects the default radius of 2 pixels, and -1 turns the filter off. Each field's comment names its default.
 
    Items are numbered from 0, as in C (sbl_mesh.material). Textures are numbered from 1, so that 0 means no texture
    (sbl_material.albedo_texture). A material has no defaults: zero albedo is black, zero emission emits nothing.
@@ -203,38 +197,25 @@
    sbl_read_channel or sbl_channel_texture. The most used channels are SBL_CHANNEL_FINAL (the lit picture) and
    SBL_CHANNEL_RADIANCE (R, light without surface colour).
 
-   sbl_picture_desc.options.mode selects the light that is computed:
+   sbl_picture_desc.options.mode selects the light that is computed, see sbl_mode. The default, SBL_MODE_GI, computes
+   all light; SBL_MODE_DIRECT takes a third to half of its time.
 
-       SBL_MODE_GI       the default: emitters, lights, sky, and the light that all surfaces reflect, with all bounces
-       SBL_MODE_DIRECT   only emitters, lights and sky. It takes a third to half of the time of SBL_MODE_GI
-       SBL_MODE_AMBIENT  direct light, and every surface that does not emit has the radiance epsilon * albedo. This is
-                         the paper's substitute for bounced light
-       SBL_MODE_PAPER    the paper's method without changes, see ON THE PAPER
+   The struct sbl_options (field `options`) is the same in all five descriptors. Its preset (draft, default, high)
+   selects the defaults of other fields; their comments then list three values.
 
-   The struct sbl_options (field `options`) is the same in all five descriptors: mode, preset, backend, rays, sensor
-   size, epsilon, seed and the progress callback. The preset (draft, default, high) selects the defaults of other
-   fields; their comments then list three values.
-
-   Triangles that are small on the screen are lit by their true normals, larger ones by the shading normals of their
-   vertices: shading normals exist to hide facets that are large enough to be seen. sbl_picture_desc.facet_limit is the
-   limit, by default 2 pixels.
-
-   Geometry that only the host can draw, such as the result of a vertex shader, takes part through a draw callback. See
-   sbl_draw_view.
+   Geometry that only the host can draw (for example with a vertex shader) is drawn by a callback, see sbl_draw_view.
 
 
    ON THE TARGET ERROR
 
    sbl_picture_desc.target_error is the error of R that you accept: the root mean square over the visible pixels, in
-   luminance, divided by the mean luminance of R there. 0.02 means 2 %. The default is 0.015 (draft 0.05, high 0.0075).
+   luminance, divided by the mean luminance of R there. 0.02 means 2 %.
 
-   With the default target, each sensor takes at most 16 looks. These are 512 / 512 / 1024 rays (draft / default / high)
-   for pictures, and 512 / 1024 / 2048 for lightmaps. This limit keeps the time bounded where light comes through
-   windows, and there the picture may miss the target. If you set target_error yourself, a sensor may take up to 512
-   looks, at least 16 times as many rays.
+   With the default target, each sensor takes at most 16 looks; target_error tells how many rays these have. The limit
+   bounds the time where light comes through windows, and there the picture may miss the target. If you set target_error
+   yourself, a sensor may take up to 512 looks, at least 16 times as many rays.
 
-   A picture begins with few sensors that take one look each. From these it predicts the error of each tile, which has
-   two parts:
+   A picture begins with few sensors that take one look each. They predict the error of each tile. It has two parts:
 
        noise           the differences between rays in neighbouring directions, after interpolation and filter. They
                        are averaged over nearby sensors, because a single sensor may miss the window that the next one
@@ -248,33 +229,25 @@
    targets of 8, 4, 2 and 1 % are about in the ratio 1 : 1.5 : 3 : 6.
 
    SBL_CHANNEL_ERROR is the prediction for each pixel: the standard error of the luminance of R, in the unit of R.
-   sbl_stats.picture.expected_error is the prediction for the whole picture. Both are available while the picture is
-   under way, so a host may stop when the picture is good enough.
+   sbl_stats.picture.expected_error is that for the whole picture. A host may read both early, and stop.
 
-   SBL_MODE_GI adds a third part: the error of the stored light. It is estimated from the differences between the
-   points of a cell, and propagated from cell to cell as light is. Sensors cannot reduce this part; a larger
-   max_bounce_cells does. The sensors' own part of the error is never driven below 0.84 of the target, even where the
-   store's part alone exceeds it.
+   SBL_MODE_GI adds a third part: the error of the stored light. It is estimated from the differences between the points
+   of a cell, and propagated from cell to cell as light is. Sensors cannot reduce it; a larger max_bounce_cells does.
+   The sensors' own part is never driven below 0.84 of the target, even where the third part alone exceeds it.
 
    The noise of a sensor falls faster than that of independent rays, because rays follow a low-discrepancy sequence.
    Each picture measures how much faster, by comparing the second looks of sensors with their first looks.
 
    If the first looks are far too noisy for the target, most light comes through windows or from a few other bright
-   places. The picture then first traces 256 single rays from each pixel of a grid, whose spacing is 2 to 16 pixels.
-   These rays give guides: histograms of the directions that light comes from. Sensors send most of their rays in these
-   directions, which saves half to two thirds of all rays. If noise is still too high, looks become longer: up to 128
-   rays instead of 16 to 64.
+   places. The picture then traces 256 single rays from each pixel of a grid, whose spacing is 2 to 16 pixels. These
+   rays give guides: histograms of the directions that light comes from. Sensors send most of their rays there, which
+   saves half to two thirds of all rays. If noise is still too high, looks get up to 128 rays instead of 16 to 64.
 
    Accuracy of the prediction, measured at targets of 8, 4, 2 and 1 % against references: the true error is 0.6 to 1.2
    times the prediction where R is known in closed form and in the Cornell box. With bounced light it is 1.2 to 1.9
-   times the prediction in three furnished rooms, and 3 to 4 times in a room of 361,000 triangles and in a building of
-   which the picture shows a part. Three errors cannot be predicted: a shadow that falls between all sensors of the
-   first level, which are `tile` pixels apart; a window that no ray has met; and changes of the stored light inside a
-   cell, where a cell is larger than the geometry beside it.
-
-   Three fields are for experts. If `rays` is set, each sensor takes exactly one look of that many rays. `tile` is the
-   size of the first tiles in pixels; 1 places a sensor at every pixel. If `threshold` is set, a tile is subdivided
-   where its corners differ by more than the threshold, instead of where the predicted error is large.
+   times the prediction in three furnished rooms, and 3 to 4 times in a room of 361,000 triangles and in a building that
+   the picture shows in part. Three errors cannot be predicted: a shadow between all sensors of the first level; a
+   window that no ray has met; and changes of the stored light inside a cell that is larger than the geometry beside it.
 
 
    ON LIGHTS
@@ -283,20 +256,18 @@
    being visible themselves (sbl_light). The sky shines where nothing is hit: with a constant radiance
    (sbl_scene_desc.sky), and with a picture or a function (sbl_environment).
 
-   A lamp is one emitting triangle, one light, or one bright texel of a sky picture. For emitting triangles, spheres
-   and suns, the unobstructed light is computed in closed form, and the horizon of the sensor's surface is taken into
-   account. Rays towards the lamp only measure the fraction that arrives. So the light is exact where the whole lamp is
-   visible, and black where nothing of it is visible. In between, its noise is the noise of the measured fraction. An
-   emission texture is sampled where the rays meet the lamp, which adds noise also where the lamp is unobstructed.
+   The unobstructed light of emitting triangles, spheres and suns is computed in closed form, and the horizon of the
+   sensor's surface is taken into account. Rays towards the lamp only measure the fraction that arrives. So the light is
+   exact where the whole lamp is visible, and black where none of it is. In between, its noise is that of the fraction.
+   An emission texture is sampled where the rays meet the lamp, which adds noise even without obstruction.
 
    A sensor sends at most as many rays towards lamps as over its hemisphere. If `rays` is 256, it first sends an eighth
    of them, and looks at the corners and rims of lamps. If these rays are all open or all blocked, it stops there. It
-   traces the rest if they disagree, or if there are many lamps. A light without size needs only one ray; up to 32 such
-   lights get one ray each.
+   traces the rest if they disagree, or if there are many lamps. Up to 32 lights without size get only one ray each.
 
    Up to 256 lamps are weighed one by one. If there are more, lamps that are far away for their size are combined to
-   clusters of a tree. Each ray picks a single lamp of a cluster, with a probability proportional to the light it
-   gives. The mean stays correct, the noise is a few percent, and the cost of a sensor hardly grows with more lamps.
+   clusters of a tree. Each ray picks one lamp of a cluster, with a probability proportional to the light it gives. The
+   mean stays correct, the noise is a few percent, and more lamps hardly raise the cost of a sensor.
 
    Texels of a sky picture that are brighter than four times its mean are lamps, so that a sun in the picture casts a
    clean shadow. Rays over the hemisphere meet the rest of the sky.
@@ -315,44 +286,41 @@
    same surfaces seen from farther away. Where something stands on a surface, such as a wall on the floor of two rooms,
    the plane of the wall cuts the cells of the floor.
 
-   Points are placed where rays meet surfaces. At each point, light from lamps is measured as sensors measure it, and
-   rays find the sky and the other cells. These rays are kept. They define a system of linear equations, whose solution
-   contains all bounces at once.
+   Points are placed where rays meet surfaces. At a point, light from lamps is measured as sensors measure it, and rays
+   find the sky and other cells. These rays define a system of linear equations, whose solution contains all bounces.
 
    The sensors of a picture use the store only for the light that other surfaces reflect towards them. They measure all
-   light that reaches them with rays of their own, and lamps in closed form. If a traced ray meets a surface at less
-   than the length of a cell, the mean of the cell says little about that place; the ray then continues from there,
-   once. The store itself is visible only on surfaces with SBL_MATERIAL_NO_SENSORS and in SBL_CHANNEL_STORE.
+   light that reaches them with rays of their own, and lamps in closed form. Where a traced ray meets a surface closer
+   than the length of a cell, the mean of the cell says little about that place; the ray then continues once from there.
+   The store itself is visible only on surfaces with SBL_MATERIAL_NO_SENSORS and in SBL_CHANNEL_STORE.
 
    Cost: a picture takes 2 to 3 times as long as with direct light alone, including the store, and more if the picture
-   is small (measured in rooms of several kinds, llvmpipe on two cores). The first work in this mode makes the store.
-   It then serves all pictures and bakes of the scene, with any camera and size, until the scene changes. sbl_set_scene
-   and sbl_set_mesh_transform discard it. After sbl_set_materials or sbl_set_lights, if only emission or lights have
-   changed, the store's rays are reused and the update takes half as long. sbl_end frees the memory of these rays, but
-   not the store. sbl_save_store and sbl_load_store carry a store over to the next run. sbl_stats.seconds.bounce and
-   sbl_stats.store tell what the store has cost.
+   is small (measured in several rooms, llvmpipe on two cores). The first work in this mode makes the store. It then
+   serves all pictures and bakes of the scene, with any camera and size, until sbl_set_scene or sbl_set_mesh_transform
+   discards it. If sbl_set_materials or sbl_set_lights change only emission or lights, the store's rays are reused and
+   the update takes half as long. sbl_end frees the memory of these rays, but not the store. sbl_save_store and
+   sbl_load_store carry a store over to the next run. sbl_stats.seconds.bounce and sbl_stats.store tell its cost.
 
-   Budget: sbl_scene_desc.max_bounce_cells limits the number of cells. At first all cells have one size, which is
-   chosen so that about a third of the budget is used; the rest is kept for cells that are cut. Three measures keep the
-   store within its budget: cells that are found last become larger, the store is rebuilt with larger cells, and small
-   patches of a mesh share cells. If rays reach only a small part of the scene, as with a house in a wide meadow, the
-   store is rebuilt with smaller cells. Surfaces that no other surface sees get the largest cells; only sensors in the
-   air may see these.
+   Budget: sbl_scene_desc.max_bounce_cells limits the number of cells. At first all cells have one size, which uses
+   about a third of the budget; the rest is kept for cells that are cut. Three measures keep the store within its
+   budget: cells that are found last become larger, the store is rebuilt with larger cells, and small patches of a mesh
+   share cells. If rays reach only a small part of the scene, as with a house in a wide meadow, the store is rebuilt
+   with smaller cells. Surfaces that no other surface sees get the largest cells; only sensors in the air may see these.
 
-   Raise the budget if a room is lit through a gap or a door, if geometry is small compared with the scene, or if light
-   looks patchy. Grain of single pixels comes from the sensors and needs a smaller target_error. Lower the budget for a
-   quick preview. Time and memory grow with it.
+   Time and memory grow with the budget. Raise it if a room is lit through a gap or a door, if geometry is small
+   compared with the scene, or if light looks patchy; lower it for a quick preview. Grain of single pixels needs a
+   smaller target_error.
 
    Accuracy at default settings, measured against an independent path tracer (relative root mean square error of R, in
-   blocks of 4 x 4 pixels): 0.8 % in the Cornell box, 1.6 % in a staircase room that 130 emitting triangles light, 4 %
-   in a furnished room of 130,000 triangles that the sky lights through windows. In blocks of 8 x 8 pixels: 2.3 to 3 %
-   in a dark room with a door ajar.
+   blocks of 4 x 4 pixels): 0.8 % in the Cornell box, 1.6 % in a staircase room with 130 emitting triangles, 4 % in a
+   furnished room of 130,000 triangles with sky light from windows, and, in blocks of 8 x 8, 2.3 to 3 % in a dark room
+   with a door ajar.
 
-   Limits: all reflection is diffuse. An albedo above 0.98 reflects bounced light as 0.98, so that the sum of all
-   bounces stays finite. A small and very bright surface, such as a ceiling just above a lamp, is found by rays at
-   random, as in a path tracer, and leaves bright specks. Geometry of a draw callback neither blocks nor reflects light
-   between other surfaces. The callback is told what light to reflect towards sensors, one value for each of six
-   directions. Light that arrives at this geometry is measured as for everything that the camera sees.
+   Limits: an albedo above 0.98 reflects bounced light as 0.98, so that the sum of all bounces stays finite. A small and
+   very bright surface, such as a ceiling just above a lamp, is found by rays at random, as in a path tracer, and leaves
+   bright specks. Geometry of a draw callback neither blocks nor reflects light between other surfaces. The callback is
+   told what light to reflect towards sensors, one value for each of six directions. Light that arrives at this geometry
+   is measured as everywhere.
 
 
    ON LIGHTMAPS
@@ -372,9 +340,8 @@
        if (sbl_bake_lightmap(context, &map) != SBL_SUCCESS) return 0;
        sbl_read_channel(context, SBL_CHANNEL_FINAL, light, 1024 * 1024 * 3);
 
-   The map holds R. A renderer shows emission + albedo * R. The statements about pictures are true for lightmaps: the
-   target error is predicted and reached texel by texel (SBL_CHANNEL_ERROR), sensors stand where they reduce it most,
-   sbl_step works in pieces, and sbl_inspect_sensor shows what the sensor of a texel sees. Refinement, interpolation
+   The map holds R. A renderer shows emission + albedo * R. The chapters on pictures and on the target error are true
+   for lightmaps, with texels instead of pixels, and so are sbl_step and sbl_inspect_sensor. Refinement, interpolation
    and filter never cross the border of a chart.
 
    Space between charts: leave at least four texels, and twice as many for each mip level that you sample. FINAL is
@@ -383,21 +350,19 @@
    Texels at borders: a texel that a chart only touches gets the light of the chart's nearest point, moved a little
    inward. Without this, a sensor in the corner of two walls would stand inside both.
 
-   Hidden texels: these get the light of their neighbours, because their own darkness would show beside the thing that
-   hides them. A texel is hidden if something lies on it, closer than about half a texel. In SBL_MODE_GI a texel that
-   no light reaches at all lies inside something and is hidden too. So are texels close to the border of a hidden area.
+   Hidden texels get the light of their neighbours, because their own darkness would show beside the thing that hides
+   them. A texel is hidden if something lies on it, closer than about half a texel. In SBL_MODE_GI a texel that no light
+   reaches at all lies inside something and is hidden too. So are texels close to the border of a hidden area.
 
    Seams: where charts meet in the world and their normals agree, FINAL is changed as little as possible so that
    bilinear samples are equal on both sides. Light that differs by half or more is left as it is, because something
-   stands between the two sides. The triangles on both sides must share the edge from end to end. sbl_stats.lightmap
-   tells the largest difference before and after.
+   stands between the sides. The triangles on both sides must share the edge from end to end. sbl_stats.lightmap has the
+   differences.
 
-   Detail within a texel: the light of a texel is the light at its centre. Light that changes within a texel, such as a
-   thin shadow or the edge of a wide one, needs `supersample`, which measures several places per texel. A value of 2
-   takes about twice the time.
+   Detail: the light of a texel is that at its centre. A thin shadow, or the edge of a wide one, needs `supersample`,
+   which measures several places per texel. A value of 2 takes about twice the time.
 
-   Overlaps: if charts overlap or lie outside the map, a warning names the first place, and SBL_CHANNEL_OVERLAP shows
-   all of them.
+   Overlaps: if charts overlap or leave the map, a warning names the first place; SBL_CHANNEL_OVERLAP shows overlaps.
 
    Normal maps need light from several directions. If `directional` is set, the channels SH_0 to SH_3 hold the radiance
    L over the hemisphere of each texel in rgb, as integrals of L times 0.28209479, and of L times 0.48860251 times y,
@@ -431,8 +396,7 @@
    The light at the vertices is the least-squares fit: the values whose interpolation is closest to R at the points (L.
    Kavan, A. W. Bargteil and P.-P. Sloan, "Least Squares Vertex Baking", EGSR 2011). If triangles are large compared
    with the changes of light on them, the fit is more accurate than light that is measured at vertices or averaged
-   around them. Beside the edge of a shadow the fit may make a vertex darker than all points around it. Values that
-   would be negative are 0.
+   around them. Beside a shadow the fit may make a vertex darker than all points around it, but not negative.
 
    Vertices of a mesh that have the same position, and normals that agree within 1 degree, share one value, so that
    texture seams do not show. If the normals differ, as at hard edges, each vertex has its own light. A vertex without
@@ -440,8 +404,8 @@
 
    Points stuck inside geometry are left out. So are points that see little but back faces, because these lie inside
    something; but if most points of a mesh see back faces, all are kept, because whole rooms are modelled inside out. A
-   vertex without any point beside it gets the light of its neighbours, from edge to edge, over at most 64 edges, or 0
-   if no neighbour has light. A vertex that belongs to no triangle, or only to triangles without area, gets 0.
+   vertex without points beside it gets the light of its neighbours, over at most 64 edges, or 0 if none has light. A
+   vertex that belongs to no triangle, or only to triangles without area, gets 0.
 
    A vertex has little noise, because it averages a dozen points or more. So a point uses 64 rays by default. The fit
    takes about 200 bytes of memory and a few microseconds per triangle.
@@ -459,39 +423,33 @@
        desc.grid[1] = 4;
        if (sbl_bake_probes(context, &desc) != SBL_SUCCESS) return 0;
 
-   A surface at the probe that faces n receives
+   A surface at the probe that faces n sends out emission + albedo * R(n); sbl_probe has the formula of R(n).
 
-       R(n) = sum over i = 0 to 8 of A_i sh[i] Y_i(n),   A_0 = 1,   A_1 to A_3 = 2/3,   A_4 to A_8 = 1/4
-
-   and sends out emission + albedo * R. sbl_probe lists the functions Y_i. The ambient cube (sbl_probe.cube) is a
-   coarser form of the same light: R is the mean of the three sides that n turns to, weighted by the squares of the
-   components of n. Both contain all light, including that of lamps and their shadows.
+   The ambient cube (sbl_probe.cube) is a coarser form of the same light: R is the mean of the three sides that n turns
+   to, weighted by the squares of the components of n. Both contain all light, also from lamps, with shadows.
 
    Accuracy: light from surfaces and from the sky is measured along `rays` single rays, evenly over the sphere. Light
    from lamps is measured as sensors measure it, in closed form with the horizon, on 320 normals all around, and the
    cosine is divided out afterwards. For a point light this leaves an error of at most 0.4 % of the norm of its first
-   four coefficients, and less for larger lamps. The noise of a half hidden lamp is 1.3 % with 4,096 rays and 0.5 %
-   with 16,384. Nine coefficients cannot represent sharper light: for a small lamp, R becomes slightly negative on the
-   far side, where the cube gives 0.
+   four coefficients, and less for larger lamps. The noise of a half hidden lamp is 1.3 % with 4,096 rays and 0.5 % with
+   16,384. Sharper light does not fit: R of a small lamp is slightly negative on the far side; the cube gives 0.
 
    Validity: surfaces have two sides here, and a probe sees the light of both. Only back faces tell whether a probe is
    inside something: `valid` is 0 if more than a quarter of all directions end on back faces. This finds probes in
    closed objects, below the ground, and close behind a wall of one layer. If meshes are wound at random it tells
-   nothing; use back_share for a test of your own. The light is correct for the probe's position in any case.
+   nothing; use back_share for your own test. The light is correct for the probe's position in any case.
 
    Moving probes out of solids: if `move` is above 0, an invalid probe tries other positions. In each octant it takes
    the nearest back face that it has seen. It goes through the nearest of these first, and an eighth of `move` beyond
-   it, but never farther than `move` from the position that was asked for. The probe stays at the first valid position,
-   which `position` tells. If there is none, it stays where it was.
+   it, but never farther than `move` from the given position. It stays at the first valid position, or else where it
+   was.
 
-   Shadows of light from probes (as in DDGI): distance and distance_squared are the means of the distance to the
-   visible surfaces, and of its square. Each octant uses the weights max(0, cosine to the middle of the octant), so it
-   covers half the sphere. The sky is left out. If nothing but sky is visible, both are 0, which means infinitely far.
+   Shadows of light from probes (as in DDGI) use distance and distance_squared. The weights of an octant reach over half
+   the sphere. The sky is left out; where nothing but sky is visible, 0 means infinitely far.
 
    Geometry of a draw callback contributes to the light. The probe then sees by views (SBL_BACKEND_RASTER): on 132
    normals, and four times on each side of the cube, with five views each time. For a point light this leaves an error
-   of 1.4 %. Rays still find sky, distance, distance_squared, back_share and valid, and these do not include that
-   geometry.
+   of 1.4 %. Rays still find sky, distance, distance_squared, back_share and valid, without that geometry.
 
 
    ON MEMORY
@@ -509,48 +467,42 @@
    ON LIFETIMES
 
    A finished picture stays readable until the next sbl_begin_picture, sbl_begin_lightmap or sbl_end, whatever else
-   happens: also after sbl_set_scene, after meshes have moved, and during and after readings, vertices and probes.
-   sbl_inspect_sensor is the one exception. It needs the scene that the picture was made of, and returns
-   SBL_ERROR_STATE if the scene has changed.
+   happens: also after sbl_set_scene, after meshes have moved, and during and after readings, vertices and probes. Only
+   sbl_inspect_sensor needs the unchanged scene, and otherwise returns SBL_ERROR_STATE.
 
-   A picture that is under way is dropped when its scene changes. The textures of a finished picture's channels live as
-   long as the picture; those of a picture under way live until the next sbl_step.
+   A picture under way is dropped when its scene changes. The textures of a finished picture's channels live as long as
+   the picture; those of a picture under way live until the next sbl_step.
 
 
    ON TIME
 
-   sbl_set_scene copies the scene and sends it to GL. The sbl_begin_... functions only check their descriptor. All
-   other work is done by sbl_step, in small pieces: the bounding volume hierarchy (with the scene's first traced rays),
-   the store of bounced light (with the scene's first work in SBL_MODE_GI), the G-buffer, sensors, filter, and all
-   anti-aliasing samples.
+   sbl_set_scene copies the scene and sends it to GL. The sbl_begin_... functions only check their descriptor. All other
+   work is done by sbl_step, in small pieces: the bounding volume hierarchy (with the scene's first traced rays), the
+   store of bounced light (with the scene's first work in SBL_MODE_GI), G-buffer, sensors, filter, anti-aliasing.
 
-   sbl_step(context, 0.005) returns after about 5 ms. CPU work checks the clock. GL work is sized by the speed that was
-   measured so far. GL never works longer at a time than about sbl_context_desc.longest_submission, so that no driver's
-   watchdog takes it for a hang. Two things cannot be divided: the smallest part of a submission (a few sensors, or one
-   row of pixels), and the compilation of a shader program. Neither the slices nor the measured speed ever change a
-   result.
+   sbl_step(context, 0.005) returns after about 5 ms. CPU work checks the clock. GL work is sized by the speed measured
+   so far, to at most about sbl_context_desc.longest_submission at a time, so that no driver's watchdog takes it for a
+   hang. Two things cannot be divided: the smallest part of a submission (a few sensors, or one row of pixels), and the
+   compilation of a shader program. Neither the slices nor the measured speed ever change a result.
 
    Programs are compiled when they are first used, one per step, and are kept. With sbl_context_desc.compile_ahead,
-   sbl_create compiles all of them, except those of inspections and of directional lightmaps (1.5 s on llvmpipe).
-   sbl_query_programs tells how many programs were compiled and how long this took.
+   sbl_create compiles nearly all of them (1.5 s on llvmpipe).
 
-   The channels of a picture under way can be read and shown after the first level. They hold the best picture so far,
-   interpolated and resolved from what is known. The first request makes such a preview at once. After that, sbl_step
-   makes a better one whenever the number of looks has grown by a quarter. Before the end of the first level,
-   sbl_read_channel returns SBL_UNFINISHED and sbl_channel_texture returns 0.
+   The channels of a picture under way can be read after the first level; before, sbl_read_channel returns
+   SBL_UNFINISHED and sbl_channel_texture returns 0. They hold the best picture so far, interpolated and resolved from
+   what is known. The first request makes such a preview at once. After that, sbl_step makes a better one whenever the
+   number of looks has grown by a quarter.
 
 
    ON RESULTS AND MESSAGES
 
-   Every function that can fail returns an sbl_result. The logger receives the details: one line for each mistake,
-   which says what went wrong, where, and what to change. Descriptors are checked completely, in release builds too.
-   All mistakes in a descriptor are reported by one call, and a descriptor with a mistake changes nothing. Every
-   function accepts a NULL context; those that return a result then return SBL_ERROR_INVALID_ARGUMENT.
+   Every function that can fail returns an sbl_result. The logger receives one line for each mistake, which says what
+   went wrong, where, and what to change. Descriptors are checked completely, in release builds too: one call reports
+   all mistakes, and a descriptor with a mistake changes nothing. A NULL context gives SBL_ERROR_INVALID_ARGUMENT, or 0.
 
-   Callbacks (draw, environment, allocator, logger, progress) may call the sbl_query_... functions of their context,
-   and sbl_progress. Functions that change or step the context are refused there with SBL_ERROR_STATE. The progress
-   callback is called between two pieces of work. It may also read channels, and cancels the work by returning a
-   nonzero value.
+   Callbacks (draw, environment, allocator, logger, progress) may call the sbl_query_... functions of their context, and
+   sbl_progress. Functions that change or step the context are refused there with SBL_ERROR_STATE. The progress
+   callback, called between pieces of work, may also read channels. A nonzero result cancels the work.
 
 
    ON THREADS
@@ -564,8 +516,8 @@
    Functions that use GL save the state that they change and restore it before they return, also on failure and cancel:
    framebuffers, program, vertex array, buffers, textures, samplers and images of the units that they use, viewport,
    scissor, depth, stencil, blend, cull, masks, clear values, polygon mode, pixel store, sRGB, clip distances, depth
-   clamp, clip control, and so on. If the context has its own headless GL context, the EGL binding is restored instead.
-   GL errors that the host has left behind are cleared.
+   clamp, clip control, and so on. A headless context restores the EGL binding instead. GL errors of the host are
+   cleared.
 
    A conditional render, a transform feedback, and queries that count samples or primitives must not be active during a
    call. sbl.h cannot suspend them, and they would drop or count its own drawing.
@@ -576,14 +528,13 @@
    ON WINDOWS AND MACOS
 
    SBL_EGL is for systems that have EGL. On Windows and macOS the host creates an OpenGL context of version 3.3 core or
-   later (with WGL, GLFW, SDL, Qt), makes it current, and sets sbl_context_desc.get_gl_function to its loader. The size
-   and the pixel format of the window do not matter, and the window may be invisible: sbl.h draws into its own textures
-   of 16-bit and 32-bit floats, which every GL 3.3 supports. OpenGL ES, and so ANGLE, is refused, because it has
-   neither clip distances nor buffer textures.
+   later (with WGL, GLFW, SDL, Qt), makes it current, and sets sbl_context_desc.get_gl_function to its loader. Size,
+   pixel format and visibility of the window do not matter: sbl.h draws into its own textures of 16-bit and 32-bit
+   floats. OpenGL ES, and so ANGLE, is refused: it lacks clip distances and buffer textures.
 
-   Windows: windows.h may be included before sbl.h, after it, or not at all. The loader may consist of
-   wglGetProcAddress alone. It does not know the functions of GL 1.1, so sbl.h takes these from opengl32.dll. A return
-   value of 1, 2, 3 or -1 counts as not found. The loader works only while a context is current. After wglMakeCurrent:
+   Windows: windows.h may be included before sbl.h, after it, or not at all. The loader may consist of wglGetProcAddress
+   alone. It does not know the functions of GL 1.1, which sbl.h takes from opengl32.dll. A return value of 1, 2, 3 or -1
+   counts as not found. The loader works only while a context is current. After wglMakeCurrent:
 
        #include <windows.h>
        #define SBL_IMPLEMENTATION
@@ -601,9 +552,8 @@
            return sbl_create(&desc, &context) == SBL_SUCCESS ? context : NULL;
        }
 
-   macOS: the newest GL is 4.1, which has neither compute shaders nor clip control. Fragment shaders then trace the
-   rays, with the same results. A context must be core and forward compatible, because others end at GL 2.1. With GLFW,
-   on macOS and on any other system:
+   macOS: the newest GL is 4.1, which has neither compute shaders nor clip control. Fragment shaders then trace rays,
+   with the same results. Contexts must be core and forward compatible, or they end at GL 2.1. With GLFW, anywhere:
 
        #include <GLFW/glfw3.h>
        #define SBL_IMPLEMENTATION
@@ -634,8 +584,7 @@
            return 0;
        }
 
-   Tested are mingw-w64 for 64 and 32 bits, the 64-bit programs under wine, and GL 4.1 on Mesa. Microsoft's compiler
-   and a Mac have not been tested.
+   Tested: mingw-w64 (64 and 32 bits), 64-bit programs in wine, GL 4.1 on Mesa. Not tested: Microsoft's compiler, a Mac.
 
 
    ON DETERMINISM
@@ -645,8 +594,8 @@
    Other GL versions and drivers give the same picture up to rounding.
 
    sbl_gather_readings can repeat the light of pixel i. Give it the site of that pixel (sbl_sensor.site) as its site
-   number i, with the picture's seed and `rays`, which must be set and not 0. The result is equal to the bit if rays
-   are traced, and equal up to rounding if views are drawn.
+   number i, with the picture's seed and `rays`, which must be set and not 0. The result is equal to the bit if rays are
+   traced, and equal up to rounding if views are drawn.
 
    The light of a probe depends on its number, its position, `rays` and the seed, and not on other probes.
 
@@ -656,14 +605,12 @@
    SBL_BACKEND_TRACE traces rays through a bounding volume hierarchy, in a compute shader, or in a fragment shader
    before GL 4.3. The rays have a cosine distribution. At most as many more rays go to lamps; sbl_stats.sensors.rays
    does not count these. The cost hardly grows with the scene. The noise of the sensors is known, so refinement follows
-   light and not noise, and the filter leaves differences alone that noise does not explain.
+   light and not noise, and the filter keeps differences that noise does not explain.
 
    SBL_BACKEND_RASTER draws the scene into the views of a sensor, as the paper does. It can see geometry that only the
    host can draw, and it serves as a check of the other way. Its cost grows with the number of triangles. Rays go to
-   lamps here too, and meet the meshes. Where the geometry of a draw callback blocks a lamp, the views show it; light
-   that this geometry emits is found by the texels of the views.
-
-   SBL_BACKEND_AUTO traces wherever it can.
+   lamps here too, and meet the meshes. Where geometry of a draw callback blocks a lamp, the views show it; texels of
+   the views also find the light that it emits.
 
 
    ON THE PAPER
@@ -796,9 +743,8 @@ typedef struct sbl_context_desc {
     sbl_logger logger;        /* receives all messages. Default: errors and warnings go to stderr, one line each, or
                                  nowhere if SBL_NO_STDIO is defined */
     uint32_t disabled;        /* sbl_capability bits of features that must not be used, for tests. Default: 0 */
-    int sensor_texture_size;  /* width and height of the texture that holds the views of a batch of sensors, in texels,
-                                 256 to 16384, but at most what the driver supports. The size changes pictures by float
-                                 rounding only. Default: 2048 */
+    int sensor_texture_size;  /* width and height in texels of the texture of a batch's views, 256 to 16384, but at most
+                                 what the driver supports. Changes pictures by float rounding only. Default: 2048 */
     int batch;                /* number of sensors that one draw call draws, at most as many as fit into the texture of
                                  views. The number never changes a picture. Default: as many as the time allows */
     float longest_submission; /* seconds that GL may work at a time, roughly. Default: 0.1 */
@@ -810,12 +756,10 @@ typedef struct sbl_context_desc {
 typedef struct sbl_capabilities {
     int gl_major, gl_minor;   /* version of the GL context */
     uint32_t available;       /* sbl_capability bits of the features that the driver has */
-    uint32_t used;            /* sbl_capability bits of the features that sbl.h uses: available without
-                                 sbl_context_desc.disabled */
+    uint32_t used;            /* sbl_capability bits of the features that sbl.h uses: available, but not disabled */
     int max_texture_size;     /* largest width and height of a texture */
-    int max_texture_buffer_size;  /* largest number of texels of a buffer texture. Scenes that need more (3 per
-                                 triangle, 2 per vertex, 5 per mesh) are read from 2D textures, 15 to 45 % slower on
-                                 llvmpipe */
+    int max_texture_buffer_size;  /* largest number of texels of a buffer texture. Larger scenes (3 per triangle, 2 per
+                                 vertex, 5 per mesh) are read from 2D textures, 15 to 45 % slower on llvmpipe */
     char renderer[128];       /* GL_RENDERER */
     char version[128];        /* GL_VERSION */
 } sbl_capabilities;
@@ -833,8 +777,7 @@ typedef struct sbl_bounds {
 typedef struct sbl_memory {
     size_t host_bytes;        /* bytes that the context holds of the host's memory now */
     size_t host_peak_bytes;   /* the highest host_bytes so far */
-    size_t gpu_bytes;         /* bytes of the GL textures and buffers that the context holds now; a driver may use more
-                                 */
+    size_t gpu_bytes;         /* bytes of the context's GL textures and buffers now; a driver may use more */
     size_t gpu_peak_bytes;    /* the highest gpu_bytes so far */
 } sbl_memory;
 
@@ -870,8 +813,7 @@ typedef struct sbl_mesh {
     sbl_stream texcoords;  /* 2 components; v = 0 is the first row of the texture. Default: 0 0 */
     sbl_stream lightmap_texcoords;  /* 2 components, the place in a lightmap: (0, 0) is the first corner of the first
                               row, (1, 1) the last corner of the last row. Default: the mesh is in no lightmap */
-    sbl_stream colors;     /* 4 components, linear rgb and alpha, which multiply the material's albedo. Default:
-                              1 1 1 1 */
+    sbl_stream colors;     /* 4 components, linear rgb and alpha, times the material's albedo. Default: 1 1 1 1 */
     sbl_stream indices;    /* 3 per triangle: SBL_UINT8, SBL_UINT16 or SBL_UINT32. Default: 0 1 2, 3 4 5, ... */
     int vertex_count;      /* number of vertices in each of the attributes */
     int index_count;       /* number of indices, a multiple of 3; ignored if there are no indices */
@@ -885,8 +827,7 @@ typedef enum sbl_material_flag {
     SBL_MATERIAL_HIDDEN_FROM_CAMERA = 1 << 1,  /* the camera does not see the surface */
     SBL_MATERIAL_HIDDEN_FROM_SENSORS = 1 << 2, /* the surface neither sheds light on others nor casts shadows */
     SBL_MATERIAL_NO_SENSORS = 1 << 3,  /* SBL_MODE_GI: no sensors stand on the surface; it shows the stored light,
-                                          smoothed. This suits things that are fine or move much. The surface casts
-                                          shadows and reflects light as others do */
+                                          smoothed. For fine or moving things. Casts shadows and reflects as usual */
     SBL_MATERIAL_FLAGS_ALL = (1 << 4) - 1
 } sbl_material_flag;
 
@@ -914,7 +855,7 @@ typedef enum sbl_wrap { SBL_WRAP_REPEAT = 0, SBL_WRAP_CLAMP, SBL_WRAP_COUNT } sb
 typedef struct sbl_texture {
     const void *pixels;       /* client memory; it is copied */
     uint32_t gl_texture;      /* a GL_TEXTURE_2D, used if pixels is NULL; level 0 is copied as a shader samples it */
-    sbl_pixel_format format;  /* format of pixels. For gl_texture: SRGB8 stores 8 bits, FLOAT stores 16 bits. Default:
+    sbl_pixel_format format;  /* of pixels. For gl_texture: SRGB8 stores 8 bits, FLOAT 16 bits. Default:
                                  SBL_PIXELS_SRGB8 */
     int width, height;        /* pixels; leave 0 for gl_texture, whose size is read from GL */
     int channels;             /* 1: grey, 2: grey and alpha, 3: rgb, 4: rgba. Default: 4 */
@@ -934,17 +875,14 @@ typedef enum sbl_light_kind {
    spot) and in lux (directional). The light has no maximum range. */
 typedef struct sbl_light {
     sbl_light_kind kind;      /* Default: SBL_LIGHT_POINT */
-    float intensity[3];       /* point, spot: light per solid angle (radiance times area); a surface at distance d that
-                                 faces the light has the irradiance intensity / d^2. Directional: the irradiance of a
-                                 surface that faces the light */
+    float intensity[3];       /* point, spot: radiance times area; the irradiance at distance d is intensity / d^2.
+                                 Directional: the irradiance. Both are those of a surface that faces the light */
     float position[3];        /* point, spot: world position */
     float direction[3];       /* spot, directional: the direction in which the light travels, of any length but 0 */
     float radius;             /* point, spot: radius of a sphere of constant radiance intensity / (pi radius^2), which
                                  makes shadows soft; 0: a point */
-    float angle;              /* directional: angular diameter in degrees, 0 (a point far away) to 180; the sun has
-                                 0.53 */
-    float cone;               /* spot: full angle of the cone that receives any light, degrees, up to 180. Default: 90
-                                 */
+    float angle;              /* directional: angular diameter, 0 (a point) to 180 degrees; the sun has 0.53 */
+    float cone;               /* spot: full angle of the cone that receives light, degrees, up to 180. Default: 90 */
     float inner_cone;         /* spot: full angle of the cone that receives all of the light, degrees, 0 to cone.
                                  Between the cones the light falls with the square of the share of the cosine's way */
 } sbl_light;
@@ -957,14 +895,12 @@ typedef struct sbl_light {
 typedef struct sbl_environment {
     sbl_texture picture;      /* equirectangular picture of any pixel format, with finite values that are not negative;
                                  gl_texture and wrap are not allowed. Absent if its width is 0 */
-    void (*radiance)(const float direction[3], float radiance[3], void *user);  /* a function that is used instead of
-                                 pixels: the radiance from a unit direction in the world. sbl_set_scene calls it for the
-                                 centre of each texel of a picture of picture.width x picture.height texels, by default
-                                 512 x 256 */
+    void (*radiance)(const float direction[3], float radiance[3], void *user);  /* used instead of pixels: gets the
+                                 radiance from a unit direction in the world. sbl_set_scene calls it for the centre of
+                                 each texel of a picture of picture.width x picture.height, by default 512 x 256 */
     void *user;               /* passed to radiance */
     float scale;              /* multiplies the light of the environment. Default: 1. Negative: 0, no light */
-    float rotation;           /* degrees by which the picture is rotated about `up`, counter-clockwise seen from above
-                                 */
+    float rotation;           /* degrees; rotates the picture about `up`, counter-clockwise seen from above */
     float up[3];              /* world direction of the picture's upper edge. Default: 0 1 0 */
 } sbl_environment;
 
@@ -990,8 +926,7 @@ typedef enum sbl_view_kind { SBL_VIEW_CAMERA = 0, SBL_VIEW_SENSOR } sbl_view_kin
    the driver has no clip control, and the fragment shader must also do gl_FragDepth = gl_FragCoord.w * depth_scale.
 
    Cost: meshes that are given as vertex arrays are drawn for a whole batch of sensors in one call. The callback is
-   called once for each view of each sensor (five per hemicube), so it costs the host's own draw calls times 5 times
-   the number of sensors. */
+   called once for each view of each sensor; a hemicube has five. */
 typedef struct sbl_draw_view {
     sbl_view_kind kind;       /* whose view is drawn: the camera's or a sensor's */
     int viewport[4];          /* x, y, width, height in the current framebuffer; the scissor is the same */
@@ -1044,10 +979,10 @@ typedef size_t (*sbl_read_function)(void *data, size_t bytes, void *user);
 
 typedef enum sbl_mode {
     SBL_MODE_DEFAULT = 0,  /* the default, see sbl_options.mode */
-    SBL_MODE_AMBIENT,      /* emitters, lights and sky, and every other surface has the radiance epsilon * albedo: the
-                              paper's method, over the whole hemisphere */
+    SBL_MODE_AMBIENT,      /* emitters, lights and sky; every other surface has the radiance epsilon * albedo, which is
+                              the paper's substitute for bounced light */
     SBL_MODE_DIRECT,       /* emitters, lights and sky only */
-    SBL_MODE_PAPER,        /* exactly the paper's method */
+    SBL_MODE_PAPER,        /* exactly the paper's method, see ON THE PAPER */
     SBL_MODE_GI,           /* all light: emitters, lights, sky, and the light that surfaces reflect, with all bounces */
     SBL_MODE_COUNT
 } sbl_mode;
@@ -1057,32 +992,28 @@ typedef enum sbl_preset { SBL_PRESET_DEFAULT = 0, SBL_PRESET_DRAFT, SBL_PRESET_H
 typedef enum sbl_sensor_kind {
     SBL_SENSOR_DEFAULT = 0,  /* the default, see sbl_picture_desc.sensor_kind */
     SBL_SENSOR_HEMICUBE,     /* five views, which cover the whole hemisphere */
-    SBL_SENSOR_SINGLE,       /* the paper's single view along the normal, sensor_fov wide. Outside of it the sensor sees
-                                nothing but lamps */
+    SBL_SENSOR_SINGLE,       /* the paper's single view, sensor_fov wide; beyond it the sensor sees only lamps */
     SBL_SENSOR_KIND_COUNT
 } sbl_sensor_kind;
 
 /* How sensors collect light. Both ways give the same light up to noise. */
 typedef enum sbl_backend {
-    SBL_BACKEND_AUTO = 0,    /* SBL_BACKEND_TRACE; SBL_BACKEND_RASTER in SBL_MODE_PAPER, with a draw callback, and with
-                                SBL_SENSOR_SINGLE */
-    SBL_BACKEND_RASTER,      /* draws views of the scene, as in the paper; the cost grows with the number of triangles
-                                */
-    SBL_BACKEND_TRACE,       /* traces rays through a bounding volume hierarchy in a shader; the cost grows with the
-                                logarithm of the number of triangles. Not possible in SBL_MODE_PAPER, nor with a draw
-                                callback */
+    SBL_BACKEND_AUTO = 0,    /* RASTER in SBL_MODE_PAPER, with a draw callback or SBL_SENSOR_SINGLE; else TRACE */
+    SBL_BACKEND_RASTER,      /* draws views, as in the paper; the cost grows with the number of triangles */
+    SBL_BACKEND_TRACE,       /* traces rays through a bounding volume hierarchy; the cost grows with the logarithm of
+                                the number of triangles. Not in SBL_MODE_PAPER, nor with a draw callback */
     SBL_BACKEND_COUNT
 } sbl_backend;
 
 /* The options that all front ends share. Three numbers are the values of the presets draft / default / high. */
 typedef struct sbl_options {
-    sbl_mode mode;             /* the light that is computed. SBL_MODE_PAPER is for pictures and readings only. Default:
-                                  SBL_MODE_GI */
+    sbl_mode mode;             /* light to compute; SBL_MODE_PAPER: only pictures and readings. Default: SBL_MODE_GI */
     sbl_preset preset;         /* selects the defaults of other fields. Default: SBL_PRESET_DEFAULT */
     sbl_backend backend;       /* how sensors collect light. Default: SBL_BACKEND_AUTO */
     int rays;                  /* number of rays that a sensor traces over its hemisphere, 1 to 4096; for vertices that
                                   of each point; for probes the number over the whole sphere, 64 to 65536.
-                                  Default of pictures and lightmaps: as many as the target error requires.
+                                  Default of pictures and lightmaps: as many as the target error requires. If set, a
+                                  sensor takes exactly one look of that many rays.
                                   Default of readings: 64 / 256 / 1024.
                                   Default of vertices: 16 / 64 / 256.
                                   Default of probes: 1024 / 4096 / 16384.
@@ -1108,8 +1039,7 @@ typedef struct sbl_options {
 typedef struct sbl_picture_desc {
     uint32_t start_canary;     /* must stay 0 */
     int width, height;         /* pixels, 1 to 16384. Default: 640 x 480 */
-    float world_to_view[16];   /* rigid camera transform, see sbl_look_at. Default (all zero): a view from the front
-                                  that shows the whole scene */
+    float world_to_view[16];   /* rigid, see sbl_look_at. Default (all zero): shows the whole scene from the front */
     float view_to_clip[16];    /* perspective projection, or an orthographic one, which also sees what is behind the
                                   camera; near and far planes are ignored. Default (all zero): 40 degrees vertically */
     sbl_options options;       /* mode, preset, back end, rays, seed, progress: see sbl_options */
@@ -1120,20 +1050,17 @@ typedef struct sbl_picture_desc {
                                   there, 0 to 1; see ON THE TARGET ERROR. If set, a sensor takes as many rays as that
                                   requires, within the limits there. Otherwise it takes at most 512 / 512 / 1024 rays.
                                   Default: 0.05 / 0.015 / 0.0075. Default in SBL_MODE_PAPER: threshold decides */
-    int tile;                  /* distance between the sensors of the first level, 1 (every pixel) to 1024 pixels.
-                                  Default: 16 */
+    int tile;                  /* pixels between sensors of the first level, 1 (every pixel) to 1024. Default: 16 */
     float threshold;           /* if set, tiles are refined where neighbouring sensors differ by more than this share of
                                   their mean, instead of where the target error requires it; in SBL_MODE_PAPER the
                                   threshold is a radiance. Default: the target error decides.
                                   Default in SBL_MODE_PAPER: 0.05. Negative: 0, every difference refines */
     float facet_limit;         /* triangles whose least height on the screen is at most this many pixels are lit by
                                   their true normals, because the facets that shading normals hide are too small to be
-                                  seen. Triangles of at least twice the height are lit by their shading normals; between
-                                  the two heights the normals are mixed. Default: 2. Negative: shading normals on all
-                                  triangles */
+                                  seen. From twice this height on, shading normals are used; in between, a mixture.
+                                  Default: 2. Negative: shading normals on all triangles */
     int filter_radius;         /* radius of the Gaussian filter, up to 32 pixels. Default: 2. Negative: no filter */
-    int samples;               /* number of anti-aliasing samples per pixel of SBL_CHANNEL_FINAL, 1 to 64.
-                                  Default: 1 / 4 / 16 */
+    int samples;               /* anti-aliasing samples per pixel of SBL_CHANNEL_FINAL, 1 to 64. Default: 1 / 4 / 16 */
     uint32_t end_canary;       /* must stay 0 */
 } sbl_picture_desc;
 
@@ -1168,16 +1095,14 @@ typedef struct sbl_stats {
     sbl_backend backend;          /* SBL_BACKEND_RASTER or SBL_BACKEND_TRACE */
     struct {
         int triangles;            /* number of triangles in the scene, without degenerate ones */
-        int lamps;                /* number of emitting triangles, lights and bright texels of the sky that sensors send
-                                     rays to */
+        int lamps;                /* number of emitting triangles, lights and bright texels of the sky */
         double bvh_seconds;       /* seconds spent on building the bounding volume hierarchy, once per scene; they are
                                      part of seconds.surface of the scene's first traced work */
         size_t bvh_bytes;         /* GPU memory of the hierarchy in bytes */
     } scene;
     struct {                      /* the store of bounced light, SBL_MODE_GI */
         int cells;                /* number of cells in the store */
-        int64_t rays;             /* number of rays traced between surfaces and by the store's sensors, if this work
-                                     made the store */
+        int64_t rays;             /* rays between surfaces and of the store's sensors, if this work made the store */
     } store;
     struct {
         int64_t count;            /* number of sensors, one for each point at which light was measured */
@@ -1204,12 +1129,10 @@ typedef struct sbl_stats {
     } lightmap;
     struct {
         double scene;             /* time that sbl_set_scene took */
-        double surface;           /* time before the first sensor: hierarchy, lamps, and what is visible or in the map
-                                     */
+        double surface;           /* time before the first sensor: hierarchy, lamps, and the G-buffer */
         double bounce;            /* time spent on the store of bounced light */
         double gather;            /* time spent on sensors */
-        double refine;            /* time spent on tiles, errors and interpolation, and on the fit of light at vertices
-                                     */
+        double refine;            /* time spent on tiles, errors and interpolation, and on fitting light at vertices */
         double filter;            /* time spent on the filter */
         double resolve;           /* time spent on previews, anti-aliasing, gutters and seams */
         double total;             /* time since the work was begun, as far as it was spent in sbl.h */
@@ -1223,16 +1146,14 @@ typedef struct sbl_site {
     float position[3];          /* world position */
     float normal[3];            /* middle of the hemisphere that light comes from; any length but 0 */
     float geometric_normal[3];  /* side of the surface to which the sensor is moved. Default (all zero): normal */
-    float offset;               /* world distance by which the sensor is moved. Default: as far as rounding requires in
-                                   this scene. Negative: not at all */
+    float offset;               /* world distance that the sensor moves. Default: what rounding requires. Negative: 0 */
 } sbl_site;
 
 /* The light at a site. */
 typedef struct sbl_reading {
     float radiance[3];  /* R */
     float noise;        /* standard error of the luminance of R; 0 if it is unknown */
-    float hit_share;    /* share of the hemisphere, weighted by the cosine, in which surfaces are seen; the rest is sky
-                           */
+    float hit_share;    /* cosine-weighted share of the hemisphere that surfaces cover; the rest is sky */
     float back_share;   /* share of hit_share in which back faces are seen */
     float hit_mean;     /* mean world distance to the surfaces seen; 0 if there are none */
     float hit_min;      /* least world distance to the surfaces seen; 0 if there are none */
@@ -1262,8 +1183,7 @@ typedef struct sbl_readings_desc {
    which its corners run counter-clockwise. Triangles that touch each other both in the world and in the map form a
    chart. Light is never interpolated or filtered across charts.
 
-   Three channels differ from those of a picture: FINAL is R, continued into the gutter; ID is 1 + the number of the
-   chart; DEPTH is 0. */
+   Unlike in a picture, FINAL is R, continued into the gutter; ID is 1 + the number of the chart; DEPTH is 0. */
 typedef struct sbl_lightmap_desc {
     uint32_t start_canary;     /* must stay 0 */
     int width, height;         /* texels, 1 to 16384. Default: 512 x 512 */
@@ -1271,21 +1191,16 @@ typedef struct sbl_lightmap_desc {
                                   lightmap begins. Default: all meshes that have them */
     int mesh_count;            /* number of entries in meshes */
     int gutter;                /* width of the border around charts into which FINAL is continued, up to 16384 texels,
-                                  so that bilinear sampling and mip maps do not mix in black. Default: 16. Negative: no
-                                  gutter */
-    int seams;                 /* where charts meet in the world and their normals agree, FINAL is changed slightly so
-                                  that it is equal on both sides. Default: 0, seams are closed. Negative, or without a
-                                  gutter: seams stay as they are */
+                                  see ON LIGHTMAPS. Default: 16. Negative: no gutter */
+    int seams;                 /* see ON LIGHTMAPS. Default: 0, seams are closed. Negative, or no gutter: they stay */
     int directional;           /* 1: also store the direction of the light, in channels SH_0 to SH_3 */
-    int supersample;           /* number of places across a texel at which light is measured, 1 to 8, for light that
-                                  changes within a texel; FINAL, RADIANCE and SH are their means, other channels show
-                                  the place nearest to the centre. width and height times this are at most 16384.
-                                  Default: 1 */
+    int supersample;           /* number of places across a texel at which light is measured, 1 to 8; FINAL, RADIANCE
+                                  and SH are their means, other channels show the place nearest to the centre. width and
+                                  height times this are at most 16384. Default: 1 */
     sbl_options options;       /* see sbl_options */
     float target_error;        /* accepted root mean square error of R over the texels, as in sbl_picture_desc. If not
                                   set, a sensor takes at most 512 / 1024 / 2048 rays. Default: 0.02 / 0.005 / 0.0025 */
-    int tile;                  /* distance between the sensors of the first level in texels. Default: as in
-                                  sbl_picture_desc */
+    int tile;                  /* texels between sensors of the first level. Default: as in sbl_picture_desc */
     float threshold;           /* refines where sensors differ by more. Default: as in sbl_picture_desc */
     int filter_radius;         /* radius of the filter in texels. Default: as in sbl_picture_desc */
     uint32_t end_canary;       /* must stay 0 */
@@ -1325,8 +1240,7 @@ typedef struct sbl_probes_desc {
     int grid[3];               /* if positions is NULL: number of probes along x, y and z. x runs fastest, then y. The
                                   probes are at the centres of equal boxes that fill the space from lowest to highest */
     float lowest[3], highest[3];  /* world corners of the grid. Default (all zero): the bounds of the scene */
-    float move;                /* greatest world distance by which a probe that is inside something may be moved to get
-                                  out, see ON PROBES. Default: 0, not at all */
+    float move;                /* greatest world distance to move a probe out of something, see ON PROBES. Default: 0 */
     sbl_options options;       /* see sbl_options; the seed rotates the rays */
     uint32_t end_canary;       /* must stay 0 */
 } sbl_probes_desc;
@@ -1410,8 +1324,7 @@ typedef struct sbl_sensor {
     float normal[3];          /* unit normal of the sensor */
     float radiance[3];        /* R that the picture used, before interpolation and filter: the mean of all looks */
     float noise;              /* standard error of the luminance of R; 0 if it is unknown */
-    int looks;                /* number of looks that the sensor took, each rotated differently. All fields below
-                                 describe the first look */
+    int looks;                /* number of looks of the sensor. All fields below describe the first look */
     float from_surroundings[3];  /* part of R: the sum of weight * radiance over the sheet */
     float from_lamps[3];      /* part of R that rays towards lamps have measured */
     float weight_sum;         /* sum of the weights of the sheet: 1 except for a single view */
@@ -1436,7 +1349,8 @@ extern "C" {
 /* >>functions
 
    Results are listed without SBL_SUCCESS and without the prefix SBL_ERROR_. Each function also returns
-   INVALID_ARGUMENT for a NULL context, and STATE if a callback calls it from which it is not allowed. */
+   INVALID_ARGUMENT for a NULL context, and STATE if a callback calls it from which it is not allowed. Each mistake in a
+   descriptor is logged. Functions that drop work under way keep a finished picture, unless their comment says more. */
 
 /* Creates a context.
    desc: NULL means defaults. out: receives the context, or NULL on failure.
@@ -1447,22 +1361,21 @@ SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out);
 /* Frees a context and all its GL objects. context: may be NULL. */
 SBL_API void sbl_destroy(sbl_context *context);
 
-/* Replaces the scene by a copy of the one that desc describes. Work under way is dropped, a finished picture stays. An
-   empty scene is allowed and shows only sky. Triangles without area are left out, with a warning.
-   Results: INVALID_ARGUMENT (each mistake is logged with its mesh, field and value), OUT_OF_MEMORY, UNSUPPORTED (the
-   scene is too large), GL. On failure the former scene and all work stay. */
+/* Replaces the scene by a copy of the one that desc describes. Work under way is dropped. An empty scene is allowed and
+   shows only sky. Triangles without area are left out, with a warning.
+   Results: INVALID_ARGUMENT, OUT_OF_MEMORY, UNSUPPORTED (scene too large), GL. On failure scene and work stay. */
 SBL_API sbl_result sbl_set_scene(sbl_context *context, const sbl_scene_desc *desc);
 
-/* Moves one mesh of the scene. Work under way is dropped, a finished picture stays.
+/* Moves one mesh of the scene. Work under way is dropped.
    mesh: index of the mesh. transform: object to world, as sbl_mesh.transform.
    Results: INVALID_ARGUMENT, STATE (no scene), OUT_OF_MEMORY, GL. On failure the mesh stays where it was. */
 SBL_API sbl_result sbl_set_mesh_transform(sbl_context *context, int mesh, const float transform[16]);
 
 /* Replaces all materials, or all lights, of the scene: the same number in the same order. Textures keep their numbers.
-   Work under way is dropped, a finished picture stays. If only emission or lights have changed, the update of the
-   bounced light reuses the store's rays, and traces no ray between surfaces again.
-   Results: INVALID_ARGUMENT (each mistake is logged), STATE (no scene), UNSUPPORTED (more lamps than the tables of the
-   scene can hold: use sbl_set_scene), OUT_OF_MEMORY, GL. On failure the scene stays as it was. */
+   Work under way is dropped. If only emission or lights have changed, the update of the bounced light traces no ray
+   between surfaces again.
+   Results: INVALID_ARGUMENT, STATE (no scene), UNSUPPORTED (more lamps than the tables of the scene can hold: use
+   sbl_set_scene), OUT_OF_MEMORY, GL. On failure the scene stays as it was. */
 SBL_API sbl_result sbl_set_materials(sbl_context *context, const sbl_material *materials, int material_count);
 SBL_API sbl_result sbl_set_lights(sbl_context *context, const sbl_light *lights, int light_count);
 
@@ -1477,50 +1390,37 @@ SBL_API sbl_result sbl_set_lights(sbl_context *context, const sbl_light *lights,
 SBL_API sbl_result sbl_save_store(sbl_context *context, sbl_write_function put, void *user);
 SBL_API sbl_result sbl_load_store(sbl_context *context, sbl_read_function get, void *user);
 
-/* Renders a picture: sbl_begin_picture, then sbl_step until it is done. Results: those of both. */
+/* Do work in one call: sbl_begin_... below, then sbl_step until the work is done. Results: those of both. */
 SBL_API sbl_result sbl_render_picture(sbl_context *context, const sbl_picture_desc *desc);
+SBL_API sbl_result sbl_bake_lightmap(sbl_context *context, const sbl_lightmap_desc *desc);
+SBL_API sbl_result sbl_bake_vertices(sbl_context *context, const sbl_vertices_desc *desc);
+SBL_API sbl_result sbl_gather_readings(sbl_context *context, const sbl_readings_desc *desc);
+SBL_API sbl_result sbl_bake_probes(sbl_context *context, const sbl_probes_desc *desc);
 
 /* Starts a picture: checks desc and copies it; sbl_step does the work. Whatever was begun before is dropped, and so is
    a finished picture or lightmap.
-   desc: NULL means defaults.
-   Results: INVALID_ARGUMENT (each mistake is logged), STATE (no scene), UNSUPPORTED (larger than the driver's
+   desc: NULL means defaults. Results: INVALID_ARGUMENT, STATE (no scene), UNSUPPORTED (larger than the driver's
    textures). On failure nothing is dropped. */
 SBL_API sbl_result sbl_begin_picture(sbl_context *context, const sbl_picture_desc *desc);
 
-/* Bakes a lightmap: sbl_begin_lightmap, then sbl_step until it is done. Results: those of both. */
-SBL_API sbl_result sbl_bake_lightmap(sbl_context *context, const sbl_lightmap_desc *desc);
-
 /* Starts a lightmap, which takes the place of a picture: the comments on pictures are true for it, from sbl_step to
    sbl_inspect_sensor. Warnings name triangles that overlap in the map or lie outside of it.
-   desc: NULL means defaults.
-   Results: INVALID_ARGUMENT (each mistake is logged), STATE (no scene), UNSUPPORTED (larger than the driver's
-   textures), OUT_OF_MEMORY. */
+   desc: NULL means defaults. Results: as for sbl_begin_picture, and OUT_OF_MEMORY. */
 SBL_API sbl_result sbl_begin_lightmap(sbl_context *context, const sbl_lightmap_desc *desc);
 
-/* Bakes light at vertices: sbl_begin_vertices, then sbl_step until it is done. Results: those of both. */
-SBL_API sbl_result sbl_bake_vertices(sbl_context *context, const sbl_vertices_desc *desc);
-
-/* Starts light at vertices. Work under way is dropped, a finished picture stays.
+/* Starts light at vertices. Work under way is dropped.
    desc: copied; desc->radiance is filled when the work is done.
-   Results: INVALID_ARGUMENT (each mistake is logged), STATE (no scene), OUT_OF_MEMORY. */
+   Results: INVALID_ARGUMENT, STATE (no scene), OUT_OF_MEMORY. */
 SBL_API sbl_result sbl_begin_vertices(sbl_context *context, const sbl_vertices_desc *desc);
 
-/* Measures the light at points: sbl_begin_readings, then sbl_step until it is done. Results: those of both. */
-SBL_API sbl_result sbl_gather_readings(sbl_context *context, const sbl_readings_desc *desc);
-
-/* Starts readings. Sensors measure them as for pictures: by views with a draw callback and in SBL_MODE_PAPER, otherwise
-   by rays. Work under way is dropped, a finished picture stays.
+/* Starts readings, which sensors measure as for pictures. Work under way is dropped.
    desc: copied; desc->readings is filled from the first site to the last while the work goes on.
-   Results: INVALID_ARGUMENT (each mistake is logged; of the sites only the first mistakes), STATE (no scene). */
+   Results: INVALID_ARGUMENT (of the sites only the first mistakes are logged), STATE (no scene). */
 SBL_API sbl_result sbl_begin_readings(sbl_context *context, const sbl_readings_desc *desc);
 
-/* Bakes probes: sbl_begin_probes, then sbl_step until it is done. Results: those of both. */
-SBL_API sbl_result sbl_bake_probes(sbl_context *context, const sbl_probes_desc *desc);
-
-/* Starts probes. With a draw callback their light is measured by views. Work under way is dropped, a finished picture
-   stays.
+/* Starts probes. Work under way is dropped.
    desc: copied; desc->probes is filled from the first position to the last while the work goes on.
-   Results: INVALID_ARGUMENT (each mistake is logged; of the positions only the first mistakes), STATE (no scene). */
+   Results: INVALID_ARGUMENT (of the positions only the first mistakes are logged), STATE (no scene). */
 SBL_API sbl_result sbl_begin_probes(sbl_context *context, const sbl_probes_desc *desc);
 
 /* Works on whatever was begun last; see ON TIME.
@@ -1529,8 +1429,7 @@ SBL_API sbl_result sbl_begin_probes(sbl_context *context, const sbl_probes_desc 
    UNSUPPORTED (sensors are larger than the driver's textures), GL. After CANCELLED or an error the work is dropped. */
 SBL_API sbl_result sbl_step(sbl_context *context, double seconds);
 
-/* Returns how much of the work is done, 0 to 1, or 0 if nothing was begun. This is an estimate, because refinement may
-   still find work. */
+/* Returns how much of the work is done, 0 to 1 (estimated: refinement may find more), or 0 if nothing was begun. */
 SBL_API float sbl_progress(const sbl_context *context);
 
 /* Frees whatever was begun: stops work under way, frees a finished picture or lightmap, and frees the memory of the
@@ -1572,8 +1471,7 @@ SBL_API int sbl_look_at(float world_to_view[16], float eye_x, float eye_y, float
 SBL_API int sbl_perspective(float view_to_clip[16], float fov_y, float aspect);
 
 /* Writes linear[i] * scale as 8-bit sRGB (IEC 61966-2-1), rounded, to out[i]. Negative numbers and NaN become 0,
-   numbers above 1 become 255. float_count: number of floats, not of pixels. scale: the exposure; with 1, radiance 1 is
-   white. */
+   numbers above 1 become 255. float_count: number of floats, not of pixels. scale: the exposure. */
 SBL_API void sbl_encode_srgb8(unsigned char *out, const float *linear, size_t float_count, float scale);
 
 /* Return a copy of desc in which each zero that stands for a default is replaced by it. NULL means all zeroes. The copy
@@ -1689,7 +1587,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    the predicted error is wrong                               >>refine; the error of stored light: >>bounce
    the target error is missed or takes too long               >>refine (rounds), >>guide
    a slow picture: see sbl_stats.seconds                      the room of the largest number
-   one sbl_step takes too long, or a driver's watchdog bites  >>device (pace)
+   one sbl_step takes too long, or the driver resets          >>device (pace)
    a driver is refused, draws nothing, or reports GL errors   >>trial, >>gl, >>device
    the GL state of the host has changed                       >>gl (guard)
    a descriptor is refused, or accepted wrongly               >>check
@@ -1743,10 +1641,9 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 
    FOR THOSE WHO CHANGE IT
 
-   Anything may be changed as long as scripts/test passes. tests/test_pinned.c compares pictures to the bit.
-   scripts/compare_commits BASE shows what a change does to some 220 pictures and bakes, and to their times.
-   tests/tools/rooms.py lists the length of all rooms. It refuses functions of more than 80 lines or 6 parameters, and
-   lines of more than 120 columns.
+   Any change is fine if scripts/test passes. tests/test_pinned.c compares pictures to the bit. scripts/compare_commits
+   BASE shows what a change does to some 220 pictures and bakes, and to their times. tests/tools/rooms.py lists the
+   length of all rooms, and refuses functions of more than 80 lines or 6 parameters, and lines of more than 120 columns.
 
    To add a channel:
        add it to sbl_channel, with a comment, and add a row to sbl__channels (>>map). If refinement holds its values,
@@ -1768,14 +1665,14 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 
    To add a shader, or a table that shaders read:
        add a file to shaders_embedded and a pair of markers to the room that uses it. Declare a recipe: the files of the
-       program, the records that they read, and the features that make variants. Call sbl__use before drawing. Programs
-       are compiled when first used; sbl__compile_all (>>public) lists those that compile_ahead compiles. SBL__RECORD
-       makes a C struct and the GLSL functions sbl_NAME_FIELD(i) from a list of fields.
+       program, the records that they read, and the features that make variants. Call sbl__use before drawing.
+       sbl__compile_all (>>public) lists the programs that compile_ahead compiles. SBL__RECORD makes a C struct and the
+       GLSL functions sbl_NAME_FIELD(i) from a list of fields.
 
    To change what a surface does with light (emission, reflection, cut-out):
-       edit material.glsl, which all shaders call, and >>material, which computes the same on the CPU.
-       tests/test_material.c compares the two. tests/test_header.sh refuses shaders that read a material themselves. A new
-       property of materials goes to sbl_material and its checks, and to SBL__OBJECT (>>geometry).
+       edit material.glsl, which all shaders call, and >>material, which computes the same on the CPU;
+       tests/test_material.c compares the two. Other shaders must not read a material. A new property of materials goes
+       to sbl_material and its checks, and to SBL__OBJECT (>>geometry).
 
    Work must stay divisible into short pieces. Loops over triangles, pixels or sites must check the slice. Everything
    that draws must ask sbl__pace_begin how much to draw, and report to sbl__pace_end. Neither may change results. */
@@ -6317,8 +6214,8 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
                                 hash grid -> leaf, or cut -> ... -> leaf: R
        position -> cube        /                                                                                  */
 
-/* A slot of the hash grid. check: a second hash of the cell, 0 for an empty slot. reference: number of a leaf + 1,
-   SBL__CELL_CUT | number of a cut, or 0 if the cell has no light. */
+/* A slot of the hash grid. check: a second hash of the cell, 0 if the slot is free. reference: the number of a leaf
+   plus 1, the number of a cut plus SBL__CELL_CUT, or 0 if the cell has no leaf. */
 typedef struct sbl__cell_slot { uint32_t check, reference; } sbl__cell_slot;
 
 /* A plane that divides a cell. sides: references to the parts below and above the plane. */
@@ -6327,24 +6224,24 @@ typedef struct sbl__cell_slot { uint32_t check, reference; } sbl__cell_slot;
     X(sbl__cut, UVEC2, sides) X(sbl__cut, UVEC2, unused)
 SBL__RECORD(sbl__cut, SBL__CUT, "sbl_cut", "sbl_store", SBL__SCENE_TABLE("sbl_store"), "first_cut")
 
-/* light: R; the low eight bits of its blue hold the uncertainty, see sbl__leaf_uncertainty. lamps: the part of R that
-   comes directly from lamps, see sbl__rgbe. */
+/* light: R; the low bits of its blue hold the uncertainty. lamps: the part of R that comes directly from lamps, packed
+   by sbl__rgbe. */
 #define SBL__LEAF_RECORD(X) X(sbl__leaf, VEC3, light) X(sbl__leaf, UINT, lamps)
 SBL__RECORD(sbl__leaf, SBL__LEAF_RECORD, "sbl_leaf", "sbl_store", "", "first_leaf")
 
 typedef struct sbl__store {
     int ready;
-    int warned;                /* 1: the warning about albedos has been given */
+    int warned;                /* 1: sbl__bounce_warn has logged its warning */
     float origin[3], length;   /* origin of the grid; length of a cell of level 0 */
-    uint32_t *patches;         /* one word per triangle: number << SBL__PATCH_SHIFT | axis | flat | back */
+    uint32_t *patches;         /* one word per triangle, see sbl__patch_word */
     sbl__cell_slot *cells;
     int cell_room;             /* number of slots, a power of two */
     sbl__cut *cuts;
     sbl__leaf *leaves;
     int cut_count, cut_room, leaf_count, leaf_room;
-    int most;                  /* largest allowed number of leaves */
+    int max_leaves;
     float brightest;           /* largest channel of R in any leaf */
-    float air[6][3];           /* R where the host draws, for surfaces facing +x, -x, +y, -y, +z, -z */
+    float air[6][3];           /* R of objects that the host draws, where they face +x, -x, +y, -y, +z, -z */
     sbl__table table;          /* patches, cells, cuts and leaves in one table, because texture units are few */
     int first_cell, first_cut, first_leaf;  /* start of each part in the table, in texels of four words */
 } sbl__store;
@@ -6358,10 +6255,11 @@ static void sbl__store_free(const sbl__device *d, sbl__store *s) {
     memset(s, 0, sizeof *s);
 }
 
-/* >>store: the uncertainty, in the low bits of blue. Shaders read these bits as a negligible part of the light. */
+/* >>store: uncertainty. It is 2^(-n / SBL__UNCERTAINTY_STEPS), where n, the low eight bits of blue, is 1 to 255; with
+   n = 0 it is unknown. Shaders read these bits as a negligible part of the light. */
 
-#define SBL__UNCERTAINTY_STEPS 16  /* steps in a factor of 2; bits of 0 mean that the uncertainty is unknown */
-#define SBL__UNCERTAINTY_LEAST 1e-30f  /* least blue value that holds such bits */
+#define SBL__UNCERTAINTY_STEPS 16
+#define SBL__UNCERTAINTY_LEAST 1e-30f  /* light with a smaller blue value has no known uncertainty */
 
 static void sbl__leaf_set_uncertainty(sbl__leaf *leaf, double uncertainty) {
     const double steps = -SBL__UNCERTAINTY_STEPS * log(SBL__MAX(uncertainty, 1e-9)) / log(2.0);
@@ -6370,7 +6268,7 @@ static void sbl__leaf_set_uncertainty(sbl__leaf *leaf, double uncertainty) {
     if (leaf->light[2] >= SBL__UNCERTAINTY_LEAST) memcpy(&leaf->light[2], &bits, sizeof bits);
 }
 
-/* Returns the uncertainty of stored light: its standard error divided by the light; 0: unknown. */
+/* Returns the standard error of stored light divided by the light; 0: unknown. */
 static float sbl__leaf_uncertainty(const float light[3]) {
     const uint32_t step = light[2] < SBL__UNCERTAINTY_LEAST ? 0 : sbl__float_bits(&light[2]) & 255u;
     return step ? (float)pow(2.0, -(double)step / SBL__UNCERTAINTY_STEPS) : 0;
@@ -6388,8 +6286,7 @@ static float sbl__cell_length(const sbl__store *s, uint32_t patch) {
     return s->length * (float)(1 << SBL__LEVEL_SHIFT * level);
 }
 
-/* Computes the cube of the patch's grid that contains a position. patch: the word of the triangle, with SBL__PATCH_BACK
-   inverted if the back side is meant, and with level and near bit. */
+/* Computes the cube of the patch's grid that contains a position. patch: patch word of a place, see sbl__place_patch */
 static void sbl__cell_place(const sbl__store *s, uint32_t patch, const float position[3], uint32_t at[3]) {
     const float per_cell = 1 / sbl__cell_length(s, patch);
     int k;
@@ -6400,8 +6297,7 @@ static void sbl__cell_place(const sbl__store *s, uint32_t patch, const float pos
     if (patch & SBL__PATCH_FLAT) at[patch >> SBL__PATCH_AXIS_SHIFT & 3u] = 0;
 }
 
-/* Returns the reference in the slot of a position's cell, occupying a free slot if the cell has none. Returns NULL if
-   other cells occupy all slots that are probed. */
+/* Returns the reference in the slot of a position's cell, and adds the cell if necessary; NULL: there is no slot. */
 static uint32_t *sbl__store_slot(const sbl__store *s, uint32_t patch, const float position[3]) {
     uint32_t at[3], hash, check;
     int i;
@@ -6416,8 +6312,8 @@ static uint32_t *sbl__store_slot(const sbl__store *s, uint32_t patch, const floa
     return NULL;
 }
 
-/* Returns the reference to the leaf at a position, adding the cell if necessary; NULL: there is no room. *depth: number
-   of cuts on the way. The pointer is valid until a cut is added. */
+/* Returns the reference to the leaf at a position, and adds the cell if necessary; NULL: there is no slot. *depth:
+   receives the number of cuts above the leaf. The pointer is valid until a cut is added. */
 static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const float position[3], int *depth) {
     uint32_t *reference = sbl__store_slot(s, patch, position);
     for (*depth = 0; reference && *reference >= SBL__CELL_CUT; ++*depth) {
@@ -6441,7 +6337,7 @@ static uint32_t sbl__rgbe(const float light[3]) {
     return word;
 }
 
-/* Cuts what a reference leads to along a plane. side: the side that keeps it; the other side is empty. */
+/* Makes a reference lead to a new cut. side: the side of the cut that gets the reference's previous value. */
 static sbl_result sbl__store_cut(sbl__base *base, sbl__store *s, uint32_t *reference, const float normal[3],
                                  float distance, int side) {
     const uint32_t before = *reference;
@@ -6457,12 +6353,11 @@ static sbl_result sbl__store_cut(sbl__base *base, sbl__store *s, uint32_t *refer
     return SBL_SUCCESS;
 }
 
-/* >>store: patches. Two triangles of a mesh are joined if they share an edge, whose ends have equal positions, and meet
-   there at a small angle. */
+/* >>store: patches. Triangles of a mesh are joined where they meet at a small angle, at edges with equal positions. */
 
 #define SBL__PATCH_SMOOTH 0.8   /* least cosine between the normals of neighbours in a patch */
 #define SBL__PATCH_EVEN 0.9999  /* least cosine between the normals of a flat patch's triangles */
-#define SBL__PATCH_LEAST 0.25   /* in areas of a cell: a mesh's patches smaller than this are pooled as one patch */
+#define SBL__PATCH_LEAST 0.25   /* area, in areas of a cell, below which patches of a mesh are pooled as one patch */
 
 typedef struct sbl__patch { double area; float normal[3]; sbl__box bounds; int flat; } sbl__patch;
 
@@ -6476,8 +6371,8 @@ typedef struct sbl__patching {     /* state of dividing the scene into patches *
     sbl__patch *patches;           /* indexed by their roots */
     double area;                   /* area of all patches that sensors see */
     double least;                  /* area below which a mesh's patches are pooled */
-    double growth;                 /* factor of the cells' area, changed after a size gave too many or few leaves */
-    double pool;                   /* factor of `least`, above 1 after patches were too many */
+    double growth;                 /* factor of the area of cells; changes if there are too many or too few leaves */
+    double pool;                   /* factor of `least`; above 1 after there were too many patches */
 } sbl__patching;
 
 static sbl_result sbl__patching_begin(sbl__base *base, sbl__patching *p, const sbl__geometry *g) {
@@ -6550,7 +6445,8 @@ static sbl_result sbl__patch_measure(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Returns the patch word of a triangle. Pooled patches have one number for each mesh. */
+/* Returns the patch word of a triangle: the patch's number (pooled patches of a mesh share one), the axis that the
+   triangle faces most, SBL__PATCH_FLAT, and SBL__PATCH_BACK if its normal points down that axis. */
 static uint32_t sbl__patch_word(sbl__patching *p, uint32_t triangle) {
     const sbl__geometry *g = p->geometry;
     const uint32_t root = sbl__root(p->parents, triangle);
@@ -6566,7 +6462,6 @@ static uint32_t sbl__patch_word(sbl__patching *p, uint32_t triangle) {
            (p->patches[root].flat && !pooled ? SBL__PATCH_FLAT : 0) | (n[axis] < 0 ? SBL__PATCH_BACK : 0);
 }
 
-/* Finds patches, piece by piece. */
 static sbl_result sbl__patching_step(sbl__patching *p, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__patch_weld, sbl__patching_vertices },
@@ -6677,7 +6572,7 @@ static const char *const sbl__glsl_store[] = {
 "    return int(reference);\n",
 "}\n",
 "\n",
-"// R of a leaf, and the part of it that comes directly from lamps. leaf: as returned by sbl_leaf_at\n",
+"// Return R of a leaf, and the part of R that comes directly from lamps. leaf: as sbl_leaf_at returns it\n",
 "vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : sbl_leaf_light(leaf - 1); }\n",
 "\n",
 "vec3 sbl_lamps_of(int leaf) {\n",
@@ -6686,7 +6581,7 @@ static const char *const sbl__glsl_store[] = {
 "    return vec3(rgbe & 255u, rgbe >> 8 & 255u, rgbe >> 16 & 255u) * exp2(exponent);\n",
 "}\n",
 "\n",
-"// R at a position; parameters as for sbl_leaf_at.\n",
+"// Returns R at a position. The parameters are those of sbl_leaf_at.\n",
 "vec3 sbl_stored(int number, bool back, vec3 position, float distance) {\n",
 "    return sbl_light_of(sbl_leaf_at(number, back, position, distance));\n",
 "}\n",
@@ -6773,7 +6668,7 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     if (s->geometry.wide) s->features |= SBL__WIDE;
     else {
         const int leaves = (c->max_texture_buffer_size - g->triangle_count / 4) / SBL__STORE_TEXELS;
-        s->store.most = SBL__MAX(1024, SBL__MIN(s->store.most, leaves));
+        s->store.max_leaves = SBL__MAX(1024, SBL__MIN(s->store.max_leaves, leaves));
     }
     return SBL_SUCCESS;
 }
@@ -6818,7 +6713,7 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
         memcpy(s->draw_bounds, desc->draw_bounds, sizeof s->draw_bounds);
         s->draw_brightest = desc->draw_max_radiance > 0 ? desc->draw_max_radiance : 1.0f;
         s->material_count = desc->material_count;
-        s->store.most = desc->max_bounce_cells ? desc->max_bounce_cells : SBL__STORE_LEAVES;
+        s->store.max_leaves = desc->max_bounce_cells ? desc->max_bounce_cells : SBL__STORE_LEAVES;
         for (i = 0; i < desc->mesh_count; i++) {
             const sbl_mesh *mesh = &desc->meshes[i];
             s->geometry.meshes[i].material = mesh->material;
@@ -7083,7 +6978,7 @@ static const char *const sbl__glsl_surface[] = {
    The options that all front ends share, and the descriptor of each front end, with defaults and checks side by side.
    In functions that check a descriptor, d has its defaults filled in. */
 
-/* Until a preset out of range is refused, it counts as the default one. */
+/* Returns the preset as an index. A number out of range, which the checks refuse later, counts as the default. */
 static int sbl__preset_of(const sbl_options *o) {
     return (int)o->preset >= 0 && o->preset < SBL_PRESET_COUNT ? (int)o->preset : SBL_PRESET_DEFAULT;
 }
@@ -7101,8 +6996,7 @@ static void sbl__options_defaults(sbl_options *o, const int rays[SBL_PRESET_COUN
 
 static const int sbl__sensor_sizes[SBL_PRESET_COUNT] = { 64, 32, 128 };
 
-/* papers: 1 if SBL_MODE_PAPER is allowed; rays: lowest and highest number; host_draws: 1 if the scene has a draw
-   callback */
+/* papers: 1 allows SBL_MODE_PAPER; rays: limits of options.rays; host_draws: 1 if the scene has a draw callback */
 static void sbl__check_options(sbl__check *check, const char *where, const sbl_options *o, int papers,
                                const int rays[2], int host_draws) {
     sbl__check_int(check, where, "options.mode", (int)o->mode, 0, SBL_MODE_COUNT - 1);
@@ -7115,8 +7009,7 @@ static void sbl__check_options(sbl__check *check, const char *where, const sbl_o
                      where, host_draws ? "in a scene with a draw callback" : "in SBL_MODE_PAPER");
     if (o->rays) sbl__check_int(check, where, "options.rays", o->rays, rays[0], rays[1]);
     sbl__check_int(check, where, "options.sensor_size", o->sensor_size, 4, 512);
-    if (!sbl__between(&o->epsilon, -FLT_MAX, FLT_MAX))
-        sbl__mistake(check, "%s: options.epsilon is %g; it must be finite", where, (double)o->epsilon);
+    sbl__check_finite(check, where, "options.epsilon", &o->epsilon, 1);
 }
 
 static const int sbl__sensor_rays[2] = { 1, 4096 };  /* lowest and highest number of rays of a sensor */
@@ -7139,9 +7032,9 @@ static void sbl__check_sensor_kind(sbl__check *check, const char *where, const s
         sbl__mistake(check, "%s: sensor_fov is %g; it must be 1 to 179 degrees", where, (double)fov);
 }
 
-/* How the sensors of a front end measure. */
+/* What the host requests of a front end's sensors. */
 typedef struct sbl__measurement {
-    sbl_options options;       /* with defaults; epsilon is not negative; backend is the one chosen */
+    sbl_options options;       /* with defaults; epsilon is not negative; see sbl__choose_backend */
     sbl_sensor_kind sensor_kind;
     float sensor_fov;
     int look_rays, looks;      /* if options.rays is 0: number of rays per look, and maximum number of looks */
@@ -7176,7 +7069,7 @@ static void sbl__check_camera(sbl__check *check, const char *where, const sbl_pi
         sbl__mistake(check, "%s: world_to_view is not rigid (a rotation and a translation, column-major); sbl_look_at "
                      "makes one", where);
     sbl__check_finite(check, where, "view_to_clip", m, 16);
-    if (!sbl__all_finite(m, 16) || d->width <= 0 || d->height <= 0) return;  /* no default projection without a size */
+    if (!sbl__all_finite(m, 16) || d->width <= 0 || d->height <= 0) return;  /* the default projection needs both */
     perspective = m[3] == 0.0f && m[7] == 0.0f && m[11] < 0.0f && m[15] == 0.0f && m[12] == 0.0f && m[13] == 0.0f;
     orthographic = m[3] == 0.0f && m[7] == 0.0f && m[11] == 0.0f && m[15] == 1.0f && m[8] == 0.0f && m[9] == 0.0f;
     if (!(perspective || orthographic) || m[0] == 0.0f || m[5] == 0.0f || m[1] != 0.0f || m[4] != 0.0f)
@@ -7213,10 +7106,8 @@ static void sbl__check_refinement(sbl__check *check, const char *where, const sb
     sbl__check_int(check, where, "width", d->width, 1, 16384);
     sbl__check_int(check, where, "height", d->height, 1, 16384);
     sbl__check_int(check, where, "tile", d->tile, 1, 1024);
-    if (!sbl__between(&d->target_error, 0, 1))
-        sbl__mistake(check, "%s: target_error is %g; it must be 0 to 1", where, (double)d->target_error);
-    if (!sbl__between(&d->threshold, -FLT_MAX, FLT_MAX))
-        sbl__mistake(check, "%s: threshold is %g; it must be finite", where, (double)d->threshold);
+    sbl__check_range(check, where, "target_error", &d->target_error, 1, sbl__unit_range);
+    sbl__check_finite(check, where, "threshold", &d->threshold, 1);
     if (d->filter_radius > 32)
         sbl__mistake(check, "%s: filter_radius is %d; it must be at most 32", where, d->filter_radius);
 }
@@ -7229,8 +7120,7 @@ static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_de
     sbl__check_options(&check, where, &d->options, 1, sbl__sensor_rays, host_draws);
     sbl__check_sensor_kind(&check, where, &d->options, d->sensor_kind, d->sensor_fov);
     sbl__check_refinement(&check, where, d);
-    if (!sbl__between(&d->facet_limit, -FLT_MAX, FLT_MAX))
-        sbl__mistake(&check, "%s: facet_limit is %g; it must be finite", where, (double)d->facet_limit);
+    sbl__check_finite(&check, where, "facet_limit", &d->facet_limit, 1);
     sbl__check_int(&check, where, "samples", d->samples, 1, 64);
     sbl__check_camera(&check, where, d);
     return sbl__check_end(&check);
@@ -7357,14 +7247,6 @@ static sbl_result sbl__check_readings(const sbl__base *base, const sbl_readings_
 
 /* >>options: light at vertices */
 
-/* Returns the readings that light at vertices is computed from, without their sites. */
-static sbl_readings_desc sbl__vertices_readings(const sbl_vertices_desc *d) {
-    sbl_readings_desc readings;
-    memset(&readings, 0, sizeof readings);
-    readings.options = d->options;
-    return sbl_readings_desc_defaults(&readings);
-}
-
 SBL_API sbl_vertices_desc sbl_vertices_desc_defaults(const sbl_vertices_desc *desc) {
     static const int rays[SBL_PRESET_COUNT] = { 64, 16, 256 }, samples[SBL_PRESET_COUNT] = { 8, 4, 16 };
     sbl_vertices_desc d;
@@ -7461,8 +7343,7 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
     sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_PROBES_DESC);
     if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     sbl__check_options(&check, where, &d->options, 0, rays, host_draws);
-    if (!sbl__between(&d->move, 0, FLT_MAX))
-        sbl__mistake(&check, "%s: move is %g; it must be finite and not negative", where, (double)d->move);
+    sbl__check_range(&check, where, "move", &d->move, 1, sbl__not_negative_range);
     if (d->probe_count < 0) sbl__mistake(&check, "%s: probe_count is %d; it cannot be negative", where, d->probe_count);
     if (!d->probes && d->probe_count > 0)
         sbl__mistake(&check, "%s: probes is NULL; it receives probe_count probes", where);
@@ -7484,23 +7365,23 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
    several are equally near, that of the first triangle. Triangles that share a corner, with the same position and the
    same lightmap coordinates, belong to one chart. */
 
-#define SBL__ATLAS_WORDS 4      /* per texel: 1 + triangle, or 0; weights of its second and third corner; 1 + chart */
-#define SBL__ATLAS_FAR 1e30f    /* texels show only points with a squared distance below this */
+#define SBL__ATLAS_WORDS 4      /* per texel: 1 + triangle (0: none); weights of corners 1 and 2; 1 + chart */
+#define SBL__ATLAS_FAR 1e30f    /* initial squared distance of a texel, before any triangle touches it */
 #define SBL__ATLAS_WELL -1.0f   /* value of `away` for a centre well inside the triangle */
 #define SBL__ATLAS_EDGE -0.5f   /* value of `away` for a centre inside, near an edge: a neighbour may contain it too */
 #define SBL__ATLAS_INSIDE 1e-3  /* a centre lies well inside if all its barycentric weights are at least this */
 #define SBL__ATLAS_INSET 0.02   /* points on edges are moved inward by this number of texels; otherwise a sensor in a
                                    crease would stand inside the other wall */
-#define SBL__ATLAS_INSET_MOST 0.01  /* upper limit of this move, as a share of the way to the centroid */
+#define SBL__ATLAS_INSET_MOST 0.01  /* upper limit of the inset, as a share of the distance to the centroid */
 
 typedef struct sbl__atlas {
     sbl__stages stages;
     sbl__base *base;
     const sbl__geometry *geometry;
-    int width, height;          /* supersampled texels, which this room calls texels */
+    int width, height;          /* size of the map in supersampled texels, which this room calls texels */
     int across;                 /* number of supersampled texels across a texel of the lightmap */
     unsigned char *baked;       /* per mesh: 1 if it is baked */
-    int row;                    /* next row of the triangle in progress; 0: the triangle has not begun */
+    int row;                    /* next row of the triangle in progress; 0 before its first row */
     uint32_t *parents;          /* per vertex: union-find over charts (see sbl__root); later the chart's number */
     sbl__hash_table places;     /* vertices by position and lightmap coordinates */
     uint32_t *texels;           /* SBL__ATLAS_WORDS per texel */
@@ -7520,7 +7401,7 @@ static void sbl__atlas_free(sbl__base *base, sbl__atlas *a) {
     memset(a, 0, sizeof *a);
 }
 
-/* desc has been checked. If it lists no meshes, all lightmapped meshes are baked. */
+/* Allocates an atlas for a checked descriptor. If it lists no meshes, all lightmapped meshes are baked. */
 static sbl_result sbl__atlas_begin(sbl__base *base, sbl__atlas *a, const sbl__geometry *g,
                                    const sbl_lightmap_desc *desc) {
     size_t texels;
@@ -7593,7 +7474,7 @@ typedef struct sbl__atlas_triangle {
     double corners[3][2];  /* texels */
     double area;           /* twice the signed area, square texels */
     uint32_t number, chart;
-    int rows[2];           /* first and last row that it touches */
+    int rows[2];           /* first and last row that the triangle touches */
 } sbl__atlas_triangle;
 
 /* Gets the first and last of `size` texels that an interval touches. If it touches none, last < first. */
@@ -7693,7 +7574,7 @@ static float sbl__atlas_others(const sbl__atlas *a, size_t texel) {
     return a->away && a->away[texel] < 0 ? (float)ceil(-(double)a->away[texel]) - 1 : 0;
 }
 
-/* Counts overlaps and warns about the first. triangle: contains the centre of a texel that shows another one */
+/* Counts texels whose centre lies in several triangles, and warns about the first. triangle: the hidden one */
 static void sbl__atlas_warn_overlap(sbl__atlas *a, uint32_t triangle, size_t texel) {
     const sbl__geometry *g = a->geometry;
     const uint32_t first = a->texels[SBL__ATLAS_WORDS * texel] - 1;
@@ -7707,7 +7588,7 @@ static void sbl__atlas_warn_overlap(sbl__atlas *a, uint32_t triangle, size_t tex
              (int)(texel / (size_t)a->width) / a->across);
 }
 
-/* Offers a triangle to the texel in column at[0] of row at[1]. */
+/* Makes the texel in column at[0] of row at[1] show a triangle if this is nearer than the one shown so far. */
 static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const int at[2]) {
     const size_t i = (size_t)at[1] * (size_t)a->width + (size_t)at[0];
     const double centre[2] = { at[0] + 0.5, at[1] + 0.5 };
@@ -7715,7 +7596,7 @@ static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const 
     double weights[3];
     const float away = (float)sbl__atlas_nearest(t, centre, weights);
     const int well = away <= SBL__ATLAS_WELL, other_chart = t->chart + 1 != texel[3];
-    const int was_well = floor((double)a->away[i]) >= (double)a->away[i];  /* SBL__ATLAS_WELL minus overlaps */
+    const int was_well = floor((double)a->away[i]) >= (double)a->away[i];  /* integer: SBL__ATLAS_WELL - overlaps */
     float shares[2];
     if (away < 0 && a->away[i] < 0 && (other_chart || (well && was_well))) {
         sbl__atlas_warn_overlap(a, t->number, i);
@@ -7814,7 +7695,7 @@ static sbl_result sbl__atlas_step(sbl__atlas *a, sbl__slice *slice) {
          atlas     (depth)    -> and its point                   <-- the host's draw callback, same depth          */
 
 enum { SBL__GBUFFER_POSITION, SBL__GBUFFER_NORMAL, SBL__GBUFFER_GEOMETRIC_NORMAL, SBL__GBUFFER_ALBEDO,
-       SBL__GBUFFER_EMISSION, SBL__GBUFFER_ID, SBL__GBUFFER_COUNT };  /* attachments */
+       SBL__GBUFFER_EMISSION, SBL__GBUFFER_ID, SBL__GBUFFER_COUNT };
 
 typedef struct sbl__gbuffer { sbl__texture textures[SBL__GBUFFER_COUNT]; sbl__target target; } sbl__gbuffer;
 
@@ -7850,7 +7731,7 @@ typedef struct sbl__surface {
     sbl__pace triangle_pace, point_pace;
 } sbl__surface;
 
-#define SBL__DEPTH_SHARE 1e-6      /* share of the scene's extent; points nearer to the camera all have depth 1 */
+#define SBL__DEPTH_SHARE 1e-6      /* points nearer than this share of the scene's extent all have depth 1 */
 #define SBL__BAND_PIXELS 1048576   /* approximate size of a band of rows; limits the area of one triangle at a time */
 #define SBL__TRIANGLE_PIXELS 64.0  /* cost of a triangle besides its pixels, in pixels */
 
@@ -7891,7 +7772,7 @@ static void sbl__surface_free(const sbl__device *d, sbl__surface *s) {
 
 /* >>surface: the camera */
 
-/* The matrices of desc have been checked. */
+/* Makes a camera from the checked matrices of desc. */
 static void sbl__camera_make(sbl__camera *c, const sbl_picture_desc *desc, const sbl__geometry *g) {
     const float *m = desc->world_to_view;
     int i, k;
@@ -7969,9 +7850,8 @@ static void sbl__camera_set(const sbl__device *d, const sbl__camera *c, const fl
     const double a = c->orthographic ? 1 : -(double)m[11], step_x = 2.0 / t->width, step_y = -2.0 / t->height;
     const double x0 = -1 + offset[0] * step_x, y0 = 1 + offset[1] * step_y;
     const double dx = a * step_x / m[0], dy = a * step_y / m[5];
-    const int moving = c->orthographic ? 0 : 3, still = 3 - moving;  /* indices in rays: which differs between pixels */
-    /* x in view space, at unit distance (perspective) or everywhere (orthographic), is linear in ndc:
-       x = (a ndc + m8) / m0 or (ndc - m12) / m0 */
+    const int moving = c->orthographic ? 0 : 3, still = 3 - moving;  /* which of `rays` vary over the pixels */
+    /* x in view space: (a ndc + m8) / m0 at unit distance (perspective), (ndc - m12) / m0 (orthographic) */
     const double across = c->orthographic ? (x0 - m[12]) / m[0] : (a * x0 + m[8]) / m[0];
     const double down = c->orthographic ? (y0 - m[13]) / m[5] : (a * y0 + m[9]) / m[5];
     float rays[6][3];
@@ -8010,7 +7890,7 @@ static const char *const sbl__glsl_visibility_vertex[] = {
 /* >>glsl visibility_fragment: shaders_embedded/visibility_fragment.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_visibility_fragment[] = {
 "flat in int triangle;\n",
-"uniform float depth_from_w;  // depth is this * gl_FragCoord.w (drivers without clip control); 0: orthographic\n",
+"uniform float depth_from_w;  // depth / gl_FragCoord.w, for drivers without clip control; 0: orthographic\n",
 "layout(location = 0) out uint out_triangle;  // 1 + number of the triangle; 0: the pixel shows none\n",
 "\n",
 "void main() {\n",
@@ -8034,7 +7914,7 @@ static const sbl__recipe sbl__recipe_visibility = {
     SBL__CUTOUTS | SBL__WIDE | SBL__WRITE_DEPTH
 };
 
-#define SBL__BEFORE_CAMERA 1e-3  /* share of a triangle's largest w; its part with a smaller w is cut off */
+#define SBL__BEFORE_CAMERA 1e-3  /* parts of a triangle where w is below this share of its largest w are cut off */
 
 /* Estimates the number of pixels that a triangle covers in the band: half the area of the bounding rectangle, on the
    screen, of its part in front of the camera. rows: see visibility_vertex.glsl */
@@ -8055,7 +7935,7 @@ static double sbl__triangle_pixels(const sbl__surface *s, float rows[4][4], uint
     for (i = 0; i < 3; i++) {
         const double *a = v[i], *b = v[(i + 1) % 3];
         const double t = (a[3] > before) != (b[3] > before) ? (before - a[3]) / (b[3] - a[3]) : 0;
-        for (k = 0; k < 2; k++) {  /* the corner, and the point where the edge is cut off */
+        for (k = 0; k < 2; k++) {  /* the corner a, then the point where the edge is cut */
             if (a[3] > before) sbl__extend(&from[k], &to[k], (0.5 * a[k] / a[3] + 0.5) * size[k]);
             if (t > 0) sbl__extend(&from[k], &to[k], (0.5 * (a[k] + t * (b[k] - a[k])) / before + 0.5) * size[k]);
         }
@@ -8068,7 +7948,7 @@ static double sbl__triangle_pixels(const sbl__surface *s, float rows[4][4], uint
     return 0.5 * (to[0] - from[0]) * (to[1] - from[1]);
 }
 
-/* Begins the band of rows at `row`. All triangles are drawn in each band. */
+/* Begins a band with the row `row`. Each band draws all triangles again. */
 static void sbl__surface_band(sbl__surface *s, int row) {
     s->row = row;
     s->rows = SBL__MIN(SBL__MAX(1, SBL__BAND_PIXELS / s->visibility.width), s->visibility.height - row);
@@ -8130,8 +8010,8 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
 static const char *const sbl__glsl_gbuffer_fragment[] = {
 "// Computes the surface points that the camera's pixels, or the texels of a lightmap, show.\n",
 "uniform usampler2D triangles;  // output of visibility_fragment.glsl; lightmaps: see SBL__ATLAS_WORDS\n",
-"uniform float facet_limit;     // pixels. Triangles with a smaller least height on the screen get their geometric\n",
-"                               // normal, those of twice this height their shading normal, between them a mixture\n",
+"uniform float facet_limit;     // pixels. Triangles whose least height on the screen is below this get their\n",
+"                               // geometric normal, above twice this their shading normal, in between a mixture\n",
 "layout(location = 0) out vec4 out_position;          // w: reach, see surface.glsl\n",
 "layout(location = 1) out vec4 out_normal;\n",
 "layout(location = 2) out vec4 out_geometric_normal;\n",
@@ -8305,17 +8185,16 @@ typedef struct sbl__site {
     float position[3];          /* world space: on a surface or in the air */
     float normal[3];            /* unit vector to the centre of the hemisphere; a surface's shading normal */
     float geometric_normal[3];  /* unit vector; the sensor is moved off the surface along it */
-    float offset;               /* distance of this move, world units */
+    float offset;               /* world distance by which the sensor is moved off the surface */
     uint32_t number;            /* seed for rotating the site's rays or views; differs between positions */
     int guide;                  /* number of the guide for the site's rays, see >>guide; 0: no guide */
     int first, looks;           /* the job takes `looks` looks, beginning with look number `first` */
 } sbl__site;
 
-/* Layers of light that a sensor measures. Layer 0 is R. Layers 1 to 4 exist if the spec is directional: the radiance
-   over the site's hemisphere, projected to the first two bands of spherical harmonics, in the order of sbl_probe. */
+/* Layers of light that a sensor measures. Layer 0 is R. Layers 1 to 4, which have signs, exist if the spec is
+   directional: the radiance over the site's hemisphere, projected to the first two bands of spherical harmonics, in the
+   order of sbl_probe. */
 #define SBL__LAYERS 5
-
-static int sbl__layer_is_signed(int layer) { return layer > 0; }
 
 /* How all sensors of a job measure light. */
 typedef struct sbl__spec {
@@ -8339,7 +8218,7 @@ typedef struct sbl__spec {
     int directional;            /* 1: measure layers 1 to 4 too, see SBL__LAYERS */
     float epsilon;              /* ambient light: radiance that reaches all surfaces from all directions */
     uint32_t seed;              /* seed for the rotation of all sensors, see sbl_picture_desc */
-    int view_texture_size, batch;  /* fields of sbl_context_desc */
+    int view_texture_size, batch;  /* sensor_texture_size and batch of sbl_context_desc */
 } sbl__spec;
 
 /* One look of a site. */
@@ -8354,11 +8233,11 @@ typedef struct sbl__look {
     int sensor;                 /* index of the look among all looks of the job */
 } sbl__look;
 
-#define SBL__MAX_LOOKS 512         /* maximum number of looks per site if the host has requested an error */
-#define SBL__DEFAULT_LOOKS 16      /* maximum number of looks per site otherwise */
-#define SBL__LOOK_RAYS_MOST 128    /* maximum number of rays per look when a noisy look gets more rays */
-#define SBL__LOOK_VARIANCE 12.5    /* a look gets more rays while its relative variance exceeds this multiple of the
-                                      requested error squared (see sbl__look_growth) */
+#define SBL__MAX_LOOKS 512         /* maximum number of looks per site if the host sets target_error */
+#define SBL__DEFAULT_LOOKS 16      /* maximum number of looks per site with the default target error */
+#define SBL__LOOK_RAYS_MOST 128    /* looks that are too noisy get more rays, up to this number */
+#define SBL__LOOK_VARIANCE 12.5    /* a look is too noisy while its relative variance exceeds this multiple of the
+                                      target error squared (see sbl__look_growth) */
 /* Distance of a sensor from its surface, as a share of the scene's extent if views are rasterised (for the precision of
    the depth buffer), or of the triangle's reach (see surface.glsl) if rays are traced. Float rounding needs a sixth of
    it: at 2.5e-7 and below, sensors on a sphere see the sphere itself. */
@@ -8398,8 +8277,8 @@ typedef struct sbl__layout {
     double tangent;             /* tangent of half the field of view; 1 for a hemicube */
     int rects[5][4];            /* per view: x, y, width, height in the sheet, texels */
     int sheet_width, sheet_height;  /* size of the sheet without padding, texels */
-    int block;                  /* width and height of the squares of texels that reduce_blocks.glsl adds up */
-    int blocks[2];              /* number of such squares across and down; the sheet is padded to whole ones */
+    int block;                  /* width and height of a block: the square of texels that reduce_blocks.glsl adds up */
+    int blocks[2];              /* number of blocks across and down; the sheet is padded to whole blocks */
 } sbl__layout;
 
 /* The vertex attributes of a view. sensor_vertex.glsl explains them. */
@@ -8501,7 +8380,7 @@ static double sbl__rectangle_weight(int side, const double from[2], const double
            sbl__corner_weight(side, to[0], from[1]) + sbl__corner_weight(side, from[0], from[1]);
 }
 
-/* V'' in the paper's equation 4. Projects (x, y, 1) to the unit sphere, then along the normal to the tangent plane. */
+/* Projects (x, y, 1) to the unit sphere, then along the normal to the tangent plane: V'' in the paper's equation 4. */
 static void sbl__paper_project(double x, double y, double out[2]) {
     double length = sqrt(x * x + y * y + 1);
     out[0] = x / length;
@@ -8558,8 +8437,8 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 #define SBL__GUIDE_EVEN 0.2
 #define SBL__GUIDE_DARK 0.4
 #define SBL__GUIDE_LIT 0.7
-/* Distance between the grid's pixels. A quarter or half of it is used if there are then fewer than SBL__GUIDES_FEW
-   guides; otherwise it is doubled until there are fewer than SBL__GUIDES_MOST. */
+/* Distance between the pixels that have guides. A quarter or half of it is used if that gives fewer than
+   SBL__GUIDES_FEW guides; otherwise it is doubled until there are fewer than SBL__GUIDES_MOST. */
 #define SBL__GUIDE_STEP 8
 #define SBL__GUIDES_FEW 4096
 #define SBL__GUIDES_MOST 16384
@@ -8729,8 +8608,6 @@ typedef struct sbl__batch {
     int slot, count;
 } sbl__batch;
 
-static unsigned sbl__batch_features(const sbl__batch *b) { return sbl__features_of(b->scene, b->spec); }
-
 /* Makes the first `count` textures of partial sums, in the order of the array below, and a target that draws to them.
    Deletes the other textures. */
 static sbl_result sbl__blocks_make(const sbl__device *d, sbl__blocks *b, int count, int width, int height) {
@@ -8795,9 +8672,9 @@ static const char *const sbl__glsl_carrier[] = {
 "// Converts 32-bit fractions to a point between 0 and 1.\n",
 "vec2 sbl_unit_square(uvec2 fractions) { return (vec2(fractions >> 8) + 0.5) / SBL_FRACTIONS; }\n",
 "\n",
-"// Returns the weights of light from the unit direction w in the coefficients of the first two bands of real\n",
-"// spherical harmonics, in the order 1, y, z, x. The light is given as part of R, which includes the cosine between\n",
-"// w and the normal n; the coefficients describe radiance, which does not. reciprocal: 1 / that cosine\n",
+"// Returns the factors that convert light from the unit direction w, given as its part of R, to its part of the\n",
+"// first four coefficients of radiance in real spherical harmonics, in the order 1, y, z, x. R includes the cosine\n",
+"// between w and the normal n, radiance does not. reciprocal: 1 / cosine\n",
 "vec4 sbl_harmonics(vec3 w, vec3 n, float reciprocal) {\n",
 "    vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w divided by the cosine\n",
 "    return SBL_PI * vec4(SBL_HARMONIC_0 * reciprocal, SBL_HARMONIC_1 * way.yzx);\n",
@@ -8825,14 +8702,12 @@ static const char *const sbl__glsl_carrier[] = {
 /* <<glsl */
 
 /* ======================================================================================================== >>aim
-   Generates the sequence of points that gives rays their directions, and traces rays towards lamps. Looks of both back
-   ends trace rays towards lamps. */
+   The sequence of points from which rays get their directions, and rays towards lamps, which both back ends trace. */
 
 /* Limits of the work of one shader invocation. Some software renderers silently end an invocation after about 65,000
-   loop iterations. On average a ray takes about as many iterations as the hierarchy's cost, but a multiple of this
-   number in some places; SBL__LOOP_TURNS leaves a margin for these rays. */
+   loop iterations. A ray takes on average as many as the hierarchy's cost, but some rays take several times more. */
 #define SBL__LOOP_TURNS 20000      /* maximum number of loop iterations per invocation, on average */
-#define SBL__RAY_TURNS 20          /* number of iterations per ray in addition to the hierarchy's cost */
+#define SBL__RAY_TURNS 20          /* iterations per ray in addition to the hierarchy's cost */
 #define SBL__LAMP_CHUNK 256        /* maximum number of rays towards lamps per invocation */
 
 /* Resources for rays towards lamps. */
@@ -8840,27 +8715,24 @@ typedef struct sbl__aim {
     int rays;                      /* maximum number of rays towards lamps per look */
     int parts;                     /* number of invocations among which a look's rays are divided */
     sbl__table sequence;           /* points that give the rays' directions: two 32-bit fractions per point */
-    sbl__texture light;            /* R and its variance: `parts` texels per look, one below the other */
-    sbl__texture harmonics[3];     /* directional jobs: coefficients of red, green, blue, in texels like `light` */
+    sbl__texture lights[4];        /* R and its variance; directional jobs: harmonics of red, green and blue. Each look
+                                      has `parts` texels, one below the other */
     sbl__target target;
 } sbl__aim;
 
 static void sbl__aim_free(const sbl__device *d, sbl__aim *a) {
-    sbl__table_delete(d, &a->sequence);
     int i;
-    for (i = 0; i < 3; i++) sbl__texture_delete(d, &a->harmonics[i]);
+    sbl__table_delete(d, &a->sequence);
+    for (i = 0; i < 4; i++) sbl__texture_delete(d, &a->lights[i]);
     sbl__target_delete(d, &a->target);
-    sbl__texture_delete(d, &a->light);
-    memset(a, 0, sizeof *a);
 }
 
-/* Maximum number of rays per invocation, see SBL__LOOP_TURNS */
+/* Maximum number of rays per invocation */
 static int sbl__rays_most(const sbl__hierarchy *h) {
     return SBL__MAX(1, (int)(SBL__LOOP_TURNS / (h->cost + SBL__RAY_TURNS)));
 }
 
-/* Computes the first `count` points of the Sobol sequence in its first two dimensions (Joe and Kuo 2008), as 32-bit
-   fractions. */
+/* Computes the first `count` points of the two-dimensional Sobol sequence (Joe and Kuo 2008), as 32-bit fractions. */
 static void sbl__sobol(uint32_t *out, int count) {
     int i, bit;
     for (i = 0; i < count; i++) {
@@ -8872,8 +8744,8 @@ static void sbl__sobol(uint32_t *out, int count) {
     }
 }
 
-/* Comparison function for qsort that orders points along a Morton curve. Rays that neighbouring invocations trace then
-   have similar directions. Scrambling by exclusive or keeps points close to each other. */
+/* Comparison function for qsort: orders points along a Morton curve, so that neighbouring invocations trace rays of
+   similar directions. Scrambling by exclusive or keeps neighbours close to each other. */
 static int sbl__morton_order(const void *first, const void *second) {
     const uint32_t *a = (const uint32_t *)first, *b = (const uint32_t *)second;
     uint32_t x = a[0] ^ b[0], y = a[1] ^ b[1];
@@ -8881,23 +8753,23 @@ static int sbl__morton_order(const void *first, const void *second) {
     return a[axis] == b[axis] ? 0 : a[axis] < b[axis] ? -1 : 1;
 }
 
-/* Makes `rays` points for each of a site's looks. The points of a look consist of `stretches` sections, and each
-   section by itself covers the unit square evenly. The caller frees the result; NULL: out of memory */
-static uint32_t *sbl__sequence_make(sbl__base *base, int looks, int rays, int stretches) {
-    uint32_t *points = (uint32_t *)sbl__alloc_raw(base, (size_t)rays * (size_t)looks, 8);
-    int look, k;
+/* Makes `rays` points for each of a site's looks. A look's points consist of `sections`, each of which covers the unit
+   square evenly. The caller frees the result; NULL: out of memory */
+static uint32_t *sbl__sequence_make(sbl__base *base, int looks, int rays, int sections) {
+    const size_t count = (size_t)rays, parts = (size_t)sections;
+    uint32_t *points = (uint32_t *)sbl__alloc_raw(base, count * (size_t)looks, 8);
+    size_t look, k;
     if (!points) return NULL;
     sbl__sobol(points, rays * looks);
-    for (look = 0; look < looks; look++)
-        for (k = 0; k < stretches; k++) {
-            const size_t from = (size_t)rays * (size_t)k / (size_t)stretches;
-            const size_t to = (size_t)rays * (size_t)(k + 1) / (size_t)stretches;
-            if (to > from) qsort(points + 2 * ((size_t)rays * (size_t)look + from), to - from, 8, sbl__morton_order);
+    for (look = 0; look < (size_t)looks; look++)
+        for (k = 0; k < parts; k++) {
+            const size_t from = count * k / parts, to = count * (k + 1) / parts;
+            if (to > from) qsort(points + 2 * (count * look + from), to - from, 8, sbl__morton_order);
         }
     return points;
 }
 
-/* Gets point i of a sequence, scrambled with the seed in the same way as trace.glsl scrambles it; 0 to 1 */
+/* Gets point i of a sequence, 0 to 1, scrambled with the seed as in trace.glsl. */
 static void sbl__sequence_at(const uint32_t *sequence, int i, uint32_t seed, double u[2]) {
     int axis;
     for (axis = 0; axis < 2; axis++) {
@@ -8906,7 +8778,7 @@ static void sbl__sequence_at(const uint32_t *sequence, int i, uint32_t seed, dou
     }
 }
 
-/* Maps a point u of the unit square to a direction over the hemisphere around the normal, distributed by the cosine. */
+/* Maps a uniform point u of the unit square to a cosine-distributed direction, as sbl_by_cosine in frame.glsl does. */
 static void sbl__cosine_direction(const float normal[3], const double u[2], float out[3]) {
     const double angle = 2 * SBL__PI * u[1];
     double right[3], up[3];
@@ -8916,8 +8788,8 @@ static void sbl__cosine_direction(const float normal[3], const double u[2], floa
         out[k] = (float)(sqrt(u[0]) * (cos(angle) * right[k] - sin(angle) * up[k]) + sqrt(1 - u[0]) * normal[k]);
 }
 
-static sbl_result sbl__sequence_store(const sbl__device *d, sbl__table *t, int looks, int rays, int stretches) {
-    uint32_t *points = sbl__sequence_make(d->base, looks, rays, stretches);
+static sbl_result sbl__sequence_store(const sbl__device *d, sbl__table *t, int looks, int rays, int sections) {
+    uint32_t *points = sbl__sequence_make(d->base, looks, rays, sections);
     sbl_result result;
     if (!points) return SBL_ERROR_OUT_OF_MEMORY;
     result = sbl__buffer_make(d, &t->buffer, (size_t)rays * (size_t)looks * 8, points, SBL__GL_STATIC_DRAW);
@@ -8925,37 +8797,34 @@ static sbl_result sbl__sequence_store(const sbl__device *d, sbl__table *t, int l
     return result == SBL_SUCCESS ? sbl__table_attach(d, t, SBL__GL_RG32UI, 0) : result;
 }
 
-/* Number of invocations among which a look's rays towards lamps are divided. lamps.glsl may stop an invocation early,
-   after any section of the invocation's points. */
+/* Number of invocations among which a look's rays towards lamps are divided */
 static int sbl__aim_parts(const sbl__spec *spec, const sbl__hierarchy *h) {
     const int chunk = spec->traced ? SBL__MIN(SBL__LAMP_CHUNK, sbl__rays_most(h)) : SBL__LAMP_CHUNK;
     return (spec->lamp_rays + chunk - 1) / chunk;
 }
 
-/* Makes the sequence and the textures for rays towards lamps of looks in these slots. */
+/* Makes the resources for looks in these slots. The points of each invocation have a section for each pass. */
 static sbl_result sbl__aim_setup(const sbl__device *d, sbl__aim *a, const sbl__spec *spec, const sbl__slots *slots,
                                  const sbl__hierarchy *h) {
-    const int rows = (slots->count + slots->columns - 1) / slots->columns, parts = sbl__aim_parts(spec, h);
-    sbl__texture *const textures[4] = { &a->light, &a->harmonics[0], &a->harmonics[1], &a->harmonics[2] };
+    const int rows = (slots->count + slots->columns - 1) / slots->columns, count = spec->directional ? 4 : 1;
     const sbl__texture *colors[4];
-    const int count = spec->directional ? 4 : 1;
     sbl_result result;
     int i;
     a->rays = spec->lamp_rays;
-    a->parts = parts;
+    a->parts = sbl__aim_parts(spec, h);
     if (!a->rays) return SBL_SUCCESS;
-    result = sbl__sequence_store(d, &a->sequence, spec->looks, a->rays, SBL__LAMP_PASSES * parts);
+    result = sbl__sequence_store(d, &a->sequence, spec->looks, a->rays, SBL__LAMP_PASSES * a->parts);
     for (i = 0; i < 4; i++) {
-        if (i >= count) sbl__texture_delete(d, textures[i]);
+        if (i >= count) sbl__texture_delete(d, &a->lights[i]);
         else if (result == SBL_SUCCESS)
-            result = sbl__texture_make(d, textures[i], slots->columns, rows * parts, SBL__GL_RGBA32F);
-        colors[i] = textures[i];
+            result = sbl__texture_make(d, &a->lights[i], slots->columns, rows * a->parts, SBL__GL_RGBA32F);
+        colors[i] = &a->lights[i];
     }
     return result == SBL_SUCCESS ? sbl__target_make(d, &a->target, colors, count, NULL) : result;
 }
 
-/* Sets the uniforms that all ray-tracing programs share: those of scene.glsl to carrier.glsl. blocks: width and height
-   of a look's rectangle of invocations */
+/* Sets the uniforms that all programs share which trace rays for sensors. blocks: width and height of a look's
+   rectangle of invocations */
 static void sbl__rays_bind(sbl__device *d, const sbl__batch *b, const sbl__table *sequence, const int blocks[2]) {
     sbl__scene_bind(d, b->scene);
     sbl__hierarchy_bind(d, &b->scene->hierarchy);
@@ -8969,7 +8838,7 @@ static void sbl__rays_bind(sbl__device *d, const sbl__batch *b, const sbl__table
     sbl__set_int(d, "count", b->count);
 }
 
-/* Runs the current program for all looks of a batch, with blocks[0] x blocks[1] texels of the target per look. */
+/* Runs the current program for all looks of a batch, blocks[0] x blocks[1] invocations each. */
 static void sbl__rays_send(const sbl__device *d, const sbl__batch *b, const sbl__target *t, const int blocks[2]) {
     const int row = b->slot / b->slots->columns, last = (b->slot + b->count - 1) / b->slots->columns;
     sbl__invoke(d, t, row * blocks[1], (last - row + 1) * blocks[1], b->count * blocks[0] * blocks[1]);
@@ -8977,81 +8846,88 @@ static void sbl__rays_send(const sbl__device *d, const sbl__batch *b, const sbl_
 
 /* >>glsl lamps: shaders_embedded/lamps.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_lamps[] = {
-"// Light from lamps: emitting triangles, punctual lights, bright spots of the sky. What each gives where nothing\n",
-"// stands between is known in closed form; rays only measure which share of it arrives: the ratio estimator of\n",
-"// Heitz, Hill and McGuire 2018, \"Combining analytic direct illumination and stochastic shadows\". Where lamps are\n",
-"// many, those far off stand together in clusters, of which only single lamps, picked in proportion to what they\n",
-"// give, are ever looked at.\n",
+"// Light from lamps: emitting triangles, lights, and bright texels of the sky. The light of an unobstructed lamp is\n",
+"// known in closed form, and rays measure which share of it arrives: the ratio estimator of Heitz, Hill and McGuire\n",
+"// 2018, \"Combining analytic direct illumination and stochastic shadows\". If there are many lamps, distant ones\n",
+"// form clusters; a ray towards a cluster picks one of its lamps, in proportion to their light.\n",
 "//\n",
-"//     choose   which lamps and clusters count here, and what each gives\n",
-"//     pick     one of them for a ray, and how often it is picked\n",
-"//     shoot    the ray: what it would bring, and whether something stands between\n",
-"//     combine  what the rays found with what is known\n",
+"//     choose   makes the list of entries: the lamps and clusters that give this sensor light, with their strengths\n",
+"//     pick     picks one of the entries for a ray\n",
+"//     shoot    traces the ray\n",
+"//     combine  computes R from the results of all rays and from the closed forms\n",
 "//\n",
-"// One invocation is one sensor, or a part of its rays where they are many: neighbours trace neighbouring rays, and\n",
-"// each stops as soon as it knows enough. With SBL_INSPECT it is one ray of one sensor, or one of the entries it\n",
-"// chose: what these gave is written.\n",
+"// One invocation computes one sensor, or one of the `blocks.y` parts into which its rays are divided. It stops\n",
+"// when more rays would not improve the result. With SBL_INSPECT it reports one ray or one entry of the sensor.\n",
 "uniform usamplerBuffer sbl_sequence;  // see trace.glsl\n",
-"uniform int lamp_nodes, lamp_leaves;  // how many\n",
-"uniform int rays;                     // at most so many a sensor\n",
-"uniform float unit, scale;            // radiance that calculations are in, so that none overflows; of what is\n",
-"                                      // written\n",
+"uniform int lamp_nodes, lamp_leaves;  // numbers of nodes and leaves in the table of lamps\n",
+"uniform int rays;                     // maximum number of rays per sensor\n",
+"uniform float unit;                   // unit of radiance in the calculations, which prevents overflow\n",
+"uniform float scale;                  // factor of the outputs\n",
 "#ifdef SBL_INSPECT\n",
-"uniform int parts;                    // that the sensor's rays were traced in\n",
-"uniform int sheet_slot;               // where its views stand\n",
-"SBL_OUT(0, out_light);                // a ray: what it brought; 1: open, 2: hidden, 0: was not sent. An entry: R\n",
-"                                      // from it unhindered; 1: a lamp, 2: a point of light that is open, 3: one\n",
-"                                      // that is hidden\n",
-"SBL_OUT(1, out_way);                  // a ray: its direction, its lamp's leaf. An entry: 0 0 0, its leaf\n",
+"const bool inspected = true;\n",
+"uniform int parts;                    // number of parts into which the sensor's rays were divided\n",
+"uniform int sheet_slot;               // slot of the sensor's views in the view texture\n",
+"SBL_OUT(0, out_light);                // of a ray: its light; 0: not traced, 1: reached the lamp, 2: was blocked;\n",
+"                                      // of an entry: R if unobstructed; 1: lamp, 2: visible, 3: hidden point light\n",
+"SBL_OUT(1, out_way);                  // of a ray: direction and the lamp's leaf; of an entry: 0 0 0 and its leaf\n",
 "#else\n",
-"SBL_OUT(0, out_light);                // R, each part's own; the variance of its luminance\n",
+"const bool inspected = false;\n",
+"SBL_OUT(0, out_light);                // R of the part, and the variance of its luminance\n",
 "#ifdef SBL_DIRECTIONAL\n",
-"SBL_OUT(1, out_red);                  // and its harmonics\n",
+"SBL_OUT(1, out_red);                  // spherical harmonics\n",
 "SBL_OUT(2, out_green);\n",
 "SBL_OUT(3, out_blue);\n",
 "#endif\n",
 "#endif\n",
+"#ifdef SBL_DIRECTIONAL\n",
+"const bool directional = true;\n",
+"#else\n",
+"const bool directional = false;\n",
+"#endif\n",
+"#ifdef SBL_MIXED\n",
+"const bool mixed = true;            // there are lamps of all kinds, or clusters\n",
+"#else\n",
+"const bool mixed = false;           // all lamps are triangles, at most SBL_LAMPS\n",
+"#endif\n",
 "\n",
-"const int SBL_CERTAIN = 32;         // so many points of light get a ray each\n",
-"const float SBL_STRATA = 1.5;       // variance of n stratified points, as a share of independent ones', times the\n",
-"                                    // root of n: what edges across a lamp leave, measured;\n",
-"const float SBL_STRATA_LOST = 0.6;  // and where as many lamps share the points\n",
-"const float SBL_OPENING = 0.3;      // a cluster whose radius is a smaller share of its distance is not opened ...\n",
-"const int SBL_OPENINGS = 12;        // ... or of twice as much, and so on, until all entries have room\n",
-"const float SBL_SPARSE = 16.0;      // rays that a group must get on average, to be known by a ratio\n",
-"const int SBL_PASS_RAYS = 32;       // rays are traced in passes, SBL_LAMP_PASSES at most; after each it is seen\n",
-"                                    // whether\n",
-"const float SBL_PASS_CROWD = 16.0;  // they were enough. Of so many rays at least, and the fewer the more lamps\n",
-"                                    // share the light\n",
-"const int SBL_RIM_LAMPS = 8;        // of so few entries, corners and rims are looked at besides\n",
-"const int SBL_CORNERS = 3;          // of a triangle, each so far from the others:\n",
-"const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;\n",
-"const int SBL_RIM = 12;             // points along the rim of a round lamp, at this share of its disc:\n",
-"const float SBL_RIM_AT = 0.99;\n",
-"const float SBL_KNOWN = 1e-6;       // relative variance from which on clusters are known well enough\n",
-"const float SBL_SMALL = 16.0;       // squared distance over squared size from which on a triangle is\n",
-"const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);\n",
+"const int SBL_CERTAIN = 32;         // maximum number of point lights that get one ray each\n",
+"const float SBL_STRATA = 1.5;       // variance of the mean of n stratified points, divided by that of independent\n",
+"                                    // points, times sqrt(n): measured with shadow edges that cross a lamp\n",
+"const float SBL_STRATA_LOST = 0.6;  // upper limit of that ratio, reached if there are as many lamps as points\n",
+"const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this share of its distance;\n",
+"const int SBL_OPENINGS = 12;        // the share is doubled up to this number of times, until all entries fit\n",
+"const float SBL_SPARSE = 16.0;      // minimum number of rays that a group must get on average for a ratio estimate\n",
+"const int SBL_PASS_RAYS = 32;       // minimum number of rays per pass\n",
+"const float SBL_PASS_CROWD = 16.0;  // maximum number of passes, times the effective number of entries\n",
+"const int SBL_RIM_LAMPS = 8;        // maximum number of entries for which rim samples are traced\n",
+"const int SBL_CORNERS = 3;          // number of rim samples of a triangle, each close to a corner:\n",
+"const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // barycentrics of this corner, and of the two others\n",
+"const int SBL_RIM = 12;             // number of rim samples of a round lamp\n",
+"const float SBL_RIM_AT = 0.99;      // share of a round lamp's disc that is inside the circle of its rim samples\n",
+"const float SBL_KNOWN = 1e-6;       // relative variance below which the light of clusters needs no more rays\n",
+"const float SBL_SMALL = 16.0;       // a triangle is small if its squared distance over its squared size is larger\n",
+"const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // see sbl_form_factor\n",
 "const float SBL_POINT_WEIGHT[2] = float[2](0.223381589678011, 0.109951743655322);\n",
-"const float SBL_BEFORE_LAMP = 0.99999;  // share of the way to a lamp that must be free\n",
+"const float SBL_BEFORE_LAMP = 0.99999;  // share of the distance to a lamp along which a ray is traced\n",
 "\n",
 "struct sbl_Lamp {\n",
 "    uint kind;\n",
-"    vec3 brightness;           // a triangle's radiance; a light's irradiance of a surface here that faces it; a\n",
-"                               // texel's light, radiance times solid angle\n",
-"    vec3 corner;               // of the triangle, from the sensor; else the unit direction to the light's, or the\n",
-"                               // texel's, middle\n",
-"    vec3 side_1, side_2;       // of the triangle\n",
-"    float away, radius, sine2; // of a light: distance, radius, sine squared of the angle that it spans each way\n",
-"    ivec2 texel;\n",
-"    int triangle, number;      // as traced; in the scene\n",
-"    vec2 group;                // 0 1 for a triangle that turns its back to the sensor, else 1 0\n",
+"    vec3 brightness;           // triangle: radiance; texel: radiance * solid angle; light: irradiance of a surface\n",
+"                               // at the sensor that faces the light\n",
+"    vec3 corner;               // triangle: first corner, relative to the sensor; else unit direction to the centre\n",
+"    vec3 side_1, side_2;       // triangle: vectors from the first corner to the other corners\n",
+"    float away, radius, sine2; // light: distance, radius, squared sine of half the angle that it subtends\n",
+"    ivec2 texel;               // texel: column and row\n",
+"    int triangle, number;      // triangle: its number in the hierarchy's order and in the scene; else number is -1\n",
+"    vec2 group;                // 0 1: a triangle that shows the sensor its back; 1 0: all other lamps\n",
 "};\n",
 "\n",
-"bool sbl_is_light(sbl_Lamp l) { return l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT; }\n",
+"bool sbl_is_light(sbl_Lamp l) { return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT); }\n",
+"bool sbl_is_texel(sbl_Lamp l) { return mixed && l.kind == SBL_LAMP_SKY_TEXEL; }\n",
 "\n",
-"// The sensor, and what is known of it.\n",
-"int look;                    // its number among those sent\n",
-"vec3 stand, position, n;     // where its rays start; on the surface: a lamp close by is seen from there; normal\n",
+"// The sensor\n",
+"int look;                    // number of the look in the batch\n",
+"vec3 stand, position, n;     // origin of its rays; position on the surface, used by closed forms; normal\n",
 "mat3 to_frame;\n",
 "uvec2 scramble;\n",
 "\n",
@@ -9071,11 +8947,10 @@ static const char *const sbl__glsl_lamps[] = {
 "        float off = dot(normal, l.corner);\n",
 "        l.group = off > 0.0 ? vec2(0, 1) : vec2(1, 0);\n",
 "        l.brightness = sbl_emission(object, l.group.y == 1.0) / unit;\n",
-"        // seen edge-on; above all its own, which rounding may put above the horizon, all over it\n",
+"        // Seen edge-on. This is so for the sensor's own triangle, which rounding may put above the horizon.\n",
 "        if (abs(off) < 0.5 * sbl_look_offset(look) * length(normal)) l.brightness = vec3(0);\n",
 "    }\n",
-"#ifdef SBL_MIXED\n",
-"    if (l.kind == SBL_LAMP_SKY_TEXEL) {\n",
+"    if (sbl_is_texel(l)) {\n",
 "        vec2 size = vec2(textureSize(sky_picture, 0)), middle = (vec2(l.texel) + 0.5) / size;\n",
 "        vec3 radiance = texelFetch(sky_picture, l.texel, 0).rgb;\n",
 "        l.corner = sbl_sky_direction(middle.x, cos(SBL_PI * middle.y));\n",
@@ -9093,34 +8968,33 @@ static const char *const sbl__glsl_lamps[] = {
 "            l.corner /= max(l.away, 1e-30);\n",
 "            float spot = clamp(dot(sbl_light_axis(int(at)), -l.corner) * sbl_light_spot_scale(int(at)) +\n",
 "                               sbl_light_spot_offset(int(at)), 0.0, 1.0);  // KHR_lights_punctual\n",
-"            if (l.away < l.radius) { l.corner = n; l.away = l.radius; spot = 1.0; }  // the sensor stands in it\n",
+"            if (l.away < l.radius) { l.corner = n; l.away = l.radius; spot = 1.0; }  // sensor inside\n",
 "            l.brightness *= spot * spot / (l.away * l.away);\n",
 "            l.sine2 = min(l.radius * l.radius / (l.away * l.away), 1.0);\n",
 "        }\n",
 "    }\n",
-"#endif\n",
 "    return l;\n",
 "}\n",
 "\n",
 "// >>closed forms\n",
 "\n",
-"// An edge's part of Lambert's sum: the angle it spans, times the cosine of its plane's normal to z.\n",
+"// An edge's term of Lambert's sum: the angle that it subtends, times z of the unit normal of its plane.\n",
 "float sbl_edge(vec3 p, vec3 q) {\n",
 "    vec3 normal = cross(p, q);\n",
 "    float size = length(normal);\n",
 "    return size > 0.0 ? atan(size, dot(p, q)) * normal.z / size : 0.0;\n",
 "}\n",
 "\n",
-"// Share of a hemisphere around z that a triangle fills, weighted by the cosine. Corners relative to the sensor, in\n",
-"// its frame. Lambert 1760: the sum over the edges of what is above the horizon; where the triangle is small for\n",
-"// its distance that would lose itself in rounding, and six points (Dunavant 1985, degree 4) know it to 4e-6.\n",
+"// Form factor of a triangle. a, b, c: corners relative to the sensor, in its frame. Sums the edges of the part\n",
+"// above the horizon (Lambert 1760). If the triangle is small for its distance, rounding would spoil this sum;\n",
+"// a sum over six points is then used instead (Dunavant 1985, degree 4; relative error up to 4e-6).\n",
 "float sbl_form_factor(vec3 a, vec3 b, vec3 c) {\n",
 "    vec3 corners[3] = vec3[3](a, b, c), entry = vec3(0), leave = vec3(0);\n",
 "    vec3 middle = (a + b + c) / 3.0, normal = cross(b - a, c - a);\n",
 "    float distance2 = dot(middle, middle), points = 0.0, sum = 0.0;\n",
 "    float size2 = max(dot(b - a, b - a), max(dot(c - a, c - a), dot(c - b, c - b)));\n",
 "    bool small = min(a.z, min(b.z, c.z)) > 0.0 && distance2 > SBL_SMALL * size2, cut = false;\n",
-"    for (int k = 0; k < 6; k++) {  // on the ways from the corners to the middle, and beyond it\n",
+"    for (int k = 0; k < 6; k++) {  // points on the lines from the corners through the middle\n",
 "        vec3 p = middle + SBL_POINT[k / 3] * (corners[k % 3] - middle);\n",
 "        float length2 = dot(p, p) / distance2;\n",
 "        points += SBL_POINT_WEIGHT[k / 3] * p.z / (length2 * length2);\n",
@@ -9141,8 +9015,8 @@ static const char *const sbl__glsl_lamps[] = {
 "                 : abs(sum) / (2.0 * SBL_PI);\n",
 "}\n",
 "\n",
-"// The same for a round lamp whose middle has the cosine z to the normal, over the sine squared of the angle that\n",
-"// it spans to each side: Snyder 1996, \"Area Light Sources for Real-Time Graphics\"; small ones as flat discs.\n",
+"// Form factor of a round lamp, divided by sine2 (Snyder 1996, \"Area Light Sources for Real-Time Graphics\");\n",
+"// small lamps are treated as flat discs. z: cosine between the normal and the direction to the lamp's centre\n",
 "float sbl_round(float z, float sine2) {\n",
 "    float sine = sqrt(sine2), s = sqrt(max(1.0 - z * z, 0.0));\n",
 "    if (z >= sine || z <= -sine) return max(z, 0.0);\n",
@@ -9151,31 +9025,28 @@ static const char *const sbl__glsl_lamps[] = {
 "    return (z * acos(y) - x * w + atan(w, x) / sine2) / SBL_PI;\n",
 "}\n",
 "\n",
-"// R from a lamp that nothing hides.\n",
+"// R from an unobstructed lamp. For a texel it is approximate: positive if any of the texel is above the horizon.\n",
 "vec3 sbl_unhindered(sbl_Lamp l) {\n",
 "    float factor = 0.0;\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
 "        vec3 corner = to_frame * l.corner;\n",
 "        factor = sbl_form_factor(corner, corner + to_frame * l.side_1, corner + to_frame * l.side_2);\n",
 "    }\n",
-"#ifdef SBL_MIXED\n",
 "    if (sbl_is_light(l)) factor = sbl_round(dot(n, l.corner), l.sine2) / SBL_PI;\n",
-"    // about: above 0 where some of it is above the horizon\n",
-"    if (l.kind == SBL_LAMP_SKY_TEXEL)\n",
+"    if (sbl_is_texel(l))\n",
 "        factor = max(dot(n, l.corner) + SBL_PI / float(textureSize(sky_picture, 0).y), 0.0) / SBL_PI;\n",
-"#endif\n",
 "    return l.brightness * factor;\n",
 "}\n",
 "\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"// What a lamp that nothing hides gives of the first four harmonics: of its solid angle, and of the integral of\n",
-"// directions over it, whose part along the normal is R's. Of round lamps on the horizon the rest is a guess.\n",
+"// The first four spherical harmonics of an unobstructed lamp, from its solid angle and from the integral of\n",
+"// directions over it (`way`). For a round lamp that the horizon cuts they are approximate, except for the integral\n",
+"// along the normal.\n",
 "mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {\n",
 "    float solid_angle = 0.0;\n",
 "    vec3 way = vec3(0);\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
-"        vec3 a = to_frame * l.corner, sides[2] = vec3[2](to_frame * l.side_1, to_frame * l.side_2);\n",
-"        vec3 corners[3] = vec3[3](a, a + sides[0], a + sides[1]), kept[4];\n",
+"        vec3 a = to_frame * l.corner, kept[4];\n",
+"        vec3 corners[3] = vec3[3](a, a + to_frame * l.side_1, a + to_frame * l.side_2);\n",
 "        int count = 0;\n",
 "        for (int k = 0; k < 3; k++) {\n",
 "            vec3 p = corners[k], q = corners[(k + 1) % 3];\n",
@@ -9196,24 +9067,21 @@ static const char *const sbl__glsl_lamps[] = {
 "        way = transpose(to_frame) * way * sign(solid_angle);\n",
 "        solid_angle = abs(solid_angle);\n",
 "    }\n",
-"#ifdef SBL_MIXED\n",
-"    if (sbl_is_light(l)) {  // all of it has the intensity pi times sine squared, see sbl_round\n",
+"    if (sbl_is_light(l)) {  // divided by pi * sine2, see sbl_round\n",
 "        float z = dot(n, l.corner), shown = clamp(0.5 + 0.5 * z / max(sqrt(l.sine2), 1e-30), 0.0, 1.0);\n",
 "        solid_angle = shown * 2.0 / (1.0 + sqrt(1.0 - l.sine2));\n",
 "        way = shown * (l.corner - z * n) + sbl_round(z, l.sine2) * n;\n",
 "    }\n",
-"#endif\n",
 "    return outerProduct(vec4(SBL_HARMONIC_0 * solid_angle, SBL_HARMONIC_1 * way.yzx), l.brightness);\n",
 "}\n",
-"#endif\n",
 "\n",
 "// >>clusters\n",
 "\n",
 "struct sbl_Cluster {\n",
-"    vec3 to;       // its middle, from the sensor\n",
+"    vec3 to;       // centre of its bounding sphere, relative to the sensor; if far, a direction\n",
 "    float radius;\n",
-"    bool far;      // directions\n",
-"    int beyond;    // the node after it\n",
+"    bool far;      // its lamps are infinitely far away\n",
+"    int beyond;    // node after the subtree\n",
 "};\n",
 "\n",
 "sbl_Cluster sbl_cluster(int node) {\n",
@@ -9223,12 +9091,12 @@ static const char *const sbl__glsl_lamps[] = {
 "                       int(beyond & ~SBL_FAR_NODE));\n",
 "}\n",
 "\n",
-"// What it gives about: zero only where none of its lamps gives anything.\n",
+"// Approximate light of an unobstructed cluster; 0 only if none of its lamps gives light to the sensor.\n",
 "float sbl_strength(int node, sbl_Cluster c) {\n",
 "    vec3 square = sbl_lamp_node_square(node), mixed = sbl_lamp_node_mixed(node), front = sbl_lamp_node_front(node);\n",
 "    float distance2 = max(dot(c.to, c.to), 1e-37), spread = min(c.radius * inversesqrt(distance2), 1.0);\n",
 "    float height = dot(n, c.to);\n",
-"    // far lamps turn no sides to the sensor, but are seen under the cosine to its normal\n",
+"    // The normal of a far lamp is the direction towards it, so this gives the cosine at the sensor.\n",
 "    vec3 w = c.far ? -n : c.to * inversesqrt(distance2);\n",
 "    float shown = sqrt(max(dot(square, w * w) + 2.0 * dot(mixed, w.xyz * w.yzx), 0.0)) - dot(front, w) +\n",
 "                  0.1 * sbl_lamp_node_power(node) * spread;\n",
@@ -9240,8 +9108,8 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// >>points of lamps\n",
 "\n",
-"// A direction to the spherical triangle of unit vectors a, b, c, evenly distributed: Arvo 1995, \"Stratified\n",
-"// Sampling of Spherical Triangles\". w: its solid angle; 0 where it is too small for that.\n",
+"// Maps u to a uniformly distributed direction in the spherical triangle of the unit vectors a, b, c (Arvo 1995,\n",
+"// \"Stratified Sampling of Spherical Triangles\"). w: the solid angle; 0 if it is too small for this method\n",
 "vec4 sbl_spherical(vec3 a, vec3 b, vec3 c, vec2 u) {\n",
 "    vec3 ab = cross(a, b), bc = cross(b, c), ca = cross(c, a);\n",
 "    float alpha = atan(length(cross(ab, ca)), -dot(ab, ca)), beta = atan(length(cross(bc, ab)), -dot(bc, ab));\n",
@@ -9258,26 +9126,26 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "struct sbl_Sample {\n",
 "    vec3 direction;\n",
-"    float far;    // how far it is\n",
-"    vec3 light;   // R from the lamp, were it all like this point\n",
-"    vec2 b;       // barycentrics on a triangle\n",
+"    float far;    // distance, or SBL_UNBOUNDED\n",
+"    vec3 light;   // R from the lamp if all of the lamp were like this point\n",
+"    vec2 b;       // triangle: weights of its second and third corner\n",
 "};\n",
 "\n",
-"// Weights of a triangle's second and third corner at a point of its plane. from_corner: from the first corner.\n",
+"// Weights of a triangle's second and third corner at a point. from_corner: the point, relative to the first corner\n",
 "vec2 sbl_barycentrics(sbl_Lamp l, vec3 normal, vec3 from_corner) {\n",
 "    vec2 areas = vec2(dot(cross(from_corner, l.side_2), normal), dot(cross(l.side_1, from_corner), normal));\n",
 "    return areas / dot(normal, normal);\n",
 "}\n",
 "\n",
+"// Maps a uniform point u of the unit square to a point on a lamp. Triangles are sampled by solid angle, or, if it\n",
+"// is small, by area (Heitz 2019, \"A Low-Distortion Map Between Triangle and Square\").\n",
 "sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {\n",
 "    sbl_Sample s = sbl_Sample(l.corner, SBL_UNBOUNDED, l.brightness / SBL_PI, u);\n",
-"    // by solid angle where it is large, else by area (Heitz 2019, \"A Low-Distortion Map Between Triangle and\n",
-"    // Square\")\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
 "        vec3 normal = cross(l.side_1, l.side_2), corner_1 = l.corner + l.side_1, corner_2 = l.corner + l.side_2;\n",
 "        vec4 ray = sbl_spherical(normalize(l.corner), normalize(corner_1), normalize(corner_2), u);\n",
 "        s.b = u.y > u.x ? vec2(0.5 * u.x, u.y - 0.5 * u.x) : vec2(u.x - 0.5 * u.y, 0.5 * u.y);\n",
-"        // not so near to an edge that rounding may carry the ray past it\n",
+"        // Keep a distance to the edges, so that rounding does not make the ray miss the triangle.\n",
 "        float reach2 = dot(l.corner, l.corner), longest2 = max(dot(l.side_1, l.side_1), dot(l.side_2, l.side_2));\n",
 "        float keep = 3e-6 * sqrt(longest2) * reach2 / max(abs(dot(normal, l.corner)), 1e-37);\n",
 "        s.b = mix(s.b, vec2(1.0 / 3.0), min(keep, 0.5));\n",
@@ -9290,59 +9158,54 @@ static const char *const sbl__glsl_lamps[] = {
 "        s.direction = to / s.far;\n",
 "        s.light *= ray.w > 0.0 ? ray.w : 0.5 * abs(dot(normal, s.direction)) / (s.far * s.far);\n",
 "    }\n",
-"#ifdef SBL_MIXED\n",
-"    if (l.kind == SBL_LAMP_SKY_TEXEL) {\n",
+"    if (sbl_is_texel(l)) {\n",
 "        vec2 size = vec2(textureSize(sky_picture, 0));\n",
 "        float row = float(l.texel.y);\n",
 "        s.direction = sbl_sky_direction((float(l.texel.x) + u.x) / size.x,\n",
 "                                        mix(cos(SBL_PI * row / size.y), cos(SBL_PI * (row + 1.0) / size.y), u.y));\n",
 "    }\n",
 "    if (sbl_is_light(l)) {\n",
-"        // off: what the ray's cosine to the middle lacks to 1\n",
+"        // off: 1 - cosine of the angle between the ray and the direction to the centre\n",
 "        float cosine = sqrt(1.0 - l.sine2), off = u.x * l.sine2 / (1.0 + cosine);\n",
-"        float r = sqrt(max(off * (2.0 - off), 0.0));\n",
-"        float angle = 2.0 * SBL_PI * u.y;\n",
+"        float r = sqrt(max(off * (2.0 - off), 0.0)), angle = 2.0 * SBL_PI * u.y;\n",
 "        s.direction = sbl_frame(l.corner) * vec3(r * cos(angle), r * sin(angle), 1.0 - off);\n",
 "        s.light *= 2.0 / (1.0 + cosine);\n",
 "        if (l.kind == SBL_LAMP_NEAR_LIGHT)\n",
 "            s.far = l.away * (1.0 - off) - sqrt(max(l.radius * l.radius - l.away * l.away * r * r, 0.0));\n",
 "    }\n",
-"#endif\n",
 "    s.light *= max(dot(n, s.direction), 0.0);\n",
 "    return s;\n",
 "}\n",
 "\n",
-"#ifdef SBL_VIEWS  // what the host draws stands in the sensor's own views only\n",
-"uniform sampler2D atlas;        // Ck r g b, signed distance along the view's axis\n",
-"uniform vec4 view_rects[5];     // x, y, width, height in the sheet\n",
-"uniform ivec2 sheet;            // a sensor's, in texels\n",
+"#ifdef SBL_VIEWS  // geometry that the host draws exists only in the sensor's views\n",
+"uniform sampler2D atlas;        // view texture: Ck r g b, signed distance along the view's axis\n",
+"uniform vec4 view_rects[5];     // per view: x, y, width, height in the sheet, texels\n",
+"uniform ivec2 sheet;            // size of a sheet, texels\n",
 "uniform int view_count;\n",
-"uniform float tangent, extent;  // of half a view's width; world units of a distance\n",
+"uniform float tangent;          // tangent of half a view's field of view\n",
+"uniform float extent;           // scene extent: unit of the view texture's distances, world units\n",
 "\n",
-"const float SBL_AT_LAMP = 0.002;  // share of a distance that texels' 16-bit floats leave open\n",
-"const int SBL_LOOKS_AGAIN = 4;\n",
+"const float SBL_AT_LAMP = 0.002;  // tolerance for the view texture's distances, which are 16-bit floats\n",
+"const int SBL_LOOKS_AGAIN = 4;    // maximum number of texels that are compared\n",
 "\n",
-"// A texel shows what stands in its middle, where a lamp's triangle may have ended: such points ask again, nearer\n",
-"// to the triangle's middle.\n",
+"// Returns true if the views show something in front of the sample. The direction of a texel's centre may miss the\n",
+"// lamp's triangle; a point closer to the triangle's middle is then compared instead.\n",
 "bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {\n",
 "    float turn = sbl_look_rotation(look);\n",
 "    mat3 frame = sbl_frame(n);\n",
-"    vec3 axes[2] = vec3[2](cos(turn) * frame[0] - sin(turn) * frame[1],\n",
-"                           -cos(turn) * frame[1] - sin(turn) * frame[0]);  // right and up, see sbl__frame\n",
+"    vec3 side_x = cos(turn) * frame[0] - sin(turn) * frame[1];\n",
+"    vec3 side_y = -cos(turn) * frame[1] - sin(turn) * frame[0];\n",
+"    vec3 sides[4] = vec3[4](side_x, side_y, -side_x, -side_y);  // axes of the side views, see sbl__view_axes\n",
 "    vec3 normal = cross(l.side_1, l.side_2), point = s.far * s.direction;\n",
 "    vec3 middle = l.corner + (l.side_1 + l.side_2) / 3.0;\n",
 "    if (l.kind != SBL_LAMP_TRIANGLE) point = s.direction;\n",
 "    for (int attempt = 0; attempt < SBL_LOOKS_AGAIN; attempt++, point = mix(point, middle, 0.4)) {\n",
-"        vec3 right = axes[0], up = axes[1], forward = n;\n",
-"        vec2 side = vec2(dot(point, right), dot(point, up));\n",
+"        vec2 side = vec2(dot(point, side_x), dot(point, side_y));\n",
 "        bool top = max(abs(side.x), abs(side.y)) <= dot(point, n) * tangent;\n",
 "        int face = top ? 0 : abs(side.x) > abs(side.y) ? (side.x > 0.0 ? 1 : 3) : (side.y > 0.0 ? 2 : 4);\n",
 "        if (!top && view_count == 1) return true;\n",
-"        if (!top) {\n",
-"            forward = face == 1 ? axes[0] : face == 2 ? axes[1] : face == 3 ? -axes[0] : -axes[1];\n",
-"            right = face == 1 ? axes[1] : face == 2 ? -axes[0] : face == 3 ? -axes[1] : axes[0];\n",
-"            up = n;\n",
-"        }\n",
+"        vec3 forward = top ? n : sides[max(face, 1) - 1], right = top ? side_x : sides[face % 4];\n",
+"        vec3 up = top ? side_y : n;\n",
 "        vec4 rect = view_rects[face];\n",
 "        vec2 lowest = vec2(-1, top ? -1 : 0), size = vec2(1) - lowest;\n",
 "        vec2 at = (vec2(dot(point, right), dot(point, up)) / (dot(point, forward) * tangent) - lowest) / size;\n",
@@ -9353,8 +9216,8 @@ static const char *const sbl__glsl_lamps[] = {
 "        if (seen == 0.0) return false;\n",
 "        if (l.kind != SBL_LAMP_TRIANGLE) return seen < (1.0 - SBL_AT_LAMP) * s.far * dot(point, forward);\n",
 "        vec3 ray = forward + tangent * (centre.x * right + centre.y * up);\n",
-"        float there = dot(l.corner, normal) / dot(ray, normal);  // where it meets the lamp's plane\n",
-"        bool other_side = (shown < 0.0) != (l.group.y == 1.0);   // of a thin body\n",
+"        float there = dot(l.corner, normal) / dot(ray, normal);  // depth at which it meets the lamp's plane\n",
+"        bool other_side = (shown < 0.0) != (l.group.y == 1.0);   // the texel shows the other side of a thin body\n",
 "        bool beyond = seen > (1.0 + SBL_AT_LAMP) * there;\n",
 "        if (there > 0.0 && (beyond || (seen >= (1.0 - SBL_AT_LAMP) * there && !other_side))) return false;\n",
 "        vec2 b = sbl_barycentrics(l, normal, there * ray - l.corner);\n",
@@ -9365,27 +9228,25 @@ static const char *const sbl__glsl_lamps[] = {
 "}\n",
 "#endif\n",
 "\n",
-"// >>choose: single lamps and, where there are many, clusters that are small for their distance\n",
+"// >>choose\n",
 "\n",
-"int entries[SBL_LAMPS];      // a leaf, or -1 - a node; from the end on: points of light, which get a ray each\n",
-"float strengths[SBL_LAMPS];  // what each gives about, summed up\n",
-"int used, certain;           // how many of either\n",
-"float total, crowd;          // sum of the strengths, and of their squares,\n",
-"float crowd_within;          // with those of the lamps in clusters\n",
-"mat2x3 whole;                // light of single lamps, unhindered; two groups, since of a closed mesh one is all\n",
-"                             // hidden, the other all open\n",
-"bool rounded;                // there are round lamps\n",
-"#ifdef SBL_DIRECTIONAL\n",
+"int entries[SBL_LAMPS];      // a lamp's leaf, or -1 - a cluster's node; from the end backwards: point lights\n",
+"float strengths[SBL_LAMPS];  // sums of the strengths (approximate light) of the entries up to each\n",
+"int used, certain;           // number of entries without point lights; number of point lights\n",
+"float total, crowd;          // sum of the strengths, and of their squares\n",
+"float crowd_within;          // the same sum of squares if each lamp of a cluster were an entry\n",
+"mat2x3 whole;                // light of single lamps if unobstructed, by group (see sbl_Lamp). Each group has its\n",
+"                             // own ratio, because one side of a closed mesh hides the other\n",
+"bool rounded = false;        // some entries are round lamps\n",
 "mat3x4 whole_harmonics[2];\n",
-"#endif\n",
 "\n",
-"// Takes node or leaf number i into account; returns the one that is next, or `limit` where entries have run out.\n",
+"// Adds node i to the entries, skips it, or descends into it; or adds leaf i if all lamps fit. Returns the next\n",
+"// node or leaf, or `limit` if the entries are full. last: true: never descends\n",
 "int sbl_consider(int i, int limit, float opening, bool last, out bool full) {\n",
 "    int leaf = i, next = i + 1, lamps = 1;\n",
 "    float strength = 0.0;\n",
-"    bool single = lamp_leaves <= SBL_LAMPS, point = false;\n",
+"    bool single = !mixed || lamp_leaves <= SBL_LAMPS, point = false;\n",
 "    full = false;\n",
-"#ifdef SBL_MIXED\n",
 "    if (!single) {\n",
 "        sbl_Cluster c = sbl_cluster(i);\n",
 "        if (dot(n, c.to) + c.radius <= 0.0) next = c.beyond;\n",
@@ -9398,18 +9259,15 @@ static const char *const sbl__glsl_lamps[] = {
 "            strength = sbl_strength(i, c);\n",
 "        }\n",
 "    }\n",
-"#endif\n",
 "    if (single) {\n",
 "        sbl_Lamp l = sbl_lamp(leaf);\n",
 "        vec3 light = sbl_unhindered(l);\n",
 "        strength = light.r + light.g + light.b;\n",
 "        rounded = rounded || l.kind != SBL_LAMP_TRIANGLE;\n",
 "        point = l.sine2 == 0.0 && sbl_is_light(l) && certain < SBL_CERTAIN;\n",
-"        if (!point && l.kind != SBL_LAMP_SKY_TEXEL) {\n",
+"        if (!point && !sbl_is_texel(l)) {\n",
 "            whole += outerProduct(light, l.group);\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"            whole_harmonics[l.group.y > 0.0 ? 1 : 0] += sbl_unhindered_harmonics(l);\n",
-"#endif\n",
+"            if (directional) whole_harmonics[l.group.y > 0.0 ? 1 : 0] += sbl_unhindered_harmonics(l);\n",
 "        }\n",
 "    }\n",
 "    if (strength > 0.0) {\n",
@@ -9431,14 +9289,11 @@ static const char *const sbl__glsl_lamps[] = {
 "    int limit = lamp_leaves <= SBL_LAMPS ? lamp_leaves : lamp_nodes;\n",
 "    float opening = SBL_OPENING;\n",
 "    bool full = true;\n",
-"    rounded = false;\n",
 "    for (int attempt = 0; attempt < SBL_OPENINGS && full; attempt++, opening *= 2.0) {\n",
 "        used = certain = 0;\n",
 "        total = crowd = crowd_within = 0.0;\n",
 "        whole = mat2x3(0);\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"        whole_harmonics[0] = whole_harmonics[1] = mat3x4(0);\n",
-"#endif\n",
+"        if (directional) whole_harmonics[0] = whole_harmonics[1] = mat3x4(0);\n",
 "        full = false;\n",
 "        for (int i = 0; i < limit; ) i = sbl_consider(i, limit, opening, attempt == SBL_OPENINGS - 1, full);\n",
 "    }\n",
@@ -9447,15 +9302,15 @@ static const char *const sbl__glsl_lamps[] = {
 "// >>pick\n",
 "\n",
 "struct sbl_Pick {\n",
-"    int leaf;\n",
-"    float share;   // how often it is picked\n",
-"    vec2 u;        // what is left of the point of the sequence\n",
-"    bool cluster;  // it was picked out of one\n",
+"    int leaf;      // the lamp that is picked\n",
+"    float share;   // probability of picking it\n",
+"    vec2 u;        // uniform point for sbl_sample: u.x is rescaled each time that it selects something\n",
+"    bool cluster;  // the entry was a cluster\n",
 "};\n",
 "\n",
-"// Down to one lamp of a cluster, at every fork in proportion to what the branches give.\n",
+"// Picks one lamp of a cluster: descends its subtree, at each node in proportion to the strengths of the children.\n",
 "void sbl_descend(inout sbl_Pick p, int node, uint fraction) {\n",
-"    // digits below those of a float that are left\n",
+"    // Adds the low bits of the fraction, which a float between 0 and 1 cannot hold.\n",
 "    p.u.x = clamp(p.u.x + (float(fraction & 255u) - 127.5) / 4294967296.0 / p.share, 0.0, 1.0);\n",
 "    for (sbl_Cluster c = sbl_cluster(node); c.beyond != node + 1; c = sbl_cluster(node)) {\n",
 "        sbl_Cluster left = sbl_cluster(node + 1), right = sbl_cluster(left.beyond);\n",
@@ -9469,7 +9324,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    p.leaf = int(sbl_lamp_node_first_leaf(node));\n",
 "}\n",
 "\n",
-"// One of the entries in proportion to its strength.\n",
+"// Picks one of the entries with a probability proportional to its strength.\n",
 "int sbl_pick_entry(inout sbl_Pick p) {\n",
 "    float wanted = p.u.x * total, before = 0.0;\n",
 "    int low = 0, high = used - 1;\n",
@@ -9486,33 +9341,28 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// >>shoot\n",
 "\n",
-"mat2x3 open, seen;       // what rays to single lamps bring without, and with, what stands between\n",
-"vec3 sure, sampled;      // from points of light; from clusters, summed over the rays\n",
-"vec2 samples, lit;       // rays of a group that would bring light, and that do\n",
-"float taken, squares;    // rays; sum of the squares of what clusters gave\n",
-"vec2 sparse;             // 1: a group that rays hardly meet is no ground for a ratio: it is sampled as clusters\n",
-"                         // are\n",
-"vec2 bright, dark;       // whether any of a group was seen, or hidden\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"mat3x4 open_harmonics[2], seen_harmonics[2], sure_harmonics, sampled_harmonics;  // as the above\n",
-"#endif\n",
-"#ifdef SBL_INSPECT\n",
-"vec4 report, report_way; // what is written\n",
-"bool reporting;          // the ray that is shot is the one\n",
-"#endif\n",
+"// Sums over the rays. Clusters, texels and sparse groups are sampled; other lamps are estimated by ratios.\n",
+"mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by group: light of rays to single lamps, unobstructed and actual\n",
+"vec3 sure = vec3(0), sampled = vec3(0);       // light of point lights; light of sampled rays\n",
+"vec2 samples = vec2(0), lit = vec2(0);        // by group: number of rays behind `open` and behind `seen`\n",
+"float taken = 0.0, squares = 0.0;             // number of rays; sum of the squared luminances of sampled rays\n",
+"vec2 sparse;                                  // by group: 1: it gets too few rays for a ratio\n",
+"vec2 bright = vec2(0), dark = vec2(0);        // by group: number of visible and of blocked rays, with rim samples\n",
+"mat3x4 sure_harmonics = mat3x4(0), sampled_harmonics = mat3x4(0);  // harmonics of the same light\n",
+"mat3x4 open_harmonics[2], seen_harmonics[2];\n",
+"vec4 report = vec4(0), report_way = vec4(0);  // inspected: the outputs\n",
+"bool reporting;                               // the next ray is to be reported\n",
 "\n",
-"// The ray of a sample. rim: of a at_rim, the number of its point along the lamp's rim; negative: it is none. A\n",
-"// at_rim brings no light.\n",
-"void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, int rim, bool point) {\n",
-"    bool at_rim = rim >= 0, cluster = p.cluster || l.kind == SBL_LAMP_SKY_TEXEL || dot(sparse, l.group) > 0.0;\n",
+"// Traces the ray of a sample. at_rim: true: it is a rim sample, which only tells whether light is obstructed\n",
+"void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool point) {\n",
+"    bool cluster = p.cluster || sbl_is_texel(l) || dot(sparse, l.group) > 0.0;\n",
 "    vec3 light = s.light / p.share, to = s.direction;\n",
+"    vec4 counts = vec4(0);\n",
 "    taken += point || at_rim ? 0.0 : 1.0;\n",
 "    if (!(light.r + light.g + light.b > 0.0)) return;\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"    vec4 counts = sbl_harmonics(s.direction, n, 1.0 / max(dot(s.direction, n), SBL_COSINE_LEAST));\n",
-"    if (!cluster && !point && !at_rim) open_harmonics[l.group.y > 0.0 ? 1 : 0] += outerProduct(counts, light);\n",
-"#endif\n",
+"    if (directional) counts = sbl_harmonics(s.direction, n, 1.0 / max(dot(s.direction, n), SBL_COSINE_LEAST));\n",
 "    if (!cluster && !point && !at_rim) {\n",
+"        if (directional) open_harmonics[l.group.y > 0.0 ? 1 : 0] += outerProduct(counts, light);\n",
 "        open += outerProduct(light, l.group);\n",
 "        samples += l.group;\n",
 "    }\n",
@@ -9523,12 +9373,10 @@ static const char *const sbl__glsl_lamps[] = {
 "#ifdef SBL_VIEWS\n",
 "    hidden = hidden || sbl_hidden(slot, l, s);\n",
 "#endif\n",
-"#ifdef SBL_INSPECT\n",
 "    if (reporting) {\n",
 "        report = vec4(point ? s.light : vec3(0), (hidden ? 2.0 : 1.0) + (point ? 1.0 : 0.0));\n",
 "        report_way = vec4(point ? vec3(0) : to / away, p.leaf);\n",
 "    }\n",
-"#endif\n",
 "    if (!point && (at_rim || !cluster)) {\n",
 "        if (hidden) dark += l.group;\n",
 "        else bright += l.group;\n",
@@ -9540,15 +9388,11 @@ static const char *const sbl__glsl_lamps[] = {
 "        light *= sbl_emission_pattern(int(sbl_triangle_object(l.triangle)), at);\n",
 "    }\n",
 "#endif\n",
-"#ifdef SBL_INSPECT\n",
 "    if (reporting && !point) report.rgb = light;\n",
-"#endif\n",
-"#ifdef SBL_DIRECTIONAL\n",
 "    mat3x4 harmonics = outerProduct(counts, light);\n",
-"    if (point) sure_harmonics += harmonics;\n",
-"    else if (cluster) sampled_harmonics += harmonics;\n",
-"    else seen_harmonics[l.group.y > 0.0 ? 1 : 0] += harmonics;\n",
-"#endif\n",
+"    if (directional && point) sure_harmonics += harmonics;\n",
+"    else if (directional && cluster) sampled_harmonics += harmonics;\n",
+"    else if (directional) seen_harmonics[l.group.y > 0.0 ? 1 : 0] += harmonics;\n",
 "    if (point) sure += light;\n",
 "    else if (cluster) {\n",
 "        sampled += light;\n",
@@ -9562,14 +9406,14 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// >>combine\n",
 "\n",
-"// Variance of the mean of n points over the lamps, as a share of one's: strata of a lamp's own are the smaller the\n",
-"// more points it gets.\n",
+"// Variance of the mean of n points, divided by the variance of one point. The more points each lamp gets, the\n",
+"// smaller are its strata. lamps: effective number of lamps\n",
 "float sbl_strata(float n) {\n",
 "    float lamps = total * total / max(crowd_within, 1e-37), points = max(n, 1.0);\n",
 "    return min(SBL_STRATA * sqrt(max(lamps - 1.0, 1.0) / points), SBL_STRATA_LOST) / points;\n",
 "}\n",
 "\n",
-"// All is open, or nothing: the first rays tell; so do clusters that are alike.\n",
+"// Returns true if rays of a group disagree, or if the light of clusters is noisy. More rays are then needed.\n",
 "bool sbl_undecided() {\n",
 "    float mean = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);\n",
 "    float error = squares / max(taken, 1.0) - mean * mean;\n",
@@ -9578,36 +9422,29 @@ static const char *const sbl__glsl_lamps[] = {
 "    return mixed || sbl_strata(taken) * error > SBL_KNOWN * mean * mean;\n",
 "}\n",
 "\n",
-"// R, and the variance of its luminance.\n",
+"// Computes R and the variance of its luminance.\n",
 "vec4 sbl_combine() {\n",
 "    float clusters = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);\n",
 "    float variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) * sbl_strata(taken);\n",
 "    vec3 light = sure + sampled / max(taken, 1.0);\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"    sure_harmonics += sampled_harmonics / max(taken, 1.0);\n",
-"#endif\n",
+"    if (directional) sure_harmonics += sampled_harmonics / max(taken, 1.0);\n",
 "    for (int g = 0; g < 2; g++) {\n",
-"        vec3 share = vec3(open[g].r > 0.0 ? seen[g].r / open[g].r : 0.0,\n",
-"                          open[g].g > 0.0 ? seen[g].g / open[g].g : 0.0,\n",
-"                          open[g].b > 0.0 ? seen[g].b / open[g].b : 0.0);\n",
+"        vec3 share = mix(vec3(0), seen[g] / open[g], greaterThan(open[g], vec3(0)));\n",
 "        float mean = dot(whole[g], SBL_LUMINANCE), lit_share = lit[g] / max(samples[g], 1.0);\n",
 "        if (sparse[g] > 0.0) continue;\n",
 "        light += whole[g] * share;\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"        // all that is known, as far as it is seen; and by what the seen part differs from that, as rays tell\n",
-"        for (int k = 0; k < 3; k++)\n",
+"        // the closed form times the same share, plus the deviation from it that the rays found\n",
+"        for (int k = 0; k < 3 && directional; k++)\n",
 "            if (open[g][k] > 0.0)\n",
 "                sure_harmonics[k] += share[k] * whole_harmonics[g][k] + whole[g][k] / open[g][k] *\n",
 "                                     (seen_harmonics[g][k] - share[k] * open_harmonics[g][k]);\n",
-"#endif\n",
 "        variance += mean * mean * lit_share * (1.0 - lit_share) * sbl_strata(samples[g]);\n",
 "    }\n",
 "    return vec4(light, variance * unit * scale) * unit * scale;\n",
 "}\n",
 "\n",
-"// How many passes the rays are traced in: after the first, an eighth of them or half of few, it is known whether\n",
-"// there is more to learn: what it overlooks is less than a ray's share. The more lamps there are, the more of the\n",
-"// rays it takes to know each.\n",
+"// Number of passes into which the rays are divided, a power of two. After each pass sbl_undecided decides whether\n",
+"// to trace more. The more lamps there are, the more rays a pass needs to reach each of them.\n",
 "int sbl_pass_count() {\n",
 "    float crowded = SBL_PASS_CROWD * crowd / max(total * total, 1e-37);\n",
 "    int passes = clamp(min(rays / SBL_PASS_RAYS, int(crowded)), 1, SBL_LAMP_PASSES), power = 1;\n",
@@ -9617,13 +9454,13 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "void main() {\n",
 "    ivec2 at = sbl_texel_of_invocation();\n",
+"    int wanted = at.y * blocks.x + at.x, certain_ray = rays + SBL_LAMPS - 1 - wanted;  // inspected: ray or entry\n",
 "#ifdef SBL_INSPECT\n",
-"    int wanted = at.y * blocks.x + at.x, certain_ray = rays + SBL_LAMPS - 1 - wanted, part = 0, slot = sheet_slot;\n",
+"    int part = 0, slot = sheet_slot;\n",
 "    if (wanted >= rays + SBL_LAMPS) sbl_leave;\n",
 "    while (wanted < rays && part + 1 < parts && (part + 1) * rays / parts <= wanted) part++;\n",
 "    if (wanted >= rays) part = certain_ray % parts;\n",
 "    look = 0;\n",
-"    report = report_way = vec4(0);\n",
 "#else\n",
 "    int parts = blocks.y, part = at.y % parts, slot = at.y / parts * columns + at.x;\n",
 "    look = slot - first_slot;\n",
@@ -9637,33 +9474,22 @@ static const char *const sbl__glsl_lamps[] = {
 "    scramble = uvec2(hash, (hash ^ hash >> 15) * 747796405u);\n",
 "    scramble.y ^= scramble.y >> 13;\n",
 "    sbl_choose();\n",
-"#ifdef SBL_INSPECT\n",
-"    if (wanted >= rays && wanted - rays < used && entries[wanted - rays] >= 0) {\n",
+"    if (inspected && wanted >= rays && wanted - rays < used && entries[wanted - rays] >= 0) {\n",
 "        report = vec4(sbl_unhindered(sbl_lamp(entries[wanted - rays])), 1);\n",
 "        report_way.w = float(entries[wanted - rays]);\n",
 "    }\n",
-"#endif\n",
-"\n",
-"    open = seen = mat2x3(0);\n",
-"    sure = sampled = vec3(0);\n",
-"    samples = lit = bright = dark = vec2(0);\n",
-"    taken = squares = 0.0;\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"    sure_harmonics = sampled_harmonics = mat3x4(0);\n",
-"    open_harmonics[0] = open_harmonics[1] = seen_harmonics[0] = seen_harmonics[1] = mat3x4(0);\n",
-"#endif\n",
+"    if (directional) open_harmonics[0] = open_harmonics[1] = seen_harmonics[0] = seen_harmonics[1] = mat3x4(0);\n",
 "    float enough = SBL_SPARSE * float(parts) / float(rays) * total;\n",
 "    sparse = vec2(lessThan(vec3(1) * whole, vec2(enough)));\n",
-"    // So that the first pass does not overlook an edge that hides little, corners and rims of few lamps are looked\n",
-"    // at.\n",
+"    // Rim samples find shadow edges that hide only a small part of a lamp, if there are few lamps.\n",
 "    int passes = sbl_pass_count(), rims = rounded ? SBL_RIM : SBL_CORNERS;\n",
 "    int rim_samples = passes > 1 && used <= SBL_RIM_LAMPS ? rims * used : 0;\n",
 "    int skip = int(sbl_look_which(look) & SBL_LOOK_NUMBER) * rays;\n",
 "    bool undecided = total > 0.0;\n",
-"    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // the points of light come first\n",
-"        // each part has a stretch of the sequence, and each eighth of it covers a lamp, and the lamps, evenly\n",
+"    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // pass -1: point lights\n",
+"        // Each part has a section of the sequence. Each eighth of a section covers the unit square evenly.\n",
 "        int eighth = SBL_LAMP_PASSES * part, eighths = SBL_LAMP_PASSES * parts;\n",
-"        // (unsigned: on some software renderers idle lanes divide what they hold, and INT_MIN / -1 traps)\n",
+"        // The divisions are unsigned, because idle lanes of some software renderers trap on INT_MIN / -1.\n",
 "        int stretch = int(uint(SBL_LAMP_PASSES) / uint(passes));\n",
 "        int from = int(uint((eighth + pass * stretch) * rays) / uint(eighths));\n",
 "        int to = total > 0.0 ? int(uint((eighth + (pass + 1) * stretch) * rays) / uint(eighths)) : from;\n",
@@ -9681,12 +9507,10 @@ static const char *const sbl__glsl_lamps[] = {
 "            if (at_rim && entry < 0) continue;\n",
 "            p.leaf = entry;\n",
 "            p.cluster = entry < 0;\n",
-"#ifdef SBL_MIXED\n",
-"            if (p.cluster) sbl_descend(p, -1 - entry, fraction.x);\n",
-"#endif\n",
+"            if (mixed && p.cluster) sbl_descend(p, -1 - entry, fraction.x);\n",
 "            sbl_Lamp l = sbl_lamp(p.leaf);\n",
 "            bool corner = at_rim && l.kind == SBL_LAMP_TRIANGLE;\n",
-"            if (at_rim && (l.kind == SBL_LAMP_SKY_TEXEL || (corner && rim >= SBL_CORNERS))) continue;\n",
+"            if (at_rim && (sbl_is_texel(l) || (corner && rim >= SBL_CORNERS))) continue;\n",
 "            float turned = float(rim) + float(scramble.y >> 8) / SBL_FRACTIONS;\n",
 "            if (at_rim) p.u = vec2(SBL_RIM_AT, turned / float(SBL_RIM));\n",
 "            sbl_Sample s = sbl_sample(l, p.u);\n",
@@ -9697,10 +9521,8 @@ static const char *const sbl__glsl_lamps[] = {
 "                s.direction = way / s.far;\n",
 "                s.light = vec3(dot(way, n));\n",
 "            }\n",
-"#ifdef SBL_INSPECT\n",
-"            reporting = point ? k == certain_ray : !at_rim && k == wanted;\n",
-"#endif\n",
-"            sbl_shoot(slot, p, l, s, rim, point);\n",
+"            reporting = inspected && (point ? k == certain_ray : !at_rim && k == wanted);\n",
+"            sbl_shoot(slot, p, l, s, at_rim, point);\n",
 "        }\n",
 "        if (!point) undecided = sbl_undecided();\n",
 "    }\n",
@@ -9731,12 +9553,11 @@ static const sbl__recipe sbl__recipe_lamps = {
 };
 
 static unsigned sbl__aim_features(const sbl__scene *s, const sbl__spec *spec) {
-    return s->features | (s->draw && !spec->traced ? SBL__VIEWS : 0) | (s->lights.mixed ? SBL__MIXED : 0) |
-           (spec->directional ? (unsigned)SBL__DIRECTIONAL : 0);
+    return sbl__features_of(s, spec) | (s->draw && !spec->traced ? (unsigned)SBL__VIEWS : 0) |
+           (s->lights.mixed ? (unsigned)SBL__MIXED : 0);
 }
 
-/* Sets the uniforms of lamps.glsl, which must be the current program, except those that sbl__raster_bind sets. blocks:
-   width and height of a look's rectangle of invocations */
+/* Sets the uniforms of lamps.glsl, except those that sbl__raster_bind sets. blocks: as for sbl__rays_bind */
 static void sbl__aim_bind(sbl__device *d, const sbl__aim *a, const sbl__batch *b, const int blocks[2], float scale) {
     const sbl__lights *l = &b->scene->lights;
     sbl__rays_bind(d, b, &a->sequence, blocks);
@@ -9750,9 +9571,8 @@ static void sbl__aim_bind(sbl__device *d, const sbl__aim *a, const sbl__batch *b
     sbl__set_float(d, "scale", scale);
 }
 
-/* Computes the directions of row j of a view's texels. `directions` has four floats per texel of the padded sheet, of
-   which the first three are a unit vector. The vector is relative to the frame that frame.glsl makes, for a look that
-   is not rotated. */
+/* Computes the directions of row j of a view's texels, in the frame of a look that is not rotated. `directions` has 4
+   floats per texel of the padded sheet, of which the first three are a unit vector. */
 static void sbl__directions_row(const sbl__layout *l, int face, int j, float *directions) {
     const int *r = l->rects[face];
     float *out = directions + 4 * ((size_t)(r[1] + j) * (size_t)sbl__layout_pitch(l, 0) + (size_t)r[0]);
@@ -9773,17 +9593,14 @@ static void sbl__directions_row(const sbl__layout *l, int face, int j, float *di
 /* ======================================================================================================== >>raster
    The back end that rasterises views, as the paper does. Only this back end shows geometry that the host draws itself.
 
-       view   +-------+-------+-------+      one instanced draw call draws every view of every look of a batch;
-       texture| sheet | sheet | sheet |
-              +-------+-------+-------+      reduce_blocks.glsl adds up each square of block x block texels and
-              | sheet |  ...          |      writes one texel of partial sums
-              +-------+---------------+                                                                          */
+       view    +-------+-------+    One instanced draw call draws all views of all looks of a batch, each look in its
+       texture | sheet | sheet |    sheet. reduce_blocks.glsl then adds up each square of block x block texels and
+               +-------+-------+    writes one texel of partial sums. */
 
 #define SBL__SLOTS_MOST 4096   /* maximum number of slots in the view texture */
-#define SBL__VIEW_DEPTH 1e-6f  /* depth is this value divided by the distance along the view's axis in scene extents;
-                                  all geometry nearer than this value gets depth 1 */
+#define SBL__VIEW_DEPTH 1e-6f  /* depth is this value divided by the view-space depth in scene extents, at most 1 */
 #define SBL__STUCK_FOV 2.0f    /* field of view of a stuck test, degrees: wide enough to hit the sensor's own surface,
-                                  too one_ray to hit the walls of a corner */
+                                  too narrow to hit the walls of a corner */
 #define SBL__STUCK_SIZE 4      /* width and height of a stuck test's view, texels */
 #define SBL__STUCK_TEXTURE 512  /* maximum width and height of the part of the view texture for stuck tests, texels */
 
@@ -9791,7 +9608,7 @@ static void sbl__directions_row(const sbl__layout *l, int face, int j, float *di
 typedef struct sbl__lens {
     sbl__layout layout;         /* positions of the views in a look's sheet */
     sbl__slots slots;           /* slots of the view texture, one sheet each */
-    int area[2];                /* width and height of the part of the view texture that the slots cover, texels */
+    int area[4];                /* part of the view texture that the slots cover: 0, 0, width, height, texels */
     sbl__texture weights;       /* per texel of a sheet: form factor, and ratio of distance to depth */
     sbl__texture directions;    /* directional jobs: direction of each texel of a sheet, see sbl__directions_row */
 } sbl__lens;
@@ -9804,11 +9621,10 @@ typedef struct sbl__raster {
     sbl__texture atlas, depth;
     sbl__target target;
     sbl__buffer views;
-    unsigned view_array;       /* vertex array for jobs with bounced light: attributes come from `views` only, because
-                                  the shader fetches the vertices itself */
+    unsigned view_array;       /* vertex array without vertices, which shaders with bounced light fetch themselves */
     float radiance_scale;      /* factor of radiance in the view texture */
     float *weights, *directions;  /* contents of a lens's two textures while sbl__raster_weigh computes them */
-    int face, row;             /* view and row at which this computation continues */
+    int face, row;             /* view and row at which sbl__raster_weigh continues */
 } sbl__raster;
 
 static void sbl__raster_free(const sbl__device *d, sbl__raster *r) {
@@ -9824,31 +9640,22 @@ static void sbl__raster_free(const sbl__device *d, sbl__raster *r) {
     sbl__array_delete(d, &r->view_array);
     sbl__free(d->base, r->weights);
     sbl__free(d->base, r->directions);
-    memset(r, 0, sizeof *r);
 }
 
-/* Returns the power of two that scales the brightest radiance to between 512 and 1024. This range is far from both ends
-   of 16-bit floats. */
-static float sbl__raster_scale(float brightest) {
-    return brightest > 0 ? (float)ldexp(1, SBL__MIN(10 - (int)ceil(log(brightest) / log(2.0)), 100)) : 1;
-}
-
-/* Computes the slots of a lens in a view texture of size view_texture_size squared, which grows to hold at least one
-   sheet, up to the driver's limit `most`. If the driver's limit is too small for a sheet, there are 0 slots. */
+/* Computes the slots of a lens in a square view texture of size view_texture_size, or larger if one sheet needs more,
+   up to the driver's limit `most`. If the limit is too small for a sheet, there are 0 slots. */
 static void sbl__lens_fit(sbl__lens *lens, int view_texture_size, int most) {
     const sbl__layout *l = &lens->layout;
     const int pitch[2] = { sbl__layout_pitch(l, 0), sbl__layout_pitch(l, 1) };
     const int size = SBL__MIN(SBL__MAX(view_texture_size, SBL__MAX(pitch[0], pitch[1])), most);
-    int fit[2];
-    fit[0] = size / pitch[0];
-    fit[1] = size / pitch[1];
-    if (fit[0] > 0) fit[1] = SBL__MIN(fit[1], (SBL__SLOTS_MOST + fit[0] - 1) / fit[0]);
-    lens->slots.blocks[0] = l->blocks[0];
-    lens->slots.blocks[1] = l->blocks[1];
-    lens->slots.columns = fit[0];
-    lens->slots.count = fit[0] * fit[1];
-    lens->area[0] = fit[0] * pitch[0];
-    lens->area[1] = fit[1] * pitch[1];
+    const int columns = size / pitch[0];
+    int rows = size / pitch[1];
+    if (columns > 0) rows = SBL__MIN(rows, (SBL__SLOTS_MOST + columns - 1) / columns);
+    memcpy(lens->slots.blocks, l->blocks, sizeof l->blocks);
+    lens->slots.columns = columns;
+    lens->slots.count = columns * rows;
+    lens->area[2] = columns * pitch[0];
+    lens->area[3] = rows * pitch[1];
 }
 
 /* Makes the view texture, and computes the slots of looks and of stuck tests in it. */
@@ -9871,12 +9678,13 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
         return SBL_ERROR_UNSUPPORTED;
     }
     for (k = 0; k < 2; k++) {
-        size[k] = SBL__MAX(lens->area[k], stuck->area[k]);
-        sums[k] = SBL__MAX(lens->area[k] / lens->layout.block, stuck->area[k] / stuck->layout.block);
+        size[k] = SBL__MAX(lens->area[2 + k], stuck->area[2 + k]);
+        sums[k] = SBL__MAX(lens->area[2 + k] / lens->layout.block, stuck->area[2 + k] / stuck->layout.block);
     }
     brightest = SBL__MAX(scene->brightest, spec->bounced ? scene->store.brightest : spec->epsilon);
     for (k = 0; k < 6 && spec->bounced; k++) brightest = SBL__MAX(brightest, sbl__max3(scene->store.air[k]));
-    r->radiance_scale = sbl__raster_scale(brightest);
+    r->radiance_scale = 1;  /* the power of two that scales the brightest radiance to 512 .. 1024 (16-bit floats) */
+    if (brightest > 0) r->radiance_scale = (float)ldexp(1, SBL__MIN(10 - (int)ceil(log(brightest) / log(2.0)), 100));
     r->face = r->row = 0;
     result = sbl__texture_make(d, &r->atlas, size[0], size[1], SBL__GL_RGBA16F);
     if (result == SBL_SUCCESS) result = sbl__texture_make(d, &r->depth, size[0], size[1], SBL__GL_DEPTH_COMPONENT32F);
@@ -9884,8 +9692,7 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
     return result == SBL_SUCCESS ? sbl__blocks_make(d, blocks, spec->directional ? 5 : 2, sums[0], sums[1]) : result;
 }
 
-/* Computes the weights of a lens's texels row by row, and for directional jobs the texels' directions. SBL_SUCCESS: the
-   lens's textures are written. */
+/* Computes the textures of a lens, row by row. Returns SBL_UNFINISHED if the slice ends before. */
 static sbl_result sbl__raster_weigh(const sbl__device *d, sbl__raster *r, sbl__lens *lens, const sbl__spec *spec,
                                     const sbl__slice *slice) {
     const sbl__layout *l = &lens->layout;
@@ -9902,13 +9709,12 @@ static sbl_result sbl__raster_weigh(const sbl__device *d, sbl__raster *r, sbl__l
             sbl__weights_row(l, paper, r->face, r->row++, r->weights);
             if (sbl__now() >= slice->end) return SBL_UNFINISHED;
         }
-    if (spec->directional) {
-        result = sbl__texture_make(d, &lens->directions, width, height, SBL__GL_RGBA32F);
-        if (result == SBL_SUCCESS) result = sbl__texture_write(d, &lens->directions, 0, height, r->directions);
-        if (result != SBL_SUCCESS) return result;
-    }
     result = sbl__texture_make(d, &lens->weights, width, height, SBL__GL_RG32F);
     if (result == SBL_SUCCESS) result = sbl__texture_write(d, &lens->weights, 0, height, r->weights);
+    if (result == SBL_SUCCESS && spec->directional) {
+        result = sbl__texture_make(d, &lens->directions, width, height, SBL__GL_RGBA32F);
+        if (result == SBL_SUCCESS) result = sbl__texture_write(d, &lens->directions, 0, height, r->directions);
+    }
     sbl__free(d->base, r->weights);
     sbl__free(d->base, r->directions);
     r->weights = r->directions = NULL;
@@ -9920,40 +9726,30 @@ static sbl_result sbl__raster_weigh(const sbl__device *d, sbl__raster *r, sbl__l
 
 /* >>glsl sensor_vertex: shaders_embedded/sensor_vertex.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sensor_vertex[] = {
-"// Draws the scene into many sensors' views at once: an instance is one view, cut to its rectangle of the atlas by\n",
-"// four planes.\n",
-"#ifdef SBL_BOUNCED\n",
-"flat out int fragment_triangle;  // of the scene: what bounces is looked up by it\n",
-"out vec3 fragment_way;           // from the sensor to the surface,\n",
-"out vec3 fragment_place;         // which is here\n",
-"#else\n",
+"// Draws the scene into the views of many sensors. Each instance is one view; four clip planes limit it to its\n",
+"// rectangle of the view texture.\n",
+"#ifndef SBL_BOUNCED\n",
 "layout(location = 0) in vec3 position;\n",
 "layout(location = 1) in uint object;\n",
-"#endif\n",
-"layout(location = 4) in vec3 view_eye;\n",
-"layout(location = 5) in vec4 view_right;    // right over half the view's width at unit distance; scale of x in\n",
-"                                            // atlas\n",
-"layout(location = 6) in vec4 view_up;       // up over half its height; scale of y\n",
-"layout(location = 7) in vec4 view_forward;  // forward;               lowest y: -1, or 0 where the horizon cuts the\n",
-"                                            // view\n",
-"layout(location = 8) in vec2 view_offset;   // of the rectangle in the atlas\n",
-"uniform float per_length;                   // 1 / extent of the scene\n",
-"uniform float depth_scale;                  // depth is depth_scale / distance: reversed, without a far plane\n",
-"out vec3 place;                             // x y w of gl_Position\n",
-"#if defined(SBL_TEXTURED) || defined(SBL_BOUNCED)\n",
-"flat out int fragment_object;\n",
-"#else\n",
-"uniform float radiance_scale;\n",
-"flat out vec3 radiance_front, radiance_back;\n",
-"#endif\n",
-"#ifdef SBL_TEXTURED\n",
-"#ifndef SBL_BOUNCED\n",
 "layout(location = 2) in vec2 vertex_uv;\n",
 "layout(location = 3) in uvec2 vertex_color;\n",
 "#endif\n",
-"out vec2 fragment_uv;\n",
+"layout(location = 4) in vec3 view_eye;      // position of the sensor\n",
+"layout(location = 5) in vec4 view_right;    // right over half the view's width at unit distance; w: scale of x\n",
+"layout(location = 6) in vec4 view_up;       // up over half its height; w: scale of y\n",
+"layout(location = 7) in vec4 view_forward;  // forward; w: lowest y: -1, or 0 for a view that ends at the horizon\n",
+"layout(location = 8) in vec2 view_offset;   // offset of the rectangle in clip space\n",
+"uniform float per_length;                   // 1 / extent of the scene\n",
+"uniform float depth_scale;                  // depth is depth_scale / distance: reversed, without a far plane\n",
+"uniform float radiance_scale;\n",
+"out vec3 place;                             // x, y and w of gl_Position\n",
+"flat out int fragment_object;               // if SBL_TEXTURED or SBL_BOUNCED\n",
+"flat out vec3 radiance_front, radiance_back;  // otherwise\n",
+"out vec2 fragment_uv;                       // if SBL_TEXTURED\n",
 "out vec4 fragment_color;\n",
-"#endif\n",
+"flat out int fragment_triangle;             // if SBL_BOUNCED: number of the triangle in the scene\n",
+"out vec3 fragment_way;                      // vector from the sensor to the surface\n",
+"out vec3 fragment_place;                    // point on the surface, world space\n",
 "\n",
 "void main() {\n",
 "#ifdef SBL_BOUNCED\n",
@@ -9963,10 +9759,8 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 "    fragment_triangle = gl_VertexID / 3;\n",
 "    fragment_way = position - view_eye;\n",
 "    fragment_place = position;\n",
-"#ifdef SBL_TEXTURED\n",
 "    vec2 vertex_uv = vec2(sbl_attributes_u(vertex), sbl_attributes_v(vertex));\n",
 "    uvec2 vertex_color = uvec2(sbl_attributes_color_rg(vertex), sbl_attributes_color_ba(vertex));\n",
-"#endif\n",
 "#endif\n",
 "    int number = int(object);\n",
 "#ifdef SBL_TEXTURED\n",
@@ -9994,34 +9788,23 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 
 /* >>glsl sensor_fragment: shaders_embedded/sensor_fragment.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sensor_fragment[] = {
-"// What a sensor's texel holds: Ck, and the distance along the view axis, negative where a back face is seen.\n",
-"layout(location = 0) out vec4 out_radiance;\n",
-"in vec3 place;              // where in the atlas it was put\n",
-"uniform vec2 view_texture_size;    // texels\n",
-"#if defined(SBL_TEXTURED) || defined(SBL_BOUNCED)\n",
-"uniform float radiance_scale;\n",
-"flat in int fragment_object;\n",
-"#else\n",
+"// Writes a texel of a sensor's view.\n",
+"layout(location = 0) out vec4 out_radiance;  // Ck; distance along the view's axis, negative for a back face\n",
+"in vec3 place;                               // see sensor_vertex.glsl\n",
+"uniform vec2 view_texture_size;              // texels\n",
+"uniform float radiance_scale, depth_scale;\n",
+"flat in int fragment_object, fragment_triangle;\n",
 "flat in vec3 radiance_front, radiance_back;\n",
-"#endif\n",
-"#ifdef SBL_TEXTURED\n",
 "in vec2 fragment_uv;\n",
 "in vec4 fragment_color;\n",
-"#endif\n",
-"#ifdef SBL_BOUNCED\n",
-"flat in int fragment_triangle;\n",
 "in vec3 fragment_way, fragment_place;\n",
-"#endif\n",
-"#ifdef SBL_WRITE_DEPTH\n",
-"uniform float depth_scale;\n",
-"#endif\n",
 "\n",
-"const float SBL_NEAREST = 3e-8;  // that anything is seen, in extents of the scene\n",
-"const float SBL_BESIDE = 0.4;    // texels that a fragment may lie beside its place,\n",
-"const float SBL_BESIDE_ROUNDING = 3e-7;  // and what rounding adds to that at unit distance\n",
+"const float SBL_NEAREST = 3e-8;  // smallest distance at which surfaces are visible, in extents of the scene\n",
+"const float SBL_BESIDE = 0.4;    // maximum distance between a fragment and its interpolated position, texels,\n",
+"const float SBL_BESIDE_ROUNDING = 3e-7;  // and the allowance for rounding that is added to it\n",
 "\n",
-"// A triangle whose plane holds the sensor is a line. Rounding makes it a triangle that may lie anywhere, in the\n",
-"// views of other sensors too: what is drawn there is not what is seen in that direction.\n",
+"// Returns false for fragments at wrong places. The projection of a triangle whose plane contains the sensor is a\n",
+"// line; rounding may turn the line into a triangle anywhere, even in the views of other sensors.\n",
 "bool sbl_seen_here() {\n",
 "    vec2 at = gl_FragCoord.xy / view_texture_size * 2.0 - 1.0;\n",
 "    vec2 beside = abs(place.xy - at * place.z) * 0.5 * view_texture_size;\n",
@@ -10062,8 +9845,8 @@ static const sbl__recipe sbl__recipe_sensor = {
 
 /* >>glsl sky_vertex: shaders_embedded/sky_vertex.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sky_vertex[] = {
-"// Draws the environment's picture as the background of many sensors' views at once: an instance is one view, whose\n",
-"// rectangle it covers. sensor_vertex.glsl explains the attributes.\n",
+"// Draws the environment's picture as the background of the views of many sensors. Each instance covers the\n",
+"// rectangle of one view. sensor_vertex.glsl explains the attributes.\n",
 "layout(location = 5) in vec4 view_right;\n",
 "layout(location = 6) in vec4 view_up;\n",
 "layout(location = 7) in vec4 view_forward;\n",
@@ -10082,9 +9865,9 @@ static const char *const sbl__glsl_sky_vertex[] = {
 /* >>glsl sky_fragment: shaders_embedded/sky_fragment.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sky_fragment[] = {
 "in vec3 direction;\n",
-"uniform vec3 sky;  // constant radiance that is added to the picture's\n",
+"uniform vec3 sky;                            // constant radiance of the sky\n",
 "uniform float radiance_scale;\n",
-"layout(location = 0) out vec4 out_radiance;  // a: 0, which means that nothing is hit; see sensor_fragment.glsl\n",
+"layout(location = 0) out vec4 out_radiance;  // a = 0: no surface, see sensor_fragment.glsl\n",
 "\n",
 "void main() { out_radiance = vec4(radiance_scale * (sky + sbl_sky(direction)), 0); }\n",
 0 };
@@ -10106,7 +9889,7 @@ static const sbl__input sbl__view_inputs[] = {
 static void sbl__raster_clear(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens,
                               const sbl__scene *scene, int slots) {
     const int rows = (slots + lens->slots.columns - 1) / lens->slots.columns;
-    const int used[4] = { 0, 0, lens->area[0], rows * sbl__layout_pitch(&lens->layout, 1) };
+    const int used[4] = { 0, 0, lens->area[2], rows * sbl__layout_pitch(&lens->layout, 1) };
     float sky[4] = { 0, 0, 0, 0 };
     int k;
     for (k = 0; k < 3; k++) sky[k] = scene->environment.sky[k] * r->radiance_scale;
@@ -10132,7 +9915,7 @@ static sbl_result sbl__raster_send(const sbl__device *d, sbl__raster *r, const s
     for (i = 0; i < b->count; i++)
         for (face = 0; face < l->view_count; face++) {
             sbl__raster_corner(lens, b->slot + i, corner);
-            sbl__view_make(l, &b->looks[i], face, corner, lens->area, &views[i * l->view_count + face]);
+            sbl__view_make(l, &b->looks[i], face, corner, lens->area + 2, &views[i * l->view_count + face]);
         }
     result = sbl__buffer_stream(d, &r->views, room * sizeof *views, views, count * sizeof *views);
     sbl__free(d->base, views);
@@ -10151,10 +9934,7 @@ static void sbl__raster_view(const sbl__device *d, const sbl__raster *r, const s
     memset(v, 0, sizeof *v);
     sbl__raster_corner(lens, b->slot + i, corner);
     v->kind = SBL_VIEW_SENSOR;
-    v->viewport[0] = corner[0] + rect[0];
-    v->viewport[1] = corner[1] + rect[1];
-    v->viewport[2] = rect[2];
-    v->viewport[3] = rect[3];
+    for (k = 0; k < 4; k++) v->viewport[k] = rect[k] + (k < 2 ? corner[k] : 0);
     sbl__view_axes(look, face, right, up, forward);
     for (k = 0; k < 3; k++) {
         v->world_to_view[4 * k] = (float)right[k];
@@ -10182,42 +9962,27 @@ static void sbl__raster_view(const sbl__device *d, const sbl__raster *r, const s
     v->face = face;
 }
 
-/* Calls the host's draw callback for each view of the batch. */
-static void sbl__raster_host(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b) {
-    sbl_draw_view view;
-    int i;
-    for (i = 0; i < b->count * lens->layout.view_count; i++) {
-        sbl__raster_view(d, r, lens, b, i, &view);
-        sbl__pass(d, &r->target, view.viewport, view.viewport, SBL__PASS_DEPTH);
-        sbl__host_draw(d, b->scene->draw, &view, b->scene->draw_user);
-    }
-}
-
-/* Begins a pass to the part of the view texture that the lens covers. */
-static void sbl__raster_pass(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens, int flags) {
-    const int area[4] = { 0, 0, lens->area[0], lens->area[1] };
-    sbl__pass(d, &r->target, area, NULL, flags);
-}
-
 static sbl_result sbl__raster_sky(sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b,
                                   int views) {
     const sbl_result result = sbl__use(d, &sbl__recipe_sky, b->scene->features);
     if (result != SBL_SUCCESS) return result;
-    sbl__raster_pass(d, r, lens, 0);
+    sbl__pass(d, &r->target, lens->area, NULL, 0);
     sbl__environment_bind(d, &b->scene->environment);
     sbl__set_float(d, "radiance_scale", r->radiance_scale);
     sbl__draw_rectangles(d, b->scene->geometry.vertex_array, views);
     return SBL_SUCCESS;
 }
 
-/* Draws the scene's triangles first .. end - 1 to all views of a batch. A range of triangles is drawn, because one look
-   at a large scene may take too long for one submission. The call with the first triangle also draws the environment,
-   the call with the last triangle also calls the host's draw callback. */
+/* Draws the triangles first .. end - 1 of the scene to all views of a batch. All triangles may take too long for one
+   submission. The call with the first triangle also draws the environment, and the call with the last triangle calls
+   the host's draw callback for each view. */
 static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__lens *lens, const sbl__batch *b,
                                    int first, int end) {
     const sbl__geometry *g = &b->scene->geometry;
     const int views = b->count * lens->layout.view_count;
     sbl_result result = SBL_SUCCESS;
+    sbl_draw_view view;
+    int i;
     if (first == 0) {
         result = sbl__raster_send(d, r, lens, b);
         if (result != SBL_SUCCESS) return result;
@@ -10230,26 +9995,30 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
         if (b->scene->environment.pixels && !b->spec->paper) result = sbl__raster_sky(d, r, lens, b, views);
     }
     if (result == SBL_SUCCESS && end > first) {
-        result = sbl__use(d, &sbl__recipe_sensor, sbl__batch_features(b));
+        result = sbl__use(d, &sbl__recipe_sensor, sbl__features_of(b->scene, b->spec));
         if (result != SBL_SUCCESS) return result;
-        sbl__raster_pass(d, r, lens, SBL__PASS_DEPTH | SBL__PASS_CLIP);
+        sbl__pass(d, &r->target, lens->area, NULL, SBL__PASS_DEPTH | SBL__PASS_CLIP);
         sbl__scene_bind(d, b->scene);
         sbl__set_int(d, "lamps_apart", b->spec->lamps_apart);
         sbl__set_float(d, "per_length", 1 / g->extent);
         sbl__set_float(d, "depth_scale", SBL__VIEW_DEPTH);
         sbl__set_float(d, "epsilon", b->spec->epsilon);
         sbl__set_float(d, "radiance_scale", r->radiance_scale);
-        sbl__set_vec2(d, "view_texture_size", (float)lens->area[0], (float)lens->area[1]);
+        sbl__set_vec2(d, "view_texture_size", (float)lens->area[2], (float)lens->area[3]);
         if (b->spec->bounced) {
             sbl__store_bind(d, &b->scene->store);
             sbl__draw_numbers(d, r->view_array, first, end - first, views);
         } else sbl__draw_mesh(d, g->vertex_array, first, end - first, views);
     }
-    if (result == SBL_SUCCESS && b->scene->draw && end == g->triangle_count) sbl__raster_host(d, r, lens, b);
+    for (i = 0; i < views && b->scene->draw && end == g->triangle_count && result == SBL_SUCCESS; i++) {
+        sbl__raster_view(d, r, lens, b, i, &view);
+        sbl__pass(d, &r->target, view.viewport, view.viewport, SBL__PASS_DEPTH);
+        sbl__host_draw(d, b->scene->draw, &view, b->scene->draw_user);
+    }
     return result;
 }
 
-/* Gives lamps.glsl access to the views, because geometry that the host draws may hide a lamp and exists only there. */
+/* Gives lamps.glsl access to the views, because they alone show geometry of the host that may hide a lamp. */
 static void sbl__raster_bind(sbl__device *d, const sbl__raster *r, float extent) {
     const sbl__layout *l = &r->lenses[SBL__LENS_SITE].layout;
     int i, k;
@@ -10269,15 +10038,14 @@ static void sbl__raster_bind(sbl__device *d, const sbl__raster *r, float extent)
 
 /* >>glsl reduce_blocks: shaders_embedded/reduce_blocks.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_reduce_blocks[] = {
-"// First half of a rasterised sensor's sum: every output texel adds up one block of the atlas.\n",
-"uniform sampler2D atlas;    // Ck r g b, signed distance\n",
-"uniform sampler2D weights;  // of one sheet: the texel's projected solid angle over pi, its ray's length at unit\n",
-"                            // depth\n",
-"uniform int block;          // texels across a block\n",
-"layout(location = 0) out vec4 out_sum;   // sum of weight * Ck; weight that sees back faces\n",
-"layout(location = 1) out vec4 out_hits;  // weight that sees surfaces; weight * distance; nearest distance; 0\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"uniform sampler2D directions;  // of one sheet: where its texels look, in the frame of a look that is not turned\n",
+"// First step of the sum over a sensor's views: each output texel is the sum over one block of the view texture.\n",
+"uniform sampler2D atlas;    // view texture: Ck, signed distance (see sensor_fragment.glsl)\n",
+"uniform sampler2D weights;  // per texel of a sheet: form factor; ratio of distance to depth\n",
+"uniform int block;          // width and height of a block, texels\n",
+"layout(location = 0) out vec4 out_sum;   // sum of weight * Ck; sum of the weights of back faces\n",
+"layout(location = 1) out vec4 out_hits;  // sum of the weights of surfaces; of weight * distance; least distance; 0\n",
+"uniform sampler2D directions;  // per texel of a sheet: its direction, in the frame of a look that is not rotated\n",
+"#ifdef SBL_DIRECTIONAL         // other variants do not use `directions` and `harmonics`\n",
 "layout(location = 2) out vec4 out_red;\n",
 "layout(location = 3) out vec4 out_green;\n",
 "layout(location = 4) out vec4 out_blue;\n",
@@ -10286,12 +10054,10 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 "void main() {\n",
 "    ivec2 at = ivec2(gl_FragCoord.xy), corner = at * block, sheet_corner = (at % blocks) * block;\n",
 "    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);\n",
-"#ifdef SBL_DIRECTIONAL\n",
 "    int slot = at.y / blocks.y * columns + at.x / blocks.x;\n",
 "    float s = sin(sbl_look_rotation(slot)), c = cos(sbl_look_rotation(slot));\n",
 "    mat3 frame = sbl_frame(sbl_look_normal(slot)) * mat3(c, -s, 0, s, c, 0, 0, 0, 1);\n",
 "    mat3x4 harmonics = mat3x4(0);\n",
-"#endif\n",
 "    for (int y = 0; y < block; y++) {\n",
 "        vec3 row = vec3(0);\n",
 "        float back = 0.0;\n",
@@ -10299,11 +10065,9 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 "            vec4 texel = texelFetch(atlas, corner + ivec2(x, y), 0);\n",
 "            vec2 weight = texelFetch(weights, sheet_corner + ivec2(x, y), 0).xy;\n",
 "            row += weight.x * texel.rgb;\n",
-"#ifdef SBL_DIRECTIONAL\n",
 "            vec3 way = texelFetch(directions, sheet_corner + ivec2(x, y), 0).xyz;\n",
 "            vec4 counts = sbl_harmonics(frame * way, frame[2], 1.0 / max(way.z, SBL_COSINE_LEAST));\n",
 "            harmonics += outerProduct(counts, weight.x * texel.rgb);\n",
-"#endif\n",
 "            float seen = weight.x > 0.0 && texel.a != 0.0 ? weight.x : 0.0;\n",
 "            float length_to_hit = abs(texel.a) * weight.y;\n",
 "            back += texel.a < 0.0 ? seen : 0.0;\n",
@@ -10352,8 +10116,8 @@ static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const
 }
 
 /* ======================================================================================================== >>trace
-   The back end that traces rays: shader invocations trace a look's rays over the hemisphere through the hierarchy of
-   triangles. The cost of a ray grows with the logarithm of the number of triangles. */
+   The back end that traces a look's rays over the hemisphere. The cost of a ray grows with the logarithm of the number
+   of triangles. */
 
 #define SBL__TRACE_CHUNK 16        /* maximum number of rays per invocation */
 #define SBL__TRACE_COLUMNS 256     /* maximum number of looks side by side in the textures of partial sums */
@@ -10361,24 +10125,17 @@ static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const
 
 typedef struct sbl__trace {
     sbl__slots slots[SBL__LENSES]; /* slots of looks, and of stuck tests, which trace one ray back to the surface */
-    int rays;                      /* number of rays over the hemisphere per look */
-    sbl__table sequence;           /* Sobol points that give the rays' directions, see sbl__sequence_make */
+    sbl__table sequence;           /* points that give the rays' directions, see sbl__sequence_make */
 } sbl__trace;
-
-static void sbl__trace_free(const sbl__device *d, sbl__trace *t) {
-    sbl__table_delete(d, &t->sequence);
-    memset(t, 0, sizeof *t);
-}
 
 static sbl_result sbl__trace_setup(const sbl__device *d, sbl__trace *t, const sbl__scene *scene, const sbl__spec *spec,
                                    sbl__blocks *blocks) {
-    const int most = sbl__rays_most(&scene->hierarchy), few = SBL__MAX(1, most / 4);
-    const int chunk = SBL__MIN(SBL__MIN(SBL__TRACE_CHUNK, few), (spec->rays + 7) / 8);
+    const int most = SBL__MIN(SBL__TRACE_CHUNK, SBL__MAX(1, sbl__rays_most(&scene->hierarchy) / 4));
+    const int chunk = SBL__MIN(most, (spec->rays + 7) / 8);
     const int chunks = (spec->rays + chunk - 1) / chunk, parts = sbl__aim_parts(spec, &scene->hierarchy);
     sbl__slots *s = &t->slots[SBL__LENS_SITE], *stuck = &t->slots[SBL__LENS_STUCK];
     sbl_result result;
     int rows;
-    t->rays = spec->rays;
     s->blocks[0] = SBL__MIN(chunks, 4);
     s->blocks[1] = (chunks + 3) / 4;
     s->columns = SBL__MIN(SBL__TRACE_TEXELS, d->gl.capabilities.max_texture_size) / s->blocks[0];
@@ -10388,7 +10145,7 @@ static sbl_result sbl__trace_setup(const sbl__device *d, sbl__trace *t, const sb
     s->count = s->columns * rows;
     *stuck = *s;
     stuck->blocks[0] = stuck->blocks[1] = 1;
-    result = sbl__sequence_store(d, &t->sequence, spec->looks, t->rays, 1);
+    result = sbl__sequence_store(d, &t->sequence, spec->looks, spec->rays, 1);
     return result == SBL_SUCCESS ? sbl__blocks_make(d, blocks, spec->directional ? 6 : 2, s->columns * s->blocks[0],
                                                     rows * s->blocks[1]) : result;
 }
@@ -10438,38 +10195,37 @@ static const char *const sbl__glsl_guide[] = {
 
 /* >>glsl trace: shaders_embedded/trace.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_trace[] = {
-"// A part of one sensor's rays: cosine-distributed directions, so that all weigh the same. The outputs are those of\n",
-"// reduce_blocks.glsl.\n",
-"uniform usamplerBuffer sbl_sequence;  // points of the Sobol sequence, two 32-bit fractions each, along a Morton\n",
-"                                      // curve\n",
-"uniform int rays;                     // of a look\n",
-"uniform int paired;                   // 1: an invocation takes two at a time; 0: one, which its outputs tell of\n",
-"uniform bool no_light;                // nothing shines but lamps: rays merely tell where a sensor stands, and\n",
-"                                      // those of its first look do\n",
-"uniform float spread;                 // 1: the cosine's whole hemisphere; 0: all rays go along the normal\n",
-"uniform float distance_limit;         // what is farther off counts as so far off in the mean distance\n",
-"uniform vec3 sky;\n",
-"uniform float ray_offset;             // of a surface's distance_limit, that rays start off it\n",
+"// Traces a part of a look's rays over the hemisphere, whose directions have a cosine distribution, and sums them.\n",
+"// The outputs are those of reduce_blocks.glsl; out_hits.w is the variance of the luminance.\n",
+"uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each\n",
+"uniform int rays;                     // number of rays per look\n",
+"uniform int paired;                   // 1: an invocation traces pairs of rays; 0: single ones\n",
+"uniform bool no_light;                // true: rays cannot find light; only those of a site's first look are traced\n",
+"uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal\n",
+"uniform float distance_limit;         // upper limit for each distance in the mean distance\n",
+"uniform vec3 sky;                     // constant radiance of the sky\n",
+"uniform float ray_offset;             // offset of a second segment from its surface, see SBL__OFFSET\n",
 "SBL_OUT(0, out_sum);\n",
 "SBL_OUT(1, out_hits);\n",
 "#ifdef SBL_DIRECTIONAL\n",
 "SBL_OUT(2, out_red);\n",
 "SBL_OUT(3, out_green);\n",
 "SBL_OUT(4, out_blue);\n",
-"SBL_OUT(5, out_even);                 // of light that comes evenly from everywhere, what these rays miss\n",
+"SBL_OUT(5, out_even);                 // see sbl__blocks\n",
 "#endif\n",
 "\n",
-"const float SBL_NEIGHBOURS = 0.62;  // variance, as a share of what pairs tell: measured, 16 to 256 rays\n",
+"const float SBL_NEIGHBOURS = 0.62;  // variance divided by its estimate from pairs: measured with 16 to 256 rays\n",
 "\n",
-"// A surface nearer than its cell is wide is not lit as the cell is on average: there a ray goes on, once, by the\n",
-"// cosine; only what lamps send there is taken from the store.\n",
+"// Maximum number of segments of a ray. The mean light of a cell may differ much from the light at a hit that is\n",
+"// nearer than the cell's width. A second segment then finds bounced light; the store gives only light from lamps.\n",
 "#ifdef SBL_BOUNCED\n",
 "const int SBL_LEGS = 2;\n",
 "#else\n",
 "const int SBL_LEGS = 1;\n",
 "#endif\n",
 "\n",
-"// Radiance that a hit sends back. goes_on: another ray finds the light that arrives there, but for that of lamps.\n",
+"// Radiance that leaves a hit towards the ray's origin. goes_on: set to true if the ray needs a second segment,\n",
+"// which finds the light that the returned radiance lacks\n",
 "vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool last, out bool goes_on, out sbl_Material material) {\n",
 "    int object = int(sbl_triangle_object(hit.triangle));\n",
 "    sbl_Attributes at = SBL_PLAIN;\n",
@@ -10485,17 +10241,15 @@ static const char *const sbl__glsl_trace[] = {
 "    return radiance;\n",
 "}\n",
 "\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"// The mean reciprocal cosine of rays in the stratum of u that this one lies in. A look has one in each; near the\n",
-"// horizon a single one's own would be too large by far, or too small.\n",
+"// Mean reciprocal cosine of the rays in u's stratum, of which each look has one ray. Near the horizon the\n",
+"// reciprocal cosine of a single ray is far too noisy.\n",
 "float sbl_stratum_reciprocal(float u) {\n",
 "    float n = float(rays), k = n - floor(u * n);\n",
 "    return 2.0 * sqrt(n) / (sqrt(k) + sqrt(k - 1.0));\n",
 "}\n",
-"#endif\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
-"// Moves a ray to where it goes on from a hit. Returns what the light that it finds there counts.\n",
+"// Sets the origin and the direction of a ray's second segment. Returns the factor for the light that it finds.\n",
 "vec3 sbl_go_on(sbl_Hit hit, sbl_Material material, uint hash, inout vec3 position, inout vec3 direction) {\n",
 "    vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,\n",
 "         e2 = sbl_triangle_corner_2(hit.triangle) - p0, e3 = e2 - e1;\n",
@@ -10521,10 +10275,10 @@ static const char *const sbl__glsl_trace[] = {
 "\n",
 "    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);\n",
 "    float squares = 0.0, other = 0.0;\n",
-"    mat3x4 harmonics = mat3x4(0);\n",
+"    mat3x4 harmonics = mat3x4(0);  // if SBL_DIRECTIONAL, as `even`\n",
 "    vec4 even = vec4(0);\n",
 "    int part = within.y * blocks.x + within.x, parts = blocks.x * blocks.y;\n",
-"    // Rays go in pairs of neighbours along the curve: how far those differ tells the noise of stratified points.\n",
+"    // The variance is estimated from the differences between pairs of neighbours on the Morton curve.\n",
 "    for (int k = 0, i = part << paired; i < end;\n",
 "         k++, i = (part + (k >> paired) * parts << paired) + (k & paired)) {\n",
 "        vec3 before = sum.rgb;\n",
@@ -10558,11 +10312,9 @@ static const char *const sbl__glsl_trace[] = {
 "            if (max(share.r, max(share.g, share.b)) <= 0.0) break;\n",
 "#endif\n",
 "        }\n",
-"#ifdef SBL_DIRECTIONAL\n",
 "        vec4 counts = sbl_harmonics(way, frame[2], sbl_stratum_reciprocal(u.x));\n",
 "        harmonics += outerProduct(counts, sum.rgb - before);\n",
 "        even -= weight * counts;\n",
-"#endif\n",
 "        float light = dot(sum.rgb - before, SBL_LUMINANCE);\n",
 "        if ((k & 1) == 1) squares += (light - other) * (light - other);\n",
 "        other = light;\n",
@@ -10584,20 +10336,18 @@ static const sbl__recipe sbl__recipe_trace = {
     { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_store, sbl__glsl_carrier, sbl__glsl_traverse,
       sbl__glsl_sky, sbl__glsl_guide, sbl__glsl_trace },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
-      &sbl__look_words_record,
-      &sbl__cut_record, &sbl__leaf_record },
+      &sbl__look_words_record, &sbl__cut_record, &sbl__leaf_record },
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE | SBL__BOUNCED | SBL__GUIDED | SBL__DIRECTIONAL
 };
 
-/* Traces the rays of a batch, whose looks must be in b->table already. Each look's rays are distributed over
-   slots->blocks[0] * slots->blocks[1] invocations. stuck: 1: each look traces one ray only, along its normal; paired:
-   1: an invocation takes its rays in pairs, to measure the variance; 0: it takes them singly, so that with one
+/* Traces the rays of a batch, whose looks must be in b->table already. stuck: 1: each look traces one ray only, along
+   its normal; paired: 1: an invocation traces pairs of rays, to measure the variance; 0: single rays, so that with one
    invocation per ray each output texel belongs to one ray */
 static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl__batch *b, int stuck, int paired) {
-    const sbl_result result = sbl__use(d, &sbl__recipe_trace, sbl__batch_features(b));
+    const sbl_result result = sbl__use(d, &sbl__recipe_trace, sbl__features_of(b->scene, b->spec));
     if (result != SBL_SUCCESS) return result;
     sbl__rays_bind(d, b, &t->sequence, b->slots->blocks);
-    sbl__set_int(d, "rays", stuck ? 1 : t->rays);
+    sbl__set_int(d, "rays", stuck ? 1 : b->spec->rays);
     sbl__set_int(d, "paired", paired);
     sbl__set_int(d, "no_light", b->spec->no_light);
     sbl__set_int(d, "lamps_apart", b->spec->lamps_apart);
@@ -10616,20 +10366,18 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
 }
 
 /* ======================================================================================================== >>job
-   A job measures the light at a list of sites and writes one reading per site. A job does not know what its sites are
-   for, and the rooms that follow do not depend on whether the job traces rays or rasterises views. Pictures run jobs
-   for pixels; other front ends run jobs for vertices or for points in the air. Every caller uses the same short loop:
+   A job measures the light at a list of sites and writes one reading per site. The rooms that follow must not depend on
+   whether the job traces rays or rasterises views. Pictures run jobs for pixels; other front ends run jobs for vertices
+   or for points in the air. Every caller uses the same loop:
 
        sbl__job_begin(job, scene, task)                       the task names sites, readings and the sensors' settings
        while (sbl__job_step(device, job, slice) == SBL_UNFINISHED) ...
                                                               each step does one piece of bounded duration
 
-   A job keeps its GPU resources for the next job and makes new ones only if the task or the scene needs different
-   ones. After an error the job can begin again.
+   A job keeps its GPU resources until a task or a scene needs different ones. After an error the job can begin again.
 
-   A site's reading is the mean of the site's looks, each of which is rotated further or uses other rays. A job draws
-   looks into the slots until all slots are full, reduces each look to one texel of results, and fills the slots again.
-   The first round makes the sites' looks, the second round makes the stuck tests of sites that may be stuck:
+   A job draws looks until all slots are full, reduces each look to one texel of results, and fills the slots again. The
+   first round makes the sites' looks, the second round makes the stuck tests of sites that may be stuck:
 
        set up -> { draw -> aim rays at lamps -> reduce } ... -> read -> { draw -> reduce } ... -> read -> done
                  first round: looks                                     second round: stuck tests              */
@@ -10641,18 +10389,11 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
 #define SBL__SUSPECT_SHARE 0.02f   /* a site gets a stuck test if its first look sees a larger share of back faces */
 #define SBL__STUCK_SHARE 0.75f     /* a sensor is stuck if its stuck test hits at less than this share of its offset */
 #define SBL__FEW_RAYS 1.0f         /* noise of a harmonic divided by R, times the square root of a look's rays */
-#define SBL__TEXEL_NOISE 2.6f      /* relative noise of a look that rasterises views, times the views' size in texels;
-                                      measured with a lamp in a box */
+#define SBL__TEXEL_NOISE 2.6f      /* relative noise of rasterised looks times sbl__spec.size: measured, lamp in box */
 
-/* Results of all looks, in the first two textures: r g b of `sums` is the sum of weight * radiance, a is the weight of
-   the directions that see back faces; `hits` holds the weight of the directions that see surfaces, the sum of weight *
-   distance, the smallest distance, and the variance. The result of look n is at texel n % SBL__RESULTS_WIDTH,
-   n / SBL__RESULTS_WIDTH, and remains there until the next job. */
-typedef sbl__blocks sbl__results;
-
+/* What a job has to do. The caller must keep the arrays until the job is done. */
 typedef struct sbl__task {
     sbl__spec spec;
-    /* The caller must keep the arrays that these pointers name until the job is done. */
     const sbl__site *sites;
     sbl_reading *readings;      /* output: one reading per site */
     float *layers;              /* output of directional jobs: per site, 3 floats for each layer of light from layer 1
@@ -10676,34 +10417,35 @@ typedef struct sbl__job {
     sbl__task task;
     const sbl__scene *scene;
     sbl__job_counts counts;     /* sums over all jobs since the caller last cleared them */
-    int ready;                  /* 1: the resources below exist, for this spec and this version of the scene: */
+    int ready;                  /* 1: the resources below exist, for `made_for` and `made_for_scene` */
     sbl__spec made_for;
-    uint32_t made_for_scene;
+    uint32_t made_for_scene;    /* version of the scene */
     sbl__raster raster;
     sbl__trace trace;
     sbl__aim aim;
     sbl__blocks blocks;
-    sbl__results results[SBL__LENSES];
+    /* Results of all looks. `sums`: sum of weight * radiance; sum of the weights of directions that see back faces.
+       `hits`: sum of the weights of directions that see surfaces; sum of weight * distance; least distance; variance.
+       The result of look n stays at texel n % SBL__RESULTS_WIDTH, n / SBL__RESULTS_WIDTH until the next job. */
+    sbl__blocks results[SBL__LENSES];
     sbl__table table;           /* the looks of a batch, in the format that ray-tracing shaders read */
     sbl__look *looks;           /* the look in each slot */
     int look_most;              /* maximum number of looks per batch */
-    /* State of the current round. The first round makes the sites' looks, the second round makes the stuck tests. */
-    int lens;                   /* SBL__LENS_SITE: looks at sites; SBL__LENS_STUCK: stuck tests */
+    int lens;                   /* of the current round: SBL__LENS_SITE or SBL__LENS_STUCK */
     int *suspects;              /* indices of the sites that need a stuck test */
     int suspect_count, suspect_room;
     int look_count;             /* first_look plus the number of looks in the round */
-    int site, look;             /* index of the next site (or suspect) and of its look: while drawing the next one to
-                                   draw, while reading the next one to read */
+    int site, look;             /* index of the next site (or suspect), and of its look, to draw or to read */
     int drawn, aimed, reduced;  /* numbers of the looks at which the three stages continue */
     int batch;                  /* number of looks in the batch that is partly drawn; 0: no batch is partly drawn */
     int triangle;               /* index of the next triangle to draw for this batch */
-    sbl__pace draw_pace[SBL__LENSES], aim_pace, reduce_pace[SBL__LENSES];
+    struct { sbl__pace draw[SBL__LENSES], aim, reduce[SBL__LENSES]; } paces;
 } sbl__job;
 
 static void sbl__job_free(const sbl__device *d, sbl__job *j) {
     int i;
     sbl__raster_free(d, &j->raster);
-    sbl__trace_free(d, &j->trace);
+    sbl__table_delete(d, &j->trace.sequence);
     sbl__aim_free(d, &j->aim);
     sbl__blocks_free(d, &j->blocks);
     for (i = 0; i < SBL__LENSES; i++) sbl__blocks_free(d, &j->results[i]);
@@ -10715,8 +10457,8 @@ static void sbl__job_free(const sbl__device *d, sbl__job *j) {
 
 /* >>job: how sensors see */
 
-/* Derives the spec of a job from the host's options. `s` must hold its defaults and the chosen back end. Except in the
-   paper's mode, sbl__scene_step must have finished the scene. */
+/* Derives the spec of a job from the host's options, with defaults and the back end filled in. Except in the paper's
+   mode, sbl__scene_step must have finished the scene. */
 static void sbl__spec_make(sbl__spec *spec, const sbl__measurement *s, const sbl__scene *scene,
                            const sbl_context_desc *c) {
     const sbl__environment *e = &scene->environment;
@@ -10744,15 +10486,13 @@ static void sbl__spec_make(sbl__spec *spec, const sbl__measurement *s, const sbl
     }
 }
 
-/* Chooses the back end. SBL_BACKEND_AUTO applies a fixed rule instead of measuring times, so that the same input
-   always gives the same picture. */
+/* Chooses the back end. The rule does not measure time, so that the same input always gives the same picture. */
 static sbl_backend sbl__choose_backend(const sbl__measurement *s, const sbl__scene *scene) {
     const int views = s->options.mode == SBL_MODE_PAPER || s->sensor_kind == SBL_SENSOR_SINGLE || scene->draw;
     return s->options.backend != SBL_BACKEND_AUTO ? s->options.backend : views ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
 }
 
-/* Returns the distance of sensors from their surface, world units. reach: the triangle's distance from the origin plus
-   its size (see SBL__OFFSET); 0: unknown */
+/* Returns the distance of sensors from their surface, world units. reach: see SBL__OFFSET; 0: unknown */
 static float sbl__spec_offset(const sbl__spec *spec, const sbl__scene *scene, float reach) {
     return SBL__OFFSET * (spec->traced && reach > 0 ? reach : scene->geometry.extent);
 }
@@ -10760,8 +10500,8 @@ static float sbl__spec_offset(const sbl__spec *spec, const sbl__scene *scene, fl
 /* Number of layers of light that sensors find (see SBL__LAYERS) */
 static int sbl__spec_layers(const sbl__spec *spec) { return spec->directional ? SBL__LAYERS : 1; }
 
-/* Returns the noise of layers 1 to 4 as a share of R, for a look whose R is free of noise. Rays near the horizon count
-   most in harmonics, and a look has only a few of them. */
+/* Returns the noise of layers 1 to 4 as a share of R, for a look whose R has no noise. It is due to the few rays near
+   the horizon, which have the largest weights in harmonics. */
 static float sbl__spec_layer_noise(const sbl__spec *spec) {
     return spec->no_light || !spec->traced ? 0 : SBL__FEW_RAYS / (float)sqrt((double)spec->rays);
 }
@@ -10774,19 +10514,19 @@ static void sbl__spec_sheet(const sbl__spec *spec, int size[2]) {
     size[1] = spec->traced ? 1 : layout.sheet_height;
 }
 
-/* Returns 1 if sensors trace rays. Then a look may trace as few rays as the caller wants, and the caller may request
-   rays towards lamps and rays over the hemisphere separately. */
+/* Returns 1 if sensors trace rays. The caller may then choose their number per look, and whether a job traces rays
+   towards lamps, rays over the hemisphere, or both. */
 static int sbl__measurement_sends_rays(const sbl__measurement *s) { return s->options.backend == SBL_BACKEND_TRACE; }
 
-/* Number of rays per look if each sensor makes as many looks as the requested error needs. The number suits a sensor
-   whose reading covers a small area; other sensors make more looks. */
+/* Number of rays per look for a requested error. It suits sensors whose readings cover a small area; other sensors make
+   more looks. */
 static int sbl__look_rays(float error) {
     return error >= 0.06f ? 16 : error >= 0.015f ? 32 : error >= 0.004f ? 64 : 128;
 }
 
-/* Returns the factor, a power of two, by which sbl__look_rays must grow for looks of this relative variance; 1 if looks
-   cannot have more rays. If light is rare, most looks of few rays find none, so that sensors underestimate their own
-   noise, and the picture's cells are split because of noise. */
+/* Returns the factor, a power of two, by which the rays of a look must grow for looks of this relative variance. If
+   light is rare, most looks of few rays find none. Sensors then underestimate their noise, and refinement divides tiles
+   because of noise. */
 static int sbl__look_growth(const sbl__measurement *s, float error, double variance) {
     int times = 1;
     if (s->options.rays || !sbl__measurement_sends_rays(s)) return 1;
@@ -10795,13 +10535,13 @@ static int sbl__look_growth(const sbl__measurement *s, float error, double varia
     return times;
 }
 
+/* Returns 1 if both need the same resources. sbl__spec has no padding: all its fields have 4 bytes. */
 static int sbl__spec_equal(const sbl__spec *a, const sbl__spec *b) {
-    return a->traced == b->traced && a->paper == b->paper && a->hemicube == b->hemicube && a->size == b->size &&
-           a->fov == b->fov && a->rays == b->rays && a->lamp_rays == b->lamp_rays && a->lamps_apart == b->lamps_apart &&
-           a->bounced == b->bounced && a->without_sky == b->without_sky && a->no_light == b->no_light &&
-           a->looks == b->looks &&
-           a->one_ray == b->one_ray && a->directional == b->directional &&
-           a->epsilon == b->epsilon && a->view_texture_size == b->view_texture_size && a->batch == b->batch;
+    sbl__spec c = *b;
+    c.seed = a->seed;
+    c.guided = a->guided;
+    c.distance_limit = a->distance_limit;
+    return !memcmp(a, &c, sizeof c);
 }
 
 /* >>job: setting up */
@@ -10810,7 +10550,7 @@ static const sbl__slots *sbl__lens_slots(const sbl__job *j, int lens) {
     return j->task.spec.traced ? &j->trace.slots[lens] : &j->raster.lenses[lens].slots;
 }
 
-/* The slots that the current round uses */
+/* Slots of the current round */
 static const sbl__slots *sbl__job_slots(const sbl__job *j) { return sbl__lens_slots(j, j->lens); }
 
 /* Factor of all radiance in the job's textures */
@@ -10839,13 +10579,11 @@ static sbl_result sbl__job_setup(void *work, sbl__slice *slice) {
     sbl__free(d->base, j->looks);
     j->looks = (sbl__look *)sbl__alloc_raw(d->base, (size_t)room, sizeof *j->looks);
     j->look_most = spec->batch > 0 ? spec->batch : room;
-    memset(j->draw_pace, 0, sizeof j->draw_pace);
-    memset(&j->aim_pace, 0, sizeof j->aim_pace);
-    memset(j->reduce_pace, 0, sizeof j->reduce_pace);
+    memset(&j->paces, 0, sizeof j->paces);
     return j->looks ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Computes the weights of the views of looks and of stuck tests. Afterwards all resources exist. */
+/* Computes the weights of views. Afterwards all resources exist. */
 static sbl_result sbl__job_weigh(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     for (; j->lens < SBL__LENSES && !j->task.spec.traced; j->lens++) {
@@ -10861,28 +10599,26 @@ static sbl_result sbl__job_weigh(void *work, sbl__slice *slice) {
 
 /* >>glsl reduce_sum: shaders_embedded/reduce_sum.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_reduce_sum[] = {
-"// Second half, and the only one of a traced sensor: every output texel adds up the blocks of one sensor and is its\n",
-"// result.\n",
-"uniform sampler2D block_sums, block_hits;\n",
-"uniform ivec2 blocks;  // of one sheet\n",
-"uniform int columns;   // sheets across the atlas\n",
-"uniform int slots;     // sheets in the atlas\n",
-"uniform int width;     // of the results' texture\n",
-"uniform int first, last;\n",
-"uniform sampler2D lights;  // parts texels a sensor, one below the other, whose mean comes on top: light; its\n",
-"                           // variance\n",
-"uniform int parts;         // 0: there are none\n",
-"layout(location = 0) out vec4 out_sum;\n",
-"layout(location = 1) out vec4 out_hits;  // w: the variance of its luminance, where rays sampled it\n",
-"#ifdef SBL_DIRECTIONAL\n",
+"// Second step of the sum over views, and only step of the sum over rays: each output texel is a look's result.\n",
+"uniform sampler2D block_sums, block_hits;  // partial sums\n",
+"uniform ivec2 blocks;          // width and height of a look's slot in them, texels\n",
+"uniform int columns, slots;    // number of slots in a row, and of all slots\n",
+"uniform int width;             // width of the outputs\n",
+"uniform int first, last;       // numbers of the looks to compute\n",
+"uniform sampler2D lights;      // outputs of lamps.glsl, of which the mean over the parts of a look is added\n",
+"uniform int parts;             // number of parts, one below the other; 0: no light from lamps\n",
+"layout(location = 0) out vec4 out_sum;   // see reduce_blocks.glsl\n",
+"layout(location = 1) out vec4 out_hits;  // w: variance of the luminance, if rays sampled it\n",
 "uniform sampler2D block_red, block_green, block_blue, lights_red, lights_green, lights_blue;  // harmonics\n",
-"uniform sampler2D block_even;            // what a sensor's rays miss of those of even light, and so, about, of any\n",
-"uniform bool even;                       // there is that\n",
+"uniform sampler2D block_even;  // error of the harmonics of radiance 1 from everywhere, see sbl__blocks\n",
+"uniform bool even;             // true: correct the harmonics by it\n",
+"#ifdef SBL_DIRECTIONAL\n",
 "layout(location = 2) out vec4 out_red;\n",
 "layout(location = 3) out vec4 out_green;\n",
 "layout(location = 4) out vec4 out_blue;\n",
+"#endif\n",
 "\n",
-"// A sensor's sum of one of them.\n",
+"// Sum of a look's harmonics of one colour, from partial sums and from lamps.\n",
 "vec4 sbl_sum(sampler2D block_harmonics, ivec2 corner, sampler2D light_harmonics, ivec2 light_corner) {\n",
 "    vec4 sum = vec4(0);\n",
 "    for (int i = 0; i < blocks.x * blocks.y; i++)\n",
@@ -10891,13 +10627,12 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "        sum += texelFetch(light_harmonics, light_corner + ivec2(0, i), 0) / float(parts);\n",
 "    return sum;\n",
 "}\n",
-"#endif\n",
 "\n",
 "void main() {\n",
 "    int sensor = int(gl_FragCoord.y) * width + int(gl_FragCoord.x);\n",
 "    if (sensor < first || sensor > last) discard;\n",
-"    int slot = sensor % slots;\n",
-"    ivec2 corner = ivec2(slot % columns, slot / columns) * blocks;\n",
+"    ivec2 slot = ivec2(sensor % slots % columns, sensor % slots / columns);\n",
+"    ivec2 corner = slot * blocks, light_corner = slot * ivec2(1, parts);\n",
 "    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0), missed = vec4(0);\n",
 "    for (int y = 0; y < blocks.y; y++) {\n",
 "        vec4 row = vec4(0), row_hits = vec4(0);\n",
@@ -10907,23 +10642,19 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "            row_hits += h;\n",
 "            hits.z = min(hits.z, h.z);\n",
 "        }\n",
-"#ifdef SBL_DIRECTIONAL\n",
 "        for (int x = 0; x < blocks.x && even; x++) missed += texelFetch(block_even, corner + ivec2(x, y), 0);\n",
-"#endif\n",
 "        sum += row;\n",
 "        hits.xyw += row_hits.xyw;\n",
 "    }\n",
 "    vec3 rays_light = sum.rgb;\n",
 "    for (int i = 0; i < parts; i++) {\n",
-"        ivec2 at = ivec2(slot % columns, slot / columns * parts + i);\n",
-"        vec4 light = texelFetch(lights, at, 0) / float(parts);\n",
+"        vec4 light = texelFetch(lights, light_corner + ivec2(0, i), 0) / float(parts);\n",
 "        sum.rgb += light.rgb;\n",
 "        hits.w += light.a / float(parts);\n",
 "    }\n",
 "    out_sum = sum;\n",
 "    out_hits = hits;\n",
 "#ifdef SBL_DIRECTIONAL\n",
-"    ivec2 light_corner = ivec2(slot % columns, slot / columns * parts);\n",
 "    out_red = sbl_sum(block_red, corner, lights_red, light_corner) + rays_light.r * missed;\n",
 "    out_green = sbl_sum(block_green, corner, lights_green, light_corner) + rays_light.g * missed;\n",
 "    out_blue = sbl_sum(block_blue, corner, lights_blue, light_corner) + rays_light.b * missed;\n",
@@ -10942,7 +10673,7 @@ static const sbl__recipe sbl__recipe_reduce_sum = {
 static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
     const sbl__device *d = j->device;
     const int most = d->gl.capabilities.max_texture_size, directional = j->task.spec.directional;
-    const sbl__results *results = &j->results[lens];
+    const sbl__blocks *results = &j->results[lens];
     double looks = 0;
     int i, rows;
     j->lens = lens;
@@ -10962,34 +10693,32 @@ static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
     return sbl__blocks_make(d, &j->results[lens], directional ? 5 : 2, SBL__RESULTS_WIDTH, rows);
 }
 
-/* Compiles one of the shader programs that the job needs. If all of them exist, starts the round of the sites' looks
-   and returns SBL_SUCCESS. */
+/* Compiles one of the shader programs that the job needs. If all exist, starts the round of the sites' looks. */
 static sbl_result sbl__job_compile(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
     const sbl__spec *spec = &j->task.spec;
-    const unsigned features = sbl__features_of(j->scene, spec);
-    const struct { const sbl__recipe *recipe; int needed; unsigned features; } programs[] = {
-        { &sbl__recipe_trace, spec->traced, features },
-        { &sbl__recipe_sensor, !spec->traced, features },
-        { &sbl__recipe_sky, !spec->traced && j->scene->environment.pixels && !spec->paper, features },
-        { &sbl__recipe_lamps, spec->lamp_rays > 0, sbl__aim_features(j->scene, spec) },
-        { &sbl__recipe_reduce_blocks, !spec->traced, features },
-        { &sbl__recipe_reduce_sum, 1, features }
+    const unsigned features = sbl__aim_features(j->scene, spec);
+    const struct { const sbl__recipe *recipe; int needed; } programs[] = {
+        { &sbl__recipe_trace, spec->traced },
+        { &sbl__recipe_sensor, !spec->traced },
+        { &sbl__recipe_sky, !spec->traced && j->scene->environment.pixels && !spec->paper },
+        { &sbl__recipe_lamps, spec->lamp_rays > 0 },
+        { &sbl__recipe_reduce_blocks, !spec->traced },
+        { &sbl__recipe_reduce_sum, 1 }
     };
     int i;
     (void)slice;
     for (i = 0; i < SBL__COUNT(programs); i++) {
         sbl_result result;
-        if (!programs[i].needed || sbl__program_find(d, programs[i].recipe, programs[i].features)) continue;
-        result = sbl__program_need(d, programs[i].recipe, programs[i].features);
+        if (!programs[i].needed || sbl__program_find(d, programs[i].recipe, features)) continue;
+        result = sbl__program_need(d, programs[i].recipe, features);
         return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
     }
     return sbl__job_start_round(j, SBL__LENS_SITE);
 }
 
-/* Makes the next look of the round. A stuck test starts at the position of the site's first look and faces the
-   surface. */
+/* Makes the next look of the round. A stuck test looks from the position of the site's first look at the surface. */
 static void sbl__job_next_look(sbl__job *j, int number, sbl__look *out) {
     const int stuck = j->lens == SBL__LENS_STUCK;
     const sbl__site *site = &j->task.sites[stuck ? j->suspects[j->site] : j->site];
@@ -11016,8 +10745,8 @@ static void sbl__job_batch(const sbl__job *j, int first, int count, sbl__batch *
     out->count = count;
 }
 
-/* Draws `room` looks, or fewer if the slots or the round end before. If `room` is less than the batch, views get only
-   a part of the scene's triangles, and the next call continues. units: receives the work done, in looks */
+/* Draws `room` looks, or fewer if the slots or the round end before. If `room` is less than a batch, draws only a part
+   of the scene's triangles to its views, and the next call continues. units: receives the work done, in looks */
 static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     sbl__device *d = j->device;
     const sbl__spec *spec = &j->task.spec;
@@ -11052,9 +10781,9 @@ static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     return SBL_SUCCESS;
 }
 
-/* Does one piece of drawing. If the slice is long enough, the piece consists of several submissions of views without
-   waiting in between: a software renderer prepares one while it draws another, which saves a quarter of the time at
-   2,000 triangles. */
+/* Does one piece of drawing: one submission of rays, or several submissions of views without waiting in between, if the
+   slice is long enough. A software renderer prepares one submission while it draws another, which saves a quarter of
+   the time at 2,000 triangles. */
 static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
@@ -11071,29 +10800,26 @@ static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
         result = sbl__gl_check(&d->gl);
         return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
     }
-    room = sbl__pace_begin(&j->draw_pace[j->lens], slice, SBL__LOOKS_FIRST, 1e-6);
+    room = sbl__pace_begin(&j->paces.draw[j->lens], slice, SBL__LOOKS_FIRST, 1e-6);
     for (i = 0; i < most && !full && result == SBL_SUCCESS; i++) {
         if (i) sbl__submit(d);
         result = sbl__job_submit(j, room, &units);
         all += units;
         full = j->drawn > first && (j->drawn == j->look_count || j->drawn % slots == 0);
     }
-    if (result == SBL_SUCCESS) sbl__pace_end(d, &j->draw_pace[j->lens], all);
+    if (result == SBL_SUCCESS) sbl__pace_end(d, &j->paces.draw[j->lens], all);
     if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
     return result == SBL_SUCCESS && !full ? SBL_UNFINISHED : result;
 }
 
-static int sbl__job_after_draw(void *work) {
-    const sbl__job *j = (const sbl__job *)work;
-    return j->task.spec.lamp_rays && j->lens == SBL__LENS_SITE ? SBL__JOB_AIM : SBL__JOB_REDUCE;
-}
+/* Returns 1 if the looks of the current round trace rays towards lamps. */
+static int sbl__job_aims(const sbl__job *j) { return j->task.spec.lamp_rays && j->lens == SBL__LENS_SITE; }
 
-/* Traces rays towards lamps for some of the looks in the slots. This stage follows the drawing of views, because
-   geometry that the host draws exists only in views and may hide a lamp. */
+/* Traces rays towards lamps for some of the looks in the slots, after their views are drawn (see sbl__raster_bind). */
 static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
-    const double pace = sbl__pace_begin(&j->aim_pace, slice, SBL__LOOKS_FIRST, 1);
+    const double pace = sbl__pace_begin(&j->paces.aim, slice, SBL__LOOKS_FIRST, 1);
     const double room = SBL__MIN(sbl__whole_lots(d, pace, j->aim.parts), (double)j->look_most);
     const int count = (int)SBL__MIN(room, (double)(j->drawn - j->aimed)), blocks[2] = { 1, j->aim.parts };
     const unsigned features = sbl__aim_features(j->scene, &j->task.spec);
@@ -11107,7 +10833,7 @@ static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     sbl__aim_bind(d, &j->aim, &b, blocks, sbl__job_scale(j));
     if (features & SBL__VIEWS) sbl__raster_bind(d, &j->raster, j->scene->geometry.extent);
     sbl__rays_send(d, &b, &j->aim.target, blocks);
-    sbl__pace_end(d, &j->aim_pace, sbl__whole_lots(d, count, j->aim.parts));
+    sbl__pace_end(d, &j->paces.aim, sbl__whole_lots(d, count, j->aim.parts));
     j->aimed += count;
     result = sbl__gl_check(&d->gl);
     return result == SBL_SUCCESS && j->aimed < j->drawn ? SBL_UNFINISHED : result;
@@ -11117,8 +10843,8 @@ static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
 static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
     sbl__device *d = j->device;
     const sbl__slots *slots = sbl__job_slots(j);
-    const sbl__results *out = &j->results[j->lens];
-    const int directional = j->task.spec.directional, aimed = j->task.spec.lamp_rays && j->lens == SBL__LENS_SITE;
+    const sbl__blocks *out = &j->results[j->lens];
+    const int directional = j->task.spec.directional, aimed = sbl__job_aims(j);
     const int row = first / SBL__RESULTS_WIDTH, rows = last / SBL__RESULTS_WIDTH - row + 1;
     static const char *const blocks[3] = { "block_red", "block_green", "block_blue" };
     static const char *const lights[3] = { "lights_red", "lights_green", "lights_blue" };
@@ -11128,11 +10854,11 @@ static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
     sbl__pass_rows(d, &out->target, row, rows);
     for (k = 0; k < 3 && directional; k++) {
         sbl__bind(d, blocks[k], &j->blocks.harmonics[k]);
-        sbl__bind(d, lights[k], aimed ? &j->aim.harmonics[k] : &j->blocks.harmonics[k]);
+        sbl__bind(d, lights[k], aimed ? &j->aim.lights[1 + k] : &j->blocks.harmonics[k]);
     }
     sbl__bind(d, "block_sums", &j->blocks.sums);
     sbl__bind(d, "block_hits", &j->blocks.hits);
-    sbl__bind(d, "lights", aimed ? &j->aim.light : &j->blocks.sums);
+    sbl__bind(d, "lights", aimed ? &j->aim.lights[0] : &j->blocks.sums);
     sbl__set_int(d, "parts", aimed ? j->aim.parts : 0);
     if (directional) sbl__bind(d, "block_even", j->task.spec.traced ? &j->blocks.even : &j->blocks.sums);
     sbl__set_int(d, "even", j->task.spec.traced);
@@ -11152,29 +10878,22 @@ static sbl_result sbl__job_reduce(void *work, sbl__slice *slice) {
     sbl__device *d = j->device;
     const sbl__slots *slots = sbl__job_slots(j);
     const int slot = j->reduced % slots->count, skip = slot % slots->columns, row = slot / slots->columns;
-    const double room = sbl__pace_begin(&j->reduce_pace[j->lens], slice, SBL__LOOKS_FIRST, 1);
+    const double room = sbl__pace_begin(&j->paces.reduce[j->lens], slice, SBL__LOOKS_FIRST, 1);
     const int most = (int)SBL__MIN(room / slots->columns + 1, (double)INT_MAX / slots->columns - 1) * slots->columns;
     const int count = SBL__MIN(j->drawn - j->reduced, most - skip), rows = (skip + count - 1) / slots->columns + 1;
-    const int area[2] = { row, rows }, turned = !j->task.spec.traced && j->task.spec.directional;
+    const int area[2] = { row, rows }, directional = !j->task.spec.traced && j->task.spec.directional;
     sbl_result result = SBL_SUCCESS;
     d->gl.doing = "adding up sensors";
-    if (turned)
+    if (directional)
         result = sbl__looks_send(d, &j->table, j->looks, (j->drawn - 1) % slots->count + 1, slots->count);
     if (!j->task.spec.traced && result == SBL_SUCCESS)
         result = sbl__raster_reduce(d, &j->raster, &j->raster.lenses[j->lens], &j->blocks,
-                                    turned ? &j->table : NULL, area);
+                                    directional ? &j->table : NULL, area);
     if (result == SBL_SUCCESS) result = sbl__job_sum(j, j->reduced, j->reduced + count - 1);
-    sbl__pace_end(d, &j->reduce_pace[j->lens], rows * slots->columns);
+    sbl__pace_end(d, &j->paces.reduce[j->lens], rows * slots->columns);
     if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
     j->reduced += count;
     return result == SBL_SUCCESS && j->reduced < j->drawn ? SBL_UNFINISHED : result;
-}
-
-static int sbl__job_after_reduce(void *work) {
-    sbl__job *j = (sbl__job *)work;
-    if (j->drawn < j->look_count) return SBL__JOB_DRAW;
-    j->site = j->look = 0;
-    return SBL__JOB_READ;
 }
 
 /* >>job: reading */
@@ -11182,8 +10901,7 @@ static int sbl__job_after_reduce(void *work) {
 /* Share of back faces among the surfaces that a look sees, by weight */
 static float sbl__back_share(const float sum[4], const float hits[4]) { return hits[0] > 0 ? sum[3] / hits[0] : 0; }
 
-/* Returns 1 if all numbers are finite. Shader arithmetic may overflow in scenes of extreme sizes (see sbl__scene_warn);
-   the sensor's reading is then invalid. */
+/* Returns 1 if all numbers are finite. In scenes of extreme sizes they may not be (see sbl__scene_warn). */
 static int sbl__reading_is_finite(const sbl_reading *r) {
     return sbl__all_finite(r->radiance, 3) && sbl__finite(&r->noise) && sbl__finite(&r->hit_share) &&
            sbl__finite(&r->back_share) && sbl__finite(&r->hit_mean) && sbl__finite(&r->hit_min);
@@ -11229,13 +10947,12 @@ static void sbl__job_take(sbl__job *j, const float *const found[5]) {
     j->site++;
 }
 
-/* Evaluates the result of the round's next look. found: the look's texel of each texture of results, see sbl__results
+/* Evaluates the result of the round's next look. found: the look's texel of each texture of results
 
-   A sensor is stuck if the offset from its surface moved it through another surface: the sensor is then inside a body,
-   although the visible point is outside. A look's share of back faces cannot decide this: whole rooms are modelled
-   inside out, and an emitter inside a body may hide the body's walls. A site whose first look sees more back faces
-   than SBL__SUSPECT_SHARE therefore gets a stuck test, which looks from the sensor back to its surface. The sensor is
-   stuck, and its reading invalid, if the stuck test sees something nearer than this surface. */
+   A sensor is stuck if the offset moved it through another surface into a body. A look's share of back faces cannot
+   decide this: whole rooms are modelled inside out, and an emitter inside a body may hide the body's walls. A site
+   whose first look sees more back faces than SBL__SUSPECT_SHARE therefore gets a stuck test, which looks from the
+   sensor back to its surface. If it sees something nearer, the site's reading becomes invalid. */
 static sbl_result sbl__job_judge(sbl__job *j, const float *const found[5]) {
     const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent, *hits = found[1];
     const int back = j->lens == SBL__LENS_STUCK, site = back ? j->suspects[j->site++] : j->site;
@@ -11262,21 +10979,19 @@ static void sbl__job_count(sbl__job *j) {
     int i;
     if (j->lens == SBL__LENS_STUCK) return;
     j->counts.looks += looks;
-    if (spec->no_light) {
-        for (i = 0; i < j->task.site_count; i++) j->counts.rays += j->task.sites[i].first ? 0 : spec->rays;
-    } else if (spec->traced) j->counts.rays += (int64_t)looks * spec->rays;
-    else {
-        j->counts.views += (int64_t)looks * l->view_count;
-        j->counts.texels += (int64_t)looks * l->sheet_width * l->sheet_height;
-    }
+    for (i = 0; i < j->task.site_count && spec->traced; i++)
+        j->counts.rays += (int64_t)spec->rays * (spec->no_light ? !j->task.sites[i].first : j->task.sites[i].looks);
+    if (spec->traced) return;
+    j->counts.views += (int64_t)looks * l->view_count;
+    j->counts.texels += (int64_t)looks * l->sheet_width * l->sheet_height;
 }
 
-/* Reads back SBL__READ_ROWS rows of results and evaluates their looks. After the last row of the sites' looks, starts
-   the round of stuck tests if there are suspects. */
+/* Reads back SBL__READ_ROWS rows of results and evaluates their looks. If the sites' looks are done and some sites are
+   suspects, starts the round of stuck tests. */
 static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     const sbl__device *d = j->device;
-    const sbl__results *from = &j->results[j->lens];
+    const sbl__blocks *from = &j->results[j->lens];
     const int first = j->lens == SBL__LENS_SITE ? j->task.first_look : 0;
     const int end = (j->look_count + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH;
     const int row = first / SBL__RESULTS_WIDTH + j->stages.at;
@@ -11286,6 +11001,7 @@ static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
     sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
     int i, k;
     (void)slice;
+    if (j->stages.at == 0) j->site = j->look = 0;
     j->device->gl.doing = "reading sensors";
     for (k = 0; k < parts && result == SBL_SUCCESS; k++)
         result = sbl__target_read(d, &from->target, k, row, rows, data + 4 * (size_t)count * (size_t)k);
@@ -11303,9 +11019,12 @@ static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
     return j->lens == SBL__LENS_SITE && j->suspect_count ? sbl__job_start_round(j, SBL__LENS_STUCK) : SBL_SUCCESS;
 }
 
-static int sbl__job_after_read(void *work) {
+/* Returns the stage that follows drawing, reducing or reading. */
+static int sbl__job_next(void *work) {
     const sbl__job *j = (const sbl__job *)work;
-    return j->drawn < j->look_count ? SBL__JOB_DRAW : SBL__JOB_DONE;
+    if (j->stages.stage == SBL__JOB_DRAW) return sbl__job_aims(j) ? SBL__JOB_AIM : SBL__JOB_REDUCE;
+    if (j->drawn < j->look_count) return SBL__JOB_DRAW;
+    return j->stages.stage == SBL__JOB_REDUCE ? SBL__JOB_READ : SBL__JOB_DONE;
 }
 
 /* >>job: beginning and stepping */
@@ -11320,17 +11039,17 @@ static void sbl__job_begin(sbl__job *j, const sbl__scene *scene, const sbl__task
     j->stages.at = 0;
 }
 
-/* Does one piece of bounded duration. SBL_SUCCESS: all readings are written. After an error the job can begin again. */
+/* Does one piece of bounded duration. Returns SBL_SUCCESS when all readings are written. */
 static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, NULL, NULL },
         { sbl__job_setup, NULL, NULL, NULL },
         { sbl__job_weigh, NULL, NULL, NULL },
         { sbl__job_compile, NULL, NULL, NULL },
-        { sbl__job_draw, sbl__job_after_draw, NULL, NULL },
+        { sbl__job_draw, sbl__job_next, NULL, NULL },
         { sbl__job_aim, NULL, NULL, NULL },
-        { sbl__job_reduce, sbl__job_after_reduce, NULL, NULL },
-        { sbl__job_read, sbl__job_after_read, NULL, NULL }
+        { sbl__job_reduce, sbl__job_next, NULL, NULL },
+        { sbl__job_read, sbl__job_next, NULL, NULL }
     };
     sbl_result result;
     j->device = d;
@@ -11341,7 +11060,7 @@ static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) 
     return result;
 }
 
-/* Share of the job that is done, 0 to 1. The share ignores stuck tests, because they are only a small part. */
+/* Share of the job that is done, 0 to 1, without its few stuck tests */
 static float sbl__job_progress(const sbl__job *j) {
     const int looks = j->look_count - j->task.first_look;
     if (j->stages.stage == SBL__JOB_DONE || j->lens == SBL__LENS_STUCK) return 1;
@@ -11358,7 +11077,7 @@ typedef struct sbl__core {
     int has_scene;
     sbl__job job;
     struct sbl__bounce *bounce; /* state of filling the store of bounced light; NULL: the store is not being filled */
-    sbl_stats stats;            /* statistics of the picture or gather that was begun last */
+    sbl_stats stats;            /* statistics of the work that was begun last */
 } sbl__core;
 
 /* Copies the job's counts to the statistics that the host reads. */
@@ -11371,7 +11090,7 @@ static void sbl__core_count(sbl__core *c) {
     c->job.counts.readbacks = 0;
 }
 
-/* Clears the statistics when a picture or a gather begins, except for the time spent on the scene. */
+/* Clears the statistics when work begins, except for the time spent on the scene. */
 static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
     const double scene_seconds = c->stats.seconds.scene;
     memset(&c->stats, 0, sizeof c->stats);
@@ -11399,40 +11118,38 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
    hit cut the cell. Contact rays miss much in corners and narrow cells; therefore an object that a contact ray hits on
    a flat surface cuts all cells along its contact line. */
 
-/* A fill is a number of leaves divided by the largest allowed number, sbl__store.most. */
+/* A fill is a number of leaves divided by the largest allowed number, sbl__store.max_leaves. */
 #define SBL__FILL_AIM 0.35         /* fill for which the first size of cells is chosen */
-#define SBL__FILL_FIRST 0.3        /* cells become larger if the rays of surface samples alone fill more than this */
+#define SBL__FILL_FIRST 0.3        /* cells become larger if hits of samples' rays alone fill more than this */
 #define SBL__FILL_FIRST_POWER 2.4  /* measured: growth of the cells' area by x^2.4 divides the number of leaves by x */
 #define SBL__FILL_LEAST 0.12       /* cells become smaller if they fill less than this */
 #define SBL__FILL_WIDER 0.6        /* from this fill on, new leaves belong to wider cells */
 #define SBL__FILL_WIDEST 0.8       /* from this fill on, new leaves belong to the widest cells */
-#define SBL__BOUNCE_GROWTH 1.5     /* least and largest growth of cells' area when the leaves do not suffice */
-#define SBL__BOUNCE_GROWTH_MOST 2.0
-#define SBL__BOUNCE_SHRINK_MOST 0.03  /* least factor of the cells' area when cells become smaller */
-#define SBL__BOUNCE_POOL 16.0      /* limit of the growth of the area below which patches are pooled; beyond it, meshes
-                                      outnumber leaves, and places without room stay dark */
-/* least number of surface samples per area of a cell of level 0: 8 in the area of a widest cell */
+#define SBL__BOUNCE_GROWTH 1.5     /* least factor by which the cells' area grows if leaves do not suffice */
+#define SBL__BOUNCE_GROWTH_MOST 2.0  /* largest factor by which the cells' area grows if leaves do not suffice */
+#define SBL__BOUNCE_SHRINK_MOST 0.03  /* least factor by which the cells' area shrinks if leaves are left over */
+#define SBL__BOUNCE_POOL 16.0      /* largest sbl__patching.pool; above it, places without a leaf stay dark */
+/* least number of surface samples per area of a cell of level 0; the widest cells have 8 samples */
 #define SBL__BOUNCE_SAMPLES_LEAST (8.0 / (1 << 2 * SBL__LEVEL_SHIFT * (SBL__LEVELS - 1)))
 #define SBL__BOUNCE_SAMPLE_RAYS 4
 #define SBL__BOUNCE_POINTS 4       /* points of a leaf */
 #define SBL__BOUNCE_RAYS 16        /* rays of a point */
 #define SBL__BOUNCE_SEQUENCES 4    /* sequences of ray directions, which the points of a leaf use in turn */
 #define SBL__BOUNCE_LAMP_RAYS 8
-#define SBL__BOUNCE_STUCK_RAYS 4   /* rays of a point over the hemisphere in the job, for its stuck test only */
+#define SBL__BOUNCE_STUCK_RAYS 4   /* rays of a point's stuck test */
 #define SBL__BOUNCE_CONTACTS 8     /* contact rays of a leaf */
 #define SBL__CONTACT_STEEP 0.7     /* largest cosine between the normals of a surface and of a plane that cuts it */
-#define SBL__CONTACT_APART 1e-3    /* in lengths of a cell: planes nearer to each other than this count as one */
-#define SBL__CONTACT_LEAST 0.25    /* in lengths of a cell: shorter contact lines cut the leaf of the ray only */
+#define SBL__CONTACT_APART 1e-3    /* least distance between two planes that cut a cell, in lengths of a cell */
+#define SBL__CONTACT_LEAST 0.25    /* least length of a contact line, in lengths of a cell */
 #define SBL__CONTACT_CACHE 1024    /* size of the hash table of contact lines that have cut their cells recently */
 #define SBL__BOUNCE_BRIGHT 3.0     /* a warning is due when all light exceeds this multiple of the direct light */
 #define SBL__BOUNCE_SCALED 4       /* number of first rounds whose light is scaled, see sbl__bounce_after_gather */
 #define SBL__BOUNCE_ROUNDS 200     /* largest number of rounds */
 #define SBL__BOUNCE_TOLERANCE 2e-4 /* share of the light that may be missing at the end */
 #define SBL__UNCERTAINTY_ROUNDS 6
-#define SBL__UNCERTAINTY_STRATA 0.35  /* measured share of the differences among a leaf's points that is error of the
-                                      leaf: points and rays come from low-discrepancy sequences, and neighbouring
-                                      leaves compensate each other's errors */
-#define SBL__UNCERTAINTY_MOST 0.12 /* limit before that factor; a few rays that all hit one leaf exaggerate it */
+#define SBL__UNCERTAINTY_STRATA 0.35  /* measured: true error / error estimated from points; below 1, since rays have
+                                      low discrepancy, and errors of neighbouring leaves compensate each other */
+#define SBL__UNCERTAINTY_MOST 0.12 /* largest estimated error; few rays that all hit one leaf exaggerate it */
 #define SBL__BOUNCE_TIME 0.35f     /* approximate share of a picture's time that filling the store takes */
 #define SBL__AIR_SITES 54          /* six sites at each of nine places */
 #define SBL__AIR_RAYS 512
@@ -11458,26 +11175,25 @@ typedef struct sbl__hits { sbl__hit *list; int count, room; } sbl__hits;
 
 typedef struct sbl__bounce_point { sbl__hit at; int leaf, number; /* index in its leaf */ } sbl__bounce_point;
 
-/* State of a leaf while the store is filled. points: their number; first: index of the first point; valid: number of
-   points with a valid reading. */
+/* A leaf while the store is filled. points: number of points; first: index of the first; valid: valid readings */
 typedef struct sbl__bounce_leaf { int points, first, valid; } sbl__bounce_leaf;
 
-typedef enum sbl__bounce_stage {
+enum {
     SBL__BOUNCE_PATCHES, SBL__BOUNCE_GRID, SBL__BOUNCE_SAMPLE, SBL__BOUNCE_CAST_SAMPLES, SBL__BOUNCE_PLACE,
     SBL__BOUNCE_CAST_CONTACTS, SBL__BOUNCE_CUT, SBL__BOUNCE_CAST_POINTS, SBL__BOUNCE_RELOCATE, SBL__BOUNCE_ORDER,
     SBL__BOUNCE_SORT, SBL__BOUNCE_LINK, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_DIRECT, SBL__BOUNCE_GATHER,
     SBL__BOUNCE_NOISE, SBL__BOUNCE_PROPAGATE, SBL__BOUNCE_UNCERTAINTY, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR,
     SBL__BOUNCE_DONE
-} sbl__bounce_stage;
+};
 
 typedef struct sbl__bounce {
     sbl__stages stages;
     sbl__core *core;
-    sbl__store *store;               /* the store of the scene */
+    sbl__store *store;
     const sbl__geometry *geometry;
     uint32_t scene, surfaces;        /* versions of the scene and of its surfaces that the filling is for */
     sbl__bounce_point *points;
-    sbl__bounce_leaf *states;        /* states of the leaves */
+    sbl__bounce_leaf *states;        /* one state per leaf */
     int point_count, point_room, state_room;
     sbl__hits hits;                  /* hits of the points' rays, SBL__BOUNCE_RAYS per point */
     float progress;
@@ -11485,26 +11201,26 @@ typedef struct sbl__bounce {
     double samples_due;              /* number of surface samples due for the triangles visited so far */
     sbl__hits samples;               /* surface samples: places spread over all surfaces */
     sbl__hits queue;                 /* places that may become points: a part of samples, hits or `released` */
-    sbl__hits waiting, released;     /* places whose leaf has not been cut yet; places that have finished waiting */
+    sbl__hits waiting, released;     /* places in leaves that have yet to be cut; places that have waited */
     sbl__hits contacts;              /* hits of contact rays */
     int cut_leaves;                  /* number of leaves that contact rays have cut */
     int points_cast;                 /* number of points whose rays have been cast */
     uint32_t *sequence;              /* random fractions of ray directions */
-    struct { int known; uint32_t place; float normal[3], offset; } origin;  /* cached: rays of a point share it */
+    struct { int known; uint32_t place; float normal[3], offset; } origin;  /* result of the last sbl__place_normal */
     sbl__site *sites;                /* the job's sites: points, then places in the air */
     sbl_reading *readings;
     uint32_t recent_lines[SBL__CONTACT_CACHE];  /* hash table of contact lines that have cut their cells recently */
     int recheck;                     /* 1: a line has cut leaves that had points, so all hits must be placed again */
-    float *direct;                   /* light of each leaf from lamps and environment, 3 floats; at the end its noise */
-    float *solved;                   /* solved light, kept while noise occupies the leaves */
+    float *direct;                   /* direct light of each leaf, 3 floats; then the noise of each leaf */
+    float *solved;                   /* light of each leaf, saved while the leaves hold noise */
     int *order;                      /* index of each point in the order by leaf */
-    double change;                   /* balance.change of the round before */
-    /* sums over all leaves in a round: direct light; all light before and after the round; absolute differences */
+    double change;                   /* balance.change of the previous round */
+    /* sums over leaves in this round: direct light, all light before and after the round, absolute changes of light */
     struct { double direct[3], before[3], after[3], change; } balance;
-    double needed_growth;            /* above 0: there are too many leaves; growth of cells' area that would suffice */
-    double previous_fill;            /* fill that an earlier attempt with larger cells reached */
+    double needed_growth;            /* factor by which the cells' area must grow; 0: leaves suffice */
+    double previous_fill;            /* fill after which cells became smaller */
     int rounds;
-    int samples_placed, seen_leaves; /* 1: surface samples have been placed; number of leaves before that */
+    int samples_placed, seen_leaves; /* 1: surface samples have been placed; number of leaves that rays have hit */
     sbl__table casts;
     sbl__blocks blocks;
     sbl__pace pace;
@@ -11517,8 +11233,8 @@ typedef struct sbl__bounce {
 static const char *const sbl__glsl_cast[] = {
 "// Finds the first hit of each ray. A ray with a negative limit leaves a surface, whose normal is `direction`, in a\n",
 "// random direction with cosine distribution.\n",
-"// xyz: position of the hit, far away if nothing was hit; w: 0 if nothing was hit, otherwise 1 + low bits of the\n",
-"// triangle's number, negative for its back side\n",
+"// out_place: xyz: position of the hit, far away if nothing was hit; w: 0 if nothing was hit, otherwise 1 + low\n",
+"// bits of the triangle's number, negative for its back side\n",
 "SBL_OUT(0, out_place);\n",
 "// rgb: albedo for bounced light; a: high bits of the triangle's number\n",
 "SBL_OUT(1, out_albedo);\n",
@@ -11575,7 +11291,7 @@ static sbl_result sbl__cast_send(sbl__bounce *b, const sbl__cast *rays, int coun
     return sbl__gl_check(&d->gl);
 }
 
-/* Decodes the output of cast.glsl for a ray. */
+/* Decodes the output of cast.glsl. */
 static void sbl__cast_take(const sbl__cast *ray, const float place[4], const float albedo[4], sbl__hit *out) {
     const double low = fabs((double)place[3]) - 1, number = low + SBL__CAST_NUMBERS * (double)albedo[3];
     double length2 = 0;
@@ -11588,8 +11304,7 @@ static void sbl__cast_take(const sbl__cast *ray, const float place[4], const flo
     sbl__share_pack(albedo, out->albedo);
 }
 
-/* Casts rays number stages.at .. count - 1 into hits, as many at once as time permits. make: computes the ray of a
-   number. SBL_SUCCESS: all rays have been cast. */
+/* Casts rays number stages.at .. count - 1 into hits, piece by piece. make: computes the ray with a given number */
 static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, int number, sbl__cast *out), int count,
                                    sbl__hits *hits, const sbl__slice *slice) {
     sbl__device *d = &b->core->device;
@@ -11625,15 +11340,16 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, 
 
 /* >>bounce: places that may become points */
 
-/* Returns the patch word of a place: its triangle's word, with the bits of its side and of rays from near by. */
+/* Returns the patch word of a place: the triangle's word, with SBL__PATCH_BACK inverted on the back side and
+   SBL__PATCH_NEAR set if a short ray hit the place. */
 static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
     const uint32_t patch = s->patches[at->place >> 1] ^ (at->place & 1 ? SBL__PATCH_BACK : 0);
     return patch | (at->distance * SBL__NEAR_PART < s->length ? SBL__PATCH_NEAR : 0);
 }
 
-/* Returns the reference to the leaf of a place: in its cell or, if the cell has no leaf and leaves are becoming scarce,
-   in a wider cell. NULL: there is no room. patch: NULL, or receives the word of the cell that was used. A place that no
-   surface sees uses the widest cells only, because only points in the air may see it. */
+/* Returns the reference to the leaf of a place, in its cell or, if the cell has no leaf and leaves are becoming scarce,
+   in a wider cell; NULL: there is no slot. patch: NULL, or receives the patch word with the level of the cell. A place
+   that no surface sees uses the widest cells only, because only points in the air may see it. */
 static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32_t *patch) {
     static const double fills[SBL__LEVELS] = { SBL__FILL_WIDER, SBL__FILL_WIDEST, 1 };
     uint32_t *reference = NULL, word = sbl__place_patch(s, at);
@@ -11641,13 +11357,13 @@ static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32
     word += SBL__PATCH_LEVEL * (uint32_t)level;
     for (; level < SBL__LEVELS; level++, word += SBL__PATCH_LEVEL) {
         reference = sbl__store_find(s, word, at->position, &depth);
-        if (reference && (*reference || s->leaf_count < fills[level] * s->most)) break;
+        if (reference && (*reference || s->leaf_count < fills[level] * s->max_leaves)) break;
     }
     if (patch) *patch = word;
     return reference;
 }
 
-/* Computes the normal on a place's side; returns the distance from the surface at which rays start. */
+/* Computes the normal on the side of a place. Returns the distance from the surface at which its rays start. */
 static float sbl__place_normal(const sbl__geometry *g, uint32_t place, float normal[3]) {
     const float *p[3];
     double n[3], longest = 0, away = 0;
@@ -11666,7 +11382,6 @@ static float sbl__place_normal(const sbl__geometry *g, uint32_t place, float nor
     return (float)(SBL__OFFSET * (sqrt(away) + 2 * sqrt(longest)));
 }
 
-/* Divides surfaces into patches. */
 static sbl_result sbl__bounce_patches(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__base *base = &b->core->base;
@@ -11688,14 +11403,14 @@ static sbl_result sbl__bounce_grid(void *work, sbl__slice *slice) {
     sbl__base *base = &b->core->base;
     sbl__patching *p = &b->patching;
     sbl__store *s = b->store;
-    const double area = 2 * p->area / (SBL__FILL_AIM * s->most);
+    const double area = 2 * p->area / (SBL__FILL_AIM * s->max_leaves);
     int k, room = 1024;
     (void)slice;
     p->least = SBL__PATCH_LEAST * p->pool * area;
     s->length = (float)sqrt(p->growth * area);
     if (!sbl__between(&s->length, FLT_MIN, FLT_MAX)) s->length = 1;
     for (k = 0; k < 3; k++) s->origin[k] = b->geometry->bounds[0][k] - s->length * (1.37f + 0.21f * (float)k);
-    while (room < 2 * s->most) room *= 2;
+    while (room < 2 * s->max_leaves) room *= 2;
     sbl__free(base, s->cells);
     s->cells = (sbl__cell_slot *)sbl__alloc(base, (size_t)room, sizeof *s->cells);
     s->cell_room = s->cells ? room : 0;
@@ -11712,8 +11427,8 @@ static int sbl__hits_add(sbl__bounce *b, sbl__hits *to, const sbl__hit *hit) {
     return 1;
 }
 
-/* Sets a triangle's patch word, and adds surface samples at random positions on both sides: one per cell's area at the
-   first size of cells. b->samples_due carries fractions over to the next triangle. */
+/* Sets a triangle's patch word, and adds surface samples at random positions on both sides: one per area of a cell of
+   the first size. b->samples_due carries fractions over to the next triangle. */
 static sbl_result sbl__bounce_sample(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const uint32_t triangle = (uint32_t)at;
@@ -11741,8 +11456,7 @@ static sbl_result sbl__bounce_sample(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Adds a point at a place, projected onto the plane of its triangle: rounding moves hits of long rays off it. Returns 0
-   if out of memory. */
+/* Adds a point at a place, moved into its triangle's plane because hits are rounded. Returns 0 if out of memory. */
 static int sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
     sbl__bounce_point *point;
     const float *corner = sbl__triangle_corner(b->geometry, at->place >> 1, 0);
@@ -11779,8 +11493,7 @@ static int sbl__bounce_queued(void *work) {
     return b->needed_growth > 0 ? 0 : b->queue.count;
 }
 
-/* Makes a point of a place that a surface sample or a ray found, if its leaf needs one. Sets b->needed_growth if there
-   is no room for a new leaf. */
+/* Makes a point of a queued place if its leaf needs one. Sets b->needed_growth if there is no room for a new leaf. */
 static sbl_result sbl__bounce_place(void *work, int number) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *at = &b->queue.list[number];
@@ -11789,7 +11502,7 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     int leaf, added, ok = 1;
     if (at->place == SBL__NOWHERE) return SBL_SUCCESS;
     reference = sbl__place_find(s, at, NULL);
-    if (!reference || (!*reference && s->leaf_count >= s->most)) {
+    if (!reference || (!*reference && s->leaf_count >= s->max_leaves)) {
         if (b->patching.pool < SBL__BOUNCE_POOL)
             b->needed_growth = SBL__MIN(1.3 * b->queue.count / (number + 1), SBL__BOUNCE_GROWTH_MOST);
         return SBL_SUCCESS;
@@ -11822,14 +11535,13 @@ static int sbl__bounce_restart(sbl__bounce *b, double growth) {
     return SBL__BOUNCE_GRID;
 }
 
-/* Sends contact rays from new leaves and casts rays from new points, until there are no new ones. Surface samples are
-   placed last; they fill the places that no ray hit. */
+/* Casts rays from new leaves and points until there are none. Finally places surface samples where no ray has hit. */
 static int sbl__bounce_after_place(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
-    const double fill = (double)b->store->leaf_count / b->store->most;
+    const double fill = (double)b->store->leaf_count / b->store->max_leaves;
     if (b->needed_growth > 0) return sbl__bounce_restart(b, SBL__MAX(b->needed_growth, SBL__BOUNCE_GROWTH));
     if (!b->cut_leaves && fill > SBL__FILL_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
-        /* The surfaces that these leaves see would need too many more leaves. */
+        /* The rays of these leaves would hit too many more leaves. */
         return sbl__bounce_restart(b, pow(fill / SBL__FILL_FIRST, SBL__FILL_FIRST_POWER));
     if (b->store->leaf_count > b->cut_leaves) return SBL__BOUNCE_CAST_CONTACTS;
     if (b->points_cast < b->point_count) return SBL__BOUNCE_CAST_POINTS;
@@ -11838,7 +11550,7 @@ static int sbl__bounce_after_place(void *work) {
         return sbl__bounce_queue(b, b->hits.list, b->point_count * SBL__BOUNCE_RAYS);
     }
     if (b->samples_placed && b->seen_leaves > 0 && fill < SBL__FILL_LEAST && fill > 2 * b->previous_fill) {
-        b->previous_fill = fill;  /* Nothing sees much of the scene, so the rest can have more leaves. */
+        b->previous_fill = fill;  /* Rays hit few surfaces, so cells can be smaller. */
         return sbl__bounce_restart(b, SBL__MAX(fill / SBL__FILL_AIM, SBL__BOUNCE_SHRINK_MOST));
     }
     if (b->samples_placed) return SBL__BOUNCE_RELOCATE;
@@ -11884,7 +11596,7 @@ static sbl_result sbl__bounce_cast_contacts(void *work, sbl__slice *slice) {
 /* The line along which an object stands on a flat surface. */
 typedef struct sbl__contact {
     uint32_t patch;              /* word of the flat surface */
-    uint32_t object;             /* word of the object's flat patch with bit 0 set, or number of its triangle * 2 */
+    uint32_t object;             /* word of the object's flat patch | 1, or number of its triangle * 2 */
     float normal[3], distance;   /* plane of the object */
     double from[3], along[3];    /* one end of the line, and the vector to the other end */
     uint32_t *reference;         /* reference in the slot of the cell that is being cut */
@@ -11895,9 +11607,8 @@ static void sbl__contact_position(const sbl__contact *line, double t, float posi
     for (k = 0; k < 3; k++) position[k] = (float)(line->from[k] + t * line->along[k]);
 }
 
-/* Makes the line where the plane that a contact ray from `at` hit meets the surface of `at`. The line extends over the
-   common bounds of the flat patches or, if the object is not flat, of its triangle. Returns 0 if the line is too short
-   or the surface is not flat. */
+/* Makes the line where the surface of `at` meets the plane that its contact ray hit, within the bounds of both: of flat
+   patches or, if the object is not flat, of its triangle. Returns 0 if it is too short or the surface is not flat. */
 static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl__hit *hit, sbl__contact *line) {
     const sbl__store *s = b->store;
     const sbl__geometry *g = b->geometry;
@@ -11940,7 +11651,7 @@ static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl
 }
 
 /* Cuts all leaves that the line crosses below a reference: sides[side] of a cut or, if `cut` is negative,
-   line->reference. range: part of the line that lies there. */
+   line->reference. range: part of the line in the reference's part of the cell. */
 static sbl_result sbl__contact_part(sbl__bounce *b, const sbl__contact *line, int cut, int side,
                                     const double range[2], int depth) {
     sbl__store *s = b->store;
@@ -11974,7 +11685,7 @@ static sbl_result sbl__contact_part(sbl__bounce *b, const sbl__contact *line, in
     return result;
 }
 
-/* Cuts all cells of one patch word that the line crosses. */
+/* Cuts all cells that the line crosses and that have the patch word line->patch. */
 static sbl_result sbl__contact_walk(sbl__bounce *b, sbl__contact *line) {
     const sbl__store *s = b->store;
     const double length = (double)sbl__cell_length(s, line->patch);
@@ -12055,7 +11766,6 @@ static sbl_result sbl__bounce_cuts(void *work, int at) {
     return result;
 }
 
-/* Queues the places that waited for contact rays. */
 static int sbl__bounce_after_cuts(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hits waiting = b->waiting;
@@ -12068,8 +11778,7 @@ static int sbl__bounce_after_cuts(void *work) {
 
 /* >>bounce: rays */
 
-/* Makes a cosine-weighted ray over the hemisphere at a place. number: index into b->sequence, which a hash of `seed`
-   scrambles. */
+/* Makes a cosine-weighted ray from a place. number: index into b->sequence, which a hash of `seed` scrambles */
 static void sbl__bounce_surface_ray(sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number, sbl__cast *out) {
     const float *normal = b->origin.normal;
     int k;
@@ -12093,8 +11802,7 @@ static void sbl__bounce_sample_ray(sbl__bounce *b, int number, sbl__cast *out) {
                             out);
 }
 
-/* Casts rays from surface samples and queues their hits. The distance from which a sample is seen becomes the length of
-   its shortest ray, or SBL__UNSEEN if its rays hit nothing. */
+/* Casts rays from surface samples and queues their hits. The distance of a sample becomes that of its nearest hit. */
 static sbl_result sbl__bounce_cast_samples(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     const int rays = b->samples.count * SBL__BOUNCE_SAMPLE_RAYS;
@@ -12168,7 +11876,7 @@ static void sbl__swap(void *a, void *b, size_t bytes) {
     memcpy(b, keep, bytes);
 }
 
-/* Sorts points and their hits by leaf, because rounds of bounces read them in that order. */
+/* Sorts points and their hits by leaf. Rounds of bounces in another order take 3 to 6 times as long. */
 static sbl_result sbl__bounce_sort(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__hit *hits = b->hits.list;
@@ -12222,7 +11930,7 @@ static sbl_result sbl__bounce_site(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Begins a job for the first `count` sites that measures light from lamps only (SBL_MODE_DIRECT) or all light. */
+/* Begins a job that measures light from lamps (SBL_MODE_DIRECT) or all light at the first `count` sites. */
 static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, int count) {
     const int direct = mode == SBL_MODE_DIRECT;
     sbl__core *c = b->core;
@@ -12236,7 +11944,7 @@ static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, int count) {
     sbl__spec_make(&task.spec, &measurement, &c->scene, &c->desc);
     if (direct) {
         task.spec.rays = SBL__BOUNCE_STUCK_RAYS;
-        task.spec.without_sky = 1;  /* Kept rays that hit nothing bring the light of the environment. */
+        task.spec.without_sky = 1;  /* sbl__bounce_sky computes the light of the environment. */
     }
     task.sites = b->sites;
     task.readings = b->readings;
@@ -12301,9 +12009,9 @@ static sbl_result sbl__bounce_direct(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-#define SBL__BOUNCE_UNIT (SBL__SHARE_ONE * SBL__BOUNCE_RAYS)  /* unit of the sums of sbl__bounce_add_received */
+#define SBL__BOUNCE_UNIT (SBL__SHARE_ONE * SBL__BOUNCE_RAYS)
 
-/* Adds the light that a point receives from leaves, at their current values. */
+/* Adds SBL__BOUNCE_UNIT times the light that a point receives from leaves. */
 static void sbl__bounce_add_received(const sbl__bounce *b, int point, float sum[3]) {
     const sbl__hit *hits = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS];
     int j;
@@ -12312,8 +12020,8 @@ static void sbl__bounce_add_received(const sbl__bounce *b, int point, float sum[
             sbl__add_reflected(hits[j].albedo, b->store->leaves[hits[j].place].light, sum);
 }
 
-/* Computes one more bounce for a leaf: adds the average light that its points receive from other leaves to its direct
-   light. Leaves earlier in the round already have their new light (Gauss-Seidel iteration). */
+/* Sets a leaf's light to its direct light plus the mean light that its points receive. Leaves earlier in the round
+   already have their new light (Gauss-Seidel iteration). */
 static sbl_result sbl__bounce_gather(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__bounce_leaf *leaf = &b->states[at];
@@ -12334,8 +12042,7 @@ static sbl_result sbl__bounce_gather(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Warns once per scene if the clamped albedos of white walls make a visible difference. direct, all: sums of direct
-   light and of all light. */
+/* Warns once per scene if clamping of albedos makes a visible difference. direct, all: sums of direct and all light */
 static void sbl__bounce_warn(const sbl__bounce *b, double direct, double all) {
     const sbl__geometry *g = b->geometry;
     int i, white = 0;
@@ -12347,8 +12054,8 @@ static void sbl__bounce_warn(const sbl__bounce *b, double direct, double all) {
     b->store->warned = 1;
 }
 
-/* Finishes a round. In the first rounds gathered light is scaled so that emitted and lost light balance, channel by
-   channel. This settles the overall brightness of a room, the slowest part of convergence, at once. */
+/* In the first rounds, scales gathered light so that emitted and lost light balance, channel by channel. This settles
+   the overall brightness of a room, the slowest part of convergence, at once. */
 static int sbl__bounce_after_gather(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__store *s = b->store;
@@ -12376,8 +12083,8 @@ static int sbl__bounce_after_gather(void *work) {
 
 /* >>bounce: uncertainty */
 
-/* Estimates the standard error of a leaf's light per channel from its points, with a random sign. A leaf with a
-   single point is assumed to be off by half its light. */
+/* Sets b->direct to the standard error of a leaf's light with a random sign, estimated from the differences between its
+   points or, for a single point, as half the light. */
 static sbl_result sbl__bounce_noise(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__bounce_leaf *leaf = &b->states[at];
@@ -12404,7 +12111,7 @@ static sbl_result sbl__bounce_noise(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Puts the noise in place of the light, so that rounds of bounces propagate the noise along the same rays. */
+/* Replaces the light by its noise, so that further rounds propagate the noise along the same rays. */
 static int sbl__bounce_after_noise(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     int i;
@@ -12445,8 +12152,7 @@ static sbl_result sbl__bounce_send(void *work, sbl__slice *slice) {
 
 /* >>bounce: light in the air, for objects that the host draws */
 
-/* Measures light at the centre of the host's objects and half way from there to each corner of their bounds, with
-   six sensors at each place. */
+/* Measures light with six sensors each at the centre of draw_bounds and half way from there to each corner. */
 static int sbl__bounce_after_send(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__scene *scene = &b->core->scene;
@@ -12496,7 +12202,7 @@ static void sbl__bounce_free_temporary(const sbl__device *d, sbl__bounce *b) {
     memset(&b->patching, 0, sizeof *b - offsetof(sbl__bounce, patching));
 }
 
-/* Drops a filling in progress. */
+/* Frees the filling in progress. */
 static void sbl__bounce_end(sbl__core *c) {
     sbl__bounce *b = c->bounce;
     if (!b) return;
@@ -12528,7 +12234,7 @@ static sbl__bounce *sbl__bounce_resume(sbl__core *c) {
     return b;
 }
 
-/* Does one bounded piece of filling the store. SBL_SUCCESS: the store is ready. */
+/* Fills the store, piece by piece. Returns SBL_SUCCESS when the store is ready. */
 static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { sbl__bounce_patches, NULL, NULL, NULL },
@@ -12574,7 +12280,7 @@ static float sbl__bounce_progress(sbl__core *c) {
     float now;
     if (c->scene.store.ready || !b) return c->scene.store.ready ? 1.0f : 0.0f;
     now = b->stages.stage < SBL__BOUNCE_SITES
-              ? 0.5f * (float)b->points_cast / (float)(SBL__BOUNCE_POINTS * b->store->most)
+              ? 0.5f * (float)b->points_cast / (float)(SBL__BOUNCE_POINTS * b->store->max_leaves)
         : b->stages.stage == SBL__BOUNCE_SITES ? 0.5f
         : b->stages.stage == SBL__BOUNCE_LIGHT ? 0.5f + 0.4f * sbl__job_progress(&b->job)
                                                : 0.9f;
@@ -12587,8 +12293,7 @@ static float sbl__prepare_share(const sbl__core *c, const sbl__measurement *s) {
     return s->options.mode == SBL_MODE_GI && !c->scene.store.ready ? SBL__BOUNCE_TIME : 0;
 }
 
-/* Prepares what a measurement needs of the scene, piece by piece: hierarchy and lamps for rays, the store for bounced
-   light. SBL_SUCCESS: all is ready. */
+/* Prepares what a measurement needs, piece by piece: hierarchy and lamps for rays, the store for bounced light. */
 static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__slice *slice) {
     const sbl__hierarchy *h = &c->scene.hierarchy;
     const int rays = s->options.mode != SBL_MODE_PAPER;
@@ -12602,19 +12307,18 @@ static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__sli
 }
 
 /* ======================================================================================================== >>saved
-   Writes the store to a stream and reads it: a header, the store, a checksum. Data that is read is used only if it
-   belongs to the scene and is valid. */
+   Writes a header, the store and a checksum to a stream, and reads them if they are valid and belong to the scene. */
 
 #define SBL__SAVED_NAME "sblstore"
 #define SBL__SAVED_VERSION 3u
-#define SBL__SAVED_ORDER 0x01020304u   /* tells the byte order */
+#define SBL__SAVED_ORDER 0x01020304u   /* reads differently with another byte order */
 #define SBL__SAVED_SEED 0xcbf29ce484222325u
-#define SBL__SAVED_CELLS (1 << 22)     /* largest number of slots and of cuts; half of it for leaves */
+#define SBL__SAVED_CELLS (1 << 22)     /* largest number of slots, of cuts, and of leaves times 2 */
 
 typedef struct sbl__saved {
     char name[8];
     uint32_t version, order;
-    uint64_t scene;                    /* see sbl__saved_scene */
+    uint64_t scene;                    /* hash, see sbl__saved_scene */
     int32_t triangles, cells, cuts, leaves;
 } sbl__saved;
 
@@ -12644,7 +12348,7 @@ typedef struct sbl__saved_stream {
     uint64_t sum;                      /* hash of all data so far */
 } sbl__saved_stream;
 
-/* Reads or writes a block of data. Returns 0 if the stream has failed or ended. */
+/* Reads or writes a block of data. Returns 0 if the stream fails or ends. */
 static int sbl__saved_transfer(sbl__saved_stream *s, void *data, size_t bytes) {
     if (bytes && (s->get ? s->get(data, bytes, s->user) : s->put(data, bytes, s->user)) != bytes) return 0;
     s->sum = sbl__hash_bytes(s->sum, data, bytes);
@@ -12749,7 +12453,7 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
     sbl__store s;
     sbl_result result;
     memset(&s, 0, sizeof s);
-    s.most = scene->store.most;
+    s.max_leaves = scene->store.max_leaves;
     result = sbl__saved_read(&c->device, scene, &s, get, user, &why);
     if (result == SBL_SUCCESS && !wide && triangles / 4 + 1 + s.cell_room / 2 + 2 * s.cut_count + s.leaf_count >
                                               c->device.gl.capabilities.max_texture_buffer_size) {
@@ -12795,8 +12499,7 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
    Everything except jobs runs on the CPU, in slices. Errors are relative to the picture's mean luminance. A name that
    ends in 2 holds a squared error. Later rooms only call functions; they read no field of sbl__refine. */
 
-/* Occlusion of a texel of a lightmap by surfaces that lie on it, see sbl__refine_occlusion. */
-enum { SBL__TOUCHED = 1, SBL__HIDDEN };
+enum { SBL__TOUCHED = 1, SBL__HIDDEN };  /* occlusion of a texel of a lightmap, see sbl__refine_occlusion */
 
 typedef struct sbl__pixel {
     float position[3], normal[3], geometric_normal[3];
@@ -12807,14 +12510,14 @@ typedef struct sbl__pixel {
     float stored[3];          /* stored value of R at this pixel */
     float uncertainty;        /* standard error of the luminance of R that is due to errors of stored light */
     uint32_t id;              /* number of the surface; 0: the pixel shows no surface */
-    int look;                 /* number of the sensor's first look in the job that took it */
-    int looks, wanted;        /* number of looks that the sensor has taken, and that it is to have taken in the end */
+    int look;                 /* index of the sensor's first look in its job, where sbl_inspect_sensor repeats it */
+    int looks, wanted;        /* number of looks taken so far; number of looks to be taken in total */
     short round;              /* last round in which the sensor was read */
     unsigned char level;      /* 0: the pixel is interpolated; otherwise 1 + level of its sensor */
     unsigned char sensed;     /* 1: radiance holds the light of the pixel's own sensor */
     unsigned char invalid;    /* 1: the sensor is stuck inside geometry, or occlusion makes its light unfit to show */
-    unsigned char occlusion;  /* texel of a lightmap: SBL__HIDDEN, SBL__TOUCHED, or 0 */
-    unsigned char queued;     /* 1: a job that is listed or running takes looks here */
+    unsigned char occlusion;  /* of a texel of a lightmap: SBL__HIDDEN, SBL__TOUCHED or 0 */
+    unsigned char queued;     /* 1: the pixel is among the sites of the present job */
 } sbl__pixel;
 
 /* Occlusion. The sensor of a hidden texel sees surfaces in more than HIDDEN_SHARE of directions, at a mean distance
@@ -12824,36 +12527,34 @@ typedef struct sbl__pixel {
 #define SBL__HIDDEN_TOUCH 0.15f
 #define SBL__HIDDEN_REACH 2       /* distance_limit, in widths of a texel */
 
-/* Interpolation. Errors are root mean squares. Those along an edge are shares of the second differences at its ends,
-   measured on shadows of lamps with tiles of 2 to 16 pixels: STEP for a step of light between the ends, CURVE for a
-   parabola after the correction of sbl__edge_parabola. */
-#define SBL__COVERAGE 0.75f             /* a tile is split if less of a pixel's bilinear weight is covered */
-#define SBL__EXTRAPOLATED_SPAN 4        /* widest tile, pixels, in which corners with extrapolated light cover pixels */
+/* Interpolation. Errors are root mean squares. STEP_ERROR (for a step of light on an edge of a tile) and CURVE_ERROR
+   (for a parabola, after the correction of sbl__edge_parabola) are shares of the second differences at the edge's ends,
+   measured on shadows of lamps with tiles of 2 to 16 pixels. */
+#define SBL__COVERAGE 0.75f             /* a tile is split if corners cover less of a pixel (sbl__mix.covered, .own) */
+#define SBL__EXTRAPOLATED_SPAN 4        /* widest tile, pixels, in which extrapolated light covers pixels */
 #define SBL__STEP_ERROR 0.29f
 #define SBL__CURVE_ERROR 0.1f
-#define SBL__EXTRAPOLATION_ERROR 0.35f  /* of extrapolation by a tile's width, as a share of the difference beyond */
-#define SBL__SILHOUETTE_ERROR 0.05f     /* least error of extrapolation as a share of the light, at a silhouette */
-#define SBL__CONTACT_ERROR 0.12f        /* the same if the other surface is near enough to cast a shadow there */
-#define SBL__CONTACT_DISTANCE 2.5f      /* largest distance of such a surface, in distances between sensors */
-#define SBL__PIXEL_ERROR 0.15f          /* share of the picture's error added to each pixel's for unknown causes */
-#define SBL__NOISE_IN_BIAS 0.75f        /* multiple of the sensors' variance that noise adds to the measured bias */
-#define SBL__NOISE_IN_SPLITS 1.25f      /* the same where splits are weighed; larger, because more looks will resolve a
-                                           difference that might be noise */
-/* Noise. */
+#define SBL__EXTRAPOLATION_ERROR 0.35f  /* error of extrapolated light / second difference beside the tile */
+#define SBL__SILHOUETTE_ERROR 0.05f     /* least error of extrapolated light at a silhouette, as a share of the light */
+#define SBL__CONTACT_ERROR 0.12f        /* least error if the other surface is near, since it may cast a shadow */
+#define SBL__CONTACT_DISTANCE 2.5f      /* distance up to which surfaces are near, in distances between sensors */
+#define SBL__PIXEL_ERROR 0.15f          /* error of each pixel for unknown causes, as a share of the picture's error */
+#define SBL__NOISE_IN_BIAS 0.75f        /* noise adds this multiple of the sensors' variance to raw_bias2 */
+#define SBL__NOISE_IN_SPLITS 1.25f      /* multiple if splits are weighed; larger, as looks resolve what may be noise */
+/* Noise of sensors. */
 #define SBL__LEAST_NOISE 1e-12f         /* least noise of a surface in the radiance map; 0 marks empty pixels */
-#define SBL__NOISE_WEIGHT 4             /* with a threshold, differences must exceed this multiple of the variance */
-#define SBL__LOOKS_GAIN 0.4f            /* factor by which twice as many looks reduce the variance; below 0.5, because
-                                           looks share one Sobol sequence */
-#define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* gain per look of a doubling, relative to the one before */
+#define SBL__NOISE_WEIGHT 4             /* multiple of the variance that is added to the squared threshold */
+#define SBL__LOOKS_GAIN 0.4f            /* variance of 2n looks / of n looks; below 0.5, as looks share a sequence */
+#define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* gain per look of a doubling / gain of the previous doubling */
 #define SBL__LOOKS_GROWTH 8             /* largest factor by which a sensor's looks grow in one round */
 #define SBL__DOUBLINGS 10               /* number of powers of two up to SBL__MAX_LOOKS, which is 2^9 */
-#define SBL__LOOKS_DIFFERENCE 1.1       /* variance of the difference of two means of looks, as a share of the sum of
-                                           theirs; above 1, because later points complement earlier ones */
-#define SBL__LOOKS_COMPARED 64          /* least number of sensors whose repeated looks may correct variances */
-#define SBL__LOOKS_CORRECTION_MIN 0.5   /* least factor of that correction */
-#define SBL__LOOKS_CORRECTION_MAX 8.0   /* largest factor of that correction */
-#define SBL__PARENT_WEIGHT 0.6f         /* weight of the parent's variance in a tile's, since a tile has few sensors */
-/* Choice of what a round buys. Numbers that are added to luminances are shares of the picture's mean luminance. */
+#define SBL__LOOKS_DIFFERENCE 1.1       /* variance of the difference between earlier and later looks / sum of the two
+                                           variances; above 1, because later points complement earlier points */
+#define SBL__LOOKS_COMPARED 64          /* least number of differences that may correct a share of variance */
+#define SBL__LOOKS_CORRECTION_MIN 0.5   /* least correction factor */
+#define SBL__LOOKS_CORRECTION_MAX 8.0   /* largest correction factor */
+#define SBL__PARENT_WEIGHT 0.6f         /* weight of the parent's variance, because a tile has few sensors */
+/* Choice of what a round buys. */
 #define SBL__MAX_ROUNDS 40              /* limits the number of transfers between CPU and GPU */
 #define SBL__JOB_LOOKS (1 << 21)        /* approximate number of looks in one job */
 #define SBL__AIM_BELOW 0.9              /* a round aims at this share of the squared target error */
@@ -12862,12 +12563,11 @@ typedef struct sbl__pixel {
 #define SBL__AIM_LEAST 0.7              /* least share of the squared target error that uncertainty leaves to sensors */
 #define SBL__SPLIT_COST 3               /* cost in sensors: a split adds five, but neighbours share most of them */
 #define SBL__SPLIT_GAIN 0.875f          /* share of the squared error of interpolation that a split removes */
-#define SBL__DIFFERENCE_FLOOR 0.02f     /* added to the light that a threshold is a share of */
-#define SBL__GAIN_FLOOR 0.1f            /* added to a tile's luminance when its gains are divided by it: dark places
-                                           count little in the sum, but their errors are visible */
+#define SBL__DIFFERENCE_FLOOR 0.02f     /* share of the mean luminance, added to light before it is compared */
+#define SBL__GAIN_FLOOR 0.1f            /* gains are divided by relative luminance + this: errors show in dark places */
 #define SBL__GAIN_BINS 512              /* bins of a histogram of gains, four to an octave */
-/* A tile is always split if its error exceeds MAX times the target error, relative to its own luminance plus FLOOR.
-   Otherwise ragged shadows would be visible. */
+/* To prevent ragged shadows, a tile is always split if its error exceeds TILE_ERROR_MAX times the target error times
+   its relative luminance plus TILE_ERROR_FLOOR. */
 #define SBL__TILE_ERROR_MAX 5.0f
 #define SBL__TILE_ERROR_FLOOR 0.1f
 
@@ -12877,27 +12577,29 @@ typedef struct sbl__range { int x[2], y[2]; } sbl__range;
 typedef struct sbl__tile {
     sbl__range area;
     int level, split;
+    int must_split;           /* 1: the corners do not cover all pixels */
     int parent;               /* index of the tile whose split made this one, or -1 */
     int looks;                /* number of looks that new sensors at the tile's corners begin with */
-    int pixels;               /* number of pixels that the tile gives light to; counted by the first WEIGH */
-    float uncovered;          /* share of those pixels' bilinear weight at corners that do not belong to the pixel */
+    int pixels;               /* number of pixels that the tile gives light to */
+    float uncovered;          /* mean bilinear weight, over these pixels, of corners that show other surfaces */
     float raw_bias2;          /* squared error of interpolation as estimated from edges and rim, noise included */
     float unseen_bias2;       /* part of raw_bias2 for changes of light that no sensor can see */
     float bias2, noise2;      /* predicted squared errors per pixel */
     float light, variance;    /* mean luminance of the corners; relative variance of one look */
-    float split_worth, look_worth;  /* gain per look of a split, or of more looks, per luminance; FLT_MAX: must split */
+    /* gain per look of a split (FLT_MAX: necessary) or of more looks / (relative luminance + SBL__GAIN_FLOOR) */
+    float split_worth, look_worth;
 } sbl__tile;
 
 typedef struct sbl__refine {
     sbl__core *core;
-    sbl__measurement *measurement;  /* how sensors see; their looks may get more rays after the first round */
+    sbl__measurement *measurement;  /* how sensors measure; after the first round, looks may get more rays */
     sbl__spec *spec;
     sbl__stages stages;
     int width, height;
     int tile_size;            /* width and height of first-level tiles */
     int geometry_aware;       /* 1 except in SBL_MODE_PAPER; the threshold is then relative to the mean */
-    float distance_limit;     /* cut-off of distances in the sensors' mean distances; 0: no test for occlusion */
-    double lit, lit_backs;    /* number of sensors that found light so far; sum of their shares of back faces */
+    float distance_limit;     /* see sbl__spec.distance_limit; 0: no test for occlusion */
+    double lit, lit_backs;    /* number of sensors that found light so far; sum of their back_share */
     float threshold;          /* 0: tiles are split by predicted gain */
     float target_error;       /* 0: refine until nothing is left to buy */
     float smoothing;          /* number of pixels that the filter averages */
@@ -12908,8 +12610,9 @@ typedef struct sbl__refine {
     int tile_count, tile_room;
     int first_new;            /* index of the first tile that has not been weighed yet */
     int weigh_count;          /* number of tiles that the running WEIGH or SPEND stage visits */
+    int row;                  /* next row of a tile whose pixels COUNT counts */
     int rounds, weighed;      /* number of rounds; 1: errors have been predicted */
-    int listed;               /* tiles, or guides, with smaller indices have been listed for the round's jobs */
+    int listed;               /* number of tiles, or guides, that have been listed for jobs in this round */
     sbl__site *sites;         /* sites of the job; site i belongs to pixel sites[i].number */
     sbl_reading *readings;
     float *reading_layers;    /* layers 1 and up of the readings, site after site */
@@ -12918,16 +12621,16 @@ typedef struct sbl__refine {
     int64_t looks_taken;
     float mean[3], luminance; /* mean of R over the picture, and its luminance */
     double sum[3], pixels_summed;  /* sum of R and number of pixels visited in this round; they yield the next mean */
-    float weights[3];         /* weights of differences of the channels in errors */
-    float variance_shares[SBL__DOUBLINGS];  /* variance of a mean of 2^k looks as a share of that of one look */
-    double measured2[SBL__DOUBLINGS];  /* sum of squared differences between later and 2^k earlier looks of a sensor */
-    double expected2[SBL__DOUBLINGS];  /* expected value of that sum */
-    int compared[SBL__DOUBLINGS];      /* number of terms of that sum */
+    float weights[3];         /* factors that turn a difference in each channel into a relative error */
+    float variance_shares[SBL__DOUBLINGS];  /* [k]: variance of a mean of 2^k looks / variance of one look */
+    double measured2[SBL__DOUBLINGS];  /* [k]: sum of squared differences between 2^k looks and later looks */
+    double expected2[SBL__DOUBLINGS];  /* [k]: expected value of measured2[k] */
+    int compared[SBL__DOUBLINGS];      /* [k]: number of differences in measured2[k] */
     double bias2, noise2;     /* sums of bias and noise over pixels */
     double uncertainty2;      /* sum over pixels of the squared uncertainty of stored light; absolute, not relative */
     double look_variance;     /* relative variance of one look, averaged over the picture */
     double predicted, first_predicted;  /* predicted error of the picture now, and after the first round */
-    double gains[SBL__GAIN_BINS];  /* reductions of the squared error on offer, binned by worth */
+    double gains[SBL__GAIN_BINS];  /* histogram of all offers by worth: sums of gains */
     float least_worth;        /* least worth that is bought in this round */
     int bought;               /* number of tiles split and sensors that were given more looks in this round */
 } sbl__refine;
@@ -12991,8 +12694,8 @@ static int sbl__doublings(int looks) {
     return k;
 }
 
-/* Records that the mean of `more` new looks differs from the mean of `before` earlier looks of the same sensor by a
-   squared luminance of difference2; more >= before. */
+/* Records the squared difference between the luminance of `more` new looks and of `before` earlier looks of a sensor;
+   more >= before. */
 static void sbl__looks_compare(sbl__refine *r, const sbl__pixel *p, int before, int more, double difference2) {
     const int k = sbl__doublings(before);
     const double gain = (double)SBL__LOOKS_GAIN;
@@ -13001,9 +12704,8 @@ static void sbl__looks_compare(sbl__refine *r, const sbl__pixel *p, int before, 
     r->compared[k]++;
 }
 
-/* Computes the shares of variance from SBL__LOOKS_GAIN and the recorded differences, because the advantage of a Sobol
-   sequence over independent points depends on the scene. Numbers of looks that too few sensors have taken keep the
-   correction of the next smaller number. */
+/* Computes r->variance_shares from SBL__LOOKS_GAIN and the recorded differences, because the advantage of a Sobol
+   sequence over independent points depends on the scene. Where k has too few differences, k - 1 gives the factor. */
 static void sbl__looks_calibrate(sbl__refine *r) {
     double times = 1;
     int k;
@@ -13024,7 +12726,7 @@ static double sbl__variance(const sbl__refine *r, const sbl__pixel *p) {
 }
 static float sbl__noise(const sbl__refine *r, const sbl__pixel *p) { return (float)sqrt(sbl__variance(r, p)); }
 
-/* Returns the share of the variance of sensors `span` pixels apart that remains after interpolation and the filter.
+/* Returns the share of the sensors' variance that remains after interpolation and the filter in a tile of this span.
    Bilinear weights keep 4/9 on average; a filter that averages n pixels keeps a larger share in a wider tile. */
 static float sbl__noise_left(const sbl__refine *r, int span) {
     const float area = (float)span * (float)span;
@@ -13068,8 +12770,7 @@ static const sbl__pixel *sbl__sensor_beyond(const sbl__refine *r, const sbl__pix
     return p && sbl__usable(p) && sbl__belongs(pixel, p, r->geometry_aware) > 0 ? p : NULL;
 }
 
-/* Returns the pixels that a tile gives light to. Its last column and row belong to the next tile, except at the
-   picture's border. */
+/* Returns the pixels that a tile gives light to: all but its last column and row, unless the picture ends there. */
 static sbl__range sbl__tile_pixels(const sbl__refine *r, const sbl__tile *c) {
     sbl__range pixels = c->area;
     pixels.x[1] -= pixels.x[1] < r->width - 1;
@@ -13083,7 +12784,7 @@ typedef struct sbl__mix {
     float share[2];           /* position in the tile, 0 to 1 on each axis */
     float light[3];
     float own;                /* weight of corners that belong to the pixel, 0 to 1 */
-    float covered;            /* that weight plus the weight of extrapolated corners; 0: there is no light */
+    float covered;            /* `own` plus the weight of extrapolated corners; 0: there is no light */
     double variance;
 } sbl__mix;
 
@@ -13094,9 +12795,8 @@ static void sbl__mix_add(const sbl__refine *r, sbl__mix *m, const sbl__pixel *p,
     m->variance += (double)(weight * weight) * sbl__variance(r, p);
 }
 
-/* Handles a corner that shows another surface than the pixel: estimates the light that the pixel's own surface would
-   have there by linear extrapolation from the adjacent corners and from the sensors at equal distance beyond them.
-   Without a sensor beyond, the light of the adjacent corner is used as it is. */
+/* Adds a corner that shows another surface than the pixel. Its light is extrapolated linearly from the adjacent corners
+   and the sensors at equal distance beyond them, or copied from an adjacent corner without a sensor beyond it. */
 static void sbl__mix_extrapolate(const sbl__refine *r, const sbl__tile *c, int corner, const sbl__pixel *pixel,
                                  float weight, sbl__mix *m) {
     const sbl__pixel *adjacent[2], *beyond[2];
@@ -13120,7 +12820,7 @@ static void sbl__mix_extrapolate(const sbl__refine *r, const sbl__tile *c, int c
 
 /* Clamps extrapolated light to 0 or more, except in layers of signed values. */
 static float sbl__clamp_light(int layer, float light) {
-    return sbl__layer_is_signed(layer) ? light : SBL__MAX(light, 0.0f);
+    return layer ? light : SBL__MAX(light, 0.0f);
 }
 
 /* Interpolates a layer of light at pixel (x, y) from a tile's corners. */
@@ -13149,12 +12849,11 @@ static void sbl__interpolate(const sbl__refine *r, const sbl__tile *c, int x, in
     m->variance /= (double)m->covered * (double)m->covered;
 }
 
-/* Second differences of a layer of light at both ends of an edge, each from the two ends and a sensor at equal
-   distance beyond one of them. Without such a sensor: the negative of that at the other end. */
+/* Second differences of a layer of light at both ends of an edge. known: 1 if there is a sensor beyond an end */
 typedef struct sbl__curvature { int known; float at[2][3]; } sbl__curvature;
 
-/* Returns 1 if the ends of the edge have usable sensors that may share light. known: 0 if there is no sensor beyond
-   either end. */
+/* Computes second differences, each from both ends and a sensor at equal distance beyond an end. If only one end has
+   such a sensor, the other end gets the negative value. Returns 1 if the ends have sensors that may share light. */
 static int sbl__edge_curvature(const sbl__refine *r, const sbl__edge *e, int layer, sbl__curvature *out) {
     const int length = e->line.x[1] - e->line.x[0] + e->line.y[1] - e->line.y[0];
     int known[2] = { 0, 0 }, end, k;
@@ -13171,8 +12870,8 @@ static int sbl__edge_curvature(const sbl__refine *r, const sbl__edge *e, int lay
     return 1;
 }
 
-/* Computes the second difference that corrects interpolation along an edge: the smaller of those at its two ends
-   where their signs agree, else 0, because signs differ at a kink. */
+/* Computes the second difference that corrects interpolation along an edge: the one of its ends that is nearer to 0, or
+   0 if their signs differ, as they do at a kink. */
 static void sbl__edge_parabola(const sbl__refine *r, const sbl__edge *e, int layer, float out[3]) {
     sbl__curvature curvature;
     int k;
@@ -13234,8 +12933,7 @@ static float sbl__extrapolation_bias2(const sbl__refine *r, const sbl__edge *e, 
     return sbl__squared(r, difference);
 }
 
-/* Returns the squared error of interpolation in a tile, estimated from its edges, both where corners cover the tile
-   and where light is extrapolated. Sets c->unseen_bias2. */
+/* Estimates the squared error of interpolation and extrapolation in a tile from its edges. Sets c->unseen_bias2. */
 static float sbl__tile_edge_bias2(const sbl__refine *r, sbl__tile *c) {
     float inside = 0, outside = 0, unseen = 0;
     int side, end, k, insides = 0, outsides = 0;
@@ -13264,8 +12962,8 @@ static float sbl__tile_edge_bias2(const sbl__refine *r, sbl__tile *c) {
     return (1 - c->uncovered) * inside + c->uncovered * outside;
 }
 
-/* Returns the next sensor that splits of neighbours put on a tile's rim, from position *at on, or NULL. Corners are
-   skipped, because interpolation is exact there. *guess: the light that the tile interpolates at the sensor. */
+/* Returns the next sensor, from position *at on, that splits of neighbours put on a tile's rim, or NULL. Skips corners,
+   because interpolation is exact there. *guess: receives the light that the tile interpolates at the sensor. */
 static const sbl__pixel *sbl__tile_rim_next(const sbl__refine *r, const sbl__tile *c, int *at, sbl__mix *guess) {
     const sbl__range *a = &c->area;
     const int width = a->x[1] - a->x[0], height = a->y[1] - a->y[0];
@@ -13297,8 +12995,8 @@ static float sbl__tile_rim_bias2(const sbl__refine *r, const sbl__tile *c) {
     return count ? sum / (float)count : 0;
 }
 
-/* Returns the squared error of interpolation in a tile, noise included. Sensors on the rim stand where neighbours had
-   reason to split, so that the error there exceeds the average of the tile and counts only half. */
+/* Returns the squared error of interpolation in a tile, noise included. The error on the rim counts only half, because
+   its sensors are where neighbours had reason to split. */
 static float sbl__tile_raw_bias2(const sbl__refine *r, sbl__tile *c) {
     const float edges2 = sbl__tile_edge_bias2(r, c), rim2 = sbl__tile_rim_bias2(r, c);
     return SBL__MAX(edges2, 0.5f * (edges2 + rim2));
@@ -13308,9 +13006,9 @@ static float sbl__tile_raw_bias2(const sbl__refine *r, sbl__tile *c) {
 
 /* Summary of the sensors at a tile's corners. */
 typedef struct sbl__corners {
-    int looks;                /* fewest looks that any of them has taken; 0: there is no sensor */
-    int is_new;               /* 1: the last round read one of them */
-    int unread;               /* 1: one of them has not been read yet */
+    int looks;                /* fewest looks of a sensor; 0: there is no sensor */
+    int is_new;               /* 1: the last round has read a sensor */
+    int unread;               /* 1: a sensor has not been read yet */
 } sbl__corners;
 
 static sbl__corners sbl__tile_corners(const sbl__refine *r, const sbl__tile *c) {
@@ -13325,8 +13023,8 @@ static sbl__corners sbl__tile_corners(const sbl__refine *r, const sbl__tile *c) 
     return all;
 }
 
-/* parent: index of the tile whose split makes this one, or -1. New sensors begin with as many looks as the parent's,
-   since with fewer they would be noisier than interpolation. */
+/* Adds a tile. parent: index of the tile that is split, or -1. New sensors begin with as many looks as the sensors of
+   the parent, because with fewer looks they would be noisier than interpolation. */
 static sbl_result sbl__refine_add_tile(sbl__refine *r, const sbl__range *area, int parent) {
     sbl__tile *c;
     if (!sbl__grow(&r->core->base, &r->tiles, &r->tile_room, r->tile_count + 1, sizeof *r->tiles))
@@ -13392,26 +13090,20 @@ static int sbl__tile_differs(const sbl__refine *r, const sbl__tile *c) {
     return 0;
 }
 
-/* Counts the pixels that a tile gives light to. Returns 1 if it must be split because corners do not cover all. */
-static int sbl__tile_count(const sbl__refine *r, sbl__tile *c) {
+/* Adds the pixels of row y to c->pixels and c->uncovered. Sets c->must_split if the corners do not cover them. */
+static void sbl__tile_count(const sbl__refine *r, sbl__tile *c, const sbl__range *pixels, int y) {
     const int extrapolated = r->geometry_aware && sbl__tile_span(c) <= SBL__EXTRAPOLATED_SPAN && !(r->threshold > 0);
-    const sbl__range pixels = sbl__tile_pixels(r, c);
-    float uncovered = 0;
-    int x, y, must_split = 0;
-    c->pixels = 0;
-    for (y = pixels.y[0]; y <= pixels.y[1]; y++)
-        for (x = pixels.x[0]; x <= pixels.x[1]; x++) {
-            const sbl__pixel *p = sbl__pixel_at(r, x, y);
-            sbl__mix m;
-            if (!p->id) continue;
-            c->pixels++;
-            if (p->sensed) continue;
-            sbl__interpolate(r, c, x, y, 0, &m);
-            uncovered += 1 - m.own;
-            must_split |= (extrapolated ? m.covered : m.own) < SBL__COVERAGE;
-        }
-    c->uncovered = c->pixels ? uncovered / (float)c->pixels : 0;
-    return must_split;
+    int x;
+    for (x = pixels->x[0]; x <= pixels->x[1]; x++) {
+        const sbl__pixel *p = sbl__pixel_at(r, x, y);
+        sbl__mix m;
+        if (!p->id) continue;
+        c->pixels++;
+        if (p->sensed) continue;
+        sbl__interpolate(r, c, x, y, 0, &m);
+        c->uncovered += 1 - m.own;
+        c->must_split |= (extrapolated ? m.covered : m.own) < SBL__COVERAGE;
+    }
 }
 
 /* >>refine: guides for sensors' rays, see >>guide */
@@ -13423,7 +13115,7 @@ static const sbl__pixel *sbl__guide_pixel(const sbl__refine *r, int column, int 
 }
 
 /* Returns how well a guide made at one pixel suits another pixel: the weight with which the pixels belong together, or
-   0 unless the sectors of both guides' rings begin on the same side. */
+   0 if the sectors of their guides' rings begin on different sides. */
 static float sbl__guide_fits(const sbl__pixel *a, const sbl__pixel *b) {
     const float belongs = sbl__belongs(a, b, 1);
     double right[2][3], up[3];
@@ -13493,13 +13185,13 @@ static int sbl__refine_room(sbl__refine *r, int more) {
            sbl__grow(base, &r->reading_layers, &r->reading_layer_room, count, r->harmonics * sizeof(float));
 }
 
-/* Returns how many tiles the stage may list: any number until the looks of their sites fill a job. */
+/* Returns 0 when the looks of the listed sites fill a job, or all tiles are listed. */
 static int sbl__refine_unlisted(void *work) {
     const sbl__refine *r = (const sbl__refine *)work;
     return r->listed < r->tile_count && r->look_count < SBL__JOB_LOOKS ? INT_MAX : 0;
 }
 
-/* Lists sites for those corners of the next tile that have no sensor yet or whose sensor is to look again. */
+/* Lists sites for those corners of the next tile that need a sensor or more looks. */
 static sbl_result sbl__refine_list(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__tile *c = &r->tiles[r->listed++];
@@ -13522,9 +13214,9 @@ static sbl_result sbl__refine_list(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Returns the occlusion of a texel of a lightmap. A hidden texel is one that no viewer sees: surfaces lie on it, nearer
-   than the size of a texel, in most directions, or it lies inside a solid, which no bounce reaches. A touched texel
-   lies close to the edge of a surface that hides texels, where light changes within a fraction of a texel. */
+/* Returns the occlusion of a texel of a lightmap. No viewer sees a hidden texel: surfaces lie on it, in most directions
+   nearer than the size of a texel, or it is inside a solid, which no bounce reaches. A touched texel is close to the
+   edge of a surface that hides texels, where light changes within a fraction of a texel. */
 static int sbl__refine_occlusion(sbl__refine *r, const sbl_reading *reading) {
     const int dark = sbl__all_zero(reading->radiance, 3), backs = reading->back_share > 0.5f;
     if (!(r->distance_limit > 0) || !(reading->hit_min > 0)) return 0;
@@ -13536,9 +13228,8 @@ static int sbl__refine_occlusion(sbl__refine *r, const sbl_reading *reading) {
     return reading->hit_min < SBL__HIDDEN_TOUCH * r->distance_limit ? SBL__TOUCHED : 0;
 }
 
-/* Decides from the first reading of pixel number `index` whether its light may be shown. Hidden texels, and touched
-   texels next to them, take their neighbours' light instead, because their own light would show beyond the edge of the
-   object that hides them. */
+/* Decides from the first reading of a pixel whether its light may be shown. Hidden texels and touched texels next to
+   them take their neighbours' light, because their own would show beyond the edge of the object that hides them. */
 static void sbl__refine_validate(sbl__refine *r, int index, const sbl_reading *reading) {
     sbl__pixel *p = &r->pixels[index];
     int i;
@@ -13546,7 +13237,7 @@ static void sbl__refine_validate(sbl__refine *r, int index, const sbl_reading *r
     p->occlusion = (unsigned char)sbl__refine_occlusion(r, reading);
     if (p->occlusion == SBL__HIDDEN) {
         p->invalid = 1;
-        r->uncertainty2 -= (double)p->uncertainty * p->uncertainty;  /* Its own light is not shown. */
+        r->uncertainty2 -= (double)p->uncertainty * p->uncertainty;  /* The light of this pixel is not shown. */
         p->uncertainty = 0;
     }
     for (i = 0; i < 9 && p->occlusion; i++) {
@@ -13600,8 +13291,8 @@ static sbl_result sbl__refine_take(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Makes the spec anew after a change of `measurement`, and keeps its `directional` and `guided` flags. */
-static void sbl__refine_see(sbl__refine *r) {
+/* Updates the spec after a change of `measurement`, but keeps its `directional` and `guided` flags. */
+static void sbl__refine_update_spec(sbl__refine *r) {
     const int directional = r->spec->directional, guided = r->spec->guided;
     sbl__spec_make(r->spec, r->measurement, &r->core->scene, &r->core->desc);
     r->spec->directional = directional;
@@ -13671,19 +13362,18 @@ static sbl_result sbl__scouts_take(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__guides *g = &r->guides;
     uint32_t *sequence = sbl__sequence_make(&r->core->base, SBL__SCOUTS, 1, 1);
-    int i;
-    (void)slice;
+    int *at = &r->stages.at;
     if (!sequence) return SBL_ERROR_OUT_OF_MEMORY;
-    for (i = 0; i < r->site_count; i++) {
-        const sbl__site *site = &r->sites[i];
+    for (; *at < r->site_count && !sbl__late(slice); ++*at) {
+        const sbl__site *site = &r->sites[*at];
         const int column = (int)site->number % r->width / g->step, row = (int)site->number / r->width / g->step;
-        const float light = r->readings[i].valid ? sbl__luminance(r->readings[i].radiance) : 0;
+        const float light = r->readings[*at].valid ? sbl__luminance(r->readings[*at].radiance) : 0;
         double u[2];
         sbl__sequence_at(sequence, site->first, sbl__hash(site->number ^ sbl__hash(sbl__scouts_seed(r))), u);
         sbl__guide_found(g, row * g->columns + column)[sbl__guide_bin(u[0], u[1])] += light * light;
     }
     sbl__free(&r->core->base, sequence);
-    return SBL_SUCCESS;
+    return *at < r->site_count ? SBL_UNFINISHED : SBL_SUCCESS;
 }
 
 static int sbl__guides_count(void *work) {
@@ -13740,7 +13430,7 @@ static int sbl__gain_bin(float gain) {
 /* Returns the least gain that falls into a bin. */
 static float sbl__bin_gain(int bin) { return (float)ldexp(0.5 + 0.125 * (bin % 4), bin / 4 - 100); }
 
-/* Prepares for weighing all tiles. Errors are relative to the mean that the round before summed up. */
+/* Prepares for weighing all tiles. Errors are relative to the mean R that the previous round summed up. */
 static void sbl__weigh_begin(sbl__refine *r) {
     int k;
     sbl__looks_calibrate(r);
@@ -13755,8 +13445,7 @@ static void sbl__weigh_begin(sbl__refine *r) {
     r->bought = 0;
 }
 
-/* Returns how many pixels the filter averages in a tile of single pixels. The filter leaves out pixels that differ
-   visibly, so the number falls where neighbours differ. */
+/* Returns how many pixels the filter averages in a tile of single pixels: fewer where neighbours differ visibly. */
 static float sbl__tile_smoothing(const sbl__refine *r, const sbl__tile *c, float noise) {
     float alike = 0;
     int side, count = 0;
@@ -13777,6 +13466,7 @@ static float sbl__tile_smoothing(const sbl__refine *r, const sbl__tile *c, float
 
 /* Computes a tile's noise from its corners, and adds the tile's light to the picture's mean. */
 static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
+    const int span = sbl__tile_span(c);
     float variance, share = 0, light[3] = { 0, 0, 0 };
     double sum = 0;
     int corner, k, count = 0;
@@ -13793,31 +13483,26 @@ static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
     c->variance = variance = sbl__relative2(r, sum / count);
     if (c->parent >= 0) c->variance += SBL__PARENT_WEIGHT * (r->tiles[c->parent].variance - variance);
     variance = c->variance * share / (float)count;
-    c->noise2 = variance;
-    if (sbl__tile_span(c) > 1) c->noise2 *= sbl__noise_left(r, sbl__tile_span(c));
-    else c->noise2 /= sbl__tile_smoothing(r, c, r->luminance * (float)sqrt((double)variance));
+    c->noise2 = span > 1 ? variance * sbl__noise_left(r, span)
+                         : variance / sbl__tile_smoothing(r, c, r->luminance * (float)sqrt((double)variance));
     for (k = 0; k < 3; k++) r->sum[k] += (double)light[k] * c->pixels / count;
     r->pixels_summed += c->pixels;
     r->look_variance += (double)c->variance * c->pixels;
     c->light = sbl__luminance(light) / (float)count;
 }
 
-/* Updates the error of interpolation in a tile, and marks a tile that must be split. */
+/* Updates c->raw_bias2, or marks a tile that must be split. */
 static void sbl__tile_weigh_split(sbl__refine *r, sbl__tile *c, int is_new) {
-    const int must_split = is_new && sbl__tile_count(r, c), span = sbl__tile_span(c);
+    const int span = sbl__tile_span(c);
     if (span <= 1) return;
-    if (must_split) c->split_worth = FLT_MAX;
+    if (c->must_split) c->split_worth = FLT_MAX;
     else if (r->threshold > 0) c->split_worth = sbl__tile_differs(r, c) ? FLT_MAX : 0;
     else if (is_new || sbl__tile_corners(r, c).is_new || span > SBL__EXTRAPOLATED_SPAN)
         c->raw_bias2 = sbl__tile_raw_bias2(r, c);
 }
 
-/* Enters an offer into the histogram: each of `looks` looks reduces the sum of squared errors by `gain`. */
-static void sbl__weigh_enter(sbl__refine *r, float worth, float gain, int looks) {
-    if (gain > 0) r->gains[sbl__gain_bin(worth)] += (double)gain * looks;
-}
-
-/* Predicts the errors of a tile and enters its offers into the histogram. Splits that must be made come first. */
+/* Predicts the errors of a tile and enters its offers into the histogram. gain: reduction of the sum of squared errors
+   per look */
 static void sbl__tile_weigh(sbl__refine *r, sbl__tile *c, int is_new) {
     float bias2, gain, variance, weight;
     int looks = sbl__tile_corners(r, c).looks, most, interpolated;
@@ -13836,7 +13521,7 @@ static void sbl__tile_weigh(sbl__refine *r, sbl__tile *c, int is_new) {
         const int cost = SBL__SPLIT_COST * SBL__MAX(looks, 1);
         gain = bias2 * SBL__SPLIT_GAIN * (float)interpolated / (float)cost;
         if (c->split_worth < FLT_MAX) c->split_worth = bias2 > error_max * error_max ? FLT_MAX : gain * weight;
-        sbl__weigh_enter(r, c->split_worth, gain, cost);
+        if (gain > 0) r->gains[sbl__gain_bin(c->split_worth)] += (double)gain * cost;
     }
     c->look_worth = 0;
     if (!looks || looks >= r->spec->looks) return;
@@ -13844,7 +13529,7 @@ static void sbl__tile_weigh(sbl__refine *r, sbl__tile *c, int is_new) {
     c->look_worth = gain * weight;
     most = SBL__MIN(SBL__LOOKS_GROWTH * looks, r->spec->looks);
     for (; looks < most; looks *= 2) {
-        sbl__weigh_enter(r, gain * weight, gain, looks);
+        if (gain > 0) r->gains[sbl__gain_bin(gain * weight)] += (double)gain * looks;
         gain *= SBL__LOOKS_GAIN_NEXT;
     }
 }
@@ -13865,6 +13550,24 @@ static void sbl__weigh_end(sbl__refine *r) {
     aim = SBL__MAX(SBL__AIM_BELOW * target2 * pixels, SBL__AIM_SHARE * left);
     while (bin > 1 && left > aim) left -= r->gains[--bin];
     r->least_worth = sbl__bin_gain(bin);
+}
+
+/* Counts the pixels of new tiles, row by row. */
+static sbl_result sbl__refine_count(void *work, sbl__slice *slice) {
+    sbl__refine *r = (sbl__refine *)work;
+    int *at = &r->stages.at;
+    for (*at = SBL__MAX(*at, r->first_new); *at < r->tile_count; ++*at, r->row = 0) {
+        sbl__tile *c = &r->tiles[*at];
+        const sbl__range pixels = sbl__tile_pixels(r, c);
+        if (r->row == 0) c->pixels = c->must_split = 0;
+        if (r->row == 0) c->uncovered = 0;
+        for (; pixels.y[0] + r->row <= pixels.y[1]; r->row++) {
+            if (sbl__late(slice)) return SBL_UNFINISHED;
+            sbl__tile_count(r, c, &pixels, pixels.y[0] + r->row);
+        }
+        if (c->pixels) c->uncovered /= (float)c->pixels;
+    }
+    return SBL_SUCCESS;
 }
 
 static int sbl__refine_weigh_count(void *work) { return ((sbl__refine *)work)->weigh_count; }
@@ -13904,9 +13607,9 @@ static sbl_result sbl__refine_spend(void *work, int at) {
 
 /* >>refine: stages */
 
-enum { SBL__REFINE_TILES, SBL__REFINE_COLLECT, SBL__REFINE_SENSE, SBL__REFINE_TAKE, SBL__REFINE_WEIGH,
-       SBL__REFINE_SPEND, SBL__REFINE_COLLECT_SCOUTS, SBL__REFINE_SCOUT, SBL__REFINE_TAKE_SCOUTS, SBL__REFINE_GUIDES,
-       SBL__REFINE_SEND, SBL__REFINE_DONE };
+enum { SBL__REFINE_TILES, SBL__REFINE_COLLECT, SBL__REFINE_SENSE, SBL__REFINE_TAKE, SBL__REFINE_COUNT,
+       SBL__REFINE_WEIGH, SBL__REFINE_SPEND, SBL__REFINE_COLLECT_SCOUTS, SBL__REFINE_SCOUT, SBL__REFINE_TAKE_SCOUTS,
+       SBL__REFINE_GUIDES, SBL__REFINE_SEND, SBL__REFINE_DONE };
 
 static void sbl__refine_task(const sbl__refine *r, sbl__task *task) {
     memset(task, 0, sizeof *task);
@@ -13942,26 +13645,23 @@ static sbl_result sbl__refine_sense(void *work, sbl__slice *slice) {
     return result;
 }
 
-/* Empties the list of sites. Returns 1 if fewer than `all` tiles or guides have been listed in this round. */
-static int sbl__refine_next_job(sbl__refine *r, int all) {
-    r->site_count = r->look_count = 0;
-    if (r->listed < all) return 1;
-    r->listed = 0;
-    return 0;
-}
-
+/* Begins the next job if there are tiles or guides that this round has not listed yet. */
 static int sbl__refine_after_take(void *work) {
     sbl__refine *r = (sbl__refine *)work;
-    if (sbl__refine_next_job(r, r->tile_count)) return SBL__REFINE_COLLECT;
+    const int scouts = r->stages.stage == SBL__REFINE_TAKE_SCOUTS;
+    r->site_count = r->look_count = 0;
+    if (r->listed < (scouts ? r->guides.columns * r->guides.rows : r->tile_count))
+        return scouts ? SBL__REFINE_COLLECT_SCOUTS : SBL__REFINE_COLLECT;
+    r->listed = 0;
+    if (scouts) return SBL__REFINE_GUIDES;
     r->rounds++;
     r->weigh_count = r->tile_count;
     sbl__weigh_begin(r);
-    return SBL__REFINE_WEIGH;
+    return SBL__REFINE_COUNT;
 }
 
-/* After the first round, looks of few rays may be too noisy for the target error. In this case their rays first get
-   guides, provided that sensors see any light; if noise is still too high, looks get more rays. Both changes make all
-   sensors start again. */
+/* If looks prove too noisy for the target error in the first round, makes guides for their rays, or gives looks more
+   rays if there are guides already or no light. In both cases all sensors start again. */
 static int sbl__refine_after_weigh(void *work) {
     sbl__refine *r = (sbl__refine *)work;
     int times;
@@ -13975,7 +13675,7 @@ static int sbl__refine_after_weigh(void *work) {
     if (!r->spec->guided && !r->spec->no_light) return SBL__REFINE_COLLECT_SCOUTS;
     r->measurement->look_rays *= times;
     r->measurement->looks = SBL__MAX(r->measurement->looks / times, 1);
-    sbl__refine_see(r);
+    sbl__refine_update_spec(r);
     return SBL__REFINE_COLLECT;
 }
 
@@ -13985,29 +13685,26 @@ static int sbl__refine_after_spend(void *work) {
     return r->bought ? SBL__REFINE_COLLECT : SBL__REFINE_DONE;
 }
 
-static int sbl__refine_after_take_scouts(void *work) {
-    sbl__refine *r = (sbl__refine *)work;
-    const int unfinished = sbl__refine_next_job(r, r->guides.columns * r->guides.rows);
-    return unfinished ? SBL__REFINE_COLLECT_SCOUTS : SBL__REFINE_GUIDES;
-}
+
 
 static int sbl__refine_after_send(void *work) {
     ((sbl__refine *)work)->spec->guided = 1;
     return SBL__REFINE_COLLECT;
 }
 
-/* Does one bounded piece of work. Returns SBL_SUCCESS when the target error is reached or nothing is left to buy. */
+/* Refines, piece by piece. Returns SBL_SUCCESS when the target error is reached or nothing is left to buy. */
 static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__refine_tile, sbl__refine_tiles },
         { NULL, sbl__refine_after_list, sbl__refine_list, sbl__refine_unlisted },
         { sbl__refine_sense, NULL, NULL, NULL },
         { NULL, sbl__refine_after_take, sbl__refine_take, sbl__refine_sites },
+        { sbl__refine_count, NULL, NULL, NULL },
         { NULL, sbl__refine_after_weigh, sbl__refine_weigh, sbl__refine_weigh_count },
         { NULL, sbl__refine_after_spend, sbl__refine_spend, sbl__refine_weigh_count },
         { sbl__guides_begin, sbl__refine_after_list, sbl__scouts_list, sbl__scouts_unlisted },
         { sbl__refine_sense, NULL, NULL, NULL },
-        { sbl__scouts_take, sbl__refine_after_take_scouts, NULL, NULL },
+        { sbl__scouts_take, sbl__refine_after_take, NULL, NULL },
         { NULL, NULL, sbl__guides_make, sbl__guides_count },
         { sbl__guides_send, sbl__refine_after_send, NULL, NULL }
     };
@@ -14016,7 +13713,7 @@ static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
 
 /* >>refine: functions for later rooms */
 
-/* smoothing: number of pixels that the filter averages. */
+/* smoothing: number of pixels that the filter averages */
 static void sbl__refine_begin(sbl__refine *r, sbl__core *c, sbl__measurement *measurement, sbl__spec *spec,
                               const sbl_picture_desc *desc, float smoothing) {
     r->core = c;
@@ -14040,14 +13737,14 @@ static sbl_result sbl__refine_make(sbl__refine *r) {
     return r->pixels && r->layers ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Sets the surface that pixel number `index` shows. shown->sensed: it shows stored light, without a sensor. */
+/* Sets a pixel. shown->sensed: the pixel shows its stored light, so that it needs no sensor */
 static void sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel *shown) {
     r->pixels[index] = *shown;
     if (shown->sensed) sbl__refine_even(r, shown, r->layers + r->harmonics * index);
     r->uncertainty2 += (double)shown->uncertainty * shown->uncertainty;
 }
 
-/* Turns on the test for occlusion (see sbl__refine_occlusion). width: of a texel, world units. */
+/* Turns on the test for occlusion (see sbl__refine_occlusion). width: width of a texel, world units */
 static void sbl__refine_hide_within(sbl__refine *r, float width) { r->distance_limit = SBL__HIDDEN_REACH * width; }
 
 static const sbl__pixel *sbl__refine_pixel(const sbl__refine *r, size_t index) { return &r->pixels[index]; }
@@ -14085,8 +13782,8 @@ typedef struct sbl__fill {
     sbl__stages stages;
     int row;                    /* next row of the current tile */
     float *rgba;                /* output, 4 floats per pixel: light; noise of R, above 0 where there is a surface */
-    int orphans;                /* number of pixels whose sensor is stuck and that their tile does not cover */
-    sbl__rings rings;           /* spread light to the orphans over their surface */
+    int orphans;                /* number of pixels without a usable sensor that their tile does not cover */
+    sbl__rings rings;           /* spread light to orphans over their surface */
 } sbl__fill;
 
 static void sbl__fill_free(sbl__base *base, sbl__fill *f) {
@@ -14095,7 +13792,7 @@ static void sbl__fill_free(sbl__base *base, sbl__fill *f) {
     memset(f, 0, sizeof *f);
 }
 
-/* Returns the tile or, while refinement is in progress, the smallest tile around it whose sensors have been read. */
+/* Returns the tile or, if its sensors have not all been read yet, the smallest tile around it whose sensors have. */
 static const sbl__tile *sbl__tile_known(const sbl__refine *r, const sbl__tile *c) {
     while (c->parent >= 0 && sbl__tile_corners(r, c).unread) c = &r->tiles[c->parent];
     return c;
@@ -14122,7 +13819,7 @@ static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, floa
     memcpy(to, sbl__pixel_light(r, p, f->layer), 3 * sizeof *to);
     if (lit) {
         const float least = r->luminance * (float)sqrt((double)c->variance * (double)sbl__variance_share(r, p->looks));
-        to[3] = SBL__MAX(least, sbl__noise(r, p));  /* the few rays of a single sensor may agree by chance */
+        to[3] = SBL__MAX(least, sbl__noise(r, p));  /* The few rays of a single sensor may agree by chance. */
         p->error = sbl__pixel_error(r, p, c->noise2);
     } else {
         sbl__interpolate(r, c, x, y, f->layer, &m);
@@ -14205,7 +13902,7 @@ static sbl_result sbl__fill_spread(void *work, sbl__slice *slice) {
     return f->orphans ? sbl__rings_step(&f->rings, slice) : SBL_SUCCESS;
 }
 
-/* Does one bounded piece of filling in. Returns SBL_SUCCESS when f->rgba is filled in. */
+/* Fills in f->rgba, piece by piece. */
 static sbl_result sbl__fill_step(sbl__fill *f, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { sbl__fill_tiles, NULL, NULL, NULL },
@@ -14233,9 +13930,9 @@ static const char *const sbl__glsl_belongs[] = {
 /* >>glsl filter: shaders_embedded/filter.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_filter[] = {
 "// The Gaussian of section III-H over pixels with the same id, normalised. Outside paper mode, weights are also\n",
-"// reduced for pixels whose normal or plane differs, or whose light differs by more than noise can explain.\n",
+"// reduced for pixels whose normal or plane differs, or whose R or harmonics differ by more than noise explains.\n",
 "uniform sampler2D radiance;  // R; a: its noise, above 0 where there is a surface\n",
-"uniform sampler2D layer;     // SBL_DIRECTIONAL: harmonics, smoothed instead of R, where both they and R are alike\n",
+"uniform sampler2D layer;     // SBL_DIRECTIONAL: a layer of harmonics, which is smoothed instead of R\n",
 "uniform sampler2D positions, normals;\n",
 "uniform usampler2D ids;\n",
 "uniform int radius;\n",
@@ -14243,11 +13940,11 @@ static const char *const sbl__glsl_filter[] = {
 "uniform int geometry_aware;\n",
 "layout(location = 0) out vec4 out_radiance;\n",
 "\n",
-"uniform float few;           // noise of harmonics where R has none, since looks have few rays; as a share of R\n",
+"uniform float layer_noise;   // noise of harmonics, as a share of R, where R has no noise: looks have few rays\n",
 "const float SBL_HARMONIC = 2.0;  // noise of a harmonic divided by the noise of R, approximately\n",
 "\n",
-"// Returns the approximate noise of a harmonic. light: R and its noise\n",
-"float sbl_harmonic_noise(vec4 light) { return SBL_HARMONIC * light.a + few * max(light.r, max(light.g, light.b)); }\n",
+"// Returns the approximate noise of a harmonic. r: R and its noise\n",
+"float sbl_harmonic_noise(vec4 r) { return SBL_HARMONIC * r.a + layer_noise * max(r.r, max(r.g, r.b)); }\n",
 "\n",
 "// Returns about 1 if noise explains the difference of two pixels, about 0 if the difference is several times that.\n",
 "float sbl_alike(vec4 a, vec4 b) {\n",
@@ -14296,7 +13993,7 @@ typedef struct sbl__filter {
     int radius, geometry_aware;
     const sbl__texture *radiance;  /* R and its noise */
     const sbl__texture *layer;     /* the layer of harmonics to smooth; NULL: smooth R */
-    float few;                     /* see filter.glsl */
+    float layer_noise;             /* see filter.glsl */
 } sbl__filter;
 
 static double sbl__filter_sigma(int radius) { return SBL__MAX(0.5 * radius, 0.1); }
@@ -14323,7 +14020,7 @@ static sbl_result sbl__filter_draw(sbl__device *d, const sbl__filter *f, const s
     sbl__pass_rows(d, out, rows[0], rows[1]);
     sbl__bind(d, "radiance", f->radiance);
     if (f->layer) sbl__bind(d, "layer", f->layer);
-    sbl__set_float(d, "few", f->few);
+    sbl__set_float(d, "layer_noise", f->layer_noise);
     sbl__bind(d, "positions", &g->textures[SBL__GBUFFER_POSITION]);
     sbl__bind(d, "normals", &g->textures[SBL__GBUFFER_NORMAL]);
     sbl__bind(d, "ids", &g->textures[SBL__GBUFFER_ID]);
@@ -14350,13 +14047,14 @@ static const char *const sbl__glsl_resolve[] = {
 "uniform vec2 offset;                        // position of the sample relative to the pixel's centre, pixels\n",
 "uniform vec3 sky;                           // constant radiance of the sky\n",
 "uniform sampler2D previous;                 // sum over the previous samples\n",
-"uniform float first, share;                 // first: 0 for the first sample, else 1; share: 1 / number of samples\n",
+"uniform int has_previous;                   // 0: this is the first sample\n",
+"uniform float share;                        // 1 / number of samples\n",
 "layout(location = 0) out vec4 out_color;\n",
 "\n",
 "const int SBL_REACH = 2;                // R is taken from pixels at most this far away in x and y\n",
 "const float SBL_NEAR_ENOUGH = 0.05;     // least sum of weights at which the four nearest pixels suffice\n",
-"const float SBL_SAME_ID = 1e-3;         // least weight of a pixel with the same id, even if it does not belong\n",
-"const float SBL_OTHER_ID = 0.01;        // least weight of a pixel with any id, if there is none with the same id\n",
+"const float SBL_SAME_ID = 1e-3;         // weight of a pixel with the same id that does not belong to the surface\n",
+"const float SBL_OTHER_ID = 0.01;        // least weight of a pixel if none has the same id\n",
 "\n",
 "// Returns the radiance of the environment picture in a direction, bilinearly filtered.\n",
 "vec3 sbl_sky_smooth(vec3 direction) {\n",
@@ -14405,7 +14103,7 @@ static const char *const sbl__glsl_resolve[] = {
 "void main() {\n",
 "    ivec2 at = ivec2(gl_FragCoord.xy);\n",
 "    uint id = texelFetch(sample_ids, at, 0).x;\n",
-"    vec4 before = first == 0.0 ? vec4(0) : texelFetch(previous, at, 0);\n",
+"    vec4 before = has_previous == 0 ? vec4(0) : texelFetch(previous, at, 0);\n",
 "    vec3 color;\n",
 "    if (id == 0u) color = sky + sbl_sky_smooth(sbl_camera_direction());\n",
 "    else {\n",
@@ -14432,21 +14130,22 @@ static void sbl__sample_offset(int i, int count, float out[2]) {
     out[1] = count == 1 ? 0 : (float)(y - floor(y) - 0.5);
 }
 
-/* A sample of every pixel. */
+/* One anti-aliasing sample, of all pixels. */
 typedef struct sbl__resolve {
     const sbl__gbuffer *centres, *sample;  /* G-buffers of the pixels' centres and of the sample */
     const sbl__texture *radiance;          /* R at pixel centres */
     const sbl__texture *previous;          /* sum over the previous samples */
     const sbl__environment *environment;
     const sbl__camera *camera;
-    float offset[2];                       /* position relative to the pixel's centre, pixels */
     int index, count;                      /* index of the sample; number of samples */
 } sbl__resolve;
 
 /* Adds the sample to `previous` and writes the sum to rows of `out`. rows: first row, number of rows */
 static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const sbl__target *out, const int rows[2]) {
     const sbl_result result = sbl__use(d, &sbl__recipe_resolve, 0);
+    float offset[2];
     if (result != SBL_SUCCESS) return result;
+    sbl__sample_offset(r->index, r->count, offset);
     sbl__pass_rows(d, out, rows[0], rows[1]);
     sbl__bind(d, "radiance", r->radiance);
     sbl__bind(d, "positions", &r->centres->textures[SBL__GBUFFER_POSITION]);
@@ -14459,9 +14158,9 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
     sbl__bind(d, "sample_ids", &r->sample->textures[SBL__GBUFFER_ID]);
     sbl__bind(d, "previous", r->previous);
     sbl__environment_bind(d, r->environment);
-    sbl__camera_set(d, r->camera, r->offset, out);
-    sbl__set_vec2(d, "offset", r->offset[0], r->offset[1]);
-    sbl__set_float(d, "first", r->index ? 1.0f : 0.0f);
+    sbl__camera_set(d, r->camera, offset, out);
+    sbl__set_vec2(d, "offset", offset[0], offset[1]);
+    sbl__set_int(d, "has_previous", r->index > 0);
     sbl__set_float(d, "share", 1.0f / (float)r->count);
     sbl__draw_screen(d);
     return SBL_SUCCESS;
@@ -14473,7 +14172,7 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
 
 typedef struct sbl__gutters {
     sbl__stages stages;
-    int width, height;
+    int size[2];               /* width and height, texels */
     float *light;              /* 4 floats per texel: R, and the texel's ring: 0 on charts, negative if none */
     sbl__rings spread;
 } sbl__gutters;
@@ -14501,8 +14200,8 @@ static void sbl__gutters_mean(void *user, int texel) {
 static sbl_result sbl__gutters_begin(sbl__base *base, sbl__gutters *g, const int size[2], int rings) {
     const size_t texels = (size_t)size[0] * (size_t)size[1];
     g->spread.last = rings;
-    g->width = g->spread.width = size[0];
-    g->height = size[1];
+    g->size[0] = g->spread.width = size[0];
+    g->size[1] = size[1];
     g->spread.user = g;
     g->spread.mean = sbl__gutters_mean;
     g->spread.neighbour = sbl__ring_grid;
@@ -14555,7 +14254,8 @@ static sbl_result sbl__gutters_step(sbl__gutters *g, sbl__slice *slice) {
 #define SBL__SEAM_ROUNDS 4        /* maximum number of solutions per layer */
 #define SBL__SEAM_PRECISION2 1e-10
 
-/* unknowns: texels until the point is added, then numbers of unknowns; weights: of A, then of B, which are negative */
+/* A point of a seam. Entries 0 to 3 are for its place A in the map, 4 to 7 for B; the weights of B are negative.
+   unknowns: texels until the point is added, then numbers of unknowns */
 typedef struct sbl__seam_point { int unknowns[8]; float weights[8]; } sbl__seam_point;
 
 enum { SBL__SEAMS_EDGES, SBL__SEAMS_BEFORE, SBL__SEAMS_SOLVE, SBL__SEAMS_APPLY, SBL__SEAMS_AFTER, SBL__SEAMS_DONE };
@@ -14574,7 +14274,7 @@ typedef struct sbl__seams {
     int seams;                  /* number of seams */
     int layers;                 /* number of layers done; layer 0 is R, the others are harmonics, which have signs */
     int rounds;                 /* number of solutions of this layer so far */
-    int bound;                  /* 1 if the last solution made channels negative */
+    int bound;                  /* 1 if the last solution made channels negative, which then were set to 0 */
     float before, after;        /* largest differences across seams before and after solutions, luminance */
 } sbl__seams;
 
@@ -14626,17 +14326,16 @@ static int sbl__seam_match(const sbl__geometry *g, const uint32_t edges[2], cons
 /* Stores the four texels around a place in the map (at, in texels) and their bilinear weights as one side of a point.
    Returns 0 if one of these texels has no light. */
 static int sbl__seam_mix(const sbl__gutters *g, const double at[2], int side, sbl__seam_point *p) {
-    const int size[2] = { g->width, g->height };
     int low[2], high[2], i, k;
     double share[2];
     for (k = 0; k < 2; k++) {
-        const double x = SBL__MIN(SBL__MAX(at[k] - 0.5, 0.0), size[k] - 1.0);
+        const double x = SBL__MIN(SBL__MAX(at[k] - 0.5, 0.0), g->size[k] - 1.0);
         low[k] = (int)x;
-        high[k] = SBL__MIN(low[k] + 1, size[k] - 1);
+        high[k] = SBL__MIN(low[k] + 1, g->size[k] - 1);
         share[k] = x - low[k];
     }
     for (i = 0; i < 4; i++) {
-        const int texel = (i & 2 ? high[1] : low[1]) * g->width + (i & 1 ? high[0] : low[0]);
+        const int texel = (i & 2 ? high[1] : low[1]) * g->size[0] + (i & 1 ? high[0] : low[0]);
         const double weight = (i & 1 ? share[0] : 1 - share[0]) * (i & 2 ? share[1] : 1 - share[1]);
         if (g->light[4 * (size_t)texel + 3] < 0) return 0;
         p->unknowns[4 * side + i] = texel;
@@ -14677,14 +14376,13 @@ static sbl_result sbl__seam_add(sbl__seams *s, const sbl__seam_point *p) {
 
 /* Adds points along a seam. ends: two vertices per side */
 static sbl_result sbl__seam_points(sbl__seams *s, const uint32_t ends[2][2]) {
-    const int size[2] = { s->light->width, s->light->height };
     double places[2][2][2], longest = 0;  /* positions in the map of side and end, texels */
     int side, k, i, count;
     for (side = 0; side < 2; side++) {
         double dx, dy;
         for (i = 0; i < 4; i++)
             places[side][i / 2][i % 2] = (double)sbl__atlas_uv(s->atlas->geometry, ends[side][i / 2])[i % 2] *
-                                         size[i % 2];
+                                         s->light->size[i % 2];
         dx = places[side][1][0] - places[side][0][0];
         dy = places[side][1][1] - places[side][0][1];
         longest = SBL__MAX(longest, sqrt(dx * dx + dy * dy));
@@ -14801,7 +14499,7 @@ static sbl_result sbl__seams_make(void *work, sbl__slice *slice) {
 static sbl_result sbl__seams_make_solver(void *work, sbl__slice *slice) {
     sbl__seams *s = (sbl__seams *)work;
     (void)slice;
-    if (s->solver.user) return SBL_SUCCESS;  /* it has been made */
+    if (s->solver.user) return SBL_SUCCESS;  /* made for layer 0 */
     s->solver.user = s;
     s->solver.term = sbl__seam_term;
     s->solver.term_count = s->point_count;
@@ -14828,7 +14526,7 @@ static int sbl__seams_unknowns(void *work) { return ((sbl__seams *)work)->unknow
 
 /* Prepares for another layer of the same lightmap. */
 static void sbl__seams_again(sbl__seams *s) {
-    if (s->stages.stage < SBL__SEAMS_DONE) return;  /* seams are not wanted */
+    if (s->stages.stage < SBL__SEAMS_DONE) return;  /* sbl_lightmap_desc.seams leaves them open */
     s->stages.stage = SBL__SEAMS_BEFORE;
     s->layers++;
     s->rounds = 0;
@@ -15088,7 +14786,7 @@ static sbl_result sbl__map_upload(const sbl__map *m, int across, sbl__texture *t
 }
 
 static int sbl__map_after_prepare(void *work) {
-    sbl__refine_see(&((sbl__map *)work)->refine);
+    sbl__refine_update_spec(&((sbl__map *)work)->refine);
     return SBL__MAP_SURFACE;
 }
 
@@ -15229,7 +14927,7 @@ static sbl_result sbl__map_filter(void *work, sbl__slice *slice) {
     filter.geometry_aware = m->desc.options.mode != SBL_MODE_PAPER;
     filter.radiance = &m->layers[0].light;
     filter.layer = m->layer ? &layer->light : NULL;
-    filter.few = sbl__spec_layer_noise(&m->spec);
+    filter.layer_noise = sbl__spec_layer_noise(&m->spec);
     rows[1] = sbl__pace_rows(&m->filter_pace, slice, &layer->target, rows[0]);
     result = sbl__filter_draw(d, &filter, &m->gbuffer, &layer->target, rows);
     sbl__pace_end(d, &m->filter_pace, (double)rows[1] * m->desc.width);
@@ -15500,7 +15198,6 @@ static sbl_result sbl__picture_compose(sbl__picture *p, sbl__resolve *r, const s
     r->radiance = &m->layers[0].smooth;
     r->environment = &m->work.core->scene.environment;
     r->camera = &m->camera;
-    sbl__sample_offset(r->index, r->count, r->offset);
     rows[0] = *row;
     rows[1] = sbl__pace_rows(&p->resolve_pace, slice, out, *row);
     result = sbl__resolve_draw(d, r, out, rows);
@@ -16014,8 +15711,7 @@ static void sbl__vertices_free(void *work) {
 
 static sbl_result sbl__vertices_check(const sbl__core *c, const void *desc, sbl__measurement *measurement) {
     const sbl_vertices_desc *given = (const sbl_vertices_desc *)desc, d = sbl_vertices_desc_defaults(given);
-    const sbl_readings_desc readings = sbl__vertices_readings(&d);
-    *measurement = sbl__measurement_of(&readings.options, readings.sensor_kind, readings.sensor_fov);
+    *measurement = sbl__measurement_of(&d.options, SBL_SENSOR_HEMICUBE, 135);
     measurement->every_ray = given && given->options.rays > 0;
     return sbl__check_vertices(&c->base, &d, &c->scene);
 }
@@ -16039,7 +15735,8 @@ static sbl_result sbl__vertices_begin(void *work, const void *desc) {
         s->vertex_count += g->meshes[part->mesh].vertex_count;
         s->triangle_count += g->meshes[part->mesh].triangle_count;
     }
-    readings = sbl__vertices_readings(&s->desc);
+    memset(&readings, 0, sizeof readings);
+    readings.options = s->desc.options;
     s->desc.meshes = NULL;
     vertices = (size_t)s->vertex_count;
     triangles = (size_t)s->triangle_count;

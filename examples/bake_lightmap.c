@@ -1,16 +1,16 @@
-/* Demonstrates the shortest useful bake: the Cornell box, each of its quads a chart of its own, and the light on all of
-   them in one picture, bake_lightmap.png. A renderer draws albedo * light + emission with it. The first argument is the
-   folder to write it to. */
+/* Demonstrates the shortest useful bake: the Cornell box, in which each quad is a chart, and a lightmap of all of them,
+   bake_lightmap.png. A renderer draws albedo * light + emission with it. The first argument is the folder for the
+   picture. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"
 #include "cornell_box.h"
 #define STB_IMAGE_WRITE_IMPLEMENTATION
 #include <stb/stb_image_write.h>
 
-enum { RESOLUTION = 256, CELLS = 4, GAP = 4 };  /* texels across the map, charts across it, texels around each chart */
+enum { RESOLUTION = 256, CELLS = 4, GAP = 4 };  /* texels across the map, charts across it, texels around a chart */
 
-/* Where the corners of quad number i lie in the map, 0 to 1: in a cell of their own. A host that has no such
-   coordinates finds them with an unwrapper, such as xatlas or Blender. */
+/* Returns the lightmap coordinates (0 to 1) of the corners of quad i, which has a cell of its own in the map. Scenes
+   without such coordinates need an unwrapper, such as xatlas or Blender. */
 static void chart(int i, float texcoords[8]) {
     const float gap = (float)GAP / RESOLUTION, cell = 1.0f / CELLS, x = (float)(i % CELLS) * cell,
         y = (float)(i / CELLS) * cell;
@@ -35,14 +35,14 @@ int main(int argc, char **argv) {
         chart(i, texcoords[i]);
         box.meshes[i].lightmap_texcoords.data = texcoords[i];
     }
-    /* sbl.h says what is wrong on stderr */
+    /* sbl.h prints errors to stderr */
     if (sbl_create(headless("bake_lightmap"), &context) != SBL_SUCCESS) return 1;
     ok = sbl_set_scene(context, scene) == SBL_SUCCESS && sbl_bake_lightmap(context, &map) == SBL_SUCCESS &&
          sbl_read_channel(context, SBL_CHANNEL_FINAL, light, RESOLUTION * RESOLUTION * 3) == SBL_SUCCESS;
     stats = sbl_query_stats(context);
     sbl_destroy(context);
     if (!ok) return 1;
-    printf("bake_lightmap: %d texels, %.1f s; light is off by %.1f %%, as far as that can be told\n",
+    printf("bake_lightmap: %d texels, %.1f s; the light is off by %.1f %% according to the prediction\n",
            stats.picture.visible_pixels, stats.seconds.total, 100 * (double)stats.picture.expected_error);
     sbl_encode_srgb8(pixels, light, RESOLUTION * RESOLUTION * 3, 1);
     snprintf(path, sizeof path, "%s/bake_lightmap.png", argc > 1 ? argv[1] : ".");

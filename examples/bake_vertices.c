@@ -1,7 +1,7 @@
-/* Demonstrates light at a mesh's own vertices, few and far between as a game's are: sbl_bake_vertices fits them by
-   least squares to points all over the triangles. bake_vertices.ply is the Cornell box with its light as colours, for
-   any viewer of models; what is printed tells how far the light between the vertices is from that of a mesh with four
-   times as many, fitted and by averages. The first argument is the folder to write to. */
+/* Demonstrates light at the vertices of a coarse mesh, as in games: sbl_bake_vertices fits the light at the vertices by
+   least squares to points on the triangles. bake_vertices.ply is the Cornell box with its light as vertex colours, for
+   any model viewer. The program prints the error of the interpolated light, compared with a mesh of four times as many
+   vertices, for the fit and for averages. The first argument is the folder for the file. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"
 #include "cornell_box.h"
@@ -11,7 +11,7 @@
 
 enum { COARSE = 8, FINE = 16 };  /* cells across each quad */
 
-/* Each quad of the box cut into cells x cells squares of two triangles. */
+/* The Cornell box, with each quad cut into cells x cells squares of two triangles. */
 typedef struct box { int cells; float (*positions)[3]; unsigned *indices; } box;
 
 static int vertices_of(int cells) { return CORNELL_QUADS * (cells + 1) * (cells + 1); }
@@ -41,7 +41,7 @@ static int box_make(box *b, int cells) {
 
 static void box_free(box *b) { free(b->positions); free(b->indices); }
 
-/* light: three floats a vertex. */
+/* Bakes the light of a box. light: receives three floats per vertex. */
 static int box_bake(sbl_context *context, const box *b, int average, float *light) {
     const int side = b->cells + 1, triangles = b->cells * b->cells * 6;
     sbl_mesh meshes[CORNELL_QUADS] = { { .vertex_count = 0 } };
@@ -53,7 +53,7 @@ static int box_bake(sbl_context *context, const box *b, int average, float *ligh
     unsigned *local = (unsigned *)malloc((size_t)triangles * sizeof *local);
     int i, ok;
     if (!local) return 0;
-    for (i = 0; i < triangles; i++) local[i] = b->indices[i];  /* those of the first quad: all quads' are alike */
+    for (i = 0; i < triangles; i++) local[i] = b->indices[i];  /* the same for every quad */
     for (i = 0; i < CORNELL_QUADS; i++) {
         meshes[i].positions.data = b->positions[i * side * side];
         meshes[i].vertex_count = side * side;
@@ -64,14 +64,14 @@ static int box_bake(sbl_context *context, const box *b, int average, float *ligh
     }
     scene.meshes = meshes;
     scene.mesh_count = CORNELL_QUADS;
-    /* sbl.h says why not on stderr */
+    /* sbl.h prints errors to stderr */
     ok = sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_bake_vertices(context, &bake) == SBL_SUCCESS;
     free(local);
     return ok;
 }
 
-/* What a coarse box shows at the fine one's vertices, drawn as its triangles are; root mean square of the difference,
-   as a share of the mean. */
+/* Returns the difference between the coarse box, interpolated at the vertices of the fine box as its triangles do, and
+   the fine box: the root mean square, divided by the mean. */
 static double difference(const float *coarse, const float *fine) {
     double sum = 0, mean = 0;
     int quad, i, j, k;

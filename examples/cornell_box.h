@@ -1,6 +1,6 @@
 /* The Cornell box as arrays: the measurements that the Cornell University Program of Computer Graphics published, in
-   millimetres, with its camera; 16 quads, 32 triangles. Colours and lamp are rounded to what an RGB renderer can use.
-   Include after sbl.h. */
+   millimetres, with their camera; 16 quads, 32 triangles. Colours and lamp are approximated in RGB. Include after
+   sbl.h. */
 #ifndef CORNELL_BOX_H
 #define CORNELL_BOX_H
 
@@ -10,7 +10,7 @@
 enum { CORNELL_QUADS = 16, CORNELL_TRIANGLES = 32 };
 enum { CORNELL_WHITE, CORNELL_RED, CORNELL_GREEN, CORNELL_LAMP, CORNELL_MATERIALS };
 
-/* Corners of each quad in order around it, seen from the side that faces the room. */
+/* The corners of each quad, counter-clockwise as seen from inside the room. */
 static const float cornell_corners[CORNELL_QUADS][12] = {
     { 552.8f, 0, 0,  0, 0, 0,  0, 0, 559.2f,  549.6f, 0, 559.2f },                                          /* floor */
     /* lamp, a tenth below the ceiling */
@@ -45,8 +45,8 @@ static inline int cornell_material(int quad) {
     return quad == 1 ? CORNELL_LAMP : quad == 4 ? CORNELL_GREEN : quad == 5 ? CORNELL_RED : CORNELL_WHITE;
 }
 
-/* What sbl_set_scene is given; it copies, so this may be gone afterwards. Each quad is a mesh: the paper's filter goes
-   by polygon. */
+/* The scene for sbl_set_scene, which copies it. Each quad is a mesh, because the filter of the paper works per
+   polygon. */
 typedef struct cornell_box {
     sbl_mesh meshes[CORNELL_QUADS];
     sbl_material materials[CORNELL_MATERIALS];
@@ -76,8 +76,8 @@ static inline const sbl_scene_desc *cornell_box_make(cornell_box *box) {
     return &box->scene;
 }
 
-/* The published camera, 35 mm in front of a 25 mm film. Where the picture is not square its longer side keeps that
-   angle, so that the box fills it. */
+/* Sets the published camera: focal length 35 mm, film 25 mm. The longer side of the picture has this angle of view, so
+   that the box fills the picture. */
 static inline void cornell_box_view(sbl_picture_desc *view, int width, int height) {
     double aspect = (double)width / height, degrees = 45 / atan(1.0);
     view->width = width;

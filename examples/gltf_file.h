@@ -1,34 +1,38 @@
-/* Writes an sbl_scene_desc whose arrays lie in client memory, as scene_file.h makes it (32-bit floats and indices), as
-   glTF 2.0: a .gltf, a .bin with the arrays, and a .png for each texture. Lights are left out: what is written is meant
-   for surfaces whose light is baked. That is where the extension MOZ_lightmap says (index: of the texture, texCoord 1,
-   intensity), which viewers read as irradiance = intensity * texture, decoded from sRGB. Include after picture_file.h.
+/* Writes a scene as glTF 2.0: a .gltf, a .bin with the arrays, and a .png for each texture. The arrays of the scene
+   must lie in client memory, with 32-bit floats and indices, as scene_file.h makes them. Lights are left out, because
+   the scene is meant to be drawn with baked light. The extension MOZ_lightmap refers to the lightmap (index of the
+   texture, texCoord 1, intensity); viewers compute irradiance = intensity * texture, decoded from sRGB. Include after
+   picture_file.h.
 
        gltf_file out = { &file->scene, file->names, "scene.bin", "atlas.png", 3.5, NULL };
-       ok = gltf_write_json(stream, &out);     and gltf_write_bin, gltf_write_texture, each into a stream of its own  */
+       ok = gltf_write_json(stream, &out);
+
+   gltf_write_bin and gltf_write_texture write the other files in the same way. */
 #ifndef GLTF_FILE_H
 #define GLTF_FILE_H
 
 typedef struct gltf_file {
     const sbl_scene_desc *scene;
-    const char *const *names;   /* of the meshes */
-    const char *bin;            /* the names that the .gltf refers to */
-    const char *lightmap;       /* NULL: none */
-    double intensity;
-    const float *radiance;      /* NULL, or three a vertex, mesh after mesh: the attribute _RADIANCE */
+    const char *const *names;   /* one per mesh */
+    const char *bin;            /* file name of the .bin */
+    const char *lightmap;       /* file name of the lightmap, or NULL */
+    double intensity;           /* irradiance divided by the linear value of the lightmap */
+    const float *radiance;      /* NULL, or three floats per vertex, mesh after mesh: the attribute _RADIANCE */
 } gltf_file;
 
-enum { GLTF_NAME = 32 };  /* characters of a texture's file */
+enum { GLTF_NAME = 32 };  /* size of a texture's file name */
 
 static void gltf_texture_name(char name[GLTF_NAME], int number) { snprintf(name, GLTF_NAME, "texture_%d.png", number); }
 
-/* ---- arrays, in the order in which they lie in the .bin ---- */
+/* ---- arrays, in the order of the .bin ---- */
 
 enum { GLTF_POSITION, GLTF_NORMAL, GLTF_TEXCOORD_0, GLTF_TEXCOORD_1, GLTF_COLOR_0, GLTF_RADIANCE, GLTF_INDICES,
     GLTF_ARRAYS };
 
 typedef struct gltf__array { const void *data; int count, components; } gltf__array;
 
-/* first: of the mesh's vertices among all. */
+/* Lists the arrays of a mesh; absent ones get the count 0. first: number of the first vertex of the mesh among all
+   vertices. */
 static void gltf__arrays(const gltf_file *f, const sbl_mesh *m, size_t first, gltf__array out[GLTF_ARRAYS]) {
     const gltf__array all[GLTF_ARRAYS] = {
         { m->positions.data, m->vertex_count, 3 }, { m->normals.data, m->vertex_count, 3 },
@@ -53,7 +57,7 @@ static void gltf__put_word(FILE *out, uint32_t word) {
     fwrite(bytes, 1, 4, out);
 }
 
-/* Normals as glTF wants them: of length 1. */
+/* glTF requires normals of length 1. */
 static void gltf__put_normals(FILE *out, const float *v, int count) {
     int i, k;
     for (i = 0; i < count; i++, v += 3) {
@@ -90,7 +94,7 @@ static int gltf_write_bin(FILE *out, const gltf_file *f) {
 
 /* ---- textures ---- */
 
-/* number: counted from 0. Whatever its format, 8 bits of sRGB come out. */
+/* Writes a texture as .png in 8-bit sRGB. number: counted from 0. */
 static int gltf_write_texture(FILE *out, const gltf_file *f, int number) {
     const sbl_texture *t = &f->scene->textures[number];
     const size_t count = (size_t)t->width * (size_t)t->height * (size_t)t->channels;
@@ -112,7 +116,7 @@ static int gltf_write_texture(FILE *out, const gltf_file *f, int number) {
 
 /* ---- the .gltf ---- */
 
-/* A name may hold anything. */
+/* Writes a JSON string. Characters that are not printable ASCII become '?'. */
 static void gltf__put_name(FILE *out, const char *name) {
     fputc('"', out);
     for (; *name; name++) {
@@ -148,7 +152,7 @@ static void gltf__put_material(FILE *out, const gltf_file *f, int number) {
     fprintf(out, "%s}", most > 1 || f->lightmap ? "}" : "");
 }
 
-/* The accessor's least and most, which positions must have. */
+/* glTF requires the bounds of positions. */
 static void gltf__put_bounds(FILE *out, const gltf__array *a) {
     const float *v = (const float *)a->data;
     float low[3], high[3];
@@ -166,7 +170,8 @@ static void gltf__put_bounds(FILE *out, const gltf__array *a) {
 
 enum { GLTF__ACCESSORS, GLTF__VIEWS, GLTF__MESHES };
 
-/* One list over all arrays of all meshes: their accessors, views, or what each mesh has of them. Returns the bytes. */
+/* Writes one list over all arrays of all meshes. what: accessors, buffer views, or the meshes that refer to the
+   accessors. Returns the number of bytes of all arrays. */
 static double gltf__put_arrays(FILE *out, const gltf_file *f, int what) {
     static const char *const attributes[GLTF_ARRAYS] = { "POSITION", "NORMAL", "TEXCOORD_0", "TEXCOORD_1", "COLOR_0",
         "_RADIANCE", NULL };

@@ -1,9 +1,9 @@
-/* sbl.h for the examples that have no GL of their own; include it instead.
+/* Includes sbl.h for examples without a GL context of their own. Include this file instead of sbl.h.
 
        if (sbl_create(headless("name of the program"), &context) != SBL_SUCCESS) return 1;
 
-   SBL_EGL lets sbl.h make a context by itself. On Windows, where there is no EGL, a hidden window has one until the
-   program ends, and sbl.h gets its loader. */
+   With SBL_EGL, sbl.h creates a context itself. On Windows, which has no EGL, a hidden window provides the context
+   until the program ends, and sbl.h gets the function loader of that window. */
 #ifndef HEADLESS_H
 #define HEADLESS_H
 
@@ -15,10 +15,10 @@
 
 static inline sbl_gl_function headless__function(const char *name, void *user) {
     (void)user;
-    return (sbl_gl_function)wglGetProcAddress(name);  /* sbl.h finds those of GL 1.1 by itself */
+    return (sbl_gl_function)wglGetProcAddress(name);  /* sbl.h loads functions of GL 1.1 itself */
 }
 
-/* Without a window the program ends here, having said so on stderr. */
+/* Ends the program with a message on stderr if no window can be created. */
 static inline const sbl_context_desc *headless(const char *program) {
     static sbl_context_desc desc;
     if (!wgl_open(program)) exit(1);

@@ -1,9 +1,10 @@
-/* Demonstrates a picture made inside the frame loop of a program that has a GL context and drawing of its own.
+/* Demonstrates a picture that is rendered inside the frame loop of a program with its own GL context and its own
+   drawing.
 
-   Each frame draws the program's own shape and gives sbl.h a slice of time. Beside the shape the picture appears,
-   straight from its texture: from the first level on, each level sharper; over it a bar shows how far it is. sbl.h puts
-   back all state that it touches, so the shape's is set but once. The last frame goes to host_context.png; the first
-   argument is the folder for it. */
+   Each frame draws a shape and gives sbl.h a slice of time. The unfinished picture is drawn next to the shape, directly
+   from its texture; it becomes sharper with each level. A bar over it shows the progress. sbl.h restores all GL state
+   that it changes, so the program sets its own state only once. The last frame is written to host_context.png; the
+   first argument is the folder for it. */
 #define SBL_IMPLEMENTATION
 #include "../sbl.h"
 #include "cornell_box.h"
@@ -12,9 +13,9 @@
 #include <stb/stb_image_write.h>
 
 enum { WIDTH = 480, HEIGHT = 320, SHAPE = 160, PICTURE = 320 };
-static const double slice = 0.02;  /* seconds of each frame that sbl.h may have */
+static const double slice = 0.02;  /* seconds per frame for sbl.h */
 
-/* ---- the program's own drawing */
+/* ---- the program's own drawing ---- */
 
 static const char shape_vertex[] =
     "uniform float angle;\n"
@@ -35,7 +36,7 @@ static const char picture_vertex[] =
     "    at = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0;\n"
     "    gl_Position = vec4(at * 2.0 - 1.0, 0.0, 1.0);\n"
     "}\n";
-static const char picture_fragment[] =  /* the texture's first row is the picture's top; its values are linear */
+static const char picture_fragment[] =  /* the first row of the texture is the top of the picture; values are linear */
     "uniform sampler2D picture;\n"
     "in vec2 at;\n"
     "out vec4 color;\n"
@@ -97,7 +98,7 @@ static void bar_draw(float done) {
     gl.Disable(GL_SCISSOR_TEST);
 }
 
-/* ---- sbl.h in it */
+/* ---- sbl.h ---- */
 
 static sbl_gl_function gl_function(const char *name, void *user) {
     (void)user;
@@ -118,12 +119,12 @@ static int run(sbl_context *context) {
         GLuint texture;
         shape_draw(0.05f * (float)frame);
         result = sbl_step(context, slice);
-        texture = sbl_channel_texture(context, SBL_CHANNEL_FINAL);  /* the best so far; 0: nothing yet */
+        texture = sbl_channel_texture(context, SBL_CHANNEL_FINAL);  /* unfinished picture; 0: none yet */
         if (texture) picture_draw(texture);
         if (result == SBL_UNFINISHED) bar_draw(sbl_progress(context));
         seen += texture && result == SBL_UNFINISHED;
     }
-    printf("host_context: done after %d frames, to be seen unfinished in %d of them\n", frame, seen);
+    printf("host_context: done after %d frames; %d of them showed the unfinished picture\n", frame, seen);
     return result == SBL_SUCCESS;
 }
 
@@ -135,14 +136,14 @@ int main(int argc, char **argv) {
     int ok = 0;
     if (!host_gl_open("host_context")) return 1;
     desc.get_gl_function = gl_function;
-    if (host_start() && sbl_create(&desc, &context) == SBL_SUCCESS) ok = run(context);  /* sbl.h says what is wrong */
+    if (host_start() && sbl_create(&desc, &context) == SBL_SUCCESS) ok = run(context);  /* sbl.h prints errors */
     gl.ReadPixels(0, 0, WIDTH, HEIGHT, GL_RGB, GL_UNSIGNED_BYTE, pixels);
     sbl_destroy(context);
     host_stop();
     host_gl_close();
     if (!ok) return 1;
     snprintf(path, sizeof path, "%s/host_context.png", argc > 1 ? argv[1] : ".");
-    stbi_flip_vertically_on_write(1);  /* GL's first row is the lowest */
+    stbi_flip_vertically_on_write(1);  /* in GL, the first row is the lowest */
     if (stbi_write_png(path, WIDTH, HEIGHT, 3, pixels, 0)) return 0;
     return fprintf(stderr, "host_context: cannot write %s\n", path), 1;
 }

@@ -1,8 +1,8 @@
-/* Demonstrates the draw callback: geometry that exists only in the host's vertex shader, a spiral of turning slabs,
-   some of them glowing, lit together with a room given as vertex arrays. The slabs shade and light the room, and the
-   room lights them.
+/* Demonstrates the draw callback: geometry that exists only in the host's vertex shader, a spiral of slabs, some of
+   which emit light. It is lit together with a room given as vertex arrays: the slabs shade and light the room, and the
+   room lights the slabs.
 
-   What sbl.h expects of the callback's shaders stands at sbl_draw_view in sbl.h. The picture goes to host_draw.png; the
+   See sbl_draw_view in sbl.h for what the shaders of the callback must do. The picture is written to host_draw.png; the
    first argument is the folder for it. With a second argument, --bare, the slabs are left out. */
 #define SBL_IMPLEMENTATION
 #include "../sbl.h"
@@ -14,8 +14,8 @@
 enum { WIDTH = 400, HEIGHT = 320, SLABS = 21, SLAB_VERTICES = 36 };
 static const float slab_albedo[3] = { 0.1f, 0.5f, 0.45f }, slab_glow[3] = { 2.4f, 0.7f, 0.15f };
 
-/* Slab number gl_InstanceID of the spiral, corner number gl_VertexID of its twelve triangles; no vertex array stands
-   behind them. The fourth of every five slabs glows. */
+/* Draws slab number gl_InstanceID of the spiral. gl_VertexID numbers the corners of its twelve triangles; there is no
+   vertex array. The fourth of every five slabs emits light. */
 static const char vertex_shader[] =
     "uniform mat4 world_to_clip;\n"
     "out vec3 position;\n"
@@ -39,7 +39,7 @@ static const char vertex_shader[] =
     "    gl_Position = world_to_clip * vec4(position, 1.0);\n"
     "}\n";
 
-/* One body, four programs: what a sensor or the camera wants, with or without a depth of its own. */
+/* The source of four programs: for sensors or for the camera, each with and without writing depth. */
 static const char fragment_shader[] =
     "uniform vec3 eye, albedo, emission, light[6];\n"  // light: see sbl_draw_view
     "uniform float radiance_scale, depth_scale;\n"
@@ -95,8 +95,8 @@ static int slabs_make(slabs *s) {
     return 1;
 }
 
-/* The callback. sbl.h has bound the framebuffer, set viewport, scissor and depth test, and repairs afterwards what this
-   changes. */
+/* The callback. sbl.h has bound the framebuffer and set viewport, scissor and depth test. Afterwards it restores the
+   state that the callback changes. */
 static void slabs_draw(const sbl_draw_view *view, void *user) {
     const slabs *s = (const slabs *)user;
     GLuint program = s->programs[view->kind == SBL_VIEW_SENSOR][view->write_depth != 0];
@@ -149,7 +149,7 @@ static int render(sbl_context *context, slabs *s, float *picture) {
     }
     view.width = WIDTH;
     view.height = HEIGHT;
-    view.options.preset = SBL_PRESET_DRAFT;  /* the callback is called five times a sensor */
+    view.options.preset = SBL_PRESET_DRAFT;  /* the callback is called five times per sensor */
     view.samples = 4;
     sbl_look_at(view.world_to_view, 0.6f, 1.7f, 5.2f, 0, 1, 0, 0, 1, 0);
     sbl_perspective(view.view_to_clip, 34, (float)WIDTH / HEIGHT);
@@ -172,7 +172,7 @@ int main(int argc, char **argv) {
     char path[1024];
     if (!host_gl_open("host_draw")) return 1;
     desc.get_gl_function = gl_function;
-    if (slabs_make(&s) && sbl_create(&desc, &context) == SBL_SUCCESS) {  /* sbl.h says what is wrong on stderr */
+    if (slabs_make(&s) && sbl_create(&desc, &context) == SBL_SUCCESS) {  /* sbl.h prints errors to stderr */
         ok = render(context, bare ? NULL : &s, picture);
         printf("host_draw: %lld sensors, %.0f us each\n", (long long)sbl_query_stats(context).sensors.count,
                sbl_query_stats(context).sensors.microseconds);

@@ -1,10 +1,10 @@
-/* What a program that has GL already brings along: a context without a window, made through EGL (on Windows: that of a
-   hidden one), and its own pointers to the GL functions it uses. For the examples that show sbl.h inside such a
-   program, and for the bench. Nothing here knows of sbl.h.
+/* The GL setup of a host program: a context without a window, created with EGL (on Windows: with a hidden window), and
+   the program's own pointers to GL functions. Used by examples that run sbl.h inside such a program, and by the bench.
+   This file does not depend on sbl.h.
 
        if (!host_gl_open("name of the program")) return 1;
        gl.ClearColor(0, 0, 0, 1);
-       host_gl_close();  */
+       host_gl_close(); */
 #ifndef HOST_GL_H
 #define HOST_GL_H
 
@@ -66,7 +66,7 @@ static inline void (*host_gl_function(const char *name))(void) { return wgl_func
 
 #else
 
-/* One way in: initialises the display and makes a context without a surface current. */
+/* Initialises the display and makes a context without a surface current. Returns 0 on failure. */
 static inline int host_gl_try(EGLDisplay display) {
     static const EGLint config_wishes[] = { EGL_SURFACE_TYPE, EGL_PBUFFER_BIT, EGL_RENDERABLE_TYPE, EGL_OPENGL_BIT,
         EGL_NONE };
@@ -86,7 +86,7 @@ static inline int host_gl_try(EGLDisplay display) {
     return 0;
 }
 
-/* The display stays: it is the whole process's, and sbl.h or another library may use it too. */
+/* Destroys the context. The display is not terminated, because sbl.h or another library may use it too. */
 static inline void host_gl_close(void) {
     if (gl.display == EGL_NO_DISPLAY) return;
     eglMakeCurrent(gl.display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
@@ -108,7 +108,7 @@ static inline int host_gl__open_context(const char *program) {
             opened = host_gl_try(get_display(EGL_PLATFORM_DEVICE_EXT, devices[i], NULL));
     }
     if (!opened && !host_gl_try(eglGetDisplay(EGL_DEFAULT_DISPLAY))) {
-        fprintf(stderr, "%s: EGL gives no OpenGL 3.3 context; is a GL driver (such as Mesa's) installed?\n", program);
+        fprintf(stderr, "%s: EGL provides no OpenGL 3.3 context; is a GL driver (such as Mesa) installed?\n", program);
         return 0;
     }
     return 1;
@@ -118,7 +118,7 @@ static inline void (*host_gl_function(const char *name))(void) { return eglGetPr
 
 #endif
 
-/* Returns 0, having said why on stderr, where there is no GL. */
+/* Creates the context and loads all functions. Returns 0 and prints a message if there is no GL. */
 static inline int host_gl_open(const char *program) {
     if (!host_gl__open_context(program)) return 0;
 #define X(TYPE, name)                                                                          \
@@ -132,8 +132,8 @@ static inline int host_gl_open(const char *program) {
     return 1;
 }
 
-/* GLSL of both stages without its #version; defines: "" or lines. Returns 0, having said why on stderr, where it does
-   not compile. */
+/* Compiles a program. vertex, fragment: GLSL without #version. defines: "" or lines of #define. Returns 0 and prints a
+   message on failure. */
 static inline GLuint host_gl_program(const char *program, const char *defines, const char *vertex,
                                      const char *fragment) {
     GLuint id = gl.CreateProgram();
@@ -155,7 +155,7 @@ static inline GLuint host_gl_program(const char *program, const char *defines, c
     if (linked) return id;
     gl.GetProgramInfoLog(id, (GLsizei)sizeof log, NULL, log);
     log[strcspn(log, "\n")] = 0;
-    fprintf(stderr, "%s: a shader of its own does not compile: %s\n", program, log);
+    fprintf(stderr, "%s: a shader of this program does not compile: %s\n", program, log);
     gl.DeleteProgram(id);
     return 0;
 }

@@ -1,5 +1,5 @@
-/* Demonstrates what an engine does with baked light: draws a scene in plain OpenGL 3.3, lit by a lightmap that sbl_bake
-   wrote, and in it a ball that moves, lit by probes. `host_lightmap --help` says how. */
+/* Demonstrates what an engine does with baked light: draws a scene in plain OpenGL 3.3 with a lightmap from sbl_bake,
+   and a moving ball in it with the light of probes. `host_lightmap --help` explains its options. */
 #define _DEFAULT_SOURCE
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
@@ -17,7 +17,7 @@
 
 /* ---- the command line ---- */
 
-static const char *files[2];  /* the scene and the folder */
+static const char *files[2];  /* the scene, and the folder of the lightmap */
 static int channel;
 enum { FINAL, RADIANCE };
 static const char *const channel_words[] = { "final", "radiance", NULL };
@@ -28,7 +28,7 @@ static const tool_option table[OPTION_COUNT] = {
     COMMON_ROWS,
     CAMERA_ROWS,
     [OUTPUT]  = { "--output", "FILE", TEXT, &common.output, 0, 0, 0,
-        "also -o; .png or .pfm; default: a walk, see above" },
+        "also -o; .png or .pfm; default: several frames, see above" },
     [CHANNEL] = { "--channel", "NAME", CHOICE, &channel, 0, 0, 0,
         "final (default) | radiance (R: light without surface colour)", channel_words },
 };
@@ -49,7 +49,7 @@ static int parse(int argc, char **argv) {
 
 /* ---- the lightmap ---- */
 
-/* A .pfm as picture_file.h writes it: bottom row first. Top row first comes out. */
+/* Reads a .pfm of picture_file.h, whose first row is the lowest. In the result the first row is the highest. */
 static int read_pfm(const char *path, image *picture) {
     FILE *in = fopen(path, "rb");
     char line[4] = "";
@@ -85,7 +85,7 @@ static const char vertex_shader[] =
     "    gl_Position = view_to_clip * (world_to_view * (object_to_world * vec4(position, 1.0)));\n"
     "}\n";
 
-/* The whole of what a lightmap asks of a shader: light = albedo * R + emission. */
+/* All that a lightmap needs in a shader: light = albedo * R + emission. */
 static const char fragment_shader[] =
     "uniform sampler2D lightmap, albedo_texture, emission_texture;\n"
     "uniform vec3 albedo, emission;\n"
@@ -101,7 +101,7 @@ static const char fragment_shader[] =
     "    light = vec4(channel == 1 ? R : albedo * color.rgb * R + emission * texture(emission_texture, uv).rgb, 1);\n"
     "}\n";
 
-/* The ball: corners of a grid over the sphere, by their numbers. */
+/* Draws a ball: gl_VertexID numbers the corners of a grid over the sphere. */
 static const char ball_vertex_shader[] =
     "uniform mat4 world_to_view, view_to_clip;\n"
     "uniform vec3 middle;\n"
@@ -116,8 +116,8 @@ static const char ball_vertex_shader[] =
     "    gl_Position = view_to_clip * (world_to_view * vec4(middle + radius * normal, 1.0));\n"
     "}\n";
 
-/* The whole of what a probe asks of a shader: R(n), here by the ambient cube, which is nowhere negative as nine
-   harmonics beside a strong lamp are. */
+/* All that a probe needs in a shader: R for a normal, here from the ambient cube. The cube is never negative, unlike
+   nine harmonics near a strong lamp. */
 static const char ball_fragment_shader[] =
     "uniform vec3 cube[6];\n"
     "in vec3 normal;\n"
@@ -129,7 +129,7 @@ static const char ball_fragment_shader[] =
     "}\n";
 enum { BALL_VERTICES = 48 * 24 * 6 };
 
-typedef struct drawn { GLuint array, buffers[5]; } drawn;  /* a mesh */
+typedef struct drawn { GLuint array, buffers[5]; } drawn;  /* a mesh in GL */
 
 typedef struct host {
     GLuint program, ball_program, ball_array, lightmap, white, framebuffer, color, depth;
@@ -196,7 +196,8 @@ static int host_make(host *h, const sbl_scene_desc *scene, const image *lightmap
     if (!h->program || !h->ball_program || !h->textures || !h->meshes) return 0;
     gl.GenVertexArrays(1, &h->ball_array);
     h->white = texture_of(GL_RGBA8, 1, 1, GL_RGBA, GL_UNSIGNED_BYTE, white);
-    /* Light is smooth: bilinear does. Mip maps would mix neighbouring charts where gutters are narrow. */
+    /* Bilinear filtering is enough, because light is smooth. Mip maps would mix neighbouring charts where gutters are
+       narrow. */
     h->lightmap = texture_of(GL_RGB16F, lightmap->width, lightmap->height, GL_RGB, GL_FLOAT, lightmap->values);
     gl.TexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
     gl.TexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_T, GL_CLAMP_TO_EDGE);
@@ -247,18 +248,18 @@ static void draw(const host *h, const sbl_scene_desc *scene, const float world_t
     }
 }
 
-/* ---- the ball's light ---- */
+/* ---- the light of the ball ---- */
 
 enum { ACROSS = 6, PROBES = ACROSS * ACROSS * ACROSS };
 
 typedef struct room {
     float lowest[3], highest[3];
-    float across;                                   /* its width, height and depth together */
-    float world_to_view[16], view_to_clip[16];  /* the camera */
+    float across;                                   /* width + height + depth */
+    float world_to_view[16], view_to_clip[16];  /* of the camera */
     sbl_probe probes[PROBES];
 } room;
 
-/* A grid over the room, baked here and now. */
+/* Bakes a grid of probes over the room. */
 static sbl_result room_bake(room *r, sbl_context *context) {
     sbl_probes_desc desc;
     int k;
@@ -269,14 +270,14 @@ static sbl_result room_bake(room *r, sbl_context *context) {
     return sbl_bake_probes(context, &desc);
 }
 
-/* The place of a camera: the view matrix' rows are to the right, up and back. */
+/* Computes the position of a camera. The rows of the view matrix are right, up and back. */
 static void eye_of(const float world_to_view[16], float eye[3]) {
     const float *m = world_to_view;
     int k;
     for (k = 0; k < 3; k++) eye[k] = -(m[4 * k] * m[12] + m[4 * k + 1] * m[13] + m[4 * k + 2] * m[14]);
 }
 
-/* Of what is seen from the camera, is most from behind, such as a closed room's walls from outside? */
+/* Checks whether most of what the camera sees is back faces, such as the walls of a closed room from outside. */
 static sbl_result room_from_behind(const room *r, sbl_context *context, int *behind) {
     sbl_probes_desc desc;
     sbl_probe probe;
@@ -288,21 +289,22 @@ static sbl_result room_from_behind(const room *r, sbl_context *context, int *beh
     desc.probes = &probe;
     desc.probe_count = 1;
     desc.options.mode = SBL_MODE_DIRECT;
-    desc.options.rays = 65536;  /* the scene is small from there */
+    desc.options.rays = 65536;  /* the scene may look small from the camera */
     result = sbl_bake_probes(context, &desc);
     *behind = result == SBL_SUCCESS && probe.back_share > 0.5f;
     return result;
 }
 
-/* Green radiance from the direction (x, 0, z) / sqrt(2), x and z 1 or -1: the sum of the harmonics there. */
+/* Returns the green radiance from direction (x, 0, z) / sqrt(2), where x and z are 1 or -1: the sum of the
+   harmonics. */
 static float light_from(const sbl_probe *p, float x, float z) {
     return 0.282095f * p->sh[0][1] + 0.345494f * (z * p->sh[2][1] + x * p->sh[3][1]) + 0.157696f * p->sh[6][1] +
         0.546274f * x * z * p->sh[7][1] +
            0.273137f * p->sh[8][1];
 }
 
-/* A place inside, at half the room's height: where a probe sees furthest along one of the four diagonals, and what is
-   neither dark nor too bright for a picture. */
+/* Moves the camera inside, to half the height of the room. Chooses the probe and the diagonal direction with the most
+   distant surfaces, which should be neither dark nor too bright for a picture. */
 static void room_enter(room *r) {
     const sbl_probe *best = NULL;
     int i, way = 0, diagonal;
@@ -312,7 +314,7 @@ static void room_enter(room *r) {
         const int level = i / ACROSS % ACROSS;
         if (!p->valid || (level != ACROSS / 2 && level != ACROSS / 2 - 1)) continue;
         for (diagonal = 0; diagonal < 4; diagonal++) {
-            const int below = (diagonal & 1) + 2 * (diagonal & 2), above = below + 2;  /* octants: x, then y, then z */
+            const int below = (diagonal & 1) + 2 * (diagonal & 2), above = below + 2;  /* bits of octants: x, y, z */
             const float far = p->distance[below] < p->distance[above] ? p->distance[below] : p->distance[above];
             const float light = light_from(p, diagonal & 1 ? 1 : -1, diagonal & 2 ? 1 : -1);
             const float score = light > 0 ? far * sqrtf(light < 1 ? light : 1 / light) * (1 - p->sky) *
@@ -337,7 +339,7 @@ static sbl_result room_make(room *r, const scene_file *file, sbl_context *contex
     memcpy(r->highest, bounds.highest, sizeof r->highest);
     for (k = 0; k < 3; k++) r->across += r->highest[k] - r->lowest[k];
     *misplaced = !camera_place(r->world_to_view, r->view_to_clip, file, given, r->lowest, r->highest);
-    r->view_to_clip[14] = -0.001f * r->across;  /* depths from a two-thousandth of the scene on */
+    r->view_to_clip[14] = -0.001f * r->across;  /* near plane at 0.0005 * across */
     if (*misplaced || common.output) return result;
     result = room_bake(r, context);
     if (result != SBL_SUCCESS || file->has_camera || given[EYE] || given[LOOK_AT]) return result;
@@ -346,7 +348,7 @@ static sbl_result room_make(room *r, const scene_file *file, sbl_context *contex
     return result;
 }
 
-/* Of the eight probes around a point, those that are valid. */
+/* Interpolates the ambient cubes of the valid probes among the eight around a point. */
 static void room_light(const room *r, const float point[3], float cube[6][3]) {
     int cell[3], corner, i, k;
     float share[3], all = 0;
@@ -385,18 +387,18 @@ static void draw_ball(const host *h, const room *r, const float middle[3], const
     gl.DrawArraysInstanced(GL_TRIANGLES, 0, BALL_VERTICES, 1);
 }
 
-/* ---- all of it ---- */
+/* ---- the whole tool ---- */
 
 enum { FRAMES = 12, PICTURE = OWN_TARGETS };
 
 static void print_help(void) {
     printf("usage: host_lightmap SCENE FOLDER -o FILE [options]\n"
            "       host_lightmap SCENE FOLDER [options]\n\n"
-           "Draws SCENE, which has second texture coordinates, with the light that sbl_bake SCENE --lightmap N -o "
-               "FOLDER wrote\n"
-           "into FOLDER/atlas.pfm, in plain OpenGL 3.3. Without -o: a few steps from there, %d frames "
-               "FOLDER/frame_00.png and so\n"
-           "on, in which a ball moves through the light of probes; options for light are for these.\n\n", (int)FRAMES);
+           "Draws SCENE, which has second texture coordinates, in plain OpenGL 3.3, with the light that\n"
+           "sbl_bake SCENE --lightmap N -o FOLDER wrote to FOLDER/atlas.pfm. Without -o, the camera moves a little, "
+               "while a ball\n"
+           "passes through the light of probes, and %d frames are written: FOLDER/frame_00.png and so on. Options for\n"
+           "light apply to the probes.\n\n", (int)FRAMES);
     tool_print_options(table + CAMERA_END, OPTION_COUNT - CAMERA_END);
     tool_print_options(table + COMMON_OPTIONS, CAMERA_END - COMMON_OPTIONS);
     tool_print_options(table, COMMON_OPTIONS);
@@ -409,7 +411,7 @@ static int write_frame(FILE *out, const void *what) {
     return picture_write(out, f->name, &f->picture, SBL_CHANNEL_FINAL, 0);
 }
 
-/* What was drawn, top row first. Returns 0 where it cannot be had. */
+/* Reads what was drawn, top row first. Returns 0 on failure. */
 static int read_drawn(image *picture) {
     const size_t row = 3 * (size_t)picture->width, height = (size_t)picture->height;
     size_t y, i;
@@ -426,7 +428,7 @@ static int read_drawn(image *picture) {
     return gl.GetError() == GL_NO_ERROR;
 }
 
-/* Returns the exit status. */
+/* Writes what was drawn to a frame. Returns the exit status. */
 static int keep_frame(int number) {
     frame f;
     int status = DONE;
@@ -435,14 +437,14 @@ static int keep_frame(int number) {
     f.picture.width = camera.size[0];
     f.picture.height = camera.size[1];
     f.picture.components = 3;
-    if (!read_drawn(&f.picture)) status = fail("the driver does not give back what it drew");
+    if (!read_drawn(&f.picture)) status = fail("the driver cannot return what it drew");
     else if (!target_write(&targets[PICTURE + number], write_frame, &f, 0))
-        status = interrupted ? stop("%s is not written", f.name) : fail_to_write(f.name);
+        status = interrupted ? stop("%s was not written", f.name) : fail_to_write(f.name);
     free(f.picture.values);
     return status;
 }
 
-/* A few steps to the right, while a ball goes the same way, faster. */
+/* Draws all frames: the camera moves to the right, and the ball moves in the same direction, faster. */
 static int draw_walk(const host *h, const scene_file *file, const room *r) {
     const float *start = r->world_to_view, across = r->across;
     float world_to_view[16], eye[3], ball[3];
@@ -466,7 +468,7 @@ static int show(const scene_file *file, const image *lightmap, const room *r) {
     host h = { 0 };
     int status;
     if (!host_gl_open(TOOL_NAME)) return FAILED;
-    if (!host_make(&h, &file->scene, lightmap)) status = fail("the driver cannot draw it");
+    if (!host_make(&h, &file->scene, lightmap)) status = fail("the driver cannot draw the scene");
     else if (!common.output) status = draw_walk(&h, file, r);
     else {
         draw(&h, &file->scene, r->world_to_view, r->view_to_clip);
@@ -474,7 +476,7 @@ static int show(const scene_file *file, const image *lightmap, const room *r) {
     }
     free(h.textures);
     free(h.meshes);
-    host_gl_close();  /* and all that was made in it */
+    host_gl_close();  /* also destroys all objects in it */
     return status;
 }
 
@@ -489,7 +491,7 @@ static int draw_all(const tool_task *task, double *seconds) {
     if (misplaced) status = camera_misuse();
     else if (result != SBL_SUCCESS) status = fail_with(task->said, files[0], result);
     else if (!read_pfm(path, &lightmap))
-        status = fail("%s: it is not there or no .pfm; sbl_bake %s --lightmap 512 -o %s makes it", path, files[0],
+        status = fail("%s: missing, or not a .pfm; sbl_bake %s --lightmap 512 -o %s makes it", path, files[0],
                       files[1]);
     else status = show(task->file, &lightmap, r);
     free(lightmap.values);

@@ -1,6 +1,6 @@
-/* Demonstrates every kind of light, a picture each, and the penumbra of a large lamp at each preset, with the rays of
-   four sensors in it: of those towards the lamp some arrive, some (red) do not. The first argument is the folder to
-   write them to. */
+/* Demonstrates every kind of light in a picture each, and the penumbra of a large lamp at each preset. Below these, the
+   rays of four sensors in the penumbra are drawn; rays towards the lamp that are blocked are red. The first argument is
+   the folder for the pictures. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"
 #include "sensor_disc.h"
@@ -11,17 +11,17 @@
 
 enum { WIDTH = 320, HEIGHT = 240, INSETS = 4, INSET = WIDTH / INSETS, SLICES = 24, PANES = 6 };
 
-/* ---- three shapes; a scene is uses of them ---- */
+/* ---- three shapes, of which scenes are made ---- */
 
 #define SIDE(ax, ay, az, bx, by, bz, cx, cy, cz, dx, dy, dz) \
     ax, ay, az, bx, by, bz, cx, cy, cz, ax, ay, az, cx, cy, cz, dx, dy, dz
 static const float quad[] = { SIDE(-1, 0, -1, -1, 0, 1, 1, 0, 1, 1, 0, -1) };
 static const float quad_texcoords[] = { 0, 0, 0, 1, 1, 1, 0, 0, 1, 1, 1, 0 };
-static const float box[] = {  /* stands on the ground, has no bottom */
+static const float box[] = {  /* stands on the ground, without a bottom */
     SIDE(-1, 2, -1, -1, 2, 1, 1, 2, 1, 1, 2, -1), SIDE(-1, 0, 1, 1, 0, 1, 1, 2, 1, -1, 2, 1),
         SIDE(1, 0, -1, -1, 0, -1, -1, 2, -1, 1, 2, -1),
     SIDE(1, 0, 1, 1, 0, -1, 1, 2, -1, 1, 2, 1), SIDE(-1, 0, -1, -1, 0, 1, -1, 2, 1, -1, 2, -1) };
-static float ball[4 * SLICES * (SLICES - 1) * 9];  /* its corners are its normals, too */
+static float ball[4 * SLICES * (SLICES - 1) * 9];  /* positions, which are also the normals */
 
 static void make_ball(void) {
     static const int corner[6][2] = { { 0, 0 }, { 1, 0 }, { 1, 1 }, { 0, 0 }, { 1, 1 }, { 0, 1 } };
@@ -29,7 +29,7 @@ static void make_ball(void) {
     int i, j, k;
     for (i = 0; i < SLICES; i++)
         for (j = 0; j < 2 * SLICES; j++)
-            for (k = i < SLICES - 1 ? 0 : 3; k < (i ? 6 : 3); k++) {  /* at a pole there is one triangle, else two */
+            for (k = i < SLICES - 1 ? 0 : 3; k < (i ? 6 : 3); k++) {  /* one triangle at a pole, otherwise two */
                 double polar = 4 * atan(1.0) * (i + corner[k][0]) / SLICES,
                     turn = 4 * atan(1.0) * (j + corner[k][1]) / SLICES;
                 *to++ = (float)(sin(polar) * sin(turn));
@@ -52,7 +52,7 @@ static const sbl_texture window_picture = { .pixels = panes, .width = PANES, .he
 
 typedef struct world { sbl_mesh meshes[1024]; int count; } world;
 
-/* x, y, z: the middle of its foot, a ball's middle */
+/* Adds a use of a shape. x, y, z: centre of its base, or of the ball. */
 static void add(world *w, const float *shape, int vertices, float x, float y, float z, float width, float height,
                 float depth, int material) {
     const sbl_mesh mesh = {
@@ -64,7 +64,7 @@ static void add(world *w, const float *shape, int vertices, float x, float y, fl
 }
 #define ADD(w, shape, ...) add(w, shape, (int)(sizeof shape / (3 * sizeof *shape)), __VA_ARGS__)
 
-/* ---- the kinds ---- */
+/* ---- the kinds of light ---- */
 
 static void sunny(const float direction[3], float radiance[3], void *user) {
     const float to_sun[3] = { 0.6f, 0.64f, 0.48f }, sky[3] = { 0.22f, 0.36f, 0.65f };
@@ -78,7 +78,7 @@ static void sunny(const float direction[3], float radiance[3], void *user) {
 
 static const struct kind {
     const char *name;
-    int lamps, material;  /* quads that emit */
+    int lamps, material;  /* number and material of emitting quads */
     void (*sky)(const float direction[3], float radiance[3], void *user);
     sbl_light light;
 } kinds[] = {
@@ -103,9 +103,9 @@ static void furnish(world *w, const struct kind *k) {
     ADD(w, box, -1.1f, 0, -0.6f, 0.8f, 1.5f, 0.8f, WHITE);
     ADD(w, box, -0.2f, 0, 0.9f, 0.6f, 0.35f, 0.6f, BLUE);
     ADD(w, ball, 0.4f, 0.5f, 0, 1, 1, 1, RED);
-    ADD(w, box, 1.6f, 0, 0, 0.01f, 1.1f, 2.2f, WHITE);  /* a hundredth thick */
+    ADD(w, box, 1.6f, 0, 0, 0.01f, 1.1f, 2.2f, WHITE);  /* a wall, 0.01 thick */
     if (k->lamps == 1) ADD(w, quad, -1, 3, 1.2f, 1, 1, 1, k->material);
-    for (i = 0; i < k->lamps && k->lamps > 1; i++)  /* a spiral of little ones */
+    for (i = 0; i < k->lamps && k->lamps > 1; i++)  /* a spiral of small lamps */
         ADD(w, quad, (float)(0.05 * sqrt(i) * cos(2.4 * i)), 1.9f, (float)(0.05 * sqrt(i) * sin(2.4 * i)), 0.014f, 1,
             0.014f, i % 5 ? WARM : COLD);
 }
@@ -151,7 +151,7 @@ static int show_kind(sbl_context *context, const struct kind *k, const char *fol
         write_picture(folder, k->name, HEIGHT);
 }
 
-/* What the sensor of a pixel met, drawn below the picture (see sensor_disc.h); and a red square around the pixel. */
+/* Draws the rays of the sensor at a pixel below the picture (see sensor_disc.h), and a red square around the pixel. */
 static int draw_inset(sbl_context *context, int number, int px, int py) {
     static float disc[INSET * INSET * 3];
     sbl_sensor s;
@@ -179,7 +179,7 @@ static int show_penumbra(sbl_context *context, sbl_preset preset, const char *fo
                              .texture_count = 1 };
     sbl_picture_desc view = { .width = WIDTH, .height = HEIGHT, .options.preset = preset, .samples = 4 };
     int i;
-    view.options.rays = preset == SBL_PRESET_DRAFT ? 64 : preset == SBL_PRESET_HIGH ? 1024 : 256;  /* of each sensor */
+    view.options.rays = preset == SBL_PRESET_DRAFT ? 64 : preset == SBL_PRESET_HIGH ? 1024 : 256;  /* rays per sensor */
     w.count = 0;
     ADD(&w, quad, 0, 0, 0, 12, 1, 12, WHITE);
     ADD(&w, box, -0.8f, 0.9f, -0.2f, 1.6f, 0.06f, 1.4f, BLUE);  /* a table */
@@ -199,7 +199,7 @@ int main(int argc, char **argv) {
     sbl_context *context;
     size_t i;
     int ok = 1;
-    if (sbl_create(headless("lights"), &context) != SBL_SUCCESS) return 1;  /* sbl.h says what is wrong on stderr */
+    if (sbl_create(headless("lights"), &context) != SBL_SUCCESS) return 1;  /* sbl.h prints errors to stderr */
     make_ball();
     for (i = 0; i < sizeof kinds / sizeof *kinds && ok; i++) ok = show_kind(context, &kinds[i], folder);
     ok = ok && show_penumbra(context, SBL_PRESET_DRAFT, folder) && show_penumbra(context, SBL_PRESET_DEFAULT, folder) &&

@@ -1,7 +1,7 @@
-/* Demonstrates the shortest useful program: a few triangles, one lamp, a picture in minimal.png.
-   The first argument is the folder to write it to. */
+/* Demonstrates the shortest useful program: renders a few triangles and a lamp to minimal.png. The first argument is
+   the folder for the picture. */
 #define SBL_IMPLEMENTATION
-#include "headless.h"  /* sbl.h, and a GL context without a window */
+#include "headless.h"  /* includes sbl.h; creates a GL context without a window */
 #define STB_IMAGE_WRITE_IMPLEMENTATION
 #include <stb/stb_image_write.h>
 
@@ -33,7 +33,7 @@ int main(int argc, char **argv) {
     int ok;
     sbl_look_at(view.world_to_view, 0.5f, 1.5f, 6, 0, 0.9f, 0, 0, 1, 0);
     sbl_perspective(view.view_to_clip, 40, (float)WIDTH / HEIGHT);
-    if (sbl_create(headless("minimal"), &context) != SBL_SUCCESS) return 1;  /* sbl.h says what is wrong on stderr */
+    if (sbl_create(headless("minimal"), &context) != SBL_SUCCESS) return 1;  /* sbl.h prints errors to stderr */
     ok = sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS &&
          sbl_read_channel(context, SBL_CHANNEL_FINAL, picture, WIDTH * HEIGHT * 3) == SBL_SUCCESS;
     sbl_destroy(context);

@@ -1,5 +1,5 @@
-/* Writes files whole or not at all: what is written goes to a new file in the same folder, which takes the target's
-   name at the end. Needs POSIX; include with _DEFAULT_SOURCE defined before the first header.
+/* Writes files completely or not at all: data goes to a temporary file in the same folder, which is renamed to the
+   target at the end. Needs POSIX; include with _DEFAULT_SOURCE defined before the first header.
 
        output_file out;
        FILE *stream;
@@ -8,11 +8,12 @@
        if (stream) { whole = write(..., stream); ok = output_close(&out, stream, whole, NULL); }
        output_free(&out);
 
-   A file that is there already gives its permissions, and where the system lets us its owner and group, to the new one.
-   Symbolic links are followed and stay. A hard link is cut: other names keep the old file, since a file that is written
-   in place is not whole meanwhile. Devices, pipes and /dev/stdout are written to as they are.
+   The new file gets the permissions of the file that it replaces, and its owner and group as far as the system allows.
+   Symbolic links are followed and kept. Hard links are not kept: other names keep the old file, because a file that is
+   written in place would be incomplete for a while. Devices, pipes and /dev/stdout are written in place.
 
-   All that fails says why in errno. One file can be open at a time; output_abandon removes it, in a signal handler. */
+   Functions that fail set errno. Only one file can be open at a time. output_abandon removes the temporary file; signal
+   handlers may call it. */
 #ifndef OUTPUT_FILE_H
 #define OUTPUT_FILE_H
 
@@ -28,16 +29,17 @@
 #include <unistd.h>
 
 typedef struct output_file {
-    const char *name; /* as it was given */
-    char *path;       /* where that leads: absolute, without links; NULL: nowhere */
-    int error;        /* why nowhere */
-    int in_place;     /* it is written to as it is */
-    char *temporary;  /* while it is open */
+    const char *name; /* as the caller gave it */
+    char *path;       /* the file behind the name: absolute, without links; NULL if there is no such folder */
+    int error;        /* errno if path is NULL */
+    int in_place;     /* 1: a device or pipe, written in place */
+    char *temporary;  /* name of the temporary file while it is open */
 } output_file;
 
-/* ---- where a name leads ---- */
+/* ---- from a name to a file ---- */
 
-/* folder/name, to be freed; a folder of so many characters. */
+/* Returns folder/name, which the caller frees. length: number of characters of folder that count. NULL if memory runs
+   out. */
 static char *output__join(const char *folder, size_t length, const char *name) {
     char *path = (char *)malloc(length + strlen(name) + 2);
     if (!path) {
@@ -50,11 +52,11 @@ static char *output__join(const char *folder, size_t length, const char *name) {
     return path;
 }
 
-/* The same name in the true folder; NULL where there is no such folder. Frees path. */
+/* Returns the path with all links in its folder resolved, or NULL if there is no such folder. Frees path. */
 static char *output__true_folder(char *path) {
     char *slash = path ? strrchr(path, '/') : NULL, *folder, *whole = NULL;
     const char *name = slash ? slash + 1 : path;
-    if (slash == path) return path; /* the root; or NULL */
+    if (slash == path) return path; /* in the root folder, or NULL */
     if (slash) *slash = 0;
     folder = realpath(slash ? path : ".", NULL);
     if (folder) whole = output__join(folder, strlen(folder), name);
@@ -63,12 +65,13 @@ static char *output__true_folder(char *path) {
     return whole;
 }
 
-/* Links of /dev and /proc lead to what this process has open, which has no name of its own. */
+/* Returns whether the path is a link in /dev or /proc to an open file of this process, which may have no other name. */
 static int output__is_handle(const char *path) {
     return strncmp(path, "/dev/std", 8) == 0 || strncmp(path, "/dev/fd/", 8) == 0 || strncmp(path, "/proc/", 6) == 0;
 }
 
-/* realpath demands that the file be there; a link may also lead to where one is to be. */
+/* Resolves all links of a name. The file itself need not exist, which realpath would require. Returns NULL and sets
+   errno on failure. */
 static char *output__follow(const char *name) {
     char link[PATH_MAX], *path = output__true_folder(output__join("", 0, name));
     int links;
@@ -86,7 +89,7 @@ static char *output__follow(const char *name) {
     return NULL;
 }
 
-/* Returns 0 where the name leads nowhere. */
+/* Resolves a name and fills in o. Returns 0 if that fails, for example because there is no such folder. */
 static int output_find(output_file *o, const char *name) {
     struct stat info;
     memset(o, 0, sizeof *o);
@@ -104,7 +107,8 @@ static void output_free(output_file *o) {
     o->path = NULL;
 }
 
-/* Writing both would spoil one: they are the same file, or will be. What a device takes it does not keep. */
+/* Returns whether a and b are the same file, or will be when they are written. Character devices such as /dev/null
+   never count as the same file, because they do not keep what is written. */
 static int output_same(const output_file *a, const output_file *b) {
     struct stat of_a, of_b;
     if (!a->path || !b->path) return 0;
@@ -114,15 +118,16 @@ static int output_same(const output_file *a, const output_file *b) {
 
 /* ---- writing ---- */
 
-static char *volatile output__open; /* the temporary file that is there now */
+static char *volatile output__open; /* the temporary file that exists now, or NULL */
 
-/* For signal handlers, on the way out. */
+/* Removes the temporary file. Signal handlers call it before they end the program. */
 static inline void output_abandon(void) {
     if (output__open) unlink(output__open);
 }
 
-/* Creates a file that was not there, in the folder of path, with an unpredictable name; in *name, to be freed. Its name
-   does not contain the target's, which may be as long as names can be. */
+/* Creates a file with a new, unpredictable name in the folder of path. name: receives its path, which the caller frees.
+   The name does not contain the name of the target, which may have the greatest length already. Returns a handle, or
+   -1. */
 static int output__create(const char *path, char **name) {
     const int folder = (int)(strrchr(path, '/') - path);
     const size_t size = (size_t)folder + 40;
@@ -141,7 +146,7 @@ static int output__create(const char *path, char **name) {
     for (tries = 0; tries < 100 && handle < 0; tries++) {
         random = (random * 1103515245 + 12345) & 0xffffffff;
         snprintf(*name, size, "%.*s/sbl_render.%08lx.part", folder, path, random);
-        sigprocmask(SIG_SETMASK, &all, &before); /* a handler that removes it must know of it once it is there */
+        sigprocmask(SIG_SETMASK, &all, &before); /* until output_abandon knows the file */
         handle = open(*name, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
         if (handle >= 0) output__open = *name;
         sigprocmask(SIG_SETMASK, &before, NULL);
@@ -154,7 +159,7 @@ static int output__create(const char *path, char **name) {
     return handle;
 }
 
-/* The temporary file gets its name, or goes; returns whether it got it. */
+/* Renames the temporary file to the target if whole is 1, otherwise removes it. Returns whether it was renamed. */
 static int output__done(output_file *o, int whole) {
     int error;
     if (whole && rename(o->temporary, o->path) != 0) whole = 0;
@@ -167,7 +172,7 @@ static int output__done(output_file *o, int whole) {
     return whole;
 }
 
-/* NULL where it cannot be written. */
+/* Opens a file for writing. Returns NULL and sets errno on failure. */
 static FILE *output_open(output_file *o) {
     struct stat old;
     FILE *stream;
@@ -185,7 +190,7 @@ static FILE *output_open(output_file *o) {
     handle = output__create(o->path, &o->temporary);
     if (handle < 0) return NULL;
     if (old.st_mode) {
-        /* A group that it cannot have must not get the rights of another one. */
+        /* If the group cannot be set, group permissions are removed: they would apply to another group. */
         const int grouped = fchown(handle, old.st_uid, old.st_gid) == 0 || fchown(handle, (uid_t)-1, old.st_gid) == 0;
         fchmod(handle, old.st_mode & (grouped ? 0777 : 0707));
     }
@@ -197,8 +202,8 @@ static FILE *output_open(output_file *o) {
     return stream;
 }
 
-/* whole: all was written, as far as the writer knows. 1: it is whole, and has its name. 0: nothing has changed; also
-   where *cancel is not 0 by then. */
+/* Closes the file and moves it into place. whole: 0 if the writer failed. Returns 1 if the target is complete. Returns
+   0 if anything failed or *cancel is not 0; the old target is then unchanged, unless it is written in place. */
 static int output_close(output_file *o, FILE *stream, int whole, const volatile sig_atomic_t *cancel) {
     if (ferror(stream)) whole = 0;
     if (fclose(stream) != 0) whole = 0;
@@ -210,10 +215,10 @@ static int output_close(output_file *o, FILE *stream, int whole, const volatile 
     return output__done(o, whole);
 }
 
-/* Could it be written? Found out before the work, not after it. */
+/* Returns whether the file can be written, by creating a temporary file. Used before long work. */
 static int output_check(output_file *o) {
     FILE *stream;
-    if (o->path && o->in_place) return 1; /* opening a pipe waits for its reader */
+    if (o->path && o->in_place) return 1; /* opening a pipe would wait for its reader */
     stream = output_open(o);
     if (stream) output_close(o, stream, 0, NULL);
     return stream != NULL;

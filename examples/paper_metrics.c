@@ -1,13 +1,13 @@
-/* Demonstrates the paper's four measurements, on the Cornell box in SBL_MODE_PAPER:
+/* Demonstrates the four measurements of the paper, on the Cornell box in SBL_MODE_PAPER:
 
-       table_1    time per sensor against the picture's resolution, the sensors' size fixed
-       figure_10  time per sensor against the sensors' size, at three resolutions
-       figure_11  number of sensors against the sensors' size, at the same three
-       figure_12  noise: the picture with small sensors beside the one with large sensors
+       table_1    time per sensor for several resolutions, with one sensor size
+       figure_10  time per sensor for several sensor sizes, at three resolutions
+       figure_11  number of sensors for several sensor sizes, at the same three resolutions
+       figure_12  noise: a picture with small sensors beside a picture with large sensors
 
-   Each is written as .csv to the folder that the first argument names, figure 12 also as .png; scripts/plot_metrics
-   draws the others. --quick measures small pictures only, and all of them, however long that takes; otherwise
-   measurements that do not fit into five minutes are given up and said to be. */
+   Each is written as .csv to the folder in the first argument, figure 12 also as .png. scripts/plot_metrics draws the
+   others. Measurements that do not fit into five minutes are skipped, with a message. --quick measures only small
+   pictures, and skips none. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"
 #include "cornell_box.h"
@@ -18,8 +18,8 @@
 enum { RESOLUTIONS = 3, MOST = 16 };
 
 typedef struct plan {
-    double seconds;                           /* all measurements together may take */
-    int table_size, table_count, table[MOST][2];  /* table 1: sensor size and resolutions */
+    double seconds;                           /* limit for all measurements together; 0: none */
+    int table_size, table_count, table[MOST][2];  /* table 1: sensor size, number of resolutions, resolutions */
     int sizes_count, sizes[MOST];             /* figures 10 and 11 */
     int resolutions[RESOLUTIONS][2];
     int noise_size, noise_resolution, large_size;
@@ -49,7 +49,8 @@ static int out_of_time(float done, void *user) {
 
 enum { FAILED, GIVEN_UP, MEASURED };
 
-/* One picture as the paper makes it; short ones three times, of which the fastest counts. */
+/* Renders a picture with the paper's method. If it takes less than a second, renders it up to three times and takes the
+   fastest. */
 static int measure(metrics *m, int width, int height, int sensor_size, sbl_stats *stats) {
     sbl_picture_desc view = { 0 };
     int run;
@@ -64,11 +65,11 @@ static int measure(metrics *m, int width, int height, int sensor_size, sbl_stats
         sbl_result result = sbl_render_picture(m->context, &view);
         sbl_stats latest = sbl_query_stats(m->context);
         if (result == SBL_CANCELLED && run == 0) {
-            printf("  %dx%d, sensors of %d: given up, out of time\n", width, height, sensor_size);
+            printf("  %dx%d, sensors of %d: skipped, out of time\n", width, height, sensor_size);
             return GIVEN_UP;
         }
         if (result == SBL_CANCELLED) break;
-        if (result != SBL_SUCCESS) return FAILED;  /* sbl.h says what is wrong on stderr */
+        if (result != SBL_SUCCESS) return FAILED;  /* sbl.h prints errors to stderr */
         if (run == 0 || latest.seconds.total < stats->seconds.total) *stats = latest;
     }
     printf("  %dx%d, sensors of %d: %lld sensors, %.1f us each\n", width, height, sensor_size,
@@ -77,7 +78,7 @@ static int measure(metrics *m, int width, int height, int sensor_size, sbl_stats
     return MEASURED;
 }
 
-/* ---- files */
+/* ---- files ---- */
 
 static void path_make(const metrics *m, char path[1024], const char *name) {
     snprintf(path, 1024, "%s/%s", m->folder, name);
@@ -106,7 +107,7 @@ static int png_write(const metrics *m, const char *name, int width, int height, 
     return fprintf(stderr, "paper_metrics: cannot write %s\n", path), 0;
 }
 
-/* ---- the measurements */
+/* ---- the measurements ---- */
 
 static int table_1(metrics *m) {
     FILE *csv = csv_open(m, "table_1.csv", "width,height,sensor_size,sensors,microseconds_per_sensor");
@@ -143,8 +144,8 @@ static int figures_10_and_11(metrics *m) {
     return ok && outcome != FAILED;
 }
 
-/* How much the radiance map jumps from pixel to pixel within one surface, as a share of its mean. Shadows' edges count
-   too, but alike for all sizes. */
+/* Returns the mean difference of R between neighbouring pixels of the same surface, divided by the mean of R. Edges of
+   shadows count as well, but equally for all sensor sizes. */
 static double roughness(const float *radiance, const float *id, int size) {
     double jumps = 0, sum = 0;
     int pairs = 0, x, y;

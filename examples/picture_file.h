@@ -1,6 +1,6 @@
-/* Pictures of floats as files: .png (8-bit sRGB, each channel made visible), .pfm and .exr (32-bit float, linear; .exr
-   needs OpenEXR: define SBL_RENDER_OPENEXR). Include after sbl.h, with _DEFAULT_SOURCE defined before the first header;
-   stb_image_write.h comes with it. */
+/* Writes pictures of floats as .png (8-bit sRGB; every channel is made visible), .pfm or .exr (32-bit float, linear).
+   .exr needs OpenEXR: define SBL_RENDER_OPENEXR. Include after sbl.h, with _DEFAULT_SOURCE defined before the first
+   header. This file includes stb_image_write.h. */
 #ifndef PICTURE_FILE_H
 #define PICTURE_FILE_H
 
@@ -19,16 +19,17 @@
 
 typedef struct image { int width, height, components; float *values; } image;  /* top row first */
 
-/* 0 for NaN */
+/* maps 0..1 to a byte; NaN becomes 0 */
 static unsigned char to_byte(double x) { return (unsigned char)(255 * (x > 0 ? x < 1 ? x : 1 : 0) + 0.5); }
 
 static void hue(double h, unsigned char *out) {
     int k;
-    /* h in 0..1: red, green, blue, red */
+    /* h from 0 to 1: red, green, blue, red */
     for (k = 0; k < 3; k++) out[k] = to_byte(fabs(fmod(h * 6 + 4 * ((k * 2) % 3) / 2.0, 6) - 3) - 1);
 }
 
-/* The picture's three bytes a pixel; each channel so that its values can be told apart. */
+/* Returns three bytes per pixel, scaled for each channel such that its values can be distinguished; NULL if memory runs
+   out. */
 static unsigned char *make_visible(const image *in, sbl_channel channel, double stops) {
     const size_t pixels = (size_t)in->width * (size_t)in->height;
     const int n = in->components;
@@ -38,7 +39,7 @@ static unsigned char *make_visible(const image *in, sbl_channel channel, double 
     size_t i;
     int k;
     if (!out) return NULL;
-    for (i = 0; i < pixels; i++) {  /* where there is a surface: extent of positions, depths and levels */
+    for (i = 0; i < pixels; i++) {  /* bounds of the values where there is a surface */
         const float *v = in->values + i * (size_t)n;
         int surface = 0;
         for (k = 0; k < n; k++) surface |= v[k] != 0.0f;
@@ -69,7 +70,7 @@ static unsigned char *make_visible(const image *in, sbl_channel channel, double 
                 default: to[k] = 0; break;
             }
         }
-        /* Golden ratio steps keep neighbouring ids apart. */
+        /* steps of the golden ratio give neighbouring ids different hues */
         if (channel == SBL_CHANNEL_ID && surface) hue(fmod((double)v[0] * 0.6180339887498949, 1), to);
         if (channel == SBL_CHANNEL_SENSORS && surface)
             hue(high[0] > 1 ? (1 - ((double)v[0] - 1) / (high[0] - 1)) * 2 / 3 : 2.0 / 3, to);
@@ -79,7 +80,7 @@ static unsigned char *make_visible(const image *in, sbl_channel channel, double 
 
 static void write_bytes(void *user, void *data, int size) { fwrite(data, 1, (size_t)size, (FILE *)user); }
 
-/* The writers return 0 where they fail for another reason than the file's; errno says why, where it is not 0. */
+/* The writers return 0 on failures other than those of the stream, and set errno if they know the reason. */
 static int write_png(FILE *out, const image *picture, sbl_channel channel, double stops) {
     unsigned char *bytes = make_visible(picture, channel, stops);
     const int width = picture->width;
@@ -90,7 +91,7 @@ static int write_png(FILE *out, const image *picture, sbl_channel channel, doubl
 
 static int write_pfm(FILE *out, const image *picture) {
     int x, y, k;
-    fprintf(out, "PF\n%d %d\n-1.0\n", picture->width, picture->height);  /* negative: little-endian */
+    fprintf(out, "PF\n%d %d\n-1.0\n", picture->width, picture->height);  /* negative scale: little-endian */
     for (y = picture->height - 1; y >= 0; y--)  /* bottom row first */
         for (x = 0; x < picture->width; x++) {
             const float *v = picture->values + ((size_t)y * (size_t)picture->width + (size_t)x) *
@@ -114,7 +115,7 @@ static void on_exr_error(exr_const_context_t context, exr_result_t code, const c
     (void)message;
 }
 
-/* OpenEXR comes back to what it wrote. */
+/* Writes at an offset: OpenEXR also overwrites parts that it wrote before. */
 static int64_t write_exr_bytes(exr_const_context_t context, void *user, const void *data, uint64_t size,
                                uint64_t offset, exr_stream_error_func_ptr_t error) {
     uint64_t done;
@@ -157,7 +158,7 @@ static int write_exr(FILE *out, const image *picture) {
                 begun ? exr_encoding_update(context, part, &chunk, &encoder)
                     : exr_encoding_initialize(context, part, &chunk, &encoder);
         for (k = 0; k < picture->components && result == EXR_ERR_SUCCESS; k++) {
-            exr_coding_channel_info_t *channel = &encoder.channels[k];  /* in the order of their names */
+            exr_coding_channel_info_t *channel = &encoder.channels[k];  /* channels are sorted by name */
             int component = channel->channel_name[0] == 'G' ? 1 : channel->channel_name[0] == 'B' ? 2 : 0;
             channel->encode_from_ptr =
                 (const uint8_t *)(picture->values + (size_t)y * (size_t)picture->width * (size_t)picture->components +
@@ -177,7 +178,8 @@ static int write_exr(FILE *out, const image *picture) {
 }
 #endif
 
-/* The ending of its name says which. stops: brightens final and radiance in a .png. */
+/* Writes a picture in the format that the extension of the name selects. stops: exposure of channels final and radiance
+   in a .png. */
 static inline int picture_write(FILE *out, const char *name, const image *picture, sbl_channel channel, double stops) {
     const char *ending = strrchr(name, '.');
     if (ending && strcmp(ending, ".png") == 0) return write_png(out, picture, channel, stops);
@@ -187,6 +189,7 @@ static inline int picture_write(FILE *out, const char *name, const image *pictur
     return write_pfm(out, picture);
 }
 
+/* Reads a channel of the current picture or lightmap. The caller frees picture->values. */
 static inline sbl_result picture_read(sbl_context *context, int width, int height, sbl_channel channel,
                                       image *picture) {
     size_t count;

@@ -1,5 +1,5 @@
 /* Demonstrates a baking tool on top of sbl.h: reads a scene file, bakes its light and writes it for engines and
-   viewers. `sbl_bake --help` says how. */
+   viewers. `sbl_bake --help` explains its options. */
 #define _DEFAULT_SOURCE
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
@@ -18,7 +18,7 @@
 
 static struct options {
     int lightmap, gutter, supersample, samples, grid[3];
-    const char *positions;  /* the file of probes' positions; NULL: a grid */
+    const char *positions;  /* file with the positions of probes, or NULL for a grid */
     double target_error, move, smoothing;
 } options;
 
@@ -41,7 +41,7 @@ enum {
 static const tool_option table[OPTION_COUNT] = {
     COMMON_ROWS,
     [OUTPUT] = { "--output", "PATH", TEXT, &common.output, 0, 0, 0,
-                 "also -o; a file; for --lightmap a folder, which is created if it does not exist" },
+                 "also -o; a file; with --lightmap a folder, which is created if it does not exist" },
     [LIGHTMAP] = { "--lightmap", "N", INTEGERS, &options.lightmap, 1, 1, 16384,
                    "bakes all meshes that have second texture coordinates (TEXCOORD_1; scripts/unwrap makes them) into "
                    "one map\n"
@@ -50,59 +50,61 @@ static const tool_option table[OPTION_COUNT] = {
                    "surface\n"
                    "atlas.pfm, atlas.exr          the same, continued into the gutters, for bilinear sampling and mip "
                    "maps\n"
-                   "atlas.png                     atlas in 8-bit sRGB, scaled as scene.gltf says\n"
+                   "atlas.png                     atlas in 8-bit sRGB; scene.gltf contains its scale\n"
                    "scene.gltf, scene.bin, texture_*.png   the scene; the extension MOZ_lightmap of each material "
                    "refers to\n"
-                   "                              atlas.png: irradiance is intensity * texture; R is that divided by "
-                   "pi\n"
-                   "overlap.png                   only if charts overlap: red shows where" },
+                   "                              atlas.png: irradiance = intensity * texture, R = irradiance / pi\n"
+                   "overlap.png                   only if charts overlap; shared texels are red" },
     [GUTTER] = { "--gutter", "TEXELS", INTEGERS, &options.gutter, 1, 0, 16384,
-                 "continues atlas this far beyond the charts; default 16" },
+                 "width of the gutters: atlas continues the light this far beyond the charts; default 16" },
     [DIRECTIONAL] = { "--directional", NULL, FLAG, NULL, 0, 0, 0,
-                      "with --lightmap: also writes the directions of light, for normal maps: sh_0 to sh_3 (.pfm, "
-                      ".exr), the\n"
-                      "radiance over the hemisphere of each texel in the real orthonormal spherical harmonics 1, y, z, "
-                      "x, continued\n"
-                      "like atlas" },
+                      "with --lightmap: also writes how the light depends on direction, for normal maps: sh_0 to sh_3 "
+                      "(.pfm,\n"
+                      ".exr) are the coefficients of the radiance over the hemisphere of each texel, in the real "
+                      "orthonormal\n"
+                      "spherical harmonics 1, y, z, x, continued into the gutters" },
     [SUPERSAMPLE] = { "--supersample", "N", INTEGERS, &options.supersample, 1, 1, 8,
-                      "with --lightmap: measures N x N places in each texel and takes their mean, for shadows finer "
-                      "than texels;\n"
+                      "with --lightmap: averages measurements at N x N places in each texel, for shadows finer than "
+                      "texels;\n"
                       "default 1" },
     [TARGET_ERROR] = { "--target-error", "E", SHARES, &options.target_error, 1, 0.0001, 1,
-                       "with --lightmap: target error of R, such as 2% or 0.02: root mean square over the map, divided "
-                       "by its mean;\n"
-                       "default 2%, 0.5%, 0.25% by preset; with the default, a sensor uses at most 512, 1024, 2048 "
-                       "rays",
+                       "with --lightmap: target error of R, such as 2% or 0.02: the root mean square error of the map, "
+                       "divided\n"
+                       "by the mean of R; default 2%, 0.5%, 0.25% by preset; with the default, a sensor uses at most "
+                       "512, 1024,\n"
+                       "2048 rays",
                        .synonym = "--error" },
     [VERTICES] = { "--vertices", NULL, FLAG, NULL, 0, 0, 0,
-                   "bakes light at the vertices of all meshes, by least squares over their triangles, and writes "
-                   "PATH.ply\n"
-                   "(binary: x y z nx ny nz in the world, radiance_r radiance_g radiance_b, which is R, and the faces) "
-                   "or PATH.gltf\n"
-                   "(with a .bin and texture_*.png beside it; vertex attribute _RADIANCE)" },
+                   "bakes R at the vertices of all meshes, fitted by least squares to the light on their triangles, "
+                   "and writes\n"
+                   "PATH.ply (binary: x y z nx ny nz in world space; radiance_r radiance_g radiance_b, which are R; "
+                   "and faces)\n"
+                   "or PATH.gltf (with a .bin and texture_*.png in the same folder; R is vertex attribute _RADIANCE)" },
     [AVERAGE] = { "--average", NULL, FLAG, NULL, 0, 0, 0,
-                  "with --vertices: takes the mean around each vertex instead of least squares; this is smoother, but "
-                  "wrong where\n"
-                  "triangles are large" },
+                  "with --vertices: averages the light around each vertex instead of fitting; this is smoother, but "
+                  "wrong\n"
+                  "where triangles are large" },
     [SAMPLES] = { "--samples", "N", INTEGERS, &options.samples, 1, 1, 1024,
-                  "with --vertices: points on a triangle of mean area; default 4, 8, 16 by preset" },
+                  "with --vertices: number of points on a triangle of mean area; default 4, 8, 16 by preset" },
     [SMOOTHING] = { "--smoothing", "S", NUMBERS, &options.smoothing, 1, 0, 1e6,
-                    "with --vertices: weight that keeps the slope of light equal across edges; 0 turns it off; default "
-                    "0.02" },
+                    "with --vertices: weight of the rule that the slope of the light is equal on both sides of an "
+                    "edge; 0 turns\n"
+                    "it off; default 0.02" },
     [PROBES] = { "--probes", "NXxNYxNZ|FILE", SIZES, options.grid, 3, 1, 4096,
                  "bakes light at points in the air, and writes PATH.json. The points are the centres of the cells of a "
                  "grid over\n"
-                 "the bounds of the scene, x fastest, or the points of a text FILE.txt with three numbers on each "
-                 "line. Each has a\n"
-                 "position; valid (false inside something); sh: radiance in nine real orthonormal spherical harmonics, "
-                 "rgb each, in\n"
-                 "the order 1, y, z, x, xy, yz, 3z2-1, xz, x2-y2; cube: R towards +x -x +y -y +z -z; sky: the share of "
-                 "directions\n"
-                 "that see the sky; distance, distance_squared: means towards the octants (see sbl_probe in sbl.h); "
-                 "back_share",
+                 "the bounds of the scene, x fastest, or the points in a text file FILE.txt, with three numbers on "
+                 "each line.\n"
+                 "Each probe has: position; valid (false inside geometry); sh: radiance in nine real orthonormal "
+                 "spherical\n"
+                 "harmonics, rgb each, in the order 1, y, z, x, xy, yz, 3z2-1, xz, x2-y2; cube: R on surfaces that "
+                 "face +x -x\n"
+                 "+y -y +z -z; sky: the fraction of directions that see the sky; distance, distance_squared: means for "
+                 "each\n"
+                 "octant; back_share: the fraction of visible surfaces that are back faces (see sbl_probe in sbl.h)",
                  NULL, &options.positions },
     [MOVE] = { "--move", "DISTANCE", NUMBERS, &options.move, 1, 0, 1e18,
-               "the largest distance that a probe may be moved to get out of something; default 0" },
+               "greatest distance by which a probe may be moved to get out of geometry; default 0" },
 };
 static int given[OPTION_COUNT];
 
@@ -117,12 +119,12 @@ static void print_help(void) {
     tool_print_options(table, COMMON_OPTIONS);
     printf("\nMaterials and lights are read as by sbl_render. If a mesh is used several times, all uses have the same\n"
            "coordinates and overlap in a lightmap; scripts/unwrap makes each use a mesh of its own.\n"
-           "\nEach file is written completely or not at all. Ctrl-C, SIGTERM and SIGHUP save the lightmap so far, if "
-           "there is\n"
-           "any, in FOLDER/lightmap.partial.pfm; a second signal ends the program at once.\n"
-           "\nExit status: 0 success; 1 failure, with one line on stderr; 2 wrong usage; interrupted: 130 by SIGINT, "
-           "143 by\n"
-           "SIGTERM, 129 by SIGHUP.\n");
+           "\nEach file is written completely or not at all. Ctrl-C, SIGTERM and SIGHUP save the unfinished lightmap, "
+           "if there\n"
+           "is one, as FOLDER/lightmap.partial.pfm; a second signal ends the program at once.\n"
+           "\nExit status: 0 success; 1 failure, with one line on stderr; 2 wrong usage; after a signal: 130 (SIGINT), "
+           "143\n"
+           "(SIGTERM), 129 (SIGHUP).\n");
 }
 
 static int ends_with(const char *path, const char *ending) { return scene__ends_with(path, ending); }
@@ -139,7 +141,7 @@ static int parse(int argc, char **argv) {
     status = common_check(given);
     if (status != DONE) return status;
     if (given[LIGHTMAP] + given[VERTICES] + given[PROBES] != 1)
-        return misuse("give one of --lightmap, --vertices and --probes: what is to be baked; see --help");
+        return misuse("give one of --lightmap, --vertices and --probes, to choose what is baked; see --help");
     if (!common.output)
         return misuse("--output is missing: %s", given[LIGHTMAP] ? "the folder to write to" : "the file to write");
     for (i = 0; i < (int)(sizeof of_lightmaps / sizeof *of_lightmaps); i++)
@@ -152,7 +154,7 @@ static int parse(int argc, char **argv) {
         return misuse("--output %s: the name must end in .ply or .gltf", common.output);
     if (given[PROBES] && !ends_with(common.output, ".json"))
         return misuse("--output %s: the name must end in .json", common.output);
-    if (common_mode(given) == SBL_MODE_PAPER) return misuse("--mode paper: it is for pictures; choose another --mode");
+    if (common_mode(given) == SBL_MODE_PAPER) return misuse("--mode paper is only for pictures; choose another --mode");
     common.input = options.positions;
     return DONE;
 }
@@ -178,34 +180,35 @@ static const char *const names[TEXTURES] = {
 };
 static char *paths[TARGETS_MOST];
 
-/* A file in the folder whose name has so many characters. Returns the exit status. */
+/* Adds a target with this number. folder: length of the part of common.output that names the folder. Returns the exit
+   status. */
 static int target_add(int number, size_t folder, const char *name) {
     paths[number] = output__join(common.output, folder, name);
-    if (!paths[number]) return fail("no memory is left");
+    if (!paths[number]) return fail("out of memory");
     output_find(&targets[number], paths[number]);
     if (target_count <= number) target_count = number + 1;
     return DONE;
 }
 
-/* Returns the exit status, as find_more_files does, which is asked once the scene is read. */
+/* Creates the folder and lists the files that do not depend on the scene. Returns the exit status. */
 static int find_files(void) {
     struct stat info;
     int i, status = DONE;
     if (stat(common.output, &info) == 0 && !S_ISDIR(info.st_mode))
-        return misuse("--output %s: it is no folder; give another name", common.output);
+        return misuse("--output %s: this is not a folder; give another name", common.output);
     if (stat(common.output, &info) != 0 && mkdir(common.output, 0777) != 0)
-        return fail("%s: cannot be made: %s; give another folder", common.output, strerror(errno));
+        return fail("%s: the folder cannot be created: %s; give another one", common.output, strerror(errno));
     targets_begin();
     for (i = OWN_TARGETS; i < TEXTURES && status == DONE; i++) status = target_add(i, strlen(common.output), names[i]);
     return status == DONE ? targets_check(OVERLAP) : status;
 }
 
-/* The scene's textures, from target number `first` on. Returns the exit status. */
+/* Lists the files for the textures of the scene, from target number `first` on. Returns the exit status. */
 static int find_textures(const scene_file *file, int first, size_t folder) {
     int i, status = DONE;
     if (file->scene.texture_count > TARGETS_MOST - first)
-        return fail("%s: it has %d textures; this tool writes at most %d", common.scene, file->scene.texture_count,
-                    TARGETS_MOST - first);
+        return fail("%s: the scene has %d textures; this tool writes at most %d", common.scene,
+                    file->scene.texture_count, TARGETS_MOST - first);
     for (i = 0; i < file->scene.texture_count && status == DONE; i++) {
         char name[GLTF_NAME];
         gltf_texture_name(name, i);
@@ -214,6 +217,7 @@ static int find_textures(const scene_file *file, int first, size_t folder) {
     return status;
 }
 
+/* Lists the files that depend on the scene, after it was read. Returns the exit status. */
 static int find_more_files(const scene_file *file) {
     int i, mapped = 0;
     for (i = 0; i < file->scene.mesh_count; i++) mapped += file->scene.meshes[i].lightmap_texcoords.data != NULL;
@@ -223,13 +227,13 @@ static int find_more_files(const scene_file *file) {
 }
 
 typedef struct lightmap {
-    image light, atlas;      /* 0 where no surface is; continued */
-    image overlap;           /* no values: there is none */
-    image harmonics[4];      /* likewise */
-    int harmonic;            /* that is written next */
-    double intensity;        /* atlas.png times this is irradiance */
+    image light, atlas;      /* R: 0 where there is no surface; continued into the gutters */
+    image overlap;           /* has no values if charts do not overlap */
+    image harmonics[4];      /* have no values without --directional */
+    int harmonic;            /* number of the harmonic that is written next */
+    double intensity;        /* irradiance divided by the linear value of atlas.png */
     gltf_file gltf;
-    int texture;             /* that is written next */
+    int texture;             /* number of the texture that is written next */
 } lightmap;
 
 static int write_light_pfm(FILE *out, const void *what) { return write_pfm(out, &((const lightmap *)what)->light); }
@@ -265,8 +269,8 @@ static int compare_floats(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-/* What 8 bits are best spent on: all but the brightest thousandth, and no more than eight times the mean. 0: no memory
-   is left. */
+/* Returns the value of R that becomes white in 8 bits: a thousandth of the lit texels is brighter, but at most eight
+   times the mean. Returns 0 if memory runs out. */
 static double bright(const image *light) {
     const size_t texels = (size_t)light->width * (size_t)light->height;
     float *most = (float *)malloc(texels * sizeof *most);
@@ -286,7 +290,7 @@ static double bright(const image *light) {
     return result;
 }
 
-/* R where a surface is. */
+/* Reads R, and sets it to 0 where there is no surface. */
 static sbl_result read_light(sbl_context *context, lightmap *l, int size) {
     image id = { 0, 0, 0, NULL };
     const size_t texels = (size_t)size * (size_t)size;
@@ -299,7 +303,7 @@ static sbl_result read_light(sbl_context *context, lightmap *l, int size) {
     return result;
 }
 
-/* Red where triangles share a texel, grey where one has it alone. */
+/* If triangles share texels, makes a picture of this: shared texels are red, other used texels grey. */
 static sbl_result read_overlap(sbl_context *context, lightmap *l, int size) {
     image others = { 0, 0, 0, NULL }, *shown = &l->overlap;
     const size_t texels = (size_t)size * (size_t)size;
@@ -320,7 +324,7 @@ static sbl_result read_overlap(sbl_context *context, lightmap *l, int size) {
     return result;
 }
 
-/* The one that a file shows; -1: it shows none. */
+/* Returns the number of the harmonic that a target contains, or -1 if it contains none. */
 static int harmonic_of(int target) {
     if (target >= SH_PFM && target <= SH_PFM_LAST) return target - SH_PFM;
 #ifdef SBL_RENDER_OPENEXR
@@ -329,7 +333,7 @@ static int harmonic_of(int target) {
     return -1;
 }
 
-/* All files; returns the exit status. */
+/* Writes all files. Returns the exit status. */
 static int keep_lightmap(lightmap *l) {
     static const struct { int target; target_writer write; } files[] = {
         { R_PFM, write_light_pfm }, { ATLAS_PFM, write_atlas_pfm }, { ATLAS_PNG, write_atlas_png },
@@ -351,9 +355,9 @@ static int keep_lightmap(lightmap *l) {
         if (target == OVERLAP && !l->overlap.values) continue;
         l->harmonic = texture ? -1 : harmonic_of(target);
         if (l->harmonic >= 0 && !l->harmonics[l->harmonic].values) continue;
-        if (interrupted) return stop("%s is not written", targets[target].name);
+        if (interrupted) return stop("%s was not written", targets[target].name);
         if (!target_write(&targets[target], texture ? write_texture : files[file].write, l, 0))
-            return interrupted ? stop("%s is not written", targets[target].name) : fail_to_write(targets[target].name);
+            return interrupted ? stop("%s was not written", targets[target].name) : fail_to_write(targets[target].name);
     }
     return DONE;
 }
@@ -388,9 +392,11 @@ static int bake_lightmap(const tool_task *task, double *seconds) {
         result = read_light(context, &l, desc.width);
         if (result == SBL_UNFINISHED) status = stop("there is no light yet");
         else if (result == SBL_SUCCESS && target_write(&targets[PARTIAL], write_light_pfm, &l, 1))
-            status = stop("the light so far (%.0f %%) is in %s", floor(100 * (double)sbl_progress(context)),
+            status = stop("the unfinished lightmap (%.0f %%) is in %s", floor(100 * (double)sbl_progress(context)),
                           targets[PARTIAL].name);
-        else status = stop("the light so far cannot be written to %s: %s", targets[PARTIAL].name, why_not_written());
+        else
+            status = stop("the unfinished lightmap cannot be written to %s: %s", targets[PARTIAL].name,
+                          why_not_written());
     } else {
         if (result == SBL_SUCCESS) result = read_light(context, &l, desc.width);
         if (result == SBL_SUCCESS) result = picture_read(context, desc.width, desc.height, SBL_CHANNEL_FINAL, &l.atlas);
@@ -421,7 +427,7 @@ static int bake_lightmap(const tool_task *task, double *seconds) {
 
 enum { ONE_FILE = OWN_TARGETS, VERTEX_BIN, VERTEX_TEXTURES };
 
-/* Returns the exit status. */
+/* Lists the file of --output. Returns the exit status. */
 static int find_file(void) {
     targets_begin();
     output_find(&targets[ONE_FILE], common.output);
@@ -434,7 +440,7 @@ static int find_file(void) {
 typedef struct vertices {
     const sbl_scene_desc *scene;
     float *radiance;
-    size_t count;           /* vertices of all meshes */
+    size_t count;           /* number of vertices in all meshes */
     double faces;
     gltf_file gltf;
     int texture;
@@ -442,7 +448,7 @@ typedef struct vertices {
 
 static char bin_name[PATH_MAX];
 
-/* What lies beside a .gltf. */
+/* If --output is a .gltf, lists the files that it refers to. Returns the exit status. */
 static int find_vertex_files(const scene_file *file) {
     const char *slash = strrchr(common.output, '/'), *base = slash ? slash + 1 : common.output;
     const size_t folder = (size_t)(base - common.output);
@@ -468,7 +474,8 @@ static void add_cross(const double a[3], const double b[3], double scale, double
     out[2] += scale * (a[0] * b[1] - a[1] * b[0]);
 }
 
-/* Normals by the matrix of cofactors, which keeps them upright; its sign mirrors them where the mesh is mirrored. */
+/* Transforms a normal by the cofactors of the matrix, which keep it perpendicular to its surface. The sign of the
+   determinant flips the normal where the mesh is mirrored. */
 static void transform_normal(const float m[16], const float *n, double out[3]) {
     double column[3][3], normal[3] = { 0, 0, 0 }, determinant[3] = { 0, 0, 0 };
     int i, k, moved = 0;
@@ -481,7 +488,8 @@ static void transform_normal(const float m[16], const float *n, double out[3]) {
                               column[0][2] < 0 ? -1 : 1);
 }
 
-/* Three world coordinates a vertex: the file's normals, or the mean of the triangles'. NULL: no memory is left. */
+/* Returns the unit normals of all vertices in world space: those of the file, or else the area-weighted mean over
+   triangles. Returns NULL if memory runs out. */
 static double *normals_of(const sbl_mesh *m) {
     const float *positions = (const float *)m->positions.data, *normals = (const float *)m->normals.data;
     const uint32_t *indices = (const uint32_t *)m->indices.data;
@@ -556,14 +564,14 @@ static int write_vertex_texture(FILE *out, const void *what) {
 static int keep_vertices(vertices *v) {
     const int gltf = ends_with(common.output, ".gltf"), files = gltf ? v->scene->texture_count + 2 : 1;
     int i;
-    for (i = 0; i < files; i++) {  /* the one that refers to the others last */
+    for (i = 0; i < files; i++) {  /* the file that refers to the others is written last */
         const int last = i == files - 1, bin = i == files - 2;
         output_file *target = &targets[last ? ONE_FILE : bin ? VERTEX_BIN : VERTEX_TEXTURES + i];
         v->texture = i;
         if (interrupted || !target_write(target,
                                          last ? gltf ? write_vertex_gltf : write_ply : bin ? write_vertex_bin
                                          : write_vertex_texture, v, 0))
-            return interrupted ? stop("%s is not written", target->name) : fail_to_write(target->name);
+            return interrupted ? stop("%s was not written", target->name) : fail_to_write(target->name);
     }
     return DONE;
 }
@@ -596,7 +604,7 @@ static int bake_vertices(const tool_task *task, double *seconds) {
     if (result == SBL_SUCCESS) result = work(task->context);
     if (bar.shown) fprintf(stderr, "\r%70s\r", "");
     *seconds = now() - task->start;
-    if (result == SBL_UNFINISHED) status = stop("nothing is written");
+    if (result == SBL_UNFINISHED) status = stop("nothing was written");
     else status = result == SBL_SUCCESS ? keep_vertices(&v) : fail_with(task->said, common.scene, result);
     if (status == DONE && bar.shown)
         fprintf(stderr, "%s: %.0f vertices, %.1f s\n", common.output, (double)v.count, *seconds);
@@ -608,7 +616,7 @@ static int bake_vertices(const tool_task *task, double *seconds) {
 
 typedef struct probes { sbl_probe *all; float *positions; int count; } probes;
 
-/* A line's three numbers, parted by blanks or commas. Returns 1, 0 where it is empty or a comment, -1 where it is
+/* Reads three numbers, separated by blanks or a comma. Returns 1; 0 if the line is empty or a comment; -1 if it is
    anything else. */
 static int read_position(char *line, float out[3]) {
     char *at = line, *end;
@@ -624,7 +632,7 @@ static int read_position(char *line, float out[3]) {
     return *at ? -1 : 1;
 }
 
-/* Returns the exit status. */
+/* Reads the file of positions. Returns the exit status. */
 static int read_positions(probes *p) {
     FILE *in = fopen(options.positions, "r");
     char line[512];
@@ -639,7 +647,7 @@ static int read_positions(probes *p) {
         if (p->count == room) {
             float *larger = room > INT_MAX / 8 ? NULL
                 : (float *)realloc(p->positions, (size_t)(room = 2 * room + 64) * sizeof position);
-            if (!larger) { status = fail("%s: no memory is left for so many positions", options.positions); break; }
+            if (!larger) { status = fail("%s: too many positions for the memory", options.positions); break; }
             p->positions = larger;
         }
         memcpy(p->positions + 3 * (size_t)p->count++, position, sizeof position);
@@ -708,10 +716,10 @@ static int bake_probes(const tool_task *task, double *seconds) {
     if (result == SBL_SUCCESS && p.count) result = work(task->context);
     if (bar.shown) fprintf(stderr, "\r%70s\r", "");
     *seconds = now() - task->start;
-    if (result == SBL_UNFINISHED) status = stop("nothing is written");
+    if (result == SBL_UNFINISHED) status = stop("nothing was written");
     else if (result != SBL_SUCCESS) status = fail_with(task->said, common.scene, result);
     else if (!target_write(&targets[ONE_FILE], write_probes, &p, 0))
-        status = interrupted ? stop("nothing is written") : fail_to_write(common.output);
+        status = interrupted ? stop("nothing was written") : fail_to_write(common.output);
     for (k = 0; k < p.count && status == DONE; k++) valid += p.all[k].valid;
     if (status == DONE && bar.shown)
         fprintf(stderr, "%s: %d probes, %d valid, %.1f s\n", common.output, p.count, valid, *seconds);
@@ -720,7 +728,7 @@ static int bake_probes(const tool_task *task, double *seconds) {
     return status;
 }
 
-/* ---- all of it ---- */
+/* ---- the whole tool ---- */
 
 int main(int argc, char **argv) {
     const double start = now();

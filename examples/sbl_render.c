@@ -1,5 +1,5 @@
 /* Demonstrates a whole tool on top of sbl.h: reads a scene file, renders it and writes a picture and statistics.
-   `sbl_render --help` says how. */
+   `sbl_render --help` explains its options. */
 #define _DEFAULT_SOURCE
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
@@ -23,7 +23,7 @@ static struct options {
 } options;
 
 static const char *const channel_words[] = { "final", "radiance", "albedo", "normal", "position", "id", "depth",
-    "sensors", "store", "error", NULL };  /* as sbl_channel */
+    "sensors", "store", "error", NULL };  /* in the order of sbl_channel */
 
 enum {
     OUTPUT = CAMERA_END, CHANNEL, TARGET_ERROR, SENSOR_FOV, FACET_LIMIT, SAMPLES, EXPOSURE, INSPECT, OPTION_COUNT
@@ -35,30 +35,29 @@ static const tool_option table[OPTION_COUNT] = {
     [OUTPUT] = { "--output", "FILE", TEXT, &common.output, 0, 0, 0,
                  "also -o; .png (8-bit sRGB), .pfm or .exr (linear 32-bit floats); default sbl.png" },
     [CHANNEL] = { "--channel", "NAME", CHOICE, &options.channel, 0, 0, 0,
-                  "final (default) | radiance (R: irradiance / pi, light without surface colour) | albedo | normal | "
-                  "position |\n"
-                  "id | depth | sensors (which pixels had a sensor, and at which level) | store (stored bounced light, "
-                  "cell by\n"
-                  "cell) | error (predicted standard error of the luminance of radiance)",
+                  "final (default) | radiance (R: irradiance / pi, light without surface colour) | albedo | normal |\n"
+                  "position | id | depth | sensors (which pixels had a sensor, and at which level) | store (bounced "
+                  "light in\n"
+                  "the cells of the store) | error (predicted standard error of the luminance of R)",
                   channel_words },
     [TARGET_ERROR] = { "--target-error", "E", SHARES, &options.target_error, 1, 0.0001, 1,
-                       "target error of radiance, such as 2% or 0.02: root mean square over the picture, divided by "
-                       "its mean;\n"
-                       "default 5%, 1.5%, 0.75% by preset; with the default, a sensor uses at most 512 rays (high: "
-                       "1024)",
+                       "target error of R, such as 2% or 0.02: the root mean square error of the picture, divided by "
+                       "the mean\n"
+                       "of R; default 5%, 1.5%, 0.75% by preset; with the default, a sensor uses at most 512 rays "
+                       "(high: 1024)",
                        .synonym = "--error" },
     [SENSOR_FOV] = { "--sensor-fov", "DEGREES", NUMBERS, &options.sensor_fov, 1, 1, 179,
-                     "width of the sensor's view, mode paper only; default 135" },
+                     "field of view of a sensor, mode paper only; default 135" },
     [FACET_LIMIT] = { "--facet-limit", "PIXELS", NUMBERS, &options.facet_limit, 1, 0, 1e30,
-                      "triangles of smaller height on the screen are lit by their true normals, larger ones by the "
-                      "normals of the\n"
-                      "file; default 2" },
+                      "triangles of at most this height on the screen are lit with their geometric normals, larger "
+                      "triangles with\n"
+                      "the normals of the file; default 2" },
     [SAMPLES] = { "--samples", "N", INTEGERS, &options.samples, 1, 1, 64,
-                  "anti-aliasing samples of final for each pixel; default 1, 4, 16 by preset" },
+                  "anti-aliasing samples per pixel of channel final; default 1, 4, 16 by preset" },
     [EXPOSURE] = { "--exposure", "STOPS", NUMBERS, &options.exposure, 1, -100, 100,
-                   "brightens final and radiance in a .png by this many stops; default 0" },
+                   "exposure of channels final and radiance in a .png: 1 doubles the brightness; default 0" },
     [INSPECT] = { "--inspect", "X,Y", INTEGERS, options.inspect, 2, 0, 16383,
-                  "instead of the picture, writes what the sensor of that pixel sees, and prints its sums" },
+                  "instead of the scene, draws what the sensor at this pixel sees, and prints its sums" },
 };
 static int given[OPTION_COUNT];
 
@@ -70,26 +69,25 @@ static void print_help(void) {
     tool_print_options(table + COMMON_OPTIONS, CAMERA_END - COMMON_OPTIONS);
     tool_print_options(table, COMMON_OPTIONS);
     printf(
-        "\nMaterials: OBJ Kd map_Kd Ke map_Ke d map_d (cut out at 0.5); glTF base colour, emission with\n"
-        "KHR_materials_emissive_strength, alphaMode MASK (BLEND is cut out at 0.5). Metal and glossy surfaces are\n"
-        "treated as diffuse surfaces of their base colour. A surface emits to both sides.\n"
+        "\nMaterials: OBJ Kd map_Kd Ke map_Ke d map_d (opacity below 0.5 is cut out); glTF base colour, emission with\n"
+        "KHR_materials_emissive_strength, alphaMode MASK (BLEND is treated as MASK with cutoff 0.5). Metal and glossy\n"
+        "surfaces are treated as diffuse surfaces of their base colour. Surfaces emit on both sides.\n"
         "Lights: glTF KHR_lights_punctual (candela are radiance times area, lux are irradiance; ranges are ignored), "
         "and\n"
         "the point, spot and directional lights of other formats.\n"
-        "Values in a .png: a normal n is shown as 0.5 + 0.5 n, a position relative to the visible extent, a small "
+        "Colours in a .png: a normal n is shown as 0.5 + 0.5 n, a position relative to the visible bounds, a small "
         "depth as\n"
-        "bright, ids as random colours, sensors from blue (first level) over green and yellow to red (last level). A "
-        ".pfm\n"
-        "or .exr holds the unchanged values.\n"
-        "\nA file is written completely or not at all. The new file gets its name at the end, and the permissions of "
-        "the\n"
-        "old one. A symbolic link stays, and the file that it leads to is replaced. If the old file has other names "
-        "(hard\n"
-        "links), these keep the old picture. Input files cannot be overwritten. Ctrl-C, SIGTERM and SIGHUP save the\n"
-        "picture so far, if there is any, in NAME.partial.png (.pfm, .exr); a second signal ends the program at once.\n"
-        "\nExit status: 0 success; 1 failure, with one line on stderr; 2 wrong usage; interrupted: 130 by SIGINT, 143 "
-        "by\n"
-        "SIGTERM, 129 by SIGHUP.\n");
+        "bright, an id as an arbitrary colour, sensors from blue (first level) through green and yellow to red (last\n"
+        "level). A .pfm or .exr contains the values unchanged.\n"
+        "\nA file is written completely or not at all: at the end, a temporary file replaces the old file and takes "
+        "its\n"
+        "permissions. If FILE is a symbolic link, the file that it refers to is replaced. Other hard links of the old "
+        "file\n"
+        "keep the old contents. Input files are never overwritten. Ctrl-C, SIGTERM and SIGHUP save the unfinished\n"
+        "picture, if there is one, as NAME.partial.png (.pfm, .exr); a second signal ends the program at once.\n"
+        "\nExit status: 0 success; 1 failure, with one line on stderr; 2 wrong usage; after a signal: 130 (SIGINT), "
+        "143\n"
+        "(SIGTERM), 129 (SIGHUP).\n");
 }
 
 static int ends_with(const char *path, const char *ending) { return scene__ends_with(path, ending); }
@@ -105,20 +103,20 @@ static int parse(int argc, char **argv) {
         return misuse("--output %s: the name must end in .png, .pfm or .exr", common.output);
 #ifndef SBL_RENDER_OPENEXR
     if (ends_with(common.output, ".exr"))
-        return fail("--output %s: built without OpenEXR; write a .pfm", common.output);
+        return fail("--output %s: this program was built without OpenEXR; use .pfm", common.output);
 #endif
     if (given[SENSOR_FOV] && common_mode(given) != SBL_MODE_PAPER)
         return misuse("--sensor-fov needs --mode paper: other sensors see the whole hemisphere");
     if (given[INSPECT] && given[CHANNEL])
-        return misuse("--inspect writes a sensor's view, --channel chooses a picture; give one of them");
+        return misuse("--inspect draws a sensor, --channel chooses a picture of the scene; give only one of them");
     return DONE;
 }
 
-/* ---- what is written ---- */
+/* ---- output files ---- */
 
-enum { PICTURE = OWN_TARGETS, PARTIAL };  /* partial: the best so far of an interrupted picture, room.partial.png */
+enum { PICTURE = OWN_TARGETS, PARTIAL };  /* PARTIAL: an unfinished picture, room.partial.png */
 
-/* Returns the exit status. */
+/* Lists the files that may be written. Returns the exit status. */
 static int find_targets(void) {
     static char partial[PATH_MAX];
     const char *ending = strrchr(common.output, '.');
@@ -137,16 +135,16 @@ static int write_shown(FILE *out, const void *what) {
     return picture_write(out, common.output, s->picture, s->channel, options.exposure);
 }
 
-/* Returns the exit status. done: how far the picture is, 0 to 1. */
+/* Writes the picture; after a signal, the unfinished picture. done: progress, 0 to 1. Returns the exit status. */
 static int keep_picture(const view *s, float done) {
     if (!interrupted && target_write(&targets[PICTURE], write_shown, s, 0)) return DONE;
     if (!interrupted) return fail_to_write(common.output);
     if (!target_write(&targets[PARTIAL], write_shown, s, 1))
-        return stop("the picture so far cannot be written to %s: %s", targets[PARTIAL].name, why_not_written());
-    return stop("the picture so far (%.0f %%) is in %s", floor(100 * (double)done), targets[PARTIAL].name);
+        return stop("the unfinished picture cannot be written to %s: %s", targets[PARTIAL].name, why_not_written());
+    return stop("the unfinished picture (%.0f %%) is in %s", floor(100 * (double)done), targets[PARTIAL].name);
 }
 
-/* ---- one sensor ---- */
+/* ---- --inspect: one sensor ---- */
 
 enum { DISC = 512, LAMPS_SHOWN = 20 };
 
@@ -161,7 +159,7 @@ static void describe_lamp(const sbl_sensor *s, int number) {
     printf(" %d of %d rays arrive\n", l->open, l->rays);
 }
 
-/* Those that give most, or would. */
+/* Prints the lamps that contribute most, or would contribute most if nothing blocked them. */
 static void describe_lamps(const sbl_sensor *s) {
     double *worth = (double *)calloc((size_t)s->lamp_count + 1, sizeof *worth);
     int i, k, best;
@@ -175,23 +173,23 @@ static void describe_lamps(const sbl_sensor *s) {
         describe_lamp(s, best);
         worth[best] = -1;
     }
-    if (s->lamp_count > LAMPS_SHOWN) printf("  and %d lamps more\n", s->lamp_count - LAMPS_SHOWN);
+    if (s->lamp_count > LAMPS_SHOWN) printf("  and %d more lamps\n", s->lamp_count - LAMPS_SHOWN);
     free(worth);
 }
 
-/* sheet_sum: of weight times radiance. */
+/* Prints what the sensor measured. sheet_sum: sum of weight times radiance over the sheet. */
 static void describe(const sbl_sensor *s, const double sheet_sum[3]) {
     int i, aimed = 0;
     for (i = 0; i < s->ray_count; i++) aimed += s->rays[i].lamp >= 0;
     printf("pixel %d,%d: %s, level %d%s\n", options.inspect[0], options.inspect[1],
-           s->sensed ? "had a sensor" : "was interpolated; this is what a sensor would see", s->level,
-           s->valid ? "" : ", judged to be stuck inside geometry");
+           s->sensed ? "had a sensor" : "was interpolated; this is what a sensor measures there", s->level,
+           s->valid ? "" : ", stuck inside geometry");
     printf("position %g %g %g\nnormal %g %g %g\n", (double)s->position[0], (double)s->position[1],
            (double)s->position[2],
            (double)s->normal[0], (double)s->normal[1], (double)s->normal[2]);
     printf("R %g %g %g\n", (double)s->radiance[0], (double)s->radiance[1], (double)s->radiance[2]);
     if (s->noise > 0) printf("standard error %g\n", (double)s->noise);
-    if (s->looks > 1) printf("mean of %d looks; what follows is of the first\n", s->looks);
+    if (s->looks > 1) printf("mean of %d looks; the values below are those of the first look\n", s->looks);
     printf("sum of weight * radiance over the sheet %g %g %g\nsum of weights %.6f, ", sheet_sum[0], sheet_sum[1],
            sheet_sum[2],
            (double)s->weight_sum);
@@ -205,7 +203,7 @@ static void describe(const sbl_sensor *s, const double sheet_sum[3]) {
     describe_lamps(s);
 }
 
-/* What the sensor's views show, or its rays. */
+/* Draws the sensor's views or rays into shown, and prints its sums. */
 static sbl_result inspect(sbl_context *context, image *shown) {
     sbl_sensor s;
     const int x = options.inspect[0], y = options.inspect[1];
@@ -236,7 +234,7 @@ static sbl_result inspect(sbl_context *context, image *shown) {
     return result;
 }
 
-/* ---- all of it ---- */
+/* ---- the whole tool ---- */
 
 static void fill_desc(sbl_picture_desc *desc, progress *bar) {
     memset(desc, 0, sizeof *desc);
@@ -250,7 +248,7 @@ static void fill_desc(sbl_picture_desc *desc, progress *bar) {
     if (given[FACET_LIMIT]) desc->facet_limit = zero_or(options.facet_limit);
     if (given[FILTER_RADIUS]) desc->filter_radius = (int)zero_or(common.filter_radius);
     desc->samples = (sbl_channel)options.channel == SBL_CHANNEL_FINAL ? options.samples
-                                                                      : 1; /* the other channels show pixel centres */
+                                                                      : 1; /* other channels show pixel centres */
 }
 
 static int render(const tool_task *task, double *seconds) {
@@ -275,7 +273,7 @@ static int render(const tool_task *task, double *seconds) {
     else if (result == SBL_SUCCESS) result = inspect(context, &picture);
     *seconds = now() - task->start;
     if (result == SBL_SUCCESS) status = keep_picture(&all, sbl_progress(context));
-    else if (result == SBL_UNFINISHED) status = stop("there is nothing to be seen yet");
+    else if (result == SBL_UNFINISHED) status = stop("there is no picture yet");
     else status = fail_with(task->said, common.scene, result);
     free(picture.values);
     if (status == DONE && bar.shown)

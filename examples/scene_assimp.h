@@ -1,4 +1,4 @@
-/* Part of scene_file.h: what assimp reads, made into sbl.h's arrays. */
+/* Part of scene_file.h: reads scenes with assimp and converts them to the arrays of sbl.h. */
 #ifndef SCENE_ASSIMP_H
 #define SCENE_ASSIMP_H
 
@@ -11,7 +11,7 @@
 #include <assimp/postprocess.h>
 #include <assimp/scene.h>
 
-/* ---- files: assimp is given whole files from memory, so that a file can be mended before it sees it ---- */
+/* ---- files: assimp reads them from memory, so that they can be edited first ---- */
 
 typedef struct scene__stream { scene__bytes bytes; size_t at; int shared; } scene__stream;
 typedef struct scene__main_file { scene_file *file; const char *path; scene__bytes bytes; } scene__main_file;
@@ -36,7 +36,7 @@ static void scene__flush(struct aiFile *file) { (void)file; }
 static enum aiReturn scene__seek(struct aiFile *file, size_t offset, enum aiOrigin origin) {
     scene__stream *s = scene__of(file);
     size_t from = origin == aiOrigin_SET ? 0 : origin == aiOrigin_CUR ? s->at : s->bytes.size;
-    /* offsets back from the end wrap around as they should */
+    /* negative offsets work, because unsigned addition wraps around */
     if (from + offset > s->bytes.size) return aiReturn_FAILURE;
     s->at = from + offset;
     return aiReturn_SUCCESS;
@@ -75,11 +75,11 @@ static void scene__close(struct aiFileIO *io, struct aiFile *file) {
     free(file);
 }
 
-/* assimp takes "v .5 -.5 0" for a line with one number: the noughts before the points are put in beforehand. */
+/* assimp reads "v .5 -.5 0" as a line with one number. Therefore this inserts a zero before each such point. */
 static void scene__mend_obj(scene_file *file, scene__bytes *bytes) {
     size_t i, inserted = 0, pass;
     char *out = NULL;
-    for (pass = 0; pass < 2; pass++) {  /* count, then copy */
+    for (pass = 0; pass < 2; pass++) {  /* first pass: count; second pass: copy */
         int vertex = 0, line_start = 1;
         char last = '\n';
         if (pass == 1) {
@@ -114,15 +114,15 @@ typedef struct scene__reader {
     int is_gltf;
     sbl_material *materials;
     scene__pictures pictures;
-    int *left_out;       /* of each material: nothing of it is there */
-    unsigned *uv_set;    /* of each material */
-    sbl_mesh *shared;    /* of each mesh: its arrays */
-    sbl_mesh *meshes;    /* the uses of meshes, and of what */
+    int *left_out;       /* one per material; 1: it is cut out everywhere, so its meshes are left out */
+    unsigned *uv_set;    /* one per material: its set of texture coordinates */
+    sbl_mesh *shared;    /* one per mesh of the file: its arrays, shared by all uses */
+    sbl_mesh *meshes;    /* one per use of a mesh */
     const char **names;
     size_t use_count;
-    double triangles, vertices;  /* of all uses */
+    double triangles, vertices;  /* numbers in all uses */
     unsigned best_camera;
-    struct scene__lamp { const struct aiLight *light; int placed; } *lamps;  /* the file's lights by name */
+    struct scene__lamp { const struct aiLight *light; int placed; } *lamps;  /* lights of the file, sorted by name */
     sbl_light *lights;
 } scene__reader;
 
@@ -186,14 +186,15 @@ static void scene__colors(scene__reader *r, const struct aiMaterial *m, int has_
         out->albedo[k] = rgb[k];
     }
     if (aiGetMaterialString(m, AI_MATKEY_NAME, &name) != aiReturn_SUCCESS) name.data[0] = 0;
-    if (clamped) scene__warn(r->file, "material %s: its colour is not within 0 to 1 and was clamped", name.data);
+    if (clamped) scene__warn(r->file, "material %s: its colour is outside of 0 to 1 and was clamped", name.data);
     if (aiGetMaterialColor(m, AI_MATKEY_COLOR_EMISSIVE, &color) != aiReturn_SUCCESS) color.r = color.g = color.b = 0;
     out->emission[0] = strength * color.r;
     out->emission[1] = strength * color.g;
     out->emission[2] = strength * color.b;
 }
 
-/* Returns the cutoff, by what a glTF file says or by the opacity; 0 for none. */
+/* Returns the alpha cutoff from the alphaMode of a glTF file, or from the opacity in other formats; 0 if there is
+   none. */
 static float scene__cutoff(const struct aiMaterial *m, int *has_mask, scene__use_of_picture *mask, float *opacity) {
     struct aiString mode;
     *has_mask = 0;
@@ -221,7 +222,8 @@ static void scene__material(scene__reader *r, unsigned index) {
     if (has_emission && aiGetMaterialString(m, AI_MATKEY_GLTF_ALPHAMODE, &alpha_mode) != aiReturn_SUCCESS &&
         !(out->emission[0] != 0.0f || out->emission[1] != 0.0f || out->emission[2] != 0.0f))
         out->emission[0] = out->emission[1] = out->emission[2] = 1;
-    if (cutoff > opacity) { r->left_out[index] = 1; return; }  /* textures and vertices only lessen it */
+    if (cutoff > opacity) { r->left_out[index] = 1; return; }  /* textures and vertex colours can only reduce the
+                                                                  opacity */
     out->alpha_cutoff = cutoff > 0.0f ? cutoff / opacity : 0.0f;
     if (has_albedo || has_mask)
         out->albedo_texture = scene__texture(&r->pictures, has_albedo ? albedo.name.data : NULL,
@@ -229,19 +231,19 @@ static void scene__material(scene__reader *r, unsigned index) {
                                              scene__wrap_of(has_albedo ? &albedo : &mask));
     if (has_emission) {
         out->emission_texture = scene__texture(&r->pictures, emission.name.data, NULL, scene__wrap_of(&emission));
-        if (!out->emission_texture)  /* better dark than a wall that shines all over */
+        if (!out->emission_texture)  /* without its texture the whole surface would emit */
             out->emission[0] = out->emission[1] = out->emission[2] = 0;
         if (aiGetMaterialString(m, AI_MATKEY_NAME, &name) != aiReturn_SUCCESS) name.data[0] = 0;
         if (has_albedo && emission.set != albedo.set)
             scene__warn(r->file, "material %s: colour and emission use different texture coordinates; those of the "
-                        "colour are taken for both", name.data);
+                        "colour are used for both", name.data);
     }
     r->uv_set[index] = has_albedo ? albedo.set : has_emission ? emission.set : has_mask ? mask.set : 0;
 }
 
 /* ---- meshes ---- */
 
-/* Row-major, as assimp has them. */
+/* Multiplies matrices. All are row-major, as in assimp. */
 static void scene__multiply(double out[16], const double a[16], const struct aiMatrix4x4 *b) {
     const double right[16] = { b->a1, b->a2, b->a3, b->a4, b->b1, b->b2, b->b3, b->b4,
                                b->c1, b->c2, b->c3, b->c4, b->d1, b->d2, b->d3, b->d4 };
@@ -253,7 +255,8 @@ static void scene__multiply(double out[16], const double a[16], const struct aiM
         }
 }
 
-/* `components` numbers a vertex, of the `step` that there are of each; NULL where memory is out. */
+/* Returns an array of `components` floats per vertex. step: number of floats per vertex in `from`. NULL if memory runs
+   out. */
 static float *scene__vectors(scene_file *file, const ai_real *from, unsigned count, unsigned components,
                              unsigned step) {
     float *out = (float *)scene__alloc(file, count, components * sizeof *out), *to = out;
@@ -263,7 +266,7 @@ static float *scene__vectors(scene_file *file, const ai_real *from, unsigned cou
     return out;
 }
 
-/* assimp counts from the bottom, for glTF too. */
+/* Returns a set of texture coordinates, or NULL. assimp puts v = 0 at the bottom, also for glTF, so v is flipped. */
 static float *scene__texcoords(scene__reader *r, const struct aiMesh *in, unsigned set) {
     const unsigned count = in->mNumVertices;
     float *v = in->mTextureCoords[set] ? scene__vectors(r->file, &in->mTextureCoords[set]->x, count, 2, 3) : NULL;
@@ -290,7 +293,7 @@ static void scene__attributes(scene__reader *r, const struct aiMesh *in, sbl_mes
     }
 }
 
-/* The arrays of one mesh, shared by all its uses; vertex_count stays 0 where it has no triangles. */
+/* Converts the arrays of one mesh. vertex_count stays 0 if the mesh has no triangles. */
 static void scene__mesh(scene__reader *r, const struct aiMesh *in, sbl_mesh *out) {
     unsigned i, triangles = 0;
     uint32_t *indices;
@@ -327,13 +330,13 @@ static void scene__camera(scene_file *file, const struct aiCamera *in, const dou
     double x = 0.5 * in->mHorizontalFOV;
     int i;
     memset(c->eye, 0, sizeof c->eye);
-    /* of a glTF camera assimp gives the node's own translation here, once more */
+    /* for glTF, mPosition repeats the translation of the node */
     if (!is_gltf) scene__direction(c->eye, m, &in->mPosition);
     for (i = 0; i < 3; i++) c->eye[i] += (float)m[4 * i + 3];
     scene__direction(c->forward, m, &in->mLookAt);
     scene__direction(c->up, m, &in->mUp);
     c->fov_x = c->fov_y = 0;
-    if (is_gltf) c->fov_y = (float)(2 * x * degrees);  /* see scene__mend_gltf */
+    if (is_gltf) c->fov_y = (float)(2 * x * degrees);  /* see scene_gltf.h */
     else if (in->mAspect > 0) c->fov_y = (float)(2 * atan(tan(x) / in->mAspect) * degrees);
     else c->fov_x = (float)(2 * x * degrees);
     file->has_camera = 1;
@@ -345,7 +348,7 @@ static int scene__by_name(const void *a, const void *b) {
     return strcmp(first->mName.data, second->mName.data);
 }
 
-/* Both return NULL, or what is wrong. */
+/* Both return NULL, or a description of what is wrong. */
 static const char *scene__aim(const struct aiVector3D *d, const double m[16], sbl_light *out) {
     double direction[3], length = 0;
     int i;
@@ -357,7 +360,7 @@ static const char *scene__aim(const struct aiVector3D *d, const double m[16], sb
     return length > 0 && length < 1e300 ? NULL : "it has no direction";
 }
 static const char *scene__open_cone(scene_file *file, const struct aiLight *in, int is_gltf, sbl_light *out) {
-    const double cone = (is_gltf ? 2 : 1) * 45 / atan(1.0);  /* glTF's angles are from the axis */
+    const double cone = (is_gltf ? 2 : 1) * 45 / atan(1.0);  /* glTF measures angles from the axis */
     out->cone = (float)(cone * (double)in->mAngleOuterCone);
     out->inner_cone = (float)(cone * (double)in->mAngleInnerCone);
     if (!(out->cone > 0 && out->inner_cone >= 0)) return "its cone is empty";
@@ -368,7 +371,7 @@ static const char *scene__open_cone(scene_file *file, const struct aiLight *in, 
     return NULL;
 }
 
-/* A light as sbl_set_scene takes it; 0 and a warning where it cannot be one. */
+/* Converts a light. Returns 0 with a warning if that is not possible. */
 static int scene__light(scene_file *file, const struct aiLight *in, const double m[16], int is_gltf, sbl_light *out) {
     const float color[3] = { in->mColorDiffuse.r, in->mColorDiffuse.g, in->mColorDiffuse.b };
     const char *wrong = NULL;
@@ -377,11 +380,11 @@ static int scene__light(scene_file *file, const struct aiLight *in, const double
     if (in->mType == aiLightSource_POINT) out->kind = SBL_LIGHT_POINT;
     else if (in->mType == aiLightSource_SPOT) out->kind = SBL_LIGHT_SPOT;
     else if (in->mType == aiLightSource_DIRECTIONAL) out->kind = SBL_LIGHT_DIRECTIONAL;
-    else wrong = "it is no point, spot or directional light";
+    else wrong = "it is not a point, spot or directional light";
     scene__direction(out->position, m, &in->mPosition);
     for (i = 0; i < 3; i++) {
         out->intensity[i] = color[i];
-        if (!(color[i] >= 0 && color[i] < 1e30f)) wrong = "its intensity is negative or no number";
+        if (!(color[i] >= 0 && color[i] < 1e30f)) wrong = "its intensity is negative or not a number";
         out->position[i] += (float)m[4 * i + 3];
         if (!(fabsf(out->position[i]) < 1e18f)) wrong = "its position is out of range";
     }
@@ -391,7 +394,7 @@ static int scene__light(scene_file *file, const struct aiLight *in, const double
     return !wrong;
 }
 
-/* The lights at a node: those of its name that no node before it had. */
+/* Adds the lights of a node: those with its name that no earlier node has taken. */
 static void scene__lights(scene__reader *r, const struct aiNode *node, const double m[16]) {
     sbl_scene_desc *scene = &r->file->scene;
     unsigned low = 0, high = r->in->mNumLights;
@@ -412,7 +415,8 @@ static void scene__lights(scene__reader *r, const struct aiNode *node, const dou
 
 typedef struct scene__node { const struct aiNode *node; double transform[16]; } scene__node;
 
-/* Nodes in depth-first order, with a list of those still to come: a chain of a million must not overflow the stack. */
+/* Visits all nodes in depth-first order. A list replaces recursion, so that a chain of a million nodes cannot overflow
+   the stack. */
 static void scene__walk(scene__reader *r, void (*visit)(scene__reader *r, const scene__node *at)) {
     static const double identity[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1 };
     size_t room = 64, count = 1;
@@ -439,7 +443,8 @@ static void scene__walk(scene__reader *r, void (*visit)(scene__reader *r, const 
     free(list);
 }
 
-/* Mesh number `i` of a node, and its material; NULL where there is nothing to be seen of it. */
+/* Returns mesh number `i` of a node, and its material. Returns NULL if the mesh has no triangles or its material is
+   left out. */
 static const sbl_mesh *scene__used(const scene__reader *r, const struct aiNode *node, unsigned i, unsigned *material) {
     const unsigned number = node->mMeshes[i];
     if (number >= r->in->mNumMeshes || !r->shared[number].vertex_count) return NULL;
@@ -486,8 +491,8 @@ static void scene__add_uses(scene__reader *r, const scene__node *at) {
     scene__lights(r, at->node, at->transform);
 }
 
-/* What sbl.h takes to render a scene, in bytes, its GL buffers included: measured. A use of a mesh is as dear there as
-   a mesh of its own. */
+/* Measured memory that sbl.h needs to render a scene, in bytes, with its GL buffers. Each use of a mesh needs as much
+   as a mesh of its own. */
 #define SCENE__PER_TRIANGLE 120.0
 #define SCENE__PER_VERTEX   120.0
 
@@ -495,8 +500,8 @@ static void scene__nodes(scene__reader *r) {
     scene_file *file = r->file;
     char what[160];
     scene__walk(r, scene__count_uses);
-    if (!r->use_count) { scene__fail(file, "there are no triangles in it"); return; }
-    if (r->use_count > INT32_MAX) { scene__fail(file, "it uses its meshes too often"); return; }
+    if (!r->use_count) { scene__fail(file, "it has no triangles"); return; }
+    if (r->use_count > INT32_MAX) { scene__fail(file, "it has too many uses of meshes"); return; }
     scene__print(what, sizeof what, "rendering it (%.0f uses of meshes, %.0f triangles)", (double)r->use_count,
                  r->triangles);
     if (!scene__afford(file, what, 0, SCENE__PER_TRIANGLE * r->triangles + SCENE__PER_VERTEX * r->vertices)) return;
@@ -511,7 +516,7 @@ static void scene__nodes(scene__reader *r) {
     file->names = r->names;
 }
 
-/* ---- all of it ---- */
+/* ---- the whole scene ---- */
 
 static int scene__make_room(scene__reader *r) {
     const size_t materials = r->in->mNumMaterials ? r->in->mNumMaterials : 1;
@@ -533,7 +538,7 @@ static void scene__convert(scene__reader *r) {
     scene_file *file = r->file;
     unsigned i;
     if (scene__make_room(r)) {
-        for (i = 0; i < 3; i++) r->materials[0].albedo[i] = 0.6f;  /* where the file has none */
+        for (i = 0; i < 3; i++) r->materials[0].albedo[i] = 0.6f;  /* default material, if the file has none */
         for (i = 0; i < r->in->mNumMaterials && !file->error[0]; i++) scene__material(r, i);
         for (i = 0; i < r->in->mNumMeshes && !file->error[0]; i++) scene__mesh(r, r->in->mMeshes[i], &r->shared[i]);
         for (i = 0; i < r->in->mNumLights; i++) r->lamps[i].light = r->in->mLights[i];
@@ -552,7 +557,7 @@ static void scene__convert(scene__reader *r) {
     free(r->lamps);
 }
 
-/* bytes: the file's; freed by the caller. */
+/* Reads a scene. bytes: contents of the file; the caller frees them. */
 static void scene__read_scene(scene_file *file, const char *path, scene__bytes *bytes) {
     scene__main_file main_file;
     struct aiFileIO io;
@@ -576,11 +581,11 @@ static void scene__read_scene(scene_file *file, const char *path, scene__bytes *
     r.pictures.embedded = scene__find_embedded;
     r.pictures.scene = r.in;
     if (r.in && r.in->mRootNode) scene__convert(&r);
-    else if (strcmp(aiGetErrorString(), "No meshes remaining") == 0) scene__fail(file, "there are no triangles in it");
+    else if (strcmp(aiGetErrorString(), "No meshes remaining") == 0) scene__fail(file, "it has no triangles");
     else if (strstr(aiGetErrorString(), "bad_alloc")) scene__fail_for_memory(file, "it");
     else
         scene__fail(file, "assimp cannot read it (%s); repair it or convert it to .glb or .obj",
-                    aiGetErrorString()[0] ? aiGetErrorString() : "it holds no scene");
+                    aiGetErrorString()[0] ? aiGetErrorString() : "it contains no scene");
     if (r.in) aiReleaseImport(r.in);
     aiReleasePropertyStore(properties);
 }

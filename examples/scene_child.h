@@ -1,8 +1,8 @@
-/* Part of scene_file.h: the process that reads.
+/* Part of scene_file.h: the child process that reads.
 
-   The parent maps pages that both share, a scene_file at their start, and forks. The child opens the file, is confined,
-   reads, and ends. The parent waits until it is gone, kills it at the deadline or where the user has enough of it, and
-   believes what stands in the pages only where the child ended well. */
+   The parent maps shared pages, which begin with a scene_file, and forks. The child opens the file, confines itself,
+   reads, and ends. The parent waits until the child is gone, and kills it at the deadline or when the user cancels. The
+   parent uses the contents of the pages only if the child ended well. */
 #ifndef SCENE_CHILD_H
 #define SCENE_CHILD_H
 
@@ -17,7 +17,8 @@
   #include <sanitizer/lsan_interface.h>
 #endif
 
-/* bytes: the file's, whole; it may replace them by others of malloc's, and does not free them. */
+/* Reads a scene. bytes: the whole contents of the file. The function may replace them by other memory of malloc; its
+   caller frees them. */
 typedef void (*scene__reading)(scene_file *file, const char *path, scene__bytes *bytes);
 
 typedef struct scene__task {
@@ -27,17 +28,17 @@ typedef struct scene__task {
     double seconds;
     size_t capacity;
     pid_t parent;
-    int alive;    /* closes when the child is gone */
+    int alive;    /* write end of a pipe, which closes when the child is gone */
 } scene__task;
 
 /* ---- the child ---- */
 
-/* The child's end comes with the parent's, however that ends. */
+/* Makes the child end when the parent ends, for whatever reason. */
 static void scene__die_with(pid_t parent) {
 #ifdef __linux__
     prctl(PR_SET_PDEATHSIG, SIGKILL);
 #endif
-    if (getppid() != parent) _exit(1);  /* it was gone before that */
+    if (getppid() != parent) _exit(1);  /* the parent had ended before that */
 }
 
 static void scene__default_signals(void) {
@@ -49,8 +50,8 @@ static void scene__default_signals(void) {
     sigprocmask(SIG_SETMASK, &none, NULL);
 }
 
-/* Neither reads what the host reads nor writes where it writes. Sanitizers must be heard; elsewhere a library that dies
-   may have last words. */
+/* Replaces standard input and output by /dev/null, and stderr as well, because a library may print something when it
+   crashes. With sanitizers stderr stays, since they report there. */
 static void scene__leave_terminal(void) {
     int nowhere, i;
     do nowhere = open("/dev/null", O_RDWR); while (nowhere >= 0 && nowhere < 3);
@@ -58,7 +59,7 @@ static void scene__leave_terminal(void) {
         if (nowhere >= 0) dup2(nowhere, i);
 }
 
-/* Never returns. */
+/* Runs the child. Never returns. */
 static void scene__child(const scene__task *task) {
     scene_file *file = task->file;
     scene__bytes bytes = { NULL, 0 };
@@ -96,7 +97,8 @@ static double scene__clock(void) {
 
 typedef enum scene__end { SCENE__ENDED, SCENE__CANCELLED, SCENE__LATE } scene__end;
 
-/* Waits until the child is gone, in one way or another. alive: the end of a pipe whose other end only the child has. */
+/* Waits until the child is gone, whatever the reason. alive: read end of a pipe whose write end only the child has
+   open. */
 static scene__end scene__wait(pid_t child, int alive, double deadline, const volatile sig_atomic_t *cancel,
                               int *status) {
     scene__end end = SCENE__ENDED;
@@ -109,14 +111,15 @@ static scene__end scene__wait(pid_t child, int alive, double deadline, const vol
         if (cancel && *cancel) end = SCENE__CANCELLED;
         else if (scene__clock() > deadline) end = SCENE__LATE;
         if (end != SCENE__ENDED) kill(child, SIGKILL);
-        if (poll(&waiting, 1, 20) > 0) {  /* closed: it will be gone at once, or only pretends */
+        if (poll(&waiting, 1, 20) > 0) {  /* closed: the child is ending, or has closed the pipe and still runs */
             waiting.fd = -1;
             if (end == SCENE__ENDED && waitpid(child, status, WNOHANG) == child) return end;
         }
     }
 }
 
-/* Pages cost nothing before they are touched. Less where there is no room for all of them. */
+/* Maps the shared pages. Pages use no memory before they are touched. Maps fewer if the address space is too small.
+   Returns NULL on failure. */
 static scene_file *scene__map(size_t memory) {
     const size_t least = (size_t)1 << 20, page = (size_t)sysconf(_SC_PAGESIZE);
     scene_file *file = (scene_file *)MAP_FAILED;
@@ -131,13 +134,13 @@ static scene_file *scene__map(size_t memory) {
     return file;
 }
 
-/* The pages that nothing was put into: what is done with the scene needs the room. */
+/* Unmaps the pages that are not used, so that rendering can use the address space. */
 static void scene__unmap_rest(scene_file *file) {
     const size_t page = (size_t)sysconf(_SC_PAGESIZE), used = (file->used + page - 1) / page * page;
     if (used < file->capacity && munmap((char *)file + used, file->capacity - used) == 0) file->capacity = used;
 }
 
-/* The scene's own folder, and those that the user allows. */
+/* Opens the folder of the scene and those that the user allows. Returns 0 and sets error on failure. */
 static int scene__allow(scene__folders *folders, const char *path, const scene_file_options *options, char *error,
                         size_t error_size) {
     const char *slash = strrchr(path, '/');
@@ -158,7 +161,7 @@ static int scene__allow(scene__folders *folders, const char *path, const scene_f
     return 1;
 }
 
-/* The one line where the child came to no good end. */
+/* Sets error if the child did not end well. */
 static void scene__judge(const scene__task *task, scene__end end, int status, char *error, size_t error_size) {
     scene_file *file = task->file;
     const char *path = task->path;
@@ -166,15 +169,15 @@ static void scene__judge(const scene__task *task, scene__end end, int status, ch
     if (end == SCENE__CANCELLED) return;
     if (file->error[0]) scene__print(error, error_size, "%s: %s", path, file->error);
     else if (end == SCENE__LATE || (WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU))
-        scene__print(error, error_size, "%s: reading it takes longer than %g s; the file may be damaged: save it anew, "
-                     "or allow more with --read-time", path, task->seconds);
+        scene__print(error, error_size, "%s: reading it takes longer than %g s; the file may be damaged: save it "
+                     "again, or allow more with --read-time", path, task->seconds);
     else if (!file->finished || WIFSIGNALED(status) || !scene__trust(file, task->capacity))
-        scene__print(error, error_size, "%s: its reader broke down (%s %d); the file may be damaged: save it anew, or "
+        scene__print(error, error_size, "%s: its reader crashed (%s %d); the file may be damaged: save it again, or "
                      "in another format", path, WIFSIGNALED(status) ? "signal" : "status",
                      WIFSIGNALED(status) ? WTERMSIG(status) : WEXITSTATUS(status));
 }
 
-/* Forks and waits; 0 where there is no result, with a line in error unless it was cancelled. */
+/* Forks and waits. Returns 0 if there is no result; then error is set, unless reading was cancelled. */
 static int scene__run(scene__task *task, const volatile sig_atomic_t *cancel, char *error, size_t error_size) {
     const double deadline = scene__clock() + task->seconds;
     int ends[2], status = 0;
@@ -190,7 +193,8 @@ static int scene__run(scene__task *task, const volatile sig_atomic_t *cancel, ch
         if (child > 0) end = scene__wait(child, ends[0], deadline, cancel, &status);
         close(ends[0]);
     }
-    if (child < 0) scene__print(error, error_size, "%s: no process to read it in: %s", task->path, strerror(errno));
+    if (child < 0)
+        scene__print(error, error_size, "%s: cannot start a process to read it: %s", task->path, strerror(errno));
     else scene__judge(task, end, status, error, error_size);
     return !error[0] && end != SCENE__CANCELLED;
 }
@@ -207,7 +211,8 @@ static scene_file *scene__load(scene__reading reading, const char *path, const s
     error[0] = 0;
     if (!scene__allow(&folders, path, options, error, error_size)) return NULL;
     file = scene__map(memory);
-    if (!file) scene__print(error, error_size, "%s: no memory to read it into; allow more (ulimit -v, --memory)", path);
+    if (!file)
+        scene__print(error, error_size, "%s: not enough memory to read it; allow more (ulimit -v, --memory)", path);
     else {
         file->folders = &folders;
         memset(&task, 0, sizeof task);

@@ -1,5 +1,5 @@
-/* Reads a scene file into the arrays that sbl_set_scene takes: everything assimp reads (.obj, .gltf, .glb, .fbx, .ply,
-   ...), pictures through stb_image. Include after sbl.h, with _DEFAULT_SOURCE defined before the first header; link
+/* Reads a scene file into the arrays that sbl_set_scene takes. Scenes are read by assimp (.obj, .gltf, .glb, .fbx,
+   .ply, ...), pictures by stb_image. Include after sbl.h, with _DEFAULT_SOURCE defined before the first header; link
    with -lassimp.
 
        char error[512];
@@ -10,29 +10,29 @@
 
    scene_file_load_sky reads a picture of the sky in the same way, into scene.environment.picture.
 
-   What is read: triangles and polygons (points and lines are left out), normals where the file has them, one set of
-   texture coordinates, a second one for lightmaps (TEXCOORD_1), vertex colours, nodes with their transforms (each use
-   of a mesh is an sbl_mesh with an id of its own; all uses share its arrays), the first perspective camera, point, spot
-   and directional lights, and
+   The reader converts: triangles and polygons (no points and lines), normals if the file has them, one set of texture
+   coordinates, a second one for lightmaps (TEXCOORD_1), vertex colours, nodes with their transforms (each use of a mesh
+   becomes an sbl_mesh with its own id; all uses share the arrays), the first perspective camera, point, spot and
+   directional lights, and these materials and lights:
 
-       OBJ   Kd map_Kd Ke map_Ke d map_d: a constant d below 0.5 leaves the mesh out, map_d becomes the alpha of the
-             albedo texture, cut off at 0.5; map_Ke without Ke counts as Ke 1 1 1
-       glTF  baseColor, emissive times KHR_materials_emissive_strength (needs cJSON: define SBL_RENDER_CJSON, link with
-             -lcjson), alphaMode MASK with its cutoff, BLEND as a cutout at 0.5; metal and gloss are left out.
-             KHR_lights_punctual without ranges; that several nodes may share a light needs cJSON, too
-       else  the colour of a light is its intensity; how it is attenuated besides by distance is left out
+       OBJ   Kd map_Kd Ke map_Ke d map_d. A mesh with a constant d below 0.5 is left out. map_d becomes the alpha of the
+             albedo texture, with the cutoff 0.5. map_Ke without Ke is used with Ke 1 1 1
+       glTF  baseColor; emissive times KHR_materials_emissive_strength (needs cJSON: define SBL_RENDER_CJSON, link with
+             -lcjson); alphaMode MASK with its cutoff, BLEND as MASK with the cutoff 0.5; no metal, no gloss.
+             KHR_lights_punctual without ranges; several nodes can share a light only with cJSON
+       else  the colour of a light is its intensity; attenuation other than by distance is ignored
 
-   A file from a stranger can crash its reader, take it over, make it hang or eat all memory, or name files that are
-   none of its business. So
+   A file from a stranger can crash its reader, take control of it, make it hang, use up all memory, or refer to files
+   that it must not access. For this reason:
 
-       a child process reads it, into pages that both share; only when the child has ended well is the result used
-           (scene_child.h), within a limit of time and of memory (scene_memory.h), and only as far as it is in order
-           (scene_trust.h);
-       it reads no files but those in the scene's own folder and in folders that the user allows (scene_paths.h);
-       the kernel lets it do hardly anything else (scene_sandbox.h).
+       A child process reads the file, into pages that it shares with the parent. The parent uses the result only if the
+           child ended well (scene_child.h), within limits on time and memory (scene_memory.h), and checks all of it
+           (scene_trust.h).
+       The child reads only files in the folder of the scene and in folders that the user allows (scene_paths.h).
+       The kernel forbids the child almost everything else (scene_sandbox.h).
 
-   In the child, scene_assimp.h converts what assimp reads, of a .gltf as scene_gltf.h mends it, and scene_pictures.h
-   decodes pictures. */
+   In the child, scene_assimp.h converts what assimp returns; scene_gltf.h edits a .gltf before assimp reads it;
+   scene_pictures.h decodes pictures. */
 #ifndef SCENE_FILE_H
 #define SCENE_FILE_H
 
@@ -56,39 +56,39 @@
 
 enum { SCENE_FILE_WARNINGS = 8, SCENE_FILE_FOLDERS = 16, SCENE_FILE_SECONDS = 60, SCENE_FILE_READ = 1024 };
 
-/* Zero means default. */
+/* 0 means the default. */
 typedef struct scene_file_options {
-    const char *allow[SCENE_FILE_FOLDERS];  /* folders to be read from besides the file's own */
-    size_t memory;   /* bytes, for the reader and for rendering what it read; default: half of what the machine has, or
-                        of what a control group leaves; never more than half of what ulimit -v leaves */
-    double seconds;  /* for reading; default 60 */
-    const volatile sig_atomic_t *cancel;            /* reading stops where it becomes nonzero */
-    void (*log)(const char *path, const char *message, void *user);  /* is told how the reader was confined */
+    const char *allow[SCENE_FILE_FOLDERS];  /* folders besides the scene's own that may be read */
+    size_t memory;   /* limit in bytes on reading and rendering the scene; default: half of the memory of the machine or
+                        of its control group; never more than half of what ulimit -v leaves */
+    double seconds;  /* limit on the time for reading; default 60 */
+    const volatile sig_atomic_t *cancel;            /* reading stops when this becomes nonzero; may be NULL */
+    void (*log)(const char *path, const char *message, void *user);  /* receives how the reader was confined */
     void *log_user;
 } scene_file_options;
 
 typedef struct scene_file_camera {
     float eye[3], forward[3], up[3], fov_y, fov_x;
-} scene_file_camera; /* degrees; one of the two angles is 0 */
+} scene_file_camera; /* fields of view in degrees; one of the two is 0 */
 
 typedef struct scene_file {
-    sbl_scene_desc scene;         /* sky left black; or nothing but a picture of the sky */
-    const char *const *names;     /* of the meshes */
+    sbl_scene_desc scene;         /* without a sky; after scene_file_load_sky, only a picture of the sky */
+    const char *const *names;     /* one per mesh */
     int has_camera;
     scene_file_camera camera;
-    int warning_count;            /* of which the first are kept */
+    int warning_count;            /* number of warnings; only the first SCENE_FILE_WARNINGS are kept */
     char warnings[SCENE_FILE_WARNINGS][256];
-    int read_count;               /* of the files that were read, the first ones */
+    int read_count;               /* number of files in read: the first that were read */
     struct { dev_t device; ino_t inode; } read[SCENE_FILE_READ];
     /* private */
     char error[512];
-    int finished;                              /* the child came to its end */
-    char confined[256];                        /* how */
-    const struct scene__folders *folders;      /* the child's: where it may read */
-    size_t capacity, used;                     /* of the pages, which begin with this struct */
-    size_t memory, own_at_start;               /* the limit; the child's memory before it began */
-    double rendering;                          /* bytes that sbl.h will take for what is read so far */
-    int own_handle;                            /* tells the child how much it has */
+    int finished;                              /* 1: the child has finished */
+    char confined[256];                        /* how the child was confined */
+    const struct scene__folders *folders;      /* where the child may read */
+    size_t capacity, used;                     /* bytes of the shared pages, which begin with this struct */
+    size_t memory, own_at_start;               /* limit in bytes; the child's own memory at its start */
+    double rendering;                          /* bytes that sbl.h will need for what was read so far */
+    int own_handle;                            /* /proc/self/statm of the child, which tells its memory */
 } scene_file;
 
 #if defined(__GNUC__)
@@ -100,11 +100,11 @@ typedef struct scene_file {
 SCENE__PRINTF(3, 4) static void scene__print(char *out, size_t size, const char *format, ...) {
     va_list arguments;
     va_start(arguments, format);
-    vsnprintf(out, size, format, arguments);  /* cut off where it is too long */
+    vsnprintf(out, size, format, arguments);  /* truncates a text that is too long */
     va_end(arguments);
 }
 
-/* The first one counts. */
+/* Sets the error. Only the first error is kept. */
 SCENE__PRINTF(2, 3) static void scene__fail(scene_file *file, const char *format, ...) {
     va_list arguments;
     va_start(arguments, format);
@@ -112,6 +112,7 @@ SCENE__PRINTF(2, 3) static void scene__fail(scene_file *file, const char *format
     va_end(arguments);
 }
 
+/* Adds a warning, unless the same one exists already. */
 SCENE__PRINTF(2, 3) static void scene__warn(scene_file *file, const char *format, ...) {
     va_list arguments;
     int i;
@@ -138,8 +139,8 @@ static void scene_file_free(scene_file *file) {
     if (file) munmap(file, file->capacity);
 }
 
-/* Both return NULL and one line in `error` where the file cannot be read, or, with error empty, where *cancel became
-   nonzero. options: NULL for the defaults. */
+/* Both return NULL on failure, with a message of one line in error, and on cancellation, with an empty error. options:
+   NULL for the defaults. */
 static scene_file *scene_file_load(const char *path, const scene_file_options *options, char *error,
                                    size_t error_size) {
     return scene__load(scene__read_scene, path, options, error, error_size);

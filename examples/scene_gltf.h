@@ -1,9 +1,10 @@
-/* Part of scene_file.h: a .gltf or .glb as assimp needs it.
+/* Part of scene_file.h: edits a .gltf or .glb before assimp reads it, to work around limits of assimp.
 
-   assimp up to 5.2 drops KHR_materials_emissive_strength, and materials come out of it in another order than the file
-   has them: so the strength is multiplied into emissiveFactor beforehand. A camera's aspectRatio is taken away, which
-   makes every version of assimp hand over yfov itself. assimp tells where a light is by the name of one node: so each
-   node gets a light of its own and a name that no other has. What is not valid is left for assimp to complain about. */
+   assimp up to 5.2 drops KHR_materials_emissive_strength, and returns materials in another order than that of the file.
+   Therefore the strength is multiplied into emissiveFactor. Without aspectRatio in a camera, every version of assimp
+   returns yfov itself; therefore aspectRatio is removed. assimp gives the place of a light as the name of one node.
+   Therefore each node gets its own copy of its light, and a unique name. Invalid content is left unchanged, for assimp
+   to report. */
 #ifndef SCENE_GLTF_H
 #define SCENE_GLTF_H
 
@@ -27,6 +28,7 @@ static int scene__is_light(const cJSON *light) {
     return strcmp(type, "point") == 0 || strcmp(type, "directional") == 0;
 }
 
+/* Gives each node with a light its own copy of the light and a unique name. */
 static void scene__part_lights(scene_file *file, cJSON *root) {
     cJSON *all = scene__item(scene__item(root, "extensions"), scene__lights_name), *old = scene__item(all, "lights");
     cJSON *lights = cJSON_CreateArray(), *node;
@@ -47,7 +49,7 @@ static void scene__part_lights(scene_file *file, cJSON *root) {
             cJSON_DeleteItemFromObjectCaseSensitive(node, "name");
             cJSON_AddStringToObject(node, "name", unique);
         } else {
-            scene__warn(file, "light of %s: it is no point, spot or directional light and was left out", unique);
+            scene__warn(file, "light of %s: it is not a point, spot or directional light and was left out", unique);
             cJSON_DeleteItemFromObjectCaseSensitive(extensions, scene__lights_name);
         }
     }
@@ -69,7 +71,8 @@ static void scene__mend_json(scene_file *file, cJSON *root) {
     scene__part_lights(file, root);
 }
 
-/* The same file with other JSON in place of `length` bytes from `start` on; 0 where memory is out. */
+/* Replaces `length` bytes of JSON from `start` on by text. In a .glb, also updates the sizes. Returns 0 if memory runs
+   out. */
 static int scene__replace_json(scene__bytes *bytes, size_t start, size_t length, const char *text) {
     const int binary = start > 0;
     const size_t size = strlen(text), padded = binary ? (size + 3) & ~(size_t)3 : size;
@@ -101,7 +104,7 @@ static int scene__mentions(const scene__bytes *bytes, const char *word) {
     return 0;
 }
 
-/* bytes: a .gltf or .glb, replaced where there was something to mend. */
+/* Edits a file as described on top. bytes: the contents, which are replaced if something changes. */
 static void scene__mend_gltf(scene_file *file, scene__bytes *bytes) {
 #ifdef SBL_RENDER_CJSON
     const unsigned char *head = (const unsigned char *)bytes->data;
@@ -124,7 +127,8 @@ static void scene__mend_gltf(scene_file *file, scene__bytes *bytes) {
     cJSON_Delete(root);
 #else
     if (scene__mentions(bytes, scene__strength_name))
-        scene__warn(file, "built without cJSON: %s is not read, lamps may be too dark", scene__strength_name);
+        scene__warn(file, "this program was built without cJSON: %s is ignored, lamps may be too dark",
+                    scene__strength_name);
 #endif
 }
 

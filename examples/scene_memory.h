@@ -1,8 +1,8 @@
 /* Part of scene_file.h: the limit on memory, and memory in the pages that child and parent share.
 
-   One limit for all that a file makes us take: the shared pages, what the child takes besides (libraries allocate as
-   they like: RLIMIT_DATA stops them), and what rendering the scene will take, as far as that can be foreseen. What can
-   be known beforehand is asked for beforehand (scene__afford), so that the message can say what it was for. */
+   One limit covers everything that a file makes us use: the shared pages, the child's own memory (libraries allocate as
+   they like; RLIMIT_DATA stops them), and the memory that rendering the scene will need, as far as this can be
+   predicted. scene__afford checks known amounts in advance, so that the message can name their purpose. */
 #ifndef SCENE_MEMORY_H
 #define SCENE_MEMORY_H
 
@@ -12,7 +12,7 @@
 
 static double scene__gigabytes(double bytes) { return bytes / (1 << 30); }
 
-/* The first number in a file, or in field `field` of it counted from 0; SIZE_MAX where there is none. */
+/* Returns number `field` (counted from 0) of the numbers in a file, times unit; SIZE_MAX if there is none. */
 static size_t scene__number_in(const char *path, int field, size_t unit) {
     unsigned long long number = 0;
     FILE *in = fopen(path, "r");
@@ -22,9 +22,9 @@ static size_t scene__number_in(const char *path, int field, size_t unit) {
     return ok && number <= SIZE_MAX / unit ? (size_t)number * unit : SIZE_MAX;
 }
 
-/* What the control groups of this process allow it, version 1 or 2: the least of its own and of all above it. In a
-   container a path may be the host's and not be there; its root is there. groups: /proc/self/cgroup; mount:
-   /sys/fs/cgroup. */
+/* Returns the memory limit of the control groups (version 1 or 2) of this process: the least of the limits of its group
+   and all groups above it. In a container the path of a group may be that of the host and not exist; its root exists.
+   groups: /proc/self/cgroup; mount: /sys/fs/cgroup. */
 static size_t scene__group_limit(const char *groups, const char *mount) {
     char line[1024], path[2200], *name, *end;
     size_t least = SIZE_MAX, limit;
@@ -46,8 +46,8 @@ static size_t scene__group_limit(const char *groups, const char *mount) {
     return least;
 }
 
-/* The limit where the user gave `wanted` bytes, or 0. Address space goes three ways: to the shared pages, to the
-   child's own memory, to what there is already. */
+/* Returns the memory limit in bytes. wanted: the user's choice, or 0. What ulimit -v leaves is divided by two, because
+   the shared pages and the child's own memory both need address space. */
 static size_t scene__memory_limit(size_t wanted) {
     const size_t page = (size_t)sysconf(_SC_PAGESIZE), machine = (size_t)sysconf(_SC_PHYS_PAGES);
     const size_t group = scene__group_limit("/proc/self/cgroup", "/sys/fs/cgroup");
@@ -63,9 +63,9 @@ static size_t scene__memory_limit(size_t wanted) {
     return limit;
 }
 
-/* >>in the child */
+/* ---- in the child ---- */
 
-/* Bytes that this process has taken on its own since the start. */
+/* Returns the bytes that this process has allocated since its start, without the shared pages. */
 static size_t scene__own_memory(const scene_file *file) {
     char text[128];
     unsigned long pages = 0;
@@ -78,15 +78,17 @@ static size_t scene__own_memory(const scene_file *file) {
     return own > file->own_at_start ? own - file->own_at_start : 0;
 }
 
-/* What the shared pages take cannot be had besides. Sanitizers take more than any limit: there it is only watched. */
+/* Limits the child's own memory to what the shared pages leave. Sanitizers need more than any limit, so there is no
+   limit with them, and only scene__afford checks. */
 static void scene__limit_own_memory(const scene_file *file) {
     struct rlimit limit;
     limit.rlim_cur = limit.rlim_max = file->own_at_start + (file->memory - file->used);
     if (!SCENE__SANITIZED) setrlimit(RLIMIT_DATA, &limit);
 }
 
-/* Whether so many bytes more are within the limit: now, besides what the child has, and later, when the child is gone
-   and the scene is rendered. If not, that is an error. what: such as "texture wood.png". */
+/* Checks that more memory is within the limit, and fails with an error otherwise. reading: bytes that the child needs
+   now, in addition to those that it has. rendering: bytes that rendering will need later, when the child is gone. what:
+   for the message, such as "texture wood.png". Returns 1 if the memory is within the limit. */
 static int scene__afford(scene_file *file, const char *what, double reading, double rendering) {
     const double now = reading + (double)scene__own_memory(file), later = rendering + file->rendering;
     const double total = (double)file->used + (now > later ? now : later);
@@ -100,15 +102,15 @@ static int scene__afford(scene_file *file, const char *what, double reading, dou
     return 0;
 }
 
-/* Where a library ran out of memory. */
+/* Sets the error after a library ran out of memory. */
 static void scene__fail_for_memory(scene_file *file, const char *what) {
     scene__fail(file, "%.200s needs more memory than the limit of %.3g GB; use a smaller one, or allow more with "
                 "--memory", what, scene__gigabytes((double)file->memory));
 }
 
-/* Zeroed memory in the shared pages; NULL, and an error, where they are full. */
+/* Returns zeroed memory in the shared pages; NULL, with an error, if they are full. */
 static void *scene__alloc(scene_file *file, size_t count, size_t bytes) {
-    const size_t step = 20;  /* the limits are looked after once a megabyte */
+    const size_t step = 20;  /* limits are checked once per megabyte */
     size_t room = file->capacity - file->used, size;
     if (bytes && count > (SIZE_MAX - 15) / bytes) room = 0;
     size = (count * bytes + 15) & ~(size_t)15;

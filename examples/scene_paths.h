@@ -1,8 +1,8 @@
-/* Part of scene_file.h: which files a scene may name, and reading them.
+/* Part of scene_file.h: decides which files a scene may refer to, and reads them.
 
-   A file counts as where it lies, whatever links and ".." led there. So it is opened without being read (O_PATH, which
-   touches nothing and waits for nothing), the kernel is asked what that is (/proc/self/fd), and what was asked about is
-   what is read then: nobody can put another file in its place meanwhile. */
+   What counts is where a file really is, after all links and "..". Therefore the file is first opened without being
+   read (O_PATH, which has no side effects and never blocks), then the kernel is asked for its path (/proc/self/fd), and
+   then this same open file is read. So nobody can replace the file between the check and the reading. */
 #ifndef SCENE_PATHS_H
 #define SCENE_PATHS_H
 
@@ -12,18 +12,18 @@
 #include <strings.h>
 #include <sys/stat.h>
 #include <unistd.h>
-#ifndef O_PATH  /* glibc keeps it from those who do not define _GNU_SOURCE */
+#ifndef O_PATH  /* glibc declares it only with _GNU_SOURCE */
   #define O_PATH 010000000
 #endif
 
-enum { SCENE__PATH = 4096, SCENE__REFUSED = EXDEV /* errno where a file lies outside */ };
+enum { SCENE__PATH = 4096, SCENE__REFUSED = EXDEV /* errno for a file outside of the allowed folders */ };
 
 typedef struct scene__folders {
     struct { int handle; char path[SCENE__PATH]; } list[SCENE_FILE_FOLDERS + 1];
     int count;
 } scene__folders;
 
-/* Where that lies which was opened; 0 and errno where the kernel does not tell. */
+/* Writes the path of an open file to out. Returns 0 and sets errno on failure. */
 static int scene__path_of(int handle, char out[SCENE__PATH]) {
     char link[64];
     ssize_t length;
@@ -34,6 +34,7 @@ static int scene__path_of(int handle, char out[SCENE__PATH]) {
     return 1;
 }
 
+/* Returns whether a path without links lies in one of the folders. */
 static int scene__allowed(const scene__folders *folders, const char *path) {
     int i;
     for (i = 0; i < folders->count; i++) {
@@ -44,7 +45,8 @@ static int scene__allowed(const scene__folders *folders, const char *path) {
     return 0;
 }
 
-/* A handle to a regular file that may be read; -1 and errno where that fails. folders: NULL for any. */
+/* Opens a regular file for reading. folders: the allowed folders, or NULL for any. Returns -1 and sets errno on
+   failure. */
 static int scene__open_regular(const scene__folders *folders, const char *path) {
     const int found = open(path, O_PATH | O_CLOEXEC);
     char where[SCENE__PATH];
@@ -64,21 +66,21 @@ static int scene__open_regular(const scene__folders *folders, const char *path) 
     return handle;
 }
 
-/* The error of a file that was refused. */
+/* Sets the error for a file that was refused. */
 static void scene__refuse(scene_file *file, const char *path) {
     const int found = open(path, O_PATH | O_CLOEXEC);
     char where[SCENE__PATH];
     if (found < 0 || !scene__path_of(found, where)) scene__print(where, sizeof where, "%s", path);
     if (found >= 0) close(found);
-    scene__fail(file, "it names the file %.300s, which lies outside its folder and was not read; if that is as it "
-                "should be, allow it with --allow-path and that file's folder", where);
+    scene__fail(file, "it refers to the file %.300s, which is outside its folder and was not read; to allow it, give "
+                "the folder of that file with --allow-path", where);
 }
 
-/* Adds a folder; 0 and errno where it is none. */
+/* Adds a folder. Returns 0 and sets errno on failure. */
 static int scene__add_folder(scene__folders *folders, const char *path) {
     const int low = open(path, O_PATH | O_DIRECTORY | O_CLOEXEC);
     const int handle = low < 0 ? -1 : fcntl(low, F_DUPFD_CLOEXEC, 3);
-    if (low >= 0) close(low);  /* the reader turns 0 to 2 elsewhere */
+    if (low >= 0) close(low);  /* the child redirects handles 0 to 2 */
     if (handle < 0) return 0;
     if (!scene__path_of(handle, folders->list[folders->count].path)) { close(handle); return 0; }
     folders->list[folders->count++].handle = handle;
@@ -93,7 +95,7 @@ static void scene__close_folders(scene__folders *folders) {
 
 typedef struct scene__bytes { char *data; size_t size; } scene__bytes;
 
-/* Reads an open file whole, with a nought behind it, and closes it; 0 and errno where that fails. */
+/* Reads a whole file, appends a zero byte, and closes the handle. Returns 0 and sets errno on failure. */
 static int scene__read_all(scene_file *file, int handle, scene__bytes *out) {
     struct stat info;
     size_t got = 0;
@@ -122,7 +124,7 @@ static int scene__read_all(scene_file *file, int handle, scene__bytes *out) {
     return 1;
 }
 
-/* Reads a file that a scene names; 0 and errno where that fails or is refused. */
+/* Reads a file that a scene refers to. Returns 0 and sets errno on failure, also if the file is refused. */
 static int scene__slurp(scene_file *file, const char *path, scene__bytes *out) {
     const int handle = scene__open_regular(file->folders, path);
     out->data = NULL;

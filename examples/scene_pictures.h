@@ -1,4 +1,4 @@
-/* Part of scene_file.h: pictures, through stb_image: a scene's textures, and the sky. */
+/* Part of scene_file.h: decodes pictures with stb_image: textures and the sky. */
 #ifndef SCENE_PICTURES_H
 #define SCENE_PICTURES_H
 
@@ -7,7 +7,7 @@
 #define STBI_MAX_DIMENSIONS 16384
 #include <stb/stb_image.h>
 
-typedef struct scene__pixels { void *data; int width, height, channels, is_float; } scene__pixels;  /* of malloc */
+typedef struct scene__pixels { void *data; int width, height, channels, is_float; } scene__pixels;  /* data: malloc */
 
 /* ---- decoding ---- */
 
@@ -15,14 +15,14 @@ typedef struct scene__source {
     scene_file *file;
     const char *data;
     size_t size, at;
-    int strict;  /* it must not end too soon */
+    int strict;  /* 1: fail if data is missing at the end */
 } scene__source;
 
 static int scene__source_read(void *user, char *out, int size) {
     scene__source *s = (scene__source *)user;
     size_t left = s->size - s->at, n = (size_t)size < left ? (size_t)size : left;
-    if (!n && s->strict) {  /* stb_image takes what is missing for noughts, some of them for ever */
-        scene__fail(s->file, "it ends too soon; copy or save it anew");
+    if (!n && s->strict) {  /* stb_image reads missing data as zeros, in some formats without end */
+        scene__fail(s->file, "it ends too soon; copy or save it again");
         _exit(0);
     }
     memcpy(out, s->data + s->at, n);
@@ -42,8 +42,8 @@ static size_t scene__bytes_of(const scene__pixels *p) {
     return (size_t)p->width * (size_t)p->height * (size_t)p->channels * (p->is_float ? sizeof(float) : 1);
 }
 
-/* Returns NULL, or why it cannot be read. Where it would take too much memory the whole file fails, too.
-   channels: 0 for those it has. */
+/* Decodes a picture. channels: number of channels to convert to, or 0 for those of the file. Returns NULL, or the
+   reason of a failure. If the picture needs too much memory, reading the whole scene fails. */
 static const char *scene__decode(scene__source *s, const char *name, int channels, scene__pixels *out) {
     const stbi_io_callbacks calls = { scene__source_read, scene__source_skip, scene__source_ended };
     char what[320];
@@ -58,7 +58,8 @@ static const char *scene__decode(scene__source *s, const char *name, int channel
     if (channels) out->channels = channels;
     if (out->width > STBI_MAX_DIMENSIONS || out->height > STBI_MAX_DIMENSIONS) return "too large";
     scene__print(what, sizeof what, "%.200s (%d x %d pixels)", name, out->width, out->height);
-    /* once as it comes out of its file, once decoded, once in the shared pages; sbl.h and GL have four channels each */
+    /* reading: the unpacked file, the decoded picture and the copy in the shared pages; rendering: four channels each
+       in sbl.h and in GL */
     texels = (double)out->width * out->height;
     if (!scene__afford(s->file, what, (is_wide ? 5.0 : 3.0) * (double)scene__bytes_of(out),
                        (out->is_float ? 16 : 8) * texels))
@@ -72,7 +73,7 @@ static const char *scene__decode(scene__source *s, const char *name, int channel
     return stbi_failure_reason();
 }
 
-/* Copies them to the shared pages and frees them; 0 where there is no room. */
+/* Copies the pixels to the shared pages and frees them. Returns 0 if there is not enough memory. */
 static int scene__keep(scene_file *file, scene__pixels *from, sbl_texture *to) {
     void *copy = scene__alloc(file, scene__bytes_of(from), 1);
     if (copy) memcpy(copy, from->data, scene__bytes_of(from));
@@ -88,18 +89,19 @@ static int scene__keep(scene_file *file, scene__pixels *from, sbl_texture *to) {
 
 /* ---- the textures of a scene ---- */
 
-/* A picture inside of a scene file: a whole picture file of so many bytes, or texels, four bytes each, blue first. */
+/* A picture inside of a scene file. If height is 0, data is a whole picture file of size bytes; otherwise texels of
+   four bytes, in the order blue, green, red, alpha. */
 typedef struct scene__embedded { const void *data; size_t size; unsigned width, height; } scene__embedded;
 
 typedef struct scene__pictures {
     scene_file *file;
-    const char *path;    /* the scene's */
-    int (*embedded)(const void *scene, const char *name, scene__embedded *out);  /* 0 where it has none of that name */
+    const char *path;    /* path of the scene */
+    int (*embedded)(const void *scene, const char *name, scene__embedded *out);  /* 0: there is no such picture */
     const void *scene;
     sbl_texture *textures;
     int count, room;
-    struct scene__texture_key { char *albedo, *mask; sbl_wrap wrap; } *keys;  /* of each texture; malloc's memory */
-    char **failed;       /* names of pictures that cannot be had: asked for once, not once a material */
+    struct scene__texture_key { char *albedo, *mask; sbl_wrap wrap; } *keys;  /* one per texture; names by malloc */
+    char **failed;       /* names of pictures that cannot be read, so that each is tried only once */
     int failed_count, failed_room;
 } scene__pictures;
 
@@ -109,8 +111,9 @@ static char *scene__copy_name(const char *name) {
     return copy;
 }
 
-/* Attempt number `attempt` to make a path of what a scene calls a picture: as it is, backslashes undone, %20 undone,
-   by its bare name, and at last without the options that assimp did not understand. to: at least as long as name. */
+/* Writes a guess at the path of a picture to `to`, which must be as long as name. attempt: 0 takes the name unchanged;
+   1 turns backslashes to slashes; 2 also decodes characters such as %20; 3 also drops the folders; 4 instead drops
+   everything up to the last blank, because assimp leaves options that it does not understand in the name. */
 static void scene__guess_path(const char *name, int attempt, char *to) {
     char *start = to, *bare;
     unsigned byte;
@@ -129,7 +132,8 @@ static void scene__guess_path(const char *name, int attempt, char *to) {
     if (attempt >= 3 && bare) memmove(start, bare + 1, strlen(bare));
 }
 
-/* A picture file that a scene names, beside the scene. Where none can be read but one was refused the file fails. */
+/* Reads a picture file that a scene refers to, relative to the folder of the scene. If no guess at its path can be read
+   and one was refused, reading the whole scene fails. */
 static int scene__slurp_picture(const scene__pictures *p, const char *name, scene__bytes *out) {
     const char *slash = strrchr(p->path, '/');
     const size_t folder = slash ? (size_t)(slash - p->path) + 1 : 0;
@@ -167,7 +171,7 @@ static const char *scene__convert_texels(scene_file *file, const scene__embedded
     return NULL;
 }
 
-/* Returns NULL, or why it cannot be had. */
+/* Reads or decodes a picture. Returns NULL, or the reason of a failure. */
 static const char *scene__read_picture(const scene__pictures *p, const char *name, scene__pixels *out) {
     scene__embedded inside = { NULL, 0, 0, 0 };
     scene__bytes bytes = { NULL, 0 };
@@ -191,7 +195,7 @@ static const char *scene__read_picture(const scene__pictures *p, const char *nam
     return wrong;
 }
 
-/* 0 and a warning where the picture cannot be had: its material then keeps its plain colour. */
+/* Reads a picture. On failure returns 0 with a warning; the material then keeps its plain colour. */
 static int scene__picture(scene__pictures *p, const char *name, scene__pixels *out) {
     const char *wrong;
     int i;
@@ -213,14 +217,15 @@ static int scene__picture(scene__pictures *p, const char *name, scene__pixels *o
     return 0;
 }
 
-/* A texel of another size of picture: the nearest one. */
+/* Returns the texel of p that is nearest to texel x, y of a picture with the size of `of`. */
 static const stbi_uc *scene__texel(const scene__pixels *p, int x, int y, const scene__pixels *of) {
     const int64_t row = (int64_t)y * p->height / of->height, column = (int64_t)x * p->width / of->width;
     return (const stbi_uc *)p->data + (row * p->width + column) * p->channels;
 }
 
-/* Albedo and mask in one: alpha is the mask's, or its grey where it has no alpha. The larger size wins, the other is
-   read to the nearest texel. */
+/* Combines albedo and mask into one picture with four channels. The alpha is that of the mask, or its grey value if the
+   mask has no alpha. The result has the greater size; the other picture is sampled at the nearest texel. Returns 0 on
+   failure. */
 static int scene__merge_mask(scene_file *file, scene__pixels *albedo, const scene__pixels *mask) {
     scene__pixels out = { NULL, 0, 0, 4, 0 };
     stbi_uc *to;
@@ -242,8 +247,8 @@ static int scene__merge_mask(scene_file *file, scene__pixels *albedo, const scen
     return 1;
 }
 
-/* The number of a texture counted from 1, read now or found among those read before; 0 where there is none. Either name
-   may be NULL. */
+/* Returns the number of a texture, counted from 1, which is read unless it is known already; 0 if it cannot be read.
+   albedo, mask: names of pictures, or NULL. */
 static int scene__texture(scene__pictures *p, const char *albedo, const char *mask, sbl_wrap wrap) {
     scene__pixels pixels, mask_pixels;
     struct scene__texture_key *key = &p->keys[p->count];
@@ -252,12 +257,12 @@ static int scene__texture(scene__pictures *p, const char *albedo, const char *ma
         if (strcmp(p->keys[i].albedo, albedo ? albedo : "") == 0 && strcmp(p->keys[i].mask, mask ? mask : "") == 0 &&
             p->keys[i].wrap == wrap)
             return i + 1;
-    if (p->count == p->room) return 0;  /* cannot be: two a material */
+    if (p->count == p->room) return 0;  /* cannot happen: there are at most two per material */
     memset(&pixels, 0, sizeof pixels);
     if (albedo) scene__picture(p, albedo, &pixels);
     if (mask && scene__picture(p, mask, &mask_pixels)) {
         if (!scene__merge_mask(p->file, &pixels, &mask_pixels))
-            scene__warn(p->file, "texture %s cannot be used as a mask; what it cuts out stays solid", mask);
+            scene__warn(p->file, "texture %s cannot be used as a mask; nothing is cut out", mask);
         stbi_image_free(mask_pixels.data);
     }
     if (!pixels.data) return 0;
@@ -292,7 +297,7 @@ static void scene__read_sky(scene_file *file, const char *path, scene__bytes *by
     source.size = bytes->size;
     (void)path;
     wrong = scene__decode(&source, "it", 3, &pixels);
-    if (wrong) scene__fail(file, "it is no picture that can be read (%s); give a .hdr, .png or .jpg picture", wrong);
+    if (wrong) scene__fail(file, "this picture cannot be read (%s); give a .hdr, .png or .jpg picture", wrong);
     else scene__keep(file, &pixels, &file->scene.environment.picture);
 }
 

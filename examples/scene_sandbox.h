@@ -1,12 +1,12 @@
-/* Part of scene_file.h: what the kernel forbids the process that reads a scene. All of it works without privileges, and
-   each piece without the others; scene_file_options.log is told which of them the kernel has.
+/* Part of scene_file.h: restrictions by the kernel on the process that reads a scene. They need no privileges and are
+   independent of each other. scene_file_options.log receives which of them are active.
 
-       limits    processor time, files written (none), core dumps (none)
-       Landlock  no file but for reading and beneath the allowed folders; no TCP, no signals to others, where the kernel
-                 knows of these
-       seccomp   no system call but those in scene__calls: no network, no new process or program, no tracing
+       limits    processor time, written files (none), core dumps (none)
+       Landlock  no access to files except for reading below the allowed folders; no TCP and no signals to other
+                 processes, if the kernel supports these rules
+       seccomp   no system calls except those in scene__calls: no network, no new process or program, no tracing
 
-   Linux only. Left out under sanitizers, which read files and trace processes themselves. */
+   Linux only. Not used with sanitizers, which read files and trace processes themselves. */
 #ifndef SCENE_SANDBOX_H
 #define SCENE_SANDBOX_H
 
@@ -18,13 +18,13 @@
   #include <sys/prctl.h>
   #include <sys/syscall.h>
 
-/* ---- Landlock: its own numbers, since headers older than the kernel lack some ---- */
+/* ---- Landlock: numbers are defined here, because older kernel headers lack them ---- */
 
 enum { SCENE__LANDLOCK_CREATE = 444, SCENE__LANDLOCK_ADD = 445, SCENE__LANDLOCK_ENTER = 446 };
 typedef struct scene__ruleset { uint64_t files, net, scopes; } scene__ruleset;
-typedef struct scene__rule { uint64_t rights; int32_t folder; } scene__rule;  /* the kernel's is packed: 12 bytes */
+typedef struct scene__rule { uint64_t rights; int32_t folder; } scene__rule;  /* packed in the kernel: 12 bytes */
 
-/* Returns the version that is at work, 0 where there is none. */
+/* Returns the version of Landlock that is now active, or 0. */
 static int scene__enter_landlock(const scene__folders *folders) {
     const uint64_t read_file = 1 << 2;
     const int version = (int)syscall(SCENE__LANDLOCK_CREATE, NULL, 0, 1);
@@ -62,8 +62,8 @@ static int scene__enter_landlock(const scene__folders *folders) {
   #ifdef SCENE__MACHINE
 enum { SCENE__OWN_PID = -1 };
 
-/* A call is allowed where the bits of `mask` in argument number `argument` are `value`. All others fail with ENOSYS, as
-   on a kernel that lacks them: libraries are used to that. */
+/* A call is allowed if the bits of `mask` in argument number `argument` equal `value`. All other calls fail with
+   ENOSYS, as on a kernel that lacks them, which libraries can handle. */
 static const struct scene__call { int number, argument; unsigned mask; int value; } scene__calls[] = {
     { SYS_read, 0, 0, 0 }, { SYS_pread64, 0, 0, 0 }, { SYS_readv, 0, 0, 0 }, { SYS_lseek, 0, 0, 0 },
     { SYS_write, 0, 0, 0 }, { SYS_writev, 0, 0, 0 }, { SYS_close, 0, 0, 0 }, { SYS_fstat, 0, 0, 0 },
@@ -84,7 +84,7 @@ static const struct scene__call { int number, argument; unsigned mask; int value
     #endif
 };
 
-/* Six instructions a call: is it that one? then its argument decides. */
+/* Builds and installs the filter. Each call takes six instructions: compare its number, then check its argument. */
 static int scene__enter_seccomp(void) {
     enum { CALLS = sizeof scene__calls / sizeof *scene__calls, REFUSE = SECCOMP_RET_ERRNO | ENOSYS };
     const unsigned low = __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__ ? 0 : 4;
@@ -122,7 +122,7 @@ static void scene__close_range(unsigned from, unsigned to) {
     for (; from <= to && from < 4096; from++) close((int)from);
 }
 
-/* Closes all handles but 0 to 2 and those in the list: the host's are none of the child's business. */
+/* Closes all handles that the host had open, except 0 to 2 and those in kept. */
 static void scene__close_others(const int *kept, int count) {
     unsigned from = 3, next;
     int i;
@@ -141,11 +141,11 @@ static void scene__limit(int what, rlim_t soft, rlim_t hard) {
     setrlimit(what, &limit);
 }
 
-/* From here on the process reads, computes and ends. The handles in `kept` stay open. */
+/* Confines this process: from now on it can only read, compute and end. The handles in kept stay open. */
 static void scene__confine(scene_file *file, double seconds, const int *kept, int count) {
     const rlim_t whole = (rlim_t)seconds + 1;
     int landlock = 0, seccomp = 0;
-    scene__print(file->confined, sizeof file->confined, "not confined, for the sanitizers' sake");
+    scene__print(file->confined, sizeof file->confined, "not confined, because this build uses sanitizers");
     if (SCENE__SANITIZED) return;
     scene__limit(RLIMIT_CORE, 0, 0);
     scene__limit(RLIMIT_FSIZE, 0, 0);
@@ -157,12 +157,12 @@ static void scene__confine(scene_file *file, double seconds, const int *kept, in
         seccomp = scene__enter_seccomp();
     } else scene__close_others(kept, count);
     scene__print(file->confined, sizeof file->confined, "Landlock %s (version %d), seccomp %s",
-                 landlock ? "at work" : "not to be had", landlock, seccomp ? "at work" : "not to be had");
+                 landlock ? "active" : "not available", landlock, seccomp ? "active" : "not available");
 }
 #else
 static void scene__confine(scene_file *file, double seconds, const int *kept, int count) {
     (void)seconds; (void)kept; (void)count;
-    scene__print(file->confined, sizeof file->confined, "Landlock not to be had, seccomp not to be had");
+    scene__print(file->confined, sizeof file->confined, "Landlock not available, seccomp not available");
 }
 #endif
 

@@ -1,12 +1,12 @@
-/* Part of scene_file.h: what the parent believes of the pages that its child leaves.
+/* Part of scene_file.h: the parent's checks of the pages that its child wrote.
 
-   Whoever has taken the child over may have written anything there: pointers into the parent's own memory, a function
-   for it to call. So only what the converter makes is taken, arrays that lie in the pages whole; the values in them are
-   sbl.h's to check, as any host's. */
+   Someone who took control of the child may have written anything there, such as pointers into the parent's own memory
+   or functions for the parent to call. Therefore only fields that the converter sets are used, and only arrays that lie
+   completely in the pages. sbl.h checks the values in them, as for any host. */
 #ifndef SCENE_TRUST_H
 #define SCENE_TRUST_H
 
-/* An array in the pages. NULL is one where there are no elements. */
+/* Returns whether an array lies completely in the pages. NULL is valid for an array without elements. */
 static int scene__holds(const scene_file *file, const void *array, double count, size_t bytes) {
     const uintptr_t start = (uintptr_t)file, at = (uintptr_t)array;
     if (!array) return count == 0;
@@ -14,7 +14,7 @@ static int scene__holds(const scene_file *file, const void *array, double count,
            count * (double)bytes <= (double)(start + file->used - at);
 }
 
-/* Floats, `components` a vertex, or indices. */
+/* Checks a stream of `components` floats per vertex, or of indices, and resets its other fields. */
 static int scene__trust_stream(const scene_file *file, sbl_stream *s, int count, size_t components, sbl_type type) {
     const void *data = s->data;
     memset(s, 0, sizeof *s);
@@ -46,7 +46,8 @@ static int scene__trust_name(const scene_file *file, const char *name) {
     return at >= start && at < end && memchr(name, 0, end - at) != NULL;
 }
 
-/* Returns whether all is in order; what the converter never sets is made zero. capacity: as the parent remembers it. */
+/* Returns whether everything is valid. Fields that the converter never sets become 0. capacity: the parent's own
+   copy. */
 static int scene__trust(scene_file *file, size_t capacity) {
     const sbl_scene_desc in = file->scene;
     sbl_scene_desc *out = &file->scene;

@@ -1,12 +1,12 @@
-/* A traced sensor as a picture: what it sees around its normal, each direction at its foot in the tangent plane, so
-   that equal areas of the disc weigh the same. Every pixel shows what the nearest ray met; rays towards lamps are dots,
-   red where something stood between. */
+/* Draws what a traced sensor sees as a disc. A direction is drawn at its projection onto the tangent plane, so that
+   equal areas of the disc have equal weight. Each pixel shows the radiance of the nearest ray. Rays towards lamps are
+   drawn as dots, red if they are blocked. */
 #ifndef SENSOR_DISC_H
 #define SENSOR_DISC_H
 
 #include <math.h>
 
-/* Two tangents of the sensor, world +y (or where that is its normal, -z) up. */
+/* Computes two tangents of the sensor. up points towards world +y, or -z if the normal is parallel to y. */
 static void sensor_disc_axes(const sbl_sensor *s, double right[3], double up[3]) {
     const float *n = s->normal;
     const double lean = fabs((double)n[1]) > 0.999;
@@ -27,7 +27,7 @@ static double sensor_disc_dot(const double a[3], const float b[3]) {
     return a[0] * (double)b[0] + a[1] * (double)b[1] + a[2] * (double)b[2];
 }
 
-/* rgb: size x size x 3, linear, top row first; black around the disc. */
+/* rgb: receives size * size * 3 floats, linear, top row first; black outside of the disc. */
 static void sensor_disc(const sbl_sensor *s, int size, float *rgb) {
     double right[3], up[3];
     int i, k, x, y;

@@ -1,5 +1,5 @@
-/* What the tools share: one line for each thing that goes wrong, signals, a progress bar. Include after sbl.h,
-   output_file.h and scene_file.h, with TOOL_NAME defined, and what it makes. */
+/* Shared by the tools: messages, signals and a progress bar. Include after sbl.h, output_file.h and scene_file.h.
+   Define TOOL_NAME (such as "sbl_render") and TOOL_MAKES (such as "picture") first. */
 #ifndef TOOL_H
 #define TOOL_H
 
@@ -8,11 +8,12 @@
 #include <sys/mman.h>
 #include <sys/time.h>
 
-enum { DONE = 0, FAILED = 1, BAD_USAGE = 2, INTERRUPTED = 128 };  /* and the signal's number */
+/* Exit statuses. The number of the signal is added to INTERRUPTED. */
+enum { DONE = 0, FAILED = 1, BAD_USAGE = 2, INTERRUPTED = 128 };
 
-static volatile sig_atomic_t interrupted;  /* the signal's number */
+static volatile sig_atomic_t interrupted;  /* number of the signal that was received, or 0 */
 
-/* Who asks twice is not made to wait. */
+/* A second signal ends the program at once. */
 static void on_interrupt(int number) {
     if (interrupted) { output_abandon(); _exit(INTERRUPTED + number); }
     interrupted = number;
@@ -25,12 +26,13 @@ static void catch_signals(void) {
     memset(&action, 0, sizeof action);
     action.sa_handler = on_interrupt;
     sigfillset(&action.sa_mask);
-    for (i = 0; i < 3; i++)  /* what nohup or the shell has it ignore stays ignored */
+    for (i = 0; i < 3; i++)  /* a signal that nohup or the shell ignores stays ignored */
         if (sigaction(numbers[i], NULL, &before) == 0 && before.sa_handler != SIG_IGN)
             sigaction(numbers[i], &action, NULL);
-    signal(SIGPIPE, SIG_IGN);  /* a closed pipe is a failed write, */
-    signal(SIGXFSZ, SIG_IGN);  /* and so is a file that may not grow */
-    do handle = open("/dev/null", O_RDWR);  /* closed ones are filled, or what is said goes into some file */
+    signal(SIGPIPE, SIG_IGN);  /* writing to a closed pipe fails instead of ending the program */
+    signal(SIGXFSZ, SIG_IGN);  /* exceeding the limit on file size is a failed write, too */
+    /* Open closed standard handles: otherwise an output file could get number 2, and receive messages. */
+    do handle = open("/dev/null", O_RDWR);
     while (handle >= 0 && handle <= STDERR_FILENO);
     if (handle >= 0) close(handle);
 }
@@ -41,7 +43,7 @@ static double now(void) {
     return (double)t.tv_sec + 1e-6 * (double)t.tv_usec;
 }
 
-/* ---- what is said: one line each, whatever the names of files and meshes hold ---- */
+/* ---- messages: one line each, even if names of files and meshes contain line breaks ---- */
 
 static void say(const char *kind, const char *format, va_list arguments) {
     char text[1024], *c;
@@ -51,7 +53,7 @@ static void say(const char *kind, const char *format, va_list arguments) {
     fprintf(stderr, TOOL_NAME ": %s%s\n", kind, text);
 }
 
-/* They return the exit status. */
+/* fail, misuse and stop print a message and return the exit status. */
 static int fail(const char *format, ...) {
     va_list arguments;
     va_start(arguments, format);
@@ -89,7 +91,7 @@ static void warn(const char *format, ...) {
     va_end(arguments);
 }
 
-/* What sbl.h logs: the first error becomes the one line of a failure, warnings are shown when all went well. */
+/* Messages from sbl.h. The first error is printed if the work fails; warnings are printed if it succeeds. */
 typedef struct messages {
     char error[640];
     int errors;
@@ -114,7 +116,7 @@ static void on_log(sbl_log_level level, sbl_log_item item, const char *message, 
 static int fail_with(const messages *m, const char *where, sbl_result result) {
     if (!m->errors) return fail("%s: %s", where, sbl_result_string(result));
     if (m->errors == 1) return fail("%s: %s", where, m->error);
-    return fail("%s: %s, and %d mistakes more", where, m->error, m->errors - 1);
+    return fail("%s: %s (and %d more errors)", where, m->error, m->errors - 1);
 }
 
 /* ---- progress ---- */
@@ -135,33 +137,33 @@ static inline int on_progress(float done, void *user) {
         fflush(stderr);
         p->last = time;
     }
-    return 0;  /* cancelling would lose the picture so far */
+    return 0;  /* never cancels: that would lose the unfinished picture */
 }
 
 /* ---- work ---- */
 
-/* Until the picture is done, or interrupted: SBL_UNFINISHED. */
+/* Works until the picture is finished, or returns SBL_UNFINISHED when a signal arrives. */
 static inline sbl_result work(sbl_context *context) {
-    const double slice = 0.25;  /* seconds that an interrupt may wait, about */
+    const double slice = 0.25;  /* seconds; about the longest time until a signal is handled */
     sbl_result result = SBL_UNFINISHED;
     while (result == SBL_UNFINISHED && !interrupted) result = sbl_step(context, slice);
     return result;
 }
 
-/* ---- ulimit -v: drivers break down where they get no memory ---- */
+/* ---- ulimit -v: GL drivers crash if they get no memory ---- */
 
 static void on_breakdown(int number) {
-    static const char line[] = TOOL_NAME ": the graphics driver broke down for want of memory; allow more than this "
+    static const char line[] = TOOL_NAME ": the graphics driver crashed because memory ran out; raise the limit of "
         "ulimit -v\n";
     (void)number;
     if (write(STDERR_FILENO, line, sizeof line - 1) >= 0) _exit(FAILED);
     _exit(FAILED);
 }
 
-/* Where memory is limited: whether a driver can be loaded at all; and from now on one that breaks down does it in
-   words. */
+/* Returns whether ulimit -v leaves enough address space for a GL driver. If there is a limit, a driver that crashes
+   from now on ends the program with a message. */
 static int check_address_space(void) {
-    const size_t driver = (size_t)512 << 20;  /* Mesa's software renderer on two cores */
+    const size_t driver = (size_t)512 << 20;  /* what Mesa's software renderer needs on two cores */
     struct rlimit limit;
     void *room;
     if (getrlimit(RLIMIT_AS, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY) return 1;
@@ -176,7 +178,7 @@ static int check_address_space(void) {
 
 static void on_confined(const char *path, const char *message, void *user) {
     (void)user;
-    tell("%s: the process that read it: %s", path, message);
+    tell("%s: protection of the process that read it: %s", path, message);
 }
 
 

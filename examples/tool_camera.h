@@ -1,5 +1,5 @@
-/* The camera of the tools that have one: its options, which follow the common ones, and where it stands. Include after
-   tool_scene.h. */
+/* The camera of tools that draw: options, which follow the common options in the table of the tool, and matrices.
+   Include after tool_scene.h. */
 #ifndef TOOL_CAMERA_H
 #define TOOL_CAMERA_H
 
@@ -21,19 +21,20 @@ enum { SIZE = COMMON_OPTIONS, EYE, LOOK_AT, UP, FOV, CAMERA_END };
                         "the direction that is up in the picture; default: see --fov", NULL, NULL }, \
     [FOV]           = { "--fov", "DEGREES", NUMBERS, &camera.fov, 1, 1, 179, \
                         "vertical field of view. Defaults of --eye, --look-at, --up and --fov: the camera of the " \
-                            "file, or one that\n" \
-                        "shows the whole scene", NULL, NULL }
+                            "file, or a\n" \
+                        "camera that shows the whole scene", NULL, NULL }
 
-/* By the options, else by the file, else so that the scene's bounds are seen. Returns 0 where the directions are
-   degenerate. */
+/* Computes the camera: from the options, otherwise from the file, otherwise such that the bounds of the scene are
+   visible. lowest, highest: these bounds. Returns 0 if the directions are degenerate. */
 static int camera_place(float world_to_view[16], float view_to_clip[16], const scene_file *file, const int *given,
                         const float lowest[3], const float highest[3]) {
-    static const double from[3] = { 0.35, 0.3, 0.89 };  /* unit: the front, a little to the right and above */
+    static const double from[3] = { 0.35, 0.3, 0.89 };  /* unit vector: from the front, slightly from the right and
+                                                           above */
     const double radians = atan(1.0) / 45, aspect = (double)camera.size[0] / camera.size[1];
     const scene_file_camera *c = &file->camera;
     double eye[3], at[3], to[3], up[3], fov = camera.fov, half, distance = 0;
     int i, use_file = file->has_camera;
-    if (use_file) {  /* a damaged one is as good as none */
+    if (use_file) {  /* a camera with invalid values is ignored */
         float unused[16];
         fov = (double)c->fov_y;
         if (c->fov_x > 0 && c->fov_x < 179) fov = 2 * atan(tan(0.5 * (double)c->fov_x * radians) / aspect) / radians;
@@ -57,10 +58,12 @@ static int camera_place(float world_to_view[16], float view_to_clip[16], const s
         if (use_file && !given[LOOK_AT]) at[i] = eye[i] + forward;
         up[i] = use_file && !given[UP] ? (double)c->up[i] : camera.up[i];
     }
-    for (i = 0; i < 3; i++) at[i] -= eye[i];  /* from here on: the direction */
-    if (!given[LOOK_AT] && at[0] == 0.0 && at[1] == 0.0 && at[2] == 0.0) at[2] = -1;  /* the eye stands in the centre */
+    for (i = 0; i < 3; i++) at[i] -= eye[i];  /* from here on at is a direction */
+    if (!given[LOOK_AT] && at[0] == 0.0 && at[1] == 0.0 && at[2] == 0.0) at[2] = -1;  /* the eye is at the centre of the
+                                                                                         scene */
     if (!given[UP] && at[0] == 0.0 && at[2] == 0.0) { up[0] = up[1] = 0; up[2] = at[1] < 0 ? -1 : 1; }
-    /* As long as the eye is far from the origin, or rounding to float turns the camera. */
+    /* The direction is made as long as the eye is far from the origin. Otherwise rounding to float would turn the
+       camera. */
     distance = sqrt(at[0] * at[0] + at[1] * at[1] + at[2] * at[2]);
     for (i = 0; i < 3; i++)
         to[i] = eye[i] + (distance > 0 ? at[i] / distance * (1 + fabs(eye[0]) + fabs(eye[1]) + fabs(eye[2])) : 0);
@@ -71,7 +74,7 @@ static int camera_place(float world_to_view[16], float view_to_clip[16], const s
 }
 
 static int camera_misuse(void) {
-    return misuse("--eye, --look-at, --up: the camera looks along its up vector, or stands where it looks; change one "
+    return misuse("--eye, --look-at, --up: the camera looks along its up vector, or at its own position; change one "
         "of them");
 }
 

@@ -1,4 +1,4 @@
-/* A table of options, and what of a command line goes into it. Include after tool.h. */
+/* Reads a command line by a table of options, and prints the table for --help. Include after tool.h. */
 #ifndef TOOL_OPTIONS_H
 #define TOOL_OPTIONS_H
 
@@ -11,11 +11,11 @@
 typedef enum option_kind {
     FLAG,             /* no value */
     TEXT,             /* a const char * */
-    CHOICE,           /* an int: which of words */
-    INTEGERS, SIZES,  /* count ints, separated by commas, and by x */
-    NUMBERS, SHARES,  /* count doubles; 2% is 0.02 */
-    NUMBERS_OR_FILE,  /* doubles, or a file's name, which goes into file; the last one counts */
-    LIST,             /* count const char *, one each time it is given */
+    CHOICE,           /* an int: index into words */
+    INTEGERS, SIZES,  /* count ints, separated by commas; SIZES: by x */
+    NUMBERS, SHARES,  /* count doubles, separated by commas; SHARES: 2% means 0.02 */
+    NUMBERS_OR_FILE,  /* count doubles, or a file name, which is stored in file; the last use of the option counts */
+    LIST,             /* at most count const char *, one for each use of the option */
     BYTES             /* a size_t, such as 512M */
 } option_kind;
 
@@ -24,24 +24,24 @@ typedef struct tool_option {
     option_kind kind;
     void *value;
     int count;
-    double low, high;           /* of each number */
-    const char *help;           /* lines */
-    const char *const *words;   /* of a CHOICE, then NULL */
-    const char **file;          /* of NUMBERS_OR_FILE */
-    const char *synonym;        /* an older name that is accepted too, or NULL */
+    double low, high;           /* range of each number */
+    const char *help;           /* lines, separated by \n */
+    const char *const *words;   /* for CHOICE: the words, followed by NULL */
+    const char **file;          /* receives a file name, or NULL if numbers are given; NULL: only numbers are allowed */
+    const char *synonym;        /* older name that is also accepted, or NULL */
 } tool_option;
 
 typedef struct tool_command {
     int argc;
     char **argv;
-    const tool_option *table;   /* with --help and --output, for which -h and -o stand */
+    const tool_option *table;   /* must contain --help and --output; -h and -o are short for these */
     int option_count;
-    int *given;                 /* receives 1 where an option is given */
-    const char **files;         /* receives the arguments that are no options: so many */
-    int file_count;
+    int *given;                 /* one per option; receives 1 if the option is given */
+    const char **files;         /* receives the arguments that are not options */
+    int file_count;             /* greatest number of such arguments */
 } tool_command;
 
-/* Some rows of a table. */
+/* Prints the help of count options. */
 static void tool_print_options(const tool_option *table, int count) {
     const char *line;
     int i;
@@ -59,7 +59,7 @@ static void tool_print_options(const tool_option *table, int count) {
 
 static int tool__is_whole(const tool_option *o) { return o->kind == INTEGERS || o->kind == SIZES; }
 
-/* count numbers, separated; 0 where the text is anything else. */
+/* Reads count separated numbers into o->value. Returns 0 if the text is anything else. */
 static int tool__numbers(const tool_option *o, const char *text) {
     double numbers[3];
     char *end;
@@ -87,7 +87,7 @@ static int tool__numbers(const tool_option *o, const char *text) {
     return 1;
 }
 
-/* A number and K, M, G, T or nothing. */
+/* Reads a number of bytes, which may end in K, M, G or T, into o->value. Returns 0 if the text is anything else. */
 static int tool__bytes(const tool_option *o, const char *text) {
     static const char units[] = "KMGT";
     char *end;
@@ -99,43 +99,45 @@ static int tool__bytes(const tool_option *o, const char *text) {
     return 1;
 }
 
-/* It has an ending: a point and a letter, no comma after them. Numbers have not, but for 1.e5 and the like. */
+/* Returns whether the text is a file name: it has an extension that begins with a letter and contains no comma. Numbers
+   with exponents, such as 1.e5, are not file names. */
 static int tool__names_a_file(const char *text) {
     const char *point = strrchr(text, '.');
     return point && isalpha((unsigned char)point[1]) && !strchr(point, ',') &&
         !(strchr("eE", point[1]) && !isalpha((unsigned char)point[2]));
 }
 
-/* Takes the value of an option. name: as it was typed. Returns the exit status, as tool_parse does. */
+/* Stores the value of an option. name: as the user typed it. Returns the exit status. */
 static int tool__take(const tool_option *o, const char *name, const char *value) {
     int k;
     switch (o->kind) {
         case TEXT: *(const char **)o->value = value; return DONE;
         case LIST:
             for (k = 0; k < o->count && ((const char **)o->value)[k]; k++) continue;
-            if (k == o->count) return misuse("%s %s: it may be given %d times", name, value, k);
+            if (k == o->count) return misuse("%s %s: this option can be given at most %d times", name, value, k);
             ((const char **)o->value)[k] = value;
             return DONE;
         case BYTES:
             return tool__bytes(o, value)
                        ? DONE
-                       : misuse("%s %s: it must be a number from 16M to 1024T, such as 512M or 4G", name, value);
+                       : misuse("%s %s: the value must be from 16M to 1024T, such as 512M or 4G", name, value);
         case CHOICE: {
             char list[256] = "";
             for (k = 0; o->words[k] && strcmp(o->words[k], value) != 0; k++)
                 sprintf(list + strlen(list), " %s", o->words[k]);
             *(int *)o->value = k;
-            return o->words[k] ? DONE : misuse("%s %s: it must be one of%s", name, value, list);
+            return o->words[k] ? DONE : misuse("%s %s: the value must be one of%s", name, value, list);
         }
         default:
             if (o->file) *o->file = tool__names_a_file(value) ? value : NULL;
             if ((o->file && *o->file) || tool__numbers(o, value)) return DONE;
-            return misuse("%s %s: it must be %s with %s from %g to %g", name, value, o->argument,
+            return misuse("%s %s: the value must be %s, with %s from %g to %g", name, value, o->argument,
                           tool__is_whole(o) ? "whole numbers" : "numbers", o->low, o->high);
     }
 }
 
-/* The name of the option, if the argument is that name, or the name, "=" and a value; otherwise NULL. */
+/* Returns the name of the option as it was typed if the argument is this name, alone or followed by "=" and a value.
+   Otherwise returns NULL. */
 static const char *tool__named(const tool_option *o, const char *argument) {
     const char *const names[2] = { o->name, o->synonym };
     int i;
@@ -146,6 +148,7 @@ static const char *tool__named(const tool_option *o, const char *argument) {
     return NULL;
 }
 
+/* Reads the whole command line. Returns the exit status. */
 static int tool_parse(const tool_command *c) {
     int i, k, status = DONE, only_files = 0, files = 0;
     for (i = 1; i < c->argc && status == DONE; i++) {
@@ -153,7 +156,7 @@ static int tool_parse(const tool_command *c) {
         const tool_option *o = c->table;
         if (only_files || argument[0] != '-' || !argument[1]) {
             if (files == c->file_count)
-                return misuse(files == 1 ? "two scenes, %s and %s; give one" : "%s and %s: too many names; see --help",
+                return misuse(files == 1 ? "%s and %s: give only one scene" : "%s and %s: too many names; see --help",
                               c->files[files - 1], argument);
             c->files[files++] = argument;
             continue;

@@ -1,17 +1,17 @@
-/* What tools share that read a scene, have sbl.h work on it, and write files: options, the scene's light, statistics,
-   files that are written, stored light, and the order of all that. Include after tool.h, tool_options.h and
-   output_file.h. A tool's own options follow the common ones in its table:
+/* Shared by tools that read a scene, let sbl.h work on it, and write files: common options, the default sky, output
+   files, statistics, stored light, and the order of these steps. Include after tool.h, tool_options.h and
+   output_file.h. In the table of a tool, its own options follow the common options:
 
        enum { OUTPUT = COMMON_OPTIONS, ..., OPTION_COUNT };
        static int given[OPTION_COUNT];
-       static const tool_option table[OPTION_COUNT] = { COMMON_ROWS, [OUTPUT] = { ... }, ... };  */
+       static const tool_option table[OPTION_COUNT] = { COMMON_ROWS, [OUTPUT] = { ... }, ... }; */
 #ifndef TOOL_SCENE_H
 #define TOOL_SCENE_H
 
 /* ---- options ---- */
 
 static struct tool_common {
-    const char *scene, *output, *stats, *sky_picture, *store, *input;  /* another file that is read, or NULL */
+    const char *scene, *output, *stats, *sky_picture, *store, *input;  /* input: another file that is read, or NULL */
     int mode, preset, backend, rays, max_bounce_cells, sensor_size, tile, filter_radius, seed;
     double sky[3], sky_rotation, sky_scale, sky_up[3], epsilon, threshold;
     scene_file_options reading;
@@ -32,99 +32,105 @@ enum {
 
 #define COMMON_ROWS \
     [SKY]           = { "--sky", "R,G,B|FILE", NUMBERS_OR_FILE, common.sky, 3, 0, 1e30, \
-                        "constant radiance of the sky, default 0,0,0, or 1,1,1 if nothing else emits light; or a " \
-                            "picture of the sky:\n" \
-                        "FILE.hdr, or .png, .jpg, ..., which are decoded from sRGB. The picture is equirectangular: " \
-                            "its upper edge is\n" \
-                        "straight up, its middle is +x", NULL, &common.sky_picture }, \
+                        "constant radiance of the sky, default 0,0,0, or 1,1,1 if nothing else emits light; or an\n" \
+                        "equirectangular picture of the sky: FILE.hdr, or .png, .jpg, ..., which are decoded from " \
+                            "sRGB. The upper\n" \
+                        "edge of the picture is straight up, its centre is +x", NULL, &common.sky_picture }, \
     [SKY_ROTATION]  = { "--sky-rotation", "DEGREES", NUMBERS, &common.sky_rotation, 1, -360, 360, \
                         "rotates the sky picture counter-clockwise, seen from above; default 0", NULL, NULL }, \
     [SKY_SCALE]     = { "--sky-scale", "F", NUMBERS, &common.sky_scale, 1, 0, 1e30, \
-                        "multiplies the light of the sky picture; default 1", NULL, NULL }, \
+                        "multiplies the radiance of the sky picture; default 1", NULL, NULL }, \
     [SKY_UP]        = { "--sky-up", "X,Y,Z", NUMBERS, common.sky_up, 3, -1e18, 1e18, \
                         "the direction that is up in the sky picture; default 0,1,0", NULL, NULL }, \
     [MODE]          = { "--mode", "NAME", CHOICE, &common.mode, 0, 0, 0, \
                         "gi        the default: emitters, lights, sky, and the light that surfaces reflect, with " \
                             "all bounces\n" \
                         "direct    emitters, lights and sky only\n" \
-                        "ambient   direct light, and every surface glows with epsilon times its colour\n" \
-                        "paper     the paper's method, with one view of 135 degrees; for pictures only", \
+                        "ambient   direct light, and surfaces that do not emit have the radiance epsilon * albedo\n" \
+                        "paper     the method of the paper, with one view of 135 degrees; for pictures only", \
                             mode_words, NULL }, \
     [PRESET]        = { "--preset", "NAME", CHOICE, &common.preset, 0, 0, 0, \
-                        "draft | default | high: selects the defaults of other options", preset_words, NULL }, \
+                        "draft | default | high: selects the defaults that this text gives \"by preset\", in this " \
+                            "order", preset_words, NULL }, \
     [BACKEND]       = { "--backend", "NAME", CHOICE, &common.backend, 0, 0, 0, \
-                        "auto (default): trace, and raster in mode paper | raster: draws views | trace: traces " \
-                            "rays", backend_words, NULL }, \
+                        "how sensors measure: auto (default; raster in mode paper, otherwise trace) | raster (draw " \
+                            "views) |\n" \
+                        "trace (trace rays)", backend_words, NULL }, \
     [RAYS]          = { "--rays", "N", INTEGERS, &common.rays, 1, 1, 4096, \
                         "traces exactly this many rays for each sensor; default: as many as the target error " \
                             "requires", NULL, NULL }, \
     [MAX_BOUNCE_CELLS] = { "--max-bounce-cells", "N", INTEGERS, &common.max_bounce_cells, 1, 1024, 1048576, \
-                        "the largest number of cells that bounced light is stored for, in mode gi; about 4 KB of " \
-                            "memory each;\n" \
+                        "greatest number of cells that store bounced light, in mode gi; each needs about 4 KB of " \
+                            "memory;\n" \
                         "default 49152. Use more if light comes through gaps, or if geometry is fine", \
                         .synonym = "--bounce-samples" }, \
     [EPSILON]       = { "--epsilon", "E", NUMBERS, &common.epsilon, 1, 0, 1e30, \
-                        "the ambient factor of the modes paper and ambient; default 0.02", NULL, NULL }, \
+                        "ambient factor in modes paper and ambient; default 0.02", NULL, NULL }, \
     [SENSOR_SIZE]   = { "--sensor-size", "N", INTEGERS, &common.sensor_size, 1, 4, 512, \
                         "texels across one view of a rasterised sensor; default 32, 64, 128 by preset", NULL, NULL }, \
     [TILE]          = { "--tile", "N", INTEGERS, &common.tile, 1, 1, 1024, \
-                        "distance between the first sensors in pixels; 1 places a sensor at every pixel; default " \
-                            "16", NULL, NULL }, \
+                        "size of the first tiles in pixels: sensors are placed at their corners; 1 places a sensor " \
+                            "at every\n" \
+                        "pixel; default 16", NULL, NULL }, \
     [THRESHOLD]     = { "--threshold", "T", NUMBERS, &common.threshold, 1, 0, 1e30, \
-                        "refines where neighbours differ by more than this share of their mean, instead of where " \
-                            "the predicted\n" \
-                        "error is large; in mode paper this is a radiance, default 0.05", NULL, NULL }, \
+                        "subdivides tiles where neighbouring sensors differ by more than this fraction of their " \
+                            "mean, instead of\n" \
+                        "where the predicted error is large; in mode paper a difference of radiance, default 0.05", \
+                        NULL, NULL }, \
     [FILTER_RADIUS] = { "--filter-radius", "N", INTEGERS, &common.filter_radius, 1, 0, 32, \
                         "radius of the Gaussian filter in pixels; 0 turns it off; default 2", NULL, NULL }, \
     [SEED]          = { "--seed", "N", INTEGERS, &common.seed, 1, 0, INT_MAX, \
                         "changes the rotations of the sensors, and so the noise; default 0", NULL, NULL }, \
     [STORE]         = { "--store", "FILE", TEXT, &common.store, 0, 0, 0, \
-                        "loads stored bounced light from FILE if it belongs to this scene; otherwise computes it " \
-                            "and saves it there;\n" \
-                        "mode gi only", NULL, NULL }, \
+                        "loads the stored bounced light from FILE if it belongs to this scene; otherwise computes " \
+                            "it and saves\n" \
+                        "it to FILE; mode gi only", NULL, NULL }, \
     [STATS]         = { "--stats", "FILE", TEXT, &common.stats, 0, 0, 0, \
-                        "writes counts, seconds (total: from start to picture) and peak memory as JSON", NULL, NULL }, \
+                        "writes counts, times in seconds (total: from start to result) and peak memory as JSON", \
+                        NULL, NULL }, \
     [ALLOW_PATH]    = { "--allow-path", "DIR", LIST, common.reading.allow, SCENE_FILE_FOLDERS, 0, 0, \
-                        "lets the scene name files below DIR as well as below its own folder; can be given several " \
-                            "times", NULL, NULL }, \
+                        "allows the scene to refer to files below DIR, in addition to its own folder; can be given " \
+                            "several\n" \
+                        "times", NULL, NULL }, \
     [MEMORY]        = { "--memory", "SIZE", BYTES, &common.reading.memory, 1, 16.0 * (1 << 20), \
         1024.0 * (1 << 30) * 1024, \
-                        "the most memory that the scene may use, such as 512M or 4G; default: half of the machine's " \
-                            "memory, or of\n" \
-                        "the limit of its control group; never more than half of what ulimit -v leaves", NULL, NULL }, \
+                        "limit on the memory for the scene, such as 512M or 4G; default: half of the memory of the " \
+                            "machine or\n" \
+                        "of the control group; never more than half of what ulimit -v leaves", NULL, NULL }, \
     [READ_TIME]     = { "--read-time", "SECONDS", NUMBERS, &common.reading.seconds, 1, 0.1, 1e6, \
-                        "the longest time that reading the scene may take; default 60", NULL, NULL }, \
+                        "limit on the time for reading the scene; default 60", NULL, NULL }, \
     [QUIET]         = { "--quiet", NULL, FLAG, NULL, 0, 0, 0, "shows no progress bar and no warnings", NULL, NULL }, \
     [VERBOSE]       = { "--verbose", NULL, FLAG, NULL, 0, 0, 0, \
-                        "says how far the kernel confines the process that reads files", NULL, NULL }, \
+                        "shows how the kernel restricts the process that reads files", NULL, NULL }, \
     [HELP]          = { "--help", NULL, FLAG, NULL, 0, 0, 0, "shows this text", NULL, NULL }, \
     [VERSION]       = { "--version", NULL, FLAG, NULL, 0, 0, 0, "shows the version", NULL, NULL }
 
 static sbl_mode common_mode(const int *given) { return given[MODE] ? modes[common.mode] : SBL_MODE_GI; }
 
-/* What cannot go together. Returns the exit status. */
+/* Refuses options that exclude each other. Returns the exit status. */
 static int common_check(const int *given) {
     const sbl_mode mode = common_mode(given);
     if (!common.scene) return misuse("usage: " TOOL_NAME " SCENE [options]; see --help");
-    if (given[STORE] && mode != SBL_MODE_GI) return misuse("--store needs --mode gi: other modes have no light that "
-        "bounces");
+    if (given[STORE] && mode != SBL_MODE_GI)
+        return misuse("--store needs --mode gi: other modes have no bounced light");
     if (given[EPSILON] && (mode == SBL_MODE_GI || mode == SBL_MODE_DIRECT))
         return misuse("--epsilon needs --mode ambient or paper: the other modes have no ambient factor");
     if (common.sky_picture && mode == SBL_MODE_PAPER)
-        return misuse("--sky %s: --mode paper has no sky pictures; give a colour or choose another --mode",
+        return misuse("--sky %s: --mode paper allows no sky picture; give a colour or choose another --mode",
             common.sky_picture);
     if (!common.sky_picture && (given[SKY_ROTATION] || given[SKY_SCALE] || given[SKY_UP]))
-        return misuse("--sky-rotation, --sky-scale, --sky-up: they need --sky with a picture");
-    if (common.sky_up[0] == 0.0 && common.sky_up[1] == 0.0 && common.sky_up[2] == 0.0) return misuse("--sky-up: it "
-        "must not be 0,0,0");
+        return misuse("--sky-rotation, --sky-scale and --sky-up need --sky with a picture");
+    if (common.sky_up[0] == 0.0 && common.sky_up[1] == 0.0 && common.sky_up[2] == 0.0)
+        return misuse("--sky-up must not be 0,0,0");
     if (backends[common.backend] == SBL_BACKEND_TRACE && mode == SBL_MODE_PAPER)
-        return misuse("--backend trace: the paper's sensor rasterises; leave it out or choose another --mode");
+        return misuse("--backend trace: --mode paper needs raster; leave out --backend or choose another --mode");
     return DONE;
 }
 
-/* ---- numbers and options for sbl.h ---- */
+/* ---- options for sbl.h ---- */
 
-/* To sbl.h zero means the default and a negative number zero; on the command line zero means zero. */
+/* Converts a number from the command line, where 0 means 0, to a field of sbl.h, where 0 means the default and a
+   negative number means 0. */
 static float zero_or(double x) { return (float)x > 0 ? (float)x : -1; }
 
 static inline sbl_options common_options(const int *given, progress *bar) {
@@ -142,9 +148,9 @@ static inline sbl_options common_options(const int *given, progress *bar) {
     return o;
 }
 
-/* ---- the scene's light ---- */
+/* ---- the light of the scene ---- */
 
-/* Does anything in it shine? */
+/* Returns whether the scene has lights or emitting surfaces. An empty scene counts as lit. */
 static int is_lit(const sbl_scene_desc *scene) {
     int i, k;
     if (scene->light_count > 0) return 1;
@@ -153,10 +159,10 @@ static int is_lit(const sbl_scene_desc *scene) {
     return scene->mesh_count == 0;
 }
 
-/* A scene in which nothing shines gets a sky. */
+/* Returns whether the scene gets a default sky, because it emits no light and --sky was not given. */
 static int lit_by_us(const sbl_scene_desc *scene, const int *given) { return !given[SKY] && !is_lit(scene); }
 
-/* sky: NULL, or its picture. */
+/* Returns the scene of the file with the sky of the options. sky: the picture of the sky, or NULL. */
 static sbl_scene_desc common_scene(const scene_file *file, const scene_file *sky, const int *given) {
     sbl_scene_desc scene = file->scene;
     int i;
@@ -172,7 +178,7 @@ static sbl_scene_desc common_scene(const scene_file *file, const scene_file *sky
     return scene;
 }
 
-/* ---- files that are written: whole, and never over what is read ---- */
+/* ---- output files: written completely or not at all, and never over input files ---- */
 
 enum { STATISTICS, STORED, OWN_TARGETS, TARGETS_MOST = 1024 };
 static output_file targets[TARGETS_MOST];
@@ -180,14 +186,15 @@ static int target_count;
 
 static void targets_free(void) { while (target_count > 0) output_free(&targets[--target_count]); }
 
-/* --stats and --store; the tool's own follow. */
+/* Begins the list of targets with the files of --stats and --store. The tool adds its own files at OWN_TARGETS. */
 static void targets_begin(void) {
     if (common.stats) output_find(&targets[STATISTICS], common.stats);
     if (common.store) output_find(&targets[STORED], common.store);
     target_count = OWN_TARGETS;
 }
 
-/* No two are one file, none is what is read, and those before `checked` can be written. Returns the exit status. */
+/* Checks that no two targets are the same file, that no target is an input file, and that the first `checked` targets
+   can be written. Returns the exit status. */
 static int targets_check(int checked) {
     const char *const inputs[3] = { common.scene, common.sky_picture, common.input };
     output_file input;
@@ -195,13 +202,13 @@ static int targets_check(int checked) {
     for (k = 0; k < target_count; k++)
         for (i = k + 1; i < target_count; i++)
             if (output_same(&targets[i], &targets[k]))
-                return misuse("%s and %s are one file; give %s another name", targets[i].name, targets[k].name,
+                return misuse("%s and %s are the same file; give %s another name", targets[i].name, targets[k].name,
                               k == STORED ? "--store" : k == STATISTICS ? "--stats" : "one of them");
     for (k = 0; k < 3 && status == DONE; k++) {
         if (!inputs[k] || !output_find(&input, inputs[k])) continue;
         for (i = 0; i < target_count && status == DONE; i++)
             if (output_same(&targets[i], &input))
-                status = misuse("%s would overwrite %s, which is read; give another name", targets[i].name, inputs[k]);
+                status = misuse("%s would overwrite the input file %s; give another name", targets[i].name, inputs[k]);
         output_free(&input);
     }
     for (i = 0; i < checked && status == DONE; i++)
@@ -210,7 +217,7 @@ static int targets_check(int checked) {
     return status;
 }
 
-/* What the scene's reader has opened besides is known once it has ended. */
+/* Checks that no target is a file that was read for the scene, such as a texture. Returns the exit status. */
 static int targets_check_read(const scene_file *file) {
     struct stat info;
     int i, k;
@@ -222,9 +229,10 @@ static int targets_check_read(const scene_file *file) {
     return DONE;
 }
 
-typedef int (*target_writer)(FILE *out, const void *what);  /* returns whether it is whole; errno may say why not */
+typedef int (*target_writer)(FILE *out, const void *what);  /* returns 0 on failure, and may set errno */
 
-/* Returns whether it is written; not after an interrupt, unless it is what an interrupt leaves (late). */
+/* Writes a target and returns whether that succeeded. After a signal, only a target with `late` is written, which is
+   for unfinished results. */
 static int target_write(output_file *target, target_writer write, const void *what, int late) {
     FILE *out = output_open(target);
     int ok;
@@ -253,7 +261,7 @@ static int write_stats(FILE *out, const void *what) {
     struct rusage self, child;
     int i;
     getrusage(RUSAGE_SELF, &self);
-    getrusage(RUSAGE_CHILDREN, &child);  /* the one that read the scene; it was gone before this one grew */
+    getrusage(RUSAGE_CHILDREN, &child);  /* the process that read the scene; it ended before this one grew */
     if (child.ru_maxrss > self.ru_maxrss) self.ru_maxrss = child.ru_maxrss;
     fprintf(out, "{\n  \"version\": \"%s\",\n  \"renderer\": \"", sbl_version());
     for (c = capabilities.renderer; *c; c++) {
@@ -290,15 +298,16 @@ static int write_stats(FILE *out, const void *what) {
     return 1;
 }
 
-/* Returns the exit status. */
+/* Writes the file of --stats. Returns the exit status. */
 static int keep_stats(const totals *all) {
     if (!interrupted && target_write(&targets[STATISTICS], write_stats, all, 0)) return DONE;
     return interrupted ? stop("%s is written, %s is not", common.output, common.stats) : fail_to_write(common.stats);
 }
 
-/* ---- bounced light that is kept ---- */
+/* ---- stored bounced light ---- */
 
-/* 1: it is there, and is of this scene. Otherwise it is made anew, which a warning says where there was something. */
+/* Loads the file of --store. Returns 1 on success. Returns 0 if the file does not exist, or with a warning if the file
+   cannot be used; the light is then computed. */
 static int load_store(sbl_context *context, messages *said) {
     FILE *in = common.store ? fopen(common.store, "rb") : NULL;
     int loaded;
@@ -306,13 +315,14 @@ static int load_store(sbl_context *context, messages *said) {
     loaded = sbl_load_store(context, get_bytes, in) == SBL_SUCCESS;
     fclose(in);
     if (!loaded && said->warnings_kept < 8)
-        snprintf(said->warnings[said->warnings_kept++], sizeof said->warnings[0], "--store %.200s: %.250s; it is made "
-                 "anew", common.store, strncmp(said->error, "sbl_load_store: ", 16) ? said->error : said->error + 16);
+        snprintf(said->warnings[said->warnings_kept++], sizeof said->warnings[0], "--store %.200s: %.250s; it is "
+                 "computed again", common.store,
+                 strncmp(said->error, "sbl_load_store: ", 16) ? said->error : said->error + 16);
     said->errors = 0;
     return loaded;
 }
 
-/* Returns the exit status. */
+/* Writes the file of --store. Returns the exit status. */
 static int keep_store(sbl_context *context) {
     FILE *out = output_open(&targets[STORED]);
     errno = 0;
@@ -323,16 +333,17 @@ static int keep_store(sbl_context *context) {
 }
 
 
-/* ---- all of it ---- */
+/* ---- the whole tool ---- */
 
 typedef struct tool_task {
     const scene_file *file;
-    sbl_context *context;   /* the scene is set */
+    sbl_context *context;   /* its scene is set */
     messages *said;
-    double start, load;     /* when the tool began; seconds of reading */
+    double start, load;     /* time when the tool started; seconds spent reading the files */
 } tool_task;
 
-/* Does the tool's own work, and returns the exit status; *seconds: when it was done, for the statistics. */
+/* Does the tool's own work. seconds: receives the time from the start to the result, for the statistics. Returns the
+   exit status. */
 typedef int (*tool_worker)(const tool_task *task, double *seconds);
 
 static int tool__work(const scene_file *file, const scene_file *sky, tool_task *task, const int *given,
@@ -342,7 +353,7 @@ static int tool__work(const scene_file *file, const scene_file *sky, tool_task *
     totals all = { task->context, file->scene.light_count, task->load, 0 };
     int status, loaded;
     if (result != SBL_SUCCESS) return fail_with(task->said, common.scene, result);
-    if (interrupted) return stop("no " TOOL_MAKES " was begun");
+    if (interrupted) return stop("no " TOOL_MAKES " was started");
     loaded = load_store(task->context, task->said);
     status = worker(task, &all.seconds);
     if (status == DONE && common.stats) status = keep_stats(&all);
@@ -353,16 +364,17 @@ static int tool__work(const scene_file *file, const scene_file *sky, tool_task *
 static void tool__warn(const scene_file *file, const messages *said, const int *given) {
     int i;
     if (lit_by_us(&file->scene, given))
-        warn("%s: nothing in it shines; an even sky of 1,1,1 lights it, --sky chooses another", common.scene);
+        warn("%s: the scene emits no light; a constant sky of 1,1,1 lights it; --sky chooses another", common.scene);
     for (i = 0; i < file->warning_count && i < SCENE_FILE_WARNINGS; i++) warn("%s: %s", common.scene,
         file->warnings[i]);
     if (file->warning_count > SCENE_FILE_WARNINGS)
-        warn("%s: and %d warnings more", common.scene, file->warning_count - SCENE_FILE_WARNINGS);
+        warn("%s: and %d more warnings", common.scene, file->warning_count - SCENE_FILE_WARNINGS);
     for (i = 0; i < said->warnings_kept; i++) warn("%s: %s", common.scene, said->warnings[i]);
 }
 
-/* Reads the scene, works, says what there is to be said; returns the exit status. prepare: NULL, or is asked once the
-   scene is read and before any work. */
+/* Reads the scene, calls the worker, writes statistics and stored light, and prints warnings. Returns the exit status.
+   prepare: NULL, or a function that is called after the scene is read and before the work begins; it returns an exit
+   status. */
 static int tool_run(double start, const int *given, tool_worker worker, int (*prepare)(const scene_file *file)) {
     sbl_context_desc context_desc;
     scene_file *file, *sky = NULL;
@@ -381,10 +393,10 @@ static int tool_run(double start, const int *given, tool_worker worker, int (*pr
     task.said = &said;
     task.start = start;
     task.load = now() - start;
-    if (interrupted) status = stop("no " TOOL_MAKES " was begun");
+    if (interrupted) status = stop("no " TOOL_MAKES " was started");
     else if (!file || (common.sky_picture && !sky)) status = fail("%s", error);
-    else if (!check_address_space()) status = fail("OpenGL: ulimit -v leaves less than 512 MB for the driver; allow "
-        "more");
+    else if (!check_address_space()) status = fail("OpenGL: ulimit -v leaves less than 512 MB for the driver; raise "
+        "the limit");
     if (status == DONE && prepare) status = prepare(file);
     if (status == DONE) status = targets_check_read(file);
     if (status == DONE) {

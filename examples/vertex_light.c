@@ -1,22 +1,24 @@
-/* Demonstrates light at points of your own, here the vertices of a finely divided Cornell box: sbl_gather_readings
-   takes them with their normals, vertex_light.ply is the mesh with its light as colours, for any viewer of models, and
-   vertex_light.png shows it. The first argument is the folder to write them to. */
+/* Demonstrates light at your own points, here the vertices of a finely divided Cornell box. sbl_gather_readings
+   measures light at points with normals. vertex_light.ply is the mesh with its light as vertex colours, for any model
+   viewer; vertex_light.png is a picture of it. The first argument is the folder for the files. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"
 #include "cornell_box.h"
 #define STB_IMAGE_WRITE_IMPLEMENTATION
 #include <stb/stb_image_write.h>
 
-enum { GRID = 56, CELLS = GRID * GRID, SIDE = GRID + 1, PER_QUAD = SIDE * SIDE };  /* each quad is cut into cells */
+enum { GRID = 56, CELLS = GRID * GRID, SIDE = GRID + 1, PER_QUAD = SIDE * SIDE };  /* each quad is cut into GRID x GRID
+                                                                                      cells */
 enum { VERTICES = CORNELL_QUADS * PER_QUAD, TRIANGLES = 2 * CORNELL_QUADS * CELLS, ACROSS = 512 };
 
-static const float inset = 0.002f;  /* share of a quad that its outermost points stand inside, off the next wall */
+static const float inset = 0.002f;  /* fraction of a quad by which sites at its edge are moved inside, away from the
+                                       next wall */
 
 static sbl_site sites[VERTICES];
 static sbl_reading readings[VERTICES];
 static float positions[VERTICES][3], colors[VERTICES][4], picture[3 * ACROSS * ACROSS];
 static unsigned char bytes[3 * VERTICES], pixels[3 * ACROSS * ACROSS];
-static unsigned short cells[CELLS][6];  /* of each quad: corners of two triangles a cell */
+static unsigned short cells[CELLS][6];  /* for every quad: corners of the two triangles of each cell */
 
 static float corner_mix(const float *corners, int axis, float u, float v) {
     const float low = (1 - u) * corners[axis] + u * corners[3 + axis];
@@ -51,11 +53,12 @@ static void vertices_make(void) {
         }
 }
 
-/* Points that are stuck, or see mostly backs, stand inside something: here the floor under the blocks. */
+/* Returns whether a point is inside geometry: it is stuck, or sees mostly back faces. Here these are points of the
+   floor under the blocks. */
 static int inside(const sbl_reading *r) { return !r->valid || r->back_share > 0.5f; }
 
-/* What a vertex shows: its own light and what it reflects. Points inside something take the light of the nearest point
-   in their row that is not, so that no darkness bleeds out at the edge. */
+/* Computes the colour of each vertex: emission and reflected light. Points inside geometry take the light of the
+   nearest other point in their row, so that interpolation does not darken the edge. */
 static void vertices_light(void) {
     int at, k, step;
     for (at = 0; at < VERTICES; at++) {
@@ -99,7 +102,7 @@ static int ply_write(const char *folder) {
     return ok ? 1 : (fprintf(stderr, "vertex_light: cannot write %s\n", path), 0);
 }
 
-/* The coloured mesh, as the camera sees its colours: a picture's albedo. */
+/* Draws the coloured mesh without lighting: the albedo channel of a picture. */
 static int picture_make(sbl_context *context) {
     const sbl_material plain = { .albedo = { 1, 1, 1 } };
     sbl_mesh meshes[CORNELL_QUADS] = { { .vertex_count = 0 } };
@@ -107,7 +110,7 @@ static int picture_make(sbl_context *context) {
         .meshes = meshes, .mesh_count = CORNELL_QUADS, .materials = &plain, .material_count = 1, .sky = { 1, 1, 1 } };
     sbl_picture_desc view = { .options.mode = SBL_MODE_DIRECT,
                               .options.preset = SBL_PRESET_DRAFT,
-                              .tile = 1024 }; /* light: any */
+                              .tile = 1024 }; /* the light is not used: fast settings */
     int quad;
     for (quad = 0; quad < CORNELL_QUADS; quad++) {
         meshes[quad].positions.data = positions[quad * PER_QUAD];
@@ -130,12 +133,12 @@ int main(int argc, char **argv) {
     char path[1024];
     int i, hidden = 0, ok;
     vertices_make();
-    if (sbl_create(headless("vertex_light"), &context) != SBL_SUCCESS) return 1;  /* sbl.h says why on stderr */
+    if (sbl_create(headless("vertex_light"), &context) != SBL_SUCCESS) return 1;  /* sbl.h prints errors to stderr */
     ok = sbl_set_scene(context, cornell_box_make(&box)) == SBL_SUCCESS &&
          sbl_gather_readings(context, &gather) == SBL_SUCCESS;
     if (ok) {
         for (i = 0; i < VERTICES; i++) hidden += inside(&readings[i]);
-        printf("vertex_light: %d vertices, %d of them inside something, %.2f s\n", (int)VERTICES, hidden,
+        printf("vertex_light: %d vertices, %d of them inside geometry, %.2f s\n", (int)VERTICES, hidden,
                sbl_query_stats(context).seconds.total);
         vertices_light();
         ok = ply_write(folder) && picture_make(context);

@@ -1,8 +1,8 @@
-/* GL on Windows for the examples: a core context in a window that is never shown. Elsewhere it is EGL that gives one.
+/* Creates a GL core context on Windows, in a window that is never shown. Other systems use EGL.
 
        if (!wgl_open("name of the program")) return 1;
        clear = (PFNGLCLEARPROC)wgl_function("glClear");
-       wgl_close();  */
+       wgl_close(); */
 #ifndef WGL_H
 #define WGL_H
 
@@ -16,7 +16,7 @@ typedef void (*wgl_any)(void);
 
 static struct wgl { HWND window; HDC device; HGLRC context; } wgl;
 
-/* wglGetProcAddress knows no function of GL 1.1: those are exports of opengl32.dll. */
+/* Returns a GL function. wglGetProcAddress does not return functions of GL 1.1, which opengl32.dll exports. */
 static inline wgl_any wgl_function(const char *name) {
     const wgl_any found = (wgl_any)wglGetProcAddress(name);
     return found ? found : (wgl_any)GetProcAddress(GetModuleHandleA("opengl32.dll"), name);
@@ -29,7 +29,8 @@ static inline void wgl_close(void) {
     memset(&wgl, 0, sizeof wgl);
 }
 
-/* A context of the old kind must be current to ask for one that is core. */
+/* Replaces the current legacy context by a core context. A core context can only be requested while another is
+   current. */
 static inline void wgl__to_core(void) {
     static const int wishes[] = { WGL_CONTEXT_MAJOR_VERSION_ARB, 3, WGL_CONTEXT_MINOR_VERSION_ARB, 3,
                                   WGL_CONTEXT_PROFILE_MASK_ARB, WGL_CONTEXT_CORE_PROFILE_BIT_ARB, 0 };
@@ -41,7 +42,7 @@ static inline void wgl__to_core(void) {
     wglDeleteContext(old);
 }
 
-/* Returns 0, having said why on stderr, where there is no GL. */
+/* Returns 0 and prints a message if there is no GL. */
 static inline int wgl_open(const char *program) {
     PIXELFORMATDESCRIPTOR format;
     WNDCLASSA kind;
@@ -63,7 +64,7 @@ static inline int wgl_open(const char *program) {
         wgl__to_core();
         return 1;
     }
-    fprintf(stderr, "%s: no window with OpenGL can be made (Windows says %lu)\n", program, GetLastError());
+    fprintf(stderr, "%s: cannot create a window with OpenGL (Windows error %lu)\n", program, GetLastError());
     wgl_close();
     return 0;
 }

@@ -12,9 +12,9 @@ const float SBL_COSINE_LEAST = 1e-6;  // for reciprocals of cosines
 // Converts 32-bit fractions to a point between 0 and 1.
 vec2 sbl_unit_square(uvec2 fractions) { return (vec2(fractions >> 8) + 0.5) / SBL_FRACTIONS; }
 
-// Returns the weights of light from the unit direction w in the coefficients of the first two bands of real
-// spherical harmonics, in the order 1, y, z, x. The light is given as part of R, which includes the cosine between
-// w and the normal n; the coefficients describe radiance, which does not. reciprocal: 1 / that cosine
+// Returns the factors that convert light from the unit direction w, given as its part of R, to its part of the
+// first four coefficients of radiance in real spherical harmonics, in the order 1, y, z, x. R includes the cosine
+// between w and the normal n, radiance does not. reciprocal: 1 / cosine
 vec4 sbl_harmonics(vec3 w, vec3 n, float reciprocal) {
     vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w divided by the cosine
     return SBL_PI * vec4(SBL_HARMONIC_0 * reciprocal, SBL_HARMONIC_1 * way.yzx);

@@ -1,7 +1,7 @@
 // Finds the first hit of each ray. A ray with a negative limit leaves a surface, whose normal is `direction`, in a
 // random direction with cosine distribution.
-// xyz: position of the hit, far away if nothing was hit; w: 0 if nothing was hit, otherwise 1 + low bits of the
-// triangle's number, negative for its back side
+// out_place: xyz: position of the hit, far away if nothing was hit; w: 0 if nothing was hit, otherwise 1 + low
+// bits of the triangle's number, negative for its back side
 SBL_OUT(0, out_place);
 // rgb: albedo for bounced light; a: high bits of the triangle's number
 SBL_OUT(1, out_albedo);

@@ -1,7 +1,7 @@
 // The Gaussian of section III-H over pixels with the same id, normalised. Outside paper mode, weights are also
-// reduced for pixels whose normal or plane differs, or whose light differs by more than noise can explain.
+// reduced for pixels whose normal or plane differs, or whose R or harmonics differ by more than noise explains.
 uniform sampler2D radiance;  // R; a: its noise, above 0 where there is a surface
-uniform sampler2D layer;     // SBL_DIRECTIONAL: harmonics, smoothed instead of R, where both they and R are alike
+uniform sampler2D layer;     // SBL_DIRECTIONAL: a layer of harmonics, which is smoothed instead of R
 uniform sampler2D positions, normals;
 uniform usampler2D ids;
 uniform int radius;
@@ -9,11 +9,11 @@ uniform float falloff;       // 1 / (2 sigma^2), sigma in pixels
 uniform int geometry_aware;
 layout(location = 0) out vec4 out_radiance;
 
-uniform float few;           // noise of harmonics where R has none, since looks have few rays; as a share of R
+uniform float layer_noise;   // noise of harmonics, as a share of R, where R has no noise: looks have few rays
 const float SBL_HARMONIC = 2.0;  // noise of a harmonic divided by the noise of R, approximately
 
-// Returns the approximate noise of a harmonic. light: R and its noise
-float sbl_harmonic_noise(vec4 light) { return SBL_HARMONIC * light.a + few * max(light.r, max(light.g, light.b)); }
+// Returns the approximate noise of a harmonic. r: R and its noise
+float sbl_harmonic_noise(vec4 r) { return SBL_HARMONIC * r.a + layer_noise * max(r.r, max(r.g, r.b)); }
 
 // Returns about 1 if noise explains the difference of two pixels, about 0 if the difference is several times that.
 float sbl_alike(vec4 a, vec4 b) {

@@ -1,78 +1,85 @@
-// Light from lamps: emitting triangles, punctual lights, bright spots of the sky. What each gives where nothing
-// stands between is known in closed form; rays only measure which share of it arrives: the ratio estimator of
-// Heitz, Hill and McGuire 2018, "Combining analytic direct illumination and stochastic shadows". Where lamps are
-// many, those far off stand together in clusters, of which only single lamps, picked in proportion to what they
-// give, are ever looked at.
+// Light from lamps: emitting triangles, lights, and bright texels of the sky. The light of an unobstructed lamp is
+// known in closed form, and rays measure which share of it arrives: the ratio estimator of Heitz, Hill and McGuire
+// 2018, "Combining analytic direct illumination and stochastic shadows". If there are many lamps, distant ones
+// form clusters; a ray towards a cluster picks one of its lamps, in proportion to their light.
 //
-//     choose   which lamps and clusters count here, and what each gives
-//     pick     one of them for a ray, and how often it is picked
-//     shoot    the ray: what it would bring, and whether something stands between
-//     combine  what the rays found with what is known
+//     choose   makes the list of entries: the lamps and clusters that give this sensor light, with their strengths
+//     pick     picks one of the entries for a ray
+//     shoot    traces the ray
+//     combine  computes R from the results of all rays and from the closed forms
 //
-// One invocation is one sensor, or a part of its rays where they are many: neighbours trace neighbouring rays, and
-// each stops as soon as it knows enough. With SBL_INSPECT it is one ray of one sensor, or one of the entries it
-// chose: what these gave is written.
+// One invocation computes one sensor, or one of the `blocks.y` parts into which its rays are divided. It stops
+// when more rays would not improve the result. With SBL_INSPECT it reports one ray or one entry of the sensor.
 uniform usamplerBuffer sbl_sequence;  // see trace.glsl
-uniform int lamp_nodes, lamp_leaves;  // how many
-uniform int rays;                     // at most so many a sensor
-uniform float unit, scale;            // radiance that calculations are in, so that none overflows; of what is
-                                      // written
+uniform int lamp_nodes, lamp_leaves;  // numbers of nodes and leaves in the table of lamps
+uniform int rays;                     // maximum number of rays per sensor
+uniform float unit;                   // unit of radiance in the calculations, which prevents overflow
+uniform float scale;                  // factor of the outputs
 #ifdef SBL_INSPECT
-uniform int parts;                    // that the sensor's rays were traced in
-uniform int sheet_slot;               // where its views stand
-SBL_OUT(0, out_light);                // a ray: what it brought; 1: open, 2: hidden, 0: was not sent. An entry: R
-                                      // from it unhindered; 1: a lamp, 2: a point of light that is open, 3: one
-                                      // that is hidden
-SBL_OUT(1, out_way);                  // a ray: its direction, its lamp's leaf. An entry: 0 0 0, its leaf
+const bool inspected = true;
+uniform int parts;                    // number of parts into which the sensor's rays were divided
+uniform int sheet_slot;               // slot of the sensor's views in the view texture
+SBL_OUT(0, out_light);                // of a ray: its light; 0: not traced, 1: reached the lamp, 2: was blocked;
+                                      // of an entry: R if unobstructed; 1: lamp, 2: visible, 3: hidden point light
+SBL_OUT(1, out_way);                  // of a ray: direction and the lamp's leaf; of an entry: 0 0 0 and its leaf
 #else
-SBL_OUT(0, out_light);                // R, each part's own; the variance of its luminance
+const bool inspected = false;
+SBL_OUT(0, out_light);                // R of the part, and the variance of its luminance
 #ifdef SBL_DIRECTIONAL
-SBL_OUT(1, out_red);                  // and its harmonics
+SBL_OUT(1, out_red);                  // spherical harmonics
 SBL_OUT(2, out_green);
 SBL_OUT(3, out_blue);
 #endif
 #endif
+#ifdef SBL_DIRECTIONAL
+const bool directional = true;
+#else
+const bool directional = false;
+#endif
+#ifdef SBL_MIXED
+const bool mixed = true;            // there are lamps of all kinds, or clusters
+#else
+const bool mixed = false;           // all lamps are triangles, at most SBL_LAMPS
+#endif
 
-const int SBL_CERTAIN = 32;         // so many points of light get a ray each
-const float SBL_STRATA = 1.5;       // variance of n stratified points, as a share of independent ones', times the
-                                    // root of n: what edges across a lamp leave, measured;
-const float SBL_STRATA_LOST = 0.6;  // and where as many lamps share the points
-const float SBL_OPENING = 0.3;      // a cluster whose radius is a smaller share of its distance is not opened ...
-const int SBL_OPENINGS = 12;        // ... or of twice as much, and so on, until all entries have room
-const float SBL_SPARSE = 16.0;      // rays that a group must get on average, to be known by a ratio
-const int SBL_PASS_RAYS = 32;       // rays are traced in passes, SBL_LAMP_PASSES at most; after each it is seen
-                                    // whether
-const float SBL_PASS_CROWD = 16.0;  // they were enough. Of so many rays at least, and the fewer the more lamps
-                                    // share the light
-const int SBL_RIM_LAMPS = 8;        // of so few entries, corners and rims are looked at besides
-const int SBL_CORNERS = 3;          // of a triangle, each so far from the others:
-const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;
-const int SBL_RIM = 12;             // points along the rim of a round lamp, at this share of its disc:
-const float SBL_RIM_AT = 0.99;
-const float SBL_KNOWN = 1e-6;       // relative variance from which on clusters are known well enough
-const float SBL_SMALL = 16.0;       // squared distance over squared size from which on a triangle is
-const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);
+const int SBL_CERTAIN = 32;         // maximum number of point lights that get one ray each
+const float SBL_STRATA = 1.5;       // variance of the mean of n stratified points, divided by that of independent
+                                    // points, times sqrt(n): measured with shadow edges that cross a lamp
+const float SBL_STRATA_LOST = 0.6;  // upper limit of that ratio, reached if there are as many lamps as points
+const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this share of its distance;
+const int SBL_OPENINGS = 12;        // the share is doubled up to this number of times, until all entries fit
+const float SBL_SPARSE = 16.0;      // minimum number of rays that a group must get on average for a ratio estimate
+const int SBL_PASS_RAYS = 32;       // minimum number of rays per pass
+const float SBL_PASS_CROWD = 16.0;  // maximum number of passes, times the effective number of entries
+const int SBL_RIM_LAMPS = 8;        // maximum number of entries for which rim samples are traced
+const int SBL_CORNERS = 3;          // number of rim samples of a triangle, each close to a corner:
+const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // barycentrics of this corner, and of the two others
+const int SBL_RIM = 12;             // number of rim samples of a round lamp
+const float SBL_RIM_AT = 0.99;      // share of a round lamp's disc that is inside the circle of its rim samples
+const float SBL_KNOWN = 1e-6;       // relative variance below which the light of clusters needs no more rays
+const float SBL_SMALL = 16.0;       // a triangle is small if its squared distance over its squared size is larger
+const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // see sbl_form_factor
 const float SBL_POINT_WEIGHT[2] = float[2](0.223381589678011, 0.109951743655322);
-const float SBL_BEFORE_LAMP = 0.99999;  // share of the way to a lamp that must be free
+const float SBL_BEFORE_LAMP = 0.99999;  // share of the distance to a lamp along which a ray is traced
 
 struct sbl_Lamp {
     uint kind;
-    vec3 brightness;           // a triangle's radiance; a light's irradiance of a surface here that faces it; a
-                               // texel's light, radiance times solid angle
-    vec3 corner;               // of the triangle, from the sensor; else the unit direction to the light's, or the
-                               // texel's, middle
-    vec3 side_1, side_2;       // of the triangle
-    float away, radius, sine2; // of a light: distance, radius, sine squared of the angle that it spans each way
-    ivec2 texel;
-    int triangle, number;      // as traced; in the scene
-    vec2 group;                // 0 1 for a triangle that turns its back to the sensor, else 1 0
+    vec3 brightness;           // triangle: radiance; texel: radiance * solid angle; light: irradiance of a surface
+                               // at the sensor that faces the light
+    vec3 corner;               // triangle: first corner, relative to the sensor; else unit direction to the centre
+    vec3 side_1, side_2;       // triangle: vectors from the first corner to the other corners
+    float away, radius, sine2; // light: distance, radius, squared sine of half the angle that it subtends
+    ivec2 texel;               // texel: column and row
+    int triangle, number;      // triangle: its number in the hierarchy's order and in the scene; else number is -1
+    vec2 group;                // 0 1: a triangle that shows the sensor its back; 1 0: all other lamps
 };
 
-bool sbl_is_light(sbl_Lamp l) { return l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT; }
+bool sbl_is_light(sbl_Lamp l) { return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT); }
+bool sbl_is_texel(sbl_Lamp l) { return mixed && l.kind == SBL_LAMP_SKY_TEXEL; }
 
-// The sensor, and what is known of it.
-int look;                    // its number among those sent
-vec3 stand, position, n;     // where its rays start; on the surface: a lamp close by is seen from there; normal
+// The sensor
+int look;                    // number of the look in the batch
+vec3 stand, position, n;     // origin of its rays; position on the surface, used by closed forms; normal
 mat3 to_frame;
 uvec2 scramble;
 
@@ -92,11 +99,10 @@ sbl_Lamp sbl_lamp(int leaf) {
         float off = dot(normal, l.corner);
         l.group = off > 0.0 ? vec2(0, 1) : vec2(1, 0);
         l.brightness = sbl_emission(object, l.group.y == 1.0) / unit;
-        // seen edge-on; above all its own, which rounding may put above the horizon, all over it
+        // Seen edge-on. This is so for the sensor's own triangle, which rounding may put above the horizon.
         if (abs(off) < 0.5 * sbl_look_offset(look) * length(normal)) l.brightness = vec3(0);
     }
-#ifdef SBL_MIXED
-    if (l.kind == SBL_LAMP_SKY_TEXEL) {
+    if (sbl_is_texel(l)) {
         vec2 size = vec2(textureSize(sky_picture, 0)), middle = (vec2(l.texel) + 0.5) / size;
         vec3 radiance = texelFetch(sky_picture, l.texel, 0).rgb;
         l.corner = sbl_sky_direction(middle.x, cos(SBL_PI * middle.y));
@@ -114,34 +120,33 @@ sbl_Lamp sbl_lamp(int leaf) {
             l.corner /= max(l.away, 1e-30);
             float spot = clamp(dot(sbl_light_axis(int(at)), -l.corner) * sbl_light_spot_scale(int(at)) +
                                sbl_light_spot_offset(int(at)), 0.0, 1.0);  // KHR_lights_punctual
-            if (l.away < l.radius) { l.corner = n; l.away = l.radius; spot = 1.0; }  // the sensor stands in it
+            if (l.away < l.radius) { l.corner = n; l.away = l.radius; spot = 1.0; }  // sensor inside
             l.brightness *= spot * spot / (l.away * l.away);
             l.sine2 = min(l.radius * l.radius / (l.away * l.away), 1.0);
         }
     }
-#endif
     return l;
 }
 
 // >>closed forms
 
-// An edge's part of Lambert's sum: the angle it spans, times the cosine of its plane's normal to z.
+// An edge's term of Lambert's sum: the angle that it subtends, times z of the unit normal of its plane.
 float sbl_edge(vec3 p, vec3 q) {
     vec3 normal = cross(p, q);
     float size = length(normal);
     return size > 0.0 ? atan(size, dot(p, q)) * normal.z / size : 0.0;
 }
 
-// Share of a hemisphere around z that a triangle fills, weighted by the cosine. Corners relative to the sensor, in
-// its frame. Lambert 1760: the sum over the edges of what is above the horizon; where the triangle is small for
-// its distance that would lose itself in rounding, and six points (Dunavant 1985, degree 4) know it to 4e-6.
+// Form factor of a triangle. a, b, c: corners relative to the sensor, in its frame. Sums the edges of the part
+// above the horizon (Lambert 1760). If the triangle is small for its distance, rounding would spoil this sum;
+// a sum over six points is then used instead (Dunavant 1985, degree 4; relative error up to 4e-6).
 float sbl_form_factor(vec3 a, vec3 b, vec3 c) {
     vec3 corners[3] = vec3[3](a, b, c), entry = vec3(0), leave = vec3(0);
     vec3 middle = (a + b + c) / 3.0, normal = cross(b - a, c - a);
     float distance2 = dot(middle, middle), points = 0.0, sum = 0.0;
     float size2 = max(dot(b - a, b - a), max(dot(c - a, c - a), dot(c - b, c - b)));
     bool small = min(a.z, min(b.z, c.z)) > 0.0 && distance2 > SBL_SMALL * size2, cut = false;
-    for (int k = 0; k < 6; k++) {  // on the ways from the corners to the middle, and beyond it
+    for (int k = 0; k < 6; k++) {  // points on the lines from the corners through the middle
         vec3 p = middle + SBL_POINT[k / 3] * (corners[k % 3] - middle);
         float length2 = dot(p, p) / distance2;
         points += SBL_POINT_WEIGHT[k / 3] * p.z / (length2 * length2);
@@ -162,8 +167,8 @@ float sbl_form_factor(vec3 a, vec3 b, vec3 c) {
                  : abs(sum) / (2.0 * SBL_PI);
 }
 
-// The same for a round lamp whose middle has the cosine z to the normal, over the sine squared of the angle that
-// it spans to each side: Snyder 1996, "Area Light Sources for Real-Time Graphics"; small ones as flat discs.
+// Form factor of a round lamp, divided by sine2 (Snyder 1996, "Area Light Sources for Real-Time Graphics");
+// small lamps are treated as flat discs. z: cosine between the normal and the direction to the lamp's centre
 float sbl_round(float z, float sine2) {
     float sine = sqrt(sine2), s = sqrt(max(1.0 - z * z, 0.0));
     if (z >= sine || z <= -sine) return max(z, 0.0);
@@ -172,31 +177,28 @@ float sbl_round(float z, float sine2) {
     return (z * acos(y) - x * w + atan(w, x) / sine2) / SBL_PI;
 }
 
-// R from a lamp that nothing hides.
+// R from an unobstructed lamp. For a texel it is approximate: positive if any of the texel is above the horizon.
 vec3 sbl_unhindered(sbl_Lamp l) {
     float factor = 0.0;
     if (l.kind == SBL_LAMP_TRIANGLE) {
         vec3 corner = to_frame * l.corner;
         factor = sbl_form_factor(corner, corner + to_frame * l.side_1, corner + to_frame * l.side_2);
     }
-#ifdef SBL_MIXED
     if (sbl_is_light(l)) factor = sbl_round(dot(n, l.corner), l.sine2) / SBL_PI;
-    // about: above 0 where some of it is above the horizon
-    if (l.kind == SBL_LAMP_SKY_TEXEL)
+    if (sbl_is_texel(l))
         factor = max(dot(n, l.corner) + SBL_PI / float(textureSize(sky_picture, 0).y), 0.0) / SBL_PI;
-#endif
     return l.brightness * factor;
 }
 
-#ifdef SBL_DIRECTIONAL
-// What a lamp that nothing hides gives of the first four harmonics: of its solid angle, and of the integral of
-// directions over it, whose part along the normal is R's. Of round lamps on the horizon the rest is a guess.
+// The first four spherical harmonics of an unobstructed lamp, from its solid angle and from the integral of
+// directions over it (`way`). For a round lamp that the horizon cuts they are approximate, except for the integral
+// along the normal.
 mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {
     float solid_angle = 0.0;
     vec3 way = vec3(0);
     if (l.kind == SBL_LAMP_TRIANGLE) {
-        vec3 a = to_frame * l.corner, sides[2] = vec3[2](to_frame * l.side_1, to_frame * l.side_2);
-        vec3 corners[3] = vec3[3](a, a + sides[0], a + sides[1]), kept[4];
+        vec3 a = to_frame * l.corner, kept[4];
+        vec3 corners[3] = vec3[3](a, a + to_frame * l.side_1, a + to_frame * l.side_2);
         int count = 0;
         for (int k = 0; k < 3; k++) {
             vec3 p = corners[k], q = corners[(k + 1) % 3];
@@ -217,24 +219,21 @@ mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {
         way = transpose(to_frame) * way * sign(solid_angle);
         solid_angle = abs(solid_angle);
     }
-#ifdef SBL_MIXED
-    if (sbl_is_light(l)) {  // all of it has the intensity pi times sine squared, see sbl_round
+    if (sbl_is_light(l)) {  // divided by pi * sine2, see sbl_round
         float z = dot(n, l.corner), shown = clamp(0.5 + 0.5 * z / max(sqrt(l.sine2), 1e-30), 0.0, 1.0);
         solid_angle = shown * 2.0 / (1.0 + sqrt(1.0 - l.sine2));
         way = shown * (l.corner - z * n) + sbl_round(z, l.sine2) * n;
     }
-#endif
     return outerProduct(vec4(SBL_HARMONIC_0 * solid_angle, SBL_HARMONIC_1 * way.yzx), l.brightness);
 }
-#endif
 
 // >>clusters
 
 struct sbl_Cluster {
-    vec3 to;       // its middle, from the sensor
+    vec3 to;       // centre of its bounding sphere, relative to the sensor; if far, a direction
     float radius;
-    bool far;      // directions
-    int beyond;    // the node after it
+    bool far;      // its lamps are infinitely far away
+    int beyond;    // node after the subtree
 };
 
 sbl_Cluster sbl_cluster(int node) {
@@ -244,12 +243,12 @@ sbl_Cluster sbl_cluster(int node) {
                        int(beyond & ~SBL_FAR_NODE));
 }
 
-// What it gives about: zero only where none of its lamps gives anything.
+// Approximate light of an unobstructed cluster; 0 only if none of its lamps gives light to the sensor.
 float sbl_strength(int node, sbl_Cluster c) {
     vec3 square = sbl_lamp_node_square(node), mixed = sbl_lamp_node_mixed(node), front = sbl_lamp_node_front(node);
     float distance2 = max(dot(c.to, c.to), 1e-37), spread = min(c.radius * inversesqrt(distance2), 1.0);
     float height = dot(n, c.to);
-    // far lamps turn no sides to the sensor, but are seen under the cosine to its normal
+    // The normal of a far lamp is the direction towards it, so this gives the cosine at the sensor.
     vec3 w = c.far ? -n : c.to * inversesqrt(distance2);
     float shown = sqrt(max(dot(square, w * w) + 2.0 * dot(mixed, w.xyz * w.yzx), 0.0)) - dot(front, w) +
                   0.1 * sbl_lamp_node_power(node) * spread;
@@ -261,8 +260,8 @@ float sbl_strength(int node, sbl_Cluster c) {
 
 // >>points of lamps
 
-// A direction to the spherical triangle of unit vectors a, b, c, evenly distributed: Arvo 1995, "Stratified
-// Sampling of Spherical Triangles". w: its solid angle; 0 where it is too small for that.
+// Maps u to a uniformly distributed direction in the spherical triangle of the unit vectors a, b, c (Arvo 1995,
+// "Stratified Sampling of Spherical Triangles"). w: the solid angle; 0 if it is too small for this method
 vec4 sbl_spherical(vec3 a, vec3 b, vec3 c, vec2 u) {
     vec3 ab = cross(a, b), bc = cross(b, c), ca = cross(c, a);
     float alpha = atan(length(cross(ab, ca)), -dot(ab, ca)), beta = atan(length(cross(bc, ab)), -dot(bc, ab));
@@ -279,26 +278,26 @@ vec4 sbl_spherical(vec3 a, vec3 b, vec3 c, vec2 u) {
 
 struct sbl_Sample {
     vec3 direction;
-    float far;    // how far it is
-    vec3 light;   // R from the lamp, were it all like this point
-    vec2 b;       // barycentrics on a triangle
+    float far;    // distance, or SBL_UNBOUNDED
+    vec3 light;   // R from the lamp if all of the lamp were like this point
+    vec2 b;       // triangle: weights of its second and third corner
 };
 
-// Weights of a triangle's second and third corner at a point of its plane. from_corner: from the first corner.
+// Weights of a triangle's second and third corner at a point. from_corner: the point, relative to the first corner
 vec2 sbl_barycentrics(sbl_Lamp l, vec3 normal, vec3 from_corner) {
     vec2 areas = vec2(dot(cross(from_corner, l.side_2), normal), dot(cross(l.side_1, from_corner), normal));
     return areas / dot(normal, normal);
 }
 
+// Maps a uniform point u of the unit square to a point on a lamp. Triangles are sampled by solid angle, or, if it
+// is small, by area (Heitz 2019, "A Low-Distortion Map Between Triangle and Square").
 sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
     sbl_Sample s = sbl_Sample(l.corner, SBL_UNBOUNDED, l.brightness / SBL_PI, u);
-    // by solid angle where it is large, else by area (Heitz 2019, "A Low-Distortion Map Between Triangle and
-    // Square")
     if (l.kind == SBL_LAMP_TRIANGLE) {
         vec3 normal = cross(l.side_1, l.side_2), corner_1 = l.corner + l.side_1, corner_2 = l.corner + l.side_2;
         vec4 ray = sbl_spherical(normalize(l.corner), normalize(corner_1), normalize(corner_2), u);
         s.b = u.y > u.x ? vec2(0.5 * u.x, u.y - 0.5 * u.x) : vec2(u.x - 0.5 * u.y, 0.5 * u.y);
-        // not so near to an edge that rounding may carry the ray past it
+        // Keep a distance to the edges, so that rounding does not make the ray miss the triangle.
         float reach2 = dot(l.corner, l.corner), longest2 = max(dot(l.side_1, l.side_1), dot(l.side_2, l.side_2));
         float keep = 3e-6 * sqrt(longest2) * reach2 / max(abs(dot(normal, l.corner)), 1e-37);
         s.b = mix(s.b, vec2(1.0 / 3.0), min(keep, 0.5));
@@ -311,59 +310,54 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
         s.direction = to / s.far;
         s.light *= ray.w > 0.0 ? ray.w : 0.5 * abs(dot(normal, s.direction)) / (s.far * s.far);
     }
-#ifdef SBL_MIXED
-    if (l.kind == SBL_LAMP_SKY_TEXEL) {
+    if (sbl_is_texel(l)) {
         vec2 size = vec2(textureSize(sky_picture, 0));
         float row = float(l.texel.y);
         s.direction = sbl_sky_direction((float(l.texel.x) + u.x) / size.x,
                                         mix(cos(SBL_PI * row / size.y), cos(SBL_PI * (row + 1.0) / size.y), u.y));
     }
     if (sbl_is_light(l)) {
-        // off: what the ray's cosine to the middle lacks to 1
+        // off: 1 - cosine of the angle between the ray and the direction to the centre
         float cosine = sqrt(1.0 - l.sine2), off = u.x * l.sine2 / (1.0 + cosine);
-        float r = sqrt(max(off * (2.0 - off), 0.0));
-        float angle = 2.0 * SBL_PI * u.y;
+        float r = sqrt(max(off * (2.0 - off), 0.0)), angle = 2.0 * SBL_PI * u.y;
         s.direction = sbl_frame(l.corner) * vec3(r * cos(angle), r * sin(angle), 1.0 - off);
         s.light *= 2.0 / (1.0 + cosine);
         if (l.kind == SBL_LAMP_NEAR_LIGHT)
             s.far = l.away * (1.0 - off) - sqrt(max(l.radius * l.radius - l.away * l.away * r * r, 0.0));
     }
-#endif
     s.light *= max(dot(n, s.direction), 0.0);
     return s;
 }
 
-#ifdef SBL_VIEWS  // what the host draws stands in the sensor's own views only
-uniform sampler2D atlas;        // Ck r g b, signed distance along the view's axis
-uniform vec4 view_rects[5];     // x, y, width, height in the sheet
-uniform ivec2 sheet;            // a sensor's, in texels
+#ifdef SBL_VIEWS  // geometry that the host draws exists only in the sensor's views
+uniform sampler2D atlas;        // view texture: Ck r g b, signed distance along the view's axis
+uniform vec4 view_rects[5];     // per view: x, y, width, height in the sheet, texels
+uniform ivec2 sheet;            // size of a sheet, texels
 uniform int view_count;
-uniform float tangent, extent;  // of half a view's width; world units of a distance
+uniform float tangent;          // tangent of half a view's field of view
+uniform float extent;           // scene extent: unit of the view texture's distances, world units
 
-const float SBL_AT_LAMP = 0.002;  // share of a distance that texels' 16-bit floats leave open
-const int SBL_LOOKS_AGAIN = 4;
+const float SBL_AT_LAMP = 0.002;  // tolerance for the view texture's distances, which are 16-bit floats
+const int SBL_LOOKS_AGAIN = 4;    // maximum number of texels that are compared
 
-// A texel shows what stands in its middle, where a lamp's triangle may have ended: such points ask again, nearer
-// to the triangle's middle.
+// Returns true if the views show something in front of the sample. The direction of a texel's centre may miss the
+// lamp's triangle; a point closer to the triangle's middle is then compared instead.
 bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
     float turn = sbl_look_rotation(look);
     mat3 frame = sbl_frame(n);
-    vec3 axes[2] = vec3[2](cos(turn) * frame[0] - sin(turn) * frame[1],
-                           -cos(turn) * frame[1] - sin(turn) * frame[0]);  // right and up, see sbl__frame
+    vec3 side_x = cos(turn) * frame[0] - sin(turn) * frame[1];
+    vec3 side_y = -cos(turn) * frame[1] - sin(turn) * frame[0];
+    vec3 sides[4] = vec3[4](side_x, side_y, -side_x, -side_y);  // axes of the side views, see sbl__view_axes
     vec3 normal = cross(l.side_1, l.side_2), point = s.far * s.direction;
     vec3 middle = l.corner + (l.side_1 + l.side_2) / 3.0;
     if (l.kind != SBL_LAMP_TRIANGLE) point = s.direction;
     for (int attempt = 0; attempt < SBL_LOOKS_AGAIN; attempt++, point = mix(point, middle, 0.4)) {
-        vec3 right = axes[0], up = axes[1], forward = n;
-        vec2 side = vec2(dot(point, right), dot(point, up));
+        vec2 side = vec2(dot(point, side_x), dot(point, side_y));
         bool top = max(abs(side.x), abs(side.y)) <= dot(point, n) * tangent;
         int face = top ? 0 : abs(side.x) > abs(side.y) ? (side.x > 0.0 ? 1 : 3) : (side.y > 0.0 ? 2 : 4);
         if (!top && view_count == 1) return true;
-        if (!top) {
-            forward = face == 1 ? axes[0] : face == 2 ? axes[1] : face == 3 ? -axes[0] : -axes[1];
-            right = face == 1 ? axes[1] : face == 2 ? -axes[0] : face == 3 ? -axes[1] : axes[0];
-            up = n;
-        }
+        vec3 forward = top ? n : sides[max(face, 1) - 1], right = top ? side_x : sides[face % 4];
+        vec3 up = top ? side_y : n;
         vec4 rect = view_rects[face];
         vec2 lowest = vec2(-1, top ? -1 : 0), size = vec2(1) - lowest;
         vec2 at = (vec2(dot(point, right), dot(point, up)) / (dot(point, forward) * tangent) - lowest) / size;
@@ -374,8 +368,8 @@ bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
         if (seen == 0.0) return false;
         if (l.kind != SBL_LAMP_TRIANGLE) return seen < (1.0 - SBL_AT_LAMP) * s.far * dot(point, forward);
         vec3 ray = forward + tangent * (centre.x * right + centre.y * up);
-        float there = dot(l.corner, normal) / dot(ray, normal);  // where it meets the lamp's plane
-        bool other_side = (shown < 0.0) != (l.group.y == 1.0);   // of a thin body
+        float there = dot(l.corner, normal) / dot(ray, normal);  // depth at which it meets the lamp's plane
+        bool other_side = (shown < 0.0) != (l.group.y == 1.0);   // the texel shows the other side of a thin body
         bool beyond = seen > (1.0 + SBL_AT_LAMP) * there;
         if (there > 0.0 && (beyond || (seen >= (1.0 - SBL_AT_LAMP) * there && !other_side))) return false;
         vec2 b = sbl_barycentrics(l, normal, there * ray - l.corner);
@@ -386,27 +380,25 @@ bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
 }
 #endif
 
-// >>choose: single lamps and, where there are many, clusters that are small for their distance
+// >>choose
 
-int entries[SBL_LAMPS];      // a leaf, or -1 - a node; from the end on: points of light, which get a ray each
-float strengths[SBL_LAMPS];  // what each gives about, summed up
-int used, certain;           // how many of either
-float total, crowd;          // sum of the strengths, and of their squares,
-float crowd_within;          // with those of the lamps in clusters
-mat2x3 whole;                // light of single lamps, unhindered; two groups, since of a closed mesh one is all
-                             // hidden, the other all open
-bool rounded;                // there are round lamps
-#ifdef SBL_DIRECTIONAL
+int entries[SBL_LAMPS];      // a lamp's leaf, or -1 - a cluster's node; from the end backwards: point lights
+float strengths[SBL_LAMPS];  // sums of the strengths (approximate light) of the entries up to each
+int used, certain;           // number of entries without point lights; number of point lights
+float total, crowd;          // sum of the strengths, and of their squares
+float crowd_within;          // the same sum of squares if each lamp of a cluster were an entry
+mat2x3 whole;                // light of single lamps if unobstructed, by group (see sbl_Lamp). Each group has its
+                             // own ratio, because one side of a closed mesh hides the other
+bool rounded = false;        // some entries are round lamps
 mat3x4 whole_harmonics[2];
-#endif
 
-// Takes node or leaf number i into account; returns the one that is next, or `limit` where entries have run out.
+// Adds node i to the entries, skips it, or descends into it; or adds leaf i if all lamps fit. Returns the next
+// node or leaf, or `limit` if the entries are full. last: true: never descends
 int sbl_consider(int i, int limit, float opening, bool last, out bool full) {
     int leaf = i, next = i + 1, lamps = 1;
     float strength = 0.0;
-    bool single = lamp_leaves <= SBL_LAMPS, point = false;
+    bool single = !mixed || lamp_leaves <= SBL_LAMPS, point = false;
     full = false;
-#ifdef SBL_MIXED
     if (!single) {
         sbl_Cluster c = sbl_cluster(i);
         if (dot(n, c.to) + c.radius <= 0.0) next = c.beyond;
@@ -419,18 +411,15 @@ int sbl_consider(int i, int limit, float opening, bool last, out bool full) {
             strength = sbl_strength(i, c);
         }
     }
-#endif
     if (single) {
         sbl_Lamp l = sbl_lamp(leaf);
         vec3 light = sbl_unhindered(l);
         strength = light.r + light.g + light.b;
         rounded = rounded || l.kind != SBL_LAMP_TRIANGLE;
         point = l.sine2 == 0.0 && sbl_is_light(l) && certain < SBL_CERTAIN;
-        if (!point && l.kind != SBL_LAMP_SKY_TEXEL) {
+        if (!point && !sbl_is_texel(l)) {
             whole += outerProduct(light, l.group);
-#ifdef SBL_DIRECTIONAL
-            whole_harmonics[l.group.y > 0.0 ? 1 : 0] += sbl_unhindered_harmonics(l);
-#endif
+            if (directional) whole_harmonics[l.group.y > 0.0 ? 1 : 0] += sbl_unhindered_harmonics(l);
         }
     }
     if (strength > 0.0) {
@@ -452,14 +441,11 @@ void sbl_choose() {
     int limit = lamp_leaves <= SBL_LAMPS ? lamp_leaves : lamp_nodes;
     float opening = SBL_OPENING;
     bool full = true;
-    rounded = false;
     for (int attempt = 0; attempt < SBL_OPENINGS && full; attempt++, opening *= 2.0) {
         used = certain = 0;
         total = crowd = crowd_within = 0.0;
         whole = mat2x3(0);
-#ifdef SBL_DIRECTIONAL
-        whole_harmonics[0] = whole_harmonics[1] = mat3x4(0);
-#endif
+        if (directional) whole_harmonics[0] = whole_harmonics[1] = mat3x4(0);
         full = false;
         for (int i = 0; i < limit; ) i = sbl_consider(i, limit, opening, attempt == SBL_OPENINGS - 1, full);
     }
@@ -468,15 +454,15 @@ void sbl_choose() {
 // >>pick
 
 struct sbl_Pick {
-    int leaf;
-    float share;   // how often it is picked
-    vec2 u;        // what is left of the point of the sequence
-    bool cluster;  // it was picked out of one
+    int leaf;      // the lamp that is picked
+    float share;   // probability of picking it
+    vec2 u;        // uniform point for sbl_sample: u.x is rescaled each time that it selects something
+    bool cluster;  // the entry was a cluster
 };
 
-// Down to one lamp of a cluster, at every fork in proportion to what the branches give.
+// Picks one lamp of a cluster: descends its subtree, at each node in proportion to the strengths of the children.
 void sbl_descend(inout sbl_Pick p, int node, uint fraction) {
-    // digits below those of a float that are left
+    // Adds the low bits of the fraction, which a float between 0 and 1 cannot hold.
     p.u.x = clamp(p.u.x + (float(fraction & 255u) - 127.5) / 4294967296.0 / p.share, 0.0, 1.0);
     for (sbl_Cluster c = sbl_cluster(node); c.beyond != node + 1; c = sbl_cluster(node)) {
         sbl_Cluster left = sbl_cluster(node + 1), right = sbl_cluster(left.beyond);
@@ -490,7 +476,7 @@ void sbl_descend(inout sbl_Pick p, int node, uint fraction) {
     p.leaf = int(sbl_lamp_node_first_leaf(node));
 }
 
-// One of the entries in proportion to its strength.
+// Picks one of the entries with a probability proportional to its strength.
 int sbl_pick_entry(inout sbl_Pick p) {
     float wanted = p.u.x * total, before = 0.0;
     int low = 0, high = used - 1;
@@ -507,33 +493,28 @@ int sbl_pick_entry(inout sbl_Pick p) {
 
 // >>shoot
 
-mat2x3 open, seen;       // what rays to single lamps bring without, and with, what stands between
-vec3 sure, sampled;      // from points of light; from clusters, summed over the rays
-vec2 samples, lit;       // rays of a group that would bring light, and that do
-float taken, squares;    // rays; sum of the squares of what clusters gave
-vec2 sparse;             // 1: a group that rays hardly meet is no ground for a ratio: it is sampled as clusters
-                         // are
-vec2 bright, dark;       // whether any of a group was seen, or hidden
-#ifdef SBL_DIRECTIONAL
-mat3x4 open_harmonics[2], seen_harmonics[2], sure_harmonics, sampled_harmonics;  // as the above
-#endif
-#ifdef SBL_INSPECT
-vec4 report, report_way; // what is written
-bool reporting;          // the ray that is shot is the one
-#endif
+// Sums over the rays. Clusters, texels and sparse groups are sampled; other lamps are estimated by ratios.
+mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by group: light of rays to single lamps, unobstructed and actual
+vec3 sure = vec3(0), sampled = vec3(0);       // light of point lights; light of sampled rays
+vec2 samples = vec2(0), lit = vec2(0);        // by group: number of rays behind `open` and behind `seen`
+float taken = 0.0, squares = 0.0;             // number of rays; sum of the squared luminances of sampled rays
+vec2 sparse;                                  // by group: 1: it gets too few rays for a ratio
+vec2 bright = vec2(0), dark = vec2(0);        // by group: number of visible and of blocked rays, with rim samples
+mat3x4 sure_harmonics = mat3x4(0), sampled_harmonics = mat3x4(0);  // harmonics of the same light
+mat3x4 open_harmonics[2], seen_harmonics[2];
+vec4 report = vec4(0), report_way = vec4(0);  // inspected: the outputs
+bool reporting;                               // the next ray is to be reported
 
-// The ray of a sample. rim: of a at_rim, the number of its point along the lamp's rim; negative: it is none. A
-// at_rim brings no light.
-void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, int rim, bool point) {
-    bool at_rim = rim >= 0, cluster = p.cluster || l.kind == SBL_LAMP_SKY_TEXEL || dot(sparse, l.group) > 0.0;
+// Traces the ray of a sample. at_rim: true: it is a rim sample, which only tells whether light is obstructed
+void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool point) {
+    bool cluster = p.cluster || sbl_is_texel(l) || dot(sparse, l.group) > 0.0;
     vec3 light = s.light / p.share, to = s.direction;
+    vec4 counts = vec4(0);
     taken += point || at_rim ? 0.0 : 1.0;
     if (!(light.r + light.g + light.b > 0.0)) return;
-#ifdef SBL_DIRECTIONAL
-    vec4 counts = sbl_harmonics(s.direction, n, 1.0 / max(dot(s.direction, n), SBL_COSINE_LEAST));
-    if (!cluster && !point && !at_rim) open_harmonics[l.group.y > 0.0 ? 1 : 0] += outerProduct(counts, light);
-#endif
+    if (directional) counts = sbl_harmonics(s.direction, n, 1.0 / max(dot(s.direction, n), SBL_COSINE_LEAST));
     if (!cluster && !point && !at_rim) {
+        if (directional) open_harmonics[l.group.y > 0.0 ? 1 : 0] += outerProduct(counts, light);
         open += outerProduct(light, l.group);
         samples += l.group;
     }
@@ -544,12 +525,10 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, int rim, bool poi
 #ifdef SBL_VIEWS
     hidden = hidden || sbl_hidden(slot, l, s);
 #endif
-#ifdef SBL_INSPECT
     if (reporting) {
         report = vec4(point ? s.light : vec3(0), (hidden ? 2.0 : 1.0) + (point ? 1.0 : 0.0));
         report_way = vec4(point ? vec3(0) : to / away, p.leaf);
     }
-#endif
     if (!point && (at_rim || !cluster)) {
         if (hidden) dark += l.group;
         else bright += l.group;
@@ -561,15 +540,11 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, int rim, bool poi
         light *= sbl_emission_pattern(int(sbl_triangle_object(l.triangle)), at);
     }
 #endif
-#ifdef SBL_INSPECT
     if (reporting && !point) report.rgb = light;
-#endif
-#ifdef SBL_DIRECTIONAL
     mat3x4 harmonics = outerProduct(counts, light);
-    if (point) sure_harmonics += harmonics;
-    else if (cluster) sampled_harmonics += harmonics;
-    else seen_harmonics[l.group.y > 0.0 ? 1 : 0] += harmonics;
-#endif
+    if (directional && point) sure_harmonics += harmonics;
+    else if (directional && cluster) sampled_harmonics += harmonics;
+    else if (directional) seen_harmonics[l.group.y > 0.0 ? 1 : 0] += harmonics;
     if (point) sure += light;
     else if (cluster) {
         sampled += light;
@@ -583,14 +558,14 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, int rim, bool poi
 
 // >>combine
 
-// Variance of the mean of n points over the lamps, as a share of one's: strata of a lamp's own are the smaller the
-// more points it gets.
+// Variance of the mean of n points, divided by the variance of one point. The more points each lamp gets, the
+// smaller are its strata. lamps: effective number of lamps
 float sbl_strata(float n) {
     float lamps = total * total / max(crowd_within, 1e-37), points = max(n, 1.0);
     return min(SBL_STRATA * sqrt(max(lamps - 1.0, 1.0) / points), SBL_STRATA_LOST) / points;
 }
 
-// All is open, or nothing: the first rays tell; so do clusters that are alike.
+// Returns true if rays of a group disagree, or if the light of clusters is noisy. More rays are then needed.
 bool sbl_undecided() {
     float mean = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);
     float error = squares / max(taken, 1.0) - mean * mean;
@@ -599,36 +574,29 @@ bool sbl_undecided() {
     return mixed || sbl_strata(taken) * error > SBL_KNOWN * mean * mean;
 }
 
-// R, and the variance of its luminance.
+// Computes R and the variance of its luminance.
 vec4 sbl_combine() {
     float clusters = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);
     float variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) * sbl_strata(taken);
     vec3 light = sure + sampled / max(taken, 1.0);
-#ifdef SBL_DIRECTIONAL
-    sure_harmonics += sampled_harmonics / max(taken, 1.0);
-#endif
+    if (directional) sure_harmonics += sampled_harmonics / max(taken, 1.0);
     for (int g = 0; g < 2; g++) {
-        vec3 share = vec3(open[g].r > 0.0 ? seen[g].r / open[g].r : 0.0,
-                          open[g].g > 0.0 ? seen[g].g / open[g].g : 0.0,
-                          open[g].b > 0.0 ? seen[g].b / open[g].b : 0.0);
+        vec3 share = mix(vec3(0), seen[g] / open[g], greaterThan(open[g], vec3(0)));
         float mean = dot(whole[g], SBL_LUMINANCE), lit_share = lit[g] / max(samples[g], 1.0);
         if (sparse[g] > 0.0) continue;
         light += whole[g] * share;
-#ifdef SBL_DIRECTIONAL
-        // all that is known, as far as it is seen; and by what the seen part differs from that, as rays tell
-        for (int k = 0; k < 3; k++)
+        // the closed form times the same share, plus the deviation from it that the rays found
+        for (int k = 0; k < 3 && directional; k++)
             if (open[g][k] > 0.0)
                 sure_harmonics[k] += share[k] * whole_harmonics[g][k] + whole[g][k] / open[g][k] *
                                      (seen_harmonics[g][k] - share[k] * open_harmonics[g][k]);
-#endif
         variance += mean * mean * lit_share * (1.0 - lit_share) * sbl_strata(samples[g]);
     }
     return vec4(light, variance * unit * scale) * unit * scale;
 }
 
-// How many passes the rays are traced in: after the first, an eighth of them or half of few, it is known whether
-// there is more to learn: what it overlooks is less than a ray's share. The more lamps there are, the more of the
-// rays it takes to know each.
+// Number of passes into which the rays are divided, a power of two. After each pass sbl_undecided decides whether
+// to trace more. The more lamps there are, the more rays a pass needs to reach each of them.
 int sbl_pass_count() {
     float crowded = SBL_PASS_CROWD * crowd / max(total * total, 1e-37);
     int passes = clamp(min(rays / SBL_PASS_RAYS, int(crowded)), 1, SBL_LAMP_PASSES), power = 1;
@@ -638,13 +606,13 @@ int sbl_pass_count() {
 
 void main() {
     ivec2 at = sbl_texel_of_invocation();
+    int wanted = at.y * blocks.x + at.x, certain_ray = rays + SBL_LAMPS - 1 - wanted;  // inspected: ray or entry
 #ifdef SBL_INSPECT
-    int wanted = at.y * blocks.x + at.x, certain_ray = rays + SBL_LAMPS - 1 - wanted, part = 0, slot = sheet_slot;
+    int part = 0, slot = sheet_slot;
     if (wanted >= rays + SBL_LAMPS) sbl_leave;
     while (wanted < rays && part + 1 < parts && (part + 1) * rays / parts <= wanted) part++;
     if (wanted >= rays) part = certain_ray % parts;
     look = 0;
-    report = report_way = vec4(0);
 #else
     int parts = blocks.y, part = at.y % parts, slot = at.y / parts * columns + at.x;
     look = slot - first_slot;
@@ -658,33 +626,22 @@ void main() {
     scramble = uvec2(hash, (hash ^ hash >> 15) * 747796405u);
     scramble.y ^= scramble.y >> 13;
     sbl_choose();
-#ifdef SBL_INSPECT
-    if (wanted >= rays && wanted - rays < used && entries[wanted - rays] >= 0) {
+    if (inspected && wanted >= rays && wanted - rays < used && entries[wanted - rays] >= 0) {
         report = vec4(sbl_unhindered(sbl_lamp(entries[wanted - rays])), 1);
         report_way.w = float(entries[wanted - rays]);
     }
-#endif
-
-    open = seen = mat2x3(0);
-    sure = sampled = vec3(0);
-    samples = lit = bright = dark = vec2(0);
-    taken = squares = 0.0;
-#ifdef SBL_DIRECTIONAL
-    sure_harmonics = sampled_harmonics = mat3x4(0);
-    open_harmonics[0] = open_harmonics[1] = seen_harmonics[0] = seen_harmonics[1] = mat3x4(0);
-#endif
+    if (directional) open_harmonics[0] = open_harmonics[1] = seen_harmonics[0] = seen_harmonics[1] = mat3x4(0);
     float enough = SBL_SPARSE * float(parts) / float(rays) * total;
     sparse = vec2(lessThan(vec3(1) * whole, vec2(enough)));
-    // So that the first pass does not overlook an edge that hides little, corners and rims of few lamps are looked
-    // at.
+    // Rim samples find shadow edges that hide only a small part of a lamp, if there are few lamps.
     int passes = sbl_pass_count(), rims = rounded ? SBL_RIM : SBL_CORNERS;
     int rim_samples = passes > 1 && used <= SBL_RIM_LAMPS ? rims * used : 0;
     int skip = int(sbl_look_which(look) & SBL_LOOK_NUMBER) * rays;
     bool undecided = total > 0.0;
-    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // the points of light come first
-        // each part has a stretch of the sequence, and each eighth of it covers a lamp, and the lamps, evenly
+    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // pass -1: point lights
+        // Each part has a section of the sequence. Each eighth of a section covers the unit square evenly.
         int eighth = SBL_LAMP_PASSES * part, eighths = SBL_LAMP_PASSES * parts;
-        // (unsigned: on some software renderers idle lanes divide what they hold, and INT_MIN / -1 traps)
+        // The divisions are unsigned, because idle lanes of some software renderers trap on INT_MIN / -1.
         int stretch = int(uint(SBL_LAMP_PASSES) / uint(passes));
         int from = int(uint((eighth + pass * stretch) * rays) / uint(eighths));
         int to = total > 0.0 ? int(uint((eighth + (pass + 1) * stretch) * rays) / uint(eighths)) : from;
@@ -702,12 +659,10 @@ void main() {
             if (at_rim && entry < 0) continue;
             p.leaf = entry;
             p.cluster = entry < 0;
-#ifdef SBL_MIXED
-            if (p.cluster) sbl_descend(p, -1 - entry, fraction.x);
-#endif
+            if (mixed && p.cluster) sbl_descend(p, -1 - entry, fraction.x);
             sbl_Lamp l = sbl_lamp(p.leaf);
             bool corner = at_rim && l.kind == SBL_LAMP_TRIANGLE;
-            if (at_rim && (l.kind == SBL_LAMP_SKY_TEXEL || (corner && rim >= SBL_CORNERS))) continue;
+            if (at_rim && (sbl_is_texel(l) || (corner && rim >= SBL_CORNERS))) continue;
             float turned = float(rim) + float(scramble.y >> 8) / SBL_FRACTIONS;
             if (at_rim) p.u = vec2(SBL_RIM_AT, turned / float(SBL_RIM));
             sbl_Sample s = sbl_sample(l, p.u);
@@ -718,10 +673,8 @@ void main() {
                 s.direction = way / s.far;
                 s.light = vec3(dot(way, n));
             }
-#ifdef SBL_INSPECT
-            reporting = point ? k == certain_ray : !at_rim && k == wanted;
-#endif
-            sbl_shoot(slot, p, l, s, rim, point);
+            reporting = inspected && (point ? k == certain_ray : !at_rim && k == wanted);
+            sbl_shoot(slot, p, l, s, at_rim, point);
         }
         if (!point) undecided = sbl_undecided();
     }

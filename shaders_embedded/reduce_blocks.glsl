@@ -1,12 +1,11 @@
-// First half of a rasterised sensor's sum: every output texel adds up one block of the atlas.
-uniform sampler2D atlas;    // Ck r g b, signed distance
-uniform sampler2D weights;  // of one sheet: the texel's projected solid angle over pi, its ray's length at unit
-                            // depth
-uniform int block;          // texels across a block
-layout(location = 0) out vec4 out_sum;   // sum of weight * Ck; weight that sees back faces
-layout(location = 1) out vec4 out_hits;  // weight that sees surfaces; weight * distance; nearest distance; 0
-#ifdef SBL_DIRECTIONAL
-uniform sampler2D directions;  // of one sheet: where its texels look, in the frame of a look that is not turned
+// First step of the sum over a sensor's views: each output texel is the sum over one block of the view texture.
+uniform sampler2D atlas;    // view texture: Ck, signed distance (see sensor_fragment.glsl)
+uniform sampler2D weights;  // per texel of a sheet: form factor; ratio of distance to depth
+uniform int block;          // width and height of a block, texels
+layout(location = 0) out vec4 out_sum;   // sum of weight * Ck; sum of the weights of back faces
+layout(location = 1) out vec4 out_hits;  // sum of the weights of surfaces; of weight * distance; least distance; 0
+uniform sampler2D directions;  // per texel of a sheet: its direction, in the frame of a look that is not rotated
+#ifdef SBL_DIRECTIONAL         // other variants do not use `directions` and `harmonics`
 layout(location = 2) out vec4 out_red;
 layout(location = 3) out vec4 out_green;
 layout(location = 4) out vec4 out_blue;
@@ -15,12 +14,10 @@ layout(location = 4) out vec4 out_blue;
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy), corner = at * block, sheet_corner = (at % blocks) * block;
     vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);
-#ifdef SBL_DIRECTIONAL
     int slot = at.y / blocks.y * columns + at.x / blocks.x;
     float s = sin(sbl_look_rotation(slot)), c = cos(sbl_look_rotation(slot));
     mat3 frame = sbl_frame(sbl_look_normal(slot)) * mat3(c, -s, 0, s, c, 0, 0, 0, 1);
     mat3x4 harmonics = mat3x4(0);
-#endif
     for (int y = 0; y < block; y++) {
         vec3 row = vec3(0);
         float back = 0.0;
@@ -28,11 +25,9 @@ void main() {
             vec4 texel = texelFetch(atlas, corner + ivec2(x, y), 0);
             vec2 weight = texelFetch(weights, sheet_corner + ivec2(x, y), 0).xy;
             row += weight.x * texel.rgb;
-#ifdef SBL_DIRECTIONAL
             vec3 way = texelFetch(directions, sheet_corner + ivec2(x, y), 0).xyz;
             vec4 counts = sbl_harmonics(frame * way, frame[2], 1.0 / max(way.z, SBL_COSINE_LEAST));
             harmonics += outerProduct(counts, weight.x * texel.rgb);
-#endif
             float seen = weight.x > 0.0 && texel.a != 0.0 ? weight.x : 0.0;
             float length_to_hit = abs(texel.a) * weight.y;
             back += texel.a < 0.0 ? seen : 0.0;

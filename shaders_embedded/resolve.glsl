@@ -9,13 +9,14 @@ uniform usampler2D sample_ids;
 uniform vec2 offset;                        // position of the sample relative to the pixel's centre, pixels
 uniform vec3 sky;                           // constant radiance of the sky
 uniform sampler2D previous;                 // sum over the previous samples
-uniform float first, share;                 // first: 0 for the first sample, else 1; share: 1 / number of samples
+uniform int has_previous;                   // 0: this is the first sample
+uniform float share;                        // 1 / number of samples
 layout(location = 0) out vec4 out_color;
 
 const int SBL_REACH = 2;                // R is taken from pixels at most this far away in x and y
 const float SBL_NEAR_ENOUGH = 0.05;     // least sum of weights at which the four nearest pixels suffice
-const float SBL_SAME_ID = 1e-3;         // least weight of a pixel with the same id, even if it does not belong
-const float SBL_OTHER_ID = 0.01;        // least weight of a pixel with any id, if there is none with the same id
+const float SBL_SAME_ID = 1e-3;         // weight of a pixel with the same id that does not belong to the surface
+const float SBL_OTHER_ID = 0.01;        // least weight of a pixel if none has the same id
 
 // Returns the radiance of the environment picture in a direction, bilinearly filtered.
 vec3 sbl_sky_smooth(vec3 direction) {
@@ -64,7 +65,7 @@ vec3 sbl_light_at(ivec2 at, uint id) {
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy);
     uint id = texelFetch(sample_ids, at, 0).x;
-    vec4 before = first == 0.0 ? vec4(0) : texelFetch(previous, at, 0);
+    vec4 before = has_previous == 0 ? vec4(0) : texelFetch(previous, at, 0);
     vec3 color;
     if (id == 0u) color = sky + sbl_sky_smooth(sbl_camera_direction());
     else {

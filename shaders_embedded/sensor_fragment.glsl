@@ -1,31 +1,20 @@
-// What a sensor's texel holds: Ck, and the distance along the view axis, negative where a back face is seen.
-layout(location = 0) out vec4 out_radiance;
-in vec3 place;              // where in the atlas it was put
-uniform vec2 view_texture_size;    // texels
-#if defined(SBL_TEXTURED) || defined(SBL_BOUNCED)
-uniform float radiance_scale;
-flat in int fragment_object;
-#else
+// Writes a texel of a sensor's view.
+layout(location = 0) out vec4 out_radiance;  // Ck; distance along the view's axis, negative for a back face
+in vec3 place;                               // see sensor_vertex.glsl
+uniform vec2 view_texture_size;              // texels
+uniform float radiance_scale, depth_scale;
+flat in int fragment_object, fragment_triangle;
 flat in vec3 radiance_front, radiance_back;
-#endif
-#ifdef SBL_TEXTURED
 in vec2 fragment_uv;
 in vec4 fragment_color;
-#endif
-#ifdef SBL_BOUNCED
-flat in int fragment_triangle;
 in vec3 fragment_way, fragment_place;
-#endif
-#ifdef SBL_WRITE_DEPTH
-uniform float depth_scale;
-#endif
 
-const float SBL_NEAREST = 3e-8;  // that anything is seen, in extents of the scene
-const float SBL_BESIDE = 0.4;    // texels that a fragment may lie beside its place,
-const float SBL_BESIDE_ROUNDING = 3e-7;  // and what rounding adds to that at unit distance
+const float SBL_NEAREST = 3e-8;  // smallest distance at which surfaces are visible, in extents of the scene
+const float SBL_BESIDE = 0.4;    // maximum distance between a fragment and its interpolated position, texels,
+const float SBL_BESIDE_ROUNDING = 3e-7;  // and the allowance for rounding that is added to it
 
-// A triangle whose plane holds the sensor is a line. Rounding makes it a triangle that may lie anywhere, in the
-// views of other sensors too: what is drawn there is not what is seen in that direction.
+// Returns false for fragments at wrong places. The projection of a triangle whose plane contains the sensor is a
+// line; rounding may turn the line into a triangle anywhere, even in the views of other sensors.
 bool sbl_seen_here() {
     vec2 at = gl_FragCoord.xy / view_texture_size * 2.0 - 1.0;
     vec2 beside = abs(place.xy - at * place.z) * 0.5 * view_texture_size;

@@ -1,37 +1,27 @@
-// Draws the scene into many sensors' views at once: an instance is one view, cut to its rectangle of the atlas by
-// four planes.
-#ifdef SBL_BOUNCED
-flat out int fragment_triangle;  // of the scene: what bounces is looked up by it
-out vec3 fragment_way;           // from the sensor to the surface,
-out vec3 fragment_place;         // which is here
-#else
+// Draws the scene into the views of many sensors. Each instance is one view; four clip planes limit it to its
+// rectangle of the view texture.
+#ifndef SBL_BOUNCED
 layout(location = 0) in vec3 position;
 layout(location = 1) in uint object;
-#endif
-layout(location = 4) in vec3 view_eye;
-layout(location = 5) in vec4 view_right;    // right over half the view's width at unit distance; scale of x in
-                                            // atlas
-layout(location = 6) in vec4 view_up;       // up over half its height; scale of y
-layout(location = 7) in vec4 view_forward;  // forward;               lowest y: -1, or 0 where the horizon cuts the
-                                            // view
-layout(location = 8) in vec2 view_offset;   // of the rectangle in the atlas
-uniform float per_length;                   // 1 / extent of the scene
-uniform float depth_scale;                  // depth is depth_scale / distance: reversed, without a far plane
-out vec3 place;                             // x y w of gl_Position
-#if defined(SBL_TEXTURED) || defined(SBL_BOUNCED)
-flat out int fragment_object;
-#else
-uniform float radiance_scale;
-flat out vec3 radiance_front, radiance_back;
-#endif
-#ifdef SBL_TEXTURED
-#ifndef SBL_BOUNCED
 layout(location = 2) in vec2 vertex_uv;
 layout(location = 3) in uvec2 vertex_color;
 #endif
-out vec2 fragment_uv;
+layout(location = 4) in vec3 view_eye;      // position of the sensor
+layout(location = 5) in vec4 view_right;    // right over half the view's width at unit distance; w: scale of x
+layout(location = 6) in vec4 view_up;       // up over half its height; w: scale of y
+layout(location = 7) in vec4 view_forward;  // forward; w: lowest y: -1, or 0 for a view that ends at the horizon
+layout(location = 8) in vec2 view_offset;   // offset of the rectangle in clip space
+uniform float per_length;                   // 1 / extent of the scene
+uniform float depth_scale;                  // depth is depth_scale / distance: reversed, without a far plane
+uniform float radiance_scale;
+out vec3 place;                             // x, y and w of gl_Position
+flat out int fragment_object;               // if SBL_TEXTURED or SBL_BOUNCED
+flat out vec3 radiance_front, radiance_back;  // otherwise
+out vec2 fragment_uv;                       // if SBL_TEXTURED
 out vec4 fragment_color;
-#endif
+flat out int fragment_triangle;             // if SBL_BOUNCED: number of the triangle in the scene
+out vec3 fragment_way;                      // vector from the sensor to the surface
+out vec3 fragment_place;                    // point on the surface, world space
 
 void main() {
 #ifdef SBL_BOUNCED
@@ -41,10 +31,8 @@ void main() {
     fragment_triangle = gl_VertexID / 3;
     fragment_way = position - view_eye;
     fragment_place = position;
-#ifdef SBL_TEXTURED
     vec2 vertex_uv = vec2(sbl_attributes_u(vertex), sbl_attributes_v(vertex));
     uvec2 vertex_color = uvec2(sbl_attributes_color_rg(vertex), sbl_attributes_color_ba(vertex));
-#endif
 #endif
     int number = int(object);
 #ifdef SBL_TEXTURED

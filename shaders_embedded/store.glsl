@@ -47,7 +47,7 @@ int sbl_leaf_at(int number, bool back, vec3 position, float distance) {
     return int(reference);
 }
 
-// R of a leaf, and the part of it that comes directly from lamps. leaf: as returned by sbl_leaf_at
+// Return R of a leaf, and the part of R that comes directly from lamps. leaf: as sbl_leaf_at returns it
 vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : sbl_leaf_light(leaf - 1); }
 
 vec3 sbl_lamps_of(int leaf) {
@@ -56,7 +56,7 @@ vec3 sbl_lamps_of(int leaf) {
     return vec3(rgbe & 255u, rgbe >> 8 & 255u, rgbe >> 16 & 255u) * exp2(exponent);
 }
 
-// R at a position; parameters as for sbl_leaf_at.
+// Returns R at a position. The parameters are those of sbl_leaf_at.
 vec3 sbl_stored(int number, bool back, vec3 position, float distance) {
     return sbl_light_of(sbl_leaf_at(number, back, position, distance));
 }

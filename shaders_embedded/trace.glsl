@@ -1,35 +1,34 @@
-// A part of one sensor's rays: cosine-distributed directions, so that all weigh the same. The outputs are those of
-// reduce_blocks.glsl.
-uniform usamplerBuffer sbl_sequence;  // points of the Sobol sequence, two 32-bit fractions each, along a Morton
-                                      // curve
-uniform int rays;                     // of a look
-uniform int paired;                   // 1: an invocation takes two at a time; 0: one, which its outputs tell of
-uniform bool no_light;                // nothing shines but lamps: rays merely tell where a sensor stands, and
-                                      // those of its first look do
-uniform float spread;                 // 1: the cosine's whole hemisphere; 0: all rays go along the normal
-uniform float distance_limit;         // what is farther off counts as so far off in the mean distance
-uniform vec3 sky;
-uniform float ray_offset;             // of a surface's distance_limit, that rays start off it
+// Traces a part of a look's rays over the hemisphere, whose directions have a cosine distribution, and sums them.
+// The outputs are those of reduce_blocks.glsl; out_hits.w is the variance of the luminance.
+uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each
+uniform int rays;                     // number of rays per look
+uniform int paired;                   // 1: an invocation traces pairs of rays; 0: single ones
+uniform bool no_light;                // true: rays cannot find light; only those of a site's first look are traced
+uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal
+uniform float distance_limit;         // upper limit for each distance in the mean distance
+uniform vec3 sky;                     // constant radiance of the sky
+uniform float ray_offset;             // offset of a second segment from its surface, see SBL__OFFSET
 SBL_OUT(0, out_sum);
 SBL_OUT(1, out_hits);
 #ifdef SBL_DIRECTIONAL
 SBL_OUT(2, out_red);
 SBL_OUT(3, out_green);
 SBL_OUT(4, out_blue);
-SBL_OUT(5, out_even);                 // of light that comes evenly from everywhere, what these rays miss
+SBL_OUT(5, out_even);                 // see sbl__blocks
 #endif
 
-const float SBL_NEIGHBOURS = 0.62;  // variance, as a share of what pairs tell: measured, 16 to 256 rays
+const float SBL_NEIGHBOURS = 0.62;  // variance divided by its estimate from pairs: measured with 16 to 256 rays
 
-// A surface nearer than its cell is wide is not lit as the cell is on average: there a ray goes on, once, by the
-// cosine; only what lamps send there is taken from the store.
+// Maximum number of segments of a ray. The mean light of a cell may differ much from the light at a hit that is
+// nearer than the cell's width. A second segment then finds bounced light; the store gives only light from lamps.
 #ifdef SBL_BOUNCED
 const int SBL_LEGS = 2;
 #else
 const int SBL_LEGS = 1;
 #endif
 
-// Radiance that a hit sends back. goes_on: another ray finds the light that arrives there, but for that of lamps.
+// Radiance that leaves a hit towards the ray's origin. goes_on: set to true if the ray needs a second segment,
+// which finds the light that the returned radiance lacks
 vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool last, out bool goes_on, out sbl_Material material) {
     int object = int(sbl_triangle_object(hit.triangle));
     sbl_Attributes at = SBL_PLAIN;
@@ -45,17 +44,15 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool last, out bool goes_on, out s
     return radiance;
 }
 
-#ifdef SBL_DIRECTIONAL
-// The mean reciprocal cosine of rays in the stratum of u that this one lies in. A look has one in each; near the
-// horizon a single one's own would be too large by far, or too small.
+// Mean reciprocal cosine of the rays in u's stratum, of which each look has one ray. Near the horizon the
+// reciprocal cosine of a single ray is far too noisy.
 float sbl_stratum_reciprocal(float u) {
     float n = float(rays), k = n - floor(u * n);
     return 2.0 * sqrt(n) / (sqrt(k) + sqrt(k - 1.0));
 }
-#endif
 
 #ifdef SBL_BOUNCED
-// Moves a ray to where it goes on from a hit. Returns what the light that it finds there counts.
+// Sets the origin and the direction of a ray's second segment. Returns the factor for the light that it finds.
 vec3 sbl_go_on(sbl_Hit hit, sbl_Material material, uint hash, inout vec3 position, inout vec3 direction) {
     vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,
          e2 = sbl_triangle_corner_2(hit.triangle) - p0, e3 = e2 - e1;
@@ -81,10 +78,10 @@ void main() {
 
     vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);
     float squares = 0.0, other = 0.0;
-    mat3x4 harmonics = mat3x4(0);
+    mat3x4 harmonics = mat3x4(0);  // if SBL_DIRECTIONAL, as `even`
     vec4 even = vec4(0);
     int part = within.y * blocks.x + within.x, parts = blocks.x * blocks.y;
-    // Rays go in pairs of neighbours along the curve: how far those differ tells the noise of stratified points.
+    // The variance is estimated from the differences between pairs of neighbours on the Morton curve.
     for (int k = 0, i = part << paired; i < end;
          k++, i = (part + (k >> paired) * parts << paired) + (k & paired)) {
         vec3 before = sum.rgb;
@@ -118,11 +115,9 @@ void main() {
             if (max(share.r, max(share.g, share.b)) <= 0.0) break;
 #endif
         }
-#ifdef SBL_DIRECTIONAL
         vec4 counts = sbl_harmonics(way, frame[2], sbl_stratum_reciprocal(u.x));
         harmonics += outerProduct(counts, sum.rgb - before);
         even -= weight * counts;
-#endif
         float light = dot(sum.rgb - before, SBL_LUMINANCE);
         if ((k & 1) == 1) squares += (light - other) * (light - other);
         other = light;

@@ -1,5 +1,5 @@
 flat in int triangle;
-uniform float depth_from_w;  // depth is this * gl_FragCoord.w (drivers without clip control); 0: orthographic
+uniform float depth_from_w;  // depth / gl_FragCoord.w, for drivers without clip control; 0: orthographic
 layout(location = 0) out uint out_triangle;  // 1 + number of the triangle; 0: the pixel shows none
 
 void main() {

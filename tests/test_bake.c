@@ -409,11 +409,11 @@ TEST(what_is_wrong_is_said) {
     write_text("bad.txt", "1 2 3\n\n# none\n4 5\n");
     REFUSED(1, "line 4 is not three numbers", "room.gltf", "--probes", "bad.txt", "-o", "no.json", "--quiet");
     write_text("bad.json", "1 2 3\n");
-    REFUSED(2, "which is read", "room.gltf", "--probes", "bad.json", "-o", "bad.json");
+    REFUSED(2, "would overwrite the input file", "room.gltf", "--probes", "bad.json", "-o", "bad.json");
     CHECK(!exists("no.json") && !exists("no.ply"), "something was written");
     REFUSED(2, "--output is missing", "room.gltf", "--lightmap", "64");
-    REFUSED(2, "no folder", "room.gltf", "--lightmap", "64", "-o", "file");
-    REFUSED(1, "cannot be made", "room.gltf", "--lightmap", "64", "-o", "no/such/folder");
+    REFUSED(2, "not a folder", "room.gltf", "--lightmap", "64", "-o", "file");
+    REFUSED(1, "cannot be created", "room.gltf", "--lightmap", "64", "-o", "no/such/folder");
     REFUSED(2, "--mode paper", "room.gltf", "--lightmap", "64", "-o", "new", "--mode", "paper");
     REFUSED(2, "--lightmap 0", "room.gltf", "--lightmap", "0", "-o", "new");
     REFUSED(2, "--lightmap 16385", "room.gltf", "--lightmap", "16385", "-o", "new");
@@ -422,7 +422,7 @@ TEST(what_is_wrong_is_said) {
     REFUSED(1, "scripts/unwrap", "plain.gltf", "--lightmap", "64", "-o", "new", "--quiet");
     CHECK(!exists("new/lightmap.pfm") && !exists("new/scene.gltf"), "something was written");
     CHECK(TOOL("room.gltf", DIRECT, "-o", "here") == 0, "%s", ran.err);
-    REFUSED(2, "which is read", "here/scene.gltf", DIRECT, "-o", "here");
+    REFUSED(2, "would overwrite the input file", "here/scene.gltf", DIRECT, "-o", "here");
     CHECK(TOOL("--help") == 0 && strstr(ran.out, "MOZ_lightmap") && TOOL("--version") == 0 &&
           strstr(ran.out, "sbl_bake 0."), "%s", ran.out);
 }
@@ -449,7 +449,7 @@ TEST(interrupted) {
     CHECK(ran.status == 130 && said("interrupted; ") && !exists("early/lightmap.partial.pfm") &&
           !exists("early/lightmap.pfm"), "exit status %d: %s",
           ran.status, ran.err);
-    CHECK(interrupt_at(late, 5, SIGTERM) && ran.status == 143 && said("the light so far ("), "exit status %d: %s",
+    CHECK(interrupt_at(late, 5, SIGTERM) && ran.status == 143 && said("unfinished lightmap ("), "exit status %d: %s",
           ran.status, ran.err);
     light = read_pfm("late/lightmap.partial.pfm");
     CHECK(light.values && light.width == 1024 && *texel(&light, 300, 300) > 0 && !exists("late/lightmap.pfm") &&

@@ -20,6 +20,11 @@ run() {
 # look COMMAND FILES...: checks pictures in $folder
 look() { (cd "$folder" && ./picture "$@"); }
 
+# plain_check NAME: a check that does not run with sanitizers, because most of its time is spent in the library
+plain_check() {
+    if [ "$BUILD_DIR" = build ]; then check "$1" "$1"; else skip "$1" "other tests run this code with sanitizers"; fi
+}
+
 for source in examples/*.c; do
     example=$(basename "$source" .c)
     says_what_it_demonstrates() { head -n 1 "$source" | grep -q '^/\* Demonstrates '; }
@@ -88,9 +93,9 @@ lights_penumbra() {
     look varied lights/penumbra_default.png 320 320 &&
         look alike lights/penumbra_default.png lights/penumbra_high.png 240
 }
-check lights_run lights_run
-check lights_differ lights_differ
-check lights_penumbra lights_penumbra
+plain_check lights_run
+plain_check lights_differ
+plain_check lights_penumbra
 
 # >>vertex_light: light that pictures show, baked to the vertices of a mesh
 
@@ -108,9 +113,9 @@ vertex_light_mesh() {
 vertex_light_picture() {
     look varied vertex_light/vertex_light.png 512 512 && look cornell vertex_light/vertex_light.png
 }
-check vertex_light_run vertex_light_run
-check vertex_light_mesh vertex_light_mesh
-check vertex_light_picture vertex_light_picture
+plain_check vertex_light_run
+plain_check vertex_light_mesh
+plain_check vertex_light_picture
 
 # >>bake_lightmap
 
@@ -141,8 +146,8 @@ bake_vertices_mesh() {
         END { print v, f, lit; exit !(v == vertices && f == faces && v > 1000 && lit > v / 2) }' \
         "$folder/bake_vertices/bake_vertices.ply"
 }
-check bake_vertices_run bake_vertices_run
-check bake_vertices_mesh bake_vertices_mesh
+plain_check bake_vertices_run
+plain_check bake_vertices_mesh
 
 # >>paper_metrics
 
@@ -213,10 +218,7 @@ for r in rows:
     assert r["sbl_total_us"] >= r["sbl_us"], "the total is less than a part"
 END
 }
-bench_check() {
-    if [ "$BUILD_DIR" = build ]; then check "$1" "$1"; else skip "$1" "other tests run this code with sanitizers"; fi
-}
-bench_check bench_rows
+plain_check bench_rows
 
 bench_rooms() {
     "$BUILD_DIR/bench" trace --quick --json > "$folder/bench.json" || return
@@ -235,7 +237,7 @@ for s in scenes:
     assert all(0.2 < p["errors"] < 5 for p in s["nearest_error"]), "errors of the compared sizes"
 END
 }
-bench_check bench_rooms
+plain_check bench_rooms
 
 bench_versions() {
     "$BUILD_DIR/bench" versions --quick --json > "$folder/bench.json" || return
@@ -254,7 +256,7 @@ if room:
             "errors fall with the preset"
 END
 }
-bench_check bench_versions
+plain_check bench_versions
 
 # >>failures: an exit status that is not 0, and one line on stderr
 

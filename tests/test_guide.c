@@ -329,10 +329,10 @@ TEST(memory_runs_out) {
 int main(void) {
     dark_room_make(&dark_room);
     RUN(guides_are_densities);
-    RUN(rays_go_through_the_hole);
-    RUN(the_picture_is_the_same);
-    RUN(few_rays_do);
-    RUN(looks_grow);
+    RUN_PLAIN(rays_go_through_the_hole);
+    RUN_PLAIN(the_picture_is_the_same);
+    RUN_PLAIN(few_rays_do);
+    RUN_PLAIN(looks_grow);
     RUN(guides_serve_their_like);
     RUN(even_light_needs_no_guide);
     RUN(guides_are_bounded);

@@ -463,7 +463,7 @@ TEST(before_the_first_level) {
     for (k = 0; k < SIGNALS; k++) {
         forget();
         if (!interrupt_at(arguments, k, signals[k])) SKIP("no pseudo-terminals");
-        CHECK(ran.status == 128 + signals[k] && said("interrupted; there is nothing to be seen yet"),
+        CHECK(ran.status == 128 + signals[k] && said("interrupted; there is no picture yet"),
               "exit status %d: %s", ran.status, ran.err);
         CHECK(k < 2 || strstr(on_terminal, " left"), "the progress bar should show the time left: %s", ran.err);
         CHECK(!exists("out.png") && !exists("out.partial.png") && !exists("out.json") && !parts_left(),
@@ -481,7 +481,7 @@ TEST(after_the_first_level) {
         forget();
         write_text("out.png", "old\n");
         if (!interrupt_at(png, 6 + k, signals[k])) SKIP("no pseudo-terminals");
-        CHECK(ran.status == 128 + signals[k] && said("interrupted; the picture so far (") &&
+        CHECK(ran.status == 128 + signals[k] && said("interrupted; the unfinished picture (") &&
                   said("%) is in out.partial.png"),
               "exit status %d: %s", ran.status, ran.err);
         CHECK(is_picture("out.partial.png", 640, 480) && holds("out.png", "old\n") && !exists("out.json") &&
@@ -490,7 +490,7 @@ TEST(after_the_first_level) {
     }
     forget();
     interrupt_at(sensor, 6, SIGINT);
-    CHECK(ran.status == 130 && said("nothing to be seen") && !exists("out.partial.png"), "a sensor: exit status %d: %s",
+    CHECK(ran.status == 130 && said("no picture yet") && !exists("out.partial.png"), "a sensor: exit status %d: %s",
           ran.status, ran.err);
 }
 

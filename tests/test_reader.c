@@ -70,7 +70,7 @@ static void look_around(scene_file *file, const char *path, scene__bytes *bytes)
     MUST_FAIL(read(notes->handle, &byte, 1), "a handle of the host's");
     snprintf(other, sizeof other, "%.*s/other.txt", (int)(strrchr(path, '/') - path), path);
     if (open(other, O_RDONLY) < 0) scene__warn(file, "a file of the scene's folder: %s", strerror(errno));
-    if (strstr(file->confined, "Landlock at work")) {
+    if (strstr(file->confined, "Landlock active")) {
         MUST_FAIL(open("/etc/passwd", O_RDONLY), "a file outside");
         MUST_FAIL(open("/", O_RDONLY), "a folder outside");
         MUST_FAIL(open("/proc/self/maps", O_RDONLY), "/proc");
@@ -81,7 +81,7 @@ static void look_around(scene_file *file, const char *path, scene__bytes *bytes)
     MUST_FAIL(setrlimit(RLIMIT_DATA, &more), "more memory");
     MUST_FAIL(setrlimit(RLIMIT_CPU, &more), "more time");
     if (prctl(PR_GET_NO_NEW_PRIVS, 0, 0, 0, 0) == 0) scene__warn(file, "%s", "new privileges");
-    if (!strstr(file->confined, "seccomp at work")) return;
+    if (!strstr(file->confined, "seccomp active")) return;
     MUST_FAIL(socket(AF_INET, SOCK_STREAM, 0), "a socket of the network");
     MUST_FAIL(socket(AF_UNIX, SOCK_STREAM, 0), "a socket of this machine");
     MUST_FAIL(execl("/bin/true", "true", (char *)NULL), "another program");
@@ -126,10 +126,10 @@ TEST(it_sees_nothing_else) {
     CHECK(strstr(told, "room.obj: Landlock ") && strstr(told, "seccomp "),
           "expected Landlock and seccomp to be named: %s", told);
     if (syscall(SCENE__LANDLOCK_CREATE, NULL, 0, 1) >= 1)
-        CHECK(strstr(told, "Landlock at work"), "the kernel has Landlock, but it is not used: %s", told);
+        CHECK(strstr(told, "Landlock active"), "the kernel has Landlock, but it is not used: %s", told);
 #ifdef SCENE__MACHINE
     if (prctl(PR_GET_SECCOMP, 0, 0, 0, 0) >= 0)
-        CHECK(strstr(told, "seccomp at work"), "the kernel has seccomp, but it is not used: %s", told);
+        CHECK(strstr(told, "seccomp active"), "the kernel has seccomp, but it is not used: %s", told);
 #endif
     scene_file_free(file);
 }
@@ -170,8 +170,8 @@ TEST(an_older_kernel_is_told_of) {
         if (!without_both()) _exit(77);
         notes->reads_of_outside = -1;
         file = load(read_outside, &options);
-        _exit(!file ? 1 : notes->reads_of_outside != 0 ? 2 : !strstr(told, "Landlock not to be had") ? 3 :
-              !strstr(told, "seccomp not to be had") ? 4 : 0);
+        _exit(!file ? 1 : notes->reads_of_outside != 0 ? 2 : !strstr(told, "Landlock not available") ? 3 :
+              !strstr(told, "seccomp not available") ? 4 : 0);
     }
     waitpid(child, &status, 0);
     if (WIFEXITED(status) && WEXITSTATUS(status) == 77) SKIP("no seccomp to simulate an older kernel with");
@@ -251,7 +251,7 @@ TEST(lies_are_not_believed) {
     options.seconds = 60;
     for (lie = 1; lie <= 15; lie++) {
         file = load(leave_a_lie, &options);
-        CHECK(!file && strstr(error, "its reader broke down"), "lie %d: %s", lie,
+        CHECK(!file && strstr(error, "its reader crashed"), "lie %d: %s", lie,
               file ? "the lie was believed" : error);
         scene_file_free(file);
     }

@@ -216,11 +216,11 @@ lit_by_a_sky() {
 }
 dark_scene() {
     lit_by_a_sky | tee "$folder/said" && grep -qx '1.000' "$folder/said" &&
-        grep -q 'dark.obj: nothing in it shines; an even sky of 1,1,1' "$folder/said"
+        grep -q 'dark.obj: the scene emits no light; a constant sky of 1,1,1' "$folder/said"
 }
 asked_for_dark() {
     lit_by_a_sky --sky 0,0,0 --mode direct | tee "$folder/said" && grep -qx '0.000' "$folder/said" &&
-        ! grep -q 'even sky' "$folder/said"
+        ! grep -q 'constant sky' "$folder/said"
 }
 check dark_scene_is_lit dark_scene
 check dark_scene_stays_dark_when_asked asked_for_dark

@@ -23,7 +23,8 @@ cp -r sbl.h examples scripts tests "$copy"
 
 # >>compilers
 
-# beside ORDER COMPILER...: a program whose file includes windows.h first, last or not at all
+# beside ORDER COMPILER...: a program whose file includes windows.h first, last or not at all. It is linked, unless the
+# command contains -fsyntax-only.
 beside() {
     order=$1
     shift
@@ -44,9 +45,10 @@ beside_all() {
     check "${ways}_static_alone" beside none "$@" -DSBL_STATIC
     for order in first last; do
         check "${ways}_windows_h_$order" beside $order "$@"
-        check "${ways}_lean_windows_h_$order" beside $order "$@" -DWIN32_LEAN_AND_MEAN
-        check "${ways}_static_windows_h_$order" beside $order "$@" -DSBL_STATIC
-        check "${ways}_static_lean_windows_h_$order" beside $order "$@" -DSBL_STATIC -DWIN32_LEAN_AND_MEAN
+        check "${ways}_lean_windows_h_$order" beside $order "$@" -DWIN32_LEAN_AND_MEAN -fsyntax-only
+        check "${ways}_static_windows_h_$order" beside $order "$@" -DSBL_STATIC -fsyntax-only
+        check "${ways}_static_lean_windows_h_$order" beside $order "$@" -DSBL_STATIC -DWIN32_LEAN_AND_MEAN \
+            -fsyntax-only
     done
 }
 
