@@ -14443,34 +14443,35 @@ static sbl_result sbl__seams_step(sbl__seams *s, const sbl__gutters *light, cons
 }
 
 /* ======================================================================================================== >>work
-   What all front ends have in common. A front end is a struct whose first field is an sbl__work, and an sbl__front_end
-   that says how to check its descriptor, begin, and run its stages. >>public lists all front ends in one table. */
+   What all front ends have in common. A front end consists of a struct, whose first field is an sbl__work, and of an
+   sbl__front_end, whose functions check the descriptor, begin the work and do its stages. These functions get a pointer
+   to the struct, which is also a pointer to its sbl__work. >>public lists all front ends in one table. */
 
 struct sbl__front_end;
 
-/* Work that the host has begun. All zeroes: none. */
+/* Work that the host has begun; all zeroes if there is none. */
 typedef struct sbl__work {
     const struct sbl__front_end *front_end;
     sbl__core *core;
     sbl__measurement measurement;
     sbl__stages stages;  /* position in the front end's table of stages */
     float store_share;   /* share of the progress that filling the store takes */
-    float progress;      /* what the host has been told, 0 to 1; never decreases */
+    float progress;      /* progress that the host has been told, 0 to 1; never decreases */
 } sbl__work;
 
-/* The functions of a front end. `work` points to its struct, desc to its descriptor as the host gave it, or NULL. */
+/* The functions of a front end. work: its struct. desc: the descriptor that the host gave, which may be NULL */
 typedef struct sbl__front_end {
-    const char *begin_name;         /* name of the public function that begins it, for messages */
-    int is_map;                     /* 1: it makes an sbl__map, which the host can read when it is finished */
-    /* Checks the descriptor, logs mistakes, and says how sensors measure. Changes nothing else. */
+    const char *begin_name;         /* name of the public function that begins the work, for messages */
+    int is_map;                     /* 1: the struct begins with an sbl__map, whose channels the host can read */
+    /* Checks the descriptor, logs mistakes, and sets *measurement. Changes nothing else. */
     sbl_result (*check)(const sbl__core *core, const void *desc, sbl__measurement *measurement);
-    /* Fills the struct, which is zero but for its sbl__work. desc has been checked. */
+    /* Fills the struct, of which only the sbl__work is set so far. desc has been checked. */
     sbl_result (*begin)(void *work, const void *desc);
     const sbl__stage_row *stages;
     int stage_count;
-    /* Returns the statistic to which the seconds of the current stage are added; NULL: none. */
+    /* Returns the statistic to which the seconds of the current stage are added, or NULL if there is none. */
     double *(*seconds)(const void *work);
-    float (*progress)(const void *work);  /* returns the share that is done, 0 to 1, without filling the store */
+    float (*progress)(const void *work);  /* returns the finished share of the work, 0 to 1, not counting the store */
     void (*free)(void *work);             /* frees all memory and sets the struct to zero */
 } sbl__front_end;
 
@@ -14496,11 +14497,45 @@ static sbl_result sbl__work_step(sbl__work *w, sbl__slice *slice) {
     return result;
 }
 
+/* >>work: stages that several front ends share */
+
+static sbl_result sbl__work_prepare(void *work, sbl__slice *slice) {
+    const sbl__work *w = (const sbl__work *)work;
+    return sbl__prepare(w->core, &w->measurement, slice);
+}
+
+/* Begins the job that sbl__work_sense does. */
+static void sbl__work_begin_job(const sbl__work *w, const sbl__spec *spec, const sbl__site *sites,
+                                sbl_reading *readings, int site_count) {
+    sbl__task task;
+    memset(&task, 0, sizeof task);
+    task.spec = *spec;
+    task.sites = sites;
+    task.readings = readings;
+    task.site_count = site_count;
+    sbl__job_begin(&w->core->job, &w->core->scene, &task);
+}
+
+static sbl_result sbl__work_sense(void *work, sbl__slice *slice) {
+    sbl__core *c = ((const sbl__work *)work)->core;
+    const sbl_result result = sbl__job_step(&c->device, &c->job, slice);
+    if (result == SBL_SUCCESS) sbl__core_count(c);
+    return result;
+}
+
+/* The `seconds` of front ends whose stage 0 is sbl__work_prepare and whose other stages measure. */
+static double *sbl__work_seconds(const void *work) {
+    const sbl__work *w = (const sbl__work *)work;
+    return w->stages.stage ? &w->core->stats.seconds.gather : &w->core->stats.seconds.surface;
+}
+
 /* ======================================================================================================== >>map
    A radiance map holds R, and any further layers of light, for a grid of pixels. A front end that makes one (>>picture,
-   >>lightmap) has an sbl__map as its first field and a table of stages that begins with SBL__MAP_ROWS. Four of these
-   rows are functions of the front end: they allocate memory, find the surfaces that pixels show, read these back, and
-   make a preview.
+   >>lightmap) has an sbl__map as its first field and a table of stages that begins with SBL__MAP_ROWS. READ and PREVIEW
+   are functions of the front end.
+
+   The map is made on the working grid, which is finer than the map that the host reads if texels of a lightmap are
+   supersampled: each pixel of the host then consists of across x across working pixels.
 
        SETUP -> PREPARE -> SURFACE -> READ -> REFINE -> DEVELOP -> the front end's stages
                                               |    ^
@@ -14516,39 +14551,40 @@ enum { SBL__DEVELOP_FILL, SBL__DEVELOP_SEND, SBL__DEVELOP_FILTER, SBL__DEVELOP_D
 
 /* A layer of light on the GPU. */
 typedef struct sbl__map_layer {
-    sbl__texture light;         /* interpolated light; a of layer 0: its noise */
+    sbl__texture light;         /* interpolated light; the alpha channel of layer 0 is its noise */
     sbl__texture smooth;        /* filtered light */
     sbl__target target;         /* draws into smooth */
 } sbl__map_layer;
 
 typedef struct sbl__map {
-    sbl__work work;             /* first: see >>work */
-    sbl_picture_desc desc;      /* with defaults. width and height are those of the working grid */
-    int size[2], across;        /* size that the host reads; each of its pixels is across x across working pixels */
-    int *shown;                 /* per pixel that the host reads: the working pixel that it shows; NULL: across is 1 */
+    sbl__work work;             /* must be first, because pointers to the struct are cast to sbl__work * */
+    sbl_picture_desc desc;      /* with defaults; width and height are the size of the working grid */
+    int size[2], across;        /* size of the map that the host reads; width of its pixels, working pixels */
+    int *shown;                 /* per pixel of the host: number of the working pixel whose surface it shows; NULL if
+                                   across is 1 */
     sbl__spec spec;
     uint32_t scene_version;     /* version of the scene that the map shows */
-    const sbl__camera *camera;  /* what a picture shows; otherwise NULL */
-    const sbl__atlas *atlas;    /* what a lightmap shows; otherwise NULL */
+    sbl__camera camera;
+    sbl__atlas *atlas;          /* the atlas that a lightmap shows; NULL: a picture shows what the camera sees */
     sbl__surface surface;
     sbl__gbuffer gbuffer;
     sbl__refine refine;
-    int layers_at_once;         /* number of layers that DEVELOP makes before the front end's stages */
-    int layer, layer_end;       /* layer that is being developed; end of the layers that DEVELOP makes this time */
+    int layers_at_once;         /* number of layers that DEVELOP makes before the next stage */
+    int layer, layer_end;       /* layer that is being developed; the next stage follows before layer layer_end */
     int developed;              /* number of layers that are final */
     sbl__stages developing;
     sbl__fill fill;
     sbl__map_layer layers[SBL__LAYERS];
     sbl__pace filter_pace;
-    const sbl__target *channels[SBL_CHANNEL_COUNT];  /* target that holds a channel now; NULL: refinement holds it */
-    sbl__texture scalars[SBL_CHANNEL_COUNT];  /* textures of channels that refinement holds, made on demand */
+    const sbl__target *channels[SBL_CHANNEL_COUNT];  /* per channel: target that holds it; NULL: see scalars */
+    sbl__texture scalars[SBL_CHANNEL_COUNT];  /* channels that are copied from refinement's pixels when needed */
     int watched;                /* 1: the host has read a channel of the unfinished map, so previews are made */
     int64_t previewed;          /* number of looks when the last preview was made; 0: there is no preview */
     float finished;             /* share of the front end's own stages that is done, 0 to 1 */
 } sbl__map;
 
 #define SBL__READ_PIXELS 32768    /* number of pixels transferred between GPU and host at once */
-#define SBL__STORED_NOISE 0.1f    /* relative noise that the filter assumes for stored light that pixels show */
+#define SBL__STORED_NOISE 0.1f    /* assumed relative noise of stored light, for the filter */
 #define SBL__PREVIEW_GROWTH 1.25  /* the next preview is made when the number of looks has grown by this factor */
 
 static void sbl__map_layer_free(const sbl__device *d, sbl__map_layer *l) {
@@ -14569,8 +14605,8 @@ static void sbl__map_free(sbl__map *m) {
     sbl__free(d->base, m->shown);
 }
 
-/* Completes the check of a front end: says how sensors measure, and refuses a working grid that exceeds the driver's
-   textures. d: with defaults. asked: the host has set target_error. */
+/* The last part of a front end's check: sets *measurement, and refuses a working grid that is larger than the driver's
+   largest texture. d: with defaults. asked: 1 if the host has set target_error */
 static sbl_result sbl__map_check(const sbl__core *c, const char *where, const sbl_picture_desc *d, int asked,
                                  sbl__measurement *measurement) {
     const int most = c->device.gl.capabilities.max_texture_size;
@@ -14583,13 +14619,14 @@ static sbl_result sbl__map_check(const sbl__core *c, const char *where, const sb
     return SBL_ERROR_UNSUPPORTED;
 }
 
-/* desc: with defaults. across: see sbl__map. directional: 1: harmonics are layers 1 to 4. */
+/* desc: with defaults. directional: 1: layers 1 to 4 are spherical harmonics */
 static void sbl__map_begin(sbl__map *m, const sbl_picture_desc *desc, int across, int directional) {
     sbl__core *c = m->work.core;
     int level;
     m->desc = *desc;
     m->spec.directional = directional;
     m->scene_version = c->scene.version;
+    sbl__camera_make(&m->camera, desc, &c->scene.geometry);
     m->size[0] = desc->width / across;
     m->size[1] = desc->height / across;
     m->across = across;
@@ -14606,21 +14643,23 @@ static void sbl__map_begin(sbl__map *m, const sbl_picture_desc *desc, int across
 
 /* >>map: what pixels show */
 
-/* Allocates memory and textures, one of them per piece. drawn: 1: surfaces are drawn, which needs a depth buffer. */
-static sbl_result sbl__map_setup(sbl__map *m, int drawn) {
+/* Allocates memory and textures, a part of them per piece. Only pictures need a depth buffer. */
+static sbl_result sbl__map_setup(void *work, sbl__slice *slice) {
+    sbl__map *m = (sbl__map *)work;
     sbl__device *d = &m->work.core->device;
     const int width = m->desc.width, height = m->desc.height;
     sbl_result result;
+    (void)slice;
     d->gl.doing = "making the picture's textures";
     switch (m->work.stages.at++) {
         case 0: result = sbl__refine_make(&m->refine); break;
-        case 1: result = sbl__surface_make(d, &m->surface, width, height, !drawn); break;
-        default: return sbl__gbuffer_make(d, &m->gbuffer, width, height, drawn ? &m->surface.depth : NULL);
+        case 1: result = sbl__surface_make(d, &m->surface, width, height, m->atlas != NULL); break;
+        default: return sbl__gbuffer_make(d, &m->gbuffer, width, height, m->atlas ? NULL : &m->surface.depth);
     }
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
 }
 
-/* Makes a texture of the size that the host reads times `across`. target: NULL if nothing is drawn into it. */
+/* Makes a texture with across x across pixels per pixel of the host, and its target, unless this is NULL. */
 static sbl_result sbl__map_texture(const sbl__map *m, int across, sbl__texture *t, sbl__target *target) {
     const sbl__device *d = &m->work.core->device;
     const sbl__texture *color = t;
@@ -14628,15 +14667,48 @@ static sbl_result sbl__map_texture(const sbl__map *m, int across, sbl__texture *
     return result == SBL_SUCCESS && target ? sbl__target_make(d, target, &color, 1, NULL) : result;
 }
 
-static sbl_result sbl__map_prepare(void *work, sbl__slice *slice) {
+/* Uploads rows from *at on, and advances *at. The first call makes the texture, see sbl__map_texture. rgba: all rows.
+   SBL_SUCCESS: all rows are uploaded. */
+static sbl_result sbl__map_upload(const sbl__map *m, int across, sbl__texture *t, sbl__target *target,
+                                  const float *rgba, int *at) {
+    const int width = m->size[0] * across, height = m->size[1] * across, first = *at;
+    const int rows = SBL__MIN(SBL__MAX(1, SBL__READ_PIXELS / width), height - first);
+    sbl_result result = first == 0 ? sbl__map_texture(m, across, t, target) : SBL_SUCCESS;
+    if (result == SBL_SUCCESS)
+        result = sbl__texture_write(&m->work.core->device, t, first, rows, rgba + 4 * (size_t)first * (size_t)width);
+    *at += rows;
+    return result == SBL_SUCCESS && *at < height ? SBL_UNFINISHED : result;
+}
+
+static int sbl__map_after_prepare(void *work) {
+    sbl__refine_update_spec(&((sbl__map *)work)->refine);
+    return SBL__MAP_SURFACE;
+}
+
+/* Draws surfaces into a G-buffer. offset: position of the sample relative to the pixel's centre, pixels */
+static sbl_result sbl__map_draw_surface(sbl__map *m, const sbl__gbuffer *g, const float offset[2], sbl__slice *slice) {
+    sbl__core *c = m->work.core;
+    sbl__surface_job job;
+    job.scene = &c->scene;
+    job.camera = &m->camera;
+    job.gbuffer = g;
+    memcpy(job.offset, offset, sizeof job.offset);
+    job.epsilon = m->work.measurement.options.epsilon;
+    job.bounced = m->spec.bounced && g == &m->gbuffer;
+    job.atlas = m->atlas;
+    return sbl__surface_step(&c->device, &m->surface, &job, slice);
+}
+
+static sbl_result sbl__map_surface(void *work, sbl__slice *slice) {
+    static const float centre[2] = { 0, 0 };
     sbl__map *m = (sbl__map *)work;
-    const sbl_result result = sbl__prepare(m->work.core, &m->work.measurement, slice);
-    if (result == SBL_SUCCESS) sbl__refine_update_spec(&m->refine);
+    const sbl_result result = sbl__map_draw_surface(m, &m->gbuffer, centre, slice);
+    if (result == SBL_SUCCESS && m->atlas) sbl__refine_hide_within(&m->refine, sbl__atlas_texel_size(m->atlas));
     return result;
 }
 
 /* Converts a pixel of the G-buffer for refinement. from: position, normal, geometric normal and emission, 4 floats
-   each, see >>surface for their fourth components. */
+   each; >>surface describes their fourth components */
 static void sbl__map_pixel(const sbl__map *m, const float *const from[4], uint32_t id, sbl__pixel *out) {
     memset(out, 0, sizeof *out);
     memcpy(out->position, from[0], sizeof out->position);
@@ -14658,15 +14730,16 @@ static void sbl__map_pixel(const sbl__map *m, const float *const from[4], uint32
     out->variance *= out->variance;
 }
 
-/* Returns the working pixel that pixel i of those that the host reads shows. */
+/* Returns the number of the working pixel whose surface pixel i of the host shows. */
 static size_t sbl__map_shown(const sbl__map *m, size_t i) { return m->shown ? (size_t)m->shown[i] : i; }
 
 /* Reads rows of the G-buffer back, from row stages.at on, and advances stages.at. SBL_SUCCESS: all rows are read. */
-static sbl_result sbl__map_read(sbl__map *m) {
+static sbl_result sbl__map_read(void *work, sbl__slice *slice) {
     static const int attachments[4] = { SBL__GBUFFER_POSITION, SBL__GBUFFER_NORMAL, SBL__GBUFFER_GEOMETRIC_NORMAL,
                                         SBL__GBUFFER_EMISSION };
+    sbl__map *m = (sbl__map *)work;
     sbl__core *c = m->work.core;
-    const int parts = m->spec.bounced ? 4 : 3;  /* the last holds a component of the stored light */
+    const int parts = m->spec.bounced ? 4 : 3;  /* emission is read only because its alpha channel is stored light */
     const int width = m->desc.width, most = SBL__MAX(1, SBL__READ_PIXELS / width / m->across) * m->across;
     const int first = m->work.stages.at, rows = SBL__MIN(most, m->desc.height - first), count = rows * width;
     const sbl__target *t = &m->gbuffer.target;
@@ -14674,6 +14747,7 @@ static sbl_result sbl__map_read(sbl__map *m) {
     float *ids = data ? data + 16 * (size_t)count : NULL;
     sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
     int i, k;
+    (void)slice;
     c->device.gl.doing = "reading the G-buffer";
     for (k = 0; k < parts && result == SBL_SUCCESS; k++)
         result = sbl__target_read(&c->device, t, attachments[k], first, rows, data + 4 * (size_t)count * (size_t)k);
@@ -14694,9 +14768,19 @@ static sbl_result sbl__map_read(sbl__map *m) {
     return result == SBL_SUCCESS && m->work.stages.at < m->desc.height ? SBL_UNFINISHED : result;
 }
 
+static int sbl__map_after_read(void *work) {
+    const sbl__map *m = (const sbl__map *)work;
+    const sbl__core *c = m->work.core;
+    if (!c->stats.picture.visible_pixels)
+        sbl__log(&c->base, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE, "%s", m->atlas ?
+                 "no mesh of the lightmap has a triangle on the map; check lightmap_texcoords" :
+                 "the camera sees no surface; check world_to_view, view_to_clip and the scene's bounds");
+    return SBL__MAP_REFINE;
+}
+
 /* >>map: developing */
 
-/* Starts DEVELOP at a layer. */
+/* Makes DEVELOP begin with a layer. */
 static void sbl__map_develop_from(sbl__map *m, int layer) {
     sbl__fill_free(&m->work.core->base, &m->fill);
     m->layer = layer;
@@ -14712,21 +14796,13 @@ static sbl_result sbl__map_fill(void *work, sbl__slice *slice) {
     return sbl__fill_step(&m->fill, slice);
 }
 
-/* Uploads rows of the layer. */
 static sbl_result sbl__map_send(void *work, sbl__slice *slice) {
     sbl__map *m = (sbl__map *)work;
     sbl__device *d = &m->work.core->device;
-    sbl__texture *t = &m->layers[m->layer].light;
-    const int width = m->desc.width, at = m->developing.at;
-    const int rows = SBL__MIN(SBL__MAX(1, SBL__READ_PIXELS / width), m->desc.height - at);
-    sbl_result result = SBL_SUCCESS;
+    sbl_result result;
     (void)slice;
-    d->gl.doing = "sending the radiance map";
-    if (at == 0) result = sbl__map_texture(m, m->across, t, NULL);
-    if (result == SBL_SUCCESS)
-        result = sbl__texture_write(d, t, at, rows, m->fill.rgba + 4 * (size_t)at * (size_t)width);
-    m->developing.at += rows;
-    if (result == SBL_SUCCESS && m->developing.at < m->desc.height) return SBL_UNFINISHED;
+    d->gl.doing = "uploading the radiance map";
+    result = sbl__map_upload(m, m->across, &m->layers[m->layer].light, NULL, m->fill.rgba, &m->developing.at);
     if (result == SBL_SUCCESS) sbl__fill_free(d->base, &m->fill);
     return result;
 }
@@ -14760,7 +14836,7 @@ static int sbl__map_after_filter(void *work) {
     return ++m->layer < m->layer_end ? SBL__DEVELOP_FILL : SBL__DEVELOP_DONE;
 }
 
-/* SBL_SUCCESS: the layers are developed. */
+/* Develops the layers up to layer_end, piece by piece. */
 static sbl_result sbl__map_develop(void *work, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { sbl__map_fill, NULL, NULL, NULL },
@@ -14804,11 +14880,12 @@ static int sbl__map_after_preview(void *work) {
 
 /* >>map: stages */
 
-/* The first rows of a front end's table. setup, surface, read and preview are functions of the front end. */
-#define SBL__MAP_ROWS(setup, surface, read, preview) \
-    { setup, NULL, NULL, NULL }, { sbl__map_prepare, NULL, NULL, NULL }, { surface, NULL, NULL, NULL }, \
-    { read, NULL, NULL, NULL }, { sbl__map_refine, sbl__map_after_refine, NULL, NULL }, \
-    { preview, sbl__map_after_preview, NULL, NULL }, { sbl__map_develop, sbl__map_after_develop, NULL, NULL }
+/* The first rows of a front end's table. read and preview: functions of the front end */
+#define SBL__MAP_ROWS(read, preview) \
+    { sbl__map_setup, NULL, NULL, NULL }, { sbl__work_prepare, sbl__map_after_prepare, NULL, NULL }, \
+    { sbl__map_surface, NULL, NULL, NULL }, { read, sbl__map_after_read, NULL, NULL }, \
+    { sbl__map_refine, sbl__map_after_refine, NULL, NULL }, { preview, sbl__map_after_preview, NULL, NULL }, \
+    { sbl__map_develop, sbl__map_after_develop, NULL, NULL }
 
 static double *sbl__map_seconds(const void *work) {
     const sbl__map *m = (const sbl__map *)work;
@@ -14844,15 +14921,15 @@ static sbl_result sbl__map_watch(sbl__map *m) {
     return result;
 }
 
-/* The row `preview` of a front end whose channel FINAL is R. Once R is final, nothing is left to do. */
+/* The row `preview` of a front end whose channel FINAL is R. When R is final, no preview is needed. */
 static sbl_result sbl__map_preview(void *work, sbl__slice *slice) {
     return ((sbl__map *)work)->developed ? SBL_SUCCESS : sbl__map_develop(work, slice);
 }
 
 /* >>map: channels */
 
-/* Per channel: number of floats per pixel; which texture of its target holds it, if a target of sbl__map.channels holds
-   it; texture of the G-buffer that holds it, or -1. */
+/* Per channel: number of floats per pixel; index of its texture among those of sbl__map.channels, if this is not NULL;
+   index of its texture in the G-buffer, or -1 if the G-buffer does not have it. */
 static const struct { int components, attachment, gbuffer; } sbl__channels[SBL_CHANNEL_COUNT] = {
     { 3, 0, -1 }, { 3, 0, -1 }, { 3, SBL__GBUFFER_ALBEDO, -1 }, { 3, 0, SBL__GBUFFER_NORMAL },
     { 3, 0, SBL__GBUFFER_POSITION }, { 1, 0, SBL__GBUFFER_ID }, { 1, 0, -1 }, { 1, 0, -1 }, { 3, 0, -1 }, { 1, 0, -1 },
@@ -14863,14 +14940,14 @@ static int sbl__map_components(sbl_channel channel) {
     return (int)channel >= 0 && channel < SBL_CHANNEL_COUNT ? sbl__channels[channel].components : 0;
 }
 
-/* Writes a channel that no target holds. place: number of the pixel among those that the host reads. */
+/* Gets a pixel of a channel that no target holds. place: number of the pixel of the host */
 static void sbl__map_channel_pixel(const sbl__map *m, sbl_channel channel, size_t place, float *out) {
     const size_t i = sbl__map_shown(m, place);
     const sbl__pixel *pixel = sbl__refine_pixel(&m->refine, i);
     double depth = 0;
     int k;
-    for (k = 0; k < 3 && m->camera; k++)
-        depth -= m->camera->back[k] * ((double)pixel->position[k] - m->camera->eye[k]);
+    for (k = 0; k < 3 && !m->atlas; k++)
+        depth -= m->camera.back[k] * ((double)pixel->position[k] - m->camera.eye[k]);
     if (channel == SBL_CHANNEL_OVERLAP) out[0] = m->atlas ? sbl__atlas_others(m->atlas, i) : 0;
     else if (!pixel->id || channel >= SBL_CHANNEL_SH_0)
         memset(out, 0, (size_t)sbl__channels[channel].components * sizeof *out);
@@ -14882,7 +14959,7 @@ static void sbl__map_channel_pixel(const sbl__map *m, sbl_channel channel, size_
                 : channel == SBL_CHANNEL_ERROR ? pixel->error : (float)pixel->level;
 }
 
-/* Copies a channel that a target holds: three components of each pixel that the host reads. */
+/* Copies a channel that a target holds, three components per pixel of the host. */
 static sbl_result sbl__map_copy_channel(sbl__map *m, sbl_channel channel, float *out) {
     sbl__core *c = m->work.core;
     const sbl__target *t = m->channels[channel];
@@ -14914,7 +14991,7 @@ static sbl_result sbl__map_read_channel(sbl__map *m, sbl_channel channel, float 
     return SBL_SUCCESS;
 }
 
-/* Makes the texture of a channel that no texture holds in the size that the host reads. Returns its name, or 0 on
+/* Makes the texture of a channel if there is none of the size that the host reads. Returns its GL name, or 0 on
    failure. */
 static uint32_t sbl__map_send_channel(sbl__map *m, sbl_channel channel) {
     sbl__core *c = m->work.core;
@@ -14940,7 +15017,7 @@ static uint32_t sbl__map_send_channel(sbl__map *m, sbl_channel channel) {
     return result == SBL_SUCCESS ? t->id : 0;
 }
 
-/* Returns the name of a channel's texture, or 0 on failure. */
+/* Returns the GL name of a channel's texture, or 0 on failure. */
 static uint32_t sbl__map_channel_texture(sbl__map *m, sbl_channel channel) {
     const sbl__target *target = m->channels[channel];
     const int gbuffer = sbl__channels[channel].gbuffer;
@@ -14955,8 +15032,7 @@ static uint32_t sbl__map_channel_texture(sbl__map *m, sbl_channel channel) {
 enum { SBL__PICTURE_FINISH = SBL__MAP_END, SBL__PICTURE_SAMPLE, SBL__PICTURE_RESOLVE, SBL__PICTURE_DONE };
 
 typedef struct sbl__picture {
-    sbl__map map;               /* first: see >>map */
-    sbl__camera camera;
+    sbl__map map;               /* must be first, because pointers to the struct are cast to sbl__map * */
     sbl__gbuffer sample;        /* G-buffer of the current anti-aliasing sample */
     sbl__texture finals[2], preview;
     sbl__target final_targets[2], preview_target;
@@ -14996,60 +15072,16 @@ static sbl_result sbl__picture_check(const sbl__core *c, const void *desc, sbl__
 
 static sbl_result sbl__picture_begin(void *work, const void *desc) {
     sbl__picture *p = (sbl__picture *)work;
-    const sbl__core *c = p->map.work.core;
-    const sbl_picture_desc d = sbl__picture_desc_of(c, (const sbl_picture_desc *)desc);
+    const sbl_picture_desc d = sbl__picture_desc_of(p->map.work.core, (const sbl_picture_desc *)desc);
     sbl__map_begin(&p->map, &d, 1, 0);
     p->map.channels[SBL_CHANNEL_FINAL] = &p->preview_target;
-    p->map.camera = &p->camera;
-    sbl__camera_make(&p->camera, &d, &c->scene.geometry);
     return SBL_SUCCESS;
-}
-
-static sbl_result sbl__picture_setup(void *work, sbl__slice *slice) {
-    (void)slice;
-    return sbl__map_setup((sbl__map *)work, 1);
-}
-
-/* >>picture: what the camera sees */
-
-/* Draws surfaces into a G-buffer. offset: of the sample from the pixel's centre, in pixels. */
-static sbl_result sbl__picture_draw_surface(sbl__picture *p, const sbl__gbuffer *g, const float offset[2],
-                                            sbl__slice *slice) {
-    sbl__map *m = &p->map;
-    sbl__core *c = m->work.core;
-    sbl__surface_job job;
-    memset(&job, 0, sizeof job);
-    job.scene = &c->scene;
-    job.camera = &p->camera;
-    job.gbuffer = g;
-    job.offset[0] = offset[0];
-    job.offset[1] = offset[1];
-    job.epsilon = m->work.measurement.options.epsilon;
-    job.bounced = m->spec.bounced && g == &m->gbuffer;
-    return sbl__surface_step(&c->device, &m->surface, &job, slice);
-}
-
-static sbl_result sbl__picture_surface(void *work, sbl__slice *slice) {
-    static const float centre[2] = { 0, 0 };
-    sbl__picture *p = (sbl__picture *)work;
-    return sbl__picture_draw_surface(p, &p->map.gbuffer, centre, slice);
-}
-
-static sbl_result sbl__picture_read(void *work, sbl__slice *slice) {
-    sbl__map *m = (sbl__map *)work;
-    const sbl__core *c = m->work.core;
-    const sbl_result result = sbl__map_read(m);
-    (void)slice;
-    if (result == SBL_SUCCESS && !c->stats.picture.visible_pixels)
-        sbl__log(&c->base, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE, "the camera sees no surface; check "
-                 "world_to_view, view_to_clip and the scene's bounds");
-    return result;
 }
 
 /* >>picture: composition */
 
-/* Draws rows of sample number r->index of r->count, from *row on, and advances *row. r->sample and r->previous are set.
-   SBL_SUCCESS: all rows are drawn. */
+/* Adds rows of an anti-aliasing sample to a target, from *row on, and advances *row. The caller has set r's sample,
+   previous, index and count. SBL_SUCCESS: all rows are drawn. */
 static sbl_result sbl__picture_compose(sbl__picture *p, sbl__resolve *r, const sbl__target *out, int *row,
                                        const sbl__slice *slice) {
     const sbl__map *m = &p->map;
@@ -15060,7 +15092,7 @@ static sbl_result sbl__picture_compose(sbl__picture *p, sbl__resolve *r, const s
     r->centres = &m->gbuffer;
     r->radiance = &m->layers[0].smooth;
     r->environment = &m->work.core->scene.environment;
-    r->camera = &p->camera;
+    r->camera = &m->camera;
     rows[0] = *row;
     rows[1] = sbl__pace_rows(&p->resolve_pace, slice, out, *row);
     result = sbl__resolve_draw(d, r, out, rows);
@@ -15070,7 +15102,7 @@ static sbl_result sbl__picture_compose(sbl__picture *p, sbl__resolve *r, const s
     return result == SBL_SUCCESS && *row < m->desc.height ? SBL_UNFINISHED : result;
 }
 
-/* Composes the sample at pixel centres with the R that is known so far. */
+/* Composes the picture from the sample at pixel centres and from R as far as it is known. */
 static sbl_result sbl__picture_compose_preview(sbl__picture *p, const sbl__slice *slice) {
     sbl_result result = SBL_SUCCESS;
     sbl__resolve r;
@@ -15091,7 +15123,7 @@ static sbl_result sbl__picture_preview(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS ? sbl__picture_compose_preview((sbl__picture *)work, slice) : result;
 }
 
-/* Makes the textures of the last stages, and the last preview. */
+/* Makes the textures of the last stages and, if the host reads channels, a preview with the final R. */
 static sbl_result sbl__picture_finish(void *work, sbl__slice *slice) {
     sbl__picture *p = (sbl__picture *)work;
     sbl__map *m = &p->map;
@@ -15111,7 +15143,7 @@ static sbl_result sbl__picture_sample(void *work, sbl__slice *slice) {
     sbl__picture *p = (sbl__picture *)work;
     float offset[2];
     sbl__sample_offset(p->resolved, p->map.desc.samples, offset);
-    return p->map.desc.samples > 1 ? sbl__picture_draw_surface(p, &p->sample, offset, slice) : SBL_SUCCESS;
+    return p->map.desc.samples > 1 ? sbl__map_draw_surface(&p->map, &p->sample, offset, slice) : SBL_SUCCESS;
 }
 
 static sbl_result sbl__picture_resolve(void *work, sbl__slice *slice) {
@@ -15134,7 +15166,7 @@ static int sbl__picture_after_resolve(void *work) {
 }
 
 static const sbl__stage_row sbl__picture_stages[] = {
-    SBL__MAP_ROWS(sbl__picture_setup, sbl__picture_surface, sbl__picture_read, sbl__picture_preview),
+    SBL__MAP_ROWS(sbl__map_read, sbl__picture_preview),
     { sbl__picture_finish, NULL, NULL, NULL },
     { sbl__picture_sample, NULL, NULL, NULL },
     { sbl__picture_resolve, sbl__picture_after_resolve, NULL, NULL }
@@ -15152,7 +15184,7 @@ enum { SBL__LIGHTMAP_LIGHT = SBL__MAP_END, SBL__LIGHTMAP_GUTTERS, SBL__LIGHTMAP_
        SBL__LIGHTMAP_DONE };
 
 typedef struct sbl__lightmap {
-    sbl__map map;               /* first: see >>map */
+    sbl__map map;               /* must be first, because pointers to the struct are cast to sbl__map * */
     sbl__atlas atlas;
     int gutter, sew;            /* width of gutters, texels; 1: seams are sewn */
     int visible;                /* number of texels read so far that show a surface */
@@ -15199,43 +15231,16 @@ static sbl_result sbl__lightmap_begin(void *work, const void *desc) {
     m->channels[SBL_CHANNEL_FINAL] = &m->layers[0].target;
     l->gutter = SBL__MAX(d.gutter, 0);
     l->sew = d.seams >= 0;
-    return sbl__atlas_begin(&m->work.core->base, &l->atlas, &m->work.core->scene.geometry, &d);
-}
-
-static sbl_result sbl__lightmap_setup(void *work, sbl__slice *slice) {
-    sbl__map *m = (sbl__map *)work;
-    const size_t texels = (size_t)m->size[0] * (size_t)m->size[1];
-    (void)slice;
-    if (m->across > 1 && !m->shown) {
-        m->shown = (int *)sbl__alloc(&m->work.core->base, texels, sizeof *m->shown);
+    if (m->across > 1) {
+        m->shown = (int *)sbl__alloc(&m->work.core->base, (size_t)d.width * (size_t)d.height, sizeof *m->shown);
         if (!m->shown) return SBL_ERROR_OUT_OF_MEMORY;
     }
-    return sbl__map_setup(m, 0);
+    return sbl__atlas_begin(&m->work.core->base, &l->atlas, &m->work.core->scene.geometry, &d);
 }
 
 /* >>lightmap: what texels show */
 
-static sbl_result sbl__lightmap_surface(void *work, sbl__slice *slice) {
-    sbl__lightmap *l = (sbl__lightmap *)work;
-    sbl__map *m = &l->map;
-    sbl__core *c = m->work.core;
-    sbl__surface_job job;
-    sbl__camera camera;
-    sbl_result result;
-    memset(&job, 0, sizeof job);
-    sbl__camera_make(&camera, &m->desc, &c->scene.geometry);
-    job.scene = &c->scene;
-    job.camera = &camera;
-    job.gbuffer = &m->gbuffer;
-    job.epsilon = m->work.measurement.options.epsilon;
-    job.bounced = m->spec.bounced;
-    job.atlas = &l->atlas;
-    result = sbl__surface_step(&c->device, &m->surface, &job, slice);
-    if (result == SBL_SUCCESS) sbl__refine_hide_within(&m->refine, sbl__atlas_texel_size(&l->atlas));
-    return result;
-}
-
-/* Returns working pixel number i, 0 to across * across - 1, of a texel. */
+/* Returns the number of the working pixel that is part i of a texel. i: 0 to across * across - 1 */
 static size_t sbl__lightmap_part(const sbl__map *m, int texel, int i) {
     const int x = texel % m->size[0] * m->across + i % m->across, y = texel / m->size[0] * m->across + i / m->across;
     return (size_t)y * (size_t)m->desc.width + (size_t)x;
@@ -15245,8 +15250,8 @@ static uint32_t sbl__lightmap_part_id(const sbl__map *m, int texel, int i) {
     return sbl__refine_pixel(&m->refine, sbl__lightmap_part(m, texel, i))->id;
 }
 
-/* Sets m->shown of a supersampled texel: of the working pixels that show the texel's most frequent surface, the one
-   nearest to the texel's centre. Returns the number of working pixels that show this surface. */
+/* Finds the surface that most working pixels of a supersampled texel show. Sets m->shown to that of these pixels which
+   is nearest to the texel's centre, and returns their number. */
 static int sbl__lightmap_show(const sbl__map *m, int texel) {
     const int parts = m->across * m->across;
     int i, k, most = 0, nearest = INT_MAX;
@@ -15269,27 +15274,17 @@ static int sbl__lightmap_show(const sbl__map *m, int texel) {
 static sbl_result sbl__lightmap_read(void *work, sbl__slice *slice) {
     sbl__lightmap *l = (sbl__lightmap *)work;
     sbl__map *m = &l->map;
-    sbl__core *c = m->work.core;
     int i = m->work.stages.at / m->across * m->size[0];
-    const sbl_result result = sbl__map_read(m);
-    (void)slice;
+    const sbl_result result = sbl__map_read(m, slice);
     for (; m->shown && i < m->work.stages.at / m->across * m->size[0]; i++) l->visible += sbl__lightmap_show(m, i) > 0;
-    if (m->shown) c->stats.picture.visible_pixels = l->visible;
-    if (result == SBL_SUCCESS && !c->stats.picture.visible_pixels)
-        sbl__log(&c->base, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE, "no mesh of the lightmap has a triangle on "
-                 "the map; check lightmap_texcoords");
+    if (m->shown) m->work.core->stats.picture.visible_pixels = l->visible;
     return result;
 }
 
 /* >>lightmap: a layer of light */
 
-/* Returns the number of rows of texels to transfer at once, from row `at` on. */
-static int sbl__lightmap_rows(const sbl__map *m, int at) {
-    return SBL__MIN(SBL__MAX(1, SBL__READ_PIXELS / m->desc.width / m->across), m->size[1] - at);
-}
-
-/* Computes the mean light of the working pixels that show the same surface as their texel. data: 4 floats per working
-   pixel, from number `first` on. */
+/* Computes the mean light of a texel's working pixels that show the same surface as the texel. data: 4 floats per
+   working pixel, beginning with working pixel number `first` */
 static void sbl__lightmap_mean(const sbl__map *m, int texel, const float *data, size_t first, float out[4]) {
     const uint32_t id = sbl__refine_pixel(&m->refine, sbl__map_shown(m, (size_t)texel))->id;
     const int parts = sbl__lightmap_show(m, texel);
@@ -15302,12 +15297,13 @@ static void sbl__lightmap_mean(const sbl__map *m, int texel, const float *data, 
     }
 }
 
-/* Reads rows of the layer back into gutters.light. */
+/* Reads rows of a layer into gutters.light. */
 static sbl_result sbl__lightmap_light(void *work, sbl__slice *slice) {
     sbl__lightmap *l = (sbl__lightmap *)work;
     sbl__map *m = &l->map;
     sbl__core *c = m->work.core;
-    const int across = m->across, at = m->work.stages.at, rows = sbl__lightmap_rows(m, at);
+    const int across = m->across, at = m->work.stages.at;
+    const int rows = SBL__MIN(SBL__MAX(1, SBL__READ_PIXELS / m->desc.width / across), m->size[1] - at);
     const int first = at * m->size[0], count = rows * m->size[0], means = m->shown && l->layer == 0;
     const size_t before = (size_t)(at * across) * (size_t)m->desc.width;
     float *light, *data;
@@ -15349,21 +15345,13 @@ static sbl_result sbl__lightmap_sew(void *work, sbl__slice *slice) {
     return result;
 }
 
-/* Uploads rows of the finished layer. */
 static sbl_result sbl__lightmap_send(void *work, sbl__slice *slice) {
     sbl__lightmap *l = (sbl__lightmap *)work;
     sbl__map *m = &l->map;
-    sbl__device *d = &m->work.core->device;
-    sbl__texture *t = &l->finals[l->layer];
-    const int at = m->work.stages.at, rows = sbl__lightmap_rows(m, at);
-    sbl_result result = SBL_SUCCESS;
     (void)slice;
-    d->gl.doing = "sending the lightmap";
-    if (at == 0) result = sbl__map_texture(m, 1, t, &l->final_targets[l->layer]);
-    if (result == SBL_SUCCESS)
-        result = sbl__texture_write(d, t, at, rows, l->gutters.light + 4 * (size_t)at * (size_t)m->size[0]);
-    m->work.stages.at += rows;
-    return result == SBL_SUCCESS && m->work.stages.at < m->size[1] ? SBL_UNFINISHED : result;
+    m->work.core->device.gl.doing = "uploading the lightmap";
+    return sbl__map_upload(m, 1, &l->finals[l->layer], &l->final_targets[l->layer], l->gutters.light,
+                           &m->work.stages.at);
 }
 
 /* Goes back to DEVELOP for the next layer, if there is one. */
@@ -15389,7 +15377,7 @@ static int sbl__lightmap_after_send(void *work) {
 }
 
 static const sbl__stage_row sbl__lightmap_stages[] = {
-    SBL__MAP_ROWS(sbl__lightmap_setup, sbl__lightmap_surface, sbl__lightmap_read, sbl__map_preview),
+    SBL__MAP_ROWS(sbl__lightmap_read, sbl__map_preview),
     { sbl__lightmap_light, NULL, NULL, NULL },
     { sbl__lightmap_gutters, NULL, NULL, NULL },
     { sbl__lightmap_sew, NULL, NULL, NULL },
@@ -15405,17 +15393,17 @@ static const sbl__front_end sbl__lightmap_front_end = {
    number of sites, so that memory stays bounded. */
 
 #define SBL__GATHER_SITES 65536  /* maximum number of sites of a job */
-#define SBL__UNIT_SLACK 1e-6     /* a normal is not normalized again if its squared length is so close to 1 */
+#define SBL__UNIT_SLACK 1e-6     /* a normal whose squared length differs from 1 by at most this much counts as unit */
 
 enum { SBL__GATHER_PREPARE, SBL__GATHER_SITES_NEXT, SBL__GATHER_SENSE, SBL__GATHER_DONE };
 
 typedef struct sbl__gathering {
-    sbl__work work;             /* first: see >>work */
+    sbl__work work;             /* must be first, because pointers to the struct are cast to sbl__work * */
     sbl_readings_desc desc;     /* with defaults */
     sbl__spec spec;
     sbl__site *sites;           /* sites of the job */
     int first, count;           /* index of the job's first site among desc.sites; number of the job's sites */
-    uint32_t passed;            /* number of sites before desc.sites[0], see sbl__gathering_more */
+    uint32_t passed;            /* number of sites measured before sbl__gathering_more replaced them by desc.sites */
 } sbl__gathering;
 
 static void sbl__gathering_free(void *work) {
@@ -15436,8 +15424,8 @@ static sbl_result sbl__gathering_begin(void *work, const void *desc) {
     return SBL_SUCCESS;
 }
 
-/* Continues a gathering, finished or not yet started, with other sites: site_count sites now stand in the array of
-   desc.sites, at most as many as at first. */
+/* Makes a gathering that has finished, or not started, measure new sites, which the caller has written to the array
+   desc.sites. site_count: at most the number of sites of the first job, for which memory was allocated */
 static void sbl__gathering_more(sbl__gathering *g, int site_count) {
     if (g->work.stages.stage == SBL__GATHER_DONE) {
         g->passed += (uint32_t)g->desc.site_count;
@@ -15454,7 +15442,7 @@ static void sbl__unit_normal(const float from[3], float out[3]) {
     for (k = 0; k < 3; k++) out[k] = (float)n[k];
 }
 
-/* Converts a site of the host for the job. */
+/* Converts site `number` of desc.sites for the job. */
 static void sbl__site_make(const sbl__gathering *g, int number, sbl__site *out) {
     const sbl_site *from = &g->desc.sites[number];
     const float usual_offset = sbl__spec_offset(&g->spec, &g->work.core->scene, 0);
@@ -15468,60 +15456,37 @@ static void sbl__site_make(const sbl__gathering *g, int number, sbl__site *out) 
     out->looks = 1;
 }
 
-static sbl_result sbl__gathering_prepare(void *work, sbl__slice *slice) {
-    sbl__gathering *g = (sbl__gathering *)work;
-    sbl__core *c = g->work.core;
-    const sbl_result result = sbl__prepare(c, &g->work.measurement, slice);
-    if (result == SBL_SUCCESS) sbl__spec_make(&g->spec, &g->work.measurement, &c->scene, &c->desc);
-    return result;
-}
-
 static int sbl__gathering_after_prepare(void *work) {
-    return ((sbl__gathering *)work)->desc.site_count ? SBL__GATHER_SITES_NEXT : SBL__GATHER_DONE;
+    sbl__gathering *g = (sbl__gathering *)work;
+    const sbl__core *c = g->work.core;
+    sbl__spec_make(&g->spec, &g->work.measurement, &c->scene, &c->desc);
+    return g->desc.site_count ? SBL__GATHER_SITES_NEXT : SBL__GATHER_DONE;
 }
 
 /* Makes the sites of the next job, then begins the job. */
 static sbl_result sbl__gathering_sites(void *work, sbl__slice *slice) {
     sbl__gathering *g = (sbl__gathering *)work;
-    sbl__core *c = g->work.core;
     int *at = &g->work.stages.at;
-    sbl__task task;
     if (*at == 0) g->count = SBL__MIN(SBL__GATHER_SITES, g->desc.site_count - g->first);
-    if (!g->sites) g->sites = (sbl__site *)sbl__alloc_raw(&c->base, (size_t)g->count, sizeof *g->sites);
+    if (!g->sites)
+        g->sites = (sbl__site *)sbl__alloc_raw(&g->work.core->base, (size_t)g->count, sizeof *g->sites);
     if (!g->sites) return SBL_ERROR_OUT_OF_MEMORY;
     for (; *at < g->count; ++*at) {
         if (*at && sbl__late(slice)) return SBL_UNFINISHED;
         sbl__site_make(g, g->first + *at, &g->sites[*at]);
     }
-    memset(&task, 0, sizeof task);
-    task.spec = g->spec;
-    task.sites = g->sites;
-    task.readings = g->desc.readings + g->first;
-    task.site_count = g->count;
-    sbl__job_begin(&c->job, &c->scene, &task);
+    sbl__work_begin_job(&g->work, &g->spec, g->sites, g->desc.readings + g->first, g->count);
     return SBL_SUCCESS;
 }
 
-static sbl_result sbl__gathering_sense(void *work, sbl__slice *slice) {
-    sbl__core *c = ((sbl__gathering *)work)->work.core;
-    return sbl__job_step(&c->device, &c->job, slice);
-}
-
-/* Adds the finished job to the statistics. */
 static int sbl__gathering_after_sense(void *work) {
     sbl__gathering *g = (sbl__gathering *)work;
     sbl_stats *stats = &g->work.core->stats;
     int i;
-    sbl__core_count(g->work.core);
     stats->sensors.count += g->count;
     for (i = g->first; i < g->first + g->count; i++) stats->sensors.invalid += !g->desc.readings[i].valid;
     g->first += g->count;
     return g->first < g->desc.site_count ? SBL__GATHER_SITES_NEXT : SBL__GATHER_DONE;
-}
-
-static double *sbl__gathering_seconds(const void *work) {
-    const sbl__work *w = (const sbl__work *)work;
-    return w->stages.stage == SBL__GATHER_PREPARE ? &w->core->stats.seconds.surface : &w->core->stats.seconds.gather;
 }
 
 static float sbl__gathering_progress(const void *work) {
@@ -15533,13 +15498,13 @@ static float sbl__gathering_progress(const void *work) {
 }
 
 static const sbl__stage_row sbl__gathering_stages[] = {
-    { sbl__gathering_prepare, sbl__gathering_after_prepare, NULL, NULL },
+    { sbl__work_prepare, sbl__gathering_after_prepare, NULL, NULL },
     { sbl__gathering_sites, NULL, NULL, NULL },
-    { sbl__gathering_sense, sbl__gathering_after_sense, NULL, NULL }
+    { sbl__work_sense, sbl__gathering_after_sense, NULL, NULL }
 };
 static const sbl__front_end sbl__readings_front_end = {
     "sbl_begin_readings", 0, sbl__gathering_check, sbl__gathering_begin, sbl__gathering_stages, SBL__GATHER_DONE,
-    sbl__gathering_seconds, sbl__gathering_progress, sbl__gathering_free
+    sbl__work_seconds, sbl__gathering_progress, sbl__gathering_free
 };
 
 /* ======================================================================================================== >>vertices
@@ -15556,59 +15521,59 @@ static const sbl__front_end sbl__readings_front_end = {
    are relative to the mean triangle area of the mesh. */
 
 #define SBL__VERTICES_POINTS 65536      /* maximum number of points per gather, so that each gather is one job */
-#define SBL__VERTICES_FEW 4             /* minimum number of points on a triangle, unless `samples` is lower */
-#define SBL__VERTICES_MANY 8            /* maximum number of points on a triangle, as a multiple of `samples` */
-#define SBL__VERTICES_LEAST 1e-9f       /* least relative area; smaller triangles are treated as having this area */
-#define SBL__VERTICES_AGREE 0.99985f    /* least cosine between the normals of welded vertices: 1 degree */
-#define SBL__VERTICES_BACK 0.9f         /* share of a hemisphere with back faces; above it a point is rejected */
-#define SBL__VERTICES_INSIDE_OUT 0.5    /* share of a mesh's points that see back faces; above it the mesh counts as a
-                                           room that is modelled inside out, and these points are used after all */
+#define SBL__VERTICES_FEW 4             /* minimum number of points on a triangle, unless desc.samples is lower */
+#define SBL__VERTICES_MANY 8            /* maximum number of points on a triangle, divided by desc.samples */
+#define SBL__VERTICES_LEAST 1e-9f       /* minimum relative area; smaller triangles are treated as having this area */
+#define SBL__VERTICES_AGREE 0.99985f    /* minimum cosine between the normals of welded vertices: 1 degree */
+#define SBL__VERTICES_BACK 0.9f         /* a point is rejected if back faces cover more than this share of its view */
+#define SBL__VERTICES_INSIDE_OUT 0.5    /* if more than this share of a mesh's points see mostly back faces, the mesh is
+                                           a room that is modelled inside out, and these points are used after all */
 #define SBL__VERTICES_SUMS 16           /* number of floats per triangle in sbl__vertices.sums */
-#define SBL__VERTICES_WHOLE 1e-5f       /* share of a triangle's area that may be missing because of rounding */
+#define SBL__VERTICES_WHOLE 1e-5f       /* share of a triangle's area by which rounding may lower the sum of weights */
 #define SBL__VERTICES_SPRING 0.02f      /* stiffness of the springs between the corners of a triangle with rejected
                                            points, relative to the area of these points */
 #define SBL__VERTICES_PRECISION 1e-6    /* accepted ratio of the residual's norm to its initial norm */
 #define SBL__VERTICES_RINGS 64          /* maximum number of edges over which light spreads to other vertices */
+#define SBL__VERTICES_LIT (-1)          /* see sbl__vertices.neighbours */
 
 enum {
-    SBL__VERTICES_FACES, SBL__VERTICES_WELD, SBL__VERTICES_SIDES,  /* compute normals and areas; unknowns; hinges */
-    SBL__VERTICES_MAKE, SBL__VERTICES_SITES, SBL__VERTICES_SENSE, SBL__VERTICES_TAKE,
-    SBL__VERTICES_MASS, SBL__VERTICES_BEND, SBL__VERTICES_SOLVE,   /* add triangles and hinges to the matrix; solve */
-    SBL__VERTICES_LINK, SBL__VERTICES_SPREAD,                      /* extend light to vertices without valid points */
-    SBL__VERTICES_WRITE,
-    SBL__VERTICES_DONE
+    SBL__VERTICES_FACES, SBL__VERTICES_WELD, SBL__VERTICES_SIDES, SBL__VERTICES_MAKE,
+    SBL__VERTICES_SITES, SBL__VERTICES_SENSE, SBL__VERTICES_TAKE,  /* a gather */
+    SBL__VERTICES_MASS, SBL__VERTICES_BEND, SBL__VERTICES_SOLVE,
+    SBL__VERTICES_SPREAD, SBL__VERTICES_MEAN,                      /* a ring of unknowns without valid points */
+    SBL__VERTICES_WRITE, SBL__VERTICES_DONE
 };
 
-/* A mesh that is baked. Vertices and triangles are numbered consecutively over all parts, unless a comment says that
-   a number belongs to the scene. */
+/* A mesh that is baked. Vertices and triangles are numbered consecutively over all parts, except for functions whose
+   comment says that the number belongs to the scene. */
 typedef struct sbl__vertices_part {
     int mesh, first_vertex, first_triangle;
     double area;
-    double points, back_points;  /* number of valid points; number of those that see mostly back faces */
+    double points, back_points;  /* number of valid points; number of valid points that see mostly back faces */
 } sbl__vertices_part;
 
-/* An edge that two triangles share. sides: the edge as a side of each triangle, see >>topology. weights: those of the
-   corner opposite each side, then of the two ends of the first side */
+/* An edge that two triangles share. sides: number of the edge as a side of each triangle, see >>topology. weights:
+   weights of the two corners opposite the edge, then of the two ends of the first side */
 typedef struct sbl__hinge { uint32_t sides[2]; float weights[4]; } sbl__hinge;
 
-/* Point number `point` on a triangle, see sbl__vertices_point */
+/* A point. point: its number among the points on its triangle, see sbl__vertices_point */
 typedef struct sbl__vertices_place { int triangle, point; } sbl__vertices_place;
 
 typedef struct sbl__vertices {
-    sbl__work work;             /* first: see >>work */
+    sbl__work work;             /* must be first, because pointers to the struct are cast to sbl__work * */
     int part;                   /* index of the part that sbl__vertices_part_of found last */
-    sbl_vertices_desc desc;     /* defaults filled in */
+    sbl_vertices_desc desc;     /* with defaults */
     sbl__vertices_part *parts;
     int part_count, vertex_count, triangle_count;
     sbl__gathering gathering;
     sbl_site *sites;
     sbl_reading *readings;
     int site_count;             /* number of sites of the current gather */
-    double points, taken;       /* number of all points, and of those in the completed gathers */
+    double points, taken;       /* number of all points; number of points in the finished gathers */
     sbl__vertices_place next, first;  /* point that is processed next; point of the current gather's first site */
-    float *normals;             /* per vertex: sum of the unit normals of its triangles; after welding: its normal */
-    uint32_t *unknowns;         /* per vertex: number of its unknown, which is the first vertex that it is welded to;
-                                   SBL__NONE: no triangle uses the vertex */
+    float *normals;             /* per vertex: sum of its triangles' unit normals; after WELD: its normal */
+    uint32_t *unknowns;         /* per vertex: number of its unknown, which is the lowest of the numbers of the welded
+                                   vertices; SBL__NONE if no triangle uses the vertex */
     sbl__hash_table places, ends;  /* vertices by position; sides by their ends */
     uint32_t *corners;          /* per triangle: three unknowns */
     float *areas;               /* per triangle: area relative to the mean of its mesh */
@@ -15620,31 +15585,23 @@ typedef struct sbl__vertices {
     int hinge_count, hinge_room;
     sbl__solver solver;         /* with desc.average nothing is solved: diagonal holds sums of weights, and residual
                                    sums of weighted light */
-    sbl__rings rings;           /* extends light, ring by ring, to unknowns without valid points */
-    uint32_t *first_corners, *next_corners;  /* per unknown: 1 + the first corner that uses it; per corner: 1 + the
-                                                next corner with the same unknown; 0: there is none */
+    int *neighbours;            /* per unknown: SBL__VERTICES_LIT if it has light; otherwise the number of neighbours
+                                   that have light, each counted once per triangle */
+    int ring, reached;          /* number of rings that have got light; number of unknowns in the present ring */
 } sbl__vertices;
 
-/* Frees all memory, keeps the head of the struct. */
-static void sbl__vertices_clear(sbl__vertices *s) {
+static void sbl__vertices_free(void *work) {
+    sbl__vertices *s = (sbl__vertices *)work;
     void *const blocks[] = { s->parts, s->sites, s->readings, s->normals, s->unknowns, s->corners, s->areas,
-                             s->sums, s->back_sums, s->hinges, s->first_corners, s->next_corners };
-    const sbl__work work = s->work;
-    sbl__base *base = &work.core->base;
+                             s->sums, s->back_sums, s->hinges, s->neighbours };
+    sbl__base *base = &s->work.core->base;
     int i;
     for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(base, blocks[i]);
     sbl__hash_table_free(base, &s->places);
     sbl__hash_table_free(base, &s->ends);
     sbl__solver_free(base, &s->solver);
-    sbl__rings_free(base, &s->rings);
     sbl__gathering_free(&s->gathering);
     memset(s, 0, sizeof *s);
-    s->work = work;
-}
-
-static void sbl__vertices_free(void *work) {
-    sbl__vertices_clear((sbl__vertices *)work);
-    memset(work, 0, sizeof(sbl__vertices));
 }
 
 static sbl_result sbl__vertices_check(const sbl__core *c, const void *desc, sbl__measurement *measurement) {
@@ -15659,6 +15616,7 @@ static sbl_result sbl__vertices_begin(void *work, const void *desc) {
     sbl__core *c = s->work.core;
     const sbl__geometry *g = &c->scene.geometry;
     sbl_readings_desc readings;
+    size_t vertices, triangles;
     int i;
     s->desc = sbl_vertices_desc_defaults((const sbl_vertices_desc *)desc);
     s->part_count = s->desc.mesh_count ? s->desc.mesh_count : g->mesh_count;
@@ -15675,43 +15633,37 @@ static sbl_result sbl__vertices_begin(void *work, const void *desc) {
     memset(&readings, 0, sizeof readings);
     readings.options = s->desc.options;
     s->desc.meshes = NULL;
-    return sbl__work_begin(&s->gathering.work, &sbl__readings_front_end, c, &s->work.measurement, &readings);
-}
-
-/* Allocates the memory for normals, areas and welding, once. */
-static sbl_result sbl__vertices_make_faces(void *work, sbl__slice *slice) {
-    sbl__vertices *s = (sbl__vertices *)work;
-    sbl__base *base = &s->work.core->base;
-    const size_t vertices = (size_t)s->vertex_count, triangles = (size_t)s->triangle_count;
-    (void)slice;
-    if (s->normals) return SBL_SUCCESS;
-    s->normals = (float *)sbl__alloc(base, vertices, 12);
-    s->unknowns = (uint32_t *)sbl__alloc_raw(base, vertices, sizeof *s->unknowns);
-    s->corners = (uint32_t *)sbl__alloc_raw(base, triangles, 12);
-    s->areas = (float *)sbl__alloc_raw(base, triangles, sizeof *s->areas);
+    vertices = (size_t)s->vertex_count;
+    triangles = (size_t)s->triangle_count;
+    s->normals = (float *)sbl__alloc(&c->base, vertices, 12);
+    s->unknowns = (uint32_t *)sbl__alloc_raw(&c->base, vertices, sizeof *s->unknowns);
+    s->corners = (uint32_t *)sbl__alloc_raw(&c->base, triangles, 12);
+    s->areas = (float *)sbl__alloc_raw(&c->base, triangles, sizeof *s->areas);
     if (!s->normals || !s->unknowns || !s->corners || !s->areas ||
-        sbl__hash_table_make(base, &s->places, s->vertex_count) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
+        sbl__hash_table_make(&c->base, &s->places, s->vertex_count) != SBL_SUCCESS ||
+        sbl__hash_table_make(&c->base, &s->ends, 3.0 * s->triangle_count) != SBL_SUCCESS)
+        return SBL_ERROR_OUT_OF_MEMORY;
     memset(s->unknowns, 0xff, vertices * sizeof *s->unknowns);
-    return sbl__hash_table_make(base, &s->ends, 3.0 * s->triangle_count);
+    return sbl__work_begin(&s->gathering.work, &sbl__readings_front_end, c, &s->work.measurement, &readings);
 }
 
 /* >>vertices: welding */
 
 static const sbl__geometry *sbl__vertices_geometry(const sbl__vertices *s) { return &s->work.core->scene.geometry; }
 
-/* Returns the scene's number of a triangle of part s->part. */
+/* Returns the number in the scene of a triangle of part s->part. */
 static uint32_t sbl__vertices_triangle(const sbl__vertices *s, int triangle) {
     const sbl__vertices_part *p = &s->parts[s->part];
     return (uint32_t)(sbl__vertices_geometry(s)->meshes[p->mesh].first_triangle + triangle - p->first_triangle);
 }
 
-/* Returns the scene's number of a vertex of part s->part. */
+/* Returns the number in the scene of a vertex of part s->part. */
 static uint32_t sbl__vertices_vertex(const sbl__vertices *s, uint32_t vertex) {
     const sbl__vertices_part *p = &s->parts[s->part];
     return (uint32_t)sbl__vertices_geometry(s)->meshes[p->mesh].first_vertex + vertex - (uint32_t)p->first_vertex;
 }
 
-/* Sets s->part to the part that contains a triangle, or with is_vertex 1 a vertex, and returns the part. The search
+/* Sets s->part to the part that contains a triangle or, if is_vertex is 1, a vertex, and returns the part. The search
    begins at the part that was found last, because most callers ask for ascending numbers. */
 static sbl__vertices_part *sbl__vertices_part_of(sbl__vertices *s, int at, int is_vertex) {
     const sbl__vertices_part *p = s->parts;
@@ -15722,8 +15674,7 @@ static sbl__vertices_part *sbl__vertices_part_of(sbl__vertices *s, int at, int i
     return &s->parts[i];
 }
 
-/* Computes a triangle's area, records its vertices, and adds its normal to the sums of its vertices, which replace
-   normals that the mesh lacks. */
+/* Computes a triangle's area, stores the numbers of its vertices, and adds its normal to those of its vertices. */
 static sbl_result sbl__vertices_face(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
     const sbl__geometry *g = sbl__vertices_geometry(s);
@@ -15743,8 +15694,7 @@ static sbl_result sbl__vertices_face(void *work, int triangle) {
     return SBL_SUCCESS;
 }
 
-/* Returns whether two vertices are welded: they belong to the same part, have the same position, and their normals
-   agree. */
+/* Returns 1 if two vertices are welded: they are in the same part and at the same position, and their normals agree. */
 static int sbl__vertices_same(const void *user, uint32_t one, uint32_t other) {
     const sbl__vertices *s = (const sbl__vertices *)user;
     const float *a = s->normals + 3 * (size_t)one, *b = s->normals + 3 * (size_t)other;
@@ -15752,8 +15702,8 @@ static int sbl__vertices_same(const void *user, uint32_t one, uint32_t other) {
            sbl__same_place(sbl__vertices_geometry(s), sbl__vertices_vertex(s, one), sbl__vertices_vertex(s, other));
 }
 
-/* Replaces the sum of a vertex's normals by its normal in the scene, or else by their mean, and welds the vertex.
-   Vertices without triangles or without a normal are not welded. */
+/* Replaces the sum of the normals of a vertex's triangles by the vertex's normal in the scene, or by the normalized sum
+   if it has none, and welds the vertex. Vertices without triangles or without a normal are not welded. */
 static sbl_result sbl__vertices_weld(void *work, int vertex) {
     sbl__vertices *s = (sbl__vertices *)work;
     const sbl__geometry *g = sbl__vertices_geometry(s);
@@ -15778,8 +15728,8 @@ static void sbl__hinge_unknowns(const sbl__vertices *s, const sbl__hinge *h, siz
     for (i = 0; i < 4; i++) out[i] = sbl__side_end(s->corners, h->sides[i == 1], i < 2 ? 2 : (uint32_t)i - 2);
 }
 
-/* Computes the weights of a hinge: the difference between the slopes of the light across the shared edge, with both
-   triangles unfolded into one plane. The weighted sum is therefore 0 for linear light. */
+/* Computes the weights of a hinge. The weighted sum of the light at its corners is the difference between the slopes of
+   the light on both sides of the edge, when both triangles are unfolded into one plane. It is 0 for linear light. */
 static void sbl__hinge_make(const sbl__vertices *s, sbl__hinge *h) {
     const sbl__vertex *vertices = sbl__vertices_geometry(s)->vertices;
     const float *p[4];
@@ -15807,8 +15757,8 @@ static void sbl__hinge_make(const sbl__vertices *s, sbl__hinge *h) {
     for (i = 0; i < 4; i++) h->weights[i] = (float)(w[i] / sqrt(SBL__MAX(norm, 1.0)));
 }
 
-/* Adds a hinge between a side and the first side with the same ends. An edge of more than two triangles gets a hinge
-   from the first of them to each other one. */
+/* Adds a hinge between a side and the first side with the same ends. If more than two triangles share an edge, the
+   first triangle gets a hinge with each of the others. */
 static sbl_result sbl__vertices_side(sbl__vertices *s, uint32_t side) {
     const uint32_t other = sbl__first_side(&s->ends, s->corners, side);
     sbl__hinge *hinge;
@@ -15863,8 +15813,8 @@ static void sbl__vertices_point(int k, double weights[3]) {
     }
 }
 
-/* Makes the site at a point on the scene's triangle `number`, as surface.glsl does: the front is the side to which the
-   interpolated normal points, and that normal is bent to stay above the triangle's horizon. */
+/* Makes the site at a point on a triangle as surface.glsl does: the front is the side to which the interpolated normal
+   points, and the normal is bent to stay above the triangle's horizon. number: number of the triangle in the scene */
 static void sbl__vertices_site(const sbl__geometry *g, uint32_t number, const double weights[3], sbl_site *out) {
     double face[3], normal[3] = { 0, 0, 0 }, height = 0, length2;
     int i, k;
@@ -15892,8 +15842,8 @@ static void sbl__vertices_site(const sbl__geometry *g, uint32_t number, const do
     }
 }
 
-/* Returns the triangle of the point `next`, gets the point's barycentric weights, sets s->part to the triangle's part,
-   and advances `next` to the following point. */
+/* Returns the triangle of point s->next, gets the point's barycentric weights, sets s->part to the triangle's part, and
+   advances s->next to the following point. */
 static int sbl__vertices_pass(sbl__vertices *s, double weights[3]) {
     const int triangle = s->next.triangle;
     sbl__vertices_part_of(s, triangle, 0);
@@ -15964,7 +15914,7 @@ static sbl_result sbl__vertices_mass(void *work, int triangle) {
     missing = s->areas[triangle] - sums[6];
     spring = missing > SBL__VERTICES_WHOLE * s->areas[triangle] ? SBL__VERTICES_SPRING * missing / 3 : 0;
     for (a = 0; a < 3; a++) {
-        s->rings.ring[corners[a]] = 0;
+        s->neighbours[corners[a]] = SBL__VERTICES_LIT;
         for (k = 0; k < 3; k++) s->solver.residual[3 * (size_t)corners[a] + (size_t)k] += sums[7 + 3 * a + k];
         for (b = 0; b < 3 && s->desc.average; b++) sbl__vertices_weigh(s, corners[a], sums[sbl__mass_at[a][b]]);
     }
@@ -15975,8 +15925,8 @@ static sbl_result sbl__vertices_mass(void *work, int triangle) {
     return SBL_SUCCESS;
 }
 
-/* Scales a hinge's weights by the square root of the smoothing and the smaller area of valid points on its two
-   triangles, and adds the hinge to the diagonal. */
+/* Scales the weights of a hinge, and adds the hinge to the diagonal. The square of the scale is desc.smoothing times
+   the smaller area of its two triangles. Only the share of an area that has valid points counts. */
 static sbl_result sbl__vertices_bend(void *work, int hinge) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl__hinge *h = &s->hinges[hinge];
@@ -15994,8 +15944,7 @@ static sbl_result sbl__vertices_bend(void *work, int hinge) {
     return SBL_SUCCESS;
 }
 
-/* Adds one term of the matrix times the direction to the product. The triangles are the first terms, the hinges the
-   last. */
+/* Adds one term of the matrix times the direction to the product. The terms are the triangles, then the hinges. */
 static void sbl__vertices_term(void *user, int term, const double *direction, double *product) {
     const sbl__vertices *s = (const sbl__vertices *)user;
     const size_t triangle = (size_t)term;
@@ -16029,43 +15978,39 @@ static sbl_result sbl__vertices_average(void *work, int unknown) {
 
 /* >>vertices: extending light to unknowns without valid points */
 
-/* Prepends the corners of a triangle to their unknowns' lists. The loop runs from the last triangle to the first, so
-   that each list is in ascending order. */
-static sbl_result sbl__vertices_link(void *work, int at) {
+/* Adds the light of a triangle's corners to those of its corners that have no light yet. */
+static sbl_result sbl__vertices_spread(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
-    size_t corner = 3 * (size_t)(s->triangle_count - at);
-    int i;
-    for (i = 0; i < 3; i++, corner--) {
-        uint32_t *first = &s->first_corners[s->corners[corner - 1]];
-        s->next_corners[corner - 1] = *first;
-        *first = (uint32_t)corner;
-    }
+    const uint32_t *corners = s->corners + 3 * (size_t)triangle;
+    int a, b, k;
+    for (a = 0; a < 3; a++)
+        for (b = 0; b < 3 && s->neighbours[corners[a]] != SBL__VERTICES_LIT; b++) {
+            const double *from = s->solver.solution + 3 * (size_t)corners[b];
+            double *to = s->solver.solution + 3 * (size_t)corners[a];
+            if (s->neighbours[corners[b]] != SBL__VERTICES_LIT) continue;
+            for (k = 0; k < 3; k++) to[k] += from[k];
+            s->neighbours[corners[a]]++;
+        }
     return SBL_SUCCESS;
 }
 
-/* Returns the next neighbour of an unknown, or -1 after the last one. Neighbours share a triangle. *place encodes the
-   position: 4 * (1 + a corner that uses the unknown) + the next corner, 0 to 2, of the same triangle. */
-static int sbl__vertices_neighbour(const sbl__rings *r, int unknown, size_t *place) {
-    const sbl__vertices *s = (const sbl__vertices *)r->user;
-    size_t corner;
-    if (*place == 0) *place = 4 * (size_t)s->first_corners[unknown];
-    else if (*place % 4 == 3) *place = 4 * (size_t)s->next_corners[*place / 4 - 1];
-    if (*place == 0) return -1;
-    corner = *place / 4 - 1;
-    return (int)s->corners[corner - corner % 3 + (*place)++ % 4];
+/* Divides the sum of the light of an unknown's neighbours by their number. */
+static sbl_result sbl__vertices_mean(void *work, int unknown) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    double *light = s->solver.solution + 3 * (size_t)unknown;
+    int k;
+    if (s->neighbours[unknown] <= 0) return SBL_SUCCESS;
+    for (k = 0; k < 3; k++) light[k] /= s->neighbours[unknown];
+    s->neighbours[unknown] = SBL__VERTICES_LIT;
+    s->reached++;
+    return SBL_SUCCESS;
 }
 
-static void sbl__vertices_mean(void *user, int unknown) {
-    sbl__vertices *s = (sbl__vertices *)user;
-    double *out = s->solver.solution + 3 * (size_t)unknown, count = 0;
-    size_t place = 0;
-    int other, k;
-    while ((other = sbl__vertices_neighbour(&s->rings, unknown, &place)) >= 0) {
-        if (!sbl__ring_reached(&s->rings, other)) continue;
-        for (k = 0; k < 3; k++) out[k] += s->solver.solution[3 * (size_t)other + (size_t)k];
-        count += 1;
-    }
-    for (k = 0; k < 3; k++) out[k] /= count;
+static int sbl__vertices_after_mean(void *work) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    const int more = s->reached && ++s->ring < SBL__VERTICES_RINGS;
+    s->reached = 0;
+    return more ? SBL__VERTICES_SPREAD : SBL__VERTICES_WRITE;
 }
 
 static sbl_result sbl__vertices_write(void *work, int vertex) {
@@ -16081,31 +16026,25 @@ static sbl_result sbl__vertices_write(void *work, int vertex) {
 
 /* >>vertices: stages */
 
-/* Allocates the memory whose size depends on the number of points, and sets up the solver and the rings. */
+/* Allocates the memory for gathers, and sets up the solver. */
 static sbl_result sbl__vertices_make(void *work, sbl__slice *slice) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl__base *base = &s->work.core->base;
     const size_t most = (size_t)SBL__MIN(s->points, (double)SBL__VERTICES_POINTS);
-    const size_t triangles = (size_t)s->triangle_count;
-    sbl_result result;
     (void)slice;
-    s->solver.user = s->rings.user = s;
+    s->solver.user = s;
     s->solver.term = sbl__vertices_term;
     s->solver.term_count = s->triangle_count + s->hinge_count;
     s->solver.precision2 = SBL__VERTICES_PRECISION * SBL__VERTICES_PRECISION;
-    s->rings.neighbour = sbl__vertices_neighbour;
-    s->rings.mean = sbl__vertices_mean;
-    s->rings.last = SBL__VERTICES_RINGS;
+
     s->sites = (sbl_site *)sbl__alloc_raw(base, most, sizeof *s->sites);
     s->readings = (sbl_reading *)sbl__alloc_raw(base, most, sizeof *s->readings);
-    s->sums = (float *)sbl__alloc(base, triangles, SBL__VERTICES_SUMS * sizeof *s->sums);
-    s->next_corners = (uint32_t *)sbl__alloc_raw(base, triangles, 12);
-    s->first_corners = (uint32_t *)sbl__alloc(base, (size_t)s->vertex_count, sizeof *s->first_corners);
-    if (!s->sites || !s->readings || !s->sums || !s->next_corners || !s->first_corners) return SBL_ERROR_OUT_OF_MEMORY;
+    s->sums = (float *)sbl__alloc(base, (size_t)s->triangle_count, SBL__VERTICES_SUMS * sizeof *s->sums);
+    s->neighbours = (int *)sbl__alloc(base, (size_t)s->vertex_count, sizeof *s->neighbours);
+    if (!s->sites || !s->readings || !s->sums || !s->neighbours) return SBL_ERROR_OUT_OF_MEMORY;
     s->gathering.desc.sites = s->sites;
     s->gathering.desc.readings = s->readings;
-    result = sbl__solver_make(base, &s->solver, s->vertex_count);
-    return result == SBL_SUCCESS ? sbl__rings_make(base, &s->rings, s->vertex_count) : result;
+    return sbl__solver_make(base, &s->solver, s->vertex_count);
 }
 
 static sbl_result sbl__vertices_sense(void *work, sbl__slice *slice) {
@@ -16118,20 +16057,14 @@ static sbl_result sbl__vertices_solve(void *work, sbl__slice *slice) {
     return s->desc.average ? SBL_SUCCESS : sbl__solver_step(&s->solver, slice);
 }
 
-static sbl_result sbl__vertices_spread(void *work, sbl__slice *slice) {
-    return sbl__rings_step(&((sbl__vertices *)work)->rings, slice);
-}
-
-/* Chooses the number of sites of the next gather, and remembers its first point, at which the readings start again. */
-static int sbl__vertices_begin_sites(sbl__vertices *s) {
+/* Ends a gather, of which there is none at first, and begins the next one. s->next goes over its points twice: in SITES
+   and, from s->first again, in TAKE. */
+static int sbl__vertices_next_gather(void *work) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    s->taken += s->site_count;
     s->site_count = (int)SBL__MIN(s->points - s->taken, (double)SBL__VERTICES_POINTS);
     s->first = s->next;
-    return SBL__VERTICES_SITES;
-}
-
-static int sbl__vertices_after_make(void *work) {
-    sbl__vertices *s = (sbl__vertices *)work;
-    return s->points > 0 ? sbl__vertices_begin_sites(s) : SBL__VERTICES_WRITE;
+    return s->site_count ? SBL__VERTICES_SITES : SBL__VERTICES_MASS;
 }
 
 static int sbl__vertices_after_sites(void *work) {
@@ -16139,12 +16072,6 @@ static int sbl__vertices_after_sites(void *work) {
     sbl__gathering_more(&s->gathering, s->site_count);
     s->next = s->first;
     return SBL__VERTICES_SENSE;
-}
-
-static int sbl__vertices_after_take(void *work) {
-    sbl__vertices *s = (sbl__vertices *)work;
-    s->taken += s->site_count;
-    return s->taken < s->points ? sbl__vertices_begin_sites(s) : SBL__VERTICES_MASS;
 }
 
 static int sbl__vertices_count(void *work) { return ((sbl__vertices *)work)->vertex_count; }
@@ -16155,16 +16082,17 @@ static int sbl__vertices_triangles(void *work) { return ((sbl__vertices *)work)-
 static int sbl__vertices_hinges(void *work) { return ((sbl__vertices *)work)->hinge_count; }
 static int sbl__vertices_sites(void *work) { return ((sbl__vertices *)work)->site_count; }
 
-/* Frees the memory. The last piece of the front end. */
+/* Frees the memory, because only the sbl__work is needed when the work is done. */
 static int sbl__vertices_after_write(void *work) {
-    sbl__vertices_clear((sbl__vertices *)work);
+    const sbl__work w = *(const sbl__work *)work;
+    sbl__vertices_free(work);
+    *(sbl__work *)work = w;
     return SBL__VERTICES_DONE;
 }
 
-/* The gathering adds its own seconds. */
 static double *sbl__vertices_seconds(const void *work) {
     const sbl__work *w = (const sbl__work *)work;
-    if (w->stages.stage == SBL__VERTICES_SENSE) return NULL;
+    if (w->stages.stage == SBL__VERTICES_SENSE) return NULL;  /* the gathering adds its own seconds */
     return w->stages.stage < SBL__VERTICES_SENSE ? &w->core->stats.seconds.surface : &w->core->stats.seconds.refine;
 }
 
@@ -16181,18 +16109,18 @@ static float sbl__vertices_progress(const void *work) {
 }
 
 static const sbl__stage_row sbl__vertices_stages[] = {
-    { sbl__vertices_make_faces, NULL, sbl__vertices_face, sbl__vertices_triangles },
+    { NULL, NULL, sbl__vertices_face, sbl__vertices_triangles },
     { NULL, NULL, sbl__vertices_weld, sbl__vertices_count },
     { NULL, NULL, sbl__vertices_sides, sbl__vertices_triangles },
-    { sbl__vertices_make, sbl__vertices_after_make, NULL, NULL },
+    { sbl__vertices_make, sbl__vertices_next_gather, NULL, NULL },
     { NULL, sbl__vertices_after_sites, sbl__vertices_ask, sbl__vertices_sites },
     { sbl__vertices_sense, NULL, NULL, NULL },
-    { NULL, sbl__vertices_after_take, sbl__vertices_take, sbl__vertices_sites },
+    { NULL, sbl__vertices_next_gather, sbl__vertices_take, sbl__vertices_sites },
     { NULL, NULL, sbl__vertices_mass, sbl__vertices_triangles },
     { NULL, NULL, sbl__vertices_bend, sbl__vertices_hinges },
     { sbl__vertices_solve, NULL, sbl__vertices_average, sbl__vertices_averages },
-    { NULL, NULL, sbl__vertices_link, sbl__vertices_triangles },
-    { sbl__vertices_spread, NULL, NULL, NULL },
+    { NULL, NULL, sbl__vertices_spread, sbl__vertices_triangles },
+    { NULL, sbl__vertices_after_mean, sbl__vertices_mean, sbl__vertices_count },
     { NULL, sbl__vertices_after_write, sbl__vertices_write, sbl__vertices_count }
 };
 static const sbl__front_end sbl__vertices_front_end = {
@@ -16201,56 +16129,59 @@ static const sbl__front_end sbl__vertices_front_end = {
 };
 
 /* ======================================================================================================== >>probes
-   The front end for points in the air. Probes are measured in batches, by two kinds of sites. If sensors trace rays,
-   FACES, whose normals lie all over the sphere and towards the cube's six sides, measure the light from lamps; RAYS,
-   which trace one ray each, measure the light from surfaces and sky. If sensors rasterise views, FACES measure all
-   light, and RAYS only distances. Probes that are inside something then move and are measured again, round by round. */
+   The front end for points in the air. Probes are measured in batches, by two kinds of sites. FACES are sites whose
+   normals lie on rings all over the sphere, and six whose normals point to the sides of a cube. RAYS are sites that
+   trace one ray each. If sensors trace rays, FACES measure the light from lamps, and RAYS measure the light from
+   surfaces and sky. If sensors rasterise views, FACES measure all light, and RAYS only distances. Probes that are
+   inside something then move and are measured again, round by round. */
 
-/* Number of rings of normals, and of normals on a ring. With these numbers, the aliasing of a point light is at most
-   0.4 % (rays) or 1.4 % (views) of the norm of its first four coefficients. */
+/* Number of rings, and number of normals on a ring (AROUND), if sensors trace rays or rasterise views (VIEW). With
+   these numbers, the aliasing of a point light is at most 0.4 % (rays) or 1.4 % (views) of the norm of its first four
+   coefficients. */
 #define SBL__PROBE_RINGS 10
 #define SBL__PROBE_AROUND 32
 #define SBL__PROBE_VIEW_RINGS 6
 #define SBL__PROBE_VIEW_AROUND 22
 #define SBL__PROBES_BATCH 128      /* maximum number of probes per batch */
-#define SBL__PROBE_LOOKS 4         /* looks of a site for a side of the cube: no other site averages out its noise */
+#define SBL__PROBE_LOOKS 4         /* looks per side of the cube; no other site helps to average out the noise there */
 #define SBL__PROBE_LAMP_SHARE 64   /* options.rays, divided by the number of rays that a look of FACES sends to lamps */
-#define SBL__PROBE_LAMP_LEAST 32   /* least such number: twice what a ratio estimate needs (SBL_SPARSE in lamps.glsl) */
-#define SBL__PROBE_LAMP_MOST 256   /* greatest such number */
-#define SBL__PROBE_INSIDE 0.25     /* share of directions that see back faces; above it a probe is inside something */
+#define SBL__PROBE_LAMP_LEAST 32   /* minimum number of rays that a look of FACES sends to lamps: twice the number that
+                                      a ratio estimate needs (SBL_SPARSE in lamps.glsl) */
+#define SBL__PROBE_LAMP_MOST 256   /* maximum number of rays that a look of FACES sends to lamps */
+#define SBL__PROBE_INSIDE 0.25     /* a probe is inside something if more than this share of its rays hit back faces */
 #define SBL__PROBE_BEYOND 0.125    /* distance that a probe moves beyond a back face, as a share of desc.move */
-#define SBL__PROBE_BARELY 0.015625 /* least such distance, used if desc.move does not reach farther */
+#define SBL__PROBE_BARELY 0.015625 /* the same if desc.move does not reach farther: minimum of this distance */
 
 enum { SBL__PROBE_FACES, SBL__PROBE_RAYS, SBL__PROBE_KINDS };  /* kinds of sites */
 
-enum { SBL__PROBES_PREPARE, SBL__PROBES_BEGIN_BATCH, SBL__PROBES_SITES, SBL__PROBES_SENSE,
+enum { SBL__PROBES_PREPARE, SBL__PROBES_SETUP, SBL__PROBES_BEGIN_BATCH, SBL__PROBES_SITES, SBL__PROBES_SENSE,
        SBL__PROBES_TAKE, SBL__PROBES_CLOSE, SBL__PROBES_DONE };
 
-/* The measurement of one probe of the batch at one place */
+/* The measurement of a probe at one place. */
 typedef struct sbl__probe_sum {
     int number, overflows;         /* index of the probe in desc.probes; 1: a reading is not valid */
     float place[3];                /* world position */
     double sh[9][3], cube[6][3];   /* see sbl_probe */
     double hits, back;             /* numbers of rays that hit surfaces and back faces */
     double weight[8], distance[8], squared[8];  /* per octant: sums of weights, weighted distances and their squares */
-    float exits[8][4];             /* per octant: direction and distance of the nearest back face as seen from the
-                                      position that was asked for; distance 0: none is seen, or it was tried */
+    float exits[8][4];             /* per octant: direction and distance of the nearest back face, seen from the
+                                      position that the host wants; distance 0: there is none, or it was tried */
 } sbl__probe_sum;
 
 typedef struct sbl__probes {
-    sbl__work work;                /* first: see >>work */
-    sbl_probes_desc desc;          /* defaults filled in */
+    sbl__work work;                /* must be first, because pointers to the struct are cast to sbl__work * */
+    sbl_probes_desc desc;          /* with defaults */
     sbl__spec specs[SBL__PROBE_KINDS];
-    int apart;                     /* 1: sensors trace rays, so FACES measure only the light from lamps */
-    int rings, around;             /* number of rings of normals, and of normals on a ring */
+    int lamps_apart;               /* 1: sensors trace rays, so FACES measure only the light from lamps */
+    int rings, around;             /* number of rings of normals; number of normals on a ring */
     double ring[SBL__PROBE_RINGS], ring_weight[SBL__PROBE_RINGS];  /* z of each ring, 0 to 1; weights, whose sum is 1 */
     uint32_t *sequence;            /* directions of a probe's rays, see sbl__sequence_at */
     sbl__probe_sum *sums;          /* probes of the batch that are measured in this round */
     sbl__site *sites;              /* sites of a job */
     sbl_reading *readings;
-    int first, taken;              /* first probe of the batch; number of probes that it began with */
+    int first, taken;              /* first probe of the batch; number of probes in the batch */
     int count, round;              /* number of entries in sums; number of the round, from 0 */
-    int kind, from;                /* kind of the job's sites; number of its first site among the round's sites */
+    int kind, from;                /* kind of the job's sites; index of its first site among the round's sites */
 } sbl__probes;
 
 static void sbl__probes_free(void *work) {
@@ -16301,7 +16232,7 @@ static void sbl__gauss_nodes(int count, double *nodes, double *weights) {
 
 static int sbl__probe_normals(const sbl__probes *g) { return g->rings * g->around; }
 
-/* Returns the number of a probe's sites of one kind. */
+/* Returns the number of sites of one kind that a probe has. */
 static int sbl__probe_sites(const sbl__probes *g, int kind) {
     return kind == SBL__PROBE_RAYS ? g->desc.options.rays : sbl__probe_normals(g) + 6;
 }
@@ -16318,8 +16249,8 @@ static void sbl__probe_normal(const sbl__probes *g, int i, double out[3]) {
     out[2] = sign * z;
 }
 
-/* Computes the direction of a probe's site number i: the direction of a ray; or a normal; or, after the normals, that
-   of a side of the cube. */
+/* Computes the direction of a probe's site number i, of kind g->kind: the direction of a ray, or a normal. The normals
+   of the cube's sides come last. number: number of the probe */
 static void sbl__probe_direction(const sbl__probes *g, int number, int i, double out[3]) {
     const int side = i - sbl__probe_normals(g);
     double u[2], r;
@@ -16362,28 +16293,31 @@ static sbl_result sbl__probes_begin(void *work, const void *desc) {
         memcpy(g->desc.lowest, bounds[0], sizeof g->desc.lowest);
         memcpy(g->desc.highest, bounds[1], sizeof g->desc.highest);
     }
-    g->apart = sbl__measurement_sends_rays(&g->work.measurement);
-    g->rings = g->apart ? SBL__PROBE_RINGS : SBL__PROBE_VIEW_RINGS;
-    g->around = g->apart ? SBL__PROBE_AROUND : SBL__PROBE_VIEW_AROUND;
+    g->lamps_apart = sbl__measurement_sends_rays(&g->work.measurement);
+    g->rings = g->lamps_apart ? SBL__PROBE_RINGS : SBL__PROBE_VIEW_RINGS;
+    g->around = g->lamps_apart ? SBL__PROBE_AROUND : SBL__PROBE_VIEW_AROUND;
     sbl__gauss_nodes(g->rings, g->ring, g->ring_weight);
     return SBL_SUCCESS;
 }
 
 /* Makes the specs of both kinds of sites, and allocates memory for a batch. */
-static sbl_result sbl__probes_setup(sbl__core *c, sbl__probes *g) {
+static sbl_result sbl__probes_setup(void *work, sbl__slice *slice) {
+    sbl__probes *g = (sbl__probes *)work;
+    sbl__core *c = g->work.core;
     sbl__spec *faces = &g->specs[SBL__PROBE_FACES], *rays = &g->specs[SBL__PROBE_RAYS];
     const int most = SBL__MAX(sbl__probe_sites(g, SBL__PROBE_FACES), g->desc.options.rays);
     const int batch = SBL__MIN(SBL__PROBES_BATCH, g->desc.probe_count);
     const int lamp_rays = SBL__MAX(g->desc.options.rays / SBL__PROBE_LAMP_SHARE, SBL__PROBE_LAMP_LEAST);
     const size_t room = (size_t)SBL__MIN(SBL__GATHER_SITES, (double)most * batch);
     sbl__measurement measurement = g->work.measurement;
+    (void)slice;
     measurement.options.rays = SBL__MIN(lamp_rays, SBL__PROBE_LAMP_MOST);
-    if (g->apart) {
+    if (g->lamps_apart) {
         measurement.options.mode = SBL_MODE_DIRECT;
         measurement.options.epsilon = 0;
     }
     sbl__spec_make(faces, &measurement, &c->scene, &c->desc);
-    if (g->apart) faces->without_sky = faces->no_light = faces->one_ray = faces->rays = 1;
+    if (g->lamps_apart) faces->without_sky = faces->no_light = faces->one_ray = faces->rays = 1;
     faces->looks = SBL__PROBE_LOOKS;
     measurement = g->work.measurement;
     measurement.options.backend = SBL_BACKEND_TRACE;
@@ -16398,20 +16332,14 @@ static sbl_result sbl__probes_setup(sbl__core *c, sbl__probes *g) {
     return g->sequence && g->sums && g->sites && g->readings ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-static sbl_result sbl__probes_prepare(void *work, sbl__slice *slice) {
-    sbl__probes *g = (sbl__probes *)work;
-    const sbl_result result = sbl__prepare(g->work.core, &g->work.measurement, slice);
-    return result == SBL_SUCCESS && g->desc.probe_count ? sbl__probes_setup(g->work.core, g) : result;
-}
-
 static int sbl__probes_after_prepare(void *work) {
-    return ((sbl__probes *)work)->desc.probe_count ? SBL__PROBES_BEGIN_BATCH : SBL__PROBES_DONE;
+    return ((sbl__probes *)work)->desc.probe_count ? SBL__PROBES_SETUP : SBL__PROBES_DONE;
 }
 
-/* Begins a round. FACES are left out if sensors trace rays and the scene has no lamps. */
+/* Begins a round with FACES, or with RAYS if FACES would find no light. */
 static int sbl__probes_round(void *work) {
     sbl__probes *g = (sbl__probes *)work;
-    g->kind = g->apart && !g->work.core->scene.lights.leaves ? SBL__PROBE_RAYS : SBL__PROBE_FACES;
+    g->kind = g->lamps_apart && !g->work.core->scene.lights.leaves ? SBL__PROBE_RAYS : SBL__PROBE_FACES;
     g->from = 0;
     return SBL__PROBES_SITES;
 }
@@ -16456,28 +16384,15 @@ static sbl_result sbl__probes_site(void *work, int at) {
 
 static int sbl__probes_after_sites(void *work) {
     sbl__probes *g = (sbl__probes *)work;
-    sbl__task task;
-    memset(&task, 0, sizeof task);
-    task.spec = g->specs[g->kind];
-    task.sites = g->sites;
-    task.readings = g->readings;
-    task.site_count = sbl__probes_job(g);
-    sbl__job_begin(&g->work.core->job, &g->work.core->scene, &task);
+    sbl__work_begin_job(&g->work, &g->specs[g->kind], g->sites, g->readings, sbl__probes_job(g));
     return SBL__PROBES_SENSE;
 }
 
-static sbl_result sbl__probes_sense(void *work, sbl__slice *slice) {
-    sbl__core *c = ((sbl__probes *)work)->work.core;
-    const sbl_result result = sbl__job_step(&c->device, &c->job, slice);
-    if (result == SBL_SUCCESS) sbl__core_count(c);
-    return result;
-}
-
 /* Adds the reading of a site to the harmonics: the radiance along a ray, or R at a normal. A ray's radiance is also
-   added to the sides of the cube. site: number of the site among those of its probe; d: its direction */
+   added to the sides of the cube. site: number of the site among the sites of its probe. d: its direction */
 static void sbl__probe_add(const sbl__probes *g, sbl__probe_sum *sum, int site, const double d[3],
                            const sbl_reading *r) {
-    /* A_i in the formula for R at sbl_probe */
+    /* the factors A_i of the formula for R in the comment of sbl_probe */
     static const double factors[9] = { 1, 2 / 3.0, 2 / 3.0, 2 / 3.0, 0.25, 0.25, 0.25, 0.25, 0.25 };
     const int rays = g->kind == SBL__PROBE_RAYS;
     const double share = rays ? 1.0 / g->desc.options.rays : g->ring_weight[site / g->around] / g->around;
@@ -16495,7 +16410,7 @@ static void sbl__probe_add(const sbl__probes *g, sbl__probe_sum *sum, int site, 
     }
 }
 
-/* Adds the distance at which a ray met a surface. exits: 1: also remember the nearest back face of each octant */
+/* Adds the distance at which a ray hit a surface. exits: 1: also remembers the nearest back face of each octant */
 static void sbl__probe_meet(sbl__probe_sum *sum, const double d[3], const sbl_reading *r, int exits) {
     const int octant = (d[0] > 0) | (d[1] > 0) << 1 | (d[2] > 0) << 2;
     const double distance = (double)r->hit_mean;
@@ -16530,7 +16445,7 @@ static sbl_result sbl__probes_take(void *work, int at) {
         return SBL_SUCCESS;
     }
     sbl__probe_direction(g, sum->number, i, d);
-    if (g->apart || g->kind == SBL__PROBE_FACES) sbl__probe_add(g, sum, i, d, r);
+    if (g->lamps_apart || g->kind == SBL__PROBE_FACES) sbl__probe_add(g, sum, i, d, r);
     if (g->kind == SBL__PROBE_RAYS) sbl__probe_meet(sum, d, r, g->round == 0 && g->desc.move > 0);
     return SBL_SUCCESS;
 }
@@ -16563,8 +16478,8 @@ static void sbl__probe_make(const sbl__probes *g, const sbl__probe_sum *sum, sbl
     memcpy(out->position, sum->place, sizeof out->position);
 }
 
-/* Moves a probe through the nearest back face that was not tried yet, measured from the position that was asked for.
-   Returns 0 if there is none within reach of desc.move. */
+/* Moves a probe through the back face nearest to the position that the host wants, among those not tried yet. Returns 0
+   if none is within reach of desc.move. */
 static int sbl__probe_move(const sbl__probes *g, sbl__probe_sum *sum) {
     const double most = (double)g->desc.move;
     float from[3], *way = NULL;
@@ -16580,8 +16495,8 @@ static int sbl__probe_move(const sbl__probes *g, sbl__probe_sum *sum) {
     return 1;
 }
 
-/* Ends a round: writes the probes to the host's array, and begins the next round with those that are not valid and can
-   move. A probe that is invalid in every round keeps the result of the first one. */
+/* Ends a round: writes the probes to the host's array, and begins the next round with the invalid probes that can move.
+   A probe that is invalid in every round keeps the result of the first round. */
 static int sbl__probes_close(void *work) {
     sbl__probes *g = (sbl__probes *)work;
     sbl_stats *stats = &g->work.core->stats;
@@ -16607,11 +16522,6 @@ static int sbl__probes_close(void *work) {
     return g->first < g->desc.probe_count ? SBL__PROBES_BEGIN_BATCH : SBL__PROBES_DONE;
 }
 
-static double *sbl__probes_seconds(const void *work) {
-    const sbl__work *w = (const sbl__work *)work;
-    return w->stages.stage == SBL__PROBES_PREPARE ? &w->core->stats.seconds.surface : &w->core->stats.seconds.gather;
-}
-
 static float sbl__probes_progress(const void *work) {
     const sbl__probes *g = (const sbl__probes *)work;
     const sbl__job *job = &g->work.core->job;
@@ -16627,16 +16537,17 @@ static float sbl__probes_progress(const void *work) {
 }
 
 static const sbl__stage_row sbl__probes_stages[] = {
-    { sbl__probes_prepare, sbl__probes_after_prepare, NULL, NULL },
+    { sbl__work_prepare, sbl__probes_after_prepare, NULL, NULL },
+    { sbl__probes_setup, NULL, NULL, NULL },
     { sbl__probes_batch, sbl__probes_round, NULL, NULL },
     { NULL, sbl__probes_after_sites, sbl__probes_site, sbl__probes_sites },
-    { sbl__probes_sense, NULL, NULL, NULL },
+    { sbl__work_sense, NULL, NULL, NULL },
     { NULL, sbl__probes_after_take, sbl__probes_take, sbl__probes_sites },
     { NULL, sbl__probes_close, NULL, NULL }
 };
 static const sbl__front_end sbl__probes_front_end = {
     "sbl_begin_probes", 0, sbl__probes_check, sbl__probes_begin, sbl__probes_stages, SBL__PROBES_DONE,
-    sbl__probes_seconds, sbl__probes_progress, sbl__probes_free
+    sbl__work_seconds, sbl__probes_progress, sbl__probes_free
 };
 
 /* ======================================================================================================== >>inspect
@@ -16645,9 +16556,9 @@ static const sbl__front_end sbl__probes_front_end = {
 
 #define SBL__INSPECT_ACROSS 64  /* width of the target of the rays towards lamps, texels */
 
-/* The result, which the host may read until the next inspection */
+/* The result, which the host may read until the next inspection. */
 typedef struct sbl__inspection {
-    sbl__job job;               /* its textures are kept for the next inspection */
+    sbl__job job;               /* kept, because the next inspection uses its textures again */
     sbl_sensor_ray *rays;
     sbl_sensor_lamp *lamps;
     int ray_count, lamp_count;
@@ -16655,14 +16566,15 @@ typedef struct sbl__inspection {
 
 typedef struct sbl__inspect_request {
     sbl__core *core;
-    sbl__map *map;              /* map of a finished picture */
+    sbl__map *map;              /* of a finished picture or lightmap */
     sbl__inspection *found;
-    int pixel;                  /* index of the pixel in the map's refinement */
+    int pixel;                  /* number of the working pixel */
+    int sheet[2];               /* width and height of the sheet, texels */
     float *radiance, *weights;  /* the host's arrays for the sheet; NULL: not wanted */
     sbl__site site;
     sbl__look look;             /* the sensor's first look, which is repeated */
-    sbl_reading reading;        /* reading of this look alone */
-    float layers[3 * (SBL__LAYERS - 1)];  /* further layers of light of this look, see sbl__task */
+    sbl_reading reading;        /* of the first look alone */
+    float layers[3 * (SBL__LAYERS - 1)];  /* further layers of light of the first look, see sbl__task */
     float from_lamps[3], weight_sum;      /* see sbl_sensor */
 } sbl__inspect_request;
 
@@ -16679,10 +16591,10 @@ static void sbl__inspection_free(const sbl__device *d, sbl__inspection *i) {
     sbl__job_free(d, &i->job);
 }
 
-/* Returns the slot of the look, which is the same as that of the sensor's first look in the picture. */
+/* Returns the slot of the look. The sensor's first look had the same slot when the picture was made. */
 static int sbl__inspect_slot(const sbl__job *j) { return j->task.first_look % sbl__job_slots(j)->count; }
 
-/* Returns the index of the lamp of a leaf, and appends the lamp if it is new. */
+/* Returns the index in found->lamps of the lamp of a leaf. Appends the lamp if it is new. */
 static int sbl__inspect_lamp(const sbl__inspect_request *k, int leaf) {
     const sbl__geometry *g = &k->core->scene.geometry;
     const uint32_t code = k->core->scene.lights.codes[leaf], kind = code >> SBL__LAMP_KIND_SHIFT;
@@ -16717,9 +16629,9 @@ static sbl_result sbl__inspect_aim(sbl__device *d, const sbl__job *j, const sbl_
     return SBL_SUCCESS;
 }
 
-/* Runs the program for rays over the hemisphere, or with lamps 1 the program for rays towards lamps, for the look of
-   the request, with size[0] x size[1] invocations. *out: 4 floats of the first output per invocation, then 4 floats of
-   the second output per invocation; the caller frees it, also after an error */
+/* Runs the program for rays over the hemisphere or, if lamps is 1, the program for rays towards lamps, for the look of
+   the request, with size[0] x size[1] invocations. *out: the first output of all invocations, 4 floats each, then the
+   second output; the caller frees *out, also after an error */
 static sbl_result sbl__inspect_run(const sbl__inspect_request *k, int lamps, const int size[2], float **out) {
     sbl__device *d = &k->core->device;
     const sbl__job *j = &k->found->job;
@@ -16833,8 +16745,8 @@ static void sbl__inspect_views(const sbl__inspect_request *k, sbl_sensor *out) {
 
 /* >>inspect: rays towards lamps */
 
-/* Evaluates the outputs of an invocation of lamps.glsl: light (out_light) and way (out_way). is_ray: 1: the invocation
-   traced a ray; 0: it describes one of the lamps or clusters that the look chose */
+/* Evaluates the outputs of an invocation of lamps.glsl, out_light and out_way. is_ray: 1 if the invocation traced a
+   ray; 0 if it describes one of the lamps or clusters that the look chose */
 static void sbl__inspect_take(const sbl__inspect_request *k, const float *light, const float *way, int is_ray) {
     const int state = (int)light[3], lamp = state ? sbl__inspect_lamp(k, (int)way[3]) : 0;
     sbl_sensor_lamp *l = &k->found->lamps[lamp];
@@ -16850,7 +16762,7 @@ static void sbl__inspect_take(const sbl__inspect_request *k, const float *light,
         memcpy(l->unhindered, light, sizeof l->unhindered);
 }
 
-/* Reads R from lamps, which the job's rays towards lamps have measured, and the rays themselves. */
+/* Reads the light from lamps that the job has measured, then traces the rays towards lamps again to read them. */
 static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
     sbl__device *d = &k->core->device;
     const sbl__job *j = &k->found->job;
@@ -16868,7 +16780,7 @@ static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
     sbl__free(d->base, light);
     if (result == SBL_SUCCESS) result = sbl__inspect_run(k, 1, size, &data);
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
-        const int from = i < SBL__LAMPS ? rays + i : i - SBL__LAMPS;  /* lamps come first, in the order of the choice */
+        const int from = i < SBL__LAMPS ? rays + i : i - SBL__LAMPS;  /* first the lamps, then the rays */
         const float *out = data + 4 * (size_t)from;
         sbl__inspect_take(k, out, out + 4 * (size_t)(size[0] * size[1]), from < rays);
     }
@@ -16878,9 +16790,36 @@ static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
 
 /* >>inspect: the job */
 
-/* Returns the index, in the map's refinement, of the pixel that the host reads at (x, y). */
-static size_t sbl__inspect_pixel(const sbl__map *m, int x, int y) {
-    return sbl__map_shown(m, (size_t)y * (size_t)m->size[0] + (size_t)x);
+/* Checks the arguments of sbl_inspect_sensor, and sets the request's pixel and sheet. */
+static sbl_result sbl__inspect_check(sbl__inspect_request *k, int x, int y, const sbl_sensor *sensor,
+                                     size_t texel_count) {
+    const sbl__map *m = k->map;
+    const int finished = m && sbl__work_is_done(&m->work);
+    sbl__check check = { &k->core->base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, 0 };
+    if (!sensor) {
+        sbl__mistake(&check, "sbl_inspect_sensor: sensor is NULL");
+        return SBL_ERROR_INVALID_ARGUMENT;
+    }
+    if (!finished || m->scene_version != k->core->scene.version) {
+        check.item = SBL_LOG_ITEM_WRONG_ORDER;
+        sbl__mistake(&check, "sbl_inspect_sensor: %s", !finished ?
+                     "there is no finished picture; call sbl_render_picture first" :
+                     "the scene has changed since the picture was made; call sbl_render_picture again");
+        return SBL_ERROR_STATE;
+    }
+    if (x < 0 || y < 0 || x >= m->size[0] || y >= m->size[1]) {
+        sbl__mistake(&check, "sbl_inspect_sensor: pixel %d %d lies outside of the picture's %d x %d", x, y,
+                     m->size[0], m->size[1]);
+        return SBL_ERROR_INVALID_ARGUMENT;
+    }
+    k->pixel = (int)sbl__map_shown(m, (size_t)y * (size_t)m->size[0] + (size_t)x);
+    sbl__spec_sheet(&m->spec, k->sheet);
+    if (!sbl__refine_pixel(&m->refine, (size_t)k->pixel)->id)
+        sbl__mistake(&check, "sbl_inspect_sensor: pixel %d %d shows no surface", x, y);
+    else if ((k->radiance || k->weights) && texel_count < (size_t)k->sheet[0] * (size_t)k->sheet[1])
+        sbl__mistake(&check, "sbl_inspect_sensor: texel_count is %.0f; the sheet has %d x %d texels",
+                     (double)texel_count, k->sheet[0], k->sheet[1]);
+    return sbl__check_end(&check);
 }
 
 /* Repeats the first look of the pixel's sensor, in the slot that this look had, so that every rounding is the same. */
@@ -16908,7 +16847,8 @@ static sbl_result sbl__inspect(sbl__inspect_request *k) {
     while (result == SBL_UNFINISHED) {
         result = sbl__job_step(&c->device, j, &slice);
         if (result != SBL_UNFINISHED || j->stages.stage != SBL__JOB_READ || j->lens != SBL__LENS_SITE) continue;
-        c->device.gl.doing = "inspecting a sensor";  /* now, because stuck tests will draw over the look */
+        /* This is the time to read the look: the stuck tests that follow overwrite its views and sums. */
+        c->device.gl.doing = "inspecting a sensor";
         result = sbl__job_layout(j) ? sbl__inspect_sheet(k) : sbl__inspect_rays(k);
         if (result == SBL_SUCCESS && lamp_rays) result = sbl__inspect_lamps(k);
         if (result == SBL_SUCCESS) result = SBL_UNFINISHED;
@@ -16916,11 +16856,14 @@ static sbl_result sbl__inspect(sbl__inspect_request *k) {
     return result;
 }
 
-/* Fills in the result, except for the size of the sheet. */
+/* Fills in the result. */
 static void sbl__inspect_tell(const sbl__inspect_request *k, sbl_sensor *out) {
     const sbl__pixel *p = sbl__refine_pixel(&k->map->refine, (size_t)k->pixel);
     const sbl_reading *r = &k->reading;
     int i;
+    memset(out, 0, sizeof *out);
+    out->sheet_width = k->sheet[0];
+    out->sheet_height = k->sheet[1];
     out->backend = k->map->work.measurement.options.backend;
     memcpy(out->site.position, p->position, sizeof p->position);
     memcpy(out->site.normal, p->normal, sizeof p->normal);
@@ -16974,8 +16917,8 @@ static sbl_result sbl__trial_scene(sbl__core *c) {
     return sbl__scene_make(&c->device, &c->scene, &desc);
 }
 
-/* Draws the G-buffer of a camera at z = 2 that looks at the origin. *shown: 1 if a pixel in the middle shows the
-   triangle at the right position and a pixel in an upper corner shows nothing */
+/* Draws the G-buffer of a camera at z = 2 that looks at the origin. *shown: 1 if a pixel near the centre shows the
+   triangle at the right position, and a corner pixel that the triangle does not cover shows nothing */
 static sbl_result sbl__trial_camera(sbl__core *c, sbl__surface *surface, sbl__gbuffer *gbuffer, int *shown) {
     const float *middle, *corner;
     float pixels[SBL__TRIAL_SIZE * SBL__TRIAL_SIZE][4];
@@ -17006,8 +16949,8 @@ static sbl_result sbl__trial_camera(sbl__core *c, sbl__surface *surface, sbl__gb
     return result;
 }
 
-/* Traces a sensor at unit distance from the triangle. *met: 1 if most of its rays hit the triangle, at the right
-   distance, and find the radiance that the ambient light of 0.5 gives it */
+/* Traces the rays of a sensor at unit distance from the triangle. *met: 1 if most rays hit the triangle at the right
+   distance, and find its radiance of 0.5, which is due to ambient light */
 static sbl_result sbl__trial_rays(sbl__core *c, int *met) {
     sbl_readings_desc desc;
     sbl__gathering gathering;
@@ -17040,7 +16983,7 @@ static sbl_result sbl__trial_rays(sbl__core *c, int *met) {
     return result;
 }
 
-/* Runs both tests. Returns SBL_ERROR_GL, after logging the driver's name, if one fails. */
+/* Runs both tests. If one fails, logs the driver's name and returns SBL_ERROR_GL. */
 static sbl_result sbl__trial(sbl__core *c) {
     sbl__surface surface;
     sbl__gbuffer gbuffer;
@@ -17052,7 +16995,7 @@ static sbl_result sbl__trial(sbl__core *c) {
     if (result == SBL_SUCCESS) result = sbl__trial_rays(c, &met);
     if (result == SBL_SUCCESS && !(shown && met)) {
         sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_DRAWS_WRONG, "the driver \"%s\" (%s) %s; use another driver or "
-                 "another version of it", c->device.gl.capabilities.renderer, c->device.gl.capabilities.version,
+                 "another version", c->device.gl.capabilities.renderer, c->device.gl.capabilities.version,
                  shown ? "traces a known ray incorrectly" : "does not draw a known triangle correctly");
         result = SBL_ERROR_GL;
     }
@@ -17097,8 +17040,8 @@ static void sbl__egl_destroy(sbl__egl *e) {
     memset(e, 0, sizeof *e);
 }
 
-/* Tries to create a context on a display and to make it current. pbuffer: 1: with a pbuffer as its surface; 0: without
-   a surface. Returns 1 on success. */
+/* Tries to create a context on a display and to make it current. pbuffer: 1 if its surface is a pbuffer, 0 if it has no
+   surface. Returns 1 on success. */
 static int sbl__egl_try(sbl__egl *e, EGLDisplay display, int pbuffer) {
     static const EGLint context_attributes[] = { EGL_CONTEXT_MAJOR_VERSION, 3, EGL_CONTEXT_MINOR_VERSION, 3,
                                                  EGL_CONTEXT_OPENGL_PROFILE_MASK,
@@ -17154,7 +17097,7 @@ static void sbl__egl_save(sbl__egl_before *b) {
     b->switched = 1;
 }
 
-/* Saves the EGL state of a host that has given no GL loader, and gives it a context and a loader. */
+/* Saves the host's EGL state, creates a context, and sets the GL loader in *desc. */
 static sbl_result sbl__egl_open(sbl__egl *e, const sbl__base *base, sbl__egl_before *b, sbl_context_desc *desc) {
     sbl__egl_save(b);
     desc->get_gl_function = sbl__egl_function;
@@ -17209,8 +17152,8 @@ static void sbl__egl_destroy(sbl__egl *e) { (void)e; }
     X(bake, vertices, sbl__vertices) \
     X(bake, probes, sbl__probes)
 
-/* What the context is doing, so that calls from callbacks can be refused. Callbacks may always call query functions.
-   The progress callback runs between two pieces of work and may read channels too. */
+/* What the context is doing, by which calls from callbacks are refused. All callbacks may call sbl_progress and the
+   query functions. The progress callback runs between two pieces of work, so it may also read channels. */
 typedef enum sbl__inside {
     SBL__INSIDE_NOTHING, SBL__INSIDE_PROGRESS, SBL__INSIDE_WORK, SBL__INSIDE_REFUSAL
 } sbl__inside;
@@ -17220,8 +17163,8 @@ struct sbl_context {
 #define SBL__X(verb, noun, type) type noun;
     SBL__FRONT_ENDS(SBL__X)
 #undef SBL__X
-    sbl__work *work;           /* what was begun last; NULL: nothing */
-    sbl__map *map;             /* the picture or lightmap, finished or not; NULL: there is none */
+    sbl__work *work;           /* the work that was begun last, finished or not; NULL if there is none */
+    sbl__map *map;             /* the picture or lightmap, finished or not; NULL if there is none */
     sbl__inspection inspection;
     sbl__inside inside;
     sbl__egl egl;
@@ -17246,37 +17189,35 @@ static void sbl__visit_leave(sbl_context *c, const sbl__visit *v) {
     c->inside = v->inside;
 }
 
-static void sbl__refuse(const sbl_context *c, sbl_log_item item, const char *function, const char *why) {
+/* Logs why a function does nothing, and returns its result. */
+static sbl_result sbl__refuse(const sbl_context *c, sbl_log_item item, const char *function, const char *why) {
     sbl__log(&c->core.base, SBL_LOG_ERROR, item, "%s: %s", function, why);
+    return item == SBL_LOG_ITEM_WRONG_ORDER ? SBL_ERROR_STATE : SBL_ERROR_INVALID_ARGUMENT;
 }
 
-/* Returns 1, after logging, if a callback calls the function from which it must not. most: the innermost place from
-   which it may be called. */
-static int sbl__called_back(sbl_context *c, const char *function, sbl__inside most) {
-    const sbl__inside inside = c->inside;
-    if (inside <= most) return 0;
-    c->inside = SBL__INSIDE_REFUSAL;
-    if (inside != SBL__INSIDE_REFUSAL)  /* otherwise the logger itself calls, while a refusal is logged */
-        sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "called by a callback, in the middle of work; let it "
-                    "return first (progress: return nonzero to cancel)");
-    c->inside = inside;
-    return 1;
-}
-
-/* The checks of a function that must not be called from callbacks and, if `scene` is 1, needs a scene. */
-static sbl_result sbl__may_call(sbl_context *c, const char *function, int scene) {
+/* Checks that the context exists, that it is not further inside than `most`, which means that a callback calls the
+   function, and, if scene is 1, that it has a scene. */
+static sbl_result sbl__may_call(sbl_context *c, const char *function, sbl__inside most, int scene) {
+    sbl__inside inside;
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
-    if (sbl__called_back(c, function, SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
+    inside = c->inside;
+    if (inside > most) {
+        c->inside = SBL__INSIDE_REFUSAL;
+        if (inside != SBL__INSIDE_REFUSAL)  /* a logger that calls the function again must not cause a recursion */
+            sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "called by a callback, in the middle of work; let the "
+                        "callback return first (progress: return nonzero to cancel)");
+        c->inside = inside;
+        return SBL_ERROR_STATE;
+    }
     if (!scene || c->core.has_scene) return SBL_SUCCESS;
-    sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "there is no scene yet; call sbl_set_scene first");
-    return SBL_ERROR_STATE;
+    return sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "there is no scene yet; call sbl_set_scene first");
 }
 
 /* >>public: dropping work */
 
 static int sbl__is_shown(const sbl_context *c, const sbl__work *work) { return c->map && work == &c->map->work; }
 
-/* Frees work that was begun, finished or not. work: may be NULL. */
+/* Frees work that was begun, finished or not. */
 static void sbl__drop(sbl_context *c, sbl__work *work) {
     if (!work) return;
     if (sbl__is_shown(c, work)) {
@@ -17289,11 +17230,12 @@ static void sbl__drop(sbl_context *c, sbl__work *work) {
 
 static void sbl__drop_all(sbl_context *c) {
     sbl__drop(c, c->work);
-    sbl__drop(c, c->work);  /* the map, if it is not what was begun last */
+    sbl__drop(c, c->work);  /* the picture or lightmap, if other work was begun after it */
     sbl__job_free(&c->core.device, &c->core.job);
+    sbl__bounce_end(&c->core);
 }
 
-/* Drops what was begun last, except for a finished picture or lightmap. A store that is half filled stays. */
+/* Drops the work that was begun last, unless it is a finished picture or lightmap. A half-filled store stays. */
 static void sbl__abandon(sbl_context *c) {
     if (c->work && !(sbl__is_shown(c, c->work) && sbl__work_is_done(c->work))) sbl__drop(c, c->work);
     sbl__job_free(&c->core.device, &c->core.job);
@@ -17301,15 +17243,13 @@ static void sbl__abandon(sbl_context *c) {
 
 /* >>public: contexts */
 
-/* Frees all but the struct itself, also of a context that sbl_create did not complete. */
+/* Frees everything except the struct itself. sbl_create may have failed to complete the context. */
 static void sbl__context_free(sbl_context *c) {
     sbl__core *core = &c->core;
     if (sbl__device_is_made(&core->device)) {
         sbl__visit visit;
         sbl__visit_enter(c, &visit);
         sbl__drop_all(c);
-        sbl__bounce_end(core);
-        sbl__job_free(&core->device, &core->job);
         sbl__scene_free(&core->device, &core->scene);
         sbl__device_free(&core->device);
         sbl__visit_leave(c, &visit);
@@ -17341,16 +17281,14 @@ static sbl_result sbl__compile_all(sbl__device *d) {
     return result;
 }
 
-/* Compiles programs if the host has asked for it, and tries out the driver. */
-static sbl_result sbl__context_start(sbl__core *core) {
-    sbl__guard guard;
+/* Compiles programs if the host wants them ahead, and tests the driver. */
+static sbl_result sbl__context_start(sbl_context *c) {
+    sbl__visit visit;
     sbl_result result = SBL_SUCCESS;
-    sbl__guard_save(&core->device.gl, &guard);
-    sbl__guard_force(&core->device.gl);
-    if (core->desc.compile_ahead) result = sbl__compile_all(&core->device);
-    if (result == SBL_SUCCESS) result = sbl__trial(core);
-    sbl__guard_restore(&core->device.gl, &guard);
-    sbl__gl_clear_errors(&core->device.gl);
+    sbl__visit_enter(c, &visit);
+    if (c->core.desc.compile_ahead) result = sbl__compile_all(&c->core.device);
+    if (result == SBL_SUCCESS) result = sbl__trial(&c->core);
+    sbl__visit_leave(c, &visit);
     return result;
 }
 
@@ -17379,7 +17317,7 @@ SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
     c->core.device.base = c->core.device.gl.base = &c->core.base;
     if (!d.get_gl_function) result = sbl__egl_open(&c->egl, &c->core.base, &before, &d);
     if (result == SBL_SUCCESS) result = sbl__device_make(&c->core.device, &d);
-    if (result == SBL_SUCCESS) result = sbl__context_start(&c->core);
+    if (result == SBL_SUCCESS) result = sbl__context_start(c);
     if (result != SBL_SUCCESS) sbl__context_free(c);
     sbl__egl_leave(&c->egl, &before);
     if (result != SBL_SUCCESS) {
@@ -17393,8 +17331,7 @@ SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
 
 SBL_API void sbl_destroy(sbl_context *c) {
     sbl__base base;
-    if (!c) return;
-    if (sbl__called_back(c, "sbl_destroy", SBL__INSIDE_NOTHING)) return;
+    if (sbl__may_call(c, "sbl_destroy", SBL__INSIDE_NOTHING, 0) != SBL_SUCCESS) return;
     sbl__context_free(c);
     base = c->core.base;
     sbl__free(&base, c);
@@ -17406,12 +17343,9 @@ SBL_API sbl_result sbl_set_scene(sbl_context *c, const sbl_scene_desc *desc) {
     const double start = sbl__now();
     sbl__scene scene;
     sbl__visit visit;
-    sbl_result result = sbl__may_call(c, "sbl_set_scene", 0);
+    sbl_result result = sbl__may_call(c, "sbl_set_scene", SBL__INSIDE_NOTHING, 0);
     if (result != SBL_SUCCESS) return result;
-    if (!desc) {
-        sbl__refuse(c, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_set_scene", "desc is NULL");
-        return SBL_ERROR_INVALID_ARGUMENT;
-    }
+    if (!desc) return sbl__refuse(c, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_set_scene", "desc is NULL");
     memset(&scene, 0, sizeof scene);
     sbl__visit_enter(c, &visit);
     result = sbl__scene_make(&c->core.device, &scene, desc);
@@ -17432,7 +17366,7 @@ SBL_API sbl_result sbl_set_scene(sbl_context *c, const sbl_scene_desc *desc) {
     return result;
 }
 
-/* Replaces the materials or the lights, whichever desc has; the other pointer is NULL. */
+/* Replaces the materials or the lights. desc: has only one of them; the pointer to the other is NULL */
 static sbl_result sbl__update_light(sbl_context *c, const char *function, const sbl_scene_desc *desc) {
     const char *what = desc->materials ? "materials" : "lights";
     const int count = desc->materials ? desc->material_count : desc->light_count;
@@ -17440,7 +17374,7 @@ static sbl_result sbl__update_light(sbl_context *c, const char *function, const 
     sbl__check check = { NULL, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, 0 };
     sbl_result result;
     int i, has;
-    result = sbl__may_call(c, function, 1);
+    result = sbl__may_call(c, function, SBL__INSIDE_NOTHING, 1);
     if (result != SBL_SUCCESS) return result;
     has = desc->materials ? c->core.scene.material_count : c->core.scene.lights.count;
     check.base = &c->core.base;
@@ -17478,21 +17412,19 @@ SBL_API sbl_result sbl_set_lights(sbl_context *c, const sbl_light *lights, int l
 }
 
 SBL_API sbl_result sbl_save_store(sbl_context *c, sbl_write_function put, void *user) {
-    const sbl_result result = put ? sbl__may_call(c, "sbl_save_store", 1) : SBL_ERROR_INVALID_ARGUMENT;
+    const sbl_result result = put ? sbl__may_call(c, "sbl_save_store", SBL__INSIDE_NOTHING, 1)
+                                  : SBL_ERROR_INVALID_ARGUMENT;
     if (result != SBL_SUCCESS) return result;
-    if (!c->core.scene.store.ready) {
-        sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, "sbl_save_store", "no light is stored; render or gather in "
-                    "SBL_MODE_GI first");
-        return SBL_ERROR_STATE;
-    }
+    if (!c->core.scene.store.ready)
+        return sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, "sbl_save_store", "no light is stored; render or gather in "
+                           "SBL_MODE_GI first");
     if (sbl__saved_write(&c->core.scene, put, user)) return SBL_SUCCESS;
-    sbl__refuse(c, SBL_LOG_ITEM_INVALID_STORE, "sbl_save_store", "put took fewer bytes than it was given");
-    return SBL_ERROR_INVALID_ARGUMENT;
+    return sbl__refuse(c, SBL_LOG_ITEM_INVALID_STORE, "sbl_save_store", "put took fewer bytes than it was given");
 }
 
 SBL_API sbl_result sbl_load_store(sbl_context *c, sbl_read_function get, void *user) {
     sbl__visit visit;
-    sbl_result result = get ? sbl__may_call(c, "sbl_load_store", 1) : SBL_ERROR_INVALID_ARGUMENT;
+    sbl_result result = get ? sbl__may_call(c, "sbl_load_store", SBL__INSIDE_NOTHING, 1) : SBL_ERROR_INVALID_ARGUMENT;
     if (result != SBL_SUCCESS) return result;
     sbl__visit_enter(c, &visit);
     sbl__abandon(c);
@@ -17506,7 +17438,7 @@ SBL_API sbl_result sbl_set_mesh_transform(sbl_context *c, int mesh, const float 
     sbl__visit visit;
     sbl__check check = { NULL, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, 0 };
     sbl_result result;
-    result = sbl__may_call(c, "sbl_set_mesh_transform", 1);
+    result = sbl__may_call(c, "sbl_set_mesh_transform", SBL__INSIDE_NOTHING, 1);
     if (result != SBL_SUCCESS) return result;
     check.base = &c->core.base;
     if (mesh < 0 || mesh >= c->core.scene.geometry.mesh_count)
@@ -17530,12 +17462,12 @@ SBL_API sbl_result sbl_set_mesh_transform(sbl_context *c, int mesh, const float 
 
 /* >>public: begin, step, end */
 
-/* Begins work: checks desc, drops former work, and fills the struct `work`. */
+/* Checks desc, drops former work, and begins work. work: the front end's struct in the context */
 static sbl_result sbl__begin(sbl_context *c, void *work, const sbl__front_end *f, const void *desc) {
     const double start = sbl__now();
     sbl__measurement measurement;
     sbl__visit visit;
-    sbl_result result = sbl__may_call(c, f->begin_name, 1);
+    sbl_result result = sbl__may_call(c, f->begin_name, SBL__INSIDE_NOTHING, 1);
     if (result == SBL_SUCCESS) result = f->check(&c->core, desc, &measurement);
     if (result != SBL_SUCCESS) return result;
     measurement.options.backend = sbl__choose_backend(&measurement, &c->core.scene);
@@ -17587,13 +17519,12 @@ static sbl_result sbl__context_step(sbl_context *c, sbl__slice *slice) {
 SBL_API sbl_result sbl_step(sbl_context *c, double seconds) {
     sbl__slice slice;
     sbl__visit visit;
-    sbl_result result = sbl__may_call(c, "sbl_step", 0);
+    sbl_result result = sbl__may_call(c, "sbl_step", SBL__INSIDE_NOTHING, 0);
     double last;
     if (result != SBL_SUCCESS) return result;
-    if (!c->work) {
-        sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, "sbl_step", "there is no picture; call sbl_begin_picture first");
-        return SBL_ERROR_STATE;
-    }
+    if (!c->work)
+        return sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, "sbl_step",
+                           "there is no picture; call sbl_begin_picture first");
     if (sbl__work_is_done(c->work)) return SBL_SUCCESS;
     slice = sbl__slice_of(&c->core.desc, seconds);
     last = seconds > 0 ? slice.end - SBL__SLICE_REST * seconds : DBL_MAX;
@@ -17603,7 +17534,7 @@ SBL_API sbl_result sbl_step(sbl_context *c, double seconds) {
     if (c->core.stats.sensors.count)
         c->core.stats.sensors.microseconds = 1e6 * c->core.stats.seconds.total / (double)c->core.stats.sensors.count;
     if (result != SBL_SUCCESS && result != SBL_UNFINISHED) {
-        sbl__drop(c, c->work);  /* even a finished picture, if the callback has cancelled after its last piece */
+        sbl__drop(c, c->work);  /* also a finished picture, if the progress callback cancels after the last piece */
         sbl__job_free(&c->core.device, &c->core.job);
         if (!c->core.scene.store.ready) sbl__bounce_end(&c->core);
     }
@@ -17615,10 +17546,9 @@ SBL_API float sbl_progress(const sbl_context *c) { return c && c->work ? c->work
 
 SBL_API void sbl_end(sbl_context *c) {
     sbl__visit visit;
-    if (!c || !c->work || sbl__called_back(c, "sbl_end", SBL__INSIDE_NOTHING)) return;
+    if (!c || !c->work || sbl__may_call(c, "sbl_end", SBL__INSIDE_NOTHING, 0) != SBL_SUCCESS) return;
     sbl__visit_enter(c, &visit);
     sbl__drop_all(c);
-    sbl__bounce_end(&c->core);
     sbl__visit_leave(c, &visit);
 }
 
@@ -17626,15 +17556,13 @@ SBL_API void sbl_end(sbl_context *c) {
 
 SBL_API int sbl_channel_components(sbl_channel channel) { return sbl__map_components(channel); }
 
-/* Returns SBL_SUCCESS if channels can be read, after making a preview if the map is not finished. */
+/* Returns SBL_SUCCESS if channels can be read. Makes a preview first if the map is not finished. */
 static sbl_result sbl__channel_ready(sbl_context *c, const char *function) {
     sbl__visit visit;
     sbl_result result;
-    if (!c->map) {
-        sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "there is no picture; call sbl_render_picture, or "
-                    "sbl_begin_picture and sbl_step");
-        return SBL_ERROR_STATE;
-    }
+    if (!c->map)
+        return sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "there is no picture; call sbl_render_picture, or "
+                           "sbl_begin_picture and sbl_step");
     if (sbl__work_is_done(&c->map->work)) return SBL_SUCCESS;
     if (sbl__refine_error(&c->map->refine) < 0) return SBL_UNFINISHED;
     sbl__visit_enter(c, &visit);
@@ -17647,22 +17575,19 @@ static sbl_result sbl__channel_ready(sbl_context *c, const char *function) {
 SBL_API sbl_result sbl_read_channel(sbl_context *c, sbl_channel channel, float *out, size_t float_count) {
     const int components = sbl_channel_components(channel);
     sbl__visit visit;
+    sbl__check check = { NULL, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, 0 };
     size_t pixels;
-    sbl_result result;
-    if (!c) return SBL_ERROR_INVALID_ARGUMENT;
-    if (sbl__called_back(c, "sbl_read_channel", SBL__INSIDE_PROGRESS)) return SBL_ERROR_STATE;
-    if (!components || !out) {
-        sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_read_channel: channel is %d (0 to "
-                 "%d exist), out is %s", (int)channel, SBL_CHANNEL_COUNT - 1, out ? "given" : "NULL");
-        return SBL_ERROR_INVALID_ARGUMENT;
-    }
+    sbl_result result = sbl__may_call(c, "sbl_read_channel", SBL__INSIDE_PROGRESS, 0);
+    if (result != SBL_SUCCESS) return result;
+    check.base = &c->core.base;
     pixels = c->map ? (size_t)c->map->size[0] * (size_t)c->map->size[1] : 0;
-    if (float_count < pixels * (size_t)components) {
-        sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_read_channel: float_count is %.0f; "
-                 "channel %d of %d x %d pixels needs %.0f floats", (double)float_count, (int)channel, c->map->size[0],
-                 c->map->size[1], (double)pixels * components);
-        return SBL_ERROR_INVALID_ARGUMENT;
-    }
+    if (!components || !out)
+        sbl__mistake(&check, "sbl_read_channel: channel is %d (0 to %d exist), out is %s", (int)channel,
+                     SBL_CHANNEL_COUNT - 1, out ? "given" : "NULL");
+    else if (float_count < pixels * (size_t)components)
+        sbl__mistake(&check, "sbl_read_channel: float_count is %.0f; channel %d of %d x %d pixels needs %.0f floats",
+                     (double)float_count, (int)channel, c->map->size[0], c->map->size[1], (double)pixels * components);
+    if (check.mistakes) return SBL_ERROR_INVALID_ARGUMENT;
     result = sbl__channel_ready(c, "sbl_read_channel");
     if (result != SBL_SUCCESS) return result;
     sbl__visit_enter(c, &visit);
@@ -17674,9 +17599,9 @@ SBL_API sbl_result sbl_read_channel(sbl_context *c, sbl_channel channel, float *
 SBL_API uint32_t sbl_channel_texture(sbl_context *c, sbl_channel channel) {
     sbl__visit visit;
     uint32_t texture;
-    if (!c || !c->map || !sbl_channel_components(channel)) return 0;
-    if (sbl__called_back(c, "sbl_channel_texture", SBL__INSIDE_PROGRESS)) return 0;
-    if (sbl__channel_ready(c, "sbl_channel_texture") != SBL_SUCCESS) return 0;
+    if (!c || !c->map || !sbl_channel_components(channel) ||
+        sbl__may_call(c, "sbl_channel_texture", SBL__INSIDE_PROGRESS, 0) != SBL_SUCCESS ||
+        sbl__channel_ready(c, "sbl_channel_texture") != SBL_SUCCESS) return 0;
     sbl__visit_enter(c, &visit);
     texture = sbl__map_channel_texture(c->map, channel);
     sbl__visit_leave(c, &visit);
@@ -17685,76 +17610,37 @@ SBL_API uint32_t sbl_channel_texture(sbl_context *c, sbl_channel channel) {
 
 /* >>public: inspection */
 
-static sbl_result sbl__inspect_check(const sbl_context *c, int x, int y, const sbl_sensor *sensor) {
-    const sbl__map *m = c->map;
-    const int finished = m && sbl__work_is_done(&m->work);
-    sbl__check check = { &c->core.base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, 0 };
-    if (!sensor) {
-        sbl__mistake(&check, "sbl_inspect_sensor: sensor is NULL");
-        return SBL_ERROR_INVALID_ARGUMENT;
-    }
-    if (!finished || m->scene_version != c->core.scene.version) {
-        sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, "sbl_inspect_sensor", !finished ?
-                    "there is no finished picture; call sbl_render_picture first" :
-                    "the scene has changed since the picture was made; call sbl_render_picture again");
-        return SBL_ERROR_STATE;
-    }
-    if (x < 0 || y < 0 || x >= m->size[0] || y >= m->size[1])
-        sbl__mistake(&check, "sbl_inspect_sensor: pixel %d %d lies outside of the picture's %d x %d", x, y,
-                     m->size[0], m->size[1]);
-    else if (!sbl__refine_pixel(&m->refine, sbl__inspect_pixel(m, x, y))->id)
-        sbl__mistake(&check, "sbl_inspect_sensor: pixel %d %d shows no surface", x, y);
-    return sbl__check_end(&check);
-}
-
 SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *sensor, float *radiance, float *weights,
                                       size_t texel_count) {
     sbl__inspect_request request;
-    sbl_sensor s;
     sbl__visit visit;
-    sbl_result result = sbl__may_call(c, "sbl_inspect_sensor", 0);
-    int sheet[2];
-    if (result == SBL_SUCCESS) result = sbl__inspect_check(c, x, y, sensor);
+    sbl_result result = sbl__may_call(c, "sbl_inspect_sensor", SBL__INSIDE_NOTHING, 0);
     if (result != SBL_SUCCESS) return result;
-    memset(&s, 0, sizeof s);
-    sbl__spec_sheet(&c->map->spec, sheet);
-    s.sheet_width = sheet[0];
-    s.sheet_height = sheet[1];
-    if ((radiance || weights) && texel_count < (size_t)s.sheet_width * (size_t)s.sheet_height) {
-        sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor: texel_count is "
-                 "%.0f; the sheet has %d x %d texels", (double)texel_count, s.sheet_width, s.sheet_height);
-        return SBL_ERROR_INVALID_ARGUMENT;
-    }
-    sbl__inspection_clear(&c->core.base, &c->inspection);
     memset(&request, 0, sizeof request);
     request.core = &c->core;
     request.map = c->map;
     request.found = &c->inspection;
-    request.pixel = (int)sbl__inspect_pixel(c->map, x, y);
     request.radiance = radiance;
     request.weights = weights;
+    result = sbl__inspect_check(&request, x, y, sensor, texel_count);
+    if (result != SBL_SUCCESS) return result;
+    sbl__inspection_clear(&c->core.base, &c->inspection);
     sbl__visit_enter(c, &visit);
     result = sbl__inspect(&request);
     sbl__visit_leave(c, &visit);
-    if (result != SBL_SUCCESS) {
-        sbl__inspection_clear(&c->core.base, &c->inspection);
-        return result;
-    }
-    sbl__inspect_tell(&request, &s);
-    *sensor = s;
-    return SBL_SUCCESS;
+    if (result == SBL_SUCCESS) sbl__inspect_tell(&request, sensor);
+    else sbl__inspection_clear(&c->core.base, &c->inspection);
+    return result;
 }
 
 /* >>public: helpers */
 
 SBL_API int sbl_look_at(float world_to_view[16], float eye_x, float eye_y, float eye_z, float at_x, float at_y,
                         float at_z, float up_x, float up_y, float up_z) {
-    double eye[3], f[3], u[3], r[3];
+    const double eye[3] = { eye_x, eye_y, eye_z };
+    double f[3] = { at_x - eye[0], at_y - eye[1], at_z - eye[2] }, u[3] = { up_x, up_y, up_z }, r[3];
     float m[16];
     int k;
-    eye[0] = eye_x; eye[1] = eye_y; eye[2] = eye_z;
-    f[0] = at_x - eye[0]; f[1] = at_y - eye[1]; f[2] = at_z - eye[2];
-    u[0] = up_x; u[1] = up_y; u[2] = up_z;
     if (!sbl__normalize(f) || !sbl__normalize(u)) return 0;
     sbl__cross(f, u, r);
     if (r[0] * r[0] + r[1] * r[1] + r[2] * r[2] < 1e-12 || !sbl__normalize(r)) return 0;
@@ -17784,7 +17670,7 @@ SBL_API int sbl_perspective(float m[16], float fov_y, float aspect) {
     m[5] = high;
     m[10] = -1;
     m[11] = -1;
-    m[14] = -0.2f;  /* near 0.1, no far plane; sbl.h itself ignores both */
+    m[14] = -0.2f;  /* the near plane is at 0.1, and there is no far plane; sbl.h itself ignores both */
     return 1;
 }
 
@@ -17800,35 +17686,21 @@ SBL_API void sbl_encode_srgb8(unsigned char *out, const float *linear, size_t fl
 
 /* >>public: queries */
 
-SBL_API sbl_context_desc sbl_query_desc(const sbl_context *c) {
-    sbl_context_desc none;
-    memset(&none, 0, sizeof none);
-    return c ? c->core.desc : none;
-}
-
-SBL_API sbl_capabilities sbl_query_capabilities(const sbl_context *c) {
-    sbl_capabilities none;
-    memset(&none, 0, sizeof none);
-    return c ? c->core.device.gl.capabilities : none;
-}
-
-SBL_API sbl_stats sbl_query_stats(const sbl_context *c) {
-    sbl_stats none;
-    memset(&none, 0, sizeof none);
-    return c ? c->core.stats : none;
-}
-
-SBL_API sbl_memory sbl_query_memory(const sbl_context *c) {
-    sbl_memory none;
-    memset(&none, 0, sizeof none);
-    return c ? c->core.base.memory : none;
-}
-
-SBL_API sbl_programs sbl_query_programs(const sbl_context *c) {
-    sbl_programs programs;
-    memset(&programs, 0, sizeof programs);
-    return c ? c->core.device.compiled : programs;
-}
+/* Functions that return a struct of the context, or all zeroes without a context. */
+#define SBL__QUERIES(X) \
+    X(sbl_context_desc, sbl_query_desc, c->core.desc) \
+    X(sbl_capabilities, sbl_query_capabilities, c->core.device.gl.capabilities) \
+    X(sbl_stats, sbl_query_stats, c->core.stats) \
+    X(sbl_memory, sbl_query_memory, c->core.base.memory) \
+    X(sbl_programs, sbl_query_programs, c->core.device.compiled)
+#define SBL__X(type, function, value) \
+    SBL_API type function(const sbl_context *c) { \
+        type none; \
+        memset(&none, 0, sizeof none); \
+        return c ? value : none; \
+    }
+SBL__QUERIES(SBL__X)
+#undef SBL__X
 
 SBL_API sbl_bounds sbl_query_bounds(const sbl_context *c) {
     sbl_bounds bounds;
