@@ -2861,7 +2861,7 @@ enum {
     SBL__CUTOUTS = 1 << 8,      /* some materials have holes */
     SBL__GUIDED = 1 << 9,       /* guides choose the directions of rays, see >>guide */
     SBL__LIGHTMAP = 1 << 10,    /* pixels are texels of an atlas; otherwise they belong to a camera */
-    SBL__DIRECTIONAL = 1 << 11, /* also output the direction of the light, for channels SH_0 to SH_3 */
+    SBL__DIRECTIONAL = 1 << 11, /* also output harmonics of the radiance, for SBL_CHANNEL_SH_0 to SBL_CHANNEL_SH_3 */
     SBL__FEATURES = 12
 };
 
@@ -3097,7 +3097,8 @@ static void sbl__pass_rows(const sbl__device *d, const sbl__target *t, int row, 
     sbl__pass(d, t, area, NULL, 0);
 }
 
-/* Clears colour attachment 0 and the depth of a pass, inside the scissor. color: NULL if the attachment has integers */
+/* Clears colour attachment 0 and the depth buffer of a pass, inside the scissor. color: NULL if the attachment
+   holds integers, which become 0 */
 static void sbl__clear(const sbl__device *d, const float *color) {
     static const unsigned zero[4] = { 0, 0, 0, 0 };
     static const float farthest = 0;
@@ -3366,7 +3367,7 @@ typedef struct sbl__stage_row {
 
 /* The progress of staged work. */
 typedef struct sbl__stages {
-    int stage;  /* row of the table */
+    int stage;  /* current stage: index of its row in the table of stages */
     int at;     /* next turn of a loop, or a counter that a piece may use as it likes; 0 when the stage begins */
 } sbl__stages;
 
@@ -4893,7 +4894,8 @@ static void sbl__environment_axes(sbl__environment *e, const sbl_environment *de
     int k;
     for (k = 0; k < 3 && !sbl__all_zero(desc->up, 3); k++) up[k] = desc->up[k];
     sbl__normalize(up);
-    if (up[1] > -1 + 1e-9) {  /* rotates x; if `up` is -y, the rotation is half a turn about x, which does not move x */
+    if (up[1] > -1 + 1e-9) {  /* rotates the x axis. If `up` is -y, nothing is to do: half a turn about the x axis
+                                 leaves it in place */
         x[0] = 1 - up[0] * up[0] / (1 + up[1]);
         x[1] = -up[0];
         x[2] = -up[0] * up[2] / (1 + up[1]);
@@ -5456,7 +5458,8 @@ static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, 
     *at += count;
     if (*at < all) return SBL_UNFINISHED;
     result = sbl__table_attach(b->device, t, SBL__GL_RGBA32UI, b->geometry->wide);
-    if (b->geometry->wide) sbl__buffer_delete(b->device, &t->buffer);  /* a texture holds a copy */
+    if (b->geometry->wide) sbl__buffer_delete(b->device, &t->buffer);  /* shaders then read a 2D texture that holds
+                                                                          a copy */
     return result;
 }
 
@@ -5740,7 +5743,7 @@ typedef struct sbl__lamps {    /* data for building the trees */
     sbl__lamp *list, *sorted;  /* sorted: the destination of merging */
     int count, room;
     double low[3], side;       /* cube around the centres of the near lamps, which the Morton curve fills */
-    int width;                 /* number of lamps in a run to merge */
+    int width;                 /* merge sort: length of the sorted runs that are merged now, in lamps */
     int left, right, out;      /* next lamps of the two runs to merge; next place in `sorted` */
     sbl__lamp_node *nodes;
     int node_count;
@@ -5751,7 +5754,8 @@ typedef struct sbl__lamps {    /* data for building the trees */
 typedef struct sbl__lights {
     sbl_light *list;           /* copy of the host's lights */
     int count;
-    float unit;                /* unit of radiance in lamps.glsl: about the highest radiance that lamps cause */
+    float unit;                /* lamps.glsl divides radiance by this unit, so that sums do not overflow: about the
+                                  highest R near any lamp */
     int ready;
     sbl__table table;
     int nodes, leaves;         /* numbers of nodes and leaves in the table */
@@ -5995,7 +5999,9 @@ static void sbl__cluster_of_lamp(sbl__cluster *c, const sbl__lamp *lamp) {
     /* axes of the products xx yy zz xy yz zx of sbl__lamp_node */
     static const int pairs[6][2] = { { 0, 0 }, { 1, 1 }, { 2, 2 }, { 0, 1 }, { 1, 2 }, { 2, 0 } };
     const int sides = !sbl__all_zero(lamp->normal, 3), front = lamp->one_sided || lamp->distant;
-    const double shown = front ? 0.5 * lamp->power : lamp->power;  /* one side: max(x, 0) = (|x| + x) / 2 */
+    /* A lamp with one side emits in proportion to max(x, 0) = |x| / 2 + x / 2, where x is the cosine at the lamp. The
+       products below hold the part with |x|, c->front the part with x. */
+    const double shown = front ? 0.5 * lamp->power : lamp->power;
     int k;
     c->power = lamp->power;
     c->all_sides = shown;
@@ -8141,7 +8147,7 @@ typedef struct sbl__spec {
                                    traces them, for the distances and back faces in readings */
     int guided;                 /* 1: guides direct rays, see >>guide */
     float distance_limit;       /* traced: upper limit for each distance in a reading's mean distance; 0: no limit */
-    int one_ray;                /* traced: 1 if a look traces a single ray, along the normal */
+    int one_ray;                /* if rays are traced: 1 if a look traces a single ray, along the normal */
     int directional;            /* 1: measure layers 1 to 4 too, see SBL__LAYERS */
     float epsilon;              /* ambient light: radiance that reaches all surfaces from all directions */
     uint32_t seed;              /* seed for the rotation of all sensors, see sbl_picture_desc */
@@ -8150,7 +8156,7 @@ typedef struct sbl__spec {
 
 /* One look of a site. */
 typedef struct sbl__look {
-    float position[3];          /* the site's position, moved by the offset */
+    float position[3];          /* the site's position, moved off the surface by `offset` along the geometric normal */
     float normal[3];
     float offset;
     float rotation;             /* rasterised: rotation of the views about the normal, radians */
@@ -8581,7 +8587,8 @@ static sbl_result sbl__looks_send(const sbl__device *d, sbl__table *table, const
 static const char *const sbl__glsl_carrier[] = {
 "// Shared by all programs that trace rays for sensors. Each look (see >>sensors in sbl.h) has a slot of blocks.x *\n",
 "// blocks.y texels in the outputs, and one invocation computes each texel. The programs run either as fragment\n",
-"// shaders, drawn over the slots, or as compute shaders, with consecutive invocations for each slot.\n",
+"// shaders, drawn over the slots, or as compute shaders, in which the invocations of a slot have consecutive\n",
+"// numbers.\n",
 "uniform ivec2 blocks;            // size of a slot, texels; at most 4 wide, so that parallel invocations trace\n",
 "                                 // neighbouring rays\n",
 "uniform int columns;             // number of slots in a row of the outputs\n",
@@ -8636,7 +8643,8 @@ typedef struct sbl__aim {
     int rays;                      /* maximum number of rays towards lamps per look */
     int parts;                     /* number of invocations among which a look's rays are divided */
     sbl__table sequence;           /* points of the unit square that give directions, see sbl__sequence_make */
-    sbl__blocks light;             /* outputs of lamps.glsl. Each look has a column of `parts` texels */
+    sbl__blocks light;             /* outputs of lamps.glsl. Each look has a column of `parts` texels; a texel sums
+                                      a part of the look's rays */
 } sbl__aim;
 
 /* Returns the maximum number of rays per invocation. */
@@ -9074,7 +9082,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    return s;\n",
 "}\n",
 "\n",
-"#ifdef SBL_VIEWS  // the host draws geometry, which only the sensor's views show\n",
+"#ifdef SBL_VIEWS  // geometry that only the host can draw: the sensor's views tell whether it hides the lamp\n",
 "uniform sampler2D atlas;        // view texture: Ck r g b, signed distance along the view's axis\n",
 "uniform vec4 view_rects[5];     // per view: x, y, width, height in the sheet, texels\n",
 "uniform ivec2 sheet;            // size of a sheet, texels\n",
@@ -9248,7 +9256,7 @@ static const char *const sbl__glsl_lamps[] = {
 "vec2 bright = vec2(0), dark = vec2(0);        // by group: number of visible and of blocked rays, with rim samples\n",
 "mat3x4 sure_harmonics = mat3x4(0), sampled_harmonics = mat3x4(0);  // harmonics of `sure` and of `sampled`\n",
 "mat3x4 open_harmonics[2], seen_harmonics[2];  // harmonics of `open` and of `seen`\n",
-"vec4 report = vec4(0), report_way = vec4(0);  // the outputs, if inspected\n",
+"vec4 report = vec4(0), report_way = vec4(0);  // inspections: what one ray found\n",
 "bool reporting;                               // true: report the next ray\n",
 "\n",
 "// Traces the ray of a sample. at_rim: the sample only tests for obstruction; point: it is on a point light\n",
@@ -9484,8 +9492,8 @@ static void sbl__directions_row(const sbl__layout *l, int face, int j, float *di
 
 #define SBL__SLOTS_MOST 4096   /* maximum number of slots in the view texture */
 #define SBL__VIEW_DEPTH 1e-6f  /* depth is this value divided by the view-space depth in scene extents, at most 1 */
-#define SBL__STUCK_FOV 2.0f    /* field of view of a stuck test, degrees: wide enough to hit the sensor's own surface,
-                                  too narrow to hit the walls of a corner */
+#define SBL__STUCK_FOV 2.0f    /* field of view, degrees, of a stuck test, which looks from the sensor back at its
+                                  own surface: too narrow to hit the walls of a corner */
 #define SBL__STUCK_SIZE 4      /* width and height of a stuck test's view, texels */
 #define SBL__STUCK_TEXTURE 512  /* maximum width and height of the part of the view texture for stuck tests, texels */
 
@@ -10084,15 +10092,17 @@ static const char *const sbl__glsl_trace[] = {
 "uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal\n",
 "uniform float distance_limit;         // larger distances of hits count as this distance in the mean\n",
 "uniform vec3 sky;                     // constant radiance of the sky\n",
-"uniform float ray_offset;             // offset of a second segment's origin from the surface, see SBL__OFFSET\n",
+"uniform float ray_offset;             // share of a surface's coordinates by which the second segment of a ray\n",
+"                                      // starts off that surface, see SBL__OFFSET\n",
 "SBL_OUT(0, out_sum);\n",
 "SBL_OUT(1, out_hits);\n",
 "#ifdef SBL_DIRECTIONAL\n",
 "SBL_OUT(2, out_red);\n",
 "SBL_OUT(3, out_green);\n",
 "SBL_OUT(4, out_blue);\n",
-"SBL_OUT(5, out_even);                 // exact harmonics of radiance 1 from all directions, minus the result of\n",
-"                                      // these rays; reduce_sum.glsl corrects the other harmonics with it\n",
+"SBL_OUT(5, out_even);                 // control variate: the harmonics of radiance 1 from everywhere, exact\n",
+"                                      // minus measured by these rays; reduce_sum.glsl adds it times the mean\n",
+"                                      // radiance to the measured harmonics\n",
 "#endif\n",
 "\n",
 "const float SBL_NEIGHBOURS = 0.62;  // variance divided by its estimate from pairs: measured with 16 to 256 rays\n",
@@ -10718,7 +10728,8 @@ static sbl_result sbl__aim_use(const sbl__job *j, const sbl__batch *b, unsigned 
     return SBL_SUCCESS;
 }
 
-/* Traces rays towards lamps for some of the looks in the slots, after their views are drawn (see sbl__raster_bind). */
+/* Traces rays towards lamps for as many looks in the slots as the slice has time for. Their views are drawn already
+   (see sbl__raster_bind). */
 static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
@@ -11108,12 +11119,13 @@ typedef struct sbl__bounce {
     int recheck;                     /* 1: a line has cut leaves that had points, so all hits must be placed again */
     float *direct;                   /* direct light of each leaf, 3 floats; then the noise of each leaf */
     float *solved;                   /* light of each leaf, saved while the leaves hold noise */
-    int *order;                      /* index of each point in the order by leaf */
+    int *order;                      /* order[p]: place of point number p among the points sorted by leaf */
     double change;                   /* balance.change of the previous round */
     /* sums over leaves in this round: direct light, all light before and after the round, absolute changes of light */
     struct { double direct[3], before[3], after[3], change; } balance;
     double needed_growth;            /* factor by which the cells' area must grow; 0: leaves suffice */
-    double previous_fill;            /* fill after which cells became smaller */
+    double previous_fill;            /* share of the allowed leaves that were in use when cells last became smaller;
+                                        0: they never did */
     int rounds;
     int samples_placed, seen_leaves; /* 1: surface samples have been placed; number of leaves that rays have hit */
     sbl__table casts;
@@ -12408,7 +12420,8 @@ typedef struct sbl__pixel {
     int look;                 /* index of the sensor's first look in its job, where sbl_inspect_sensor repeats it */
     int looks, wanted;        /* number of looks taken so far; number of looks to be taken in total */
     short round;              /* last round in which the sensor was read */
-    unsigned char level;      /* 0: the pixel is interpolated; otherwise 1 + level of its sensor */
+    unsigned char level;      /* 0: the pixel is interpolated; otherwise 1 + the level of refinement (0: the first)
+                                 that gave it a sensor */
     unsigned char sensed;     /* 1: radiance holds the light of the pixel's own sensor */
     unsigned char invalid;    /* 1: the sensor is stuck inside geometry, or occlusion makes its light unfit to show */
     unsigned char occlusion;  /* of a texel of a lightmap: SBL__HIDDEN, SBL__TOUCHED or 0 */
@@ -12472,7 +12485,8 @@ typedef struct sbl__range { int x[2], y[2]; } sbl__range;
 typedef struct sbl__tile {
     sbl__range area;
     int level, split;
-    int must_split;           /* 1: the corners do not cover all pixels */
+    int must_split;           /* 1: some pixels belong to the surface of no corner, so that they cannot be
+                                 interpolated */
     int parent;               /* index of the tile whose split made this one, or -1 */
     int looks;                /* number of looks that new sensors at the tile's corners begin with */
     int pixels;               /* number of pixels that the tile gives light to */
@@ -12828,7 +12842,8 @@ static float sbl__extrapolation_bias2(const sbl__refine *r, const sbl__edge *e, 
     return sbl__squared(r, difference);
 }
 
-/* Estimates the squared error of interpolation and extrapolation in a tile from its edges. Sets c->unseen_bias2. */
+/* Estimates the squared error of a tile's pixels from differences of light along its edges: those of interpolation,
+   and those of extrapolation to pixels that no corner covers. Sets c->unseen_bias2, a part of the latter. */
 static float sbl__tile_edge_bias2(const sbl__refine *r, sbl__tile *c) {
     float inside = 0, outside = 0, unseen = 0;
     int side, end, k, insides = 0, outsides = 0;
@@ -16157,7 +16172,7 @@ enum { SBL__PROBE_FACES, SBL__PROBE_RAYS, SBL__PROBE_KINDS };  /* kinds of sites
 enum { SBL__PROBES_PREPARE, SBL__PROBES_SETUP, SBL__PROBES_BEGIN_BATCH, SBL__PROBES_SITES, SBL__PROBES_SENSE,
        SBL__PROBES_TAKE, SBL__PROBES_CLOSE, SBL__PROBES_DONE };
 
-/* The measurement of a probe at one place. */
+/* Sums of what the rays of one probe of the batch measure, at the place that the probe tries in this round. */
 typedef struct sbl__probe_sum {
     int number, overflows;         /* index of the probe in desc.probes; 1: a reading is not valid */
     float place[3];                /* world position */
@@ -16181,7 +16196,8 @@ typedef struct sbl__probes {
     sbl_reading *readings;
     int first, taken;              /* first probe of the batch; number of probes in the batch */
     int count, round;              /* number of entries in sums; number of the round, from 0 */
-    int kind, from;                /* kind of the job's sites; index of its first site among the round's sites */
+    int kind, from;                /* kind of the sites that the job measures, SBL__PROBE_FACES or SBL__PROBE_RAYS; index
+                                      of its first site among all sites of that kind in this round */
 } sbl__probes;
 
 static void sbl__probes_free(void *work) {

@@ -322,7 +322,7 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
     return s;
 }
 
-#ifdef SBL_VIEWS  // the host draws geometry, which only the sensor's views show
+#ifdef SBL_VIEWS  // geometry that only the host can draw: the sensor's views tell whether it hides the lamp
 uniform sampler2D atlas;        // view texture: Ck r g b, signed distance along the view's axis
 uniform vec4 view_rects[5];     // per view: x, y, width, height in the sheet, texels
 uniform ivec2 sheet;            // size of a sheet, texels
@@ -496,7 +496,7 @@ vec2 sparse;                                  // by group: 1: too few rays for a
 vec2 bright = vec2(0), dark = vec2(0);        // by group: number of visible and of blocked rays, with rim samples
 mat3x4 sure_harmonics = mat3x4(0), sampled_harmonics = mat3x4(0);  // harmonics of `sure` and of `sampled`
 mat3x4 open_harmonics[2], seen_harmonics[2];  // harmonics of `open` and of `seen`
-vec4 report = vec4(0), report_way = vec4(0);  // the outputs, if inspected
+vec4 report = vec4(0), report_way = vec4(0);  // inspections: what one ray found
 bool reporting;                               // true: report the next ray
 
 // Traces the ray of a sample. at_rim: the sample only tests for obstruction; point: it is on a point light

@@ -7,15 +7,17 @@ uniform bool no_light;                // true: rays cannot find light; only thos
 uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal
 uniform float distance_limit;         // larger distances of hits count as this distance in the mean
 uniform vec3 sky;                     // constant radiance of the sky
-uniform float ray_offset;             // offset of a second segment's origin from the surface, see SBL__OFFSET
+uniform float ray_offset;             // share of a surface's coordinates by which the second segment of a ray
+                                      // starts off that surface, see SBL__OFFSET
 SBL_OUT(0, out_sum);
 SBL_OUT(1, out_hits);
 #ifdef SBL_DIRECTIONAL
 SBL_OUT(2, out_red);
 SBL_OUT(3, out_green);
 SBL_OUT(4, out_blue);
-SBL_OUT(5, out_even);                 // exact harmonics of radiance 1 from all directions, minus the result of
-                                      // these rays; reduce_sum.glsl corrects the other harmonics with it
+SBL_OUT(5, out_even);                 // control variate: the harmonics of radiance 1 from everywhere, exact
+                                      // minus measured by these rays; reduce_sum.glsl adds it times the mean
+                                      // radiance to the measured harmonics
 #endif
 
 const float SBL_NEIGHBOURS = 0.62;  // variance divided by its estimate from pairs: measured with 16 to 256 rays
