@@ -16196,8 +16196,8 @@ typedef struct sbl__probes {
     sbl_reading *readings;
     int first, taken;              /* first probe of the batch; number of probes in the batch */
     int count, round;              /* number of entries in sums; number of the round, from 0 */
-    int kind, from;                /* kind of the sites that the job measures, SBL__PROBE_FACES or SBL__PROBE_RAYS; index
-                                      of its first site among all sites of that kind in this round */
+    int kind, from;                /* kind of the sites that the job measures, SBL__PROBE_FACES or SBL__PROBE_RAYS;
+                                      index of its first site among all sites of that kind in this round */
 } sbl__probes;
 
 static void sbl__probes_free(void *work) {
