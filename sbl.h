@@ -1441,8 +1441,9 @@ SBL_API sbl_result sbl_begin_probes(sbl_context *context, const sbl_probes_desc 
 
 /* Works on whatever was begun last; see ON TIME.
    seconds: roughly how long to work; 0 or less: until the work is done.
-   Results: SUCCESS (the work is done), UNFINISHED (call again), CANCELLED, STATE (nothing was begun), OUT_OF_MEMORY,
-   UNSUPPORTED (sensors are larger than the driver's textures), GL. After CANCELLED or an error the work is dropped. */
+   Results: SUCCESS (the work is done), UNFINISHED (call again), CANCELLED, STATE (nothing was begun, or it was
+   dropped), OUT_OF_MEMORY, UNSUPPORTED (sensors are larger than the driver's textures), GL. After CANCELLED or an error
+   the work is dropped. */
 SBL_API sbl_result sbl_step(sbl_context *context, double seconds);
 
 /* Returns how much of the work is done, 0 to 1 (estimated: refinement may find more), or 0 if nothing was begun. */
@@ -1631,6 +1632,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    leaf         sbl__leaf         >>store               an undivided part of a cell; it holds one value of R
    store        sbl__store        >>store >>textures    the bounced light of the scene: all cells and their R
    point                                                a place in a leaf where its light is measured
+   ring                                                 things equally many steps away from those that have values
    hierarchy    sbl__bvh          >>bvh                 the bounding volume hierarchy over all triangles
    lamp         sbl__lamp         >>lamps               an emitting triangle, a light or a bright texel of the sky
    cluster      sbl__cluster      >>lamps               neighbouring lamps, of which a ray picks one
@@ -1646,6 +1648,8 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    view         sbl__view         >>sensors             one of the pictures that a rasterised look consists of
    view texture sbl__raster       >>raster              the texture that holds the views of a batch of looks
    batch        sbl__batch        >>guide               looks that are measured together
+   slot                                                 the place of a look of a batch in the textures of its results
+   layer                                                one kind of light per pixel: layer 0 is R, 1 to 4 are harmonics
    guide        sbl__guide        >>guide >>refine      a histogram of the directions that light comes from
    stuck test                                           rays or a view that tell whether a sensor is inside geometry
    job          sbl__job          >>job                 the measurement of a list of sites
@@ -2550,7 +2554,8 @@ typedef struct sbl__record {
 #define SBL__RGBE_BITS 8           /* bits of each of the three mantissas that sbl__rgbe stores */
 
 #define SBL__UNBOUNDED 1e30f           /* length of a ray without a limit; distance of a hit that does not exist */
-#define SBL__FRACTIONS 16777216.0      /* 2^24: shaders keep 24 bits of a 32-bit fraction, as many as a float has */
+#define SBL__FRACTIONS 16777216.0      /* 2^24: shaders keep the upper 24 bits of an integer n that stands for n /
+                                          2^32, as many as a float has */
 #define SBL__COLOR_MOST 65535.0f       /* integer that stands for 1 in a vertex colour */
 #define SBL__GUIDE_STEPS 65536.0       /* 2^16: a guide stores the bounds of intervals in units of 1 / this */
 #define SBL__HARMONIC_0 0.28209479f    /* spherical harmonic of band 0: 1 / sqrt(4 pi) */
@@ -4365,7 +4370,8 @@ typedef struct sbl__rings {
     int *ring;          /* ring of each thing; SBL__RING_WAITS until it is known */
     int *queue;         /* things of rings 1 .. last, in the order of the rings; the second half of `ring` */
     int queued;         /* length of the queue */
-    int number;         /* ring that is being computed */
+    int number;         /* number of the ring that is being computed: its things are this many steps from those that
+                           have values */
 } sbl__rings;
 
 static void sbl__rings_free(sbl__base *base, sbl__rings *r) {
@@ -5535,7 +5541,7 @@ static const char *const sbl__glsl_traverse[] = {
 "\n",
 "const int SBL_LAYERS = 64;            // limit of the number of holes that a ray passes\n",
 "const int SBL_BOX_SLACK = 8;          // units in the last place, see Ize 2013, \"Robust BVH Ray Traversal\"\n",
-"const float SBL_SELF_DEEP = 1e-4;     // see sbl_test\n",
+"const float SBL_SELF_DEEP = 1e-4;     // nearer hits, as shares of the triangle's depth, may be rounding: see sbl_test\n",
 "const float SBL_SELF_WIDE = 2.4e-7;\n",
 "\n",
 "// Attributes at barycentrics b1, b2 of a triangle of sbl_triangles.\n",
@@ -6313,7 +6319,8 @@ typedef struct sbl__patching {     /* state of dividing the scene into patches *
     uint32_t *parents;             /* union-find forest of triangles; each root stands for a patch, see sbl__root */
     sbl__patch *patches;           /* indexed by their roots */
     double area;                   /* area of all patches that sensors see */
-    double least;                  /* area below which a mesh's patches are pooled */
+    double least;                  /* patches with a smaller area are joined into one patch per mesh, world units
+                                      squared */
     double growth;                 /* factor of the area of cells; changes if there are too many or too few leaves */
     double pool;                   /* factor of `least`; above 1 after there were too many patches */
 } sbl__patching;
@@ -8147,9 +8154,11 @@ typedef struct sbl__spec {
                                    traces them, for the distances and back faces in readings */
     int guided;                 /* 1: guides direct rays, see >>guide */
     float distance_limit;       /* traced: upper limit for each distance in a reading's mean distance; 0: no limit */
-    int one_ray;                /* if rays are traced: 1 if a look traces a single ray, along the normal */
+    int one_ray;                /* only for traced looks: 1: a look is a single ray along the normal, which measures
+                                   radiance, as probes need it */
     int directional;            /* 1: measure layers 1 to 4 too, see SBL__LAYERS */
-    float epsilon;              /* ambient light: radiance that reaches all surfaces from all directions */
+    float epsilon;              /* the paper's ambient factor: constant light that is added on all surfaces, without
+                                   occlusion */
     uint32_t seed;              /* seed for the rotation of all sensors, see sbl_picture_desc */
     int view_texture_size, batch;  /* sensor_texture_size and batch of sbl_context_desc */
 } sbl__spec;
@@ -8813,7 +8822,7 @@ static const char *const sbl__glsl_lamps[] = {
 "const int SBL_CORNERS = 3;          // number of rim samples of a triangle, one close to each corner\n",
 "const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // barycentrics of such a sample: close corner, others\n",
 "const int SBL_RIM = 12;             // number of rim samples of a round lamp\n",
-"const float SBL_RIM_AT = 0.99;      // share of a round lamp's disc that is inside the circle of its rim samples\n",
+"const float SBL_RIM_AT = 0.99;      // share of a round lamp's area inside the circle on which its rim samples lie\n",
 "const float SBL_KNOWN = 1e-6;       // relative variance below which the light of clusters needs no more rays\n",
 "const float SBL_SMALL = 16.0;       // a triangle is small if its squared distance over its squared size is larger\n",
 "const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // Dunavant's points and weights\n",
@@ -9122,7 +9131,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        if (l.kind != SBL_LAMP_TRIANGLE) return seen < (1.0 - SBL_AT_LAMP) * s.far * dot(point, forward);\n",
 "        vec3 ray = forward + tangent * (centre.x * right + centre.y * up);\n",
 "        float there = dot(l.corner, normal) / dot(ray, normal);  // depth at which the ray meets the lamp's plane\n",
-"        bool other_side = (shown < 0.0) != (l.group.y == 1.0);   // the texel shows the other side of a thin body\n",
+"        bool other_side = (shown < 0.0) != (l.group.y == 1.0);   // the view shows the back of the lamp\n",
 "        bool beyond = seen > (1.0 + SBL_AT_LAMP) * there;\n",
 "        if (there > 0.0 && (beyond || (seen >= (1.0 - SBL_AT_LAMP) * there && !other_side))) return false;\n",
 "        vec2 b = sbl_barycentrics(l, normal, there * ray - l.corner);\n",
@@ -9350,7 +9359,7 @@ static const char *const sbl__glsl_lamps[] = {
 "}\n",
 "\n",
 "// Number of passes into which the rays are divided, a power of two. After each pass sbl_undecided decides whether\n",
-"// to trace more. The more lamps there are, the more rays a pass needs to reach each of them.\n",
+"// to trace more. More lamps mean fewer passes, because each pass needs rays for all of them.\n",
 "int sbl_pass_count() {\n",
 "    float crowded = SBL_PASS_CROWD * crowd / max(total * total, 1e-37);\n",
 "    int passes = clamp(min(rays / SBL_PASS_RAYS, int(crowded)), 1, SBL_LAMP_PASSES), power = 1;\n",
@@ -9777,7 +9786,8 @@ static const sbl__input sbl__view_inputs[] = {
     { 8, 2, SBL__GL_FLOAT, 0, 1, sizeof(sbl__view), offsetof(sbl__view, offset) }
 };
 
-/* Fills at least the first `slots` slots, in whole rows, with the sky's constant radiance. */
+/* Fills at least the first `slots` slots, in whole rows, with sbl_scene_desc.sky. A picture of the sky is added
+   later. */
 static void sbl__raster_clear(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens,
                               const sbl__scene *scene, int slots) {
     const int rows = (slots + lens->slots.columns - 1) / lens->slots.columns;
@@ -10088,7 +10098,7 @@ static const char *const sbl__glsl_trace[] = {
 "uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each\n",
 "uniform int rays;                     // number of rays per look\n",
 "uniform int paired;                   // 1: an invocation traces pairs of rays; 0: single ones\n",
-"uniform bool no_light;                // true: rays cannot find light; only those of a site's first look are traced\n",
+"uniform bool no_light;                // true: only lamps give light; a site's first look traces rays for distances\n",
 "uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal\n",
 "uniform float distance_limit;         // larger distances of hits count as this distance in the mean\n",
 "uniform vec3 sky;                     // constant radiance of the sky\n",
@@ -10124,8 +10134,8 @@ static const char *const sbl__glsl_trace[] = {
 "    return radiance;\n",
 "}\n",
 "\n",
-"// Mean reciprocal cosine of the rays in u's stratum; each of the look's rays has its own stratum. Near the horizon\n",
-"// the reciprocal cosine of a single ray is far too noisy.\n",
+"// Mean of 1 / cosine (to the normal) over the rays in u's stratum; each of the look's rays has its own stratum. The\n",
+"// value of a single ray near the horizon is far too noisy.\n",
 "float sbl_stratum_reciprocal(float u) {\n",
 "    float n = float(rays), k = n - floor(u * n);\n",
 "    return 2.0 * sqrt(n) / (sqrt(k) + sqrt(k - 1.0));\n",
@@ -11049,9 +11059,11 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__CONTACT_LEAST 0.25    /* least length of a contact line, in lengths of a cell */
 #define SBL__CONTACT_CACHE 1024    /* size of the hash table of contact lines that have cut their cells recently */
 #define SBL__BOUNCE_BRIGHT 3.0     /* a warning is due when all light exceeds this multiple of the direct light */
-#define SBL__BOUNCE_SCALED 4       /* number of first rounds whose light is scaled, see sbl__bounce_after_gather */
+#define SBL__BOUNCE_SCALED 4       /* number of first rounds after which all bounced light is multiplied by one
+                                      factor per channel, so that it converges sooner */
 #define SBL__BOUNCE_ROUNDS 200     /* largest number of rounds */
-#define SBL__BOUNCE_TOLERANCE 2e-4 /* share of the light that may be missing at the end */
+#define SBL__BOUNCE_TOLERANCE 2e-4 /* the rounds end when the estimated share of all light that is still missing is
+                                      at most this */
 #define SBL__UNCERTAINTY_ROUNDS 6
 #define SBL__UNCERTAINTY_STRATA 0.35  /* measured: true error / error estimated from points; below 1, since rays have
                                       low discrepancy, and errors of neighbouring leaves compensate each other */
@@ -12514,7 +12526,8 @@ typedef struct sbl__refine {
     float smoothing;          /* number of pixels that the filter averages */
     sbl__pixel *pixels;
     size_t harmonics;         /* floats of one pixel in layers 1 and up of light, 3 per layer */
-    float *layers;            /* layers 1 and up, pixel after pixel; layer 0 is the radiance of pixels */
+    float *layers;            /* light of layers 1 and up (harmonics, see SBL__LAYERS): all layers of a pixel, then
+                                 those of the next; layer 0 is sbl__pixel.radiance */
     sbl__tile *tiles;
     int tile_count, tile_room;
     int first_new;            /* index of the first tile that has not been weighed yet */
@@ -12984,7 +12997,8 @@ static int sbl__differ(const sbl__refine *r, const float a[3], const float b[3],
     return (double)most * most > (double)least * least + SBL__NOISE_WEIGHT * variance;
 }
 
-/* Returns 1 if connected corners differ, or if a sensor on the rim differs from the interpolated light. */
+/* Returns 1 if the light of two corners on one surface differs by more than the threshold, or if a sensor on an
+   edge of the tile differs that much from the interpolated light. */
 static int sbl__tile_differs(const sbl__refine *r, const sbl__tile *c) {
     const sbl__pixel *p;
     sbl__mix guess;
@@ -13035,7 +13049,8 @@ static float sbl__guide_fits(const sbl__pixel *a, const sbl__pixel *b) {
     return right[0][0] * right[1][0] + right[0][1] * right[1][1] + right[0][2] * right[1][2] > 0.9 ? belongs : 0;
 }
 
-/* Returns the number of the guide, among the four around a pixel, that fits the pixel best; 0: none fits. */
+/* Returns the number of the guide, among the four around a pixel, whose site is most like the pixel in position and
+   normal; 0: none belongs to the pixel's surface. */
 static int sbl__guide_for(const sbl__refine *r, int index) {
     const sbl__guides *g = &r->guides;
     const int x = index % r->width, y = index / r->width;
@@ -13444,7 +13459,8 @@ static void sbl__tile_weigh(sbl__refine *r, sbl__tile *c, int is_new) {
     }
 }
 
-/* Predicts the picture's error, and finds the least worth that must be bought to reach the target error. */
+/* Predicts the picture's error. Finds the smallest gain (error removed per cost) that a split or a look must have,
+   so that all that have it bring the picture to the target error. */
 static void sbl__weigh_end(sbl__refine *r) {
     const double pixels = SBL__MAX(r->pixels_summed, 1.0), all2 = (double)r->target_error * r->target_error;
     const double uncertainty2 = r->uncertainty2 / ((double)r->luminance * r->luminance * pixels);
@@ -14574,7 +14590,8 @@ typedef struct sbl__map_layer {
 typedef struct sbl__map {
     sbl__work work;             /* must be first, because pointers to the struct are cast to sbl__work * */
     sbl_picture_desc desc;      /* with defaults; width and height are the size of the working grid */
-    int size[2], across;        /* size of the map that the host reads; width of its pixels, working pixels */
+    int size[2], across;        /* size of the map that the host reads, in pixels; each of them is across x across
+                                   working pixels */
     int *shown;                 /* per pixel of the host: number of the working pixel whose surface it shows; NULL if
                                    across is 1 */
     sbl__spec spec;
@@ -15553,7 +15570,8 @@ static const sbl__front_end sbl__readings_front_end = {
 
 enum {
     SBL__VERTICES_FACES, SBL__VERTICES_WELD, SBL__VERTICES_SIDES, SBL__VERTICES_MAKE,
-    SBL__VERTICES_SITES, SBL__VERTICES_SENSE, SBL__VERTICES_TAKE,  /* a gather */
+    SBL__VERTICES_SITES, SBL__VERTICES_SENSE, SBL__VERTICES_TAKE,  /* the stages of one gather: make its sites,
+                                                                      measure, take the readings */
     SBL__VERTICES_MASS, SBL__VERTICES_BEND, SBL__VERTICES_SOLVE,
     SBL__VERTICES_SPREAD, SBL__VERTICES_MEAN,                      /* a ring of unknowns without valid points */
     SBL__VERTICES_WRITE, SBL__VERTICES_DONE
@@ -15567,8 +15585,9 @@ typedef struct sbl__vertices_part {
     double points, back_points;  /* number of valid points; number of valid points that see mostly back faces */
 } sbl__vertices_part;
 
-/* An edge that two triangles share. sides: number of the edge as a side of each triangle, see >>topology. weights:
-   weights of the two corners opposite the edge, then of the two ends of the first side */
+/* An edge that two triangles share. sides: number of the edge as a side of each triangle, see >>topology. The sum
+   of the light at four corners times `weights` is the bend of the light across the edge; weights: the two corners
+   opposite the edge, then the two ends of the first side */
 typedef struct sbl__hinge { uint32_t sides[2]; float weights[4]; } sbl__hinge;
 
 /* A point. point: its number among the points on its triangle, see sbl__vertices_point */
@@ -15672,7 +15691,7 @@ static uint32_t sbl__vertices_triangle(const sbl__vertices *s, int triangle) {
     return (uint32_t)(sbl__vertices_geometry(s)->meshes[p->mesh].first_triangle + triangle - p->first_triangle);
 }
 
-/* Returns the number in the scene of a vertex of part s->part. */
+/* Converts the number of a vertex in the mesh of part s->part to its number in the scene. */
 static uint32_t sbl__vertices_vertex(const sbl__vertices *s, uint32_t vertex) {
     const sbl__vertices_part *p = &s->parts[s->part];
     return (uint32_t)sbl__vertices_geometry(s)->meshes[p->mesh].first_vertex + vertex - (uint32_t)p->first_vertex;
@@ -17241,12 +17260,12 @@ static void sbl__drop(sbl_context *c, sbl__work *work) {
         sbl__inspection_free(&c->core.device, &c->inspection);
     }
     work->front_end->free(work);
-    if (c->work == work) c->work = c->map ? &c->map->work : NULL;
+    if (c->work == work) c->work = NULL;
 }
 
 static void sbl__drop_all(sbl_context *c) {
     sbl__drop(c, c->work);
-    sbl__drop(c, c->work);  /* the picture or lightmap, if other work was begun after it */
+    if (c->map) sbl__drop(c, &c->map->work);
     sbl__job_free(&c->core.device, &c->core.job);
     sbl__bounce_end(&c->core);
 }
@@ -17374,7 +17393,7 @@ SBL_API sbl_result sbl_set_scene(sbl_context *c, const sbl_scene_desc *desc) {
         sbl__scene_free(&c->core.device, &c->core.scene);
         c->core.scene = scene;
         c->core.has_scene = 1;
-        if (!c->work) memset(&c->core.stats, 0, sizeof c->core.stats);
+        if (!c->work && !c->map) memset(&c->core.stats, 0, sizeof c->core.stats);
         c->core.stats.scene.triangles = scene.geometry.triangle_count;
         c->core.stats.seconds.scene = sbl__now() - start;
     }
@@ -17539,8 +17558,8 @@ SBL_API sbl_result sbl_step(sbl_context *c, double seconds) {
     double last;
     if (result != SBL_SUCCESS) return result;
     if (!c->work)
-        return sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, "sbl_step",
-                           "there is no picture; call sbl_begin_picture first");
+        return sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, "sbl_step", "nothing was begun, or it was dropped; call "
+                           "sbl_begin_picture or another function that begins work");
     if (sbl__work_is_done(c->work)) return SBL_SUCCESS;
     slice = sbl__slice_of(&c->core.desc, seconds);
     last = seconds > 0 ? slice.end - SBL__SLICE_REST * seconds : DBL_MAX;
@@ -17562,7 +17581,7 @@ SBL_API float sbl_progress(const sbl_context *c) { return c && c->work ? c->work
 
 SBL_API void sbl_end(sbl_context *c) {
     sbl__visit visit;
-    if (!c || !c->work || sbl__may_call(c, "sbl_end", SBL__INSIDE_NOTHING, 0) != SBL_SUCCESS) return;
+    if (!c || (!c->work && !c->map) || sbl__may_call(c, "sbl_end", SBL__INSIDE_NOTHING, 0) != SBL_SUCCESS) return;
     sbl__visit_enter(c, &visit);
     sbl__drop_all(c);
     sbl__visit_leave(c, &visit);

@@ -53,7 +53,7 @@ const int SBL_RIM_LAMPS = 8;        // maximum number of entries that get rim sa
 const int SBL_CORNERS = 3;          // number of rim samples of a triangle, one close to each corner
 const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // barycentrics of such a sample: close corner, others
 const int SBL_RIM = 12;             // number of rim samples of a round lamp
-const float SBL_RIM_AT = 0.99;      // share of a round lamp's disc that is inside the circle of its rim samples
+const float SBL_RIM_AT = 0.99;      // share of a round lamp's area inside the circle on which its rim samples lie
 const float SBL_KNOWN = 1e-6;       // relative variance below which the light of clusters needs no more rays
 const float SBL_SMALL = 16.0;       // a triangle is small if its squared distance over its squared size is larger
 const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // Dunavant's points and weights
@@ -362,7 +362,7 @@ bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
         if (l.kind != SBL_LAMP_TRIANGLE) return seen < (1.0 - SBL_AT_LAMP) * s.far * dot(point, forward);
         vec3 ray = forward + tangent * (centre.x * right + centre.y * up);
         float there = dot(l.corner, normal) / dot(ray, normal);  // depth at which the ray meets the lamp's plane
-        bool other_side = (shown < 0.0) != (l.group.y == 1.0);   // the texel shows the other side of a thin body
+        bool other_side = (shown < 0.0) != (l.group.y == 1.0);   // the view shows the back of the lamp
         bool beyond = seen > (1.0 + SBL_AT_LAMP) * there;
         if (there > 0.0 && (beyond || (seen >= (1.0 - SBL_AT_LAMP) * there && !other_side))) return false;
         vec2 b = sbl_barycentrics(l, normal, there * ray - l.corner);
@@ -590,7 +590,7 @@ vec4 sbl_combine() {
 }
 
 // Number of passes into which the rays are divided, a power of two. After each pass sbl_undecided decides whether
-// to trace more. The more lamps there are, the more rays a pass needs to reach each of them.
+// to trace more. More lamps mean fewer passes, because each pass needs rays for all of them.
 int sbl_pass_count() {
     float crowded = SBL_PASS_CROWD * crowd / max(total * total, 1e-37);
     int passes = clamp(min(rays / SBL_PASS_RAYS, int(crowded)), 1, SBL_LAMP_PASSES), power = 1;

@@ -3,7 +3,7 @@
 uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each
 uniform int rays;                     // number of rays per look
 uniform int paired;                   // 1: an invocation traces pairs of rays; 0: single ones
-uniform bool no_light;                // true: rays cannot find light; only those of a site's first look are traced
+uniform bool no_light;                // true: only lamps give light; a site's first look traces rays for distances
 uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal
 uniform float distance_limit;         // larger distances of hits count as this distance in the mean
 uniform vec3 sky;                     // constant radiance of the sky
@@ -39,8 +39,8 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool last, out bool goes_on, out s
     return radiance;
 }
 
-// Mean reciprocal cosine of the rays in u's stratum; each of the look's rays has its own stratum. Near the horizon
-// the reciprocal cosine of a single ray is far too noisy.
+// Mean of 1 / cosine (to the normal) over the rays in u's stratum; each of the look's rays has its own stratum. The
+// value of a single ray near the horizon is far too noisy.
 float sbl_stratum_reciprocal(float u) {
     float n = float(rays), k = n - floor(u * n);
     return 2.0 * sqrt(n) / (sqrt(k) + sqrt(k - 1.0));

@@ -371,6 +371,30 @@ TEST(slices_cancel_and_end) {
     scene_free(&s);
 }
 
+/* Work that a change of the scene drops does not look finished because a finished picture stays. */
+TEST(dropped_work_is_not_done) {
+    static sbl_site sites[3000];
+    static sbl_reading readings[3000];
+    test_scene s = { 0 };
+    sbl_picture_desc view = scene_cornell_view(16, 12);
+    sbl_readings_desc desc;
+    float pixels[16 * 12 * 3];
+    scene_cornell_box(&s);
+    REQUIRE(use_scene(&s), "no scene");
+    view.options.mode = SBL_MODE_DIRECT;
+    floor_sites(sites, 3000);
+    desc = gather_of(sites, readings, 3000);
+    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+    REQUIRE(sbl_begin_readings(context, &desc) == SBL_SUCCESS && sbl_step(context, 1e-9) == SBL_UNFINISHED,
+            "cannot begin");
+    REQUIRE(sbl_set_lights(context, NULL, 0) == SBL_SUCCESS, "the lights are not changed: %s", watch_last(&seen));
+    CHECK(sbl_step(context, 0) == SBL_ERROR_STATE && sbl_progress(context) == 0, "dropped readings look finished");
+    CHECK(sbl_read_channel(context, SBL_CHANNEL_FINAL, pixels, 16 * 12 * 3) == SBL_SUCCESS, "the picture is gone");
+    sbl_end(context);
+    CHECK(sbl_read_channel(context, SBL_CHANNEL_FINAL, pixels, 16 * 12 * 3) == SBL_ERROR_STATE, "sbl_end keeps it");
+    scene_free(&s);
+}
+
 /* A gather continues after each inspection of a sensor, even if the inspection runs out of memory, and the inspected
    sensor is the same as without the gather. */
 TEST(inspection_in_between) {
@@ -546,6 +570,7 @@ int main(void) {
     RUN(offsets_and_validity);
     RUN(in_the_planes_of_walls);
     RUN(slices_cancel_and_end);
+    RUN(dropped_work_is_not_done);
     RUN(inspection_in_between);
     RUN(a_million_points);
     RUN(mistakes);
