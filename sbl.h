@@ -3443,7 +3443,8 @@ static void sbl__device_free(sbl__device *d) {
 
 typedef struct sbl__check {
     const sbl__base *base;
-    const sbl__device *device;  /* finds the host's GL objects; NULL if the descriptor cannot contain any */
+    const sbl__device *device;  /* looks up GL buffers and textures that the descriptor names; NULL if descriptors
+                                   of this kind name none */
     sbl_log_item item;          /* log item of the mistakes */
     int mistakes;               /* number of mistakes found so far */
 } sbl__check;
@@ -5539,7 +5540,7 @@ static const char *const sbl__glsl_traverse[] = {
 "uniform vec3 grid_origin, grid_per_length;  // the grid over the scene, whose record is number 0\n",
 "uniform int node_count;                     // 0: the scene is empty\n",
 "\n",
-"const int SBL_LAYERS = 64;            // limit of the number of holes that a ray passes\n",
+"const int SBL_HOLES = 64;             // largest number of holes of cut-out surfaces that a ray passes\n",
 "const int SBL_BOX_SLACK = 8;          // units in the last place, see Ize 2013, \"Robust BVH Ray Traversal\"\n",
 "const float SBL_SELF_DEEP = 1e-4;     // nearer hits, as shares of the triangle's depth, may be rounding: see sbl_test\n",
 "const float SBL_SELF_WIDE = 2.4e-7;\n",
@@ -5674,7 +5675,7 @@ static const char *const sbl__glsl_traverse[] = {
 "    sbl_Hit hit = sbl_Hit(0.0, -1, 0x7fffffff, 0.0, 0.0, false);\n",
 "#ifdef SBL_CUTOUTS\n",
 "    // If the nearest hit lies in a hole, the ray continues behind it.\n",
-"    for (int layer = 0; layer < SBL_LAYERS; layer++) {\n",
+"    for (int hole = 0; hole < SBL_HOLES; hole++) {\n",
 "        bool solid = true;\n",
 "        hit = sbl_nearest(origin, direction, hit.distance, hit.number, limit);\n",
 "        if (hit.triangle >= 0 && sbl_triangle_cutout(hit.triangle) != 0u)\n",
@@ -6208,7 +6209,8 @@ static void sbl__store_free(const sbl__device *d, sbl__store *s) {
    n = 0 it is unknown. Shaders read these bits as a negligible part of the light. */
 
 #define SBL__UNCERTAINTY_STEPS 16
-#define SBL__UNCERTAINTY_LEAST 1e-30f  /* light with a smaller blue value has no known uncertainty */
+#define SBL__UNCERTAINTY_LEAST 1e-30f  /* the uncertainty is stored in the last 8 bits of blue, unless blue is
+                                          smaller than this */
 
 static void sbl__leaf_set_uncertainty(sbl__leaf *leaf, double uncertainty) {
     const double steps = -SBL__UNCERTAINTY_STEPS * log(SBL__MAX(uncertainty, 1e-9)) / log(2.0);
@@ -6395,8 +6397,9 @@ static sbl_result sbl__patch_measure(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Returns the patch word of a triangle: the patch's number (pooled patches of a mesh share one), the axis that the
-   triangle faces most, SBL__PATCH_FLAT, and SBL__PATCH_BACK if its normal points down that axis. */
+/* Returns the patch word of a triangle: the number of its patch (small patches of a mesh share one), the largest
+   axis of its normal, SBL__PATCH_FLAT if the patch is plane, and SBL__PATCH_BACK if the normal is negative on that
+   axis. */
 static uint32_t sbl__patch_word(sbl__patching *p, uint32_t triangle) {
     const sbl__geometry *g = p->geometry;
     const uint32_t root = sbl__root(p->parents, triangle);
@@ -7321,7 +7324,7 @@ typedef struct sbl__atlas {
     const sbl__geometry *geometry;
     int width, height;          /* size of the map in supersampled texels, which this room calls texels */
     int across;                 /* number of supersampled texels across a texel of the lightmap */
-    unsigned char *baked;       /* per mesh: 1 if it is baked */
+    unsigned char *baked;       /* per mesh: 1 if the lightmap contains it */
     int row;                    /* next row of the triangle in progress; 0 before its first row */
     uint32_t *parents;          /* per vertex: union-find over charts (see sbl__root); later the chart's number */
     sbl__hash_table places;     /* vertices by position and lightmap coordinates */
@@ -8844,7 +8847,7 @@ static const char *const sbl__glsl_lamps[] = {
 "bool sbl_is_light(sbl_Lamp l) { return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT); }\n",
 "bool sbl_is_texel(sbl_Lamp l) { return mixed && l.kind == SBL_LAMP_SKY_TEXEL; }\n",
 "\n",
-"int look;                    // number of the sensor's look in the batch\n",
+"int look;                    // the look that is measured: its number in the batch\n",
 "vec3 stand, position, n;     // the sensor: origin of rays; position on the surface, for closed forms; normal\n",
 "mat3 to_frame;\n",
 "uvec2 scramble;\n",
@@ -9144,7 +9147,8 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// >>choose\n",
 "\n",
-"int entries[SBL_LAMPS];      // a lamp's leaf, or -1 - a cluster's node; point lights fill the array from its end\n",
+"int entries[SBL_LAMPS];      // n >= 0: lamp number n; n < 0: the cluster of node -1 - n. Point lights fill the\n",
+"                             // array from its end\n",
 "float strengths[SBL_LAMPS];  // cumulative sums of the entries' strengths (approximate light)\n",
 "int used, certain;           // number of entries without point lights; number of point lights\n",
 "float total, crowd;          // sum of the strengths; sum of the squared strengths\n",
@@ -10502,7 +10506,8 @@ static sbl_result sbl__job_weigh(void *work, sbl__slice *slice) {
 
 /* >>glsl reduce_sum: shaders_embedded/reduce_sum.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_reduce_sum[] = {
-"// Second step of the sum over views, and only step of the sum over rays: each output texel is a look's result.\n",
+"// Sums the partial sums of each look; an output texel is the result of one look. For views, reduce_blocks.glsl has made\n",
+"// the partial sums. For rays, trace.glsl has.\n",
 "uniform sampler2D block_sums, block_hits;  // partial sums\n",
 "uniform ivec2 blocks;          // width and height of a look's slot in the textures of partial sums, texels\n",
 "uniform int columns, slots;    // number of slots per row; number of all slots\n",
@@ -11044,7 +11049,8 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__BOUNCE_GROWTH 1.5     /* least factor by which the cells' area grows if leaves do not suffice */
 #define SBL__BOUNCE_GROWTH_MOST 2.0  /* largest factor by which the cells' area grows if leaves do not suffice */
 #define SBL__BOUNCE_SHRINK_MOST 0.03  /* least factor by which the cells' area shrinks if leaves are left over */
-#define SBL__BOUNCE_POOL 16.0      /* largest sbl__patching.pool; above it, places without a leaf stay dark */
+#define SBL__BOUNCE_POOL 16.0      /* limit of sbl__patching.pool. If leaves do not suffice even then, places
+                                      without a leaf stay dark */
 /* least number of surface samples per area of a cell of level 0; the widest cells have 8 samples */
 #define SBL__BOUNCE_SAMPLES_LEAST (8.0 / (1 << 2 * SBL__LEVEL_SHIFT * (SBL__LEVELS - 1)))
 #define SBL__BOUNCE_SAMPLE_RAYS 4
@@ -11109,7 +11115,8 @@ typedef struct sbl__bounce {
     sbl__core *core;
     sbl__store *store;
     const sbl__geometry *geometry;
-    uint32_t scene, surfaces;        /* versions of the scene and of its surfaces that the filling is for */
+    uint32_t scene, surfaces;        /* versions of the scene and of its surfaces for which the store is filled;
+                                        others make the filling start again */
     sbl__bounce_point *points;
     sbl__bounce_leaf *states;        /* one state per leaf */
     int point_count, point_room, state_room;
@@ -11315,8 +11322,9 @@ static sbl_result sbl__bounce_patches(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
 }
 
-/* Empties the store, and sets the sizes of cells and of pooled patches for a fill of about SBL__FILL_AIM by leaves on
-   both sides of surfaces. In a scene without area, cells have length 1. */
+/* Empties the store. Sets the length of cells, and the area below which patches are joined, so that leaves on both
+   sides of all surfaces use about the share SBL__FILL_AIM of the store. In a scene without area, cells have length
+   1. */
 static sbl_result sbl__bounce_grid(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__base *base = &b->core->base;
@@ -12436,7 +12444,8 @@ typedef struct sbl__pixel {
                                  that gave it a sensor */
     unsigned char sensed;     /* 1: radiance holds the light of the pixel's own sensor */
     unsigned char invalid;    /* 1: the sensor is stuck inside geometry, or occlusion makes its light unfit to show */
-    unsigned char occlusion;  /* of a texel of a lightmap: SBL__HIDDEN, SBL__TOUCHED or 0 */
+    unsigned char occlusion;  /* lightmaps only: SBL__HIDDEN: the texel lies inside or under something;
+                                 SBL__TOUCHED: something is close to it; 0: neither */
     unsigned char queued;     /* 1: the pixel is among the sites of the present job */
 } sbl__pixel;
 
@@ -12471,8 +12480,9 @@ typedef struct sbl__pixel {
 #define SBL__LOOKS_DIFFERENCE 1.1       /* variance of the difference between earlier and later looks / sum of the two
                                            variances; above 1, because later points complement earlier points */
 #define SBL__LOOKS_COMPARED 64          /* least number of differences that may correct a share of variance */
-#define SBL__LOOKS_CORRECTION_MIN 0.5   /* least correction factor */
-#define SBL__LOOKS_CORRECTION_MAX 8.0   /* largest correction factor */
+#define SBL__LOOKS_CORRECTION_MIN 0.5   /* lower limit of the factor by which predicted noise is corrected after
+                                           measurements */
+#define SBL__LOOKS_CORRECTION_MAX 8.0   /* upper limit of that factor */
 #define SBL__PARENT_WEIGHT 0.6f         /* weight of the parent's variance, because a tile has few sensors */
 /* Choice of what a round buys. */
 #define SBL__MAX_ROUNDS 40              /* limits the number of transfers between CPU and GPU */
@@ -13919,7 +13929,7 @@ typedef struct sbl__filter {
     int radius, geometry_aware;
     const sbl__texture *radiance;  /* R and its noise */
     const sbl__texture *layer;     /* the layer of harmonics to smooth; NULL: smooth R */
-    float layer_noise;             /* see filter.glsl */
+    float layer_noise;             /* noise of harmonics as a share of R, where R itself has no noise */
 } sbl__filter;
 
 static double sbl__filter_sigma(int radius) { return SBL__MAX(0.5 * radius, 0.1); }
@@ -14063,7 +14073,7 @@ typedef struct sbl__resolve {
     const sbl__texture *previous;          /* sum over the previous samples */
     const sbl__environment *environment;
     const sbl__camera *camera;
-    int index, count;                      /* index of the sample; number of samples */
+    int index, count;                      /* number of the anti-aliasing sample, from 0; number of all samples */
 } sbl__resolve;
 
 /* Adds the sample to `previous` and writes the sum to rows of `out`. rows: first row, number of rows */
@@ -14199,7 +14209,7 @@ typedef struct sbl__seams {
     sbl__solver solver;         /* finds the change of each texel. Its diagonal is 1, or 0 for channels kept at 0 */
     int seams;                  /* number of seams */
     int layers;                 /* number of layers done; layer 0 is R, the others are harmonics, which have signs */
-    int rounds;                 /* number of solutions of this layer so far */
+    int rounds;                 /* how many times the equations of this layer have been solved so far */
     int bound;                  /* 1 if the last solution made channels negative, which then were set to 0 */
     float before, after;        /* largest differences across seams before and after solutions, luminance */
 } sbl__seams;
@@ -15959,8 +15969,9 @@ static sbl_result sbl__vertices_mass(void *work, int triangle) {
     return SBL_SUCCESS;
 }
 
-/* Scales the weights of a hinge, and adds the hinge to the diagonal. The square of the scale is desc.smoothing times
-   the smaller area of its two triangles. Only the share of an area that has valid points counts. */
+/* Multiplies the weights of a hinge by the square root of desc.smoothing times the smaller area of its two
+   triangles, and adds their squares to the diagonal of the normal equations. Of an area, only the share with valid
+   points counts. */
 static sbl_result sbl__vertices_bend(void *work, int hinge) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl__hinge *h = &s->hinges[hinge];

@@ -75,7 +75,7 @@ struct sbl_Lamp {
 bool sbl_is_light(sbl_Lamp l) { return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT); }
 bool sbl_is_texel(sbl_Lamp l) { return mixed && l.kind == SBL_LAMP_SKY_TEXEL; }
 
-int look;                    // number of the sensor's look in the batch
+int look;                    // the look that is measured: its number in the batch
 vec3 stand, position, n;     // the sensor: origin of rays; position on the surface, for closed forms; normal
 mat3 to_frame;
 uvec2 scramble;
@@ -375,7 +375,8 @@ bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
 
 // >>choose
 
-int entries[SBL_LAMPS];      // a lamp's leaf, or -1 - a cluster's node; point lights fill the array from its end
+int entries[SBL_LAMPS];      // n >= 0: lamp number n; n < 0: the cluster of node -1 - n. Point lights fill the
+                             // array from its end
 float strengths[SBL_LAMPS];  // cumulative sums of the entries' strengths (approximate light)
 int used, certain;           // number of entries without point lights; number of point lights
 float total, crowd;          // sum of the strengths; sum of the squared strengths

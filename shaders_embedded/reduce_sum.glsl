@@ -1,4 +1,5 @@
-// Second step of the sum over views, and only step of the sum over rays: each output texel is a look's result.
+// Sums the partial sums of each look; an output texel is the result of one look. For views, reduce_blocks.glsl has made
+// the partial sums. For rays, trace.glsl has.
 uniform sampler2D block_sums, block_hits;  // partial sums
 uniform ivec2 blocks;          // width and height of a look's slot in the textures of partial sums, texels
 uniform int columns, slots;    // number of slots per row; number of all slots

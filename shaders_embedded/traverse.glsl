@@ -2,7 +2,7 @@
 uniform vec3 grid_origin, grid_per_length;  // the grid over the scene, whose record is number 0
 uniform int node_count;                     // 0: the scene is empty
 
-const int SBL_LAYERS = 64;            // limit of the number of holes that a ray passes
+const int SBL_HOLES = 64;             // largest number of holes of cut-out surfaces that a ray passes
 const int SBL_BOX_SLACK = 8;          // units in the last place, see Ize 2013, "Robust BVH Ray Traversal"
 const float SBL_SELF_DEEP = 1e-4;     // nearer hits, as shares of the triangle's depth, may be rounding: see sbl_test
 const float SBL_SELF_WIDE = 2.4e-7;
@@ -137,7 +137,7 @@ sbl_Hit sbl_trace(vec3 origin, vec3 direction, float limit) {
     sbl_Hit hit = sbl_Hit(0.0, -1, 0x7fffffff, 0.0, 0.0, false);
 #ifdef SBL_CUTOUTS
     // If the nearest hit lies in a hole, the ray continues behind it.
-    for (int layer = 0; layer < SBL_LAYERS; layer++) {
+    for (int hole = 0; hole < SBL_HOLES; hole++) {
         bool solid = true;
         hit = sbl_nearest(origin, direction, hit.distance, hit.number, limit);
         if (hit.triangle >= 0 && sbl_triangle_cutout(hit.triangle) != 0u)
