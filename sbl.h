@@ -5542,7 +5542,7 @@ static const char *const sbl__glsl_traverse[] = {
 "\n",
 "const int SBL_HOLES = 64;             // largest number of holes of cut-out surfaces that a ray passes\n",
 "const int SBL_BOX_SLACK = 8;          // units in the last place, see Ize 2013, \"Robust BVH Ray Traversal\"\n",
-"const float SBL_SELF_DEEP = 1e-4;     // nearer hits, as shares of the triangle's depth, may be rounding: see sbl_test\n",
+"const float SBL_SELF_DEEP = 1e-4;     // share of a triangle's depth; a nearer hit may be rounding: see sbl_test\n",
 "const float SBL_SELF_WIDE = 2.4e-7;\n",
 "\n",
 "// Attributes at barycentrics b1, b2 of a triangle of sbl_triangles.\n",
@@ -10138,8 +10138,8 @@ static const char *const sbl__glsl_trace[] = {
 "    return radiance;\n",
 "}\n",
 "\n",
-"// Mean of 1 / cosine (to the normal) over the rays in u's stratum; each of the look's rays has its own stratum. The\n",
-"// value of a single ray near the horizon is far too noisy.\n",
+"// Mean of 1 / cosine (to the normal) over the rays in u's stratum; each of the look's rays has its own stratum.\n",
+"// The value of a single ray near the horizon is far too noisy.\n",
 "float sbl_stratum_reciprocal(float u) {\n",
 "    float n = float(rays), k = n - floor(u * n);\n",
 "    return 2.0 * sqrt(n) / (sqrt(k) + sqrt(k - 1.0));\n",
@@ -10506,8 +10506,8 @@ static sbl_result sbl__job_weigh(void *work, sbl__slice *slice) {
 
 /* >>glsl reduce_sum: shaders_embedded/reduce_sum.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_reduce_sum[] = {
-"// Sums the partial sums of each look; an output texel is the result of one look. For views, reduce_blocks.glsl has made\n",
-"// the partial sums. For rays, trace.glsl has.\n",
+"// Sums the partial sums of each look; an output texel is the result of one look. For views, reduce_blocks.glsl\n",
+"// has made the partial sums; for rays, trace.glsl.\n",
 "uniform sampler2D block_sums, block_hits;  // partial sums\n",
 "uniform ivec2 blocks;          // width and height of a look's slot in the textures of partial sums, texels\n",
 "uniform int columns, slots;    // number of slots per row; number of all slots\n",

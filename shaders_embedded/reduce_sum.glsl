@@ -1,5 +1,5 @@
-// Sums the partial sums of each look; an output texel is the result of one look. For views, reduce_blocks.glsl has made
-// the partial sums. For rays, trace.glsl has.
+// Sums the partial sums of each look; an output texel is the result of one look. For views, reduce_blocks.glsl
+// has made the partial sums; for rays, trace.glsl.
 uniform sampler2D block_sums, block_hits;  // partial sums
 uniform ivec2 blocks;          // width and height of a look's slot in the textures of partial sums, texels
 uniform int columns, slots;    // number of slots per row; number of all slots

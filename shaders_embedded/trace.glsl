@@ -39,8 +39,8 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool last, out bool goes_on, out s
     return radiance;
 }
 
-// Mean of 1 / cosine (to the normal) over the rays in u's stratum; each of the look's rays has its own stratum. The
-// value of a single ray near the horizon is far too noisy.
+// Mean of 1 / cosine (to the normal) over the rays in u's stratum; each of the look's rays has its own stratum.
+// The value of a single ray near the horizon is far too noisy.
 float sbl_stratum_reciprocal(float u) {
     float n = float(rays), k = n - floor(u * n);
     return 2.0 * sqrt(n) / (sqrt(k) + sqrt(k - 1.0));

@@ -4,7 +4,7 @@ uniform int node_count;                     // 0: the scene is empty
 
 const int SBL_HOLES = 64;             // largest number of holes of cut-out surfaces that a ray passes
 const int SBL_BOX_SLACK = 8;          // units in the last place, see Ize 2013, "Robust BVH Ray Traversal"
-const float SBL_SELF_DEEP = 1e-4;     // nearer hits, as shares of the triangle's depth, may be rounding: see sbl_test
+const float SBL_SELF_DEEP = 1e-4;     // share of a triangle's depth; a nearer hit may be rounding: see sbl_test
 const float SBL_SELF_WIDE = 2.4e-7;
 
 // Attributes at barycentrics b1, b2 of a triangle of sbl_triangles.
