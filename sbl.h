@@ -14612,14 +14612,14 @@ typedef struct sbl__map {
     sbl__gbuffer gbuffer;
     sbl__refine refine;
     int layers_at_once;         /* number of layers that DEVELOP makes before the next stage */
-    int layer, layer_end;       /* layer that is being developed; the next stage follows before layer layer_end */
+    int layer, layer_end;       /* layer that is being developed; end of the layers before the next stage */
     int developed;              /* number of layers that are final */
     sbl__stages developing;
     sbl__fill fill;
     sbl__map_layer layers[SBL__LAYERS];
     sbl__pace filter_pace;
-    const sbl__target *channels[SBL_CHANNEL_COUNT];  /* per channel: target that holds it; NULL: see scalars */
-    sbl__texture scalars[SBL_CHANNEL_COUNT];  /* channels that are copied from refinement's pixels when needed */
+    const sbl__target *channels[SBL_CHANNEL_COUNT];  /* target that holds the channel; NULL: refinement's pixels do */
+    sbl__texture scalars[SBL_CHANNEL_COUNT];  /* textures that sbl__map_send_channel has made */
     int watched;                /* 1: the host has read a channel of the unfinished map, so previews are made */
     int64_t previewed;          /* number of looks when the last preview was made; 0: there is no preview */
     float finished;             /* share of the front end's own stages that is done, 0 to 1 */
@@ -14701,7 +14701,7 @@ static sbl_result sbl__map_setup(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
 }
 
-/* Makes a texture with across x across pixels per pixel of the host, and its target, unless this is NULL. */
+/* Makes a texture with across x across pixels per pixel of the host, and its target, unless target is NULL. */
 static sbl_result sbl__map_texture(const sbl__map *m, int across, sbl__texture *t, sbl__target *target) {
     const sbl__device *d = &m->work.core->device;
     const sbl__texture *color = t;
@@ -14781,7 +14781,7 @@ static sbl_result sbl__map_read(void *work, sbl__slice *slice) {
                                         SBL__GBUFFER_EMISSION };
     sbl__map *m = (sbl__map *)work;
     sbl__core *c = m->work.core;
-    const int parts = m->spec.bounced ? 4 : 3;  /* emission is read only because its alpha channel is stored light */
+    const int parts = m->spec.bounced ? 4 : 3;  /* 4: also emission, whose alpha is a component of stored light */
     const int width = m->desc.width, most = SBL__MAX(1, SBL__READ_PIXELS / width / m->across) * m->across;
     const int first = m->work.stages.at, rows = SBL__MIN(most, m->desc.height - first), count = rows * width;
     const sbl__target *t = &m->gbuffer.target;
@@ -15122,8 +15122,8 @@ static sbl_result sbl__picture_begin(void *work, const void *desc) {
 
 /* >>picture: composition */
 
-/* Adds rows of an anti-aliasing sample to a target, from *row on, and advances *row. The caller has set r's sample,
-   previous, index and count. SBL_SUCCESS: all rows are drawn. */
+/* Adds anti-aliasing sample r->index to r->previous, and draws rows of the result, from *row on. Advances *row. The
+   caller has set r's sample, previous, index and count. SBL_SUCCESS: all rows are drawn. */
 static sbl_result sbl__picture_compose(sbl__picture *p, sbl__resolve *r, const sbl__target *out, int *row,
                                        const sbl__slice *slice) {
     const sbl__map *m = &p->map;
@@ -15435,7 +15435,7 @@ static const sbl__front_end sbl__lightmap_front_end = {
    number of sites, so that memory stays bounded. */
 
 #define SBL__GATHER_SITES 65536  /* maximum number of sites of a job */
-#define SBL__UNIT_SLACK 1e-6     /* a normal whose squared length differs from 1 by at most this much counts as unit */
+#define SBL__UNIT_SLACK 1e-6     /* a normal whose squared length differs from 1 by at most this is not normalized */
 
 enum { SBL__GATHER_PREPARE, SBL__GATHER_SITES_NEXT, SBL__GATHER_SENSE, SBL__GATHER_DONE };
 
@@ -15445,7 +15445,7 @@ typedef struct sbl__gathering {
     sbl__spec spec;
     sbl__site *sites;           /* sites of the job */
     int first, count;           /* index of the job's first site among desc.sites; number of the job's sites */
-    uint32_t passed;            /* number of sites measured before sbl__gathering_more replaced them by desc.sites */
+    uint32_t passed;            /* number of sites before those that are now in desc.sites, see sbl__gathering_more */
 } sbl__gathering;
 
 static void sbl__gathering_free(void *work) {
@@ -15567,7 +15567,7 @@ static const sbl__front_end sbl__readings_front_end = {
 #define SBL__VERTICES_MANY 8            /* maximum number of points on a triangle, divided by desc.samples */
 #define SBL__VERTICES_LEAST 1e-9f       /* minimum relative area; smaller triangles are treated as having this area */
 #define SBL__VERTICES_AGREE 0.99985f    /* minimum cosine between the normals of welded vertices: 1 degree */
-#define SBL__VERTICES_BACK 0.9f         /* a point is rejected if back faces cover more than this share of its view */
+#define SBL__VERTICES_BACK 0.9f         /* a point is rejected if back faces fill a larger share of its hemisphere */
 #define SBL__VERTICES_INSIDE_OUT 0.5    /* if more than this share of a mesh's points see mostly back faces, the mesh is
                                            a room that is modelled inside out, and these points are used after all */
 #define SBL__VERTICES_SUMS 16           /* number of floats per triangle in sbl__vertices.sums */
@@ -15587,8 +15587,8 @@ enum {
     SBL__VERTICES_WRITE, SBL__VERTICES_DONE
 };
 
-/* A mesh that is baked. Vertices and triangles are numbered consecutively over all parts, except for functions whose
-   comment says that the number belongs to the scene. */
+/* A mesh that is baked. Numbers of vertices and triangles are consecutive over all parts, unless a comment says "number
+   in the scene". */
 typedef struct sbl__vertices_part {
     int mesh, first_vertex, first_triangle;
     double area;
@@ -15616,8 +15616,8 @@ typedef struct sbl__vertices {
     double points, taken;       /* number of all points; number of points in the finished gathers */
     sbl__vertices_place next, first;  /* point that is processed next; point of the current gather's first site */
     float *normals;             /* per vertex: sum of its triangles' unit normals; after WELD: its normal */
-    uint32_t *unknowns;         /* per vertex: number of its unknown, which is the lowest of the numbers of the welded
-                                   vertices; SBL__NONE if no triangle uses the vertex */
+    uint32_t *unknowns;         /* per vertex: number of its unknown, which is the lowest number of the vertices that
+                                   are welded to it; SBL__NONE if no triangle uses the vertex */
     sbl__hash_table places, ends;  /* vertices by position; sides by their ends */
     uint32_t *corners;          /* per triangle: three unknowns */
     float *areas;               /* per triangle: area relative to the mean of its mesh */
@@ -16023,7 +16023,7 @@ static sbl_result sbl__vertices_average(void *work, int unknown) {
 
 /* >>vertices: extending light to unknowns without valid points */
 
-/* Adds the light of a triangle's corners to those of its corners that have no light yet. */
+/* For each corner of a triangle that has no light: adds the light of the corners that have light, and counts these. */
 static sbl_result sbl__vertices_spread(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
     const uint32_t *corners = s->corners + 3 * (size_t)triangle;
@@ -16102,8 +16102,8 @@ static sbl_result sbl__vertices_solve(void *work, sbl__slice *slice) {
     return s->desc.average ? SBL_SUCCESS : sbl__solver_step(&s->solver, slice);
 }
 
-/* Ends a gather, of which there is none at first, and begins the next one. s->next goes over its points twice: in SITES
-   and, from s->first again, in TAKE. */
+/* Ends the gather, if one was begun, and begins the next one. s->next passes over the points of a gather twice: in
+   SITES and, from s->first on, in TAKE. */
 static int sbl__vertices_next_gather(void *work) {
     sbl__vertices *s = (sbl__vertices *)work;
     s->taken += s->site_count;
@@ -16195,7 +16195,7 @@ static const sbl__front_end sbl__vertices_front_end = {
 #define SBL__PROBE_LAMP_MOST 256   /* maximum number of rays that a look of FACES sends to lamps */
 #define SBL__PROBE_INSIDE 0.25     /* a probe is inside something if more than this share of its rays hit back faces */
 #define SBL__PROBE_BEYOND 0.125    /* distance that a probe moves beyond a back face, as a share of desc.move */
-#define SBL__PROBE_BARELY 0.015625 /* the same if desc.move does not reach farther: minimum of this distance */
+#define SBL__PROBE_BARELY 0.015625 /* minimum of this distance, which desc.move limits, as a share of desc.move */
 
 enum { SBL__PROBE_FACES, SBL__PROBE_RAYS, SBL__PROBE_KINDS };  /* kinds of sites */
 
@@ -16893,7 +16893,7 @@ static sbl_result sbl__inspect(sbl__inspect_request *k) {
     while (result == SBL_UNFINISHED) {
         result = sbl__job_step(&c->device, j, &slice);
         if (result != SBL_UNFINISHED || j->stages.stage != SBL__JOB_READ || j->lens != SBL__LENS_SITE) continue;
-        /* This is the time to read the look: the stuck tests that follow overwrite its views and sums. */
+        /* This is the time to read the look: the stuck tests that follow overwrite its textures. */
         c->device.gl.doing = "inspecting a sensor";
         result = sbl__job_layout(j) ? sbl__inspect_sheet(k) : sbl__inspect_rays(k);
         if (result == SBL_SUCCESS && lamp_rays) result = sbl__inspect_lamps(k);
@@ -17198,8 +17198,8 @@ static void sbl__egl_destroy(sbl__egl *e) { (void)e; }
     X(bake, vertices, sbl__vertices) \
     X(bake, probes, sbl__probes)
 
-/* What the context is doing, by which calls from callbacks are refused. All callbacks may call sbl_progress and the
-   query functions. The progress callback runs between two pieces of work, so it may also read channels. */
+/* What the context is doing, which decides what callbacks may call. All of them may call sbl_progress and the query
+   functions. The progress callback runs between two pieces of work, so it may also read channels. */
 typedef enum sbl__inside {
     SBL__INSIDE_NOTHING, SBL__INSIDE_PROGRESS, SBL__INSIDE_WORK, SBL__INSIDE_REFUSAL
 } sbl__inside;
@@ -17241,8 +17241,8 @@ static sbl_result sbl__refuse(const sbl_context *c, sbl_log_item item, const cha
     return item == SBL_LOG_ITEM_WRONG_ORDER ? SBL_ERROR_STATE : SBL_ERROR_INVALID_ARGUMENT;
 }
 
-/* Checks that the context exists, that it is not further inside than `most`, which means that a callback calls the
-   function, and, if scene is 1, that it has a scene. */
+/* Checks that a function may be called: that the context exists, that no callback further inside than `most` calls the
+   function, and, if scene is 1, that there is a scene. */
 static sbl_result sbl__may_call(sbl_context *c, const char *function, sbl__inside most, int scene) {
     sbl__inside inside;
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
