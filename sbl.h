@@ -1051,7 +1051,7 @@ typedef struct sbl_options {
 /* Three numbers are the values of the presets draft / default / high. */
 typedef struct sbl_picture_desc {
     uint32_t start_canary;     /* must stay 0 */
-    int width, height;         /* pixels, 1 to 16384. Default if both are 0: 640 x 480 */
+    int width, height;         /* pixels, 1 to 16384. Default: 640 x 480, if both are 0 */
     float world_to_view[16];   /* rigid, see sbl_look_at. Default (all zero): shows the whole scene from the front */
     float view_to_clip[16];    /* perspective projection, or an orthographic one, which also sees what is behind the
                                   camera; near and far planes are ignored. Default (all zero): 40 degrees vertically */
