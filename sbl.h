@@ -2485,7 +2485,7 @@ typedef struct sbl__record {
     const char *sampler;       /* name of the table's sampler */
     const char *declaration;   /* GLSL declaration of the sampler; "" if another record of the same table declares it */
     const char *first;         /* uniform that holds the texel of the first record; NULL: the first record is at 0 */
-    int texels;                /* texels per record */
+    int texels;                /* number of texels that one struct takes in a table */
     const sbl__field *fields;
     int field_count;
 } sbl__record;
@@ -3367,7 +3367,8 @@ typedef struct sbl__stage_row {
     sbl_result (*piece)(void *work, sbl__slice *slice);  /* does one piece; SBL_UNFINISHED: pieces remain */
     int (*next)(void *work);                             /* returns the next stage; NULL: the next row follows */
     sbl_result (*turn)(void *work, int at);              /* does turn `at` of a loop; NULL: the stage is not a loop */
-    int (*count)(void *work);                            /* returns the number of turns; called before each turn */
+    int (*count)(void *work);                            /* returns how often `turn` is to be called in all; asked
+                                                            again before each call */
 } sbl__stage_row;
 
 /* The progress of staged work. */
@@ -3509,7 +3510,7 @@ static int sbl__check_int(sbl__check *check, const char *where, const char *name
 
 /* >>check: meshes */
 
-/* For each sbl_type: size of a component in bytes, and the value of a stored 1 */
+/* For each sbl_type: size of a component in bytes, and the factor from stored to real values */
 static const struct { int bytes; double scale; } sbl__types[SBL_TYPE_COUNT] = {
     { 4, 1 }, { 2, 1 }, { 1, 1 / 255.0 }, { 2, 1 / 65535.0 }, { 1, 1 / 127.0 }, { 2, 1 / 32767.0 },
     { 1, 1 }, { 2, 1 }, { 4, 1 }
@@ -4465,11 +4466,12 @@ typedef struct sbl__solver {
     void (*term)(void *user, int i, const double *direction, double *product);  /* adds term i * direction to product */
     int term_count;
     int count;                  /* number of unknowns */
-    int together;               /* 1: the channels form one system; 0: each channel is a system of its own */
+    int together;               /* 1: the equations couple the three channels; 0: each channel is solved by itself */
     double identity;            /* factor of the identity in the matrix */
     double precision2;          /* a system is solved when left2 / first2 is at most this */
     /* The arrays have three numbers per unknown, one for each channel. They share one block of memory. */
-    double *diagonal;           /* the preconditioner: diagonal of the matrix, or all 1; an unknown with 0 is fixed */
+    double *diagonal;           /* the preconditioner: diagonal of the matrix, or all 1. An unknown whose entry is 0
+                                   keeps its value */
     double *solution;           /* must be 0 at the start */
     double *residual;           /* must be the right side at the start */
     double *direction, *product;  /* product: matrix * direction */
@@ -4596,7 +4598,8 @@ static void sbl__textures_free(const sbl__device *d, sbl__textures *t) {
 /* A texel table while the CPU fills it. texel: bytes per texel, 4 for 8-bit sRGB or 8 for 16-bit floats */
 typedef struct sbl__texel_table { unsigned char *bytes; size_t texel; int width, rows; } sbl__texel_table;
 
-/* Reads a pixel. Bytes are divided by 255. One channel is grey, two are grey and alpha. c[3] is kept without alpha. */
+/* Reads a pixel. Bytes are divided by 255. One channel is grey, two are grey and alpha. Without alpha, c[3] is left
+   as it was. */
 static void sbl__read_pixel(const sbl_texture *t, int x, int y, float c[4]) {
     const int channels = sbl__texture_channels(t);
     const unsigned char *at = (const unsigned char *)t->pixels + (size_t)y * sbl__texture_stride(t, t->width) +
@@ -7312,7 +7315,8 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
 #define SBL__ATLAS_WORDS 4      /* per texel: 1 + triangle (0: none); weights of corners 1 and 2; 1 + chart */
 #define SBL__ATLAS_FAR 1e30f    /* initial squared distance of a texel, before any triangle touches it */
 #define SBL__ATLAS_WELL -1.0f   /* value of `away` for a centre well inside the triangle */
-#define SBL__ATLAS_EDGE -0.5f   /* value of `away` for a centre inside, near an edge: a neighbour may contain it too */
+#define SBL__ATLAS_EDGE -0.5f   /* value of `away` if the texel's centre lies inside its triangle, near an edge: the
+                                   triangle beyond may contain it too */
 #define SBL__ATLAS_INSIDE 1e-3  /* a centre lies well inside if all its barycentric weights are at least this */
 #define SBL__ATLAS_INSET 0.02   /* points on edges are moved inward by this number of texels; otherwise a sensor in a
                                    crease would stand inside the other wall */
@@ -8249,7 +8253,8 @@ static void sbl__layout_make(sbl__layout *l, int hemicube, int size, float fov) 
     l->blocks[1] = (l->sheet_height + l->block - 1) / l->block;
 }
 
-/* Returns the width (axis 0) or height (axis 1) of a sheet with its padding, texels. */
+/* Returns the width (axis 0) or height (axis 1) of a sheet, the rectangle with all views of a look, and its
+   padding, texels. */
 static int sbl__layout_pitch(const sbl__layout *l, int axis) { return l->blocks[axis] * l->block; }
 
 /* Computes two tangents of a unit normal (Duff et al. 2017, "Building an Orthonormal Basis, Revisited") and rotates
@@ -8970,7 +8975,7 @@ static const char *const sbl__glsl_lamps[] = {
 "            if (p.z > 0.0) kept[count++] = p;\n",
 "            if ((p.z > 0.0) != (q.z > 0.0)) kept[count++] = vec3(mix(p.xy, q.xy, p.z / (p.z - q.z)), 0);\n",
 "        }\n",
-"        for (int k = 0; k < count; k++) {  // Lambert 1760\n",
+"        for (int k = 0; k < count; k++) {  // R of a polygon as a sum over its edges (Lambert 1760)\n",
 "            vec3 p = kept[k], q = kept[k + 1 < count ? k + 1 : 0], across = cross(p, q);\n",
 "            float size = length(across);\n",
 "            way += size > 0.0 ? 0.5 * atan(size, dot(p, q)) / size * across : vec3(0);\n",
@@ -10830,7 +10835,8 @@ static int sbl__reading_is_finite(const sbl_reading *r) {
            sbl__finite(&r->back_share) && sbl__finite(&r->hit_mean) && sbl__finite(&r->hit_min);
 }
 
-/* Adds a look's result to the site's reading. After the site's last look, divides the sums by the number of looks. */
+/* Adds the result of a look (found: one array per layer) to the sums in its site's reading. After the site's last
+   look, divides the sums by the number of looks. */
 static void sbl__job_take(sbl__job *j, const float *const found[5]) {
     const float *sum = found[0], *hits = found[1];
     const sbl__spec *spec = &j->task.spec;
@@ -11126,7 +11132,8 @@ typedef struct sbl__bounce {
     double samples_due;              /* number of surface samples due for the triangles visited so far */
     sbl__hits samples;               /* surface samples: places spread over all surfaces */
     sbl__hits queue;                 /* places that may become points: a part of samples, hits or `released` */
-    sbl__hits waiting, released;     /* places in leaves that have yet to be cut; places that have waited */
+    sbl__hits waiting, released;     /* hits in leaves that are still to be cut, which are held back; hits whose
+                                        leaves have been cut since, to be queued */
     sbl__hits contacts;              /* hits of contact rays */
     int cut_leaves;                  /* number of leaves that contact rays have cut */
     int points_cast;                 /* number of points whose rays have been cast */
@@ -11670,7 +11677,7 @@ static sbl_result sbl__bounce_cut(sbl__bounce *b, int leaf, const sbl__hit *hit)
     if (fabs((double)sbl__dot(normal, own)) > SBL__CONTACT_STEEP) return SBL_SUCCESS;
     if (sbl__contact_make(b, at, hit, &line)) return sbl__contact_cut(b, &line);
     if (fabs((double)apart) < SBL__CONTACT_APART * (double)s->length) return SBL_SUCCESS;
-    for (k = 0; k < 3; k++)  /* a position just behind the hit */
+    for (k = 0; k < 3; k++)  /* a position a little beyond the hit, as seen along the ray */
         before[k] = hit->position[k] + (float)SBL__CONTACT_APART * (hit->position[k] - at->position[k]);
     reference = sbl__store_find(s, patch, before, &depth);
     if (!reference || *reference != (uint32_t)leaf + 1 || depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
@@ -12460,7 +12467,7 @@ typedef struct sbl__pixel {
    (for a parabola, after the correction of sbl__edge_parabola) are shares of the second differences at the edge's ends,
    measured on shadows of lamps with tiles of 2 to 16 pixels. */
 #define SBL__COVERAGE 0.75f             /* a tile is split if corners cover less of a pixel (sbl__mix.covered, .own) */
-#define SBL__EXTRAPOLATED_SPAN 4        /* widest tile, pixels, in which extrapolated light covers pixels */
+#define SBL__EXTRAPOLATED_SPAN 4        /* extrapolated light is used only in tiles up to this width, pixels */
 #define SBL__STEP_ERROR 0.29f
 #define SBL__CURVE_ERROR 0.1f
 #define SBL__EXTRAPOLATION_ERROR 0.35f  /* error of extrapolated light / second difference beside the tile */
@@ -12487,7 +12494,7 @@ typedef struct sbl__pixel {
 /* Choice of what a round buys. */
 #define SBL__MAX_ROUNDS 40              /* limits the number of transfers between CPU and GPU */
 #define SBL__JOB_LOOKS (1 << 21)        /* approximate number of looks in one job */
-#define SBL__AIM_BELOW 0.9              /* a round aims at this share of the squared target error */
+#define SBL__AIM_BELOW 0.9              /* a round aims at a squared error of this times the squared target error */
 #define SBL__AIM_SHARE 0.6              /* a round aims at no less than this share of the present squared error, since
                                            new readings may change what is worth buying */
 #define SBL__AIM_LEAST 0.7              /* least share of the squared target error that uncertainty leaves to sensors */
@@ -13436,8 +13443,9 @@ static void sbl__tile_weigh_split(sbl__refine *r, sbl__tile *c, int is_new) {
         c->raw_bias2 = sbl__tile_raw_bias2(r, c);
 }
 
-/* Predicts the errors of a tile and enters its offers into the histogram. gain: reduction of the sum of squared errors
-   per look */
+/* Predicts the errors of a tile, and the gain of each way to reduce them: a split, or more looks. The gain is the
+   reduction of the sum of squared errors per look. Adds the gains to the histogram from which sbl__weigh_end finds
+   the threshold. is_new: 1: the tile has not been weighed before */
 static void sbl__tile_weigh(sbl__refine *r, sbl__tile *c, int is_new) {
     float bias2, gain, variance, weight;
     int looks = sbl__tile_corners(r, c).looks, most, interpolated;
@@ -13581,7 +13589,7 @@ static sbl_result sbl__refine_sense(void *work, sbl__slice *slice) {
     return result;
 }
 
-/* Begins the next job if there are tiles or guides that this round has not listed yet. */
+/* Begins another job if this round has tiles or guides whose sites no job has measured yet. */
 static int sbl__refine_after_take(void *work) {
     sbl__refine *r = (sbl__refine *)work;
     const int scouts = r->stages.stage == SBL__REFINE_TAKE_SCOUTS;
@@ -13755,7 +13763,8 @@ static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, floa
     memcpy(to, sbl__pixel_light(r, p, f->layer), 3 * sizeof *to);
     if (lit) {
         const float least = r->luminance * (float)sqrt((double)c->variance * (double)sbl__variance_share(r, p->looks));
-        to[3] = SBL__MAX(least, sbl__noise(r, p));  /* The few rays of a single sensor may agree by chance. */
+        to[3] = SBL__MAX(least, sbl__noise(r, p));  /* at least `least`, because the few rays of one sensor may
+                                                       agree by chance */
         p->error = sbl__pixel_error(r, p, c->noise2);
     } else {
         sbl__interpolate(r, c, x, y, f->layer, &m);
@@ -13990,7 +13999,7 @@ static const char *const sbl__glsl_resolve[] = {
 "const int SBL_REACH = 2;                // R is taken from pixels at most this far away in x and y\n",
 "const float SBL_NEAR_ENOUGH = 0.05;     // least sum of weights at which the four nearest pixels suffice\n",
 "const float SBL_SAME_ID = 1e-3;         // weight of a pixel with the same id that does not belong to the surface\n",
-"const float SBL_OTHER_ID = 0.01;        // least weight of a pixel if none has the same id\n",
+"const float SBL_OTHER_ID = 0.01;        // weight of pixels with another id, for want of pixels with the sample's id\n",
 "\n",
 "// Returns the radiance of the environment picture in a direction, bilinearly filtered.\n",
 "vec3 sbl_sky_smooth(vec3 direction) {\n",
@@ -15001,7 +15010,7 @@ static void sbl__map_channel_pixel(const sbl__map *m, sbl_channel channel, size_
                 : channel == SBL_CHANNEL_ERROR ? pixel->error : (float)pixel->level;
 }
 
-/* Copies a channel that a target holds, three components per pixel of the host. */
+/* Copies a channel that a target holds into the host's array, three floats per pixel. */
 static sbl_result sbl__map_copy_channel(sbl__map *m, sbl_channel channel, float *out) {
     sbl__core *c = m->work.core;
     const sbl__target *t = m->channels[channel];
@@ -15466,8 +15475,8 @@ static sbl_result sbl__gathering_begin(void *work, const void *desc) {
     return SBL_SUCCESS;
 }
 
-/* Makes a gathering that has finished, or not started, measure new sites, which the caller has written to the array
-   desc.sites. site_count: at most the number of sites of the first job, for which memory was allocated */
+/* Starts a gathering again on new sites, which the caller has written to desc.sites. It must not be under way.
+   site_count: at most that of the first job, for which memory was allocated */
 static void sbl__gathering_more(sbl__gathering *g, int site_count) {
     if (g->work.stages.stage == SBL__GATHER_DONE) {
         g->passed += (uint32_t)g->desc.site_count;

@@ -198,7 +198,7 @@ mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {
             if (p.z > 0.0) kept[count++] = p;
             if ((p.z > 0.0) != (q.z > 0.0)) kept[count++] = vec3(mix(p.xy, q.xy, p.z / (p.z - q.z)), 0);
         }
-        for (int k = 0; k < count; k++) {  // Lambert 1760
+        for (int k = 0; k < count; k++) {  // R of a polygon as a sum over its edges (Lambert 1760)
             vec3 p = kept[k], q = kept[k + 1 < count ? k + 1 : 0], across = cross(p, q);
             float size = length(across);
             way += size > 0.0 ? 0.5 * atan(size, dot(p, q)) / size * across : vec3(0);
