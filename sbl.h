@@ -4312,7 +4312,8 @@ static int sbl__same_floats(const float *a, const float *b, int count) {
     return 1;
 }
 
-/* Two vertices of the scene are at the same place if their meshes and their positions are equal. */
+/* Hashes the place of a vertex. Vertices are at the same place if they belong to one mesh and their positions are
+   equal. */
 static uint32_t sbl__place_hash(const sbl__geometry *g, uint32_t vertex) {
     return sbl__hash_floats(g->vertices[vertex].object, g->vertices[vertex].position, 3);
 }
@@ -5757,7 +5758,8 @@ typedef struct sbl__lamps {    /* data for building the trees */
     int left, right, out;      /* next lamps of the two runs to merge; next place in `sorted` */
     sbl__lamp_node *nodes;
     int node_count;
-    sbl__cluster clusters[SBL__LAMP_DEPTH];  /* stack of the clusters of subtrees */
+    sbl__cluster clusters[SBL__LAMP_DEPTH];  /* stack: clusters of finished subtrees of the lamp tree, which are not
+                                                joined yet */
     int depth;                 /* height of the stack */
 } sbl__lamps;
 
@@ -6563,7 +6565,8 @@ typedef struct sbl__scene {
     float brightest;            /* highest radiance of any surface, the sky, or what the host draws */
     unsigned features;          /* features that programs need for the scene */
     uint32_t version;           /* changes with every change of the scene */
-    uint32_t surfaces;          /* changes with every change but those of emission and lights */
+    uint32_t surfaces;          /* version number: every change of the scene gives a new one, except changes of
+                                   emission and lights */
 } sbl__scene;
 
 #define SBL__RADIANCE_MOST 1e37f /* limit of radiance, so that sums stay finite */
@@ -7329,7 +7332,8 @@ typedef struct sbl__atlas {
     int width, height;          /* size of the map in supersampled texels, which this room calls texels */
     int across;                 /* number of supersampled texels across a texel of the lightmap */
     unsigned char *baked;       /* per mesh: 1 if the lightmap contains it */
-    int row;                    /* next row of the triangle in progress; 0 before its first row */
+    int row;                    /* next row of texels to fill for the triangle in progress, counted from its first;
+                                   0: not begun */
     uint32_t *parents;          /* per vertex: union-find over charts (see sbl__root); later the chart's number */
     sbl__hash_table places;     /* vertices by position and lightmap coordinates */
     uint32_t *texels;           /* SBL__ATLAS_WORDS per texel */
@@ -9100,14 +9104,15 @@ static const char *const sbl__glsl_lamps[] = {
 "}\n",
 "\n",
 "#ifdef SBL_VIEWS  // geometry that only the host can draw: the sensor's views tell whether it hides the lamp\n",
-"uniform sampler2D atlas;        // view texture: Ck r g b, signed distance along the view's axis\n",
+"uniform sampler2D atlas;        // view texture: radiance towards the sensor; distance along the view's axis,\n",
+"                                // negative for a back face\n",
 "uniform vec4 view_rects[5];     // per view: x, y, width, height in the sheet, texels\n",
 "uniform ivec2 sheet;            // size of a sheet, texels\n",
 "uniform int view_count;\n",
 "uniform float tangent;          // tangent of half the field of view\n",
 "uniform float extent;           // scene extent: unit of the view texture's distances, world units\n",
 "\n",
-"const float SBL_AT_LAMP = 0.002;  // tolerance for the view texture's distances, which are 16-bit floats\n",
+"const float SBL_AT_LAMP = 0.002;  // relative tolerance of the test whether a view shows the lamp (16-bit floats)\n",
 "const int SBL_LOOKS_AGAIN = 4;    // maximum number of texels that are compared\n",
 "\n",
 "// Returns true if the views show something in front of the sample. The direction of a texel's centre may miss the\n",
@@ -9515,7 +9520,7 @@ static void sbl__directions_row(const sbl__layout *l, int face, int j, float *di
 #define SBL__STUCK_SIZE 4      /* width and height of a stuck test's view, texels */
 #define SBL__STUCK_TEXTURE 512  /* maximum width and height of the part of the view texture for stuck tests, texels */
 
-/* The views of one kind of look. */
+/* How a kind of look (at a site, or a stuck test) is divided into views: their directions, projections and places. */
 typedef struct sbl__lens {
     sbl__layout layout;         /* positions of the views in a look's sheet */
     sbl__slots slots;           /* slots of the view texture, one sheet each */
@@ -9699,7 +9704,8 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 /* >>glsl sensor_fragment: shaders_embedded/sensor_fragment.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sensor_fragment[] = {
 "// Writes a texel of a sensor's view.\n",
-"layout(location = 0) out vec4 out_radiance;  // Ck; distance along the view's axis, negative for a back face\n",
+"layout(location = 0) out vec4 out_radiance;  // radiance towards the sensor (Ck of the paper);\n",
+"                                             // distance along the view's axis, negative for a back face\n",
 "in vec3 place;                               // x, y and w of the position in clip space\n",
 "uniform vec2 view_texture_size;              // texels\n",
 "uniform float radiance_scale, depth_scale;\n",
@@ -9951,7 +9957,7 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 "uniform sampler2D atlas;    // view texture, written by sensor_fragment.glsl\n",
 "uniform sampler2D weights;  // per texel of a sheet: form factor; ratio of distance to depth\n",
 "uniform int block;          // width and height of a block, texels\n",
-"layout(location = 0) out vec4 out_sum;   // sum of weight * Ck; sum of the weights of back faces\n",
+"layout(location = 0) out vec4 out_sum;   // sum of weight * radiance; sum of the weights of back faces\n",
 "layout(location = 1) out vec4 out_hits;  // sum of the weights of surfaces; of weight * distance; least distance; 0\n",
 "uniform sampler2D directions;  // per texel of a sheet: its direction, in the frame of a look that is not rotated\n",
 "#ifdef SBL_DIRECTIONAL         // spherical harmonics; without them, `directions` has no effect\n",
@@ -10184,7 +10190,7 @@ static const char *const sbl__glsl_trace[] = {
 "\n",
 "    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);\n",
 "    float squares = 0.0, other = 0.0;\n",
-"    mat3x4 harmonics = mat3x4(0);  // written only if SBL_DIRECTIONAL, like `even`\n",
+"    mat3x4 harmonics = mat3x4(0);  // stays 0 without SBL_DIRECTIONAL; so does the variable `even`\n",
 "    vec4 even = vec4(0);\n",
 "    int part = within.y * blocks.x + within.x, parts = blocks.x * blocks.y;\n",
 "    // The variance is estimated from the differences between pairs of neighbours on the Morton curve.\n",
@@ -11137,11 +11143,13 @@ typedef struct sbl__bounce {
     sbl__hits contacts;              /* hits of contact rays */
     int cut_leaves;                  /* number of leaves that contact rays have cut */
     int points_cast;                 /* number of points whose rays have been cast */
-    uint32_t *sequence;              /* random fractions of ray directions */
+    uint32_t *sequence;              /* low-discrepancy numbers from 0 to 1, in units of 2^-32, from which ray
+                                        directions are made */
     struct { int known; uint32_t place; float normal[3], offset; } origin;  /* result of the last sbl__place_normal */
     sbl__site *sites;                /* the job's sites: points, then places in the air */
     sbl_reading *readings;
-    uint32_t recent_lines[SBL__CONTACT_CACHE];  /* hash table of contact lines that have cut their cells recently */
+    uint32_t recent_lines[SBL__CONTACT_CACHE];  /* hash table of contact lines (where an object touches a flat
+                                                   surface) that have cut cells recently, so that none does it twice */
     int recheck;                     /* 1: a line has cut leaves that had points, so all hits must be placed again */
     float *direct;                   /* direct light of each leaf, 3 floats; then the noise of each leaf */
     float *solved;                   /* light of each leaf, saved while the leaves hold noise */
@@ -11531,7 +11539,7 @@ static sbl_result sbl__bounce_cast_contacts(void *work, sbl__slice *slice) {
 typedef struct sbl__contact {
     uint32_t patch;              /* word of the flat surface */
     uint32_t object;             /* word of the object's flat patch | 1, or number of its triangle * 2 */
-    float normal[3], distance;   /* plane of the object */
+    float normal[3], distance;   /* plane of the touching object: dot(normal, x) = distance */
     double from[3], along[3];    /* one end of the line, and the vector to the other end */
     uint32_t *reference;         /* reference in the slot of the cell that is being cut */
 } sbl__contact;
@@ -12486,7 +12494,8 @@ typedef struct sbl__pixel {
 #define SBL__DOUBLINGS 10               /* number of powers of two up to SBL__MAX_LOOKS, which is 2^9 */
 #define SBL__LOOKS_DIFFERENCE 1.1       /* variance of the difference between earlier and later looks / sum of the two
                                            variances; above 1, because later points complement earlier points */
-#define SBL__LOOKS_COMPARED 64          /* least number of differences that may correct a share of variance */
+#define SBL__LOOKS_COMPARED 64          /* a predicted variance is corrected only when this many differences between
+                                           looks of one sensor are known */
 #define SBL__LOOKS_CORRECTION_MIN 0.5   /* lower limit of the factor by which predicted noise is corrected after
                                            measurements */
 #define SBL__LOOKS_CORRECTION_MAX 8.0   /* upper limit of that factor */
@@ -13999,7 +14008,7 @@ static const char *const sbl__glsl_resolve[] = {
 "const int SBL_REACH = 2;                // R is taken from pixels at most this far away in x and y\n",
 "const float SBL_NEAR_ENOUGH = 0.05;     // least sum of weights at which the four nearest pixels suffice\n",
 "const float SBL_SAME_ID = 1e-3;         // weight of a pixel with the same id that does not belong to the surface\n",
-"const float SBL_OTHER_ID = 0.01;        // weight of pixels with another id, for want of pixels with the sample's id\n",
+"const float SBL_OTHER_ID = 0.01;        // weight of pixels with another id, if no pixel has the sample's id\n",
 "\n",
 "// Returns the radiance of the environment picture in a direction, bilinearly filtered.\n",
 "vec3 sbl_sky_smooth(vec3 direction) {\n",
@@ -14385,8 +14394,9 @@ static void sbl__seam_term(void *user, int point, const double *direction, doubl
         product[3 * (size_t)p->unknowns[i / 3] + (size_t)i % 3] += (double)p->weights[i / 3] * difference[i % 3];
 }
 
-/* Measures the difference of light at a point. Before a solution, also adds the point to the right side, and before the
-   first one of a layer lets all channels change. */
+/* Measures the difference of light across the seam at one of its points. If a solution follows, also adds the point
+   to the right-hand side of the equations; if it is the first solution of a layer, marks the point's texels as free
+   to change in all channels. */
 static sbl_result sbl__seam_measure(void *work, int point) {
     sbl__seams *s = (sbl__seams *)work;
     const sbl__seam_point *p = &s->points[point];
@@ -15640,7 +15650,8 @@ typedef struct sbl__vertices {
                                    sums of weighted light */
     int *neighbours;            /* per unknown: SBL__VERTICES_LIT if it has light; otherwise the number of neighbours
                                    that have light, each counted once per triangle */
-    int ring, reached;          /* number of rings that have got light; number of unknowns in the present ring */
+    int ring, reached;          /* number of rings of unknowns without points that have got light from their
+                                   neighbours; number of unknowns in the present ring */
 } sbl__vertices;
 
 static void sbl__vertices_free(void *work) {
@@ -15952,8 +15963,8 @@ static void sbl__vertices_weigh(sbl__vertices *s, size_t unknown, double weight)
     for (k = 0; k < 3; k++) s->solver.diagonal[3 * unknown + (size_t)k] += weight;
 }
 
-/* Adds a triangle's sums to the diagonal and the right-hand side. If points were rejected, springs between the corners
-   replace them, because the remaining points may not determine all three corners. */
+/* Adds a triangle's sums to the diagonal and the right-hand side. If some of its points were rejected, springs
+   between its corners stand in for these, because the remaining points may not determine all three corners. */
 static sbl_result sbl__vertices_mass(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
     const sbl__vertices_part *part = sbl__vertices_part_of(s, triangle, 0);
@@ -16197,7 +16208,8 @@ static const sbl__front_end sbl__vertices_front_end = {
 #define SBL__PROBE_VIEW_RINGS 6
 #define SBL__PROBE_VIEW_AROUND 22
 #define SBL__PROBES_BATCH 128      /* maximum number of probes per batch */
-#define SBL__PROBE_LOOKS 4         /* looks per side of the cube; no other site helps to average out the noise there */
+#define SBL__PROBE_LOOKS 4         /* looks for each side of the ambient cube, whose light comes from one site only,
+                                      so that no other site averages its noise */
 #define SBL__PROBE_LAMP_SHARE 64   /* options.rays, divided by the number of rays that a look of FACES sends to lamps */
 #define SBL__PROBE_LAMP_LEAST 32   /* minimum number of rays that a look of FACES sends to lamps: twice the number that
                                       a ratio estimate needs (SBL_SPARSE in lamps.glsl) */
@@ -17250,8 +17262,8 @@ static sbl_result sbl__refuse(const sbl_context *c, sbl_log_item item, const cha
     return item == SBL_LOG_ITEM_WRONG_ORDER ? SBL_ERROR_STATE : SBL_ERROR_INVALID_ARGUMENT;
 }
 
-/* Checks that a function may be called: that the context exists, that no callback further inside than `most` calls the
-   function, and, if scene is 1, that there is a scene. */
+/* Checks that a public function may be called: the context exists; it is not called by a callback, except as far as
+   `most` allows (see sbl__inside); and, if scene is 1, there is a scene. */
 static sbl_result sbl__may_call(sbl_context *c, const char *function, sbl__inside most, int scene) {
     sbl__inside inside;
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;

@@ -323,14 +323,15 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
 }
 
 #ifdef SBL_VIEWS  // geometry that only the host can draw: the sensor's views tell whether it hides the lamp
-uniform sampler2D atlas;        // view texture: Ck r g b, signed distance along the view's axis
+uniform sampler2D atlas;        // view texture: radiance towards the sensor; distance along the view's axis,
+                                // negative for a back face
 uniform vec4 view_rects[5];     // per view: x, y, width, height in the sheet, texels
 uniform ivec2 sheet;            // size of a sheet, texels
 uniform int view_count;
 uniform float tangent;          // tangent of half the field of view
 uniform float extent;           // scene extent: unit of the view texture's distances, world units
 
-const float SBL_AT_LAMP = 0.002;  // tolerance for the view texture's distances, which are 16-bit floats
+const float SBL_AT_LAMP = 0.002;  // relative tolerance of the test whether a view shows the lamp (16-bit floats)
 const int SBL_LOOKS_AGAIN = 4;    // maximum number of texels that are compared
 
 // Returns true if the views show something in front of the sample. The direction of a texel's centre may miss the

@@ -16,7 +16,7 @@ layout(location = 0) out vec4 out_color;
 const int SBL_REACH = 2;                // R is taken from pixels at most this far away in x and y
 const float SBL_NEAR_ENOUGH = 0.05;     // least sum of weights at which the four nearest pixels suffice
 const float SBL_SAME_ID = 1e-3;         // weight of a pixel with the same id that does not belong to the surface
-const float SBL_OTHER_ID = 0.01;        // weight of pixels with another id, for want of pixels with the sample's id
+const float SBL_OTHER_ID = 0.01;        // weight of pixels with another id, if no pixel has the sample's id
 
 // Returns the radiance of the environment picture in a direction, bilinearly filtered.
 vec3 sbl_sky_smooth(vec3 direction) {

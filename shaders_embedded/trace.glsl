@@ -80,7 +80,7 @@ void main() {
 
     vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);
     float squares = 0.0, other = 0.0;
-    mat3x4 harmonics = mat3x4(0);  // written only if SBL_DIRECTIONAL, like `even`
+    mat3x4 harmonics = mat3x4(0);  // stays 0 without SBL_DIRECTIONAL; so does the variable `even`
     vec4 even = vec4(0);
     int part = within.y * blocks.x + within.x, parts = blocks.x * blocks.y;
     // The variance is estimated from the differences between pairs of neighbours on the Morton curve.
