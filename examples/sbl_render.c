@@ -38,13 +38,16 @@ static const tool_option table[OPTION_COUNT] = {
                   "final (default) | radiance (R: irradiance / pi, light without surface colour) | albedo | normal |\n"
                   "position | id | depth | sensors (which pixels had a sensor, and at which level) | store (bounced "
                   "light in\n"
-                  "the cells of the store) | error (predicted standard error of the luminance of R)",
+                  "the cells of the store) | error (predicted standard error of the luminance of R, in the unit of "
+                  "R; dark in\n"
+                  "a .png without --exposure)",
                   channel_words },
     [TARGET_ERROR] = { "--target-error", "E", SHARES, &options.target_error, 1, 0.0001, 1,
-                       "target error of R, such as 2% or 0.02: the root mean square error of the picture, divided by "
-                       "the mean\n"
-                       "of R; default 5%, 1.5%, 0.75% by preset; with the default, a sensor uses at most 512 rays "
-                       "(high: 1024)",
+                       "target error, such as 2% or 0.02: the root mean square error of R over the picture, divided by "
+                       "the\n"
+                       "mean of R; default by preset: 5%, 1.5%, 0.75%, with at most 512, 512, 1024 rays per sensor. "
+                       "If E is\n"
+                       "given, a sensor may use up to 32 times as many rays, and a small E takes long",
                        .synonym = "--error" },
     [SENSOR_FOV] = { "--sensor-fov", "DEGREES", NUMBERS, &options.sensor_fov, 1, 1, 179,
                      "field of view of a sensor, mode paper only; default 135" },
@@ -55,9 +58,11 @@ static const tool_option table[OPTION_COUNT] = {
     [SAMPLES] = { "--samples", "N", INTEGERS, &options.samples, 1, 1, 64,
                   "anti-aliasing samples per pixel of channel final; default 1, 4, 16 by preset" },
     [EXPOSURE] = { "--exposure", "STOPS", NUMBERS, &options.exposure, 1, -100, 100,
-                   "exposure of channels final and radiance in a .png: 1 doubles the brightness; default 0" },
+                   "brightness of channels final, radiance, store and error in a .png: each stop doubles it; default "
+                   "0" },
     [INSPECT] = { "--inspect", "X,Y", INTEGERS, options.inspect, 2, 0, 16383,
-                  "instead of the scene, draws what the sensor at this pixel sees, and prints its sums" },
+                  "instead of the scene, draws what the sensor at this pixel sees (a disc, 512 x 512), and prints\n"
+                  "its sums; pixel 0,0 is at the upper left" },
 };
 static int given[OPTION_COUNT];
 

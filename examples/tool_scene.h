@@ -50,8 +50,9 @@ enum {
                         "paper     the method of the paper, with one view of 135 degrees; for pictures only", \
                             mode_words, NULL }, \
     [PRESET]        = { "--preset", "NAME", CHOICE, &common.preset, 0, 0, 0, \
-                        "draft | default | high: selects the defaults that this text gives \"by preset\", in this " \
-                            "order", preset_words, NULL }, \
+                        "draft | default | high (default: default). Where this text says \"by preset\", the three " \
+                            "values are\n" \
+                        "those of draft, default and high", preset_words, NULL }, \
     [BACKEND]       = { "--backend", "NAME", CHOICE, &common.backend, 0, 0, 0, \
                         "how sensors measure: auto (default; raster in mode paper, otherwise trace) | raster (draw " \
                             "views) |\n" \
@@ -82,9 +83,9 @@ enum {
     [SEED]          = { "--seed", "N", INTEGERS, &common.seed, 1, 0, INT_MAX, \
                         "changes the rotations of the sensors, and so the noise; default 0", NULL, NULL }, \
     [STORE]         = { "--store", "FILE", TEXT, &common.store, 0, 0, 0, \
-                        "loads the stored bounced light from FILE if it belongs to this scene; otherwise computes " \
-                            "it and saves\n" \
-                        "it to FILE; mode gi only", NULL, NULL }, \
+                        "loads the bounced light from FILE if it was stored for this scene and its lights and sky; " \
+                            "otherwise\n" \
+                        "computes it and replaces FILE; mode gi only", NULL, NULL }, \
     [STATS]         = { "--stats", "FILE", TEXT, &common.stats, 0, 0, 0, \
                         "writes counts, times in seconds (total: from start to result) and peak memory as JSON", \
                         NULL, NULL }, \

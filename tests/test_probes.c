@@ -733,8 +733,9 @@ TEST(slices_cancel_and_end) {
     desc.options.progress_user = &limit;
     CHECK(sbl_begin_probes(context, &desc) == SBL_SUCCESS, "cannot begin");
     while ((result = sbl_step(context, 1e-4)) == SBL_UNFINISHED) {}
-    CHECK(result == SBL_CANCELLED && sbl_step(context, 0) == SBL_SUCCESS, "not cancelled: %s",
-          sbl_result_string(result)); /* SBL_SUCCESS: the picture is still finished */
+    CHECK(result == SBL_CANCELLED && sbl_step(context, 0) == SBL_ERROR_STATE, "not cancelled: %s",
+          sbl_result_string(result));
+    CHECK(sbl_read_channel(context, SBL_CHANNEL_FINAL, pixels, 8 * 8 * 3) == SBL_SUCCESS, "the picture is gone");
     desc.options.progress = NULL;
     CHECK(sbl_begin_probes(context, &desc) == SBL_SUCCESS && sbl_step(context, 1e-9) == SBL_UNFINISHED, "cannot begin");
     sbl_end(context);

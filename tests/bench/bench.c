@@ -409,10 +409,12 @@ static void APIENTRY draw_instanced(GLenum mode, GLsizei count, GLenum type, con
     profile.read = 0;
 }
 
-static void APIENTRY draw_arrays(GLenum mode, GLint first, GLsizei count) {
+/* A single triangle that covers a target, after views have been drawn, belongs to the reduction. */
+static void APIENTRY draw_arrays_instanced(GLenum mode, GLint first, GLsizei count, GLsizei instances) {
+    const int reduces = count == 3 && instances == 1 && profile.drawn && !profile.read;
     double start = profile.on ? profile_start() : 0;
-    gl.DrawArrays(mode, first, count);
-    if (profile.on && profile.drawn && !profile.read) profile_end(REDUCE, start);
+    gl.DrawArraysInstanced(mode, first, count, instances);
+    if (profile.on && reduces) profile_end(REDUCE, start);
 }
 
 static void APIENTRY read_pixels(GLint x, GLint y, GLsizei width, GLsizei height, GLenum format, GLenum type,
@@ -427,7 +429,7 @@ static sbl_gl_function gl_function(const char *name, void *user) {
     (void)user;
     if (strcmp(name, "glClearBufferfv") == 0) return (sbl_gl_function)clear_buffer;
     if (strcmp(name, "glDrawElementsInstanced") == 0) return (sbl_gl_function)draw_instanced;
-    if (strcmp(name, "glDrawArrays") == 0) return (sbl_gl_function)draw_arrays;
+    if (strcmp(name, "glDrawArraysInstanced") == 0) return (sbl_gl_function)draw_arrays_instanced;
     if (strcmp(name, "glReadPixels") == 0) return (sbl_gl_function)read_pixels;
     return eglGetProcAddress(name);
 }
