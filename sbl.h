@@ -1629,7 +1629,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    patch        sbl__patch        >>store               neighbouring triangles that form one smooth surface
    cell                                                 the part of a patch in one cube of the store's grid
    cut                                                  a plane that divides a cell
-   leaf         sbl__leaf         >>store               an undivided part of a cell; it holds one value of R
+   leaf         sbl__leaf         >>store               part of a cell, with one value of R (>>bvh, >>lamps: of a tree)
    store        sbl__store        >>store >>textures    the bounced light of the scene: all cells and their R
    point                                                a place in a leaf where its light is measured
    ring                                                 things equally many steps away from those that have values
