@@ -6571,7 +6571,7 @@ typedef struct sbl__scene {
 
 #define SBL__RADIANCE_MOST 1e37f /* limit of radiance, so that sums stay finite */
 #define SBL__ACROSS_LEAST 5e-10  /* least diagonal of a scene whose light is correct up to rounding errors; measured */
-#define SBL__ACROSS_MOST 6e9     /* largest diagonal of a scene whose light is correct up to rounding errors; measured */
+#define SBL__ACROSS_MOST 6e9    /* largest diagonal of a scene whose light is correct up to rounding errors, measured */
 #define SBL__AWAY_MOST 4e3       /* largest coordinate in such a scene, in diagonals; measured */
 
 static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
