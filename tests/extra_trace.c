@@ -53,7 +53,7 @@ TEST(a_thousand_points_see_the_same_triangles) {
 
 /* R of traced and rasterised sensors differs by less than 1 % rms if every surface emits its albedo. */
 TEST(smooth_light_is_what_rasterised_sensors_find) {
-    enum { WIDTH = 12, HEIGHT = 8 };
+    enum { WIDTH = 9, HEIGHT = 6 };
     sbl_picture_desc view = camera_view(WIDTH, HEIGHT);
     float traced[3 * WIDTH * HEIGHT], drawn[3 * WIDTH * HEIGHT];
     double squares = 0, sum = 0, error;

@@ -361,7 +361,7 @@ TEST(past_buffer_textures) {
     crowd_make(&crowd, 112, 112);
     scene = scene_desc(&crowd);
     desc.get_gl_function = fake_proc;
-    view.tile = 16;
+    view.tile = 32;
     view.options.sensor_size = 8;
     view.threshold = 1e9f;  /* few sensors of one view each */
     if (backend == SBL_BACKEND_RASTER) view.sensor_kind = SBL_SENSOR_SINGLE;

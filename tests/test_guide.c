@@ -312,7 +312,7 @@ TEST(memory_runs_out) {
     int at, refused = 0;
     view.target_error = 0.08f;
     REQUIRE(render(context, &view, expected), "no picture: %s", watch_last(&seen));
-    for (at = 1; at < 600; at += 1 + at / 40) {
+    for (at = 1; at < 600; at += 1 + at / 16) {
         sbl_result result;
         watch_refuse(&seen, at);
         result = sbl_render_picture(context, &view);

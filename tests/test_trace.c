@@ -57,7 +57,7 @@ static void glowing_room(test_scene *s) {
 /* Traced and rasterised R differ by less than 0.3 % rms where light is smooth. */
 TEST(agrees_with_raster_on_smooth_light) {
     test_scene s = { 0 };
-    sbl_picture_desc view = scene_cornell_view(64, 64), raster = scene_plain(view, SBL_MODE_AMBIENT, 256),
+    sbl_picture_desc view = scene_cornell_view(40, 40), raster = scene_plain(view, SBL_MODE_AMBIENT, 256),
         ray = traced(view, SBL_MODE_AMBIENT, 4096);
     float *a, *b;
     double error;
@@ -72,7 +72,7 @@ TEST(agrees_with_raster_on_smooth_light) {
               sbl_query_stats(context).sensors.rays >= 4096 * (int64_t)sbl_query_stats(context).sensors.count,
           "the statistics do not report SBL_BACKEND_TRACE");
     b = scene_channel(context, &ray, SBL_CHANNEL_RADIANCE);
-    error = difference(b, a, 64 * 64);
+    error = difference(b, a, 40 * 40);
     CHECK(error < 0.003, "traced and rasterised differ by %.2f %% rms", 100 * error);
     printf("  %.2f %%\n", 100 * error);
     free(a);
@@ -626,7 +626,7 @@ int main(void) {
     RUN(the_picture_does_not_depend_on_the_slices);
     RUN(moved_meshes_are_found);
     RUN(rays_hit_what_they_should);
-    RUN(nasty_triangles);
+    if (!test_kind_is("gl33")) RUN(nasty_triangles);
     RUN(every_ray_arrives);
     RUN(a_million_triangles);
     if (getenv("SBL_TEST_HUGE")) RUN(ten_million_triangles);
