@@ -349,6 +349,23 @@ static void crowd_make(test_scene *s, int slices, int stacks) {
     ball->texcoords.stride = 12;
 }
 
+/* Rounds of bounced light use the same textures: a picture makes 148 GL objects, and some 30 more if every round makes
+   its own. */
+TEST(rounds_share_gl_objects) {
+    static picture now;
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_picture_desc view = cornell_view();
+    sbl_context *context;
+    int made, start = fake.made;
+    desc.get_gl_function = fake_proc;
+    context = watch_context(&seen, &desc, &cornell);
+    REQUIRE(context && render(context, &view, &now), "%s", watch_last(&seen));
+    made = fake.made - start;
+    CHECK(same(&now, &expected), "the picture differs");
+    CHECK(made > 50 && made < 160, "the picture makes %d GL objects", made);
+    sbl_destroy(context);
+}
+
 /* Scenes above the limit of buffer textures give the same pictures, to the bit, also with moved meshes. */
 TEST(past_buffer_textures) {
     static picture pictures[2][2], now;
@@ -652,6 +669,7 @@ int main(void) {
         RUN(batches);
         RUN(slices);
         RUN(capabilities);
+        RUN(rounds_share_gl_objects);
         RUN(moving);
         if (i) RUN(repetitions);
         else RUN(atlas_sizes);
