@@ -12471,9 +12471,9 @@ typedef struct sbl__pixel {
 #define SBL__HIDDEN_TOUCH 0.15f
 #define SBL__HIDDEN_REACH 2       /* distance_limit / width of a texel */
 
-/* Interpolation. Errors are root mean squares. STEP_ERROR, CURVE_ERROR: error of interpolation along an edge of a tile /
-   second difference at its ends, if light has a step, or if it is a parabola that sbl__edge_parabola corrects; measured
-   on shadows of lamps with tiles of 2 to 16 pixels. */
+/* Interpolation. Errors are root mean squares. STEP_ERROR, CURVE_ERROR: error of interpolation along an edge / second
+   difference at its ends, if light has a step, or if it is a parabola that sbl__edge_parabola corrects; measured on
+   shadows of lamps with tiles of 2 to 16 pixels. */
 #define SBL__COVERAGE 0.75f             /* a tile is split if its corners give a pixel less weight (sbl__mix) */
 #define SBL__EXTRAPOLATED_SPAN 4        /* width of the widest tiles that use extrapolated light, pixels */
 #define SBL__STEP_ERROR 0.29f
@@ -12555,7 +12555,6 @@ typedef struct sbl__refine {
     sbl__tile *tiles;
     int tile_count, tile_room;
     int first_new;            /* index of the first tile that has not been weighed yet */
-    int weigh_count;          /* number of tiles that the running WEIGH or SPEND stage visits */
     int row;                  /* next row of pixels of the tile that the COUNT stage is at */
     int rounds, weighed;      /* number of rounds that are over; 1: errors have been predicted */
     int listed;               /* number of tiles (COLLECT_SCOUTS: guides) whose sites this round has listed */
@@ -12765,9 +12764,7 @@ static void sbl__mix_extrapolate(const sbl__refine *r, const sbl__tile *c, int c
 }
 
 /* Clamps extrapolated light to 0 or more, except in layers of signed values. */
-static float sbl__clamp_light(int layer, float light) {
-    return layer ? light : SBL__MAX(light, 0.0f);
-}
+static float sbl__clamp_light(int layer, float light) { return layer ? light : SBL__MAX(light, 0.0f); }
 
 /* Interpolates a layer of light at pixel (x, y) from a tile's corners. */
 static void sbl__interpolate(const sbl__refine *r, const sbl__tile *c, int x, int y, int layer, sbl__mix *m) {
@@ -12795,36 +12792,36 @@ static void sbl__interpolate(const sbl__refine *r, const sbl__tile *c, int x, in
     m->variance /= (double)m->covered * (double)m->covered;
 }
 
-/* Second differences of a layer of light at both ends of an edge. known: 1 if at least one comes from a sensor */
-typedef struct sbl__curvature { int known; float at[2][3]; } sbl__curvature;
-
-/* Computes the second difference at each end of an edge, from both ends and the sensor one length beyond that end. If
-   only one end has a sensor beyond it, the other end gets its value with the opposite sign. Returns 1 if the ends have
-   sensors that may share light. */
-static int sbl__edge_curvature(const sbl__refine *r, const sbl__edge *e, int layer, sbl__curvature *out) {
+/* Computes the second difference of a layer of light at each end of an edge, from both ends and the sensor one length
+   beyond that end. The value at an end without a sensor beyond it is the opposite of the other end's value or, without
+   any such sensor, of the difference between the ends, as at a step. Returns 1 if the ends' sensors may share light. */
+static int sbl__edge_curvature(const sbl__refine *r, const sbl__edge *e, int layer, float out[2][3]) {
     const int length = e->line.x[1] - e->line.x[0] + e->line.y[1] - e->line.y[0];
+    const float *light[2] = { sbl__pixel_light(r, e->ends[0], layer), sbl__pixel_light(r, e->ends[1], layer) };
     int known[2] = { 0, 0 }, end, k;
-    memset(out, 0, sizeof *out);
+    memset(out, 0, 2 * sizeof *out);
     if (!sbl__connected(e->ends[0], e->ends[1], 1)) return 0;
     for (end = 0; end < 2 && length > 1 && r->geometry_aware; end++) {
-        const sbl__pixel *here = e->ends[end], *p = sbl__sensor_beyond(r, here, e, end, 1);
-        const float *light = sbl__pixel_light(r, here, layer), *other = sbl__pixel_light(r, e->ends[!end], layer);
+        const sbl__pixel *p = sbl__sensor_beyond(r, e->ends[end], e, end, 1);
         known[end] = p != NULL;
-        for (k = 0; k < 3 && p; k++) out->at[end][k] = sbl__pixel_light(r, p, layer)[k] - 2 * light[k] + other[k];
+        for (k = 0; k < 3 && p; k++)
+            out[end][k] = sbl__pixel_light(r, p, layer)[k] - 2 * light[end][k] + light[!end][k];
     }
-    out->known = known[0] || known[1];
-    for (k = 0; k < 3 && known[0] != known[1]; k++) out->at[known[0]][k] = -out->at[!known[0]][k];
+    for (k = 0; k < 3; k++) {
+        if (!known[0] && !known[1]) out[1][k] = light[1][k] - light[0][k];
+        if (!known[0] || !known[1]) out[known[0]][k] = -out[!known[0]][k];
+    }
     return 1;
 }
 
 /* Computes the second difference that corrects interpolation along an edge: the value at its ends that is nearer to 0,
    or 0 if their signs differ, as they do at a kink. */
 static void sbl__edge_parabola(const sbl__refine *r, const sbl__edge *e, int layer, float out[3]) {
-    sbl__curvature curvature;
+    float at[2][3];
     int k;
-    sbl__edge_curvature(r, e, layer, &curvature);
+    sbl__edge_curvature(r, e, layer, at);
     for (k = 0; k < 3; k++) {
-        const float a = curvature.at[0][k], b = curvature.at[1][k];
+        const float a = at[0][k], b = at[1][k];
         out[k] = a * b <= 0 ? 0 : sbl__abs(a) < sbl__abs(b) ? a : b;
     }
 }
@@ -12887,15 +12884,11 @@ static float sbl__tile_edge_bias2(const sbl__refine *r, sbl__tile *c) {
     int side, end, k, insides = 0, outsides = 0;
     for (side = 0; side < 4; side++) {
         const sbl__edge e = sbl__tile_edge(r, c, side);
-        sbl__curvature curvature;
+        float at[2][3], error[3];
         if (e.ends[0] == e.ends[1]) continue;
-        if (sbl__edge_curvature(r, &e, 0, &curvature)) {
-            float error[3];
-            for (k = 0; k < 3; k++) {
-                const float d = e.ends[1]->radiance[k] - e.ends[0]->radiance[k];
-                error[k] = curvature.known ? sbl__edge_error(curvature.at[0][k], curvature.at[1][k], d)
-                                           : SBL__STEP_ERROR * sbl__abs(d);
-            }
+        if (sbl__edge_curvature(r, &e, 0, at)) {
+            for (k = 0; k < 3; k++)
+                error[k] = sbl__edge_error(at[0][k], at[1][k], e.ends[1]->radiance[k] - e.ends[0]->radiance[k]);
             inside += sbl__squared(r, error);
             insides++;
         } else for (end = 0; end < 2; end++)
@@ -12986,18 +12979,17 @@ static sbl_result sbl__refine_add_tile(sbl__refine *r, const sbl__range *area, i
     return SBL_SUCCESS;
 }
 
+/* Divides a tile into up to four. A tile less than 2 pixels wide is not divided in width; height likewise. */
 static sbl_result sbl__tile_split(sbl__refine *r, int index) {
     const sbl__range a = r->tiles[index].area;
-    const int columns = a.x[1] - a.x[0] > 1 ? 2 : 1, rows = a.y[1] - a.y[0] > 1 ? 2 : 1;
-    const int xs[3] = { a.x[0], columns == 2 ? (a.x[0] + a.x[1]) / 2 : a.x[1], a.x[1] };
-    const int ys[3] = { a.y[0], rows == 2 ? (a.y[0] + a.y[1]) / 2 : a.y[1], a.y[1] };
+    const int xs[3] = { a.x[0], (a.x[0] + a.x[1]) / 2, a.x[1] }, ys[3] = { a.y[0], (a.y[0] + a.y[1]) / 2, a.y[1] };
     sbl_result result = SBL_SUCCESS;
     int i;
     r->tiles[index].split = 1;
-    for (i = 0; i < columns * rows && result == SBL_SUCCESS; i++) {
-        const int column = i % columns, row = i / columns;
+    for (i = 0; i < 4 && result == SBL_SUCCESS; i++) {
+        const int column = i & 1, row = i >> 1;
         const sbl__range part = { { xs[column], xs[column + 1] }, { ys[row], ys[row + 1] } };
-        result = sbl__refine_add_tile(r, &part, index);
+        if ((column || xs[0] < xs[1]) && (row || ys[0] < ys[1])) result = sbl__refine_add_tile(r, &part, index);
     }
     return result;
 }
@@ -13442,22 +13434,25 @@ static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
 }
 
 /* Updates c->raw_bias2, or sets c->split_worth to FLT_MAX if the tile must be split. */
-static void sbl__tile_weigh_split(sbl__refine *r, sbl__tile *c, int is_new) {
+static void sbl__tile_weigh_split(const sbl__refine *r, sbl__tile *c) {
     const int span = sbl__tile_span(c);
     if (span <= 1) return;
     if (c->must_split) c->split_worth = FLT_MAX;
     else if (r->threshold > 0) c->split_worth = sbl__tile_differs(r, c) ? FLT_MAX : 0;
-    else if (is_new || sbl__tile_corners(r, c).is_new || span > SBL__EXTRAPOLATED_SPAN)
+    else if (c - r->tiles >= r->first_new || sbl__tile_corners(r, c).is_new || span > SBL__EXTRAPOLATED_SPAN)
         c->raw_bias2 = sbl__tile_raw_bias2(r, c);
 }
 
 /* Predicts the errors of a tile, and the gain of each way to reduce them: a split, or more looks. The gain is the
    reduction of the sum of squared errors per look. Adds the gains to the histogram from which sbl__weigh_end finds
-   the threshold. is_new: 1: the tile has not been weighed before */
-static void sbl__tile_weigh(sbl__refine *r, sbl__tile *c, int is_new) {
+   the least worth that is bought. */
+static sbl_result sbl__refine_weigh(void *work, int at) {
+    sbl__refine *r = (sbl__refine *)work;
+    sbl__tile *c = &r->tiles[at];
     float bias2, gain, variance, weight;
     int looks = sbl__tile_corners(r, c).looks, most, interpolated;
-    sbl__tile_weigh_split(r, c, is_new);
+    if (c->split) return SBL_SUCCESS;
+    sbl__tile_weigh_split(r, c);
     sbl__tile_noise(r, c);
     interpolated = SBL__MAX(c->pixels - 1, 0);  /* The upper left pixel has a sensor. */
     variance = c->noise2 / sbl__noise_left(r, sbl__tile_span(c));
@@ -13475,7 +13470,7 @@ static void sbl__tile_weigh(sbl__refine *r, sbl__tile *c, int is_new) {
         if (gain > 0) r->gains[sbl__worth_bin(c->split_worth)] += (double)gain * cost;
     }
     c->look_worth = 0;
-    if (!looks || looks >= r->spec->looks) return;
+    if (!looks || looks >= r->spec->looks) return SBL_SUCCESS;
     gain = c->noise2 * (float)c->pixels * (1 - SBL__LOOKS_GAIN) / (float)looks;
     c->look_worth = gain * weight;
     most = SBL__MIN(SBL__LOOKS_GROWTH * looks, r->spec->looks);
@@ -13483,6 +13478,7 @@ static void sbl__tile_weigh(sbl__refine *r, sbl__tile *c, int is_new) {
         if (gain > 0) r->gains[sbl__worth_bin(gain * weight)] += (double)gain * looks;
         gain *= SBL__LOOKS_GAIN_NEXT;
     }
+    return SBL_SUCCESS;
 }
 
 /* Predicts the picture's error. Finds the smallest gain (error removed per cost) that a split or a look must have,
@@ -13522,38 +13518,28 @@ static sbl_result sbl__refine_count(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-static int sbl__refine_weigh_count(void *work) { return ((sbl__refine *)work)->weigh_count; }
+static int sbl__refine_tile_count(void *work) { return ((sbl__refine *)work)->tile_count; }
+static int sbl__refine_weighed(void *work) { return ((sbl__refine *)work)->first_new; }
 
-static sbl_result sbl__refine_weigh(void *work, int at) {
-    sbl__refine *r = (sbl__refine *)work;
-    if (!r->tiles[at].split) sbl__tile_weigh(r, &r->tiles[at], at >= r->first_new);
-    return SBL_SUCCESS;
-}
-
-/* Gives a tile's sensors as many more looks as are worth their cost. */
-static void sbl__tile_look_again(sbl__refine *r, const sbl__tile *c) {
-    float worth = c->look_worth;
-    int corner, looks = sbl__tile_corners(r, c).looks, growth = 1;
-    for (; growth < SBL__LOOKS_GROWTH && worth >= r->least_worth; growth *= 2) worth *= SBL__LOOKS_GAIN_NEXT;
-    looks = SBL__MIN(looks * growth, r->spec->looks);
-    for (corner = 0; corner < 4; corner++) {
-        sbl__pixel *p = sbl__tile_corner(r, c, corner);
-        if (!sbl__usable(p) || !p->looks || p->wanted >= looks) continue;
-        p->wanted = looks;
-        r->bought++;
-    }
-}
-
-/* Splits a tile or gives its sensors more looks, if that is worth the cost. */
+/* Splits a tile, or gives its sensors as many more looks as are worth their cost. */
 static sbl_result sbl__refine_spend(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__tile *c = &r->tiles[at];
+    float worth = c->look_worth;
+    int corner, looks = sbl__tile_corners(r, c).looks, growth = 1;
     if (c->split) return SBL_SUCCESS;
     if (c->split_worth >= r->least_worth && sbl__tile_span(c) > 1) {
         r->bought++;
         return sbl__tile_split(r, at);
     }
-    if (c->look_worth >= r->least_worth) sbl__tile_look_again(r, c);
+    for (; growth < SBL__LOOKS_GROWTH && worth >= r->least_worth; growth *= 2) worth *= SBL__LOOKS_GAIN_NEXT;
+    looks = SBL__MIN(looks * growth, r->spec->looks);
+    for (corner = 0; corner < 4 && growth > 1; corner++) {
+        sbl__pixel *p = sbl__tile_corner(r, c, corner);
+        if (!sbl__usable(p) || !p->looks || p->wanted >= looks) continue;
+        p->wanted = looks;
+        r->bought++;
+    }
     return SBL_SUCCESS;
 }
 
@@ -13607,7 +13593,6 @@ static int sbl__refine_after_take(void *work) {
     r->listed = 0;
     if (scouts) return SBL__REFINE_GUIDES;
     r->rounds++;
-    r->weigh_count = r->tile_count;
     sbl__weigh_begin(r);
     return SBL__REFINE_COUNT;
 }
@@ -13620,6 +13605,7 @@ static int sbl__refine_after_weigh(void *work) {
     sbl__weigh_end(r);
     times = r->rounds == 1 ? sbl__look_growth(r->measurement, r->target_error, r->look_variance) : 1;
     if (times == 1) {
+        r->first_new = r->tile_count;
         r->core->stats.picture.expected_error = (float)r->predicted;
         return SBL__REFINE_SPEND;
     }
@@ -13632,12 +13618,9 @@ static int sbl__refine_after_weigh(void *work) {
 }
 
 static int sbl__refine_after_spend(void *work) {
-    sbl__refine *r = (sbl__refine *)work;
-    r->first_new = r->weigh_count;
+    const sbl__refine *r = (const sbl__refine *)work;
     return r->bought ? SBL__REFINE_COLLECT : SBL__REFINE_DONE;
 }
-
-
 
 static int sbl__refine_after_send(void *work) {
     ((sbl__refine *)work)->spec->guided = 1;
@@ -13652,8 +13635,8 @@ static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
         { sbl__refine_sense, NULL, NULL, NULL },
         { NULL, sbl__refine_after_take, sbl__refine_take, sbl__refine_sites },
         { sbl__refine_count, NULL, NULL, NULL },
-        { NULL, sbl__refine_after_weigh, sbl__refine_weigh, sbl__refine_weigh_count },
-        { NULL, sbl__refine_after_spend, sbl__refine_spend, sbl__refine_weigh_count },
+        { NULL, sbl__refine_after_weigh, sbl__refine_weigh, sbl__refine_tile_count },
+        { NULL, sbl__refine_after_spend, sbl__refine_spend, sbl__refine_weighed },
         { sbl__guides_begin, sbl__refine_after_list, sbl__scouts_list, sbl__scouts_unlisted },
         { sbl__refine_sense, NULL, NULL, NULL },
         { sbl__scouts_take, sbl__refine_after_take, NULL, NULL },
@@ -13732,8 +13715,7 @@ typedef struct sbl__fill {
     /* set by the caller; all other fields begin as 0 */
     sbl__refine *refine;
     int layer;                  /* layer of light to fill in */
-    sbl__stages stages;
-    int row;                    /* next row of the current tile */
+    int tile, row;              /* index of the next tile; its next row of pixels */
     float *rgba;                /* output, 4 floats per pixel: light; noise of R, above 0 where there is a surface */
     int orphans;                /* number of pixels without a usable sensor that their tile does not cover */
     sbl__rings rings;           /* spread light to orphans over their surface */
@@ -13743,12 +13725,6 @@ static void sbl__fill_free(sbl__base *base, sbl__fill *f) {
     sbl__free(base, f->rgba);
     sbl__rings_free(base, &f->rings);
     memset(f, 0, sizeof *f);
-}
-
-/* Returns the tile or, if its sensors have not all been read yet, the smallest tile around it whose sensors have. */
-static const sbl__tile *sbl__tile_known(const sbl__refine *r, const sbl__tile *c) {
-    while (c->parent >= 0 && sbl__tile_corners(r, c).unread) c = &r->tiles[c->parent];
-    return c;
 }
 
 /* Returns the standard error of a pixel's luminance. predicted2: relative squared error that its tile predicts. */
@@ -13828,41 +13804,29 @@ static sbl_result sbl__fill_make(sbl__fill *f) {
     return f->rgba ? sbl__rings_make(&r->core->base, &f->rings, r->width * r->height) : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-static sbl_result sbl__fill_tiles(void *work, sbl__slice *slice) {
-    sbl__fill *f = (sbl__fill *)work;
+/* Fills in f->rgba, piece by piece. A tile whose sensors have not all been read yet is filled in with the light of the
+   smallest tile around it whose sensors have. */
+static sbl_result sbl__fill_step(sbl__fill *f, sbl__slice *slice) {
     const sbl__refine *r = f->refine;
-    int *at = &f->stages.at, x, y, k;
     const sbl_result result = f->rgba ? SBL_SUCCESS : sbl__fill_make(f);
+    int x, y, k;
     if (result != SBL_SUCCESS) return result;
-    for (; *at < r->tile_count; ++*at, f->row = 0) {
-        const sbl__tile *c = &r->tiles[*at], *known = sbl__tile_known(r, c);
+    for (; f->tile < r->tile_count; f->tile++, f->row = 0) {
+        const sbl__tile *c = &r->tiles[f->tile];
         const sbl__range pixels = sbl__tile_pixels(r, c);
         float parabolas[4][3];
         if (c->split) continue;
+        while (c->parent >= 0 && sbl__tile_corners(r, c).unread) c = &r->tiles[c->parent];
         for (k = 0; k < 4; k++) {
-            const sbl__edge edge = sbl__tile_edge(r, known, k);
+            const sbl__edge edge = sbl__tile_edge(r, c, k);
             sbl__edge_parabola(r, &edge, f->layer, parabolas[k]);
         }
         for (y = pixels.y[0] + f->row; y <= pixels.y[1]; y++, f->row++) {
             if (sbl__late(slice)) return SBL_UNFINISHED;
-            for (x = pixels.x[0]; x <= pixels.x[1]; x++) sbl__fill_pixel(f, x, y, known, parabolas);
+            for (x = pixels.x[0]; x <= pixels.x[1]; x++) sbl__fill_pixel(f, x, y, c, parabolas);
         }
     }
-    return SBL_SUCCESS;
-}
-
-static sbl_result sbl__fill_spread(void *work, sbl__slice *slice) {
-    sbl__fill *f = (sbl__fill *)work;
     return f->orphans ? sbl__rings_step(&f->rings, slice) : SBL_SUCCESS;
-}
-
-/* Fills in f->rgba, piece by piece. */
-static sbl_result sbl__fill_step(sbl__fill *f, sbl__slice *slice) {
-    static const sbl__stage_row table[] = {
-        { sbl__fill_tiles, NULL, NULL, NULL },
-        { sbl__fill_spread, NULL, NULL, NULL }
-    };
-    return sbl__stages_step(&f->stages, table, SBL__COUNT(table), f, slice);
 }
 
 /* ======================================================================================================== >>filter
