@@ -12625,7 +12625,6 @@ static float sbl__belongs(const sbl__pixel *a, const sbl__pixel *b, int geometry
 /* Returns 1 if other pixels may use the light of this pixel's sensor. */
 static int sbl__usable(const sbl__pixel *p) { return p->sensed && !p->invalid; }
 
-/* Returns 1 if both pixels have usable sensors that may share light. */
 static int sbl__connected(const sbl__pixel *a, const sbl__pixel *b, int geometry_aware) {
     return sbl__usable(a) && sbl__usable(b) && sbl__belongs(a, b, geometry_aware) > 0;
 }
@@ -12694,14 +12693,12 @@ typedef struct sbl__edge { sbl__range line; const sbl__pixel *ends[2]; } sbl__ed
 
 /* Returns an edge of a tile; side 0: top, 1: bottom, 2: left, 3: right. */
 static sbl__edge sbl__tile_edge(const sbl__refine *r, const sbl__tile *c, int side) {
-    static const int corners[4][2] = { { 0, 1 }, { 2, 3 }, { 0, 2 }, { 1, 3 } };
     sbl__edge e;
     int end;
     for (end = 0; end < 2; end++) {
-        const int corner = corners[side][end];
-        e.line.x[end] = c->area.x[corner & 1];
-        e.line.y[end] = c->area.y[corner >> 1];
-        e.ends[end] = sbl__tile_corner(r, c, corner);
+        e.line.x[end] = c->area.x[side < 2 ? end : side - 2];
+        e.line.y[end] = c->area.y[side < 2 ? side : end];
+        e.ends[end] = sbl__pixel_at(r, e.line.x[end], e.line.y[end]);
     }
     return e;
 }
@@ -13086,23 +13083,19 @@ static int sbl__guide_for(const sbl__refine *r, int index) {
 
 /* >>refine: rounds, from the sites that are wanted to the readings that are taken */
 
-static int sbl__refine_tiles_along(const sbl__refine *r, int pixels) {
-    return SBL__MAX(1, (pixels - 2 + r->tile_size) / r->tile_size);
-}
-
-/* Returns the number of first-level tiles, which cover the whole picture. */
-static int sbl__refine_tiles(void *work) {
-    const sbl__refine *r = (const sbl__refine *)work;
-    return sbl__refine_tiles_along(r, r->width) * sbl__refine_tiles_along(r, r->height);
-}
-
-static sbl_result sbl__refine_tile(void *work, int at) {
+/* Adds the first-level tiles, which cover the whole picture, row by row. */
+static sbl_result sbl__refine_tiles(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
-    const int across = sbl__refine_tiles_along(r, r->width);
-    const int x = at % across * r->tile_size, y = at / across * r->tile_size;
-    const sbl__range area = { { x, SBL__MIN(x + r->tile_size, r->width - 1) },
-                              { y, SBL__MIN(y + r->tile_size, r->height - 1) } };
-    return sbl__refine_add_tile(r, &area, -1);
+    int *y = &r->stages.at, x;
+    for (; *y == 0 || *y < r->height - 1; *y += r->tile_size) {
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        for (x = 0; x == 0 || x < r->width - 1; x += r->tile_size) {
+            const sbl__range area = { { x, SBL__MIN(x + r->tile_size, r->width - 1) },
+                                      { *y, SBL__MIN(*y + r->tile_size, r->height - 1) } };
+            if (sbl__refine_add_tile(r, &area, -1) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
+        }
+    }
+    return SBL_SUCCESS;
 }
 
 /* Makes the site of pixel number `index` for looks from number `first` on. */
@@ -13127,31 +13120,27 @@ static int sbl__refine_room(sbl__refine *r, int more) {
            sbl__grow(base, &r->reading_layers, &r->reading_layer_room, count, r->harmonics * sizeof(float));
 }
 
-/* Returns 0 when the looks of the listed sites fill a job or all tiles are listed, otherwise INT_MAX. */
-static int sbl__refine_unlisted(void *work) {
-    const sbl__refine *r = (const sbl__refine *)work;
-    return r->listed < r->tile_count && r->look_count < SBL__JOB_LOOKS ? INT_MAX : 0;
-}
-
-/* Lists sites for those corners of the next tile that need a sensor or more looks. */
-static sbl_result sbl__refine_list(void *work, int at) {
+/* Lists sites for those corners of the next tiles that need a sensor or more looks, until they fill a job. */
+static sbl_result sbl__refine_list(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
-    const sbl__tile *c = &r->tiles[r->listed++];
     int corner;
-    (void)at;
-    if (c->split) return SBL_SUCCESS;
-    if (!sbl__refine_room(r, 4)) return SBL_ERROR_OUT_OF_MEMORY;
-    for (corner = 0; corner < 4; corner++) {
-        sbl__pixel *p = sbl__tile_corner(r, c, corner);
-        if (!p->id || p->queued || (p->sensed && p->wanted <= p->looks)) continue;
-        p->queued = 1;
-        if (!p->sensed) {
-            p->level = (unsigned char)(1 + SBL__MIN(c->level, SBL_MAX_LEVELS - 1));
-            p->look = r->look_count;
-            p->wanted = c->looks;
+    for (; r->listed < r->tile_count && r->look_count < SBL__JOB_LOOKS; r->listed++) {
+        const sbl__tile *c = &r->tiles[r->listed];
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        if (c->split) continue;
+        if (!sbl__refine_room(r, 4)) return SBL_ERROR_OUT_OF_MEMORY;
+        for (corner = 0; corner < 4; corner++) {
+            sbl__pixel *p = sbl__tile_corner(r, c, corner);
+            if (!p->id || p->queued || (p->sensed && p->wanted <= p->looks)) continue;
+            p->queued = 1;
+            if (!p->sensed) {
+                p->level = (unsigned char)(1 + SBL__MIN(c->level, SBL_MAX_LEVELS - 1));
+                p->look = r->look_count;
+                p->wanted = c->looks;
+            }
+            sbl__refine_site(r, (int)(p - r->pixels), p->looks, p->wanted - p->looks, &r->sites[r->site_count++]);
+            r->look_count += p->wanted - p->looks;
         }
-        sbl__refine_site(r, (int)(p - r->pixels), p->looks, p->wanted - p->looks, &r->sites[r->site_count++]);
-        r->look_count += p->wanted - p->looks;
     }
     return SBL_SUCCESS;
 }
@@ -13260,14 +13249,11 @@ static void sbl__refine_restart(sbl__refine *r) {
 /* Returns a seed that differs from the sensors' seed, so that scouts and sensors send independent rays. */
 static uint32_t sbl__scouts_seed(const sbl__refine *r) { return sbl__hash(r->spec->seed ^ 0x9e3779b9u); }
 
-/* Chooses the places of guides and allocates memory for them on the first call. */
-static sbl_result sbl__guides_begin(void *work, sbl__slice *slice) {
-    sbl__refine *r = (sbl__refine *)work;
+/* Chooses the places of guides and allocates memory for them. */
+static sbl_result sbl__guides_begin(sbl__refine *r) {
     sbl__guides *g = &r->guides;
     sbl__base *base = &r->core->base;
     size_t rows;
-    (void)slice;
-    if (g->words) return SBL_SUCCESS;
     for (g->step = SBL__GUIDE_STEP / 4; ; g->step *= 2) {
         g->columns = (r->width - 1) / g->step + 1;
         g->rows = (r->height - 1) / g->step + 1;
@@ -13279,23 +13265,20 @@ static sbl_result sbl__guides_begin(void *work, sbl__slice *slice) {
     return g->found && g->words ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-static int sbl__scouts_unlisted(void *work) {
-    const sbl__refine *r = (const sbl__refine *)work;
-    return r->listed < r->guides.columns * r->guides.rows && r->site_count < SBL__SCOUTS_AT_ONCE ? INT_MAX : 0;
-}
-
-/* Lists the sites of the scouts of the next guide, all at the same place. */
-static sbl_result sbl__scouts_list(void *work, int at) {
+/* Lists the sites of the scouts of the next guides, which are all at the guide's place, until they fill a job. */
+static sbl_result sbl__scouts_list(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__guides *g = &r->guides;
-    const int column = r->listed % g->columns, row = r->listed / g->columns;
     int i;
-    (void)at;
-    r->listed++;
-    if (!sbl__guide_pixel(r, column, row)) return SBL_SUCCESS;
-    if (!sbl__refine_room(r, SBL__SCOUTS)) return SBL_ERROR_OUT_OF_MEMORY;
-    for (i = 0; i < SBL__SCOUTS; i++)
-        sbl__refine_site(r, (row * r->width + column) * g->step, i, 1, &r->sites[r->site_count++]);
+    if (!g->words && sbl__guides_begin(r) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
+    for (; r->listed < g->columns * g->rows && r->site_count < SBL__SCOUTS_AT_ONCE; r->listed++) {
+        const int column = r->listed % g->columns, row = r->listed / g->columns;
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        if (!sbl__guide_pixel(r, column, row)) continue;
+        if (!sbl__refine_room(r, SBL__SCOUTS)) return SBL_ERROR_OUT_OF_MEMORY;
+        for (i = 0; i < SBL__SCOUTS; i++)
+            sbl__refine_site(r, (row * r->width + column) * g->step, i, 1, &r->sites[r->site_count++]);
+    }
     return SBL_SUCCESS;
 }
 
@@ -13630,14 +13613,14 @@ static int sbl__refine_after_send(void *work) {
 /* Refines, piece by piece. Returns SBL_SUCCESS when the target error is reached or nothing is left to buy. */
 static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { NULL, NULL, sbl__refine_tile, sbl__refine_tiles },
-        { NULL, sbl__refine_after_list, sbl__refine_list, sbl__refine_unlisted },
+        { sbl__refine_tiles, NULL, NULL, NULL },
+        { sbl__refine_list, sbl__refine_after_list, NULL, NULL },
         { sbl__refine_sense, NULL, NULL, NULL },
         { NULL, sbl__refine_after_take, sbl__refine_take, sbl__refine_sites },
         { sbl__refine_count, NULL, NULL, NULL },
         { NULL, sbl__refine_after_weigh, sbl__refine_weigh, sbl__refine_tile_count },
         { NULL, sbl__refine_after_spend, sbl__refine_spend, sbl__refine_weighed },
-        { sbl__guides_begin, sbl__refine_after_list, sbl__scouts_list, sbl__scouts_unlisted },
+        { sbl__scouts_list, sbl__refine_after_list, NULL, NULL },
         { sbl__refine_sense, NULL, NULL, NULL },
         { sbl__scouts_take, sbl__refine_after_take, NULL, NULL },
         { NULL, NULL, sbl__guides_make, sbl__guides_count },
