@@ -13301,15 +13301,9 @@ static sbl_result sbl__scouts_take(void *work, sbl__slice *slice) {
     return *at < r->site_count ? SBL_UNFINISHED : SBL_SUCCESS;
 }
 
-static int sbl__guides_count(void *work) {
-    const sbl__guides *g = &((sbl__refine *)work)->guides;
-    return 1 + g->columns * g->rows;
-}
-
 /* Makes guide number `guide` from what the scouts around it found; guide 0 sends rays evenly. */
-static sbl_result sbl__guides_make(void *work, int guide) {
+static void sbl__guides_make(const sbl__refine *r, int guide) {
     static const float weights[5] = { 0.3f, 0.7f, 1, 0.7f, 0.3f };
-    const sbl__refine *r = (const sbl__refine *)work;
     const sbl__guides *g = &r->guides;
     const int place = SBL__MAX(guide - 1, 0), column = place % g->columns, row = place / g->columns;
     const sbl__pixel *own = guide ? sbl__guide_pixel(r, column, row) : NULL;
@@ -13324,16 +13318,20 @@ static sbl_result sbl__guides_make(void *work, int guide) {
             for (n = 0; n < SBL__GUIDE_BINS && fits > 0; n++) found[n] += fits * from[n];
         }
     sbl__guide_make(found, sbl__guide_words(g, guide));
-    return SBL_SUCCESS;
 }
 
+/* Makes all guides and sends them to the GPU. */
 static sbl_result sbl__guides_send(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     sbl__guides *g = &r->guides;
     sbl__device *d = &r->core->device;
     const int rows = sbl__guide_rows(g);
+    int *at = &r->stages.at;
     sbl_result result;
-    (void)slice;
+    for (; *at <= g->columns * g->rows; ++*at) {
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        sbl__guides_make(r, *at);
+    }
     d->gl.doing = "sending guides";
     result = sbl__texture_make(d, &g->texture, SBL__GUIDES_ACROSS * SBL__GUIDE_TEXELS, rows, SBL__GL_RGBA32UI);
     if (result == SBL_SUCCESS) result = sbl__texture_write(d, &g->texture, 0, rows, g->words);
@@ -13530,7 +13528,7 @@ static sbl_result sbl__refine_spend(void *work, int at) {
 
 enum { SBL__REFINE_TILES, SBL__REFINE_COLLECT, SBL__REFINE_SENSE, SBL__REFINE_TAKE, SBL__REFINE_COUNT,
        SBL__REFINE_WEIGH, SBL__REFINE_SPEND, SBL__REFINE_COLLECT_SCOUTS, SBL__REFINE_SCOUT, SBL__REFINE_TAKE_SCOUTS,
-       SBL__REFINE_GUIDES, SBL__REFINE_SEND, SBL__REFINE_DONE };
+       SBL__REFINE_GUIDES, SBL__REFINE_DONE };
 
 static void sbl__refine_task(const sbl__refine *r, sbl__task *task) {
     memset(task, 0, sizeof *task);
@@ -13605,7 +13603,7 @@ static int sbl__refine_after_spend(void *work) {
     return r->bought ? SBL__REFINE_COLLECT : SBL__REFINE_DONE;
 }
 
-static int sbl__refine_after_send(void *work) {
+static int sbl__refine_after_guides(void *work) {
     ((sbl__refine *)work)->spec->guided = 1;
     return SBL__REFINE_COLLECT;
 }
@@ -13623,8 +13621,7 @@ static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
         { sbl__scouts_list, sbl__refine_after_list, NULL, NULL },
         { sbl__refine_sense, NULL, NULL, NULL },
         { sbl__scouts_take, sbl__refine_after_take, NULL, NULL },
-        { NULL, NULL, sbl__guides_make, sbl__guides_count },
-        { sbl__guides_send, sbl__refine_after_send, NULL, NULL }
+        { sbl__guides_send, sbl__refine_after_guides, NULL, NULL }
     };
     return sbl__stages_step(&r->stages, table, SBL__COUNT(table), r, slice);
 }
