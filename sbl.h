@@ -12479,12 +12479,12 @@ typedef struct sbl__pixel {
 #define SBL__STEP_ERROR 0.29f
 #define SBL__CURVE_ERROR 0.1f
 #define SBL__EXTRAPOLATION_ERROR 0.35f  /* error of extrapolated light / second difference of the light it continues */
-#define SBL__SILHOUETTE_ERROR 0.05f     /* least error of extrapolated light / light */
-#define SBL__CONTACT_ERROR 0.12f        /* the same if the other surface is near, since it may cast a shadow */
+#define SBL__SILHOUETTE_ERROR 0.05f     /* least error of extrapolated light, as a share of the light */
+#define SBL__CONTACT_ERROR 0.12f        /* as SILHOUETTE_ERROR, if the other surface is near: it may cast a shadow */
 #define SBL__CONTACT_DISTANCE 2.5f      /* largest distance of a near surface / distance between neighbouring sensors */
 #define SBL__PIXEL_ERROR 0.15f          /* error of a pixel that no estimate explains / error of the picture */
 #define SBL__NOISE_IN_BIAS 0.75f        /* noise raises raw_bias2 by this multiple of the sensors' variance */
-#define SBL__NOISE_IN_SPLITS 1.25f      /* the same, for the gain of a split; larger, as looks can reduce noise too */
+#define SBL__NOISE_IN_SPLITS 1.25f      /* as NOISE_IN_BIAS, for gains of splits; larger, as looks reduce noise too */
 /* Noise of sensors. */
 #define SBL__LEAST_NOISE 1e-12f         /* least noise of a surface in the radiance map; 0 marks empty pixels */
 #define SBL__NOISE_WEIGHT 4             /* multiple of the variance that sbl__differ adds to the squared threshold */
@@ -12504,11 +12504,11 @@ typedef struct sbl__pixel {
 #define SBL__AIM_BELOW 0.9              /* a round aims at this multiple of the squared target error */
 #define SBL__AIM_SHARE 0.6              /* a round aims at no less than this share of the present squared error, since
                                            new readings may change what is worth buying */
-#define SBL__AIM_LEAST 0.7              /* squared target error of sensors, which the store's uncertainty lowers: least
-                                           share of the squared target error */
+#define SBL__AIM_LEAST 0.7              /* least share of the squared target error that is left after subtraction of the
+                                           store's squared uncertainty */
 #define SBL__SPLIT_COST 3               /* cost of a split in sensors: it adds five, but neighbours share most */
 #define SBL__SPLIT_GAIN 0.875f          /* share of the squared error of interpolation that a split removes */
-#define SBL__DIFFERENCE_FLOOR 0.02f     /* share of the mean luminance, added to light before it is compared */
+#define SBL__DIFFERENCE_FLOOR 0.02f     /* share of the mean luminance that sbl__differ adds to the light it compares */
 #define SBL__GAIN_FLOOR 0.1f            /* worth = gain / (relative luminance + this): errors show in dark places */
 #define SBL__GAIN_BINS 512              /* bins of the histogram of gains by worth, four to an octave */
 /* To prevent ragged shadows, a tile is always split if its error exceeds target_error * TILE_ERROR_MAX * (relative
@@ -12577,7 +12577,7 @@ typedef struct sbl__refine {
     double predicted, first_predicted;  /* predicted error of the picture now, and after the first round */
     double gains[SBL__GAIN_BINS];  /* histogram by worth: sums of the gains of all possible splits and looks */
     float least_worth;        /* least worth that is bought in this round */
-    int bought;               /* number of tiles split and sensors that were given more looks in this round */
+    int bought;               /* number of tiles split and of sensors given more looks in this round */
 } sbl__refine;
 
 static void sbl__refine_free(const sbl__device *d, sbl__refine *r) {
