@@ -12425,7 +12425,7 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
    (WEIGH), which has two parts:
 
        bias    the error of interpolation. It is estimated from second differences of light between sensors, and from
-               sensors that the split of a neighbour put on the tile's rim
+               sensors that splits of neighbours put on the tile's edges
        noise   the part of the corners' noise that remains after interpolation and the filter. In a wide tile each
                sensor stands for many pixels; in a narrow tile the filter takes the mean of many sensors
 
@@ -12438,82 +12438,81 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
        |       |       |      *   *   *       |        of the right tile is tested against the one on the common edge
        o       o       o      o   *   o       o
 
-   Everything except jobs runs on the CPU, in slices. Errors are relative to the picture's mean luminance. A name that
-   ends in 2 holds a squared error. Later rooms only call functions; they read no field of sbl__refine. */
+   Everything except jobs runs on the CPU, in slices. "Relative" luminances and errors are shares of the picture's mean
+   luminance. A name that ends in 2 holds a squared error. Later rooms only call functions; they read no field of
+   sbl__refine. */
 
 enum { SBL__TOUCHED = 1, SBL__HIDDEN };  /* occlusion of a texel of a lightmap, see sbl__refine_occlusion */
 
 typedef struct sbl__pixel {
     float position[3], normal[3], geometric_normal[3];
     float offset;             /* distance of the pixel's sensor from the surface */
-    float radiance[3];        /* mean of the looks of the pixel's sensor */
+    float radiance[3];        /* R: mean of the looks that the pixel's sensor has taken */
     double variance;          /* variance of the luminance of one look */
     float error;              /* predicted standard error of the pixel's luminance in the picture */
-    float stored[3];          /* stored value of R at this pixel */
-    float uncertainty;        /* standard error of the luminance of R that is due to errors of stored light */
+    float stored[3];          /* value of R at this pixel according to the store, see >>store */
+    float uncertainty;        /* standard error of the pixel's luminance that errors of the store cause */
     uint32_t id;              /* number of the surface; 0: the pixel shows no surface */
-    int look;                 /* index of the sensor's first look in its job, where sbl_inspect_sensor repeats it */
+    int look;                 /* number of the sensor's first look in its job, for sbl__task.first_look */
     int looks, wanted;        /* number of looks taken so far; number of looks to be taken in total */
-    short round;              /* last round in which the sensor was read */
-    unsigned char level;      /* 0: the pixel is interpolated; otherwise 1 + the level of refinement (0: the first)
-                                 that gave it a sensor */
-    unsigned char sensed;     /* 1: radiance holds the light of the pixel's own sensor */
+    short round;              /* last round that read the sensor */
+    unsigned char level;      /* 0: the pixel has no sensor; otherwise 1 + level of the tile that put a sensor here */
+    unsigned char sensed;     /* 1: radiance is known, from the pixel's own sensor or from the store */
     unsigned char invalid;    /* 1: the sensor is stuck inside geometry, or occlusion makes its light unfit to show */
     unsigned char occlusion;  /* lightmaps only: SBL__HIDDEN: the texel lies inside or under something;
                                  SBL__TOUCHED: something is close to it; 0: neither */
-    unsigned char queued;     /* 1: the pixel is among the sites of the present job */
+    unsigned char queued;     /* 1: the pixel is among the sites of the current job */
 } sbl__pixel;
 
-/* Occlusion. The sensor of a hidden texel sees surfaces in more than HIDDEN_SHARE of directions, at a mean distance
-   below HIDDEN_NEAR of the distance_limit. A surface nearer than HIDDEN_TOUCH of the limit touches the texel. */
+/* Occlusion. A texel is hidden if surfaces cover more than HIDDEN_SHARE of its hemisphere, at a mean distance below
+   HIDDEN_NEAR * distance_limit; it is touched if a surface is closer than HIDDEN_TOUCH * distance_limit. */
 #define SBL__HIDDEN_SHARE 0.9f
 #define SBL__HIDDEN_NEAR 0.45f
 #define SBL__HIDDEN_TOUCH 0.15f
-#define SBL__HIDDEN_REACH 2       /* distance_limit, in widths of a texel */
+#define SBL__HIDDEN_REACH 2       /* distance_limit / width of a texel */
 
-/* Interpolation. Errors are root mean squares. STEP_ERROR (for a step of light on an edge of a tile) and CURVE_ERROR
-   (for a parabola, after the correction of sbl__edge_parabola) are shares of the second differences at the edge's ends,
-   measured on shadows of lamps with tiles of 2 to 16 pixels. */
-#define SBL__COVERAGE 0.75f             /* a tile is split if corners cover less of a pixel (sbl__mix.covered, .own) */
-#define SBL__EXTRAPOLATED_SPAN 4        /* extrapolated light is used only in tiles up to this width, pixels */
+/* Interpolation. Errors are root mean squares. STEP_ERROR, CURVE_ERROR: error of interpolation along an edge / second
+   difference at its ends, if light has a step, or if it is a parabola that sbl__edge_parabola corrects; measured on
+   shadows of lamps with tiles of 2 to 16 pixels. */
+#define SBL__COVERAGE 0.75f             /* a tile is split if its corners give a pixel less weight (sbl__mix) */
+#define SBL__EXTRAPOLATED_SPAN 4        /* width of the widest tiles that use extrapolated light, pixels */
 #define SBL__STEP_ERROR 0.29f
 #define SBL__CURVE_ERROR 0.1f
-#define SBL__EXTRAPOLATION_ERROR 0.35f  /* error of extrapolated light / second difference beside the tile */
-#define SBL__SILHOUETTE_ERROR 0.05f     /* least error of extrapolated light at a silhouette, as a share of the light */
-#define SBL__CONTACT_ERROR 0.12f        /* least error if the other surface is near, since it may cast a shadow */
-#define SBL__CONTACT_DISTANCE 2.5f      /* distance up to which surfaces are near, in distances between sensors */
-#define SBL__PIXEL_ERROR 0.15f          /* error of each pixel for unknown causes, as a share of the picture's error */
-#define SBL__NOISE_IN_BIAS 0.75f        /* noise adds this multiple of the sensors' variance to raw_bias2 */
-#define SBL__NOISE_IN_SPLITS 1.25f      /* multiple if splits are weighed; larger, as looks resolve what may be noise */
+#define SBL__EXTRAPOLATION_ERROR 0.35f  /* error of extrapolated light / second difference of the light it continues */
+#define SBL__SILHOUETTE_ERROR 0.05f     /* least error of extrapolated light, as a share of the light */
+#define SBL__CONTACT_ERROR 0.12f        /* as SILHOUETTE_ERROR, if the other surface is near: it may cast a shadow */
+#define SBL__CONTACT_DISTANCE 2.5f      /* largest distance of a near surface / distance between neighbouring sensors */
+#define SBL__PIXEL_ERROR 0.15f          /* error of a pixel that no estimate explains / error of the picture */
+#define SBL__NOISE_IN_BIAS 0.75f        /* noise raises raw_bias2 by this multiple of the sensors' variance */
+#define SBL__NOISE_IN_SPLITS 1.25f      /* as NOISE_IN_BIAS, for gains of splits; larger, as looks reduce noise too */
 /* Noise of sensors. */
 #define SBL__LEAST_NOISE 1e-12f         /* least noise of a surface in the radiance map; 0 marks empty pixels */
-#define SBL__NOISE_WEIGHT 4             /* multiple of the variance that is added to the squared threshold */
+#define SBL__NOISE_WEIGHT 4             /* multiple of the variance that sbl__differ adds to the squared threshold */
 #define SBL__LOOKS_GAIN 0.4f            /* variance of 2n looks / of n looks; below 0.5, as looks share a sequence */
-#define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* gain per look of a doubling / gain of the previous doubling */
+#define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* gain per look from 2n to 4n looks / from n to 2n looks */
 #define SBL__LOOKS_GROWTH 8             /* largest factor by which a sensor's looks grow in one round */
-#define SBL__DOUBLINGS 10               /* number of powers of two up to SBL__MAX_LOOKS, which is 2^9 */
-#define SBL__LOOKS_DIFFERENCE 1.1       /* variance of the difference between earlier and later looks / sum of the two
-                                           variances; above 1, because later points complement earlier points */
-#define SBL__LOOKS_COMPARED 64          /* a predicted variance is corrected only when this many differences between
-                                           looks of one sensor are known */
-#define SBL__LOOKS_CORRECTION_MIN 0.5   /* lower limit of the factor by which predicted noise is corrected after
-                                           measurements */
-#define SBL__LOOKS_CORRECTION_MAX 8.0   /* upper limit of that factor */
-#define SBL__PARENT_WEIGHT 0.6f         /* weight of the parent's variance, because a tile has few sensors */
-/* Choice of what a round buys. */
+#define SBL__DOUBLINGS 10               /* number of powers of two from 1 to SBL__MAX_LOOKS, which is 2^9 */
+#define SBL__LOOKS_DIFFERENCE 1.1       /* variance of the difference between earlier and later looks of a sensor / sum
+                                           of both variances; above 1, as later points complement earlier points */
+#define SBL__LOOKS_COMPARED 64          /* number of known differences from which predicted variances are corrected */
+#define SBL__LOOKS_CORRECTION_MIN 0.5   /* least and largest factor by which a predicted variance is corrected */
+#define SBL__LOOKS_CORRECTION_MAX 8.0
+#define SBL__PARENT_WEIGHT 0.6f         /* weight of the parent tile in a tile's variance: four sensors are few */
+/* What a round buys: splits of tiles and looks of sensors. */
 #define SBL__MAX_ROUNDS 40              /* limits the number of transfers between CPU and GPU */
 #define SBL__JOB_LOOKS (1 << 21)        /* approximate number of looks in one job */
-#define SBL__AIM_BELOW 0.9              /* a round aims at a squared error of this times the squared target error */
+#define SBL__AIM_BELOW 0.9              /* a round aims at this multiple of the squared target error */
 #define SBL__AIM_SHARE 0.6              /* a round aims at no less than this share of the present squared error, since
                                            new readings may change what is worth buying */
-#define SBL__AIM_LEAST 0.7              /* least share of the squared target error that uncertainty leaves to sensors */
-#define SBL__SPLIT_COST 3               /* cost in sensors: a split adds five, but neighbours share most of them */
+#define SBL__AIM_LEAST 0.7              /* least share of the squared target error that is left after subtraction of the
+                                           store's squared uncertainty */
+#define SBL__SPLIT_COST 3               /* cost of a split in sensors: it adds five, but neighbours share most */
 #define SBL__SPLIT_GAIN 0.875f          /* share of the squared error of interpolation that a split removes */
-#define SBL__DIFFERENCE_FLOOR 0.02f     /* share of the mean luminance, added to light before it is compared */
-#define SBL__GAIN_FLOOR 0.1f            /* gains are divided by relative luminance + this: errors show in dark places */
-#define SBL__GAIN_BINS 512              /* bins of a histogram of gains, four to an octave */
-/* To prevent ragged shadows, a tile is always split if its error exceeds TILE_ERROR_MAX times the target error times
-   its relative luminance plus TILE_ERROR_FLOOR. */
+#define SBL__DIFFERENCE_FLOOR 0.02f     /* share of the mean luminance that sbl__differ adds to the light it compares */
+#define SBL__GAIN_FLOOR 0.1f            /* worth = gain / (relative luminance + this): errors show in dark places */
+#define SBL__GAIN_BINS 512              /* bins of the histogram of gains by worth, four to an octave */
+/* To prevent ragged shadows, a tile is always split if its error exceeds target_error * TILE_ERROR_MAX * (relative
+   luminance + TILE_ERROR_FLOOR). */
 #define SBL__TILE_ERROR_MAX 5.0f
 #define SBL__TILE_ERROR_FLOOR 0.1f
 
@@ -12523,31 +12522,30 @@ typedef struct sbl__range { int x[2], y[2]; } sbl__range;
 typedef struct sbl__tile {
     sbl__range area;
     int level, split;
-    int must_split;           /* 1: some pixels belong to the surface of no corner, so that they cannot be
-                                 interpolated */
+    int must_split;           /* 1: the corners give some pixels too little weight, see SBL__COVERAGE */
     int parent;               /* index of the tile whose split made this one, or -1 */
     int looks;                /* number of looks that new sensors at the tile's corners begin with */
-    int pixels;               /* number of pixels that the tile gives light to */
-    float uncovered;          /* mean bilinear weight, over these pixels, of corners that show other surfaces */
-    float raw_bias2;          /* squared error of interpolation as estimated from edges and rim, noise included */
-    float unseen_bias2;       /* part of raw_bias2 for changes of light that no sensor can see */
+    int pixels;               /* number of pixels that the tile fills in */
+    float uncovered;          /* mean over these pixels of the bilinear weight of corners that show other surfaces */
+    float raw_bias2;          /* squared error of interpolation, estimated from light on the edges, noise included */
+    float unseen_bias2;       /* part of raw_bias2 for changes of light between the last sensors and silhouettes */
     float bias2, noise2;      /* predicted squared errors per pixel */
-    float light, variance;    /* mean luminance of the corners; relative variance of one look */
-    /* gain per look of a split (FLT_MAX: necessary) or of more looks / (relative luminance + SBL__GAIN_FLOOR) */
-    float split_worth, look_worth;
+    float light, variance;    /* mean luminance of the corners; mean relative variance of one look of their sensors */
+    float split_worth;        /* worth of a split, see SBL__GAIN_FLOOR; FLT_MAX: the split is necessary */
+    float look_worth;         /* worth of twice as many looks */
 } sbl__tile;
 
 typedef struct sbl__refine {
     sbl__core *core;
-    sbl__measurement *measurement;  /* how sensors measure; after the first round, looks may get more rays */
+    sbl__measurement *measurement;  /* how sensors measure; sbl__refine_after_weigh may give looks more rays */
     sbl__spec *spec;
     sbl__stages stages;
     int width, height;
     int tile_size;            /* width and height of first-level tiles */
-    int geometry_aware;       /* 1 except in SBL_MODE_PAPER; the threshold is then relative to the mean */
+    int geometry_aware;       /* 0 in SBL_MODE_PAPER: the threshold is absolute, and an id is one smooth surface */
     float distance_limit;     /* see sbl__spec.distance_limit; 0: no test for occlusion */
-    double lit, lit_backs;    /* number of sensors that found light so far; sum of their back_share */
-    float threshold;          /* 0: tiles are split by predicted gain */
+    double lit, lit_backs;    /* number of sensors that found light so far; sum of sbl_reading.back_share over them */
+    float threshold;          /* see sbl__differ; 0: tiles are split by predicted gain */
     float target_error;       /* 0: refine until nothing is left to buy */
     float smoothing;          /* number of pixels that the filter averages */
     sbl__pixel *pixels;
@@ -12557,10 +12555,9 @@ typedef struct sbl__refine {
     sbl__tile *tiles;
     int tile_count, tile_room;
     int first_new;            /* index of the first tile that has not been weighed yet */
-    int weigh_count;          /* number of tiles that the running WEIGH or SPEND stage visits */
-    int row;                  /* next row of a tile whose pixels COUNT counts */
-    int rounds, weighed;      /* number of rounds; 1: errors have been predicted */
-    int listed;               /* number of tiles, or guides, that have been listed for jobs in this round */
+    int row;                  /* next row of pixels of the tile that the COUNT stage is at */
+    int rounds, weighed;      /* number of rounds that are over; 1: errors have been predicted */
+    int listed;               /* number of tiles (COLLECT_SCOUTS: guides) whose sites this round has listed */
     sbl__site *sites;         /* sites of the job; site i belongs to pixel sites[i].number */
     sbl_reading *readings;
     float *reading_layers;    /* layers 1 and up of the readings, site after site */
@@ -12574,13 +12571,13 @@ typedef struct sbl__refine {
     double measured2[SBL__DOUBLINGS];  /* [k]: sum of squared differences between 2^k looks and later looks */
     double expected2[SBL__DOUBLINGS];  /* [k]: expected value of measured2[k] */
     int compared[SBL__DOUBLINGS];      /* [k]: number of differences in measured2[k] */
-    double bias2, noise2;     /* sums of bias and noise over pixels */
+    double bias2, noise2;     /* sums over pixels of the predicted squared errors of tiles */
     double uncertainty2;      /* sum over pixels of the squared uncertainty of stored light; absolute, not relative */
     double look_variance;     /* relative variance of one look, averaged over the picture */
     double predicted, first_predicted;  /* predicted error of the picture now, and after the first round */
-    double gains[SBL__GAIN_BINS];  /* histogram of all offers by worth: sums of gains */
+    double gains[SBL__GAIN_BINS];  /* histogram by worth: sums of the gains of all possible splits and looks */
     float least_worth;        /* least worth that is bought in this round */
-    int bought;               /* number of tiles split and sensors that were given more looks in this round */
+    int bought;               /* number of tiles split and of sensors given more looks in this round */
 } sbl__refine;
 
 static void sbl__refine_free(const sbl__device *d, sbl__refine *r) {
@@ -12628,7 +12625,6 @@ static float sbl__belongs(const sbl__pixel *a, const sbl__pixel *b, int geometry
 /* Returns 1 if other pixels may use the light of this pixel's sensor. */
 static int sbl__usable(const sbl__pixel *p) { return p->sensed && !p->invalid; }
 
-/* Returns 1 if both pixels have usable sensors that may share light. */
 static int sbl__connected(const sbl__pixel *a, const sbl__pixel *b, int geometry_aware) {
     return sbl__usable(a) && sbl__usable(b) && sbl__belongs(a, b, geometry_aware) > 0;
 }
@@ -12653,7 +12649,7 @@ static void sbl__looks_compare(sbl__refine *r, const sbl__pixel *p, int before, 
 }
 
 /* Computes r->variance_shares from SBL__LOOKS_GAIN and the recorded differences, because the advantage of a Sobol
-   sequence over independent points depends on the scene. Where k has too few differences, k - 1 gives the factor. */
+   sequence over independent points depends on the scene. Entry k takes the factor of entry k - 1 if it has too few. */
 static void sbl__looks_calibrate(sbl__refine *r) {
     double times = 1;
     int k;
@@ -12697,14 +12693,12 @@ typedef struct sbl__edge { sbl__range line; const sbl__pixel *ends[2]; } sbl__ed
 
 /* Returns an edge of a tile; side 0: top, 1: bottom, 2: left, 3: right. */
 static sbl__edge sbl__tile_edge(const sbl__refine *r, const sbl__tile *c, int side) {
-    static const int corners[4][2] = { { 0, 1 }, { 2, 3 }, { 0, 2 }, { 1, 3 } };
     sbl__edge e;
     int end;
     for (end = 0; end < 2; end++) {
-        const int corner = corners[side][end];
-        e.line.x[end] = c->area.x[corner & 1];
-        e.line.y[end] = c->area.y[corner >> 1];
-        e.ends[end] = sbl__tile_corner(r, c, corner);
+        e.line.x[end] = c->area.x[side < 2 ? end : side - 2];
+        e.line.y[end] = c->area.y[side < 2 ? side : end];
+        e.ends[end] = sbl__pixel_at(r, e.line.x[end], e.line.y[end]);
     }
     return e;
 }
@@ -12718,7 +12712,7 @@ static const sbl__pixel *sbl__sensor_beyond(const sbl__refine *r, const sbl__pix
     return p && sbl__usable(p) && sbl__belongs(pixel, p, r->geometry_aware) > 0 ? p : NULL;
 }
 
-/* Returns the pixels that a tile gives light to: all but its last column and row, unless the picture ends there. */
+/* Returns the pixels that a tile fills in: all but its last column and row, unless the picture ends there. */
 static sbl__range sbl__tile_pixels(const sbl__refine *r, const sbl__tile *c) {
     sbl__range pixels = c->area;
     pixels.x[1] -= pixels.x[1] < r->width - 1;
@@ -12729,9 +12723,9 @@ static sbl__range sbl__tile_pixels(const sbl__refine *r, const sbl__tile *c) {
 /* A weighted mean of one layer of light over sensors, with its variance. */
 typedef struct sbl__mix {
     int layer;
-    float share[2];           /* position in the tile, 0 to 1 on each axis */
+    float share[2];           /* position of the pixel in the tile, 0 to 1 on each axis */
     float light[3];
-    float own;                /* weight of corners that belong to the pixel, 0 to 1 */
+    float own;                /* weight of corners on the pixel's surface, 0 to 1 */
     float covered;            /* `own` plus the weight of extrapolated corners; 0: there is no light */
     double variance;
 } sbl__mix;
@@ -12767,9 +12761,7 @@ static void sbl__mix_extrapolate(const sbl__refine *r, const sbl__tile *c, int c
 }
 
 /* Clamps extrapolated light to 0 or more, except in layers of signed values. */
-static float sbl__clamp_light(int layer, float light) {
-    return layer ? light : SBL__MAX(light, 0.0f);
-}
+static float sbl__clamp_light(int layer, float light) { return layer ? light : SBL__MAX(light, 0.0f); }
 
 /* Interpolates a layer of light at pixel (x, y) from a tile's corners. */
 static void sbl__interpolate(const sbl__refine *r, const sbl__tile *c, int x, int y, int layer, sbl__mix *m) {
@@ -12797,35 +12789,36 @@ static void sbl__interpolate(const sbl__refine *r, const sbl__tile *c, int x, in
     m->variance /= (double)m->covered * (double)m->covered;
 }
 
-/* Second differences of a layer of light at both ends of an edge. known: 1 if there is a sensor beyond an end */
-typedef struct sbl__curvature { int known; float at[2][3]; } sbl__curvature;
-
-/* Computes second differences, each from both ends and a sensor at equal distance beyond an end. If only one end has
-   such a sensor, the other end gets the negative value. Returns 1 if the ends have sensors that may share light. */
-static int sbl__edge_curvature(const sbl__refine *r, const sbl__edge *e, int layer, sbl__curvature *out) {
+/* Computes the second difference of a layer of light at each end of an edge, from both ends and the sensor one length
+   beyond that end. The value at an end without a sensor beyond it is the opposite of the other end's value or, without
+   any such sensor, of the difference between the ends, as at a step. Returns 1 if the ends' sensors may share light. */
+static int sbl__edge_curvature(const sbl__refine *r, const sbl__edge *e, int layer, float out[2][3]) {
     const int length = e->line.x[1] - e->line.x[0] + e->line.y[1] - e->line.y[0];
+    const float *light[2] = { sbl__pixel_light(r, e->ends[0], layer), sbl__pixel_light(r, e->ends[1], layer) };
     int known[2] = { 0, 0 }, end, k;
-    memset(out, 0, sizeof *out);
+    memset(out, 0, 2 * sizeof *out);
     if (!sbl__connected(e->ends[0], e->ends[1], 1)) return 0;
     for (end = 0; end < 2 && length > 1 && r->geometry_aware; end++) {
-        const sbl__pixel *here = e->ends[end], *p = sbl__sensor_beyond(r, here, e, end, 1);
-        const float *light = sbl__pixel_light(r, here, layer), *other = sbl__pixel_light(r, e->ends[!end], layer);
+        const sbl__pixel *p = sbl__sensor_beyond(r, e->ends[end], e, end, 1);
         known[end] = p != NULL;
-        for (k = 0; k < 3 && p; k++) out->at[end][k] = sbl__pixel_light(r, p, layer)[k] - 2 * light[k] + other[k];
+        for (k = 0; k < 3 && p; k++)
+            out[end][k] = sbl__pixel_light(r, p, layer)[k] - 2 * light[end][k] + light[!end][k];
     }
-    out->known = known[0] || known[1];
-    for (k = 0; k < 3 && known[0] != known[1]; k++) out->at[known[0]][k] = -out->at[!known[0]][k];
+    for (k = 0; k < 3; k++) {
+        if (!known[0] && !known[1]) out[1][k] = light[1][k] - light[0][k];
+        if (!known[0] || !known[1]) out[known[0]][k] = -out[!known[0]][k];
+    }
     return 1;
 }
 
-/* Computes the second difference that corrects interpolation along an edge: the one of its ends that is nearer to 0, or
-   0 if their signs differ, as they do at a kink. */
+/* Computes the second difference that corrects interpolation along an edge: the value at its ends that is nearer to 0,
+   or 0 if their signs differ, as they do at a kink. */
 static void sbl__edge_parabola(const sbl__refine *r, const sbl__edge *e, int layer, float out[3]) {
-    sbl__curvature curvature;
+    float at[2][3];
     int k;
-    sbl__edge_curvature(r, e, layer, &curvature);
+    sbl__edge_curvature(r, e, layer, at);
     for (k = 0; k < 3; k++) {
-        const float a = curvature.at[0][k], b = curvature.at[1][k];
+        const float a = at[0][k], b = at[1][k];
         out[k] = a * b <= 0 ? 0 : sbl__abs(a) < sbl__abs(b) ? a : b;
     }
 }
@@ -12888,15 +12881,11 @@ static float sbl__tile_edge_bias2(const sbl__refine *r, sbl__tile *c) {
     int side, end, k, insides = 0, outsides = 0;
     for (side = 0; side < 4; side++) {
         const sbl__edge e = sbl__tile_edge(r, c, side);
-        sbl__curvature curvature;
+        float at[2][3], error[3];
         if (e.ends[0] == e.ends[1]) continue;
-        if (sbl__edge_curvature(r, &e, 0, &curvature)) {
-            float error[3];
-            for (k = 0; k < 3; k++) {
-                const float d = e.ends[1]->radiance[k] - e.ends[0]->radiance[k];
-                error[k] = curvature.known ? sbl__edge_error(curvature.at[0][k], curvature.at[1][k], d)
-                                           : SBL__STEP_ERROR * sbl__abs(d);
-            }
+        if (sbl__edge_curvature(r, &e, 0, at)) {
+            for (k = 0; k < 3; k++)
+                error[k] = sbl__edge_error(at[0][k], at[1][k], e.ends[1]->radiance[k] - e.ends[0]->radiance[k]);
             inside += sbl__squared(r, error);
             insides++;
         } else for (end = 0; end < 2; end++)
@@ -12911,9 +12900,9 @@ static float sbl__tile_edge_bias2(const sbl__refine *r, sbl__tile *c) {
     return (1 - c->uncovered) * inside + c->uncovered * outside;
 }
 
-/* Returns the next sensor, from position *at on, that splits of neighbours put on a tile's rim, or NULL. Skips corners,
-   because interpolation is exact there. *guess: receives the light that the tile interpolates at the sensor. */
-static const sbl__pixel *sbl__tile_rim_next(const sbl__refine *r, const sbl__tile *c, int *at, sbl__mix *guess) {
+/* Returns the next sensor that splits of neighbours put on a tile's edges, or NULL. Skips corners, where interpolation
+   is exact. *at: counts pixels of the edges, from 0. *guess: receives the light that the tile interpolates there. */
+static const sbl__pixel *sbl__tile_next_sensor(const sbl__refine *r, const sbl__tile *c, int *at, sbl__mix *guess) {
     const sbl__range *a = &c->area;
     const int width = a->x[1] - a->x[0], height = a->y[1] - a->y[0];
     while (*at < 2 * (width + height)) {
@@ -12928,13 +12917,13 @@ static const sbl__pixel *sbl__tile_rim_next(const sbl__refine *r, const sbl__til
     return NULL;
 }
 
-/* Returns the squared error of interpolation measured at the sensors on a tile's rim. */
-static float sbl__tile_rim_bias2(const sbl__refine *r, const sbl__tile *c) {
+/* Returns the squared error of interpolation measured at the sensors on a tile's edges. */
+static float sbl__tile_sensor_bias2(const sbl__refine *r, const sbl__tile *c) {
     const sbl__pixel *p;
     sbl__mix guess;
     float sum = 0, difference[3];
     int k, at = 0, count = 0;
-    while ((p = sbl__tile_rim_next(r, c, &at, &guess)) != NULL) {
+    while ((p = sbl__tile_next_sensor(r, c, &at, &guess)) != NULL) {
         if (!(guess.covered > 0)) continue;
         for (k = 0; k < 3; k++) difference[k] = p->radiance[k] - guess.light[k];
         sum += SBL__MAX(sbl__squared(r, difference) -
@@ -12944,20 +12933,20 @@ static float sbl__tile_rim_bias2(const sbl__refine *r, const sbl__tile *c) {
     return count ? sum / (float)count : 0;
 }
 
-/* Returns the squared error of interpolation in a tile, noise included. The error on the rim counts only half, because
-   its sensors are where neighbours had reason to split. */
+/* Returns the squared error of interpolation in a tile, noise included. The error at sensors on the edges counts only
+   half, because they are where neighbours had reason to split. */
 static float sbl__tile_raw_bias2(const sbl__refine *r, sbl__tile *c) {
-    const float edges2 = sbl__tile_edge_bias2(r, c), rim2 = sbl__tile_rim_bias2(r, c);
-    return SBL__MAX(edges2, 0.5f * (edges2 + rim2));
+    const float edges2 = sbl__tile_edge_bias2(r, c), sensors2 = sbl__tile_sensor_bias2(r, c);
+    return SBL__MAX(edges2, 0.5f * (edges2 + sensors2));
 }
 
 /* >>refine: tiles */
 
 /* Summary of the sensors at a tile's corners. */
 typedef struct sbl__corners {
-    int looks;                /* fewest looks of a sensor; 0: there is no sensor */
-    int is_new;               /* 1: the last round has read a sensor */
-    int unread;               /* 1: a sensor has not been read yet */
+    int looks;                /* fewest looks of any usable sensor; 0: no corner has one */
+    int is_new;               /* 1: the last round has read at least one of the sensors */
+    int unread;               /* 1: at least one of the sensors has not been read yet */
 } sbl__corners;
 
 static sbl__corners sbl__tile_corners(const sbl__refine *r, const sbl__tile *c) {
@@ -12987,18 +12976,17 @@ static sbl_result sbl__refine_add_tile(sbl__refine *r, const sbl__range *area, i
     return SBL_SUCCESS;
 }
 
+/* Divides a tile into up to four. A tile less than 2 pixels wide is not divided in width; height likewise. */
 static sbl_result sbl__tile_split(sbl__refine *r, int index) {
     const sbl__range a = r->tiles[index].area;
-    const int columns = a.x[1] - a.x[0] > 1 ? 2 : 1, rows = a.y[1] - a.y[0] > 1 ? 2 : 1;
-    const int xs[3] = { a.x[0], columns == 2 ? (a.x[0] + a.x[1]) / 2 : a.x[1], a.x[1] };
-    const int ys[3] = { a.y[0], rows == 2 ? (a.y[0] + a.y[1]) / 2 : a.y[1], a.y[1] };
+    const int xs[3] = { a.x[0], (a.x[0] + a.x[1]) / 2, a.x[1] }, ys[3] = { a.y[0], (a.y[0] + a.y[1]) / 2, a.y[1] };
     sbl_result result = SBL_SUCCESS;
     int i;
     r->tiles[index].split = 1;
-    for (i = 0; i < columns * rows && result == SBL_SUCCESS; i++) {
-        const int column = i % columns, row = i / columns;
+    for (i = 0; i < 4 && result == SBL_SUCCESS; i++) {
+        const int column = i & 1, row = i >> 1;
         const sbl__range part = { { xs[column], xs[column + 1] }, { ys[row], ys[row + 1] } };
-        result = sbl__refine_add_tile(r, &part, index);
+        if ((column || xs[0] < xs[1]) && (row || ys[0] < ys[1])) result = sbl__refine_add_tile(r, &part, index);
     }
     return result;
 }
@@ -13023,8 +13011,8 @@ static int sbl__differ(const sbl__refine *r, const float a[3], const float b[3],
     return (double)most * most > (double)least * least + SBL__NOISE_WEIGHT * variance;
 }
 
-/* Returns 1 if the light of two corners on one surface differs by more than the threshold, or if a sensor on an
-   edge of the tile differs that much from the interpolated light. */
+/* Returns 1 if the light of two corners on one surface differs (see sbl__differ), or if the light of a sensor
+   on an edge of the tile differs from the interpolated light. */
 static int sbl__tile_differs(const sbl__refine *r, const sbl__tile *c) {
     const sbl__pixel *p;
     sbl__mix guess;
@@ -13035,12 +13023,12 @@ static int sbl__tile_differs(const sbl__refine *r, const sbl__tile *c) {
             if (sbl__connected(a, b, r->geometry_aware) &&
                 sbl__differ(r, a->radiance, b->radiance, sbl__variance(r, a) + sbl__variance(r, b))) return 1;
         }
-    while ((p = sbl__tile_rim_next(r, c, &at, &guess)) != NULL)
+    while ((p = sbl__tile_next_sensor(r, c, &at, &guess)) != NULL)
         if (guess.own > 0 && sbl__differ(r, guess.light, p->radiance, guess.variance + sbl__variance(r, p))) return 1;
     return 0;
 }
 
-/* Adds the pixels of row y to c->pixels and c->uncovered. Sets c->must_split if the corners do not cover them. */
+/* Adds the pixels of row y to c->pixels and c->uncovered, and sets c->must_split if it must be split for them. */
 static void sbl__tile_count(const sbl__refine *r, sbl__tile *c, const sbl__range *pixels, int y) {
     const int extrapolated = r->geometry_aware && sbl__tile_span(c) <= SBL__EXTRAPOLATED_SPAN && !(r->threshold > 0);
     int x;
@@ -13064,8 +13052,8 @@ static const sbl__pixel *sbl__guide_pixel(const sbl__refine *r, int column, int 
     return p && p->id ? p : NULL;
 }
 
-/* Returns how well a guide made at one pixel suits another pixel: the weight with which the pixels belong together, or
-   0 if the sectors of their guides' rings begin on different sides. */
+/* Returns how well a guide made at pixel a suits pixel b: sbl__belongs, or 0 if the tangents at the two pixels, from
+   which guides count angles, point in different directions. */
 static float sbl__guide_fits(const sbl__pixel *a, const sbl__pixel *b) {
     const float belongs = sbl__belongs(a, b, 1);
     double right[2][3], up[3];
@@ -13095,23 +13083,19 @@ static int sbl__guide_for(const sbl__refine *r, int index) {
 
 /* >>refine: rounds, from the sites that are wanted to the readings that are taken */
 
-static int sbl__refine_tiles_along(const sbl__refine *r, int pixels) {
-    return SBL__MAX(1, (pixels - 2 + r->tile_size) / r->tile_size);
-}
-
-/* Returns the number of first-level tiles, which cover the whole picture. */
-static int sbl__refine_tiles(void *work) {
-    const sbl__refine *r = (const sbl__refine *)work;
-    return sbl__refine_tiles_along(r, r->width) * sbl__refine_tiles_along(r, r->height);
-}
-
-static sbl_result sbl__refine_tile(void *work, int at) {
+/* Adds the first-level tiles, which cover the whole picture, row by row. */
+static sbl_result sbl__refine_tiles(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
-    const int across = sbl__refine_tiles_along(r, r->width);
-    const int x = at % across * r->tile_size, y = at / across * r->tile_size;
-    const sbl__range area = { { x, SBL__MIN(x + r->tile_size, r->width - 1) },
-                              { y, SBL__MIN(y + r->tile_size, r->height - 1) } };
-    return sbl__refine_add_tile(r, &area, -1);
+    int *y = &r->stages.at, x;
+    for (; *y == 0 || *y < r->height - 1; *y += r->tile_size) {
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        for (x = 0; x == 0 || x < r->width - 1; x += r->tile_size) {
+            const sbl__range area = { { x, SBL__MIN(x + r->tile_size, r->width - 1) },
+                                      { *y, SBL__MIN(*y + r->tile_size, r->height - 1) } };
+            if (sbl__refine_add_tile(r, &area, -1) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
+        }
+    }
+    return SBL_SUCCESS;
 }
 
 /* Makes the site of pixel number `index` for looks from number `first` on. */
@@ -13136,31 +13120,27 @@ static int sbl__refine_room(sbl__refine *r, int more) {
            sbl__grow(base, &r->reading_layers, &r->reading_layer_room, count, r->harmonics * sizeof(float));
 }
 
-/* Returns 0 when the looks of the listed sites fill a job, or all tiles are listed. */
-static int sbl__refine_unlisted(void *work) {
-    const sbl__refine *r = (const sbl__refine *)work;
-    return r->listed < r->tile_count && r->look_count < SBL__JOB_LOOKS ? INT_MAX : 0;
-}
-
-/* Lists sites for those corners of the next tile that need a sensor or more looks. */
-static sbl_result sbl__refine_list(void *work, int at) {
+/* Lists sites for those corners of the next tiles that need a sensor or more looks, until they fill a job. */
+static sbl_result sbl__refine_list(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
-    const sbl__tile *c = &r->tiles[r->listed++];
     int corner;
-    (void)at;
-    if (c->split) return SBL_SUCCESS;
-    if (!sbl__refine_room(r, 4)) return SBL_ERROR_OUT_OF_MEMORY;
-    for (corner = 0; corner < 4; corner++) {
-        sbl__pixel *p = sbl__tile_corner(r, c, corner);
-        if (!p->id || p->queued || (p->sensed && p->wanted <= p->looks)) continue;
-        p->queued = 1;
-        if (!p->sensed) {
-            p->level = (unsigned char)(1 + SBL__MIN(c->level, SBL_MAX_LEVELS - 1));
-            p->look = r->look_count;
-            p->wanted = c->looks;
+    for (; r->listed < r->tile_count && r->look_count < SBL__JOB_LOOKS; r->listed++) {
+        const sbl__tile *c = &r->tiles[r->listed];
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        if (c->split) continue;
+        if (!sbl__refine_room(r, 4)) return SBL_ERROR_OUT_OF_MEMORY;
+        for (corner = 0; corner < 4; corner++) {
+            sbl__pixel *p = sbl__tile_corner(r, c, corner);
+            if (!p->id || p->queued || (p->sensed && p->wanted <= p->looks)) continue;
+            p->queued = 1;
+            if (!p->sensed) {
+                p->level = (unsigned char)(1 + SBL__MIN(c->level, SBL_MAX_LEVELS - 1));
+                p->look = r->look_count;
+                p->wanted = c->looks;
+            }
+            sbl__refine_site(r, (int)(p - r->pixels), p->looks, p->wanted - p->looks, &r->sites[r->site_count++]);
+            r->look_count += p->wanted - p->looks;
         }
-        sbl__refine_site(r, (int)(p - r->pixels), p->looks, p->wanted - p->looks, &r->sites[r->site_count++]);
-        r->look_count += p->wanted - p->looks;
     }
     return SBL_SUCCESS;
 }
@@ -13188,7 +13168,7 @@ static void sbl__refine_validate(sbl__refine *r, int index, const sbl_reading *r
     p->occlusion = (unsigned char)sbl__refine_occlusion(r, reading);
     if (p->occlusion == SBL__HIDDEN) {
         p->invalid = 1;
-        r->uncertainty2 -= (double)p->uncertainty * p->uncertainty;  /* The light of this pixel is not shown. */
+        r->uncertainty2 -= (double)p->uncertainty * p->uncertainty;  /* A hidden texel does not show its light. */
         p->uncertainty = 0;
     }
     for (i = 0; i < 9 && p->occlusion; i++) {
@@ -13242,7 +13222,7 @@ static sbl_result sbl__refine_take(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Updates the spec after a change of `measurement`, but keeps its `directional` and `guided` flags. */
+/* Makes r->spec anew after a change of r->measurement, but keeps its `directional` and `guided` flags. */
 static void sbl__refine_update_spec(sbl__refine *r) {
     const int directional = r->spec->directional, guided = r->spec->guided;
     sbl__spec_make(r->spec, r->measurement, &r->core->scene, &r->core->desc);
@@ -13269,14 +13249,11 @@ static void sbl__refine_restart(sbl__refine *r) {
 /* Returns a seed that differs from the sensors' seed, so that scouts and sensors send independent rays. */
 static uint32_t sbl__scouts_seed(const sbl__refine *r) { return sbl__hash(r->spec->seed ^ 0x9e3779b9u); }
 
-/* Chooses the places of guides and allocates memory for them, unless that has been done. */
-static sbl_result sbl__guides_begin(void *work, sbl__slice *slice) {
-    sbl__refine *r = (sbl__refine *)work;
+/* Chooses the places of guides and allocates memory for them. */
+static sbl_result sbl__guides_begin(sbl__refine *r) {
     sbl__guides *g = &r->guides;
     sbl__base *base = &r->core->base;
     size_t rows;
-    (void)slice;
-    if (g->words) return SBL_SUCCESS;
     for (g->step = SBL__GUIDE_STEP / 4; ; g->step *= 2) {
         g->columns = (r->width - 1) / g->step + 1;
         g->rows = (r->height - 1) / g->step + 1;
@@ -13288,23 +13265,20 @@ static sbl_result sbl__guides_begin(void *work, sbl__slice *slice) {
     return g->found && g->words ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-static int sbl__scouts_unlisted(void *work) {
-    const sbl__refine *r = (const sbl__refine *)work;
-    return r->listed < r->guides.columns * r->guides.rows && r->site_count < SBL__SCOUTS_AT_ONCE ? INT_MAX : 0;
-}
-
-/* Lists the scouts of the next guide. */
-static sbl_result sbl__scouts_list(void *work, int at) {
+/* Lists the sites of the scouts of the next guides, which are all at the guide's place, until they fill a job. */
+static sbl_result sbl__scouts_list(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__guides *g = &r->guides;
-    const int column = r->listed % g->columns, row = r->listed / g->columns;
     int i;
-    (void)at;
-    r->listed++;
-    if (!sbl__guide_pixel(r, column, row)) return SBL_SUCCESS;
-    if (!sbl__refine_room(r, SBL__SCOUTS)) return SBL_ERROR_OUT_OF_MEMORY;
-    for (i = 0; i < SBL__SCOUTS; i++)
-        sbl__refine_site(r, (row * r->width + column) * g->step, i, 1, &r->sites[r->site_count++]);
+    if (!g->words && sbl__guides_begin(r) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
+    for (; r->listed < g->columns * g->rows && r->site_count < SBL__SCOUTS_AT_ONCE; r->listed++) {
+        const int column = r->listed % g->columns, row = r->listed / g->columns;
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        if (!sbl__guide_pixel(r, column, row)) continue;
+        if (!sbl__refine_room(r, SBL__SCOUTS)) return SBL_ERROR_OUT_OF_MEMORY;
+        for (i = 0; i < SBL__SCOUTS; i++)
+            sbl__refine_site(r, (row * r->width + column) * g->step, i, 1, &r->sites[r->site_count++]);
+    }
     return SBL_SUCCESS;
 }
 
@@ -13327,15 +13301,9 @@ static sbl_result sbl__scouts_take(void *work, sbl__slice *slice) {
     return *at < r->site_count ? SBL_UNFINISHED : SBL_SUCCESS;
 }
 
-static int sbl__guides_count(void *work) {
-    const sbl__guides *g = &((sbl__refine *)work)->guides;
-    return 1 + g->columns * g->rows;
-}
-
 /* Makes guide number `guide` from what the scouts around it found; guide 0 sends rays evenly. */
-static sbl_result sbl__guides_make(void *work, int guide) {
+static void sbl__guides_make(const sbl__refine *r, int guide) {
     static const float weights[5] = { 0.3f, 0.7f, 1, 0.7f, 0.3f };
-    const sbl__refine *r = (const sbl__refine *)work;
     const sbl__guides *g = &r->guides;
     const int place = SBL__MAX(guide - 1, 0), column = place % g->columns, row = place / g->columns;
     const sbl__pixel *own = guide ? sbl__guide_pixel(r, column, row) : NULL;
@@ -13350,16 +13318,20 @@ static sbl_result sbl__guides_make(void *work, int guide) {
             for (n = 0; n < SBL__GUIDE_BINS && fits > 0; n++) found[n] += fits * from[n];
         }
     sbl__guide_make(found, sbl__guide_words(g, guide));
-    return SBL_SUCCESS;
 }
 
+/* Makes all guides and sends them to the GPU. */
 static sbl_result sbl__guides_send(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     sbl__guides *g = &r->guides;
     sbl__device *d = &r->core->device;
     const int rows = sbl__guide_rows(g);
+    int *at = &r->stages.at;
     sbl_result result;
-    (void)slice;
+    for (; *at <= g->columns * g->rows; ++*at) {
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        sbl__guides_make(r, *at);
+    }
     d->gl.doing = "sending guides";
     result = sbl__texture_make(d, &g->texture, SBL__GUIDES_ACROSS * SBL__GUIDE_TEXELS, rows, SBL__GL_RGBA32UI);
     if (result == SBL_SUCCESS) result = sbl__texture_write(d, &g->texture, 0, rows, g->words);
@@ -13371,15 +13343,15 @@ static sbl_result sbl__guides_send(void *work, sbl__slice *slice) {
 
 /* >>refine: weighing gain against cost */
 
-static int sbl__gain_bin(float gain) {
+static int sbl__worth_bin(float worth) {
     int exponent;
-    const double mantissa = frexp((double)gain, &exponent);
+    const double mantissa = frexp((double)worth, &exponent);
     const int bin = 4 * (exponent + 100) + (int)(8 * (mantissa - 0.5));
     return SBL__MIN(SBL__MAX(bin, 0), SBL__GAIN_BINS - 1);
 }
 
-/* Returns the least gain that falls into a bin. */
-static float sbl__bin_gain(int bin) { return (float)ldexp(0.5 + 0.125 * (bin % 4), bin / 4 - 100); }
+/* Returns the least worth that falls into a bin. */
+static float sbl__bin_worth(int bin) { return (float)ldexp(0.5 + 0.125 * (bin % 4), bin / 4 - 100); }
 
 /* Prepares for weighing all tiles. Errors are relative to the mean R that the previous round summed up. */
 static void sbl__weigh_begin(sbl__refine *r) {
@@ -13396,7 +13368,7 @@ static void sbl__weigh_begin(sbl__refine *r) {
     r->bought = 0;
 }
 
-/* Returns how many pixels the filter averages in a tile of single pixels: fewer where neighbours differ visibly. */
+/* Returns how many pixels the filter averages in a tile of span 1: fewer where neighbours differ visibly. */
 static float sbl__tile_smoothing(const sbl__refine *r, const sbl__tile *c, float noise) {
     float alike = 0;
     int side, count = 0;
@@ -13442,25 +13414,28 @@ static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
     c->light = sbl__luminance(light) / (float)count;
 }
 
-/* Updates c->raw_bias2, or marks a tile that must be split. */
-static void sbl__tile_weigh_split(sbl__refine *r, sbl__tile *c, int is_new) {
+/* Updates c->raw_bias2, or sets c->split_worth to FLT_MAX if the tile must be split. */
+static void sbl__tile_weigh_split(const sbl__refine *r, sbl__tile *c) {
     const int span = sbl__tile_span(c);
     if (span <= 1) return;
     if (c->must_split) c->split_worth = FLT_MAX;
     else if (r->threshold > 0) c->split_worth = sbl__tile_differs(r, c) ? FLT_MAX : 0;
-    else if (is_new || sbl__tile_corners(r, c).is_new || span > SBL__EXTRAPOLATED_SPAN)
+    else if (c - r->tiles >= r->first_new || sbl__tile_corners(r, c).is_new || span > SBL__EXTRAPOLATED_SPAN)
         c->raw_bias2 = sbl__tile_raw_bias2(r, c);
 }
 
 /* Predicts the errors of a tile, and the gain of each way to reduce them: a split, or more looks. The gain is the
    reduction of the sum of squared errors per look. Adds the gains to the histogram from which sbl__weigh_end finds
-   the threshold. is_new: 1: the tile has not been weighed before */
-static void sbl__tile_weigh(sbl__refine *r, sbl__tile *c, int is_new) {
+   the least worth that is bought. */
+static sbl_result sbl__refine_weigh(void *work, int at) {
+    sbl__refine *r = (sbl__refine *)work;
+    sbl__tile *c = &r->tiles[at];
     float bias2, gain, variance, weight;
     int looks = sbl__tile_corners(r, c).looks, most, interpolated;
-    sbl__tile_weigh_split(r, c, is_new);
+    if (c->split) return SBL_SUCCESS;
+    sbl__tile_weigh_split(r, c);
     sbl__tile_noise(r, c);
-    interpolated = SBL__MAX(c->pixels - 1, 0);  /* One pixel has a sensor of its own. */
+    interpolated = SBL__MAX(c->pixels - 1, 0);  /* The upper left pixel has a sensor. */
     variance = c->noise2 / sbl__noise_left(r, sbl__tile_span(c));
     c->bias2 = SBL__MAX(c->raw_bias2 - SBL__NOISE_IN_BIAS * variance, c->unseen_bias2);
     r->bias2 += (double)c->bias2 * interpolated;
@@ -13473,17 +13448,18 @@ static void sbl__tile_weigh(sbl__refine *r, sbl__tile *c, int is_new) {
         const int cost = SBL__SPLIT_COST * SBL__MAX(looks, 1);
         gain = bias2 * SBL__SPLIT_GAIN * (float)interpolated / (float)cost;
         if (c->split_worth < FLT_MAX) c->split_worth = bias2 > error_max * error_max ? FLT_MAX : gain * weight;
-        if (gain > 0) r->gains[sbl__gain_bin(c->split_worth)] += (double)gain * cost;
+        if (gain > 0) r->gains[sbl__worth_bin(c->split_worth)] += (double)gain * cost;
     }
     c->look_worth = 0;
-    if (!looks || looks >= r->spec->looks) return;
+    if (!looks || looks >= r->spec->looks) return SBL_SUCCESS;
     gain = c->noise2 * (float)c->pixels * (1 - SBL__LOOKS_GAIN) / (float)looks;
     c->look_worth = gain * weight;
     most = SBL__MIN(SBL__LOOKS_GROWTH * looks, r->spec->looks);
     for (; looks < most; looks *= 2) {
-        if (gain > 0) r->gains[sbl__gain_bin(gain * weight)] += (double)gain * looks;
+        if (gain > 0) r->gains[sbl__worth_bin(gain * weight)] += (double)gain * looks;
         gain *= SBL__LOOKS_GAIN_NEXT;
     }
+    return SBL_SUCCESS;
 }
 
 /* Predicts the picture's error. Finds the smallest gain (error removed per cost) that a split or a look must have,
@@ -13502,7 +13478,7 @@ static void sbl__weigh_end(sbl__refine *r) {
     if (left <= target2 * pixels || r->rounds > SBL__MAX_ROUNDS) return;
     aim = SBL__MAX(SBL__AIM_BELOW * target2 * pixels, SBL__AIM_SHARE * left);
     while (bin > 1 && left > aim) left -= r->gains[--bin];
-    r->least_worth = sbl__bin_gain(bin);
+    r->least_worth = sbl__bin_worth(bin);
 }
 
 /* Counts the pixels of new tiles, row by row. */
@@ -13523,38 +13499,28 @@ static sbl_result sbl__refine_count(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-static int sbl__refine_weigh_count(void *work) { return ((sbl__refine *)work)->weigh_count; }
+static int sbl__refine_tile_count(void *work) { return ((sbl__refine *)work)->tile_count; }
+static int sbl__refine_weighed(void *work) { return ((sbl__refine *)work)->first_new; }
 
-static sbl_result sbl__refine_weigh(void *work, int at) {
-    sbl__refine *r = (sbl__refine *)work;
-    if (!r->tiles[at].split) sbl__tile_weigh(r, &r->tiles[at], at >= r->first_new);
-    return SBL_SUCCESS;
-}
-
-/* Gives a tile's sensors as many more looks as are worth their cost. */
-static void sbl__tile_look_again(sbl__refine *r, const sbl__tile *c) {
-    float worth = c->look_worth;
-    int corner, looks = sbl__tile_corners(r, c).looks, growth = 1;
-    for (; growth < SBL__LOOKS_GROWTH && worth >= r->least_worth; growth *= 2) worth *= SBL__LOOKS_GAIN_NEXT;
-    looks = SBL__MIN(looks * growth, r->spec->looks);
-    for (corner = 0; corner < 4; corner++) {
-        sbl__pixel *p = sbl__tile_corner(r, c, corner);
-        if (!sbl__usable(p) || !p->looks || p->wanted >= looks) continue;
-        p->wanted = looks;
-        r->bought++;
-    }
-}
-
-/* Buys those offers of a tile that are worth their cost. */
+/* Splits a tile, or gives its sensors as many more looks as are worth their cost. */
 static sbl_result sbl__refine_spend(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__tile *c = &r->tiles[at];
+    float worth = c->look_worth;
+    int corner, looks = sbl__tile_corners(r, c).looks, growth = 1;
     if (c->split) return SBL_SUCCESS;
     if (c->split_worth >= r->least_worth && sbl__tile_span(c) > 1) {
         r->bought++;
         return sbl__tile_split(r, at);
     }
-    if (c->look_worth >= r->least_worth) sbl__tile_look_again(r, c);
+    for (; growth < SBL__LOOKS_GROWTH && worth >= r->least_worth; growth *= 2) worth *= SBL__LOOKS_GAIN_NEXT;
+    looks = SBL__MIN(looks * growth, r->spec->looks);
+    for (corner = 0; corner < 4 && growth > 1; corner++) {
+        sbl__pixel *p = sbl__tile_corner(r, c, corner);
+        if (!sbl__usable(p) || !p->looks || p->wanted >= looks) continue;
+        p->wanted = looks;
+        r->bought++;
+    }
     return SBL_SUCCESS;
 }
 
@@ -13562,7 +13528,7 @@ static sbl_result sbl__refine_spend(void *work, int at) {
 
 enum { SBL__REFINE_TILES, SBL__REFINE_COLLECT, SBL__REFINE_SENSE, SBL__REFINE_TAKE, SBL__REFINE_COUNT,
        SBL__REFINE_WEIGH, SBL__REFINE_SPEND, SBL__REFINE_COLLECT_SCOUTS, SBL__REFINE_SCOUT, SBL__REFINE_TAKE_SCOUTS,
-       SBL__REFINE_GUIDES, SBL__REFINE_SEND, SBL__REFINE_DONE };
+       SBL__REFINE_GUIDES, SBL__REFINE_DONE };
 
 static void sbl__refine_task(const sbl__refine *r, sbl__task *task) {
     memset(task, 0, sizeof *task);
@@ -13608,7 +13574,6 @@ static int sbl__refine_after_take(void *work) {
     r->listed = 0;
     if (scouts) return SBL__REFINE_GUIDES;
     r->rounds++;
-    r->weigh_count = r->tile_count;
     sbl__weigh_begin(r);
     return SBL__REFINE_COUNT;
 }
@@ -13621,6 +13586,7 @@ static int sbl__refine_after_weigh(void *work) {
     sbl__weigh_end(r);
     times = r->rounds == 1 ? sbl__look_growth(r->measurement, r->target_error, r->look_variance) : 1;
     if (times == 1) {
+        r->first_new = r->tile_count;
         r->core->stats.picture.expected_error = (float)r->predicted;
         return SBL__REFINE_SPEND;
     }
@@ -13633,14 +13599,11 @@ static int sbl__refine_after_weigh(void *work) {
 }
 
 static int sbl__refine_after_spend(void *work) {
-    sbl__refine *r = (sbl__refine *)work;
-    r->first_new = r->weigh_count;
+    const sbl__refine *r = (const sbl__refine *)work;
     return r->bought ? SBL__REFINE_COLLECT : SBL__REFINE_DONE;
 }
 
-
-
-static int sbl__refine_after_send(void *work) {
+static int sbl__refine_after_guides(void *work) {
     ((sbl__refine *)work)->spec->guided = 1;
     return SBL__REFINE_COLLECT;
 }
@@ -13648,18 +13611,17 @@ static int sbl__refine_after_send(void *work) {
 /* Refines, piece by piece. Returns SBL_SUCCESS when the target error is reached or nothing is left to buy. */
 static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { NULL, NULL, sbl__refine_tile, sbl__refine_tiles },
-        { NULL, sbl__refine_after_list, sbl__refine_list, sbl__refine_unlisted },
+        { sbl__refine_tiles, NULL, NULL, NULL },
+        { sbl__refine_list, sbl__refine_after_list, NULL, NULL },
         { sbl__refine_sense, NULL, NULL, NULL },
         { NULL, sbl__refine_after_take, sbl__refine_take, sbl__refine_sites },
         { sbl__refine_count, NULL, NULL, NULL },
-        { NULL, sbl__refine_after_weigh, sbl__refine_weigh, sbl__refine_weigh_count },
-        { NULL, sbl__refine_after_spend, sbl__refine_spend, sbl__refine_weigh_count },
-        { sbl__guides_begin, sbl__refine_after_list, sbl__scouts_list, sbl__scouts_unlisted },
+        { NULL, sbl__refine_after_weigh, sbl__refine_weigh, sbl__refine_tile_count },
+        { NULL, sbl__refine_after_spend, sbl__refine_spend, sbl__refine_weighed },
+        { sbl__scouts_list, sbl__refine_after_list, NULL, NULL },
         { sbl__refine_sense, NULL, NULL, NULL },
         { sbl__scouts_take, sbl__refine_after_take, NULL, NULL },
-        { NULL, NULL, sbl__guides_make, sbl__guides_count },
-        { sbl__guides_send, sbl__refine_after_send, NULL, NULL }
+        { sbl__guides_send, sbl__refine_after_guides, NULL, NULL }
     };
     return sbl__stages_step(&r->stages, table, SBL__COUNT(table), r, slice);
 }
@@ -13690,7 +13652,7 @@ static sbl_result sbl__refine_make(sbl__refine *r) {
     return r->pixels && r->layers ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Sets a pixel. shown->sensed: the pixel shows its stored light, so that it needs no sensor */
+/* Sets a pixel before refinement begins. shown->sensed: 1: the pixel shows light of the store and needs no sensor */
 static void sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel *shown) {
     r->pixels[index] = *shown;
     if (shown->sensed) sbl__refine_even(r, shown, r->layers + r->harmonics * index);
@@ -13730,10 +13692,10 @@ static double sbl__refine_progress(const sbl__refine *r) {
 /* >>refine: filling in one layer of light. It has its own stages, so that it can run at any time during refinement. */
 
 typedef struct sbl__fill {
-    sbl__refine *refine;        /* set by the caller, like `layer`; all other fields begin as 0 */
-    int layer;
-    sbl__stages stages;
-    int row;                    /* next row of the current tile */
+    /* set by the caller; all other fields begin as 0 */
+    sbl__refine *refine;
+    int layer;                  /* layer of light to fill in */
+    int tile, row;              /* index of the next tile; its next row of pixels */
     float *rgba;                /* output, 4 floats per pixel: light; noise of R, above 0 where there is a surface */
     int orphans;                /* number of pixels without a usable sensor that their tile does not cover */
     sbl__rings rings;           /* spread light to orphans over their surface */
@@ -13745,12 +13707,6 @@ static void sbl__fill_free(sbl__base *base, sbl__fill *f) {
     memset(f, 0, sizeof *f);
 }
 
-/* Returns the tile or, if its sensors have not all been read yet, the smallest tile around it whose sensors have. */
-static const sbl__tile *sbl__tile_known(const sbl__refine *r, const sbl__tile *c) {
-    while (c->parent >= 0 && sbl__tile_corners(r, c).unread) c = &r->tiles[c->parent];
-    return c;
-}
-
 /* Returns the standard error of a pixel's luminance. predicted2: relative squared error that its tile predicts. */
 static float sbl__pixel_error(const sbl__refine *r, const sbl__pixel *p, float predicted2) {
     const double unexplained = (double)SBL__PIXEL_ERROR * r->predicted;
@@ -13759,7 +13715,7 @@ static float sbl__pixel_error(const sbl__refine *r, const sbl__pixel *p, float p
 }
 
 /* Fills in a pixel by interpolation in tile c, whose sensors have all been read. parabolas: second differences of the
-   tile's four edges. An orphan keeps the light of its own stuck sensor if no ring reaches it. */
+   tile's four edges. An orphan keeps the light of its own invalid sensor if no ring reaches it. */
 static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, float parabolas[4][3]) {
     sbl__refine *r = f->refine;
     sbl__pixel *p = sbl__pixel_at(r, x, y);
@@ -13791,7 +13747,7 @@ static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, floa
     else f->orphans++;
 }
 
-/* Finds the pixels that wait for light and belong to the surface of the given pixel, among its eight neighbours. */
+/* Returns the next of a pixel's eight neighbours that waits for light and belongs to the pixel's surface, or -1. */
 static int sbl__fill_neighbour(const sbl__rings *rings, int index, size_t *place) {
     const sbl__refine *r = ((const sbl__fill *)rings->user)->refine;
     int other;
@@ -13828,41 +13784,29 @@ static sbl_result sbl__fill_make(sbl__fill *f) {
     return f->rgba ? sbl__rings_make(&r->core->base, &f->rings, r->width * r->height) : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-static sbl_result sbl__fill_tiles(void *work, sbl__slice *slice) {
-    sbl__fill *f = (sbl__fill *)work;
+/* Fills in f->rgba, piece by piece. A tile whose sensors have not all been read yet is filled in with the light of the
+   smallest tile around it whose sensors have. */
+static sbl_result sbl__fill_step(sbl__fill *f, sbl__slice *slice) {
     const sbl__refine *r = f->refine;
-    int *at = &f->stages.at, x, y, k;
     const sbl_result result = f->rgba ? SBL_SUCCESS : sbl__fill_make(f);
+    int x, y, k;
     if (result != SBL_SUCCESS) return result;
-    for (; *at < r->tile_count; ++*at, f->row = 0) {
-        const sbl__tile *c = &r->tiles[*at], *known = sbl__tile_known(r, c);
+    for (; f->tile < r->tile_count; f->tile++, f->row = 0) {
+        const sbl__tile *c = &r->tiles[f->tile];
         const sbl__range pixels = sbl__tile_pixels(r, c);
         float parabolas[4][3];
         if (c->split) continue;
+        while (c->parent >= 0 && sbl__tile_corners(r, c).unread) c = &r->tiles[c->parent];
         for (k = 0; k < 4; k++) {
-            const sbl__edge edge = sbl__tile_edge(r, known, k);
+            const sbl__edge edge = sbl__tile_edge(r, c, k);
             sbl__edge_parabola(r, &edge, f->layer, parabolas[k]);
         }
         for (y = pixels.y[0] + f->row; y <= pixels.y[1]; y++, f->row++) {
             if (sbl__late(slice)) return SBL_UNFINISHED;
-            for (x = pixels.x[0]; x <= pixels.x[1]; x++) sbl__fill_pixel(f, x, y, known, parabolas);
+            for (x = pixels.x[0]; x <= pixels.x[1]; x++) sbl__fill_pixel(f, x, y, c, parabolas);
         }
     }
-    return SBL_SUCCESS;
-}
-
-static sbl_result sbl__fill_spread(void *work, sbl__slice *slice) {
-    sbl__fill *f = (sbl__fill *)work;
     return f->orphans ? sbl__rings_step(&f->rings, slice) : SBL_SUCCESS;
-}
-
-/* Fills in f->rgba, piece by piece. */
-static sbl_result sbl__fill_step(sbl__fill *f, sbl__slice *slice) {
-    static const sbl__stage_row table[] = {
-        { sbl__fill_tiles, NULL, NULL, NULL },
-        { sbl__fill_spread, NULL, NULL, NULL }
-    };
-    return sbl__stages_step(&f->stages, table, SBL__COUNT(table), f, slice);
 }
 
 /* ======================================================================================================== >>filter
@@ -13894,13 +13838,13 @@ static const char *const sbl__glsl_filter[] = {
 "uniform int geometry_aware;\n",
 "layout(location = 0) out vec4 out_radiance;\n",
 "\n",
-"uniform float layer_noise;   // noise of harmonics, as a share of R, where R has no noise: looks have few rays\n",
+"uniform float layer_noise;   // noise of harmonics / R in pixels where R has no noise, see sbl__spec_layer_noise\n",
 "const float SBL_HARMONIC = 2.0;  // noise of a harmonic divided by the noise of R, approximately\n",
 "\n",
 "// Returns the approximate noise of a harmonic. r: R and its noise\n",
 "float sbl_harmonic_noise(vec4 r) { return SBL_HARMONIC * r.a + layer_noise * max(r.r, max(r.g, r.b)); }\n",
 "\n",
-"// Returns about 1 if noise explains the difference of two pixels, about 0 if the difference is several times that.\n",
+"// Returns about 1 if noise explains the difference of two pixels, about 0 if it is several times the noise.\n",
 "float sbl_alike(vec4 a, vec4 b) {\n",
 "    vec3 apart = abs(a.rgb - b.rgb), c = abs(a.rgb), d = abs(b.rgb);\n",
 "    float noise = a.a + b.a + SBL_FILTER_VISIBLE * (max(c.r, max(c.g, c.b)) + max(d.r, max(d.g, d.b)));\n",
@@ -13947,7 +13891,7 @@ typedef struct sbl__filter {
     int radius, geometry_aware;
     const sbl__texture *radiance;  /* R and its noise */
     const sbl__texture *layer;     /* the layer of harmonics to smooth; NULL: smooth R */
-    float layer_noise;             /* noise of harmonics as a share of R, where R itself has no noise */
+    float layer_noise;             /* see sbl__spec_layer_noise */
 } sbl__filter;
 
 static double sbl__filter_sigma(int radius) { return SBL__MAX(0.5 * radius, 0.1); }
@@ -13965,7 +13909,7 @@ static float sbl__filter_pixels(int radius) {
     return (float)((sum * sum / squares) * (sum * sum / squares));
 }
 
-/* Smooths `rows` (first row, number of rows). */
+/* Smooths rows of pixels. rows: first row, number of rows */
 static sbl_result sbl__filter_draw(sbl__device *d, const sbl__filter *f, const sbl__gbuffer *g,
                                    const sbl__target *out, const int rows[2]) {
     const double sigma = sbl__filter_sigma(f->radius);

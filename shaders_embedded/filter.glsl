@@ -9,13 +9,13 @@ uniform float falloff;       // 1 / (2 sigma^2), sigma in pixels
 uniform int geometry_aware;
 layout(location = 0) out vec4 out_radiance;
 
-uniform float layer_noise;   // noise of harmonics, as a share of R, where R has no noise: looks have few rays
+uniform float layer_noise;   // noise of harmonics / R in pixels where R has no noise, see sbl__spec_layer_noise
 const float SBL_HARMONIC = 2.0;  // noise of a harmonic divided by the noise of R, approximately
 
 // Returns the approximate noise of a harmonic. r: R and its noise
 float sbl_harmonic_noise(vec4 r) { return SBL_HARMONIC * r.a + layer_noise * max(r.r, max(r.g, r.b)); }
 
-// Returns about 1 if noise explains the difference of two pixels, about 0 if the difference is several times that.
+// Returns about 1 if noise explains the difference of two pixels, about 0 if it is several times the noise.
 float sbl_alike(vec4 a, vec4 b) {
     vec3 apart = abs(a.rgb - b.rgb), c = abs(a.rgb), d = abs(b.rgb);
     float noise = a.a + b.a + SBL_FILTER_VISIBLE * (max(c.r, max(c.g, c.b)) + max(d.r, max(d.g, d.b)));

@@ -296,7 +296,7 @@ TEST(guides_are_bounded) {
     core.base.allocator.free = watch_free;
     core.base.allocator.user = &seen;
     core.device.base = &core.base;
-    REQUIRE(sbl__guides_begin(&r, NULL) == SBL_SUCCESS, "no guides");
+    REQUIRE(sbl__guides_begin(&r) == SBL_SUCCESS, "no guides");
     CHECK(r.guides.columns * r.guides.rows < SBL__GUIDES_MOST && r.guides.step == 32, "%d x %d guides, %d pixels apart",
           r.guides.columns, r.guides.rows, r.guides.step);
     sbl__free(&core.base, r.guides.found);

@@ -67,7 +67,8 @@ inside_weight inside_weigh_corners(int strips, float light) {
         p->variance = 100 * (double)light * (double)light;
         for (k = 0; k < 3; k++) p->radiance[k] = light;
     }
-    sbl__tile_weigh(&r, &c, 0);
+    r.tiles = &c;
+    sbl__refine_weigh(&r, 0);
     weight.noise2 = c.noise2;
     weight.bias2 = c.bias2;
     weight.light = c.light;
