@@ -4277,8 +4277,8 @@ static sbl_result sbl__hash_table_make(sbl__base *base, sbl__hash_table *t, doub
     return t->slots ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Returns the next number that may have a certain hash, and advances *slot, which the caller sets to the hash at first.
-   Returns SBL__NONE if there are no more numbers; *slot is then free. */
+/* Returns the number in *slot and advances *slot, so that a loop that begins with *slot = hash finds all numbers with
+   this hash, and a few others. Returns SBL__NONE at the end; *slot is then free. */
 static uint32_t sbl__slot_next(const sbl__hash_table *t, uint32_t *slot) {
     const uint32_t found = t->slots[*slot & t->mask];
     *slot += found > 0;
@@ -4373,8 +4373,7 @@ typedef struct sbl__rings {
     int *ring;          /* ring of each thing; SBL__RING_WAITS until it is known */
     int *queue;         /* things of rings 1 .. last, in the order of the rings; the second half of `ring` */
     int queued;         /* length of the queue */
-    int number;         /* number of the ring that is being computed: its things are this many steps from those that
-                           have values */
+    int number;         /* number of the ring that is being computed */
 } sbl__rings;
 
 static void sbl__rings_free(sbl__base *base, sbl__rings *r) {
@@ -6173,7 +6172,8 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
    plus 1, the number of a cut plus SBL__CELL_CUT, or 0 if the cell has no leaf. */
 typedef struct sbl__cell_slot { uint32_t check, reference; } sbl__cell_slot;
 
-/* A plane that divides a cell. sides: references to the parts below and above the plane. */
+/* A plane that divides a cell. sides: references, like those of slots, to the parts where dot(normal, position) is at
+   most `distance`, and where it is larger. */
 #define SBL__CUT(X) \
     X(sbl__cut, VEC3, normal) X(sbl__cut, FLOAT, distance) \
     X(sbl__cut, UVEC2, sides) X(sbl__cut, UVEC2, unused)
@@ -6186,7 +6186,7 @@ SBL__RECORD(sbl__leaf, SBL__LEAF_RECORD, "sbl_leaf", "sbl_store", "", "first_lea
 
 typedef struct sbl__store {
     int ready;
-    int warned;                /* 1: sbl__bounce_warn has logged its warning */
+    int warned;                /* 1: the warning about clamped albedos has been logged */
     float origin[3], length;   /* origin of the grid; length of a cell of level 0 */
     uint32_t *patches;         /* one word per triangle, see sbl__patch_word */
     sbl__cell_slot *cells;
@@ -6242,7 +6242,7 @@ static float sbl__cell_length(const sbl__store *s, uint32_t patch) {
     return s->length * (float)(1 << SBL__LEVEL_SHIFT * level);
 }
 
-/* Computes the cube of the patch's grid that contains a position. patch: patch word of a place, see sbl__place_patch */
+/* Computes the coordinates of the cube that contains a position, in the grid of the level that the patch word has. */
 static void sbl__cell_place(const sbl__store *s, uint32_t patch, const float position[3], uint32_t at[3]) {
     const float per_cell = 1 / sbl__cell_length(s, patch);
     int k;
@@ -6253,7 +6253,8 @@ static void sbl__cell_place(const sbl__store *s, uint32_t patch, const float pos
     if (patch & SBL__PATCH_FLAT) at[patch >> SBL__PATCH_AXIS_SHIFT & 3u] = 0;
 }
 
-/* Returns the reference in the slot of a position's cell, and adds the cell if necessary; NULL: there is no slot. */
+/* Returns the reference in the slot of a position's cell. A cell that has no slot gets one; NULL: all slots in reach
+   hold other cells. */
 static uint32_t *sbl__store_slot(const sbl__store *s, uint32_t patch, const float position[3]) {
     uint32_t at[3], hash, check;
     int i;
@@ -6268,8 +6269,8 @@ static uint32_t *sbl__store_slot(const sbl__store *s, uint32_t patch, const floa
     return NULL;
 }
 
-/* Returns the reference to the leaf at a position, and adds the cell if necessary; NULL: there is no slot. *depth:
-   receives the number of cuts above the leaf. The pointer is valid until a cut is added. */
+/* Like sbl__store_slot, but follows cuts, so that the reference leads to the leaf at the position or is 0. *depth:
+   receives the number of cuts followed. The pointer is valid until a cut is added. */
 static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const float position[3], int *depth) {
     uint32_t *reference = sbl__store_slot(s, patch, position);
     for (*depth = 0; reference && *reference >= SBL__CELL_CUT; ++*depth) {
@@ -6505,7 +6506,7 @@ static const char *const sbl__glsl_store[] = {
 "    }\n",
 "    if (distance * per_cell * float(SBL_NEAR_PART) < 1.0) patch_word |= SBL_PATCH_NEAR;\n",
 "    uint reference = 0u;\n",
-"    // Each level is tried first with the near bit for this distance, then with the other one.\n",
+"    // Each level has cells for near and for far rays. Those for this distance are tried first.\n",
 "    for (int tries = 0; tries < 2 * SBL_LEVELS && reference == 0u; tries++) {\n",
 "        uint hash = sbl_hash_step(sbl_hash_step(sbl_hash_step(sbl_hash_step(0u, patch_word), at.x), at.y), at.z);\n",
 "        uint check = sbl_hash_step(sbl_hash_step(sbl_hash_step(hash, at.z), at.y), at.x) | 1u;\n",
@@ -11053,11 +11054,11 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 
 /* A fill is a number of leaves divided by the largest allowed number, sbl__store.max_leaves. */
 #define SBL__FILL_AIM 0.35         /* fill for which the first size of cells is chosen */
-#define SBL__FILL_FIRST 0.3        /* cells become larger if hits of samples' rays alone fill more than this */
+#define SBL__FILL_FIRST 0.3        /* cells become larger if rays of surface samples alone hit more leaves than this */
 #define SBL__FILL_FIRST_POWER 2.4  /* measured: growth of the cells' area by x^2.4 divides the number of leaves by x */
 #define SBL__FILL_LEAST 0.12       /* cells become smaller if they fill less than this */
-#define SBL__FILL_WIDER 0.6        /* from this fill on, new leaves belong to wider cells */
-#define SBL__FILL_WIDEST 0.8       /* from this fill on, new leaves belong to the widest cells */
+#define SBL__FILL_WIDER 0.6        /* from this fill on, new leaves belong to cells of level 1 */
+#define SBL__FILL_WIDEST 0.8       /* from this fill on, new leaves belong to cells of level 2 */
 #define SBL__BOUNCE_GROWTH 1.5     /* least factor by which the cells' area grows if leaves do not suffice */
 #define SBL__BOUNCE_GROWTH_MOST 2.0  /* largest factor by which the cells' area grows if leaves do not suffice */
 #define SBL__BOUNCE_SHRINK_MOST 0.03  /* least factor by which the cells' area shrinks if leaves are left over */
@@ -11071,7 +11072,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__BOUNCE_SEQUENCES 4    /* sequences of ray directions, which the points of a leaf use in turn */
 #define SBL__BOUNCE_LAMP_RAYS 8
 #define SBL__BOUNCE_STUCK_RAYS 4   /* rays of a point's stuck test */
-#define SBL__BOUNCE_CONTACTS 8     /* contact rays of a leaf */
+#define SBL__BOUNCE_CONTACTS 8     /* contact rays of a leaf: along its surface, to find objects that touch it */
 #define SBL__CONTACT_STEEP 0.7     /* largest cosine between the normals of a surface and of a plane that cuts it */
 #define SBL__CONTACT_APART 1e-3    /* least distance between two planes that cut a cell, in lengths of a cell */
 #define SBL__CONTACT_LEAST 0.25    /* least length of a contact line, in lengths of a cell */
@@ -11085,7 +11086,8 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__UNCERTAINTY_ROUNDS 6
 #define SBL__UNCERTAINTY_STRATA 0.35  /* measured: true error / error estimated from points; below 1, since rays have
                                       low discrepancy, and errors of neighbouring leaves compensate each other */
-#define SBL__UNCERTAINTY_MOST 0.12 /* largest estimated error; few rays that all hit one leaf exaggerate it */
+#define SBL__UNCERTAINTY_MOST 0.12 /* limit of the relative error estimated from points, which is too large where
+                                      few rays all hit one leaf */
 #define SBL__BOUNCE_TIME 0.35f     /* approximate share of a picture's time that filling the store takes */
 #define SBL__AIR_SITES 54          /* six sites at each of nine places */
 #define SBL__AIR_RAYS 512
@@ -11111,7 +11113,8 @@ typedef struct sbl__hits { sbl__hit *list; int count, room; } sbl__hits;
 
 typedef struct sbl__bounce_point { sbl__hit at; int leaf, number; /* index in its leaf */ } sbl__bounce_point;
 
-/* A leaf while the store is filled. points: number of points; first: index of the first; valid: valid readings */
+/* A leaf while the store is filled. points: number of points; first: index of the first; valid: number of points with
+   valid readings */
 typedef struct sbl__bounce_leaf { int points, first, valid; } sbl__bounce_leaf;
 
 enum {
@@ -11138,8 +11141,8 @@ typedef struct sbl__bounce {
     double samples_due;              /* number of surface samples due for the triangles visited so far */
     sbl__hits samples;               /* surface samples: places spread over all surfaces */
     sbl__hits queue;                 /* places that may become points: a part of samples, hits or `released` */
-    sbl__hits waiting, released;     /* hits in leaves that are still to be cut, which are held back; hits whose
-                                        leaves have been cut since, to be queued */
+    sbl__hits waiting;               /* hits in leaves that the next contact rays may cut; queued after the cuts */
+    sbl__hits released;              /* the previous `waiting`, while it is queued */
     sbl__hits contacts;              /* hits of contact rays */
     int cut_leaves;                  /* number of leaves that contact rays have cut */
     int points_cast;                 /* number of points whose rays have been cast */
@@ -11149,7 +11152,7 @@ typedef struct sbl__bounce {
     sbl__site *sites;                /* the job's sites: points, then places in the air */
     sbl_reading *readings;
     uint32_t recent_lines[SBL__CONTACT_CACHE];  /* hash table of contact lines (where an object touches a flat
-                                                   surface) that have cut cells recently, so that none does it twice */
+                                                   surface) that have cut their cells; hash collisions drop some */
     int recheck;                     /* 1: a line has cut leaves that had points, so all hits must be placed again */
     float *direct;                   /* direct light of each leaf, 3 floats; then the noise of each leaf */
     float *solved;                   /* light of each leaf, saved while the leaves hold noise */
@@ -11158,8 +11161,7 @@ typedef struct sbl__bounce {
     /* sums over leaves in this round: direct light, all light before and after the round, absolute changes of light */
     struct { double direct[3], before[3], after[3], change; } balance;
     double needed_growth;            /* factor by which the cells' area must grow; 0: leaves suffice */
-    double previous_fill;            /* share of the allowed leaves that were in use when cells last became smaller;
-                                        0: they never did */
+    double previous_fill;            /* fill when cells last became smaller; 0: they never did */
     int rounds;
     int samples_placed, seen_leaves; /* 1: surface samples have been placed; number of leaves that rays have hit */
     sbl__table casts;
@@ -11245,7 +11247,8 @@ static void sbl__cast_take(const sbl__cast *ray, const float place[4], const flo
     sbl__share_pack(albedo, out->albedo);
 }
 
-/* Casts rays number stages.at .. count - 1 into hits, piece by piece. make: computes the ray with a given number */
+/* Casts the rays stages.at to count - 1, piece by piece. make: computes a ray from its number. hits: receives the hit of
+   each ray at the ray's number */
 static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, int number, sbl__cast *out), int count,
                                    sbl__hits *hits, const sbl__slice *slice) {
     sbl__device *d = &b->core->device;
@@ -11288,9 +11291,9 @@ static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
     return patch | (at->distance * SBL__NEAR_PART < s->length ? SBL__PATCH_NEAR : 0);
 }
 
-/* Returns the reference to the leaf of a place, in its cell or, if the cell has no leaf and leaves are becoming scarce,
-   in a wider cell; NULL: there is no slot. patch: NULL, or receives the patch word with the level of the cell. A place
-   that no surface sees uses the widest cells only, because only points in the air may see it. */
+/* Returns the reference to the leaf of a place, which is 0 if there is no leaf yet; NULL: no slot is left. If the cell has
+   no leaf and leaves are becoming scarce, a wider cell is used. patch: NULL, or receives the patch word with the level
+   of the cell. Places at distance SBL__UNSEEN use the widest cells only, as only points in the air may see them. */
 static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32_t *patch) {
     static const double fills[SBL__LEVELS] = { SBL__FILL_WIDER, SBL__FILL_WIDEST, 1 };
     uint32_t *reference = NULL, word = sbl__place_patch(s, at);
@@ -11457,7 +11460,7 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     return ok ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Sets the places that may become points next. */
+/* Queues places that may become points. Returns the stage that makes points of them. */
 static int sbl__bounce_queue(sbl__bounce *b, sbl__hit *list, int count) {
     b->queue.list = list;
     b->queue.count = count;
@@ -11538,7 +11541,7 @@ static sbl_result sbl__bounce_cast_contacts(void *work, sbl__slice *slice) {
 /* The line along which an object stands on a flat surface. */
 typedef struct sbl__contact {
     uint32_t patch;              /* word of the flat surface */
-    uint32_t object;             /* word of the object's flat patch | 1, or number of its triangle * 2 */
+    uint32_t object;             /* identifies the object: its patch word | 1 if flat, or 2 * triangle */
     float normal[3], distance;   /* plane of the touching object: dot(normal, x) = distance */
     double from[3], along[3];    /* one end of the line, and the vector to the other end */
     uint32_t *reference;         /* reference in the slot of the cell that is being cut */
@@ -11550,7 +11553,7 @@ static void sbl__contact_position(const sbl__contact *line, double t, float posi
 }
 
 /* Makes the line where the surface of `at` meets the plane that its contact ray hit, within the bounds of both: of flat
-   patches or, if the object is not flat, of its triangle. Returns 0 if it is too short or the surface is not flat. */
+   patches or, if the object is not flat, of its triangle. Returns 0 if the line is short or the surface not flat. */
 static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl__hit *hit, sbl__contact *line) {
     const sbl__store *s = b->store;
     const sbl__geometry *g = b->geometry;
@@ -11592,8 +11595,9 @@ static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl
     return 1;
 }
 
-/* Cuts all leaves that the line crosses below a reference: sides[side] of a cut or, if `cut` is negative,
-   line->reference. range: part of the line in the reference's part of the cell. */
+/* Cuts those leaves of a cell that the line crosses. The function calls itself for the sides of cuts that exist: it
+   starts at sides[side] of cut number `cut` or, if `cut` is negative, at line->reference, which is `depth` cuts deep.
+   range: where the line enters and leaves that part of the cell, 0 to 1 along the line */
 static sbl_result sbl__contact_part(sbl__bounce *b, const sbl__contact *line, int cut, int side,
                                     const double range[2], int depth) {
     sbl__store *s = b->store;
@@ -11653,7 +11657,7 @@ static sbl_result sbl__contact_walk(sbl__bounce *b, sbl__contact *line) {
     return result;
 }
 
-/* Cuts all cells along the line at every level and distance, unless it has done so recently. */
+/* Cuts all cells along the line, those of each level and of near and far rays, unless b->recent_lines has the line. */
 static sbl_result sbl__contact_cut(sbl__bounce *b, sbl__contact *line) {
     const uint32_t patch = line->patch, hash = sbl__hash_step(sbl__hash_step(0, patch), line->object);
     uint32_t *recent = &b->recent_lines[hash % SBL__CONTACT_CACHE];
@@ -12094,7 +12098,7 @@ static sbl_result sbl__bounce_send(void *work, sbl__slice *slice) {
 
 /* >>bounce: light in the air, for objects that the host draws */
 
-/* Measures light with six sensors each at the centre of draw_bounds and half way from there to each corner. */
+/* Begins to measure light with six sensors each at the centre of draw_bounds and half way from there to its corners. */
 static int sbl__bounce_after_send(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__scene *scene = &b->core->scene;
@@ -12255,7 +12259,7 @@ static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__sli
 #define SBL__SAVED_VERSION 4u
 #define SBL__SAVED_ORDER 0x01020304u   /* tells the byte order */
 #define SBL__SAVED_SEED 0xcbf29ce484222325u
-#define SBL__SAVED_CELLS (1 << 22)     /* largest number of slots, of cuts, and of leaves times 2 */
+#define SBL__SAVED_CELLS (1 << 22)     /* a stream may have this many slots, as many cuts, and half as many leaves */
 
 typedef struct sbl__saved {
     char name[8];
