@@ -4355,8 +4355,8 @@ static void sbl__join(uint32_t *parents, uint32_t one, uint32_t other) {
     parents[SBL__MAX(one, other)] = SBL__MIN(one, other);
 }
 
-/* >>topology: rings. Values spread to things (texels or vertices) that have none. Ring 0 holds the things that have a
-   value from the start, ring 1 their neighbours, ring 2 the neighbours of ring 1, and so on. A thing's value is
+/* >>topology: rings. Values spread to things of a grid (pixels or texels) that have none. Ring 0 holds the things that
+   have a value from the start, ring 1 their neighbours, ring 2 the neighbours of ring 1, and so on. A thing's value is
    computed from the values of its neighbours in earlier rings. */
 
 #define SBL__RING_WAITS (-1)
@@ -4364,11 +4364,10 @@ static void sbl__join(uint32_t *parents, uint32_t one, uint32_t other) {
 typedef struct sbl__rings {
     sbl__stages stages;
     void *user;
-    /* Returns the neighbour at *place and advances *place, which is 0 at first. Negative: there are no more. */
-    int (*neighbour)(const struct sbl__rings *r, int thing, size_t *place);
+    int (*joined)(const void *user, int thing, int other);  /* 0: no value spreads to `other`. NULL: all do */
     void (*mean)(void *user, int thing);  /* computes a value from the neighbours that sbl__ring_reached accepts */
     int count;          /* number of things */
-    int width;          /* things per row of a grid, for sbl__ring_grid */
+    int width;          /* things per row of the grid */
     int last;           /* last ring to compute */
     int *ring;          /* ring of each thing; SBL__RING_WAITS until it is known */
     int *queue;         /* things of rings 1 .. last, in the order of the rings; the second half of `ring` */
@@ -4396,7 +4395,8 @@ static int sbl__ring_reached(const sbl__rings *r, int thing) {
     return r->ring[thing] >= 0 && r->ring[thing] < r->number;
 }
 
-/* A `neighbour` function for grids. Visits the 3 x 3 block around a thing, including the thing itself, row by row. */
+/* Iterates over the 3 x 3 block around a thing, including the thing itself, row by row. *place must be 0 at first. -1:
+   there are no more things. */
 static int sbl__ring_grid(const sbl__rings *r, int thing, size_t *place) {
     while (*place < 9) {
         const int x = thing % r->width + (int)(*place % 3) - 1, y = thing / r->width + (int)(*place / 3) - 1;
@@ -4410,8 +4410,8 @@ static int sbl__ring_grid(const sbl__rings *r, int thing, size_t *place) {
 static void sbl__ring_spread(sbl__rings *r, int thing) {
     size_t place = 0;
     int other;
-    while (r->number < r->last && (other = r->neighbour(r, thing, &place)) >= 0) {
-        if (r->ring[other] != SBL__RING_WAITS) continue;
+    while (r->number < r->last && (other = sbl__ring_grid(r, thing, &place)) >= 0) {
+        if (r->ring[other] != SBL__RING_WAITS || (r->joined && !r->joined(r->user, thing, other))) continue;
         r->queue[r->queued++] = other;
         r->ring[other] = r->number + 1;
     }
@@ -11136,7 +11136,6 @@ typedef struct sbl__bounce {
     sbl__bounce_leaf *states;        /* one state per leaf */
     int point_count, point_room, state_room;
     sbl__hits hits;                  /* hits of the points' rays, SBL__BOUNCE_RAYS per point */
-    float progress;
     sbl__patching patching;          /* this field and all below are dropped when the store is ready */
     double samples_due;              /* number of surface samples due for the triangles visited so far */
     sbl__hits samples;               /* surface samples: places spread over all surfaces */
@@ -11148,7 +11147,7 @@ typedef struct sbl__bounce {
     int points_cast;                 /* number of points whose rays have been cast */
     uint32_t *sequence;              /* low-discrepancy numbers from 0 to 1, in units of 2^-32, from which ray
                                         directions are made */
-    struct { int known; uint32_t place; float normal[3], offset; } origin;  /* result of the last sbl__place_normal */
+    struct { uint32_t place; float normal[3], offset; } origin;  /* result of the last sbl__place_normal */
     sbl__site *sites;                /* the job's sites: points, then places in the air */
     sbl_reading *readings;
     uint32_t recent_lines[SBL__CONTACT_CACHE];  /* hash table of contact lines (where an object touches a flat
@@ -11156,7 +11155,6 @@ typedef struct sbl__bounce {
     int recheck;                     /* 1: a line has cut leaves that had points, so all hits must be placed again */
     float *direct;                   /* direct light of each leaf, 3 floats; then the noise of each leaf */
     float *solved;                   /* light of each leaf, saved while the leaves hold noise */
-    int *order;                      /* order[p]: place of point number p among the points sorted by leaf */
     double change;                   /* balance.change of the previous round */
     /* sums over leaves in this round: direct light, all light before and after the round, absolute changes of light */
     struct { double direct[3], before[3], after[3], change; } balance;
@@ -11247,8 +11245,8 @@ static void sbl__cast_take(const sbl__cast *ray, const float place[4], const flo
     sbl__share_pack(albedo, out->albedo);
 }
 
-/* Casts the rays stages.at to count - 1, piece by piece. make: computes a ray from its number. hits: receives the hit of
-   each ray at the ray's number */
+/* Casts the rays stages.at to count - 1, piece by piece. make: computes a ray from its number. hits: receives the hit
+   of each ray at the ray's number */
 static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, int number, sbl__cast *out), int count,
                                    sbl__hits *hits, const sbl__slice *slice) {
     sbl__device *d = &b->core->device;
@@ -11291,9 +11289,10 @@ static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
     return patch | (at->distance * SBL__NEAR_PART < s->length ? SBL__PATCH_NEAR : 0);
 }
 
-/* Returns the reference to the leaf of a place, which is 0 if there is no leaf yet; NULL: no slot is left. If the cell has
-   no leaf and leaves are becoming scarce, a wider cell is used. patch: NULL, or receives the patch word with the level
-   of the cell. Places at distance SBL__UNSEEN use the widest cells only, as only points in the air may see them. */
+/* Returns the reference to the leaf of a place, which is 0 if there is no leaf yet; NULL: no slot is left. If the cell
+   has no leaf and leaves are becoming scarce, a wider cell is used. patch: NULL, or receives the patch word with the
+   level of the cell. Places at distance SBL__UNSEEN use the widest cells only, as only points in the air may see them.
+   */
 static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32_t *patch) {
     static const double fills[SBL__LEVELS] = { SBL__FILL_WIDER, SBL__FILL_WIDEST, 1 };
     uint32_t *reference = NULL, word = sbl__place_patch(s, at);
@@ -11335,6 +11334,7 @@ static sbl_result sbl__bounce_patches(void *work, sbl__slice *slice) {
     sbl__free(base, *words);
     *words = (uint32_t *)sbl__alloc(base, (size_t)b->geometry->triangle_count, sizeof **words);
     b->sequence = sbl__sequence_make(base, SBL__BOUNCE_SEQUENCES, SBL__BOUNCE_RAYS, 1);
+    b->origin.place = SBL__NOWHERE;
     if (!*words || !b->sequence) return SBL_ERROR_OUT_OF_MEMORY;
     result = sbl__patching_begin(base, &b->patching, b->geometry);
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
@@ -11544,7 +11544,6 @@ typedef struct sbl__contact {
     uint32_t object;             /* identifies the object: its patch word | 1 if flat, or 2 * triangle */
     float normal[3], distance;   /* plane of the touching object: dot(normal, x) = distance */
     double from[3], along[3];    /* one end of the line, and the vector to the other end */
-    uint32_t *reference;         /* reference in the slot of the cell that is being cut */
 } sbl__contact;
 
 static void sbl__contact_position(const sbl__contact *line, double t, float position[3]) {
@@ -11595,17 +11594,16 @@ static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl
     return 1;
 }
 
-/* Cuts those leaves of a cell that the line crosses. The function calls itself for the sides of cuts that exist: it
-   starts at sides[side] of cut number `cut` or, if `cut` is negative, at line->reference, which is `depth` cuts deep.
-   range: where the line enters and leaves that part of the cell, 0 to 1 along the line */
-static sbl_result sbl__contact_part(sbl__bounce *b, const sbl__contact *line, int cut, int side,
+/* Cuts the leaf to which the reference leads or, if it leads to a cut, the leaves below it that the line crosses.
+   depth: number of cuts above the reference. range: where the line enters and leaves the part of the cell to which the
+   reference leads, 0 to 1 along the line */
+static sbl_result sbl__contact_part(sbl__bounce *b, const sbl__contact *line, uint32_t *reference,
                                     const double range[2], int depth) {
     sbl__store *s = b->store;
     const double apart = SBL__CONTACT_APART * (double)s->length;
-    uint32_t *reference = cut < 0 ? line->reference : &s->cuts[cut].sides[side];
     sbl_result result = SBL_SUCCESS;
     double over[2];
-    int i;
+    int i, side, cut;
     if (*reference < SBL__CELL_CUT) {
         const float *first = *reference ? b->points[b->states[*reference - 1].first].at.position : NULL;
         if (depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
@@ -11626,13 +11624,13 @@ static sbl_result sbl__contact_part(sbl__bounce *b, const sbl__contact *line, in
         double part[2];
         if (SBL__MAX(sign * over[0], sign * over[1]) <= apart) continue;
         for (i = 0; i < 2; i++) part[i] = sign * over[i] < 0 ? cross : range[i];
-        result = sbl__contact_part(b, line, cut, side, part, depth + 1);
+        result = sbl__contact_part(b, line, &s->cuts[cut].sides[side], part, depth + 1);
     }
     return result;
 }
 
 /* Cuts all cells that the line crosses and that have the patch word line->patch. */
-static sbl_result sbl__contact_walk(sbl__bounce *b, sbl__contact *line) {
+static sbl_result sbl__contact_walk(sbl__bounce *b, const sbl__contact *line) {
     const sbl__store *s = b->store;
     const double length = (double)sbl__cell_length(s, line->patch);
     double next[3], step[3], range[2] = { 0, 0 };
@@ -11646,11 +11644,12 @@ static sbl_result sbl__contact_walk(sbl__bounce *b, sbl__contact *line) {
     }
     while (range[0] < 1 && result == SBL_SUCCESS) {
         const int axis = next[0] <= next[1] && next[0] <= next[2] ? 0 : next[1] <= next[2] ? 1 : 2;
+        uint32_t *reference;
         float middle[3];
         range[1] = SBL__MIN(next[axis], 1.0);
         sbl__contact_position(line, 0.5 * (range[0] + range[1]), middle);
-        line->reference = sbl__store_slot(s, line->patch, middle);
-        if (line->reference) result = sbl__contact_part(b, line, -1, 0, range, 0);
+        reference = sbl__store_slot(s, line->patch, middle);
+        if (reference) result = sbl__contact_part(b, line, reference, range, 0);
         range[0] = range[1];
         next[axis] += step[axis];
     }
@@ -11728,8 +11727,7 @@ static int sbl__bounce_after_cuts(void *work) {
 static void sbl__bounce_surface_ray(sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number, sbl__cast *out) {
     const float *normal = b->origin.normal;
     int k;
-    if (!b->origin.known || b->origin.place != at->place) {
-        b->origin.known = 1;
+    if (b->origin.place != at->place) {
         b->origin.place = at->place;
         b->origin.offset = sbl__place_normal(b->geometry, at->place, b->origin.normal);
     }
@@ -11800,18 +11798,15 @@ static sbl_result sbl__bounce_relocate(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Computes an order in which the points of each leaf are consecutive. */
+/* Numbers the points of each leaf, and computes the index of a leaf's first point when all are sorted by leaf. */
 static sbl_result sbl__bounce_order(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     const int leaves = b->store->leaf_count;
     int i, next = 0;
     (void)slice;
-    b->order = (int *)sbl__alloc_raw(&b->core->base, (size_t)b->point_count, sizeof *b->order);
-    if (!b->order) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < leaves; i++) b->states[i].points = 0;
-    for (i = 0; i < b->point_count; i++) b->order[i] = b->states[b->points[i].leaf].points++;
+    for (i = 0; i < b->point_count; i++) b->points[i].number = b->states[b->points[i].leaf].points++;
     for (i = 0; i < leaves; next += b->states[i++].points) b->states[i].first = next;
-    for (i = 0; i < b->point_count; i++) b->order[i] += b->states[b->points[i].leaf].first;
     return SBL_SUCCESS;
 }
 
@@ -11825,14 +11820,13 @@ static void sbl__swap(void *a, void *b, size_t bytes) {
 /* Sorts points and their hits by leaf. Rounds of bounces in another order take 3 to 6 times as long. */
 static sbl_result sbl__bounce_sort(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
+    sbl__bounce_point *p = &b->points[at];
     sbl__hit *hits = b->hits.list;
-    int *to = &b->order[at];
-    while (*to != at) {
-        const int j = *to;
-        sbl__swap(&b->points[at], &b->points[j], sizeof *b->points);
-        sbl__swap(&hits[(size_t)at * SBL__BOUNCE_RAYS], &hits[(size_t)j * SBL__BOUNCE_RAYS],
+    int to;
+    while ((to = b->states[p->leaf].first + p->number) != at) {
+        sbl__swap(p, &b->points[to], sizeof *p);
+        sbl__swap(&hits[(size_t)at * SBL__BOUNCE_RAYS], &hits[(size_t)to * SBL__BOUNCE_RAYS],
                   SBL__BOUNCE_RAYS * sizeof *hits);
-        sbl__swap(to, &b->order[j], sizeof *to);
     }
     return SBL_SUCCESS;
 }
@@ -12139,7 +12133,7 @@ static void sbl__bounce_free_temporary(const sbl__device *d, sbl__bounce *b) {
     const sbl__patching *p = &b->patching;
     void *const blocks[] = { p->places.slots, p->ends.slots, p->welded, p->corners, p->parents, p->patches,
                              b->samples.list, b->waiting.list, b->released.list, b->contacts.list, b->sequence,
-                             b->sites, b->readings, b->direct, b->solved, b->order };
+                             b->sites, b->readings, b->direct, b->solved };
     int i;
     for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(d->base, blocks[i]);
     sbl__table_delete(d, &b->casts);
@@ -12220,23 +12214,14 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     return result;
 }
 
-/* Estimates how much of the store is done, 0 to 1, never less than before. Rays between surfaces are half of it. */
-static float sbl__bounce_progress(sbl__core *c) {
-    sbl__bounce *b = c->bounce;
-    float now;
+/* Estimates how much of the store is done, 0 to 1; less than before after a restart. Rays between surfaces are half. */
+static float sbl__bounce_progress(const sbl__core *c) {
+    const sbl__bounce *b = c->bounce;
     if (c->scene.store.ready || !b) return c->scene.store.ready ? 1.0f : 0.0f;
-    now = b->stages.stage < SBL__BOUNCE_SITES
-              ? 0.5f * (float)b->points_cast / (float)(SBL__BOUNCE_POINTS * b->store->max_leaves)
-        : b->stages.stage == SBL__BOUNCE_SITES ? 0.5f
-        : b->stages.stage == SBL__BOUNCE_LIGHT ? 0.5f + 0.4f * sbl__job_progress(&b->job)
-                                               : 0.9f;
-    b->progress = SBL__MAX(b->progress, SBL__MIN(now, 0.99f));
-    return b->progress;
-}
-
-/* Returns the share of progress that filling the store takes, or 0 if the store is ready or not needed. */
-static float sbl__prepare_share(const sbl__core *c, const sbl__measurement *s) {
-    return s->options.mode == SBL_MODE_GI && !c->scene.store.ready ? SBL__BOUNCE_TIME : 0;
+    return b->stages.stage < SBL__BOUNCE_SITES
+               ? 0.5f * (float)b->points_cast / (float)(SBL__BOUNCE_POINTS * b->store->max_leaves)
+         : b->stages.stage == SBL__BOUNCE_SITES ? 0.5f
+         : b->stages.stage == SBL__BOUNCE_LIGHT ? 0.5f + 0.4f * sbl__job_progress(&b->job) : 0.9f;
 }
 
 /* Prepares what a measurement needs, piece by piece: hierarchy and lamps for rays, the store for bounced light. */
@@ -13795,14 +13780,10 @@ static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, floa
     else f->orphans++;
 }
 
-/* Finds the pixels that wait for light and belong to the surface of the given pixel, among its eight neighbours. */
-static int sbl__fill_neighbour(const sbl__rings *rings, int index, size_t *place) {
-    const sbl__refine *r = ((const sbl__fill *)rings->user)->refine;
-    int other;
-    while ((other = sbl__ring_grid(rings, index, place)) >= 0)
-        if (rings->ring[other] == SBL__RING_WAITS &&
-            sbl__belongs(&r->pixels[other], &r->pixels[index], r->geometry_aware) > 0) break;
-    return other;
+/* Returns 1 if a neighbour of a pixel belongs to the surface of the pixel. */
+static int sbl__fill_joined(const void *user, int index, int other) {
+    const sbl__refine *r = ((const sbl__fill *)user)->refine;
+    return sbl__belongs(&r->pixels[other], &r->pixels[index], r->geometry_aware) > 0;
 }
 
 /* Sets light and noise of an orphan to the mean of those neighbours on its surface that earlier rings have reached. */
@@ -13824,7 +13805,7 @@ static void sbl__fill_mean(void *user, int index) {
 static sbl_result sbl__fill_make(sbl__fill *f) {
     const sbl__refine *r = f->refine;
     f->rings.user = f;
-    f->rings.neighbour = sbl__fill_neighbour;
+    f->rings.joined = sbl__fill_joined;
     f->rings.mean = sbl__fill_mean;
     f->rings.width = r->width;
     f->rings.last = INT_MAX;
@@ -14162,7 +14143,6 @@ static sbl_result sbl__gutters_begin(sbl__base *base, sbl__gutters *g, const int
     g->size[1] = size[1];
     g->spread.user = g;
     g->spread.mean = sbl__gutters_mean;
-    g->spread.neighbour = sbl__ring_grid;
     g->light = (float *)sbl__alloc_raw(base, texels, 16);
     return g->light ? sbl__rings_make(base, &g->spread, (int)texels) : SBL_ERROR_OUT_OF_MEMORY;
 }
@@ -14547,7 +14527,7 @@ static sbl_result sbl__work_begin(sbl__work *w, const sbl__front_end *front_end,
     w->front_end = front_end;
     w->core = core;
     w->measurement = *measurement;
-    w->store_share = sbl__prepare_share(core, measurement);
+    if (measurement->options.mode == SBL_MODE_GI && !core->scene.store.ready) w->store_share = SBL__BOUNCE_TIME;
     return front_end->begin(w, desc);
 }
 
