@@ -6432,23 +6432,23 @@ static sbl_result sbl__patching_step(sbl__patching *p, sbl__slice *slice) {
 
 /* >>store: on the GPU */
 
-static sbl_result sbl__store_send(const sbl__device *d, sbl__store *s, int triangles, int wide) {
+static sbl_result sbl__store_send(const sbl__device *d, sbl__store *s, const sbl__geometry *g) {
     sbl__buffer *buffer = &s->table.buffer;
     sbl_result result;
     int i;
     for (i = 0, s->brightest = 0; i < s->leaf_count; i++)
         s->brightest = SBL__MAX(s->brightest, sbl__max3(s->leaves[i].light));
-    s->first_cell = triangles / 4 + 1;
+    s->first_cell = g->triangle_count / 4 + 1;
     s->first_cut = s->first_cell + s->cell_room / 2;
     s->first_leaf = s->first_cut + 2 * s->cut_count;
     result = sbl__buffer_make(d, buffer, 16 * ((size_t)s->first_leaf + (size_t)s->leaf_count), NULL,
                               SBL__GL_STATIC_DRAW);
     if (result != SBL_SUCCESS) return result;
-    sbl__buffer_write(d, buffer, 0, sizeof *s->patches * (size_t)triangles, s->patches);
+    sbl__buffer_write(d, buffer, 0, sizeof *s->patches * (size_t)g->triangle_count, s->patches);
     sbl__buffer_write(d, buffer, 16 * (size_t)s->first_cell, sizeof *s->cells * (size_t)s->cell_room, s->cells);
     sbl__buffer_write(d, buffer, 16 * (size_t)s->first_cut, sizeof *s->cuts * (size_t)s->cut_count, s->cuts);
     sbl__buffer_write(d, buffer, 16 * (size_t)s->first_leaf, sizeof *s->leaves * (size_t)s->leaf_count, s->leaves);
-    return sbl__table_attach(d, &s->table, SBL__GL_RGBA32UI, wide);
+    return sbl__table_attach(d, &s->table, SBL__GL_RGBA32UI, g->wide);
 }
 
 /* Sets the inputs of store.glsl. */
@@ -11119,10 +11119,9 @@ typedef struct sbl__bounce_leaf { int points, first, valid; } sbl__bounce_leaf;
 
 enum {
     SBL__BOUNCE_PATCHES, SBL__BOUNCE_GRID, SBL__BOUNCE_SAMPLE, SBL__BOUNCE_CAST_SAMPLES, SBL__BOUNCE_PLACE,
-    SBL__BOUNCE_CAST_CONTACTS, SBL__BOUNCE_CUT, SBL__BOUNCE_CAST_POINTS, SBL__BOUNCE_RELOCATE, SBL__BOUNCE_ORDER,
-    SBL__BOUNCE_SORT, SBL__BOUNCE_LINK, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_DIRECT, SBL__BOUNCE_GATHER,
-    SBL__BOUNCE_NOISE, SBL__BOUNCE_PROPAGATE, SBL__BOUNCE_UNCERTAINTY, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR,
-    SBL__BOUNCE_DONE
+    SBL__BOUNCE_CAST_CONTACTS, SBL__BOUNCE_CUT, SBL__BOUNCE_CAST_POINTS, SBL__BOUNCE_RELOCATE, SBL__BOUNCE_SORT,
+    SBL__BOUNCE_LINK, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_DIRECT, SBL__BOUNCE_GATHER, SBL__BOUNCE_NOISE,
+    SBL__BOUNCE_PROPAGATE, SBL__BOUNCE_UNCERTAINTY, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
 };
 
 typedef struct sbl__bounce {
@@ -11291,8 +11290,7 @@ static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
 
 /* Returns the reference to the leaf of a place, which is 0 if there is no leaf yet; NULL: no slot is left. If the cell
    has no leaf and leaves are becoming scarce, a wider cell is used. patch: NULL, or receives the patch word with the
-   level of the cell. Places at distance SBL__UNSEEN use the widest cells only, as only points in the air may see them.
-   */
+   level of the cell. Places at distance SBL__UNSEEN, which only points in the air may see, use the widest cells. */
 static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32_t *patch) {
     static const double fills[SBL__LEVELS] = { SBL__FILL_WIDER, SBL__FILL_WIDEST, 1 };
     uint32_t *reference = NULL, word = sbl__place_patch(s, at);
@@ -11711,14 +11709,19 @@ static sbl_result sbl__bounce_cuts(void *work, int at) {
     return result;
 }
 
+static void sbl__swap(void *a, void *b, size_t bytes) {
+    char keep[SBL__BOUNCE_RAYS * sizeof(sbl__hit)];
+    memcpy(keep, a, bytes);
+    memcpy(a, b, bytes);
+    memcpy(b, keep, bytes);
+}
+
 static int sbl__bounce_after_cuts(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
-    const sbl__hits waiting = b->waiting;
     b->cut_leaves = b->store->leaf_count;
-    b->waiting = b->released;
+    sbl__swap(&b->waiting, &b->released, sizeof b->waiting);
     b->waiting.count = 0;
-    b->released = waiting;
-    return sbl__bounce_queue(b, waiting.list, waiting.count);
+    return sbl__bounce_queue(b, b->released.list, b->released.count);
 }
 
 /* >>bounce: rays */
@@ -11798,23 +11801,15 @@ static sbl_result sbl__bounce_relocate(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Numbers the points of each leaf, and computes the index of a leaf's first point when all are sorted by leaf. */
-static sbl_result sbl__bounce_order(void *work, sbl__slice *slice) {
+/* Numbers the points of each leaf, and sets `first` of each leaf to its value after sorting. */
+static int sbl__bounce_after_relocate(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const int leaves = b->store->leaf_count;
     int i, next = 0;
-    (void)slice;
     for (i = 0; i < leaves; i++) b->states[i].points = 0;
     for (i = 0; i < b->point_count; i++) b->points[i].number = b->states[b->points[i].leaf].points++;
     for (i = 0; i < leaves; next += b->states[i++].points) b->states[i].first = next;
-    return SBL_SUCCESS;
-}
-
-static void sbl__swap(void *a, void *b, size_t bytes) {
-    char keep[SBL__BOUNCE_RAYS * sizeof(sbl__hit)];
-    memcpy(keep, a, bytes);
-    memcpy(a, b, bytes);
-    memcpy(b, keep, bytes);
+    return SBL__BOUNCE_SORT;
 }
 
 /* Sorts points and their hits by leaf. Rounds of bounces in another order take 3 to 6 times as long. */
@@ -12087,7 +12082,7 @@ static sbl_result sbl__bounce_send(void *work, sbl__slice *slice) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     (void)slice;
     b->core->device.gl.doing = "storing bounced light";
-    return sbl__store_send(&b->core->device, b->store, b->geometry->triangle_count, b->geometry->wide);
+    return sbl__store_send(&b->core->device, b->store, b->geometry);
 }
 
 /* >>bounce: light in the air, for objects that the host draws */
@@ -12185,8 +12180,7 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
         { sbl__bounce_cast_contacts, NULL, NULL, NULL },
         { NULL, sbl__bounce_after_cuts, sbl__bounce_cuts, sbl__bounce_uncut_leaves },
         { sbl__bounce_cast_points, sbl__bounce_after_rays, NULL, NULL },
-        { NULL, NULL, sbl__bounce_relocate, sbl__bounce_points },
-        { sbl__bounce_order, NULL, NULL, NULL },
+        { NULL, sbl__bounce_after_relocate, sbl__bounce_relocate, sbl__bounce_points },
         { NULL, NULL, sbl__bounce_sort, sbl__bounce_points },
         { NULL, NULL, sbl__bounce_link, sbl__bounce_points },
         { sbl__bounce_allocate, sbl__bounce_after_sites, sbl__bounce_site, sbl__bounce_points },
@@ -12356,9 +12350,8 @@ static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene,
     sbl__saved_stream stream = { get, NULL, user, SBL__SAVED_SEED };
     sbl__saved header;
     uint64_t sum, end;
-    *why = "it ends too soon";
-    if (!sbl__saved_transfer(&stream, &header, sizeof header)) return SBL_ERROR_INVALID_ARGUMENT;
-    *why = sbl__saved_check(&header, scene);
+    *why = sbl__saved_transfer(&stream, &header, sizeof header) ? sbl__saved_check(&header, scene)
+                                                                : "it ends too soon";
     if (*why) return SBL_ERROR_INVALID_ARGUMENT;
     s->patches = (uint32_t *)sbl__alloc(d->base, (size_t)header.triangles, sizeof *s->patches);
     s->cells = (sbl__cell_slot *)sbl__alloc(d->base, (size_t)header.cells, sizeof *s->cells);
@@ -12379,21 +12372,21 @@ static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene,
 /* Replaces the scene's store with a store from a stream. On failure the scene keeps its store. */
 static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *user) {
     sbl__scene *scene = &c->scene;
-    const int triangles = scene->geometry.triangle_count, wide = scene->geometry.wide;
+    const sbl__geometry *g = &scene->geometry;
     const char *why = NULL;
     sbl__store s;
     sbl_result result;
     memset(&s, 0, sizeof s);
     s.max_leaves = scene->store.max_leaves;
     result = sbl__saved_read(&c->device, scene, &s, get, user, &why);
-    if (result == SBL_SUCCESS && !wide && triangles / 4 + 1 + s.cell_room / 2 + 2 * s.cut_count + s.leaf_count >
-                                              c->device.gl.capabilities.max_texture_buffer_size) {
+    if (result == SBL_SUCCESS && !g->wide && g->triangle_count / 4 + 1 + s.cell_room / 2 + 2 * s.cut_count +
+                                             s.leaf_count > c->device.gl.capabilities.max_texture_buffer_size) {
         why = "it is larger than this driver's tables";
         result = SBL_ERROR_UNSUPPORTED;
     }
     if (why) sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_STORE, "sbl_load_store: %s", why);
     c->device.gl.doing = "storing bounced light";
-    if (result == SBL_SUCCESS) result = sbl__store_send(&c->device, &s, triangles, wide);
+    if (result == SBL_SUCCESS) result = sbl__store_send(&c->device, &s, g);
     if (result != SBL_SUCCESS) {
         sbl__store_free(&c->device, &s);
         return result;
