@@ -12238,7 +12238,7 @@ static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__sli
 #define SBL__SAVED_VERSION 4u
 #define SBL__SAVED_ORDER 0x01020304u   /* tells the byte order */
 #define SBL__SAVED_SEED 0xcbf29ce484222325u
-#define SBL__SAVED_CELLS (1 << 22)     /* a stream may have this many slots, as many cuts, and half as many leaves */
+#define SBL__SAVED_CELLS (1 << 22)     /* maximum number of slots and of cuts in a stream; leaves: half of it */
 
 typedef struct sbl__saved {
     char name[8];
