@@ -4277,8 +4277,8 @@ static sbl_result sbl__hash_table_make(sbl__base *base, sbl__hash_table *t, doub
     return t->slots ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Returns the next number that may have a certain hash, and advances *slot, which the caller sets to the hash at first.
-   Returns SBL__NONE if there are no more numbers; *slot is then free. */
+/* Returns the number in *slot and advances *slot, so that a loop that begins with *slot = hash finds all numbers with
+   this hash, and a few others. Returns SBL__NONE at the end; *slot is then free. */
 static uint32_t sbl__slot_next(const sbl__hash_table *t, uint32_t *slot) {
     const uint32_t found = t->slots[*slot & t->mask];
     *slot += found > 0;
@@ -4355,8 +4355,8 @@ static void sbl__join(uint32_t *parents, uint32_t one, uint32_t other) {
     parents[SBL__MAX(one, other)] = SBL__MIN(one, other);
 }
 
-/* >>topology: rings. Values spread to things (texels or vertices) that have none. Ring 0 holds the things that have a
-   value from the start, ring 1 their neighbours, ring 2 the neighbours of ring 1, and so on. A thing's value is
+/* >>topology: rings. Values spread to things of a grid (pixels or texels) that have none. Ring 0 holds the things that
+   have a value from the start, ring 1 their neighbours, ring 2 the neighbours of ring 1, and so on. A thing's value is
    computed from the values of its neighbours in earlier rings. */
 
 #define SBL__RING_WAITS (-1)
@@ -4364,17 +4364,15 @@ static void sbl__join(uint32_t *parents, uint32_t one, uint32_t other) {
 typedef struct sbl__rings {
     sbl__stages stages;
     void *user;
-    /* Returns the neighbour at *place and advances *place, which is 0 at first. Negative: there are no more. */
-    int (*neighbour)(const struct sbl__rings *r, int thing, size_t *place);
+    int (*joined)(const void *user, int thing, int other);  /* 0: no value spreads to `other`. NULL: all do */
     void (*mean)(void *user, int thing);  /* computes a value from the neighbours that sbl__ring_reached accepts */
     int count;          /* number of things */
-    int width;          /* things per row of a grid, for sbl__ring_grid */
+    int width;          /* things per row of the grid */
     int last;           /* last ring to compute */
     int *ring;          /* ring of each thing; SBL__RING_WAITS until it is known */
     int *queue;         /* things of rings 1 .. last, in the order of the rings; the second half of `ring` */
     int queued;         /* length of the queue */
-    int number;         /* number of the ring that is being computed: its things are this many steps from those that
-                           have values */
+    int number;         /* number of the ring that is being computed */
 } sbl__rings;
 
 static void sbl__rings_free(sbl__base *base, sbl__rings *r) {
@@ -4397,7 +4395,8 @@ static int sbl__ring_reached(const sbl__rings *r, int thing) {
     return r->ring[thing] >= 0 && r->ring[thing] < r->number;
 }
 
-/* A `neighbour` function for grids. Visits the 3 x 3 block around a thing, including the thing itself, row by row. */
+/* Iterates over the 3 x 3 block around a thing, including the thing itself, row by row. *place must be 0 at first. -1:
+   there are no more things. */
 static int sbl__ring_grid(const sbl__rings *r, int thing, size_t *place) {
     while (*place < 9) {
         const int x = thing % r->width + (int)(*place % 3) - 1, y = thing / r->width + (int)(*place / 3) - 1;
@@ -4411,8 +4410,8 @@ static int sbl__ring_grid(const sbl__rings *r, int thing, size_t *place) {
 static void sbl__ring_spread(sbl__rings *r, int thing) {
     size_t place = 0;
     int other;
-    while (r->number < r->last && (other = r->neighbour(r, thing, &place)) >= 0) {
-        if (r->ring[other] != SBL__RING_WAITS) continue;
+    while (r->number < r->last && (other = sbl__ring_grid(r, thing, &place)) >= 0) {
+        if (r->ring[other] != SBL__RING_WAITS || (r->joined && !r->joined(r->user, thing, other))) continue;
         r->queue[r->queued++] = other;
         r->ring[other] = r->number + 1;
     }
@@ -6173,7 +6172,8 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
    plus 1, the number of a cut plus SBL__CELL_CUT, or 0 if the cell has no leaf. */
 typedef struct sbl__cell_slot { uint32_t check, reference; } sbl__cell_slot;
 
-/* A plane that divides a cell. sides: references to the parts below and above the plane. */
+/* A plane that divides a cell. sides: references, like those of slots, to the parts where dot(normal, position) is at
+   most `distance`, and where it is larger. */
 #define SBL__CUT(X) \
     X(sbl__cut, VEC3, normal) X(sbl__cut, FLOAT, distance) \
     X(sbl__cut, UVEC2, sides) X(sbl__cut, UVEC2, unused)
@@ -6186,7 +6186,7 @@ SBL__RECORD(sbl__leaf, SBL__LEAF_RECORD, "sbl_leaf", "sbl_store", "", "first_lea
 
 typedef struct sbl__store {
     int ready;
-    int warned;                /* 1: sbl__bounce_warn has logged its warning */
+    int warned;                /* 1: the warning about clamped albedos has been logged */
     float origin[3], length;   /* origin of the grid; length of a cell of level 0 */
     uint32_t *patches;         /* one word per triangle, see sbl__patch_word */
     sbl__cell_slot *cells;
@@ -6242,7 +6242,7 @@ static float sbl__cell_length(const sbl__store *s, uint32_t patch) {
     return s->length * (float)(1 << SBL__LEVEL_SHIFT * level);
 }
 
-/* Computes the cube of the patch's grid that contains a position. patch: patch word of a place, see sbl__place_patch */
+/* Computes the coordinates of the cube that contains a position, in the grid of the level that the patch word has. */
 static void sbl__cell_place(const sbl__store *s, uint32_t patch, const float position[3], uint32_t at[3]) {
     const float per_cell = 1 / sbl__cell_length(s, patch);
     int k;
@@ -6253,7 +6253,8 @@ static void sbl__cell_place(const sbl__store *s, uint32_t patch, const float pos
     if (patch & SBL__PATCH_FLAT) at[patch >> SBL__PATCH_AXIS_SHIFT & 3u] = 0;
 }
 
-/* Returns the reference in the slot of a position's cell, and adds the cell if necessary; NULL: there is no slot. */
+/* Returns the reference in the slot of a position's cell. A cell that has no slot gets one; NULL: all slots in reach
+   hold other cells. */
 static uint32_t *sbl__store_slot(const sbl__store *s, uint32_t patch, const float position[3]) {
     uint32_t at[3], hash, check;
     int i;
@@ -6268,8 +6269,8 @@ static uint32_t *sbl__store_slot(const sbl__store *s, uint32_t patch, const floa
     return NULL;
 }
 
-/* Returns the reference to the leaf at a position, and adds the cell if necessary; NULL: there is no slot. *depth:
-   receives the number of cuts above the leaf. The pointer is valid until a cut is added. */
+/* Like sbl__store_slot, but follows cuts, so that the reference leads to the leaf at the position or is 0. *depth:
+   receives the number of cuts followed. The pointer is valid until a cut is added. */
 static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const float position[3], int *depth) {
     uint32_t *reference = sbl__store_slot(s, patch, position);
     for (*depth = 0; reference && *reference >= SBL__CELL_CUT; ++*depth) {
@@ -6431,23 +6432,23 @@ static sbl_result sbl__patching_step(sbl__patching *p, sbl__slice *slice) {
 
 /* >>store: on the GPU */
 
-static sbl_result sbl__store_send(const sbl__device *d, sbl__store *s, int triangles, int wide) {
+static sbl_result sbl__store_send(const sbl__device *d, sbl__store *s, const sbl__geometry *g) {
     sbl__buffer *buffer = &s->table.buffer;
     sbl_result result;
     int i;
     for (i = 0, s->brightest = 0; i < s->leaf_count; i++)
         s->brightest = SBL__MAX(s->brightest, sbl__max3(s->leaves[i].light));
-    s->first_cell = triangles / 4 + 1;
+    s->first_cell = g->triangle_count / 4 + 1;
     s->first_cut = s->first_cell + s->cell_room / 2;
     s->first_leaf = s->first_cut + 2 * s->cut_count;
     result = sbl__buffer_make(d, buffer, 16 * ((size_t)s->first_leaf + (size_t)s->leaf_count), NULL,
                               SBL__GL_STATIC_DRAW);
     if (result != SBL_SUCCESS) return result;
-    sbl__buffer_write(d, buffer, 0, sizeof *s->patches * (size_t)triangles, s->patches);
+    sbl__buffer_write(d, buffer, 0, sizeof *s->patches * (size_t)g->triangle_count, s->patches);
     sbl__buffer_write(d, buffer, 16 * (size_t)s->first_cell, sizeof *s->cells * (size_t)s->cell_room, s->cells);
     sbl__buffer_write(d, buffer, 16 * (size_t)s->first_cut, sizeof *s->cuts * (size_t)s->cut_count, s->cuts);
     sbl__buffer_write(d, buffer, 16 * (size_t)s->first_leaf, sizeof *s->leaves * (size_t)s->leaf_count, s->leaves);
-    return sbl__table_attach(d, &s->table, SBL__GL_RGBA32UI, wide);
+    return sbl__table_attach(d, &s->table, SBL__GL_RGBA32UI, g->wide);
 }
 
 /* Sets the inputs of store.glsl. */
@@ -6505,7 +6506,7 @@ static const char *const sbl__glsl_store[] = {
 "    }\n",
 "    if (distance * per_cell * float(SBL_NEAR_PART) < 1.0) patch_word |= SBL_PATCH_NEAR;\n",
 "    uint reference = 0u;\n",
-"    // Each level is tried first with the near bit for this distance, then with the other one.\n",
+"    // Each level has cells for near and for far rays. Those for this distance are tried first.\n",
 "    for (int tries = 0; tries < 2 * SBL_LEVELS && reference == 0u; tries++) {\n",
 "        uint hash = sbl_hash_step(sbl_hash_step(sbl_hash_step(sbl_hash_step(0u, patch_word), at.x), at.y), at.z);\n",
 "        uint check = sbl_hash_step(sbl_hash_step(sbl_hash_step(hash, at.z), at.y), at.x) | 1u;\n",
@@ -11053,11 +11054,11 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 
 /* A fill is a number of leaves divided by the largest allowed number, sbl__store.max_leaves. */
 #define SBL__FILL_AIM 0.35         /* fill for which the first size of cells is chosen */
-#define SBL__FILL_FIRST 0.3        /* cells become larger if hits of samples' rays alone fill more than this */
+#define SBL__FILL_FIRST 0.3        /* cells become larger if rays of surface samples alone hit more leaves than this */
 #define SBL__FILL_FIRST_POWER 2.4  /* measured: growth of the cells' area by x^2.4 divides the number of leaves by x */
 #define SBL__FILL_LEAST 0.12       /* cells become smaller if they fill less than this */
-#define SBL__FILL_WIDER 0.6        /* from this fill on, new leaves belong to wider cells */
-#define SBL__FILL_WIDEST 0.8       /* from this fill on, new leaves belong to the widest cells */
+#define SBL__FILL_WIDER 0.6        /* from this fill on, new leaves belong to cells of level 1 */
+#define SBL__FILL_WIDEST 0.8       /* from this fill on, new leaves belong to cells of level 2 */
 #define SBL__BOUNCE_GROWTH 1.5     /* least factor by which the cells' area grows if leaves do not suffice */
 #define SBL__BOUNCE_GROWTH_MOST 2.0  /* largest factor by which the cells' area grows if leaves do not suffice */
 #define SBL__BOUNCE_SHRINK_MOST 0.03  /* least factor by which the cells' area shrinks if leaves are left over */
@@ -11071,7 +11072,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__BOUNCE_SEQUENCES 4    /* sequences of ray directions, which the points of a leaf use in turn */
 #define SBL__BOUNCE_LAMP_RAYS 8
 #define SBL__BOUNCE_STUCK_RAYS 4   /* rays of a point's stuck test */
-#define SBL__BOUNCE_CONTACTS 8     /* contact rays of a leaf */
+#define SBL__BOUNCE_CONTACTS 8     /* contact rays of a leaf: along its surface, to find objects that touch it */
 #define SBL__CONTACT_STEEP 0.7     /* largest cosine between the normals of a surface and of a plane that cuts it */
 #define SBL__CONTACT_APART 1e-3    /* least distance between two planes that cut a cell, in lengths of a cell */
 #define SBL__CONTACT_LEAST 0.25    /* least length of a contact line, in lengths of a cell */
@@ -11085,7 +11086,8 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__UNCERTAINTY_ROUNDS 6
 #define SBL__UNCERTAINTY_STRATA 0.35  /* measured: true error / error estimated from points; below 1, since rays have
                                       low discrepancy, and errors of neighbouring leaves compensate each other */
-#define SBL__UNCERTAINTY_MOST 0.12 /* largest estimated error; few rays that all hit one leaf exaggerate it */
+#define SBL__UNCERTAINTY_MOST 0.12 /* limit of the relative error estimated from points, which is too large where
+                                      few rays all hit one leaf */
 #define SBL__BOUNCE_TIME 0.35f     /* approximate share of a picture's time that filling the store takes */
 #define SBL__AIR_SITES 54          /* six sites at each of nine places */
 #define SBL__AIR_RAYS 512
@@ -11111,15 +11113,15 @@ typedef struct sbl__hits { sbl__hit *list; int count, room; } sbl__hits;
 
 typedef struct sbl__bounce_point { sbl__hit at; int leaf, number; /* index in its leaf */ } sbl__bounce_point;
 
-/* A leaf while the store is filled. points: number of points; first: index of the first; valid: valid readings */
+/* A leaf while the store is filled. points: number of points; first: index of the first; valid: number of points with
+   valid readings */
 typedef struct sbl__bounce_leaf { int points, first, valid; } sbl__bounce_leaf;
 
 enum {
     SBL__BOUNCE_PATCHES, SBL__BOUNCE_GRID, SBL__BOUNCE_SAMPLE, SBL__BOUNCE_CAST_SAMPLES, SBL__BOUNCE_PLACE,
-    SBL__BOUNCE_CAST_CONTACTS, SBL__BOUNCE_CUT, SBL__BOUNCE_CAST_POINTS, SBL__BOUNCE_RELOCATE, SBL__BOUNCE_ORDER,
-    SBL__BOUNCE_SORT, SBL__BOUNCE_LINK, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_DIRECT, SBL__BOUNCE_GATHER,
-    SBL__BOUNCE_NOISE, SBL__BOUNCE_PROPAGATE, SBL__BOUNCE_UNCERTAINTY, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR,
-    SBL__BOUNCE_DONE
+    SBL__BOUNCE_CAST_CONTACTS, SBL__BOUNCE_CUT, SBL__BOUNCE_CAST_POINTS, SBL__BOUNCE_RELOCATE, SBL__BOUNCE_SORT,
+    SBL__BOUNCE_LINK, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_DIRECT, SBL__BOUNCE_GATHER, SBL__BOUNCE_NOISE,
+    SBL__BOUNCE_PROPAGATE, SBL__BOUNCE_UNCERTAINTY, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
 };
 
 typedef struct sbl__bounce {
@@ -11133,33 +11135,30 @@ typedef struct sbl__bounce {
     sbl__bounce_leaf *states;        /* one state per leaf */
     int point_count, point_room, state_room;
     sbl__hits hits;                  /* hits of the points' rays, SBL__BOUNCE_RAYS per point */
-    float progress;
     sbl__patching patching;          /* this field and all below are dropped when the store is ready */
     double samples_due;              /* number of surface samples due for the triangles visited so far */
     sbl__hits samples;               /* surface samples: places spread over all surfaces */
     sbl__hits queue;                 /* places that may become points: a part of samples, hits or `released` */
-    sbl__hits waiting, released;     /* hits in leaves that are still to be cut, which are held back; hits whose
-                                        leaves have been cut since, to be queued */
+    sbl__hits waiting;               /* hits in leaves that the next contact rays may cut; queued after the cuts */
+    sbl__hits released;              /* the previous `waiting`, while it is queued */
     sbl__hits contacts;              /* hits of contact rays */
     int cut_leaves;                  /* number of leaves that contact rays have cut */
     int points_cast;                 /* number of points whose rays have been cast */
     uint32_t *sequence;              /* low-discrepancy numbers from 0 to 1, in units of 2^-32, from which ray
                                         directions are made */
-    struct { int known; uint32_t place; float normal[3], offset; } origin;  /* result of the last sbl__place_normal */
+    struct { uint32_t place; float normal[3], offset; } origin;  /* result of the last sbl__place_normal */
     sbl__site *sites;                /* the job's sites: points, then places in the air */
     sbl_reading *readings;
     uint32_t recent_lines[SBL__CONTACT_CACHE];  /* hash table of contact lines (where an object touches a flat
-                                                   surface) that have cut cells recently, so that none does it twice */
+                                                   surface) that have cut their cells; hash collisions drop some */
     int recheck;                     /* 1: a line has cut leaves that had points, so all hits must be placed again */
     float *direct;                   /* direct light of each leaf, 3 floats; then the noise of each leaf */
     float *solved;                   /* light of each leaf, saved while the leaves hold noise */
-    int *order;                      /* order[p]: place of point number p among the points sorted by leaf */
     double change;                   /* balance.change of the previous round */
     /* sums over leaves in this round: direct light, all light before and after the round, absolute changes of light */
     struct { double direct[3], before[3], after[3], change; } balance;
     double needed_growth;            /* factor by which the cells' area must grow; 0: leaves suffice */
-    double previous_fill;            /* share of the allowed leaves that were in use when cells last became smaller;
-                                        0: they never did */
+    double previous_fill;            /* fill when cells last became smaller; 0: they never did */
     int rounds;
     int samples_placed, seen_leaves; /* 1: surface samples have been placed; number of leaves that rays have hit */
     sbl__table casts;
@@ -11245,7 +11244,8 @@ static void sbl__cast_take(const sbl__cast *ray, const float place[4], const flo
     sbl__share_pack(albedo, out->albedo);
 }
 
-/* Casts rays number stages.at .. count - 1 into hits, piece by piece. make: computes the ray with a given number */
+/* Casts the rays stages.at to count - 1, piece by piece. make: computes a ray from its number. hits: receives the hit
+   of each ray at the ray's number */
 static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, int number, sbl__cast *out), int count,
                                    sbl__hits *hits, const sbl__slice *slice) {
     sbl__device *d = &b->core->device;
@@ -11288,9 +11288,9 @@ static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
     return patch | (at->distance * SBL__NEAR_PART < s->length ? SBL__PATCH_NEAR : 0);
 }
 
-/* Returns the reference to the leaf of a place, in its cell or, if the cell has no leaf and leaves are becoming scarce,
-   in a wider cell; NULL: there is no slot. patch: NULL, or receives the patch word with the level of the cell. A place
-   that no surface sees uses the widest cells only, because only points in the air may see it. */
+/* Returns the reference to the leaf of a place, which is 0 if there is no leaf yet; NULL: no slot is left. If the cell
+   has no leaf and leaves are becoming scarce, a wider cell is used. patch: NULL, or receives the patch word with the
+   level of the cell. Places at distance SBL__UNSEEN, which only points in the air may see, use the widest cells. */
 static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32_t *patch) {
     static const double fills[SBL__LEVELS] = { SBL__FILL_WIDER, SBL__FILL_WIDEST, 1 };
     uint32_t *reference = NULL, word = sbl__place_patch(s, at);
@@ -11332,6 +11332,7 @@ static sbl_result sbl__bounce_patches(void *work, sbl__slice *slice) {
     sbl__free(base, *words);
     *words = (uint32_t *)sbl__alloc(base, (size_t)b->geometry->triangle_count, sizeof **words);
     b->sequence = sbl__sequence_make(base, SBL__BOUNCE_SEQUENCES, SBL__BOUNCE_RAYS, 1);
+    b->origin.place = SBL__NOWHERE;
     if (!*words || !b->sequence) return SBL_ERROR_OUT_OF_MEMORY;
     result = sbl__patching_begin(base, &b->patching, b->geometry);
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
@@ -11457,7 +11458,7 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     return ok ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Sets the places that may become points next. */
+/* Queues places that may become points. Returns the stage that makes points of them. */
 static int sbl__bounce_queue(sbl__bounce *b, sbl__hit *list, int count) {
     b->queue.list = list;
     b->queue.count = count;
@@ -11538,10 +11539,9 @@ static sbl_result sbl__bounce_cast_contacts(void *work, sbl__slice *slice) {
 /* The line along which an object stands on a flat surface. */
 typedef struct sbl__contact {
     uint32_t patch;              /* word of the flat surface */
-    uint32_t object;             /* word of the object's flat patch | 1, or number of its triangle * 2 */
+    uint32_t object;             /* identifies the object: its patch word | 1 if flat, or 2 * triangle */
     float normal[3], distance;   /* plane of the touching object: dot(normal, x) = distance */
     double from[3], along[3];    /* one end of the line, and the vector to the other end */
-    uint32_t *reference;         /* reference in the slot of the cell that is being cut */
 } sbl__contact;
 
 static void sbl__contact_position(const sbl__contact *line, double t, float position[3]) {
@@ -11550,7 +11550,7 @@ static void sbl__contact_position(const sbl__contact *line, double t, float posi
 }
 
 /* Makes the line where the surface of `at` meets the plane that its contact ray hit, within the bounds of both: of flat
-   patches or, if the object is not flat, of its triangle. Returns 0 if it is too short or the surface is not flat. */
+   patches or, if the object is not flat, of its triangle. Returns 0 if the line is short or the surface not flat. */
 static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl__hit *hit, sbl__contact *line) {
     const sbl__store *s = b->store;
     const sbl__geometry *g = b->geometry;
@@ -11592,16 +11592,16 @@ static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl
     return 1;
 }
 
-/* Cuts all leaves that the line crosses below a reference: sides[side] of a cut or, if `cut` is negative,
-   line->reference. range: part of the line in the reference's part of the cell. */
-static sbl_result sbl__contact_part(sbl__bounce *b, const sbl__contact *line, int cut, int side,
+/* Cuts the leaf to which the reference leads or, if it leads to a cut, the leaves below it that the line crosses.
+   depth: number of cuts above the reference. range: where the line enters and leaves the part of the cell to which the
+   reference leads, 0 to 1 along the line */
+static sbl_result sbl__contact_part(sbl__bounce *b, const sbl__contact *line, uint32_t *reference,
                                     const double range[2], int depth) {
     sbl__store *s = b->store;
     const double apart = SBL__CONTACT_APART * (double)s->length;
-    uint32_t *reference = cut < 0 ? line->reference : &s->cuts[cut].sides[side];
     sbl_result result = SBL_SUCCESS;
     double over[2];
-    int i;
+    int i, side, cut;
     if (*reference < SBL__CELL_CUT) {
         const float *first = *reference ? b->points[b->states[*reference - 1].first].at.position : NULL;
         if (depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
@@ -11622,13 +11622,13 @@ static sbl_result sbl__contact_part(sbl__bounce *b, const sbl__contact *line, in
         double part[2];
         if (SBL__MAX(sign * over[0], sign * over[1]) <= apart) continue;
         for (i = 0; i < 2; i++) part[i] = sign * over[i] < 0 ? cross : range[i];
-        result = sbl__contact_part(b, line, cut, side, part, depth + 1);
+        result = sbl__contact_part(b, line, &s->cuts[cut].sides[side], part, depth + 1);
     }
     return result;
 }
 
 /* Cuts all cells that the line crosses and that have the patch word line->patch. */
-static sbl_result sbl__contact_walk(sbl__bounce *b, sbl__contact *line) {
+static sbl_result sbl__contact_walk(sbl__bounce *b, const sbl__contact *line) {
     const sbl__store *s = b->store;
     const double length = (double)sbl__cell_length(s, line->patch);
     double next[3], step[3], range[2] = { 0, 0 };
@@ -11642,18 +11642,19 @@ static sbl_result sbl__contact_walk(sbl__bounce *b, sbl__contact *line) {
     }
     while (range[0] < 1 && result == SBL_SUCCESS) {
         const int axis = next[0] <= next[1] && next[0] <= next[2] ? 0 : next[1] <= next[2] ? 1 : 2;
+        uint32_t *reference;
         float middle[3];
         range[1] = SBL__MIN(next[axis], 1.0);
         sbl__contact_position(line, 0.5 * (range[0] + range[1]), middle);
-        line->reference = sbl__store_slot(s, line->patch, middle);
-        if (line->reference) result = sbl__contact_part(b, line, -1, 0, range, 0);
+        reference = sbl__store_slot(s, line->patch, middle);
+        if (reference) result = sbl__contact_part(b, line, reference, range, 0);
         range[0] = range[1];
         next[axis] += step[axis];
     }
     return result;
 }
 
-/* Cuts all cells along the line at every level and distance, unless it has done so recently. */
+/* Cuts all cells along the line, those of each level and of near and far rays, unless b->recent_lines has the line. */
 static sbl_result sbl__contact_cut(sbl__bounce *b, sbl__contact *line) {
     const uint32_t patch = line->patch, hash = sbl__hash_step(sbl__hash_step(0, patch), line->object);
     uint32_t *recent = &b->recent_lines[hash % SBL__CONTACT_CACHE];
@@ -11708,14 +11709,19 @@ static sbl_result sbl__bounce_cuts(void *work, int at) {
     return result;
 }
 
+static void sbl__swap(void *a, void *b, size_t bytes) {
+    char keep[SBL__BOUNCE_RAYS * sizeof(sbl__hit)];
+    memcpy(keep, a, bytes);
+    memcpy(a, b, bytes);
+    memcpy(b, keep, bytes);
+}
+
 static int sbl__bounce_after_cuts(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
-    const sbl__hits waiting = b->waiting;
     b->cut_leaves = b->store->leaf_count;
-    b->waiting = b->released;
+    sbl__swap(&b->waiting, &b->released, sizeof b->waiting);
     b->waiting.count = 0;
-    b->released = waiting;
-    return sbl__bounce_queue(b, waiting.list, waiting.count);
+    return sbl__bounce_queue(b, b->released.list, b->released.count);
 }
 
 /* >>bounce: rays */
@@ -11724,8 +11730,7 @@ static int sbl__bounce_after_cuts(void *work) {
 static void sbl__bounce_surface_ray(sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number, sbl__cast *out) {
     const float *normal = b->origin.normal;
     int k;
-    if (!b->origin.known || b->origin.place != at->place) {
-        b->origin.known = 1;
+    if (b->origin.place != at->place) {
         b->origin.place = at->place;
         b->origin.offset = sbl__place_normal(b->geometry, at->place, b->origin.normal);
     }
@@ -11796,39 +11801,27 @@ static sbl_result sbl__bounce_relocate(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Computes an order in which the points of each leaf are consecutive. */
-static sbl_result sbl__bounce_order(void *work, sbl__slice *slice) {
+/* Numbers the points of each leaf, and sets `first` of each leaf to its value after sorting. */
+static int sbl__bounce_after_relocate(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const int leaves = b->store->leaf_count;
     int i, next = 0;
-    (void)slice;
-    b->order = (int *)sbl__alloc_raw(&b->core->base, (size_t)b->point_count, sizeof *b->order);
-    if (!b->order) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < leaves; i++) b->states[i].points = 0;
-    for (i = 0; i < b->point_count; i++) b->order[i] = b->states[b->points[i].leaf].points++;
+    for (i = 0; i < b->point_count; i++) b->points[i].number = b->states[b->points[i].leaf].points++;
     for (i = 0; i < leaves; next += b->states[i++].points) b->states[i].first = next;
-    for (i = 0; i < b->point_count; i++) b->order[i] += b->states[b->points[i].leaf].first;
-    return SBL_SUCCESS;
-}
-
-static void sbl__swap(void *a, void *b, size_t bytes) {
-    char keep[SBL__BOUNCE_RAYS * sizeof(sbl__hit)];
-    memcpy(keep, a, bytes);
-    memcpy(a, b, bytes);
-    memcpy(b, keep, bytes);
+    return SBL__BOUNCE_SORT;
 }
 
 /* Sorts points and their hits by leaf. Rounds of bounces in another order take 3 to 6 times as long. */
 static sbl_result sbl__bounce_sort(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
+    sbl__bounce_point *p = &b->points[at];
     sbl__hit *hits = b->hits.list;
-    int *to = &b->order[at];
-    while (*to != at) {
-        const int j = *to;
-        sbl__swap(&b->points[at], &b->points[j], sizeof *b->points);
-        sbl__swap(&hits[(size_t)at * SBL__BOUNCE_RAYS], &hits[(size_t)j * SBL__BOUNCE_RAYS],
+    int to;
+    while ((to = b->states[p->leaf].first + p->number) != at) {
+        sbl__swap(p, &b->points[to], sizeof *p);
+        sbl__swap(&hits[(size_t)at * SBL__BOUNCE_RAYS], &hits[(size_t)to * SBL__BOUNCE_RAYS],
                   SBL__BOUNCE_RAYS * sizeof *hits);
-        sbl__swap(to, &b->order[j], sizeof *to);
     }
     return SBL_SUCCESS;
 }
@@ -12089,12 +12082,12 @@ static sbl_result sbl__bounce_send(void *work, sbl__slice *slice) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     (void)slice;
     b->core->device.gl.doing = "storing bounced light";
-    return sbl__store_send(&b->core->device, b->store, b->geometry->triangle_count, b->geometry->wide);
+    return sbl__store_send(&b->core->device, b->store, b->geometry);
 }
 
 /* >>bounce: light in the air, for objects that the host draws */
 
-/* Measures light with six sensors each at the centre of draw_bounds and half way from there to each corner. */
+/* Begins to measure light with six sensors each at the centre of draw_bounds and half way from there to its corners. */
 static int sbl__bounce_after_send(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__scene *scene = &b->core->scene;
@@ -12135,7 +12128,7 @@ static void sbl__bounce_free_temporary(const sbl__device *d, sbl__bounce *b) {
     const sbl__patching *p = &b->patching;
     void *const blocks[] = { p->places.slots, p->ends.slots, p->welded, p->corners, p->parents, p->patches,
                              b->samples.list, b->waiting.list, b->released.list, b->contacts.list, b->sequence,
-                             b->sites, b->readings, b->direct, b->solved, b->order };
+                             b->sites, b->readings, b->direct, b->solved };
     int i;
     for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(d->base, blocks[i]);
     sbl__table_delete(d, &b->casts);
@@ -12187,8 +12180,7 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
         { sbl__bounce_cast_contacts, NULL, NULL, NULL },
         { NULL, sbl__bounce_after_cuts, sbl__bounce_cuts, sbl__bounce_uncut_leaves },
         { sbl__bounce_cast_points, sbl__bounce_after_rays, NULL, NULL },
-        { NULL, NULL, sbl__bounce_relocate, sbl__bounce_points },
-        { sbl__bounce_order, NULL, NULL, NULL },
+        { NULL, sbl__bounce_after_relocate, sbl__bounce_relocate, sbl__bounce_points },
         { NULL, NULL, sbl__bounce_sort, sbl__bounce_points },
         { NULL, NULL, sbl__bounce_link, sbl__bounce_points },
         { sbl__bounce_allocate, sbl__bounce_after_sites, sbl__bounce_site, sbl__bounce_points },
@@ -12216,23 +12208,14 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     return result;
 }
 
-/* Estimates how much of the store is done, 0 to 1, never less than before. Rays between surfaces are half of it. */
-static float sbl__bounce_progress(sbl__core *c) {
-    sbl__bounce *b = c->bounce;
-    float now;
+/* Estimates how much of the store is done, 0 to 1; less than before after a restart. Rays between surfaces are half. */
+static float sbl__bounce_progress(const sbl__core *c) {
+    const sbl__bounce *b = c->bounce;
     if (c->scene.store.ready || !b) return c->scene.store.ready ? 1.0f : 0.0f;
-    now = b->stages.stage < SBL__BOUNCE_SITES
-              ? 0.5f * (float)b->points_cast / (float)(SBL__BOUNCE_POINTS * b->store->max_leaves)
-        : b->stages.stage == SBL__BOUNCE_SITES ? 0.5f
-        : b->stages.stage == SBL__BOUNCE_LIGHT ? 0.5f + 0.4f * sbl__job_progress(&b->job)
-                                               : 0.9f;
-    b->progress = SBL__MAX(b->progress, SBL__MIN(now, 0.99f));
-    return b->progress;
-}
-
-/* Returns the share of progress that filling the store takes, or 0 if the store is ready or not needed. */
-static float sbl__prepare_share(const sbl__core *c, const sbl__measurement *s) {
-    return s->options.mode == SBL_MODE_GI && !c->scene.store.ready ? SBL__BOUNCE_TIME : 0;
+    return b->stages.stage < SBL__BOUNCE_SITES
+               ? 0.5f * (float)b->points_cast / (float)(SBL__BOUNCE_POINTS * b->store->max_leaves)
+         : b->stages.stage == SBL__BOUNCE_SITES ? 0.5f
+         : b->stages.stage == SBL__BOUNCE_LIGHT ? 0.5f + 0.4f * sbl__job_progress(&b->job) : 0.9f;
 }
 
 /* Prepares what a measurement needs, piece by piece: hierarchy and lamps for rays, the store for bounced light. */
@@ -12255,7 +12238,7 @@ static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__sli
 #define SBL__SAVED_VERSION 4u
 #define SBL__SAVED_ORDER 0x01020304u   /* tells the byte order */
 #define SBL__SAVED_SEED 0xcbf29ce484222325u
-#define SBL__SAVED_CELLS (1 << 22)     /* largest number of slots, of cuts, and of leaves times 2 */
+#define SBL__SAVED_CELLS (1 << 22)     /* maximum number of slots and of cuts in a stream; leaves: half of it */
 
 typedef struct sbl__saved {
     char name[8];
@@ -12367,9 +12350,8 @@ static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene,
     sbl__saved_stream stream = { get, NULL, user, SBL__SAVED_SEED };
     sbl__saved header;
     uint64_t sum, end;
-    *why = "it ends too soon";
-    if (!sbl__saved_transfer(&stream, &header, sizeof header)) return SBL_ERROR_INVALID_ARGUMENT;
-    *why = sbl__saved_check(&header, scene);
+    *why = sbl__saved_transfer(&stream, &header, sizeof header) ? sbl__saved_check(&header, scene)
+                                                                : "it ends too soon";
     if (*why) return SBL_ERROR_INVALID_ARGUMENT;
     s->patches = (uint32_t *)sbl__alloc(d->base, (size_t)header.triangles, sizeof *s->patches);
     s->cells = (sbl__cell_slot *)sbl__alloc(d->base, (size_t)header.cells, sizeof *s->cells);
@@ -12390,21 +12372,21 @@ static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene,
 /* Replaces the scene's store with a store from a stream. On failure the scene keeps its store. */
 static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *user) {
     sbl__scene *scene = &c->scene;
-    const int triangles = scene->geometry.triangle_count, wide = scene->geometry.wide;
+    const sbl__geometry *g = &scene->geometry;
     const char *why = NULL;
     sbl__store s;
     sbl_result result;
     memset(&s, 0, sizeof s);
     s.max_leaves = scene->store.max_leaves;
     result = sbl__saved_read(&c->device, scene, &s, get, user, &why);
-    if (result == SBL_SUCCESS && !wide && triangles / 4 + 1 + s.cell_room / 2 + 2 * s.cut_count + s.leaf_count >
-                                              c->device.gl.capabilities.max_texture_buffer_size) {
+    if (result == SBL_SUCCESS && !g->wide && g->triangle_count / 4 + 1 + s.cell_room / 2 + 2 * s.cut_count +
+                                             s.leaf_count > c->device.gl.capabilities.max_texture_buffer_size) {
         why = "it is larger than this driver's tables";
         result = SBL_ERROR_UNSUPPORTED;
     }
     if (why) sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_STORE, "sbl_load_store: %s", why);
     c->device.gl.doing = "storing bounced light";
-    if (result == SBL_SUCCESS) result = sbl__store_send(&c->device, &s, triangles, wide);
+    if (result == SBL_SUCCESS) result = sbl__store_send(&c->device, &s, g);
     if (result != SBL_SUCCESS) {
         sbl__store_free(&c->device, &s);
         return result;
@@ -13747,14 +13729,10 @@ static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, floa
     else f->orphans++;
 }
 
-/* Returns the next of a pixel's eight neighbours that waits for light and belongs to the pixel's surface, or -1. */
-static int sbl__fill_neighbour(const sbl__rings *rings, int index, size_t *place) {
-    const sbl__refine *r = ((const sbl__fill *)rings->user)->refine;
-    int other;
-    while ((other = sbl__ring_grid(rings, index, place)) >= 0)
-        if (rings->ring[other] == SBL__RING_WAITS &&
-            sbl__belongs(&r->pixels[other], &r->pixels[index], r->geometry_aware) > 0) break;
-    return other;
+/* Returns 1 if a neighbour of a pixel belongs to the surface of the pixel. */
+static int sbl__fill_joined(const void *user, int index, int other) {
+    const sbl__refine *r = ((const sbl__fill *)user)->refine;
+    return sbl__belongs(&r->pixels[other], &r->pixels[index], r->geometry_aware) > 0;
 }
 
 /* Sets light and noise of an orphan to the mean of those neighbours on its surface that earlier rings have reached. */
@@ -13776,7 +13754,7 @@ static void sbl__fill_mean(void *user, int index) {
 static sbl_result sbl__fill_make(sbl__fill *f) {
     const sbl__refine *r = f->refine;
     f->rings.user = f;
-    f->rings.neighbour = sbl__fill_neighbour;
+    f->rings.joined = sbl__fill_joined;
     f->rings.mean = sbl__fill_mean;
     f->rings.width = r->width;
     f->rings.last = INT_MAX;
@@ -14102,7 +14080,6 @@ static sbl_result sbl__gutters_begin(sbl__base *base, sbl__gutters *g, const int
     g->size[1] = size[1];
     g->spread.user = g;
     g->spread.mean = sbl__gutters_mean;
-    g->spread.neighbour = sbl__ring_grid;
     g->light = (float *)sbl__alloc_raw(base, texels, 16);
     return g->light ? sbl__rings_make(base, &g->spread, (int)texels) : SBL_ERROR_OUT_OF_MEMORY;
 }
@@ -14487,7 +14464,7 @@ static sbl_result sbl__work_begin(sbl__work *w, const sbl__front_end *front_end,
     w->front_end = front_end;
     w->core = core;
     w->measurement = *measurement;
-    w->store_share = sbl__prepare_share(core, measurement);
+    if (measurement->options.mode == SBL_MODE_GI && !core->scene.store.ready) w->store_share = SBL__BOUNCE_TIME;
     return front_end->begin(w, desc);
 }
 

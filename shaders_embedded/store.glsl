@@ -22,7 +22,7 @@ int sbl_leaf_at(int number, bool back, vec3 position, float distance) {
     }
     if (distance * per_cell * float(SBL_NEAR_PART) < 1.0) patch_word |= SBL_PATCH_NEAR;
     uint reference = 0u;
-    // Each level is tried first with the near bit for this distance, then with the other one.
+    // Each level has cells for near and for far rays. Those for this distance are tried first.
     for (int tries = 0; tries < 2 * SBL_LEVELS && reference == 0u; tries++) {
         uint hash = sbl_hash_step(sbl_hash_step(sbl_hash_step(sbl_hash_step(0u, patch_word), at.x), at.y), at.z);
         uint check = sbl_hash_step(sbl_hash_step(sbl_hash_step(hash, at.z), at.y), at.x) | 1u;

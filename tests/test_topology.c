@@ -106,7 +106,6 @@ static void spread(int last) {
     sbl__slice slice = slice_of(0);
     int i, x, y;
     memset(&rings, 0, sizeof rings);
-    rings.neighbour = sbl__ring_grid;
     rings.mean = mean_of_neighbours;
     rings.width = GRID_WIDTH;
     rings.last = last;
