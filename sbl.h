@@ -2484,7 +2484,7 @@ typedef struct sbl__record {
     const char *name;          /* prefix of the GLSL functions' names */
     const char *sampler;       /* name of the table's sampler */
     const char *declaration;   /* GLSL declaration of the sampler; "" if another record of the same table declares it */
-    const char *first;         /* uniform that holds the texel of the first record; NULL: the first record is at 0 */
+    const char *first;         /* uniform: number of the first record's first texel; NULL: that number is 0 */
     int texels;                /* number of texels that one struct takes in a table */
     const sbl__field *fields;
     int field_count;
@@ -2518,7 +2518,7 @@ typedef struct sbl__record {
 #define SBL__TEXTURE_FLOAT 2u      /* kind of a texture: 16-bit float */
 #define SBL__TEXTURE_KIND 3u       /* mask of the kind; 0 means that there is no texture */
 #define SBL__TEXTURE_CLAMPS 4u     /* flag: coordinates are clamped; otherwise the texture repeats */
-#define SBL__LEAF 0x80000000u      /* references to children in the hierarchy, see >>bvh */
+#define SBL__LEAF 0x80000000u      /* references in the hierarchy, see sbl__node, and in a ray's stack (LEAVE, END) */
 #define SBL__ENTER 0xc0000000u
 #define SBL__LEAVE 0xd0000000u
 #define SBL__END 0xffffffffu
@@ -2529,17 +2529,17 @@ typedef struct sbl__record {
 #define SBL__LAMP_SKY_TEXEL 3u
 #define SBL__LAMP_KIND_SHIFT 30
 #define SBL__FAR_NODE 0x80000000u  /* flag: all lamps of a node are at infinity */
-#define SBL__PATCH_BACK 1u         /* bits of a patch's word, see >>store */
+#define SBL__PATCH_BACK 1u         /* bits of a patch word, see sbl__patch_word */
 #define SBL__PATCH_FLAT 2u
 #define SBL__PATCH_AXIS_SHIFT 2
-#define SBL__PATCH_NEAR 16u        /* flag: the ray that meets the patch is shorter than a cell's length / NEAR_PART */
-#define SBL__PATCH_LEVEL 32u       /* the lower of the two bits that hold the cell's level */
+#define SBL__PATCH_NEAR 16u        /* flag: the ray is shorter than 1 / NEAR_PART of a level-0 cell's length */
+#define SBL__PATCH_LEVEL 32u       /* factor of the cell's level, which takes two bits */
 #define SBL__PATCH_SHIFT 7
 #define SBL__NEAR_PART 2
 #define SBL__SLOT_TRIES 64         /* largest number of slots that a search in the hash grid visits */
-#define SBL__CELL_CUT 0x80000000u  /* flag of a reference: it leads to a cut, not to a leaf */
+#define SBL__CELL_CUT 0x80000000u  /* flag of a reference in the store: it leads to a cut, not to a leaf */
 #define SBL__CELL_DEPTH 8          /* largest number of cuts between a cell and a leaf */
-#define SBL__LEVELS 3              /* number of cell sizes; the store uses larger cells when leaves become scarce */
+#define SBL__LEVELS 3              /* number of cell sizes; new surfaces get larger cells as the store fills up */
 #define SBL__LEVEL_SHIFT 2         /* cells of level n + 1 are 2^this times as long as cells of level n */
 #define SBL__CAST_NUMBERS 1048576  /* cast.glsl stores a triangle's number n as two floats, n % this and n / this */
 #define SBL__GUIDE_RINGS 16        /* rings of a guide's histogram, see >>guide */
@@ -2566,15 +2566,15 @@ typedef struct sbl__record {
 #define SBL__NORMAL_LEAST 1e-12        /* squared length up to which an interpolated normal is replaced by the face's */
 #define SBL__GRAZING 0.01              /* smallest cosine that a shading normal may have with the direction to the
                                           viewer or, at sites of >>vertices, with the face's normal */
-#define SBL__BELONGS_COSINE 0.8f       /* belongs.glsl: the weight is 0 up to this cosine between two points' normals */
-#define SBL__BELONGS_TURN 0.2f         /* the weight is not reduced if the cosine is larger by this or more */
-#define SBL__BELONGS_OFF 8.0f          /* the weight falls from 1 to 0 while this * distance from the plane / distance
-                                          between the points rises from 1 to 2 */
+#define SBL__BELONGS_COSINE 0.8f       /* sbl_belongs is 0 up to this cosine of the angle between two points' normals */
+#define SBL__BELONGS_TURN 0.2f         /* from BELONGS_COSINE + this on, the angle does not reduce sbl_belongs */
+#define SBL__BELONGS_OFF 8.0f          /* sbl_belongs falls to 0 while this * (distance of a point from the other's plane)
+                                          / (distance between the points) rises from 1 to 2 */
 #define SBL__FILTER_VISIBLE 0.0025f    /* invisible relative difference of light, which the filter may smooth */
 #define SBL__FILTER_FALL 0.25          /* the filter's weights are exp(-this * (difference / noise)^2) */
 #define SBL__DIVISOR_LEAST 1e-30f      /* prevents divisions by 0 */
 
-/* The constants that shaders get as #defines: SBL__name as its text, SBL_MATERIAL_name as its value. */
+/* Constants that shaders get as #define SBL_name, with the text of SBL__name or the value of SBL_MATERIAL_name */
 #define SBL__SHARED_CONSTANTS(X) \
     X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) \
     X(PATCH_AXIS_SHIFT) X(NEAR_PART) X(SLOT_TRIES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) \
@@ -2857,7 +2857,7 @@ static sbl_result sbl__target_read(const sbl__device *d, const sbl__target *t, i
 enum {
     SBL__TEXTURED = 1 << 0,     /* the scene has textures, cutouts or vertex colours */
     SBL__WIDE = 1 << 1,         /* the scene's tables are 2D textures, see sbl__table */
-    SBL__VIEWS = 1 << 2,        /* also test rays towards lamps against views, which alone hold what the host draws */
+    SBL__VIEWS = 1 << 2,        /* also test rays towards lamps against views: only views show what the host draws */
     SBL__INSPECT = 1 << 3,      /* lamps.glsl writes each ray, for sbl_inspect_sensor */
     SBL__WRITE_DEPTH = 1 << 4,  /* shaders write depth, because the driver has no clip control */
     SBL__COMPUTE = 1 << 5,      /* use compute shaders in recipes that allow them, see sbl__invoke */
@@ -3158,10 +3158,10 @@ static void sbl__invoke(const sbl__device *d, const sbl__target *t, int row, int
     }
 }
 
-/* Rounds a number of items to a multiple of a lot, at least one lot. invocations: number of invocations per item */
-static double sbl__whole_lots(const sbl__device *d, double room, int invocations) {
+/* Rounds a number of items to the nearest multiple of a lot, at least one lot. invocations: per item */
+static double sbl__whole_lots(const sbl__device *d, double items, int invocations) {
     const double lot = SBL__MAX(d->lot / invocations, 1);
-    return SBL__MAX(floor(room / lot + 0.5), 1.0) * lot;
+    return SBL__MAX(floor(items / lot + 0.5), 1.0) * lot;
 }
 
 /* An attribute of a vertex array, and its place in a buffer. */
@@ -5132,14 +5132,14 @@ typedef struct sbl__bvh_task {
     sbl__bvh_bounds bounds;
 } sbl__bvh_task;
 
-/* The split of a task's triangles into two halves. */
+/* The split of a task's triangles into two parts, one for each child. */
 typedef struct sbl__bvh_split {
-    int left;                    /* triangles moved to the first half so far */
-    int axis, bin;               /* the first half ends with this bin along the axis; axis < 0: there is no split */
+    int left;                    /* triangles moved to the first part so far */
+    int axis, bin;               /* the first part ends with this bin along the axis; axis < 0: there is no split */
     float scale[3];              /* bins per unit of doubled centroids; 0: the axis is not split */
     sbl__box bins[3][SBL__BVH_BINS];
     int counts[3][SBL__BVH_BINS];
-    sbl__bvh_bounds halves[2];
+    sbl__bvh_bounds parts[2];
 } sbl__bvh_split;
 
 /* Cost of a node. sum: area of its box * number of nodes and triangles that a ray through the box tests on average */
@@ -5209,7 +5209,7 @@ static int sbl__bvh_chunks(void *work) {
     return (((sbl__bvh *)work)->task.count + SBL__BVH_CHUNK - 1) / SBL__BVH_CHUNK;
 }
 
-/* Puts the triangles of a chunk into bins (SBL__BVH_COUNT), or moves those of the first half to the front of the task
+/* Puts the triangles of a chunk into bins (SBL__BVH_COUNT), or moves those of the first part to the front of the task
    (SBL__BVH_PART). */
 static sbl_result sbl__bvh_chunk(void *work, int chunk) {
     sbl__bvh *b = (sbl__bvh *)work;
@@ -5223,7 +5223,7 @@ static sbl_result sbl__bvh_chunk(void *work, int chunk) {
         const sbl__box *box = &b->boxes[number];
         if (b->stages.stage == SBL__BVH_PART) {
             const int second = sbl__bvh_bin(b, box, s->axis) > s->bin;
-            sbl__bvh_bounds_add(&s->halves[second], box);
+            sbl__bvh_bounds_add(&s->parts[second], box);
             if (second) continue;
             order[i] = order[b->task.first + s->left];
             order[b->task.first + s->left++] = number;
@@ -5300,8 +5300,8 @@ static int sbl__bvh_corner_order(const void *first, const void *second) {
     return a[k] < b[k] ? -1 : a[k] > b[k];
 }
 
-/* Drops triangles that have exactly the corners of a triangle with a lower number and without holes: a ray hits the
-   latter, but would test all of them. Shortens the task. */
+/* Drops triangles with exactly the corners of another triangle that has a lower number and no holes. No ray hits such
+   copies, but rays would test them. Shortens the task. */
 static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
     const sbl__geometry *g = b->geometry;
     uint32_t *order = b->hierarchy->order;
@@ -5349,7 +5349,7 @@ static int sbl__bvh_next_task(void *work) {
     }
     memset(s, 0, sizeof *s);
     s->axis = -1;
-    for (k = 0; k < 2; k++) s->halves[k].box = s->halves[k].centroids = sbl__box_empty;
+    for (k = 0; k < 2; k++) s->parts[k].box = s->parts[k].centroids = sbl__box_empty;
     for (axis = 0; axis < 3; axis++) {
         const float size = centroids->high[axis] - centroids->low[axis];
         const float scale = size > 0 ? (float)SBL__BVH_BINS * 0.99999f / size : 0;
@@ -5359,7 +5359,7 @@ static int sbl__bvh_next_task(void *work) {
     return SBL__BVH_COUNT;
 }
 
-/* Writes the node of the present task after its split. Each half becomes a leaf or a task. */
+/* Writes the node of the present task after its split. Each part becomes a leaf or a task. */
 static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__bvh_split *s = &b->split;
@@ -5367,20 +5367,20 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
     const int node = b->hierarchy->node_count++;
     int side, i;
     (void)slice;
-    if (!s->left) {  /* no split was found; the first half of a single triangle is a box that no ray enters */
+    if (!s->left) {  /* no split was found. The first part may be empty; no ray enters its box */
         const sbl_result result = sbl__bvh_drop_copies(b, t);
         if (result != SBL_SUCCESS) return result;
         s->left = t->count / 2;
         for (i = 0; i < t->count; i++)
-            sbl__bvh_bounds_add(&s->halves[i >= s->left], &b->boxes[b->hierarchy->order[t->first + i]]);
+            sbl__bvh_bounds_add(&s->parts[i >= s->left], &b->boxes[b->hierarchy->order[t->first + i]]);
     }
     b->work[node].area = sbl__box_area(&t->bounds.box);
     b->work[node].parent = t->parent;
     for (side = 0; side < 2; side++) {
         const int first = side ? t->first + s->left : t->first, count = side ? t->count - s->left : s->left;
         uint32_t *child = b->children[2 * node + side];
-        sbl__bvh_quantise(&t->grid, &s->halves[side].box, child);
-        b->work[node].sum += (double)sbl__box_area(&s->halves[side].box) * (count <= SBL__BVH_LEAF ? 1 + count : 1);
+        sbl__bvh_quantise(&t->grid, &s->parts[side].box, child);
+        b->work[node].sum += (double)sbl__box_area(&s->parts[side].box) * (count <= SBL__BVH_LEAF ? 1 + count : 1);
         if (count <= SBL__BVH_LEAF)
             child[3] = SBL__LEAF | (uint32_t)(SBL__MAX(1, count) - 1) << 28 | (uint32_t)first;
         else {
@@ -5391,7 +5391,7 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
             task->depth++;
             task->parent = node;
             task->side = side;
-            task->bounds = s->halves[side];
+            task->bounds = s->parts[side];
         }
     }
     return SBL_SUCCESS;
@@ -5469,8 +5469,7 @@ static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, 
     *at += count;
     if (*at < all) return SBL_UNFINISHED;
     result = sbl__table_attach(b->device, t, SBL__GL_RGBA32UI, b->geometry->wide);
-    if (b->geometry->wide) sbl__buffer_delete(b->device, &t->buffer);  /* shaders then read a 2D texture that holds
-                                                                          a copy */
+    if (b->geometry->wide) sbl__buffer_delete(b->device, &t->buffer);  /* the 2D texture holds a copy */
     return result;
 }
 
@@ -5546,7 +5545,7 @@ static const char *const sbl__glsl_traverse[] = {
 "\n",
 "const int SBL_HOLES = 64;             // largest number of holes of cut-out surfaces that a ray passes\n",
 "const int SBL_BOX_SLACK = 8;          // units in the last place, see Ize 2013, \"Robust BVH Ray Traversal\"\n",
-"const float SBL_SELF_DEEP = 1e-4;     // share of a triangle's depth; a nearer hit may be rounding: see sbl_test\n",
+"const float SBL_SELF_DEEP = 1e-4;     // sbl_test checks hits nearer than this * triangle's depth for rounding\n",
 "const float SBL_SELF_WIDE = 2.4e-7;\n",
 "\n",
 "// Attributes at barycentrics b1, b2 of a triangle of sbl_triangles.\n",
@@ -5644,7 +5643,7 @@ static const char *const sbl__glsl_traverse[] = {
 "    stack[0] = SBL_END;\n",
 "    int top = 0;\n",
 "    uint node = node_count == 0 ? SBL_END : 1u;\n",
-"    // Each turn visits a leaf or changes grids. softpipe does not leave this loop unless their number is limited.\n",
+"    // Each turn visits a leaf or changes grids. softpipe leaves this loop only if the number of turns is limited.\n",
 "    for (int turns = 4 * node_count + 4; turns > 0; turns--) {\n",
 "        while (node < SBL_LEAF) {  // descends to a leaf, to the nearer child first\n",
 "            uvec4 first = sbl_node_child_0(int(node)), second = sbl_node_child_1(int(node));\n",
