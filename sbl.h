@@ -2128,12 +2128,10 @@ enum {
     SBL__GL_DEPTH_WRITEMASK = 0x0B72, SBL__GL_DEPTH_FUNC = 0x0B74, SBL__GL_STENCIL_TEST = 0x0B90,
     SBL__GL_VIEWPORT = 0x0BA2, SBL__GL_BLEND = 0x0BE2, SBL__GL_COLOR_LOGIC_OP = 0x0BF2,
     SBL__GL_SCISSOR_BOX = 0x0C10, SBL__GL_SCISSOR_TEST = 0x0C11, SBL__GL_COLOR_WRITEMASK = 0x0C23,
-    SBL__GL_DITHER = 0x0BD0, SBL__GL_UNPACK_SWAP_BYTES = 0x0CF0, SBL__GL_UNPACK_LSB_FIRST = 0x0CF1,
-    SBL__GL_UNPACK_ROW_LENGTH = 0x0CF2, SBL__GL_UNPACK_SKIP_ROWS = 0x0CF3, SBL__GL_UNPACK_SKIP_PIXELS = 0x0CF4,
-    SBL__GL_UNPACK_ALIGNMENT = 0x0CF5, SBL__GL_PACK_SWAP_BYTES = 0x0D00, SBL__GL_PACK_LSB_FIRST = 0x0D01,
-    SBL__GL_PACK_ROW_LENGTH = 0x0D02, SBL__GL_PACK_SKIP_ROWS = 0x0D03, SBL__GL_PACK_SKIP_PIXELS = 0x0D04,
-    SBL__GL_PACK_ALIGNMENT = 0x0D05, SBL__GL_PACK_SKIP_IMAGES = 0x806B, SBL__GL_PACK_IMAGE_HEIGHT = 0x806C,
-    SBL__GL_UNPACK_SKIP_IMAGES = 0x806D, SBL__GL_UNPACK_IMAGE_HEIGHT = 0x806E, SBL__GL_MAX_TEXTURE_SIZE = 0x0D33,
+    SBL__GL_DITHER = 0x0BD0, SBL__GL_UNPACK_SWAP_BYTES = 0x0CF0, SBL__GL_UNPACK_ROW_LENGTH = 0x0CF2,
+    SBL__GL_UNPACK_SKIP_ROWS = 0x0CF3, SBL__GL_UNPACK_SKIP_PIXELS = 0x0CF4, SBL__GL_UNPACK_ALIGNMENT = 0x0CF5,
+    SBL__GL_PACK_SWAP_BYTES = 0x0D00, SBL__GL_PACK_ROW_LENGTH = 0x0D02, SBL__GL_PACK_SKIP_ROWS = 0x0D03,
+    SBL__GL_PACK_SKIP_PIXELS = 0x0D04, SBL__GL_PACK_ALIGNMENT = 0x0D05, SBL__GL_MAX_TEXTURE_SIZE = 0x0D33,
     SBL__GL_TEXTURE_2D = 0x0DE1, SBL__GL_TEXTURE_WIDTH = 0x1000, SBL__GL_TEXTURE_HEIGHT = 0x1001,
     SBL__GL_UNSIGNED_BYTE = 0x1401, SBL__GL_UNSIGNED_INT = 0x1405, SBL__GL_FLOAT = 0x1406,
     SBL__GL_HALF_FLOAT = 0x140B, SBL__GL_COLOR = 0x1800, SBL__GL_DEPTH = 0x1801, SBL__GL_DEPTH_COMPONENT = 0x1902,
@@ -2293,27 +2291,27 @@ static sbl_result sbl__gl_load(sbl__gl *gl, const sbl_context_desc *desc) {
    before the function returns. sbl__guard_force sets the state that passes rely on, after the state has been saved and
    after each call of the host's draw callback. */
 
-/* Capabilities of glEnable; needed: the first GL version that has the capability, as 10 * major + minor */
-static const struct { unsigned name; int needed; } sbl__guard_switches[] = {
-    { SBL__GL_CULL_FACE, 33 }, { SBL__GL_DEPTH_TEST, 33 }, { SBL__GL_STENCIL_TEST, 33 }, { SBL__GL_SCISSOR_TEST, 33 },
-    { SBL__GL_COLOR_LOGIC_OP, 33 }, { SBL__GL_DITHER, 33 }, { SBL__GL_POLYGON_OFFSET_FILL, 33 },
-    { SBL__GL_POLYGON_SMOOTH, 33 }, { SBL__GL_MULTISAMPLE, 33 }, { SBL__GL_SAMPLE_ALPHA_TO_COVERAGE, 33 },
-    { SBL__GL_SAMPLE_ALPHA_TO_ONE, 33 }, { SBL__GL_SAMPLE_COVERAGE, 33 }, { SBL__GL_SAMPLE_MASK, 33 },
-    { SBL__GL_DEPTH_CLAMP, 33 }, { SBL__GL_RASTERIZER_DISCARD, 33 }, { SBL__GL_FRAMEBUFFER_SRGB, 33 },
-    { SBL__GL_PRIMITIVE_RESTART, 33 }, { SBL__GL_CLIP_DISTANCE0, 33 }, { SBL__GL_CLIP_DISTANCE0 + 1, 33 },
-    { SBL__GL_CLIP_DISTANCE0 + 2, 33 }, { SBL__GL_CLIP_DISTANCE0 + 3, 33 }, { SBL__GL_CLIP_DISTANCE0 + 4, 33 },
-    { SBL__GL_CLIP_DISTANCE0 + 5, 33 }, { SBL__GL_CLIP_DISTANCE0 + 6, 33 }, { SBL__GL_CLIP_DISTANCE0 + 7, 33 },
-    { SBL__GL_SAMPLE_SHADING, 40 }, { SBL__GL_PRIMITIVE_RESTART_FIXED_INDEX, 43 }
+/* Capabilities of glEnable. The last two need GL 4.0 and 4.3, see sbl__guard_switch_count. */
+static const unsigned sbl__guard_switches[] = {
+    SBL__GL_CULL_FACE, SBL__GL_DEPTH_TEST, SBL__GL_STENCIL_TEST, SBL__GL_SCISSOR_TEST, SBL__GL_COLOR_LOGIC_OP,
+    SBL__GL_DITHER, SBL__GL_POLYGON_OFFSET_FILL, SBL__GL_POLYGON_SMOOTH, SBL__GL_MULTISAMPLE,
+    SBL__GL_SAMPLE_ALPHA_TO_COVERAGE, SBL__GL_SAMPLE_ALPHA_TO_ONE, SBL__GL_SAMPLE_COVERAGE, SBL__GL_SAMPLE_MASK,
+    SBL__GL_DEPTH_CLAMP, SBL__GL_RASTERIZER_DISCARD, SBL__GL_FRAMEBUFFER_SRGB, SBL__GL_PRIMITIVE_RESTART,
+    SBL__GL_CLIP_DISTANCE0, SBL__GL_CLIP_DISTANCE0 + 1, SBL__GL_CLIP_DISTANCE0 + 2, SBL__GL_CLIP_DISTANCE0 + 3,
+    SBL__GL_CLIP_DISTANCE0 + 4, SBL__GL_CLIP_DISTANCE0 + 5, SBL__GL_CLIP_DISTANCE0 + 6, SBL__GL_CLIP_DISTANCE0 + 7,
+    SBL__GL_SAMPLE_SHADING, SBL__GL_PRIMITIVE_RESTART_FIXED_INDEX
 };
 
-/* The parameters of glPixelStore and the values that the library works with */
+static int sbl__guard_switch_count(const sbl__gl *gl) {
+    return SBL__COUNT(sbl__guard_switches) - !sbl__gl_at_least(gl, 40) - !sbl__gl_at_least(gl, 43);
+}
+
+/* The parameters of glPixelStore that affect 2D textures, and the values that the library works with */
 static const struct { unsigned name; int value; } sbl__guard_pixel_store[] = {
-    { SBL__GL_UNPACK_SWAP_BYTES, 0 }, { SBL__GL_UNPACK_LSB_FIRST, 0 }, { SBL__GL_UNPACK_ROW_LENGTH, 0 },
-    { SBL__GL_UNPACK_SKIP_ROWS, 0 }, { SBL__GL_UNPACK_SKIP_PIXELS, 0 }, { SBL__GL_UNPACK_ALIGNMENT, 1 },
-    { SBL__GL_UNPACK_SKIP_IMAGES, 0 }, { SBL__GL_UNPACK_IMAGE_HEIGHT, 0 }, { SBL__GL_PACK_SWAP_BYTES, 0 },
-    { SBL__GL_PACK_LSB_FIRST, 0 }, { SBL__GL_PACK_ROW_LENGTH, 0 }, { SBL__GL_PACK_SKIP_ROWS, 0 },
-    { SBL__GL_PACK_SKIP_PIXELS, 0 }, { SBL__GL_PACK_ALIGNMENT, 1 }, { SBL__GL_PACK_SKIP_IMAGES, 0 },
-    { SBL__GL_PACK_IMAGE_HEIGHT, 0 }
+    { SBL__GL_UNPACK_SWAP_BYTES, 0 }, { SBL__GL_UNPACK_ROW_LENGTH, 0 }, { SBL__GL_UNPACK_SKIP_ROWS, 0 },
+    { SBL__GL_UNPACK_SKIP_PIXELS, 0 }, { SBL__GL_UNPACK_ALIGNMENT, 1 }, { SBL__GL_PACK_SWAP_BYTES, 0 },
+    { SBL__GL_PACK_ROW_LENGTH, 0 }, { SBL__GL_PACK_SKIP_ROWS, 0 }, { SBL__GL_PACK_SKIP_PIXELS, 0 },
+    { SBL__GL_PACK_ALIGNMENT, 1 }
 };
 
 /* The state of an image unit, in the order of the parameters of glBindImageTexture */
@@ -2346,9 +2344,7 @@ static void sbl__guard_save(const sbl__gl *gl, sbl__guard *g) {
     int i;
     memset(g, 0, sizeof *g);
     sbl__gl_clear_errors(gl);
-    for (i = 0; i < SBL__COUNT(sbl__guard_switches); i++)
-        if (sbl__gl_at_least(gl, sbl__guard_switches[i].needed))
-            g->switches[i] = gl->IsEnabled(sbl__guard_switches[i].name);
+    for (i = 0; i < sbl__guard_switch_count(gl); i++) g->switches[i] = gl->IsEnabled(sbl__guard_switches[i]);
     for (i = 0; i < SBL__GUARD_DRAW_BUFFERS; i++) {
         g->blend[i] = gl->IsEnabledi(SBL__GL_BLEND, (unsigned)i);
         gl->GetBooleani_v(SBL__GL_COLOR_WRITEMASK, (unsigned)i, g->color_mask[i]);
@@ -2393,8 +2389,7 @@ static void sbl__guard_save(const sbl__gl *gl, sbl__guard *g) {
 
 static void sbl__guard_force(const sbl__gl *gl) {
     int i;
-    for (i = 0; i < SBL__COUNT(sbl__guard_switches); i++)
-        if (sbl__gl_at_least(gl, sbl__guard_switches[i].needed)) gl->Disable(sbl__guard_switches[i].name);
+    for (i = 0; i < sbl__guard_switch_count(gl); i++) gl->Disable(sbl__guard_switches[i]);
     gl->Enable(SBL__GL_DEPTH_CLAMP);
     for (i = 0; i < SBL__GUARD_DRAW_BUFFERS; i++) {
         gl->Disablei(SBL__GL_BLEND, (unsigned)i);
@@ -2419,9 +2414,8 @@ static void sbl__guard_force(const sbl__gl *gl) {
 
 static void sbl__guard_restore(const sbl__gl *gl, const sbl__guard *g) {
     int i;
-    for (i = 0; i < SBL__COUNT(sbl__guard_switches); i++)
-        if (sbl__gl_at_least(gl, sbl__guard_switches[i].needed))
-            (g->switches[i] ? gl->Enable : gl->Disable)(sbl__guard_switches[i].name);
+    for (i = 0; i < sbl__guard_switch_count(gl); i++)
+        (g->switches[i] ? gl->Enable : gl->Disable)(sbl__guard_switches[i]);
     for (i = 0; i < SBL__GUARD_DRAW_BUFFERS; i++) {
         const unsigned char *m = g->color_mask[i];
         (g->blend[i] ? gl->Enablei : gl->Disablei)(SBL__GL_BLEND, (unsigned)i);
@@ -2568,8 +2562,8 @@ typedef struct sbl__record {
                                           viewer or, at sites of >>vertices, with the face's normal */
 #define SBL__BELONGS_COSINE 0.8f       /* sbl_belongs is 0 up to this cosine of the angle between two points' normals */
 #define SBL__BELONGS_TURN 0.2f         /* from BELONGS_COSINE + this on, the angle does not reduce sbl_belongs */
-#define SBL__BELONGS_OFF 8.0f          /* sbl_belongs falls to 0 while this * (distance of a point from the other's plane)
-                                          / (distance between the points) rises from 1 to 2 */
+#define SBL__BELONGS_OFF 8.0f          /* sbl_belongs falls to 0 while this * (distance of a point from the plane of the
+                                          other) / (distance between the points) rises from 1 to 2 */
 #define SBL__FILTER_VISIBLE 0.0025f    /* invisible relative difference of light, which the filter may smooth */
 #define SBL__FILTER_FALL 0.25          /* the filter's weights are exp(-this * (difference / noise)^2) */
 #define SBL__DIVISOR_LEAST 1e-30f      /* prevents divisions by 0 */
@@ -17080,17 +17074,8 @@ static sbl_result sbl__trial(sbl__core *c) {
 
 #ifdef SBL_EGL
 
-/* The context that the library has created. If there is none, all fields are 0 (EGL_NO_CONTEXT). */
-typedef struct sbl__egl { EGLDisplay display; EGLContext context; EGLSurface surface; } sbl__egl;
-
-/* The host's EGL state, saved while the library's own context is current. */
-typedef struct sbl__egl_before {
-    int switched;        /* 1 if the state was saved and must be restored */
-    EGLDisplay display;
-    EGLContext context;
-    EGLSurface draw, read;
-    EGLenum api;
-} sbl__egl_before;
+/* A GL context, and the surfaces and the API that are used with it. All fields are 0 if there is no context. */
+typedef struct sbl__egl { EGLDisplay display; EGLContext context; EGLSurface draw, read; EGLenum api; } sbl__egl;
 
 static sbl_gl_function sbl__egl_function(const char *name, void *user) {
     (void)user;
@@ -17101,7 +17086,7 @@ static void sbl__egl_destroy(sbl__egl *e) {
     if (e->context == EGL_NO_CONTEXT) return;
     if (eglGetCurrentContext() == e->context)
         eglMakeCurrent(e->display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
-    if (e->surface != EGL_NO_SURFACE) eglDestroySurface(e->display, e->surface);
+    if (e->draw != EGL_NO_SURFACE) eglDestroySurface(e->display, e->draw);
     eglDestroyContext(e->display, e->context);
     memset(e, 0, sizeof *e);
 }
@@ -17122,16 +17107,22 @@ static int sbl__egl_try(sbl__egl *e, EGLDisplay display, int pbuffer) {
     e->context = eglCreateContext(display, config, EGL_NO_CONTEXT, context_attributes);
     if (e->context == EGL_NO_CONTEXT) return 0;
     e->display = display;
-    e->surface = pbuffer ? eglCreatePbufferSurface(display, config, surface_attributes) : EGL_NO_SURFACE;
-    if (pbuffer == (e->surface != EGL_NO_SURFACE) && eglMakeCurrent(display, e->surface, e->surface, e->context))
-        return 1;
+    e->draw = e->read = pbuffer ? eglCreatePbufferSurface(display, config, surface_attributes) : EGL_NO_SURFACE;
+    if (pbuffer == (e->draw != EGL_NO_SURFACE) && eglMakeCurrent(display, e->draw, e->read, e->context)) return 1;
     sbl__egl_destroy(e);
     return 0;
 }
 
-/* Creates a context. Tries Mesa's surfaceless platform, then up to 16 EGL devices, then a pbuffer on the default
-   display. Displays are never terminated, because all users in a process share them. */
-static sbl_result sbl__egl_create(sbl__egl *e, const sbl__base *base) {
+static sbl__egl sbl__egl_current(void) {
+    const sbl__egl current = { eglGetCurrentDisplay(), eglGetCurrentContext(), eglGetCurrentSurface(EGL_DRAW),
+                               eglGetCurrentSurface(EGL_READ), eglQueryAPI() };
+    return current;
+}
+
+/* Saves the host's EGL state in *b, creates a context, and sets the GL loader in *desc. Tries Mesa's surfaceless
+   platform, then up to 16 EGL devices, then a pbuffer on the default display. Displays are never terminated, because
+   all users in a process share them. */
+static sbl_result sbl__egl_open(sbl__egl *e, const sbl__base *base, sbl__egl *b, sbl_context_desc *desc) {
     const PFNEGLGETPLATFORMDISPLAYEXTPROC get_display =
         (PFNEGLGETPLATFORMDISPLAYEXTPROC)eglGetProcAddress("eglGetPlatformDisplayEXT");
     const PFNEGLQUERYDEVICESEXTPROC query_devices =
@@ -17141,6 +17132,8 @@ static sbl_result sbl__egl_create(sbl__egl *e, const sbl__base *base) {
     EGLDeviceEXT devices[16];
     EGLint count = 0, i;
     int made = 0;
+    *b = sbl__egl_current();
+    desc->get_gl_function = sbl__egl_function;
     if (platforms && strstr(extensions, "EGL_MESA_platform_surfaceless"))
         made = sbl__egl_try(e, get_display(EGL_PLATFORM_SURFACELESS_MESA, EGL_DEFAULT_DISPLAY, NULL), 0);
     if (!made && platforms && query_devices && strstr(extensions, "EGL_EXT_platform_device") &&
@@ -17154,34 +17147,19 @@ static sbl_result sbl__egl_create(sbl__egl *e, const sbl__base *base) {
     return SBL_ERROR_UNSUPPORTED;
 }
 
-static void sbl__egl_save(sbl__egl_before *b) {
-    b->api = eglQueryAPI();
-    b->display = eglGetCurrentDisplay();
-    b->context = eglGetCurrentContext();
-    b->draw = eglGetCurrentSurface(EGL_DRAW);
-    b->read = eglGetCurrentSurface(EGL_READ);
-    b->switched = 1;
-}
-
-/* Saves the host's EGL state, creates a context, and sets the GL loader in *desc. */
-static sbl_result sbl__egl_open(sbl__egl *e, const sbl__base *base, sbl__egl_before *b, sbl_context_desc *desc) {
-    sbl__egl_save(b);
-    desc->get_gl_function = sbl__egl_function;
-    return sbl__egl_create(e, base);
-}
-
-/* Makes the library's own context current, if there is one and it is not current already. */
-static void sbl__egl_enter(const sbl__egl *e, sbl__egl_before *b) {
-    b->switched = 0;
+/* Makes the library's own context current, if there is one and it is not current already. *b: receives the host's EGL
+   state if it changes, otherwise zeroes */
+static void sbl__egl_enter(const sbl__egl *e, sbl__egl *b) {
+    memset(b, 0, sizeof *b);
     if (e->context == EGL_NO_CONTEXT || eglGetCurrentContext() == e->context) return;
-    sbl__egl_save(b);
+    *b = sbl__egl_current();
     eglBindAPI(EGL_OPENGL_API);
-    eglMakeCurrent(e->display, e->surface, e->surface, e->context);
+    eglMakeCurrent(e->display, e->draw, e->read, e->context);
 }
 
 /* Restores the host's EGL state if it was saved. */
-static void sbl__egl_leave(const sbl__egl *e, const sbl__egl_before *b) {
-    if (!b->switched) return;
+static void sbl__egl_leave(const sbl__egl *e, const sbl__egl *b) {
+    if (!b->api) return;
     if (e->display != EGL_NO_DISPLAY) eglMakeCurrent(e->display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
     eglBindAPI(b->api);
     if (b->context != EGL_NO_CONTEXT) eglMakeCurrent(b->display, b->draw, b->read, b->context);
@@ -17190,17 +17168,16 @@ static void sbl__egl_leave(const sbl__egl *e, const sbl__egl_before *b) {
 #else  /* without SBL_EGL */
 
 typedef struct sbl__egl { int none; } sbl__egl;
-typedef struct sbl__egl_before { int none; } sbl__egl_before;
 
-static sbl_result sbl__egl_open(sbl__egl *e, const sbl__base *base, sbl__egl_before *b, sbl_context_desc *desc) {
+static sbl_result sbl__egl_open(sbl__egl *e, const sbl__base *base, sbl__egl *b, sbl_context_desc *desc) {
     (void)e; (void)b; (void)desc;
     sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "sbl_context_desc: get_gl_function is NULL; give "
              "the loader of your GL context, or define SBL_EGL for a headless context");
     return SBL_ERROR_INVALID_ARGUMENT;
 }
 
-static void sbl__egl_enter(const sbl__egl *e, sbl__egl_before *b) { (void)e; (void)b; }
-static void sbl__egl_leave(const sbl__egl *e, const sbl__egl_before *b) { (void)e; (void)b; }
+static void sbl__egl_enter(const sbl__egl *e, sbl__egl *b) { (void)e; (void)b; }
+static void sbl__egl_leave(const sbl__egl *e, const sbl__egl *b) { (void)e; (void)b; }
 static void sbl__egl_destroy(sbl__egl *e) { (void)e; }
 
 #endif
@@ -17237,7 +17214,7 @@ struct sbl_context {
 };
 
 /* What sbl__visit_enter saves for sbl__visit_leave. */
-typedef struct sbl__visit { sbl__guard guard; sbl__egl_before before; sbl__inside inside; } sbl__visit;
+typedef struct sbl__visit { sbl__guard guard; sbl__egl before; sbl__inside inside; } sbl__visit;
 
 /* Makes the context's own GL context current, if it has one, and saves and sets the GL state. */
 static void sbl__visit_enter(sbl_context *c, sbl__visit *v) {
@@ -17360,7 +17337,7 @@ static sbl_result sbl__context_start(sbl_context *c) {
 
 SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
     sbl_context_desc d = sbl_context_desc_defaults(desc);
-    sbl__egl_before before;
+    sbl__egl before;
     sbl__base base;
     sbl_context *c;
     sbl_result result;
