@@ -2581,7 +2581,7 @@ typedef struct sbl__record {
     X(BELONGS_OFF) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST)
 #define SBL__SHARED_FLAGS(X) X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
 
-#define SBL__PRELUDE_MOST 8192     /* size of the GLSL text of the constants, and of the records, in characters */
+#define SBL__PRELUDE_MOST 16384    /* size of the text that precedes the files of a shader, in characters */
 
 /* Appends to a string of `length` characters in an array of SBL__PRELUDE_MOST. Returns the new length. */
 static size_t sbl__write(char *text, size_t length, const char *format, ...) {
@@ -2593,7 +2593,7 @@ static size_t sbl__write(char *text, size_t length, const char *format, ...) {
     return SBL__MIN(length + (size_t)SBL__MAX(more, 0), SBL__PRELUDE_MOST - 1);
 }
 
-static void sbl__write_constants(char *text, size_t length) {
+static size_t sbl__write_constants(char *text, size_t length) {
 #define SBL__X(name) length = sbl__write(text, length, "#define SBL_" #name " %uu\n", (unsigned)SBL_MATERIAL_##name);
     SBL__SHARED_FLAGS(SBL__X)
 #undef SBL__X
@@ -2603,6 +2603,7 @@ static void sbl__write_constants(char *text, size_t length) {
 #define SBL__X(name) length = sbl__write(text, length, "#define SBL_" #name " %s\n", SBL__TEXT_OF(SBL__##name));
     SBL__SHARED_CONSTANTS(SBL__X)
 #undef SBL__X
+    return length;
 }
 
 static size_t sbl__write_record(char *text, size_t length, const sbl__record *r) {
@@ -2895,49 +2896,54 @@ static const char *const sbl__glsl_tables[] = {
 0 };
 /* <<glsl */
 
-typedef struct sbl__prelude { char constants[SBL__PRELUDE_MOST], records[SBL__PRELUDE_MOST]; } sbl__prelude;
-
-static sbl_result sbl__shader_make(const sbl__device *d, unsigned *out, unsigned type, const sbl__recipe *recipe,
-                                   const sbl__prelude *prelude) {
+/* Compiles a shader and hands it to a program. prelude: text that precedes the recipe's files */
+static sbl_result sbl__shader_make(const sbl__device *d, const sbl__program *program, unsigned type,
+                                   const char *prelude) {
     const sbl__gl *gl = &d->gl;
+    const sbl__recipe *recipe = program->recipe;
     const char *const *const *shaders = type == SBL__GL_VERTEX_SHADER ? recipe->vertex : recipe->fragment;
+    const unsigned id = gl->CreateShader(type);
     const char *lines[SBL__LINES_MOST];
     char text[400] = "";
     int count = 0, ok = 0, shader, line;
     lines[count++] = type == SBL__GL_COMPUTE_SHADER ? "#version 430 core\n" : "#version 330 core\n";
-    lines[count++] = prelude->constants;
-    for (line = 0; sbl__glsl_tables[line]; line++) lines[count++] = sbl__glsl_tables[line];
-    lines[count++] = prelude->records;
+    lines[count++] = prelude;
     for (shader = 0; shader < SBL__SHADERS_MOST && shaders[shader]; shader++)
         for (line = 0; shaders[shader][line] && count < SBL__LINES_MOST; line++) lines[count++] = shaders[shader][line];
-    *out = gl->CreateShader(type);
-    if (*out) {
-        gl->ShaderSource(*out, count, lines, NULL);
-        gl->CompileShader(*out);
-        gl->GetShaderiv(*out, SBL__GL_COMPILE_STATUS, &ok);
+    if (id) {
+        gl->ShaderSource(id, count, lines, NULL);
+        gl->CompileShader(id);
+        gl->GetShaderiv(id, SBL__GL_COMPILE_STATUS, &ok);
+        if (!ok) gl->GetShaderInfoLog(id, (int)sizeof text - 1, NULL, text);
+        gl->AttachShader(program->id, id);
+        gl->DeleteShader(id);  /* it lives as long as the program */
     }
     if (ok) return SBL_SUCCESS;
-    if (*out) gl->GetShaderInfoLog(*out, (int)sizeof text - 1, NULL, text);
     sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_SHADER_COMPILE, "the driver refuses the shader \"%s\": %s",
              recipe->name, text);
     return SBL_ERROR_GL;
 }
 
-static sbl_result sbl__program_link(const sbl__device *d, unsigned *out, const unsigned shaders[2], const char *name) {
+/* Compiles and links a program, and sets program->id. */
+static sbl_result sbl__program_link(const sbl__device *d, sbl__program *program, const char *prelude) {
     const sbl__gl *gl = &d->gl;
+    const int compute = (program->features & SBL__COMPUTE) != 0;
+    const unsigned last = compute ? SBL__GL_COMPUTE_SHADER : SBL__GL_FRAGMENT_SHADER;
+    sbl_result result = SBL_SUCCESS;
     char text[400] = "";
     int ok = 0;
-    *out = gl->CreateProgram();
-    if (*out) {
-        if (shaders[0]) gl->AttachShader(*out, shaders[0]);
-        gl->AttachShader(*out, shaders[1]);
-        gl->LinkProgram(*out);
-        gl->GetProgramiv(*out, SBL__GL_LINK_STATUS, &ok);
+    program->id = gl->CreateProgram();
+    if (program->id) {
+        if (!compute) result = sbl__shader_make(d, program, SBL__GL_VERTEX_SHADER, prelude);
+        if (result == SBL_SUCCESS) result = sbl__shader_make(d, program, last, prelude);
+        if (result != SBL_SUCCESS) return result;
+        gl->LinkProgram(program->id);
+        gl->GetProgramiv(program->id, SBL__GL_LINK_STATUS, &ok);
+        if (!ok) gl->GetProgramInfoLog(program->id, (int)sizeof text - 1, NULL, text);
     }
     if (ok) return SBL_SUCCESS;
-    if (*out) gl->GetProgramInfoLog(*out, (int)sizeof text - 1, NULL, text);
-    sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_SHADER_LINK, "the driver does not link the program \"%s\": %s", name,
-             text);
+    sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_SHADER_LINK, "the driver does not link the program \"%s\": %s",
+             program->recipe->name, text);
     return SBL_ERROR_GL;
 }
 
@@ -2960,36 +2966,27 @@ static sbl_result sbl__program_check_textures(const sbl__device *d, unsigned pro
     return SBL_ERROR_UNSUPPORTED;
 }
 
-/* Compiles a program and sets program->id. */
 static sbl_result sbl__program_make(const sbl__device *d, sbl__program *program) {
     static const char *const names[SBL__FEATURES] = {
         "TEXTURED", "WIDE", "VIEWS", "INSPECT", "WRITE_DEPTH", "COMPUTE", "BOUNCED", "MIXED", "CUTOUTS",
         "GUIDED", "LIGHTMAP", "DIRECTIONAL"
     };
-    const sbl__gl *gl = &d->gl;
     const sbl__recipe *recipe = program->recipe;
-    const int compute = (program->features & SBL__COMPUTE) != 0;
-    const unsigned last = compute ? SBL__GL_COMPUTE_SHADER : SBL__GL_FRAGMENT_SHADER;
-    sbl__prelude prelude = { "", "" };
-    unsigned shaders[2] = { 0, 0 };
+    char prelude[SBL__PRELUDE_MOST];
     size_t length = 0;
-    sbl_result result = SBL_SUCCESS;
+    sbl_result result;
     int i;
     for (i = 0; i < SBL__FEATURES; i++)
-        if (program->features >> i & 1) length = sbl__write(prelude.constants, length, "#define SBL_%s\n", names[i]);
-    length = sbl__write(prelude.constants, length, "#define SBL_WORKGROUP %d\n", d->workgroup);
-    sbl__write_constants(prelude.constants, length);
-    for (i = 0, length = 0; i < SBL__SHADERS_MOST && recipe->records[i]; i++)
-        length = sbl__write_record(prelude.records, length, recipe->records[i]);
-    program->id = 0;
-    if (!compute) result = sbl__shader_make(d, &shaders[0], SBL__GL_VERTEX_SHADER, recipe, &prelude);
-    if (result == SBL_SUCCESS) result = sbl__shader_make(d, &shaders[1], last, recipe, &prelude);
-    if (result == SBL_SUCCESS) result = sbl__program_link(d, &program->id, shaders, recipe->name);
-    if (shaders[0]) gl->DeleteShader(shaders[0]);
-    if (shaders[1]) gl->DeleteShader(shaders[1]);
+        if (program->features >> i & 1) length = sbl__write(prelude, length, "#define SBL_%s\n", names[i]);
+    length = sbl__write(prelude, length, "#define SBL_WORKGROUP %d\n", d->workgroup);
+    length = sbl__write_constants(prelude, length);
+    for (i = 0; sbl__glsl_tables[i]; i++) length = sbl__write(prelude, length, "%s", sbl__glsl_tables[i]);
+    for (i = 0; i < SBL__SHADERS_MOST && recipe->records[i]; i++)
+        length = sbl__write_record(prelude, length, recipe->records[i]);
+    result = sbl__program_link(d, program, prelude);
     if (result == SBL_SUCCESS) result = sbl__program_check_textures(d, program->id, recipe->name);
-    if (result == SBL_SUCCESS) result = sbl__gl_check(gl);
-    if (result != SBL_SUCCESS && program->id) gl->DeleteProgram(program->id);
+    if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
+    if (result != SBL_SUCCESS && program->id) d->gl.DeleteProgram(program->id);
     return result;
 }
 
@@ -5149,8 +5146,7 @@ typedef struct sbl__bvh {        /* data for building the hierarchy */
     uint32_t (*children)[4];     /* sbl__node: two children per node */
     sbl__box *boxes;             /* bounds of each triangle */
     sbl__bvh_work *work;         /* cost of each node */
-    sbl__bvh_bounds all;
-    sbl__bvh_task stack[2 * SBL__STACK];  /* tasks to do */
+    sbl__bvh_task stack[2 * SBL__STACK];  /* tasks to do; the first is for all triangles */
     sbl__bvh_task task;          /* the current task */
     int top;                     /* number of tasks on the stack */
     sbl__bvh_split split;
@@ -5408,7 +5404,7 @@ static sbl_result sbl__bvh_begin(const sbl__device *d, const sbl__geometry *g, s
     h->order = (uint32_t *)sbl__alloc_raw(d->base, room, 4);
     b->boxes = (sbl__box *)sbl__alloc_raw(d->base, room, sizeof *b->boxes);
     b->work = (sbl__bvh_work *)sbl__alloc(d->base, nodes, sizeof *b->work);
-    b->all.box = b->all.centroids = sbl__box_empty;
+    b->stack[0].bounds.box = b->stack[0].bounds.centroids = sbl__box_empty;
     return b->children && h->order && b->boxes && b->work ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
@@ -5421,7 +5417,7 @@ static sbl_result sbl__bvh_box(void *work, int at) {
     if (sbl__triangle_object(b->geometry, i)->flags & SBL_MATERIAL_HIDDEN_FROM_SENSORS) return SBL_SUCCESS;
     b->hierarchy->order[b->hierarchy->triangle_count++] = i;
     sbl__box_of_triangle(&b->boxes[i], b->geometry, i);
-    sbl__bvh_bounds_add(&b->all, &b->boxes[i]);
+    sbl__bvh_bounds_add(&b->stack[0].bounds, &b->boxes[i]);
     return SBL_SUCCESS;
 }
 
@@ -5433,9 +5429,8 @@ static int sbl__bvh_after_boxes(void *work) {
     if (h->triangle_count) {
         b->top = 1;
         task->count = h->triangle_count;
-        task->bounds = b->all;
         /* The grid is node 0. Child 0 of node 0, which this task sets, is the grid's field `root`. */
-        h->grid = task->grid = sbl__bvh_add_grid(h, &b->all.box, 0);
+        h->grid = task->grid = sbl__bvh_add_grid(h, &task->bounds.box, 0);
     }
     return sbl__bvh_next_task(b);
 }
