@@ -3110,19 +3110,14 @@ static void sbl__draw_mesh(const sbl__device *d, unsigned array, int first, int 
                                 (const void *)(12 * (uintptr_t)first), instances);
 }
 
-/* Like sbl__draw_mesh, but without indices: gl_VertexID begins at 3 * first. */
+/* Like sbl__draw_mesh, but without indices: gl_VertexID begins at 3 * first. array: may be d->empty_array */
 static void sbl__draw_numbers(const sbl__device *d, unsigned array, int first, int count, int instances) {
     d->gl.BindVertexArray(array);
     d->gl.DrawArraysInstanced(SBL__GL_TRIANGLES, 3 * first, 3 * count, instances);
 }
 
-/* Draws `count` triangles without vertex attributes; gl_VertexID begins at 3 * first. */
-static void sbl__draw_triangles(const sbl__device *d, int first, int count) {
-    sbl__draw_numbers(d, d->empty_array, first, count, 1);
-}
-
 /* Draws a triangle that covers the viewport, for fullscreen_vertex.glsl. */
-static void sbl__draw_screen(const sbl__device *d) { sbl__draw_triangles(d, 0, 1); }
+static void sbl__draw_screen(const sbl__device *d) { sbl__draw_numbers(d, d->empty_array, 0, 1, 1); }
 
 /* Draws instances of a rectangle as a strip of two triangles: gl_VertexID is 0 to 3. */
 static void sbl__draw_rectangles(const sbl__device *d, unsigned array, int instances) {
@@ -5116,9 +5111,9 @@ static float sbl__box_area(const sbl__box *b) {
 /* Bounds of triangles, and of their centroids multiplied by 2 */
 typedef struct sbl__bvh_bounds { sbl__box box, centroids; } sbl__bvh_bounds;
 
-/* A node to build, over triangles first .. first + count - 1 of the order. It becomes child `side` of node `parent`. */
+/* A node to build, over triangles first .. first + count - 1 of the order. slot: its place in sbl__bvh.children */
 typedef struct sbl__bvh_task {
-    int first, count, depth, parent, side;
+    int first, count, depth, slot;
     sbl__grid_node grid;
     sbl__bvh_bounds bounds;
 } sbl__bvh_task;
@@ -5143,7 +5138,7 @@ typedef struct sbl__bvh {        /* data for building the hierarchy */
     const sbl__device *device;
     const sbl__geometry *geometry;
     struct sbl__hierarchy *hierarchy;
-    uint32_t (*children)[4];     /* sbl__node: two children per node */
+    uint32_t (*children)[4];     /* sbl__node: 2 * n and 2 * n + 1 are the children of node n */
     sbl__box *boxes;             /* bounds of each triangle */
     sbl__bvh_work *work;         /* cost of each node */
     sbl__bvh_task stack[2 * SBL__STACK];  /* tasks to do; the first is for all triangles */
@@ -5329,7 +5324,7 @@ static int sbl__bvh_next_task(void *work) {
     int axis, k, fine = 1;
     if (!b->top) return SBL__BVH_COSTS;
     *t = b->stack[--b->top];
-    child = &b->children[2 * t->parent + t->side][3];
+    child = &b->children[t->slot][3];
     *child = (uint32_t)h->node_count;
     for (k = 0; k < 3; k++) fine &= (box->high[k] - box->low[k]) * t->grid.per_length[k] < SBL__BVH_GRID_STEPS;
     if (fine && t->count >= SBL__BVH_GRID_LEAST && t->depth < SBL__BVH_SAH_DEPTH) {
@@ -5365,7 +5360,7 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
             sbl__bvh_bounds_add(&s->parts[i >= s->left], &b->boxes[b->hierarchy->order[t->first + i]]);
     }
     b->work[node].area = sbl__box_area(&t->bounds.box);
-    b->work[node].parent = t->parent;
+    b->work[node].parent = t->slot / 2;
     for (side = 0; side < 2; side++) {
         const int first = side ? t->first + s->left : t->first, count = side ? t->count - s->left : s->left;
         uint32_t *child = b->children[2 * node + side];
@@ -5379,8 +5374,7 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
             task->first = first;
             task->count = count;
             task->depth++;
-            task->parent = node;
-            task->side = side;
+            task->slot = 2 * node + side;
             task->bounds = s->parts[side];
         }
     }
@@ -5429,7 +5423,7 @@ static int sbl__bvh_after_boxes(void *work) {
     if (h->triangle_count) {
         b->top = 1;
         task->count = h->triangle_count;
-        /* The grid is node 0. Child 0 of node 0, which this task sets, is the grid's field `root`. */
+        /* The grid is node 0. The word of slot 0 that this task sets is the grid's field `root`. */
         h->grid = task->grid = sbl__bvh_add_grid(h, &task->bounds.box, 0);
     }
     return sbl__bvh_next_task(b);
@@ -7935,7 +7929,7 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
     for (i = 0; i < 3; i++) eye[i] = (float)c->eye[i];
     sbl__set_vec3(d, "eye", eye);
     sbl__set_float(d, "depth_from_w", c->orthographic ? 0 : c->depth_scale);
-    sbl__draw_triangles(d, at, end - at);
+    sbl__draw_numbers(d, d->empty_array, at, end - at, 1);
     sbl__pace_end(d, &s->triangle_pace, pixels);
     s->stages.at = end;
     if (end == g->triangle_count) sbl__surface_band(s, s->row + s->rows);
@@ -17030,8 +17024,7 @@ static sbl_result sbl__trial_rays(sbl__core *c, int *met) {
     result = sbl__gathering_check(c, &desc, &measurement);
     if (result == SBL_SUCCESS)
         result = sbl__work_begin(&gathering.work, &sbl__readings_front_end, c, &measurement, &desc);
-    if (result == SBL_SUCCESS) result = SBL_UNFINISHED;
-    while (result == SBL_UNFINISHED) result = sbl__work_step(&gathering.work, &slice);
+    if (result == SBL_SUCCESS) do result = sbl__work_step(&gathering.work, &slice); while (result == SBL_UNFINISHED);
     sbl__gathering_free(&gathering);
     *met = result == SBL_SUCCESS && reading.hit_share > 0.5f && reading.hit_min > 0.99f && reading.hit_min < 1.5f &&
            fabs((double)reading.radiance[1] - 0.5 * (double)reading.hit_share) < 1e-3;
