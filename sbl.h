@@ -1776,12 +1776,10 @@ static void sbl__log(const sbl__base *base, sbl_log_level level, sbl_log_item it
 }
 
 static void sbl__default_log(sbl_log_level level, sbl_log_item item, const char *message, void *user) {
-    (void)item; (void)user;
+    (void)level; (void)item; (void)message; (void)user;
 #ifndef SBL_NO_STDIO
     if (level <= SBL_LOG_WARNING)
         fprintf(stderr, "sbl: %s: %s\n", level == SBL_LOG_ERROR ? "error" : "warning", message);
-#else
-    (void)level; (void)message;
 #endif
 }
 
@@ -1947,15 +1945,12 @@ static uint64_t sbl__hash_bytes(uint64_t hash, const void *data, size_t bytes) {
 
 /* Converts a finite number to a 16-bit float, rounding to nearest even. Numbers out of range become 65504 or -65504. */
 static uint16_t sbl__to_half(float value) {
-    uint32_t bits, sign, mantissa, rest, half;
-    int exponent, shift;
-    memcpy(&bits, &value, sizeof bits);
-    sign = (bits >> 16) & 0x8000u;
-    exponent = (int)((bits >> 23) & 255u) - 127;
-    mantissa = (bits & 0x7fffffu) | 0x800000u;
+    const uint32_t bits = sbl__float_bits(&value), sign = (bits >> 16) & 0x8000u;
+    const uint32_t mantissa = (bits & 0x7fffffu) | 0x800000u;
+    const int exponent = (int)((bits >> 23) & 255u) - 127, shift = exponent < -14 ? -1 - exponent : 13;
+    uint32_t rest, half;
     if (exponent > 15) return (uint16_t)(sign | 0x7bffu);
     if (exponent < -25) return (uint16_t)sign;
-    shift = exponent < -14 ? -1 - exponent : 13;
     half = exponent < -14 ? mantissa >> shift : (uint32_t)(exponent + 14) * 1024u + (mantissa >> 13);
     rest = mantissa & ((1u << shift) - 1u);
     if (rest > (1u << (shift - 1)) || (rest == (1u << (shift - 1)) && (half & 1u))) half++;
@@ -5656,21 +5651,18 @@ static const char *const sbl__glsl_traverse[] = {
 "    return hit;\n",
 "}\n",
 "\n",
-"// Returns the nearest hit whose distance is below `limit`.\n",
+"// Returns the nearest hit whose distance is below `limit`. Rays continue behind holes.\n",
 "sbl_Hit sbl_trace(vec3 origin, vec3 direction, float limit) {\n",
 "    sbl_Hit hit = sbl_Hit(0.0, -1, 0x7fffffff, 0.0, 0.0, false);\n",
-"#ifdef SBL_CUTOUTS\n",
-"    // If the nearest hit lies in a hole, the ray continues behind it.\n",
-"    for (int hole = 0; hole < SBL_HOLES; hole++) {\n",
-"        bool solid = true;\n",
+"    bool solid = false;\n",
+"    for (int hole = 0; hole < SBL_HOLES && !solid; hole++) {\n",
 "        hit = sbl_nearest(origin, direction, hit.distance, hit.number, limit);\n",
+"        solid = true;\n",
+"#ifdef SBL_CUTOUTS\n",
 "        if (hit.triangle >= 0 && sbl_triangle_cutout(hit.triangle) != 0u)\n",
 "            solid = !sbl_material(int(sbl_triangle_object(hit.triangle)), sbl_attributes_of(hit)).cut_out;\n",
-"        if (solid) break;\n",
-"    }\n",
-"#else\n",
-"    hit = sbl_nearest(origin, direction, hit.distance, hit.number, limit);\n",
 "#endif\n",
+"    }\n",
 "    return hit;\n",
 "}\n",
 0 };

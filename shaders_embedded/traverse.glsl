@@ -132,20 +132,17 @@ sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float li
     return hit;
 }
 
-// Returns the nearest hit whose distance is below `limit`.
+// Returns the nearest hit whose distance is below `limit`. Rays continue behind holes.
 sbl_Hit sbl_trace(vec3 origin, vec3 direction, float limit) {
     sbl_Hit hit = sbl_Hit(0.0, -1, 0x7fffffff, 0.0, 0.0, false);
-#ifdef SBL_CUTOUTS
-    // If the nearest hit lies in a hole, the ray continues behind it.
-    for (int hole = 0; hole < SBL_HOLES; hole++) {
-        bool solid = true;
+    bool solid = false;
+    for (int hole = 0; hole < SBL_HOLES && !solid; hole++) {
         hit = sbl_nearest(origin, direction, hit.distance, hit.number, limit);
+        solid = true;
+#ifdef SBL_CUTOUTS
         if (hit.triangle >= 0 && sbl_triangle_cutout(hit.triangle) != 0u)
             solid = !sbl_material(int(sbl_triangle_object(hit.triangle)), sbl_attributes_of(hit)).cut_out;
-        if (solid) break;
-    }
-#else
-    hit = sbl_nearest(origin, direction, hit.distance, hit.number, limit);
 #endif
+    }
     return hit;
 }
