@@ -1776,12 +1776,10 @@ static void sbl__log(const sbl__base *base, sbl_log_level level, sbl_log_item it
 }
 
 static void sbl__default_log(sbl_log_level level, sbl_log_item item, const char *message, void *user) {
-    (void)item; (void)user;
+    (void)level; (void)item; (void)message; (void)user;
 #ifndef SBL_NO_STDIO
     if (level <= SBL_LOG_WARNING)
         fprintf(stderr, "sbl: %s: %s\n", level == SBL_LOG_ERROR ? "error" : "warning", message);
-#else
-    (void)level; (void)message;
 #endif
 }
 
@@ -1947,15 +1945,12 @@ static uint64_t sbl__hash_bytes(uint64_t hash, const void *data, size_t bytes) {
 
 /* Converts a finite number to a 16-bit float, rounding to nearest even. Numbers out of range become 65504 or -65504. */
 static uint16_t sbl__to_half(float value) {
-    uint32_t bits, sign, mantissa, rest, half;
-    int exponent, shift;
-    memcpy(&bits, &value, sizeof bits);
-    sign = (bits >> 16) & 0x8000u;
-    exponent = (int)((bits >> 23) & 255u) - 127;
-    mantissa = (bits & 0x7fffffu) | 0x800000u;
+    const uint32_t bits = sbl__float_bits(&value), sign = (bits >> 16) & 0x8000u;
+    const uint32_t mantissa = (bits & 0x7fffffu) | 0x800000u;
+    const int exponent = (int)((bits >> 23) & 255u) - 127, shift = exponent < -14 ? -1 - exponent : 13;
+    uint32_t rest, half;
     if (exponent > 15) return (uint16_t)(sign | 0x7bffu);
     if (exponent < -25) return (uint16_t)sign;
-    shift = exponent < -14 ? -1 - exponent : 13;
     half = exponent < -14 ? mantissa >> shift : (uint32_t)(exponent + 14) * 1024u + (mantissa >> 13);
     rest = mantissa & ((1u << shift) - 1u);
     if (rest > (1u << (shift - 1)) || (rest == (1u << (shift - 1)) && (half & 1u))) half++;
@@ -2128,12 +2123,10 @@ enum {
     SBL__GL_DEPTH_WRITEMASK = 0x0B72, SBL__GL_DEPTH_FUNC = 0x0B74, SBL__GL_STENCIL_TEST = 0x0B90,
     SBL__GL_VIEWPORT = 0x0BA2, SBL__GL_BLEND = 0x0BE2, SBL__GL_COLOR_LOGIC_OP = 0x0BF2,
     SBL__GL_SCISSOR_BOX = 0x0C10, SBL__GL_SCISSOR_TEST = 0x0C11, SBL__GL_COLOR_WRITEMASK = 0x0C23,
-    SBL__GL_DITHER = 0x0BD0, SBL__GL_UNPACK_SWAP_BYTES = 0x0CF0, SBL__GL_UNPACK_LSB_FIRST = 0x0CF1,
-    SBL__GL_UNPACK_ROW_LENGTH = 0x0CF2, SBL__GL_UNPACK_SKIP_ROWS = 0x0CF3, SBL__GL_UNPACK_SKIP_PIXELS = 0x0CF4,
-    SBL__GL_UNPACK_ALIGNMENT = 0x0CF5, SBL__GL_PACK_SWAP_BYTES = 0x0D00, SBL__GL_PACK_LSB_FIRST = 0x0D01,
-    SBL__GL_PACK_ROW_LENGTH = 0x0D02, SBL__GL_PACK_SKIP_ROWS = 0x0D03, SBL__GL_PACK_SKIP_PIXELS = 0x0D04,
-    SBL__GL_PACK_ALIGNMENT = 0x0D05, SBL__GL_PACK_SKIP_IMAGES = 0x806B, SBL__GL_PACK_IMAGE_HEIGHT = 0x806C,
-    SBL__GL_UNPACK_SKIP_IMAGES = 0x806D, SBL__GL_UNPACK_IMAGE_HEIGHT = 0x806E, SBL__GL_MAX_TEXTURE_SIZE = 0x0D33,
+    SBL__GL_DITHER = 0x0BD0, SBL__GL_UNPACK_SWAP_BYTES = 0x0CF0, SBL__GL_UNPACK_ROW_LENGTH = 0x0CF2,
+    SBL__GL_UNPACK_SKIP_ROWS = 0x0CF3, SBL__GL_UNPACK_SKIP_PIXELS = 0x0CF4, SBL__GL_UNPACK_ALIGNMENT = 0x0CF5,
+    SBL__GL_PACK_SWAP_BYTES = 0x0D00, SBL__GL_PACK_ROW_LENGTH = 0x0D02, SBL__GL_PACK_SKIP_ROWS = 0x0D03,
+    SBL__GL_PACK_SKIP_PIXELS = 0x0D04, SBL__GL_PACK_ALIGNMENT = 0x0D05, SBL__GL_MAX_TEXTURE_SIZE = 0x0D33,
     SBL__GL_TEXTURE_2D = 0x0DE1, SBL__GL_TEXTURE_WIDTH = 0x1000, SBL__GL_TEXTURE_HEIGHT = 0x1001,
     SBL__GL_UNSIGNED_BYTE = 0x1401, SBL__GL_UNSIGNED_INT = 0x1405, SBL__GL_FLOAT = 0x1406,
     SBL__GL_HALF_FLOAT = 0x140B, SBL__GL_COLOR = 0x1800, SBL__GL_DEPTH = 0x1801, SBL__GL_DEPTH_COMPONENT = 0x1902,
@@ -2293,27 +2286,27 @@ static sbl_result sbl__gl_load(sbl__gl *gl, const sbl_context_desc *desc) {
    before the function returns. sbl__guard_force sets the state that passes rely on, after the state has been saved and
    after each call of the host's draw callback. */
 
-/* Capabilities of glEnable; needed: the first GL version that has the capability, as 10 * major + minor */
-static const struct { unsigned name; int needed; } sbl__guard_switches[] = {
-    { SBL__GL_CULL_FACE, 33 }, { SBL__GL_DEPTH_TEST, 33 }, { SBL__GL_STENCIL_TEST, 33 }, { SBL__GL_SCISSOR_TEST, 33 },
-    { SBL__GL_COLOR_LOGIC_OP, 33 }, { SBL__GL_DITHER, 33 }, { SBL__GL_POLYGON_OFFSET_FILL, 33 },
-    { SBL__GL_POLYGON_SMOOTH, 33 }, { SBL__GL_MULTISAMPLE, 33 }, { SBL__GL_SAMPLE_ALPHA_TO_COVERAGE, 33 },
-    { SBL__GL_SAMPLE_ALPHA_TO_ONE, 33 }, { SBL__GL_SAMPLE_COVERAGE, 33 }, { SBL__GL_SAMPLE_MASK, 33 },
-    { SBL__GL_DEPTH_CLAMP, 33 }, { SBL__GL_RASTERIZER_DISCARD, 33 }, { SBL__GL_FRAMEBUFFER_SRGB, 33 },
-    { SBL__GL_PRIMITIVE_RESTART, 33 }, { SBL__GL_CLIP_DISTANCE0, 33 }, { SBL__GL_CLIP_DISTANCE0 + 1, 33 },
-    { SBL__GL_CLIP_DISTANCE0 + 2, 33 }, { SBL__GL_CLIP_DISTANCE0 + 3, 33 }, { SBL__GL_CLIP_DISTANCE0 + 4, 33 },
-    { SBL__GL_CLIP_DISTANCE0 + 5, 33 }, { SBL__GL_CLIP_DISTANCE0 + 6, 33 }, { SBL__GL_CLIP_DISTANCE0 + 7, 33 },
-    { SBL__GL_SAMPLE_SHADING, 40 }, { SBL__GL_PRIMITIVE_RESTART_FIXED_INDEX, 43 }
+/* Capabilities of glEnable. The last two need GL 4.0 and 4.3, see sbl__guard_switch_count. */
+static const unsigned sbl__guard_switches[] = {
+    SBL__GL_CULL_FACE, SBL__GL_DEPTH_TEST, SBL__GL_STENCIL_TEST, SBL__GL_SCISSOR_TEST, SBL__GL_COLOR_LOGIC_OP,
+    SBL__GL_DITHER, SBL__GL_POLYGON_OFFSET_FILL, SBL__GL_POLYGON_SMOOTH, SBL__GL_MULTISAMPLE,
+    SBL__GL_SAMPLE_ALPHA_TO_COVERAGE, SBL__GL_SAMPLE_ALPHA_TO_ONE, SBL__GL_SAMPLE_COVERAGE, SBL__GL_SAMPLE_MASK,
+    SBL__GL_DEPTH_CLAMP, SBL__GL_RASTERIZER_DISCARD, SBL__GL_FRAMEBUFFER_SRGB, SBL__GL_PRIMITIVE_RESTART,
+    SBL__GL_CLIP_DISTANCE0, SBL__GL_CLIP_DISTANCE0 + 1, SBL__GL_CLIP_DISTANCE0 + 2, SBL__GL_CLIP_DISTANCE0 + 3,
+    SBL__GL_CLIP_DISTANCE0 + 4, SBL__GL_CLIP_DISTANCE0 + 5, SBL__GL_CLIP_DISTANCE0 + 6, SBL__GL_CLIP_DISTANCE0 + 7,
+    SBL__GL_SAMPLE_SHADING, SBL__GL_PRIMITIVE_RESTART_FIXED_INDEX
 };
 
-/* The parameters of glPixelStore and the values that the library works with */
+static int sbl__guard_switch_count(const sbl__gl *gl) {
+    return SBL__COUNT(sbl__guard_switches) - !sbl__gl_at_least(gl, 40) - !sbl__gl_at_least(gl, 43);
+}
+
+/* The parameters of glPixelStore that affect 2D textures, and the values that the library works with */
 static const struct { unsigned name; int value; } sbl__guard_pixel_store[] = {
-    { SBL__GL_UNPACK_SWAP_BYTES, 0 }, { SBL__GL_UNPACK_LSB_FIRST, 0 }, { SBL__GL_UNPACK_ROW_LENGTH, 0 },
-    { SBL__GL_UNPACK_SKIP_ROWS, 0 }, { SBL__GL_UNPACK_SKIP_PIXELS, 0 }, { SBL__GL_UNPACK_ALIGNMENT, 1 },
-    { SBL__GL_UNPACK_SKIP_IMAGES, 0 }, { SBL__GL_UNPACK_IMAGE_HEIGHT, 0 }, { SBL__GL_PACK_SWAP_BYTES, 0 },
-    { SBL__GL_PACK_LSB_FIRST, 0 }, { SBL__GL_PACK_ROW_LENGTH, 0 }, { SBL__GL_PACK_SKIP_ROWS, 0 },
-    { SBL__GL_PACK_SKIP_PIXELS, 0 }, { SBL__GL_PACK_ALIGNMENT, 1 }, { SBL__GL_PACK_SKIP_IMAGES, 0 },
-    { SBL__GL_PACK_IMAGE_HEIGHT, 0 }
+    { SBL__GL_UNPACK_SWAP_BYTES, 0 }, { SBL__GL_UNPACK_ROW_LENGTH, 0 }, { SBL__GL_UNPACK_SKIP_ROWS, 0 },
+    { SBL__GL_UNPACK_SKIP_PIXELS, 0 }, { SBL__GL_UNPACK_ALIGNMENT, 1 }, { SBL__GL_PACK_SWAP_BYTES, 0 },
+    { SBL__GL_PACK_ROW_LENGTH, 0 }, { SBL__GL_PACK_SKIP_ROWS, 0 }, { SBL__GL_PACK_SKIP_PIXELS, 0 },
+    { SBL__GL_PACK_ALIGNMENT, 1 }
 };
 
 /* The state of an image unit, in the order of the parameters of glBindImageTexture */
@@ -2346,9 +2339,7 @@ static void sbl__guard_save(const sbl__gl *gl, sbl__guard *g) {
     int i;
     memset(g, 0, sizeof *g);
     sbl__gl_clear_errors(gl);
-    for (i = 0; i < SBL__COUNT(sbl__guard_switches); i++)
-        if (sbl__gl_at_least(gl, sbl__guard_switches[i].needed))
-            g->switches[i] = gl->IsEnabled(sbl__guard_switches[i].name);
+    for (i = 0; i < sbl__guard_switch_count(gl); i++) g->switches[i] = gl->IsEnabled(sbl__guard_switches[i]);
     for (i = 0; i < SBL__GUARD_DRAW_BUFFERS; i++) {
         g->blend[i] = gl->IsEnabledi(SBL__GL_BLEND, (unsigned)i);
         gl->GetBooleani_v(SBL__GL_COLOR_WRITEMASK, (unsigned)i, g->color_mask[i]);
@@ -2393,8 +2384,7 @@ static void sbl__guard_save(const sbl__gl *gl, sbl__guard *g) {
 
 static void sbl__guard_force(const sbl__gl *gl) {
     int i;
-    for (i = 0; i < SBL__COUNT(sbl__guard_switches); i++)
-        if (sbl__gl_at_least(gl, sbl__guard_switches[i].needed)) gl->Disable(sbl__guard_switches[i].name);
+    for (i = 0; i < sbl__guard_switch_count(gl); i++) gl->Disable(sbl__guard_switches[i]);
     gl->Enable(SBL__GL_DEPTH_CLAMP);
     for (i = 0; i < SBL__GUARD_DRAW_BUFFERS; i++) {
         gl->Disablei(SBL__GL_BLEND, (unsigned)i);
@@ -2419,9 +2409,8 @@ static void sbl__guard_force(const sbl__gl *gl) {
 
 static void sbl__guard_restore(const sbl__gl *gl, const sbl__guard *g) {
     int i;
-    for (i = 0; i < SBL__COUNT(sbl__guard_switches); i++)
-        if (sbl__gl_at_least(gl, sbl__guard_switches[i].needed))
-            (g->switches[i] ? gl->Enable : gl->Disable)(sbl__guard_switches[i].name);
+    for (i = 0; i < sbl__guard_switch_count(gl); i++)
+        (g->switches[i] ? gl->Enable : gl->Disable)(sbl__guard_switches[i]);
     for (i = 0; i < SBL__GUARD_DRAW_BUFFERS; i++) {
         const unsigned char *m = g->color_mask[i];
         (g->blend[i] ? gl->Enablei : gl->Disablei)(SBL__GL_BLEND, (unsigned)i);
@@ -2484,7 +2473,7 @@ typedef struct sbl__record {
     const char *name;          /* prefix of the GLSL functions' names */
     const char *sampler;       /* name of the table's sampler */
     const char *declaration;   /* GLSL declaration of the sampler; "" if another record of the same table declares it */
-    const char *first;         /* uniform that holds the texel of the first record; NULL: the first record is at 0 */
+    const char *first;         /* uniform: number of the first record's first texel; NULL: that number is 0 */
     int texels;                /* number of texels that one struct takes in a table */
     const sbl__field *fields;
     int field_count;
@@ -2518,7 +2507,7 @@ typedef struct sbl__record {
 #define SBL__TEXTURE_FLOAT 2u      /* kind of a texture: 16-bit float */
 #define SBL__TEXTURE_KIND 3u       /* mask of the kind; 0 means that there is no texture */
 #define SBL__TEXTURE_CLAMPS 4u     /* flag: coordinates are clamped; otherwise the texture repeats */
-#define SBL__LEAF 0x80000000u      /* references to children in the hierarchy, see >>bvh */
+#define SBL__LEAF 0x80000000u      /* references in the hierarchy, see sbl__node, and in a ray's stack (LEAVE, END) */
 #define SBL__ENTER 0xc0000000u
 #define SBL__LEAVE 0xd0000000u
 #define SBL__END 0xffffffffu
@@ -2529,17 +2518,17 @@ typedef struct sbl__record {
 #define SBL__LAMP_SKY_TEXEL 3u
 #define SBL__LAMP_KIND_SHIFT 30
 #define SBL__FAR_NODE 0x80000000u  /* flag: all lamps of a node are at infinity */
-#define SBL__PATCH_BACK 1u         /* bits of a patch's word, see >>store */
+#define SBL__PATCH_BACK 1u         /* bits of a patch word, see sbl__patch_word */
 #define SBL__PATCH_FLAT 2u
 #define SBL__PATCH_AXIS_SHIFT 2
-#define SBL__PATCH_NEAR 16u        /* flag: the ray that meets the patch is shorter than a cell's length / NEAR_PART */
-#define SBL__PATCH_LEVEL 32u       /* the lower of the two bits that hold the cell's level */
+#define SBL__PATCH_NEAR 16u        /* flag: the ray is shorter than 1 / NEAR_PART of a level-0 cell's length */
+#define SBL__PATCH_LEVEL 32u       /* factor of the cell's level, which takes two bits */
 #define SBL__PATCH_SHIFT 7
 #define SBL__NEAR_PART 2
 #define SBL__SLOT_TRIES 64         /* largest number of slots that a search in the hash grid visits */
-#define SBL__CELL_CUT 0x80000000u  /* flag of a reference: it leads to a cut, not to a leaf */
+#define SBL__CELL_CUT 0x80000000u  /* flag of a reference in the store: it leads to a cut, not to a leaf */
 #define SBL__CELL_DEPTH 8          /* largest number of cuts between a cell and a leaf */
-#define SBL__LEVELS 3              /* number of cell sizes; the store uses larger cells when leaves become scarce */
+#define SBL__LEVELS 3              /* number of cell sizes; new surfaces get larger cells as the store fills up */
 #define SBL__LEVEL_SHIFT 2         /* cells of level n + 1 are 2^this times as long as cells of level n */
 #define SBL__CAST_NUMBERS 1048576  /* cast.glsl stores a triangle's number n as two floats, n % this and n / this */
 #define SBL__GUIDE_RINGS 16        /* rings of a guide's histogram, see >>guide */
@@ -2566,15 +2555,15 @@ typedef struct sbl__record {
 #define SBL__NORMAL_LEAST 1e-12        /* squared length up to which an interpolated normal is replaced by the face's */
 #define SBL__GRAZING 0.01              /* smallest cosine that a shading normal may have with the direction to the
                                           viewer or, at sites of >>vertices, with the face's normal */
-#define SBL__BELONGS_COSINE 0.8f       /* belongs.glsl: the weight is 0 up to this cosine between two points' normals */
-#define SBL__BELONGS_TURN 0.2f         /* the weight is not reduced if the cosine is larger by this or more */
-#define SBL__BELONGS_OFF 8.0f          /* the weight falls from 1 to 0 while this * distance from the plane / distance
-                                          between the points rises from 1 to 2 */
+#define SBL__BELONGS_COSINE 0.8f       /* sbl_belongs is 0 up to this cosine of the angle between two points' normals */
+#define SBL__BELONGS_TURN 0.2f         /* from BELONGS_COSINE + this on, the angle does not reduce sbl_belongs */
+#define SBL__BELONGS_OFF 8.0f          /* sbl_belongs falls to 0 while this * (distance of a point from the plane of the
+                                          other) / (distance between the points) rises from 1 to 2 */
 #define SBL__FILTER_VISIBLE 0.0025f    /* invisible relative difference of light, which the filter may smooth */
 #define SBL__FILTER_FALL 0.25          /* the filter's weights are exp(-this * (difference / noise)^2) */
 #define SBL__DIVISOR_LEAST 1e-30f      /* prevents divisions by 0 */
 
-/* The constants that shaders get as #defines: SBL__name as its text, SBL_MATERIAL_name as its value. */
+/* Constants that shaders get as #define SBL_name, with the text of SBL__name or the value of SBL_MATERIAL_name */
 #define SBL__SHARED_CONSTANTS(X) \
     X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) \
     X(PATCH_AXIS_SHIFT) X(NEAR_PART) X(SLOT_TRIES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) \
@@ -2587,7 +2576,7 @@ typedef struct sbl__record {
     X(BELONGS_OFF) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST)
 #define SBL__SHARED_FLAGS(X) X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
 
-#define SBL__PRELUDE_MOST 8192     /* size of the GLSL text of the constants, and of the records, in characters */
+#define SBL__PRELUDE_MOST 16384    /* size of the text that precedes the files of a shader, in characters */
 
 /* Appends to a string of `length` characters in an array of SBL__PRELUDE_MOST. Returns the new length. */
 static size_t sbl__write(char *text, size_t length, const char *format, ...) {
@@ -2599,7 +2588,7 @@ static size_t sbl__write(char *text, size_t length, const char *format, ...) {
     return SBL__MIN(length + (size_t)SBL__MAX(more, 0), SBL__PRELUDE_MOST - 1);
 }
 
-static void sbl__write_constants(char *text, size_t length) {
+static size_t sbl__write_constants(char *text, size_t length) {
 #define SBL__X(name) length = sbl__write(text, length, "#define SBL_" #name " %uu\n", (unsigned)SBL_MATERIAL_##name);
     SBL__SHARED_FLAGS(SBL__X)
 #undef SBL__X
@@ -2609,6 +2598,7 @@ static void sbl__write_constants(char *text, size_t length) {
 #define SBL__X(name) length = sbl__write(text, length, "#define SBL_" #name " %s\n", SBL__TEXT_OF(SBL__##name));
     SBL__SHARED_CONSTANTS(SBL__X)
 #undef SBL__X
+    return length;
 }
 
 static size_t sbl__write_record(char *text, size_t length, const sbl__record *r) {
@@ -2857,7 +2847,7 @@ static sbl_result sbl__target_read(const sbl__device *d, const sbl__target *t, i
 enum {
     SBL__TEXTURED = 1 << 0,     /* the scene has textures, cutouts or vertex colours */
     SBL__WIDE = 1 << 1,         /* the scene's tables are 2D textures, see sbl__table */
-    SBL__VIEWS = 1 << 2,        /* also test rays towards lamps against views, which alone hold what the host draws */
+    SBL__VIEWS = 1 << 2,        /* also test rays towards lamps against views: only views show what the host draws */
     SBL__INSPECT = 1 << 3,      /* lamps.glsl writes each ray, for sbl_inspect_sensor */
     SBL__WRITE_DEPTH = 1 << 4,  /* shaders write depth, because the driver has no clip control */
     SBL__COMPUTE = 1 << 5,      /* use compute shaders in recipes that allow them, see sbl__invoke */
@@ -2901,49 +2891,54 @@ static const char *const sbl__glsl_tables[] = {
 0 };
 /* <<glsl */
 
-typedef struct sbl__prelude { char constants[SBL__PRELUDE_MOST], records[SBL__PRELUDE_MOST]; } sbl__prelude;
-
-static sbl_result sbl__shader_make(const sbl__device *d, unsigned *out, unsigned type, const sbl__recipe *recipe,
-                                   const sbl__prelude *prelude) {
+/* Compiles a shader and hands it to a program. prelude: text that precedes the recipe's files */
+static sbl_result sbl__shader_make(const sbl__device *d, const sbl__program *program, unsigned type,
+                                   const char *prelude) {
     const sbl__gl *gl = &d->gl;
+    const sbl__recipe *recipe = program->recipe;
     const char *const *const *shaders = type == SBL__GL_VERTEX_SHADER ? recipe->vertex : recipe->fragment;
+    const unsigned id = gl->CreateShader(type);
     const char *lines[SBL__LINES_MOST];
     char text[400] = "";
     int count = 0, ok = 0, shader, line;
     lines[count++] = type == SBL__GL_COMPUTE_SHADER ? "#version 430 core\n" : "#version 330 core\n";
-    lines[count++] = prelude->constants;
-    for (line = 0; sbl__glsl_tables[line]; line++) lines[count++] = sbl__glsl_tables[line];
-    lines[count++] = prelude->records;
+    lines[count++] = prelude;
     for (shader = 0; shader < SBL__SHADERS_MOST && shaders[shader]; shader++)
         for (line = 0; shaders[shader][line] && count < SBL__LINES_MOST; line++) lines[count++] = shaders[shader][line];
-    *out = gl->CreateShader(type);
-    if (*out) {
-        gl->ShaderSource(*out, count, lines, NULL);
-        gl->CompileShader(*out);
-        gl->GetShaderiv(*out, SBL__GL_COMPILE_STATUS, &ok);
+    if (id) {
+        gl->ShaderSource(id, count, lines, NULL);
+        gl->CompileShader(id);
+        gl->GetShaderiv(id, SBL__GL_COMPILE_STATUS, &ok);
+        if (!ok) gl->GetShaderInfoLog(id, (int)sizeof text - 1, NULL, text);
+        gl->AttachShader(program->id, id);
+        gl->DeleteShader(id);  /* it lives as long as the program */
     }
     if (ok) return SBL_SUCCESS;
-    if (*out) gl->GetShaderInfoLog(*out, (int)sizeof text - 1, NULL, text);
     sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_SHADER_COMPILE, "the driver refuses the shader \"%s\": %s",
              recipe->name, text);
     return SBL_ERROR_GL;
 }
 
-static sbl_result sbl__program_link(const sbl__device *d, unsigned *out, const unsigned shaders[2], const char *name) {
+/* Compiles and links a program, and sets program->id. */
+static sbl_result sbl__program_link(const sbl__device *d, sbl__program *program, const char *prelude) {
     const sbl__gl *gl = &d->gl;
+    const int compute = (program->features & SBL__COMPUTE) != 0;
+    const unsigned last = compute ? SBL__GL_COMPUTE_SHADER : SBL__GL_FRAGMENT_SHADER;
+    sbl_result result = SBL_SUCCESS;
     char text[400] = "";
     int ok = 0;
-    *out = gl->CreateProgram();
-    if (*out) {
-        if (shaders[0]) gl->AttachShader(*out, shaders[0]);
-        gl->AttachShader(*out, shaders[1]);
-        gl->LinkProgram(*out);
-        gl->GetProgramiv(*out, SBL__GL_LINK_STATUS, &ok);
+    program->id = gl->CreateProgram();
+    if (program->id) {
+        if (!compute) result = sbl__shader_make(d, program, SBL__GL_VERTEX_SHADER, prelude);
+        if (result == SBL_SUCCESS) result = sbl__shader_make(d, program, last, prelude);
+        if (result != SBL_SUCCESS) return result;
+        gl->LinkProgram(program->id);
+        gl->GetProgramiv(program->id, SBL__GL_LINK_STATUS, &ok);
+        if (!ok) gl->GetProgramInfoLog(program->id, (int)sizeof text - 1, NULL, text);
     }
     if (ok) return SBL_SUCCESS;
-    if (*out) gl->GetProgramInfoLog(*out, (int)sizeof text - 1, NULL, text);
-    sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_SHADER_LINK, "the driver does not link the program \"%s\": %s", name,
-             text);
+    sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_SHADER_LINK, "the driver does not link the program \"%s\": %s",
+             program->recipe->name, text);
     return SBL_ERROR_GL;
 }
 
@@ -2966,36 +2961,27 @@ static sbl_result sbl__program_check_textures(const sbl__device *d, unsigned pro
     return SBL_ERROR_UNSUPPORTED;
 }
 
-/* Compiles a program and sets program->id. */
 static sbl_result sbl__program_make(const sbl__device *d, sbl__program *program) {
     static const char *const names[SBL__FEATURES] = {
         "TEXTURED", "WIDE", "VIEWS", "INSPECT", "WRITE_DEPTH", "COMPUTE", "BOUNCED", "MIXED", "CUTOUTS",
         "GUIDED", "LIGHTMAP", "DIRECTIONAL"
     };
-    const sbl__gl *gl = &d->gl;
     const sbl__recipe *recipe = program->recipe;
-    const int compute = (program->features & SBL__COMPUTE) != 0;
-    const unsigned last = compute ? SBL__GL_COMPUTE_SHADER : SBL__GL_FRAGMENT_SHADER;
-    sbl__prelude prelude = { "", "" };
-    unsigned shaders[2] = { 0, 0 };
+    char prelude[SBL__PRELUDE_MOST];
     size_t length = 0;
-    sbl_result result = SBL_SUCCESS;
+    sbl_result result;
     int i;
     for (i = 0; i < SBL__FEATURES; i++)
-        if (program->features >> i & 1) length = sbl__write(prelude.constants, length, "#define SBL_%s\n", names[i]);
-    length = sbl__write(prelude.constants, length, "#define SBL_WORKGROUP %d\n", d->workgroup);
-    sbl__write_constants(prelude.constants, length);
-    for (i = 0, length = 0; i < SBL__SHADERS_MOST && recipe->records[i]; i++)
-        length = sbl__write_record(prelude.records, length, recipe->records[i]);
-    program->id = 0;
-    if (!compute) result = sbl__shader_make(d, &shaders[0], SBL__GL_VERTEX_SHADER, recipe, &prelude);
-    if (result == SBL_SUCCESS) result = sbl__shader_make(d, &shaders[1], last, recipe, &prelude);
-    if (result == SBL_SUCCESS) result = sbl__program_link(d, &program->id, shaders, recipe->name);
-    if (shaders[0]) gl->DeleteShader(shaders[0]);
-    if (shaders[1]) gl->DeleteShader(shaders[1]);
+        if (program->features >> i & 1) length = sbl__write(prelude, length, "#define SBL_%s\n", names[i]);
+    length = sbl__write(prelude, length, "#define SBL_WORKGROUP %d\n", d->workgroup);
+    length = sbl__write_constants(prelude, length);
+    for (i = 0; sbl__glsl_tables[i]; i++) length = sbl__write(prelude, length, "%s", sbl__glsl_tables[i]);
+    for (i = 0; i < SBL__SHADERS_MOST && recipe->records[i]; i++)
+        length = sbl__write_record(prelude, length, recipe->records[i]);
+    result = sbl__program_link(d, program, prelude);
     if (result == SBL_SUCCESS) result = sbl__program_check_textures(d, program->id, recipe->name);
-    if (result == SBL_SUCCESS) result = sbl__gl_check(gl);
-    if (result != SBL_SUCCESS && program->id) gl->DeleteProgram(program->id);
+    if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
+    if (result != SBL_SUCCESS && program->id) d->gl.DeleteProgram(program->id);
     return result;
 }
 
@@ -3119,19 +3105,14 @@ static void sbl__draw_mesh(const sbl__device *d, unsigned array, int first, int 
                                 (const void *)(12 * (uintptr_t)first), instances);
 }
 
-/* Like sbl__draw_mesh, but without indices: gl_VertexID begins at 3 * first. */
+/* Like sbl__draw_mesh, but without indices: gl_VertexID begins at 3 * first. array: may be d->empty_array */
 static void sbl__draw_numbers(const sbl__device *d, unsigned array, int first, int count, int instances) {
     d->gl.BindVertexArray(array);
     d->gl.DrawArraysInstanced(SBL__GL_TRIANGLES, 3 * first, 3 * count, instances);
 }
 
-/* Draws `count` triangles without vertex attributes; gl_VertexID begins at 3 * first. */
-static void sbl__draw_triangles(const sbl__device *d, int first, int count) {
-    sbl__draw_numbers(d, d->empty_array, first, count, 1);
-}
-
 /* Draws a triangle that covers the viewport, for fullscreen_vertex.glsl. */
-static void sbl__draw_screen(const sbl__device *d) { sbl__draw_triangles(d, 0, 1); }
+static void sbl__draw_screen(const sbl__device *d) { sbl__draw_numbers(d, d->empty_array, 0, 1, 1); }
 
 /* Draws instances of a rectangle as a strip of two triangles: gl_VertexID is 0 to 3. */
 static void sbl__draw_rectangles(const sbl__device *d, unsigned array, int instances) {
@@ -3158,10 +3139,10 @@ static void sbl__invoke(const sbl__device *d, const sbl__target *t, int row, int
     }
 }
 
-/* Rounds a number of items to a multiple of a lot, at least one lot. invocations: number of invocations per item */
-static double sbl__whole_lots(const sbl__device *d, double room, int invocations) {
+/* Rounds a number of items to the nearest multiple of a lot, at least one lot. invocations: per item */
+static double sbl__whole_lots(const sbl__device *d, double items, int invocations) {
     const double lot = SBL__MAX(d->lot / invocations, 1);
-    return SBL__MAX(floor(room / lot + 0.5), 1.0) * lot;
+    return SBL__MAX(floor(items / lot + 0.5), 1.0) * lot;
 }
 
 /* An attribute of a vertex array, and its place in a buffer. */
@@ -5124,21 +5105,21 @@ static float sbl__box_area(const sbl__box *b) {
 /* Bounds of triangles, and of their centroids multiplied by 2 */
 typedef struct sbl__bvh_bounds { sbl__box box, centroids; } sbl__bvh_bounds;
 
-/* A node to build, over triangles first .. first + count - 1 of the order. It becomes child `side` of node `parent`. */
+/* A node to build, over triangles first .. first + count - 1 of the order. slot: its place in sbl__bvh.children */
 typedef struct sbl__bvh_task {
-    int first, count, depth, parent, side;
+    int first, count, depth, slot;
     sbl__grid_node grid;
     sbl__bvh_bounds bounds;
 } sbl__bvh_task;
 
-/* The split of a task's triangles into two halves. */
+/* The split of a task's triangles into two parts, one for each child. */
 typedef struct sbl__bvh_split {
-    int left;                    /* triangles moved to the first half so far */
-    int axis, bin;               /* the first half ends with this bin along the axis; axis < 0: there is no split */
+    int left;                    /* triangles moved to the first part so far */
+    int axis, bin;               /* the first part ends with this bin along the axis; axis < 0: there is no split */
     float scale[3];              /* bins per unit of doubled centroids; 0: the axis is not split */
     sbl__box bins[3][SBL__BVH_BINS];
     int counts[3][SBL__BVH_BINS];
-    sbl__bvh_bounds halves[2];
+    sbl__bvh_bounds parts[2];
 } sbl__bvh_split;
 
 /* Cost of a node. sum: area of its box * number of nodes and triangles that a ray through the box tests on average */
@@ -5151,11 +5132,10 @@ typedef struct sbl__bvh {        /* data for building the hierarchy */
     const sbl__device *device;
     const sbl__geometry *geometry;
     struct sbl__hierarchy *hierarchy;
-    uint32_t (*children)[4];     /* sbl__node: two children per node */
+    uint32_t (*children)[4];     /* sbl__node: 2 * n and 2 * n + 1 are the children of node n */
     sbl__box *boxes;             /* bounds of each triangle */
     sbl__bvh_work *work;         /* cost of each node */
-    sbl__bvh_bounds all;
-    sbl__bvh_task stack[2 * SBL__STACK];  /* tasks to do */
+    sbl__bvh_task stack[2 * SBL__STACK];  /* tasks to do; the first is for all triangles */
     sbl__bvh_task task;          /* the current task */
     int top;                     /* number of tasks on the stack */
     sbl__bvh_split split;
@@ -5208,7 +5188,7 @@ static int sbl__bvh_chunks(void *work) {
     return (((sbl__bvh *)work)->task.count + SBL__BVH_CHUNK - 1) / SBL__BVH_CHUNK;
 }
 
-/* Puts the triangles of a chunk into bins (SBL__BVH_COUNT), or moves those of the first half to the front of the task
+/* Puts the triangles of a chunk into bins (SBL__BVH_COUNT), or moves those of the first part to the front of the task
    (SBL__BVH_PART). */
 static sbl_result sbl__bvh_chunk(void *work, int chunk) {
     sbl__bvh *b = (sbl__bvh *)work;
@@ -5222,7 +5202,7 @@ static sbl_result sbl__bvh_chunk(void *work, int chunk) {
         const sbl__box *box = &b->boxes[number];
         if (b->stages.stage == SBL__BVH_PART) {
             const int second = sbl__bvh_bin(b, box, s->axis) > s->bin;
-            sbl__bvh_bounds_add(&s->halves[second], box);
+            sbl__bvh_bounds_add(&s->parts[second], box);
             if (second) continue;
             order[i] = order[b->task.first + s->left];
             order[b->task.first + s->left++] = number;
@@ -5299,8 +5279,8 @@ static int sbl__bvh_corner_order(const void *first, const void *second) {
     return a[k] < b[k] ? -1 : a[k] > b[k];
 }
 
-/* Drops triangles that have exactly the corners of a triangle with a lower number and without holes: a ray hits the
-   latter, but would test all of them. Shortens the task. */
+/* Drops triangles with exactly the corners of another triangle that has a lower number and no holes. No ray hits such
+   copies, but rays would test them. Shortens the task. */
 static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
     const sbl__geometry *g = b->geometry;
     uint32_t *order = b->hierarchy->order;
@@ -5338,7 +5318,7 @@ static int sbl__bvh_next_task(void *work) {
     int axis, k, fine = 1;
     if (!b->top) return SBL__BVH_COSTS;
     *t = b->stack[--b->top];
-    child = &b->children[2 * t->parent + t->side][3];
+    child = &b->children[t->slot][3];
     *child = (uint32_t)h->node_count;
     for (k = 0; k < 3; k++) fine &= (box->high[k] - box->low[k]) * t->grid.per_length[k] < SBL__BVH_GRID_STEPS;
     if (fine && t->count >= SBL__BVH_GRID_LEAST && t->depth < SBL__BVH_SAH_DEPTH) {
@@ -5348,7 +5328,7 @@ static int sbl__bvh_next_task(void *work) {
     }
     memset(s, 0, sizeof *s);
     s->axis = -1;
-    for (k = 0; k < 2; k++) s->halves[k].box = s->halves[k].centroids = sbl__box_empty;
+    for (k = 0; k < 2; k++) s->parts[k].box = s->parts[k].centroids = sbl__box_empty;
     for (axis = 0; axis < 3; axis++) {
         const float size = centroids->high[axis] - centroids->low[axis];
         const float scale = size > 0 ? (float)SBL__BVH_BINS * 0.99999f / size : 0;
@@ -5358,7 +5338,7 @@ static int sbl__bvh_next_task(void *work) {
     return SBL__BVH_COUNT;
 }
 
-/* Writes the node of the present task after its split. Each half becomes a leaf or a task. */
+/* Writes the node of the present task after its split. Each part becomes a leaf or a task. */
 static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__bvh_split *s = &b->split;
@@ -5366,20 +5346,20 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
     const int node = b->hierarchy->node_count++;
     int side, i;
     (void)slice;
-    if (!s->left) {  /* no split was found; the first half of a single triangle is a box that no ray enters */
+    if (!s->left) {  /* no split was found. The first part may be empty; no ray enters its box */
         const sbl_result result = sbl__bvh_drop_copies(b, t);
         if (result != SBL_SUCCESS) return result;
         s->left = t->count / 2;
         for (i = 0; i < t->count; i++)
-            sbl__bvh_bounds_add(&s->halves[i >= s->left], &b->boxes[b->hierarchy->order[t->first + i]]);
+            sbl__bvh_bounds_add(&s->parts[i >= s->left], &b->boxes[b->hierarchy->order[t->first + i]]);
     }
     b->work[node].area = sbl__box_area(&t->bounds.box);
-    b->work[node].parent = t->parent;
+    b->work[node].parent = t->slot / 2;
     for (side = 0; side < 2; side++) {
         const int first = side ? t->first + s->left : t->first, count = side ? t->count - s->left : s->left;
         uint32_t *child = b->children[2 * node + side];
-        sbl__bvh_quantise(&t->grid, &s->halves[side].box, child);
-        b->work[node].sum += (double)sbl__box_area(&s->halves[side].box) * (count <= SBL__BVH_LEAF ? 1 + count : 1);
+        sbl__bvh_quantise(&t->grid, &s->parts[side].box, child);
+        b->work[node].sum += (double)sbl__box_area(&s->parts[side].box) * (count <= SBL__BVH_LEAF ? 1 + count : 1);
         if (count <= SBL__BVH_LEAF)
             child[3] = SBL__LEAF | (uint32_t)(SBL__MAX(1, count) - 1) << 28 | (uint32_t)first;
         else {
@@ -5388,9 +5368,8 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
             task->first = first;
             task->count = count;
             task->depth++;
-            task->parent = node;
-            task->side = side;
-            task->bounds = s->halves[side];
+            task->slot = 2 * node + side;
+            task->bounds = s->parts[side];
         }
     }
     return SBL_SUCCESS;
@@ -5413,7 +5392,7 @@ static sbl_result sbl__bvh_begin(const sbl__device *d, const sbl__geometry *g, s
     h->order = (uint32_t *)sbl__alloc_raw(d->base, room, 4);
     b->boxes = (sbl__box *)sbl__alloc_raw(d->base, room, sizeof *b->boxes);
     b->work = (sbl__bvh_work *)sbl__alloc(d->base, nodes, sizeof *b->work);
-    b->all.box = b->all.centroids = sbl__box_empty;
+    b->stack[0].bounds.box = b->stack[0].bounds.centroids = sbl__box_empty;
     return b->children && h->order && b->boxes && b->work ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
@@ -5426,7 +5405,7 @@ static sbl_result sbl__bvh_box(void *work, int at) {
     if (sbl__triangle_object(b->geometry, i)->flags & SBL_MATERIAL_HIDDEN_FROM_SENSORS) return SBL_SUCCESS;
     b->hierarchy->order[b->hierarchy->triangle_count++] = i;
     sbl__box_of_triangle(&b->boxes[i], b->geometry, i);
-    sbl__bvh_bounds_add(&b->all, &b->boxes[i]);
+    sbl__bvh_bounds_add(&b->stack[0].bounds, &b->boxes[i]);
     return SBL_SUCCESS;
 }
 
@@ -5438,9 +5417,8 @@ static int sbl__bvh_after_boxes(void *work) {
     if (h->triangle_count) {
         b->top = 1;
         task->count = h->triangle_count;
-        task->bounds = b->all;
-        /* The grid is node 0. Child 0 of node 0, which this task sets, is the grid's field `root`. */
-        h->grid = task->grid = sbl__bvh_add_grid(h, &b->all.box, 0);
+        /* The grid is node 0. The word of slot 0 that this task sets is the grid's field `root`. */
+        h->grid = task->grid = sbl__bvh_add_grid(h, &task->bounds.box, 0);
     }
     return sbl__bvh_next_task(b);
 }
@@ -5468,8 +5446,7 @@ static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, 
     *at += count;
     if (*at < all) return SBL_UNFINISHED;
     result = sbl__table_attach(b->device, t, SBL__GL_RGBA32UI, b->geometry->wide);
-    if (b->geometry->wide) sbl__buffer_delete(b->device, &t->buffer);  /* shaders then read a 2D texture that holds
-                                                                          a copy */
+    if (b->geometry->wide) sbl__buffer_delete(b->device, &t->buffer);  /* the 2D texture holds a copy */
     return result;
 }
 
@@ -5545,7 +5522,7 @@ static const char *const sbl__glsl_traverse[] = {
 "\n",
 "const int SBL_HOLES = 64;             // largest number of holes of cut-out surfaces that a ray passes\n",
 "const int SBL_BOX_SLACK = 8;          // units in the last place, see Ize 2013, \"Robust BVH Ray Traversal\"\n",
-"const float SBL_SELF_DEEP = 1e-4;     // share of a triangle's depth; a nearer hit may be rounding: see sbl_test\n",
+"const float SBL_SELF_DEEP = 1e-4;     // sbl_test checks hits nearer than this * triangle's depth for rounding\n",
 "const float SBL_SELF_WIDE = 2.4e-7;\n",
 "\n",
 "// Attributes at barycentrics b1, b2 of a triangle of sbl_triangles.\n",
@@ -5643,7 +5620,7 @@ static const char *const sbl__glsl_traverse[] = {
 "    stack[0] = SBL_END;\n",
 "    int top = 0;\n",
 "    uint node = node_count == 0 ? SBL_END : 1u;\n",
-"    // Each turn visits a leaf or changes grids. softpipe does not leave this loop unless their number is limited.\n",
+"    // Each turn visits a leaf or changes grids. softpipe leaves this loop only if the number of turns is limited.\n",
 "    for (int turns = 4 * node_count + 4; turns > 0; turns--) {\n",
 "        while (node < SBL_LEAF) {  // descends to a leaf, to the nearer child first\n",
 "            uvec4 first = sbl_node_child_0(int(node)), second = sbl_node_child_1(int(node));\n",
@@ -5673,21 +5650,18 @@ static const char *const sbl__glsl_traverse[] = {
 "    return hit;\n",
 "}\n",
 "\n",
-"// Returns the nearest hit whose distance is below `limit`.\n",
+"// Returns the nearest hit whose distance is below `limit`. Rays continue behind holes.\n",
 "sbl_Hit sbl_trace(vec3 origin, vec3 direction, float limit) {\n",
 "    sbl_Hit hit = sbl_Hit(0.0, -1, 0x7fffffff, 0.0, 0.0, false);\n",
-"#ifdef SBL_CUTOUTS\n",
-"    // If the nearest hit lies in a hole, the ray continues behind it.\n",
-"    for (int hole = 0; hole < SBL_HOLES; hole++) {\n",
-"        bool solid = true;\n",
+"    bool solid = false;\n",
+"    for (int hole = 0; hole < SBL_HOLES && !solid; hole++) {\n",
 "        hit = sbl_nearest(origin, direction, hit.distance, hit.number, limit);\n",
+"        solid = true;\n",
+"#ifdef SBL_CUTOUTS\n",
 "        if (hit.triangle >= 0 && sbl_triangle_cutout(hit.triangle) != 0u)\n",
 "            solid = !sbl_material(int(sbl_triangle_object(hit.triangle)), sbl_attributes_of(hit)).cut_out;\n",
-"        if (solid) break;\n",
-"    }\n",
-"#else\n",
-"    hit = sbl_nearest(origin, direction, hit.distance, hit.number, limit);\n",
 "#endif\n",
+"    }\n",
 "    return hit;\n",
 "}\n",
 0 };
@@ -7948,7 +7922,7 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
     for (i = 0; i < 3; i++) eye[i] = (float)c->eye[i];
     sbl__set_vec3(d, "eye", eye);
     sbl__set_float(d, "depth_from_w", c->orthographic ? 0 : c->depth_scale);
-    sbl__draw_triangles(d, at, end - at);
+    sbl__draw_numbers(d, d->empty_array, at, end - at, 1);
     sbl__pace_end(d, &s->triangle_pace, pixels);
     s->stages.at = end;
     if (end == g->triangle_count) sbl__surface_band(s, s->row + s->rows);
@@ -16963,8 +16937,7 @@ static sbl_result sbl__trial_rays(sbl__core *c, int *met) {
     result = sbl__gathering_check(c, &desc, &measurement);
     if (result == SBL_SUCCESS)
         result = sbl__work_begin(&gathering.work, &sbl__readings_front_end, c, &measurement, &desc);
-    if (result == SBL_SUCCESS) result = SBL_UNFINISHED;
-    while (result == SBL_UNFINISHED) result = sbl__work_step(&gathering.work, &slice);
+    if (result == SBL_SUCCESS) do result = sbl__work_step(&gathering.work, &slice); while (result == SBL_UNFINISHED);
     sbl__gathering_free(&gathering);
     *met = result == SBL_SUCCESS && reading.hit_share > 0.5f && reading.hit_min > 0.99f && reading.hit_min < 1.5f &&
            fabs((double)reading.radiance[1] - 0.5 * (double)reading.hit_share) < 1e-3;
@@ -17002,17 +16975,8 @@ static sbl_result sbl__trial(sbl__core *c) {
 
 #ifdef SBL_EGL
 
-/* The context that the library has created. If there is none, all fields are 0 (EGL_NO_CONTEXT). */
-typedef struct sbl__egl { EGLDisplay display; EGLContext context; EGLSurface surface; } sbl__egl;
-
-/* The host's EGL state, saved while the library's own context is current. */
-typedef struct sbl__egl_before {
-    int switched;        /* 1 if the state was saved and must be restored */
-    EGLDisplay display;
-    EGLContext context;
-    EGLSurface draw, read;
-    EGLenum api;
-} sbl__egl_before;
+/* A GL context, and the surfaces and the API that are used with it. All fields are 0 if there is no context. */
+typedef struct sbl__egl { EGLDisplay display; EGLContext context; EGLSurface draw, read; EGLenum api; } sbl__egl;
 
 static sbl_gl_function sbl__egl_function(const char *name, void *user) {
     (void)user;
@@ -17023,7 +16987,7 @@ static void sbl__egl_destroy(sbl__egl *e) {
     if (e->context == EGL_NO_CONTEXT) return;
     if (eglGetCurrentContext() == e->context)
         eglMakeCurrent(e->display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
-    if (e->surface != EGL_NO_SURFACE) eglDestroySurface(e->display, e->surface);
+    if (e->draw != EGL_NO_SURFACE) eglDestroySurface(e->display, e->draw);
     eglDestroyContext(e->display, e->context);
     memset(e, 0, sizeof *e);
 }
@@ -17044,16 +17008,22 @@ static int sbl__egl_try(sbl__egl *e, EGLDisplay display, int pbuffer) {
     e->context = eglCreateContext(display, config, EGL_NO_CONTEXT, context_attributes);
     if (e->context == EGL_NO_CONTEXT) return 0;
     e->display = display;
-    e->surface = pbuffer ? eglCreatePbufferSurface(display, config, surface_attributes) : EGL_NO_SURFACE;
-    if (pbuffer == (e->surface != EGL_NO_SURFACE) && eglMakeCurrent(display, e->surface, e->surface, e->context))
-        return 1;
+    e->draw = e->read = pbuffer ? eglCreatePbufferSurface(display, config, surface_attributes) : EGL_NO_SURFACE;
+    if (pbuffer == (e->draw != EGL_NO_SURFACE) && eglMakeCurrent(display, e->draw, e->read, e->context)) return 1;
     sbl__egl_destroy(e);
     return 0;
 }
 
-/* Creates a context. Tries Mesa's surfaceless platform, then up to 16 EGL devices, then a pbuffer on the default
-   display. Displays are never terminated, because all users in a process share them. */
-static sbl_result sbl__egl_create(sbl__egl *e, const sbl__base *base) {
+static sbl__egl sbl__egl_current(void) {
+    const sbl__egl current = { eglGetCurrentDisplay(), eglGetCurrentContext(), eglGetCurrentSurface(EGL_DRAW),
+                               eglGetCurrentSurface(EGL_READ), eglQueryAPI() };
+    return current;
+}
+
+/* Saves the host's EGL state in *b, creates a context, and sets the GL loader in *desc. Tries Mesa's surfaceless
+   platform, then up to 16 EGL devices, then a pbuffer on the default display. Displays are never terminated, because
+   all users in a process share them. */
+static sbl_result sbl__egl_open(sbl__egl *e, const sbl__base *base, sbl__egl *b, sbl_context_desc *desc) {
     const PFNEGLGETPLATFORMDISPLAYEXTPROC get_display =
         (PFNEGLGETPLATFORMDISPLAYEXTPROC)eglGetProcAddress("eglGetPlatformDisplayEXT");
     const PFNEGLQUERYDEVICESEXTPROC query_devices =
@@ -17063,6 +17033,8 @@ static sbl_result sbl__egl_create(sbl__egl *e, const sbl__base *base) {
     EGLDeviceEXT devices[16];
     EGLint count = 0, i;
     int made = 0;
+    *b = sbl__egl_current();
+    desc->get_gl_function = sbl__egl_function;
     if (platforms && strstr(extensions, "EGL_MESA_platform_surfaceless"))
         made = sbl__egl_try(e, get_display(EGL_PLATFORM_SURFACELESS_MESA, EGL_DEFAULT_DISPLAY, NULL), 0);
     if (!made && platforms && query_devices && strstr(extensions, "EGL_EXT_platform_device") &&
@@ -17076,34 +17048,19 @@ static sbl_result sbl__egl_create(sbl__egl *e, const sbl__base *base) {
     return SBL_ERROR_UNSUPPORTED;
 }
 
-static void sbl__egl_save(sbl__egl_before *b) {
-    b->api = eglQueryAPI();
-    b->display = eglGetCurrentDisplay();
-    b->context = eglGetCurrentContext();
-    b->draw = eglGetCurrentSurface(EGL_DRAW);
-    b->read = eglGetCurrentSurface(EGL_READ);
-    b->switched = 1;
-}
-
-/* Saves the host's EGL state, creates a context, and sets the GL loader in *desc. */
-static sbl_result sbl__egl_open(sbl__egl *e, const sbl__base *base, sbl__egl_before *b, sbl_context_desc *desc) {
-    sbl__egl_save(b);
-    desc->get_gl_function = sbl__egl_function;
-    return sbl__egl_create(e, base);
-}
-
-/* Makes the library's own context current, if there is one and it is not current already. */
-static void sbl__egl_enter(const sbl__egl *e, sbl__egl_before *b) {
-    b->switched = 0;
+/* Makes the library's own context current, if there is one and it is not current already. *b: receives the host's EGL
+   state if it changes, otherwise zeroes */
+static void sbl__egl_enter(const sbl__egl *e, sbl__egl *b) {
+    memset(b, 0, sizeof *b);
     if (e->context == EGL_NO_CONTEXT || eglGetCurrentContext() == e->context) return;
-    sbl__egl_save(b);
+    *b = sbl__egl_current();
     eglBindAPI(EGL_OPENGL_API);
-    eglMakeCurrent(e->display, e->surface, e->surface, e->context);
+    eglMakeCurrent(e->display, e->draw, e->read, e->context);
 }
 
 /* Restores the host's EGL state if it was saved. */
-static void sbl__egl_leave(const sbl__egl *e, const sbl__egl_before *b) {
-    if (!b->switched) return;
+static void sbl__egl_leave(const sbl__egl *e, const sbl__egl *b) {
+    if (!b->api) return;
     if (e->display != EGL_NO_DISPLAY) eglMakeCurrent(e->display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
     eglBindAPI(b->api);
     if (b->context != EGL_NO_CONTEXT) eglMakeCurrent(b->display, b->draw, b->read, b->context);
@@ -17112,17 +17069,16 @@ static void sbl__egl_leave(const sbl__egl *e, const sbl__egl_before *b) {
 #else  /* without SBL_EGL */
 
 typedef struct sbl__egl { int none; } sbl__egl;
-typedef struct sbl__egl_before { int none; } sbl__egl_before;
 
-static sbl_result sbl__egl_open(sbl__egl *e, const sbl__base *base, sbl__egl_before *b, sbl_context_desc *desc) {
+static sbl_result sbl__egl_open(sbl__egl *e, const sbl__base *base, sbl__egl *b, sbl_context_desc *desc) {
     (void)e; (void)b; (void)desc;
     sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "sbl_context_desc: get_gl_function is NULL; give "
              "the loader of your GL context, or define SBL_EGL for a headless context");
     return SBL_ERROR_INVALID_ARGUMENT;
 }
 
-static void sbl__egl_enter(const sbl__egl *e, sbl__egl_before *b) { (void)e; (void)b; }
-static void sbl__egl_leave(const sbl__egl *e, const sbl__egl_before *b) { (void)e; (void)b; }
+static void sbl__egl_enter(const sbl__egl *e, sbl__egl *b) { (void)e; (void)b; }
+static void sbl__egl_leave(const sbl__egl *e, const sbl__egl *b) { (void)e; (void)b; }
 static void sbl__egl_destroy(sbl__egl *e) { (void)e; }
 
 #endif
@@ -17159,7 +17115,7 @@ struct sbl_context {
 };
 
 /* What sbl__visit_enter saves for sbl__visit_leave. */
-typedef struct sbl__visit { sbl__guard guard; sbl__egl_before before; sbl__inside inside; } sbl__visit;
+typedef struct sbl__visit { sbl__guard guard; sbl__egl before; sbl__inside inside; } sbl__visit;
 
 /* Makes the context's own GL context current, if it has one, and saves and sets the GL state. */
 static void sbl__visit_enter(sbl_context *c, sbl__visit *v) {
@@ -17282,7 +17238,7 @@ static sbl_result sbl__context_start(sbl_context *c) {
 
 SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
     sbl_context_desc d = sbl_context_desc_defaults(desc);
-    sbl__egl_before before;
+    sbl__egl before;
     sbl__base base;
     sbl_context *c;
     sbl_result result;

@@ -4,7 +4,7 @@ uniform int node_count;                     // 0: the scene is empty
 
 const int SBL_HOLES = 64;             // largest number of holes of cut-out surfaces that a ray passes
 const int SBL_BOX_SLACK = 8;          // units in the last place, see Ize 2013, "Robust BVH Ray Traversal"
-const float SBL_SELF_DEEP = 1e-4;     // share of a triangle's depth; a nearer hit may be rounding: see sbl_test
+const float SBL_SELF_DEEP = 1e-4;     // sbl_test checks hits nearer than this * triangle's depth for rounding
 const float SBL_SELF_WIDE = 2.4e-7;
 
 // Attributes at barycentrics b1, b2 of a triangle of sbl_triangles.
@@ -102,7 +102,7 @@ sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float li
     stack[0] = SBL_END;
     int top = 0;
     uint node = node_count == 0 ? SBL_END : 1u;
-    // Each turn visits a leaf or changes grids. softpipe does not leave this loop unless their number is limited.
+    // Each turn visits a leaf or changes grids. softpipe leaves this loop only if the number of turns is limited.
     for (int turns = 4 * node_count + 4; turns > 0; turns--) {
         while (node < SBL_LEAF) {  // descends to a leaf, to the nearer child first
             uvec4 first = sbl_node_child_0(int(node)), second = sbl_node_child_1(int(node));
@@ -132,20 +132,17 @@ sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float li
     return hit;
 }
 
-// Returns the nearest hit whose distance is below `limit`.
+// Returns the nearest hit whose distance is below `limit`. Rays continue behind holes.
 sbl_Hit sbl_trace(vec3 origin, vec3 direction, float limit) {
     sbl_Hit hit = sbl_Hit(0.0, -1, 0x7fffffff, 0.0, 0.0, false);
-#ifdef SBL_CUTOUTS
-    // If the nearest hit lies in a hole, the ray continues behind it.
-    for (int hole = 0; hole < SBL_HOLES; hole++) {
-        bool solid = true;
+    bool solid = false;
+    for (int hole = 0; hole < SBL_HOLES && !solid; hole++) {
         hit = sbl_nearest(origin, direction, hit.distance, hit.number, limit);
+        solid = true;
+#ifdef SBL_CUTOUTS
         if (hit.triangle >= 0 && sbl_triangle_cutout(hit.triangle) != 0u)
             solid = !sbl_material(int(sbl_triangle_object(hit.triangle)), sbl_attributes_of(hit)).cut_out;
-        if (solid) break;
-    }
-#else
-    hit = sbl_nearest(origin, direction, hit.distance, hit.number, limit);
 #endif
+    }
     return hit;
 }
