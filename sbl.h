@@ -3518,7 +3518,7 @@ static const struct { int bytes; double scale; } sbl__types[SBL_TYPE_COUNT] = {
 
 static int sbl__stream_present(const sbl_stream *s) { return s->data != NULL || s->gl_buffer != 0; }
 
-/* A stream of a mesh and its layout. Elements with one component are indices; components of others become floats. */
+/* A stream of a mesh and its layout. Streams of one component per element hold indices, all others hold floats. */
 typedef struct sbl__stream_use {
     const char *name;          /* field of sbl_mesh, for messages */
     const sbl_stream *stream;
@@ -3538,7 +3538,7 @@ static size_t sbl__stream_stride(const sbl__stream_use *use) {
     return use->stream->stride ? use->stream->stride : sbl__stream_element(use);
 }
 
-/* Describes the streams of a mesh. out: one entry for each of the enumerators above */
+/* Describes the streams of a mesh. out: indexed by SBL__POSITIONS to SBL__INDICES */
 static void sbl__mesh_streams(const sbl_mesh *m, sbl__stream_use out[SBL__STREAMS]) {
     const sbl__stream_use streams[SBL__STREAMS] = {
         { "positions", &m->positions, 3, m->vertex_count }, { "normals", &m->normals, 3, m->vertex_count },
@@ -3650,7 +3650,7 @@ static size_t sbl__texture_stride(const sbl_texture *t, int width) {
 }
 
 /* Checks the channels, size and stride of pixels in client memory. where: object in messages, such as "texture 2".
-   prefix: what precedes field names in messages: "" or "picture.". most: largest width and height */
+   prefix: "" or "picture.", precedes field names in messages. most: largest width and height */
 static void sbl__check_pixels(sbl__check *check, const char *where, const char *prefix, const sbl_texture *t,
                               int most) {
     if (t->channels < 0 || t->channels > 4)
@@ -6938,8 +6938,8 @@ static int sbl__preset_of(const sbl_options *o) {
     return (int)o->preset >= 0 && o->preset < SBL_PRESET_COUNT ? (int)o->preset : SBL_PRESET_DEFAULT;
 }
 
-/* Fills in the defaults of the options. rays, sizes: the defaults of rays and sensor_size for each preset; rays is NULL
-   if the target error decides how many rays are traced */
+/* Fills in the defaults of the options. rays, sizes: default of o->rays and of o->sensor_size for each preset. If rays
+   is NULL, o->rays stays 0, and the target error decides how many rays are traced */
 static void sbl__options_defaults(sbl_options *o, const int rays[SBL_PRESET_COUNT], const int sizes[SBL_PRESET_COUNT]) {
     const int preset = sbl__preset_of(o);
     if (o->mode == SBL_MODE_DEFAULT) o->mode = SBL_MODE_GI;
@@ -6951,7 +6951,8 @@ static void sbl__options_defaults(sbl_options *o, const int rays[SBL_PRESET_COUN
 
 static const int sbl__sensor_sizes[SBL_PRESET_COUNT] = { 64, 32, 128 };
 
-/* papers: 1 allows SBL_MODE_PAPER; rays: limits of options.rays; host_draws: 1 if the scene has a draw callback */
+/* papers: 1 if the front end allows SBL_MODE_PAPER. rays: lowest and highest options.rays. host_draws: 1 if the scene
+   has a draw callback */
 static void sbl__check_options(sbl__check *check, const char *where, const sbl_options *o, int papers,
                                const int rays[2], int host_draws) {
     sbl__check_int(check, where, "options.mode", (int)o->mode, 0, SBL_MODE_COUNT - 1);
@@ -6989,14 +6990,15 @@ static void sbl__check_sensor_kind(sbl__check *check, const char *where, const s
 
 /* What the host requests of a front end's sensors. */
 typedef struct sbl__measurement {
-    sbl_options options;       /* with defaults; epsilon is not negative; see sbl__choose_backend */
+    sbl_options options;       /* with defaults; epsilon is at least 0. sbl__begin sets the back end */
     sbl_sensor_kind sensor_kind;
     float sensor_fov;
-    int look_rays, looks;      /* if options.rays is 0: number of rays per look, and maximum number of looks */
-    int every_ray;             /* 1: trace all rays, even if they can only measure distances because only lamps emit */
+    int look_rays, looks;      /* number of rays per look, and maximum number of looks; used if options.rays is 0 */
+    int every_ray;             /* 0: trace at most SBL__TRACE_CHUNK rays where all light comes from lamps, so that
+                                  they only measure distances. 1: trace all rays nevertheless */
 } sbl__measurement;
 
-/* o has its defaults filled in. */
+/* Returns the measurement that options, with defaults, request. The fields from look_rays on are 0. */
 static sbl__measurement sbl__measurement_of(const sbl_options *o, sbl_sensor_kind kind, float fov) {
     sbl__measurement m;
     memset(&m, 0, sizeof m);
@@ -7024,7 +7026,7 @@ static void sbl__check_camera(sbl__check *check, const char *where, const sbl_pi
         sbl__mistake(check, "%s: world_to_view is not rigid (a rotation and a translation, column-major); sbl_look_at "
                      "makes one", where);
     sbl__check_finite(check, where, "view_to_clip", m, 16);
-    if (!sbl__all_finite(m, 16) || d->width <= 0 || d->height <= 0) return;  /* the default projection needs both */
+    if (!sbl__all_finite(m, 16) || d->width <= 0 || d->height <= 0) return;  /* there is no default projection */
     perspective = m[3] == 0.0f && m[7] == 0.0f && m[11] < 0.0f && m[15] == 0.0f && m[12] == 0.0f && m[13] == 0.0f;
     orthographic = m[3] == 0.0f && m[7] == 0.0f && m[11] == 0.0f && m[15] == 1.0f && m[8] == 0.0f && m[9] == 0.0f;
     if (!(perspective || orthographic) || m[0] == 0.0f || m[5] == 0.0f || m[1] != 0.0f || m[4] != 0.0f)
@@ -14165,7 +14167,8 @@ static sbl_result sbl__gutters_begin(sbl__base *base, sbl__gutters *g, const int
 
 static int sbl__gutters_texels(void *work) { return ((sbl__gutters *)work)->spread.count; }
 
-/* Starts the rings at a texel if it is on a chart, and replaces its fourth float by its ring. */
+/* Sets the fourth float of a texel, and its entry of spread.ring: to 0 if the texel is on a chart, else to
+   SBL__RING_WAITS. */
 static sbl_result sbl__gutters_find(void *work, int texel) {
     sbl__gutters *g = (sbl__gutters *)work;
     float *ring = &g->light[4 * (size_t)texel + 3];
@@ -14224,9 +14227,9 @@ typedef struct sbl__seams {
     int *unknown_of;            /* per texel: 1 + its number among the unknowns; 0: the texel does not change */
     int *texels;                /* per unknown: its texel */
     int unknown_count, unknown_room;
-    sbl__solver solver;         /* finds the change of each texel. Its diagonal is 1, or 0 for channels kept at 0 */
+    sbl__solver solver;         /* finds the change of each texel; its diagonal is 0 for channels kept at 0, else 1 */
     int seams;                  /* number of seams */
-    int layers;                 /* number of layers done; layer 0 is R, the others are harmonics, which have signs */
+    int layers;                 /* number of layers done; layer 0 is R, the others are harmonics and may be negative */
     int rounds;                 /* how many times the equations of this layer have been solved so far */
     int bound;                  /* 1 if the last solution made channels negative, which then were set to 0 */
     float before, after;        /* largest differences across seams before and after solutions, luminance */
@@ -14254,7 +14257,7 @@ static void sbl__seam_ends(const sbl__geometry *g, uint32_t edge, uint32_t ends[
     ends[!swapped] = second;
 }
 
-/* Gets the unit normal for which the light at an end of an edge was measured. */
+/* Gets the unit normal at an end of an edge: the vertex normal or, if that is 0, the triangle's. */
 static void sbl__seam_normal(const sbl__geometry *g, uint32_t edge, uint32_t vertex, double out[3]) {
     int k;
     for (k = 0; k < 3; k++) out[k] = (double)g->attributes[vertex].normal[k];
@@ -14298,7 +14301,7 @@ static int sbl__seam_mix(const sbl__gutters *g, const double at[2], int side, sb
     return 1;
 }
 
-/* Returns 1 if the light on both sides of a point does not differ much. The unknowns are still texels. */
+/* Returns 1 if the light on both sides of a point does not differ much. p->unknowns holds texels. */
 static int sbl__seam_is_even(const sbl__gutters *g, const sbl__seam_point *p) {
     float sides[2] = { 0, 0 };
     int i;
@@ -14358,7 +14361,7 @@ static sbl_result sbl__seam_points(sbl__seams *s, const uint32_t ends[2][2]) {
     return SBL_SUCCESS;
 }
 
-/* Adds points along the seams between an edge and earlier edges, then adds the edge to the table. */
+/* Adds points along the seams between an edge and the edges in s->edges, then adds the edge to s->edges. */
 static sbl_result sbl__seams_edge(void *work, int edge) {
     sbl__seams *s = (sbl__seams *)work;
     const sbl__geometry *g = s->atlas->geometry;
@@ -14454,7 +14457,7 @@ static sbl_result sbl__seams_make(void *work, sbl__slice *slice) {
 static sbl_result sbl__seams_make_solver(void *work, sbl__slice *slice) {
     sbl__seams *s = (sbl__seams *)work;
     (void)slice;
-    if (s->solver.user) return SBL_SUCCESS;  /* made for layer 0 */
+    if (s->solver.user) return SBL_SUCCESS;  /* the solver was made for layer 0 */
     s->solver.user = s;
     s->solver.term = sbl__seam_term;
     s->solver.term_count = s->point_count;
@@ -14481,7 +14484,7 @@ static int sbl__seams_unknowns(void *work) { return ((sbl__seams *)work)->unknow
 
 /* Prepares for another layer of the same lightmap. */
 static void sbl__seams_again(sbl__seams *s) {
-    if (s->stages.stage < SBL__SEAMS_DONE) return;  /* sbl_lightmap_desc.seams leaves them open */
+    if (s->stages.stage < SBL__SEAMS_DONE) return;  /* sbl_lightmap_desc.seams disables sewing */
     s->stages.stage = SBL__SEAMS_BEFORE;
     s->layers++;
     s->rounds = 0;
@@ -14630,15 +14633,15 @@ typedef struct sbl__map {
     sbl__surface surface;
     sbl__gbuffer gbuffer;
     sbl__refine refine;
-    int layers_at_once;         /* number of layers that DEVELOP makes before the next stage */
-    int layer, layer_end;       /* layer that is being developed; end of the layers before the next stage */
+    int layers_at_once;         /* number of layers that one pass of the stage DEVELOP makes: 1, or all */
+    int layer, layer_end;       /* layer that DEVELOP makes now; 1 + the last layer that its current pass makes */
     int developed;              /* number of layers that are final */
     sbl__stages developing;
     sbl__fill fill;
     sbl__map_layer layers[SBL__LAYERS];
     sbl__pace filter_pace;
-    const sbl__target *channels[SBL_CHANNEL_COUNT];  /* target that holds the channel; NULL: refinement's pixels do */
-    sbl__texture scalars[SBL_CHANNEL_COUNT];  /* textures that sbl__map_send_channel has made */
+    const sbl__target *channels[SBL_CHANNEL_COUNT];  /* target that holds the channel; NULL: refine's pixels hold it */
+    sbl__texture copies[SBL_CHANNEL_COUNT];  /* textures of channels, made by sbl__map_send_channel */
     int watched;                /* 1: the host has read a channel of the unfinished map, so previews are made */
     int64_t previewed;          /* number of looks when the last preview was made; 0: there is no preview */
     float finished;             /* share of the front end's own stages that is done, 0 to 1 */
@@ -14657,7 +14660,7 @@ static void sbl__map_layer_free(const sbl__device *d, sbl__map_layer *l) {
 static void sbl__map_free(sbl__map *m) {
     const sbl__device *d = &m->work.core->device;
     int i;
-    for (i = 0; i < SBL_CHANNEL_COUNT; i++) sbl__texture_delete(d, &m->scalars[i]);
+    for (i = 0; i < SBL_CHANNEL_COUNT; i++) sbl__texture_delete(d, &m->copies[i]);
     for (i = 0; i < SBL__LAYERS; i++) sbl__map_layer_free(d, &m->layers[i]);
     sbl__gbuffer_free(d, &m->gbuffer);
     sbl__surface_free(d, &m->surface);
@@ -14720,7 +14723,7 @@ static sbl_result sbl__map_setup(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
 }
 
-/* Makes a texture with across x across pixels per pixel of the host, and its target, unless target is NULL. */
+/* Makes a texture with across x across pixels per pixel of the host, and a target for it unless target is NULL. */
 static sbl_result sbl__map_texture(const sbl__map *m, int across, sbl__texture *t, sbl__target *target) {
     const sbl__device *d = &m->work.core->device;
     const sbl__texture *color = t;
@@ -14800,7 +14803,7 @@ static sbl_result sbl__map_read(void *work, sbl__slice *slice) {
                                         SBL__GBUFFER_EMISSION };
     sbl__map *m = (sbl__map *)work;
     sbl__core *c = m->work.core;
-    const int parts = m->spec.bounced ? 4 : 3;  /* 4: also emission, whose alpha is a component of stored light */
+    const int parts = m->spec.bounced ? 4 : 3;  /* 4: also emission, whose alpha is the blue component of stored R */
     const int width = m->desc.width, most = SBL__MAX(1, SBL__READ_PIXELS / width / m->across) * m->across;
     const int first = m->work.stages.at, rows = SBL__MIN(most, m->desc.height - first), count = rows * width;
     const sbl__target *t = &m->gbuffer.target;
@@ -14841,7 +14844,7 @@ static int sbl__map_after_read(void *work) {
 
 /* >>map: developing */
 
-/* Makes DEVELOP begin with a layer. */
+/* Makes the stage DEVELOP begin a pass with `layer`. */
 static void sbl__map_develop_from(sbl__map *m, int layer) {
     sbl__fill_free(&m->work.core->base, &m->fill);
     m->layer = layer;
@@ -14897,7 +14900,7 @@ static int sbl__map_after_filter(void *work) {
     return ++m->layer < m->layer_end ? SBL__DEVELOP_FILL : SBL__DEVELOP_DONE;
 }
 
-/* Develops the layers up to layer_end, piece by piece. */
+/* Does a piece of a pass of DEVELOP, which makes the layers before layer_end. */
 static sbl_result sbl__map_develop(void *work, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { sbl__map_fill, NULL, NULL, NULL },
@@ -14941,7 +14944,7 @@ static int sbl__map_after_preview(void *work) {
 
 /* >>map: stages */
 
-/* The first rows of a front end's table. read and preview: functions of the front end */
+/* The first rows of the table of stages of a front end, which supplies the functions `read` and `preview`. */
 #define SBL__MAP_ROWS(read, preview) \
     { sbl__map_setup, NULL, NULL, NULL }, { sbl__work_prepare, sbl__map_after_prepare, NULL, NULL }, \
     { sbl__map_surface, NULL, NULL, NULL }, { read, sbl__map_after_read, NULL, NULL }, \
@@ -14967,8 +14970,8 @@ static float sbl__map_progress(const void *work) {
     return stage == SBL__MAP_DEVELOP ? 0.93f : 0.02f + 0.9f * (float)sbl__refine_progress(&m->refine);
 }
 
-/* Makes a preview when the host reads an unfinished map for the first time. From then on the stages make one whenever
-   sbl__map_preview_is_due. */
+/* Makes a preview when the host reads an unfinished map for the first time. After that, the stage PREVIEW makes one
+   whenever sbl__map_preview_is_due returns 1. */
 static sbl_result sbl__map_watch(sbl__map *m) {
     sbl__slice slice = sbl__slice_of(&m->work.core->desc, 0);
     const int stage = m->work.stages.stage;
@@ -14982,7 +14985,7 @@ static sbl_result sbl__map_watch(sbl__map *m) {
     return result;
 }
 
-/* The row `preview` of a front end whose channel FINAL is R. When R is final, no preview is needed. */
+/* Develops R from the sensors measured so far. Does nothing if R is final. */
 static sbl_result sbl__map_preview(void *work, sbl__slice *slice) {
     return ((sbl__map *)work)->developed ? SBL_SUCCESS : sbl__map_develop(work, slice);
 }
@@ -15057,7 +15060,7 @@ static sbl_result sbl__map_read_channel(sbl__map *m, sbl_channel channel, float 
 static uint32_t sbl__map_send_channel(sbl__map *m, sbl_channel channel) {
     sbl__core *c = m->work.core;
     const size_t pixels = (size_t)m->size[0] * (size_t)m->size[1];
-    sbl__texture *t = &m->scalars[channel];
+    sbl__texture *t = &m->copies[channel];
     const int rgb = sbl__channels[channel].components == 3;
     const unsigned format = channel == SBL_CHANNEL_ID ? SBL__GL_R32UI : rgb ? SBL__GL_RGBA32F : SBL__GL_R32F;
     float *data = (float *)sbl__alloc(&c->base, pixels, (rgb ? 4 : 1) * sizeof(float));
@@ -17219,7 +17222,7 @@ static void sbl__egl_destroy(sbl__egl *e) { (void)e; }
     X(bake, vertices, sbl__vertices) \
     X(bake, probes, sbl__probes)
 
-/* What the context is doing, which decides what callbacks may call. All of them may call sbl_progress and the query
+/* What the context is doing, which decides what callbacks may call. Any callback may call sbl_progress and the query
    functions. The progress callback runs between two pieces of work, so it may also read channels. */
 typedef enum sbl__inside {
     SBL__INSIDE_NOTHING, SBL__INSIDE_PROGRESS, SBL__INSIDE_WORK, SBL__INSIDE_REFUSAL
@@ -17256,7 +17259,7 @@ static void sbl__visit_leave(sbl_context *c, const sbl__visit *v) {
     c->inside = v->inside;
 }
 
-/* Logs why a function does nothing, and returns its result. */
+/* Logs why a public function refuses a call, and returns the error that the function must return. */
 static sbl_result sbl__refuse(const sbl_context *c, sbl_log_item item, const char *function, const char *why) {
     sbl__log(&c->core.base, SBL_LOG_ERROR, item, "%s: %s", function, why);
     return item == SBL_LOG_ITEM_WRONG_ORDER ? SBL_ERROR_STATE : SBL_ERROR_INVALID_ARGUMENT;
@@ -17324,7 +17327,7 @@ static void sbl__context_free(sbl_context *c) {
     sbl__egl_destroy(&c->egl);
 }
 
-/* Compiles all programs of the driver's kind, except those of inspections and of directional lightmaps. */
+/* Compiles all programs that this driver can need, except those of inspections and of directional lightmaps. */
 static sbl_result sbl__compile_all(sbl__device *d) {
     static const sbl__recipe *const recipes[] = {
         &sbl__recipe_visibility, &sbl__recipe_gbuffer, &sbl__recipe_trace, &sbl__recipe_cast, &sbl__recipe_lamps,
