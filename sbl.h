@@ -3447,6 +3447,7 @@ typedef struct sbl__check {
     const sbl__device *device;  /* looks up GL buffers and textures that the descriptor names; NULL if descriptors
                                    of this kind name none */
     sbl_log_item item;          /* log item of the mistakes */
+    char where[32];             /* start of messages: the descriptor, the function, or an object such as "mesh 3" */
     int mistakes;               /* number of mistakes found so far */
 } sbl__check;
 
@@ -3457,7 +3458,11 @@ static void sbl__mistake(sbl__check *check, const char *format, ...) {
     vsnprintf(text, sizeof text, format, arguments);
     va_end(arguments);
     check->mistakes++;
-    sbl__log(check->base, SBL_LOG_ERROR, check->item, "%s", text);
+    sbl__log(check->base, SBL_LOG_ERROR, check->item, "%s: %s", check->where, text);
+}
+
+static void sbl__check_object(sbl__check *check, const char *kind, int number) {
+    snprintf(check->where, sizeof check->where, "%s %d", kind, number);
 }
 
 static sbl_result sbl__check_end(const sbl__check *check) {
@@ -3465,20 +3470,17 @@ static sbl_result sbl__check_end(const sbl__check *check) {
 }
 
 /* Returns 1 if both canaries are 0. Otherwise reports that the host has not zeroed the struct, and returns 0. */
-static int sbl__check_canaries(sbl__check *check, const char *name, uint32_t start, uint32_t end) {
+static int sbl__check_canaries(sbl__check *check, uint32_t start, uint32_t end) {
     if (start == 0 && end == 0) return 1;
-    sbl__mistake(check, "%s: start_canary is 0x%x, end_canary 0x%x; zero the whole struct before use", name, start,
-                 end);
+    sbl__mistake(check, "start_canary is 0x%x, end_canary 0x%x; zero the whole struct before use", start, end);
     return 0;
 }
 
 static const float sbl__any_range[2] = { -FLT_MAX, FLT_MAX }, sbl__not_negative_range[2] = { 0, FLT_MAX };
 static const float sbl__unit_range[2] = { 0, 1 };
 
-/* Checks that numbers are finite and in range[0] .. range[1]. where: object in messages, such as "light 3". name: field
-   in messages */
-static void sbl__check_range(sbl__check *check, const char *where, const char *name, const float *v, int count,
-                             const float range[2]) {
+/* Checks that numbers are finite and in range[0] .. range[1]. name: field in messages */
+static void sbl__check_range(sbl__check *check, const char *name, const float *v, int count, const float range[2]) {
     int k;
     for (k = 0; k < count; k++) {
         char index[16] = "", limits[64] = "finite";
@@ -3486,25 +3488,25 @@ static void sbl__check_range(sbl__check *check, const char *where, const char *n
         if (count > 1) snprintf(index, sizeof index, "[%d]", k);
         if (range[1] < FLT_MAX) snprintf(limits, sizeof limits, "%g to %g", (double)range[0], (double)range[1]);
         else if (range[0] >= 0) snprintf(limits, sizeof limits, "finite and not negative");
-        sbl__mistake(check, "%s: %s%s is %g; it must be %s", where, name, index, (double)v[k], limits);
+        sbl__mistake(check, "%s%s is %g; it must be %s", name, index, (double)v[k], limits);
     }
 }
 
-static void sbl__check_finite(sbl__check *check, const char *where, const char *name, const float *v, int count) {
-    sbl__check_range(check, where, name, v, count, sbl__any_range);
+static void sbl__check_finite(sbl__check *check, const char *name, const float *v, int count) {
+    sbl__check_range(check, name, v, count, sbl__any_range);
 }
 
 /* Checks that a count is not negative and, if it is above 0, that its array is not NULL. name: field of the count */
-static void sbl__check_array(sbl__check *check, const char *where, const char *name, int count, const void *array) {
+static void sbl__check_array(sbl__check *check, const char *name, int count, const void *array) {
     if (count < 0 || (count > 0 && !array))
-        sbl__mistake(check, "%s: %s is %d and its array is %s; a count must not be negative, and a count above 0 "
-                     "needs an array", where, name, count, array ? "given" : "NULL");
+        sbl__mistake(check, "%s is %d and its array is %s; a count must not be negative, and a count above 0 needs an "
+                     "array", name, count, array ? "given" : "NULL");
 }
 
 /* Returns 1 if low <= x <= high. Otherwise reports a mistake and returns 0. */
-static int sbl__check_int(sbl__check *check, const char *where, const char *name, int x, int low, int high) {
+static int sbl__check_int(sbl__check *check, const char *name, int x, int low, int high) {
     if (x >= low && x <= high) return 1;
-    sbl__mistake(check, "%s: %s is %d; it must be %d to %d", where, name, x, low, high);
+    sbl__mistake(check, "%s is %d; it must be %d to %d", name, x, low, high);
     return 0;
 }
 
@@ -3551,91 +3553,84 @@ static void sbl__mesh_streams(const sbl_mesh *m, sbl__stream_use out[SBL__STREAM
 
 /* Checks that a stream's type fits, that its elements do not overlap, and that they lie inside the address space and
    inside the stream's GL buffer, if it has one. Does not read the elements. */
-static void sbl__check_stream(sbl__check *check, int mesh, const sbl__stream_use *use) {
+static void sbl__check_stream(sbl__check *check, const sbl__stream_use *use) {
     const sbl_stream *s = use->stream;
     const int type = (int)s->type, is_index = use->components == 1;
     size_t element, stride;
     double size, needed;
     if (!sbl__stream_present(s)) return;
     if (s->data && s->gl_buffer)
-        sbl__mistake(check, "mesh %d: %s.data and %s.gl_buffer (%u) are both set; give one", mesh, use->name, use->name,
-                     s->gl_buffer);
+        sbl__mistake(check, "%s.data and %s.gl_buffer (%u) are both set; give one", use->name, use->name, s->gl_buffer);
     if (type < 0 || type >= SBL_TYPE_COUNT || (type >= (int)SBL_UINT8) != is_index) {
-        sbl__mistake(check, "mesh %d: %s.type is %d; %s", mesh, use->name, type, is_index ?
+        sbl__mistake(check, "%s.type is %d; %s", use->name, type, is_index ?
                      "it must be SBL_UINT8, SBL_UINT16 or SBL_UINT32" : "it must be a float or normalised type");
         return;
     }
     if (s->type == SBL_UINT8_NORM && use->components == 3)
-        sbl__mistake(check, "mesh %d: %s.type is %d, SBL_UINT8_NORM; only colours and texture coordinates may have it",
-                     mesh, use->name, type);
+        sbl__mistake(check, "%s.type is %d, SBL_UINT8_NORM; only colours and texture coordinates may have it",
+                     use->name, type);
     element = sbl__stream_element(use);
     stride = sbl__stream_stride(use);
     if (stride < element)
-        sbl__mistake(check, "mesh %d: %s.stride is %.0f; it must be at least the %.0f bytes of an element", mesh,
-                     use->name, (double)stride, (double)element);
+        sbl__mistake(check, "%s.stride is %.0f; it must be at least the %.0f bytes of an element", use->name,
+                     (double)stride, (double)element);
     if (stride < element || use->count <= 0) return;
     if ((size_t)use->count - 1 > (SIZE_MAX / 2 - element) / stride || s->offset > SIZE_MAX / 2) {
-        sbl__mistake(check, "mesh %d: %s.offset is %.0f and its stride %.0f; %d elements exceed the address space",
-                     mesh, use->name, (double)s->offset, (double)stride, use->count);
+        sbl__mistake(check, "%s.offset is %.0f and its stride %.0f; %d elements exceed the address space", use->name,
+                     (double)s->offset, (double)stride, use->count);
         return;
     }
     if (!s->gl_buffer) return;
     size = SBL__MAX(0.0, (double)sbl__host_buffer_bytes(check->device, s->gl_buffer));
     needed = (double)stride * (use->count - 1) + (double)element;
     if (size < (double)s->offset + needed)
-        sbl__mistake(check, "mesh %d: %s.gl_buffer %u holds %.0f bytes; its %d elements from offset %.0f on need %.0f",
-                     mesh, use->name, s->gl_buffer, size, use->count, (double)s->offset, needed);
+        sbl__mistake(check, "%s.gl_buffer %u holds %.0f bytes; its %d elements from offset %.0f on need %.0f",
+                     use->name, s->gl_buffer, size, use->count, (double)s->offset, needed);
 }
 
-static void sbl__check_transform(sbl__check *check, int mesh, const float m[16]) {
-    char where[32];
-    snprintf(where, sizeof where, "mesh %d", mesh);
-    if (!sbl__all_finite(m, 16)) sbl__check_finite(check, where, "transform", m, 16);
+static void sbl__check_transform(sbl__check *check, const float m[16]) {
+    if (!sbl__all_finite(m, 16)) sbl__check_finite(check, "transform", m, 16);
     else if (!sbl__all_zero(m, 16) && sbl__affine_determinant(m) == 0)
-        sbl__mistake(check, "%s: transform is singular or not affine (its last row is %g %g %g %g, its determinant "
-                     "%g); it must be invertible with last row 0 0 0 1", where, (double)m[3], (double)m[7],
-                     (double)m[11], (double)m[15], sbl__affine_determinant(m));
+        sbl__mistake(check, "transform is singular or not affine (its last row is %g %g %g %g, its determinant %g); it "
+                     "must be invertible with last row 0 0 0 1", (double)m[3], (double)m[7], (double)m[11],
+                     (double)m[15], sbl__affine_determinant(m));
 }
 
 static void sbl__check_mesh(sbl__check *check, const sbl_scene_desc *desc, int number) {
     const sbl_mesh *m = &desc->meshes[number];
     sbl__stream_use streams[SBL__STREAMS];
     const int indexed = sbl__stream_present(&m->indices);
-    char where[32];
     int i;
-    snprintf(where, sizeof where, "mesh %d", number);
-    if (!sbl__check_int(check, where, "vertex_count", m->vertex_count, 0, INT_MAX)) return;
+    sbl__check_object(check, "mesh", number);
+    if (!sbl__check_int(check, "vertex_count", m->vertex_count, 0, INT_MAX)) return;
     if (m->vertex_count > 0 && !sbl__stream_present(&m->positions))
-        sbl__mistake(check, "%s: positions are missing (data and gl_buffer are both 0) for vertex_count %d", where,
+        sbl__mistake(check, "positions are missing (data and gl_buffer are both 0) for vertex_count %d",
                      m->vertex_count);
     sbl__mesh_streams(m, streams);
-    for (i = 0; i < SBL__INDICES; i++) sbl__check_stream(check, number, &streams[i]);
+    for (i = 0; i < SBL__INDICES; i++) sbl__check_stream(check, &streams[i]);
     if (indexed && (m->index_count < 0 || m->index_count % 3 != 0))
-        sbl__mistake(check, "%s: index_count is %d; it must be a multiple of 3", where, m->index_count);
-    else if (indexed) sbl__check_stream(check, number, &streams[SBL__INDICES]);
+        sbl__mistake(check, "index_count is %d; it must be a multiple of 3", m->index_count);
+    else if (indexed) sbl__check_stream(check, &streams[SBL__INDICES]);
     else if (m->vertex_count % 3 != 0)
-        sbl__mistake(check, "%s: vertex_count is %d; without indices it must be a multiple of 3", where,
-                     m->vertex_count);
-    sbl__check_transform(check, number, m->transform);
+        sbl__mistake(check, "vertex_count is %d; without indices it must be a multiple of 3", m->vertex_count);
+    sbl__check_transform(check, m->transform);
     if (m->material < 0 || m->material >= desc->material_count)
-        sbl__mistake(check, "%s: material is %d; it must be 0 or more, and less than material_count (%d)", where,
-                     m->material, desc->material_count);
+        sbl__mistake(check, "material is %d; it must be 0 or more, and less than material_count (%d)", m->material,
+                     desc->material_count);
 }
 
 /* >>check: materials and textures */
 
 static void sbl__check_material(sbl__check *check, const sbl_scene_desc *desc, int number) {
     const sbl_material *m = &desc->materials[number];
-    char where[32];
-    snprintf(where, sizeof where, "material %d", number);
-    sbl__check_range(check, where, "albedo", m->albedo, 3, sbl__unit_range);
-    sbl__check_range(check, where, "emission", m->emission, 3, sbl__not_negative_range);
-    sbl__check_int(check, where, "albedo_texture (0: none)", m->albedo_texture, 0, desc->texture_count);
-    sbl__check_int(check, where, "emission_texture (0: none)", m->emission_texture, 0, desc->texture_count);
-    sbl__check_range(check, where, "alpha_cutoff", &m->alpha_cutoff, 1, sbl__unit_range);
+    sbl__check_object(check, "material", number);
+    sbl__check_range(check, "albedo", m->albedo, 3, sbl__unit_range);
+    sbl__check_range(check, "emission", m->emission, 3, sbl__not_negative_range);
+    sbl__check_int(check, "albedo_texture (0: none)", m->albedo_texture, 0, desc->texture_count);
+    sbl__check_int(check, "emission_texture (0: none)", m->emission_texture, 0, desc->texture_count);
+    sbl__check_range(check, "alpha_cutoff", &m->alpha_cutoff, 1, sbl__unit_range);
     if (m->flags & ~(uint32_t)SBL_MATERIAL_FLAGS_ALL)
-        sbl__mistake(check, "%s: flags is 0x%x; only the bits 0x%x exist", where, m->flags,
-                     (unsigned)SBL_MATERIAL_FLAGS_ALL);
+        sbl__mistake(check, "flags is 0x%x; only the bits 0x%x exist", m->flags, (unsigned)SBL_MATERIAL_FLAGS_ALL);
 }
 
 static int sbl__texture_channels(const sbl_texture *t) { return t->channels ? t->channels : 4; }
@@ -3649,40 +3644,38 @@ static size_t sbl__texture_stride(const sbl_texture *t, int width) {
     return t->stride ? t->stride : (size_t)width * sbl__texture_pixel_bytes(t);
 }
 
-/* Checks the channels, size and stride of pixels in client memory. where: object in messages, such as "texture 2".
-   prefix: "" or "picture.", precedes field names in messages. most: largest width and height */
-static void sbl__check_pixels(sbl__check *check, const char *where, const char *prefix, const sbl_texture *t,
-                              int most) {
+/* Checks the channels, size and stride of pixels in client memory. prefix: "" or "picture.", precedes field names in
+   messages. most: largest width and height */
+static void sbl__check_pixels(sbl__check *check, const char *prefix, const sbl_texture *t, int most) {
     if (t->channels < 0 || t->channels > 4)
-        sbl__mistake(check, "%s: %schannels is %d; it must be 1 to 4, or 0 for 4", where, prefix, t->channels);
+        sbl__mistake(check, "%schannels is %d; it must be 1 to 4, or 0 for 4", prefix, t->channels);
     else if (t->width < 1 || t->height < 1 || t->width > most || t->height > most)
-        sbl__mistake(check, "%s: %ssize is %d x %d; both must be 1 to %d", where, prefix, t->width, t->height, most);
+        sbl__mistake(check, "%ssize is %d x %d; both must be 1 to %d", prefix, t->width, t->height, most);
     else if (t->stride && t->stride < (size_t)t->width * sbl__texture_pixel_bytes(t))
-        sbl__mistake(check, "%s: %sstride is %.0f; it must be at least the %.0f bytes of a row", where, prefix,
-                     (double)t->stride, (double)t->width * (double)sbl__texture_pixel_bytes(t));
+        sbl__mistake(check, "%sstride is %.0f; it must be at least the %.0f bytes of a row", prefix, (double)t->stride,
+                     (double)t->width * (double)sbl__texture_pixel_bytes(t));
     else if (t->stride > SIZE_MAX / 4 / (size_t)t->height)
-        sbl__mistake(check, "%s: %sstride is %.0f; %d rows of it exceed the address space", where, prefix,
-                     (double)t->stride, t->height);
+        sbl__mistake(check, "%sstride is %.0f; %d rows of it exceed the address space", prefix, (double)t->stride,
+                     t->height);
 }
 
 #define SBL__TEXTURE_MOST 65536  /* largest width and height of a texture, in pixels */
 
 static void sbl__check_texture(sbl__check *check, const sbl_scene_desc *desc, int index) {
     const sbl_texture *t = &desc->textures[index];
-    char where[32];
-    snprintf(where, sizeof where, "texture %d", index + 1);  /* sbl_material numbers textures from 1 */
-    if (!sbl__check_int(check, where, "format", (int)t->format, 0, SBL_PIXEL_FORMAT_COUNT - 1)) return;
-    sbl__check_int(check, where, "wrap", (int)t->wrap, 0, SBL_WRAP_COUNT - 1);
+    sbl__check_object(check, "texture", index + 1);  /* sbl_material numbers textures from 1 */
+    if (!sbl__check_int(check, "format", (int)t->format, 0, SBL_PIXEL_FORMAT_COUNT - 1)) return;
+    sbl__check_int(check, "wrap", (int)t->wrap, 0, SBL_WRAP_COUNT - 1);
     if (t->pixels && t->gl_texture)
-        sbl__mistake(check, "%s: pixels and gl_texture (%u) are both set; give one", where, t->gl_texture);
+        sbl__mistake(check, "pixels and gl_texture (%u) are both set; give one", t->gl_texture);
     else if (!t->pixels && !t->gl_texture)
-        sbl__mistake(check, "%s: pixels and gl_texture are both 0; a texture needs pixels", where);
+        sbl__mistake(check, "pixels and gl_texture are both 0; a texture needs pixels");
     else if (t->gl_texture) {
         if (!sbl__host_texture_exists(check->device, t->gl_texture))
-            sbl__mistake(check, "%s: gl_texture %u is not a texture of the current GL context", where, t->gl_texture);
+            sbl__mistake(check, "gl_texture %u is not a texture of the current GL context", t->gl_texture);
         return;
     }
-    sbl__check_pixels(check, where, "", t, SBL__TEXTURE_MOST);
+    sbl__check_pixels(check, "", t, SBL__TEXTURE_MOST);
 }
 
 /* >>check: lights and the environment */
@@ -3696,66 +3689,64 @@ static void sbl__check_texture(sbl__check *check, const sbl_scene_desc *desc, in
 static void sbl__check_light(sbl__check *check, const sbl_light *l, int number) {
     static const float degrees[2] = { 0, 180 };
     const int distant = l->kind == SBL_LIGHT_DIRECTIONAL;
-    char where[32];
-    snprintf(where, sizeof where, "light %d", number);
-    if (!sbl__check_int(check, where, "kind", (int)l->kind, 0, SBL_LIGHT_KIND_COUNT - 1)) return;
-    sbl__check_range(check, where, "intensity", l->intensity, 3, sbl__not_negative_range);
-    if (!distant) sbl__check_finite(check, where, "position", l->position, 3);
+    sbl__check_object(check, "light", number);
+    if (!sbl__check_int(check, "kind", (int)l->kind, 0, SBL_LIGHT_KIND_COUNT - 1)) return;
+    sbl__check_range(check, "intensity", l->intensity, 3, sbl__not_negative_range);
+    if (!distant) sbl__check_finite(check, "position", l->position, 3);
     if (l->kind != SBL_LIGHT_POINT) {
-        sbl__check_finite(check, where, "direction", l->direction, 3);
+        sbl__check_finite(check, "direction", l->direction, 3);
         if (sbl__all_zero(l->direction, 3))
-            sbl__mistake(check, "%s: direction is 0 0 0; it must be the direction in which the light travels", where);
+            sbl__mistake(check, "direction is 0 0 0; it must be the direction in which the light travels");
     }
-    if (distant) sbl__check_range(check, where, "angle (in degrees)", &l->angle, 1, degrees);
-    else sbl__check_range(check, where, "radius", &l->radius, 1, sbl__not_negative_range);
+    if (distant) sbl__check_range(check, "angle (in degrees)", &l->angle, 1, degrees);
+    else sbl__check_range(check, "radius", &l->radius, 1, sbl__not_negative_range);
     if (l->kind != SBL_LIGHT_SPOT) return;
-    sbl__check_range(check, where, "cone (in degrees)", &l->cone, 1, degrees);
+    sbl__check_range(check, "cone (in degrees)", &l->cone, 1, degrees);
     if (sbl__finite(&l->cone) && !sbl__between(&l->inner_cone, 0, SBL__CONE(l)))
-        sbl__mistake(check, "%s: inner_cone is %g; it must be 0 to the %g degrees of the cone", where,
-                     (double)l->inner_cone, (double)SBL__CONE(l));
+        sbl__mistake(check, "inner_cone is %g; it must be 0 to the %g degrees of the cone", (double)l->inner_cone,
+                     (double)SBL__CONE(l));
 }
 
 static void sbl__check_environment(sbl__check *check, const sbl_environment *e) {
     const sbl_texture *t = &e->picture;
     const int has_size = t->width || t->height;
-    const char *where = "environment";
+    snprintf(check->where, sizeof check->where, "environment");
     if (t->gl_texture)
-        sbl__mistake(check, "%s: picture.gl_texture is %u; give pixels in client memory", where, t->gl_texture);
+        sbl__mistake(check, "picture.gl_texture is %u; give pixels in client memory", t->gl_texture);
     if (t->pixels && e->radiance)
-        sbl__mistake(check, "%s: picture.pixels and radiance are both set; give one", where);
+        sbl__mistake(check, "picture.pixels and radiance are both set; give one");
     if (!t->pixels && !e->radiance && has_size)
-        sbl__mistake(check, "%s: picture.pixels and radiance are both NULL, but the picture's size is %d x %d; "
-                     "give pixels or a function", where, t->width, t->height);
-    if (sbl__check_int(check, where, "picture.format", (int)t->format, 0, SBL_PIXEL_FORMAT_COUNT - 1) &&
+        sbl__mistake(check, "picture.pixels and radiance are both NULL, but the picture's size is %d x %d; give pixels "
+                     "or a function", t->width, t->height);
+    if (sbl__check_int(check, "picture.format", (int)t->format, 0, SBL_PIXEL_FORMAT_COUNT - 1) &&
         (t->pixels || has_size))
-        sbl__check_pixels(check, where, "picture.", t, SBL__SKY_MOST);
-    else sbl__check_int(check, where, "picture.channels", t->channels, 0, 4);
-    sbl__check_finite(check, where, "scale", &e->scale, 1);
-    sbl__check_finite(check, where, "rotation", &e->rotation, 1);
-    sbl__check_finite(check, where, "up", e->up, 3);
+        sbl__check_pixels(check, "picture.", t, SBL__SKY_MOST);
+    else sbl__check_int(check, "picture.channels", t->channels, 0, 4);
+    sbl__check_finite(check, "scale", &e->scale, 1);
+    sbl__check_finite(check, "rotation", &e->rotation, 1);
+    sbl__check_finite(check, "up", e->up, 3);
 }
 
 /* >>check: whole descriptors */
 
 static sbl_result sbl__check_scene(const sbl__device *d, const sbl_scene_desc *desc) {
-    const char *where = "sbl_scene_desc";
-    sbl__check check = { d->base, d, SBL_LOG_ITEM_INVALID_SCENE_DESC, 0 };
+    sbl__check check = { d->base, d, SBL_LOG_ITEM_INVALID_SCENE_DESC, "sbl_scene_desc", 0 };
     int i;
-    if (!sbl__check_canaries(&check, where, desc->start_canary, desc->end_canary)) return sbl__check_end(&check);
-    sbl__check_array(&check, where, "mesh_count", desc->mesh_count, desc->meshes);
-    sbl__check_array(&check, where, "material_count", desc->material_count, desc->materials);
-    sbl__check_array(&check, where, "texture_count", desc->texture_count, desc->textures);
-    sbl__check_array(&check, where, "light_count", desc->light_count, desc->lights);
-    sbl__check_range(&check, where, "sky", desc->sky, 3, sbl__not_negative_range);
+    if (!sbl__check_canaries(&check, desc->start_canary, desc->end_canary)) return sbl__check_end(&check);
+    sbl__check_array(&check, "mesh_count", desc->mesh_count, desc->meshes);
+    sbl__check_array(&check, "material_count", desc->material_count, desc->materials);
+    sbl__check_array(&check, "texture_count", desc->texture_count, desc->textures);
+    sbl__check_array(&check, "light_count", desc->light_count, desc->lights);
+    sbl__check_range(&check, "sky", desc->sky, 3, sbl__not_negative_range);
     for (i = 0; desc->draw && i < 6; i++) {
         const float *low = &desc->draw_bounds[0][i % 3], *x = &desc->draw_bounds[i / 3][i % 3];
         if (!sbl__finite(x) || (sbl__finite(low) && *low > desc->draw_bounds[1][i % 3]))
-            sbl__mistake(&check, "%s: draw_bounds[%d][%d] is %g; bounds must be finite, lowest corner first", where,
-                         i / 3, i % 3, (double)*x);
+            sbl__mistake(&check, "draw_bounds[%d][%d] is %g; bounds must be finite, lowest corner first", i / 3, i % 3,
+                         (double)*x);
     }
-    sbl__check_range(&check, where, "draw_max_radiance", &desc->draw_max_radiance, 1, sbl__not_negative_range);
+    sbl__check_range(&check, "draw_max_radiance", &desc->draw_max_radiance, 1, sbl__not_negative_range);
     if (desc->max_bounce_cells)
-        sbl__check_int(&check, where, "max_bounce_cells", desc->max_bounce_cells, 1024, 1048576);
+        sbl__check_int(&check, "max_bounce_cells", desc->max_bounce_cells, 1024, 1048576);
     check.item = SBL_LOG_ITEM_INVALID_LIGHT;
     for (i = 0; desc->lights && i < desc->light_count; i++) sbl__check_light(&check, &desc->lights[i], i);
     sbl__check_environment(&check, &desc->environment);
@@ -3783,19 +3774,17 @@ SBL_API sbl_context_desc sbl_context_desc_defaults(const sbl_context_desc *desc)
 }
 
 static sbl_result sbl__check_context(const sbl__base *base, const sbl_context_desc *d) {
-    const char *where = "sbl_context_desc";
-    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, 0 };
-    if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
+    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "sbl_context_desc", 0 };
+    if (!sbl__check_canaries(&check, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     if (!d->allocator.alloc != !d->allocator.free)
-        sbl__mistake(&check, "%s: allocator.%s is NULL; give both functions or none", where,
+        sbl__mistake(&check, "allocator.%s is NULL; give both functions or none",
                      d->allocator.alloc ? "free" : "alloc");
     if (d->disabled & ~(uint32_t)SBL_CAPABILITY_ALL)
-        sbl__mistake(&check, "%s: disabled is 0x%x; only the bits 0x%x exist", where, d->disabled,
-                     (unsigned)SBL_CAPABILITY_ALL);
+        sbl__mistake(&check, "disabled is 0x%x; only the bits 0x%x exist", d->disabled, (unsigned)SBL_CAPABILITY_ALL);
     if (d->sensor_texture_size)
-        sbl__check_int(&check, where, "sensor_texture_size", d->sensor_texture_size, 256, 16384);
-    if (d->batch < 0) sbl__mistake(&check, "%s: batch is %d; it cannot be negative", where, d->batch);
-    sbl__check_range(&check, where, "longest_submission", &d->longest_submission, 1, sbl__not_negative_range);
+        sbl__check_int(&check, "sensor_texture_size", d->sensor_texture_size, 256, 16384);
+    if (d->batch < 0) sbl__mistake(&check, "batch is %d; it cannot be negative", d->batch);
+    sbl__check_range(&check, "longest_submission", &d->longest_submission, 1, sbl__not_negative_range);
     return sbl__check_end(&check);
 }
 
@@ -3950,24 +3939,23 @@ static sbl_result sbl__mesh_read(const sbl__device *d, const sbl__geometry *g, c
 /* >>geometry: validating */
 
 /* Reports the first bad component of each stream, and the first bad index. */
-static void sbl__mesh_validate(sbl__check *check, const sbl__mesh_data *m, int number) {
+static void sbl__mesh_validate(sbl__check *check, const sbl__mesh_data *m) {
     int s, i;
     for (s = 0; s < SBL__INDICES; s++) {
         const sbl__stream_use *use = &m->streams[s];
         const float *range = s == SBL__COLORS ? sbl__unit_range : sbl__any_range;
-        char where[64], name[64];
+        char name[64];
         for (i = 0; m->values[s] && i < use->count * use->components; i++) {
             if (sbl__between(&m->values[s][i], range[0], range[1])) continue;
-            snprintf(where, sizeof where, "mesh %d: %s", number, use->name);
-            snprintf(name, sizeof name, "component %d of vertex %d", i % use->components, i / use->components);
-            sbl__check_range(check, where, name, &m->values[s][i], 1, range);
+            snprintf(name, sizeof name, "%s: component %d of vertex %d", use->name, i % use->components,
+                     i / use->components);
+            sbl__check_range(check, name, &m->values[s][i], 1, range);
             break;
         }
     }
     for (i = 0; i < m->corner_count; i++)
         if (m->corners[i] >= (uint32_t)m->vertex_count) {
-            sbl__mistake(check, "mesh %d: indices: index %d is %u; the mesh has %d vertices", number, i, m->corners[i],
-                         m->vertex_count);
+            sbl__mistake(check, "indices: index %d is %u; the mesh has %d vertices", i, m->corners[i], m->vertex_count);
             return;
         }
 }
@@ -4066,10 +4054,11 @@ static int sbl__mesh_transform(const sbl__base *base, sbl__geometry *g, int numb
 static sbl_result sbl__geometry_add(const sbl__device *d, sbl__geometry *g, const sbl_mesh *in, int number) {
     sbl__mesh *mesh = &g->meshes[number];
     sbl__mesh_data data;
-    sbl__check check = { d->base, d, SBL_LOG_ITEM_INVALID_MESH, 0 };
+    sbl__check check = { d->base, d, SBL_LOG_ITEM_INVALID_MESH, "", 0 };
     sbl_result result = sbl__mesh_read(d, g, in, &data);
     if (result == SBL_SUCCESS) {
-        sbl__mesh_validate(&check, &data, number);
+        sbl__check_object(&check, "mesh", number);
+        sbl__mesh_validate(&check, &data);
         result = sbl__check_end(&check);
     }
     if (result == SBL_SUCCESS) {
@@ -6953,19 +6942,18 @@ static const int sbl__sensor_sizes[SBL_PRESET_COUNT] = { 64, 32, 128 };
 
 /* papers: 1 if the front end allows SBL_MODE_PAPER. rays: lowest and highest options.rays. host_draws: 1 if the scene
    has a draw callback */
-static void sbl__check_options(sbl__check *check, const char *where, const sbl_options *o, int papers,
-                               const int rays[2], int host_draws) {
-    sbl__check_int(check, where, "options.mode", (int)o->mode, 0, SBL_MODE_COUNT - 1);
+static void sbl__check_options(sbl__check *check, const sbl_options *o, int papers, const int rays[2], int host_draws) {
+    sbl__check_int(check, "options.mode", (int)o->mode, 0, SBL_MODE_COUNT - 1);
     if (o->mode == SBL_MODE_PAPER && !papers)
-        sbl__mistake(check, "%s: options.mode is SBL_MODE_PAPER; only pictures and readings have it", where);
-    sbl__check_int(check, where, "options.preset", (int)o->preset, 0, SBL_PRESET_COUNT - 1);
-    sbl__check_int(check, where, "options.backend", (int)o->backend, 0, SBL_BACKEND_COUNT - 1);
+        sbl__mistake(check, "options.mode is SBL_MODE_PAPER; only pictures and readings have it");
+    sbl__check_int(check, "options.preset", (int)o->preset, 0, SBL_PRESET_COUNT - 1);
+    sbl__check_int(check, "options.backend", (int)o->backend, 0, SBL_BACKEND_COUNT - 1);
     if (o->backend == SBL_BACKEND_TRACE && (o->mode == SBL_MODE_PAPER || host_draws))
-        sbl__mistake(check, "%s: options.backend is SBL_BACKEND_TRACE %s; use SBL_BACKEND_AUTO or SBL_BACKEND_RASTER",
-                     where, host_draws ? "in a scene with a draw callback" : "in SBL_MODE_PAPER");
-    if (o->rays) sbl__check_int(check, where, "options.rays", o->rays, rays[0], rays[1]);
-    sbl__check_int(check, where, "options.sensor_size", o->sensor_size, 4, 512);
-    sbl__check_finite(check, where, "options.epsilon", &o->epsilon, 1);
+        sbl__mistake(check, "options.backend is SBL_BACKEND_TRACE %s; use SBL_BACKEND_AUTO or SBL_BACKEND_RASTER",
+                     host_draws ? "in a scene with a draw callback" : "in SBL_MODE_PAPER");
+    if (o->rays) sbl__check_int(check, "options.rays", o->rays, rays[0], rays[1]);
+    sbl__check_int(check, "options.sensor_size", o->sensor_size, 4, 512);
+    sbl__check_finite(check, "options.epsilon", &o->epsilon, 1);
 }
 
 static const int sbl__sensor_rays[2] = { 1, 4096 };  /* lowest and highest number of rays of a sensor */
@@ -6975,17 +6963,16 @@ static void sbl__sensor_defaults(sbl_mode mode, sbl_sensor_kind *kind, float *fo
     if (sbl__zero(fov)) *fov = 135;
 }
 
-static void sbl__check_sensor_kind(sbl__check *check, const char *where, const sbl_options *o, sbl_sensor_kind kind,
-                                   float fov) {
-    sbl__check_int(check, where, "sensor_kind", (int)kind, 0, SBL_SENSOR_KIND_COUNT - 1);
+static void sbl__check_sensor_kind(sbl__check *check, const sbl_options *o, sbl_sensor_kind kind, float fov) {
+    sbl__check_int(check, "sensor_kind", (int)kind, 0, SBL_SENSOR_KIND_COUNT - 1);
     if (o->mode == SBL_MODE_PAPER && kind == SBL_SENSOR_HEMICUBE)
-        sbl__mistake(check, "%s: sensor_kind is SBL_SENSOR_HEMICUBE in SBL_MODE_PAPER; the paper's sensor is "
-                     "SBL_SENSOR_SINGLE", where);
+        sbl__mistake(check, "sensor_kind is SBL_SENSOR_HEMICUBE in SBL_MODE_PAPER; the paper's sensor is "
+                     "SBL_SENSOR_SINGLE");
     if (o->backend == SBL_BACKEND_TRACE && kind == SBL_SENSOR_SINGLE && o->mode != SBL_MODE_PAPER)
-        sbl__mistake(check, "%s: options.backend is SBL_BACKEND_TRACE with SBL_SENSOR_SINGLE; use SBL_BACKEND_AUTO or "
-                     "SBL_BACKEND_RASTER", where);
+        sbl__mistake(check, "options.backend is SBL_BACKEND_TRACE with SBL_SENSOR_SINGLE; use SBL_BACKEND_AUTO or "
+                     "SBL_BACKEND_RASTER");
     if (!sbl__between(&fov, 1, 179))
-        sbl__mistake(check, "%s: sensor_fov is %g; it must be 1 to 179 degrees", where, (double)fov);
+        sbl__mistake(check, "sensor_fov is %g; it must be 1 to 179 degrees", (double)fov);
 }
 
 /* What the host requests of a front end's sensors. */
@@ -7018,20 +7005,20 @@ static int sbl__rigid(const float m[16]) {
     return sbl__affine_determinant(m) > 0;
 }
 
-static void sbl__check_camera(sbl__check *check, const char *where, const sbl_picture_desc *d) {
+static void sbl__check_camera(sbl__check *check, const sbl_picture_desc *d) {
     const float *v = d->world_to_view, *m = d->view_to_clip;
     int perspective, orthographic;
-    sbl__check_finite(check, where, "world_to_view", v, 16);
+    sbl__check_finite(check, "world_to_view", v, 16);
     if (sbl__all_finite(v, 16) && !sbl__rigid(v))
-        sbl__mistake(check, "%s: world_to_view is not rigid (a rotation and a translation, column-major); sbl_look_at "
-                     "makes one", where);
-    sbl__check_finite(check, where, "view_to_clip", m, 16);
+        sbl__mistake(check, "world_to_view is not rigid (a rotation and a translation, column-major); sbl_look_at "
+                     "makes one");
+    sbl__check_finite(check, "view_to_clip", m, 16);
     if (!sbl__all_finite(m, 16) || d->width <= 0 || d->height <= 0) return;  /* there is no default projection */
     perspective = m[3] == 0.0f && m[7] == 0.0f && m[11] < 0.0f && m[15] == 0.0f && m[12] == 0.0f && m[13] == 0.0f;
     orthographic = m[3] == 0.0f && m[7] == 0.0f && m[11] == 0.0f && m[15] == 1.0f && m[8] == 0.0f && m[9] == 0.0f;
     if (!(perspective || orthographic) || m[0] == 0.0f || m[5] == 0.0f || m[1] != 0.0f || m[4] != 0.0f)
-        sbl__mistake(check, "%s: view_to_clip is neither a perspective nor an orthographic projection (column-major, "
-                     "view direction -z; its last row is %g %g %g %g); sbl_perspective makes one", where, (double)m[3],
+        sbl__mistake(check, "view_to_clip is neither a perspective nor an orthographic projection (column-major, view "
+                     "direction -z; its last row is %g %g %g %g); sbl_perspective makes one", (double)m[3],
                      (double)m[7], (double)m[11], (double)m[15]);
 }
 
@@ -7059,26 +7046,25 @@ SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc)
 }
 
 /* Checks the fields that pictures and lightmaps share. */
-static void sbl__check_refinement(sbl__check *check, const char *where, const sbl_picture_desc *d) {
-    sbl__check_int(check, where, "width", d->width, 1, 16384);
-    sbl__check_int(check, where, "height", d->height, 1, 16384);
-    sbl__check_int(check, where, "tile", d->tile, 1, 1024);
-    sbl__check_range(check, where, "target_error", &d->target_error, 1, sbl__unit_range);
-    sbl__check_finite(check, where, "threshold", &d->threshold, 1);
+static void sbl__check_refinement(sbl__check *check, const sbl_picture_desc *d) {
+    sbl__check_int(check, "width", d->width, 1, 16384);
+    sbl__check_int(check, "height", d->height, 1, 16384);
+    sbl__check_int(check, "tile", d->tile, 1, 1024);
+    sbl__check_range(check, "target_error", &d->target_error, 1, sbl__unit_range);
+    sbl__check_finite(check, "threshold", &d->threshold, 1);
     if (d->filter_radius > 32)
-        sbl__mistake(check, "%s: filter_radius is %d; it must be at most 32", where, d->filter_radius);
+        sbl__mistake(check, "filter_radius is %d; it must be at most 32", d->filter_radius);
 }
 
 static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_desc *d, int host_draws) {
-    const char *where = "sbl_picture_desc";
-    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_PICTURE_DESC, 0 };
-    if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
-    sbl__check_options(&check, where, &d->options, 1, sbl__sensor_rays, host_draws);
-    sbl__check_sensor_kind(&check, where, &d->options, d->sensor_kind, d->sensor_fov);
-    sbl__check_refinement(&check, where, d);
-    sbl__check_finite(&check, where, "facet_limit", &d->facet_limit, 1);
-    sbl__check_int(&check, where, "samples", d->samples, 1, 64);
-    sbl__check_camera(&check, where, d);
+    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_PICTURE_DESC, "sbl_picture_desc", 0 };
+    if (!sbl__check_canaries(&check, d->start_canary, d->end_canary)) return sbl__check_end(&check);
+    sbl__check_options(&check, &d->options, 1, sbl__sensor_rays, host_draws);
+    sbl__check_sensor_kind(&check, &d->options, d->sensor_kind, d->sensor_fov);
+    sbl__check_refinement(&check, d);
+    sbl__check_finite(&check, "facet_limit", &d->facet_limit, 1);
+    sbl__check_int(&check, "samples", d->samples, 1, 64);
+    sbl__check_camera(&check, d);
     return sbl__check_end(&check);
 }
 
@@ -7126,27 +7112,26 @@ SBL_API sbl_lightmap_desc sbl_lightmap_desc_defaults(const sbl_lightmap_desc *de
 }
 
 static sbl_result sbl__check_lightmap(const sbl__base *base, const sbl_lightmap_desc *d, const sbl__scene *scene) {
-    const char *where = "sbl_lightmap_desc";
     const sbl_picture_desc picture = sbl__lightmap_picture(d);
     const sbl__geometry *g = &scene->geometry;
-    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_LIGHTMAP_DESC, 0 };
+    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_LIGHTMAP_DESC, "sbl_lightmap_desc", 0 };
     int i;
-    if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
-    sbl__check_options(&check, where, &d->options, 0, sbl__sensor_rays, scene->draw != NULL);
-    sbl__check_refinement(&check, where, &picture);
-    sbl__check_int(&check, where, "gutter", d->gutter, -INT_MAX, 16384);
-    sbl__check_int(&check, where, "directional", d->directional, 0, 1);
-    sbl__check_int(&check, where, "supersample", d->supersample, 1, 8);
+    if (!sbl__check_canaries(&check, d->start_canary, d->end_canary)) return sbl__check_end(&check);
+    sbl__check_options(&check, &d->options, 0, sbl__sensor_rays, scene->draw != NULL);
+    sbl__check_refinement(&check, &picture);
+    sbl__check_int(&check, "gutter", d->gutter, -INT_MAX, 16384);
+    sbl__check_int(&check, "directional", d->directional, 0, 1);
+    sbl__check_int(&check, "supersample", d->supersample, 1, 8);
     if (d->supersample > 1 && d->supersample <= 8 && !sbl__supersample_fits(d))
-        sbl__mistake(&check, "%s: supersample is %d; times the size, %d x %d, it must be at most 16384", where,
-                     d->supersample, d->width, d->height);
-    sbl__check_array(&check, where, "mesh_count", d->mesh_count, d->meshes);
+        sbl__mistake(&check, "supersample is %d; times the size, %d x %d, it must be at most 16384", d->supersample,
+                     d->width, d->height);
+    sbl__check_array(&check, "mesh_count", d->mesh_count, d->meshes);
     for (i = 0; d->meshes && i < d->mesh_count; i++) {
         const int mesh = d->meshes[i];
         if (mesh < 0 || mesh >= g->mesh_count)
-            sbl__mistake(&check, "%s: meshes[%d] is %d; the scene has %d", where, i, mesh, g->mesh_count);
+            sbl__mistake(&check, "meshes[%d] is %d; the scene has %d", i, mesh, g->mesh_count);
         else if (!g->meshes[mesh].lightmapped)
-            sbl__mistake(&check, "%s: meshes[%d] is %d, a mesh without lightmap_texcoords", where, i, mesh);
+            sbl__mistake(&check, "meshes[%d] is %d, a mesh without lightmap_texcoords", i, mesh);
     }
     return sbl__check_end(&check);
 }
@@ -7165,37 +7150,40 @@ SBL_API sbl_readings_desc sbl_readings_desc_defaults(const sbl_readings_desc *de
 
 #define SBL__SITES_NAMED 16  /* number of wrong sites that are named; the others are only counted */
 
+/* Ends the naming of wrong things in a list. Counts those that were not named. where: the descriptor */
+static void sbl__check_rest(sbl__check *check, const char *where, const char *things, int wrong) {
+    snprintf(check->where, sizeof check->where, "%s", where);
+    if (wrong > SBL__SITES_NAMED) sbl__mistake(check, "%d more %s are wrong", wrong - SBL__SITES_NAMED, things);
+}
+
 /* Returns 1 if the site is valid. Otherwise reports its mistakes if `named` is 1. */
 static int sbl__check_site(sbl__check *check, const sbl_site *s, int number, int named) {
     const int good = sbl__all_finite(s->position, 3) && sbl__all_finite(s->normal, 3) &&
                      !sbl__all_zero(s->normal, 3) && sbl__all_finite(s->geometric_normal, 3) &&
                      sbl__finite(&s->offset);
-    char where[32];
     if (good || !named) return good;
-    snprintf(where, sizeof where, "site %d", number);
-    sbl__check_finite(check, where, "position", s->position, 3);
-    sbl__check_finite(check, where, "normal", s->normal, 3);
+    sbl__check_object(check, "site", number);
+    sbl__check_finite(check, "position", s->position, 3);
+    sbl__check_finite(check, "normal", s->normal, 3);
     if (sbl__all_zero(s->normal, 3))
-        sbl__mistake(check, "%s: normal is 0 0 0; it must point to the side that the light comes from", where);
-    sbl__check_finite(check, where, "geometric_normal", s->geometric_normal, 3);
-    sbl__check_finite(check, where, "offset", &s->offset, 1);
+        sbl__mistake(check, "normal is 0 0 0; it must point to the side that the light comes from");
+    sbl__check_finite(check, "geometric_normal", s->geometric_normal, 3);
+    sbl__check_finite(check, "offset", &s->offset, 1);
     return 0;
 }
 
 static sbl_result sbl__check_readings(const sbl__base *base, const sbl_readings_desc *d, int host_draws) {
-    const char *where = "sbl_readings_desc";
-    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_READINGS_DESC, 0 };
+    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_READINGS_DESC, "sbl_readings_desc", 0 };
     int i, wrong = 0;
-    if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
-    sbl__check_options(&check, where, &d->options, 1, sbl__sensor_rays, host_draws);
-    sbl__check_sensor_kind(&check, where, &d->options, d->sensor_kind, d->sensor_fov);
-    sbl__check_array(&check, where, "site_count", d->site_count, d->sites);
+    if (!sbl__check_canaries(&check, d->start_canary, d->end_canary)) return sbl__check_end(&check);
+    sbl__check_options(&check, &d->options, 1, sbl__sensor_rays, host_draws);
+    sbl__check_sensor_kind(&check, &d->options, d->sensor_kind, d->sensor_fov);
+    sbl__check_array(&check, "site_count", d->site_count, d->sites);
     if (!d->readings && d->site_count > 0)
-        sbl__mistake(&check, "%s: readings is NULL; it receives site_count readings", where);
+        sbl__mistake(&check, "readings is NULL; it receives site_count readings");
     for (i = 0; d->sites && i < d->site_count; i++)
         wrong += !sbl__check_site(&check, &d->sites[i], i, wrong < SBL__SITES_NAMED);
-    if (wrong > SBL__SITES_NAMED)
-        sbl__mistake(&check, "%s: %d more sites are wrong", where, wrong - SBL__SITES_NAMED);
+    sbl__check_rest(&check, "sbl_readings_desc", "sites", wrong);
     return sbl__check_end(&check);
 }
 
@@ -7215,35 +7203,34 @@ SBL_API sbl_vertices_desc sbl_vertices_desc_defaults(const sbl_vertices_desc *de
 #define SBL__VERTICES_SMOOTHEST 1e6f
 
 static sbl_result sbl__check_vertices(const sbl__base *base, const sbl_vertices_desc *d, const sbl__scene *scene) {
-    const char *where = "sbl_vertices_desc";
     const sbl__geometry *g = &scene->geometry;
     double vertices = 0, triangles = 0;
-    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_VERTICES_DESC, 0 };
+    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_VERTICES_DESC, "sbl_vertices_desc", 0 };
     int i;
-    if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
-    sbl__check_options(&check, where, &d->options, 0, sbl__sensor_rays, scene->draw != NULL);
-    sbl__check_int(&check, where, "samples", d->samples, 1, 1024);
-    sbl__check_int(&check, where, "average", d->average, 0, 1);
+    if (!sbl__check_canaries(&check, d->start_canary, d->end_canary)) return sbl__check_end(&check);
+    sbl__check_options(&check, &d->options, 0, sbl__sensor_rays, scene->draw != NULL);
+    sbl__check_int(&check, "samples", d->samples, 1, 1024);
+    sbl__check_int(&check, "average", d->average, 0, 1);
     if (!sbl__between(&d->smoothing, -FLT_MAX, SBL__VERTICES_SMOOTHEST))
-        sbl__mistake(&check, "%s: smoothing is %g; it must be finite and at most %g", where, (double)d->smoothing,
+        sbl__mistake(&check, "smoothing is %g; it must be finite and at most %g", (double)d->smoothing,
                      (double)SBL__VERTICES_SMOOTHEST);
-    sbl__check_array(&check, where, "mesh_count", d->mesh_count, d->meshes);
+    sbl__check_array(&check, "mesh_count", d->mesh_count, d->meshes);
     for (i = 0; i < (d->mesh_count ? d->mesh_count : g->mesh_count) && (d->meshes || !d->mesh_count); i++) {
         const int mesh = d->mesh_count ? d->meshes[i] : i;
         if (mesh >= 0 && mesh < g->mesh_count) {
             vertices += g->meshes[mesh].vertex_count;
             triangles += g->meshes[mesh].triangle_count;
         } else
-            sbl__mistake(&check, "%s: meshes[%d] is %d; the scene has %d", where, i, mesh, g->mesh_count);
+            sbl__mistake(&check, "meshes[%d] is %d; the scene has %d", i, mesh, g->mesh_count);
     }
     if (vertices > INT_MAX / 4 || triangles > INT_MAX / 4)
-        sbl__mistake(&check, "%s: meshes have %.0f vertices and %.0f triangles; at most %d of each can be numbered",
-                     where, vertices, triangles, INT_MAX / 4);
+        sbl__mistake(&check, "meshes have %.0f vertices and %.0f triangles; at most %d of each can be numbered",
+                     vertices, triangles, INT_MAX / 4);
     if (vertices > 0 && !d->radiance)
-        sbl__mistake(&check, "%s: radiance is NULL; it receives 3 floats for each of %.0f vertices", where, vertices);
+        sbl__mistake(&check, "radiance is NULL; it receives 3 floats for each of %.0f vertices", vertices);
     if ((double)d->float_count < 3 * vertices)
-        sbl__mistake(&check, "%s: float_count is %.0f; %.0f vertices need %.0f floats", where, (double)d->float_count,
-                     vertices, 3 * vertices);
+        sbl__mistake(&check, "float_count is %.0f; %.0f vertices need %.0f floats", (double)d->float_count, vertices,
+                     3 * vertices);
     return sbl__check_end(&check);
 }
 
@@ -7257,24 +7244,24 @@ static int sbl__grid_count(const int grid[3]) {
     return grid[0] < 1 || grid[1] < 1 || grid[2] < 1 ? 0 : (int)SBL__MIN(count, (double)INT_MAX);
 }
 
-static void sbl__check_grid(sbl__check *check, const char *where, const sbl_probes_desc *d) {
+static void sbl__check_grid(sbl__check *check, const sbl_probes_desc *d) {
     const int given = d->grid[0] || d->grid[1] || d->grid[2], points = sbl__grid_count(d->grid);
     int k;
     if (!given && d->probe_count > 0)
-        sbl__mistake(check, "%s: probe_count is %d; positions is NULL, and there is no grid", where, d->probe_count);
+        sbl__mistake(check, "probe_count is %d; positions is NULL, and there is no grid", d->probe_count);
     for (k = 0; k < 3 && given; k++) {
         char name[16];
         snprintf(name, sizeof name, "grid[%d]", k);
-        sbl__check_int(check, where, name, d->grid[k], 1, 16384);
+        sbl__check_int(check, name, d->grid[k], 1, 16384);
     }
-    if (points == INT_MAX) sbl__mistake(check, "%s: grid has more points than an int can count", where);
+    if (points == INT_MAX) sbl__mistake(check, "grid has more points than an int can count");
     else if (points && d->probe_count != points && d->probe_count >= 0)
-        sbl__mistake(check, "%s: probe_count is %d; the grid has %d points", where, d->probe_count, points);
-    sbl__check_finite(check, where, "lowest", d->lowest, 3);
-    sbl__check_finite(check, where, "highest", d->highest, 3);
+        sbl__mistake(check, "probe_count is %d; the grid has %d points", d->probe_count, points);
+    sbl__check_finite(check, "lowest", d->lowest, 3);
+    sbl__check_finite(check, "highest", d->highest, 3);
     for (k = 0; k < 3 && sbl__all_finite(d->lowest, 3) && sbl__all_finite(d->highest, 3); k++)
         if (d->lowest[k] > d->highest[k])
-            sbl__mistake(check, "%s: lowest[%d] is %g; highest[%d], %g, is less", where, k, (double)d->lowest[k], k,
+            sbl__mistake(check, "lowest[%d] is %g; highest[%d], %g, is less", k, (double)d->lowest[k], k,
                          (double)d->highest[k]);
 }
 
@@ -7290,24 +7277,22 @@ SBL_API sbl_probes_desc sbl_probes_desc_defaults(const sbl_probes_desc *desc) {
 
 static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc *d, int host_draws) {
     static const int rays[2] = { 64, 65536 };
-    const char *where = "sbl_probes_desc";
-    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_PROBES_DESC, 0 };
+    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_PROBES_DESC, "sbl_probes_desc", 0 };
     int i, wrong = 0;
-    if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
-    sbl__check_options(&check, where, &d->options, 0, rays, host_draws);
-    sbl__check_range(&check, where, "move", &d->move, 1, sbl__not_negative_range);
-    if (d->probe_count < 0) sbl__mistake(&check, "%s: probe_count is %d; it cannot be negative", where, d->probe_count);
+    if (!sbl__check_canaries(&check, d->start_canary, d->end_canary)) return sbl__check_end(&check);
+    sbl__check_options(&check, &d->options, 0, rays, host_draws);
+    sbl__check_range(&check, "move", &d->move, 1, sbl__not_negative_range);
+    if (d->probe_count < 0) sbl__mistake(&check, "probe_count is %d; it cannot be negative", d->probe_count);
     if (!d->probes && d->probe_count > 0)
-        sbl__mistake(&check, "%s: probes is NULL; it receives probe_count probes", where);
-    if (!d->positions) sbl__check_grid(&check, where, d);
+        sbl__mistake(&check, "probes is NULL; it receives probe_count probes");
+    if (!d->positions) sbl__check_grid(&check, d);
     for (i = 0; d->positions && i < d->probe_count; i++) {
-        char name[32];
-        if (sbl__all_finite(d->positions + 3 * (size_t)i, 3)) continue;
-        snprintf(name, sizeof name, "probe %d", i);
-        if (wrong++ < SBL__SITES_NAMED) sbl__check_finite(&check, name, "position", d->positions + 3 * (size_t)i, 3);
+        const float *position = d->positions + 3 * (size_t)i;
+        if (sbl__all_finite(position, 3) || wrong++ >= SBL__SITES_NAMED) continue;
+        sbl__check_object(&check, "probe", i);
+        sbl__check_finite(&check, "position", position, 3);
     }
-    if (wrong > SBL__SITES_NAMED)
-        sbl__mistake(&check, "%s: %d more probes are wrong", where, wrong - SBL__SITES_NAMED);
+    sbl__check_rest(&check, "sbl_probes_desc", "probes", wrong);
     return sbl__check_end(&check);
 }
 
@@ -16865,30 +16850,28 @@ static sbl_result sbl__inspect_check(sbl__inspect_request *k, int x, int y, cons
                                      size_t texel_count) {
     const sbl__map *m = k->map;
     const int finished = m && sbl__work_is_done(&m->work);
-    sbl__check check = { &k->core->base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, 0 };
+    sbl__check check = { &k->core->base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor", 0 };
     if (!sensor) {
-        sbl__mistake(&check, "sbl_inspect_sensor: sensor is NULL");
+        sbl__mistake(&check, "sensor is NULL");
         return SBL_ERROR_INVALID_ARGUMENT;
     }
     if (!finished || m->scene_version != k->core->scene.version) {
         check.item = SBL_LOG_ITEM_WRONG_ORDER;
-        sbl__mistake(&check, "sbl_inspect_sensor: %s", !finished ?
-                     "there is no finished picture; call sbl_render_picture first" :
+        sbl__mistake(&check, "%s", !finished ? "there is no finished picture; call sbl_render_picture first" :
                      "the scene has changed since the picture was made; call sbl_render_picture again");
         return SBL_ERROR_STATE;
     }
     if (x < 0 || y < 0 || x >= m->size[0] || y >= m->size[1]) {
-        sbl__mistake(&check, "sbl_inspect_sensor: pixel %d %d lies outside of the picture's %d x %d", x, y,
-                     m->size[0], m->size[1]);
+        sbl__mistake(&check, "pixel %d %d lies outside of the picture's %d x %d", x, y, m->size[0], m->size[1]);
         return SBL_ERROR_INVALID_ARGUMENT;
     }
     k->pixel = (int)sbl__map_shown(m, (size_t)y * (size_t)m->size[0] + (size_t)x);
     sbl__spec_sheet(&m->spec, k->sheet);
     if (!sbl__refine_pixel(&m->refine, (size_t)k->pixel)->id)
-        sbl__mistake(&check, "sbl_inspect_sensor: pixel %d %d shows no surface", x, y);
+        sbl__mistake(&check, "pixel %d %d shows no surface", x, y);
     else if ((k->radiance || k->weights) && texel_count < (size_t)k->sheet[0] * (size_t)k->sheet[1])
-        sbl__mistake(&check, "sbl_inspect_sensor: texel_count is %.0f; the sheet has %d x %d texels",
-                     (double)texel_count, k->sheet[0], k->sheet[1]);
+        sbl__mistake(&check, "texel_count is %.0f; the sheet has %d x %d texels", (double)texel_count, k->sheet[0],
+                     k->sheet[1]);
     return sbl__check_end(&check);
 }
 
@@ -17441,14 +17424,14 @@ static sbl_result sbl__update_light(sbl_context *c, const char *function, const 
     const char *what = desc->materials ? "materials" : "lights";
     const int count = desc->materials ? desc->material_count : desc->light_count;
     sbl__visit visit;
-    sbl__check check = { NULL, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, 0 };
-    sbl_result result;
+    sbl__check check = { NULL, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, "", 0 };
+    sbl_result result = sbl__may_call(c, function, SBL__INSIDE_NOTHING, 1);
     int i, has;
-    result = sbl__may_call(c, function, SBL__INSIDE_NOTHING, 1);
     if (result != SBL_SUCCESS) return result;
+    snprintf(check.where, sizeof check.where, "%s", function);
     has = desc->materials ? c->core.scene.material_count : c->core.scene.lights.count;
     check.base = &c->core.base;
-    if (count != has) sbl__mistake(&check, "%s: %d %s are given; the scene has %d", function, count, what, has);
+    if (count != has) sbl__mistake(&check, "%d %s are given; the scene has %d", count, what, has);
     check.item = desc->materials ? SBL_LOG_ITEM_INVALID_MATERIAL : SBL_LOG_ITEM_INVALID_LIGHT;
     for (i = 0; i < count && count == has; i++) {
         if (desc->materials) sbl__check_material(&check, desc, i);
@@ -17506,17 +17489,16 @@ SBL_API sbl_result sbl_load_store(sbl_context *c, sbl_read_function get, void *u
 SBL_API sbl_result sbl_set_mesh_transform(sbl_context *c, int mesh, const float transform[16]) {
     float to[16];
     sbl__visit visit;
-    sbl__check check = { NULL, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, 0 };
-    sbl_result result;
-    result = sbl__may_call(c, "sbl_set_mesh_transform", SBL__INSIDE_NOTHING, 1);
+    sbl__check check = { NULL, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_set_mesh_transform", 0 };
+    sbl_result result = sbl__may_call(c, "sbl_set_mesh_transform", SBL__INSIDE_NOTHING, 1);
     if (result != SBL_SUCCESS) return result;
     check.base = &c->core.base;
     if (mesh < 0 || mesh >= c->core.scene.geometry.mesh_count)
-        sbl__mistake(&check, "sbl_set_mesh_transform: mesh is %d; the scene has %d", mesh,
-                     c->core.scene.geometry.mesh_count);
-    if (!transform) sbl__mistake(&check, "sbl_set_mesh_transform: transform is NULL");
+        sbl__mistake(&check, "mesh is %d; the scene has %d", mesh, c->core.scene.geometry.mesh_count);
+    if (!transform) sbl__mistake(&check, "transform is NULL");
     check.item = SBL_LOG_ITEM_INVALID_MESH;
-    if (transform) sbl__check_transform(&check, mesh, transform);
+    sbl__check_object(&check, "mesh", mesh);
+    if (transform) sbl__check_transform(&check, transform);
     if (check.mistakes) return SBL_ERROR_INVALID_ARGUMENT;
     if (sbl__all_zero(transform, 16)) sbl__identity(to);
     else memcpy(to, transform, sizeof to);
@@ -17645,17 +17627,17 @@ static sbl_result sbl__channel_ready(sbl_context *c, const char *function) {
 SBL_API sbl_result sbl_read_channel(sbl_context *c, sbl_channel channel, float *out, size_t float_count) {
     const int components = sbl_channel_components(channel);
     sbl__visit visit;
-    sbl__check check = { NULL, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, 0 };
+    sbl__check check = { NULL, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_read_channel", 0 };
     size_t pixels;
     sbl_result result = sbl__may_call(c, "sbl_read_channel", SBL__INSIDE_PROGRESS, 0);
     if (result != SBL_SUCCESS) return result;
     check.base = &c->core.base;
     pixels = c->map ? (size_t)c->map->size[0] * (size_t)c->map->size[1] : 0;
     if (!components || !out)
-        sbl__mistake(&check, "sbl_read_channel: channel is %d (0 to %d exist), out is %s", (int)channel,
-                     SBL_CHANNEL_COUNT - 1, out ? "given" : "NULL");
+        sbl__mistake(&check, "channel is %d (0 to %d exist), out is %s", (int)channel, SBL_CHANNEL_COUNT - 1,
+                     out ? "given" : "NULL");
     else if (float_count < pixels * (size_t)components)
-        sbl__mistake(&check, "sbl_read_channel: float_count is %.0f; channel %d of %d x %d pixels needs %.0f floats",
+        sbl__mistake(&check, "float_count is %.0f; channel %d of %d x %d pixels needs %.0f floats",
                      (double)float_count, (int)channel, c->map->size[0], c->map->size[1], (double)pixels * components);
     if (check.mistakes) return SBL_ERROR_INVALID_ARGUMENT;
     result = sbl__channel_ready(c, "sbl_read_channel");
