@@ -3461,7 +3461,9 @@ static void sbl__mistake(sbl__check *check, const char *format, ...) {
     sbl__log(check->base, SBL_LOG_ERROR, check->item, "%s: %s", check->where, text);
 }
 
-static void sbl__check_object(sbl__check *check, const char *kind, int number) {
+/* Makes the following mistakes those of an object such as mesh 3. */
+static void sbl__check_object(sbl__check *check, sbl_log_item item, const char *kind, int number) {
+    check->item = item;
     snprintf(check->where, sizeof check->where, "%s %d", kind, number);
 }
 
@@ -3601,7 +3603,7 @@ static void sbl__check_mesh(sbl__check *check, const sbl_scene_desc *desc, int n
     sbl__stream_use streams[SBL__STREAMS];
     const int indexed = sbl__stream_present(&m->indices);
     int i;
-    sbl__check_object(check, "mesh", number);
+    sbl__check_object(check, SBL_LOG_ITEM_INVALID_MESH, "mesh", number);
     if (!sbl__check_int(check, "vertex_count", m->vertex_count, 0, INT_MAX)) return;
     if (m->vertex_count > 0 && !sbl__stream_present(&m->positions))
         sbl__mistake(check, "positions are missing (data and gl_buffer are both 0) for vertex_count %d",
@@ -3623,7 +3625,7 @@ static void sbl__check_mesh(sbl__check *check, const sbl_scene_desc *desc, int n
 
 static void sbl__check_material(sbl__check *check, const sbl_scene_desc *desc, int number) {
     const sbl_material *m = &desc->materials[number];
-    sbl__check_object(check, "material", number);
+    sbl__check_object(check, SBL_LOG_ITEM_INVALID_MATERIAL, "material", number);
     sbl__check_range(check, "albedo", m->albedo, 3, sbl__unit_range);
     sbl__check_range(check, "emission", m->emission, 3, sbl__not_negative_range);
     sbl__check_int(check, "albedo_texture (0: none)", m->albedo_texture, 0, desc->texture_count);
@@ -3663,7 +3665,7 @@ static void sbl__check_pixels(sbl__check *check, const char *prefix, const sbl_t
 
 static void sbl__check_texture(sbl__check *check, const sbl_scene_desc *desc, int index) {
     const sbl_texture *t = &desc->textures[index];
-    sbl__check_object(check, "texture", index + 1);  /* sbl_material numbers textures from 1 */
+    sbl__check_object(check, SBL_LOG_ITEM_INVALID_TEXTURE, "texture", index + 1);  /* as in sbl_material */
     if (!sbl__check_int(check, "format", (int)t->format, 0, SBL_PIXEL_FORMAT_COUNT - 1)) return;
     sbl__check_int(check, "wrap", (int)t->wrap, 0, SBL_WRAP_COUNT - 1);
     if (t->pixels && t->gl_texture)
@@ -3689,7 +3691,7 @@ static void sbl__check_texture(sbl__check *check, const sbl_scene_desc *desc, in
 static void sbl__check_light(sbl__check *check, const sbl_light *l, int number) {
     static const float degrees[2] = { 0, 180 };
     const int distant = l->kind == SBL_LIGHT_DIRECTIONAL;
-    sbl__check_object(check, "light", number);
+    sbl__check_object(check, SBL_LOG_ITEM_INVALID_LIGHT, "light", number);
     if (!sbl__check_int(check, "kind", (int)l->kind, 0, SBL_LIGHT_KIND_COUNT - 1)) return;
     sbl__check_range(check, "intensity", l->intensity, 3, sbl__not_negative_range);
     if (!distant) sbl__check_finite(check, "position", l->position, 3);
@@ -3710,6 +3712,7 @@ static void sbl__check_light(sbl__check *check, const sbl_light *l, int number) 
 static void sbl__check_environment(sbl__check *check, const sbl_environment *e) {
     const sbl_texture *t = &e->picture;
     const int has_size = t->width || t->height;
+    check->item = SBL_LOG_ITEM_INVALID_LIGHT;
     snprintf(check->where, sizeof check->where, "environment");
     if (t->gl_texture)
         sbl__mistake(check, "picture.gl_texture is %u; give pixels in client memory", t->gl_texture);
@@ -3747,14 +3750,10 @@ static sbl_result sbl__check_scene(const sbl__device *d, const sbl_scene_desc *d
     sbl__check_range(&check, "draw_max_radiance", &desc->draw_max_radiance, 1, sbl__not_negative_range);
     if (desc->max_bounce_cells)
         sbl__check_int(&check, "max_bounce_cells", desc->max_bounce_cells, 1024, 1048576);
-    check.item = SBL_LOG_ITEM_INVALID_LIGHT;
     for (i = 0; desc->lights && i < desc->light_count; i++) sbl__check_light(&check, &desc->lights[i], i);
     sbl__check_environment(&check, &desc->environment);
-    check.item = SBL_LOG_ITEM_INVALID_MESH;
     for (i = 0; desc->meshes && i < desc->mesh_count; i++) sbl__check_mesh(&check, desc, i);
-    check.item = SBL_LOG_ITEM_INVALID_MATERIAL;
     for (i = 0; desc->materials && i < desc->material_count; i++) sbl__check_material(&check, desc, i);
-    check.item = SBL_LOG_ITEM_INVALID_TEXTURE;
     for (i = 0; desc->textures && i < desc->texture_count; i++) sbl__check_texture(&check, desc, i);
     return sbl__check_end(&check);
 }
@@ -4057,7 +4056,7 @@ static sbl_result sbl__geometry_add(const sbl__device *d, sbl__geometry *g, cons
     sbl__check check = { d->base, d, SBL_LOG_ITEM_INVALID_MESH, "", 0 };
     sbl_result result = sbl__mesh_read(d, g, in, &data);
     if (result == SBL_SUCCESS) {
-        sbl__check_object(&check, "mesh", number);
+        sbl__check_object(&check, SBL_LOG_ITEM_INVALID_MESH, "mesh", number);
         sbl__mesh_validate(&check, &data);
         result = sbl__check_end(&check);
     }
@@ -7162,7 +7161,7 @@ static int sbl__check_site(sbl__check *check, const sbl_site *s, int number, int
                      !sbl__all_zero(s->normal, 3) && sbl__all_finite(s->geometric_normal, 3) &&
                      sbl__finite(&s->offset);
     if (good || !named) return good;
-    sbl__check_object(check, "site", number);
+    sbl__check_object(check, check->item, "site", number);
     sbl__check_finite(check, "position", s->position, 3);
     sbl__check_finite(check, "normal", s->normal, 3);
     if (sbl__all_zero(s->normal, 3))
@@ -7289,7 +7288,7 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
     for (i = 0; d->positions && i < d->probe_count; i++) {
         const float *position = d->positions + 3 * (size_t)i;
         if (sbl__all_finite(position, 3) || wrong++ >= SBL__SITES_NAMED) continue;
-        sbl__check_object(&check, "probe", i);
+        sbl__check_object(&check, check.item, "probe", i);
         sbl__check_finite(&check, "position", position, 3);
     }
     sbl__check_rest(&check, "sbl_probes_desc", "probes", wrong);
@@ -14112,7 +14111,6 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
    neighbours that are on a chart or in an earlier ring. */
 
 typedef struct sbl__gutters {
-    sbl__stages stages;
     int size[2];               /* width and height, texels */
     float *light;              /* 4 floats per texel: R, and the texel's ring: 0 on charts, negative if none */
     sbl__rings spread;
@@ -14150,30 +14148,15 @@ static sbl_result sbl__gutters_begin(sbl__base *base, sbl__gutters *g, const int
     return g->light ? sbl__rings_make(base, &g->spread, (int)texels) : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-static int sbl__gutters_texels(void *work) { return ((sbl__gutters *)work)->spread.count; }
-
-/* Sets the fourth float of a texel, and its entry of spread.ring: to 0 if the texel is on a chart, else to
-   SBL__RING_WAITS. */
-static sbl_result sbl__gutters_find(void *work, int texel) {
-    sbl__gutters *g = (sbl__gutters *)work;
-    float *ring = &g->light[4 * (size_t)texel + 3];
-    if (*ring > 0) g->spread.ring[texel] = 0;
-    *ring = (float)g->spread.ring[texel];
-    return SBL_SUCCESS;
-}
-
-static sbl_result sbl__gutters_spread(void *work, sbl__slice *slice) {
-    return sbl__rings_step(&((sbl__gutters *)work)->spread, slice);
-}
-
-/* Does one piece of work. Returns SBL_SUCCESS when all rings are filled. Before the first call, `light` must hold the
-   output of the filter: R, and as fourth float 1 on charts. */
-static sbl_result sbl__gutters_step(sbl__gutters *g, sbl__slice *slice) {
-    static const sbl__stage_row table[] = {
-        { NULL, NULL, sbl__gutters_find, sbl__gutters_texels },
-        { sbl__gutters_spread, NULL, NULL, NULL }
-    };
-    return sbl__stages_step(&g->stages, table, SBL__COUNT(table), g, slice);
+/* Makes texels on charts the start of the rings. Before, g->light holds the output of the filter: R, and as fourth
+   float 1 on charts. The fourth float becomes the texel's ring. first, count: range of texels */
+static void sbl__gutters_put(sbl__gutters *g, int first, int count) {
+    int i;
+    for (i = first; i < first + count; i++) {
+        float *ring = &g->light[4 * (size_t)i + 3];
+        if (*ring > 0) g->spread.ring[i] = 0;
+        *ring = (float)g->spread.ring[i];
+    }
 }
 
 /* ======================================================================================================== >>seams
@@ -14597,11 +14580,13 @@ enum { SBL__MAP_SETUP, SBL__MAP_PREPARE, SBL__MAP_SURFACE, SBL__MAP_READ, SBL__M
 
 enum { SBL__DEVELOP_FILL, SBL__DEVELOP_SEND, SBL__DEVELOP_FILTER, SBL__DEVELOP_DONE };
 
+/* A texture and the target that draws into it. */
+typedef struct sbl__map_image { sbl__texture texture; sbl__target target; } sbl__map_image;
+
 /* A layer of light on the GPU. */
 typedef struct sbl__map_layer {
     sbl__texture light;         /* interpolated light; the alpha channel of layer 0 is its noise */
-    sbl__texture smooth;        /* filtered light */
-    sbl__target target;         /* draws into smooth */
+    sbl__map_image smooth;      /* filtered light */
 } sbl__map_layer;
 
 typedef struct sbl__map {
@@ -14636,10 +14621,14 @@ typedef struct sbl__map {
 #define SBL__STORED_NOISE 0.1f    /* assumed relative noise of stored light, for the filter */
 #define SBL__PREVIEW_GROWTH 1.25  /* the next preview is made when the number of looks has grown by this factor */
 
+static void sbl__map_image_free(const sbl__device *d, sbl__map_image *image) {
+    sbl__target_delete(d, &image->target);
+    sbl__texture_delete(d, &image->texture);
+}
+
 static void sbl__map_layer_free(const sbl__device *d, sbl__map_layer *l) {
-    sbl__target_delete(d, &l->target);
     sbl__texture_delete(d, &l->light);
-    sbl__texture_delete(d, &l->smooth);
+    sbl__map_image_free(d, &l->smooth);
 }
 
 static void sbl__map_free(sbl__map *m) {
@@ -14680,7 +14669,7 @@ static void sbl__map_begin(sbl__map *m, const sbl_picture_desc *desc, int across
     m->size[1] = desc->height / across;
     m->across = across;
     m->layers_at_once = sbl__spec_layers(&m->spec);
-    m->channels[SBL_CHANNEL_RADIANCE] = &m->layers[0].target;
+    m->channels[SBL_CHANNEL_RADIANCE] = &m->layers[0].smooth.target;
     m->channels[SBL_CHANNEL_ALBEDO] = &m->gbuffer.target;
     c->stats.picture.width = m->size[0];
     c->stats.picture.height = m->size[1];
@@ -14708,25 +14697,25 @@ static sbl_result sbl__map_setup(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
 }
 
-/* Makes a texture with across x across pixels per pixel of the host, and a target for it unless target is NULL. */
-static sbl_result sbl__map_texture(const sbl__map *m, int across, sbl__texture *t, sbl__target *target) {
-    const sbl__device *d = &m->work.core->device;
-    const sbl__texture *color = t;
-    const sbl_result result = sbl__texture_make(d, t, m->size[0] * across, m->size[1] * across, SBL__GL_RGBA32F);
-    return result == SBL_SUCCESS && target ? sbl__target_make(d, target, &color, 1, NULL) : result;
+/* Makes a texture with across x across pixels per pixel of the host. */
+static sbl_result sbl__map_texture(const sbl__map *m, int across, sbl__texture *t) {
+    return sbl__texture_make(&m->work.core->device, t, m->size[0] * across, m->size[1] * across, SBL__GL_RGBA32F);
 }
 
-/* Uploads rows from *at on, and advances *at. The first call makes the texture, see sbl__map_texture. rgba: all rows.
-   SBL_SUCCESS: all rows are uploaded. */
-static sbl_result sbl__map_upload(const sbl__map *m, int across, sbl__texture *t, sbl__target *target,
-                                  const float *rgba, int *at) {
-    const int width = m->size[0] * across, height = m->size[1] * across, first = *at;
-    const int rows = SBL__MIN(SBL__MAX(1, SBL__READ_PIXELS / width), height - first);
-    sbl_result result = first == 0 ? sbl__map_texture(m, across, t, target) : SBL_SUCCESS;
-    if (result == SBL_SUCCESS)
-        result = sbl__texture_write(&m->work.core->device, t, first, rows, rgba + 4 * (size_t)first * (size_t)width);
+static sbl_result sbl__map_image_make(const sbl__map *m, int across, sbl__map_image *image) {
+    const sbl__texture *color = &image->texture;
+    const sbl_result result = sbl__map_texture(m, across, &image->texture);
+    return result == SBL_SUCCESS ? sbl__target_make(&m->work.core->device, &image->target, &color, 1, NULL) : result;
+}
+
+/* Uploads rows of a texture that sbl__map_texture made, from *at on, and advances *at. rgba: all rows. SBL_SUCCESS: all
+   rows are uploaded. */
+static sbl_result sbl__map_upload(const sbl__map *m, sbl__texture *t, const float *rgba, int *at) {
+    const int first = *at, rows = SBL__MIN(SBL__MAX(1, SBL__READ_PIXELS / t->width), t->height - first);
+    const float *from = rgba + 4 * (size_t)first * (size_t)t->width;
+    const sbl_result result = sbl__texture_write(&m->work.core->device, t, first, rows, from);
     *at += rows;
-    return result == SBL_SUCCESS && *at < height ? SBL_UNFINISHED : result;
+    return result == SBL_SUCCESS && *at < t->height ? SBL_UNFINISHED : result;
 }
 
 static int sbl__map_after_prepare(void *work) {
@@ -14848,10 +14837,12 @@ static sbl_result sbl__map_fill(void *work, sbl__slice *slice) {
 static sbl_result sbl__map_send(void *work, sbl__slice *slice) {
     sbl__map *m = (sbl__map *)work;
     sbl__device *d = &m->work.core->device;
+    sbl__texture *t = &m->layers[m->layer].light;
     sbl_result result;
     (void)slice;
     d->gl.doing = "uploading the radiance map";
-    result = sbl__map_upload(m, m->across, &m->layers[m->layer].light, NULL, m->fill.rgba, &m->developing.at);
+    result = sbl__map_texture(m, m->across, t);
+    if (result == SBL_SUCCESS) result = sbl__map_upload(m, t, m->fill.rgba, &m->developing.at);
     if (result == SBL_SUCCESS) sbl__fill_free(d->base, &m->fill);
     return result;
 }
@@ -14865,15 +14856,15 @@ static sbl_result sbl__map_filter(void *work, sbl__slice *slice) {
     sbl_result result = SBL_SUCCESS;
     d->gl.doing = "filtering";
     rows[0] = m->developing.at;
-    if (rows[0] == 0) result = sbl__map_texture(m, m->across, &layer->smooth, &layer->target);
+    if (rows[0] == 0) result = sbl__map_image_make(m, m->across, &layer->smooth);
     if (result != SBL_SUCCESS) return result;
     filter.radius = SBL__MAX(m->desc.filter_radius, 0);
     filter.geometry_aware = m->desc.options.mode != SBL_MODE_PAPER;
     filter.radiance = &m->layers[0].light;
     filter.layer = m->layer ? &layer->light : NULL;
     filter.layer_noise = sbl__spec_layer_noise(&m->spec);
-    rows[1] = sbl__pace_rows(&m->filter_pace, slice, &layer->target, rows[0]);
-    result = sbl__filter_draw(d, &filter, &m->gbuffer, &layer->target, rows);
+    rows[1] = sbl__pace_rows(&m->filter_pace, slice, &layer->smooth.target, rows[0]);
+    result = sbl__filter_draw(d, &filter, &m->gbuffer, &layer->smooth.target, rows);
     sbl__pace_end(d, &m->filter_pace, (double)rows[1] * m->desc.width);
     if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
     m->developing.at += rows[1];
@@ -14985,10 +14976,6 @@ static const struct { int components, attachment, gbuffer; } sbl__channels[SBL_C
     { 1, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }
 };
 
-static int sbl__map_components(sbl_channel channel) {
-    return (int)channel >= 0 && channel < SBL_CHANNEL_COUNT ? sbl__channels[channel].components : 0;
-}
-
 /* Gets a pixel of a channel that no target holds. place: number of the pixel of the host */
 static void sbl__map_channel_pixel(const sbl__map *m, sbl_channel channel, size_t place, float *out) {
     const size_t i = sbl__map_shown(m, place);
@@ -15083,8 +15070,8 @@ enum { SBL__PICTURE_FINISH = SBL__MAP_END, SBL__PICTURE_SAMPLE, SBL__PICTURE_RES
 typedef struct sbl__picture {
     sbl__map map;               /* must be first, because pointers to the struct are cast to sbl__map * */
     sbl__gbuffer sample;        /* G-buffer of the current anti-aliasing sample */
-    sbl__texture finals[2], preview;
-    sbl__target final_targets[2], preview_target;
+    sbl__map_image finals[2];   /* sum over an even, and over an odd number of anti-aliasing samples */
+    sbl__map_image preview;
     sbl__pace resolve_pace;
     int resolved;               /* number of finished anti-aliasing samples */
     int composed;               /* number of finished rows of the current preview */
@@ -15094,12 +15081,8 @@ static void sbl__picture_free(void *work) {
     sbl__picture *p = (sbl__picture *)work;
     const sbl__device *d = &p->map.work.core->device;
     int i;
-    for (i = 0; i < 2; i++) {
-        sbl__target_delete(d, &p->final_targets[i]);
-        sbl__texture_delete(d, &p->finals[i]);
-    }
-    sbl__target_delete(d, &p->preview_target);
-    sbl__texture_delete(d, &p->preview);
+    for (i = 0; i < 2; i++) sbl__map_image_free(d, &p->finals[i]);
+    sbl__map_image_free(d, &p->preview);
     sbl__gbuffer_free(d, &p->sample);
     sbl__map_free(&p->map);
     memset(p, 0, sizeof *p);
@@ -15123,28 +15106,33 @@ static sbl_result sbl__picture_begin(void *work, const void *desc) {
     sbl__picture *p = (sbl__picture *)work;
     const sbl_picture_desc d = sbl__picture_desc_of(p->map.work.core, (const sbl_picture_desc *)desc);
     sbl__map_begin(&p->map, &d, 1, 0);
-    p->map.channels[SBL_CHANNEL_FINAL] = &p->preview_target;
+    p->map.channels[SBL_CHANNEL_FINAL] = &p->preview.target;
     return SBL_SUCCESS;
 }
 
 /* >>picture: composition */
 
-/* Adds anti-aliasing sample r->index to r->previous, and draws rows of the result, from *row on. Advances *row. The
-   caller has set r's sample, previous, index and count. SBL_SUCCESS: all rows are drawn. */
-static sbl_result sbl__picture_compose(sbl__picture *p, sbl__resolve *r, const sbl__target *out, int *row,
+/* Composes anti-aliasing sample `index` of `count`, and draws rows of the sum of samples 0 to `index`, from *row on.
+   Advances *row. SBL_SUCCESS: all rows are drawn. */
+static sbl_result sbl__picture_compose(sbl__picture *p, int index, int count, const sbl__target *out, int *row,
                                        const sbl__slice *slice) {
     const sbl__map *m = &p->map;
     sbl__device *d = &m->work.core->device;
+    sbl__resolve r;
     int rows[2];
     sbl_result result;
     d->gl.doing = "composing the picture";
-    r->centres = &m->gbuffer;
-    r->radiance = &m->layers[0].smooth;
-    r->environment = &m->work.core->scene.environment;
-    r->camera = &m->camera;
+    r.centres = &m->gbuffer;
+    r.sample = count > 1 ? &p->sample : &m->gbuffer;
+    r.radiance = &m->layers[0].smooth.texture;
+    r.previous = index > 0 ? &p->finals[index & 1].texture : &m->layers[0].light;  /* sample 0 does not read it */
+    r.environment = &m->work.core->scene.environment;
+    r.camera = &m->camera;
+    r.index = index;
+    r.count = count;
     rows[0] = *row;
     rows[1] = sbl__pace_rows(&p->resolve_pace, slice, out, *row);
-    result = sbl__resolve_draw(d, r, out, rows);
+    result = sbl__resolve_draw(d, &r, out, rows);
     sbl__pace_end(d, &p->resolve_pace, (double)rows[1] * m->desc.width);
     if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
     *row += rows[1];
@@ -15154,15 +15142,9 @@ static sbl_result sbl__picture_compose(sbl__picture *p, sbl__resolve *r, const s
 /* Composes the picture from the sample at pixel centres and from R as far as it is known. */
 static sbl_result sbl__picture_compose_preview(sbl__picture *p, const sbl__slice *slice) {
     sbl_result result = SBL_SUCCESS;
-    sbl__resolve r;
-    if (p->composed == 0) result = sbl__map_texture(&p->map, 1, &p->preview, &p->preview_target);
+    if (p->composed == 0) result = sbl__map_image_make(&p->map, 1, &p->preview);
     if (result != SBL_SUCCESS) return result;
-    p->map.channels[SBL_CHANNEL_FINAL] = &p->preview_target;
-    r.sample = &p->map.gbuffer;
-    r.previous = &p->map.layers[0].light;
-    r.index = 0;
-    r.count = 1;
-    result = sbl__picture_compose(p, &r, &p->preview_target, &p->composed, slice);
+    result = sbl__picture_compose(p, 0, 1, &p->preview.target, &p->composed, slice);
     if (result == SBL_SUCCESS) p->composed = 0;
     return result;
 }
@@ -15181,8 +15163,7 @@ static sbl_result sbl__picture_finish(void *work, sbl__slice *slice) {
     int i;
     if (m->work.stages.at++) return m->watched ? sbl__picture_compose_preview(p, slice) : SBL_SUCCESS;
     d->gl.doing = "making the picture's textures";
-    for (i = 0; i < 2 && result == SBL_SUCCESS; i++)
-        result = sbl__map_texture(m, 1, &p->finals[i], &p->final_targets[i]);
+    for (i = 0; i < 2 && result == SBL_SUCCESS; i++) result = sbl__map_image_make(m, 1, &p->finals[i]);
     if (result == SBL_SUCCESS && m->desc.samples > 1)
         result = sbl__gbuffer_make(d, &p->sample, m->desc.width, m->desc.height, &m->surface.depth);
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
@@ -15197,20 +15178,15 @@ static sbl_result sbl__picture_sample(void *work, sbl__slice *slice) {
 
 static sbl_result sbl__picture_resolve(void *work, sbl__slice *slice) {
     sbl__picture *p = (sbl__picture *)work;
-    const int from = p->resolved & 1;
-    sbl__resolve r;
-    r.sample = p->map.desc.samples > 1 ? &p->sample : &p->map.gbuffer;
-    r.previous = &p->finals[from];
-    r.index = p->resolved;
-    r.count = p->map.desc.samples;
-    return sbl__picture_compose(p, &r, &p->final_targets[1 - from], &p->map.work.stages.at, slice);
+    return sbl__picture_compose(p, p->resolved, p->map.desc.samples, &p->finals[1 - (p->resolved & 1)].target,
+                                &p->map.work.stages.at, slice);
 }
 
 static int sbl__picture_after_resolve(void *work) {
     sbl__picture *p = (sbl__picture *)work;
     p->map.finished = (float)++p->resolved / (float)p->map.desc.samples;
     if (p->resolved < p->map.desc.samples) return SBL__PICTURE_SAMPLE;
-    p->map.channels[SBL_CHANNEL_FINAL] = &p->final_targets[p->resolved & 1];
+    p->map.channels[SBL_CHANNEL_FINAL] = &p->finals[p->resolved & 1].target;
     return SBL__PICTURE_DONE;
 }
 
@@ -15240,20 +15216,16 @@ typedef struct sbl__lightmap {
     int layer;                  /* layer of light that is being finished */
     sbl__gutters gutters;
     sbl__seams seams;
-    sbl__texture finals[SBL__LAYERS], mean;  /* finished layers; R of supersampled texels, without gutters */
-    sbl__target final_targets[SBL__LAYERS], mean_target;
+    sbl__map_image finals[SBL__LAYERS];  /* finished layers */
+    sbl__map_image mean;        /* R of supersampled texels, without gutters */
 } sbl__lightmap;
 
 static void sbl__lightmap_free(void *work) {
     sbl__lightmap *l = (sbl__lightmap *)work;
     const sbl__device *d = &l->map.work.core->device;
     int i;
-    for (i = 0; i < SBL__LAYERS; i++) {
-        sbl__target_delete(d, &l->final_targets[i]);
-        sbl__texture_delete(d, &l->finals[i]);
-    }
-    sbl__target_delete(d, &l->mean_target);
-    sbl__texture_delete(d, &l->mean);
+    for (i = 0; i < SBL__LAYERS; i++) sbl__map_image_free(d, &l->finals[i]);
+    sbl__map_image_free(d, &l->mean);
     sbl__atlas_free(d->base, &l->atlas);
     sbl__gutters_free(d->base, &l->gutters);
     sbl__seams_free(d->base, &l->seams);
@@ -15277,7 +15249,7 @@ static sbl_result sbl__lightmap_begin(void *work, const void *desc) {
     sbl__map_begin(m, &picture, d.supersample, d.directional);
     m->layers_at_once = 1;
     m->atlas = &l->atlas;
-    m->channels[SBL_CHANNEL_FINAL] = &m->layers[0].target;
+    m->channels[SBL_CHANNEL_FINAL] = &m->layers[0].smooth.target;
     l->gutter = SBL__MAX(d.gutter, 0);
     l->sew = d.seams >= 0;
     if (m->across > 1) {
@@ -15346,7 +15318,7 @@ static void sbl__lightmap_mean(const sbl__map *m, int texel, const float *data, 
     }
 }
 
-/* Reads rows of a layer into gutters.light. */
+/* Reads rows of a layer into gutters.light, and starts gutters from them. */
 static sbl_result sbl__lightmap_light(void *work, sbl__slice *slice) {
     sbl__lightmap *l = (sbl__lightmap *)work;
     sbl__map *m = &l->map;
@@ -15361,23 +15333,24 @@ static sbl_result sbl__lightmap_light(void *work, sbl__slice *slice) {
     (void)slice;
     c->device.gl.doing = "reading R";
     if (at == 0) result = sbl__gutters_begin(&c->base, &l->gutters, m->size, l->gutter);
-    if (at == 0 && means && result == SBL_SUCCESS) result = sbl__map_texture(m, 1, &l->mean, &l->mean_target);
+    if (at == 0 && means && result == SBL_SUCCESS) result = sbl__map_image_make(m, 1, &l->mean);
     if (result != SBL_SUCCESS) return result;
     data = light = l->gutters.light + 4 * (size_t)first;
     if (across > 1) data = (float *)sbl__alloc_raw(&c->base, (size_t)count * (size_t)(across * across), 16);
     if (!data) return SBL_ERROR_OUT_OF_MEMORY;
-    result = sbl__target_read(&c->device, &m->layers[l->layer].target, 0, at * across, rows * across, data);
+    result = sbl__target_read(&c->device, &m->layers[l->layer].smooth.target, 0, at * across, rows * across, data);
     c->stats.sensors.readbacks++;
     for (i = 0; i < count && across > 1 && result == SBL_SUCCESS; i++)
         sbl__lightmap_mean(m, first + i, data, before, light + 4 * (size_t)i);
     if (across > 1) sbl__free(&c->base, data);
-    if (result == SBL_SUCCESS && means) result = sbl__texture_write(&c->device, &l->mean, at, rows, light);
+    if (result == SBL_SUCCESS && means) result = sbl__texture_write(&c->device, &l->mean.texture, at, rows, light);
+    if (result == SBL_SUCCESS) sbl__gutters_put(&l->gutters, first, count);
     m->work.stages.at += rows;
     return result == SBL_SUCCESS && m->work.stages.at < m->size[1] ? SBL_UNFINISHED : result;
 }
 
 static sbl_result sbl__lightmap_gutters(void *work, sbl__slice *slice) {
-    return sbl__gutters_step(&((sbl__lightmap *)work)->gutters, slice);
+    return sbl__rings_step(&((sbl__lightmap *)work)->gutters.spread, slice);
 }
 
 static sbl_result sbl__lightmap_sew(void *work, sbl__slice *slice) {
@@ -15397,10 +15370,12 @@ static sbl_result sbl__lightmap_sew(void *work, sbl__slice *slice) {
 static sbl_result sbl__lightmap_send(void *work, sbl__slice *slice) {
     sbl__lightmap *l = (sbl__lightmap *)work;
     sbl__map *m = &l->map;
+    sbl__map_image *image = &l->finals[l->layer];
+    sbl_result result = SBL_SUCCESS;
     (void)slice;
     m->work.core->device.gl.doing = "uploading the lightmap";
-    return sbl__map_upload(m, 1, &l->finals[l->layer], &l->final_targets[l->layer], l->gutters.light,
-                           &m->work.stages.at);
+    if (m->work.stages.at == 0) result = sbl__map_image_make(m, 1, image);
+    return result == SBL_SUCCESS ? sbl__map_upload(m, &image->texture, l->gutters.light, &m->work.stages.at) : result;
 }
 
 /* Goes back to DEVELOP for the next layer, if there is one. */
@@ -15419,9 +15394,9 @@ static int sbl__lightmap_after_send(void *work) {
         return SBL__MAP_DEVELOP;
     }
     sbl__seams_free(d->base, &l->seams);
-    m->channels[SBL_CHANNEL_FINAL] = &l->final_targets[0];
-    if (m->shown) m->channels[SBL_CHANNEL_RADIANCE] = &l->mean_target;
-    for (i = 1; i < layer_count; i++) m->channels[SBL_CHANNEL_SH_0 + i - 1] = &l->final_targets[i];
+    m->channels[SBL_CHANNEL_FINAL] = &l->finals[0].target;
+    if (m->shown) m->channels[SBL_CHANNEL_RADIANCE] = &l->mean.target;
+    for (i = 1; i < layer_count; i++) m->channels[SBL_CHANNEL_SH_0 + i - 1] = &l->finals[i].target;
     return SBL__LIGHTMAP_DONE;
 }
 
@@ -17334,20 +17309,10 @@ static sbl_result sbl__compile_all(sbl__device *d) {
     return result;
 }
 
-/* Compiles programs if the host wants them ahead, and tests the driver. */
-static sbl_result sbl__context_start(sbl_context *c) {
-    sbl__visit visit;
-    sbl_result result = SBL_SUCCESS;
-    sbl__visit_enter(c, &visit);
-    if (c->core.desc.compile_ahead) result = sbl__compile_all(&c->core.device);
-    if (result == SBL_SUCCESS) result = sbl__trial(&c->core);
-    sbl__visit_leave(c, &visit);
-    return result;
-}
-
 SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
     sbl_context_desc d = sbl_context_desc_defaults(desc);
     sbl__egl_before before;
+    sbl__visit visit;
     sbl__base base;
     sbl_context *c;
     sbl_result result;
@@ -17370,7 +17335,12 @@ SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
     c->core.device.base = c->core.device.gl.base = &c->core.base;
     if (!d.get_gl_function) result = sbl__egl_open(&c->egl, &c->core.base, &before, &d);
     if (result == SBL_SUCCESS) result = sbl__device_make(&c->core.device, &d);
-    if (result == SBL_SUCCESS) result = sbl__context_start(c);
+    if (result == SBL_SUCCESS) {
+        sbl__visit_enter(c, &visit);
+        if (d.compile_ahead) result = sbl__compile_all(&c->core.device);
+        if (result == SBL_SUCCESS) result = sbl__trial(&c->core);
+        sbl__visit_leave(c, &visit);
+    }
     if (result != SBL_SUCCESS) sbl__context_free(c);
     sbl__egl_leave(&c->egl, &before);
     if (result != SBL_SUCCESS) {
@@ -17432,7 +17402,6 @@ static sbl_result sbl__update_light(sbl_context *c, const char *function, const 
     has = desc->materials ? c->core.scene.material_count : c->core.scene.lights.count;
     check.base = &c->core.base;
     if (count != has) sbl__mistake(&check, "%d %s are given; the scene has %d", count, what, has);
-    check.item = desc->materials ? SBL_LOG_ITEM_INVALID_MATERIAL : SBL_LOG_ITEM_INVALID_LIGHT;
     for (i = 0; i < count && count == has; i++) {
         if (desc->materials) sbl__check_material(&check, desc, i);
         else sbl__check_light(&check, &desc->lights[i], i);
@@ -17496,8 +17465,7 @@ SBL_API sbl_result sbl_set_mesh_transform(sbl_context *c, int mesh, const float 
     if (mesh < 0 || mesh >= c->core.scene.geometry.mesh_count)
         sbl__mistake(&check, "mesh is %d; the scene has %d", mesh, c->core.scene.geometry.mesh_count);
     if (!transform) sbl__mistake(&check, "transform is NULL");
-    check.item = SBL_LOG_ITEM_INVALID_MESH;
-    sbl__check_object(&check, "mesh", mesh);
+    sbl__check_object(&check, SBL_LOG_ITEM_INVALID_MESH, "mesh", mesh);
     if (transform) sbl__check_transform(&check, transform);
     if (check.mistakes) return SBL_ERROR_INVALID_ARGUMENT;
     if (sbl__all_zero(transform, 16)) sbl__identity(to);
@@ -17606,7 +17574,9 @@ SBL_API void sbl_end(sbl_context *c) {
 
 /* >>public: channels */
 
-SBL_API int sbl_channel_components(sbl_channel channel) { return sbl__map_components(channel); }
+SBL_API int sbl_channel_components(sbl_channel channel) {
+    return (int)channel >= 0 && channel < SBL_CHANNEL_COUNT ? sbl__channels[channel].components : 0;
+}
 
 /* Returns SBL_SUCCESS if channels can be read. Makes a preview first if the map is not finished. */
 static sbl_result sbl__channel_ready(sbl_context *c, const char *function) {
