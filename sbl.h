@@ -14197,7 +14197,7 @@ typedef struct sbl__seams {
     int unknown_count, unknown_room;
     sbl__solver solver;         /* finds the change of each texel; its diagonal is 0 for channels kept at 0, else 1 */
     int seams;                  /* number of seams */
-    int layers;                 /* number of layers done; layer 0 is R, the others are harmonics and may be negative */
+    int layer;                  /* layer of light; layer 0 is R, the others are harmonics and may be negative */
     int rounds;                 /* how many times the equations of this layer have been solved so far */
     int bound;                  /* 1 if the last solution made channels negative, which then were set to 0 */
     float before, after;        /* largest differences across seams before and after solutions, luminance */
@@ -14399,12 +14399,12 @@ static sbl_result sbl__seam_apply(void *work, int unknown) {
     int k;
     for (k = 0; k < 3; k++, i++) {
         const double light = (double)texel[k] + s->solver.solution[i];
-        if (light < 0 && !s->layers) {
+        if (light < 0 && s->layer == 0) {
             s->solver.diagonal[i] = 0;
             s->bound = 1;
         }
         texel[k] = (float)light;
-        if (!s->layers) texel[k] = SBL__MAX(texel[k], 0.0f);
+        if (s->layer == 0) texel[k] = SBL__MAX(texel[k], 0.0f);
         s->solver.solution[i] = s->solver.residual[i] = 0;
     }
     return SBL_SUCCESS;
@@ -14450,16 +14450,9 @@ static int sbl__seams_edges(void *work) { return 3 * ((sbl__seams *)work)->atlas
 static int sbl__seams_points(void *work) { return ((sbl__seams *)work)->point_count; }
 static int sbl__seams_unknowns(void *work) { return ((sbl__seams *)work)->unknown_count; }
 
-/* Prepares for another layer of the same lightmap. */
-static void sbl__seams_again(sbl__seams *s) {
-    if (s->stages.stage < SBL__SEAMS_DONE) return;  /* sbl_lightmap_desc.seams disables sewing */
-    s->stages.stage = SBL__SEAMS_BEFORE;
-    s->layers++;
-    s->rounds = 0;
-}
-
-/* Does one piece of work. Returns SBL_SUCCESS when light is equal on both sides of all seams. */
-static sbl_result sbl__seams_step(sbl__seams *s, const sbl__gutters *light, const sbl__atlas *atlas,
+/* Does one piece of work. Returns SBL_SUCCESS when light is equal on both sides of all seams. The layers of a lightmap
+   must be sewn in ascending order; they share the points and the solver. */
+static sbl_result sbl__seams_step(sbl__seams *s, const sbl__gutters *light, const sbl__atlas *atlas, int layer,
                                   sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { sbl__seams_make, NULL, sbl__seams_edge, sbl__seams_edges },
@@ -14470,6 +14463,11 @@ static sbl_result sbl__seams_step(sbl__seams *s, const sbl__gutters *light, cons
     };
     s->light = light;
     s->atlas = atlas;
+    if (layer != s->layer) {
+        s->layer = layer;
+        s->rounds = 0;
+        s->stages.stage = SBL__SEAMS_BEFORE;
+    }
     return sbl__stages_step(&s->stages, table, SBL__COUNT(table), s, slice);
 }
 
@@ -14477,18 +14475,6 @@ static sbl_result sbl__seams_step(sbl__seams *s, const sbl__gutters *light, cons
    What all front ends have in common. A front end consists of a struct, whose first field is an sbl__work, and of an
    sbl__front_end, whose functions check the descriptor, begin the work and do its stages. These functions get a pointer
    to the struct, which is also a pointer to its sbl__work. >>public lists all front ends in one table. */
-
-struct sbl__front_end;
-
-/* Work that the host has begun; all zeroes if there is none. */
-typedef struct sbl__work {
-    const struct sbl__front_end *front_end;
-    sbl__core *core;
-    sbl__measurement measurement;
-    sbl__stages stages;  /* position in the front end's table of stages */
-    float store_share;   /* share of the progress that filling the store takes */
-    float progress;      /* progress that the host has been told, 0 to 1; never decreases */
-} sbl__work;
 
 /* The functions of a front end. work: its struct. desc: the descriptor that the host gave, which may be NULL */
 typedef struct sbl__front_end {
@@ -14505,6 +14491,16 @@ typedef struct sbl__front_end {
     float (*progress)(const void *work);  /* returns the finished share of the work, 0 to 1, not counting the store */
     void (*free)(void *work);             /* frees all memory and sets the struct to zero */
 } sbl__front_end;
+
+/* Work that the host has begun; all zeroes if there is none. */
+typedef struct sbl__work {
+    const sbl__front_end *front_end;
+    sbl__core *core;
+    sbl__measurement measurement;
+    sbl__stages stages;  /* position in the front end's table of stages */
+    float store_share;   /* share of the progress that filling the store takes */
+    float progress;      /* progress that the host has been told, 0 to 1; never decreases */
+} sbl__work;
 
 static int sbl__work_is_done(const sbl__work *w) { return w->stages.stage == w->front_end->stage_count; }
 
@@ -15359,7 +15355,7 @@ static sbl_result sbl__lightmap_sew(void *work, sbl__slice *slice) {
     sbl__seams *s = &l->seams;
     sbl_result result;
     if (!l->gutter || !l->sew) return SBL_SUCCESS;
-    result = sbl__seams_step(s, &l->gutters, &l->atlas, slice);
+    result = sbl__seams_step(s, &l->gutters, &l->atlas, l->layer, slice);
     if (l->layer) return result;
     stats->lightmap.seams = s->seams;
     stats->lightmap.seam_before = s->before / sbl__refine_luminance(&l->map.refine);
@@ -15389,7 +15385,6 @@ static int sbl__lightmap_after_send(void *work) {
     if (l->layer) sbl__map_layer_free(d, &m->layers[l->layer]);
     m->finished = (float)++l->layer / (float)layer_count;
     if (l->layer < layer_count) {
-        sbl__seams_again(&l->seams);
         sbl__map_develop_from(m, l->layer);
         return SBL__MAP_DEVELOP;
     }
@@ -17271,9 +17266,10 @@ static void sbl__abandon(sbl_context *c) {
 
 /* >>public: contexts */
 
-/* Frees everything except the struct itself. sbl_create may have failed to complete the context. */
+/* Frees a context, which sbl_create may have failed to complete. */
 static void sbl__context_free(sbl_context *c) {
     sbl__core *core = &c->core;
+    sbl__base base;
     if (sbl__device_is_made(&core->device)) {
         sbl__visit visit;
         sbl__visit_enter(c, &visit);
@@ -17283,6 +17279,8 @@ static void sbl__context_free(sbl_context *c) {
         sbl__visit_leave(c, &visit);
     }
     sbl__egl_destroy(&c->egl);
+    base = core->base;
+    sbl__free(&base, c);
 }
 
 /* Compiles all programs that this driver can need, except those of inspections and of directional lightmaps. */
@@ -17341,23 +17339,14 @@ SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
         if (result == SBL_SUCCESS) result = sbl__trial(&c->core);
         sbl__visit_leave(c, &visit);
     }
-    if (result != SBL_SUCCESS) sbl__context_free(c);
     sbl__egl_leave(&c->egl, &before);
-    if (result != SBL_SUCCESS) {
-        base = c->core.base;
-        sbl__free(&base, c);
-        return result;
-    }
-    *out = c;
-    return SBL_SUCCESS;
+    if (result == SBL_SUCCESS) *out = c;
+    else sbl__context_free(c);
+    return result;
 }
 
 SBL_API void sbl_destroy(sbl_context *c) {
-    sbl__base base;
-    if (sbl__may_call(c, "sbl_destroy", SBL__INSIDE_NOTHING, 0) != SBL_SUCCESS) return;
-    sbl__context_free(c);
-    base = c->core.base;
-    sbl__free(&base, c);
+    if (sbl__may_call(c, "sbl_destroy", SBL__INSIDE_NOTHING, 0) == SBL_SUCCESS) sbl__context_free(c);
 }
 
 /* >>public: scenes */
