@@ -14599,9 +14599,8 @@ typedef struct sbl__map {
     sbl__surface surface;
     sbl__gbuffer gbuffer;
     sbl__refine refine;
-    int layers_at_once;         /* number of layers that one pass of the stage DEVELOP makes: 1, or all */
-    int layer, layer_end;       /* layer that DEVELOP makes now; 1 + the last layer that its current pass makes */
-    int developed;              /* number of layers that are final */
+    int layer;                  /* layer that is being developed, or that the front end's own stages finish */
+    int developed;              /* 1: R is final */
     sbl__stages developing;
     sbl__fill fill;
     sbl__map_layer layers[SBL__LAYERS];
@@ -14664,7 +14663,6 @@ static void sbl__map_begin(sbl__map *m, const sbl_picture_desc *desc, int across
     m->size[0] = desc->width / across;
     m->size[1] = desc->height / across;
     m->across = across;
-    m->layers_at_once = sbl__spec_layers(&m->spec);
     m->channels[SBL_CHANNEL_RADIANCE] = &m->layers[0].smooth.target;
     m->channels[SBL_CHANNEL_ALBEDO] = &m->gbuffer.target;
     c->stats.picture.width = m->size[0];
@@ -14814,11 +14812,10 @@ static int sbl__map_after_read(void *work) {
 
 /* >>map: developing */
 
-/* Makes the stage DEVELOP begin a pass with `layer`. */
+/* Makes sbl__map_develop begin with a layer. */
 static void sbl__map_develop_from(sbl__map *m, int layer) {
     sbl__fill_free(&m->work.core->base, &m->fill);
     m->layer = layer;
-    m->layer_end = SBL__MIN(layer + m->layers_at_once, sbl__spec_layers(&m->spec));
     m->developing.stage = SBL__DEVELOP_FILL;
     m->developing.at = 0;
 }
@@ -14867,24 +14864,18 @@ static sbl_result sbl__map_filter(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS && m->developing.at < m->desc.height ? SBL_UNFINISHED : result;
 }
 
-static int sbl__map_after_filter(void *work) {
-    sbl__map *m = (sbl__map *)work;
-    return ++m->layer < m->layer_end ? SBL__DEVELOP_FILL : SBL__DEVELOP_DONE;
-}
-
-/* Does a piece of a pass of DEVELOP, which makes the layers before layer_end. */
+/* Develops m->layer, piece by piece. */
 static sbl_result sbl__map_develop(void *work, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { sbl__map_fill, NULL, NULL, NULL },
         { sbl__map_send, NULL, NULL, NULL },
-        { sbl__map_filter, sbl__map_after_filter, NULL, NULL }
+        { sbl__map_filter, NULL, NULL, NULL }
     };
     return sbl__stages_step(&((sbl__map *)work)->developing, table, SBL__COUNT(table), work, slice);
 }
 
 static int sbl__map_after_develop(void *work) {
-    sbl__map *m = (sbl__map *)work;
-    m->developed = m->layer_end;
+    ((sbl__map *)work)->developed = 1;
     return SBL__MAP_END;
 }
 
@@ -15208,8 +15199,6 @@ typedef struct sbl__lightmap {
     sbl__map map;               /* must be first, because pointers to the struct are cast to sbl__map * */
     sbl__atlas atlas;
     int gutter, sew;            /* width of gutters, texels; 1: seams are sewn */
-    int visible;                /* number of texels read so far that show a surface */
-    int layer;                  /* layer of light that is being finished */
     sbl__gutters gutters;
     sbl__seams seams;
     sbl__map_image finals[SBL__LAYERS];  /* finished layers */
@@ -15243,7 +15232,6 @@ static sbl_result sbl__lightmap_begin(void *work, const void *desc) {
     const sbl_lightmap_desc d = sbl_lightmap_desc_defaults((const sbl_lightmap_desc *)desc);
     const sbl_picture_desc picture = sbl__lightmap_picture(&d);
     sbl__map_begin(m, &picture, d.supersample, d.directional);
-    m->layers_at_once = 1;
     m->atlas = &l->atlas;
     m->channels[SBL_CHANNEL_FINAL] = &m->layers[0].smooth.target;
     l->gutter = SBL__MAX(d.gutter, 0);
@@ -15289,12 +15277,13 @@ static int sbl__lightmap_show(const sbl__map *m, int texel) {
 }
 
 static sbl_result sbl__lightmap_read(void *work, sbl__slice *slice) {
-    sbl__lightmap *l = (sbl__lightmap *)work;
-    sbl__map *m = &l->map;
-    int i = m->work.stages.at / m->across * m->size[0];
+    sbl__map *m = (sbl__map *)work;
+    int *visible = &m->work.core->stats.picture.visible_pixels, i = m->work.stages.at / m->across * m->size[0];
+    const int before = *visible;
     const sbl_result result = sbl__map_read(m, slice);
-    for (; m->shown && i < m->work.stages.at / m->across * m->size[0]; i++) l->visible += sbl__lightmap_show(m, i) > 0;
-    if (m->shown) m->work.core->stats.picture.visible_pixels = l->visible;
+    if (!m->shown) return result;
+    *visible = before;  /* counts texels, not working pixels */
+    for (; i < m->work.stages.at / m->across * m->size[0]; i++) *visible += sbl__lightmap_show(m, i) > 0;
     return result;
 }
 
@@ -15321,7 +15310,7 @@ static sbl_result sbl__lightmap_light(void *work, sbl__slice *slice) {
     sbl__core *c = m->work.core;
     const int across = m->across, at = m->work.stages.at;
     const int rows = SBL__MIN(SBL__MAX(1, SBL__READ_PIXELS / m->desc.width / across), m->size[1] - at);
-    const int first = at * m->size[0], count = rows * m->size[0], means = m->shown && l->layer == 0;
+    const int first = at * m->size[0], count = rows * m->size[0], means = m->shown && m->layer == 0;
     const size_t before = (size_t)(at * across) * (size_t)m->desc.width;
     float *light, *data;
     sbl_result result = SBL_SUCCESS;
@@ -15334,7 +15323,7 @@ static sbl_result sbl__lightmap_light(void *work, sbl__slice *slice) {
     data = light = l->gutters.light + 4 * (size_t)first;
     if (across > 1) data = (float *)sbl__alloc_raw(&c->base, (size_t)count * (size_t)(across * across), 16);
     if (!data) return SBL_ERROR_OUT_OF_MEMORY;
-    result = sbl__target_read(&c->device, &m->layers[l->layer].smooth.target, 0, at * across, rows * across, data);
+    result = sbl__target_read(&c->device, &m->layers[m->layer].smooth.target, 0, at * across, rows * across, data);
     c->stats.sensors.readbacks++;
     for (i = 0; i < count && across > 1 && result == SBL_SUCCESS; i++)
         sbl__lightmap_mean(m, first + i, data, before, light + 4 * (size_t)i);
@@ -15355,8 +15344,8 @@ static sbl_result sbl__lightmap_sew(void *work, sbl__slice *slice) {
     sbl__seams *s = &l->seams;
     sbl_result result;
     if (!l->gutter || !l->sew) return SBL_SUCCESS;
-    result = sbl__seams_step(s, &l->gutters, &l->atlas, l->layer, slice);
-    if (l->layer) return result;
+    result = sbl__seams_step(s, &l->gutters, &l->atlas, l->map.layer, slice);
+    if (l->map.layer) return result;
     stats->lightmap.seams = s->seams;
     stats->lightmap.seam_before = s->before / sbl__refine_luminance(&l->map.refine);
     stats->lightmap.seam_after = s->after / sbl__refine_luminance(&l->map.refine);
@@ -15366,7 +15355,7 @@ static sbl_result sbl__lightmap_sew(void *work, sbl__slice *slice) {
 static sbl_result sbl__lightmap_send(void *work, sbl__slice *slice) {
     sbl__lightmap *l = (sbl__lightmap *)work;
     sbl__map *m = &l->map;
-    sbl__map_image *image = &l->finals[l->layer];
+    sbl__map_image *image = &l->finals[m->layer];
     sbl_result result = SBL_SUCCESS;
     (void)slice;
     m->work.core->device.gl.doing = "uploading the lightmap";
@@ -15382,10 +15371,10 @@ static int sbl__lightmap_after_send(void *work) {
     const int layer_count = sbl__spec_layers(&m->spec);
     int i;
     sbl__gutters_free(d->base, &l->gutters);
-    if (l->layer) sbl__map_layer_free(d, &m->layers[l->layer]);
-    m->finished = (float)++l->layer / (float)layer_count;
-    if (l->layer < layer_count) {
-        sbl__map_develop_from(m, l->layer);
+    if (m->layer) sbl__map_layer_free(d, &m->layers[m->layer]);
+    m->finished = (float)(m->layer + 1) / (float)layer_count;
+    if (m->layer + 1 < layer_count) {
+        sbl__map_develop_from(m, m->layer + 1);
         return SBL__MAP_DEVELOP;
     }
     sbl__seams_free(d->base, &l->seams);
