@@ -3444,8 +3444,7 @@ static void sbl__device_free(sbl__device *d) {
 
 typedef struct sbl__check {
     const sbl__base *base;
-    const sbl__device *device;  /* looks up GL buffers and textures that the descriptor names; NULL if descriptors
-                                   of this kind name none */
+    const sbl__device *device;  /* looks up the GL objects that a descriptor names; NULL if it can name none */
     sbl_log_item item;          /* log item of the mistakes */
     char where[32];             /* start of messages: the descriptor, the function, or an object such as "mesh 3" */
     int mistakes;               /* number of mistakes found so far */
@@ -3461,7 +3460,7 @@ static void sbl__mistake(sbl__check *check, const char *format, ...) {
     sbl__log(check->base, SBL_LOG_ERROR, check->item, "%s: %s", check->where, text);
 }
 
-/* Makes the following mistakes those of an object such as mesh 3. */
+/* Makes an object such as mesh 3 the place of the mistakes that follow. */
 static void sbl__check_object(sbl__check *check, sbl_log_item item, const char *kind, int number) {
     check->item = item;
     snprintf(check->where, sizeof check->where, "%s %d", kind, number);
@@ -6939,8 +6938,7 @@ static void sbl__options_defaults(sbl_options *o, const int rays[SBL_PRESET_COUN
 
 static const int sbl__sensor_sizes[SBL_PRESET_COUNT] = { 64, 32, 128 };
 
-/* papers: 1 if the front end allows SBL_MODE_PAPER. rays: lowest and highest options.rays. host_draws: 1 if the scene
-   has a draw callback */
+/* papers: 1 allows SBL_MODE_PAPER. rays: lowest, highest options.rays. host_draws: 1 if the scene has a draw callback */
 static void sbl__check_options(sbl__check *check, const sbl_options *o, int papers, const int rays[2], int host_draws) {
     sbl__check_int(check, "options.mode", (int)o->mode, 0, SBL_MODE_COUNT - 1);
     if (o->mode == SBL_MODE_PAPER && !papers)
@@ -7149,7 +7147,7 @@ SBL_API sbl_readings_desc sbl_readings_desc_defaults(const sbl_readings_desc *de
 
 #define SBL__SITES_NAMED 16  /* number of wrong sites that are named; the others are only counted */
 
-/* Ends the naming of wrong things in a list. Counts those that were not named. where: the descriptor */
+/* Reports how many things in a list are wrong besides those that were named. where: the descriptor */
 static void sbl__check_rest(sbl__check *check, const char *where, const char *things, int wrong) {
     snprintf(check->where, sizeof check->where, "%s", where);
     if (wrong > SBL__SITES_NAMED) sbl__mistake(check, "%d more %s are wrong", wrong - SBL__SITES_NAMED, things);
@@ -14588,10 +14586,8 @@ typedef struct sbl__map_layer {
 typedef struct sbl__map {
     sbl__work work;             /* must be first, because pointers to the struct are cast to sbl__work * */
     sbl_picture_desc desc;      /* with defaults; width and height are the size of the working grid */
-    int size[2], across;        /* size of the map that the host reads, in pixels; each of them is across x across
-                                   working pixels */
-    int *shown;                 /* per pixel of the host: number of the working pixel whose surface it shows; NULL if
-                                   across is 1 */
+    int size[2], across;        /* host's size in pixels; each pixel consists of across x across working pixels */
+    int *shown;                 /* per pixel of the host: working pixel whose surface it shows; NULL if across is 1 */
     sbl__spec spec;
     uint32_t scene_version;     /* version of the scene that the map shows */
     sbl__camera camera;
@@ -14702,8 +14698,7 @@ static sbl_result sbl__map_image_make(const sbl__map *m, int across, sbl__map_im
     return result == SBL_SUCCESS ? sbl__target_make(&m->work.core->device, &image->target, &color, 1, NULL) : result;
 }
 
-/* Uploads rows of a texture that sbl__map_texture made, from *at on, and advances *at. rgba: all rows. SBL_SUCCESS: all
-   rows are uploaded. */
+/* Uploads some of the rows of rgba, from row *at on, and advances *at. SBL_SUCCESS: all rows are uploaded. */
 static sbl_result sbl__map_upload(const sbl__map *m, sbl__texture *t, const float *rgba, int *at) {
     const int first = *at, rows = SBL__MIN(SBL__MAX(1, SBL__READ_PIXELS / t->width), t->height - first);
     const float *from = rgba + 4 * (size_t)first * (size_t)t->width;
@@ -14933,8 +14928,7 @@ static float sbl__map_progress(const void *work) {
     return stage == SBL__MAP_DEVELOP ? 0.93f : 0.02f + 0.9f * (float)sbl__refine_progress(&m->refine);
 }
 
-/* Makes a preview when the host reads an unfinished map for the first time. After that, the stage PREVIEW makes one
-   whenever sbl__map_preview_is_due returns 1. */
+/* Makes a preview when the host first reads an unfinished map. After that, the stage PREVIEW makes all others. */
 static sbl_result sbl__map_watch(sbl__map *m) {
     sbl__slice slice = sbl__slice_of(&m->work.core->desc, 0);
     const int stage = m->work.stages.stage;
@@ -15014,8 +15008,7 @@ static sbl_result sbl__map_read_channel(sbl__map *m, sbl_channel channel, float 
     return SBL_SUCCESS;
 }
 
-/* Makes the texture of a channel if there is none of the size that the host reads. Returns its GL name, or 0 on
-   failure. */
+/* Copies a channel into a texture of the size that the host reads. Returns its GL name, or 0 on failure. */
 static uint32_t sbl__map_send_channel(sbl__map *m, sbl_channel channel) {
     sbl__core *c = m->work.core;
     const size_t pixels = (size_t)m->size[0] * (size_t)m->size[1];
