@@ -6938,7 +6938,7 @@ static void sbl__options_defaults(sbl_options *o, const int rays[SBL_PRESET_COUN
 
 static const int sbl__sensor_sizes[SBL_PRESET_COUNT] = { 64, 32, 128 };
 
-/* papers: 1 allows SBL_MODE_PAPER. rays: lowest, highest options.rays. host_draws: 1 if the scene has a draw callback */
+/* papers: 1 allows SBL_MODE_PAPER. rays: range of options.rays. host_draws: 1 if the scene has a draw callback */
 static void sbl__check_options(sbl__check *check, const sbl_options *o, int papers, const int rays[2], int host_draws) {
     sbl__check_int(check, "options.mode", (int)o->mode, 0, SBL_MODE_COUNT - 1);
     if (o->mode == SBL_MODE_PAPER && !papers)
