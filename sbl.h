@@ -3521,7 +3521,7 @@ static const struct { int bytes; double scale; } sbl__types[SBL_TYPE_COUNT] = {
 
 static int sbl__stream_present(const sbl_stream *s) { return s->data != NULL || s->gl_buffer != 0; }
 
-/* A stream of a mesh and its layout. Streams of one component per element hold indices, all others hold floats. */
+/* A stream of a mesh and its layout. Elements of one component are indices; all others are read as floats. */
 typedef struct sbl__stream_use {
     const char *name;          /* field of sbl_mesh, for messages */
     const sbl_stream *stream;
@@ -3713,10 +3713,8 @@ static void sbl__check_environment(sbl__check *check, const sbl_environment *e) 
     const int has_size = t->width || t->height;
     check->item = SBL_LOG_ITEM_INVALID_LIGHT;
     snprintf(check->where, sizeof check->where, "environment");
-    if (t->gl_texture)
-        sbl__mistake(check, "picture.gl_texture is %u; give pixels in client memory", t->gl_texture);
-    if (t->pixels && e->radiance)
-        sbl__mistake(check, "picture.pixels and radiance are both set; give one");
+    if (t->gl_texture) sbl__mistake(check, "picture.gl_texture is %u; give pixels in client memory", t->gl_texture);
+    if (t->pixels && e->radiance) sbl__mistake(check, "picture.pixels and radiance are both set; give one");
     if (!t->pixels && !e->radiance && has_size)
         sbl__mistake(check, "picture.pixels and radiance are both NULL, but the picture's size is %d x %d; give pixels "
                      "or a function", t->width, t->height);
@@ -3747,8 +3745,7 @@ static sbl_result sbl__check_scene(const sbl__device *d, const sbl_scene_desc *d
                          (double)*x);
     }
     sbl__check_range(&check, "draw_max_radiance", &desc->draw_max_radiance, 1, sbl__not_negative_range);
-    if (desc->max_bounce_cells)
-        sbl__check_int(&check, "max_bounce_cells", desc->max_bounce_cells, 1024, 1048576);
+    if (desc->max_bounce_cells) sbl__check_int(&check, "max_bounce_cells", desc->max_bounce_cells, 1024, 1048576);
     for (i = 0; desc->lights && i < desc->light_count; i++) sbl__check_light(&check, &desc->lights[i], i);
     sbl__check_environment(&check, &desc->environment);
     for (i = 0; desc->meshes && i < desc->mesh_count; i++) sbl__check_mesh(&check, desc, i);
@@ -3779,8 +3776,7 @@ static sbl_result sbl__check_context(const sbl__base *base, const sbl_context_de
                      d->allocator.alloc ? "free" : "alloc");
     if (d->disabled & ~(uint32_t)SBL_CAPABILITY_ALL)
         sbl__mistake(&check, "disabled is 0x%x; only the bits 0x%x exist", d->disabled, (unsigned)SBL_CAPABILITY_ALL);
-    if (d->sensor_texture_size)
-        sbl__check_int(&check, "sensor_texture_size", d->sensor_texture_size, 256, 16384);
+    if (d->sensor_texture_size) sbl__check_int(&check, "sensor_texture_size", d->sensor_texture_size, 256, 16384);
     if (d->batch < 0) sbl__mistake(&check, "batch is %d; it cannot be negative", d->batch);
     sbl__check_range(&check, "longest_submission", &d->longest_submission, 1, sbl__not_negative_range);
     return sbl__check_end(&check);
@@ -6968,8 +6964,7 @@ static void sbl__check_sensor_kind(sbl__check *check, const sbl_options *o, sbl_
     if (o->backend == SBL_BACKEND_TRACE && kind == SBL_SENSOR_SINGLE && o->mode != SBL_MODE_PAPER)
         sbl__mistake(check, "options.backend is SBL_BACKEND_TRACE with SBL_SENSOR_SINGLE; use SBL_BACKEND_AUTO or "
                      "SBL_BACKEND_RASTER");
-    if (!sbl__between(&fov, 1, 179))
-        sbl__mistake(check, "sensor_fov is %g; it must be 1 to 179 degrees", (double)fov);
+    if (!sbl__between(&fov, 1, 179)) sbl__mistake(check, "sensor_fov is %g; it must be 1 to 179 degrees", (double)fov);
 }
 
 /* What the host requests of a front end's sensors. */
@@ -7049,8 +7044,7 @@ static void sbl__check_refinement(sbl__check *check, const sbl_picture_desc *d) 
     sbl__check_int(check, "tile", d->tile, 1, 1024);
     sbl__check_range(check, "target_error", &d->target_error, 1, sbl__unit_range);
     sbl__check_finite(check, "threshold", &d->threshold, 1);
-    if (d->filter_radius > 32)
-        sbl__mistake(check, "filter_radius is %d; it must be at most 32", d->filter_radius);
+    if (d->filter_radius > 32) sbl__mistake(check, "filter_radius is %d; it must be at most 32", d->filter_radius);
 }
 
 static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_desc *d, int host_draws) {
@@ -7176,8 +7170,7 @@ static sbl_result sbl__check_readings(const sbl__base *base, const sbl_readings_
     sbl__check_options(&check, &d->options, 1, sbl__sensor_rays, host_draws);
     sbl__check_sensor_kind(&check, &d->options, d->sensor_kind, d->sensor_fov);
     sbl__check_array(&check, "site_count", d->site_count, d->sites);
-    if (!d->readings && d->site_count > 0)
-        sbl__mistake(&check, "readings is NULL; it receives site_count readings");
+    if (!d->readings && d->site_count > 0) sbl__mistake(&check, "readings is NULL; it receives site_count readings");
     for (i = 0; d->sites && i < d->site_count; i++)
         wrong += !sbl__check_site(&check, &d->sites[i], i, wrong < SBL__SITES_NAMED);
     sbl__check_rest(&check, "sbl_readings_desc", "sites", wrong);
@@ -7280,8 +7273,7 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
     sbl__check_options(&check, &d->options, 0, rays, host_draws);
     sbl__check_range(&check, "move", &d->move, 1, sbl__not_negative_range);
     if (d->probe_count < 0) sbl__mistake(&check, "probe_count is %d; it cannot be negative", d->probe_count);
-    if (!d->probes && d->probe_count > 0)
-        sbl__mistake(&check, "probes is NULL; it receives probe_count probes");
+    if (!d->probes && d->probe_count > 0) sbl__mistake(&check, "probes is NULL; it receives probe_count probes");
     if (!d->positions) sbl__check_grid(&check, d);
     for (i = 0; d->positions && i < d->probe_count; i++) {
         const float *position = d->positions + 3 * (size_t)i;
