@@ -3425,9 +3425,9 @@ static void sbl__device_free(sbl__device *d) {
 
 typedef struct sbl__check {
     const sbl__base *base;
-    const sbl__device *device;  /* looks up GL buffers and textures that the descriptor names; NULL if descriptors
-                                   of this kind name none */
+    const sbl__device *device;  /* looks up the GL objects that a descriptor names; NULL if it can name none */
     sbl_log_item item;          /* log item of the mistakes */
+    char where[32];             /* start of messages: the descriptor, the function, or an object such as "mesh 3" */
     int mistakes;               /* number of mistakes found so far */
 } sbl__check;
 
@@ -3438,7 +3438,13 @@ static void sbl__mistake(sbl__check *check, const char *format, ...) {
     vsnprintf(text, sizeof text, format, arguments);
     va_end(arguments);
     check->mistakes++;
-    sbl__log(check->base, SBL_LOG_ERROR, check->item, "%s", text);
+    sbl__log(check->base, SBL_LOG_ERROR, check->item, "%s: %s", check->where, text);
+}
+
+/* Makes an object such as mesh 3 the place of the mistakes that follow. */
+static void sbl__check_object(sbl__check *check, sbl_log_item item, const char *kind, int number) {
+    check->item = item;
+    snprintf(check->where, sizeof check->where, "%s %d", kind, number);
 }
 
 static sbl_result sbl__check_end(const sbl__check *check) {
@@ -3446,20 +3452,17 @@ static sbl_result sbl__check_end(const sbl__check *check) {
 }
 
 /* Returns 1 if both canaries are 0. Otherwise reports that the host has not zeroed the struct, and returns 0. */
-static int sbl__check_canaries(sbl__check *check, const char *name, uint32_t start, uint32_t end) {
+static int sbl__check_canaries(sbl__check *check, uint32_t start, uint32_t end) {
     if (start == 0 && end == 0) return 1;
-    sbl__mistake(check, "%s: start_canary is 0x%x, end_canary 0x%x; zero the whole struct before use", name, start,
-                 end);
+    sbl__mistake(check, "start_canary is 0x%x, end_canary 0x%x; zero the whole struct before use", start, end);
     return 0;
 }
 
 static const float sbl__any_range[2] = { -FLT_MAX, FLT_MAX }, sbl__not_negative_range[2] = { 0, FLT_MAX };
 static const float sbl__unit_range[2] = { 0, 1 };
 
-/* Checks that numbers are finite and in range[0] .. range[1]. where: object in messages, such as "light 3". name: field
-   in messages */
-static void sbl__check_range(sbl__check *check, const char *where, const char *name, const float *v, int count,
-                             const float range[2]) {
+/* Checks that numbers are finite and in range[0] .. range[1]. name: field in messages */
+static void sbl__check_range(sbl__check *check, const char *name, const float *v, int count, const float range[2]) {
     int k;
     for (k = 0; k < count; k++) {
         char index[16] = "", limits[64] = "finite";
@@ -3467,25 +3470,25 @@ static void sbl__check_range(sbl__check *check, const char *where, const char *n
         if (count > 1) snprintf(index, sizeof index, "[%d]", k);
         if (range[1] < FLT_MAX) snprintf(limits, sizeof limits, "%g to %g", (double)range[0], (double)range[1]);
         else if (range[0] >= 0) snprintf(limits, sizeof limits, "finite and not negative");
-        sbl__mistake(check, "%s: %s%s is %g; it must be %s", where, name, index, (double)v[k], limits);
+        sbl__mistake(check, "%s%s is %g; it must be %s", name, index, (double)v[k], limits);
     }
 }
 
-static void sbl__check_finite(sbl__check *check, const char *where, const char *name, const float *v, int count) {
-    sbl__check_range(check, where, name, v, count, sbl__any_range);
+static void sbl__check_finite(sbl__check *check, const char *name, const float *v, int count) {
+    sbl__check_range(check, name, v, count, sbl__any_range);
 }
 
 /* Checks that a count is not negative and, if it is above 0, that its array is not NULL. name: field of the count */
-static void sbl__check_array(sbl__check *check, const char *where, const char *name, int count, const void *array) {
+static void sbl__check_array(sbl__check *check, const char *name, int count, const void *array) {
     if (count < 0 || (count > 0 && !array))
-        sbl__mistake(check, "%s: %s is %d and its array is %s; a count must not be negative, and a count above 0 "
-                     "needs an array", where, name, count, array ? "given" : "NULL");
+        sbl__mistake(check, "%s is %d and its array is %s; a count must not be negative, and a count above 0 needs an "
+                     "array", name, count, array ? "given" : "NULL");
 }
 
 /* Returns 1 if low <= x <= high. Otherwise reports a mistake and returns 0. */
-static int sbl__check_int(sbl__check *check, const char *where, const char *name, int x, int low, int high) {
+static int sbl__check_int(sbl__check *check, const char *name, int x, int low, int high) {
     if (x >= low && x <= high) return 1;
-    sbl__mistake(check, "%s: %s is %d; it must be %d to %d", where, name, x, low, high);
+    sbl__mistake(check, "%s is %d; it must be %d to %d", name, x, low, high);
     return 0;
 }
 
@@ -3499,7 +3502,7 @@ static const struct { int bytes; double scale; } sbl__types[SBL_TYPE_COUNT] = {
 
 static int sbl__stream_present(const sbl_stream *s) { return s->data != NULL || s->gl_buffer != 0; }
 
-/* A stream of a mesh and its layout. Elements with one component are indices; components of others become floats. */
+/* A stream of a mesh and its layout. Elements of one component are indices; all others are read as floats. */
 typedef struct sbl__stream_use {
     const char *name;          /* field of sbl_mesh, for messages */
     const sbl_stream *stream;
@@ -3519,7 +3522,7 @@ static size_t sbl__stream_stride(const sbl__stream_use *use) {
     return use->stream->stride ? use->stream->stride : sbl__stream_element(use);
 }
 
-/* Describes the streams of a mesh. out: one entry for each of the enumerators above */
+/* Describes the streams of a mesh. out: indexed by SBL__POSITIONS to SBL__INDICES */
 static void sbl__mesh_streams(const sbl_mesh *m, sbl__stream_use out[SBL__STREAMS]) {
     const sbl__stream_use streams[SBL__STREAMS] = {
         { "positions", &m->positions, 3, m->vertex_count }, { "normals", &m->normals, 3, m->vertex_count },
@@ -3532,91 +3535,84 @@ static void sbl__mesh_streams(const sbl_mesh *m, sbl__stream_use out[SBL__STREAM
 
 /* Checks that a stream's type fits, that its elements do not overlap, and that they lie inside the address space and
    inside the stream's GL buffer, if it has one. Does not read the elements. */
-static void sbl__check_stream(sbl__check *check, int mesh, const sbl__stream_use *use) {
+static void sbl__check_stream(sbl__check *check, const sbl__stream_use *use) {
     const sbl_stream *s = use->stream;
     const int type = (int)s->type, is_index = use->components == 1;
     size_t element, stride;
     double size, needed;
     if (!sbl__stream_present(s)) return;
     if (s->data && s->gl_buffer)
-        sbl__mistake(check, "mesh %d: %s.data and %s.gl_buffer (%u) are both set; give one", mesh, use->name, use->name,
-                     s->gl_buffer);
+        sbl__mistake(check, "%s.data and %s.gl_buffer (%u) are both set; give one", use->name, use->name, s->gl_buffer);
     if (type < 0 || type >= SBL_TYPE_COUNT || (type >= (int)SBL_UINT8) != is_index) {
-        sbl__mistake(check, "mesh %d: %s.type is %d; %s", mesh, use->name, type, is_index ?
+        sbl__mistake(check, "%s.type is %d; %s", use->name, type, is_index ?
                      "it must be SBL_UINT8, SBL_UINT16 or SBL_UINT32" : "it must be a float or normalised type");
         return;
     }
     if (s->type == SBL_UINT8_NORM && use->components == 3)
-        sbl__mistake(check, "mesh %d: %s.type is %d, SBL_UINT8_NORM; only colours and texture coordinates may have it",
-                     mesh, use->name, type);
+        sbl__mistake(check, "%s.type is %d, SBL_UINT8_NORM; only colours and texture coordinates may have it",
+                     use->name, type);
     element = sbl__stream_element(use);
     stride = sbl__stream_stride(use);
     if (stride < element)
-        sbl__mistake(check, "mesh %d: %s.stride is %.0f; it must be at least the %.0f bytes of an element", mesh,
-                     use->name, (double)stride, (double)element);
+        sbl__mistake(check, "%s.stride is %.0f; it must be at least the %.0f bytes of an element", use->name,
+                     (double)stride, (double)element);
     if (stride < element || use->count <= 0) return;
     if ((size_t)use->count - 1 > (SIZE_MAX / 2 - element) / stride || s->offset > SIZE_MAX / 2) {
-        sbl__mistake(check, "mesh %d: %s.offset is %.0f and its stride %.0f; %d elements exceed the address space",
-                     mesh, use->name, (double)s->offset, (double)stride, use->count);
+        sbl__mistake(check, "%s.offset is %.0f and its stride %.0f; %d elements exceed the address space", use->name,
+                     (double)s->offset, (double)stride, use->count);
         return;
     }
     if (!s->gl_buffer) return;
     size = SBL__MAX(0.0, (double)sbl__host_buffer_bytes(check->device, s->gl_buffer));
     needed = (double)stride * (use->count - 1) + (double)element;
     if (size < (double)s->offset + needed)
-        sbl__mistake(check, "mesh %d: %s.gl_buffer %u holds %.0f bytes; its %d elements from offset %.0f on need %.0f",
-                     mesh, use->name, s->gl_buffer, size, use->count, (double)s->offset, needed);
+        sbl__mistake(check, "%s.gl_buffer %u holds %.0f bytes; its %d elements from offset %.0f on need %.0f",
+                     use->name, s->gl_buffer, size, use->count, (double)s->offset, needed);
 }
 
-static void sbl__check_transform(sbl__check *check, int mesh, const float m[16]) {
-    char where[32];
-    snprintf(where, sizeof where, "mesh %d", mesh);
-    if (!sbl__all_finite(m, 16)) sbl__check_finite(check, where, "transform", m, 16);
+static void sbl__check_transform(sbl__check *check, const float m[16]) {
+    if (!sbl__all_finite(m, 16)) sbl__check_finite(check, "transform", m, 16);
     else if (!sbl__all_zero(m, 16) && sbl__affine_determinant(m) == 0)
-        sbl__mistake(check, "%s: transform is singular or not affine (its last row is %g %g %g %g, its determinant "
-                     "%g); it must be invertible with last row 0 0 0 1", where, (double)m[3], (double)m[7],
-                     (double)m[11], (double)m[15], sbl__affine_determinant(m));
+        sbl__mistake(check, "transform is singular or not affine (its last row is %g %g %g %g, its determinant %g); it "
+                     "must be invertible with last row 0 0 0 1", (double)m[3], (double)m[7], (double)m[11],
+                     (double)m[15], sbl__affine_determinant(m));
 }
 
 static void sbl__check_mesh(sbl__check *check, const sbl_scene_desc *desc, int number) {
     const sbl_mesh *m = &desc->meshes[number];
     sbl__stream_use streams[SBL__STREAMS];
     const int indexed = sbl__stream_present(&m->indices);
-    char where[32];
     int i;
-    snprintf(where, sizeof where, "mesh %d", number);
-    if (!sbl__check_int(check, where, "vertex_count", m->vertex_count, 0, INT_MAX)) return;
+    sbl__check_object(check, SBL_LOG_ITEM_INVALID_MESH, "mesh", number);
+    if (!sbl__check_int(check, "vertex_count", m->vertex_count, 0, INT_MAX)) return;
     if (m->vertex_count > 0 && !sbl__stream_present(&m->positions))
-        sbl__mistake(check, "%s: positions are missing (data and gl_buffer are both 0) for vertex_count %d", where,
+        sbl__mistake(check, "positions are missing (data and gl_buffer are both 0) for vertex_count %d",
                      m->vertex_count);
     sbl__mesh_streams(m, streams);
-    for (i = 0; i < SBL__INDICES; i++) sbl__check_stream(check, number, &streams[i]);
+    for (i = 0; i < SBL__INDICES; i++) sbl__check_stream(check, &streams[i]);
     if (indexed && (m->index_count < 0 || m->index_count % 3 != 0))
-        sbl__mistake(check, "%s: index_count is %d; it must be a multiple of 3", where, m->index_count);
-    else if (indexed) sbl__check_stream(check, number, &streams[SBL__INDICES]);
+        sbl__mistake(check, "index_count is %d; it must be a multiple of 3", m->index_count);
+    else if (indexed) sbl__check_stream(check, &streams[SBL__INDICES]);
     else if (m->vertex_count % 3 != 0)
-        sbl__mistake(check, "%s: vertex_count is %d; without indices it must be a multiple of 3", where,
-                     m->vertex_count);
-    sbl__check_transform(check, number, m->transform);
+        sbl__mistake(check, "vertex_count is %d; without indices it must be a multiple of 3", m->vertex_count);
+    sbl__check_transform(check, m->transform);
     if (m->material < 0 || m->material >= desc->material_count)
-        sbl__mistake(check, "%s: material is %d; it must be 0 or more, and less than material_count (%d)", where,
-                     m->material, desc->material_count);
+        sbl__mistake(check, "material is %d; it must be 0 or more, and less than material_count (%d)", m->material,
+                     desc->material_count);
 }
 
 /* >>check: materials and textures */
 
 static void sbl__check_material(sbl__check *check, const sbl_scene_desc *desc, int number) {
     const sbl_material *m = &desc->materials[number];
-    char where[32];
-    snprintf(where, sizeof where, "material %d", number);
-    sbl__check_range(check, where, "albedo", m->albedo, 3, sbl__unit_range);
-    sbl__check_range(check, where, "emission", m->emission, 3, sbl__not_negative_range);
-    sbl__check_int(check, where, "albedo_texture (0: none)", m->albedo_texture, 0, desc->texture_count);
-    sbl__check_int(check, where, "emission_texture (0: none)", m->emission_texture, 0, desc->texture_count);
-    sbl__check_range(check, where, "alpha_cutoff", &m->alpha_cutoff, 1, sbl__unit_range);
+    sbl__check_object(check, SBL_LOG_ITEM_INVALID_MATERIAL, "material", number);
+    sbl__check_range(check, "albedo", m->albedo, 3, sbl__unit_range);
+    sbl__check_range(check, "emission", m->emission, 3, sbl__not_negative_range);
+    sbl__check_int(check, "albedo_texture (0: none)", m->albedo_texture, 0, desc->texture_count);
+    sbl__check_int(check, "emission_texture (0: none)", m->emission_texture, 0, desc->texture_count);
+    sbl__check_range(check, "alpha_cutoff", &m->alpha_cutoff, 1, sbl__unit_range);
     if (m->flags & ~(uint32_t)SBL_MATERIAL_FLAGS_ALL)
-        sbl__mistake(check, "%s: flags is 0x%x; only the bits 0x%x exist", where, m->flags,
-                     (unsigned)SBL_MATERIAL_FLAGS_ALL);
+        sbl__mistake(check, "flags is 0x%x; only the bits 0x%x exist", m->flags, (unsigned)SBL_MATERIAL_FLAGS_ALL);
 }
 
 static int sbl__texture_channels(const sbl_texture *t) { return t->channels ? t->channels : 4; }
@@ -3630,40 +3626,38 @@ static size_t sbl__texture_stride(const sbl_texture *t, int width) {
     return t->stride ? t->stride : (size_t)width * sbl__texture_pixel_bytes(t);
 }
 
-/* Checks the channels, size and stride of pixels in client memory. where: object in messages, such as "texture 2".
-   prefix: what precedes field names in messages: "" or "picture.". most: largest width and height */
-static void sbl__check_pixels(sbl__check *check, const char *where, const char *prefix, const sbl_texture *t,
-                              int most) {
+/* Checks the channels, size and stride of pixels in client memory. prefix: "" or "picture.", precedes field names in
+   messages. most: largest width and height */
+static void sbl__check_pixels(sbl__check *check, const char *prefix, const sbl_texture *t, int most) {
     if (t->channels < 0 || t->channels > 4)
-        sbl__mistake(check, "%s: %schannels is %d; it must be 1 to 4, or 0 for 4", where, prefix, t->channels);
+        sbl__mistake(check, "%schannels is %d; it must be 1 to 4, or 0 for 4", prefix, t->channels);
     else if (t->width < 1 || t->height < 1 || t->width > most || t->height > most)
-        sbl__mistake(check, "%s: %ssize is %d x %d; both must be 1 to %d", where, prefix, t->width, t->height, most);
+        sbl__mistake(check, "%ssize is %d x %d; both must be 1 to %d", prefix, t->width, t->height, most);
     else if (t->stride && t->stride < (size_t)t->width * sbl__texture_pixel_bytes(t))
-        sbl__mistake(check, "%s: %sstride is %.0f; it must be at least the %.0f bytes of a row", where, prefix,
-                     (double)t->stride, (double)t->width * (double)sbl__texture_pixel_bytes(t));
+        sbl__mistake(check, "%sstride is %.0f; it must be at least the %.0f bytes of a row", prefix, (double)t->stride,
+                     (double)t->width * (double)sbl__texture_pixel_bytes(t));
     else if (t->stride > SIZE_MAX / 4 / (size_t)t->height)
-        sbl__mistake(check, "%s: %sstride is %.0f; %d rows of it exceed the address space", where, prefix,
-                     (double)t->stride, t->height);
+        sbl__mistake(check, "%sstride is %.0f; %d rows of it exceed the address space", prefix, (double)t->stride,
+                     t->height);
 }
 
 #define SBL__TEXTURE_MOST 65536  /* largest width and height of a texture, in pixels */
 
 static void sbl__check_texture(sbl__check *check, const sbl_scene_desc *desc, int index) {
     const sbl_texture *t = &desc->textures[index];
-    char where[32];
-    snprintf(where, sizeof where, "texture %d", index + 1);  /* sbl_material numbers textures from 1 */
-    if (!sbl__check_int(check, where, "format", (int)t->format, 0, SBL_PIXEL_FORMAT_COUNT - 1)) return;
-    sbl__check_int(check, where, "wrap", (int)t->wrap, 0, SBL_WRAP_COUNT - 1);
+    sbl__check_object(check, SBL_LOG_ITEM_INVALID_TEXTURE, "texture", index + 1);  /* as in sbl_material */
+    if (!sbl__check_int(check, "format", (int)t->format, 0, SBL_PIXEL_FORMAT_COUNT - 1)) return;
+    sbl__check_int(check, "wrap", (int)t->wrap, 0, SBL_WRAP_COUNT - 1);
     if (t->pixels && t->gl_texture)
-        sbl__mistake(check, "%s: pixels and gl_texture (%u) are both set; give one", where, t->gl_texture);
+        sbl__mistake(check, "pixels and gl_texture (%u) are both set; give one", t->gl_texture);
     else if (!t->pixels && !t->gl_texture)
-        sbl__mistake(check, "%s: pixels and gl_texture are both 0; a texture needs pixels", where);
+        sbl__mistake(check, "pixels and gl_texture are both 0; a texture needs pixels");
     else if (t->gl_texture) {
         if (!sbl__host_texture_exists(check->device, t->gl_texture))
-            sbl__mistake(check, "%s: gl_texture %u is not a texture of the current GL context", where, t->gl_texture);
+            sbl__mistake(check, "gl_texture %u is not a texture of the current GL context", t->gl_texture);
         return;
     }
-    sbl__check_pixels(check, where, "", t, SBL__TEXTURE_MOST);
+    sbl__check_pixels(check, "", t, SBL__TEXTURE_MOST);
 }
 
 /* >>check: lights and the environment */
@@ -3677,74 +3671,66 @@ static void sbl__check_texture(sbl__check *check, const sbl_scene_desc *desc, in
 static void sbl__check_light(sbl__check *check, const sbl_light *l, int number) {
     static const float degrees[2] = { 0, 180 };
     const int distant = l->kind == SBL_LIGHT_DIRECTIONAL;
-    char where[32];
-    snprintf(where, sizeof where, "light %d", number);
-    if (!sbl__check_int(check, where, "kind", (int)l->kind, 0, SBL_LIGHT_KIND_COUNT - 1)) return;
-    sbl__check_range(check, where, "intensity", l->intensity, 3, sbl__not_negative_range);
-    if (!distant) sbl__check_finite(check, where, "position", l->position, 3);
+    sbl__check_object(check, SBL_LOG_ITEM_INVALID_LIGHT, "light", number);
+    if (!sbl__check_int(check, "kind", (int)l->kind, 0, SBL_LIGHT_KIND_COUNT - 1)) return;
+    sbl__check_range(check, "intensity", l->intensity, 3, sbl__not_negative_range);
+    if (!distant) sbl__check_finite(check, "position", l->position, 3);
     if (l->kind != SBL_LIGHT_POINT) {
-        sbl__check_finite(check, where, "direction", l->direction, 3);
+        sbl__check_finite(check, "direction", l->direction, 3);
         if (sbl__all_zero(l->direction, 3))
-            sbl__mistake(check, "%s: direction is 0 0 0; it must be the direction in which the light travels", where);
+            sbl__mistake(check, "direction is 0 0 0; it must be the direction in which the light travels");
     }
-    if (distant) sbl__check_range(check, where, "angle (in degrees)", &l->angle, 1, degrees);
-    else sbl__check_range(check, where, "radius", &l->radius, 1, sbl__not_negative_range);
+    if (distant) sbl__check_range(check, "angle (in degrees)", &l->angle, 1, degrees);
+    else sbl__check_range(check, "radius", &l->radius, 1, sbl__not_negative_range);
     if (l->kind != SBL_LIGHT_SPOT) return;
-    sbl__check_range(check, where, "cone (in degrees)", &l->cone, 1, degrees);
+    sbl__check_range(check, "cone (in degrees)", &l->cone, 1, degrees);
     if (sbl__finite(&l->cone) && !sbl__between(&l->inner_cone, 0, SBL__CONE(l)))
-        sbl__mistake(check, "%s: inner_cone is %g; it must be 0 to the %g degrees of the cone", where,
-                     (double)l->inner_cone, (double)SBL__CONE(l));
+        sbl__mistake(check, "inner_cone is %g; it must be 0 to the %g degrees of the cone", (double)l->inner_cone,
+                     (double)SBL__CONE(l));
 }
 
 static void sbl__check_environment(sbl__check *check, const sbl_environment *e) {
     const sbl_texture *t = &e->picture;
     const int has_size = t->width || t->height;
-    const char *where = "environment";
-    if (t->gl_texture)
-        sbl__mistake(check, "%s: picture.gl_texture is %u; give pixels in client memory", where, t->gl_texture);
-    if (t->pixels && e->radiance)
-        sbl__mistake(check, "%s: picture.pixels and radiance are both set; give one", where);
+    check->item = SBL_LOG_ITEM_INVALID_LIGHT;
+    snprintf(check->where, sizeof check->where, "environment");
+    if (t->gl_texture) sbl__mistake(check, "picture.gl_texture is %u; give pixels in client memory", t->gl_texture);
+    if (t->pixels && e->radiance) sbl__mistake(check, "picture.pixels and radiance are both set; give one");
     if (!t->pixels && !e->radiance && has_size)
-        sbl__mistake(check, "%s: picture.pixels and radiance are both NULL, but the picture's size is %d x %d; "
-                     "give pixels or a function", where, t->width, t->height);
-    if (sbl__check_int(check, where, "picture.format", (int)t->format, 0, SBL_PIXEL_FORMAT_COUNT - 1) &&
+        sbl__mistake(check, "picture.pixels and radiance are both NULL, but the picture's size is %d x %d; give pixels "
+                     "or a function", t->width, t->height);
+    if (sbl__check_int(check, "picture.format", (int)t->format, 0, SBL_PIXEL_FORMAT_COUNT - 1) &&
         (t->pixels || has_size))
-        sbl__check_pixels(check, where, "picture.", t, SBL__SKY_MOST);
-    else sbl__check_int(check, where, "picture.channels", t->channels, 0, 4);
-    sbl__check_finite(check, where, "scale", &e->scale, 1);
-    sbl__check_finite(check, where, "rotation", &e->rotation, 1);
-    sbl__check_finite(check, where, "up", e->up, 3);
+        sbl__check_pixels(check, "picture.", t, SBL__SKY_MOST);
+    else sbl__check_int(check, "picture.channels", t->channels, 0, 4);
+    sbl__check_finite(check, "scale", &e->scale, 1);
+    sbl__check_finite(check, "rotation", &e->rotation, 1);
+    sbl__check_finite(check, "up", e->up, 3);
 }
 
 /* >>check: whole descriptors */
 
 static sbl_result sbl__check_scene(const sbl__device *d, const sbl_scene_desc *desc) {
-    const char *where = "sbl_scene_desc";
-    sbl__check check = { d->base, d, SBL_LOG_ITEM_INVALID_SCENE_DESC, 0 };
+    sbl__check check = { d->base, d, SBL_LOG_ITEM_INVALID_SCENE_DESC, "sbl_scene_desc", 0 };
     int i;
-    if (!sbl__check_canaries(&check, where, desc->start_canary, desc->end_canary)) return sbl__check_end(&check);
-    sbl__check_array(&check, where, "mesh_count", desc->mesh_count, desc->meshes);
-    sbl__check_array(&check, where, "material_count", desc->material_count, desc->materials);
-    sbl__check_array(&check, where, "texture_count", desc->texture_count, desc->textures);
-    sbl__check_array(&check, where, "light_count", desc->light_count, desc->lights);
-    sbl__check_range(&check, where, "sky", desc->sky, 3, sbl__not_negative_range);
+    if (!sbl__check_canaries(&check, desc->start_canary, desc->end_canary)) return sbl__check_end(&check);
+    sbl__check_array(&check, "mesh_count", desc->mesh_count, desc->meshes);
+    sbl__check_array(&check, "material_count", desc->material_count, desc->materials);
+    sbl__check_array(&check, "texture_count", desc->texture_count, desc->textures);
+    sbl__check_array(&check, "light_count", desc->light_count, desc->lights);
+    sbl__check_range(&check, "sky", desc->sky, 3, sbl__not_negative_range);
     for (i = 0; desc->draw && i < 6; i++) {
         const float *low = &desc->draw_bounds[0][i % 3], *x = &desc->draw_bounds[i / 3][i % 3];
         if (!sbl__finite(x) || (sbl__finite(low) && *low > desc->draw_bounds[1][i % 3]))
-            sbl__mistake(&check, "%s: draw_bounds[%d][%d] is %g; bounds must be finite, lowest corner first", where,
-                         i / 3, i % 3, (double)*x);
+            sbl__mistake(&check, "draw_bounds[%d][%d] is %g; bounds must be finite, lowest corner first", i / 3, i % 3,
+                         (double)*x);
     }
-    sbl__check_range(&check, where, "draw_max_radiance", &desc->draw_max_radiance, 1, sbl__not_negative_range);
-    if (desc->max_bounce_cells)
-        sbl__check_int(&check, where, "max_bounce_cells", desc->max_bounce_cells, 1024, 1048576);
-    check.item = SBL_LOG_ITEM_INVALID_LIGHT;
+    sbl__check_range(&check, "draw_max_radiance", &desc->draw_max_radiance, 1, sbl__not_negative_range);
+    if (desc->max_bounce_cells) sbl__check_int(&check, "max_bounce_cells", desc->max_bounce_cells, 1024, 1048576);
     for (i = 0; desc->lights && i < desc->light_count; i++) sbl__check_light(&check, &desc->lights[i], i);
     sbl__check_environment(&check, &desc->environment);
-    check.item = SBL_LOG_ITEM_INVALID_MESH;
     for (i = 0; desc->meshes && i < desc->mesh_count; i++) sbl__check_mesh(&check, desc, i);
-    check.item = SBL_LOG_ITEM_INVALID_MATERIAL;
     for (i = 0; desc->materials && i < desc->material_count; i++) sbl__check_material(&check, desc, i);
-    check.item = SBL_LOG_ITEM_INVALID_TEXTURE;
     for (i = 0; desc->textures && i < desc->texture_count; i++) sbl__check_texture(&check, desc, i);
     return sbl__check_end(&check);
 }
@@ -3764,19 +3750,16 @@ SBL_API sbl_context_desc sbl_context_desc_defaults(const sbl_context_desc *desc)
 }
 
 static sbl_result sbl__check_context(const sbl__base *base, const sbl_context_desc *d) {
-    const char *where = "sbl_context_desc";
-    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, 0 };
-    if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
+    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "sbl_context_desc", 0 };
+    if (!sbl__check_canaries(&check, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     if (!d->allocator.alloc != !d->allocator.free)
-        sbl__mistake(&check, "%s: allocator.%s is NULL; give both functions or none", where,
+        sbl__mistake(&check, "allocator.%s is NULL; give both functions or none",
                      d->allocator.alloc ? "free" : "alloc");
     if (d->disabled & ~(uint32_t)SBL_CAPABILITY_ALL)
-        sbl__mistake(&check, "%s: disabled is 0x%x; only the bits 0x%x exist", where, d->disabled,
-                     (unsigned)SBL_CAPABILITY_ALL);
-    if (d->sensor_texture_size)
-        sbl__check_int(&check, where, "sensor_texture_size", d->sensor_texture_size, 256, 16384);
-    if (d->batch < 0) sbl__mistake(&check, "%s: batch is %d; it cannot be negative", where, d->batch);
-    sbl__check_range(&check, where, "longest_submission", &d->longest_submission, 1, sbl__not_negative_range);
+        sbl__mistake(&check, "disabled is 0x%x; only the bits 0x%x exist", d->disabled, (unsigned)SBL_CAPABILITY_ALL);
+    if (d->sensor_texture_size) sbl__check_int(&check, "sensor_texture_size", d->sensor_texture_size, 256, 16384);
+    if (d->batch < 0) sbl__mistake(&check, "batch is %d; it cannot be negative", d->batch);
+    sbl__check_range(&check, "longest_submission", &d->longest_submission, 1, sbl__not_negative_range);
     return sbl__check_end(&check);
 }
 
@@ -3931,24 +3914,23 @@ static sbl_result sbl__mesh_read(const sbl__device *d, const sbl__geometry *g, c
 /* >>geometry: validating */
 
 /* Reports the first bad component of each stream, and the first bad index. */
-static void sbl__mesh_validate(sbl__check *check, const sbl__mesh_data *m, int number) {
+static void sbl__mesh_validate(sbl__check *check, const sbl__mesh_data *m) {
     int s, i;
     for (s = 0; s < SBL__INDICES; s++) {
         const sbl__stream_use *use = &m->streams[s];
         const float *range = s == SBL__COLORS ? sbl__unit_range : sbl__any_range;
-        char where[64], name[64];
+        char name[64];
         for (i = 0; m->values[s] && i < use->count * use->components; i++) {
             if (sbl__between(&m->values[s][i], range[0], range[1])) continue;
-            snprintf(where, sizeof where, "mesh %d: %s", number, use->name);
-            snprintf(name, sizeof name, "component %d of vertex %d", i % use->components, i / use->components);
-            sbl__check_range(check, where, name, &m->values[s][i], 1, range);
+            snprintf(name, sizeof name, "%s: component %d of vertex %d", use->name, i % use->components,
+                     i / use->components);
+            sbl__check_range(check, name, &m->values[s][i], 1, range);
             break;
         }
     }
     for (i = 0; i < m->corner_count; i++)
         if (m->corners[i] >= (uint32_t)m->vertex_count) {
-            sbl__mistake(check, "mesh %d: indices: index %d is %u; the mesh has %d vertices", number, i, m->corners[i],
-                         m->vertex_count);
+            sbl__mistake(check, "indices: index %d is %u; the mesh has %d vertices", i, m->corners[i], m->vertex_count);
             return;
         }
 }
@@ -4047,10 +4029,11 @@ static int sbl__mesh_transform(const sbl__base *base, sbl__geometry *g, int numb
 static sbl_result sbl__geometry_add(const sbl__device *d, sbl__geometry *g, const sbl_mesh *in, int number) {
     sbl__mesh *mesh = &g->meshes[number];
     sbl__mesh_data data;
-    sbl__check check = { d->base, d, SBL_LOG_ITEM_INVALID_MESH, 0 };
+    sbl__check check = { d->base, d, SBL_LOG_ITEM_INVALID_MESH, "", 0 };
     sbl_result result = sbl__mesh_read(d, g, in, &data);
     if (result == SBL_SUCCESS) {
-        sbl__mesh_validate(&check, &data, number);
+        sbl__check_object(&check, SBL_LOG_ITEM_INVALID_MESH, "mesh", number);
+        sbl__mesh_validate(&check, &data);
         result = sbl__check_end(&check);
     }
     if (result == SBL_SUCCESS) {
@@ -6913,8 +6896,8 @@ static int sbl__preset_of(const sbl_options *o) {
     return (int)o->preset >= 0 && o->preset < SBL_PRESET_COUNT ? (int)o->preset : SBL_PRESET_DEFAULT;
 }
 
-/* Fills in the defaults of the options. rays, sizes: the defaults of rays and sensor_size for each preset; rays is NULL
-   if the target error decides how many rays are traced */
+/* Fills in the defaults of the options. rays, sizes: default of o->rays and of o->sensor_size for each preset. If rays
+   is NULL, o->rays stays 0, and the target error decides how many rays are traced */
 static void sbl__options_defaults(sbl_options *o, const int rays[SBL_PRESET_COUNT], const int sizes[SBL_PRESET_COUNT]) {
     const int preset = sbl__preset_of(o);
     if (o->mode == SBL_MODE_DEFAULT) o->mode = SBL_MODE_GI;
@@ -6926,20 +6909,19 @@ static void sbl__options_defaults(sbl_options *o, const int rays[SBL_PRESET_COUN
 
 static const int sbl__sensor_sizes[SBL_PRESET_COUNT] = { 64, 32, 128 };
 
-/* papers: 1 allows SBL_MODE_PAPER; rays: limits of options.rays; host_draws: 1 if the scene has a draw callback */
-static void sbl__check_options(sbl__check *check, const char *where, const sbl_options *o, int papers,
-                               const int rays[2], int host_draws) {
-    sbl__check_int(check, where, "options.mode", (int)o->mode, 0, SBL_MODE_COUNT - 1);
+/* papers: 1 allows SBL_MODE_PAPER. rays: range of options.rays. host_draws: 1 if the scene has a draw callback */
+static void sbl__check_options(sbl__check *check, const sbl_options *o, int papers, const int rays[2], int host_draws) {
+    sbl__check_int(check, "options.mode", (int)o->mode, 0, SBL_MODE_COUNT - 1);
     if (o->mode == SBL_MODE_PAPER && !papers)
-        sbl__mistake(check, "%s: options.mode is SBL_MODE_PAPER; only pictures and readings have it", where);
-    sbl__check_int(check, where, "options.preset", (int)o->preset, 0, SBL_PRESET_COUNT - 1);
-    sbl__check_int(check, where, "options.backend", (int)o->backend, 0, SBL_BACKEND_COUNT - 1);
+        sbl__mistake(check, "options.mode is SBL_MODE_PAPER; only pictures and readings have it");
+    sbl__check_int(check, "options.preset", (int)o->preset, 0, SBL_PRESET_COUNT - 1);
+    sbl__check_int(check, "options.backend", (int)o->backend, 0, SBL_BACKEND_COUNT - 1);
     if (o->backend == SBL_BACKEND_TRACE && (o->mode == SBL_MODE_PAPER || host_draws))
-        sbl__mistake(check, "%s: options.backend is SBL_BACKEND_TRACE %s; use SBL_BACKEND_AUTO or SBL_BACKEND_RASTER",
-                     where, host_draws ? "in a scene with a draw callback" : "in SBL_MODE_PAPER");
-    if (o->rays) sbl__check_int(check, where, "options.rays", o->rays, rays[0], rays[1]);
-    sbl__check_int(check, where, "options.sensor_size", o->sensor_size, 4, 512);
-    sbl__check_finite(check, where, "options.epsilon", &o->epsilon, 1);
+        sbl__mistake(check, "options.backend is SBL_BACKEND_TRACE %s; use SBL_BACKEND_AUTO or SBL_BACKEND_RASTER",
+                     host_draws ? "in a scene with a draw callback" : "in SBL_MODE_PAPER");
+    if (o->rays) sbl__check_int(check, "options.rays", o->rays, rays[0], rays[1]);
+    sbl__check_int(check, "options.sensor_size", o->sensor_size, 4, 512);
+    sbl__check_finite(check, "options.epsilon", &o->epsilon, 1);
 }
 
 static const int sbl__sensor_rays[2] = { 1, 4096 };  /* lowest and highest number of rays of a sensor */
@@ -6949,29 +6931,28 @@ static void sbl__sensor_defaults(sbl_mode mode, sbl_sensor_kind *kind, float *fo
     if (sbl__zero(fov)) *fov = 135;
 }
 
-static void sbl__check_sensor_kind(sbl__check *check, const char *where, const sbl_options *o, sbl_sensor_kind kind,
-                                   float fov) {
-    sbl__check_int(check, where, "sensor_kind", (int)kind, 0, SBL_SENSOR_KIND_COUNT - 1);
+static void sbl__check_sensor_kind(sbl__check *check, const sbl_options *o, sbl_sensor_kind kind, float fov) {
+    sbl__check_int(check, "sensor_kind", (int)kind, 0, SBL_SENSOR_KIND_COUNT - 1);
     if (o->mode == SBL_MODE_PAPER && kind == SBL_SENSOR_HEMICUBE)
-        sbl__mistake(check, "%s: sensor_kind is SBL_SENSOR_HEMICUBE in SBL_MODE_PAPER; the paper's sensor is "
-                     "SBL_SENSOR_SINGLE", where);
+        sbl__mistake(check, "sensor_kind is SBL_SENSOR_HEMICUBE in SBL_MODE_PAPER; the paper's sensor is "
+                     "SBL_SENSOR_SINGLE");
     if (o->backend == SBL_BACKEND_TRACE && kind == SBL_SENSOR_SINGLE && o->mode != SBL_MODE_PAPER)
-        sbl__mistake(check, "%s: options.backend is SBL_BACKEND_TRACE with SBL_SENSOR_SINGLE; use SBL_BACKEND_AUTO or "
-                     "SBL_BACKEND_RASTER", where);
-    if (!sbl__between(&fov, 1, 179))
-        sbl__mistake(check, "%s: sensor_fov is %g; it must be 1 to 179 degrees", where, (double)fov);
+        sbl__mistake(check, "options.backend is SBL_BACKEND_TRACE with SBL_SENSOR_SINGLE; use SBL_BACKEND_AUTO or "
+                     "SBL_BACKEND_RASTER");
+    if (!sbl__between(&fov, 1, 179)) sbl__mistake(check, "sensor_fov is %g; it must be 1 to 179 degrees", (double)fov);
 }
 
 /* What the host requests of a front end's sensors. */
 typedef struct sbl__measurement {
-    sbl_options options;       /* with defaults; epsilon is not negative; see sbl__choose_backend */
+    sbl_options options;       /* with defaults; epsilon is at least 0. sbl__begin sets the back end */
     sbl_sensor_kind sensor_kind;
     float sensor_fov;
-    int look_rays, looks;      /* if options.rays is 0: number of rays per look, and maximum number of looks */
-    int every_ray;             /* 1: trace all rays, even if they can only measure distances because only lamps emit */
+    int look_rays, looks;      /* number of rays per look, and maximum number of looks; used if options.rays is 0 */
+    int every_ray;             /* 0: trace at most SBL__TRACE_CHUNK rays where all light comes from lamps, so that
+                                  they only measure distances. 1: trace all rays nevertheless */
 } sbl__measurement;
 
-/* o has its defaults filled in. */
+/* Returns the measurement that options, with defaults, request. The fields from look_rays on are 0. */
 static sbl__measurement sbl__measurement_of(const sbl_options *o, sbl_sensor_kind kind, float fov) {
     sbl__measurement m;
     memset(&m, 0, sizeof m);
@@ -6991,20 +6972,20 @@ static int sbl__rigid(const float m[16]) {
     return sbl__affine_determinant(m) > 0;
 }
 
-static void sbl__check_camera(sbl__check *check, const char *where, const sbl_picture_desc *d) {
+static void sbl__check_camera(sbl__check *check, const sbl_picture_desc *d) {
     const float *v = d->world_to_view, *m = d->view_to_clip;
     int perspective, orthographic;
-    sbl__check_finite(check, where, "world_to_view", v, 16);
+    sbl__check_finite(check, "world_to_view", v, 16);
     if (sbl__all_finite(v, 16) && !sbl__rigid(v))
-        sbl__mistake(check, "%s: world_to_view is not rigid (a rotation and a translation, column-major); sbl_look_at "
-                     "makes one", where);
-    sbl__check_finite(check, where, "view_to_clip", m, 16);
-    if (!sbl__all_finite(m, 16) || d->width <= 0 || d->height <= 0) return;  /* the default projection needs both */
+        sbl__mistake(check, "world_to_view is not rigid (a rotation and a translation, column-major); sbl_look_at "
+                     "makes one");
+    sbl__check_finite(check, "view_to_clip", m, 16);
+    if (!sbl__all_finite(m, 16) || d->width <= 0 || d->height <= 0) return;  /* there is no default projection */
     perspective = m[3] == 0.0f && m[7] == 0.0f && m[11] < 0.0f && m[15] == 0.0f && m[12] == 0.0f && m[13] == 0.0f;
     orthographic = m[3] == 0.0f && m[7] == 0.0f && m[11] == 0.0f && m[15] == 1.0f && m[8] == 0.0f && m[9] == 0.0f;
     if (!(perspective || orthographic) || m[0] == 0.0f || m[5] == 0.0f || m[1] != 0.0f || m[4] != 0.0f)
-        sbl__mistake(check, "%s: view_to_clip is neither a perspective nor an orthographic projection (column-major, "
-                     "view direction -z; its last row is %g %g %g %g); sbl_perspective makes one", where, (double)m[3],
+        sbl__mistake(check, "view_to_clip is neither a perspective nor an orthographic projection (column-major, view "
+                     "direction -z; its last row is %g %g %g %g); sbl_perspective makes one", (double)m[3],
                      (double)m[7], (double)m[11], (double)m[15]);
 }
 
@@ -7032,26 +7013,24 @@ SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc)
 }
 
 /* Checks the fields that pictures and lightmaps share. */
-static void sbl__check_refinement(sbl__check *check, const char *where, const sbl_picture_desc *d) {
-    sbl__check_int(check, where, "width", d->width, 1, 16384);
-    sbl__check_int(check, where, "height", d->height, 1, 16384);
-    sbl__check_int(check, where, "tile", d->tile, 1, 1024);
-    sbl__check_range(check, where, "target_error", &d->target_error, 1, sbl__unit_range);
-    sbl__check_finite(check, where, "threshold", &d->threshold, 1);
-    if (d->filter_radius > 32)
-        sbl__mistake(check, "%s: filter_radius is %d; it must be at most 32", where, d->filter_radius);
+static void sbl__check_refinement(sbl__check *check, const sbl_picture_desc *d) {
+    sbl__check_int(check, "width", d->width, 1, 16384);
+    sbl__check_int(check, "height", d->height, 1, 16384);
+    sbl__check_int(check, "tile", d->tile, 1, 1024);
+    sbl__check_range(check, "target_error", &d->target_error, 1, sbl__unit_range);
+    sbl__check_finite(check, "threshold", &d->threshold, 1);
+    if (d->filter_radius > 32) sbl__mistake(check, "filter_radius is %d; it must be at most 32", d->filter_radius);
 }
 
 static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_desc *d, int host_draws) {
-    const char *where = "sbl_picture_desc";
-    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_PICTURE_DESC, 0 };
-    if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
-    sbl__check_options(&check, where, &d->options, 1, sbl__sensor_rays, host_draws);
-    sbl__check_sensor_kind(&check, where, &d->options, d->sensor_kind, d->sensor_fov);
-    sbl__check_refinement(&check, where, d);
-    sbl__check_finite(&check, where, "facet_limit", &d->facet_limit, 1);
-    sbl__check_int(&check, where, "samples", d->samples, 1, 64);
-    sbl__check_camera(&check, where, d);
+    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_PICTURE_DESC, "sbl_picture_desc", 0 };
+    if (!sbl__check_canaries(&check, d->start_canary, d->end_canary)) return sbl__check_end(&check);
+    sbl__check_options(&check, &d->options, 1, sbl__sensor_rays, host_draws);
+    sbl__check_sensor_kind(&check, &d->options, d->sensor_kind, d->sensor_fov);
+    sbl__check_refinement(&check, d);
+    sbl__check_finite(&check, "facet_limit", &d->facet_limit, 1);
+    sbl__check_int(&check, "samples", d->samples, 1, 64);
+    sbl__check_camera(&check, d);
     return sbl__check_end(&check);
 }
 
@@ -7099,27 +7078,26 @@ SBL_API sbl_lightmap_desc sbl_lightmap_desc_defaults(const sbl_lightmap_desc *de
 }
 
 static sbl_result sbl__check_lightmap(const sbl__base *base, const sbl_lightmap_desc *d, const sbl__scene *scene) {
-    const char *where = "sbl_lightmap_desc";
     const sbl_picture_desc picture = sbl__lightmap_picture(d);
     const sbl__geometry *g = &scene->geometry;
-    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_LIGHTMAP_DESC, 0 };
+    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_LIGHTMAP_DESC, "sbl_lightmap_desc", 0 };
     int i;
-    if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
-    sbl__check_options(&check, where, &d->options, 0, sbl__sensor_rays, scene->draw != NULL);
-    sbl__check_refinement(&check, where, &picture);
-    sbl__check_int(&check, where, "gutter", d->gutter, -INT_MAX, 16384);
-    sbl__check_int(&check, where, "directional", d->directional, 0, 1);
-    sbl__check_int(&check, where, "supersample", d->supersample, 1, 8);
+    if (!sbl__check_canaries(&check, d->start_canary, d->end_canary)) return sbl__check_end(&check);
+    sbl__check_options(&check, &d->options, 0, sbl__sensor_rays, scene->draw != NULL);
+    sbl__check_refinement(&check, &picture);
+    sbl__check_int(&check, "gutter", d->gutter, -INT_MAX, 16384);
+    sbl__check_int(&check, "directional", d->directional, 0, 1);
+    sbl__check_int(&check, "supersample", d->supersample, 1, 8);
     if (d->supersample > 1 && d->supersample <= 8 && !sbl__supersample_fits(d))
-        sbl__mistake(&check, "%s: supersample is %d; times the size, %d x %d, it must be at most 16384", where,
-                     d->supersample, d->width, d->height);
-    sbl__check_array(&check, where, "mesh_count", d->mesh_count, d->meshes);
+        sbl__mistake(&check, "supersample is %d; times the size, %d x %d, it must be at most 16384", d->supersample,
+                     d->width, d->height);
+    sbl__check_array(&check, "mesh_count", d->mesh_count, d->meshes);
     for (i = 0; d->meshes && i < d->mesh_count; i++) {
         const int mesh = d->meshes[i];
         if (mesh < 0 || mesh >= g->mesh_count)
-            sbl__mistake(&check, "%s: meshes[%d] is %d; the scene has %d", where, i, mesh, g->mesh_count);
+            sbl__mistake(&check, "meshes[%d] is %d; the scene has %d", i, mesh, g->mesh_count);
         else if (!g->meshes[mesh].lightmapped)
-            sbl__mistake(&check, "%s: meshes[%d] is %d, a mesh without lightmap_texcoords", where, i, mesh);
+            sbl__mistake(&check, "meshes[%d] is %d, a mesh without lightmap_texcoords", i, mesh);
     }
     return sbl__check_end(&check);
 }
@@ -7138,37 +7116,39 @@ SBL_API sbl_readings_desc sbl_readings_desc_defaults(const sbl_readings_desc *de
 
 #define SBL__SITES_NAMED 16  /* number of wrong sites that are named; the others are only counted */
 
+/* Reports how many things in a list are wrong besides those that were named. where: the descriptor */
+static void sbl__check_rest(sbl__check *check, const char *where, const char *things, int wrong) {
+    snprintf(check->where, sizeof check->where, "%s", where);
+    if (wrong > SBL__SITES_NAMED) sbl__mistake(check, "%d more %s are wrong", wrong - SBL__SITES_NAMED, things);
+}
+
 /* Returns 1 if the site is valid. Otherwise reports its mistakes if `named` is 1. */
 static int sbl__check_site(sbl__check *check, const sbl_site *s, int number, int named) {
     const int good = sbl__all_finite(s->position, 3) && sbl__all_finite(s->normal, 3) &&
                      !sbl__all_zero(s->normal, 3) && sbl__all_finite(s->geometric_normal, 3) &&
                      sbl__finite(&s->offset);
-    char where[32];
     if (good || !named) return good;
-    snprintf(where, sizeof where, "site %d", number);
-    sbl__check_finite(check, where, "position", s->position, 3);
-    sbl__check_finite(check, where, "normal", s->normal, 3);
+    sbl__check_object(check, check->item, "site", number);
+    sbl__check_finite(check, "position", s->position, 3);
+    sbl__check_finite(check, "normal", s->normal, 3);
     if (sbl__all_zero(s->normal, 3))
-        sbl__mistake(check, "%s: normal is 0 0 0; it must point to the side that the light comes from", where);
-    sbl__check_finite(check, where, "geometric_normal", s->geometric_normal, 3);
-    sbl__check_finite(check, where, "offset", &s->offset, 1);
+        sbl__mistake(check, "normal is 0 0 0; it must point to the side that the light comes from");
+    sbl__check_finite(check, "geometric_normal", s->geometric_normal, 3);
+    sbl__check_finite(check, "offset", &s->offset, 1);
     return 0;
 }
 
 static sbl_result sbl__check_readings(const sbl__base *base, const sbl_readings_desc *d, int host_draws) {
-    const char *where = "sbl_readings_desc";
-    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_READINGS_DESC, 0 };
+    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_READINGS_DESC, "sbl_readings_desc", 0 };
     int i, wrong = 0;
-    if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
-    sbl__check_options(&check, where, &d->options, 1, sbl__sensor_rays, host_draws);
-    sbl__check_sensor_kind(&check, where, &d->options, d->sensor_kind, d->sensor_fov);
-    sbl__check_array(&check, where, "site_count", d->site_count, d->sites);
-    if (!d->readings && d->site_count > 0)
-        sbl__mistake(&check, "%s: readings is NULL; it receives site_count readings", where);
+    if (!sbl__check_canaries(&check, d->start_canary, d->end_canary)) return sbl__check_end(&check);
+    sbl__check_options(&check, &d->options, 1, sbl__sensor_rays, host_draws);
+    sbl__check_sensor_kind(&check, &d->options, d->sensor_kind, d->sensor_fov);
+    sbl__check_array(&check, "site_count", d->site_count, d->sites);
+    if (!d->readings && d->site_count > 0) sbl__mistake(&check, "readings is NULL; it receives site_count readings");
     for (i = 0; d->sites && i < d->site_count; i++)
         wrong += !sbl__check_site(&check, &d->sites[i], i, wrong < SBL__SITES_NAMED);
-    if (wrong > SBL__SITES_NAMED)
-        sbl__mistake(&check, "%s: %d more sites are wrong", where, wrong - SBL__SITES_NAMED);
+    sbl__check_rest(&check, "sbl_readings_desc", "sites", wrong);
     return sbl__check_end(&check);
 }
 
@@ -7188,35 +7168,34 @@ SBL_API sbl_vertices_desc sbl_vertices_desc_defaults(const sbl_vertices_desc *de
 #define SBL__VERTICES_SMOOTHEST 1e6f
 
 static sbl_result sbl__check_vertices(const sbl__base *base, const sbl_vertices_desc *d, const sbl__scene *scene) {
-    const char *where = "sbl_vertices_desc";
     const sbl__geometry *g = &scene->geometry;
     double vertices = 0, triangles = 0;
-    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_VERTICES_DESC, 0 };
+    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_VERTICES_DESC, "sbl_vertices_desc", 0 };
     int i;
-    if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
-    sbl__check_options(&check, where, &d->options, 0, sbl__sensor_rays, scene->draw != NULL);
-    sbl__check_int(&check, where, "samples", d->samples, 1, 1024);
-    sbl__check_int(&check, where, "average", d->average, 0, 1);
+    if (!sbl__check_canaries(&check, d->start_canary, d->end_canary)) return sbl__check_end(&check);
+    sbl__check_options(&check, &d->options, 0, sbl__sensor_rays, scene->draw != NULL);
+    sbl__check_int(&check, "samples", d->samples, 1, 1024);
+    sbl__check_int(&check, "average", d->average, 0, 1);
     if (!sbl__between(&d->smoothing, -FLT_MAX, SBL__VERTICES_SMOOTHEST))
-        sbl__mistake(&check, "%s: smoothing is %g; it must be finite and at most %g", where, (double)d->smoothing,
+        sbl__mistake(&check, "smoothing is %g; it must be finite and at most %g", (double)d->smoothing,
                      (double)SBL__VERTICES_SMOOTHEST);
-    sbl__check_array(&check, where, "mesh_count", d->mesh_count, d->meshes);
+    sbl__check_array(&check, "mesh_count", d->mesh_count, d->meshes);
     for (i = 0; i < (d->mesh_count ? d->mesh_count : g->mesh_count) && (d->meshes || !d->mesh_count); i++) {
         const int mesh = d->mesh_count ? d->meshes[i] : i;
         if (mesh >= 0 && mesh < g->mesh_count) {
             vertices += g->meshes[mesh].vertex_count;
             triangles += g->meshes[mesh].triangle_count;
         } else
-            sbl__mistake(&check, "%s: meshes[%d] is %d; the scene has %d", where, i, mesh, g->mesh_count);
+            sbl__mistake(&check, "meshes[%d] is %d; the scene has %d", i, mesh, g->mesh_count);
     }
     if (vertices > INT_MAX / 4 || triangles > INT_MAX / 4)
-        sbl__mistake(&check, "%s: meshes have %.0f vertices and %.0f triangles; at most %d of each can be numbered",
-                     where, vertices, triangles, INT_MAX / 4);
+        sbl__mistake(&check, "meshes have %.0f vertices and %.0f triangles; at most %d of each can be numbered",
+                     vertices, triangles, INT_MAX / 4);
     if (vertices > 0 && !d->radiance)
-        sbl__mistake(&check, "%s: radiance is NULL; it receives 3 floats for each of %.0f vertices", where, vertices);
+        sbl__mistake(&check, "radiance is NULL; it receives 3 floats for each of %.0f vertices", vertices);
     if ((double)d->float_count < 3 * vertices)
-        sbl__mistake(&check, "%s: float_count is %.0f; %.0f vertices need %.0f floats", where, (double)d->float_count,
-                     vertices, 3 * vertices);
+        sbl__mistake(&check, "float_count is %.0f; %.0f vertices need %.0f floats", (double)d->float_count, vertices,
+                     3 * vertices);
     return sbl__check_end(&check);
 }
 
@@ -7230,24 +7209,24 @@ static int sbl__grid_count(const int grid[3]) {
     return grid[0] < 1 || grid[1] < 1 || grid[2] < 1 ? 0 : (int)SBL__MIN(count, (double)INT_MAX);
 }
 
-static void sbl__check_grid(sbl__check *check, const char *where, const sbl_probes_desc *d) {
+static void sbl__check_grid(sbl__check *check, const sbl_probes_desc *d) {
     const int given = d->grid[0] || d->grid[1] || d->grid[2], points = sbl__grid_count(d->grid);
     int k;
     if (!given && d->probe_count > 0)
-        sbl__mistake(check, "%s: probe_count is %d; positions is NULL, and there is no grid", where, d->probe_count);
+        sbl__mistake(check, "probe_count is %d; positions is NULL, and there is no grid", d->probe_count);
     for (k = 0; k < 3 && given; k++) {
         char name[16];
         snprintf(name, sizeof name, "grid[%d]", k);
-        sbl__check_int(check, where, name, d->grid[k], 1, 16384);
+        sbl__check_int(check, name, d->grid[k], 1, 16384);
     }
-    if (points == INT_MAX) sbl__mistake(check, "%s: grid has more points than an int can count", where);
+    if (points == INT_MAX) sbl__mistake(check, "grid has more points than an int can count");
     else if (points && d->probe_count != points && d->probe_count >= 0)
-        sbl__mistake(check, "%s: probe_count is %d; the grid has %d points", where, d->probe_count, points);
-    sbl__check_finite(check, where, "lowest", d->lowest, 3);
-    sbl__check_finite(check, where, "highest", d->highest, 3);
+        sbl__mistake(check, "probe_count is %d; the grid has %d points", d->probe_count, points);
+    sbl__check_finite(check, "lowest", d->lowest, 3);
+    sbl__check_finite(check, "highest", d->highest, 3);
     for (k = 0; k < 3 && sbl__all_finite(d->lowest, 3) && sbl__all_finite(d->highest, 3); k++)
         if (d->lowest[k] > d->highest[k])
-            sbl__mistake(check, "%s: lowest[%d] is %g; highest[%d], %g, is less", where, k, (double)d->lowest[k], k,
+            sbl__mistake(check, "lowest[%d] is %g; highest[%d], %g, is less", k, (double)d->lowest[k], k,
                          (double)d->highest[k]);
 }
 
@@ -7263,24 +7242,21 @@ SBL_API sbl_probes_desc sbl_probes_desc_defaults(const sbl_probes_desc *desc) {
 
 static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc *d, int host_draws) {
     static const int rays[2] = { 64, 65536 };
-    const char *where = "sbl_probes_desc";
-    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_PROBES_DESC, 0 };
+    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_PROBES_DESC, "sbl_probes_desc", 0 };
     int i, wrong = 0;
-    if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
-    sbl__check_options(&check, where, &d->options, 0, rays, host_draws);
-    sbl__check_range(&check, where, "move", &d->move, 1, sbl__not_negative_range);
-    if (d->probe_count < 0) sbl__mistake(&check, "%s: probe_count is %d; it cannot be negative", where, d->probe_count);
-    if (!d->probes && d->probe_count > 0)
-        sbl__mistake(&check, "%s: probes is NULL; it receives probe_count probes", where);
-    if (!d->positions) sbl__check_grid(&check, where, d);
+    if (!sbl__check_canaries(&check, d->start_canary, d->end_canary)) return sbl__check_end(&check);
+    sbl__check_options(&check, &d->options, 0, rays, host_draws);
+    sbl__check_range(&check, "move", &d->move, 1, sbl__not_negative_range);
+    if (d->probe_count < 0) sbl__mistake(&check, "probe_count is %d; it cannot be negative", d->probe_count);
+    if (!d->probes && d->probe_count > 0) sbl__mistake(&check, "probes is NULL; it receives probe_count probes");
+    if (!d->positions) sbl__check_grid(&check, d);
     for (i = 0; d->positions && i < d->probe_count; i++) {
-        char name[32];
-        if (sbl__all_finite(d->positions + 3 * (size_t)i, 3)) continue;
-        snprintf(name, sizeof name, "probe %d", i);
-        if (wrong++ < SBL__SITES_NAMED) sbl__check_finite(&check, name, "position", d->positions + 3 * (size_t)i, 3);
+        const float *position = d->positions + 3 * (size_t)i;
+        if (sbl__all_finite(position, 3) || wrong++ >= SBL__SITES_NAMED) continue;
+        sbl__check_object(&check, check.item, "probe", i);
+        sbl__check_finite(&check, "position", position, 3);
     }
-    if (wrong > SBL__SITES_NAMED)
-        sbl__mistake(&check, "%s: %d more probes are wrong", where, wrong - SBL__SITES_NAMED);
+    sbl__check_rest(&check, "sbl_probes_desc", "probes", wrong);
     return sbl__check_end(&check);
 }
 
@@ -14021,7 +13997,6 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
    neighbours that are on a chart or in an earlier ring. */
 
 typedef struct sbl__gutters {
-    sbl__stages stages;
     int size[2];               /* width and height, texels */
     float *light;              /* 4 floats per texel: R, and the texel's ring: 0 on charts, negative if none */
     sbl__rings spread;
@@ -14058,29 +14033,15 @@ static sbl_result sbl__gutters_begin(sbl__base *base, sbl__gutters *g, const int
     return g->light ? sbl__rings_make(base, &g->spread, (int)texels) : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-static int sbl__gutters_texels(void *work) { return ((sbl__gutters *)work)->spread.count; }
-
-/* Starts the rings at a texel if it is on a chart, and replaces its fourth float by its ring. */
-static sbl_result sbl__gutters_find(void *work, int texel) {
-    sbl__gutters *g = (sbl__gutters *)work;
-    float *ring = &g->light[4 * (size_t)texel + 3];
-    if (*ring > 0) g->spread.ring[texel] = 0;
-    *ring = (float)g->spread.ring[texel];
-    return SBL_SUCCESS;
-}
-
-static sbl_result sbl__gutters_spread(void *work, sbl__slice *slice) {
-    return sbl__rings_step(&((sbl__gutters *)work)->spread, slice);
-}
-
-/* Does one piece of work. Returns SBL_SUCCESS when all rings are filled. Before the first call, `light` must hold the
-   output of the filter: R, and as fourth float 1 on charts. */
-static sbl_result sbl__gutters_step(sbl__gutters *g, sbl__slice *slice) {
-    static const sbl__stage_row table[] = {
-        { NULL, NULL, sbl__gutters_find, sbl__gutters_texels },
-        { sbl__gutters_spread, NULL, NULL, NULL }
-    };
-    return sbl__stages_step(&g->stages, table, SBL__COUNT(table), g, slice);
+/* Makes texels on charts the start of the rings. Before, g->light holds the output of the filter: R, and as fourth
+   float 1 on charts. The fourth float becomes the texel's ring. first, count: range of texels */
+static void sbl__gutters_put(sbl__gutters *g, int first, int count) {
+    int i;
+    for (i = first; i < first + count; i++) {
+        float *ring = &g->light[4 * (size_t)i + 3];
+        if (*ring > 0) g->spread.ring[i] = 0;
+        *ring = (float)g->spread.ring[i];
+    }
 }
 
 /* ======================================================================================================== >>seams
@@ -14119,9 +14080,9 @@ typedef struct sbl__seams {
     int *unknown_of;            /* per texel: 1 + its number among the unknowns; 0: the texel does not change */
     int *texels;                /* per unknown: its texel */
     int unknown_count, unknown_room;
-    sbl__solver solver;         /* finds the change of each texel. Its diagonal is 1, or 0 for channels kept at 0 */
+    sbl__solver solver;         /* finds the change of each texel; its diagonal is 0 for channels kept at 0, else 1 */
     int seams;                  /* number of seams */
-    int layers;                 /* number of layers done; layer 0 is R, the others are harmonics, which have signs */
+    int layer;                  /* layer of light; layer 0 is R, the others are harmonics and may be negative */
     int rounds;                 /* how many times the equations of this layer have been solved so far */
     int bound;                  /* 1 if the last solution made channels negative, which then were set to 0 */
     float before, after;        /* largest differences across seams before and after solutions, luminance */
@@ -14149,7 +14110,7 @@ static void sbl__seam_ends(const sbl__geometry *g, uint32_t edge, uint32_t ends[
     ends[!swapped] = second;
 }
 
-/* Gets the unit normal for which the light at an end of an edge was measured. */
+/* Gets the unit normal at an end of an edge: the vertex normal or, if that is 0, the triangle's. */
 static void sbl__seam_normal(const sbl__geometry *g, uint32_t edge, uint32_t vertex, double out[3]) {
     int k;
     for (k = 0; k < 3; k++) out[k] = (double)g->attributes[vertex].normal[k];
@@ -14193,7 +14154,7 @@ static int sbl__seam_mix(const sbl__gutters *g, const double at[2], int side, sb
     return 1;
 }
 
-/* Returns 1 if the light on both sides of a point does not differ much. The unknowns are still texels. */
+/* Returns 1 if the light on both sides of a point does not differ much. p->unknowns holds texels. */
 static int sbl__seam_is_even(const sbl__gutters *g, const sbl__seam_point *p) {
     float sides[2] = { 0, 0 };
     int i;
@@ -14253,7 +14214,7 @@ static sbl_result sbl__seam_points(sbl__seams *s, const uint32_t ends[2][2]) {
     return SBL_SUCCESS;
 }
 
-/* Adds points along the seams between an edge and earlier edges, then adds the edge to the table. */
+/* Adds points along the seams between an edge and the edges in s->edges, then adds the edge to s->edges. */
 static sbl_result sbl__seams_edge(void *work, int edge) {
     sbl__seams *s = (sbl__seams *)work;
     const sbl__geometry *g = s->atlas->geometry;
@@ -14323,12 +14284,12 @@ static sbl_result sbl__seam_apply(void *work, int unknown) {
     int k;
     for (k = 0; k < 3; k++, i++) {
         const double light = (double)texel[k] + s->solver.solution[i];
-        if (light < 0 && !s->layers) {
+        if (light < 0 && s->layer == 0) {
             s->solver.diagonal[i] = 0;
             s->bound = 1;
         }
         texel[k] = (float)light;
-        if (!s->layers) texel[k] = SBL__MAX(texel[k], 0.0f);
+        if (s->layer == 0) texel[k] = SBL__MAX(texel[k], 0.0f);
         s->solver.solution[i] = s->solver.residual[i] = 0;
     }
     return SBL_SUCCESS;
@@ -14349,7 +14310,7 @@ static sbl_result sbl__seams_make(void *work, sbl__slice *slice) {
 static sbl_result sbl__seams_make_solver(void *work, sbl__slice *slice) {
     sbl__seams *s = (sbl__seams *)work;
     (void)slice;
-    if (s->solver.user) return SBL_SUCCESS;  /* made for layer 0 */
+    if (s->solver.user) return SBL_SUCCESS;  /* the solver was made for layer 0 */
     s->solver.user = s;
     s->solver.term = sbl__seam_term;
     s->solver.term_count = s->point_count;
@@ -14374,16 +14335,9 @@ static int sbl__seams_edges(void *work) { return 3 * ((sbl__seams *)work)->atlas
 static int sbl__seams_points(void *work) { return ((sbl__seams *)work)->point_count; }
 static int sbl__seams_unknowns(void *work) { return ((sbl__seams *)work)->unknown_count; }
 
-/* Prepares for another layer of the same lightmap. */
-static void sbl__seams_again(sbl__seams *s) {
-    if (s->stages.stage < SBL__SEAMS_DONE) return;  /* sbl_lightmap_desc.seams leaves them open */
-    s->stages.stage = SBL__SEAMS_BEFORE;
-    s->layers++;
-    s->rounds = 0;
-}
-
-/* Does one piece of work. Returns SBL_SUCCESS when light is equal on both sides of all seams. */
-static sbl_result sbl__seams_step(sbl__seams *s, const sbl__gutters *light, const sbl__atlas *atlas,
+/* Does one piece of work. Returns SBL_SUCCESS when light is equal on both sides of all seams. The layers of a lightmap
+   must be sewn in ascending order; they share the points and the solver. */
+static sbl_result sbl__seams_step(sbl__seams *s, const sbl__gutters *light, const sbl__atlas *atlas, int layer,
                                   sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { sbl__seams_make, NULL, sbl__seams_edge, sbl__seams_edges },
@@ -14394,6 +14348,11 @@ static sbl_result sbl__seams_step(sbl__seams *s, const sbl__gutters *light, cons
     };
     s->light = light;
     s->atlas = atlas;
+    if (layer != s->layer) {
+        s->layer = layer;
+        s->rounds = 0;
+        s->stages.stage = SBL__SEAMS_BEFORE;
+    }
     return sbl__stages_step(&s->stages, table, SBL__COUNT(table), s, slice);
 }
 
@@ -14401,18 +14360,6 @@ static sbl_result sbl__seams_step(sbl__seams *s, const sbl__gutters *light, cons
    What all front ends have in common. A front end consists of a struct, whose first field is an sbl__work, and of an
    sbl__front_end, whose functions check the descriptor, begin the work and do its stages. These functions get a pointer
    to the struct, which is also a pointer to its sbl__work. >>public lists all front ends in one table. */
-
-struct sbl__front_end;
-
-/* Work that the host has begun; all zeroes if there is none. */
-typedef struct sbl__work {
-    const struct sbl__front_end *front_end;
-    sbl__core *core;
-    sbl__measurement measurement;
-    sbl__stages stages;  /* position in the front end's table of stages */
-    float store_share;   /* share of the progress that filling the store takes */
-    float progress;      /* progress that the host has been told, 0 to 1; never decreases */
-} sbl__work;
 
 /* The functions of a front end. work: its struct. desc: the descriptor that the host gave, which may be NULL */
 typedef struct sbl__front_end {
@@ -14429,6 +14376,16 @@ typedef struct sbl__front_end {
     float (*progress)(const void *work);  /* returns the finished share of the work, 0 to 1, not counting the store */
     void (*free)(void *work);             /* frees all memory and sets the struct to zero */
 } sbl__front_end;
+
+/* Work that the host has begun; all zeroes if there is none. */
+typedef struct sbl__work {
+    const sbl__front_end *front_end;
+    sbl__core *core;
+    sbl__measurement measurement;
+    sbl__stages stages;  /* position in the front end's table of stages */
+    float store_share;   /* share of the progress that filling the store takes */
+    float progress;      /* progress that the host has been told, 0 to 1; never decreases */
+} sbl__work;
 
 static int sbl__work_is_done(const sbl__work *w) { return w->stages.stage == w->front_end->stage_count; }
 
@@ -14504,20 +14461,20 @@ enum { SBL__MAP_SETUP, SBL__MAP_PREPARE, SBL__MAP_SURFACE, SBL__MAP_READ, SBL__M
 
 enum { SBL__DEVELOP_FILL, SBL__DEVELOP_SEND, SBL__DEVELOP_FILTER, SBL__DEVELOP_DONE };
 
+/* A texture and the target that draws into it. */
+typedef struct sbl__map_image { sbl__texture texture; sbl__target target; } sbl__map_image;
+
 /* A layer of light on the GPU. */
 typedef struct sbl__map_layer {
     sbl__texture light;         /* interpolated light; the alpha channel of layer 0 is its noise */
-    sbl__texture smooth;        /* filtered light */
-    sbl__target target;         /* draws into smooth */
+    sbl__map_image smooth;      /* filtered light */
 } sbl__map_layer;
 
 typedef struct sbl__map {
     sbl__work work;             /* must be first, because pointers to the struct are cast to sbl__work * */
     sbl_picture_desc desc;      /* with defaults; width and height are the size of the working grid */
-    int size[2], across;        /* size of the map that the host reads, in pixels; each of them is across x across
-                                   working pixels */
-    int *shown;                 /* per pixel of the host: number of the working pixel whose surface it shows; NULL if
-                                   across is 1 */
+    int size[2], across;        /* host's size in pixels; each pixel consists of across x across working pixels */
+    int *shown;                 /* per pixel of the host: working pixel whose surface it shows; NULL if across is 1 */
     sbl__spec spec;
     uint32_t scene_version;     /* version of the scene that the map shows */
     sbl__camera camera;
@@ -14525,15 +14482,14 @@ typedef struct sbl__map {
     sbl__surface surface;
     sbl__gbuffer gbuffer;
     sbl__refine refine;
-    int layers_at_once;         /* number of layers that DEVELOP makes before the next stage */
-    int layer, layer_end;       /* layer that is being developed; end of the layers before the next stage */
-    int developed;              /* number of layers that are final */
+    int layer;                  /* layer that is being developed, or that the front end's own stages finish */
+    int developed;              /* 1: R is final */
     sbl__stages developing;
     sbl__fill fill;
     sbl__map_layer layers[SBL__LAYERS];
     sbl__pace filter_pace;
-    const sbl__target *channels[SBL_CHANNEL_COUNT];  /* target that holds the channel; NULL: refinement's pixels do */
-    sbl__texture scalars[SBL_CHANNEL_COUNT];  /* textures that sbl__map_send_channel has made */
+    const sbl__target *channels[SBL_CHANNEL_COUNT];  /* target that holds the channel; NULL: refine's pixels hold it */
+    sbl__texture copies[SBL_CHANNEL_COUNT];  /* textures of channels, made by sbl__map_send_channel */
     int watched;                /* 1: the host has read a channel of the unfinished map, so previews are made */
     int64_t previewed;          /* number of looks when the last preview was made; 0: there is no preview */
     float finished;             /* share of the front end's own stages that is done, 0 to 1 */
@@ -14543,16 +14499,20 @@ typedef struct sbl__map {
 #define SBL__STORED_NOISE 0.1f    /* assumed relative noise of stored light, for the filter */
 #define SBL__PREVIEW_GROWTH 1.25  /* the next preview is made when the number of looks has grown by this factor */
 
+static void sbl__map_image_free(const sbl__device *d, sbl__map_image *image) {
+    sbl__target_delete(d, &image->target);
+    sbl__texture_delete(d, &image->texture);
+}
+
 static void sbl__map_layer_free(const sbl__device *d, sbl__map_layer *l) {
-    sbl__target_delete(d, &l->target);
     sbl__texture_delete(d, &l->light);
-    sbl__texture_delete(d, &l->smooth);
+    sbl__map_image_free(d, &l->smooth);
 }
 
 static void sbl__map_free(sbl__map *m) {
     const sbl__device *d = &m->work.core->device;
     int i;
-    for (i = 0; i < SBL_CHANNEL_COUNT; i++) sbl__texture_delete(d, &m->scalars[i]);
+    for (i = 0; i < SBL_CHANNEL_COUNT; i++) sbl__texture_delete(d, &m->copies[i]);
     for (i = 0; i < SBL__LAYERS; i++) sbl__map_layer_free(d, &m->layers[i]);
     sbl__gbuffer_free(d, &m->gbuffer);
     sbl__surface_free(d, &m->surface);
@@ -14586,8 +14546,7 @@ static void sbl__map_begin(sbl__map *m, const sbl_picture_desc *desc, int across
     m->size[0] = desc->width / across;
     m->size[1] = desc->height / across;
     m->across = across;
-    m->layers_at_once = sbl__spec_layers(&m->spec);
-    m->channels[SBL_CHANNEL_RADIANCE] = &m->layers[0].target;
+    m->channels[SBL_CHANNEL_RADIANCE] = &m->layers[0].smooth.target;
     m->channels[SBL_CHANNEL_ALBEDO] = &m->gbuffer.target;
     c->stats.picture.width = m->size[0];
     c->stats.picture.height = m->size[1];
@@ -14615,25 +14574,24 @@ static sbl_result sbl__map_setup(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
 }
 
-/* Makes a texture with across x across pixels per pixel of the host, and its target, unless target is NULL. */
-static sbl_result sbl__map_texture(const sbl__map *m, int across, sbl__texture *t, sbl__target *target) {
-    const sbl__device *d = &m->work.core->device;
-    const sbl__texture *color = t;
-    const sbl_result result = sbl__texture_make(d, t, m->size[0] * across, m->size[1] * across, SBL__GL_RGBA32F);
-    return result == SBL_SUCCESS && target ? sbl__target_make(d, target, &color, 1, NULL) : result;
+/* Makes a texture with across x across pixels per pixel of the host. */
+static sbl_result sbl__map_texture(const sbl__map *m, int across, sbl__texture *t) {
+    return sbl__texture_make(&m->work.core->device, t, m->size[0] * across, m->size[1] * across, SBL__GL_RGBA32F);
 }
 
-/* Uploads rows from *at on, and advances *at. The first call makes the texture, see sbl__map_texture. rgba: all rows.
-   SBL_SUCCESS: all rows are uploaded. */
-static sbl_result sbl__map_upload(const sbl__map *m, int across, sbl__texture *t, sbl__target *target,
-                                  const float *rgba, int *at) {
-    const int width = m->size[0] * across, height = m->size[1] * across, first = *at;
-    const int rows = SBL__MIN(SBL__MAX(1, SBL__READ_PIXELS / width), height - first);
-    sbl_result result = first == 0 ? sbl__map_texture(m, across, t, target) : SBL_SUCCESS;
-    if (result == SBL_SUCCESS)
-        result = sbl__texture_write(&m->work.core->device, t, first, rows, rgba + 4 * (size_t)first * (size_t)width);
+static sbl_result sbl__map_image_make(const sbl__map *m, int across, sbl__map_image *image) {
+    const sbl__texture *color = &image->texture;
+    const sbl_result result = sbl__map_texture(m, across, &image->texture);
+    return result == SBL_SUCCESS ? sbl__target_make(&m->work.core->device, &image->target, &color, 1, NULL) : result;
+}
+
+/* Uploads some of the rows of rgba, from row *at on, and advances *at. SBL_SUCCESS: all rows are uploaded. */
+static sbl_result sbl__map_upload(const sbl__map *m, sbl__texture *t, const float *rgba, int *at) {
+    const int first = *at, rows = SBL__MIN(SBL__MAX(1, SBL__READ_PIXELS / t->width), t->height - first);
+    const float *from = rgba + 4 * (size_t)first * (size_t)t->width;
+    const sbl_result result = sbl__texture_write(&m->work.core->device, t, first, rows, from);
     *at += rows;
-    return result == SBL_SUCCESS && *at < height ? SBL_UNFINISHED : result;
+    return result == SBL_SUCCESS && *at < t->height ? SBL_UNFINISHED : result;
 }
 
 static int sbl__map_after_prepare(void *work) {
@@ -14695,7 +14653,7 @@ static sbl_result sbl__map_read(void *work, sbl__slice *slice) {
                                         SBL__GBUFFER_EMISSION };
     sbl__map *m = (sbl__map *)work;
     sbl__core *c = m->work.core;
-    const int parts = m->spec.bounced ? 4 : 3;  /* 4: also emission, whose alpha is a component of stored light */
+    const int parts = m->spec.bounced ? 4 : 3;  /* 4: also emission, whose alpha is the blue component of stored R */
     const int width = m->desc.width, most = SBL__MAX(1, SBL__READ_PIXELS / width / m->across) * m->across;
     const int first = m->work.stages.at, rows = SBL__MIN(most, m->desc.height - first), count = rows * width;
     const sbl__target *t = &m->gbuffer.target;
@@ -14736,11 +14694,10 @@ static int sbl__map_after_read(void *work) {
 
 /* >>map: developing */
 
-/* Makes DEVELOP begin with a layer. */
+/* Makes sbl__map_develop begin with a layer. */
 static void sbl__map_develop_from(sbl__map *m, int layer) {
     sbl__fill_free(&m->work.core->base, &m->fill);
     m->layer = layer;
-    m->layer_end = SBL__MIN(layer + m->layers_at_once, sbl__spec_layers(&m->spec));
     m->developing.stage = SBL__DEVELOP_FILL;
     m->developing.at = 0;
 }
@@ -14755,10 +14712,12 @@ static sbl_result sbl__map_fill(void *work, sbl__slice *slice) {
 static sbl_result sbl__map_send(void *work, sbl__slice *slice) {
     sbl__map *m = (sbl__map *)work;
     sbl__device *d = &m->work.core->device;
+    sbl__texture *t = &m->layers[m->layer].light;
     sbl_result result;
     (void)slice;
     d->gl.doing = "uploading the radiance map";
-    result = sbl__map_upload(m, m->across, &m->layers[m->layer].light, NULL, m->fill.rgba, &m->developing.at);
+    result = sbl__map_texture(m, m->across, t);
+    if (result == SBL_SUCCESS) result = sbl__map_upload(m, t, m->fill.rgba, &m->developing.at);
     if (result == SBL_SUCCESS) sbl__fill_free(d->base, &m->fill);
     return result;
 }
@@ -14772,39 +14731,33 @@ static sbl_result sbl__map_filter(void *work, sbl__slice *slice) {
     sbl_result result = SBL_SUCCESS;
     d->gl.doing = "filtering";
     rows[0] = m->developing.at;
-    if (rows[0] == 0) result = sbl__map_texture(m, m->across, &layer->smooth, &layer->target);
+    if (rows[0] == 0) result = sbl__map_image_make(m, m->across, &layer->smooth);
     if (result != SBL_SUCCESS) return result;
     filter.radius = SBL__MAX(m->desc.filter_radius, 0);
     filter.geometry_aware = m->desc.options.mode != SBL_MODE_PAPER;
     filter.radiance = &m->layers[0].light;
     filter.layer = m->layer ? &layer->light : NULL;
     filter.layer_noise = sbl__spec_layer_noise(&m->spec);
-    rows[1] = sbl__pace_rows(&m->filter_pace, slice, &layer->target, rows[0]);
-    result = sbl__filter_draw(d, &filter, &m->gbuffer, &layer->target, rows);
+    rows[1] = sbl__pace_rows(&m->filter_pace, slice, &layer->smooth.target, rows[0]);
+    result = sbl__filter_draw(d, &filter, &m->gbuffer, &layer->smooth.target, rows);
     sbl__pace_end(d, &m->filter_pace, (double)rows[1] * m->desc.width);
     if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
     m->developing.at += rows[1];
     return result == SBL_SUCCESS && m->developing.at < m->desc.height ? SBL_UNFINISHED : result;
 }
 
-static int sbl__map_after_filter(void *work) {
-    sbl__map *m = (sbl__map *)work;
-    return ++m->layer < m->layer_end ? SBL__DEVELOP_FILL : SBL__DEVELOP_DONE;
-}
-
-/* Develops the layers up to layer_end, piece by piece. */
+/* Develops m->layer, piece by piece. */
 static sbl_result sbl__map_develop(void *work, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { sbl__map_fill, NULL, NULL, NULL },
         { sbl__map_send, NULL, NULL, NULL },
-        { sbl__map_filter, sbl__map_after_filter, NULL, NULL }
+        { sbl__map_filter, NULL, NULL, NULL }
     };
     return sbl__stages_step(&((sbl__map *)work)->developing, table, SBL__COUNT(table), work, slice);
 }
 
 static int sbl__map_after_develop(void *work) {
-    sbl__map *m = (sbl__map *)work;
-    m->developed = m->layer_end;
+    ((sbl__map *)work)->developed = 1;
     return SBL__MAP_END;
 }
 
@@ -14836,7 +14789,7 @@ static int sbl__map_after_preview(void *work) {
 
 /* >>map: stages */
 
-/* The first rows of a front end's table. read and preview: functions of the front end */
+/* The first rows of the table of stages of a front end, which supplies the functions `read` and `preview`. */
 #define SBL__MAP_ROWS(read, preview) \
     { sbl__map_setup, NULL, NULL, NULL }, { sbl__work_prepare, sbl__map_after_prepare, NULL, NULL }, \
     { sbl__map_surface, NULL, NULL, NULL }, { read, sbl__map_after_read, NULL, NULL }, \
@@ -14862,8 +14815,7 @@ static float sbl__map_progress(const void *work) {
     return stage == SBL__MAP_DEVELOP ? 0.93f : 0.02f + 0.9f * (float)sbl__refine_progress(&m->refine);
 }
 
-/* Makes a preview when the host reads an unfinished map for the first time. From then on the stages make one whenever
-   sbl__map_preview_is_due. */
+/* Makes a preview when the host first reads an unfinished map. After that, the stage PREVIEW makes all others. */
 static sbl_result sbl__map_watch(sbl__map *m) {
     sbl__slice slice = sbl__slice_of(&m->work.core->desc, 0);
     const int stage = m->work.stages.stage;
@@ -14877,7 +14829,7 @@ static sbl_result sbl__map_watch(sbl__map *m) {
     return result;
 }
 
-/* The row `preview` of a front end whose channel FINAL is R. When R is final, no preview is needed. */
+/* Develops R from the sensors measured so far. Does nothing if R is final. */
 static sbl_result sbl__map_preview(void *work, sbl__slice *slice) {
     return ((sbl__map *)work)->developed ? SBL_SUCCESS : sbl__map_develop(work, slice);
 }
@@ -14891,10 +14843,6 @@ static const struct { int components, attachment, gbuffer; } sbl__channels[SBL_C
     { 3, 0, SBL__GBUFFER_POSITION }, { 1, 0, SBL__GBUFFER_ID }, { 1, 0, -1 }, { 1, 0, -1 }, { 3, 0, -1 }, { 1, 0, -1 },
     { 1, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }
 };
-
-static int sbl__map_components(sbl_channel channel) {
-    return (int)channel >= 0 && channel < SBL_CHANNEL_COUNT ? sbl__channels[channel].components : 0;
-}
 
 /* Gets a pixel of a channel that no target holds. place: number of the pixel of the host */
 static void sbl__map_channel_pixel(const sbl__map *m, sbl_channel channel, size_t place, float *out) {
@@ -14947,12 +14895,11 @@ static sbl_result sbl__map_read_channel(sbl__map *m, sbl_channel channel, float 
     return SBL_SUCCESS;
 }
 
-/* Makes the texture of a channel if there is none of the size that the host reads. Returns its GL name, or 0 on
-   failure. */
+/* Copies a channel into a texture of the size that the host reads. Returns its GL name, or 0 on failure. */
 static uint32_t sbl__map_send_channel(sbl__map *m, sbl_channel channel) {
     sbl__core *c = m->work.core;
     const size_t pixels = (size_t)m->size[0] * (size_t)m->size[1];
-    sbl__texture *t = &m->scalars[channel];
+    sbl__texture *t = &m->copies[channel];
     const int rgb = sbl__channels[channel].components == 3;
     const unsigned format = channel == SBL_CHANNEL_ID ? SBL__GL_R32UI : rgb ? SBL__GL_RGBA32F : SBL__GL_R32F;
     float *data = (float *)sbl__alloc(&c->base, pixels, (rgb ? 4 : 1) * sizeof(float));
@@ -14990,8 +14937,8 @@ enum { SBL__PICTURE_FINISH = SBL__MAP_END, SBL__PICTURE_SAMPLE, SBL__PICTURE_RES
 typedef struct sbl__picture {
     sbl__map map;               /* must be first, because pointers to the struct are cast to sbl__map * */
     sbl__gbuffer sample;        /* G-buffer of the current anti-aliasing sample */
-    sbl__texture finals[2], preview;
-    sbl__target final_targets[2], preview_target;
+    sbl__map_image finals[2];   /* sum over an even, and over an odd number of anti-aliasing samples */
+    sbl__map_image preview;
     sbl__pace resolve_pace;
     int resolved;               /* number of finished anti-aliasing samples */
     int composed;               /* number of finished rows of the current preview */
@@ -15001,12 +14948,8 @@ static void sbl__picture_free(void *work) {
     sbl__picture *p = (sbl__picture *)work;
     const sbl__device *d = &p->map.work.core->device;
     int i;
-    for (i = 0; i < 2; i++) {
-        sbl__target_delete(d, &p->final_targets[i]);
-        sbl__texture_delete(d, &p->finals[i]);
-    }
-    sbl__target_delete(d, &p->preview_target);
-    sbl__texture_delete(d, &p->preview);
+    for (i = 0; i < 2; i++) sbl__map_image_free(d, &p->finals[i]);
+    sbl__map_image_free(d, &p->preview);
     sbl__gbuffer_free(d, &p->sample);
     sbl__map_free(&p->map);
     memset(p, 0, sizeof *p);
@@ -15030,28 +14973,33 @@ static sbl_result sbl__picture_begin(void *work, const void *desc) {
     sbl__picture *p = (sbl__picture *)work;
     const sbl_picture_desc d = sbl__picture_desc_of(p->map.work.core, (const sbl_picture_desc *)desc);
     sbl__map_begin(&p->map, &d, 1, 0);
-    p->map.channels[SBL_CHANNEL_FINAL] = &p->preview_target;
+    p->map.channels[SBL_CHANNEL_FINAL] = &p->preview.target;
     return SBL_SUCCESS;
 }
 
 /* >>picture: composition */
 
-/* Adds anti-aliasing sample r->index to r->previous, and draws rows of the result, from *row on. Advances *row. The
-   caller has set r's sample, previous, index and count. SBL_SUCCESS: all rows are drawn. */
-static sbl_result sbl__picture_compose(sbl__picture *p, sbl__resolve *r, const sbl__target *out, int *row,
+/* Composes anti-aliasing sample `index` of `count`, and draws rows of the sum of samples 0 to `index`, from *row on.
+   Advances *row. SBL_SUCCESS: all rows are drawn. */
+static sbl_result sbl__picture_compose(sbl__picture *p, int index, int count, const sbl__target *out, int *row,
                                        const sbl__slice *slice) {
     const sbl__map *m = &p->map;
     sbl__device *d = &m->work.core->device;
+    sbl__resolve r;
     int rows[2];
     sbl_result result;
     d->gl.doing = "composing the picture";
-    r->centres = &m->gbuffer;
-    r->radiance = &m->layers[0].smooth;
-    r->environment = &m->work.core->scene.environment;
-    r->camera = &m->camera;
+    r.centres = &m->gbuffer;
+    r.sample = count > 1 ? &p->sample : &m->gbuffer;
+    r.radiance = &m->layers[0].smooth.texture;
+    r.previous = index > 0 ? &p->finals[index & 1].texture : &m->layers[0].light;  /* sample 0 does not read it */
+    r.environment = &m->work.core->scene.environment;
+    r.camera = &m->camera;
+    r.index = index;
+    r.count = count;
     rows[0] = *row;
     rows[1] = sbl__pace_rows(&p->resolve_pace, slice, out, *row);
-    result = sbl__resolve_draw(d, r, out, rows);
+    result = sbl__resolve_draw(d, &r, out, rows);
     sbl__pace_end(d, &p->resolve_pace, (double)rows[1] * m->desc.width);
     if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
     *row += rows[1];
@@ -15061,15 +15009,9 @@ static sbl_result sbl__picture_compose(sbl__picture *p, sbl__resolve *r, const s
 /* Composes the picture from the sample at pixel centres and from R as far as it is known. */
 static sbl_result sbl__picture_compose_preview(sbl__picture *p, const sbl__slice *slice) {
     sbl_result result = SBL_SUCCESS;
-    sbl__resolve r;
-    if (p->composed == 0) result = sbl__map_texture(&p->map, 1, &p->preview, &p->preview_target);
+    if (p->composed == 0) result = sbl__map_image_make(&p->map, 1, &p->preview);
     if (result != SBL_SUCCESS) return result;
-    p->map.channels[SBL_CHANNEL_FINAL] = &p->preview_target;
-    r.sample = &p->map.gbuffer;
-    r.previous = &p->map.layers[0].light;
-    r.index = 0;
-    r.count = 1;
-    result = sbl__picture_compose(p, &r, &p->preview_target, &p->composed, slice);
+    result = sbl__picture_compose(p, 0, 1, &p->preview.target, &p->composed, slice);
     if (result == SBL_SUCCESS) p->composed = 0;
     return result;
 }
@@ -15088,8 +15030,7 @@ static sbl_result sbl__picture_finish(void *work, sbl__slice *slice) {
     int i;
     if (m->work.stages.at++) return m->watched ? sbl__picture_compose_preview(p, slice) : SBL_SUCCESS;
     d->gl.doing = "making the picture's textures";
-    for (i = 0; i < 2 && result == SBL_SUCCESS; i++)
-        result = sbl__map_texture(m, 1, &p->finals[i], &p->final_targets[i]);
+    for (i = 0; i < 2 && result == SBL_SUCCESS; i++) result = sbl__map_image_make(m, 1, &p->finals[i]);
     if (result == SBL_SUCCESS && m->desc.samples > 1)
         result = sbl__gbuffer_make(d, &p->sample, m->desc.width, m->desc.height, &m->surface.depth);
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
@@ -15104,20 +15045,15 @@ static sbl_result sbl__picture_sample(void *work, sbl__slice *slice) {
 
 static sbl_result sbl__picture_resolve(void *work, sbl__slice *slice) {
     sbl__picture *p = (sbl__picture *)work;
-    const int from = p->resolved & 1;
-    sbl__resolve r;
-    r.sample = p->map.desc.samples > 1 ? &p->sample : &p->map.gbuffer;
-    r.previous = &p->finals[from];
-    r.index = p->resolved;
-    r.count = p->map.desc.samples;
-    return sbl__picture_compose(p, &r, &p->final_targets[1 - from], &p->map.work.stages.at, slice);
+    return sbl__picture_compose(p, p->resolved, p->map.desc.samples, &p->finals[1 - (p->resolved & 1)].target,
+                                &p->map.work.stages.at, slice);
 }
 
 static int sbl__picture_after_resolve(void *work) {
     sbl__picture *p = (sbl__picture *)work;
     p->map.finished = (float)++p->resolved / (float)p->map.desc.samples;
     if (p->resolved < p->map.desc.samples) return SBL__PICTURE_SAMPLE;
-    p->map.channels[SBL_CHANNEL_FINAL] = &p->final_targets[p->resolved & 1];
+    p->map.channels[SBL_CHANNEL_FINAL] = &p->finals[p->resolved & 1].target;
     return SBL__PICTURE_DONE;
 }
 
@@ -15143,24 +15079,18 @@ typedef struct sbl__lightmap {
     sbl__map map;               /* must be first, because pointers to the struct are cast to sbl__map * */
     sbl__atlas atlas;
     int gutter, sew;            /* width of gutters, texels; 1: seams are sewn */
-    int visible;                /* number of texels read so far that show a surface */
-    int layer;                  /* layer of light that is being finished */
     sbl__gutters gutters;
     sbl__seams seams;
-    sbl__texture finals[SBL__LAYERS], mean;  /* finished layers; R of supersampled texels, without gutters */
-    sbl__target final_targets[SBL__LAYERS], mean_target;
+    sbl__map_image finals[SBL__LAYERS];  /* finished layers */
+    sbl__map_image mean;        /* R of supersampled texels, without gutters */
 } sbl__lightmap;
 
 static void sbl__lightmap_free(void *work) {
     sbl__lightmap *l = (sbl__lightmap *)work;
     const sbl__device *d = &l->map.work.core->device;
     int i;
-    for (i = 0; i < SBL__LAYERS; i++) {
-        sbl__target_delete(d, &l->final_targets[i]);
-        sbl__texture_delete(d, &l->finals[i]);
-    }
-    sbl__target_delete(d, &l->mean_target);
-    sbl__texture_delete(d, &l->mean);
+    for (i = 0; i < SBL__LAYERS; i++) sbl__map_image_free(d, &l->finals[i]);
+    sbl__map_image_free(d, &l->mean);
     sbl__atlas_free(d->base, &l->atlas);
     sbl__gutters_free(d->base, &l->gutters);
     sbl__seams_free(d->base, &l->seams);
@@ -15182,9 +15112,8 @@ static sbl_result sbl__lightmap_begin(void *work, const void *desc) {
     const sbl_lightmap_desc d = sbl_lightmap_desc_defaults((const sbl_lightmap_desc *)desc);
     const sbl_picture_desc picture = sbl__lightmap_picture(&d);
     sbl__map_begin(m, &picture, d.supersample, d.directional);
-    m->layers_at_once = 1;
     m->atlas = &l->atlas;
-    m->channels[SBL_CHANNEL_FINAL] = &m->layers[0].target;
+    m->channels[SBL_CHANNEL_FINAL] = &m->layers[0].smooth.target;
     l->gutter = SBL__MAX(d.gutter, 0);
     l->sew = d.seams >= 0;
     if (m->across > 1) {
@@ -15228,12 +15157,13 @@ static int sbl__lightmap_show(const sbl__map *m, int texel) {
 }
 
 static sbl_result sbl__lightmap_read(void *work, sbl__slice *slice) {
-    sbl__lightmap *l = (sbl__lightmap *)work;
-    sbl__map *m = &l->map;
-    int i = m->work.stages.at / m->across * m->size[0];
+    sbl__map *m = (sbl__map *)work;
+    int *visible = &m->work.core->stats.picture.visible_pixels, i = m->work.stages.at / m->across * m->size[0];
+    const int before = *visible;
     const sbl_result result = sbl__map_read(m, slice);
-    for (; m->shown && i < m->work.stages.at / m->across * m->size[0]; i++) l->visible += sbl__lightmap_show(m, i) > 0;
-    if (m->shown) m->work.core->stats.picture.visible_pixels = l->visible;
+    if (!m->shown) return result;
+    *visible = before;  /* counts texels, not working pixels */
+    for (; i < m->work.stages.at / m->across * m->size[0]; i++) *visible += sbl__lightmap_show(m, i) > 0;
     return result;
 }
 
@@ -15253,14 +15183,14 @@ static void sbl__lightmap_mean(const sbl__map *m, int texel, const float *data, 
     }
 }
 
-/* Reads rows of a layer into gutters.light. */
+/* Reads rows of a layer into gutters.light, and starts gutters from them. */
 static sbl_result sbl__lightmap_light(void *work, sbl__slice *slice) {
     sbl__lightmap *l = (sbl__lightmap *)work;
     sbl__map *m = &l->map;
     sbl__core *c = m->work.core;
     const int across = m->across, at = m->work.stages.at;
     const int rows = SBL__MIN(SBL__MAX(1, SBL__READ_PIXELS / m->desc.width / across), m->size[1] - at);
-    const int first = at * m->size[0], count = rows * m->size[0], means = m->shown && l->layer == 0;
+    const int first = at * m->size[0], count = rows * m->size[0], means = m->shown && m->layer == 0;
     const size_t before = (size_t)(at * across) * (size_t)m->desc.width;
     float *light, *data;
     sbl_result result = SBL_SUCCESS;
@@ -15268,23 +15198,24 @@ static sbl_result sbl__lightmap_light(void *work, sbl__slice *slice) {
     (void)slice;
     c->device.gl.doing = "reading R";
     if (at == 0) result = sbl__gutters_begin(&c->base, &l->gutters, m->size, l->gutter);
-    if (at == 0 && means && result == SBL_SUCCESS) result = sbl__map_texture(m, 1, &l->mean, &l->mean_target);
+    if (at == 0 && means && result == SBL_SUCCESS) result = sbl__map_image_make(m, 1, &l->mean);
     if (result != SBL_SUCCESS) return result;
     data = light = l->gutters.light + 4 * (size_t)first;
     if (across > 1) data = (float *)sbl__alloc_raw(&c->base, (size_t)count * (size_t)(across * across), 16);
     if (!data) return SBL_ERROR_OUT_OF_MEMORY;
-    result = sbl__target_read(&c->device, &m->layers[l->layer].target, 0, at * across, rows * across, data);
+    result = sbl__target_read(&c->device, &m->layers[m->layer].smooth.target, 0, at * across, rows * across, data);
     c->stats.sensors.readbacks++;
     for (i = 0; i < count && across > 1 && result == SBL_SUCCESS; i++)
         sbl__lightmap_mean(m, first + i, data, before, light + 4 * (size_t)i);
     if (across > 1) sbl__free(&c->base, data);
-    if (result == SBL_SUCCESS && means) result = sbl__texture_write(&c->device, &l->mean, at, rows, light);
+    if (result == SBL_SUCCESS && means) result = sbl__texture_write(&c->device, &l->mean.texture, at, rows, light);
+    if (result == SBL_SUCCESS) sbl__gutters_put(&l->gutters, first, count);
     m->work.stages.at += rows;
     return result == SBL_SUCCESS && m->work.stages.at < m->size[1] ? SBL_UNFINISHED : result;
 }
 
 static sbl_result sbl__lightmap_gutters(void *work, sbl__slice *slice) {
-    return sbl__gutters_step(&((sbl__lightmap *)work)->gutters, slice);
+    return sbl__rings_step(&((sbl__lightmap *)work)->gutters.spread, slice);
 }
 
 static sbl_result sbl__lightmap_sew(void *work, sbl__slice *slice) {
@@ -15293,8 +15224,8 @@ static sbl_result sbl__lightmap_sew(void *work, sbl__slice *slice) {
     sbl__seams *s = &l->seams;
     sbl_result result;
     if (!l->gutter || !l->sew) return SBL_SUCCESS;
-    result = sbl__seams_step(s, &l->gutters, &l->atlas, slice);
-    if (l->layer) return result;
+    result = sbl__seams_step(s, &l->gutters, &l->atlas, l->map.layer, slice);
+    if (l->map.layer) return result;
     stats->lightmap.seams = s->seams;
     stats->lightmap.seam_before = s->before / sbl__refine_luminance(&l->map.refine);
     stats->lightmap.seam_after = s->after / sbl__refine_luminance(&l->map.refine);
@@ -15304,10 +15235,12 @@ static sbl_result sbl__lightmap_sew(void *work, sbl__slice *slice) {
 static sbl_result sbl__lightmap_send(void *work, sbl__slice *slice) {
     sbl__lightmap *l = (sbl__lightmap *)work;
     sbl__map *m = &l->map;
+    sbl__map_image *image = &l->finals[m->layer];
+    sbl_result result = SBL_SUCCESS;
     (void)slice;
     m->work.core->device.gl.doing = "uploading the lightmap";
-    return sbl__map_upload(m, 1, &l->finals[l->layer], &l->final_targets[l->layer], l->gutters.light,
-                           &m->work.stages.at);
+    if (m->work.stages.at == 0) result = sbl__map_image_make(m, 1, image);
+    return result == SBL_SUCCESS ? sbl__map_upload(m, &image->texture, l->gutters.light, &m->work.stages.at) : result;
 }
 
 /* Goes back to DEVELOP for the next layer, if there is one. */
@@ -15318,17 +15251,16 @@ static int sbl__lightmap_after_send(void *work) {
     const int layer_count = sbl__spec_layers(&m->spec);
     int i;
     sbl__gutters_free(d->base, &l->gutters);
-    if (l->layer) sbl__map_layer_free(d, &m->layers[l->layer]);
-    m->finished = (float)++l->layer / (float)layer_count;
-    if (l->layer < layer_count) {
-        sbl__seams_again(&l->seams);
-        sbl__map_develop_from(m, l->layer);
+    if (m->layer) sbl__map_layer_free(d, &m->layers[m->layer]);
+    m->finished = (float)(m->layer + 1) / (float)layer_count;
+    if (m->layer + 1 < layer_count) {
+        sbl__map_develop_from(m, m->layer + 1);
         return SBL__MAP_DEVELOP;
     }
     sbl__seams_free(d->base, &l->seams);
-    m->channels[SBL_CHANNEL_FINAL] = &l->final_targets[0];
-    if (m->shown) m->channels[SBL_CHANNEL_RADIANCE] = &l->mean_target;
-    for (i = 1; i < layer_count; i++) m->channels[SBL_CHANNEL_SH_0 + i - 1] = &l->final_targets[i];
+    m->channels[SBL_CHANNEL_FINAL] = &l->finals[0].target;
+    if (m->shown) m->channels[SBL_CHANNEL_RADIANCE] = &l->mean.target;
+    for (i = 1; i < layer_count; i++) m->channels[SBL_CHANNEL_SH_0 + i - 1] = &l->finals[i].target;
     return SBL__LIGHTMAP_DONE;
 }
 
@@ -16757,30 +16689,28 @@ static sbl_result sbl__inspect_check(sbl__inspect_request *k, int x, int y, cons
                                      size_t texel_count) {
     const sbl__map *m = k->map;
     const int finished = m && sbl__work_is_done(&m->work);
-    sbl__check check = { &k->core->base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, 0 };
+    sbl__check check = { &k->core->base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor", 0 };
     if (!sensor) {
-        sbl__mistake(&check, "sbl_inspect_sensor: sensor is NULL");
+        sbl__mistake(&check, "sensor is NULL");
         return SBL_ERROR_INVALID_ARGUMENT;
     }
     if (!finished || m->scene_version != k->core->scene.version) {
         check.item = SBL_LOG_ITEM_WRONG_ORDER;
-        sbl__mistake(&check, "sbl_inspect_sensor: %s", !finished ?
-                     "there is no finished picture; call sbl_render_picture first" :
+        sbl__mistake(&check, "%s", !finished ? "there is no finished picture; call sbl_render_picture first" :
                      "the scene has changed since the picture was made; call sbl_render_picture again");
         return SBL_ERROR_STATE;
     }
     if (x < 0 || y < 0 || x >= m->size[0] || y >= m->size[1]) {
-        sbl__mistake(&check, "sbl_inspect_sensor: pixel %d %d lies outside of the picture's %d x %d", x, y,
-                     m->size[0], m->size[1]);
+        sbl__mistake(&check, "pixel %d %d lies outside of the picture's %d x %d", x, y, m->size[0], m->size[1]);
         return SBL_ERROR_INVALID_ARGUMENT;
     }
     k->pixel = (int)sbl__map_shown(m, (size_t)y * (size_t)m->size[0] + (size_t)x);
     sbl__spec_sheet(&m->spec, k->sheet);
     if (!sbl__refine_pixel(&m->refine, (size_t)k->pixel)->id)
-        sbl__mistake(&check, "sbl_inspect_sensor: pixel %d %d shows no surface", x, y);
+        sbl__mistake(&check, "pixel %d %d shows no surface", x, y);
     else if ((k->radiance || k->weights) && texel_count < (size_t)k->sheet[0] * (size_t)k->sheet[1])
-        sbl__mistake(&check, "sbl_inspect_sensor: texel_count is %.0f; the sheet has %d x %d texels",
-                     (double)texel_count, k->sheet[0], k->sheet[1]);
+        sbl__mistake(&check, "texel_count is %.0f; the sheet has %d x %d texels", (double)texel_count, k->sheet[0],
+                     k->sheet[1]);
     return sbl__check_end(&check);
 }
 
@@ -17096,7 +17026,7 @@ static void sbl__egl_destroy(sbl__egl *e) { (void)e; }
     X(bake, vertices, sbl__vertices) \
     X(bake, probes, sbl__probes)
 
-/* What the context is doing, which decides what callbacks may call. All of them may call sbl_progress and the query
+/* What the context is doing, which decides what callbacks may call. Any callback may call sbl_progress and the query
    functions. The progress callback runs between two pieces of work, so it may also read channels. */
 typedef enum sbl__inside {
     SBL__INSIDE_NOTHING, SBL__INSIDE_PROGRESS, SBL__INSIDE_WORK, SBL__INSIDE_REFUSAL
@@ -17133,7 +17063,7 @@ static void sbl__visit_leave(sbl_context *c, const sbl__visit *v) {
     c->inside = v->inside;
 }
 
-/* Logs why a function does nothing, and returns its result. */
+/* Logs why a public function refuses a call, and returns the error that the function must return. */
 static sbl_result sbl__refuse(const sbl_context *c, sbl_log_item item, const char *function, const char *why) {
     sbl__log(&c->core.base, SBL_LOG_ERROR, item, "%s: %s", function, why);
     return item == SBL_LOG_ITEM_WRONG_ORDER ? SBL_ERROR_STATE : SBL_ERROR_INVALID_ARGUMENT;
@@ -17187,9 +17117,10 @@ static void sbl__abandon(sbl_context *c) {
 
 /* >>public: contexts */
 
-/* Frees everything except the struct itself. sbl_create may have failed to complete the context. */
+/* Frees a context, which sbl_create may have failed to complete. */
 static void sbl__context_free(sbl_context *c) {
     sbl__core *core = &c->core;
+    sbl__base base;
     if (sbl__device_is_made(&core->device)) {
         sbl__visit visit;
         sbl__visit_enter(c, &visit);
@@ -17199,9 +17130,11 @@ static void sbl__context_free(sbl_context *c) {
         sbl__visit_leave(c, &visit);
     }
     sbl__egl_destroy(&c->egl);
+    base = core->base;
+    sbl__free(&base, c);
 }
 
-/* Compiles all programs of the driver's kind, except those of inspections and of directional lightmaps. */
+/* Compiles all programs that this driver can need, except those of inspections and of directional lightmaps. */
 static sbl_result sbl__compile_all(sbl__device *d) {
     static const sbl__recipe *const recipes[] = {
         &sbl__recipe_visibility, &sbl__recipe_gbuffer, &sbl__recipe_trace, &sbl__recipe_cast, &sbl__recipe_lamps,
@@ -17225,20 +17158,10 @@ static sbl_result sbl__compile_all(sbl__device *d) {
     return result;
 }
 
-/* Compiles programs if the host wants them ahead, and tests the driver. */
-static sbl_result sbl__context_start(sbl_context *c) {
-    sbl__visit visit;
-    sbl_result result = SBL_SUCCESS;
-    sbl__visit_enter(c, &visit);
-    if (c->core.desc.compile_ahead) result = sbl__compile_all(&c->core.device);
-    if (result == SBL_SUCCESS) result = sbl__trial(&c->core);
-    sbl__visit_leave(c, &visit);
-    return result;
-}
-
 SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
     sbl_context_desc d = sbl_context_desc_defaults(desc);
     sbl__egl before;
+    sbl__visit visit;
     sbl__base base;
     sbl_context *c;
     sbl_result result;
@@ -17261,24 +17184,20 @@ SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
     c->core.device.base = c->core.device.gl.base = &c->core.base;
     if (!d.get_gl_function) result = sbl__egl_open(&c->egl, &c->core.base, &before, &d);
     if (result == SBL_SUCCESS) result = sbl__device_make(&c->core.device, &d);
-    if (result == SBL_SUCCESS) result = sbl__context_start(c);
-    if (result != SBL_SUCCESS) sbl__context_free(c);
-    sbl__egl_leave(&c->egl, &before);
-    if (result != SBL_SUCCESS) {
-        base = c->core.base;
-        sbl__free(&base, c);
-        return result;
+    if (result == SBL_SUCCESS) {
+        sbl__visit_enter(c, &visit);
+        if (d.compile_ahead) result = sbl__compile_all(&c->core.device);
+        if (result == SBL_SUCCESS) result = sbl__trial(&c->core);
+        sbl__visit_leave(c, &visit);
     }
-    *out = c;
-    return SBL_SUCCESS;
+    sbl__egl_leave(&c->egl, &before);
+    if (result == SBL_SUCCESS) *out = c;
+    else sbl__context_free(c);
+    return result;
 }
 
 SBL_API void sbl_destroy(sbl_context *c) {
-    sbl__base base;
-    if (sbl__may_call(c, "sbl_destroy", SBL__INSIDE_NOTHING, 0) != SBL_SUCCESS) return;
-    sbl__context_free(c);
-    base = c->core.base;
-    sbl__free(&base, c);
+    if (sbl__may_call(c, "sbl_destroy", SBL__INSIDE_NOTHING, 0) == SBL_SUCCESS) sbl__context_free(c);
 }
 
 /* >>public: scenes */
@@ -17315,15 +17234,14 @@ static sbl_result sbl__update_light(sbl_context *c, const char *function, const 
     const char *what = desc->materials ? "materials" : "lights";
     const int count = desc->materials ? desc->material_count : desc->light_count;
     sbl__visit visit;
-    sbl__check check = { NULL, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, 0 };
-    sbl_result result;
+    sbl__check check = { NULL, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, "", 0 };
+    sbl_result result = sbl__may_call(c, function, SBL__INSIDE_NOTHING, 1);
     int i, has;
-    result = sbl__may_call(c, function, SBL__INSIDE_NOTHING, 1);
     if (result != SBL_SUCCESS) return result;
+    snprintf(check.where, sizeof check.where, "%s", function);
     has = desc->materials ? c->core.scene.material_count : c->core.scene.lights.count;
     check.base = &c->core.base;
-    if (count != has) sbl__mistake(&check, "%s: %d %s are given; the scene has %d", function, count, what, has);
-    check.item = desc->materials ? SBL_LOG_ITEM_INVALID_MATERIAL : SBL_LOG_ITEM_INVALID_LIGHT;
+    if (count != has) sbl__mistake(&check, "%d %s are given; the scene has %d", count, what, has);
     for (i = 0; i < count && count == has; i++) {
         if (desc->materials) sbl__check_material(&check, desc, i);
         else sbl__check_light(&check, &desc->lights[i], i);
@@ -17380,17 +17298,15 @@ SBL_API sbl_result sbl_load_store(sbl_context *c, sbl_read_function get, void *u
 SBL_API sbl_result sbl_set_mesh_transform(sbl_context *c, int mesh, const float transform[16]) {
     float to[16];
     sbl__visit visit;
-    sbl__check check = { NULL, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, 0 };
-    sbl_result result;
-    result = sbl__may_call(c, "sbl_set_mesh_transform", SBL__INSIDE_NOTHING, 1);
+    sbl__check check = { NULL, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_set_mesh_transform", 0 };
+    sbl_result result = sbl__may_call(c, "sbl_set_mesh_transform", SBL__INSIDE_NOTHING, 1);
     if (result != SBL_SUCCESS) return result;
     check.base = &c->core.base;
     if (mesh < 0 || mesh >= c->core.scene.geometry.mesh_count)
-        sbl__mistake(&check, "sbl_set_mesh_transform: mesh is %d; the scene has %d", mesh,
-                     c->core.scene.geometry.mesh_count);
-    if (!transform) sbl__mistake(&check, "sbl_set_mesh_transform: transform is NULL");
-    check.item = SBL_LOG_ITEM_INVALID_MESH;
-    if (transform) sbl__check_transform(&check, mesh, transform);
+        sbl__mistake(&check, "mesh is %d; the scene has %d", mesh, c->core.scene.geometry.mesh_count);
+    if (!transform) sbl__mistake(&check, "transform is NULL");
+    sbl__check_object(&check, SBL_LOG_ITEM_INVALID_MESH, "mesh", mesh);
+    if (transform) sbl__check_transform(&check, transform);
     if (check.mistakes) return SBL_ERROR_INVALID_ARGUMENT;
     if (sbl__all_zero(transform, 16)) sbl__identity(to);
     else memcpy(to, transform, sizeof to);
@@ -17498,7 +17414,9 @@ SBL_API void sbl_end(sbl_context *c) {
 
 /* >>public: channels */
 
-SBL_API int sbl_channel_components(sbl_channel channel) { return sbl__map_components(channel); }
+SBL_API int sbl_channel_components(sbl_channel channel) {
+    return (int)channel >= 0 && channel < SBL_CHANNEL_COUNT ? sbl__channels[channel].components : 0;
+}
 
 /* Returns SBL_SUCCESS if channels can be read. Makes a preview first if the map is not finished. */
 static sbl_result sbl__channel_ready(sbl_context *c, const char *function) {
@@ -17519,17 +17437,17 @@ static sbl_result sbl__channel_ready(sbl_context *c, const char *function) {
 SBL_API sbl_result sbl_read_channel(sbl_context *c, sbl_channel channel, float *out, size_t float_count) {
     const int components = sbl_channel_components(channel);
     sbl__visit visit;
-    sbl__check check = { NULL, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, 0 };
+    sbl__check check = { NULL, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_read_channel", 0 };
     size_t pixels;
     sbl_result result = sbl__may_call(c, "sbl_read_channel", SBL__INSIDE_PROGRESS, 0);
     if (result != SBL_SUCCESS) return result;
     check.base = &c->core.base;
     pixels = c->map ? (size_t)c->map->size[0] * (size_t)c->map->size[1] : 0;
     if (!components || !out)
-        sbl__mistake(&check, "sbl_read_channel: channel is %d (0 to %d exist), out is %s", (int)channel,
-                     SBL_CHANNEL_COUNT - 1, out ? "given" : "NULL");
+        sbl__mistake(&check, "channel is %d (0 to %d exist), out is %s", (int)channel, SBL_CHANNEL_COUNT - 1,
+                     out ? "given" : "NULL");
     else if (float_count < pixels * (size_t)components)
-        sbl__mistake(&check, "sbl_read_channel: float_count is %.0f; channel %d of %d x %d pixels needs %.0f floats",
+        sbl__mistake(&check, "float_count is %.0f; channel %d of %d x %d pixels needs %.0f floats",
                      (double)float_count, (int)channel, c->map->size[0], c->map->size[1], (double)pixels * components);
     if (check.mistakes) return SBL_ERROR_INVALID_ARGUMENT;
     result = sbl__channel_ready(c, "sbl_read_channel");
