@@ -173,9 +173,8 @@
        R(p) = E(p) / pi                                                  a uniform sky of radiance 1 gives R = 1
        final = emission(p) + albedo(p) * R(p)
 
-   R is the quantity that sensors measure. This manual calls it R everywhere; fields and channels call it radiance.
-
-   Surfaces are Lambertian. Both sides reflect, and both emit unless SBL_MATERIAL_ONE_SIDED_EMISSION is set.
+   R is the quantity that sensors measure. This manual calls it R everywhere; fields and channels call it radiance. Both
+   sides of a surface reflect, and both emit unless SBL_MATERIAL_ONE_SIDED_EMISSION is set.
 
    Matrices are column-major, as in GL. View space looks along -z. Pixel (0, 0) is the top left pixel. A pixel is
    sampled at its centre. Arrays and textures hold the top row first: texture coordinate v = 0 is the top edge.
@@ -187,8 +186,7 @@
    zero itself would be a meaningful value, a negative number asks for it ("none" or "off"). For example, filter_radius
    = 0 selects the default radius of 2 pixels, and -1 turns the filter off. Each field's comment names its default.
 
-   Items are numbered from 0, as in C (sbl_mesh.material). Textures are numbered from 1, so that 0 means no texture
-   (sbl_material.albedo_texture). A material has no defaults: zero albedo is black, zero emission emits nothing.
+   Items are numbered from 0 (sbl_mesh.material), but textures from 1 (sbl_material.albedo_texture); 0 is no texture.
 
 
    ON PICTURES
@@ -198,18 +196,15 @@
    SBL_CHANNEL_RADIANCE (R, light without surface colour).
 
    sbl_picture_desc.options.mode selects the light that is computed, see sbl_mode. The default, SBL_MODE_GI, computes
-   all light; SBL_MODE_DIRECT takes a third to half of its time.
-
-   The struct sbl_options (field `options`) is the same in all five descriptors. Its preset (draft, default, high)
-   selects the defaults of other fields; their comments then list three values.
-
-   Geometry that only the host can draw (for example with a vertex shader) is drawn by a callback, see sbl_draw_view.
+   all light; SBL_MODE_DIRECT takes a third to half of its time. Geometry that only the host can draw (for example with
+   a vertex shader) is drawn by a callback, see sbl_draw_view.
 
 
    ON THE TARGET ERROR
 
    sbl_picture_desc.target_error is the error of R that you accept: the root mean square over the visible pixels, in
-   luminance, divided by the mean luminance of R there. 0.02 means 2 %.
+   luminance, divided by the mean luminance of R there. 0.02 means 2 %. The luminance of a colour is 0.2126 r + 0.7152 g
+   + 0.0722 b. The times for targets of 8, 4, 2 and 1 % are about in the ratio 1 : 1.5 : 3 : 6.
 
    With the default target, each sensor takes at most 16 looks; target_error tells how many rays these have. The limit
    bounds the time where light comes through windows, and there the picture may miss the target. If you set target_error
@@ -218,32 +213,24 @@
    A picture begins with few sensors that take one look each. They predict the error of each tile. It has two parts:
 
        noise           estimated from how much rays in neighbouring directions differ, less what interpolation and the
-                       filter average out. The estimate is averaged over nearby sensors, because a single sensor may
-                       miss the window that the next one has found
-       interpolation   the part of the light that interpolation between sensors misses. It is estimated from second
-                       differences of the light between sensors. Sensors of a neighbouring tile on the common edge
-                       show it directly. Beyond the last sensor of a surface it is extrapolated
+                       filter average out
+       interpolation   the part of the light that interpolation between sensors misses, estimated from second
+                       differences of the light between sensors
 
    The library then spends rays where they reduce the error most for their cost. Sensors take further looks, or tiles
-   are subdivided, down to single pixels, until the predicted error of the picture reaches the target. The times for
-   targets of 8, 4, 2 and 1 % are about in the ratio 1 : 1.5 : 3 : 6.
+   are subdivided, down to single pixels, until the predicted error of the picture reaches the target.
 
    SBL_CHANNEL_ERROR is the prediction for each pixel: the standard error of the luminance of R, in the unit of R.
-   sbl_stats.picture.expected_error is that for the whole picture, and 0 until the first level is done. A host may read
-   both early, and stop. The luminance of a colour is 0.2126 r + 0.7152 g + 0.0722 b.
+   sbl_stats.picture.expected_error is the prediction for the whole picture, as a share of the mean. A host may read
+   both early, and stop.
 
-   SBL_MODE_GI adds a third part: the error of the stored light. It is estimated from the differences between the points
-   of a cell, and propagated from cell to cell as light is. Sensors cannot reduce it; a larger max_bounce_cells does.
-   The sensors' own part is never driven below 0.84 of the target, even where the third part alone exceeds it; the
-   picture then ends with SUCCESS and an expected_error above the target.
+   SBL_MODE_GI adds a third part: the error of the stored light, estimated from the differences between the points of a
+   cell. Sensors cannot reduce it; a larger max_bounce_cells does. The sensors' own part is never driven below 0.84 of
+   the target, even where the third part alone exceeds it; the picture then ends with SUCCESS and an expected_error
+   above the target.
 
-   The noise of a sensor falls faster than that of independent rays, because rays follow a low-discrepancy sequence.
-   Each picture measures how much faster, by comparing the second looks of sensors with their first looks.
-
-   If the first looks are far too noisy for the target, most light comes through windows or from a few other bright
-   places. The picture then traces 256 single rays from each pixel of a grid, whose spacing is 2 to 16 pixels. These
-   rays give guides: histograms of the directions that light comes from. Sensors send most of their rays there, which
-   saves half to two thirds of all rays. If noise is still too high, looks get up to 128 rays instead of 16 to 64.
+   If most light comes through windows or from a few other bright places, the picture first traces rays that find these
+   places. Sensors then send most of their rays there, which saves half to two thirds of all rays.
 
    Accuracy of the prediction, measured at targets of 8, 4, 2 and 1 % against references: the true error is 0.6 to 1.2
    times the prediction where R is known in closed form and in the Cornell box. With bounced light it is 1.2 to 1.9
@@ -258,17 +245,13 @@
    being visible themselves (sbl_light). The sky shines where nothing is hit: with a constant radiance
    (sbl_scene_desc.sky), and with a picture or a function (sbl_environment).
 
-   The unobstructed light of emitting triangles, spheres and suns is computed in closed form, and the horizon of the
-   sensor's surface is taken into account. Rays towards the lamp only measure the fraction that arrives. So the light is
-   exact where the whole lamp is visible, and black where none of it is. In between, its noise is that of the fraction.
-   An emission texture is sampled where the rays meet the lamp, which adds noise even without obstruction.
+   The light of a lamp is exact where the whole lamp is visible, and black where none of it is, because rays towards the
+   lamp only measure the fraction that arrives. In between, its noise is that of the fraction. An emission texture is
+   sampled where the rays meet the lamp, which adds noise even without obstruction.
 
-   A sensor sends at most as many rays towards lamps as over its hemisphere. If `rays` is 256, it first sends an eighth
-   of them, and also rays to the corners and rims of lamps. If these rays are all open or all blocked, it stops there.
-   It traces the rest if they disagree, or if there are many lamps. Up to 32 lights without size get only one ray each.
-
-   Up to 256 lamps are weighed one by one. If there are more, lamps that are far away for their size are combined to
-   clusters of a tree. Each ray picks one lamp of a cluster, with a probability proportional to the light it gives. The
+   A sensor sends few rays towards lamps if all of them arrive or all are blocked, more if they disagree. Up to 32
+   lights without size get only one ray each. If there are more than 256 lamps, those that are far away for their size
+   form clusters, and each ray picks one lamp of a cluster, with a probability proportional to the light it gives. The
    mean stays correct, the noise is a few percent, and more lamps hardly raise the cost of a sensor.
 
    Texels of a sky picture that are brighter than four times its mean are lamps, so that a sun in the picture casts a
@@ -277,42 +260,31 @@
 
    ON BOUNCED LIGHT
 
-   SBL_MODE_GI keeps a store: the value of R on all surfaces of the scene, visible or not, one value for each cell.
-
-       patch     neighbouring triangles of a mesh that form one smooth surface
-       cell      the part of a patch that lies in one cube of a grid over the scene
-       point     a place in a cell where its light is measured; a cell has up to four
+   SBL_MODE_GI keeps a store: the value of R on all surfaces of the scene, visible or not, one value for each cell. A
+   cell is the part of a smooth surface that lies in one cube of a grid over the scene. Its light is measured at up to
+   four points, where rays have met it: light from lamps as sensors measure it, and rays find the sky and other cells.
+   These rays define a system of linear equations, whose solution contains all bounces.
 
    Light does not leak through walls or creep under them, because cells are kept apart in three ways. The two sides of
    a wall have different cells. Surfaces seen from less than half a cell's length away have different cells than the
    same surfaces seen from farther away. Where something stands on a surface, such as a wall on the floor of two rooms,
    the plane of the wall cuts the cells of the floor.
 
-   Points are placed where rays meet surfaces. At a point, light from lamps is measured as sensors measure it, and rays
-   find the sky and other cells. These rays define a system of linear equations, whose solution contains all bounces.
-
-   The sensors of a picture use the store only for the light that other surfaces reflect towards them. They measure all
-   light that reaches them with rays of their own, and lamps in closed form. Where a traced ray meets a surface closer
-   than the length of a cell, the mean of the cell says little about that place; a new ray in a random direction then
-   starts from there, once.
-   The store itself is visible only on surfaces with SBL_MATERIAL_NO_SENSORS and in SBL_CHANNEL_STORE.
+   The sensors of a picture use the store only for the light that other surfaces reflect towards them. Where a traced
+   ray meets a surface closer than the length of a cell, the mean of the cell says little about that place; a new ray in
+   a random direction then starts from there, once. The store itself is visible only on surfaces with
+   SBL_MATERIAL_NO_SENSORS and in SBL_CHANNEL_STORE.
 
    Cost: a picture takes 2 to 3 times as long as with direct light alone, including the store, and more if the picture
    is small (measured in several rooms, llvmpipe on two cores). The first work in this mode makes the store. It then
    serves all pictures and bakes of the scene, with any camera and size, until sbl_set_scene or sbl_set_mesh_transform
-   discards it. If sbl_set_materials or sbl_set_lights change only emission or lights, the store's rays are reused and
-   the update takes half as long. sbl_end frees the memory of these rays, but not the store. sbl_save_store and
+   discards it. A change of emission or lights takes half as long, see sbl_set_materials. sbl_save_store and
    sbl_load_store carry a store over to the next run. sbl_stats.seconds.bounce and sbl_stats.store tell its cost.
 
-   Budget: sbl_scene_desc.max_bounce_cells limits the number of cells. At first all cells have one size, which uses
-   about a third of the budget; the rest is kept for cells that are cut. Three measures keep the store within its
-   budget: cells that are found last become larger, the store is rebuilt with larger cells, and small patches of a mesh
-   share cells. If rays reach only a small part of the scene, as with a house in a wide meadow, the store is rebuilt
-   with smaller cells. Surfaces that no other surface sees get the largest cells; only sensors in the air may see these.
-
-   Time and memory grow with the budget. Raise it if a room is lit through a gap or a door, if geometry is small
-   compared with the scene, or if light looks patchy; lower it for a quick preview. Grain of single pixels needs a
-   smaller target_error.
+   Budget: sbl_scene_desc.max_bounce_cells limits the number of cells; their size follows from it, and from the part of
+   the scene that rays reach. Time and memory grow with the budget. Raise it if a room is lit through a gap or a
+   door, if geometry is small compared with the scene, or if light looks patchy; lower it for a quick preview. Grain of
+   single pixels needs a smaller target_error.
 
    Accuracy at default settings, measured against an independent path tracer (relative root mean square error of R, in
    blocks of 4 x 4 pixels): 0.8 % in the Cornell box, 1.6 % in a staircase room with 130 emitting triangles, 4 % in a
@@ -321,9 +293,8 @@
 
    Limits: an albedo above 0.98 reflects bounced light as 0.98, so that the sum of all bounces stays finite. A small and
    very bright surface, such as a ceiling just above a lamp, is found by rays at random, as in a path tracer, and leaves
-   bright specks. Geometry of a draw callback neither blocks nor reflects light between other surfaces. The callback is
-   told what light to reflect towards sensors, one value for each of six directions. Light that arrives at this geometry
-   is measured as everywhere.
+   bright specks. Geometry of a draw callback neither blocks nor reflects light between other surfaces; towards sensors
+   it reflects sbl_draw_view.light. Light that arrives at this geometry is measured as everywhere.
 
 
    ON LIGHTMAPS
@@ -344,14 +315,10 @@
        sbl_read_channel(context, SBL_CHANNEL_FINAL, light, 1024 * 1024 * 3);
 
    The map holds R. A renderer shows emission + albedo * R. The chapters on pictures and on the target error are true
-   for lightmaps, with texels instead of pixels, and so are sbl_step and sbl_inspect_sensor. Refinement, interpolation
-   and filter never cross the border of a chart.
+   for lightmaps, with texels instead of pixels. Refinement, interpolation and filter never cross the border of a chart.
 
    Space between charts: leave at least four texels, and twice as many for each mip level that you sample. FINAL is
    continued into this space, half of it from either chart.
-
-   Texels at borders: a texel that a chart only touches gets the light of the chart's nearest point, moved a little
-   inward. Without this, a sensor in the corner of two walls would stand inside both.
 
    Hidden texels get the light of their neighbours, because their own darkness would show beside the thing that hides
    them. A texel is hidden if something lies on it, closer than about half a texel. In SBL_MODE_GI a texel that no light
@@ -367,9 +334,8 @@
 
    Overlaps: if charts overlap or leave the map, a warning names the first place; SBL_CHANNEL_OVERLAP shows overlaps.
 
-   Normal maps need light from several directions. If `directional` is set, the channels SH_0 to SH_3 hold the radiance
-   L over the hemisphere of each texel in rgb, as integrals of L times 0.28209479, and of L times 0.48860251 times y,
-   z, x of the direction that the light comes from. These four alone would give
+   Normal maps need light from several directions. If `directional` is set, the channels SH_0 to SH_3 hold it, as
+   sbl_channel says. These four alone would give
 
        R(m) = 0.28209479 SH_0 + 0.32573501 (m_y SH_1 + m_z SH_2 + m_x SH_3)
 
@@ -383,8 +349,8 @@
    If |v| or SH_0 is 0, R(m) = FINAL.
 
    (SH_3, SH_1, SH_2) is also the direction that most light comes from, for engines that store one colour and one
-   direction. The predicted error is that of R. The harmonics come from the same rays, and are filtered and their seams
-   closed as for R. They take 8 % more time and 144 more bytes per texel.
+   direction. The predicted error is that of R. The harmonics are filtered, and their seams closed, as for R. They take
+   8 % more time and 144 more bytes per texel.
 
 
    ON VERTEX LIGHT
@@ -410,10 +376,8 @@
    Points stuck inside geometry are left out. So are points that see little but back faces, because these lie inside
    something; but if most points of a mesh see back faces, all are kept, because whole rooms are modelled inside out. A
    vertex without points beside it gets the light of its neighbours, over at most 64 edges, or 0 if none has light. A
-   vertex that belongs to no triangle, or only to triangles without area, gets 0.
-
-   A vertex has little noise, because it averages a dozen points or more. So a point uses 64 rays by default. The fit
-   takes about 200 bytes of memory and a few microseconds per triangle.
+   vertex that belongs to no triangle, or only to triangles without area, gets 0. The fit takes about 200 bytes of
+   memory and a few microseconds per triangle.
 
 
    ON PROBES
@@ -428,33 +392,30 @@
        desc.grid[1] = 4;
        if (sbl_bake_probes(context, &desc) != SBL_SUCCESS) return 0;
 
-   A surface at the probe that faces n sends out emission + albedo * R(n); sbl_probe has the formula of R(n).
-
-   The ambient cube (sbl_probe.cube) is a coarser form of the same light: R is the mean of the three sides that n turns
-   to, weighted by the squares of the components of n. Both contain all light, also from lamps, with shadows.
+   A surface at the probe that faces n sends out emission + albedo * R(n); sbl_probe has the formula of R(n), and a
+   coarser one for its ambient cube. Both contain all light, also from lamps, with shadows.
 
    Accuracy: light from surfaces and from the sky is measured along `rays` single rays, evenly over the sphere. Light
-   from lamps is measured as sensors measure it, in closed form with the horizon, on 320 normals all around, and the
-   cosine is divided out afterwards. For a point light this leaves an error of at most 0.4 % of the norm of its first
-   four coefficients, and less for larger lamps. The noise of a half hidden lamp is 1.3 % with 4,096 rays and 0.5 % with
-   16,384. Sharper light does not fit: R of a small lamp is slightly negative on the far side; the cube gives 0.
+   from lamps is measured by sensors with 320 normals. For a point light the error is at most 0.4 % of the norm of its
+   first four coefficients, and less for larger lamps. The noise of a half hidden lamp is 1.3 % with 4,096 rays and
+   0.5 % with 16,384. Sharper light does not fit: R of a small lamp is slightly negative on the far side; the cube
+   gives 0.
 
    Validity: surfaces have two sides here, and a probe sees the light of both. Only back faces tell whether a probe is
    inside something: `valid` is 0 if more than a quarter of all directions end on back faces. This finds probes in
    closed objects, below the ground, and close behind a wall of one layer. If meshes are wound at random it tells
    nothing; use back_share for your own test. The light is correct for the probe's position in any case.
 
-   Moving probes out of solids: if `move` is above 0, an invalid probe tries other positions. In each octant of
-   directions it remembers the nearest back face. It tries these up to eight places from the nearest on: it goes through
-   the face, and an eighth of `move` beyond it, but never farther than `move` from the given position. It stays at the
-   first valid position, or else where it was.
+   Moving probes out of solids: if `move` is above 0, an invalid probe goes through the nearest back face of each octant
+   of directions, from the nearest on, and an eighth of `move` beyond it, but never farther than `move` from the given
+   position. It stays at the first valid position, or else where it was.
 
-   Shadows of light from probes (as in DDGI) use distance and distance_squared. The weights of an octant reach over half
-   the sphere. The sky is left out; where nothing but sky is visible, 0 means infinitely far.
+   Shadows of light from probes (as in DDGI) use distance and distance_squared. The sky is left out; where nothing but
+   sky is visible, 0 means infinitely far.
 
-   Geometry of a draw callback contributes to the light. The probe then sees by views (SBL_BACKEND_RASTER): on 132
-   normals, and four times on each side of the cube, with five views each time. For a point light this leaves an error
-   of 1.4 %. Rays still find sky, distance, distance_squared, back_share and valid, without that geometry.
+   Geometry of a draw callback contributes to the light. The probe then sees by views (SBL_BACKEND_RASTER), whose error
+   for a point light is 1.4 %. Rays still find sky, distance, distance_squared, back_share and valid, without that
+   geometry.
 
 
    ON MEMORY
@@ -463,20 +424,13 @@
    the host may free arrays, textures and GL buffers afterwards.
 
    If memory runs out, the function returns SBL_ERROR_OUT_OF_MEMORY and the context stays usable. The scene or picture
-   that was being made is dropped; an older scene stays.
+   that was being made is dropped; an older scene stays. The memory of readings and probes does not grow with their
+   number, because sbl_gather_readings works on 65,536 points at a time and sbl_bake_probes on 128.
 
-   sbl_gather_readings works on 65,536 points at a time and sbl_bake_probes on 128, so their memory does not grow with
-   the number of points. The arrays of points and results are the host's own.
-
-
-   ON LIFETIMES
 
    A finished picture stays readable until the next sbl_begin_picture, sbl_begin_lightmap or sbl_end, whatever else
    happens: also after sbl_set_scene, after meshes have moved, and during and after readings, vertices and probes. Only
-   sbl_inspect_sensor needs the unchanged scene, and otherwise returns SBL_ERROR_STATE.
-
-   A picture under way is dropped when its scene changes. The textures of a finished picture's channels live as long as
-   the picture; those of a picture under way live until the next sbl_step.
+   sbl_inspect_sensor needs the unchanged scene. A picture under way is dropped when its scene changes.
 
 
    ON TIME
@@ -486,13 +440,11 @@
    store of bounced light (with the scene's first work in SBL_MODE_GI), G-buffer, sensors, filter, anti-aliasing.
 
    Call sbl_step until it no longer returns SBL_UNFINISHED; examples/host_context.c does so in a frame loop.
-   sbl_step(context, 0.005) returns after about 5 ms. CPU work checks the clock. GL work is sized by the speed measured
-   so far, to at most about sbl_context_desc.longest_submission at a time, so that no driver's watchdog takes it for a
-   hang. Two things cannot be divided: the smallest part of a submission (a few sensors, or one row of pixels), and the
-   compilation of a shader program. Neither the slices nor the measured speed ever change a result.
-
-   Programs are compiled when they are first used, one per step, and are kept. With sbl_context_desc.compile_ahead,
-   sbl_create compiles nearly all of them (1.5 s on llvmpipe).
+   sbl_step(context, 0.005) returns after about 5 ms. GL work is sized by the speed measured so far, to at most about
+   sbl_context_desc.longest_submission at a time, so that no driver's watchdog takes it for a hang. Two things cannot be
+   divided: the smallest part of a submission (a few sensors, or one row of pixels), and the compilation of a shader
+   program. Programs are compiled when they are first used, one per step, and are kept. With compile_ahead, sbl_create
+   compiles nearly all of them (1.5 s on llvmpipe).
 
    The channels of a picture under way can be read after the first level, when the sensors of the first tiles have
    measured; before, sbl_read_channel returns SBL_UNFINISHED and sbl_channel_texture returns 0. They hold the best
@@ -504,19 +456,17 @@
 
    Every function that can fail returns an sbl_result. The logger receives one line for each mistake, which says what
    went wrong, where, and what to change. Descriptors are checked completely, in release builds too: one call reports
-   all mistakes (unless a canary is not 0), and a descriptor with a mistake changes nothing. A NULL context gives
-   SBL_ERROR_INVALID_ARGUMENT, or 0.
+   all mistakes (unless a canary is not 0), and a descriptor with a mistake changes nothing.
 
    Callbacks (draw, environment, allocator, logger, progress) may call the sbl_query_... functions of their context, and
-   sbl_progress. Functions that change or step the context are refused there with SBL_ERROR_STATE. The progress
-   callback, called between pieces of work, may also read channels. If it returns nonzero, the work is cancelled and
-   dropped, and so is the picture. sbl_write_function and sbl_read_function must not call functions of the context.
+   sbl_progress. Functions that change or step the context are refused there with SBL_ERROR_STATE. The progress callback
+   may also read channels. sbl_write_function and sbl_read_function must not call functions of the context.
 
 
    ON THREADS
 
    There are no globals, so contexts are independent of each other. Two threads must not use one context at the same
-   time. The GL context of an sbl context must be current in the calling thread.
+   time.
 
 
    ON GL STATE
@@ -524,14 +474,13 @@
    Functions that use GL save the state that they change and restore it before they return, also on failure and cancel:
    framebuffers, program, vertex array, buffers, textures, samplers and images of the units that they use, viewport,
    scissor, depth, stencil, blend, cull, masks, clear values, polygon mode, pixel store, sRGB, clip distances, depth
-   clamp, clip control, and so on. A headless context restores the EGL binding instead. GL errors of the host are
-   cleared.
+   clamp, clip control, and so on. GL errors of the host are cleared.
 
    A conditional render, a transform feedback, and queries that count samples or primitives must not be active during a
    call. sbl.h cannot suspend them, and they would drop or count its own drawing.
 
    All functions that touch GL, including sbl_destroy, need the same current GL context as sbl_create. A headless
-   context is made current by sbl.h itself, and the host's EGL context is restored.
+   context is made current by sbl.h itself, which then restores the host's EGL binding instead of its GL state.
 
 
    ON WINDOWS AND MACOS
@@ -542,8 +491,8 @@
    floats. OpenGL ES, and so ANGLE, is refused: it lacks clip distances and buffer textures.
 
    Windows: windows.h may be included before sbl.h, after it, or not at all. The loader may consist of wglGetProcAddress
-   alone. It does not know the functions of GL 1.1, which sbl.h takes from opengl32.dll. A return value of 1, 2, 3 or -1
-   counts as not found. The loader works only while a context is current. After wglMakeCurrent:
+   alone; sbl.h takes the functions of GL 1.1 from opengl32.dll. The loader works only while a context is current. After
+   wglMakeCurrent:
 
        #include <windows.h>
        #define SBL_IMPLEMENTATION
@@ -607,19 +556,6 @@
    the bit if rays are traced, and equal up to rounding if views are drawn.
 
    The light of a probe depends on its number, its position, `rays` and the seed, and not on other probes.
-
-
-   ON THE TWO WAYS TO SEE
-
-   SBL_BACKEND_TRACE traces rays through a bounding volume hierarchy, in a compute shader, or in a fragment shader
-   before GL 4.3. The rays have a cosine distribution. At most as many more rays go to lamps; sbl_stats.sensors.rays
-   does not count these. The cost hardly grows with the scene. The noise of the sensors is known, so refinement follows
-   light and not noise, and the filter keeps differences that noise does not explain.
-
-   SBL_BACKEND_RASTER draws the scene into the views of a sensor, as the paper does. It can see geometry that only the
-   host can draw, and it serves as a check of the other way. Its cost grows with the number of triangles. Rays go to
-   lamps here too, and meet the meshes. Where geometry of a draw callback blocks a lamp, the views show it; texels of
-   the views also find the light that it emits.
 
 
    ON THE PAPER
@@ -743,7 +679,6 @@ typedef enum sbl_capability {
     SBL_CAPABILITY_ALL = (1 << 2) - 1
 } sbl_capability;
 
-/* Zero is the default of every field. */
 typedef struct sbl_context_desc {
     uint32_t start_canary;    /* must stay 0; another value shows that the struct was not zeroed */
     sbl_gl_function (*get_gl_function)(const char *name, void *user);  /* loader of GL functions, such as
@@ -865,12 +800,12 @@ typedef enum sbl_wrap { SBL_WRAP_REPEAT = 0, SBL_WRAP_CLAMP, SBL_WRAP_COUNT } sb
 typedef struct sbl_texture {
     const void *pixels;       /* client memory; it is copied */
     uint32_t gl_texture;      /* a GL_TEXTURE_2D, used if pixels is NULL; level 0 is copied as a shader samples it */
-    sbl_pixel_format format;  /* of pixels. For gl_texture: SRGB8 stores 8 bits, FLOAT 16 bits. Default:
-                                 SBL_PIXELS_SRGB8 */
+    sbl_pixel_format format;  /* format of pixels. The copy of gl_texture is stored as 8-bit sRGB for SBL_PIXELS_SRGB8,
+                                 otherwise as 16-bit floats. Default: SBL_PIXELS_SRGB8 */
     int width, height;        /* pixels; leave 0 for gl_texture, whose size is read from GL */
     int channels;             /* 1: grey, 2: grey and alpha, 3: rgb, 4: rgba. Default: 4 */
     size_t stride;            /* bytes from one row to the next. Default: tightly packed */
-    sbl_wrap wrap;            /* what lies beyond the edges. Default: SBL_WRAP_REPEAT */
+    sbl_wrap wrap;            /* what texture coordinates outside of 0 to 1 show. Default: SBL_WRAP_REPEAT */
 } sbl_texture;
 
 typedef enum sbl_light_kind {
@@ -935,8 +870,7 @@ typedef enum sbl_view_kind { SBL_VIEW_CAMERA = 0, SBL_VIEW_SENSOR } sbl_view_kin
        location 3  vec4: albedo, a = 1
        location 4  vec4: emission, a = 0
        location 5  uint: id, not 0
-   gl_Position = world_to_clip * vec4(world position, 1). Depth is reversed: nearer is greater. If write_depth is set,
-   the driver has no clip control, and the fragment shader must also do gl_FragDepth = gl_FragCoord.w * depth_scale.
+   gl_Position = world_to_clip * vec4(world position, 1). Depth is reversed: nearer is greater.
 
    Cost: meshes that are given as vertex arrays are drawn for a whole batch of sensors in one call. The callback is
    called once for each view of each sensor; a hemicube has five. */
@@ -948,14 +882,13 @@ typedef struct sbl_draw_view {
     float world_to_clip[16];  /* view_to_clip * world_to_view */
     float eye[3];             /* world position of the sensor or camera */
     float radiance_scale;     /* factor that keeps bright lamps inside the range of the texels */
-    float depth_scale;        /* factor of the depth that the shader writes if write_depth is set */
-    int write_depth;          /* 1: the shader must write gl_FragDepth, see above */
+    float depth_scale;        /* factor of the depth, see write_depth */
+    int write_depth;          /* 1: the fragment shader must write gl_FragDepth = gl_FragCoord.w * depth_scale */
     float epsilon;            /* the paper's ambient factor; 0 in SBL_MODE_DIRECT and SBL_MODE_GI */
-    float light[6][3];        /* SBL_VIEW_SENSOR: R on surfaces that face +x, -x, +y, -y, +z, -z. A surface radiates its
-                                 emission plus its albedo times the mean of the three sides that its normal turns to,
-                                 weighted by the squares of the normal's components (an ambient cube: McTaggart 2004,
-                                 "Half-Life 2 / Valve Source Shading"). SBL_MODE_GI: the light, with all bounces, that
-                                 meshes, lights and sky send to draw_bounds. Other modes: epsilon */
+    float light[6][3];        /* SBL_VIEW_SENSOR: ambient cube as in sbl_probe.cube (McTaggart 2004, "Half-Life 2 /
+                                 Valve Source Shading"); a surface radiates emission + albedo * R(its normal).
+                                 SBL_MODE_GI: the light, with all bounces, that meshes, lights and sky send to
+                                 draw_bounds. Other modes: epsilon */
     int sensor, face;         /* SBL_VIEW_SENSOR: number of the sensor within its level, and number of the view; view 0
                                  looks along the normal */
 } sbl_draw_view;
@@ -984,7 +917,7 @@ typedef struct sbl_scene_desc {
     uint32_t end_canary;       /* must stay 0 */
 } sbl_scene_desc;
 
-/* Callbacks of sbl_save_store and sbl_load_store. They return the number of bytes that they have written or read. */
+/* Callbacks of sbl_save_store and sbl_load_store; see there. */
 typedef size_t (*sbl_write_function)(const void *data, size_t bytes, void *user);
 typedef size_t (*sbl_read_function)(void *data, size_t bytes, void *user);
 
@@ -1012,9 +945,12 @@ typedef enum sbl_sensor_kind {
 /* How sensors collect light. Both ways give the same light up to noise. */
 typedef enum sbl_backend {
     SBL_BACKEND_AUTO = 0,    /* RASTER in SBL_MODE_PAPER, with a draw callback or SBL_SENSOR_SINGLE; else TRACE */
-    SBL_BACKEND_RASTER,      /* draws views, as in the paper; the cost grows with the number of triangles */
+    SBL_BACKEND_RASTER,      /* draws views, as in the paper; the cost grows with the number of triangles. Rays towards
+                                lamps meet only meshes; views show where the geometry of a draw callback blocks a lamp,
+                                and the light that it emits */
     SBL_BACKEND_TRACE,       /* traces rays through a bounding volume hierarchy; the cost grows with the logarithm of
-                                the number of triangles. Not in SBL_MODE_PAPER, nor with a draw callback */
+                                the number of triangles. The noise of sensors is known, so refinement follows light and
+                                not noise. Not in SBL_MODE_PAPER, nor with a draw callback */
     SBL_BACKEND_COUNT
 } sbl_backend;
 
@@ -1060,9 +996,9 @@ typedef struct sbl_picture_desc {
                                   SBL_MODE_PAPER: SBL_SENSOR_SINGLE */
     float sensor_fov;          /* field of view of SBL_SENSOR_SINGLE, 1 to 179 degrees. Default: 135 */
     float target_error;        /* accepted root mean square error of R over the visible pixels, as a share of the mean R
-                                  there, 0 to 1; see ON THE TARGET ERROR. If set, a sensor takes as many rays as that
-                                  requires, within the limits there. Otherwise it takes at most 512 / 512 / 1024 rays.
-                                  Default: 0.05 / 0.015 / 0.0075. Default in SBL_MODE_PAPER: threshold decides */
+                                  there, 0 to 1; see ON THE TARGET ERROR. If not set, a sensor takes at most 512 / 512 /
+                                  1024 rays. Default: 0.05 / 0.015 / 0.0075. Default in SBL_MODE_PAPER: threshold
+                                  decides */
     int tile;                  /* pixels between sensors of the first level, 1 (every pixel) to 1024. Default: 16 */
     float threshold;           /* if set, tiles are refined where neighbouring sensors differ by more than this share of
                                   their mean, instead of where the target error requires it; in SBL_MODE_PAPER the
@@ -1131,7 +1067,8 @@ typedef struct sbl_stats {
         int width, height;        /* pixels */
         int visible_pixels;       /* number of pixels that show a surface */
         float target_error;       /* the target error that applied; 0 in SBL_MODE_PAPER */
-        float expected_error;     /* the error predicted so far, as a share of the mean R */
+        float expected_error;     /* the error predicted so far, as a share of the mean R; 0 before the first level is
+                                     done */
         int level_count;          /* number of entries in levels */
         struct { int tile; int64_t sensors; } levels[SBL_MAX_LEVELS];  /* tile size in pixels and number of sensors */
     } picture;
@@ -1194,8 +1131,7 @@ typedef struct sbl_readings_desc {
 
    If any surface touches the square of a texel, the texel shows the point of a surface that is nearest to its centre.
    Light is measured on the front of a surface: the side that its normals point to, or without normals the side from
-   which its corners run counter-clockwise. Triangles that touch each other both in the world and in the map form a
-   chart. Light is never interpolated or filtered across charts.
+   which its corners run counter-clockwise.
 
    Unlike in a picture, FINAL is R, continued into the gutter; ID is 1 + the number of the chart; DEPTH is 0. */
 typedef struct sbl_lightmap_desc {
@@ -1206,7 +1142,8 @@ typedef struct sbl_lightmap_desc {
     int mesh_count;            /* number of entries in meshes */
     int gutter;                /* width of the border around charts into which FINAL is continued, up to 16384 texels,
                                   see ON LIGHTMAPS. Default: 16. Negative: no gutter */
-    int seams;                 /* see ON LIGHTMAPS. Default: 0, seams are closed. Negative, or no gutter: they stay */
+    int seams;                 /* 0: light is made equal across seams, see ON LIGHTMAPS. Default: 0. Negative, or no
+                                  gutter: seams stay */
     int directional;           /* 1: also store the direction of the light, in channels SH_0 to SH_3 */
     int supersample;           /* number of places across a texel at which light is measured, 1 to 8; FINAL, RADIANCE
                                   and SH are their means, other channels show the place nearest to the centre. width and
@@ -1234,7 +1171,8 @@ typedef struct sbl_lightmap_desc {
 typedef struct sbl_probe {
     float position[3];         /* world position: the one that was asked for, or the one that the probe was moved to */
     float sh[9][3];            /* spherical harmonics of the radiance, rgb each */
-    float cube[6][3];          /* R on a surface that faces +x, -x, +y, -y, +z, -z */
+    float cube[6][3];          /* ambient cube: R on a surface that faces +x, -x, +y, -y, +z, -z. R(n) is about the mean
+                                  of the three sides that n turns to, weighted by the squares of n's components */
     float sky;                 /* share of all directions in which no surface is seen, 0 to 1 */
     float distance[8];         /* mean world distance to the surfaces seen towards each octant (number: bit 0 is x > 0,
                                   bit 1 is y > 0, bit 2 is z > 0), with the weights max(0, cosine to the octant's
@@ -1261,9 +1199,8 @@ typedef struct sbl_probes_desc {
 
 /* >>vertex types */
 
-/* Light at the vertices of meshes; see ON VERTEX LIGHT. Light is measured on the front of a surface: the side that its
-   normals point to, or without normals the side from which its corners run counter-clockwise. Three numbers are the
-   values of the presets draft / default / high. */
+/* Light at the vertices of meshes, on the front of surfaces as in sbl_lightmap_desc; see ON VERTEX LIGHT. Three numbers
+   are the values of the presets draft / default / high. */
 typedef struct sbl_vertices_desc {
     uint32_t start_canary;     /* must stay 0 */
     const int *meshes;         /* indices of the meshes, in the order in which radiance holds their vertices; read when
@@ -1395,9 +1332,8 @@ SBL_API sbl_result sbl_set_materials(sbl_context *context, const sbl_material *m
 SBL_API sbl_result sbl_set_lights(sbl_context *context, const sbl_light *lights, int light_count);
 
 /* Writes the stored bounced light of the scene through put, or reads it back through get, so that a later run need not
-   compute it. The scene must be the same to the bit: meshes, materials, textures, lights, sky and environment. The
-   camera may differ.
-   max_bounce_cells, preset and seed may differ too. Loading drops work under way.
+   compute it. The scene must be the same to the bit: meshes, materials, textures, lights, sky and environment. Camera,
+   max_bounce_cells, preset and seed may differ. Loading drops work under way.
    put, get: called for some bytes at a time; they return the number of bytes written or read, and fewer than asked for
    are an error. user: passed to them. The format has a version and a checksum, and uses the machine's byte order.
    Results: INVALID_ARGUMENT (put or get failed; the data are damaged, or of another version, byte order or scene),
@@ -1420,23 +1356,17 @@ SBL_API sbl_result sbl_bake_probes(sbl_context *context, const sbl_probes_desc *
 SBL_API sbl_result sbl_begin_picture(sbl_context *context, const sbl_picture_desc *desc);
 
 /* Starts a lightmap, which takes the place of a picture: the comments on pictures are true for it, from sbl_step to
-   sbl_inspect_sensor. Warnings name triangles that overlap in the map or lie outside of it.
+   sbl_inspect_sensor.
    desc: NULL means defaults. Results: as for sbl_begin_picture, and OUT_OF_MEMORY. */
 SBL_API sbl_result sbl_begin_lightmap(sbl_context *context, const sbl_lightmap_desc *desc);
 
-/* Starts light at vertices. Work under way is dropped.
-   desc: copied; desc->radiance is filled when the work is done.
-   Results: INVALID_ARGUMENT, STATE (no scene), OUT_OF_MEMORY. */
+/* Start light at vertices, readings, or probes. Work under way is dropped.
+   desc: copied. Its radiance is filled when the work is done; its readings or probes are filled from the first to the
+   last while the work goes on.
+   Results: INVALID_ARGUMENT (of sites or positions only the first mistakes are logged), STATE (no scene),
+   OUT_OF_MEMORY (vertices). */
 SBL_API sbl_result sbl_begin_vertices(sbl_context *context, const sbl_vertices_desc *desc);
-
-/* Starts readings, which sensors measure as for pictures. Work under way is dropped.
-   desc: copied; desc->readings is filled from the first site to the last while the work goes on.
-   Results: INVALID_ARGUMENT (of the sites only the first mistakes are logged), STATE (no scene). */
 SBL_API sbl_result sbl_begin_readings(sbl_context *context, const sbl_readings_desc *desc);
-
-/* Starts probes. Work under way is dropped.
-   desc: copied; desc->probes is filled from the first position to the last while the work goes on.
-   Results: INVALID_ARGUMENT (of the positions only the first mistakes are logged), STATE (no scene). */
 SBL_API sbl_result sbl_begin_probes(sbl_context *context, const sbl_probes_desc *desc);
 
 /* Works on whatever was begun last; see ON TIME.
