@@ -3765,10 +3765,12 @@ typedef struct sbl__mesh {
     float transform[16];           /* object space to world space, column-major */
 } sbl__mesh;
 
+enum { SBL__POSITION_TABLE, SBL__ATTRIBUTE_TABLE, SBL__INDEX_TABLE, SBL__OBJECT_TABLE, SBL__GEOMETRY_TABLES };
+
 typedef struct sbl__geometry {
     sbl__mesh *meshes;
     int mesh_count;
-    float *lightmap_texcoords;     /* 2 floats per vertex; NULL if no mesh has them */
+    float *lightmap_texcoords;     /* 2 floats per vertex; empty if no mesh has them */
     float *positions, *normals;    /* in object space, 3 floats per vertex, for sbl_set_mesh_transform */
     sbl__vertex *vertices;
     sbl__attributes *attributes;
@@ -3778,9 +3780,9 @@ typedef struct sbl__geometry {
     int degenerate_count;          /* triangles without area, which were left out */
     int colored;                   /* 1 if some mesh has vertex colours */
     float bounds[2][3];            /* lowest and highest coordinates of the scene in world space */
-    float extent;                  /* diagonal of the bounds plus their largest absolute coordinate, in world units;
-                                      offsets from surfaces and depth are in proportion to it */
-    sbl__table position_table, attribute_table, index_table, object_table;
+    double across, away;           /* diagonal of the bounds, and their largest absolute coordinate, in world units */
+    float extent;                  /* across + away; offsets from surfaces and depth are in proportion to it */
+    sbl__table tables[SBL__GEOMETRY_TABLES];
     unsigned vertex_array;         /* GL vertex array: position, object, texture coordinates, colour */
     int wide;                      /* 1 if the tables are 2D textures, see sbl__table */
 } sbl__geometry;
@@ -3791,10 +3793,7 @@ static void sbl__geometry_free(const sbl__device *d, sbl__geometry *g) {
     int i;
     for (i = 0; i < SBL__COUNT(arrays); i++) sbl__free(d->base, arrays[i]);
     sbl__array_delete(d, &g->vertex_array);
-    sbl__table_delete(d, &g->position_table);
-    sbl__table_delete(d, &g->attribute_table);
-    sbl__table_delete(d, &g->index_table);
-    sbl__table_delete(d, &g->object_table);
+    for (i = 0; i < SBL__GEOMETRY_TABLES; i++) sbl__table_delete(d, &g->tables[i]);
     memset(g, 0, sizeof *g);
 }
 
@@ -3938,7 +3937,7 @@ static void sbl__mesh_convert(sbl__geometry *g, const sbl__mesh_data *m, int num
         }
         sbl__triangle_normal(p, normal);
         if (normal[0] == 0 && normal[1] == 0 && normal[2] == 0) { g->degenerate_count++; continue; }
-        for (i = 0; i < 3; i++)  /* m->corners is in the same array, at this place or later */
+        for (i = 0; i < 3; i++)  /* overwrites no later triangle of m->corners, which lies in g->indices, too */
             g->indices[3 * (size_t)g->triangle_count + (size_t)i] = (uint32_t)g->vertex_count + corners[i];
         g->triangle_count++;
     }
@@ -4038,9 +4037,9 @@ static sbl_result sbl__geometry_make(const sbl__device *d, sbl__geometry *g, con
     g->attributes = (sbl__attributes *)sbl__alloc(d->base, (size_t)vertices, sizeof(sbl__attributes));
     g->indices = (uint32_t *)sbl__alloc(d->base, (size_t)triangles, 12);
     g->objects = (sbl__object *)sbl__alloc(d->base, (size_t)desc->mesh_count, sizeof(sbl__object));
-    if (lightmapped) g->lightmap_texcoords = (float *)sbl__alloc(d->base, (size_t)vertices, 8);
+    g->lightmap_texcoords = (float *)sbl__alloc(d->base, lightmapped ? (size_t)vertices : 0, 8);
     if (!g->meshes || !g->positions || !g->normals || !g->vertices || !g->attributes || !g->indices || !g->objects ||
-        (lightmapped && !g->lightmap_texcoords))
+        !g->lightmap_texcoords)
         return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < desc->mesh_count; i++) {  /* goes on after mistakes, to log the mistakes of all meshes */
         const sbl_result mesh = sbl__geometry_add(d, g, &desc->meshes[i], i);
@@ -4054,10 +4053,10 @@ static sbl_result sbl__geometry_make(const sbl__device *d, sbl__geometry *g, con
     return result;
 }
 
-/* Computes the scene's bounds and extent. drawn: bounds of what the host draws itself; NULL if it draws nothing */
+/* Computes the scene's bounds and sizes. drawn: bounds of what the host draws itself; NULL if it draws nothing */
 static void sbl__geometry_measure(sbl__geometry *g, const float (*drawn)[3]) {
-    double diagonal = 0, farthest = 0;
     int i, k;
+    g->across = g->away = 0;
     for (k = 0; k < 3; k++) {
         g->bounds[0][k] = drawn ? drawn[0][k] : FLT_MAX;
         g->bounds[1][k] = drawn ? drawn[1][k] : -FLT_MAX;
@@ -4071,27 +4070,29 @@ static void sbl__geometry_measure(sbl__geometry *g, const float (*drawn)[3]) {
     }
     if (!drawn && !g->triangle_count) memset(g->bounds, 0, sizeof g->bounds);
     for (k = 0; k < 3; k++) {
-        double side = (double)g->bounds[1][k] - g->bounds[0][k];
-        diagonal += side * side;
-        farthest = SBL__MAX(farthest, SBL__MAX(fabs((double)g->bounds[0][k]), fabs((double)g->bounds[1][k])));
+        const double low = g->bounds[0][k], high = g->bounds[1][k];
+        g->across += (high - low) * (high - low);
+        g->away = SBL__MAX(g->away, SBL__MAX(fabs(low), fabs(high)));
     }
-    g->extent = (float)(sqrt(diagonal) + farthest);
+    g->across = sqrt(g->across);
+    g->extent = (float)(g->across + g->away);
     if (!(g->extent > 0)) g->extent = 1;
 }
 
 /* Makes the contents of all tables' buffers visible to shaders. */
 static sbl_result sbl__geometry_attach(const sbl__device *d, sbl__geometry *g) {
-    sbl_result result = sbl__table_attach(d, &g->position_table, SBL__GL_RGBA32UI, g->wide);
-    if (result == SBL_SUCCESS) result = sbl__table_attach(d, &g->attribute_table, SBL__GL_RGBA32UI, g->wide);
-    if (result == SBL_SUCCESS) result = sbl__table_attach(d, &g->index_table, SBL__GL_R32UI, g->wide);
-    if (result == SBL_SUCCESS) result = sbl__table_attach(d, &g->object_table, SBL__GL_RGBA32UI, g->wide);
+    sbl_result result = SBL_SUCCESS;
+    int i;
+    for (i = 0; i < SBL__GEOMETRY_TABLES && result == SBL_SUCCESS; i++)
+        result = sbl__table_attach(d, &g->tables[i], i == SBL__INDEX_TABLE ? SBL__GL_R32UI : SBL__GL_RGBA32UI, g->wide);
     return result;
 }
 
 /* Sends all objects to the GPU after materials have changed. */
 static sbl_result sbl__geometry_attach_objects(const sbl__device *d, sbl__geometry *g) {
-    sbl__buffer_write(d, &g->object_table.buffer, 0, sizeof(sbl__object) * (size_t)g->mesh_count, g->objects);
-    return sbl__table_attach(d, &g->object_table, SBL__GL_RGBA32UI, g->wide);
+    sbl__table *objects = &g->tables[SBL__OBJECT_TABLE];
+    sbl__buffer_write(d, &objects->buffer, 0, sizeof(sbl__object) * (size_t)g->mesh_count, g->objects);
+    return sbl__table_attach(d, objects, SBL__GL_RGBA32UI, g->wide);
 }
 
 /* The vertex attributes that sensor_vertex.glsl declares. */
@@ -4105,23 +4106,20 @@ static const sbl__input sbl__attribute_inputs[] = {
 };
 
 static sbl_result sbl__geometry_upload(const sbl__device *d, sbl__geometry *g) {
-    const unsigned usage = SBL__GL_STATIC_DRAW;
-    const size_t vertices = (size_t)g->vertex_count;
-    sbl_result result = sbl__buffer_make(d, &g->position_table.buffer, sizeof(sbl__vertex) * vertices, g->vertices,
-                                         usage);
-    if (result == SBL_SUCCESS)
-        result = sbl__buffer_make(d, &g->attribute_table.buffer, sizeof(sbl__attributes) * vertices, g->attributes,
-                                  usage);
-    if (result == SBL_SUCCESS)
-        result = sbl__buffer_make(d, &g->index_table.buffer, 12 * (size_t)g->triangle_count, g->indices, usage);
-    if (result == SBL_SUCCESS)
-        result = sbl__buffer_make(d, &g->object_table.buffer, sizeof(sbl__object) * (size_t)g->mesh_count, g->objects,
-                                  usage);
+    const void *const contents[] = { g->vertices, g->attributes, g->indices, g->objects };
+    const size_t bytes[] = { sizeof *g->vertices * (size_t)g->vertex_count,
+                             sizeof *g->attributes * (size_t)g->vertex_count,
+                             sizeof *g->indices * 3 * (size_t)g->triangle_count,
+                             sizeof *g->objects * (size_t)g->mesh_count };
+    sbl_result result = SBL_SUCCESS;
+    int i;
+    for (i = 0; i < SBL__GEOMETRY_TABLES && result == SBL_SUCCESS; i++)
+        result = sbl__buffer_make(d, &g->tables[i].buffer, bytes[i], contents[i], SBL__GL_STATIC_DRAW);
     if (result == SBL_SUCCESS) result = sbl__geometry_attach(d, g);
-    if (result == SBL_SUCCESS) result = sbl__array_make(d, &g->vertex_array, &g->index_table.buffer);
+    if (result == SBL_SUCCESS) result = sbl__array_make(d, &g->vertex_array, &g->tables[SBL__INDEX_TABLE].buffer);
     if (result != SBL_SUCCESS) return result;
-    sbl__array_inputs(d, g->vertex_array, &g->position_table.buffer, sbl__vertex_inputs, 2);
-    sbl__array_inputs(d, g->vertex_array, &g->attribute_table.buffer, sbl__attribute_inputs, 2);
+    sbl__array_inputs(d, g->vertex_array, &g->tables[SBL__POSITION_TABLE].buffer, sbl__vertex_inputs, 2);
+    sbl__array_inputs(d, g->vertex_array, &g->tables[SBL__ATTRIBUTE_TABLE].buffer, sbl__attribute_inputs, 2);
     return sbl__gl_check(&d->gl);
 }
 
@@ -4136,13 +4134,13 @@ static sbl_result sbl__geometry_move(const sbl__device *d, sbl__geometry *g, int
         return SBL_ERROR_INVALID_ARGUMENT;
     }
     memcpy(mesh->transform, transform, sizeof mesh->transform);
-    sbl__buffer_write(d, &g->position_table.buffer, sizeof(sbl__vertex) * first, sizeof(sbl__vertex) * count,
-                      g->vertices + first);
-    sbl__buffer_write(d, &g->attribute_table.buffer, sizeof(sbl__attributes) * first, sizeof(sbl__attributes) * count,
-                      g->attributes + first);
+    sbl__buffer_write(d, &g->tables[SBL__POSITION_TABLE].buffer, sizeof *g->vertices * first,
+                      sizeof *g->vertices * count, g->vertices + first);
+    sbl__buffer_write(d, &g->tables[SBL__ATTRIBUTE_TABLE].buffer, sizeof *g->attributes * first,
+                      sizeof *g->attributes * count, g->attributes + first);
     if (reversed) {
         sbl__mesh_reverse(g, mesh);
-        sbl__buffer_write(d, &g->index_table.buffer, 4 * corners, 12 * (size_t)mesh->triangle_count,
+        sbl__buffer_write(d, &g->tables[SBL__INDEX_TABLE].buffer, 4 * corners, 12 * (size_t)mesh->triangle_count,
                           g->indices + corners);
     }
     return g->wide ? sbl__geometry_attach(d, g) : sbl__gl_check(&d->gl);
@@ -4173,10 +4171,9 @@ static double sbl__scene_normal(const sbl__geometry *g, uint32_t triangle, doubl
 }
 
 static void sbl__geometry_bind(sbl__device *d, const sbl__geometry *g) {
-    sbl__bind_table(d, "sbl_objects", &g->object_table);
-    sbl__bind_table(d, "sbl_positions", &g->position_table);
-    sbl__bind_table(d, "sbl_attributes", &g->attribute_table);
-    sbl__bind_table(d, "sbl_indices", &g->index_table);
+    static const char *const names[] = { "sbl_positions", "sbl_attributes", "sbl_indices", "sbl_objects" };
+    int i;
+    for (i = 0; i < SBL__GEOMETRY_TABLES; i++) sbl__bind_table(d, names[i], &g->tables[i]);
 }
 
 /* ==================================================================================================== >>topology
@@ -4513,7 +4510,7 @@ typedef struct sbl__textures {
     sbl__texture tables[2];    /* texel tables: [0] 8-bit sRGB, [1] 16-bit floats */
     /* Materials number textures from 1. Element 0 of the arrays stands for no texture. */
     uint32_t (*places)[4];     /* first row in its table, width, height, kind; copied to sbl__object */
-    float *brightest;          /* largest component of any texel; always 1 if pixels are 8-bit sRGB */
+    float *brightest;          /* largest component of any texel of the texture; always 1 if pixels are 8-bit sRGB */
     int count;
     uint64_t hash;             /* hash of both tables' texels */
 } sbl__textures;
@@ -4582,7 +4579,6 @@ static sbl_result sbl__textures_fill(sbl__device *d, const sbl__textures *s, con
         if (!copy) return SBL_ERROR_OUT_OF_MEMORY;
         d->gl.doing = "reading a GL texture";
         result = sbl__host_texture_read(d, t->gl_texture, size, copy);
-        d->gl.doing = "storing textures";
     }
     if (result == SBL_SUCCESS) result = sbl__texels_write(d, s, table, t, number, copy);
     sbl__free(d->base, copy);
@@ -4599,7 +4595,6 @@ static sbl_result sbl__textures_place(sbl__device *d, sbl__textures *s, sbl__tex
         sbl_result result;
         d->gl.doing = "querying a GL texture";
         result = sbl__host_texture_size(d, t->gl_texture, size);
-        d->gl.doing = "storing textures";
         if (result == SBL_ERROR_OUT_OF_MEMORY) return result;
         if (result != SBL_SUCCESS || size[0] < 1 || size[1] < 1) {
             sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: gl_texture %u is not a "
@@ -4641,6 +4636,7 @@ static sbl_result sbl__texel_table_make(sbl__device *d, sbl__textures *s, const 
         if ((desc->textures[i].format != SBL_PIXELS_SRGB8) == kind)
             result = sbl__textures_fill(d, s, &table, &desc->textures[i], i + 1);
     s->hash = sbl__hash_bytes(s->hash, table.bytes, (size_t)table.rows * (size_t)table.width * table.texel);
+    d->gl.doing = "storing textures";
     if (result == SBL_SUCCESS) result = sbl__texture_make(d, &s->tables[kind], table.width, table.rows, format);
     if (result == SBL_SUCCESS) result = sbl__texture_write(d, &s->tables[kind], 0, table.rows, table.bytes);
     sbl__free(d->base, table.bytes);
@@ -4650,7 +4646,6 @@ static sbl_result sbl__texel_table_make(sbl__device *d, sbl__textures *s, const 
 /* Makes the texel tables for all textures of a descriptor that has been checked. */
 static sbl_result sbl__textures_make(sbl__device *d, sbl__textures *s, const sbl_scene_desc *desc) {
     sbl_result result;
-    d->gl.doing = "storing textures";
     s->count = desc->texture_count;
     s->places = (uint32_t (*)[4])sbl__alloc(d->base, (size_t)s->count + 1, sizeof *s->places);
     s->brightest = (float *)sbl__alloc(d->base, (size_t)s->count + 1, sizeof(float));
@@ -4693,7 +4688,8 @@ static int sbl__emits(const sbl__object *o, int back) {
     return sbl__max3(o->emission) > 0 && !(back && o->flags & SBL_MATERIAL_ONE_SIDED_EMISSION);
 }
 
-/* True if the surface has no albedo texture and SBL__BOUNCE_ALBEDO reduces its albedo in all three channels. */
+/* True if the surface is whiter than stored light can be reflected: it has no albedo texture, and all three channels
+   of its albedo exceed SBL__BOUNCE_ALBEDO. */
 static int sbl__holds_light(const sbl__object *o) {
     const float *albedo = o->albedo, most = SBL__BOUNCE_ALBEDO;
     return albedo[0] > most && albedo[1] > most && albedo[2] > most && !o->albedo_texture[1];
@@ -4707,7 +4703,8 @@ static void sbl__share_pack(const float share[3], uint16_t out[3]) {
     for (k = 0; k < 3; k++) out[k] = (uint16_t)(SBL__SHARE_ONE * share[k] + 0.5f);
 }
 
-/* Adds the R that a surface with a packed share reflects, times SBL__SHARE_ONE. light: R at the surface. */
+/* Adds SBL__SHARE_ONE * (the radiance that a surface reflects) to sum. share: the surface's albedo, packed by
+   sbl__share_pack. light: R at the surface. */
 static void sbl__add_reflected(const uint16_t share[3], const float light[3], float sum[3]) {
     int k;
     for (k = 0; k < 3; k++) sum[k] += (float)share[k] * light[k];
@@ -4717,7 +4714,7 @@ static void sbl__add_reflected(const uint16_t share[3], const float light[3], fl
 static const char *const sbl__glsl_material[] = {
 "// How surfaces emit and reflect light, and where they have holes. No other shader reads a material. >>material in\n",
 "// sbl.h does the same on the CPU.\n",
-"uniform float epsilon;     // the ambient factor\n",
+"uniform float epsilon;     // ambient factor: a surface that does not emit has the radiance epsilon * albedo\n",
 "uniform bool lamps_apart;  // true: lamps.glsl adds the light of emitters, so sbl_outgoing leaves it out\n",
 "\n",
 "// A material at a point, with its textures applied.\n",
@@ -6500,9 +6497,12 @@ typedef struct sbl__scene {
 } sbl__scene;
 
 #define SBL__RADIANCE_MOST 1e37f /* limit of radiance, so that sums stay finite */
-#define SBL__ACROSS_LEAST 5e-10  /* least diagonal of a scene whose light is correct up to rounding errors; measured */
-#define SBL__ACROSS_MOST 6e9    /* largest diagonal of a scene whose light is correct up to rounding errors, measured */
-#define SBL__AWAY_MOST 4e3       /* largest coordinate in such a scene, in diagonals; measured */
+
+/* Limits of scenes whose light is correct up to rounding errors, measured: the least and the largest diagonal, and the
+   largest coordinate in diagonals. */
+#define SBL__ACROSS_LEAST 5e-10
+#define SBL__ACROSS_MOST 6e9
+#define SBL__AWAY_MOST 4e3
 
 static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
     sbl__store_free(d, &s->store);
@@ -6525,8 +6525,8 @@ static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
                                            &s->geometry.objects[i], &s->brightest);
 }
 
-#define SBL__STORE_LEAVES 49152    /* default limit of the number of leaves */
-#define SBL__STORE_TEXELS 8        /* limit of the texels per leaf, including its share of cells and cuts */
+#define SBL__STORE_LEAVES 49152    /* default limit of the store's leaves, which the interface calls cells */
+#define SBL__STORE_TEXELS 8        /* limit of the texels of the store's table per leaf, with all cells and cuts */
 
 /* Checks s->brightest. Decides whether tables are buffer textures or, if one exceeds the driver's limit for those, 2D
    textures. Reduces the number of the store's leaves to what its tables hold. */
@@ -6563,25 +6563,19 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
 /* Logs warnings about valid scenes that are probably mistakes. */
 static void sbl__scene_warn(const sbl__base *base, const sbl__scene *s) {
     const sbl__geometry *g = &s->geometry;
-    double away = 0, across = 0, shining = s->brightest;
+    double shining = s->brightest;
     int i;
     if (!g->triangle_count) return;
-    for (i = 0; i < 3; i++) {
-        const double low = g->bounds[0][i], high = g->bounds[1][i];
-        across += (high - low) * (high - low);
-        away = SBL__MAX(away, SBL__MAX(fabs(low), fabs(high)));
-    }
-    across = sqrt(across);
     for (i = 0; i < s->lights.count; i++) shining = SBL__MAX(shining, (double)sbl__max3(s->lights.list[i].intensity));
     if (!(shining > 0))
         sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_NO_LIGHT, "nothing in the scene emits light; give it a sky, "
                  "an environment, lights or a material with emission");
-    if (across < SBL__ACROSS_LEAST || across > SBL__ACROSS_MOST)
+    if (g->across < SBL__ACROSS_LEAST || g->across > SBL__ACROSS_MOST)
         sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the scene is %g across; light is correct only from "
-                 "%g to %g: scale the scene", across, SBL__ACROSS_LEAST, SBL__ACROSS_MOST);
-    if (away > SBL__AWAY_MOST * across)
+                 "%g to %g: scale the scene", g->across, SBL__ACROSS_LEAST, SBL__ACROSS_MOST);
+    if (g->away > SBL__AWAY_MOST * g->across)
         sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the scene is %g across and reaches %g away from the "
-                 "origin, where floats are too coarse; move it to the origin", across, away);
+                 "origin, where floats are too coarse; move it to the origin", g->across, g->away);
 }
 
 /* Makes everything but the hierarchy, the lamps and the store, which are made when first needed. */
@@ -6727,7 +6721,7 @@ static const char *const sbl__glsl_scene[] = {
 "vec4 sbl_texel(uvec4 place, ivec2 at) {\n",
 "    ivec2 size = ivec2(place.yz);\n",
 "    if ((place.w & SBL_TEXTURE_CLAMPS) == 0u) at -= size * ivec2(floor(vec2(at) / vec2(size)));\n",
-"    at = clamp(at, ivec2(0), size - 1);  // the division above may round up for far repeats\n",
+"    at = clamp(at, ivec2(0), size - 1);  // far repeats: the quotient above may be rounded up\n",
 "    bool srgb = (place.w & SBL_TEXTURE_KIND) == SBL_TEXTURE_SRGB;\n",
 "    int index = at.y * size.x + at.x;\n",
 "    int width = srgb ? textureSize(sbl_texels_srgb, 0).x : textureSize(sbl_texels_float, 0).x;\n",
@@ -6765,7 +6759,7 @@ static const char *const sbl__glsl_surface[] = {
 "    sbl_Material material;\n",
 "    vec3 emission;\n",
 "    float facet;                              // least height of the triangle\n",
-"    float reach;                              // distance of the first corner from the origin, plus twice the\n",
+"    float reach;                              // world distance of the first corner from 0 0 0, plus twice the\n",
 "                                              // longest side; rounding errors are in proportion to it\n",
 "    uint id;\n",
 "    int object;\n",
@@ -6817,7 +6811,7 @@ static const char *const sbl__glsl_surface[] = {
 "    sbl_Surface s;\n",
 "    s.position = f.p0 + (b1 * f.e1 + b2 * f.e2);\n",
 "    vec3 across = cross(f.s1, f.s2), s3 = f.s2 - f.s1;\n",
-"    float widest = max(max(abs(across.x), abs(across.y)), abs(across.z));  // if tiny, normalize underflows\n",
+"    float widest = max(max(abs(across.x), abs(across.y)), abs(across.z));  // normalize needs more than 1e-15\n",
 "    vec3 face = normalize(widest > 1e-15 ? across : widest > 0.0 ? across / widest : -direction);\n",
 "    float longest = sqrt(max(dot(f.s1, f.s1), max(dot(f.s2, f.s2), dot(s3, s3))));\n",
 "    s.facet = f.size * length(across) / longest;\n",
@@ -9833,7 +9827,7 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
         unsigned array;
         result = sbl__raster_send(d, r, lens, b);
         if (result == SBL_SUCCESS && b->spec->bounced)
-            result = sbl__array_make(d, &r->view_array, &g->index_table.buffer);
+            result = sbl__array_make(d, &r->view_array, &g->tables[SBL__INDEX_TABLE].buffer);
         if (result != SBL_SUCCESS) return result;
         array = b->spec->bounced ? r->view_array : g->vertex_array;
         sbl__array_inputs(d, array, &r->views, sbl__view_inputs, SBL__COUNT(sbl__view_inputs));

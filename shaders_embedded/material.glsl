@@ -1,6 +1,6 @@
 // How surfaces emit and reflect light, and where they have holes. No other shader reads a material. >>material in
 // sbl.h does the same on the CPU.
-uniform float epsilon;     // the ambient factor
+uniform float epsilon;     // ambient factor: a surface that does not emit has the radiance epsilon * albedo
 uniform bool lamps_apart;  // true: lamps.glsl adds the light of emitters, so sbl_outgoing leaves it out
 
 // A material at a point, with its textures applied.
