@@ -265,15 +265,10 @@
    four points, where rays have met it: light from lamps as sensors measure it, and rays find the sky and other cells.
    These rays define a system of linear equations, whose solution contains all bounces.
 
-   Light does not leak through walls or creep under them, because cells are kept apart in three ways. The two sides of
-   a wall have different cells. Surfaces seen from less than half a cell's length away have different cells than the
-   same surfaces seen from farther away. Where something stands on a surface, such as a wall on the floor of two rooms,
-   the plane of the wall cuts the cells of the floor.
-
-   The sensors of a picture use the store only for the light that other surfaces reflect towards them. Where a traced
-   ray meets a surface closer than the length of a cell, the mean of the cell says little about that place; a new ray in
-   a random direction then starts from there, once. The store itself is visible only on surfaces with
-   SBL_MATERIAL_NO_SENSORS and in SBL_CHANNEL_STORE.
+   Light does not leak through walls or creep under them. The two sides of a wall have different cells, and the plane of
+   a wall that stands on a floor cuts the cells of the floor. The sensors of a picture use the store only for the light
+   that other surfaces reflect towards them. The store itself is visible only on surfaces with SBL_MATERIAL_NO_SENSORS
+   and in SBL_CHANNEL_STORE.
 
    Cost: a picture takes 2 to 3 times as long as with direct light alone, including the store, and more if the picture
    is small (measured in several rooms, llvmpipe on two cores). The first work in this mode makes the store. It then
@@ -281,10 +276,9 @@
    discards it. A change of emission or lights takes half as long, see sbl_set_materials. sbl_save_store and
    sbl_load_store carry a store over to the next run. sbl_stats.seconds.bounce and sbl_stats.store tell its cost.
 
-   Budget: sbl_scene_desc.max_bounce_cells limits the number of cells; their size follows from it, and from the part of
-   the scene that rays reach. Time and memory grow with the budget. Raise it if a room is lit through a gap or a
-   door, if geometry is small compared with the scene, or if light looks patchy; lower it for a quick preview. Grain of
-   single pixels needs a smaller target_error.
+   Budget: sbl_scene_desc.max_bounce_cells limits the number of cells, and so their size. Time and memory grow with it.
+   Raise it if a room is lit through a gap or a door, if geometry is small compared with the scene, or if light looks
+   patchy; lower it for a quick preview. Grain of single pixels needs a smaller target_error.
 
    Accuracy at default settings, measured against an independent path tracer (relative root mean square error of R, in
    blocks of 4 x 4 pixels): 0.8 % in the Cornell box, 1.6 % in a staircase room with 130 emitting triangles, 4 % in a
@@ -326,16 +320,15 @@
 
    Seams: where charts meet in the world and their normals agree, FINAL is changed as little as possible so that
    bilinear samples are equal on both sides. Light that differs by half or more is left as it is, because something
-   stands between the sides. The triangles on both sides must share the edge from end to end. sbl_stats.lightmap has the
-   differences.
+   stands between the sides. The triangles on both sides must share the edge from end to end.
 
    Detail: the light of a texel is that at its centre. A thin shadow, or the edge of a wide one, needs `supersample`,
    which measures several places per texel. A value of 2 takes about twice the time.
 
    Overlaps: if charts overlap or leave the map, a warning names the first place; SBL_CHANNEL_OVERLAP shows overlaps.
 
-   Normal maps need light from several directions. If `directional` is set, the channels SH_0 to SH_3 hold it, as
-   sbl_channel says. These four alone would give
+   Normal maps need light from several directions. If `directional` is set, the channels SH_0 to SH_3 hold this light as
+   spherical harmonics, see sbl_channel. These four alone would give
 
        R(m) = 0.28209479 SH_0 + 0.32573501 (m_y SH_1 + m_z SH_2 + m_x SH_3)
 
@@ -370,8 +363,7 @@
    around them. Beside a shadow the fit may make a vertex darker than all points around it, but not negative.
 
    Vertices of a mesh that have the same position, and normals that agree within 1 degree, share one value, so that
-   texture seams do not show. If the normals differ, as at hard edges, each vertex has its own light. A vertex without
-   a normal uses the mean normal of its triangles.
+   texture seams do not show. A vertex without a normal uses the mean normal of its triangles.
 
    Points stuck inside geometry are left out. So are points that see little but back faces, because these lie inside
    something; but if most points of a mesh see back faces, all are kept, because whole rooms are modelled inside out. A
@@ -398,24 +390,22 @@
    Accuracy: light from surfaces and from the sky is measured along `rays` single rays, evenly over the sphere. Light
    from lamps is measured by sensors with 320 normals. For a point light the error is at most 0.4 % of the norm of its
    first four coefficients, and less for larger lamps. The noise of a half hidden lamp is 1.3 % with 4,096 rays and
-   0.5 % with 16,384. Sharper light does not fit: R of a small lamp is slightly negative on the far side; the cube
-   gives 0.
+   0.5 % with 16,384. R of a small lamp is slightly negative on the far side, where the cube gives 0.
 
    Validity: surfaces have two sides here, and a probe sees the light of both. Only back faces tell whether a probe is
    inside something: `valid` is 0 if more than a quarter of all directions end on back faces. This finds probes in
    closed objects, below the ground, and close behind a wall of one layer. If meshes are wound at random it tells
    nothing; use back_share for your own test. The light is correct for the probe's position in any case.
 
-   Moving probes out of solids: if `move` is above 0, an invalid probe goes through the nearest back face of each octant
-   of directions, from the nearest on, and an eighth of `move` beyond it, but never farther than `move` from the given
-   position. It stays at the first valid position, or else where it was.
+   Moving probes out of solids: if `move` is above 0, an invalid probe tries to go through the nearest back face of each
+   octant of directions, from the nearest on, and an eighth of `move` beyond it, but never farther than `move` from the
+   given position. It stays at the first valid position, or else where it was.
 
    Shadows of light from probes (as in DDGI) use distance and distance_squared. The sky is left out; where nothing but
    sky is visible, 0 means infinitely far.
 
    Geometry of a draw callback contributes to the light. The probe then sees by views (SBL_BACKEND_RASTER), whose error
-   for a point light is 1.4 %. Rays still find sky, distance, distance_squared, back_share and valid, without that
-   geometry.
+   for a point light is 1.4 %. Rays still find sky, the distances, back_share and valid, without that geometry.
 
 
    ON MEMORY
@@ -426,7 +416,6 @@
    If memory runs out, the function returns SBL_ERROR_OUT_OF_MEMORY and the context stays usable. The scene or picture
    that was being made is dropped; an older scene stays. The memory of readings and probes does not grow with their
    number, because sbl_gather_readings works on 65,536 points at a time and sbl_bake_probes on 128.
-
 
    A finished picture stays readable until the next sbl_begin_picture, sbl_begin_lightmap or sbl_end, whatever else
    happens: also after sbl_set_scene, after meshes have moved, and during and after readings, vertices and probes. Only
@@ -447,9 +436,8 @@
    compiles nearly all of them (1.5 s on llvmpipe).
 
    The channels of a picture under way can be read after the first level, when the sensors of the first tiles have
-   measured; before, sbl_read_channel returns SBL_UNFINISHED and sbl_channel_texture returns 0. They hold the best
-   picture so far, interpolated and resolved from what is known. The first request makes such a preview at once. After
-   that, sbl_step makes a better one whenever the number of looks has grown by a quarter.
+   measured. They hold the best picture so far. The first request makes such a preview at once; after that, sbl_step
+   makes a better one whenever the number of looks has grown by a quarter.
 
 
    ON RESULTS AND MESSAGES
@@ -553,9 +541,8 @@
 
    sbl_gather_readings can repeat the light of the pixel (x, y). Give it the site of that pixel (sbl_sensor.site) as its
    site number y * width + x, with the picture's seed, and make both with the same `rays`, not 0. The result is equal to
-   the bit if rays are traced, and equal up to rounding if views are drawn.
-
-   The light of a probe depends on its number, its position, `rays` and the seed, and not on other probes.
+   the bit if rays are traced, and equal up to rounding if views are drawn. The light of a probe depends on its number,
+   its position, `rays` and the seed, and not on other probes.
 
 
    ON THE PAPER
@@ -3777,7 +3764,6 @@ typedef struct sbl__geometry {
     uint32_t *indices;
     sbl__object *objects;
     int vertex_count, triangle_count;
-    int degenerate_count;          /* triangles without area, which were left out */
     int colored;                   /* 1 if some mesh has vertex colours */
     float bounds[2][3];            /* lowest and highest coordinates of the scene in world space */
     double across, away;           /* diagonal of the bounds, and their largest absolute coordinate, in world units */
@@ -3936,7 +3922,7 @@ static void sbl__mesh_convert(sbl__geometry *g, const sbl__mesh_data *m, int num
             p[i] = m->values[SBL__POSITIONS] + 3 * (size_t)corners[i];
         }
         sbl__triangle_normal(p, normal);
-        if (normal[0] == 0 && normal[1] == 0 && normal[2] == 0) { g->degenerate_count++; continue; }
+        if (normal[0] == 0 && normal[1] == 0 && normal[2] == 0) continue;
         for (i = 0; i < 3; i++)  /* overwrites no later triangle of m->corners, which lies in g->indices, too */
             g->indices[3 * (size_t)g->triangle_count + (size_t)i] = (uint32_t)g->vertex_count + corners[i];
         g->triangle_count++;
@@ -4047,9 +4033,9 @@ static sbl_result sbl__geometry_make(const sbl__device *d, sbl__geometry *g, con
         result = mesh;
         if (mesh != SBL_ERROR_INVALID_ARGUMENT) break;
     }
-    if (g->degenerate_count)
-        sbl__log(d->base, SBL_LOG_WARNING, SBL_LOG_ITEM_DEGENERATE_TRIANGLES,
-                 "%d of %.0f triangles have no area and were left out", g->degenerate_count, triangles);
+    if (result == SBL_SUCCESS && triangles > g->triangle_count)
+        sbl__log(d->base, SBL_LOG_WARNING, SBL_LOG_ITEM_DEGENERATE_TRIANGLES, "%.0f of %.0f triangles have no area and "
+                 "were left out", triangles - g->triangle_count, triangles);
     return result;
 }
 
