@@ -473,10 +473,9 @@
 
    ON WINDOWS AND MACOS
 
-   SBL_EGL is for systems that have EGL. On Windows and macOS the host creates an OpenGL context of version 3.3 core or
-   later (with WGL, GLFW, SDL, Qt), makes it current, and sets sbl_context_desc.get_gl_function to its loader. Size,
-   pixel format and visibility of the window do not matter: sbl.h draws into its own textures of 16-bit and 32-bit
-   floats. OpenGL ES, and so ANGLE, is refused: it lacks clip distances and buffer textures.
+   Without EGL, the host creates an OpenGL context of version 3.3 core or later (with WGL, GLFW, SDL, Qt), makes it
+   current, and sets sbl_context_desc.get_gl_function to its loader. Size, pixel format and visibility of the window do
+   not matter. OpenGL ES, and so ANGLE, is refused: it lacks clip distances and buffer textures.
 
    Windows: windows.h may be included before sbl.h, after it, or not at all. The loader may consist of wglGetProcAddress
    alone; sbl.h takes the functions of GL 1.1 from opengl32.dll. The loader works only while a context is current. After
@@ -859,8 +858,8 @@ typedef enum sbl_view_kind { SBL_VIEW_CAMERA = 0, SBL_VIEW_SENSOR } sbl_view_kin
        location 5  uint: id, not 0
    gl_Position = world_to_clip * vec4(world position, 1). Depth is reversed: nearer is greater.
 
-   Cost: meshes that are given as vertex arrays are drawn for a whole batch of sensors in one call. The callback is
-   called once for each view of each sensor; a hemicube has five. */
+   Cost: the callback is called once for each view of each sensor, and a hemicube has five views. Meshes are drawn for
+   many sensors in one call. */
 typedef struct sbl_draw_view {
     sbl_view_kind kind;       /* whose view is drawn: the camera's or a sensor's */
     int viewport[4];          /* x, y, width, height in the current framebuffer; the scissor is the same */
@@ -3945,10 +3944,11 @@ static void sbl__mesh_reverse(sbl__geometry *g, const sbl__mesh *mesh) {
 /* Limit of coordinates in world space. Below it, sums of a few squared coordinates do not overflow a float. */
 #define SBL__COORDINATE_MOST 1e18
 
-/* Transforms the positions and normals of one mesh by m, object space to world space. Returns 1 on success; logs an
-   error and returns 0 if a coordinate is not below SBL__COORDINATE_MOST. */
+/* Gives a mesh the transform m, object space to world space, instead of mesh->transform. Returns 1 on success. If a
+   coordinate is not below SBL__COORDINATE_MOST, logs an error and returns 0; mesh->transform is then the old one, but
+   some vertices are transformed. */
 static int sbl__mesh_transform(const sbl__base *base, sbl__geometry *g, int number, const float m[16]) {
-    const sbl__mesh *mesh = &g->meshes[number];
+    sbl__mesh *mesh = &g->meshes[number];
     const double d = sbl__affine_determinant(m);
     double n[9], column[3][3];
     int v, i, k;
@@ -3974,12 +3974,14 @@ static int sbl__mesh_transform(const sbl__base *base, sbl__geometry *g, int numb
         if (!sbl__normalize(normal)) normal[0] = normal[1] = normal[2] = 0;  /* shaders then use the face's normal */
         for (i = 0; i < 3; i++) g->attributes[v].normal[i] = (float)normal[i];
     }
+    if ((d < 0) != (sbl__affine_determinant(mesh->transform) < 0)) sbl__mesh_reverse(g, mesh);
+    memmove(mesh->transform, m, sizeof mesh->transform);
     return 1;
 }
 
 /* Reads, validates and converts mesh `number` of the scene and transforms it to world space. Reports all mistakes. */
 static sbl_result sbl__geometry_add(const sbl__device *d, sbl__geometry *g, const sbl_mesh *in, int number) {
-    sbl__mesh *mesh = &g->meshes[number];
+    float *transform = g->meshes[number].transform;
     sbl__mesh_data data;
     sbl__check check = { d->base, d, SBL_LOG_ITEM_INVALID_MESH, 0 };
     sbl_result result = sbl__mesh_read(d, g, in, &data);
@@ -3989,10 +3991,9 @@ static sbl_result sbl__geometry_add(const sbl__device *d, sbl__geometry *g, cons
     }
     if (result == SBL_SUCCESS) {
         sbl__mesh_convert(g, &data, number);
-        if (sbl__all_zero(in->transform, 16)) sbl__identity(mesh->transform);
-        else memcpy(mesh->transform, in->transform, sizeof mesh->transform);
-        if (sbl__affine_determinant(mesh->transform) < 0) sbl__mesh_reverse(g, mesh);
-        if (!sbl__mesh_transform(d->base, g, number, mesh->transform)) result = SBL_ERROR_INVALID_ARGUMENT;
+        sbl__identity(transform);
+        if (!sbl__mesh_transform(d->base, g, number, sbl__all_zero(in->transform, 16) ? transform : in->transform))
+            result = SBL_ERROR_INVALID_ARGUMENT;
     }
     sbl__free(d->base, data.values[SBL__TEXCOORDS]);
     sbl__free(d->base, data.values[SBL__COLORS]);
@@ -4111,24 +4112,19 @@ static sbl_result sbl__geometry_upload(const sbl__device *d, sbl__geometry *g) {
 
 /* Gives a mesh another transform, in the arrays and on the GPU. Changes nothing if sbl__mesh_transform refuses it. */
 static sbl_result sbl__geometry_move(const sbl__device *d, sbl__geometry *g, int number, const float transform[16]) {
-    sbl__mesh *mesh = &g->meshes[number];
+    const sbl__mesh *mesh = &g->meshes[number];
     const size_t first = (size_t)mesh->first_vertex, count = (size_t)mesh->vertex_count;
     const size_t corners = 3 * (size_t)mesh->first_triangle;
-    const int reversed = (sbl__affine_determinant(mesh->transform) < 0) != (sbl__affine_determinant(transform) < 0);
     if (!sbl__mesh_transform(d->base, g, number, transform)) {
         sbl__mesh_transform(d->base, g, number, mesh->transform);
         return SBL_ERROR_INVALID_ARGUMENT;
     }
-    memcpy(mesh->transform, transform, sizeof mesh->transform);
     sbl__buffer_write(d, &g->tables[SBL__POSITION_TABLE].buffer, sizeof *g->vertices * first,
                       sizeof *g->vertices * count, g->vertices + first);
     sbl__buffer_write(d, &g->tables[SBL__ATTRIBUTE_TABLE].buffer, sizeof *g->attributes * first,
                       sizeof *g->attributes * count, g->attributes + first);
-    if (reversed) {
-        sbl__mesh_reverse(g, mesh);
-        sbl__buffer_write(d, &g->tables[SBL__INDEX_TABLE].buffer, 4 * corners, 12 * (size_t)mesh->triangle_count,
-                          g->indices + corners);
-    }
+    sbl__buffer_write(d, &g->tables[SBL__INDEX_TABLE].buffer, 4 * corners, 12 * (size_t)mesh->triangle_count,
+                      g->indices + corners);
     return g->wide ? sbl__geometry_attach(d, g) : sbl__gl_check(&d->gl);
 }
 
@@ -4756,12 +4752,10 @@ static const char *const sbl__glsl_material[] = {
 "    bool emits = sbl_emits(object, back);\n",
 "    vec3 radiance = emits ? sbl_object_emission(object) : epsilon * sbl_object_albedo(object);\n",
 "    if (emits && lamps_apart) radiance = vec3(0);\n",
-"#ifdef SBL_TEXTURED\n",
 "    if (!sbl_outgoing_is_plain(object, back)) {\n",
 "        uvec4 place = emits ? sbl_object_emission_texture(object) : sbl_object_albedo_texture(object);\n",
 "        radiance *= ((emits ? vec4(1) : at.color) * sbl_texture(place, at.uv)).rgb;\n",
 "    }\n",
-"#endif\n",
 "    return radiance;\n",
 "}\n",
 "\n",
