@@ -173,9 +173,8 @@
        R(p) = E(p) / pi                                                  a uniform sky of radiance 1 gives R = 1
        final = emission(p) + albedo(p) * R(p)
 
-   R is the quantity that sensors measure. This manual calls it R everywhere; fields and channels call it radiance.
-
-   Surfaces are Lambertian. Both sides reflect, and both emit unless SBL_MATERIAL_ONE_SIDED_EMISSION is set.
+   R is the quantity that sensors measure. This manual calls it R everywhere; fields and channels call it radiance. Both
+   sides of a surface reflect, and both emit unless SBL_MATERIAL_ONE_SIDED_EMISSION is set.
 
    Matrices are column-major, as in GL. View space looks along -z. Pixel (0, 0) is the top left pixel. A pixel is
    sampled at its centre. Arrays and textures hold the top row first: texture coordinate v = 0 is the top edge.
@@ -187,8 +186,7 @@
    zero itself would be a meaningful value, a negative number asks for it ("none" or "off"). For example, filter_radius
    = 0 selects the default radius of 2 pixels, and -1 turns the filter off. Each field's comment names its default.
 
-   Items are numbered from 0, as in C (sbl_mesh.material). Textures are numbered from 1, so that 0 means no texture
-   (sbl_material.albedo_texture). A material has no defaults: zero albedo is black, zero emission emits nothing.
+   Items are numbered from 0 (sbl_mesh.material), but textures from 1 (sbl_material.albedo_texture); 0 is no texture.
 
 
    ON PICTURES
@@ -198,18 +196,15 @@
    SBL_CHANNEL_RADIANCE (R, light without surface colour).
 
    sbl_picture_desc.options.mode selects the light that is computed, see sbl_mode. The default, SBL_MODE_GI, computes
-   all light; SBL_MODE_DIRECT takes a third to half of its time.
-
-   The struct sbl_options (field `options`) is the same in all five descriptors. Its preset (draft, default, high)
-   selects the defaults of other fields; their comments then list three values.
-
-   Geometry that only the host can draw (for example with a vertex shader) is drawn by a callback, see sbl_draw_view.
+   all light; SBL_MODE_DIRECT takes a third to half of its time. Geometry that only the host can draw (for example with
+   a vertex shader) is drawn by a callback, see sbl_draw_view.
 
 
    ON THE TARGET ERROR
 
    sbl_picture_desc.target_error is the error of R that you accept: the root mean square over the visible pixels, in
-   luminance, divided by the mean luminance of R there. 0.02 means 2 %.
+   luminance, divided by the mean luminance of R there. 0.02 means 2 %. The luminance of a colour is 0.2126 r + 0.7152 g
+   + 0.0722 b. The times for targets of 8, 4, 2 and 1 % are about in the ratio 1 : 1.5 : 3 : 6.
 
    With the default target, each sensor takes at most 16 looks; target_error tells how many rays these have. The limit
    bounds the time where light comes through windows, and there the picture may miss the target. If you set target_error
@@ -218,32 +213,24 @@
    A picture begins with few sensors that take one look each. They predict the error of each tile. It has two parts:
 
        noise           estimated from how much rays in neighbouring directions differ, less what interpolation and the
-                       filter average out. The estimate is averaged over nearby sensors, because a single sensor may
-                       miss the window that the next one has found
-       interpolation   the part of the light that interpolation between sensors misses. It is estimated from second
-                       differences of the light between sensors. Sensors of a neighbouring tile on the common edge
-                       show it directly. Beyond the last sensor of a surface it is extrapolated
+                       filter average out
+       interpolation   the part of the light that interpolation between sensors misses, estimated from second
+                       differences of the light between sensors
 
    The library then spends rays where they reduce the error most for their cost. Sensors take further looks, or tiles
-   are subdivided, down to single pixels, until the predicted error of the picture reaches the target. The times for
-   targets of 8, 4, 2 and 1 % are about in the ratio 1 : 1.5 : 3 : 6.
+   are subdivided, down to single pixels, until the predicted error of the picture reaches the target.
 
    SBL_CHANNEL_ERROR is the prediction for each pixel: the standard error of the luminance of R, in the unit of R.
-   sbl_stats.picture.expected_error is that for the whole picture, and 0 until the first level is done. A host may read
-   both early, and stop. The luminance of a colour is 0.2126 r + 0.7152 g + 0.0722 b.
+   sbl_stats.picture.expected_error is the prediction for the whole picture, as a share of the mean. A host may read
+   both early, and stop.
 
-   SBL_MODE_GI adds a third part: the error of the stored light. It is estimated from the differences between the points
-   of a cell, and propagated from cell to cell as light is. Sensors cannot reduce it; a larger max_bounce_cells does.
-   The sensors' own part is never driven below 0.84 of the target, even where the third part alone exceeds it; the
-   picture then ends with SUCCESS and an expected_error above the target.
+   SBL_MODE_GI adds a third part: the error of the stored light, estimated from the differences between the points of a
+   cell. Sensors cannot reduce it; a larger max_bounce_cells does. The sensors' own part is never driven below 0.84 of
+   the target, even where the third part alone exceeds it; the picture then ends with SUCCESS and an expected_error
+   above the target.
 
-   The noise of a sensor falls faster than that of independent rays, because rays follow a low-discrepancy sequence.
-   Each picture measures how much faster, by comparing the second looks of sensors with their first looks.
-
-   If the first looks are far too noisy for the target, most light comes through windows or from a few other bright
-   places. The picture then traces 256 single rays from each pixel of a grid, whose spacing is 2 to 16 pixels. These
-   rays give guides: histograms of the directions that light comes from. Sensors send most of their rays there, which
-   saves half to two thirds of all rays. If noise is still too high, looks get up to 128 rays instead of 16 to 64.
+   If most light comes through windows or from a few other bright places, the picture first traces rays that find these
+   places. Sensors then send most of their rays there, which saves half to two thirds of all rays.
 
    Accuracy of the prediction, measured at targets of 8, 4, 2 and 1 % against references: the true error is 0.6 to 1.2
    times the prediction where R is known in closed form and in the Cornell box. With bounced light it is 1.2 to 1.9
@@ -258,17 +245,13 @@
    being visible themselves (sbl_light). The sky shines where nothing is hit: with a constant radiance
    (sbl_scene_desc.sky), and with a picture or a function (sbl_environment).
 
-   The unobstructed light of emitting triangles, spheres and suns is computed in closed form, and the horizon of the
-   sensor's surface is taken into account. Rays towards the lamp only measure the fraction that arrives. So the light is
-   exact where the whole lamp is visible, and black where none of it is. In between, its noise is that of the fraction.
-   An emission texture is sampled where the rays meet the lamp, which adds noise even without obstruction.
+   The light of a lamp is exact where the whole lamp is visible, and black where none of it is, because rays towards the
+   lamp only measure the fraction that arrives. In between, its noise is that of the fraction. An emission texture is
+   sampled where the rays meet the lamp, which adds noise even without obstruction.
 
-   A sensor sends at most as many rays towards lamps as over its hemisphere. If `rays` is 256, it first sends an eighth
-   of them, and also rays to the corners and rims of lamps. If these rays are all open or all blocked, it stops there.
-   It traces the rest if they disagree, or if there are many lamps. Up to 32 lights without size get only one ray each.
-
-   Up to 256 lamps are weighed one by one. If there are more, lamps that are far away for their size are combined to
-   clusters of a tree. Each ray picks one lamp of a cluster, with a probability proportional to the light it gives. The
+   A sensor sends few rays towards lamps if all of them arrive or all are blocked, more if they disagree. Up to 32
+   lights without size get only one ray each. If there are more than 256 lamps, those that are far away for their size
+   form clusters, and each ray picks one lamp of a cluster, with a probability proportional to the light it gives. The
    mean stays correct, the noise is a few percent, and more lamps hardly raise the cost of a sensor.
 
    Texels of a sky picture that are brighter than four times its mean are lamps, so that a sun in the picture casts a
@@ -277,42 +260,25 @@
 
    ON BOUNCED LIGHT
 
-   SBL_MODE_GI keeps a store: the value of R on all surfaces of the scene, visible or not, one value for each cell.
+   SBL_MODE_GI keeps a store: the value of R on all surfaces of the scene, visible or not, one value for each cell. A
+   cell is the part of a smooth surface that lies in one cube of a grid over the scene. Its light is measured at up to
+   four points, where rays have met it: light from lamps as sensors measure it, and rays find the sky and other cells.
+   These rays define a system of linear equations, whose solution contains all bounces.
 
-       patch     neighbouring triangles of a mesh that form one smooth surface
-       cell      the part of a patch that lies in one cube of a grid over the scene
-       point     a place in a cell where its light is measured; a cell has up to four
-
-   Light does not leak through walls or creep under them, because cells are kept apart in three ways. The two sides of
-   a wall have different cells. Surfaces seen from less than half a cell's length away have different cells than the
-   same surfaces seen from farther away. Where something stands on a surface, such as a wall on the floor of two rooms,
-   the plane of the wall cuts the cells of the floor.
-
-   Points are placed where rays meet surfaces. At a point, light from lamps is measured as sensors measure it, and rays
-   find the sky and other cells. These rays define a system of linear equations, whose solution contains all bounces.
-
-   The sensors of a picture use the store only for the light that other surfaces reflect towards them. They measure all
-   light that reaches them with rays of their own, and lamps in closed form. Where a traced ray meets a surface closer
-   than the length of a cell, the mean of the cell says little about that place; a new ray in a random direction then
-   starts from there, once.
-   The store itself is visible only on surfaces with SBL_MATERIAL_NO_SENSORS and in SBL_CHANNEL_STORE.
+   Light does not leak through walls or creep under them. The two sides of a wall have different cells, and the plane of
+   a wall that stands on a floor cuts the cells of the floor. The sensors of a picture use the store only for the light
+   that other surfaces reflect towards them. The store itself is visible only on surfaces with SBL_MATERIAL_NO_SENSORS
+   and in SBL_CHANNEL_STORE.
 
    Cost: a picture takes 2 to 3 times as long as with direct light alone, including the store, and more if the picture
    is small (measured in several rooms, llvmpipe on two cores). The first work in this mode makes the store. It then
    serves all pictures and bakes of the scene, with any camera and size, until sbl_set_scene or sbl_set_mesh_transform
-   discards it. If sbl_set_materials or sbl_set_lights change only emission or lights, the store's rays are reused and
-   the update takes half as long. sbl_end frees the memory of these rays, but not the store. sbl_save_store and
+   discards it. A change of emission or lights takes half as long, see sbl_set_materials. sbl_save_store and
    sbl_load_store carry a store over to the next run. sbl_stats.seconds.bounce and sbl_stats.store tell its cost.
 
-   Budget: sbl_scene_desc.max_bounce_cells limits the number of cells. At first all cells have one size, which uses
-   about a third of the budget; the rest is kept for cells that are cut. Three measures keep the store within its
-   budget: cells that are found last become larger, the store is rebuilt with larger cells, and small patches of a mesh
-   share cells. If rays reach only a small part of the scene, as with a house in a wide meadow, the store is rebuilt
-   with smaller cells. Surfaces that no other surface sees get the largest cells; only sensors in the air may see these.
-
-   Time and memory grow with the budget. Raise it if a room is lit through a gap or a door, if geometry is small
-   compared with the scene, or if light looks patchy; lower it for a quick preview. Grain of single pixels needs a
-   smaller target_error.
+   Budget: sbl_scene_desc.max_bounce_cells limits the number of cells, and so their size. Time and memory grow with it.
+   Raise it if a room is lit through a gap or a door, if geometry is small compared with the scene, or if light looks
+   patchy; lower it for a quick preview. Grain of single pixels needs a smaller target_error.
 
    Accuracy at default settings, measured against an independent path tracer (relative root mean square error of R, in
    blocks of 4 x 4 pixels): 0.8 % in the Cornell box, 1.6 % in a staircase room with 130 emitting triangles, 4 % in a
@@ -321,9 +287,8 @@
 
    Limits: an albedo above 0.98 reflects bounced light as 0.98, so that the sum of all bounces stays finite. A small and
    very bright surface, such as a ceiling just above a lamp, is found by rays at random, as in a path tracer, and leaves
-   bright specks. Geometry of a draw callback neither blocks nor reflects light between other surfaces. The callback is
-   told what light to reflect towards sensors, one value for each of six directions. Light that arrives at this geometry
-   is measured as everywhere.
+   bright specks. Geometry of a draw callback neither blocks nor reflects light between other surfaces; towards sensors
+   it reflects sbl_draw_view.light. Light that arrives at this geometry is measured as everywhere.
 
 
    ON LIGHTMAPS
@@ -344,14 +309,10 @@
        sbl_read_channel(context, SBL_CHANNEL_FINAL, light, 1024 * 1024 * 3);
 
    The map holds R. A renderer shows emission + albedo * R. The chapters on pictures and on the target error are true
-   for lightmaps, with texels instead of pixels, and so are sbl_step and sbl_inspect_sensor. Refinement, interpolation
-   and filter never cross the border of a chart.
+   for lightmaps, with texels instead of pixels. Refinement, interpolation and filter never cross the border of a chart.
 
    Space between charts: leave at least four texels, and twice as many for each mip level that you sample. FINAL is
    continued into this space, half of it from either chart.
-
-   Texels at borders: a texel that a chart only touches gets the light of the chart's nearest point, moved a little
-   inward. Without this, a sensor in the corner of two walls would stand inside both.
 
    Hidden texels get the light of their neighbours, because their own darkness would show beside the thing that hides
    them. A texel is hidden if something lies on it, closer than about half a texel. In SBL_MODE_GI a texel that no light
@@ -359,17 +320,15 @@
 
    Seams: where charts meet in the world and their normals agree, FINAL is changed as little as possible so that
    bilinear samples are equal on both sides. Light that differs by half or more is left as it is, because something
-   stands between the sides. The triangles on both sides must share the edge from end to end. sbl_stats.lightmap has the
-   differences.
+   stands between the sides. The triangles on both sides must share the edge from end to end.
 
    Detail: the light of a texel is that at its centre. A thin shadow, or the edge of a wide one, needs `supersample`,
    which measures several places per texel. A value of 2 takes about twice the time.
 
    Overlaps: if charts overlap or leave the map, a warning names the first place; SBL_CHANNEL_OVERLAP shows overlaps.
 
-   Normal maps need light from several directions. If `directional` is set, the channels SH_0 to SH_3 hold the radiance
-   L over the hemisphere of each texel in rgb, as integrals of L times 0.28209479, and of L times 0.48860251 times y,
-   z, x of the direction that the light comes from. These four alone would give
+   Normal maps need light from several directions. If `directional` is set, the channels SH_0 to SH_3 hold this light as
+   spherical harmonics, see sbl_channel. These four alone would give
 
        R(m) = 0.28209479 SH_0 + 0.32573501 (m_y SH_1 + m_z SH_2 + m_x SH_3)
 
@@ -383,8 +342,8 @@
    If |v| or SH_0 is 0, R(m) = FINAL.
 
    (SH_3, SH_1, SH_2) is also the direction that most light comes from, for engines that store one colour and one
-   direction. The predicted error is that of R. The harmonics come from the same rays, and are filtered and their seams
-   closed as for R. They take 8 % more time and 144 more bytes per texel.
+   direction. The predicted error is that of R. The harmonics are filtered, and their seams closed, as for R. They take
+   8 % more time and 144 more bytes per texel.
 
 
    ON VERTEX LIGHT
@@ -404,16 +363,13 @@
    around them. Beside a shadow the fit may make a vertex darker than all points around it, but not negative.
 
    Vertices of a mesh that have the same position, and normals that agree within 1 degree, share one value, so that
-   texture seams do not show. If the normals differ, as at hard edges, each vertex has its own light. A vertex without
-   a normal uses the mean normal of its triangles.
+   texture seams do not show. A vertex without a normal uses the mean normal of its triangles.
 
    Points stuck inside geometry are left out. So are points that see little but back faces, because these lie inside
    something; but if most points of a mesh see back faces, all are kept, because whole rooms are modelled inside out. A
    vertex without points beside it gets the light of its neighbours, over at most 64 edges, or 0 if none has light. A
-   vertex that belongs to no triangle, or only to triangles without area, gets 0.
-
-   A vertex has little noise, because it averages a dozen points or more. So a point uses 64 rays by default. The fit
-   takes about 200 bytes of memory and a few microseconds per triangle.
+   vertex that belongs to no triangle, or only to triangles without area, gets 0. The fit takes about 200 bytes of
+   memory and a few microseconds per triangle.
 
 
    ON PROBES
@@ -428,33 +384,28 @@
        desc.grid[1] = 4;
        if (sbl_bake_probes(context, &desc) != SBL_SUCCESS) return 0;
 
-   A surface at the probe that faces n sends out emission + albedo * R(n); sbl_probe has the formula of R(n).
-
-   The ambient cube (sbl_probe.cube) is a coarser form of the same light: R is the mean of the three sides that n turns
-   to, weighted by the squares of the components of n. Both contain all light, also from lamps, with shadows.
+   A surface at the probe that faces n sends out emission + albedo * R(n); sbl_probe has the formula of R(n), and a
+   coarser one for its ambient cube. Both contain all light, also from lamps, with shadows.
 
    Accuracy: light from surfaces and from the sky is measured along `rays` single rays, evenly over the sphere. Light
-   from lamps is measured as sensors measure it, in closed form with the horizon, on 320 normals all around, and the
-   cosine is divided out afterwards. For a point light this leaves an error of at most 0.4 % of the norm of its first
-   four coefficients, and less for larger lamps. The noise of a half hidden lamp is 1.3 % with 4,096 rays and 0.5 % with
-   16,384. Sharper light does not fit: R of a small lamp is slightly negative on the far side; the cube gives 0.
+   from lamps is measured by sensors with 320 normals. For a point light the error is at most 0.4 % of the norm of its
+   first four coefficients, and less for larger lamps. The noise of a half hidden lamp is 1.3 % with 4,096 rays and
+   0.5 % with 16,384. R of a small lamp is slightly negative on the far side, where the cube gives 0.
 
    Validity: surfaces have two sides here, and a probe sees the light of both. Only back faces tell whether a probe is
    inside something: `valid` is 0 if more than a quarter of all directions end on back faces. This finds probes in
    closed objects, below the ground, and close behind a wall of one layer. If meshes are wound at random it tells
    nothing; use back_share for your own test. The light is correct for the probe's position in any case.
 
-   Moving probes out of solids: if `move` is above 0, an invalid probe tries other positions. In each octant of
-   directions it remembers the nearest back face. It tries these up to eight places from the nearest on: it goes through
-   the face, and an eighth of `move` beyond it, but never farther than `move` from the given position. It stays at the
-   first valid position, or else where it was.
+   Moving probes out of solids: if `move` is above 0, an invalid probe tries to go through the nearest back face of each
+   octant of directions, from the nearest on, and an eighth of `move` beyond it, but never farther than `move` from the
+   given position. It stays at the first valid position, or else where it was.
 
-   Shadows of light from probes (as in DDGI) use distance and distance_squared. The weights of an octant reach over half
-   the sphere. The sky is left out; where nothing but sky is visible, 0 means infinitely far.
+   Shadows of light from probes (as in DDGI) use distance and distance_squared. The sky is left out; where nothing but
+   sky is visible, 0 means infinitely far.
 
-   Geometry of a draw callback contributes to the light. The probe then sees by views (SBL_BACKEND_RASTER): on 132
-   normals, and four times on each side of the cube, with five views each time. For a point light this leaves an error
-   of 1.4 %. Rays still find sky, distance, distance_squared, back_share and valid, without that geometry.
+   Geometry of a draw callback contributes to the light. The probe then sees by views (SBL_BACKEND_RASTER), whose error
+   for a point light is 1.4 %. Rays still find sky, the distances, back_share and valid, without that geometry.
 
 
    ON MEMORY
@@ -463,20 +414,12 @@
    the host may free arrays, textures and GL buffers afterwards.
 
    If memory runs out, the function returns SBL_ERROR_OUT_OF_MEMORY and the context stays usable. The scene or picture
-   that was being made is dropped; an older scene stays.
-
-   sbl_gather_readings works on 65,536 points at a time and sbl_bake_probes on 128, so their memory does not grow with
-   the number of points. The arrays of points and results are the host's own.
-
-
-   ON LIFETIMES
+   that was being made is dropped; an older scene stays. The memory of readings and probes does not grow with their
+   number, because sbl_gather_readings works on 65,536 points at a time and sbl_bake_probes on 128.
 
    A finished picture stays readable until the next sbl_begin_picture, sbl_begin_lightmap or sbl_end, whatever else
    happens: also after sbl_set_scene, after meshes have moved, and during and after readings, vertices and probes. Only
-   sbl_inspect_sensor needs the unchanged scene, and otherwise returns SBL_ERROR_STATE.
-
-   A picture under way is dropped when its scene changes. The textures of a finished picture's channels live as long as
-   the picture; those of a picture under way live until the next sbl_step.
+   sbl_inspect_sensor needs the unchanged scene. A picture under way is dropped when its scene changes.
 
 
    ON TIME
@@ -486,37 +429,32 @@
    store of bounced light (with the scene's first work in SBL_MODE_GI), G-buffer, sensors, filter, anti-aliasing.
 
    Call sbl_step until it no longer returns SBL_UNFINISHED; examples/host_context.c does so in a frame loop.
-   sbl_step(context, 0.005) returns after about 5 ms. CPU work checks the clock. GL work is sized by the speed measured
-   so far, to at most about sbl_context_desc.longest_submission at a time, so that no driver's watchdog takes it for a
-   hang. Two things cannot be divided: the smallest part of a submission (a few sensors, or one row of pixels), and the
-   compilation of a shader program. Neither the slices nor the measured speed ever change a result.
-
-   Programs are compiled when they are first used, one per step, and are kept. With sbl_context_desc.compile_ahead,
-   sbl_create compiles nearly all of them (1.5 s on llvmpipe).
+   sbl_step(context, 0.005) returns after about 5 ms. GL work is sized by the speed measured so far, to at most about
+   sbl_context_desc.longest_submission at a time, so that no driver's watchdog takes it for a hang. Two things cannot be
+   divided: the smallest part of a submission (a few sensors, or one row of pixels), and the compilation of a shader
+   program. Programs are compiled when they are first used, one per step, and are kept. With compile_ahead, sbl_create
+   compiles nearly all of them (1.5 s on llvmpipe).
 
    The channels of a picture under way can be read after the first level, when the sensors of the first tiles have
-   measured; before, sbl_read_channel returns SBL_UNFINISHED and sbl_channel_texture returns 0. They hold the best
-   picture so far, interpolated and resolved from what is known. The first request makes such a preview at once. After
-   that, sbl_step makes a better one whenever the number of looks has grown by a quarter.
+   measured. They hold the best picture so far. The first request makes such a preview at once; after that, sbl_step
+   makes a better one whenever the number of looks has grown by a quarter.
 
 
    ON RESULTS AND MESSAGES
 
    Every function that can fail returns an sbl_result. The logger receives one line for each mistake, which says what
    went wrong, where, and what to change. Descriptors are checked completely, in release builds too: one call reports
-   all mistakes (unless a canary is not 0), and a descriptor with a mistake changes nothing. A NULL context gives
-   SBL_ERROR_INVALID_ARGUMENT, or 0.
+   all mistakes (unless a canary is not 0), and a descriptor with a mistake changes nothing.
 
    Callbacks (draw, environment, allocator, logger, progress) may call the sbl_query_... functions of their context, and
-   sbl_progress. Functions that change or step the context are refused there with SBL_ERROR_STATE. The progress
-   callback, called between pieces of work, may also read channels. If it returns nonzero, the work is cancelled and
-   dropped, and so is the picture. sbl_write_function and sbl_read_function must not call functions of the context.
+   sbl_progress. Functions that change or step the context are refused there with SBL_ERROR_STATE. The progress callback
+   may also read channels. sbl_write_function and sbl_read_function must not call functions of the context.
 
 
    ON THREADS
 
    There are no globals, so contexts are independent of each other. Two threads must not use one context at the same
-   time. The GL context of an sbl context must be current in the calling thread.
+   time.
 
 
    ON GL STATE
@@ -524,26 +462,24 @@
    Functions that use GL save the state that they change and restore it before they return, also on failure and cancel:
    framebuffers, program, vertex array, buffers, textures, samplers and images of the units that they use, viewport,
    scissor, depth, stencil, blend, cull, masks, clear values, polygon mode, pixel store, sRGB, clip distances, depth
-   clamp, clip control, and so on. A headless context restores the EGL binding instead. GL errors of the host are
-   cleared.
+   clamp, clip control, and so on. GL errors of the host are cleared.
 
    A conditional render, a transform feedback, and queries that count samples or primitives must not be active during a
    call. sbl.h cannot suspend them, and they would drop or count its own drawing.
 
    All functions that touch GL, including sbl_destroy, need the same current GL context as sbl_create. A headless
-   context is made current by sbl.h itself, and the host's EGL context is restored.
+   context is made current by sbl.h itself, which then restores the host's EGL binding instead of its GL state.
 
 
    ON WINDOWS AND MACOS
 
-   SBL_EGL is for systems that have EGL. On Windows and macOS the host creates an OpenGL context of version 3.3 core or
-   later (with WGL, GLFW, SDL, Qt), makes it current, and sets sbl_context_desc.get_gl_function to its loader. Size,
-   pixel format and visibility of the window do not matter: sbl.h draws into its own textures of 16-bit and 32-bit
-   floats. OpenGL ES, and so ANGLE, is refused: it lacks clip distances and buffer textures.
+   Without EGL, the host creates an OpenGL context of version 3.3 core or later (with WGL, GLFW, SDL, Qt), makes it
+   current, and sets sbl_context_desc.get_gl_function to its loader. Size, pixel format and visibility of the window do
+   not matter. OpenGL ES, and so ANGLE, is refused: it lacks clip distances and buffer textures.
 
    Windows: windows.h may be included before sbl.h, after it, or not at all. The loader may consist of wglGetProcAddress
-   alone. It does not know the functions of GL 1.1, which sbl.h takes from opengl32.dll. A return value of 1, 2, 3 or -1
-   counts as not found. The loader works only while a context is current. After wglMakeCurrent:
+   alone; sbl.h takes the functions of GL 1.1 from opengl32.dll. The loader works only while a context is current. After
+   wglMakeCurrent:
 
        #include <windows.h>
        #define SBL_IMPLEMENTATION
@@ -604,22 +540,8 @@
 
    sbl_gather_readings can repeat the light of the pixel (x, y). Give it the site of that pixel (sbl_sensor.site) as its
    site number y * width + x, with the picture's seed, and make both with the same `rays`, not 0. The result is equal to
-   the bit if rays are traced, and equal up to rounding if views are drawn.
-
-   The light of a probe depends on its number, its position, `rays` and the seed, and not on other probes.
-
-
-   ON THE TWO WAYS TO SEE
-
-   SBL_BACKEND_TRACE traces rays through a bounding volume hierarchy, in a compute shader, or in a fragment shader
-   before GL 4.3. The rays have a cosine distribution. At most as many more rays go to lamps; sbl_stats.sensors.rays
-   does not count these. The cost hardly grows with the scene. The noise of the sensors is known, so refinement follows
-   light and not noise, and the filter keeps differences that noise does not explain.
-
-   SBL_BACKEND_RASTER draws the scene into the views of a sensor, as the paper does. It can see geometry that only the
-   host can draw, and it serves as a check of the other way. Its cost grows with the number of triangles. Rays go to
-   lamps here too, and meet the meshes. Where geometry of a draw callback blocks a lamp, the views show it; texels of
-   the views also find the light that it emits.
+   the bit if rays are traced, and equal up to rounding if views are drawn. The light of a probe depends on its number,
+   its position, `rays` and the seed, and not on other probes.
 
 
    ON THE PAPER
@@ -743,7 +665,6 @@ typedef enum sbl_capability {
     SBL_CAPABILITY_ALL = (1 << 2) - 1
 } sbl_capability;
 
-/* Zero is the default of every field. */
 typedef struct sbl_context_desc {
     uint32_t start_canary;    /* must stay 0; another value shows that the struct was not zeroed */
     sbl_gl_function (*get_gl_function)(const char *name, void *user);  /* loader of GL functions, such as
@@ -865,12 +786,12 @@ typedef enum sbl_wrap { SBL_WRAP_REPEAT = 0, SBL_WRAP_CLAMP, SBL_WRAP_COUNT } sb
 typedef struct sbl_texture {
     const void *pixels;       /* client memory; it is copied */
     uint32_t gl_texture;      /* a GL_TEXTURE_2D, used if pixels is NULL; level 0 is copied as a shader samples it */
-    sbl_pixel_format format;  /* of pixels. For gl_texture: SRGB8 stores 8 bits, FLOAT 16 bits. Default:
-                                 SBL_PIXELS_SRGB8 */
+    sbl_pixel_format format;  /* format of pixels. The copy of gl_texture is stored as 8-bit sRGB for SBL_PIXELS_SRGB8,
+                                 otherwise as 16-bit floats. Default: SBL_PIXELS_SRGB8 */
     int width, height;        /* pixels; leave 0 for gl_texture, whose size is read from GL */
     int channels;             /* 1: grey, 2: grey and alpha, 3: rgb, 4: rgba. Default: 4 */
     size_t stride;            /* bytes from one row to the next. Default: tightly packed */
-    sbl_wrap wrap;            /* what lies beyond the edges. Default: SBL_WRAP_REPEAT */
+    sbl_wrap wrap;            /* what texture coordinates outside of 0 to 1 show. Default: SBL_WRAP_REPEAT */
 } sbl_texture;
 
 typedef enum sbl_light_kind {
@@ -935,11 +856,10 @@ typedef enum sbl_view_kind { SBL_VIEW_CAMERA = 0, SBL_VIEW_SENSOR } sbl_view_kin
        location 3  vec4: albedo, a = 1
        location 4  vec4: emission, a = 0
        location 5  uint: id, not 0
-   gl_Position = world_to_clip * vec4(world position, 1). Depth is reversed: nearer is greater. If write_depth is set,
-   the driver has no clip control, and the fragment shader must also do gl_FragDepth = gl_FragCoord.w * depth_scale.
+   gl_Position = world_to_clip * vec4(world position, 1). Depth is reversed: nearer is greater.
 
-   Cost: meshes that are given as vertex arrays are drawn for a whole batch of sensors in one call. The callback is
-   called once for each view of each sensor; a hemicube has five. */
+   Cost: the callback is called once for each view of each sensor, and a hemicube has five views. Meshes are drawn for
+   many sensors in one call. */
 typedef struct sbl_draw_view {
     sbl_view_kind kind;       /* whose view is drawn: the camera's or a sensor's */
     int viewport[4];          /* x, y, width, height in the current framebuffer; the scissor is the same */
@@ -948,14 +868,13 @@ typedef struct sbl_draw_view {
     float world_to_clip[16];  /* view_to_clip * world_to_view */
     float eye[3];             /* world position of the sensor or camera */
     float radiance_scale;     /* factor that keeps bright lamps inside the range of the texels */
-    float depth_scale;        /* factor of the depth that the shader writes if write_depth is set */
-    int write_depth;          /* 1: the shader must write gl_FragDepth, see above */
+    float depth_scale;        /* factor of the depth, see write_depth */
+    int write_depth;          /* 1: the fragment shader must write gl_FragDepth = gl_FragCoord.w * depth_scale */
     float epsilon;            /* the paper's ambient factor; 0 in SBL_MODE_DIRECT and SBL_MODE_GI */
-    float light[6][3];        /* SBL_VIEW_SENSOR: R on surfaces that face +x, -x, +y, -y, +z, -z. A surface radiates its
-                                 emission plus its albedo times the mean of the three sides that its normal turns to,
-                                 weighted by the squares of the normal's components (an ambient cube: McTaggart 2004,
-                                 "Half-Life 2 / Valve Source Shading"). SBL_MODE_GI: the light, with all bounces, that
-                                 meshes, lights and sky send to draw_bounds. Other modes: epsilon */
+    float light[6][3];        /* SBL_VIEW_SENSOR: ambient cube as in sbl_probe.cube (McTaggart 2004, "Half-Life 2 /
+                                 Valve Source Shading"); a surface radiates emission + albedo * R(its normal).
+                                 SBL_MODE_GI: the light, with all bounces, that meshes, lights and sky send to
+                                 draw_bounds. Other modes: epsilon */
     int sensor, face;         /* SBL_VIEW_SENSOR: number of the sensor within its level, and number of the view; view 0
                                  looks along the normal */
 } sbl_draw_view;
@@ -984,7 +903,7 @@ typedef struct sbl_scene_desc {
     uint32_t end_canary;       /* must stay 0 */
 } sbl_scene_desc;
 
-/* Callbacks of sbl_save_store and sbl_load_store. They return the number of bytes that they have written or read. */
+/* Callbacks of sbl_save_store and sbl_load_store; see there. */
 typedef size_t (*sbl_write_function)(const void *data, size_t bytes, void *user);
 typedef size_t (*sbl_read_function)(void *data, size_t bytes, void *user);
 
@@ -1012,9 +931,12 @@ typedef enum sbl_sensor_kind {
 /* How sensors collect light. Both ways give the same light up to noise. */
 typedef enum sbl_backend {
     SBL_BACKEND_AUTO = 0,    /* RASTER in SBL_MODE_PAPER, with a draw callback or SBL_SENSOR_SINGLE; else TRACE */
-    SBL_BACKEND_RASTER,      /* draws views, as in the paper; the cost grows with the number of triangles */
+    SBL_BACKEND_RASTER,      /* draws views, as in the paper; the cost grows with the number of triangles. Rays towards
+                                lamps meet only meshes; views show where the geometry of a draw callback blocks a lamp,
+                                and the light that it emits */
     SBL_BACKEND_TRACE,       /* traces rays through a bounding volume hierarchy; the cost grows with the logarithm of
-                                the number of triangles. Not in SBL_MODE_PAPER, nor with a draw callback */
+                                the number of triangles. The noise of sensors is known, so refinement follows light and
+                                not noise. Not in SBL_MODE_PAPER, nor with a draw callback */
     SBL_BACKEND_COUNT
 } sbl_backend;
 
@@ -1060,9 +982,9 @@ typedef struct sbl_picture_desc {
                                   SBL_MODE_PAPER: SBL_SENSOR_SINGLE */
     float sensor_fov;          /* field of view of SBL_SENSOR_SINGLE, 1 to 179 degrees. Default: 135 */
     float target_error;        /* accepted root mean square error of R over the visible pixels, as a share of the mean R
-                                  there, 0 to 1; see ON THE TARGET ERROR. If set, a sensor takes as many rays as that
-                                  requires, within the limits there. Otherwise it takes at most 512 / 512 / 1024 rays.
-                                  Default: 0.05 / 0.015 / 0.0075. Default in SBL_MODE_PAPER: threshold decides */
+                                  there, 0 to 1; see ON THE TARGET ERROR. If not set, a sensor takes at most 512 / 512 /
+                                  1024 rays. Default: 0.05 / 0.015 / 0.0075. Default in SBL_MODE_PAPER: threshold
+                                  decides */
     int tile;                  /* pixels between sensors of the first level, 1 (every pixel) to 1024. Default: 16 */
     float threshold;           /* if set, tiles are refined where neighbouring sensors differ by more than this share of
                                   their mean, instead of where the target error requires it; in SBL_MODE_PAPER the
@@ -1131,7 +1053,8 @@ typedef struct sbl_stats {
         int width, height;        /* pixels */
         int visible_pixels;       /* number of pixels that show a surface */
         float target_error;       /* the target error that applied; 0 in SBL_MODE_PAPER */
-        float expected_error;     /* the error predicted so far, as a share of the mean R */
+        float expected_error;     /* the error predicted so far, as a share of the mean R; 0 before the first level is
+                                     done */
         int level_count;          /* number of entries in levels */
         struct { int tile; int64_t sensors; } levels[SBL_MAX_LEVELS];  /* tile size in pixels and number of sensors */
     } picture;
@@ -1194,8 +1117,7 @@ typedef struct sbl_readings_desc {
 
    If any surface touches the square of a texel, the texel shows the point of a surface that is nearest to its centre.
    Light is measured on the front of a surface: the side that its normals point to, or without normals the side from
-   which its corners run counter-clockwise. Triangles that touch each other both in the world and in the map form a
-   chart. Light is never interpolated or filtered across charts.
+   which its corners run counter-clockwise.
 
    Unlike in a picture, FINAL is R, continued into the gutter; ID is 1 + the number of the chart; DEPTH is 0. */
 typedef struct sbl_lightmap_desc {
@@ -1206,7 +1128,8 @@ typedef struct sbl_lightmap_desc {
     int mesh_count;            /* number of entries in meshes */
     int gutter;                /* width of the border around charts into which FINAL is continued, up to 16384 texels,
                                   see ON LIGHTMAPS. Default: 16. Negative: no gutter */
-    int seams;                 /* see ON LIGHTMAPS. Default: 0, seams are closed. Negative, or no gutter: they stay */
+    int seams;                 /* 0: light is made equal across seams, see ON LIGHTMAPS. Default: 0. Negative, or no
+                                  gutter: seams stay */
     int directional;           /* 1: also store the direction of the light, in channels SH_0 to SH_3 */
     int supersample;           /* number of places across a texel at which light is measured, 1 to 8; FINAL, RADIANCE
                                   and SH are their means, other channels show the place nearest to the centre. width and
@@ -1234,7 +1157,8 @@ typedef struct sbl_lightmap_desc {
 typedef struct sbl_probe {
     float position[3];         /* world position: the one that was asked for, or the one that the probe was moved to */
     float sh[9][3];            /* spherical harmonics of the radiance, rgb each */
-    float cube[6][3];          /* R on a surface that faces +x, -x, +y, -y, +z, -z */
+    float cube[6][3];          /* ambient cube: R on a surface that faces +x, -x, +y, -y, +z, -z. R(n) is about the mean
+                                  of the three sides that n turns to, weighted by the squares of n's components */
     float sky;                 /* share of all directions in which no surface is seen, 0 to 1 */
     float distance[8];         /* mean world distance to the surfaces seen towards each octant (number: bit 0 is x > 0,
                                   bit 1 is y > 0, bit 2 is z > 0), with the weights max(0, cosine to the octant's
@@ -1261,9 +1185,8 @@ typedef struct sbl_probes_desc {
 
 /* >>vertex types */
 
-/* Light at the vertices of meshes; see ON VERTEX LIGHT. Light is measured on the front of a surface: the side that its
-   normals point to, or without normals the side from which its corners run counter-clockwise. Three numbers are the
-   values of the presets draft / default / high. */
+/* Light at the vertices of meshes, on the front of surfaces as in sbl_lightmap_desc; see ON VERTEX LIGHT. Three numbers
+   are the values of the presets draft / default / high. */
 typedef struct sbl_vertices_desc {
     uint32_t start_canary;     /* must stay 0 */
     const int *meshes;         /* indices of the meshes, in the order in which radiance holds their vertices; read when
@@ -1395,9 +1318,8 @@ SBL_API sbl_result sbl_set_materials(sbl_context *context, const sbl_material *m
 SBL_API sbl_result sbl_set_lights(sbl_context *context, const sbl_light *lights, int light_count);
 
 /* Writes the stored bounced light of the scene through put, or reads it back through get, so that a later run need not
-   compute it. The scene must be the same to the bit: meshes, materials, textures, lights, sky and environment. The
-   camera may differ.
-   max_bounce_cells, preset and seed may differ too. Loading drops work under way.
+   compute it. The scene must be the same to the bit: meshes, materials, textures, lights, sky and environment. Camera,
+   max_bounce_cells, preset and seed may differ. Loading drops work under way.
    put, get: called for some bytes at a time; they return the number of bytes written or read, and fewer than asked for
    are an error. user: passed to them. The format has a version and a checksum, and uses the machine's byte order.
    Results: INVALID_ARGUMENT (put or get failed; the data are damaged, or of another version, byte order or scene),
@@ -1420,23 +1342,17 @@ SBL_API sbl_result sbl_bake_probes(sbl_context *context, const sbl_probes_desc *
 SBL_API sbl_result sbl_begin_picture(sbl_context *context, const sbl_picture_desc *desc);
 
 /* Starts a lightmap, which takes the place of a picture: the comments on pictures are true for it, from sbl_step to
-   sbl_inspect_sensor. Warnings name triangles that overlap in the map or lie outside of it.
+   sbl_inspect_sensor.
    desc: NULL means defaults. Results: as for sbl_begin_picture, and OUT_OF_MEMORY. */
 SBL_API sbl_result sbl_begin_lightmap(sbl_context *context, const sbl_lightmap_desc *desc);
 
-/* Starts light at vertices. Work under way is dropped.
-   desc: copied; desc->radiance is filled when the work is done.
-   Results: INVALID_ARGUMENT, STATE (no scene), OUT_OF_MEMORY. */
+/* Start light at vertices, readings, or probes. Work under way is dropped.
+   desc: copied. Its radiance is filled when the work is done; its readings or probes are filled from the first to the
+   last while the work goes on.
+   Results: INVALID_ARGUMENT (of sites or positions only the first mistakes are logged), STATE (no scene),
+   OUT_OF_MEMORY (vertices). */
 SBL_API sbl_result sbl_begin_vertices(sbl_context *context, const sbl_vertices_desc *desc);
-
-/* Starts readings, which sensors measure as for pictures. Work under way is dropped.
-   desc: copied; desc->readings is filled from the first site to the last while the work goes on.
-   Results: INVALID_ARGUMENT (of the sites only the first mistakes are logged), STATE (no scene). */
 SBL_API sbl_result sbl_begin_readings(sbl_context *context, const sbl_readings_desc *desc);
-
-/* Starts probes. Work under way is dropped.
-   desc: copied; desc->probes is filled from the first position to the last while the work goes on.
-   Results: INVALID_ARGUMENT (of the positions only the first mistakes are logged), STATE (no scene). */
 SBL_API sbl_result sbl_begin_probes(sbl_context *context, const sbl_probes_desc *desc);
 
 /* Works on whatever was begun last; see ON TIME.
@@ -3799,22 +3715,23 @@ typedef struct sbl__mesh {
     float transform[16];           /* object space to world space, column-major */
 } sbl__mesh;
 
+enum { SBL__POSITION_TABLE, SBL__ATTRIBUTE_TABLE, SBL__INDEX_TABLE, SBL__OBJECT_TABLE, SBL__GEOMETRY_TABLES };
+
 typedef struct sbl__geometry {
     sbl__mesh *meshes;
     int mesh_count;
-    float *lightmap_texcoords;     /* 2 floats per vertex; NULL if no mesh has them */
+    float *lightmap_texcoords;     /* 2 floats per vertex; empty if no mesh has them */
     float *positions, *normals;    /* in object space, 3 floats per vertex, for sbl_set_mesh_transform */
     sbl__vertex *vertices;
     sbl__attributes *attributes;
     uint32_t *indices;
     sbl__object *objects;
     int vertex_count, triangle_count;
-    int degenerate_count;          /* triangles without area, which were left out */
     int colored;                   /* 1 if some mesh has vertex colours */
     float bounds[2][3];            /* lowest and highest coordinates of the scene in world space */
-    float extent;                  /* diagonal of the bounds plus their largest absolute coordinate, in world units;
-                                      offsets from surfaces and depth are in proportion to it */
-    sbl__table position_table, attribute_table, index_table, object_table;
+    double across, away;           /* diagonal of the bounds, and their largest absolute coordinate, in world units */
+    float extent;                  /* across + away; offsets from surfaces and depth are in proportion to it */
+    sbl__table tables[SBL__GEOMETRY_TABLES];
     unsigned vertex_array;         /* GL vertex array: position, object, texture coordinates, colour */
     int wide;                      /* 1 if the tables are 2D textures, see sbl__table */
 } sbl__geometry;
@@ -3825,10 +3742,7 @@ static void sbl__geometry_free(const sbl__device *d, sbl__geometry *g) {
     int i;
     for (i = 0; i < SBL__COUNT(arrays); i++) sbl__free(d->base, arrays[i]);
     sbl__array_delete(d, &g->vertex_array);
-    sbl__table_delete(d, &g->position_table);
-    sbl__table_delete(d, &g->attribute_table);
-    sbl__table_delete(d, &g->index_table);
-    sbl__table_delete(d, &g->object_table);
+    for (i = 0; i < SBL__GEOMETRY_TABLES; i++) sbl__table_delete(d, &g->tables[i]);
     memset(g, 0, sizeof *g);
 }
 
@@ -3970,8 +3884,8 @@ static void sbl__mesh_convert(sbl__geometry *g, const sbl__mesh_data *m, int num
             p[i] = m->values[SBL__POSITIONS] + 3 * (size_t)corners[i];
         }
         sbl__triangle_normal(p, normal);
-        if (normal[0] == 0 && normal[1] == 0 && normal[2] == 0) { g->degenerate_count++; continue; }
-        for (i = 0; i < 3; i++)  /* m->corners is in the same array, at this place or later */
+        if (normal[0] == 0 && normal[1] == 0 && normal[2] == 0) continue;
+        for (i = 0; i < 3; i++)  /* overwrites no later triangle of m->corners, which lies in g->indices, too */
             g->indices[3 * (size_t)g->triangle_count + (size_t)i] = (uint32_t)g->vertex_count + corners[i];
         g->triangle_count++;
     }
@@ -3993,10 +3907,11 @@ static void sbl__mesh_reverse(sbl__geometry *g, const sbl__mesh *mesh) {
 /* Limit of coordinates in world space. Below it, sums of a few squared coordinates do not overflow a float. */
 #define SBL__COORDINATE_MOST 1e18
 
-/* Transforms the positions and normals of one mesh by m, object space to world space. Returns 1 on success; logs an
-   error and returns 0 if a coordinate is not below SBL__COORDINATE_MOST. */
+/* Gives a mesh the transform m, object space to world space, instead of mesh->transform. Returns 1 on success. If a
+   coordinate is not below SBL__COORDINATE_MOST, logs an error and returns 0; mesh->transform is then the old one, but
+   some vertices are transformed. */
 static int sbl__mesh_transform(const sbl__base *base, sbl__geometry *g, int number, const float m[16]) {
-    const sbl__mesh *mesh = &g->meshes[number];
+    sbl__mesh *mesh = &g->meshes[number];
     const double d = sbl__affine_determinant(m);
     double n[9], column[3][3];
     int v, i, k;
@@ -4022,12 +3937,14 @@ static int sbl__mesh_transform(const sbl__base *base, sbl__geometry *g, int numb
         if (!sbl__normalize(normal)) normal[0] = normal[1] = normal[2] = 0;  /* shaders then use the face's normal */
         for (i = 0; i < 3; i++) g->attributes[v].normal[i] = (float)normal[i];
     }
+    if ((d < 0) != (sbl__affine_determinant(mesh->transform) < 0)) sbl__mesh_reverse(g, mesh);
+    memmove(mesh->transform, m, sizeof mesh->transform);
     return 1;
 }
 
 /* Reads, validates and converts mesh `number` of the scene and transforms it to world space. Reports all mistakes. */
 static sbl_result sbl__geometry_add(const sbl__device *d, sbl__geometry *g, const sbl_mesh *in, int number) {
-    sbl__mesh *mesh = &g->meshes[number];
+    float *transform = g->meshes[number].transform;
     sbl__mesh_data data;
     sbl__check check = { d->base, d, SBL_LOG_ITEM_INVALID_MESH, "", 0 };
     sbl_result result = sbl__mesh_read(d, g, in, &data);
@@ -4038,10 +3955,9 @@ static sbl_result sbl__geometry_add(const sbl__device *d, sbl__geometry *g, cons
     }
     if (result == SBL_SUCCESS) {
         sbl__mesh_convert(g, &data, number);
-        if (sbl__all_zero(in->transform, 16)) sbl__identity(mesh->transform);
-        else memcpy(mesh->transform, in->transform, sizeof mesh->transform);
-        if (sbl__affine_determinant(mesh->transform) < 0) sbl__mesh_reverse(g, mesh);
-        if (!sbl__mesh_transform(d->base, g, number, mesh->transform)) result = SBL_ERROR_INVALID_ARGUMENT;
+        sbl__identity(transform);
+        if (!sbl__mesh_transform(d->base, g, number, sbl__all_zero(in->transform, 16) ? transform : in->transform))
+            result = SBL_ERROR_INVALID_ARGUMENT;
     }
     sbl__free(d->base, data.values[SBL__TEXCOORDS]);
     sbl__free(d->base, data.values[SBL__COLORS]);
@@ -4072,9 +3988,9 @@ static sbl_result sbl__geometry_make(const sbl__device *d, sbl__geometry *g, con
     g->attributes = (sbl__attributes *)sbl__alloc(d->base, (size_t)vertices, sizeof(sbl__attributes));
     g->indices = (uint32_t *)sbl__alloc(d->base, (size_t)triangles, 12);
     g->objects = (sbl__object *)sbl__alloc(d->base, (size_t)desc->mesh_count, sizeof(sbl__object));
-    if (lightmapped) g->lightmap_texcoords = (float *)sbl__alloc(d->base, (size_t)vertices, 8);
+    g->lightmap_texcoords = (float *)sbl__alloc(d->base, lightmapped ? (size_t)vertices : 0, 8);
     if (!g->meshes || !g->positions || !g->normals || !g->vertices || !g->attributes || !g->indices || !g->objects ||
-        (lightmapped && !g->lightmap_texcoords))
+        !g->lightmap_texcoords)
         return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < desc->mesh_count; i++) {  /* goes on after mistakes, to log the mistakes of all meshes */
         const sbl_result mesh = sbl__geometry_add(d, g, &desc->meshes[i], i);
@@ -4082,16 +3998,16 @@ static sbl_result sbl__geometry_make(const sbl__device *d, sbl__geometry *g, con
         result = mesh;
         if (mesh != SBL_ERROR_INVALID_ARGUMENT) break;
     }
-    if (g->degenerate_count)
-        sbl__log(d->base, SBL_LOG_WARNING, SBL_LOG_ITEM_DEGENERATE_TRIANGLES,
-                 "%d of %.0f triangles have no area and were left out", g->degenerate_count, triangles);
+    if (result == SBL_SUCCESS && triangles > g->triangle_count)
+        sbl__log(d->base, SBL_LOG_WARNING, SBL_LOG_ITEM_DEGENERATE_TRIANGLES, "%.0f of %.0f triangles have no area and "
+                 "were left out", triangles - g->triangle_count, triangles);
     return result;
 }
 
-/* Computes the scene's bounds and extent. drawn: bounds of what the host draws itself; NULL if it draws nothing */
+/* Computes the scene's bounds and sizes. drawn: bounds of what the host draws itself; NULL if it draws nothing */
 static void sbl__geometry_measure(sbl__geometry *g, const float (*drawn)[3]) {
-    double diagonal = 0, farthest = 0;
     int i, k;
+    g->across = g->away = 0;
     for (k = 0; k < 3; k++) {
         g->bounds[0][k] = drawn ? drawn[0][k] : FLT_MAX;
         g->bounds[1][k] = drawn ? drawn[1][k] : -FLT_MAX;
@@ -4105,27 +4021,29 @@ static void sbl__geometry_measure(sbl__geometry *g, const float (*drawn)[3]) {
     }
     if (!drawn && !g->triangle_count) memset(g->bounds, 0, sizeof g->bounds);
     for (k = 0; k < 3; k++) {
-        double side = (double)g->bounds[1][k] - g->bounds[0][k];
-        diagonal += side * side;
-        farthest = SBL__MAX(farthest, SBL__MAX(fabs((double)g->bounds[0][k]), fabs((double)g->bounds[1][k])));
+        const double low = g->bounds[0][k], high = g->bounds[1][k];
+        g->across += (high - low) * (high - low);
+        g->away = SBL__MAX(g->away, SBL__MAX(fabs(low), fabs(high)));
     }
-    g->extent = (float)(sqrt(diagonal) + farthest);
+    g->across = sqrt(g->across);
+    g->extent = (float)(g->across + g->away);
     if (!(g->extent > 0)) g->extent = 1;
 }
 
 /* Makes the contents of all tables' buffers visible to shaders. */
 static sbl_result sbl__geometry_attach(const sbl__device *d, sbl__geometry *g) {
-    sbl_result result = sbl__table_attach(d, &g->position_table, SBL__GL_RGBA32UI, g->wide);
-    if (result == SBL_SUCCESS) result = sbl__table_attach(d, &g->attribute_table, SBL__GL_RGBA32UI, g->wide);
-    if (result == SBL_SUCCESS) result = sbl__table_attach(d, &g->index_table, SBL__GL_R32UI, g->wide);
-    if (result == SBL_SUCCESS) result = sbl__table_attach(d, &g->object_table, SBL__GL_RGBA32UI, g->wide);
+    sbl_result result = SBL_SUCCESS;
+    int i;
+    for (i = 0; i < SBL__GEOMETRY_TABLES && result == SBL_SUCCESS; i++)
+        result = sbl__table_attach(d, &g->tables[i], i == SBL__INDEX_TABLE ? SBL__GL_R32UI : SBL__GL_RGBA32UI, g->wide);
     return result;
 }
 
 /* Sends all objects to the GPU after materials have changed. */
 static sbl_result sbl__geometry_attach_objects(const sbl__device *d, sbl__geometry *g) {
-    sbl__buffer_write(d, &g->object_table.buffer, 0, sizeof(sbl__object) * (size_t)g->mesh_count, g->objects);
-    return sbl__table_attach(d, &g->object_table, SBL__GL_RGBA32UI, g->wide);
+    sbl__table *objects = &g->tables[SBL__OBJECT_TABLE];
+    sbl__buffer_write(d, &objects->buffer, 0, sizeof(sbl__object) * (size_t)g->mesh_count, g->objects);
+    return sbl__table_attach(d, objects, SBL__GL_RGBA32UI, g->wide);
 }
 
 /* The vertex attributes that sensor_vertex.glsl declares. */
@@ -4139,46 +4057,38 @@ static const sbl__input sbl__attribute_inputs[] = {
 };
 
 static sbl_result sbl__geometry_upload(const sbl__device *d, sbl__geometry *g) {
-    const unsigned usage = SBL__GL_STATIC_DRAW;
-    const size_t vertices = (size_t)g->vertex_count;
-    sbl_result result = sbl__buffer_make(d, &g->position_table.buffer, sizeof(sbl__vertex) * vertices, g->vertices,
-                                         usage);
-    if (result == SBL_SUCCESS)
-        result = sbl__buffer_make(d, &g->attribute_table.buffer, sizeof(sbl__attributes) * vertices, g->attributes,
-                                  usage);
-    if (result == SBL_SUCCESS)
-        result = sbl__buffer_make(d, &g->index_table.buffer, 12 * (size_t)g->triangle_count, g->indices, usage);
-    if (result == SBL_SUCCESS)
-        result = sbl__buffer_make(d, &g->object_table.buffer, sizeof(sbl__object) * (size_t)g->mesh_count, g->objects,
-                                  usage);
+    const void *const contents[] = { g->vertices, g->attributes, g->indices, g->objects };
+    const size_t bytes[] = { sizeof *g->vertices * (size_t)g->vertex_count,
+                             sizeof *g->attributes * (size_t)g->vertex_count,
+                             sizeof *g->indices * 3 * (size_t)g->triangle_count,
+                             sizeof *g->objects * (size_t)g->mesh_count };
+    sbl_result result = SBL_SUCCESS;
+    int i;
+    for (i = 0; i < SBL__GEOMETRY_TABLES && result == SBL_SUCCESS; i++)
+        result = sbl__buffer_make(d, &g->tables[i].buffer, bytes[i], contents[i], SBL__GL_STATIC_DRAW);
     if (result == SBL_SUCCESS) result = sbl__geometry_attach(d, g);
-    if (result == SBL_SUCCESS) result = sbl__array_make(d, &g->vertex_array, &g->index_table.buffer);
+    if (result == SBL_SUCCESS) result = sbl__array_make(d, &g->vertex_array, &g->tables[SBL__INDEX_TABLE].buffer);
     if (result != SBL_SUCCESS) return result;
-    sbl__array_inputs(d, g->vertex_array, &g->position_table.buffer, sbl__vertex_inputs, 2);
-    sbl__array_inputs(d, g->vertex_array, &g->attribute_table.buffer, sbl__attribute_inputs, 2);
+    sbl__array_inputs(d, g->vertex_array, &g->tables[SBL__POSITION_TABLE].buffer, sbl__vertex_inputs, 2);
+    sbl__array_inputs(d, g->vertex_array, &g->tables[SBL__ATTRIBUTE_TABLE].buffer, sbl__attribute_inputs, 2);
     return sbl__gl_check(&d->gl);
 }
 
 /* Gives a mesh another transform, in the arrays and on the GPU. Changes nothing if sbl__mesh_transform refuses it. */
 static sbl_result sbl__geometry_move(const sbl__device *d, sbl__geometry *g, int number, const float transform[16]) {
-    sbl__mesh *mesh = &g->meshes[number];
+    const sbl__mesh *mesh = &g->meshes[number];
     const size_t first = (size_t)mesh->first_vertex, count = (size_t)mesh->vertex_count;
     const size_t corners = 3 * (size_t)mesh->first_triangle;
-    const int reversed = (sbl__affine_determinant(mesh->transform) < 0) != (sbl__affine_determinant(transform) < 0);
     if (!sbl__mesh_transform(d->base, g, number, transform)) {
         sbl__mesh_transform(d->base, g, number, mesh->transform);
         return SBL_ERROR_INVALID_ARGUMENT;
     }
-    memcpy(mesh->transform, transform, sizeof mesh->transform);
-    sbl__buffer_write(d, &g->position_table.buffer, sizeof(sbl__vertex) * first, sizeof(sbl__vertex) * count,
-                      g->vertices + first);
-    sbl__buffer_write(d, &g->attribute_table.buffer, sizeof(sbl__attributes) * first, sizeof(sbl__attributes) * count,
-                      g->attributes + first);
-    if (reversed) {
-        sbl__mesh_reverse(g, mesh);
-        sbl__buffer_write(d, &g->index_table.buffer, 4 * corners, 12 * (size_t)mesh->triangle_count,
-                          g->indices + corners);
-    }
+    sbl__buffer_write(d, &g->tables[SBL__POSITION_TABLE].buffer, sizeof *g->vertices * first,
+                      sizeof *g->vertices * count, g->vertices + first);
+    sbl__buffer_write(d, &g->tables[SBL__ATTRIBUTE_TABLE].buffer, sizeof *g->attributes * first,
+                      sizeof *g->attributes * count, g->attributes + first);
+    sbl__buffer_write(d, &g->tables[SBL__INDEX_TABLE].buffer, 4 * corners, 12 * (size_t)mesh->triangle_count,
+                      g->indices + corners);
     return g->wide ? sbl__geometry_attach(d, g) : sbl__gl_check(&d->gl);
 }
 
@@ -4207,10 +4117,9 @@ static double sbl__scene_normal(const sbl__geometry *g, uint32_t triangle, doubl
 }
 
 static void sbl__geometry_bind(sbl__device *d, const sbl__geometry *g) {
-    sbl__bind_table(d, "sbl_objects", &g->object_table);
-    sbl__bind_table(d, "sbl_positions", &g->position_table);
-    sbl__bind_table(d, "sbl_attributes", &g->attribute_table);
-    sbl__bind_table(d, "sbl_indices", &g->index_table);
+    static const char *const names[] = { "sbl_positions", "sbl_attributes", "sbl_indices", "sbl_objects" };
+    int i;
+    for (i = 0; i < SBL__GEOMETRY_TABLES; i++) sbl__bind_table(d, names[i], &g->tables[i]);
 }
 
 /* ==================================================================================================== >>topology
@@ -4546,7 +4455,7 @@ typedef struct sbl__textures {
     sbl__texture tables[2];    /* texel tables: [0] 8-bit sRGB, [1] 16-bit floats */
     /* Materials number textures from 1. Element 0 of the arrays stands for no texture. */
     uint32_t (*places)[4];     /* first row in its table, width, height, kind; copied to sbl__object */
-    float *brightest;          /* largest component of any texel; always 1 if pixels are 8-bit sRGB */
+    float *brightest;          /* largest component of any texel of the texture; always 1 if pixels are 8-bit sRGB */
     int count;
     uint64_t hash;             /* hash of both tables' texels */
 } sbl__textures;
@@ -4615,7 +4524,6 @@ static sbl_result sbl__textures_fill(sbl__device *d, const sbl__textures *s, con
         if (!copy) return SBL_ERROR_OUT_OF_MEMORY;
         d->gl.doing = "reading a GL texture";
         result = sbl__host_texture_read(d, t->gl_texture, size, copy);
-        d->gl.doing = "storing textures";
     }
     if (result == SBL_SUCCESS) result = sbl__texels_write(d, s, table, t, number, copy);
     sbl__free(d->base, copy);
@@ -4632,7 +4540,6 @@ static sbl_result sbl__textures_place(sbl__device *d, sbl__textures *s, sbl__tex
         sbl_result result;
         d->gl.doing = "querying a GL texture";
         result = sbl__host_texture_size(d, t->gl_texture, size);
-        d->gl.doing = "storing textures";
         if (result == SBL_ERROR_OUT_OF_MEMORY) return result;
         if (result != SBL_SUCCESS || size[0] < 1 || size[1] < 1) {
             sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: gl_texture %u is not a "
@@ -4674,6 +4581,7 @@ static sbl_result sbl__texel_table_make(sbl__device *d, sbl__textures *s, const 
         if ((desc->textures[i].format != SBL_PIXELS_SRGB8) == kind)
             result = sbl__textures_fill(d, s, &table, &desc->textures[i], i + 1);
     s->hash = sbl__hash_bytes(s->hash, table.bytes, (size_t)table.rows * (size_t)table.width * table.texel);
+    d->gl.doing = "storing textures";
     if (result == SBL_SUCCESS) result = sbl__texture_make(d, &s->tables[kind], table.width, table.rows, format);
     if (result == SBL_SUCCESS) result = sbl__texture_write(d, &s->tables[kind], 0, table.rows, table.bytes);
     sbl__free(d->base, table.bytes);
@@ -4683,7 +4591,6 @@ static sbl_result sbl__texel_table_make(sbl__device *d, sbl__textures *s, const 
 /* Makes the texel tables for all textures of a descriptor that has been checked. */
 static sbl_result sbl__textures_make(sbl__device *d, sbl__textures *s, const sbl_scene_desc *desc) {
     sbl_result result;
-    d->gl.doing = "storing textures";
     s->count = desc->texture_count;
     s->places = (uint32_t (*)[4])sbl__alloc(d->base, (size_t)s->count + 1, sizeof *s->places);
     s->brightest = (float *)sbl__alloc(d->base, (size_t)s->count + 1, sizeof(float));
@@ -4726,7 +4633,8 @@ static int sbl__emits(const sbl__object *o, int back) {
     return sbl__max3(o->emission) > 0 && !(back && o->flags & SBL_MATERIAL_ONE_SIDED_EMISSION);
 }
 
-/* True if the surface has no albedo texture and SBL__BOUNCE_ALBEDO reduces its albedo in all three channels. */
+/* True if the surface is whiter than stored light can be reflected: it has no albedo texture, and all three channels
+   of its albedo exceed SBL__BOUNCE_ALBEDO. */
 static int sbl__holds_light(const sbl__object *o) {
     const float *albedo = o->albedo, most = SBL__BOUNCE_ALBEDO;
     return albedo[0] > most && albedo[1] > most && albedo[2] > most && !o->albedo_texture[1];
@@ -4740,7 +4648,8 @@ static void sbl__share_pack(const float share[3], uint16_t out[3]) {
     for (k = 0; k < 3; k++) out[k] = (uint16_t)(SBL__SHARE_ONE * share[k] + 0.5f);
 }
 
-/* Adds the R that a surface with a packed share reflects, times SBL__SHARE_ONE. light: R at the surface. */
+/* Adds SBL__SHARE_ONE * (the radiance that a surface reflects) to sum. share: the surface's albedo, packed by
+   sbl__share_pack. light: R at the surface. */
 static void sbl__add_reflected(const uint16_t share[3], const float light[3], float sum[3]) {
     int k;
     for (k = 0; k < 3; k++) sum[k] += (float)share[k] * light[k];
@@ -4750,7 +4659,7 @@ static void sbl__add_reflected(const uint16_t share[3], const float light[3], fl
 static const char *const sbl__glsl_material[] = {
 "// How surfaces emit and reflect light, and where they have holes. No other shader reads a material. >>material in\n",
 "// sbl.h does the same on the CPU.\n",
-"uniform float epsilon;     // the ambient factor\n",
+"uniform float epsilon;     // ambient factor: a surface that does not emit has the radiance epsilon * albedo\n",
 "uniform bool lamps_apart;  // true: lamps.glsl adds the light of emitters, so sbl_outgoing leaves it out\n",
 "\n",
 "// A material at a point, with its textures applied.\n",
@@ -4806,12 +4715,10 @@ static const char *const sbl__glsl_material[] = {
 "    bool emits = sbl_emits(object, back);\n",
 "    vec3 radiance = emits ? sbl_object_emission(object) : epsilon * sbl_object_albedo(object);\n",
 "    if (emits && lamps_apart) radiance = vec3(0);\n",
-"#ifdef SBL_TEXTURED\n",
 "    if (!sbl_outgoing_is_plain(object, back)) {\n",
 "        uvec4 place = emits ? sbl_object_emission_texture(object) : sbl_object_albedo_texture(object);\n",
 "        radiance *= ((emits ? vec4(1) : at.color) * sbl_texture(place, at.uv)).rgb;\n",
 "    }\n",
-"#endif\n",
 "    return radiance;\n",
 "}\n",
 "\n",
@@ -6528,9 +6435,12 @@ typedef struct sbl__scene {
 } sbl__scene;
 
 #define SBL__RADIANCE_MOST 1e37f /* limit of radiance, so that sums stay finite */
-#define SBL__ACROSS_LEAST 5e-10  /* least diagonal of a scene whose light is correct up to rounding errors; measured */
-#define SBL__ACROSS_MOST 6e9    /* largest diagonal of a scene whose light is correct up to rounding errors, measured */
-#define SBL__AWAY_MOST 4e3       /* largest coordinate in such a scene, in diagonals; measured */
+
+/* Limits of scenes whose light is correct up to rounding errors, measured: the least and the largest diagonal, and the
+   largest coordinate in diagonals. */
+#define SBL__ACROSS_LEAST 5e-10
+#define SBL__ACROSS_MOST 6e9
+#define SBL__AWAY_MOST 4e3
 
 static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
     sbl__store_free(d, &s->store);
@@ -6553,8 +6463,8 @@ static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
                                            &s->geometry.objects[i], &s->brightest);
 }
 
-#define SBL__STORE_LEAVES 49152    /* default limit of the number of leaves */
-#define SBL__STORE_TEXELS 8        /* limit of the texels per leaf, including its share of cells and cuts */
+#define SBL__STORE_LEAVES 49152    /* default limit of the store's leaves, which the interface calls cells */
+#define SBL__STORE_TEXELS 8        /* limit of the texels of the store's table per leaf, with all cells and cuts */
 
 /* Checks s->brightest. Decides whether tables are buffer textures or, if one exceeds the driver's limit for those, 2D
    textures. Reduces the number of the store's leaves to what its tables hold. */
@@ -6591,25 +6501,19 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
 /* Logs warnings about valid scenes that are probably mistakes. */
 static void sbl__scene_warn(const sbl__base *base, const sbl__scene *s) {
     const sbl__geometry *g = &s->geometry;
-    double away = 0, across = 0, shining = s->brightest;
+    double shining = s->brightest;
     int i;
     if (!g->triangle_count) return;
-    for (i = 0; i < 3; i++) {
-        const double low = g->bounds[0][i], high = g->bounds[1][i];
-        across += (high - low) * (high - low);
-        away = SBL__MAX(away, SBL__MAX(fabs(low), fabs(high)));
-    }
-    across = sqrt(across);
     for (i = 0; i < s->lights.count; i++) shining = SBL__MAX(shining, (double)sbl__max3(s->lights.list[i].intensity));
     if (!(shining > 0))
         sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_NO_LIGHT, "nothing in the scene emits light; give it a sky, "
                  "an environment, lights or a material with emission");
-    if (across < SBL__ACROSS_LEAST || across > SBL__ACROSS_MOST)
+    if (g->across < SBL__ACROSS_LEAST || g->across > SBL__ACROSS_MOST)
         sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the scene is %g across; light is correct only from "
-                 "%g to %g: scale the scene", across, SBL__ACROSS_LEAST, SBL__ACROSS_MOST);
-    if (away > SBL__AWAY_MOST * across)
+                 "%g to %g: scale the scene", g->across, SBL__ACROSS_LEAST, SBL__ACROSS_MOST);
+    if (g->away > SBL__AWAY_MOST * g->across)
         sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the scene is %g across and reaches %g away from the "
-                 "origin, where floats are too coarse; move it to the origin", across, away);
+                 "origin, where floats are too coarse; move it to the origin", g->across, g->away);
 }
 
 /* Makes everything but the hierarchy, the lamps and the store, which are made when first needed. */
@@ -6755,7 +6659,7 @@ static const char *const sbl__glsl_scene[] = {
 "vec4 sbl_texel(uvec4 place, ivec2 at) {\n",
 "    ivec2 size = ivec2(place.yz);\n",
 "    if ((place.w & SBL_TEXTURE_CLAMPS) == 0u) at -= size * ivec2(floor(vec2(at) / vec2(size)));\n",
-"    at = clamp(at, ivec2(0), size - 1);  // the division above may round up for far repeats\n",
+"    at = clamp(at, ivec2(0), size - 1);  // far repeats: the quotient above may be rounded up\n",
 "    bool srgb = (place.w & SBL_TEXTURE_KIND) == SBL_TEXTURE_SRGB;\n",
 "    int index = at.y * size.x + at.x;\n",
 "    int width = srgb ? textureSize(sbl_texels_srgb, 0).x : textureSize(sbl_texels_float, 0).x;\n",
@@ -6793,7 +6697,7 @@ static const char *const sbl__glsl_surface[] = {
 "    sbl_Material material;\n",
 "    vec3 emission;\n",
 "    float facet;                              // least height of the triangle\n",
-"    float reach;                              // distance of the first corner from the origin, plus twice the\n",
+"    float reach;                              // world distance of the first corner from 0 0 0, plus twice the\n",
 "                                              // longest side; rounding errors are in proportion to it\n",
 "    uint id;\n",
 "    int object;\n",
@@ -6845,7 +6749,7 @@ static const char *const sbl__glsl_surface[] = {
 "    sbl_Surface s;\n",
 "    s.position = f.p0 + (b1 * f.e1 + b2 * f.e2);\n",
 "    vec3 across = cross(f.s1, f.s2), s3 = f.s2 - f.s1;\n",
-"    float widest = max(max(abs(across.x), abs(across.y)), abs(across.z));  // if tiny, normalize underflows\n",
+"    float widest = max(max(abs(across.x), abs(across.y)), abs(across.z));  // normalize needs more than 1e-15\n",
 "    vec3 face = normalize(widest > 1e-15 ? across : widest > 0.0 ? across / widest : -direction);\n",
 "    float longest = sqrt(max(dot(f.s1, f.s1), max(dot(f.s2, f.s2), dot(s3, s3))));\n",
 "    s.facet = f.size * length(across) / longest;\n",
@@ -9854,7 +9758,7 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
         unsigned array;
         result = sbl__raster_send(d, r, lens, b);
         if (result == SBL_SUCCESS && b->spec->bounced)
-            result = sbl__array_make(d, &r->view_array, &g->index_table.buffer);
+            result = sbl__array_make(d, &r->view_array, &g->tables[SBL__INDEX_TABLE].buffer);
         if (result != SBL_SUCCESS) return result;
         array = b->spec->bounced ? r->view_array : g->vertex_array;
         sbl__array_inputs(d, array, &r->views, sbl__view_inputs, SBL__COUNT(sbl__view_inputs));

@@ -1,6 +1,6 @@
 // How surfaces emit and reflect light, and where they have holes. No other shader reads a material. >>material in
 // sbl.h does the same on the CPU.
-uniform float epsilon;     // the ambient factor
+uniform float epsilon;     // ambient factor: a surface that does not emit has the radiance epsilon * albedo
 uniform bool lamps_apart;  // true: lamps.glsl adds the light of emitters, so sbl_outgoing leaves it out
 
 // A material at a point, with its textures applied.
@@ -56,12 +56,10 @@ vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {
     bool emits = sbl_emits(object, back);
     vec3 radiance = emits ? sbl_object_emission(object) : epsilon * sbl_object_albedo(object);
     if (emits && lamps_apart) radiance = vec3(0);
-#ifdef SBL_TEXTURED
     if (!sbl_outgoing_is_plain(object, back)) {
         uvec4 place = emits ? sbl_object_emission_texture(object) : sbl_object_albedo_texture(object);
         radiance *= ((emits ? vec4(1) : at.color) * sbl_texture(place, at.uv)).rgb;
     }
-#endif
     return radiance;
 }
 

@@ -19,7 +19,7 @@ vec4 sbl_unpack_color(uint rg, uint ba) { return vec4(rg & 65535u, rg >> 16, ba 
 vec4 sbl_texel(uvec4 place, ivec2 at) {
     ivec2 size = ivec2(place.yz);
     if ((place.w & SBL_TEXTURE_CLAMPS) == 0u) at -= size * ivec2(floor(vec2(at) / vec2(size)));
-    at = clamp(at, ivec2(0), size - 1);  // the division above may round up for far repeats
+    at = clamp(at, ivec2(0), size - 1);  // far repeats: the quotient above may be rounded up
     bool srgb = (place.w & SBL_TEXTURE_KIND) == SBL_TEXTURE_SRGB;
     int index = at.y * size.x + at.x;
     int width = srgb ? textureSize(sbl_texels_srgb, 0).x : textureSize(sbl_texels_float, 0).x;
