@@ -4879,7 +4879,7 @@ static const char *const sbl__glsl_material[] = {
    over the hemisphere find the picture's radiance up to a limit. Radiance above the limit would make their results
    noisy, so each texel that exceeds the limit is also a lamp, which emits the excess (see >>lamps). */
 
-#define SBL__SKY_LIMIT 4  /* limit of radiance for rays over the hemisphere, in multiples of the picture's mean */
+#define SBL__SKY_LIMIT 4  /* sbl__environment.limit, in multiples of the picture's mean radiance */
 
 typedef struct sbl__environment {
     float sky[3];        /* constant radiance from all directions, added to the picture's */
@@ -4905,8 +4905,7 @@ static void sbl__environment_axes(sbl__environment *e, const sbl_environment *de
     int k;
     for (k = 0; k < 3 && !sbl__all_zero(desc->up, 3); k++) up[k] = desc->up[k];
     sbl__normalize(up);
-    if (up[1] > -1 + 1e-9) {  /* rotates the x axis. If `up` is -y, nothing is to do: half a turn about the x axis
-                                 leaves it in place */
+    if (up[1] > -1 + 1e-9) {  /* if `up` is -y, the rotation is half a turn about the x axis, which keeps x */
         x[0] = 1 - up[0] * up[0] / (1 + up[1]);
         x[1] = -up[0];
         x[2] = -up[0] * up[2] / (1 + up[1]);
@@ -5027,7 +5026,7 @@ static const char *const sbl__glsl_sky[] = {
 "uniform sampler2D sky_picture;\n",
 "uniform vec3 sky_x, sky_up, sky_z;  // axes of the picture in world space: unit vectors\n",
 "uniform float sky_limit;            // radiance (largest component) above which a texel is also a lamp, which emits\n",
-"                                    // the excess; 0: sbl_sky returns 0\n",
+"                                    // the excess; 0: no picture\n",
 "\n",
 "// Position in the picture where a direction points to: 0 to 1 from left to right and from top to bottom.\n",
 "vec2 sbl_sky_at(vec3 direction) {\n",
@@ -5703,9 +5702,10 @@ static const char *const sbl__glsl_traverse[] = {
    The power of a lamp is its radiant intensity along its normal, summed over the channels and divided by pi: R at
    distance d is about power * cosine / d^2. For a distant lamp, R is power * cosine. */
 
-/* middle, radius: a ball around all lamps of the subtree. square, mixed: xx, yy, zz and xy, yz, zx of the sum of
-   power * normal * normal^T. beyond: the node after the subtree, with SBL_FAR_NODE set for distant lamps. front: sum of
-   power * normal of one-sided lamps. first_leaf: the first leaf of the subtree */
+/* A node of a lamp tree. middle, radius: a ball around all lamps of its subtree. power: of all these lamps. square, mixed: the
+   elements xx, yy, zz and xy, yz, zx of a matrix, see sbl__cluster_write. front: sum of power * normal / 2 of
+   one-sided lamps. beyond: number of the node after the subtree; SBL_FAR_NODE is set for distant lamps. first_leaf:
+   number of the subtree's first leaf */
 #define SBL__LAMP_NODE(X) \
     X(sbl__lamp_node, VEC3, middle) X(sbl__lamp_node, FLOAT, radius) \
     X(sbl__lamp_node, VEC3, square) X(sbl__lamp_node, FLOAT, power) \
@@ -5713,8 +5713,8 @@ static const char *const sbl__glsl_traverse[] = {
     X(sbl__lamp_node, VEC3, front) X(sbl__lamp_node, UINT, first_leaf)
 SBL__RECORD(sbl__lamp_node, SBL__LAMP_NODE, "sbl_lamp_node", "sbl_lamps", SBL__SCENE_TABLE("sbl_lamps"), NULL)
 
-/* code: kind << SBL_LAMP_KIND_SHIFT | number. The number is a triangle's place in the hierarchy's order, a light's
-   number, or a texel's row * width + column. */
+/* A leaf of a lamp tree: one lamp. code: kind << SBL_LAMP_KIND_SHIFT | number. The number is a triangle's place in the
+   hierarchy's order, a light's number, or a texel's row * width + column. */
 #define SBL__LAMP_LEAF(X) X(sbl__lamp_leaf, UINT, code) X(sbl__lamp_leaf, UVEC3, unused)
 SBL__RECORD(sbl__lamp_leaf, SBL__LAMP_LEAF, "sbl_lamp_leaf", "sbl_lamps", "", "sbl_first_leaf")
 
@@ -5726,15 +5726,15 @@ SBL__RECORD(sbl__lamp_leaf, SBL__LAMP_LEAF, "sbl_lamp_leaf", "sbl_lamps", "", "s
     X(sbl__light_record, VEC3, axis) X(sbl__light_record, FLOAT, spot_offset)
 SBL__RECORD(sbl__light_record, SBL__LIGHT_RECORD, "sbl_light", "sbl_lamps", "", "sbl_first_light")
 
-#define SBL__POWER_MOST 1e37          /* limit of power, so that sums remain finite floats */
-#define SBL__POWER_LEAST 1e-30        /* least power of an emitting triangle, times pi */
-#define SBL__MOMENT_MOST 1e18         /* limit of a moment, so that products of two moments remain finite floats */
+#define SBL__POWER_MOST 1e37          /* upper limit of a lamp's power, so that sums remain finite floats */
+#define SBL__POWER_LEAST 1e-30        /* lower limit of pi * power of an emitting triangle, so that it is not skipped */
+#define SBL__MOMENT_MOST 1e18         /* upper limit of the sums in a cluster, so that products of two remain finite */
 #define SBL__SPOT_LEAST 0.001         /* least difference between the cosines of a spot's cones (KHR_lights_punctual) */
 #define SBL__CURVE_BITS 20            /* bits of the Morton curve per axis */
-#define SBL__LAMP_DEPTH 128           /* largest depth of a tree: 61 bits of the curve + log2(lamps at one place) */
+#define SBL__LAMP_DEPTH 128           /* more than 61 bits of the curve + log2(lamps at one place) */
 
 typedef struct sbl__lamp {
-    uint64_t curve;            /* position along a Morton curve; near lamps come before distant lamps */
+    uint64_t curve;            /* position along a Morton curve; bit 63 is set for distant lamps */
     uint32_t code;             /* see sbl__lamp_leaf */
     sbl__box bounds;
     float normal[3];           /* 0: the lamp shines in all directions; for a distant lamp, the direction towards it */
@@ -5744,33 +5744,32 @@ typedef struct sbl__lamp {
 
 typedef struct sbl__cluster { double power, all_sides, square[6], front[3]; sbl__box bounds; } sbl__cluster;
 
-typedef struct sbl__lamps {    /* data for building the trees */
+typedef struct sbl__lamps {    /* data for building the lamp trees */
     sbl__stages stages;
     const sbl__device *device;
     const sbl__geometry *geometry;
     const sbl__hierarchy *hierarchy;
     const sbl__environment *environment;
     struct sbl__lights *lights;
-    sbl__lamp *list, *sorted;  /* sorted: the destination of merging */
+    sbl__lamp *list, *sorted;  /* all lamps; the array that the merge sort writes */
     int count, room;
     double low[3], side;       /* cube around the centres of the near lamps, which the Morton curve fills */
     int width;                 /* merge sort: length of the sorted runs that are merged now, in lamps */
     int left, right, out;      /* next lamps of the two runs to merge; next place in `sorted` */
     sbl__lamp_node *nodes;
     int node_count;
-    sbl__cluster clusters[SBL__LAMP_DEPTH];  /* stack: clusters of finished subtrees of the lamp tree, which are not
-                                                joined yet */
-    int depth;                 /* height of the stack */
+    sbl__cluster clusters[SBL__LAMP_DEPTH];  /* stack: clusters of finished subtrees that are not joined yet */
+    int depth;                 /* number of clusters on the stack */
 } sbl__lamps;
 
 typedef struct sbl__lights {
     sbl_light *list;           /* copy of the host's lights */
     int count;
-    float unit;                /* lamps.glsl divides radiance by this unit, so that sums do not overflow: about the
-                                  highest R near any lamp */
+    float unit;                /* lamps.glsl divides radiance by this, so that sums do not overflow: about the
+                                  largest R that a lamp causes close to it */
     int ready;
     sbl__table table;
-    int nodes, leaves;         /* numbers of nodes and leaves in the table */
+    int nodes, leaves;         /* numbers of nodes and leaves of both trees */
     int mixed;                 /* 1 if not all lamps are triangles, or if there are more than SBL__LAMPS */
     uint32_t *codes;           /* code of each leaf, see sbl__lamp_leaf */
     sbl__lamps *building;
@@ -5819,8 +5818,8 @@ static sbl_result sbl__lamps_add(sbl__lamps *l, const sbl__lamp *lamp) {
     return SBL_SUCCESS;
 }
 
-/* Makes a lamp that shines in all directions, or a distant one. middle: its position, or the direction towards it.
-   around: half the side of its bounds. power: times pi */
+/* Makes a lamp that shines in all directions, or a distant lamp. middle: its position, or the direction towards it.
+   around: half the side of its bounds. power: pi * the lamp's power */
 static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3], double around, double power,
                            int distant) {
     int k;
@@ -5858,7 +5857,7 @@ static sbl_result sbl__lamps_add_triangle(void *work, int place) {
     return sbl__lamps_add(l, &lamp);
 }
 
-/* Makes a light's record. place: its position, or the direction towards a directional light. */
+/* Makes a light's record. place: receives its position, or the direction towards a directional light. */
 static void sbl__light_write(const sbl_light *light, sbl__light_record *record, double place[3]) {
     const int distant = light->kind == SBL_LIGHT_DIRECTIONAL, spot = light->kind == SBL_LIGHT_SPOT;
     const double half = 0.5 * light->angle * SBL__PI / 180, outer = cos(0.5 * SBL__CONE(light) * SBL__PI / 180);
@@ -5977,7 +5976,8 @@ static int sbl__lamps_cut(const sbl__lamps *l, int low, int high) {
     return high;
 }
 
-/* Begins the subtree of `count` lamps from `first` on at node number `at`. Returns the number of the node after it. */
+/* Makes node `at` the root of the subtree of `count` lamps from lamp `first` on. Returns the number of the node after
+   the subtree. */
 static int sbl__lamps_root(sbl__lamps *l, int at, int first, int count) {
     if (!count) return at;
     l->nodes[at].first_leaf = (uint32_t)first;
@@ -5985,7 +5985,7 @@ static int sbl__lamps_root(sbl__lamps *l, int at, int first, int count) {
     return at + 2 * count - 1;
 }
 
-/* Begins both trees after sorting. */
+/* Makes the roots of the tree of near lamps and of the tree of distant lamps. The lamps are sorted already. */
 static int sbl__lamps_plant(void *work) {
     sbl__lamps *l = (sbl__lamps *)work;
     int near_count = 0;
@@ -5996,7 +5996,7 @@ static int sbl__lamps_plant(void *work) {
 
 static int sbl__lamps_nodes(void *work) { return ((sbl__lamps *)work)->node_count; }
 
-/* Begins the subtrees of a node's children, which follow it. */
+/* Makes the roots of a node's two subtrees, which follow the node. */
 static sbl_result sbl__lamps_split(void *work, int at) {
     sbl__lamps *l = (sbl__lamps *)work;
     const int first = (int)l->nodes[at].first_leaf, end = first + ((int)l->nodes[at].beyond - at + 1) / 2;
@@ -6041,7 +6041,8 @@ static void sbl__cluster_write(const sbl__cluster *c, int distant, sbl__lamp_nod
         const double mixed = SBL__MAX(SBL__MIN(c->square[3 + k], SBL__MOMENT_MOST), -SBL__MOMENT_MOST);
         radius += side * side;
         node->middle[k] = (float)sbl__box_middle(&c->bounds, k);
-        /* Cauchy-Schwarz inequality: sum |x| <= sqrt(sum 1 * sum x^2) */
+        /* The matrix all_sides * sum of power * n * n^T bounds the sum of power * |n . w| in a direction w, squared
+           (Cauchy-Schwarz inequality). */
         node->square[k] = (float)(all_sides * SBL__MIN(c->square[k], SBL__MOMENT_MOST));
         node->mixed[k] = (float)(all_sides * mixed);
         node->front[k] = (float)c->front[k];
@@ -8654,9 +8655,9 @@ static const char *const sbl__glsl_carrier[] = {
    The sequence of points from which rays get their directions, and rays towards lamps, which both back ends trace. */
 
 /* Limits of the work of one shader invocation. Some software renderers silently end an invocation after about 65,000
-   loop iterations. A ray takes on average as many as the hierarchy's cost, but some rays take several times more. */
+   loop iterations. A ray takes sbl__hierarchy.cost iterations on average, but some rays take several times more. */
 #define SBL__LOOP_TURNS 20000      /* maximum number of loop iterations per invocation, on average */
-#define SBL__RAY_TURNS 20          /* iterations per ray in addition to the hierarchy's cost */
+#define SBL__RAY_TURNS 20          /* loop iterations of a ray outside the hierarchy */
 #define SBL__LAMP_CHUNK 256        /* maximum number of rays towards lamps per invocation */
 
 /* Resources for rays towards lamps. */
@@ -8710,7 +8711,7 @@ static uint32_t *sbl__sequence_make(sbl__base *base, int looks, int rays, int se
     return points;
 }
 
-/* Gets point i of a sequence, 0 to 1, scrambled with the seed as in trace.glsl. */
+/* Gets point i of a sequence, scrambled with the seed as in trace.glsl. u: both coordinates, 0 to 1 */
 static void sbl__sequence_at(const uint32_t *sequence, int i, uint32_t seed, double u[2]) {
     int axis;
     for (axis = 0; axis < 2; axis++) {
@@ -8795,14 +8796,15 @@ static const char *const sbl__glsl_lamps[] = {
 "uniform int lamp_nodes, lamp_leaves;  // numbers of nodes and leaves in the table of lamps\n",
 "uniform int rays;                     // maximum number of rays per sensor\n",
 "uniform float unit;                   // radiance is divided by this unit while it is summed, to prevent overflow\n",
-"uniform float scale;                  // the outputs are multiplied by this factor\n",
+"uniform float scale;                  // output / R\n",
 "#ifdef SBL_INSPECT\n",
 "const bool inspected = true, directional = false;\n",
-"uniform int parts;                    // number of parts into which the sensor's rays were divided\n",
+"uniform int parts;                    // number of parts into which the measurement divides the rays\n",
 "uniform int sheet_slot;               // slot of the sensor's views in the view texture\n",
-"SBL_OUT(0, out_light);                // of a ray: its light; 0: not traced, 1: reached the lamp, 2: was blocked;\n",
-"                                      // of an entry: R if unobstructed; 1: lamp, 2: visible, 3: hidden point light\n",
-"SBL_OUT(1, out_way);                  // of a ray: direction and the lamp's leaf; of an entry: 0 0 0 and its leaf\n",
+"SBL_OUT(0, out_light);                // rgb: light of a ray, or unobstructed R of an entry; a: ray: 0: not traced,\n",
+"                                      // 1: reached the lamp, 2: blocked; entry: 1: lamp, 2: visible point light,\n",
+"                                      // 3: hidden point light\n",
+"SBL_OUT(1, out_way);                  // xyz: a ray's direction, or 0 for an entry; w: leaf of the lamp\n",
 "#else\n",
 "const bool inspected = false;\n",
 "SBL_OUT(0, out_light);                // R of the part, and the variance of its luminance\n",
@@ -8822,22 +8824,22 @@ static const char *const sbl__glsl_lamps[] = {
 "#endif\n",
 "\n",
 "const int SBL_CERTAIN = 32;         // maximum number of point lights that get one ray each\n",
-"const float SBL_STRATA = 1.5;       // variance of the mean of n stratified points, divided by the variance for\n",
-"                                    // independent points, times sqrt(n): measured with shadow edges on a lamp\n",
-"const float SBL_STRATA_LOST = 0.6;  // upper limit of the quotient of these variances, for few points per lamp\n",
+"const float SBL_STRATA = 1.5;       // variance from n stratified points: SBL_STRATA / sqrt(n) times that from\n",
+"                                    // independent points: measured with shadow edges on a lamp\n",
+"const float SBL_STRATA_LOST = 0.6;  // upper limit of SBL_STRATA / sqrt(n), for few points per lamp\n",
 "const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this share of its distance\n",
-"const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each one doubles the share\n",
+"const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles SBL_OPENING\n",
 "const float SBL_SPARSE = 16.0;      // minimum number of rays that a group must get on average for a ratio estimate\n",
 "const int SBL_PASS_RAYS = 32;       // minimum number of rays per pass\n",
-"const float SBL_PASS_CROWD = 16.0;  // maximum number of passes, times the effective number of entries\n",
+"const float SBL_PASS_CROWD = 16.0;  // maximum number of passes * effective number of entries\n",
 "const int SBL_RIM_LAMPS = 8;        // maximum number of entries that get rim samples: rays to the edge of a lamp\n",
 "const int SBL_CORNERS = 3;          // number of rim samples of a triangle, one close to each corner\n",
-"const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // barycentrics of such a sample: close corner, others\n",
+"const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // barycentrics of a triangle's rim sample\n",
 "const int SBL_RIM = 12;             // number of rim samples of a round lamp\n",
 "const float SBL_RIM_AT = 0.99;      // share of a round lamp's area inside the circle on which its rim samples lie\n",
 "const float SBL_KNOWN = 1e-6;       // relative variance below which the light of clusters needs no more rays\n",
 "const float SBL_SMALL = 16.0;       // a triangle is small if its squared distance over its squared size is larger\n",
-"const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // Dunavant's points and weights\n",
+"const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // see sbl_form_factor\n",
 "const float SBL_POINT_WEIGHT[2] = float[2](0.223381589678011, 0.109951743655322);\n",
 "const float SBL_BEFORE_LAMP = 0.99999;  // share of the distance to a lamp along which a ray is traced\n",
 "\n",
@@ -8850,7 +8852,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    float away, radius, sine2; // light: distance, radius, squared sine of half the angle that it subtends\n",
 "    ivec2 texel;               // texel: column and row\n",
 "    int triangle, number;      // triangle: its number in the hierarchy's order and in the scene; else number is -1\n",
-"    vec2 group;                // (0, 1): triangles that show the sensor their back; (1, 0): all other lamps\n",
+"    vec2 group;                // (0, 1) if it is a triangle that shows the sensor its back; else (1, 0)\n",
 "};\n",
 "\n",
 "bool sbl_is_light(sbl_Lamp l) { return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT); }\n",
@@ -8912,7 +8914,7 @@ static const char *const sbl__glsl_lamps[] = {
 "// Form factor of a triangle. a, b, c: corners relative to the sensor, in its frame. Lambert's sum (1760) over the\n",
 "// edges of the part above the horizon adds the angle that each edge subtends, times z of the unit normal of the\n",
 "// plane through the edge and the sensor. If the triangle is small for its distance, rounding would spoil this sum;\n",
-"// a sum over six points is then used instead (Dunavant 1985, degree 4; relative error up to 4e-6).\n",
+"// a sum over Dunavant's six points is then used instead (1985, degree 4; relative error up to 4e-6).\n",
 "float sbl_form_factor(vec3 a, vec3 b, vec3 c) {\n",
 "    vec3 corners[3] = vec3[3](a, b, c), entry = vec3(0), leave = vec3(0);\n",
 "    vec3 middle = (a + b + c) / 3.0, normal = cross(b - a, c - a);\n",
@@ -8966,7 +8968,7 @@ static const char *const sbl__glsl_lamps[] = {
 "}\n",
 "\n",
 "// The first four spherical harmonics of an unobstructed lamp, from its solid angle and from the integral of\n",
-"// directions over it (`way`). They are approximate for round lamps that the horizon cuts, except along the normal.\n",
+"// directions over it (`way`). If the horizon cuts a round lamp, all but the part along the normal is approximate.\n",
 "mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {\n",
 "    float solid_angle = 0.0;\n",
 "    vec3 way = vec3(0);\n",
@@ -8993,7 +8995,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        way = transpose(to_frame) * way * sign(solid_angle);\n",
 "        solid_angle = abs(solid_angle);\n",
 "    }\n",
-"    if (sbl_is_light(l)) {  // as in sbl_round, but divided by pi * sine2\n",
+"    if (sbl_is_light(l)) {  // solid_angle and way are divided by pi * sine2, to fit l.brightness\n",
 "        float z = dot(n, l.corner), shown = clamp(0.5 + 0.5 * z / max(sqrt(l.sine2), 1e-30), 0.0, 1.0);\n",
 "        solid_angle = shown * 2.0 / (1.0 + sqrt(1.0 - l.sine2));\n",
 "        way = shown * (l.corner - z * n) + sbl_round(z, l.sine2) * n;\n",
@@ -9004,7 +9006,7 @@ static const char *const sbl__glsl_lamps[] = {
 "// >>clusters\n",
 "\n",
 "struct sbl_Cluster {\n",
-"    vec3 to;       // centre of its bounding sphere, relative to the sensor; if far, a direction\n",
+"    vec3 to;       // centre of its bounding sphere, relative to the sensor; if `far`, a direction\n",
 "    float radius;\n",
 "    bool far;      // true: the lamps are infinitely far away\n",
 "    int beyond;    // next node that is not in the cluster's subtree\n",
@@ -9022,7 +9024,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    vec3 square = sbl_lamp_node_square(node), mixed = sbl_lamp_node_mixed(node), front = sbl_lamp_node_front(node);\n",
 "    float distance2 = max(dot(c.to, c.to), 1e-37), spread = min(c.radius * inversesqrt(distance2), 1.0);\n",
 "    float height = dot(n, c.to);\n",
-"    // The normal of a far lamp is the direction towards it, so this gives the cosine at the sensor.\n",
+"    // The normal of a far lamp is the direction towards it, so its product with -n is the cosine at the sensor.\n",
 "    vec3 w = c.far ? -n : c.to * inversesqrt(distance2);\n",
 "    float shown = sqrt(max(dot(square, w * w) + 2.0 * dot(mixed, w.xyz * w.yzx), 0.0)) - dot(front, w) +\n",
 "                  0.1 * sbl_lamp_node_power(node) * spread;\n",
@@ -9169,7 +9171,7 @@ static const char *const sbl__glsl_lamps[] = {
 "mat3x4 whole_harmonics[2];   // harmonics of `whole`\n",
 "\n",
 "// Adds node i to the entries, skips it, or descends into it; or adds leaf i if all lamps fit. Returns the next\n",
-"// node or leaf, or `limit` if the entries are full. last: true: never descends\n",
+"// node or leaf, or `limit` if the entries are full. last: true: never descends below a cluster\n",
 "int sbl_consider(int i, int limit, float opening, bool last, out bool full) {\n",
 "    int leaf = i, next = i + 1, lamps = 1;\n",
 "    float strength = 0.0;\n",
@@ -9272,7 +9274,7 @@ static const char *const sbl__glsl_lamps[] = {
 "// Sums over the rays. Light from clusters, texels and sparse groups is the mean of the rays' light; light from\n",
 "// other lamps is the closed form times the ratio seen / open.\n",
 "mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by group: rays' light without obstruction, and with it\n",
-"vec3 sure = vec3(0), sampled = vec3(0);       // light of point lights; light of rays of which the mean is taken\n",
+"vec3 sure = vec3(0), sampled = vec3(0);       // light of point lights; light of clusters, texels and sparse groups\n",
 "vec2 samples = vec2(0), lit = vec2(0);        // by group: number of rays summed in `open`, and in `seen`\n",
 "float taken = 0.0, squares = 0.0;             // number of rays; sum of the squared luminances in `sampled`\n",
 "vec2 sparse;                                  // by group: 1: too few rays for a ratio; 0: enough\n",
@@ -9335,8 +9337,8 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// >>combine\n",
 "\n",
-"// Variance of the mean of n points, divided by the variance of one point. The strata of a lamp are the smaller the\n",
-"// more points it gets. `lamps` is the effective number of lamps.\n",
+"// Variance of the mean of n points, divided by the variance of one point. A lamp with more points has smaller\n",
+"// strata. `lamps` is the effective number of lamps.\n",
 "float sbl_strata(float n) {\n",
 "    float lamps = total * total / max(crowd_within, 1e-37), points = max(n, 1.0);\n",
 "    return min(SBL_STRATA * sqrt(max(lamps - 1.0, 1.0) / points), SBL_STRATA_LOST) / points;\n",
@@ -9362,7 +9364,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        float mean = dot(whole[g], SBL_LUMINANCE), lit_share = lit[g] / max(samples[g], 1.0);\n",
 "        if (sparse[g] > 0.0) continue;\n",
 "        light += whole[g] * share;\n",
-"        // The closed form times the same share, plus the deviation from this product that the rays found.\n",
+"        // Harmonics: the closed form times `share`, plus the deviation from it that the rays measured.\n",
 "        for (int k = 0; k < 3 && directional; k++)\n",
 "            if (open[g][k] > 0.0)\n",
 "                sure_harmonics[k] += share[k] * whole_harmonics[g][k] + whole[g][k] / open[g][k] *\n",
@@ -9384,7 +9386,7 @@ static const char *const sbl__glsl_lamps[] = {
 "void main() {\n",
 "    ivec2 at = sbl_texel_of_invocation();\n",
 "    int wanted = at.y * blocks.x + at.x;  // number of the ray or, from `rays` on, of the entry to report\n",
-"    int certain_ray = rays + SBL_LAMPS - 1 - wanted;  // number of the point light to report\n",
+"    int certain_ray = rays + SBL_LAMPS - 1 - wanted;  // number of the point light to report, counted from the end\n",
 "#ifdef SBL_INSPECT\n",
 "    int part = 0, slot = sheet_slot;\n",
 "    if (wanted >= rays + SBL_LAMPS) sbl_leave;\n",
@@ -9416,13 +9418,13 @@ static const char *const sbl__glsl_lamps[] = {
 "    int rim_samples = passes > 1 && used <= SBL_RIM_LAMPS ? rims * used : 0;\n",
 "    int skip = int(sbl_look_which(look) & SBL_LOOK_NUMBER) * rays;\n",
 "    bool undecided = total > 0.0;\n",
-"    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // pass -1 traces rays to point lights\n",
-"        // Each part has a section of the sequence. Each eighth of a section covers the unit square evenly.\n",
-"        int eighth = SBL_LAMP_PASSES * part, eighths = SBL_LAMP_PASSES * parts;\n",
+"    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // pass -1: rays to point lights\n",
+"        // Each part has SBL_LAMP_PASSES sections of the sequence, each of which covers the unit square evenly.\n",
+"        int section = SBL_LAMP_PASSES * part, sections = SBL_LAMP_PASSES * parts;\n",
 "        // The divisions are unsigned, because idle lanes of some software renderers trap on INT_MIN / -1.\n",
 "        int stretch = int(uint(SBL_LAMP_PASSES) / uint(passes));\n",
-"        int from = int(uint((eighth + pass * stretch) * rays) / uint(eighths));\n",
-"        int to = total > 0.0 ? int(uint((eighth + (pass + 1) * stretch) * rays) / uint(eighths)) : from;\n",
+"        int from = int(uint((section + pass * stretch) * rays) / uint(sections));\n",
+"        int to = total > 0.0 ? int(uint((section + (pass + 1) * stretch) * rays) / uint(sections)) : from;\n",
 "        bool point = pass < 0;\n",
 "        int start = point ? part : pass == 0 ? from - rim_samples : from, end = point ? certain : to;\n",
 "        for (int k = start; k < end; k += point ? parts : 1) {\n",
@@ -9513,7 +9515,7 @@ static void sbl__directions_row(const sbl__layout *l, int face, int j, float *di
        texture | sheet | sheet |    sheet. reduce_blocks.glsl then adds up each square of block x block texels and
                +-------+-------+    writes one texel of partial sums. */
 
-#define SBL__SLOTS_MOST 4096   /* maximum number of slots in the view texture */
+#define SBL__SLOTS_MOST 4096   /* maximum number of slots, also of traced looks */
 #define SBL__VIEW_DEPTH 1e-6f  /* depth is this value divided by the view-space depth in scene extents, at most 1 */
 #define SBL__STUCK_FOV 2.0f    /* field of view, degrees, of a stuck test, which looks from the sensor back at its
                                   own surface: too narrow to hit the walls of a corner */
@@ -9537,8 +9539,8 @@ typedef struct sbl__raster {
     sbl__texture atlas, depth;
     sbl__target target;
     sbl__buffer views;
-    unsigned view_array;       /* vertex array of the views alone: shaders with bounced light fetch the vertices */
-    float radiance_scale;      /* factor of radiance in the view texture */
+    unsigned view_array;       /* vertex array of the views alone: with SBL_BOUNCED, the shader fetches vertices */
+    float radiance_scale;      /* value in the view texture / radiance */
     float *weights, *directions;  /* texels of a lens's two textures while sbl__raster_weigh computes them */
     int face, row;             /* view and row at which sbl__raster_weigh continues */
 } sbl__raster;
@@ -9608,7 +9610,7 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
     return result == SBL_SUCCESS ? sbl__blocks_make(d, blocks, spec->directional ? 5 : 2, sums[0], sums[1]) : result;
 }
 
-/* Computes the textures of a lens, row by row. Returns SBL_UNFINISHED if the slice ends before. */
+/* Computes the textures of a lens, row by row. Returns SBL_UNFINISHED if the slice ends before they are complete. */
 static sbl_result sbl__raster_weigh(const sbl__device *d, sbl__raster *r, sbl__lens *lens, const sbl__spec *spec,
                                     const sbl__slice *slice) {
     const sbl__layout *l = &lens->layout;
@@ -9650,8 +9652,8 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 "layout(location = 3) in uvec2 vertex_color;\n",
 "#endif\n",
 "layout(location = 4) in vec3 view_eye;      // position of the sensor\n",
-"layout(location = 5) in vec4 view_right;    // unit vector to the right, divided by tan(fov / 2); w: scale of x\n",
-"layout(location = 6) in vec4 view_up;       // unit vector up, divided by tan(fov / 2); w: scale of y\n",
+"layout(location = 5) in vec4 view_right;    // unit vector to the right / tan(fov / 2); w: scale of x in clip space\n",
+"layout(location = 6) in vec4 view_up;       // unit vector up / tan(fov / 2); w: scale of y in clip space\n",
 "layout(location = 7) in vec4 view_forward;  // unit vector; w: lowest y: -1, or 0 if the view begins at the horizon\n",
 "layout(location = 8) in vec2 view_offset;   // offset of the rectangle in clip space\n",
 "uniform float per_length;                   // 1 / extent of the scene\n",
@@ -9659,7 +9661,7 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 "uniform float radiance_scale;\n",
 "out vec3 place;                             // x, y and w of gl_Position\n",
 "flat out int fragment_object;               // only with SBL_TEXTURED or SBL_BOUNCED\n",
-"flat out vec3 radiance_front, radiance_back;  // only without both\n",
+"flat out vec3 radiance_front, radiance_back;  // only without SBL_TEXTURED and SBL_BOUNCED\n",
 "out vec2 fragment_uv;                       // only with SBL_TEXTURED, like fragment_color\n",
 "out vec4 fragment_color;\n",
 "flat out int fragment_triangle;             // only with SBL_BOUNCED: number of the triangle in the scene\n",
@@ -9716,8 +9718,8 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 "in vec3 fragment_way, fragment_place;\n",
 "\n",
 "const float SBL_NEAREST = 3e-8;  // smallest distance at which surfaces are visible, in extents of the scene\n",
-"const float SBL_BESIDE = 0.4;    // maximum distance between a fragment and its interpolated position, texels\n",
-"const float SBL_BESIDE_ROUNDING = 3e-7;  // allowance for rounding in this comparison, in clip space\n",
+"const float SBL_BESIDE = 0.4;    // maximum distance between gl_FragCoord and the interpolated `place`, texels\n",
+"const float SBL_BESIDE_ROUNDING = 3e-7;  // allowance for rounding in the comparison with SBL_BESIDE\n",
 "\n",
 "// Returns false for fragments at wrong places. The projection of a triangle whose plane contains the sensor is a\n",
 "// line; rounding may turn the line into a triangle anywhere, even in the views of other sensors.\n",
@@ -9958,7 +9960,7 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 "uniform sampler2D weights;  // per texel of a sheet: form factor; ratio of distance to depth\n",
 "uniform int block;          // width and height of a block, texels\n",
 "layout(location = 0) out vec4 out_sum;   // sum of weight * radiance; sum of the weights of back faces\n",
-"layout(location = 1) out vec4 out_hits;  // sum of the weights of surfaces; of weight * distance; least distance; 0\n",
+"layout(location = 1) out vec4 out_hits;  // surfaces: sum of weights; sum of weight * distance; least distance; 0\n",
 "uniform sampler2D directions;  // per texel of a sheet: its direction, in the frame of a look that is not rotated\n",
 "#ifdef SBL_DIRECTIONAL         // spherical harmonics; without them, `directions` has no effect\n",
 "layout(location = 2) out vec4 out_red;\n",
@@ -10037,7 +10039,7 @@ static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const
 #define SBL__TRACE_TEXELS 1024     /* maximum width and height of the textures of partial sums, texels */
 
 typedef struct sbl__trace {
-    sbl__slots slots[SBL__LENSES]; /* slots of looks, and of stuck tests, which trace one ray back to the surface */
+    sbl__slots slots[SBL__LENSES]; /* a stuck test traces one ray, from the sensor back to its surface */
     sbl__table sequence;           /* points that give the rays' directions, see sbl__sequence_make */
 } sbl__trace;
 
@@ -10113,7 +10115,7 @@ static const char *const sbl__glsl_trace[] = {
 "uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each\n",
 "uniform int rays;                     // number of rays per look\n",
 "uniform int paired;                   // 1: an invocation traces pairs of rays; 0: single ones\n",
-"uniform bool no_light;                // true: only lamps give light; a site's first look traces rays for distances\n",
+"uniform bool no_light;                // true: rays find only distances, for which a site's first look is enough\n",
 "uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal\n",
 "uniform float distance_limit;         // larger distances of hits count as this distance in the mean\n",
 "uniform vec3 sky;                     // constant radiance of the sky\n",
@@ -10125,12 +10127,12 @@ static const char *const sbl__glsl_trace[] = {
 "SBL_OUT(2, out_red);\n",
 "SBL_OUT(3, out_green);\n",
 "SBL_OUT(4, out_blue);\n",
-"SBL_OUT(5, out_even);                 // control variate: the harmonics of radiance 1 from everywhere, exact\n",
-"                                      // minus measured by these rays; reduce_sum.glsl adds it times the mean\n",
-"                                      // radiance to the measured harmonics\n",
+"SBL_OUT(5, out_even);                 // control variate for radiance 1 from everywhere: the exact harmonics minus\n",
+"                                      // those that these rays measure; reduce_sum.glsl adds it, times the mean\n",
+"                                      // radiance, to the measured harmonics\n",
 "#endif\n",
 "\n",
-"const float SBL_NEIGHBOURS = 0.62;  // variance divided by its estimate from pairs: measured with 16 to 256 rays\n",
+"const float SBL_NEIGHBOURS = 0.62;  // measured variance / its estimate from pairs, at 16 to 256 rays\n",
 "\n",
 "// Radiance that leaves a hit towards the ray's origin. goes_on: set to true if the ray needs a second segment,\n",
 "// which finds the light that the returned radiance lacks\n",

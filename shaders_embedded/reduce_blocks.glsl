@@ -3,7 +3,7 @@ uniform sampler2D atlas;    // view texture, written by sensor_fragment.glsl
 uniform sampler2D weights;  // per texel of a sheet: form factor; ratio of distance to depth
 uniform int block;          // width and height of a block, texels
 layout(location = 0) out vec4 out_sum;   // sum of weight * radiance; sum of the weights of back faces
-layout(location = 1) out vec4 out_hits;  // sum of the weights of surfaces; of weight * distance; least distance; 0
+layout(location = 1) out vec4 out_hits;  // surfaces: sum of weights; sum of weight * distance; least distance; 0
 uniform sampler2D directions;  // per texel of a sheet: its direction, in the frame of a look that is not rotated
 #ifdef SBL_DIRECTIONAL         // spherical harmonics; without them, `directions` has no effect
 layout(location = 2) out vec4 out_red;

@@ -11,8 +11,8 @@ in vec4 fragment_color;
 in vec3 fragment_way, fragment_place;
 
 const float SBL_NEAREST = 3e-8;  // smallest distance at which surfaces are visible, in extents of the scene
-const float SBL_BESIDE = 0.4;    // maximum distance between a fragment and its interpolated position, texels
-const float SBL_BESIDE_ROUNDING = 3e-7;  // allowance for rounding in this comparison, in clip space
+const float SBL_BESIDE = 0.4;    // maximum distance between gl_FragCoord and the interpolated `place`, texels
+const float SBL_BESIDE_ROUNDING = 3e-7;  // allowance for rounding in the comparison with SBL_BESIDE
 
 // Returns false for fragments at wrong places. The projection of a triangle whose plane contains the sensor is a
 // line; rounding may turn the line into a triangle anywhere, even in the views of other sensors.

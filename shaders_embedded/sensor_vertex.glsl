@@ -6,8 +6,8 @@ layout(location = 2) in vec2 vertex_uv;
 layout(location = 3) in uvec2 vertex_color;
 #endif
 layout(location = 4) in vec3 view_eye;      // position of the sensor
-layout(location = 5) in vec4 view_right;    // unit vector to the right, divided by tan(fov / 2); w: scale of x
-layout(location = 6) in vec4 view_up;       // unit vector up, divided by tan(fov / 2); w: scale of y
+layout(location = 5) in vec4 view_right;    // unit vector to the right / tan(fov / 2); w: scale of x in clip space
+layout(location = 6) in vec4 view_up;       // unit vector up / tan(fov / 2); w: scale of y in clip space
 layout(location = 7) in vec4 view_forward;  // unit vector; w: lowest y: -1, or 0 if the view begins at the horizon
 layout(location = 8) in vec2 view_offset;   // offset of the rectangle in clip space
 uniform float per_length;                   // 1 / extent of the scene
@@ -15,7 +15,7 @@ uniform float depth_scale;                  // depth is depth_scale / distance: 
 uniform float radiance_scale;
 out vec3 place;                             // x, y and w of gl_Position
 flat out int fragment_object;               // only with SBL_TEXTURED or SBL_BOUNCED
-flat out vec3 radiance_front, radiance_back;  // only without both
+flat out vec3 radiance_front, radiance_back;  // only without SBL_TEXTURED and SBL_BOUNCED
 out vec2 fragment_uv;                       // only with SBL_TEXTURED, like fragment_color
 out vec4 fragment_color;
 flat out int fragment_triangle;             // only with SBL_BOUNCED: number of the triangle in the scene

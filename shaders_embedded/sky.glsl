@@ -3,7 +3,7 @@
 uniform sampler2D sky_picture;
 uniform vec3 sky_x, sky_up, sky_z;  // axes of the picture in world space: unit vectors
 uniform float sky_limit;            // radiance (largest component) above which a texel is also a lamp, which emits
-                                    // the excess; 0: sbl_sky returns 0
+                                    // the excess; 0: no picture
 
 // Position in the picture where a direction points to: 0 to 1 from left to right and from top to bottom.
 vec2 sbl_sky_at(vec3 direction) {

@@ -3,7 +3,7 @@
 uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each
 uniform int rays;                     // number of rays per look
 uniform int paired;                   // 1: an invocation traces pairs of rays; 0: single ones
-uniform bool no_light;                // true: only lamps give light; a site's first look traces rays for distances
+uniform bool no_light;                // true: rays find only distances, for which a site's first look is enough
 uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal
 uniform float distance_limit;         // larger distances of hits count as this distance in the mean
 uniform vec3 sky;                     // constant radiance of the sky
@@ -15,12 +15,12 @@ SBL_OUT(1, out_hits);
 SBL_OUT(2, out_red);
 SBL_OUT(3, out_green);
 SBL_OUT(4, out_blue);
-SBL_OUT(5, out_even);                 // control variate: the harmonics of radiance 1 from everywhere, exact
-                                      // minus measured by these rays; reduce_sum.glsl adds it times the mean
-                                      // radiance to the measured harmonics
+SBL_OUT(5, out_even);                 // control variate for radiance 1 from everywhere: the exact harmonics minus
+                                      // those that these rays measure; reduce_sum.glsl adds it, times the mean
+                                      // radiance, to the measured harmonics
 #endif
 
-const float SBL_NEIGHBOURS = 0.62;  // variance divided by its estimate from pairs: measured with 16 to 256 rays
+const float SBL_NEIGHBOURS = 0.62;  // measured variance / its estimate from pairs, at 16 to 256 rays
 
 // Radiance that leaves a hit towards the ray's origin. goes_on: set to true if the ray needs a second segment,
 // which finds the light that the returned radiance lacks
