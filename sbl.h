@@ -5702,10 +5702,10 @@ static const char *const sbl__glsl_traverse[] = {
    The power of a lamp is its radiant intensity along its normal, summed over the channels and divided by pi: R at
    distance d is about power * cosine / d^2. For a distant lamp, R is power * cosine. */
 
-/* A node of a lamp tree. middle, radius: a ball around all lamps of its subtree. power: of all these lamps. square, mixed: the
-   elements xx, yy, zz and xy, yz, zx of a matrix, see sbl__cluster_write. front: sum of power * normal / 2 of
-   one-sided lamps. beyond: number of the node after the subtree; SBL_FAR_NODE is set for distant lamps. first_leaf:
-   number of the subtree's first leaf */
+/* A node of a lamp tree. middle, radius: a ball around all lamps of its subtree. power: the sum of their powers.
+   square, mixed: the elements xx, yy, zz and xy, yz, zx of a matrix, see sbl__cluster_write. front: sum of power *
+   normal / 2 of one-sided lamps. beyond: number of the node after the subtree; SBL_FAR_NODE is set for distant lamps.
+   first_leaf: number of the subtree's first leaf */
 #define SBL__LAMP_NODE(X) \
     X(sbl__lamp_node, VEC3, middle) X(sbl__lamp_node, FLOAT, radius) \
     X(sbl__lamp_node, VEC3, square) X(sbl__lamp_node, FLOAT, power) \
