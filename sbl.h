@@ -3119,15 +3119,10 @@ static void sbl__draw_mesh(const sbl__device *d, unsigned array, int first, int 
                                 (const void *)(12 * (uintptr_t)first), instances);
 }
 
-/* Like sbl__draw_mesh, but without indices: gl_VertexID begins at 3 * first. */
-static void sbl__draw_numbers(const sbl__device *d, unsigned array, int first, int count, int instances) {
-    d->gl.BindVertexArray(array);
-    d->gl.DrawArraysInstanced(SBL__GL_TRIANGLES, 3 * first, 3 * count, instances);
-}
-
 /* Draws `count` triangles without vertex attributes; gl_VertexID begins at 3 * first. */
 static void sbl__draw_triangles(const sbl__device *d, int first, int count) {
-    sbl__draw_numbers(d, d->empty_array, first, count, 1);
+    d->gl.BindVertexArray(d->empty_array);
+    d->gl.DrawArraysInstanced(SBL__GL_TRIANGLES, 3 * first, 3 * count, 1);
 }
 
 /* Draws a triangle that covers the viewport, for fullscreen_vertex.glsl. */
@@ -9539,7 +9534,6 @@ typedef struct sbl__raster {
     sbl__texture atlas, depth;
     sbl__target target;
     sbl__buffer views;
-    unsigned view_array;       /* vertex array of the views alone: with SBL_BOUNCED, the shader fetches vertices */
     float radiance_scale;      /* value in the view texture / radiance */
     float *weights, *directions;  /* texels of a lens's two textures while sbl__raster_weigh computes them */
     int face, row;             /* view and row at which sbl__raster_weigh continues */
@@ -9555,7 +9549,6 @@ static void sbl__raster_free(const sbl__device *d, sbl__raster *r) {
     sbl__texture_delete(d, &r->atlas);
     sbl__texture_delete(d, &r->depth);
     sbl__buffer_delete(d, &r->views);
-    sbl__array_delete(d, &r->view_array);
     sbl__free(d->base, r->weights);
     sbl__free(d->base, r->directions);
 }
@@ -9645,12 +9638,10 @@ static sbl_result sbl__raster_weigh(const sbl__device *d, sbl__raster *r, sbl__l
 /* >>glsl sensor_vertex: shaders_embedded/sensor_vertex.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sensor_vertex[] = {
 "// Draws the scene into views of many sensors. Each instance is a view, clipped to its part of the view texture.\n",
-"#ifndef SBL_BOUNCED\n",
 "layout(location = 0) in vec3 position;\n",
 "layout(location = 1) in uint object;\n",
 "layout(location = 2) in vec2 vertex_uv;\n",
 "layout(location = 3) in uvec2 vertex_color;\n",
-"#endif\n",
 "layout(location = 4) in vec3 view_eye;      // position of the sensor\n",
 "layout(location = 5) in vec4 view_right;    // unit vector to the right / tan(fov / 2); w: scale of x in clip space\n",
 "layout(location = 6) in vec4 view_up;       // unit vector up / tan(fov / 2); w: scale of y in clip space\n",
@@ -9664,22 +9655,15 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 "flat out vec3 radiance_front, radiance_back;  // only without SBL_TEXTURED and SBL_BOUNCED\n",
 "out vec2 fragment_uv;                       // only with SBL_TEXTURED, like fragment_color\n",
 "out vec4 fragment_color;\n",
-"flat out int fragment_triangle;             // only with SBL_BOUNCED: number of the triangle in the scene\n",
 "out vec3 fragment_way;                      // only with SBL_BOUNCED: vector from the sensor to the surface\n",
 "out vec3 fragment_place;                    // only with SBL_BOUNCED: point on the surface, world space\n",
 "\n",
 "void main() {\n",
+"    int number = int(object);\n",
 "#ifdef SBL_BOUNCED\n",
-"    int vertex = int(sbl_fetch(sbl_indices, gl_VertexID).x);\n",
-"    vec3 position = sbl_vertex_position(vertex);\n",
-"    uint object = sbl_vertex_object(vertex);\n",
-"    fragment_triangle = gl_VertexID / 3;\n",
 "    fragment_way = position - view_eye;\n",
 "    fragment_place = position;\n",
-"    vec2 vertex_uv = vec2(sbl_attributes_u(vertex), sbl_attributes_v(vertex));\n",
-"    uvec2 vertex_color = uvec2(sbl_attributes_color_rg(vertex), sbl_attributes_color_ba(vertex));\n",
 "#endif\n",
-"    int number = int(object);\n",
 "#ifdef SBL_TEXTURED\n",
 "    fragment_uv = vertex_uv;\n",
 "    fragment_color = sbl_unpack_color(vertex_color.x, vertex_color.y) / SBL_COLOR_MOST;\n",
@@ -9711,7 +9695,8 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 "in vec3 place;                               // x, y and w of the position in clip space\n",
 "uniform vec2 view_texture_size;              // texels\n",
 "uniform float radiance_scale, depth_scale;\n",
-"flat in int fragment_object, fragment_triangle;\n",
+"uniform int first_triangle;                  // number of the first triangle of the draw call\n",
+"flat in int fragment_object;\n",
 "flat in vec3 radiance_front, radiance_back;\n",
 "in vec2 fragment_uv;\n",
 "in vec4 fragment_color;\n",
@@ -9743,7 +9728,8 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 "    vec3 radiance = gl_FrontFacing ? radiance_front : radiance_back;\n",
 "#endif\n",
 "#ifdef SBL_BOUNCED\n",
-"    vec3 light = sbl_stored(fragment_triangle, !gl_FrontFacing, fragment_place, length(fragment_way));\n",
+"    vec3 light = sbl_stored(first_triangle + gl_PrimitiveID, !gl_FrontFacing, fragment_place,\n",
+"                            length(fragment_way));\n",
 "    radiance += radiance_scale * sbl_reflected(sbl_material(fragment_object, at), light);\n",
 "#endif\n",
 "    out_radiance = vec4(radiance, gl_FrontFacing ? 1.0 / gl_FragCoord.w : -1.0 / gl_FragCoord.w);\n",
@@ -9757,7 +9743,7 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 static const sbl__recipe sbl__recipe_sensor = {
     "sensor", { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_sensor_vertex },
     { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_store, sbl__glsl_sensor_fragment },
-    { &sbl__object_record, &sbl__vertex_record, &sbl__attributes_record, &sbl__cut_record, &sbl__leaf_record },
+    { &sbl__object_record, &sbl__cut_record, &sbl__leaf_record },
     SBL__TEXTURED | SBL__WIDE | SBL__WRITE_DEPTH | SBL__BOUNCED
 };
 
@@ -9880,15 +9866,14 @@ static void sbl__raster_view(const sbl__device *d, const sbl__raster *r, const s
     v->face = face;
 }
 
-/* Draws the environment's picture. array: the vertex array that has the attributes of the views */
-static sbl_result sbl__raster_sky(sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b,
-                                  unsigned array) {
+/* Draws the environment's picture. The scene's vertex array has the attributes of the views already. */
+static sbl_result sbl__raster_sky(sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b) {
     const sbl_result result = sbl__use(d, &sbl__recipe_sky, b->scene->features);
     if (result != SBL_SUCCESS) return result;
     sbl__pass(d, &r->target, lens->area, NULL, 0);
     sbl__environment_bind(d, &b->scene->environment);
     sbl__set_float(d, "radiance_scale", r->radiance_scale);
-    sbl__draw_rectangles(d, array, b->count * lens->layout.view_count);
+    sbl__draw_rectangles(d, b->scene->geometry.vertex_array, b->count * lens->layout.view_count);
     return SBL_SUCCESS;
 }
 
@@ -9901,16 +9886,10 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
     sbl_result result = SBL_SUCCESS;
     sbl_draw_view view;
     int i;
-    if (first == 0) {
-        unsigned array;
-        result = sbl__raster_send(d, r, lens, b);
-        if (result == SBL_SUCCESS && b->spec->bounced)
-            result = sbl__array_make(d, &r->view_array, &g->index_table.buffer);
-        if (result != SBL_SUCCESS) return result;
-        array = b->spec->bounced ? r->view_array : g->vertex_array;
-        sbl__array_inputs(d, array, &r->views, sbl__view_inputs, SBL__COUNT(sbl__view_inputs));
-        if (b->scene->environment.pixels && !b->spec->paper) result = sbl__raster_sky(d, r, lens, b, array);
-    }
+    if (first == 0) result = sbl__raster_send(d, r, lens, b);
+    if (result != SBL_SUCCESS) return result;
+    sbl__array_inputs(d, g->vertex_array, &r->views, sbl__view_inputs, SBL__COUNT(sbl__view_inputs));
+    if (first == 0 && b->scene->environment.pixels && !b->spec->paper) result = sbl__raster_sky(d, r, lens, b);
     if (result == SBL_SUCCESS && end > first) {
         result = sbl__use(d, &sbl__recipe_sensor, sbl__features_of(b->scene, b->spec));
         if (result != SBL_SUCCESS) return result;
@@ -9922,10 +9901,9 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
         sbl__set_float(d, "epsilon", b->spec->epsilon);
         sbl__set_float(d, "radiance_scale", r->radiance_scale);
         sbl__set_vec2(d, "view_texture_size", (float)lens->area[2], (float)lens->area[3]);
-        if (b->spec->bounced) {
-            sbl__store_bind(d, &b->scene->store);
-            sbl__draw_numbers(d, r->view_array, first, end - first, views);
-        } else sbl__draw_mesh(d, g->vertex_array, first, end - first, views);
+        sbl__set_int(d, "first_triangle", first);
+        if (b->spec->bounced) sbl__store_bind(d, &b->scene->store);
+        sbl__draw_mesh(d, g->vertex_array, first, end - first, views);
     }
     for (i = 0; i < views && b->scene->draw && end == g->triangle_count && result == SBL_SUCCESS; i++) {
         sbl__raster_view(d, r, lens, b, i, &view);

@@ -4,7 +4,8 @@ layout(location = 0) out vec4 out_radiance;  // radiance towards the sensor (Ck 
 in vec3 place;                               // x, y and w of the position in clip space
 uniform vec2 view_texture_size;              // texels
 uniform float radiance_scale, depth_scale;
-flat in int fragment_object, fragment_triangle;
+uniform int first_triangle;                  // number of the first triangle of the draw call
+flat in int fragment_object;
 flat in vec3 radiance_front, radiance_back;
 in vec2 fragment_uv;
 in vec4 fragment_color;
@@ -36,7 +37,8 @@ void main() {
     vec3 radiance = gl_FrontFacing ? radiance_front : radiance_back;
 #endif
 #ifdef SBL_BOUNCED
-    vec3 light = sbl_stored(fragment_triangle, !gl_FrontFacing, fragment_place, length(fragment_way));
+    vec3 light = sbl_stored(first_triangle + gl_PrimitiveID, !gl_FrontFacing, fragment_place,
+                            length(fragment_way));
     radiance += radiance_scale * sbl_reflected(sbl_material(fragment_object, at), light);
 #endif
     out_radiance = vec4(radiance, gl_FrontFacing ? 1.0 / gl_FragCoord.w : -1.0 / gl_FragCoord.w);

@@ -1,10 +1,8 @@
 // Draws the scene into views of many sensors. Each instance is a view, clipped to its part of the view texture.
-#ifndef SBL_BOUNCED
 layout(location = 0) in vec3 position;
 layout(location = 1) in uint object;
 layout(location = 2) in vec2 vertex_uv;
 layout(location = 3) in uvec2 vertex_color;
-#endif
 layout(location = 4) in vec3 view_eye;      // position of the sensor
 layout(location = 5) in vec4 view_right;    // unit vector to the right / tan(fov / 2); w: scale of x in clip space
 layout(location = 6) in vec4 view_up;       // unit vector up / tan(fov / 2); w: scale of y in clip space
@@ -18,22 +16,15 @@ flat out int fragment_object;               // only with SBL_TEXTURED or SBL_BOU
 flat out vec3 radiance_front, radiance_back;  // only without SBL_TEXTURED and SBL_BOUNCED
 out vec2 fragment_uv;                       // only with SBL_TEXTURED, like fragment_color
 out vec4 fragment_color;
-flat out int fragment_triangle;             // only with SBL_BOUNCED: number of the triangle in the scene
 out vec3 fragment_way;                      // only with SBL_BOUNCED: vector from the sensor to the surface
 out vec3 fragment_place;                    // only with SBL_BOUNCED: point on the surface, world space
 
 void main() {
+    int number = int(object);
 #ifdef SBL_BOUNCED
-    int vertex = int(sbl_fetch(sbl_indices, gl_VertexID).x);
-    vec3 position = sbl_vertex_position(vertex);
-    uint object = sbl_vertex_object(vertex);
-    fragment_triangle = gl_VertexID / 3;
     fragment_way = position - view_eye;
     fragment_place = position;
-    vec2 vertex_uv = vec2(sbl_attributes_u(vertex), sbl_attributes_v(vertex));
-    uvec2 vertex_color = uvec2(sbl_attributes_color_rg(vertex), sbl_attributes_color_ba(vertex));
 #endif
-    int number = int(object);
 #ifdef SBL_TEXTURED
     fragment_uv = vertex_uv;
     fragment_color = sbl_unpack_color(vertex_color.x, vertex_color.y) / SBL_COLOR_MOST;
