@@ -4988,7 +4988,7 @@ static sbl_result sbl__environment_make(const sbl__device *d, sbl__environment *
 #define SBL__FAR 1e29f   /* a distance above this means that a ray hit nothing */
 
 /* Radiance that a ray over the hemisphere finds if it hits nothing: the sky's, plus the picture's up to the limit. Same
-   as `sky + sbl_sky(direction)` in trace.glsl. */
+   as sbl_sky in sky.glsl. */
 static void sbl__environment_radiance(const sbl__environment *e, const double direction[3], float light[3]) {
     double d[3] = { 0, 0, 0 }, excess;
     const float *texel;
@@ -5004,7 +5004,7 @@ static void sbl__environment_radiance(const sbl__environment *e, const double di
     for (k = 0; k < 3; k++) light[k] += (float)((1 - excess) * (double)texel[k]);
 }
 
-/* Sets the uniforms of sky.glsl and the uniform `sky`. */
+/* Sets the uniforms of sky.glsl. */
 static void sbl__environment_bind(sbl__device *d, const sbl__environment *e) {
     sbl__bind(d, "sky_picture", &e->texels);
     sbl__set_vec3(d, "sky_x", e->axes[0]);
@@ -5016,9 +5016,9 @@ static void sbl__environment_bind(sbl__device *d, const sbl__environment *e) {
 
 /* >>glsl sky: shaders_embedded/sky.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sky[] = {
-"// The environment's picture (see sbl_environment), in equirectangular projection. A ray that hits nothing finds\n",
-"// the picture's radiance plus that of the constant sky.\n",
+"// The environment (see sbl_environment). Its picture is in equirectangular projection.\n",
 "uniform sampler2D sky_picture;\n",
+"uniform vec3 sky;                   // constant radiance from all directions, added to the picture's\n",
 "uniform vec3 sky_x, sky_up, sky_z;  // axes of the picture in world space: unit vectors\n",
 "uniform float sky_limit;            // radiance (largest component) above which a texel is also a lamp, which emits\n",
 "                                    // the excess; 0: no picture\n",
@@ -5042,7 +5042,7 @@ static const char *const sbl__glsl_sky[] = {
 "    return max(1.0 - sky_limit / max(max(radiance.r, radiance.g), max(radiance.b, SBL_SKY_LEAST)), 0.0);\n",
 "}\n",
 "\n",
-"// Radiance of the picture in a direction, without the share that lamps.glsl samples and without the constant sky.\n",
+"// Radiance that a ray finds if it hits nothing, without the share that lamps.glsl samples.\n",
 "vec3 sbl_sky(vec3 direction) {\n",
 "    vec3 radiance = vec3(0);\n",
 "    if (sky_limit > 0.0) {\n",
@@ -5050,7 +5050,7 @@ static const char *const sbl__glsl_sky[] = {
 "        radiance = texelFetch(sky_picture, min(ivec2(sbl_sky_at(direction) * vec2(size)), size - 1), 0).rgb;\n",
 "        radiance *= 1.0 - sbl_sky_excess(radiance);\n",
 "    }\n",
-"    return radiance;\n",
+"    return sky + radiance;\n",
 "}\n",
 0 };
 /* <<glsl */
@@ -8643,6 +8643,15 @@ static const char *const sbl__glsl_carrier[] = {
 "\n",
 "ivec2 sbl_texel_of_invocation() { return ivec2(gl_FragCoord.xy); }\n",
 "#endif\n",
+"\n",
+"// Declare and write the outputs for the harmonics of red, green and blue light. a, b, c: their places\n",
+"#ifdef SBL_DIRECTIONAL\n",
+"#define SBL_OUT_HARMONICS(a, b, c) SBL_OUT(a, out_red); SBL_OUT(b, out_green); SBL_OUT(c, out_blue);\n",
+"#define sbl_write_harmonics(h) sbl_write(out_red, h[0]); sbl_write(out_green, h[1]); sbl_write(out_blue, h[2])\n",
+"#else\n",
+"#define SBL_OUT_HARMONICS(a, b, c)\n",
+"#define sbl_write_harmonics(h)\n",
+"#endif\n",
 0 };
 /* <<glsl */
 
@@ -8657,7 +8666,6 @@ static const char *const sbl__glsl_carrier[] = {
 
 /* Resources for rays towards lamps. */
 typedef struct sbl__aim {
-    int rays;                      /* maximum number of rays towards lamps per look */
     int parts;                     /* number of invocations among which a look's rays are divided */
     sbl__table sequence;           /* points of the unit square that give directions, see sbl__sequence_make */
     sbl__blocks light;             /* outputs of lamps.glsl. Each look has a column of `parts` texels; a texel sums
@@ -8745,10 +8753,9 @@ static sbl_result sbl__aim_setup(const sbl__device *d, sbl__aim *a, const sbl__s
                                  const sbl__hierarchy *h) {
     const int rows = (slots->count + slots->columns - 1) / slots->columns;
     sbl_result result;
-    a->rays = spec->lamp_rays;
     a->parts = sbl__aim_parts(spec, h);
-    if (!a->rays) return SBL_SUCCESS;
-    result = sbl__sequence_store(d, &a->sequence, spec->looks, a->rays, SBL__LAMP_PASSES * a->parts);
+    if (!spec->lamp_rays) return SBL_SUCCESS;
+    result = sbl__sequence_store(d, &a->sequence, spec->looks, spec->lamp_rays, SBL__LAMP_PASSES * a->parts);
     return result == SBL_SUCCESS ? sbl__blocks_make(d, &a->light, spec->directional ? 4 : 1, slots->columns,
                                                     rows * a->parts) : result;
 }
@@ -8803,11 +8810,9 @@ static const char *const sbl__glsl_lamps[] = {
 "#else\n",
 "const bool inspected = false;\n",
 "SBL_OUT(0, out_light);                // R of the part, and the variance of its luminance\n",
+"SBL_OUT_HARMONICS(1, 2, 3)            // spherical harmonics of the part's light\n",
 "#ifdef SBL_DIRECTIONAL\n",
 "const bool directional = true;\n",
-"SBL_OUT(1, out_red);                  // spherical harmonics of the part's red light\n",
-"SBL_OUT(2, out_green);\n",
-"SBL_OUT(3, out_blue);\n",
 "#else\n",
 "const bool directional = false;\n",
 "#endif\n",
@@ -9458,12 +9463,8 @@ static const char *const sbl__glsl_lamps[] = {
 "    sbl_write(out_way, report_way);\n",
 "#else\n",
 "    sbl_write(out_light, sbl_combine());\n",
-"#ifdef SBL_DIRECTIONAL\n",
 "    sure_harmonics *= unit * scale;\n",
-"    sbl_write(out_red, sure_harmonics[0]);\n",
-"    sbl_write(out_green, sure_harmonics[1]);\n",
-"    sbl_write(out_blue, sure_harmonics[2]);\n",
-"#endif\n",
+"    sbl_write_harmonics(sure_harmonics);\n",
 "#endif\n",
 "}\n",
 0 };
@@ -9769,11 +9770,10 @@ static const char *const sbl__glsl_sky_vertex[] = {
 /* >>glsl sky_fragment: shaders_embedded/sky_fragment.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sky_fragment[] = {
 "in vec3 direction;\n",
-"uniform vec3 sky;                            // constant radiance of the sky\n",
 "uniform float radiance_scale;\n",
 "layout(location = 0) out vec4 out_radiance;  // a: distance as in sensor_fragment.glsl; 0: no surface\n",
 "\n",
-"void main() { out_radiance = vec4(radiance_scale * (sky + sbl_sky(direction)), 0); }\n",
+"void main() { out_radiance = vec4(radiance_scale * sbl_sky(direction), 0); }\n",
 0 };
 /* <<glsl */
 
@@ -9937,14 +9937,10 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 "uniform sampler2D atlas;    // view texture, written by sensor_fragment.glsl\n",
 "uniform sampler2D weights;  // per texel of a sheet: form factor; ratio of distance to depth\n",
 "uniform int block;          // width and height of a block, texels\n",
-"layout(location = 0) out vec4 out_sum;   // sum of weight * radiance; sum of the weights of back faces\n",
-"layout(location = 1) out vec4 out_hits;  // surfaces: sum of weights; sum of weight * distance; least distance; 0\n",
-"uniform sampler2D directions;  // per texel of a sheet: its direction, in the frame of a look that is not rotated\n",
-"#ifdef SBL_DIRECTIONAL         // spherical harmonics; without them, `directions` has no effect\n",
-"layout(location = 2) out vec4 out_red;\n",
-"layout(location = 3) out vec4 out_green;\n",
-"layout(location = 4) out vec4 out_blue;\n",
-"#endif\n",
+"SBL_OUT(0, out_sum);        // sum of weight * radiance; sum of the weights of back faces\n",
+"SBL_OUT(1, out_hits);       // surfaces: sum of weights; sum of weight * distance; least distance; 0\n",
+"uniform sampler2D directions;  // SBL_DIRECTIONAL: direction of each texel of a sheet, if the look is not rotated\n",
+"SBL_OUT_HARMONICS(2, 3, 4)\n",
 "\n",
 "void main() {\n",
 "    ivec2 at = ivec2(gl_FragCoord.xy), corner = at * block, sheet_corner = (at % blocks) * block;\n",
@@ -9974,11 +9970,7 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 "    }\n",
 "    out_sum = sum;\n",
 "    out_hits = hits;\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"    out_red = harmonics[0];\n",
-"    out_green = harmonics[1];\n",
-"    out_blue = harmonics[2];\n",
-"#endif\n",
+"    sbl_write_harmonics(harmonics);\n",
 "}\n",
 0 };
 /* <<glsl */
@@ -10096,15 +10088,12 @@ static const char *const sbl__glsl_trace[] = {
 "uniform bool no_light;                // true: rays find only distances, for which a site's first look is enough\n",
 "uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal\n",
 "uniform float distance_limit;         // larger distances of hits count as this distance in the mean\n",
-"uniform vec3 sky;                     // constant radiance of the sky\n",
 "uniform float ray_offset;             // share of a surface's coordinates by which the second segment of a ray\n",
 "                                      // starts off that surface, see SBL__OFFSET\n",
 "SBL_OUT(0, out_sum);\n",
 "SBL_OUT(1, out_hits);\n",
+"SBL_OUT_HARMONICS(2, 3, 4)\n",
 "#ifdef SBL_DIRECTIONAL\n",
-"SBL_OUT(2, out_red);\n",
-"SBL_OUT(3, out_green);\n",
-"SBL_OUT(4, out_blue);\n",
 "SBL_OUT(5, out_even);                 // control variate for radiance 1 from everywhere: the exact harmonics minus\n",
 "                                      // those that these rays measure; reduce_sum.glsl adds it, times the mean\n",
 "                                      // radiance, to the measured harmonics\n",
@@ -10188,7 +10177,7 @@ static const char *const sbl__glsl_trace[] = {
 "        for (int leg = 0; leg < SBL_LEGS; leg++) {\n",
 "            sbl_Hit hit = sbl_trace(from, direction, SBL_UNBOUNDED);\n",
 "            if (hit.triangle < 0) {\n",
-"                sum.rgb += share * (sky + sbl_sky(direction));\n",
+"                sum.rgb += share * sbl_sky(direction);\n",
 "                break;\n",
 "            }\n",
 "            bool goes_on;\n",
@@ -10216,10 +10205,9 @@ static const char *const sbl__glsl_trace[] = {
 "    }\n",
 "    sbl_write(out_sum, sum / float(rays));\n",
 "    sbl_write(out_hits, vec4(hits.xy / float(rays), hits.z, SBL_NEIGHBOURS * squares / float(rays * rays)));\n",
+"    harmonics /= float(rays);\n",
+"    sbl_write_harmonics(harmonics);\n",
 "#ifdef SBL_DIRECTIONAL\n",
-"    sbl_write(out_red, harmonics[0] / float(rays));\n",
-"    sbl_write(out_green, harmonics[1] / float(rays));\n",
-"    sbl_write(out_blue, harmonics[2] / float(rays));\n",
 "    sbl_write(out_even, sbl_harmonics(frame[2], frame[2], 2.0) / float(parts) + even / float(rays));\n",
 "#endif\n",
 "}\n",
@@ -10727,7 +10715,7 @@ static sbl_result sbl__aim_use(const sbl__job *j, const sbl__batch *b, unsigned 
     sbl__set_int(d, "sbl_first_light", (int)sizeof(sbl__lamp_node) / 16 * l->nodes + l->leaves);
     sbl__set_int(d, "lamp_nodes", l->nodes);
     sbl__set_int(d, "lamp_leaves", l->leaves);
-    sbl__set_int(d, "rays", j->aim.rays);
+    sbl__set_int(d, "rays", b->spec->lamp_rays);
     sbl__set_float(d, "unit", l->unit);
     sbl__set_float(d, "scale", scale);
     if (features & SBL__VIEWS) sbl__raster_bind(d, &j->raster, b->scene->geometry.extent);
@@ -13979,7 +13967,6 @@ static const char *const sbl__glsl_resolve[] = {
 "uniform sampler2D sample_positions, sample_normals, sample_albedo, sample_emission;\n",
 "uniform usampler2D sample_ids;\n",
 "uniform vec2 offset;                        // position of the sample relative to the pixel's centre, pixels\n",
-"uniform vec3 sky;                           // constant radiance of the sky\n",
 "uniform sampler2D previous;                 // sum over the previous samples\n",
 "uniform int has_previous;                   // 0: this is the first sample\n",
 "uniform float share;                        // 1 / number of samples\n",
@@ -16813,7 +16800,7 @@ static void sbl__inspect_take(const sbl__inspect_request *k, const float *light,
 static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
     sbl__device *d = &k->core->device;
     const sbl__job *j = &k->found->job;
-    const int rays = j->aim.rays, count = rays + SBL__LAMPS, parts = j->aim.parts;
+    const int rays = j->task.spec.lamp_rays, count = rays + SBL__LAMPS, parts = j->aim.parts;
     const int size[2] = { SBL__INSPECT_ACROSS, (count + SBL__INSPECT_ACROSS - 1) / SBL__INSPECT_ACROSS };
     const int columns = sbl__job_slots(j)->columns, slot = sbl__inspect_slot(j);
     float *data = NULL, *light = (float *)sbl__alloc_raw(d->base, (size_t)columns * (size_t)parts, 16);

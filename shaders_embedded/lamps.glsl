@@ -26,11 +26,9 @@ SBL_OUT(1, out_way);                  // xyz: a ray's direction, or 0 for an ent
 #else
 const bool inspected = false;
 SBL_OUT(0, out_light);                // R of the part, and the variance of its luminance
+SBL_OUT_HARMONICS(1, 2, 3)            // spherical harmonics of the part's light
 #ifdef SBL_DIRECTIONAL
 const bool directional = true;
-SBL_OUT(1, out_red);                  // spherical harmonics of the part's red light
-SBL_OUT(2, out_green);
-SBL_OUT(3, out_blue);
 #else
 const bool directional = false;
 #endif
@@ -681,11 +679,7 @@ void main() {
     sbl_write(out_way, report_way);
 #else
     sbl_write(out_light, sbl_combine());
-#ifdef SBL_DIRECTIONAL
     sure_harmonics *= unit * scale;
-    sbl_write(out_red, sure_harmonics[0]);
-    sbl_write(out_green, sure_harmonics[1]);
-    sbl_write(out_blue, sure_harmonics[2]);
-#endif
+    sbl_write_harmonics(sure_harmonics);
 #endif
 }

@@ -6,15 +6,12 @@ uniform int paired;                   // 1: an invocation traces pairs of rays; 
 uniform bool no_light;                // true: rays find only distances, for which a site's first look is enough
 uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal
 uniform float distance_limit;         // larger distances of hits count as this distance in the mean
-uniform vec3 sky;                     // constant radiance of the sky
 uniform float ray_offset;             // share of a surface's coordinates by which the second segment of a ray
                                       // starts off that surface, see SBL__OFFSET
 SBL_OUT(0, out_sum);
 SBL_OUT(1, out_hits);
+SBL_OUT_HARMONICS(2, 3, 4)
 #ifdef SBL_DIRECTIONAL
-SBL_OUT(2, out_red);
-SBL_OUT(3, out_green);
-SBL_OUT(4, out_blue);
 SBL_OUT(5, out_even);                 // control variate for radiance 1 from everywhere: the exact harmonics minus
                                       // those that these rays measure; reduce_sum.glsl adds it, times the mean
                                       // radiance, to the measured harmonics
@@ -98,7 +95,7 @@ void main() {
         for (int leg = 0; leg < SBL_LEGS; leg++) {
             sbl_Hit hit = sbl_trace(from, direction, SBL_UNBOUNDED);
             if (hit.triangle < 0) {
-                sum.rgb += share * (sky + sbl_sky(direction));
+                sum.rgb += share * sbl_sky(direction);
                 break;
             }
             bool goes_on;
@@ -126,10 +123,9 @@ void main() {
     }
     sbl_write(out_sum, sum / float(rays));
     sbl_write(out_hits, vec4(hits.xy / float(rays), hits.z, SBL_NEIGHBOURS * squares / float(rays * rays)));
+    harmonics /= float(rays);
+    sbl_write_harmonics(harmonics);
 #ifdef SBL_DIRECTIONAL
-    sbl_write(out_red, harmonics[0] / float(rays));
-    sbl_write(out_green, harmonics[1] / float(rays));
-    sbl_write(out_blue, harmonics[2] / float(rays));
     sbl_write(out_even, sbl_harmonics(frame[2], frame[2], 2.0) / float(parts) + even / float(rays));
 #endif
 }
