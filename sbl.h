@@ -5806,19 +5806,11 @@ static sbl_result sbl__lights_make(sbl__base *base, sbl__lights *l, const sbl_li
 
 /* >>lamps: collecting */
 
-static sbl_result sbl__lamps_add(sbl__lamps *l, const sbl__lamp *lamp) {
-    if (!(lamp->power > 0)) return SBL_SUCCESS;
-    if (!sbl__grow(l->device->base, &l->list, &l->room, l->count + 1, sizeof *l->list)) return SBL_ERROR_OUT_OF_MEMORY;
-    l->list[l->count++] = *lamp;
-    return SBL_SUCCESS;
-}
-
 /* Makes a lamp that shines in all directions, or a distant lamp. middle: its position, or the direction towards it.
    around: half the side of its bounds. power: pi * the lamp's power */
 static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3], double around, double power,
                            int distant) {
     int k;
-    memset(lamp, 0, sizeof *lamp);
     lamp->code = code;
     lamp->distant = distant;
     lamp->power = (float)SBL__MIN(power / SBL__PI, SBL__POWER_MOST);
@@ -5829,27 +5821,22 @@ static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3
     }
 }
 
-static int sbl__lamps_triangles(void *work) { return ((sbl__lamps *)work)->hierarchy->triangle_count; }
-
-/* Adds the triangle at a place of the hierarchy's order, if it emits light. */
-static sbl_result sbl__lamps_add_triangle(void *work, int place) {
-    sbl__lamps *l = (sbl__lamps *)work;
+/* Makes the lamp of the triangle at a place of the hierarchy's order, if the triangle emits light. */
+static void sbl__lamp_of_triangle(const sbl__lamps *l, int place, sbl__lamp *lamp) {
     const uint32_t number = l->hierarchy->order[place];
     const sbl__object *object;
     const double zero[3] = { 0, 0, 0 };
     double normal[3], area;
-    sbl__lamp lamp;
     int k;
-    if (number == SBL__BVH_DROPPED) return SBL_SUCCESS;
+    if (number == SBL__BVH_DROPPED) return;
     object = sbl__triangle_object(l->geometry, number);
-    if (!sbl__emits(object, 0)) return SBL_SUCCESS;
+    if (!sbl__emits(object, 0)) return;
     area = sbl__scene_normal(l->geometry, number, normal);
-    sbl__lamp_make(&lamp, SBL__LAMP_TRIANGLE << SBL__LAMP_KIND_SHIFT | (uint32_t)place, zero, 0,
+    sbl__lamp_make(lamp, SBL__LAMP_TRIANGLE << SBL__LAMP_KIND_SHIFT | (uint32_t)place, zero, 0,
                    SBL__MAX(area * sbl__emission_sum(object), SBL__POWER_LEAST), 0);
-    sbl__box_of_triangle(&lamp.bounds, l->geometry, number);
-    for (k = 0; k < 3; k++) lamp.normal[k] = (float)normal[k];
-    lamp.one_sided = !sbl__emits(object, 1);
-    return sbl__lamps_add(l, &lamp);
+    sbl__box_of_triangle(&lamp->bounds, l->geometry, number);
+    for (k = 0; k < 3; k++) lamp->normal[k] = (float)normal[k];
+    lamp->one_sided = !sbl__emits(object, 1);
 }
 
 /* Makes a light's record. place: receives its position, or the direction towards a directional light. */
@@ -5872,42 +5859,50 @@ static void sbl__light_write(const sbl_light *light, sbl__light_record *record, 
     record->spot_offset = (float)(spot ? -outer * scale : 1);
 }
 
-static int sbl__lamps_lights(void *work) { return ((sbl__lamps *)work)->lights->count; }
-
-static sbl_result sbl__lamps_add_light(void *work, int number) {
-    sbl__lamps *l = (sbl__lamps *)work;
+static void sbl__lamp_of_light(const sbl__lamps *l, int number, sbl__lamp *lamp) {
     const sbl_light *light = &l->lights->list[number];
     const int distant = light->kind == SBL_LIGHT_DIRECTIONAL;
     const uint32_t kind = distant ? SBL__LAMP_FAR_LIGHT : SBL__LAMP_NEAR_LIGHT;
     double place[3], half = 0.5 * light->angle * SBL__PI / 180;
     sbl__light_record record;
-    sbl__lamp lamp;
     sbl__light_write(light, &record, place);
-    sbl__lamp_make(&lamp, kind << SBL__LAMP_KIND_SHIFT | (uint32_t)number, place,
+    sbl__lamp_make(lamp, kind << SBL__LAMP_KIND_SHIFT | (uint32_t)number, place,
                    distant ? 2 * sin(0.5 * half) : light->radius, sbl__sum3(light->intensity), distant);
-    return sbl__lamps_add(l, &lamp);
 }
 
-static int sbl__lamps_texels(void *work) {
-    const sbl__environment *e = ((sbl__lamps *)work)->environment;
-    return e->pixels ? e->width * e->height : 0;
-}
-
-static sbl_result sbl__lamps_add_texel(void *work, int at) {
-    sbl__lamps *l = (sbl__lamps *)work;
-    const sbl__environment *e = l->environment;
+static void sbl__lamp_of_texel(const sbl__environment *e, int at, sbl__lamp *lamp) {
     const int x = at % e->width, y = at / e->width;
     const float *c = e->pixels + 4 * (size_t)at;
     const double step = SBL__PI / e->height;
     const double solid_angle = 2 * SBL__PI / e->width * 2 * sin(step * (y + 0.5)) * sin(0.5 * step);
     double direction[3];
-    sbl__lamp lamp;
-    if (!(sbl__max3(c) > e->limit)) return SBL_SUCCESS;
+    if (!(sbl__max3(c) > e->limit)) return;
     sbl__environment_direction(e, x, y, direction);
-    sbl__lamp_make(&lamp, SBL__LAMP_SKY_TEXEL << SBL__LAMP_KIND_SHIFT | (uint32_t)at, direction,
+    sbl__lamp_make(lamp, SBL__LAMP_SKY_TEXEL << SBL__LAMP_KIND_SHIFT | (uint32_t)at, direction,
                    SBL__MIN(step + 2 * SBL__PI / e->width, 1.0),
                    sbl__sum3(c) * (1 - e->limit / sbl__max3(c)) * solid_angle, 1);
-    return sbl__lamps_add(l, &lamp);
+}
+
+/* Returns the number of triangles, lights and texels, which sbl__lamps_add takes in this order. */
+static int sbl__lamps_candidates(void *work) {
+    const sbl__lamps *l = (const sbl__lamps *)work;
+    const sbl__environment *e = l->environment;
+    return l->hierarchy->triangle_count + l->lights->count + (e->pixels ? e->width * e->height : 0);
+}
+
+/* Adds a lamp if candidate `at` emits light. */
+static sbl_result sbl__lamps_add(void *work, int at) {
+    sbl__lamps *l = (sbl__lamps *)work;
+    const int light = at - l->hierarchy->triangle_count, texel = light - l->lights->count;
+    sbl__lamp lamp;
+    memset(&lamp, 0, sizeof lamp);
+    if (light < 0) sbl__lamp_of_triangle(l, at, &lamp);
+    else if (texel < 0) sbl__lamp_of_light(l, light, &lamp);
+    else sbl__lamp_of_texel(l->environment, texel, &lamp);
+    if (!(lamp.power > 0)) return SBL_SUCCESS;
+    if (!sbl__grow(l->device->base, &l->list, &l->room, l->count + 1, sizeof *l->list)) return SBL_ERROR_OUT_OF_MEMORY;
+    l->list[l->count++] = lamp;
+    return SBL_SUCCESS;
 }
 
 /* Returns an upper bound of the number of lamps, for the size of the table. */
@@ -6122,9 +6117,7 @@ static sbl_result sbl__lamps_store(void *work, sbl__slice *slice) {
 static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const sbl__hierarchy *h,
                                    const sbl__environment *e, sbl__lights *lights, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { NULL, NULL, sbl__lamps_add_triangle, sbl__lamps_triangles },
-        { NULL, NULL, sbl__lamps_add_light, sbl__lamps_lights },
-        { NULL, NULL, sbl__lamps_add_texel, sbl__lamps_texels },
+        { NULL, NULL, sbl__lamps_add, sbl__lamps_candidates },
         { sbl__lamps_place, NULL, NULL, NULL },
         { sbl__lamps_sort, sbl__lamps_plant, NULL, NULL },
         { NULL, NULL, sbl__lamps_split, sbl__lamps_nodes },
