@@ -2573,6 +2573,12 @@ typedef struct sbl__record {
 #define SBL__FILTER_VISIBLE 0.0025f    /* invisible relative difference of light, which the filter may smooth */
 #define SBL__FILTER_FALL 0.25          /* the filter's weights are exp(-this * (difference / noise)^2) */
 #define SBL__DIVISOR_LEAST 1e-30f      /* prevents divisions by 0 */
+#define SBL__VIEW_DEPTH 1e-6f          /* depth in sensors' views is this / view-space depth in scene extents: reversed,
+                                          without a far plane */
+#define SBL__OFFSET 1.5e-6f            /* distance of a sensor from its surface: a share of the scene's extent (if views
+                                          are rasterised, for the precision of the depth buffer) or of the triangle's
+                                          reach (if rays are traced, see surface.glsl). Float rounding needs a sixth of
+                                          it: at 2.5e-7 and below, sensors on a sphere see the sphere itself */
 
 /* The constants that shaders get as #defines: SBL__name as its text, SBL_MATERIAL_name as its value. */
 #define SBL__SHARED_CONSTANTS(X) \
@@ -2584,7 +2590,7 @@ typedef struct sbl__record {
     X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_CUT) X(LOOK_NUMBER) X(HASH_FACTOR) \
     X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
     X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_TURN) \
-    X(BELONGS_OFF) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST)
+    X(BELONGS_OFF) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET)
 #define SBL__SHARED_FLAGS(X) X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
 
 #define SBL__PRELUDE_MOST 8192     /* size of the GLSL text of the constants, and of the records, in characters */
@@ -8180,10 +8186,6 @@ typedef struct sbl__look {
 #define SBL__LOOK_RAYS_MOST 128    /* looks that are too noisy get more rays, up to this number */
 #define SBL__LOOK_VARIANCE 12.5    /* a look is too noisy while its relative variance exceeds this multiple of the
                                       target error squared (see sbl__look_growth) */
-/* Distance of a sensor from its surface, as a share of the scene's extent if views are rasterised (for the precision of
-   the depth buffer), or of the triangle's reach (see surface.glsl) if rays are traced. Float rounding needs a sixth of
-   it: at 2.5e-7 and below, sensors on a sphere see the sphere itself. */
-#define SBL__OFFSET 1.5e-6f
 
 /* Makes look number `look` of a site. Its rotation about the normal is the site's hash (0 to 1) plus the look number's
    radical inverse, in quarter turns, so that any number of looks are spread evenly over a quarter rotation. */
@@ -9099,7 +9101,7 @@ static const char *const sbl__glsl_lamps[] = {
 "}\n",
 "\n",
 "#ifdef SBL_VIEWS  // geometry that only the host can draw: the sensor's views tell whether it hides the lamp\n",
-"uniform sampler2D atlas;        // view texture: radiance towards the sensor; distance along the view's axis,\n",
+"uniform sampler2D view_texture; // radiance towards the sensor; distance along the view's axis,\n",
 "                                // negative for a back face\n",
 "uniform vec4 view_rects[5];     // per view: x, y, width, height in the sheet, texels\n",
 "uniform ivec2 sheet;            // size of a sheet, texels\n",
@@ -9134,7 +9136,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        vec2 texel = clamp(floor(at * rect.zw), vec2(0), rect.zw - 1.0);\n",
 "        vec2 centre = lowest + (texel + 0.5) / rect.zw * size;\n",
 "        ivec2 place = ivec2(slot % columns, slot / columns) * sheet + ivec2(rect.xy + texel);\n",
-"        float shown = texelFetch(atlas, place, 0).a, seen = abs(shown) * extent;\n",
+"        float shown = texelFetch(view_texture, place, 0).a, seen = abs(shown) * extent;\n",
 "        if (seen == 0.0) return false;\n",
 "        if (l.kind != SBL_LAMP_TRIANGLE) return seen < (1.0 - SBL_AT_LAMP) * s.far * dot(point, forward);\n",
 "        vec3 ray = forward + tangent * (centre.x * right + centre.y * up);\n",
@@ -9341,9 +9343,9 @@ static const char *const sbl__glsl_lamps[] = {
 "bool sbl_undecided() {\n",
 "    float mean = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);\n",
 "    float error = squares / max(taken, 1.0) - mean * mean;\n",
-"    bool mixed = dot(bright, dark) > 0.0 || (seen[0] != vec3(0) && seen[0] != open[0]) ||\n",
-"                 (seen[1] != vec3(0) && seen[1] != open[1]);\n",
-"    return mixed || sbl_strata(taken) * error > SBL_KNOWN * mean * mean;\n",
+"    bool disagree = dot(bright, dark) > 0.0 || (seen[0] != vec3(0) && seen[0] != open[0]) ||\n",
+"                    (seen[1] != vec3(0) && seen[1] != open[1]);\n",
+"    return disagree || sbl_strata(taken) * error > SBL_KNOWN * mean * mean;\n",
 "}\n",
 "\n",
 "// Computes R and the variance of its luminance.\n",
@@ -9505,7 +9507,6 @@ static void sbl__directions_row(const sbl__layout *l, int face, int j, float *di
                +-------+-------+    writes one texel of partial sums. */
 
 #define SBL__SLOTS_MOST 4096   /* maximum number of slots, also of traced looks */
-#define SBL__VIEW_DEPTH 1e-6f  /* depth is this value divided by the view-space depth in scene extents, at most 1 */
 #define SBL__STUCK_FOV 2.0f    /* field of view, degrees, of a stuck test, which looks from the sensor back at its
                                   own surface: too narrow to hit the walls of a corner */
 #define SBL__STUCK_SIZE 4      /* width and height of a stuck test's view, texels */
@@ -9525,7 +9526,7 @@ enum { SBL__LENS_SITE, SBL__LENS_STUCK, SBL__LENSES };
 
 typedef struct sbl__raster {
     sbl__lens lenses[SBL__LENSES];
-    sbl__texture atlas, depth;
+    sbl__texture view_texture, depth;
     sbl__target target;
     sbl__buffer views;
     float radiance_scale;      /* value in the view texture / radiance */
@@ -9540,7 +9541,7 @@ static void sbl__raster_free(const sbl__device *d, sbl__raster *r) {
         sbl__texture_delete(d, &r->lenses[i].directions);
     }
     sbl__target_delete(d, &r->target);
-    sbl__texture_delete(d, &r->atlas);
+    sbl__texture_delete(d, &r->view_texture);
     sbl__texture_delete(d, &r->depth);
     sbl__buffer_delete(d, &r->views);
     sbl__free(d->base, r->weights);
@@ -9568,7 +9569,7 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
                                     const sbl__spec *spec, sbl__blocks *blocks) {
     const int most = d->gl.capabilities.max_texture_size;
     sbl__lens *lens = &r->lenses[SBL__LENS_SITE], *stuck = &r->lenses[SBL__LENS_STUCK];
-    const sbl__texture *color = &r->atlas;
+    const sbl__texture *color = &r->view_texture;
     float brightest;
     int size[2], sums[2], k;
     sbl_result result;
@@ -9591,7 +9592,7 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
     r->radiance_scale = 1;  /* power of two that scales the brightest radiance to 512 .. 1024, for 16-bit floats */
     if (brightest > 0) r->radiance_scale = (float)ldexp(1, SBL__MIN(10 - (int)ceil(log(brightest) / log(2.0)), 100));
     r->face = r->row = 0;
-    result = sbl__texture_make(d, &r->atlas, size[0], size[1], SBL__GL_RGBA16F);
+    result = sbl__texture_make(d, &r->view_texture, size[0], size[1], SBL__GL_RGBA16F);
     if (result == SBL_SUCCESS) result = sbl__texture_make(d, &r->depth, size[0], size[1], SBL__GL_DEPTH_COMPONENT32F);
     if (result == SBL_SUCCESS) result = sbl__target_make(d, &r->target, &color, 1, &r->depth);
     return result == SBL_SUCCESS ? sbl__blocks_make(d, blocks, spec->directional ? 5 : 2, sums[0], sums[1]) : result;
@@ -9642,7 +9643,6 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 "layout(location = 7) in vec4 view_forward;  // unit vector; w: lowest y: -1, or 0 if the view begins at the horizon\n",
 "layout(location = 8) in vec2 view_offset;   // offset of the rectangle in clip space\n",
 "uniform float per_length;                   // 1 / extent of the scene\n",
-"uniform float depth_scale;                  // depth is depth_scale / distance: reversed, without a far plane\n",
 "uniform float radiance_scale;\n",
 "out vec3 place;                             // x, y and w of gl_Position\n",
 "flat out int fragment_object;               // only with SBL_TEXTURED or SBL_BOUNCED\n",
@@ -9670,7 +9670,7 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 "#endif\n",
 "    vec3 p = (position - view_eye) * per_length;\n",
 "    float x = dot(view_right.xyz, p), y = dot(view_up.xyz, p), w = dot(view_forward.xyz, p);\n",
-"    gl_Position = vec4(x * view_right.w + w * view_offset.x, y * view_up.w + w * view_offset.y, depth_scale, w);\n",
+"    gl_Position = vec4(x * view_right.w + w * view_offset.x, y * view_up.w + w * view_offset.y, SBL_VIEW_DEPTH, w);\n",
 "    place = gl_Position.xyw;\n",
 "    gl_ClipDistance[0] = w + x;\n",
 "    gl_ClipDistance[1] = w - x;\n",
@@ -9688,7 +9688,7 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 "                                             // distance along the view's axis, negative for a back face\n",
 "in vec3 place;                               // x, y and w of the position in clip space\n",
 "uniform vec2 view_texture_size;              // texels\n",
-"uniform float radiance_scale, depth_scale;\n",
+"uniform float radiance_scale;\n",
 "uniform int first_triangle;                  // number of the first triangle of the draw call\n",
 "flat in int fragment_object;\n",
 "flat in vec3 radiance_front, radiance_back;\n",
@@ -9728,7 +9728,7 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 "#endif\n",
 "    out_radiance = vec4(radiance, gl_FrontFacing ? 1.0 / gl_FragCoord.w : -1.0 / gl_FragCoord.w);\n",
 "#ifdef SBL_WRITE_DEPTH\n",
-"    gl_FragDepth = depth_scale * gl_FragCoord.w;\n",
+"    gl_FragDepth = SBL_VIEW_DEPTH * gl_FragCoord.w;\n",
 "#endif\n",
 "}\n",
 0 };
@@ -9890,7 +9890,6 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
         sbl__scene_bind(d, b->scene);
         sbl__set_int(d, "lamps_apart", b->spec->lamps_apart);
         sbl__set_float(d, "per_length", 1 / g->extent);
-        sbl__set_float(d, "depth_scale", SBL__VIEW_DEPTH);
         sbl__set_float(d, "epsilon", b->spec->epsilon);
         sbl__set_float(d, "radiance_scale", r->radiance_scale);
         sbl__set_vec2(d, "view_texture_size", (float)lens->area[2], (float)lens->area[3]);
@@ -9910,7 +9909,7 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
 static void sbl__raster_bind(sbl__device *d, const sbl__raster *r, float extent) {
     const sbl__layout *l = &r->lenses[SBL__LENS_SITE].layout;
     int i, k;
-    sbl__bind(d, "atlas", &r->atlas);
+    sbl__bind(d, "view_texture", &r->view_texture);
     for (i = 0; i < l->view_count; i++) {
         char name[32];
         float rect[4];
@@ -9927,12 +9926,12 @@ static void sbl__raster_bind(sbl__device *d, const sbl__raster *r, float extent)
 /* >>glsl reduce_blocks: shaders_embedded/reduce_blocks.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_reduce_blocks[] = {
 "// First step of the sum over a sensor's views: each output texel is the sum over one block of the view texture.\n",
-"uniform sampler2D atlas;    // view texture, written by sensor_fragment.glsl\n",
-"uniform sampler2D weights;  // per texel of a sheet: form factor; ratio of distance to depth\n",
-"uniform int block;          // width and height of a block, texels\n",
-"SBL_OUT(0, out_sum);        // sum of weight * radiance; sum of the weights of back faces\n",
-"SBL_OUT(1, out_hits);       // surfaces: sum of weights; sum of weight * distance; least distance; 0\n",
-"uniform sampler2D directions;  // SBL_DIRECTIONAL: direction of each texel of a sheet, if the look is not rotated\n",
+"uniform sampler2D view_texture;  // written by sensor_fragment.glsl\n",
+"uniform sampler2D weights;       // per texel of a sheet: form factor; ratio of distance to depth\n",
+"uniform int block;               // width and height of a block, texels\n",
+"SBL_OUT(0, out_sum);             // sum of weight * radiance; sum of the weights of back faces\n",
+"SBL_OUT(1, out_hits);            // surfaces: sum of weights; sum of weight * distance; least distance; 0\n",
+"uniform sampler2D directions;    // SBL_DIRECTIONAL: direction of each texel of a sheet, if the look is not rotated\n",
 "SBL_OUT_HARMONICS(2, 3, 4)\n",
 "\n",
 "void main() {\n",
@@ -9946,7 +9945,7 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 "        vec3 row = vec3(0);\n",
 "        float back = 0.0;\n",
 "        for (int x = 0; x < block; x++) {\n",
-"            vec4 texel = texelFetch(atlas, corner + ivec2(x, y), 0);\n",
+"            vec4 texel = texelFetch(view_texture, corner + ivec2(x, y), 0);\n",
 "            vec2 weight = texelFetch(weights, sheet_corner + ivec2(x, y), 0).xy;\n",
 "            row += weight.x * texel.rgb;\n",
 "            vec3 way = texelFetch(directions, sheet_corner + ivec2(x, y), 0).xyz;\n",
@@ -9981,7 +9980,7 @@ static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const
     const int area[4] = { 0, rows[0] * l->blocks[1], lens->slots.columns * l->blocks[0], rows[1] * l->blocks[1] };
     if (result != SBL_SUCCESS) return result;
     sbl__pass(d, &b->target, area, NULL, 0);
-    sbl__bind(d, "atlas", &r->atlas);
+    sbl__bind(d, "view_texture", &r->view_texture);
     sbl__bind(d, "weights", &lens->weights);
     if (looks) {
         sbl__bind(d, "directions", &lens->directions);
@@ -10081,8 +10080,6 @@ static const char *const sbl__glsl_trace[] = {
 "uniform bool no_light;                // true: rays find only distances, for which a site's first look is enough\n",
 "uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal\n",
 "uniform float distance_limit;         // larger distances of hits count as this distance in the mean\n",
-"uniform float ray_offset;             // share of a surface's coordinates by which the second segment of a ray\n",
-"                                      // starts off that surface, see SBL__OFFSET\n",
 "SBL_OUT(0, out_sum);\n",
 "SBL_OUT(1, out_hits);\n",
 "SBL_OUT_HARMONICS(2, 3, 4)\n",
@@ -10132,7 +10129,7 @@ static const char *const sbl__glsl_trace[] = {
 "    vec3 across = cross(e1 / longest, e2 / longest) * (hit.back ? -1.0 : 1.0);\n",
 "    vec2 u = sbl_unit_square(uvec2(hash, sbl_hash_step(hash, 1u)));\n",
 "    sbl_Bounce bounce = sbl_bounce(material, across, -direction, u);\n",
-"    position = p0 + hit.b1 * e1 + hit.b2 * e2 + ray_offset * (length(p0) + 2.0 * longest) * bounce.off;\n",
+"    position = p0 + hit.b1 * e1 + hit.b2 * e2 + SBL_OFFSET * (length(p0) + 2.0 * longest) * bounce.off;\n",
 "    direction = bounce.direction;\n",
 "    return bounce.weight;\n",
 "}\n",
@@ -10230,7 +10227,6 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
     sbl__set_float(d, "epsilon", b->spec->epsilon);
     sbl__set_float(d, "spread", stuck ? 0.0f : 1.0f);
     sbl__set_float(d, "distance_limit", b->spec->distance_limit > 0 ? b->spec->distance_limit : SBL__UNBOUNDED);
-    sbl__set_float(d, "ray_offset", SBL__OFFSET);
     if (b->spec->guided) sbl__bind(d, "sbl_guides", &b->guides->texture);
     if (b->spec->without_sky) {
         const float black[3] = { 0, 0, 0 };

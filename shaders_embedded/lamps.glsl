@@ -322,7 +322,7 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
 }
 
 #ifdef SBL_VIEWS  // geometry that only the host can draw: the sensor's views tell whether it hides the lamp
-uniform sampler2D atlas;        // view texture: radiance towards the sensor; distance along the view's axis,
+uniform sampler2D view_texture; // radiance towards the sensor; distance along the view's axis,
                                 // negative for a back face
 uniform vec4 view_rects[5];     // per view: x, y, width, height in the sheet, texels
 uniform ivec2 sheet;            // size of a sheet, texels
@@ -357,7 +357,7 @@ bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
         vec2 texel = clamp(floor(at * rect.zw), vec2(0), rect.zw - 1.0);
         vec2 centre = lowest + (texel + 0.5) / rect.zw * size;
         ivec2 place = ivec2(slot % columns, slot / columns) * sheet + ivec2(rect.xy + texel);
-        float shown = texelFetch(atlas, place, 0).a, seen = abs(shown) * extent;
+        float shown = texelFetch(view_texture, place, 0).a, seen = abs(shown) * extent;
         if (seen == 0.0) return false;
         if (l.kind != SBL_LAMP_TRIANGLE) return seen < (1.0 - SBL_AT_LAMP) * s.far * dot(point, forward);
         vec3 ray = forward + tangent * (centre.x * right + centre.y * up);
@@ -564,9 +564,9 @@ float sbl_strata(float n) {
 bool sbl_undecided() {
     float mean = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);
     float error = squares / max(taken, 1.0) - mean * mean;
-    bool mixed = dot(bright, dark) > 0.0 || (seen[0] != vec3(0) && seen[0] != open[0]) ||
-                 (seen[1] != vec3(0) && seen[1] != open[1]);
-    return mixed || sbl_strata(taken) * error > SBL_KNOWN * mean * mean;
+    bool disagree = dot(bright, dark) > 0.0 || (seen[0] != vec3(0) && seen[0] != open[0]) ||
+                    (seen[1] != vec3(0) && seen[1] != open[1]);
+    return disagree || sbl_strata(taken) * error > SBL_KNOWN * mean * mean;
 }
 
 // Computes R and the variance of its luminance.

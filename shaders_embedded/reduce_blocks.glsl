@@ -1,10 +1,10 @@
 // First step of the sum over a sensor's views: each output texel is the sum over one block of the view texture.
-uniform sampler2D atlas;    // view texture, written by sensor_fragment.glsl
-uniform sampler2D weights;  // per texel of a sheet: form factor; ratio of distance to depth
-uniform int block;          // width and height of a block, texels
-SBL_OUT(0, out_sum);        // sum of weight * radiance; sum of the weights of back faces
-SBL_OUT(1, out_hits);       // surfaces: sum of weights; sum of weight * distance; least distance; 0
-uniform sampler2D directions;  // SBL_DIRECTIONAL: direction of each texel of a sheet, if the look is not rotated
+uniform sampler2D view_texture;  // written by sensor_fragment.glsl
+uniform sampler2D weights;       // per texel of a sheet: form factor; ratio of distance to depth
+uniform int block;               // width and height of a block, texels
+SBL_OUT(0, out_sum);             // sum of weight * radiance; sum of the weights of back faces
+SBL_OUT(1, out_hits);            // surfaces: sum of weights; sum of weight * distance; least distance; 0
+uniform sampler2D directions;    // SBL_DIRECTIONAL: direction of each texel of a sheet, if the look is not rotated
 SBL_OUT_HARMONICS(2, 3, 4)
 
 void main() {
@@ -18,7 +18,7 @@ void main() {
         vec3 row = vec3(0);
         float back = 0.0;
         for (int x = 0; x < block; x++) {
-            vec4 texel = texelFetch(atlas, corner + ivec2(x, y), 0);
+            vec4 texel = texelFetch(view_texture, corner + ivec2(x, y), 0);
             vec2 weight = texelFetch(weights, sheet_corner + ivec2(x, y), 0).xy;
             row += weight.x * texel.rgb;
             vec3 way = texelFetch(directions, sheet_corner + ivec2(x, y), 0).xyz;

@@ -3,7 +3,7 @@ layout(location = 0) out vec4 out_radiance;  // radiance towards the sensor (Ck 
                                              // distance along the view's axis, negative for a back face
 in vec3 place;                               // x, y and w of the position in clip space
 uniform vec2 view_texture_size;              // texels
-uniform float radiance_scale, depth_scale;
+uniform float radiance_scale;
 uniform int first_triangle;                  // number of the first triangle of the draw call
 flat in int fragment_object;
 flat in vec3 radiance_front, radiance_back;
@@ -43,6 +43,6 @@ void main() {
 #endif
     out_radiance = vec4(radiance, gl_FrontFacing ? 1.0 / gl_FragCoord.w : -1.0 / gl_FragCoord.w);
 #ifdef SBL_WRITE_DEPTH
-    gl_FragDepth = depth_scale * gl_FragCoord.w;
+    gl_FragDepth = SBL_VIEW_DEPTH * gl_FragCoord.w;
 #endif
 }

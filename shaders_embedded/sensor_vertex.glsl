@@ -9,7 +9,6 @@ layout(location = 6) in vec4 view_up;       // unit vector up / tan(fov / 2); w:
 layout(location = 7) in vec4 view_forward;  // unit vector; w: lowest y: -1, or 0 if the view begins at the horizon
 layout(location = 8) in vec2 view_offset;   // offset of the rectangle in clip space
 uniform float per_length;                   // 1 / extent of the scene
-uniform float depth_scale;                  // depth is depth_scale / distance: reversed, without a far plane
 uniform float radiance_scale;
 out vec3 place;                             // x, y and w of gl_Position
 flat out int fragment_object;               // only with SBL_TEXTURED or SBL_BOUNCED
@@ -37,7 +36,7 @@ void main() {
 #endif
     vec3 p = (position - view_eye) * per_length;
     float x = dot(view_right.xyz, p), y = dot(view_up.xyz, p), w = dot(view_forward.xyz, p);
-    gl_Position = vec4(x * view_right.w + w * view_offset.x, y * view_up.w + w * view_offset.y, depth_scale, w);
+    gl_Position = vec4(x * view_right.w + w * view_offset.x, y * view_up.w + w * view_offset.y, SBL_VIEW_DEPTH, w);
     place = gl_Position.xyw;
     gl_ClipDistance[0] = w + x;
     gl_ClipDistance[1] = w - x;

@@ -6,8 +6,6 @@ uniform int paired;                   // 1: an invocation traces pairs of rays; 
 uniform bool no_light;                // true: rays find only distances, for which a site's first look is enough
 uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal
 uniform float distance_limit;         // larger distances of hits count as this distance in the mean
-uniform float ray_offset;             // share of a surface's coordinates by which the second segment of a ray
-                                      // starts off that surface, see SBL__OFFSET
 SBL_OUT(0, out_sum);
 SBL_OUT(1, out_hits);
 SBL_OUT_HARMONICS(2, 3, 4)
@@ -57,7 +55,7 @@ vec3 sbl_go_on(sbl_Hit hit, sbl_Material material, uint hash, inout vec3 positio
     vec3 across = cross(e1 / longest, e2 / longest) * (hit.back ? -1.0 : 1.0);
     vec2 u = sbl_unit_square(uvec2(hash, sbl_hash_step(hash, 1u)));
     sbl_Bounce bounce = sbl_bounce(material, across, -direction, u);
-    position = p0 + hit.b1 * e1 + hit.b2 * e2 + ray_offset * (length(p0) + 2.0 * longest) * bounce.off;
+    position = p0 + hit.b1 * e1 + hit.b2 * e2 + SBL_OFFSET * (length(p0) + 2.0 * longest) * bounce.off;
     direction = bounce.direction;
     return bounce.weight;
 }
