@@ -5732,7 +5732,7 @@ SBL__RECORD(sbl__light_record, SBL__LIGHT_RECORD, "sbl_light", "sbl_lamps", "", 
 #define SBL__MOMENT_MOST 1e18         /* upper limit of the sums in a cluster, so that products of two remain finite */
 #define SBL__SPOT_LEAST 0.001         /* least difference between the cosines of a spot's cones (KHR_lights_punctual) */
 #define SBL__CURVE_BITS 20            /* bits of the Morton curve per axis */
-#define SBL__LAMP_DEPTH 128           /* more than 61 bits of the curve + log2(lamps at one place) */
+#define SBL__LAMP_DEPTH 128           /* size of a stack: above 61 bits of the curve + log2(lamps at one place) */
 
 typedef struct sbl__lamp {
     uint64_t curve;            /* position along a Morton curve; bit 63 is set for distant lamps */
@@ -8801,7 +8801,7 @@ static const char *const sbl__glsl_lamps[] = {
 "SBL_OUT(0, out_light);                // rgb: light of a ray, or unobstructed R of an entry; a: ray: 0: not traced,\n",
 "                                      // 1: reached the lamp, 2: blocked; entry: 1: lamp, 2: visible point light,\n",
 "                                      // 3: hidden point light\n",
-"SBL_OUT(1, out_way);                  // xyz: a ray's direction, or 0 for an entry; w: leaf of the lamp\n",
+"SBL_OUT(1, out_way);                  // xyz: a ray's direction, or 0 for an entry; w: number of the lamp's leaf\n",
 "#else\n",
 "const bool inspected = false;\n",
 "SBL_OUT(0, out_light);                // R of the part, and the variance of its luminance\n",
@@ -8829,7 +8829,7 @@ static const char *const sbl__glsl_lamps[] = {
 "const float SBL_PASS_CROWD = 16.0;  // maximum number of passes * effective number of entries\n",
 "const int SBL_RIM_LAMPS = 8;        // maximum number of entries that get rim samples: rays to the edge of a lamp\n",
 "const int SBL_CORNERS = 3;          // number of rim samples of a triangle, one close to each corner\n",
-"const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // barycentrics of a triangle's rim sample\n",
+"const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // its barycentrics: close corner, others\n",
 "const int SBL_RIM = 12;             // number of rim samples of a round lamp\n",
 "const float SBL_RIM_AT = 0.99;      // share of a round lamp's area inside the circle on which its rim samples lie\n",
 "const float SBL_KNOWN = 1e-6;       // relative variance below which the light of clusters needs no more rays\n",
@@ -9101,8 +9101,7 @@ static const char *const sbl__glsl_lamps[] = {
 "}\n",
 "\n",
 "#ifdef SBL_VIEWS  // geometry that only the host can draw: the sensor's views tell whether it hides the lamp\n",
-"uniform sampler2D view_texture; // radiance towards the sensor; distance along the view's axis,\n",
-"                                // negative for a back face\n",
+"uniform sampler2D view_texture; // radiance towards the sensor; distance along the view's axis, < 0 for a back face\n",
 "uniform vec4 view_rects[5];     // per view: x, y, width, height in the sheet, texels\n",
 "uniform ivec2 sheet;            // size of a sheet, texels\n",
 "uniform int view_count;\n",

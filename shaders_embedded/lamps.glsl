@@ -22,7 +22,7 @@ uniform int sheet_slot;               // slot of the sensor's views in the view 
 SBL_OUT(0, out_light);                // rgb: light of a ray, or unobstructed R of an entry; a: ray: 0: not traced,
                                       // 1: reached the lamp, 2: blocked; entry: 1: lamp, 2: visible point light,
                                       // 3: hidden point light
-SBL_OUT(1, out_way);                  // xyz: a ray's direction, or 0 for an entry; w: leaf of the lamp
+SBL_OUT(1, out_way);                  // xyz: a ray's direction, or 0 for an entry; w: number of the lamp's leaf
 #else
 const bool inspected = false;
 SBL_OUT(0, out_light);                // R of the part, and the variance of its luminance
@@ -50,7 +50,7 @@ const int SBL_PASS_RAYS = 32;       // minimum number of rays per pass
 const float SBL_PASS_CROWD = 16.0;  // maximum number of passes * effective number of entries
 const int SBL_RIM_LAMPS = 8;        // maximum number of entries that get rim samples: rays to the edge of a lamp
 const int SBL_CORNERS = 3;          // number of rim samples of a triangle, one close to each corner
-const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // barycentrics of a triangle's rim sample
+const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // its barycentrics: close corner, others
 const int SBL_RIM = 12;             // number of rim samples of a round lamp
 const float SBL_RIM_AT = 0.99;      // share of a round lamp's area inside the circle on which its rim samples lie
 const float SBL_KNOWN = 1e-6;       // relative variance below which the light of clusters needs no more rays
@@ -322,8 +322,7 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
 }
 
 #ifdef SBL_VIEWS  // geometry that only the host can draw: the sensor's views tell whether it hides the lamp
-uniform sampler2D view_texture; // radiance towards the sensor; distance along the view's axis,
-                                // negative for a back face
+uniform sampler2D view_texture; // radiance towards the sensor; distance along the view's axis, < 0 for a back face
 uniform vec4 view_rects[5];     // per view: x, y, width, height in the sheet, texels
 uniform ivec2 sheet;            // size of a sheet, texels
 uniform int view_count;
