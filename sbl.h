@@ -2478,6 +2478,12 @@ typedef struct sbl__record {
 #define SBL__FILTER_VISIBLE 0.0025f    /* invisible relative difference of light, which the filter may smooth */
 #define SBL__FILTER_FALL 0.25          /* the filter's weights are exp(-this * (difference / noise)^2) */
 #define SBL__DIVISOR_LEAST 1e-30f      /* prevents divisions by 0 */
+#define SBL__VIEW_DEPTH 1e-6f          /* depth in sensors' views is this / view-space depth in scene extents: reversed,
+                                          without a far plane */
+#define SBL__OFFSET 1.5e-6f            /* distance of a sensor from its surface: a share of the scene's extent (if views
+                                          are rasterised, for the precision of the depth buffer) or of the triangle's
+                                          reach (if rays are traced, see surface.glsl). Float rounding needs a sixth of
+                                          it: at 2.5e-7 and below, sensors on a sphere see the sphere itself */
 
 /* Constants that shaders get as #define SBL_name, with the text of SBL__name or the value of SBL_MATERIAL_name */
 #define SBL__SHARED_CONSTANTS(X) \
@@ -2489,7 +2495,7 @@ typedef struct sbl__record {
     X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_CUT) X(LOOK_NUMBER) X(HASH_FACTOR) \
     X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
     X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_TURN) \
-    X(BELONGS_OFF) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST)
+    X(BELONGS_OFF) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET)
 #define SBL__SHARED_FLAGS(X) X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
 
 #define SBL__PRELUDE_MOST 16384    /* size of the text that precedes the files of a shader, in characters */
@@ -3021,14 +3027,14 @@ static void sbl__draw_mesh(const sbl__device *d, unsigned array, int first, int 
                                 (const void *)(12 * (uintptr_t)first), instances);
 }
 
-/* Like sbl__draw_mesh, but without indices: gl_VertexID begins at 3 * first. array: may be d->empty_array */
-static void sbl__draw_numbers(const sbl__device *d, unsigned array, int first, int count, int instances) {
-    d->gl.BindVertexArray(array);
-    d->gl.DrawArraysInstanced(SBL__GL_TRIANGLES, 3 * first, 3 * count, instances);
+/* Draws `count` triangles without vertex attributes; gl_VertexID begins at 3 * first. */
+static void sbl__draw_triangles(const sbl__device *d, int first, int count) {
+    d->gl.BindVertexArray(d->empty_array);
+    d->gl.DrawArraysInstanced(SBL__GL_TRIANGLES, 3 * first, 3 * count, 1);
 }
 
 /* Draws a triangle that covers the viewport, for fullscreen_vertex.glsl. */
-static void sbl__draw_screen(const sbl__device *d) { sbl__draw_numbers(d, d->empty_array, 0, 1, 1); }
+static void sbl__draw_screen(const sbl__device *d) { sbl__draw_triangles(d, 0, 1); }
 
 /* Draws instances of a rectangle as a strip of two triangles: gl_VertexID is 0 to 3. */
 static void sbl__draw_rectangles(const sbl__device *d, unsigned array, int instances) {
@@ -4749,7 +4755,7 @@ static const char *const sbl__glsl_material[] = {
    over the hemisphere find the picture's radiance up to a limit. Radiance above the limit would make their results
    noisy, so each texel that exceeds the limit is also a lamp, which emits the excess (see >>lamps). */
 
-#define SBL__SKY_LIMIT 4  /* limit of radiance for rays over the hemisphere, in multiples of the picture's mean */
+#define SBL__SKY_LIMIT 4  /* sbl__environment.limit, in multiples of the picture's mean radiance */
 
 typedef struct sbl__environment {
     float sky[3];        /* constant radiance from all directions, added to the picture's */
@@ -4775,8 +4781,7 @@ static void sbl__environment_axes(sbl__environment *e, const sbl_environment *de
     int k;
     for (k = 0; k < 3 && !sbl__all_zero(desc->up, 3); k++) up[k] = desc->up[k];
     sbl__normalize(up);
-    if (up[1] > -1 + 1e-9) {  /* rotates the x axis. If `up` is -y, nothing is to do: half a turn about the x axis
-                                 leaves it in place */
+    if (up[1] > -1 + 1e-9) {  /* if `up` is -y, the rotation is half a turn about the x axis, which keeps x */
         x[0] = 1 - up[0] * up[0] / (1 + up[1]);
         x[1] = -up[0];
         x[2] = -up[0] * up[2] / (1 + up[1]);
@@ -4864,7 +4869,7 @@ static sbl_result sbl__environment_make(const sbl__device *d, sbl__environment *
 #define SBL__FAR 1e29f   /* a distance above this means that a ray hit nothing */
 
 /* Radiance that a ray over the hemisphere finds if it hits nothing: the sky's, plus the picture's up to the limit. Same
-   as `sky + sbl_sky(direction)` in trace.glsl. */
+   as sbl_sky in sky.glsl. */
 static void sbl__environment_radiance(const sbl__environment *e, const double direction[3], float light[3]) {
     double d[3] = { 0, 0, 0 }, excess;
     const float *texel;
@@ -4880,7 +4885,7 @@ static void sbl__environment_radiance(const sbl__environment *e, const double di
     for (k = 0; k < 3; k++) light[k] += (float)((1 - excess) * (double)texel[k]);
 }
 
-/* Sets the uniforms of sky.glsl and the uniform `sky`. */
+/* Sets the uniforms of sky.glsl. */
 static void sbl__environment_bind(sbl__device *d, const sbl__environment *e) {
     sbl__bind(d, "sky_picture", &e->texels);
     sbl__set_vec3(d, "sky_x", e->axes[0]);
@@ -4892,12 +4897,12 @@ static void sbl__environment_bind(sbl__device *d, const sbl__environment *e) {
 
 /* >>glsl sky: shaders_embedded/sky.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sky[] = {
-"// The environment's picture (see sbl_environment), in equirectangular projection. A ray that hits nothing finds\n",
-"// the picture's radiance plus that of the constant sky.\n",
+"// The environment (see sbl_environment). Its picture is in equirectangular projection.\n",
 "uniform sampler2D sky_picture;\n",
+"uniform vec3 sky;                   // constant radiance from all directions, added to the picture's\n",
 "uniform vec3 sky_x, sky_up, sky_z;  // axes of the picture in world space: unit vectors\n",
 "uniform float sky_limit;            // radiance (largest component) above which a texel is also a lamp, which emits\n",
-"                                    // the excess; 0: sbl_sky returns 0\n",
+"                                    // the excess; 0: no picture\n",
 "\n",
 "// Position in the picture where a direction points to: 0 to 1 from left to right and from top to bottom.\n",
 "vec2 sbl_sky_at(vec3 direction) {\n",
@@ -4918,7 +4923,7 @@ static const char *const sbl__glsl_sky[] = {
 "    return max(1.0 - sky_limit / max(max(radiance.r, radiance.g), max(radiance.b, SBL_SKY_LEAST)), 0.0);\n",
 "}\n",
 "\n",
-"// Radiance of the picture in a direction, without the share that lamps.glsl samples and without the constant sky.\n",
+"// Radiance that a ray finds if it hits nothing, without the share that lamps.glsl samples.\n",
 "vec3 sbl_sky(vec3 direction) {\n",
 "    vec3 radiance = vec3(0);\n",
 "    if (sky_limit > 0.0) {\n",
@@ -4926,7 +4931,7 @@ static const char *const sbl__glsl_sky[] = {
 "        radiance = texelFetch(sky_picture, min(ivec2(sbl_sky_at(direction) * vec2(size)), size - 1), 0).rgb;\n",
 "        radiance *= 1.0 - sbl_sky_excess(radiance);\n",
 "    }\n",
-"    return radiance;\n",
+"    return sky + radiance;\n",
 "}\n",
 0 };
 /* <<glsl */
@@ -5566,9 +5571,10 @@ static const char *const sbl__glsl_traverse[] = {
    The power of a lamp is its radiant intensity along its normal, summed over the channels and divided by pi: R at
    distance d is about power * cosine / d^2. For a distant lamp, R is power * cosine. */
 
-/* middle, radius: a ball around all lamps of the subtree. square, mixed: xx, yy, zz and xy, yz, zx of the sum of
-   power * normal * normal^T. beyond: the node after the subtree, with SBL_FAR_NODE set for distant lamps. front: sum of
-   power * normal of one-sided lamps. first_leaf: the first leaf of the subtree */
+/* A node of a lamp tree. middle, radius: a ball around all lamps of its subtree. power: the sum of their powers.
+   square, mixed: the elements xx, yy, zz and xy, yz, zx of a matrix, see sbl__cluster_write. front: sum of power *
+   normal / 2 of one-sided lamps. beyond: number of the node after the subtree; SBL_FAR_NODE is set for distant lamps.
+   first_leaf: number of the subtree's first leaf */
 #define SBL__LAMP_NODE(X) \
     X(sbl__lamp_node, VEC3, middle) X(sbl__lamp_node, FLOAT, radius) \
     X(sbl__lamp_node, VEC3, square) X(sbl__lamp_node, FLOAT, power) \
@@ -5576,8 +5582,8 @@ static const char *const sbl__glsl_traverse[] = {
     X(sbl__lamp_node, VEC3, front) X(sbl__lamp_node, UINT, first_leaf)
 SBL__RECORD(sbl__lamp_node, SBL__LAMP_NODE, "sbl_lamp_node", "sbl_lamps", SBL__SCENE_TABLE("sbl_lamps"), NULL)
 
-/* code: kind << SBL_LAMP_KIND_SHIFT | number. The number is a triangle's place in the hierarchy's order, a light's
-   number, or a texel's row * width + column. */
+/* A leaf of a lamp tree: one lamp. code: kind << SBL_LAMP_KIND_SHIFT | number. The number is a triangle's place in the
+   hierarchy's order, a light's number, or a texel's row * width + column. */
 #define SBL__LAMP_LEAF(X) X(sbl__lamp_leaf, UINT, code) X(sbl__lamp_leaf, UVEC3, unused)
 SBL__RECORD(sbl__lamp_leaf, SBL__LAMP_LEAF, "sbl_lamp_leaf", "sbl_lamps", "", "sbl_first_leaf")
 
@@ -5589,15 +5595,15 @@ SBL__RECORD(sbl__lamp_leaf, SBL__LAMP_LEAF, "sbl_lamp_leaf", "sbl_lamps", "", "s
     X(sbl__light_record, VEC3, axis) X(sbl__light_record, FLOAT, spot_offset)
 SBL__RECORD(sbl__light_record, SBL__LIGHT_RECORD, "sbl_light", "sbl_lamps", "", "sbl_first_light")
 
-#define SBL__POWER_MOST 1e37          /* limit of power, so that sums remain finite floats */
-#define SBL__POWER_LEAST 1e-30        /* least power of an emitting triangle, times pi */
-#define SBL__MOMENT_MOST 1e18         /* limit of a moment, so that products of two moments remain finite floats */
+#define SBL__POWER_MOST 1e37          /* upper limit of a lamp's power, so that sums remain finite floats */
+#define SBL__POWER_LEAST 1e-30        /* lower limit of pi * power of an emitting triangle, so that it is not skipped */
+#define SBL__MOMENT_MOST 1e18         /* upper limit of the sums in a cluster, so that products of two remain finite */
 #define SBL__SPOT_LEAST 0.001         /* least difference between the cosines of a spot's cones (KHR_lights_punctual) */
 #define SBL__CURVE_BITS 20            /* bits of the Morton curve per axis */
-#define SBL__LAMP_DEPTH 128           /* largest depth of a tree: 61 bits of the curve + log2(lamps at one place) */
+#define SBL__LAMP_DEPTH 128           /* size of a stack: above 61 bits of the curve + log2(lamps at one place) */
 
 typedef struct sbl__lamp {
-    uint64_t curve;            /* position along a Morton curve; near lamps come before distant lamps */
+    uint64_t curve;            /* position along a Morton curve; bit 63 is set for distant lamps */
     uint32_t code;             /* see sbl__lamp_leaf */
     sbl__box bounds;
     float normal[3];           /* 0: the lamp shines in all directions; for a distant lamp, the direction towards it */
@@ -5607,33 +5613,32 @@ typedef struct sbl__lamp {
 
 typedef struct sbl__cluster { double power, all_sides, square[6], front[3]; sbl__box bounds; } sbl__cluster;
 
-typedef struct sbl__lamps {    /* data for building the trees */
+typedef struct sbl__lamps {    /* data for building the lamp trees */
     sbl__stages stages;
     const sbl__device *device;
     const sbl__geometry *geometry;
     const sbl__hierarchy *hierarchy;
     const sbl__environment *environment;
     struct sbl__lights *lights;
-    sbl__lamp *list, *sorted;  /* sorted: the destination of merging */
+    sbl__lamp *list, *sorted;  /* all lamps; the array that the merge sort writes */
     int count, room;
     double low[3], side;       /* cube around the centres of the near lamps, which the Morton curve fills */
     int width;                 /* merge sort: length of the sorted runs that are merged now, in lamps */
     int left, right, out;      /* next lamps of the two runs to merge; next place in `sorted` */
     sbl__lamp_node *nodes;
     int node_count;
-    sbl__cluster clusters[SBL__LAMP_DEPTH];  /* stack: clusters of finished subtrees of the lamp tree, which are not
-                                                joined yet */
-    int depth;                 /* height of the stack */
+    sbl__cluster clusters[SBL__LAMP_DEPTH];  /* stack: clusters of finished subtrees that are not joined yet */
+    int depth;                 /* number of clusters on the stack */
 } sbl__lamps;
 
 typedef struct sbl__lights {
     sbl_light *list;           /* copy of the host's lights */
     int count;
-    float unit;                /* lamps.glsl divides radiance by this unit, so that sums do not overflow: about the
-                                  highest R near any lamp */
+    float unit;                /* lamps.glsl divides radiance by this, so that sums do not overflow: about the
+                                  largest R that a lamp causes close to it */
     int ready;
     sbl__table table;
-    int nodes, leaves;         /* numbers of nodes and leaves in the table */
+    int nodes, leaves;         /* numbers of nodes and leaves of both trees */
     int mixed;                 /* 1 if not all lamps are triangles, or if there are more than SBL__LAMPS */
     uint32_t *codes;           /* code of each leaf, see sbl__lamp_leaf */
     sbl__lamps *building;
@@ -5675,19 +5680,11 @@ static sbl_result sbl__lights_make(sbl__base *base, sbl__lights *l, const sbl_li
 
 /* >>lamps: collecting */
 
-static sbl_result sbl__lamps_add(sbl__lamps *l, const sbl__lamp *lamp) {
-    if (!(lamp->power > 0)) return SBL_SUCCESS;
-    if (!sbl__grow(l->device->base, &l->list, &l->room, l->count + 1, sizeof *l->list)) return SBL_ERROR_OUT_OF_MEMORY;
-    l->list[l->count++] = *lamp;
-    return SBL_SUCCESS;
-}
-
-/* Makes a lamp that shines in all directions, or a distant one. middle: its position, or the direction towards it.
-   around: half the side of its bounds. power: times pi */
+/* Makes a lamp that shines in all directions, or a distant lamp. middle: its position, or the direction towards it.
+   around: half the side of its bounds. power: pi * the lamp's power */
 static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3], double around, double power,
                            int distant) {
     int k;
-    memset(lamp, 0, sizeof *lamp);
     lamp->code = code;
     lamp->distant = distant;
     lamp->power = (float)SBL__MIN(power / SBL__PI, SBL__POWER_MOST);
@@ -5698,30 +5695,25 @@ static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3
     }
 }
 
-static int sbl__lamps_triangles(void *work) { return ((sbl__lamps *)work)->hierarchy->triangle_count; }
-
-/* Adds the triangle at a place of the hierarchy's order, if it emits light. */
-static sbl_result sbl__lamps_add_triangle(void *work, int place) {
-    sbl__lamps *l = (sbl__lamps *)work;
+/* Makes the lamp of the triangle at a place of the hierarchy's order, if the triangle emits light. */
+static void sbl__lamp_of_triangle(const sbl__lamps *l, int place, sbl__lamp *lamp) {
     const uint32_t number = l->hierarchy->order[place];
     const sbl__object *object;
     const double zero[3] = { 0, 0, 0 };
     double normal[3], area;
-    sbl__lamp lamp;
     int k;
-    if (number == SBL__BVH_DROPPED) return SBL_SUCCESS;
+    if (number == SBL__BVH_DROPPED) return;
     object = sbl__triangle_object(l->geometry, number);
-    if (!sbl__emits(object, 0)) return SBL_SUCCESS;
+    if (!sbl__emits(object, 0)) return;
     area = sbl__scene_normal(l->geometry, number, normal);
-    sbl__lamp_make(&lamp, SBL__LAMP_TRIANGLE << SBL__LAMP_KIND_SHIFT | (uint32_t)place, zero, 0,
+    sbl__lamp_make(lamp, SBL__LAMP_TRIANGLE << SBL__LAMP_KIND_SHIFT | (uint32_t)place, zero, 0,
                    SBL__MAX(area * sbl__emission_sum(object), SBL__POWER_LEAST), 0);
-    sbl__box_of_triangle(&lamp.bounds, l->geometry, number);
-    for (k = 0; k < 3; k++) lamp.normal[k] = (float)normal[k];
-    lamp.one_sided = !sbl__emits(object, 1);
-    return sbl__lamps_add(l, &lamp);
+    sbl__box_of_triangle(&lamp->bounds, l->geometry, number);
+    for (k = 0; k < 3; k++) lamp->normal[k] = (float)normal[k];
+    lamp->one_sided = !sbl__emits(object, 1);
 }
 
-/* Makes a light's record. place: its position, or the direction towards a directional light. */
+/* Makes a light's record. place: receives its position, or the direction towards a directional light. */
 static void sbl__light_write(const sbl_light *light, sbl__light_record *record, double place[3]) {
     const int distant = light->kind == SBL_LIGHT_DIRECTIONAL, spot = light->kind == SBL_LIGHT_SPOT;
     const double half = 0.5 * light->angle * SBL__PI / 180, outer = cos(0.5 * SBL__CONE(light) * SBL__PI / 180);
@@ -5741,42 +5733,50 @@ static void sbl__light_write(const sbl_light *light, sbl__light_record *record, 
     record->spot_offset = (float)(spot ? -outer * scale : 1);
 }
 
-static int sbl__lamps_lights(void *work) { return ((sbl__lamps *)work)->lights->count; }
-
-static sbl_result sbl__lamps_add_light(void *work, int number) {
-    sbl__lamps *l = (sbl__lamps *)work;
+static void sbl__lamp_of_light(const sbl__lamps *l, int number, sbl__lamp *lamp) {
     const sbl_light *light = &l->lights->list[number];
     const int distant = light->kind == SBL_LIGHT_DIRECTIONAL;
     const uint32_t kind = distant ? SBL__LAMP_FAR_LIGHT : SBL__LAMP_NEAR_LIGHT;
     double place[3], half = 0.5 * light->angle * SBL__PI / 180;
     sbl__light_record record;
-    sbl__lamp lamp;
     sbl__light_write(light, &record, place);
-    sbl__lamp_make(&lamp, kind << SBL__LAMP_KIND_SHIFT | (uint32_t)number, place,
+    sbl__lamp_make(lamp, kind << SBL__LAMP_KIND_SHIFT | (uint32_t)number, place,
                    distant ? 2 * sin(0.5 * half) : light->radius, sbl__sum3(light->intensity), distant);
-    return sbl__lamps_add(l, &lamp);
 }
 
-static int sbl__lamps_texels(void *work) {
-    const sbl__environment *e = ((sbl__lamps *)work)->environment;
-    return e->pixels ? e->width * e->height : 0;
-}
-
-static sbl_result sbl__lamps_add_texel(void *work, int at) {
-    sbl__lamps *l = (sbl__lamps *)work;
-    const sbl__environment *e = l->environment;
+static void sbl__lamp_of_texel(const sbl__environment *e, int at, sbl__lamp *lamp) {
     const int x = at % e->width, y = at / e->width;
     const float *c = e->pixels + 4 * (size_t)at;
     const double step = SBL__PI / e->height;
     const double solid_angle = 2 * SBL__PI / e->width * 2 * sin(step * (y + 0.5)) * sin(0.5 * step);
     double direction[3];
-    sbl__lamp lamp;
-    if (!(sbl__max3(c) > e->limit)) return SBL_SUCCESS;
+    if (!(sbl__max3(c) > e->limit)) return;
     sbl__environment_direction(e, x, y, direction);
-    sbl__lamp_make(&lamp, SBL__LAMP_SKY_TEXEL << SBL__LAMP_KIND_SHIFT | (uint32_t)at, direction,
+    sbl__lamp_make(lamp, SBL__LAMP_SKY_TEXEL << SBL__LAMP_KIND_SHIFT | (uint32_t)at, direction,
                    SBL__MIN(step + 2 * SBL__PI / e->width, 1.0),
                    sbl__sum3(c) * (1 - e->limit / sbl__max3(c)) * solid_angle, 1);
-    return sbl__lamps_add(l, &lamp);
+}
+
+/* Returns the number of triangles, lights and texels, which sbl__lamps_add takes in this order. */
+static int sbl__lamps_candidates(void *work) {
+    const sbl__lamps *l = (const sbl__lamps *)work;
+    const sbl__environment *e = l->environment;
+    return l->hierarchy->triangle_count + l->lights->count + (e->pixels ? e->width * e->height : 0);
+}
+
+/* Adds a lamp if candidate `at` emits light. */
+static sbl_result sbl__lamps_add(void *work, int at) {
+    sbl__lamps *l = (sbl__lamps *)work;
+    const int light = at - l->hierarchy->triangle_count, texel = light - l->lights->count;
+    sbl__lamp lamp;
+    memset(&lamp, 0, sizeof lamp);
+    if (light < 0) sbl__lamp_of_triangle(l, at, &lamp);
+    else if (texel < 0) sbl__lamp_of_light(l, light, &lamp);
+    else sbl__lamp_of_texel(l->environment, texel, &lamp);
+    if (!(lamp.power > 0)) return SBL_SUCCESS;
+    if (!sbl__grow(l->device->base, &l->list, &l->room, l->count + 1, sizeof *l->list)) return SBL_ERROR_OUT_OF_MEMORY;
+    l->list[l->count++] = lamp;
+    return SBL_SUCCESS;
 }
 
 /* Returns an upper bound of the number of lamps, for the size of the table. */
@@ -5840,7 +5840,8 @@ static int sbl__lamps_cut(const sbl__lamps *l, int low, int high) {
     return high;
 }
 
-/* Begins the subtree of `count` lamps from `first` on at node number `at`. Returns the number of the node after it. */
+/* Makes node `at` the root of the subtree of `count` lamps from lamp `first` on. Returns the number of the node after
+   the subtree. */
 static int sbl__lamps_root(sbl__lamps *l, int at, int first, int count) {
     if (!count) return at;
     l->nodes[at].first_leaf = (uint32_t)first;
@@ -5848,7 +5849,7 @@ static int sbl__lamps_root(sbl__lamps *l, int at, int first, int count) {
     return at + 2 * count - 1;
 }
 
-/* Begins both trees after sorting. */
+/* Makes the roots of the tree of near lamps and of the tree of distant lamps. The lamps are sorted already. */
 static int sbl__lamps_plant(void *work) {
     sbl__lamps *l = (sbl__lamps *)work;
     int near_count = 0;
@@ -5859,7 +5860,7 @@ static int sbl__lamps_plant(void *work) {
 
 static int sbl__lamps_nodes(void *work) { return ((sbl__lamps *)work)->node_count; }
 
-/* Begins the subtrees of a node's children, which follow it. */
+/* Makes the roots of a node's two subtrees, which follow the node. */
 static sbl_result sbl__lamps_split(void *work, int at) {
     sbl__lamps *l = (sbl__lamps *)work;
     const int first = (int)l->nodes[at].first_leaf, end = first + ((int)l->nodes[at].beyond - at + 1) / 2;
@@ -5904,7 +5905,8 @@ static void sbl__cluster_write(const sbl__cluster *c, int distant, sbl__lamp_nod
         const double mixed = SBL__MAX(SBL__MIN(c->square[3 + k], SBL__MOMENT_MOST), -SBL__MOMENT_MOST);
         radius += side * side;
         node->middle[k] = (float)sbl__box_middle(&c->bounds, k);
-        /* Cauchy-Schwarz inequality: sum |x| <= sqrt(sum 1 * sum x^2) */
+        /* The matrix all_sides * sum of power * n * n^T bounds the sum of power * |n . w| in a direction w, squared
+           (Cauchy-Schwarz inequality). */
         node->square[k] = (float)(all_sides * SBL__MIN(c->square[k], SBL__MOMENT_MOST));
         node->mixed[k] = (float)(all_sides * mixed);
         node->front[k] = (float)c->front[k];
@@ -5989,9 +5991,7 @@ static sbl_result sbl__lamps_store(void *work, sbl__slice *slice) {
 static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const sbl__hierarchy *h,
                                    const sbl__environment *e, sbl__lights *lights, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { NULL, NULL, sbl__lamps_add_triangle, sbl__lamps_triangles },
-        { NULL, NULL, sbl__lamps_add_light, sbl__lamps_lights },
-        { NULL, NULL, sbl__lamps_add_texel, sbl__lamps_texels },
+        { NULL, NULL, sbl__lamps_add, sbl__lamps_candidates },
         { sbl__lamps_place, NULL, NULL, NULL },
         { sbl__lamps_sort, sbl__lamps_plant, NULL, NULL },
         { NULL, NULL, sbl__lamps_split, sbl__lamps_nodes },
@@ -7802,7 +7802,7 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
     for (i = 0; i < 3; i++) eye[i] = (float)c->eye[i];
     sbl__set_vec3(d, "eye", eye);
     sbl__set_float(d, "depth_from_w", c->orthographic ? 0 : c->depth_scale);
-    sbl__draw_numbers(d, d->empty_array, at, end - at, 1);
+    sbl__draw_triangles(d, at, end - at);
     sbl__pace_end(d, &s->triangle_pace, pixels);
     s->stages.at = end;
     if (end == g->triangle_count) sbl__surface_band(s, s->row + s->rows);
@@ -8046,10 +8046,6 @@ typedef struct sbl__look {
 #define SBL__LOOK_RAYS_MOST 128    /* looks that are too noisy get more rays, up to this number */
 #define SBL__LOOK_VARIANCE 12.5    /* a look is too noisy while its relative variance exceeds this multiple of the
                                       target error squared (see sbl__look_growth) */
-/* Distance of a sensor from its surface, as a share of the scene's extent if views are rasterised (for the precision of
-   the depth buffer), or of the triangle's reach (see surface.glsl) if rays are traced. Float rounding needs a sixth of
-   it: at 2.5e-7 and below, sensors on a sphere see the sphere itself. */
-#define SBL__OFFSET 1.5e-6f
 
 /* Makes look number `look` of a site. Its rotation about the normal is the site's hash (0 to 1) plus the look number's
    radical inverse, in quarter turns, so that any number of looks are spread evenly over a quarter rotation. */
@@ -8502,6 +8498,15 @@ static const char *const sbl__glsl_carrier[] = {
 "\n",
 "ivec2 sbl_texel_of_invocation() { return ivec2(gl_FragCoord.xy); }\n",
 "#endif\n",
+"\n",
+"// Declare and write the outputs for the harmonics of red, green and blue light. a, b, c: their places\n",
+"#ifdef SBL_DIRECTIONAL\n",
+"#define SBL_OUT_HARMONICS(a, b, c) SBL_OUT(a, out_red); SBL_OUT(b, out_green); SBL_OUT(c, out_blue);\n",
+"#define sbl_write_harmonics(h) sbl_write(out_red, h[0]); sbl_write(out_green, h[1]); sbl_write(out_blue, h[2])\n",
+"#else\n",
+"#define SBL_OUT_HARMONICS(a, b, c)\n",
+"#define sbl_write_harmonics(h)\n",
+"#endif\n",
 0 };
 /* <<glsl */
 
@@ -8509,14 +8514,13 @@ static const char *const sbl__glsl_carrier[] = {
    The sequence of points from which rays get their directions, and rays towards lamps, which both back ends trace. */
 
 /* Limits of the work of one shader invocation. Some software renderers silently end an invocation after about 65,000
-   loop iterations. A ray takes on average as many as the hierarchy's cost, but some rays take several times more. */
+   loop iterations. A ray takes sbl__hierarchy.cost iterations on average, but some rays take several times more. */
 #define SBL__LOOP_TURNS 20000      /* maximum number of loop iterations per invocation, on average */
-#define SBL__RAY_TURNS 20          /* iterations per ray in addition to the hierarchy's cost */
+#define SBL__RAY_TURNS 20          /* loop iterations of a ray outside the hierarchy */
 #define SBL__LAMP_CHUNK 256        /* maximum number of rays towards lamps per invocation */
 
 /* Resources for rays towards lamps. */
 typedef struct sbl__aim {
-    int rays;                      /* maximum number of rays towards lamps per look */
     int parts;                     /* number of invocations among which a look's rays are divided */
     sbl__table sequence;           /* points of the unit square that give directions, see sbl__sequence_make */
     sbl__blocks light;             /* outputs of lamps.glsl. Each look has a column of `parts` texels; a texel sums
@@ -8565,7 +8569,7 @@ static uint32_t *sbl__sequence_make(sbl__base *base, int looks, int rays, int se
     return points;
 }
 
-/* Gets point i of a sequence, 0 to 1, scrambled with the seed as in trace.glsl. */
+/* Gets point i of a sequence, scrambled with the seed as in trace.glsl. u: both coordinates, 0 to 1 */
 static void sbl__sequence_at(const uint32_t *sequence, int i, uint32_t seed, double u[2]) {
     int axis;
     for (axis = 0; axis < 2; axis++) {
@@ -8604,10 +8608,9 @@ static sbl_result sbl__aim_setup(const sbl__device *d, sbl__aim *a, const sbl__s
                                  const sbl__hierarchy *h) {
     const int rows = (slots->count + slots->columns - 1) / slots->columns;
     sbl_result result;
-    a->rays = spec->lamp_rays;
     a->parts = sbl__aim_parts(spec, h);
-    if (!a->rays) return SBL_SUCCESS;
-    result = sbl__sequence_store(d, &a->sequence, spec->looks, a->rays, SBL__LAMP_PASSES * a->parts);
+    if (!spec->lamp_rays) return SBL_SUCCESS;
+    result = sbl__sequence_store(d, &a->sequence, spec->looks, spec->lamp_rays, SBL__LAMP_PASSES * a->parts);
     return result == SBL_SUCCESS ? sbl__blocks_make(d, &a->light, spec->directional ? 4 : 1, slots->columns,
                                                     rows * a->parts) : result;
 }
@@ -8650,22 +8653,21 @@ static const char *const sbl__glsl_lamps[] = {
 "uniform int lamp_nodes, lamp_leaves;  // numbers of nodes and leaves in the table of lamps\n",
 "uniform int rays;                     // maximum number of rays per sensor\n",
 "uniform float unit;                   // radiance is divided by this unit while it is summed, to prevent overflow\n",
-"uniform float scale;                  // the outputs are multiplied by this factor\n",
+"uniform float scale;                  // output / R\n",
 "#ifdef SBL_INSPECT\n",
 "const bool inspected = true, directional = false;\n",
-"uniform int parts;                    // number of parts into which the sensor's rays were divided\n",
+"uniform int parts;                    // number of parts into which the measurement divides the rays\n",
 "uniform int sheet_slot;               // slot of the sensor's views in the view texture\n",
-"SBL_OUT(0, out_light);                // of a ray: its light; 0: not traced, 1: reached the lamp, 2: was blocked;\n",
-"                                      // of an entry: R if unobstructed; 1: lamp, 2: visible, 3: hidden point light\n",
-"SBL_OUT(1, out_way);                  // of a ray: direction and the lamp's leaf; of an entry: 0 0 0 and its leaf\n",
+"SBL_OUT(0, out_light);                // rgb: light of a ray, or unobstructed R of an entry; a: ray: 0: not traced,\n",
+"                                      // 1: reached the lamp, 2: blocked; entry: 1: lamp, 2: visible point light,\n",
+"                                      // 3: hidden point light\n",
+"SBL_OUT(1, out_way);                  // xyz: a ray's direction, or 0 for an entry; w: number of the lamp's leaf\n",
 "#else\n",
 "const bool inspected = false;\n",
 "SBL_OUT(0, out_light);                // R of the part, and the variance of its luminance\n",
+"SBL_OUT_HARMONICS(1, 2, 3)            // spherical harmonics of the part's light\n",
 "#ifdef SBL_DIRECTIONAL\n",
 "const bool directional = true;\n",
-"SBL_OUT(1, out_red);                  // spherical harmonics of the part's red light\n",
-"SBL_OUT(2, out_green);\n",
-"SBL_OUT(3, out_blue);\n",
 "#else\n",
 "const bool directional = false;\n",
 "#endif\n",
@@ -8677,22 +8679,22 @@ static const char *const sbl__glsl_lamps[] = {
 "#endif\n",
 "\n",
 "const int SBL_CERTAIN = 32;         // maximum number of point lights that get one ray each\n",
-"const float SBL_STRATA = 1.5;       // variance of the mean of n stratified points, divided by the variance for\n",
-"                                    // independent points, times sqrt(n): measured with shadow edges on a lamp\n",
-"const float SBL_STRATA_LOST = 0.6;  // upper limit of the quotient of these variances, for few points per lamp\n",
+"const float SBL_STRATA = 1.5;       // variance from n stratified points: SBL_STRATA / sqrt(n) times that from\n",
+"                                    // independent points: measured with shadow edges on a lamp\n",
+"const float SBL_STRATA_LOST = 0.6;  // upper limit of SBL_STRATA / sqrt(n), for few points per lamp\n",
 "const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this share of its distance\n",
-"const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each one doubles the share\n",
+"const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles SBL_OPENING\n",
 "const float SBL_SPARSE = 16.0;      // minimum number of rays that a group must get on average for a ratio estimate\n",
 "const int SBL_PASS_RAYS = 32;       // minimum number of rays per pass\n",
-"const float SBL_PASS_CROWD = 16.0;  // maximum number of passes, times the effective number of entries\n",
+"const float SBL_PASS_CROWD = 16.0;  // maximum number of passes * effective number of entries\n",
 "const int SBL_RIM_LAMPS = 8;        // maximum number of entries that get rim samples: rays to the edge of a lamp\n",
 "const int SBL_CORNERS = 3;          // number of rim samples of a triangle, one close to each corner\n",
-"const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // barycentrics of such a sample: close corner, others\n",
+"const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // its barycentrics: close corner, others\n",
 "const int SBL_RIM = 12;             // number of rim samples of a round lamp\n",
 "const float SBL_RIM_AT = 0.99;      // share of a round lamp's area inside the circle on which its rim samples lie\n",
 "const float SBL_KNOWN = 1e-6;       // relative variance below which the light of clusters needs no more rays\n",
 "const float SBL_SMALL = 16.0;       // a triangle is small if its squared distance over its squared size is larger\n",
-"const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // Dunavant's points and weights\n",
+"const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // see sbl_form_factor\n",
 "const float SBL_POINT_WEIGHT[2] = float[2](0.223381589678011, 0.109951743655322);\n",
 "const float SBL_BEFORE_LAMP = 0.99999;  // share of the distance to a lamp along which a ray is traced\n",
 "\n",
@@ -8705,7 +8707,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    float away, radius, sine2; // light: distance, radius, squared sine of half the angle that it subtends\n",
 "    ivec2 texel;               // texel: column and row\n",
 "    int triangle, number;      // triangle: its number in the hierarchy's order and in the scene; else number is -1\n",
-"    vec2 group;                // (0, 1): triangles that show the sensor their back; (1, 0): all other lamps\n",
+"    vec2 group;                // (0, 1) if it is a triangle that shows the sensor its back; else (1, 0)\n",
 "};\n",
 "\n",
 "bool sbl_is_light(sbl_Lamp l) { return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT); }\n",
@@ -8767,7 +8769,7 @@ static const char *const sbl__glsl_lamps[] = {
 "// Form factor of a triangle. a, b, c: corners relative to the sensor, in its frame. Lambert's sum (1760) over the\n",
 "// edges of the part above the horizon adds the angle that each edge subtends, times z of the unit normal of the\n",
 "// plane through the edge and the sensor. If the triangle is small for its distance, rounding would spoil this sum;\n",
-"// a sum over six points is then used instead (Dunavant 1985, degree 4; relative error up to 4e-6).\n",
+"// a sum over Dunavant's six points is then used instead (1985, degree 4; relative error up to 4e-6).\n",
 "float sbl_form_factor(vec3 a, vec3 b, vec3 c) {\n",
 "    vec3 corners[3] = vec3[3](a, b, c), entry = vec3(0), leave = vec3(0);\n",
 "    vec3 middle = (a + b + c) / 3.0, normal = cross(b - a, c - a);\n",
@@ -8821,7 +8823,7 @@ static const char *const sbl__glsl_lamps[] = {
 "}\n",
 "\n",
 "// The first four spherical harmonics of an unobstructed lamp, from its solid angle and from the integral of\n",
-"// directions over it (`way`). They are approximate for round lamps that the horizon cuts, except along the normal.\n",
+"// directions over it (`way`). If the horizon cuts a round lamp, all but the part along the normal is approximate.\n",
 "mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {\n",
 "    float solid_angle = 0.0;\n",
 "    vec3 way = vec3(0);\n",
@@ -8848,7 +8850,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        way = transpose(to_frame) * way * sign(solid_angle);\n",
 "        solid_angle = abs(solid_angle);\n",
 "    }\n",
-"    if (sbl_is_light(l)) {  // as in sbl_round, but divided by pi * sine2\n",
+"    if (sbl_is_light(l)) {  // solid_angle and way are divided by pi * sine2, to fit l.brightness\n",
 "        float z = dot(n, l.corner), shown = clamp(0.5 + 0.5 * z / max(sqrt(l.sine2), 1e-30), 0.0, 1.0);\n",
 "        solid_angle = shown * 2.0 / (1.0 + sqrt(1.0 - l.sine2));\n",
 "        way = shown * (l.corner - z * n) + sbl_round(z, l.sine2) * n;\n",
@@ -8859,7 +8861,7 @@ static const char *const sbl__glsl_lamps[] = {
 "// >>clusters\n",
 "\n",
 "struct sbl_Cluster {\n",
-"    vec3 to;       // centre of its bounding sphere, relative to the sensor; if far, a direction\n",
+"    vec3 to;       // centre of its bounding sphere, relative to the sensor; if `far`, a direction\n",
 "    float radius;\n",
 "    bool far;      // true: the lamps are infinitely far away\n",
 "    int beyond;    // next node that is not in the cluster's subtree\n",
@@ -8877,7 +8879,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    vec3 square = sbl_lamp_node_square(node), mixed = sbl_lamp_node_mixed(node), front = sbl_lamp_node_front(node);\n",
 "    float distance2 = max(dot(c.to, c.to), 1e-37), spread = min(c.radius * inversesqrt(distance2), 1.0);\n",
 "    float height = dot(n, c.to);\n",
-"    // The normal of a far lamp is the direction towards it, so this gives the cosine at the sensor.\n",
+"    // The normal of a far lamp is the direction towards it, so its product with -n is the cosine at the sensor.\n",
 "    vec3 w = c.far ? -n : c.to * inversesqrt(distance2);\n",
 "    float shown = sqrt(max(dot(square, w * w) + 2.0 * dot(mixed, w.xyz * w.yzx), 0.0)) - dot(front, w) +\n",
 "                  0.1 * sbl_lamp_node_power(node) * spread;\n",
@@ -8959,8 +8961,7 @@ static const char *const sbl__glsl_lamps[] = {
 "}\n",
 "\n",
 "#ifdef SBL_VIEWS  // geometry that only the host can draw: the sensor's views tell whether it hides the lamp\n",
-"uniform sampler2D atlas;        // view texture: radiance towards the sensor; distance along the view's axis,\n",
-"                                // negative for a back face\n",
+"uniform sampler2D view_texture; // radiance towards the sensor; distance along the view's axis, < 0 for a back face\n",
 "uniform vec4 view_rects[5];     // per view: x, y, width, height in the sheet, texels\n",
 "uniform ivec2 sheet;            // size of a sheet, texels\n",
 "uniform int view_count;\n",
@@ -8994,7 +8995,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        vec2 texel = clamp(floor(at * rect.zw), vec2(0), rect.zw - 1.0);\n",
 "        vec2 centre = lowest + (texel + 0.5) / rect.zw * size;\n",
 "        ivec2 place = ivec2(slot % columns, slot / columns) * sheet + ivec2(rect.xy + texel);\n",
-"        float shown = texelFetch(atlas, place, 0).a, seen = abs(shown) * extent;\n",
+"        float shown = texelFetch(view_texture, place, 0).a, seen = abs(shown) * extent;\n",
 "        if (seen == 0.0) return false;\n",
 "        if (l.kind != SBL_LAMP_TRIANGLE) return seen < (1.0 - SBL_AT_LAMP) * s.far * dot(point, forward);\n",
 "        vec3 ray = forward + tangent * (centre.x * right + centre.y * up);\n",
@@ -9024,7 +9025,7 @@ static const char *const sbl__glsl_lamps[] = {
 "mat3x4 whole_harmonics[2];   // harmonics of `whole`\n",
 "\n",
 "// Adds node i to the entries, skips it, or descends into it; or adds leaf i if all lamps fit. Returns the next\n",
-"// node or leaf, or `limit` if the entries are full. last: true: never descends\n",
+"// node or leaf, or `limit` if the entries are full. last: true: never descends below a cluster\n",
 "int sbl_consider(int i, int limit, float opening, bool last, out bool full) {\n",
 "    int leaf = i, next = i + 1, lamps = 1;\n",
 "    float strength = 0.0;\n",
@@ -9127,7 +9128,7 @@ static const char *const sbl__glsl_lamps[] = {
 "// Sums over the rays. Light from clusters, texels and sparse groups is the mean of the rays' light; light from\n",
 "// other lamps is the closed form times the ratio seen / open.\n",
 "mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by group: rays' light without obstruction, and with it\n",
-"vec3 sure = vec3(0), sampled = vec3(0);       // light of point lights; light of rays of which the mean is taken\n",
+"vec3 sure = vec3(0), sampled = vec3(0);       // light of point lights; light of clusters, texels and sparse groups\n",
 "vec2 samples = vec2(0), lit = vec2(0);        // by group: number of rays summed in `open`, and in `seen`\n",
 "float taken = 0.0, squares = 0.0;             // number of rays; sum of the squared luminances in `sampled`\n",
 "vec2 sparse;                                  // by group: 1: too few rays for a ratio; 0: enough\n",
@@ -9190,8 +9191,8 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// >>combine\n",
 "\n",
-"// Variance of the mean of n points, divided by the variance of one point. The strata of a lamp are the smaller the\n",
-"// more points it gets. `lamps` is the effective number of lamps.\n",
+"// Variance of the mean of n points, divided by the variance of one point. A lamp with more points has smaller\n",
+"// strata. `lamps` is the effective number of lamps.\n",
 "float sbl_strata(float n) {\n",
 "    float lamps = total * total / max(crowd_within, 1e-37), points = max(n, 1.0);\n",
 "    return min(SBL_STRATA * sqrt(max(lamps - 1.0, 1.0) / points), SBL_STRATA_LOST) / points;\n",
@@ -9201,9 +9202,9 @@ static const char *const sbl__glsl_lamps[] = {
 "bool sbl_undecided() {\n",
 "    float mean = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);\n",
 "    float error = squares / max(taken, 1.0) - mean * mean;\n",
-"    bool mixed = dot(bright, dark) > 0.0 || (seen[0] != vec3(0) && seen[0] != open[0]) ||\n",
-"                 (seen[1] != vec3(0) && seen[1] != open[1]);\n",
-"    return mixed || sbl_strata(taken) * error > SBL_KNOWN * mean * mean;\n",
+"    bool disagree = dot(bright, dark) > 0.0 || (seen[0] != vec3(0) && seen[0] != open[0]) ||\n",
+"                    (seen[1] != vec3(0) && seen[1] != open[1]);\n",
+"    return disagree || sbl_strata(taken) * error > SBL_KNOWN * mean * mean;\n",
 "}\n",
 "\n",
 "// Computes R and the variance of its luminance.\n",
@@ -9217,7 +9218,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        float mean = dot(whole[g], SBL_LUMINANCE), lit_share = lit[g] / max(samples[g], 1.0);\n",
 "        if (sparse[g] > 0.0) continue;\n",
 "        light += whole[g] * share;\n",
-"        // The closed form times the same share, plus the deviation from this product that the rays found.\n",
+"        // Harmonics: the closed form times `share`, plus the deviation from it that the rays measured.\n",
 "        for (int k = 0; k < 3 && directional; k++)\n",
 "            if (open[g][k] > 0.0)\n",
 "                sure_harmonics[k] += share[k] * whole_harmonics[g][k] + whole[g][k] / open[g][k] *\n",
@@ -9239,7 +9240,7 @@ static const char *const sbl__glsl_lamps[] = {
 "void main() {\n",
 "    ivec2 at = sbl_texel_of_invocation();\n",
 "    int wanted = at.y * blocks.x + at.x;  // number of the ray or, from `rays` on, of the entry to report\n",
-"    int certain_ray = rays + SBL_LAMPS - 1 - wanted;  // number of the point light to report\n",
+"    int certain_ray = rays + SBL_LAMPS - 1 - wanted;  // number of the point light to report, counted from the end\n",
 "#ifdef SBL_INSPECT\n",
 "    int part = 0, slot = sheet_slot;\n",
 "    if (wanted >= rays + SBL_LAMPS) sbl_leave;\n",
@@ -9271,13 +9272,13 @@ static const char *const sbl__glsl_lamps[] = {
 "    int rim_samples = passes > 1 && used <= SBL_RIM_LAMPS ? rims * used : 0;\n",
 "    int skip = int(sbl_look_which(look) & SBL_LOOK_NUMBER) * rays;\n",
 "    bool undecided = total > 0.0;\n",
-"    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // pass -1 traces rays to point lights\n",
-"        // Each part has a section of the sequence. Each eighth of a section covers the unit square evenly.\n",
-"        int eighth = SBL_LAMP_PASSES * part, eighths = SBL_LAMP_PASSES * parts;\n",
+"    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // pass -1: rays to point lights\n",
+"        // Each part has SBL_LAMP_PASSES sections of the sequence, each of which covers the unit square evenly.\n",
+"        int section = SBL_LAMP_PASSES * part, sections = SBL_LAMP_PASSES * parts;\n",
 "        // The divisions are unsigned, because idle lanes of some software renderers trap on INT_MIN / -1.\n",
 "        int stretch = int(uint(SBL_LAMP_PASSES) / uint(passes));\n",
-"        int from = int(uint((eighth + pass * stretch) * rays) / uint(eighths));\n",
-"        int to = total > 0.0 ? int(uint((eighth + (pass + 1) * stretch) * rays) / uint(eighths)) : from;\n",
+"        int from = int(uint((section + pass * stretch) * rays) / uint(sections));\n",
+"        int to = total > 0.0 ? int(uint((section + (pass + 1) * stretch) * rays) / uint(sections)) : from;\n",
 "        bool point = pass < 0;\n",
 "        int start = point ? part : pass == 0 ? from - rim_samples : from, end = point ? certain : to;\n",
 "        for (int k = start; k < end; k += point ? parts : 1) {\n",
@@ -9316,12 +9317,8 @@ static const char *const sbl__glsl_lamps[] = {
 "    sbl_write(out_way, report_way);\n",
 "#else\n",
 "    sbl_write(out_light, sbl_combine());\n",
-"#ifdef SBL_DIRECTIONAL\n",
 "    sure_harmonics *= unit * scale;\n",
-"    sbl_write(out_red, sure_harmonics[0]);\n",
-"    sbl_write(out_green, sure_harmonics[1]);\n",
-"    sbl_write(out_blue, sure_harmonics[2]);\n",
-"#endif\n",
+"    sbl_write_harmonics(sure_harmonics);\n",
 "#endif\n",
 "}\n",
 0 };
@@ -9368,8 +9365,7 @@ static void sbl__directions_row(const sbl__layout *l, int face, int j, float *di
        texture | sheet | sheet |    sheet. reduce_blocks.glsl then adds up each square of block x block texels and
                +-------+-------+    writes one texel of partial sums. */
 
-#define SBL__SLOTS_MOST 4096   /* maximum number of slots in the view texture */
-#define SBL__VIEW_DEPTH 1e-6f  /* depth is this value divided by the view-space depth in scene extents, at most 1 */
+#define SBL__SLOTS_MOST 4096   /* maximum number of slots, also of traced looks */
 #define SBL__STUCK_FOV 2.0f    /* field of view, degrees, of a stuck test, which looks from the sensor back at its
                                   own surface: too narrow to hit the walls of a corner */
 #define SBL__STUCK_SIZE 4      /* width and height of a stuck test's view, texels */
@@ -9389,11 +9385,10 @@ enum { SBL__LENS_SITE, SBL__LENS_STUCK, SBL__LENSES };
 
 typedef struct sbl__raster {
     sbl__lens lenses[SBL__LENSES];
-    sbl__texture atlas, depth;
+    sbl__texture view_texture, depth;
     sbl__target target;
     sbl__buffer views;
-    unsigned view_array;       /* vertex array of the views alone: shaders with bounced light fetch the vertices */
-    float radiance_scale;      /* factor of radiance in the view texture */
+    float radiance_scale;      /* value in the view texture / radiance */
     float *weights, *directions;  /* texels of a lens's two textures while sbl__raster_weigh computes them */
     int face, row;             /* view and row at which sbl__raster_weigh continues */
 } sbl__raster;
@@ -9405,10 +9400,9 @@ static void sbl__raster_free(const sbl__device *d, sbl__raster *r) {
         sbl__texture_delete(d, &r->lenses[i].directions);
     }
     sbl__target_delete(d, &r->target);
-    sbl__texture_delete(d, &r->atlas);
+    sbl__texture_delete(d, &r->view_texture);
     sbl__texture_delete(d, &r->depth);
     sbl__buffer_delete(d, &r->views);
-    sbl__array_delete(d, &r->view_array);
     sbl__free(d->base, r->weights);
     sbl__free(d->base, r->directions);
 }
@@ -9434,7 +9428,7 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
                                     const sbl__spec *spec, sbl__blocks *blocks) {
     const int most = d->gl.capabilities.max_texture_size;
     sbl__lens *lens = &r->lenses[SBL__LENS_SITE], *stuck = &r->lenses[SBL__LENS_STUCK];
-    const sbl__texture *color = &r->atlas;
+    const sbl__texture *color = &r->view_texture;
     float brightest;
     int size[2], sums[2], k;
     sbl_result result;
@@ -9457,13 +9451,13 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
     r->radiance_scale = 1;  /* power of two that scales the brightest radiance to 512 .. 1024, for 16-bit floats */
     if (brightest > 0) r->radiance_scale = (float)ldexp(1, SBL__MIN(10 - (int)ceil(log(brightest) / log(2.0)), 100));
     r->face = r->row = 0;
-    result = sbl__texture_make(d, &r->atlas, size[0], size[1], SBL__GL_RGBA16F);
+    result = sbl__texture_make(d, &r->view_texture, size[0], size[1], SBL__GL_RGBA16F);
     if (result == SBL_SUCCESS) result = sbl__texture_make(d, &r->depth, size[0], size[1], SBL__GL_DEPTH_COMPONENT32F);
     if (result == SBL_SUCCESS) result = sbl__target_make(d, &r->target, &color, 1, &r->depth);
     return result == SBL_SUCCESS ? sbl__blocks_make(d, blocks, spec->directional ? 5 : 2, sums[0], sums[1]) : result;
 }
 
-/* Computes the textures of a lens, row by row. Returns SBL_UNFINISHED if the slice ends before. */
+/* Computes the textures of a lens, row by row. Returns SBL_UNFINISHED if the slice ends before they are complete. */
 static sbl_result sbl__raster_weigh(const sbl__device *d, sbl__raster *r, sbl__lens *lens, const sbl__spec *spec,
                                     const sbl__slice *slice) {
     const sbl__layout *l = &lens->layout;
@@ -9498,41 +9492,31 @@ static sbl_result sbl__raster_weigh(const sbl__device *d, sbl__raster *r, sbl__l
 /* >>glsl sensor_vertex: shaders_embedded/sensor_vertex.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sensor_vertex[] = {
 "// Draws the scene into views of many sensors. Each instance is a view, clipped to its part of the view texture.\n",
-"#ifndef SBL_BOUNCED\n",
 "layout(location = 0) in vec3 position;\n",
 "layout(location = 1) in uint object;\n",
 "layout(location = 2) in vec2 vertex_uv;\n",
 "layout(location = 3) in uvec2 vertex_color;\n",
-"#endif\n",
 "layout(location = 4) in vec3 view_eye;      // position of the sensor\n",
-"layout(location = 5) in vec4 view_right;    // unit vector to the right, divided by tan(fov / 2); w: scale of x\n",
-"layout(location = 6) in vec4 view_up;       // unit vector up, divided by tan(fov / 2); w: scale of y\n",
+"layout(location = 5) in vec4 view_right;    // unit vector to the right / tan(fov / 2); w: scale of x in clip space\n",
+"layout(location = 6) in vec4 view_up;       // unit vector up / tan(fov / 2); w: scale of y in clip space\n",
 "layout(location = 7) in vec4 view_forward;  // unit vector; w: lowest y: -1, or 0 if the view begins at the horizon\n",
 "layout(location = 8) in vec2 view_offset;   // offset of the rectangle in clip space\n",
 "uniform float per_length;                   // 1 / extent of the scene\n",
-"uniform float depth_scale;                  // depth is depth_scale / distance: reversed, without a far plane\n",
 "uniform float radiance_scale;\n",
 "out vec3 place;                             // x, y and w of gl_Position\n",
 "flat out int fragment_object;               // only with SBL_TEXTURED or SBL_BOUNCED\n",
-"flat out vec3 radiance_front, radiance_back;  // only without both\n",
+"flat out vec3 radiance_front, radiance_back;  // only without SBL_TEXTURED and SBL_BOUNCED\n",
 "out vec2 fragment_uv;                       // only with SBL_TEXTURED, like fragment_color\n",
 "out vec4 fragment_color;\n",
-"flat out int fragment_triangle;             // only with SBL_BOUNCED: number of the triangle in the scene\n",
 "out vec3 fragment_way;                      // only with SBL_BOUNCED: vector from the sensor to the surface\n",
 "out vec3 fragment_place;                    // only with SBL_BOUNCED: point on the surface, world space\n",
 "\n",
 "void main() {\n",
+"    int number = int(object);\n",
 "#ifdef SBL_BOUNCED\n",
-"    int vertex = int(sbl_fetch(sbl_indices, gl_VertexID).x);\n",
-"    vec3 position = sbl_vertex_position(vertex);\n",
-"    uint object = sbl_vertex_object(vertex);\n",
-"    fragment_triangle = gl_VertexID / 3;\n",
 "    fragment_way = position - view_eye;\n",
 "    fragment_place = position;\n",
-"    vec2 vertex_uv = vec2(sbl_attributes_u(vertex), sbl_attributes_v(vertex));\n",
-"    uvec2 vertex_color = uvec2(sbl_attributes_color_rg(vertex), sbl_attributes_color_ba(vertex));\n",
 "#endif\n",
-"    int number = int(object);\n",
 "#ifdef SBL_TEXTURED\n",
 "    fragment_uv = vertex_uv;\n",
 "    fragment_color = sbl_unpack_color(vertex_color.x, vertex_color.y) / SBL_COLOR_MOST;\n",
@@ -9545,7 +9529,7 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 "#endif\n",
 "    vec3 p = (position - view_eye) * per_length;\n",
 "    float x = dot(view_right.xyz, p), y = dot(view_up.xyz, p), w = dot(view_forward.xyz, p);\n",
-"    gl_Position = vec4(x * view_right.w + w * view_offset.x, y * view_up.w + w * view_offset.y, depth_scale, w);\n",
+"    gl_Position = vec4(x * view_right.w + w * view_offset.x, y * view_up.w + w * view_offset.y, SBL_VIEW_DEPTH, w);\n",
 "    place = gl_Position.xyw;\n",
 "    gl_ClipDistance[0] = w + x;\n",
 "    gl_ClipDistance[1] = w - x;\n",
@@ -9563,16 +9547,17 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 "                                             // distance along the view's axis, negative for a back face\n",
 "in vec3 place;                               // x, y and w of the position in clip space\n",
 "uniform vec2 view_texture_size;              // texels\n",
-"uniform float radiance_scale, depth_scale;\n",
-"flat in int fragment_object, fragment_triangle;\n",
+"uniform float radiance_scale;\n",
+"uniform int first_triangle;                  // number of the first triangle of the draw call\n",
+"flat in int fragment_object;\n",
 "flat in vec3 radiance_front, radiance_back;\n",
 "in vec2 fragment_uv;\n",
 "in vec4 fragment_color;\n",
 "in vec3 fragment_way, fragment_place;\n",
 "\n",
 "const float SBL_NEAREST = 3e-8;  // smallest distance at which surfaces are visible, in extents of the scene\n",
-"const float SBL_BESIDE = 0.4;    // maximum distance between a fragment and its interpolated position, texels\n",
-"const float SBL_BESIDE_ROUNDING = 3e-7;  // allowance for rounding in this comparison, in clip space\n",
+"const float SBL_BESIDE = 0.4;    // maximum distance between gl_FragCoord and the interpolated `place`, texels\n",
+"const float SBL_BESIDE_ROUNDING = 3e-7;  // allowance for rounding in the comparison with SBL_BESIDE\n",
 "\n",
 "// Returns false for fragments at wrong places. The projection of a triangle whose plane contains the sensor is a\n",
 "// line; rounding may turn the line into a triangle anywhere, even in the views of other sensors.\n",
@@ -9596,12 +9581,13 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 "    vec3 radiance = gl_FrontFacing ? radiance_front : radiance_back;\n",
 "#endif\n",
 "#ifdef SBL_BOUNCED\n",
-"    vec3 light = sbl_stored(fragment_triangle, !gl_FrontFacing, fragment_place, length(fragment_way));\n",
+"    vec3 light = sbl_stored(first_triangle + gl_PrimitiveID, !gl_FrontFacing, fragment_place,\n",
+"                            length(fragment_way));\n",
 "    radiance += radiance_scale * sbl_reflected(sbl_material(fragment_object, at), light);\n",
 "#endif\n",
 "    out_radiance = vec4(radiance, gl_FrontFacing ? 1.0 / gl_FragCoord.w : -1.0 / gl_FragCoord.w);\n",
 "#ifdef SBL_WRITE_DEPTH\n",
-"    gl_FragDepth = depth_scale * gl_FragCoord.w;\n",
+"    gl_FragDepth = SBL_VIEW_DEPTH * gl_FragCoord.w;\n",
 "#endif\n",
 "}\n",
 0 };
@@ -9610,7 +9596,7 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 static const sbl__recipe sbl__recipe_sensor = {
     "sensor", { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_sensor_vertex },
     { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_store, sbl__glsl_sensor_fragment },
-    { &sbl__object_record, &sbl__vertex_record, &sbl__attributes_record, &sbl__cut_record, &sbl__leaf_record },
+    { &sbl__object_record, &sbl__cut_record, &sbl__leaf_record },
     SBL__TEXTURED | SBL__WIDE | SBL__WRITE_DEPTH | SBL__BOUNCED
 };
 
@@ -9636,11 +9622,10 @@ static const char *const sbl__glsl_sky_vertex[] = {
 /* >>glsl sky_fragment: shaders_embedded/sky_fragment.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sky_fragment[] = {
 "in vec3 direction;\n",
-"uniform vec3 sky;                            // constant radiance of the sky\n",
 "uniform float radiance_scale;\n",
 "layout(location = 0) out vec4 out_radiance;  // a: distance as in sensor_fragment.glsl; 0: no surface\n",
 "\n",
-"void main() { out_radiance = vec4(radiance_scale * (sky + sbl_sky(direction)), 0); }\n",
+"void main() { out_radiance = vec4(radiance_scale * sbl_sky(direction), 0); }\n",
 0 };
 /* <<glsl */
 
@@ -9733,15 +9718,14 @@ static void sbl__raster_view(const sbl__device *d, const sbl__raster *r, const s
     v->face = face;
 }
 
-/* Draws the environment's picture. array: the vertex array that has the attributes of the views */
-static sbl_result sbl__raster_sky(sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b,
-                                  unsigned array) {
+/* Draws the environment's picture. The scene's vertex array has the attributes of the views already. */
+static sbl_result sbl__raster_sky(sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b) {
     const sbl_result result = sbl__use(d, &sbl__recipe_sky, b->scene->features);
     if (result != SBL_SUCCESS) return result;
     sbl__pass(d, &r->target, lens->area, NULL, 0);
     sbl__environment_bind(d, &b->scene->environment);
     sbl__set_float(d, "radiance_scale", r->radiance_scale);
-    sbl__draw_rectangles(d, array, b->count * lens->layout.view_count);
+    sbl__draw_rectangles(d, b->scene->geometry.vertex_array, b->count * lens->layout.view_count);
     return SBL_SUCCESS;
 }
 
@@ -9754,16 +9738,10 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
     sbl_result result = SBL_SUCCESS;
     sbl_draw_view view;
     int i;
-    if (first == 0) {
-        unsigned array;
-        result = sbl__raster_send(d, r, lens, b);
-        if (result == SBL_SUCCESS && b->spec->bounced)
-            result = sbl__array_make(d, &r->view_array, &g->tables[SBL__INDEX_TABLE].buffer);
-        if (result != SBL_SUCCESS) return result;
-        array = b->spec->bounced ? r->view_array : g->vertex_array;
-        sbl__array_inputs(d, array, &r->views, sbl__view_inputs, SBL__COUNT(sbl__view_inputs));
-        if (b->scene->environment.pixels && !b->spec->paper) result = sbl__raster_sky(d, r, lens, b, array);
-    }
+    if (first == 0) result = sbl__raster_send(d, r, lens, b);
+    if (result != SBL_SUCCESS) return result;
+    sbl__array_inputs(d, g->vertex_array, &r->views, sbl__view_inputs, SBL__COUNT(sbl__view_inputs));
+    if (first == 0 && b->scene->environment.pixels && !b->spec->paper) result = sbl__raster_sky(d, r, lens, b);
     if (result == SBL_SUCCESS && end > first) {
         result = sbl__use(d, &sbl__recipe_sensor, sbl__features_of(b->scene, b->spec));
         if (result != SBL_SUCCESS) return result;
@@ -9771,14 +9749,12 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
         sbl__scene_bind(d, b->scene);
         sbl__set_int(d, "lamps_apart", b->spec->lamps_apart);
         sbl__set_float(d, "per_length", 1 / g->extent);
-        sbl__set_float(d, "depth_scale", SBL__VIEW_DEPTH);
         sbl__set_float(d, "epsilon", b->spec->epsilon);
         sbl__set_float(d, "radiance_scale", r->radiance_scale);
         sbl__set_vec2(d, "view_texture_size", (float)lens->area[2], (float)lens->area[3]);
-        if (b->spec->bounced) {
-            sbl__store_bind(d, &b->scene->store);
-            sbl__draw_numbers(d, r->view_array, first, end - first, views);
-        } else sbl__draw_mesh(d, g->vertex_array, first, end - first, views);
+        sbl__set_int(d, "first_triangle", first);
+        if (b->spec->bounced) sbl__store_bind(d, &b->scene->store);
+        sbl__draw_mesh(d, g->vertex_array, first, end - first, views);
     }
     for (i = 0; i < views && b->scene->draw && end == g->triangle_count && result == SBL_SUCCESS; i++) {
         sbl__raster_view(d, r, lens, b, i, &view);
@@ -9792,7 +9768,7 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
 static void sbl__raster_bind(sbl__device *d, const sbl__raster *r, float extent) {
     const sbl__layout *l = &r->lenses[SBL__LENS_SITE].layout;
     int i, k;
-    sbl__bind(d, "atlas", &r->atlas);
+    sbl__bind(d, "view_texture", &r->view_texture);
     for (i = 0; i < l->view_count; i++) {
         char name[32];
         float rect[4];
@@ -9809,17 +9785,13 @@ static void sbl__raster_bind(sbl__device *d, const sbl__raster *r, float extent)
 /* >>glsl reduce_blocks: shaders_embedded/reduce_blocks.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_reduce_blocks[] = {
 "// First step of the sum over a sensor's views: each output texel is the sum over one block of the view texture.\n",
-"uniform sampler2D atlas;    // view texture, written by sensor_fragment.glsl\n",
-"uniform sampler2D weights;  // per texel of a sheet: form factor; ratio of distance to depth\n",
-"uniform int block;          // width and height of a block, texels\n",
-"layout(location = 0) out vec4 out_sum;   // sum of weight * radiance; sum of the weights of back faces\n",
-"layout(location = 1) out vec4 out_hits;  // sum of the weights of surfaces; of weight * distance; least distance; 0\n",
-"uniform sampler2D directions;  // per texel of a sheet: its direction, in the frame of a look that is not rotated\n",
-"#ifdef SBL_DIRECTIONAL         // spherical harmonics; without them, `directions` has no effect\n",
-"layout(location = 2) out vec4 out_red;\n",
-"layout(location = 3) out vec4 out_green;\n",
-"layout(location = 4) out vec4 out_blue;\n",
-"#endif\n",
+"uniform sampler2D view_texture;  // written by sensor_fragment.glsl\n",
+"uniform sampler2D weights;       // per texel of a sheet: form factor; ratio of distance to depth\n",
+"uniform int block;               // width and height of a block, texels\n",
+"SBL_OUT(0, out_sum);             // sum of weight * radiance; sum of the weights of back faces\n",
+"SBL_OUT(1, out_hits);            // surfaces: sum of weights; sum of weight * distance; least distance; 0\n",
+"uniform sampler2D directions;    // SBL_DIRECTIONAL: direction of each texel of a sheet, if the look is not rotated\n",
+"SBL_OUT_HARMONICS(2, 3, 4)\n",
 "\n",
 "void main() {\n",
 "    ivec2 at = ivec2(gl_FragCoord.xy), corner = at * block, sheet_corner = (at % blocks) * block;\n",
@@ -9832,7 +9804,7 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 "        vec3 row = vec3(0);\n",
 "        float back = 0.0;\n",
 "        for (int x = 0; x < block; x++) {\n",
-"            vec4 texel = texelFetch(atlas, corner + ivec2(x, y), 0);\n",
+"            vec4 texel = texelFetch(view_texture, corner + ivec2(x, y), 0);\n",
 "            vec2 weight = texelFetch(weights, sheet_corner + ivec2(x, y), 0).xy;\n",
 "            row += weight.x * texel.rgb;\n",
 "            vec3 way = texelFetch(directions, sheet_corner + ivec2(x, y), 0).xyz;\n",
@@ -9849,11 +9821,7 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 "    }\n",
 "    out_sum = sum;\n",
 "    out_hits = hits;\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"    out_red = harmonics[0];\n",
-"    out_green = harmonics[1];\n",
-"    out_blue = harmonics[2];\n",
-"#endif\n",
+"    sbl_write_harmonics(harmonics);\n",
 "}\n",
 0 };
 /* <<glsl */
@@ -9871,7 +9839,7 @@ static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const
     const int area[4] = { 0, rows[0] * l->blocks[1], lens->slots.columns * l->blocks[0], rows[1] * l->blocks[1] };
     if (result != SBL_SUCCESS) return result;
     sbl__pass(d, &b->target, area, NULL, 0);
-    sbl__bind(d, "atlas", &r->atlas);
+    sbl__bind(d, "view_texture", &r->view_texture);
     sbl__bind(d, "weights", &lens->weights);
     if (looks) {
         sbl__bind(d, "directions", &lens->directions);
@@ -9892,7 +9860,7 @@ static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const
 #define SBL__TRACE_TEXELS 1024     /* maximum width and height of the textures of partial sums, texels */
 
 typedef struct sbl__trace {
-    sbl__slots slots[SBL__LENSES]; /* slots of looks, and of stuck tests, which trace one ray back to the surface */
+    sbl__slots slots[SBL__LENSES]; /* a stuck test traces one ray, from the sensor back to its surface */
     sbl__table sequence;           /* points that give the rays' directions, see sbl__sequence_make */
 } sbl__trace;
 
@@ -9968,24 +9936,19 @@ static const char *const sbl__glsl_trace[] = {
 "uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each\n",
 "uniform int rays;                     // number of rays per look\n",
 "uniform int paired;                   // 1: an invocation traces pairs of rays; 0: single ones\n",
-"uniform bool no_light;                // true: only lamps give light; a site's first look traces rays for distances\n",
+"uniform bool no_light;                // true: rays find only distances, for which a site's first look is enough\n",
 "uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal\n",
 "uniform float distance_limit;         // larger distances of hits count as this distance in the mean\n",
-"uniform vec3 sky;                     // constant radiance of the sky\n",
-"uniform float ray_offset;             // share of a surface's coordinates by which the second segment of a ray\n",
-"                                      // starts off that surface, see SBL__OFFSET\n",
 "SBL_OUT(0, out_sum);\n",
 "SBL_OUT(1, out_hits);\n",
+"SBL_OUT_HARMONICS(2, 3, 4)\n",
 "#ifdef SBL_DIRECTIONAL\n",
-"SBL_OUT(2, out_red);\n",
-"SBL_OUT(3, out_green);\n",
-"SBL_OUT(4, out_blue);\n",
-"SBL_OUT(5, out_even);                 // control variate: the harmonics of radiance 1 from everywhere, exact\n",
-"                                      // minus measured by these rays; reduce_sum.glsl adds it times the mean\n",
-"                                      // radiance to the measured harmonics\n",
+"SBL_OUT(5, out_even);                 // control variate for radiance 1 from everywhere: the exact harmonics minus\n",
+"                                      // those that these rays measure; reduce_sum.glsl adds it, times the mean\n",
+"                                      // radiance, to the measured harmonics\n",
 "#endif\n",
 "\n",
-"const float SBL_NEIGHBOURS = 0.62;  // variance divided by its estimate from pairs: measured with 16 to 256 rays\n",
+"const float SBL_NEIGHBOURS = 0.62;  // measured variance / its estimate from pairs, at 16 to 256 rays\n",
 "\n",
 "// Radiance that leaves a hit towards the ray's origin. goes_on: set to true if the ray needs a second segment,\n",
 "// which finds the light that the returned radiance lacks\n",
@@ -10025,7 +9988,7 @@ static const char *const sbl__glsl_trace[] = {
 "    vec3 across = cross(e1 / longest, e2 / longest) * (hit.back ? -1.0 : 1.0);\n",
 "    vec2 u = sbl_unit_square(uvec2(hash, sbl_hash_step(hash, 1u)));\n",
 "    sbl_Bounce bounce = sbl_bounce(material, across, -direction, u);\n",
-"    position = p0 + hit.b1 * e1 + hit.b2 * e2 + ray_offset * (length(p0) + 2.0 * longest) * bounce.off;\n",
+"    position = p0 + hit.b1 * e1 + hit.b2 * e2 + SBL_OFFSET * (length(p0) + 2.0 * longest) * bounce.off;\n",
 "    direction = bounce.direction;\n",
 "    return bounce.weight;\n",
 "}\n",
@@ -10063,7 +10026,7 @@ static const char *const sbl__glsl_trace[] = {
 "        for (int leg = 0; leg < SBL_LEGS; leg++) {\n",
 "            sbl_Hit hit = sbl_trace(from, direction, SBL_UNBOUNDED);\n",
 "            if (hit.triangle < 0) {\n",
-"                sum.rgb += share * (sky + sbl_sky(direction));\n",
+"                sum.rgb += share * sbl_sky(direction);\n",
 "                break;\n",
 "            }\n",
 "            bool goes_on;\n",
@@ -10091,10 +10054,9 @@ static const char *const sbl__glsl_trace[] = {
 "    }\n",
 "    sbl_write(out_sum, sum / float(rays));\n",
 "    sbl_write(out_hits, vec4(hits.xy / float(rays), hits.z, SBL_NEIGHBOURS * squares / float(rays * rays)));\n",
+"    harmonics /= float(rays);\n",
+"    sbl_write_harmonics(harmonics);\n",
 "#ifdef SBL_DIRECTIONAL\n",
-"    sbl_write(out_red, harmonics[0] / float(rays));\n",
-"    sbl_write(out_green, harmonics[1] / float(rays));\n",
-"    sbl_write(out_blue, harmonics[2] / float(rays));\n",
 "    sbl_write(out_even, sbl_harmonics(frame[2], frame[2], 2.0) / float(parts) + even / float(rays));\n",
 "#endif\n",
 "}\n",
@@ -10124,7 +10086,6 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
     sbl__set_float(d, "epsilon", b->spec->epsilon);
     sbl__set_float(d, "spread", stuck ? 0.0f : 1.0f);
     sbl__set_float(d, "distance_limit", b->spec->distance_limit > 0 ? b->spec->distance_limit : SBL__UNBOUNDED);
-    sbl__set_float(d, "ray_offset", SBL__OFFSET);
     if (b->spec->guided) sbl__bind(d, "sbl_guides", &b->guides->texture);
     if (b->spec->without_sky) {
         const float black[3] = { 0, 0, 0 };
@@ -10602,7 +10563,7 @@ static sbl_result sbl__aim_use(const sbl__job *j, const sbl__batch *b, unsigned 
     sbl__set_int(d, "sbl_first_light", (int)sizeof(sbl__lamp_node) / 16 * l->nodes + l->leaves);
     sbl__set_int(d, "lamp_nodes", l->nodes);
     sbl__set_int(d, "lamp_leaves", l->leaves);
-    sbl__set_int(d, "rays", j->aim.rays);
+    sbl__set_int(d, "rays", b->spec->lamp_rays);
     sbl__set_float(d, "unit", l->unit);
     sbl__set_float(d, "scale", scale);
     if (features & SBL__VIEWS) sbl__raster_bind(d, &j->raster, b->scene->geometry.extent);
@@ -13775,7 +13736,6 @@ static const char *const sbl__glsl_resolve[] = {
 "uniform sampler2D sample_positions, sample_normals, sample_albedo, sample_emission;\n",
 "uniform usampler2D sample_ids;\n",
 "uniform vec2 offset;                        // position of the sample relative to the pixel's centre, pixels\n",
-"uniform vec3 sky;                           // constant radiance of the sky\n",
 "uniform sampler2D previous;                 // sum over the previous samples\n",
 "uniform int has_previous;                   // 0: this is the first sample\n",
 "uniform float share;                        // 1 / number of samples\n",
@@ -16564,7 +16524,7 @@ static void sbl__inspect_take(const sbl__inspect_request *k, const float *light,
 static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
     sbl__device *d = &k->core->device;
     const sbl__job *j = &k->found->job;
-    const int rays = j->aim.rays, count = rays + SBL__LAMPS, parts = j->aim.parts;
+    const int rays = j->task.spec.lamp_rays, count = rays + SBL__LAMPS, parts = j->aim.parts;
     const int size[2] = { SBL__INSPECT_ACROSS, (count + SBL__INSPECT_ACROSS - 1) / SBL__INSPECT_ACROSS };
     const int columns = sbl__job_slots(j)->columns, slot = sbl__inspect_slot(j);
     float *data = NULL, *light = (float *)sbl__alloc_raw(d->base, (size_t)columns * (size_t)parts, 16);

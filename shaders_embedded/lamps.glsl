@@ -14,22 +14,21 @@ uniform usamplerBuffer sbl_sequence;  // points of the unit square for the rays,
 uniform int lamp_nodes, lamp_leaves;  // numbers of nodes and leaves in the table of lamps
 uniform int rays;                     // maximum number of rays per sensor
 uniform float unit;                   // radiance is divided by this unit while it is summed, to prevent overflow
-uniform float scale;                  // the outputs are multiplied by this factor
+uniform float scale;                  // output / R
 #ifdef SBL_INSPECT
 const bool inspected = true, directional = false;
-uniform int parts;                    // number of parts into which the sensor's rays were divided
+uniform int parts;                    // number of parts into which the measurement divides the rays
 uniform int sheet_slot;               // slot of the sensor's views in the view texture
-SBL_OUT(0, out_light);                // of a ray: its light; 0: not traced, 1: reached the lamp, 2: was blocked;
-                                      // of an entry: R if unobstructed; 1: lamp, 2: visible, 3: hidden point light
-SBL_OUT(1, out_way);                  // of a ray: direction and the lamp's leaf; of an entry: 0 0 0 and its leaf
+SBL_OUT(0, out_light);                // rgb: light of a ray, or unobstructed R of an entry; a: ray: 0: not traced,
+                                      // 1: reached the lamp, 2: blocked; entry: 1: lamp, 2: visible point light,
+                                      // 3: hidden point light
+SBL_OUT(1, out_way);                  // xyz: a ray's direction, or 0 for an entry; w: number of the lamp's leaf
 #else
 const bool inspected = false;
 SBL_OUT(0, out_light);                // R of the part, and the variance of its luminance
+SBL_OUT_HARMONICS(1, 2, 3)            // spherical harmonics of the part's light
 #ifdef SBL_DIRECTIONAL
 const bool directional = true;
-SBL_OUT(1, out_red);                  // spherical harmonics of the part's red light
-SBL_OUT(2, out_green);
-SBL_OUT(3, out_blue);
 #else
 const bool directional = false;
 #endif
@@ -41,22 +40,22 @@ const bool mixed = false;           // all lamps are triangles, at most SBL_LAMP
 #endif
 
 const int SBL_CERTAIN = 32;         // maximum number of point lights that get one ray each
-const float SBL_STRATA = 1.5;       // variance of the mean of n stratified points, divided by the variance for
-                                    // independent points, times sqrt(n): measured with shadow edges on a lamp
-const float SBL_STRATA_LOST = 0.6;  // upper limit of the quotient of these variances, for few points per lamp
+const float SBL_STRATA = 1.5;       // variance from n stratified points: SBL_STRATA / sqrt(n) times that from
+                                    // independent points: measured with shadow edges on a lamp
+const float SBL_STRATA_LOST = 0.6;  // upper limit of SBL_STRATA / sqrt(n), for few points per lamp
 const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this share of its distance
-const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each one doubles the share
+const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles SBL_OPENING
 const float SBL_SPARSE = 16.0;      // minimum number of rays that a group must get on average for a ratio estimate
 const int SBL_PASS_RAYS = 32;       // minimum number of rays per pass
-const float SBL_PASS_CROWD = 16.0;  // maximum number of passes, times the effective number of entries
+const float SBL_PASS_CROWD = 16.0;  // maximum number of passes * effective number of entries
 const int SBL_RIM_LAMPS = 8;        // maximum number of entries that get rim samples: rays to the edge of a lamp
 const int SBL_CORNERS = 3;          // number of rim samples of a triangle, one close to each corner
-const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // barycentrics of such a sample: close corner, others
+const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // its barycentrics: close corner, others
 const int SBL_RIM = 12;             // number of rim samples of a round lamp
 const float SBL_RIM_AT = 0.99;      // share of a round lamp's area inside the circle on which its rim samples lie
 const float SBL_KNOWN = 1e-6;       // relative variance below which the light of clusters needs no more rays
 const float SBL_SMALL = 16.0;       // a triangle is small if its squared distance over its squared size is larger
-const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // Dunavant's points and weights
+const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // see sbl_form_factor
 const float SBL_POINT_WEIGHT[2] = float[2](0.223381589678011, 0.109951743655322);
 const float SBL_BEFORE_LAMP = 0.99999;  // share of the distance to a lamp along which a ray is traced
 
@@ -69,7 +68,7 @@ struct sbl_Lamp {
     float away, radius, sine2; // light: distance, radius, squared sine of half the angle that it subtends
     ivec2 texel;               // texel: column and row
     int triangle, number;      // triangle: its number in the hierarchy's order and in the scene; else number is -1
-    vec2 group;                // (0, 1): triangles that show the sensor their back; (1, 0): all other lamps
+    vec2 group;                // (0, 1) if it is a triangle that shows the sensor its back; else (1, 0)
 };
 
 bool sbl_is_light(sbl_Lamp l) { return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT); }
@@ -131,7 +130,7 @@ sbl_Lamp sbl_lamp(int leaf) {
 // Form factor of a triangle. a, b, c: corners relative to the sensor, in its frame. Lambert's sum (1760) over the
 // edges of the part above the horizon adds the angle that each edge subtends, times z of the unit normal of the
 // plane through the edge and the sensor. If the triangle is small for its distance, rounding would spoil this sum;
-// a sum over six points is then used instead (Dunavant 1985, degree 4; relative error up to 4e-6).
+// a sum over Dunavant's six points is then used instead (1985, degree 4; relative error up to 4e-6).
 float sbl_form_factor(vec3 a, vec3 b, vec3 c) {
     vec3 corners[3] = vec3[3](a, b, c), entry = vec3(0), leave = vec3(0);
     vec3 middle = (a + b + c) / 3.0, normal = cross(b - a, c - a);
@@ -185,7 +184,7 @@ vec3 sbl_unhindered(sbl_Lamp l) {
 }
 
 // The first four spherical harmonics of an unobstructed lamp, from its solid angle and from the integral of
-// directions over it (`way`). They are approximate for round lamps that the horizon cuts, except along the normal.
+// directions over it (`way`). If the horizon cuts a round lamp, all but the part along the normal is approximate.
 mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {
     float solid_angle = 0.0;
     vec3 way = vec3(0);
@@ -212,7 +211,7 @@ mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {
         way = transpose(to_frame) * way * sign(solid_angle);
         solid_angle = abs(solid_angle);
     }
-    if (sbl_is_light(l)) {  // as in sbl_round, but divided by pi * sine2
+    if (sbl_is_light(l)) {  // solid_angle and way are divided by pi * sine2, to fit l.brightness
         float z = dot(n, l.corner), shown = clamp(0.5 + 0.5 * z / max(sqrt(l.sine2), 1e-30), 0.0, 1.0);
         solid_angle = shown * 2.0 / (1.0 + sqrt(1.0 - l.sine2));
         way = shown * (l.corner - z * n) + sbl_round(z, l.sine2) * n;
@@ -223,7 +222,7 @@ mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {
 // >>clusters
 
 struct sbl_Cluster {
-    vec3 to;       // centre of its bounding sphere, relative to the sensor; if far, a direction
+    vec3 to;       // centre of its bounding sphere, relative to the sensor; if `far`, a direction
     float radius;
     bool far;      // true: the lamps are infinitely far away
     int beyond;    // next node that is not in the cluster's subtree
@@ -241,7 +240,7 @@ float sbl_strength(int node, sbl_Cluster c) {
     vec3 square = sbl_lamp_node_square(node), mixed = sbl_lamp_node_mixed(node), front = sbl_lamp_node_front(node);
     float distance2 = max(dot(c.to, c.to), 1e-37), spread = min(c.radius * inversesqrt(distance2), 1.0);
     float height = dot(n, c.to);
-    // The normal of a far lamp is the direction towards it, so this gives the cosine at the sensor.
+    // The normal of a far lamp is the direction towards it, so its product with -n is the cosine at the sensor.
     vec3 w = c.far ? -n : c.to * inversesqrt(distance2);
     float shown = sqrt(max(dot(square, w * w) + 2.0 * dot(mixed, w.xyz * w.yzx), 0.0)) - dot(front, w) +
                   0.1 * sbl_lamp_node_power(node) * spread;
@@ -323,8 +322,7 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
 }
 
 #ifdef SBL_VIEWS  // geometry that only the host can draw: the sensor's views tell whether it hides the lamp
-uniform sampler2D atlas;        // view texture: radiance towards the sensor; distance along the view's axis,
-                                // negative for a back face
+uniform sampler2D view_texture; // radiance towards the sensor; distance along the view's axis, < 0 for a back face
 uniform vec4 view_rects[5];     // per view: x, y, width, height in the sheet, texels
 uniform ivec2 sheet;            // size of a sheet, texels
 uniform int view_count;
@@ -358,7 +356,7 @@ bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
         vec2 texel = clamp(floor(at * rect.zw), vec2(0), rect.zw - 1.0);
         vec2 centre = lowest + (texel + 0.5) / rect.zw * size;
         ivec2 place = ivec2(slot % columns, slot / columns) * sheet + ivec2(rect.xy + texel);
-        float shown = texelFetch(atlas, place, 0).a, seen = abs(shown) * extent;
+        float shown = texelFetch(view_texture, place, 0).a, seen = abs(shown) * extent;
         if (seen == 0.0) return false;
         if (l.kind != SBL_LAMP_TRIANGLE) return seen < (1.0 - SBL_AT_LAMP) * s.far * dot(point, forward);
         vec3 ray = forward + tangent * (centre.x * right + centre.y * up);
@@ -388,7 +386,7 @@ bool rounded = false;        // true: some entries are round lamps
 mat3x4 whole_harmonics[2];   // harmonics of `whole`
 
 // Adds node i to the entries, skips it, or descends into it; or adds leaf i if all lamps fit. Returns the next
-// node or leaf, or `limit` if the entries are full. last: true: never descends
+// node or leaf, or `limit` if the entries are full. last: true: never descends below a cluster
 int sbl_consider(int i, int limit, float opening, bool last, out bool full) {
     int leaf = i, next = i + 1, lamps = 1;
     float strength = 0.0;
@@ -491,7 +489,7 @@ int sbl_pick_entry(inout sbl_Pick p) {
 // Sums over the rays. Light from clusters, texels and sparse groups is the mean of the rays' light; light from
 // other lamps is the closed form times the ratio seen / open.
 mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by group: rays' light without obstruction, and with it
-vec3 sure = vec3(0), sampled = vec3(0);       // light of point lights; light of rays of which the mean is taken
+vec3 sure = vec3(0), sampled = vec3(0);       // light of point lights; light of clusters, texels and sparse groups
 vec2 samples = vec2(0), lit = vec2(0);        // by group: number of rays summed in `open`, and in `seen`
 float taken = 0.0, squares = 0.0;             // number of rays; sum of the squared luminances in `sampled`
 vec2 sparse;                                  // by group: 1: too few rays for a ratio; 0: enough
@@ -554,8 +552,8 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
 
 // >>combine
 
-// Variance of the mean of n points, divided by the variance of one point. The strata of a lamp are the smaller the
-// more points it gets. `lamps` is the effective number of lamps.
+// Variance of the mean of n points, divided by the variance of one point. A lamp with more points has smaller
+// strata. `lamps` is the effective number of lamps.
 float sbl_strata(float n) {
     float lamps = total * total / max(crowd_within, 1e-37), points = max(n, 1.0);
     return min(SBL_STRATA * sqrt(max(lamps - 1.0, 1.0) / points), SBL_STRATA_LOST) / points;
@@ -565,9 +563,9 @@ float sbl_strata(float n) {
 bool sbl_undecided() {
     float mean = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);
     float error = squares / max(taken, 1.0) - mean * mean;
-    bool mixed = dot(bright, dark) > 0.0 || (seen[0] != vec3(0) && seen[0] != open[0]) ||
-                 (seen[1] != vec3(0) && seen[1] != open[1]);
-    return mixed || sbl_strata(taken) * error > SBL_KNOWN * mean * mean;
+    bool disagree = dot(bright, dark) > 0.0 || (seen[0] != vec3(0) && seen[0] != open[0]) ||
+                    (seen[1] != vec3(0) && seen[1] != open[1]);
+    return disagree || sbl_strata(taken) * error > SBL_KNOWN * mean * mean;
 }
 
 // Computes R and the variance of its luminance.
@@ -581,7 +579,7 @@ vec4 sbl_combine() {
         float mean = dot(whole[g], SBL_LUMINANCE), lit_share = lit[g] / max(samples[g], 1.0);
         if (sparse[g] > 0.0) continue;
         light += whole[g] * share;
-        // The closed form times the same share, plus the deviation from this product that the rays found.
+        // Harmonics: the closed form times `share`, plus the deviation from it that the rays measured.
         for (int k = 0; k < 3 && directional; k++)
             if (open[g][k] > 0.0)
                 sure_harmonics[k] += share[k] * whole_harmonics[g][k] + whole[g][k] / open[g][k] *
@@ -603,7 +601,7 @@ int sbl_pass_count() {
 void main() {
     ivec2 at = sbl_texel_of_invocation();
     int wanted = at.y * blocks.x + at.x;  // number of the ray or, from `rays` on, of the entry to report
-    int certain_ray = rays + SBL_LAMPS - 1 - wanted;  // number of the point light to report
+    int certain_ray = rays + SBL_LAMPS - 1 - wanted;  // number of the point light to report, counted from the end
 #ifdef SBL_INSPECT
     int part = 0, slot = sheet_slot;
     if (wanted >= rays + SBL_LAMPS) sbl_leave;
@@ -635,13 +633,13 @@ void main() {
     int rim_samples = passes > 1 && used <= SBL_RIM_LAMPS ? rims * used : 0;
     int skip = int(sbl_look_which(look) & SBL_LOOK_NUMBER) * rays;
     bool undecided = total > 0.0;
-    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // pass -1 traces rays to point lights
-        // Each part has a section of the sequence. Each eighth of a section covers the unit square evenly.
-        int eighth = SBL_LAMP_PASSES * part, eighths = SBL_LAMP_PASSES * parts;
+    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // pass -1: rays to point lights
+        // Each part has SBL_LAMP_PASSES sections of the sequence, each of which covers the unit square evenly.
+        int section = SBL_LAMP_PASSES * part, sections = SBL_LAMP_PASSES * parts;
         // The divisions are unsigned, because idle lanes of some software renderers trap on INT_MIN / -1.
         int stretch = int(uint(SBL_LAMP_PASSES) / uint(passes));
-        int from = int(uint((eighth + pass * stretch) * rays) / uint(eighths));
-        int to = total > 0.0 ? int(uint((eighth + (pass + 1) * stretch) * rays) / uint(eighths)) : from;
+        int from = int(uint((section + pass * stretch) * rays) / uint(sections));
+        int to = total > 0.0 ? int(uint((section + (pass + 1) * stretch) * rays) / uint(sections)) : from;
         bool point = pass < 0;
         int start = point ? part : pass == 0 ? from - rim_samples : from, end = point ? certain : to;
         for (int k = start; k < end; k += point ? parts : 1) {
@@ -680,11 +678,7 @@ void main() {
     sbl_write(out_way, report_way);
 #else
     sbl_write(out_light, sbl_combine());
-#ifdef SBL_DIRECTIONAL
     sure_harmonics *= unit * scale;
-    sbl_write(out_red, sure_harmonics[0]);
-    sbl_write(out_green, sure_harmonics[1]);
-    sbl_write(out_blue, sure_harmonics[2]);
-#endif
+    sbl_write_harmonics(sure_harmonics);
 #endif
 }

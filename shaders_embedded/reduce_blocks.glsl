@@ -1,15 +1,11 @@
 // First step of the sum over a sensor's views: each output texel is the sum over one block of the view texture.
-uniform sampler2D atlas;    // view texture, written by sensor_fragment.glsl
-uniform sampler2D weights;  // per texel of a sheet: form factor; ratio of distance to depth
-uniform int block;          // width and height of a block, texels
-layout(location = 0) out vec4 out_sum;   // sum of weight * radiance; sum of the weights of back faces
-layout(location = 1) out vec4 out_hits;  // sum of the weights of surfaces; of weight * distance; least distance; 0
-uniform sampler2D directions;  // per texel of a sheet: its direction, in the frame of a look that is not rotated
-#ifdef SBL_DIRECTIONAL         // spherical harmonics; without them, `directions` has no effect
-layout(location = 2) out vec4 out_red;
-layout(location = 3) out vec4 out_green;
-layout(location = 4) out vec4 out_blue;
-#endif
+uniform sampler2D view_texture;  // written by sensor_fragment.glsl
+uniform sampler2D weights;       // per texel of a sheet: form factor; ratio of distance to depth
+uniform int block;               // width and height of a block, texels
+SBL_OUT(0, out_sum);             // sum of weight * radiance; sum of the weights of back faces
+SBL_OUT(1, out_hits);            // surfaces: sum of weights; sum of weight * distance; least distance; 0
+uniform sampler2D directions;    // SBL_DIRECTIONAL: direction of each texel of a sheet, if the look is not rotated
+SBL_OUT_HARMONICS(2, 3, 4)
 
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy), corner = at * block, sheet_corner = (at % blocks) * block;
@@ -22,7 +18,7 @@ void main() {
         vec3 row = vec3(0);
         float back = 0.0;
         for (int x = 0; x < block; x++) {
-            vec4 texel = texelFetch(atlas, corner + ivec2(x, y), 0);
+            vec4 texel = texelFetch(view_texture, corner + ivec2(x, y), 0);
             vec2 weight = texelFetch(weights, sheet_corner + ivec2(x, y), 0).xy;
             row += weight.x * texel.rgb;
             vec3 way = texelFetch(directions, sheet_corner + ivec2(x, y), 0).xyz;
@@ -39,9 +35,5 @@ void main() {
     }
     out_sum = sum;
     out_hits = hits;
-#ifdef SBL_DIRECTIONAL
-    out_red = harmonics[0];
-    out_green = harmonics[1];
-    out_blue = harmonics[2];
-#endif
+    sbl_write_harmonics(harmonics);
 }

@@ -7,7 +7,6 @@ uniform usampler2D ids;
 uniform sampler2D sample_positions, sample_normals, sample_albedo, sample_emission;
 uniform usampler2D sample_ids;
 uniform vec2 offset;                        // position of the sample relative to the pixel's centre, pixels
-uniform vec3 sky;                           // constant radiance of the sky
 uniform sampler2D previous;                 // sum over the previous samples
 uniform int has_previous;                   // 0: this is the first sample
 uniform float share;                        // 1 / number of samples

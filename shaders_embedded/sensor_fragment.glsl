@@ -3,16 +3,17 @@ layout(location = 0) out vec4 out_radiance;  // radiance towards the sensor (Ck 
                                              // distance along the view's axis, negative for a back face
 in vec3 place;                               // x, y and w of the position in clip space
 uniform vec2 view_texture_size;              // texels
-uniform float radiance_scale, depth_scale;
-flat in int fragment_object, fragment_triangle;
+uniform float radiance_scale;
+uniform int first_triangle;                  // number of the first triangle of the draw call
+flat in int fragment_object;
 flat in vec3 radiance_front, radiance_back;
 in vec2 fragment_uv;
 in vec4 fragment_color;
 in vec3 fragment_way, fragment_place;
 
 const float SBL_NEAREST = 3e-8;  // smallest distance at which surfaces are visible, in extents of the scene
-const float SBL_BESIDE = 0.4;    // maximum distance between a fragment and its interpolated position, texels
-const float SBL_BESIDE_ROUNDING = 3e-7;  // allowance for rounding in this comparison, in clip space
+const float SBL_BESIDE = 0.4;    // maximum distance between gl_FragCoord and the interpolated `place`, texels
+const float SBL_BESIDE_ROUNDING = 3e-7;  // allowance for rounding in the comparison with SBL_BESIDE
 
 // Returns false for fragments at wrong places. The projection of a triangle whose plane contains the sensor is a
 // line; rounding may turn the line into a triangle anywhere, even in the views of other sensors.
@@ -36,11 +37,12 @@ void main() {
     vec3 radiance = gl_FrontFacing ? radiance_front : radiance_back;
 #endif
 #ifdef SBL_BOUNCED
-    vec3 light = sbl_stored(fragment_triangle, !gl_FrontFacing, fragment_place, length(fragment_way));
+    vec3 light = sbl_stored(first_triangle + gl_PrimitiveID, !gl_FrontFacing, fragment_place,
+                            length(fragment_way));
     radiance += radiance_scale * sbl_reflected(sbl_material(fragment_object, at), light);
 #endif
     out_radiance = vec4(radiance, gl_FrontFacing ? 1.0 / gl_FragCoord.w : -1.0 / gl_FragCoord.w);
 #ifdef SBL_WRITE_DEPTH
-    gl_FragDepth = depth_scale * gl_FragCoord.w;
+    gl_FragDepth = SBL_VIEW_DEPTH * gl_FragCoord.w;
 #endif
 }

@@ -1,39 +1,29 @@
 // Draws the scene into views of many sensors. Each instance is a view, clipped to its part of the view texture.
-#ifndef SBL_BOUNCED
 layout(location = 0) in vec3 position;
 layout(location = 1) in uint object;
 layout(location = 2) in vec2 vertex_uv;
 layout(location = 3) in uvec2 vertex_color;
-#endif
 layout(location = 4) in vec3 view_eye;      // position of the sensor
-layout(location = 5) in vec4 view_right;    // unit vector to the right, divided by tan(fov / 2); w: scale of x
-layout(location = 6) in vec4 view_up;       // unit vector up, divided by tan(fov / 2); w: scale of y
+layout(location = 5) in vec4 view_right;    // unit vector to the right / tan(fov / 2); w: scale of x in clip space
+layout(location = 6) in vec4 view_up;       // unit vector up / tan(fov / 2); w: scale of y in clip space
 layout(location = 7) in vec4 view_forward;  // unit vector; w: lowest y: -1, or 0 if the view begins at the horizon
 layout(location = 8) in vec2 view_offset;   // offset of the rectangle in clip space
 uniform float per_length;                   // 1 / extent of the scene
-uniform float depth_scale;                  // depth is depth_scale / distance: reversed, without a far plane
 uniform float radiance_scale;
 out vec3 place;                             // x, y and w of gl_Position
 flat out int fragment_object;               // only with SBL_TEXTURED or SBL_BOUNCED
-flat out vec3 radiance_front, radiance_back;  // only without both
+flat out vec3 radiance_front, radiance_back;  // only without SBL_TEXTURED and SBL_BOUNCED
 out vec2 fragment_uv;                       // only with SBL_TEXTURED, like fragment_color
 out vec4 fragment_color;
-flat out int fragment_triangle;             // only with SBL_BOUNCED: number of the triangle in the scene
 out vec3 fragment_way;                      // only with SBL_BOUNCED: vector from the sensor to the surface
 out vec3 fragment_place;                    // only with SBL_BOUNCED: point on the surface, world space
 
 void main() {
+    int number = int(object);
 #ifdef SBL_BOUNCED
-    int vertex = int(sbl_fetch(sbl_indices, gl_VertexID).x);
-    vec3 position = sbl_vertex_position(vertex);
-    uint object = sbl_vertex_object(vertex);
-    fragment_triangle = gl_VertexID / 3;
     fragment_way = position - view_eye;
     fragment_place = position;
-    vec2 vertex_uv = vec2(sbl_attributes_u(vertex), sbl_attributes_v(vertex));
-    uvec2 vertex_color = uvec2(sbl_attributes_color_rg(vertex), sbl_attributes_color_ba(vertex));
 #endif
-    int number = int(object);
 #ifdef SBL_TEXTURED
     fragment_uv = vertex_uv;
     fragment_color = sbl_unpack_color(vertex_color.x, vertex_color.y) / SBL_COLOR_MOST;
@@ -46,7 +36,7 @@ void main() {
 #endif
     vec3 p = (position - view_eye) * per_length;
     float x = dot(view_right.xyz, p), y = dot(view_up.xyz, p), w = dot(view_forward.xyz, p);
-    gl_Position = vec4(x * view_right.w + w * view_offset.x, y * view_up.w + w * view_offset.y, depth_scale, w);
+    gl_Position = vec4(x * view_right.w + w * view_offset.x, y * view_up.w + w * view_offset.y, SBL_VIEW_DEPTH, w);
     place = gl_Position.xyw;
     gl_ClipDistance[0] = w + x;
     gl_ClipDistance[1] = w - x;

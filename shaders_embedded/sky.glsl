@@ -1,9 +1,9 @@
-// The environment's picture (see sbl_environment), in equirectangular projection. A ray that hits nothing finds
-// the picture's radiance plus that of the constant sky.
+// The environment (see sbl_environment). Its picture is in equirectangular projection.
 uniform sampler2D sky_picture;
+uniform vec3 sky;                   // constant radiance from all directions, added to the picture's
 uniform vec3 sky_x, sky_up, sky_z;  // axes of the picture in world space: unit vectors
 uniform float sky_limit;            // radiance (largest component) above which a texel is also a lamp, which emits
-                                    // the excess; 0: sbl_sky returns 0
+                                    // the excess; 0: no picture
 
 // Position in the picture where a direction points to: 0 to 1 from left to right and from top to bottom.
 vec2 sbl_sky_at(vec3 direction) {
@@ -24,7 +24,7 @@ float sbl_sky_excess(vec3 radiance) {
     return max(1.0 - sky_limit / max(max(radiance.r, radiance.g), max(radiance.b, SBL_SKY_LEAST)), 0.0);
 }
 
-// Radiance of the picture in a direction, without the share that lamps.glsl samples and without the constant sky.
+// Radiance that a ray finds if it hits nothing, without the share that lamps.glsl samples.
 vec3 sbl_sky(vec3 direction) {
     vec3 radiance = vec3(0);
     if (sky_limit > 0.0) {
@@ -32,5 +32,5 @@ vec3 sbl_sky(vec3 direction) {
         radiance = texelFetch(sky_picture, min(ivec2(sbl_sky_at(direction) * vec2(size)), size - 1), 0).rgb;
         radiance *= 1.0 - sbl_sky_excess(radiance);
     }
-    return radiance;
+    return sky + radiance;
 }

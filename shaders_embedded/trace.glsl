@@ -3,24 +3,19 @@
 uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each
 uniform int rays;                     // number of rays per look
 uniform int paired;                   // 1: an invocation traces pairs of rays; 0: single ones
-uniform bool no_light;                // true: only lamps give light; a site's first look traces rays for distances
+uniform bool no_light;                // true: rays find only distances, for which a site's first look is enough
 uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal
 uniform float distance_limit;         // larger distances of hits count as this distance in the mean
-uniform vec3 sky;                     // constant radiance of the sky
-uniform float ray_offset;             // share of a surface's coordinates by which the second segment of a ray
-                                      // starts off that surface, see SBL__OFFSET
 SBL_OUT(0, out_sum);
 SBL_OUT(1, out_hits);
+SBL_OUT_HARMONICS(2, 3, 4)
 #ifdef SBL_DIRECTIONAL
-SBL_OUT(2, out_red);
-SBL_OUT(3, out_green);
-SBL_OUT(4, out_blue);
-SBL_OUT(5, out_even);                 // control variate: the harmonics of radiance 1 from everywhere, exact
-                                      // minus measured by these rays; reduce_sum.glsl adds it times the mean
-                                      // radiance to the measured harmonics
+SBL_OUT(5, out_even);                 // control variate for radiance 1 from everywhere: the exact harmonics minus
+                                      // those that these rays measure; reduce_sum.glsl adds it, times the mean
+                                      // radiance, to the measured harmonics
 #endif
 
-const float SBL_NEIGHBOURS = 0.62;  // variance divided by its estimate from pairs: measured with 16 to 256 rays
+const float SBL_NEIGHBOURS = 0.62;  // measured variance / its estimate from pairs, at 16 to 256 rays
 
 // Radiance that leaves a hit towards the ray's origin. goes_on: set to true if the ray needs a second segment,
 // which finds the light that the returned radiance lacks
@@ -60,7 +55,7 @@ vec3 sbl_go_on(sbl_Hit hit, sbl_Material material, uint hash, inout vec3 positio
     vec3 across = cross(e1 / longest, e2 / longest) * (hit.back ? -1.0 : 1.0);
     vec2 u = sbl_unit_square(uvec2(hash, sbl_hash_step(hash, 1u)));
     sbl_Bounce bounce = sbl_bounce(material, across, -direction, u);
-    position = p0 + hit.b1 * e1 + hit.b2 * e2 + ray_offset * (length(p0) + 2.0 * longest) * bounce.off;
+    position = p0 + hit.b1 * e1 + hit.b2 * e2 + SBL_OFFSET * (length(p0) + 2.0 * longest) * bounce.off;
     direction = bounce.direction;
     return bounce.weight;
 }
@@ -98,7 +93,7 @@ void main() {
         for (int leg = 0; leg < SBL_LEGS; leg++) {
             sbl_Hit hit = sbl_trace(from, direction, SBL_UNBOUNDED);
             if (hit.triangle < 0) {
-                sum.rgb += share * (sky + sbl_sky(direction));
+                sum.rgb += share * sbl_sky(direction);
                 break;
             }
             bool goes_on;
@@ -126,10 +121,9 @@ void main() {
     }
     sbl_write(out_sum, sum / float(rays));
     sbl_write(out_hits, vec4(hits.xy / float(rays), hits.z, SBL_NEIGHBOURS * squares / float(rays * rays)));
+    harmonics /= float(rays);
+    sbl_write_harmonics(harmonics);
 #ifdef SBL_DIRECTIONAL
-    sbl_write(out_red, harmonics[0] / float(rays));
-    sbl_write(out_green, harmonics[1] / float(rays));
-    sbl_write(out_blue, harmonics[2] / float(rays));
     sbl_write(out_even, sbl_harmonics(frame[2], frame[2], 2.0) / float(parts) + even / float(rays));
 #endif
 }
