@@ -1631,7 +1631,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    cut                                                  a plane that divides a cell
    leaf         sbl__leaf         >>store               part of a cell, with one value of R (>>bvh, >>lamps: of a tree)
    store        sbl__store        >>store >>textures    the bounced light of the scene: all cells and their R
-   point                                                a place in a leaf where its light is measured
+   point                                                a place where light is measured: in a leaf, or on a triangle
    ring                                                 things equally many steps away from those that have values
    hierarchy    sbl__bvh          >>bvh                 the bounding volume hierarchy over all triangles
    lamp         sbl__lamp         >>lamps               an emitting triangle, a light or a bright texel of the sky
@@ -15454,7 +15454,7 @@ static const sbl__front_end sbl__lightmap_front_end = {
    number of sites, so that memory stays bounded. */
 
 #define SBL__GATHER_SITES 65536  /* maximum number of sites of a job */
-#define SBL__UNIT_SLACK 1e-6     /* a normal whose squared length differs from 1 by at most this is not normalized */
+#define SBL__UNIT_SLACK 1e-6     /* normals are normalized if their squared length differs from 1 by more than this */
 
 enum { SBL__GATHER_PREPARE, SBL__GATHER_SITES_NEXT, SBL__GATHER_SENSE, SBL__GATHER_DONE };
 
@@ -15462,8 +15462,8 @@ typedef struct sbl__gathering {
     sbl__work work;             /* must be first, because pointers to the struct are cast to sbl__work * */
     sbl_readings_desc desc;     /* with defaults */
     sbl__spec spec;
-    sbl__site *sites;           /* sites of the job */
-    int first, count;           /* index of the job's first site among desc.sites; number of the job's sites */
+    sbl__site *sites;           /* sites of the current job */
+    int first, count;           /* index of the current job's first site among desc.sites; number of its sites */
     uint32_t passed;            /* number of sites before those that are now in desc.sites, see sbl__gathering_more */
 } sbl__gathering;
 
@@ -15569,10 +15569,10 @@ static const sbl__front_end sbl__readings_front_end = {
 };
 
 /* ======================================================================================================== >>vertices
-   The front end for light at vertices (Kavan, Bargteil and Sloan 2011). Gathers measure R at points on the triangles.
-   An unknown x is the light at one vertex, or at several vertices that are welded because they share position and
-   normal. Hat functions h interpolate the unknowns over the triangles. Conjugate gradients solve the normal equations
-   that minimise the sum of
+   The front end for light at vertices (Kavan, Bargteil and Sloan 2011). R is measured at points on the triangles, in
+   one job after the other. An unknown x is the light at one vertex, or at several vertices that are welded because they
+   share position and normal. Hat functions h interpolate the unknowns over the triangles. Conjugate gradients solve the
+   normal equations that minimise the sum of
 
        weight (sum of x h - R)^2           for each point; weight is the point's share of its triangle's area
        smoothing area (slope - slope)^2    for each hinge, an edge that two triangles share; the slopes are those of
@@ -15581,28 +15581,28 @@ static const sbl__front_end sbl__readings_front_end = {
    Each triangle adds a 3 x 3 matrix, summed over its points; each hinge adds the outer product of its 4 weights. Areas
    are relative to the mean triangle area of the mesh. */
 
-#define SBL__VERTICES_POINTS 65536      /* maximum number of points per gather, so that each gather is one job */
-#define SBL__VERTICES_FEW 4             /* minimum number of points on a triangle, unless desc.samples is lower */
-#define SBL__VERTICES_MANY 8            /* maximum number of points on a triangle, divided by desc.samples */
-#define SBL__VERTICES_LEAST 1e-9f       /* minimum relative area; smaller triangles are treated as having this area */
+#define SBL__VERTICES_POINTS 65536      /* maximum number of points per job */
+#define SBL__VERTICES_MIN_POINTS 4      /* minimum number of points on a triangle, unless desc.samples is lower */
+#define SBL__VERTICES_MAX_RATIO 8       /* a triangle has at most this many times desc.samples points */
+#define SBL__VERTICES_MIN_AREA 1e-9f    /* minimum of sbl__vertices.areas; smaller triangles are given this area */
 #define SBL__VERTICES_AGREE 0.99985f    /* minimum cosine between the normals of welded vertices: 1 degree */
 #define SBL__VERTICES_BACK 0.9f         /* a point is rejected if back faces fill a larger share of its hemisphere */
 #define SBL__VERTICES_INSIDE_OUT 0.5    /* if more than this share of a mesh's points see mostly back faces, the mesh is
                                            a room that is modelled inside out, and these points are used after all */
 #define SBL__VERTICES_SUMS 16           /* number of floats per triangle in sbl__vertices.sums */
-#define SBL__VERTICES_WHOLE 1e-5f       /* share of a triangle's area by which rounding may lower the sum of weights */
-#define SBL__VERTICES_SPRING 0.02f      /* stiffness of the springs between the corners of a triangle with rejected
-                                           points, relative to the area of these points */
-#define SBL__VERTICES_PRECISION 1e-6    /* accepted ratio of the residual's norm to its initial norm */
+#define SBL__VERTICES_ROUNDING 1e-5f    /* a triangle has rejected points if the weights of its points sum to less than
+                                           its area by more than this share of the area */
+#define SBL__VERTICES_SPRING 0.02f      /* weight of the mean squared difference between the light at the corners of a
+                                           triangle with rejected points, divided by the area of these points */
+#define SBL__VERTICES_PRECISION 1e-6    /* ratio of the residual's norm to its first value at which the solver stops */
 #define SBL__VERTICES_RINGS 64          /* maximum number of edges over which light spreads to other vertices */
-#define SBL__VERTICES_LIT (-1)          /* see sbl__vertices.neighbours */
+#define SBL__VERTICES_LIT (-1)          /* in sbl__vertices.neighbours: the unknown has light */
 
 enum {
     SBL__VERTICES_FACES, SBL__VERTICES_WELD, SBL__VERTICES_SIDES, SBL__VERTICES_MAKE,
-    SBL__VERTICES_SITES, SBL__VERTICES_SENSE, SBL__VERTICES_TAKE,  /* the stages of one gather: make its sites,
-                                                                      measure, take the readings */
+    SBL__VERTICES_SITES, SBL__VERTICES_SENSE, SBL__VERTICES_TAKE,  /* repeated for each job */
     SBL__VERTICES_MASS, SBL__VERTICES_BEND, SBL__VERTICES_SOLVE,
-    SBL__VERTICES_SPREAD, SBL__VERTICES_MEAN,                      /* a ring of unknowns without valid points */
+    SBL__VERTICES_SPREAD, SBL__VERTICES_MEAN,                      /* repeated for each ring around lit unknowns */
     SBL__VERTICES_WRITE, SBL__VERTICES_DONE
 };
 
@@ -15631,10 +15631,10 @@ typedef struct sbl__vertices {
     sbl__gathering gathering;
     sbl_site *sites;
     sbl_reading *readings;
-    int site_count;             /* number of sites of the current gather */
-    double points, taken;       /* number of all points; number of points in the finished gathers */
-    sbl__vertices_place next, first;  /* point that is processed next; point of the current gather's first site */
-    float *normals;             /* per vertex: sum of its triangles' unit normals; after WELD: its normal */
+    int site_count;             /* number of sites of the current job */
+    double points, taken;       /* number of all points; number of points in the finished jobs */
+    sbl__vertices_place next, first;  /* point that is processed next; point of the current job's first site */
+    float *normals;             /* per vertex: sum of its triangles' unit normals; after stage WELD, its normal */
     uint32_t *unknowns;         /* per vertex: number of its unknown, which is the lowest number of the vertices that
                                    are welded to it; SBL__NONE if no triangle uses the vertex */
     sbl__hash_table places, ends;  /* vertices by position; sides by their ends */
@@ -15650,8 +15650,8 @@ typedef struct sbl__vertices {
                                    sums of weighted light */
     int *neighbours;            /* per unknown: SBL__VERTICES_LIT if it has light; otherwise the number of neighbours
                                    that have light, each counted once per triangle */
-    int ring, reached;          /* number of rings of unknowns without points that have got light from their
-                                   neighbours; number of unknowns in the present ring */
+    int ring, reached;          /* number of rings of unknowns that have got their light from neighbours;
+                                   number of unknowns in the current ring */
 } sbl__vertices;
 
 static void sbl__vertices_free(void *work) {
@@ -15839,8 +15839,8 @@ static sbl_result sbl__vertices_side(sbl__vertices *s, uint32_t side) {
 /* Returns the number of points on a triangle. */
 static int sbl__vertices_samples(const sbl__vertices *s, int triangle) {
     const double wanted = (double)s->areas[triangle] * s->desc.samples + 0.5;
-    const double most = SBL__VERTICES_MANY * s->desc.samples;
-    return SBL__MAX((int)SBL__MIN(wanted, most), SBL__MIN(SBL__VERTICES_FEW, s->desc.samples));
+    const double most = SBL__VERTICES_MAX_RATIO * s->desc.samples;
+    return SBL__MAX((int)SBL__MIN(wanted, most), SBL__MIN(SBL__VERTICES_MIN_POINTS, s->desc.samples));
 }
 
 /* Makes a triangle's area relative, counts its points, replaces its vertices by their unknowns, and adds its hinges. */
@@ -15853,7 +15853,7 @@ static sbl_result sbl__vertices_sides(void *work, int triangle) {
     sbl_result result = SBL_SUCCESS;
     uint32_t i;
     s->areas[triangle] = mean > 0 ? (float)(s->areas[triangle] / mean) : 1;
-    s->areas[triangle] = SBL__MAX(s->areas[triangle], SBL__VERTICES_LEAST);
+    s->areas[triangle] = SBL__MAX(s->areas[triangle], SBL__VERTICES_MIN_AREA);
     s->points += sbl__vertices_samples(s, triangle);
     for (i = 0; i < 3; i++) corners[i] = s->unknowns[corners[i]];
     for (i = 0; i < 3 && smooth && result == SBL_SUCCESS; i++)
@@ -15976,7 +15976,7 @@ static sbl_result sbl__vertices_mass(void *work, int triangle) {
     for (k = 0; k < SBL__VERTICES_SUMS && inside_out; k++) sums[k] += s->back_sums[first + (size_t)k];
     if (!(sums[6] > 0)) return SBL_SUCCESS;
     missing = s->areas[triangle] - sums[6];
-    spring = missing > SBL__VERTICES_WHOLE * s->areas[triangle] ? SBL__VERTICES_SPRING * missing / 3 : 0;
+    spring = missing > SBL__VERTICES_ROUNDING * s->areas[triangle] ? SBL__VERTICES_SPRING * missing / 3 : 0;
     for (a = 0; a < 3; a++) {
         s->neighbours[corners[a]] = SBL__VERTICES_LIT;
         for (k = 0; k < 3; k++) s->solver.residual[3 * (size_t)corners[a] + (size_t)k] += sums[7 + 3 * a + k];
@@ -15989,9 +15989,9 @@ static sbl_result sbl__vertices_mass(void *work, int triangle) {
     return SBL_SUCCESS;
 }
 
-/* Multiplies the weights of a hinge by the square root of desc.smoothing times the smaller area of its two
-   triangles, and adds their squares to the diagonal of the normal equations. Of an area, only the share with valid
-   points counts. */
+/* Multiplies the weights of a hinge by the square root of desc.smoothing * area, and adds their squares to the diagonal
+   of the normal equations. The area is the smaller one of the two triangles, each without the share of its rejected
+   points. */
 static sbl_result sbl__vertices_bend(void *work, int hinge) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl__hinge *h = &s->hinges[hinge];
@@ -16009,7 +16009,8 @@ static sbl_result sbl__vertices_bend(void *work, int hinge) {
     return SBL_SUCCESS;
 }
 
-/* Adds one term of the matrix times the direction to the product. The terms are the triangles, then the hinges. */
+/* Adds one term of the normal equations' matrix, times `direction`, to `product`. There is one term for each triangle,
+   then one for each hinge. */
 static void sbl__vertices_term(void *user, int term, const double *direction, double *product) {
     const sbl__vertices *s = (const sbl__vertices *)user;
     const size_t triangle = (size_t)term;
@@ -16091,7 +16092,7 @@ static sbl_result sbl__vertices_write(void *work, int vertex) {
 
 /* >>vertices: stages */
 
-/* Allocates the memory for gathers, and sets up the solver. */
+/* Allocates the sites, readings and sums, and sets up the solver. */
 static sbl_result sbl__vertices_make(void *work, sbl__slice *slice) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl__base *base = &s->work.core->base;
@@ -16122,9 +16123,9 @@ static sbl_result sbl__vertices_solve(void *work, sbl__slice *slice) {
     return s->desc.average ? SBL_SUCCESS : sbl__solver_step(&s->solver, slice);
 }
 
-/* Ends the gather, if one was begun, and begins the next one. s->next passes over the points of a gather twice: in
-   SITES and, from s->first on, in TAKE. */
-static int sbl__vertices_next_gather(void *work) {
+/* Ends the current job, if there is one, and begins the next one. s->next passes over the points of a job twice: in
+   stage SITES and, from s->first on, in stage TAKE. */
+static int sbl__vertices_next_job(void *work) {
     sbl__vertices *s = (sbl__vertices *)work;
     s->taken += s->site_count;
     s->site_count = (int)SBL__MIN(s->points - s->taken, (double)SBL__VERTICES_POINTS);
@@ -16161,7 +16162,7 @@ static double *sbl__vertices_seconds(const void *work) {
     return w->stages.stage < SBL__VERTICES_SENSE ? &w->core->stats.seconds.surface : &w->core->stats.seconds.refine;
 }
 
-#define SBL__VERTICES_SENSING 0.95f  /* share of the progress that belongs to the gathers */
+#define SBL__VERTICES_SENSING 0.95f  /* share of the progress that belongs to the jobs */
 
 static float sbl__vertices_progress(const void *work) {
     const sbl__vertices *s = (const sbl__vertices *)work;
@@ -16177,10 +16178,10 @@ static const sbl__stage_row sbl__vertices_stages[] = {
     { NULL, NULL, sbl__vertices_face, sbl__vertices_triangles },
     { NULL, NULL, sbl__vertices_weld, sbl__vertices_count },
     { NULL, NULL, sbl__vertices_sides, sbl__vertices_triangles },
-    { sbl__vertices_make, sbl__vertices_next_gather, NULL, NULL },
+    { sbl__vertices_make, sbl__vertices_next_job, NULL, NULL },
     { NULL, sbl__vertices_after_sites, sbl__vertices_ask, sbl__vertices_sites },
     { sbl__vertices_sense, NULL, NULL, NULL },
-    { NULL, sbl__vertices_next_gather, sbl__vertices_take, sbl__vertices_sites },
+    { NULL, sbl__vertices_next_job, sbl__vertices_take, sbl__vertices_sites },
     { NULL, NULL, sbl__vertices_mass, sbl__vertices_triangles },
     { NULL, NULL, sbl__vertices_bend, sbl__vertices_hinges },
     { sbl__vertices_solve, NULL, sbl__vertices_average, sbl__vertices_averages },
@@ -16194,61 +16195,64 @@ static const sbl__front_end sbl__vertices_front_end = {
 };
 
 /* ======================================================================================================== >>probes
-   The front end for points in the air. Probes are measured in batches, by two kinds of sites. FACES are sites whose
-   normals lie on rings all over the sphere, and six whose normals point to the sides of a cube. RAYS are sites that
-   trace one ray each. If sensors trace rays, FACES measure the light from lamps, and RAYS measure the light from
-   surfaces and sky. If sensors rasterise views, FACES measure all light, and RAYS only distances. Probes that are
-   inside something then move and are measured again, round by round. */
+   The front end for points in the air. Probes are measured in batches, by two kinds of sites: HEMISPHERES measure R for
+   normals that lie on rings all over the sphere, and for the six sides of a cube; RAYS trace one ray each. If sensors
+   trace rays, HEMISPHERES measure only the light from lamps, and RAYS measure the light from surfaces and sky. If
+   sensors rasterise views, HEMISPHERES measure all light, and RAYS measure only distances. This is a round. Probes that
+   turn out to be inside something are moved, if desc.move allows it, and measured in another round. */
 
-/* Number of rings, and number of normals on a ring (AROUND), if sensors trace rays or rasterise views (VIEW). With
-   these numbers, the aliasing of a point light is at most 0.4 % (rays) or 1.4 % (views) of the norm of its first four
-   coefficients. */
+/* Number of rings of normals, and number of normals on a ring (AROUND), if sensors trace rays or, for VIEW, rasterise
+   views. With these numbers, the aliasing of a point light is at most 0.4 % (rays) or 1.4 % (views) of the norm of the
+   light's first four coefficients. */
 #define SBL__PROBE_RINGS 10
 #define SBL__PROBE_AROUND 32
 #define SBL__PROBE_VIEW_RINGS 6
 #define SBL__PROBE_VIEW_AROUND 22
 #define SBL__PROBES_BATCH 128      /* maximum number of probes per batch */
-#define SBL__PROBE_LOOKS 4         /* looks for each side of the ambient cube, whose light comes from one site only,
-                                      so that no other site averages its noise */
-#define SBL__PROBE_LAMP_SHARE 64   /* options.rays, divided by the number of rays that a look of FACES sends to lamps */
-#define SBL__PROBE_LAMP_LEAST 32   /* minimum number of rays that a look of FACES sends to lamps: twice the number that
-                                      a ratio estimate needs (SBL_SPARSE in lamps.glsl) */
-#define SBL__PROBE_LAMP_MOST 256   /* maximum number of rays that a look of FACES sends to lamps */
+#define SBL__PROBE_LOOKS 4         /* number of looks for each side of the cube; a normal on a ring has one, because
+                                      the harmonics average many normals */
+#define SBL__PROBE_LAMP_SHARE 64   /* options.rays divided by the number of rays that a look of HEMISPHERES sends to
+                                      lamps */
+#define SBL__PROBE_LAMP_LEAST 32   /* minimum number of rays that a look of HEMISPHERES sends to lamps: twice the number
+                                      that a ratio estimate needs (SBL_SPARSE in lamps.glsl) */
+#define SBL__PROBE_LAMP_MOST 256   /* maximum number of rays that a look of HEMISPHERES sends to lamps */
 #define SBL__PROBE_INSIDE 0.25     /* a probe is inside something if more than this share of its rays hit back faces */
 #define SBL__PROBE_BEYOND 0.125    /* distance that a probe moves beyond a back face, as a share of desc.move */
-#define SBL__PROBE_BARELY 0.015625 /* minimum of this distance, which desc.move limits, as a share of desc.move */
+#define SBL__PROBE_BARELY 0.015625 /* if desc.move limits the distance beyond a back face to less than this share of
+                                      desc.move, the probe does not move through that face */
 
-enum { SBL__PROBE_FACES, SBL__PROBE_RAYS, SBL__PROBE_KINDS };  /* kinds of sites */
+enum { SBL__PROBE_HEMISPHERES, SBL__PROBE_RAYS, SBL__PROBE_KINDS };  /* kinds of sites of a probe */
 
 enum { SBL__PROBES_PREPARE, SBL__PROBES_SETUP, SBL__PROBES_BEGIN_BATCH, SBL__PROBES_SITES, SBL__PROBES_SENSE,
        SBL__PROBES_TAKE, SBL__PROBES_CLOSE, SBL__PROBES_DONE };
 
-/* Sums of what the rays of one probe of the batch measure, at the place that the probe tries in this round. */
+/* A probe of the batch, and sums over the readings of its sites in the current round. */
 typedef struct sbl__probe_sum {
-    int number, overflows;         /* index of the probe in desc.probes; 1: a reading is not valid */
-    float place[3];                /* world position */
+    int number, invalid;           /* index of the probe in desc.probes; 1: a reading of the round is not valid */
+    float position[3];             /* world position in this round */
     double sh[9][3], cube[6][3];   /* see sbl_probe */
-    double hits, back;             /* numbers of rays that hit surfaces and back faces */
+    double hits, back;             /* number of rays that hit a surface; number of these that hit a back face */
     double weight[8], distance[8], squared[8];  /* per octant: sums of weights, weighted distances and their squares */
     float exits[8][4];             /* per octant: direction and distance of the nearest back face, seen from the
-                                      position that the host wants; distance 0: there is none, or it was tried */
+                                      position that the host wants. Distance 0: there is none, or the probe has moved
+                                      through it already */
 } sbl__probe_sum;
 
 typedef struct sbl__probes {
     sbl__work work;                /* must be first, because pointers to the struct are cast to sbl__work * */
     sbl_probes_desc desc;          /* with defaults */
     sbl__spec specs[SBL__PROBE_KINDS];
-    int lamps_apart;               /* 1: sensors trace rays, so FACES measure only the light from lamps */
+    int lamps_apart;               /* 1: sensors trace rays, so HEMISPHERES measure only the light from lamps */
     int rings, around;             /* number of rings of normals; number of normals on a ring */
     double ring[SBL__PROBE_RINGS], ring_weight[SBL__PROBE_RINGS];  /* z of each ring, 0 to 1; weights, whose sum is 1 */
     uint32_t *sequence;            /* directions of a probe's rays, see sbl__sequence_at */
-    sbl__probe_sum *sums;          /* probes of the batch that are measured in this round */
-    sbl__site *sites;              /* sites of a job */
+    sbl__probe_sum *sums;          /* one entry for each probe that is measured in this round */
+    sbl__site *sites;              /* sites of the current job */
     sbl_reading *readings;
     int first, taken;              /* first probe of the batch; number of probes in the batch */
     int count, round;              /* number of entries in sums; number of the round, from 0 */
-    int kind, from;                /* kind of the sites that the job measures, SBL__PROBE_FACES or SBL__PROBE_RAYS;
-                                      index of its first site among all sites of that kind in this round */
+    int kind, from;                /* kind of the current job's sites, SBL__PROBE_HEMISPHERES or SBL__PROBE_RAYS;
+                                      index of the job's first site among all sites of that kind in this round */
 } sbl__probes;
 
 static void sbl__probes_free(void *work) {
@@ -16321,9 +16325,9 @@ static void sbl__probe_normal(const sbl__probes *g, int i, double out[3]) {
 static void sbl__probe_direction(const sbl__probes *g, int number, int i, double out[3]) {
     const int side = i - sbl__probe_normals(g);
     double u[2], r;
-    if (g->kind == SBL__PROBE_FACES && side < 0) {
+    if (g->kind == SBL__PROBE_HEMISPHERES && side < 0) {
         sbl__probe_normal(g, i, out);
-    } else if (g->kind == SBL__PROBE_FACES) {
+    } else if (g->kind == SBL__PROBE_HEMISPHERES) {
         out[0] = out[1] = out[2] = 0;
         out[side / 2] = side & 1 ? -1 : 1;
     } else {
@@ -16371,8 +16375,8 @@ static sbl_result sbl__probes_begin(void *work, const void *desc) {
 static sbl_result sbl__probes_setup(void *work, sbl__slice *slice) {
     sbl__probes *g = (sbl__probes *)work;
     sbl__core *c = g->work.core;
-    sbl__spec *faces = &g->specs[SBL__PROBE_FACES], *rays = &g->specs[SBL__PROBE_RAYS];
-    const int most = SBL__MAX(sbl__probe_sites(g, SBL__PROBE_FACES), g->desc.options.rays);
+    sbl__spec *hemispheres = &g->specs[SBL__PROBE_HEMISPHERES], *rays = &g->specs[SBL__PROBE_RAYS];
+    const int most = SBL__MAX(sbl__probe_sites(g, SBL__PROBE_HEMISPHERES), g->desc.options.rays);
     const int batch = SBL__MIN(SBL__PROBES_BATCH, g->desc.probe_count);
     const int lamp_rays = SBL__MAX(g->desc.options.rays / SBL__PROBE_LAMP_SHARE, SBL__PROBE_LAMP_LEAST);
     const size_t room = (size_t)SBL__MIN(SBL__GATHER_SITES, (double)most * batch);
@@ -16383,9 +16387,9 @@ static sbl_result sbl__probes_setup(void *work, sbl__slice *slice) {
         measurement.options.mode = SBL_MODE_DIRECT;
         measurement.options.epsilon = 0;
     }
-    sbl__spec_make(faces, &measurement, &c->scene, &c->desc);
-    if (g->lamps_apart) faces->without_sky = faces->no_light = faces->one_ray = faces->rays = 1;
-    faces->looks = SBL__PROBE_LOOKS;
+    sbl__spec_make(hemispheres, &measurement, &c->scene, &c->desc);
+    if (g->lamps_apart) hemispheres->without_sky = hemispheres->no_light = hemispheres->one_ray = hemispheres->rays = 1;
+    hemispheres->looks = SBL__PROBE_LOOKS;
     measurement = g->work.measurement;
     measurement.options.backend = SBL_BACKEND_TRACE;
     measurement.options.rays = measurement.every_ray = 1;
@@ -16403,10 +16407,10 @@ static int sbl__probes_after_prepare(void *work) {
     return ((sbl__probes *)work)->desc.probe_count ? SBL__PROBES_SETUP : SBL__PROBES_DONE;
 }
 
-/* Begins a round with FACES, or with RAYS if FACES would find no light. */
+/* Begins a round with HEMISPHERES, or with RAYS if HEMISPHERES measure only lamps and the scene has none. */
 static int sbl__probes_round(void *work) {
     sbl__probes *g = (sbl__probes *)work;
-    g->kind = g->lamps_apart && !g->work.core->scene.lights.leaves ? SBL__PROBE_RAYS : SBL__PROBE_FACES;
+    g->kind = g->lamps_apart && !g->work.core->scene.lights.leaves ? SBL__PROBE_RAYS : SBL__PROBE_HEMISPHERES;
     g->from = 0;
     return SBL__PROBES_SITES;
 }
@@ -16421,12 +16425,12 @@ static sbl_result sbl__probes_batch(void *work, sbl__slice *slice) {
     memset(g->sums, 0, sizeof *g->sums * (size_t)g->count);
     for (i = 0; i < g->count; i++) {
         g->sums[i].number = g->first + i;
-        sbl__probe_asked(&g->desc, g->first + i, g->sums[i].place);
+        sbl__probe_asked(&g->desc, g->first + i, g->sums[i].position);
     }
     return SBL_SUCCESS;
 }
 
-/* Returns the number of the job's sites. */
+/* Returns the number of the current job's sites. */
 static int sbl__probes_job(const sbl__probes *g) {
     return SBL__MIN(SBL__GATHER_SITES, g->count * sbl__probe_sites(g, g->kind) - g->from);
 }
@@ -16443,9 +16447,9 @@ static sbl_result sbl__probes_site(void *work, int at) {
     memset(site, 0, sizeof *site);
     sbl__probe_direction(g, sum->number, i, direction);
     for (k = 0; k < 3; k++) site->normal[k] = site->geometric_normal[k] = (float)direction[k];
-    memcpy(site->position, sum->place, sizeof site->position);
+    memcpy(site->position, sum->position, sizeof site->position);
     site->number = (uint32_t)sum->number * (uint32_t)each + (uint32_t)i;
-    site->looks = g->kind == SBL__PROBE_FACES && i >= sbl__probe_normals(g) ? g->specs[SBL__PROBE_FACES].looks : 1;
+    site->looks = g->kind == SBL__PROBE_HEMISPHERES && i >= sbl__probe_normals(g) ? SBL__PROBE_LOOKS : 1;
     return SBL_SUCCESS;
 }
 
@@ -16506,13 +16510,13 @@ static sbl_result sbl__probes_take(void *work, int at) {
     sbl__probe_sum *sum = &g->sums[(g->from + at) / each];
     double d[3];
     int k;
-    sum->overflows |= !r->valid;
-    if (g->kind == SBL__PROBE_FACES && side >= 0) {
+    sum->invalid |= !r->valid;
+    if (g->kind == SBL__PROBE_HEMISPHERES && side >= 0) {
         for (k = 0; k < 3; k++) sum->cube[side][k] += (double)r->radiance[k];
         return SBL_SUCCESS;
     }
     sbl__probe_direction(g, sum->number, i, d);
-    if (g->lamps_apart || g->kind == SBL__PROBE_FACES) sbl__probe_add(g, sum, i, d, r);
+    if (g->lamps_apart || g->kind == SBL__PROBE_HEMISPHERES) sbl__probe_add(g, sum, i, d, r);
     if (g->kind == SBL__PROBE_RAYS) sbl__probe_meet(sum, d, r, g->round == 0 && g->desc.move > 0);
     return SBL_SUCCESS;
 }
@@ -16541,8 +16545,8 @@ static void sbl__probe_make(const sbl__probes *g, const sbl__probe_sum *sum, sbl
     finite = sbl__all_finite(&out->sh[0][0], 27) && sbl__all_finite(&out->cube[0][0], 18) &&
              sbl__all_finite(out->distance, 8) && sbl__all_finite(out->distance_squared, 8);
     if (!finite) memset(out, 0, sizeof *out);
-    out->valid = finite && !sum->overflows && sum->back <= SBL__PROBE_INSIDE * g->desc.options.rays;
-    memcpy(out->position, sum->place, sizeof out->position);
+    out->valid = finite && !sum->invalid && sum->back <= SBL__PROBE_INSIDE * g->desc.options.rays;
+    memcpy(out->position, sum->position, sizeof out->position);
 }
 
 /* Moves a probe through the back face nearest to the position that the host wants, among those not tried yet. Returns 0
@@ -16557,7 +16561,7 @@ static int sbl__probe_move(const sbl__probes *g, sbl__probe_sum *sum) {
     if (!way || (double)way[3] > (1 - SBL__PROBE_BARELY) * most) return 0;
     distance = SBL__MIN((double)way[3] + SBL__PROBE_BEYOND * most, most);
     sbl__probe_asked(&g->desc, sum->number, from);
-    for (k = 0; k < 3; k++) sum->place[k] = (float)((double)from[k] + distance * (double)way[k]);
+    for (k = 0; k < 3; k++) sum->position[k] = (float)((double)from[k] + distance * (double)way[k]);
     way[3] = 0;
     return 1;
 }
@@ -16621,7 +16625,7 @@ static const sbl__front_end sbl__probes_front_end = {
    Measures one sensor of a finished picture again, as a job of one site. Views are read back when the job has drawn
    them; rays are traced once more, with one invocation per ray. */
 
-#define SBL__INSPECT_ACROSS 64  /* width of the target of the rays towards lamps, texels */
+#define SBL__INSPECT_ACROSS 64  /* width in texels of the target that the program for rays towards lamps draws into */
 
 /* The result, which the host may read until the next inspection. */
 typedef struct sbl__inspection {
@@ -16633,10 +16637,10 @@ typedef struct sbl__inspection {
 
 typedef struct sbl__inspect_request {
     sbl__core *core;
-    sbl__map *map;              /* of a finished picture or lightmap */
+    sbl__map *map;              /* the finished picture or lightmap */
     sbl__inspection *found;
     int pixel;                  /* number of the working pixel */
-    int sheet[2];               /* width and height of the sheet, texels */
+    int sheet[2];               /* width and height in texels of the sheet, see sbl_sensor */
     float *radiance, *weights;  /* the host's arrays for the sheet; NULL: not wanted */
     sbl__site site;
     sbl__look look;             /* the sensor's first look, which is repeated */
@@ -16658,10 +16662,10 @@ static void sbl__inspection_free(const sbl__device *d, sbl__inspection *i) {
     sbl__job_free(d, &i->job);
 }
 
-/* Returns the slot of the look. The sensor's first look had the same slot when the picture was made. */
+/* Returns the slot of the look, the same as when the picture was made. */
 static int sbl__inspect_slot(const sbl__job *j) { return j->task.first_look % sbl__job_slots(j)->count; }
 
-/* Returns the index in found->lamps of the lamp of a leaf. Appends the lamp if it is new. */
+/* Returns the index in found->lamps of the lamp in a leaf of the lamp tree. Appends the lamp if it is new. */
 static int sbl__inspect_lamp(const sbl__inspect_request *k, int leaf) {
     const sbl__geometry *g = &k->core->scene.geometry;
     const uint32_t code = k->core->scene.lights.codes[leaf], kind = code >> SBL__LAMP_KIND_SHIFT;
@@ -16757,7 +16761,7 @@ static sbl_result sbl__inspect_rays(sbl__inspect_request *k) {
 
 /* >>inspect: views */
 
-/* Reads the sheet of the look from the view texture, and computes the weights of its texels. */
+/* Reads the look's views, which together are the sheet, from the view texture, and computes the weights of texels. */
 static sbl_result sbl__inspect_sheet(sbl__inspect_request *k) {
     sbl__core *c = k->core;
     const sbl__job *j = &k->found->job;
@@ -16847,7 +16851,8 @@ static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
     sbl__free(d->base, light);
     if (result == SBL_SUCCESS) result = sbl__inspect_run(k, 1, size, &data);
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
-        const int from = i < SBL__LAMPS ? rays + i : i - SBL__LAMPS;  /* first the lamps, then the rays */
+        /* The outputs of the lamps follow those of the rays, but the lamps are taken first. */
+        const int from = i < SBL__LAMPS ? rays + i : i - SBL__LAMPS;
         const float *out = data + 4 * (size_t)from;
         sbl__inspect_take(k, out, out + 4 * (size_t)(size[0] * size[1]), from < rays);
     }
@@ -16914,7 +16919,7 @@ static sbl_result sbl__inspect(sbl__inspect_request *k) {
     while (result == SBL_UNFINISHED) {
         result = sbl__job_step(&c->device, j, &slice);
         if (result != SBL_UNFINISHED || j->stages.stage != SBL__JOB_READ || j->lens != SBL__LENS_SITE) continue;
-        /* This is the time to read the look: the stuck tests that follow overwrite its textures. */
+        /* The look must be read now, because the stuck tests that follow overwrite its textures. */
         c->device.gl.doing = "inspecting a sensor";
         result = sbl__job_layout(j) ? sbl__inspect_sheet(k) : sbl__inspect_rays(k);
         if (result == SBL_SUCCESS && lamp_rays) result = sbl__inspect_lamps(k);
@@ -16923,7 +16928,7 @@ static sbl_result sbl__inspect(sbl__inspect_request *k) {
     return result;
 }
 
-/* Fills in the result. */
+/* Writes the results of the inspection to *out. */
 static void sbl__inspect_tell(const sbl__inspect_request *k, sbl_sensor *out) {
     const sbl__pixel *p = sbl__refine_pixel(&k->map->refine, (size_t)k->pixel);
     const sbl_reading *r = &k->reading;
