@@ -14515,6 +14515,9 @@ typedef struct sbl__work {
     sbl__core *core;
     sbl__measurement measurement;
     sbl__stages stages;  /* position in the front end's table of stages */
+    sbl__task task;      /* the current job, in front ends whose stages include sbl__work_sense */
+    sbl__site *sites;    /* memory for the sites of the task */
+    sbl_reading *readings;  /* memory for its readings; NULL if the host has provided memory */
     float store_share;   /* share of the progress that filling the store takes */
     float progress;      /* progress that the host has been told, 0 to 1; never decreases */
 } sbl__work;
@@ -14564,21 +14567,35 @@ static sbl_result sbl__work_prepare(void *work, sbl__slice *slice) {
     return sbl__prepare(w->core, &w->measurement, slice);
 }
 
-/* Begins the job that sbl__work_sense does. */
-static void sbl__work_begin_job(const sbl__work *w, const sbl__spec *spec, const sbl__site *sites,
-                                sbl_reading *readings, int site_count) {
-    sbl__task task;
-    memset(&task, 0, sizeof task);
-    task.spec = *spec;
-    task.sites = sites;
-    task.readings = readings;
-    task.site_count = site_count;
-    sbl__job_begin(&w->core->job, &w->core->scene, &task);
+#define SBL__WORK_SITES 65536  /* maximum number of sites of a job */
+
+/* Sets the task's spec, and allocates its sites and, if `readings` is 1, its readings. count: number of sites of all
+   jobs */
+static sbl_result sbl__work_make_task(sbl__work *w, double count, int readings) {
+    const size_t room = (size_t)SBL__MIN(SBL__WORK_SITES, count);
+    sbl__base *base = &w->core->base;
+    sbl__spec_make(&w->task.spec, &w->measurement, &w->core->scene, &w->core->desc);
+    w->task.sites = w->sites = (sbl__site *)sbl__alloc_raw(base, room, sizeof *w->sites);
+    if (readings) w->task.readings = w->readings = (sbl_reading *)sbl__alloc_raw(base, room, sizeof *w->readings);
+    return w->sites && (!readings || w->readings) ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
+static void sbl__work_free_task(sbl__work *w) {
+    sbl__free(&w->core->base, w->sites);
+    sbl__free(&w->core->base, w->readings);
+    w->sites = NULL;
+    w->readings = NULL;
+}
+
+static int sbl__work_site_count(void *work) { return ((const sbl__work *)work)->task.site_count; }
+
+/* Measures the sites of the task. */
 static sbl_result sbl__work_sense(void *work, sbl__slice *slice) {
-    sbl__core *c = ((const sbl__work *)work)->core;
-    const sbl_result result = sbl__job_step(&c->device, &c->job, slice);
+    sbl__work *w = (sbl__work *)work;
+    sbl__core *c = w->core;
+    sbl_result result;
+    if (w->stages.at++ == 0) sbl__job_begin(&c->job, &c->scene, &w->task);
+    result = sbl__job_step(&c->device, &c->job, slice);
     if (result == SBL_SUCCESS) sbl__core_count(c);
     return result;
 }
@@ -15450,26 +15467,21 @@ static const sbl__front_end sbl__lightmap_front_end = {
 };
 
 /* ======================================================================================================== >>gather
-   The front end that measures the light at points of the host. It runs one job after the other, each with a limited
-   number of sites, so that memory stays bounded. */
+   The front end that measures the light at points of the host, in one job after the other. */
 
-#define SBL__GATHER_SITES 65536  /* maximum number of sites of a job */
 #define SBL__UNIT_SLACK 1e-6     /* normals are normalized if their squared length differs from 1 by more than this */
 
-enum { SBL__GATHER_PREPARE, SBL__GATHER_SITES_NEXT, SBL__GATHER_SENSE, SBL__GATHER_DONE };
+enum { SBL__GATHER_PREPARE, SBL__GATHER_SETUP, SBL__GATHER_SITES, SBL__GATHER_SENSE, SBL__GATHER_DONE };
 
 typedef struct sbl__gathering {
     sbl__work work;             /* must be first, because pointers to the struct are cast to sbl__work * */
     sbl_readings_desc desc;     /* with defaults */
-    sbl__spec spec;
-    sbl__site *sites;           /* sites of the current job */
-    int first, count;           /* index of the current job's first site among desc.sites; number of its sites */
-    uint32_t passed;            /* number of sites before those that are now in desc.sites, see sbl__gathering_more */
+    int first;                  /* index of the current job's first site among desc.sites */
 } sbl__gathering;
 
 static void sbl__gathering_free(void *work) {
     sbl__gathering *g = (sbl__gathering *)work;
-    if (g->work.core) sbl__free(&g->work.core->base, g->sites);
+    if (g->work.core) sbl__work_free_task(&g->work);
     memset(g, 0, sizeof *g);
 }
 
@@ -15485,17 +15497,6 @@ static sbl_result sbl__gathering_begin(void *work, const void *desc) {
     return SBL_SUCCESS;
 }
 
-/* Starts a gathering again on new sites, which the caller has written to desc.sites. It must not be under way.
-   site_count: at most that of the first job, for which memory was allocated */
-static void sbl__gathering_more(sbl__gathering *g, int site_count) {
-    if (g->work.stages.stage == SBL__GATHER_DONE) {
-        g->passed += (uint32_t)g->desc.site_count;
-        g->work.stages.stage = SBL__GATHER_SITES_NEXT;
-    }
-    g->first = g->work.stages.at = 0;
-    g->desc.site_count = site_count;
-}
-
 static void sbl__unit_normal(const float from[3], float out[3]) {
     double n[3] = { from[0], from[1], from[2] };
     int k;
@@ -15503,64 +15504,63 @@ static void sbl__unit_normal(const float from[3], float out[3]) {
     for (k = 0; k < 3; k++) out[k] = (float)n[k];
 }
 
-/* Converts site `number` of desc.sites for the job. */
-static void sbl__site_make(const sbl__gathering *g, int number, sbl__site *out) {
-    const sbl_site *from = &g->desc.sites[number];
-    const float usual_offset = sbl__spec_offset(&g->spec, &g->work.core->scene, 0);
+/* Converts a site of the host, or of >>vertices, for a job. number: selects the rotation of the sensor */
+static void sbl__site_make(const sbl__work *w, const sbl_site *from, uint32_t number, sbl__site *out) {
+    const float usual_offset = sbl__spec_offset(&w->task.spec, &w->core->scene, 0);
     memcpy(out->position, from->position, sizeof out->position);
     sbl__unit_normal(from->normal, out->normal);
     sbl__unit_normal(sbl__all_zero(from->geometric_normal, 3) ? from->normal : from->geometric_normal,
                      out->geometric_normal);
     out->offset = from->offset > 0 ? from->offset : from->offset < 0 ? 0 : usual_offset;
-    out->number = g->passed + (uint32_t)number;
+    out->number = number;
     out->guide = out->first = 0;
     out->looks = 1;
 }
 
-static int sbl__gathering_after_prepare(void *work) {
+static sbl_result sbl__gathering_setup(void *work, sbl__slice *slice) {
     sbl__gathering *g = (sbl__gathering *)work;
-    const sbl__core *c = g->work.core;
-    sbl__spec_make(&g->spec, &g->work.measurement, &c->scene, &c->desc);
-    return g->desc.site_count ? SBL__GATHER_SITES_NEXT : SBL__GATHER_DONE;
+    (void)slice;
+    return sbl__work_make_task(&g->work, g->desc.site_count, 0);
 }
 
-/* Makes the sites of the next job, then begins the job. */
-static sbl_result sbl__gathering_sites(void *work, sbl__slice *slice) {
+static int sbl__gathering_next_job(void *work) {
     sbl__gathering *g = (sbl__gathering *)work;
-    int *at = &g->work.stages.at;
-    if (*at == 0) g->count = SBL__MIN(SBL__GATHER_SITES, g->desc.site_count - g->first);
-    if (!g->sites)
-        g->sites = (sbl__site *)sbl__alloc_raw(&g->work.core->base, (size_t)g->count, sizeof *g->sites);
-    if (!g->sites) return SBL_ERROR_OUT_OF_MEMORY;
-    for (; *at < g->count; ++*at) {
-        if (*at && sbl__late(slice)) return SBL_UNFINISHED;
-        sbl__site_make(g, g->first + *at, &g->sites[*at]);
-    }
-    sbl__work_begin_job(&g->work, &g->spec, g->sites, g->desc.readings + g->first, g->count);
+    g->work.task.readings = g->desc.readings + g->first;
+    g->work.task.site_count = SBL__MIN(SBL__WORK_SITES, g->desc.site_count - g->first);
+    return g->work.task.site_count ? SBL__GATHER_SITES : SBL__GATHER_DONE;
+}
+
+static sbl_result sbl__gathering_site(void *work, int at) {
+    sbl__gathering *g = (sbl__gathering *)work;
+    const int number = g->first + at;
+    sbl__site_make(&g->work, &g->desc.sites[number], (uint32_t)number, &g->work.sites[at]);
     return SBL_SUCCESS;
 }
 
 static int sbl__gathering_after_sense(void *work) {
     sbl__gathering *g = (sbl__gathering *)work;
     sbl_stats *stats = &g->work.core->stats;
+    const int count = g->work.task.site_count;
     int i;
-    stats->sensors.count += g->count;
-    for (i = g->first; i < g->first + g->count; i++) stats->sensors.invalid += !g->desc.readings[i].valid;
-    g->first += g->count;
-    return g->first < g->desc.site_count ? SBL__GATHER_SITES_NEXT : SBL__GATHER_DONE;
+    stats->sensors.count += count;
+    for (i = 0; i < count; i++) stats->sensors.invalid += !g->work.task.readings[i].valid;
+    g->first += count;
+    return sbl__gathering_next_job(g);
 }
 
 static float sbl__gathering_progress(const void *work) {
     const sbl__gathering *g = (const sbl__gathering *)work;
     double done = g->first;
     if (sbl__work_is_done(&g->work)) return 1;
-    if (g->work.stages.stage == SBL__GATHER_SENSE) done += (double)sbl__job_progress(&g->work.core->job) * g->count;
+    if (g->work.stages.stage == SBL__GATHER_SENSE)
+        done += (double)sbl__job_progress(&g->work.core->job) * g->work.task.site_count;
     return (float)(done / SBL__MAX(1, g->desc.site_count));
 }
 
 static const sbl__stage_row sbl__gathering_stages[] = {
-    { sbl__work_prepare, sbl__gathering_after_prepare, NULL, NULL },
-    { sbl__gathering_sites, NULL, NULL, NULL },
+    { sbl__work_prepare, NULL, NULL, NULL },
+    { sbl__gathering_setup, sbl__gathering_next_job, NULL, NULL },
+    { NULL, NULL, sbl__gathering_site, sbl__work_site_count },
     { sbl__work_sense, sbl__gathering_after_sense, NULL, NULL }
 };
 static const sbl__front_end sbl__readings_front_end = {
@@ -15581,7 +15581,6 @@ static const sbl__front_end sbl__readings_front_end = {
    Each triangle adds a 3 x 3 matrix, summed over its points; each hinge adds the outer product of its 4 weights. Areas
    are relative to the mean triangle area of the mesh. */
 
-#define SBL__VERTICES_POINTS 65536      /* maximum number of points per job */
 #define SBL__VERTICES_MIN_POINTS 4      /* minimum number of points on a triangle, unless desc.samples is lower */
 #define SBL__VERTICES_MAX_RATIO 8       /* a triangle has at most this many times desc.samples points */
 #define SBL__VERTICES_MIN_AREA 1e-9f    /* minimum of sbl__vertices.areas; smaller triangles are given this area */
@@ -15599,7 +15598,7 @@ static const sbl__front_end sbl__readings_front_end = {
 #define SBL__VERTICES_LIT (-1)          /* in sbl__vertices.neighbours: the unknown has light */
 
 enum {
-    SBL__VERTICES_FACES, SBL__VERTICES_WELD, SBL__VERTICES_SIDES, SBL__VERTICES_MAKE,
+    SBL__VERTICES_PREPARE, SBL__VERTICES_FACES, SBL__VERTICES_WELD, SBL__VERTICES_SIDES, SBL__VERTICES_SETUP,
     SBL__VERTICES_SITES, SBL__VERTICES_SENSE, SBL__VERTICES_TAKE,  /* repeated for each job */
     SBL__VERTICES_MASS, SBL__VERTICES_BEND, SBL__VERTICES_SOLVE,
     SBL__VERTICES_SPREAD, SBL__VERTICES_MEAN,                      /* repeated for each ring around lit unknowns */
@@ -15610,6 +15609,7 @@ enum {
    in the scene". */
 typedef struct sbl__vertices_part {
     int mesh, first_vertex, first_triangle;
+    int vertex_shift, triangle_shift;  /* number in the scene minus number here */
     double area;
     double points, back_points;  /* number of valid points; number of valid points that see mostly back faces */
 } sbl__vertices_part;
@@ -15628,12 +15628,8 @@ typedef struct sbl__vertices {
     sbl_vertices_desc desc;     /* with defaults */
     sbl__vertices_part *parts;
     int part_count, vertex_count, triangle_count;
-    sbl__gathering gathering;
-    sbl_site *sites;
-    sbl_reading *readings;
-    int site_count;             /* number of sites of the current job */
-    double points, taken;       /* number of all points; number of points in the finished jobs */
-    sbl__vertices_place next, first;  /* point that is processed next; point of the current job's first site */
+    int64_t points, taken;      /* number of all points; number of points in the finished jobs */
+    sbl__vertices_place next_site, next_reading;  /* next point that stages SITES and TAKE process */
     float *normals;             /* per vertex: sum of its triangles' unit normals; after stage WELD, its normal */
     uint32_t *unknowns;         /* per vertex: number of its unknown, which is the lowest number of the vertices that
                                    are welded to it; SBL__NONE if no triangle uses the vertex */
@@ -15656,15 +15652,15 @@ typedef struct sbl__vertices {
 
 static void sbl__vertices_free(void *work) {
     sbl__vertices *s = (sbl__vertices *)work;
-    void *const blocks[] = { s->parts, s->sites, s->readings, s->normals, s->unknowns, s->corners, s->areas,
-                             s->sums, s->back_sums, s->hinges, s->neighbours };
+    void *const blocks[] = { s->parts, s->normals, s->unknowns, s->corners, s->areas, s->sums, s->back_sums, s->hinges,
+                             s->neighbours };
     sbl__base *base = &s->work.core->base;
     int i;
     for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(base, blocks[i]);
     sbl__hash_table_free(base, &s->places);
     sbl__hash_table_free(base, &s->ends);
     sbl__solver_free(base, &s->solver);
-    sbl__gathering_free(&s->gathering);
+    sbl__work_free_task(&s->work);
     memset(s, 0, sizeof *s);
 }
 
@@ -15679,7 +15675,6 @@ static sbl_result sbl__vertices_begin(void *work, const void *desc) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl__core *c = s->work.core;
     const sbl__geometry *g = &c->scene.geometry;
-    sbl_readings_desc readings;
     size_t vertices, triangles;
     int i;
     s->desc = sbl_vertices_desc_defaults((const sbl_vertices_desc *)desc);
@@ -15691,11 +15686,11 @@ static sbl_result sbl__vertices_begin(void *work, const void *desc) {
         part->mesh = s->desc.mesh_count ? s->desc.meshes[i] : i;
         part->first_vertex = s->vertex_count;
         part->first_triangle = s->triangle_count;
+        part->vertex_shift = g->meshes[part->mesh].first_vertex - s->vertex_count;
+        part->triangle_shift = g->meshes[part->mesh].first_triangle - s->triangle_count;
         s->vertex_count += g->meshes[part->mesh].vertex_count;
         s->triangle_count += g->meshes[part->mesh].triangle_count;
     }
-    memset(&readings, 0, sizeof readings);
-    readings.options = s->desc.options;
     s->desc.meshes = NULL;
     vertices = (size_t)s->vertex_count;
     triangles = (size_t)s->triangle_count;
@@ -15708,23 +15703,16 @@ static sbl_result sbl__vertices_begin(void *work, const void *desc) {
         sbl__hash_table_make(&c->base, &s->ends, 3.0 * s->triangle_count) != SBL_SUCCESS)
         return SBL_ERROR_OUT_OF_MEMORY;
     memset(s->unknowns, 0xff, vertices * sizeof *s->unknowns);
-    return sbl__work_begin(&s->gathering.work, &sbl__readings_front_end, c, &s->work.measurement, &readings);
+    return SBL_SUCCESS;
 }
 
 /* >>vertices: welding */
 
 static const sbl__geometry *sbl__vertices_geometry(const sbl__vertices *s) { return &s->work.core->scene.geometry; }
 
-/* Returns the number in the scene of a triangle of part s->part. */
-static uint32_t sbl__vertices_triangle(const sbl__vertices *s, int triangle) {
-    const sbl__vertices_part *p = &s->parts[s->part];
-    return (uint32_t)(sbl__vertices_geometry(s)->meshes[p->mesh].first_triangle + triangle - p->first_triangle);
-}
-
-/* Converts the number of a vertex in the mesh of part s->part to its number in the scene. */
+/* Converts the number of a vertex of part s->part to its number in the scene. */
 static uint32_t sbl__vertices_vertex(const sbl__vertices *s, uint32_t vertex) {
-    const sbl__vertices_part *p = &s->parts[s->part];
-    return (uint32_t)sbl__vertices_geometry(s)->meshes[p->mesh].first_vertex + vertex - (uint32_t)p->first_vertex;
+    return vertex + (uint32_t)s->parts[s->part].vertex_shift;
 }
 
 /* Sets s->part to the part that contains a triangle or, if is_vertex is 1, a vertex, and returns the part. The search
@@ -15743,15 +15731,14 @@ static sbl_result sbl__vertices_face(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
     const sbl__geometry *g = sbl__vertices_geometry(s);
     sbl__vertices_part *part = sbl__vertices_part_of(s, triangle, 0);
-    const uint32_t number = sbl__vertices_triangle(s, triangle);
+    const uint32_t number = (uint32_t)(triangle + part->triangle_shift);
     double face[3];
     const double area = sbl__scene_normal(g, number, face);
     int i, k;
     s->areas[triangle] = (float)area;
     part->area += area;
     for (i = 0; i < 3; i++) {
-        const uint32_t vertex = g->indices[3 * (size_t)number + (size_t)i] -
-                                (uint32_t)g->meshes[part->mesh].first_vertex + (uint32_t)part->first_vertex;
+        const uint32_t vertex = g->indices[3 * (size_t)number + (size_t)i] - (uint32_t)part->vertex_shift;
         s->corners[3 * (size_t)triangle + (size_t)i] = s->unknowns[vertex] = vertex;
         for (k = 0; k < 3; k++) s->normals[3 * (size_t)vertex + (size_t)k] += (float)face[k];
     }
@@ -15906,36 +15893,41 @@ static void sbl__vertices_site(const sbl__geometry *g, uint32_t number, const do
     }
 }
 
-/* Returns the triangle of point s->next, gets the point's barycentric weights, sets s->part to the triangle's part, and
-   advances s->next to the following point. */
-static int sbl__vertices_pass(sbl__vertices *s, double weights[3]) {
-    const int triangle = s->next.triangle;
+/* Returns the triangle of a point, gets the point's barycentric weights, sets s->part to the triangle's part, and
+   advances *place to the following point. */
+static int sbl__vertices_pass(sbl__vertices *s, sbl__vertices_place *place, double weights[3]) {
+    const int triangle = place->triangle;
     sbl__vertices_part_of(s, triangle, 0);
-    sbl__vertices_point(s->next.point, weights);
-    if (++s->next.point < sbl__vertices_samples(s, triangle)) return triangle;
-    s->next.point = 0;
-    s->next.triangle++;
+    sbl__vertices_point(place->point, weights);
+    if (++place->point < sbl__vertices_samples(s, triangle)) return triangle;
+    place->point = 0;
+    place->triangle++;
     return triangle;
 }
 
 static sbl_result sbl__vertices_ask(void *work, int site) {
     sbl__vertices *s = (sbl__vertices *)work;
+    sbl_site point;
     double h[3];
-    const int triangle = sbl__vertices_pass(s, h);
-    sbl__vertices_site(sbl__vertices_geometry(s), sbl__vertices_triangle(s, triangle), h, &s->sites[site]);
+    const int triangle = sbl__vertices_pass(s, &s->next_site, h);
+    const uint32_t number = (uint32_t)(triangle + s->parts[s->part].triangle_shift);
+    sbl__vertices_site(sbl__vertices_geometry(s), number, h, &point);
+    sbl__site_make(&s->work, &point, (uint32_t)(s->taken + site), &s->work.sites[site]);
     return SBL_SUCCESS;
 }
 
 /* Adds the reading of a point to the sums of its triangle, or to its back_sums if the point sees mostly back faces. */
 static sbl_result sbl__vertices_take(void *work, int site) {
     sbl__vertices *s = (sbl__vertices *)work;
-    const sbl_reading *r = &s->readings[site];
+    const sbl_reading *r = &s->work.readings[site];
     const int sees_back = r->back_share * r->hit_share > SBL__VERTICES_BACK;
     double h[3];
-    const int triangle = sbl__vertices_pass(s, h);
+    const int triangle = sbl__vertices_pass(s, &s->next_reading, h);
     const double weight = (double)s->areas[triangle] / sbl__vertices_samples(s, triangle);
     float *sums;
     int a, b, k;
+    s->work.core->stats.sensors.count++;
+    s->work.core->stats.sensors.invalid += !r->valid;
     if (!r->valid) return SBL_SUCCESS;
     s->parts[s->part].points += 1;
     s->parts[s->part].back_points += sees_back;
@@ -16093,29 +16085,20 @@ static sbl_result sbl__vertices_write(void *work, int vertex) {
 /* >>vertices: stages */
 
 /* Allocates the sites, readings and sums, and sets up the solver. */
-static sbl_result sbl__vertices_make(void *work, sbl__slice *slice) {
+static sbl_result sbl__vertices_setup(void *work, sbl__slice *slice) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl__base *base = &s->work.core->base;
-    const size_t most = (size_t)SBL__MIN(s->points, (double)SBL__VERTICES_POINTS);
     (void)slice;
     s->solver.user = s;
     s->solver.term = sbl__vertices_term;
     s->solver.term_count = s->triangle_count + s->hinge_count;
     s->solver.precision2 = SBL__VERTICES_PRECISION * SBL__VERTICES_PRECISION;
 
-    s->sites = (sbl_site *)sbl__alloc_raw(base, most, sizeof *s->sites);
-    s->readings = (sbl_reading *)sbl__alloc_raw(base, most, sizeof *s->readings);
     s->sums = (float *)sbl__alloc(base, (size_t)s->triangle_count, SBL__VERTICES_SUMS * sizeof *s->sums);
     s->neighbours = (int *)sbl__alloc(base, (size_t)s->vertex_count, sizeof *s->neighbours);
-    if (!s->sites || !s->readings || !s->sums || !s->neighbours) return SBL_ERROR_OUT_OF_MEMORY;
-    s->gathering.desc.sites = s->sites;
-    s->gathering.desc.readings = s->readings;
-    return sbl__solver_make(base, &s->solver, s->vertex_count);
-}
-
-static sbl_result sbl__vertices_sense(void *work, sbl__slice *slice) {
-    sbl__vertices *s = (sbl__vertices *)work;
-    return sbl__work_step(&s->gathering.work, slice);
+    if (!s->sums || !s->neighbours || sbl__solver_make(base, &s->solver, s->vertex_count) != SBL_SUCCESS)
+        return SBL_ERROR_OUT_OF_MEMORY;
+    return sbl__work_make_task(&s->work, (double)s->points, 1);
 }
 
 static sbl_result sbl__vertices_solve(void *work, sbl__slice *slice) {
@@ -16123,21 +16106,11 @@ static sbl_result sbl__vertices_solve(void *work, sbl__slice *slice) {
     return s->desc.average ? SBL_SUCCESS : sbl__solver_step(&s->solver, slice);
 }
 
-/* Ends the current job, if there is one, and begins the next one. s->next passes over the points of a job twice: in
-   stage SITES and, from s->first on, in stage TAKE. */
 static int sbl__vertices_next_job(void *work) {
     sbl__vertices *s = (sbl__vertices *)work;
-    s->taken += s->site_count;
-    s->site_count = (int)SBL__MIN(s->points - s->taken, (double)SBL__VERTICES_POINTS);
-    s->first = s->next;
-    return s->site_count ? SBL__VERTICES_SITES : SBL__VERTICES_MASS;
-}
-
-static int sbl__vertices_after_sites(void *work) {
-    sbl__vertices *s = (sbl__vertices *)work;
-    sbl__gathering_more(&s->gathering, s->site_count);
-    s->next = s->first;
-    return SBL__VERTICES_SENSE;
+    s->taken += s->work.task.site_count;
+    s->work.task.site_count = (int)SBL__MIN(s->points - s->taken, SBL__WORK_SITES);
+    return s->work.task.site_count ? SBL__VERTICES_SITES : SBL__VERTICES_MASS;
 }
 
 static int sbl__vertices_count(void *work) { return ((sbl__vertices *)work)->vertex_count; }
@@ -16146,11 +16119,12 @@ static int sbl__vertices_averages(void *work) {
 }
 static int sbl__vertices_triangles(void *work) { return ((sbl__vertices *)work)->triangle_count; }
 static int sbl__vertices_hinges(void *work) { return ((sbl__vertices *)work)->hinge_count; }
-static int sbl__vertices_sites(void *work) { return ((sbl__vertices *)work)->site_count; }
 
 /* Frees the memory, because only the sbl__work is needed when the work is done. */
 static int sbl__vertices_after_write(void *work) {
-    const sbl__work w = *(const sbl__work *)work;
+    sbl__work w;
+    sbl__work_free_task((sbl__work *)work);
+    w = *(const sbl__work *)work;
     sbl__vertices_free(work);
     *(sbl__work *)work = w;
     return SBL__VERTICES_DONE;
@@ -16158,7 +16132,7 @@ static int sbl__vertices_after_write(void *work) {
 
 static double *sbl__vertices_seconds(const void *work) {
     const sbl__work *w = (const sbl__work *)work;
-    if (w->stages.stage == SBL__VERTICES_SENSE) return NULL;  /* the gathering adds its own seconds */
+    if (w->stages.stage == SBL__VERTICES_SENSE) return &w->core->stats.seconds.gather;
     return w->stages.stage < SBL__VERTICES_SENSE ? &w->core->stats.seconds.surface : &w->core->stats.seconds.refine;
 }
 
@@ -16167,21 +16141,22 @@ static double *sbl__vertices_seconds(const void *work) {
 static float sbl__vertices_progress(const void *work) {
     const sbl__vertices *s = (const sbl__vertices *)work;
     const int stage = s->work.stages.stage;
-    double done = s->taken;
+    double done = (double)s->taken;
     if (stage == SBL__VERTICES_DONE) return 1;
-    if (stage == SBL__VERTICES_SENSE) done += (double)sbl__gathering_progress(&s->gathering) * s->site_count;
-    if (stage == SBL__VERTICES_TAKE) done += s->site_count;
-    return s->points > 0 && stage > SBL__VERTICES_MAKE ? SBL__VERTICES_SENSING * (float)(done / s->points) : 0;
+    if (stage == SBL__VERTICES_SENSE) done += (double)sbl__job_progress(&s->work.core->job) * s->work.task.site_count;
+    if (stage == SBL__VERTICES_TAKE) done += s->work.task.site_count;
+    return stage > SBL__VERTICES_SETUP ? SBL__VERTICES_SENSING * (float)(done / (double)SBL__MAX(1, s->points)) : 0;
 }
 
 static const sbl__stage_row sbl__vertices_stages[] = {
+    { sbl__work_prepare, NULL, NULL, NULL },
     { NULL, NULL, sbl__vertices_face, sbl__vertices_triangles },
     { NULL, NULL, sbl__vertices_weld, sbl__vertices_count },
     { NULL, NULL, sbl__vertices_sides, sbl__vertices_triangles },
-    { sbl__vertices_make, sbl__vertices_next_job, NULL, NULL },
-    { NULL, sbl__vertices_after_sites, sbl__vertices_ask, sbl__vertices_sites },
-    { sbl__vertices_sense, NULL, NULL, NULL },
-    { NULL, sbl__vertices_next_job, sbl__vertices_take, sbl__vertices_sites },
+    { sbl__vertices_setup, sbl__vertices_next_job, NULL, NULL },
+    { NULL, NULL, sbl__vertices_ask, sbl__work_site_count },
+    { sbl__work_sense, NULL, NULL, NULL },
+    { NULL, sbl__vertices_next_job, sbl__vertices_take, sbl__work_site_count },
     { NULL, NULL, sbl__vertices_mass, sbl__vertices_triangles },
     { NULL, NULL, sbl__vertices_bend, sbl__vertices_hinges },
     { sbl__vertices_solve, NULL, sbl__vertices_average, sbl__vertices_averages },
@@ -16223,8 +16198,8 @@ static const sbl__front_end sbl__vertices_front_end = {
 
 enum { SBL__PROBE_HEMISPHERES, SBL__PROBE_RAYS, SBL__PROBE_KINDS };  /* kinds of sites of a probe */
 
-enum { SBL__PROBES_PREPARE, SBL__PROBES_SETUP, SBL__PROBES_BEGIN_BATCH, SBL__PROBES_SITES, SBL__PROBES_SENSE,
-       SBL__PROBES_TAKE, SBL__PROBES_CLOSE, SBL__PROBES_DONE };
+enum { SBL__PROBES_PREPARE, SBL__PROBES_SETUP, SBL__PROBES_SITES, SBL__PROBES_SENSE, SBL__PROBES_TAKE,
+       SBL__PROBES_DONE };
 
 /* A probe of the batch, and sums over the readings of its sites in the current round. */
 typedef struct sbl__probe_sum {
@@ -16247,8 +16222,6 @@ typedef struct sbl__probes {
     double ring[SBL__PROBE_RINGS], ring_weight[SBL__PROBE_RINGS];  /* z of each ring, 0 to 1; weights, whose sum is 1 */
     uint32_t *sequence;            /* directions of a probe's rays, see sbl__sequence_at */
     sbl__probe_sum *sums;          /* one entry for each probe that is measured in this round */
-    sbl__site *sites;              /* sites of the current job */
-    sbl_reading *readings;
     int first, taken;              /* first probe of the batch; number of probes in the batch */
     int count, round;              /* number of entries in sums; number of the round, from 0 */
     int kind, from;                /* kind of the current job's sites, SBL__PROBE_HEMISPHERES or SBL__PROBE_RAYS;
@@ -16260,8 +16233,7 @@ static void sbl__probes_free(void *work) {
     sbl__base *base = &g->work.core->base;
     sbl__free(base, g->sequence);
     sbl__free(base, g->sums);
-    sbl__free(base, g->sites);
-    sbl__free(base, g->readings);
+    sbl__work_free_task(&g->work);
     memset(g, 0, sizeof *g);
 }
 
@@ -16379,7 +16351,6 @@ static sbl_result sbl__probes_setup(void *work, sbl__slice *slice) {
     const int most = SBL__MAX(sbl__probe_sites(g, SBL__PROBE_HEMISPHERES), g->desc.options.rays);
     const int batch = SBL__MIN(SBL__PROBES_BATCH, g->desc.probe_count);
     const int lamp_rays = SBL__MAX(g->desc.options.rays / SBL__PROBE_LAMP_SHARE, SBL__PROBE_LAMP_LEAST);
-    const size_t room = (size_t)SBL__MIN(SBL__GATHER_SITES, (double)most * batch);
     sbl__measurement measurement = g->work.measurement;
     (void)slice;
     measurement.options.rays = SBL__MIN(lamp_rays, SBL__PROBE_LAMP_MOST);
@@ -16398,28 +16369,27 @@ static sbl_result sbl__probes_setup(void *work, sbl__slice *slice) {
     rays->one_ray = 1;
     g->sequence = sbl__sequence_make(&c->base, 1, g->desc.options.rays, 1);
     g->sums = (sbl__probe_sum *)sbl__alloc(&c->base, (size_t)batch, sizeof *g->sums);
-    g->sites = (sbl__site *)sbl__alloc_raw(&c->base, room, sizeof *g->sites);
-    g->readings = (sbl_reading *)sbl__alloc_raw(&c->base, room, sizeof *g->readings);
-    return g->sequence && g->sums && g->sites && g->readings ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    return g->sequence && g->sums ? sbl__work_make_task(&g->work, (double)most * batch, 1) : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-static int sbl__probes_after_prepare(void *work) {
-    return ((sbl__probes *)work)->desc.probe_count ? SBL__PROBES_SETUP : SBL__PROBES_DONE;
-}
-
-/* Begins a round with HEMISPHERES, or with RAYS if HEMISPHERES measure only lamps and the scene has none. */
-static int sbl__probes_round(void *work) {
-    sbl__probes *g = (sbl__probes *)work;
-    g->kind = g->lamps_apart && !g->work.core->scene.lights.leaves ? SBL__PROBE_RAYS : SBL__PROBE_HEMISPHERES;
-    g->from = 0;
+/* Begins a job with the sites of kind g->kind from g->from on. */
+static int sbl__probes_next_job(sbl__probes *g) {
+    g->work.task.spec = g->specs[g->kind];
+    g->work.task.site_count = SBL__MIN(SBL__WORK_SITES, g->count * sbl__probe_sites(g, g->kind) - g->from);
     return SBL__PROBES_SITES;
 }
 
+/* Begins a round with HEMISPHERES, or with RAYS if HEMISPHERES measure only lamps and the scene has none. */
+static int sbl__probes_round(sbl__probes *g) {
+    g->kind = g->lamps_apart && !g->work.core->scene.lights.leaves ? SBL__PROBE_RAYS : SBL__PROBE_HEMISPHERES;
+    g->from = 0;
+    return sbl__probes_next_job(g);
+}
+
 /* Begins a batch with the probes from g->first on. */
-static sbl_result sbl__probes_batch(void *work, sbl__slice *slice) {
+static int sbl__probes_batch(void *work) {
     sbl__probes *g = (sbl__probes *)work;
     int i;
-    (void)slice;
     g->taken = g->count = SBL__MIN(SBL__PROBES_BATCH, g->desc.probe_count - g->first);
     g->round = 0;
     memset(g->sums, 0, sizeof *g->sums * (size_t)g->count);
@@ -16427,21 +16397,14 @@ static sbl_result sbl__probes_batch(void *work, sbl__slice *slice) {
         g->sums[i].number = g->first + i;
         sbl__probe_asked(&g->desc, g->first + i, g->sums[i].position);
     }
-    return SBL_SUCCESS;
+    return g->count ? sbl__probes_round(g) : SBL__PROBES_DONE;
 }
-
-/* Returns the number of the current job's sites. */
-static int sbl__probes_job(const sbl__probes *g) {
-    return SBL__MIN(SBL__GATHER_SITES, g->count * sbl__probe_sites(g, g->kind) - g->from);
-}
-
-static int sbl__probes_sites(void *work) { return sbl__probes_job((const sbl__probes *)work); }
 
 static sbl_result sbl__probes_site(void *work, int at) {
     sbl__probes *g = (sbl__probes *)work;
     const int each = sbl__probe_sites(g, g->kind), i = (g->from + at) % each;
     const sbl__probe_sum *sum = &g->sums[(g->from + at) / each];
-    sbl__site *site = &g->sites[at];
+    sbl__site *site = &g->work.sites[at];
     double direction[3];
     int k;
     memset(site, 0, sizeof *site);
@@ -16451,12 +16414,6 @@ static sbl_result sbl__probes_site(void *work, int at) {
     site->number = (uint32_t)sum->number * (uint32_t)each + (uint32_t)i;
     site->looks = g->kind == SBL__PROBE_HEMISPHERES && i >= sbl__probe_normals(g) ? SBL__PROBE_LOOKS : 1;
     return SBL_SUCCESS;
-}
-
-static int sbl__probes_after_sites(void *work) {
-    sbl__probes *g = (sbl__probes *)work;
-    sbl__work_begin_job(&g->work, &g->specs[g->kind], g->sites, g->readings, sbl__probes_job(g));
-    return SBL__PROBES_SENSE;
 }
 
 /* Adds the reading of a site to the harmonics: the radiance along a ray, or R at a normal. A ray's radiance is also
@@ -16506,7 +16463,7 @@ static void sbl__probe_meet(sbl__probe_sum *sum, const double d[3], const sbl_re
 static sbl_result sbl__probes_take(void *work, int at) {
     sbl__probes *g = (sbl__probes *)work;
     const int each = sbl__probe_sites(g, g->kind), i = (g->from + at) % each, side = i - sbl__probe_normals(g);
-    const sbl_reading *r = &g->readings[at];
+    const sbl_reading *r = &g->work.readings[at];
     sbl__probe_sum *sum = &g->sums[(g->from + at) / each];
     double d[3];
     int k;
@@ -16519,15 +16476,6 @@ static sbl_result sbl__probes_take(void *work, int at) {
     if (g->lamps_apart || g->kind == SBL__PROBE_HEMISPHERES) sbl__probe_add(g, sum, i, d, r);
     if (g->kind == SBL__PROBE_RAYS) sbl__probe_meet(sum, d, r, g->round == 0 && g->desc.move > 0);
     return SBL_SUCCESS;
-}
-
-/* Selects the sites of the next job: the rest of the same kind, or the other kind. */
-static int sbl__probes_after_take(void *work) {
-    sbl__probes *g = (sbl__probes *)work;
-    g->from += sbl__probes_job(g);
-    if (g->from < g->count * sbl__probe_sites(g, g->kind)) return SBL__PROBES_SITES;
-    g->from = 0;
-    return ++g->kind < SBL__PROBE_KINDS ? SBL__PROBES_SITES : SBL__PROBES_CLOSE;
 }
 
 /* Converts the sums of a probe to the probe that the host gets. */
@@ -16568,8 +16516,7 @@ static int sbl__probe_move(const sbl__probes *g, sbl__probe_sum *sum) {
 
 /* Ends a round: writes the probes to the host's array, and begins the next round with the invalid probes that can move.
    A probe that is invalid in every round keeps the result of the first round. */
-static int sbl__probes_close(void *work) {
-    sbl__probes *g = (sbl__probes *)work;
+static int sbl__probes_close(sbl__probes *g) {
     sbl_stats *stats = &g->work.core->stats;
     int i, left = 0;
     stats->sensors.count += g->count;
@@ -16590,31 +16537,36 @@ static int sbl__probes_close(void *work) {
     g->round++;
     if (left) return sbl__probes_round(g);
     g->first += g->taken;
-    return g->first < g->desc.probe_count ? SBL__PROBES_BEGIN_BATCH : SBL__PROBES_DONE;
+    return sbl__probes_batch(g);
+}
+
+static int sbl__probes_after_take(void *work) {
+    sbl__probes *g = (sbl__probes *)work;
+    g->from += g->work.task.site_count;
+    if (g->from == g->count * sbl__probe_sites(g, g->kind)) {
+        g->from = 0;
+        g->kind++;
+    }
+    return g->kind < SBL__PROBE_KINDS ? sbl__probes_next_job(g) : sbl__probes_close(g);
 }
 
 static float sbl__probes_progress(const void *work) {
     const sbl__probes *g = (const sbl__probes *)work;
-    const sbl__job *job = &g->work.core->job;
-    double part = 0;
-    if (g->work.stages.stage == SBL__PROBES_DONE) return 1;
-    if (g->work.stages.stage <= SBL__PROBES_BEGIN_BATCH)
-        return (float)(g->first / (double)SBL__MAX(1, g->desc.probe_count));
-    if (g->work.stages.stage == SBL__PROBES_SENSE) part = (double)sbl__job_progress(job) * sbl__probes_job(g);
-    else if (g->work.stages.stage == SBL__PROBES_TAKE) part = sbl__probes_job(g);
-    part = (part + g->from) / SBL__MAX(1, g->count * sbl__probe_sites(g, SBL__MIN(g->kind, SBL__PROBE_RAYS)));
-    part = 0.5 * (SBL__MIN(part, 1.0) + g->kind);
-    return (float)((g->first + (g->round ? 1 : SBL__MIN(part, 1.0)) * g->taken) / g->desc.probe_count);
+    const int stage = g->work.stages.stage;
+    double part = g->from;
+    if (stage == SBL__PROBES_DONE) return 1;
+    if (stage == SBL__PROBES_SENSE) part += (double)sbl__job_progress(&g->work.core->job) * g->work.task.site_count;
+    if (stage == SBL__PROBES_TAKE) part += g->work.task.site_count;
+    part = 0.5 * (part / SBL__MAX(1, g->count * sbl__probe_sites(g, g->kind)) + g->kind);
+    return (float)((g->first + (g->round ? 1 : part) * g->taken) / SBL__MAX(1, g->desc.probe_count));
 }
 
 static const sbl__stage_row sbl__probes_stages[] = {
-    { sbl__work_prepare, sbl__probes_after_prepare, NULL, NULL },
-    { sbl__probes_setup, NULL, NULL, NULL },
-    { sbl__probes_batch, sbl__probes_round, NULL, NULL },
-    { NULL, sbl__probes_after_sites, sbl__probes_site, sbl__probes_sites },
+    { sbl__work_prepare, NULL, NULL, NULL },
+    { sbl__probes_setup, sbl__probes_batch, NULL, NULL },
+    { NULL, NULL, sbl__probes_site, sbl__work_site_count },
     { sbl__work_sense, NULL, NULL, NULL },
-    { NULL, sbl__probes_after_take, sbl__probes_take, sbl__probes_sites },
-    { NULL, sbl__probes_close, NULL, NULL }
+    { NULL, sbl__probes_after_take, sbl__probes_take, sbl__work_site_count }
 };
 static const sbl__front_end sbl__probes_front_end = {
     "sbl_begin_probes", 0, sbl__probes_check, sbl__probes_begin, sbl__probes_stages, SBL__PROBES_DONE,
