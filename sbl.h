@@ -1673,8 +1673,8 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    To add a front end:
        write a room like >>gather, which is the shortest. Its struct begins with an sbl__work; its sbl__front_end names
        its functions and its table of stages, in which a loop over many items is a row with turn and count. The stages
-       call sbl__prepare (hierarchy, lamps, store), sbl__spec_make (how to measure), sbl__job_begin with a task (sites
-       and readings), then sbl__job_step until the job is done. sbl__job.results holds the readings on the GPU as well.
+       call sbl__work_prepare (hierarchy, lamps, store), sbl__work_make_task (how to measure, and memory), then for each
+       job a loop that makes its sites, and sbl__work_sense. sbl__job.results holds the readings on the GPU as well.
        Add a row to SBL__FRONT_ENDS (>>public), and declare the descriptor and the two functions in the interface.
 
    To add a kind of light:
@@ -10423,11 +10423,11 @@ static float sbl__spec_layer_noise(const sbl__spec *spec) {
 }
 
 /* Gets the size of a look's sheet: the texels of its views, or one row with a texel per ray. */
-static void sbl__spec_sheet(const sbl__spec *spec, int size[2]) {
+static void sbl__spec_sheet(const sbl__spec *spec, int *width, int *height) {
     sbl__layout layout;
     sbl__layout_make(&layout, spec->hemicube, SBL__MAX(spec->size, 1), spec->fov);
-    size[0] = spec->traced ? spec->rays : layout.sheet_width;
-    size[1] = spec->traced ? 1 : layout.sheet_height;
+    *width = spec->traced ? spec->rays : layout.sheet_width;
+    *height = spec->traced ? 1 : layout.sheet_height;
 }
 
 /* Returns 1 if sensors trace rays. The caller may then choose the number of rays per look, and whether a job traces
@@ -14594,7 +14594,8 @@ static sbl_result sbl__work_sense(void *work, sbl__slice *slice) {
     sbl__work *w = (sbl__work *)work;
     sbl__core *c = w->core;
     sbl_result result;
-    if (w->stages.at++ == 0) sbl__job_begin(&c->job, &c->scene, &w->task);
+    if (w->stages.at == 0) sbl__job_begin(&c->job, &c->scene, &w->task);
+    w->stages.at = 1;  /* the job has begun */
     result = sbl__job_step(&c->device, &c->job, slice);
     if (result == SBL_SUCCESS) sbl__core_count(c);
     return result;
@@ -16584,7 +16585,6 @@ typedef struct sbl__inspection {
     sbl__job job;               /* kept, because the next inspection uses its textures again */
     sbl_sensor_ray *rays;
     sbl_sensor_lamp *lamps;
-    int ray_count, lamp_count;
 } sbl__inspection;
 
 typedef struct sbl__inspect_request {
@@ -16592,13 +16592,12 @@ typedef struct sbl__inspect_request {
     sbl__map *map;              /* the finished picture or lightmap */
     sbl__inspection *found;
     int pixel;                  /* number of the working pixel */
-    int sheet[2];               /* width and height in texels of the sheet, see sbl_sensor */
     float *radiance, *weights;  /* the host's arrays for the sheet; NULL: not wanted */
     sbl__site site;
     sbl__look look;             /* the sensor's first look, which is repeated */
     sbl_reading reading;        /* of the first look alone */
     float layers[3 * (SBL__LAYERS - 1)];  /* further layers of light of the first look, see sbl__task */
-    float from_lamps[3], weight_sum;      /* see sbl_sensor */
+    sbl_sensor out;             /* the result */
 } sbl__inspect_request;
 
 static void sbl__inspection_clear(sbl__base *base, sbl__inspection *i) {
@@ -16606,7 +16605,6 @@ static void sbl__inspection_clear(sbl__base *base, sbl__inspection *i) {
     sbl__free(base, i->lamps);
     i->rays = NULL;
     i->lamps = NULL;
-    i->ray_count = i->lamp_count = 0;
 }
 
 static void sbl__inspection_free(const sbl__device *d, sbl__inspection *i) {
@@ -16618,28 +16616,26 @@ static void sbl__inspection_free(const sbl__device *d, sbl__inspection *i) {
 static int sbl__inspect_slot(const sbl__job *j) { return j->task.first_look % sbl__job_slots(j)->count; }
 
 /* Returns the index in found->lamps of the lamp in a leaf of the lamp tree. Appends the lamp if it is new. */
-static int sbl__inspect_lamp(const sbl__inspect_request *k, int leaf) {
+static int sbl__inspect_lamp(sbl__inspect_request *k, int leaf) {
     const sbl__geometry *g = &k->core->scene.geometry;
     const uint32_t code = k->core->scene.lights.codes[leaf], kind = code >> SBL__LAMP_KIND_SHIFT;
     uint32_t number = code & ((1u << SBL__LAMP_KIND_SHIFT) - 1);
-    sbl__inspection *f = k->found;
-    sbl_sensor_lamp lamp;
+    sbl_sensor_lamp lamp, *const lamps = k->found->lamps;
     int i;
     memset(&lamp, 0, sizeof lamp);
     lamp.kind = kind == SBL__LAMP_TRIANGLE    ? SBL_LAMP_TRIANGLE
               : kind == SBL__LAMP_SKY_TEXEL   ? SBL_LAMP_SKY_TEXEL
                                               : SBL_LAMP_LIGHT;
-    if (lamp.kind == SBL_LAMP_TRIANGLE) number = k->core->scene.hierarchy.order[number];
-    lamp.number = (int)number;
     lamp.mesh = -1;
     if (lamp.kind == SBL_LAMP_TRIANGLE) {
+        number = k->core->scene.hierarchy.order[number];
         lamp.mesh = (int)g->vertices[g->indices[3 * (size_t)number]].object;
-        lamp.number -= g->meshes[lamp.mesh].first_triangle;
+        number -= (uint32_t)g->meshes[lamp.mesh].first_triangle;
     }
-    for (i = 0; i < f->lamp_count; i++)
-        if (f->lamps[i].kind == lamp.kind && f->lamps[i].mesh == lamp.mesh && f->lamps[i].number == lamp.number)
-            return i;
-    f->lamps[f->lamp_count++] = lamp;
+    lamp.number = (int)number;
+    for (i = 0; i < k->out.lamp_count; i++)
+        if (lamps[i].kind == lamp.kind && lamps[i].mesh == lamp.mesh && lamps[i].number == lamp.number) return i;
+    lamps[k->out.lamp_count++] = lamp;
     return i;
 }
 
@@ -16692,7 +16688,7 @@ static sbl_result sbl__inspect_rays(sbl__inspect_request *k) {
     int i, n;
     for (i = 0; i < rays && result == SBL_SUCCESS; i++) {
         const float *sum = data + 4 * (size_t)i, *hits = sum + 4 * (size_t)(size[0] * size[1]);
-        sbl_sensor_ray *ray = &k->found->rays[k->found->ray_count++];
+        sbl_sensor_ray *ray = &k->found->rays[k->out.ray_count++];
         float weight = 1 / (float)rays;
         double u[2];
         ray->lamp = -1;
@@ -16704,7 +16700,7 @@ static sbl_result sbl__inspect_rays(sbl__inspect_request *k) {
         if (k->radiance) memcpy(k->radiance + 4 * i, ray->radiance, sizeof ray->radiance);
         if (k->radiance) k->radiance[4 * i + 3] = ray->distance;
         if (k->weights) k->weights[i] = weight;
-        k->weight_sum += weight;
+        k->out.weight_sum += weight;
     }
     sbl__free(base, data);
     sbl__free(base, sequence);
@@ -16741,14 +16737,15 @@ static sbl_result sbl__inspect_sheet(sbl__inspect_request *k) {
             if (k->weights) k->weights[texel] = weight[0];
             weights += weight[0];
         }
-    k->weight_sum = (float)weights;
+    k->out.weight_sum = (float)weights;
     sbl__free(&c->base, rows);
     sbl__free(&c->base, table);
     return result;
 }
 
-static void sbl__inspect_views(const sbl__inspect_request *k, sbl_sensor *out) {
+static void sbl__inspect_views(sbl__inspect_request *k) {
     const sbl__layout *l = sbl__job_layout(&k->found->job);
+    sbl_sensor *out = &k->out;
     int face, i;
     out->view_count = l ? l->view_count : 0;
     for (face = 0; face < out->view_count; face++) {
@@ -16770,14 +16767,14 @@ static void sbl__inspect_views(const sbl__inspect_request *k, sbl_sensor *out) {
 
 /* Evaluates the outputs of an invocation of lamps.glsl, out_light and out_way. is_ray: 1 if the invocation traced a
    ray; 0 if it describes one of the lamps or clusters that the look chose */
-static void sbl__inspect_take(const sbl__inspect_request *k, const float *light, const float *way, int is_ray) {
+static void sbl__inspect_take(sbl__inspect_request *k, const float *light, const float *way, int is_ray) {
     const int state = (int)light[3], lamp = state ? sbl__inspect_lamp(k, (int)way[3]) : 0;
     sbl_sensor_lamp *l = &k->found->lamps[lamp];
     if (!state) return;
     l->rays += is_ray || state > 1;
     l->open += state == (is_ray ? 1 : 2);
     if (is_ray) {
-        sbl_sensor_ray *ray = &k->found->rays[k->found->ray_count++];
+        sbl_sensor_ray *ray = &k->found->rays[k->out.ray_count++];
         ray->lamp = lamp;
         memcpy(ray->direction, way, sizeof ray->direction);
         memcpy(ray->radiance, light, sizeof ray->radiance);
@@ -16798,7 +16795,7 @@ static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
     if (light) result = sbl__target_read(d, &j->aim.light.target, 0, slot / columns * parts, parts, light);
     for (i = 0; i < parts && result == SBL_SUCCESS; i++)
         for (n = 0; n < 3; n++)
-            k->from_lamps[n] += light[4 * ((size_t)columns * (size_t)i + (size_t)(slot % columns)) + (size_t)n] /
+            k->out.from_lamps[n] += light[4 * ((size_t)columns * (size_t)i + (size_t)(slot % columns)) + (size_t)n] /
                                 (float)parts / sbl__job_scale(j);
     sbl__free(d->base, light);
     if (result == SBL_SUCCESS) result = sbl__inspect_run(k, 1, size, &data);
@@ -16814,12 +16811,13 @@ static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
 
 /* >>inspect: the job */
 
-/* Checks the arguments of sbl_inspect_sensor, and sets the request's pixel and sheet. */
+/* Checks the arguments of sbl_inspect_sensor, and sets the request's pixel and the size of the sheet. */
 static sbl_result sbl__inspect_check(sbl__inspect_request *k, int x, int y, const sbl_sensor *sensor,
                                      size_t texel_count) {
     const sbl__map *m = k->map;
     const int finished = m && sbl__work_is_done(&m->work);
     sbl__check check = { &k->core->base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, 0 };
+    size_t texels;
     if (!sensor) {
         sbl__mistake(&check, "sbl_inspect_sensor: sensor is NULL");
         return SBL_ERROR_INVALID_ARGUMENT;
@@ -16837,13 +16835,42 @@ static sbl_result sbl__inspect_check(sbl__inspect_request *k, int x, int y, cons
         return SBL_ERROR_INVALID_ARGUMENT;
     }
     k->pixel = (int)sbl__map_shown(m, (size_t)y * (size_t)m->size[0] + (size_t)x);
-    sbl__spec_sheet(&m->spec, k->sheet);
+    sbl__spec_sheet(&m->spec, &k->out.sheet_width, &k->out.sheet_height);
+    texels = (size_t)k->out.sheet_width * (size_t)k->out.sheet_height;
     if (!sbl__refine_pixel(&m->refine, (size_t)k->pixel)->id)
         sbl__mistake(&check, "sbl_inspect_sensor: pixel %d %d shows no surface", x, y);
-    else if ((k->radiance || k->weights) && texel_count < (size_t)k->sheet[0] * (size_t)k->sheet[1])
+    else if ((k->radiance || k->weights) && texel_count < texels)
         sbl__mistake(&check, "sbl_inspect_sensor: texel_count is %.0f; the sheet has %d x %d texels",
-                     (double)texel_count, k->sheet[0], k->sheet[1]);
+                     (double)texel_count, k->out.sheet_width, k->out.sheet_height);
     return sbl__check_end(&check);
+}
+
+/* Fills in those fields of k->out that are not set yet. */
+static void sbl__inspect_tell(sbl__inspect_request *k) {
+    const sbl__pixel *p = sbl__refine_pixel(&k->map->refine, (size_t)k->pixel);
+    const sbl_reading *r = &k->reading;
+    sbl_sensor *out = &k->out;
+    int i;
+    out->backend = k->map->work.measurement.options.backend;
+    memcpy(out->site.position, p->position, sizeof p->position);
+    memcpy(out->site.normal, p->normal, sizeof p->normal);
+    memcpy(out->site.geometric_normal, p->geometric_normal, sizeof p->geometric_normal);
+    out->site.offset = p->offset;
+    memcpy(out->position, k->look.position, sizeof out->position);
+    memcpy(out->normal, k->look.normal, sizeof out->normal);
+    memcpy(out->radiance, p->sensed ? p->radiance : r->radiance, sizeof out->radiance);
+    out->noise = p->sensed ? sbl__noise(&k->map->refine, p) : r->noise;
+    out->looks = p->sensed ? p->looks : 1;
+    for (i = 0; i < 3; i++) out->from_surroundings[i] = SBL__MAX(r->radiance[i] - out->from_lamps[i], 0.0f);
+    out->back_share = r->back_share * r->hit_share;
+    out->hit_min = r->hit_min;
+    out->hit_mean = r->hit_mean;
+    out->valid = r->valid;
+    out->sensed = p->sensed;
+    out->level = p->level ? p->level - 1 : 0;
+    sbl__inspect_views(k);
+    out->rays = k->found->rays;
+    out->lamps = k->found->lamps;
 }
 
 /* Repeats the first look of the pixel's sensor, in the slot that this look had, so that every rounding is the same. */
@@ -16877,43 +16904,8 @@ static sbl_result sbl__inspect(sbl__inspect_request *k) {
         if (result == SBL_SUCCESS && lamp_rays) result = sbl__inspect_lamps(k);
         if (result == SBL_SUCCESS) result = SBL_UNFINISHED;
     }
+    if (result == SBL_SUCCESS) sbl__inspect_tell(k);
     return result;
-}
-
-/* Writes the results of the inspection to *out. */
-static void sbl__inspect_tell(const sbl__inspect_request *k, sbl_sensor *out) {
-    const sbl__pixel *p = sbl__refine_pixel(&k->map->refine, (size_t)k->pixel);
-    const sbl_reading *r = &k->reading;
-    int i;
-    memset(out, 0, sizeof *out);
-    out->sheet_width = k->sheet[0];
-    out->sheet_height = k->sheet[1];
-    out->backend = k->map->work.measurement.options.backend;
-    memcpy(out->site.position, p->position, sizeof p->position);
-    memcpy(out->site.normal, p->normal, sizeof p->normal);
-    memcpy(out->site.geometric_normal, p->geometric_normal, sizeof p->geometric_normal);
-    out->site.offset = p->offset;
-    memcpy(out->position, k->look.position, sizeof out->position);
-    memcpy(out->normal, k->look.normal, sizeof out->normal);
-    memcpy(out->radiance, p->sensed ? p->radiance : r->radiance, sizeof out->radiance);
-    out->noise = p->sensed ? sbl__noise(&k->map->refine, p) : r->noise;
-    out->looks = p->sensed ? p->looks : 1;
-    for (i = 0; i < 3; i++) {
-        out->from_lamps[i] = k->from_lamps[i];
-        out->from_surroundings[i] = SBL__MAX(r->radiance[i] - k->from_lamps[i], 0.0f);
-    }
-    out->weight_sum = k->weight_sum;
-    out->back_share = r->back_share * r->hit_share;
-    out->hit_min = r->hit_min;
-    out->hit_mean = r->hit_mean;
-    out->valid = r->valid;
-    out->sensed = p->sensed;
-    out->level = p->level ? p->level - 1 : 0;
-    sbl__inspect_views(k, out);
-    out->rays = k->found->rays;
-    out->ray_count = k->found->ray_count;
-    out->lamps = k->found->lamps;
-    out->lamp_count = k->found->lamp_count;
 }
 
 /* ======================================================================================================== >>trial
@@ -17652,7 +17644,7 @@ SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *
     sbl__visit_enter(c, &visit);
     result = sbl__inspect(&request);
     sbl__visit_leave(c, &visit);
-    if (result == SBL_SUCCESS) sbl__inspect_tell(&request, sensor);
+    if (result == SBL_SUCCESS) *sensor = request.out;
     else sbl__inspection_clear(&c->core.base, &c->inspection);
     return result;
 }
