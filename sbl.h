@@ -14601,6 +14601,12 @@ static sbl_result sbl__work_sense(void *work, sbl__slice *slice) {
     return result;
 }
 
+/* Returns how many sites of the task are measured. sense: the front end's stage that is sbl__work_sense */
+static double sbl__work_measured(const sbl__work *w, int sense) {
+    if (w->stages.stage != sense) return w->stages.stage > sense ? w->task.site_count : 0;
+    return w->stages.at ? (double)sbl__job_progress(&w->core->job) * w->task.site_count : 0;
+}
+
 /* The `seconds` of front ends whose stage 0 is sbl__work_prepare and whose other stages measure. */
 static double *sbl__work_seconds(const void *work) {
     const sbl__work *w = (const sbl__work *)work;
@@ -15526,9 +15532,10 @@ static sbl_result sbl__gathering_setup(void *work, sbl__slice *slice) {
 
 static int sbl__gathering_next_job(void *work) {
     sbl__gathering *g = (sbl__gathering *)work;
+    if (g->first == g->desc.site_count) return SBL__GATHER_DONE;
     g->work.task.readings = g->desc.readings + g->first;
     g->work.task.site_count = SBL__MIN(SBL__WORK_SITES, g->desc.site_count - g->first);
-    return g->work.task.site_count ? SBL__GATHER_SITES : SBL__GATHER_DONE;
+    return SBL__GATHER_SITES;
 }
 
 static sbl_result sbl__gathering_site(void *work, int at) {
@@ -15551,11 +15558,8 @@ static int sbl__gathering_after_sense(void *work) {
 
 static float sbl__gathering_progress(const void *work) {
     const sbl__gathering *g = (const sbl__gathering *)work;
-    double done = g->first;
     if (sbl__work_is_done(&g->work)) return 1;
-    if (g->work.stages.stage == SBL__GATHER_SENSE)
-        done += (double)sbl__job_progress(&g->work.core->job) * g->work.task.site_count;
-    return (float)(done / SBL__MAX(1, g->desc.site_count));
+    return (float)((g->first + sbl__work_measured(&g->work, SBL__GATHER_SENSE)) / SBL__MAX(1, g->desc.site_count));
 }
 
 static const sbl__stage_row sbl__gathering_stages[] = {
@@ -16141,12 +16145,9 @@ static double *sbl__vertices_seconds(const void *work) {
 
 static float sbl__vertices_progress(const void *work) {
     const sbl__vertices *s = (const sbl__vertices *)work;
-    const int stage = s->work.stages.stage;
-    double done = (double)s->taken;
-    if (stage == SBL__VERTICES_DONE) return 1;
-    if (stage == SBL__VERTICES_SENSE) done += (double)sbl__job_progress(&s->work.core->job) * s->work.task.site_count;
-    if (stage == SBL__VERTICES_TAKE) done += s->work.task.site_count;
-    return stage > SBL__VERTICES_SETUP ? SBL__VERTICES_SENSING * (float)(done / (double)SBL__MAX(1, s->points)) : 0;
+    const double done = (double)s->taken + sbl__work_measured(&s->work, SBL__VERTICES_SENSE);
+    if (sbl__work_is_done(&s->work)) return 1;
+    return SBL__VERTICES_SENSING * (float)(done / (double)SBL__MAX(1, s->points));
 }
 
 static const sbl__stage_row sbl__vertices_stages[] = {
@@ -16553,11 +16554,8 @@ static int sbl__probes_after_take(void *work) {
 
 static float sbl__probes_progress(const void *work) {
     const sbl__probes *g = (const sbl__probes *)work;
-    const int stage = g->work.stages.stage;
-    double part = g->from;
-    if (stage == SBL__PROBES_DONE) return 1;
-    if (stage == SBL__PROBES_SENSE) part += (double)sbl__job_progress(&g->work.core->job) * g->work.task.site_count;
-    if (stage == SBL__PROBES_TAKE) part += g->work.task.site_count;
+    double part = g->from + sbl__work_measured(&g->work, SBL__PROBES_SENSE);
+    if (sbl__work_is_done(&g->work)) return 1;
     part = 0.5 * (part / SBL__MAX(1, g->count * sbl__probe_sites(g, g->kind)) + g->kind);
     return (float)((g->first + (g->round ? 1 : part) * g->taken) / SBL__MAX(1, g->desc.probe_count));
 }
