@@ -2459,10 +2459,11 @@ typedef struct sbl__record {
 #define SBL__RGBE_BITS 8           /* bits of each of the three mantissas that sbl__rgbe stores */
 
 #define SBL__UNBOUNDED 1e30f           /* length of a ray without a limit; distance of a hit that does not exist */
-#define SBL__FRACTIONS 16777216.0      /* 2^24: shaders keep the upper 24 bits of an integer n that stands for n /
-                                          2^32, as many as a float has */
+#define SBL__FRACTIONS 16777216.0      /* 2^24: a 32-bit fraction becomes a float from 0 to 1 by division of
+                                          its upper 24 bits, as many as a float holds, by this */
 #define SBL__COLOR_MOST 65535.0f       /* integer that stands for 1 in a vertex colour */
-#define SBL__GUIDE_STEPS 65536.0       /* 2^16: a guide stores the bounds of intervals in units of 1 / this */
+#define SBL__GUIDE_STEPS 65536.0       /* 2^16: a guide divides 0 .. 1 into intervals, and stores where each begins
+                                          as a 16-bit integer: position * this */
 #define SBL__HARMONIC_0 0.28209479f    /* spherical harmonic of band 0: 1 / sqrt(4 pi) */
 #define SBL__HARMONIC_1 0.48860251f    /* factor of y, z and x in the spherical harmonics of band 1: sqrt(3 / (4 pi)) */
 #define SBL__BOUNCE_ALBEDO 0.98f       /* largest albedo in the computation of bounced light */
@@ -2500,7 +2501,8 @@ typedef struct sbl__record {
 
 #define SBL__PRELUDE_MOST 16384    /* size of the text that precedes the files of a shader, in characters */
 
-/* Appends to a string of `length` characters in an array of SBL__PRELUDE_MOST. Returns the new length. */
+/* Appends to a string of `length` characters in an array of SBL__PRELUDE_MOST, and drops what does not fit.
+   Returns the new length. */
 static size_t sbl__write(char *text, size_t length, const char *format, ...) {
     va_list arguments;
     int more;
@@ -5000,7 +5002,8 @@ static float sbl__box_area(const sbl__box *b) {
 /* Bounds of triangles, and of their centroids multiplied by 2 */
 typedef struct sbl__bvh_bounds { sbl__box box, centroids; } sbl__bvh_bounds;
 
-/* A node to build, over triangles first .. first + count - 1 of the order. slot: its place in sbl__bvh.children */
+/* A node to build, over triangles first .. first + count - 1 of the order. slot: the element of sbl__bvh.children whose
+   last word receives the node's number */
 typedef struct sbl__bvh_task {
     int first, count, depth, slot;
     sbl__grid_node grid;
@@ -5312,7 +5315,8 @@ static int sbl__bvh_after_boxes(void *work) {
     if (h->triangle_count) {
         b->top = 1;
         task->count = h->triangle_count;
-        /* The grid is node 0. The word of slot 0 that this task sets is the grid's field `root`. */
+        /* The grid takes the place of node 0, so children[0][3], where this task with slot 0 writes the number of its
+           node, is the grid's field `root`. */
         h->grid = task->grid = sbl__bvh_add_grid(h, &task->bounds.box, 0);
     }
     return sbl__bvh_next_task(b);
@@ -5412,13 +5416,15 @@ static void sbl__hierarchy_bind(sbl__device *d, const sbl__hierarchy *h) {
 /* >>glsl traverse: shaders_embedded/traverse.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_traverse[] = {
 "// Traces rays through the bounding volume hierarchy (see >>bvh in sbl.h).\n",
-"uniform vec3 grid_origin, grid_per_length;  // the grid over the scene, whose record is number 0\n",
-"uniform int node_count;                     // 0: the scene is empty\n",
+"uniform vec3 grid_origin;      // origin of the grid over the scene, as in grid record number 0\n",
+"uniform vec3 grid_per_length;  // steps of that grid per unit of length\n",
+"uniform int node_count;        // 0: the scene is empty\n",
 "\n",
 "const int SBL_HOLES = 64;             // largest number of holes of cut-out surfaces that a ray passes\n",
 "const int SBL_BOX_SLACK = 8;          // units in the last place, see Ize 2013, \"Robust BVH Ray Traversal\"\n",
-"const float SBL_SELF_DEEP = 1e-4;     // sbl_test checks hits nearer than this * triangle's depth for rounding\n",
-"const float SBL_SELF_WIDE = 2.4e-7;\n",
+"const float SBL_SELF_DEEP = 1e-4;     // a hit's distance is compared with its rounding error if it is at most\n",
+"                                      // this * largest distance of a corner from the origin along sbl_Ray.axis\n",
+"const float SBL_SELF_WIDE = 2.4e-7;   // the rounding error is this * deep * wide / abs(determinant), see sbl_test\n",
 "\n",
 "// Attributes at barycentrics b1, b2 of a triangle of sbl_triangles.\n",
 "sbl_Attributes sbl_attributes_at(int triangle, float b1, float b2) {\n",
@@ -5466,9 +5472,9 @@ static const char *const sbl__glsl_traverse[] = {
 "    vec3 origin;\n",
 "    int axis;\n",
 "    vec2 shear;\n",
-"    float z, per_z;\n",
-"    float after;  // hits at a lower distance are ignored\n",
-"    int past;     // hits at the distance `after` are ignored if the triangle's number is at most this\n",
+"    float z, per_z;  // the direction's component along the axis, and its reciprocal\n",
+"    float after;     // hits at a lower distance are ignored\n",
+"    int past;        // hits at the distance `after` are ignored if the triangle's number is at most this\n",
 "};\n",
 "\n",
 "vec3 sbl_turn(vec3 v, int axis) { return axis == 0 ? v.yzx : axis == 1 ? v.zxy : v; }\n",
@@ -5490,7 +5496,7 @@ static const char *const sbl__glsl_traverse[] = {
 "    bool inside = (front || back) && determinant != 0.0;\n",
 "    float l = (u * p.z + v * q.z + w * r.z) * ray.per_z / determinant;\n",
 "    // Rounding must not cause a hit of a triangle close to the ray's origin, such as the one that it starts on. A\n",
-"    // hit nearer than SBL_SELF_DEEP of the triangle's depth counts only if it is farther than the rounding error,\n",
+"    // hit nearer than SBL_SELF_DEEP * deep counts only if its distance is larger than the rounding error,\n",
 "    // which is larger for thin triangles.\n",
 "    float deep = max(abs(p.z), max(abs(q.z), abs(r.z)));\n",
 "    float wide = max(dot(p.xy, p.xy), max(dot(q.xy, q.xy), dot(r.xy, r.xy)));\n",
@@ -6464,7 +6470,8 @@ static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
 }
 
 #define SBL__STORE_LEAVES 49152    /* default limit of the store's leaves, which the interface calls cells */
-#define SBL__STORE_TEXELS 8        /* limit of the texels of the store's table per leaf, with all cells and cuts */
+#define SBL__STORE_TEXELS 8        /* texels that the store's table may need per leaf: the leaf, and its share of all
+                                      cells and cuts */
 
 /* Checks s->brightest. Decides whether tables are buffer textures or, if one exceeds the driver's limit for those, 2D
    textures. Reduces the number of the store's leaves to what its tables hold. */
@@ -8288,7 +8295,7 @@ static float sbl__guide_smooth(const float *found, int ring, int sector) {
     return sum;
 }
 
-/* Divides 0 .. 65536 into `count` intervals and writes where each begins, as 16-bit numbers, two per word. The part
+/* Divides 0 .. SBL__GUIDE_STEPS into `count` intervals and writes where each begins, two 16-bit numbers per word. Part
    `even` (0 to 1) of the range, or all of it if all shares are 0, is divided equally, the rest by the shares. */
 static void sbl__guide_intervals(const float *shares, int count, double even, uint32_t *words) {
     double all = 0, sum = 0;
@@ -9013,16 +9020,17 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// >>choose\n",
 "\n",
-"int entries[SBL_LAMPS];      // n >= 0: lamp number n; n < 0: the cluster of node -1 - n. Point lights fill the\n",
-"                             // array from its end\n",
+"int entries[SBL_LAMPS];      // n >= 0: lamp number n; n < 0: the cluster of node -1 - n. The first SBL_CERTAIN\n",
+"                             // point lights fill the array from its end\n",
 "float strengths[SBL_LAMPS];  // cumulative sums of the entries' strengths (approximate light)\n",
-"int used, certain;           // number of entries without point lights; number of point lights\n",
-"float total, crowd;          // sum of the strengths; sum of the squared strengths\n",
+"int used, certain;           // number of entries from the array's start on; number of point lights at its end\n",
+"float total, crowd;          // sum of the strengths of the `used` entries; sum of their squared strengths\n",
 "float crowd_within;          // estimate of the sum of squared strengths if all lamps of clusters were entries\n",
-"mat2x3 whole;                // light of single lamps if unobstructed, by group (see sbl_Lamp). Each group has its\n",
-"                             // own ratio, because one side of a closed mesh hides the other\n",
+"mat2x3 whole;                // by group (see sbl_Lamp): unobstructed light of lamps that are entries themselves,\n",
+"                             // except texels and the `certain` point lights. Each group has its own ratio seen /\n",
+"                             // open, because one side of a closed mesh hides the other\n",
 "bool rounded = false;        // true: some entries are round lamps\n",
-"mat3x4 whole_harmonics[2];   // harmonics of `whole`\n",
+"mat3x4 whole_harmonics[2];   // by group: harmonics of `whole`\n",
 "\n",
 "// Adds node i to the entries, skips it, or descends into it; or adds leaf i if all lamps fit. Returns the next\n",
 "// node or leaf, or `limit` if the entries are full. last: true: never descends below a cluster\n",
@@ -10879,7 +10887,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__BOUNCE_SHRINK_MOST 0.03  /* least factor by which the cells' area shrinks if leaves are left over */
 #define SBL__BOUNCE_POOL 16.0      /* limit of sbl__patching.pool. If leaves do not suffice even then, places
                                       without a leaf stay dark */
-/* least number of surface samples per area of a cell of level 0; the widest cells have 8 samples */
+/* least number of positions of surface samples per area of a cell of level 0: 8 per area of the widest cells */
 #define SBL__BOUNCE_SAMPLES_LEAST (8.0 / (1 << 2 * SBL__LEVEL_SHIFT * (SBL__LEVELS - 1)))
 #define SBL__BOUNCE_SAMPLE_RAYS 4
 #define SBL__BOUNCE_POINTS 4       /* points of a leaf */
@@ -10951,7 +10959,8 @@ typedef struct sbl__bounce {
     int point_count, point_room, state_room;
     sbl__hits hits;                  /* hits of the points' rays, SBL__BOUNCE_RAYS per point */
     sbl__patching patching;          /* this field and all below are dropped when the store is ready */
-    double samples_due;              /* number of surface samples due for the triangles visited so far */
+    double samples_due;              /* number of positions due for surface samples on the triangles visited so far;
+                                        each position gets two samples, one on each side */
     sbl__hits samples;               /* surface samples: places spread over all surfaces */
     sbl__hits queue;                 /* places that may become points: a part of samples, hits or `released` */
     sbl__hits waiting;               /* hits in leaves that the next contact rays may cut; queued after the cuts */
@@ -10959,8 +10968,8 @@ typedef struct sbl__bounce {
     sbl__hits contacts;              /* hits of contact rays */
     int cut_leaves;                  /* number of leaves that contact rays have cut */
     int points_cast;                 /* number of points whose rays have been cast */
-    uint32_t *sequence;              /* low-discrepancy numbers from 0 to 1, in units of 2^-32, from which ray
-                                        directions are made */
+    uint32_t *sequence;              /* points of the unit square from which ray directions are made: two
+                                        coordinates per point, in units of 2^-32, see sbl__sequence_make */
     struct { uint32_t place; float normal[3], offset; } origin;  /* result of the last sbl__place_normal */
     sbl__site *sites;                /* the job's sites: points, then places in the air */
     sbl_reading *readings;
@@ -11185,8 +11194,8 @@ static int sbl__hits_add(sbl__bounce *b, sbl__hits *to, const sbl__hit *hit) {
     return 1;
 }
 
-/* Sets a triangle's patch word, and adds surface samples at random positions on both sides: one per area of a cell of
-   the first size. b->samples_due carries fractions over to the next triangle. */
+/* Sets a triangle's patch word, and adds surface samples at random positions, one on each side: a position per area of
+   a cell of the first size. b->samples_due carries fractions over to the next triangle. */
 static sbl_result sbl__bounce_sample(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const uint32_t triangle = (uint32_t)at;
@@ -11541,7 +11550,8 @@ static int sbl__bounce_after_cuts(void *work) {
 
 /* >>bounce: rays */
 
-/* Makes a cosine-weighted ray from a place. number: index into b->sequence, which a hash of `seed` scrambles */
+/* Makes a cosine-weighted ray from a place. number: number of the point of b->sequence that chooses the
+   direction, after a hash of `seed` has scrambled it */
 static void sbl__bounce_surface_ray(sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number, sbl__cast *out) {
     const float *normal = b->origin.normal;
     int k;

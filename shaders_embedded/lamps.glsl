@@ -374,16 +374,17 @@ bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
 
 // >>choose
 
-int entries[SBL_LAMPS];      // n >= 0: lamp number n; n < 0: the cluster of node -1 - n. Point lights fill the
-                             // array from its end
+int entries[SBL_LAMPS];      // n >= 0: lamp number n; n < 0: the cluster of node -1 - n. The first SBL_CERTAIN
+                             // point lights fill the array from its end
 float strengths[SBL_LAMPS];  // cumulative sums of the entries' strengths (approximate light)
-int used, certain;           // number of entries without point lights; number of point lights
-float total, crowd;          // sum of the strengths; sum of the squared strengths
+int used, certain;           // number of entries from the array's start on; number of point lights at its end
+float total, crowd;          // sum of the strengths of the `used` entries; sum of their squared strengths
 float crowd_within;          // estimate of the sum of squared strengths if all lamps of clusters were entries
-mat2x3 whole;                // light of single lamps if unobstructed, by group (see sbl_Lamp). Each group has its
-                             // own ratio, because one side of a closed mesh hides the other
+mat2x3 whole;                // by group (see sbl_Lamp): unobstructed light of lamps that are entries themselves,
+                             // except texels and the `certain` point lights. Each group has its own ratio seen /
+                             // open, because one side of a closed mesh hides the other
 bool rounded = false;        // true: some entries are round lamps
-mat3x4 whole_harmonics[2];   // harmonics of `whole`
+mat3x4 whole_harmonics[2];   // by group: harmonics of `whole`
 
 // Adds node i to the entries, skips it, or descends into it; or adds leaf i if all lamps fit. Returns the next
 // node or leaf, or `limit` if the entries are full. last: true: never descends below a cluster
