@@ -4612,8 +4612,8 @@ static sbl_result sbl__textures_make(sbl__device *d, sbl__textures *s, const sbl
    How surfaces emit and reflect light, and where they have holes. Materials are read only here, for the CPU, and in
    material.glsl, for shaders. Both compute the same. */
 
-/* Copies a material into its mesh's object, and raises *brightest to the highest radiance that the material emits.
-   Returns the features that programs need for the material. */
+/* Copies a material into its mesh's object, and raises *brightest to an upper limit of the radiance that it emits:
+   its largest component, times that of the texture. Returns the features that programs need for the material. */
 static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *m, sbl__object *o, float *brightest) {
     memcpy(o->albedo, m->albedo, sizeof o->albedo);
     memcpy(o->emission, m->emission, sizeof o->emission);
@@ -4765,7 +4765,8 @@ typedef struct sbl__environment {
     int width, height;   /* size of the picture, texels */
     float axes[3][3];    /* the picture's x, up and z axes in world space: unit vectors */
     float limit;         /* radiance (largest component) above which a texel is a lamp; 0 if there is no picture */
-    float brightest;     /* largest component of the radiance from any direction, sky and picture together */
+    float brightest;     /* upper limit of the radiance from any direction: the largest component of the sky
+                            plus the largest component of any texel */
     sbl__texture texels; /* the picture on the GPU */
 } sbl__environment;
 
@@ -5334,7 +5335,8 @@ static sbl_result sbl__bvh_cost(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Uploads the next piece of a table of `all` elements, from element stages.at on. Attaches the table at the end. */
+/* Uploads the next piece of a table of `all` elements of `size` bytes. from: elements stages.at and following. Advances
+   stages.at. Attaches the table after the last piece. */
 static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, size_t size, int all) {
     int *at = &b->stages.at;
     const int count = SBL__MIN(SBL__UPLOAD_CHUNK / (int)size, all - *at);
@@ -6195,7 +6197,7 @@ typedef struct sbl__patching {     /* state of dividing the scene into patches *
     uint32_t *welded;              /* for each vertex, the first vertex at the same position */
     uint32_t *corners;             /* three welded vertices per triangle */
     uint32_t *parents;             /* union-find forest of triangles; each root stands for a patch, see sbl__root */
-    sbl__patch *patches;           /* indexed by their roots */
+    sbl__patch *patches;           /* one per triangle; a patch is at the index of its root triangle */
     double area;                   /* area of all patches that sensors see */
     double least;                  /* patches with a smaller area are joined into one patch per mesh, world units
                                       squared */
@@ -6433,7 +6435,7 @@ typedef struct sbl__scene {
     float draw_bounds[2][3];
     float draw_brightest;       /* highest radiance that the host draws */
     int material_count;
-    float brightest;            /* highest radiance of any surface, the sky, or what the host draws */
+    float brightest;            /* upper limit of the radiance of surfaces, the environment, and what the host draws */
     unsigned features;          /* features that programs need for the scene */
     uint32_t version;           /* changes with every change of the scene */
     uint32_t surfaces;          /* version number: every change of the scene gives a new one, except changes of
@@ -6479,7 +6481,8 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     const sbl_capabilities *c = &d->gl.capabilities;
     const sbl__geometry *g = &s->geometry;
     const double lamps = sbl__lamps_most(g, &s->environment, s->lights.count), limit = c->max_texture_buffer_size;
-    /* the longest table: 3 texels per triangle, and a few for grids; 2 per vertex; 5 per mesh; 9 per lamp */
+    /* texels of the longest table: 3 per triangle, and a few for grids; 2 per vertex; 5 per mesh; or 9 per lamp, and 3
+       more per light of the host */
     const double texels = SBL__MAX(SBL__MAX(3.0 * g->triangle_count + 8, 2.0 * g->vertex_count),
                                    SBL__MAX(5.0 * g->mesh_count, 9 * lamps + 3.0 * s->lights.count));
     double most = c->max_texture_size < SBL__TEXELS_ACROSS ? 0 : (c->max_texture_size - 1) * (double)SBL__TEXELS_ACROSS;
@@ -6756,7 +6759,8 @@ static const char *const sbl__glsl_surface[] = {
 "    sbl_Surface s;\n",
 "    s.position = f.p0 + (b1 * f.e1 + b2 * f.e2);\n",
 "    vec3 across = cross(f.s1, f.s2), s3 = f.s2 - f.s1;\n",
-"    float widest = max(max(abs(across.x), abs(across.y)), abs(across.z));  // normalize needs more than 1e-15\n",
+"    float widest = max(max(abs(across.x), abs(across.y)), abs(across.z));\n",
+"    // shorter vectors are scaled first, because their squared length may underflow in normalize\n",
 "    vec3 face = normalize(widest > 1e-15 ? across : widest > 0.0 ? across / widest : -direction);\n",
 "    float longest = sqrt(max(dot(f.s1, f.s1), max(dot(f.s2, f.s2), dot(s3, s3))));\n",
 "    s.facet = f.size * length(across) / longest;\n",
@@ -8705,6 +8709,7 @@ static const char *const sbl__glsl_lamps[] = {
 "const float SBL_POINT_WEIGHT[2] = float[2](0.223381589678011, 0.109951743655322);\n",
 "const float SBL_BEFORE_LAMP = 0.99999;  // share of the distance to a lamp along which a ray is traced\n",
 "\n",
+"// A lamp as the sensor sees it. \"triangle:\", \"texel:\" and \"light:\" name the kinds of lamp that have a field.\n",
 "struct sbl_Lamp {\n",
 "    uint kind;\n",
 "    vec3 brightness;           // triangle: radiance; texel: radiance * solid angle; light: irradiance of a surface\n",
@@ -8712,7 +8717,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    vec3 corner;               // triangle: first corner, relative to the sensor; else unit direction to the centre\n",
 "    vec3 side_1, side_2;       // triangle: vectors from the first corner to the other corners\n",
 "    float away, radius, sine2; // light: distance, radius, squared sine of half the angle that it subtends\n",
-"    ivec2 texel;               // texel: column and row\n",
+"    ivec2 texel;               // texel: its column and row in the environment's picture\n",
 "    int triangle, number;      // triangle: its number in the hierarchy's order and in the scene; else number is -1\n",
 "    vec2 group;                // (0, 1) if it is a triangle that shows the sensor its back; else (1, 0)\n",
 "};\n",
@@ -9022,18 +9027,19 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "int entries[SBL_LAMPS];      // n >= 0: lamp number n; n < 0: the cluster of node -1 - n. The first SBL_CERTAIN\n",
 "                             // point lights fill the array from its end\n",
-"float strengths[SBL_LAMPS];  // cumulative sums of the entries' strengths (approximate light)\n",
+"float strengths[SBL_LAMPS];  // [i]: sum of the strengths (approximate light) of entries 0 to i\n",
 "int used, certain;           // number of entries from the array's start on; number of point lights at its end\n",
 "float total, crowd;          // sum of the strengths of the `used` entries; sum of their squared strengths\n",
-"float crowd_within;          // estimate of the sum of squared strengths if all lamps of clusters were entries\n",
+"float crowd_within;          // estimate of what `crowd` would be if all lamps of clusters were entries\n",
 "mat2x3 whole;                // by group (see sbl_Lamp): unobstructed light of lamps that are entries themselves,\n",
 "                             // except texels and the `certain` point lights. Each group has its own ratio seen /\n",
 "                             // open, because one side of a closed mesh hides the other\n",
 "bool rounded = false;        // true: some entries are round lamps\n",
 "mat3x4 whole_harmonics[2];   // by group: harmonics of `whole`\n",
 "\n",
-"// Adds node i to the entries, skips it, or descends into it; or adds leaf i if all lamps fit. Returns the next\n",
-"// node or leaf, or `limit` if the entries are full. last: true: never descends below a cluster\n",
+"// Adds node i to the entries, skips it, or descends into it. Returns the next node, or `limit`, the number of all\n",
+"// nodes, if the entries are full. If all lamps fit, i and limit count leaves instead. opening: a node is one entry\n",
+"// if its radius is below this share of its distance. last: true: a node of any size is one entry\n",
 "int sbl_consider(int i, int limit, float opening, bool last, out bool full) {\n",
 "    int leaf = i, next = i + 1, lamps = 1;\n",
 "    float strength = 0.0;\n",
@@ -10962,9 +10968,10 @@ typedef struct sbl__bounce {
     double samples_due;              /* number of positions due for surface samples on the triangles visited so far;
                                         each position gets two samples, one on each side */
     sbl__hits samples;               /* surface samples: places spread over all surfaces */
-    sbl__hits queue;                 /* places that may become points: a part of samples, hits or `released` */
-    sbl__hits waiting;               /* hits in leaves that the next contact rays may cut; queued after the cuts */
-    sbl__hits released;              /* the previous `waiting`, while it is queued */
+    sbl__hits queue;                 /* places that may become points. Its list points into that of samples, hits or
+                                        released */
+    sbl__hits waiting;               /* places from the queue, in leaves that contact rays have yet to cut */
+    sbl__hits released;              /* the list of `waiting` until the last cuts; the queue points into it */
     sbl__hits contacts;              /* hits of contact rays */
     int cut_leaves;                  /* number of leaves that contact rays have cut */
     int points_cast;                 /* number of points whose rays have been cast */
@@ -11362,7 +11369,7 @@ static sbl_result sbl__bounce_cast_contacts(void *work, sbl__slice *slice) {
 
 /* The line along which an object stands on a flat surface. */
 typedef struct sbl__contact {
-    uint32_t patch;              /* word of the flat surface */
+    uint32_t patch;              /* patch word of the flat surface on which the object stands */
     uint32_t object;             /* identifies the object: its patch word | 1 if flat, or 2 * triangle */
     float normal[3], distance;   /* plane of the touching object: dot(normal, x) = distance */
     double from[3], along[3];    /* one end of the line, and the vector to the other end */
@@ -11962,7 +11969,7 @@ static void sbl__bounce_free_temporary(const sbl__device *d, sbl__bounce *b) {
     memset(&b->patching, 0, sizeof *b - offsetof(sbl__bounce, patching));
 }
 
-/* Frees the filling in progress. */
+/* Frees all data of the filling of the store: what is being built, and the points and hits that a ready store keeps. */
 static void sbl__bounce_end(sbl__core *c) {
     sbl__bounce *b = c->bounce;
     if (!b) return;
