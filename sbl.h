@@ -7315,15 +7315,18 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
    several are equally near, that of the first triangle. Triangles that share a corner, with the same position and the
    same lightmap coordinates, belong to one chart. */
 
-#define SBL__ATLAS_WORDS 4      /* per texel: 1 + triangle (0: none); weights of corners 1 and 2; 1 + chart */
-#define SBL__ATLAS_FAR 1e30f    /* initial squared distance of a texel, before any triangle touches it */
-#define SBL__ATLAS_WELL -1.0f   /* value of `away` for a centre well inside the triangle */
-#define SBL__ATLAS_EDGE -0.5f   /* value of `away` if the texel's centre lies inside its triangle, near an edge: the
-                                   triangle beyond may contain it too */
+/* Words of a texel in sbl__atlas.texels: 1 + triangle number (0: none), barycentric weights of corners 1 and 2 as
+   floats, 1 + chart number. */
+#define SBL__ATLAS_WORDS 4
+#define SBL__ATLAS_FAR 1e30f    /* squared distance of a texel before any triangle touches it */
+#define SBL__ATLAS_WELL -1.0f   /* stands for a distance: the texel's centre lies well inside the triangle */
+#define SBL__ATLAS_EDGE -0.5f   /* the same: it lies inside, but near an edge; the neighbour may contain it too */
 #define SBL__ATLAS_INSIDE 1e-3  /* a centre lies well inside if all its barycentric weights are at least this */
-#define SBL__ATLAS_INSET 0.02   /* points on edges are moved inward by this number of texels; otherwise a sensor in a
-                                   crease would stand inside the other wall */
-#define SBL__ATLAS_INSET_MOST 0.01  /* upper limit of the inset, as a share of the distance to the centroid */
+/* If a texel's centre is not well inside its triangle, the texel's sensor is moved towards the triangle's centroid by
+   SBL__ATLAS_INSET texels, but at most by the share SBL__ATLAS_INSET_MOST of the way. Otherwise a sensor at the edge of
+   a wall would stand inside the adjoining wall. */
+#define SBL__ATLAS_INSET 0.02
+#define SBL__ATLAS_INSET_MOST 0.01
 
 typedef struct sbl__atlas {
     sbl__stages stages;
@@ -7336,9 +7339,10 @@ typedef struct sbl__atlas {
                                    0: not begun */
     uint32_t *parents;          /* per vertex: union-find over charts (see sbl__root); later the chart's number */
     sbl__hash_table places;     /* vertices by position and lightmap coordinates */
-    uint32_t *texels;           /* SBL__ATLAS_WORDS per texel */
-    float *away;                /* per texel: squared distance in texels from its centre to the point that it shows; or
-                                   SBL__ATLAS_WELL or SBL__ATLAS_EDGE, minus the number of overlapping triangles */
+    uint32_t *texels;           /* see SBL__ATLAS_WORDS */
+    float *away;                /* per texel: squared distance in texels from its centre to the point that it shows. If
+                                   its triangle contains the centre: SBL__ATLAS_WELL or SBL__ATLAS_EDGE, minus the
+                                   number of other triangles that contain it */
     int charts;                 /* number of charts */
     double world_area, area;    /* total area of the triangles, in world space and in square texels */
     int overlapping, outside;   /* numbers of texels where triangles overlap, and of triangles partly off the map */
@@ -7410,8 +7414,8 @@ static sbl_result sbl__atlas_join(void *work, int triangle) {
     return SBL_SUCCESS;
 }
 
-/* Replaces a vertex's parent by the number of its chart. The root of a chart is its first vertex, so its number is
-   known when the others need it. */
+/* Replaces a vertex's parent by the number of its chart. The root of a chart is its first vertex, so the root gets its
+   number before the chart's other vertices need it. */
 static sbl_result sbl__atlas_number(void *work, int vertex) {
     sbl__atlas *a = (sbl__atlas *)work;
     uint32_t *parent = &a->parents[vertex];
@@ -7423,7 +7427,7 @@ static sbl_result sbl__atlas_number(void *work, int vertex) {
 /* >>atlas: texels */
 
 typedef struct sbl__atlas_triangle {
-    double corners[3][2];  /* texels */
+    double corners[3][2];  /* positions in the atlas, texels */
     double area;           /* twice the signed area, square texels */
     uint32_t number, chart;
     int rows[2];           /* first and last row that the triangle touches */
@@ -7508,7 +7512,7 @@ static double sbl__atlas_nearest(const sbl__atlas_triangle *t, const double cent
     return least;
 }
 
-/* Moves a point on a triangle's edge towards the centroid. */
+/* Moves a point on or near a triangle's edge towards the centroid, see SBL__ATLAS_INSET. */
 static void sbl__atlas_inset(const sbl__atlas_triangle *t, double weights[3]) {
     double distance2 = 0, share;
     int i, k;
@@ -7521,7 +7525,7 @@ static void sbl__atlas_inset(const sbl__atlas_triangle *t, double weights[3]) {
     for (i = 0; i < 3; i++) weights[i] += share * (1 / 3.0 - weights[i]);
 }
 
-/* Returns the number of other triangles that also contain the centre of a texel. */
+/* Returns the number of triangles, besides the one that a texel shows, that contain the texel's centre. */
 static float sbl__atlas_others(const sbl__atlas *a, size_t texel) {
     return a->away && a->away[texel] < 0 ? (float)ceil(-(double)a->away[texel]) - 1 : 0;
 }
@@ -7540,7 +7544,8 @@ static void sbl__atlas_warn_overlap(sbl__atlas *a, uint32_t triangle, size_t tex
              (int)(texel / (size_t)a->width) / a->across);
 }
 
-/* Makes the texel in column at[0] of row at[1] show a triangle if this is nearer than the one shown so far. */
+/* Makes the texel in column at[0] of row at[1] show a triangle if this is nearer to the texel's centre than the
+   triangle shown so far. */
 static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const int at[2]) {
     const size_t i = (size_t)at[1] * (size_t)a->width + (size_t)at[0];
     const double centre[2] = { at[0] + 0.5, at[1] + 0.5 };
@@ -7548,7 +7553,7 @@ static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const 
     double weights[3];
     const float away = (float)sbl__atlas_nearest(t, centre, weights);
     const int well = away <= SBL__ATLAS_WELL, other_chart = t->chart + 1 != texel[3];
-    const int was_well = floor((double)a->away[i]) >= (double)a->away[i];  /* integer: SBL__ATLAS_WELL - overlaps */
+    const int was_well = floor((double)a->away[i]) >= (double)a->away[i];  /* SBL__ATLAS_WELL minus a number is whole */
     float shares[2];
     if (away < 0 && a->away[i] < 0 && (other_chart || (well && was_well))) {
         sbl__atlas_warn_overlap(a, t->number, i);
@@ -7667,14 +7672,14 @@ typedef struct sbl__surface_job {
     const sbl__camera *camera;
     const sbl__gbuffer *gbuffer;
     float offset[2];           /* position of the sample relative to the pixel's centre, pixels */
-    float epsilon;             /* for the host's draw callback */
-    int bounced;               /* 1: also look up the stored light */
-    sbl__atlas *atlas;         /* lightmaps; NULL for pictures */
+    float epsilon;             /* ambient factor for the host's draw callback, see sbl_draw_view */
+    int bounced;               /* 1: also store R of bounced light, see gbuffer_fragment.glsl */
+    sbl__atlas *atlas;         /* the lightmap's atlas; NULL: draw a picture's G-buffer with `camera` */
 } sbl__surface_job;
 
 /* State of the job in progress. The textures are kept for the next job. */
 typedef struct sbl__surface {
-    sbl__stages stages;        /* at: next triangle or row */
+    sbl__stages stages;        /* stages.at: number of the next triangle or row */
     sbl__device *device;
     const sbl__surface_job *job;
     int row, rows;             /* first row and number of rows of the band in progress */
@@ -7802,7 +7807,8 @@ static void sbl__camera_set(const sbl__device *d, const sbl__camera *c, const fl
     const double a = c->orthographic ? 1 : -(double)m[11], step_x = 2.0 / t->width, step_y = -2.0 / t->height;
     const double x0 = -1 + offset[0] * step_x, y0 = 1 + offset[1] * step_y;
     const double dx = a * step_x / m[0], dy = a * step_y / m[5];
-    const int moving = c->orthographic ? 0 : 3, still = 3 - moving;  /* which of `rays` vary over the pixels */
+    const int moving = c->orthographic ? 0 : 3;  /* index of the first of the three `names` that vary over the pixels */
+    const int still = 3 - moving;
     /* x in view space: (a ndc + m8) / m0 at unit distance (perspective), (ndc - m12) / m0 (orthographic) */
     const double across = c->orthographic ? (x0 - m[12]) / m[0] : (a * x0 + m[8]) / m[0];
     const double down = c->orthographic ? (y0 - m[13]) / m[5] : (a * y0 + m[9]) / m[5];
@@ -7842,7 +7848,8 @@ static const char *const sbl__glsl_visibility_vertex[] = {
 /* >>glsl visibility_fragment: shaders_embedded/visibility_fragment.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_visibility_fragment[] = {
 "flat in int triangle;\n",
-"uniform float depth_from_w;  // depth / gl_FragCoord.w, for drivers without clip control; 0: orthographic\n",
+"// For drivers without clip control: depth = depth_from_w * gl_FragCoord.w. 0: orthographic\n",
+"uniform float depth_from_w;\n",
 "layout(location = 0) out uint out_triangle;  // 1 + number of the triangle; 0: the pixel shows none\n",
 "\n",
 "void main() {\n",
@@ -7866,7 +7873,7 @@ static const sbl__recipe sbl__recipe_visibility = {
     SBL__CUTOUTS | SBL__WIDE | SBL__WRITE_DEPTH
 };
 
-#define SBL__BEFORE_CAMERA 1e-3  /* parts of a triangle where w is below this share of its largest w are cut off */
+#define SBL__BEFORE_CAMERA 1e-3  /* parts of a triangle where clip w is below this share of its largest w are cut off */
 
 /* Estimates the number of pixels that a triangle covers in the band: half the area of the bounding rectangle, on the
    screen, of its part in front of the camera. rows: see visibility_vertex.glsl */
@@ -7887,7 +7894,7 @@ static double sbl__triangle_pixels(const sbl__surface *s, float rows[4][4], uint
     for (i = 0; i < 3; i++) {
         const double *a = v[i], *b = v[(i + 1) % 3];
         const double t = (a[3] > before) != (b[3] > before) ? (before - a[3]) / (b[3] - a[3]) : 0;
-        for (k = 0; k < 2; k++) {  /* the corner a, then the point where the edge is cut */
+        for (k = 0; k < 2; k++) {  /* extend by corner a if it is in front, and by the point where edge ab is cut off */
             if (a[3] > before) sbl__extend(&from[k], &to[k], (0.5 * a[k] / a[3] + 0.5) * size[k]);
             if (t > 0) sbl__extend(&from[k], &to[k], (0.5 * (a[k] + t * (b[k] - a[k])) / before + 0.5) * size[k]);
         }
@@ -7963,7 +7970,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "uniform usampler2D triangles;  // output of visibility_fragment.glsl; lightmaps: see SBL__ATLAS_WORDS\n",
 "uniform float facet_limit;     // pixels. Triangles whose least height on the screen is below this get their\n",
 "                               // geometric normal, above twice this their shading normal, in between a mixture\n",
-"layout(location = 0) out vec4 out_position;          // w: reach, see surface.glsl\n",
+"layout(location = 0) out vec4 out_position;          // w: sbl_Surface.reach, see surface.glsl\n",
 "layout(location = 1) out vec4 out_normal;\n",
 "layout(location = 2) out vec4 out_geometric_normal;\n",
 "layout(location = 3) out vec4 out_albedo;\n",
@@ -7973,8 +7980,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "// sensor may stand, w of normal is -1 - red.\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
-"// Returns the mean of the stored R at 5 x 5 points over about one cell. Used where no sensor may stand, because\n",
-"// there no sensor smooths R. points: 25, or 0 if the result is not needed\n",
+"// Returns the mean of the stored R over 5 x 5 points in about one cell, without the points where R is 0. Used\n",
+"// where no sensor may stand, because there no sensor smooths R. points: 25, or 0 if the result is not needed\n",
 "vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {\n",
 "    mat3 frame = sbl_frame(s.geometric_normal);\n",
 "    float step = 0.25 / per_cell, weight = 0.0;\n",
@@ -8002,7 +8009,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "#else\n",
 "        vec3 origin = sbl_camera_origin(), direction = sbl_camera_direction();\n",
 "        sbl_Surface s = sbl_surface(int(triangle) - 1, origin, direction);\n",
-"        // Shading normals hide facets. Facets too small to be seen keep the light of their own plane.\n",
+"        // Width of a pixel at the surface, world units. Facets too small to be seen get their geometric normal.\n",
 "        float pixel = length(origin_y + distance(s.position, origin) / length(direction) * direction_y);\n",
 "        if (facet_limit > 0.0)\n",
 "            s.normal = normalize(mix(s.geometric_normal, s.normal,\n",
@@ -8133,7 +8140,7 @@ static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__
    room also lays out a look's views in a rectangle of texels, its sheet, and computes the weights of these texels. */
 
 typedef struct sbl__site {
-    float position[3];          /* world space: on a surface or in the air */
+    float position[3];          /* world space, on a surface or in the air */
     float normal[3];            /* unit vector to the centre of the hemisphere; a surface's shading normal */
     float geometric_normal[3];  /* unit vector; the sensor is moved off the surface along it */
     float offset;               /* world distance by which the sensor is moved off the surface */
@@ -8183,7 +8190,7 @@ typedef struct sbl__look {
     uint32_t seed;              /* traced: scrambles the points of the sequence that give the rays' directions */
     int number;                 /* index among the site's looks; selects the section of the sequence for its rays */
     int guide;                  /* number of the site's guide */
-    int sensor;                 /* index of the look among all looks of the job */
+    int index;                  /* index among all looks of the job */
 } sbl__look;
 
 #define SBL__MAX_LOOKS 512         /* maximum number of looks per site if the host sets target_error */
@@ -8224,7 +8231,7 @@ SBL__RECORD(sbl__look_words, SBL__LOOK_RECORD, "sbl_look", "sbl_looks", SBL__BUF
 
 /* >>sensors: views */
 
-/* Positions of a look's views in its sheet. */
+/* Positions of a look's views in its sheet, the rectangle of texels that holds them. */
 typedef struct sbl__layout {
     int view_count;             /* 5 for a hemicube, otherwise 1 */
     double tangent;             /* tangent of half the field of view; 1 for a hemicube */
@@ -8257,8 +8264,7 @@ static void sbl__layout_make(sbl__layout *l, int hemicube, int size, float fov) 
     l->blocks[1] = (l->sheet_height + l->block - 1) / l->block;
 }
 
-/* Returns the width (axis 0) or height (axis 1) of a sheet, the rectangle with all views of a look, and its
-   padding, texels. */
+/* Returns the width (axis 0) or height (axis 1) of a padded sheet, texels. */
 static int sbl__layout_pitch(const sbl__layout *l, int axis) { return l->blocks[axis] * l->block; }
 
 /* Computes two tangents of a unit normal (Duff et al. 2017, "Building an Orthonormal Basis, Revisited") and rotates
@@ -8341,8 +8347,8 @@ static void sbl__paper_project(double x, double y, double out[2]) {
     out[1] = y / length;
 }
 
-/* Returns the paper's equation 4, divided by pi. The factor rdx * rdy of its section III-E cancels against the mean
-   over that number of texels. */
+/* Returns the weight of a texel by the paper's equation 4, divided by pi. Section III-E multiplies it by the number
+   of texels, rdx * rdy, and then takes the mean over them; both are omitted here. */
 static double sbl__paper_weight(const double from[2], const double to[2]) {
     double v0[2], v1[2], v2[2];
     sbl__paper_project(from[0], from[1], v0);
@@ -8385,9 +8391,9 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 
 #define SBL__GUIDE_BINS (SBL__GUIDE_RINGS * SBL__GUIDE_SECTORS)
 #define SBL__GUIDE_WORDS (4 * SBL__GUIDE_TEXELS)
-/* Even rays keep the cosine distribution. At least the share SBL__GUIDE_EVEN of all rays is even, so that light that no
-   scout found is not missed. If the share of lit bins is above SBL__GUIDE_DARK, more rays are even; from SBL__GUIDE_LIT
-   on, all are, because even rays sample uniform light with the least noise. */
+/* Even rays are cosine-distributed: the guide does not direct them. At least the share SBL__GUIDE_EVEN of all rays is
+   even, so that light that no scout found is not missed. If the share of lit bins is above SBL__GUIDE_DARK, more rays
+   are even; from SBL__GUIDE_LIT on, all are, because even rays sample uniform light with the least noise. */
 #define SBL__GUIDE_EVEN 0.2
 #define SBL__GUIDE_DARK 0.4
 #define SBL__GUIDE_LIT 0.7
@@ -8396,8 +8402,8 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 #define SBL__GUIDE_STEP 8
 #define SBL__GUIDES_FEW 4096
 #define SBL__GUIDES_MOST 16384
-#define SBL__SCOUTS 256            /* scouts from each pixel of the grid */
-#define SBL__SCOUTS_AT_ONCE 131072 /* scouts that one job traces, at most */
+#define SBL__SCOUTS 256            /* number of scout rays from each pixel of the grid */
+#define SBL__SCOUTS_AT_ONCE 131072 /* maximum number of scout rays per job */
 
 /* The guides of a picture, for the pixels of a grid. Guide number 0 belongs to no pixel and keeps the cosine
    distribution. The guide of grid pixel `place`, counted row by row, has number 1 + place. */
@@ -8536,8 +8542,8 @@ typedef struct sbl__slots {
 } sbl__slots;
 
 /* Textures that the programs of sensors write: partial sums of the looks in all slots (see reduce_blocks.glsl and
-   trace.glsl), or results of looks, or light from lamps. Directional jobs also need the harmonics of red, green and
-   blue, and those that correct the harmonics of rays (see trace.glsl). */
+   trace.glsl), or results of looks, or light from lamps. Textures 0 and 1 hold sums and hits. Directional jobs also
+   need 2 to 4, the harmonics of red, green and blue light, and traced ones 5, out_even of trace.glsl. */
 typedef struct sbl__blocks {
     sbl__texture textures[6];
     sbl__target target;
@@ -8581,7 +8587,7 @@ static void sbl__blocks_free(const sbl__device *d, sbl__blocks *b) {
     sbl__target_delete(d, &b->target);
 }
 
-/* Sends looks to the table that ray-tracing shaders read. room: capacity of the table */
+/* Sends looks to the table that ray-tracing shaders read. room: capacity of the table, looks */
 static sbl_result sbl__looks_send(const sbl__device *d, sbl__table *table, const sbl__look *looks, int count,
                                   int room) {
     sbl__look_words *words = (sbl__look_words *)sbl__alloc_raw(d->base, (size_t)count, sizeof *words);
@@ -9874,7 +9880,7 @@ static void sbl__raster_view(const sbl__device *d, const sbl__raster *r, const s
     v->epsilon = b->spec->epsilon;
     for (k = 0; k < 18; k++) v->light[k / 3][k % 3] = v->epsilon;
     if (b->spec->bounced) memcpy(v->light, b->scene->store.air, sizeof v->light);
-    v->sensor = look->sensor;
+    v->sensor = look->index;
     v->face = face;
 }
 
@@ -10303,8 +10309,9 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
 #define SBL__SUBMISSIONS 8         /* maximum number of submissions of views before the CPU waits for the GPU */
 #define SBL__SUSPECT_SHARE 0.02f   /* a site gets a stuck test if its first look sees a larger share of back faces */
 #define SBL__STUCK_SHARE 0.75f     /* a sensor is stuck if its stuck test hits at less than this share of its offset */
-#define SBL__FEW_RAYS 1.0f         /* sbl__spec_layer_noise times the square root of the number of rays per look */
-#define SBL__TEXEL_NOISE 2.6f      /* relative noise of a rasterised look times sbl__spec.size; measured: lamp in box */
+#define SBL__RAY_LAYER_NOISE 1.0f  /* the noise of sbl__spec_layer_noise if a look has one ray */
+#define SBL__TEXEL_NOISE 2.6f      /* relative noise of a rasterised look times sbl__spec.size; measured in a box with
+                                      a lamp */
 
 /* What a job has to do. The caller must keep the arrays until the job is done. */
 typedef struct sbl__task {
@@ -10343,15 +10350,15 @@ typedef struct sbl__job {
        `hits`: sum of the weights of directions that see surfaces; sum of weight * distance; least distance; variance.
        The result of look n stays at texel n % SBL__RESULTS_WIDTH, n / SBL__RESULTS_WIDTH until the next job. */
     sbl__blocks results[SBL__LENSES];
-    sbl__table table;           /* the looks of a batch, in the format that ray-tracing shaders read */
+    sbl__table table;           /* looks of a batch or of all slots, as shaders read them, see sbl__looks_send */
     sbl__look *looks;           /* the look in each slot */
     int look_most;              /* maximum number of looks per batch */
     int lens;                   /* kind of the current round's looks: SBL__LENS_SITE or SBL__LENS_STUCK */
     int *suspects;              /* indices of the sites that need a stuck test */
     int suspect_count, suspect_room;
-    int look_count;             /* first_look plus the number of looks in the round */
-    int site, look;             /* index of the site (or suspect) to draw or to read next, and of its look */
-    int drawn, aimed, reduced;  /* numbers of the looks with which drawing, aiming and reducing continue */
+    int look_end;               /* 1 + number of the round's last look; the first is task.first_look, or 0 (stuck) */
+    int site, look;             /* indices of the site (stuck tests: suspect) to draw or read next and of its look */
+    int drawn, aimed, reduced;  /* number of the next look to draw, to trace rays to lamps for, and to reduce */
     int batch;                  /* number of looks in the batch that is partly drawn; 0: no batch is partly drawn */
     int triangle;               /* index of the next triangle to draw for this batch */
     struct { sbl__pace draw[SBL__LENSES], aim, reduce[SBL__LENSES]; } paces;
@@ -10408,7 +10415,8 @@ static sbl_backend sbl__choose_backend(const sbl__measurement *s, const sbl__sce
     return s->options.backend != SBL_BACKEND_AUTO ? s->options.backend : views ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
 }
 
-/* Returns the distance of sensors from their surface, world units. reach: see SBL__OFFSET; 0: unknown */
+/* Returns the distance of sensors from their surface, world units. reach: of the triangle (see surface.glsl);
+   0: unknown */
 static float sbl__spec_offset(const sbl__spec *spec, const sbl__scene *scene, float reach) {
     return SBL__OFFSET * (spec->traced && reach > 0 ? reach : scene->geometry.extent);
 }
@@ -10419,7 +10427,7 @@ static int sbl__spec_layers(const sbl__spec *spec) { return spec->directional ? 
 /* Returns the noise of layers 1 to 4 as a share of R, for a look whose R has no noise. The cause is that the few rays
    near the horizon have the largest weights in harmonics. */
 static float sbl__spec_layer_noise(const sbl__spec *spec) {
-    return spec->no_light || !spec->traced ? 0 : SBL__FEW_RAYS / (float)sqrt((double)spec->rays);
+    return spec->no_light || !spec->traced ? 0 : SBL__RAY_LAYER_NOISE / (float)sqrt((double)spec->rays);
 }
 
 /* Gets the size of a look's sheet: the texels of its views, or one row with a texel per ray. */
@@ -10430,11 +10438,10 @@ static void sbl__spec_sheet(const sbl__spec *spec, int size[2]) {
     size[1] = spec->traced ? 1 : layout.sheet_height;
 }
 
-/* Returns 1 if sensors trace rays. The caller may then choose the number of rays per look, and whether a job traces
-   rays towards lamps, rays over the hemisphere, or both. */
+/* Returns 1 if sensors trace rays. The caller may then set rays and lamp_rays of the spec, also to 0. */
 static int sbl__measurement_sends_rays(const sbl__measurement *s) { return s->options.backend == SBL_BACKEND_TRACE; }
 
-/* Returns the number of rays per look for a requested error. Sensors that stand for a large area take more looks. */
+/* Returns the number of rays per look for a requested error. Where this is not enough, sensors take more looks. */
 static int sbl__look_rays(float error) {
     return error >= 0.06f ? 16 : error >= 0.015f ? 32 : error >= 0.004f ? 64 : 128;
 }
@@ -10453,7 +10460,7 @@ static int sbl__look_growth(const sbl__measurement *s, float error, double varia
 typedef char sbl__spec_has_no_padding[sizeof(sbl__spec) == 16 * sizeof(int) + 3 * sizeof(float) + sizeof(uint32_t)
                                       ? 1 : -1];
 
-/* Returns 1 if both need the same resources. */
+/* Returns 1 if jobs with these specs need the same resources. */
 static int sbl__spec_equal(const sbl__spec *a, const sbl__spec *b) {
     sbl__spec c = *b;
     c.seed = a->seed;
@@ -10529,8 +10536,8 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "layout(location = 0) out vec4 out_sum;   // as in reduce_blocks.glsl\n",
 "layout(location = 1) out vec4 out_hits;  // likewise; w: variance of the luminance, if rays sampled it\n",
 "uniform sampler2D block_red, block_green, block_blue, lights_red, lights_green, lights_blue;\n",
-"uniform sampler2D block_even;  // out_even of trace.glsl\n",
-"uniform bool even;             // true: correct the harmonics with block_even\n",
+"uniform sampler2D block_even;  // corrections of the harmonics, out_even of trace.glsl\n",
+"uniform bool even;             // true: use block_even\n",
 "#ifdef SBL_DIRECTIONAL\n",
 "layout(location = 2) out vec4 out_red;\n",
 "layout(location = 3) out vec4 out_green;\n",
@@ -10588,7 +10595,7 @@ static const sbl__recipe sbl__recipe_reduce_sum = {
 
 /* >>job: a round */
 
-/* Starts a round: looks at the task's sites, or stuck tests at the suspects. */
+/* Starts a round of looks of the kind `lens`: the sites' looks, or the suspects' stuck tests. */
 static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
     const sbl__device *d = j->device;
     const int most = d->gl.capabilities.max_texture_size, directional = j->task.spec.directional;
@@ -10606,7 +10613,7 @@ static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
                  "driver's textures hold %.0f; use a smaller picture", looks, (double)most * SBL__RESULTS_WIDTH);
         return SBL_ERROR_UNSUPPORTED;
     }
-    j->look_count = j->drawn + (int)looks;
+    j->look_end = j->drawn + (int)looks;
     if (results->target.height >= rows && results->target.id && (results->target.count > 2) == directional)
         return SBL_SUCCESS;
     return sbl__blocks_make(d, &j->results[lens], directional ? 5 : 2, SBL__RESULTS_WIDTH, rows);
@@ -10643,7 +10650,7 @@ static void sbl__job_next_look(sbl__job *j, int number, sbl__look *out) {
     const sbl__site *site = &j->task.sites[stuck ? j->suspects[j->site] : j->site];
     int k;
     sbl__look_make(&j->task.spec, site, site->first + (stuck ? 0 : j->look), out);
-    out->sensor = number;
+    out->index = number;
     for (k = 0; stuck && k < 3; k++) out->normal[k] = -site->geometric_normal[k];
     if (!stuck && ++j->look < site->looks) return;
     j->look = 0;
@@ -10677,7 +10684,7 @@ static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     if (spec->traced) room = sbl__whole_lots(d, room, blocks[0] * blocks[1]);
     if (!j->batch) {
         j->batch = (int)SBL__MIN(SBL__MAX(room, 1.0), (double)j->look_most);
-        j->batch = SBL__MIN(j->batch, SBL__MIN(j->look_count - j->drawn, slots - slot));
+        j->batch = SBL__MIN(j->batch, SBL__MIN(j->look_end - j->drawn, slots - slot));
         j->triangle = 0;
         for (i = 0; i < j->batch; i++) sbl__job_next_look(j, j->drawn + i, &j->looks[slot + i]);
     }
@@ -10705,7 +10712,7 @@ static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
 static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
-    const int slots = sbl__job_slots(j)->count, first = j->drawn, left = j->look_count - first;
+    const int slots = sbl__job_slots(j)->count, first = j->drawn, left = j->look_end - first;
     const double fit = (slice->end - sbl__now()) / slice->longest;
     const int traced = j->task.spec.traced, most = traced ? 1 : (int)SBL__MIN(SBL__MAX(fit, 1), SBL__SUBMISSIONS);
     sbl__lens *lens = &j->raster.lenses[j->lens];
@@ -10723,7 +10730,7 @@ static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
         if (i) sbl__submit(d);
         result = sbl__job_submit(j, room, &units);
         all += units;
-        full = j->drawn > first && (j->drawn == j->look_count || j->drawn % slots == 0);
+        full = j->drawn > first && (j->drawn == j->look_end || j->drawn % slots == 0);
     }
     if (result == SBL_SUCCESS) sbl__pace_end(d, &j->paces.draw[j->lens], all);
     if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
@@ -10908,7 +10915,7 @@ static sbl_result sbl__job_judge(sbl__job *j, const float *const found[5]) {
 /* Adds the finished round to the counts. Stuck tests are not counted. */
 static void sbl__job_count(sbl__job *j) {
     const sbl__spec *spec = &j->task.spec;
-    const int looks = j->look_count - j->task.first_look;
+    const int looks = j->look_end - j->task.first_look;
     const sbl__layout *l = &j->raster.lenses[SBL__LENS_SITE].layout;
     int i;
     if (j->lens == SBL__LENS_STUCK) return;
@@ -10926,7 +10933,7 @@ static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
     const sbl__device *d = j->device;
     const sbl__blocks *from = &j->results[j->lens];
     const int first = j->lens == SBL__LENS_SITE ? j->task.first_look : 0;
-    const int end = (j->look_count + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH;
+    const int end = (j->look_end + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH;
     const int row = first / SBL__RESULTS_WIDTH + j->stages.at;
     const int rows = SBL__MIN(SBL__READ_ROWS, end - row), count = rows * SBL__RESULTS_WIDTH;
     const int parts = from->target.count;
@@ -10943,7 +10950,7 @@ static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
         const int look = row * SBL__RESULTS_WIDTH + i;
         const float *found[5];
         for (k = 0; k < 5; k++) found[k] = data + 4 * ((size_t)count * (size_t)SBL__MIN(k, parts - 1) + (size_t)i);
-        if (look >= first && look < j->look_count) result = sbl__job_judge(j, found);
+        if (look >= first && look < j->look_end) result = sbl__job_judge(j, found);
     }
     sbl__free(d->base, data);
     j->stages.at += rows;
@@ -10956,7 +10963,7 @@ static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
 static int sbl__job_next(void *work) {
     const sbl__job *j = (const sbl__job *)work;
     if (j->stages.stage == SBL__JOB_DRAW) return sbl__job_aims(j) ? SBL__JOB_AIM : SBL__JOB_REDUCE;
-    if (j->drawn < j->look_count) return SBL__JOB_DRAW;
+    if (j->drawn < j->look_end) return SBL__JOB_DRAW;
     return j->stages.stage == SBL__JOB_REDUCE ? SBL__JOB_READ : SBL__JOB_DONE;
 }
 
@@ -10993,9 +11000,9 @@ static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) 
     return result;
 }
 
-/* Share of the job that is done, 0 to 1, without its few stuck tests */
+/* Returns the share of the job that is done, 0 to 1. The few stuck tests are not counted. */
 static float sbl__job_progress(const sbl__job *j) {
-    const int looks = j->look_count - j->task.first_look;
+    const int looks = j->look_end - j->task.first_look;
     if (j->stages.stage == SBL__JOB_DONE || j->lens == SBL__LENS_STUCK) return 1;
     if (j->stages.stage < SBL__JOB_DRAW || looks < 1) return 0;
     return (float)(j->drawn - j->task.first_look) / (float)looks;

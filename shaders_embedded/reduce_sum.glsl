@@ -10,8 +10,8 @@ uniform int parts;             // number of parts, one below the other; 0: no li
 layout(location = 0) out vec4 out_sum;   // as in reduce_blocks.glsl
 layout(location = 1) out vec4 out_hits;  // likewise; w: variance of the luminance, if rays sampled it
 uniform sampler2D block_red, block_green, block_blue, lights_red, lights_green, lights_blue;
-uniform sampler2D block_even;  // out_even of trace.glsl
-uniform bool even;             // true: correct the harmonics with block_even
+uniform sampler2D block_even;  // corrections of the harmonics, out_even of trace.glsl
+uniform bool even;             // true: use block_even
 #ifdef SBL_DIRECTIONAL
 layout(location = 2) out vec4 out_red;
 layout(location = 3) out vec4 out_green;
