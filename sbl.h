@@ -2546,7 +2546,7 @@ typedef struct sbl__record {
 #define SBL__GUIDE_SECTORS 32      /* sectors of each ring */
 #define SBL__GUIDE_TEXELS 66       /* texels of a guide; each texel holds eight values */
 #define SBL__GUIDES_ACROSS 15      /* guides in a row of the guides' texture */
-#define SBL__LOOK_NUMBER 0x3ffu    /* mask of the look's number in sbl__look_words.which */
+#define SBL__LOOK_NUMBER 0x3ffu    /* mask of the look's number in sbl__look.which */
 #define SBL__LOOK_GUIDE_SHIFT 10   /* the guide's number is which >> this */
 #define SBL__HASH_FACTOR 0x9e3779b1u
 #define SBL__HASH_SHIFT 15
@@ -8181,17 +8181,18 @@ typedef struct sbl__spec {
     int view_texture_size, batch;  /* sensor_texture_size and batch of sbl_context_desc */
 } sbl__spec;
 
-/* One look of a site. */
-typedef struct sbl__look {
-    float position[3];          /* the site's position, moved off the surface by `offset` along the geometric normal */
-    float normal[3];
-    float offset;
-    float rotation;             /* rasterised: rotation of the views about the normal, radians */
-    uint32_t seed;              /* traced: scrambles the points of the sequence that give the rays' directions */
-    int number;                 /* index among the site's looks; selects the section of the sequence for its rays */
-    int guide;                  /* number of the site's guide */
-    int index;                  /* index among all looks of the job */
-} sbl__look;
+/* One look of a site, as shaders read it:
+   position         the site's position, moved off the surface by `offset` along the geometric normal
+   rotation         rasterised: rotation of the views about the normal, radians
+   scramble         traced: scrambles the points of the sequence that give the rays' directions, see sbl__sequence_at
+   lamp_scramble    the same for rays towards lamps
+   which            index among the site's looks, in the low SBL__LOOK_GUIDE_SHIFT bits: selects the section of the
+                    sequence for the look's rays; above, the number of the site's guide */
+#define SBL__LOOK_RECORD(X) \
+    X(sbl__look, VEC3, position) X(sbl__look, FLOAT, rotation) \
+    X(sbl__look, VEC3, normal) X(sbl__look, FLOAT, offset) \
+    X(sbl__look, UVEC2, scramble) X(sbl__look, UINT, lamp_scramble) X(sbl__look, UINT, which)
+SBL__RECORD(sbl__look, SBL__LOOK_RECORD, "sbl_look", "sbl_looks", SBL__BUFFER_TABLE("sbl_looks"), NULL)
 
 #define SBL__MAX_LOOKS 512         /* maximum number of looks per site if the host sets target_error */
 #define SBL__DEFAULT_LOOKS 16      /* maximum number of looks per site with the default target error */
@@ -8203,10 +8204,13 @@ typedef struct sbl__look {
    it: at 2.5e-7 and below, sensors on a sphere see the sphere itself. */
 #define SBL__OFFSET 1.5e-6f
 
+/* Returns the seed of a sensor. number: sbl__site.number; seed: sbl__spec.seed */
+static uint32_t sbl__sensor_seed(uint32_t number, uint32_t seed) { return sbl__hash(number ^ sbl__hash(seed)); }
+
 /* Makes look number `look` of a site. Its rotation about the normal is the site's hash (0 to 1) plus the look number's
    radical inverse, in quarter turns, so that any number of looks are spread evenly over a quarter rotation. */
 static void sbl__look_make(const sbl__spec *spec, const sbl__site *site, int look, sbl__look *out) {
-    const uint32_t hash = sbl__hash(site->number ^ sbl__hash(spec->seed));
+    const uint32_t hash = sbl__sensor_seed(site->number, spec->seed);
     double rotation = 0, share = 0.5;  /* rotation: radical inverse of `look` in base 2, 0 to 1 */
     int k;
     for (k = look; k > 0; k >>= 1, share *= 0.5) rotation += k & 1 ? share : 0;
@@ -8216,18 +8220,11 @@ static void sbl__look_make(const sbl__spec *spec, const sbl__site *site, int loo
     }
     out->offset = site->offset;
     out->rotation = spec->paper ? 0 : (float)(0.5 * SBL__PI * (hash / 4294967296.0 + rotation));
-    out->seed = hash;
-    out->number = look;
-    out->guide = site->guide;
+    out->scramble[0] = sbl__hash(hash);
+    out->scramble[1] = sbl__hash(hash + 1u);
+    out->lamp_scramble = sbl__hash(hash + 2u);
+    out->which = (uint32_t)look | (uint32_t)site->guide << SBL__LOOK_GUIDE_SHIFT;
 }
-
-/* The data of a look that ray-tracing shaders read. The word `which` holds the look's number in its low
-   SBL__LOOK_GUIDE_SHIFT bits and the guide's number above them. */
-#define SBL__LOOK_RECORD(X) \
-    X(sbl__look_words, VEC3, position) X(sbl__look_words, FLOAT, rotation) \
-    X(sbl__look_words, VEC3, normal) X(sbl__look_words, FLOAT, offset) \
-    X(sbl__look_words, UVEC2, scramble) X(sbl__look_words, UINT, lamp_scramble) X(sbl__look_words, UINT, which)
-SBL__RECORD(sbl__look_words, SBL__LOOK_RECORD, "sbl_look", "sbl_looks", SBL__BUFFER_TABLE("sbl_looks"), NULL)
 
 /* >>sensors: views */
 
@@ -8562,8 +8559,9 @@ typedef struct sbl__batch {
     const sbl__slots *slots;
     const sbl__blocks *blocks;
     const sbl__look *looks;
-    const sbl__table *table;    /* table of sbl__look_words, if rays are traced */
+    const sbl__table *table;    /* table of sbl__look, if rays are traced */
     const sbl__guides *guides;  /* NULL if the spec is not guided */
+    int first;                  /* number of the first look among all looks of the job */
     int slot, count;
 } sbl__batch;
 
@@ -8590,23 +8588,8 @@ static void sbl__blocks_free(const sbl__device *d, sbl__blocks *b) {
 /* Sends looks to the table that ray-tracing shaders read. room: capacity of the table, looks */
 static sbl_result sbl__looks_send(const sbl__device *d, sbl__table *table, const sbl__look *looks, int count,
                                   int room) {
-    sbl__look_words *words = (sbl__look_words *)sbl__alloc_raw(d->base, (size_t)count, sizeof *words);
-    sbl_result result;
-    int i;
-    if (!words) return SBL_ERROR_OUT_OF_MEMORY;
-    for (i = 0; i < count; i++) {
-        const sbl__look *l = &looks[i];
-        memcpy(words[i].position, l->position, sizeof l->position);
-        memcpy(words[i].normal, l->normal, sizeof l->normal);
-        words[i].rotation = l->rotation;
-        words[i].offset = l->offset;
-        words[i].scramble[0] = sbl__hash(l->seed);
-        words[i].scramble[1] = sbl__hash(l->seed + 1u);
-        words[i].lamp_scramble = sbl__hash(l->seed + 2u);
-        words[i].which = (uint32_t)l->number | (uint32_t)l->guide << SBL__LOOK_GUIDE_SHIFT;
-    }
-    result = sbl__buffer_stream(d, &table->buffer, sizeof *words * (size_t)room, words, sizeof *words * (size_t)count);
-    sbl__free(d->base, words);
+    const sbl_result result = sbl__buffer_stream(d, &table->buffer, sizeof *looks * (size_t)room, looks,
+                                                 sizeof *looks * (size_t)count);
     return result == SBL_SUCCESS ? sbl__table_attach(d, table, SBL__GL_RGBA32UI, 0) : result;
 }
 
@@ -9483,7 +9466,7 @@ static const sbl__recipe sbl__recipe_lamps = {
     { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_carrier, sbl__glsl_traverse, sbl__glsl_sky,
       sbl__glsl_lamps },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
-      &sbl__look_words_record, &sbl__lamp_node_record, &sbl__lamp_leaf_record, &sbl__light_record_record },
+      &sbl__look_record, &sbl__lamp_node_record, &sbl__lamp_leaf_record, &sbl__light_record_record },
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__VIEWS | SBL__INSPECT | SBL__COMPUTE | SBL__MIXED |
     SBL__DIRECTIONAL
 };
@@ -9880,7 +9863,7 @@ static void sbl__raster_view(const sbl__device *d, const sbl__raster *r, const s
     v->epsilon = b->spec->epsilon;
     for (k = 0; k < 18; k++) v->light[k / 3][k % 3] = v->epsilon;
     if (b->spec->bounced) memcpy(v->light, b->scene->store.air, sizeof v->light);
-    v->sensor = look->index;
+    v->sensor = b->first + i;
     v->face = face;
 }
 
@@ -10011,7 +9994,7 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 
 static const sbl__recipe sbl__recipe_reduce_blocks = {
     "reduce_blocks", { sbl__glsl_fullscreen_vertex }, { sbl__glsl_frame, sbl__glsl_carrier, sbl__glsl_reduce_blocks },
-    { &sbl__look_words_record }, SBL__DIRECTIONAL
+    { &sbl__look_record }, SBL__DIRECTIONAL
 };
 
 /* Computes the partial sums of rows[1] rows of slots from row rows[0] on. looks: NULL if the job is not directional */
@@ -10257,7 +10240,7 @@ static const sbl__recipe sbl__recipe_trace = {
     { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_store, sbl__glsl_carrier, sbl__glsl_traverse,
       sbl__glsl_sky, sbl__glsl_guide, sbl__glsl_trace },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
-      &sbl__look_words_record, &sbl__cut_record, &sbl__leaf_record },
+      &sbl__look_record, &sbl__cut_record, &sbl__leaf_record },
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE | SBL__BOUNCED | SBL__GUIDED | SBL__DIRECTIONAL
 };
 
@@ -10645,12 +10628,11 @@ static sbl_result sbl__job_compile(void *work, sbl__slice *slice) {
 }
 
 /* Makes the next look of the round. A stuck test has the position of the site's first look and faces the surface. */
-static void sbl__job_next_look(sbl__job *j, int number, sbl__look *out) {
+static void sbl__job_next_look(sbl__job *j, sbl__look *out) {
     const int stuck = j->lens == SBL__LENS_STUCK;
     const sbl__site *site = &j->task.sites[stuck ? j->suspects[j->site] : j->site];
     int k;
     sbl__look_make(&j->task.spec, site, site->first + (stuck ? 0 : j->look), out);
-    out->index = number;
     for (k = 0; stuck && k < 3; k++) out->normal[k] = -site->geometric_normal[k];
     if (!stuck && ++j->look < site->looks) return;
     j->look = 0;
@@ -10664,6 +10646,7 @@ static void sbl__job_batch(const sbl__job *j, int first, int count, sbl__batch *
     out->spec = &j->task.spec;
     out->slots = sbl__job_slots(j);
     out->blocks = &j->blocks;
+    out->first = first;
     out->slot = first % out->slots->count;
     out->looks = j->looks + out->slot;
     out->table = &j->table;
@@ -10686,7 +10669,7 @@ static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
         j->batch = (int)SBL__MIN(SBL__MAX(room, 1.0), (double)j->look_most);
         j->batch = SBL__MIN(j->batch, SBL__MIN(j->look_end - j->drawn, slots - slot));
         j->triangle = 0;
-        for (i = 0; i < j->batch; i++) sbl__job_next_look(j, j->drawn + i, &j->looks[slot + i]);
+        for (i = 0; i < j->batch; i++) sbl__job_next_look(j, &j->looks[slot + i]);
     }
     sbl__job_batch(j, j->drawn, j->batch, &b);
     *units = j->batch;
@@ -13327,7 +13310,7 @@ static sbl_result sbl__scouts_take(void *work, sbl__slice *slice) {
         const int column = (int)site->number % r->width / g->step, row = (int)site->number / r->width / g->step;
         const float light = r->readings[*at].valid ? sbl__luminance(r->readings[*at].radiance) : 0;
         double u[2];
-        sbl__sequence_at(sequence, site->first, sbl__hash(site->number ^ sbl__hash(sbl__scouts_seed(r))), u);
+        sbl__sequence_at(sequence, site->first, sbl__sensor_seed(site->number, sbl__scouts_seed(r)), u);
         sbl__guide_found(g, row * g->columns + column)[sbl__guide_bin(u[0], u[1])] += light * light;
     }
     sbl__free(&r->core->base, sequence);
@@ -16334,7 +16317,7 @@ static void sbl__probe_direction(const sbl__probes *g, int number, int i, double
         out[0] = out[1] = out[2] = 0;
         out[side / 2] = side & 1 ? -1 : 1;
     } else {
-        sbl__sequence_at(g->sequence, i, sbl__hash((uint32_t)number ^ sbl__hash(g->desc.options.seed)), u);
+        sbl__sequence_at(g->sequence, i, sbl__sensor_seed((uint32_t)number, g->desc.options.seed), u);
         out[2] = 1 - 2 * u[0];
         r = sqrt(1 - out[2] * out[2]);
         out[0] = r * cos(2 * SBL__PI * u[1]);
@@ -16737,7 +16720,7 @@ static sbl_result sbl__inspect_rays(sbl__inspect_request *k) {
     const sbl__task *task = &k->found->job.task;
     const int rays = task->spec.rays, size[2] = { 4, (rays + 3) / 4 };
     uint32_t *sequence = sbl__sequence_make(base, 1, rays, 1);
-    const uint32_t *guide = task->spec.guided ? sbl__guide_words(task->guides, k->look.guide) : NULL;
+    const uint32_t *guide = task->spec.guided ? sbl__guide_words(task->guides, k->site.guide) : NULL;
     float *data = NULL;
     sbl_result result = sequence ? sbl__inspect_run(k, 0, size, &data) : SBL_ERROR_OUT_OF_MEMORY;
     int i, n;
@@ -16747,7 +16730,7 @@ static sbl_result sbl__inspect_rays(sbl__inspect_request *k) {
         float weight = 1 / (float)rays;
         double u[2];
         ray->lamp = -1;
-        sbl__sequence_at(sequence, i, k->look.seed, u);
+        sbl__sequence_at(sequence, i, sbl__sensor_seed(k->site.number, task->spec.seed), u);
         if (guide) weight *= (float)sbl__guide_warp(guide, u);
         sbl__cosine_direction(k->look.normal, u, ray->direction);
         if (hits[0] > 0) ray->distance = sum[3] > 0 ? -hits[2] : hits[2];
