@@ -2809,7 +2809,7 @@ static void sbl__target_delete(const sbl__device *d, sbl__target *t) {
 
 /* Attaches `count` textures of the same size to a target, and a depth texture if `depth` is not NULL. Creates the
    target if it does not exist. */
-static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const sbl__texture *const *colors, int count,
+static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const sbl__texture *colors, int count,
                                    const sbl__texture *depth) {
     const sbl__gl *gl = &d->gl;
     unsigned buffers[6], status;
@@ -2819,9 +2819,9 @@ static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const s
     gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, t->id);
     for (i = 0; i < count; i++) {
         buffers[i] = SBL__GL_COLOR_ATTACHMENT0 + (unsigned)i;
-        gl->FramebufferTexture2D(SBL__GL_DRAW_FRAMEBUFFER, buffers[i], SBL__GL_TEXTURE_2D, colors[i]->id, 0);
-        t->textures[i] = colors[i]->id;
-        t->formats[i] = colors[i]->format;
+        gl->FramebufferTexture2D(SBL__GL_DRAW_FRAMEBUFFER, buffers[i], SBL__GL_TEXTURE_2D, colors[i].id, 0);
+        t->textures[i] = colors[i].id;
+        t->formats[i] = colors[i].format;
     }
     if (depth) gl->FramebufferTexture2D(SBL__GL_DRAW_FRAMEBUFFER, SBL__GL_DEPTH_ATTACHMENT, SBL__GL_TEXTURE_2D,
                                         depth->id, 0);
@@ -2834,8 +2834,8 @@ static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const s
         result = SBL_ERROR_GL;
     }
     t->count = count;
-    t->width = colors[0]->width;
-    t->height = colors[0]->height;
+    t->width = colors->width;
+    t->height = colors->height;
     return result;
 }
 
@@ -3259,10 +3259,9 @@ static sbl_result sbl__host_texture_read(sbl__device *d, unsigned name, const in
     const sbl__gl *gl = &d->gl;
     sbl__texture texture = { 0, 0, 0, 0, 0 };
     sbl__target target = { 0, 0, 0, 0, { 0 }, { 0 } };
-    const sbl__texture *color = &texture;
     unsigned sampler = 0;
     sbl_result result = sbl__texture_make(d, &texture, size[0], size[1], SBL__GL_RGBA32F);
-    if (result == SBL_SUCCESS) result = sbl__target_make(d, &target, &color, 1, NULL);
+    if (result == SBL_SUCCESS) result = sbl__target_make(d, &target, &texture, 1, NULL);
     if (result == SBL_SUCCESS) result = sbl__use(d, &sbl__recipe_copy, 0);
     if (result == SBL_SUCCESS && !sbl__name_make(d, gl->GenSamplers, &sampler)) result = SBL_ERROR_GL;
     if (result == SBL_SUCCESS) {
@@ -7696,14 +7695,11 @@ static sbl_result sbl__gbuffer_make(const sbl__device *d, sbl__gbuffer *g, int w
                                     const sbl__texture *depth) {
     static const unsigned formats[SBL__GBUFFER_COUNT] = { SBL__GL_RGBA32F, SBL__GL_RGBA32F, SBL__GL_RGBA32F,
                                                           SBL__GL_RGBA16F, SBL__GL_RGBA32F, SBL__GL_R32UI };
-    const sbl__texture *textures[SBL__GBUFFER_COUNT];
     sbl_result result = SBL_SUCCESS;
     int i;
-    for (i = 0; i < SBL__GBUFFER_COUNT && result == SBL_SUCCESS; i++) {
-        textures[i] = &g->textures[i];
+    for (i = 0; i < SBL__GBUFFER_COUNT && result == SBL_SUCCESS; i++)
         result = sbl__texture_make(d, &g->textures[i], width, height, formats[i]);
-    }
-    return result == SBL_SUCCESS ? sbl__target_make(d, &g->target, textures, SBL__GBUFFER_COUNT, depth) : result;
+    return result == SBL_SUCCESS ? sbl__target_make(d, &g->target, g->textures, SBL__GBUFFER_COUNT, depth) : result;
 }
 
 static void sbl__gbuffer_free(const sbl__device *d, sbl__gbuffer *g) {
@@ -7713,12 +7709,11 @@ static void sbl__gbuffer_free(const sbl__device *d, sbl__gbuffer *g) {
 }
 
 static sbl_result sbl__surface_make(const sbl__device *d, sbl__surface *s, int width, int height, int lightmap) {
-    const sbl__texture *color = &s->triangles;
     sbl_result result = sbl__texture_make(d, &s->triangles, width, height,
                                           lightmap ? SBL__GL_RGBA32UI : SBL__GL_R32UI);
     if (lightmap) return result;
     if (result == SBL_SUCCESS) result = sbl__texture_make(d, &s->depth, width, height, SBL__GL_DEPTH_COMPONENT32F);
-    return result == SBL_SUCCESS ? sbl__target_make(d, &s->visibility, &color, 1, &s->depth) : result;
+    return result == SBL_SUCCESS ? sbl__target_make(d, &s->visibility, &s->triangles, 1, &s->depth) : result;
 }
 
 static void sbl__surface_free(const sbl__device *d, sbl__surface *s) {
@@ -7745,8 +7740,7 @@ static void sbl__camera_make(sbl__camera *c, const sbl_picture_desc *desc, const
     for (i = 0; i < 8; i++) {
         double distance = 0;
         for (k = 0; k < 3; k++) distance -= c->back[k] * ((double)g->bounds[(i >> k) & 1][k] - c->eye[k]);
-        c->nearest = SBL__MIN(c->nearest, distance);
-        c->farthest = SBL__MAX(c->farthest, distance);
+        sbl__extend(&c->nearest, &c->farthest, distance);
     }
     c->nearest -= 1e-3 * g->extent;
     c->farthest += 1e-3 * g->extent;
@@ -8181,6 +8175,16 @@ typedef struct sbl__spec {
     int view_texture_size, batch;  /* sensor_texture_size and batch of sbl_context_desc */
 } sbl__spec;
 
+#define SBL__MAX_LOOKS 512         /* maximum number of looks per site if the host sets target_error */
+#define SBL__DEFAULT_LOOKS 16      /* maximum number of looks per site with the default target error */
+#define SBL__LOOK_RAYS_MOST 128    /* looks that are too noisy get more rays, up to this number */
+#define SBL__LOOK_VARIANCE 12.5    /* a look is too noisy while its relative variance exceeds this multiple of the
+                                      target error squared (see sbl__look_growth) */
+/* Distance of a sensor from its surface, as a share of the scene's extent if views are rasterised (for the precision of
+   the depth buffer), or of the triangle's reach (see surface.glsl) if rays are traced. Float rounding needs a sixth of
+   it: at 2.5e-7 and below, sensors on a sphere see the sphere itself. */
+#define SBL__OFFSET 1.5e-6f
+
 /* One look of a site, as shaders read it:
    position         the site's position, moved off the surface by `offset` along the geometric normal
    rotation         rasterised: rotation of the views about the normal, radians
@@ -8193,16 +8197,6 @@ typedef struct sbl__spec {
     X(sbl__look, VEC3, normal) X(sbl__look, FLOAT, offset) \
     X(sbl__look, UVEC2, scramble) X(sbl__look, UINT, lamp_scramble) X(sbl__look, UINT, which)
 SBL__RECORD(sbl__look, SBL__LOOK_RECORD, "sbl_look", "sbl_looks", SBL__BUFFER_TABLE("sbl_looks"), NULL)
-
-#define SBL__MAX_LOOKS 512         /* maximum number of looks per site if the host sets target_error */
-#define SBL__DEFAULT_LOOKS 16      /* maximum number of looks per site with the default target error */
-#define SBL__LOOK_RAYS_MOST 128    /* looks that are too noisy get more rays, up to this number */
-#define SBL__LOOK_VARIANCE 12.5    /* a look is too noisy while its relative variance exceeds this multiple of the
-                                      target error squared (see sbl__look_growth) */
-/* Distance of a sensor from its surface, as a share of the scene's extent if views are rasterised (for the precision of
-   the depth buffer), or of the triangle's reach (see surface.glsl) if rays are traced. Float rounding needs a sixth of
-   it: at 2.5e-7 and below, sensors on a sphere see the sphere itself. */
-#define SBL__OFFSET 1.5e-6f
 
 /* Returns the seed of a sensor. number: sbl__site.number; seed: sbl__spec.seed */
 static uint32_t sbl__sensor_seed(uint32_t number, uint32_t seed) { return sbl__hash(number ^ sbl__hash(seed)); }
@@ -8567,16 +8561,14 @@ typedef struct sbl__batch {
 
 /* Makes the first `count` textures and a target that draws to them. Deletes the other textures. */
 static sbl_result sbl__blocks_make(const sbl__device *d, sbl__blocks *b, int count, int width, int height) {
-    const sbl__texture *colors[6];
     sbl_result result = SBL_SUCCESS;
     int i;
     for (i = 0; i < 6; i++) {
         sbl__texture *texture = &b->textures[i];
         if (i >= count) sbl__texture_delete(d, texture);
         else if (result == SBL_SUCCESS) result = sbl__texture_make(d, texture, width, height, SBL__GL_RGBA32F);
-        colors[i] = texture;
     }
-    return result == SBL_SUCCESS ? sbl__target_make(d, &b->target, colors, count, NULL) : result;
+    return result == SBL_SUCCESS ? sbl__target_make(d, &b->target, b->textures, count, NULL) : result;
 }
 
 static void sbl__blocks_free(const sbl__device *d, sbl__blocks *b) {
@@ -9568,7 +9560,6 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
                                     const sbl__spec *spec, sbl__blocks *blocks) {
     const int most = d->gl.capabilities.max_texture_size;
     sbl__lens *lens = &r->lenses[SBL__LENS_SITE], *stuck = &r->lenses[SBL__LENS_STUCK];
-    const sbl__texture *color = &r->atlas;
     float brightest;
     int size[2], sums[2], k;
     sbl_result result;
@@ -9593,7 +9584,7 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
     r->face = r->row = 0;
     result = sbl__texture_make(d, &r->atlas, size[0], size[1], SBL__GL_RGBA16F);
     if (result == SBL_SUCCESS) result = sbl__texture_make(d, &r->depth, size[0], size[1], SBL__GL_DEPTH_COMPONENT32F);
-    if (result == SBL_SUCCESS) result = sbl__target_make(d, &r->target, &color, 1, &r->depth);
+    if (result == SBL_SUCCESS) result = sbl__target_make(d, &r->target, &r->atlas, 1, &r->depth);
     return result == SBL_SUCCESS ? sbl__blocks_make(d, blocks, spec->directional ? 5 : 2, sums[0], sums[1]) : result;
 }
 
@@ -10421,9 +10412,6 @@ static void sbl__spec_sheet(const sbl__spec *spec, int size[2]) {
     size[1] = spec->traced ? 1 : layout.sheet_height;
 }
 
-/* Returns 1 if sensors trace rays. The caller may then set rays and lamp_rays of the spec, also to 0. */
-static int sbl__measurement_sends_rays(const sbl__measurement *s) { return s->options.backend == SBL_BACKEND_TRACE; }
-
 /* Returns the number of rays per look for a requested error. Where this is not enough, sensors take more looks. */
 static int sbl__look_rays(float error) {
     return error >= 0.06f ? 16 : error >= 0.015f ? 32 : error >= 0.004f ? 64 : 128;
@@ -10433,7 +10421,7 @@ static int sbl__look_rays(float error) {
    of too few rays miss rare light, so sensors underestimate their noise and refinement divides tiles because of it. */
 static int sbl__look_growth(const sbl__measurement *s, float error, double variance) {
     int times = 1;
-    if (s->options.rays || !sbl__measurement_sends_rays(s)) return 1;
+    if (s->options.rays || s->options.backend != SBL_BACKEND_TRACE) return 1;
     while (2 * times * s->look_rays <= SBL__LOOK_RAYS_MOST &&
            2 * times * SBL__LOOK_VARIANCE * (double)error * error <= variance) times *= 2;
     return times;
@@ -14713,9 +14701,8 @@ static sbl_result sbl__map_setup(void *work, sbl__slice *slice) {
 /* Makes a texture with across x across pixels per pixel of the host, and its target, unless target is NULL. */
 static sbl_result sbl__map_texture(const sbl__map *m, int across, sbl__texture *t, sbl__target *target) {
     const sbl__device *d = &m->work.core->device;
-    const sbl__texture *color = t;
     const sbl_result result = sbl__texture_make(d, t, m->size[0] * across, m->size[1] * across, SBL__GL_RGBA32F);
-    return result == SBL_SUCCESS && target ? sbl__target_make(d, target, &color, 1, NULL) : result;
+    return result == SBL_SUCCESS && target ? sbl__target_make(d, target, t, 1, NULL) : result;
 }
 
 /* Uploads rows from *at on, and advances *at. The first call makes the texture, see sbl__map_texture. rgba: all rows.
@@ -16350,7 +16337,7 @@ static sbl_result sbl__probes_begin(void *work, const void *desc) {
         memcpy(g->desc.lowest, bounds[0], sizeof g->desc.lowest);
         memcpy(g->desc.highest, bounds[1], sizeof g->desc.highest);
     }
-    g->lamps_apart = sbl__measurement_sends_rays(&g->work.measurement);
+    g->lamps_apart = g->work.measurement.options.backend == SBL_BACKEND_TRACE;
     g->rings = g->lamps_apart ? SBL__PROBE_RINGS : SBL__PROBE_VIEW_RINGS;
     g->around = g->lamps_apart ? SBL__PROBE_AROUND : SBL__PROBE_VIEW_AROUND;
     sbl__gauss_nodes(g->rings, g->ring, g->ring_weight);
