@@ -3281,8 +3281,13 @@ static sbl_result sbl__host_texture_read(sbl__device *d, unsigned name, const in
     return result;
 }
 
-/* Calls the host's draw callback inside the current pass, then restores the state that passes rely on. */
-static void sbl__host_draw(const sbl__device *d, sbl_draw_function draw, const sbl_draw_view *view, void *user) {
+/* Lets the host draw a view into its viewport in a target, then restores the state that passes rely on. Computes
+   world_to_clip and write_depth; the caller sets the other fields. */
+static void sbl__host_draw(const sbl__device *d, const sbl__target *t, sbl_draw_function draw, sbl_draw_view *view,
+                           void *user) {
+    sbl__multiply(view->world_to_clip, view->view_to_clip, view->world_to_view);
+    view->write_depth = (d->features & SBL__WRITE_DEPTH) != 0;
+    sbl__pass(d, t, view->viewport, view->viewport, SBL__PASS_DEPTH);
     draw(view, user);
     sbl__guard_force(&d->gl);
 }
@@ -8066,24 +8071,21 @@ static sbl_result sbl__surface_host(void *work, sbl__slice *slice) {
     const sbl__surface_job *job = s->job;
     const sbl__camera *c = job->camera;
     const sbl__target *target = &job->gbuffer->target;
-    const int all[4] = { 0, 0, target->width, target->height };
     sbl_draw_view view;
     int k;
     (void)slice;
     if (!job->scene->draw) return SBL_SUCCESS;
     memset(&view, 0, sizeof view);
     view.kind = SBL_VIEW_CAMERA;
-    memcpy(view.viewport, all, sizeof view.viewport);
+    view.viewport[2] = target->width;
+    view.viewport[3] = target->height;
     memcpy(view.world_to_view, c->world_to_view, sizeof view.world_to_view);
     sbl__camera_clip(c, job->offset, target, view.view_to_clip);
-    sbl__multiply(view.world_to_clip, view.view_to_clip, c->world_to_view);
     for (k = 0; k < 3; k++) view.eye[k] = (float)c->eye[k];
     view.radiance_scale = 1;
     view.depth_scale = c->depth_scale;
-    view.write_depth = (s->device->features & SBL__WRITE_DEPTH) != 0;
     view.epsilon = job->epsilon;
-    sbl__pass(s->device, target, NULL, all, SBL__PASS_DEPTH);
-    sbl__host_draw(s->device, job->scene->draw, &view, job->scene->draw_user);
+    sbl__host_draw(s->device, target, job->scene->draw, &view, job->scene->draw_user);
     return sbl__gl_check(&s->device->gl);
 }
 
@@ -8152,27 +8154,28 @@ typedef struct sbl__site {
 typedef struct sbl__spec {
     int traced;                 /* 1: sensors trace rays; 0: they rasterise views */
     int paper;                  /* 1: exactly the paper's method: unrotated views, weights by equation 4, emitters only
-                                   seen in views, other kinds of lamps ignored */
+                                   seen in views, other kinds of lamps ignored. 0: lamp_rays measure all emission, so
+                                   other rays and views do not see it */
     int hemicube;               /* rasterised: 1: five views form half a cube; 0: one view along the normal */
     int size;                   /* rasterised: width and height of a view, texels */
     float fov;                  /* rasterised, one view: field of view, degrees */
     int looks;                  /* maximum number of looks per site */
     int rays;                   /* traced: number of rays over the hemisphere per look */
     int lamp_rays;              /* maximum number of rays towards lamps per look; 0: no rays are aimed at lamps */
-    int lamps_apart;            /* 1: lamp_rays measure all emission, so other rays and views do not see it */
     int bounced;                /* 1: surfaces reflect bounced light (see >>store) and ambient light; 0: ambient only */
     int without_sky;            /* traced: 1 if rays over the hemisphere see neither the sky nor the environment */
     int no_light;               /* traced: 1 if rays over the hemisphere cannot find light, so that only the first look
                                    traces them, for the distances and back faces in readings */
-    int guided;                 /* 1: guides direct rays, see >>guide */
-    float distance_limit;       /* traced: upper limit for each distance in a reading's mean distance; 0: no limit */
     int one_ray;                /* only for traced looks: 1: a look is a single ray along the normal, which measures
                                    radiance, as probes need it */
     int directional;            /* 1: measure layers 1 to 4 too, see SBL__LAYERS */
     float epsilon;              /* the paper's ambient factor: constant light that is added on all surfaces, without
                                    occlusion */
-    uint32_t seed;              /* seed for the rotation of all sensors, see sbl_picture_desc */
     int view_texture_size, batch;  /* sensor_texture_size and batch of sbl_context_desc */
+    /* Jobs whose specs differ only in the fields that follow use the same resources, see sbl__job_begin. */
+    uint32_t seed;              /* seed for the rotation of all sensors, see sbl_picture_desc */
+    int guided;                 /* 1: guides direct rays, see >>guide */
+    float distance_limit;       /* traced: upper limit for each distance in a reading's mean distance; 0: no limit */
 } sbl__spec;
 
 #define SBL__MAX_LOOKS 512         /* maximum number of looks per site if the host sets target_error */
@@ -9819,8 +9822,8 @@ static sbl_result sbl__raster_send(const sbl__device *d, sbl__raster *r, const s
 }
 
 /* Fills the description of a view that the host's draw callback receives. number: index of the view in the batch */
-static void sbl__raster_view(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b,
-                             int number, sbl_draw_view *v) {
+static void sbl__raster_view(const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b, int number,
+                             sbl_draw_view *v) {
     const sbl__layout *l = &lens->layout;
     const int i = number / l->view_count, face = number % l->view_count, *rect = l->rects[face];
     const sbl__look *look = &b->looks[i];
@@ -9847,10 +9850,8 @@ static void sbl__raster_view(const sbl__device *d, const sbl__raster *r, const s
     v->view_to_clip[9] = face ? (float)per_length : 0.0f;  /* side views of a hemicube cover y from 0 to 1 only */
     v->view_to_clip[11] = (float)-per_length;
     v->view_to_clip[14] = SBL__VIEW_DEPTH;
-    sbl__multiply(v->world_to_clip, v->view_to_clip, v->world_to_view);
     v->radiance_scale = r->radiance_scale;
     v->depth_scale = SBL__VIEW_DEPTH;
-    v->write_depth = (d->features & SBL__WRITE_DEPTH) != 0;
     v->epsilon = b->spec->epsilon;
     for (k = 0; k < 18; k++) v->light[k / 3][k % 3] = v->epsilon;
     if (b->spec->bounced) memcpy(v->light, b->scene->store.air, sizeof v->light);
@@ -9894,7 +9895,7 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
         if (result != SBL_SUCCESS) return result;
         sbl__pass(d, &r->target, lens->area, NULL, SBL__PASS_DEPTH | SBL__PASS_CLIP);
         sbl__scene_bind(d, b->scene);
-        sbl__set_int(d, "lamps_apart", b->spec->lamps_apart);
+        sbl__set_int(d, "lamps_apart", !b->spec->paper);
         sbl__set_float(d, "per_length", 1 / g->extent);
         sbl__set_float(d, "depth_scale", SBL__VIEW_DEPTH);
         sbl__set_float(d, "epsilon", b->spec->epsilon);
@@ -9906,9 +9907,8 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
         } else sbl__draw_mesh(d, g->vertex_array, first, end - first, views);
     }
     for (i = 0; i < views && b->scene->draw && end == g->triangle_count && result == SBL_SUCCESS; i++) {
-        sbl__raster_view(d, r, lens, b, i, &view);
-        sbl__pass(d, &r->target, view.viewport, view.viewport, SBL__PASS_DEPTH);
-        sbl__host_draw(d, b->scene->draw, &view, b->scene->draw_user);
+        sbl__raster_view(r, lens, b, i, &view);
+        sbl__host_draw(d, &r->target, b->scene->draw, &view, b->scene->draw_user);
     }
     return result;
 }
@@ -10245,7 +10245,7 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
     sbl__set_int(d, "rays", stuck ? 1 : b->spec->rays);
     sbl__set_int(d, "paired", paired);
     sbl__set_int(d, "no_light", b->spec->no_light);
-    sbl__set_int(d, "lamps_apart", b->spec->lamps_apart);
+    sbl__set_int(d, "lamps_apart", !b->spec->paper);
     sbl__set_float(d, "epsilon", b->spec->epsilon);
     sbl__set_float(d, "spread", stuck ? 0.0f : 1.0f);
     sbl__set_float(d, "distance_limit", b->spec->distance_limit > 0 ? b->spec->distance_limit : SBL__UNBOUNDED);
@@ -10303,8 +10303,8 @@ typedef struct sbl__task {
 typedef struct sbl__job_counts { int64_t views, texels, rays; int readbacks; } sbl__job_counts;
 
 typedef enum sbl__job_stage {
-    SBL__JOB_IDLE, SBL__JOB_SETUP, SBL__JOB_WEIGH, SBL__JOB_COMPILE, SBL__JOB_DRAW, SBL__JOB_AIM, SBL__JOB_REDUCE,
-    SBL__JOB_READ, SBL__JOB_DONE
+    SBL__JOB_SETUP, SBL__JOB_WEIGH, SBL__JOB_COMPILE, SBL__JOB_DRAW, SBL__JOB_AIM, SBL__JOB_REDUCE, SBL__JOB_READ,
+    SBL__JOB_DONE
 } sbl__job_stage;
 
 typedef struct sbl__job {
@@ -10365,10 +10365,9 @@ static void sbl__spec_make(sbl__spec *spec, const sbl__measurement *s, const sbl
     memset(spec, 0, sizeof *spec);
     spec->traced = s->options.backend == SBL_BACKEND_TRACE;
     spec->paper = s->options.mode == SBL_MODE_PAPER;
-    spec->lamps_apart = !spec->paper;
     spec->bounced = s->options.mode == SBL_MODE_GI;
     spec->looks = s->options.rays || spec->paper ? 1 : s->looks;
-    spec->lamp_rays = spec->lamps_apart && scene->lights.leaves ? rays : 0;
+    spec->lamp_rays = !spec->paper && scene->lights.leaves ? rays : 0;
     spec->epsilon = s->options.epsilon;
     spec->seed = s->options.seed;
     spec->batch = c->batch;
@@ -10428,17 +10427,8 @@ static int sbl__look_growth(const sbl__measurement *s, float error, double varia
 }
 
 /* Fails to compile if sbl__spec has padding, which memcmp would compare. Add the size of each new field here. */
-typedef char sbl__spec_has_no_padding[sizeof(sbl__spec) == 16 * sizeof(int) + 3 * sizeof(float) + sizeof(uint32_t)
+typedef char sbl__spec_has_no_padding[sizeof(sbl__spec) == 15 * sizeof(int) + 3 * sizeof(float) + sizeof(uint32_t)
                                       ? 1 : -1];
-
-/* Returns 1 if jobs with these specs need the same resources. */
-static int sbl__spec_equal(const sbl__spec *a, const sbl__spec *b) {
-    sbl__spec c = *b;
-    c.seed = a->seed;
-    c.guided = a->guided;
-    c.distance_limit = a->distance_limit;
-    return !memcmp(a, &c, sizeof c);
-}
 
 /* >>job: setting up */
 
@@ -10941,7 +10931,8 @@ static int sbl__job_next(void *work) {
 /* >>job: beginning and stepping */
 
 static void sbl__job_begin(sbl__job *j, const sbl__scene *scene, const sbl__task *task) {
-    const int same = j->ready && j->made_for_scene == scene->version && sbl__spec_equal(&j->made_for, &task->spec);
+    const int same = j->ready && j->made_for_scene == scene->version &&
+                     !memcmp(&j->made_for, &task->spec, offsetof(sbl__spec, seed));
     j->task = *task;
     j->scene = scene;
     j->suspect_count = 0;
@@ -10953,7 +10944,6 @@ static void sbl__job_begin(sbl__job *j, const sbl__scene *scene, const sbl__task
 /* Does one piece of bounded duration. Returns SBL_SUCCESS when all readings are written. */
 static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { NULL, NULL, NULL, NULL },
         { sbl__job_setup, NULL, NULL, NULL },
         { sbl__job_weigh, NULL, NULL, NULL },
         { sbl__job_compile, NULL, NULL, NULL },
@@ -10965,9 +10955,7 @@ static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) 
     sbl_result result;
     j->device = d;
     result = sbl__stages_step(&j->stages, table, SBL__COUNT(table), j, slice);
-    if (result == SBL_SUCCESS || result == SBL_UNFINISHED) return result;
-    j->stages.stage = SBL__JOB_IDLE;
-    j->ready = 0;
+    if (result != SBL_SUCCESS && result != SBL_UNFINISHED) j->ready = 0;
     return result;
 }
 
@@ -10991,14 +10979,17 @@ typedef struct sbl__core {
     sbl_stats stats;            /* statistics of the work that was begun last */
 } sbl__core;
 
-/* Copies the job's counts to the statistics that the host reads. */
-static void sbl__core_count(sbl__core *c) {
+/* Steps the job. When it is done, copies its counts to the statistics that the host reads. */
+static sbl_result sbl__core_sense(sbl__core *c, sbl__slice *slice) {
     const sbl__job_counts *n = &c->job.counts;
+    const sbl_result result = sbl__job_step(&c->device, &c->job, slice);
+    if (result != SBL_SUCCESS) return result;
     c->stats.sensors.views = n->views;
     c->stats.sensors.texels = n->texels;
     c->stats.sensors.rays = n->rays;
     c->stats.sensors.readbacks += n->readbacks;
     c->job.counts.readbacks = 0;
+    return SBL_SUCCESS;
 }
 
 /* Clears the statistics when work begins, except for the time spent on the scene. */
@@ -13571,9 +13562,7 @@ static int sbl__refine_after_list(void *work) {
 
 static sbl_result sbl__refine_sense(void *work, sbl__slice *slice) {
     const sbl__refine *r = (const sbl__refine *)work;
-    const sbl_result result = r->site_count ? sbl__job_step(&r->core->device, &r->core->job, slice) : SBL_SUCCESS;
-    if (result == SBL_SUCCESS && r->site_count) sbl__core_count(r->core);
-    return result;
+    return r->site_count ? sbl__core_sense(r->core, slice) : SBL_SUCCESS;
 }
 
 /* Begins another job if this round has tiles or guides whose sites no job has measured yet. */
@@ -14555,10 +14544,7 @@ static void sbl__work_begin_job(const sbl__work *w, const sbl__spec *spec, const
 }
 
 static sbl_result sbl__work_sense(void *work, sbl__slice *slice) {
-    sbl__core *c = ((const sbl__work *)work)->core;
-    const sbl_result result = sbl__job_step(&c->device, &c->job, slice);
-    if (result == SBL_SUCCESS) sbl__core_count(c);
-    return result;
+    return sbl__core_sense(((const sbl__work *)work)->core, slice);
 }
 
 /* The `seconds` of front ends whose stage 0 is sbl__work_prepare and whose other stages measure. */
