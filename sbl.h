@@ -3353,13 +3353,14 @@ static int sbl__pace_rows(sbl__pace *p, const sbl__slice *s, const sbl__target *
 static void sbl__submit(const sbl__device *d) { d->gl.Flush(); }
 
 /* Waits until the GPU has finished a submission of `units` units of work, and updates the cost. The cost rises at once
-   and falls slowly, because work that was cheap a few times can be expensive again. */
-static void sbl__pace_end(const sbl__device *d, sbl__pace *p, double units) {
+   and falls slowly, because work that was cheap a few times can be expensive again. Returns GL errors. */
+static sbl_result sbl__pace_end(const sbl__device *d, sbl__pace *p, double units) {
     double cost, fall;
     d->gl.Finish();
     cost = SBL__MAX(sbl__now() - p->start, 1e-6) / units;
     fall = cost < SBL__PACE_FAR * p->cost ? SBL__PACE_FAR_FALL : SBL__PACE_FALL;
     p->cost = p->cost > cost ? p->cost + fall * (cost - p->cost) : cost;
+    return sbl__gl_check(&d->gl);
 }
 
 /* >>device: stages. Long work is a list of stages, each done in pieces that fit into a slice. A table has a row for
@@ -7437,7 +7438,7 @@ typedef struct sbl__atlas_triangle {
     int rows[2];           /* first and last row that the triangle touches */
 } sbl__atlas_triangle;
 
-/* Gets the first and last of `size` texels that an interval touches. If it touches none, last < first. */
+/* Gets the first and last of `size` texels that an interval touches. If it touches none or low > high, last < first. */
 static void sbl__atlas_span(double low, double high, int size, int out[2]) {
     const double first = floor(low), last = SBL__MAX(first, ceil(high) - 1);
     out[0] = first >= size ? size : first < 0 ? 0 : (int)first;
@@ -7478,9 +7479,7 @@ static void sbl__atlas_columns(const sbl__atlas *a, const sbl__atlas_triangle *t
             if ((p[1] < side) != (q[1] < side))
                 sbl__extend(&low, &high, p[0] + (side - p[1]) / (q[1] - p[1]) * (q[0] - p[0]));
     }
-    columns[0] = 0;
-    columns[1] = -1;
-    if (low <= high) sbl__atlas_span(low, high, a->width, columns);
+    sbl__atlas_span(low, high, a->width, columns);
 }
 
 /* Gets the point of a triangle nearest to a texel's centre, as barycentric weights. Returns the squared distance in
@@ -7729,7 +7728,7 @@ static void sbl__surface_free(const sbl__device *d, sbl__surface *s) {
 
 /* >>surface: the camera */
 
-/* Makes a camera from the checked matrices of desc. */
+/* desc: its matrices are checked already */
 static void sbl__camera_make(sbl__camera *c, const sbl_picture_desc *desc, const sbl__geometry *g) {
     const float *m = desc->world_to_view;
     int i, k;
@@ -7954,10 +7953,9 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
     sbl__set_vec3(d, "eye", eye);
     sbl__set_float(d, "depth_from_w", c->orthographic ? 0 : c->depth_scale);
     sbl__draw_triangles(d, at, end - at);
-    sbl__pace_end(d, &s->triangle_pace, pixels);
+    result = sbl__pace_end(d, &s->triangle_pace, pixels);
     s->stages.at = end;
     if (end == g->triangle_count) sbl__surface_band(s, s->row + s->rows);
-    result = sbl__gl_check(&d->gl);
     return result == SBL_SUCCESS && s->row < s->visibility.height ? SBL_UNFINISHED : result;
 }
 
@@ -8059,9 +8057,8 @@ static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
     sbl__camera_set(d, job->camera, job->offset, target);
     sbl__set_float(d, "facet_limit", job->camera->facet_limit);
     sbl__draw_screen(d);
-    sbl__pace_end(d, &s->point_pace, (double)rows * target->width);
+    result = sbl__pace_end(d, &s->point_pace, (double)rows * target->width);
     s->stages.at += rows;
-    result = sbl__gl_check(&d->gl);
     return result == SBL_SUCCESS && s->stages.at < target->height ? SBL_UNFINISHED : result;
 }
 
@@ -8230,7 +8227,7 @@ typedef struct sbl__layout {
     int view_count;             /* 5 for a hemicube, otherwise 1 */
     double tangent;             /* tangent of half the field of view; 1 for a hemicube */
     int rects[5][4];            /* per view: x, y, width, height in the sheet, texels */
-    int sheet_width, sheet_height;  /* size of the sheet without padding, texels */
+    int sheet[2];               /* width and height of the sheet without padding, texels */
     int block;                  /* width and height of a block: the square of texels that reduce_blocks.glsl adds up */
     int blocks[2];              /* number of blocks across and down; the sheet is padded to whole blocks */
 } sbl__layout;
@@ -8244,8 +8241,8 @@ static void sbl__layout_make(sbl__layout *l, int hemicube, int size, float fov) 
     memset(l, 0, sizeof *l);
     l->view_count = hemicube ? 5 : 1;
     l->tangent = hemicube ? 1 : tan(0.5 * (double)fov * SBL__PI / 180);
-    l->sheet_width = hemicube ? 2 * size : size;
-    l->sheet_height = hemicube ? SBL__MAX(size, 2 * half) + half : size;
+    l->sheet[0] = hemicube ? 2 * size : size;
+    l->sheet[1] = hemicube ? SBL__MAX(size, 2 * half) + half : size;
     l->rects[0][2] = l->rects[0][3] = size;
     for (i = 1; i < l->view_count; i++) {
         l->rects[i][0] = i == 3 ? 0 : size;
@@ -8254,8 +8251,7 @@ static void sbl__layout_make(sbl__layout *l, int hemicube, int size, float fov) 
         l->rects[i][3] = half;
     }
     l->block = size < 128 ? 8 : size < 256 ? 16 : 32;
-    l->blocks[0] = (l->sheet_width + l->block - 1) / l->block;
-    l->blocks[1] = (l->sheet_height + l->block - 1) / l->block;
+    for (i = 0; i < 2; i++) l->blocks[i] = (l->sheet[i] + l->block - 1) / l->block;
 }
 
 /* Returns the width (axis 0) or height (axis 1) of a padded sheet, texels. */
@@ -10313,9 +10309,8 @@ typedef struct sbl__job {
     sbl__task task;
     const sbl__scene *scene;
     sbl__job_counts counts;     /* sums over all jobs since the caller last cleared them */
-    int ready;                  /* 1: the resources below exist, for `made_for` and `made_for_scene` */
-    sbl__spec made_for;
-    uint32_t made_for_scene;    /* version of the scene */
+    sbl__spec made_for;         /* the spec for which the resources below were made */
+    uint32_t made_for_scene;    /* version of the scene for which they were made; 0: they do not exist */
     sbl__raster raster;
     sbl__trace trace;
     sbl__aim aim;
@@ -10394,7 +10389,6 @@ static float sbl__spec_offset(const sbl__spec *spec, const sbl__scene *scene, fl
     return SBL__OFFSET * (spec->traced && reach > 0 ? reach : scene->geometry.extent);
 }
 
-/* Returns the number of layers of light that sensors measure, see SBL__LAYERS. */
 static int sbl__spec_layers(const sbl__spec *spec) { return spec->directional ? SBL__LAYERS : 1; }
 
 /* Returns the noise of layers 1 to 4 as a share of R, for a look whose R has no noise. The cause is that the few rays
@@ -10407,8 +10401,8 @@ static float sbl__spec_layer_noise(const sbl__spec *spec) {
 static void sbl__spec_sheet(const sbl__spec *spec, int size[2]) {
     sbl__layout layout;
     sbl__layout_make(&layout, spec->hemicube, SBL__MAX(spec->size, 1), spec->fov);
-    size[0] = spec->traced ? spec->rays : layout.sheet_width;
-    size[1] = spec->traced ? 1 : layout.sheet_height;
+    size[0] = spec->traced ? spec->rays : layout.sheet[0];
+    size[1] = spec->traced ? 1 : layout.sheet[1];
 }
 
 /* Returns the number of rays per look for a requested error. Where this is not enough, sensors take more looks. */
@@ -10436,7 +10430,6 @@ static const sbl__slots *sbl__lens_slots(const sbl__job *j, int lens) {
     return j->task.spec.traced ? &j->trace.slots[lens] : &j->raster.lenses[lens].slots;
 }
 
-/* Returns the slots of the current round. */
 static const sbl__slots *sbl__job_slots(const sbl__job *j) { return sbl__lens_slots(j, j->lens); }
 
 /* Returns the factor by which all radiance in the job's textures is multiplied. */
@@ -10477,7 +10470,6 @@ static sbl_result sbl__job_weigh(void *work, sbl__slice *slice) {
         const sbl_result result = sbl__raster_weigh(j->device, &j->raster, lens, &j->task.spec, slice);
         if (result != SBL_SUCCESS) return result;
     }
-    j->ready = 1;
     j->made_for = j->task.spec;
     j->made_for_scene = j->scene->version;
     return SBL_SUCCESS;
@@ -10693,8 +10685,7 @@ static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
         all += units;
         full = j->drawn > first && (j->drawn == j->look_end || j->drawn % slots == 0);
     }
-    if (result == SBL_SUCCESS) sbl__pace_end(d, &j->paces.draw[j->lens], all);
-    if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
+    if (result == SBL_SUCCESS) result = sbl__pace_end(d, &j->paces.draw[j->lens], all);
     return result == SBL_SUCCESS && !full ? SBL_UNFINISHED : result;
 }
 
@@ -10738,9 +10729,8 @@ static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     if (result == SBL_SUCCESS) result = sbl__aim_use(j, &b, 0, blocks, sbl__job_scale(j));
     if (result != SBL_SUCCESS) return result;
     sbl__rays_send(d, &b, &j->aim.light.target, blocks);
-    sbl__pace_end(d, &j->paces.aim, sbl__whole_lots(d, count, j->aim.parts));
+    result = sbl__pace_end(d, &j->paces.aim, sbl__whole_lots(d, count, j->aim.parts));
     j->aimed += count;
-    result = sbl__gl_check(&d->gl);
     return result == SBL_SUCCESS && j->aimed < j->drawn ? SBL_UNFINISHED : result;
 }
 
@@ -10792,8 +10782,7 @@ static sbl_result sbl__job_reduce(void *work, sbl__slice *slice) {
         result = sbl__raster_reduce(d, &j->raster, &j->raster.lenses[j->lens], &j->blocks,
                                     directional ? &j->table : NULL, area);
     if (result == SBL_SUCCESS) result = sbl__job_sum(j, j->reduced, j->reduced + count - 1);
-    sbl__pace_end(d, &j->paces.reduce[j->lens], rows * slots->columns);
-    if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
+    if (result == SBL_SUCCESS) result = sbl__pace_end(d, &j->paces.reduce[j->lens], rows * slots->columns);
     j->reduced += count;
     return result == SBL_SUCCESS && j->reduced < j->drawn ? SBL_UNFINISHED : result;
 }
@@ -10884,7 +10873,7 @@ static void sbl__job_count(sbl__job *j) {
         j->counts.rays += (int64_t)spec->rays * (spec->no_light ? !j->task.sites[i].first : j->task.sites[i].looks);
     if (spec->traced) return;
     j->counts.views += (int64_t)looks * l->view_count;
-    j->counts.texels += (int64_t)looks * l->sheet_width * l->sheet_height;
+    j->counts.texels += (int64_t)looks * l->sheet[0] * l->sheet[1];
 }
 
 /* Reads back SBL__READ_ROWS rows of results and evaluates their looks. If the sites' looks are done and some sites are
@@ -10931,12 +10920,12 @@ static int sbl__job_next(void *work) {
 /* >>job: beginning and stepping */
 
 static void sbl__job_begin(sbl__job *j, const sbl__scene *scene, const sbl__task *task) {
-    const int same = j->ready && j->made_for_scene == scene->version &&
+    const int same = j->made_for_scene == scene->version &&
                      !memcmp(&j->made_for, &task->spec, offsetof(sbl__spec, seed));
     j->task = *task;
     j->scene = scene;
     j->suspect_count = 0;
-    j->ready = same;
+    if (!same) j->made_for_scene = 0;
     j->stages.stage = task->site_count == 0 ? SBL__JOB_DONE : same ? SBL__JOB_COMPILE : SBL__JOB_SETUP;
     j->stages.at = 0;
 }
@@ -10955,7 +10944,7 @@ static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) 
     sbl_result result;
     j->device = d;
     result = sbl__stages_step(&j->stages, table, SBL__COUNT(table), j, slice);
-    if (result != SBL_SUCCESS && result != SBL_UNFINISHED) j->ready = 0;
+    if (result != SBL_SUCCESS && result != SBL_UNFINISHED) j->made_for_scene = 0;
     return result;
 }
 
@@ -11240,8 +11229,8 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, 
     for (i = 0; i < some && result == SBL_SUCCESS; i++)
         sbl__cast_take(&rays[i], places + 4 * (size_t)i, albedos + 4 * (size_t)i, &hits->list[at + i]);
     sbl__free(d->base, rays);
+    if (result == SBL_SUCCESS) result = sbl__pace_end(d, &b->pace, some);
     if (result != SBL_SUCCESS) return result;
-    sbl__pace_end(d, &b->pace, some);
     b->core->stats.sensors.readbacks += 2;
     b->core->stats.store.rays += some;
     b->stages.at += some;
@@ -14849,8 +14838,7 @@ static sbl_result sbl__map_filter(void *work, sbl__slice *slice) {
     filter.layer_noise = sbl__spec_layer_noise(&m->spec);
     rows[1] = sbl__pace_rows(&m->filter_pace, slice, &layer->target, rows[0]);
     result = sbl__filter_draw(d, &filter, &m->gbuffer, &layer->target, rows);
-    sbl__pace_end(d, &m->filter_pace, (double)rows[1] * m->desc.width);
-    if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
+    if (result == SBL_SUCCESS) result = sbl__pace_end(d, &m->filter_pace, (double)rows[1] * m->desc.width);
     m->developing.at += rows[1];
     return result == SBL_SUCCESS && m->developing.at < m->desc.height ? SBL_UNFINISHED : result;
 }
@@ -15120,8 +15108,7 @@ static sbl_result sbl__picture_compose(sbl__picture *p, sbl__resolve *r, const s
     rows[0] = *row;
     rows[1] = sbl__pace_rows(&p->resolve_pace, slice, out, *row);
     result = sbl__resolve_draw(d, r, out, rows);
-    sbl__pace_end(d, &p->resolve_pace, (double)rows[1] * m->desc.width);
-    if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
+    if (result == SBL_SUCCESS) result = sbl__pace_end(d, &p->resolve_pace, (double)rows[1] * m->desc.width);
     *row += rows[1];
     return result == SBL_SUCCESS && *row < m->desc.height ? SBL_UNFINISHED : result;
 }
@@ -16728,7 +16715,7 @@ static sbl_result sbl__inspect_sheet(sbl__inspect_request *k) {
     const sbl__lens *lens = &r->lenses[SBL__LENS_SITE];
     const sbl__layout *l = &lens->layout;
     const int width = r->target.width, pitch = sbl__layout_pitch(l, 0), height = sbl__layout_pitch(l, 1);
-    float *rows = (float *)sbl__alloc_raw(&c->base, (size_t)width * (size_t)l->sheet_height, 16);
+    float *rows = (float *)sbl__alloc_raw(&c->base, (size_t)width * (size_t)l->sheet[1], 16);
     float *table = (float *)sbl__alloc(&c->base, (size_t)pitch * (size_t)height, 8);
     int corner[2], x, y, i, face;
     double weights = 0;
@@ -16737,12 +16724,12 @@ static sbl_result sbl__inspect_sheet(sbl__inspect_request *k) {
     for (face = 0; face < l->view_count && result == SBL_SUCCESS; face++)
         for (y = 0; y < l->rects[face][3]; y++) sbl__weights_row(l, j->task.spec.paper, face, y, table);
     if (result == SBL_SUCCESS)
-        result = sbl__target_read(&c->device, &r->target, 0, corner[1], l->sheet_height, rows);
-    for (y = 0; y < l->sheet_height && result == SBL_SUCCESS; y++)
-        for (x = 0; x < l->sheet_width; x++) {
+        result = sbl__target_read(&c->device, &r->target, 0, corner[1], l->sheet[1], rows);
+    for (y = 0; y < l->sheet[1] && result == SBL_SUCCESS; y++)
+        for (x = 0; x < l->sheet[0]; x++) {
             const float *from = rows + 4 * ((size_t)y * (size_t)width + (size_t)(corner[0] + x));
             const float *weight = table + 2 * ((size_t)y * (size_t)pitch + (size_t)x);
-            const size_t texel = (size_t)y * (size_t)l->sheet_width + (size_t)x;
+            const size_t texel = (size_t)y * (size_t)l->sheet[0] + (size_t)x;
             for (i = 0; i < 3 && k->radiance; i++) k->radiance[4 * texel + (size_t)i] = from[i] / r->radiance_scale;
             if (k->radiance) k->radiance[4 * texel + 3] = from[3] * c->scene.geometry.extent * weight[1];
             if (k->weights) k->weights[texel] = weight[0];
