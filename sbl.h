@@ -1674,8 +1674,8 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
        write a room like >>gather, which is the shortest. Its struct begins with an sbl__work; its sbl__front_end names
        its functions and its table of stages, in which a loop over many items is a row with turn and count. The stages
        call sbl__prepare (hierarchy, lamps, store), sbl__spec_make (how to measure), sbl__job_begin with a task (sites
-       and readings), then sbl__job_step until the job is done. sbl__job.results holds the readings on the GPU as well.
-       Add a row to SBL__FRONT_ENDS (>>public), and declare the descriptor and the two functions in the interface.
+       and readings), then sbl__job_step until the job is done. Add a row to SBL__FRONT_ENDS (>>public), and declare
+       the descriptor and the two functions in the interface.
 
    To add a kind of light:
        add it to sbl_light_kind, its parameters to sbl_light, and its checks to sbl__check_light. In >>lamps, add its
@@ -7986,9 +7986,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    for (int i = 0; i < points; i++) {\n",
 "        vec3 place = s.position + step * (frame * vec3(i % 5 - 2, i / 5 - 2, 0));\n",
 "        vec3 light = sbl_stored(number, s.back, place, SBL_UNBOUNDED);\n",
-"        float known = max(light.r, max(light.g, light.b)) > 0.0 ? 1.0 : 0.0;\n",
 "        sum += light;\n",
-"        weight += known;\n",
+"        weight += max(light.r, max(light.g, light.b)) > 0.0 ? 1.0 : 0.0;\n",
 "    }\n",
 "    return sum / max(weight, 1.0);\n",
 "}\n",
@@ -8168,7 +8167,8 @@ typedef struct sbl__spec {
     int directional;            /* 1: measure layers 1 to 4 too, see SBL__LAYERS */
     float epsilon;              /* the paper's ambient factor: constant light that is added on all surfaces, without
                                    occlusion */
-    int view_texture_size, batch;  /* sensor_texture_size and batch of sbl_context_desc */
+    int view_texture_size;      /* sensor_texture_size of sbl_context_desc */
+    int batch;                  /* maximum number of looks per batch */
     /* Jobs whose specs differ only in the fields that follow use the same resources, see sbl__job_begin. */
     uint32_t seed;              /* seed for the rotation of all sensors, see sbl_picture_desc */
     int guided;                 /* 1: guides direct rays, see >>guide */
@@ -8641,7 +8641,6 @@ static const char *const sbl__glsl_carrier[] = {
 
 /* Resources for rays towards lamps. */
 typedef struct sbl__aim {
-    int rays;                      /* maximum number of rays towards lamps per look */
     int parts;                     /* number of invocations among which a look's rays are divided */
     sbl__table sequence;           /* points of the unit square that give directions, see sbl__sequence_make */
     sbl__blocks light;             /* outputs of lamps.glsl. Each look has a column of `parts` texels; a texel sums
@@ -8729,10 +8728,9 @@ static sbl_result sbl__aim_setup(const sbl__device *d, sbl__aim *a, const sbl__s
                                  const sbl__hierarchy *h) {
     const int rows = (slots->count + slots->columns - 1) / slots->columns;
     sbl_result result;
-    a->rays = spec->lamp_rays;
     a->parts = sbl__aim_parts(spec, h);
-    if (!a->rays) return SBL_SUCCESS;
-    result = sbl__sequence_store(d, &a->sequence, spec->looks, a->rays, SBL__LAMP_PASSES * a->parts);
+    if (!spec->lamp_rays) return SBL_SUCCESS;
+    result = sbl__sequence_store(d, &a->sequence, spec->looks, spec->lamp_rays, SBL__LAMP_PASSES * a->parts);
     return result == SBL_SUCCESS ? sbl__blocks_make(d, &a->light, spec->directional ? 4 : 1, slots->columns,
                                                     rows * a->parts) : result;
 }
@@ -10315,13 +10313,12 @@ typedef struct sbl__job {
     sbl__trace trace;
     sbl__aim aim;
     sbl__blocks blocks;
-    /* Results of all looks. `sums`: sum of weight * radiance; sum of the weights of directions that see back faces.
-       `hits`: sum of the weights of directions that see surfaces; sum of weight * distance; least distance; variance.
-       The result of look n stays at texel n % SBL__RESULTS_WIDTH, n / SBL__RESULTS_WIDTH until the next job. */
-    sbl__blocks results[SBL__LENSES];
+    /* Results of all looks of a round; look n has texel n % SBL__RESULTS_WIDTH, n / SBL__RESULTS_WIDTH. Texture 0: sum of
+       weight * radiance; sum of the weights of directions that see back faces. Texture 1: sum of the weights of
+       directions that see surfaces; sum of weight * distance; least distance; variance. Textures 2 to 4: harmonics. */
+    sbl__blocks results;
     sbl__table table;           /* looks of a batch or of all slots, as shaders read them, see sbl__looks_send */
     sbl__look *looks;           /* the look in each slot */
-    int look_most;              /* maximum number of looks per batch */
     int lens;                   /* kind of the current round's looks: SBL__LENS_SITE or SBL__LENS_STUCK */
     int *suspects;              /* indices of the sites that need a stuck test */
     int suspect_count, suspect_room;
@@ -10334,13 +10331,12 @@ typedef struct sbl__job {
 } sbl__job;
 
 static void sbl__job_free(const sbl__device *d, sbl__job *j) {
-    int i;
     sbl__raster_free(d, &j->raster);
     sbl__table_delete(d, &j->trace.sequence);
     sbl__table_delete(d, &j->aim.sequence);
     sbl__blocks_free(d, &j->aim.light);
     sbl__blocks_free(d, &j->blocks);
-    for (i = 0; i < SBL__LENSES; i++) sbl__blocks_free(d, &j->results[i]);
+    sbl__blocks_free(d, &j->results);
     sbl__table_delete(d, &j->table);
     sbl__free(d->base, j->looks);
     sbl__free(d->base, j->suspects);
@@ -10365,7 +10361,7 @@ static void sbl__spec_make(sbl__spec *spec, const sbl__measurement *s, const sbl
     spec->lamp_rays = !spec->paper && scene->lights.leaves ? rays : 0;
     spec->epsilon = s->options.epsilon;
     spec->seed = s->options.seed;
-    spec->batch = c->batch;
+    spec->batch = c->batch > 0 ? c->batch : INT_MAX;
     if (spec->traced) {
         spec->no_light = no_light;
         spec->rays = no_light ? SBL__MIN(rays, SBL__TRACE_CHUNK) : rays;
@@ -10457,7 +10453,6 @@ static sbl_result sbl__job_setup(void *work, sbl__slice *slice) {
     for (lens = 0; lens < SBL__LENSES; lens++) room = SBL__MAX(room, sbl__lens_slots(j, lens)->count);
     sbl__free(d->base, j->looks);
     j->looks = (sbl__look *)sbl__alloc_raw(d->base, (size_t)room, sizeof *j->looks);
-    j->look_most = spec->batch > 0 ? spec->batch : room;
     memset(&j->paces, 0, sizeof j->paces);
     return j->looks ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
@@ -10552,7 +10547,7 @@ static const sbl__recipe sbl__recipe_reduce_sum = {
 static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
     const sbl__device *d = j->device;
     const int most = d->gl.capabilities.max_texture_size, directional = j->task.spec.directional;
-    const sbl__blocks *results = &j->results[lens];
+    const sbl__target *results = &j->results.target;
     double looks = 0;
     int i, rows;
     j->lens = lens;
@@ -10567,9 +10562,8 @@ static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
         return SBL_ERROR_UNSUPPORTED;
     }
     j->look_end = j->drawn + (int)looks;
-    if (results->target.height >= rows && results->target.id && (results->target.count > 2) == directional)
-        return SBL_SUCCESS;
-    return sbl__blocks_make(d, &j->results[lens], directional ? 5 : 2, SBL__RESULTS_WIDTH, rows);
+    if (results->id && results->height >= rows && (results->count > 2) == directional) return SBL_SUCCESS;
+    return sbl__blocks_make(d, &j->results, directional ? 5 : 2, SBL__RESULTS_WIDTH, rows);
 }
 
 /* Compiles one of the shader programs that the job needs. If all exist, starts the round of the sites' looks. */
@@ -10636,7 +10630,7 @@ static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     sbl_result result;
     if (spec->traced) room = sbl__whole_lots(d, room, blocks[0] * blocks[1]);
     if (!j->batch) {
-        j->batch = (int)SBL__MIN(SBL__MAX(room, 1.0), (double)j->look_most);
+        j->batch = (int)SBL__MIN(SBL__MAX(room, 1.0), (double)j->task.spec.batch);
         j->batch = SBL__MIN(j->batch, SBL__MIN(j->look_end - j->drawn, slots - slot));
         j->triangle = 0;
         for (i = 0; i < j->batch; i++) sbl__job_next_look(j, &j->looks[slot + i]);
@@ -10706,7 +10700,7 @@ static sbl_result sbl__aim_use(const sbl__job *j, const sbl__batch *b, unsigned 
     sbl__set_int(d, "sbl_first_light", (int)sizeof(sbl__lamp_node) / 16 * l->nodes + l->leaves);
     sbl__set_int(d, "lamp_nodes", l->nodes);
     sbl__set_int(d, "lamp_leaves", l->leaves);
-    sbl__set_int(d, "rays", j->aim.rays);
+    sbl__set_int(d, "rays", b->spec->lamp_rays);
     sbl__set_float(d, "unit", l->unit);
     sbl__set_float(d, "scale", scale);
     if (features & SBL__VIEWS) sbl__raster_bind(d, &j->raster, b->scene->geometry.extent);
@@ -10719,7 +10713,7 @@ static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
     const double pace = sbl__pace_begin(&j->paces.aim, slice, SBL__LOOKS_FIRST, 1);
-    const double room = SBL__MIN(sbl__whole_lots(d, pace, j->aim.parts), (double)j->look_most);
+    const double room = SBL__MIN(sbl__whole_lots(d, pace, j->aim.parts), (double)j->task.spec.batch);
     const int count = (int)SBL__MIN(room, (double)(j->drawn - j->aimed)), blocks[2] = { 1, j->aim.parts };
     sbl__batch b;
     sbl_result result;
@@ -10738,7 +10732,7 @@ static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
 static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
     sbl__device *d = j->device;
     const sbl__slots *slots = sbl__job_slots(j);
-    const sbl__target *out = &j->results[j->lens].target;
+    const sbl__target *out = &j->results.target;
     const sbl__texture *blocks = j->blocks.textures;
     const int count = j->blocks.target.count, aimed = sbl__job_aims(j);
     const int row = first / SBL__RESULTS_WIDTH, rows = last / SBL__RESULTS_WIDTH - row + 1;
@@ -10881,12 +10875,12 @@ static void sbl__job_count(sbl__job *j) {
 static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     const sbl__device *d = j->device;
-    const sbl__blocks *from = &j->results[j->lens];
+    const sbl__target *from = &j->results.target;
     const int first = j->lens == SBL__LENS_SITE ? j->task.first_look : 0;
     const int end = (j->look_end + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH;
     const int row = first / SBL__RESULTS_WIDTH + j->stages.at;
     const int rows = SBL__MIN(SBL__READ_ROWS, end - row), count = rows * SBL__RESULTS_WIDTH;
-    const int parts = from->target.count;
+    const int parts = from->count;
     float *data = (float *)sbl__alloc_raw(d->base, (size_t)count, 16 * (size_t)parts);
     sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
     int i, k;
@@ -10894,7 +10888,7 @@ static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
     if (j->stages.at == 0) j->site = j->look = 0;
     j->device->gl.doing = "reading sensors";
     for (k = 0; k < parts && result == SBL_SUCCESS; k++)
-        result = sbl__target_read(d, &from->target, k, row, rows, data + 4 * (size_t)count * (size_t)k);
+        result = sbl__target_read(d, from, k, row, rows, data + 4 * (size_t)count * (size_t)k);
     j->counts.readbacks += parts;
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
         const int look = row * SBL__RESULTS_WIDTH + i;
@@ -16783,7 +16777,7 @@ static void sbl__inspect_take(const sbl__inspect_request *k, const float *light,
 static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
     sbl__device *d = &k->core->device;
     const sbl__job *j = &k->found->job;
-    const int rays = j->aim.rays, count = rays + SBL__LAMPS, parts = j->aim.parts;
+    const int rays = j->task.spec.lamp_rays, count = rays + SBL__LAMPS, parts = j->aim.parts;
     const int size[2] = { SBL__INSPECT_ACROSS, (count + SBL__INSPECT_ACROSS - 1) / SBL__INSPECT_ACROSS };
     const int columns = sbl__job_slots(j)->columns, slot = sbl__inspect_slot(j);
     float *data = NULL, *light = (float *)sbl__alloc_raw(d->base, (size_t)columns * (size_t)parts, 16);

@@ -21,9 +21,8 @@ vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
     for (int i = 0; i < points; i++) {
         vec3 place = s.position + step * (frame * vec3(i % 5 - 2, i / 5 - 2, 0));
         vec3 light = sbl_stored(number, s.back, place, SBL_UNBOUNDED);
-        float known = max(light.r, max(light.g, light.b)) > 0.0 ? 1.0 : 0.0;
         sum += light;
-        weight += known;
+        weight += max(light.r, max(light.g, light.b)) > 0.0 ? 1.0 : 0.0;
     }
     return sum / max(weight, 1.0);
 }
