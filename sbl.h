@@ -2548,6 +2548,7 @@ typedef struct sbl__record {
 #define SBL__GUIDES_ACROSS 15      /* guides in a row of the guides' texture */
 #define SBL__LOOK_NUMBER 0x3ffu    /* mask of the look's number in sbl__look.which */
 #define SBL__LOOK_GUIDE_SHIFT 10   /* the guide's number is which >> this */
+#define SBL__RESULTS_WIDTH 1024    /* width of the textures of a job's results, texels */
 #define SBL__HASH_FACTOR 0x9e3779b1u
 #define SBL__HASH_SHIFT 15
 #define SBL__RGBE_BIAS 128         /* offset of the exponent that sbl__rgbe stores */
@@ -2580,7 +2581,7 @@ typedef struct sbl__record {
     X(PATCH_AXIS_SHIFT) X(NEAR_PART) X(SLOT_TRIES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) \
     X(GUIDE_RINGS) X(GUIDE_SECTORS) X(GUIDE_TEXELS) X(GUIDES_ACROSS) X(LOOK_GUIDE_SHIFT) X(HASH_SHIFT) X(RGBE_BIAS) \
     X(RGBE_BITS) X(TEXTURE_SRGB) X(TEXTURE_KIND) X(TEXTURE_CLAMPS) X(LEAF) X(ENTER) X(LEAVE) X(END) X(CHILD_NUMBER) \
-    X(LAMP_TRIANGLE) X(LAMP_NEAR_LIGHT) X(LAMP_FAR_LIGHT) X(LAMP_SKY_TEXEL) X(FAR_NODE) \
+    X(LAMP_TRIANGLE) X(LAMP_NEAR_LIGHT) X(LAMP_FAR_LIGHT) X(LAMP_SKY_TEXEL) X(FAR_NODE) X(RESULTS_WIDTH) \
     X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_CUT) X(LOOK_NUMBER) X(HASH_FACTOR) \
     X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
     X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_TURN) \
@@ -7685,7 +7686,7 @@ typedef struct sbl__surface {
     sbl__stages stages;        /* stages.at: number of the next triangle or row */
     sbl__device *device;
     const sbl__surface_job *job;
-    int row, rows;             /* first row and number of rows of the band in progress */
+    int row;                   /* first row of the band in progress; each band draws all triangles again */
     sbl__texture triangles, depth;
     sbl__target visibility;
     sbl__pace triangle_pace, point_pace;
@@ -7874,11 +7875,12 @@ static const sbl__recipe sbl__recipe_visibility = {
 #define SBL__BEFORE_CAMERA 1e-3  /* parts of a triangle where clip w is below this share of its largest w are cut off */
 
 /* Estimates the number of pixels that a triangle covers in the band: half the area of the bounding rectangle, on the
-   screen, of its part in front of the camera. rows: see visibility_vertex.glsl */
-static double sbl__triangle_pixels(const sbl__surface *s, float rows[4][4], uint32_t triangle) {
+   screen, of its part in front of the camera. band: x, y, width, height; rows: clip_x to clip_w of
+   visibility_vertex.glsl */
+static double sbl__triangle_pixels(const sbl__surface *s, const int band[4], float rows[4][4], uint32_t triangle) {
     const double *eye = s->job->camera->eye;
     const double size[2] = { (double)s->visibility.width, (double)s->visibility.height };
-    const double low[2] = { 0, (double)s->row }, high[2] = { size[0], (double)s->row + s->rows };
+    const double low[2] = { 0, (double)band[1] }, high[2] = { size[0], (double)band[1] + band[3] };
     double from[2] = { DBL_MAX, DBL_MAX }, to[2] = { -DBL_MAX, -DBL_MAX }, v[3][4], before;
     int i, k;
     for (i = 0; i < 3; i++) {
@@ -7905,19 +7907,12 @@ static double sbl__triangle_pixels(const sbl__surface *s, float rows[4][4], uint
     return 0.5 * (to[0] - from[0]) * (to[1] - from[1]);
 }
 
-/* Begins a band with the row `row`. Each band draws all triangles again. */
-static void sbl__surface_band(sbl__surface *s, int row) {
-    s->row = row;
-    s->rows = SBL__MIN(SBL__MAX(1, SBL__BAND_PIXELS / s->visibility.width), s->visibility.height - row);
-    s->stages.at = 0;
-}
-
 static sbl_result sbl__surface_clear(void *work, sbl__slice *slice) {
     sbl__surface *s = (sbl__surface *)work;
     (void)slice;
     sbl__pass(s->device, &s->visibility, NULL, NULL, 0);
     sbl__clear(s->device, NULL);
-    sbl__surface_band(s, 0);
+    s->row = 0;
     return sbl__gl_check(&s->device->gl);
 }
 
@@ -7929,7 +7924,8 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
     const sbl__scene *scene = s->job->scene;
     const sbl__camera *c = s->job->camera;
     const sbl__geometry *g = &scene->geometry;
-    const int band[4] = { 0, s->row, s->visibility.width, s->rows }, at = s->stages.at;
+    const int most = SBL__MAX(1, SBL__BAND_PIXELS / s->visibility.width), at = s->stages.at;
+    const int band[4] = { 0, s->row, s->visibility.width, SBL__MIN(most, s->visibility.height - s->row) };
     double room = sbl__pace_begin(&s->triangle_pace, slice, 65536, 1), pixels = 0;
     float clip[16], rows[4][4], eye[3];
     int end = at, i, k;
@@ -7944,7 +7940,7 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
         rows[i][3] = clip[12 + i];
     }
     for (; end < g->triangle_count && pixels < room; end++)
-        pixels += SBL__TRIANGLE_PIXELS + sbl__triangle_pixels(s, rows, (uint32_t)end);
+        pixels += SBL__TRIANGLE_PIXELS + sbl__triangle_pixels(s, band, rows, (uint32_t)end);
     sbl__pass(d, &s->visibility, NULL, band, SBL__PASS_DEPTH);
     sbl__scene_bind(d, scene);
     sbl__camera_set(d, c, s->job->offset, &s->visibility);
@@ -7954,8 +7950,8 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
     sbl__set_float(d, "depth_from_w", c->orthographic ? 0 : c->depth_scale);
     sbl__draw_triangles(d, at, end - at);
     result = sbl__pace_end(d, &s->triangle_pace, pixels);
-    s->stages.at = end;
-    if (end == g->triangle_count) sbl__surface_band(s, s->row + s->rows);
+    s->stages.at = end % g->triangle_count;
+    if (end == g->triangle_count) s->row += band[3];
     return result == SBL_SUCCESS && s->row < s->visibility.height ? SBL_UNFINISHED : result;
 }
 
@@ -10271,7 +10267,6 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
        set up -> { draw -> aim rays at lamps -> reduce } ... -> read -> { draw -> reduce } ... -> read -> done
                  first round: looks                                     second round: stuck tests              */
 
-#define SBL__RESULTS_WIDTH 1024    /* width of the textures of results, texels */
 #define SBL__READ_ROWS 16          /* number of rows of results per readback */
 #define SBL__LOOKS_FIRST 16        /* number of looks in the first submission, before their cost has been measured */
 #define SBL__SUBMISSIONS 8         /* maximum number of submissions of views before the CPU waits for the GPU */
@@ -10313,9 +10308,10 @@ typedef struct sbl__job {
     sbl__trace trace;
     sbl__aim aim;
     sbl__blocks blocks;
-    /* Results of all looks of a round; look n has texel n % SBL__RESULTS_WIDTH, n / SBL__RESULTS_WIDTH. Texture 0: sum of
-       weight * radiance; sum of the weights of directions that see back faces. Texture 1: sum of the weights of
-       directions that see surfaces; sum of weight * distance; least distance; variance. Textures 2 to 4: harmonics. */
+    /* Results of the looks of a round. Look n has texel n % SBL__RESULTS_WIDTH, n / SBL__RESULTS_WIDTH.
+       Texture 0: sum of weight * radiance; sum of the weights of directions that see back faces
+       Texture 1: sum of the weights of directions that see surfaces; sum of weight * distance; least distance; variance
+       Textures 2 to 4, if the job is directional: harmonics of red, green and blue light */
     sbl__blocks results;
     sbl__table table;           /* looks of a batch or of all slots, as shaders read them, see sbl__looks_send */
     sbl__look *looks;           /* the look in each slot */
@@ -10477,7 +10473,6 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "uniform sampler2D block_sums, block_hits;  // partial sums\n",
 "uniform ivec2 blocks;          // width and height of a look's slot in the textures of partial sums, texels\n",
 "uniform int columns, slots;    // number of slots per row; number of all slots\n",
-"uniform int width;             // width of the outputs\n",
 "uniform int first, last;       // numbers of the looks to compute\n",
 "uniform sampler2D lights;      // outputs of lamps.glsl; the mean over the parts of a look is added\n",
 "uniform int parts;             // number of parts, one below the other; 0: no light from lamps\n",
@@ -10503,7 +10498,7 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "}\n",
 "\n",
 "void main() {\n",
-"    int sensor = int(gl_FragCoord.y) * width + int(gl_FragCoord.x);\n",
+"    int sensor = int(gl_FragCoord.y) * SBL_RESULTS_WIDTH + int(gl_FragCoord.x);\n",
 "    if (sensor < first || sensor > last) discard;\n",
 "    ivec2 slot = ivec2(sensor % slots % columns, sensor % slots / columns);\n",
 "    ivec2 corner = slot * blocks, light_corner = slot * ivec2(1, parts);\n",
@@ -10751,7 +10746,6 @@ static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
     sbl__set_ints(d, "blocks", slots->blocks[0], slots->blocks[1]);
     sbl__set_int(d, "columns", slots->columns);
     sbl__set_int(d, "slots", slots->count);
-    sbl__set_int(d, "width", SBL__RESULTS_WIDTH);
     sbl__set_int(d, "first", first);
     sbl__set_int(d, "last", last);
     sbl__draw_screen(d);
@@ -10783,9 +10777,6 @@ static sbl_result sbl__job_reduce(void *work, sbl__slice *slice) {
 
 /* >>job: reading */
 
-/* Returns the share of back faces among the surfaces that a look sees, by weight. */
-static float sbl__back_share(const float sum[4], const float hits[4]) { return hits[0] > 0 ? sum[3] / hits[0] : 0; }
-
 /* Returns 1 if all numbers are finite. In scenes of extreme sizes they may not be (see sbl__scene_warn). */
 static int sbl__reading_is_finite(const sbl_reading *r) {
     return sbl__all_finite(r->radiance, 3) && sbl__finite(&r->noise) && sbl__finite(&r->hit_share) &&
@@ -10808,7 +10799,7 @@ static void sbl__job_take(sbl__job *j, const float *const found[5]) {
         memset(r, 0, sizeof *r);
         r->valid = 1;
         r->hit_share = hits[0];
-        r->back_share = sbl__back_share(sum, hits);
+        r->back_share = hits[0] > 0 ? sum[3] / hits[0] : 0;
         r->hit_mean = hits[0] > 0 ? hits[1] / hits[0] * length : 0;
         r->hit_min = hits[0] > 0 ? hits[2] * length : 0;
         for (k = 0; k < harmonics; k++) h[k] = 0;
@@ -10843,13 +10834,13 @@ static sbl_result sbl__job_judge(sbl__job *j, const float *const found[5]) {
     const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent, *hits = found[1];
     const int stuck_test = j->lens == SBL__LENS_STUCK, site = stuck_test ? j->suspects[j->site++] : j->site;
     const float offset = j->task.sites[site].offset;
-    const int suspect = j->look == 0 && offset > 0 && sbl__back_share(found[0], hits) > SBL__SUSPECT_SHARE;
+    const int is_first = j->look == 0;
     if (stuck_test) {
         if (hits[0] > 0 && hits[2] * length < SBL__STUCK_SHARE * offset) j->task.readings[site].valid = 0;
         return SBL_SUCCESS;
     }
     sbl__job_take(j, found);
-    if (!suspect) return SBL_SUCCESS;
+    if (!is_first || offset <= 0 || !(j->task.readings[site].back_share > SBL__SUSPECT_SHARE)) return SBL_SUCCESS;
     if (!sbl__grow(j->device->base, &j->suspects, &j->suspect_room, j->suspect_count + 1, sizeof *j->suspects))
         return SBL_ERROR_OUT_OF_MEMORY;
     j->suspects[j->suspect_count++] = site;

@@ -3,7 +3,6 @@
 uniform sampler2D block_sums, block_hits;  // partial sums
 uniform ivec2 blocks;          // width and height of a look's slot in the textures of partial sums, texels
 uniform int columns, slots;    // number of slots per row; number of all slots
-uniform int width;             // width of the outputs
 uniform int first, last;       // numbers of the looks to compute
 uniform sampler2D lights;      // outputs of lamps.glsl; the mean over the parts of a look is added
 uniform int parts;             // number of parts, one below the other; 0: no light from lamps
@@ -29,7 +28,7 @@ vec4 sbl_sum(sampler2D block_harmonics, ivec2 corner, sampler2D light_harmonics,
 }
 
 void main() {
-    int sensor = int(gl_FragCoord.y) * width + int(gl_FragCoord.x);
+    int sensor = int(gl_FragCoord.y) * SBL_RESULTS_WIDTH + int(gl_FragCoord.x);
     if (sensor < first || sensor > last) discard;
     ivec2 slot = ivec2(sensor % slots % columns, sensor % slots / columns);
     ivec2 corner = slot * blocks, light_corner = slot * ivec2(1, parts);
