@@ -7907,16 +7907,7 @@ static double sbl__triangle_pixels(const sbl__surface *s, const int band[4], flo
     return 0.5 * (to[0] - from[0]) * (to[1] - from[1]);
 }
 
-static sbl_result sbl__surface_clear(void *work, sbl__slice *slice) {
-    sbl__surface *s = (sbl__surface *)work;
-    (void)slice;
-    sbl__pass(s->device, &s->visibility, NULL, NULL, 0);
-    sbl__clear(s->device, NULL);
-    s->row = 0;
-    return sbl__gl_check(&s->device->gl);
-}
-
-/* Draws as many triangles into the band as the slice has time for. */
+/* Draws as many triangles into the band as the slice has time for. The first call clears the target. */
 static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
     static const char *const names[4] = { "clip_x", "clip_y", "clip_z", "clip_w" };
     sbl__surface *s = (sbl__surface *)work;
@@ -7930,7 +7921,11 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
     float clip[16], rows[4][4], eye[3];
     int end = at, i, k;
     sbl_result result;
-    if (!g->triangle_count) return SBL_SUCCESS;
+    if (at == 0 && s->row == 0) {
+        sbl__pass(d, &s->visibility, NULL, NULL, 0);
+        sbl__clear(d, NULL);
+    }
+    if (!g->triangle_count) return sbl__gl_check(&d->gl);
     result = sbl__use(d, &sbl__recipe_visibility, scene->features);
     if (result != SBL_SUCCESS) return result;
     sbl__camera_clip(c, s->job->offset, &s->visibility, clip);
@@ -8101,24 +8096,21 @@ static sbl_result sbl__surface_send(void *work, sbl__slice *slice) {
 /* Does one piece of work. Returns SBL_SUCCESS when the G-buffer is drawn; the next call begins a new one. A lightmap's
    atlas must have begun. */
 static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__surface_job *job, sbl__slice *slice) {
-    static const sbl__stage_row camera[] = {
-        { sbl__surface_clear, NULL, NULL, NULL },
+    static const sbl__stage_row tables[2][3] = { {  /* of a camera */
         { sbl__surface_triangles, NULL, NULL, NULL },
         { sbl__surface_points, NULL, NULL, NULL },
         { sbl__surface_host, NULL, NULL, NULL }
-    };
-    static const sbl__stage_row lightmap[] = {
+    }, {  /* of a lightmap */
         { sbl__surface_atlas, NULL, NULL, NULL },
         { sbl__surface_send, NULL, NULL, NULL },
         { sbl__surface_points, NULL, NULL, NULL }
-    };
+    } };
     sbl_result result;
     d->gl.doing = "drawing the G-buffer";
     s->device = d;
     s->job = job;
-    result = job->atlas ? sbl__stages_step(&s->stages, lightmap, SBL__COUNT(lightmap), s, slice)
-                        : sbl__stages_step(&s->stages, camera, SBL__COUNT(camera), s, slice);
-    if (result == SBL_SUCCESS) memset(&s->stages, 0, sizeof s->stages);
+    result = sbl__stages_step(&s->stages, tables[job->atlas != NULL], SBL__COUNT(tables[0]), s, slice);
+    if (result == SBL_SUCCESS) s->stages.stage = s->row = 0;
     return result;
 }
 
@@ -10662,11 +10654,8 @@ static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
     sbl_result result = SBL_SUCCESS;
     int i, full = 0;
     d->gl.doing = "drawing sensors";
-    if (j->stages.at++ == 0) {  /* first draw the sky into all slots that looks will fill */
-        if (!traced) sbl__raster_clear(d, &j->raster, lens, j->scene, SBL__MIN(slots, first % slots + left));
-        result = sbl__gl_check(&d->gl);
-        return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
-    }
+    if (j->stages.at++ == 0 && !traced)  /* first draw the sky into all slots that looks will fill */
+        sbl__raster_clear(d, &j->raster, lens, j->scene, SBL__MIN(slots, first % slots + left));
     room = sbl__pace_begin(&j->paces.draw[j->lens], slice, SBL__LOOKS_FIRST, 1e-6);
     for (i = 0; i < most && !full && result == SBL_SUCCESS; i++) {
         if (i) sbl__submit(d);
@@ -10833,8 +10822,8 @@ static void sbl__job_take(sbl__job *j, const float *const found[5]) {
 static sbl_result sbl__job_judge(sbl__job *j, const float *const found[5]) {
     const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent, *hits = found[1];
     const int stuck_test = j->lens == SBL__LENS_STUCK, site = stuck_test ? j->suspects[j->site++] : j->site;
-    const float offset = j->task.sites[site].offset;
     const int is_first = j->look == 0;
+    const float offset = j->task.sites[site].offset;
     if (stuck_test) {
         if (hits[0] > 0 && hits[2] * length < SBL__STUCK_SHARE * offset) j->task.readings[site].valid = 0;
         return SBL_SUCCESS;
