@@ -7681,7 +7681,7 @@ typedef struct sbl__surface_job {
     sbl__atlas *atlas;         /* the lightmap's atlas; NULL: draw a picture's G-buffer with `camera` */
 } sbl__surface_job;
 
-/* State of the job in progress. The textures are kept for the next job. */
+/* State of drawing a G-buffer. The textures are kept for the next G-buffer. */
 typedef struct sbl__surface {
     sbl__stages stages;        /* stages.at: number of the next triangle or row */
     sbl__device *device;
