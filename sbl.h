@@ -4955,11 +4955,11 @@ static const char *const sbl__glsl_sky[] = {
    in slices, when it is first needed and again after surfaces have changed. */
 
 #define SBL__BVH_BINS 16         /* bins per axis */
-#define SBL__BVH_LEAF 4          /* limit of triangles in a leaf; the format allows 8 */
-#define SBL__BVH_SAH_DEPTH 32    /* deeper nodes get two halves of equally many triangles, to limit the depth */
+#define SBL__BVH_LEAF 4          /* maximum number of triangles in a leaf; the format allows 8 */
+#define SBL__BVH_SAH_DEPTH 32    /* nodes from this depth on get halves of equal triangle counts, to limit the depth */
 #define SBL__BVH_DROPPED 0xffffffffu  /* marks an unused element of sbl__hierarchy.order */
-#define SBL__BVH_GRID_STEPS 512  /* a node gets a finer grid if its box is shorter than this on all axes, in steps */
-#define SBL__BVH_GRID_LEAST 32   /* least number of triangles of a node that gets a finer grid */
+#define SBL__BVH_GRID_STEPS 512  /* upper limit of all sides of a box with its own grid, steps of its parent's grid */
+#define SBL__BVH_GRID_LEAST 32   /* minimum number of triangles of a node that gets its own grid */
 #define SBL__BVH_CHUNK 32        /* triangles per turn of a loop, so that the overhead of turns is negligible */
 #define SBL__UPLOAD_CHUNK 65536  /* bytes per piece of an upload */
 
@@ -5012,10 +5012,10 @@ static float sbl__box_area(const sbl__box *b) {
 /* Bounds of triangles, and of their centroids multiplied by 2 */
 typedef struct sbl__bvh_bounds { sbl__box box, centroids; } sbl__bvh_bounds;
 
-/* A node to build, over triangles first .. first + count - 1 of the order. slot: the element of sbl__bvh.children whose
-   last word receives the node's number */
+/* A node to build, over triangles first .. first + count - 1 of the order. child: number of the element of
+   sbl__bvh.children whose last word receives the node's number */
 typedef struct sbl__bvh_task {
-    int first, count, depth, slot;
+    int first, count, depth, child;
     sbl__grid_node grid;
     sbl__bvh_bounds bounds;
 } sbl__bvh_task;
@@ -5226,7 +5226,7 @@ static int sbl__bvh_next_task(void *work) {
     int axis, k, fine = 1;
     if (!b->top) return SBL__BVH_COSTS;
     *t = b->stack[--b->top];
-    child = &b->children[t->slot][3];
+    child = &b->children[t->child][3];
     *child = (uint32_t)h->node_count;
     for (k = 0; k < 3; k++) fine &= (box->high[k] - box->low[k]) * t->grid.per_length[k] < SBL__BVH_GRID_STEPS;
     if (fine && t->count >= SBL__BVH_GRID_LEAST && t->depth < SBL__BVH_SAH_DEPTH) {
@@ -5254,7 +5254,7 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
     const int node = b->hierarchy->node_count++;
     int side, i;
     (void)slice;
-    if (!s->left) {  /* no split was found. The first part may be empty; no ray enters its box */
+    if (!s->left) {  /* no split was found: halves. The first half of one triangle is empty; no ray enters its box */
         const sbl_result result = sbl__bvh_drop_copies(b, t);
         if (result != SBL_SUCCESS) return result;
         s->left = t->count / 2;
@@ -5262,7 +5262,7 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
             sbl__bvh_bounds_add(&s->parts[i >= s->left], &b->boxes[b->hierarchy->order[t->first + i]]);
     }
     b->work[node].area = sbl__box_area(&t->bounds.box);
-    b->work[node].parent = t->slot / 2;
+    b->work[node].parent = t->child / 2;
     for (side = 0; side < 2; side++) {
         const int first = side ? t->first + s->left : t->first, count = side ? t->count - s->left : s->left;
         uint32_t *child = b->children[2 * node + side];
@@ -5276,7 +5276,7 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
             task->first = first;
             task->count = count;
             task->depth++;
-            task->slot = 2 * node + side;
+            task->child = 2 * node + side;
             task->bounds = s->parts[side];
         }
     }
@@ -5325,7 +5325,7 @@ static int sbl__bvh_after_boxes(void *work) {
     if (h->triangle_count) {
         b->top = 1;
         task->count = h->triangle_count;
-        /* The grid takes the place of node 0, so children[0][3], where this task with slot 0 writes the number of its
+        /* The grid takes the place of node 0, so children[0][3], where this task with child 0 writes the number of its
            node, is the grid's field `root`. */
         h->grid = task->grid = sbl__bvh_add_grid(h, &task->bounds.box, 0);
     }
@@ -5431,11 +5431,11 @@ static const char *const sbl__glsl_traverse[] = {
 "uniform vec3 grid_per_length;  // steps of that grid per unit of length\n",
 "uniform int node_count;        // 0: the scene is empty\n",
 "\n",
-"const int SBL_HOLES = 64;             // largest number of holes of cut-out surfaces that a ray passes\n",
-"const int SBL_BOX_SLACK = 8;          // units in the last place, see Ize 2013, \"Robust BVH Ray Traversal\"\n",
-"const float SBL_SELF_DEEP = 1e-4;     // a hit's distance is compared with its rounding error if it is at most\n",
-"                                      // this * largest distance of a corner from the origin along sbl_Ray.axis\n",
-"const float SBL_SELF_WIDE = 2.4e-7;   // the rounding error is this * deep * wide / abs(determinant), see sbl_test\n",
+"const int SBL_HOLES = 64;            // a ray that meets this many holes of cut-out surfaces ends at the last one\n",
+"const int SBL_BOX_SLACK = 8;         // added to the distance at which a ray leaves a box, units in the last place\n",
+"                                     // (Ize 2013, \"Robust BVH Ray Traversal\")\n",
+"const float SBL_SELF_DEEP = 1e-4;    // hits nearer than this * deep must be farther than the rounding error\n",
+"const float SBL_SELF_WIDE = 2.4e-7;  // the rounding error is this * deep * wide / abs(determinant), see sbl_test\n",
 "\n",
 "// Attributes at barycentrics b1, b2 of a triangle of sbl_triangles.\n",
 "sbl_Attributes sbl_attributes_at(int triangle, float b1, float b2) {\n",
@@ -5617,7 +5617,7 @@ SBL__RECORD(sbl__light_record, SBL__LIGHT_RECORD, "sbl_light", "sbl_lamps", "", 
 #define SBL__MOMENT_MOST 1e18         /* upper limit of the sums in a cluster, so that products of two remain finite */
 #define SBL__SPOT_LEAST 0.001         /* least difference between the cosines of a spot's cones (KHR_lights_punctual) */
 #define SBL__CURVE_BITS 20            /* bits of the Morton curve per axis */
-#define SBL__LAMP_DEPTH 128           /* size of a stack: above 61 bits of the curve + log2(lamps at one place) */
+#define SBL__LAMP_DEPTH 128           /* size of the stack `clusters`: above 61 (curve bits) + log2(lamps at a place) */
 
 typedef struct sbl__lamp {
     uint64_t curve;            /* position along a Morton curve; bit 63 is set for distant lamps */
@@ -5655,7 +5655,7 @@ typedef struct sbl__lights {
                                   largest R that a lamp causes close to it */
     int ready;
     sbl__table table;
-    int nodes, leaves;         /* numbers of nodes and leaves of both trees */
+    int nodes, leaves;         /* counts of nodes and of leaves, over both trees */
     int mixed;                 /* 1 if not all lamps are triangles, or if there are more than SBL__LAMPS */
     uint32_t *codes;           /* code of each leaf, see sbl__lamp_leaf */
     sbl__lamps *building;
@@ -8498,12 +8498,12 @@ static const char *const sbl__glsl_carrier[] = {
 /* Limits of the work of one shader invocation. Some software renderers silently end an invocation after about 65,000
    loop iterations. A ray takes sbl__hierarchy.cost iterations on average, but some rays take several times more. */
 #define SBL__LOOP_TURNS 20000      /* maximum number of loop iterations per invocation, on average */
-#define SBL__RAY_TURNS 20          /* loop iterations of a ray outside the hierarchy */
+#define SBL__RAY_TURNS 20          /* loop iterations per ray besides sbl__hierarchy.cost */
 #define SBL__LAMP_CHUNK 256        /* maximum number of rays towards lamps per invocation */
 
 /* Resources for rays towards lamps. */
 typedef struct sbl__aim {
-    int parts;                     /* number of invocations among which a look's rays are divided */
+    int parts;                     /* number of invocations among which a look's rays to lamps are divided */
     sbl__table sequence;           /* points of the unit square that give directions, see sbl__sequence_make */
     sbl__blocks light;             /* outputs of lamps.glsl. Each look has a column of `parts` texels; a texel sums
                                       a part of the look's rays */
@@ -8585,7 +8585,7 @@ static int sbl__aim_parts(const sbl__spec *spec, const sbl__hierarchy *h) {
     return (spec->lamp_rays + chunk - 1) / chunk;
 }
 
-/* Makes the resources for looks in these slots. The points of each invocation have a section for each pass. */
+/* Makes the sequence, with a section for each pass of each invocation, and the outputs for looks in these slots. */
 static sbl_result sbl__aim_setup(const sbl__device *d, sbl__aim *a, const sbl__spec *spec, const sbl__slots *slots,
                                  const sbl__hierarchy *h) {
     const int rows = (slots->count + slots->columns - 1) / slots->columns;
@@ -8629,25 +8629,25 @@ static const char *const sbl__glsl_lamps[] = {
 "//     shoot    traces the ray\n",
 "//     combine  computes R from the results of all rays and from the closed forms\n",
 "//\n",
-"// One invocation computes one sensor, or one of the `blocks.y` parts into which its rays are divided. It stops\n",
-"// when more rays would not improve the result. With SBL_INSPECT it reports one ray or one entry of the sensor.\n",
+"// One invocation computes one look, or one of the `blocks.y` parts into which its rays are divided. It stops when\n",
+"// more rays would not improve the result. With SBL_INSPECT it reports one ray or one entry of the look.\n",
 "uniform usamplerBuffer sbl_sequence;  // points of the unit square for the rays, as in trace.glsl\n",
-"uniform int lamp_nodes, lamp_leaves;  // numbers of nodes and leaves in the table of lamps\n",
-"uniform int rays;                     // maximum number of rays per sensor\n",
+"uniform int lamp_nodes, lamp_leaves;  // counts of nodes and of leaves in the table of lamps\n",
+"uniform int rays;                     // maximum number of rays per look, besides those to rims and point lights\n",
 "uniform float unit;                   // radiance is divided by this unit while it is summed, to prevent overflow\n",
 "uniform float scale;                  // output / R\n",
 "#ifdef SBL_INSPECT\n",
 "const bool inspected = true, directional = false;\n",
-"uniform int parts;                    // number of parts into which the measurement divides the rays\n",
-"uniform int sheet_slot;               // slot of the sensor's views in the view texture\n",
+"uniform int parts;                    // number of invocations among which the measurement divides a look's rays\n",
+"uniform int sheet_slot;               // slot of the look's views in the view texture\n",
 "SBL_OUT(0, out_light);                // rgb: light of a ray, or unobstructed R of an entry; a: ray: 0: not traced,\n",
 "                                      // 1: reached the lamp, 2: blocked; entry: 1: lamp, 2: visible point light,\n",
 "                                      // 3: hidden point light\n",
 "SBL_OUT(1, out_way);                  // xyz: a ray's direction, or 0 for an entry; w: number of the lamp's leaf\n",
 "#else\n",
 "const bool inspected = false;\n",
-"SBL_OUT(0, out_light);                // R of the part, and the variance of its luminance\n",
-"SBL_OUT_HARMONICS(1, 2, 3)            // spherical harmonics of the part's light\n",
+"SBL_OUT(0, out_light);                // R of the part * scale, and the variance of its luminance\n",
+"SBL_OUT_HARMONICS(1, 2, 3)            // spherical harmonics of the part's light * scale\n",
 "#ifdef SBL_DIRECTIONAL\n",
 "const bool directional = true;\n",
 "#else\n",
@@ -8665,16 +8665,16 @@ static const char *const sbl__glsl_lamps[] = {
 "                                    // independent points: measured with shadow edges on a lamp\n",
 "const float SBL_STRATA_LOST = 0.6;  // upper limit of SBL_STRATA / sqrt(n), for few points per lamp\n",
 "const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this share of its distance\n",
-"const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles SBL_OPENING\n",
-"const float SBL_SPARSE = 16.0;      // minimum number of rays that a group must get on average for a ratio estimate\n",
+"const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles the opening\n",
+"const float SBL_SPARSE = 16.0;      // a group to which a part sends fewer rays on average is `sparse`: no ratio\n",
 "const int SBL_PASS_RAYS = 32;       // minimum number of rays per pass\n",
-"const float SBL_PASS_CROWD = 16.0;  // maximum number of passes * effective number of entries\n",
-"const int SBL_RIM_LAMPS = 8;        // maximum number of entries that get rim samples: rays to the edge of a lamp\n",
+"const float SBL_PASS_CROWD = 16.0;  // maximum of (number of passes) * (effective number of entries)\n",
+"const int SBL_RIM_LAMPS = 8;        // with more entries than this, none gets rim samples (rays to its edge)\n",
 "const int SBL_CORNERS = 3;          // number of rim samples of a triangle, one close to each corner\n",
-"const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // their barycentrics: of the close corner, of others\n",
+"const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // a rim sample's barycentrics: close corner, others\n",
 "const int SBL_RIM = 12;             // number of rim samples of a round lamp\n",
 "const float SBL_RIM_AT = 0.99;      // share of a round lamp's area inside the circle on which its rim samples lie\n",
-"const float SBL_KNOWN = 1e-6;       // relative variance below which the light of clusters needs no more rays\n",
+"const float SBL_KNOWN = 1e-6;       // clusters need no more rays if variance / square of their light is below this\n",
 "const float SBL_SMALL = 16.0;       // a triangle is small if its squared distance over its squared size is larger\n",
 "const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // see sbl_form_factor\n",
 "const float SBL_POINT_WEIGHT[2] = float[2](0.223381589678011, 0.109951743655322);\n",
@@ -8683,8 +8683,8 @@ static const char *const sbl__glsl_lamps[] = {
 "// A lamp as the sensor sees it. \"triangle:\", \"texel:\" and \"light:\" name the kinds of lamp that have a field.\n",
 "struct sbl_Lamp {\n",
 "    uint kind;\n",
-"    vec3 brightness;           // triangle: radiance; texel: radiance * solid angle; light: irradiance of a surface\n",
-"                               // at the sensor that faces the light\n",
+"    vec3 brightness;           // divided by `unit`. triangle: radiance; texel: radiance above the limit * solid\n",
+"                               // angle; light: irradiance of a surface at the sensor that faces the light\n",
 "    vec3 corner;               // triangle: first corner, relative to the sensor; else unit direction to the centre\n",
 "    vec3 side_1, side_2;       // triangle: vectors from the first corner to the other corners\n",
 "    float away, radius, sine2; // light: distance, radius, squared sine of half the angle that it subtends\n",
@@ -8716,7 +8716,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        float off = dot(normal, l.corner);\n",
 "        l.group = off > 0.0 ? vec2(0, 1) : vec2(1, 0);\n",
 "        l.brightness = sbl_emission(object, l.group.y == 1.0) / unit;\n",
-"        // Nearly edge-on. This excludes the sensor's own triangle, which rounding may put above the horizon.\n",
+"        // Almost edge-on: no light. Excludes the sensor's own triangle, which rounding may put above the horizon.\n",
 "        if (abs(off) < 0.5 * sbl_look_offset(look) * length(normal)) l.brightness = vec3(0);\n",
 "    }\n",
 "    if (sbl_is_texel(l)) {\n",
@@ -8739,7 +8739,7 @@ static const char *const sbl__glsl_lamps[] = {
 "            l.corner /= max(l.away, 1e-30);\n",
 "            float spot = clamp(dot(sbl_light_axis(int(at)), -l.corner) * sbl_light_spot_scale(int(at)) +\n",
 "                               sbl_light_spot_offset(int(at)), 0.0, 1.0);  // KHR_lights_punctual\n",
-"            if (l.away < l.radius) { l.corner = n; l.away = l.radius; spot = 1.0; }  // the sensor is inside\n",
+"            if (l.away < l.radius) { l.corner = n; l.away = l.radius; spot = 1.0; }  // sensor inside the light\n",
 "            l.brightness *= spot * spot / (l.away * l.away);\n",
 "            l.sine2 = min(l.radius * l.radius / (l.away * l.away), 1.0);\n",
 "        }\n",
@@ -8893,7 +8893,7 @@ static const char *const sbl__glsl_lamps[] = {
 "struct sbl_Sample {\n",
 "    vec3 direction;\n",
 "    float far;    // distance, or SBL_UNBOUNDED\n",
-"    vec3 light;   // R from the lamp, estimated from this point alone\n",
+"    vec3 light;   // R / unit from the lamp, estimated from this point alone\n",
 "    vec2 b;       // triangle: weights of the second and third corner\n",
 "};\n",
 "\n",
@@ -8946,16 +8946,16 @@ static const char *const sbl__glsl_lamps[] = {
 "#ifdef SBL_VIEWS  // geometry that only the host can draw: the sensor's views tell whether it hides the lamp\n",
 "uniform sampler2D view_texture; // radiance towards the sensor; distance along the view's axis, < 0 for a back face\n",
 "uniform vec4 view_rects[5];     // per view: x, y, width, height in the sheet, texels\n",
-"uniform ivec2 sheet;            // size of a sheet, texels\n",
+"uniform ivec2 sheet;            // size of a sheet (the views of one look), texels\n",
 "uniform int view_count;\n",
 "uniform float tangent;          // tangent of half the field of view\n",
 "uniform float extent;           // scene extent: unit of the view texture's distances, world units\n",
 "\n",
-"const float SBL_AT_LAMP = 0.002;  // relative tolerance of the test whether a view shows the lamp (16-bit floats)\n",
-"const int SBL_LOOKS_AGAIN = 4;    // maximum number of texels that are compared\n",
+"const float SBL_AT_LAMP = 0.002;  // relative tolerance for distances in views, which are 16-bit floats\n",
+"const int SBL_LOOKS_AGAIN = 4;    // maximum number of texels that sbl_hidden compares for one ray\n",
 "\n",
-"// Returns true if the views show something in front of the sample. The direction of a texel's centre may miss the\n",
-"// lamp's triangle; a point closer to the triangle's middle is then compared instead.\n",
+"// Returns true if the views show something in front of the sample, or do not cover its direction. The direction of\n",
+"// a texel's centre may miss the lamp's triangle; a point closer to the triangle's middle is then compared.\n",
 "bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {\n",
 "    float turn = sbl_look_rotation(look);\n",
 "    mat3 frame = sbl_frame(n);\n",
@@ -8982,7 +8982,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        if (seen == 0.0) return false;\n",
 "        if (l.kind != SBL_LAMP_TRIANGLE) return seen < (1.0 - SBL_AT_LAMP) * s.far * dot(point, forward);\n",
 "        vec3 ray = forward + tangent * (centre.x * right + centre.y * up);\n",
-"        float there = dot(l.corner, normal) / dot(ray, normal);  // depth at which the ray meets the lamp's plane\n",
+"        float there = dot(l.corner, normal) / dot(ray, normal);  // depth along `forward` of the lamp's plane\n",
 "        bool other_side = (shown < 0.0) != (l.group.y == 1.0);   // the view shows the back of the lamp\n",
 "        bool beyond = seen > (1.0 + SBL_AT_LAMP) * there;\n",
 "        if (there > 0.0 && (beyond || (seen >= (1.0 - SBL_AT_LAMP) * there && !other_side))) return false;\n",
@@ -9005,7 +9005,7 @@ static const char *const sbl__glsl_lamps[] = {
 "mat2x3 whole;                // by group (see sbl_Lamp): unobstructed light of lamps that are entries themselves,\n",
 "                             // except texels and the `certain` point lights. Each group has its own ratio seen /\n",
 "                             // open, because one side of a closed mesh hides the other\n",
-"bool rounded = false;        // true: some entries are round lamps\n",
+"bool rounded = false;        // true: some of the lamps considered are not triangles\n",
 "mat3x4 whole_harmonics[2];   // by group: harmonics of `whole`\n",
 "\n",
 "// Adds node i to the entries, skips it, or descends into it. Returns the next node, or `limit`, the number of all\n",
@@ -9072,7 +9072,7 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "struct sbl_Pick {\n",
 "    int leaf;      // the lamp that is picked\n",
-"    float share;   // probability of picking it\n",
+"    float share;   // probability of picking this lamp\n",
 "    vec2 u;        // uniform point for sbl_sample; each choice by u.x rescales it, so that it stays uniform\n",
 "    bool cluster;  // true: the lamp was picked from a cluster\n",
 "};\n",
@@ -9112,16 +9112,17 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// Sums over the rays. Light from clusters, texels and sparse groups is the mean of the rays' light; light from\n",
 "// other lamps is the closed form times the ratio seen / open.\n",
-"mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by group: rays' light without obstruction, and with it\n",
-"vec3 sure = vec3(0), sampled = vec3(0);       // light of point lights; light of clusters, texels and sparse groups\n",
-"vec2 samples = vec2(0), lit = vec2(0);        // by group: number of rays summed in `open`, and in `seen`\n",
-"float taken = 0.0, squares = 0.0;             // number of rays; sum of the squared luminances in `sampled`\n",
+"mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by group: sums of the rays' light without obstruction, and with it\n",
+"vec3 sure = vec3(0), sampled = vec3(0);       // sum of light of point lights; of clusters, texels, sparse groups\n",
+"vec2 samples = vec2(0), lit = vec2(0);        // by group: number of rays in `open`; how many of them reached lamps\n",
+"float taken = 0.0;                            // number of rays, without rim samples and rays to point lights\n",
+"float squares = 0.0;                          // sum of the squared luminances of the rays in `sampled`\n",
 "vec2 sparse;                                  // by group: 1: too few rays for a ratio; 0: enough\n",
-"vec2 bright = vec2(0), dark = vec2(0);        // by group: number of visible and of blocked rays, with rim samples\n",
+"vec2 bright = vec2(0), dark = vec2(0);        // by group: number of unblocked and of blocked rays and rim samples\n",
 "mat3x4 sure_harmonics = mat3x4(0), sampled_harmonics = mat3x4(0);  // harmonics of `sure` and of `sampled`\n",
 "mat3x4 open_harmonics[2], seen_harmonics[2];  // harmonics of `open` and of `seen`\n",
-"vec4 report = vec4(0), report_way = vec4(0);  // inspections: what one ray found\n",
-"bool reporting;                               // true: report the next ray\n",
+"vec4 report = vec4(0), report_way = vec4(0);  // inspections: out_light / unit, and out_way\n",
+"bool reporting;                               // true: sbl_shoot reports its ray\n",
 "\n",
 "// Traces the ray of a sample. at_rim: the sample only tests for obstruction; point: it is on a point light\n",
 "void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool point) {\n",
@@ -9176,8 +9177,8 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// >>combine\n",
 "\n",
-"// Variance of the mean of n points, divided by the variance of one point. A lamp with more points has smaller\n",
-"// strata. `lamps` is the effective number of lamps.\n",
+"// Variance of the mean of n rays, divided by the variance of one ray. A lamp with more rays has smaller strata.\n",
+"// The variable `lamps` is the effective number of lamps, with those in clusters.\n",
 "float sbl_strata(float n) {\n",
 "    float lamps = total * total / max(crowd_within, 1e-37), points = max(n, 1.0);\n",
 "    return min(SBL_STRATA * sqrt(max(lamps - 1.0, 1.0) / points), SBL_STRATA_LOST) / points;\n",
@@ -9192,7 +9193,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    return disagree || sbl_strata(taken) * error > SBL_KNOWN * mean * mean;\n",
 "}\n",
 "\n",
-"// Computes R and the variance of its luminance.\n",
+"// Returns R * scale, and the variance of its luminance.\n",
 "vec4 sbl_combine() {\n",
 "    float clusters = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);\n",
 "    float variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) * sbl_strata(taken);\n",
@@ -9225,7 +9226,7 @@ static const char *const sbl__glsl_lamps[] = {
 "void main() {\n",
 "    ivec2 at = sbl_texel_of_invocation();\n",
 "    int wanted = at.y * blocks.x + at.x;  // number of the ray or, from `rays` on, of the entry to report\n",
-"    int certain_ray = rays + SBL_LAMPS - 1 - wanted;  // number of the point light to report, counted from the end\n",
+"    int certain_ray = rays + SBL_LAMPS - 1 - wanted;  // number of the point light to report, from the last entry\n",
 "#ifdef SBL_INSPECT\n",
 "    int part = 0, slot = sheet_slot;\n",
 "    if (wanted >= rays + SBL_LAMPS) sbl_leave;\n",
@@ -9252,7 +9253,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    if (directional) open_harmonics[0] = open_harmonics[1] = seen_harmonics[0] = seen_harmonics[1] = mat3x4(0);\n",
 "    float enough = SBL_SPARSE * float(parts) / float(rays) * total;\n",
 "    sparse = vec2(lessThan(vec3(1) * whole, vec2(enough)));\n",
-"    // Rim samples find shadow edges that hide only a small part of a lamp, if there are few lamps.\n",
+"    // Rim samples find shadow edges that hide only a small part of a lamp, so that more passes are made.\n",
 "    int passes = sbl_pass_count(), rims = rounded ? SBL_RIM : SBL_CORNERS;\n",
 "    int rim_samples = passes > 1 && used <= SBL_RIM_LAMPS ? rims * used : 0;\n",
 "    int skip = int(sbl_look_which(look) & SBL_LOOK_NUMBER) * rays;\n",
@@ -9350,22 +9351,21 @@ static void sbl__directions_row(const sbl__layout *l, int face, int j, float *di
        texture | sheet | sheet |    sheet. reduce_blocks.glsl then adds up each square of block x block texels and
                +-------+-------+    writes one texel of partial sums. */
 
-#define SBL__SLOTS_MOST 4096   /* maximum number of slots, also of traced looks */
-#define SBL__STUCK_FOV 2.0f    /* field of view, degrees, of a stuck test, which looks from the sensor back at its
-                                  own surface: too narrow to hit the walls of a corner */
+#define SBL__SLOTS_MOST 4096   /* maximum number of slots, in both back ends (here rounded up to whole rows) */
+#define SBL__STUCK_FOV 2.0f    /* field of view of a stuck test, degrees: too narrow to hit the walls of a corner */
 #define SBL__STUCK_SIZE 4      /* width and height of a stuck test's view, texels */
 #define SBL__STUCK_TEXTURE 512  /* maximum width and height of the part of the view texture for stuck tests, texels */
 
 /* How a kind of look (at a site, or a stuck test) is divided into views: their directions, projections and places. */
 typedef struct sbl__lens {
     sbl__layout layout;         /* positions of the views in a look's sheet */
-    sbl__slots slots;           /* slots of the view texture, one sheet each */
+    sbl__slots slots;           /* slots of the view texture; each holds a sheet, the views of one look */
     int area[4];                /* part of the view texture that the slots cover: 0, 0, width, height, texels */
     sbl__texture weights;       /* per texel of a sheet: form factor, and ratio of distance to depth */
     sbl__texture directions;    /* directional jobs: direction of each texel of a sheet, see sbl__directions_row */
 } sbl__lens;
 
-/* The two kinds of looks: SBL__LENS_SITE measures light, SBL__LENS_STUCK is a stuck test (see sbl__job_judge). */
+/* Kinds of looks: SBL__LENS_SITE measures light; SBL__LENS_STUCK (stuck tests) looks from a sensor at its surface. */
 enum { SBL__LENS_SITE, SBL__LENS_STUCK, SBL__LENSES };
 
 typedef struct sbl__raster {
@@ -9484,12 +9484,12 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 "layout(location = 5) in vec4 view_right;    // unit vector to the right / tan(fov / 2); w: scale of x in clip space\n",
 "layout(location = 6) in vec4 view_up;       // unit vector up / tan(fov / 2); w: scale of y in clip space\n",
 "layout(location = 7) in vec4 view_forward;  // unit vector; w: lowest y: -1, or 0 if the view begins at the horizon\n",
-"layout(location = 8) in vec2 view_offset;   // offset of the rectangle in clip space\n",
+"layout(location = 8) in vec2 view_offset;   // normalised device coordinates of the view's forward axis\n",
 "uniform float per_length;                   // 1 / extent of the scene\n",
 "uniform float radiance_scale;\n",
 "out vec3 place;                             // x, y and w of gl_Position\n",
 "flat out int fragment_object;               // only with SBL_TEXTURED or SBL_BOUNCED\n",
-"flat out vec3 radiance_front, radiance_back;  // only without SBL_TEXTURED and SBL_BOUNCED\n",
+"flat out vec3 radiance_front, radiance_back;  // only if neither SBL_TEXTURED nor SBL_BOUNCED is defined\n",
 "out vec2 fragment_uv;                       // only with SBL_TEXTURED, like fragment_color\n",
 "out vec4 fragment_color;\n",
 "out vec3 fragment_way;                      // only with SBL_BOUNCED: vector from the sensor to the surface\n",
@@ -9539,9 +9539,9 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 "in vec4 fragment_color;\n",
 "in vec3 fragment_way, fragment_place;\n",
 "\n",
-"const float SBL_NEAREST = 3e-8;  // smallest distance at which surfaces are visible, in extents of the scene\n",
+"const float SBL_NEAREST = 3e-8;  // smallest visible distance along a view's axis, in extents of the scene\n",
 "const float SBL_BESIDE = 0.4;    // maximum distance between gl_FragCoord and the interpolated `place`, texels\n",
-"const float SBL_BESIDE_ROUNDING = 3e-7;  // allowance for rounding in the comparison with SBL_BESIDE\n",
+"const float SBL_BESIDE_ROUNDING = 3e-7;  // added to SBL_BESIDE * place.z for rounding\n",
 "\n",
 "// Returns false for fragments at wrong places. The projection of a triangle whose plane contains the sensor is a\n",
 "// line; rounding may turn the line into a triangle anywhere, even in the views of other sensors.\n",
@@ -9771,7 +9771,7 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 "uniform int block;               // width and height of a block, texels\n",
 "SBL_OUT(0, out_sum);             // sum of weight * radiance; sum of the weights of back faces\n",
 "SBL_OUT(1, out_hits);            // surfaces: sum of weights; sum of weight * distance; least distance; 0\n",
-"uniform sampler2D directions;    // SBL_DIRECTIONAL: direction of each texel of a sheet, if the look is not rotated\n",
+"uniform sampler2D directions;    // SBL_DIRECTIONAL: direction of each texel of a sheet, for a look of rotation 0\n",
 "SBL_OUT_HARMONICS(2, 3, 4)\n",
 "\n",
 "void main() {\n",
@@ -9841,7 +9841,7 @@ static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const
 #define SBL__TRACE_TEXELS 1024     /* maximum width and height of the textures of partial sums, texels */
 
 typedef struct sbl__trace {
-    sbl__slots slots[SBL__LENSES]; /* a stuck test traces one ray, from the sensor back to its surface */
+    sbl__slots slots[SBL__LENSES]; /* slots in the partial sums: for looks at sites; for stuck tests, one ray each */
     sbl__table sequence;           /* points that give the rays' directions, see sbl__sequence_make */
 } sbl__trace;
 
@@ -9917,7 +9917,7 @@ static const char *const sbl__glsl_trace[] = {
 "uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each\n",
 "uniform int rays;                     // number of rays per look\n",
 "uniform int paired;                   // 1: an invocation traces pairs of rays; 0: single ones\n",
-"uniform bool no_light;                // true: rays find only distances, for which a site's first look is enough\n",
+"uniform bool no_light;                // true: only distances are wanted: only a site's first look traces rays\n",
 "uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal\n",
 "uniform float distance_limit;         // larger distances of hits count as this distance in the mean\n",
 "SBL_OUT(0, out_sum);\n",
@@ -9957,8 +9957,8 @@ static const char *const sbl__glsl_trace[] = {
 "\n",
 "#ifdef SBL_BOUNCED\n",
 "// Maximum number of segments of a ray. The mean light of a cell may differ much from the light at a hit that is\n",
-"// nearer than the cell's width. At such a hit the ray takes only the light from lamps out of the store, and a\n",
-"// second segment finds the bounced light.\n",
+"// nearer than the cell's width. At such a hit the ray takes only the lamps' part of the light in the store, and a\n",
+"// second segment finds the bounced part.\n",
 "const int SBL_LEGS = 2;\n",
 "\n",
 "// Sets the origin and the direction of a ray's second segment. Returns the factor for the light that it finds.\n",
