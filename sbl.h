@@ -2389,7 +2389,7 @@ typedef struct sbl__record {
     const char *name;          /* prefix of the GLSL functions' names */
     const char *sampler;       /* name of the table's sampler */
     const char *declaration;   /* GLSL declaration of the sampler; "" if another record of the same table declares it */
-    const char *first;         /* uniform: number of the first record's first texel; NULL: that number is 0 */
+    const char *first;         /* name of the uniform that holds the first record's texel number; NULL: it is 0 */
     int texels;                /* number of texels that one struct takes in a table */
     const sbl__field *fields;
     int field_count;
@@ -2417,13 +2417,13 @@ typedef struct sbl__record {
 #define SBL__TEXELS_SHIFT 12       /* log2 of TEXELS_ACROSS; GL 3.3 guarantees 1024 texels, all known drivers 4096 */
 #define SBL__TEXELS_ACROSS (1 << SBL__TEXELS_SHIFT)  /* width of tables that are 2D textures, in texels */
 #define SBL__STACK 64              /* size of the stack with which a ray traverses the hierarchy, in nodes */
-#define SBL__LAMPS 256             /* largest number of lamps and clusters that lamps.glsl compares at a sensor */
-#define SBL__LAMP_PASSES 8         /* largest number of passes in which a sensor traces rays towards lamps */
+#define SBL__LAMPS 256             /* maximum number of entries (lamps plus clusters) of a look in lamps.glsl */
+#define SBL__LAMP_PASSES 8         /* maximum number of passes into which lamps.glsl divides a part of a look's rays */
 #define SBL__TEXTURE_SRGB 1u       /* kind of a texture: 8-bit sRGB */
 #define SBL__TEXTURE_FLOAT 2u      /* kind of a texture: 16-bit float */
 #define SBL__TEXTURE_KIND 3u       /* mask of the kind; 0 means that there is no texture */
 #define SBL__TEXTURE_CLAMPS 4u     /* flag: coordinates are clamped; otherwise the texture repeats */
-#define SBL__LEAF 0x80000000u      /* references in the hierarchy, see sbl__node, and in a ray's stack (LEAVE, END) */
+#define SBL__LEAF 0x80000000u      /* LEAF, ENTER: references, see sbl__node; LEAVE, END: only in rays' stacks */
 #define SBL__ENTER 0xc0000000u
 #define SBL__LEAVE 0xd0000000u
 #define SBL__END 0xffffffffu
@@ -2433,12 +2433,12 @@ typedef struct sbl__record {
 #define SBL__LAMP_FAR_LIGHT 2u
 #define SBL__LAMP_SKY_TEXEL 3u
 #define SBL__LAMP_KIND_SHIFT 30
-#define SBL__FAR_NODE 0x80000000u  /* flag: all lamps of a node are at infinity */
+#define SBL__FAR_NODE 0x80000000u  /* flag in sbl__lamp_node.beyond: all lamps of the node are at infinity */
 #define SBL__PATCH_BACK 1u         /* bits of a patch word, see sbl__patch_word */
 #define SBL__PATCH_FLAT 2u
 #define SBL__PATCH_AXIS_SHIFT 2
-#define SBL__PATCH_NEAR 16u        /* flag: the ray is shorter than 1 / NEAR_PART of a level-0 cell's length */
-#define SBL__PATCH_LEVEL 32u       /* factor of the cell's level, which takes two bits */
+#define SBL__PATCH_NEAR 16u        /* flag: for rays shorter than 1 / NEAR_PART of a level-0 cell's length */
+#define SBL__PATCH_LEVEL 32u       /* a patch word contains the cell's level (two bits) times this */
 #define SBL__PATCH_SHIFT 7
 #define SBL__NEAR_PART 2
 #define SBL__SLOT_TRIES 64         /* largest number of slots that a search in the hash grid visits */
@@ -2476,11 +2476,11 @@ typedef struct sbl__record {
                                           viewer or, at sites of >>vertices, with the face's normal */
 #define SBL__BELONGS_COSINE 0.8f       /* sbl_belongs is 0 up to this cosine of the angle between two points' normals */
 #define SBL__BELONGS_TURN 0.2f         /* from BELONGS_COSINE + this on, the angle does not reduce sbl_belongs */
-#define SBL__BELONGS_OFF 8.0f          /* sbl_belongs falls to 0 while this * (distance of a point from the plane of the
-                                          other) / (distance between the points) rises from 1 to 2 */
-#define SBL__FILTER_VISIBLE 0.0025f    /* invisible relative difference of light, which the filter may smooth */
+#define SBL__BELONGS_OFF 8.0f          /* sbl_belongs falls to 0 while this * (larger distance of one point from the
+                                          other's plane) / (distance of the points) rises from 1 to 2 */
+#define SBL__FILTER_VISIBLE 0.0025f    /* the filter counts this share of the light as noise, as it is invisible */
 #define SBL__FILTER_FALL 0.25          /* the filter's weights are exp(-this * (difference / noise)^2) */
-#define SBL__DIVISOR_LEAST 1e-30f      /* prevents divisions by 0 */
+#define SBL__DIVISOR_LEAST 1e-30f      /* lower limit of divisors that may be 0 */
 #define SBL__VIEW_DEPTH 1e-6f          /* depth in sensors' views is this / view-space depth in scene extents: reversed,
                                           without a far plane */
 #define SBL__OFFSET 1.5e-6f            /* distance of a sensor from its surface: a share of the scene's extent (if views
@@ -2626,7 +2626,7 @@ static sbl_result sbl__texture_make(const sbl__device *d, sbl__texture *t, int w
     gl->TexImage2D(SBL__GL_TEXTURE_2D, 0, (int)format, width, height, 0, f->format, f->type, NULL);
     gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_MIN_FILTER, SBL__GL_NEAREST);
     gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_MAG_FILTER, SBL__GL_NEAREST);
-    gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_WRAP_S, SBL__GL_CLAMP_TO_EDGE);  /* see sbl_channel_texture */
+    gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_WRAP_S, SBL__GL_CLAMP_TO_EDGE);  /* hosts may sample it */
     gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_WRAP_T, SBL__GL_CLAMP_TO_EDGE);
     gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_MAX_LEVEL, 0);
     result = sbl__gl_check(gl);
@@ -2793,7 +2793,7 @@ typedef struct sbl__recipe {
     const char *const *vertex[SBL__SHADERS_MOST];    /* files of the vertex shader, joined in this order */
     const char *const *fragment[SBL__SHADERS_MOST];  /* files of the fragment shader or compute shader */
     const sbl__record *records[SBL__SHADERS_MOST];   /* records that the shaders read */
-    unsigned features;                               /* each feature doubles the number of variants */
+    unsigned features;                               /* the features that make variants; each doubles their number */
 } sbl__recipe;
 
 #define SBL__LINES_MOST 1500  /* largest number of lines of a shader */
@@ -2837,7 +2837,7 @@ static sbl_result sbl__shader_make(const sbl__device *d, const sbl__program *pro
         gl->GetShaderiv(id, SBL__GL_COMPILE_STATUS, &ok);
         if (!ok) gl->GetShaderInfoLog(id, (int)sizeof text - 1, NULL, text);
         gl->AttachShader(program->id, id);
-        gl->DeleteShader(id);  /* it lives as long as the program */
+        gl->DeleteShader(id);  /* GL keeps it until the program is deleted */
     }
     if (ok) return SBL_SUCCESS;
     sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_SHADER_COMPILE, "the driver refuses the shader \"%s\": %s",
@@ -7193,9 +7193,9 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
 /* Words of a texel in sbl__atlas.texels: 1 + triangle number (0: none), barycentric weights of corners 1 and 2 as
    floats, 1 + chart number. */
 #define SBL__ATLAS_WORDS 4
-#define SBL__ATLAS_FAR 1e30f    /* squared distance of a texel before any triangle touches it */
-#define SBL__ATLAS_WELL -1.0f   /* stands for a distance: the texel's centre lies well inside the triangle */
-#define SBL__ATLAS_EDGE -0.5f   /* the same: it lies inside, but near an edge; the neighbour may contain it too */
+#define SBL__ATLAS_FAR 1e30f    /* squared distance that counts for a texel that shows no triangle yet */
+#define SBL__ATLAS_WELL -1.0f   /* not a distance: the texel's centre lies well inside the triangle */
+#define SBL__ATLAS_EDGE -0.5f   /* not a distance: it lies inside, near an edge; a neighbour may contain it too */
 #define SBL__ATLAS_INSIDE 1e-3  /* a centre lies well inside if all its barycentric weights are at least this */
 /* If a texel's centre is not well inside its triangle, the texel's sensor is moved towards the triangle's centroid by
    SBL__ATLAS_INSET texels, but at most by the share SBL__ATLAS_INSET_MOST of the way. Otherwise a sensor at the edge of
@@ -7210,8 +7210,7 @@ typedef struct sbl__atlas {
     int width, height;          /* size of the map in supersampled texels, which this room calls texels */
     int across;                 /* number of supersampled texels across a texel of the lightmap */
     unsigned char *baked;       /* per mesh: 1 if the lightmap contains it */
-    int row;                    /* next row of texels to fill for the triangle in progress, counted from its first;
-                                   0: not begun */
+    int row;                    /* next row of the map to fill for the triangle in progress; 0: not begun */
     uint32_t *parents;          /* per vertex: union-find over charts (see sbl__root); later the chart's number */
     sbl__hash_table places;     /* vertices by position and lightmap coordinates */
     uint32_t *texels;           /* see SBL__ATLAS_WORDS */
@@ -7403,7 +7402,7 @@ static float sbl__atlas_others(const sbl__atlas *a, size_t texel) {
     return a->away && a->away[texel] < 0 ? (float)ceil(-(double)a->away[texel]) - 1 : 0;
 }
 
-/* Counts texels whose centre lies in several triangles, and warns about the first. triangle: the hidden one */
+/* Counts a texel when a second triangle contains its centre; the first time, warns. triangle: the one not shown */
 static void sbl__atlas_warn_overlap(sbl__atlas *a, uint32_t triangle, size_t texel) {
     const sbl__geometry *g = a->geometry;
     const uint32_t first = a->texels[SBL__ATLAS_WORDS * texel] - 1;
@@ -7426,7 +7425,7 @@ static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const 
     double weights[3];
     const float away = (float)sbl__atlas_nearest(t, centre, weights);
     const int well = away <= SBL__ATLAS_WELL, other_chart = t->chart + 1 != texel[3];
-    const int was_well = floor((double)a->away[i]) >= (double)a->away[i];  /* SBL__ATLAS_WELL minus a number is whole */
+    const int was_well = floor((double)a->away[i]) >= (double)a->away[i];  /* ATLAS_WELL - n is whole, EDGE - n not */
     float shares[2];
     if (away < 0 && a->away[i] < 0 && (other_chart || (well && was_well))) {
         sbl__atlas_warn_overlap(a, t->number, i);
@@ -7443,7 +7442,7 @@ static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const 
     texel[3] = t->chart + 1;
 }
 
-/* Counts triangles that lie partly outside of the map, and warns about the first. */
+/* Counts the triangle if a part of it is outside of the map; the first time, warns. */
 static void sbl__atlas_warn_outside(sbl__atlas *a, const sbl__atlas_triangle *t) {
     const sbl__geometry *g = a->geometry;
     const int size[2] = { a->width, a->height }, mesh = (int)g->vertices[g->indices[3 * (size_t)t->number]].object;
@@ -7536,7 +7535,7 @@ typedef struct sbl__camera {
     int orthographic;
     double nearest, farthest;  /* orthographic: distances along the view direction where depth is 1 and 0 */
     float depth_scale;         /* perspective: depth is depth_scale / w */
-    float facet_limit;         /* see sbl_picture_desc; 0: no limit */
+    float facet_limit;         /* see sbl_picture_desc; 0: all facets get their shading normal */
 } sbl__camera;
 
 /* A request to draw a G-buffer. */
@@ -7561,8 +7560,8 @@ typedef struct sbl__surface {
     sbl__pace triangle_pace, point_pace;
 } sbl__surface;
 
-#define SBL__DEPTH_SHARE 1e-6      /* points nearer than this share of the scene's extent all have depth 1 */
-#define SBL__BAND_PIXELS 1048576   /* approximate size of a band of rows; limits the area of one triangle at a time */
+#define SBL__DEPTH_SHARE 1e-6      /* perspective: points nearer than this * the scene's extent all have depth 1 */
+#define SBL__BAND_PIXELS 1048576   /* pixels of a band of rows, to which each draw is limited: triangles may be large */
 #define SBL__TRIANGLE_PIXELS 64.0  /* cost of a triangle besides its pixels, in pixels */
 
 static sbl_result sbl__gbuffer_make(const sbl__device *d, sbl__gbuffer *g, int width, int height,
@@ -7598,7 +7597,7 @@ static void sbl__surface_free(const sbl__device *d, sbl__surface *s) {
 
 /* >>surface: the camera */
 
-/* desc: its matrices are checked already */
+/* Makes a camera. desc: its matrices are checked already */
 static void sbl__camera_make(sbl__camera *c, const sbl_picture_desc *desc, const sbl__geometry *g) {
     const float *m = desc->world_to_view;
     int i, k;
@@ -7675,9 +7674,9 @@ static void sbl__camera_set(const sbl__device *d, const sbl__camera *c, const fl
     const double a = c->orthographic ? 1 : -(double)m[11], step_x = 2.0 / t->width, step_y = -2.0 / t->height;
     const double x0 = -1 + offset[0] * step_x, y0 = 1 + offset[1] * step_y;
     const double dx = a * step_x / m[0], dy = a * step_y / m[5];
-    const int moving = c->orthographic ? 0 : 3;  /* index of the first of the three `names` that vary over the pixels */
+    const int moving = c->orthographic ? 0 : 3;  /* names[moving]: the first of the 3 that vary with the pixel */
     const int still = 3 - moving;
-    /* x in view space: (a ndc + m8) / m0 at unit distance (perspective), (ndc - m12) / m0 (orthographic) */
+    /* x of the ray in view space. Perspective: at unit distance, (a * x in NDC + m8) / m0, where a = -m11 */
     const double across = c->orthographic ? (x0 - m[12]) / m[0] : (a * x0 + m[8]) / m[0];
     const double down = c->orthographic ? (y0 - m[13]) / m[5] : (a * y0 + m[9]) / m[5];
     float rays[6][3];
@@ -7763,7 +7762,7 @@ static double sbl__triangle_pixels(const sbl__surface *s, const int band[4], flo
     for (i = 0; i < 3; i++) {
         const double *a = v[i], *b = v[(i + 1) % 3];
         const double t = (a[3] > before) != (b[3] > before) ? (before - a[3]) / (b[3] - a[3]) : 0;
-        for (k = 0; k < 2; k++) {  /* extend by corner a if it is in front, and by the point where edge ab is cut off */
+        for (k = 0; k < 2; k++) {  /* extend from .. to by corner a if in front, and by edge ab's cut */
             if (a[3] > before) sbl__extend(&from[k], &to[k], (0.5 * a[k] / a[3] + 0.5) * size[k]);
             if (t > 0) sbl__extend(&from[k], &to[k], (0.5 * (a[k] + t * (b[k] - a[k])) / before + 0.5) * size[k]);
         }
@@ -7965,11 +7964,11 @@ static sbl_result sbl__surface_send(void *work, sbl__slice *slice) {
 /* Does one piece of work. Returns SBL_SUCCESS when the G-buffer is drawn; the next call begins a new one. A lightmap's
    atlas must have begun. */
 static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__surface_job *job, sbl__slice *slice) {
-    static const sbl__stage_row tables[2][3] = { {  /* of a camera */
+    static const sbl__stage_row tables[2][3] = { {  /* stages of a picture */
         { sbl__surface_triangles, NULL, NULL, NULL },
         { sbl__surface_points, NULL, NULL, NULL },
         { sbl__surface_host, NULL, NULL, NULL }
-    }, {  /* of a lightmap */
+    }, {  /* stages of a lightmap */
         { sbl__surface_atlas, NULL, NULL, NULL },
         { sbl__surface_send, NULL, NULL, NULL },
         { sbl__surface_points, NULL, NULL, NULL }
@@ -8014,19 +8013,19 @@ typedef struct sbl__spec {
     float fov;                  /* rasterised, one view: field of view, degrees */
     int looks;                  /* maximum number of looks per site */
     int rays;                   /* traced: number of rays over the hemisphere per look */
-    int lamp_rays;              /* maximum number of rays towards lamps per look; 0: no rays are aimed at lamps */
-    int bounced;                /* 1: surfaces reflect bounced light (see >>store) and ambient light; 0: ambient only */
+    int lamp_rays;              /* maximum number of rays towards lamps per look, besides rim samples and rays to point
+                                   lights; 0: no rays are aimed at lamps */
+    int bounced;                /* 1 (SBL_MODE_GI): surfaces reflect the store's R; 0: ambient light, see epsilon */
     int without_sky;            /* traced: 1 if rays over the hemisphere see neither the sky nor the environment */
-    int no_light;               /* traced: 1 if rays over the hemisphere cannot find light, so that only the first look
-                                   traces them, for the distances and back faces in readings */
+    int no_light;               /* traced: 1 if rays over the hemisphere cannot find light, so that only look 0 of each
+                                   site traces them, for the distances and back faces in readings */
     int one_ray;                /* only for traced looks: 1: a look is a single ray along the normal, which measures
                                    radiance, as probes need it */
     int directional;            /* 1: measure layers 1 to 4 too, see SBL__LAYERS */
-    float epsilon;              /* the paper's ambient factor: constant light that is added on all surfaces, without
-                                   occlusion */
+    float epsilon;              /* ambient factor: a surface that does not emit has the radiance epsilon * albedo */
     int view_texture_size;      /* sensor_texture_size of sbl_context_desc */
     int batch;                  /* maximum number of looks per batch */
-    /* Jobs whose specs differ only in the fields that follow use the same resources, see sbl__job_begin. */
+    /* Jobs whose specs differ only from here on (seed, ...) use the same resources, see sbl__job_begin. */
     uint32_t seed;              /* seed for the rotation of all sensors, see sbl_picture_desc */
     int guided;                 /* 1: guides direct rays, see >>guide */
     float distance_limit;       /* traced: upper limit for each distance in a reading's mean distance; 0: no limit */
@@ -8035,8 +8034,8 @@ typedef struct sbl__spec {
 #define SBL__MAX_LOOKS 512         /* maximum number of looks per site if the host sets target_error */
 #define SBL__DEFAULT_LOOKS 16      /* maximum number of looks per site with the default target error */
 #define SBL__LOOK_RAYS_MOST 128    /* looks that are too noisy get more rays, up to this number */
-#define SBL__LOOK_VARIANCE 12.5    /* a look is too noisy while its relative variance exceeds this multiple of the
-                                      target error squared (see sbl__look_growth) */
+#define SBL__LOOK_VARIANCE 12.5    /* the rays of looks are doubled while the relative variance afterwards is at least
+                                      this * (target error)^2, see sbl__look_growth */
 
 /* One look of a site, as shaders read it:
    position         the site's position, moved off the surface by `offset` along the geometric normal
@@ -8058,7 +8057,7 @@ static uint32_t sbl__sensor_seed(uint32_t number, uint32_t seed) { return sbl__h
    radical inverse, in quarter turns, so that any number of looks are spread evenly over a quarter rotation. */
 static void sbl__look_make(const sbl__spec *spec, const sbl__site *site, int look, sbl__look *out) {
     const uint32_t hash = sbl__sensor_seed(site->number, spec->seed);
-    double rotation = 0, share = 0.5;  /* rotation: radical inverse of `look` in base 2, 0 to 1 */
+    double rotation = 0, share = 0.5;  /* radical inverse of `look` in base 2; share: weight of k's lowest bit */
     int k;
     for (k = look; k > 0; k >>= 1, share *= 0.5) rotation += k & 1 ? share : 0;
     for (k = 0; k < 3; k++) {
@@ -8200,8 +8199,8 @@ static double sbl__paper_weight(const double from[2], const double to[2]) {
     return fabs((v1[0] - v0[0]) * (v2[1] - v0[1]) - (v1[1] - v0[1]) * (v2[0] - v0[0])) / SBL__PI;
 }
 
-/* Computes row j of a view's weights. `weights` has two floats per texel of the padded sheet: the texel's form factor,
-   and the ratio of distance to depth for the ray through its centre. */
+/* Computes row j of a view's weights. `weights` has two floats per texel of the padded sheet: the texel's form factor
+   or, in the paper's mode, its sbl__paper_weight; and the ratio of distance to depth for the ray through its centre. */
 static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, float *weights) {
     const int *r = l->rects[face];
     float *out = weights + 2 * ((size_t)(r[1] + j) * (size_t)sbl__layout_pitch(l, 0) + (size_t)r[0]);
@@ -8336,7 +8335,7 @@ static void sbl__guide_make(const float *found, uint32_t *words) {
     sbl__guide_intervals(rings, SBL__GUIDE_RINGS, even, words);
 }
 
-/* Returns where interval i of `count` begins. i = count: where the last one ends */
+/* Returns where interval i of `count` begins, 0 to SBL__GUIDE_STEPS. i = count: where the last one ends */
 static double sbl__guide_interval_begin(const uint32_t *words, int i, int count) {
     return i < count ? (double)(words[i / 2] >> (i & 1 ? 16 : 0) & 0xffffu) : SBL__GUIDE_STEPS;
 }
@@ -8449,7 +8448,7 @@ static const char *const sbl__glsl_carrier[] = {
 "uniform int first_slot, count;   // the looks of this draw use `count` slots, beginning with slot first_slot\n",
 "\n",
 "const vec3 SBL_LUMINANCE = vec3(SBL_LUMINANCE_WEIGHTS);\n",
-"const float SBL_COSINE_LEAST = 1e-6;  // for reciprocals of cosines\n",
+"const float SBL_COSINE_LEAST = 1e-6;  // lower limit of cosines before their reciprocal is taken\n",
 "\n",
 "// Converts 32-bit fractions to a point between 0 and 1.\n",
 "vec2 sbl_unit_square(uvec2 fractions) { return (vec2(fractions >> 8) + 0.5) / SBL_FRACTIONS; }\n",
@@ -8458,7 +8457,7 @@ static const char *const sbl__glsl_carrier[] = {
 "// first four coefficients of radiance in real spherical harmonics, in the order 1, y, z, x. R includes the cosine\n",
 "// between w and the normal n, radiance does not. reciprocal: 1 / cosine\n",
 "vec4 sbl_harmonics(vec3 w, vec3 n, float reciprocal) {\n",
-"    vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w divided by the cosine\n",
+"    vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w / cosine; its part along n is 1\n",
 "    return SBL_PI * vec4(SBL_HARMONIC_0 * reciprocal, SBL_HARMONIC_1 * way.yzx);\n",
 "}\n",
 "\n",
@@ -8481,7 +8480,7 @@ static const char *const sbl__glsl_carrier[] = {
 "ivec2 sbl_texel_of_invocation() { return ivec2(gl_FragCoord.xy); }\n",
 "#endif\n",
 "\n",
-"// Declare and write the outputs for the harmonics of red, green and blue light. a, b, c: their places\n",
+"// Declare and write the outputs for the harmonics of red, green and blue light. a, b, c: their `place` in SBL_OUT\n",
 "#ifdef SBL_DIRECTIONAL\n",
 "#define SBL_OUT_HARMONICS(a, b, c) SBL_OUT(a, out_red); SBL_OUT(b, out_green); SBL_OUT(c, out_blue);\n",
 "#define sbl_write_harmonics(h) sbl_write(out_red, h[0]); sbl_write(out_green, h[1]); sbl_write(out_blue, h[2])\n",
@@ -10094,14 +10093,14 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
        set up -> { draw -> aim rays at lamps -> reduce } ... -> read -> { draw -> reduce } ... -> read -> done
                  first round: looks                                     second round: stuck tests              */
 
-#define SBL__READ_ROWS 16          /* number of rows of results per readback */
+#define SBL__READ_ROWS 16          /* maximum number of rows of results per readback */
 #define SBL__LOOKS_FIRST 16        /* number of looks in the first submission, before their cost has been measured */
 #define SBL__SUBMISSIONS 8         /* maximum number of submissions of views before the CPU waits for the GPU */
-#define SBL__SUSPECT_SHARE 0.02f   /* a site gets a stuck test if its first look sees a larger share of back faces */
+#define SBL__SUSPECT_SHARE 0.02f   /* a site gets a stuck test if after its first look back_share is larger */
 #define SBL__STUCK_SHARE 0.75f     /* a sensor is stuck if its stuck test hits at less than this share of its offset */
-#define SBL__RAY_LAYER_NOISE 1.0f  /* the noise of sbl__spec_layer_noise if a look has one ray */
-#define SBL__TEXEL_NOISE 2.6f      /* relative noise of a rasterised look times sbl__spec.size; measured in a box with
-                                      a lamp */
+#define SBL__RAY_LAYER_NOISE 1.0f  /* sbl__spec_layer_noise of a look of one ray */
+#define SBL__TEXEL_NOISE 2.6f      /* views add the relative noise this / sbl__spec.size to that of a look; measured
+                                      in a box with a lamp */
 
 /* What a job has to do. The caller must keep the arrays until the job is done. */
 typedef struct sbl__task {
@@ -10130,14 +10129,15 @@ typedef struct sbl__job {
     const sbl__scene *scene;
     sbl__job_counts counts;     /* sums over all jobs since the caller last cleared them */
     sbl__spec made_for;         /* the spec for which the resources below were made */
-    uint32_t made_for_scene;    /* version of the scene for which they were made; 0: they do not exist */
+    uint32_t made_for_scene;    /* version of the scene for which the resources were made; 0: none exist */
     sbl__raster raster;
     sbl__trace trace;
     sbl__aim aim;
     sbl__blocks blocks;
     /* Results of the looks of a round. Look n has texel n % SBL__RESULTS_WIDTH, n / SBL__RESULTS_WIDTH.
-       Texture 0: sum of weight * radiance; sum of the weights of directions that see back faces
-       Texture 1: sum of the weights of directions that see surfaces; sum of weight * distance; least distance; variance
+       Texture 0: R * sbl__job_scale; sum of the weights of directions that see back faces
+       Texture 1: sum of the weights of directions that see surfaces; sum of weight * distance; least distance (world
+       units if traced, otherwise scene extents); variance of the luminance of texture 0, without SBL__TEXEL_NOISE
        Textures 2 to 4, if the job is directional: harmonics of red, green and blue light */
     sbl__blocks results;
     sbl__table table;           /* looks of a batch or of all slots, as shaders read them, see sbl__looks_send */
@@ -10210,8 +10210,8 @@ static float sbl__spec_offset(const sbl__spec *spec, const sbl__scene *scene, fl
 
 static int sbl__spec_layers(const sbl__spec *spec) { return spec->directional ? SBL__LAYERS : 1; }
 
-/* Returns the noise of layers 1 to 4 as a share of R, for a look whose R has no noise. The cause is that the few rays
-   near the horizon have the largest weights in harmonics. */
+/* Returns the part of the standard error of a look's layers 1 to 4 that does not come from the noise of R, divided by
+   R: the few rays near the horizon have the largest weights in harmonics. */
 static float sbl__spec_layer_noise(const sbl__spec *spec) {
     return spec->no_light || !spec->traced ? 0 : SBL__RAY_LAYER_NOISE / (float)sqrt((double)spec->rays);
 }
@@ -10259,7 +10259,7 @@ static const sbl__layout *sbl__job_layout(const sbl__job *j) {
     return j->task.spec.traced ? NULL : &j->raster.lenses[SBL__LENS_SITE].layout;
 }
 
-/* Makes the textures and the sequences, and allocates the looks of all slots. */
+/* Makes the textures and the sequences of rays' directions, and allocates the array of looks, one per slot. */
 static sbl_result sbl__job_setup(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     const sbl__device *d = j->device;
@@ -10297,17 +10297,17 @@ static sbl_result sbl__job_weigh(void *work, sbl__slice *slice) {
 static const char *const sbl__glsl_reduce_sum[] = {
 "// Sums the partial sums of each look; an output texel is the result of one look. For views, reduce_blocks.glsl\n",
 "// has made the partial sums; for rays, trace.glsl.\n",
-"uniform sampler2D block_sums, block_hits;  // partial sums\n",
+"uniform sampler2D block_sums, block_hits;  // out_sum and out_hits of reduce_blocks.glsl or trace.glsl\n",
 "uniform ivec2 blocks;          // width and height of a look's slot in the textures of partial sums, texels\n",
 "uniform int columns, slots;    // number of slots per row; number of all slots\n",
-"uniform int first, last;       // numbers of the looks to compute\n",
-"uniform sampler2D lights;      // outputs of lamps.glsl; the mean over the parts of a look is added\n",
-"uniform int parts;             // number of parts, one below the other; 0: no light from lamps\n",
-"layout(location = 0) out vec4 out_sum;   // as in reduce_blocks.glsl\n",
-"layout(location = 1) out vec4 out_hits;  // likewise; w: variance of the luminance, if rays sampled it\n",
+"uniform int first, last;       // numbers of the first and last look to compute\n",
+"uniform sampler2D lights;      // R by lamps.glsl: `parts` estimates per look, whose mean is added\n",
+"uniform int parts;             // number of texels per look in `lights`, one below the other; 0: no lamps\n",
+"layout(location = 0) out vec4 out_sum;   // texture 0 of sbl__job.results\n",
+"layout(location = 1) out vec4 out_hits;  // texture 1 of sbl__job.results\n",
 "uniform sampler2D block_red, block_green, block_blue, lights_red, lights_green, lights_blue;\n",
-"uniform sampler2D block_even;  // corrections of the harmonics, out_even of trace.glsl\n",
-"uniform bool even;             // true: use block_even\n",
+"uniform sampler2D block_even;  // out_even of trace.glsl, which corrects the harmonics\n",
+"uniform bool even;             // true: add the correction by block_even\n",
 "#ifdef SBL_DIRECTIONAL\n",
 "layout(location = 2) out vec4 out_red;\n",
 "layout(location = 3) out vec4 out_green;\n",
@@ -10505,7 +10505,7 @@ static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
 /* Returns 1 if the looks of the current round trace rays towards lamps. */
 static int sbl__job_aims(const sbl__job *j) { return j->task.spec.lamp_rays && j->lens == SBL__LENS_SITE; }
 
-/* Uses lamps.glsl for a batch. extra: SBL__INSPECT or 0; blocks: as for sbl__rays_bind; scale: factor of the outputs */
+/* Uses lamps.glsl for a batch. extra: SBL__INSPECT or 0; blocks: see sbl__rays_bind; scale: output / R */
 static sbl_result sbl__aim_use(const sbl__job *j, const sbl__batch *b, unsigned extra, const int blocks[2],
                                float scale) {
     sbl__device *d = j->device;
@@ -10607,8 +10607,8 @@ static int sbl__reading_is_finite(const sbl_reading *r) {
            sbl__finite(&r->back_share) && sbl__finite(&r->hit_mean) && sbl__finite(&r->hit_min);
 }
 
-/* Adds the result of a look (found: one array per layer) to the sums in its site's reading. After the site's last
-   look, divides the sums by the number of looks. */
+/* Adds the result of a look to the sums in its site's reading; after the site's last look, divides them by the number
+   of looks. found: as for sbl__job_judge */
 static void sbl__job_take(sbl__job *j, const float *const found[5]) {
     const float *sum = found[0], *hits = found[1];
     const sbl__spec *spec = &j->task.spec;
@@ -10685,7 +10685,7 @@ static void sbl__job_count(sbl__job *j) {
     j->counts.texels += (int64_t)looks * l->sheet[0] * l->sheet[1];
 }
 
-/* Reads back SBL__READ_ROWS rows of results and evaluates their looks. If the sites' looks are done and some sites are
+/* Reads back up to SBL__READ_ROWS rows of results and evaluates their looks. If the sites' looks are done and there are
    suspects, starts the round of stuck tests. */
 static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;

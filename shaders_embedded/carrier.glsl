@@ -8,7 +8,7 @@ uniform int columns;             // number of slots in a row of the outputs
 uniform int first_slot, count;   // the looks of this draw use `count` slots, beginning with slot first_slot
 
 const vec3 SBL_LUMINANCE = vec3(SBL_LUMINANCE_WEIGHTS);
-const float SBL_COSINE_LEAST = 1e-6;  // for reciprocals of cosines
+const float SBL_COSINE_LEAST = 1e-6;  // lower limit of cosines before their reciprocal is taken
 
 // Converts 32-bit fractions to a point between 0 and 1.
 vec2 sbl_unit_square(uvec2 fractions) { return (vec2(fractions >> 8) + 0.5) / SBL_FRACTIONS; }
@@ -17,7 +17,7 @@ vec2 sbl_unit_square(uvec2 fractions) { return (vec2(fractions >> 8) + 0.5) / SB
 // first four coefficients of radiance in real spherical harmonics, in the order 1, y, z, x. R includes the cosine
 // between w and the normal n, radiance does not. reciprocal: 1 / cosine
 vec4 sbl_harmonics(vec3 w, vec3 n, float reciprocal) {
-    vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w divided by the cosine
+    vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w / cosine; its part along n is 1
     return SBL_PI * vec4(SBL_HARMONIC_0 * reciprocal, SBL_HARMONIC_1 * way.yzx);
 }
 
@@ -40,7 +40,7 @@ ivec2 sbl_texel_of_invocation() {
 ivec2 sbl_texel_of_invocation() { return ivec2(gl_FragCoord.xy); }
 #endif
 
-// Declare and write the outputs for the harmonics of red, green and blue light. a, b, c: their places
+// Declare and write the outputs for the harmonics of red, green and blue light. a, b, c: their `place` in SBL_OUT
 #ifdef SBL_DIRECTIONAL
 #define SBL_OUT_HARMONICS(a, b, c) SBL_OUT(a, out_red); SBL_OUT(b, out_green); SBL_OUT(c, out_blue);
 #define sbl_write_harmonics(h) sbl_write(out_red, h[0]); sbl_write(out_green, h[1]); sbl_write(out_blue, h[2])

@@ -1,16 +1,16 @@
 // Sums the partial sums of each look; an output texel is the result of one look. For views, reduce_blocks.glsl
 // has made the partial sums; for rays, trace.glsl.
-uniform sampler2D block_sums, block_hits;  // partial sums
+uniform sampler2D block_sums, block_hits;  // out_sum and out_hits of reduce_blocks.glsl or trace.glsl
 uniform ivec2 blocks;          // width and height of a look's slot in the textures of partial sums, texels
 uniform int columns, slots;    // number of slots per row; number of all slots
-uniform int first, last;       // numbers of the looks to compute
-uniform sampler2D lights;      // outputs of lamps.glsl; the mean over the parts of a look is added
-uniform int parts;             // number of parts, one below the other; 0: no light from lamps
-layout(location = 0) out vec4 out_sum;   // as in reduce_blocks.glsl
-layout(location = 1) out vec4 out_hits;  // likewise; w: variance of the luminance, if rays sampled it
+uniform int first, last;       // numbers of the first and last look to compute
+uniform sampler2D lights;      // R by lamps.glsl: `parts` estimates per look, whose mean is added
+uniform int parts;             // number of texels per look in `lights`, one below the other; 0: no lamps
+layout(location = 0) out vec4 out_sum;   // texture 0 of sbl__job.results
+layout(location = 1) out vec4 out_hits;  // texture 1 of sbl__job.results
 uniform sampler2D block_red, block_green, block_blue, lights_red, lights_green, lights_blue;
-uniform sampler2D block_even;  // corrections of the harmonics, out_even of trace.glsl
-uniform bool even;             // true: use block_even
+uniform sampler2D block_even;  // out_even of trace.glsl, which corrects the harmonics
+uniform bool even;             // true: add the correction by block_even
 #ifdef SBL_DIRECTIONAL
 layout(location = 2) out vec4 out_red;
 layout(location = 3) out vec4 out_green;
