@@ -3576,7 +3576,7 @@ static void sbl__check_pixels(sbl__check *check, const char *prefix, const sbl_t
 
 static void sbl__check_texture(sbl__check *check, const sbl_scene_desc *desc, int index) {
     const sbl_texture *t = &desc->textures[index];
-    sbl__check_object(check, SBL_LOG_ITEM_INVALID_TEXTURE, "texture", index + 1);  /* as in sbl_material */
+    sbl__check_object(check, SBL_LOG_ITEM_INVALID_TEXTURE, "texture", index + 1);  /* materials count from 1 */
     if (!sbl__check_int(check, "format", (int)t->format, 0, SBL_PIXEL_FORMAT_COUNT - 1)) return;
     sbl__check_int(check, "wrap", (int)t->wrap, 0, SBL_WRAP_COUNT - 1);
     if (t->pixels && t->gl_texture)
@@ -3715,7 +3715,7 @@ SBL__RECORD(sbl__attributes, SBL__ATTRIBUTES, "sbl_attributes", "sbl_attributes"
             NULL)
 
 /* id: sbl_mesh.id or, if that is 0, the mesh's index + 1. albedo_texture, emission_texture: first row in the texel
-   table, width, height, and kind (see >>textures); four zeroes if the object has no such texture */
+   table, width, height, and SBL__TEXTURE flags; four zeroes if the object has no such texture */
 #define SBL__OBJECT(X) \
     X(sbl__object, VEC3, albedo) X(sbl__object, FLOAT, alpha_cutoff) \
     X(sbl__object, VEC3, emission) X(sbl__object, UINT, flags) \
@@ -3735,7 +3735,7 @@ enum { SBL__POSITION_TABLE, SBL__ATTRIBUTE_TABLE, SBL__INDEX_TABLE, SBL__OBJECT_
 typedef struct sbl__geometry {
     sbl__mesh *meshes;
     int mesh_count;
-    float *lightmap_texcoords;     /* 2 floats per vertex; empty if no mesh has them */
+    float *lightmap_texcoords;     /* 2 floats per vertex of the scene; no elements if no mesh has them */
     float *positions, *normals;    /* in object space, 3 floats per vertex, for sbl_set_mesh_transform */
     sbl__vertex *vertices;
     sbl__attributes *attributes;
@@ -3902,7 +3902,7 @@ static void sbl__mesh_convert(sbl__geometry *g, const sbl__mesh_data *m, int num
         }
         sbl__triangle_normal(p, normal);
         if (normal[0] == 0 && normal[1] == 0 && normal[2] == 0) continue;
-        for (i = 0; i < 3; i++)  /* overwrites no later triangle of m->corners, which lies in g->indices, too */
+        for (i = 0; i < 3; i++)  /* m->corners is in g->indices, too; only corners already read are overwritten */
             g->indices[3 * (size_t)g->triangle_count + (size_t)i] = (uint32_t)g->vertex_count + corners[i];
         g->triangle_count++;
     }
@@ -4471,8 +4471,8 @@ static sbl_result sbl__solver_step(sbl__solver *s, sbl__slice *slice) {
 typedef struct sbl__textures {
     sbl__texture tables[2];    /* texel tables: [0] 8-bit sRGB, [1] 16-bit floats */
     /* Materials number textures from 1. Element 0 of the arrays stands for no texture. */
-    uint32_t (*places)[4];     /* first row in its table, width, height, kind; copied to sbl__object */
-    float *brightest;          /* largest component of any texel of the texture; always 1 if pixels are 8-bit sRGB */
+    uint32_t (*places)[4];     /* per texture: first row in its table, width, height, SBL__TEXTURE flags */
+    float *brightest;          /* per texture: largest component of its texels; 1 if 8-bit sRGB in client memory */
     int count;
     uint64_t hash;             /* hash of both tables' texels */
 } sbl__textures;
@@ -4742,7 +4742,7 @@ static const char *const sbl__glsl_material[] = {
 "// Radiance that a surface reflects. light: R at the surface\n",
 "vec3 sbl_reflected(sbl_Material m, vec3 light) { return m.albedo * light; }\n",
 "\n",
-"// Share of R that stays in the store at a bounce. It is below 1, so that light fades even in closed white rooms.\n",
+"// Albedo, as bounces in the store use it: limited below 1, so that light fades even in closed white rooms.\n",
 "vec3 sbl_bounced(sbl_Material m) { return clamp(m.albedo, 0.0, SBL_BOUNCE_ALBEDO); }\n",
 "\n",
 "// A reflected ray.\n",
@@ -6442,10 +6442,10 @@ typedef struct sbl__scene {
     sbl_draw_function draw;     /* NULL if the host draws nothing itself */
     void *draw_user;
     float draw_bounds[2][3];
-    float draw_brightest;       /* highest radiance that the host draws */
+    float draw_brightest;       /* desc.draw_max_radiance, by default 1: limit of the radiance that the host draws */
     int material_count;
     float brightest;            /* upper limit of the radiance of surfaces, the environment, and what the host draws */
-    unsigned features;          /* features that programs need for the scene */
+    unsigned features;          /* bits: features that programs need for the scene */
     uint32_t version;           /* changes with every change of the scene */
     uint32_t surfaces;          /* version number: every change of the scene gives a new one, except changes of
                                    emission and lights */
@@ -6485,7 +6485,7 @@ static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
                                       cells and cuts */
 
 /* Checks s->brightest. Decides whether tables are buffer textures or, if one exceeds the driver's limit for those, 2D
-   textures. Reduces the number of the store's leaves to what its tables hold. */
+   textures. In buffer textures, lowers the limit of the store's leaves to what they hold. */
 static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     const sbl_capabilities *c = &d->gl.capabilities;
     const sbl__geometry *g = &s->geometry;
@@ -6661,7 +6661,7 @@ static const char *const sbl__glsl_scene[] = {
 "uniform sbl_Texels sbl_indices;      // three vertex numbers per triangle\n",
 "uniform sampler2D sbl_texels_srgb;   // texel table of all 8-bit sRGB textures. Texel n of a texture is in column\n",
 "                                     // n % width of the table, n / width rows below the texture's first row.\n",
-"uniform sampler2D sbl_texels_float;  // texel table of all other textures\n",
+"uniform sampler2D sbl_texels_float;  // texel table, 16-bit floats, of all textures that are not 8-bit sRGB\n",
 "\n",
 "// Vertex numbers of a triangle of the scene.\n",
 "ivec3 sbl_corners(int triangle) {\n",
@@ -6678,7 +6678,7 @@ static const char *const sbl__glsl_scene[] = {
 "vec4 sbl_texel(uvec4 place, ivec2 at) {\n",
 "    ivec2 size = ivec2(place.yz);\n",
 "    if ((place.w & SBL_TEXTURE_CLAMPS) == 0u) at -= size * ivec2(floor(vec2(at) / vec2(size)));\n",
-"    at = clamp(at, ivec2(0), size - 1);  // far repeats: the quotient above may be rounded up\n",
+"    at = clamp(at, ivec2(0), size - 1);  // also for far repeats: the quotient above may be rounded up\n",
 "    bool srgb = (place.w & SBL_TEXTURE_KIND) == SBL_TEXTURE_SRGB;\n",
 "    int index = at.y * size.x + at.x;\n",
 "    int width = srgb ? textureSize(sbl_texels_srgb, 0).x : textureSize(sbl_texels_float, 0).x;\n",
@@ -6687,7 +6687,7 @@ static const char *const sbl__glsl_scene[] = {
 "}\n",
 "\n",
 "// Reads a texture with bilinear filtering of linear values. place: first row in the texel table, width, height,\n",
-"// kind; all 0: no texture. uv: (0, 0) is the outer corner of the first texel\n",
+"// SBL_TEXTURE flags; all 0: no texture. uv: (0, 0) is the outer corner of the first texel\n",
 "vec4 sbl_texture(uvec4 place, vec2 uv) {\n",
 "#if defined(SBL_TEXTURED) || defined(SBL_CUTOUTS)\n",
 "    if ((place.w & SBL_TEXTURE_CLAMPS) == 0u) uv -= floor(uv);\n",
@@ -6715,7 +6715,7 @@ static const char *const sbl__glsl_surface[] = {
 "    vec3 position, normal, geometric_normal;  // normals point against the ray\n",
 "    sbl_Material material;\n",
 "    vec3 emission;\n",
-"    float facet;                              // least height of the triangle\n",
+"    float facet;                              // smallest of the triangle's three heights, world units\n",
 "    float reach;                              // world distance of the first corner from 0 0 0, plus twice the\n",
 "                                              // longest side; rounding errors are in proportion to it\n",
 "    uint id;\n",
@@ -6868,7 +6868,7 @@ static void sbl__check_sensor_kind(sbl__check *check, const sbl_options *o, sbl_
 
 /* What the host requests of a front end's sensors. */
 typedef struct sbl__measurement {
-    sbl_options options;       /* with defaults; epsilon is at least 0. sbl__begin sets the back end */
+    sbl_options options;       /* with defaults; a negative epsilon is 0. sbl__begin replaces SBL_BACKEND_AUTO */
     sbl_sensor_kind sensor_kind;
     float sensor_fov;
     int look_rays, looks;      /* number of rays per look, and maximum number of looks; used if options.rays is 0 */
@@ -13815,7 +13815,7 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
 
 typedef struct sbl__gutters {
     int size[2];               /* width and height, texels */
-    float *light;              /* 4 floats per texel: R, and the texel's ring: 0 on charts, negative if none */
+    float *light;              /* 4 floats per texel: light of a layer, and the texel's ring: 0 on charts, -1: none */
     sbl__rings spread;
 } sbl__gutters;
 
@@ -13850,7 +13850,7 @@ static sbl_result sbl__gutters_begin(sbl__base *base, sbl__gutters *g, const int
     return g->light ? sbl__rings_make(base, &g->spread, (int)texels) : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Makes texels on charts the start of the rings. Before, g->light holds the output of the filter: R, and as fourth
+/* Makes texels on charts the start of the rings. Before, g->light holds the output of the filter: light, and as fourth
    float 1 on charts. The fourth float becomes the texel's ring. first, count: range of texels */
 static void sbl__gutters_put(sbl__gutters *g, int first, int count) {
     int i;
@@ -13891,18 +13891,19 @@ typedef struct sbl__seams {
     sbl__stages stages;
     const sbl__atlas *atlas;
     const sbl__gutters *light;
-    sbl__hash_table edges;      /* sides of triangles, by the positions of their ends */
+    sbl__hash_table edges;      /* sides of baked triangles, by the positions of their ends */
     sbl__seam_point *points;
     int point_count, point_room;
     int *unknown_of;            /* per texel: 1 + its number among the unknowns; 0: the texel does not change */
     int *texels;                /* per unknown: its texel */
     int unknown_count, unknown_room;
-    sbl__solver solver;         /* finds the change of each texel; its diagonal is 0 for channels kept at 0, else 1 */
-    int seams;                  /* number of seams */
-    int layer;                  /* layer of light; layer 0 is R, the others are harmonics and may be negative */
-    int rounds;                 /* how many times the equations of this layer have been solved so far */
+    sbl__solver solver;         /* finds the change of 3 channels per unknown; diagonal 0: the channel is kept at 0 */
+    int seams;                  /* number of seams, each a pair of edges */
+    int layer;                  /* index of the layer being sewn: 0 is R; the others are harmonics, maybe negative */
+    int rounds;                 /* how many solutions of this layer have made channels negative so far */
     int bound;                  /* 1 if the last solution made channels negative, which then were set to 0 */
-    float before, after;        /* largest differences across seams before and after solutions, luminance */
+    float before, after;        /* largest |luminance| of a difference across a seam, before the first solution and
+                                   after the last; not relative */
 } sbl__seams;
 
 static void sbl__seams_free(sbl__base *base, sbl__seams *s) {
@@ -14003,7 +14004,7 @@ static sbl_result sbl__seam_add(sbl__seams *s, const sbl__seam_point *p) {
 
 /* Adds points along a seam. ends: two vertices per side */
 static sbl_result sbl__seam_points(sbl__seams *s, const uint32_t ends[2][2]) {
-    double places[2][2][2], longest = 0;  /* positions in the map of side and end, texels */
+    double places[2][2][2], longest = 0;  /* [side][end]: x and y in the map, texels */
     int side, k, i, count;
     for (side = 0; side < 2; side++) {
         double dx, dy;
@@ -14067,9 +14068,8 @@ static void sbl__seam_term(void *user, int point, const double *direction, doubl
         product[3 * (size_t)p->unknowns[i / 3] + (size_t)i % 3] += (double)p->weights[i / 3] * difference[i % 3];
 }
 
-/* Measures the difference of light across the seam at one of its points. If a solution follows, also adds the point
-   to the right-hand side of the equations; if it is the first solution of a layer, marks the point's texels as free
-   to change in all channels. */
+/* Measures the difference of light across the seam at a point. If a solution follows, also adds the point to the
+   right-hand side; if it is the first of a layer, marks all channels of the point's texels as free to change. */
 static sbl_result sbl__seam_measure(void *work, int point) {
     sbl__seams *s = (sbl__seams *)work;
     const sbl__seam_point *p = &s->points[point];
@@ -14152,8 +14152,8 @@ static int sbl__seams_edges(void *work) { return 3 * ((sbl__seams *)work)->atlas
 static int sbl__seams_points(void *work) { return ((sbl__seams *)work)->point_count; }
 static int sbl__seams_unknowns(void *work) { return ((sbl__seams *)work)->unknown_count; }
 
-/* Does one piece of work. Returns SBL_SUCCESS when light is equal on both sides of all seams. The layers of a lightmap
-   must be sewn in ascending order; they share the points and the solver. */
+/* Does one piece of work. Returns SBL_SUCCESS when the layer is sewn. The layers of a lightmap must be sewn in
+   ascending order; they share the points and the solver. */
 static sbl_result sbl__seams_step(sbl__seams *s, const sbl__gutters *light, const sbl__atlas *atlas, int layer,
                                   sbl__slice *slice) {
     static const sbl__stage_row table[] = {
@@ -14202,8 +14202,8 @@ typedef struct sbl__work {
     sbl__stages stages;  /* position in the front end's table of stages */
     sbl__task task;      /* the current job, in front ends whose stages include sbl__work_sense */
     sbl__site *sites;    /* memory for the sites of the task */
-    sbl_reading *readings;  /* memory for its readings; NULL if the host has provided memory */
-    float store_share;   /* share of the progress that filling the store takes */
+    sbl_reading *readings;  /* memory for the task's readings; NULL if the host has provided memory */
+    float store_share;   /* share of the progress that filling the store takes; 0 if it need not be filled */
     float progress;      /* progress that the host has been told, 0 to 1; never decreases */
 } sbl__work;
 
@@ -14262,7 +14262,7 @@ static int sbl__work_site_count(void *work) { return ((const sbl__work *)work)->
 static sbl_result sbl__work_sense(void *work, sbl__slice *slice) {
     sbl__work *w = (sbl__work *)work;
     if (w->stages.at == 0) sbl__job_begin(&w->core->job, &w->core->scene, &w->task);
-    w->stages.at = 1;  /* the job has begun */
+    w->stages.at = 1;  /* 0: the job has not begun */
     return sbl__core_sense(w->core, slice);
 }
 
@@ -14303,7 +14303,7 @@ typedef struct sbl__map_image { sbl__texture texture; sbl__target target; } sbl_
 
 /* A layer of light on the GPU. */
 typedef struct sbl__map_layer {
-    sbl__texture light;         /* interpolated light; the alpha channel of layer 0 is its noise */
+    sbl__texture light;         /* interpolated light; alpha of layer 0: noise of R as in sbl__fill.rgba */
     sbl__map_image smooth;      /* filtered light */
 } sbl__map_layer;
 
@@ -14319,8 +14319,8 @@ typedef struct sbl__map {
     sbl__surface surface;
     sbl__gbuffer gbuffer;
     sbl__refine refine;
-    int layer;                  /* layer that is being developed, or that the front end's own stages finish */
-    int developed;              /* 1: R is final */
+    int layer;                  /* index of the layer that is being developed, or finished by the front end's stages */
+    int developed;              /* 1: R is final, because stage DEVELOP has finished layer 0 */
     sbl__stages developing;
     sbl__fill fill;
     sbl__map_layer layers[SBL__LAYERS];
@@ -14332,7 +14332,7 @@ typedef struct sbl__map {
     float finished;             /* share of the front end's own stages that is done, 0 to 1 */
 } sbl__map;
 
-#define SBL__READ_PIXELS 32768    /* number of pixels transferred between GPU and host at once */
+#define SBL__READ_PIXELS 32768    /* maximum pixels per transfer between GPU and host, but at least a row of the map */
 #define SBL__STORED_NOISE 0.1f    /* assumed relative noise of stored light, for the filter */
 #define SBL__PREVIEW_GROWTH 1.25  /* the next preview is made when the number of looks has grown by this factor */
 
@@ -14582,7 +14582,7 @@ static sbl_result sbl__map_filter(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS && m->developing.at < m->desc.height ? SBL_UNFINISHED : result;
 }
 
-/* Develops m->layer, piece by piece. */
+/* Interpolates, uploads and filters m->layer, piece by piece. */
 static sbl_result sbl__map_develop(void *work, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { sbl__map_fill, NULL, NULL, NULL },
@@ -14772,7 +14772,7 @@ enum { SBL__PICTURE_FINISH = SBL__MAP_END, SBL__PICTURE_SAMPLE, SBL__PICTURE_RES
 
 typedef struct sbl__picture {
     sbl__map map;               /* must be first, because pointers to the struct are cast to sbl__map * */
-    sbl__gbuffer sample;        /* G-buffer of the current anti-aliasing sample */
+    sbl__gbuffer sample;        /* G-buffer of the current anti-aliasing sample; not made if desc.samples is 1 */
     sbl__map_image finals[2];   /* sum over an even, and over an odd number of anti-aliasing samples */
     sbl__map_image preview;
     sbl__pace resolve_pace;
@@ -14841,7 +14841,7 @@ static sbl_result sbl__picture_compose(sbl__picture *p, int index, int count, co
     return result == SBL_SUCCESS && *row < m->desc.height ? SBL_UNFINISHED : result;
 }
 
-/* Composes the picture from the sample at pixel centres and from R as far as it is known. */
+/* Composes the preview from one sample per pixel, at its centre, and from R as developed last. */
 static sbl_result sbl__picture_compose_preview(sbl__picture *p, const sbl__slice *slice) {
     sbl_result result = SBL_SUCCESS;
     if (p->composed == 0) result = sbl__map_image_make(&p->map, 1, &p->preview);
@@ -14856,7 +14856,7 @@ static sbl_result sbl__picture_preview(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS ? sbl__picture_compose_preview((sbl__picture *)work, slice) : result;
 }
 
-/* Makes the textures of the last stages and, if the host reads channels, a preview with the final R. */
+/* Makes the textures of the last stages and, if m->watched, a preview with the final R. */
 static sbl_result sbl__picture_finish(void *work, sbl__slice *slice) {
     sbl__picture *p = (sbl__picture *)work;
     sbl__map *m = &p->map;
@@ -14913,11 +14913,11 @@ enum { SBL__LIGHTMAP_LIGHT = SBL__MAP_END, SBL__LIGHTMAP_GUTTERS, SBL__LIGHTMAP_
 typedef struct sbl__lightmap {
     sbl__map map;               /* must be first, because pointers to the struct are cast to sbl__map * */
     sbl__atlas atlas;
-    int gutter, sew;            /* width of gutters, texels; 1: seams are sewn */
+    int gutter, sew;            /* width of gutters, texels; 1: seams are sewn, if gutter is above 0 */
     sbl__gutters gutters;
     sbl__seams seams;
-    sbl__map_image finals[SBL__LAYERS];  /* finished layers */
-    sbl__map_image mean;        /* R of supersampled texels, without gutters */
+    sbl__map_image finals[SBL__LAYERS];  /* layers with gutters and sewn seams */
+    sbl__map_image mean;        /* if supersample is above 1: per texel, mean R of its working pixels; no gutters */
 } sbl__lightmap;
 
 static void sbl__lightmap_free(void *work) {
@@ -14997,7 +14997,7 @@ static sbl_result sbl__lightmap_read(void *work, sbl__slice *slice) {
     const int before = *visible;
     const sbl_result result = sbl__map_read(m, slice);
     if (!m->shown) return result;
-    *visible = before;  /* counts texels, not working pixels */
+    *visible = before;  /* sbl__map_read has counted working pixels; the statistic counts texels */
     for (; i < m->work.stages.at / m->across * m->size[0]; i++) *visible += sbl__lightmap_show(m, i) > 0;
     return result;
 }
@@ -15018,7 +15018,7 @@ static void sbl__lightmap_mean(const sbl__map *m, int texel, const float *data, 
     }
 }
 
-/* Reads rows of a layer into gutters.light, and starts gutters from them. */
+/* Reads rows of m->layer, as means over supersampled texels, into gutters.light, for sbl__gutters_put. */
 static sbl_result sbl__lightmap_light(void *work, sbl__slice *slice) {
     sbl__lightmap *l = (sbl__lightmap *)work;
     sbl__map *m = &l->map;
@@ -15226,7 +15226,7 @@ static const sbl__front_end sbl__readings_front_end = {
 
 #define SBL__VERTICES_MIN_POINTS 4      /* minimum number of points on a triangle, unless desc.samples is lower */
 #define SBL__VERTICES_MAX_RATIO 8       /* a triangle has at most this many times desc.samples points */
-#define SBL__VERTICES_MIN_AREA 1e-9f    /* minimum of sbl__vertices.areas; smaller triangles are given this area */
+#define SBL__VERTICES_MIN_AREA 1e-9f    /* minimum of sbl__vertices.areas, relative; smaller triangles get this area */
 #define SBL__VERTICES_AGREE 0.99985f    /* minimum cosine between the normals of welded vertices: 1 degree */
 #define SBL__VERTICES_BACK 0.9f         /* a point is rejected if back faces fill a larger share of its hemisphere */
 #define SBL__VERTICES_INSIDE_OUT 0.5    /* if more than this share of a mesh's points see mostly back faces, the mesh is
@@ -15234,8 +15234,8 @@ static const sbl__front_end sbl__readings_front_end = {
 #define SBL__VERTICES_SUMS 16           /* number of floats per triangle in sbl__vertices.sums */
 #define SBL__VERTICES_ROUNDING 1e-5f    /* a triangle has rejected points if the weights of its points sum to less than
                                            its area by more than this share of the area */
-#define SBL__VERTICES_SPRING 0.02f      /* weight of the mean squared difference between the light at the corners of a
-                                           triangle with rejected points, divided by the area of these points */
+#define SBL__VERTICES_SPRING 0.02f      /* weight, per area of rejected points, of the mean squared difference between
+                                           the light at two corners of their triangle */
 #define SBL__VERTICES_PRECISION 1e-6    /* ratio of the residual's norm to its first value at which the solver stops */
 #define SBL__VERTICES_RINGS 64          /* maximum number of edges over which light spreads to other vertices */
 #define SBL__VERTICES_LIT (-1)          /* in sbl__vertices.neighbours: the unknown has light */
@@ -15254,12 +15254,12 @@ typedef struct sbl__vertices_part {
     int mesh, first_vertex, first_triangle;
     int vertex_shift, triangle_shift;  /* number in the scene minus number here */
     double area;
-    double points, back_points;  /* number of valid points; number of valid points that see mostly back faces */
+    double points, back_points;  /* number of valid points; how many of them see mostly back faces */
 } sbl__vertices_part;
 
-/* An edge that two triangles share. sides: number of the edge as a side of each triangle, see >>topology. The sum
-   of the light at four corners times `weights` is the bend of the light across the edge; weights: the two corners
-   opposite the edge, then the two ends of the first side */
+/* An edge that two triangles share. sides: number of the edge as a side of each triangle, see >>topology. weights: for
+   the two corners opposite the edge, then the two ends of the first side. The sum of weight * light over these four is
+   the bend of the light across the edge; stage BEND multiplies it by a factor */
 typedef struct sbl__hinge { uint32_t sides[2]; float weights[4]; } sbl__hinge;
 
 /* Names a point by its triangle and its number among the points on that triangle, see sbl__vertices_point. */
@@ -15272,13 +15272,13 @@ typedef struct sbl__vertices {
     sbl__vertices_part *parts;
     int part_count, vertex_count, triangle_count;
     int64_t points, taken;      /* number of all points; number of points in the finished jobs */
-    sbl__vertices_place next_site, next_reading;  /* next point that stages SITES and TAKE process */
+    sbl__vertices_place next_site, next_reading;  /* next point of stage SITES; next point of stage TAKE */
     float *normals;             /* per vertex: sum of its triangles' unit normals; after stage WELD, its normal */
     uint32_t *unknowns;         /* per vertex: number of its unknown, which is the lowest number of the vertices that
                                    are welded to it; SBL__NONE if no triangle uses the vertex */
     sbl__hash_table places, ends;  /* vertices by position; sides by their ends */
-    uint32_t *corners;          /* per triangle: three unknowns */
-    float *areas;               /* per triangle: area relative to the mean of its mesh */
+    uint32_t *corners;          /* per triangle: three vertices; after stage SIDES, their unknowns */
+    float *areas;               /* per triangle: area; after stage SIDES, relative to the mean triangle of its mesh */
     float *sums;                /* per triangle: entries 00 01 02 11 12 22 of its symmetric matrix; the sum of its
                                    points' weights; rgb of the right-hand side for each corner */
     float *back_sums;           /* sums over the points that see mostly back faces, laid out like sums; NULL if there
@@ -15779,7 +15779,7 @@ static double *sbl__vertices_seconds(const void *work) {
     return w->stages.stage < SBL__VERTICES_SENSE ? &w->core->stats.seconds.surface : &w->core->stats.seconds.refine;
 }
 
-#define SBL__VERTICES_SENSING 0.95f  /* share of the progress that belongs to the jobs */
+#define SBL__VERTICES_SENSING 0.95f  /* progress when all points are measured */
 
 static float sbl__vertices_progress(const void *work) {
     const sbl__vertices *s = (const sbl__vertices *)work;
@@ -15832,7 +15832,7 @@ static const sbl__front_end sbl__vertices_front_end = {
                                       that a ratio estimate needs (SBL_SPARSE in lamps.glsl) */
 #define SBL__PROBE_LAMP_MOST 256   /* maximum number of rays that a look of HEMISPHERES sends to lamps */
 #define SBL__PROBE_INSIDE 0.25     /* a probe is inside something if more than this share of its rays hit back faces */
-#define SBL__PROBE_BEYOND 0.125    /* distance that a probe moves beyond a back face, as a share of desc.move */
+#define SBL__PROBE_BEYOND 0.125    /* largest distance that a probe moves beyond a back face / desc.move */
 #define SBL__PROBE_BARELY 0.015625 /* if desc.move limits the distance beyond a back face to less than this share of
                                       desc.move, the probe does not move through that face */
 
@@ -15843,11 +15843,11 @@ enum { SBL__PROBES_PREPARE, SBL__PROBES_SETUP, SBL__PROBES_SITES, SBL__PROBES_SE
 
 /* A probe of the batch, and sums over the readings of its sites in the current round. */
 typedef struct sbl__probe_sum {
-    int number, invalid;           /* index of the probe in desc.probes; 1: a reading of the round is not valid */
+    int number, invalid;           /* index of the probe in desc.probes; 1 if any reading of the round is not valid */
     float position[3];             /* world position in this round */
-    double sh[9][3], cube[6][3];   /* see sbl_probe */
+    double sh[9][3], cube[6][3];   /* weighted sums that become the fields of sbl_probe */
     double hits, back;             /* number of rays that hit a surface; number of these that hit a back face */
-    double weight[8], distance[8], squared[8];  /* per octant: sums of weights, weighted distances and their squares */
+    double weight[8], distance[8], squared[8];  /* per octant: sums of w, w * distance, w * distance^2 */
     float exits[8][4];             /* per octant: direction and distance of the nearest back face, seen from the
                                       position that the host wants. Distance 0: there is none, or the probe has moved
                                       through it already */
@@ -15860,8 +15860,8 @@ typedef struct sbl__probes {
     int lamps_apart;               /* 1: sensors trace rays, so HEMISPHERES measure only the light from lamps */
     int rings, around;             /* number of rings of normals; number of normals on a ring */
     double ring[SBL__PROBE_RINGS], ring_weight[SBL__PROBE_RINGS];  /* z of each ring, 0 to 1; weights, whose sum is 1 */
-    uint32_t *sequence;            /* directions of a probe's rays, see sbl__sequence_at */
-    sbl__probe_sum *sums;          /* one entry for each probe that is measured in this round */
+    uint32_t *sequence;            /* sbl__sequence_at makes the directions of a probe's rays from it */
+    sbl__probe_sum *sums;          /* one entry for each probe of the batch that is measured in this round */
     int first, taken;              /* first probe of the batch; number of probes in the batch */
     int count, round;              /* number of entries in sums; number of the round, from 0 */
     int kind, from;                /* kind of the current job's sites, SBL__PROBE_HEMISPHERES or SBL__PROBE_RAYS;
@@ -16401,8 +16401,8 @@ static void sbl__inspect_views(sbl__inspect_request *k) {
 
 /* >>inspect: rays towards lamps */
 
-/* Evaluates the outputs of an invocation of lamps.glsl, out_light and out_way. is_ray: 1 if the invocation traced a
-   ray; 0 if it describes one of the lamps or clusters that the look chose */
+/* Adds the outputs out_light and out_way of an invocation of lamps.glsl to the result. is_ray: 1 if the invocation
+   traced a ray; 0 if it describes one of the lamps or clusters that the look chose */
 static void sbl__inspect_take(sbl__inspect_request *k, const float *light, const float *way, int is_ray) {
     const int state = (int)light[3], lamp = state ? sbl__inspect_lamp(k, (int)way[3]) : 0;
     sbl_sensor_lamp *l = &k->found->lamps[lamp];
@@ -16418,7 +16418,7 @@ static void sbl__inspect_take(sbl__inspect_request *k, const float *light, const
         memcpy(l->unhindered, light, sizeof l->unhindered);
 }
 
-/* Reads the light from lamps that the job has measured, then traces the rays towards lamps again to read them. */
+/* Reads the sum of light from lamps, measured by the job, then traces its rays towards lamps again to read each. */
 static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
     sbl__device *d = &k->core->device;
     const sbl__job *j = &k->found->job;
@@ -17176,7 +17176,7 @@ SBL_API int sbl_channel_components(sbl_channel channel) {
     return (int)channel >= 0 && channel < SBL_CHANNEL_COUNT ? sbl__channels[channel].components : 0;
 }
 
-/* Returns SBL_SUCCESS if channels can be read. Makes a preview first if the map is not finished. */
+/* Makes a preview if the map is not finished. SBL_SUCCESS: channels can be read; SBL_UNFINISHED: it is too early. */
 static sbl_result sbl__channel_ready(sbl_context *c, const char *function) {
     sbl__visit visit;
     sbl_result result;

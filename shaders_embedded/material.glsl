@@ -66,7 +66,7 @@ vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {
 // Radiance that a surface reflects. light: R at the surface
 vec3 sbl_reflected(sbl_Material m, vec3 light) { return m.albedo * light; }
 
-// Share of R that stays in the store at a bounce. It is below 1, so that light fades even in closed white rooms.
+// Albedo, as bounces in the store use it: limited below 1, so that light fades even in closed white rooms.
 vec3 sbl_bounced(sbl_Material m) { return clamp(m.albedo, 0.0, SBL_BOUNCE_ALBEDO); }
 
 // A reflected ray.

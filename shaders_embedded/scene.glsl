@@ -2,7 +2,7 @@
 uniform sbl_Texels sbl_indices;      // three vertex numbers per triangle
 uniform sampler2D sbl_texels_srgb;   // texel table of all 8-bit sRGB textures. Texel n of a texture is in column
                                      // n % width of the table, n / width rows below the texture's first row.
-uniform sampler2D sbl_texels_float;  // texel table of all other textures
+uniform sampler2D sbl_texels_float;  // texel table, 16-bit floats, of all textures that are not 8-bit sRGB
 
 // Vertex numbers of a triangle of the scene.
 ivec3 sbl_corners(int triangle) {
@@ -19,7 +19,7 @@ vec4 sbl_unpack_color(uint rg, uint ba) { return vec4(rg & 65535u, rg >> 16, ba 
 vec4 sbl_texel(uvec4 place, ivec2 at) {
     ivec2 size = ivec2(place.yz);
     if ((place.w & SBL_TEXTURE_CLAMPS) == 0u) at -= size * ivec2(floor(vec2(at) / vec2(size)));
-    at = clamp(at, ivec2(0), size - 1);  // far repeats: the quotient above may be rounded up
+    at = clamp(at, ivec2(0), size - 1);  // also for far repeats: the quotient above may be rounded up
     bool srgb = (place.w & SBL_TEXTURE_KIND) == SBL_TEXTURE_SRGB;
     int index = at.y * size.x + at.x;
     int width = srgb ? textureSize(sbl_texels_srgb, 0).x : textureSize(sbl_texels_float, 0).x;
@@ -28,7 +28,7 @@ vec4 sbl_texel(uvec4 place, ivec2 at) {
 }
 
 // Reads a texture with bilinear filtering of linear values. place: first row in the texel table, width, height,
-// kind; all 0: no texture. uv: (0, 0) is the outer corner of the first texel
+// SBL_TEXTURE flags; all 0: no texture. uv: (0, 0) is the outer corner of the first texel
 vec4 sbl_texture(uvec4 place, vec2 uv) {
 #if defined(SBL_TEXTURED) || defined(SBL_CUTOUTS)
     if ((place.w & SBL_TEXTURE_CLAMPS) == 0u) uv -= floor(uv);

@@ -4,7 +4,7 @@ struct sbl_Surface {
     vec3 position, normal, geometric_normal;  // normals point against the ray
     sbl_Material material;
     vec3 emission;
-    float facet;                              // least height of the triangle
+    float facet;                              // smallest of the triangle's three heights, world units
     float reach;                              // world distance of the first corner from 0 0 0, plus twice the
                                               // longest side; rounding errors are in proportion to it
     uint id;
