@@ -1563,7 +1563,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    cut                                                  a plane that divides a cell
    leaf         sbl__leaf         >>store               part of a cell, with one value of R (>>bvh, >>lamps: of a tree)
    store        sbl__store        >>store >>textures    the bounced light of the scene: all cells and their R
-   point                                                a place in a leaf where its light is measured
+   point                                                a place where light is measured: in a leaf, or on a triangle
    ring                                                 things equally many steps away from those that have values
    hierarchy    sbl__bvh          >>bvh                 the bounding volume hierarchy over all triangles
    lamp         sbl__lamp         >>lamps               an emitting triangle, a light or a bright texel of the sky
@@ -1605,8 +1605,8 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    To add a front end:
        write a room like >>gather, which is the shortest. Its struct begins with an sbl__work; its sbl__front_end names
        its functions and its table of stages, in which a loop over many items is a row with turn and count. The stages
-       call sbl__prepare (hierarchy, lamps, store), sbl__spec_make (how to measure), sbl__job_begin with a task (sites
-       and readings), then sbl__job_step until the job is done. sbl__job.results holds the readings on the GPU as well.
+       call sbl__work_prepare (hierarchy, lamps, store), sbl__work_make_task (how to measure, and memory), then for each
+       job a loop that makes its sites, and sbl__work_sense. sbl__job.results holds the readings on the GPU as well.
        Add a row to SBL__FRONT_ENDS (>>public), and declare the descriptor and the two functions in the interface.
 
    To add a kind of light:
@@ -2475,10 +2475,11 @@ typedef struct sbl__record {
 #define SBL__RGBE_BITS 8           /* bits of each of the three mantissas that sbl__rgbe stores */
 
 #define SBL__UNBOUNDED 1e30f           /* length of a ray without a limit; distance of a hit that does not exist */
-#define SBL__FRACTIONS 16777216.0      /* 2^24: shaders keep the upper 24 bits of an integer n that stands for n /
-                                          2^32, as many as a float has */
+#define SBL__FRACTIONS 16777216.0      /* 2^24: a 32-bit fraction becomes a float from 0 to 1 by division of
+                                          its upper 24 bits, as many as a float holds, by this */
 #define SBL__COLOR_MOST 65535.0f       /* integer that stands for 1 in a vertex colour */
-#define SBL__GUIDE_STEPS 65536.0       /* 2^16: a guide stores the bounds of intervals in units of 1 / this */
+#define SBL__GUIDE_STEPS 65536.0       /* 2^16: a guide divides 0 .. 1 into intervals, and stores where each begins
+                                          as a 16-bit integer: position * this */
 #define SBL__HARMONIC_0 0.28209479f    /* spherical harmonic of band 0: 1 / sqrt(4 pi) */
 #define SBL__HARMONIC_1 0.48860251f    /* factor of y, z and x in the spherical harmonics of band 1: sqrt(3 / (4 pi)) */
 #define SBL__BOUNCE_ALBEDO 0.98f       /* largest albedo in the computation of bounced light */
@@ -2516,7 +2517,8 @@ typedef struct sbl__record {
 
 #define SBL__PRELUDE_MOST 16384    /* size of the text that precedes the files of a shader, in characters */
 
-/* Appends to a string of `length` characters in an array of SBL__PRELUDE_MOST. Returns the new length. */
+/* Appends to a string of `length` characters in an array of SBL__PRELUDE_MOST, and drops what does not fit.
+   Returns the new length. */
 static size_t sbl__write(char *text, size_t length, const char *format, ...) {
     va_list arguments;
     int more;
@@ -4627,8 +4629,8 @@ static sbl_result sbl__textures_make(sbl__device *d, sbl__textures *s, const sbl
    How surfaces emit and reflect light, and where they have holes. Materials are read only here, for the CPU, and in
    material.glsl, for shaders. Both compute the same. */
 
-/* Copies a material into its mesh's object, and raises *brightest to the highest radiance that the material emits.
-   Returns the features that programs need for the material. */
+/* Copies a material into its mesh's object, and raises *brightest to an upper limit of the radiance that it emits:
+   its largest component, times that of the texture. Returns the features that programs need for the material. */
 static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *m, sbl__object *o, float *brightest) {
     memcpy(o->albedo, m->albedo, sizeof o->albedo);
     memcpy(o->emission, m->emission, sizeof o->emission);
@@ -4780,7 +4782,8 @@ typedef struct sbl__environment {
     int width, height;   /* size of the picture, texels */
     float axes[3][3];    /* the picture's x, up and z axes in world space: unit vectors */
     float limit;         /* radiance (largest component) above which a texel is a lamp; 0 if there is no picture */
-    float brightest;     /* largest component of the radiance from any direction, sky and picture together */
+    float brightest;     /* upper limit of the radiance from any direction: the largest component of the sky
+                            plus the largest component of any texel */
     sbl__texture texels; /* the picture on the GPU */
 } sbl__environment;
 
@@ -5017,7 +5020,8 @@ static float sbl__box_area(const sbl__box *b) {
 /* Bounds of triangles, and of their centroids multiplied by 2 */
 typedef struct sbl__bvh_bounds { sbl__box box, centroids; } sbl__bvh_bounds;
 
-/* A node to build, over triangles first .. first + count - 1 of the order. slot: its place in sbl__bvh.children */
+/* A node to build, over triangles first .. first + count - 1 of the order. slot: the element of sbl__bvh.children whose
+   last word receives the node's number */
 typedef struct sbl__bvh_task {
     int first, count, depth, slot;
     sbl__grid_node grid;
@@ -5329,7 +5333,8 @@ static int sbl__bvh_after_boxes(void *work) {
     if (h->triangle_count) {
         b->top = 1;
         task->count = h->triangle_count;
-        /* The grid is node 0. The word of slot 0 that this task sets is the grid's field `root`. */
+        /* The grid takes the place of node 0, so children[0][3], where this task with slot 0 writes the number of its
+           node, is the grid's field `root`. */
         h->grid = task->grid = sbl__bvh_add_grid(h, &task->bounds.box, 0);
     }
     return sbl__bvh_next_task(b);
@@ -5347,7 +5352,8 @@ static sbl_result sbl__bvh_cost(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Uploads the next piece of a table of `all` elements, from element stages.at on. Attaches the table at the end. */
+/* Uploads the next piece of a table of `all` elements of `size` bytes. from: elements stages.at and following. Advances
+   stages.at. Attaches the table after the last piece. */
 static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, size_t size, int all) {
     int *at = &b->stages.at;
     const int count = SBL__MIN(SBL__UPLOAD_CHUNK / (int)size, all - *at);
@@ -5429,13 +5435,15 @@ static void sbl__hierarchy_bind(sbl__device *d, const sbl__hierarchy *h) {
 /* >>glsl traverse: shaders_embedded/traverse.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_traverse[] = {
 "// Traces rays through the bounding volume hierarchy (see >>bvh in sbl.h).\n",
-"uniform vec3 grid_origin, grid_per_length;  // the grid over the scene, whose record is number 0\n",
-"uniform int node_count;                     // 0: the scene is empty\n",
+"uniform vec3 grid_origin;      // origin of the grid over the scene, as in grid record number 0\n",
+"uniform vec3 grid_per_length;  // steps of that grid per unit of length\n",
+"uniform int node_count;        // 0: the scene is empty\n",
 "\n",
 "const int SBL_HOLES = 64;             // largest number of holes of cut-out surfaces that a ray passes\n",
 "const int SBL_BOX_SLACK = 8;          // units in the last place, see Ize 2013, \"Robust BVH Ray Traversal\"\n",
-"const float SBL_SELF_DEEP = 1e-4;     // sbl_test checks hits nearer than this * triangle's depth for rounding\n",
-"const float SBL_SELF_WIDE = 2.4e-7;\n",
+"const float SBL_SELF_DEEP = 1e-4;     // a hit's distance is compared with its rounding error if it is at most\n",
+"                                      // this * largest distance of a corner from the origin along sbl_Ray.axis\n",
+"const float SBL_SELF_WIDE = 2.4e-7;   // the rounding error is this * deep * wide / abs(determinant), see sbl_test\n",
 "\n",
 "// Attributes at barycentrics b1, b2 of a triangle of sbl_triangles.\n",
 "sbl_Attributes sbl_attributes_at(int triangle, float b1, float b2) {\n",
@@ -5483,9 +5491,9 @@ static const char *const sbl__glsl_traverse[] = {
 "    vec3 origin;\n",
 "    int axis;\n",
 "    vec2 shear;\n",
-"    float z, per_z;\n",
-"    float after;  // hits at a lower distance are ignored\n",
-"    int past;     // hits at the distance `after` are ignored if the triangle's number is at most this\n",
+"    float z, per_z;  // the direction's component along the axis, and its reciprocal\n",
+"    float after;     // hits at a lower distance are ignored\n",
+"    int past;        // hits at the distance `after` are ignored if the triangle's number is at most this\n",
 "};\n",
 "\n",
 "vec3 sbl_turn(vec3 v, int axis) { return axis == 0 ? v.yzx : axis == 1 ? v.zxy : v; }\n",
@@ -5507,7 +5515,7 @@ static const char *const sbl__glsl_traverse[] = {
 "    bool inside = (front || back) && determinant != 0.0;\n",
 "    float l = (u * p.z + v * q.z + w * r.z) * ray.per_z / determinant;\n",
 "    // Rounding must not cause a hit of a triangle close to the ray's origin, such as the one that it starts on. A\n",
-"    // hit nearer than SBL_SELF_DEEP of the triangle's depth counts only if it is farther than the rounding error,\n",
+"    // hit nearer than SBL_SELF_DEEP * deep counts only if its distance is larger than the rounding error,\n",
 "    // which is larger for thin triangles.\n",
 "    float deep = max(abs(p.z), max(abs(q.z), abs(r.z)));\n",
 "    float wide = max(dot(p.xy, p.xy), max(dot(q.xy, q.xy), dot(r.xy, r.xy)));\n",
@@ -6206,7 +6214,7 @@ typedef struct sbl__patching {     /* state of dividing the scene into patches *
     uint32_t *welded;              /* for each vertex, the first vertex at the same position */
     uint32_t *corners;             /* three welded vertices per triangle */
     uint32_t *parents;             /* union-find forest of triangles; each root stands for a patch, see sbl__root */
-    sbl__patch *patches;           /* indexed by their roots */
+    sbl__patch *patches;           /* one per triangle; a patch is at the index of its root triangle */
     double area;                   /* area of all patches that sensors see */
     double least;                  /* patches with a smaller area are joined into one patch per mesh, world units
                                       squared */
@@ -6444,7 +6452,7 @@ typedef struct sbl__scene {
     float draw_bounds[2][3];
     float draw_brightest;       /* highest radiance that the host draws */
     int material_count;
-    float brightest;            /* highest radiance of any surface, the sky, or what the host draws */
+    float brightest;            /* upper limit of the radiance of surfaces, the environment, and what the host draws */
     unsigned features;          /* features that programs need for the scene */
     uint32_t version;           /* changes with every change of the scene */
     uint32_t surfaces;          /* version number: every change of the scene gives a new one, except changes of
@@ -6481,7 +6489,8 @@ static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
 }
 
 #define SBL__STORE_LEAVES 49152    /* default limit of the store's leaves, which the interface calls cells */
-#define SBL__STORE_TEXELS 8        /* limit of the texels of the store's table per leaf, with all cells and cuts */
+#define SBL__STORE_TEXELS 8        /* texels that the store's table may need per leaf: the leaf, and its share of all
+                                      cells and cuts */
 
 /* Checks s->brightest. Decides whether tables are buffer textures or, if one exceeds the driver's limit for those, 2D
    textures. Reduces the number of the store's leaves to what its tables hold. */
@@ -6489,7 +6498,8 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     const sbl_capabilities *c = &d->gl.capabilities;
     const sbl__geometry *g = &s->geometry;
     const double lamps = sbl__lamps_most(g, &s->environment, s->lights.count), limit = c->max_texture_buffer_size;
-    /* the longest table: 3 texels per triangle, and a few for grids; 2 per vertex; 5 per mesh; 9 per lamp */
+    /* texels of the longest table: 3 per triangle, and a few for grids; 2 per vertex; 5 per mesh; or 9 per lamp, and 3
+       more per light of the host */
     const double texels = SBL__MAX(SBL__MAX(3.0 * g->triangle_count + 8, 2.0 * g->vertex_count),
                                    SBL__MAX(5.0 * g->mesh_count, 9 * lamps + 3.0 * s->lights.count));
     double most = c->max_texture_size < SBL__TEXELS_ACROSS ? 0 : (c->max_texture_size - 1) * (double)SBL__TEXELS_ACROSS;
@@ -6766,7 +6776,8 @@ static const char *const sbl__glsl_surface[] = {
 "    sbl_Surface s;\n",
 "    s.position = f.p0 + (b1 * f.e1 + b2 * f.e2);\n",
 "    vec3 across = cross(f.s1, f.s2), s3 = f.s2 - f.s1;\n",
-"    float widest = max(max(abs(across.x), abs(across.y)), abs(across.z));  // normalize needs more than 1e-15\n",
+"    float widest = max(max(abs(across.x), abs(across.y)), abs(across.z));\n",
+"    // shorter vectors are scaled first, because their squared length may underflow in normalize\n",
 "    vec3 face = normalize(widest > 1e-15 ? across : widest > 0.0 ? across / widest : -direction);\n",
 "    float longest = sqrt(max(dot(f.s1, f.s1), max(dot(f.s2, f.s2), dot(s3, s3))));\n",
 "    s.facet = f.size * length(across) / longest;\n",
@@ -8309,7 +8320,7 @@ static float sbl__guide_smooth(const float *found, int ring, int sector) {
     return sum;
 }
 
-/* Divides 0 .. 65536 into `count` intervals and writes where each begins, as 16-bit numbers, two per word. The part
+/* Divides 0 .. SBL__GUIDE_STEPS into `count` intervals and writes where each begins, two 16-bit numbers per word. Part
    `even` (0 to 1) of the range, or all of it if all shares are 0, is divided equally, the rest by the shares. */
 static void sbl__guide_intervals(const float *shares, int count, double even, uint32_t *words) {
     double all = 0, sum = 0;
@@ -8719,6 +8730,7 @@ static const char *const sbl__glsl_lamps[] = {
 "const float SBL_POINT_WEIGHT[2] = float[2](0.223381589678011, 0.109951743655322);\n",
 "const float SBL_BEFORE_LAMP = 0.99999;  // share of the distance to a lamp along which a ray is traced\n",
 "\n",
+"// A lamp as the sensor sees it. \"triangle:\", \"texel:\" and \"light:\" name the kinds of lamp that have a field.\n",
 "struct sbl_Lamp {\n",
 "    uint kind;\n",
 "    vec3 brightness;           // triangle: radiance; texel: radiance * solid angle; light: irradiance of a surface\n",
@@ -8726,7 +8738,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    vec3 corner;               // triangle: first corner, relative to the sensor; else unit direction to the centre\n",
 "    vec3 side_1, side_2;       // triangle: vectors from the first corner to the other corners\n",
 "    float away, radius, sine2; // light: distance, radius, squared sine of half the angle that it subtends\n",
-"    ivec2 texel;               // texel: column and row\n",
+"    ivec2 texel;               // texel: its column and row in the environment's picture\n",
 "    int triangle, number;      // triangle: its number in the hierarchy's order and in the scene; else number is -1\n",
 "    vec2 group;                // (0, 1) if it is a triangle that shows the sensor its back; else (1, 0)\n",
 "};\n",
@@ -9034,19 +9046,21 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// >>choose\n",
 "\n",
-"int entries[SBL_LAMPS];      // n >= 0: lamp number n; n < 0: the cluster of node -1 - n. Point lights fill the\n",
-"                             // array from its end\n",
-"float strengths[SBL_LAMPS];  // cumulative sums of the entries' strengths (approximate light)\n",
-"int used, certain;           // number of entries without point lights; number of point lights\n",
-"float total, crowd;          // sum of the strengths; sum of the squared strengths\n",
-"float crowd_within;          // estimate of the sum of squared strengths if all lamps of clusters were entries\n",
-"mat2x3 whole;                // light of single lamps if unobstructed, by group (see sbl_Lamp). Each group has its\n",
-"                             // own ratio, because one side of a closed mesh hides the other\n",
+"int entries[SBL_LAMPS];      // n >= 0: lamp number n; n < 0: the cluster of node -1 - n. The first SBL_CERTAIN\n",
+"                             // point lights fill the array from its end\n",
+"float strengths[SBL_LAMPS];  // [i]: sum of the strengths (approximate light) of entries 0 to i\n",
+"int used, certain;           // number of entries from the array's start on; number of point lights at its end\n",
+"float total, crowd;          // sum of the strengths of the `used` entries; sum of their squared strengths\n",
+"float crowd_within;          // estimate of what `crowd` would be if all lamps of clusters were entries\n",
+"mat2x3 whole;                // by group (see sbl_Lamp): unobstructed light of lamps that are entries themselves,\n",
+"                             // except texels and the `certain` point lights. Each group has its own ratio seen /\n",
+"                             // open, because one side of a closed mesh hides the other\n",
 "bool rounded = false;        // true: some entries are round lamps\n",
-"mat3x4 whole_harmonics[2];   // harmonics of `whole`\n",
+"mat3x4 whole_harmonics[2];   // by group: harmonics of `whole`\n",
 "\n",
-"// Adds node i to the entries, skips it, or descends into it; or adds leaf i if all lamps fit. Returns the next\n",
-"// node or leaf, or `limit` if the entries are full. last: true: never descends below a cluster\n",
+"// Adds node i to the entries, skips it, or descends into it. Returns the next node, or `limit`, the number of all\n",
+"// nodes, if the entries are full. If all lamps fit, i and limit count leaves instead. opening: a node is one entry\n",
+"// if its radius is below this share of its distance. last: true: a node of any size is one entry\n",
 "int sbl_consider(int i, int limit, float opening, bool last, out bool full) {\n",
 "    int leaf = i, next = i + 1, lamps = 1;\n",
 "    float strength = 0.0;\n",
@@ -10260,11 +10274,11 @@ static float sbl__spec_layer_noise(const sbl__spec *spec) {
 }
 
 /* Gets the size of a look's sheet: the texels of its views, or one row with a texel per ray. */
-static void sbl__spec_sheet(const sbl__spec *spec, int size[2]) {
+static void sbl__spec_sheet(const sbl__spec *spec, int *width, int *height) {
     sbl__layout layout;
     sbl__layout_make(&layout, spec->hemicube, SBL__MAX(spec->size, 1), spec->fov);
-    size[0] = spec->traced ? spec->rays : layout.sheet_width;
-    size[1] = spec->traced ? 1 : layout.sheet_height;
+    *width = spec->traced ? spec->rays : layout.sheet_width;
+    *height = spec->traced ? 1 : layout.sheet_height;
 }
 
 /* Returns 1 if sensors trace rays. The caller may then choose the number of rays per look, and whether a job traces
@@ -10900,7 +10914,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__BOUNCE_SHRINK_MOST 0.03  /* least factor by which the cells' area shrinks if leaves are left over */
 #define SBL__BOUNCE_POOL 16.0      /* limit of sbl__patching.pool. If leaves do not suffice even then, places
                                       without a leaf stay dark */
-/* least number of surface samples per area of a cell of level 0; the widest cells have 8 samples */
+/* least number of positions of surface samples per area of a cell of level 0: 8 per area of the widest cells */
 #define SBL__BOUNCE_SAMPLES_LEAST (8.0 / (1 << 2 * SBL__LEVEL_SHIFT * (SBL__LEVELS - 1)))
 #define SBL__BOUNCE_SAMPLE_RAYS 4
 #define SBL__BOUNCE_POINTS 4       /* points of a leaf */
@@ -10972,16 +10986,18 @@ typedef struct sbl__bounce {
     int point_count, point_room, state_room;
     sbl__hits hits;                  /* hits of the points' rays, SBL__BOUNCE_RAYS per point */
     sbl__patching patching;          /* this field and all below are dropped when the store is ready */
-    double samples_due;              /* number of surface samples due for the triangles visited so far */
+    double samples_due;              /* number of positions due for surface samples on the triangles visited so far;
+                                        each position gets two samples, one on each side */
     sbl__hits samples;               /* surface samples: places spread over all surfaces */
-    sbl__hits queue;                 /* places that may become points: a part of samples, hits or `released` */
-    sbl__hits waiting;               /* hits in leaves that the next contact rays may cut; queued after the cuts */
-    sbl__hits released;              /* the previous `waiting`, while it is queued */
+    sbl__hits queue;                 /* places that may become points. Its list points into that of samples, hits or
+                                        released */
+    sbl__hits waiting;               /* places from the queue, in leaves that contact rays have yet to cut */
+    sbl__hits released;              /* the list of `waiting` until the last cuts; the queue points into it */
     sbl__hits contacts;              /* hits of contact rays */
     int cut_leaves;                  /* number of leaves that contact rays have cut */
     int points_cast;                 /* number of points whose rays have been cast */
-    uint32_t *sequence;              /* low-discrepancy numbers from 0 to 1, in units of 2^-32, from which ray
-                                        directions are made */
+    uint32_t *sequence;              /* points of the unit square from which ray directions are made: two
+                                        coordinates per point, in units of 2^-32, see sbl__sequence_make */
     struct { uint32_t place; float normal[3], offset; } origin;  /* result of the last sbl__place_normal */
     sbl__site *sites;                /* the job's sites: points, then places in the air */
     sbl_reading *readings;
@@ -11206,8 +11222,8 @@ static int sbl__hits_add(sbl__bounce *b, sbl__hits *to, const sbl__hit *hit) {
     return 1;
 }
 
-/* Sets a triangle's patch word, and adds surface samples at random positions on both sides: one per area of a cell of
-   the first size. b->samples_due carries fractions over to the next triangle. */
+/* Sets a triangle's patch word, and adds surface samples at random positions, one on each side: a position per area of
+   a cell of the first size. b->samples_due carries fractions over to the next triangle. */
 static sbl_result sbl__bounce_sample(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const uint32_t triangle = (uint32_t)at;
@@ -11374,7 +11390,7 @@ static sbl_result sbl__bounce_cast_contacts(void *work, sbl__slice *slice) {
 
 /* The line along which an object stands on a flat surface. */
 typedef struct sbl__contact {
-    uint32_t patch;              /* word of the flat surface */
+    uint32_t patch;              /* patch word of the flat surface on which the object stands */
     uint32_t object;             /* identifies the object: its patch word | 1 if flat, or 2 * triangle */
     float normal[3], distance;   /* plane of the touching object: dot(normal, x) = distance */
     double from[3], along[3];    /* one end of the line, and the vector to the other end */
@@ -11562,7 +11578,8 @@ static int sbl__bounce_after_cuts(void *work) {
 
 /* >>bounce: rays */
 
-/* Makes a cosine-weighted ray from a place. number: index into b->sequence, which a hash of `seed` scrambles */
+/* Makes a cosine-weighted ray from a place. number: number of the point of b->sequence that chooses the
+   direction, after a hash of `seed` has scrambled it */
 static void sbl__bounce_surface_ray(sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number, sbl__cast *out) {
     const float *normal = b->origin.normal;
     int k;
@@ -11973,7 +11990,7 @@ static void sbl__bounce_free_temporary(const sbl__device *d, sbl__bounce *b) {
     memset(&b->patching, 0, sizeof *b - offsetof(sbl__bounce, patching));
 }
 
-/* Frees the filling in progress. */
+/* Frees all data of the filling of the store: what is being built, and the points and hits that a ready store keeps. */
 static void sbl__bounce_end(sbl__core *c) {
     sbl__bounce *b = c->bounce;
     if (!b) return;
@@ -14334,6 +14351,9 @@ typedef struct sbl__work {
     sbl__core *core;
     sbl__measurement measurement;
     sbl__stages stages;  /* position in the front end's table of stages */
+    sbl__task task;      /* the current job, in front ends whose stages include sbl__work_sense */
+    sbl__site *sites;    /* memory for the sites of the task */
+    sbl_reading *readings;  /* memory for its readings; NULL if the host has provided memory */
     float store_share;   /* share of the progress that filling the store takes */
     float progress;      /* progress that the host has been told, 0 to 1; never decreases */
 } sbl__work;
@@ -14367,23 +14387,44 @@ static sbl_result sbl__work_prepare(void *work, sbl__slice *slice) {
     return sbl__prepare(w->core, &w->measurement, slice);
 }
 
-/* Begins the job that sbl__work_sense does. */
-static void sbl__work_begin_job(const sbl__work *w, const sbl__spec *spec, const sbl__site *sites,
-                                sbl_reading *readings, int site_count) {
-    sbl__task task;
-    memset(&task, 0, sizeof task);
-    task.spec = *spec;
-    task.sites = sites;
-    task.readings = readings;
-    task.site_count = site_count;
-    sbl__job_begin(&w->core->job, &w->core->scene, &task);
+#define SBL__WORK_SITES 65536  /* maximum number of sites of a job */
+
+/* Sets the task's spec, and allocates its sites and, if `readings` is 1, its readings. count: number of sites of all
+   jobs */
+static sbl_result sbl__work_make_task(sbl__work *w, double count, int readings) {
+    const size_t room = (size_t)SBL__MIN(SBL__WORK_SITES, count);
+    sbl__base *base = &w->core->base;
+    sbl__spec_make(&w->task.spec, &w->measurement, &w->core->scene, &w->core->desc);
+    w->task.sites = w->sites = (sbl__site *)sbl__alloc_raw(base, room, sizeof *w->sites);
+    if (readings) w->task.readings = w->readings = (sbl_reading *)sbl__alloc_raw(base, room, sizeof *w->readings);
+    return w->sites && (!readings || w->readings) ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
+static void sbl__work_free_task(sbl__work *w) {
+    sbl__free(&w->core->base, w->sites);
+    sbl__free(&w->core->base, w->readings);
+    w->sites = NULL;
+    w->readings = NULL;
+}
+
+static int sbl__work_site_count(void *work) { return ((const sbl__work *)work)->task.site_count; }
+
+/* Measures the sites of the task. */
 static sbl_result sbl__work_sense(void *work, sbl__slice *slice) {
-    sbl__core *c = ((const sbl__work *)work)->core;
-    const sbl_result result = sbl__job_step(&c->device, &c->job, slice);
+    sbl__work *w = (sbl__work *)work;
+    sbl__core *c = w->core;
+    sbl_result result;
+    if (w->stages.at == 0) sbl__job_begin(&c->job, &c->scene, &w->task);
+    w->stages.at = 1;  /* the job has begun */
+    result = sbl__job_step(&c->device, &c->job, slice);
     if (result == SBL_SUCCESS) sbl__core_count(c);
     return result;
+}
+
+/* Returns how many sites of the task are measured. sense: the front end's stage that is sbl__work_sense */
+static double sbl__work_measured(const sbl__work *w, int sense) {
+    if (w->stages.stage != sense) return w->stages.stage > sense ? w->task.site_count : 0;
+    return w->stages.at ? (double)sbl__job_progress(&w->core->job) * w->task.site_count : 0;
 }
 
 /* The `seconds` of front ends whose stage 0 is sbl__work_prepare and whose other stages measure. */
@@ -15330,26 +15371,21 @@ static const sbl__front_end sbl__lightmap_front_end = {
 };
 
 /* ======================================================================================================== >>gather
-   The front end that measures the light at points of the host. It runs one job after the other, each with a limited
-   number of sites, so that memory stays bounded. */
+   The front end that measures the light at points of the host, in one job after the other. */
 
-#define SBL__GATHER_SITES 65536  /* maximum number of sites of a job */
-#define SBL__UNIT_SLACK 1e-6     /* a normal whose squared length differs from 1 by at most this is not normalized */
+#define SBL__UNIT_SLACK 1e-6     /* normals are normalized if their squared length differs from 1 by more than this */
 
-enum { SBL__GATHER_PREPARE, SBL__GATHER_SITES_NEXT, SBL__GATHER_SENSE, SBL__GATHER_DONE };
+enum { SBL__GATHER_PREPARE, SBL__GATHER_SETUP, SBL__GATHER_SITES, SBL__GATHER_SENSE, SBL__GATHER_DONE };
 
 typedef struct sbl__gathering {
     sbl__work work;             /* must be first, because pointers to the struct are cast to sbl__work * */
     sbl_readings_desc desc;     /* with defaults */
-    sbl__spec spec;
-    sbl__site *sites;           /* sites of the job */
-    int first, count;           /* index of the job's first site among desc.sites; number of the job's sites */
-    uint32_t passed;            /* number of sites before those that are now in desc.sites, see sbl__gathering_more */
+    int first;                  /* index of the current job's first site among desc.sites */
 } sbl__gathering;
 
 static void sbl__gathering_free(void *work) {
     sbl__gathering *g = (sbl__gathering *)work;
-    if (g->work.core) sbl__free(&g->work.core->base, g->sites);
+    if (g->work.core) sbl__work_free_task(&g->work);
     memset(g, 0, sizeof *g);
 }
 
@@ -15365,17 +15401,6 @@ static sbl_result sbl__gathering_begin(void *work, const void *desc) {
     return SBL_SUCCESS;
 }
 
-/* Starts a gathering again on new sites, which the caller has written to desc.sites. It must not be under way.
-   site_count: at most that of the first job, for which memory was allocated */
-static void sbl__gathering_more(sbl__gathering *g, int site_count) {
-    if (g->work.stages.stage == SBL__GATHER_DONE) {
-        g->passed += (uint32_t)g->desc.site_count;
-        g->work.stages.stage = SBL__GATHER_SITES_NEXT;
-    }
-    g->first = g->work.stages.at = 0;
-    g->desc.site_count = site_count;
-}
-
 static void sbl__unit_normal(const float from[3], float out[3]) {
     double n[3] = { from[0], from[1], from[2] };
     int k;
@@ -15383,64 +15408,61 @@ static void sbl__unit_normal(const float from[3], float out[3]) {
     for (k = 0; k < 3; k++) out[k] = (float)n[k];
 }
 
-/* Converts site `number` of desc.sites for the job. */
-static void sbl__site_make(const sbl__gathering *g, int number, sbl__site *out) {
-    const sbl_site *from = &g->desc.sites[number];
-    const float usual_offset = sbl__spec_offset(&g->spec, &g->work.core->scene, 0);
+/* Converts a site of the host, or of >>vertices, for a job. number: selects the rotation of the sensor */
+static void sbl__site_make(const sbl__work *w, const sbl_site *from, uint32_t number, sbl__site *out) {
+    const float usual_offset = sbl__spec_offset(&w->task.spec, &w->core->scene, 0);
     memcpy(out->position, from->position, sizeof out->position);
     sbl__unit_normal(from->normal, out->normal);
     sbl__unit_normal(sbl__all_zero(from->geometric_normal, 3) ? from->normal : from->geometric_normal,
                      out->geometric_normal);
     out->offset = from->offset > 0 ? from->offset : from->offset < 0 ? 0 : usual_offset;
-    out->number = g->passed + (uint32_t)number;
+    out->number = number;
     out->guide = out->first = 0;
     out->looks = 1;
 }
 
-static int sbl__gathering_after_prepare(void *work) {
+static sbl_result sbl__gathering_setup(void *work, sbl__slice *slice) {
     sbl__gathering *g = (sbl__gathering *)work;
-    const sbl__core *c = g->work.core;
-    sbl__spec_make(&g->spec, &g->work.measurement, &c->scene, &c->desc);
-    return g->desc.site_count ? SBL__GATHER_SITES_NEXT : SBL__GATHER_DONE;
+    (void)slice;
+    return sbl__work_make_task(&g->work, g->desc.site_count, 0);
 }
 
-/* Makes the sites of the next job, then begins the job. */
-static sbl_result sbl__gathering_sites(void *work, sbl__slice *slice) {
+static int sbl__gathering_next_job(void *work) {
     sbl__gathering *g = (sbl__gathering *)work;
-    int *at = &g->work.stages.at;
-    if (*at == 0) g->count = SBL__MIN(SBL__GATHER_SITES, g->desc.site_count - g->first);
-    if (!g->sites)
-        g->sites = (sbl__site *)sbl__alloc_raw(&g->work.core->base, (size_t)g->count, sizeof *g->sites);
-    if (!g->sites) return SBL_ERROR_OUT_OF_MEMORY;
-    for (; *at < g->count; ++*at) {
-        if (*at && sbl__late(slice)) return SBL_UNFINISHED;
-        sbl__site_make(g, g->first + *at, &g->sites[*at]);
-    }
-    sbl__work_begin_job(&g->work, &g->spec, g->sites, g->desc.readings + g->first, g->count);
+    if (g->first == g->desc.site_count) return SBL__GATHER_DONE;
+    g->work.task.readings = g->desc.readings + g->first;
+    g->work.task.site_count = SBL__MIN(SBL__WORK_SITES, g->desc.site_count - g->first);
+    return SBL__GATHER_SITES;
+}
+
+static sbl_result sbl__gathering_site(void *work, int at) {
+    sbl__gathering *g = (sbl__gathering *)work;
+    const int number = g->first + at;
+    sbl__site_make(&g->work, &g->desc.sites[number], (uint32_t)number, &g->work.sites[at]);
     return SBL_SUCCESS;
 }
 
 static int sbl__gathering_after_sense(void *work) {
     sbl__gathering *g = (sbl__gathering *)work;
     sbl_stats *stats = &g->work.core->stats;
+    const int count = g->work.task.site_count;
     int i;
-    stats->sensors.count += g->count;
-    for (i = g->first; i < g->first + g->count; i++) stats->sensors.invalid += !g->desc.readings[i].valid;
-    g->first += g->count;
-    return g->first < g->desc.site_count ? SBL__GATHER_SITES_NEXT : SBL__GATHER_DONE;
+    stats->sensors.count += count;
+    for (i = 0; i < count; i++) stats->sensors.invalid += !g->work.task.readings[i].valid;
+    g->first += count;
+    return sbl__gathering_next_job(g);
 }
 
 static float sbl__gathering_progress(const void *work) {
     const sbl__gathering *g = (const sbl__gathering *)work;
-    double done = g->first;
     if (sbl__work_is_done(&g->work)) return 1;
-    if (g->work.stages.stage == SBL__GATHER_SENSE) done += (double)sbl__job_progress(&g->work.core->job) * g->count;
-    return (float)(done / SBL__MAX(1, g->desc.site_count));
+    return (float)((g->first + sbl__work_measured(&g->work, SBL__GATHER_SENSE)) / SBL__MAX(1, g->desc.site_count));
 }
 
 static const sbl__stage_row sbl__gathering_stages[] = {
-    { sbl__work_prepare, sbl__gathering_after_prepare, NULL, NULL },
-    { sbl__gathering_sites, NULL, NULL, NULL },
+    { sbl__work_prepare, NULL, NULL, NULL },
+    { sbl__gathering_setup, sbl__gathering_next_job, NULL, NULL },
+    { NULL, NULL, sbl__gathering_site, sbl__work_site_count },
     { sbl__work_sense, sbl__gathering_after_sense, NULL, NULL }
 };
 static const sbl__front_end sbl__readings_front_end = {
@@ -15449,10 +15471,10 @@ static const sbl__front_end sbl__readings_front_end = {
 };
 
 /* ======================================================================================================== >>vertices
-   The front end for light at vertices (Kavan, Bargteil and Sloan 2011). Gathers measure R at points on the triangles.
-   An unknown x is the light at one vertex, or at several vertices that are welded because they share position and
-   normal. Hat functions h interpolate the unknowns over the triangles. Conjugate gradients solve the normal equations
-   that minimise the sum of
+   The front end for light at vertices (Kavan, Bargteil and Sloan 2011). R is measured at points on the triangles, in
+   one job after the other. An unknown x is the light at one vertex, or at several vertices that are welded because they
+   share position and normal. Hat functions h interpolate the unknowns over the triangles. Conjugate gradients solve the
+   normal equations that minimise the sum of
 
        weight (sum of x h - R)^2           for each point; weight is the point's share of its triangle's area
        smoothing area (slope - slope)^2    for each hinge, an edge that two triangles share; the slopes are those of
@@ -15461,28 +15483,27 @@ static const sbl__front_end sbl__readings_front_end = {
    Each triangle adds a 3 x 3 matrix, summed over its points; each hinge adds the outer product of its 4 weights. Areas
    are relative to the mean triangle area of the mesh. */
 
-#define SBL__VERTICES_POINTS 65536      /* maximum number of points per gather, so that each gather is one job */
-#define SBL__VERTICES_FEW 4             /* minimum number of points on a triangle, unless desc.samples is lower */
-#define SBL__VERTICES_MANY 8            /* maximum number of points on a triangle, divided by desc.samples */
-#define SBL__VERTICES_LEAST 1e-9f       /* minimum relative area; smaller triangles are treated as having this area */
+#define SBL__VERTICES_MIN_POINTS 4      /* minimum number of points on a triangle, unless desc.samples is lower */
+#define SBL__VERTICES_MAX_RATIO 8       /* a triangle has at most this many times desc.samples points */
+#define SBL__VERTICES_MIN_AREA 1e-9f    /* minimum of sbl__vertices.areas; smaller triangles are given this area */
 #define SBL__VERTICES_AGREE 0.99985f    /* minimum cosine between the normals of welded vertices: 1 degree */
 #define SBL__VERTICES_BACK 0.9f         /* a point is rejected if back faces fill a larger share of its hemisphere */
 #define SBL__VERTICES_INSIDE_OUT 0.5    /* if more than this share of a mesh's points see mostly back faces, the mesh is
                                            a room that is modelled inside out, and these points are used after all */
 #define SBL__VERTICES_SUMS 16           /* number of floats per triangle in sbl__vertices.sums */
-#define SBL__VERTICES_WHOLE 1e-5f       /* share of a triangle's area by which rounding may lower the sum of weights */
-#define SBL__VERTICES_SPRING 0.02f      /* stiffness of the springs between the corners of a triangle with rejected
-                                           points, relative to the area of these points */
-#define SBL__VERTICES_PRECISION 1e-6    /* accepted ratio of the residual's norm to its initial norm */
+#define SBL__VERTICES_ROUNDING 1e-5f    /* a triangle has rejected points if the weights of its points sum to less than
+                                           its area by more than this share of the area */
+#define SBL__VERTICES_SPRING 0.02f      /* weight of the mean squared difference between the light at the corners of a
+                                           triangle with rejected points, divided by the area of these points */
+#define SBL__VERTICES_PRECISION 1e-6    /* ratio of the residual's norm to its first value at which the solver stops */
 #define SBL__VERTICES_RINGS 64          /* maximum number of edges over which light spreads to other vertices */
-#define SBL__VERTICES_LIT (-1)          /* see sbl__vertices.neighbours */
+#define SBL__VERTICES_LIT (-1)          /* in sbl__vertices.neighbours: the unknown has light */
 
 enum {
-    SBL__VERTICES_FACES, SBL__VERTICES_WELD, SBL__VERTICES_SIDES, SBL__VERTICES_MAKE,
-    SBL__VERTICES_SITES, SBL__VERTICES_SENSE, SBL__VERTICES_TAKE,  /* the stages of one gather: make its sites,
-                                                                      measure, take the readings */
+    SBL__VERTICES_PREPARE, SBL__VERTICES_FACES, SBL__VERTICES_WELD, SBL__VERTICES_SIDES, SBL__VERTICES_SETUP,
+    SBL__VERTICES_SITES, SBL__VERTICES_SENSE, SBL__VERTICES_TAKE,  /* repeated for each job */
     SBL__VERTICES_MASS, SBL__VERTICES_BEND, SBL__VERTICES_SOLVE,
-    SBL__VERTICES_SPREAD, SBL__VERTICES_MEAN,                      /* a ring of unknowns without valid points */
+    SBL__VERTICES_SPREAD, SBL__VERTICES_MEAN,                      /* repeated for each ring around lit unknowns */
     SBL__VERTICES_WRITE, SBL__VERTICES_DONE
 };
 
@@ -15490,6 +15511,7 @@ enum {
    in the scene". */
 typedef struct sbl__vertices_part {
     int mesh, first_vertex, first_triangle;
+    int vertex_shift, triangle_shift;  /* number in the scene minus number here */
     double area;
     double points, back_points;  /* number of valid points; number of valid points that see mostly back faces */
 } sbl__vertices_part;
@@ -15508,13 +15530,9 @@ typedef struct sbl__vertices {
     sbl_vertices_desc desc;     /* with defaults */
     sbl__vertices_part *parts;
     int part_count, vertex_count, triangle_count;
-    sbl__gathering gathering;
-    sbl_site *sites;
-    sbl_reading *readings;
-    int site_count;             /* number of sites of the current gather */
-    double points, taken;       /* number of all points; number of points in the finished gathers */
-    sbl__vertices_place next, first;  /* point that is processed next; point of the current gather's first site */
-    float *normals;             /* per vertex: sum of its triangles' unit normals; after WELD: its normal */
+    int64_t points, taken;      /* number of all points; number of points in the finished jobs */
+    sbl__vertices_place next_site, next_reading;  /* next point that stages SITES and TAKE process */
+    float *normals;             /* per vertex: sum of its triangles' unit normals; after stage WELD, its normal */
     uint32_t *unknowns;         /* per vertex: number of its unknown, which is the lowest number of the vertices that
                                    are welded to it; SBL__NONE if no triangle uses the vertex */
     sbl__hash_table places, ends;  /* vertices by position; sides by their ends */
@@ -15530,21 +15548,21 @@ typedef struct sbl__vertices {
                                    sums of weighted light */
     int *neighbours;            /* per unknown: SBL__VERTICES_LIT if it has light; otherwise the number of neighbours
                                    that have light, each counted once per triangle */
-    int ring, reached;          /* number of rings of unknowns without points that have got light from their
-                                   neighbours; number of unknowns in the present ring */
+    int ring, reached;          /* number of rings of unknowns that have got their light from neighbours;
+                                   number of unknowns in the current ring */
 } sbl__vertices;
 
 static void sbl__vertices_free(void *work) {
     sbl__vertices *s = (sbl__vertices *)work;
-    void *const blocks[] = { s->parts, s->sites, s->readings, s->normals, s->unknowns, s->corners, s->areas,
-                             s->sums, s->back_sums, s->hinges, s->neighbours };
+    void *const blocks[] = { s->parts, s->normals, s->unknowns, s->corners, s->areas, s->sums, s->back_sums, s->hinges,
+                             s->neighbours };
     sbl__base *base = &s->work.core->base;
     int i;
     for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(base, blocks[i]);
     sbl__hash_table_free(base, &s->places);
     sbl__hash_table_free(base, &s->ends);
     sbl__solver_free(base, &s->solver);
-    sbl__gathering_free(&s->gathering);
+    sbl__work_free_task(&s->work);
     memset(s, 0, sizeof *s);
 }
 
@@ -15559,7 +15577,6 @@ static sbl_result sbl__vertices_begin(void *work, const void *desc) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl__core *c = s->work.core;
     const sbl__geometry *g = &c->scene.geometry;
-    sbl_readings_desc readings;
     size_t vertices, triangles;
     int i;
     s->desc = sbl_vertices_desc_defaults((const sbl_vertices_desc *)desc);
@@ -15571,11 +15588,11 @@ static sbl_result sbl__vertices_begin(void *work, const void *desc) {
         part->mesh = s->desc.mesh_count ? s->desc.meshes[i] : i;
         part->first_vertex = s->vertex_count;
         part->first_triangle = s->triangle_count;
+        part->vertex_shift = g->meshes[part->mesh].first_vertex - s->vertex_count;
+        part->triangle_shift = g->meshes[part->mesh].first_triangle - s->triangle_count;
         s->vertex_count += g->meshes[part->mesh].vertex_count;
         s->triangle_count += g->meshes[part->mesh].triangle_count;
     }
-    memset(&readings, 0, sizeof readings);
-    readings.options = s->desc.options;
     s->desc.meshes = NULL;
     vertices = (size_t)s->vertex_count;
     triangles = (size_t)s->triangle_count;
@@ -15588,23 +15605,16 @@ static sbl_result sbl__vertices_begin(void *work, const void *desc) {
         sbl__hash_table_make(&c->base, &s->ends, 3.0 * s->triangle_count) != SBL_SUCCESS)
         return SBL_ERROR_OUT_OF_MEMORY;
     memset(s->unknowns, 0xff, vertices * sizeof *s->unknowns);
-    return sbl__work_begin(&s->gathering.work, &sbl__readings_front_end, c, &s->work.measurement, &readings);
+    return SBL_SUCCESS;
 }
 
 /* >>vertices: welding */
 
 static const sbl__geometry *sbl__vertices_geometry(const sbl__vertices *s) { return &s->work.core->scene.geometry; }
 
-/* Returns the number in the scene of a triangle of part s->part. */
-static uint32_t sbl__vertices_triangle(const sbl__vertices *s, int triangle) {
-    const sbl__vertices_part *p = &s->parts[s->part];
-    return (uint32_t)(sbl__vertices_geometry(s)->meshes[p->mesh].first_triangle + triangle - p->first_triangle);
-}
-
-/* Converts the number of a vertex in the mesh of part s->part to its number in the scene. */
+/* Converts the number of a vertex of part s->part to its number in the scene. */
 static uint32_t sbl__vertices_vertex(const sbl__vertices *s, uint32_t vertex) {
-    const sbl__vertices_part *p = &s->parts[s->part];
-    return (uint32_t)sbl__vertices_geometry(s)->meshes[p->mesh].first_vertex + vertex - (uint32_t)p->first_vertex;
+    return vertex + (uint32_t)s->parts[s->part].vertex_shift;
 }
 
 /* Sets s->part to the part that contains a triangle or, if is_vertex is 1, a vertex, and returns the part. The search
@@ -15623,15 +15633,14 @@ static sbl_result sbl__vertices_face(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
     const sbl__geometry *g = sbl__vertices_geometry(s);
     sbl__vertices_part *part = sbl__vertices_part_of(s, triangle, 0);
-    const uint32_t number = sbl__vertices_triangle(s, triangle);
+    const uint32_t number = (uint32_t)(triangle + part->triangle_shift);
     double face[3];
     const double area = sbl__scene_normal(g, number, face);
     int i, k;
     s->areas[triangle] = (float)area;
     part->area += area;
     for (i = 0; i < 3; i++) {
-        const uint32_t vertex = g->indices[3 * (size_t)number + (size_t)i] -
-                                (uint32_t)g->meshes[part->mesh].first_vertex + (uint32_t)part->first_vertex;
+        const uint32_t vertex = g->indices[3 * (size_t)number + (size_t)i] - (uint32_t)part->vertex_shift;
         s->corners[3 * (size_t)triangle + (size_t)i] = s->unknowns[vertex] = vertex;
         for (k = 0; k < 3; k++) s->normals[3 * (size_t)vertex + (size_t)k] += (float)face[k];
     }
@@ -15719,8 +15728,8 @@ static sbl_result sbl__vertices_side(sbl__vertices *s, uint32_t side) {
 /* Returns the number of points on a triangle. */
 static int sbl__vertices_samples(const sbl__vertices *s, int triangle) {
     const double wanted = (double)s->areas[triangle] * s->desc.samples + 0.5;
-    const double most = SBL__VERTICES_MANY * s->desc.samples;
-    return SBL__MAX((int)SBL__MIN(wanted, most), SBL__MIN(SBL__VERTICES_FEW, s->desc.samples));
+    const double most = SBL__VERTICES_MAX_RATIO * s->desc.samples;
+    return SBL__MAX((int)SBL__MIN(wanted, most), SBL__MIN(SBL__VERTICES_MIN_POINTS, s->desc.samples));
 }
 
 /* Makes a triangle's area relative, counts its points, replaces its vertices by their unknowns, and adds its hinges. */
@@ -15733,7 +15742,7 @@ static sbl_result sbl__vertices_sides(void *work, int triangle) {
     sbl_result result = SBL_SUCCESS;
     uint32_t i;
     s->areas[triangle] = mean > 0 ? (float)(s->areas[triangle] / mean) : 1;
-    s->areas[triangle] = SBL__MAX(s->areas[triangle], SBL__VERTICES_LEAST);
+    s->areas[triangle] = SBL__MAX(s->areas[triangle], SBL__VERTICES_MIN_AREA);
     s->points += sbl__vertices_samples(s, triangle);
     for (i = 0; i < 3; i++) corners[i] = s->unknowns[corners[i]];
     for (i = 0; i < 3 && smooth && result == SBL_SUCCESS; i++)
@@ -15786,36 +15795,41 @@ static void sbl__vertices_site(const sbl__geometry *g, uint32_t number, const do
     }
 }
 
-/* Returns the triangle of point s->next, gets the point's barycentric weights, sets s->part to the triangle's part, and
-   advances s->next to the following point. */
-static int sbl__vertices_pass(sbl__vertices *s, double weights[3]) {
-    const int triangle = s->next.triangle;
+/* Returns the triangle of a point, gets the point's barycentric weights, sets s->part to the triangle's part, and
+   advances *place to the following point. */
+static int sbl__vertices_pass(sbl__vertices *s, sbl__vertices_place *place, double weights[3]) {
+    const int triangle = place->triangle;
     sbl__vertices_part_of(s, triangle, 0);
-    sbl__vertices_point(s->next.point, weights);
-    if (++s->next.point < sbl__vertices_samples(s, triangle)) return triangle;
-    s->next.point = 0;
-    s->next.triangle++;
+    sbl__vertices_point(place->point, weights);
+    if (++place->point < sbl__vertices_samples(s, triangle)) return triangle;
+    place->point = 0;
+    place->triangle++;
     return triangle;
 }
 
 static sbl_result sbl__vertices_ask(void *work, int site) {
     sbl__vertices *s = (sbl__vertices *)work;
+    sbl_site point;
     double h[3];
-    const int triangle = sbl__vertices_pass(s, h);
-    sbl__vertices_site(sbl__vertices_geometry(s), sbl__vertices_triangle(s, triangle), h, &s->sites[site]);
+    const int triangle = sbl__vertices_pass(s, &s->next_site, h);
+    const uint32_t number = (uint32_t)(triangle + s->parts[s->part].triangle_shift);
+    sbl__vertices_site(sbl__vertices_geometry(s), number, h, &point);
+    sbl__site_make(&s->work, &point, (uint32_t)(s->taken + site), &s->work.sites[site]);
     return SBL_SUCCESS;
 }
 
 /* Adds the reading of a point to the sums of its triangle, or to its back_sums if the point sees mostly back faces. */
 static sbl_result sbl__vertices_take(void *work, int site) {
     sbl__vertices *s = (sbl__vertices *)work;
-    const sbl_reading *r = &s->readings[site];
+    const sbl_reading *r = &s->work.readings[site];
     const int sees_back = r->back_share * r->hit_share > SBL__VERTICES_BACK;
     double h[3];
-    const int triangle = sbl__vertices_pass(s, h);
+    const int triangle = sbl__vertices_pass(s, &s->next_reading, h);
     const double weight = (double)s->areas[triangle] / sbl__vertices_samples(s, triangle);
     float *sums;
     int a, b, k;
+    s->work.core->stats.sensors.count++;
+    s->work.core->stats.sensors.invalid += !r->valid;
     if (!r->valid) return SBL_SUCCESS;
     s->parts[s->part].points += 1;
     s->parts[s->part].back_points += sees_back;
@@ -15856,7 +15870,7 @@ static sbl_result sbl__vertices_mass(void *work, int triangle) {
     for (k = 0; k < SBL__VERTICES_SUMS && inside_out; k++) sums[k] += s->back_sums[first + (size_t)k];
     if (!(sums[6] > 0)) return SBL_SUCCESS;
     missing = s->areas[triangle] - sums[6];
-    spring = missing > SBL__VERTICES_WHOLE * s->areas[triangle] ? SBL__VERTICES_SPRING * missing / 3 : 0;
+    spring = missing > SBL__VERTICES_ROUNDING * s->areas[triangle] ? SBL__VERTICES_SPRING * missing / 3 : 0;
     for (a = 0; a < 3; a++) {
         s->neighbours[corners[a]] = SBL__VERTICES_LIT;
         for (k = 0; k < 3; k++) s->solver.residual[3 * (size_t)corners[a] + (size_t)k] += sums[7 + 3 * a + k];
@@ -15869,9 +15883,9 @@ static sbl_result sbl__vertices_mass(void *work, int triangle) {
     return SBL_SUCCESS;
 }
 
-/* Multiplies the weights of a hinge by the square root of desc.smoothing times the smaller area of its two
-   triangles, and adds their squares to the diagonal of the normal equations. Of an area, only the share with valid
-   points counts. */
+/* Multiplies the weights of a hinge by the square root of desc.smoothing * area, and adds their squares to the diagonal
+   of the normal equations. The area is the smaller one of the two triangles, each without the share of its rejected
+   points. */
 static sbl_result sbl__vertices_bend(void *work, int hinge) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl__hinge *h = &s->hinges[hinge];
@@ -15889,7 +15903,8 @@ static sbl_result sbl__vertices_bend(void *work, int hinge) {
     return SBL_SUCCESS;
 }
 
-/* Adds one term of the matrix times the direction to the product. The terms are the triangles, then the hinges. */
+/* Adds one term of the normal equations' matrix, times `direction`, to `product`. There is one term for each triangle,
+   then one for each hinge. */
 static void sbl__vertices_term(void *user, int term, const double *direction, double *product) {
     const sbl__vertices *s = (const sbl__vertices *)user;
     const size_t triangle = (size_t)term;
@@ -15971,30 +15986,21 @@ static sbl_result sbl__vertices_write(void *work, int vertex) {
 
 /* >>vertices: stages */
 
-/* Allocates the memory for gathers, and sets up the solver. */
-static sbl_result sbl__vertices_make(void *work, sbl__slice *slice) {
+/* Allocates the sites, readings and sums, and sets up the solver. */
+static sbl_result sbl__vertices_setup(void *work, sbl__slice *slice) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl__base *base = &s->work.core->base;
-    const size_t most = (size_t)SBL__MIN(s->points, (double)SBL__VERTICES_POINTS);
     (void)slice;
     s->solver.user = s;
     s->solver.term = sbl__vertices_term;
     s->solver.term_count = s->triangle_count + s->hinge_count;
     s->solver.precision2 = SBL__VERTICES_PRECISION * SBL__VERTICES_PRECISION;
 
-    s->sites = (sbl_site *)sbl__alloc_raw(base, most, sizeof *s->sites);
-    s->readings = (sbl_reading *)sbl__alloc_raw(base, most, sizeof *s->readings);
     s->sums = (float *)sbl__alloc(base, (size_t)s->triangle_count, SBL__VERTICES_SUMS * sizeof *s->sums);
     s->neighbours = (int *)sbl__alloc(base, (size_t)s->vertex_count, sizeof *s->neighbours);
-    if (!s->sites || !s->readings || !s->sums || !s->neighbours) return SBL_ERROR_OUT_OF_MEMORY;
-    s->gathering.desc.sites = s->sites;
-    s->gathering.desc.readings = s->readings;
-    return sbl__solver_make(base, &s->solver, s->vertex_count);
-}
-
-static sbl_result sbl__vertices_sense(void *work, sbl__slice *slice) {
-    sbl__vertices *s = (sbl__vertices *)work;
-    return sbl__work_step(&s->gathering.work, slice);
+    if (!s->sums || !s->neighbours || sbl__solver_make(base, &s->solver, s->vertex_count) != SBL_SUCCESS)
+        return SBL_ERROR_OUT_OF_MEMORY;
+    return sbl__work_make_task(&s->work, (double)s->points, 1);
 }
 
 static sbl_result sbl__vertices_solve(void *work, sbl__slice *slice) {
@@ -16002,21 +16008,11 @@ static sbl_result sbl__vertices_solve(void *work, sbl__slice *slice) {
     return s->desc.average ? SBL_SUCCESS : sbl__solver_step(&s->solver, slice);
 }
 
-/* Ends the gather, if one was begun, and begins the next one. s->next passes over the points of a gather twice: in
-   SITES and, from s->first on, in TAKE. */
-static int sbl__vertices_next_gather(void *work) {
+static int sbl__vertices_next_job(void *work) {
     sbl__vertices *s = (sbl__vertices *)work;
-    s->taken += s->site_count;
-    s->site_count = (int)SBL__MIN(s->points - s->taken, (double)SBL__VERTICES_POINTS);
-    s->first = s->next;
-    return s->site_count ? SBL__VERTICES_SITES : SBL__VERTICES_MASS;
-}
-
-static int sbl__vertices_after_sites(void *work) {
-    sbl__vertices *s = (sbl__vertices *)work;
-    sbl__gathering_more(&s->gathering, s->site_count);
-    s->next = s->first;
-    return SBL__VERTICES_SENSE;
+    s->taken += s->work.task.site_count;
+    s->work.task.site_count = (int)SBL__MIN(s->points - s->taken, SBL__WORK_SITES);
+    return s->work.task.site_count ? SBL__VERTICES_SITES : SBL__VERTICES_MASS;
 }
 
 static int sbl__vertices_count(void *work) { return ((sbl__vertices *)work)->vertex_count; }
@@ -16025,11 +16021,12 @@ static int sbl__vertices_averages(void *work) {
 }
 static int sbl__vertices_triangles(void *work) { return ((sbl__vertices *)work)->triangle_count; }
 static int sbl__vertices_hinges(void *work) { return ((sbl__vertices *)work)->hinge_count; }
-static int sbl__vertices_sites(void *work) { return ((sbl__vertices *)work)->site_count; }
 
 /* Frees the memory, because only the sbl__work is needed when the work is done. */
 static int sbl__vertices_after_write(void *work) {
-    const sbl__work w = *(const sbl__work *)work;
+    sbl__work w;
+    sbl__work_free_task((sbl__work *)work);
+    w = *(const sbl__work *)work;
     sbl__vertices_free(work);
     *(sbl__work *)work = w;
     return SBL__VERTICES_DONE;
@@ -16037,30 +16034,28 @@ static int sbl__vertices_after_write(void *work) {
 
 static double *sbl__vertices_seconds(const void *work) {
     const sbl__work *w = (const sbl__work *)work;
-    if (w->stages.stage == SBL__VERTICES_SENSE) return NULL;  /* the gathering adds its own seconds */
+    if (w->stages.stage == SBL__VERTICES_SENSE) return &w->core->stats.seconds.gather;
     return w->stages.stage < SBL__VERTICES_SENSE ? &w->core->stats.seconds.surface : &w->core->stats.seconds.refine;
 }
 
-#define SBL__VERTICES_SENSING 0.95f  /* share of the progress that belongs to the gathers */
+#define SBL__VERTICES_SENSING 0.95f  /* share of the progress that belongs to the jobs */
 
 static float sbl__vertices_progress(const void *work) {
     const sbl__vertices *s = (const sbl__vertices *)work;
-    const int stage = s->work.stages.stage;
-    double done = s->taken;
-    if (stage == SBL__VERTICES_DONE) return 1;
-    if (stage == SBL__VERTICES_SENSE) done += (double)sbl__gathering_progress(&s->gathering) * s->site_count;
-    if (stage == SBL__VERTICES_TAKE) done += s->site_count;
-    return s->points > 0 && stage > SBL__VERTICES_MAKE ? SBL__VERTICES_SENSING * (float)(done / s->points) : 0;
+    const double done = (double)s->taken + sbl__work_measured(&s->work, SBL__VERTICES_SENSE);
+    if (sbl__work_is_done(&s->work)) return 1;
+    return SBL__VERTICES_SENSING * (float)(done / (double)SBL__MAX(1, s->points));
 }
 
 static const sbl__stage_row sbl__vertices_stages[] = {
+    { sbl__work_prepare, NULL, NULL, NULL },
     { NULL, NULL, sbl__vertices_face, sbl__vertices_triangles },
     { NULL, NULL, sbl__vertices_weld, sbl__vertices_count },
     { NULL, NULL, sbl__vertices_sides, sbl__vertices_triangles },
-    { sbl__vertices_make, sbl__vertices_next_gather, NULL, NULL },
-    { NULL, sbl__vertices_after_sites, sbl__vertices_ask, sbl__vertices_sites },
-    { sbl__vertices_sense, NULL, NULL, NULL },
-    { NULL, sbl__vertices_next_gather, sbl__vertices_take, sbl__vertices_sites },
+    { sbl__vertices_setup, sbl__vertices_next_job, NULL, NULL },
+    { NULL, NULL, sbl__vertices_ask, sbl__work_site_count },
+    { sbl__work_sense, NULL, NULL, NULL },
+    { NULL, sbl__vertices_next_job, sbl__vertices_take, sbl__work_site_count },
     { NULL, NULL, sbl__vertices_mass, sbl__vertices_triangles },
     { NULL, NULL, sbl__vertices_bend, sbl__vertices_hinges },
     { sbl__vertices_solve, NULL, sbl__vertices_average, sbl__vertices_averages },
@@ -16074,61 +16069,62 @@ static const sbl__front_end sbl__vertices_front_end = {
 };
 
 /* ======================================================================================================== >>probes
-   The front end for points in the air. Probes are measured in batches, by two kinds of sites. FACES are sites whose
-   normals lie on rings all over the sphere, and six whose normals point to the sides of a cube. RAYS are sites that
-   trace one ray each. If sensors trace rays, FACES measure the light from lamps, and RAYS measure the light from
-   surfaces and sky. If sensors rasterise views, FACES measure all light, and RAYS only distances. Probes that are
-   inside something then move and are measured again, round by round. */
+   The front end for points in the air. Probes are measured in batches, by two kinds of sites: HEMISPHERES measure R for
+   normals that lie on rings all over the sphere, and for the six sides of a cube; RAYS trace one ray each. If sensors
+   trace rays, HEMISPHERES measure only the light from lamps, and RAYS measure the light from surfaces and sky. If
+   sensors rasterise views, HEMISPHERES measure all light, and RAYS measure only distances. This is a round. Probes that
+   turn out to be inside something are moved, if desc.move allows it, and measured in another round. */
 
-/* Number of rings, and number of normals on a ring (AROUND), if sensors trace rays or rasterise views (VIEW). With
-   these numbers, the aliasing of a point light is at most 0.4 % (rays) or 1.4 % (views) of the norm of its first four
-   coefficients. */
+/* Number of rings of normals, and number of normals on a ring (AROUND), if sensors trace rays or, for VIEW, rasterise
+   views. With these numbers, the aliasing of a point light is at most 0.4 % (rays) or 1.4 % (views) of the norm of the
+   light's first four coefficients. */
 #define SBL__PROBE_RINGS 10
 #define SBL__PROBE_AROUND 32
 #define SBL__PROBE_VIEW_RINGS 6
 #define SBL__PROBE_VIEW_AROUND 22
 #define SBL__PROBES_BATCH 128      /* maximum number of probes per batch */
-#define SBL__PROBE_LOOKS 4         /* looks for each side of the ambient cube, whose light comes from one site only,
-                                      so that no other site averages its noise */
-#define SBL__PROBE_LAMP_SHARE 64   /* options.rays, divided by the number of rays that a look of FACES sends to lamps */
-#define SBL__PROBE_LAMP_LEAST 32   /* minimum number of rays that a look of FACES sends to lamps: twice the number that
-                                      a ratio estimate needs (SBL_SPARSE in lamps.glsl) */
-#define SBL__PROBE_LAMP_MOST 256   /* maximum number of rays that a look of FACES sends to lamps */
+#define SBL__PROBE_LOOKS 4         /* number of looks for each side of the cube; a normal on a ring has one, because
+                                      the harmonics average many normals */
+#define SBL__PROBE_LAMP_SHARE 64   /* options.rays divided by the number of rays that a look of HEMISPHERES sends to
+                                      lamps */
+#define SBL__PROBE_LAMP_LEAST 32   /* minimum number of rays that a look of HEMISPHERES sends to lamps: twice the number
+                                      that a ratio estimate needs (SBL_SPARSE in lamps.glsl) */
+#define SBL__PROBE_LAMP_MOST 256   /* maximum number of rays that a look of HEMISPHERES sends to lamps */
 #define SBL__PROBE_INSIDE 0.25     /* a probe is inside something if more than this share of its rays hit back faces */
 #define SBL__PROBE_BEYOND 0.125    /* distance that a probe moves beyond a back face, as a share of desc.move */
-#define SBL__PROBE_BARELY 0.015625 /* minimum of this distance, which desc.move limits, as a share of desc.move */
+#define SBL__PROBE_BARELY 0.015625 /* if desc.move limits the distance beyond a back face to less than this share of
+                                      desc.move, the probe does not move through that face */
 
-enum { SBL__PROBE_FACES, SBL__PROBE_RAYS, SBL__PROBE_KINDS };  /* kinds of sites */
+enum { SBL__PROBE_HEMISPHERES, SBL__PROBE_RAYS, SBL__PROBE_KINDS };  /* kinds of sites of a probe */
 
-enum { SBL__PROBES_PREPARE, SBL__PROBES_SETUP, SBL__PROBES_BEGIN_BATCH, SBL__PROBES_SITES, SBL__PROBES_SENSE,
-       SBL__PROBES_TAKE, SBL__PROBES_CLOSE, SBL__PROBES_DONE };
+enum { SBL__PROBES_PREPARE, SBL__PROBES_SETUP, SBL__PROBES_SITES, SBL__PROBES_SENSE, SBL__PROBES_TAKE,
+       SBL__PROBES_DONE };
 
-/* Sums of what the rays of one probe of the batch measure, at the place that the probe tries in this round. */
+/* A probe of the batch, and sums over the readings of its sites in the current round. */
 typedef struct sbl__probe_sum {
-    int number, overflows;         /* index of the probe in desc.probes; 1: a reading is not valid */
-    float place[3];                /* world position */
+    int number, invalid;           /* index of the probe in desc.probes; 1: a reading of the round is not valid */
+    float position[3];             /* world position in this round */
     double sh[9][3], cube[6][3];   /* see sbl_probe */
-    double hits, back;             /* numbers of rays that hit surfaces and back faces */
+    double hits, back;             /* number of rays that hit a surface; number of these that hit a back face */
     double weight[8], distance[8], squared[8];  /* per octant: sums of weights, weighted distances and their squares */
     float exits[8][4];             /* per octant: direction and distance of the nearest back face, seen from the
-                                      position that the host wants; distance 0: there is none, or it was tried */
+                                      position that the host wants. Distance 0: there is none, or the probe has moved
+                                      through it already */
 } sbl__probe_sum;
 
 typedef struct sbl__probes {
     sbl__work work;                /* must be first, because pointers to the struct are cast to sbl__work * */
     sbl_probes_desc desc;          /* with defaults */
     sbl__spec specs[SBL__PROBE_KINDS];
-    int lamps_apart;               /* 1: sensors trace rays, so FACES measure only the light from lamps */
+    int lamps_apart;               /* 1: sensors trace rays, so HEMISPHERES measure only the light from lamps */
     int rings, around;             /* number of rings of normals; number of normals on a ring */
     double ring[SBL__PROBE_RINGS], ring_weight[SBL__PROBE_RINGS];  /* z of each ring, 0 to 1; weights, whose sum is 1 */
     uint32_t *sequence;            /* directions of a probe's rays, see sbl__sequence_at */
-    sbl__probe_sum *sums;          /* probes of the batch that are measured in this round */
-    sbl__site *sites;              /* sites of a job */
-    sbl_reading *readings;
+    sbl__probe_sum *sums;          /* one entry for each probe that is measured in this round */
     int first, taken;              /* first probe of the batch; number of probes in the batch */
     int count, round;              /* number of entries in sums; number of the round, from 0 */
-    int kind, from;                /* kind of the sites that the job measures, SBL__PROBE_FACES or SBL__PROBE_RAYS;
-                                      index of its first site among all sites of that kind in this round */
+    int kind, from;                /* kind of the current job's sites, SBL__PROBE_HEMISPHERES or SBL__PROBE_RAYS;
+                                      index of the job's first site among all sites of that kind in this round */
 } sbl__probes;
 
 static void sbl__probes_free(void *work) {
@@ -16136,8 +16132,7 @@ static void sbl__probes_free(void *work) {
     sbl__base *base = &g->work.core->base;
     sbl__free(base, g->sequence);
     sbl__free(base, g->sums);
-    sbl__free(base, g->sites);
-    sbl__free(base, g->readings);
+    sbl__work_free_task(&g->work);
     memset(g, 0, sizeof *g);
 }
 
@@ -16201,9 +16196,9 @@ static void sbl__probe_normal(const sbl__probes *g, int i, double out[3]) {
 static void sbl__probe_direction(const sbl__probes *g, int number, int i, double out[3]) {
     const int side = i - sbl__probe_normals(g);
     double u[2], r;
-    if (g->kind == SBL__PROBE_FACES && side < 0) {
+    if (g->kind == SBL__PROBE_HEMISPHERES && side < 0) {
         sbl__probe_normal(g, i, out);
-    } else if (g->kind == SBL__PROBE_FACES) {
+    } else if (g->kind == SBL__PROBE_HEMISPHERES) {
         out[0] = out[1] = out[2] = 0;
         out[side / 2] = side & 1 ? -1 : 1;
     } else {
@@ -16251,11 +16246,10 @@ static sbl_result sbl__probes_begin(void *work, const void *desc) {
 static sbl_result sbl__probes_setup(void *work, sbl__slice *slice) {
     sbl__probes *g = (sbl__probes *)work;
     sbl__core *c = g->work.core;
-    sbl__spec *faces = &g->specs[SBL__PROBE_FACES], *rays = &g->specs[SBL__PROBE_RAYS];
-    const int most = SBL__MAX(sbl__probe_sites(g, SBL__PROBE_FACES), g->desc.options.rays);
+    sbl__spec *hemispheres = &g->specs[SBL__PROBE_HEMISPHERES], *rays = &g->specs[SBL__PROBE_RAYS];
+    const int most = SBL__MAX(sbl__probe_sites(g, SBL__PROBE_HEMISPHERES), g->desc.options.rays);
     const int batch = SBL__MIN(SBL__PROBES_BATCH, g->desc.probe_count);
     const int lamp_rays = SBL__MAX(g->desc.options.rays / SBL__PROBE_LAMP_SHARE, SBL__PROBE_LAMP_LEAST);
-    const size_t room = (size_t)SBL__MIN(SBL__GATHER_SITES, (double)most * batch);
     sbl__measurement measurement = g->work.measurement;
     (void)slice;
     measurement.options.rays = SBL__MIN(lamp_rays, SBL__PROBE_LAMP_MOST);
@@ -16263,9 +16257,9 @@ static sbl_result sbl__probes_setup(void *work, sbl__slice *slice) {
         measurement.options.mode = SBL_MODE_DIRECT;
         measurement.options.epsilon = 0;
     }
-    sbl__spec_make(faces, &measurement, &c->scene, &c->desc);
-    if (g->lamps_apart) faces->without_sky = faces->no_light = faces->one_ray = faces->rays = 1;
-    faces->looks = SBL__PROBE_LOOKS;
+    sbl__spec_make(hemispheres, &measurement, &c->scene, &c->desc);
+    if (g->lamps_apart) hemispheres->without_sky = hemispheres->no_light = hemispheres->one_ray = hemispheres->rays = 1;
+    hemispheres->looks = SBL__PROBE_LOOKS;
     measurement = g->work.measurement;
     measurement.options.backend = SBL_BACKEND_TRACE;
     measurement.options.rays = measurement.every_ray = 1;
@@ -16274,65 +16268,51 @@ static sbl_result sbl__probes_setup(void *work, sbl__slice *slice) {
     rays->one_ray = 1;
     g->sequence = sbl__sequence_make(&c->base, 1, g->desc.options.rays, 1);
     g->sums = (sbl__probe_sum *)sbl__alloc(&c->base, (size_t)batch, sizeof *g->sums);
-    g->sites = (sbl__site *)sbl__alloc_raw(&c->base, room, sizeof *g->sites);
-    g->readings = (sbl_reading *)sbl__alloc_raw(&c->base, room, sizeof *g->readings);
-    return g->sequence && g->sums && g->sites && g->readings ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    return g->sequence && g->sums ? sbl__work_make_task(&g->work, (double)most * batch, 1) : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-static int sbl__probes_after_prepare(void *work) {
-    return ((sbl__probes *)work)->desc.probe_count ? SBL__PROBES_SETUP : SBL__PROBES_DONE;
-}
-
-/* Begins a round with FACES, or with RAYS if FACES would find no light. */
-static int sbl__probes_round(void *work) {
-    sbl__probes *g = (sbl__probes *)work;
-    g->kind = g->lamps_apart && !g->work.core->scene.lights.leaves ? SBL__PROBE_RAYS : SBL__PROBE_FACES;
-    g->from = 0;
+/* Begins a job with the sites of kind g->kind from g->from on. */
+static int sbl__probes_next_job(sbl__probes *g) {
+    g->work.task.spec = g->specs[g->kind];
+    g->work.task.site_count = SBL__MIN(SBL__WORK_SITES, g->count * sbl__probe_sites(g, g->kind) - g->from);
     return SBL__PROBES_SITES;
 }
 
+/* Begins a round with HEMISPHERES, or with RAYS if HEMISPHERES measure only lamps and the scene has none. */
+static int sbl__probes_round(sbl__probes *g) {
+    g->kind = g->lamps_apart && !g->work.core->scene.lights.leaves ? SBL__PROBE_RAYS : SBL__PROBE_HEMISPHERES;
+    g->from = 0;
+    return sbl__probes_next_job(g);
+}
+
 /* Begins a batch with the probes from g->first on. */
-static sbl_result sbl__probes_batch(void *work, sbl__slice *slice) {
+static int sbl__probes_batch(void *work) {
     sbl__probes *g = (sbl__probes *)work;
     int i;
-    (void)slice;
     g->taken = g->count = SBL__MIN(SBL__PROBES_BATCH, g->desc.probe_count - g->first);
     g->round = 0;
     memset(g->sums, 0, sizeof *g->sums * (size_t)g->count);
     for (i = 0; i < g->count; i++) {
         g->sums[i].number = g->first + i;
-        sbl__probe_asked(&g->desc, g->first + i, g->sums[i].place);
+        sbl__probe_asked(&g->desc, g->first + i, g->sums[i].position);
     }
-    return SBL_SUCCESS;
+    return g->count ? sbl__probes_round(g) : SBL__PROBES_DONE;
 }
-
-/* Returns the number of the job's sites. */
-static int sbl__probes_job(const sbl__probes *g) {
-    return SBL__MIN(SBL__GATHER_SITES, g->count * sbl__probe_sites(g, g->kind) - g->from);
-}
-
-static int sbl__probes_sites(void *work) { return sbl__probes_job((const sbl__probes *)work); }
 
 static sbl_result sbl__probes_site(void *work, int at) {
     sbl__probes *g = (sbl__probes *)work;
     const int each = sbl__probe_sites(g, g->kind), i = (g->from + at) % each;
     const sbl__probe_sum *sum = &g->sums[(g->from + at) / each];
-    sbl__site *site = &g->sites[at];
+    sbl__site *site = &g->work.sites[at];
     double direction[3];
     int k;
     memset(site, 0, sizeof *site);
     sbl__probe_direction(g, sum->number, i, direction);
     for (k = 0; k < 3; k++) site->normal[k] = site->geometric_normal[k] = (float)direction[k];
-    memcpy(site->position, sum->place, sizeof site->position);
+    memcpy(site->position, sum->position, sizeof site->position);
     site->number = (uint32_t)sum->number * (uint32_t)each + (uint32_t)i;
-    site->looks = g->kind == SBL__PROBE_FACES && i >= sbl__probe_normals(g) ? g->specs[SBL__PROBE_FACES].looks : 1;
+    site->looks = g->kind == SBL__PROBE_HEMISPHERES && i >= sbl__probe_normals(g) ? SBL__PROBE_LOOKS : 1;
     return SBL_SUCCESS;
-}
-
-static int sbl__probes_after_sites(void *work) {
-    sbl__probes *g = (sbl__probes *)work;
-    sbl__work_begin_job(&g->work, &g->specs[g->kind], g->sites, g->readings, sbl__probes_job(g));
-    return SBL__PROBES_SENSE;
 }
 
 /* Adds the reading of a site to the harmonics: the radiance along a ray, or R at a normal. A ray's radiance is also
@@ -16382,28 +16362,19 @@ static void sbl__probe_meet(sbl__probe_sum *sum, const double d[3], const sbl_re
 static sbl_result sbl__probes_take(void *work, int at) {
     sbl__probes *g = (sbl__probes *)work;
     const int each = sbl__probe_sites(g, g->kind), i = (g->from + at) % each, side = i - sbl__probe_normals(g);
-    const sbl_reading *r = &g->readings[at];
+    const sbl_reading *r = &g->work.readings[at];
     sbl__probe_sum *sum = &g->sums[(g->from + at) / each];
     double d[3];
     int k;
-    sum->overflows |= !r->valid;
-    if (g->kind == SBL__PROBE_FACES && side >= 0) {
+    sum->invalid |= !r->valid;
+    if (g->kind == SBL__PROBE_HEMISPHERES && side >= 0) {
         for (k = 0; k < 3; k++) sum->cube[side][k] += (double)r->radiance[k];
         return SBL_SUCCESS;
     }
     sbl__probe_direction(g, sum->number, i, d);
-    if (g->lamps_apart || g->kind == SBL__PROBE_FACES) sbl__probe_add(g, sum, i, d, r);
+    if (g->lamps_apart || g->kind == SBL__PROBE_HEMISPHERES) sbl__probe_add(g, sum, i, d, r);
     if (g->kind == SBL__PROBE_RAYS) sbl__probe_meet(sum, d, r, g->round == 0 && g->desc.move > 0);
     return SBL_SUCCESS;
-}
-
-/* Selects the sites of the next job: the rest of the same kind, or the other kind. */
-static int sbl__probes_after_take(void *work) {
-    sbl__probes *g = (sbl__probes *)work;
-    g->from += sbl__probes_job(g);
-    if (g->from < g->count * sbl__probe_sites(g, g->kind)) return SBL__PROBES_SITES;
-    g->from = 0;
-    return ++g->kind < SBL__PROBE_KINDS ? SBL__PROBES_SITES : SBL__PROBES_CLOSE;
 }
 
 /* Converts the sums of a probe to the probe that the host gets. */
@@ -16421,8 +16392,8 @@ static void sbl__probe_make(const sbl__probes *g, const sbl__probe_sum *sum, sbl
     finite = sbl__all_finite(&out->sh[0][0], 27) && sbl__all_finite(&out->cube[0][0], 18) &&
              sbl__all_finite(out->distance, 8) && sbl__all_finite(out->distance_squared, 8);
     if (!finite) memset(out, 0, sizeof *out);
-    out->valid = finite && !sum->overflows && sum->back <= SBL__PROBE_INSIDE * g->desc.options.rays;
-    memcpy(out->position, sum->place, sizeof out->position);
+    out->valid = finite && !sum->invalid && sum->back <= SBL__PROBE_INSIDE * g->desc.options.rays;
+    memcpy(out->position, sum->position, sizeof out->position);
 }
 
 /* Moves a probe through the back face nearest to the position that the host wants, among those not tried yet. Returns 0
@@ -16437,15 +16408,14 @@ static int sbl__probe_move(const sbl__probes *g, sbl__probe_sum *sum) {
     if (!way || (double)way[3] > (1 - SBL__PROBE_BARELY) * most) return 0;
     distance = SBL__MIN((double)way[3] + SBL__PROBE_BEYOND * most, most);
     sbl__probe_asked(&g->desc, sum->number, from);
-    for (k = 0; k < 3; k++) sum->place[k] = (float)((double)from[k] + distance * (double)way[k]);
+    for (k = 0; k < 3; k++) sum->position[k] = (float)((double)from[k] + distance * (double)way[k]);
     way[3] = 0;
     return 1;
 }
 
 /* Ends a round: writes the probes to the host's array, and begins the next round with the invalid probes that can move.
    A probe that is invalid in every round keeps the result of the first round. */
-static int sbl__probes_close(void *work) {
-    sbl__probes *g = (sbl__probes *)work;
+static int sbl__probes_close(sbl__probes *g) {
     sbl_stats *stats = &g->work.core->stats;
     int i, left = 0;
     stats->sensors.count += g->count;
@@ -16466,31 +16436,33 @@ static int sbl__probes_close(void *work) {
     g->round++;
     if (left) return sbl__probes_round(g);
     g->first += g->taken;
-    return g->first < g->desc.probe_count ? SBL__PROBES_BEGIN_BATCH : SBL__PROBES_DONE;
+    return sbl__probes_batch(g);
+}
+
+static int sbl__probes_after_take(void *work) {
+    sbl__probes *g = (sbl__probes *)work;
+    g->from += g->work.task.site_count;
+    if (g->from == g->count * sbl__probe_sites(g, g->kind)) {
+        g->from = 0;
+        g->kind++;
+    }
+    return g->kind < SBL__PROBE_KINDS ? sbl__probes_next_job(g) : sbl__probes_close(g);
 }
 
 static float sbl__probes_progress(const void *work) {
     const sbl__probes *g = (const sbl__probes *)work;
-    const sbl__job *job = &g->work.core->job;
-    double part = 0;
-    if (g->work.stages.stage == SBL__PROBES_DONE) return 1;
-    if (g->work.stages.stage <= SBL__PROBES_BEGIN_BATCH)
-        return (float)(g->first / (double)SBL__MAX(1, g->desc.probe_count));
-    if (g->work.stages.stage == SBL__PROBES_SENSE) part = (double)sbl__job_progress(job) * sbl__probes_job(g);
-    else if (g->work.stages.stage == SBL__PROBES_TAKE) part = sbl__probes_job(g);
-    part = (part + g->from) / SBL__MAX(1, g->count * sbl__probe_sites(g, SBL__MIN(g->kind, SBL__PROBE_RAYS)));
-    part = 0.5 * (SBL__MIN(part, 1.0) + g->kind);
-    return (float)((g->first + (g->round ? 1 : SBL__MIN(part, 1.0)) * g->taken) / g->desc.probe_count);
+    double part = g->from + sbl__work_measured(&g->work, SBL__PROBES_SENSE);
+    if (sbl__work_is_done(&g->work)) return 1;
+    part = 0.5 * (part / SBL__MAX(1, g->count * sbl__probe_sites(g, g->kind)) + g->kind);
+    return (float)((g->first + (g->round ? 1 : part) * g->taken) / SBL__MAX(1, g->desc.probe_count));
 }
 
 static const sbl__stage_row sbl__probes_stages[] = {
-    { sbl__work_prepare, sbl__probes_after_prepare, NULL, NULL },
-    { sbl__probes_setup, NULL, NULL, NULL },
-    { sbl__probes_batch, sbl__probes_round, NULL, NULL },
-    { NULL, sbl__probes_after_sites, sbl__probes_site, sbl__probes_sites },
+    { sbl__work_prepare, NULL, NULL, NULL },
+    { sbl__probes_setup, sbl__probes_batch, NULL, NULL },
+    { NULL, NULL, sbl__probes_site, sbl__work_site_count },
     { sbl__work_sense, NULL, NULL, NULL },
-    { NULL, sbl__probes_after_take, sbl__probes_take, sbl__probes_sites },
-    { NULL, sbl__probes_close, NULL, NULL }
+    { NULL, sbl__probes_after_take, sbl__probes_take, sbl__work_site_count }
 };
 static const sbl__front_end sbl__probes_front_end = {
     "sbl_begin_probes", 0, sbl__probes_check, sbl__probes_begin, sbl__probes_stages, SBL__PROBES_DONE,
@@ -16501,28 +16473,26 @@ static const sbl__front_end sbl__probes_front_end = {
    Measures one sensor of a finished picture again, as a job of one site. Views are read back when the job has drawn
    them; rays are traced once more, with one invocation per ray. */
 
-#define SBL__INSPECT_ACROSS 64  /* width of the target of the rays towards lamps, texels */
+#define SBL__INSPECT_ACROSS 64  /* width in texels of the target that the program for rays towards lamps draws into */
 
 /* The result, which the host may read until the next inspection. */
 typedef struct sbl__inspection {
     sbl__job job;               /* kept, because the next inspection uses its textures again */
     sbl_sensor_ray *rays;
     sbl_sensor_lamp *lamps;
-    int ray_count, lamp_count;
 } sbl__inspection;
 
 typedef struct sbl__inspect_request {
     sbl__core *core;
-    sbl__map *map;              /* of a finished picture or lightmap */
+    sbl__map *map;              /* the finished picture or lightmap */
     sbl__inspection *found;
     int pixel;                  /* number of the working pixel */
-    int sheet[2];               /* width and height of the sheet, texels */
     float *radiance, *weights;  /* the host's arrays for the sheet; NULL: not wanted */
     sbl__site site;
     sbl__look look;             /* the sensor's first look, which is repeated */
     sbl_reading reading;        /* of the first look alone */
     float layers[3 * (SBL__LAYERS - 1)];  /* further layers of light of the first look, see sbl__task */
-    float from_lamps[3], weight_sum;      /* see sbl_sensor */
+    sbl_sensor out;             /* the result */
 } sbl__inspect_request;
 
 static void sbl__inspection_clear(sbl__base *base, sbl__inspection *i) {
@@ -16530,7 +16500,6 @@ static void sbl__inspection_clear(sbl__base *base, sbl__inspection *i) {
     sbl__free(base, i->lamps);
     i->rays = NULL;
     i->lamps = NULL;
-    i->ray_count = i->lamp_count = 0;
 }
 
 static void sbl__inspection_free(const sbl__device *d, sbl__inspection *i) {
@@ -16538,32 +16507,30 @@ static void sbl__inspection_free(const sbl__device *d, sbl__inspection *i) {
     sbl__job_free(d, &i->job);
 }
 
-/* Returns the slot of the look. The sensor's first look had the same slot when the picture was made. */
+/* Returns the slot of the look, the same as when the picture was made. */
 static int sbl__inspect_slot(const sbl__job *j) { return j->task.first_look % sbl__job_slots(j)->count; }
 
-/* Returns the index in found->lamps of the lamp of a leaf. Appends the lamp if it is new. */
-static int sbl__inspect_lamp(const sbl__inspect_request *k, int leaf) {
+/* Returns the index in found->lamps of the lamp in a leaf of the lamp tree. Appends the lamp if it is new. */
+static int sbl__inspect_lamp(sbl__inspect_request *k, int leaf) {
     const sbl__geometry *g = &k->core->scene.geometry;
     const uint32_t code = k->core->scene.lights.codes[leaf], kind = code >> SBL__LAMP_KIND_SHIFT;
     uint32_t number = code & ((1u << SBL__LAMP_KIND_SHIFT) - 1);
-    sbl__inspection *f = k->found;
-    sbl_sensor_lamp lamp;
+    sbl_sensor_lamp lamp, *const lamps = k->found->lamps;
     int i;
     memset(&lamp, 0, sizeof lamp);
     lamp.kind = kind == SBL__LAMP_TRIANGLE    ? SBL_LAMP_TRIANGLE
               : kind == SBL__LAMP_SKY_TEXEL   ? SBL_LAMP_SKY_TEXEL
                                               : SBL_LAMP_LIGHT;
-    if (lamp.kind == SBL_LAMP_TRIANGLE) number = k->core->scene.hierarchy.order[number];
-    lamp.number = (int)number;
     lamp.mesh = -1;
     if (lamp.kind == SBL_LAMP_TRIANGLE) {
+        number = k->core->scene.hierarchy.order[number];
         lamp.mesh = (int)g->vertices[g->indices[3 * (size_t)number]].object;
-        lamp.number -= g->meshes[lamp.mesh].first_triangle;
+        number -= (uint32_t)g->meshes[lamp.mesh].first_triangle;
     }
-    for (i = 0; i < f->lamp_count; i++)
-        if (f->lamps[i].kind == lamp.kind && f->lamps[i].mesh == lamp.mesh && f->lamps[i].number == lamp.number)
-            return i;
-    f->lamps[f->lamp_count++] = lamp;
+    lamp.number = (int)number;
+    for (i = 0; i < k->out.lamp_count; i++)
+        if (lamps[i].kind == lamp.kind && lamps[i].mesh == lamp.mesh && lamps[i].number == lamp.number) return i;
+    lamps[k->out.lamp_count++] = lamp;
     return i;
 }
 
@@ -16616,7 +16583,7 @@ static sbl_result sbl__inspect_rays(sbl__inspect_request *k) {
     int i, n;
     for (i = 0; i < rays && result == SBL_SUCCESS; i++) {
         const float *sum = data + 4 * (size_t)i, *hits = sum + 4 * (size_t)(size[0] * size[1]);
-        sbl_sensor_ray *ray = &k->found->rays[k->found->ray_count++];
+        sbl_sensor_ray *ray = &k->found->rays[k->out.ray_count++];
         float weight = 1 / (float)rays;
         double u[2];
         ray->lamp = -1;
@@ -16628,7 +16595,7 @@ static sbl_result sbl__inspect_rays(sbl__inspect_request *k) {
         if (k->radiance) memcpy(k->radiance + 4 * i, ray->radiance, sizeof ray->radiance);
         if (k->radiance) k->radiance[4 * i + 3] = ray->distance;
         if (k->weights) k->weights[i] = weight;
-        k->weight_sum += weight;
+        k->out.weight_sum += weight;
     }
     sbl__free(base, data);
     sbl__free(base, sequence);
@@ -16637,7 +16604,7 @@ static sbl_result sbl__inspect_rays(sbl__inspect_request *k) {
 
 /* >>inspect: views */
 
-/* Reads the sheet of the look from the view texture, and computes the weights of its texels. */
+/* Reads the look's views, which together are the sheet, from the view texture, and computes the weights of texels. */
 static sbl_result sbl__inspect_sheet(sbl__inspect_request *k) {
     sbl__core *c = k->core;
     const sbl__job *j = &k->found->job;
@@ -16665,14 +16632,15 @@ static sbl_result sbl__inspect_sheet(sbl__inspect_request *k) {
             if (k->weights) k->weights[texel] = weight[0];
             weights += weight[0];
         }
-    k->weight_sum = (float)weights;
+    k->out.weight_sum = (float)weights;
     sbl__free(&c->base, rows);
     sbl__free(&c->base, table);
     return result;
 }
 
-static void sbl__inspect_views(const sbl__inspect_request *k, sbl_sensor *out) {
+static void sbl__inspect_views(sbl__inspect_request *k) {
     const sbl__layout *l = sbl__job_layout(&k->found->job);
+    sbl_sensor *out = &k->out;
     int face, i;
     out->view_count = l ? l->view_count : 0;
     for (face = 0; face < out->view_count; face++) {
@@ -16694,14 +16662,14 @@ static void sbl__inspect_views(const sbl__inspect_request *k, sbl_sensor *out) {
 
 /* Evaluates the outputs of an invocation of lamps.glsl, out_light and out_way. is_ray: 1 if the invocation traced a
    ray; 0 if it describes one of the lamps or clusters that the look chose */
-static void sbl__inspect_take(const sbl__inspect_request *k, const float *light, const float *way, int is_ray) {
+static void sbl__inspect_take(sbl__inspect_request *k, const float *light, const float *way, int is_ray) {
     const int state = (int)light[3], lamp = state ? sbl__inspect_lamp(k, (int)way[3]) : 0;
     sbl_sensor_lamp *l = &k->found->lamps[lamp];
     if (!state) return;
     l->rays += is_ray || state > 1;
     l->open += state == (is_ray ? 1 : 2);
     if (is_ray) {
-        sbl_sensor_ray *ray = &k->found->rays[k->found->ray_count++];
+        sbl_sensor_ray *ray = &k->found->rays[k->out.ray_count++];
         ray->lamp = lamp;
         memcpy(ray->direction, way, sizeof ray->direction);
         memcpy(ray->radiance, light, sizeof ray->radiance);
@@ -16722,12 +16690,13 @@ static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
     if (light) result = sbl__target_read(d, &j->aim.light.target, 0, slot / columns * parts, parts, light);
     for (i = 0; i < parts && result == SBL_SUCCESS; i++)
         for (n = 0; n < 3; n++)
-            k->from_lamps[n] += light[4 * ((size_t)columns * (size_t)i + (size_t)(slot % columns)) + (size_t)n] /
+            k->out.from_lamps[n] += light[4 * ((size_t)columns * (size_t)i + (size_t)(slot % columns)) + (size_t)n] /
                                 (float)parts / sbl__job_scale(j);
     sbl__free(d->base, light);
     if (result == SBL_SUCCESS) result = sbl__inspect_run(k, 1, size, &data);
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
-        const int from = i < SBL__LAMPS ? rays + i : i - SBL__LAMPS;  /* first the lamps, then the rays */
+        /* The outputs of the lamps follow those of the rays, but the lamps are taken first. */
+        const int from = i < SBL__LAMPS ? rays + i : i - SBL__LAMPS;
         const float *out = data + 4 * (size_t)from;
         sbl__inspect_take(k, out, out + 4 * (size_t)(size[0] * size[1]), from < rays);
     }
@@ -16737,12 +16706,13 @@ static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
 
 /* >>inspect: the job */
 
-/* Checks the arguments of sbl_inspect_sensor, and sets the request's pixel and sheet. */
+/* Checks the arguments of sbl_inspect_sensor, and sets the request's pixel and the size of the sheet. */
 static sbl_result sbl__inspect_check(sbl__inspect_request *k, int x, int y, const sbl_sensor *sensor,
                                      size_t texel_count) {
     const sbl__map *m = k->map;
     const int finished = m && sbl__work_is_done(&m->work);
     sbl__check check = { &k->core->base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor", 0 };
+    size_t texels;
     if (!sensor) {
         sbl__mistake(&check, "sensor is NULL");
         return SBL_ERROR_INVALID_ARGUMENT;
@@ -16758,13 +16728,42 @@ static sbl_result sbl__inspect_check(sbl__inspect_request *k, int x, int y, cons
         return SBL_ERROR_INVALID_ARGUMENT;
     }
     k->pixel = (int)sbl__map_shown(m, (size_t)y * (size_t)m->size[0] + (size_t)x);
-    sbl__spec_sheet(&m->spec, k->sheet);
+    sbl__spec_sheet(&m->spec, &k->out.sheet_width, &k->out.sheet_height);
+    texels = (size_t)k->out.sheet_width * (size_t)k->out.sheet_height;
     if (!sbl__refine_pixel(&m->refine, (size_t)k->pixel)->id)
         sbl__mistake(&check, "pixel %d %d shows no surface", x, y);
-    else if ((k->radiance || k->weights) && texel_count < (size_t)k->sheet[0] * (size_t)k->sheet[1])
-        sbl__mistake(&check, "texel_count is %.0f; the sheet has %d x %d texels", (double)texel_count, k->sheet[0],
-                     k->sheet[1]);
+    else if ((k->radiance || k->weights) && texel_count < texels)
+        sbl__mistake(&check, "texel_count is %.0f; the sheet has %d x %d texels", (double)texel_count,
+                     k->out.sheet_width, k->out.sheet_height);
     return sbl__check_end(&check);
+}
+
+/* Fills in those fields of k->out that are not set yet. */
+static void sbl__inspect_tell(sbl__inspect_request *k) {
+    const sbl__pixel *p = sbl__refine_pixel(&k->map->refine, (size_t)k->pixel);
+    const sbl_reading *r = &k->reading;
+    sbl_sensor *out = &k->out;
+    int i;
+    out->backend = k->map->work.measurement.options.backend;
+    memcpy(out->site.position, p->position, sizeof p->position);
+    memcpy(out->site.normal, p->normal, sizeof p->normal);
+    memcpy(out->site.geometric_normal, p->geometric_normal, sizeof p->geometric_normal);
+    out->site.offset = p->offset;
+    memcpy(out->position, k->look.position, sizeof out->position);
+    memcpy(out->normal, k->look.normal, sizeof out->normal);
+    memcpy(out->radiance, p->sensed ? p->radiance : r->radiance, sizeof out->radiance);
+    out->noise = p->sensed ? sbl__noise(&k->map->refine, p) : r->noise;
+    out->looks = p->sensed ? p->looks : 1;
+    for (i = 0; i < 3; i++) out->from_surroundings[i] = SBL__MAX(r->radiance[i] - out->from_lamps[i], 0.0f);
+    out->back_share = r->back_share * r->hit_share;
+    out->hit_min = r->hit_min;
+    out->hit_mean = r->hit_mean;
+    out->valid = r->valid;
+    out->sensed = p->sensed;
+    out->level = p->level ? p->level - 1 : 0;
+    sbl__inspect_views(k);
+    out->rays = k->found->rays;
+    out->lamps = k->found->lamps;
 }
 
 /* Repeats the first look of the pixel's sensor, in the slot that this look had, so that every rounding is the same. */
@@ -16792,49 +16791,14 @@ static sbl_result sbl__inspect(sbl__inspect_request *k) {
     while (result == SBL_UNFINISHED) {
         result = sbl__job_step(&c->device, j, &slice);
         if (result != SBL_UNFINISHED || j->stages.stage != SBL__JOB_READ || j->lens != SBL__LENS_SITE) continue;
-        /* This is the time to read the look: the stuck tests that follow overwrite its textures. */
+        /* The look must be read now, because the stuck tests that follow overwrite its textures. */
         c->device.gl.doing = "inspecting a sensor";
         result = sbl__job_layout(j) ? sbl__inspect_sheet(k) : sbl__inspect_rays(k);
         if (result == SBL_SUCCESS && lamp_rays) result = sbl__inspect_lamps(k);
         if (result == SBL_SUCCESS) result = SBL_UNFINISHED;
     }
+    if (result == SBL_SUCCESS) sbl__inspect_tell(k);
     return result;
-}
-
-/* Fills in the result. */
-static void sbl__inspect_tell(const sbl__inspect_request *k, sbl_sensor *out) {
-    const sbl__pixel *p = sbl__refine_pixel(&k->map->refine, (size_t)k->pixel);
-    const sbl_reading *r = &k->reading;
-    int i;
-    memset(out, 0, sizeof *out);
-    out->sheet_width = k->sheet[0];
-    out->sheet_height = k->sheet[1];
-    out->backend = k->map->work.measurement.options.backend;
-    memcpy(out->site.position, p->position, sizeof p->position);
-    memcpy(out->site.normal, p->normal, sizeof p->normal);
-    memcpy(out->site.geometric_normal, p->geometric_normal, sizeof p->geometric_normal);
-    out->site.offset = p->offset;
-    memcpy(out->position, k->look.position, sizeof out->position);
-    memcpy(out->normal, k->look.normal, sizeof out->normal);
-    memcpy(out->radiance, p->sensed ? p->radiance : r->radiance, sizeof out->radiance);
-    out->noise = p->sensed ? sbl__noise(&k->map->refine, p) : r->noise;
-    out->looks = p->sensed ? p->looks : 1;
-    for (i = 0; i < 3; i++) {
-        out->from_lamps[i] = k->from_lamps[i];
-        out->from_surroundings[i] = SBL__MAX(r->radiance[i] - k->from_lamps[i], 0.0f);
-    }
-    out->weight_sum = k->weight_sum;
-    out->back_share = r->back_share * r->hit_share;
-    out->hit_min = r->hit_min;
-    out->hit_mean = r->hit_mean;
-    out->valid = r->valid;
-    out->sensed = p->sensed;
-    out->level = p->level ? p->level - 1 : 0;
-    sbl__inspect_views(k, out);
-    out->rays = k->found->rays;
-    out->ray_count = k->found->ray_count;
-    out->lamps = k->found->lamps;
-    out->lamp_count = k->found->lamp_count;
 }
 
 /* ======================================================================================================== >>trial
@@ -17543,7 +17507,7 @@ SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *
     sbl__visit_enter(c, &visit);
     result = sbl__inspect(&request);
     sbl__visit_leave(c, &visit);
-    if (result == SBL_SUCCESS) sbl__inspect_tell(&request, sensor);
+    if (result == SBL_SUCCESS) *sensor = request.out;
     else sbl__inspection_clear(&c->core.base, &c->inspection);
     return result;
 }

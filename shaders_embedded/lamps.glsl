@@ -59,6 +59,7 @@ const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // 
 const float SBL_POINT_WEIGHT[2] = float[2](0.223381589678011, 0.109951743655322);
 const float SBL_BEFORE_LAMP = 0.99999;  // share of the distance to a lamp along which a ray is traced
 
+// A lamp as the sensor sees it. "triangle:", "texel:" and "light:" name the kinds of lamp that have a field.
 struct sbl_Lamp {
     uint kind;
     vec3 brightness;           // triangle: radiance; texel: radiance * solid angle; light: irradiance of a surface
@@ -66,7 +67,7 @@ struct sbl_Lamp {
     vec3 corner;               // triangle: first corner, relative to the sensor; else unit direction to the centre
     vec3 side_1, side_2;       // triangle: vectors from the first corner to the other corners
     float away, radius, sine2; // light: distance, radius, squared sine of half the angle that it subtends
-    ivec2 texel;               // texel: column and row
+    ivec2 texel;               // texel: its column and row in the environment's picture
     int triangle, number;      // triangle: its number in the hierarchy's order and in the scene; else number is -1
     vec2 group;                // (0, 1) if it is a triangle that shows the sensor its back; else (1, 0)
 };
@@ -374,19 +375,21 @@ bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
 
 // >>choose
 
-int entries[SBL_LAMPS];      // n >= 0: lamp number n; n < 0: the cluster of node -1 - n. Point lights fill the
-                             // array from its end
-float strengths[SBL_LAMPS];  // cumulative sums of the entries' strengths (approximate light)
-int used, certain;           // number of entries without point lights; number of point lights
-float total, crowd;          // sum of the strengths; sum of the squared strengths
-float crowd_within;          // estimate of the sum of squared strengths if all lamps of clusters were entries
-mat2x3 whole;                // light of single lamps if unobstructed, by group (see sbl_Lamp). Each group has its
-                             // own ratio, because one side of a closed mesh hides the other
+int entries[SBL_LAMPS];      // n >= 0: lamp number n; n < 0: the cluster of node -1 - n. The first SBL_CERTAIN
+                             // point lights fill the array from its end
+float strengths[SBL_LAMPS];  // [i]: sum of the strengths (approximate light) of entries 0 to i
+int used, certain;           // number of entries from the array's start on; number of point lights at its end
+float total, crowd;          // sum of the strengths of the `used` entries; sum of their squared strengths
+float crowd_within;          // estimate of what `crowd` would be if all lamps of clusters were entries
+mat2x3 whole;                // by group (see sbl_Lamp): unobstructed light of lamps that are entries themselves,
+                             // except texels and the `certain` point lights. Each group has its own ratio seen /
+                             // open, because one side of a closed mesh hides the other
 bool rounded = false;        // true: some entries are round lamps
-mat3x4 whole_harmonics[2];   // harmonics of `whole`
+mat3x4 whole_harmonics[2];   // by group: harmonics of `whole`
 
-// Adds node i to the entries, skips it, or descends into it; or adds leaf i if all lamps fit. Returns the next
-// node or leaf, or `limit` if the entries are full. last: true: never descends below a cluster
+// Adds node i to the entries, skips it, or descends into it. Returns the next node, or `limit`, the number of all
+// nodes, if the entries are full. If all lamps fit, i and limit count leaves instead. opening: a node is one entry
+// if its radius is below this share of its distance. last: true: a node of any size is one entry
 int sbl_consider(int i, int limit, float opening, bool last, out bool full) {
     int leaf = i, next = i + 1, lamps = 1;
     float strength = 0.0;

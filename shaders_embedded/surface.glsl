@@ -57,7 +57,8 @@ sbl_Surface sbl_surface_at(sbl_Facet f, float b1, float b2, vec3 direction) {
     sbl_Surface s;
     s.position = f.p0 + (b1 * f.e1 + b2 * f.e2);
     vec3 across = cross(f.s1, f.s2), s3 = f.s2 - f.s1;
-    float widest = max(max(abs(across.x), abs(across.y)), abs(across.z));  // normalize needs more than 1e-15
+    float widest = max(max(abs(across.x), abs(across.y)), abs(across.z));
+    // shorter vectors are scaled first, because their squared length may underflow in normalize
     vec3 face = normalize(widest > 1e-15 ? across : widest > 0.0 ? across / widest : -direction);
     float longest = sqrt(max(dot(f.s1, f.s1), max(dot(f.s2, f.s2), dot(s3, s3))));
     s.facet = f.size * length(across) / longest;

@@ -1,11 +1,13 @@
 // Traces rays through the bounding volume hierarchy (see >>bvh in sbl.h).
-uniform vec3 grid_origin, grid_per_length;  // the grid over the scene, whose record is number 0
-uniform int node_count;                     // 0: the scene is empty
+uniform vec3 grid_origin;      // origin of the grid over the scene, as in grid record number 0
+uniform vec3 grid_per_length;  // steps of that grid per unit of length
+uniform int node_count;        // 0: the scene is empty
 
 const int SBL_HOLES = 64;             // largest number of holes of cut-out surfaces that a ray passes
 const int SBL_BOX_SLACK = 8;          // units in the last place, see Ize 2013, "Robust BVH Ray Traversal"
-const float SBL_SELF_DEEP = 1e-4;     // sbl_test checks hits nearer than this * triangle's depth for rounding
-const float SBL_SELF_WIDE = 2.4e-7;
+const float SBL_SELF_DEEP = 1e-4;     // a hit's distance is compared with its rounding error if it is at most
+                                      // this * largest distance of a corner from the origin along sbl_Ray.axis
+const float SBL_SELF_WIDE = 2.4e-7;   // the rounding error is this * deep * wide / abs(determinant), see sbl_test
 
 // Attributes at barycentrics b1, b2 of a triangle of sbl_triangles.
 sbl_Attributes sbl_attributes_at(int triangle, float b1, float b2) {
@@ -53,9 +55,9 @@ struct sbl_Ray {
     vec3 origin;
     int axis;
     vec2 shear;
-    float z, per_z;
-    float after;  // hits at a lower distance are ignored
-    int past;     // hits at the distance `after` are ignored if the triangle's number is at most this
+    float z, per_z;  // the direction's component along the axis, and its reciprocal
+    float after;     // hits at a lower distance are ignored
+    int past;        // hits at the distance `after` are ignored if the triangle's number is at most this
 };
 
 vec3 sbl_turn(vec3 v, int axis) { return axis == 0 ? v.yzx : axis == 1 ? v.zxy : v; }
@@ -77,7 +79,7 @@ void sbl_test(int triangle, sbl_Ray ray, inout sbl_Hit hit) {
     bool inside = (front || back) && determinant != 0.0;
     float l = (u * p.z + v * q.z + w * r.z) * ray.per_z / determinant;
     // Rounding must not cause a hit of a triangle close to the ray's origin, such as the one that it starts on. A
-    // hit nearer than SBL_SELF_DEEP of the triangle's depth counts only if it is farther than the rounding error,
+    // hit nearer than SBL_SELF_DEEP * deep counts only if its distance is larger than the rounding error,
     // which is larger for thin triangles.
     float deep = max(abs(p.z), max(abs(q.z), abs(r.z)));
     float wide = max(dot(p.xy, p.xy), max(dot(q.xy, q.xy), dot(r.xy, r.xy)));
