@@ -14938,7 +14938,7 @@ enum { SBL__PREVIEW_COMPOSE, SBL__PREVIEW_METER, SBL__PREVIEW_EXPOSE };
 #define SBL__METER_LIGHT -0.5  /* stops: the mean R is shown like a white surface of this radiance */
 #define SBL__METER_BRIGHT 0.05 /* the mean of this share of the pixels, the brightest, is shown at most like ... */
 #define SBL__METER_HIGHLIGHT 1.5  /* ... a radiance of this many stops */
-#define SBL__METER_YIELD 3     /* stops by which highlights may lower the exposure */
+#define SBL__METER_YIELD 1.5   /* stops by which highlights may lower the exposure */
 
 typedef struct sbl__picture {
     sbl__map map;               /* must be first, because pointers to the struct are cast to sbl__map * */
