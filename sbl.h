@@ -2482,7 +2482,8 @@ typedef struct sbl__record {
                                           as a 16-bit integer: position * this */
 #define SBL__HARMONIC_0 0.28209479f    /* spherical harmonic of band 0: 1 / sqrt(4 pi) */
 #define SBL__HARMONIC_1 0.48860251f    /* factor of y, z and x in the spherical harmonics of band 1: sqrt(3 / (4 pi)) */
-#define SBL__BOUNCE_ALBEDO 0.98f       /* largest albedo in the computation of bounced light */
+#define SBL__BOUNCE_ALBEDO 0.98f       /* upper limit of the albedo when >>bounce computes the store; where sensors see
+                                          a surface, the store's R is multiplied by the unlimited albedo */
 #define SBL__SKY_LEAST 1e-37f          /* smallest sky radiance that may be a divisor */
 #define SBL__CELL_MOST 2e9f            /* largest coordinate of a cell in the grid */
 #define SBL__NORMAL_LEAST 1e-12        /* squared length up to which an interpolated normal is replaced by the face's */
@@ -3755,7 +3756,9 @@ typedef struct sbl__geometry {
     int colored;                   /* 1 if some mesh has vertex colours */
     float bounds[2][3];            /* lowest and highest coordinates of the scene in world space */
     double across, away;           /* diagonal of the bounds, and their largest absolute coordinate, in world units */
-    float extent;                  /* across + away; offsets from surfaces and depth are in proportion to it */
+    float extent;                  /* across + away, or 1 if that is 0; in world units. The offsets of sensors from
+                                      surfaces (see SBL__OFFSET) and the values in depth buffers are in proportion to
+                                      it, and distances in the view texture are multiples of it */
     sbl__table tables[SBL__GEOMETRY_TABLES];
     unsigned vertex_array;         /* GL vertex array: position, object, texture coordinates, colour */
     int wide;                      /* 1 if the tables are 2D textures, see sbl__table */
@@ -4658,8 +4661,8 @@ static int sbl__emits(const sbl__object *o, int back) {
     return sbl__max3(o->emission) > 0 && !(back && o->flags & SBL_MATERIAL_ONE_SIDED_EMISSION);
 }
 
-/* True if the surface is whiter than stored light can be reflected: it has no albedo texture, and all three channels
-   of its albedo exceed SBL__BOUNCE_ALBEDO. */
+/* Returns 1 if SBL__BOUNCE_ALBEDO limits the albedo of the whole surface: it has no albedo texture, and all three
+   channels of its albedo exceed the limit. */
 static int sbl__holds_light(const sbl__object *o) {
     const float *albedo = o->albedo, most = SBL__BOUNCE_ALBEDO;
     return albedo[0] > most && albedo[1] > most && albedo[2] > most && !o->albedo_texture[1];
@@ -6078,8 +6081,8 @@ typedef struct sbl__store {
     int warned;                /* 1: the warning about clamped albedos has been logged */
     float origin[3], length;   /* origin of the grid; length of a cell of level 0 */
     uint32_t *patches;         /* one word per triangle, see sbl__patch_word */
-    sbl__cell_slot *cells;
-    int cell_room;             /* number of slots, a power of two */
+    sbl__cell_slot *cells;     /* slots of the hash grid, also free ones */
+    int cell_room;             /* number of elements of `cells`: a power of two, or 0 if `cells` is NULL */
     sbl__cut *cuts;
     sbl__leaf *leaves;
     int cut_count, cut_room, leaf_count, leaf_room;
@@ -6375,7 +6378,7 @@ static const char *const sbl__glsl_store[] = {
 "#ifdef SBL_BOUNCED\n",
 "// The table sbl_store holds the patch words of all triangles, the hash table of cells, cuts, and leaves.\n",
 "uniform int first_cell;    // texel at which the hash table begins; each texel holds two slots (check, reference)\n",
-"uniform int cell_mask;     // number of slots - 1\n",
+"uniform int cell_mask;     // number of slots in the hash table - 1\n",
 "uniform vec3 cell_origin;  // origin of the grid of cells\n",
 "uniform float per_cell;    // 1 / length of a cell of level 0\n",
 "\n",
@@ -8705,7 +8708,7 @@ static const char *const sbl__glsl_lamps[] = {
 "#endif\n",
 "#endif\n",
 "#ifdef SBL_MIXED\n",
-"const bool mixed = true;            // there are lamps of all kinds, or clusters\n",
+"const bool mixed = true;            // some lamp is not a triangle, or there are more than SBL_LAMPS lamps\n",
 "#else\n",
 "const bool mixed = false;           // all lamps are triangles, at most SBL_LAMPS\n",
 "#endif\n",
@@ -8721,7 +8724,7 @@ static const char *const sbl__glsl_lamps[] = {
 "const float SBL_PASS_CROWD = 16.0;  // maximum number of passes * effective number of entries\n",
 "const int SBL_RIM_LAMPS = 8;        // maximum number of entries that get rim samples: rays to the edge of a lamp\n",
 "const int SBL_CORNERS = 3;          // number of rim samples of a triangle, one close to each corner\n",
-"const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // its barycentrics: close corner, others\n",
+"const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // their barycentrics: of the close corner, of others\n",
 "const int SBL_RIM = 12;             // number of rim samples of a round lamp\n",
 "const float SBL_RIM_AT = 0.99;      // share of a round lamp's area inside the circle on which its rim samples lie\n",
 "const float SBL_KNOWN = 1e-6;       // relative variance below which the light of clusters needs no more rays\n",
@@ -10917,7 +10920,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 /* least number of positions of surface samples per area of a cell of level 0: 8 per area of the widest cells */
 #define SBL__BOUNCE_SAMPLES_LEAST (8.0 / (1 << 2 * SBL__LEVEL_SHIFT * (SBL__LEVELS - 1)))
 #define SBL__BOUNCE_SAMPLE_RAYS 4
-#define SBL__BOUNCE_POINTS 4       /* points of a leaf */
+#define SBL__BOUNCE_POINTS 4       /* largest number of points of a leaf */
 #define SBL__BOUNCE_RAYS 16        /* rays of a point */
 #define SBL__BOUNCE_SEQUENCES 4    /* sequences of ray directions, which the points of a leaf use in turn */
 #define SBL__BOUNCE_LAMP_RAYS 8
@@ -10953,9 +10956,10 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sbl_casts"), NULL)
 
 #define SBL__NOWHERE 0xffffffffu
-#define SBL__UNSEEN FLT_MAX        /* distance of a place that no surface sees */
+#define SBL__UNSEEN FLT_MAX        /* sbl__hit.distance of a surface sample whose rays hit nothing */
 
-/* The hit of a ray: position, length of the ray, surface. place: triangle << 1 | back, or SBL__NOWHERE; after linking,
+/* The hit of a ray, or a surface sample. distance: length of the ray, world units; for a surface sample, length of the
+   shortest of its rays that hit a surface, or SBL__UNSEEN. place: triangle << 1 | back, or SBL__NOWHERE; after linking,
    the number of the leaf. albedo: share of light that the surface reflects, see sbl__share_pack. */
 typedef struct sbl__hit { float position[3], distance; uint32_t place; uint16_t albedo[4]; } sbl__hit;
 

@@ -34,7 +34,7 @@ const bool directional = false;
 #endif
 #endif
 #ifdef SBL_MIXED
-const bool mixed = true;            // there are lamps of all kinds, or clusters
+const bool mixed = true;            // some lamp is not a triangle, or there are more than SBL_LAMPS lamps
 #else
 const bool mixed = false;           // all lamps are triangles, at most SBL_LAMPS
 #endif
@@ -50,7 +50,7 @@ const int SBL_PASS_RAYS = 32;       // minimum number of rays per pass
 const float SBL_PASS_CROWD = 16.0;  // maximum number of passes * effective number of entries
 const int SBL_RIM_LAMPS = 8;        // maximum number of entries that get rim samples: rays to the edge of a lamp
 const int SBL_CORNERS = 3;          // number of rim samples of a triangle, one close to each corner
-const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // its barycentrics: close corner, others
+const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // their barycentrics: of the close corner, of others
 const int SBL_RIM = 12;             // number of rim samples of a round lamp
 const float SBL_RIM_AT = 0.99;      // share of a round lamp's area inside the circle on which its rim samples lie
 const float SBL_KNOWN = 1e-6;       // relative variance below which the light of clusters needs no more rays

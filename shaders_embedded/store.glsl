@@ -2,7 +2,7 @@
 #ifdef SBL_BOUNCED
 // The table sbl_store holds the patch words of all triangles, the hash table of cells, cuts, and leaves.
 uniform int first_cell;    // texel at which the hash table begins; each texel holds two slots (check, reference)
-uniform int cell_mask;     // number of slots - 1
+uniform int cell_mask;     // number of slots in the hash table - 1
 uniform vec3 cell_origin;  // origin of the grid of cells
 uniform float per_cell;    // 1 / length of a cell of level 0
 
