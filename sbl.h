@@ -200,6 +200,25 @@
    a vertex shader) is drawn by a callback, see sbl_draw_view.
 
 
+   ON SCREENS
+
+   Radiance has no upper limit, a screen has one. sbl_picture_desc.tone chooses a view transform (see sbl_tone), and
+   SBL_CHANNEL_DISPLAY is then the picture that it makes, with values from 0 to 1. The transform is applied to each
+   anti-aliasing sample, so that the edges of lamps are as smooth as others. To write a file or fill an 8-bit texture:
+
+       desc.tone = SBL_TONE_NEUTRAL;
+       desc.auto_exposure = 1;
+       sbl_render_picture(context, &desc);
+       sbl_read_channel(context, SBL_CHANNEL_DISPLAY, shown, 640 * 480 * 3);
+       sbl_encode_srgb8(bytes, shown, 640 * 480 * 3, 1);
+
+   auto_exposure goes by the light that arrives, as a light meter held into the scene does, and not by how bright the
+   surfaces are: white rooms stay white. The mean logarithm of the luminance of R, without the darkest and the
+   brightest 5 % of the pixels, is shown like a radiance of 0.71. If the mean logarithm of the brightest 5 % of
+   FINAL would exceed a radiance of 2.8, the exposure is lowered, by at most 1.5 stops. sbl_stats.picture.exposure tells
+   the result. Exposure and tone change no other channel.
+
+
    ON THE TARGET ERROR
 
    sbl_picture_desc.target_error is the error of R that you accept: the root mean square over the visible pixels, in

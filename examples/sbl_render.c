@@ -22,7 +22,7 @@ enum { NO_TONE, NEUTRAL, AGX, ERROR_STOPS = 5 };
 static struct options {
     int channel, inspect[2], samples, tone;
     double sensor_fov, target_error, facet_limit, exposure;  /* exposure: NaN is auto */
-} options = { .tone = AGX, .exposure = NAN };
+} options = { .tone = NEUTRAL, .exposure = NAN };
 
 static const char *const channel_words[] = { "final", "radiance", "albedo", "normal", "position", "id", "depth",
     "sensors", "store", "error", NULL };  /* in the order of sbl_channel */
@@ -68,9 +68,9 @@ static const tool_option table[OPTION_COUNT] = {
                    "the mean light is shown like a white surface of radiance 0.7, if highlights permit",
                    exposure_words },
     [TONE] = { "--tone", "NAME", CHOICE, &options.tone, 0, 0, 0,
-               "how channel final in a .png shows light that is too bright for a screen: agx (default; a filmic "
-               "curve) |\n"
-               "neutral (keeps colours, compresses only highlights) | none (everything above 1 is white)",
+               "how channel final in a .png shows light that is too bright for a screen: neutral (default; keeps "
+               "colours,\n"
+               "compresses highlights) | agx (a soft filmic curve) | none (everything above 1 is white)",
                tone_words },
     [INSPECT] = { "--inspect", "X,Y", INTEGERS, options.inspect, 2, 0, 16383,
                   "instead of the scene, draws what the sensor at this pixel sees (a disc, 512 x 512), and prints\n"
