@@ -1625,8 +1625,8 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
        write a room like >>gather, which is the shortest. Its struct begins with an sbl__work; its sbl__front_end names
        its functions and its table of stages, in which a loop over many items is a row with turn and count. The stages
        call sbl__work_prepare (hierarchy, lamps, store), sbl__work_make_task (how to measure, and memory), then for each
-       job a loop that makes its sites, and sbl__work_sense. sbl__job.results holds the readings on the GPU as well.
-       Add a row to SBL__FRONT_ENDS (>>public), and declare the descriptor and the two functions in the interface.
+       job a loop that makes its sites, and sbl__work_sense. Add a row to SBL__FRONT_ENDS (>>public), and declare the
+       descriptor and the two functions in the interface.
 
    To add a kind of light:
        add it to sbl_light_kind, its parameters to sbl_light, and its checks to sbl__check_light. In >>lamps, add its
@@ -2486,8 +2486,9 @@ typedef struct sbl__record {
 #define SBL__GUIDE_SECTORS 32      /* sectors of each ring */
 #define SBL__GUIDE_TEXELS 66       /* texels of a guide; each texel holds eight values */
 #define SBL__GUIDES_ACROSS 15      /* guides in a row of the guides' texture */
-#define SBL__LOOK_NUMBER 0x3ffu    /* mask of the look's number in sbl__look_words.which */
+#define SBL__LOOK_NUMBER 0x3ffu    /* mask of the look's number in sbl__look.which */
 #define SBL__LOOK_GUIDE_SHIFT 10   /* the guide's number is which >> this */
+#define SBL__RESULTS_WIDTH 1024    /* width of the textures of a job's results, texels */
 #define SBL__HASH_FACTOR 0x9e3779b1u
 #define SBL__HASH_SHIFT 15
 #define SBL__RGBE_BIAS 128         /* offset of the exponent that sbl__rgbe stores */
@@ -2528,7 +2529,7 @@ typedef struct sbl__record {
     X(PATCH_AXIS_SHIFT) X(NEAR_PART) X(SLOT_TRIES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) \
     X(GUIDE_RINGS) X(GUIDE_SECTORS) X(GUIDE_TEXELS) X(GUIDES_ACROSS) X(LOOK_GUIDE_SHIFT) X(HASH_SHIFT) X(RGBE_BIAS) \
     X(RGBE_BITS) X(TEXTURE_SRGB) X(TEXTURE_KIND) X(TEXTURE_CLAMPS) X(LEAF) X(ENTER) X(LEAVE) X(END) X(CHILD_NUMBER) \
-    X(LAMP_TRIANGLE) X(LAMP_NEAR_LIGHT) X(LAMP_FAR_LIGHT) X(LAMP_SKY_TEXEL) X(FAR_NODE) \
+    X(LAMP_TRIANGLE) X(LAMP_NEAR_LIGHT) X(LAMP_FAR_LIGHT) X(LAMP_SKY_TEXEL) X(FAR_NODE) X(RESULTS_WIDTH) \
     X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_CUT) X(LOOK_NUMBER) X(HASH_FACTOR) \
     X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
     X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_TURN) \
@@ -2759,7 +2760,7 @@ static void sbl__target_delete(const sbl__device *d, sbl__target *t) {
 
 /* Attaches `count` textures of the same size to a target, and a depth texture if `depth` is not NULL. Creates the
    target if it does not exist. */
-static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const sbl__texture *const *colors, int count,
+static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const sbl__texture *colors, int count,
                                    const sbl__texture *depth) {
     const sbl__gl *gl = &d->gl;
     unsigned buffers[6], status;
@@ -2769,9 +2770,9 @@ static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const s
     gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, t->id);
     for (i = 0; i < count; i++) {
         buffers[i] = SBL__GL_COLOR_ATTACHMENT0 + (unsigned)i;
-        gl->FramebufferTexture2D(SBL__GL_DRAW_FRAMEBUFFER, buffers[i], SBL__GL_TEXTURE_2D, colors[i]->id, 0);
-        t->textures[i] = colors[i]->id;
-        t->formats[i] = colors[i]->format;
+        gl->FramebufferTexture2D(SBL__GL_DRAW_FRAMEBUFFER, buffers[i], SBL__GL_TEXTURE_2D, colors[i].id, 0);
+        t->textures[i] = colors[i].id;
+        t->formats[i] = colors[i].format;
     }
     if (depth) gl->FramebufferTexture2D(SBL__GL_DRAW_FRAMEBUFFER, SBL__GL_DEPTH_ATTACHMENT, SBL__GL_TEXTURE_2D,
                                         depth->id, 0);
@@ -2784,8 +2785,8 @@ static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const s
         result = SBL_ERROR_GL;
     }
     t->count = count;
-    t->width = colors[0]->width;
-    t->height = colors[0]->height;
+    t->width = colors->width;
+    t->height = colors->height;
     return result;
 }
 
@@ -3201,10 +3202,9 @@ static sbl_result sbl__host_texture_read(sbl__device *d, unsigned name, const in
     const sbl__gl *gl = &d->gl;
     sbl__texture texture = { 0, 0, 0, 0, 0 };
     sbl__target target = { 0, 0, 0, 0, { 0 }, { 0 } };
-    const sbl__texture *color = &texture;
     unsigned sampler = 0;
     sbl_result result = sbl__texture_make(d, &texture, size[0], size[1], SBL__GL_RGBA32F);
-    if (result == SBL_SUCCESS) result = sbl__target_make(d, &target, &color, 1, NULL);
+    if (result == SBL_SUCCESS) result = sbl__target_make(d, &target, &texture, 1, NULL);
     if (result == SBL_SUCCESS) result = sbl__use(d, &sbl__recipe_copy, 0);
     if (result == SBL_SUCCESS && !sbl__name_make(d, gl->GenSamplers, &sampler)) result = SBL_ERROR_GL;
     if (result == SBL_SUCCESS) {
@@ -3224,8 +3224,13 @@ static sbl_result sbl__host_texture_read(sbl__device *d, unsigned name, const in
     return result;
 }
 
-/* Calls the host's draw callback inside the current pass, then restores the state that passes rely on. */
-static void sbl__host_draw(const sbl__device *d, sbl_draw_function draw, const sbl_draw_view *view, void *user) {
+/* Lets the host draw a view into its viewport in a target, then restores the state that passes rely on. Computes
+   world_to_clip and write_depth; the caller sets the other fields. */
+static void sbl__host_draw(const sbl__device *d, const sbl__target *t, sbl_draw_function draw, sbl_draw_view *view,
+                           void *user) {
+    sbl__multiply(view->world_to_clip, view->view_to_clip, view->world_to_view);
+    view->write_depth = (d->features & SBL__WRITE_DEPTH) != 0;
+    sbl__pass(d, t, view->viewport, view->viewport, SBL__PASS_DEPTH);
     draw(view, user);
     sbl__guard_force(&d->gl);
 }
@@ -3291,13 +3296,14 @@ static int sbl__pace_rows(sbl__pace *p, const sbl__slice *s, const sbl__target *
 static void sbl__submit(const sbl__device *d) { d->gl.Flush(); }
 
 /* Waits until the GPU has finished a submission of `units` units of work, and updates the cost. The cost rises at once
-   and falls slowly, because work that was cheap a few times can be expensive again. */
-static void sbl__pace_end(const sbl__device *d, sbl__pace *p, double units) {
+   and falls slowly, because work that was cheap a few times can be expensive again. Returns GL errors. */
+static sbl_result sbl__pace_end(const sbl__device *d, sbl__pace *p, double units) {
     double cost, fall;
     d->gl.Finish();
     cost = SBL__MAX(sbl__now() - p->start, 1e-6) / units;
     fall = cost < SBL__PACE_FAR * p->cost ? SBL__PACE_FAR_FALL : SBL__PACE_FALL;
     p->cost = p->cost > cost ? p->cost + fall * (cost - p->cost) : cost;
+    return sbl__gl_check(&d->gl);
 }
 
 /* >>device: stages. Long work is a list of stages, each done in pieces that fit into a slice. A table has a row for
@@ -4985,11 +4991,11 @@ static const char *const sbl__glsl_sky[] = {
    in slices, when it is first needed and again after surfaces have changed. */
 
 #define SBL__BVH_BINS 16         /* bins per axis */
-#define SBL__BVH_LEAF 4          /* limit of triangles in a leaf; the format allows 8 */
-#define SBL__BVH_SAH_DEPTH 32    /* deeper nodes get two halves of equally many triangles, to limit the depth */
+#define SBL__BVH_LEAF 4          /* maximum number of triangles in a leaf; the format allows 8 */
+#define SBL__BVH_SAH_DEPTH 32    /* nodes from this depth on get halves of equal triangle counts, to limit the depth */
 #define SBL__BVH_DROPPED 0xffffffffu  /* marks an unused element of sbl__hierarchy.order */
-#define SBL__BVH_GRID_STEPS 512  /* a node gets a finer grid if its box is shorter than this on all axes, in steps */
-#define SBL__BVH_GRID_LEAST 32   /* least number of triangles of a node that gets a finer grid */
+#define SBL__BVH_GRID_STEPS 512  /* upper limit of all sides of a box with its own grid, steps of its parent's grid */
+#define SBL__BVH_GRID_LEAST 32   /* minimum number of triangles of a node that gets its own grid */
 #define SBL__BVH_CHUNK 32        /* triangles per turn of a loop, so that the overhead of turns is negligible */
 #define SBL__UPLOAD_CHUNK 65536  /* bytes per piece of an upload */
 
@@ -5042,10 +5048,10 @@ static float sbl__box_area(const sbl__box *b) {
 /* Bounds of triangles, and of their centroids multiplied by 2 */
 typedef struct sbl__bvh_bounds { sbl__box box, centroids; } sbl__bvh_bounds;
 
-/* A node to build, over triangles first .. first + count - 1 of the order. slot: the element of sbl__bvh.children whose
-   last word receives the node's number */
+/* A node to build, over triangles first .. first + count - 1 of the order. child: number of the element of
+   sbl__bvh.children whose last word receives the node's number */
 typedef struct sbl__bvh_task {
-    int first, count, depth, slot;
+    int first, count, depth, child;
     sbl__grid_node grid;
     sbl__bvh_bounds bounds;
 } sbl__bvh_task;
@@ -5256,7 +5262,7 @@ static int sbl__bvh_next_task(void *work) {
     int axis, k, fine = 1;
     if (!b->top) return SBL__BVH_COSTS;
     *t = b->stack[--b->top];
-    child = &b->children[t->slot][3];
+    child = &b->children[t->child][3];
     *child = (uint32_t)h->node_count;
     for (k = 0; k < 3; k++) fine &= (box->high[k] - box->low[k]) * t->grid.per_length[k] < SBL__BVH_GRID_STEPS;
     if (fine && t->count >= SBL__BVH_GRID_LEAST && t->depth < SBL__BVH_SAH_DEPTH) {
@@ -5284,7 +5290,7 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
     const int node = b->hierarchy->node_count++;
     int side, i;
     (void)slice;
-    if (!s->left) {  /* no split was found. The first part may be empty; no ray enters its box */
+    if (!s->left) {  /* no split was found: halves. The first half of one triangle is empty; no ray enters its box */
         const sbl_result result = sbl__bvh_drop_copies(b, t);
         if (result != SBL_SUCCESS) return result;
         s->left = t->count / 2;
@@ -5292,7 +5298,7 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
             sbl__bvh_bounds_add(&s->parts[i >= s->left], &b->boxes[b->hierarchy->order[t->first + i]]);
     }
     b->work[node].area = sbl__box_area(&t->bounds.box);
-    b->work[node].parent = t->slot / 2;
+    b->work[node].parent = t->child / 2;
     for (side = 0; side < 2; side++) {
         const int first = side ? t->first + s->left : t->first, count = side ? t->count - s->left : s->left;
         uint32_t *child = b->children[2 * node + side];
@@ -5306,7 +5312,7 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
             task->first = first;
             task->count = count;
             task->depth++;
-            task->slot = 2 * node + side;
+            task->child = 2 * node + side;
             task->bounds = s->parts[side];
         }
     }
@@ -5355,7 +5361,7 @@ static int sbl__bvh_after_boxes(void *work) {
     if (h->triangle_count) {
         b->top = 1;
         task->count = h->triangle_count;
-        /* The grid takes the place of node 0, so children[0][3], where this task with slot 0 writes the number of its
+        /* The grid takes the place of node 0, so children[0][3], where this task with child 0 writes the number of its
            node, is the grid's field `root`. */
         h->grid = task->grid = sbl__bvh_add_grid(h, &task->bounds.box, 0);
     }
@@ -5461,11 +5467,11 @@ static const char *const sbl__glsl_traverse[] = {
 "uniform vec3 grid_per_length;  // steps of that grid per unit of length\n",
 "uniform int node_count;        // 0: the scene is empty\n",
 "\n",
-"const int SBL_HOLES = 64;             // largest number of holes of cut-out surfaces that a ray passes\n",
-"const int SBL_BOX_SLACK = 8;          // units in the last place, see Ize 2013, \"Robust BVH Ray Traversal\"\n",
-"const float SBL_SELF_DEEP = 1e-4;     // a hit's distance is compared with its rounding error if it is at most\n",
-"                                      // this * largest distance of a corner from the origin along sbl_Ray.axis\n",
-"const float SBL_SELF_WIDE = 2.4e-7;   // the rounding error is this * deep * wide / abs(determinant), see sbl_test\n",
+"const int SBL_HOLES = 64;            // a ray that meets this many holes of cut-out surfaces ends at the last one\n",
+"const int SBL_BOX_SLACK = 8;         // added to the distance at which a ray leaves a box, units in the last place\n",
+"                                     // (Ize 2013, \"Robust BVH Ray Traversal\")\n",
+"const float SBL_SELF_DEEP = 1e-4;    // hits nearer than this * deep must be farther than the rounding error\n",
+"const float SBL_SELF_WIDE = 2.4e-7;  // the rounding error is this * deep * wide / abs(determinant), see sbl_test\n",
 "\n",
 "// Attributes at barycentrics b1, b2 of a triangle of sbl_triangles.\n",
 "sbl_Attributes sbl_attributes_at(int triangle, float b1, float b2) {\n",
@@ -5647,7 +5653,7 @@ SBL__RECORD(sbl__light_record, SBL__LIGHT_RECORD, "sbl_light", "sbl_lamps", "", 
 #define SBL__MOMENT_MOST 1e18         /* upper limit of the sums in a cluster, so that products of two remain finite */
 #define SBL__SPOT_LEAST 0.001         /* least difference between the cosines of a spot's cones (KHR_lights_punctual) */
 #define SBL__CURVE_BITS 20            /* bits of the Morton curve per axis */
-#define SBL__LAMP_DEPTH 128           /* size of a stack: above 61 bits of the curve + log2(lamps at one place) */
+#define SBL__LAMP_DEPTH 128           /* size of the stack `clusters`: above 61 (curve bits) + log2(lamps at a place) */
 
 typedef struct sbl__lamp {
     uint64_t curve;            /* position along a Morton curve; bit 63 is set for distant lamps */
@@ -5685,7 +5691,7 @@ typedef struct sbl__lights {
                                   largest R that a lamp causes close to it */
     int ready;
     sbl__table table;
-    int nodes, leaves;         /* numbers of nodes and leaves of both trees */
+    int nodes, leaves;         /* counts of nodes and of leaves, over both trees */
     int mixed;                 /* 1 if not all lamps are triangles, or if there are more than SBL__LAMPS */
     uint32_t *codes;           /* code of each leaf, see sbl__lamp_leaf */
     sbl__lamps *building;
@@ -7224,15 +7230,18 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
    several are equally near, that of the first triangle. Triangles that share a corner, with the same position and the
    same lightmap coordinates, belong to one chart. */
 
-#define SBL__ATLAS_WORDS 4      /* per texel: 1 + triangle (0: none); weights of corners 1 and 2; 1 + chart */
-#define SBL__ATLAS_FAR 1e30f    /* initial squared distance of a texel, before any triangle touches it */
-#define SBL__ATLAS_WELL -1.0f   /* value of `away` for a centre well inside the triangle */
-#define SBL__ATLAS_EDGE -0.5f   /* value of `away` if the texel's centre lies inside its triangle, near an edge: the
-                                   triangle beyond may contain it too */
+/* Words of a texel in sbl__atlas.texels: 1 + triangle number (0: none), barycentric weights of corners 1 and 2 as
+   floats, 1 + chart number. */
+#define SBL__ATLAS_WORDS 4
+#define SBL__ATLAS_FAR 1e30f    /* squared distance of a texel before any triangle touches it */
+#define SBL__ATLAS_WELL -1.0f   /* stands for a distance: the texel's centre lies well inside the triangle */
+#define SBL__ATLAS_EDGE -0.5f   /* the same: it lies inside, but near an edge; the neighbour may contain it too */
 #define SBL__ATLAS_INSIDE 1e-3  /* a centre lies well inside if all its barycentric weights are at least this */
-#define SBL__ATLAS_INSET 0.02   /* points on edges are moved inward by this number of texels; otherwise a sensor in a
-                                   crease would stand inside the other wall */
-#define SBL__ATLAS_INSET_MOST 0.01  /* upper limit of the inset, as a share of the distance to the centroid */
+/* If a texel's centre is not well inside its triangle, the texel's sensor is moved towards the triangle's centroid by
+   SBL__ATLAS_INSET texels, but at most by the share SBL__ATLAS_INSET_MOST of the way. Otherwise a sensor at the edge of
+   a wall would stand inside the adjoining wall. */
+#define SBL__ATLAS_INSET 0.02
+#define SBL__ATLAS_INSET_MOST 0.01
 
 typedef struct sbl__atlas {
     sbl__stages stages;
@@ -7245,9 +7254,10 @@ typedef struct sbl__atlas {
                                    0: not begun */
     uint32_t *parents;          /* per vertex: union-find over charts (see sbl__root); later the chart's number */
     sbl__hash_table places;     /* vertices by position and lightmap coordinates */
-    uint32_t *texels;           /* SBL__ATLAS_WORDS per texel */
-    float *away;                /* per texel: squared distance in texels from its centre to the point that it shows; or
-                                   SBL__ATLAS_WELL or SBL__ATLAS_EDGE, minus the number of overlapping triangles */
+    uint32_t *texels;           /* see SBL__ATLAS_WORDS */
+    float *away;                /* per texel: squared distance in texels from its centre to the point that it shows. If
+                                   its triangle contains the centre: SBL__ATLAS_WELL or SBL__ATLAS_EDGE, minus the
+                                   number of other triangles that contain it */
     int charts;                 /* number of charts */
     double world_area, area;    /* total area of the triangles, in world space and in square texels */
     int overlapping, outside;   /* numbers of texels where triangles overlap, and of triangles partly off the map */
@@ -7319,8 +7329,8 @@ static sbl_result sbl__atlas_join(void *work, int triangle) {
     return SBL_SUCCESS;
 }
 
-/* Replaces a vertex's parent by the number of its chart. The root of a chart is its first vertex, so its number is
-   known when the others need it. */
+/* Replaces a vertex's parent by the number of its chart. The root of a chart is its first vertex, so the root gets its
+   number before the chart's other vertices need it. */
 static sbl_result sbl__atlas_number(void *work, int vertex) {
     sbl__atlas *a = (sbl__atlas *)work;
     uint32_t *parent = &a->parents[vertex];
@@ -7332,13 +7342,13 @@ static sbl_result sbl__atlas_number(void *work, int vertex) {
 /* >>atlas: texels */
 
 typedef struct sbl__atlas_triangle {
-    double corners[3][2];  /* texels */
+    double corners[3][2];  /* positions in the atlas, texels */
     double area;           /* twice the signed area, square texels */
     uint32_t number, chart;
     int rows[2];           /* first and last row that the triangle touches */
 } sbl__atlas_triangle;
 
-/* Gets the first and last of `size` texels that an interval touches. If it touches none, last < first. */
+/* Gets the first and last of `size` texels that an interval touches. If it touches none or low > high, last < first. */
 static void sbl__atlas_span(double low, double high, int size, int out[2]) {
     const double first = floor(low), last = SBL__MAX(first, ceil(high) - 1);
     out[0] = first >= size ? size : first < 0 ? 0 : (int)first;
@@ -7379,9 +7389,7 @@ static void sbl__atlas_columns(const sbl__atlas *a, const sbl__atlas_triangle *t
             if ((p[1] < side) != (q[1] < side))
                 sbl__extend(&low, &high, p[0] + (side - p[1]) / (q[1] - p[1]) * (q[0] - p[0]));
     }
-    columns[0] = 0;
-    columns[1] = -1;
-    if (low <= high) sbl__atlas_span(low, high, a->width, columns);
+    sbl__atlas_span(low, high, a->width, columns);
 }
 
 /* Gets the point of a triangle nearest to a texel's centre, as barycentric weights. Returns the squared distance in
@@ -7417,7 +7425,7 @@ static double sbl__atlas_nearest(const sbl__atlas_triangle *t, const double cent
     return least;
 }
 
-/* Moves a point on a triangle's edge towards the centroid. */
+/* Moves a point on or near a triangle's edge towards the centroid, see SBL__ATLAS_INSET. */
 static void sbl__atlas_inset(const sbl__atlas_triangle *t, double weights[3]) {
     double distance2 = 0, share;
     int i, k;
@@ -7430,7 +7438,7 @@ static void sbl__atlas_inset(const sbl__atlas_triangle *t, double weights[3]) {
     for (i = 0; i < 3; i++) weights[i] += share * (1 / 3.0 - weights[i]);
 }
 
-/* Returns the number of other triangles that also contain the centre of a texel. */
+/* Returns the number of triangles, besides the one that a texel shows, that contain the texel's centre. */
 static float sbl__atlas_others(const sbl__atlas *a, size_t texel) {
     return a->away && a->away[texel] < 0 ? (float)ceil(-(double)a->away[texel]) - 1 : 0;
 }
@@ -7449,7 +7457,8 @@ static void sbl__atlas_warn_overlap(sbl__atlas *a, uint32_t triangle, size_t tex
              (int)(texel / (size_t)a->width) / a->across);
 }
 
-/* Makes the texel in column at[0] of row at[1] show a triangle if this is nearer than the one shown so far. */
+/* Makes the texel in column at[0] of row at[1] show a triangle if this is nearer to the texel's centre than the
+   triangle shown so far. */
 static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const int at[2]) {
     const size_t i = (size_t)at[1] * (size_t)a->width + (size_t)at[0];
     const double centre[2] = { at[0] + 0.5, at[1] + 0.5 };
@@ -7457,7 +7466,7 @@ static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const 
     double weights[3];
     const float away = (float)sbl__atlas_nearest(t, centre, weights);
     const int well = away <= SBL__ATLAS_WELL, other_chart = t->chart + 1 != texel[3];
-    const int was_well = floor((double)a->away[i]) >= (double)a->away[i];  /* integer: SBL__ATLAS_WELL - overlaps */
+    const int was_well = floor((double)a->away[i]) >= (double)a->away[i];  /* SBL__ATLAS_WELL minus a number is whole */
     float shares[2];
     if (away < 0 && a->away[i] < 0 && (other_chart || (well && was_well))) {
         sbl__atlas_warn_overlap(a, t->number, i);
@@ -7576,17 +7585,17 @@ typedef struct sbl__surface_job {
     const sbl__camera *camera;
     const sbl__gbuffer *gbuffer;
     float offset[2];           /* position of the sample relative to the pixel's centre, pixels */
-    float epsilon;             /* for the host's draw callback */
-    int bounced;               /* 1: also look up the stored light */
-    sbl__atlas *atlas;         /* lightmaps; NULL for pictures */
+    float epsilon;             /* ambient factor for the host's draw callback, see sbl_draw_view */
+    int bounced;               /* 1: also store R of bounced light, see gbuffer_fragment.glsl */
+    sbl__atlas *atlas;         /* the lightmap's atlas; NULL: draw a picture's G-buffer with `camera` */
 } sbl__surface_job;
 
-/* State of the job in progress. The textures are kept for the next job. */
+/* State of drawing a G-buffer. The textures are kept for the next G-buffer. */
 typedef struct sbl__surface {
-    sbl__stages stages;        /* at: next triangle or row */
+    sbl__stages stages;        /* stages.at: number of the next triangle or row */
     sbl__device *device;
     const sbl__surface_job *job;
-    int row, rows;             /* first row and number of rows of the band in progress */
+    int row;                   /* first row of the band in progress; each band draws all triangles again */
     sbl__texture triangles, depth;
     sbl__target visibility;
     sbl__pace triangle_pace, point_pace;
@@ -7600,14 +7609,11 @@ static sbl_result sbl__gbuffer_make(const sbl__device *d, sbl__gbuffer *g, int w
                                     const sbl__texture *depth) {
     static const unsigned formats[SBL__GBUFFER_COUNT] = { SBL__GL_RGBA32F, SBL__GL_RGBA32F, SBL__GL_RGBA32F,
                                                           SBL__GL_RGBA16F, SBL__GL_RGBA32F, SBL__GL_R32UI };
-    const sbl__texture *textures[SBL__GBUFFER_COUNT];
     sbl_result result = SBL_SUCCESS;
     int i;
-    for (i = 0; i < SBL__GBUFFER_COUNT && result == SBL_SUCCESS; i++) {
-        textures[i] = &g->textures[i];
+    for (i = 0; i < SBL__GBUFFER_COUNT && result == SBL_SUCCESS; i++)
         result = sbl__texture_make(d, &g->textures[i], width, height, formats[i]);
-    }
-    return result == SBL_SUCCESS ? sbl__target_make(d, &g->target, textures, SBL__GBUFFER_COUNT, depth) : result;
+    return result == SBL_SUCCESS ? sbl__target_make(d, &g->target, g->textures, SBL__GBUFFER_COUNT, depth) : result;
 }
 
 static void sbl__gbuffer_free(const sbl__device *d, sbl__gbuffer *g) {
@@ -7617,12 +7623,11 @@ static void sbl__gbuffer_free(const sbl__device *d, sbl__gbuffer *g) {
 }
 
 static sbl_result sbl__surface_make(const sbl__device *d, sbl__surface *s, int width, int height, int lightmap) {
-    const sbl__texture *color = &s->triangles;
     sbl_result result = sbl__texture_make(d, &s->triangles, width, height,
                                           lightmap ? SBL__GL_RGBA32UI : SBL__GL_R32UI);
     if (lightmap) return result;
     if (result == SBL_SUCCESS) result = sbl__texture_make(d, &s->depth, width, height, SBL__GL_DEPTH_COMPONENT32F);
-    return result == SBL_SUCCESS ? sbl__target_make(d, &s->visibility, &color, 1, &s->depth) : result;
+    return result == SBL_SUCCESS ? sbl__target_make(d, &s->visibility, &s->triangles, 1, &s->depth) : result;
 }
 
 static void sbl__surface_free(const sbl__device *d, sbl__surface *s) {
@@ -7633,7 +7638,7 @@ static void sbl__surface_free(const sbl__device *d, sbl__surface *s) {
 
 /* >>surface: the camera */
 
-/* Makes a camera from the checked matrices of desc. */
+/* desc: its matrices are checked already */
 static void sbl__camera_make(sbl__camera *c, const sbl_picture_desc *desc, const sbl__geometry *g) {
     const float *m = desc->world_to_view;
     int i, k;
@@ -7649,8 +7654,7 @@ static void sbl__camera_make(sbl__camera *c, const sbl_picture_desc *desc, const
     for (i = 0; i < 8; i++) {
         double distance = 0;
         for (k = 0; k < 3; k++) distance -= c->back[k] * ((double)g->bounds[(i >> k) & 1][k] - c->eye[k]);
-        c->nearest = SBL__MIN(c->nearest, distance);
-        c->farthest = SBL__MAX(c->farthest, distance);
+        sbl__extend(&c->nearest, &c->farthest, distance);
     }
     c->nearest -= 1e-3 * g->extent;
     c->farthest += 1e-3 * g->extent;
@@ -7711,7 +7715,8 @@ static void sbl__camera_set(const sbl__device *d, const sbl__camera *c, const fl
     const double a = c->orthographic ? 1 : -(double)m[11], step_x = 2.0 / t->width, step_y = -2.0 / t->height;
     const double x0 = -1 + offset[0] * step_x, y0 = 1 + offset[1] * step_y;
     const double dx = a * step_x / m[0], dy = a * step_y / m[5];
-    const int moving = c->orthographic ? 0 : 3, still = 3 - moving;  /* which of `rays` vary over the pixels */
+    const int moving = c->orthographic ? 0 : 3;  /* index of the first of the three `names` that vary over the pixels */
+    const int still = 3 - moving;
     /* x in view space: (a ndc + m8) / m0 at unit distance (perspective), (ndc - m12) / m0 (orthographic) */
     const double across = c->orthographic ? (x0 - m[12]) / m[0] : (a * x0 + m[8]) / m[0];
     const double down = c->orthographic ? (y0 - m[13]) / m[5] : (a * y0 + m[9]) / m[5];
@@ -7751,7 +7756,8 @@ static const char *const sbl__glsl_visibility_vertex[] = {
 /* >>glsl visibility_fragment: shaders_embedded/visibility_fragment.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_visibility_fragment[] = {
 "flat in int triangle;\n",
-"uniform float depth_from_w;  // depth / gl_FragCoord.w, for drivers without clip control; 0: orthographic\n",
+"// For drivers without clip control: depth = depth_from_w * gl_FragCoord.w. 0: orthographic\n",
+"uniform float depth_from_w;\n",
 "layout(location = 0) out uint out_triangle;  // 1 + number of the triangle; 0: the pixel shows none\n",
 "\n",
 "void main() {\n",
@@ -7775,14 +7781,15 @@ static const sbl__recipe sbl__recipe_visibility = {
     SBL__CUTOUTS | SBL__WIDE | SBL__WRITE_DEPTH
 };
 
-#define SBL__BEFORE_CAMERA 1e-3  /* parts of a triangle where w is below this share of its largest w are cut off */
+#define SBL__BEFORE_CAMERA 1e-3  /* parts of a triangle where clip w is below this share of its largest w are cut off */
 
 /* Estimates the number of pixels that a triangle covers in the band: half the area of the bounding rectangle, on the
-   screen, of its part in front of the camera. rows: see visibility_vertex.glsl */
-static double sbl__triangle_pixels(const sbl__surface *s, float rows[4][4], uint32_t triangle) {
+   screen, of its part in front of the camera. band: x, y, width, height; rows: clip_x to clip_w of
+   visibility_vertex.glsl */
+static double sbl__triangle_pixels(const sbl__surface *s, const int band[4], float rows[4][4], uint32_t triangle) {
     const double *eye = s->job->camera->eye;
     const double size[2] = { (double)s->visibility.width, (double)s->visibility.height };
-    const double low[2] = { 0, (double)s->row }, high[2] = { size[0], (double)s->row + s->rows };
+    const double low[2] = { 0, (double)band[1] }, high[2] = { size[0], (double)band[1] + band[3] };
     double from[2] = { DBL_MAX, DBL_MAX }, to[2] = { -DBL_MAX, -DBL_MAX }, v[3][4], before;
     int i, k;
     for (i = 0; i < 3; i++) {
@@ -7796,7 +7803,7 @@ static double sbl__triangle_pixels(const sbl__surface *s, float rows[4][4], uint
     for (i = 0; i < 3; i++) {
         const double *a = v[i], *b = v[(i + 1) % 3];
         const double t = (a[3] > before) != (b[3] > before) ? (before - a[3]) / (b[3] - a[3]) : 0;
-        for (k = 0; k < 2; k++) {  /* the corner a, then the point where the edge is cut */
+        for (k = 0; k < 2; k++) {  /* extend by corner a if it is in front, and by the point where edge ab is cut off */
             if (a[3] > before) sbl__extend(&from[k], &to[k], (0.5 * a[k] / a[3] + 0.5) * size[k]);
             if (t > 0) sbl__extend(&from[k], &to[k], (0.5 * (a[k] + t * (b[k] - a[k])) / before + 0.5) * size[k]);
         }
@@ -7809,23 +7816,7 @@ static double sbl__triangle_pixels(const sbl__surface *s, float rows[4][4], uint
     return 0.5 * (to[0] - from[0]) * (to[1] - from[1]);
 }
 
-/* Begins a band with the row `row`. Each band draws all triangles again. */
-static void sbl__surface_band(sbl__surface *s, int row) {
-    s->row = row;
-    s->rows = SBL__MIN(SBL__MAX(1, SBL__BAND_PIXELS / s->visibility.width), s->visibility.height - row);
-    s->stages.at = 0;
-}
-
-static sbl_result sbl__surface_clear(void *work, sbl__slice *slice) {
-    sbl__surface *s = (sbl__surface *)work;
-    (void)slice;
-    sbl__pass(s->device, &s->visibility, NULL, NULL, 0);
-    sbl__clear(s->device, NULL);
-    sbl__surface_band(s, 0);
-    return sbl__gl_check(&s->device->gl);
-}
-
-/* Draws as many triangles into the band as the slice has time for. */
+/* Draws as many triangles into the band as the slice has time for. The first call clears the target. */
 static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
     static const char *const names[4] = { "clip_x", "clip_y", "clip_z", "clip_w" };
     sbl__surface *s = (sbl__surface *)work;
@@ -7833,12 +7824,17 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
     const sbl__scene *scene = s->job->scene;
     const sbl__camera *c = s->job->camera;
     const sbl__geometry *g = &scene->geometry;
-    const int band[4] = { 0, s->row, s->visibility.width, s->rows }, at = s->stages.at;
+    const int most = SBL__MAX(1, SBL__BAND_PIXELS / s->visibility.width), at = s->stages.at;
+    const int band[4] = { 0, s->row, s->visibility.width, SBL__MIN(most, s->visibility.height - s->row) };
     double room = sbl__pace_begin(&s->triangle_pace, slice, 65536, 1), pixels = 0;
     float clip[16], rows[4][4], eye[3];
     int end = at, i, k;
     sbl_result result;
-    if (!g->triangle_count) return SBL_SUCCESS;
+    if (at == 0 && s->row == 0) {
+        sbl__pass(d, &s->visibility, NULL, NULL, 0);
+        sbl__clear(d, NULL);
+    }
+    if (!g->triangle_count) return sbl__gl_check(&d->gl);
     result = sbl__use(d, &sbl__recipe_visibility, scene->features);
     if (result != SBL_SUCCESS) return result;
     sbl__camera_clip(c, s->job->offset, &s->visibility, clip);
@@ -7848,7 +7844,7 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
         rows[i][3] = clip[12 + i];
     }
     for (; end < g->triangle_count && pixels < room; end++)
-        pixels += SBL__TRIANGLE_PIXELS + sbl__triangle_pixels(s, rows, (uint32_t)end);
+        pixels += SBL__TRIANGLE_PIXELS + sbl__triangle_pixels(s, band, rows, (uint32_t)end);
     sbl__pass(d, &s->visibility, NULL, band, SBL__PASS_DEPTH);
     sbl__scene_bind(d, scene);
     sbl__camera_set(d, c, s->job->offset, &s->visibility);
@@ -7857,10 +7853,9 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
     sbl__set_vec3(d, "eye", eye);
     sbl__set_float(d, "depth_from_w", c->orthographic ? 0 : c->depth_scale);
     sbl__draw_triangles(d, at, end - at);
-    sbl__pace_end(d, &s->triangle_pace, pixels);
-    s->stages.at = end;
-    if (end == g->triangle_count) sbl__surface_band(s, s->row + s->rows);
-    result = sbl__gl_check(&d->gl);
+    result = sbl__pace_end(d, &s->triangle_pace, pixels);
+    s->stages.at = end % g->triangle_count;
+    if (end == g->triangle_count) s->row += band[3];
     return result == SBL_SUCCESS && s->row < s->visibility.height ? SBL_UNFINISHED : result;
 }
 
@@ -7872,7 +7867,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "uniform usampler2D triangles;  // output of visibility_fragment.glsl; lightmaps: see SBL__ATLAS_WORDS\n",
 "uniform float facet_limit;     // pixels. Triangles whose least height on the screen is below this get their\n",
 "                               // geometric normal, above twice this their shading normal, in between a mixture\n",
-"layout(location = 0) out vec4 out_position;          // w: reach, see surface.glsl\n",
+"layout(location = 0) out vec4 out_position;          // w: sbl_Surface.reach, see surface.glsl\n",
 "layout(location = 1) out vec4 out_normal;\n",
 "layout(location = 2) out vec4 out_geometric_normal;\n",
 "layout(location = 3) out vec4 out_albedo;\n",
@@ -7882,8 +7877,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "// sensor may stand, w of normal is -1 - red.\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
-"// Returns the mean of the stored R at 5 x 5 points over about one cell. Used where no sensor may stand, because\n",
-"// there no sensor smooths R. points: 25, or 0 if the result is not needed\n",
+"// Returns the mean of the stored R over 5 x 5 points in about one cell, without the points where R is 0. Used\n",
+"// where no sensor may stand, because there no sensor smooths R. points: 25, or 0 if the result is not needed\n",
 "vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {\n",
 "    mat3 frame = sbl_frame(s.geometric_normal);\n",
 "    float step = 0.25 / per_cell, weight = 0.0;\n",
@@ -7891,9 +7886,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    for (int i = 0; i < points; i++) {\n",
 "        vec3 place = s.position + step * (frame * vec3(i % 5 - 2, i / 5 - 2, 0));\n",
 "        vec3 light = sbl_stored(number, s.back, place, SBL_UNBOUNDED);\n",
-"        float known = max(light.r, max(light.g, light.b)) > 0.0 ? 1.0 : 0.0;\n",
 "        sum += light;\n",
-"        weight += known;\n",
+"        weight += max(light.r, max(light.g, light.b)) > 0.0 ? 1.0 : 0.0;\n",
 "    }\n",
 "    return sum / max(weight, 1.0);\n",
 "}\n",
@@ -7911,7 +7905,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "#else\n",
 "        vec3 origin = sbl_camera_origin(), direction = sbl_camera_direction();\n",
 "        sbl_Surface s = sbl_surface(int(triangle) - 1, origin, direction);\n",
-"        // Shading normals hide facets. Facets too small to be seen keep the light of their own plane.\n",
+"        // Width of a pixel at the surface, world units. Facets too small to be seen get their geometric normal.\n",
 "        float pixel = length(origin_y + distance(s.position, origin) / length(direction) * direction_y);\n",
 "        if (facet_limit > 0.0)\n",
 "            s.normal = normalize(mix(s.geometric_normal, s.normal,\n",
@@ -7962,9 +7956,8 @@ static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
     sbl__camera_set(d, job->camera, job->offset, target);
     sbl__set_float(d, "facet_limit", job->camera->facet_limit);
     sbl__draw_screen(d);
-    sbl__pace_end(d, &s->point_pace, (double)rows * target->width);
+    result = sbl__pace_end(d, &s->point_pace, (double)rows * target->width);
     s->stages.at += rows;
-    result = sbl__gl_check(&d->gl);
     return result == SBL_SUCCESS && s->stages.at < target->height ? SBL_UNFINISHED : result;
 }
 
@@ -7974,24 +7967,21 @@ static sbl_result sbl__surface_host(void *work, sbl__slice *slice) {
     const sbl__surface_job *job = s->job;
     const sbl__camera *c = job->camera;
     const sbl__target *target = &job->gbuffer->target;
-    const int all[4] = { 0, 0, target->width, target->height };
     sbl_draw_view view;
     int k;
     (void)slice;
     if (!job->scene->draw) return SBL_SUCCESS;
     memset(&view, 0, sizeof view);
     view.kind = SBL_VIEW_CAMERA;
-    memcpy(view.viewport, all, sizeof view.viewport);
+    view.viewport[2] = target->width;
+    view.viewport[3] = target->height;
     memcpy(view.world_to_view, c->world_to_view, sizeof view.world_to_view);
     sbl__camera_clip(c, job->offset, target, view.view_to_clip);
-    sbl__multiply(view.world_to_clip, view.view_to_clip, c->world_to_view);
     for (k = 0; k < 3; k++) view.eye[k] = (float)c->eye[k];
     view.radiance_scale = 1;
     view.depth_scale = c->depth_scale;
-    view.write_depth = (s->device->features & SBL__WRITE_DEPTH) != 0;
     view.epsilon = job->epsilon;
-    sbl__pass(s->device, target, NULL, all, SBL__PASS_DEPTH);
-    sbl__host_draw(s->device, job->scene->draw, &view, job->scene->draw_user);
+    sbl__host_draw(s->device, target, job->scene->draw, &view, job->scene->draw_user);
     return sbl__gl_check(&s->device->gl);
 }
 
@@ -8015,24 +8005,21 @@ static sbl_result sbl__surface_send(void *work, sbl__slice *slice) {
 /* Does one piece of work. Returns SBL_SUCCESS when the G-buffer is drawn; the next call begins a new one. A lightmap's
    atlas must have begun. */
 static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__surface_job *job, sbl__slice *slice) {
-    static const sbl__stage_row camera[] = {
-        { sbl__surface_clear, NULL, NULL, NULL },
+    static const sbl__stage_row tables[2][3] = { {  /* of a camera */
         { sbl__surface_triangles, NULL, NULL, NULL },
         { sbl__surface_points, NULL, NULL, NULL },
         { sbl__surface_host, NULL, NULL, NULL }
-    };
-    static const sbl__stage_row lightmap[] = {
+    }, {  /* of a lightmap */
         { sbl__surface_atlas, NULL, NULL, NULL },
         { sbl__surface_send, NULL, NULL, NULL },
         { sbl__surface_points, NULL, NULL, NULL }
-    };
+    } };
     sbl_result result;
     d->gl.doing = "drawing the G-buffer";
     s->device = d;
     s->job = job;
-    result = job->atlas ? sbl__stages_step(&s->stages, lightmap, SBL__COUNT(lightmap), s, slice)
-                        : sbl__stages_step(&s->stages, camera, SBL__COUNT(camera), s, slice);
-    if (result == SBL_SUCCESS) memset(&s->stages, 0, sizeof s->stages);
+    result = sbl__stages_step(&s->stages, tables[job->atlas != NULL], SBL__COUNT(tables[0]), s, slice);
+    if (result == SBL_SUCCESS) s->stages.stage = s->row = 0;
     return result;
 }
 
@@ -8042,7 +8029,7 @@ static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__
    room also lays out a look's views in a rectangle of texels, its sheet, and computes the weights of these texels. */
 
 typedef struct sbl__site {
-    float position[3];          /* world space: on a surface or in the air */
+    float position[3];          /* world space, on a surface or in the air */
     float normal[3];            /* unit vector to the centre of the hemisphere; a surface's shading normal */
     float geometric_normal[3];  /* unit vector; the sensor is moved off the surface along it */
     float offset;               /* world distance by which the sensor is moved off the surface */
@@ -8060,40 +8047,30 @@ typedef struct sbl__site {
 typedef struct sbl__spec {
     int traced;                 /* 1: sensors trace rays; 0: they rasterise views */
     int paper;                  /* 1: exactly the paper's method: unrotated views, weights by equation 4, emitters only
-                                   seen in views, other kinds of lamps ignored */
+                                   seen in views, other kinds of lamps ignored. 0: lamp_rays measure all emission, so
+                                   other rays and views do not see it */
     int hemicube;               /* rasterised: 1: five views form half a cube; 0: one view along the normal */
     int size;                   /* rasterised: width and height of a view, texels */
     float fov;                  /* rasterised, one view: field of view, degrees */
     int looks;                  /* maximum number of looks per site */
     int rays;                   /* traced: number of rays over the hemisphere per look */
     int lamp_rays;              /* maximum number of rays towards lamps per look; 0: no rays are aimed at lamps */
-    int lamps_apart;            /* 1: lamp_rays measure all emission, so other rays and views do not see it */
     int bounced;                /* 1: surfaces reflect bounced light (see >>store) and ambient light; 0: ambient only */
     int without_sky;            /* traced: 1 if rays over the hemisphere see neither the sky nor the environment */
     int no_light;               /* traced: 1 if rays over the hemisphere cannot find light, so that only the first look
                                    traces them, for the distances and back faces in readings */
-    int guided;                 /* 1: guides direct rays, see >>guide */
-    float distance_limit;       /* traced: upper limit for each distance in a reading's mean distance; 0: no limit */
     int one_ray;                /* only for traced looks: 1: a look is a single ray along the normal, which measures
                                    radiance, as probes need it */
     int directional;            /* 1: measure layers 1 to 4 too, see SBL__LAYERS */
     float epsilon;              /* the paper's ambient factor: constant light that is added on all surfaces, without
                                    occlusion */
+    int view_texture_size;      /* sensor_texture_size of sbl_context_desc */
+    int batch;                  /* maximum number of looks per batch */
+    /* Jobs whose specs differ only in the fields that follow use the same resources, see sbl__job_begin. */
     uint32_t seed;              /* seed for the rotation of all sensors, see sbl_picture_desc */
-    int view_texture_size, batch;  /* sensor_texture_size and batch of sbl_context_desc */
+    int guided;                 /* 1: guides direct rays, see >>guide */
+    float distance_limit;       /* traced: upper limit for each distance in a reading's mean distance; 0: no limit */
 } sbl__spec;
-
-/* One look of a site. */
-typedef struct sbl__look {
-    float position[3];          /* the site's position, moved off the surface by `offset` along the geometric normal */
-    float normal[3];
-    float offset;
-    float rotation;             /* rasterised: rotation of the views about the normal, radians */
-    uint32_t seed;              /* traced: scrambles the points of the sequence that give the rays' directions */
-    int number;                 /* index among the site's looks; selects the section of the sequence for its rays */
-    int guide;                  /* number of the site's guide */
-    int sensor;                 /* index of the look among all looks of the job */
-} sbl__look;
 
 #define SBL__MAX_LOOKS 512         /* maximum number of looks per site if the host sets target_error */
 #define SBL__DEFAULT_LOOKS 16      /* maximum number of looks per site with the default target error */
@@ -8101,10 +8078,26 @@ typedef struct sbl__look {
 #define SBL__LOOK_VARIANCE 12.5    /* a look is too noisy while its relative variance exceeds this multiple of the
                                       target error squared (see sbl__look_growth) */
 
+/* One look of a site, as shaders read it:
+   position         the site's position, moved off the surface by `offset` along the geometric normal
+   rotation         rasterised: rotation of the views about the normal, radians
+   scramble         traced: scrambles the points of the sequence that give the rays' directions, see sbl__sequence_at
+   lamp_scramble    the same for rays towards lamps
+   which            index among the site's looks, in the low SBL__LOOK_GUIDE_SHIFT bits: selects the section of the
+                    sequence for the look's rays; above, the number of the site's guide */
+#define SBL__LOOK_RECORD(X) \
+    X(sbl__look, VEC3, position) X(sbl__look, FLOAT, rotation) \
+    X(sbl__look, VEC3, normal) X(sbl__look, FLOAT, offset) \
+    X(sbl__look, UVEC2, scramble) X(sbl__look, UINT, lamp_scramble) X(sbl__look, UINT, which)
+SBL__RECORD(sbl__look, SBL__LOOK_RECORD, "sbl_look", "sbl_looks", SBL__BUFFER_TABLE("sbl_looks"), NULL)
+
+/* Returns the seed of a sensor. number: sbl__site.number; seed: sbl__spec.seed */
+static uint32_t sbl__sensor_seed(uint32_t number, uint32_t seed) { return sbl__hash(number ^ sbl__hash(seed)); }
+
 /* Makes look number `look` of a site. Its rotation about the normal is the site's hash (0 to 1) plus the look number's
    radical inverse, in quarter turns, so that any number of looks are spread evenly over a quarter rotation. */
 static void sbl__look_make(const sbl__spec *spec, const sbl__site *site, int look, sbl__look *out) {
-    const uint32_t hash = sbl__hash(site->number ^ sbl__hash(spec->seed));
+    const uint32_t hash = sbl__sensor_seed(site->number, spec->seed);
     double rotation = 0, share = 0.5;  /* rotation: radical inverse of `look` in base 2, 0 to 1 */
     int k;
     for (k = look; k > 0; k >>= 1, share *= 0.5) rotation += k & 1 ? share : 0;
@@ -8114,27 +8107,20 @@ static void sbl__look_make(const sbl__spec *spec, const sbl__site *site, int loo
     }
     out->offset = site->offset;
     out->rotation = spec->paper ? 0 : (float)(0.5 * SBL__PI * (hash / 4294967296.0 + rotation));
-    out->seed = hash;
-    out->number = look;
-    out->guide = site->guide;
+    out->scramble[0] = sbl__hash(hash);
+    out->scramble[1] = sbl__hash(hash + 1u);
+    out->lamp_scramble = sbl__hash(hash + 2u);
+    out->which = (uint32_t)look | (uint32_t)site->guide << SBL__LOOK_GUIDE_SHIFT;
 }
-
-/* The data of a look that ray-tracing shaders read. The word `which` holds the look's number in its low
-   SBL__LOOK_GUIDE_SHIFT bits and the guide's number above them. */
-#define SBL__LOOK_RECORD(X) \
-    X(sbl__look_words, VEC3, position) X(sbl__look_words, FLOAT, rotation) \
-    X(sbl__look_words, VEC3, normal) X(sbl__look_words, FLOAT, offset) \
-    X(sbl__look_words, UVEC2, scramble) X(sbl__look_words, UINT, lamp_scramble) X(sbl__look_words, UINT, which)
-SBL__RECORD(sbl__look_words, SBL__LOOK_RECORD, "sbl_look", "sbl_looks", SBL__BUFFER_TABLE("sbl_looks"), NULL)
 
 /* >>sensors: views */
 
-/* Positions of a look's views in its sheet. */
+/* Positions of a look's views in its sheet, the rectangle of texels that holds them. */
 typedef struct sbl__layout {
     int view_count;             /* 5 for a hemicube, otherwise 1 */
     double tangent;             /* tangent of half the field of view; 1 for a hemicube */
     int rects[5][4];            /* per view: x, y, width, height in the sheet, texels */
-    int sheet_width, sheet_height;  /* size of the sheet without padding, texels */
+    int sheet[2];               /* width and height of the sheet without padding, texels */
     int block;                  /* width and height of a block: the square of texels that reduce_blocks.glsl adds up */
     int blocks[2];              /* number of blocks across and down; the sheet is padded to whole blocks */
 } sbl__layout;
@@ -8148,8 +8134,8 @@ static void sbl__layout_make(sbl__layout *l, int hemicube, int size, float fov) 
     memset(l, 0, sizeof *l);
     l->view_count = hemicube ? 5 : 1;
     l->tangent = hemicube ? 1 : tan(0.5 * (double)fov * SBL__PI / 180);
-    l->sheet_width = hemicube ? 2 * size : size;
-    l->sheet_height = hemicube ? SBL__MAX(size, 2 * half) + half : size;
+    l->sheet[0] = hemicube ? 2 * size : size;
+    l->sheet[1] = hemicube ? SBL__MAX(size, 2 * half) + half : size;
     l->rects[0][2] = l->rects[0][3] = size;
     for (i = 1; i < l->view_count; i++) {
         l->rects[i][0] = i == 3 ? 0 : size;
@@ -8158,12 +8144,10 @@ static void sbl__layout_make(sbl__layout *l, int hemicube, int size, float fov) 
         l->rects[i][3] = half;
     }
     l->block = size < 128 ? 8 : size < 256 ? 16 : 32;
-    l->blocks[0] = (l->sheet_width + l->block - 1) / l->block;
-    l->blocks[1] = (l->sheet_height + l->block - 1) / l->block;
+    for (i = 0; i < 2; i++) l->blocks[i] = (l->sheet[i] + l->block - 1) / l->block;
 }
 
-/* Returns the width (axis 0) or height (axis 1) of a sheet, the rectangle with all views of a look, and its
-   padding, texels. */
+/* Returns the width (axis 0) or height (axis 1) of a padded sheet, texels. */
 static int sbl__layout_pitch(const sbl__layout *l, int axis) { return l->blocks[axis] * l->block; }
 
 /* Computes two tangents of a unit normal (Duff et al. 2017, "Building an Orthonormal Basis, Revisited") and rotates
@@ -8246,8 +8230,8 @@ static void sbl__paper_project(double x, double y, double out[2]) {
     out[1] = y / length;
 }
 
-/* Returns the paper's equation 4, divided by pi. The factor rdx * rdy of its section III-E cancels against the mean
-   over that number of texels. */
+/* Returns the weight of a texel by the paper's equation 4, divided by pi. Section III-E multiplies it by the number
+   of texels, rdx * rdy, and then takes the mean over them; both are omitted here. */
 static double sbl__paper_weight(const double from[2], const double to[2]) {
     double v0[2], v1[2], v2[2];
     sbl__paper_project(from[0], from[1], v0);
@@ -8290,9 +8274,9 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 
 #define SBL__GUIDE_BINS (SBL__GUIDE_RINGS * SBL__GUIDE_SECTORS)
 #define SBL__GUIDE_WORDS (4 * SBL__GUIDE_TEXELS)
-/* Even rays keep the cosine distribution. At least the share SBL__GUIDE_EVEN of all rays is even, so that light that no
-   scout found is not missed. If the share of lit bins is above SBL__GUIDE_DARK, more rays are even; from SBL__GUIDE_LIT
-   on, all are, because even rays sample uniform light with the least noise. */
+/* Even rays are cosine-distributed: the guide does not direct them. At least the share SBL__GUIDE_EVEN of all rays is
+   even, so that light that no scout found is not missed. If the share of lit bins is above SBL__GUIDE_DARK, more rays
+   are even; from SBL__GUIDE_LIT on, all are, because even rays sample uniform light with the least noise. */
 #define SBL__GUIDE_EVEN 0.2
 #define SBL__GUIDE_DARK 0.4
 #define SBL__GUIDE_LIT 0.7
@@ -8301,8 +8285,8 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 #define SBL__GUIDE_STEP 8
 #define SBL__GUIDES_FEW 4096
 #define SBL__GUIDES_MOST 16384
-#define SBL__SCOUTS 256            /* scouts from each pixel of the grid */
-#define SBL__SCOUTS_AT_ONCE 131072 /* scouts that one job traces, at most */
+#define SBL__SCOUTS 256            /* number of scout rays from each pixel of the grid */
+#define SBL__SCOUTS_AT_ONCE 131072 /* maximum number of scout rays per job */
 
 /* The guides of a picture, for the pixels of a grid. Guide number 0 belongs to no pixel and keeps the cosine
    distribution. The guide of grid pixel `place`, counted row by row, has number 1 + place. */
@@ -8441,8 +8425,8 @@ typedef struct sbl__slots {
 } sbl__slots;
 
 /* Textures that the programs of sensors write: partial sums of the looks in all slots (see reduce_blocks.glsl and
-   trace.glsl), or results of looks, or light from lamps. Directional jobs also need the harmonics of red, green and
-   blue, and those that correct the harmonics of rays (see trace.glsl). */
+   trace.glsl), or results of looks, or light from lamps. Textures 0 and 1 hold sums and hits. Directional jobs also
+   need 2 to 4, the harmonics of red, green and blue light, and traced ones 5, out_even of trace.glsl. */
 typedef struct sbl__blocks {
     sbl__texture textures[6];
     sbl__target target;
@@ -8461,23 +8445,22 @@ typedef struct sbl__batch {
     const sbl__slots *slots;
     const sbl__blocks *blocks;
     const sbl__look *looks;
-    const sbl__table *table;    /* table of sbl__look_words, if rays are traced */
+    const sbl__table *table;    /* table of sbl__look, if rays are traced */
     const sbl__guides *guides;  /* NULL if the spec is not guided */
+    int first;                  /* number of the first look among all looks of the job */
     int slot, count;
 } sbl__batch;
 
 /* Makes the first `count` textures and a target that draws to them. Deletes the other textures. */
 static sbl_result sbl__blocks_make(const sbl__device *d, sbl__blocks *b, int count, int width, int height) {
-    const sbl__texture *colors[6];
     sbl_result result = SBL_SUCCESS;
     int i;
     for (i = 0; i < 6; i++) {
         sbl__texture *texture = &b->textures[i];
         if (i >= count) sbl__texture_delete(d, texture);
         else if (result == SBL_SUCCESS) result = sbl__texture_make(d, texture, width, height, SBL__GL_RGBA32F);
-        colors[i] = texture;
     }
-    return result == SBL_SUCCESS ? sbl__target_make(d, &b->target, colors, count, NULL) : result;
+    return result == SBL_SUCCESS ? sbl__target_make(d, &b->target, b->textures, count, NULL) : result;
 }
 
 static void sbl__blocks_free(const sbl__device *d, sbl__blocks *b) {
@@ -8486,26 +8469,11 @@ static void sbl__blocks_free(const sbl__device *d, sbl__blocks *b) {
     sbl__target_delete(d, &b->target);
 }
 
-/* Sends looks to the table that ray-tracing shaders read. room: capacity of the table */
+/* Sends looks to the table that ray-tracing shaders read. room: capacity of the table, looks */
 static sbl_result sbl__looks_send(const sbl__device *d, sbl__table *table, const sbl__look *looks, int count,
                                   int room) {
-    sbl__look_words *words = (sbl__look_words *)sbl__alloc_raw(d->base, (size_t)count, sizeof *words);
-    sbl_result result;
-    int i;
-    if (!words) return SBL_ERROR_OUT_OF_MEMORY;
-    for (i = 0; i < count; i++) {
-        const sbl__look *l = &looks[i];
-        memcpy(words[i].position, l->position, sizeof l->position);
-        memcpy(words[i].normal, l->normal, sizeof l->normal);
-        words[i].rotation = l->rotation;
-        words[i].offset = l->offset;
-        words[i].scramble[0] = sbl__hash(l->seed);
-        words[i].scramble[1] = sbl__hash(l->seed + 1u);
-        words[i].lamp_scramble = sbl__hash(l->seed + 2u);
-        words[i].which = (uint32_t)l->number | (uint32_t)l->guide << SBL__LOOK_GUIDE_SHIFT;
-    }
-    result = sbl__buffer_stream(d, &table->buffer, sizeof *words * (size_t)room, words, sizeof *words * (size_t)count);
-    sbl__free(d->base, words);
+    const sbl_result result = sbl__buffer_stream(d, &table->buffer, sizeof *looks * (size_t)room, looks,
+                                                 sizeof *looks * (size_t)count);
     return result == SBL_SUCCESS ? sbl__table_attach(d, table, SBL__GL_RGBA32UI, 0) : result;
 }
 
@@ -8570,12 +8538,12 @@ static const char *const sbl__glsl_carrier[] = {
 /* Limits of the work of one shader invocation. Some software renderers silently end an invocation after about 65,000
    loop iterations. A ray takes sbl__hierarchy.cost iterations on average, but some rays take several times more. */
 #define SBL__LOOP_TURNS 20000      /* maximum number of loop iterations per invocation, on average */
-#define SBL__RAY_TURNS 20          /* loop iterations of a ray outside the hierarchy */
+#define SBL__RAY_TURNS 20          /* loop iterations per ray besides sbl__hierarchy.cost */
 #define SBL__LAMP_CHUNK 256        /* maximum number of rays towards lamps per invocation */
 
 /* Resources for rays towards lamps. */
 typedef struct sbl__aim {
-    int parts;                     /* number of invocations among which a look's rays are divided */
+    int parts;                     /* number of invocations among which a look's rays to lamps are divided */
     sbl__table sequence;           /* points of the unit square that give directions, see sbl__sequence_make */
     sbl__blocks light;             /* outputs of lamps.glsl. Each look has a column of `parts` texels; a texel sums
                                       a part of the look's rays */
@@ -8657,7 +8625,7 @@ static int sbl__aim_parts(const sbl__spec *spec, const sbl__hierarchy *h) {
     return (spec->lamp_rays + chunk - 1) / chunk;
 }
 
-/* Makes the resources for looks in these slots. The points of each invocation have a section for each pass. */
+/* Makes the sequence, with a section for each pass of each invocation, and the outputs for looks in these slots. */
 static sbl_result sbl__aim_setup(const sbl__device *d, sbl__aim *a, const sbl__spec *spec, const sbl__slots *slots,
                                  const sbl__hierarchy *h) {
     const int rows = (slots->count + slots->columns - 1) / slots->columns;
@@ -8701,25 +8669,25 @@ static const char *const sbl__glsl_lamps[] = {
 "//     shoot    traces the ray\n",
 "//     combine  computes R from the results of all rays and from the closed forms\n",
 "//\n",
-"// One invocation computes one sensor, or one of the `blocks.y` parts into which its rays are divided. It stops\n",
-"// when more rays would not improve the result. With SBL_INSPECT it reports one ray or one entry of the sensor.\n",
+"// One invocation computes one look, or one of the `blocks.y` parts into which its rays are divided. It stops when\n",
+"// more rays would not improve the result. With SBL_INSPECT it reports one ray or one entry of the look.\n",
 "uniform usamplerBuffer sbl_sequence;  // points of the unit square for the rays, as in trace.glsl\n",
-"uniform int lamp_nodes, lamp_leaves;  // numbers of nodes and leaves in the table of lamps\n",
-"uniform int rays;                     // maximum number of rays per sensor\n",
+"uniform int lamp_nodes, lamp_leaves;  // counts of nodes and of leaves in the table of lamps\n",
+"uniform int rays;                     // maximum number of rays per look, besides those to rims and point lights\n",
 "uniform float unit;                   // radiance is divided by this unit while it is summed, to prevent overflow\n",
 "uniform float scale;                  // output / R\n",
 "#ifdef SBL_INSPECT\n",
 "const bool inspected = true, directional = false;\n",
-"uniform int parts;                    // number of parts into which the measurement divides the rays\n",
-"uniform int sheet_slot;               // slot of the sensor's views in the view texture\n",
+"uniform int parts;                    // number of invocations among which the measurement divides a look's rays\n",
+"uniform int sheet_slot;               // slot of the look's views in the view texture\n",
 "SBL_OUT(0, out_light);                // rgb: light of a ray, or unobstructed R of an entry; a: ray: 0: not traced,\n",
 "                                      // 1: reached the lamp, 2: blocked; entry: 1: lamp, 2: visible point light,\n",
 "                                      // 3: hidden point light\n",
 "SBL_OUT(1, out_way);                  // xyz: a ray's direction, or 0 for an entry; w: number of the lamp's leaf\n",
 "#else\n",
 "const bool inspected = false;\n",
-"SBL_OUT(0, out_light);                // R of the part, and the variance of its luminance\n",
-"SBL_OUT_HARMONICS(1, 2, 3)            // spherical harmonics of the part's light\n",
+"SBL_OUT(0, out_light);                // R of the part * scale, and the variance of its luminance\n",
+"SBL_OUT_HARMONICS(1, 2, 3)            // spherical harmonics of the part's light * scale\n",
 "#ifdef SBL_DIRECTIONAL\n",
 "const bool directional = true;\n",
 "#else\n",
@@ -8737,16 +8705,16 @@ static const char *const sbl__glsl_lamps[] = {
 "                                    // independent points: measured with shadow edges on a lamp\n",
 "const float SBL_STRATA_LOST = 0.6;  // upper limit of SBL_STRATA / sqrt(n), for few points per lamp\n",
 "const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this share of its distance\n",
-"const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles SBL_OPENING\n",
-"const float SBL_SPARSE = 16.0;      // minimum number of rays that a group must get on average for a ratio estimate\n",
+"const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles the opening\n",
+"const float SBL_SPARSE = 16.0;      // a group to which a part sends fewer rays on average is `sparse`: no ratio\n",
 "const int SBL_PASS_RAYS = 32;       // minimum number of rays per pass\n",
-"const float SBL_PASS_CROWD = 16.0;  // maximum number of passes * effective number of entries\n",
-"const int SBL_RIM_LAMPS = 8;        // maximum number of entries that get rim samples: rays to the edge of a lamp\n",
+"const float SBL_PASS_CROWD = 16.0;  // maximum of (number of passes) * (effective number of entries)\n",
+"const int SBL_RIM_LAMPS = 8;        // with more entries than this, none gets rim samples (rays to its edge)\n",
 "const int SBL_CORNERS = 3;          // number of rim samples of a triangle, one close to each corner\n",
-"const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // their barycentrics: of the close corner, of others\n",
+"const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // a rim sample's barycentrics: close corner, others\n",
 "const int SBL_RIM = 12;             // number of rim samples of a round lamp\n",
 "const float SBL_RIM_AT = 0.99;      // share of a round lamp's area inside the circle on which its rim samples lie\n",
-"const float SBL_KNOWN = 1e-6;       // relative variance below which the light of clusters needs no more rays\n",
+"const float SBL_KNOWN = 1e-6;       // clusters need no more rays if variance / square of their light is below this\n",
 "const float SBL_SMALL = 16.0;       // a triangle is small if its squared distance over its squared size is larger\n",
 "const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // see sbl_form_factor\n",
 "const float SBL_POINT_WEIGHT[2] = float[2](0.223381589678011, 0.109951743655322);\n",
@@ -8755,8 +8723,8 @@ static const char *const sbl__glsl_lamps[] = {
 "// A lamp as the sensor sees it. \"triangle:\", \"texel:\" and \"light:\" name the kinds of lamp that have a field.\n",
 "struct sbl_Lamp {\n",
 "    uint kind;\n",
-"    vec3 brightness;           // triangle: radiance; texel: radiance * solid angle; light: irradiance of a surface\n",
-"                               // at the sensor that faces the light\n",
+"    vec3 brightness;           // divided by `unit`. triangle: radiance; texel: radiance above the limit * solid\n",
+"                               // angle; light: irradiance of a surface at the sensor that faces the light\n",
 "    vec3 corner;               // triangle: first corner, relative to the sensor; else unit direction to the centre\n",
 "    vec3 side_1, side_2;       // triangle: vectors from the first corner to the other corners\n",
 "    float away, radius, sine2; // light: distance, radius, squared sine of half the angle that it subtends\n",
@@ -8788,7 +8756,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        float off = dot(normal, l.corner);\n",
 "        l.group = off > 0.0 ? vec2(0, 1) : vec2(1, 0);\n",
 "        l.brightness = sbl_emission(object, l.group.y == 1.0) / unit;\n",
-"        // Nearly edge-on. This excludes the sensor's own triangle, which rounding may put above the horizon.\n",
+"        // Almost edge-on: no light. Excludes the sensor's own triangle, which rounding may put above the horizon.\n",
 "        if (abs(off) < 0.5 * sbl_look_offset(look) * length(normal)) l.brightness = vec3(0);\n",
 "    }\n",
 "    if (sbl_is_texel(l)) {\n",
@@ -8811,7 +8779,7 @@ static const char *const sbl__glsl_lamps[] = {
 "            l.corner /= max(l.away, 1e-30);\n",
 "            float spot = clamp(dot(sbl_light_axis(int(at)), -l.corner) * sbl_light_spot_scale(int(at)) +\n",
 "                               sbl_light_spot_offset(int(at)), 0.0, 1.0);  // KHR_lights_punctual\n",
-"            if (l.away < l.radius) { l.corner = n; l.away = l.radius; spot = 1.0; }  // the sensor is inside\n",
+"            if (l.away < l.radius) { l.corner = n; l.away = l.radius; spot = 1.0; }  // sensor inside the light\n",
 "            l.brightness *= spot * spot / (l.away * l.away);\n",
 "            l.sine2 = min(l.radius * l.radius / (l.away * l.away), 1.0);\n",
 "        }\n",
@@ -8965,7 +8933,7 @@ static const char *const sbl__glsl_lamps[] = {
 "struct sbl_Sample {\n",
 "    vec3 direction;\n",
 "    float far;    // distance, or SBL_UNBOUNDED\n",
-"    vec3 light;   // R from the lamp, estimated from this point alone\n",
+"    vec3 light;   // R / unit from the lamp, estimated from this point alone\n",
 "    vec2 b;       // triangle: weights of the second and third corner\n",
 "};\n",
 "\n",
@@ -9018,16 +8986,16 @@ static const char *const sbl__glsl_lamps[] = {
 "#ifdef SBL_VIEWS  // geometry that only the host can draw: the sensor's views tell whether it hides the lamp\n",
 "uniform sampler2D view_texture; // radiance towards the sensor; distance along the view's axis, < 0 for a back face\n",
 "uniform vec4 view_rects[5];     // per view: x, y, width, height in the sheet, texels\n",
-"uniform ivec2 sheet;            // size of a sheet, texels\n",
+"uniform ivec2 sheet;            // size of a sheet (the views of one look), texels\n",
 "uniform int view_count;\n",
 "uniform float tangent;          // tangent of half the field of view\n",
 "uniform float extent;           // scene extent: unit of the view texture's distances, world units\n",
 "\n",
-"const float SBL_AT_LAMP = 0.002;  // relative tolerance of the test whether a view shows the lamp (16-bit floats)\n",
-"const int SBL_LOOKS_AGAIN = 4;    // maximum number of texels that are compared\n",
+"const float SBL_AT_LAMP = 0.002;  // relative tolerance for distances in views, which are 16-bit floats\n",
+"const int SBL_LOOKS_AGAIN = 4;    // maximum number of texels that sbl_hidden compares for one ray\n",
 "\n",
-"// Returns true if the views show something in front of the sample. The direction of a texel's centre may miss the\n",
-"// lamp's triangle; a point closer to the triangle's middle is then compared instead.\n",
+"// Returns true if the views show something in front of the sample, or do not cover its direction. The direction of\n",
+"// a texel's centre may miss the lamp's triangle; a point closer to the triangle's middle is then compared.\n",
 "bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {\n",
 "    float turn = sbl_look_rotation(look);\n",
 "    mat3 frame = sbl_frame(n);\n",
@@ -9054,7 +9022,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        if (seen == 0.0) return false;\n",
 "        if (l.kind != SBL_LAMP_TRIANGLE) return seen < (1.0 - SBL_AT_LAMP) * s.far * dot(point, forward);\n",
 "        vec3 ray = forward + tangent * (centre.x * right + centre.y * up);\n",
-"        float there = dot(l.corner, normal) / dot(ray, normal);  // depth at which the ray meets the lamp's plane\n",
+"        float there = dot(l.corner, normal) / dot(ray, normal);  // depth along `forward` of the lamp's plane\n",
 "        bool other_side = (shown < 0.0) != (l.group.y == 1.0);   // the view shows the back of the lamp\n",
 "        bool beyond = seen > (1.0 + SBL_AT_LAMP) * there;\n",
 "        if (there > 0.0 && (beyond || (seen >= (1.0 - SBL_AT_LAMP) * there && !other_side))) return false;\n",
@@ -9077,7 +9045,7 @@ static const char *const sbl__glsl_lamps[] = {
 "mat2x3 whole;                // by group (see sbl_Lamp): unobstructed light of lamps that are entries themselves,\n",
 "                             // except texels and the `certain` point lights. Each group has its own ratio seen /\n",
 "                             // open, because one side of a closed mesh hides the other\n",
-"bool rounded = false;        // true: some entries are round lamps\n",
+"bool rounded = false;        // true: some of the lamps considered are not triangles\n",
 "mat3x4 whole_harmonics[2];   // by group: harmonics of `whole`\n",
 "\n",
 "// Adds node i to the entries, skips it, or descends into it. Returns the next node, or `limit`, the number of all\n",
@@ -9144,7 +9112,7 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "struct sbl_Pick {\n",
 "    int leaf;      // the lamp that is picked\n",
-"    float share;   // probability of picking it\n",
+"    float share;   // probability of picking this lamp\n",
 "    vec2 u;        // uniform point for sbl_sample; each choice by u.x rescales it, so that it stays uniform\n",
 "    bool cluster;  // true: the lamp was picked from a cluster\n",
 "};\n",
@@ -9184,16 +9152,17 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// Sums over the rays. Light from clusters, texels and sparse groups is the mean of the rays' light; light from\n",
 "// other lamps is the closed form times the ratio seen / open.\n",
-"mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by group: rays' light without obstruction, and with it\n",
-"vec3 sure = vec3(0), sampled = vec3(0);       // light of point lights; light of clusters, texels and sparse groups\n",
-"vec2 samples = vec2(0), lit = vec2(0);        // by group: number of rays summed in `open`, and in `seen`\n",
-"float taken = 0.0, squares = 0.0;             // number of rays; sum of the squared luminances in `sampled`\n",
+"mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by group: sums of the rays' light without obstruction, and with it\n",
+"vec3 sure = vec3(0), sampled = vec3(0);       // sum of light of point lights; of clusters, texels, sparse groups\n",
+"vec2 samples = vec2(0), lit = vec2(0);        // by group: number of rays in `open`; how many of them reached lamps\n",
+"float taken = 0.0;                            // number of rays, without rim samples and rays to point lights\n",
+"float squares = 0.0;                          // sum of the squared luminances of the rays in `sampled`\n",
 "vec2 sparse;                                  // by group: 1: too few rays for a ratio; 0: enough\n",
-"vec2 bright = vec2(0), dark = vec2(0);        // by group: number of visible and of blocked rays, with rim samples\n",
+"vec2 bright = vec2(0), dark = vec2(0);        // by group: number of unblocked and of blocked rays and rim samples\n",
 "mat3x4 sure_harmonics = mat3x4(0), sampled_harmonics = mat3x4(0);  // harmonics of `sure` and of `sampled`\n",
 "mat3x4 open_harmonics[2], seen_harmonics[2];  // harmonics of `open` and of `seen`\n",
-"vec4 report = vec4(0), report_way = vec4(0);  // inspections: what one ray found\n",
-"bool reporting;                               // true: report the next ray\n",
+"vec4 report = vec4(0), report_way = vec4(0);  // inspections: out_light / unit, and out_way\n",
+"bool reporting;                               // true: sbl_shoot reports its ray\n",
 "\n",
 "// Traces the ray of a sample. at_rim: the sample only tests for obstruction; point: it is on a point light\n",
 "void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool point) {\n",
@@ -9248,8 +9217,8 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// >>combine\n",
 "\n",
-"// Variance of the mean of n points, divided by the variance of one point. A lamp with more points has smaller\n",
-"// strata. `lamps` is the effective number of lamps.\n",
+"// Variance of the mean of n rays, divided by the variance of one ray. A lamp with more rays has smaller strata.\n",
+"// The variable `lamps` is the effective number of lamps, with those in clusters.\n",
 "float sbl_strata(float n) {\n",
 "    float lamps = total * total / max(crowd_within, 1e-37), points = max(n, 1.0);\n",
 "    return min(SBL_STRATA * sqrt(max(lamps - 1.0, 1.0) / points), SBL_STRATA_LOST) / points;\n",
@@ -9264,7 +9233,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    return disagree || sbl_strata(taken) * error > SBL_KNOWN * mean * mean;\n",
 "}\n",
 "\n",
-"// Computes R and the variance of its luminance.\n",
+"// Returns R * scale, and the variance of its luminance.\n",
 "vec4 sbl_combine() {\n",
 "    float clusters = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);\n",
 "    float variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) * sbl_strata(taken);\n",
@@ -9297,7 +9266,7 @@ static const char *const sbl__glsl_lamps[] = {
 "void main() {\n",
 "    ivec2 at = sbl_texel_of_invocation();\n",
 "    int wanted = at.y * blocks.x + at.x;  // number of the ray or, from `rays` on, of the entry to report\n",
-"    int certain_ray = rays + SBL_LAMPS - 1 - wanted;  // number of the point light to report, counted from the end\n",
+"    int certain_ray = rays + SBL_LAMPS - 1 - wanted;  // number of the point light to report, from the last entry\n",
 "#ifdef SBL_INSPECT\n",
 "    int part = 0, slot = sheet_slot;\n",
 "    if (wanted >= rays + SBL_LAMPS) sbl_leave;\n",
@@ -9324,7 +9293,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    if (directional) open_harmonics[0] = open_harmonics[1] = seen_harmonics[0] = seen_harmonics[1] = mat3x4(0);\n",
 "    float enough = SBL_SPARSE * float(parts) / float(rays) * total;\n",
 "    sparse = vec2(lessThan(vec3(1) * whole, vec2(enough)));\n",
-"    // Rim samples find shadow edges that hide only a small part of a lamp, if there are few lamps.\n",
+"    // Rim samples find shadow edges that hide only a small part of a lamp, so that more passes are made.\n",
 "    int passes = sbl_pass_count(), rims = rounded ? SBL_RIM : SBL_CORNERS;\n",
 "    int rim_samples = passes > 1 && used <= SBL_RIM_LAMPS ? rims * used : 0;\n",
 "    int skip = int(sbl_look_which(look) & SBL_LOOK_NUMBER) * rays;\n",
@@ -9386,7 +9355,7 @@ static const sbl__recipe sbl__recipe_lamps = {
     { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_carrier, sbl__glsl_traverse, sbl__glsl_sky,
       sbl__glsl_lamps },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
-      &sbl__look_words_record, &sbl__lamp_node_record, &sbl__lamp_leaf_record, &sbl__light_record_record },
+      &sbl__look_record, &sbl__lamp_node_record, &sbl__lamp_leaf_record, &sbl__light_record_record },
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__VIEWS | SBL__INSPECT | SBL__COMPUTE | SBL__MIXED |
     SBL__DIRECTIONAL
 };
@@ -9422,22 +9391,21 @@ static void sbl__directions_row(const sbl__layout *l, int face, int j, float *di
        texture | sheet | sheet |    sheet. reduce_blocks.glsl then adds up each square of block x block texels and
                +-------+-------+    writes one texel of partial sums. */
 
-#define SBL__SLOTS_MOST 4096   /* maximum number of slots, also of traced looks */
-#define SBL__STUCK_FOV 2.0f    /* field of view, degrees, of a stuck test, which looks from the sensor back at its
-                                  own surface: too narrow to hit the walls of a corner */
+#define SBL__SLOTS_MOST 4096   /* maximum number of slots, in both back ends (here rounded up to whole rows) */
+#define SBL__STUCK_FOV 2.0f    /* field of view of a stuck test, degrees: too narrow to hit the walls of a corner */
 #define SBL__STUCK_SIZE 4      /* width and height of a stuck test's view, texels */
 #define SBL__STUCK_TEXTURE 512  /* maximum width and height of the part of the view texture for stuck tests, texels */
 
 /* How a kind of look (at a site, or a stuck test) is divided into views: their directions, projections and places. */
 typedef struct sbl__lens {
     sbl__layout layout;         /* positions of the views in a look's sheet */
-    sbl__slots slots;           /* slots of the view texture, one sheet each */
+    sbl__slots slots;           /* slots of the view texture; each holds a sheet, the views of one look */
     int area[4];                /* part of the view texture that the slots cover: 0, 0, width, height, texels */
     sbl__texture weights;       /* per texel of a sheet: form factor, and ratio of distance to depth */
     sbl__texture directions;    /* directional jobs: direction of each texel of a sheet, see sbl__directions_row */
 } sbl__lens;
 
-/* The two kinds of looks: SBL__LENS_SITE measures light, SBL__LENS_STUCK is a stuck test (see sbl__job_judge). */
+/* Kinds of looks: SBL__LENS_SITE measures light; SBL__LENS_STUCK (stuck tests) looks from a sensor at its surface. */
 enum { SBL__LENS_SITE, SBL__LENS_STUCK, SBL__LENSES };
 
 typedef struct sbl__raster {
@@ -9485,7 +9453,6 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
                                     const sbl__spec *spec, sbl__blocks *blocks) {
     const int most = d->gl.capabilities.max_texture_size;
     sbl__lens *lens = &r->lenses[SBL__LENS_SITE], *stuck = &r->lenses[SBL__LENS_STUCK];
-    const sbl__texture *color = &r->view_texture;
     float brightest;
     int size[2], sums[2], k;
     sbl_result result;
@@ -9510,7 +9477,7 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
     r->face = r->row = 0;
     result = sbl__texture_make(d, &r->view_texture, size[0], size[1], SBL__GL_RGBA16F);
     if (result == SBL_SUCCESS) result = sbl__texture_make(d, &r->depth, size[0], size[1], SBL__GL_DEPTH_COMPONENT32F);
-    if (result == SBL_SUCCESS) result = sbl__target_make(d, &r->target, &color, 1, &r->depth);
+    if (result == SBL_SUCCESS) result = sbl__target_make(d, &r->target, &r->view_texture, 1, &r->depth);
     return result == SBL_SUCCESS ? sbl__blocks_make(d, blocks, spec->directional ? 5 : 2, sums[0], sums[1]) : result;
 }
 
@@ -9557,12 +9524,12 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 "layout(location = 5) in vec4 view_right;    // unit vector to the right / tan(fov / 2); w: scale of x in clip space\n",
 "layout(location = 6) in vec4 view_up;       // unit vector up / tan(fov / 2); w: scale of y in clip space\n",
 "layout(location = 7) in vec4 view_forward;  // unit vector; w: lowest y: -1, or 0 if the view begins at the horizon\n",
-"layout(location = 8) in vec2 view_offset;   // offset of the rectangle in clip space\n",
+"layout(location = 8) in vec2 view_offset;   // normalised device coordinates of the view's forward axis\n",
 "uniform float per_length;                   // 1 / extent of the scene\n",
 "uniform float radiance_scale;\n",
 "out vec3 place;                             // x, y and w of gl_Position\n",
 "flat out int fragment_object;               // only with SBL_TEXTURED or SBL_BOUNCED\n",
-"flat out vec3 radiance_front, radiance_back;  // only without SBL_TEXTURED and SBL_BOUNCED\n",
+"flat out vec3 radiance_front, radiance_back;  // only if neither SBL_TEXTURED nor SBL_BOUNCED is defined\n",
 "out vec2 fragment_uv;                       // only with SBL_TEXTURED, like fragment_color\n",
 "out vec4 fragment_color;\n",
 "out vec3 fragment_way;                      // only with SBL_BOUNCED: vector from the sensor to the surface\n",
@@ -9612,9 +9579,9 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 "in vec4 fragment_color;\n",
 "in vec3 fragment_way, fragment_place;\n",
 "\n",
-"const float SBL_NEAREST = 3e-8;  // smallest distance at which surfaces are visible, in extents of the scene\n",
+"const float SBL_NEAREST = 3e-8;  // smallest visible distance along a view's axis, in extents of the scene\n",
 "const float SBL_BESIDE = 0.4;    // maximum distance between gl_FragCoord and the interpolated `place`, texels\n",
-"const float SBL_BESIDE_ROUNDING = 3e-7;  // allowance for rounding in the comparison with SBL_BESIDE\n",
+"const float SBL_BESIDE_ROUNDING = 3e-7;  // added to SBL_BESIDE * place.z for rounding\n",
 "\n",
 "// Returns false for fragments at wrong places. The projection of a triangle whose plane contains the sensor is a\n",
 "// line; rounding may turn the line into a triangle anywhere, even in the views of other sensors.\n",
@@ -9736,8 +9703,8 @@ static sbl_result sbl__raster_send(const sbl__device *d, sbl__raster *r, const s
 }
 
 /* Fills the description of a view that the host's draw callback receives. number: index of the view in the batch */
-static void sbl__raster_view(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b,
-                             int number, sbl_draw_view *v) {
+static void sbl__raster_view(const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b, int number,
+                             sbl_draw_view *v) {
     const sbl__layout *l = &lens->layout;
     const int i = number / l->view_count, face = number % l->view_count, *rect = l->rects[face];
     const sbl__look *look = &b->looks[i];
@@ -9764,14 +9731,12 @@ static void sbl__raster_view(const sbl__device *d, const sbl__raster *r, const s
     v->view_to_clip[9] = face ? (float)per_length : 0.0f;  /* side views of a hemicube cover y from 0 to 1 only */
     v->view_to_clip[11] = (float)-per_length;
     v->view_to_clip[14] = SBL__VIEW_DEPTH;
-    sbl__multiply(v->world_to_clip, v->view_to_clip, v->world_to_view);
     v->radiance_scale = r->radiance_scale;
     v->depth_scale = SBL__VIEW_DEPTH;
-    v->write_depth = (d->features & SBL__WRITE_DEPTH) != 0;
     v->epsilon = b->spec->epsilon;
     for (k = 0; k < 18; k++) v->light[k / 3][k % 3] = v->epsilon;
     if (b->spec->bounced) memcpy(v->light, b->scene->store.air, sizeof v->light);
-    v->sensor = look->sensor;
+    v->sensor = b->first + i;
     v->face = face;
 }
 
@@ -9804,7 +9769,7 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
         if (result != SBL_SUCCESS) return result;
         sbl__pass(d, &r->target, lens->area, NULL, SBL__PASS_DEPTH | SBL__PASS_CLIP);
         sbl__scene_bind(d, b->scene);
-        sbl__set_int(d, "lamps_apart", b->spec->lamps_apart);
+        sbl__set_int(d, "lamps_apart", !b->spec->paper);
         sbl__set_float(d, "per_length", 1 / g->extent);
         sbl__set_float(d, "epsilon", b->spec->epsilon);
         sbl__set_float(d, "radiance_scale", r->radiance_scale);
@@ -9814,9 +9779,8 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
         sbl__draw_mesh(d, g->vertex_array, first, end - first, views);
     }
     for (i = 0; i < views && b->scene->draw && end == g->triangle_count && result == SBL_SUCCESS; i++) {
-        sbl__raster_view(d, r, lens, b, i, &view);
-        sbl__pass(d, &r->target, view.viewport, view.viewport, SBL__PASS_DEPTH);
-        sbl__host_draw(d, b->scene->draw, &view, b->scene->draw_user);
+        sbl__raster_view(r, lens, b, i, &view);
+        sbl__host_draw(d, &r->target, b->scene->draw, &view, b->scene->draw_user);
     }
     return result;
 }
@@ -9847,7 +9811,7 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 "uniform int block;               // width and height of a block, texels\n",
 "SBL_OUT(0, out_sum);             // sum of weight * radiance; sum of the weights of back faces\n",
 "SBL_OUT(1, out_hits);            // surfaces: sum of weights; sum of weight * distance; least distance; 0\n",
-"uniform sampler2D directions;    // SBL_DIRECTIONAL: direction of each texel of a sheet, if the look is not rotated\n",
+"uniform sampler2D directions;    // SBL_DIRECTIONAL: direction of each texel of a sheet, for a look of rotation 0\n",
 "SBL_OUT_HARMONICS(2, 3, 4)\n",
 "\n",
 "void main() {\n",
@@ -9885,7 +9849,7 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 
 static const sbl__recipe sbl__recipe_reduce_blocks = {
     "reduce_blocks", { sbl__glsl_fullscreen_vertex }, { sbl__glsl_frame, sbl__glsl_carrier, sbl__glsl_reduce_blocks },
-    { &sbl__look_words_record }, SBL__DIRECTIONAL
+    { &sbl__look_record }, SBL__DIRECTIONAL
 };
 
 /* Computes the partial sums of rows[1] rows of slots from row rows[0] on. looks: NULL if the job is not directional */
@@ -9917,7 +9881,7 @@ static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const
 #define SBL__TRACE_TEXELS 1024     /* maximum width and height of the textures of partial sums, texels */
 
 typedef struct sbl__trace {
-    sbl__slots slots[SBL__LENSES]; /* a stuck test traces one ray, from the sensor back to its surface */
+    sbl__slots slots[SBL__LENSES]; /* slots in the partial sums: for looks at sites; for stuck tests, one ray each */
     sbl__table sequence;           /* points that give the rays' directions, see sbl__sequence_make */
 } sbl__trace;
 
@@ -9993,7 +9957,7 @@ static const char *const sbl__glsl_trace[] = {
 "uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each\n",
 "uniform int rays;                     // number of rays per look\n",
 "uniform int paired;                   // 1: an invocation traces pairs of rays; 0: single ones\n",
-"uniform bool no_light;                // true: rays find only distances, for which a site's first look is enough\n",
+"uniform bool no_light;                // true: only distances are wanted: only a site's first look traces rays\n",
 "uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal\n",
 "uniform float distance_limit;         // larger distances of hits count as this distance in the mean\n",
 "SBL_OUT(0, out_sum);\n",
@@ -10033,8 +9997,8 @@ static const char *const sbl__glsl_trace[] = {
 "\n",
 "#ifdef SBL_BOUNCED\n",
 "// Maximum number of segments of a ray. The mean light of a cell may differ much from the light at a hit that is\n",
-"// nearer than the cell's width. At such a hit the ray takes only the light from lamps out of the store, and a\n",
-"// second segment finds the bounced light.\n",
+"// nearer than the cell's width. At such a hit the ray takes only the lamps' part of the light in the store, and a\n",
+"// second segment finds the bounced part.\n",
 "const int SBL_LEGS = 2;\n",
 "\n",
 "// Sets the origin and the direction of a ray's second segment. Returns the factor for the light that it finds.\n",
@@ -10125,7 +10089,7 @@ static const sbl__recipe sbl__recipe_trace = {
     { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_store, sbl__glsl_carrier, sbl__glsl_traverse,
       sbl__glsl_sky, sbl__glsl_guide, sbl__glsl_trace },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
-      &sbl__look_words_record, &sbl__cut_record, &sbl__leaf_record },
+      &sbl__look_record, &sbl__cut_record, &sbl__leaf_record },
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE | SBL__BOUNCED | SBL__GUIDED | SBL__DIRECTIONAL
 };
 
@@ -10139,7 +10103,7 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
     sbl__set_int(d, "rays", stuck ? 1 : b->spec->rays);
     sbl__set_int(d, "paired", paired);
     sbl__set_int(d, "no_light", b->spec->no_light);
-    sbl__set_int(d, "lamps_apart", b->spec->lamps_apart);
+    sbl__set_int(d, "lamps_apart", !b->spec->paper);
     sbl__set_float(d, "epsilon", b->spec->epsilon);
     sbl__set_float(d, "spread", stuck ? 0.0f : 1.0f);
     sbl__set_float(d, "distance_limit", b->spec->distance_limit > 0 ? b->spec->distance_limit : SBL__UNBOUNDED);
@@ -10170,14 +10134,14 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
        set up -> { draw -> aim rays at lamps -> reduce } ... -> read -> { draw -> reduce } ... -> read -> done
                  first round: looks                                     second round: stuck tests              */
 
-#define SBL__RESULTS_WIDTH 1024    /* width of the textures of results, texels */
 #define SBL__READ_ROWS 16          /* number of rows of results per readback */
 #define SBL__LOOKS_FIRST 16        /* number of looks in the first submission, before their cost has been measured */
 #define SBL__SUBMISSIONS 8         /* maximum number of submissions of views before the CPU waits for the GPU */
 #define SBL__SUSPECT_SHARE 0.02f   /* a site gets a stuck test if its first look sees a larger share of back faces */
 #define SBL__STUCK_SHARE 0.75f     /* a sensor is stuck if its stuck test hits at less than this share of its offset */
-#define SBL__FEW_RAYS 1.0f         /* sbl__spec_layer_noise times the square root of the number of rays per look */
-#define SBL__TEXEL_NOISE 2.6f      /* relative noise of a rasterised look times sbl__spec.size; measured: lamp in box */
+#define SBL__RAY_LAYER_NOISE 1.0f  /* the noise of sbl__spec_layer_noise if a look has one ray */
+#define SBL__TEXEL_NOISE 2.6f      /* relative noise of a rasterised look times sbl__spec.size; measured in a box with
+                                      a lamp */
 
 /* What a job has to do. The caller must keep the arrays until the job is done. */
 typedef struct sbl__task {
@@ -10195,8 +10159,8 @@ typedef struct sbl__task {
 typedef struct sbl__job_counts { int64_t views, texels, rays; int readbacks; } sbl__job_counts;
 
 typedef enum sbl__job_stage {
-    SBL__JOB_IDLE, SBL__JOB_SETUP, SBL__JOB_WEIGH, SBL__JOB_COMPILE, SBL__JOB_DRAW, SBL__JOB_AIM, SBL__JOB_REDUCE,
-    SBL__JOB_READ, SBL__JOB_DONE
+    SBL__JOB_SETUP, SBL__JOB_WEIGH, SBL__JOB_COMPILE, SBL__JOB_DRAW, SBL__JOB_AIM, SBL__JOB_REDUCE, SBL__JOB_READ,
+    SBL__JOB_DONE
 } sbl__job_stage;
 
 typedef struct sbl__job {
@@ -10205,39 +10169,37 @@ typedef struct sbl__job {
     sbl__task task;
     const sbl__scene *scene;
     sbl__job_counts counts;     /* sums over all jobs since the caller last cleared them */
-    int ready;                  /* 1: the resources below exist, for `made_for` and `made_for_scene` */
-    sbl__spec made_for;
-    uint32_t made_for_scene;    /* version of the scene */
+    sbl__spec made_for;         /* the spec for which the resources below were made */
+    uint32_t made_for_scene;    /* version of the scene for which they were made; 0: they do not exist */
     sbl__raster raster;
     sbl__trace trace;
     sbl__aim aim;
     sbl__blocks blocks;
-    /* Results of all looks. `sums`: sum of weight * radiance; sum of the weights of directions that see back faces.
-       `hits`: sum of the weights of directions that see surfaces; sum of weight * distance; least distance; variance.
-       The result of look n stays at texel n % SBL__RESULTS_WIDTH, n / SBL__RESULTS_WIDTH until the next job. */
-    sbl__blocks results[SBL__LENSES];
-    sbl__table table;           /* the looks of a batch, in the format that ray-tracing shaders read */
+    /* Results of the looks of a round. Look n has texel n % SBL__RESULTS_WIDTH, n / SBL__RESULTS_WIDTH.
+       Texture 0: sum of weight * radiance; sum of the weights of directions that see back faces
+       Texture 1: sum of the weights of directions that see surfaces; sum of weight * distance; least distance; variance
+       Textures 2 to 4, if the job is directional: harmonics of red, green and blue light */
+    sbl__blocks results;
+    sbl__table table;           /* looks of a batch or of all slots, as shaders read them, see sbl__looks_send */
     sbl__look *looks;           /* the look in each slot */
-    int look_most;              /* maximum number of looks per batch */
     int lens;                   /* kind of the current round's looks: SBL__LENS_SITE or SBL__LENS_STUCK */
     int *suspects;              /* indices of the sites that need a stuck test */
     int suspect_count, suspect_room;
-    int look_count;             /* first_look plus the number of looks in the round */
-    int site, look;             /* index of the site (or suspect) to draw or to read next, and of its look */
-    int drawn, aimed, reduced;  /* numbers of the looks with which drawing, aiming and reducing continue */
+    int look_end;               /* 1 + number of the round's last look; the first is task.first_look, or 0 (stuck) */
+    int site, look;             /* indices of the site (stuck tests: suspect) to draw or read next and of its look */
+    int drawn, aimed, reduced;  /* number of the next look to draw, to trace rays to lamps for, and to reduce */
     int batch;                  /* number of looks in the batch that is partly drawn; 0: no batch is partly drawn */
     int triangle;               /* index of the next triangle to draw for this batch */
     struct { sbl__pace draw[SBL__LENSES], aim, reduce[SBL__LENSES]; } paces;
 } sbl__job;
 
 static void sbl__job_free(const sbl__device *d, sbl__job *j) {
-    int i;
     sbl__raster_free(d, &j->raster);
     sbl__table_delete(d, &j->trace.sequence);
     sbl__table_delete(d, &j->aim.sequence);
     sbl__blocks_free(d, &j->aim.light);
     sbl__blocks_free(d, &j->blocks);
-    for (i = 0; i < SBL__LENSES; i++) sbl__blocks_free(d, &j->results[i]);
+    sbl__blocks_free(d, &j->results);
     sbl__table_delete(d, &j->table);
     sbl__free(d->base, j->looks);
     sbl__free(d->base, j->suspects);
@@ -10257,13 +10219,12 @@ static void sbl__spec_make(sbl__spec *spec, const sbl__measurement *s, const sbl
     memset(spec, 0, sizeof *spec);
     spec->traced = s->options.backend == SBL_BACKEND_TRACE;
     spec->paper = s->options.mode == SBL_MODE_PAPER;
-    spec->lamps_apart = !spec->paper;
     spec->bounced = s->options.mode == SBL_MODE_GI;
     spec->looks = s->options.rays || spec->paper ? 1 : s->looks;
-    spec->lamp_rays = spec->lamps_apart && scene->lights.leaves ? rays : 0;
+    spec->lamp_rays = !spec->paper && scene->lights.leaves ? rays : 0;
     spec->epsilon = s->options.epsilon;
     spec->seed = s->options.seed;
-    spec->batch = c->batch;
+    spec->batch = c->batch > 0 ? c->batch : INT_MAX;
     if (spec->traced) {
         spec->no_light = no_light;
         spec->rays = no_light ? SBL__MIN(rays, SBL__TRACE_CHUNK) : rays;
@@ -10281,33 +10242,29 @@ static sbl_backend sbl__choose_backend(const sbl__measurement *s, const sbl__sce
     return s->options.backend != SBL_BACKEND_AUTO ? s->options.backend : views ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
 }
 
-/* Returns the distance of sensors from their surface, world units. reach: see SBL__OFFSET; 0: unknown */
+/* Returns the distance of sensors from their surface, world units. reach: of the triangle (see surface.glsl);
+   0: unknown */
 static float sbl__spec_offset(const sbl__spec *spec, const sbl__scene *scene, float reach) {
     return SBL__OFFSET * (spec->traced && reach > 0 ? reach : scene->geometry.extent);
 }
 
-/* Returns the number of layers of light that sensors measure, see SBL__LAYERS. */
 static int sbl__spec_layers(const sbl__spec *spec) { return spec->directional ? SBL__LAYERS : 1; }
 
 /* Returns the noise of layers 1 to 4 as a share of R, for a look whose R has no noise. The cause is that the few rays
    near the horizon have the largest weights in harmonics. */
 static float sbl__spec_layer_noise(const sbl__spec *spec) {
-    return spec->no_light || !spec->traced ? 0 : SBL__FEW_RAYS / (float)sqrt((double)spec->rays);
+    return spec->no_light || !spec->traced ? 0 : SBL__RAY_LAYER_NOISE / (float)sqrt((double)spec->rays);
 }
 
 /* Gets the size of a look's sheet: the texels of its views, or one row with a texel per ray. */
 static void sbl__spec_sheet(const sbl__spec *spec, int *width, int *height) {
     sbl__layout layout;
     sbl__layout_make(&layout, spec->hemicube, SBL__MAX(spec->size, 1), spec->fov);
-    *width = spec->traced ? spec->rays : layout.sheet_width;
-    *height = spec->traced ? 1 : layout.sheet_height;
+    *width = spec->traced ? spec->rays : layout.sheet[0];
+    *height = spec->traced ? 1 : layout.sheet[1];
 }
 
-/* Returns 1 if sensors trace rays. The caller may then choose the number of rays per look, and whether a job traces
-   rays towards lamps, rays over the hemisphere, or both. */
-static int sbl__measurement_sends_rays(const sbl__measurement *s) { return s->options.backend == SBL_BACKEND_TRACE; }
-
-/* Returns the number of rays per look for a requested error. Sensors that stand for a large area take more looks. */
+/* Returns the number of rays per look for a requested error. Where this is not enough, sensors take more looks. */
 static int sbl__look_rays(float error) {
     return error >= 0.06f ? 16 : error >= 0.015f ? 32 : error >= 0.004f ? 64 : 128;
 }
@@ -10316,24 +10273,15 @@ static int sbl__look_rays(float error) {
    of too few rays miss rare light, so sensors underestimate their noise and refinement divides tiles because of it. */
 static int sbl__look_growth(const sbl__measurement *s, float error, double variance) {
     int times = 1;
-    if (s->options.rays || !sbl__measurement_sends_rays(s)) return 1;
+    if (s->options.rays || s->options.backend != SBL_BACKEND_TRACE) return 1;
     while (2 * times * s->look_rays <= SBL__LOOK_RAYS_MOST &&
            2 * times * SBL__LOOK_VARIANCE * (double)error * error <= variance) times *= 2;
     return times;
 }
 
 /* Fails to compile if sbl__spec has padding, which memcmp would compare. Add the size of each new field here. */
-typedef char sbl__spec_has_no_padding[sizeof(sbl__spec) == 16 * sizeof(int) + 3 * sizeof(float) + sizeof(uint32_t)
+typedef char sbl__spec_has_no_padding[sizeof(sbl__spec) == 15 * sizeof(int) + 3 * sizeof(float) + sizeof(uint32_t)
                                       ? 1 : -1];
-
-/* Returns 1 if both need the same resources. */
-static int sbl__spec_equal(const sbl__spec *a, const sbl__spec *b) {
-    sbl__spec c = *b;
-    c.seed = a->seed;
-    c.guided = a->guided;
-    c.distance_limit = a->distance_limit;
-    return !memcmp(a, &c, sizeof c);
-}
 
 /* >>job: setting up */
 
@@ -10341,7 +10289,6 @@ static const sbl__slots *sbl__lens_slots(const sbl__job *j, int lens) {
     return j->task.spec.traced ? &j->trace.slots[lens] : &j->raster.lenses[lens].slots;
 }
 
-/* Returns the slots of the current round. */
 static const sbl__slots *sbl__job_slots(const sbl__job *j) { return sbl__lens_slots(j, j->lens); }
 
 /* Returns the factor by which all radiance in the job's textures is multiplied. */
@@ -10369,7 +10316,6 @@ static sbl_result sbl__job_setup(void *work, sbl__slice *slice) {
     for (lens = 0; lens < SBL__LENSES; lens++) room = SBL__MAX(room, sbl__lens_slots(j, lens)->count);
     sbl__free(d->base, j->looks);
     j->looks = (sbl__look *)sbl__alloc_raw(d->base, (size_t)room, sizeof *j->looks);
-    j->look_most = spec->batch > 0 ? spec->batch : room;
     memset(&j->paces, 0, sizeof j->paces);
     return j->looks ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
@@ -10382,7 +10328,6 @@ static sbl_result sbl__job_weigh(void *work, sbl__slice *slice) {
         const sbl_result result = sbl__raster_weigh(j->device, &j->raster, lens, &j->task.spec, slice);
         if (result != SBL_SUCCESS) return result;
     }
-    j->ready = 1;
     j->made_for = j->task.spec;
     j->made_for_scene = j->scene->version;
     return SBL_SUCCESS;
@@ -10395,15 +10340,14 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "uniform sampler2D block_sums, block_hits;  // partial sums\n",
 "uniform ivec2 blocks;          // width and height of a look's slot in the textures of partial sums, texels\n",
 "uniform int columns, slots;    // number of slots per row; number of all slots\n",
-"uniform int width;             // width of the outputs\n",
 "uniform int first, last;       // numbers of the looks to compute\n",
 "uniform sampler2D lights;      // outputs of lamps.glsl; the mean over the parts of a look is added\n",
 "uniform int parts;             // number of parts, one below the other; 0: no light from lamps\n",
 "layout(location = 0) out vec4 out_sum;   // as in reduce_blocks.glsl\n",
 "layout(location = 1) out vec4 out_hits;  // likewise; w: variance of the luminance, if rays sampled it\n",
 "uniform sampler2D block_red, block_green, block_blue, lights_red, lights_green, lights_blue;\n",
-"uniform sampler2D block_even;  // out_even of trace.glsl\n",
-"uniform bool even;             // true: correct the harmonics with block_even\n",
+"uniform sampler2D block_even;  // corrections of the harmonics, out_even of trace.glsl\n",
+"uniform bool even;             // true: use block_even\n",
 "#ifdef SBL_DIRECTIONAL\n",
 "layout(location = 2) out vec4 out_red;\n",
 "layout(location = 3) out vec4 out_green;\n",
@@ -10421,7 +10365,7 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "}\n",
 "\n",
 "void main() {\n",
-"    int sensor = int(gl_FragCoord.y) * width + int(gl_FragCoord.x);\n",
+"    int sensor = int(gl_FragCoord.y) * SBL_RESULTS_WIDTH + int(gl_FragCoord.x);\n",
 "    if (sensor < first || sensor > last) discard;\n",
 "    ivec2 slot = ivec2(sensor % slots % columns, sensor % slots / columns);\n",
 "    ivec2 corner = slot * blocks, light_corner = slot * ivec2(1, parts);\n",
@@ -10461,11 +10405,11 @@ static const sbl__recipe sbl__recipe_reduce_sum = {
 
 /* >>job: a round */
 
-/* Starts a round: looks at the task's sites, or stuck tests at the suspects. */
+/* Starts a round of looks of the kind `lens`: the sites' looks, or the suspects' stuck tests. */
 static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
     const sbl__device *d = j->device;
     const int most = d->gl.capabilities.max_texture_size, directional = j->task.spec.directional;
-    const sbl__blocks *results = &j->results[lens];
+    const sbl__target *results = &j->results.target;
     double looks = 0;
     int i, rows;
     j->lens = lens;
@@ -10479,10 +10423,9 @@ static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
                  "driver's textures hold %.0f; use a smaller picture", looks, (double)most * SBL__RESULTS_WIDTH);
         return SBL_ERROR_UNSUPPORTED;
     }
-    j->look_count = j->drawn + (int)looks;
-    if (results->target.height >= rows && results->target.id && (results->target.count > 2) == directional)
-        return SBL_SUCCESS;
-    return sbl__blocks_make(d, &j->results[lens], directional ? 5 : 2, SBL__RESULTS_WIDTH, rows);
+    j->look_end = j->drawn + (int)looks;
+    if (results->id && results->height >= rows && (results->count > 2) == directional) return SBL_SUCCESS;
+    return sbl__blocks_make(d, &j->results, directional ? 5 : 2, SBL__RESULTS_WIDTH, rows);
 }
 
 /* Compiles one of the shader programs that the job needs. If all exist, starts the round of the sites' looks. */
@@ -10511,12 +10454,11 @@ static sbl_result sbl__job_compile(void *work, sbl__slice *slice) {
 }
 
 /* Makes the next look of the round. A stuck test has the position of the site's first look and faces the surface. */
-static void sbl__job_next_look(sbl__job *j, int number, sbl__look *out) {
+static void sbl__job_next_look(sbl__job *j, sbl__look *out) {
     const int stuck = j->lens == SBL__LENS_STUCK;
     const sbl__site *site = &j->task.sites[stuck ? j->suspects[j->site] : j->site];
     int k;
     sbl__look_make(&j->task.spec, site, site->first + (stuck ? 0 : j->look), out);
-    out->sensor = number;
     for (k = 0; stuck && k < 3; k++) out->normal[k] = -site->geometric_normal[k];
     if (!stuck && ++j->look < site->looks) return;
     j->look = 0;
@@ -10530,6 +10472,7 @@ static void sbl__job_batch(const sbl__job *j, int first, int count, sbl__batch *
     out->spec = &j->task.spec;
     out->slots = sbl__job_slots(j);
     out->blocks = &j->blocks;
+    out->first = first;
     out->slot = first % out->slots->count;
     out->looks = j->looks + out->slot;
     out->table = &j->table;
@@ -10549,10 +10492,10 @@ static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     sbl_result result;
     if (spec->traced) room = sbl__whole_lots(d, room, blocks[0] * blocks[1]);
     if (!j->batch) {
-        j->batch = (int)SBL__MIN(SBL__MAX(room, 1.0), (double)j->look_most);
-        j->batch = SBL__MIN(j->batch, SBL__MIN(j->look_count - j->drawn, slots - slot));
+        j->batch = (int)SBL__MIN(SBL__MAX(room, 1.0), (double)j->task.spec.batch);
+        j->batch = SBL__MIN(j->batch, SBL__MIN(j->look_end - j->drawn, slots - slot));
         j->triangle = 0;
-        for (i = 0; i < j->batch; i++) sbl__job_next_look(j, j->drawn + i, &j->looks[slot + i]);
+        for (i = 0; i < j->batch; i++) sbl__job_next_look(j, &j->looks[slot + i]);
     }
     sbl__job_batch(j, j->drawn, j->batch, &b);
     *units = j->batch;
@@ -10578,7 +10521,7 @@ static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
 static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
-    const int slots = sbl__job_slots(j)->count, first = j->drawn, left = j->look_count - first;
+    const int slots = sbl__job_slots(j)->count, first = j->drawn, left = j->look_end - first;
     const double fit = (slice->end - sbl__now()) / slice->longest;
     const int traced = j->task.spec.traced, most = traced ? 1 : (int)SBL__MIN(SBL__MAX(fit, 1), SBL__SUBMISSIONS);
     sbl__lens *lens = &j->raster.lenses[j->lens];
@@ -10586,20 +10529,16 @@ static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
     sbl_result result = SBL_SUCCESS;
     int i, full = 0;
     d->gl.doing = "drawing sensors";
-    if (j->stages.at++ == 0) {  /* first draw the sky into all slots that looks will fill */
-        if (!traced) sbl__raster_clear(d, &j->raster, lens, j->scene, SBL__MIN(slots, first % slots + left));
-        result = sbl__gl_check(&d->gl);
-        return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
-    }
+    if (j->stages.at++ == 0 && !traced)  /* first draw the sky into all slots that looks will fill */
+        sbl__raster_clear(d, &j->raster, lens, j->scene, SBL__MIN(slots, first % slots + left));
     room = sbl__pace_begin(&j->paces.draw[j->lens], slice, SBL__LOOKS_FIRST, 1e-6);
     for (i = 0; i < most && !full && result == SBL_SUCCESS; i++) {
         if (i) sbl__submit(d);
         result = sbl__job_submit(j, room, &units);
         all += units;
-        full = j->drawn > first && (j->drawn == j->look_count || j->drawn % slots == 0);
+        full = j->drawn > first && (j->drawn == j->look_end || j->drawn % slots == 0);
     }
-    if (result == SBL_SUCCESS) sbl__pace_end(d, &j->paces.draw[j->lens], all);
-    if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
+    if (result == SBL_SUCCESS) result = sbl__pace_end(d, &j->paces.draw[j->lens], all);
     return result == SBL_SUCCESS && !full ? SBL_UNFINISHED : result;
 }
 
@@ -10633,7 +10572,7 @@ static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
     const double pace = sbl__pace_begin(&j->paces.aim, slice, SBL__LOOKS_FIRST, 1);
-    const double room = SBL__MIN(sbl__whole_lots(d, pace, j->aim.parts), (double)j->look_most);
+    const double room = SBL__MIN(sbl__whole_lots(d, pace, j->aim.parts), (double)j->task.spec.batch);
     const int count = (int)SBL__MIN(room, (double)(j->drawn - j->aimed)), blocks[2] = { 1, j->aim.parts };
     sbl__batch b;
     sbl_result result;
@@ -10643,9 +10582,8 @@ static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     if (result == SBL_SUCCESS) result = sbl__aim_use(j, &b, 0, blocks, sbl__job_scale(j));
     if (result != SBL_SUCCESS) return result;
     sbl__rays_send(d, &b, &j->aim.light.target, blocks);
-    sbl__pace_end(d, &j->paces.aim, sbl__whole_lots(d, count, j->aim.parts));
+    result = sbl__pace_end(d, &j->paces.aim, sbl__whole_lots(d, count, j->aim.parts));
     j->aimed += count;
-    result = sbl__gl_check(&d->gl);
     return result == SBL_SUCCESS && j->aimed < j->drawn ? SBL_UNFINISHED : result;
 }
 
@@ -10653,7 +10591,7 @@ static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
 static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
     sbl__device *d = j->device;
     const sbl__slots *slots = sbl__job_slots(j);
-    const sbl__target *out = &j->results[j->lens].target;
+    const sbl__target *out = &j->results.target;
     const sbl__texture *blocks = j->blocks.textures;
     const int count = j->blocks.target.count, aimed = sbl__job_aims(j);
     const int row = first / SBL__RESULTS_WIDTH, rows = last / SBL__RESULTS_WIDTH - row + 1;
@@ -10672,7 +10610,6 @@ static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
     sbl__set_ints(d, "blocks", slots->blocks[0], slots->blocks[1]);
     sbl__set_int(d, "columns", slots->columns);
     sbl__set_int(d, "slots", slots->count);
-    sbl__set_int(d, "width", SBL__RESULTS_WIDTH);
     sbl__set_int(d, "first", first);
     sbl__set_int(d, "last", last);
     sbl__draw_screen(d);
@@ -10697,16 +10634,12 @@ static sbl_result sbl__job_reduce(void *work, sbl__slice *slice) {
         result = sbl__raster_reduce(d, &j->raster, &j->raster.lenses[j->lens], &j->blocks,
                                     directional ? &j->table : NULL, area);
     if (result == SBL_SUCCESS) result = sbl__job_sum(j, j->reduced, j->reduced + count - 1);
-    sbl__pace_end(d, &j->paces.reduce[j->lens], rows * slots->columns);
-    if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
+    if (result == SBL_SUCCESS) result = sbl__pace_end(d, &j->paces.reduce[j->lens], rows * slots->columns);
     j->reduced += count;
     return result == SBL_SUCCESS && j->reduced < j->drawn ? SBL_UNFINISHED : result;
 }
 
 /* >>job: reading */
-
-/* Returns the share of back faces among the surfaces that a look sees, by weight. */
-static float sbl__back_share(const float sum[4], const float hits[4]) { return hits[0] > 0 ? sum[3] / hits[0] : 0; }
 
 /* Returns 1 if all numbers are finite. In scenes of extreme sizes they may not be (see sbl__scene_warn). */
 static int sbl__reading_is_finite(const sbl_reading *r) {
@@ -10730,7 +10663,7 @@ static void sbl__job_take(sbl__job *j, const float *const found[5]) {
         memset(r, 0, sizeof *r);
         r->valid = 1;
         r->hit_share = hits[0];
-        r->back_share = sbl__back_share(sum, hits);
+        r->back_share = hits[0] > 0 ? sum[3] / hits[0] : 0;
         r->hit_mean = hits[0] > 0 ? hits[1] / hits[0] * length : 0;
         r->hit_min = hits[0] > 0 ? hits[2] * length : 0;
         for (k = 0; k < harmonics; k++) h[k] = 0;
@@ -10764,14 +10697,14 @@ static void sbl__job_take(sbl__job *j, const float *const found[5]) {
 static sbl_result sbl__job_judge(sbl__job *j, const float *const found[5]) {
     const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent, *hits = found[1];
     const int stuck_test = j->lens == SBL__LENS_STUCK, site = stuck_test ? j->suspects[j->site++] : j->site;
+    const int is_first = j->look == 0;
     const float offset = j->task.sites[site].offset;
-    const int suspect = j->look == 0 && offset > 0 && sbl__back_share(found[0], hits) > SBL__SUSPECT_SHARE;
     if (stuck_test) {
         if (hits[0] > 0 && hits[2] * length < SBL__STUCK_SHARE * offset) j->task.readings[site].valid = 0;
         return SBL_SUCCESS;
     }
     sbl__job_take(j, found);
-    if (!suspect) return SBL_SUCCESS;
+    if (!is_first || offset <= 0 || !(j->task.readings[site].back_share > SBL__SUSPECT_SHARE)) return SBL_SUCCESS;
     if (!sbl__grow(j->device->base, &j->suspects, &j->suspect_room, j->suspect_count + 1, sizeof *j->suspects))
         return SBL_ERROR_OUT_OF_MEMORY;
     j->suspects[j->suspect_count++] = site;
@@ -10781,7 +10714,7 @@ static sbl_result sbl__job_judge(sbl__job *j, const float *const found[5]) {
 /* Adds the finished round to the counts. Stuck tests are not counted. */
 static void sbl__job_count(sbl__job *j) {
     const sbl__spec *spec = &j->task.spec;
-    const int looks = j->look_count - j->task.first_look;
+    const int looks = j->look_end - j->task.first_look;
     const sbl__layout *l = &j->raster.lenses[SBL__LENS_SITE].layout;
     int i;
     if (j->lens == SBL__LENS_STUCK) return;
@@ -10789,7 +10722,7 @@ static void sbl__job_count(sbl__job *j) {
         j->counts.rays += (int64_t)spec->rays * (spec->no_light ? !j->task.sites[i].first : j->task.sites[i].looks);
     if (spec->traced) return;
     j->counts.views += (int64_t)looks * l->view_count;
-    j->counts.texels += (int64_t)looks * l->sheet_width * l->sheet_height;
+    j->counts.texels += (int64_t)looks * l->sheet[0] * l->sheet[1];
 }
 
 /* Reads back SBL__READ_ROWS rows of results and evaluates their looks. If the sites' looks are done and some sites are
@@ -10797,12 +10730,12 @@ static void sbl__job_count(sbl__job *j) {
 static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     const sbl__device *d = j->device;
-    const sbl__blocks *from = &j->results[j->lens];
+    const sbl__target *from = &j->results.target;
     const int first = j->lens == SBL__LENS_SITE ? j->task.first_look : 0;
-    const int end = (j->look_count + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH;
+    const int end = (j->look_end + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH;
     const int row = first / SBL__RESULTS_WIDTH + j->stages.at;
     const int rows = SBL__MIN(SBL__READ_ROWS, end - row), count = rows * SBL__RESULTS_WIDTH;
-    const int parts = from->target.count;
+    const int parts = from->count;
     float *data = (float *)sbl__alloc_raw(d->base, (size_t)count, 16 * (size_t)parts);
     sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
     int i, k;
@@ -10810,13 +10743,13 @@ static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
     if (j->stages.at == 0) j->site = j->look = 0;
     j->device->gl.doing = "reading sensors";
     for (k = 0; k < parts && result == SBL_SUCCESS; k++)
-        result = sbl__target_read(d, &from->target, k, row, rows, data + 4 * (size_t)count * (size_t)k);
+        result = sbl__target_read(d, from, k, row, rows, data + 4 * (size_t)count * (size_t)k);
     j->counts.readbacks += parts;
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
         const int look = row * SBL__RESULTS_WIDTH + i;
         const float *found[5];
         for (k = 0; k < 5; k++) found[k] = data + 4 * ((size_t)count * (size_t)SBL__MIN(k, parts - 1) + (size_t)i);
-        if (look >= first && look < j->look_count) result = sbl__job_judge(j, found);
+        if (look >= first && look < j->look_end) result = sbl__job_judge(j, found);
     }
     sbl__free(d->base, data);
     j->stages.at += rows;
@@ -10829,18 +10762,19 @@ static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
 static int sbl__job_next(void *work) {
     const sbl__job *j = (const sbl__job *)work;
     if (j->stages.stage == SBL__JOB_DRAW) return sbl__job_aims(j) ? SBL__JOB_AIM : SBL__JOB_REDUCE;
-    if (j->drawn < j->look_count) return SBL__JOB_DRAW;
+    if (j->drawn < j->look_end) return SBL__JOB_DRAW;
     return j->stages.stage == SBL__JOB_REDUCE ? SBL__JOB_READ : SBL__JOB_DONE;
 }
 
 /* >>job: beginning and stepping */
 
 static void sbl__job_begin(sbl__job *j, const sbl__scene *scene, const sbl__task *task) {
-    const int same = j->ready && j->made_for_scene == scene->version && sbl__spec_equal(&j->made_for, &task->spec);
+    const int same = j->made_for_scene == scene->version &&
+                     !memcmp(&j->made_for, &task->spec, offsetof(sbl__spec, seed));
     j->task = *task;
     j->scene = scene;
     j->suspect_count = 0;
-    j->ready = same;
+    if (!same) j->made_for_scene = 0;
     j->stages.stage = task->site_count == 0 ? SBL__JOB_DONE : same ? SBL__JOB_COMPILE : SBL__JOB_SETUP;
     j->stages.at = 0;
 }
@@ -10848,7 +10782,6 @@ static void sbl__job_begin(sbl__job *j, const sbl__scene *scene, const sbl__task
 /* Does one piece of bounded duration. Returns SBL_SUCCESS when all readings are written. */
 static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { NULL, NULL, NULL, NULL },
         { sbl__job_setup, NULL, NULL, NULL },
         { sbl__job_weigh, NULL, NULL, NULL },
         { sbl__job_compile, NULL, NULL, NULL },
@@ -10860,15 +10793,13 @@ static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) 
     sbl_result result;
     j->device = d;
     result = sbl__stages_step(&j->stages, table, SBL__COUNT(table), j, slice);
-    if (result == SBL_SUCCESS || result == SBL_UNFINISHED) return result;
-    j->stages.stage = SBL__JOB_IDLE;
-    j->ready = 0;
+    if (result != SBL_SUCCESS && result != SBL_UNFINISHED) j->made_for_scene = 0;
     return result;
 }
 
-/* Share of the job that is done, 0 to 1, without its few stuck tests */
+/* Returns the share of the job that is done, 0 to 1. The few stuck tests are not counted. */
 static float sbl__job_progress(const sbl__job *j) {
-    const int looks = j->look_count - j->task.first_look;
+    const int looks = j->look_end - j->task.first_look;
     if (j->stages.stage == SBL__JOB_DONE || j->lens == SBL__LENS_STUCK) return 1;
     if (j->stages.stage < SBL__JOB_DRAW || looks < 1) return 0;
     return (float)(j->drawn - j->task.first_look) / (float)looks;
@@ -10886,14 +10817,17 @@ typedef struct sbl__core {
     sbl_stats stats;            /* statistics of the work that was begun last */
 } sbl__core;
 
-/* Copies the job's counts to the statistics that the host reads. */
-static void sbl__core_count(sbl__core *c) {
+/* Steps the job. When it is done, copies its counts to the statistics that the host reads. */
+static sbl_result sbl__core_sense(sbl__core *c, sbl__slice *slice) {
     const sbl__job_counts *n = &c->job.counts;
+    const sbl_result result = sbl__job_step(&c->device, &c->job, slice);
+    if (result != SBL_SUCCESS) return result;
     c->stats.sensors.views = n->views;
     c->stats.sensors.texels = n->texels;
     c->stats.sensors.rays = n->rays;
     c->stats.sensors.readbacks += n->readbacks;
     c->job.counts.readbacks = 0;
+    return SBL_SUCCESS;
 }
 
 /* Clears the statistics when work begins, except for the time spent on the scene. */
@@ -11146,8 +11080,8 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, 
     for (i = 0; i < some && result == SBL_SUCCESS; i++)
         sbl__cast_take(&rays[i], places + 4 * (size_t)i, albedos + 4 * (size_t)i, &hits->list[at + i]);
     sbl__free(d->base, rays);
+    if (result == SBL_SUCCESS) result = sbl__pace_end(d, &b->pace, some);
     if (result != SBL_SUCCESS) return result;
-    sbl__pace_end(d, &b->pace, some);
     b->core->stats.sensors.readbacks += 2;
     b->core->stats.store.rays += some;
     b->stages.at += some;
@@ -13152,7 +13086,7 @@ static sbl_result sbl__scouts_take(void *work, sbl__slice *slice) {
         const int column = (int)site->number % r->width / g->step, row = (int)site->number / r->width / g->step;
         const float light = r->readings[*at].valid ? sbl__luminance(r->readings[*at].radiance) : 0;
         double u[2];
-        sbl__sequence_at(sequence, site->first, sbl__hash(site->number ^ sbl__hash(sbl__scouts_seed(r))), u);
+        sbl__sequence_at(sequence, site->first, sbl__sensor_seed(site->number, sbl__scouts_seed(r)), u);
         sbl__guide_found(g, row * g->columns + column)[sbl__guide_bin(u[0], u[1])] += light * light;
     }
     sbl__free(&r->core->base, sequence);
@@ -13417,9 +13351,7 @@ static int sbl__refine_after_list(void *work) {
 
 static sbl_result sbl__refine_sense(void *work, sbl__slice *slice) {
     const sbl__refine *r = (const sbl__refine *)work;
-    const sbl_result result = r->site_count ? sbl__job_step(&r->core->device, &r->core->job, slice) : SBL_SUCCESS;
-    if (result == SBL_SUCCESS && r->site_count) sbl__core_count(r->core);
-    return result;
+    return r->site_count ? sbl__core_sense(r->core, slice) : SBL_SUCCESS;
 }
 
 /* Begins another job if this round has tiles or guides whose sites no job has measured yet. */
@@ -14435,13 +14367,9 @@ static int sbl__work_site_count(void *work) { return ((const sbl__work *)work)->
 /* Measures the sites of the task. */
 static sbl_result sbl__work_sense(void *work, sbl__slice *slice) {
     sbl__work *w = (sbl__work *)work;
-    sbl__core *c = w->core;
-    sbl_result result;
-    if (w->stages.at == 0) sbl__job_begin(&c->job, &c->scene, &w->task);
+    if (w->stages.at == 0) sbl__job_begin(&w->core->job, &w->core->scene, &w->task);
     w->stages.at = 1;  /* the job has begun */
-    result = sbl__job_step(&c->device, &c->job, slice);
-    if (result == SBL_SUCCESS) sbl__core_count(c);
-    return result;
+    return sbl__core_sense(w->core, slice);
 }
 
 /* Returns how many sites of the task are measured. sense: the front end's stage that is sbl__work_sense */
@@ -14595,9 +14523,9 @@ static sbl_result sbl__map_texture(const sbl__map *m, int across, sbl__texture *
 }
 
 static sbl_result sbl__map_image_make(const sbl__map *m, int across, sbl__map_image *image) {
-    const sbl__texture *color = &image->texture;
     const sbl_result result = sbl__map_texture(m, across, &image->texture);
-    return result == SBL_SUCCESS ? sbl__target_make(&m->work.core->device, &image->target, &color, 1, NULL) : result;
+    return result == SBL_SUCCESS ? sbl__target_make(&m->work.core->device, &image->target, &image->texture, 1, NULL)
+                                 : result;
 }
 
 /* Uploads some of the rows of rgba, from row *at on, and advances *at. SBL_SUCCESS: all rows are uploaded. */
@@ -14755,8 +14683,7 @@ static sbl_result sbl__map_filter(void *work, sbl__slice *slice) {
     filter.layer_noise = sbl__spec_layer_noise(&m->spec);
     rows[1] = sbl__pace_rows(&m->filter_pace, slice, &layer->smooth.target, rows[0]);
     result = sbl__filter_draw(d, &filter, &m->gbuffer, &layer->smooth.target, rows);
-    sbl__pace_end(d, &m->filter_pace, (double)rows[1] * m->desc.width);
-    if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
+    if (result == SBL_SUCCESS) result = sbl__pace_end(d, &m->filter_pace, (double)rows[1] * m->desc.width);
     m->developing.at += rows[1];
     return result == SBL_SUCCESS && m->developing.at < m->desc.height ? SBL_UNFINISHED : result;
 }
@@ -15054,8 +14981,7 @@ static sbl_result sbl__picture_compose(sbl__picture *p, int index, int count, co
     rows[0] = *row;
     rows[1] = sbl__pace_rows(&p->resolve_pace, slice, out, *row);
     result = sbl__resolve_draw(d, &r, out, rows);
-    sbl__pace_end(d, &p->resolve_pace, (double)rows[1] * m->desc.width);
-    if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
+    if (result == SBL_SUCCESS) result = sbl__pace_end(d, &p->resolve_pace, (double)rows[1] * m->desc.width);
     *row += rows[1];
     return result == SBL_SUCCESS && *row < m->desc.height ? SBL_UNFINISHED : result;
 }
@@ -16225,7 +16151,7 @@ static void sbl__probe_direction(const sbl__probes *g, int number, int i, double
         out[0] = out[1] = out[2] = 0;
         out[side / 2] = side & 1 ? -1 : 1;
     } else {
-        sbl__sequence_at(g->sequence, i, sbl__hash((uint32_t)number ^ sbl__hash(g->desc.options.seed)), u);
+        sbl__sequence_at(g->sequence, i, sbl__sensor_seed((uint32_t)number, g->desc.options.seed), u);
         out[2] = 1 - 2 * u[0];
         r = sqrt(1 - out[2] * out[2]);
         out[0] = r * cos(2 * SBL__PI * u[1]);
@@ -16258,7 +16184,7 @@ static sbl_result sbl__probes_begin(void *work, const void *desc) {
         memcpy(g->desc.lowest, bounds[0], sizeof g->desc.lowest);
         memcpy(g->desc.highest, bounds[1], sizeof g->desc.highest);
     }
-    g->lamps_apart = sbl__measurement_sends_rays(&g->work.measurement);
+    g->lamps_apart = g->work.measurement.options.backend == SBL_BACKEND_TRACE;
     g->rings = g->lamps_apart ? SBL__PROBE_RINGS : SBL__PROBE_VIEW_RINGS;
     g->around = g->lamps_apart ? SBL__PROBE_AROUND : SBL__PROBE_VIEW_AROUND;
     sbl__gauss_nodes(g->rings, g->ring, g->ring_weight);
@@ -16600,7 +16526,7 @@ static sbl_result sbl__inspect_rays(sbl__inspect_request *k) {
     const sbl__task *task = &k->found->job.task;
     const int rays = task->spec.rays, size[2] = { 4, (rays + 3) / 4 };
     uint32_t *sequence = sbl__sequence_make(base, 1, rays, 1);
-    const uint32_t *guide = task->spec.guided ? sbl__guide_words(task->guides, k->look.guide) : NULL;
+    const uint32_t *guide = task->spec.guided ? sbl__guide_words(task->guides, k->site.guide) : NULL;
     float *data = NULL;
     sbl_result result = sequence ? sbl__inspect_run(k, 0, size, &data) : SBL_ERROR_OUT_OF_MEMORY;
     int i, n;
@@ -16610,7 +16536,7 @@ static sbl_result sbl__inspect_rays(sbl__inspect_request *k) {
         float weight = 1 / (float)rays;
         double u[2];
         ray->lamp = -1;
-        sbl__sequence_at(sequence, i, k->look.seed, u);
+        sbl__sequence_at(sequence, i, sbl__sensor_seed(k->site.number, task->spec.seed), u);
         if (guide) weight *= (float)sbl__guide_warp(guide, u);
         sbl__cosine_direction(k->look.normal, u, ray->direction);
         if (hits[0] > 0) ray->distance = sum[3] > 0 ? -hits[2] : hits[2];
@@ -16635,7 +16561,7 @@ static sbl_result sbl__inspect_sheet(sbl__inspect_request *k) {
     const sbl__lens *lens = &r->lenses[SBL__LENS_SITE];
     const sbl__layout *l = &lens->layout;
     const int width = r->target.width, pitch = sbl__layout_pitch(l, 0), height = sbl__layout_pitch(l, 1);
-    float *rows = (float *)sbl__alloc_raw(&c->base, (size_t)width * (size_t)l->sheet_height, 16);
+    float *rows = (float *)sbl__alloc_raw(&c->base, (size_t)width * (size_t)l->sheet[1], 16);
     float *table = (float *)sbl__alloc(&c->base, (size_t)pitch * (size_t)height, 8);
     int corner[2], x, y, i, face;
     double weights = 0;
@@ -16644,12 +16570,12 @@ static sbl_result sbl__inspect_sheet(sbl__inspect_request *k) {
     for (face = 0; face < l->view_count && result == SBL_SUCCESS; face++)
         for (y = 0; y < l->rects[face][3]; y++) sbl__weights_row(l, j->task.spec.paper, face, y, table);
     if (result == SBL_SUCCESS)
-        result = sbl__target_read(&c->device, &r->target, 0, corner[1], l->sheet_height, rows);
-    for (y = 0; y < l->sheet_height && result == SBL_SUCCESS; y++)
-        for (x = 0; x < l->sheet_width; x++) {
+        result = sbl__target_read(&c->device, &r->target, 0, corner[1], l->sheet[1], rows);
+    for (y = 0; y < l->sheet[1] && result == SBL_SUCCESS; y++)
+        for (x = 0; x < l->sheet[0]; x++) {
             const float *from = rows + 4 * ((size_t)y * (size_t)width + (size_t)(corner[0] + x));
             const float *weight = table + 2 * ((size_t)y * (size_t)pitch + (size_t)x);
-            const size_t texel = (size_t)y * (size_t)l->sheet_width + (size_t)x;
+            const size_t texel = (size_t)y * (size_t)l->sheet[0] + (size_t)x;
             for (i = 0; i < 3 && k->radiance; i++) k->radiance[4 * texel + (size_t)i] = from[i] / r->radiance_scale;
             if (k->radiance) k->radiance[4 * texel + 3] = from[3] * c->scene.geometry.extent * weight[1];
             if (k->weights) k->weights[texel] = weight[0];

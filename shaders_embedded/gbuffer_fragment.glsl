@@ -2,7 +2,7 @@
 uniform usampler2D triangles;  // output of visibility_fragment.glsl; lightmaps: see SBL__ATLAS_WORDS
 uniform float facet_limit;     // pixels. Triangles whose least height on the screen is below this get their
                                // geometric normal, above twice this their shading normal, in between a mixture
-layout(location = 0) out vec4 out_position;          // w: reach, see surface.glsl
+layout(location = 0) out vec4 out_position;          // w: sbl_Surface.reach, see surface.glsl
 layout(location = 1) out vec4 out_normal;
 layout(location = 2) out vec4 out_geometric_normal;
 layout(location = 3) out vec4 out_albedo;
@@ -12,8 +12,8 @@ layout(location = 5) out uint out_id;
 // sensor may stand, w of normal is -1 - red.
 
 #ifdef SBL_BOUNCED
-// Returns the mean of the stored R at 5 x 5 points over about one cell. Used where no sensor may stand, because
-// there no sensor smooths R. points: 25, or 0 if the result is not needed
+// Returns the mean of the stored R over 5 x 5 points in about one cell, without the points where R is 0. Used
+// where no sensor may stand, because there no sensor smooths R. points: 25, or 0 if the result is not needed
 vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
     mat3 frame = sbl_frame(s.geometric_normal);
     float step = 0.25 / per_cell, weight = 0.0;
@@ -21,9 +21,8 @@ vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
     for (int i = 0; i < points; i++) {
         vec3 place = s.position + step * (frame * vec3(i % 5 - 2, i / 5 - 2, 0));
         vec3 light = sbl_stored(number, s.back, place, SBL_UNBOUNDED);
-        float known = max(light.r, max(light.g, light.b)) > 0.0 ? 1.0 : 0.0;
         sum += light;
-        weight += known;
+        weight += max(light.r, max(light.g, light.b)) > 0.0 ? 1.0 : 0.0;
     }
     return sum / max(weight, 1.0);
 }
@@ -41,7 +40,7 @@ void main() {
 #else
         vec3 origin = sbl_camera_origin(), direction = sbl_camera_direction();
         sbl_Surface s = sbl_surface(int(triangle) - 1, origin, direction);
-        // Shading normals hide facets. Facets too small to be seen keep the light of their own plane.
+        // Width of a pixel at the surface, world units. Facets too small to be seen get their geometric normal.
         float pixel = length(origin_y + distance(s.position, origin) / length(direction) * direction_y);
         if (facet_limit > 0.0)
             s.normal = normalize(mix(s.geometric_normal, s.normal,

@@ -8,25 +8,25 @@
 //     shoot    traces the ray
 //     combine  computes R from the results of all rays and from the closed forms
 //
-// One invocation computes one sensor, or one of the `blocks.y` parts into which its rays are divided. It stops
-// when more rays would not improve the result. With SBL_INSPECT it reports one ray or one entry of the sensor.
+// One invocation computes one look, or one of the `blocks.y` parts into which its rays are divided. It stops when
+// more rays would not improve the result. With SBL_INSPECT it reports one ray or one entry of the look.
 uniform usamplerBuffer sbl_sequence;  // points of the unit square for the rays, as in trace.glsl
-uniform int lamp_nodes, lamp_leaves;  // numbers of nodes and leaves in the table of lamps
-uniform int rays;                     // maximum number of rays per sensor
+uniform int lamp_nodes, lamp_leaves;  // counts of nodes and of leaves in the table of lamps
+uniform int rays;                     // maximum number of rays per look, besides those to rims and point lights
 uniform float unit;                   // radiance is divided by this unit while it is summed, to prevent overflow
 uniform float scale;                  // output / R
 #ifdef SBL_INSPECT
 const bool inspected = true, directional = false;
-uniform int parts;                    // number of parts into which the measurement divides the rays
-uniform int sheet_slot;               // slot of the sensor's views in the view texture
+uniform int parts;                    // number of invocations among which the measurement divides a look's rays
+uniform int sheet_slot;               // slot of the look's views in the view texture
 SBL_OUT(0, out_light);                // rgb: light of a ray, or unobstructed R of an entry; a: ray: 0: not traced,
                                       // 1: reached the lamp, 2: blocked; entry: 1: lamp, 2: visible point light,
                                       // 3: hidden point light
 SBL_OUT(1, out_way);                  // xyz: a ray's direction, or 0 for an entry; w: number of the lamp's leaf
 #else
 const bool inspected = false;
-SBL_OUT(0, out_light);                // R of the part, and the variance of its luminance
-SBL_OUT_HARMONICS(1, 2, 3)            // spherical harmonics of the part's light
+SBL_OUT(0, out_light);                // R of the part * scale, and the variance of its luminance
+SBL_OUT_HARMONICS(1, 2, 3)            // spherical harmonics of the part's light * scale
 #ifdef SBL_DIRECTIONAL
 const bool directional = true;
 #else
@@ -44,16 +44,16 @@ const float SBL_STRATA = 1.5;       // variance from n stratified points: SBL_ST
                                     // independent points: measured with shadow edges on a lamp
 const float SBL_STRATA_LOST = 0.6;  // upper limit of SBL_STRATA / sqrt(n), for few points per lamp
 const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this share of its distance
-const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles SBL_OPENING
-const float SBL_SPARSE = 16.0;      // minimum number of rays that a group must get on average for a ratio estimate
+const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles the opening
+const float SBL_SPARSE = 16.0;      // a group to which a part sends fewer rays on average is `sparse`: no ratio
 const int SBL_PASS_RAYS = 32;       // minimum number of rays per pass
-const float SBL_PASS_CROWD = 16.0;  // maximum number of passes * effective number of entries
-const int SBL_RIM_LAMPS = 8;        // maximum number of entries that get rim samples: rays to the edge of a lamp
+const float SBL_PASS_CROWD = 16.0;  // maximum of (number of passes) * (effective number of entries)
+const int SBL_RIM_LAMPS = 8;        // with more entries than this, none gets rim samples (rays to its edge)
 const int SBL_CORNERS = 3;          // number of rim samples of a triangle, one close to each corner
-const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // their barycentrics: of the close corner, of others
+const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // a rim sample's barycentrics: close corner, others
 const int SBL_RIM = 12;             // number of rim samples of a round lamp
 const float SBL_RIM_AT = 0.99;      // share of a round lamp's area inside the circle on which its rim samples lie
-const float SBL_KNOWN = 1e-6;       // relative variance below which the light of clusters needs no more rays
+const float SBL_KNOWN = 1e-6;       // clusters need no more rays if variance / square of their light is below this
 const float SBL_SMALL = 16.0;       // a triangle is small if its squared distance over its squared size is larger
 const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // see sbl_form_factor
 const float SBL_POINT_WEIGHT[2] = float[2](0.223381589678011, 0.109951743655322);
@@ -62,8 +62,8 @@ const float SBL_BEFORE_LAMP = 0.99999;  // share of the distance to a lamp along
 // A lamp as the sensor sees it. "triangle:", "texel:" and "light:" name the kinds of lamp that have a field.
 struct sbl_Lamp {
     uint kind;
-    vec3 brightness;           // triangle: radiance; texel: radiance * solid angle; light: irradiance of a surface
-                               // at the sensor that faces the light
+    vec3 brightness;           // divided by `unit`. triangle: radiance; texel: radiance above the limit * solid
+                               // angle; light: irradiance of a surface at the sensor that faces the light
     vec3 corner;               // triangle: first corner, relative to the sensor; else unit direction to the centre
     vec3 side_1, side_2;       // triangle: vectors from the first corner to the other corners
     float away, radius, sine2; // light: distance, radius, squared sine of half the angle that it subtends
@@ -95,7 +95,7 @@ sbl_Lamp sbl_lamp(int leaf) {
         float off = dot(normal, l.corner);
         l.group = off > 0.0 ? vec2(0, 1) : vec2(1, 0);
         l.brightness = sbl_emission(object, l.group.y == 1.0) / unit;
-        // Nearly edge-on. This excludes the sensor's own triangle, which rounding may put above the horizon.
+        // Almost edge-on: no light. Excludes the sensor's own triangle, which rounding may put above the horizon.
         if (abs(off) < 0.5 * sbl_look_offset(look) * length(normal)) l.brightness = vec3(0);
     }
     if (sbl_is_texel(l)) {
@@ -118,7 +118,7 @@ sbl_Lamp sbl_lamp(int leaf) {
             l.corner /= max(l.away, 1e-30);
             float spot = clamp(dot(sbl_light_axis(int(at)), -l.corner) * sbl_light_spot_scale(int(at)) +
                                sbl_light_spot_offset(int(at)), 0.0, 1.0);  // KHR_lights_punctual
-            if (l.away < l.radius) { l.corner = n; l.away = l.radius; spot = 1.0; }  // the sensor is inside
+            if (l.away < l.radius) { l.corner = n; l.away = l.radius; spot = 1.0; }  // sensor inside the light
             l.brightness *= spot * spot / (l.away * l.away);
             l.sine2 = min(l.radius * l.radius / (l.away * l.away), 1.0);
         }
@@ -272,7 +272,7 @@ vec4 sbl_spherical(vec3 a, vec3 b, vec3 c, vec2 u) {
 struct sbl_Sample {
     vec3 direction;
     float far;    // distance, or SBL_UNBOUNDED
-    vec3 light;   // R from the lamp, estimated from this point alone
+    vec3 light;   // R / unit from the lamp, estimated from this point alone
     vec2 b;       // triangle: weights of the second and third corner
 };
 
@@ -325,16 +325,16 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
 #ifdef SBL_VIEWS  // geometry that only the host can draw: the sensor's views tell whether it hides the lamp
 uniform sampler2D view_texture; // radiance towards the sensor; distance along the view's axis, < 0 for a back face
 uniform vec4 view_rects[5];     // per view: x, y, width, height in the sheet, texels
-uniform ivec2 sheet;            // size of a sheet, texels
+uniform ivec2 sheet;            // size of a sheet (the views of one look), texels
 uniform int view_count;
 uniform float tangent;          // tangent of half the field of view
 uniform float extent;           // scene extent: unit of the view texture's distances, world units
 
-const float SBL_AT_LAMP = 0.002;  // relative tolerance of the test whether a view shows the lamp (16-bit floats)
-const int SBL_LOOKS_AGAIN = 4;    // maximum number of texels that are compared
+const float SBL_AT_LAMP = 0.002;  // relative tolerance for distances in views, which are 16-bit floats
+const int SBL_LOOKS_AGAIN = 4;    // maximum number of texels that sbl_hidden compares for one ray
 
-// Returns true if the views show something in front of the sample. The direction of a texel's centre may miss the
-// lamp's triangle; a point closer to the triangle's middle is then compared instead.
+// Returns true if the views show something in front of the sample, or do not cover its direction. The direction of
+// a texel's centre may miss the lamp's triangle; a point closer to the triangle's middle is then compared.
 bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
     float turn = sbl_look_rotation(look);
     mat3 frame = sbl_frame(n);
@@ -361,7 +361,7 @@ bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
         if (seen == 0.0) return false;
         if (l.kind != SBL_LAMP_TRIANGLE) return seen < (1.0 - SBL_AT_LAMP) * s.far * dot(point, forward);
         vec3 ray = forward + tangent * (centre.x * right + centre.y * up);
-        float there = dot(l.corner, normal) / dot(ray, normal);  // depth at which the ray meets the lamp's plane
+        float there = dot(l.corner, normal) / dot(ray, normal);  // depth along `forward` of the lamp's plane
         bool other_side = (shown < 0.0) != (l.group.y == 1.0);   // the view shows the back of the lamp
         bool beyond = seen > (1.0 + SBL_AT_LAMP) * there;
         if (there > 0.0 && (beyond || (seen >= (1.0 - SBL_AT_LAMP) * there && !other_side))) return false;
@@ -384,7 +384,7 @@ float crowd_within;          // estimate of what `crowd` would be if all lamps o
 mat2x3 whole;                // by group (see sbl_Lamp): unobstructed light of lamps that are entries themselves,
                              // except texels and the `certain` point lights. Each group has its own ratio seen /
                              // open, because one side of a closed mesh hides the other
-bool rounded = false;        // true: some entries are round lamps
+bool rounded = false;        // true: some of the lamps considered are not triangles
 mat3x4 whole_harmonics[2];   // by group: harmonics of `whole`
 
 // Adds node i to the entries, skips it, or descends into it. Returns the next node, or `limit`, the number of all
@@ -451,7 +451,7 @@ void sbl_choose() {
 
 struct sbl_Pick {
     int leaf;      // the lamp that is picked
-    float share;   // probability of picking it
+    float share;   // probability of picking this lamp
     vec2 u;        // uniform point for sbl_sample; each choice by u.x rescales it, so that it stays uniform
     bool cluster;  // true: the lamp was picked from a cluster
 };
@@ -491,16 +491,17 @@ int sbl_pick_entry(inout sbl_Pick p) {
 
 // Sums over the rays. Light from clusters, texels and sparse groups is the mean of the rays' light; light from
 // other lamps is the closed form times the ratio seen / open.
-mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by group: rays' light without obstruction, and with it
-vec3 sure = vec3(0), sampled = vec3(0);       // light of point lights; light of clusters, texels and sparse groups
-vec2 samples = vec2(0), lit = vec2(0);        // by group: number of rays summed in `open`, and in `seen`
-float taken = 0.0, squares = 0.0;             // number of rays; sum of the squared luminances in `sampled`
+mat2x3 open = mat2x3(0), seen = mat2x3(0);    // by group: sums of the rays' light without obstruction, and with it
+vec3 sure = vec3(0), sampled = vec3(0);       // sum of light of point lights; of clusters, texels, sparse groups
+vec2 samples = vec2(0), lit = vec2(0);        // by group: number of rays in `open`; how many of them reached lamps
+float taken = 0.0;                            // number of rays, without rim samples and rays to point lights
+float squares = 0.0;                          // sum of the squared luminances of the rays in `sampled`
 vec2 sparse;                                  // by group: 1: too few rays for a ratio; 0: enough
-vec2 bright = vec2(0), dark = vec2(0);        // by group: number of visible and of blocked rays, with rim samples
+vec2 bright = vec2(0), dark = vec2(0);        // by group: number of unblocked and of blocked rays and rim samples
 mat3x4 sure_harmonics = mat3x4(0), sampled_harmonics = mat3x4(0);  // harmonics of `sure` and of `sampled`
 mat3x4 open_harmonics[2], seen_harmonics[2];  // harmonics of `open` and of `seen`
-vec4 report = vec4(0), report_way = vec4(0);  // inspections: what one ray found
-bool reporting;                               // true: report the next ray
+vec4 report = vec4(0), report_way = vec4(0);  // inspections: out_light / unit, and out_way
+bool reporting;                               // true: sbl_shoot reports its ray
 
 // Traces the ray of a sample. at_rim: the sample only tests for obstruction; point: it is on a point light
 void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool point) {
@@ -555,8 +556,8 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
 
 // >>combine
 
-// Variance of the mean of n points, divided by the variance of one point. A lamp with more points has smaller
-// strata. `lamps` is the effective number of lamps.
+// Variance of the mean of n rays, divided by the variance of one ray. A lamp with more rays has smaller strata.
+// The variable `lamps` is the effective number of lamps, with those in clusters.
 float sbl_strata(float n) {
     float lamps = total * total / max(crowd_within, 1e-37), points = max(n, 1.0);
     return min(SBL_STRATA * sqrt(max(lamps - 1.0, 1.0) / points), SBL_STRATA_LOST) / points;
@@ -571,7 +572,7 @@ bool sbl_undecided() {
     return disagree || sbl_strata(taken) * error > SBL_KNOWN * mean * mean;
 }
 
-// Computes R and the variance of its luminance.
+// Returns R * scale, and the variance of its luminance.
 vec4 sbl_combine() {
     float clusters = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);
     float variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) * sbl_strata(taken);
@@ -604,7 +605,7 @@ int sbl_pass_count() {
 void main() {
     ivec2 at = sbl_texel_of_invocation();
     int wanted = at.y * blocks.x + at.x;  // number of the ray or, from `rays` on, of the entry to report
-    int certain_ray = rays + SBL_LAMPS - 1 - wanted;  // number of the point light to report, counted from the end
+    int certain_ray = rays + SBL_LAMPS - 1 - wanted;  // number of the point light to report, from the last entry
 #ifdef SBL_INSPECT
     int part = 0, slot = sheet_slot;
     if (wanted >= rays + SBL_LAMPS) sbl_leave;
@@ -631,7 +632,7 @@ void main() {
     if (directional) open_harmonics[0] = open_harmonics[1] = seen_harmonics[0] = seen_harmonics[1] = mat3x4(0);
     float enough = SBL_SPARSE * float(parts) / float(rays) * total;
     sparse = vec2(lessThan(vec3(1) * whole, vec2(enough)));
-    // Rim samples find shadow edges that hide only a small part of a lamp, if there are few lamps.
+    // Rim samples find shadow edges that hide only a small part of a lamp, so that more passes are made.
     int passes = sbl_pass_count(), rims = rounded ? SBL_RIM : SBL_CORNERS;
     int rim_samples = passes > 1 && used <= SBL_RIM_LAMPS ? rims * used : 0;
     int skip = int(sbl_look_which(look) & SBL_LOOK_NUMBER) * rays;

@@ -3,15 +3,14 @@
 uniform sampler2D block_sums, block_hits;  // partial sums
 uniform ivec2 blocks;          // width and height of a look's slot in the textures of partial sums, texels
 uniform int columns, slots;    // number of slots per row; number of all slots
-uniform int width;             // width of the outputs
 uniform int first, last;       // numbers of the looks to compute
 uniform sampler2D lights;      // outputs of lamps.glsl; the mean over the parts of a look is added
 uniform int parts;             // number of parts, one below the other; 0: no light from lamps
 layout(location = 0) out vec4 out_sum;   // as in reduce_blocks.glsl
 layout(location = 1) out vec4 out_hits;  // likewise; w: variance of the luminance, if rays sampled it
 uniform sampler2D block_red, block_green, block_blue, lights_red, lights_green, lights_blue;
-uniform sampler2D block_even;  // out_even of trace.glsl
-uniform bool even;             // true: correct the harmonics with block_even
+uniform sampler2D block_even;  // corrections of the harmonics, out_even of trace.glsl
+uniform bool even;             // true: use block_even
 #ifdef SBL_DIRECTIONAL
 layout(location = 2) out vec4 out_red;
 layout(location = 3) out vec4 out_green;
@@ -29,7 +28,7 @@ vec4 sbl_sum(sampler2D block_harmonics, ivec2 corner, sampler2D light_harmonics,
 }
 
 void main() {
-    int sensor = int(gl_FragCoord.y) * width + int(gl_FragCoord.x);
+    int sensor = int(gl_FragCoord.y) * SBL_RESULTS_WIDTH + int(gl_FragCoord.x);
     if (sensor < first || sensor > last) discard;
     ivec2 slot = ivec2(sensor % slots % columns, sensor % slots / columns);
     ivec2 corner = slot * blocks, light_corner = slot * ivec2(1, parts);

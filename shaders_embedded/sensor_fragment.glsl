@@ -11,9 +11,9 @@ in vec2 fragment_uv;
 in vec4 fragment_color;
 in vec3 fragment_way, fragment_place;
 
-const float SBL_NEAREST = 3e-8;  // smallest distance at which surfaces are visible, in extents of the scene
+const float SBL_NEAREST = 3e-8;  // smallest visible distance along a view's axis, in extents of the scene
 const float SBL_BESIDE = 0.4;    // maximum distance between gl_FragCoord and the interpolated `place`, texels
-const float SBL_BESIDE_ROUNDING = 3e-7;  // allowance for rounding in the comparison with SBL_BESIDE
+const float SBL_BESIDE_ROUNDING = 3e-7;  // added to SBL_BESIDE * place.z for rounding
 
 // Returns false for fragments at wrong places. The projection of a triangle whose plane contains the sensor is a
 // line; rounding may turn the line into a triangle anywhere, even in the views of other sensors.

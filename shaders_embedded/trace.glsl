@@ -3,7 +3,7 @@
 uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each
 uniform int rays;                     // number of rays per look
 uniform int paired;                   // 1: an invocation traces pairs of rays; 0: single ones
-uniform bool no_light;                // true: rays find only distances, for which a site's first look is enough
+uniform bool no_light;                // true: only distances are wanted: only a site's first look traces rays
 uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal
 uniform float distance_limit;         // larger distances of hits count as this distance in the mean
 SBL_OUT(0, out_sum);
@@ -43,8 +43,8 @@ float sbl_stratum_reciprocal(float u) {
 
 #ifdef SBL_BOUNCED
 // Maximum number of segments of a ray. The mean light of a cell may differ much from the light at a hit that is
-// nearer than the cell's width. At such a hit the ray takes only the light from lamps out of the store, and a
-// second segment finds the bounced light.
+// nearer than the cell's width. At such a hit the ray takes only the lamps' part of the light in the store, and a
+// second segment finds the bounced part.
 const int SBL_LEGS = 2;
 
 // Sets the origin and the direction of a ray's second segment. Returns the factor for the light that it finds.

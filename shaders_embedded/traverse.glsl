@@ -3,11 +3,11 @@ uniform vec3 grid_origin;      // origin of the grid over the scene, as in grid 
 uniform vec3 grid_per_length;  // steps of that grid per unit of length
 uniform int node_count;        // 0: the scene is empty
 
-const int SBL_HOLES = 64;             // largest number of holes of cut-out surfaces that a ray passes
-const int SBL_BOX_SLACK = 8;          // units in the last place, see Ize 2013, "Robust BVH Ray Traversal"
-const float SBL_SELF_DEEP = 1e-4;     // a hit's distance is compared with its rounding error if it is at most
-                                      // this * largest distance of a corner from the origin along sbl_Ray.axis
-const float SBL_SELF_WIDE = 2.4e-7;   // the rounding error is this * deep * wide / abs(determinant), see sbl_test
+const int SBL_HOLES = 64;            // a ray that meets this many holes of cut-out surfaces ends at the last one
+const int SBL_BOX_SLACK = 8;         // added to the distance at which a ray leaves a box, units in the last place
+                                     // (Ize 2013, "Robust BVH Ray Traversal")
+const float SBL_SELF_DEEP = 1e-4;    // hits nearer than this * deep must be farther than the rounding error
+const float SBL_SELF_WIDE = 2.4e-7;  // the rounding error is this * deep * wide / abs(determinant), see sbl_test
 
 // Attributes at barycentrics b1, b2 of a triangle of sbl_triangles.
 sbl_Attributes sbl_attributes_at(int triangle, float b1, float b2) {

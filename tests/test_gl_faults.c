@@ -480,7 +480,7 @@ TEST(bakes) {
         { FAKE_NONE, 0, SBL_ERROR_OUT_OF_MEMORY }, { FAKE_ERROR, GL_OUT_OF_MEMORY, SBL_ERROR_OUT_OF_MEMORY },
         { FAKE_REFUSE, GL_INVALID_OPERATION, SBL_ERROR_GL },
         { FAKE_NO_NAME, 0, SBL_ERROR_GL }, { FAKE_FRAMEBUFFER, 0, SBL_ERROR_GL } };
-    static const int strides[] = { 7, 7, 7, 2, 1 };
+    static const int strides[] = { 3, 7, 7, 2, 1 };
     static float right[BAKE_FLOATS];
     sbl_context_desc desc = faulty_desc();
     test_scene room;

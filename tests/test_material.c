@@ -48,7 +48,6 @@ static float any_of(uint32_t *state, float most) {
 static sbl_result shade_materials(const float light[3], float texels[3][2 * MATERIALS][4]) {
     sbl__device *d = &context->core.device;
     sbl__texture textures[3];
-    const sbl__texture *colors[3];
     sbl__target target;
     sbl__visit visit;
     sbl_result result = SBL_SUCCESS;
@@ -56,11 +55,9 @@ static sbl_result shade_materials(const float light[3], float texels[3][2 * MATE
     memset(textures, 0, sizeof textures);
     memset(&target, 0, sizeof target);
     sbl__visit_enter(context, &visit);
-    for (i = 0; i < 3 && result == SBL_SUCCESS; i++) {
+    for (i = 0; i < 3 && result == SBL_SUCCESS; i++)
         result = sbl__texture_make(d, &textures[i], MATERIALS, 2, SBL__GL_RGBA32F);
-        colors[i] = &textures[i];
-    }
-    if (result == SBL_SUCCESS) result = sbl__target_make(d, &target, colors, 3, NULL);
+    if (result == SBL_SUCCESS) result = sbl__target_make(d, &target, textures, 3, NULL);
     if (result == SBL_SUCCESS) result = sbl__use(d, &material_recipe, context->core.scene.features);
     if (result == SBL_SUCCESS) {
         sbl__pass(d, &target, NULL, NULL, 0);

@@ -29,7 +29,6 @@ enum { TRACE_HITS_WIDTH = 1024, TRACE_HITS_MOST = 1024 * 1024 };
 static int trace_hits(sbl_context *c, const float *rays, int count, traced_hit *hits) {
     sbl__device *d = &c->core.device;
     sbl__scene *scene = &c->core.scene;
-    const sbl__texture *colors[1];
     sbl__visit visit;
     sbl__slice slice = { 1e300, 1, 0 };
     sbl__table table = { { 0, 0 }, { 0, 0, 0, 0, 0 } };
@@ -47,8 +46,7 @@ static int trace_hits(sbl_context *c, const float *rays, int count, traced_hit *
         result = sbl__buffer_make(d, &table.buffer, (size_t)count * 32, rays, SBL__GL_STREAM_DRAW);
     if (result == SBL_SUCCESS) result = sbl__table_attach(d, &table, SBL__GL_RGBA32F, 0);
     if (result == SBL_SUCCESS) result = sbl__texture_make(d, &texture, TRACE_HITS_WIDTH, rows, SBL__GL_RGBA32F);
-    colors[0] = &texture;
-    if (result == SBL_SUCCESS) result = sbl__target_make(d, &target, colors, 1, NULL);
+    if (result == SBL_SUCCESS) result = sbl__target_make(d, &target, &texture, 1, NULL);
     if (result == SBL_SUCCESS) result = sbl__use(d, &trace_hits_recipe, scene->features);
     if (result == SBL_SUCCESS) {
         sbl__pass(d, &target, NULL, NULL, 0);
