@@ -14908,12 +14908,12 @@ static void sbl__composition_free(const sbl__device *d, sbl__composition *s) {
 }
 
 static sbl_result sbl__composition_make(const sbl__map *m, sbl__composition *s) {
-    const sbl__texture *const colors[2] = { &s->textures[0], &s->textures[1] };
     const int count = m->desc.tone != SBL_TONE_NONE ? 2 : 1;
     sbl_result result = SBL_SUCCESS;
     int i;
     for (i = 0; i < count && result == SBL_SUCCESS; i++) result = sbl__map_texture(m, 1, &s->textures[i]);
-    return result == SBL_SUCCESS ? sbl__target_make(&m->work.core->device, &s->target, colors, count, NULL) : result;
+    return result == SBL_SUCCESS ? sbl__target_make(&m->work.core->device, &s->target, s->textures, count, NULL)
+                                 : result;
 }
 
 static void sbl__picture_free(void *work) {

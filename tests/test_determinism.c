@@ -26,6 +26,8 @@ static sbl_picture_desc cornell_view(void) {
     view.options.sensor_size = 16;
     view.samples = 2;
     view.options.epsilon = 0.1f;
+    view.tone = SBL_TONE_NEUTRAL;
+    view.auto_exposure = 1;
     return view;
 }
 

@@ -56,12 +56,12 @@ TEST(tones_are_their_formulas) {
     sbl_picture_desc view = scene_view(WIDTH, HEIGHT, 40, 0, 0, 10, 0, 0, 0);
     float *final, *display;
     int tone, i, k;
-    for (i = 0; i < 16 * 12; i++) {  /* a wall of lamps */
-        const double level = pow(2, -12 + 20.0 * (i / 12) / 15);
-        const float x = -4 + 0.5f * (float)(i / 12), y = -3 + 0.5f * (float)(i % 12);
+    for (i = 0; i < 12 * 7; i++) {  /* a wall of lamps */
+        const double level = pow(2, -12 + 20.0 * (i / 7) / 11);
+        const float x = -4.8f + 0.8f * (float)(i / 7), y = -2.8f + 0.8f * (float)(i % 7);
         const int lamp = scene_lamp(&s, (float)(level * (1 + i % 3)), (float)(level * (0.05 + i % 4)),
                                     (float)(level * (0.1 + i % 5 / 2.0)));
-        scene_quad(&s, lamp, x, y, 0, x + 0.5f, y, 0, x + 0.5f, y + 0.5f, 0, x, y + 0.5f, 0);
+        scene_quad(&s, lamp, x, y, 0, x + 0.8f, y, 0, x + 0.8f, y + 0.8f, 0, x, y + 0.8f, 0);
     }
     for (tone = SBL_TONE_CLIP; tone < SBL_TONE_COUNT; tone++) {
         double worst = 0, widest = 0;
@@ -129,12 +129,12 @@ TEST(edges_of_lamps_are_smooth) {
         double part, seen;
         int x, partly = 0;
         view.samples = 64;
-        scene_quad(&s, scene_lamp(&s, 1000, 1000, 1000), -1.03f, -9, 0, 1.21f, -9, 0, 1.21f, 9, 0, -1.03f, 9, 0);
+        scene_quad(&s, scene_lamp(&s, 1000, 1000, 1000), -1.12f, -9, 0, 1.08f, -9, 0, 1.08f, 9, 0, -1.12f, 9, 0);
         REQUIRE(scene_render(context, &s, &view), "no picture");
         display = scene_channel(context, &view, SBL_CHANNEL_DISPLAY);
         for (x = 0; x < WIDTH; x++) {
             const double pixel = 20 * tan(20 * TEST_PI / 180) / HEIGHT, left = (x - WIDTH / 2) * pixel;
-            part = fmin(fmax((fmin(left + pixel, 1.21) - fmax(left, -1.03)) / pixel, 0), 1);
+            part = fmin(fmax((fmin(left + pixel, 1.08) - fmax(left, -1.12)) / pixel, 0), 1);
             seen = (double)display[3 * (PIXELS / 2 + x)];
             partly += part > 0.1 && part < 0.9;
             CHECK(fabs(seen - part) < 0.03, "tone %d, pixel %d: %.3f of it is lit, the screen shows %.3f", tone, x, part,
