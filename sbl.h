@@ -4290,14 +4290,14 @@ static void sbl__join(uint32_t *parents, uint32_t one, uint32_t other) {
 typedef struct sbl__rings {
     sbl__stages stages;
     void *user;
-    int (*joined)(const void *user, int thing, int other);  /* 0: no value spreads to `other`. NULL: all do */
-    void (*mean)(void *user, int thing);  /* computes a value from the neighbours that sbl__ring_reached accepts */
+    int (*joined)(const void *user, int thing, int other);  /* 0: `thing` gives no value to `other`. NULL: all do */
+    void (*mean)(void *user, int thing);  /* sets the value of `thing` from neighbours that sbl__ring_reached accepts */
     int count;          /* number of things */
     int width;          /* things per row of the grid */
     int last;           /* last ring to compute */
     int *ring;          /* ring of each thing; SBL__RING_WAITS until it is known */
     int *queue;         /* things of rings 1 .. last, in the order of the rings; the second half of `ring` */
-    int queued;         /* length of the queue */
+    int queued;         /* number of things that have been added to the queue */
     int number;         /* number of the ring that is being computed */
 } sbl__rings;
 
@@ -4389,18 +4389,18 @@ typedef struct sbl__solver_sums { double power, next_power, along, first2, left2
 typedef struct sbl__solver {
     sbl__stages stages;
     void *user;
-    void (*term)(void *user, int i, const double *direction, double *product);  /* adds term i * direction to product */
+    void (*term)(void *user, int i, const double *direction, double *product);  /* product += term i * direction */
     int term_count;
     int count;                  /* number of unknowns */
     int together;               /* 1: the equations couple the three channels; 0: each channel is solved by itself */
     double identity;            /* factor of the identity in the matrix */
     double precision2;          /* a system is solved when left2 / first2 is at most this */
-    /* The arrays have three numbers per unknown, one for each channel. They share one block of memory. */
+    /* Arrays of three numbers per unknown, one for each channel. They share one block of memory. */
     double *diagonal;           /* the preconditioner: diagonal of the matrix, or all 1. An unknown whose entry is 0
                                    keeps its value */
     double *solution;           /* must be 0 at the start */
-    double *residual;           /* must be the right side at the start */
-    double *direction, *product;  /* product: matrix * direction */
+    double *residual;           /* must be the right-hand side of the equations at the start */
+    double *direction, *product;  /* search direction; matrix * direction */
     sbl__solver_sums sums[3];
     int rounds;
 } sbl__solver;
@@ -6113,7 +6113,7 @@ typedef struct sbl__store {
     int cut_count, cut_room, leaf_count, leaf_room;
     int max_leaves;
     float brightest;           /* largest channel of R in any leaf */
-    float air[6][3];           /* R of objects that the host draws, where they face +x, -x, +y, -y, +z, -z */
+    float air[6][3];           /* for objects that the host draws: mean R where they face +x, -x, +y, -y, +z, -z */
     sbl__table table;          /* patches, cells, cuts and leaves in one table, because texture units are few */
     int first_cell, first_cut, first_leaf;  /* start of each part in the table, in texels of four words */
 } sbl__store;
@@ -6231,7 +6231,7 @@ static sbl_result sbl__store_cut(sbl__base *base, sbl__store *s, uint32_t *refer
 
 #define SBL__PATCH_SMOOTH 0.8   /* least cosine between the normals of neighbours in a patch */
 #define SBL__PATCH_EVEN 0.9999  /* least cosine between the normals of a flat patch's triangles */
-#define SBL__PATCH_LEAST 0.25   /* area, in areas of a cell, below which patches of a mesh are pooled as one patch */
+#define SBL__PATCH_LEAST 0.25   /* patches of a mesh with a smaller area, in areas of a cell, are pooled as one */
 
 typedef struct sbl__patch { double area; float normal[3]; sbl__box bounds; int flat; } sbl__patch;
 
@@ -6243,11 +6243,11 @@ typedef struct sbl__patching {     /* state of dividing the scene into patches *
     uint32_t *corners;             /* three welded vertices per triangle */
     uint32_t *parents;             /* union-find forest of triangles; each root stands for a patch, see sbl__root */
     sbl__patch *patches;           /* one per triangle; a patch is at the index of its root triangle */
-    double area;                   /* area of all patches that sensors see */
+    double area;                   /* area of all triangles not hidden from sensors, world units squared */
     double least;                  /* patches with a smaller area are joined into one patch per mesh, world units
                                       squared */
-    double growth;                 /* factor of the area of cells; changes if there are too many or too few leaves */
-    double pool;                   /* factor of `least`; above 1 after there were too many patches */
+    double growth;                 /* factor of the area of cells; changes after too many or too few leaves */
+    double pool;                   /* factor of `least`; changes with `growth`, but never shrinks once above 1 */
 } sbl__patching;
 
 static sbl_result sbl__patching_begin(sbl__base *base, sbl__patching *p, const sbl__geometry *g) {
@@ -6294,7 +6294,7 @@ static sbl_result sbl__patch_join(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Adds a triangle to its patch's area and bounds, and tests whether the patch is flat. */
+/* Adds a triangle to its patch's bounds and, unless hidden from sensors, area. Tests whether the patch is flat. */
 static sbl_result sbl__patch_measure(void *work, int at) {
     sbl__patching *p = (sbl__patching *)work;
     const sbl__geometry *g = p->geometry;
@@ -6448,7 +6448,7 @@ static const char *const sbl__glsl_store[] = {
 "    return int(reference);\n",
 "}\n",
 "\n",
-"// Return R of a leaf, and the part of R that comes directly from lamps. leaf: as sbl_leaf_at returns it\n",
+"// R of a leaf. sbl_lamps_of: the part of it that comes directly from lamps. leaf: as sbl_leaf_at returns it\n",
 "vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : sbl_leaf_light(leaf - 1); }\n",
 "\n",
 "vec3 sbl_lamps_of(int leaf) {\n",
@@ -10865,9 +10865,9 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__FILL_LEAST 0.12       /* cells become smaller if they fill less than this */
 #define SBL__FILL_WIDER 0.6        /* from this fill on, new leaves belong to cells of level 1 */
 #define SBL__FILL_WIDEST 0.8       /* from this fill on, new leaves belong to cells of level 2 */
-#define SBL__BOUNCE_GROWTH 1.5     /* least factor by which the cells' area grows if leaves do not suffice */
-#define SBL__BOUNCE_GROWTH_MOST 2.0  /* largest factor by which the cells' area grows if leaves do not suffice */
-#define SBL__BOUNCE_SHRINK_MOST 0.03  /* least factor by which the cells' area shrinks if leaves are left over */
+#define SBL__BOUNCE_GROWTH 1.5     /* if leaves do not suffice, the cells' area is multiplied by at least this */
+#define SBL__BOUNCE_GROWTH_MOST 2.0  /* if leaves do not suffice, the cells' area is multiplied by at most this */
+#define SBL__BOUNCE_SHRINK_MOST 0.03  /* if leaves are left over, the cells' area is multiplied by at least this */
 #define SBL__BOUNCE_POOL 16.0      /* limit of sbl__patching.pool. If leaves do not suffice even then, places
                                       without a leaf stay dark */
 /* least number of positions of surface samples per area of a cell of level 0: 8 per area of the widest cells */
@@ -10899,7 +10899,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__AIR_RAYS 512
 #define SBL__CAST_COLUMNS 256
 #define SBL__CAST_ROWS 64
-#define SBL__CAST_MOST (SBL__CAST_COLUMNS * SBL__CAST_ROWS)  /* rays cast at once */
+#define SBL__CAST_MOST (SBL__CAST_COLUMNS * SBL__CAST_ROWS)  /* most rays cast at once */
 
 /* A ray, as cast.glsl reads it. limit: length; below 0: the ray leaves a surface with normal `direction` and
    cosine-weighted distribution. fractions: two random numbers of 16 bits each that choose such a ray's direction. */
@@ -10936,35 +10936,35 @@ typedef struct sbl__bounce {
     sbl__core *core;
     sbl__store *store;
     const sbl__geometry *geometry;
-    uint32_t scene, surfaces;        /* versions of the scene and of its surfaces for which the store is filled;
-                                        others make the filling start again */
+    uint32_t scene, surfaces;        /* versions of the scene and of its surfaces for which the store is filled. After
+                                        a change of only `scene`, only light is computed again */
     sbl__bounce_point *points;
     sbl__bounce_leaf *states;        /* one state per leaf */
     int point_count, point_room, state_room;
     sbl__hits hits;                  /* hits of the points' rays, SBL__BOUNCE_RAYS per point */
-    sbl__patching patching;          /* this field and all below are dropped when the store is ready */
+    sbl__patching patching;          /* this field and all below are freed and set to 0 when the store is ready */
     double samples_due;              /* number of positions due for surface samples on the triangles visited so far;
                                         each position gets two samples, one on each side */
     sbl__hits samples;               /* surface samples: places spread over all surfaces */
     sbl__hits queue;                 /* places that may become points. Its list points into that of samples, hits or
                                         released */
     sbl__hits waiting;               /* places from the queue, in leaves that contact rays have yet to cut */
-    sbl__hits released;              /* the list of `waiting` until the last cuts; the queue points into it */
-    sbl__hits contacts;              /* hits of contact rays */
-    int cut_leaves;                  /* number of leaves that contact rays have cut */
+    sbl__hits released;              /* places that waited for the last cuts; the queue points to them */
+    sbl__hits contacts;              /* hits of contact rays, SBL__BOUNCE_CONTACTS per leaf, from leaf cut_leaves on */
+    int cut_leaves;                  /* number of leaves, from 0 on, whose contact rays have been cast */
     int points_cast;                 /* number of points whose rays have been cast */
     uint32_t *sequence;              /* points of the unit square from which ray directions are made: two
                                         coordinates per point, in units of 2^-32, see sbl__sequence_make */
-    struct { uint32_t place; float normal[3], offset; } origin;  /* result of the last sbl__place_normal */
-    sbl__site *sites;                /* the job's sites: points, then places in the air */
+    struct { uint32_t place; float normal[3], offset; } origin;  /* of the last ray from a surface */
+    sbl__site *sites;                /* the job's sites: points; in the last job, places in the air */
     sbl_reading *readings;
     uint32_t recent_lines[SBL__CONTACT_CACHE];  /* hash table of contact lines (where an object touches a flat
                                                    surface) that have cut their cells; hash collisions drop some */
-    int recheck;                     /* 1: a line has cut leaves that had points, so all hits must be placed again */
-    float *direct;                   /* direct light of each leaf, 3 floats; then the noise of each leaf */
+    int recheck;                     /* 1: a line has cut leaves that had points, so all hits must be queued again */
+    float *direct;                   /* 3 floats per leaf: direct light; after SBL__BOUNCE_NOISE, the leaf's noise */
     float *solved;                   /* light of each leaf, saved while the leaves hold noise */
     double change;                   /* balance.change of the previous round */
-    /* sums over leaves in this round: direct light, all light before and after the round, absolute changes of light */
+    /* sums over leaves in this round: direct light, all light before and after, absolute changes in all channels */
     struct { double direct[3], before[3], after[3], change; } balance;
     double needed_growth;            /* factor by which the cells' area must grow; 0: leaves suffice */
     double previous_fill;            /* fill when cells last became smaller; 0: they never did */
@@ -11179,8 +11179,8 @@ static int sbl__hits_add(sbl__bounce *b, sbl__hits *to, const sbl__hit *hit) {
     return 1;
 }
 
-/* Sets a triangle's patch word, and adds surface samples at random positions, one on each side: a position per area of
-   a cell of the first size. b->samples_due carries fractions over to the next triangle. */
+/* Sets a triangle's patch word, and adds surface samples at random positions, one on each side. Per area of a cell
+   there are patching.growth positions, or SAMPLES_LEAST if more. samples_due carries fractions to the next triangle. */
 static sbl_result sbl__bounce_sample(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const uint32_t triangle = (uint32_t)at;
@@ -11287,17 +11287,17 @@ static int sbl__bounce_restart(sbl__bounce *b, double growth) {
     return SBL__BOUNCE_GRID;
 }
 
-/* Casts rays from new leaves and points until there are none. Finally places surface samples where no ray has hit. */
+/* Returns the next stage: rays from new leaves and points until none are new; finally points at surface samples. */
 static int sbl__bounce_after_place(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const double fill = (double)b->store->leaf_count / b->store->max_leaves;
     if (b->needed_growth > 0) return sbl__bounce_restart(b, SBL__MAX(b->needed_growth, SBL__BOUNCE_GROWTH));
     if (!b->cut_leaves && fill > SBL__FILL_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
-        /* The rays of these leaves would hit too many more leaves. */
+        /* Too many: the rays of these leaves would hit still more. */
         return sbl__bounce_restart(b, pow(fill / SBL__FILL_FIRST, SBL__FILL_FIRST_POWER));
     if (b->store->leaf_count > b->cut_leaves) return SBL__BOUNCE_CAST_CONTACTS;
     if (b->points_cast < b->point_count) return SBL__BOUNCE_CAST_POINTS;
-    if (b->recheck) {  /* A cut leaf that had points may lack points on its other side. */
+    if (b->recheck) {  /* A cut through a leaf with points can leave one side without any. */
         b->recheck = 0;
         return sbl__bounce_queue(b, b->hits.list, b->point_count * SBL__BOUNCE_RAYS);
     }
@@ -11483,7 +11483,7 @@ static sbl_result sbl__contact_cut(sbl__bounce *b, sbl__contact *line) {
 static sbl_result sbl__bounce_cut(sbl__bounce *b, int leaf, const sbl__hit *hit) {
     sbl__store *s = b->store;
     const sbl__hit *at = &b->points[b->states[leaf].first].at;
-    float before[3], normal[3], own[3], apart, distance;
+    float beyond[3], normal[3], own[3], apart, distance;
     sbl__contact line;
     uint32_t *reference, patch;
     int k, depth;
@@ -11496,8 +11496,8 @@ static sbl_result sbl__bounce_cut(sbl__bounce *b, int leaf, const sbl__hit *hit)
     if (sbl__contact_make(b, at, hit, &line)) return sbl__contact_cut(b, &line);
     if (fabs((double)apart) < SBL__CONTACT_APART * (double)s->length) return SBL_SUCCESS;
     for (k = 0; k < 3; k++)  /* a position a little beyond the hit, as seen along the ray */
-        before[k] = hit->position[k] + (float)SBL__CONTACT_APART * (hit->position[k] - at->position[k]);
-    reference = sbl__store_find(s, patch, before, &depth);
+        beyond[k] = hit->position[k] + (float)SBL__CONTACT_APART * (hit->position[k] - at->position[k]);
+    reference = sbl__store_find(s, patch, beyond, &depth);
     if (!reference || *reference != (uint32_t)leaf + 1 || depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
     reference = sbl__store_find(s, patch, at->position, &depth);
     return sbl__store_cut(&b->core->base, s, reference, normal, distance, sbl__dot(normal, at->position) > distance);
@@ -11654,7 +11654,7 @@ static sbl_result sbl__bounce_allocate(void *work, sbl__slice *slice) {
     sbl__base *base = &b->core->base;
     const size_t sites = (size_t)SBL__MAX(b->point_count, SBL__AIR_SITES), leaves = (size_t)b->store->leaf_count;
     (void)slice;
-    if (b->solved) return SBL_SUCCESS;  /* The memory exists after an earlier solution with other lights. */
+    if (b->solved) return SBL_SUCCESS;  /* A change of lights has interrupted an earlier solution. */
     b->sites = (sbl__site *)sbl__alloc_raw(base, sites, sizeof *b->sites);
     b->readings = (sbl_reading *)sbl__alloc_raw(base, sites, sizeof *b->readings);
     b->direct = (float *)sbl__alloc_raw(base, leaves, 3 * sizeof *b->direct);
@@ -12018,7 +12018,7 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     return result;
 }
 
-/* Estimates how much of the store is done, 0 to 1; less than before after a restart. Rays between surfaces are half. */
+/* Estimates how much of the store is done, 0 to 1: rays between surfaces up to 0.5. Falls after a restart. */
 static float sbl__bounce_progress(const sbl__core *c) {
     const sbl__bounce *b = c->bounce;
     if (c->scene.store.ready || !b) return c->scene.store.ready ? 1.0f : 0.0f;
@@ -12239,13 +12239,13 @@ enum { SBL__TOUCHED = 1, SBL__HIDDEN };  /* occlusion of a texel of a lightmap, 
 typedef struct sbl__pixel {
     float position[3], normal[3], geometric_normal[3];
     float offset;             /* distance of the pixel's sensor from the surface */
-    float radiance[3];        /* R: mean of the looks that the pixel's sensor has taken */
+    float radiance[3];        /* R, if `sensed`: mean of the looks of the pixel's sensor, or from the store */
     double variance;          /* variance of the luminance of one look */
     float error;              /* predicted standard error of the pixel's luminance in the picture */
     float stored[3];          /* value of R at this pixel according to the store, see >>store */
     float uncertainty;        /* standard error of the pixel's luminance that errors of the store cause */
     uint32_t id;              /* number of the surface; 0: the pixel shows no surface */
-    int look;                 /* number of the sensor's first look in its job, for sbl__task.first_look */
+    int look;                 /* index of the sensor's first look among all looks of its job */
     int looks, wanted;        /* number of looks taken so far; number of looks to be taken in total */
     short round;              /* last round that read the sensor */
     unsigned char level;      /* 0: the pixel has no sensor; otherwise 1 + level of the tile that put a sensor here */
@@ -12267,15 +12267,15 @@ typedef struct sbl__pixel {
    difference at its ends, if light has a step, or if it is a parabola that sbl__edge_parabola corrects; measured on
    shadows of lamps with tiles of 2 to 16 pixels. */
 #define SBL__COVERAGE 0.75f             /* a tile is split if its corners give a pixel less weight (sbl__mix) */
-#define SBL__EXTRAPOLATED_SPAN 4        /* width of the widest tiles that use extrapolated light, pixels */
+#define SBL__EXTRAPOLATED_SPAN 4        /* largest span of tiles that use extrapolated light, pixels */
 #define SBL__STEP_ERROR 0.29f
 #define SBL__CURVE_ERROR 0.1f
 #define SBL__EXTRAPOLATION_ERROR 0.35f  /* error of extrapolated light / second difference of the light it continues */
-#define SBL__SILHOUETTE_ERROR 0.05f     /* least error of extrapolated light, as a share of the light */
+#define SBL__SILHOUETTE_ERROR 0.05f     /* least error of extrapolated light / light, or mean R if larger */
 #define SBL__CONTACT_ERROR 0.12f        /* as SILHOUETTE_ERROR, if the other surface is near: it may cast a shadow */
 #define SBL__CONTACT_DISTANCE 2.5f      /* largest distance of a near surface / distance between neighbouring sensors */
 #define SBL__PIXEL_ERROR 0.15f          /* error of a pixel that no estimate explains / error of the picture */
-#define SBL__NOISE_IN_BIAS 0.75f        /* noise raises raw_bias2 by this multiple of the sensors' variance */
+#define SBL__NOISE_IN_BIAS 0.75f        /* part of raw_bias2 due to noise / variance of the sensors */
 #define SBL__NOISE_IN_SPLITS 1.25f      /* as NOISE_IN_BIAS, for gains of splits; larger, as looks reduce noise too */
 /* Noise of sensors. */
 #define SBL__LEAST_NOISE 1e-12f         /* least noise of a surface in the radiance map; 0 marks empty pixels */
@@ -12286,18 +12286,18 @@ typedef struct sbl__pixel {
 #define SBL__DOUBLINGS 10               /* number of powers of two from 1 to SBL__MAX_LOOKS, which is 2^9 */
 #define SBL__LOOKS_DIFFERENCE 1.1       /* variance of the difference between earlier and later looks of a sensor / sum
                                            of both variances; above 1, as later points complement earlier points */
-#define SBL__LOOKS_COMPARED 64          /* number of known differences from which predicted variances are corrected */
-#define SBL__LOOKS_CORRECTION_MIN 0.5   /* least and largest factor by which a predicted variance is corrected */
-#define SBL__LOOKS_CORRECTION_MAX 8.0
+#define SBL__LOOKS_COMPARED 64          /* least number of differences from which a variance share is corrected */
+#define SBL__LOOKS_CORRECTION_MIN 0.5   /* least factor by which a variance share is corrected */
+#define SBL__LOOKS_CORRECTION_MAX 8.0   /* largest factor by which a variance share is corrected */
 #define SBL__PARENT_WEIGHT 0.6f         /* weight of the parent tile in a tile's variance: four sensors are few */
 /* What a round buys: splits of tiles and looks of sensors. */
-#define SBL__MAX_ROUNDS 40              /* limits the number of transfers between CPU and GPU */
+#define SBL__MAX_ROUNDS 40              /* after so many rounds, only necessary splits are bought */
 #define SBL__JOB_LOOKS (1 << 21)        /* approximate number of looks in one job */
 #define SBL__AIM_BELOW 0.9              /* a round aims at this multiple of the squared target error */
 #define SBL__AIM_SHARE 0.6              /* a round aims at no less than this share of the present squared error, since
                                            new readings may change what is worth buying */
-#define SBL__AIM_LEAST 0.7              /* least share of the squared target error that is left after subtraction of the
-                                           store's squared uncertainty */
+#define SBL__AIM_LEAST 0.7              /* share of the squared target error that bias and noise may always have,
+                                           however large the uncertainty of stored light */
 #define SBL__SPLIT_COST 3               /* cost of a split in sensors: it adds five, but neighbours share most */
 #define SBL__SPLIT_GAIN 0.875f          /* share of the squared error of interpolation that a split removes */
 #define SBL__DIFFERENCE_FLOOR 0.02f     /* share of the mean luminance that sbl__differ adds to the light it compares */
@@ -12317,14 +12317,14 @@ typedef struct sbl__tile {
     int must_split;           /* 1: the corners give some pixels too little weight, see SBL__COVERAGE */
     int parent;               /* index of the tile whose split made this one, or -1 */
     int looks;                /* number of looks that new sensors at the tile's corners begin with */
-    int pixels;               /* number of pixels that the tile fills in */
-    float uncovered;          /* mean over these pixels of the bilinear weight of corners that show other surfaces */
+    int pixels;               /* number of pixels that the tile fills in and that show a surface */
+    float uncovered;          /* mean over all `pixels` of the bilinear weight of corners whose light they cannot use */
     float raw_bias2;          /* squared error of interpolation, estimated from light on the edges, noise included */
     float unseen_bias2;       /* part of raw_bias2 for changes of light between the last sensors and silhouettes */
-    float bias2, noise2;      /* predicted squared errors per pixel */
+    float bias2, noise2;      /* mean relative squared errors of its pixels by interpolation, and by noise */
     float light, variance;    /* mean luminance of the corners; mean relative variance of one look of their sensors */
     float split_worth;        /* worth of a split, see SBL__GAIN_FLOOR; FLT_MAX: the split is necessary */
-    float look_worth;         /* worth of twice as many looks */
+    float look_worth;         /* worth of doubling the looks of the corners' sensors */
 } sbl__tile;
 
 typedef struct sbl__refine {
@@ -12336,10 +12336,10 @@ typedef struct sbl__refine {
     int tile_size;            /* width and height of first-level tiles */
     int geometry_aware;       /* 0 in SBL_MODE_PAPER: the threshold is absolute, and an id is one smooth surface */
     float distance_limit;     /* see sbl__spec.distance_limit; 0: no test for occlusion */
-    double lit, lit_backs;    /* number of sensors that found light so far; sum of sbl_reading.back_share over them */
+    double lit, lit_backs;    /* number of sensors with R above 0 so far; sum of sbl_reading.back_share over them */
     float threshold;          /* see sbl__differ; 0: tiles are split by predicted gain */
     float target_error;       /* 0: refine until nothing is left to buy */
-    float smoothing;          /* number of pixels that the filter averages */
+    float smoothing;          /* effective number of pixels that the filter averages, see sbl__filter_pixels */
     sbl__pixel *pixels;
     size_t harmonics;         /* floats of one pixel in layers 1 and up of light, 3 per layer */
     float *layers;            /* light of layers 1 and up (harmonics, see SBL__LAYERS): all layers of a pixel, then
@@ -12349,7 +12349,7 @@ typedef struct sbl__refine {
     int first_new;            /* index of the first tile that has not been weighed yet */
     int row;                  /* next row of pixels of the tile that the COUNT stage is at */
     int rounds, weighed;      /* number of rounds that are over; 1: errors have been predicted */
-    int listed;               /* number of tiles (COLLECT_SCOUTS: guides) whose sites this round has listed */
+    int listed;               /* number of tiles, or in COLLECT_SCOUTS of guides, whose sites this round has listed */
     sbl__site *sites;         /* sites of the job; site i belongs to pixel sites[i].number */
     sbl_reading *readings;
     float *reading_layers;    /* layers 1 and up of the readings, site after site */
@@ -12357,13 +12357,13 @@ typedef struct sbl__refine {
     sbl__guides guides;       /* guides for the sensors' rays, used if spec->guided is set */
     int64_t looks_taken;
     float mean[3], luminance; /* mean of R over the picture, and its luminance */
-    double sum[3], pixels_summed;  /* sum of R and number of pixels visited in this round; they yield the next mean */
+    double sum[3], pixels_summed;  /* for the next mean: sum of R over pixels (round 0: sensors); their number */
     float weights[3];         /* factors that turn a difference in each channel into a relative error */
     float variance_shares[SBL__DOUBLINGS];  /* [k]: variance of a mean of 2^k looks / variance of one look */
     double measured2[SBL__DOUBLINGS];  /* [k]: sum of squared differences between 2^k looks and later looks */
     double expected2[SBL__DOUBLINGS];  /* [k]: expected value of measured2[k] */
     int compared[SBL__DOUBLINGS];      /* [k]: number of differences in measured2[k] */
-    double bias2, noise2;     /* sums over pixels of the predicted squared errors of tiles */
+    double bias2, noise2;     /* sums over pixels of sbl__tile.bias2, and of sbl__tile.noise2 */
     double uncertainty2;      /* sum over pixels of the squared uncertainty of stored light; absolute, not relative */
     double look_variance;     /* relative variance of one look, averaged over the picture */
     double predicted, first_predicted;  /* predicted error of the picture now, and after the first round */
@@ -12414,7 +12414,7 @@ static float sbl__belongs(const sbl__pixel *a, const sbl__pixel *b, int geometry
     return turn * turn * SBL__MIN(SBL__MAX(plane, 0.0f), 1.0f);
 }
 
-/* Returns 1 if other pixels may use the light of this pixel's sensor. */
+/* Returns 1 if a pixel has light of its own that other pixels may use. */
 static int sbl__usable(const sbl__pixel *p) { return p->sensed && !p->invalid; }
 
 static int sbl__connected(const sbl__pixel *a, const sbl__pixel *b, int geometry_aware) {
@@ -12441,7 +12441,7 @@ static void sbl__looks_compare(sbl__refine *r, const sbl__pixel *p, int before, 
 }
 
 /* Computes r->variance_shares from SBL__LOOKS_GAIN and the recorded differences, because the advantage of a Sobol
-   sequence over independent points depends on the scene. Entry k takes the factor of entry k - 1 if it has too few. */
+   sequence over independent points depends on the scene. Without enough differences, the factor of k - 1 corrects k. */
 static void sbl__looks_calibrate(sbl__refine *r) {
     double times = 1;
     int k;
@@ -12783,7 +12783,7 @@ static sbl_result sbl__tile_split(sbl__refine *r, int index) {
     return result;
 }
 
-/* Returns the largest absolute difference in any channel of two radiances. *sum: the largest sum in any channel. */
+/* Returns the largest absolute difference in any channel of two radiances. *sum: the largest a + b of any channel. */
 static float sbl__difference(const float a[3], const float b[3], float *sum) {
     float most = 0;
     int k;
@@ -12820,7 +12820,7 @@ static int sbl__tile_differs(const sbl__refine *r, const sbl__tile *c) {
     return 0;
 }
 
-/* Adds the pixels of row y to c->pixels and c->uncovered, and sets c->must_split if it must be split for them. */
+/* Adds row y of pixels to c->pixels and c->uncovered. Sets c->must_split if corners give one too little weight. */
 static void sbl__tile_count(const sbl__refine *r, sbl__tile *c, const sbl__range *pixels, int y) {
     const int extrapolated = r->geometry_aware && sbl__tile_span(c) <= SBL__EXTRAPOLATED_SPAN && !(r->threshold > 0);
     int x;
@@ -12960,7 +12960,7 @@ static void sbl__refine_validate(sbl__refine *r, int index, const sbl_reading *r
     p->occlusion = (unsigned char)sbl__refine_occlusion(r, reading);
     if (p->occlusion == SBL__HIDDEN) {
         p->invalid = 1;
-        r->uncertainty2 -= (double)p->uncertainty * p->uncertainty;  /* A hidden texel does not show its light. */
+        r->uncertainty2 -= (double)p->uncertainty * p->uncertainty;  /* A hidden texel shows its neighbours' light. */
         p->uncertainty = 0;
     }
     for (i = 0; i < 9 && p->occlusion; i++) {
@@ -13179,7 +13179,7 @@ static float sbl__tile_smoothing(const sbl__refine *r, const sbl__tile *c, float
     return 1 + 0.5f * (r->smoothing - 1) * alike * alike;
 }
 
-/* Computes a tile's noise from its corners, and adds the tile's light to the picture's mean. */
+/* Computes a tile's noise from its corners, and adds the tile's light to r->sum. */
 static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
     const int span = sbl__tile_span(c);
     float variance, share = 0, light[3] = { 0, 0, 0 };
@@ -13206,7 +13206,7 @@ static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
     c->light = sbl__luminance(light) / (float)count;
 }
 
-/* Updates c->raw_bias2, or sets c->split_worth to FLT_MAX if the tile must be split. */
+/* Updates c->raw_bias2 or, if c->must_split or a threshold decides, c->split_worth (FLT_MAX: split; 0: do not). */
 static void sbl__tile_weigh_split(const sbl__refine *r, sbl__tile *c) {
     const int span = sbl__tile_span(c);
     if (span <= 1) return;
@@ -13227,7 +13227,7 @@ static sbl_result sbl__refine_weigh(void *work, int at) {
     if (c->split) return SBL_SUCCESS;
     sbl__tile_weigh_split(r, c);
     sbl__tile_noise(r, c);
-    interpolated = SBL__MAX(c->pixels - 1, 0);  /* The upper left pixel has a sensor. */
+    interpolated = SBL__MAX(c->pixels - 1, 0);  /* all but the upper left pixel, which has a sensor */
     variance = c->noise2 / sbl__noise_left(r, sbl__tile_span(c));
     c->bias2 = SBL__MAX(c->raw_bias2 - SBL__NOISE_IN_BIAS * variance, c->unseen_bias2);
     r->bias2 += (double)c->bias2 * interpolated;
@@ -13254,8 +13254,8 @@ static sbl_result sbl__refine_weigh(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Predicts the picture's error. Finds the smallest gain (error removed per cost) that a split or a look must have,
-   so that all that have it bring the picture to the target error. */
+/* Predicts the picture's error. Sets r->least_worth so that all splits and looks of at least this worth bring
+   the picture to the error at which the round aims; FLT_MAX if it has the target error. */
 static void sbl__weigh_end(sbl__refine *r) {
     const double pixels = SBL__MAX(r->pixels_summed, 1.0), all2 = (double)r->target_error * r->target_error;
     const double uncertainty2 = r->uncertainty2 / ((double)r->luminance * r->luminance * pixels);
@@ -13273,7 +13273,7 @@ static void sbl__weigh_end(sbl__refine *r) {
     r->least_worth = sbl__bin_worth(bin);
 }
 
-/* Counts the pixels of new tiles, row by row. */
+/* Sets `pixels`, `uncovered` and `must_split` of new tiles, row by row. */
 static sbl_result sbl__refine_count(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     int *at = &r->stages.at;
@@ -13328,7 +13328,7 @@ static void sbl__refine_task(const sbl__refine *r, sbl__task *task) {
     task->guides = &r->guides;
 }
 
-/* Begins the job for the listed sites. A scout is a look with one of the rays that sensors send over the hemisphere. */
+/* Begins the job for the listed sites: looks, or scouts, which are looks of one ray over the hemisphere. */
 static int sbl__refine_after_list(void *work) {
     sbl__refine *r = (sbl__refine *)work;
     const int scouts = r->stages.stage == SBL__REFINE_COLLECT_SCOUTS;
@@ -13368,8 +13368,8 @@ static int sbl__refine_after_take(void *work) {
     return SBL__REFINE_COUNT;
 }
 
-/* If looks prove too noisy for the target error in the first round, makes guides for their rays, or gives looks more
-   rays if there are guides already or no light. In both cases all sensors start again. */
+/* If looks prove too noisy for the target error in the first round, makes guides for their rays or, with guides or if
+   spec->no_light is set, gives looks more rays. In both cases all sensors start again. */
 static int sbl__refine_after_weigh(void *work) {
     sbl__refine *r = (sbl__refine *)work;
     int times;
@@ -13418,7 +13418,7 @@ static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
 
 /* >>refine: functions for later rooms */
 
-/* smoothing: number of pixels that the filter averages */
+/* smoothing: sbl__filter_pixels of the filter that is used later */
 static void sbl__refine_begin(sbl__refine *r, sbl__core *c, sbl__measurement *measurement, sbl__spec *spec,
                               const sbl_picture_desc *desc, float smoothing) {
     r->core = c;
@@ -13482,12 +13482,12 @@ static double sbl__refine_progress(const sbl__refine *r) {
 /* >>refine: filling in one layer of light. It has its own stages, so that it can run at any time during refinement. */
 
 typedef struct sbl__fill {
-    /* set by the caller; all other fields begin as 0 */
+    /* The caller sets `refine` and `layer`; all other fields begin as 0. */
     sbl__refine *refine;
     int layer;                  /* layer of light to fill in */
     int tile, row;              /* index of the next tile; its next row of pixels */
     float *rgba;                /* output, 4 floats per pixel: light; noise of R, above 0 where there is a surface */
-    int orphans;                /* number of pixels without a usable sensor that their tile does not cover */
+    int orphans;                /* number of pixels without usable light of their own or of their tile's corners */
     sbl__rings rings;           /* spread light to orphans over their surface */
 } sbl__fill;
 
@@ -13518,8 +13518,8 @@ static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, floa
     memcpy(to, sbl__pixel_light(r, p, f->layer), 3 * sizeof *to);
     if (lit) {
         const float least = r->luminance * (float)sqrt((double)c->variance * (double)sbl__variance_share(r, p->looks));
-        to[3] = SBL__MAX(least, sbl__noise(r, p));  /* at least `least`, because the few rays of one sensor may
-                                                       agree by chance */
+        to[3] = SBL__MAX(least, sbl__noise(r, p));  /* not below the mean noise of the tile's sensors, because the
+                                                       few rays of this one may agree by chance */
         p->error = sbl__pixel_error(r, p, c->noise2);
     } else {
         sbl__interpolate(r, c, x, y, f->layer, &m);
@@ -13537,7 +13537,7 @@ static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, floa
     else f->orphans++;
 }
 
-/* Returns 1 if a neighbour of a pixel belongs to the surface of the pixel. */
+/* Returns 1 if pixel `other` belongs to the surface of pixel `index`. */
 static int sbl__fill_joined(const void *user, int index, int other) {
     const sbl__refine *r = ((const sbl__fill *)user)->refine;
     return sbl__belongs(&r->pixels[other], &r->pixels[index], r->geometry_aware) > 0;
@@ -13779,9 +13779,9 @@ static const char *const sbl__glsl_resolve[] = {
 "uniform sampler2D sample_positions, sample_normals, sample_albedo, sample_emission;\n",
 "uniform usampler2D sample_ids;\n",
 "uniform vec2 offset;                        // position of the sample relative to the pixel's centre, pixels\n",
-"uniform sampler2D previous;                 // sum over the previous samples\n",
+"uniform sampler2D previous;                 // sum of the samples before, each times `share`\n",
 "uniform int has_previous;                   // 0: this is the first sample\n",
-"uniform float share;                        // 1 / number of samples\n",
+"uniform float share;                        // 1 / number of samples per pixel\n",
 "layout(location = 0) out vec4 out_color;\n",
 "#ifdef SBL_DISPLAY\n",
 "uniform sampler2D previous_display;         // like `previous`, of what the screen shows\n",
@@ -13791,7 +13791,7 @@ static const char *const sbl__glsl_resolve[] = {
 "const int SBL_REACH = 2;                // R is taken from pixels at most this far away in x and y\n",
 "const float SBL_NEAR_ENOUGH = 0.05;     // least sum of weights at which the four nearest pixels suffice\n",
 "const float SBL_SAME_ID = 1e-3;         // weight of a pixel with the same id that does not belong to the surface\n",
-"const float SBL_OTHER_ID = 0.01;        // weight of pixels with another id, if no pixel has the sample's id\n",
+"const float SBL_OTHER_ID = 0.01;        // + cosine of the normals: weight of a pixel if none has the sample's id\n",
 "\n",
 "// Returns the radiance of the environment picture in a direction, bilinearly filtered.\n",
 "vec3 sbl_sky_smooth(vec3 direction) {\n",
@@ -13807,8 +13807,8 @@ static const char *const sbl__glsl_resolve[] = {
 "    return radiance;\n",
 "}\n",
 "\n",
-"// Returns R at the sample: from the four nearest pixels that belong to its surface; if there are none, from pixels\n",
-"// with its id within SBL_REACH; if there are none, from all pixels there.\n",
+"// Returns R at the sample: from those of the four nearest pixels that belong to its surface; if their weight is\n",
+"// too small, from pixels with its id within SBL_REACH; if there are none, from all pixels there.\n",
 "vec3 sbl_light_at(ivec2 at, uint id) {\n",
 "    ivec2 size = textureSize(radiance, 0), least = at + ivec2(floor(offset));\n",
 "    vec3 p = texelFetch(sample_positions, at, 0).xyz, n = texelFetch(sample_normals, at, 0).xyz;\n",
@@ -13875,7 +13875,8 @@ static void sbl__sample_offset(int i, int count, float out[2]) {
 typedef struct sbl__resolve {
     const sbl__gbuffer *centres, *sample;  /* G-buffers of the pixels' centres and of the sample */
     const sbl__texture *radiance;          /* R at pixel centres */
-    const sbl__texture *previous;          /* sums over the previous samples: of radiance, and of what a screen shows */
+    const sbl__texture *previous;          /* [0]: sum of the samples before, each divided by `count`; [1]: the same of
+                                              what a screen shows */
     const sbl__environment *environment;
     const sbl__camera *camera;
     int index, count;                      /* number of the anti-aliasing sample, from 0; number of all samples */
@@ -13883,7 +13884,7 @@ typedef struct sbl__resolve {
     float stops;                           /* exposure of what a screen shows */
 } sbl__resolve;
 
-/* Adds the sample to `previous` and writes the sum to rows of `out`. rows: first row, number of rows */
+/* Writes r->previous + sample / r->count to rows of `out`. rows: first row, number of rows */
 static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const sbl__target *out, const int rows[2]) {
     const int shown = r->tone != SBL_TONE_NONE;
     const sbl_result result = sbl__use(d, &sbl__recipe_resolve, shown ? (unsigned)SBL__DISPLAY : 0);

@@ -159,7 +159,7 @@ static int is_display(sbl_channel channel) {
 
 /* Says what would help if more than a tenth of a picture for a screen is white or black. stops: exposure that the values
    do not contain yet; chosen: the whole exposure */
-static void warn_of_extremes(const image *picture, double stops, double chosen) {
+static void warn_of_extremes(messages *said, const image *picture, double stops, double chosen) {
     const size_t pixels = (size_t)picture->width * (size_t)picture->height;
     const float white = 0.995f, black = 0.0002f;  /* what 8-bit sRGB rounds to 255 and 0 */
     const float scale = (float)pow(2, stops);
@@ -170,11 +170,12 @@ static void warn_of_extremes(const image *picture, double stops, double chosen) 
         blacks += v[0] * scale < black && v[1] * scale < black && v[2] * scale < black;
     }
     if (10 * whites > pixels)
-        tell("%.0f %% of the picture is white: a lower --exposure shows it darker (chosen: %.1f)",
-             100.0 * (double)whites / (double)pixels, chosen);
+        warn_later(said, "%.0f %% of the picture is white: a lower --exposure shows it darker (chosen: %.1f)",
+                   100.0 * (double)whites / (double)pixels, chosen);
     if (10 * blacks > pixels)
-        tell("%.0f %% of the picture is black: no light gets there, or the camera sees nothing; try --sky R,G,B, "
-             "another camera, or a higher --exposure (chosen: %.1f)", 100.0 * (double)blacks / (double)pixels, chosen);
+        warn_later(said, "%.0f %% of the picture is black: no light gets there, or the camera sees nothing; try --sky "
+                   "R,G,B, another camera, or a higher --exposure (chosen: %.1f)",
+                   100.0 * (double)blacks / (double)pixels, chosen);
 }
 
 /* Writes the picture; after a signal, the unfinished picture. done: progress, 0 to 1. Returns the exit status. */
@@ -326,9 +327,9 @@ static int render(const tool_task *task, double *seconds) {
     if (result == SBL_SUCCESS) status = keep_picture(&all, sbl_progress(context));
     else if (result == SBL_UNFINISHED) status = stop("there is no picture yet");
     else status = fail_with(task->said, common.scene, result);
-    if (status == DONE && channel == SBL_CHANNEL_FINAL && !given[INSPECT] && !given[QUIET] &&
+    if (status == DONE && channel == SBL_CHANNEL_FINAL && !given[INSPECT] &&
         ends_with(common.output, ".png"))
-        warn_of_extremes(&picture, all.stops, (double)sbl_query_stats(context).picture.exposure);
+        warn_of_extremes(task->said, &picture, all.stops, (double)sbl_query_stats(context).picture.exposure);
     free(picture.values);
     if (status == DONE && bar.shown)
         fprintf(stderr, "%s: %d x %d, %.0f sensors, %.1f s\n", common.output, picture.width, picture.height,

@@ -7,9 +7,9 @@ uniform usampler2D ids;
 uniform sampler2D sample_positions, sample_normals, sample_albedo, sample_emission;
 uniform usampler2D sample_ids;
 uniform vec2 offset;                        // position of the sample relative to the pixel's centre, pixels
-uniform sampler2D previous;                 // sum over the previous samples
+uniform sampler2D previous;                 // sum of the samples before, each times `share`
 uniform int has_previous;                   // 0: this is the first sample
-uniform float share;                        // 1 / number of samples
+uniform float share;                        // 1 / number of samples per pixel
 layout(location = 0) out vec4 out_color;
 #ifdef SBL_DISPLAY
 uniform sampler2D previous_display;         // like `previous`, of what the screen shows
@@ -19,7 +19,7 @@ layout(location = 1) out vec4 out_display;
 const int SBL_REACH = 2;                // R is taken from pixels at most this far away in x and y
 const float SBL_NEAR_ENOUGH = 0.05;     // least sum of weights at which the four nearest pixels suffice
 const float SBL_SAME_ID = 1e-3;         // weight of a pixel with the same id that does not belong to the surface
-const float SBL_OTHER_ID = 0.01;        // weight of pixels with another id, if no pixel has the sample's id
+const float SBL_OTHER_ID = 0.01;        // + cosine of the normals: weight of a pixel if none has the sample's id
 
 // Returns the radiance of the environment picture in a direction, bilinearly filtered.
 vec3 sbl_sky_smooth(vec3 direction) {
@@ -35,8 +35,8 @@ vec3 sbl_sky_smooth(vec3 direction) {
     return radiance;
 }
 
-// Returns R at the sample: from the four nearest pixels that belong to its surface; if there are none, from pixels
-// with its id within SBL_REACH; if there are none, from all pixels there.
+// Returns R at the sample: from those of the four nearest pixels that belong to its surface; if their weight is
+// too small, from pixels with its id within SBL_REACH; if there are none, from all pixels there.
 vec3 sbl_light_at(ivec2 at, uint id) {
     ivec2 size = textureSize(radiance, 0), least = at + ivec2(floor(offset));
     vec3 p = texelFetch(sample_positions, at, 0).xyz, n = texelFetch(sample_normals, at, 0).xyz;

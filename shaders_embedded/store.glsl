@@ -47,7 +47,7 @@ int sbl_leaf_at(int number, bool back, vec3 position, float distance) {
     return int(reference);
 }
 
-// Return R of a leaf, and the part of R that comes directly from lamps. leaf: as sbl_leaf_at returns it
+// R of a leaf. sbl_lamps_of: the part of it that comes directly from lamps. leaf: as sbl_leaf_at returns it
 vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : sbl_leaf_light(leaf - 1); }
 
 vec3 sbl_lamps_of(int leaf) {
