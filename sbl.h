@@ -200,6 +200,25 @@
    a vertex shader) is drawn by a callback, see sbl_draw_view.
 
 
+   ON SCREENS
+
+   Radiance has no upper limit, a screen has one. sbl_picture_desc.tone chooses a view transform (see sbl_tone), and
+   SBL_CHANNEL_DISPLAY is then the picture that it makes, with values from 0 to 1. The transform is applied to each
+   anti-aliasing sample, so that the edges of lamps are as smooth as others. To write a file or fill an 8-bit texture:
+
+       desc.tone = SBL_TONE_NEUTRAL;
+       desc.auto_exposure = 1;
+       sbl_render_picture(context, &desc);
+       sbl_read_channel(context, SBL_CHANNEL_DISPLAY, shown, 640 * 480 * 3);
+       sbl_encode_srgb8(bytes, shown, 640 * 480 * 3, 1);
+
+   auto_exposure goes by the light that arrives, as a light meter held into the scene does, and not by how bright the
+   surfaces are: white rooms stay white. The mean logarithm of the luminance of R, without the darkest and the
+   brightest 5 % of the pixels, is shown like a radiance of 0.71. If the mean logarithm of the brightest 5 % of
+   FINAL would exceed a radiance of 2.8, the exposure is lowered, by at most 1.5 stops. sbl_stats.picture.exposure tells
+   the result. Exposure and tone change no other channel.
+
+
    ON THE TARGET ERROR
 
    sbl_picture_desc.target_error is the error of R that you accept: the root mean square over the visible pixels, in
@@ -921,6 +940,16 @@ typedef enum sbl_mode {
 
 typedef enum sbl_preset { SBL_PRESET_DEFAULT = 0, SBL_PRESET_DRAFT, SBL_PRESET_HIGH, SBL_PRESET_COUNT } sbl_preset;
 
+/* View transforms, which map radiance from 0 to infinity to what a screen can show, 0 to 1. */
+typedef enum sbl_tone {
+    SBL_TONE_NONE = 0,  /* SBL_CHANNEL_DISPLAY is not made */
+    SBL_TONE_CLIP,      /* everything above 1 is 1 */
+    SBL_TONE_NEUTRAL,   /* PBR Neutral (Khronos Group 2024): keeps colours, compresses only highlights; radiance below
+                           0.08 gets darker */
+    SBL_TONE_AGX,       /* AgX (Sobotka 2022): a filmic curve over 16 stops; bright colours fade to white */
+    SBL_TONE_COUNT
+} sbl_tone;
+
 typedef enum sbl_sensor_kind {
     SBL_SENSOR_DEFAULT = 0,  /* the default, see sbl_picture_desc.sensor_kind */
     SBL_SENSOR_HEMICUBE,     /* five views, which cover the whole hemisphere */
@@ -996,6 +1025,9 @@ typedef struct sbl_picture_desc {
                                   Default: 2. Negative: shading normals on all triangles */
     int filter_radius;         /* radius of the Gaussian filter, up to 32 pixels. Default: 2. Negative: no filter */
     int samples;               /* anti-aliasing samples per pixel of SBL_CHANNEL_FINAL, 1 to 64. Default: 1 / 4 / 16 */
+    sbl_tone tone;             /* how SBL_CHANNEL_DISPLAY is made. Default: SBL_TONE_NONE, it is not made */
+    float exposure;            /* stops, -100 to 100: each doubles the brightness of SBL_CHANNEL_DISPLAY. Default: 0 */
+    int auto_exposure;         /* 1: measures the picture and adds the stops that suit it, see ON SCREENS. Default: 0 */
     uint32_t end_canary;       /* must stay 0 */
 } sbl_picture_desc;
 
@@ -1019,6 +1051,8 @@ typedef enum sbl_channel {
     SBL_CHANNEL_SH_1,       /* 3: directional lightmaps: harmonic Y_1 */
     SBL_CHANNEL_SH_2,       /* 3: directional lightmaps: harmonic Y_2 */
     SBL_CHANNEL_SH_3,       /* 3: directional lightmaps: harmonic Y_3 */
+    SBL_CHANNEL_DISPLAY,    /* 3: what a screen shows, linear, 0 to 1: FINAL, but every anti-aliasing sample is exposed
+                               and tone-mapped before the samples are averaged; 0 without a tone, and in lightmaps */
     SBL_CHANNEL_COUNT
 } sbl_channel;
 
@@ -1055,6 +1089,7 @@ typedef struct sbl_stats {
         float target_error;       /* the target error that applied; 0 in SBL_MODE_PAPER */
         float expected_error;     /* the error predicted so far, as a share of the mean R; 0 before the first level is
                                      done */
+        float exposure;           /* stops applied to SBL_CHANNEL_DISPLAY, including those that auto_exposure chose */
         int level_count;          /* number of entries in levels */
         struct { int tile; int64_t sensors; } levels[SBL_MAX_LEVELS];  /* tile size in pixels and number of sensors */
     } picture;
@@ -2783,7 +2818,8 @@ enum {
     SBL__GUIDED = 1 << 9,       /* guides choose the directions of rays, see >>guide */
     SBL__LIGHTMAP = 1 << 10,    /* pixels are texels of an atlas; otherwise they belong to a camera */
     SBL__DIRECTIONAL = 1 << 11, /* also output harmonics of the radiance, for SBL_CHANNEL_SH_0 to SBL_CHANNEL_SH_3 */
-    SBL__FEATURES = 12
+    SBL__DISPLAY = 1 << 12,     /* also output what a screen shows, for SBL_CHANNEL_DISPLAY */
+    SBL__FEATURES = 13
 };
 
 #define SBL__SHADERS_MOST 10
@@ -2890,7 +2926,7 @@ static sbl_result sbl__program_check_textures(const sbl__device *d, unsigned pro
 static sbl_result sbl__program_make(const sbl__device *d, sbl__program *program) {
     static const char *const names[SBL__FEATURES] = {
         "TEXTURED", "WIDE", "VIEWS", "INSPECT", "WRITE_DEPTH", "COMPUTE", "BOUNCED", "MIXED", "CUTOUTS",
-        "GUIDED", "LIGHTMAP", "DIRECTIONAL"
+        "GUIDED", "LIGHTMAP", "DIRECTIONAL", "DISPLAY"
     };
     const sbl__recipe *recipe = program->recipe;
     char prelude[SBL__PRELUDE_MOST];
@@ -6947,6 +6983,7 @@ static void sbl__check_refinement(sbl__check *check, const sbl_picture_desc *d) 
 }
 
 static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_desc *d, int host_draws) {
+    static const float stops[2] = { -100, 100 };
     sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_PICTURE_DESC, "sbl_picture_desc", 0 };
     if (!sbl__check_canaries(&check, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     sbl__check_options(&check, &d->options, 1, sbl__sensor_rays, host_draws);
@@ -6954,6 +6991,9 @@ static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_de
     sbl__check_refinement(&check, d);
     sbl__check_finite(&check, "facet_limit", &d->facet_limit, 1);
     sbl__check_int(&check, "samples", d->samples, 1, 64);
+    sbl__check_int(&check, "tone", (int)d->tone, 0, SBL_TONE_COUNT - 1);
+    sbl__check_range(&check, "exposure", &d->exposure, 1, stops);
+    sbl__check_int(&check, "auto_exposure", d->auto_exposure, 0, 1);
     sbl__check_camera(&check, d);
     return sbl__check_end(&check);
 }
@@ -13678,6 +13718,56 @@ static sbl_result sbl__filter_draw(sbl__device *d, const sbl__filter *f, const s
 /* ======================================================================================================== >>resolve
    Computes the picture from R and the G-buffers of all samples: composition (section III-H) and anti-aliasing. */
 
+/* >>glsl tone: shaders_embedded/tone.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_tone[] = {
+"// View transforms: radiance becomes what a screen shows, linear, 0 to 1.\n",
+"uniform int tone;                    // sbl_tone\n",
+"uniform float exposure;              // factor applied to radiance\n",
+"const int SBL_TONE_NEUTRAL = 2, SBL_TONE_AGX = 3;\n",
+"const float SBL_TONE_MOST = 1e8;     // greater values are cut, so that no difference below is infinite\n",
+"\n",
+"// PBR Neutral (Khronos Group 2024): keeps colours as they are up to about 0.8, and fades brighter ones to white.\n",
+"const float SBL_NEUTRAL_TOE = 0.08, SBL_NEUTRAL_KNEE = 0.76, SBL_NEUTRAL_FADE = 0.15;\n",
+"\n",
+"vec3 sbl_neutral(vec3 c) {\n",
+"    float least = min(c.r, min(c.g, c.b)), room = 1.0 - SBL_NEUTRAL_KNEE;\n",
+"    c -= least < SBL_NEUTRAL_TOE ? least - least * least / (2.0 * SBL_NEUTRAL_TOE) : 0.5 * SBL_NEUTRAL_TOE;\n",
+"    float peak = max(c.r, max(c.g, c.b));\n",
+"    if (peak <= SBL_NEUTRAL_KNEE) return c;\n",
+"    float shown = 1.0 - room * room / (peak + room - SBL_NEUTRAL_KNEE);\n",
+"    return mix(vec3(shown), c * (shown / peak), 1.0 / (SBL_NEUTRAL_FADE * (peak - shown) + 1.0));\n",
+"}\n",
+"\n",
+"// AgX (Sobotka 2022): mixes the primaries a little, so that bright colours fade to white as on film, then applies\n",
+"// a sigmoid to the logarithm, from 10 stops below middle grey (0.18) to 6.5 stops above it. The columns of the\n",
+"// matrices are what red, green and blue become.\n",
+"const mat3 SBL_AGX_MIX = mat3(0.842401, 0.042401, 0.042401, 0.078437, 0.878437, 0.078437,\n",
+"                              0.079162, 0.079162, 0.879162);\n",
+"const mat3 SBL_AGX_UNMIX = mat3(1.196999, -0.053001, -0.053001, -0.098046, 1.151954, -0.098046,\n",
+"                                -0.098953, -0.098953, 1.151047);\n",
+"const float SBL_AGX_GREY = 10.0 / 16.5;\n",
+"\n",
+"// Returns 2 x / (1 + a x^power)^(1 / power), where a makes the value at x = end equal to 0.5.\n",
+"vec3 sbl_agx_half(vec3 x, float end, float power) {\n",
+"    float a = (pow(4.0 * end, power) - 1.0) / pow(end, power);\n",
+"    return 2.0 * x * pow(1.0 + a * pow(x, vec3(power)), vec3(-1.0 / power));\n",
+"}\n",
+"\n",
+"vec3 sbl_agx(vec3 c) {\n",
+"    vec3 stops = log2(max(SBL_AGX_MIX * c, 1e-10) / 0.18);\n",
+"    vec3 x = clamp(stops / 16.5 + SBL_AGX_GREY, 0.0, 1.0) - SBL_AGX_GREY;\n",
+"    vec3 sigmoid = 0.5 + sbl_agx_half(max(x, 0.0), 1.0 - SBL_AGX_GREY, 3.25) -\n",
+"                   sbl_agx_half(max(-x, 0.0), SBL_AGX_GREY, 3.0);\n",
+"    return pow(max(SBL_AGX_UNMIX * sigmoid, 0.0), vec3(2.2));\n",
+"}\n",
+"\n",
+"vec3 sbl_shown(vec3 radiance) {\n",
+"    vec3 c = min(max(radiance * exposure, 0.0), SBL_TONE_MOST);\n",
+"    return clamp(tone == SBL_TONE_NEUTRAL ? sbl_neutral(c) : tone == SBL_TONE_AGX ? sbl_agx(c) : c, 0.0, 1.0);\n",
+"}\n",
+0 };
+/* <<glsl */
+
 /* >>glsl resolve: shaders_embedded/resolve.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_resolve[] = {
 "// Composition (section III-H) of one anti-aliasing sample of every pixel: emission plus reflected light. The\n",
@@ -13693,6 +13783,10 @@ static const char *const sbl__glsl_resolve[] = {
 "uniform int has_previous;                   // 0: this is the first sample\n",
 "uniform float share;                        // 1 / number of samples per pixel\n",
 "layout(location = 0) out vec4 out_color;\n",
+"#ifdef SBL_DISPLAY\n",
+"uniform sampler2D previous_display;         // like `previous`, of what the screen shows\n",
+"layout(location = 1) out vec4 out_display;\n",
+"#endif\n",
 "\n",
 "const int SBL_REACH = 2;                // R is taken from pixels at most this far away in x and y\n",
 "const float SBL_NEAR_ENOUGH = 0.05;     // least sum of weights at which the four nearest pixels suffice\n",
@@ -13755,6 +13849,10 @@ static const char *const sbl__glsl_resolve[] = {
 "        color = texelFetch(sample_emission, at, 0).rgb + sbl_reflected(material, light);\n",
 "    }\n",
 "    out_color = before + share * vec4(color, 1);\n",
+"#ifdef SBL_DISPLAY\n",
+"    vec4 shown_before = has_previous == 0 ? vec4(0) : texelFetch(previous_display, at, 0);\n",
+"    out_display = shown_before + share * vec4(sbl_shown(color), 1);\n",
+"#endif\n",
 "}\n",
 0 };
 /* <<glsl */
@@ -13762,7 +13860,7 @@ static const char *const sbl__glsl_resolve[] = {
 static const sbl__recipe sbl__recipe_resolve = {
     "resolve", { sbl__glsl_fullscreen_vertex },
     { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_belongs, sbl__glsl_camera, sbl__glsl_sky,
-      sbl__glsl_resolve }, { &sbl__object_record }, 0
+      sbl__glsl_tone, sbl__glsl_resolve }, { &sbl__object_record }, SBL__DISPLAY
 };
 
 /* Gets the position of sample i of `count` relative to the pixel's centre, in pixels: the R2 sequence (Roberts 2018,
@@ -13777,15 +13875,19 @@ static void sbl__sample_offset(int i, int count, float out[2]) {
 typedef struct sbl__resolve {
     const sbl__gbuffer *centres, *sample;  /* G-buffers of the pixels' centres and of the sample */
     const sbl__texture *radiance;          /* R at pixel centres */
-    const sbl__texture *previous;          /* sum of the samples before, each divided by `count` */
+    const sbl__texture *previous;          /* [0]: sum of the samples before, each divided by `count`; [1]: the same of
+                                              what a screen shows */
     const sbl__environment *environment;
     const sbl__camera *camera;
     int index, count;                      /* number of the anti-aliasing sample, from 0; number of all samples */
+    sbl_tone tone;                         /* SBL_TONE_NONE: only radiance is composed */
+    float stops;                           /* exposure of what a screen shows */
 } sbl__resolve;
 
 /* Writes r->previous + sample / r->count to rows of `out`. rows: first row, number of rows */
 static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const sbl__target *out, const int rows[2]) {
-    const sbl_result result = sbl__use(d, &sbl__recipe_resolve, 0);
+    const int shown = r->tone != SBL_TONE_NONE;
+    const sbl_result result = sbl__use(d, &sbl__recipe_resolve, shown ? (unsigned)SBL__DISPLAY : 0);
     float offset[2];
     if (result != SBL_SUCCESS) return result;
     sbl__sample_offset(r->index, r->count, offset);
@@ -13799,7 +13901,12 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
     sbl__bind(d, "sample_albedo", &r->sample->textures[SBL__GBUFFER_ALBEDO]);
     sbl__bind(d, "sample_emission", &r->sample->textures[SBL__GBUFFER_EMISSION]);
     sbl__bind(d, "sample_ids", &r->sample->textures[SBL__GBUFFER_ID]);
-    sbl__bind(d, "previous", r->previous);
+    sbl__bind(d, "previous", &r->previous[0]);
+    if (shown) {
+        sbl__bind(d, "previous_display", &r->previous[1]);
+        sbl__set_int(d, "tone", (int)r->tone);
+        sbl__set_float(d, "exposure", (float)pow(2, (double)r->stops));
+    }
     sbl__environment_bind(d, r->environment);
     sbl__camera_set(d, r->camera, offset, out);
     sbl__set_vec2(d, "offset", offset[0], offset[1]);
@@ -14677,7 +14784,7 @@ static sbl_result sbl__map_preview(void *work, sbl__slice *slice) {
 static const struct { int components, attachment, gbuffer; } sbl__channels[SBL_CHANNEL_COUNT] = {
     { 3, 0, -1 }, { 3, 0, -1 }, { 3, SBL__GBUFFER_ALBEDO, -1 }, { 3, 0, SBL__GBUFFER_NORMAL },
     { 3, 0, SBL__GBUFFER_POSITION }, { 1, 0, SBL__GBUFFER_ID }, { 1, 0, -1 }, { 1, 0, -1 }, { 3, 0, -1 }, { 1, 0, -1 },
-    { 1, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }
+    { 1, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 1, -1 }
 };
 
 /* Gets a pixel of a channel that no target holds. place: number of the pixel of the host */
@@ -14770,22 +14877,52 @@ static uint32_t sbl__map_channel_texture(sbl__map *m, sbl_channel channel) {
 
 enum { SBL__PICTURE_FINISH = SBL__MAP_END, SBL__PICTURE_SAMPLE, SBL__PICTURE_RESOLVE, SBL__PICTURE_DONE };
 
+/* A composition: radiance, and what a screen shows if there is a tone. */
+typedef struct sbl__composition { sbl__texture textures[2]; sbl__target target; } sbl__composition;
+
+/* Passes of a preview. The second and the third are needed for auto_exposure only. */
+enum { SBL__PREVIEW_COMPOSE, SBL__PREVIEW_METER, SBL__PREVIEW_EXPOSE };
+
+#define SBL__METER_BINS 1024   /* histograms of the logarithm of luminance, from 2^-64 on */
+#define SBL__METER_STEP 0.125  /* width of a bin in stops */
+#define SBL__METER_ASIDE 0.05  /* share of the darkest and of the brightest pixels that do not count */
+#define SBL__METER_LIGHT -0.5  /* stops: the mean R is shown like a white surface of this radiance */
+#define SBL__METER_BRIGHT 0.05 /* share of the pixels, the brightest ones, that are highlights */
+#define SBL__METER_HIGHLIGHT 1.5  /* stops: greatest radiance that the mean highlight is shown as */
+#define SBL__METER_YIELD 1.5   /* stops by which highlights may lower the exposure */
+
 typedef struct sbl__picture {
     sbl__map map;               /* must be first, because pointers to the struct are cast to sbl__map * */
     sbl__gbuffer sample;        /* G-buffer of the current anti-aliasing sample; not made if desc.samples is 1 */
-    sbl__map_image finals[2];   /* sum over an even, and over an odd number of anti-aliasing samples */
-    sbl__map_image preview;
+    sbl__composition sums[2];   /* sum over an even, and over an odd number of anti-aliasing samples */
+    sbl__composition preview;
     sbl__pace resolve_pace;
     int resolved;               /* number of finished anti-aliasing samples */
-    int composed;               /* number of finished rows of the current preview */
+    int pass, row;              /* the current preview: its pass, and the number of finished rows of the pass */
+    int meter[2][SBL__METER_BINS];  /* numbers of pixels: by R where there is a surface, and by FINAL */
 } sbl__picture;
+
+static void sbl__composition_free(const sbl__device *d, sbl__composition *s) {
+    sbl__target_delete(d, &s->target);
+    sbl__texture_delete(d, &s->textures[0]);
+    sbl__texture_delete(d, &s->textures[1]);
+}
+
+static sbl_result sbl__composition_make(const sbl__map *m, sbl__composition *s) {
+    const int count = m->desc.tone != SBL_TONE_NONE ? 2 : 1;
+    sbl_result result = SBL_SUCCESS;
+    int i;
+    for (i = 0; i < count && result == SBL_SUCCESS; i++) result = sbl__map_texture(m, 1, &s->textures[i]);
+    return result == SBL_SUCCESS ? sbl__target_make(&m->work.core->device, &s->target, s->textures, count, NULL)
+                                 : result;
+}
 
 static void sbl__picture_free(void *work) {
     sbl__picture *p = (sbl__picture *)work;
     const sbl__device *d = &p->map.work.core->device;
     int i;
-    for (i = 0; i < 2; i++) sbl__map_image_free(d, &p->finals[i]);
-    sbl__map_image_free(d, &p->preview);
+    for (i = 0; i < 2; i++) sbl__composition_free(d, &p->sums[i]);
+    sbl__composition_free(d, &p->preview);
     sbl__gbuffer_free(d, &p->sample);
     sbl__map_free(&p->map);
     memset(p, 0, sizeof *p);
@@ -14805,11 +14942,18 @@ static sbl_result sbl__picture_check(const sbl__core *c, const void *desc, sbl__
     return sbl__map_check(c, "sbl_picture_desc", &d, given && given->target_error > 0, measurement);
 }
 
+/* Makes a composition the one that the host reads. */
+static void sbl__picture_show(sbl__picture *p, const sbl__composition *s) {
+    p->map.channels[SBL_CHANNEL_FINAL] = &s->target;
+    p->map.channels[SBL_CHANNEL_DISPLAY] = p->map.desc.tone != SBL_TONE_NONE ? &s->target : NULL;
+}
+
 static sbl_result sbl__picture_begin(void *work, const void *desc) {
     sbl__picture *p = (sbl__picture *)work;
     const sbl_picture_desc d = sbl__picture_desc_of(p->map.work.core, (const sbl_picture_desc *)desc);
     sbl__map_begin(&p->map, &d, 1, 0);
-    p->map.channels[SBL_CHANNEL_FINAL] = &p->preview.target;
+    p->map.work.core->stats.picture.exposure = d.exposure;
+    sbl__picture_show(p, &p->preview);
     return SBL_SUCCESS;
 }
 
@@ -14828,7 +14972,9 @@ static sbl_result sbl__picture_compose(sbl__picture *p, int index, int count, co
     r.centres = &m->gbuffer;
     r.sample = count > 1 ? &p->sample : &m->gbuffer;
     r.radiance = &m->layers[0].smooth.texture;
-    r.previous = index > 0 ? &p->finals[index & 1].texture : &m->layers[0].light;  /* sample 0 does not read it */
+    r.previous = p->sums[index & 1].textures;  /* sample 0 does not read it */
+    r.tone = m->desc.tone;
+    r.stops = m->work.core->stats.picture.exposure;
     r.environment = &m->work.core->scene.environment;
     r.camera = &m->camera;
     r.index = index;
@@ -14841,14 +14987,78 @@ static sbl_result sbl__picture_compose(sbl__picture *p, int index, int count, co
     return result == SBL_SUCCESS && *row < m->desc.height ? SBL_UNFINISHED : result;
 }
 
-/* Composes the preview from one sample per pixel, at its centre, and from R as developed last. */
-static sbl_result sbl__picture_compose_preview(sbl__picture *p, const sbl__slice *slice) {
-    sbl_result result = SBL_SUCCESS;
-    if (p->composed == 0) result = sbl__map_image_make(&p->map, 1, &p->preview);
-    if (result != SBL_SUCCESS) return result;
-    result = sbl__picture_compose(p, 0, 1, &p->preview.target, &p->composed, slice);
-    if (result == SBL_SUCCESS) p->composed = 0;
+/* Counts a pixel in a histogram, unless it is black. */
+static void sbl__meter_count(int bins[SBL__METER_BINS], const float rgb[3]) {
+    const double luminance = (double)sbl__luminance(rgb);
+    const int bin = luminance > 0 ? (int)((log2(luminance) + 64) / SBL__METER_STEP) : -1;
+    if (luminance > 0) bins[SBL__MIN(SBL__MAX(bin, 0), SBL__METER_BINS - 1)]++;
+}
+
+/* Returns the mean logarithm of the luminances between two shares of the pixels, counted from the darkest. Returns
+   -DBL_MAX if no pixel was counted. */
+static double sbl__meter_mean(const int bins[SBL__METER_BINS], double from, double to) {
+    double all = 0, below = 0, sum = 0, weight = 0;
+    int i;
+    for (i = 0; i < SBL__METER_BINS; i++) all += bins[i];
+    for (i = 0; i < SBL__METER_BINS; below += bins[i++]) {
+        const double part = SBL__MIN(below + bins[i], to * all) - SBL__MAX(below, from * all);
+        if (part <= 0) continue;
+        sum += part * ((i + 0.5) * SBL__METER_STEP - 64);
+        weight += part;
+    }
+    return weight > 0 ? sum / weight : -DBL_MAX;
+}
+
+/* Chooses the exposure. As a light meter held into the scene does, it goes by the light that arrives and not by how
+   bright the surfaces are, so that white rooms stay white and dark ones dark. The light is the mean logarithm of R,
+   without the darkest and the brightest SBL__METER_ASIDE of the pixels; if no surface is lit, it is that of FINAL.
+   Highlights limit the exposure. */
+static float sbl__meter_stops(int meter[2][SBL__METER_BINS]) {
+    const double lit = sbl__meter_mean(meter[0], SBL__METER_ASIDE, 1 - SBL__METER_ASIDE);
+    const double light = lit > -DBL_MAX ? lit : sbl__meter_mean(meter[1], SBL__METER_ASIDE, 1 - SBL__METER_ASIDE);
+    const double brightest = sbl__meter_mean(meter[1], 1 - SBL__METER_BRIGHT, 1);
+    const double stops = SBL__METER_LIGHT - light, limit = SBL__METER_HIGHLIGHT - brightest;
+    return light > -DBL_MAX ? (float)SBL__MAX(SBL__MIN(stops, limit), stops - SBL__METER_YIELD) : 0;
+}
+
+/* Counts rows of the preview in the histograms, from p->row on. */
+static sbl_result sbl__picture_meter(sbl__picture *p) {
+    sbl__map *m = &p->map;
+    sbl__core *c = m->work.core;
+    const size_t width = (size_t)m->desc.width;
+    const int first = p->row, rows = SBL__MIN(SBL__MAX(1, SBL__READ_PIXELS / m->desc.width), m->desc.height - first);
+    const sbl__target *const targets[2] = { &m->layers[0].smooth.target, &p->preview.target };
+    float *data = (float *)sbl__alloc_raw(&c->base, width * (size_t)rows, 16);
+    sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    size_t i;
+    int k;
+    c->device.gl.doing = "measuring the exposure";
+    if (first == 0) memset(p->meter, 0, sizeof p->meter);
+    for (k = 0; k < 2 && result == SBL_SUCCESS; k++) {
+        result = sbl__target_read(&c->device, targets[k], 0, first, rows, data);
+        for (i = 0; i < width * (size_t)rows && result == SBL_SUCCESS; i++)
+            sbl__meter_count(p->meter[k], data + 4 * i);
+    }
+    sbl__free(&c->base, data);
+    p->row += rows;
+    if (result == SBL_SUCCESS && p->row < m->desc.height) return SBL_UNFINISHED;
+    if (result == SBL_SUCCESS) c->stats.picture.exposure = m->desc.exposure + sbl__meter_stops(p->meter);
     return result;
+}
+
+/* Composes the preview from one sample per pixel, at its centre, and from R as developed last. With auto_exposure it
+   then chooses the exposure, and composes the preview again. */
+static sbl_result sbl__picture_compose_preview(sbl__picture *p, const sbl__slice *slice) {
+    const int last = p->map.desc.auto_exposure ? SBL__PREVIEW_EXPOSE : SBL__PREVIEW_COMPOSE;
+    sbl_result result = SBL_SUCCESS;
+    if (p->pass == SBL__PREVIEW_COMPOSE && p->row == 0) result = sbl__composition_make(&p->map, &p->preview);
+    if (result == SBL_SUCCESS)
+        result = p->pass == SBL__PREVIEW_METER ? sbl__picture_meter(p)
+               : sbl__picture_compose(p, 0, 1, &p->preview.target, &p->row, slice);
+    if (result != SBL_SUCCESS) return result;
+    p->row = 0;
+    p->pass = p->pass < last ? p->pass + 1 : SBL__PREVIEW_COMPOSE;
+    return p->pass != SBL__PREVIEW_COMPOSE ? SBL_UNFINISHED : SBL_SUCCESS;
 }
 
 static sbl_result sbl__picture_preview(void *work, sbl__slice *slice) {
@@ -14856,16 +15066,18 @@ static sbl_result sbl__picture_preview(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS ? sbl__picture_compose_preview((sbl__picture *)work, slice) : result;
 }
 
-/* Makes the textures of the last stages and, if m->watched, a preview with the final R. */
+/* Makes the textures of the last stages. Then it makes a preview with the final R, if the host reads channels or the
+   exposure is to be measured. */
 static sbl_result sbl__picture_finish(void *work, sbl__slice *slice) {
     sbl__picture *p = (sbl__picture *)work;
     sbl__map *m = &p->map;
     sbl__device *d = &m->work.core->device;
     sbl_result result = SBL_SUCCESS;
     int i;
-    if (m->work.stages.at++) return m->watched ? sbl__picture_compose_preview(p, slice) : SBL_SUCCESS;
+    if (m->work.stages.at++)
+        return m->watched || m->desc.auto_exposure ? sbl__picture_compose_preview(p, slice) : SBL_SUCCESS;
     d->gl.doing = "making the picture's textures";
-    for (i = 0; i < 2 && result == SBL_SUCCESS; i++) result = sbl__map_image_make(m, 1, &p->finals[i]);
+    for (i = 0; i < 2 && result == SBL_SUCCESS; i++) result = sbl__composition_make(m, &p->sums[i]);
     if (result == SBL_SUCCESS && m->desc.samples > 1)
         result = sbl__gbuffer_make(d, &p->sample, m->desc.width, m->desc.height, &m->surface.depth);
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
@@ -14880,7 +15092,7 @@ static sbl_result sbl__picture_sample(void *work, sbl__slice *slice) {
 
 static sbl_result sbl__picture_resolve(void *work, sbl__slice *slice) {
     sbl__picture *p = (sbl__picture *)work;
-    return sbl__picture_compose(p, p->resolved, p->map.desc.samples, &p->finals[1 - (p->resolved & 1)].target,
+    return sbl__picture_compose(p, p->resolved, p->map.desc.samples, &p->sums[1 - (p->resolved & 1)].target,
                                 &p->map.work.stages.at, slice);
 }
 
@@ -14888,7 +15100,7 @@ static int sbl__picture_after_resolve(void *work) {
     sbl__picture *p = (sbl__picture *)work;
     p->map.finished = (float)++p->resolved / (float)p->map.desc.samples;
     if (p->resolved < p->map.desc.samples) return SBL__PICTURE_SAMPLE;
-    p->map.channels[SBL_CHANNEL_FINAL] = &p->finals[p->resolved & 1].target;
+    sbl__picture_show(p, &p->sums[p->resolved & 1]);
     return SBL__PICTURE_DONE;
 }
 
@@ -16900,7 +17112,7 @@ static sbl_result sbl__compile_all(sbl__device *d) {
         &sbl__recipe_filter, &sbl__recipe_resolve, &sbl__recipe_copy
     };
     const unsigned varied = SBL__TEXTURED | SBL__CUTOUTS | SBL__VIEWS | SBL__MIXED | SBL__BOUNCED | SBL__GUIDED |
-                            SBL__LIGHTMAP;
+                            SBL__LIGHTMAP | SBL__DISPLAY;
     sbl_result result = SBL_SUCCESS;
     unsigned features;
     int i;

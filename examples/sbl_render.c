@@ -17,16 +17,21 @@
 
 /* ---- the command line ---- */
 
+enum { NO_TONE, NEUTRAL, AGX, ERROR_STOPS = 5 };
+
 static struct options {
-    int channel, inspect[2], samples;
-    double sensor_fov, target_error, facet_limit, exposure;
-} options;
+    int channel, inspect[2], samples, tone;
+    double sensor_fov, target_error, facet_limit, exposure;  /* exposure: NaN is auto */
+} options = { .tone = NEUTRAL, .exposure = NAN };
 
 static const char *const channel_words[] = { "final", "radiance", "albedo", "normal", "position", "id", "depth",
     "sensors", "store", "error", NULL };  /* in the order of sbl_channel */
 
+static const char *const tone_words[] = { "none", "neutral", "agx", NULL };
+static const char *const exposure_words[] = { "auto", NULL };
+
 enum {
-    OUTPUT = CAMERA_END, CHANNEL, TARGET_ERROR, SENSOR_FOV, FACET_LIMIT, SAMPLES, EXPOSURE, INSPECT, OPTION_COUNT
+    OUTPUT = CAMERA_END, CHANNEL, TARGET_ERROR, SENSOR_FOV, FACET_LIMIT, SAMPLES, EXPOSURE, TONE, INSPECT, OPTION_COUNT
 };
 
 static const tool_option table[OPTION_COUNT] = {
@@ -39,8 +44,8 @@ static const tool_option table[OPTION_COUNT] = {
                   "position | id | depth | sensors (which pixels had a sensor, and at which level) | store (bounced "
                   "light in\n"
                   "the cells of the store) | error (predicted standard error of the luminance of R, in the unit of "
-                  "R; dark in\n"
-                  "a .png without --exposure)",
+                  "R; in a\n"
+                  ".png 5 stops brighter than radiance)",
                   channel_words },
     [TARGET_ERROR] = { "--target-error", "E", SHARES, &options.target_error, 1, 0.0001, 1,
                        "target error, such as 2% or 0.02: the root mean square error of R over the picture, divided by "
@@ -59,7 +64,14 @@ static const tool_option table[OPTION_COUNT] = {
                   "anti-aliasing samples per pixel of channel final; default 1, 4, 16 by preset" },
     [EXPOSURE] = { "--exposure", "STOPS", NUMBERS, &options.exposure, 1, -100, 100,
                    "brightness of channels final, radiance, store and error in a .png: each stop doubles it; default "
-                   "0" },
+                   "auto:\n"
+                   "the mean light is shown like a white surface of radiance 0.7, if highlights permit",
+                   exposure_words },
+    [TONE] = { "--tone", "NAME", CHOICE, &options.tone, 0, 0, 0,
+               "how channel final in a .png shows light that is too bright for a screen: neutral (default; keeps "
+               "colours,\n"
+               "compresses highlights) | agx (a soft filmic curve) | none (everything above 1 is white)",
+               tone_words },
     [INSPECT] = { "--inspect", "X,Y", INTEGERS, options.inspect, 2, 0, 16383,
                   "instead of the scene, draws what the sensor at this pixel sees (a disc, 512 x 512), and prints\n"
                   "its sums; pixel 0,0 is at the upper left" },
@@ -133,11 +145,38 @@ static int find_targets(void) {
     return targets_check(PARTIAL);
 }
 
-typedef struct view { const image *picture; sbl_channel channel; } view;
+typedef struct view { const image *picture; sbl_channel channel; double stops; } view;
 
 static int write_shown(FILE *out, const void *what) {
     const view *s = (const view *)what;
-    return picture_write(out, common.output, s->picture, s->channel, options.exposure);
+    return picture_write(out, common.output, s->picture, s->channel, s->stops);
+}
+
+/* Returns whether the output is what a screen shows: exposed and tone-mapped. */
+static int is_display(sbl_channel channel) {
+    return ends_with(common.output, ".png") && channel == SBL_CHANNEL_FINAL && options.tone != NO_TONE &&
+           !given[INSPECT];
+}
+
+/* Says what would help if more than a tenth of a picture for a screen is white or black. stops: exposure that the
+   values do not contain yet; chosen: the whole exposure */
+static void warn_of_extremes(messages *said, const image *picture, double stops, double chosen) {
+    const size_t pixels = (size_t)picture->width * (size_t)picture->height;
+    const float white = 0.995f, black = 0.0002f;  /* what 8-bit sRGB rounds to 255 and 0 */
+    const float scale = (float)pow(2, stops);
+    size_t i, whites = 0, blacks = 0;
+    for (i = 0; i < pixels; i++) {
+        const float *v = picture->values + 3 * i;
+        whites += v[0] * scale >= white && v[1] * scale >= white && v[2] * scale >= white;
+        blacks += v[0] * scale < black && v[1] * scale < black && v[2] * scale < black;
+    }
+    if (10 * whites > pixels)
+        warn_later(said, "%.0f %% of the picture is white: a lower --exposure shows it darker (chosen: %.1f)",
+                   100.0 * (double)whites / (double)pixels, chosen);
+    if (10 * blacks > pixels)
+        warn_later(said, "%.0f %% of the picture is black: no light gets there, or the camera sees nothing; try --sky "
+                   "R,G,B, another camera, or a higher --exposure (chosen: %.1f)",
+                   100.0 * (double)blacks / (double)pixels, chosen);
 }
 
 /* Writes the picture; after a signal, the unfinished picture. done: progress, 0 to 1. Returns the exit status. */
@@ -252,18 +291,25 @@ static void fill_desc(sbl_picture_desc *desc, progress *bar) {
     if (given[THRESHOLD]) desc->threshold = zero_or(common.threshold);
     if (given[FACET_LIMIT]) desc->facet_limit = zero_or(options.facet_limit);
     if (given[FILTER_RADIUS]) desc->filter_radius = (int)zero_or(common.filter_radius);
+    if (ends_with(common.output, ".png")) {
+        static const sbl_tone tones[] = { SBL_TONE_NONE, SBL_TONE_NEUTRAL, SBL_TONE_AGX };
+        desc->auto_exposure = isnan(options.exposure);
+        desc->exposure = desc->auto_exposure ? 0 : (float)options.exposure;
+        desc->tone = is_display((sbl_channel)options.channel) ? tones[options.tone] : SBL_TONE_NONE;
+    }
     desc->samples = (sbl_channel)options.channel == SBL_CHANNEL_FINAL ? options.samples
                                                                       : 1; /* other channels show pixel centres */
 }
 
 static int render(const tool_task *task, double *seconds) {
     const sbl_channel channel = given[INSPECT] ? SBL_CHANNEL_FINAL : (sbl_channel)options.channel;
+    const int display = is_display(channel);
     progress bar = { !given[QUIET] && isatty(STDERR_FILENO), now(), 0 };
     sbl_context *context = task->context;
     sbl_bounds bounds;
     sbl_picture_desc desc;
     image picture = { 0, 0, 0, NULL };
-    const view all = { &picture, channel };
+    view all = { &picture, channel, 0 };
     sbl_result result;
     int status = DONE;
     fill_desc(&desc, &bar);
@@ -274,12 +320,17 @@ static int render(const tool_task *task, double *seconds) {
     if (result == SBL_SUCCESS) result = work(context);
     if (bar.shown) fprintf(stderr, "\r%70s\r", "");
     if (!given[INSPECT] && (result == SBL_SUCCESS || result == SBL_UNFINISHED))
-        result = picture_read(context, desc.width, desc.height, channel, &picture);
+        result = picture_read(context, desc.width, desc.height, display ? SBL_CHANNEL_DISPLAY : channel, &picture);
     else if (result == SBL_SUCCESS) result = inspect(context, &picture);
     *seconds = now() - task->start;
+    if (!display) all.stops = (double)sbl_query_stats(context).picture.exposure;  /* is part of a display's values */
+    if (channel == SBL_CHANNEL_ERROR && isnan(options.exposure)) all.stops += ERROR_STOPS;
     if (result == SBL_SUCCESS) status = keep_picture(&all, sbl_progress(context));
     else if (result == SBL_UNFINISHED) status = stop("there is no picture yet");
     else status = fail_with(task->said, common.scene, result);
+    if (status == DONE && channel == SBL_CHANNEL_FINAL && !given[INSPECT] &&
+        ends_with(common.output, ".png"))
+        warn_of_extremes(task->said, &picture, all.stops, (double)sbl_query_stats(context).picture.exposure);
     free(picture.values);
     if (status == DONE && bar.shown)
         fprintf(stderr, "%s: %d x %d, %.0f sensors, %.1f s\n", common.output, picture.width, picture.height,

@@ -113,6 +113,15 @@ static void on_log(sbl_log_level level, sbl_log_item item, const char *message, 
         snprintf(m->warnings[m->warnings_kept++], sizeof m->warnings[0], "%.500s", message);
 }
 
+/* Keeps a warning, which is printed at the end if the work succeeds. */
+static inline void warn_later(messages *m, const char *format, ...) {
+    va_list arguments;
+    if (m->warnings_kept == 8) return;
+    va_start(arguments, format);
+    vsnprintf(m->warnings[m->warnings_kept++], sizeof m->warnings[0], format, arguments);
+    va_end(arguments);
+}
+
 static int fail_with(const messages *m, const char *where, sbl_result result) {
     if (!m->errors) return fail("%s: %s", where, sbl_result_string(result));
     if (m->errors == 1) return fail("%s: %s", where, m->error);

@@ -26,7 +26,8 @@ typedef struct tool_option {
     int count;
     double low, high;           /* range of each number */
     const char *help;           /* lines, separated by \n */
-    const char *const *words;   /* for CHOICE: the words, followed by NULL */
+    const char *const *words;   /* for CHOICE: the words, followed by NULL; for NUMBERS: a word that may take the place
+                                   of the number, which is then NaN, or NULL */
     const char **file;          /* receives a file name, or NULL if numbers are given; NULL: only numbers are allowed */
     const char *synonym;        /* older name that is also accepted, or NULL */
 } tool_option;
@@ -129,6 +130,7 @@ static int tool__take(const tool_option *o, const char *name, const char *value)
             return o->words[k] ? DONE : misuse("%s %s: the value must be one of%s", name, value, list);
         }
         default:
+            if (o->words && strcmp(value, o->words[0]) == 0) { *(double *)o->value = NAN; return DONE; }
             if (o->file) *o->file = tool__names_a_file(value) ? value : NULL;
             if ((o->file && *o->file) || tool__numbers(o, value)) return DONE;
             return misuse("%s %s: the value must be %s, with %s from %g to %g", name, value, o->argument,

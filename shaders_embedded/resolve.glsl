@@ -11,6 +11,10 @@ uniform sampler2D previous;                 // sum of the samples before, each t
 uniform int has_previous;                   // 0: this is the first sample
 uniform float share;                        // 1 / number of samples per pixel
 layout(location = 0) out vec4 out_color;
+#ifdef SBL_DISPLAY
+uniform sampler2D previous_display;         // like `previous`, of what the screen shows
+layout(location = 1) out vec4 out_display;
+#endif
 
 const int SBL_REACH = 2;                // R is taken from pixels at most this far away in x and y
 const float SBL_NEAR_ENOUGH = 0.05;     // least sum of weights at which the four nearest pixels suffice
@@ -73,4 +77,8 @@ void main() {
         color = texelFetch(sample_emission, at, 0).rgb + sbl_reflected(material, light);
     }
     out_color = before + share * vec4(color, 1);
+#ifdef SBL_DISPLAY
+    vec4 shown_before = has_previous == 0 ? vec4(0) : texelFetch(previous_display, at, 0);
+    out_display = shown_before + share * vec4(sbl_shown(color), 1);
+#endif
 }

@@ -401,7 +401,8 @@ TEST(png_is_the_encoded_pfm) {
     int width = 0, height = 0, channels, i, bad = 0, bright = 0;
     room_obj();
     CHECK(TOOL(ROOM, "-o", "room.pfm") == 0 && !ran.err[0] && !ran.out[0], "exit status %d: %s", ran.status, ran.err);
-    CHECK(TOOL(ROOM, "--exposure", "-1.5", "--output=room.png") == 0, "exit status %d: %s", ran.status, ran.err);
+    CHECK(TOOL(ROOM, "--tone", "none", "--exposure", "-1.5", "--output=room.png") == 0,
+          "exit status %d: %s", ran.status, ran.err);
     p = read_pfm("room.pfm");
     png = stbi_load(in_folder("room.png"), &width, &height, &channels, 0);
     REQUIRE(p.values && png && p.width == 24 && p.height == 16 && width == 24 && height == 16 && channels == 3,
@@ -1400,7 +1401,46 @@ TEST(progress_is_for_terminals) {
         else
             CHECK(strstr(shown, "%") && strstr(shown, "\r["), "expected a bar with a percentage: %s", shown);
     }
-    CHECK(run(arguments) == 0 && !ran.err[0], "a progress bar was written to a file: %s", ran.err);
+    CHECK(run(arguments) == 0 && !strchr(ran.err, '\r'), "a progress bar was written to a file: %s", ran.err);
+}
+
+/* A .png is exposed and tone-mapped by default: a room whose lamp is a thousand times brighter or darker gives the
+   same picture. --tone none --exposure 0 shows the values as they are, and one line says that they are too bright or dark. */
+TEST(a_png_is_made_for_screens) {
+    static const char *const lamps[] = { "0.004", "4", "4000" };
+    unsigned char *png[3], *none;
+    int i, k, width, height, channels, worst = 0, white = 0;
+    for (i = 0; i < 3; i++) {
+        char text[1024];
+        snprintf(text, sizeof text, "newmtl lamp\nKe %s %s %s\nnewmtl wall\nKd 0.8 0.8 0.8\n", lamps[i], lamps[i],
+                 lamps[i]);
+        write_text("lit.mtl", text);
+        write_text("lit.obj", "mtllib lit.mtl\nv -1 -1 -1\nv 1 -1 -1\nv 1 1 -1\nv -1 1 -1\nv -1 -1 1\nv 1 -1 1\n"
+                   "v 1 1 1\nv -1 1 1\nusemtl wall\nf 1 2 3 4\nf 1 5 6 2\nf 1 4 8 5\nf 2 6 7 3\nusemtl lamp\n"
+                   "v -0.3 0.9 -0.6\nv 0.3 0.9 -0.6\nv 0.3 0.9 0\nv -0.3 0.9 0\nf 9 10 11 12\n");
+        CHECK(TOOL("lit.obj", "--eye", "0,0,1.5", "--look-at", "0,0,0", "--fov", "50", "--size", "32x32", "--mode",
+                   "direct", "-o", "lit.png") == 0 && !ran.err[0], "exit status %d: %s", ran.status, ran.err);
+        png[i] = stbi_load(in_folder("lit.png"), &width, &height, &channels, 3);
+        REQUIRE(png[i], "no picture");
+    }
+    for (k = 0; k < 3 * 32 * 32; k++) {
+        worst = abs(png[0][k] - png[1][k]) > worst ? abs(png[0][k] - png[1][k]) : worst;
+        worst = abs(png[2][k] - png[1][k]) > worst ? abs(png[2][k] - png[1][k]) : worst;
+        white += png[1][k] == 255;
+    }
+    CHECK(worst <= 2 && white < 150, "the pictures differ by %d, %d bytes are white", worst, white);
+    CHECK(TOOL("lit.obj", "--eye", "0,0,1.5", "--look-at", "0,0,0", "--fov", "50", "--size", "32x32", "--mode",
+               "direct", "--tone", "none", "--exposure", "0", "-o", "lit.png") == 0 && ran.err_lines == 1 &&
+          strstr(ran.err, "of the picture is white") && strstr(ran.err, "--exposure"), "expected a line on white: %s",
+          ran.err);
+    none = stbi_load(in_folder("lit.png"), &width, &height, &channels, 3);
+    for (k = white = 0; none && k < 3 * 32 * 32; k++) white += none[k] == 255;
+    CHECK(white > 1500, "without a tone, %d bytes are white", white);
+    CHECK(TOOL("lit.obj", "--eye", "0,0,9", "--look-at", "0,0,20", "--size", "8x8", "--mode", "direct", "-o",
+               "lit.png") == 0 && strstr(ran.err, "100 % of the picture is black"), "expected a line on black: %s",
+          ran.err);
+    for (i = 0; i < 3; i++) stbi_image_free(png[i]);
+    stbi_image_free(none);
 }
 
 /* --help mentions every option. */
@@ -1507,6 +1547,7 @@ int main(int argc, char **argv) {
     RUN(collected_hostile_files);
     RUN(a_file_is_written_whole_or_not_at_all);
     RUN(progress_is_for_terminals);
+    RUN(a_png_is_made_for_screens);
     RUN(the_cornell_box_of_the_repository);
     tool_end();
     return test_report();

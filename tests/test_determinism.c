@@ -8,7 +8,7 @@
 #include "support/gl_host.h"
 #include "support/gl_fake.h"
 
-enum { WIDTH = 40, HEIGHT = 30, PIXELS = WIDTH * HEIGHT, FLOATS = 35 * PIXELS };  /* 10 channels of 3 floats, 5 of 1 */
+enum { WIDTH = 40, HEIGHT = 30, PIXELS = WIDTH * HEIGHT, FLOATS = 38 * PIXELS };  /* 11 channels of 3 floats, 5 of 1 */
 typedef struct picture { float values[FLOATS]; } picture;
 
 static watch seen;
@@ -26,6 +26,8 @@ static sbl_picture_desc cornell_view(void) {
     view.options.sensor_size = 16;
     view.samples = 2;
     view.options.epsilon = 0.1f;
+    view.tone = SBL_TONE_NEUTRAL;
+    view.auto_exposure = 1;
     return view;
 }
 

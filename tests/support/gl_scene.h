@@ -3,9 +3,9 @@
 #ifndef GL_SCENE_H
 #define GL_SCENE_H
 
-/* 10 channels of 3 floats and 5 of 1 */
+/* 11 channels of 3 floats and 5 of 1 */
 enum { SMALL_WIDTH = 11, SMALL_HEIGHT = 9, SMALL_PIXELS = SMALL_WIDTH * SMALL_HEIGHT,
-    SMALL_FLOATS = 35 * SMALL_PIXELS };
+    SMALL_FLOATS = 38 * SMALL_PIXELS };
 
 typedef struct small_picture { float values[SMALL_FLOATS]; } small_picture;
 
@@ -39,6 +39,8 @@ static inline sbl_picture_desc small_view(void) {
     view.options.mode = small_mode;
     view.options.backend = small_backend;
     view.options.rays = 20;  /* more than one shader invocation takes */
+    view.tone = SBL_TONE_AGX;
+    view.auto_exposure = 1;
     return view;
 }
 

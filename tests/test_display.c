@@ -1,0 +1,205 @@
+/* SBL_CHANNEL_DISPLAY: what a screen shows. The view transforms are compared with formulas of their own here; the
+   exposure and the edges of lamps with what a viewer expects. */
+#include "../sbl.h"
+#include "support/test.h"
+#include "support/scenes.h"
+
+enum { WIDTH = 48, HEIGHT = 36, PIXELS = WIDTH * HEIGHT };
+
+static sbl_context *context;
+
+static sbl_picture_desc shown(sbl_picture_desc view, sbl_tone tone) {
+    view.options.mode = SBL_MODE_DIRECT;
+    view.options.rays = 64;
+    view.tile = 4;
+    view.samples = 1;
+    view.tone = tone;
+    return view;
+}
+
+/* PBR Neutral as Khronos publishes it: F90 = 0.04 is taken away, then what is above 0.8 - 0.04 is compressed. */
+static void neutral(double c[3]) {
+    const double low = fmin(c[0], fmin(c[1], c[2])), offset = low < 0.08 ? low - 6.25 * low * low : 0.04;
+    const double start = 0.8 - 0.04, d = 1 - start;
+    double peak, compressed, g;
+    int k;
+    for (k = 0; k < 3; k++) c[k] -= offset;
+    peak = fmax(c[0], fmax(c[1], c[2]));
+    if (peak < start) return;
+    compressed = 1 - d * d / (peak + d - start);
+    g = 1 - 1 / (0.15 * (peak - compressed) + 1);
+    for (k = 0; k < 3; k++) c[k] = c[k] * compressed / peak * (1 - g) + compressed * g;
+}
+
+/* AgX by the polynomial that Wrensch (2023) fitted to its curve, with matrices of the same source. */
+static void agx(double c[3]) {
+    static const double in[9] = { 0.842479062253094, 0.0784335999999992, 0.0792237451477643, 0.0423282422610123,
+        0.878468636469772, 0.0791661274605434, 0.0423756549057051, 0.0784336, 0.879142973793104 };
+    static const double back[9] = { 1.19687900512017, -0.0980208811401368, -0.0990297440797205, -0.0528968517574562,
+        1.15190312990417, -0.0989611768448433, -0.0529716355144438, -0.0980434501171241, 1.15107367264116 };
+    double v[3];
+    int k;
+    for (k = 0; k < 3; k++) {
+        const double x = log2(fmax(in[3 * k] * c[0] + in[3 * k + 1] * c[1] + in[3 * k + 2] * c[2], 1e-10));
+        const double t = fmin(fmax((x + 12.47393) / (4.026069 + 12.47393), 0), 1);
+        v[k] = ((((((15.5 * t - 40.14) * t + 31.96) * t - 6.868) * t + 0.4298) * t + 0.1191) * t) - 0.00232;
+    }
+    for (k = 0; k < 3; k++)
+        c[k] = pow(fmax(back[3 * k] * v[0] + back[3 * k + 1] * v[1] + back[3 * k + 2] * v[2], 0), 2.2);
+}
+
+/* Every tone equals its formula at radiances of 2^-12 to 2^8 in many colours. AgX is compared with a fit, which is off
+   by up to 0.02 itself. */
+TEST(tones_are_their_formulas) {
+    static const double allowed[SBL_TONE_COUNT] = { 0, 1e-5, 1e-4, 0.02 };
+    test_scene s = { 0 };
+    sbl_picture_desc view = scene_view(WIDTH, HEIGHT, 40, 0, 0, 10, 0, 0, 0);
+    float *final, *display;
+    int tone, i, k;
+    for (i = 0; i < 12 * 7; i++) {  /* a wall of lamps */
+        const double level = pow(2, -12 + 20.0 * (i / 7) / 11);
+        const float x = -4.8f + 0.8f * (float)(i / 7), y = -2.8f + 0.8f * (float)(i % 7);
+        const int lamp = scene_lamp(&s, (float)(level * (1 + i % 3)), (float)(level * (0.05 + i % 4)),
+                                    (float)(level * (0.1 + i % 5 / 2.0)));
+        scene_quad(&s, lamp, x, y, 0, x + 0.8f, y, 0, x + 0.8f, y + 0.8f, 0, x, y + 0.8f, 0);
+    }
+    for (tone = SBL_TONE_CLIP; tone < SBL_TONE_COUNT; tone++) {
+        double worst = 0, widest = 0;
+        view = shown(view, (sbl_tone)tone);
+        view.exposure = 1;
+        if (!scene_render(context, &s, &view)) break;
+        final = scene_channel(context, &view, SBL_CHANNEL_FINAL);
+        display = scene_channel(context, &view, SBL_CHANNEL_DISPLAY);
+        for (i = 0; i < PIXELS; i++) {
+            double c[3];
+            for (k = 0; k < 3; k++) c[k] = 2 * (double)final[3 * i + k];  /* one stop */
+            if (tone == SBL_TONE_NEUTRAL) neutral(c);
+            if (tone == SBL_TONE_AGX) agx(c);
+            for (k = 0; k < 3; k++) {
+                const double expected = fmin(fmax(c[k], 0), 1);
+                worst = test_max(worst, fabs((double)display[3 * i + k] - expected));
+                widest = test_max(widest, (double)display[3 * i + k]);
+            }
+        }
+        printf("  tone %d: off by at most %.5f\n", tone, worst);
+        CHECK(worst <= allowed[tone], "tone %d is off by %g", tone, worst);
+        CHECK(widest > 0.97 && widest <= 1, "tone %d reaches %g", tone, widest);
+        CHECK(sbl_query_stats(context).picture.exposure == 1.0f, "exposure: %g stops",
+              (double)sbl_query_stats(context).picture.exposure);
+        free(final);
+        free(display);
+    }
+    scene_free(&s);
+}
+
+/* FINAL and R have the same bits with and without a tone; without one, DISPLAY is 0. */
+TEST(other_channels_stay_as_they_are) {
+    test_scene s = { 0 };
+    sbl_picture_desc view = shown(scene_cornell_view(WIDTH, HEIGHT), SBL_TONE_NONE);
+    float *now[3], *before[3];
+    int i, k, none = 1;
+    view.samples = 4;
+    scene_cornell_box(&s);
+    REQUIRE(scene_render(context, &s, &view), "no picture");
+    for (k = 0; k < 3; k++)
+        before[k] = scene_channel(context, &view, k == 0 ? SBL_CHANNEL_FINAL : k == 1 ? SBL_CHANNEL_RADIANCE
+                                  : SBL_CHANNEL_DISPLAY);
+    view.tone = SBL_TONE_AGX;
+    view.auto_exposure = 1;
+    REQUIRE(scene_render(context, &s, &view), "no picture");
+    for (k = 0; k < 3; k++)
+        now[k] = scene_channel(context, &view, k == 0 ? SBL_CHANNEL_FINAL : k == 1 ? SBL_CHANNEL_RADIANCE
+                               : SBL_CHANNEL_DISPLAY);
+    CHECK(memcmp(now[0], before[0], 12 * PIXELS) == 0, "a tone changes FINAL");
+    CHECK(memcmp(now[1], before[1], 12 * PIXELS) == 0, "a tone changes R");
+    for (i = 0; i < 3 * PIXELS; i++) none = none && before[2][i] == 0.0f;
+    CHECK(none, "without a tone, DISPLAY is not 0");
+    CHECK(memcmp(now[2], before[2], 12 * PIXELS) != 0, "with a tone, DISPLAY is 0");
+    for (k = 0; k < 3; k++) { free(now[k]); free(before[k]); }
+    scene_free(&s);
+}
+
+/* A pixel that a very bright lamp covers in part shows that part, for every tone. */
+TEST(edges_of_lamps_are_smooth) {
+    int tone;
+    for (tone = SBL_TONE_CLIP; tone < SBL_TONE_COUNT; tone++) {
+        test_scene s = { 0 };
+        sbl_picture_desc view = shown(scene_view(WIDTH, HEIGHT, 40, 0, 0, 10, 0, 0, 0), (sbl_tone)tone);
+        float *display;
+        double part, seen;
+        int x, partly = 0;
+        view.samples = 64;
+        scene_quad(&s, scene_lamp(&s, 1000, 1000, 1000), -1.12f, -9, 0, 1.08f, -9, 0, 1.08f, 9, 0, -1.12f, 9, 0);
+        REQUIRE(scene_render(context, &s, &view), "no picture");
+        display = scene_channel(context, &view, SBL_CHANNEL_DISPLAY);
+        for (x = 0; x < WIDTH; x++) {
+            const double pixel = 20 * tan(20 * TEST_PI / 180) / HEIGHT, left = (x - WIDTH / 2) * pixel;
+            part = fmin(fmax((fmin(left + pixel, 1.08) - fmax(left, -1.12)) / pixel, 0), 1);
+            seen = (double)display[3 * (PIXELS / 2 + x)];
+            partly += part > 0.1 && part < 0.9;
+            CHECK(fabs(seen - part) < 0.03, "tone %d, pixel %d: %.3f of it is lit, the screen shows %.3f", tone, x,
+                  part, seen);
+        }
+        CHECK(partly > 0, "no pixel is lit in part");
+        free(display);
+        scene_free(&s);
+    }
+}
+
+/* Returns the exposure that is chosen for a room with walls of an albedo, and the mean of what the screen shows.
+   power: radiance of its lamp, which is hidden from the camera; window: radiance of a bright quad in a tenth of it */
+static double metered(float albedo, float power, float window, double *mean) {
+    test_scene s = { 0 };
+    sbl_picture_desc view = shown(scene_view(WIDTH, HEIGHT, 60, 0, 0, 0.9f, 0, 0, -1), SBL_TONE_NEUTRAL);
+    int i, lamp = scene_lamp(&s, power, power, power);
+    float *display;
+    view.auto_exposure = 1;
+    scene_box(&s, scene_material(&s, albedo, albedo, albedo), -1, -1, -1, 1, 1, 1);
+    s.materials[lamp].flags |= SBL_MATERIAL_HIDDEN_FROM_CAMERA;
+    scene_quad(&s, lamp, -0.5f, 0.98f, -0.5f, 0.5f, 0.98f, -0.5f, 0.5f, 0.98f, 0.5f, -0.5f, 0.98f, 0.5f);
+    if (window > 0) {
+        lamp = scene_lamp(&s, window, window, window);
+        scene_quad(&s, lamp, -0.4f, -0.2f, -0.99f, 0.1f, -0.2f, -0.99f, 0.1f, 0.2f, -0.99f, -0.4f, 0.2f, -0.99f);
+    }
+    *mean = 0;
+    if (!scene_render(context, &s, &view)) return NAN;
+    display = scene_channel(context, &view, SBL_CHANNEL_DISPLAY);
+    for (i = 0; i < 3 * PIXELS; i++) *mean += (double)display[i] / (3 * PIXELS);
+    free(display);
+    scene_free(&s);
+    return (double)sbl_query_stats(context).picture.exposure;
+}
+
+/* The exposure follows the light in whole, and does not follow the albedo. */
+TEST(exposure_follows_the_light) {
+    double mean[4];
+    const double one = metered(0.8f, 1, 0, &mean[0]), bright = metered(0.8f, 1024, 0, &mean[1]),
+        dim = metered(0.8f, 1.0f / 4096, 0, &mean[2]), dark = metered(0.1f, 1, 0, &mean[3]);
+    printf("  %.2f stops, %.2f in bright light, %.2f in dim light, %.2f with dark walls; means %.3f %.3f %.3f %.3f\n",
+           one, bright, dim, dark, mean[0], mean[1], mean[2], mean[3]);
+    CHECK(fabs(one - bright - 10) < 0.02 && fabs(dim - one - 12) < 0.02, "the exposure does not follow the light");
+    CHECK(fabs(mean[1] - mean[0]) < 0.01 && fabs(mean[2] - mean[0]) < 0.01, "the screen shows the same room otherwise");
+    CHECK(fabs(one - dark) < 0.02, "the exposure follows the albedo");
+    CHECK(mean[0] > 0.35 && mean[0] < 0.75, "a white room has a mean of %.3f", mean[0]);
+    CHECK(mean[3] < 0.15, "a dark room has a mean of %.3f", mean[3]);
+}
+
+/* Highlights lower the exposure, by at most 1.5 stops. exposure adds to what is chosen. */
+TEST(highlights_limit_the_exposure) {
+    double mean, plain = metered(0.8f, 1, 0, &mean), lit = metered(0.8f, 1, 3, &mean),
+        glaring = metered(0.8f, 1, 1e6f, &mean);
+    printf("  %.2f stops, %.2f with a window, %.2f with a glaring one\n", plain, lit, glaring);
+    CHECK(lit < plain - 0.1 && lit > glaring - 5, "a window changes %.2f stops to %.2f", plain, lit);
+    CHECK(fabs(glaring) < 100 && mean > 0, "%g stops", glaring);
+}
+
+int main(void) {
+    if (sbl_create(NULL, &context) != SBL_SUCCESS) { printf("no context\n0 passed, 1 failed, 0 skipped\n"); return 1; }
+    RUN(tones_are_their_formulas);
+    RUN(other_channels_stay_as_they_are);
+    RUN(edges_of_lamps_are_smooth);
+    RUN(exposure_follows_the_light);
+    RUN(highlights_limit_the_exposure);
+    sbl_destroy(context);
+    return test_report();
+}
