@@ -632,7 +632,9 @@ typedef enum sbl_log_level { SBL_LOG_ERROR, SBL_LOG_WARNING, SBL_LOG_INFO } sbl_
     X(OUTSIDE, "triangles lie outside of a lightmap")                                     \
     X(NO_LIGHT, "nothing in the scene emits light")                                       \
     X(SCALE, "the scene is too small, too large or too far from the origin")              \
-    X(INVALID_STORE, "saved light is damaged or belongs to another scene")                \
+    X(INVALID_STORE, "saved light is damaged, or is no saved light")                      \
+    X(OTHER_STORE, "saved light belongs to another scene, version or machine")            \
+    X(COARSE_STORE, "saved light was made with fewer cells than max_bounce_cells")        \
     X(ALBEDO, "an albedo above 0.98 reflects bounced light as 0.98")                      \
     X(INFO, "information")
 
@@ -1319,7 +1321,11 @@ SBL_API sbl_result sbl_set_lights(sbl_context *context, const sbl_light *lights,
 
 /* Writes the stored bounced light of the scene through put, or reads it back through get, so that a later run need not
    compute it. The scene must be the same to the bit: meshes, materials, textures, lights, sky and environment. Camera,
-   max_bounce_cells, preset and seed may differ. Loading drops work under way.
+   max_bounce_cells, preset and seed may differ; light that was made with a smaller max_bounce_cells is loaded with a
+   warning (SBL_LOG_ITEM_COARSE_STORE). The error of a load that fails has SBL_LOG_ITEM_OTHER_STORE if the data are
+   stored light of another scene, and tells which of its parts differ; it has SBL_LOG_ITEM_INVALID_STORE if the data are
+   damaged or something else, so that a host can refuse to overwrite a file that it did not write. Loading drops work
+   under way.
    put, get: called for some bytes at a time; they return the number of bytes written or read, and fewer than asked for
    are an error. user: passed to them. The format has a version and a checksum, and uses the machine's byte order.
    Results: INVALID_ARGUMENT (put or get failed; the data are damaged, or of another version, byte order or scene),
@@ -6065,6 +6071,7 @@ typedef struct sbl__store {
     sbl__leaf *leaves;
     int cut_count, cut_room, leaf_count, leaf_room;
     int max_leaves;
+    int made_for;              /* max_leaves when the light was made, which may have been in an earlier run */
     float brightest;           /* largest channel of R in any leaf */
     float air[6][3];           /* R of objects that the host draws, where they face +x, -x, +y, -y, +z, -z */
     sbl__table table;          /* patches, cells, cuts and leaves in one table, because texture units are few */
@@ -12027,6 +12034,7 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     else if (result == SBL_SUCCESS) {
         sbl__bounce_free_temporary(&c->device, c->bounce);
         s->ready = 1;
+        s->made_for = s->max_leaves;
     } else if (result != SBL_UNFINISHED) sbl__bounce_end(c);
     c->stats.seconds.bounce += sbl__now() - start;
     c->stats.store.cells = s->leaf_count;
@@ -12060,34 +12068,43 @@ static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__sli
    Writes a header, the store and a checksum to a stream, and reads them if they are valid and belong to the scene. */
 
 #define SBL__SAVED_NAME "sblstore"
-#define SBL__SAVED_VERSION 4u
+#define SBL__SAVED_VERSION 5u
 #define SBL__SAVED_ORDER 0x01020304u   /* tells the byte order */
 #define SBL__SAVED_SEED 0xcbf29ce484222325u
 #define SBL__SAVED_CELLS (1 << 22)     /* maximum number of slots and of cuts in a stream; leaves: half of it */
 
+/* The parts of a scene that stored light depends on. Each has its own hash, so that a message can tell which differ. */
+enum { SBL__SAVED_MESHES, SBL__SAVED_MATERIALS, SBL__SAVED_LIGHTS, SBL__SAVED_SKY, SBL__SAVED_PARTS };
+
+/* Streams of all versions begin with name, version and order. */
 typedef struct sbl__saved {
     char name[8];
     uint32_t version, order;
-    uint64_t scene;                    /* hash, see sbl__saved_scene */
-    int32_t triangles, cells, cuts, leaves;
+    uint64_t parts[SBL__SAVED_PARTS];  /* hashes of the scene, see sbl__saved_scene */
+    int32_t made_for;                  /* sbl__store.made_for */
+    int32_t triangles, cells, cuts, leaves, unused;
 } sbl__saved;
 
-/* Returns a hash of everything that stored light depends on. */
-static uint64_t sbl__saved_scene(const sbl__scene *s) {
+/* Hashes everything that stored light depends on, part by part. */
+static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PARTS]) {
     const sbl__geometry *g = &s->geometry;
     const sbl__environment *e = &s->environment;
-    uint64_t hash = sbl__hash_bytes(SBL__SAVED_SEED, &s->textures.hash, sizeof s->textures.hash);
+    uint64_t *meshes = &parts[SBL__SAVED_MESHES], *materials = &parts[SBL__SAVED_MATERIALS];
+    uint64_t *sky = &parts[SBL__SAVED_SKY];
+    const uint64_t seed = SBL__SAVED_SEED;
     int i;
-    hash = sbl__hash_bytes(hash, g->vertices, (size_t)g->vertex_count * sizeof *g->vertices);
-    hash = sbl__hash_bytes(hash, g->attributes, (size_t)g->vertex_count * sizeof *g->attributes);
-    hash = sbl__hash_bytes(hash, g->indices, 3 * (size_t)g->triangle_count * sizeof *g->indices);
-    for (i = 0; i < g->mesh_count; i++) hash = sbl__hash_bytes(hash, &g->objects[i], offsetof(sbl__object, id));
-    hash = sbl__hash_bytes(hash, s->lights.list, (size_t)s->lights.count * sizeof *s->lights.list);
-    hash = sbl__hash_bytes(hash, e->sky, sizeof e->sky);
-    hash = sbl__hash_bytes(hash, e->axes, sizeof e->axes);
-    if (s->draw) hash = sbl__hash_bytes(hash, s->draw_bounds, sizeof s->draw_bounds);
-    if (e->pixels) hash = sbl__hash_bytes(hash, e->pixels, 4 * sizeof(float) * (size_t)e->width * (size_t)e->height);
-    return hash;
+    *meshes = sbl__hash_bytes(seed, g->vertices, (size_t)g->vertex_count * sizeof *g->vertices);
+    *meshes = sbl__hash_bytes(*meshes, g->attributes, (size_t)g->vertex_count * sizeof *g->attributes);
+    *meshes = sbl__hash_bytes(*meshes, g->indices, 3 * (size_t)g->triangle_count * sizeof *g->indices);
+    if (s->draw) *meshes = sbl__hash_bytes(*meshes, s->draw_bounds, sizeof s->draw_bounds);
+    *materials = sbl__hash_bytes(seed, &s->textures.hash, sizeof s->textures.hash);
+    for (i = 0; i < g->mesh_count; i++)
+        *materials = sbl__hash_bytes(*materials, &g->objects[i], offsetof(sbl__object, id));
+    parts[SBL__SAVED_LIGHTS] = sbl__hash_bytes(seed, s->lights.list,
+                                               (size_t)s->lights.count * sizeof *s->lights.list);
+    *sky = sbl__hash_bytes(seed, e->sky, sizeof e->sky);
+    *sky = sbl__hash_bytes(*sky, e->axes, sizeof e->axes);
+    if (e->pixels) *sky = sbl__hash_bytes(*sky, e->pixels, 4 * sizeof(float) * (size_t)e->width * (size_t)e->height);
 }
 
 /* A stream that the host reads (get) or writes (put); the other function is NULL. */
@@ -12123,7 +12140,8 @@ static int sbl__saved_write(sbl__scene *s, sbl_write_function put, void *user) {
     memcpy(header.name, SBL__SAVED_NAME, sizeof header.name);
     header.version = SBL__SAVED_VERSION;
     header.order = SBL__SAVED_ORDER;
-    header.scene = sbl__saved_scene(s);
+    sbl__saved_scene(s, header.parts);
+    header.made_for = s->store.made_for;
     header.triangles = s->geometry.triangle_count;
     header.cells = s->store.cell_room;
     header.cuts = s->store.cut_count;
@@ -12133,17 +12151,55 @@ static int sbl__saved_write(sbl__scene *s, sbl_write_function put, void *user) {
            sbl__saved_transfer(&stream, &stream.sum, sizeof stream.sum);
 }
 
-/* Returns what is wrong with a header, or NULL if it belongs to this scene and this version. */
-static const char *sbl__saved_check(const sbl__saved *header, const sbl__scene *s) {
-    const int32_t most = SBL__SAVED_CELLS, cells = header->cells;
-    if (memcmp(header->name, SBL__SAVED_NAME, sizeof header->name)) return "it is not stored light of sbl.h";
-    if (header->order != SBL__SAVED_ORDER) return "it was written on a machine with another byte order";
-    if (header->version != SBL__SAVED_VERSION) return "it was written by another version of sbl.h";
-    if (header->scene != sbl__saved_scene(s) || header->triangles != s->geometry.triangle_count)
-        return "it belongs to another scene";
-    if (cells < 1 || cells > most || (cells & (cells - 1)) || header->cuts < 0 || header->cuts > most ||
-        header->leaves < 0 || header->leaves > most / 2) return "it is damaged";
-    return NULL;
+/* What is wrong with a stream. why: the words, or "" if nothing is wrong. item: the log item of the message */
+typedef struct sbl__saved_fault { char why[128]; sbl_log_item item; } sbl__saved_fault;
+
+/* Notes what is wrong with a stream. */
+static void sbl__saved_refuse(sbl__saved_fault *fault, sbl_log_item item, const char *why) {
+    snprintf(fault->why, sizeof fault->why, "%s", why);
+    fault->item = item;
+}
+
+/* Checks that a header belongs to this scene. Otherwise the fault names the parts of the scene that differ. */
+static void sbl__saved_compare(const sbl__saved *header, const sbl__scene *s, sbl__saved_fault *fault) {
+    static const char *const words[SBL__SAVED_PARTS] = { "other meshes", "other materials or textures", "other lights",
+                                                         "another sky" };
+    uint64_t parts[SBL__SAVED_PARTS];
+    int i, differ = 0, named = 0;
+    size_t length = 0;
+    sbl__saved_scene(s, parts);
+    if (header->triangles != s->geometry.triangle_count) parts[SBL__SAVED_MESHES] = ~header->parts[SBL__SAVED_MESHES];
+    for (i = 0; i < SBL__SAVED_PARTS; i++) differ += parts[i] != header->parts[i];
+    if (!differ) return;
+    sbl__saved_refuse(fault, SBL_LOG_ITEM_OTHER_STORE, "it was stored for a scene with ");
+    for (i = 0; i < SBL__SAVED_PARTS; i++) {
+        if (parts[i] == header->parts[i]) continue;
+        length = strlen(fault->why);
+        snprintf(fault->why + length, sizeof fault->why - length, "%s%s",
+                 !named ? "" : named == differ - 1 ? " and " : ", ", words[i]);
+        named++;
+    }
+}
+
+/* Reads a header up to the part that depends on the scene, and checks it. */
+static void sbl__saved_begin(sbl__saved_stream *stream, sbl__saved *header, sbl__saved_fault *fault) {
+    const int32_t most = SBL__SAVED_CELLS;
+    int32_t cells;
+    memset(header, 0, sizeof *header);
+    if (!sbl__saved_transfer(stream, header, sizeof header->name) ||
+        memcmp(header->name, SBL__SAVED_NAME, sizeof header->name))
+        sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, "it is not stored light of sbl.h");
+    else if (!sbl__saved_transfer(stream, (char *)header + sizeof header->name, sizeof *header - sizeof header->name))
+        sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, "it ends too soon");
+    else if (header->order != SBL__SAVED_ORDER)
+        sbl__saved_refuse(fault, SBL_LOG_ITEM_OTHER_STORE, "it was written on a machine with another byte order");
+    else if (header->version != SBL__SAVED_VERSION)
+        sbl__saved_refuse(fault, SBL_LOG_ITEM_OTHER_STORE, "it was written by another version of sbl.h");
+    cells = header->cells;
+    if (!fault->why[0] && (cells < 1 || cells > most || (cells & (cells - 1)) || header->cuts < 0 ||
+                           header->cuts > most || header->leaves < 0 || header->leaves > most / 2 ||
+                           header->triangles < 0 || header->made_for < 1))
+        sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, "it is damaged");
 }
 
 /* Returns 1 if a reference leads to a leaf or cut that exists. The sides of cut number `from` may only lead to later
@@ -12169,53 +12225,83 @@ static int sbl__saved_valid(const sbl__store *s) {
     return 1;
 }
 
-/* Reads a store into s, which is empty. *why: receives what is wrong with the data. */
+/* Reads the checksum at the end of a stream. Returns what is wrong with the stream, or NULL. */
+static const char *sbl__saved_end(sbl__saved_stream *stream) {
+    const uint64_t sum = stream->sum;
+    uint64_t end;
+    if (!sbl__saved_transfer(stream, &end, sizeof end)) return "it ends too soon";
+    return end == sum ? NULL : "it is damaged";
+}
+
+/* Reads what follows the header of another scene's stream, without keeping it. Returns what is wrong with the stream,
+   or NULL. */
+static const char *sbl__saved_skip(sbl__saved_stream *stream, const sbl__saved *header) {
+    uint64_t left = sizeof ((sbl__store *)0)->origin + sizeof ((sbl__store *)0)->length +
+                    sizeof ((sbl__store *)0)->air + (uint64_t)header->triangles * sizeof(uint32_t) +
+                    (uint64_t)header->cells * sizeof(sbl__cell_slot) + (uint64_t)header->cuts * sizeof(sbl__cut) +
+                    (uint64_t)header->leaves * sizeof(sbl__leaf);
+    uint32_t block[1024];
+    while (left) {
+        const size_t bytes = left < sizeof block ? (size_t)left : sizeof block;
+        if (!sbl__saved_transfer(stream, block, bytes)) return "it ends too soon";
+        left -= bytes;
+    }
+    return sbl__saved_end(stream);
+}
+
+/* Reads a store into s, which is empty. */
 static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene, sbl__store *s, sbl_read_function get,
-                                  void *user, const char **why) {
+                                  void *user, sbl__saved_fault *fault) {
     sbl__saved_stream stream = { get, NULL, user, SBL__SAVED_SEED };
     sbl__saved header;
-    uint64_t sum, end;
-    *why = sbl__saved_transfer(&stream, &header, sizeof header) ? sbl__saved_check(&header, scene)
-                                                                : "it ends too soon";
-    if (*why) return SBL_ERROR_INVALID_ARGUMENT;
-    s->patches = (uint32_t *)sbl__alloc(d->base, (size_t)header.triangles, sizeof *s->patches);
-    s->cells = (sbl__cell_slot *)sbl__alloc(d->base, (size_t)header.cells, sizeof *s->cells);
-    s->cuts = (sbl__cut *)sbl__alloc(d->base, (size_t)header.cuts, sizeof *s->cuts);
-    s->leaves = (sbl__leaf *)sbl__alloc(d->base, (size_t)header.leaves, sizeof *s->leaves);
-    if (!s->patches || !s->cells || !s->cuts || !s->leaves) return SBL_ERROR_OUT_OF_MEMORY;
-    s->cell_room = header.cells;
-    s->cut_count = s->cut_room = header.cuts;
-    s->leaf_count = s->leaf_room = header.leaves;
-    *why = "it ends too soon";
-    if (!sbl__saved_store(&stream, s, header.triangles)) return SBL_ERROR_INVALID_ARGUMENT;
-    sum = stream.sum;
-    if (!sbl__saved_transfer(&stream, &end, sizeof end)) return SBL_ERROR_INVALID_ARGUMENT;
-    *why = end == sum && sbl__saved_valid(s) ? NULL : "it is damaged";
-    return *why ? SBL_ERROR_INVALID_ARGUMENT : SBL_SUCCESS;
+    const char *why = NULL;
+    sbl__saved_begin(&stream, &header, fault);
+    if (fault->why[0]) return SBL_ERROR_INVALID_ARGUMENT;
+    sbl__saved_compare(&header, scene, fault);
+    if (fault->why[0]) why = sbl__saved_skip(&stream, &header);
+    else {
+        s->patches = (uint32_t *)sbl__alloc(d->base, (size_t)header.triangles, sizeof *s->patches);
+        s->cells = (sbl__cell_slot *)sbl__alloc(d->base, (size_t)header.cells, sizeof *s->cells);
+        s->cuts = (sbl__cut *)sbl__alloc(d->base, (size_t)header.cuts, sizeof *s->cuts);
+        s->leaves = (sbl__leaf *)sbl__alloc(d->base, (size_t)header.leaves, sizeof *s->leaves);
+        if (!s->patches || !s->cells || !s->cuts || !s->leaves) return SBL_ERROR_OUT_OF_MEMORY;
+        s->made_for = header.made_for;
+        s->cell_room = header.cells;
+        s->cut_count = s->cut_room = header.cuts;
+        s->leaf_count = s->leaf_room = header.leaves;
+        why = sbl__saved_store(&stream, s, header.triangles) ? sbl__saved_end(&stream) : "it ends too soon";
+        if (!why && !sbl__saved_valid(s)) why = "it is damaged";
+    }
+    if (why) sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, why);
+    return fault->why[0] ? SBL_ERROR_INVALID_ARGUMENT : SBL_SUCCESS;
 }
 
 /* Replaces the scene's store with a store from a stream. On failure the scene keeps its store. */
 static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *user) {
     sbl__scene *scene = &c->scene;
     const sbl__geometry *g = &scene->geometry;
-    const char *why = NULL;
+    sbl__saved_fault fault;
     sbl__store s;
     sbl_result result;
+    memset(&fault, 0, sizeof fault);
     memset(&s, 0, sizeof s);
     s.max_leaves = scene->store.max_leaves;
-    result = sbl__saved_read(&c->device, scene, &s, get, user, &why);
+    result = sbl__saved_read(&c->device, scene, &s, get, user, &fault);
     if (result == SBL_SUCCESS && !g->wide && g->triangle_count / 4 + 1 + s.cell_room / 2 + 2 * s.cut_count +
                                              s.leaf_count > c->device.gl.capabilities.max_texture_buffer_size) {
-        why = "it is larger than this driver's tables";
+        sbl__saved_refuse(&fault, SBL_LOG_ITEM_OTHER_STORE, "it is larger than this driver's tables");
         result = SBL_ERROR_UNSUPPORTED;
     }
-    if (why) sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_STORE, "sbl_load_store: %s", why);
+    if (fault.why[0]) sbl__log(&c->base, SBL_LOG_ERROR, fault.item, "sbl_load_store: %s", fault.why);
     c->device.gl.doing = "storing bounced light";
     if (result == SBL_SUCCESS) result = sbl__store_send(&c->device, &s, g);
     if (result != SBL_SUCCESS) {
         sbl__store_free(&c->device, &s);
         return result;
     }
+    if (s.made_for < s.max_leaves)
+        sbl__log(&c->base, SBL_LOG_WARNING, SBL_LOG_ITEM_COARSE_STORE, "sbl_load_store: it was made with at most %d "
+                 "cells, and this scene may have %d, which would be finer", s.made_for, s.max_leaves);
     sbl__bounce_end(c);
     sbl__store_free(&c->device, &scene->store);
     scene->store = s;
