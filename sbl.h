@@ -468,7 +468,10 @@
    call. sbl.h cannot suspend them, and they would drop or count its own drawing.
 
    All functions that touch GL, including sbl_destroy, need the same current GL context as sbl_create. A headless
-   context is made current by sbl.h itself, which then restores the host's EGL binding instead of its GL state.
+   context is made current by sbl.h itself, which then restores the host's EGL binding instead of its GL state. EGL
+   cannot do that while a GLX context is current in the thread: calls are then refused with a message, and sbl_destroy
+   does nothing. Either make no GLX context current during calls (glXMakeCurrent(display, None, NULL)), or set
+   get_gl_function to glXGetProcAddress, so that sbl.h works in the GLX context.
 
 
    ON WINDOWS AND MACOS
@@ -1294,8 +1297,8 @@ extern "C" {
 
 /* Creates a context.
    desc: NULL means defaults. out: receives the context, or NULL on failure.
-   Results: INVALID_ARGUMENT, OUT_OF_MEMORY, UNSUPPORTED (no GL 3.3, a GL function is missing, no headless GL), GL
-   (also if the driver draws a known triangle wrongly). */
+   Results: INVALID_ARGUMENT, OUT_OF_MEMORY, UNSUPPORTED (no GL 3.3, a GL function is missing, no headless GL), STATE
+   (a headless context, and a GLX context is current), GL (also if the driver draws a known triangle wrongly). */
 SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out);
 
 /* Frees a context and all its GL objects. context: may be NULL. */
@@ -16808,7 +16811,11 @@ static sbl_result sbl__trial(sbl__core *c) {
 
 /* ======================================================================================================== >>egl
    Creates a headless GL context if the host defines SBL_EGL and gives no GL loader, and makes it current while the
-   library works. Without SBL_EGL, the host must have a GL context. */
+   library works. Without SBL_EGL, the host must have a GL context.
+
+   A thread has one current GL context, whichever interface made it current. While it is one of GLX, eglMakeCurrent fails
+   with EGL_BAD_ACCESS, and all GL calls would go to that context. EGL can neither see nor release it, so calls of the
+   host are refused then. */
 
 #ifdef SBL_EGL
 
@@ -16829,26 +16836,45 @@ static void sbl__egl_destroy(sbl__egl *e) {
     memset(e, 0, sizeof *e);
 }
 
+/* Returns the error of an EGL function that has failed. Some drivers set none. */
+static EGLint sbl__egl_error(void) {
+    const EGLint error = eglGetError();
+    return error == EGL_SUCCESS ? EGL_NOT_INITIALIZED : error;
+}
+
+/* Logs that the library's own context cannot be made current, and returns the result for the host. */
+static sbl_result sbl__egl_refuse(const sbl__base *base, const char *function) {
+    sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_NO_GL, "%s: the headless context cannot be made current, because a GL "
+             "context of another interface, such as GLX, is current in this thread; release that one before "
+             "(glXMakeCurrent(display, None, NULL)), or set get_gl_function in sbl_context_desc (glXGetProcAddress), "
+             "so that sbl.h works in it", function);
+    return SBL_ERROR_STATE;
+}
+
 /* Tries to create a context on a display and to make it current. pbuffer: 1 if its surface is a pbuffer, 0 if it has no
-   surface. Returns 1 on success. */
-static int sbl__egl_try(sbl__egl *e, EGLDisplay display, int pbuffer) {
+   surface. *taken: becomes 1 if a context of another interface is current. Returns EGL_SUCCESS or an error. */
+static EGLint sbl__egl_try(sbl__egl *e, EGLDisplay display, int pbuffer, int *taken) {
     static const EGLint context_attributes[] = { EGL_CONTEXT_MAJOR_VERSION, 3, EGL_CONTEXT_MINOR_VERSION, 3,
                                                  EGL_CONTEXT_OPENGL_PROFILE_MASK,
                                                  EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT, EGL_NONE };
     static const EGLint surface_attributes[] = { EGL_WIDTH, 16, EGL_HEIGHT, 16, EGL_NONE };
     EGLint config_attributes[] = { EGL_SURFACE_TYPE, 0, EGL_RENDERABLE_TYPE, EGL_OPENGL_BIT, EGL_NONE };
     EGLConfig config = NULL;
-    EGLint count = 0;
-    if (display == EGL_NO_DISPLAY || !eglInitialize(display, NULL, NULL) || !eglBindAPI(EGL_OPENGL_API)) return 0;
+    EGLint count = 0, error;
+    if (display == EGL_NO_DISPLAY || !eglInitialize(display, NULL, NULL) || !eglBindAPI(EGL_OPENGL_API))
+        return sbl__egl_error();
     config_attributes[1] = pbuffer ? EGL_PBUFFER_BIT : 0;
-    if (!eglChooseConfig(display, config_attributes, &config, 1, &count) || count < 1) return 0;
+    if (!eglChooseConfig(display, config_attributes, &config, 1, &count) || count < 1) return sbl__egl_error();
     e->context = eglCreateContext(display, config, EGL_NO_CONTEXT, context_attributes);
-    if (e->context == EGL_NO_CONTEXT) return 0;
+    if (e->context == EGL_NO_CONTEXT) return sbl__egl_error();
     e->display = display;
     e->draw = e->read = pbuffer ? eglCreatePbufferSurface(display, config, surface_attributes) : EGL_NO_SURFACE;
-    if (pbuffer == (e->draw != EGL_NO_SURFACE) && eglMakeCurrent(display, e->draw, e->read, e->context)) return 1;
+    if (pbuffer == (e->draw != EGL_NO_SURFACE) && eglMakeCurrent(display, e->draw, e->read, e->context))
+        return EGL_SUCCESS;
+    error = sbl__egl_error();
+    *taken |= error == EGL_BAD_ACCESS;
     sbl__egl_destroy(e);
-    return 0;
+    return error;
 }
 
 static sbl__egl sbl__egl_current(void) {
@@ -16868,31 +16894,36 @@ static sbl_result sbl__egl_open(sbl__egl *e, const sbl__base *base, sbl__egl *b,
     const char *extensions = eglQueryString(EGL_NO_DISPLAY, EGL_EXTENSIONS);
     const int platforms = get_display && extensions;
     EGLDeviceEXT devices[16];
-    EGLint count = 0, i;
-    int made = 0;
+    EGLint count = 0, i, error = EGL_NOT_INITIALIZED;
+    int taken = 0;
     *b = sbl__egl_current();
     desc->get_gl_function = sbl__egl_function;
     if (platforms && strstr(extensions, "EGL_MESA_platform_surfaceless"))
-        made = sbl__egl_try(e, get_display(EGL_PLATFORM_SURFACELESS_MESA, EGL_DEFAULT_DISPLAY, NULL), 0);
-    if (!made && platforms && query_devices && strstr(extensions, "EGL_EXT_platform_device") &&
+        error = sbl__egl_try(e, get_display(EGL_PLATFORM_SURFACELESS_MESA, EGL_DEFAULT_DISPLAY, NULL), 0, &taken);
+    if (error != EGL_SUCCESS && platforms && query_devices && strstr(extensions, "EGL_EXT_platform_device") &&
         query_devices(16, devices, &count))
-        for (i = 0; i < count && !made; i++)
-            made = sbl__egl_try(e, get_display(EGL_PLATFORM_DEVICE_EXT, devices[i], NULL), 0);
-    if (made || sbl__egl_try(e, eglGetDisplay(EGL_DEFAULT_DISPLAY), 1)) return SBL_SUCCESS;
+        for (i = 0; i < count && error != EGL_SUCCESS; i++)
+            error = sbl__egl_try(e, get_display(EGL_PLATFORM_DEVICE_EXT, devices[i], NULL), 0, &taken);
+    if (error != EGL_SUCCESS) error = sbl__egl_try(e, eglGetDisplay(EGL_DEFAULT_DISPLAY), 1, &taken);
+    if (error == EGL_SUCCESS) return SBL_SUCCESS;
+    if (taken) return sbl__egl_refuse(base, "sbl_create");
     sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_NO_GL, "no headless OpenGL 3.3 context could be created (tried the "
              "surfaceless platform, all devices and a pbuffer; EGL error 0x%04x); install a GL driver such as Mesa's, "
-             "or set get_gl_function in sbl_context_desc", (unsigned)eglGetError());
+             "or set get_gl_function in sbl_context_desc", (unsigned)error);
     return SBL_ERROR_UNSUPPORTED;
 }
 
 /* Makes the library's own context current, if there is one and it is not current already. *b: receives the host's EGL
-   state if it changes, otherwise zeroes */
-static void sbl__egl_enter(const sbl__egl *e, sbl__egl *b) {
+   state if it changes, otherwise zeroes. Returns 0 if the context cannot be made current. */
+static int sbl__egl_enter(const sbl__egl *e, sbl__egl *b) {
     memset(b, 0, sizeof *b);
-    if (e->context == EGL_NO_CONTEXT || eglGetCurrentContext() == e->context) return;
+    if (e->context == EGL_NO_CONTEXT || eglGetCurrentContext() == e->context) return 1;
     *b = sbl__egl_current();
     eglBindAPI(EGL_OPENGL_API);
-    eglMakeCurrent(e->display, e->draw, e->read, e->context);
+    if (eglMakeCurrent(e->display, e->draw, e->read, e->context)) return 1;
+    eglBindAPI(b->api);
+    memset(b, 0, sizeof *b);
+    return 0;
 }
 
 /* Restores the host's EGL state if it was saved. */
@@ -16901,6 +16932,17 @@ static void sbl__egl_leave(const sbl__egl *e, const sbl__egl *b) {
     if (e->display != EGL_NO_DISPLAY) eglMakeCurrent(e->display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
     eglBindAPI(b->api);
     if (b->context != EGL_NO_CONTEXT) eglMakeCurrent(b->display, b->draw, b->read, b->context);
+}
+
+/* Returns whether the library's own context, if there is one, can be made current. If another context of EGL is
+   current, it can. */
+static int sbl__egl_ready(const sbl__egl *e) {
+    sbl__egl before;
+    int ready;
+    if (e->context == EGL_NO_CONTEXT || eglGetCurrentContext() != EGL_NO_CONTEXT) return 1;
+    ready = sbl__egl_enter(e, &before);
+    sbl__egl_leave(e, &before);
+    return ready;
 }
 
 #else  /* without SBL_EGL */
@@ -16914,7 +16956,13 @@ static sbl_result sbl__egl_open(sbl__egl *e, const sbl__base *base, sbl__egl *b,
     return SBL_ERROR_INVALID_ARGUMENT;
 }
 
-static void sbl__egl_enter(const sbl__egl *e, sbl__egl *b) { (void)e; (void)b; }
+static sbl_result sbl__egl_refuse(const sbl__base *base, const char *function) {
+    (void)base; (void)function;
+    return SBL_ERROR_STATE;
+}
+
+static int sbl__egl_ready(const sbl__egl *e) { (void)e; return 1; }
+static int sbl__egl_enter(const sbl__egl *e, sbl__egl *b) { (void)e; (void)b; return 1; }
 static void sbl__egl_leave(const sbl__egl *e, const sbl__egl *b) { (void)e; (void)b; }
 static void sbl__egl_destroy(sbl__egl *e) { (void)e; }
 
@@ -16977,7 +17025,7 @@ static sbl_result sbl__refuse(const sbl_context *c, sbl_log_item item, const cha
 }
 
 /* Checks that a public function may be called: the context exists; it is not called by a callback, except as far as
-   `most` allows (see sbl__inside); and, if scene is 1, there is a scene. */
+   `most` allows (see sbl__inside); its own GL context can be made current; and, if scene is 1, there is a scene. */
 static sbl_result sbl__may_call(sbl_context *c, const char *function, sbl__inside most, int scene) {
     sbl__inside inside;
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
@@ -16990,6 +17038,7 @@ static sbl_result sbl__may_call(sbl_context *c, const char *function, sbl__insid
         c->inside = inside;
         return SBL_ERROR_STATE;
     }
+    if (!sbl__egl_ready(&c->egl)) return sbl__egl_refuse(&c->core.base, function);
     if (!scene || c->core.has_scene) return SBL_SUCCESS;
     return sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "there is no scene yet; call sbl_set_scene first");
 }
