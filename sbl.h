@@ -1292,13 +1292,13 @@ extern "C" {
 /* >>functions
 
    Results are listed without SBL_SUCCESS and without the prefix SBL_ERROR_. Each function also returns
-   INVALID_ARGUMENT for a NULL context, and STATE if a callback calls it from which it is not allowed. Each mistake in a
-   descriptor is logged. Functions that drop work under way keep a finished picture, unless their comment says more. */
+   INVALID_ARGUMENT for a NULL context, and STATE if a callback calls it from which it is not allowed, or if the context
+   is headless and a GLX context is current (see ON GL STATE). Each mistake in a descriptor is logged. Functions that drop work under way keep a finished picture, unless their comment says more. */
 
 /* Creates a context.
    desc: NULL means defaults. out: receives the context, or NULL on failure.
-   Results: INVALID_ARGUMENT, OUT_OF_MEMORY, UNSUPPORTED (no GL 3.3, a GL function is missing, no headless GL), STATE
-   (a headless context, and a GLX context is current), GL (also if the driver draws a known triangle wrongly). */
+   Results: INVALID_ARGUMENT, OUT_OF_MEMORY, UNSUPPORTED (no GL 3.3, a GL function is missing, no headless GL), GL
+   (also if the driver draws a known triangle wrongly). */
 SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out);
 
 /* Frees a context and all its GL objects. context: may be NULL. */
@@ -16813,9 +16813,9 @@ static sbl_result sbl__trial(sbl__core *c) {
    Creates a headless GL context if the host defines SBL_EGL and gives no GL loader, and makes it current while the
    library works. Without SBL_EGL, the host must have a GL context.
 
-   A thread has one current GL context, whichever interface made it current. While it is one of GLX, eglMakeCurrent fails
-   with EGL_BAD_ACCESS, and all GL calls would go to that context. EGL can neither see nor release it, so calls of the
-   host are refused then. */
+   A thread has one current GL context, whichever interface made it current. If GLX did, eglMakeCurrent fails with
+   EGL_BAD_ACCESS, and all GL calls would go to the context of GLX. EGL can neither see nor release that context, so
+   calls of the host are refused then. */
 
 #ifdef SBL_EGL
 

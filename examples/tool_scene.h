@@ -363,7 +363,8 @@ static int load_store(const tool_task *task, const int *given, int *make) {
     fclose(in);
     *make = given[STORE_REPLACE] && said->store_item != SBL_LOG_ITEM_OK;
     if (said->store_item == SBL_LOG_ITEM_INVALID_STORE)
-        return fail("--store %s: %s; such a file is never replaced: give another FILE, or remove it", name, said->store);
+        return fail("--store %s: %s; such a file is never replaced: give another FILE, or remove it", name,
+                    said->store);
     if (result != SBL_SUCCESS && said->store_item != SBL_LOG_ITEM_OTHER_STORE) return fail_with(said, name, result);
     if (*make) {
         if (!given[QUIET]) tell("--store %s: %s; new light will replace it", name, said->store);

@@ -614,7 +614,7 @@ static void copy_store(const char *name, size_t bytes) {
 /* A file of --store with other light is refused before the work, or replaced with --store-replace. A file that is no
    stored light is never replaced. */
 TEST(stores_are_not_overwritten) {
-    static const char *const not_files[] = { "pipe", "/dev/zero", "/dev/null", "/dev/stdout", "sub" };
+    static const char *const not_files[] = { "store.pipe", "/dev/zero", "/dev/null", "/dev/stdout", "sub" };
     const char *data = "not light";
     int i;
     room_obj();
@@ -634,7 +634,7 @@ TEST(stores_are_not_overwritten) {
                      "an empty file: exit status %d: %s", ran.status, ran.err);
     }
     REFUSED("it is not stored light", "--store", "made.pfm", "--store-replace");
-    mkfifo(in_folder("pipe"), 0666);
+    mkfifo(in_folder("store.pipe"), 0666);
     mkdir(in_folder("sub"), 0777);
     for (i = 0; i < 5; i++)
         REFUSED(i < 4 ? "a pipe or a device, not a file" : "Is a directory", "--store", not_files[i]);

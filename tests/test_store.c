@@ -343,6 +343,54 @@ TEST(coarse_light_is_told) {
     scene_free(&scene);
 }
 
+static uint32_t word_of(size_t number) {
+    uint32_t word;
+    memcpy(&word, stream.bytes + 4 * number, 4);
+    return word;
+}
+
+/* Puts a word into the stream and gives it a valid checksum. */
+static void forge(size_t number, uint32_t word) {
+    uint64_t sum;
+    memcpy(stream.bytes + 4 * number, &word, 4);
+    sum = inside_saved_sum(stream.bytes, stream.count - 8);
+    memcpy(stream.bytes + stream.count - 8, &sum, 8);
+}
+
+/* Streams with a valid checksum and one value that no store has: each kind is refused. */
+TEST(forged_values_are_refused) {
+    enum { TRIANGLES = 13, CELLS, CUTS, LEAVES, ORIGIN = 18, LENGTH = 21, AIR = 22, PATCHES = 40 };  /* words */
+    static sbl_reading readings[SITES];
+    size_t cells, leaves, places[8];
+    int i;
+    make_room(&scene);
+    stream.count = 0;
+    stream.room = STREAM;
+    REQUIRE(start() && gather(readings) == SBL_SUCCESS && sbl_save_store(context, put, NULL) == SBL_SUCCESS, "%s",
+            watch_last(&seen));
+    cells = PATCHES + word_of(TRIANGLES);
+    leaves = stream.count / 4 - 2 - 4 * (size_t)word_of(LEAVES);
+    REQUIRE(word_of(CUTS) > 0 && cells + 2 * (size_t)word_of(CELLS) + 8 * (size_t)word_of(CUTS) == leaves,
+            "the format has changed: %u cuts", word_of(CUTS));
+    places[0] = CELLS;
+    places[1] = ORIGIN + 1;
+    places[2] = LENGTH;
+    places[3] = AIR + 17;
+    places[4] = cells + 11;       /* the reference of the sixth slot */
+    places[5] = leaves - 8 + 4;   /* a side of the last cut, */
+    places[6] = leaves - 8 + 2;   /* and its normal */
+    places[7] = stream.count / 4 - 2 - 3;  /* green of the last leaf */
+    for (i = 0; i < 8; i++) {
+        const uint32_t word = word_of(places[i]);
+        forge(places[i], 0x7fc00000u);  /* NaN as a float, and too large for a reference or a count */
+        refused("a forged value", SBL_LOG_ITEM_INVALID_STORE, "damaged");
+        forge(places[i], word);
+    }
+    stream.at = 0;
+    CHECK(sbl_load_store(context, get, NULL) == SBL_SUCCESS, "%s", watch_last(&seen));
+    scene_free(&scene);
+}
+
 /* Streams with a valid checksum and wrong contents: references that are out of range or circular, and light that is not
    finite. They are refused, or give finite light. */
 TEST(forged_streams_do_no_harm) {
@@ -353,7 +401,6 @@ TEST(forged_streams_do_no_harm) {
     REQUIRE(start() && gather(readings) == SBL_SUCCESS, "%s", watch_last(&seen));
     for (i = 0; i < 60; i++) {
         size_t words;
-        uint64_t sum;
         stream.count = stream.at = 0;
         stream.room = STREAM;
         REQUIRE(sbl_save_store(context, put, NULL) == SBL_SUCCESS, "%s", watch_last(&seen));
@@ -361,11 +408,9 @@ TEST(forged_streams_do_no_harm) {
         for (k = 0; k < 4; k++) {
             uint32_t word;
             state = test_hash(state);
-            word = k == 3 ? 0x7fc00000u : state % 3 ? state : 0xffffffffu >> state % 29;  /* the first: NaN */
-            memcpy(stream.bytes + 4 * (12 + test_hash(state) % (i % 2 ? 12 : words - 12)), &word, 4);
+            word = state % 3 ? state : 0xffffffffu >> state % 29;
+            forge(12 + test_hash(state) % (i % 2 ? 12 : words - 12), word);
         }
-        sum = inside_saved_sum(stream.bytes, stream.count - 8);
-        memcpy(stream.bytes + stream.count - 8, &sum, 8);
         accepted += sbl_load_store(context, get, NULL) == SBL_SUCCESS;
         REQUIRE(gather(readings) == SBL_SUCCESS, "forgery %d: %s", i, watch_last(&seen));
         for (k = 0; k < SITES; k++)
@@ -458,6 +503,7 @@ int main(void) {
     RUN(streams_that_are_refused);
     RUN(parts_that_differ_are_named);
     RUN(coarse_light_is_told);
+    RUN(forged_values_are_refused);
     RUN(forged_streams_do_no_harm);
     RUN(progress_covers_the_store);
     RUN(pictures_of_the_store);
