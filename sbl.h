@@ -1293,7 +1293,8 @@ extern "C" {
 
    Results are listed without SBL_SUCCESS and without the prefix SBL_ERROR_. Each function also returns
    INVALID_ARGUMENT for a NULL context, and STATE if a callback calls it from which it is not allowed, or if the context
-   is headless and a GLX context is current (see ON GL STATE). Each mistake in a descriptor is logged. Functions that drop work under way keep a finished picture, unless their comment says more. */
+   is headless and a GLX context is current (see ON GL STATE). Each mistake in a descriptor is logged. Functions that
+   drop work under way keep a finished picture, unless their comment says more. */
 
 /* Creates a context.
    desc: NULL means defaults. out: receives the context, or NULL on failure.
