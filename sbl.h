@@ -487,7 +487,10 @@
    call. sbl.h cannot suspend them, and they would drop or count its own drawing.
 
    All functions that touch GL, including sbl_destroy, need the same current GL context as sbl_create. A headless
-   context is made current by sbl.h itself, which then restores the host's EGL binding instead of its GL state.
+   context is made current by sbl.h itself, which then restores the host's EGL binding instead of its GL state. EGL
+   cannot do that while a GLX context is current in the thread: calls are then refused with a message, and sbl_destroy
+   does nothing. Either make no GLX context current during calls (glXMakeCurrent(display, None, NULL)), or set
+   get_gl_function to glXGetProcAddress, so that sbl.h works in the GLX context.
 
 
    ON WINDOWS AND MACOS
@@ -651,7 +654,9 @@ typedef enum sbl_log_level { SBL_LOG_ERROR, SBL_LOG_WARNING, SBL_LOG_INFO } sbl_
     X(OUTSIDE, "triangles lie outside of a lightmap")                                     \
     X(NO_LIGHT, "nothing in the scene emits light")                                       \
     X(SCALE, "the scene is too small, too large or too far from the origin")              \
-    X(INVALID_STORE, "saved light is damaged or belongs to another scene")                \
+    X(INVALID_STORE, "saved light is damaged, or is no saved light")                      \
+    X(OTHER_STORE, "saved light belongs to another scene, version or machine")            \
+    X(COARSE_STORE, "saved light was made with fewer cells than max_bounce_cells")        \
     X(ALBEDO, "an albedo above 0.98 reflects bounced light as 0.98")                      \
     X(INFO, "information")
 
@@ -1322,8 +1327,9 @@ extern "C" {
 /* >>functions
 
    Results are listed without SBL_SUCCESS and without the prefix SBL_ERROR_. Each function also returns
-   INVALID_ARGUMENT for a NULL context, and STATE if a callback calls it from which it is not allowed. Each mistake in a
-   descriptor is logged. Functions that drop work under way keep a finished picture, unless their comment says more. */
+   INVALID_ARGUMENT for a NULL context, and STATE if a callback calls it from which it is not allowed, or if the context
+   is headless and a GLX context is current (see ON GL STATE). Each mistake in a descriptor is logged. Functions that
+   drop work under way keep a finished picture, unless their comment says more. */
 
 /* Creates a context.
    desc: NULL means defaults. out: receives the context, or NULL on failure.
@@ -1354,7 +1360,11 @@ SBL_API sbl_result sbl_set_lights(sbl_context *context, const sbl_light *lights,
 
 /* Writes the stored bounced light of the scene through put, or reads it back through get, so that a later run need not
    compute it. The scene must be the same to the bit: meshes, materials, textures, lights, sky and environment. Camera,
-   max_bounce_cells, preset and seed may differ. Loading drops work under way.
+   max_bounce_cells, preset and seed may differ; light that was made with a smaller max_bounce_cells is loaded with a
+   warning (SBL_LOG_ITEM_COARSE_STORE). The error of a load that fails has SBL_LOG_ITEM_OTHER_STORE if the data are
+   stored light of another scene, and tells which of its parts differ; it has SBL_LOG_ITEM_INVALID_STORE if the data are
+   damaged or something else, so that a host can refuse to overwrite a file that it did not write. Loading drops work
+   under way.
    put, get: called for some bytes at a time; they return the number of bytes written or read, and fewer than asked for
    are an error. user: passed to them. The format has a version and a checksum, and uses the machine's byte order.
    Results: INVALID_ARGUMENT (put or get failed; the data are damaged, or of another version, byte order or scene),
@@ -6112,6 +6122,7 @@ typedef struct sbl__store {
     sbl__leaf *leaves;
     int cut_count, cut_room, leaf_count, leaf_room;
     int max_leaves;
+    int made_for;              /* max_leaves when the light was made, which may have been in an earlier run */
     float brightest;           /* largest channel of R in any leaf */
     float air[6][3];           /* for objects that the host draws: mean R where they face +x, -x, +y, -y, +z, -z */
     sbl__table table;          /* patches, cells, cuts and leaves in one table, because texture units are few */
@@ -12012,6 +12023,7 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     else if (result == SBL_SUCCESS) {
         sbl__bounce_free_temporary(&c->device, c->bounce);
         s->ready = 1;
+        s->made_for = s->max_leaves;
     } else if (result != SBL_UNFINISHED) sbl__bounce_end(c);
     c->stats.seconds.bounce += sbl__now() - start;
     c->stats.store.cells = s->leaf_count;
@@ -12045,34 +12057,43 @@ static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__sli
    Writes a header, the store and a checksum to a stream, and reads them if they are valid and belong to the scene. */
 
 #define SBL__SAVED_NAME "sblstore"
-#define SBL__SAVED_VERSION 4u
+#define SBL__SAVED_VERSION 5u
 #define SBL__SAVED_ORDER 0x01020304u   /* tells the byte order */
 #define SBL__SAVED_SEED 0xcbf29ce484222325u
 #define SBL__SAVED_CELLS (1 << 22)     /* maximum number of slots and of cuts in a stream; leaves: half of it */
 
+/* The parts of a scene that stored light depends on. Each has its own hash, so that a message can tell which differ. */
+enum { SBL__SAVED_MESHES, SBL__SAVED_MATERIALS, SBL__SAVED_LIGHTS, SBL__SAVED_SKY, SBL__SAVED_PARTS };
+
+/* Streams of all versions begin with name, version and order. */
 typedef struct sbl__saved {
     char name[8];
     uint32_t version, order;
-    uint64_t scene;                    /* hash, see sbl__saved_scene */
-    int32_t triangles, cells, cuts, leaves;
+    uint64_t parts[SBL__SAVED_PARTS];  /* hashes of the scene, see sbl__saved_scene */
+    int32_t made_for;                  /* sbl__store.made_for */
+    int32_t triangles, cells, cuts, leaves, unused;
 } sbl__saved;
 
-/* Returns a hash of everything that stored light depends on. */
-static uint64_t sbl__saved_scene(const sbl__scene *s) {
+/* Hashes everything that stored light depends on, part by part. */
+static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PARTS]) {
     const sbl__geometry *g = &s->geometry;
     const sbl__environment *e = &s->environment;
-    uint64_t hash = sbl__hash_bytes(SBL__SAVED_SEED, &s->textures.hash, sizeof s->textures.hash);
+    uint64_t *meshes = &parts[SBL__SAVED_MESHES], *materials = &parts[SBL__SAVED_MATERIALS];
+    uint64_t *sky = &parts[SBL__SAVED_SKY];
+    const uint64_t seed = SBL__SAVED_SEED;
     int i;
-    hash = sbl__hash_bytes(hash, g->vertices, (size_t)g->vertex_count * sizeof *g->vertices);
-    hash = sbl__hash_bytes(hash, g->attributes, (size_t)g->vertex_count * sizeof *g->attributes);
-    hash = sbl__hash_bytes(hash, g->indices, 3 * (size_t)g->triangle_count * sizeof *g->indices);
-    for (i = 0; i < g->mesh_count; i++) hash = sbl__hash_bytes(hash, &g->objects[i], offsetof(sbl__object, id));
-    hash = sbl__hash_bytes(hash, s->lights.list, (size_t)s->lights.count * sizeof *s->lights.list);
-    hash = sbl__hash_bytes(hash, e->sky, sizeof e->sky);
-    hash = sbl__hash_bytes(hash, e->axes, sizeof e->axes);
-    if (s->draw) hash = sbl__hash_bytes(hash, s->draw_bounds, sizeof s->draw_bounds);
-    if (e->pixels) hash = sbl__hash_bytes(hash, e->pixels, 4 * sizeof(float) * (size_t)e->width * (size_t)e->height);
-    return hash;
+    *meshes = sbl__hash_bytes(seed, g->vertices, (size_t)g->vertex_count * sizeof *g->vertices);
+    *meshes = sbl__hash_bytes(*meshes, g->attributes, (size_t)g->vertex_count * sizeof *g->attributes);
+    *meshes = sbl__hash_bytes(*meshes, g->indices, 3 * (size_t)g->triangle_count * sizeof *g->indices);
+    if (s->draw) *meshes = sbl__hash_bytes(*meshes, s->draw_bounds, sizeof s->draw_bounds);
+    *materials = sbl__hash_bytes(seed, &s->textures.hash, sizeof s->textures.hash);
+    for (i = 0; i < g->mesh_count; i++)
+        *materials = sbl__hash_bytes(*materials, &g->objects[i], offsetof(sbl__object, id));
+    parts[SBL__SAVED_LIGHTS] = sbl__hash_bytes(seed, s->lights.list,
+                                               (size_t)s->lights.count * sizeof *s->lights.list);
+    *sky = sbl__hash_bytes(seed, e->sky, sizeof e->sky);
+    *sky = sbl__hash_bytes(*sky, e->axes, sizeof e->axes);
+    if (e->pixels) *sky = sbl__hash_bytes(*sky, e->pixels, 4 * sizeof(float) * (size_t)e->width * (size_t)e->height);
 }
 
 /* A stream that the host reads (get) or writes (put); the other function is NULL. */
@@ -12108,7 +12129,8 @@ static int sbl__saved_write(sbl__scene *s, sbl_write_function put, void *user) {
     memcpy(header.name, SBL__SAVED_NAME, sizeof header.name);
     header.version = SBL__SAVED_VERSION;
     header.order = SBL__SAVED_ORDER;
-    header.scene = sbl__saved_scene(s);
+    sbl__saved_scene(s, header.parts);
+    header.made_for = s->store.made_for;
     header.triangles = s->geometry.triangle_count;
     header.cells = s->store.cell_room;
     header.cuts = s->store.cut_count;
@@ -12118,17 +12140,55 @@ static int sbl__saved_write(sbl__scene *s, sbl_write_function put, void *user) {
            sbl__saved_transfer(&stream, &stream.sum, sizeof stream.sum);
 }
 
-/* Returns what is wrong with a header, or NULL if it belongs to this scene and this version. */
-static const char *sbl__saved_check(const sbl__saved *header, const sbl__scene *s) {
-    const int32_t most = SBL__SAVED_CELLS, cells = header->cells;
-    if (memcmp(header->name, SBL__SAVED_NAME, sizeof header->name)) return "it is not stored light of sbl.h";
-    if (header->order != SBL__SAVED_ORDER) return "it was written on a machine with another byte order";
-    if (header->version != SBL__SAVED_VERSION) return "it was written by another version of sbl.h";
-    if (header->scene != sbl__saved_scene(s) || header->triangles != s->geometry.triangle_count)
-        return "it belongs to another scene";
-    if (cells < 1 || cells > most || (cells & (cells - 1)) || header->cuts < 0 || header->cuts > most ||
-        header->leaves < 0 || header->leaves > most / 2) return "it is damaged";
-    return NULL;
+/* What is wrong with a stream. why: the words, or "" if nothing is wrong. item: the log item of the message */
+typedef struct sbl__saved_fault { char why[128]; sbl_log_item item; } sbl__saved_fault;
+
+/* Notes what is wrong with a stream. */
+static void sbl__saved_refuse(sbl__saved_fault *fault, sbl_log_item item, const char *why) {
+    snprintf(fault->why, sizeof fault->why, "%s", why);
+    fault->item = item;
+}
+
+/* Checks that a header belongs to this scene. Otherwise the fault names the parts of the scene that differ. */
+static void sbl__saved_compare(const sbl__saved *header, const sbl__scene *s, sbl__saved_fault *fault) {
+    static const char *const words[SBL__SAVED_PARTS] = { "other meshes", "other materials or textures", "other lights",
+                                                         "another sky" };
+    uint64_t parts[SBL__SAVED_PARTS];
+    int i, differ = 0, named = 0;
+    size_t length = 0;
+    sbl__saved_scene(s, parts);
+    if (header->triangles != s->geometry.triangle_count) parts[SBL__SAVED_MESHES] = ~header->parts[SBL__SAVED_MESHES];
+    for (i = 0; i < SBL__SAVED_PARTS; i++) differ += parts[i] != header->parts[i];
+    if (!differ) return;
+    sbl__saved_refuse(fault, SBL_LOG_ITEM_OTHER_STORE, "it was stored for a scene with ");
+    for (i = 0; i < SBL__SAVED_PARTS; i++) {
+        if (parts[i] == header->parts[i]) continue;
+        length = strlen(fault->why);
+        snprintf(fault->why + length, sizeof fault->why - length, "%s%s",
+                 !named ? "" : named == differ - 1 ? " and " : ", ", words[i]);
+        named++;
+    }
+}
+
+/* Reads a header up to the part that depends on the scene, and checks it. */
+static void sbl__saved_begin(sbl__saved_stream *stream, sbl__saved *header, sbl__saved_fault *fault) {
+    const int32_t most = SBL__SAVED_CELLS;
+    int32_t cells;
+    memset(header, 0, sizeof *header);
+    if (!sbl__saved_transfer(stream, header, sizeof header->name) ||
+        memcmp(header->name, SBL__SAVED_NAME, sizeof header->name))
+        sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, "it is not stored light of sbl.h");
+    else if (!sbl__saved_transfer(stream, (char *)header + sizeof header->name, sizeof *header - sizeof header->name))
+        sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, "it ends too soon");
+    else if (header->order != SBL__SAVED_ORDER)
+        sbl__saved_refuse(fault, SBL_LOG_ITEM_OTHER_STORE, "it was written on a machine with another byte order");
+    else if (header->version != SBL__SAVED_VERSION)
+        sbl__saved_refuse(fault, SBL_LOG_ITEM_OTHER_STORE, "it was written by another version of sbl.h");
+    cells = header->cells;
+    if (!fault->why[0] && (cells < 1 || cells > most || (cells & (cells - 1)) || header->cuts < 0 ||
+                           header->cuts > most || header->leaves < 0 || header->leaves > most / 2 ||
+                           header->triangles < 0 || header->made_for < 1))
+        sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, "it is damaged");
 }
 
 /* Returns 1 if a reference leads to a leaf or cut that exists. The sides of cut number `from` may only lead to later
@@ -12154,53 +12214,83 @@ static int sbl__saved_valid(const sbl__store *s) {
     return 1;
 }
 
-/* Reads a store into s, which is empty. *why: receives what is wrong with the data. */
+/* Reads the checksum at the end of a stream. Returns what is wrong with the stream, or NULL. */
+static const char *sbl__saved_end(sbl__saved_stream *stream) {
+    const uint64_t sum = stream->sum;
+    uint64_t end;
+    if (!sbl__saved_transfer(stream, &end, sizeof end)) return "it ends too soon";
+    return end == sum ? NULL : "it is damaged";
+}
+
+/* Reads what follows the header of another scene's stream, without keeping it. Returns what is wrong with the stream,
+   or NULL. */
+static const char *sbl__saved_skip(sbl__saved_stream *stream, const sbl__saved *header) {
+    uint64_t left = sizeof ((sbl__store *)0)->origin + sizeof ((sbl__store *)0)->length +
+                    sizeof ((sbl__store *)0)->air + (uint64_t)header->triangles * sizeof(uint32_t) +
+                    (uint64_t)header->cells * sizeof(sbl__cell_slot) + (uint64_t)header->cuts * sizeof(sbl__cut) +
+                    (uint64_t)header->leaves * sizeof(sbl__leaf);
+    uint32_t block[1024];
+    while (left) {
+        const size_t bytes = left < sizeof block ? (size_t)left : sizeof block;
+        if (!sbl__saved_transfer(stream, block, bytes)) return "it ends too soon";
+        left -= bytes;
+    }
+    return sbl__saved_end(stream);
+}
+
+/* Reads a store into s, which is empty. */
 static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene, sbl__store *s, sbl_read_function get,
-                                  void *user, const char **why) {
+                                  void *user, sbl__saved_fault *fault) {
     sbl__saved_stream stream = { get, NULL, user, SBL__SAVED_SEED };
     sbl__saved header;
-    uint64_t sum, end;
-    *why = sbl__saved_transfer(&stream, &header, sizeof header) ? sbl__saved_check(&header, scene)
-                                                                : "it ends too soon";
-    if (*why) return SBL_ERROR_INVALID_ARGUMENT;
-    s->patches = (uint32_t *)sbl__alloc(d->base, (size_t)header.triangles, sizeof *s->patches);
-    s->cells = (sbl__cell_slot *)sbl__alloc(d->base, (size_t)header.cells, sizeof *s->cells);
-    s->cuts = (sbl__cut *)sbl__alloc(d->base, (size_t)header.cuts, sizeof *s->cuts);
-    s->leaves = (sbl__leaf *)sbl__alloc(d->base, (size_t)header.leaves, sizeof *s->leaves);
-    if (!s->patches || !s->cells || !s->cuts || !s->leaves) return SBL_ERROR_OUT_OF_MEMORY;
-    s->cell_room = header.cells;
-    s->cut_count = s->cut_room = header.cuts;
-    s->leaf_count = s->leaf_room = header.leaves;
-    *why = "it ends too soon";
-    if (!sbl__saved_store(&stream, s, header.triangles)) return SBL_ERROR_INVALID_ARGUMENT;
-    sum = stream.sum;
-    if (!sbl__saved_transfer(&stream, &end, sizeof end)) return SBL_ERROR_INVALID_ARGUMENT;
-    *why = end == sum && sbl__saved_valid(s) ? NULL : "it is damaged";
-    return *why ? SBL_ERROR_INVALID_ARGUMENT : SBL_SUCCESS;
+    const char *why = NULL;
+    sbl__saved_begin(&stream, &header, fault);
+    if (fault->why[0]) return SBL_ERROR_INVALID_ARGUMENT;
+    sbl__saved_compare(&header, scene, fault);
+    if (fault->why[0]) why = sbl__saved_skip(&stream, &header);
+    else {
+        s->patches = (uint32_t *)sbl__alloc(d->base, (size_t)header.triangles, sizeof *s->patches);
+        s->cells = (sbl__cell_slot *)sbl__alloc(d->base, (size_t)header.cells, sizeof *s->cells);
+        s->cuts = (sbl__cut *)sbl__alloc(d->base, (size_t)header.cuts, sizeof *s->cuts);
+        s->leaves = (sbl__leaf *)sbl__alloc(d->base, (size_t)header.leaves, sizeof *s->leaves);
+        if (!s->patches || !s->cells || !s->cuts || !s->leaves) return SBL_ERROR_OUT_OF_MEMORY;
+        s->made_for = header.made_for;
+        s->cell_room = header.cells;
+        s->cut_count = s->cut_room = header.cuts;
+        s->leaf_count = s->leaf_room = header.leaves;
+        why = sbl__saved_store(&stream, s, header.triangles) ? sbl__saved_end(&stream) : "it ends too soon";
+        if (!why && !sbl__saved_valid(s)) why = "it is damaged";
+    }
+    if (why) sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, why);
+    return fault->why[0] ? SBL_ERROR_INVALID_ARGUMENT : SBL_SUCCESS;
 }
 
 /* Replaces the scene's store with a store from a stream. On failure the scene keeps its store. */
 static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *user) {
     sbl__scene *scene = &c->scene;
     const sbl__geometry *g = &scene->geometry;
-    const char *why = NULL;
+    sbl__saved_fault fault;
     sbl__store s;
     sbl_result result;
+    memset(&fault, 0, sizeof fault);
     memset(&s, 0, sizeof s);
     s.max_leaves = scene->store.max_leaves;
-    result = sbl__saved_read(&c->device, scene, &s, get, user, &why);
+    result = sbl__saved_read(&c->device, scene, &s, get, user, &fault);
     if (result == SBL_SUCCESS && !g->wide && g->triangle_count / 4 + 1 + s.cell_room / 2 + 2 * s.cut_count +
                                              s.leaf_count > c->device.gl.capabilities.max_texture_buffer_size) {
-        why = "it is larger than this driver's tables";
+        sbl__saved_refuse(&fault, SBL_LOG_ITEM_OTHER_STORE, "it is larger than this driver's tables");
         result = SBL_ERROR_UNSUPPORTED;
     }
-    if (why) sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_STORE, "sbl_load_store: %s", why);
+    if (fault.why[0]) sbl__log(&c->base, SBL_LOG_ERROR, fault.item, "sbl_load_store: %s", fault.why);
     c->device.gl.doing = "storing bounced light";
     if (result == SBL_SUCCESS) result = sbl__store_send(&c->device, &s, g);
     if (result != SBL_SUCCESS) {
         sbl__store_free(&c->device, &s);
         return result;
     }
+    if (s.made_for < s.max_leaves)
+        sbl__log(&c->base, SBL_LOG_WARNING, SBL_LOG_ITEM_COARSE_STORE, "sbl_load_store: it was made with at most %d "
+                 "cells, and this scene may have %d, which would be finer", s.made_for, s.max_leaves);
     sbl__bounce_end(c);
     sbl__store_free(&c->device, &scene->store);
     scene->store = s;
@@ -16871,7 +16961,11 @@ static sbl_result sbl__trial(sbl__core *c) {
 
 /* ======================================================================================================== >>egl
    Creates a headless GL context if the host defines SBL_EGL and gives no GL loader, and makes it current while the
-   library works. Without SBL_EGL, the host must have a GL context. */
+   library works. Without SBL_EGL, the host must have a GL context.
+
+   A thread has one current GL context, whichever interface made it current. If GLX did, eglMakeCurrent fails with
+   EGL_BAD_ACCESS, and all GL calls would go to the context of GLX. EGL can neither see nor release that context, so
+   calls of the host are refused then. */
 
 #ifdef SBL_EGL
 
@@ -16892,26 +16986,45 @@ static void sbl__egl_destroy(sbl__egl *e) {
     memset(e, 0, sizeof *e);
 }
 
+/* Returns the error of an EGL function that has failed. Some drivers set none. */
+static EGLint sbl__egl_error(void) {
+    const EGLint error = eglGetError();
+    return error == EGL_SUCCESS ? EGL_NOT_INITIALIZED : error;
+}
+
+/* Logs that the library's own context cannot be made current, and returns the result for the host. */
+static sbl_result sbl__egl_refuse(const sbl__base *base, const char *function) {
+    sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_NO_GL, "%s: the headless context cannot be made current, because a GL "
+             "context of another interface, such as GLX, is current in this thread; release that one before "
+             "(glXMakeCurrent(display, None, NULL)), or set get_gl_function in sbl_context_desc (glXGetProcAddress), "
+             "so that sbl.h works in it", function);
+    return SBL_ERROR_STATE;
+}
+
 /* Tries to create a context on a display and to make it current. pbuffer: 1 if its surface is a pbuffer, 0 if it has no
-   surface. Returns 1 on success. */
-static int sbl__egl_try(sbl__egl *e, EGLDisplay display, int pbuffer) {
+   surface. *taken: becomes 1 if a context of another interface is current. Returns EGL_SUCCESS or an error. */
+static EGLint sbl__egl_try(sbl__egl *e, EGLDisplay display, int pbuffer, int *taken) {
     static const EGLint context_attributes[] = { EGL_CONTEXT_MAJOR_VERSION, 3, EGL_CONTEXT_MINOR_VERSION, 3,
                                                  EGL_CONTEXT_OPENGL_PROFILE_MASK,
                                                  EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT, EGL_NONE };
     static const EGLint surface_attributes[] = { EGL_WIDTH, 16, EGL_HEIGHT, 16, EGL_NONE };
     EGLint config_attributes[] = { EGL_SURFACE_TYPE, 0, EGL_RENDERABLE_TYPE, EGL_OPENGL_BIT, EGL_NONE };
     EGLConfig config = NULL;
-    EGLint count = 0;
-    if (display == EGL_NO_DISPLAY || !eglInitialize(display, NULL, NULL) || !eglBindAPI(EGL_OPENGL_API)) return 0;
+    EGLint count = 0, error;
+    if (display == EGL_NO_DISPLAY || !eglInitialize(display, NULL, NULL) || !eglBindAPI(EGL_OPENGL_API))
+        return sbl__egl_error();
     config_attributes[1] = pbuffer ? EGL_PBUFFER_BIT : 0;
-    if (!eglChooseConfig(display, config_attributes, &config, 1, &count) || count < 1) return 0;
+    if (!eglChooseConfig(display, config_attributes, &config, 1, &count) || count < 1) return sbl__egl_error();
     e->context = eglCreateContext(display, config, EGL_NO_CONTEXT, context_attributes);
-    if (e->context == EGL_NO_CONTEXT) return 0;
+    if (e->context == EGL_NO_CONTEXT) return sbl__egl_error();
     e->display = display;
     e->draw = e->read = pbuffer ? eglCreatePbufferSurface(display, config, surface_attributes) : EGL_NO_SURFACE;
-    if (pbuffer == (e->draw != EGL_NO_SURFACE) && eglMakeCurrent(display, e->draw, e->read, e->context)) return 1;
+    if (pbuffer == (e->draw != EGL_NO_SURFACE) && eglMakeCurrent(display, e->draw, e->read, e->context))
+        return EGL_SUCCESS;
+    error = sbl__egl_error();
+    *taken |= error == EGL_BAD_ACCESS;
     sbl__egl_destroy(e);
-    return 0;
+    return error;
 }
 
 static sbl__egl sbl__egl_current(void) {
@@ -16931,31 +17044,36 @@ static sbl_result sbl__egl_open(sbl__egl *e, const sbl__base *base, sbl__egl *b,
     const char *extensions = eglQueryString(EGL_NO_DISPLAY, EGL_EXTENSIONS);
     const int platforms = get_display && extensions;
     EGLDeviceEXT devices[16];
-    EGLint count = 0, i;
-    int made = 0;
+    EGLint count = 0, i, error = EGL_NOT_INITIALIZED;
+    int taken = 0;
     *b = sbl__egl_current();
     desc->get_gl_function = sbl__egl_function;
     if (platforms && strstr(extensions, "EGL_MESA_platform_surfaceless"))
-        made = sbl__egl_try(e, get_display(EGL_PLATFORM_SURFACELESS_MESA, EGL_DEFAULT_DISPLAY, NULL), 0);
-    if (!made && platforms && query_devices && strstr(extensions, "EGL_EXT_platform_device") &&
+        error = sbl__egl_try(e, get_display(EGL_PLATFORM_SURFACELESS_MESA, EGL_DEFAULT_DISPLAY, NULL), 0, &taken);
+    if (error != EGL_SUCCESS && platforms && query_devices && strstr(extensions, "EGL_EXT_platform_device") &&
         query_devices(16, devices, &count))
-        for (i = 0; i < count && !made; i++)
-            made = sbl__egl_try(e, get_display(EGL_PLATFORM_DEVICE_EXT, devices[i], NULL), 0);
-    if (made || sbl__egl_try(e, eglGetDisplay(EGL_DEFAULT_DISPLAY), 1)) return SBL_SUCCESS;
+        for (i = 0; i < count && error != EGL_SUCCESS; i++)
+            error = sbl__egl_try(e, get_display(EGL_PLATFORM_DEVICE_EXT, devices[i], NULL), 0, &taken);
+    if (error != EGL_SUCCESS) error = sbl__egl_try(e, eglGetDisplay(EGL_DEFAULT_DISPLAY), 1, &taken);
+    if (error == EGL_SUCCESS) return SBL_SUCCESS;
+    if (taken) return sbl__egl_refuse(base, "sbl_create");
     sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_NO_GL, "no headless OpenGL 3.3 context could be created (tried the "
              "surfaceless platform, all devices and a pbuffer; EGL error 0x%04x); install a GL driver such as Mesa's, "
-             "or set get_gl_function in sbl_context_desc", (unsigned)eglGetError());
+             "or set get_gl_function in sbl_context_desc", (unsigned)error);
     return SBL_ERROR_UNSUPPORTED;
 }
 
 /* Makes the library's own context current, if there is one and it is not current already. *b: receives the host's EGL
-   state if it changes, otherwise zeroes */
-static void sbl__egl_enter(const sbl__egl *e, sbl__egl *b) {
+   state if it changes, otherwise zeroes. Returns 0 if the context cannot be made current. */
+static int sbl__egl_enter(const sbl__egl *e, sbl__egl *b) {
     memset(b, 0, sizeof *b);
-    if (e->context == EGL_NO_CONTEXT || eglGetCurrentContext() == e->context) return;
+    if (e->context == EGL_NO_CONTEXT || eglGetCurrentContext() == e->context) return 1;
     *b = sbl__egl_current();
     eglBindAPI(EGL_OPENGL_API);
-    eglMakeCurrent(e->display, e->draw, e->read, e->context);
+    if (eglMakeCurrent(e->display, e->draw, e->read, e->context)) return 1;
+    eglBindAPI(b->api);
+    memset(b, 0, sizeof *b);
+    return 0;
 }
 
 /* Restores the host's EGL state if it was saved. */
@@ -16964,6 +17082,17 @@ static void sbl__egl_leave(const sbl__egl *e, const sbl__egl *b) {
     if (e->display != EGL_NO_DISPLAY) eglMakeCurrent(e->display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
     eglBindAPI(b->api);
     if (b->context != EGL_NO_CONTEXT) eglMakeCurrent(b->display, b->draw, b->read, b->context);
+}
+
+/* Returns whether the library's own context, if there is one, can be made current. If another context of EGL is
+   current, it can. */
+static int sbl__egl_ready(const sbl__egl *e) {
+    sbl__egl before;
+    int ready;
+    if (e->context == EGL_NO_CONTEXT || eglGetCurrentContext() != EGL_NO_CONTEXT) return 1;
+    ready = sbl__egl_enter(e, &before);
+    sbl__egl_leave(e, &before);
+    return ready;
 }
 
 #else  /* without SBL_EGL */
@@ -16977,7 +17106,13 @@ static sbl_result sbl__egl_open(sbl__egl *e, const sbl__base *base, sbl__egl *b,
     return SBL_ERROR_INVALID_ARGUMENT;
 }
 
-static void sbl__egl_enter(const sbl__egl *e, sbl__egl *b) { (void)e; (void)b; }
+static sbl_result sbl__egl_refuse(const sbl__base *base, const char *function) {
+    (void)base; (void)function;
+    return SBL_ERROR_STATE;
+}
+
+static int sbl__egl_ready(const sbl__egl *e) { (void)e; return 1; }
+static int sbl__egl_enter(const sbl__egl *e, sbl__egl *b) { (void)e; (void)b; return 1; }
 static void sbl__egl_leave(const sbl__egl *e, const sbl__egl *b) { (void)e; (void)b; }
 static void sbl__egl_destroy(sbl__egl *e) { (void)e; }
 
@@ -17040,7 +17175,7 @@ static sbl_result sbl__refuse(const sbl_context *c, sbl_log_item item, const cha
 }
 
 /* Checks that a public function may be called: the context exists; it is not called by a callback, except as far as
-   `most` allows (see sbl__inside); and, if scene is 1, there is a scene. */
+   `most` allows (see sbl__inside); its own GL context can be made current; and, if scene is 1, there is a scene. */
 static sbl_result sbl__may_call(sbl_context *c, const char *function, sbl__inside most, int scene) {
     sbl__inside inside;
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
@@ -17053,6 +17188,7 @@ static sbl_result sbl__may_call(sbl_context *c, const char *function, sbl__insid
         c->inside = inside;
         return SBL_ERROR_STATE;
     }
+    if (!sbl__egl_ready(&c->egl)) return sbl__egl_refuse(&c->core.base, function);
     if (!scene || c->core.has_scene) return SBL_SUCCESS;
     return sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "there is no scene yet; call sbl_set_scene first");
 }

@@ -51,7 +51,7 @@ static int parse(int argc, char **argv) {
 
 /* Reads a .pfm of picture_file.h, whose first row is the lowest. In the result the first row is the highest. */
 static int read_pfm(const char *path, image *picture) {
-    FILE *in = fopen(path, "rb");
+    FILE *in = input_open(path);
     char line[4] = "";
     double scale = 0;
     int y, ok = in && fgets(line, 4, in) && strcmp(line, "PF\n") == 0 &&

@@ -616,6 +616,8 @@ static int bake_vertices(const tool_task *task, double *seconds) {
 
 typedef struct probes { sbl_probe *all; float *positions; int count; } probes;
 
+static probes listed;  /* the positions of the file of --probes */
+
 /* Reads three numbers, separated by blanks or a comma. Returns 1; 0 if the line is empty or a comment; -1 if it is
    anything else. */
 static int read_position(char *line, float out[3]) {
@@ -632,12 +634,14 @@ static int read_position(char *line, float out[3]) {
     return *at ? -1 : 1;
 }
 
-/* Reads the file of positions. Returns the exit status. */
-static int read_positions(probes *p) {
-    FILE *in = fopen(options.positions, "r");
+/* Reads the file of positions, if there is one. Returns the exit status. */
+static int read_positions(void) {
+    probes *p = &listed;
+    FILE *in = options.positions ? input_open(options.positions) : NULL;
     char line[512];
     int room = 0, number = 0, status = DONE;
-    if (!in) return fail("%s: cannot be read: %s", options.positions, strerror(errno));
+    if (!options.positions) return DONE;
+    if (!in) return fail("%s: cannot be read: %s", options.positions, scene__why());
     while (status == DONE && fgets(line, sizeof line, in)) {
         float position[3];
         const int kind = read_position(line, position);
@@ -698,10 +702,9 @@ static int write_probes(FILE *out, const void *what) {
 static int bake_probes(const tool_task *task, double *seconds) {
     progress bar = { !given[QUIET] && isatty(STDERR_FILENO), now(), 0 };
     sbl_probes_desc desc;
-    probes p = { NULL, NULL, 0 };
+    probes p = listed;
     sbl_result result = SBL_SUCCESS;
-    int status = options.positions ? read_positions(&p) : DONE, k, valid = 0;
-    if (status != DONE) { free(p.positions); return status; }
+    int status = DONE, k, valid = 0;
     memset(&desc, 0, sizeof desc);
     if (!options.positions) p.count = options.grid[0] * options.grid[1] * options.grid[2];
     for (k = 0; k < 3 && !options.positions; k++) desc.grid[k] = options.grid[k];
@@ -724,7 +727,6 @@ static int bake_probes(const tool_task *task, double *seconds) {
     if (status == DONE && bar.shown)
         fprintf(stderr, "%s: %d probes, %d valid, %.1f s\n", common.output, p.count, valid, *seconds);
     free(p.all);
-    free(p.positions);
     return status;
 }
 
@@ -738,11 +740,13 @@ int main(int argc, char **argv) {
     if (given[VERSION]) { printf("sbl_bake %s\n", sbl_version()); return fflush(stdout) == 0 ? DONE : FAILED; }
     catch_signals();
     status = given[LIGHTMAP] ? find_files() : find_file();
+    if (status == DONE) status = read_positions();
     if (status == DONE)
         status = given[LIGHTMAP]   ? tool_run(start, given, bake_lightmap, find_more_files)
                : given[VERTICES]   ? tool_run(start, given, bake_vertices, find_vertex_files)
                                    : tool_run(start, given, bake_probes, NULL);
     targets_free();
+    free(listed.positions);
     for (i = 0; i < TARGETS_MOST; i++) free(paths[i]);
     return status;
 }

@@ -71,7 +71,7 @@ static void scene__child(const scene__task *task) {
     kept[1] = file->own_handle = open("/proc/self/statm", O_RDONLY);
     kept[2] = handle = scene__open_regular(NULL, task->path);
     if (handle < 0) {
-        scene__fail(file, "%s", strerror(errno));
+        scene__fail(file, "%s", scene__why());
         _exit(0);
     }
     file->own_at_start = scene__own_memory(file);

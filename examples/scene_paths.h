@@ -9,6 +9,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <stdlib.h>
+#include <string.h>
 #include <strings.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -64,6 +65,11 @@ static int scene__open_regular(const scene__folders *folders, const char *path) 
     close(found);
     errno = error;
     return handle;
+}
+
+/* Returns why a file could not be opened or read. */
+static const char *scene__why(void) {
+    return errno == EINVAL ? "it is a pipe or a device, not a file" : strerror(errno);
 }
 
 /* Sets the error for a file that was refused. */

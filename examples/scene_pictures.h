@@ -181,7 +181,7 @@ static const char *scene__read_picture(const scene__pictures *p, const char *nam
     if (p->embedded(p->scene, name, &inside)) {
         if (inside.height) return scene__convert_texels(p->file, &inside, out);
     } else {
-        if (!scene__slurp_picture(p, name, &bytes)) return strerror(errno);
+        if (!scene__slurp_picture(p, name, &bytes)) return scene__why();
         inside.data = bytes.data;
         inside.size = bytes.size;
     }

@@ -97,13 +97,20 @@ typedef struct messages {
     int errors;
     char warnings[8][512];
     int warnings_kept;
+    char store[256];              /* what sbl_load_store has said, and its item; see load_store in tool_scene.h */
+    sbl_log_item store_item;
     const scene_file *file;
 } messages;
 
 static void on_log(sbl_log_level level, sbl_log_item item, const char *message, void *user) {
     messages *m = (messages *)user;
     int mesh;
-    (void)item;
+    if (item == SBL_LOG_ITEM_INVALID_STORE || item == SBL_LOG_ITEM_OTHER_STORE || item == SBL_LOG_ITEM_COARSE_STORE) {
+        const char *words = strstr(message, ": ");  /* behind the name of the function */
+        snprintf(m->store, sizeof m->store, "%.250s", words ? words + 2 : message);
+        m->store_item = item;
+        return;
+    }
     if (level == SBL_LOG_ERROR && m->errors++ == 0) {
         if (m->file && sscanf(message, "mesh %d:", &mesh) == 1 && mesh >= 0 && mesh < m->file->scene.mesh_count)
             snprintf(m->error, sizeof m->error, "%.500s (mesh %d is \"%.100s\")", message, mesh, m->file->names[mesh]);
@@ -190,6 +197,15 @@ static void on_confined(const char *path, const char *message, void *user) {
     tell("%s: protection of the process that read it: %s", path, message);
 }
 
+/* ---- files ---- */
+
+/* Opens a regular file for reading, and never waits for a pipe or a device. Returns NULL and sets errno on failure. */
+static inline FILE *input_open(const char *name) {
+    const int handle = scene__open_regular(NULL, name);
+    FILE *in = handle < 0 ? NULL : fdopen(handle, "rb");
+    if (handle >= 0 && !in) close(handle);
+    return in;
+}
 
 static size_t put_bytes(const void *data, size_t bytes, void *user) { return fwrite(data, 1, bytes, (FILE *)user); }
 static size_t get_bytes(void *data, size_t bytes, void *user) { return fread(data, 1, bytes, (FILE *)user); }

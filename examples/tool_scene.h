@@ -26,8 +26,8 @@ static const sbl_preset presets[] = { SBL_PRESET_DRAFT, SBL_PRESET_DEFAULT, SBL_
 
 enum {
     SKY, SKY_ROTATION, SKY_SCALE, SKY_UP, MODE, PRESET, BACKEND, RAYS, MAX_BOUNCE_CELLS, EPSILON, SENSOR_SIZE, TILE,
-    THRESHOLD, FILTER_RADIUS, SEED, STATS, ALLOW_PATH, MEMORY, READ_TIME, STORE, QUIET, VERBOSE, HELP, VERSION,
-    COMMON_OPTIONS
+    THRESHOLD, FILTER_RADIUS, SEED, STATS, ALLOW_PATH, MEMORY, READ_TIME, STORE, STORE_REPLACE, QUIET, VERBOSE, HELP,
+    VERSION, COMMON_OPTIONS
 };
 
 #define COMMON_ROWS \
@@ -83,9 +83,18 @@ enum {
     [SEED]          = { "--seed", "N", INTEGERS, &common.seed, 1, 0, INT_MAX, \
                         "changes the rotations of the sensors, and so the noise; default 0", NULL, NULL }, \
     [STORE]         = { "--store", "FILE", TEXT, &common.store, 0, 0, 0, \
-                        "loads the bounced light from FILE if it was stored for this scene and its lights and sky; " \
-                            "otherwise\n" \
-                        "computes it and replaces FILE; mode gi only", NULL, NULL }, \
+                        "loads the bounced light from FILE; if FILE does not exist or is empty, computes the light " \
+                            "and writes it\n" \
+                        "there. Light of another scene, or of this scene with other materials, lights or sky, is " \
+                            "refused. Light\n" \
+                        "that was made with a smaller --max-bounce-cells is used, with a warning; mode gi only", \
+                        NULL, NULL }, \
+    [STORE_REPLACE] = { "--store-replace", NULL, FLAG, NULL, 0, 0, 0, \
+                        "with --store: where FILE holds light of another scene, or light that was made with a " \
+                            "smaller\n" \
+                        "--max-bounce-cells, computes the light and replaces FILE at the end. A file that holds no " \
+                            "stored light is\n" \
+                        "never replaced", NULL, NULL }, \
     [STATS]         = { "--stats", "FILE", TEXT, &common.stats, 0, 0, 0, \
                         "writes counts, times in seconds (total: from start to result) and peak memory as JSON", \
                         NULL, NULL }, \
@@ -114,6 +123,8 @@ static int common_check(const int *given) {
     if (!common.scene) return misuse("usage: " TOOL_NAME " SCENE [options]; see --help");
     if (given[STORE] && mode != SBL_MODE_GI)
         return misuse("--store needs --mode gi: other modes have no bounced light");
+    if (given[STORE_REPLACE] && !given[STORE])
+        return misuse("--store-replace needs --store FILE, the file to replace");
     if (given[EPSILON] && (mode == SBL_MODE_GI || mode == SBL_MODE_DIRECT))
         return misuse("--epsilon needs --mode ambient or paper: the other modes have no ambient factor");
     if (common.sky_picture && mode == SBL_MODE_PAPER)
@@ -200,6 +211,8 @@ static int targets_check(int checked) {
     const char *const inputs[3] = { common.scene, common.sky_picture, common.input };
     output_file input;
     int i, k, status = DONE;
+    if (common.store && targets[STORED].in_place)
+        return fail("--store %s: it is a pipe or a device, not a file; give the name of a file", common.store);
     for (k = 0; k < target_count; k++)
         for (i = k + 1; i < target_count; i++)
             if (output_same(&targets[i], &targets[k]))
@@ -305,43 +318,87 @@ static int keep_stats(const totals *all) {
     return interrupted ? stop("%s is written, %s is not", common.output, common.stats) : fail_to_write(common.stats);
 }
 
-/* ---- stored bounced light ---- */
+/* ---- the task ---- */
 
-/* Loads the file of --store. Returns 1 on success. Returns 0 if the file does not exist, or with a warning if the file
-   cannot be used; the light is then computed. */
-static int load_store(sbl_context *context, messages *said) {
-    FILE *in = common.store ? fopen(common.store, "rb") : NULL;
-    int loaded;
-    if (!in) return 0;
-    loaded = sbl_load_store(context, get_bytes, in) == SBL_SUCCESS;
-    fclose(in);
-    if (!loaded && said->warnings_kept < 8)
-        snprintf(said->warnings[said->warnings_kept++], sizeof said->warnings[0], "--store %.200s: %.250s; it is "
-                 "computed again", common.store,
-                 strncmp(said->error, "sbl_load_store: ", 16) ? said->error : said->error + 16);
-    said->errors = 0;
-    return loaded;
+typedef struct tool_task {
+    const scene_file *file;
+    const sbl_scene_desc *scene;  /* the file with the sky of the options */
+    sbl_context *context;         /* its scene is set */
+    messages *said;
+    double start, load;           /* time when the tool started; seconds spent reading the files */
+} tool_task;
+
+/* Sets the scene. Returns the exit status. */
+static int set_scene(const tool_task *task) {
+    const sbl_result result = sbl_set_scene(task->context, task->scene);
+    return result == SBL_SUCCESS ? DONE : fail_with(task->said, common.scene, result);
 }
 
-/* Writes the file of --store. Returns the exit status. */
-static int keep_store(sbl_context *context) {
-    FILE *out = output_open(&targets[STORED]);
+/* ---- stored bounced light ---- */
+
+/* The file of --store as it was before the work. All fields are 0 if it did not exist. */
+static struct stat store_before;
+
+/* Loads the file of --store, or decides that the light is to be computed and written there; *make receives 1 then. The
+   rule is that no file is lost: what this program has not written is never replaced, and light of another scene only
+   with --store-replace. Returns the exit status. */
+static int load_store(const tool_task *task, const int *given, int *make) {
+    messages *said = task->said;
+    const char *name = common.store;
+    FILE *in = name ? input_open(name) : NULL;
+    sbl_result result;
+    *make = 0;
+    if (!name) return DONE;
+    if (!in && errno != ENOENT)
+        return fail("--store %s: it cannot be read: %s; give the name of a file that can", name, scene__why());
+    if (in) fstat(fileno(in), &store_before);
+    *make = store_before.st_size == 0;
+    if (*make) {
+        if (in) fclose(in);
+        return DONE;
+    }
+    said->store_item = SBL_LOG_ITEM_OK;
+    result = sbl_load_store(task->context, get_bytes, in);
+    if (ferror(in)) said->store_item = SBL_LOG_ITEM_INVALID_STORE;
+    fclose(in);
+    *make = given[STORE_REPLACE] && said->store_item != SBL_LOG_ITEM_OK;
+    if (said->store_item == SBL_LOG_ITEM_INVALID_STORE)
+        return fail("--store %s: %s; such a file is never replaced: give another FILE, or remove it", name,
+                    said->store);
+    if (result != SBL_SUCCESS && said->store_item != SBL_LOG_ITEM_OTHER_STORE) return fail_with(said, name, result);
+    if (*make) {
+        if (!given[QUIET]) tell("--store %s: %s; new light will replace it", name, said->store);
+        /* drops what was loaded */
+        return result == SBL_SUCCESS ? set_scene(task) : DONE;
+    }
+    if (result != SBL_SUCCESS)
+        return fail("--store %s: %s; --store-replace replaces it, another FILE keeps it", name, said->store);
+    if (said->store_item && !given[QUIET])
+        warn("--store %s: %s; it is used as it is; --store-replace makes it anew", name, said->store);
+    return DONE;
+}
+
+/* Writes the file of --store, unless another program has written it since the work began. Returns the exit status. */
+static int keep_store(const tool_task *task, const int *given) {
+    output_file *target = &targets[STORED];
+    struct stat info;
+    FILE *out;
+    if (stat(target->path, &info) != 0) memset(&info, 0, sizeof info);
+    if (info.st_size && (info.st_dev != store_before.st_dev || info.st_ino != store_before.st_ino ||
+                         info.st_size != store_before.st_size || info.st_mtime != store_before.st_mtime)) {
+        if (!given[QUIET]) warn("--store %s: another program has written it meanwhile; it is kept", common.store);
+        return DONE;
+    }
+    out = output_open(target);
     errno = 0;
-    if (out && output_close(&targets[STORED], out, sbl_save_store(context, put_bytes, out) == SBL_SUCCESS,
-        &interrupted))
+    if (out && output_close(target, out, sbl_save_store(task->context, put_bytes, out) == SBL_SUCCESS, &interrupted))
         return DONE;
     return interrupted ? stop("%s is written, %s is not", common.output, common.store) : fail_to_write(common.store);
 }
 
 
-/* ---- the whole tool ---- */
 
-typedef struct tool_task {
-    const scene_file *file;
-    sbl_context *context;   /* its scene is set */
-    messages *said;
-    double start, load;     /* time when the tool started; seconds spent reading the files */
-} tool_task;
+/* ---- the whole tool ---- */
 
 /* Does the tool's own work. seconds: receives the time from the start to the result, for the statistics. Returns the
    exit status. */
@@ -350,15 +407,15 @@ typedef int (*tool_worker)(const tool_task *task, double *seconds);
 static int tool__work(const scene_file *file, const scene_file *sky, tool_task *task, const int *given,
     tool_worker worker) {
     const sbl_scene_desc scene = common_scene(file, sky, given);
-    const sbl_result result = sbl_set_scene(task->context, &scene);
     totals all = { task->context, file->scene.light_count, task->load, 0 };
-    int status, loaded;
-    if (result != SBL_SUCCESS) return fail_with(task->said, common.scene, result);
-    if (interrupted) return stop("no " TOOL_MAKES " was started");
-    loaded = load_store(task->context, task->said);
-    status = worker(task, &all.seconds);
+    int status, make = 0;
+    task->scene = &scene;
+    status = set_scene(task);
+    if (status == DONE && interrupted) return stop("no " TOOL_MAKES " was started");
+    if (status == DONE) status = load_store(task, given, &make);
+    if (status == DONE) status = worker(task, &all.seconds);
     if (status == DONE && common.stats) status = keep_stats(&all);
-    if (status == DONE && common.store && !loaded) status = keep_store(task->context);
+    if (status == DONE && make) status = keep_store(task, given);
     return status;
 }
 

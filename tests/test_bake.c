@@ -395,6 +395,8 @@ TEST(what_is_wrong_is_said) {
     write_scene("room.gltf", apart, 1);
     write_scene("plain.gltf", apart, 0);
     write_text("file", "x");
+    write_text("bad.json", "1 2 3\n");
+    mkdir(in_folder("folder.txt"), 0777);
     REFUSED(2, "usage: sbl_bake", "--lightmap", "64");
     REFUSED(2, "give one of --lightmap, --vertices and --probes", "room.gltf", "-o", "out");
     REFUSED(2, "give one of --lightmap, --vertices and --probes", "room.gltf", "-o", "out", "--lightmap", "64",
@@ -406,9 +408,16 @@ TEST(what_is_wrong_is_said) {
     REFUSED(2, "--probes 2x2", "room.gltf", "--probes", "2x2", "-o", "no.json");
     REFUSED(2, "--probes 0x1x1", "room.gltf", "--probes", "0x1x1", "-o", "no.json");
     REFUSED(1, "cannot be read", "room.gltf", "--probes", "none.txt", "-o", "no.json", "--quiet");
+    mkfifo(in_folder("pipe.txt"), 0666);
+    REFUSED(1, "pipe.txt: cannot be read: it is a pipe", "none.gltf", "--probes", "pipe.txt", "-o", "no.json");
+    REFUSED(1, "cannot be read: Is a directory", "none.gltf", "--probes", "folder.txt", "-o", "no.json");
+    REFUSED(1, "--store pipe.txt: it is a pipe", "room.gltf", "--probes", "2x2x2", "-o", "no.json", "--store",
+            "pipe.txt");
+    REFUSED(1, "--store bad.json: it is not stored light", "room.gltf", "--probes", "2x2x2", "-o", "no.json",
+            "--store", "bad.json", "--store-replace");
+    REFUSED(1, "pipe.txt: it is a pipe", "pipe.txt", "--probes", "2x2x2", "-o", "no.json");
     write_text("bad.txt", "1 2 3\n\n# none\n4 5\n");
     REFUSED(1, "line 4 is not three numbers", "room.gltf", "--probes", "bad.txt", "-o", "no.json", "--quiet");
-    write_text("bad.json", "1 2 3\n");
     REFUSED(2, "would overwrite the input file", "room.gltf", "--probes", "bad.json", "-o", "bad.json");
     CHECK(!exists("no.json") && !exists("no.ply"), "something was written");
     REFUSED(2, "--output is missing", "room.gltf", "--lightmap", "64");

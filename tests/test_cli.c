@@ -580,14 +580,129 @@ TEST(bounced_light_is_kept) {
     CHECK(same, "the picture differs");
     free(made.values);
     free(loaded.values);
-    CHECK(TOOL(ROOM, "--bounce-samples", "2000", "--sky", "1,0,0", "--store", "light.sbl", "-o", "made.pfm") == 0 &&
-          strstr(ran.err, "light.sbl") && strstr(ran.err, "another scene") && strstr(ran.err, "again"),
-              "exit status %d: %s",
-          ran.status, ran.err);
     CHECK(TOOL(ROOM, "--mode", "direct", "--store", "light.sbl") == 2 && strstr(ran.err, "--store needs --mode gi"),
           "exit status %d: %s", ran.status, ran.err);
     CHECK(TOOL(ROOM, "--store", "made.pfm", "-o", "made.pfm") == 2, "one file for both: exit status %d: %s", ran.status,
           ran.err);
+}
+
+/* Two files have the same bytes. */
+static int same_bytes(const char *a, const char *b) {
+    FILE *in[2];
+    int x = 0, y = 0;
+    in[0] = fopen(in_folder(a), "rb");
+    in[1] = fopen(in_folder(b), "rb");
+    while (in[0] && in[1] && x == y && x != EOF) { x = fgetc(in[0]); y = fgetc(in[1]); }
+    if (in[0]) fclose(in[0]);
+    if (in[1]) fclose(in[1]);
+    return in[0] && in[1] && x == y;
+}
+
+/* Writes bytes of light.sbl to another file. */
+static void copy_store(const char *name, size_t bytes) {
+    static char data[1 << 20];
+    FILE *in = fopen(in_folder("light.sbl"), "rb");
+    const size_t n = in ? fread(data, 1, sizeof data, in) : 0;
+    if (in) fclose(in);
+    write_file(name, data, n < bytes ? n : bytes);
+}
+
+#define RED_ROOM ROOM, "--sky", "1,0,0"
+#define REFUSED(words, ...) \
+    CHECK(TOOL(RED_ROOM, "-o", "refused.pfm", __VA_ARGS__) == 1 && ran.err_lines == 1 && said(words) && \
+          !exists("refused.pfm"), "%s: exit status %d: %s", words, ran.status, ran.err)
+
+/* A file of --store with other light is refused before the work, or replaced with --store-replace. A file that is no
+   stored light is never replaced. */
+TEST(stores_are_not_overwritten) {
+    static const char *const not_files[] = { "store.pipe", "/dev/zero", "/dev/null", "/dev/stdout", "sub" };
+    const char *data = "not light";
+    int i;
+    room_obj();
+    REQUIRE(TOOL(ROOM, "--store", "light.sbl", "-o", "made.pfm") == 0 && ran.err_lines == 0, "exit status %d: %s",
+            ran.status, ran.err);
+    copy_store("old.sbl", SIZE_MAX);
+    copy_store("cut.sbl", 3000);
+    REFUSED("light.sbl: it was stored for a scene with another sky; --store-replace", "--store", "light.sbl");
+    CHECK(same_bytes("light.sbl", "old.sbl"), "the store of another scene is not as it was");
+    for (i = 0; i < 3; i++) {
+        write_text("notes.txt", data + 9 * (i == 2));
+        if (i < 2) {
+            REFUSED("notes.txt: it is not stored light", "--store", "notes.txt", i ? "--store-replace" : "--quiet");
+            REFUSED("cut.sbl: it ends too soon; such a file is never", "--store", "cut.sbl",
+                    i ? "--store-replace" : "--quiet");
+        } else CHECK(TOOL(RED_ROOM, "--store", "notes.txt", "-o", "made.pfm") == 0 && ran.err_lines == 0,
+                     "an empty file: exit status %d: %s", ran.status, ran.err);
+    }
+    REFUSED("it is not stored light", "--store", "made.pfm", "--store-replace");
+    mkfifo(in_folder("store.pipe"), 0666);
+    mkdir(in_folder("sub"), 0777);
+    for (i = 0; i < 5; i++)
+        REFUSED(i < 4 ? "a pipe or a device, not a file" : "Is a directory", "--store", not_files[i]);
+    CHECK(TOOL(RED_ROOM, "--store", "light.sbl", "--store-replace", "-o", "made.pfm") == 0 && ran.err_lines == 1 &&
+          said("another sky; new light will replace it"), "exit status %d: %s", ran.status, ran.err);
+    CHECK(!same_bytes("light.sbl", "old.sbl") && same_bytes("light.sbl", "notes.txt"), "the store is not the new one");
+    CHECK(TOOL(RED_ROOM, "--store", "light.sbl", "--store-replace", "-o", "made.pfm") == 0 && ran.err_lines == 0,
+          "light that fits: exit status %d: %s", ran.status, ran.err);
+    CHECK(TOOL(ROOM, "--store-replace", "-o", "refused.pfm") == 2 && said("needs --store"), "exit status %d: %s",
+          ran.status, ran.err);
+}
+
+/* A store that was made with fewer cells than are allowed now is used with a warning, or made anew with
+   --store-replace. */
+TEST(coarse_stores) {
+    char text[8192];
+    int i, lines;
+    room_obj();
+    remove(in_folder("light.sbl"));
+    REQUIRE(TOOL(ROOM, "--store", "light.sbl", "-o", "made.pfm") == 0, "exit status %d: %s", ran.status, ran.err);
+    copy_store("old.sbl", SIZE_MAX);
+    for (i = 0; i < 3; i++) {
+        CHECK(TOOL(ROOM, "--max-bounce-cells", "2000", "--store", "light.sbl", "--stats", "stats.json", "-o",
+                   "made.pfm", i == 1 ? "--store-replace" : "--tile=16") == 0 && ran.err_lines == (i < 2),
+              "run %d: exit status %d: %s", i, ran.status, ran.err);
+        read_text(in_folder("stats.json"), text, sizeof text, &lines);
+        CHECK((json_number(text, "bounce_rays") > 0) == (i == 1), "run %d: %s", i, text);
+        CHECK(same_bytes("light.sbl", "old.sbl") == (i == 0), "run %d", i);
+        CHECK(i > 1 || said(i ? "2000, which would be finer; new light" : "1024 cells, and this scene may have 2000"),
+              "run %d: %s", i, ran.err);
+    }
+}
+
+/* The old store stays when its replacement fails: by a signal just before it, or because the disk is full. Files that
+   another program has written meanwhile stay, too. */
+TEST(stores_are_never_lost) {
+    static const char *const arguments[] = { RED_ROOM, "--store", "light.sbl", "--store-replace", "--stats",
+        "stats.pipe", "-o", "made.pfm", NULL };
+    int i, stats;
+    room_obj();
+    remove(in_folder("light.sbl"));
+    REQUIRE(TOOL(ROOM, "--store", "light.sbl", "-o", "made.pfm") == 0, "exit status %d: %s", ran.status, ran.err);
+    copy_store("old.sbl", SIZE_MAX);
+    finish(start((const char *const[]){ RED_ROOM, "--store", "light.sbl", "--store-replace", "-o", "made.pfm", NULL },
+                 -1, 20000));
+    CHECK(ran.status == 1 && said("light.sbl: cannot be written: File too large") && !parts_left() &&
+          same_bytes("light.sbl", "old.sbl"), "a full disk: exit status %d: %s", ran.status, ran.err);
+    mkfifo(in_folder("stats.pipe"), 0666);
+    for (i = 0; i < 2; i++) {  /* the statistics, which are written after the picture and before the store, wait here */
+        char text[4096];
+        pid_t child;
+        int wait;
+        remove(in_folder("made.pfm"));
+        child = start(arguments, -1, 0);
+        for (wait = 0; wait < 60000 && !exists("made.pfm"); wait++) poll(NULL, 0, 10);
+        if (i) write_text("light.sbl", "written by another program");
+        else kill(child, SIGTERM);
+        stats = open(in_folder("stats.pipe"), i ? O_RDONLY : O_RDONLY | O_NONBLOCK);
+        while (read(stats, text, sizeof text) > 0) continue;
+        finish(child);
+        close(stats);
+        CHECK(ran.status == (i ? 0 : 143) && said(i ? "another program has written it" : "made.pfm is written, ") &&
+              !parts_left(), "run %d: exit status %d: %s", i, ran.status, ran.err);
+        if (!i) CHECK(same_bytes("light.sbl", "old.sbl"), "after a signal the old store is not as it was");
+    }
+    write_text("old.sbl", "written by another program");
+    CHECK(same_bytes("light.sbl", "old.sbl"), "what another program has written is replaced");
 }
 
 /* The sums that --inspect prints agree: the weights sum to 1, R is the sum of the sheet and the lamps. The light of the
@@ -1531,6 +1646,9 @@ int main(int argc, char **argv) {
     RUN(rays_can_be_traced);
     RUN(light_bounces_by_default);
     RUN(bounced_light_is_kept);
+    RUN(stores_are_not_overwritten);
+    RUN(coarse_stores);
+    RUN(stores_are_never_lost);
     RUN(a_sensor_can_be_inspected);
     RUN(zero_is_zero);
     RUN(facet_limit_zero_is_zero);

@@ -173,14 +173,13 @@ TEST(refused_changes_change_nothing) {
 
 /* >>streams */
 
-/* Loads the stream, which must be refused with these words. The light must not change. */
-static void refused(const char *what, const char *words) {
+/* Loads the stream, which must be refused with this item and these words. The light must not change. */
+static void refused(const char *what, sbl_log_item item, const char *words) {
     static sbl_reading readings[SITES];
     stream.at = 0;
     watch_forget(&seen);
     CHECK(sbl_load_store(context, get, NULL) == SBL_ERROR_INVALID_ARGUMENT &&
-          watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_STORE, words, "", ""), "%s: %s", what,
-          watch_last(&seen));
+          watch_said(&seen, SBL_LOG_ERROR, item, words, "", ""), "%s: %s", what, watch_last(&seen));
     CHECK(gather(readings) == SBL_SUCCESS && sbl_query_stats(context).store.rays == 0, "%s: the old store is lost",
           what);
 }
@@ -206,10 +205,9 @@ TEST(saved_and_loaded) {
     scene_free(&scene);
 }
 
-/* Damaged, incomplete and foreign streams are refused with their own messages. */
+/* Damaged and incomplete streams, and streams of other versions and machines, are refused with their own messages. */
 TEST(streams_that_are_refused) {
-    static const char *const words[] = { "not stored light", "another version", "byte order", "another scene" };
-    static const size_t places[] = { 0, 8, 12, 16 };
+    static const char *const words[] = { "not stored light", "another version", "byte order" };
     static sbl_reading made[SITES];
     size_t whole, i;
     make_room(&scene);
@@ -218,28 +216,178 @@ TEST(streams_that_are_refused) {
     REQUIRE(start() && gather(made) == SBL_SUCCESS && sbl_save_store(context, put, NULL) == SBL_SUCCESS, "%s",
             watch_last(&seen));
     whole = stream.count;
-    for (i = 0; i < 4; i++) {
-        stream.bytes[places[i]] ^= 0x40;
-        refused(words[i], words[i]);
-        stream.bytes[places[i]] ^= 0x40;
+    for (i = 0; i < 3; i++) {
+        const size_t place = i ? 4 * i + 4 : 0;
+        stream.bytes[place] ^= 0x40;
+        refused(words[i], i ? SBL_LOG_ITEM_OTHER_STORE : SBL_LOG_ITEM_INVALID_STORE, words[i]);
+        stream.bytes[place] ^= 0x40;
     }
-    for (i = 0; i < 40; i++) {  /* flips one bit at 40 places behind the header */
-        const size_t at = 60 + (whole - 60) * i / 40;
+    for (i = 0; i < 44; i++) {  /* flips one bit at 4 places of the scene's hashes and 40 places behind the header */
+        const size_t at = i < 4 ? 16 + 8 * i : 80 + (whole - 80) * (i - 4) / 40;
         stream.bytes[at] ^= (unsigned char)(1 << i % 8);
-        refused("a bit", "");
+        refused("a bit", SBL_LOG_ITEM_INVALID_STORE, "");
         stream.bytes[at] ^= (unsigned char)(1 << i % 8);
     }
     for (i = 0; i < 20; i++) {
         stream.count = whole * i / 20;
-        refused("a part", "too soon");
+        refused("a part", SBL_LOG_ITEM_INVALID_STORE, i ? "too soon" : "not stored light");
     }
     stream.count = stream.at = 0;
     stream.room = whole - 1;
     CHECK(sbl_save_store(context, put, NULL) == SBL_ERROR_INVALID_ARGUMENT, "a full disk is not reported");
-    stream.count = whole;
-    scene.lights[0].intensity[0] = 2;
+    scene_free(&scene);
+}
+
+/* Gives the room a sky picture. */
+static void make_room_with_sky(test_scene *s) {
+    float sky[4 * 2 * 3];
+    int i;
+    for (i = 0; i < 24; i++) sky[i] = 0.2f;
+    make_room(s);
+    scene_texture(s, sky, sizeof sky, SBL_PIXELS_FLOAT, 4, 2, 3);
+    s->environment.picture = s->textures[--s->texture_count];
+}
+
+/* Changes something that stored light depends on. Returns the words that must name it; NULL: there is no such change */
+static const char *change(test_scene *s, int number) {
+    static const float tilted[12] = { 0.1f, -1, 0, 0.1f, -1, 0, 0.1f, -1, 0, 0.1f, -1, 0 };
+    sbl_mesh *lamp = s->meshes;
+    while (lamp->material != LAMP) lamp++;
+    switch (number) {
+        case 0: lamp->transform[0] = lamp->transform[5] = lamp->transform[10] = lamp->transform[15] = 1;
+                lamp->transform[12] = 0.1f;
+                return "a scene with other meshes";
+        case 1: lamp->normals.data = scene_copy(s, tilted, 12); return "a scene with other meshes";
+        case 2: s->mesh_count--; return "a scene with other meshes and other materials or textures";
+        case 3: s->materials[WALLS].albedo[1] = 0.5f; return "a scene with other materials or textures";
+        case 4: lamp->material = WALLS; return "a scene with other materials or textures";
+        case 5: ((unsigned char *)(uintptr_t)s->textures[0].pixels)[0] ^= 8;
+                return "a scene with other materials or textures";
+        case 6: s->lights[0].intensity[2] = 2; return "a scene with other lights";
+        case 7: s->light_count = 0; return "a scene with other lights";
+        case 8: s->sky[0] = 0.1f; return "a scene with another sky";
+        case 9: s->environment.rotation = 90; return "a scene with another sky";
+        case 10: s->environment.scale = 0.5f; return "a scene with another sky";
+        case 11: s->sky[2] = 0.1f;
+                 s->lights[0].position[0] = 1;
+                 s->materials[LAMP].emission[0] = 2;
+                 return "a scene with other materials or textures, other lights and another sky";
+        default: return NULL;
+    }
+}
+
+/* Light of another scene is refused, and the message names exactly the parts that differ. A stream of another scene
+   that is not whole is refused as damaged. */
+TEST(parts_that_differ_are_named) {
+    static sbl_reading made[SITES];
+    const char *words, *end;
+    size_t whole;
+    int i;
+    make_room_with_sky(&scene);
+    stream.count = 0;
+    stream.room = STREAM;
+    REQUIRE(start() && gather(made) == SBL_SUCCESS && sbl_save_store(context, put, NULL) == SBL_SUCCESS, "%s",
+            watch_last(&seen));
+    whole = stream.count;
+    for (i = 0;; i++) {
+        scene_free(&scene);
+        make_room_with_sky(&scene);
+        words = change(&scene, i);
+        REQUIRE(set(&scene) == SBL_SUCCESS, "%s", watch_last(&seen));
+        watch_forget(&seen);
+        stream.at = 0;
+        if (!words) break;
+        CHECK(sbl_load_store(context, get, NULL) == SBL_ERROR_INVALID_ARGUMENT &&
+              watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_OTHER_STORE, words, "", ""), "change %d: %s, expected %s",
+              i, watch_last(&seen), words);
+        end = strstr(watch_last(&seen), words);
+        CHECK(end && !end[strlen(words)], "change %d: %s, expected only %s", i, watch_last(&seen), words);
+    }
+    CHECK(sbl_load_store(context, get, NULL) == SBL_SUCCESS, "the same scene: %s", watch_last(&seen));
+    scene.sky[0] = 0.1f;
     REQUIRE(set(&scene) == SBL_SUCCESS && gather(made) == SBL_SUCCESS, "%s", watch_last(&seen));
-    refused("another light", "another scene");
+    refused("another sky", SBL_LOG_ITEM_OTHER_STORE, "another sky");
+    stream.count = whole - 100;
+    refused("a part of another scene's stream", SBL_LOG_ITEM_INVALID_STORE, "too soon");
+    stream.count = whole;
+    stream.bytes[whole / 2] ^= 4;
+    refused("another scene's stream with a wrong bit", SBL_LOG_ITEM_INVALID_STORE, "damaged");
+    scene_free(&scene);
+}
+
+/* Light that was made with fewer cells than the scene allows is loaded with a warning, and is saved as what it is. */
+TEST(coarse_light_is_told) {
+    static sbl_reading made[SITES];
+    sbl_scene_desc desc;
+    int i;
+    make_room(&scene);
+    stream.count = 0;
+    stream.room = STREAM;
+    REQUIRE(start() && gather(made) == SBL_SUCCESS && sbl_save_store(context, put, NULL) == SBL_SUCCESS, "%s",
+            watch_last(&seen));
+    desc = scene_desc(&scene);
+    for (i = 0; i < 4; i++) {
+        const int limit = i % 2 ? 4096 : 1024, coarse = limit > 2048;  /* `set` allows 2048 */
+        if (i == 2) {  /* the loaded light, saved from a scene with another limit */
+            stream.count = 0;
+            REQUIRE(sbl_save_store(context, put, NULL) == SBL_SUCCESS, "%s", watch_last(&seen));
+        }
+        desc.max_bounce_cells = limit;
+        REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));
+        watch_forget(&seen);
+        stream.at = 0;
+        CHECK(sbl_load_store(context, get, NULL) == SBL_SUCCESS, "limit %d: %s", limit, watch_last(&seen));
+        CHECK(watch_said(&seen, SBL_LOG_WARNING, SBL_LOG_ITEM_COARSE_STORE, "2048", "4096", "finer") == coarse,
+              "limit %d: %s", limit, watch_last(&seen));
+    }
+    scene_free(&scene);
+}
+
+static uint32_t word_of(size_t number) {
+    uint32_t word;
+    memcpy(&word, stream.bytes + 4 * number, 4);
+    return word;
+}
+
+/* Puts a word into the stream and gives it a valid checksum. */
+static void forge(size_t number, uint32_t word) {
+    uint64_t sum;
+    memcpy(stream.bytes + 4 * number, &word, 4);
+    sum = inside_saved_sum(stream.bytes, stream.count - 8);
+    memcpy(stream.bytes + stream.count - 8, &sum, 8);
+}
+
+/* Streams with a valid checksum and one value that no store has: each kind is refused. */
+TEST(forged_values_are_refused) {
+    enum { TRIANGLES = 13, CELLS, CUTS, LEAVES, ORIGIN = 18, LENGTH = 21, AIR = 22, PATCHES = 40 };  /* words */
+    static sbl_reading readings[SITES];
+    size_t cells, leaves, places[8];
+    int i;
+    make_room(&scene);
+    stream.count = 0;
+    stream.room = STREAM;
+    REQUIRE(start() && gather(readings) == SBL_SUCCESS && sbl_save_store(context, put, NULL) == SBL_SUCCESS, "%s",
+            watch_last(&seen));
+    cells = PATCHES + word_of(TRIANGLES);
+    leaves = stream.count / 4 - 2 - 4 * (size_t)word_of(LEAVES);
+    REQUIRE(word_of(CUTS) > 0 && cells + 2 * (size_t)word_of(CELLS) + 8 * (size_t)word_of(CUTS) == leaves,
+            "the format has changed: %u cuts", word_of(CUTS));
+    places[0] = CELLS;
+    places[1] = ORIGIN + 1;
+    places[2] = LENGTH;
+    places[3] = AIR + 17;
+    places[4] = cells + 11;       /* the reference of the sixth slot */
+    places[5] = leaves - 8 + 4;   /* a side of the last cut, */
+    places[6] = leaves - 8 + 2;   /* and its normal */
+    places[7] = stream.count / 4 - 2 - 3;  /* green of the last leaf */
+    for (i = 0; i < 8; i++) {
+        const uint32_t word = word_of(places[i]);
+        forge(places[i], 0x7fc00000u);  /* NaN as a float, and too large for a reference or a count */
+        refused("a forged value", SBL_LOG_ITEM_INVALID_STORE, "damaged");
+        forge(places[i], word);
+    }
+    stream.at = 0;
+    CHECK(sbl_load_store(context, get, NULL) == SBL_SUCCESS, "%s", watch_last(&seen));
     scene_free(&scene);
 }
 
@@ -253,7 +401,6 @@ TEST(forged_streams_do_no_harm) {
     REQUIRE(start() && gather(readings) == SBL_SUCCESS, "%s", watch_last(&seen));
     for (i = 0; i < 60; i++) {
         size_t words;
-        uint64_t sum;
         stream.count = stream.at = 0;
         stream.room = STREAM;
         REQUIRE(sbl_save_store(context, put, NULL) == SBL_SUCCESS, "%s", watch_last(&seen));
@@ -262,10 +409,8 @@ TEST(forged_streams_do_no_harm) {
             uint32_t word;
             state = test_hash(state);
             word = state % 3 ? state : 0xffffffffu >> state % 29;
-            memcpy(stream.bytes + 4 * (6 + test_hash(state) % (i % 2 ? 12 : words - 6)), &word, 4);
+            forge(12 + test_hash(state) % (i % 2 ? 12 : words - 12), word);
         }
-        sum = inside_saved_sum(stream.bytes, stream.count - 8);
-        memcpy(stream.bytes + stream.count - 8, &sum, 8);
         accepted += sbl_load_store(context, get, NULL) == SBL_SUCCESS;
         REQUIRE(gather(readings) == SBL_SUCCESS, "forgery %d: %s", i, watch_last(&seen));
         for (k = 0; k < SITES; k++)
@@ -356,6 +501,9 @@ int main(void) {
     RUN(refused_changes_change_nothing);
     RUN(saved_and_loaded);
     RUN(streams_that_are_refused);
+    RUN(parts_that_differ_are_named);
+    RUN(coarse_light_is_told);
+    RUN(forged_values_are_refused);
     RUN(forged_streams_do_no_harm);
     RUN(progress_covers_the_store);
     RUN(pictures_of_the_store);
