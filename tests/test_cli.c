@@ -1520,7 +1520,7 @@ TEST(progress_is_for_terminals) {
 }
 
 /* A .png is exposed and tone-mapped by default: a room whose lamp is a thousand times brighter or darker gives the
-   same picture. --tone none --exposure 0 shows the values as they are, and one line says that they are too bright or dark. */
+   same picture. --tone none --exposure 0 shows the values as they are; one line tells that these are too bright. */
 TEST(a_png_is_made_for_screens) {
     static const char *const lamps[] = { "0.004", "4", "4000" };
     unsigned char *png[3], *none;
