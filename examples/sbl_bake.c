@@ -739,9 +739,9 @@ int main(int argc, char **argv) {
     catch_signals();
     status = given[LIGHTMAP] ? find_files() : find_file();
     if (status == DONE)
-        status = given[LIGHTMAP]   ? tool_run(start, given, bake_lightmap, find_more_files)
-               : given[VERTICES]   ? tool_run(start, given, bake_vertices, find_vertex_files)
-                                   : tool_run(start, given, bake_probes, NULL);
+        status = given[LIGHTMAP]   ? tool_run(start, given, bake_lightmap, find_more_files, NULL)
+               : given[VERTICES]   ? tool_run(start, given, bake_vertices, find_vertex_files, NULL)
+                                   : tool_run(start, given, bake_probes, NULL, NULL);
     targets_free();
     for (i = 0; i < TARGETS_MOST; i++) free(paths[i]);
     return status;
