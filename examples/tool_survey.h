@@ -28,7 +28,7 @@ typedef struct survey {
 } survey;
 
 enum {
-    SURVEY__X = 6, SURVEY__Y = 4, SURVEY__Z = 6, SURVEY__POINTS = SURVEY__X * SURVEY__Y * SURVEY__Z,  /* the grid */
+    SURVEY__X = 6, SURVEY__Y = 5, SURVEY__Z = 6, SURVEY__POINTS = SURVEY__X * SURVEY__Y * SURVEY__Z,  /* the grid */
     SURVEY__AXES = 6,      /* directions that are read at each point of the grid, in the order of survey.side */
     SURVEY__WAYS = 12,     /* horizontal directions in which a room is looked at from a point */
     SURVEY__AROUND = 8,    /* directions around the scene, times two heights, in which it is looked at from outside */
@@ -250,7 +250,7 @@ static double survey__backs(const survey__work *w, int i) {
    with a corner of walls, and another shows far fewer. */
 static void survey__choose_front(survey__work *w) {
     int i, best = 0;
-    for (i = 1; i < SURVEY__OUTSIDE && w->outside[0] > SURVEY__OUTWARD; i++)
+    for (i = 1; i < SURVEY__OUTSIDE && w->outside[0] > 0.5; i++)
         if (survey__backs(w, i) < 0.5 * survey__backs(w, 0) && survey__backs(w, i) < survey__backs(w, best) - 0.1)
             best = i;
     survey__direction(w->result, best, w->result->from);
@@ -272,20 +272,38 @@ static survey_kind survey__decide(survey__work *w) {
 
 /* ---- where to stand in a room ---- */
 
-/* Returns how well a point of a room suits an eye: 1 at 0.6 of the height of the room there, less above and below; 0
-   outside of rooms. */
-static double survey__eye_height(const survey__work *w, int point) {
+/* Returns whether a point is in a room, at half the height of the room there. */
+static int survey__at_eye_height(const survey__work *w, int point) {
     int low = point, high = point, across;
-    const int y = survey__place(point, 1, &across);
+    const int y = survey__place(point, 1, &across), lowest = point - y * SURVEY__X;
     if (!survey__in_room(w, &w->points[point])) return 0;
-    while (low - SURVEY__X >= point - y * SURVEY__X && survey__in_room(w, &w->points[low - SURVEY__X])) low -= SURVEY__X;
-    while (high + SURVEY__X < point + (across - y) * SURVEY__X && survey__in_room(w, &w->points[high + SURVEY__X]))
+    while (low > lowest && survey__in_room(w, &w->points[low - SURVEY__X])) low -= SURVEY__X;
+    while (high < lowest + (across - 1) * SURVEY__X && survey__in_room(w, &w->points[high + SURVEY__X]))
         high += SURVEY__X;
-    return 1 - fabs(((point - low) / SURVEY__X + 0.5) / ((high - low) / SURVEY__X + 1) - 0.6);
+    return abs(2 * point - low - high) <= SURVEY__X;
 }
 
-/* Looks around at the points of rooms, and chooses the point with the longest view. The distance is the mean over a
-   wide cone, so that a view along a wall, or past a cupboard, does not count as long. */
+/* Returns the number of the site that looks from the same point as site i, turned by so many of the directions. */
+static int survey__turned(int i, int turn) {
+    return i - i % SURVEY__WAYS + (i + SURVEY__WAYS + turn) % SURVEY__WAYS;
+}
+
+/* Rates the view at site number i: the mean distance of what is ahead, less half of the distance of what is behind, so
+   that the eye is at the end of the room. Views with hardly any direct light from ahead count half. Views
+   across the axes count a tenth more, because they show a corner instead of a wall. The means are over hemispheres, so
+   that a view along a wall does not count as long. */
+static double survey__rate(const survey__work *w, int i) {
+    const sbl_reading *r = &w->readings[i], *behind = &w->readings[survey__turned(i, SURVEY__WAYS / 2)];
+    const double open = (double)r->hit_share * (1 - (double)r->back_share);
+    const double usual = 0.1 * w->inside_light, lit = survey__light(r) < usual ? survey__light(r) / usual : 1;
+    double near = (double)r->hit_min, far = (double)r->hit_mean, clear;
+    int side;
+    for (side = -2; side <= 2; side++) near = fmin(near, (double)w->readings[survey__turned(i, side)].hit_min);
+    clear = near > 0 ? near / (near + 0.02 * far) : 0;  /* nothing is just before the eye, or just beside it */
+    return open * (far - 0.5 * (double)behind->hit_mean) * clear * (0.5 + 0.5 * lit) * (i % 3 ? 1.1 : 1);
+}
+
+/* Looks around at the points of rooms, chooses the best view, and steps back from there as far as there is space. */
 static sbl_result survey__stand(survey__work *w) {
     survey *s = w->result;
     double best = 0;
@@ -293,23 +311,22 @@ static sbl_result survey__stand(survey__work *w) {
     sbl_result result;
     w->count = 0;
     for (i = 0; i < SURVEY__POINTS; i++)
-        for (way = 0; way < SURVEY__WAYS; way++) {
+        for (way = 0; way < SURVEY__WAYS && survey__at_eye_height(w, i); way++) {
             const double turn = 2 * 3.14159265358979 * way / SURVEY__WAYS;
             const double forward[3] = { sin(turn), 0, cos(turn) };
-            if (survey__eye_height(w, i) > 0.75) survey__add(w, w->points[i].position, forward);
+            survey__add(w, w->points[i].position, forward);
         }
     result = survey__read(w);
     for (i = 0; i < w->count && result == SBL_SUCCESS; i++) {
-        const sbl_reading *r = &w->readings[i];
-        const double open = (double)r->hit_share * (1 - (double)r->back_share);
-        const double near = (double)r->hit_min, far = (double)r->hit_mean;
-        const double score = far * open * near / (near + 0.05 * far);  /* less if something is just before the eye */
-        if (!(score > best)) continue;
-        best = score;
-        s->far = far;
+        const sbl_site *site = &w->sites[i];
+        const sbl_reading *behind = &w->readings[survey__turned(i, SURVEY__WAYS / 2)];
+        const double rate = survey__rate(w, i), step = 0.7 * (double)behind->hit_min;
+        if (rate <= best) continue;
+        best = rate;
+        s->far = (double)w->readings[i].hit_mean;
         for (k = 0; k < 3; k++) {
-            s->eye[k] = (double)w->sites[i].position[k];
-            s->forward[k] = (double)w->sites[i].normal[k];
+            s->forward[k] = (double)site->normal[k];
+            s->eye[k] = (double)site->position[k] - step * s->forward[k];
         }
     }
     if (result == SBL_SUCCESS && !(best > 0)) s->kind = SURVEY_OBJECT;
@@ -328,8 +345,8 @@ static void survey__choose_middle(survey__work *w) {
     for (i = 0; i < SURVEY__POINTS; i++) {
         const survey__point *p = &w->points[i];
         const double away = sqrt(pow(p->position[0] - aim[0], 2) + pow(p->position[2] - aim[2], 2));
-        const double high = 1 + survey__place(i, 1, &across);
-        const double score = high * p->near / (p->near + away + 1e-6 * survey__radius(s));
+        const double height = (survey__place(i, 1, &across) + 0.5) / SURVEY__Y;
+        const double score = (1 - fabs(height - 0.7)) * p->near / (p->near + away + 1e-6 * survey__radius(s));
         if (!survey__in_room(w, p) || score <= best) continue;
         best = score;
         s->free = p->near;
