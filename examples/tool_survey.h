@@ -216,16 +216,18 @@ static int survey__in_room(const survey__work *w, const survey__point *p) {
     return p->sky < SURVEY__ENCLOSED && (p->back < SURVEY__SOLID || !telling);
 }
 
-/* Returns the number of points in rooms, and computes the mean light there. */
+/* Returns the number of points in rooms, and computes the mean light there. There are no rooms if more points that see
+   no sky are inside something, as in a closed object whose faces are turned at random. */
 static int survey__rooms(survey__work *w) {
-    int i, count = 0;
+    int i, count = 0, enclosed = 0;
     for (i = 0; i < SURVEY__POINTS; i++) {
+        enclosed += w->points[i].sky < SURVEY__ENCLOSED;
         if (!survey__in_room(w, &w->points[i])) continue;
         w->inside_light += w->points[i].light;
         count++;
     }
     if (count) w->inside_light /= count;
-    return count;
+    return 2 * count >= enclosed ? count : 0;
 }
 
 /* Returns the only side that is open while the others are shut; -1 if no side is open; -2 if it is not clear. */
