@@ -28,7 +28,8 @@ static const char *const channel_words[] = { "final", "radiance", "albedo", "nor
     "sensors", "store", "error", NULL };  /* in the order of sbl_channel */
 
 enum {
-    OUTPUT = CAMERA_END, CHANNEL, TARGET_ERROR, SENSOR_FOV, FACET_LIMIT, SAMPLES, EXPOSURE, INSPECT, STUDIO, OPTION_COUNT
+    OUTPUT = CAMERA_END, CHANNEL, TARGET_ERROR, SENSOR_FOV, FACET_LIMIT, SAMPLES, EXPOSURE, INSPECT, STUDIO,
+    OPTION_COUNT
 };
 
 static const tool_option table[OPTION_COUNT] = {
@@ -67,10 +68,10 @@ static const tool_option table[OPTION_COUNT] = {
                   "its sums; pixel 0,0 is at the upper left" },
     [STUDIO] = { "--studio", NULL, FLAG, NULL, 0, 0, 0,
                  "replaces the lights of the file (surfaces that emit stay) by a sky that fades to the horizon and a "
-                 "soft sun from\n"
-                 "the upper left, and puts the object on a grey ground; a room that is looked at from inside gets a "
-                 "lamp inside.\n"
-                 "Files without any light get this by themselves, without --sky and except in --mode paper" },
+                 "soft sun\n"
+                 "from the upper left, with a grey ground under an object. A room that is looked at from inside gets a "
+                 "lamp\n"
+                 "inside instead. Files without any light get this by themselves, unless --sky or --mode paper is given" },
 };
 static int given[OPTION_COUNT];
 
@@ -122,7 +123,8 @@ static int parse(int argc, char **argv) {
         return misuse("--sensor-fov needs --mode paper: other sensors see the whole hemisphere");
     if (given[INSPECT] && given[CHANNEL])
         return misuse("--inspect draws a sensor, --channel chooses a picture of the scene; give only one of them");
-    if (given[STUDIO] && given[SKY]) return misuse("--studio has a sky of its own; give only one of --studio and --sky");
+    if (given[STUDIO] && given[SKY])
+        return misuse("--studio has a sky of its own; give only one of --studio and --sky");
     if (given[STUDIO] && common_mode(given) == SBL_MODE_PAPER)
         return misuse("--studio: --mode paper allows no sun and no sky picture; choose another --mode");
     return DONE;

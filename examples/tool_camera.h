@@ -21,10 +21,12 @@ enum { SIZE = COMMON_OPTIONS, EYE, LOOK_AT, UP, FOV, CAMERA_END };
                         "the direction that is up in the picture; default: see --fov", NULL, NULL }, \
     [FOV]           = { "--fov", "DEGREES", NUMBERS, &camera.fov, 1, 1, 179, \
                         "vertical field of view. Defaults of --eye, --look-at, --up and --fov: the camera of the " \
-                            "file, or a\n" \
-                        "camera that shows the whole scene", NULL, NULL }
+                            "file, or one\n" \
+                        "that fits the scene: in front of an object, in front of the open side of a room, or inside " \
+                            "a room;\n" \
+                        "--verbose shows it", NULL, NULL }
 
-/* A camera that is chosen for the scene; without the options. */
+/* A camera. camera_choose chooses it without the options; camera_place lets the options replace parts of it. */
 typedef struct camera_view {
     double eye[3], forward[3], up[3], fov;
     int of_file;        /* 1: it is the camera of the file */
@@ -148,7 +150,8 @@ static void camera__options(camera_view *view, const int *given, const survey *s
     for (i = 0; i < 3; i++) {
         at[i] = given[LOOK_AT] ? camera.look_at[i] : survey__center(s, i);
         if (given[EYE]) view->eye[i] = camera.eye[i];
-        else if (given[LOOK_AT] && !view->of_file && s->kind == SURVEY_OBJECT) view->eye[i] = at[i] + distance * s->from[i];
+        else if (given[LOOK_AT] && !view->of_file && s->kind == SURVEY_OBJECT)
+            view->eye[i] = at[i] + distance * s->from[i];
         if (given[LOOK_AT] || (given[EYE] && !view->of_file)) view->forward[i] = at[i] - view->eye[i];
         if (given[UP]) view->up[i] = camera.up[i];
     }

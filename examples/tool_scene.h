@@ -32,8 +32,9 @@ enum {
 
 #define COMMON_ROWS \
     [SKY]           = { "--sky", "R,G,B|FILE", NUMBERS_OR_FILE, common.sky, 3, 0, 1e30, \
-                        "constant radiance of the sky, default 0,0,0; sbl_render has a studio for files without any light, see\n" \
-                        "--studio, and the other tools have a sky of 1,1,1 for them. Or an\n" \
+                        "constant radiance of the sky, default 0,0,0; for files without any light, sbl_render has a " \
+                            "studio (see\n" \
+                        "--studio), and the other tools have a sky of 1,1,1. Or an\n" \
                         "equirectangular picture of the sky: FILE.hdr, or .png, .jpg, ..., which are decoded from " \
                             "sRGB. The upper\n" \
                         "edge of the picture is straight up, its centre is +x", NULL, &common.sky_picture }, \
@@ -417,8 +418,8 @@ static int tool_run(double start, const int *given, tool_worker worker, int (*pr
         context_desc.logger.log = on_log;
         context_desc.logger.user = &said;
         result = sbl_create(&context_desc, &task.context);
-        status = result == SBL_SUCCESS ? tool__work(file, sky, &task, given, worker, arrange) : fail_with(&said, "OpenGL",
-            result);
+        status = result == SBL_SUCCESS ? tool__work(file, sky, &task, given, worker, arrange)
+                                       : fail_with(&said, "OpenGL", result);
         sbl_destroy(task.context);
         if (status == DONE && !given[QUIET]) tool__warn(file, &task, given);
     }

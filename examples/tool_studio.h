@@ -2,8 +2,8 @@
 
    An object stands on a large grey ground, below a sky that is bright above and fades towards the horizon, and a wide
    sun shines from the upper left behind the camera. The sky has the radiance of the ground from the horizon down, so
-   that the edge of the ground is not seen. A white surface in this light is two to four times as bright as the
-   background; even on its dark side it differs from it by the shading. A scene that is looked at from inside gets no
+   that the edge of the ground is not seen. A white surface that faces the sun is about four times as bright as the
+   background. A scene that is looked at from inside gets no
    sun and no ground, but a wide lamp in its air, which the camera does not see, and the sky shines in.
 
    The ground is one more mesh behind those of the file, with an index and an id above theirs, and one more material
@@ -30,8 +30,8 @@ typedef struct studio {
     float corners[12];           /* of the ground */
 } studio;
 
-/* How far the sky has gone from the radiance of the horizon (0) to that of the zenith (1), where the sine of the height
-   is h. The slope is 0 at the horizon, so that no line is seen there. */
+/* How far the sky has gone from the radiance of the horizon (0) to that of the zenith (1). h: the sine of the height.
+   The slope is 0 at the horizon, so that no line is seen there. */
 static double studio__fade(double h) { return h > 0 ? h * h * (3 - 2 * h) : 0; }
 
 static void studio__sky(const float direction[3], float radiance[3], void *user) {
@@ -43,7 +43,8 @@ static void studio__sky(const float direction[3], float radiance[3], void *user)
 
 /* Computes the radiance h of the ground far away from the object, where it sees the sun and all of the sky, whose
    radiance at the horizon is h, too:
-       h = albedo (sun * height + 2 integral of (h + (zenith - h) fade(x)) x dx),   where 2 integral fade(x) x dx = 0.7 */
+       h = albedo (sun * height + 2 integral of (h + (zenith - h) fade(x)) x dx), x from 0 to 1,
+       where 2 integral of fade(x) x dx is 0.7 */
 static void studio__match(studio *s) {
     int k;
     for (k = 0; k < 3; k++)

@@ -248,13 +248,17 @@ static double survey__backs(const survey__work *w, int i) {
     return 0.5 * w->outside[i] + 0.25 * (w->outside[ring + left] + w->outside[ring + right]);
 }
 
-/* Chooses the direction from which an object shows its front. It is the first, unless that shows many back faces, as
-   with a corner of walls, and another shows far fewer. */
+/* Chooses the direction from which an object shows its front. It is the first, unless that shows mostly back faces, as
+   with a corner of walls, and another shows far fewer. The direction from behind is tried before those from the sides,
+   and those from higher up come last. */
 static void survey__choose_front(survey__work *w) {
     int i, best = 0;
-    for (i = 1; i < SURVEY__OUTSIDE && w->outside[0] > 0.5; i++)
-        if (survey__backs(w, i) < 0.5 * survey__backs(w, 0) && survey__backs(w, i) < survey__backs(w, best) - 0.1)
-            best = i;
+    for (i = 1; i < SURVEY__OUTSIDE && w->outside[0] > 0.5; i++) {
+        const int half = SURVEY__AROUND / 2, ring = i / SURVEY__AROUND, at = i % SURVEY__AROUND;
+        const int next = ring * SURVEY__AROUND + at % 2 * half + at / 2;
+        if (survey__backs(w, next) < 0.5 * survey__backs(w, 0) && survey__backs(w, next) < survey__backs(w, best) - 0.1)
+            best = next;
+    }
     survey__direction(w->result, best, w->result->from);
 }
 
