@@ -71,7 +71,8 @@ static const tool_option table[OPTION_COUNT] = {
                  "soft sun\n"
                  "from the upper left, with a grey ground under an object. A room that is looked at from inside gets a "
                  "lamp\n"
-                 "inside instead. Files without any light get this by themselves, unless --sky or --mode paper is given" },
+                 "inside instead. Files without any light get this by themselves, unless --sky or --mode paper is "
+                 "given" },
 };
 static int given[OPTION_COUNT];
 

@@ -155,7 +155,7 @@ is_told() {
     render "$folder/scene/few.gltf" --verbose --quiet
     [ ! "$sanitized" ] || { [ "$status" = 0 ] && grep -q "few.gltf: .*not confined" "$folder/errors"; return; }
     [ "$status" = 0 ] && grep -q "few.gltf: .*Landlock .*seccomp " "$folder/errors" &&
-        [ "$(wc -l < "$folder/errors")" = 1 ]
+        [ "$(grep -c protection "$folder/errors")" = 1 ]
 }
 check verbose_tells_what_confines is_told
 
