@@ -437,6 +437,7 @@ static int draw_all(const tool_task *task, double *seconds) {
     snprintf(path, sizeof path, "%s/atlas.pfm", files[1]);
     if (r) result = room_make(r, task->file, task->context, &misplaced);
     if (misplaced) status = camera_misuse();
+    else if (result == SBL_UNFINISHED) status = stop("nothing was written");
     else if (result != SBL_SUCCESS) status = fail_with(task->said, files[0], result);
     else if (!read_pfm(path, &lightmap))
         status = fail("%s: missing, or not a .pfm; sbl_bake %s --lightmap 512 -o %s makes it", path, files[0],

@@ -176,7 +176,8 @@ static const char *studio_light(studio *s, sbl_scene_desc *scene, const survey *
     else if (inside) studio__set_lamp(s, eye, 0.1 * enclosed, enclosed);
     else studio__set_sun(s, view);
     if (inside) return "a studio sky and a lamp inside";
-    if (studio__has_ground(scene, v) || eye[1] <= (double)v->bounds.lowest[1]) return "a studio sky and a sun";
+    if (!(survey__radius(v) > 0) || studio__has_ground(scene, v) || eye[1] <= (double)v->bounds.lowest[1])
+        return "a studio sky and a sun";
     return studio__add_ground(s, scene, v) ? "a studio sky, a sun and a ground" : NULL;
 }
 
