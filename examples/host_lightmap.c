@@ -12,6 +12,7 @@
 #include "tool.h"
 #include "tool_options.h"
 #include "tool_scene.h"
+#include "tool_survey.h"
 #include "tool_camera.h"
 #include "host_gl.h"
 
@@ -277,75 +278,22 @@ static void eye_of(const float world_to_view[16], float eye[3]) {
     for (k = 0; k < 3; k++) eye[k] = -(m[4 * k] * m[12] + m[4 * k + 1] * m[13] + m[4 * k + 2] * m[14]);
 }
 
-/* Checks whether most of what the camera sees is back faces, such as the walls of a closed room from outside. */
-static sbl_result room_from_behind(const room *r, sbl_context *context, int *behind) {
-    sbl_probes_desc desc;
-    sbl_probe probe;
-    sbl_result result;
-    float eye[3];
-    eye_of(r->world_to_view, eye);
-    memset(&desc, 0, sizeof desc);
-    desc.positions = eye;
-    desc.probes = &probe;
-    desc.probe_count = 1;
-    desc.options.mode = SBL_MODE_DIRECT;
-    desc.options.rays = 65536;  /* the scene may look small from the camera */
-    result = sbl_bake_probes(context, &desc);
-    *behind = result == SBL_SUCCESS && probe.back_share > 0.5f;
-    return result;
-}
-
-/* Returns the green radiance from direction (x, 0, z) / sqrt(2), where x and z are 1 or -1: the sum of the
-   harmonics. */
-static float light_from(const sbl_probe *p, float x, float z) {
-    return 0.282095f * p->sh[0][1] + 0.345494f * (z * p->sh[2][1] + x * p->sh[3][1]) + 0.157696f * p->sh[6][1] +
-        0.546274f * x * z * p->sh[7][1] +
-           0.273137f * p->sh[8][1];
-}
-
-/* Moves the camera inside, to half the height of the room. Chooses the probe and the diagonal direction with the most
-   distant surfaces, which should be neither dark nor too bright for a picture. */
-static void room_enter(room *r) {
-    const sbl_probe *best = NULL;
-    int i, way = 0, diagonal;
-    float most = 0;
-    for (i = 0; i < PROBES; i++) {
-        const sbl_probe *p = &r->probes[i];
-        const int level = i / ACROSS % ACROSS;
-        if (!p->valid || (level != ACROSS / 2 && level != ACROSS / 2 - 1)) continue;
-        for (diagonal = 0; diagonal < 4; diagonal++) {
-            const int below = (diagonal & 1) + 2 * (diagonal & 2), above = below + 2;  /* bits of octants: x, y, z */
-            const float far = p->distance[below] < p->distance[above] ? p->distance[below] : p->distance[above];
-            const float light = light_from(p, diagonal & 1 ? 1 : -1, diagonal & 2 ? 1 : -1);
-            const float score = light > 0 ? far * sqrtf(light < 1 ? light : 1 / light) * (1 - p->sky) *
-                (1 - p->back_share) : 0;
-            if (score <= most) continue;
-            most = score;
-            best = p;
-            way = diagonal;
-        }
-    }
-    if (best)
-        sbl_look_at(r->world_to_view, best->position[0], best->position[1], best->position[2],
-                    best->position[0] + (way & 1 ? 1 : -1),
-                          best->position[1], best->position[2] + (way & 2 ? 1 : -1), 0, 1, 0);
-}
-
 static sbl_result room_make(room *r, const scene_file *file, sbl_context *context, int *misplaced) {
     const sbl_bounds bounds = sbl_query_bounds(context);
     sbl_result result = SBL_SUCCESS;
-    int k, behind = 0;
+    camera_view shot;
+    survey s;
+    int k;
     memcpy(r->lowest, bounds.lowest, sizeof r->lowest);
     memcpy(r->highest, bounds.highest, sizeof r->highest);
     for (k = 0; k < 3; k++) r->across += r->highest[k] - r->lowest[k];
-    *misplaced = !camera_place(r->world_to_view, r->view_to_clip, file, given, r->lowest, r->highest);
+    survey_begin(&s, context);
+    if (!given[EYE] && !camera_of_file(file, &shot)) result = survey_take(&s, context);
+    if (result != SBL_SUCCESS) return result;
+    camera_choose(&shot, file, given, &s);
+    *misplaced = !camera_place(r->world_to_view, r->view_to_clip, &shot, given, &s);
     r->view_to_clip[14] = -0.001f * r->across;  /* near plane at 0.0005 * across */
-    if (*misplaced || common.output) return result;
-    result = room_bake(r, context);
-    if (result != SBL_SUCCESS || file->has_camera || given[EYE] || given[LOOK_AT]) return result;
-    result = room_from_behind(r, context, &behind);
-    if (behind) room_enter(r);
-    return result;
+    return *misplaced || common.output ? result : room_bake(r, context);
 }
 
 /* Interpolates the ambient cubes of the valid probes among the eight around a point. */
@@ -489,6 +437,7 @@ static int draw_all(const tool_task *task, double *seconds) {
     snprintf(path, sizeof path, "%s/atlas.pfm", files[1]);
     if (r) result = room_make(r, task->file, task->context, &misplaced);
     if (misplaced) status = camera_misuse();
+    else if (result == SBL_UNFINISHED) status = stop("nothing was written");
     else if (result != SBL_SUCCESS) status = fail_with(task->said, files[0], result);
     else if (!read_pfm(path, &lightmap))
         status = fail("%s: missing, or not a .pfm; sbl_bake %s --lightmap 512 -o %s makes it", path, files[0],
@@ -515,7 +464,7 @@ int main(int argc, char **argv) {
         target_count = PICTURE + i + 1;
     }
     status = targets_check(target_count);
-    if (status == DONE) status = tool_run(start, given, draw_all, NULL);
+    if (status == DONE) status = tool_run(start, given, draw_all, NULL, NULL);
     targets_free();
     return status;
 }

@@ -742,9 +742,9 @@ int main(int argc, char **argv) {
     status = given[LIGHTMAP] ? find_files() : find_file();
     if (status == DONE) status = read_positions();
     if (status == DONE)
-        status = given[LIGHTMAP]   ? tool_run(start, given, bake_lightmap, find_more_files)
-               : given[VERTICES]   ? tool_run(start, given, bake_vertices, find_vertex_files)
-                                   : tool_run(start, given, bake_probes, NULL);
+        status = given[LIGHTMAP]   ? tool_run(start, given, bake_lightmap, find_more_files, NULL)
+               : given[VERTICES]   ? tool_run(start, given, bake_vertices, find_vertex_files, NULL)
+                                   : tool_run(start, given, bake_probes, NULL, NULL);
     targets_free();
     free(listed.positions);
     for (i = 0; i < TARGETS_MOST; i++) free(paths[i]);

@@ -13,7 +13,9 @@
 #include "tool.h"
 #include "tool_options.h"
 #include "tool_scene.h"
+#include "tool_survey.h"
 #include "tool_camera.h"
+#include "tool_studio.h"
 
 /* ---- the command line ---- */
 
@@ -31,7 +33,8 @@ static const char *const tone_words[] = { "none", "neutral", "agx", NULL };
 static const char *const exposure_words[] = { "auto", NULL };
 
 enum {
-    OUTPUT = CAMERA_END, CHANNEL, TARGET_ERROR, SENSOR_FOV, FACET_LIMIT, SAMPLES, EXPOSURE, TONE, INSPECT, OPTION_COUNT
+    OUTPUT = CAMERA_END, CHANNEL, TARGET_ERROR, SENSOR_FOV, FACET_LIMIT, SAMPLES, EXPOSURE, TONE, INSPECT, STUDIO,
+    OPTION_COUNT
 };
 
 static const tool_option table[OPTION_COUNT] = {
@@ -75,6 +78,13 @@ static const tool_option table[OPTION_COUNT] = {
     [INSPECT] = { "--inspect", "X,Y", INTEGERS, options.inspect, 2, 0, 16383,
                   "instead of the scene, draws what the sensor at this pixel sees (a disc, 512 x 512), and prints\n"
                   "its sums; pixel 0,0 is at the upper left" },
+    [STUDIO] = { "--studio", NULL, FLAG, NULL, 0, 0, 0,
+                 "replaces the lights of the file (surfaces that emit stay) by a sky that fades to the horizon and a "
+                 "soft sun\n"
+                 "from the upper left, with a grey ground under an object. A room that is looked at from inside gets a "
+                 "lamp\n"
+                 "inside instead. Files without any light get this by themselves, unless --sky or --mode paper is "
+                 "given" },
 };
 static int given[OPTION_COUNT];
 
@@ -126,6 +136,10 @@ static int parse(int argc, char **argv) {
         return misuse("--sensor-fov needs --mode paper: other sensors see the whole hemisphere");
     if (given[INSPECT] && given[CHANNEL])
         return misuse("--inspect draws a sensor, --channel chooses a picture of the scene; give only one of them");
+    if (given[STUDIO] && given[SKY])
+        return misuse("--studio has a sky of its own; give only one of --studio and --sky");
+    if (given[STUDIO] && common_mode(given) == SBL_MODE_PAPER)
+        return misuse("--studio: --mode paper allows no sun and no sky picture; choose another --mode");
     return DONE;
 }
 
@@ -278,6 +292,58 @@ static sbl_result inspect(sbl_context *context, image *shown) {
     return result;
 }
 
+/* ---- camera and light, where the file and the options leave them open ---- */
+
+static struct { float world_to_view[16], view_to_clip[16]; } placed;  /* the camera */
+
+static void describe_camera(const camera_view *c, const survey *s) {
+    double at[3], length = 0, distance = 0;
+    int k;
+    for (k = 0; k < 3; k++) length += c->forward[k] * c->forward[k];
+    for (k = 0; k < 3; k++) distance += (survey__center(s, k) - c->eye[k]) * c->forward[k] / length;
+    for (k = 0; k < 3; k++) at[k] = c->eye[k] + c->forward[k] * (distance > 0 ? distance : 1);
+    tell("camera: %s, at %.6g,%.6g,%.6g looking at %.6g,%.6g,%.6g, fov %.4g", c->where, c->eye[0], c->eye[1],
+         c->eye[2], at[0], at[1], at[2], c->fov);
+}
+
+/* Sets the scene again, with the light of a studio. chosen: the camera without the options. Returns the exit status. */
+static int light_studio(tool_task *task, sbl_scene_desc *scene, const survey *s, const camera_view *chosen,
+                        const double eye[3]) {
+    studio light = { 0 };
+    const char *words = NULL;
+    double enclosed = 0;
+    sbl_result result = SBL_SUCCESS;
+    if (s->kind == SURVEY_OBJECT) result = survey_enclosed(task->context, eye, &enclosed);
+    if (result == SBL_SUCCESS) {
+        words = studio_light(&light, scene, s, chosen, eye, enclosed);
+        task->said->warnings_kept = 0;  /* they are repeated when the scene is set again */
+        result = words ? sbl_set_scene(task->context, scene) : SBL_ERROR_OUT_OF_MEMORY;
+    }
+    studio_free(&light);
+    if (words && given[VERBOSE]) tell("light: %s", words);
+    if (!given[STUDIO]) task->light = words;
+    return result == SBL_SUCCESS ? DONE
+         : result == SBL_UNFINISHED ? stop("no picture was started") : fail_with(task->said, common.scene, result);
+}
+
+/* Chooses the camera, and the light of a file without light. */
+static int arrange(tool_task *task, sbl_scene_desc *scene) {
+    const int relight = given[STUDIO] ||
+        (lit_by_us(&task->file->scene, given) && common_mode(given) != SBL_MODE_PAPER);
+    camera_view chosen, shot;
+    survey s;
+    sbl_result result = SBL_SUCCESS;
+    survey_begin(&s, task->context);
+    if (relight || (!given[EYE] && !camera_of_file(task->file, &shot))) result = survey_take(&s, task->context);
+    if (result == SBL_UNFINISHED) return stop("no picture was started");
+    if (result != SBL_SUCCESS) return fail_with(task->said, common.scene, result);
+    camera_choose(&chosen, task->file, given, &s);
+    shot = chosen;
+    if (!camera_place(placed.world_to_view, placed.view_to_clip, &shot, given, &s)) return camera_misuse();
+    if (given[VERBOSE]) describe_camera(&shot, &s);
+    return relight ? light_studio(task, scene, &s, &chosen, shot.eye) : DONE;
+}
+
 /* ---- the whole tool ---- */
 
 static void fill_desc(sbl_picture_desc *desc, progress *bar) {
@@ -306,16 +372,14 @@ static int render(const tool_task *task, double *seconds) {
     const int display = is_display(channel);
     progress bar = { !given[QUIET] && isatty(STDERR_FILENO), now(), 0 };
     sbl_context *context = task->context;
-    sbl_bounds bounds;
     sbl_picture_desc desc;
     image picture = { 0, 0, 0, NULL };
     view all = { &picture, channel, 0 };
     sbl_result result;
     int status = DONE;
     fill_desc(&desc, &bar);
-    bounds = sbl_query_bounds(context);
-    if (!camera_place(desc.world_to_view, desc.view_to_clip, task->file, given, bounds.lowest, bounds.highest))
-        return camera_misuse();
+    memcpy(desc.world_to_view, placed.world_to_view, sizeof desc.world_to_view);
+    memcpy(desc.view_to_clip, placed.view_to_clip, sizeof desc.view_to_clip);
     result = sbl_begin_picture(context, &desc);
     if (result == SBL_SUCCESS) result = work(context);
     if (bar.shown) fprintf(stderr, "\r%70s\r", "");
@@ -346,7 +410,7 @@ int main(int argc, char **argv) {
     if (given[VERSION]) { printf("sbl_render %s\n", sbl_version()); return fflush(stdout) == 0 ? DONE : FAILED; }
     catch_signals();
     status = find_targets();
-    if (status == DONE) status = tool_run(start, given, render, NULL);
+    if (status == DONE) status = tool_run(start, given, render, NULL, arrange);
     targets_free();
     return status;
 }

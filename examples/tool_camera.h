@@ -1,5 +1,5 @@
 /* The camera of tools that draw: options, which follow the common options in the table of the tool, and matrices.
-   Include after tool_scene.h. */
+   Include after tool_scene.h and tool_survey.h. */
 #ifndef TOOL_CAMERA_H
 #define TOOL_CAMERA_H
 
@@ -21,56 +21,164 @@ enum { SIZE = COMMON_OPTIONS, EYE, LOOK_AT, UP, FOV, CAMERA_END };
                         "the direction that is up in the picture; default: see --fov", NULL, NULL }, \
     [FOV]           = { "--fov", "DEGREES", NUMBERS, &camera.fov, 1, 1, 179, \
                         "vertical field of view. Defaults of --eye, --look-at, --up and --fov: the camera of the " \
-                            "file, or a\n" \
-                        "camera that shows the whole scene", NULL, NULL }
+                            "file, or one\n" \
+                        "that fits the scene: in front of an object, in front of the open side of a room, or inside " \
+                            "a room;\n" \
+                        "--verbose shows it", NULL, NULL }
 
-/* Computes the camera: from the options, otherwise from the file, otherwise such that the bounds of the scene are
-   visible. lowest, highest: these bounds. Returns 0 if the directions are degenerate. */
-static int camera_place(float world_to_view[16], float view_to_clip[16], const scene_file *file, const int *given,
-                        const float lowest[3], const float highest[3]) {
-    static const double from[3] = { 0.35, 0.3, 0.89 };  /* unit vector: from the front, slightly from the right and
-                                                           above */
-    const double radians = atan(1.0) / 45, aspect = (double)camera.size[0] / camera.size[1];
+/* A camera. camera_choose chooses it without the options; camera_place lets the options replace parts of it. */
+typedef struct camera_view {
+    double eye[3], forward[3], up[3], fov;
+    int of_file;        /* 1: it is the camera of the file */
+    const char *where;  /* what --verbose says about it */
+} camera_view;
+
+/* Returns half of the field of view as its tangent, horizontally and vertically. */
+static void camera__tangents(double fov, double out[2]) {
+    out[1] = tan(fov * atan(1.0) / 90);
+    out[0] = out[1] * camera.size[0] / camera.size[1];
+}
+
+/* Takes the camera of the file. Returns 0 if its values are invalid; it is then ignored. */
+static int camera_of_file(const scene_file *file, camera_view *view) {
     const scene_file_camera *c = &file->camera;
-    double eye[3], at[3], to[3], up[3], fov = camera.fov, half, distance = 0;
-    int i, use_file = file->has_camera;
-    if (use_file) {  /* a camera with invalid values is ignored */
-        float unused[16];
-        fov = (double)c->fov_y;
-        if (c->fov_x > 0 && c->fov_x < 179) fov = 2 * atan(tan(0.5 * (double)c->fov_x * radians) / aspect) / radians;
-        use_file = fov >= 1 && fov <= 179 &&
-                   sbl_look_at(unused, 0, 0, 0, c->forward[0], c->forward[1], c->forward[2], c->up[0], c->up[1],
-                       c->up[2]);
-        for (i = 0; i < 3; i++) use_file = use_file && fabs((double)c->eye[i]) < 1e18;
-    }
-    if (!use_file || given[FOV]) fov = camera.fov;
+    const double radians = atan(1.0) / 45, aspect = (double)camera.size[0] / camera.size[1];
+    float unused[16];
+    int i, ok = file->has_camera &&
+        sbl_look_at(unused, 0, 0, 0, c->forward[0], c->forward[1], c->forward[2], c->up[0], c->up[1], c->up[2]);
+    view->fov = (double)c->fov_y;
+    if (c->fov_x > 0 && c->fov_x < 179)
+        view->fov = 2 * atan(tan(0.5 * (double)c->fov_x * radians) / aspect) / radians;
     for (i = 0; i < 3; i++) {
-        at[i] = 0.5 * ((double)lowest[i] + (double)highest[i]);
-        distance += 0.25 * pow((double)highest[i] - (double)lowest[i], 2);
+        view->eye[i] = (double)c->eye[i];
+        view->forward[i] = (double)c->forward[i];
+        view->up[i] = (double)c->up[i];
+        ok = ok && fabs(view->eye[i]) < 1e18;
     }
-    half = 0.5 * fov * radians;
-    if (aspect < 1) half = atan(tan(half) * aspect);
-    distance = (distance > 0 ? sqrt(distance) : 1) / sin(half);
+    view->where = "of the file";
+    return view->of_file = ok && view->fov >= 1 && view->fov <= 179;
+}
+
+/* Places the camera so that the corners of the bounds just fit into the picture, with a margin of a fourteenth of the
+   picture on each side. */
+static void camera__frame(const survey *s, camera_view *view) {
+    double right[3], up[3], tangents[2], most[2][2], shift[2], distance = 0, length;
+    int i, k, axis;
+    length = sqrt(s->from[0] * s->from[0] + s->from[2] * s->from[2]);
+    right[0] = s->from[2] / length;
+    right[1] = 0;
+    right[2] = -s->from[0] / length;
+    up[0] = s->from[1] * right[2];  /* from x right */
+    up[1] = s->from[2] * right[0] - s->from[0] * right[2];
+    up[2] = -s->from[1] * right[0];
+    camera__tangents(view->fov, tangents);
+    for (i = 0; i < 4; i++) most[i / 2][i % 2] = -1e300;
+    for (i = 0; i < 8; i++) {
+        double x[2] = { 0, 0 }, towards = 0;  /* a corner from the centre: to the right and up; towards the camera */
+        for (k = 0; k < 3; k++) {
+            const double half = (i >> k & 1 ? 0.5 : -0.5) * survey__size(s, k);
+            x[0] += half * right[k];
+            x[1] += half * up[k];
+            towards += half * s->from[k];
+        }
+        for (axis = 0; axis < 2; axis++)
+            for (k = 0; k < 2; k++) {
+                const double t = 0.86 * tangents[axis], reach = (k ? -x[axis] : x[axis]) + t * towards;
+                if (reach > most[axis][k]) most[axis][k] = reach;
+            }
+    }
+    for (axis = 0; axis < 2; axis++) {
+        const double fits = (most[axis][0] + most[axis][1]) / (2 * 0.86 * tangents[axis]);
+        shift[axis] = 0.5 * (most[axis][0] - most[axis][1]);
+        if (fits > distance) distance = fits;
+    }
+    if (!(distance > 0)) distance = 1;
+    for (k = 0; k < 3; k++) {
+        view->eye[k] = survey__center(s, k) + distance * s->from[k] + shift[0] * right[k] + shift[1] * up[k];
+        view->forward[k] = -s->from[k];
+    }
+    view->where = "in front of an object";
+}
+
+/* Places the camera before the open side of a room, so that the opening covers the picture. An opening of another shape
+   may leave borders, which are at most half of the picture. */
+static void camera__look_in(const survey *s, camera_view *view) {
+    const int axis = s->side / 2, across = axis == 0 ? 2 : 0;
+    double tangents[2], wide, high, covers, distance;
+    int k;
+    camera__tangents(view->fov, tangents);
+    wide = 0.5 * survey__size(s, across) / tangents[0];
+    high = 0.5 * survey__size(s, 1) / tangents[1];
+    covers = 0.98 * (wide < high ? wide : high);
+    distance = 0.5 * (wide < high ? high : wide);
+    if (distance < covers) distance = covers;
+    for (k = 0; k < 3; k++) {
+        const double out = k == axis ? s->side % 2 ? -1 : 1 : 0;
+        view->eye[k] = survey__center(s, k) + out * (0.5 * survey__size(s, k) + distance);
+        view->forward[k] = -out;
+    }
+    view->where = "in front of the open side of a room";
+}
+
+enum { CAMERA__ROOM_FOV = 60 };  /* degrees; the field of view inside a room, as of a wide-angle lens */
+
+/* Chooses the camera without looking at the options, except for the size of the picture and --fov: that of the file, or
+   one that shows the whole scene. */
+static void camera_choose(camera_view *view, const scene_file *file, const int *given, const survey *s) {
+    int i;
+    if (camera_of_file(file, view)) { if (given[FOV]) view->fov = camera.fov; return; }
+    view->fov = s->kind == SURVEY_ROOM && !given[FOV] ? CAMERA__ROOM_FOV : camera.fov;
     for (i = 0; i < 3; i++) {
-        double forward = use_file ? (double)c->forward[i] : -from[i];
-        if (given[LOOK_AT]) at[i] = camera.look_at[i];
-        eye[i] = given[EYE] ? camera.eye[i] : use_file ? (double)c->eye[i] : at[i] + distance * from[i];
-        if (use_file && !given[LOOK_AT]) at[i] = eye[i] + forward;
-        up[i] = use_file && !given[UP] ? (double)c->up[i] : camera.up[i];
+        view->eye[i] = s->eye[i];
+        view->forward[i] = s->forward[i];
+        view->up[i] = i == 1;
     }
-    for (i = 0; i < 3; i++) at[i] -= eye[i];  /* from here on at is a direction */
-    if (!given[LOOK_AT] && at[0] == 0.0 && at[1] == 0.0 && at[2] == 0.0) at[2] = -1;  /* the eye is at the centre of the
-                                                                                         scene */
-    if (!given[UP] && at[0] == 0.0 && at[2] == 0.0) { up[0] = up[1] = 0; up[2] = at[1] < 0 ? -1 : 1; }
+    view->where = "inside a room";
+    if (s->kind == SURVEY_OBJECT) camera__frame(s, view);
+    if (s->kind == SURVEY_OPEN_ROOM) camera__look_in(s, view);
+}
+
+/* Lets the options replace parts of the camera. Without --eye, --look-at of an object moves the camera as far from this
+   point as shows the whole scene. Without --look-at, --eye looks at the centre of the scene. */
+static void camera__options(camera_view *view, const int *given, const survey *s) {
+    double tangents[2], at[3], distance;
+    int i;
+    if (given[EYE] && !view->of_file) view->fov = camera.fov;
+    camera__tangents(view->fov, tangents);
+    distance = atan(tangents[0] < tangents[1] ? tangents[0] : tangents[1]);
+    distance = (survey__radius(s) > 0 ? survey__radius(s) : 1) / sin(distance);
+    for (i = 0; i < 3; i++) {
+        at[i] = given[LOOK_AT] ? camera.look_at[i] : survey__center(s, i);
+        if (given[EYE]) view->eye[i] = camera.eye[i];
+        else if (given[LOOK_AT] && !view->of_file && s->kind == SURVEY_OBJECT)
+            view->eye[i] = at[i] + distance * s->from[i];
+        if (given[LOOK_AT] || (given[EYE] && !view->of_file)) view->forward[i] = at[i] - view->eye[i];
+        if (given[UP]) view->up[i] = camera.up[i];
+    }
+    if (!given[LOOK_AT] && view->forward[0] == 0.0 && view->forward[1] == 0.0 && view->forward[2] == 0.0)
+        view->forward[2] = -1;  /* the eye is at the centre of the scene */
+    if (!given[UP] && view->forward[0] == 0.0 && view->forward[2] == 0.0) {
+        view->up[0] = view->up[1] = 0;
+        view->up[2] = view->forward[1] < 0 ? -1 : 1;
+    }
+    if (given[EYE] || given[LOOK_AT]) view->where = "of the options";
+}
+
+/* Computes the matrices of the camera that was chosen, with the options. Returns 0 if the directions are degenerate. */
+static int camera_place(float world_to_view[16], float view_to_clip[16], camera_view *view, const int *given,
+                        const survey *s) {
+    const double *eye = view->eye, *forward = view->forward, *up = view->up;
+    double to[3], distance;
+    int i;
+    camera__options(view, given, s);
     /* The direction is made as long as the eye is far from the origin. Otherwise rounding to float would turn the
        camera. */
-    distance = sqrt(at[0] * at[0] + at[1] * at[1] + at[2] * at[2]);
+    distance = sqrt(forward[0] * forward[0] + forward[1] * forward[1] + forward[2] * forward[2]);
     for (i = 0; i < 3; i++)
-        to[i] = eye[i] + (distance > 0 ? at[i] / distance * (1 + fabs(eye[0]) + fabs(eye[1]) + fabs(eye[2])) : 0);
-    return sbl_perspective(view_to_clip, (float)fov, (float)aspect) &&
+        to[i] = eye[i] + (distance > 0 ? forward[i] / distance * (1 + fabs(eye[0]) + fabs(eye[1]) + fabs(eye[2])) : 0);
+    return sbl_perspective(view_to_clip, (float)view->fov, (float)((double)camera.size[0] / camera.size[1])) &&
            sbl_look_at(world_to_view, (float)eye[0], (float)eye[1], (float)eye[2], (float)to[0], (float)to[1],
-               (float)to[2],
-                       (float)up[0], (float)up[1], (float)up[2]);
+                       (float)to[2], (float)up[0], (float)up[1], (float)up[2]);
 }
 
 static int camera_misuse(void) {

@@ -32,7 +32,9 @@ enum {
 
 #define COMMON_ROWS \
     [SKY]           = { "--sky", "R,G,B|FILE", NUMBERS_OR_FILE, common.sky, 3, 0, 1e30, \
-                        "constant radiance of the sky, default 0,0,0, or 1,1,1 if nothing else emits light; or an\n" \
+                        "constant radiance of the sky, default 0,0,0; for files without any light, sbl_render has a " \
+                            "studio (see\n" \
+                        "--studio), and the other tools have a sky of 1,1,1. Or an\n" \
                         "equirectangular picture of the sky: FILE.hdr, or .png, .jpg, ..., which are decoded from " \
                             "sRGB. The upper\n" \
                         "edge of the picture is straight up, its centre is +x", NULL, &common.sky_picture }, \
@@ -322,10 +324,11 @@ static int keep_stats(const totals *all) {
 
 typedef struct tool_task {
     const scene_file *file;
-    const sbl_scene_desc *scene;  /* the file with the sky of the options */
+    const sbl_scene_desc *scene;  /* the file with the sky of the options, and what the arranger added */
     sbl_context *context;         /* its scene is set */
     messages *said;
     double start, load;           /* time when the tool started; seconds spent reading the files */
+    const char *light;            /* what lights a file without light, in words; NULL: the default sky does */
 } tool_task;
 
 /* Sets the scene. Returns the exit status. */
@@ -404,13 +407,17 @@ static int keep_store(const tool_task *task, const int *given) {
    exit status. */
 typedef int (*tool_worker)(const tool_task *task, double *seconds);
 
+/* Is called when the scene is set. It may change the scene and set it again. Returns the exit status. */
+typedef int (*tool_arranger)(tool_task *task, sbl_scene_desc *scene);
+
 static int tool__work(const scene_file *file, const scene_file *sky, tool_task *task, const int *given,
-    tool_worker worker) {
-    const sbl_scene_desc scene = common_scene(file, sky, given);
+    tool_worker worker, tool_arranger arrange) {
+    sbl_scene_desc scene = common_scene(file, sky, given);
     totals all = { task->context, file->scene.light_count, task->load, 0 };
     int status, make = 0;
     task->scene = &scene;
     status = set_scene(task);
+    if (status == DONE && arrange) status = arrange(task, &scene);
     if (status == DONE && interrupted) return stop("no " TOOL_MAKES " was started");
     if (status == DONE) status = load_store(task, given, &make);
     if (status == DONE) status = worker(task, &all.seconds);
@@ -419,9 +426,13 @@ static int tool__work(const scene_file *file, const scene_file *sky, tool_task *
     return status;
 }
 
-static void tool__warn(const scene_file *file, const messages *said, const int *given) {
+static void tool__warn(const scene_file *file, const tool_task *task, const int *given) {
+    const messages *said = task->said;
     int i;
-    if (lit_by_us(&file->scene, given))
+    if (task->light)
+        tell("%s: the file has no light: it is lit by %s; --sky R,G,B or --sky FILE gives it another light",
+             common.scene, task->light);
+    else if (lit_by_us(&file->scene, given))
         warn("%s: the scene emits no light; a constant sky of 1,1,1 lights it; --sky chooses another", common.scene);
     for (i = 0; i < file->warning_count && i < SCENE_FILE_WARNINGS; i++) warn("%s: %s", common.scene,
         file->warnings[i]);
@@ -432,8 +443,9 @@ static void tool__warn(const scene_file *file, const messages *said, const int *
 
 /* Reads the scene, calls the worker, writes statistics and stored light, and prints warnings. Returns the exit status.
    prepare: NULL, or a function that is called after the scene is read and before the work begins; it returns an exit
-   status. */
-static int tool_run(double start, const int *given, tool_worker worker, int (*prepare)(const scene_file *file)) {
+   status. arrange: NULL, or see tool_arranger. */
+static int tool_run(double start, const int *given, tool_worker worker, int (*prepare)(const scene_file *file),
+    tool_arranger arrange) {
     sbl_context_desc context_desc;
     scene_file *file, *sky = NULL;
     messages said;
@@ -462,10 +474,10 @@ static int tool_run(double start, const int *given, tool_worker worker, int (*pr
         context_desc.logger.log = on_log;
         context_desc.logger.user = &said;
         result = sbl_create(&context_desc, &task.context);
-        status = result == SBL_SUCCESS ? tool__work(file, sky, &task, given, worker) : fail_with(&said, "OpenGL",
-            result);
+        status = result == SBL_SUCCESS ? tool__work(file, sky, &task, given, worker, arrange)
+                                       : fail_with(&said, "OpenGL", result);
         sbl_destroy(task.context);
-        if (status == DONE && !given[QUIET]) tool__warn(file, &said, given);
+        if (status == DONE && !given[QUIET]) tool__warn(file, &task, given);
     }
     scene_file_free(file);
     scene_file_free(sky);

@@ -364,19 +364,19 @@ TEST(options_override_the_files_camera) {
 }
 
 static void check_framed(const char *size, int width, int height) {
-    picture depth;
+    picture id;
     int x, y, seen = 0, border = 0;
-    REQUIRE(TOOL("block.obj", "--size", size, SMALL, "--quiet", "--channel", "depth", "-o", "depth.pfm") == 0,
+    REQUIRE(TOOL("block.obj", "--size", size, SMALL, "--quiet", "--channel", "id", "-o", "id.pfm") == 0,
             "exit status %d: %s",
             ran.status, ran.err);
-    depth = read_pfm("depth.pfm");
-    REQUIRE(depth.values, "the picture is not there");
+    id = read_pfm("id.pfm");
+    REQUIRE(id.values, "the picture is not there");
     for (y = 0; y < height; y++)
         for (x = 0; x < width; x++)
-            if (at(&depth, x, y, 0) > 0) { seen++; border += x == 0 || y == 0 || x == width - 1 || y == height - 1; }
+            if (at(&id, x, y, 0) == 1.0) { seen++; border += x == 0 || y == 0 || x == width - 1 || y == height - 1; }
     CHECK(seen * 12 > (width < height ? width * width : height * height) && !border,
           "%s: %d pixels of the scene are seen, %d of them at the border", size, seen, border);
-    free(depth.values);
+    free(id.values);
 }
 /* Without a camera the whole scene is seen, and fills the picture. */
 TEST(without_a_camera_the_scene_is_framed) {
@@ -389,6 +389,196 @@ TEST(without_a_camera_the_scene_is_framed) {
     check_framed("32x32", 32, 32);
     check_framed("48x24", 48, 24);
     check_framed("20x60", 20, 60);
+}
+
+/* >>light and camera of files that have none */
+
+enum { ALL_SIDES = 63, WITHOUT_X = ALL_SIDES & ~1, WITHOUT_TOP = ALL_SIDES & ~4 };
+
+/* Appends a box to an .obj text. sides: bits for +x -x +y -y +z -z. Its faces look outward, or inward. */
+static void add_box(char *text, const double low[3], const double high[3], int sides, int inward) {
+    static const int faces[6][4] = { { 1, 3, 7, 5 }, { 0, 4, 6, 2 }, { 2, 6, 7, 3 }, { 0, 1, 5, 4 }, { 4, 5, 7, 6 },
+        { 0, 2, 3, 1 } };
+    int side, k;
+    for (side = 0; side < 6; side++) {
+        if (!(sides >> side & 1)) continue;
+        for (k = 0; k < 4; k++) {
+            const int corner = faces[side][inward ? 3 - k : k];
+            sprintf(text + strlen(text), "v %g %g %g\n", corner & 1 ? high[0] : low[0], corner & 2 ? high[1] : low[1],
+                    corner & 4 ? high[2] : low[2]);
+        }
+        strcat(text, "f -4 -3 -2 -1\n");
+    }
+}
+
+static void write_boxes(const char *name, int sides, int inward, int thick, const char *before) {
+    static const double low[3] = { 0, 0, 0 }, high[3] = { 5, 2.8, 4 };
+    static const double within[3] = { 0.2, 0.2, 0.2 }, upto[3] = { 4.8, 2.6, 3.8 };
+    static const double foot[3] = { 1, 0.2, 1 }, top[3] = { 2, 1, 2 };
+    char text[8192];
+    snprintf(text, sizeof text, "%s", before);
+    add_box(text, low, high, sides, inward);
+    if (thick) add_box(text, within, upto, ALL_SIDES, 1);
+    if (inward || thick) add_box(text, foot, top, ALL_SIDES, 0);
+    write_text(name, text);
+}
+
+/* A white box, and nothing else. */
+static void white_obj(void) {
+    write_text("white.mtl", "newmtl white\nKd .8 .8 .8\n");
+    write_boxes("white.obj", ALL_SIDES, 0, 0, "mtllib white.mtl\nusemtl white\n");
+}
+
+/* Returns the luminance of a pixel of a picture. */
+static double luminance(const picture *p, int x, int y) {
+    return 0.2126 * at(p, x, y, 0) + 0.7152 * at(p, x, y, 1) + 0.0722 * at(p, x, y, 2);
+}
+
+#define STUDIO_SHOT "--size", "48x36", "--bounce-samples", "4096"
+
+/* A white box without any light stands on a ground that is darker than its lit front and gets its shadow. The file's
+   ids stay as they are, and the ground has the next one. */
+TEST(a_file_without_light_gets_a_studio) {
+    picture final, id;
+    int x, y, boxes = 0, grounds = 0, others = 0, black = 0, clipped = 0;
+    double front = 0, darkest = 1e9, far, near;
+    white_obj();
+    REQUIRE(TOOL("white.obj", STUDIO_SHOT, "-o", "white.pfm") == 0, "exit status %d: %s", ran.status, ran.err);
+    CHECK(said("the file has no light") && said("a sun and a ground") && ran.err_lines == 1, "said: %s", ran.err);
+    REQUIRE(TOOL("white.obj", STUDIO_SHOT, "--channel", "id", "--quiet", "-o", "id.pfm") == 0 && !ran.err[0],
+            "exit status %d: %s", ran.status, ran.err);
+    final = read_pfm("white.pfm");
+    id = read_pfm("id.pfm");
+    REQUIRE(final.values && id.values, "the pictures are not there");
+    for (y = 0; y < 36; y++)
+        for (x = 0; x < 48; x++) {
+            const int which = (int)at(&id, x, y, 0);
+            const double value = luminance(&final, x, y);
+            boxes += which == 1;
+            grounds += which == 2;
+            others += which > 2 || (which == 0 && y > 18);
+            black += value < 0.02;
+            clipped += value > 1;
+            if (which == 1 && value > front) front = value;
+            if (which == 2 && value < darkest) darkest = value;
+        }
+    far = luminance(&final, 1, 0);
+    near = luminance(&final, 1, 34);
+    CHECK(boxes > 300 && grounds > 300 && !others, "%d pixels show the box, %d the ground, %d others", boxes, grounds,
+          others);
+    CHECK(!black && !clipped && front > 2 * far, "%d pixels are black, %d too bright; front %g, background %g", black,
+          clipped, front, far);
+    CHECK(fabs(near / far - 1) < 0.06, "the ground has %g in front and %g far away", near, far);
+    CHECK(darkest < 0.7 * far, "the shadow has %g, the background %g", darkest, far);
+    free(final.values);
+    free(id.values);
+}
+
+/* The edge of the ground against the sky is not seen. The ground does not have to fill the picture: from a low eye, far
+   away, the edge is in its lower half. */
+TEST(the_edge_of_the_ground_is_not_seen) {
+    picture final, id;
+    int y, edge = -1;
+    white_obj();
+    REQUIRE(TOOL("white.obj", STUDIO_SHOT, "--mode", "direct", "--eye", "-30,4,2", "--look-at", "-29,3.9,2", "--quiet",
+                 "--samples", "1", "-o", "white.pfm") == 0, "exit status %d: %s", ran.status, ran.err);
+    REQUIRE(TOOL("white.obj", STUDIO_SHOT, "--eye", "-30,4,2", "--look-at", "-29,3.9,2", "--quiet", "--channel", "id",
+                 "-o", "id.pfm") == 0, "exit status %d: %s", ran.status, ran.err);
+    final = read_pfm("white.pfm");
+    id = read_pfm("id.pfm");
+    REQUIRE(final.values && id.values, "the pictures are not there");
+    for (y = 0; y + 1 < 36; y++)
+        if ((at(&id, 10, y, 0) > 0) != (at(&id, 10, y + 1, 0) > 0)) {
+            const double above = luminance(&final, 10, y), below = luminance(&final, 10, y + 1);
+            CHECK(fabs(above / below - 1) < 0.03, "row %d: %g above the edge, %g below", y, above, below);
+            edge = y;
+        }
+    CHECK(edge >= 0, "no edge of the ground is in the picture");
+    free(final.values);
+    free(id.values);
+}
+
+/* Options choose: --sky, --mode paper and lights in the file need no studio; --studio replaces lights; a ground of the
+   file is not doubled; a room gets a lamp inside. */
+TEST(who_gets_a_studio) {
+    char floor_text[256];
+    white_obj();
+    room_obj();
+    TOOL("white.obj", SMALL, "--size", "8x8", "--sky", "1,1,1", "-o", "none.pfm");
+    CHECK(ran.status == 0 && !ran.err[0], "--sky: exit status %d: %s", ran.status, ran.err);
+    TOOL("white.obj", SMALL, "--size", "8x8", "--mode", "paper", "-o", "none.pfm");
+    CHECK(ran.status == 0 && said("a constant sky of 1,1,1"), "--mode paper: exit status %d: %s", ran.status, ran.err);
+    TOOL("room.obj", SMALL, "--size", "8x8", "-o", "none.pfm");
+    CHECK(ran.status == 0 && !ran.err[0], "a lamp: exit status %d: %s", ran.status, ran.err);
+    TOOL("room.obj", SMALL, "--size", "8x8", "--studio", "--verbose", "-o", "none.pfm");
+    CHECK(ran.status == 0 && said("light: a studio sky") && !said("has no light"), "--studio: exit status %d: %s",
+          ran.status, ran.err);
+    snprintf(floor_text, sizeof floor_text, "v -9 0 -9\nv -9 0 9\nv 9 0 9\nv 9 0 -9\nf 1 2 3 4\n");
+    write_boxes("floored.obj", ALL_SIDES, 0, 0, floor_text);
+    TOOL("floored.obj", SMALL, "--size", "8x8", "-o", "none.pfm");
+    CHECK(ran.status == 0 && said("lit by a studio sky and a sun;"), "a floor: exit status %d: %s", ran.status,
+          ran.err);
+    write_boxes("closed.obj", ALL_SIDES, 1, 0, "");
+    TOOL("closed.obj", SMALL, "--size", "8x8", "-o", "none.pfm");
+    CHECK(ran.status == 0 && said("lit by a studio sky and a lamp inside;"), "a room: exit status %d: %s", ran.status,
+          ran.err);
+}
+
+/* The camera that is chosen stands inside of rooms, in front of their open side, or in front of objects; --verbose says
+   which. An object seen from outside does not touch the border of the picture; a room fills all of it. */
+TEST(the_camera_tells_rooms_from_objects) {
+    static const struct { const char *name; int sides, inward, thick; const char *camera; } scenes[] = {
+        { "closed.obj", ALL_SIDES, 1, 0, "camera: inside a room" },
+        { "open.obj", WITHOUT_X, 1, 0, "camera: in front of the open side of a room" },
+        { "topless.obj", WITHOUT_TOP, 1, 0, "camera: in front of an object" },
+        { "solid.obj", ALL_SIDES, 0, 0, "camera: in front of an object" },
+        { "hollow.obj", ALL_SIDES, 0, 1, "camera: in front of an object" } };
+    int i, k;
+    for (i = 0; i < 5; i++) {
+        const int room = i < 2;
+        int missed = 0, border = 0;
+        picture depth;
+        write_boxes(scenes[i].name, scenes[i].sides, scenes[i].inward, scenes[i].thick, "");
+        TOOL(scenes[i].name, SMALL, "--size", "32x24", "--sky", "1,1,1", "--verbose", "--channel", "depth", "-o",
+             "depth.pfm");
+        CHECK(ran.status == 0 && said(scenes[i].camera), "%s: exit status %d: %s", scenes[i].name, ran.status, ran.err);
+        depth = read_pfm("depth.pfm");
+        for (k = 0; k < 32 * 24; k++) {
+            const int x = k % 32, y = k / 32, seen = at(&depth, x, y, 0) > 0;
+            missed += !seen;
+            border += seen && (x == 0 || y == 0 || x == 31 || y == 23);
+        }
+        CHECK(room ? !missed : missed && !border, "%s: %d pixels show nothing, %d at the border show the scene",
+              scenes[i].name, missed, border);
+        free(depth.values);
+    }
+}
+
+/* Walls that are modelled with two sides look like an object from outside. With a lamp inside, the outside is dark, and
+   the camera stands inside. */
+TEST(a_lit_room_with_thick_walls_is_looked_at_from_inside) {
+    write_text("lamp.mtl", "newmtl lamp\nKd 0 0 0\nKe 9 9 9\nnewmtl white\nKd .8 .8 .8\n");
+    write_boxes("thick.obj", ALL_SIDES, 0, 1, "mtllib lamp.mtl\nusemtl lamp\nv 2 2.5 1\nv 3 2.5 1\nv 3 2.5 2\n"
+                "v 2 2.5 2\nf -4 -3 -2 -1\nusemtl white\n");
+    TOOL("thick.obj", SMALL, "--size", "16x12", "--verbose", "-o", "none.pfm");
+    CHECK(ran.status == 0 && said("camera: inside a room"), "exit status %d: %s", ran.status, ran.err);
+}
+
+/* Our own Cornell box, with no option but the size, is seen through its open side. */
+TEST(the_cornell_box_is_seen_from_its_open_side) {
+    char scene[4096];
+    picture final;
+    int x, y, black = 0;
+    if (!realpath("examples/scenes/cornell_box.obj", scene)) SKIP("not run in the repository's root");
+    REQUIRE(TOOL(scene, "--size", "48x36", "-o", "box.pfm") == 0, "exit status %d: %s", ran.status, ran.err);
+    final = read_pfm("box.pfm");
+    REQUIRE(final.values, "the picture is not there");
+    for (y = 0; y < 36; y++)
+        for (x = 0; x < 48; x++) black += luminance(&final, x, y) < 0.001;
+    CHECK(!black, "%d of 1728 pixels are black", black);
+    CHECK(at(&final, 2, 18, 0) > 2 * at(&final, 2, 18, 1) && at(&final, 45, 18, 1) > 2 * at(&final, 45, 18, 0),
+          "the left wall should be red, the right wall green");
+    free(final.values);
 }
 
 /* >>outputs */
@@ -1236,6 +1426,8 @@ TEST(bad_usage_is_two) {
                                             { "room.obj", "--sky", "" },
                                             { "room.obj", "--sky", "1,1,1", "--sky-scale", "2" },
                                             { "room.obj", "--sky-rotation", "90" },
+                                            { "room.obj", "--studio", "--sky", "1,1,1" },
+                                            { "room.obj", "--studio", "--mode", "paper" },
                                             { "room.obj", "--sky", "sky.hdr", "--sky-rotation", "east" },
                                             { "room.obj", "--sky", "sky.hdr", "--sky-rotation", "361" },
                                             { "room.obj", "--sky", "sky.hdr", "--sky-scale", "-1" },
@@ -1570,6 +1762,7 @@ TEST(help_names_every_option) {
                                          "--fov",
                                          "--sky",
                                          "--sky-rotation",
+                                         "--studio",
                                          "--sky-scale",
                                          "--sky-up",
                                          "--mode",
@@ -1639,6 +1832,12 @@ int main(int argc, char **argv) {
     RUN(ids_are_of_uses_of_meshes);
     RUN(options_override_the_files_camera);
     RUN(without_a_camera_the_scene_is_framed);
+    RUN(a_file_without_light_gets_a_studio);
+    RUN(the_edge_of_the_ground_is_not_seen);
+    RUN(who_gets_a_studio);
+    RUN(the_camera_tells_rooms_from_objects);
+    RUN(a_lit_room_with_thick_walls_is_looked_at_from_inside);
+    RUN(the_cornell_box_is_seen_from_its_open_side);
     RUN(png_is_the_encoded_pfm);
     RUN(every_channel_is_written);
     RUN(exr_is_written_or_refused);

@@ -1,0 +1,184 @@
+/* Light for scenes that have none: a studio. Include after tool_survey.h and tool_camera.h.
+
+   An object stands on a large grey ground, below a sky that is bright above and fades towards the horizon, and a wide
+   sun shines from the upper left behind the camera. The sky has the radiance of the ground from the horizon down, so
+   that the edge of the ground is not seen. A white surface that faces the sun is about four times as bright as the
+   background. A scene that is looked at from inside gets no
+   sun and no ground, but a wide lamp in its air, which the camera does not see, and the sky shines in.
+
+   The ground is one more mesh behind those of the file, with an index and an id above theirs, and one more material
+   likewise: what the file has keeps its numbers. The camera, and the bounds that it needs, are computed before. */
+#ifndef TOOL_STUDIO_H
+#define TOOL_STUDIO_H
+
+#include <math.h>
+
+/* Values are R, or radiance, of red, green and blue. */
+static const double studio__sun[3] = { 0.68, 0.66, 0.63 };     /* R of a surface that faces the sun */
+static const double studio__zenith[3] = { 0.60, 0.63, 0.68 };  /* radiance straight above */
+static const double studio__ground[3] = { 0.205, 0.2, 0.19 };  /* albedo */
+static const double studio__lamp[3] = { 0.80, 0.77, 0.72 };    /* R of a surface that faces a lamp at half the view */
+#define STUDIO__SUN_HEIGHT 0.75  /* sine of the sun's height */
+#define STUDIO__SUN_LEFT 0.9     /* angle between the sun and the direction behind the camera, seen from above */
+#define STUDIO__SUN_ANGLE 8.0f   /* degrees across, so that shadows are soft */
+
+typedef struct studio {
+    double horizon[3];           /* radiance of the sky at the horizon and below, and of the ground far away */
+    sbl_light light;             /* the sun or the lamp */
+    sbl_mesh *meshes;            /* those of the file, and the ground; NULL without a ground */
+    sbl_material *materials;
+    float corners[12];           /* of the ground */
+} studio;
+
+/* How far the sky has gone from the radiance of the horizon (0) to that of the zenith (1). h: the sine of the height.
+   The slope is 0 at the horizon, so that no line is seen there. */
+static double studio__fade(double h) { return h > 0 ? h * h * (3 - 2 * h) : 0; }
+
+static void studio__sky(const float direction[3], float radiance[3], void *user) {
+    const studio *s = (const studio *)user;
+    const double fade = studio__fade((double)direction[1]);
+    int k;
+    for (k = 0; k < 3; k++) radiance[k] = (float)(s->horizon[k] + (studio__zenith[k] - s->horizon[k]) * fade);
+}
+
+/* Computes the radiance h of the ground far away from the object, where it sees the sun and all of the sky, whose
+   radiance at the horizon is h, too:
+       h = albedo (sun * height + 2 integral of (h + (zenith - h) fade(x)) x dx), x from 0 to 1,
+       where 2 integral of fade(x) x dx is 0.7 */
+static void studio__match(studio *s) {
+    int k;
+    for (k = 0; k < 3; k++)
+        s->horizon[k] = studio__ground[k] * (studio__sun[k] * STUDIO__SUN_HEIGHT + 0.7 * studio__zenith[k]) /
+                        (1 - 0.3 * studio__ground[k]);
+}
+
+/* Sets the sun. view: the camera that is chosen without the options. Options do not move the sun, so that pictures of a
+   scene from several sides have the same light, and share their stored bounced light. */
+static void studio__set_sun(studio *s, const camera_view *view) {
+    const double pi = 4 * atan(1.0), level = sqrt(1 - STUDIO__SUN_HEIGHT * STUDIO__SUN_HEIGHT);
+    const double *way = fabs(view->forward[1]) < 0.99 * sqrt(view->forward[0] * view->forward[0] + view->forward[1] *
+        view->forward[1] + view->forward[2] * view->forward[2]) ? view->forward : view->up;
+    const double turn = atan2(way[0], way[2]) - STUDIO__SUN_LEFT;  /* light travels forward and to the right */
+    int k;
+    s->light.kind = SBL_LIGHT_DIRECTIONAL;
+    s->light.angle = STUDIO__SUN_ANGLE;
+    s->light.direction[0] = (float)(level * sin(turn));
+    s->light.direction[1] = (float)-STUDIO__SUN_HEIGHT;
+    s->light.direction[2] = (float)(level * cos(turn));
+    for (k = 0; k < 3; k++) s->light.intensity[k] = (float)(pi * studio__sun[k]);
+}
+
+/* Sets the lamp of a room. It is smaller than the space around it. */
+static void studio__set_lamp(studio *s, const double position[3], double space, double view) {
+    const double pi = 4 * atan(1.0), distance = 0.5 * view;
+    int k;
+    s->light.kind = SBL_LIGHT_POINT;
+    s->light.radius = (float)(0.3 * space);
+    for (k = 0; k < 3; k++) {
+        s->light.position[k] = (float)position[k];
+        s->light.intensity[k] = (float)(pi * studio__lamp[k] * distance * distance);
+    }
+}
+
+/* ---- the ground ---- */
+
+static void studio__corner(const sbl_mesh *mesh, int number, double out[3]) {
+    const float *p = (const float *)mesh->positions.data + 3 * (size_t)((const uint32_t *)mesh->indices.data)[number];
+    const float *t = mesh->transform;
+    int i, placed = 0;
+    for (i = 0; i < 16; i++) placed = placed || t[i] < 0 || t[i] > 0;
+    for (i = 0; i < 3; i++)
+        out[i] = !placed ? (double)p[i] : (double)t[i] * (double)p[0] + (double)t[4 + i] * (double)p[1] +
+                                          (double)t[8 + i] * (double)p[2] + (double)t[12 + i];
+}
+
+/* Returns whether the scene has a ground of its own: at least half of its extent, seen from above, is covered by
+   triangles at its lowest height that face up. */
+static int studio__has_ground(const sbl_scene_desc *scene, const survey *v) {
+    const double top = (double)v->bounds.lowest[1] + 0.01 * survey__size(v, 1);
+    const double extent = survey__size(v, 0) * survey__size(v, 2);
+    double area = 0, p[3][3];
+    int i, k, corner;
+    for (i = 0; i < scene->mesh_count; i++)
+        for (k = 0; k + 2 < scene->meshes[i].index_count; k += 3) {
+            for (corner = 0; corner < 3; corner++) studio__corner(&scene->meshes[i], k + corner, p[corner]);
+            if (p[0][1] > top || p[1][1] > top || p[2][1] > top) continue;
+            area += fmax(0, 0.5 * ((p[1][2] - p[0][2]) * (p[2][0] - p[0][0]) -
+                                   (p[1][0] - p[0][0]) * (p[2][2] - p[0][2])));
+        }
+    return area > 0.5 * extent;
+}
+
+/* Adds the ground to the scene: a square, larger than the object and its shadow, slightly below the lowest point, so
+   that an underside does not coincide with it. Returns 0 if memory runs out. */
+static int studio__add_ground(studio *s, sbl_scene_desc *scene, const survey *v) {
+    static const unsigned char square[] = { 0, 1, 2, 0, 2, 3 };
+    const size_t meshes = (size_t)scene->mesh_count, materials = (size_t)scene->material_count;
+    const double half = 0.5 * sqrt(pow(survey__size(v, 0), 2) + pow(survey__size(v, 2), 2));
+    const double size = 1.5 * half + 3.5 * survey__size(v, 1);
+    const double height = (double)v->bounds.lowest[1] - 0.001 * survey__radius(v);
+    int i, k;
+    s->meshes = (sbl_mesh *)calloc(meshes + 1, sizeof *s->meshes);
+    s->materials = (sbl_material *)calloc(materials + 1, sizeof *s->materials);
+    if (!s->meshes || !s->materials) return 0;
+    memcpy(s->meshes, scene->meshes, meshes * sizeof *s->meshes);
+    memcpy(s->materials, scene->materials, materials * sizeof *s->materials);
+    for (i = 0; i < 4; i++) {  /* counter-clockwise, seen from above */
+        s->corners[3 * i] = (float)(survey__center(v, 0) + (i < 2 ? -size : size));
+        s->corners[3 * i + 1] = (float)height;
+        s->corners[3 * i + 2] = (float)(survey__center(v, 2) + (i == 1 || i == 2 ? size : -size));
+    }
+    s->meshes[meshes].positions.data = s->corners;
+    s->meshes[meshes].vertex_count = 4;
+    s->meshes[meshes].indices.data = square;
+    s->meshes[meshes].indices.type = SBL_UINT8;
+    s->meshes[meshes].index_count = 6;
+    s->meshes[meshes].material = scene->material_count;
+    s->meshes[meshes].id = 1;
+    for (i = 0; i < scene->mesh_count; i++) {
+        const uint32_t id = scene->meshes[i].id ? scene->meshes[i].id : (uint32_t)i + 1;
+        if (id >= s->meshes[meshes].id) s->meshes[meshes].id = id + 1;
+    }
+    for (k = 0; k < 3; k++) s->materials[materials].albedo[k] = (float)studio__ground[k];
+    scene->meshes = s->meshes;
+    scene->mesh_count++;
+    scene->materials = s->materials;
+    scene->material_count++;
+    return 1;
+}
+
+/* ---- the studio ---- */
+
+static void studio_free(studio *s) {
+    free(s->meshes);
+    free(s->materials);
+}
+
+/* Lights the scene in place of its own lights and sky; surfaces that emit stay. The studio must stay until the scene is
+   set. v: the survey of the scene. view: the chosen camera, without the options. eye: the position of the camera.
+   enclosed: whether the camera is inside something. Returns what lights the scene now, in words; NULL if memory runs
+   out. */
+static const char *studio_light(studio *s, sbl_scene_desc *scene, const survey *v, const camera_view *view,
+                                const double eye[3], double enclosed) {
+    const int inside = v->kind != SURVEY_OBJECT || enclosed > 0;
+    int k;
+    memset(s, 0, sizeof *s);
+    studio__match(s);
+    for (k = 0; k < 3; k++) scene->sky[k] = 0;
+    memset(&scene->environment, 0, sizeof scene->environment);
+    scene->environment.radiance = studio__sky;
+    scene->environment.user = s;
+    scene->environment.picture.width = 16;
+    scene->environment.picture.height = 256;
+    scene->lights = &s->light;
+    scene->light_count = 1;
+    if (v->kind != SURVEY_OBJECT) studio__set_lamp(s, v->middle, v->free, v->far);
+    else if (inside) studio__set_lamp(s, eye, 0.1 * enclosed, enclosed);
+    else studio__set_sun(s, view);
+    if (inside) return "a studio sky and a lamp inside";
+    if (!(survey__radius(v) > 0) || studio__has_ground(scene, v) || eye[1] <= (double)v->bounds.lowest[1])
+        return "a studio sky and a sun";
+    return studio__add_ground(s, scene, v) ? "a studio sky, a sun and a ground" : NULL;
+}
+
+#endif
