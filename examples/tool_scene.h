@@ -387,7 +387,8 @@ static int tool_run(double start, const int *given, tool_worker worker, int (*pr
     memset(&task, 0, sizeof task);
     memset(&said, 0, sizeof said);
     common.reading.cancel = &interrupted;
-    if (given[VERBOSE]) common.reading.log = on_confined;
+    verbose = given[VERBOSE];
+    if (verbose) common.reading.log = on_confined;
     file = scene_file_load(common.scene, &common.reading, error, sizeof error);
     if (file && common.sky_picture) sky = scene_file_load_sky(common.sky_picture, &common.reading, error, sizeof error);
     task.file = said.file = file;
