@@ -24,6 +24,20 @@ enum { SIZE = COMMON_OPTIONS, EYE, LOOK_AT, UP, FOV, CAMERA_END };
                             "file, or a\n" \
                         "camera that shows the whole scene", NULL, NULL }
 
+#define CAMERA_LINES \
+    { SIZE, "width and height in pixels; default 640x480" }, \
+    { EYE, "position; default: from the file, or chosen" }, \
+    { LOOK_AT, "the point that the camera looks at" }, \
+    { UP, "the direction that is up in the picture" }, \
+    { FOV, "vertical field of view" }
+
+/* Prints the camera for --verbose. forward: from the eye to the point that it looks at. */
+static void detail_camera(const double eye[3], const double forward[3], const double up[3], double fov,
+                          const char *source) {
+    detail("camera: --eye %g,%g,%g --look-at %g,%g,%g --up %g,%g,%g --fov %g (%s)", eye[0], eye[1], eye[2],
+           eye[0] + forward[0], eye[1] + forward[1], eye[2] + forward[2], up[0], up[1], up[2], fov, source);
+}
+
 /* Computes the camera: from the options, otherwise from the file, otherwise such that the bounds of the scene are
    visible. lowest, highest: these bounds. Returns 0 if the directions are degenerate. */
 static int camera_place(float world_to_view[16], float view_to_clip[16], const scene_file *file, const int *given,
@@ -62,6 +76,10 @@ static int camera_place(float world_to_view[16], float view_to_clip[16], const s
     if (!given[LOOK_AT] && at[0] == 0.0 && at[1] == 0.0 && at[2] == 0.0) at[2] = -1;  /* the eye is at the centre of the
                                                                                          scene */
     if (!given[UP] && at[0] == 0.0 && at[2] == 0.0) { up[0] = up[1] = 0; up[2] = at[1] < 0 ? -1 : 1; }
+    detail_camera(eye, at, up, fov, given[EYE] && given[LOOK_AT] ? "from the options"
+                  : use_file ? given[EYE] || given[LOOK_AT] ? "from the file and the options" : "from the file"
+                  : given[EYE] || given[LOOK_AT] ? "from the options; the rest shows the whole scene"
+                  : "shows the whole scene");
     /* The direction is made as long as the eye is far from the origin. Otherwise rounding to float would turn the
        camera. */
     distance = sqrt(at[0] * at[0] + at[1] * at[1] + at[2] * at[2]);
