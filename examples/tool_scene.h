@@ -1,7 +1,7 @@
 /* Shared by tools that read a scene, let sbl.h work on it, and write files: common options, the default sky, output
    files, statistics, stored light, and the order of these steps. Include after tool.h, tool_options.h and
-   output_file.h. Define TOOL_DRAWS first if the tool makes pictures, which have the mode of the paper. In the table of a
-   tool, its own options follow the common options:
+   output_file.h. Define TOOL_DRAWS first if the tool makes pictures with sensors: they have the mode of the paper. In
+   the table of a tool, its own options follow the common options:
 
        enum { OUTPUT = COMMON_OPTIONS, ..., OPTION_COUNT };
        static int given[OPTION_COUNT];
@@ -154,7 +154,8 @@ static int common_check(const int *given) {
     if (given[STORE] && mode != SBL_MODE_GI)
         return misuse("--store needs --mode gi: other modes have no bounced light");
     if (given[EPSILON] && (mode == SBL_MODE_GI || mode == SBL_MODE_DIRECT))
-        return misuse("--epsilon needs --mode ambient" TOOL__PAPER(" or paper") ": the other modes have no ambient factor");
+        return misuse("--epsilon needs --mode ambient" TOOL__PAPER(" or paper")
+                      ": the other modes have no ambient factor");
     if (common.sky_picture && mode == SBL_MODE_PAPER)
         return misuse("--sky %s: --mode paper allows no sky picture; give a colour or choose another --mode",
             common.sky_picture);

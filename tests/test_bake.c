@@ -416,7 +416,8 @@ TEST(what_is_wrong_is_said) {
     REFUSED(2, "--output is missing", "room.gltf", "--lightmap", "64");
     REFUSED(2, "not a folder", "room.gltf", "--lightmap", "64", "-o", "file");
     REFUSED(1, "cannot be created", "room.gltf", "--lightmap", "64", "-o", "no/such/folder");
-    REFUSED(2, "--mode paper: the value must be gi, ambient or direct", "room.gltf", "--lightmap", "64", "-o", "new", "--mode", "paper");
+    REFUSED(2, "--mode paper: the value must be gi, ambient or direct", "room.gltf", "--lightmap", "64", "-o", "new",
+            "--mode", "paper");
     REFUSED(2, "--lightmap 0", "room.gltf", "--lightmap", "0", "-o", "new");
     REFUSED(2, "--lightmap 16385", "room.gltf", "--lightmap", "16385", "-o", "new");
     REFUSED(2, "--gutter -1", "room.gltf", "--lightmap", "64", "--gutter", "-1", "-o", "new");
@@ -434,10 +435,11 @@ TEST(what_is_wrong_is_said) {
 /* --help has at most 40 short lines; --help all names every option, and nothing that sbl_bake does not have. */
 TEST(help_is_short_or_complete) {
     static const char *const names[] = { "--output", "--lightmap", "--gutter", "--directional", "--supersample",
-        "--target-error", "--error", "--vertices", "--average", "--samples", "--smoothing", "--probes", "--move", "--sky",
-        "--sky-rotation", "--sky-scale", "--sky-up", "--mode", "--preset", "--backend", "--rays", "--max-bounce-cells",
-        "--bounce-samples", "--epsilon", "--sensor-size", "--tile", "--threshold", "--filter-radius", "--seed", "--stats",
-        "--allow-path", "--memory", "--read-time", "--store", "--quiet", "--verbose", "--help", "--version",
+        "--target-error", "--error", "--vertices", "--average", "--samples", "--smoothing", "--probes", "--move",
+        "--sky", "--sky-rotation", "--sky-scale", "--sky-up", "--mode", "--preset", "--backend", "--rays",
+        "--max-bounce-cells", "--bounce-samples", "--epsilon", "--sensor-size", "--tile", "--threshold",
+        "--filter-radius", "--seed", "--stats", "--allow-path", "--memory", "--read-time", "--store", "--quiet",
+        "--verbose", "--help", "--version",
         "MOZ_lightmap", "Ctrl-C" };
     size_t i;
     CHECK(TOOL("--help") == 0 && ran.out_lines <= 40 && longest_line(ran.out) <= 80, "%d lines of up to %d characters",

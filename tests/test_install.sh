@@ -120,7 +120,8 @@ page_has_all() {
     page_of "$1"
     "$prefix/bin/$1" --help all | grep -o '^  --[a-z-]*' | while read -r option; do
         grep -q "^$(echo "$option" | sed 's/-/\\\\-/g')" "$page" || { echo "$option is missing"; return 1; }
-    done && [ "$(grep -c '^\.SS' "$page")" -ge 5 ] && for section in NAME SYNOPSIS DESCRIPTION OPTIONS NOTES 'EXIT STATUS'; do
+    done && [ "$(grep -c '^[.]SS' "$page")" -ge 5 ] &&
+    for section in NAME SYNOPSIS DESCRIPTION OPTIONS NOTES 'EXIT STATUS'; do
         [ "$(grep -cx ".SH $section" "$page")" = 1 ] || { echo "section $section"; return 1; }
     done && ! sed '1,/^.SH EXIT/d' "$page" | grep '^[.]'
 }
