@@ -339,6 +339,23 @@ static void draw_ball(const host *h, const room *r, const float middle[3], const
 
 enum { FRAMES = 12, PICTURE = OWN_TARGETS };
 
+static const tool_line lines[] = {
+    { TOOL_HEADING, "What:" },
+    { CHANNEL, "final (default) or radiance" },
+    { MODE, NULL },
+    { TOOL_HEADING, "Camera:" },
+    CAMERA_LINES,
+    { TOOL_HEADING, "Light:" },
+    LIGHT_LINES,
+    { TOOL_HEADING, "Quality:" },
+    QUALITY_LINES,
+    { TOOL_HEADING, "Output:" },
+    { OUTPUT, "also -o; .png or .pfm; default: several frames" },
+    OUTPUT_LINES,
+    { TOOL_HEADING, "Safety:" },
+    SAFETY_LINES
+};
+
 static void print_help(void) {
     printf("usage: host_lightmap SCENE FOLDER -o FILE [options]\n"
            "       host_lightmap SCENE FOLDER [options]\n\n"
@@ -346,10 +363,8 @@ static void print_help(void) {
            "sbl_bake SCENE --lightmap N -o FOLDER wrote to FOLDER/atlas.pfm. Without -o, the camera moves a little, "
                "while a ball\n"
            "passes through the light of probes, and %d frames are written: FOLDER/frame_00.png and so on. Options for\n"
-           "light apply to the probes.\n\n", (int)FRAMES);
-    tool_print_options(table + CAMERA_END, OPTION_COUNT - CAMERA_END);
-    tool_print_options(table + COMMON_OPTIONS, CAMERA_END - COMMON_OPTIONS);
-    tool_print_options(table, COMMON_OPTIONS);
+           "light apply to the probes.\n", (int)FRAMES);
+    tool_print_help(table, OPTION_COUNT, lines, (int)(sizeof lines / sizeof *lines), common.help_all);
 }
 
 typedef struct frame { const char *name; image picture; } frame;

@@ -40,12 +40,12 @@ enum {
 
 static const tool_option table[OPTION_COUNT] = {
     COMMON_ROWS,
-    [OUTPUT] = { "--output", "PATH", TEXT, &common.output, 0, 0, 0,
-                 "also -o; a file; with --lightmap a folder, which is created if it does not exist" },
+    [OUTPUT] = { "--output", "FILE", TEXT, &common.output, 0, 0, 0,
+                 "also -o; with --lightmap FILE is a folder, which is created if it does not exist" },
     [LIGHTMAP] = { "--lightmap", "N", INTEGERS, &options.lightmap, 1, 1, 16384,
                    "bakes all meshes that have second texture coordinates (TEXCOORD_1; scripts/unwrap makes them) into "
                    "one map\n"
-                   "of N x N texels, and writes into the folder PATH:\n"
+                   "of N x N texels, and writes these files into the folder of --output:\n"
                    "lightmap.pfm, lightmap.exr    R (irradiance / pi) of each texel, linear; 0 where there is no "
                    "surface\n"
                    "atlas.pfm, atlas.exr          the same, continued into the gutters, for bilinear sampling and mip "
@@ -77,9 +77,9 @@ static const tool_option table[OPTION_COUNT] = {
     [VERTICES] = { "--vertices", NULL, FLAG, NULL, 0, 0, 0,
                    "bakes R at the vertices of all meshes, fitted by least squares to the light on their triangles, "
                    "and writes\n"
-                   "PATH.ply (binary: x y z nx ny nz in world space; radiance_r radiance_g radiance_b, which are R; "
+                   "FILE.ply (binary: x y z nx ny nz in world space; radiance_r radiance_g radiance_b, which are R; "
                    "and faces)\n"
-                   "or PATH.gltf (with a .bin and texture_*.png in the same folder; R is vertex attribute _RADIANCE)" },
+                   "or FILE.gltf (with a .bin and texture_*.png in the same folder; R is vertex attribute _RADIANCE)" },
     [AVERAGE] = { "--average", NULL, FLAG, NULL, 0, 0, 0,
                   "with --vertices: averages the light around each vertex instead of fitting; this is smoother, but "
                   "wrong\n"
@@ -90,11 +90,11 @@ static const tool_option table[OPTION_COUNT] = {
                     "with --vertices: weight of the rule that the slope of the light is equal on both sides of an "
                     "edge; 0 turns\n"
                     "it off; default 0.02" },
-    [PROBES] = { "--probes", "NXxNYxNZ|FILE", SIZES, options.grid, 3, 1, 4096,
-                 "bakes light at points in the air, and writes PATH.json. The points are the centres of the cells of a "
+    [PROBES] = { "--probes", "NXxNYxNZ|LIST", SIZES, options.grid, 3, 1, 4096,
+                 "bakes light at points in the air, and writes FILE.json. The points are the centres of the cells of a "
                  "grid over\n"
-                 "the bounds of the scene, x fastest, or the points in a text file FILE.txt, with three numbers on "
-                 "each line.\n"
+                 "the bounds of the scene, x fastest, or the points in a text file LIST.txt, with three numbers "
+                 "on each line.\n"
                  "Each probe has: position; valid (false inside geometry); sh: radiance in nine real orthonormal "
                  "spherical\n"
                  "harmonics, rgb each, in the order 1, y, z, x, xy, yz, 3z2-1, xz, x2-y2; cube: R on surfaces that "
@@ -102,27 +102,55 @@ static const tool_option table[OPTION_COUNT] = {
                  "+y -y +z -z; sky: the fraction of directions that see the sky; distance, distance_squared: means for "
                  "each\n"
                  "octant; back_share: the fraction of visible surfaces that are back faces (see sbl_probe in sbl.h)",
-                 NULL, &options.positions },
+                 NULL, &options.positions, .file_words = "a text file such as LIST.txt" },
     [MOVE] = { "--move", "DISTANCE", NUMBERS, &options.move, 1, 0, 1e18,
                "greatest distance by which a probe may be moved to get out of geometry; default 0" },
 };
 static int given[OPTION_COUNT];
 
+static const tool_line lines[] = {
+    { TOOL_HEADING, "What:" },
+    { LIGHTMAP, "a map of N x N texels, into a folder" },
+    { DIRECTIONAL, "also how the light of the map depends on direction" },
+    { VERTICES, "light at the vertices, into a .ply or .gltf file" },
+    { AVERAGE, NULL },
+    { PROBES, "light in the air, into a .json file" },
+    { MOVE, "moves probes out of geometry" },
+    { MODE, "gi (default: all light), direct or ambient" },
+    { TOOL_HEADING, "Light:" },
+    LIGHT_LINES,
+    { TOOL_HEADING, "Quality:" },
+    { TARGET_ERROR, "accepted error of a map, such as 2%" },
+    { SUPERSAMPLE, "finer shadows in a map: N x N places in a texel" },
+    { SAMPLES, "for vertices: points on a triangle" },
+    { SMOOTHING, NULL },
+    QUALITY_LINES,
+    { TOOL_HEADING, "Output:" },
+    { OUTPUT, "also -o; for a map it is a folder" },
+    { GUTTER, "continues the light beyond the charts; default 16" },
+    OUTPUT_LINES,
+    { TOOL_HEADING, "Safety:" },
+    SAFETY_LINES
+};
+
 static void print_help(void) {
     printf(
         "usage: sbl_bake SCENE --lightmap N -o FOLDER [options]\n"
         "       sbl_bake SCENE --vertices -o FILE.ply|FILE.gltf [options]\n"
-        "       sbl_bake SCENE --probes NXxNYxNZ|FILE -o FILE.json [options]\n\n"
-        "Bakes the light of a scene file by sensor based lighting.\n"
-        "SCENE: .obj .gltf .glb, and other formats that assimp reads; --lightmap needs second texture coordinates\n\n");
-    tool_print_options(table + COMMON_OPTIONS, OPTION_COUNT - COMMON_OPTIONS);
-    tool_print_options(table, COMMON_OPTIONS);
+        "       sbl_bake SCENE --probes NXxNYxNZ|LIST -o FILE.json [options]\n\n"
+        "Bakes the light of a scene file: .obj .gltf .glb, and others that assimp reads.\n"
+        "A lightmap needs second texture coordinates, which scripts/unwrap makes.\n");
+    tool_print_help(table, OPTION_COUNT, lines, (int)(sizeof lines / sizeof *lines), common.help_all);
+    if (!common.help_all) return;
     printf("\nMaterials and lights are read as by sbl_render. If a mesh is used several times, all uses have the same\n"
            "coordinates and overlap in a lightmap; scripts/unwrap makes each use a mesh of its own.\n"
-           "\nEach file is written completely or not at all. Ctrl-C, SIGTERM and SIGHUP save the unfinished lightmap, "
-           "if there\n"
-           "is one, as FOLDER/lightmap.partial.pfm; a second signal ends the program at once.\n"
-           "\nExit status: 0 success; 1 failure, with one line on stderr; 2 wrong usage; after a signal: 130 (SIGINT), "
+           "\nEach file is written completely or not at all.\n"
+           "\nIf you press Ctrl-C, the unfinished lightmap is saved as lightmap.partial.pfm in the folder, and the "
+           "program ends.\n"
+           "If there is no light yet, nothing is saved; nor are vertices and probes. A second Ctrl-C ends the program "
+           "at once. The\n"
+           "signals SIGTERM and SIGHUP do the same.\n"
+           "\nExit status: 0 success; 1 failure, with one line on stderr; 2 wrong usage; after a signal: 130 (Ctrl-C), "
            "143\n"
            "(SIGTERM), 129 (SIGHUP).\n");
 }
@@ -154,7 +182,9 @@ static int parse(int argc, char **argv) {
         return misuse("--output %s: the name must end in .ply or .gltf", common.output);
     if (given[PROBES] && !ends_with(common.output, ".json"))
         return misuse("--output %s: the name must end in .json", common.output);
-    if (common_mode(given) == SBL_MODE_PAPER) return misuse("--mode paper is only for pictures; choose another --mode");
+    common_note(given, table);
+    if (given[LIGHTMAP]) common_note_refinement(given, table, TARGET_ERROR);
+    note_if(given[AVERAGE], given, table, SMOOTHING, "--average has no slopes");
     common.input = options.positions;
     return DONE;
 }
@@ -190,13 +220,16 @@ static int target_add(int number, size_t folder, const char *name) {
     return DONE;
 }
 
+static int folder_is_new;  /* 1: this run has created the folder */
+
 /* Creates the folder and lists the files that do not depend on the scene. Returns the exit status. */
 static int find_files(void) {
     struct stat info;
     int i, status = DONE;
     if (stat(common.output, &info) == 0 && !S_ISDIR(info.st_mode))
         return misuse("--output %s: this is not a folder; give another name", common.output);
-    if (stat(common.output, &info) != 0 && mkdir(common.output, 0777) != 0)
+    folder_is_new = stat(common.output, &info) != 0;
+    if (folder_is_new && mkdir(common.output, 0777) != 0)
         return fail("%s: the folder cannot be created: %s; give another one", common.output, strerror(errno));
     targets_begin();
     for (i = OWN_TARGETS; i < TEXTURES && status == DONE; i++) status = target_add(i, strlen(common.output), names[i]);
@@ -747,6 +780,7 @@ int main(int argc, char **argv) {
                                    : tool_run(start, given, bake_probes, NULL, NULL);
     targets_free();
     free(listed.positions);
+    if (folder_is_new && status != DONE) rmdir(common.output);  /* leaves a folder that contains files */
     for (i = 0; i < TARGETS_MOST; i++) free(paths[i]);
     return status;
 }

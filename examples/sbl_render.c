@@ -10,6 +10,7 @@
 #include "sensor_disc.h"
 #define TOOL_NAME "sbl_render"
 #define TOOL_MAKES "picture"
+#define TOOL_DRAWS
 #include "tool.h"
 #include "tool_options.h"
 #include "tool_scene.h"
@@ -88,13 +89,33 @@ static const tool_option table[OPTION_COUNT] = {
 };
 static int given[OPTION_COUNT];
 
+static const tool_line lines[] = {
+    { TOOL_HEADING, "What:" },
+    { CHANNEL, "final (default), radiance, albedo, normal, depth, ..." },
+    { MODE, "gi (default: all light), direct, ambient or paper" },
+    { INSPECT, "shows what the sensor at this pixel measures" },
+    { TOOL_HEADING, "Camera:" },
+    CAMERA_LINES,
+    { TOOL_HEADING, "Light:" },
+    LIGHT_LINES, { STUDIO, "lights the scene as a photographer's studio does" },
+    { TOOL_HEADING, "Quality:" },
+    { TARGET_ERROR, "accepted error, such as 2%; a small one takes long" },
+    { SAMPLES, "anti-aliasing samples per pixel" },
+    QUALITY_LINES, { FACET_LIMIT, NULL }, { SENSOR_FOV, NULL },
+    { TOOL_HEADING, "Output:" },
+    { OUTPUT, "also -o; .png, .pfm or .exr; default sbl.png" },
+    { EXPOSURE, "each stop makes a .png twice as bright; or auto" },
+    { TONE, "curve of a .png: neutral (default), agx or none" },
+    OUTPUT_LINES,
+    { TOOL_HEADING, "Safety:" },
+    SAFETY_LINES
+};
+
 static void print_help(void) {
     printf("usage: sbl_render SCENE [options]\n\n"
-           "Renders a scene file by sensor based lighting.\n"
-           "SCENE: .obj .gltf .glb, and other formats that assimp reads (.fbx, .ply, ...)\n\n");
-    tool_print_options(table + CAMERA_END, OPTION_COUNT - CAMERA_END);
-    tool_print_options(table + COMMON_OPTIONS, CAMERA_END - COMMON_OPTIONS);
-    tool_print_options(table, COMMON_OPTIONS);
+           "Renders a scene file: .obj .gltf .glb, and others that assimp reads (.fbx, ...).\n");
+    tool_print_help(table, OPTION_COUNT, lines, (int)(sizeof lines / sizeof *lines), common.help_all);
+    if (!common.help_all) return;
     printf(
         "\nMaterials: OBJ Kd map_Kd Ke map_Ke d map_d (opacity below 0.5 is cut out); glTF base colour, emission with\n"
         "KHR_materials_emissive_strength, alphaMode MASK (BLEND is treated as MASK with cutoff 0.5). Metal and glossy\n"
@@ -110,14 +131,35 @@ static void print_help(void) {
         "its\n"
         "permissions. If FILE is a symbolic link, the file that it refers to is replaced. Other hard links of the old "
         "file\n"
-        "keep the old contents. Input files are never overwritten. Ctrl-C, SIGTERM and SIGHUP save the unfinished\n"
-        "picture, if there is one, as NAME.partial.png (.pfm, .exr); a second signal ends the program at once.\n"
-        "\nExit status: 0 success; 1 failure, with one line on stderr; 2 wrong usage; after a signal: 130 (SIGINT), "
+        "keep the old contents. Input files are never overwritten.\n"
+        "\nIf you press Ctrl-C, the unfinished picture is saved beside the output, as NAME.partial.png (.pfm, .exr), "
+        "and the\n"
+        "program ends. If nothing can be shown yet, nothing is saved. A second Ctrl-C ends the program at once. The\n"
+        "signals SIGTERM and SIGHUP do the same.\n"
+        "\nExit status: 0 success; 1 failure, with one line on stderr; 2 wrong usage; after a signal: 130 (Ctrl-C), "
         "143\n"
         "(SIGTERM), 129 (SIGHUP).\n");
 }
 
 static int ends_with(const char *path, const char *ending) { return scene__ends_with(path, ending); }
+
+/* Notes options that have no effect on the picture. */
+static void note_effects(void) {
+    const sbl_channel channel = (sbl_channel)options.channel;
+    const int is_light = channel == SBL_CHANNEL_FINAL || channel == SBL_CHANNEL_RADIANCE ||
+        channel == SBL_CHANNEL_STORE || channel == SBL_CHANNEL_ERROR;
+    const int paper = common_mode(given) == SBL_MODE_PAPER;
+    common_note(given, table);
+    note_if(paper, given, table, TARGET_ERROR, "in --mode paper, --threshold decides");
+    if (!paper) common_note_refinement(given, table, TARGET_ERROR);
+    note_if(options.samples > 1 && (channel != SBL_CHANNEL_FINAL || given[INSPECT]), given, table, SAMPLES,
+            "only channel final is anti-aliased");
+    note_if(!ends_with(common.output, ".png"), given, table, EXPOSURE, "only a .png is exposed");
+    note_if(ends_with(common.output, ".png") && !is_light, given, table, EXPOSURE,
+            "only final, radiance, store and error are exposed");
+    note_if(!ends_with(common.output, ".png") || channel != SBL_CHANNEL_FINAL || given[INSPECT], given, table, TONE,
+            "only channel final in a .png has a tone");
+}
 
 static int parse(int argc, char **argv) {
     const tool_command command = { argc, argv, table, OPTION_COUNT, given, &common.scene, 1 };
@@ -140,6 +182,7 @@ static int parse(int argc, char **argv) {
         return misuse("--studio has a sky of its own; give only one of --studio and --sky");
     if (given[STUDIO] && common_mode(given) == SBL_MODE_PAPER)
         return misuse("--studio: --mode paper allows no sun and no sky picture; choose another --mode");
+    note_effects();
     return DONE;
 }
 
@@ -253,9 +296,10 @@ static void describe(const sbl_sensor *s, const double sheet_sum[3]) {
            (double)s->weight_sum);
     if (s->view_count) printf("%d views, %d x %d texels\n", s->view_count, s->sheet_width, s->sheet_height);
     else printf("%d rays\n", s->ray_count - aimed);
-    printf("back faces %.2f %%, nearest surface %g, mean distance %g\n", 100 * (double)s->back_share,
-           (double)s->hit_min,
-           (double)s->hit_mean);
+    if (s->hit_mean > 0)
+        printf("back faces %.2f %%, nearest surface %g, mean distance %g\n", 100 * (double)s->back_share,
+               (double)s->hit_min, (double)s->hit_mean);
+    else printf("no surface was met\n");
     printf("from lamps %g %g %g: %d lamps, %d rays towards them\n", (double)s->from_lamps[0], (double)s->from_lamps[1],
            (double)s->from_lamps[2], s->lamp_count, aimed);
     describe_lamps(s);
@@ -302,8 +346,8 @@ static void describe_camera(const camera_view *c, const survey *s) {
     for (k = 0; k < 3; k++) length += c->forward[k] * c->forward[k];
     for (k = 0; k < 3; k++) distance += (survey__center(s, k) - c->eye[k]) * c->forward[k] / length;
     for (k = 0; k < 3; k++) at[k] = c->eye[k] + c->forward[k] * (distance > 0 ? distance : 1);
-    tell("camera: %s, at %.6g,%.6g,%.6g looking at %.6g,%.6g,%.6g, fov %.4g", c->where, c->eye[0], c->eye[1],
-         c->eye[2], at[0], at[1], at[2], c->fov);
+    detail("camera: %s: --eye %.6g,%.6g,%.6g --look-at %.6g,%.6g,%.6g --up %.6g,%.6g,%.6g --fov %.4g", c->where,
+           c->eye[0], c->eye[1], c->eye[2], at[0], at[1], at[2], c->up[0], c->up[1], c->up[2], c->fov);
 }
 
 /* Sets the scene again, with the light of a studio. chosen: the camera without the options. Returns the exit status. */
@@ -320,7 +364,7 @@ static int light_studio(tool_task *task, sbl_scene_desc *scene, const survey *s,
         result = words ? sbl_set_scene(task->context, scene) : SBL_ERROR_OUT_OF_MEMORY;
     }
     studio_free(&light);
-    if (words && given[VERBOSE]) tell("light: %s", words);
+    if (words) detail("light: %s", words);
     if (!given[STUDIO]) task->light = words;
     return result == SBL_SUCCESS ? DONE
          : result == SBL_UNFINISHED ? stop("no picture was started") : fail_with(task->said, common.scene, result);
@@ -340,7 +384,7 @@ static int arrange(tool_task *task, sbl_scene_desc *scene) {
     camera_choose(&chosen, task->file, given, &s);
     shot = chosen;
     if (!camera_place(placed.world_to_view, placed.view_to_clip, &shot, given, &s)) return camera_misuse();
-    if (given[VERBOSE]) describe_camera(&shot, &s);
+    describe_camera(&shot, &s);
     return relight ? light_studio(task, scene, &s, &chosen, shot.eye) : DONE;
 }
 

@@ -91,6 +91,17 @@ static void warn(const char *format, ...) {
     va_end(arguments);
 }
 
+static int verbose;  /* 1: --verbose was given */
+
+/* Prints what the tool chose or found, in one line, only with --verbose. */
+static inline void detail(const char *format, ...) {
+    va_list arguments;
+    if (!verbose) return;
+    va_start(arguments, format);
+    say("", format, arguments);
+    va_end(arguments);
+}
+
 /* Messages from sbl.h. The first error is printed if the work fails; warnings are printed if it succeeds. */
 typedef struct messages {
     char error[640];

@@ -26,6 +26,13 @@ enum { SIZE = COMMON_OPTIONS, EYE, LOOK_AT, UP, FOV, CAMERA_END };
                             "a room;\n" \
                         "--verbose shows it", NULL, NULL }
 
+#define CAMERA_LINES \
+    { SIZE, "width and height in pixels; default 640x480" }, \
+    { EYE, "position; default: from the file, or chosen" }, \
+    { LOOK_AT, "the point that the camera looks at" }, \
+    { UP, "the direction that is up in the picture" }, \
+    { FOV, "vertical field of view" }
+
 /* A camera. camera_choose chooses it without the options; camera_place lets the options replace parts of it. */
 typedef struct camera_view {
     double eye[3], forward[3], up[3], fov;

@@ -10,6 +10,7 @@
 
 typedef enum option_kind {
     FLAG,             /* no value */
+    FLAG_OR_WORD,     /* a word may follow: an int, which becomes 1 + index into words */
     TEXT,             /* a const char * */
     CHOICE,           /* an int: index into words */
     INTEGERS, SIZES,  /* count ints, separated by commas; SIZES: by x */
@@ -30,7 +31,17 @@ typedef struct tool_option {
                                    of the number, which is then NaN, or NULL */
     const char **file;          /* receives a file name, or NULL if numbers are given; NULL: only numbers are allowed */
     const char *synonym;        /* older name that is also accepted, or NULL */
+    const char *file_words;     /* with file: what the file is, for messages */
 } tool_option;
+
+/* The help is a list of such lines: a heading starts a group, and the options of the group follow. */
+typedef struct tool_line {
+    int option;                 /* number of the option in the table, or TOOL_HEADING */
+    const char *text;           /* the heading; or what --help says about the option, in at most 54 characters. NULL:
+                                   only --help all shows the option */
+} tool_line;
+
+enum { TOOL_HEADING = -1 };
 
 typedef struct tool_command {
     int argc;
@@ -42,19 +53,34 @@ typedef struct tool_command {
     int file_count;             /* greatest number of such arguments */
 } tool_command;
 
-/* Prints the help of count options. */
-static void tool_print_options(const tool_option *table, int count) {
-    const char *line;
-    int i;
-    for (i = 0; i < count; i++) {
-        const char *gap = table[i].argument ? " " : "", *argument = table[i].argument ? table[i].argument : "";
-        int width = printf("  %s%s%s", table[i].name, gap, argument);
-        if (table[i].synonym) width += printf(", %s%s%s", table[i].synonym, gap, argument);
-        if (width > 24) width = 0 * printf("\n");
-        for (line = table[i].help; line; line = strchr(line, '\n') ? strchr(line, '\n') + 1 : NULL) {
-            printf("%*s%.*s\n", 26 - width, "", (int)strcspn(line, "\n"), line);
-            width = 0;
-        }
+/* Prints an option with a help text of several lines. */
+static void tool__print_option(const tool_option *o, const char *help, int synonym) {
+    const char *gap = o->argument ? " " : "", *argument = o->argument ? o->argument : "", *line;
+    int width = printf("  %s%s%s", o->name, gap, argument);
+    if (synonym && o->synonym) width += printf(", %s%s%s", o->synonym, gap, argument);
+    if (width > 24) width = 0 * printf("\n");
+    for (line = help; line; line = strchr(line, '\n') ? strchr(line, '\n') + 1 : NULL) {
+        printf("%*s%.*s\n", 26 - width, "", (int)strcspn(line, "\n"), line);
+        width = 0;
+    }
+}
+
+/* Prints the options in groups: with all, every option with its whole text; otherwise the short lines. */
+static void tool_print_help(const tool_option *table, int option_count, const tool_line *lines, int line_count,
+                            int all) {
+    int i, k, others = 0;
+    for (i = 0; i < line_count; i++) {
+        const tool_option *o = &table[lines[i].option < 0 ? 0 : lines[i].option];
+        if (lines[i].option == TOOL_HEADING) printf("%s%s\n", all ? "\n" : "", lines[i].text);
+        else if (all) tool__print_option(o, o->help, 1);
+        else if (lines[i].text) tool__print_option(o, lines[i].text, 0);
+    }
+    if (!all) printf("\n" TOOL_NAME " --help all explains all options, files and the exit status.\n");
+    for (k = 0; k < option_count && all; k++) {  /* options that the lines have forgotten */
+        for (i = 0; i < line_count && lines[i].option != k; i++) continue;
+        if (i < line_count) continue;
+        if (!others++) printf("\nOther:\n");
+        tool__print_option(&table[k], table[k].help, 1);
     }
 }
 
@@ -108,6 +134,63 @@ static int tool__names_a_file(const char *text) {
         !(strchr("eE", point[1]) && !isalpha((unsigned char)point[2]));
 }
 
+/* Returns the index of the text in the words of an option, or -1. */
+static int tool__word(const tool_option *o, const char *text) {
+    int k;
+    for (k = 0; o->words[k] && strcmp(o->words[k], text) != 0; k++) continue;
+    return o->words[k] ? k : -1;
+}
+
+/* Returns a number as people write it: 1048576 and 1e30, not 1.04858e+06 and 1e+30. */
+static const char *tool__written(char text[32], double number) {
+    char *plus;
+    snprintf(text, 32, "%.15g", number);
+    plus = strchr(text, '+');
+    if (plus) memmove(plus, plus + 1, strlen(plus));
+    return text;
+}
+
+/* Writes what the numbers of an option look like, such as "three numbers X,Y,Z from -1 to 1". */
+static void tool__describe_numbers(const tool_option *o, char *out, size_t size) {
+    static const char *const counts[] = { "a", "two", "three" };
+    const char *sign = o->kind == SHARES ? "%" : "", *whole = tool__is_whole(o) ? "whole " : "";
+    const double unit = o->kind == SHARES ? 100 : 1;
+    const int shape = (int)strcspn(o->argument, "|");
+    char low[32], high[32], what[96];
+    if (o->kind == SIZES) snprintf(what, sizeof what, "%.*s with whole numbers", shape, o->argument);
+    else if (o->kind == SHARES) snprintf(what, sizeof what, "a share, such as 2%% or 0.02,");
+    else if (o->count == 1) snprintf(what, sizeof what, "a %snumber", whole);
+    else snprintf(what, sizeof what, "%s %snumbers %.*s", counts[o->count - 1], whole, shape, o->argument);
+    snprintf(out, size, "%s%s%s from %s%s to %s%s%s%s", o->words ? o->words[0] : "", o->words ? " or " : "", what,
+             tool__written(low, unit * o->low), sign, tool__written(high, unit * o->high), sign, o->file ? ", or " : "",
+             o->file ? o->file_words : "");
+}
+
+/* Writes what a value of the option looks like. */
+static void tool__describe(const tool_option *o, char *out, size_t size) {
+    int k;
+    out[0] = 0;
+    switch (o->kind) {
+        case FLAG: break;
+        case TEXT:
+        case LIST: snprintf(out, size, "%s", o->argument); break;
+        case BYTES: snprintf(out, size, "a size from 16M to 1024T, such as 512M or 4G"); break;
+        case CHOICE:
+        case FLAG_OR_WORD:
+            for (k = 0; o->words[k]; k++)
+                snprintf(out + strlen(out), size - strlen(out), "%s%s",
+                         k == 0 ? "" : o->words[k + 1] ? ", " : " or ", o->words[k]);
+            break;
+        default: tool__describe_numbers(o, out, size);
+    }
+}
+
+static int tool__refuse(const tool_option *o, const char *name, const char *value) {
+    char what[256];
+    tool__describe(o, what, sizeof what);
+    return misuse("%s %s: the value must be %s", name, value, what);
+}
+
 /* Stores the value of an option. name: as the user typed it. Returns the exit status. */
 static int tool__take(const tool_option *o, const char *name, const char *value) {
     int k;
@@ -118,23 +201,16 @@ static int tool__take(const tool_option *o, const char *name, const char *value)
             if (k == o->count) return misuse("%s %s: this option can be given at most %d times", name, value, k);
             ((const char **)o->value)[k] = value;
             return DONE;
-        case BYTES:
-            return tool__bytes(o, value)
-                       ? DONE
-                       : misuse("%s %s: the value must be from 16M to 1024T, such as 512M or 4G", name, value);
-        case CHOICE: {
-            char list[256] = "";
-            for (k = 0; o->words[k] && strcmp(o->words[k], value) != 0; k++)
-                sprintf(list + strlen(list), " %s", o->words[k]);
-            *(int *)o->value = k;
-            return o->words[k] ? DONE : misuse("%s %s: the value must be one of%s", name, value, list);
-        }
+        case BYTES: return tool__bytes(o, value) ? DONE : tool__refuse(o, name, value);
+        case CHOICE:
+        case FLAG_OR_WORD:
+            k = tool__word(o, value);
+            *(int *)o->value = k + (o->kind == FLAG_OR_WORD);
+            return k >= 0 ? DONE : tool__refuse(o, name, value);
         default:
             if (o->words && strcmp(value, o->words[0]) == 0) { *(double *)o->value = NAN; return DONE; }
             if (o->file) *o->file = tool__names_a_file(value) ? value : NULL;
-            if ((o->file && *o->file) || tool__numbers(o, value)) return DONE;
-            return misuse("%s %s: the value must be %s, with %s from %g to %g", name, value, o->argument,
-                          tool__is_whole(o) ? "whole numbers" : "numbers", o->low, o->high);
+            return (o->file && *o->file) || tool__numbers(o, value) ? DONE : tool__refuse(o, name, value);
     }
 }
 
@@ -150,9 +226,55 @@ static const char *tool__named(const tool_option *o, const char *argument) {
     return NULL;
 }
 
+enum { TOOL__TYPED = 40 };  /* longest name in which a typing error is looked for */
+
+/* Returns how many letters must be inserted, removed, replaced or swapped with the next to turn one word into the
+   other. b: at most TOOL__TYPED letters. */
+static int tool__typing_errors(const char *a, const char *b) {
+    int rows[3][TOOL__TYPED + 1] = { { 0 } }, *before = rows[0], *above = rows[1], *row = rows[2], *freed, i, k;
+    const int wide = (int)strlen(b);
+    for (k = 0; k <= wide; k++) row[k] = k;
+    for (i = 1; a[i - 1]; i++) {
+        freed = before;
+        before = above;
+        above = row;
+        row = freed;
+        row[0] = i;
+        for (k = 1; k <= wide; k++) {
+            row[k] = above[k - 1] + (a[i - 1] != b[k - 1]);
+            if (row[k] > above[k] + 1) row[k] = above[k] + 1;
+            if (row[k] > row[k - 1] + 1) row[k] = row[k - 1] + 1;
+            if (i > 1 && k > 1 && a[i - 1] == b[k - 2] && a[i - 2] == b[k - 1] && row[k] > before[k - 2] + 1)
+                row[k] = before[k - 2] + 1;
+        }
+    }
+    return row[wide];
+}
+
+/* Reports an option that does not exist, and names the one that was probably meant: the name that differs by at most a
+   third of its letters, or the only one that begins like this. Returns the exit status. */
+static int tool__unknown(const tool_command *c, const char *argument) {
+    const char *word = argument + strspn(argument, "-"), *meant = NULL, *begins = NULL;
+    char typed[TOOL__TYPED + 1];
+    const int length = (int)strcspn(word, "="), shown = (int)(word - argument) + length;
+    int i, k, least = length / 3 + 1, beginnings = 0;
+    snprintf(typed, sizeof typed, "%.*s", length, word);
+    for (i = 0; i < 2 * c->option_count && length <= TOOL__TYPED; i++) {
+        const char *name = i % 2 ? c->table[i / 2].synonym : c->table[i / 2].name;
+        if (!name) continue;
+        k = tool__typing_errors(name + 2, typed);
+        if (k < least) { least = k; meant = name; }
+        if (length >= 3 && strncmp(name + 2, typed, (size_t)length) == 0) { beginnings++; begins = name; }
+    }
+    if (!meant && beginnings == 1) meant = begins;
+    if (meant) return misuse("there is no option %.*s; did you mean %s?", shown, argument, meant);
+    return misuse("there is no option %.*s; see --help", shown, argument);
+}
+
 /* Reads the whole command line. Returns the exit status. */
 static int tool_parse(const tool_command *c) {
     int i, k, status = DONE, only_files = 0, files = 0;
+    char what[256];
     for (i = 1; i < c->argc && status == DONE; i++) {
         const char *argument = c->argv[i], *value, *name = NULL;
         const tool_option *o = c->table;
@@ -167,15 +289,19 @@ static int tool_parse(const tool_command *c) {
         if (strcmp(argument, "-o") == 0) argument = "--output";
         if (strcmp(argument, "-h") == 0) argument = "--help";
         for (k = 0; k < c->option_count && !name; k++) name = tool__named(o = &c->table[k], argument);
-        if (!name) return misuse("there is no option %s; see --help", argument);
+        if (!name) return tool__unknown(c, argument);
         value = argument[strlen(name)] ? argument + strlen(name) + 1 : NULL;
         c->given[o - c->table] = 1;
         if (o->kind == FLAG) {
             if (value) return misuse("%s takes no value", name);
             continue;
         }
+        if (o->kind == FLAG_OR_WORD && !value && (i + 1 == c->argc || tool__word(o, c->argv[i + 1]) < 0)) continue;
         if (!value && i + 1 < c->argc) value = c->argv[++i];
-        if (!value) return misuse("%s needs a value: %s", name, o->argument);
+        if (!value) {
+            tool__describe(o, what, sizeof what);
+            return misuse("%s needs a value: %s", name, what);
+        }
         status = tool__take(o, name, value);
     }
     return status;

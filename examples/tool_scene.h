@@ -1,6 +1,7 @@
 /* Shared by tools that read a scene, let sbl.h work on it, and write files: common options, the default sky, output
    files, statistics, stored light, and the order of these steps. Include after tool.h, tool_options.h and
-   output_file.h. In the table of a tool, its own options follow the common options:
+   output_file.h. Define TOOL_DRAWS first if the tool makes pictures with sensors: they have the mode of the paper. In
+   the table of a tool, its own options follow the common options:
 
        enum { OUTPUT = COMMON_OPTIONS, ..., OPTION_COUNT };
        static int given[OPTION_COUNT];
@@ -12,12 +13,19 @@
 
 static struct tool_common {
     const char *scene, *output, *stats, *sky_picture, *store, *input;  /* input: another file that is read, or NULL */
-    int mode, preset, backend, rays, max_bounce_cells, sensor_size, tile, filter_radius, seed;
+    int help_all, mode, preset, backend, rays, max_bounce_cells, sensor_size, tile, filter_radius, seed;
     double sky[3], sky_rotation, sky_scale, sky_up[3], epsilon, threshold;
     scene_file_options reading;
 } common = { .sky_scale = 1, .sky_up = { 0, 1, 0 } };
 
+static const char *const help_words[] = { "all", NULL };
+#ifdef TOOL_DRAWS
+#define TOOL__PAPER(text) text
 static const char *const mode_words[] = { "gi", "ambient", "direct", "paper", NULL };
+#else
+#define TOOL__PAPER(text)
+static const char *const mode_words[] = { "gi", "ambient", "direct", NULL };
+#endif
 static const char *const preset_words[] = { "draft", "default", "high", NULL };
 static const char *const backend_words[] = { "auto", "raster", "trace", NULL };
 static const sbl_mode modes[] = { SBL_MODE_GI, SBL_MODE_AMBIENT, SBL_MODE_DIRECT, SBL_MODE_PAPER };
@@ -37,7 +45,8 @@ enum {
                         "--studio), and the other tools have a sky of 1,1,1. Or an\n" \
                         "equirectangular picture of the sky: FILE.hdr, or .png, .jpg, ..., which are decoded from " \
                             "sRGB. The upper\n" \
-                        "edge of the picture is straight up, its centre is +x", NULL, &common.sky_picture }, \
+                        "edge of the picture is straight up, its centre is +x", NULL, &common.sky_picture, \
+                        .file_words = "a picture file such as noon.hdr" }, \
     [SKY_ROTATION]  = { "--sky-rotation", "DEGREES", NUMBERS, &common.sky_rotation, 1, -360, 360, \
                         "rotates the sky picture counter-clockwise, seen from above; default 0", NULL, NULL }, \
     [SKY_SCALE]     = { "--sky-scale", "F", NUMBERS, &common.sky_scale, 1, 0, 1e30, \
@@ -48,27 +57,28 @@ enum {
                         "gi        the default: emitters, lights, sky, and the light that surfaces reflect, with " \
                             "all bounces\n" \
                         "direct    emitters, lights and sky only\n" \
-                        "ambient   direct light, and surfaces that do not emit have the radiance epsilon * albedo\n" \
-                        "paper     the method of the paper, with one view of 135 degrees; for pictures only", \
+                        "ambient   direct light, and surfaces that do not emit have the radiance epsilon * albedo" \
+                        TOOL__PAPER("\npaper     the method of the paper, with one view of 135 degrees"), \
                             mode_words, NULL }, \
     [PRESET]        = { "--preset", "NAME", CHOICE, &common.preset, 0, 0, 0, \
                         "draft | default | high (default: default). Where this text says \"by preset\", the three " \
                             "values are\n" \
                         "those of draft, default and high", preset_words, NULL }, \
     [BACKEND]       = { "--backend", "NAME", CHOICE, &common.backend, 0, 0, 0, \
-                        "how sensors measure: auto (default; raster in mode paper, otherwise trace) | raster (draw " \
-                            "views) |\n" \
-                        "trace (trace rays)", backend_words, NULL }, \
+                        "how sensors measure: auto (default: trace" TOOL__PAPER(", but raster in mode paper") ") | " \
+                            "raster (draw\n" \
+                        "views) | trace (trace rays)", backend_words, NULL }, \
     [RAYS]          = { "--rays", "N", INTEGERS, &common.rays, 1, 1, 4096, \
-                        "traces exactly this many rays for each sensor; default: as many as the target error " \
-                            "requires", NULL, NULL }, \
+                        "traces exactly this many rays for each sensor; the target error then decides only where " \
+                            "sensors are\n" \
+                        "placed. Default: as many as the target error requires", NULL, NULL }, \
     [MAX_BOUNCE_CELLS] = { "--max-bounce-cells", "N", INTEGERS, &common.max_bounce_cells, 1, 1024, 1048576, \
                         "greatest number of cells that store bounced light, in mode gi; each needs about 4 KB of " \
                             "memory;\n" \
                         "default 49152. Use more if light comes through gaps, or if geometry is fine", \
                         .synonym = "--bounce-samples" }, \
     [EPSILON]       = { "--epsilon", "E", NUMBERS, &common.epsilon, 1, 0, 1e30, \
-                        "ambient factor in modes paper and ambient; default 0.02", NULL, NULL }, \
+                        "ambient factor in mode" TOOL__PAPER("s paper and") " ambient; default 0.02", NULL, NULL }, \
     [SENSOR_SIZE]   = { "--sensor-size", "N", INTEGERS, &common.sensor_size, 1, 4, 512, \
                         "texels across one view of a rasterised sensor; default 32, 64, 128 by preset", NULL, NULL }, \
     [TILE]          = { "--tile", "N", INTEGERS, &common.tile, 1, 1, 1024, \
@@ -78,7 +88,8 @@ enum {
     [THRESHOLD]     = { "--threshold", "T", NUMBERS, &common.threshold, 1, 0, 1e30, \
                         "subdivides tiles where neighbouring sensors differ by more than this fraction of their " \
                             "mean, instead of\n" \
-                        "where the predicted error is large; in mode paper a difference of radiance, default 0.05", \
+                        "where the predicted error is large" TOOL__PAPER("; in mode paper a difference of radiance, " \
+                            "default 0.05"), \
                         NULL, NULL }, \
     [FILTER_RADIUS] = { "--filter-radius", "N", INTEGERS, &common.filter_radius, 1, 0, 32, \
                         "radius of the Gaussian filter in pixels; 0 turns it off; default 2", NULL, NULL }, \
@@ -113,9 +124,37 @@ enum {
                         "limit on the time for reading the scene; default 60", NULL, NULL }, \
     [QUIET]         = { "--quiet", NULL, FLAG, NULL, 0, 0, 0, "shows no progress bar and no warnings", NULL, NULL }, \
     [VERBOSE]       = { "--verbose", NULL, FLAG, NULL, 0, 0, 0, \
-                        "shows how the kernel restricts the process that reads files", NULL, NULL }, \
-    [HELP]          = { "--help", NULL, FLAG, NULL, 0, 0, 0, "shows this text", NULL, NULL }, \
+                        "prints what was found and chosen, one line each: the lights, the camera of a picture, mode, " \
+                            "target\n" \
+                        "error, size, back end, the OpenGL renderer, and how the kernel restricts the process that " \
+                            "reads files", NULL, NULL }, \
+    [HELP]          = { "--help", "[all]", FLAG_OR_WORD, &common.help_all, 0, 0, 0, \
+                        "also -h; prints the options that are used most; --help all prints all options, and " \
+                            "explains files and\n" \
+                        "exit status", help_words, NULL }, \
     [VERSION]       = { "--version", NULL, FLAG, NULL, 0, 0, 0, "shows the version", NULL, NULL }
+
+/* The groups of the help that all tools have, see tool_line. */
+#define LIGHT_LINES \
+    { SKY, "colour of the sky, or a picture such as noon.hdr" }, \
+    { SKY_ROTATION, "rotates the picture of the sky" }, \
+    { SKY_SCALE, "multiplies the light of the picture of the sky" }, \
+    { SKY_UP, NULL }
+#define QUALITY_LINES \
+    { PRESET, "draft, default or high" }, \
+    { BACKEND, NULL }, { RAYS, NULL }, { MAX_BOUNCE_CELLS, NULL }, { EPSILON, NULL }, { SENSOR_SIZE, NULL }, \
+    { TILE, NULL }, { THRESHOLD, NULL }, { FILTER_RADIUS, NULL }, { SEED, NULL }
+#define OUTPUT_LINES \
+    { STORE, "keeps the bounced light for the next run" }, { STORE_REPLACE, NULL }, \
+    { STATS, "writes counts, times and memory as JSON" }, \
+    { QUIET, "no progress bar and no warnings" }, \
+    { VERBOSE, "prints what was found and chosen" }, \
+    { HELP, "this text" }, \
+    { VERSION, "prints the version" }
+#define SAFETY_LINES \
+    { ALLOW_PATH, "the scene may also refer to files below DIR" }, \
+    { MEMORY, "limit on memory for the scene, such as 4G" }, \
+    { READ_TIME, "limit on the time for reading it; default 60" }
 
 static sbl_mode common_mode(const int *given) { return given[MODE] ? modes[common.mode] : SBL_MODE_GI; }
 
@@ -128,7 +167,8 @@ static int common_check(const int *given) {
     if (given[STORE_REPLACE] && !given[STORE])
         return misuse("--store-replace needs --store FILE, the file to replace");
     if (given[EPSILON] && (mode == SBL_MODE_GI || mode == SBL_MODE_DIRECT))
-        return misuse("--epsilon needs --mode ambient or paper: the other modes have no ambient factor");
+        return misuse("--epsilon needs --mode ambient" TOOL__PAPER(" or paper")
+                      ": the other modes have no ambient factor");
     if (common.sky_picture && mode == SBL_MODE_PAPER)
         return misuse("--sky %s: --mode paper allows no sky picture; give a colour or choose another --mode",
             common.sky_picture);
@@ -139,6 +179,38 @@ static int common_check(const int *given) {
     if (backends[common.backend] == SBL_BACKEND_TRACE && mode == SBL_MODE_PAPER)
         return misuse("--backend trace: --mode paper needs raster; leave out --backend or choose another --mode");
     return DONE;
+}
+
+/* ---- options without effect ---- */
+
+static char without_effect[512];  /* names of options that were given, and why they have no effect */
+
+/* Notes that an option has no effect if it was given and the condition holds. why: completes "no effect:" */
+static void note_if(int condition, const int *given, const tool_option *table, int option, const char *why) {
+    const size_t used = strlen(without_effect);
+    if (condition && given[option])
+        snprintf(without_effect + used, sizeof without_effect - used, "%s%s (%s)", used ? ", " : "", table[option].name,
+                 why);
+}
+
+/* Returns whether sensors draw views; otherwise they trace rays. */
+static int common_draws_views(const int *given) {
+    return backends[common.backend] == SBL_BACKEND_RASTER || common_mode(given) == SBL_MODE_PAPER;
+}
+
+static inline void common_note(const int *given, const tool_option *table) {
+    note_if(!common_draws_views(given), given, table, SENSOR_SIZE, "rays are traced; only --backend raster has views");
+    note_if(common_mode(given) == SBL_MODE_PAPER, given, table, RAYS, "--mode paper traces no rays");
+    note_if(common_mode(given) == SBL_MODE_PAPER, given, table, SEED, "--mode paper rotates no sensors");
+    note_if(common_mode(given) != SBL_MODE_GI, given, table, MAX_BOUNCE_CELLS, "only --mode gi has bounced light");
+}
+
+/* Notes for pictures and lightmaps. target_error: number of the option. */
+static inline void common_note_refinement(const int *given, const tool_option *table, int target_error) {
+    note_if(common.tile == 1, given, table, THRESHOLD, "--tile 1 has a sensor at every pixel");
+    note_if(given[RAYS] && common.tile == 1, given, table, target_error, "--rays and --tile decide");
+    note_if(given[RAYS] && given[THRESHOLD] && common.tile != 1, given, table, target_error,
+            "--rays and --threshold decide");
 }
 
 /* ---- options for sbl.h ---- */
@@ -268,12 +340,17 @@ static int fail_to_write(const char *name) {
 
 typedef struct totals { const sbl_context *context; int lights; double load, seconds; } totals;
 
+static const char *name_of_mode(sbl_mode mode) {
+    return mode == SBL_MODE_GI ? "gi" : mode == SBL_MODE_DIRECT ? "direct" : mode == SBL_MODE_PAPER ? "paper" :
+        "ambient";
+}
+
 static int write_stats(FILE *out, const void *what) {
     const totals *all = (const totals *)what;
     const sbl_context *context = all->context;
     const sbl_stats s = sbl_query_stats(context);
     const sbl_capabilities capabilities = sbl_query_capabilities(context);
-    const char *c, *mode;
+    const char *c;
     struct rusage self, child;
     int i;
     getrusage(RUSAGE_SELF, &self);
@@ -284,10 +361,8 @@ static int write_stats(FILE *out, const void *what) {
         if (*c == '"' || *c == '\\') fputc('\\', out);
         fputc((unsigned char)*c < 32 ? ' ' : *c, out);
     }
-    mode = s.mode == SBL_MODE_GI ? "gi" : s.mode == SBL_MODE_DIRECT ? "direct" : s.mode == SBL_MODE_PAPER ? "paper" :
-        "ambient";
     fprintf(out, "\",\n  \"mode\": \"%s\",\n  \"size\": [%d, %d],\n  \"triangles\": %d,\n  \"lights\": %d,\n  "
-        "\"visible_pixels\": %d,\n", mode, s.picture.width,
+        "\"visible_pixels\": %d,\n", name_of_mode(s.mode), s.picture.width,
             s.picture.height, s.scene.triangles, all->lights, s.picture.visible_pixels);
     fprintf(out, "  \"backend\": \"%s\",\n", s.backend == SBL_BACKEND_TRACE ? "trace" : "raster");
     fprintf(out, "  \"error\": {\"asked\": %.6g, \"expected\": %.6g},\n", (double)s.picture.target_error,
@@ -400,6 +475,40 @@ static int keep_store(const tool_task *task, const int *given) {
 }
 
 
+/* ---- what was found and chosen, for --verbose ---- */
+
+static void detail_light(const sbl_scene_desc *scene) {
+    const sbl_material *m;
+    double triangles = 0;
+    int i;
+    for (i = 0; i < scene->mesh_count; i++) {
+        m = &scene->materials[scene->meshes[i].material];
+        if (m->emission[0] > 0 || m->emission[1] > 0 || m->emission[2] > 0)
+            triangles += scene->meshes[i].index_count / 3;
+    }
+    if (common.sky_picture)
+        detail("light: %.0f emitting triangles, %d lights, sky from %s", triangles, scene->light_count,
+               common.sky_picture);
+    else
+        detail("light: %.0f emitting triangles, %d lights, sky %g,%g,%g", triangles, scene->light_count,
+               (double)scene->sky[0], (double)scene->sky[1], (double)scene->sky[2]);
+}
+
+/* Prints what was chosen for the work that was done last. */
+static void detail_choices(const sbl_context *context) {
+    const sbl_stats s = sbl_query_stats(context);
+    detail("mode: %s", name_of_mode(s.mode));
+    if (s.picture.width)
+        detail("size: %d x %d, %d with a surface, %.0f sensors", s.picture.width, s.picture.height,
+               s.picture.visible_pixels, (double)s.sensors.count);
+    if (s.picture.target_error > 0)
+        detail("target error: %.3g %%, predicted %.3g %%", 100 * (double)s.picture.target_error,
+               100 * (double)s.picture.expected_error);
+    if (s.picture.exposure != 0) detail("exposure: %.2f stops", (double)s.picture.exposure);
+    detail("back end: %s", s.backend == SBL_BACKEND_TRACE ? "trace" : "raster");
+    detail("OpenGL renderer: %s", sbl_query_capabilities(context).renderer);
+}
+
 
 /* ---- the whole tool ---- */
 
@@ -419,8 +528,10 @@ static int tool__work(const scene_file *file, const scene_file *sky, tool_task *
     status = set_scene(task);
     if (status == DONE && arrange) status = arrange(task, &scene);
     if (status == DONE && interrupted) return stop("no " TOOL_MAKES " was started");
+    if (status == DONE) detail_light(&scene);
     if (status == DONE) status = load_store(task, given, &make);
     if (status == DONE) status = worker(task, &all.seconds);
+    if (status == DONE) detail_choices(task->context);
     if (status == DONE && common.stats) status = keep_stats(&all);
     if (status == DONE && make) status = keep_store(task, given);
     return status;
@@ -429,6 +540,7 @@ static int tool__work(const scene_file *file, const scene_file *sky, tool_task *
 static void tool__warn(const scene_file *file, const tool_task *task, const int *given) {
     const messages *said = task->said;
     int i;
+    if (without_effect[0]) warn("no effect: %s", without_effect);
     if (task->light)
         tell("%s: the file has no light: it is lit by %s; --sky R,G,B or --sky FILE gives it another light",
              common.scene, task->light);
@@ -456,7 +568,8 @@ static int tool_run(double start, const int *given, tool_worker worker, int (*pr
     memset(&task, 0, sizeof task);
     memset(&said, 0, sizeof said);
     common.reading.cancel = &interrupted;
-    if (given[VERBOSE]) common.reading.log = on_confined;
+    verbose = given[VERBOSE];
+    if (verbose) common.reading.log = on_confined;
     file = scene_file_load(common.scene, &common.reading, error, sizeof error);
     if (file && common.sky_picture) sky = scene_file_load_sky(common.sky_picture, &common.reading, error, sizeof error);
     task.file = said.file = file;

@@ -405,6 +405,8 @@ TEST(what_is_wrong_is_said) {
     REFUSED(2, "--move needs --probes", "room.gltf", "--vertices", "-o", "no.ply", "--move", "3");
     REFUSED(2, "must end in .ply or .gltf", "room.gltf", "--vertices", "-o", "out.obj");
     REFUSED(2, "must end in .json", "room.gltf", "--probes", "2x2x2", "-o", "out.txt");
+    REFUSED(2, "NXxNYxNZ with whole numbers from 1 to 4096, or a text file", "room.gltf", "--probes", "2", "-o",
+            "no.json");
     REFUSED(2, "--probes 2x2", "room.gltf", "--probes", "2x2", "-o", "no.json");
     REFUSED(2, "--probes 0x1x1", "room.gltf", "--probes", "0x1x1", "-o", "no.json");
     REFUSED(1, "cannot be read", "room.gltf", "--probes", "none.txt", "-o", "no.json", "--quiet");
@@ -423,17 +425,50 @@ TEST(what_is_wrong_is_said) {
     REFUSED(2, "--output is missing", "room.gltf", "--lightmap", "64");
     REFUSED(2, "not a folder", "room.gltf", "--lightmap", "64", "-o", "file");
     REFUSED(1, "cannot be created", "room.gltf", "--lightmap", "64", "-o", "no/such/folder");
-    REFUSED(2, "--mode paper", "room.gltf", "--lightmap", "64", "-o", "new", "--mode", "paper");
+    REFUSED(2, "--mode paper: the value must be gi, ambient or direct", "room.gltf", "--lightmap", "64", "-o", "new",
+            "--mode", "paper");
     REFUSED(2, "--lightmap 0", "room.gltf", "--lightmap", "0", "-o", "new");
     REFUSED(2, "--lightmap 16385", "room.gltf", "--lightmap", "16385", "-o", "new");
     REFUSED(2, "--gutter -1", "room.gltf", "--lightmap", "64", "--gutter", "-1", "-o", "new");
     REFUSED(2, "there is no option --eye", "room.gltf", "--lightmap", "64", "-o", "new", "--eye", "0,0,0");
     REFUSED(1, "scripts/unwrap", "plain.gltf", "--lightmap", "64", "-o", "new", "--quiet");
-    CHECK(!exists("new/lightmap.pfm") && !exists("new/scene.gltf"), "something was written");
+    CHECK(!exists("new"), "an empty folder is left");
+    mkdir(in_folder("old"), 0777);
+    REFUSED(1, "scripts/unwrap", "plain.gltf", "--lightmap", "64", "-o", "old", "--quiet");
+    CHECK(exists("old"), "a folder that was there is removed");
     CHECK(TOOL("room.gltf", DIRECT, "-o", "here") == 0, "%s", ran.err);
     REFUSED(2, "would overwrite the input file", "here/scene.gltf", DIRECT, "-o", "here");
-    CHECK(TOOL("--help") == 0 && strstr(ran.out, "MOZ_lightmap") && TOOL("--version") == 0 &&
-          strstr(ran.out, "sbl_bake 0."), "%s", ran.out);
+    CHECK(TOOL("--version") == 0 && strstr(ran.out, "sbl_bake 0."), "%s", ran.out);
+}
+
+/* --help has at most 40 short lines; --help all names every option, and nothing that sbl_bake does not have. */
+TEST(help_is_short_or_complete) {
+    static const char *const names[] = { "--output", "--lightmap", "--gutter", "--directional", "--supersample",
+        "--target-error", "--error", "--vertices", "--average", "--samples", "--smoothing", "--probes", "--move",
+        "--sky", "--sky-rotation", "--sky-scale", "--sky-up", "--mode", "--preset", "--backend", "--rays",
+        "--max-bounce-cells", "--bounce-samples", "--epsilon", "--sensor-size", "--tile", "--threshold",
+        "--filter-radius", "--seed", "--stats", "--allow-path", "--memory", "--read-time", "--store", "--quiet",
+        "--verbose", "--help", "--version",
+        "MOZ_lightmap", "Ctrl-C" };
+    size_t i;
+    CHECK(TOOL("--help") == 0 && ran.out_lines <= 40 && longest_line(ran.out) <= 80, "%d lines of up to %d characters",
+          ran.out_lines, longest_line(ran.out));
+    CHECK(TOOL("--help", "all") == 0 && ran.out_lines > 80, "%d lines", ran.out_lines);
+    for (i = 0; i < sizeof names / sizeof *names; i++)
+        CHECK(strstr(ran.out, names[i]), "--help all does not mention %s", names[i]);
+    CHECK(!strstr(ran.out, "Other:") && !strstr(ran.out, "paper") && !strstr(ran.out, "PATH"), "%s", ran.out);
+}
+
+/* A warning names options that have no effect. */
+TEST(options_without_effect_are_named) {
+    write_scene("room.gltf", apart, 1);
+    CHECK(TOOL("room.gltf", "--mode", "direct", "--lightmap", "16", "-o", "idle", "--rays", "16", "--tile", "1",
+               "--error", "9%", "--max-bounce-cells", "2048") == 0 && ran.err_lines == 1 && said("no effect: ") &&
+              said("--max-bounce-cells (only") && said("--target-error (--rays and --tile"), "%s", ran.err);
+    CHECK(TOOL("room.gltf", "--mode", "direct", "--vertices", "-o", "idle.ply", "--average", "--smoothing", "1") == 0 &&
+              ran.err_lines == 1 && said("--smoothing ("), "%s", ran.err);
+    CHECK(TOOL("room.gltf", "--mode", "direct", "--vertices", "-o", "idle.ply", "--rays", "16") == 0 &&
+              ran.err_lines == 0, "%s", ran.err);
 }
 
 /* A full disk gives a message and leaves no incomplete file. */
@@ -579,6 +614,8 @@ int main(int argc, char **argv) {
     RUN(vertices_fit_lamberts_light);
     RUN(probes_hold_the_lamps_light);
     RUN(what_is_wrong_is_said);
+    RUN(help_is_short_or_complete);
+    RUN(options_without_effect_are_named);
     RUN(a_full_disk_is_said);
     RUN(interrupted);
     RUN(a_host_draws_it);

@@ -675,8 +675,8 @@ TEST(statistics_have_every_field) {
     double sum = 0, parts = 0;
     int i, lines;
     room_obj();
-    REQUIRE(TOOL(ROOM, "--mode", "direct", "--backend", "raster", "--stats", "stats.json", "--quiet", "-o",
-                 "room.pfm") == 0, "exit status %d: %s", ran.status,
+    REQUIRE(TOOL(ROOM, "--mode", "direct", "--backend", "raster", "--sensor-size", "8", "--stats", "stats.json",
+                 "--quiet", "-o", "room.pfm") == 0, "exit status %d: %s", ran.status,
             ran.err);
     read_text(in_folder("stats.json"), text, sizeof text, &lines);
     REQUIRE(text[0] == '{' && strstr(text, "}\n"), "it is no JSON object: %s", text);
@@ -932,7 +932,7 @@ static void inspect_with(const char *backend, const char *seen) {
 TEST(a_sensor_can_be_inspected) {
     room_obj();
     inspect_with("trace", " 32 rays\n");
-    inspect_with("raster", " 5 views, 16 x 12 texels\n");
+    inspect_with("raster", " 5 views, 128 x 96 texels\n");
     CHECK(TOOL(ROOM, "--inspect", "24,0", "-o", "outside.png") == 1 && ran.err_lines == 1 && !exists("outside.png"),
           "a pixel outside of the picture: exit status %d: %s", ran.status, ran.err);
 }
@@ -949,11 +949,11 @@ TEST(zero_is_zero) {
     TOOL(ROOM, "--mode", "ambient", "--epsilon", "0.5", "--channel", "radiance", "-o", "glow.pfm");
     TOOL(ROOM, "--mode", "direct", "--filter-radius", "0", "--channel", "radiance", "-o", "raw.pfm");
     TOOL(ROOM, "--mode", "direct", "--channel", "radiance", "-o", "smooth.pfm");
-    TOOL(ROOM, "--mode", "direct", "--size", "96x64", "--sensor-size", "64", "--threshold", "0", "-o", "all.pfm",
+    TOOL(ROOM, "--mode", "direct", "--size", "96x64", "--threshold", "0", "-o", "all.pfm",
          "--stats", "stats.json");
     read_text(in_folder("stats.json"), text, sizeof text, &lines);
     all = json_number(text, "sensors");
-    TOOL(ROOM, "--mode", "direct", "--size", "96x64", "--sensor-size", "64", "-o", "usual.pfm", "--stats",
+    TOOL(ROOM, "--mode", "direct", "--size", "96x64", "-o", "usual.pfm", "--stats",
          "stats.json");
     read_text(in_folder("stats.json"), text, sizeof text, &lines);
     usual = json_number(text, "sensors");
@@ -1023,9 +1023,9 @@ TEST(old_names_of_options) {
           "the former name gives another picture");
     free(shown[0].values);
     free(shown[1].values);
-    CHECK(TOOL("--help") == 0 && strstr(ran.out, "\n  --target-error E, --error E\n     ") &&
+    CHECK(TOOL("--help", "all") == 0 && strstr(ran.out, "\n  --target-error E, --error E\n     ") &&
               strstr(ran.out, "\n  --max-bounce-cells N, --bounce-samples N\n     "),
-          "--help does not show both names in one line");
+          "--help all does not show both names in one line");
 }
 
 /* >>lights: compares R of every pixel with the closed form at the pixel's position. EXACT: one sensor per pixel, no
@@ -1399,6 +1399,13 @@ TEST(sky_pictures_turn) {
     }
 }
 
+/* --inspect says that a sensor meets nothing, instead of distances of 0. */
+TEST(a_sensor_may_meet_nothing) {
+    lone_wall();
+    CHECK(TOOL("lone.obj", "--size", "9x9", "--sky", "1,1,1", "--inspect", "4,4", "-o", "sheet.png") == 0 &&
+              strstr(ran.out, "\nno surface was met\n") && !strstr(ran.out, "nearest"), "%s%s", ran.err, ran.out);
+}
+
 /* >>failures */
 
 /* Wrong command lines give exit status 2, one line on stderr, and no picture. */
@@ -1676,7 +1683,7 @@ TEST(a_file_is_written_whole_or_not_at_all) {
 
 /* The progress bar appears only if stderr is a terminal, and not with --quiet. */
 TEST(progress_is_for_terminals) {
-    static const char *const arguments[] = { "room.obj", "--size", "160x120", "--tile", "1", "--sensor-size", "16",
+    static const char *const arguments[] = { "room.obj", "--size", "160x120", "--tile", "1",
         "-o", "bar.png", NULL };
     static const char *const quiet[] = { "room.obj", "--size", "16x12", SMALL, "--quiet", "-o", "bar.png", NULL };
     static char shown[1 << 16];
@@ -1750,51 +1757,130 @@ TEST(a_png_is_made_for_screens) {
     stbi_image_free(none);
 }
 
-/* --help mentions every option. */
-TEST(help_names_every_option) {
-    static const char *const names[] = { "--output",
-                                         "-o",
-                                         "--channel",
-                                         "--size",
-                                         "--eye",
-                                         "--look-at",
-                                         "--up",
-                                         "--fov",
-                                         "--sky",
-                                         "--sky-rotation",
-                                         "--studio",
-                                         "--sky-scale",
-                                         "--sky-up",
-                                         "--mode",
-                                         "--preset",
-                                         "--backend",
-                                         "--rays",
-                                         "--max-bounce-cells",
-                                         "--epsilon",
-                                         "--sensor-size",
-                                         "--sensor-fov",
-                                         "--tile",
-                                         "--threshold",
-                                         "--filter-radius",
-                                         "--exposure",
-                                         "--seed",
-                                         "--quiet",
-                                         "--stats",
-                                         "--samples",
-                                         "--inspect",
-                                         "--allow-path",
-                                         "--memory",
-                                         "--read-time",
-                                         "--verbose",
-                                         "130",
-                                         "640x480",
-                                         "sbl.png" };
-    size_t i;
-    CHECK(TOOL("--help") == 0 && !ran.err[0], "exit status %d: %s", ran.status, ran.err);
+/* --help shows at most 40 lines, in groups; --help all has the same groups and every option. */
+TEST(help_is_short_or_complete) {
+    static const char *const names[] = {
+        "--output", "-o", "--channel", "--size", "--eye", "--look-at", "--up", "--fov", "--sky", "--sky-rotation",
+        "--sky-scale", "--sky-up", "--mode", "--preset", "--backend", "--rays", "--max-bounce-cells", "--epsilon",
+        "--sensor-size", "--sensor-fov", "--tile", "--threshold", "--filter-radius", "--exposure", "--seed",
+        "--quiet", "--stats", "--samples", "--inspect", "--allow-path", "--memory", "--read-time", "--verbose",
+        "130", "640x480", "sbl.png", "--target-error", "--error", "--facet-limit", "--store", "--help", "--version",
+        "--bounce-samples", "Ctrl-C", "--studio", "--tone", "--store-replace"
+    };
+    static const char *const groups[] = { "What:", "Camera:", "Light:", "Quality:", "Output:", "Safety:" };
+    char all[sizeof ran.out];
+    size_t i, k;
+    TOOL("--help", "all");
+    strcpy(all, ran.out);
+    CHECK(ran.status == 0 && !ran.err[0], "exit status %d: %s", ran.status, ran.err);
     for (i = 0; i < sizeof names / sizeof names[0]; i++)
-        CHECK(strstr(ran.out, names[i]), "--help does not mention %s", names[i]);
+        CHECK(strstr(ran.out, names[i]), "--help all does not mention %s", names[i]);
+    CHECK(!strstr(ran.out, "Other:"), "an option is in no group: %s", strstr(ran.out, "Other:"));
+    CHECK(TOOL("--help=all") == 0 && strcmp(ran.out, all) == 0, "--help=all differs");
+    CHECK(TOOL("--help", "some.obj") == 0 && ran.out_lines <= 40 && longest_line(ran.out) <= 80,
+          "--help prints %d lines of up to %d characters", ran.out_lines, longest_line(ran.out));
+    CHECK(strstr(ran.out, "--help all explains all options") && !strstr(ran.out, "Exit status"), "%s", ran.out);
+    for (k = 0; k < 2; k++) {
+        const char *at = k ? all : ran.out;
+        for (i = 0; at && i < sizeof groups / sizeof groups[0]; i++) {
+            at = strstr(at, groups[i]);
+            CHECK(at && at[-1] == '\n', "%s is missing, or not in its place", groups[i]);
+        }
+    }
+    CHECK(TOOL("--help=some") == 2 && said("the value must be all"), "%s", ran.err);
     CHECK(TOOL("--version") == 0 && strncmp(ran.out, "sbl_render ", 11) == 0 && isdigit((unsigned char)ran.out[11]),
           "--version: %s", ran.out);
+}
+
+/* A misspelled option is answered with the option that it resembles, if there is one. */
+TEST(misspelled_options_are_recognised) {
+    static const struct { const char *typed, *meant; } words[] = {
+        { "--exposre", "--exposure" }, { "--expsoure=2", "--exposure" }, { "--eror", "--error" }, { "-size", "--size" },
+        { "--look_at", "--look-at" }, { "--sampels", "--samples" }, { "--target", "--target-error" },
+        { "--bounce-sample", "--bounce-samples" }, { "--fog", "--fov" }, { "--width", NULL }, { "--s", NULL },
+        { "--zebra", NULL }, { "--sky-", "--sky" }, { "--=", NULL },
+        { "--max-bounce-cells-and-much-more-than-any-name-can-be", NULL } };
+    char text[64];
+    size_t i;
+    for (i = 0; i < sizeof words / sizeof *words; i++) {
+        snprintf(text, sizeof text, "did you mean %s?\n", words[i].meant ? words[i].meant : "");
+        CHECK(TOOL("room.obj", words[i].typed) == 2 && ran.err_lines == 1 && said("there is no option "), "%s: %s",
+              words[i].typed, ran.err);
+        CHECK(words[i].meant ? said(text) : said("; see --help\n"), "%s: %s", words[i].typed, ran.err);
+    }
+}
+
+/* A message about a value says what a value looks like, with numbers as people write them. */
+TEST(messages_show_what_values_look_like) {
+    static const struct { const char *option, *value, *words; } lines[] = {
+        { "--error", "3", "--error 3: the value must be a share, such as 2% or 0.02, from 0.01% to 100%\n" },
+        { "--sky", "blue", "must be three numbers R,G,B from 0 to 1e30, or a picture file such as noon.hdr\n" },
+        { "--eye", "1,2", "must be three numbers X,Y,Z from -1e18 to 1e18\n" },
+        { "--size", "640", "must be WxH with whole numbers from 1 to 16384\n" },
+        { "--inspect", "5", "must be two whole numbers X,Y from 0 to 16383\n" },
+        { "--fov", "wide", "must be a number from 1 to 179\n" },
+        { "--max-bounce-cells", "9", "must be a whole number from 1024 to 1048576\n" },
+        { "--seed", "-1", "must be a whole number from 0 to 2147483647\n" },
+        { "--mode", "gl", "must be gi, ambient, direct or paper\n" },
+        { "--memory", "1K", "must be a size from 16M to 1024T, such as 512M or 4G\n" },
+        { "--rays", NULL, "--rays needs a value: a whole number from 1 to 4096\n" },
+        { "--stats", NULL, "--stats needs a value: FILE\n" } };
+    size_t i;
+    for (i = 0; i < sizeof lines / sizeof *lines; i++) {
+        TOOL("room.obj", lines[i].option, lines[i].value);
+        CHECK(ran.status == 2 && said(lines[i].words), "expected \"%s\": %s", lines[i].words, ran.err);
+    }
+}
+
+/* One warning names the options that had no effect, and only those. */
+TEST(options_without_effect_are_named) {
+    static const char *const lines[][8] = {
+        { "--sensor-size (rays", "--sensor-size", "8" },
+        { "--samples (only", "--samples", "4", "--channel", "radiance" },
+        { "--exposure (only a .png", "--exposure", "1", "-o", "idle.pfm" },
+        { "--exposure (only final", "--exposure", "1", "--channel", "normal" },
+        { "--tone (only channel final", "--tone", "agx", "--channel", "radiance" },
+        { "--target-error (--rays and --tile", "--error", "9%", "--rays", "16", "--tile", "1" },
+        { "--threshold (--tile", "--threshold", "0.1", "--tile", "1" },
+        { "--target-error (--rays and --threshold", "--error", "9%", "--rays", "16", "--threshold", "1" },
+        { "--max-bounce-cells (only", "--max-bounce-cells", "2048", "--mode", "direct" },
+        { "--rays (", "--rays", "16", "--mode", "paper" },
+        { "--seed (", "--seed", "1", "--mode", "paper" },
+        { "--target-error (in", "--error", "9%", "--mode", "paper" },
+        { NULL, "--error", "9%", "--rays", "16" },
+        { NULL, "--sensor-size", "8", "--backend", "raster" },
+        { NULL, "--sensor-size", "8", "--mode", "paper", "--threshold", "0.1" },
+        { NULL, "--exposure", "1", "--channel", "radiance" } };
+    size_t i;
+    room_obj();
+    for (i = 0; i < sizeof lines / sizeof *lines; i++) {
+        const char *const *line = lines[i] + 1;
+        CHECK(TOOL("room.obj", "--sky", "1,1,1", "--size", "8x8", "-o", "idle.png", line[0], line[1], line[2], line[3],
+                   line[4], line[5]) == 0, "%s: %s", line[0], ran.err);
+        CHECK(lines[i][0] ? ran.err_lines == 1 && said("warning: no effect: ") && said(lines[i][0]) : !ran.err[0],
+              "%s %s: %s", line[0], line[2] ? line[2] : "", ran.err);
+    }
+    CHECK(TOOL("room.obj", "--size", "8x8", "-o", "idle.pfm", "--sensor-size", "8", "--rays", "8", "--tile", "1",
+               "--threshold", "1") == 0 && ran.err_lines == 1 && said("--sensor-size (") && said(", --threshold ("),
+          "%s", ran.err);
+    CHECK(TOOL("room.obj", "--size", "8x8", "-o", "idle.png", "--sensor-size", "8", "--quiet") == 0 && !ran.err[0],
+          "%s", ran.err);
+}
+
+/* --verbose prints what was found and chosen. */
+TEST(choices_are_printed) {
+    static const char *const lines[] = { "\nsbl_render: light: 2 emitting triangles, 0 lights, sky 0,0,0.5\n",
+        "camera: of the options: --eye 0,1.4,3 --look-at 0,", " --up 0,1,0 --fov 40\n", "\nsbl_render: exposure: ",
+        "\nsbl_render: mode: direct\n", "\nsbl_render: size: 24 x 16, ", "\nsbl_render: target error: 5 %, predicted ",
+        "\nsbl_render: back end: trace\n", "\nsbl_render: OpenGL renderer: " };
+    size_t i;
+    room_obj();
+    TOOL(ROOM, "--mode", "direct", "--preset", "draft", "--sky", "0,0,0.5", "--verbose", "-o", "told.png");
+    for (i = 0; i < sizeof lines / sizeof *lines; i++)
+        CHECK(ran.status == 0 && said(lines[i]), "\"%s\" is missing: %s", lines[i], ran.err);
+    TOOL("room.obj", SMALL, "--size", "8x8", "--verbose", "-o", "told.png");
+    CHECK(ran.status == 0 && said("camera: in front of an object: --eye "), "%s", ran.err);
+    CHECK(TOOL("room.obj", SMALL, "--size", "8x8", "-o", "told.pfm") == 0 && !ran.err[0], "%s", ran.err);
 }
 
 /* The scene in examples/scenes has a red left, a green right and a white back wall. */
@@ -1823,7 +1909,11 @@ TEST(the_cornell_box_of_the_repository) {
 int main(int argc, char **argv) {
     (void)argc;
     if (!tool_begin(argv[0])) return 1;
-    RUN(help_names_every_option);
+    RUN(help_is_short_or_complete);
+    RUN(misspelled_options_are_recognised);
+    RUN(messages_show_what_values_look_like);
+    RUN(options_without_effect_are_named);
+    RUN(choices_are_printed);
     RUN(bad_usage_is_two);
     RUN(failures_are_one);
     RUN(obj_materials_and_textures);
@@ -1859,6 +1949,7 @@ int main(int argc, char **argv) {
     RUN(broken_lights_are_left_out);
     RUN(sky_pictures);
     RUN(sky_pictures_turn);
+    RUN(a_sensor_may_meet_nothing);
     RUN(broken_sky_pictures_are_refused);
     RUN(hostile_files_are_refused);
     RUN(collected_hostile_files);

@@ -118,19 +118,20 @@ fi
 page_of() { page=$prefix/share/man/man1/$1.1; }
 page_has_all() {
     page_of "$1"
-    "$prefix/bin/$1" --help | grep -o '^  --[a-z-]*' | while read -r option; do
+    "$prefix/bin/$1" --help all | grep -o '^  --[a-z-]*' | while read -r option; do
         grep -q "^$(echo "$option" | sed 's/-/\\\\-/g')" "$page" || { echo "$option is missing"; return 1; }
-    done && for section in NAME SYNOPSIS DESCRIPTION OPTIONS NOTES 'EXIT STATUS'; do
+    done && [ "$(grep -c '^[.]SS' "$page")" -ge 5 ] &&
+    for section in NAME SYNOPSIS DESCRIPTION OPTIONS NOTES 'EXIT STATUS'; do
         [ "$(grep -cx ".SH $section" "$page")" = 1 ] || { echo "section $section"; return 1; }
     done && ! sed '1,/^.SH EXIT/d' "$page" | grep '^[.]'
 }
-# the page contains all words of --help, in order
+# the page contains all words of --help all, in order
 words() { tr -s ' \n' '\n\n' | grep -v '^$'; }
 page_says_what_help_says() {
     page_of "$1"
-    "$prefix/bin/$1" --help | sed 's/^usage: //; s/^Exit status: //' | words > "$folder/help"
+    "$prefix/bin/$1" --help all | sed 's/^usage: //; s/^Exit status: //' | words > "$folder/help"
     sed -e '1,/^.SH SYNOPSIS/d' -e '/^\.[ST][HP]/d' -e '/^\.PP/d' -e '/^\.br/d' \
-        -e 's/^\\&//; s/\\-/-/g; s/\\e/\\/g' "$page" |
+        -e 's/^\.SS //; s/^\\&//; s/\\-/-/g; s/\\e/\\/g' "$page" |
     words > "$folder/page"
     same "$folder/help" "$folder/page"
 }

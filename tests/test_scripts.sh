@@ -145,6 +145,21 @@ check test_sees_undefined_behaviour fails_with '3 passed, 1 failed, 0 skipped' "
 check test_sees_a_race fails_with '4 passed, 1 failed, 0 skipped' "$good" \
     "threads|pthread_t t; pthread_create(&t, NULL, touch, NULL); shared++; pthread_join(t, NULL)|$one"
 
+# >>scripts/build
+
+build_helps() {
+    scripts/build --help > "$folder/said" && grep -q 'scripts/build sbl_render sbl_bake' "$folder/said" &&
+        for file in examples/*.c tests/test_*.c; do
+            grep -qw "$(basename "$file" .c)" "$folder/said" || { echo "$file is missing"; return 1; }
+        done
+}
+build_names_what_is_unknown() {
+    scripts/build sbl_rendr > "$folder/said" 2>&1
+    [ $? = 2 ] && grep -q 'sbl_rendr.*--help' "$folder/said" && [ "$(wc -l < "$folder/said")" = 1 ]
+}
+check build_helps build_helps
+check build_names_what_is_unknown build_names_what_is_unknown
+
 # >>the sanitizers, and mutants
 
 leak_is_seen() {

@@ -85,7 +85,7 @@ render() {
     rendered=$1
     shift
     rm -f "$folder/out.png"
-    "$tool" "$rendered" --size 16x16 --sensor-size 8 --tile 16 --samples 1 --sky 1,1,1 -o "$folder/out.png" "$@" \
+    "$tool" "$rendered" --size 16x16 --tile 16 --samples 1 --sky 1,1,1 -o "$folder/out.png" "$@" \
         > "$folder/said" 2> "$folder/errors"
     status=$?
     echo "$rendered $*: exit status $status"
@@ -155,7 +155,7 @@ is_told() {
     render "$folder/scene/few.gltf" --verbose --quiet
     [ ! "$sanitized" ] || { [ "$status" = 0 ] && grep -q "few.gltf: .*not confined" "$folder/errors"; return; }
     [ "$status" = 0 ] && grep -q "few.gltf: .*Landlock .*seccomp " "$folder/errors" &&
-        [ "$(grep -c protection "$folder/errors")" = 1 ]
+        [ "$(grep -c Landlock "$folder/errors")" = 1 ]
 }
 check verbose_tells_what_confines is_told
 

@@ -50,10 +50,17 @@ static void read_text(const char *path, char *text, size_t size, int *lines) {
 
 enum { MOST_ARGUMENTS = 48 };
 
-/* Inserted before the arguments of the test, so that the test can override them: small stores of bounced light are
-   fast. */
+/* Inserted before the arguments of the test, so that the test can override them, in mode gi: small stores of bounced
+   light are fast. */
 static const char *const first_arguments[] = { "--bounce-samples", "1024" };
 enum { FIRST_ARGUMENTS = 2 };
+
+/* Returns whether the arguments select mode gi, which is the default. */
+static int bounces(const char *const *arguments) {
+    for (; arguments[0] && arguments[1]; arguments++)
+        if (strcmp(arguments[0], "--mode") == 0) return strcmp(arguments[1], "gi") == 0;
+    return 1;
+}
 
 static void (*in_child)(void); /* called in the child process before the tool is started; NULL: nothing */
 
@@ -64,7 +71,7 @@ static pid_t start(const char *const *arguments, int terminal, rlim_t file_limit
     int i, k = 1;
     pid_t child;
     argv[0] = tool;
-    for (i = 0; i < FIRST_ARGUMENTS; i++) argv[k++] = (char *)(uintptr_t)first_arguments[i];
+    for (i = 0; i < FIRST_ARGUMENTS && bounces(arguments); i++) argv[k++] = (char *)(uintptr_t)first_arguments[i];
     for (i = 0; arguments[i] && i < MOST_ARGUMENTS; i++) argv[k++] = (char *)(uintptr_t)arguments[i];
     argv[k] = NULL;
     fflush(NULL);
@@ -105,7 +112,15 @@ static int run(const char *const *arguments) {
     return ran.status;
 }
 #define TOOL(...) run((const char *const[]){ __VA_ARGS__, NULL })
-#define SMALL "--sensor-size", "8", "--samples", "1"
+#define SMALL "--samples", "1"
+
+/* Returns the number of characters in the longest line of a text. */
+static inline int longest_line(const char *text) {
+    int longest = 0;
+    for (; *text; text += strcspn(text, "\n"), text += *text == '\n')
+        if ((int)strcspn(text, "\n") > longest) longest = (int)strcspn(text, "\n");
+    return longest;
+}
 
 static inline int said(const char *words) { return strstr(ran.err, words) != NULL; }
 
