@@ -130,10 +130,11 @@ TEST(surfaces_change) {
     make_room(&scene);
     REQUIRE(start() && gather(before) == SBL_SUCCESS, "%s", watch_last(&seen));
     scene.materials[WALLS].albedo[2] = 0.1f;
-    scene.materials[BOX].albedo_texture = 0;
     REQUIRE(sbl_set_materials(context, scene.materials, scene.material_count) == SBL_SUCCESS, "%s", watch_last(&seen));
     same_as_fresh("other colours", 1);
-    REQUIRE(gather(before) == SBL_SUCCESS, "%s", watch_last(&seen));
+    scene.materials[BOX].albedo_texture = 0;
+    REQUIRE(sbl_set_materials(context, scene.materials, scene.material_count) == SBL_SUCCESS, "%s", watch_last(&seen));
+    same_as_fresh("a box without a texture", 1);
     scene.materials[BOX].flags = SBL_MATERIAL_HIDDEN_FROM_SENSORS;
     REQUIRE(sbl_set_materials(context, scene.materials, scene.material_count) == SBL_SUCCESS, "%s", watch_last(&seen));
     same_as_fresh("a box that is hidden", 1);
@@ -243,6 +244,51 @@ TEST(streams_that_are_refused) {
     scene_free(&scene);
 }
 
+/* Makes the stream's checksum valid. */
+static void sign(void) {
+    const uint64_t sum = inside_saved_sum(stream.bytes, stream.count - 8);
+    memcpy(stream.bytes + stream.count - 8, &sum, 8);
+}
+
+/* Streams with a valid checksum and one wrong word, of each kind in turn, are refused. Behind the header of 40 bytes
+   follow 22 words for the grid and light in the air, a word per triangle, 2 per cell, 8 per cut and 4 per leaf. */
+TEST(each_forged_word_is_refused) {
+    static const uint32_t nan = 0x7fc00000u, minus_one = 0xbf800000u, cut = 0x80000000u;
+    static sbl_reading made[SITES];
+    int32_t counts[4];
+    size_t cells, cuts, leaves, i;
+    make_room(&scene);
+    stream.count = stream.at = 0;
+    stream.room = STREAM;
+    REQUIRE(start() && gather(made) == SBL_SUCCESS && sbl_save_store(context, put, NULL) == SBL_SUCCESS, "%s",
+            watch_last(&seen));
+    memcpy(counts, stream.bytes + 24, sizeof counts);
+    cells = 40 / 4 + 22 + (size_t)counts[0];
+    cuts = cells + 2 * (size_t)counts[1];
+    leaves = cuts + 8 * (size_t)counts[2];
+    REQUIRE(counts[2] > 0 && counts[3] > 0 && 4 * (leaves + 4 * (size_t)counts[3]) + 8 == stream.count,
+            "%d cuts and %d leaves in %.0f bytes", counts[2], counts[3], (double)stream.count);
+    for (i = 0; i < 8; i++) {
+        static const char *const whats[] = { "an origin of NaN", "cells of length 0", "light in the air of NaN",
+            "a cell that leads to no leaf", "a cell that leads to no cut", "a cut that leads to itself",
+            "a plane of NaN", "a leaf with negative light" };
+        const size_t places[] = { 10, 13, 14 + 17, cells + 1, cells + 1, cuts + 5, cuts + 3, leaves + 4 + 2 };
+        const uint32_t words[] = { nan, 0, nan, (uint32_t)counts[3] + 1, cut | (uint32_t)counts[2], cut, nan,
+                                   minus_one };
+        unsigned char *at = stream.bytes + 4 * places[i];
+        uint32_t word;
+        memcpy(&word, at, 4);
+        memcpy(at, &words[i], 4);
+        sign();
+        refused(whats[i], "damaged");
+        memcpy(at, &word, 4);
+    }
+    sign();
+    stream.at = 0;
+    CHECK(sbl_load_store(context, get, NULL) == SBL_SUCCESS, "the stream without mistakes: %s", watch_last(&seen));
+    scene_free(&scene);
+}
+
 /* Streams with a valid checksum and wrong contents: references that are out of range or circular, and light that is not
    finite. They are refused, or give finite light. */
 TEST(forged_streams_do_no_harm) {
@@ -253,7 +299,6 @@ TEST(forged_streams_do_no_harm) {
     REQUIRE(start() && gather(readings) == SBL_SUCCESS, "%s", watch_last(&seen));
     for (i = 0; i < 60; i++) {
         size_t words;
-        uint64_t sum;
         stream.count = stream.at = 0;
         stream.room = STREAM;
         REQUIRE(sbl_save_store(context, put, NULL) == SBL_SUCCESS, "%s", watch_last(&seen));
@@ -264,8 +309,7 @@ TEST(forged_streams_do_no_harm) {
             word = state % 3 ? state : 0xffffffffu >> state % 29;
             memcpy(stream.bytes + 4 * (6 + test_hash(state) % (i % 2 ? 12 : words - 6)), &word, 4);
         }
-        sum = inside_saved_sum(stream.bytes, stream.count - 8);
-        memcpy(stream.bytes + stream.count - 8, &sum, 8);
+        sign();
         accepted += sbl_load_store(context, get, NULL) == SBL_SUCCESS;
         REQUIRE(gather(readings) == SBL_SUCCESS, "forgery %d: %s", i, watch_last(&seen));
         for (k = 0; k < SITES; k++)
@@ -356,6 +400,7 @@ int main(void) {
     RUN(refused_changes_change_nothing);
     RUN(saved_and_loaded);
     RUN(streams_that_are_refused);
+    RUN(each_forged_word_is_refused);
     RUN(forged_streams_do_no_harm);
     RUN(progress_covers_the_store);
     RUN(pictures_of_the_store);
