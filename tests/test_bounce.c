@@ -1021,17 +1021,15 @@ TEST(a_crowd_of_boxes) {
     scene_free(&s);
 }
 
-/* A furnace with more sides of triangles than the store can hold in cells of any size. Building the store must end, and
-   no side may stay dark. Many shelves share a few measurements, so R is only about 1. */
-TEST(more_sides_than_samples) {
-    enum { SHELVES = 700 };
-    static float corners[6 * 3 * SHELVES];
-    test_scene s = { 0 };
-    const int m = furnace_material(&s, 0.5f);
+enum { SHELVES = 700 };
+static float shelf_corners[SHELVES][18];
+
+/* Makes horizontal squares above each other, in eight stacks, as one mesh. */
+static void shelves(test_scene *s, int material) {
     int i, k;
-    for (i = 0; i < SHELVES; i++)  /* horizontal squares above each other, in eight stacks */
+    for (i = 0; i < SHELVES; i++)
         for (k = 0; k < 6; k++) {
-            float *p = &corners[3 * (6 * i + k)];
+            float *p = &shelf_corners[i][3 * k];
             p[0] = (float)(k == 1 || k == 2 || k == 4) + 1.5f * (float)(i % 4);
             p[1] = 0.05f * (float)(i / 8);
             p[2] = (float)(k == 2 || k > 3) + 1.5f * (float)(i / 4 % 2);
@@ -1039,7 +1037,15 @@ TEST(more_sides_than_samples) {
             if (k == 3) p[2] = 1.5f * (float)(i / 4 % 2);
             if (k == 4) p[2] = 1 + 1.5f * (float)(i / 4 % 2);
         }
-    scene_mesh(&s, m, corners, NULL, NULL, 6 * SHELVES, NULL, 6 * SHELVES);
+    scene_mesh(s, material, shelf_corners[0], NULL, NULL, 6 * SHELVES, NULL, 6 * SHELVES);
+}
+
+/* A furnace with more sides of triangles than the store can hold in cells of any size. Building the store must end, and
+   no side may stay dark. Many shelves share a few measurements, so R is only about 1. */
+TEST(more_sides_than_samples) {
+    test_scene s = { 0 };
+    int i, k;
+    shelves(&s, furnace_material(&s, 0.5f));
     site_count = 0;
     for (i = 0; i < 40; i++) add_site(0.5, 0.05 * i + 0.01, 0.5, 0, 1, 0, 1);
     for (k = 1024; k <= 1184; k += 80) {
@@ -1052,6 +1058,44 @@ TEST(more_sides_than_samples) {
               "%d cells of %d", sbl_query_stats(context).store.cells, k);
         CHECK(fabs(mean - 1) < 0.25 && off < 0.25, "R is %g on average, off by %g", mean, off);
     }
+    scene_free(&s);
+}
+
+static int give_up(float done, void *calls) { (void)done; return ++*(int *)calls > 1000; }
+
+/* Each shelf is a mesh of its own. Surfaces of different meshes share no cells, so that larger cells do not help; the
+   store must be built nevertheless. */
+TEST(more_meshes_than_samples) {
+    static sbl_mesh meshes[SHELVES];
+    test_scene s = { 0 };
+    sbl_scene_desc scene;
+    sbl_readings_desc desc;
+    int i, calls = 0;
+    shelves(&s, furnace_material(&s, 0.5f));
+    if (!use_scene(&s, 1024)) return;
+    for (i = 0; i < SHELVES; i++) {
+        meshes[i] = s.meshes[0];
+        meshes[i].positions.data = shelf_corners[i];
+        meshes[i].vertex_count = meshes[i].index_count = 6;
+    }
+    scene = scene_desc(&s);
+    scene.meshes = meshes;
+    scene.mesh_count = SHELVES;
+    scene.max_bounce_cells = 1024;
+    site_count = 0;
+    add_site(0.5, 0.51, 0.5, 0, 1, 0, 1);
+    memset(&desc, 0, sizeof desc);
+    desc.sites = sites;
+    desc.readings = readings;
+    desc.site_count = site_count;
+    desc.options.mode = SBL_MODE_GI;
+    desc.options.backend = SBL_BACKEND_TRACE;
+    desc.options.progress = give_up;
+    desc.options.progress_user = &calls;
+    CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
+          "after %d calls: %s", calls, watch_last(&seen));
+    printf("  %d cells; %d pieces\n", sbl_query_stats(context).store.cells, calls);
+    CHECK(sbl_query_stats(context).store.cells > 1000, "%d cells of 1024", sbl_query_stats(context).store.cells);
     scene_free(&s);
 }
 
@@ -1347,6 +1391,7 @@ int main(void) {
     RUN(a_pleated_sheet);
     RUN(a_crowd_of_boxes);
     RUN_PLAIN(more_sides_than_samples);
+    RUN_PLAIN(more_meshes_than_samples);
     RUN_PLAIN(ground_that_no_surface_sees);
     RUN(drawn_things_are_told_their_light);
     RUN(light_of_any_strength);
