@@ -1,5 +1,5 @@
-/* Tests of topology, solver and the solution of seams, without GL: hash tables, welding, shared sides, groups, rings,
-   normal equations, light across a seam. */
+/* Tests of topology, solver, the solution of seams and interpolation, without GL: hash tables, welding, shared sides,
+   groups, rings, normal equations, light across a seam, light beside a silhouette. */
 #define SBL_IMPLEMENTATION
 #include "../sbl.h"
 #include "support/test.h"
@@ -310,6 +310,52 @@ TEST(seams_keep_light_positive) {
     sbl__solver_free(&base, &seams.solver);
 }
 
+/* Of 9 x 9 pixels, every fourth one has a sensor. Light is linear, but the last corner of the last tile shows another
+   surface. Light is extrapolated to this corner from the adjacent corners and the sensors beyond them, and stays linear
+   in the whole tile. An adjacent corner without a sensor beyond it is copied. */
+TEST(light_is_linear_beside_silhouettes) {
+    enum { SIDE = 9 };
+    static sbl__pixel pixels[SIDE * SIDE];
+    sbl__refine r;
+    sbl__tile tile;
+    int i, k, missing;
+    memset(&r, 0, sizeof r);
+    memset(&tile, 0, sizeof tile);
+    r.pixels = pixels;
+    r.width = r.height = SIDE;
+    r.geometry_aware = 1;
+    for (k = 0; k < SBL__DOUBLINGS; k++) r.variance_shares[k] = 1;
+    for (k = 0; k < 2; k++) {
+        tile.area.x[k] = 4 + 4 * k;
+        tile.area.y[k] = 4 + 4 * k;
+    }
+    for (missing = 0; missing < 3; missing++) {  /* sensors beyond on both axes; only vertically; only horizontally */
+        memset(pixels, 0, sizeof pixels);
+        for (i = 0; i < SIDE * SIDE; i++) {
+            sbl__pixel *p = &pixels[i];
+            const int x = i % SIDE, y = i / SIDE;
+            p->id = x == 8 && y == 8 ? 2 : 1;
+            p->normal[2] = 1;
+            p->position[0] = (float)x;
+            p->position[1] = (float)y;
+            p->sensed = x % 4 == 0 && y % 4 == 0 && !(missing == 1 && x == 0) && !(missing == 2 && y == 0);
+            p->looks = 1;
+            for (k = 0; k < 3; k++) p->radiance[k] = (float)(5 + x + (k + 1) * y);
+        }
+        for (i = 0; i < 24; i++) {
+            const int x = 4 + i % 5, y = 4 + i / 5;
+            sbl__mix m;
+            sbl__interpolate(&r, &tile, x, y, 0, &m);
+            for (k = 0; k < 3; k++) {
+                const double slope = missing == 0 ? 0 : missing == 1 ? 1 : k + 1;  /* along the axis without it */
+                const double expected = 5 + x + (k + 1) * y - 0.5 * 4 * slope * (x - 4) * (y - 4) / 16.0;
+                CHECK(fabs((double)m.light[k] - expected) < 1e-4, "way %d, pixel %d %d, channel %d: %g, expected %g",
+                      missing, x, y, k, (double)m.light[k], expected);
+            }
+        }
+    }
+}
+
 /* All memory has been freed. */
 TEST(no_memory_is_left) {
     CHECK(base.memory.host_bytes == 0, "%.0f bytes are not freed", (double)base.memory.host_bytes);
@@ -328,6 +374,7 @@ int main(void) {
     RUN(channels_are_solved_apart);
     RUN(zero_is_solved_at_once);
     RUN(seams_keep_light_positive);
+    RUN(light_is_linear_beside_silhouettes);
     RUN(no_memory_is_left);
     return test_report();
 }
