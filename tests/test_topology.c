@@ -1,5 +1,5 @@
-/* Tests of topology, solver, the solution of seams and interpolation, without GL: hash tables, welding, shared sides,
-   groups, rings, normal equations, light across a seam, light beside a silhouette. */
+/* Tests without GL of topology, solver, the solution of seams, interpolation and bounces: hash tables, welding, shared
+   sides, groups, rings, normal equations, light across a seam, light beside a silhouette, light of a leaf. */
 #define SBL_IMPLEMENTATION
 #include "../sbl.h"
 #include "support/test.h"
@@ -356,6 +356,56 @@ TEST(light_is_linear_beside_silhouettes) {
     }
 }
 
+/* A leaf has three points, of which the second is stuck. A quarter of the rays of the first point and half of the rays
+   of the last one hit another leaf, which reflects half of 8, so that they receive 1 and 2. The leaf receives the mean
+   of the valid points. Its noise is the standard error of that mean or, with one valid point, half of the light. */
+TEST(stuck_points_do_not_count) {
+    static sbl__bounce b;
+    static sbl__hit hits[3 * SBL__BOUNCE_RAYS];
+    static const float half[3] = { 0.5f, 0.5f, 0.5f };
+    sbl__bounce_leaf states[1] = { { 3, 0, 2 } };
+    sbl_reading readings[3];
+    sbl__leaf leaves[2];
+    sbl__store store;
+    float direct[3], solved[3];
+    int i, k;
+    memset(readings, 0, sizeof readings);
+    memset(leaves, 0, sizeof leaves);
+    memset(&store, 0, sizeof store);
+    store.leaves = leaves;
+    b.store = &store;
+    b.states = states;
+    b.readings = readings;
+    b.hits.list = hits;
+    b.direct = direct;
+    b.solved = solved;
+    for (i = 0; i < 3 * SBL__BOUNCE_RAYS; i++) {
+        const int most = SBL__BOUNCE_RAYS * (i / SBL__BOUNCE_RAYS == 0 ? 1 : 2) / 4;
+        hits[i].place = i % SBL__BOUNCE_RAYS < most ? 1 : SBL__NOWHERE;
+        sbl__share_pack(half, hits[i].albedo);
+    }
+    readings[0].valid = readings[2].valid = 1;
+    for (k = 0; k < 3; k++) {
+        leaves[1].light[k] = 8;
+        readings[0].radiance[k] = 1;
+        readings[1].radiance[k] = 50;
+        readings[2].radiance[k] = 2;
+        direct[k] = 1.5f;
+    }
+    sbl__bounce_gather(&b, 0);
+    for (k = 0; k < 3; k++)
+        CHECK(fabs((double)leaves[0].light[k] - 3) < 1e-3, "channel %d: %g, expected 3", k, (double)leaves[0].light[k]);
+    sbl__bounce_noise(&b, 0);
+    for (k = 0; k < 3; k++)
+        CHECK(fabs(fabs((double)direct[k]) - 1) < 1e-3, "channel %d: a noise of %g, expected 1", k, (double)direct[k]);
+    readings[2].valid = 0;
+    states[0].valid = 1;
+    sbl__bounce_noise(&b, 0);
+    for (k = 0; k < 3; k++)
+        CHECK(fabs(fabs((double)direct[k]) - 1) < 1e-3, "channel %d, one point: a noise of %g, expected 1", k,
+              (double)direct[k]);
+}
+
 /* All memory has been freed. */
 TEST(no_memory_is_left) {
     CHECK(base.memory.host_bytes == 0, "%.0f bytes are not freed", (double)base.memory.host_bytes);
@@ -375,6 +425,7 @@ int main(void) {
     RUN(zero_is_solved_at_once);
     RUN(seams_keep_light_positive);
     RUN(light_is_linear_beside_silhouettes);
+    RUN(stuck_points_do_not_count);
     RUN(no_memory_is_left);
     return test_report();
 }
