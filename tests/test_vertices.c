@@ -465,7 +465,7 @@ TEST(vertices_without_triangles) {
         scene_mesh(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), p, has_normals ? normals : NULL, NULL, 9, indices, 12);
         scene_sun(&s, 0, 1, 0);
         light = bake(&s, &desc);
-        for (i = 0; light && i < 25; i++)
+        for (i = 0; light && i < 9; i++)
             CHECK(i < 3 || i == 8 ? fabs((double)light[3 * i] - 1) < 1e-4 : light[3 * i] == 0, "vertex %d: %g", i,
                   (double)light[3 * i]);
         free(light);
@@ -636,7 +636,7 @@ TEST(few_points_are_enough) {
         desc.average = run == 2;
         desc.smoothing = run ? 0 : -1;
         light = bake(&s, &desc);
-        CHECK(sbl_query_stats(context).sensors.count > 0, "no points");
+        CHECK(light, "no light: %s", watch_last(&seen));
         for (i = 0; light && i < 25; i++)
             CHECK(fabs((double)light[3 * i] - 1) < 0.001, "run %d: R of vertex %d is %g", run, i, (double)light[3 * i]);
         free(light);
