@@ -874,6 +874,83 @@ TEST(a_trench_narrower_than_cells) {
     scene_free(&s);
 }
 
+/* >>black plates close above bright ground, among cells that are wider than the gap */
+
+/* Returns the form factor at the origin, towards +y, of a rectangle at height h, from x0, z0 to x1, z1. */
+static double seen_rectangle(double h, double x0, double z0, double x1, double z1) {
+    double sum = 0;
+    int i;
+    for (i = 0; i < 4; i++) {
+        const double a = (i & 1 ? x1 : x0) / h, b = (i & 2 ? z1 : z0) / h, c = sqrt(1 + a * a), d = sqrt(1 + b * b);
+        sum += (i == 0 || i == 3 ? 1 : -1) * (a / c * atan(b / c) + b / d * atan(a / d)) / (2 * TEST_PI);
+    }
+    return sum;
+}
+
+/* Makes the ground, which reflects 0.8, and a plate at height h. Larger ground below makes the cells large. Then adds
+   sites at the underside of the plate. */
+static void plate_above_ground(test_scene *s, float half, float h, float ground, float below) {
+    int i;
+    scene_quad(s, scene_material(s, 0.8f, 0.8f, 0.8f), -ground, 0, -ground, -ground, 0, ground, ground, 0, ground,
+               ground, 0, -ground);
+    scene_quad(s, scene_material(s, 0, 0, 0), -half, h, -half, -half, h, half, half, h, half, half, h, -half);
+    scene_quad(s, 1, -below, -4, -below, below, -4, -below, below, -4, below, -below, -4, below);
+    site_count = 0;
+    for (i = 0; i < 9; i++)
+        add_site(0.3 * (double)half * (i % 3 - 1), (double)h, 0.3 * (double)half * (i / 3 - 1), 0, -1, 0, 1);
+}
+
+/* Near the middle of a plate, rays find ground to which the plate leaves little of the sky, although the cell has the
+   light of the whole sky. R is the mean of the ground's light over directions of a cosine distribution. */
+TEST(near_hits_find_their_own_light) {
+    enum { RINGS = 100, TURNS = 64 };
+    const double half = 0.3, h = 0.05, ground = 6;
+    test_scene s = { 0 };
+    double expected = 0;
+    int i;
+    plate_above_ground(&s, (float)half, (float)h, (float)ground, 12);
+    scene_sky(&s, 1, 1, 1);
+    for (i = 0; i < site_count * RINGS * TURNS; i++) {
+        const float *site = sites[i / (RINGS * TURNS)].position;
+        const double u = (i / TURNS % RINGS + 0.5) / RINGS, turn = 2 * TEST_PI * (i % TURNS + 0.5) / TURNS;
+        const double r = h * sqrt(u / (1 - u));
+        const double x = (double)site[0] + r * cos(turn), z = (double)site[2] + r * sin(turn);
+        const int beyond = fabs(x) > ground || fabs(z) > ground;
+        const double hidden = seen_rectangle(h, -half - x, -half - z, half - x, half - z);
+        expected += (beyond ? 1 : 0.8 * (1 - hidden)) / (site_count * RINGS * TURNS);
+    }
+    if (use_scene(&s, 1024) && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 1024)) {
+        printf("  R is %.4f, expected %.4f; cells of %g\n", mean_of(0, site_count, 0), expected,
+               (double)inside_cell_length(context));
+        CHECK((double)inside_cell_length(context) > 2 * half, "cells are no wider than the plate");
+        CHECK(fabs(mean_of(0, site_count, 0) / expected - 1) < 0.03, "R is %g, expected %g", mean_of(0, site_count, 0),
+              expected);
+    }
+    scene_free(&s);
+}
+
+/* A plate hides the sun from the ground below it. Walls see the lit parts of the cells there, but only from afar. The
+   light that they find does not reach the plate. */
+TEST(far_light_is_not_near_light) {
+    test_scene s = { 0 };
+    int i;
+    plate_above_ground(&s, 2, 0.01f, 12, 24);
+    for (i = 0; i < 2; i++) {
+        const float x = i ? 12.0f : -12.0f;
+        scene_quad(&s, 1, x, 0, -12, x, 0, 12, x, 2, 12, x, 2, -12);
+    }
+    scene_light(&s, SBL_LIGHT_DIRECTIONAL, (float)TEST_PI, 0, 0)->direction[1] = -1;
+    add_site(-6, 1, 0, 0, -1, 0, 1);
+    if (use_scene(&s, 1024) && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 1024)) {
+        const double dark = mean_of(0, 9, 0), lit = (double)readings[9].radiance[0];
+        printf("  R is %.4f below the plate, %.4f above the ground; cells of %g\n", dark, lit,
+               (double)inside_cell_length(context));
+        CHECK(inside_cell_length(context) > 2, "cells are no wider than half of the plate");
+        CHECK(lit > 0.6 && dark < 0.05 * lit, "R is %g below the plate, %g above the ground", dark, lit);
+    }
+    scene_free(&s);
+}
+
 /* A pleated sheet of one mesh, with steep pleats narrower than the cells. A sun lights every second pleat; R on the
    others must stay near 0, although each cell contains pleats of both kinds. Reads the store by a view from above. */
 TEST(a_pleated_sheet) {
@@ -944,17 +1021,15 @@ TEST(a_crowd_of_boxes) {
     scene_free(&s);
 }
 
-/* A furnace with more sides of triangles than the store can hold in cells of any size. Building the store must end, and
-   no side may stay dark. Many shelves share a few measurements, so R is only about 1. */
-TEST(more_sides_than_samples) {
-    enum { SHELVES = 700 };
-    static float corners[6 * 3 * SHELVES];
-    test_scene s = { 0 };
-    const int m = furnace_material(&s, 0.5f);
+enum { SHELVES = 700 };
+static float shelf_corners[SHELVES][18];
+
+/* Makes horizontal squares above each other, in eight stacks, as one mesh. */
+static void shelves(test_scene *s, int material) {
     int i, k;
-    for (i = 0; i < SHELVES; i++)  /* horizontal squares above each other, in eight stacks */
+    for (i = 0; i < SHELVES; i++)
         for (k = 0; k < 6; k++) {
-            float *p = &corners[3 * (6 * i + k)];
+            float *p = &shelf_corners[i][3 * k];
             p[0] = (float)(k == 1 || k == 2 || k == 4) + 1.5f * (float)(i % 4);
             p[1] = 0.05f * (float)(i / 8);
             p[2] = (float)(k == 2 || k > 3) + 1.5f * (float)(i / 4 % 2);
@@ -962,7 +1037,15 @@ TEST(more_sides_than_samples) {
             if (k == 3) p[2] = 1.5f * (float)(i / 4 % 2);
             if (k == 4) p[2] = 1 + 1.5f * (float)(i / 4 % 2);
         }
-    scene_mesh(&s, m, corners, NULL, NULL, 6 * SHELVES, NULL, 6 * SHELVES);
+    scene_mesh(s, material, shelf_corners[0], NULL, NULL, 6 * SHELVES, NULL, 6 * SHELVES);
+}
+
+/* A furnace with more sides of triangles than the store can hold in cells of any size. Building the store must end, and
+   no side may stay dark. Many shelves share a few measurements, so R is only about 1. */
+TEST(more_sides_than_samples) {
+    test_scene s = { 0 };
+    int i, k;
+    shelves(&s, furnace_material(&s, 0.5f));
     site_count = 0;
     for (i = 0; i < 40; i++) add_site(0.5, 0.05 * i + 0.01, 0.5, 0, 1, 0, 1);
     for (k = 1024; k <= 1184; k += 80) {
@@ -975,6 +1058,44 @@ TEST(more_sides_than_samples) {
               "%d cells of %d", sbl_query_stats(context).store.cells, k);
         CHECK(fabs(mean - 1) < 0.25 && off < 0.25, "R is %g on average, off by %g", mean, off);
     }
+    scene_free(&s);
+}
+
+static int give_up(float done, void *calls) { (void)done; return ++*(int *)calls > 1000; }
+
+/* Each shelf is a mesh of its own. Surfaces of different meshes share no cells, so that larger cells do not help; the
+   store must be built nevertheless. */
+TEST(more_meshes_than_samples) {
+    static sbl_mesh meshes[SHELVES];
+    test_scene s = { 0 };
+    sbl_scene_desc scene;
+    sbl_readings_desc desc;
+    int i, calls = 0;
+    shelves(&s, furnace_material(&s, 0.5f));
+    if (!use_scene(&s, 1024)) return;
+    for (i = 0; i < SHELVES; i++) {
+        meshes[i] = s.meshes[0];
+        meshes[i].positions.data = shelf_corners[i];
+        meshes[i].vertex_count = meshes[i].index_count = 6;
+    }
+    scene = scene_desc(&s);
+    scene.meshes = meshes;
+    scene.mesh_count = SHELVES;
+    scene.max_bounce_cells = 1024;
+    site_count = 0;
+    add_site(0.5, 0.51, 0.5, 0, 1, 0, 1);
+    memset(&desc, 0, sizeof desc);
+    desc.sites = sites;
+    desc.readings = readings;
+    desc.site_count = site_count;
+    desc.options.mode = SBL_MODE_GI;
+    desc.options.backend = SBL_BACKEND_TRACE;
+    desc.options.progress = give_up;
+    desc.options.progress_user = &calls;
+    CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
+          "after %d calls: %s", calls, watch_last(&seen));
+    printf("  %d cells; %d pieces\n", sbl_query_stats(context).store.cells, calls);
+    CHECK(sbl_query_stats(context).store.cells > 1000, "%d cells of 1024", sbl_query_stats(context).store.cells);
     scene_free(&s);
 }
 
@@ -1265,9 +1386,12 @@ int main(void) {
     RUN_PLAIN(colours_of_a_wall);
     RUN(the_store_is_kept_and_renewed);
     RUN(a_trench_narrower_than_cells);
+    RUN(near_hits_find_their_own_light);
+    RUN(far_light_is_not_near_light);
     RUN(a_pleated_sheet);
     RUN(a_crowd_of_boxes);
     RUN_PLAIN(more_sides_than_samples);
+    RUN_PLAIN(more_meshes_than_samples);
     RUN_PLAIN(ground_that_no_surface_sees);
     RUN(drawn_things_are_told_their_light);
     RUN(light_of_any_strength);

@@ -75,6 +75,33 @@ TEST(guides_are_densities) {
     }
 }
 
+/* The density is the root of what scouts found, which is smoothed with weights of 0.2, 0.6 and 0.2 along both axes. The
+   last sector is a neighbour of the first one. */
+TEST(densities_follow_roots) {
+    enum { SIDE = 1024, RING = 5 };
+    static const int bins[5][2] = { { 0, 0 }, { -1, 0 }, { 1, 0 }, { 0, 1 }, { 0, SBL__GUIDE_SECTORS - 1 } };
+    static float found[SBL__GUIDE_BINS];
+    static uint32_t words[SBL__GUIDE_WORDS];
+    static int counts[SBL__GUIDE_BINS];
+    const double roots[2] = { sqrt(0.6), sqrt(0.2) }, all = roots[0] + 2 * roots[1];
+    int i;
+    found[RING * SBL__GUIDE_SECTORS] = 9;
+    sbl__guide_make(found, words);
+    for (i = 0; i < SIDE * SIDE; i++) {
+        double u[2] = { (i % SIDE + 0.5) / SIDE, (i / SIDE + 0.5) / SIDE };
+        sbl__guide_warp(words, u);
+        counts[sbl__guide_bin(u[0], u[1])]++;
+    }
+    for (i = 0; i < 5; i++) {
+        const double even = SBL__GUIDE_EVEN, beside = 1 - even;
+        const double ring = even / SBL__GUIDE_RINGS + beside * roots[bins[i][0] != 0] / all;
+        const double sector = even / SBL__GUIDE_SECTORS + beside * roots[bins[i][1] != 0] / all;
+        const double share = (double)counts[(RING + bins[i][0]) * SBL__GUIDE_SECTORS + bins[i][1]] / (SIDE * SIDE);
+        CHECK(fabs(share / (ring * sector) - 1) < 0.02, "ring %d, sector %d: %g of the rays, expected %g",
+              RING + bins[i][0], bins[i][1], share, ring * sector);
+    }
+}
+
 /* >>rays */
 
 static double hit_height(const sbl_sensor *s, const sbl_sensor_ray *ray, double at[2]) {
@@ -329,6 +356,7 @@ TEST(memory_runs_out) {
 int main(void) {
     dark_room_make(&dark_room);
     RUN(guides_are_densities);
+    RUN(densities_follow_roots);
     RUN_PLAIN(rays_go_through_the_hole);
     RUN_PLAIN(the_picture_is_the_same);
     RUN_PLAIN(few_rays_do);

@@ -1,4 +1,5 @@
-/* Tests of topology and solver, without GL: hash tables, welding, shared sides, groups, rings, normal equations. */
+/* Tests without GL of topology, solver, the solution of seams, interpolation and bounces: hash tables, welding, shared
+   sides, groups, rings, normal equations, light across a seam, light beside a silhouette, light of a leaf. */
 #define SBL_IMPLEMENTATION
 #include "../sbl.h"
 #include "support/test.h"
@@ -54,14 +55,15 @@ TEST(places_are_a_meshs) {
     CHECK(!sbl__same_place(&g, 0, 2), "different positions are the same place");
 }
 
-/* Two triangles that share a side, with either orientation, and a third that touches them only in a corner. */
+/* Two triangles that share a side in the same order of corners, a third that touches them only in a corner, and a
+   fourth that shares a side with the second in the reverse order. */
 TEST(sides_are_shared) {
-    static const uint32_t corners[9] = { 0, 1, 2, 1, 2, 3, 3, 4, 5 };
-    static const uint32_t first[9] = { 0, 1, 2, 1, 4, 5, 6, 7, 8 };
+    static const uint32_t corners[12] = { 0, 1, 2, 1, 2, 3, 3, 4, 5, 3, 2, 6 };
+    static const uint32_t first[12] = { 0, 1, 2, 1, 4, 5, 6, 7, 8, 4, 10, 11 };
     sbl__hash_table t = { NULL, 0 };
     uint32_t i;
-    REQUIRE(sbl__hash_table_make(&base, &t, 9) == SBL_SUCCESS, "no memory");
-    for (i = 0; i < 9; i++) {
+    REQUIRE(sbl__hash_table_make(&base, &t, 12) == SBL_SUCCESS, "no memory");
+    for (i = 0; i < 12; i++) {
         const uint32_t found = sbl__first_side(&t, corners, i);
         CHECK(found == first[i], "side %u is side %u's, expected %u", i, found, first[i]);
     }
@@ -217,6 +219,42 @@ TEST(least_squares_are_solved) {
     solve(1, 0, 0.1, 1);
 }
 
+/* Multiplies unknown i by 2^i, and counts the calls. */
+static void power_term(void *calls, int unused, const double *direction, double *product) {
+    int i;
+    (void)unused;
+    for (i = 0; i < 9; i++) product[i] += direction[i] * (1 << i / 3);
+    ++*(int *)calls;
+}
+
+/* Channel k has only unknown k on its right side, so that one iteration solves each channel by itself. Together the
+   channels have three eigenvalues, which need three iterations. */
+TEST(channels_are_solved_apart) {
+    int together, i;
+    for (together = 0; together < 2; together++) {
+        sbl__slice slice = slice_of(0);
+        sbl__solver s;
+        int calls = 0;
+        memset(&s, 0, sizeof s);
+        REQUIRE(sbl__solver_make(&base, &s, 3) == SBL_SUCCESS, "no memory");
+        s.user = &calls;
+        s.term = power_term;
+        s.term_count = 1;
+        s.together = together;
+        s.precision2 = 1e-20;
+        for (i = 0; i < 9; i++) {
+            s.diagonal[i] = 1;
+            s.residual[i] = i % 4 == 0;
+        }
+        while (sbl__solver_step(&s, &slice) == SBL_UNFINISHED) {}
+        CHECK(calls == (together ? 3 : 1), "together %d: %d iterations", together, calls);
+        for (i = 0; i < 9; i++)
+            CHECK(fabs(s.solution[i] - (i % 4 ? 0 : 1.0 / (1 << i / 3))) < 1e-9, "together %d: number %d is %g",
+                  together, i, s.solution[i]);
+        sbl__solver_free(&base, &s);
+    }
+}
+
 /* A right side of 0 is solved by 0, in one step. */
 TEST(zero_is_solved_at_once) {
     sbl__slice slice = slice_of(0);
@@ -230,6 +268,142 @@ TEST(zero_is_solved_at_once) {
     CHECK(sbl__solver_step(&s, &slice) == SBL_SUCCESS, "a right side of 0 takes more than one step");
     for (i = 0; i < 3 * UNKNOWNS; i++) CHECK(!(fabs(s.solution[i]) > 0), "unknown %d is %g", i, s.solution[i]);
     sbl__solver_free(&base, &s);
+}
+
+/* A point of a seam has the mean of texels 0 and 1 on one side, and texel 2 on the other. The change of least squares
+   would make texel 0 of R negative. It is then kept at 0, and the others take over its part. A harmonic may be
+   negative. */
+TEST(seams_keep_light_positive) {
+    static const double expected[2][3] = { { 0, 0.84, 0.42 }, { -2 / 15.0, 13 / 15.0, 11 / 30.0 } };
+    sbl__seam_point point = { { 0, 1, 2, 2, 2, 2, 2, 2 }, { 0.5f, 0.5f, -1, 0, 0, 0, 0, 0 } };
+    int texels[3] = { 2, 0, 1 }, layer, i;
+    float light[12];
+    sbl__slice slice = slice_of(0);
+    sbl__gutters gutters;
+    sbl__atlas atlas;
+    sbl__seams seams;
+    memset(&gutters, 0, sizeof gutters);
+    memset(&atlas, 0, sizeof atlas);
+    memset(&seams, 0, sizeof seams);
+    gutters.light = light;
+    atlas.base = &base;
+    seams.points = &point;
+    seams.point_count = 1;
+    seams.texels = texels;
+    seams.unknown_count = 3;
+    for (layer = 0; layer < 2; layer++) {
+        for (i = 0; i < 12; i++) light[i] = 0;
+        for (i = 0; i < 3; i++) {
+            light[4 * texels[1] + i] = 1;
+            light[4 * texels[2] + i] = 0.1f;
+        }
+        seams.layer = layer - 1;  /* another layer begins behind the search for edges */
+        while (sbl__seams_step(&seams, &gutters, &atlas, layer, &slice) == SBL_UNFINISHED) {}
+        for (i = 0; i < 9; i++)
+            CHECK(fabs((double)light[4 * texels[i / 3] + i % 3] - expected[layer][i / 3]) < 0.001,
+                  "layer %d: channel %d of texel %d is %g, expected %g", layer, i % 3, i / 3,
+                  (double)light[4 * texels[i / 3] + i % 3], expected[layer][i / 3]);
+        if (layer == 0)
+            CHECK(fabs((double)seams.before - 0.4) < 1e-6 && seams.after < 0.001f, "the seam had %g, has %g",
+                  (double)seams.before, (double)seams.after);
+    }
+    sbl__solver_free(&base, &seams.solver);
+}
+
+/* Of 9 x 9 pixels, every fourth one has a sensor. Light is linear, but the last corner of the last tile shows another
+   surface. Light is extrapolated to this corner from the adjacent corners and the sensors beyond them, and stays linear
+   in the whole tile. An adjacent corner without a sensor beyond it is copied. */
+TEST(light_is_linear_beside_silhouettes) {
+    enum { SIDE = 9 };
+    static sbl__pixel pixels[SIDE * SIDE];
+    sbl__refine r;
+    sbl__tile tile;
+    int i, k, missing;
+    memset(&r, 0, sizeof r);
+    memset(&tile, 0, sizeof tile);
+    r.pixels = pixels;
+    r.width = r.height = SIDE;
+    r.geometry_aware = 1;
+    for (k = 0; k < SBL__DOUBLINGS; k++) r.variance_shares[k] = 1;
+    for (k = 0; k < 2; k++) {
+        tile.area.x[k] = 4 + 4 * k;
+        tile.area.y[k] = 4 + 4 * k;
+    }
+    for (missing = 0; missing < 3; missing++) {  /* sensors beyond on both axes; only vertically; only horizontally */
+        memset(pixels, 0, sizeof pixels);
+        for (i = 0; i < SIDE * SIDE; i++) {
+            sbl__pixel *p = &pixels[i];
+            const int x = i % SIDE, y = i / SIDE;
+            p->id = x == 8 && y == 8 ? 2 : 1;
+            p->normal[2] = 1;
+            p->position[0] = (float)x;
+            p->position[1] = (float)y;
+            p->sensed = x % 4 == 0 && y % 4 == 0 && !(missing == 1 && x == 0) && !(missing == 2 && y == 0);
+            p->looks = 1;
+            for (k = 0; k < 3; k++) p->radiance[k] = (float)(5 + x + (k + 1) * y);
+        }
+        for (i = 0; i < 24; i++) {
+            const int x = 4 + i % 5, y = 4 + i / 5;
+            sbl__mix m;
+            sbl__interpolate(&r, &tile, x, y, 0, &m);
+            for (k = 0; k < 3; k++) {
+                const double slope = missing == 0 ? 0 : missing == 1 ? 1 : k + 1;  /* along the axis without it */
+                const double expected = 5 + x + (k + 1) * y - 0.5 * 4 * slope * (x - 4) * (y - 4) / 16.0;
+                CHECK(fabs((double)m.light[k] - expected) < 1e-4, "way %d, pixel %d %d, channel %d: %g, expected %g",
+                      missing, x, y, k, (double)m.light[k], expected);
+            }
+        }
+    }
+}
+
+/* A leaf has three points, of which the second is stuck. A quarter of the rays of the first point and half of the rays
+   of the last one hit another leaf, which reflects half of 8, so that they receive 1 and 2. The leaf receives the mean
+   of the valid points. Its noise is the standard error of that mean or, with one valid point, half of the light. */
+TEST(stuck_points_do_not_count) {
+    static sbl__bounce b;
+    static sbl__hit hits[3 * SBL__BOUNCE_RAYS];
+    static const float half[3] = { 0.5f, 0.5f, 0.5f };
+    sbl__bounce_leaf states[1] = { { 3, 0, 2 } };
+    sbl_reading readings[3];
+    sbl__leaf leaves[2];
+    sbl__store store;
+    float direct[3], solved[3];
+    int i, k;
+    memset(readings, 0, sizeof readings);
+    memset(leaves, 0, sizeof leaves);
+    memset(&store, 0, sizeof store);
+    store.leaves = leaves;
+    b.store = &store;
+    b.states = states;
+    b.readings = readings;
+    b.hits.list = hits;
+    b.direct = direct;
+    b.solved = solved;
+    for (i = 0; i < 3 * SBL__BOUNCE_RAYS; i++) {
+        const int most = SBL__BOUNCE_RAYS * (i / SBL__BOUNCE_RAYS == 0 ? 1 : 2) / 4;
+        hits[i].place = i % SBL__BOUNCE_RAYS < most ? 1 : SBL__NOWHERE;
+        sbl__share_pack(half, hits[i].albedo);
+    }
+    readings[0].valid = readings[2].valid = 1;
+    for (k = 0; k < 3; k++) {
+        leaves[1].light[k] = 8;
+        readings[0].radiance[k] = 1;
+        readings[1].radiance[k] = 50;
+        readings[2].radiance[k] = 2;
+        direct[k] = 1.5f;
+    }
+    sbl__bounce_gather(&b, 0);
+    for (k = 0; k < 3; k++)
+        CHECK(fabs((double)leaves[0].light[k] - 3) < 1e-3, "channel %d: %g, expected 3", k, (double)leaves[0].light[k]);
+    sbl__bounce_noise(&b, 0);
+    for (k = 0; k < 3; k++)
+        CHECK(fabs(fabs((double)direct[k]) - 1) < 1e-3, "channel %d: a noise of %g, expected 1", k, (double)direct[k]);
+    readings[2].valid = 0;
+    states[0].valid = 1;
+    sbl__bounce_noise(&b, 0);
+    for (k = 0; k < 3; k++)
+        CHECK(fabs(fabs((double)direct[k]) - 1) < 1e-3, "channel %d, one point: a noise of %g, expected 1", k,
+              (double)direct[k]);
 }
 
 /* All memory has been freed. */
@@ -247,7 +421,11 @@ int main(void) {
     RUN(groups_have_their_least_number);
     RUN(values_spread_ring_by_ring);
     RUN(least_squares_are_solved);
+    RUN(channels_are_solved_apart);
     RUN(zero_is_solved_at_once);
+    RUN(seams_keep_light_positive);
+    RUN(light_is_linear_beside_silhouettes);
+    RUN(stuck_points_do_not_count);
     RUN(no_memory_is_left);
     return test_report();
 }

@@ -621,6 +621,29 @@ TEST(what_is_buried_leaves_no_stain) {
     }
 }
 
+/* A thin slab buries a part of a floor. A vertical sun lights all other points equally. Vertices whose
+   triangles have few points left get the same light, with and without smoothing. */
+TEST(few_points_are_enough) {
+    int run, i;
+    for (run = 0; run < 3; run++) {
+        static test_scene s;
+        sbl_vertices_desc desc = desc_of(SBL_MODE_DIRECT);
+        float *light;
+        memset(&s, 0, sizeof s);
+        grid(&s, scene_material(&s, 0, 0, 0), 4, 1);
+        scene_box(&s, 0, -1.1f, -0.1f, -1.1f, 0.1f, 0.001f, 0.15f);
+        scene_sun(&s, 0, 1, 0);
+        desc.average = run == 2;
+        desc.smoothing = run ? 0 : -1;
+        light = bake(&s, &desc);
+        CHECK(light, "no light: %s", watch_last(&seen));
+        for (i = 0; light && i < 25; i++)
+            CHECK(fabs((double)light[3 * i] - 1) < 0.001, "run %d: R of vertex %d is %g", run, i, (double)light[3 * i]);
+        free(light);
+        scene_free(&s);
+    }
+}
+
 /* A room that is modelled inside out is lit like any other. A floor that is buried as a whole is dark. */
 TEST(only_backs_are_seen) {
     enum { SIDE = 24 };
@@ -869,6 +892,7 @@ int main(void) {
     RUN(meshes_are_chosen);
     RUN(points_follow_area);
     RUN(what_is_buried_leaves_no_stain);
+    RUN(few_points_are_enough);
     RUN(only_backs_are_seen);
     RUN(every_field_is_checked);
     RUN(it_comes_in_pieces);
