@@ -1055,6 +1055,8 @@ typedef struct sbl_stats {
         float target_error;       /* the target error that applied; 0 in SBL_MODE_PAPER */
         float expected_error;     /* the error predicted so far, as a share of the mean R; 0 before the first level is
                                      done */
+        float stored_error;       /* the part of expected_error that sensors cannot reduce: the root mean square error
+                                     of stored light, as a share of the mean R */
         int level_count;          /* number of entries in levels */
         struct { int tile; int64_t sensors; } levels[SBL_MAX_LEVELS];  /* tile size in pixels and number of sensors */
     } picture;
@@ -12372,6 +12374,7 @@ typedef struct sbl__refine {
     double uncertainty2;      /* sum over pixels of the squared uncertainty of stored light; absolute, not relative */
     double look_variance;     /* relative variance of one look, averaged over the picture */
     double predicted, first_predicted;  /* predicted error of the picture now, and after the first round */
+    double stored;            /* the part of `predicted` that stored light causes */
     double gains[SBL__GAIN_BINS];  /* histogram by worth: sums of the gains of all possible splits and looks */
     float least_worth;        /* least worth that is bought in this round */
     int bought;               /* number of tiles split and of sensors given more looks in this round */
@@ -13269,6 +13272,7 @@ static void sbl__weigh_end(sbl__refine *r) {
     int bin = SBL__GAIN_BINS;
     r->look_variance /= pixels;
     r->predicted = sqrt(left / pixels + uncertainty2);
+    r->stored = sqrt(uncertainty2);
     if (!r->weighed) r->first_predicted = r->predicted;
     r->weighed = 1;
     r->least_worth = FLT_MAX;
@@ -13385,6 +13389,7 @@ static int sbl__refine_after_weigh(void *work) {
     if (times == 1) {
         r->first_new = r->tile_count;
         r->core->stats.picture.expected_error = (float)r->predicted;
+        r->core->stats.picture.stored_error = (float)r->stored;
         return SBL__REFINE_SPEND;
     }
     sbl__refine_restart(r);

@@ -239,6 +239,42 @@ static sbl_result inspect(sbl_context *context, image *shown) {
     return result;
 }
 
+/* ---- a target error that was not reached ---- */
+
+/* Stored light causes a part of the error that sensors cannot reduce. They reduce theirs to 0.84 of the target, or to
+   less if a smaller target was asked for. */
+static void advise(const sbl_stats *s, char *out, size_t size) {
+    enum { CELLS_DEFAULT = 49152, CELLS_MOST = 1 << 20 };
+    const double target = (double)s->picture.target_error, expected = (double)s->picture.expected_error;
+    const double stored = (double)s->picture.stored_error, left2 = target * target - stored * stored;
+    const int cells = common.max_bounce_cells ? common.max_bounce_cells : CELLS_DEFAULT;
+    char more[64] = "", lower[64] = "";
+    if (expected * expected - stored * stored <= target * target) {
+        if (cells < CELLS_MOST)
+            snprintf(more, sizeof more, "--max-bounce-cells %d", cells < CELLS_MOST / 4 ? 4 * cells : CELLS_MOST);
+        if (left2 > 0.04 * target * target)
+            snprintf(lower, sizeof lower, "%s--target-error %.2g%%", more[0] ? " or " : "", 100 * sqrt(left2) / 0.84);
+        snprintf(out, size, "the stored light is too coarse%s%s%s%s", more[0] || lower[0] ? "; " : "", more, lower,
+                 more[0] || lower[0] ? " would help" : "");
+    } else if (!given[TARGET_ERROR])
+        snprintf(out, size, "sensors reached the default limit of their rays; --target-error %g%% raises the limit",
+                 100 * target);
+    else snprintf(out, size, "sensors reached the greatest number of rays; a larger --filter-radius would help");
+}
+
+static void tell_missed_target(const sbl_stats *s) {
+    const double target = (double)s->picture.target_error, expected = (double)s->picture.expected_error;
+    char help[256];
+    if (!(target > 0) || !(expected > 1.1 * target) || given[RAYS] || given[THRESHOLD]) return;
+    if (expected > 1) {  /* errors are relative to the mean, which is almost 0 */
+        warn("%s: hardly any light reaches what the picture shows; check the camera and the lights", common.output);
+        return;
+    }
+    advise(s, help, sizeof help);
+    warn("%s: the predicted error is %.2g %%, %.2g %% was asked: %s", common.output, 100 * expected, 100 * target,
+         help);
+}
+
 /* ---- the whole tool ---- */
 
 static void fill_desc(sbl_picture_desc *desc, progress *bar) {
@@ -264,6 +300,7 @@ static int render(const tool_task *task, double *seconds) {
     sbl_picture_desc desc;
     image picture = { 0, 0, 0, NULL };
     const view all = { &picture, channel };
+    sbl_stats stats;
     sbl_result result;
     int status = DONE;
     fill_desc(&desc, &bar);
@@ -281,9 +318,11 @@ static int render(const tool_task *task, double *seconds) {
     else if (result == SBL_UNFINISHED) status = stop("there is no picture yet");
     else status = fail_with(task->said, common.scene, result);
     free(picture.values);
+    stats = sbl_query_stats(context);
     if (status == DONE && bar.shown)
         fprintf(stderr, "%s: %d x %d, %.0f sensors, %.1f s\n", common.output, picture.width, picture.height,
-                (double)sbl_query_stats(context).sensors.count, *seconds);
+                (double)stats.sensors.count, *seconds);
+    if (status == DONE && !given[QUIET] && !given[INSPECT]) tell_missed_target(&stats);
     return status;
 }
 

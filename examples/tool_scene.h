@@ -13,7 +13,7 @@
 static struct tool_common {
     const char *scene, *output, *stats, *sky_picture, *store, *input;  /* input: another file that is read, or NULL */
     int mode, preset, backend, rays, max_bounce_cells, sensor_size, tile, filter_radius, seed;
-    double sky[3], sky_rotation, sky_scale, sky_up[3], epsilon, threshold;
+    double sky[3], sky_rotation, sky_scale, sky_up[3], light_scale, epsilon, threshold;
     scene_file_options reading;
 } common = { .sky_scale = 1, .sky_up = { 0, 1, 0 } };
 
@@ -25,7 +25,7 @@ static const sbl_backend backends[] = { SBL_BACKEND_AUTO, SBL_BACKEND_RASTER, SB
 static const sbl_preset presets[] = { SBL_PRESET_DRAFT, SBL_PRESET_DEFAULT, SBL_PRESET_HIGH };
 
 enum {
-    SKY, SKY_ROTATION, SKY_SCALE, SKY_UP, MODE, PRESET, BACKEND, RAYS, MAX_BOUNCE_CELLS, EPSILON, SENSOR_SIZE, TILE,
+    SKY, SKY_ROTATION, SKY_SCALE, SKY_UP, LIGHT_SCALE, MODE, PRESET, BACKEND, RAYS, MAX_BOUNCE_CELLS, EPSILON, SENSOR_SIZE, TILE,
     THRESHOLD, FILTER_RADIUS, SEED, STATS, ALLOW_PATH, MEMORY, READ_TIME, STORE, QUIET, VERBOSE, HELP, VERSION,
     COMMON_OPTIONS
 };
@@ -42,6 +42,10 @@ enum {
                         "multiplies the radiance of the sky picture; default 1", NULL, NULL }, \
     [SKY_UP]        = { "--sky-up", "X,Y,Z", NUMBERS, common.sky_up, 3, -1e18, 1e18, \
                         "the direction that is up in the sky picture; default 0,1,0", NULL, NULL }, \
+    [LIGHT_SCALE]   = { "--light-scale", "F", NUMBERS, &common.light_scale, 1, 0, 1e30, \
+                        "multiplies the lights of the file (not emission, not the sky); default 1, but for Blender's " \
+                            "glTF files\n" \
+                        "the factor that fits emission, 1/683; see Units in examples/README.md", NULL, NULL }, \
     [MODE]          = { "--mode", "NAME", CHOICE, &common.mode, 0, 0, 0, \
                         "gi        the default: emitters, lights, sky, and the light that surfaces reflect, with " \
                             "all bounces\n" \
@@ -275,8 +279,8 @@ static int write_stats(FILE *out, const void *what) {
         "\"visible_pixels\": %d,\n", mode, s.picture.width,
             s.picture.height, s.scene.triangles, all->lights, s.picture.visible_pixels);
     fprintf(out, "  \"backend\": \"%s\",\n", s.backend == SBL_BACKEND_TRACE ? "trace" : "raster");
-    fprintf(out, "  \"error\": {\"asked\": %.6g, \"expected\": %.6g},\n", (double)s.picture.target_error,
-        (double)s.picture.expected_error);
+    fprintf(out, "  \"error\": {\"asked\": %.6g, \"expected\": %.6g, \"stored\": %.6g},\n",
+        (double)s.picture.target_error, (double)s.picture.expected_error, (double)s.picture.stored_error);
     if (s.lightmap.seams)
         fprintf(out, "  \"seams\": {\"edges\": %d, \"largest_before\": %.6g, \"largest_after\": %.6g},\n",
             s.lightmap.seams, (double)s.lightmap.seam_before,
@@ -363,13 +367,20 @@ static int tool__work(const scene_file *file, const scene_file *sky, tool_task *
 }
 
 static void tool__warn(const scene_file *file, const messages *said, const int *given) {
+    char text[256];
     int i;
+    scene_file_note_units(file, text, sizeof text);
+    if (text[0] && !given[LIGHT_SCALE]) tell("%s: %s", common.scene, text);
     if (lit_by_us(&file->scene, given))
         warn("%s: the scene emits no light; a constant sky of 1,1,1 lights it; --sky chooses another", common.scene);
     for (i = 0; i < file->warning_count && i < SCENE_FILE_WARNINGS; i++) warn("%s: %s", common.scene,
         file->warnings[i]);
     if (file->warning_count > SCENE_FILE_WARNINGS)
         warn("%s: and %d more warnings", common.scene, file->warning_count - SCENE_FILE_WARNINGS);
+    for (i = 0; i < SCENE_FILE_KIND_COUNT; i++) {
+        scene_file_warning(file, (scene_file_kind)i, text, sizeof text);
+        if (text[0]) warn("%s: %s", common.scene, text);
+    }
     for (i = 0; i < said->warnings_kept; i++) warn("%s: %s", common.scene, said->warnings[i]);
 }
 
@@ -390,6 +401,7 @@ static int tool_run(double start, const int *given, tool_worker worker, int (*pr
     if (given[VERBOSE]) common.reading.log = on_confined;
     file = scene_file_load(common.scene, &common.reading, error, sizeof error);
     if (file && common.sky_picture) sky = scene_file_load_sky(common.sky_picture, &common.reading, error, sizeof error);
+    if (file) scene_file_scale_lights(file, given[LIGHT_SCALE] ? common.light_scale : -1);
     task.file = said.file = file;
     task.said = &said;
     task.start = start;
