@@ -227,7 +227,7 @@
    SBL_MODE_GI adds a third part: the error of the stored light, estimated from the differences between the points of a
    cell. Sensors cannot reduce it; a larger max_bounce_cells does. The sensors' own part is never driven below 0.84 of
    the target, even where the third part alone exceeds it; the picture then ends with SUCCESS and an expected_error
-   above the target.
+   above the target. sbl_stats.picture.stored_error is the third part alone.
 
    If most light comes through windows or from a few other bright places, the picture first traces rays that find these
    places. Sensors then send most of their rays there, which saves half to two thirds of all rays.

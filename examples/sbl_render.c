@@ -79,7 +79,9 @@ static void print_help(void) {
         "surfaces are treated as diffuse surfaces of their base colour. Surfaces emit on both sides.\n"
         "Lights: glTF KHR_lights_punctual (candela are radiance times area, lux are irradiance; ranges are ignored), "
         "and\n"
-        "the point, spot and directional lights of other formats.\n"
+        "the point, spot and directional lights of other formats. Lights that Blender exported as glTF are divided by "
+        "683,\n"
+        "because emission is not multiplied by that; see --light-scale.\n"
         "Colours in a .png: a normal n is shown as 0.5 + 0.5 n, a position relative to the visible bounds, a small "
         "depth as\n"
         "bright, an id as an arbitrary colour, sensors from blue (first level) through green and yellow to red (last\n"
@@ -241,25 +243,25 @@ static sbl_result inspect(sbl_context *context, image *shown) {
 
 /* ---- a target error that was not reached ---- */
 
-/* Stored light causes a part of the error that sensors cannot reduce. They reduce theirs to 0.84 of the target, or to
-   less if a smaller target was asked for. */
+/* Writes why the target was missed, and what would help. Stored light causes a part of the error that sensors cannot
+   reduce. They reduce theirs to 0.84 of the target at most, so that a smaller target makes up for stored light. */
 static void advise(const sbl_stats *s, char *out, size_t size) {
     enum { CELLS_DEFAULT = 49152, CELLS_MOST = 1 << 20 };
     const double target = (double)s->picture.target_error, expected = (double)s->picture.expected_error;
     const double stored = (double)s->picture.stored_error, left2 = target * target - stored * stored;
     const int cells = common.max_bounce_cells ? common.max_bounce_cells : CELLS_DEFAULT;
-    char more[64] = "", lower[64] = "";
+    char smaller[64] = "", more[64] = "";
     if (expected * expected - stored * stored <= target * target) {
-        if (cells < CELLS_MOST)
-            snprintf(more, sizeof more, "--max-bounce-cells %d", cells < CELLS_MOST / 4 ? 4 * cells : CELLS_MOST);
         if (left2 > 0.04 * target * target)
-            snprintf(lower, sizeof lower, "%s--target-error %.2g%%", more[0] ? " or " : "", 100 * sqrt(left2) / 0.84);
-        snprintf(out, size, "the stored light is too coarse%s%s%s%s", more[0] || lower[0] ? "; " : "", more, lower,
-                 more[0] || lower[0] ? " would help" : "");
+            snprintf(smaller, sizeof smaller, "; --target-error %.2g%% would help", 100 * sqrt(left2) / 0.84);
+        if (cells < CELLS_MOST)  /* more cells are smaller, but the light of each is measured with fewer rays */
+            snprintf(more, sizeof more, "; --max-bounce-cells %d may help", cells < CELLS_MOST / 4 ? 4 * cells
+                                                                                                : CELLS_MOST);
+        snprintf(out, size, "stored light limits it%s%s", smaller, more);
     } else if (!given[TARGET_ERROR])
-        snprintf(out, size, "sensors reached the default limit of their rays; --target-error %g%% raises the limit",
+        snprintf(out, size, "by default, a sensor may measure only so often; --target-error %g%% allows more",
                  100 * target);
-    else snprintf(out, size, "sensors reached the greatest number of rays; a larger --filter-radius would help");
+    else snprintf(out, size, "sensors measured as often as they may; a larger --filter-radius would help");
 }
 
 static void tell_missed_target(const sbl_stats *s) {

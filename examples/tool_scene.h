@@ -25,8 +25,9 @@ static const sbl_backend backends[] = { SBL_BACKEND_AUTO, SBL_BACKEND_RASTER, SB
 static const sbl_preset presets[] = { SBL_PRESET_DRAFT, SBL_PRESET_DEFAULT, SBL_PRESET_HIGH };
 
 enum {
-    SKY, SKY_ROTATION, SKY_SCALE, SKY_UP, LIGHT_SCALE, MODE, PRESET, BACKEND, RAYS, MAX_BOUNCE_CELLS, EPSILON, SENSOR_SIZE, TILE,
-    THRESHOLD, FILTER_RADIUS, SEED, STATS, ALLOW_PATH, MEMORY, READ_TIME, STORE, QUIET, VERBOSE, HELP, VERSION,
+    SKY, SKY_ROTATION, SKY_SCALE, SKY_UP, LIGHT_SCALE, MODE, PRESET, BACKEND, RAYS, MAX_BOUNCE_CELLS, EPSILON,
+    SENSOR_SIZE, TILE, THRESHOLD, FILTER_RADIUS, SEED, STATS, ALLOW_PATH, MEMORY, READ_TIME, STORE, QUIET, VERBOSE,
+    HELP, VERSION,
     COMMON_OPTIONS
 };
 
@@ -43,9 +44,9 @@ enum {
     [SKY_UP]        = { "--sky-up", "X,Y,Z", NUMBERS, common.sky_up, 3, -1e18, 1e18, \
                         "the direction that is up in the sky picture; default 0,1,0", NULL, NULL }, \
     [LIGHT_SCALE]   = { "--light-scale", "F", NUMBERS, &common.light_scale, 1, 0, 1e30, \
-                        "multiplies the lights of the file (not emission, not the sky); default 1, but for Blender's " \
-                            "glTF files\n" \
-                        "the factor that fits emission, 1/683; see Units in examples/README.md", NULL, NULL }, \
+                        "multiplies the lights of the file (not emission, not the sky); default 1; in glTF from " \
+                            "Blender 1/683,\n" \
+                        "which makes them fit emission (see Units in examples/README.md)", NULL, NULL }, \
     [MODE]          = { "--mode", "NAME", CHOICE, &common.mode, 0, 0, 0, \
                         "gi        the default: emitters, lights, sky, and the light that surfaces reflect, with " \
                             "all bounces\n" \
