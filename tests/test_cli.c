@@ -1137,7 +1137,7 @@ TEST(substitutions_are_named) {
     materials_gltf(
         "|\"name\":\"half metal\",\"pbrMetallicRoughness\":{\"metallicFactor\":0.5,\"roughnessFactor\":0.1}|"
         "\"pbrMetallicRoughness\":{\"metallicFactor\":0,\"roughnessFactor\":0.49}|"
-        MATTE ",\"metallicRoughnessTexture\":" TEXTURE "},\"normalTexture\":" TEXTURE "|"
+        "\"pbrMetallicRoughness\":{\"metallicRoughnessTexture\":" TEXTURE "},\"normalTexture\":" TEXTURE "|"
         MATTE "},\"extensions\":{\"KHR_materials_clearcoat\":{\"clearcoatFactor\":1}}|"
         MATTE "},\"extensions\":{\"KHR_materials_sheen\":{\"sheenColorFactor\":[1,1,1]}}|"
         MATTE "},\"extensions\":{\"KHR_materials_transmission\":{\"transmissionFactor\":1}}|"
