@@ -246,7 +246,7 @@
    SBL_MODE_GI adds a third part: the error of the stored light, estimated from the differences between the points of a
    cell. Sensors cannot reduce it; a larger max_bounce_cells does. The sensors' own part is never driven below 0.84 of
    the target, even where the third part alone exceeds it; the picture then ends with SUCCESS and an expected_error
-   above the target.
+   above the target. sbl_stats.picture.stored_error is the third part alone.
 
    If most light comes through windows or from a few other bright places, the picture first traces rays that find these
    places. Sensors then send most of their rays there, which saves half to two thirds of all rays.
@@ -1095,6 +1095,8 @@ typedef struct sbl_stats {
         float expected_error;     /* the error predicted so far, as a share of the mean R; 0 before the first level is
                                      done */
         float exposure;           /* stops applied to SBL_CHANNEL_DISPLAY, including those that auto_exposure chose */
+        float stored_error;       /* the part of expected_error that sensors cannot reduce: the root mean square error
+                                     of stored light, as a share of the mean R */
         int level_count;          /* number of entries in levels */
         struct { int tile; int64_t sensors; } levels[SBL_MAX_LEVELS];  /* tile size in pixels and number of sensors */
     } picture;
@@ -12457,6 +12459,7 @@ typedef struct sbl__refine {
     double uncertainty2;      /* sum over pixels of the squared uncertainty of stored light; absolute, not relative */
     double look_variance;     /* relative variance of one look, averaged over the picture */
     double predicted, first_predicted;  /* predicted error of the picture now, and after the first round */
+    double stored;            /* the part of `predicted` that stored light causes */
     double gains[SBL__GAIN_BINS];  /* histogram by worth: sums of the gains of all possible splits and looks */
     float least_worth;        /* least worth that is bought in this round */
     int bought;               /* number of tiles split and of sensors given more looks in this round */
@@ -13354,6 +13357,7 @@ static void sbl__weigh_end(sbl__refine *r) {
     int bin = SBL__GAIN_BINS;
     r->look_variance /= pixels;
     r->predicted = sqrt(left / pixels + uncertainty2);
+    r->stored = sqrt(uncertainty2);
     if (!r->weighed) r->first_predicted = r->predicted;
     r->weighed = 1;
     r->least_worth = FLT_MAX;
@@ -13468,6 +13472,7 @@ static int sbl__refine_after_weigh(void *work) {
     if (times == 1) {
         r->first_new = r->tile_count;
         r->core->stats.picture.expected_error = (float)r->predicted;
+        r->core->stats.picture.stored_error = (float)r->stored;
         return SBL__REFINE_SPEND;
     }
     sbl__refine_restart(r);

@@ -122,7 +122,9 @@ static void print_help(void) {
         "surfaces are treated as diffuse surfaces of their base colour. Surfaces emit on both sides.\n"
         "Lights: glTF KHR_lights_punctual (candela are radiance times area, lux are irradiance; ranges are ignored), "
         "and\n"
-        "the point, spot and directional lights of other formats.\n"
+        "the point, spot and directional lights of other formats. Lights that Blender exported as glTF are divided by "
+        "683,\n"
+        "because emission is not multiplied by that; see --light-scale.\n"
         "Colours in a .png: a normal n is shown as 0.5 + 0.5 n, a position relative to the visible bounds, a small "
         "depth as\n"
         "bright, an id as an arbitrary colour, sensors from blue (first level) through green and yellow to red (last\n"
@@ -388,6 +390,39 @@ static int arrange(tool_task *task, sbl_scene_desc *scene) {
     return relight ? light_studio(task, scene, &s, &chosen, shot.eye) : DONE;
 }
 
+/* ---- a target error that was not reached ---- */
+
+/* Writes why the target was missed, and what would help. Stored light causes a part of the error that sensors cannot
+   reduce. They reduce theirs to 0.84 of the target at most, so that a smaller target makes up for stored light. */
+static void advise(const sbl_stats *s, char *out, size_t size) {
+    enum { CELLS_DEFAULT = 49152, CELLS_MOST = 1 << 20 };
+    const double target = (double)s->picture.target_error, expected = (double)s->picture.expected_error;
+    const double stored = (double)s->picture.stored_error, left2 = target * target - stored * stored;
+    const int cells = common.max_bounce_cells ? common.max_bounce_cells : CELLS_DEFAULT;
+    char smaller[64] = "", more[64] = "";
+    if (expected * expected - stored * stored <= target * target) {
+        if (left2 > 0.04 * target * target)
+            snprintf(smaller, sizeof smaller, "; --target-error %.2g%% would help", 100 * sqrt(left2) / 0.84);
+        if (cells < CELLS_MOST)  /* more cells are smaller, but the light of each is measured with fewer rays */
+            snprintf(more, sizeof more, "; --max-bounce-cells %d may help", cells < CELLS_MOST / 4 ? 4 * cells
+                                                                                                : CELLS_MOST);
+        snprintf(out, size, "stored light limits it%s%s", smaller, more);
+    } else if (!given[TARGET_ERROR])
+        snprintf(out, size, "by default, a sensor may measure only so often; --target-error %g%% allows more",
+                 100 * target);
+    else snprintf(out, size, "sensors measured as often as they may; a larger --filter-radius would help");
+}
+
+static void tell_missed_target(const sbl_stats *s) {
+    const double target = (double)s->picture.target_error, expected = (double)s->picture.expected_error;
+    char help[256];
+    if (!(target > 0) || !(expected > 1.1 * target) || given[RAYS] || given[THRESHOLD]) return;
+    if (expected > 1) return;  /* errors are relative to the mean, which is almost 0: the picture is black */
+    advise(s, help, sizeof help);
+    warn("%s: the predicted error is %.2g %%, %.2g %% was asked: %s", common.output, 100 * expected, 100 * target,
+         help);
+}
+
 /* ---- the whole tool ---- */
 
 static void fill_desc(sbl_picture_desc *desc, progress *bar) {
@@ -419,6 +454,7 @@ static int render(const tool_task *task, double *seconds) {
     sbl_picture_desc desc;
     image picture = { 0, 0, 0, NULL };
     view all = { &picture, channel, 0 };
+    sbl_stats stats;
     sbl_result result;
     int status = DONE;
     fill_desc(&desc, &bar);
@@ -440,9 +476,11 @@ static int render(const tool_task *task, double *seconds) {
         ends_with(common.output, ".png"))
         warn_of_extremes(task->said, &picture, all.stops, (double)sbl_query_stats(context).picture.exposure);
     free(picture.values);
+    stats = sbl_query_stats(context);
     if (status == DONE && bar.shown)
         fprintf(stderr, "%s: %d x %d, %.0f sensors, %.1f s\n", common.output, picture.width, picture.height,
-                (double)sbl_query_stats(context).sensors.count, *seconds);
+                (double)stats.sensors.count, *seconds);
+    if (status == DONE && !given[QUIET] && !given[INSPECT]) tell_missed_target(&stats);
     return status;
 }
 

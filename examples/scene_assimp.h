@@ -5,9 +5,11 @@
 #include <math.h>
 #include <assimp/cfileio.h>
 #include <assimp/cimport.h>
+#include <assimp/commonMetaData.h>
 #include <assimp/GltfMaterial.h>
 #include <assimp/light.h>
 #include <assimp/material.h>
+#include <assimp/ObjMaterial.h>
 #include <assimp/postprocess.h>
 #include <assimp/scene.h>
 
@@ -116,6 +118,7 @@ typedef struct scene__reader {
     scene__pictures pictures;
     int *left_out;       /* one per material; 1: it is cut out everywhere, so its meshes are left out */
     unsigned *uv_set;    /* one per material: its set of texture coordinates */
+    char *shown, *posed; /* one per material, and one per mesh of the file; 1: it is used, or used with a rest pose */
     sbl_mesh *shared;    /* one per mesh of the file: its arrays, shared by all uses */
     sbl_mesh *meshes;    /* one per use of a mesh */
     const char **names;
@@ -239,6 +242,84 @@ static void scene__material(scene__reader *r, unsigned index) {
                         "colour are used for both", name.data);
     }
     r->uv_set[index] = has_albedo ? albedo.set : has_emission ? emission.set : has_mask ? mask.set : 0;
+}
+
+/* ---- what is read as something simpler: see SCENE_FILE_KINDS ---- */
+
+/* Returns whether a surface has a visible highlight: a roughness below 0.5, or a Phong exponent that means the same by
+   roughness^4 = 2 / (exponent + 2). */
+static int scene__is_glossy(const struct aiMaterial *m) {
+    const float exponent = scene__number(m, AI_MATKEY_SHININESS, 0);
+    const float roughness = scene__number(m, AI_MATKEY_ROUGHNESS_FACTOR, -1);
+    const float glossiness = scene__number(m, AI_MATKEY_GLOSSINESS_FACTOR, -1);
+    struct aiColor4D color;
+    if (glossiness >= 0) return glossiness > 0.5f;
+    if (roughness >= 0) return roughness < 0.5f;
+    return exponent > 30 && aiGetMaterialColor(m, AI_MATKEY_COLOR_SPECULAR, &color) == aiReturn_SUCCESS &&
+           (color.r > 0.05f || color.g > 0.05f || color.b > 0.05f);
+}
+
+/* Returns whether the material has a picture of one of the kinds. */
+static int scene__has_picture(const struct aiMaterial *m, const enum aiTextureType *types, size_t count) {
+    size_t i;
+    for (i = 0; i < count; i++) if (aiGetMaterialTextureCount(m, types[i])) return 1;
+    return 0;
+}
+
+static int scene__is_blended(const scene__reader *r, unsigned index) {
+    const struct aiMaterial *m = r->in->mMaterials[index];
+    const int texture = r->materials[index].albedo_texture;
+    const float opacity = scene__number(m, AI_MATKEY_OPACITY, 1);
+    struct aiString mode;
+    if (aiGetMaterialString(m, AI_MATKEY_GLTF_ALPHAMODE, &mode) != aiReturn_SUCCESS) return opacity < 1;
+    return strcmp(mode.data, "BLEND") == 0 &&
+           (opacity < 1 || (texture && r->pictures.textures[texture - 1].channels % 2 == 0));
+}
+
+/* Counts what a material that is used has, but sbl.h has not. */
+static void scene__count_material(const scene__reader *r, unsigned index) {
+    static const enum aiTextureType maps[] = { aiTextureType_SPECULAR, aiTextureType_SHININESS, aiTextureType_METALNESS,
+        aiTextureType_DIFFUSE_ROUGHNESS, aiTextureType_UNKNOWN /* metal and roughness in glTF */,
+        aiTextureType_DISPLACEMENT, aiTextureType_REFLECTION };
+    static const enum aiTextureType bumps[] = { aiTextureType_NORMALS, aiTextureType_HEIGHT,
+        aiTextureType_NORMAL_CAMERA };
+    const struct aiMaterial *m = r->in->mMaterials[index];
+    const int mapped = scene__has_picture(m, maps, sizeof maps / sizeof *maps);
+    const int is_metal = scene__number(m, AI_MATKEY_METALLIC_FACTOR, 0) > 0 &&
+                         scene__number(m, AI_MATKEY_GLOSSINESS_FACTOR, -1) < 0;
+    struct aiColor4D sheen;
+    struct aiString name;
+    int shading = 0;
+    if (r->is_gltf && index + 1 == r->in->mNumMaterials &&  /* assimp's material for meshes that have none */
+        aiGetMaterialString(m, AI_MATKEY_NAME, &name) != aiReturn_SUCCESS) return;
+    if (scene__is_blended(r, index)) scene__count(r->file, SCENE_FILE_BLEND);
+    aiGetMaterialIntegerArray(m, AI_MATKEY_SHADING_MODEL, &shading, NULL);
+    if (shading == aiShadingMode_NoShading) {
+        scene__count(r->file, SCENE_FILE_UNLIT);
+        return;
+    }
+    if (mapped) scene__count(r->file, SCENE_FILE_TEXTURE);
+    if (scene__has_picture(m, bumps, sizeof bumps / sizeof *bumps)) scene__count(r->file, SCENE_FILE_NORMAL_MAP);
+    if (is_metal && !mapped) scene__count(r->file, SCENE_FILE_METAL);
+    else if (scene__number(m, AI_MATKEY_OBJ_ILLUM, 0) > 2.5f) scene__count(r->file, SCENE_FILE_ILLUM);
+    else if (scene__is_glossy(m)) scene__count(r->file, SCENE_FILE_GLOSS);
+    if (scene__number(m, AI_MATKEY_TRANSMISSION_FACTOR, 0) > 0) scene__count(r->file, SCENE_FILE_GLASS);
+    if (scene__number(m, AI_MATKEY_CLEARCOAT_FACTOR, 0) > 0 ||
+        (aiGetMaterialColor(m, AI_MATKEY_SHEEN_COLOR_FACTOR, &sheen) == aiReturn_SUCCESS &&
+         (sheen.r > 0 || sheen.g > 0 || sheen.b > 0)))
+        scene__count(r->file, SCENE_FILE_COAT);
+}
+
+/* Counts what a scene has, but sbl.h has not, once its meshes are placed. */
+static void scene__count_all(const scene__reader *r) {
+    unsigned i;
+    for (i = 0; i < r->in->mNumMaterials; i++) if (r->shown[i]) scene__count_material(r, i);
+    for (i = 0; i < r->in->mNumAnimations; i++) scene__count(r->file, SCENE_FILE_ANIMATION);
+    for (i = 0; i < r->in->mNumMeshes; i++) {
+        if (r->posed[i]) scene__count(r->file, SCENE_FILE_POSE);
+        if (!(r->in->mMeshes[i]->mPrimitiveTypes & (aiPrimitiveType_TRIANGLE | aiPrimitiveType_POLYGON)))
+            scene__count(r->file, SCENE_FILE_LINES);
+    }
 }
 
 /* ---- meshes ---- */
@@ -380,7 +461,10 @@ static int scene__light(scene_file *file, const struct aiLight *in, const double
     if (in->mType == aiLightSource_POINT) out->kind = SBL_LIGHT_POINT;
     else if (in->mType == aiLightSource_SPOT) out->kind = SBL_LIGHT_SPOT;
     else if (in->mType == aiLightSource_DIRECTIONAL) out->kind = SBL_LIGHT_DIRECTIONAL;
-    else wrong = "it is not a point, spot or directional light";
+    else if (in->mType == aiLightSource_AREA || in->mType == aiLightSource_AMBIENT) {
+        scene__count(file, SCENE_FILE_AREA);
+        return 0;
+    } else wrong = "it is not a point, spot or directional light";
     scene__direction(out->position, m, &in->mPosition);
     for (i = 0; i < 3; i++) {
         out->intensity[i] = color[i];
@@ -392,6 +476,13 @@ static int scene__light(scene_file *file, const struct aiLight *in, const double
     if (!wrong && out->kind == SBL_LIGHT_SPOT) wrong = scene__open_cone(file, in, is_gltf, out);
     if (wrong) scene__warn(file, "light %s: %s; it was left out", in->mName.data, wrong);
     return !wrong;
+}
+
+static int scene__has_range(const struct aiNode *node) {
+    const struct aiMetadata *m = node->mMetaData;
+    unsigned i;
+    for (i = 0; m && i < m->mNumProperties; i++) if (strcmp(m->mKeys[i].data, "PBR_LightRange") == 0) return 1;
+    return 0;
 }
 
 /* Adds the lights of a node: those with its name that no earlier node has taken. */
@@ -407,6 +498,7 @@ static void scene__lights(scene__reader *r, const struct aiNode *node, const dou
         struct scene__lamp *lamp = &r->lamps[low];
         if (lamp->placed || strcmp(lamp->light->mName.data, node->mName.data) != 0) break;
         lamp->placed = 1;
+        if (scene__has_range(node)) scene__count(r->file, SCENE_FILE_RANGE);
         scene->light_count += scene__light(r->file, lamp->light, m, r->is_gltf, &r->lights[scene->light_count]);
     }
 }
@@ -457,8 +549,11 @@ static void scene__count_uses(scene__reader *r, const scene__node *at) {
     unsigned i, material;
     for (i = 0; i < at->node->mNumMeshes; i++) {
         const sbl_mesh *mesh = scene__used(r, at->node, i, &material);
+        const struct aiMesh *in = mesh ? r->in->mMeshes[at->node->mMeshes[i]] : NULL;
         if (!mesh) continue;
         r->use_count++;
+        r->shown[material] = 1;
+        r->posed[at->node->mMeshes[i]] = in->mNumBones > 0 || in->mNumAnimMeshes > 0;
         r->triangles += mesh->index_count / 3;
         r->vertices += mesh->vertex_count;
     }
@@ -528,10 +623,23 @@ static int scene__make_room(scene__reader *r) {
     r->lights = (sbl_light *)scene__alloc(r->file, r->in->mNumLights, sizeof *r->lights);
     r->left_out = (int *)calloc(materials, sizeof *r->left_out);
     r->uv_set = (unsigned *)calloc(materials, sizeof *r->uv_set);
+    r->shown = (char *)calloc(materials, 1);
+    r->posed = (char *)calloc((size_t)r->in->mNumMeshes + 1, 1);
     r->shared = (sbl_mesh *)calloc((size_t)r->in->mNumMeshes + 1, sizeof *r->shared);
     r->lamps = (struct scene__lamp *)calloc((size_t)r->in->mNumLights + 1, sizeof *r->lamps);
-    if (!p->keys || !r->left_out || !r->uv_set || !r->shared || !r->lamps) scene__fail_for_memory(r->file, "it");
+    if (!p->keys || !r->left_out || !r->uv_set || !r->shown || !r->posed || !r->shared || !r->lamps)
+        scene__fail_for_memory(r->file, "it");
     return !r->file->error[0];
+}
+
+/* Returns the name of the program that wrote the file, or an empty text. */
+static const char *scene__generator(const struct aiScene *in) {
+    const struct aiMetadata *m = in->mMetaData;
+    unsigned i;
+    for (i = 0; m && i < m->mNumProperties; i++)
+        if (strcmp(m->mKeys[i].data, AI_METADATA_SOURCE_GENERATOR) == 0 && m->mValues[i].mType == AI_AISTRING)
+            return ((const struct aiString *)m->mValues[i].mData)->data;
+    return "";
 }
 
 static void scene__convert(scene__reader *r) {
@@ -544,15 +652,19 @@ static void scene__convert(scene__reader *r) {
         for (i = 0; i < r->in->mNumLights; i++) r->lamps[i].light = r->in->mLights[i];
         qsort(r->lamps, r->in->mNumLights, sizeof *r->lamps, scene__by_name);
         if (!file->error[0]) scene__nodes(r);
+        if (!file->error[0]) scene__count_all(r);
     }
     file->scene.lights = r->lights;
     file->scene.materials = r->materials;
     file->scene.material_count = r->in->mNumMaterials ? (int)r->in->mNumMaterials : 1;
     file->scene.textures = r->pictures.textures;
     file->scene.texture_count = r->pictures.count;
+    scene__find_units(file, scene__generator(r->in));
     scene__free_pictures(&r->pictures);
     free(r->left_out);
     free(r->uv_set);
+    free(r->shown);
+    free(r->posed);
     free(r->shared);
     free(r->lamps);
 }
@@ -561,7 +673,6 @@ static void scene__convert(scene__reader *r) {
 static void scene__read_scene(scene_file *file, const char *path, scene__bytes *bytes) {
     scene__main_file main_file;
     struct aiFileIO io;
-    struct aiPropertyStore *properties = aiCreatePropertyStore();
     const unsigned steps = aiProcess_Triangulate | aiProcess_SortByPType | aiProcess_TransformUVCoords;
     scene__reader r;
     memset(&r, 0, sizeof r);
@@ -574,20 +685,17 @@ static void scene__read_scene(scene_file *file, const char *path, scene__bytes *
     io.OpenProc = scene__open;
     io.CloseProc = scene__close;
     io.UserData = (char *)&main_file;
-    aiSetImportPropertyInteger(properties, AI_CONFIG_PP_SBP_REMOVE, aiPrimitiveType_POINT | aiPrimitiveType_LINE);
-    r.in = aiImportFileExWithProperties(path, steps, &io, properties);
+    r.in = aiImportFileEx(path, steps, &io);
     r.file = r.pictures.file = file;
     r.pictures.path = path;
     r.pictures.embedded = scene__find_embedded;
     r.pictures.scene = r.in;
     if (r.in && r.in->mRootNode) scene__convert(&r);
-    else if (strcmp(aiGetErrorString(), "No meshes remaining") == 0) scene__fail(file, "it has no triangles");
     else if (strstr(aiGetErrorString(), "bad_alloc")) scene__fail_for_memory(file, "it");
     else
         scene__fail(file, "assimp cannot read it (%s); repair it or convert it to .glb or .obj",
                     aiGetErrorString()[0] ? aiGetErrorString() : "it contains no scene");
     if (r.in) aiReleaseImport(r.in);
-    aiReleasePropertyStore(properties);
 }
 
 #endif

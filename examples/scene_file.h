@@ -67,6 +67,31 @@ typedef struct scene_file_options {
     void *log_user;
 } scene_file_options;
 
+/* What is replaced by something simpler or left out: kind, what is counted (one, several), text of the warning. */
+#define SCENE_FILE_KINDS(X) \
+    X(METAL, "material", "materials", "metal is read as a matte surface of its base colour") \
+    X(GLOSS, "material", "materials", "gloss is ignored (roughness below 0.5, or Ns above 30): the surface is matte") \
+    X(COAT, "material", "materials", "clear coat and sheen are ignored") \
+    X(GLASS, "material", "materials", "transmission and refraction are ignored: the surface is opaque") \
+    X(ILLUM, "material", "materials", "mirrors and glass (illum 3 to 9) are read as matte, opaque surfaces") \
+    X(BLEND, "material", "materials", "partial transparency is read as a cutout: opaque from 0.5 on") \
+    X(NORMAL_MAP, "material", "materials", "normal maps and bump maps are ignored") \
+    X(TEXTURE, "material", "materials", "textures of metal, roughness, gloss or displacement are not read") \
+    X(UNLIT, "material", "materials", "unlit materials are lit like all others") \
+    X(EXTENSION, "material", "materials", "further material extensions, such as anisotropy, are ignored") \
+    X(RANGE, "light", "lights", "the range of lights is ignored: they reach everywhere") \
+    X(AREA, "light", "lights", "area lights and ambient lights are left out") \
+    X(LINES, "mesh", "meshes", "lines and points are left out") \
+    X(POSE, "mesh", "meshes", "skins and morph targets are read in their rest pose") \
+    X(ANIMATION, "animation", "animations", "animations are ignored: nodes stand where the file puts them")
+
+#define SCENE__KIND(kind, one, several, text) SCENE_FILE_##kind,
+typedef enum scene_file_kind { SCENE_FILE_KINDS(SCENE__KIND) SCENE_FILE_KIND_COUNT } scene_file_kind;
+#undef SCENE__KIND
+
+/* The unit of lights: that of sbl.h, or one of Blender's, see scene_units.h. */
+enum { SCENE_UNITS_FIT, SCENE_UNITS_BLENDER, SCENE_UNITS_BLENDER_UNITLESS, SCENE_UNITS_BLENDER_RAW, SCENE_UNITS_COUNT };
+
 typedef struct scene_file_camera {
     float eye[3], forward[3], up[3], fov_y, fov_x;
 } scene_file_camera; /* fields of view in degrees; one of the two is 0 */
@@ -78,6 +103,9 @@ typedef struct scene_file {
     scene_file_camera camera;
     int warning_count;            /* number of warnings; only the first SCENE_FILE_WARNINGS are kept */
     char warnings[SCENE_FILE_WARNINGS][256];
+    int simplified[SCENE_FILE_KIND_COUNT];  /* number of materials, lights, ... of each kind */
+    int units;                    /* unit of the lights, one of SCENE_UNITS_*; see scene_file_scale_lights */
+    int exporter_version[2];      /* major and minor version of Blender's exporter */
     int read_count;               /* number of files in read: the first that were read */
     struct { dev_t device; ino_t inode; } read[SCENE_FILE_READ];
     /* private */
@@ -126,6 +154,12 @@ SCENE__PRINTF(2, 3) static void scene__warn(scene_file *file, const char *format
     file->warning_count++;
 }
 
+/* Counts one more material, light, ... of a kind. */
+static void scene__count(scene_file *file, scene_file_kind kind) {
+    if (file->simplified[kind] < INT32_MAX) file->simplified[kind]++;
+}
+
+#include "scene_units.h"
 #include "scene_memory.h"
 #include "scene_paths.h"
 #include "scene_pictures.h"
@@ -134,6 +168,16 @@ SCENE__PRINTF(2, 3) static void scene__warn(scene_file *file, const char *format
 #include "scene_sandbox.h"
 #include "scene_trust.h"
 #include "scene_child.h"
+
+/* Writes the warning of a kind; an empty text if nothing of this kind was found. */
+static inline void scene_file_warning(const scene_file *file, scene_file_kind kind, char *out, size_t size) {
+#define SCENE__KIND(kind, one, several, text) { one, several, text },
+    static const char *const words[SCENE_FILE_KIND_COUNT][3] = { SCENE_FILE_KINDS(SCENE__KIND) };
+#undef SCENE__KIND
+    const int count = file->simplified[kind];
+    out[0] = 0;
+    if (count) snprintf(out, size, "%s (%d %s)", words[kind][2], count, words[kind][count > 1]);
+}
 
 static void scene_file_free(scene_file *file) {
     if (file) munmap(file, file->capacity);

@@ -71,6 +71,26 @@ static void scene__mend_json(scene_file *file, cJSON *root) {
     scene__part_lights(file, root);
 }
 
+/* Counts the materials with extensions that are neither read nor returned by assimp. */
+static void scene__count_extensions(scene_file *file, const cJSON *root) {
+    static const char start[] = "KHR_materials_";
+    static const char *const known[] = { "clearcoat", "emissive_strength", "ior", "pbrSpecularGlossiness", "sheen",
+        "specular", "transmission", "unlit", "variants", "volume" };
+    const size_t most = sizeof known / sizeof *known;
+    const cJSON *item, *extension;
+    cJSON_ArrayForEach(item, scene__item(root, "materials")) {
+        int unknown = 0;
+        cJSON_ArrayForEach(extension, scene__item(item, "extensions")) {
+            const char *name = extension->string ? extension->string : "";
+            size_t i = 0;
+            if (strncmp(name, start, sizeof start - 1) != 0) continue;
+            while (i < most && strcmp(name + sizeof start - 1, known[i]) != 0) i++;
+            unknown |= i == most;
+        }
+        if (unknown) scene__count(file, SCENE_FILE_EXTENSION);
+    }
+}
+
 /* Replaces `length` bytes of JSON from `start` on by text. In a .glb, also updates the sizes. Returns 0 if memory runs
    out. */
 static int scene__replace_json(scene__bytes *bytes, size_t start, size_t length, const char *text) {
@@ -111,19 +131,22 @@ static void scene__mend_gltf(scene_file *file, scene__bytes *bytes) {
     const int binary = bytes->size >= 20 && memcmp(head, "glTF", 4) == 0;
     const size_t start = binary ? 20 : 0;
     size_t length = bytes->size - start;
+    const int edited = scene__mentions(bytes, scene__strength_name) || scene__mentions(bytes, scene__lights_name) ||
+                       scene__mentions(bytes, "aspectRatio");
     cJSON *root;
     char *text;
     if (binary) length = head[12] | (size_t)head[13] << 8 | (size_t)head[14] << 16 | (size_t)head[15] << 24;
     if (length > bytes->size - start) return;
-    if (!scene__mentions(bytes, scene__strength_name) && !scene__mentions(bytes, scene__lights_name) &&
-        !scene__mentions(bytes, "aspectRatio"))
-        return;
+    if (!edited && !scene__mentions(bytes, "KHR_materials_")) return;
     root = cJSON_ParseWithLength(bytes->data + start, length);
     if (!root) return;
-    scene__mend_json(file, root);
-    text = cJSON_PrintUnformatted(root);
-    if (!text || !scene__replace_json(bytes, start, length, text)) scene__fail_for_memory(file, "it");
-    cJSON_free(text);
+    scene__count_extensions(file, root);
+    if (edited) {
+        scene__mend_json(file, root);
+        text = cJSON_PrintUnformatted(root);
+        if (!text || !scene__replace_json(bytes, start, length, text)) scene__fail_for_memory(file, "it");
+        cJSON_free(text);
+    }
     cJSON_Delete(root);
 #else
     if (scene__mentions(bytes, scene__strength_name))

@@ -14,7 +14,7 @@
 static struct tool_common {
     const char *scene, *output, *stats, *sky_picture, *store, *input;  /* input: another file that is read, or NULL */
     int help_all, mode, preset, backend, rays, max_bounce_cells, sensor_size, tile, filter_radius, seed;
-    double sky[3], sky_rotation, sky_scale, sky_up[3], epsilon, threshold;
+    double sky[3], sky_rotation, sky_scale, sky_up[3], light_scale, epsilon, threshold;
     scene_file_options reading;
 } common = { .sky_scale = 1, .sky_up = { 0, 1, 0 } };
 
@@ -33,9 +33,9 @@ static const sbl_backend backends[] = { SBL_BACKEND_AUTO, SBL_BACKEND_RASTER, SB
 static const sbl_preset presets[] = { SBL_PRESET_DRAFT, SBL_PRESET_DEFAULT, SBL_PRESET_HIGH };
 
 enum {
-    SKY, SKY_ROTATION, SKY_SCALE, SKY_UP, MODE, PRESET, BACKEND, RAYS, MAX_BOUNCE_CELLS, EPSILON, SENSOR_SIZE, TILE,
-    THRESHOLD, FILTER_RADIUS, SEED, STATS, ALLOW_PATH, MEMORY, READ_TIME, STORE, STORE_REPLACE, QUIET, VERBOSE, HELP,
-    VERSION, COMMON_OPTIONS
+    SKY, SKY_ROTATION, SKY_SCALE, SKY_UP, LIGHT_SCALE, MODE, PRESET, BACKEND, RAYS, MAX_BOUNCE_CELLS, EPSILON,
+    SENSOR_SIZE, TILE, THRESHOLD, FILTER_RADIUS, SEED, STATS, ALLOW_PATH, MEMORY, READ_TIME, STORE, STORE_REPLACE,
+    QUIET, VERBOSE, HELP, VERSION, COMMON_OPTIONS
 };
 
 #define COMMON_ROWS \
@@ -53,6 +53,10 @@ enum {
                         "multiplies the radiance of the sky picture; default 1", NULL, NULL }, \
     [SKY_UP]        = { "--sky-up", "X,Y,Z", NUMBERS, common.sky_up, 3, -1e18, 1e18, \
                         "the direction that is up in the sky picture; default 0,1,0", NULL, NULL }, \
+    [LIGHT_SCALE]   = { "--light-scale", "F", NUMBERS, &common.light_scale, 1, 0, 1e30, \
+                        "multiplies the lights of the file (not emission, not the sky); default 1; in glTF from " \
+                            "Blender 1/683,\n" \
+                        "which makes them fit emission (see Units in examples/README.md)", NULL, NULL }, \
     [MODE]          = { "--mode", "NAME", CHOICE, &common.mode, 0, 0, 0, \
                         "gi        the default: emitters, lights, sky, and the light that surfaces reflect, with " \
                             "all bounces\n" \
@@ -139,7 +143,7 @@ enum {
     { SKY, "colour of the sky, or a picture such as noon.hdr" }, \
     { SKY_ROTATION, "rotates the picture of the sky" }, \
     { SKY_SCALE, "multiplies the light of the picture of the sky" }, \
-    { SKY_UP, NULL }
+    { SKY_UP, NULL }, { LIGHT_SCALE, "multiplies the lights of the file" }
 #define QUALITY_LINES \
     { PRESET, "draft, default or high" }, \
     { BACKEND, NULL }, { RAYS, NULL }, { MAX_BOUNCE_CELLS, NULL }, { EPSILON, NULL }, { SENSOR_SIZE, NULL }, \
@@ -365,8 +369,8 @@ static int write_stats(FILE *out, const void *what) {
         "\"visible_pixels\": %d,\n", name_of_mode(s.mode), s.picture.width,
             s.picture.height, s.scene.triangles, all->lights, s.picture.visible_pixels);
     fprintf(out, "  \"backend\": \"%s\",\n", s.backend == SBL_BACKEND_TRACE ? "trace" : "raster");
-    fprintf(out, "  \"error\": {\"asked\": %.6g, \"expected\": %.6g},\n", (double)s.picture.target_error,
-        (double)s.picture.expected_error);
+    fprintf(out, "  \"error\": {\"asked\": %.6g, \"expected\": %.6g, \"stored\": %.6g},\n",
+        (double)s.picture.target_error, (double)s.picture.expected_error, (double)s.picture.stored_error);
     if (s.lightmap.seams)
         fprintf(out, "  \"seams\": {\"edges\": %d, \"largest_before\": %.6g, \"largest_after\": %.6g},\n",
             s.lightmap.seams, (double)s.lightmap.seam_before,
@@ -539,7 +543,10 @@ static int tool__work(const scene_file *file, const scene_file *sky, tool_task *
 
 static void tool__warn(const scene_file *file, const tool_task *task, const int *given) {
     const messages *said = task->said;
+    char text[256];
     int i;
+    scene_file_note_units(file, text, sizeof text);
+    if (text[0] && !given[LIGHT_SCALE]) tell("%s: %s", common.scene, text);
     if (without_effect[0]) warn("no effect: %s", without_effect);
     if (task->light)
         tell("%s: the file has no light: it is lit by %s; --sky R,G,B or --sky FILE gives it another light",
@@ -550,6 +557,10 @@ static void tool__warn(const scene_file *file, const tool_task *task, const int 
         file->warnings[i]);
     if (file->warning_count > SCENE_FILE_WARNINGS)
         warn("%s: and %d more warnings", common.scene, file->warning_count - SCENE_FILE_WARNINGS);
+    for (i = 0; i < SCENE_FILE_KIND_COUNT; i++) {
+        scene_file_warning(file, (scene_file_kind)i, text, sizeof text);
+        if (text[0]) warn("%s: %s", common.scene, text);
+    }
     for (i = 0; i < said->warnings_kept; i++) warn("%s: %s", common.scene, said->warnings[i]);
 }
 
@@ -572,6 +583,7 @@ static int tool_run(double start, const int *given, tool_worker worker, int (*pr
     if (verbose) common.reading.log = on_confined;
     file = scene_file_load(common.scene, &common.reading, error, sizeof error);
     if (file && common.sky_picture) sky = scene_file_load_sky(common.sky_picture, &common.reading, error, sizeof error);
+    if (file) scene_file_scale_lights(file, given[LIGHT_SCALE] ? common.light_scale : -1);
     task.file = said.file = file;
     task.said = &said;
     task.start = start;

@@ -1,6 +1,8 @@
 # scripts/unwrap runs this script inside Blender, with the arguments SCENE OUT.glb SIZE DEGREES GAP.
+import json
 import math
 import os
+import struct
 import sys
 
 import bpy
@@ -125,6 +127,25 @@ def pack(meshes):
     return len(charts)
 
 
+def chunk(path):
+    """Returns the JSON of a .gltf or .glb, and what follows it in the file."""
+    with open(path, "rb") as file:
+        data = file.read()
+    end = 20 + struct.unpack("<I", data[12:16])[0] if data[:4] == b"glTF" else len(data)
+    return json.loads(data[20 if data[:4] == b"glTF" else 0:end].decode()), data[end:]
+
+
+def keep_generator():
+    """Lights keep their numbers, so they need the name of the program that wrote them, see examples/scene_units.h."""
+    document, rest = chunk(out)
+    is_gltf = os.path.splitext(scene)[1].lower() != ".obj"
+    document["asset"]["generator"] = (chunk(scene)[0]["asset"] if is_gltf else {}).get("generator", "sbl.h unwrap")
+    text = json.dumps(document, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    with open(out, "wb") as file:
+        file.write(struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A) + text + rest)
+
+
 meshes = read()
 if not meshes:
     sys.exit("unwrap: the scene has no surface")
@@ -133,5 +154,6 @@ count = pack(meshes)
 for o in meshes:
     o.data.uv_layers.active_index = 0
 bpy.ops.export_scene.gltf(filepath=out, export_format="GLB", export_cameras=True, export_lights=True, export_yup=True)
+keep_generator()
 print("unwrap: %s: %d meshes, %d faces, %d charts" %
       (out, len(meshes), sum(len(o.data.polygons) for o in meshes), count))

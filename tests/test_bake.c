@@ -46,8 +46,9 @@ static void write_scene(const char *name, float charts[QUADS][4], int second) {
                      3 * i, 3 * i + 1, !second ? "" : i ? ",\"TEXCOORD_1\":5" : ",\"TEXCOORD_1\":2", i);
     n += sprintf(json + n, "],\"images\":[{\"uri\":\"floor.ppm\"}],\"textures\":[{\"source\":0}],"
                  "\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorFactor\":"
-                 "[0.5,0.5,1,1],\"baseColorTexture\":{\"index\":0}}},{\"pbrMetallicRoughness\":{\"baseColorFactor\":[0,"
-                     "0,0,1]},\"emissiveFactor\":[1,1,0.5],"
+                 "[0.5,0.5,1,1],\"baseColorTexture\":{\"index\":0},\"metallicFactor\":0}},"
+                 "{\"pbrMetallicRoughness\":{\"baseColorFactor\":[0,0,0,1],\"metallicFactor\":0},"
+                 "\"emissiveFactor\":[1,1,0.5],"
                  "\"extensions\":{\"KHR_materials_emissive_strength\":{\"emissiveStrength\":%g}}}],\"accessors\":[",
                      strength);
     for (i = 0; i < QUADS; i++)
@@ -554,7 +555,8 @@ static void write_closed_room(void) {
             "\"meshes\":[{\"primitives\":[{\"attributes\":"
         "{\"POSITION\":0,\"TEXCOORD_0\":1,\"TEXCOORD_1\":1},\"indices\":2,\"material\":0}]}],"
             "\"materials\":[{\"emissiveFactor\":[0.2,0.2,0.2],\"pbrMetallicRoughness\":"
-        "{\"baseColorFactor\":[0.5,0.5,0.5,1]}}],\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":24,"
+        "{\"baseColorFactor\":[0.5,0.5,0.5,1],\"metallicFactor\":0}}],\"accessors\":[{"
+            "\"bufferView\":0,\"componentType\":5126,\"count\":24,"
             "\"type\":\"VEC3\",\"min\":[-2,-1,-3],"
         "\"max\":[2,1,3]},{\"bufferView\":1,\"componentType\":5126,\"count\":24,\"type\":\"VEC2\"},{\"bufferView\":2,"
             "\"componentType\":5125,\"count\":36,"

@@ -109,8 +109,9 @@ TEST(obj_materials_and_textures) {
     CHECK(TOOL("wall.obj", WALL_CAMERA, WALL_SIZE, SMALL, "--mode", "direct", "--channel", "albedo", "-o",
                "albedo.pfm") == 0,
           "exit status %d: %s", ran.status, ran.err);
-    CHECK(ran.err_lines == 1 && strstr(ran.err, "warning") && strstr(ran.err, "absent.png"),
-          "expected exactly one warning, about the missing texture: %s", ran.err);
+    CHECK(ran.err_lines == 2 && strstr(ran.err, "warning") && strstr(ran.err, "absent.png") &&
+              strstr(ran.err, "partial transparency is read as a cutout: opaque from 0.5 on (1 material)"),
+          "expected two warnings, about the missing texture and d 0.7: %s", ran.err);
     albedo = read_pfm("albedo.pfm");
     CHECK(TOOL("wall.obj", WALL_CAMERA, WALL_SIZE, SMALL, "--mode", "direct", "--quiet", "-o", "final.pfm") == 0,
           "exit status %d: %s",
@@ -276,7 +277,9 @@ static void check_gltf(const char *scene) {
     CHECK(TOOL(scene, WALL_SIZE, SMALL, "--mode", "direct", "--channel", "albedo", "-o", channel) == 0,
           "exit status %d: %s", ran.status,
           ran.err);
-    CHECK(!ran.err[0], "unexpected warning: %s", ran.err);
+    CHECK(ran.err_lines == 2 && said("metal is read as a matte surface of its base colour (13 materials)") &&
+              said("partial transparency is read as a cutout: opaque from 0.5 on (1 material)"),
+          "expected two warnings, about metal and BLEND: %s", ran.err);
     albedo = read_pfm(channel);
     CHECK(TOOL(scene, WALL_SIZE, SMALL, "--mode", "direct", "-o", "final.pfm") == 0, "exit status %d: %s", ran.status,
           ran.err);
@@ -1136,6 +1139,8 @@ TEST(lights_of_a_gltf_scene) {
     free(radiance.values);
 }
 
+static const char *generator = "test_cli";  /* asset.generator of the next file */
+
 /* Writes a scene: ground of 8 by 8, the given lights, and the given nodes that use them, numbered from 1. */
 static void lamps_gltf(const char *lights, int node_count, const char *nodes) {
     static char json[8192];
@@ -1146,9 +1151,10 @@ static void lamps_gltf(const char *lights, int node_count, const char *nodes) {
     memcpy(buffer, corners, 48);
     memcpy(buffer + 48, indices, 12);
     write_file("ground.bin", buffer, sizeof buffer);
-    n = sprintf(json, "{\"asset\":{\"version\":\"2.0\"},\"extensionsUsed\":[\"KHR_lights_punctual\"],"
+    n = sprintf(json, "{\"asset\":{\"version\":\"2.0\",\"generator\":\"%s\"},"
+                "\"extensionsUsed\":[\"KHR_lights_punctual\"],"
                 "\"extensions\":{\"KHR_lights_punctual\":{\"lights\":[%s]}},"
-                      "\"scene\":0,\"scenes\":[{\"nodes\":[0", lights);
+                      "\"scene\":0,\"scenes\":[{\"nodes\":[0", generator, lights);
     for (i = 1; i <= node_count; i++) n += sprintf(json + n, ",%d", i);
     n += sprintf(json + n, "]}],\"nodes\":[{\"mesh\":0}%s],"
                  "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":1}]}],"
@@ -1296,6 +1302,219 @@ TEST(broken_lights_are_left_out) {
     CHECK(TOOL("lamps.gltf", WALL_SIZE, SMALL, "-o", "lamps.pfm") == 0 && ran.err_lines == 1 &&
           strstr(ran.err, "narrowed"), "exit status %d: %s", ran.status, ran.err);
     check_lamps("lamps.gltf", 1, one_lamp, "a spot that shines everywhere");
+}
+
+/* Renders a sun and a point light, each alone, straight above the ground of lamps.gltf. Returns R below the light.
+   option, value: added to the command line, or NULL */
+static double r_below(int point, double intensity, const char *option, const char *value) {
+    char lights[128];
+    picture p;
+    double r;
+    snprintf(lights, sizeof lights, "{\"type\":\"%s\",\"intensity\":%.9g}", point ? "point" : "directional", intensity);
+    lamps_gltf(lights, 1, point ? ",{\"translation\":[0,1,0]," LIGHT(0) "}"
+                                : ",{\"rotation\":[-0.70710678,0,0,0.70710678]," LIGHT(0) "}");
+    TOOL("lamps.gltf", "--mode", "direct", "--tile", "1", "--filter-radius", "0", "--size", "33x33", "--samples", "1",
+         "--eye", "0,6,0", "--look-at", "0,0,0", "--up", "0,0,-1", "--fov", "20", "--channel", "radiance", "-o",
+         "below.pfm", option, value);
+    p = read_pfm("below.pfm");
+    r = ran.status == 0 ? at(&p, 16, 16, 1) : -1;
+    free(p.values);
+    return r;
+}
+
+/* Lights of Blender's exporter get the unit of emission: a sun of strength 1 has the irradiance 1, a point light of
+   P watts the intensity P / (4 pi). --light-scale replaces this. */
+TEST(units_of_blender) {
+    static const double pi = 3.14159265358979, no = 0;
+    static const struct { const char *generator; int point; double intensity, expected; const char *note; } cases[] = {
+        { "test_cli", 0, 683, 683, NULL },
+        { "Khronos glTF Blender I/O v4.2.60", 0, 683, 1, "exporter 4.2" },
+        { "Khronos glTF Blender I/O v3.4.50", 0, 2049, 3, "--light-scale 1 uses" },
+        { "Khronos glTF Blender I/O v4.2.60", 1, 5435.14, 100 / 12.5663706, "divided by 683" },
+        { "Khronos glTF Blender I/O v4.0.44", 0, 3, 3, "without units; they are used as they are" },
+        { "Khronos glTF Blender I/O v3.3.36", 1, 100, 100 / 12.5663706, "exporter 3.3 writes the watts" },
+        { "Khronos glTF Blender I/O v1.6.16", 0, 2, 2, NULL },
+        { "Khronos glTF Blender I/O", 0, 683, 683, NULL } };
+    size_t i;
+    for (i = 0; i < sizeof cases / sizeof *cases; i++) {
+        double r;
+        generator = cases[i].generator;
+        r = r_below(cases[i].point, cases[i].intensity, NULL, NULL);
+        CHECK(fabs(r * pi - cases[i].expected) < 0.003 * cases[i].expected, "%s, %g: the irradiance is %g, expected "
+              "%g: %s", generator, cases[i].intensity, r * pi, cases[i].expected, ran.err);
+        CHECK(ran.err_lines == (cases[i].note != NULL) && (!cases[i].note || said(cases[i].note)), "%s: %s", generator,
+              ran.err);
+        r = r_below(cases[i].point, cases[i].intensity, "--light-scale", "0.25");
+        CHECK(fabs(r * pi - 0.25 * cases[i].intensity) < 0.001 * cases[i].intensity && !ran.err[0],
+              "%s: --light-scale 0.25 gives %g: %s", generator, r * pi, ran.err);
+    }
+    CHECK(r_below(0, 683, "--light-scale", "0") == no, "--light-scale 0: exit status %d: %s", ran.status, ran.err);
+    generator = cases[1].generator;
+    CHECK(r_below(0, 683, "--quiet", NULL) > 0.3 && !ran.err[0], "--quiet says: %s", ran.err);
+    generator = "test_cli";
+}
+
+/* >>what is read as something simpler */
+
+/* Writes a scene: a square for each of the materials, which are separated by bars. more: other members of the file. */
+static void materials_gltf(const char *materials, const char *more) {
+    static char json[16384];
+    const float corners[12] = { -4, 0, -4, -4, 0, 4, 4, 0, 4, 4, 0, -4 };
+    const unsigned short indices[6] = { 0, 1, 2, 0, 2, 3 };
+    const unsigned char grey[4] = { 128, 128, 128, 128 };
+    unsigned char buffer[60];
+    const char *c = materials;
+    int n, i, count = 1;
+    memcpy(buffer, corners, 48);
+    memcpy(buffer + 48, indices, 12);
+    write_file("squares.bin", buffer, sizeof buffer);
+    stbi_write_png(in_folder("grey.png"), 1, 1, 4, grey, 4);
+    n = sprintf(json, "{\"asset\":{\"version\":\"2.0\"},\"extensionsUsed\":[\"KHR_materials_unlit\","
+                "\"KHR_materials_clearcoat\",\"KHR_materials_sheen\",\"KHR_materials_transmission\","
+                "\"KHR_lights_punctual\"],\"images\":[{\"uri\":\"grey.png\"}],\"textures\":[{\"source\":0}],"
+                "\"materials\":[{");
+    for (; *c; c++) {
+        count += *c == '|';
+        n += sprintf(json + n, *c == '|' ? "},{" : "%c", *c);
+    }
+    n += sprintf(json + n, "}],\"meshes\":[{\"primitives\":[");
+    for (i = 0; i < count; i++)
+        n += sprintf(json + n, "%s{\"attributes\":{\"POSITION\":0},\"indices\":1,\"material\":%d}", i ? "," : "", i);
+    n += sprintf(json + n, "]},{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":1,\"material\":0,"
+                 "\"targets\":[{\"POSITION\":0}]}]},{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"mode\":3}]}],"
+                 "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\","
+                     "\"min\":[-4,0,-4],\"max\":[4,0,4]},"
+                 "{\"bufferView\":1,\"componentType\":5123,\"count\":6,\"type\":\"SCALAR\"}],"
+                 "\"bufferViews\":[{\"buffer\":0,\"byteLength\":48},{\"buffer\":0,\"byteOffset\":48,\"byteLength\":12}"
+                     "],\"buffers\":[{\"byteLength\":60,\"uri\":\"squares.bin\"}],\"scene\":0,%s}", more);
+    write_file("squares.gltf", json, (size_t)n);
+}
+
+#define MATTE "\"pbrMetallicRoughness\":{\"metallicFactor\":0,\"roughnessFactor\":0.5"
+#define TEXTURE "{\"index\":0}"
+#define SQUARES "--size", "16x16", SMALL, "--mode", "direct", "--sky", "1,1,1", "-o", "squares.pfm"
+
+/* Checks that the last run gave exactly these warnings, each on a line, in this order. */
+static void check_warnings(const char *scene, const char *const *lines, int count) {
+    const char *at_line = ran.err;
+    char line[512];
+    int i;
+    CHECK(ran.status == 0 && ran.err_lines == count, "%s: %d warnings, expected %d: %s", scene, ran.err_lines, count,
+          ran.err);
+    for (i = 0; i < count && at_line; i++) {
+        snprintf(line, sizeof line, "sbl_render: warning: %s: %s\n", scene, lines[i]);
+        CHECK(strncmp(at_line, line, strlen(line)) == 0, "expected \"%s\" at: %s", line, at_line);
+        at_line = strchr(at_line, '\n');
+        if (at_line) at_line++;
+    }
+}
+
+/* Each kind of substitution gives one warning with a count. A matte file gives none, nor does --quiet. */
+TEST(substitutions_are_named) {
+    static const char *const gltf_lines[] = {
+        "metal is read as a matte surface of its base colour (2 materials)",
+        "gloss is ignored (roughness below 0.5, or Ns above 30): the surface is matte (1 material)",
+        "clear coat and sheen are ignored (2 materials)",
+        "transmission and refraction are ignored: the surface is opaque (1 material)",
+        "partial transparency is read as a cutout: opaque from 0.5 on (2 materials)",
+        "normal maps and bump maps are ignored (1 material)",
+        "textures of metal, roughness, gloss or displacement are not read (1 material)",
+        "unlit materials are lit like all others (1 material)",
+        "further material extensions, such as anisotropy, are ignored (1 material)",
+        "the range of lights is ignored: they reach everywhere (1 light)",
+        "lines and points are left out (1 mesh)", "skins and morph targets are read in their rest pose (1 mesh)",
+        "animations are ignored: nodes stand where the file puts them (1 animation)" };
+    static const char *const obj_lines[] = {
+        "gloss is ignored (roughness below 0.5, or Ns above 30): the surface is matte (1 material)",
+        "mirrors and glass (illum 3 to 9) are read as matte, opaque surfaces (2 materials)",
+        "partial transparency is read as a cutout: opaque from 0.5 on (1 material)",
+        "normal maps and bump maps are ignored (1 material)",
+        "textures of metal, roughness, gloss or displacement are not read (1 material)",
+        "lines and points are left out (1 mesh)" };
+    static const char *const area_line[] = { "area lights and ambient lights are left out (1 light)" };
+    static const char *const materials[] = { "Ns 40\nKs 1 1 1", "Ns 20\nKs 1 1 1", "Ns 400\nKs 0 0 0", "illum 5",
+        "illum 6\nNi 1.5", "d 0.8", "map_bump grey.png", "map_Ks grey.png", "Kd 1 1 1\nillum 2\nmap_Kd grey.png" };
+    FILE *mtl, *obj;
+    int i;
+    materials_gltf(MATTE "}|" MATTE ",\"baseColorTexture\":" TEXTURE "},\"alphaMode\":\"MASK\"|"
+                   MATTE "},\"occlusionTexture\":" TEXTURE, "\"nodes\":[{\"mesh\":0}],\"scenes\":[{\"nodes\":[0]}]");
+    TOOL("squares.gltf", SQUARES);
+    check_warnings("squares.gltf", NULL, 0);
+    materials_gltf(
+        "|\"name\":\"half metal\",\"pbrMetallicRoughness\":{\"metallicFactor\":0.5,\"roughnessFactor\":0.1}|"
+        "\"pbrMetallicRoughness\":{\"metallicFactor\":0,\"roughnessFactor\":0.49}|"
+        "\"pbrMetallicRoughness\":{\"metallicRoughnessTexture\":" TEXTURE "},\"normalTexture\":" TEXTURE "|"
+        MATTE "},\"extensions\":{\"KHR_materials_clearcoat\":{\"clearcoatFactor\":1}}|"
+        MATTE "},\"extensions\":{\"KHR_materials_sheen\":{\"sheenColorFactor\":[1,1,1]}}|"
+        MATTE "},\"extensions\":{\"KHR_materials_transmission\":{\"transmissionFactor\":1}}|"
+        MATTE ",\"baseColorFactor\":[1,1,1,0.7]},\"alphaMode\":\"BLEND\"|"
+        MATTE ",\"baseColorTexture\":" TEXTURE "},\"alphaMode\":\"BLEND\"|" MATTE "},\"alphaMode\":\"BLEND\"|"
+        "\"extensions\":{\"KHR_materials_unlit\":{}}|" MATTE "},\"extensions\":{\"KHR_materials_anisotropy\":{}}",
+        "\"nodes\":[{\"mesh\":0},{\"mesh\":1},{\"mesh\":2},{" LIGHT(0) "}],\"scenes\":[{\"nodes\":[0,1,2,3]}],"
+        "\"extensions\":{\"KHR_lights_punctual\":{\"lights\":[{\"type\":\"point\",\"range\":5}]}},"
+        "\"animations\":[{\"samplers\":[{\"input\":1,\"output\":0}],\"channels\":[{\"sampler\":0,"
+            "\"target\":{\"node\":0,\"path\":\"translation\"}}]}]");
+    TOOL("squares.gltf", SQUARES);
+    check_warnings("squares.gltf", gltf_lines, 13);
+    CHECK(TOOL("squares.gltf", "--quiet", SQUARES) == 0 && !ran.err[0], "--quiet says: %s", ran.err);
+
+    mtl = fopen(in_folder("kinds.mtl"), "w");
+    obj = fopen(in_folder("kinds.obj"), "w");
+    fprintf(obj, "mtllib kinds.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\n");
+    for (i = 0; i < (int)(sizeof materials / sizeof *materials); i++) {
+        fprintf(mtl, "newmtl m%d\n%s\n", i, materials[i]);
+        fprintf(obj, "usemtl m%d\nf 1/1 2/1 3/1\n", i);
+    }
+    fprintf(mtl, "newmtl unused\nillum 5\n");
+    fprintf(obj, "usemtl m0\nl 1 2\n");
+    fclose(mtl);
+    fclose(obj);
+    TOOL("kinds.obj", SQUARES);
+    check_warnings("kinds.obj", obj_lines, 6);
+    TOOL("lamps.dae", SQUARES);
+    check_warnings("lamps.dae", area_line, 1);
+}
+
+/* >>a target error that was not reached */
+
+#define RASTER "--mode", "direct", "--backend", "raster", "--sensor-size", "8"
+
+/* A picture that misses its target error says so in one line, with what helps; others do not. */
+TEST(a_missed_target_is_said) {
+    room_obj();
+    CHECK(TOOL(ROOM, "--target-error", "0.05%", "-o", "room.pfm") == 0 && ran.err_lines == 1 &&
+              said("room.pfm: the predicted error is ") && said(" %, 0.05 % was asked: stored light limits it; "
+                   "--max-bounce-cells 4096 may help\n"), "stored light: exit status %d: %s", ran.status, ran.err);
+    CHECK(TOOL(ROOM, RASTER, "-o", "room.pfm") == 0 && ran.err_lines == 1 && said(" %, 1.5 % was asked: by default, a "
+               "sensor may measure only so often; --target-error 1.5% allows more"), "rays: exit status %d: %s",
+          ran.status, ran.err);
+    CHECK(TOOL(ROOM, RASTER, "--target-error", "0.01%", "-o", "room.pfm") == 0 && ran.err_lines == 1 &&
+          said("as often as they may; a larger --filter-radius"), "all rays: exit status %d: %s", ran.status, ran.err);
+    CHECK(TOOL(ROOM, RASTER, "--threshold", "0.5", "-o", "room.pfm") == 0 && !ran.err[0], "--threshold: %s", ran.err);
+    CHECK(TOOL(ROOM, "--target-error", "0.05%", "--max-bounce-cells", "1048576", "--rays", "64", "-o", "room.pfm") == 0
+          && !ran.err[0], "--rays: exit status %d: %s", ran.status, ran.err);
+    CHECK(TOOL(ROOM, "--target-error", "20%", "-o", "room.pfm") == 0 && !ran.err[0], "a target that was reached: %s",
+          ran.err);
+    CHECK(TOOL(ROOM, "--target-error", "0.05%", "--quiet", "-o", "room.pfm") == 0 && !ran.err[0], "--quiet: %s",
+          ran.err);
+    CHECK(TOOL(ROOM, "--mode", "paper", "-o", "room.pfm") == 0 && !ran.err[0], "mode paper: %s", ran.err);
+}
+
+/* The smaller target that is advised makes the predicted error as small as was asked. */
+TEST(advice_on_a_missed_target_helps) {
+    char scene[4096], advised[16] = "", text[8192];
+    const char *advice;
+    int lines;
+    if (!realpath("examples/scenes/lights.gltf", scene)) SKIP("not run in the repository's root");
+    TOOL(scene, "--size", "128x96", "--max-bounce-cells", "49152", "-o", "lights.pfm");
+    advice = strstr(ran.err, "1.5 % was asked: stored light limits it; --target-error ");
+    REQUIRE(ran.err_lines == 1 && advice && sscanf(strstr(advice, "--"), "--target-error %15s", advised) == 1,
+            "exit status %d, no smaller target is advised: %s", ran.status, ran.err);
+    TOOL(scene, "--size", "128x96", "--max-bounce-cells", "49152", "--target-error", advised, "-o", "lights.pfm",
+         "--stats", "stats.json");
+    read_text(in_folder("stats.json"), text, sizeof text, &lines);
+    CHECK(ran.status == 0 && json_number(text, "expected") <= 0.015, "--target-error %s: the error is %g: %s", advised,
+          json_number(text, "expected"), ran.err);
 }
 
 /* >>sky pictures */
@@ -1765,7 +1984,8 @@ TEST(help_is_short_or_complete) {
         "--sensor-size", "--sensor-fov", "--tile", "--threshold", "--filter-radius", "--exposure", "--seed",
         "--quiet", "--stats", "--samples", "--inspect", "--allow-path", "--memory", "--read-time", "--verbose",
         "130", "640x480", "sbl.png", "--target-error", "--error", "--facet-limit", "--store", "--help", "--version",
-        "--bounce-samples", "Ctrl-C", "--studio", "--tone", "--store-replace"
+        "--bounce-samples", "Ctrl-C", "--studio", "--tone", "--store-replace",
+        "--light-scale"
     };
     static const char *const groups[] = { "What:", "Camera:", "Light:", "Quality:", "Output:", "Safety:" };
     char all[sizeof ran.out];
@@ -1947,6 +2167,10 @@ int main(int argc, char **argv) {
     RUN(spots_of_gltf);
     RUN(lights_of_other_formats);
     RUN(broken_lights_are_left_out);
+    RUN(units_of_blender);
+    RUN(substitutions_are_named);
+    RUN(a_missed_target_is_said);
+    RUN(advice_on_a_missed_target_helps);
     RUN(sky_pictures);
     RUN(sky_pictures_turn);
     RUN(a_sensor_may_meet_nothing);

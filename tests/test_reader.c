@@ -230,6 +230,9 @@ static void leave_a_lie(scene_file *file, const char *path, scene__bytes *bytes)
         case 13: file->warning_count = -1; break;
         case 14: file->scene.lights = (const sbl_light *)(const void *)elsewhere; file->scene.light_count = 1; break;
         case 15: file->finished = 1; abort();
+        case 16: file->simplified[SCENE_FILE_LINES] = -1; break;
+        case 17: file->units = SCENE_UNITS_COUNT; break;
+        case 18: file->units = -1; break;
         default: break;
     }
     if (lie) return;
@@ -242,14 +245,14 @@ static void leave_a_lie(scene_file *file, const char *path, scene__bytes *bytes)
     file->capacity = (size_t)1 << 50;
 }
 
-/* Each of 15 inconsistencies in the shared memory makes reading fail; pointers to functions and GL objects are
+/* Each of 18 inconsistencies in the shared memory makes reading fail; pointers to functions and GL objects are
    dropped. */
 TEST(lies_are_not_believed) {
     scene_file_options options;
     scene_file *file;
     memset(&options, 0, sizeof options);
     options.seconds = 60;
-    for (lie = 1; lie <= 15; lie++) {
+    for (lie = 1; lie <= 18; lie++) {
         file = load(leave_a_lie, &options);
         CHECK(!file && strstr(error, "its reader crashed"), "lie %d: %s", lie,
               file ? "the lie was believed" : error);
