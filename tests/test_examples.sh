@@ -20,10 +20,13 @@ run() {
 # look COMMAND FILES...: checks pictures in $folder
 look() { (cd "$folder" && ./picture "$@"); }
 
-# plain_check NAME [FUNCTION]: a check that does not run with sanitizers, because most of its time is spent in the
-# library. FUNCTION: default, NAME
+# plain_check NAME [COMMAND...]: a check that does not run with sanitizers, because most of its time is spent in the
+# library. COMMAND: default, NAME
 plain_check() {
-    if [ "$BUILD_DIR" = build ]; then check "$1" "${2-$1}"; else skip "$1" "other tests run this code with sanitizers"
+    checked=$1
+    [ $# = 1 ] || shift
+    if [ "$BUILD_DIR" = build ]; then check "$checked" "$@"
+    else skip "$checked" "other tests run this code with sanitizers"
     fi
 }
 
@@ -201,6 +204,17 @@ else
     skip paper_metrics_plots "gnuplot is missing"
 fi
 plain_check paper_metrics_plots_without_gnuplot metrics_plots_without_gnuplot
+
+# >>first pictures: sbl_render without any option but the size
+
+# first_picture FILE BLACK: at most 5 % of the picture is white, and at most BLACK % black
+first_picture() {
+    "$BUILD_DIR/sbl_render" "$1" --size 160x120 -o "$folder/first.png" && look exposed first.png 5 "$2"
+}
+plain_check first_picture_cornell_box first_picture examples/scenes/cornell_box.obj 5
+plain_check first_picture_two_rooms first_picture examples/scenes/two_rooms.obj 5
+plain_check first_picture_window first_picture examples/scenes/window.obj 5
+plain_check first_picture_lights first_picture examples/scenes/lights.gltf 40  # a ground before nothing
 
 # >>bench: tests that it works, not how fast
 

@@ -1,6 +1,8 @@
 /* Checks the pictures that the examples write. test_examples.sh builds and runs it. It decodes with stb_image and
    shares no code with sbl.h. Each command prints its measurements and fails if the picture is not as described:
        picture varied FILE WIDTH HEIGHT     has that size; is neither of one colour nor almost black or white
+       picture exposed FILE WHITE BLACK     at most these shares of the pixels, in percent, are white and black; the
+                                            deviation of the brightness is at least a tenth of the range
        picture pyramid FILE                 minimal: an orange pyramid with one brighter face, before grey
        picture cornell FILE                 host_context: the Cornell box in the right part, correctly oriented, and a
                                             shape in the left part
@@ -57,6 +59,24 @@ static int varied(const picture *p, int width, int height) {
     if (p->width != width || p->height != height) return fail("the requested size");
     if (deviation < 8) return fail("a picture that is not of one colour");
     if (mean < 10 || mean > 245) return fail("a picture that is neither black nor white");
+    return 0;
+}
+
+static int exposed(const picture *p, int white_most, int black_most) {
+    const int pixels = p->width * p->height;
+    double mean, deviation;
+    int x, y, white = 0, black = 0;
+    spread(p, 0, p->width, &mean, &deviation);
+    for (y = 0; y < p->height; y++)
+        for (x = 0; x < p->width; x++) {
+            const unsigned char *c = at(p, x, y);
+            white += c[0] == 255 && c[1] == 255 && c[2] == 255;
+            black += c[0] == 0 && c[1] == 0 && c[2] == 0;
+        }
+    printf("%.1f %% white, %.1f %% black, deviation %.1f\n", 100.0 * white / pixels, 100.0 * black / pixels, deviation);
+    if (100 * white > white_most * pixels) return fail("fewer white pixels");
+    if (100 * black > black_most * pixels) return fail("fewer black pixels");
+    if (deviation < 25.5) return fail("more contrast");
     return 0;
 }
 
@@ -190,6 +210,7 @@ int main(int argc, char **argv) {
     memset(&b, 0, sizeof b);
     a = load(argv[2]);
     if (strcmp(argv[1], "varied") == 0 && argc == 5) status = varied(&a, atoi(argv[3]), atoi(argv[4]));
+    else if (strcmp(argv[1], "exposed") == 0 && argc == 5) status = exposed(&a, atoi(argv[3]), atoi(argv[4]));
     else if (strcmp(argv[1], "pyramid") == 0) status = pyramid(&a);
     else if (strcmp(argv[1], "cornell") == 0) status = cornell(&a);
     else if (strcmp(argv[1], "slabs") == 0 && argc == 4) status = slabs(&a, (b = load(argv[3]), &b));
