@@ -13324,8 +13324,8 @@ static sbl_result sbl__refine_spend(void *work, int at) {
 /* >>refine: stages */
 
 enum { SBL__REFINE_TILES, SBL__REFINE_COLLECT, SBL__REFINE_SENSE, SBL__REFINE_TAKE, SBL__REFINE_COUNT,
-       SBL__REFINE_WEIGH, SBL__REFINE_SPEND, SBL__REFINE_COLLECT_SCOUTS, SBL__REFINE_SCOUT, SBL__REFINE_TAKE_SCOUTS,
-       SBL__REFINE_GUIDES, SBL__REFINE_DONE };
+       SBL__REFINE_WEIGH, SBL__REFINE_SPEND, SBL__REFINE_RESTART, SBL__REFINE_COLLECT_SCOUTS, SBL__REFINE_SCOUT,
+       SBL__REFINE_TAKE_SCOUTS, SBL__REFINE_GUIDES, SBL__REFINE_DONE };
 
 static void sbl__refine_task(const sbl__refine *r, sbl__task *task) {
     memset(task, 0, sizeof *task);
@@ -13375,18 +13375,26 @@ static int sbl__refine_after_take(void *work) {
     return SBL__REFINE_COUNT;
 }
 
-/* If looks prove too noisy for the target error in the first round, makes guides for their rays, or gives looks more
-   rays if there are guides already or no light. In both cases all sensors start again. */
+/* Returns 1 if looks prove to be good enough for the target error in the first round, otherwise the factor by which
+   their rays must grow. */
+static int sbl__refine_growth(const sbl__refine *r) {
+    return r->rounds == 1 ? sbl__look_growth(r->measurement, r->target_error, r->look_variance) : 1;
+}
+
 static int sbl__refine_after_weigh(void *work) {
     sbl__refine *r = (sbl__refine *)work;
-    int times;
     sbl__weigh_end(r);
-    times = r->rounds == 1 ? sbl__look_growth(r->measurement, r->target_error, r->look_variance) : 1;
-    if (times == 1) {
-        r->first_new = r->tile_count;
-        r->core->stats.picture.expected_error = (float)r->predicted;
-        return SBL__REFINE_SPEND;
-    }
+    if (sbl__refine_growth(r) > 1) return SBL__REFINE_RESTART;
+    r->first_new = r->tile_count;
+    r->core->stats.picture.expected_error = (float)r->predicted;
+    return SBL__REFINE_SPEND;
+}
+
+/* After a first round whose looks are too noisy, makes guides for their rays, or gives looks more rays if there are
+   guides already or no light. In both cases all sensors start again. */
+static int sbl__refine_after_restart(void *work) {
+    sbl__refine *r = (sbl__refine *)work;
+    const int times = sbl__refine_growth(r);
     sbl__refine_restart(r);
     if (!r->spec->guided && !r->spec->no_light) return SBL__REFINE_COLLECT_SCOUTS;
     r->measurement->look_rays *= times;
@@ -13415,6 +13423,7 @@ static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
         { sbl__refine_count, NULL, NULL, NULL },
         { NULL, sbl__refine_after_weigh, sbl__refine_weigh, sbl__refine_tile_count },
         { NULL, sbl__refine_after_spend, sbl__refine_spend, sbl__refine_weighed },
+        { NULL, sbl__refine_after_restart, NULL, NULL },
         { sbl__scouts_list, sbl__refine_after_list, NULL, NULL },
         { sbl__refine_sense, NULL, NULL, NULL },
         { sbl__scouts_take, sbl__refine_after_take, NULL, NULL },
@@ -13449,10 +13458,24 @@ static sbl_result sbl__refine_make(sbl__refine *r) {
     return r->pixels && r->layers ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
+/* Forgets all measurements, so that refinement can begin again. Each pixel keeps its values until sbl__refine_put
+   replaces them. */
+static void sbl__refine_forget(sbl__refine *r) {
+    sbl__pixel *pixels = r->pixels;
+    float *layers = r->layers;
+    r->pixels = NULL;
+    r->layers = NULL;
+    sbl__refine_free(&r->core->device, r);
+    r->pixels = pixels;
+    r->layers = layers;
+}
+
 /* Sets a pixel before refinement begins. shown->sensed: 1: the pixel shows light of the store and needs no sensor */
 static void sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel *shown) {
+    float *light = r->layers + r->harmonics * index;
     r->pixels[index] = *shown;
-    if (shown->sensed) sbl__refine_even(r, shown, r->layers + r->harmonics * index);
+    memset(light, 0, r->harmonics * sizeof *light);
+    if (shown->sensed) sbl__refine_even(r, shown, light);
     r->uncertainty2 += (double)shown->uncertainty * shown->uncertainty;
 }
 
@@ -13473,7 +13496,9 @@ static int sbl__refine_is_sensing(const sbl__refine *r) {
     return r->stages.stage == SBL__REFINE_SENSE || r->stages.stage == SBL__REFINE_SCOUT;
 }
 
-static int sbl__refine_round_is_over(const sbl__refine *r) { return r->stages.stage == SBL__REFINE_SPEND; }
+static int sbl__refine_round_is_over(const sbl__refine *r) {
+    return r->stages.stage == SBL__REFINE_SPEND || r->stages.stage == SBL__REFINE_RESTART;
+}
 
 /* Estimates the share of work done, 0 to 1, from the logarithm of the error. */
 static double sbl__refine_progress(const sbl__refine *r) {
@@ -14318,12 +14343,18 @@ static double *sbl__work_seconds(const void *work) {
                                               PREVIEW, if the host reads channels
 
    DEVELOP interpolates the pixels between sensors, uploads the layer and filters it. It has a position of its own, so
-   that a preview can be made in the middle of any stage. */
+   that a preview can be made in the middle of any stage.
+
+   Filling the store can take most of the time. If the host reads channels meanwhile, PREPARE pauses for a glimpse: a
+   map of direct light alone with few sensors, which goes through the stages until PREVIEW and returns to PREPARE.
+   Everything that it has measured is then forgotten, except what the host reads. */
 
 enum { SBL__MAP_SETUP, SBL__MAP_PREPARE, SBL__MAP_SURFACE, SBL__MAP_READ, SBL__MAP_REFINE, SBL__MAP_PREVIEW,
        SBL__MAP_DEVELOP, SBL__MAP_END };
 
 enum { SBL__DEVELOP_FILL, SBL__DEVELOP_SEND, SBL__DEVELOP_FILTER, SBL__DEVELOP_DONE };
+
+enum { SBL__GLIMPSE_NONE, SBL__GLIMPSE_UNDER_WAY, SBL__GLIMPSE_SHOWN };
 
 /* A texture and the target that draws into it. */
 typedef struct sbl__map_image { sbl__texture texture; sbl__target target; } sbl__map_image;
@@ -14354,14 +14385,20 @@ typedef struct sbl__map {
     sbl__pace filter_pace;
     const sbl__target *channels[SBL_CHANNEL_COUNT];  /* target that holds the channel; NULL: refine's pixels hold it */
     sbl__texture copies[SBL_CHANNEL_COUNT];  /* textures of channels, made by sbl__map_send_channel */
-    int watched;                /* 1: the host has read a channel of the unfinished map, so previews are made */
+    int watched;                /* 1: the host has asked for a channel of the unfinished map, so previews are made */
     int64_t previewed;          /* number of looks when the last preview was made; 0: there is no preview */
+    int glimpse;                /* state of the glimpse: SBL__GLIMPSE_NONE and so on */
+    sbl__measurement glimpse_measurement;
+    sbl_stats glimpse_stats;    /* the statistics when the glimpse began */
     float finished;             /* share of the front end's own stages that is done, 0 to 1 */
 } sbl__map;
 
 #define SBL__READ_PIXELS 32768    /* number of pixels transferred between GPU and host at once */
 #define SBL__STORED_NOISE 0.1f    /* assumed relative noise of stored light, for the filter */
 #define SBL__PREVIEW_GROWTH 1.25  /* the next preview is made when the number of looks has grown by this factor */
+#define SBL__GLIMPSE_TILE 16      /* least width of a tile of the glimpse: the default width of first-level tiles */
+#define SBL__GLIMPSE_RAYS 64      /* rays of a sensor of the glimpse */
+#define SBL__GLIMPSE_ERROR 1000   /* target error of the glimpse, which its first round always reaches */
 
 static void sbl__map_image_free(const sbl__device *d, sbl__map_image *image) {
     sbl__target_delete(d, &image->target);
@@ -14399,6 +14436,10 @@ static sbl_result sbl__map_check(const sbl__core *c, const char *where, const sb
     return SBL_ERROR_UNSUPPORTED;
 }
 
+static void sbl__map_begin_refine(sbl__map *m, sbl__measurement *measurement, const sbl_picture_desc *desc) {
+    sbl__refine_begin(&m->refine, m->work.core, measurement, &m->spec, desc, sbl__filter_pixels(desc->filter_radius));
+}
+
 /* desc: with defaults. directional: 1: layers 1 to 4 are spherical harmonics */
 static void sbl__map_begin(sbl__map *m, const sbl_picture_desc *desc, int across, int directional) {
     sbl__core *c = m->work.core;
@@ -14417,7 +14458,40 @@ static void sbl__map_begin(sbl__map *m, const sbl_picture_desc *desc, int across
     c->stats.picture.target_error = desc->target_error;
     for (level = 0; level < SBL_MAX_LEVELS; level++)
         c->stats.picture.levels[level].tile = SBL__MAX(1, desc->tile >> level);
-    sbl__refine_begin(&m->refine, c, &m->work.measurement, &m->spec, desc, sbl__filter_pixels(desc->filter_radius));
+    sbl__map_begin_refine(m, &m->work.measurement, desc);
+    m->glimpse_measurement = m->work.measurement;
+    m->glimpse_measurement.options.mode = SBL_MODE_DIRECT;
+    m->glimpse_measurement.options.rays = 0;
+    m->glimpse_measurement.look_rays = SBL__GLIMPSE_RAYS;
+    m->glimpse_measurement.looks = 1;
+}
+
+/* >>map: the glimpse */
+
+/* Returns 1 if a glimpse must be made before the store is filled. */
+static int sbl__map_owes_glimpse(const sbl__map *m) {
+    return m->watched && m->glimpse == SBL__GLIMPSE_NONE && m->work.measurement.options.mode == SBL_MODE_GI &&
+           !m->work.core->scene.store.ready;
+}
+
+static void sbl__map_begin_glimpse(sbl__map *m) {
+    sbl_picture_desc desc = m->desc;
+    m->glimpse = SBL__GLIMPSE_UNDER_WAY;
+    m->glimpse_stats = m->work.core->stats;
+    desc.tile = SBL__MAX(desc.tile, SBL__GLIMPSE_TILE);
+    desc.target_error = SBL__GLIMPSE_ERROR;
+    sbl__map_begin_refine(m, &m->glimpse_measurement, &desc);
+}
+
+/* Undoes everything that the glimpse has changed, except what the host reads and the time that passed. */
+static void sbl__map_end_glimpse(sbl__map *m) {
+    sbl__core *c = m->work.core;
+    m->glimpse = SBL__GLIMPSE_SHOWN;
+    sbl__refine_forget(&m->refine);
+    sbl__map_begin_refine(m, &m->work.measurement, &m->desc);
+    m->glimpse_stats.seconds = c->stats.seconds;
+    c->stats = m->glimpse_stats;
+    memset(&c->job.counts, 0, sizeof c->job.counts);
 }
 
 /* >>map: what pixels show */
@@ -14458,8 +14532,16 @@ static sbl_result sbl__map_upload(const sbl__map *m, sbl__texture *t, const floa
     return result == SBL_SUCCESS && *at < t->height ? SBL_UNFINISHED : result;
 }
 
+/* Prepares what the map needs, or only what the glimpse needs, which is not the store. */
+static sbl_result sbl__map_prepare(void *work, sbl__slice *slice) {
+    const sbl__map *m = (const sbl__map *)work;
+    return sbl__prepare(m->work.core, sbl__map_owes_glimpse(m) ? &m->glimpse_measurement : &m->work.measurement, slice);
+}
+
 static int sbl__map_after_prepare(void *work) {
-    sbl__refine_update_spec(&((sbl__map *)work)->refine);
+    sbl__map *m = (sbl__map *)work;
+    if (sbl__map_owes_glimpse(m)) sbl__map_begin_glimpse(m);
+    sbl__refine_update_spec(&m->refine);
     return SBL__MAP_SURFACE;
 }
 
@@ -14549,7 +14631,7 @@ static sbl_result sbl__map_read(void *work, sbl__slice *slice) {
 static int sbl__map_after_read(void *work) {
     const sbl__map *m = (const sbl__map *)work;
     const sbl__core *c = m->work.core;
-    if (!c->stats.picture.visible_pixels)
+    if (!c->stats.picture.visible_pixels && m->glimpse != SBL__GLIMPSE_UNDER_WAY)
         sbl__log(&c->base, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE, "%s", m->atlas ?
                  "no mesh of the lightmap has a triangle on the map; check lightmap_texcoords" :
                  "the camera sees no surface; check world_to_view, view_to_clip and the scene's bounds");
@@ -14642,11 +14724,15 @@ static sbl_result sbl__map_refine(void *work, sbl__slice *slice) {
 static int sbl__map_after_refine(void *work) {
     sbl__map *m = (sbl__map *)work;
     sbl__map_develop_from(m, 0);
-    return sbl__map_preview_is_due(m) ? SBL__MAP_PREVIEW : SBL__MAP_DEVELOP;
+    return m->glimpse == SBL__GLIMPSE_UNDER_WAY || sbl__map_preview_is_due(m) ? SBL__MAP_PREVIEW : SBL__MAP_DEVELOP;
 }
 
 static int sbl__map_after_preview(void *work) {
     sbl__map *m = (sbl__map *)work;
+    if (m->glimpse == SBL__GLIMPSE_UNDER_WAY) {
+        sbl__map_end_glimpse(m);
+        return SBL__MAP_PREPARE;
+    }
     m->previewed = sbl__refine_looks(&m->refine);
     return SBL__MAP_REFINE;
 }
@@ -14655,7 +14741,7 @@ static int sbl__map_after_preview(void *work) {
 
 /* The first rows of the table of stages of a front end, which supplies the functions `read` and `preview`. */
 #define SBL__MAP_ROWS(read, preview) \
-    { sbl__map_setup, NULL, NULL, NULL }, { sbl__work_prepare, sbl__map_after_prepare, NULL, NULL }, \
+    { sbl__map_setup, NULL, NULL, NULL }, { sbl__map_prepare, sbl__map_after_prepare, NULL, NULL }, \
     { sbl__map_surface, NULL, NULL, NULL }, { read, sbl__map_after_read, NULL, NULL }, \
     { sbl__map_refine, sbl__map_after_refine, NULL, NULL }, { preview, sbl__map_after_preview, NULL, NULL }, \
     { sbl__map_develop, sbl__map_after_develop, NULL, NULL }
@@ -14674,18 +14760,20 @@ static float sbl__map_progress(const void *work) {
     const sbl__map *m = (const sbl__map *)work;
     const int stage = m->work.stages.stage;
     if (sbl__work_is_done(&m->work)) return 1;
-    if (stage <= SBL__MAP_READ) return 0;
+    if (stage <= SBL__MAP_READ || m->glimpse == SBL__GLIMPSE_UNDER_WAY) return 0;
     if (m->developed) return 0.94f + 0.05f * m->finished;
     return stage == SBL__MAP_DEVELOP ? 0.93f : 0.02f + 0.9f * (float)sbl__refine_progress(&m->refine);
 }
 
-/* Makes a preview when the host first reads an unfinished map. After that, the stage PREVIEW makes all others. */
+/* Called when the host asks for a channel of an unfinished map. Makes a preview at once if the map has sensors, but no
+   preview yet; otherwise the stage PREVIEW makes the next one. Returns SBL_UNFINISHED if there is nothing to show. */
 static sbl_result sbl__map_watch(sbl__map *m) {
     sbl__slice slice = sbl__slice_of(&m->work.core->desc, 0);
     const int stage = m->work.stages.stage;
     sbl_result result;
     m->watched = 1;
-    if (m->previewed) return SBL_SUCCESS;
+    if (m->previewed || m->glimpse == SBL__GLIMPSE_SHOWN) return SBL_SUCCESS;
+    if (m->glimpse == SBL__GLIMPSE_UNDER_WAY || sbl__refine_error(&m->refine) < 0) return SBL_UNFINISHED;
     if (!m->developed && stage != SBL__MAP_PREVIEW && stage != SBL__MAP_DEVELOP) sbl__map_develop_from(m, 0);
     do result = m->work.front_end->stages[SBL__MAP_PREVIEW].piece(m, &slice);
     while (result == SBL_UNFINISHED);
@@ -17290,10 +17378,9 @@ static sbl_result sbl__channel_ready(sbl_context *c, const char *function) {
         return sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "there is no picture; call sbl_render_picture, or "
                            "sbl_begin_picture and sbl_step");
     if (sbl__work_is_done(&c->map->work)) return SBL_SUCCESS;
-    if (sbl__refine_error(&c->map->refine) < 0) return SBL_UNFINISHED;
     sbl__visit_enter(c, &visit);
     result = sbl__map_watch(c->map);
-    if (result != SBL_SUCCESS && visit.inside == SBL__INSIDE_NOTHING) sbl__abandon(c);
+    if (result != SBL_SUCCESS && result != SBL_UNFINISHED && visit.inside == SBL__INSIDE_NOTHING) sbl__abandon(c);
     sbl__visit_leave(c, &visit);
     return result;
 }
