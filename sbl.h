@@ -14398,7 +14398,8 @@ typedef struct sbl__map {
 #define SBL__PREVIEW_GROWTH 1.25  /* the next preview is made when the number of looks has grown by this factor */
 #define SBL__GLIMPSE_TILE 16      /* least width of a tile of the glimpse: the default width of first-level tiles */
 #define SBL__GLIMPSE_RAYS 64      /* rays of a sensor of the glimpse */
-#define SBL__GLIMPSE_ERROR 1000   /* target error of the glimpse, which its first round always reaches */
+#define SBL__GLIMPSE_ERROR 0.05f  /* target error of the glimpse, which it rarely reaches */
+#define SBL__GLIMPSE_LOOKS 0.01   /* the glimpse ends after the round in which looks per pixel exceed this */
 
 static void sbl__map_image_free(const sbl__device *d, sbl__map_image *image) {
     sbl__target_delete(d, &image->target);
@@ -14461,9 +14462,7 @@ static void sbl__map_begin(sbl__map *m, const sbl_picture_desc *desc, int across
     sbl__map_begin_refine(m, &m->work.measurement, desc);
     m->glimpse_measurement = m->work.measurement;
     m->glimpse_measurement.options.mode = SBL_MODE_DIRECT;
-    m->glimpse_measurement.options.rays = 0;
-    m->glimpse_measurement.look_rays = SBL__GLIMPSE_RAYS;
-    m->glimpse_measurement.looks = 1;
+    m->glimpse_measurement.options.rays = SBL__GLIMPSE_RAYS;
 }
 
 /* >>map: the glimpse */
@@ -14479,6 +14478,7 @@ static void sbl__map_begin_glimpse(sbl__map *m) {
     m->glimpse = SBL__GLIMPSE_UNDER_WAY;
     m->glimpse_stats = m->work.core->stats;
     desc.tile = SBL__MAX(desc.tile, SBL__GLIMPSE_TILE);
+    desc.threshold = 0;
     desc.target_error = SBL__GLIMPSE_ERROR;
     sbl__map_begin_refine(m, &m->glimpse_measurement, &desc);
 }
@@ -14711,8 +14711,10 @@ static int sbl__map_after_develop(void *work) {
 
 static int sbl__map_preview_is_due(const sbl__map *m) {
     const double looks = (double)sbl__refine_looks(&m->refine);
+    const double pixels = (double)m->work.core->stats.picture.visible_pixels * m->across * m->across;
     return m->watched && sbl__refine_round_is_over(&m->refine) && looks > 0 &&
-           looks >= SBL__PREVIEW_GROWTH * (double)m->previewed;
+           looks >= (m->glimpse == SBL__GLIMPSE_UNDER_WAY ? SBL__GLIMPSE_LOOKS * pixels
+                                                          : SBL__PREVIEW_GROWTH * (double)m->previewed);
 }
 
 static sbl_result sbl__map_refine(void *work, sbl__slice *slice) {
