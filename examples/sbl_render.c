@@ -271,7 +271,7 @@ static int render(const tool_task *task, double *seconds) {
     if (!camera_place(desc.world_to_view, desc.view_to_clip, task->file, given, bounds.lowest, bounds.highest))
         return camera_misuse();
     result = sbl_begin_picture(context, &desc);
-    if (result == SBL_SUCCESS) result = work(context);
+    if (result == SBL_SUCCESS) result = given[INSPECT] ? work(context) : work_to_save(context);
     if (bar.shown) fprintf(stderr, "\r%70s\r", "");
     if (!given[INSPECT] && (result == SBL_SUCCESS || result == SBL_UNFINISHED))
         result = picture_read(context, desc.width, desc.height, channel, &picture);
