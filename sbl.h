@@ -441,13 +441,12 @@
    first request that comes later makes such a preview at once.
 
    In SBL_MODE_GI, filling the store takes 10 to 50 % of the time of the scene's first picture. A host that asks for a
-   channel meanwhile gets a first picture of direct light alone, coarsely interpolated, after 1 to 5 % of the time, and
+   channel meanwhile gets a first picture of direct light alone, coarsely interpolated, after 1 to 6 % of the time, and
    one with all bounces as soon as the store is full. Hosts that do not ask pay nothing for it; finished pictures are
    the same.
 
    sbl_progress never decreases. For pictures and lightmaps it is the share of time that has passed if the rest takes as
-   long as foreseen: it is off by up to 0.25 until errors are known for the first time, and by up to 0.1 or 0.2 after
-   that.
+   long as foreseen: it was off by up to 0.27 in measurements, most of all before the first sensors have measured.
 
 
    ON RESULTS AND MESSAGES
@@ -1581,7 +1580,6 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    job          sbl__job          >>job                 the measurement of a list of sites
    tile                                                 a rectangle of pixels with a sensor at each corner
    uncertainty                                          a standard error; its square is a variance
-   glimpse                                              a first picture of direct light, shown while the store is filled
    probe        sbl__probe        >>probes              light at a point in the air, for things that move
    front end    sbl__work         >>work                one kind of work that the host can begin, such as a picture
 
@@ -14459,7 +14457,7 @@ typedef struct sbl__map {
 #define SBL__READ_PIXELS 32768    /* number of pixels transferred between GPU and host at once */
 #define SBL__STORED_NOISE 0.1f    /* assumed relative noise of stored light, for the filter */
 #define SBL__PREVIEW_GROWTH 1.25  /* the next preview is made when the number of looks has grown by this factor */
-#define SBL__MAP_RAYS 120.0       /* usual time of refinement per pixel, in rays of the store; 38 to 227 were measured */
+#define SBL__MAP_RAYS 120.0       /* usual time of refinement per pixel, in rays of the store; 38 to 227 measured */
 #define SBL__GLIMPSE_TILE 16      /* least width of a tile of the glimpse: the default width of first-level tiles */
 #define SBL__GLIMPSE_RAYS 64      /* rays of a sensor of the glimpse */
 #define SBL__GLIMPSE_ERROR 0.05f  /* target error of the glimpse, which it rarely reaches */
@@ -14828,8 +14826,8 @@ static double *sbl__map_seconds(const void *work) {
          : develops && m->developing.stage == SBL__DEVELOP_FILTER ? &stats->seconds.filter : &stats->seconds.refine;
 }
 
-/* Foresees the seconds until refinement ends, from its pace so far. Before errors are known the pace says little, so the
-   speed of the store's rays counts as well. */
+/* Foresees the seconds until refinement ends, from its pace so far. Before errors are known the pace says little, so
+   the speed of the rays of the store counts as well. */
 static double sbl__map_seconds_left(const sbl__map *m) {
     const sbl__core *c = m->work.core;
     const sbl_stats *stats = &c->stats;

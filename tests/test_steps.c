@@ -610,7 +610,7 @@ TEST(direct_light_is_shown_first) {
               (double)stats.sensors.rays);
         for (k = 0; k < 5; k++)
             CHECK(sbl_read_channel(context, channels[k], now, 3 * PIXELS) == SBL_SUCCESS &&
-                      memcmp(now, whole[k], sizeof(float) * (size_t)(pixels * sbl_channel_components(channels[k]))) == 0,
+                      memcmp(now, whole[k], 4 * (size_t)(pixels * sbl_channel_components(channels[k]))) == 0,
                   "watched from step %d: channel %d differs", from, (int)channels[k]);
     }
     sbl_destroy(context);

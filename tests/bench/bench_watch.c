@@ -1,12 +1,12 @@
-/* bench_watch [--size N] [--slice SECONDS] [--runs N] [--twice] [--trace FILE] [NAME...]: measures what a host sees that
-   shows a picture while it is made, in SBL_MODE_GI with default settings. It calls sbl_step and asks for the texture of
-   SBL_CHANNEL_FINAL after each step, as examples/host_context.c does. For each room it prints the seconds of the whole
-   picture; the shares of that time after which the first picture, the first picture with bounces and the finished store
-   came; the largest difference between sbl_progress and the true share of time, from 20 % of the time on, and the share
-   at which it occurs. Shares are shares of the CPU time of the process, which other programs on the machine disturb less
-   than the time of a clock; LP_NUM_THREADS=0 makes CPU time of llvmpipe the time of a machine with one core.
-   --twice: a second picture is measured, for which the store exists already. --trace: writes all steps to a file.
-   The scenes come from ../shared; those that do not exist are left out. */
+/* bench_watch [--size N] [--slice SECONDS] [--runs N] [--twice] [--trace FILE] [NAME...]: measures what a host sees
+   who shows a picture while it is made, in SBL_MODE_GI with default settings. It calls sbl_step and asks for the
+   texture of SBL_CHANNEL_FINAL after each step, as examples/host_context.c does. For each room it prints the seconds of
+   the whole picture; the shares of that time after which the first picture, the full store and the first picture with
+   bounces came; the largest difference between sbl_progress and the true share of time, from 20 % of the time on, and
+   where it occurs. Shares are shares of the CPU time of the process, which other programs on the machine disturb less
+   than the time of a clock; LP_NUM_THREADS=0 makes the CPU time of llvmpipe the time of a machine with one core.
+   --twice: a second picture is measured, for which the store exists already. --trace: writes all steps to a file. The
+   scenes come from ../shared; those that do not exist are left out. */
 #define _DEFAULT_SOURCE
 #define SBL_IMPLEMENTATION
 #include "../../sbl.h"
@@ -56,8 +56,8 @@ static int watch(sbl_context *context, const sbl_picture_desc *view) {
     if (result == SBL_SUCCESS) result = SBL_UNFINISHED;
     while (result == SBL_UNFINISHED && count < STEPS_MOST) {
         const sbl__map *map = &context->picture.map;
-        const int stage = map->work.stages.stage, bounce = context->core.bounce ? context->core.bounce->stages.stage : -1;
-        const int refine = map->refine.stages.stage;
+        const int stage = map->work.stages.stage, refine = map->refine.stages.stage;
+        const int bounce = context->core.bounce ? context->core.bounce->stages.stage : -1;
         step *s = &steps[count++];
         result = sbl_step(context, settings.slice);
         s->shown = sbl_channel_texture(context, SBL_CHANNEL_FINAL) != 0;
@@ -67,9 +67,9 @@ static int watch(sbl_context *context, const sbl_picture_desc *view) {
         s->store = context->core.scene.store.ready;
         s->bounced = s->shown && s->store && context->picture.map.previewed > 0;
         if (settings.trace)
-            fprintf(settings.trace, "%.4f %.4f %.4f map %d bounce %d refine %d shown %d looks %.0f error %.4f\n", s->wall,
-                    s->cpu, (double)s->progress, stage, bounce, refine, s->shown, (double)sbl__refine_looks(&map->refine),
-                    sbl__refine_error(&map->refine));
+            fprintf(settings.trace, "%.4f %.4f %.4f map %d bounce %d refine %d shown %d looks %.0f error %.4f\n",
+                    s->wall, s->cpu, (double)s->progress, stage, bounce, refine, s->shown,
+                    (double)sbl__refine_looks(&map->refine), sbl__refine_error(&map->refine));
     }
     return result == SBL_SUCCESS ? count : 0;
 }
@@ -133,8 +133,8 @@ int main(int argc, char **argv) {
         else if (strcmp(argv[i], "--slice") == 0 && atof(value) > 0) { settings.slice = atof(value); i++; }
         else if (strcmp(argv[i], "--trace") == 0 && (settings.trace = fopen(value, "w")) != NULL) i++;
         else if (argv[i][0] == '-')
-            return fprintf(stderr, "usage: bench_watch [--size N] [--slice SECONDS] [--runs N] [--twice] [--trace FILE] "
-                                   "[NAME...]\n"), 2;
+            return fprintf(stderr, "usage: bench_watch [--size N] [--slice SECONDS] [--runs N] [--twice] "
+                                   "[--trace FILE] [NAME...]\n"), 2;
         else named = 1;
     }
     if (!host_gl_open("bench_watch")) return 1;
