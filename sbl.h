@@ -455,8 +455,17 @@
    compiles nearly all of them (1.5 s on llvmpipe).
 
    The channels of a picture under way can be read after the first level, when the sensors of the first tiles have
-   measured. They hold the best picture so far. The first request makes such a preview at once; after that, sbl_step
-   makes a better one whenever the number of looks has grown by a quarter.
+   measured. They hold the best picture so far. Ask for a channel from the first step on: it costs nothing while there
+   is nothing to read, and sbl_step then makes a better picture whenever the number of looks has grown by a quarter. The
+   first request that comes later makes such a preview at once.
+
+   In SBL_MODE_GI, filling the store takes 10 to 50 % of the time of the scene's first picture. A host that asks for a
+   channel meanwhile gets a first picture of direct light alone, coarsely interpolated, after 1 to 6 % of the time, and
+   one with all bounces as soon as the store is full. Hosts that do not ask pay nothing for it; finished pictures are
+   the same.
+
+   sbl_progress never decreases. For pictures and lightmaps it is the share of time that has passed if the rest takes as
+   long as foreseen: it was off by up to 0.27 in measurements, most of all before the first sensors have measured.
 
 
    ON RESULTS AND MESSAGES
@@ -10813,8 +10822,10 @@ static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) 
 /* Returns the share of the job that is done, 0 to 1. The few stuck tests are not counted. */
 static float sbl__job_progress(const sbl__job *j) {
     const int looks = j->look_end - j->task.first_look;
-    if (j->stages.stage == SBL__JOB_DONE || j->lens == SBL__LENS_STUCK) return 1;
-    if (j->stages.stage < SBL__JOB_DRAW || looks < 1) return 0;
+    if (j->stages.stage == SBL__JOB_DONE) return 1;
+    if (j->stages.stage < SBL__JOB_DRAW) return 0;  /* the lens may still be that of the previous job */
+    if (j->lens == SBL__LENS_STUCK) return 1;
+    if (looks < 1) return 0;
     return (float)(j->drawn - j->task.first_look) / (float)looks;
 }
 
@@ -10907,7 +10918,10 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
                                       low discrepancy, and errors of neighbouring leaves compensate each other */
 #define SBL__UNCERTAINTY_MOST 0.12 /* limit of the relative error estimated from points, which is too large where
                                       few rays all hit one leaf */
-#define SBL__BOUNCE_TIME 0.35f     /* approximate share of a picture's time that filling the store takes */
+#define SBL__BOUNCE_TIME 0.35f     /* approximate share of the time of readings, vertices and probes that filling the
+                                      store takes; >>map predicts it for pictures */
+#define SBL__BOUNCE_CAST 0.6f      /* measured shares of the time of filling that rays between surfaces take, */
+#define SBL__BOUNCE_LIT 0.93f      /* and these and the light of lamps together */
 #define SBL__AIR_SITES 54          /* six sites at each of nine places */
 #define SBL__AIR_RAYS 512
 #define SBL__CAST_COLUMNS 256
@@ -12032,14 +12046,22 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     return result;
 }
 
-/* Estimates how much of the store is done, 0 to 1: rays between surfaces up to 0.5. Falls after a restart. */
+/* Estimates how much of the store is done, 0 to 1; less than before after a restart. Until the number of points is
+   known, it is assumed to be the number for which the size of cells was chosen, or a quarter more than there are. */
 static float sbl__bounce_progress(const sbl__core *c) {
     const sbl__bounce *b = c->bounce;
+    float points, cast;
     if (c->scene.store.ready || !b) return c->scene.store.ready ? 1.0f : 0.0f;
+    points = (float)SBL__FILL_AIM * (float)(SBL__BOUNCE_POINTS * b->store->max_leaves);
+    cast = (float)b->points_cast;
+    if (b->stages.stage == SBL__BOUNCE_CAST_POINTS)
+        cast = SBL__MAX(cast, (float)b->stages.at / SBL__BOUNCE_RAYS);
     return b->stages.stage < SBL__BOUNCE_SITES
-               ? 0.5f * (float)b->points_cast / (float)(SBL__BOUNCE_POINTS * b->store->max_leaves)
-         : b->stages.stage == SBL__BOUNCE_SITES ? 0.5f
-         : b->stages.stage == SBL__BOUNCE_LIGHT ? 0.5f + 0.4f * sbl__job_progress(&b->job) : 0.9f;
+               ? SBL__BOUNCE_CAST * cast / SBL__MAX(SBL__MAX(points, 1.25f * (float)b->point_count), 1.0f)
+         : b->stages.stage == SBL__BOUNCE_SITES ? SBL__BOUNCE_CAST
+         : b->stages.stage == SBL__BOUNCE_LIGHT
+               ? SBL__BOUNCE_CAST + (SBL__BOUNCE_LIT - SBL__BOUNCE_CAST) * sbl__job_progress(&b->job)
+               : SBL__BOUNCE_LIT;
 }
 
 /* Prepares what a measurement needs, piece by piece: hierarchy and lamps for rays, the store for bounced light. */
@@ -12394,6 +12416,10 @@ typedef struct sbl__pixel {
 #define SBL__SPLIT_GAIN 0.875f          /* share of the squared error of interpolation that a split removes */
 #define SBL__DIFFERENCE_FLOOR 0.02f     /* share of the mean luminance that sbl__differ adds to the light it compares */
 #define SBL__GAIN_FLOOR 0.1f            /* worth = gain / (relative luminance + this): errors show in dark places */
+#define SBL__EXPECT_LOOKS 0.7           /* usual number of looks per pixel in the end; 0.25 to 1.9 were measured */
+#define SBL__EXPECT_SHARE 0.6           /* measured (0.45 to 0.9): looks in the end / looks if all tiles were narrow */
+#define SBL__EXPECT_KNOWN 0.25          /* number of looks per pixel at which most tiles have been found that need
+                                           sensors */
 #define SBL__GAIN_BINS 512              /* bins of the histogram of gains by worth, four to an octave */
 /* To prevent ragged shadows, a tile is always split if its error exceeds target_error * TILE_ERROR_MAX * (relative
    luminance + TILE_ERROR_FLOOR). */
@@ -12458,9 +12484,11 @@ typedef struct sbl__refine {
     double bias2, noise2;     /* sums over pixels of sbl__tile.bias2, and of sbl__tile.noise2 */
     double uncertainty2;      /* sum over pixels of the squared uncertainty of stored light; absolute, not relative */
     double look_variance;     /* relative variance of one look, averaged over the picture */
-    double predicted, first_predicted;  /* predicted error of the picture now, and after the first round */
+    double predicted;         /* predicted error of the picture */
     double stored;            /* the part of `predicted` that stored light causes */
     double gains[SBL__GAIN_BINS];  /* histogram by worth: sums of the gains of all possible splits and looks */
+    double costs[SBL__GAIN_BINS];  /* histogram by worth: sums of their costs, looks */
+    double expected_looks;    /* number of looks that have been taken when refinement ends, as far as is foreseen */
     float least_worth;        /* least worth that is bought in this round */
     int bought;               /* number of tiles split and of sensors given more looks in this round */
 } sbl__refine;
@@ -13238,6 +13266,13 @@ static int sbl__worth_bin(float worth) {
 /* Returns the least worth that falls into a bin. */
 static float sbl__bin_worth(int bin) { return (float)ldexp(0.5 + 0.125 * (bin % 4), bin / 4 - 100); }
 
+/* Adds to the histograms what removes the squared error `gain` for each look that it costs. */
+static void sbl__weigh_add(sbl__refine *r, float worth, float gain, int cost) {
+    const int bin = sbl__worth_bin(worth);
+    r->gains[bin] += (double)gain * cost;
+    r->costs[bin] += cost;
+}
+
 /* Prepares for weighing all tiles. Errors are relative to the mean R that the previous round summed up. */
 static void sbl__weigh_begin(sbl__refine *r) {
     int k;
@@ -13249,6 +13284,7 @@ static void sbl__weigh_begin(sbl__refine *r) {
                                     (double)SBL__MAX(r->mean[k], 0.01f * r->luminance));
     memset(r->sum, 0, sizeof r->sum);
     memset(r->gains, 0, sizeof r->gains);
+    memset(r->costs, 0, sizeof r->costs);
     r->pixels_summed = r->bias2 = r->noise2 = r->look_variance = 0;
     r->bought = 0;
 }
@@ -13333,7 +13369,7 @@ static sbl_result sbl__refine_weigh(void *work, int at) {
         const int cost = SBL__SPLIT_COST * SBL__MAX(looks, 1);
         gain = bias2 * SBL__SPLIT_GAIN * (float)interpolated / (float)cost;
         if (c->split_worth < FLT_MAX) c->split_worth = bias2 > error_max * error_max ? FLT_MAX : gain * weight;
-        if (gain > 0) r->gains[sbl__worth_bin(c->split_worth)] += (double)gain * cost;
+        if (gain > 0) sbl__weigh_add(r, c->split_worth, gain, cost);
     }
     c->look_worth = 0;
     if (!looks || looks >= r->spec->looks) return SBL_SUCCESS;
@@ -13341,10 +13377,26 @@ static sbl_result sbl__refine_weigh(void *work, int at) {
     c->look_worth = gain * weight;
     most = SBL__MIN(SBL__LOOKS_GROWTH * looks, r->spec->looks);
     for (; looks < most; looks *= 2) {
-        if (gain > 0) r->gains[sbl__worth_bin(gain * weight)] += (double)gain * looks;
+        if (gain > 0) sbl__weigh_add(r, gain * weight, gain, looks);
         gain *= SBL__LOOKS_GAIN_NEXT;
     }
     return SBL_SUCCESS;
+}
+
+/* Foresees how many looks will have been taken when the squared error, which is `left` now, is at most target2. Where
+   noise decides, as many looks are needed as bring the noise of each pixel to the target through the filter, if every
+   pixel were alike; in fact wide tiles need fewer. The cost of all that is worth buying now is exact in the end, but
+   too low until most tiles have been found that need sensors. */
+static double sbl__weigh_expect(const sbl__refine *r, double left, double target2) {
+    const double pixels = SBL__MAX(r->pixels_summed, 1.0), looks = SBL__MAX((double)r->looks_taken, 1.0);
+    const double known = SBL__MIN(looks / (SBL__EXPECT_KNOWN * pixels), 1.0);
+    double cost = looks, noise;
+    int bin = SBL__GAIN_BINS;
+    if (!(target2 > 0)) return 0;
+    noise = SBL__EXPECT_SHARE * pixels * r->look_variance / (r->smoothing * target2);
+    noise = SBL__MIN(SBL__MAX(noise, looks), SBL__MAX(r->spec->looks * pixels, looks));
+    for (left -= target2 * pixels; bin > 0 && left > 0; left -= r->gains[bin]) cost += r->costs[--bin];
+    return exp((1 - known) * log(noise) + known * log(cost));
 }
 
 /* Predicts the picture's error. Sets r->least_worth so that all splits and looks of at least this worth bring
@@ -13358,8 +13410,8 @@ static void sbl__weigh_end(sbl__refine *r) {
     r->look_variance /= pixels;
     r->predicted = sqrt(left / pixels + uncertainty2);
     r->stored = sqrt(uncertainty2);
-    if (!r->weighed) r->first_predicted = r->predicted;
     r->weighed = 1;
+    r->expected_looks = sbl__weigh_expect(r, left, target2);
     r->least_worth = FLT_MAX;
     if (left <= target2 * pixels || r->rounds > SBL__MAX_ROUNDS) return;
     aim = SBL__MAX(SBL__AIM_BELOW * target2 * pixels, SBL__AIM_SHARE * left);
@@ -13413,8 +13465,8 @@ static sbl_result sbl__refine_spend(void *work, int at) {
 /* >>refine: stages */
 
 enum { SBL__REFINE_TILES, SBL__REFINE_COLLECT, SBL__REFINE_SENSE, SBL__REFINE_TAKE, SBL__REFINE_COUNT,
-       SBL__REFINE_WEIGH, SBL__REFINE_SPEND, SBL__REFINE_COLLECT_SCOUTS, SBL__REFINE_SCOUT, SBL__REFINE_TAKE_SCOUTS,
-       SBL__REFINE_GUIDES, SBL__REFINE_DONE };
+       SBL__REFINE_WEIGH, SBL__REFINE_SPEND, SBL__REFINE_RESTART, SBL__REFINE_COLLECT_SCOUTS, SBL__REFINE_SCOUT,
+       SBL__REFINE_TAKE_SCOUTS, SBL__REFINE_GUIDES, SBL__REFINE_DONE };
 
 static void sbl__refine_task(const sbl__refine *r, sbl__task *task) {
     memset(task, 0, sizeof *task);
@@ -13462,19 +13514,27 @@ static int sbl__refine_after_take(void *work) {
     return SBL__REFINE_COUNT;
 }
 
-/* If looks prove too noisy for the target error in the first round, makes guides for their rays or, with guides or if
-   spec->no_light is set, gives looks more rays. In both cases all sensors start again. */
+/* Returns 1 if looks prove to be good enough for the target error in the first round, otherwise the factor by which
+   their rays must grow. */
+static int sbl__refine_growth(const sbl__refine *r) {
+    return r->rounds == 1 ? sbl__look_growth(r->measurement, r->target_error, r->look_variance) : 1;
+}
+
 static int sbl__refine_after_weigh(void *work) {
     sbl__refine *r = (sbl__refine *)work;
-    int times;
     sbl__weigh_end(r);
-    times = r->rounds == 1 ? sbl__look_growth(r->measurement, r->target_error, r->look_variance) : 1;
-    if (times == 1) {
-        r->first_new = r->tile_count;
-        r->core->stats.picture.expected_error = (float)r->predicted;
-        r->core->stats.picture.stored_error = (float)r->stored;
-        return SBL__REFINE_SPEND;
-    }
+    if (sbl__refine_growth(r) > 1) return SBL__REFINE_RESTART;
+    r->first_new = r->tile_count;
+    r->core->stats.picture.expected_error = (float)r->predicted;
+    r->core->stats.picture.stored_error = (float)r->stored;
+    return SBL__REFINE_SPEND;
+}
+
+/* After a first round whose looks are too noisy, makes guides for their rays or, with guides or if spec->no_light is
+   set, gives looks more rays. In both cases all sensors start again. */
+static int sbl__refine_after_restart(void *work) {
+    sbl__refine *r = (sbl__refine *)work;
+    const int times = sbl__refine_growth(r);
     sbl__refine_restart(r);
     if (!r->spec->guided && !r->spec->no_light) return SBL__REFINE_COLLECT_SCOUTS;
     r->measurement->look_rays *= times;
@@ -13503,6 +13563,7 @@ static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
         { sbl__refine_count, NULL, NULL, NULL },
         { NULL, sbl__refine_after_weigh, sbl__refine_weigh, sbl__refine_tile_count },
         { NULL, sbl__refine_after_spend, sbl__refine_spend, sbl__refine_weighed },
+        { NULL, sbl__refine_after_restart, NULL, NULL },
         { sbl__scouts_list, sbl__refine_after_list, NULL, NULL },
         { sbl__refine_sense, NULL, NULL, NULL },
         { sbl__scouts_take, sbl__refine_after_take, NULL, NULL },
@@ -13537,10 +13598,24 @@ static sbl_result sbl__refine_make(sbl__refine *r) {
     return r->pixels && r->layers ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
+/* Forgets all measurements, so that refinement can begin again. Each pixel keeps its values until sbl__refine_put
+   replaces them. */
+static void sbl__refine_forget(sbl__refine *r) {
+    sbl__pixel *pixels = r->pixels;
+    float *layers = r->layers;
+    r->pixels = NULL;
+    r->layers = NULL;
+    sbl__refine_free(&r->core->device, r);
+    r->pixels = pixels;
+    r->layers = layers;
+}
+
 /* Sets a pixel before refinement begins. shown->sensed: 1: the pixel shows light of the store and needs no sensor */
 static void sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel *shown) {
+    float *light = r->layers + r->harmonics * index;
     r->pixels[index] = *shown;
-    if (shown->sensed) sbl__refine_even(r, shown, r->layers + r->harmonics * index);
+    memset(light, 0, r->harmonics * sizeof *light);
+    if (shown->sensed) sbl__refine_even(r, shown, light);
     r->uncertainty2 += (double)shown->uncertainty * shown->uncertainty;
 }
 
@@ -13561,17 +13636,26 @@ static int sbl__refine_is_sensing(const sbl__refine *r) {
     return r->stages.stage == SBL__REFINE_SENSE || r->stages.stage == SBL__REFINE_SCOUT;
 }
 
-static int sbl__refine_round_is_over(const sbl__refine *r) { return r->stages.stage == SBL__REFINE_SPEND; }
+/* Returns 1 before the first round, and again when all sensors start again. */
+static int sbl__refine_is_at_start(const sbl__refine *r) {
+    return r->stages.stage <= SBL__REFINE_COLLECT && r->rounds == 0 && r->listed == 0;
+}
 
-/* Estimates the share of work done, 0 to 1, from the logarithm of the error. */
-static double sbl__refine_progress(const sbl__refine *r) {
-    const double first = r->first_predicted, target = r->target_error;
-    const double sensed = r->stages.stage == SBL__REFINE_SENSE ? (double)sbl__job_progress(&r->core->job) : 0;
-    double share = r->weighed ? 0.03 : 0;
-    if (r->weighed && target > 0 && first > target)
-        share += 0.97 * log(first / SBL__MAX(r->predicted, target)) / log(first / target);
-    share += r->weighed ? 0.5 * (1 - share) * sensed : 0.03 * sensed;
-    return SBL__MIN(SBL__MAX(share, 0.0), 1.0);
+static int sbl__refine_round_is_over(const sbl__refine *r) {
+    return r->stages.stage == SBL__REFINE_SPEND || r->stages.stage == SBL__REFINE_RESTART;
+}
+
+/* Returns the number of looks that have been taken, with those that the job under way has finished. */
+static double sbl__refine_looks_now(const sbl__refine *r) {
+    const int senses = r->stages.stage == SBL__REFINE_SENSE, takes = r->stages.stage == SBL__REFINE_TAKE;
+    return (double)r->looks_taken + (senses ? (double)sbl__job_progress(&r->core->job) * r->look_count : 0) +
+           (takes ? (double)r->look_count * (1 - r->stages.at / SBL__MAX(1.0, (double)r->site_count)) : 0);
+}
+
+/* Returns how many looks are foreseen in all. */
+static double sbl__refine_looks_expected(const sbl__refine *r) {
+    const double usual = SBL__EXPECT_LOOKS * r->width * r->height, now = (double)r->looks_taken + r->look_count;
+    return SBL__MAX(r->expected_looks > 0 ? r->expected_looks : usual, now);
 }
 
 /* >>refine: filling in one layer of light. It has its own stages, so that it can run at any time during refinement. */
@@ -14407,6 +14491,7 @@ typedef struct sbl__work {
     sbl_reading *readings;  /* memory for the task's readings; NULL if the host has provided memory */
     float store_share;   /* share of the progress that filling the store takes; 0 if it need not be filled */
     float progress;      /* progress that the host has been told, 0 to 1; never decreases */
+    double progress_at;  /* stats.seconds.total when that was */
 } sbl__work;
 
 static int sbl__work_is_done(const sbl__work *w) { return w->stages.stage == w->front_end->stage_count; }
@@ -14493,12 +14578,18 @@ static double *sbl__work_seconds(const void *work) {
                                               PREVIEW, if the host reads channels
 
    DEVELOP interpolates the pixels between sensors, uploads the layer and filters it. It has a position of its own, so
-   that a preview can be made in the middle of any stage. */
+   that a preview can be made in the middle of any stage.
+
+   Filling the store can take most of the time. If the host reads channels meanwhile, PREPARE pauses for a glimpse: a
+   map of direct light alone with few sensors, which goes through the stages until PREVIEW and returns to PREPARE.
+   Everything that it has measured is then forgotten, except what the host reads. */
 
 enum { SBL__MAP_SETUP, SBL__MAP_PREPARE, SBL__MAP_SURFACE, SBL__MAP_READ, SBL__MAP_REFINE, SBL__MAP_PREVIEW,
        SBL__MAP_DEVELOP, SBL__MAP_END };
 
 enum { SBL__DEVELOP_FILL, SBL__DEVELOP_SEND, SBL__DEVELOP_FILTER, SBL__DEVELOP_DONE };
+
+enum { SBL__GLIMPSE_NONE, SBL__GLIMPSE_UNDER_WAY, SBL__GLIMPSE_SHOWN };
 
 /* A texture and the target that draws into it. */
 typedef struct sbl__map_image { sbl__texture texture; sbl__target target; } sbl__map_image;
@@ -14529,14 +14620,23 @@ typedef struct sbl__map {
     sbl__pace filter_pace;
     const sbl__target *channels[SBL_CHANNEL_COUNT];  /* target that holds the channel; NULL: refine's pixels hold it */
     sbl__texture copies[SBL_CHANNEL_COUNT];  /* textures of channels, made by sbl__map_send_channel */
-    int watched;                /* 1: the host has read a channel of the unfinished map, so previews are made */
+    int watched;                /* 1: the host has asked for a channel of the unfinished map, so previews are made */
     int64_t previewed;          /* number of looks when the last preview was made; 0: there is no preview */
+    int glimpse;                /* state of the glimpse: SBL__GLIMPSE_NONE and so on */
+    sbl__measurement glimpse_measurement;
+    sbl_stats glimpse_stats;    /* the statistics when the glimpse began */
     float finished;             /* share of the front end's own stages that is done, 0 to 1 */
+    double paced_from[2];       /* seconds spent on sensors, and number of looks, when all sensors last started */
 } sbl__map;
 
 #define SBL__READ_PIXELS 32768    /* maximum pixels per transfer between GPU and host, but at least a row of the map */
 #define SBL__STORED_NOISE 0.1f    /* assumed relative noise of stored light, for the filter */
 #define SBL__PREVIEW_GROWTH 1.25  /* the next preview is made when the number of looks has grown by this factor */
+#define SBL__MAP_RAYS 120.0       /* usual time of refinement per pixel, in rays of the store; 38 to 227 measured */
+#define SBL__GLIMPSE_TILE 16      /* least width of a tile of the glimpse: the default width of first-level tiles */
+#define SBL__GLIMPSE_RAYS 64      /* rays of a sensor of the glimpse */
+#define SBL__GLIMPSE_ERROR 0.05f  /* target error of the glimpse, which it rarely reaches */
+#define SBL__GLIMPSE_LOOKS 0.01   /* the glimpse ends after the round in which looks per pixel exceed this */
 
 static void sbl__map_image_free(const sbl__device *d, sbl__map_image *image) {
     sbl__target_delete(d, &image->target);
@@ -14574,6 +14674,10 @@ static sbl_result sbl__map_check(const sbl__core *c, const char *where, const sb
     return SBL_ERROR_UNSUPPORTED;
 }
 
+static void sbl__map_begin_refine(sbl__map *m, sbl__measurement *measurement, const sbl_picture_desc *desc) {
+    sbl__refine_begin(&m->refine, m->work.core, measurement, &m->spec, desc, sbl__filter_pixels(desc->filter_radius));
+}
+
 /* desc: with defaults. directional: 1: layers 1 to 4 are spherical harmonics */
 static void sbl__map_begin(sbl__map *m, const sbl_picture_desc *desc, int across, int directional) {
     sbl__core *c = m->work.core;
@@ -14592,7 +14696,40 @@ static void sbl__map_begin(sbl__map *m, const sbl_picture_desc *desc, int across
     c->stats.picture.target_error = desc->target_error;
     for (level = 0; level < SBL_MAX_LEVELS; level++)
         c->stats.picture.levels[level].tile = SBL__MAX(1, desc->tile >> level);
-    sbl__refine_begin(&m->refine, c, &m->work.measurement, &m->spec, desc, sbl__filter_pixels(desc->filter_radius));
+    sbl__map_begin_refine(m, &m->work.measurement, desc);
+    m->work.store_share = 0;  /* sbl__map_progress counts the store */
+    m->glimpse_measurement = m->work.measurement;
+    m->glimpse_measurement.options.mode = SBL_MODE_DIRECT;
+    m->glimpse_measurement.options.rays = SBL__GLIMPSE_RAYS;
+}
+
+/* >>map: the glimpse */
+
+/* Returns 1 if a glimpse must be made before the store is filled. */
+static int sbl__map_owes_glimpse(const sbl__map *m) {
+    return m->watched && m->glimpse == SBL__GLIMPSE_NONE && m->work.measurement.options.mode == SBL_MODE_GI &&
+           !m->work.core->scene.store.ready;
+}
+
+static void sbl__map_begin_glimpse(sbl__map *m) {
+    sbl_picture_desc desc = m->desc;
+    m->glimpse = SBL__GLIMPSE_UNDER_WAY;
+    m->glimpse_stats = m->work.core->stats;
+    desc.tile = SBL__MAX(desc.tile, SBL__GLIMPSE_TILE);
+    desc.threshold = 0;
+    desc.target_error = SBL__GLIMPSE_ERROR;
+    sbl__map_begin_refine(m, &m->glimpse_measurement, &desc);
+}
+
+/* Undoes everything that the glimpse has changed, except what the host reads and the time that passed. */
+static void sbl__map_end_glimpse(sbl__map *m) {
+    sbl__core *c = m->work.core;
+    m->glimpse = SBL__GLIMPSE_SHOWN;
+    sbl__refine_forget(&m->refine);
+    sbl__map_begin_refine(m, &m->work.measurement, &m->desc);
+    m->glimpse_stats.seconds = c->stats.seconds;
+    c->stats = m->glimpse_stats;
+    memset(&c->job.counts, 0, sizeof c->job.counts);
 }
 
 /* >>map: what pixels show */
@@ -14633,8 +14770,16 @@ static sbl_result sbl__map_upload(const sbl__map *m, sbl__texture *t, const floa
     return result == SBL_SUCCESS && *at < t->height ? SBL_UNFINISHED : result;
 }
 
+/* Prepares what the map needs, or only what the glimpse needs, which is not the store. */
+static sbl_result sbl__map_prepare(void *work, sbl__slice *slice) {
+    const sbl__map *m = (const sbl__map *)work;
+    return sbl__prepare(m->work.core, sbl__map_owes_glimpse(m) ? &m->glimpse_measurement : &m->work.measurement, slice);
+}
+
 static int sbl__map_after_prepare(void *work) {
-    sbl__refine_update_spec(&((sbl__map *)work)->refine);
+    sbl__map *m = (sbl__map *)work;
+    if (sbl__map_owes_glimpse(m)) sbl__map_begin_glimpse(m);
+    sbl__refine_update_spec(&m->refine);
     return SBL__MAP_SURFACE;
 }
 
@@ -14724,7 +14869,7 @@ static sbl_result sbl__map_read(void *work, sbl__slice *slice) {
 static int sbl__map_after_read(void *work) {
     const sbl__map *m = (const sbl__map *)work;
     const sbl__core *c = m->work.core;
-    if (!c->stats.picture.visible_pixels)
+    if (!c->stats.picture.visible_pixels && m->glimpse != SBL__GLIMPSE_UNDER_WAY)
         sbl__log(&c->base, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE, "%s", m->atlas ?
                  "no mesh of the lightmap has a triangle on the map; check lightmap_texcoords" :
                  "the camera sees no surface; check world_to_view, view_to_clip and the scene's bounds");
@@ -14803,24 +14948,35 @@ static int sbl__map_after_develop(void *work) {
 
 static int sbl__map_preview_is_due(const sbl__map *m) {
     const double looks = (double)sbl__refine_looks(&m->refine);
+    const double pixels = (double)m->work.core->stats.picture.visible_pixels * m->across * m->across;
     return m->watched && sbl__refine_round_is_over(&m->refine) && looks > 0 &&
-           looks >= SBL__PREVIEW_GROWTH * (double)m->previewed;
+           looks >= (m->glimpse == SBL__GLIMPSE_UNDER_WAY ? SBL__GLIMPSE_LOOKS * pixels
+                                                          : SBL__PREVIEW_GROWTH * (double)m->previewed);
 }
 
 static sbl_result sbl__map_refine(void *work, sbl__slice *slice) {
     sbl__map *m = (sbl__map *)work;
-    const sbl_result result = sbl__refine_step(&m->refine, slice);
+    sbl_result result;
+    if (sbl__refine_is_at_start(&m->refine)) {
+        m->paced_from[0] = m->work.core->stats.seconds.gather + m->work.core->stats.seconds.refine;
+        m->paced_from[1] = (double)sbl__refine_looks(&m->refine);
+    }
+    result = sbl__refine_step(&m->refine, slice);
     return result == SBL_UNFINISHED && sbl__map_preview_is_due(m) ? SBL_SUCCESS : result;
 }
 
 static int sbl__map_after_refine(void *work) {
     sbl__map *m = (sbl__map *)work;
     sbl__map_develop_from(m, 0);
-    return sbl__map_preview_is_due(m) ? SBL__MAP_PREVIEW : SBL__MAP_DEVELOP;
+    return m->glimpse == SBL__GLIMPSE_UNDER_WAY || sbl__map_preview_is_due(m) ? SBL__MAP_PREVIEW : SBL__MAP_DEVELOP;
 }
 
 static int sbl__map_after_preview(void *work) {
     sbl__map *m = (sbl__map *)work;
+    if (m->glimpse == SBL__GLIMPSE_UNDER_WAY) {
+        sbl__map_end_glimpse(m);
+        return SBL__MAP_PREPARE;
+    }
     m->previewed = sbl__refine_looks(&m->refine);
     return SBL__MAP_REFINE;
 }
@@ -14829,7 +14985,7 @@ static int sbl__map_after_preview(void *work) {
 
 /* The first rows of the table of stages of a front end, which supplies the functions `read` and `preview`. */
 #define SBL__MAP_ROWS(read, preview) \
-    { sbl__map_setup, NULL, NULL, NULL }, { sbl__work_prepare, sbl__map_after_prepare, NULL, NULL }, \
+    { sbl__map_setup, NULL, NULL, NULL }, { sbl__map_prepare, sbl__map_after_prepare, NULL, NULL }, \
     { sbl__map_surface, NULL, NULL, NULL }, { read, sbl__map_after_read, NULL, NULL }, \
     { sbl__map_refine, sbl__map_after_refine, NULL, NULL }, { preview, sbl__map_after_preview, NULL, NULL }, \
     { sbl__map_develop, sbl__map_after_develop, NULL, NULL }
@@ -14844,22 +15000,50 @@ static double *sbl__map_seconds(const void *work) {
          : develops && m->developing.stage == SBL__DEVELOP_FILTER ? &stats->seconds.filter : &stats->seconds.refine;
 }
 
-static float sbl__map_progress(const void *work) {
-    const sbl__map *m = (const sbl__map *)work;
-    const int stage = m->work.stages.stage;
-    if (sbl__work_is_done(&m->work)) return 1;
-    if (stage <= SBL__MAP_READ) return 0;
-    if (m->developed) return 0.94f + 0.05f * m->finished;
-    return stage == SBL__MAP_DEVELOP ? 0.93f : 0.02f + 0.9f * (float)sbl__refine_progress(&m->refine);
+/* Foresees the seconds until refinement ends, from its pace so far. Before errors are known the pace says little, so
+   the speed of the rays of the store counts as well. */
+static double sbl__map_seconds_left(const sbl__map *m) {
+    const sbl__core *c = m->work.core;
+    const sbl_stats *stats = &c->stats;
+    const double looks = sbl__refine_looks_now(&m->refine), taken = looks - m->paced_from[1];
+    const double pixels = (double)m->desc.width * m->desc.height, rays = (double)stats->store.rays;
+    const double stored = (double)sbl__bounce_progress(c), bounce = stats->seconds.bounce;
+    double filling = 0, refining = 0;
+    if (rays > 0)
+        refining = SBL__MAP_RAYS * pixels * bounce * SBL__MIN(1, SBL__BOUNCE_CAST / SBL__MAX(stored, 1e-6)) / rays;
+    if (bounce > 0) filling = bounce * (1 / SBL__MAX(stored, 1e-6) - 1);
+    if (m->work.stages.stage >= SBL__MAP_REFINE && taken > 0) {
+        const double pace = (stats->seconds.gather + stats->seconds.refine - m->paced_from[0]) / taken;
+        const double foreseen = pace * (sbl__refine_looks_expected(&m->refine) - looks);
+        refining = sbl__refine_error(&m->refine) < 0 ? SBL__MAX(refining, foreseen) : foreseen;
+    } else if (!(refining > 0)) refining = 1e9;  /* nothing is known yet */
+    return filling + refining;
 }
 
-/* Makes a preview when the host first reads an unfinished map. After that, the stage PREVIEW makes all others. */
+/* Returns the share of time that has passed if the rest takes as long as foreseen. Since progress cannot go back, a
+   short mistake must not raise it: in twice the time it grows at most to eight times its value. */
+static float sbl__map_progress(const void *work) {
+    const sbl__map *m = (const sbl__map *)work;
+    const double seconds = m->work.core->stats.seconds.total, before = SBL__MAX(m->work.progress_at, 1e-9);
+    double share, most;
+    if (sbl__work_is_done(&m->work)) return 1;
+    if (m->developed) return 0.96f + 0.03f * m->finished;
+    if (m->work.stages.stage == SBL__MAP_DEVELOP) return 0.95f;
+    if (m->glimpse == SBL__GLIMPSE_UNDER_WAY) return 0;
+    share = 0.95 * seconds / (seconds + sbl__map_seconds_left(m) + 1e-9);
+    most = SBL__MAX((double)m->work.progress, 0.01) * pow(seconds / before, 3);
+    return (float)SBL__MIN(share, most);
+}
+
+/* Called when the host asks for a channel of an unfinished map. Makes a preview at once if the map has sensors, but no
+   preview yet; otherwise the stage PREVIEW makes the next one. Returns SBL_UNFINISHED if there is nothing to show. */
 static sbl_result sbl__map_watch(sbl__map *m) {
     sbl__slice slice = sbl__slice_of(&m->work.core->desc, 0);
     const int stage = m->work.stages.stage;
     sbl_result result;
     m->watched = 1;
-    if (m->previewed) return SBL_SUCCESS;
+    if (m->previewed || m->glimpse == SBL__GLIMPSE_SHOWN) return SBL_SUCCESS;
+    if (m->glimpse == SBL__GLIMPSE_UNDER_WAY || sbl__refine_error(&m->refine) < 0) return SBL_UNFINISHED;
     if (!m->developed && stage != SBL__MAP_PREVIEW && stage != SBL__MAP_DEVELOP) sbl__map_develop_from(m, 0);
     do result = m->work.front_end->stages[SBL__MAP_PREVIEW].piece(m, &slice);
     while (result == SBL_UNFINISHED);
@@ -17474,10 +17658,12 @@ static sbl_result sbl__context_step(sbl_context *c, sbl__slice *slice) {
     const double start = sbl__now();
     sbl_result result = sbl__work_step(w, slice);
     const sbl_result errors = sbl__gl_check(&core->device.gl);
-    const float own = w->front_end->progress(w);
-    w->progress = SBL__MAX(w->progress, w->store_share * sbl__bounce_progress(core) + (1 - w->store_share) * own);
-    if (errors != SBL_SUCCESS && (result == SBL_SUCCESS || result == SBL_UNFINISHED)) result = errors;
+    float own;
     core->stats.seconds.total += sbl__now() - start;
+    own = w->front_end->progress(w);
+    w->progress = SBL__MAX(w->progress, w->store_share * sbl__bounce_progress(core) + (1 - w->store_share) * own);
+    w->progress_at = core->stats.seconds.total;
+    if (errors != SBL_SUCCESS && (result == SBL_SUCCESS || result == SBL_UNFINISHED)) result = errors;
     if ((result != SBL_SUCCESS && result != SBL_UNFINISHED) || !o->progress) return result;
     c->inside = SBL__INSIDE_PROGRESS;
     if (o->progress(w->progress, o->progress_user)) result = SBL_CANCELLED;
@@ -17537,10 +17723,9 @@ static sbl_result sbl__channel_ready(sbl_context *c, const char *function) {
         return sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "there is no picture; call sbl_render_picture, or "
                            "sbl_begin_picture and sbl_step");
     if (sbl__work_is_done(&c->map->work)) return SBL_SUCCESS;
-    if (sbl__refine_error(&c->map->refine) < 0) return SBL_UNFINISHED;
     sbl__visit_enter(c, &visit);
     result = sbl__map_watch(c->map);
-    if (result != SBL_SUCCESS && visit.inside == SBL__INSIDE_NOTHING) sbl__abandon(c);
+    if (result != SBL_SUCCESS && result != SBL_UNFINISHED && visit.inside == SBL__INSIDE_NOTHING) sbl__abandon(c);
     sbl__visit_leave(c, &visit);
     return result;
 }

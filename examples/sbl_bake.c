@@ -418,7 +418,7 @@ static int bake_lightmap(const tool_task *task, double *seconds) {
     memset(&l, 0, sizeof l);
     describe_lightmap(&desc, &bar);
     result = sbl_begin_lightmap(context, &desc);
-    if (result == SBL_SUCCESS) result = work(context);
+    if (result == SBL_SUCCESS) result = work_to_save(context);
     if (bar.shown) fprintf(stderr, "\r%70s\r", "");
     *seconds = now() - task->start;
     if (result == SBL_UNFINISHED) {

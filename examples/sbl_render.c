@@ -461,7 +461,7 @@ static int render(const tool_task *task, double *seconds) {
     memcpy(desc.world_to_view, placed.world_to_view, sizeof desc.world_to_view);
     memcpy(desc.view_to_clip, placed.view_to_clip, sizeof desc.view_to_clip);
     result = sbl_begin_picture(context, &desc);
-    if (result == SBL_SUCCESS) result = work(context);
+    if (result == SBL_SUCCESS) result = given[INSPECT] ? work(context) : work_to_save(context);
     if (bar.shown) fprintf(stderr, "\r%70s\r", "");
     if (!given[INSPECT] && (result == SBL_SUCCESS || result == SBL_UNFINISHED))
         result = picture_read(context, desc.width, desc.height, display ? SBL_CHANNEL_DISPLAY : channel, &picture);

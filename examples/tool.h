@@ -169,11 +169,23 @@ static inline int on_progress(float done, void *user) {
 
 /* ---- work ---- */
 
+#define WORK_SLICE 0.25  /* seconds; about the longest time until a signal is handled */
+#define WORK_LINGER 2.0  /* seconds; a second signal ends the program at once */
+
 /* Works until the picture is finished, or returns SBL_UNFINISHED when a signal arrives. */
 static inline sbl_result work(sbl_context *context) {
-    const double slice = 0.25;  /* seconds; about the longest time until a signal is handled */
     sbl_result result = SBL_UNFINISHED;
-    while (result == SBL_UNFINISHED && !interrupted) result = sbl_step(context, slice);
+    while (result == SBL_UNFINISHED && !interrupted) result = sbl_step(context, WORK_SLICE);
+    return result;
+}
+
+/* Like `work` for pictures and lightmaps, but works on for up to WORK_LINGER seconds after a signal if there is nothing
+   to save yet. In SBL_MODE_GI, sbl.h makes a first picture of direct light when it is asked for one. */
+static inline sbl_result work_to_save(sbl_context *context) {
+    sbl_result result = work(context);
+    const double end = now() + WORK_LINGER;
+    while (result == SBL_UNFINISHED && now() < end && !sbl_channel_texture(context, SBL_CHANNEL_FINAL))
+        result = sbl_step(context, WORK_SLICE);
     return result;
 }
 

@@ -242,6 +242,50 @@ TEST(a_furnace) {
     scene_free(&s);
 }
 
+/* A host that reads the lightmap while it is baked sees direct light before bounced light is stored, and gets the same
+   lightmap in the end, with supersampling and harmonics. */
+TEST(reading_early_changes_nothing) {
+    static const sbl_channel channels[] = { SBL_CHANNEL_FINAL, SBL_CHANNEL_SH_1, SBL_CHANNEL_SENSORS };
+    static test_scene s;
+    sbl_lightmap_desc desc = map_of(32, 32, SBL_MODE_GI);
+    sbl_scene_desc scene;
+    float *whole[3], *now = NULL, *light = (float *)malloc(3 * 32 * 32 * sizeof *light);
+    sbl_result result = SBL_UNFINISHED;
+    int k, i, early = 0, lit = 0;
+    memset(&s, 0, sizeof s);
+    scene_floor(&s, scene_material(&s, 0.6f, 0.5f, 0.4f), 0, 2);
+    uv_rectangle(&s, &s.meshes[0], 0.05f, 0.05f, 0.95f, 0.95f);
+    scene_box(&s, scene_material(&s, 0.5f, 0.6f, 0.7f), 0.3f, 0.2f, 0.3f, 0.8f, 0.7f, 0.8f);
+    scene_box(&s, scene_lamp(&s, 5, 5, 5), -0.5f, 1.5f, -0.5f, -0.3f, 1.7f, -0.3f);
+    desc.supersample = 2;
+    desc.directional = 1;
+    now = bake(&s, &desc);
+    free(now);
+    for (k = 0; k < 3; k++) whole[k] = channel_of(&desc, channels[k]);
+    scene = scene_desc(&s);
+    scene.max_bounce_cells = 1024;
+    CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_begin_lightmap(context, &desc) == SBL_SUCCESS, "%s",
+          watch_last(&seen));
+    while (result == SBL_UNFINISHED && light) {
+        const sbl_result is = sbl_read_channel(context, SBL_CHANNEL_FINAL, light, 3 * 32 * 32);
+        early += is == SBL_SUCCESS && sbl_progress(context) < 0.1f;
+        for (i = 0; is == SBL_SUCCESS && early == 1 && i < 3 * 32 * 32; i++) lit += light[i] > 0;
+        result = sbl_step(context, 1e-9);
+    }
+    CHECK(result == SBL_SUCCESS && early > 0 && lit > 1000, "%s: read early %d times, %d numbers are above 0",
+          watch_last(&seen), early, lit);
+    for (k = 0; k < 3; k++) {
+        const size_t floats = (size_t)(32 * 32 * sbl_channel_components(channels[k]));
+        now = channel_of(&desc, channels[k]);
+        CHECK(now && whole[k] && memcmp(now, whole[k], floats * sizeof *now) == 0, "channel %d differs",
+              (int)channels[k]);
+        free(now);
+        free(whole[k]);
+    }
+    free(light);
+    scene_free(&s);
+}
+
 /* A bright and a dark floor that are adjacent in the map, without a texel between them. Neither gets light of the
    other. */
 TEST(charts_keep_their_light) {
@@ -1041,6 +1085,7 @@ int main(void) {
     RUN(charts_without_area_are_shown);
     RUN(a_floor_under_a_lamp);
     RUN(a_furnace);
+    RUN(reading_early_changes_nothing);
     RUN(charts_keep_their_light);
     RUN(what_lies_on_a_floor_does_not_shine_out);
     RUN(boxes_leave_no_dark_rims);

@@ -532,6 +532,91 @@ TEST(each_level_is_sharper) {
     sbl_destroy(context);
 }
 
+/* What a host sees that asks for the picture before each step, from step number `from` on: numbers of steps until the
+   first picture and until the store was ready, and the mean R of the first picture. */
+typedef struct watching { int steps, first, store; float mean; } watching;
+
+/* Makes a picture with bounced light in the shortest steps, and counts them. Progress must not decrease, and a picture
+   that was readable must stay so. */
+static watching watch_bounces(sbl_context *context, const sbl_picture_desc *view, int from) {
+    static float now[3 * PIXELS];
+    watching w = { 0, -1, -1, 0 };
+    sbl_result result = sbl_begin_picture(context, view);
+    float done = 0;
+    int back = 0, lost = 0;
+    size_t i;
+    const size_t floats = 3 * (size_t)view->width * (size_t)view->height;
+    for (; result == SBL_SUCCESS || result == SBL_UNFINISHED; w.steps++) {
+        const sbl_result is = w.steps < from ? SBL_UNFINISHED
+                                             : sbl_read_channel(context, SBL_CHANNEL_RADIANCE, now, 3 * PIXELS);
+        for (i = 0; i < floats && is == SBL_SUCCESS && w.first < 0; i++) w.mean += now[i] / (float)floats;
+        if (is == SBL_SUCCESS && w.first < 0) w.first = w.steps;
+        if (context->core.scene.store.ready && w.store < 0) w.store = w.steps;
+        lost += is != SBL_SUCCESS && w.first >= 0;
+        result = sbl_step(context, 1e-9);
+        back += sbl_progress(context) < done;
+        done = sbl_progress(context);
+        if (result == SBL_SUCCESS) break;
+    }
+    CHECK(result == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+    CHECK(back == 0 && done == 1, "progress decreases %d times and ends at %g", back, (double)done);
+    CHECK(lost == 0, "a visible picture became unreadable %d times", lost);
+    return w;
+}
+
+/* A host that watches gets a picture of direct light before bounced light is stored, and in the end the picture and the
+   statistics that a host gets that does not watch. It may begin to watch at any time. */
+TEST(direct_light_is_shown_first) {
+    static float whole[5][3 * PIXELS], now[3 * PIXELS];
+    static const sbl_channel channels[5] = { SBL_CHANNEL_FINAL, SBL_CHANNEL_RADIANCE, SBL_CHANNEL_STORE,
+                                             SBL_CHANNEL_SENSORS, SBL_CHANNEL_ERROR };
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_context *context = watch_context(&seen, &desc, &cornell);
+    sbl_picture_desc view = scene_cornell_view(WIDTH / 2, HEIGHT / 2);
+    sbl_scene_desc scene = scene_desc(&cornell);
+    const int pixels = PIXELS / 4;
+    sbl_stats stats, again;
+    watching w;
+    float mean = 0;
+    int k, i, turn;
+    if (!context) return;
+    view.options.mode = SBL_MODE_GI;
+    view.samples = 2;
+    w = watch_bounces(context, &view, INT_MAX);
+    CHECK(context->picture.map.glimpse == SBL__GLIMPSE_NONE, "direct light is measured for a host that does not watch");
+    stats = sbl_query_stats(context);
+    for (k = 0; k < 5; k++)
+        REQUIRE(sbl_read_channel(context, channels[k], whole[k], 3 * PIXELS) == SBL_SUCCESS, "channel %d", k);
+    for (i = 0; i < 3 * pixels; i++) mean += whole[1][i] / (float)(3 * pixels);
+    for (turn = 0; turn < 4; turn++) {
+        const int from = turn < 3 ? turn * w.store / 4 : (w.store + w.steps) / 2;
+        watching late;
+        REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS, "no scene");
+        late = watch_bounces(context, &view, from);
+        printf("  watched from step %d of %d: first picture at %d, the store is ready at %d\n", from, late.steps,
+               late.first, late.store);
+        if (turn < 3) {
+            CHECK(late.first > from && late.first < late.store && late.first - from < late.steps / 4,
+                  "watched from step %d of %d: first picture at %d, the store is ready at %d", from, late.steps,
+                  late.first, late.store);
+            CHECK(late.mean > 0.2f * mean && late.mean < 0.97f * mean, "its mean is %g, with bounces %g",
+                  (double)late.mean, (double)mean);
+        }
+        again = sbl_query_stats(context);
+        CHECK(again.sensors.count == stats.sensors.count && again.sensors.rays == stats.sensors.rays &&
+                  again.store.rays == stats.store.rays && again.sensors.invalid == stats.sensors.invalid &&
+                  memcmp(&again.picture, &stats.picture, sizeof stats.picture) == 0,
+              "watched from step %d: %.0f sensors and %.0f rays, otherwise %.0f and %.0f", from,
+              (double)again.sensors.count, (double)again.sensors.rays, (double)stats.sensors.count,
+              (double)stats.sensors.rays);
+        for (k = 0; k < 5; k++)
+            CHECK(sbl_read_channel(context, channels[k], now, 3 * PIXELS) == SBL_SUCCESS &&
+                      memcmp(now, whole[k], 4 * (size_t)(pixels * sbl_channel_components(channels[k]))) == 0,
+                  "watched from step %d: channel %d differs", from, (int)channels[k]);
+    }
+    sbl_destroy(context);
+}
+
 /* >>lifetimes */
 
 /* A finished picture stays readable while other work is begun, fails or is refused, until sbl_end. */
@@ -725,6 +810,7 @@ int main(void) {
     RUN(programs_compile_when_used_or_ahead);
     RUN(programs_have_room);
     RUN(each_level_is_sharper);
+    RUN(direct_light_is_shown_first);
     RUN(a_finished_picture_stays);
     RUN(inspection_adds_up);
     RUN(inspection_tells_levels);
