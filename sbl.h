@@ -2541,8 +2541,8 @@ typedef struct sbl__record {
                                           without a far plane */
 #define SBL__OFFSET 1.5e-6f            /* distance of a sensor from its surface: a share of the scene's extent (if views
                                           are rasterised, for the precision of the depth buffer) or of the triangle's
-                                          reach (if rays are traced, see surface.glsl). Float rounding needs a sixth of
-                                          it: at 2.5e-7 and below, sensors on a sphere see the sphere itself */
+                                          reach (if rays are traced, see surface.glsl). Float rounding needs more than
+                                          a sixth of it: at 2.5e-7 and below, sensors on a sphere see the sphere */
 
 /* Constants that shaders get as #define SBL_name, with the text of SBL__name or the value of SBL_MATERIAL_name */
 #define SBL__SHARED_CONSTANTS(X) \
@@ -7102,7 +7102,8 @@ SBL_API sbl_readings_desc sbl_readings_desc_defaults(const sbl_readings_desc *de
 
 #define SBL__SITES_NAMED 16  /* number of wrong sites that are named; the others are only counted */
 
-/* Reports how many things in a list are wrong besides those that were named. where: the descriptor */
+/* Reports how many things in a list are wrong besides the SBL__SITES_NAMED that were named, if any. where: name of the
+   descriptor; wrong: number of all wrong things */
 static void sbl__check_rest(sbl__check *check, const char *where, const char *things, int wrong) {
     snprintf(check->where, sizeof check->where, "%s", where);
     if (wrong > SBL__SITES_NAMED) sbl__mistake(check, "%d more %s are wrong", wrong - SBL__SITES_NAMED, things);
@@ -9287,7 +9288,7 @@ static const char *const sbl__glsl_lamps[] = {
 "void main() {\n",
 "    ivec2 at = sbl_texel_of_invocation();\n",
 "    int wanted = at.y * blocks.x + at.x;  // number of the ray or, from `rays` on, of the entry to report\n",
-"    int certain_ray = rays + SBL_LAMPS - 1 - wanted;  // number of the point light to report, from the last entry\n",
+"    int certain_ray = rays + SBL_LAMPS - 1 - wanted;  // point light to report; 0: the last of `entries`\n",
 "#ifdef SBL_INSPECT\n",
 "    int part = 0, slot = sheet_slot;\n",
 "    if (wanted >= rays + SBL_LAMPS) sbl_leave;\n",
@@ -10191,7 +10192,8 @@ typedef struct sbl__job {
     const sbl__scene *scene;
     sbl__job_counts counts;     /* sums over all jobs since the caller last cleared them */
     sbl__spec made_for;         /* the spec for which the resources below were made */
-    uint32_t made_for_scene;    /* version of the scene for which the resources were made; 0: none exist */
+    uint32_t made_for_scene;    /* version of the scene for which the resources were made; 0: they are missing,
+                                   incomplete or outdated, and must be made */
     sbl__raster raster;
     sbl__trace trace;
     sbl__aim aim;
@@ -10982,12 +10984,15 @@ typedef struct sbl__bounce {
     int points_cast;                 /* number of points whose rays have been cast */
     uint32_t *sequence;              /* points of the unit square from which ray directions are made: two
                                         coordinates per point, in units of 2^-32, see sbl__sequence_make */
-    struct { uint32_t place; float normal[3], offset; } origin;  /* of the last ray from a surface */
+    /* A cache: place of the last ray from a surface, the normal there, and the distance from the surface at which its
+       rays start (see sbl__place_normal) */
+    struct { uint32_t place; float normal[3], offset; } origin;
     sbl__site *sites;                /* the job's sites: points; in the last job, places in the air */
     sbl_reading *readings;
     uint32_t recent_lines[SBL__CONTACT_CACHE];  /* hash table of contact lines (where an object touches a flat
                                                    surface) that have cut their cells; hash collisions drop some */
-    int recheck;                     /* 1: a line has cut leaves that had points, so all hits must be queued again */
+    int recheck;                     /* 1: a line has cut leaves below cut_leaves, where no place waits any more, so
+                                        all of `hits` must be queued again */
     float *direct;                   /* 3 floats per leaf: direct light; after SBL__BOUNCE_NOISE, the leaf's noise */
     float *solved;                   /* light of each leaf, saved while the leaves hold noise */
     double change;                   /* balance.change of the previous round */
@@ -13399,8 +13404,9 @@ static double sbl__weigh_expect(const sbl__refine *r, double left, double target
     return exp((1 - known) * log(noise) + known * log(cost));
 }
 
-/* Predicts the picture's error. Sets r->least_worth so that all splits and looks of at least this worth bring
-   the picture to the error at which the round aims; FLT_MAX if it has the target error. */
+/* Predicts the picture's error. Sets r->least_worth so that all splits and looks of at least this worth are predicted
+   to bring it to the error at which the round aims, if they suffice. FLT_MAX, so that only necessary splits are
+   bought: bias and noise are within their share of the target error, or SBL__MAX_ROUNDS have passed. */
 static void sbl__weigh_end(sbl__refine *r) {
     const double pixels = SBL__MAX(r->pixels_summed, 1.0), all2 = (double)r->target_error * r->target_error;
     const double uncertainty2 = r->uncertainty2 / ((double)r->luminance * r->luminance * pixels);
@@ -15273,8 +15279,8 @@ static void sbl__meter_count(int bins[SBL__METER_BINS], const float rgb[3]) {
     if (luminance > 0) bins[SBL__MIN(SBL__MAX(bin, 0), SBL__METER_BINS - 1)]++;
 }
 
-/* Returns the mean logarithm of the luminances between two shares of the pixels, counted from the darkest. Returns
-   -DBL_MAX if no pixel was counted. */
+/* Returns the mean binary logarithm of the luminances between two shares of the pixels, counted from the darkest.
+   Returns -DBL_MAX if no pixel was counted. */
 static double sbl__meter_mean(const int bins[SBL__METER_BINS], double from, double to) {
     double all = 0, below = 0, sum = 0, weight = 0;
     int i;

@@ -605,7 +605,7 @@ int sbl_pass_count() {
 void main() {
     ivec2 at = sbl_texel_of_invocation();
     int wanted = at.y * blocks.x + at.x;  // number of the ray or, from `rays` on, of the entry to report
-    int certain_ray = rays + SBL_LAMPS - 1 - wanted;  // number of the point light to report, from the last entry
+    int certain_ray = rays + SBL_LAMPS - 1 - wanted;  // point light to report; 0: the last of `entries`
 #ifdef SBL_INSPECT
     int part = 0, slot = sheet_slot;
     if (wanted >= rays + SBL_LAMPS) sbl_leave;
