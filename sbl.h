@@ -206,6 +206,9 @@
    SBL_CHANNEL_DISPLAY is then the picture that it makes, with values from 0 to 1. The transform is applied to each
    anti-aliasing sample, so that the edges of lamps are as smooth as others. To write a file or fill an 8-bit texture:
 
+       static float shown[640 * 480 * 3];
+       static unsigned char bytes[640 * 480 * 3];
+       sbl_picture_desc desc = { 0 };
        desc.tone = SBL_TONE_NEUTRAL;
        desc.auto_exposure = 1;
        sbl_render_picture(context, &desc);
@@ -1039,7 +1042,7 @@ typedef struct sbl_picture_desc {
                                   Default: 2. Negative: shading normals on all triangles */
     int filter_radius;         /* radius of the Gaussian filter, up to 32 pixels. Default: 2. Negative: no filter */
     int samples;               /* anti-aliasing samples per pixel of SBL_CHANNEL_FINAL, 1 to 64. Default: 1 / 4 / 16 */
-    sbl_tone tone;             /* how SBL_CHANNEL_DISPLAY is made. Default: SBL_TONE_NONE, it is not made */
+    sbl_tone tone;             /* how SBL_CHANNEL_DISPLAY is made. Default: SBL_TONE_NONE */
     float exposure;            /* stops, -100 to 100: each doubles the brightness of SBL_CHANNEL_DISPLAY. Default: 0 */
     int auto_exposure;         /* 1: measures the picture and adds the stops that suit it, see ON SCREENS. Default: 0 */
     uint32_t end_canary;       /* must stay 0 */

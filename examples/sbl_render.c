@@ -352,20 +352,20 @@ static void describe_camera(const camera_view *c, const survey *s) {
            c->eye[0], c->eye[1], c->eye[2], at[0], at[1], at[2], c->up[0], c->up[1], c->up[2], c->fov);
 }
 
+static studio light_of_studio;  /* the scene refers to it until the end */
+
 /* Sets the scene again, with the light of a studio. chosen: the camera without the options. Returns the exit status. */
 static int light_studio(tool_task *task, sbl_scene_desc *scene, const survey *s, const camera_view *chosen,
                         const double eye[3]) {
-    studio light = { 0 };
     const char *words = NULL;
     double enclosed = 0;
     sbl_result result = SBL_SUCCESS;
     if (s->kind == SURVEY_OBJECT) result = survey_enclosed(task->context, eye, &enclosed);
     if (result == SBL_SUCCESS) {
-        words = studio_light(&light, scene, s, chosen, eye, enclosed);
+        words = studio_light(&light_of_studio, scene, s, chosen, eye, enclosed);
         task->said->warnings_kept = 0;  /* they are repeated when the scene is set again */
         result = words ? sbl_set_scene(task->context, scene) : SBL_ERROR_OUT_OF_MEMORY;
     }
-    studio_free(&light);
     if (words) detail("light: %s", words);
     if (!given[STUDIO]) task->light = words;
     return result == SBL_SUCCESS ? DONE
@@ -493,6 +493,7 @@ int main(int argc, char **argv) {
     catch_signals();
     status = find_targets();
     if (status == DONE) status = tool_run(start, given, render, NULL, arrange);
+    studio_free(&light_of_studio);
     targets_free();
     return status;
 }

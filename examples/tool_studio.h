@@ -154,10 +154,10 @@ static void studio_free(studio *s) {
     free(s->materials);
 }
 
-/* Lights the scene in place of its own lights and sky; surfaces that emit stay. The studio must stay until the scene is
-   set. v: the survey of the scene. view: the chosen camera, without the options. eye: the position of the camera.
-   enclosed: whether the camera is inside something. Returns what lights the scene now, in words; NULL if memory runs
-   out. */
+/* Lights the scene in place of its own lights and sky; surfaces that emit stay. The studio must stay as long as the
+   scene is used. v: the survey of the scene. view: the chosen camera, without the options. eye: the position of the
+   camera. enclosed: whether the camera is inside something. Returns what lights the scene now, in words; NULL if memory
+   runs out. */
 static const char *studio_light(studio *s, sbl_scene_desc *scene, const survey *v, const camera_view *view,
                                 const double eye[3], double enclosed) {
     const int inside = v->kind != SURVEY_OBJECT || enclosed > 0;

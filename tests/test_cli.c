@@ -2132,7 +2132,7 @@ int main(int argc, char **argv) {
     RUN(help_is_short_or_complete);
     RUN(misspelled_options_are_recognised);
     RUN(messages_show_what_values_look_like);
-    RUN(options_without_effect_are_named);
+    RUN_PLAIN(options_without_effect_are_named);
     RUN(choices_are_printed);
     RUN(bad_usage_is_two);
     RUN(failures_are_one);
@@ -2179,7 +2179,7 @@ int main(int argc, char **argv) {
     RUN(collected_hostile_files);
     RUN(a_file_is_written_whole_or_not_at_all);
     RUN(progress_is_for_terminals);
-    RUN(a_png_is_made_for_screens);
+    RUN_PLAIN(a_png_is_made_for_screens);
     RUN(the_cornell_box_of_the_repository);
     tool_end();
     return test_report();
