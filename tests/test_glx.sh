@@ -6,8 +6,9 @@ cd "$(dirname "$0")/.." || exit 1
 . tests/support/check.sh
 
 has() { printf '#include <%s>\n' "$1" | gcc -E -x c - > /dev/null 2>&1; }
+# build/sbl.o is built with any test
 compiles() {
-    scripts/build sbl.o && gcc -std=c99 -O2 -Wall -Wextra -Wpedantic -Wconversion -Wshadow -Werror \
+    scripts/build test_pinned && gcc -std=c99 -O2 -Wall -Wextra -Wpedantic -Wconversion -Wshadow -Werror \
         tests/support/glx.c build/sbl.o -lGL -lX11 -lEGL -lm -o "$folder/glx"
 }
 run() { TEST_ONLY=$1 timeout 600 xvfb-run -a -s '-screen 0 640x480x24' "$folder/glx"; }
