@@ -84,20 +84,20 @@ END
 render() {
     rendered=$1
     shift
-    rm -f "$folder/out.png"
-    "$tool" "$rendered" --size 16x16 --tile 16 --samples 1 --sky 1,1,1 -o "$folder/out.png" "$@" \
+    rm -f "$folder/out.pfm"
+    "$tool" "$rendered" --size 16x16 --tile 16 --samples 1 --sky 1,1,1 -o "$folder/out.pfm" "$@" \
         > "$folder/said" 2> "$folder/errors"
     status=$?
     echo "$rendered $*: exit status $status"
     cat "$folder/errors"
 }
-renders() { render "$@"; [ "$status" = 0 ] && [ ! -s "$folder/errors" ] && [ -s "$folder/out.png" ]; }
+renders() { render "$@"; [ "$status" = 0 ] && [ ! -s "$folder/errors" ] && [ -s "$folder/out.pfm" ]; }
 # fails WORDS SCENE [OPTIONS...]: must fail with one line that contains all the words, and without a picture
 fails() {
     words=$1
     shift
     render "$@"
-    [ "$status" = 1 ] && [ "$(wc -l < "$folder/errors")" = 1 ] && [ ! -e "$folder/out.png" ] || return
+    [ "$status" = 1 ] && [ "$(wc -l < "$folder/errors")" = 1 ] && [ ! -e "$folder/out.pfm" ] || return
     for word in $words; do grep -qF -e "$word" "$folder/errors" || { echo "$word is not named"; return 1; }; done
 }
 
@@ -187,8 +187,8 @@ if [ "$sanitized" ]; then
     skip peaks "sanitizers use memory of their own"
     skip ulimit "sanitizers need much address space"
 else
-    check a_broad_picture_takes_nothing within 300 "$tool" "$folder/scene/broad.obj" --memory 512M -o "$folder/out.png"
-    check many_uses_take_nothing within 300 "$tool" "$folder/scene/many.gltf" --memory 256M -o "$folder/out.png"
+    check a_broad_picture_takes_nothing within 300 "$tool" "$folder/scene/broad.obj" --memory 512M -o "$folder/out.pfm"
+    check many_uses_take_nothing within 300 "$tool" "$folder/scene/many.gltf" --memory 256M -o "$folder/out.pfm"
     # the tool fails with a message or succeeds, whatever the limit is
     small() {
         for megabytes in 30 50 100 200 300 400 500 600 700 900 1200; do
