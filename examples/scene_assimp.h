@@ -246,8 +246,9 @@ static void scene__material(scene__reader *r, unsigned index) {
 
 /* ---- what is read as something simpler: see SCENE_FILE_KINDS ---- */
 
-/* Returns whether a surface has a visible highlight: a roughness below 0.5, or a Phong exponent that means the same by
-   roughness^4 = 2 / (exponent + 2). */
+/* Returns whether a surface has a visible highlight: its roughness is below 0.5; or, if the file gives a Phong exponent
+   instead, the exponent is above 30 and a component of the specular colour above 0.05. An exponent of 30 is a roughness
+   of 0.5 by roughness^4 = 2 / (exponent + 2). */
 static int scene__is_glossy(const struct aiMaterial *m) {
     const float exponent = scene__number(m, AI_MATKEY_SHININESS, 0);
     const float roughness = scene__number(m, AI_MATKEY_ROUGHNESS_FACTOR, -1);

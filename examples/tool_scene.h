@@ -189,7 +189,8 @@ static int common_check(const int *given) {
 
 static char without_effect[512];  /* names of options that were given, and why they have no effect */
 
-/* Notes that an option has no effect if it was given and the condition holds. why: completes "no effect:" */
+/* If the option was given and the condition is true, adds its name to without_effect. why: the reason, which is printed
+   in parentheses after the name */
 static void note_if(int condition, const int *given, const tool_option *table, int option, const char *why) {
     const size_t used = strlen(without_effect);
     if (condition && given[option])

@@ -40,7 +40,8 @@ ivec2 sbl_texel_of_invocation() {
 ivec2 sbl_texel_of_invocation() { return ivec2(gl_FragCoord.xy); }
 #endif
 
-// Declare and write the outputs for the harmonics of red, green and blue light. a, b, c: their `place` in SBL_OUT
+// SBL_OUT_HARMONICS declares three outputs, for the harmonics of red, green and blue light; a, b, c: the numbers
+// that SBL_OUT gives them. sbl_write_harmonics writes them. Without SBL_DIRECTIONAL both do nothing.
 #ifdef SBL_DIRECTIONAL
 #define SBL_OUT_HARMONICS(a, b, c) SBL_OUT(a, out_red); SBL_OUT(b, out_green); SBL_OUT(c, out_blue);
 #define sbl_write_harmonics(h) sbl_write(out_red, h[0]); sbl_write(out_green, h[1]); sbl_write(out_blue, h[2])

@@ -385,7 +385,7 @@ mat2x3 whole;                // by group (see sbl_Lamp): unobstructed light of l
                              // except texels and the `certain` point lights. Each group has its own ratio seen /
                              // open, because one side of a closed mesh hides the other
 bool rounded = false;        // true: some of the lamps considered are not triangles
-mat3x4 whole_harmonics[2];   // by group: harmonics of `whole`
+mat3x4 whole_harmonics[2];   // by group, as `whole`: the harmonics of that light
 
 // Adds node i to the entries, skips it, or descends into it. Returns the next node, or `limit`, the number of all
 // nodes, if the entries are full. If all lamps fit, i and limit count leaves instead. opening: a node is one entry

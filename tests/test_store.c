@@ -206,16 +206,20 @@ TEST(saved_and_loaded) {
     scene_free(&scene);
 }
 
+/* Starts with the scene as it is now, measures light, and saves the store to the stream. */
+static int start_and_save(sbl_reading readings[SITES]) {
+    stream.count = stream.at = 0;
+    stream.room = STREAM;
+    return start() && gather(readings) == SBL_SUCCESS && sbl_save_store(context, put, NULL) == SBL_SUCCESS;
+}
+
 /* Damaged and incomplete streams, and streams of other versions and machines, are refused with their own messages. */
 TEST(streams_that_are_refused) {
     static const char *const words[] = { "not stored light", "another version", "byte order" };
     static sbl_reading made[SITES];
     size_t whole, i;
     make_room(&scene);
-    stream.count = 0;
-    stream.room = STREAM;
-    REQUIRE(start() && gather(made) == SBL_SUCCESS && sbl_save_store(context, put, NULL) == SBL_SUCCESS, "%s",
-            watch_last(&seen));
+    REQUIRE(start_and_save(made), "%s", watch_last(&seen));
     whole = stream.count;
     for (i = 0; i < 3; i++) {
         const size_t place = i ? 4 * i + 4 : 0;
@@ -285,10 +289,7 @@ TEST(parts_that_differ_are_named) {
     size_t whole;
     int i;
     make_room_with_sky(&scene);
-    stream.count = 0;
-    stream.room = STREAM;
-    REQUIRE(start() && gather(made) == SBL_SUCCESS && sbl_save_store(context, put, NULL) == SBL_SUCCESS, "%s",
-            watch_last(&seen));
+    REQUIRE(start_and_save(made), "%s", watch_last(&seen));
     whole = stream.count;
     for (i = 0;; i++) {
         scene_free(&scene);
@@ -322,10 +323,7 @@ TEST(coarse_light_is_told) {
     sbl_scene_desc desc;
     int i;
     make_room(&scene);
-    stream.count = 0;
-    stream.room = STREAM;
-    REQUIRE(start() && gather(made) == SBL_SUCCESS && sbl_save_store(context, put, NULL) == SBL_SUCCESS, "%s",
-            watch_last(&seen));
+    REQUIRE(start_and_save(made), "%s", watch_last(&seen));
     desc = scene_desc(&scene);
     for (i = 0; i < 4; i++) {
         const int limit = i % 2 ? 4096 : 1024, coarse = limit > 2048;  /* `set` allows 2048 */
@@ -365,10 +363,7 @@ TEST(forged_values_are_refused) {
     size_t cells, leaves, places[8];
     int i;
     make_room(&scene);
-    stream.count = 0;
-    stream.room = STREAM;
-    REQUIRE(start() && gather(readings) == SBL_SUCCESS && sbl_save_store(context, put, NULL) == SBL_SUCCESS, "%s",
-            watch_last(&seen));
+    REQUIRE(start_and_save(readings), "%s", watch_last(&seen));
     cells = PATCHES + word_of(TRIANGLES);
     leaves = stream.count / 4 - 2 - 4 * (size_t)word_of(LEAVES);
     REQUIRE(word_of(CUTS) > 0 && cells + 2 * (size_t)word_of(CELLS) + 8 * (size_t)word_of(CUTS) == leaves,

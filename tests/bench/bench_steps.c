@@ -9,16 +9,12 @@
 #include "../../sbl.h"
 #include "../../examples/host_gl.h"
 #include "../../examples/scene_file.h"
+#include "bench_rooms.h"
 #include <stdlib.h>
-#include <time.h>
 
 enum { STEPS_MOST = 1 << 20 };
 
-static double now(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
+static double now(void) { return bench_clock(CLOCK_MONOTONIC); }
 
 /* ---- submissions: sbl.h gets GL functions that note when work starts, and wait where sbl.h flushes */
 
@@ -94,19 +90,14 @@ static sbl_gl_function gl_function(const char *name, void *user) {
 /* ---- the pictures */
 
 static const struct picture {
-    const char *name, *file;
+    int room;  /* index in bench_rooms */
     int width, height;
     sbl_preset preset;
     sbl_mode mode;
-    float eye[3], at[3], up[3], fov, sky;
 } pictures[] = {
-    { "cornell_box", "examples/scenes/cornell_box.obj", 512, 512, SBL_PRESET_DEFAULT, SBL_MODE_AMBIENT,
-      { 278, 273, -800 }, { 278, 273, 0 }, { 0, 1, 0 }, 39.3077f, 0 },
-    { "living-room", "../shared/scenes/living-room/living-room.glb", 1280, 720, SBL_PRESET_DEFAULT, SBL_MODE_DIRECT,
-      { 5.10518f, 0.731065f, -2.31789f }, { 4.143388f, 0.805472f, -2.054414f }, { 0.071763f, 0.997228f, -0.019659f },
-      58.7155f, 1 },
-    { "staircase2", "../shared/scenes/staircase2/staircase2.glb", 256, 256, SBL_PRESET_HIGH, SBL_MODE_DIRECT,
-      { 6.91182f, 1.65163f, 2.55414f }, { 6.011643f, 1.65163f, 2.118617f }, { 0, 1, 0 }, 70, 0 }
+    { 0, 512, 512, SBL_PRESET_DEFAULT, SBL_MODE_AMBIENT },
+    { 2, 1280, 720, SBL_PRESET_DEFAULT, SBL_MODE_DIRECT },
+    { 1, 256, 256, SBL_PRESET_HIGH, SBL_MODE_DIRECT }
 };
 
 static int ascending(const void *a, const void *b) {
@@ -118,26 +109,19 @@ static int ascending(const void *a, const void *b) {
 static int measure(const struct picture *p, double slice) {
     static const double edges[] = { 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1e30 };
     static double steps[STEPS_MOST];
-    char error[512];
-    scene_file *file = scene_file_load(p->file, NULL, error, sizeof error);
+    const char *name = bench_rooms[p->room].name;
     sbl_context_desc desc = { 0 };
     sbl_picture_desc view = { 0 };
     sbl_scene_desc scene;
+    scene_file *file = bench_room_load(&bench_rooms[p->room], p->width, p->height, &scene, &view);
     sbl_context *context = NULL;
     sbl_result result = SBL_SUCCESS;
     double start, begin, easy, all;
     int count = 0, i, n, slowest = 0, ok;
-    if (!file) return fprintf(stderr, "bench_steps: %s\n", error), 0;
-    scene = file->scene;
-    for (i = 0; i < 3; i++) scene.sky[i] = p->sky;
-    view.width = p->width;
-    view.height = p->height;
+    if (!file) return 0;
     view.options.preset = p->preset;
     view.options.mode = p->mode;
     view.facet_limit = 2;
-    sbl_look_at(view.world_to_view, p->eye[0], p->eye[1], p->eye[2], p->at[0], p->at[1], p->at[2], p->up[0], p->up[1],
-                p->up[2]);
-    sbl_perspective(view.view_to_clip, p->fov, (float)p->width / (float)p->height);
     desc.get_gl_function = gl_function;
     ok = sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene) == SBL_SUCCESS &&
          sbl_render_picture(context, &view) == SBL_SUCCESS; /* compiles shaders */
@@ -164,8 +148,8 @@ static int measure(const struct picture *p, double slice) {
     submission.on = submission.open = 0;
     sbl_destroy(context);
     scene_file_free(file);
-    if (!ok) return fprintf(stderr, "bench_steps: %s failed\n", p->name), 0;
-    printf("%s %d x %d, preset %d: slices of %g ms\n", p->name, p->width, p->height, (int)p->preset, 1e3 * slice);
+    if (!ok) return fprintf(stderr, "bench_steps: %s failed\n", name), 0;
+    printf("%s %d x %d, preset %d: slices of %g ms\n", name, p->width, p->height, (int)p->preset, 1e3 * slice);
     printf("  sbl_render %.2f s, in steps %.2f s (%+.1f %%); sbl_begin %.1f ms\n", easy, all, 100 * (all / easy - 1),
            1e3 * begin);
     printf("  longest submission %.0f ms of %d\n", 1e3 * submission.longest, submission.count);
@@ -197,12 +181,10 @@ int main(int argc, char **argv) {
     if (!host_gl_open("bench_steps")) return 1;
     printf("%s\n", (const char *)gl.GetString(GL_RENDERER));
     for (k = 0; k < (int)(sizeof pictures / sizeof *pictures); k++) {
-        FILE *there = fopen(pictures[k].file, "rb");
+        const bench_room *room = &bench_rooms[pictures[k].room];
         int wanted = !named;
-        for (i = 1; i < argc; i++) wanted = wanted || strcmp(argv[i], pictures[k].name) == 0;
-        if (there) fclose(there);
-        if (!there || !wanted) continue;
-        ok = measure(&pictures[k], slice) && ok;
+        for (i = 1; i < argc; i++) wanted = wanted || strcmp(argv[i], room->name) == 0;
+        if (wanted && bench_room_exists(room)) ok = measure(&pictures[k], slice) && ok;
     }
     host_gl_close();
     return !ok;

@@ -12,31 +12,12 @@
 #include "../../sbl.h"
 #include "../../examples/host_gl.h"
 #include "../../examples/scene_file.h"
+#include "bench_rooms.h"
 #include <stdlib.h>
-#include <time.h>
 
 enum { STEPS_MOST = 1 << 20 };
 
-static const struct room {
-    const char *name, *file;
-    float eye[3], at[3], up[3], fov, sky;
-} rooms[] = {
-    { "cornell_box", "examples/scenes/cornell_box.obj", { 278, 273, -800 }, { 278, 273, 0 }, { 0, 1, 0 }, 39.3077f, 0 },
-    { "staircase2", "../shared/scenes/staircase2/staircase2.glb", { 6.91182f, 1.65163f, 2.55414f },
-      { 6.011643f, 1.65163f, 2.118617f }, { 0, 1, 0 }, 70, 0 },
-    { "living-room", "../shared/scenes/living-room/living-room.glb", { 5.10518f, 0.731065f, -2.31789f },
-      { 4.143388f, 0.805472f, -2.054414f }, { 0.071763f, 0.997228f, -0.019659f }, 58.7155f, 1 },
-    { "veach-ajar", "../shared/scenes/veach-ajar/veach-ajar.glb", { 4.05402f, 1.61647f, -2.30652f },
-      { 3.064005f, 1.584172f, -2.443733f }, { -0.0319925f, 0.999478f, -0.00443408f }, 35.9834f, 0 }
-};
-
 static struct settings { int size, runs, twice; double slice; FILE *trace; } settings = { 512, 1, 0, 0.02, NULL };
-
-static double clock_of(clockid_t id) {
-    struct timespec t;
-    clock_gettime(id, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 static sbl_gl_function gl_function(const char *name, void *user) {
     (void)user;
@@ -50,7 +31,7 @@ static step steps[STEPS_MOST];
 
 /* Makes the picture in steps. Returns the number of steps, or 0 on failure. */
 static int watch(sbl_context *context, const sbl_picture_desc *view) {
-    const double wall = clock_of(CLOCK_MONOTONIC), cpu = clock_of(CLOCK_PROCESS_CPUTIME_ID);
+    const double wall = bench_clock(CLOCK_MONOTONIC), cpu = bench_clock(CLOCK_PROCESS_CPUTIME_ID);
     sbl_result result = sbl_begin_picture(context, view);
     int count = 0;
     if (result == SBL_SUCCESS) result = SBL_UNFINISHED;
@@ -61,8 +42,8 @@ static int watch(sbl_context *context, const sbl_picture_desc *view) {
         step *s = &steps[count++];
         result = sbl_step(context, settings.slice);
         s->shown = sbl_channel_texture(context, SBL_CHANNEL_FINAL) != 0;
-        s->wall = clock_of(CLOCK_MONOTONIC) - wall;
-        s->cpu = clock_of(CLOCK_PROCESS_CPUTIME_ID) - cpu;
+        s->wall = bench_clock(CLOCK_MONOTONIC) - wall;
+        s->cpu = bench_clock(CLOCK_PROCESS_CPUTIME_ID) - cpu;
         s->progress = sbl_progress(context);
         s->store = context->core.scene.store.ready;
         s->bounced = s->shown && s->store && context->picture.map.previewed > 0;
@@ -75,22 +56,15 @@ static int watch(sbl_context *context, const sbl_picture_desc *view) {
 }
 
 /* Returns 0 if something does not work. */
-static int measure(const struct room *r) {
-    char error[512];
-    scene_file *file = scene_file_load(r->file, NULL, error, sizeof error);
+static int measure(const bench_room *r) {
     sbl_context_desc desc = { 0 };
     sbl_picture_desc view = { 0 };
     sbl_scene_desc scene;
+    scene_file *file = bench_room_load(r, settings.size, settings.size, &scene, &view);
     sbl_context *context = NULL;
     int i, run, ok;
-    if (!file) return fprintf(stderr, "bench_watch: %s\n", error), 0;
-    scene = file->scene;
-    for (i = 0; i < 3; i++) scene.sky[i] = r->sky;
-    view.width = view.height = settings.size;
+    if (!file) return 0;
     view.options.mode = SBL_MODE_GI;
-    sbl_look_at(view.world_to_view, r->eye[0], r->eye[1], r->eye[2], r->at[0], r->at[1], r->at[2], r->up[0], r->up[1],
-                r->up[2]);
-    sbl_perspective(view.view_to_clip, r->fov, 1);
     desc.get_gl_function = gl_function;
     ok = sbl_create(&desc, &context) == SBL_SUCCESS;
     for (run = 0; run <= settings.runs && ok; run++) {  /* run 0 compiles shaders */
@@ -138,12 +112,10 @@ int main(int argc, char **argv) {
         else named = 1;
     }
     if (!host_gl_open("bench_watch")) return 1;
-    for (k = 0; k < (int)(sizeof rooms / sizeof *rooms); k++) {
-        FILE *there = fopen(rooms[k].file, "rb");
+    for (k = 0; k < BENCH_ROOMS; k++) {
         int wanted = !named;
-        for (i = 1; i < argc; i++) wanted = wanted || strcmp(argv[i], rooms[k].name) == 0;
-        if (there) fclose(there);
-        if (there && wanted) ok = measure(&rooms[k]) && ok;
+        for (i = 1; i < argc; i++) wanted = wanted || strcmp(argv[i], bench_rooms[k].name) == 0;
+        if (wanted && bench_room_exists(&bench_rooms[k])) ok = measure(&bench_rooms[k]) && ok;
     }
     if (settings.trace) fclose(settings.trace);
     host_gl_close();
