@@ -221,13 +221,13 @@ static int is_display(sbl_channel channel) {
    values do not contain yet; chosen: the whole exposure */
 static void warn_of_extremes(messages *said, const image *picture, double stops, double chosen) {
     const size_t pixels = (size_t)picture->width * (size_t)picture->height;
-    const float white = 0.995f, black = 0.0002f;  /* what 8-bit sRGB rounds to 255 and 0 */
     const float scale = (float)pow(2, stops);
     size_t i, whites = 0, blacks = 0;
     for (i = 0; i < pixels; i++) {
-        const float *v = picture->values + 3 * i;
-        whites += v[0] * scale >= white && v[1] * scale >= white && v[2] * scale >= white;
-        blacks += v[0] * scale < black && v[1] * scale < black && v[2] * scale < black;
+        unsigned char rgb[3];
+        sbl_encode_srgb8(rgb, picture->values + 3 * i, 3, scale);
+        whites += rgb[0] == 255 && rgb[1] == 255 && rgb[2] == 255;
+        blacks += rgb[0] == 0 && rgb[1] == 0 && rgb[2] == 0;
     }
     if (10 * whites > pixels)
         warn_later(said, "%.0f %% of the picture is white: a lower --exposure shows it darker (chosen: %.1f)",
@@ -413,14 +413,13 @@ static void advise(const sbl_stats *s, char *out, size_t size) {
     else snprintf(out, size, "sensors measured as often as they may; a larger --filter-radius would help");
 }
 
-static void tell_missed_target(const sbl_stats *s) {
+static void warn_of_missed_target(messages *said, const sbl_stats *s) {
     const double target = (double)s->picture.target_error, expected = (double)s->picture.expected_error;
     char help[256];
     if (!(target > 0) || !(expected > 1.1 * target) || given[RAYS] || given[THRESHOLD]) return;
     if (expected > 1) return;  /* errors are relative to the mean, which is almost 0: the picture is black */
     advise(s, help, sizeof help);
-    warn("%s: the predicted error is %.2g %%, %.2g %% was asked: %s", common.output, 100 * expected, 100 * target,
-         help);
+    warn_later(said, "the predicted error is %.2g %%, %.2g %% was asked: %s", 100 * expected, 100 * target, help);
 }
 
 /* ---- the whole tool ---- */
@@ -480,7 +479,7 @@ static int render(const tool_task *task, double *seconds) {
     if (status == DONE && bar.shown)
         fprintf(stderr, "%s: %d x %d, %.0f sensors, %.1f s\n", common.output, picture.width, picture.height,
                 (double)stats.sensors.count, *seconds);
-    if (status == DONE && !given[QUIET] && !given[INSPECT]) tell_missed_target(&stats);
+    if (status == DONE && !given[INSPECT]) warn_of_missed_target(task->said, &stats);
     return status;
 }
 

@@ -1483,7 +1483,7 @@ TEST(substitutions_are_named) {
 TEST(a_missed_target_is_said) {
     room_obj();
     CHECK(TOOL(ROOM, "--target-error", "0.05%", "-o", "room.pfm") == 0 && ran.err_lines == 1 &&
-              said("room.pfm: the predicted error is ") && said(" %, 0.05 % was asked: stored light limits it; "
+              said("room.obj: the predicted error is ") && said(" %, 0.05 % was asked: stored light limits it; "
                    "--max-bounce-cells 4096 may help\n"), "stored light: exit status %d: %s", ran.status, ran.err);
     CHECK(TOOL(ROOM, RASTER, "-o", "room.pfm") == 0 && ran.err_lines == 1 && said(" %, 1.5 % was asked: by default, a "
                "sensor may measure only so often; --target-error 1.5% allows more"), "rays: exit status %d: %s",
