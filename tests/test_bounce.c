@@ -75,17 +75,23 @@ static void scale_sites(float scale) {
     }
 }
 
-/* Measures R at all sites. */
-static int gather(sbl_mode mode, sbl_backend backend, int rays) {
+/* Returns the descriptor that measures R at all sites. */
+static sbl_readings_desc readings_of(sbl_mode mode, sbl_backend backend) {
     sbl_readings_desc desc;
-    sbl_result result;
     memset(&desc, 0, sizeof desc);
-    memset(readings, 0xff, sizeof readings);
     desc.sites = sites;
     desc.readings = readings;
     desc.site_count = site_count;
     desc.options.mode = mode;
     desc.options.backend = backend;
+    return desc;
+}
+
+/* Measures R at all sites. */
+static int gather(sbl_mode mode, sbl_backend backend, int rays) {
+    sbl_readings_desc desc = readings_of(mode, backend);
+    sbl_result result;
+    memset(readings, 0xff, sizeof readings);
     desc.options.rays = rays;
     desc.options.sensor_size = 32;
     result = sbl_gather_readings(context, &desc);
@@ -1084,12 +1090,7 @@ TEST(more_meshes_than_samples) {
     scene.max_bounce_cells = 1024;
     site_count = 0;
     add_site(0.5, 0.51, 0.5, 0, 1, 0, 1);
-    memset(&desc, 0, sizeof desc);
-    desc.sites = sites;
-    desc.readings = readings;
-    desc.site_count = site_count;
-    desc.options.mode = SBL_MODE_GI;
-    desc.options.backend = SBL_BACKEND_TRACE;
+    desc = readings_of(SBL_MODE_GI, SBL_BACKEND_TRACE);
     desc.options.progress = give_up;
     desc.options.progress_user = &calls;
     CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
