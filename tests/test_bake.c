@@ -482,18 +482,25 @@ TEST(a_full_disk_is_said) {
     CHECK(!exists("full/lightmap.pfm") && !exists("full/atlas.pfm"), "an incomplete file is left");
 }
 
-/* Interrupted early, the tool writes nothing; later, it writes the light so far. */
+/* Interrupted early, the tool works on for a moment. It writes what there is then, if anything, and says so; later, it
+   writes the light so far. */
 TEST(interrupted) {
     static const char *const early[] = { "room.gltf", "--lightmap", "2048", "--rays", "4096", "--tile", "1", "-o",
         "early", NULL };
     static const char *const late[] = { "room.gltf", "--lightmap", "1024", "--mode", "ambient", "--rays", "4096",
         "--threshold", "0", "-o", "late", NULL };
     picture light;
+    int kept;
     write_scene("room.gltf", apart, 1);
     if (!interrupt_at(early, 0, SIGINT)) SKIP("no pseudo-terminals");
-    CHECK(ran.status == 130 && said("interrupted; ") && !exists("early/lightmap.partial.pfm") &&
-          !exists("early/lightmap.pfm"), "exit status %d: %s",
-          ran.status, ran.err);
+    light = read_pfm("early/lightmap.partial.pfm");
+    kept = light.values != NULL;
+    CHECK(ran.status == 130 && said(kept ? "interrupted; the unfinished lightmap ("
+                                         : "interrupted; there is no light yet") &&
+          exists("early/lightmap.partial.pfm") == kept && !exists("early/lightmap.pfm") && !parts_left(),
+          "exit status %d, %s is kept: %s", ran.status, kept ? "light" : "nothing", ran.err);
+    CHECK(!kept || light.width == 2048, "the unfinished lightmap is %d wide", light.width);
+    free(light.values);
     CHECK(interrupt_at(late, 5, SIGTERM) && ran.status == 143 && said("unfinished lightmap ("), "exit status %d: %s",
           ran.status, ran.err);
     light = read_pfm("late/lightmap.partial.pfm");
