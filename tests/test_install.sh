@@ -6,7 +6,7 @@ cd "$(dirname "$0")/.." || exit 1
 . tests/support/check.sh
 umask 077  # strict, as root's may be; others must be able to read the installed files anyway
 
-prefix="$folder/prefix" stage="$folder/a stage"
+prefix="$folder/a prefix" stage="$folder/a stage"  # spaces must not end a path
 list() { (cd "$1" && find . -type f | sort); }
 cat > "$folder/expected" << 'END'
 ./bin/sbl_bake
@@ -69,7 +69,7 @@ with_pkg_config() {
     export PKG_CONFIG_PATH="$prefix/share/pkgconfig"
     [ "$(pkg-config --modversion sbl)" = "$version" ] &&
     [ "$(pkg-config --variable=includedir sbl)" = "$prefix/include" ] &&
-    gcc "$folder/program.c" $(pkg-config --cflags --libs sbl) -o "$folder/by_pkg_config" &&
+    eval "gcc \"$folder/program.c\" $(pkg-config --cflags --libs sbl) -o \"$folder/by_pkg_config\"" &&
     program_says "$folder/by_pkg_config"
 }
 check with_pkg_config with_pkg_config

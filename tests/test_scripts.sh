@@ -194,6 +194,41 @@ unwrap_box() {
 }
 check unwrap_without_blender unwrap_without_blender
 check unwrap_usage unwrap_usage
+# A program named blender that only says that it was called, so that the checks before it are tested without Blender.
+mkdir -p "$folder/stub" "$folder/inside/deep"
+printf '#!/bin/sh\necho "unwrap: called"\n' > "$folder/stub/blender"
+chmod +x "$folder/stub/blender"
+unwrap_stub() { PATH="$folder/stub:$PATH" scripts/unwrap "$1" "$folder/u.glb" > "$folder/said" 2>&1; }
+unwrap_accepts() { unwrap_stub "$1" || { cat "$folder/said"; return 1; }; }
+unwrap_refuses() { ! unwrap_stub "$1" && grep -q "^unwrap: $1: " "$folder/said" && ! grep -q called "$folder/said"; }
+unwrap_stops() {
+    printf '#!/bin/sh\nexec sleep 60\n' > "$folder/stub/blender"
+    ! UNWRAP_LIMIT=1 unwrap_stub examples/scenes/cornell_box.obj && grep -q 'blender failed' "$folder/said"
+}
+echo secret > "$folder/secret"
+ln -s ../secret "$folder/inside/link"
+mkfifo "$folder/inside/pipe"
+# unwrap_files VERDICT CASE NAME: a scene that names a buffer, a material library and a texture like this
+unwrap_files() {
+    printf '{ "buffers": [{ "byteLength": 1, "uri": "%s" }] }\n' "$3" > "$folder/inside/buffer.gltf"
+    printf '{ "images": [{ "extensions": { "X": { "uri": "%s" } } }] }\n' "$3" > "$folder/inside/picture.gltf"
+    printf 'mtllib %s\nv 0 0 0\n' "$3" > "$folder/inside/library.obj"
+    printf 'newmtl m\nmap_Kd -o 0.5 0.5 0 %s\n' "$3" > "$folder/inside/texture.mtl"
+    printf 'mtllib \\\ntexture.mtl\nv 0 0 0\n' > "$folder/inside/texture.obj"
+    for kind in buffer.gltf picture.gltf library.obj texture.obj; do
+        check "unwrap_$1_${2}_${kind%.*}" "unwrap_$1" "$folder/inside/$kind"
+    done
+}
+unwrap_files accepts inside deep/none.png
+unwrap_files refuses above ../secret
+unwrap_files refuses absolute "$folder/secret"
+unwrap_files refuses link link
+unwrap_files refuses pipe pipe
+unwrap_files refuses roundabout deep/../../secret
+check unwrap_refuses_an_encoded_name eval "printf '{ \"buffers\": [{ \"uri\": \"%%2e%%2e/secret\" }] }' > \
+    '$folder/inside/encoded.gltf'; unwrap_refuses '$folder/inside/encoded.gltf'"
+check unwrap_refuses_a_pipe unwrap_refuses "$folder/inside/pipe"
+check unwrap_stops unwrap_stops
 if command -v blender > /dev/null; then check unwrap_box unwrap_box; else skip unwrap_box "no blender"; fi
 
 report
