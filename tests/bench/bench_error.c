@@ -1,0 +1,439 @@
+/* Compares sbl.h with a path tracer in furnished rooms that are made from seeds, and the error that it predicts with
+   the true one. Rooms with even seeds are for tuning; those with odd seeds are held out and only judge.
+       build/bench_error                       rooms 0 to 11 at target errors of 0.8, 1.5 and 3 %
+       build/bench_error --rooms 3-9,24 --error 0.015
+       build/bench_error --error 0             1024 rays at every pixel and no filter, so that what is left is the
+                                               error of stored light; `predicted` is then that of stored light
+       build/bench_error --pictures FOLDER     also writes R, the predicted error and the truth of each room there
+   True pictures are kept in build/truth; increase VERSION when rooms change. One takes half a minute of CPU. All errors are shares of the mean R; the noise of the true picture is taken out. */
+#define _POSIX_C_SOURCE 200809L  /* clock_gettime */
+#include <ctype.h>
+#include <errno.h>
+#include <math.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <time.h>
+#include "../../sbl.h"
+#include "../../examples/host_gl.h"
+#include "../support/reference.h"
+#include "bench_furnished.h"
+#include "bench_truth.h"
+
+enum { VERSION = 1, WIDTH = 128, HEIGHT = 96, PIXELS = WIDTH * HEIGHT, SAMPLES = 192, ROOMS_MOST = 256 };
+
+typedef struct picture { float rgb[3 * PIXELS]; } picture;
+
+/* A room with its truth. `kind` of a pixel: 0: not counted, SMOOTH or EDGE */
+enum { SMOOTH = 1, EDGE = 2 };
+typedef struct room {
+    furnished made;
+    ref_point points[PIXELS];
+    double light[PIXELS], noise[PIXELS];  /* luminance of the true R, and what half of the samples add to it */
+    unsigned char kind[PIXELS];
+    double mean;
+} room;
+
+static double luminance(const float *rgb) {
+    return 0.2126 * (double)rgb[0] + 0.7152 * (double)rgb[1] + 0.0722 * (double)rgb[2];
+}
+
+static double cpu_seconds(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+/* >>files */
+
+static void write_pfm(const char *name, const float *values, int components) {
+    FILE *file = fopen(name, "wb");
+    int y;
+    if (!file) { fprintf(stderr, "bench_error: cannot write %s: %s\n", name, strerror(errno)); exit(1); }
+    fprintf(file, "P%c\n%d %d\n-1\n", components == 3 ? 'F' : 'f', WIDTH, HEIGHT);
+    for (y = HEIGHT - 1; y >= 0; y--) fwrite(values + y * WIDTH * components, 4, (size_t)(WIDTH * components), file);
+    fclose(file);
+}
+
+/* Reads what write_pfm wrote with three components. Returns 0 if there is no such file. */
+static int read_pfm(const char *name, picture *out) {
+    FILE *file = fopen(name, "rb");
+    int width = 0, height = 0, y, ok;
+    if (!file) return 0;
+    ok = fscanf(file, "PF\n%d %d\n-1", &width, &height) == 2 && fgetc(file) == '\n' && width == WIDTH &&
+         height == HEIGHT;
+    for (y = HEIGHT - 1; ok && y >= 0; y--) ok = fread(out->rgb + 3 * y * WIDTH, 12, WIDTH, file) == WIDTH;
+    fclose(file);
+    return ok;
+}
+
+/* >>rooms with their truth */
+
+/* Reads the true picture from build/truth, or makes it. half: from the first half of the samples */
+static void room_truth(const room *r, unsigned seed, picture *full, picture *half) {
+    char name[2][80];
+    picture *other = (picture *)malloc(sizeof *other);
+    float *halves[2];
+    int i;
+    if (!other) abort();
+    for (i = 0; i < 2; i++)
+        snprintf(name[i], sizeof name[i], "build/truth/%u_%dx%d_v%d%s.pfm", seed, WIDTH, HEIGHT, (int)VERSION,
+                 i ? ".half" : "");
+    if (!read_pfm(name[0], full) || !read_pfm(name[1], half)) {
+        furnished *fine = (furnished *)calloc(1, sizeof *fine);  /* the same room of smaller triangles, for the guide */
+        truth *t;
+        if (!fine) abort();
+        fine->piece = 0.2;
+        furnished_make(fine, seed, WIDTH, HEIGHT);
+        t = truth_create(&fine->scene, fine->windows, fine->window_count);
+        fprintf(stderr, "making the true picture of room %u\n", seed);
+        halves[0] = half->rgb;
+        halves[1] = other->rgb;
+        truth_render(t, r->points, PIXELS, SAMPLES, halves);
+        truth_destroy(t);
+        furnished_free(fine);
+        free(fine);
+        for (i = 0; i < 3 * PIXELS; i++) full->rgb[i] = 0.5f * (half->rgb[i] + other->rgb[i]);
+        mkdir("build", 0777);
+        mkdir("build/truth", 0777);
+        write_pfm(name[0], full->rgb, 3);
+        write_pfm(name[1], half->rgb, 3);
+    }
+    free(other);
+}
+
+/* Returns 1 if two neighbours show different surfaces, or if light jumps between them by more than noise explains. */
+static int room_edge_between(const room *r, int a, int b, double noise) {
+    const ref_point *p = &r->points[a], *q = &r->points[b];
+    const double jump = fabs(r->light[a] - r->light[b]), most = fmax(r->light[a], r->light[b]);
+    if (p->mesh != q->mesh || v3_dot(p->face, q->face) < 0.9) return 1;
+    if (fabs(v3_dot(p->face, v3_sub(q->position, p->position))) > 1e-3) return 1;
+    return jump > 0.2 * most && jump > 5 * noise * most;
+}
+
+static void room_classify(room *r) {
+    double noise2 = 0, light2 = 0;
+    int i, x, y;
+    for (i = 0; i < PIXELS; i++) { noise2 += r->noise[i] * r->noise[i]; light2 += r->light[i] * r->light[i]; }
+    for (i = 0; i < PIXELS; i++) r->kind[i] = r->kind[i] ? SMOOTH : 0;
+    for (y = 0; y < HEIGHT; y++)
+        for (x = 0; x < WIDTH; x++)
+            for (i = 0; i < 2; i++) {
+                const int a = y * WIDTH + x, b = a + (i ? WIDTH : 1);
+                if (i ? y + 1 == HEIGHT : x + 1 == WIDTH) continue;
+                if (r->kind[a] && r->kind[b] && !room_edge_between(r, a, b, sqrt(2 * noise2 / light2))) continue;
+                if (r->kind[a]) r->kind[a] = EDGE;
+                if (r->kind[b]) r->kind[b] = EDGE;
+            }
+}
+
+static room *room_make(unsigned seed) {
+    room *r = (room *)calloc(1, sizeof *r);
+    picture *full = (picture *)malloc(sizeof *full), *half = (picture *)malloc(sizeof *half);
+    ref_scene *scene;
+    double count = 0;
+    int i;
+    if (!r || !full || !half) abort();
+    furnished_make(&r->made, seed, WIDTH, HEIGHT);
+    scene = ref_create(&r->made.scene);
+    for (i = 0; i < PIXELS; i++) {
+        const ref_point *p = &r->points[i];
+        r->points[i] = ref_pixel(scene, &r->made.view, i % WIDTH, i / WIDTH);
+        r->kind[i] = p->hit && !(p->emission[0] > 0);
+    }
+    ref_destroy(scene);
+    room_truth(r, seed, full, half);
+    for (i = 0; i < PIXELS; i++) {
+        r->light[i] = luminance(full->rgb + 3 * i);
+        r->noise[i] = luminance(half->rgb + 3 * i) - r->light[i];
+        if (r->kind[i]) { r->mean += r->light[i]; count++; }
+    }
+    r->mean /= count;
+    room_classify(r);
+    free(full);
+    free(half);
+    return r;
+}
+
+static void room_free(room *r) {
+    furnished_free(&r->made);
+    free(r);
+}
+
+/* >>measuring */
+
+static double root(double x) { return x < 0 ? -sqrt(-x) : sqrt(x); }
+
+/* Returns the relative error of means over blocks of pixels; below 0 if it is smaller than its own uncertainty. */
+static double block_error(const room *r, const double *error, int side, int kinds) {
+    double squares = 0, count = 0;
+    int x, y, i;
+    for (y = 0; y < HEIGHT; y += side)
+        for (x = 0; x < WIDTH; x += side) {
+            double sum = 0, noise = 0, n = 0;
+            for (i = 0; i < side * side; i++) {
+                const int at = (y + i / side) * WIDTH + x + i % side;
+                if (!(r->kind[at] & kinds)) continue;
+                sum += error[at]; noise += r->noise[at]; n++;
+            }
+            if (n > 0) squares += (sum * sum - noise * noise) / n;
+            count += n;
+        }
+    return count > 0 ? root(squares / count) / r->mean : 0;
+}
+
+/* Returns the root mean square of predicted errors over pixels of these kinds. */
+static double predicted_error(const room *r, const float *predicted, int kinds) {
+    double squares = 0, count = 0;
+    int i;
+    for (i = 0; i < PIXELS; i++)
+        if (r->kind[i] & kinds) { squares += (double)predicted[i] * (double)predicted[i]; count++; }
+    return count > 0 ? sqrt(squares / count) / r->mean : 0;
+}
+
+static int ascending(const void *a, const void *b) {
+    const double x = *(const double *)a, y = *(const double *)b;
+    return x < y ? -1 : x > y;
+}
+
+/* Returns the 99.9th percentile of |error| / R. */
+static double worst_error(const room *r, const double *error) {
+    static double all[PIXELS];
+    int i, count = 0;
+    for (i = 0; i < PIXELS; i++)
+        if (r->kind[i]) all[count++] = fabs(error[i]) / fmax(r->light[i], 0.01 * r->mean);
+    qsort(all, (size_t)count, sizeof *all, ascending);
+    return count ? all[(int)(0.999 * count)] : 0;
+}
+
+/* Solves a symmetric system of three equations by Cramer's rule; m: xx xy xz yy yz zz. Returns 0 if it is singular. */
+static int solve3(const double m[6], const double b[3], double out[3]) {
+    const double c0 = m[3] * m[5] - m[4] * m[4], c1 = m[2] * m[4] - m[1] * m[5], c2 = m[1] * m[4] - m[2] * m[3];
+    const double det = m[0] * c0 + m[1] * c1 + m[2] * c2;
+    if (!(fabs(det) > 1e-6 * m[0] * m[0] * m[0])) return 0;
+    out[0] = (c0 * b[0] + c1 * b[1] + c2 * b[2]) / det;
+    out[1] = (c1 * b[0] + (m[0] * m[5] - m[2] * m[2]) * b[1] + (m[1] * m[2] - m[0] * m[4]) * b[2]) / det;
+    out[2] = (c2 * b[0] + (m[1] * m[2] - m[0] * m[4]) * b[1] + (m[0] * m[3] - m[1] * m[1]) * b[2]) / det;
+    return 1;
+}
+
+/* Returns how far a pixel stands out: its distance from the plane fitted to the light of smooth pixels of the same
+   surface in the 15 x 15 pixels around it, over their standard deviation from that plane, at least 0.2 % of the light.
+   0: it has too few neighbours. */
+static double speck(const room *r, const double *light, int at) {
+    double m[6] = { 0 }, b[3] = { 0 }, plane[3], squares = 0, variance;
+    int i, n = 0;
+    for (i = 0; i < 225; i++) {
+        const int dx = i % 15 - 7, dy = i / 15 - 7, x = at % WIDTH + dx, y = at / WIDTH + dy, k = y * WIDTH + x;
+        if (i == 112 || x < 0 || y < 0 || x >= WIDTH || y >= HEIGHT || r->kind[k] != SMOOTH) continue;
+        if (r->points[k].mesh != r->points[at].mesh || v3_dot(r->points[k].face, r->points[at].face) < 0.98) continue;
+        m[0]++; m[1] += dx; m[2] += dy; m[3] += dx * dx; m[4] += dx * dy; m[5] += dy * dy;
+        b[0] += light[k]; b[1] += dx * light[k]; b[2] += dy * light[k];
+        squares += light[k] * light[k];
+        n++;
+    }
+    if (n < 60 || !solve3(m, b, plane)) return 0;
+    variance = fmax(squares - plane[0] * b[0] - plane[1] * b[1] - plane[2] * b[2], 0) / (n - 3);
+    return fabs(light[at] - plane[0]) / fmax(sqrt(variance), 0.002 * fabs(plane[0]) + 1e-30);
+}
+
+static double worst_speck(const room *r, const double *light) {
+    double most = 0;
+    int i;
+    for (i = 0; i < PIXELS; i++) if (r->kind[i] == SMOOTH) most = fmax(most, speck(r, light, i));
+    return most;
+}
+
+/* >>rows */
+
+typedef struct row { double target, predicted, pixel; unsigned seed; } row;
+
+/* Renders a room and prints a row. target: 0: error of stored light alone */
+static int measure(sbl_context *context, const room *r, const char *folder, row *out) {
+    static float R[3 * PIXELS], predicted[PIXELS];
+    static double light[PIXELS], error[PIXELS];
+    sbl_picture_desc view = r->made.view;
+    double seconds = cpu_seconds(), bias = 0, count = 0, edges = 0, all = 0;
+    int i;
+    view.facet_limit = -1;
+    view.target_error = (float)out->target;
+    if (!(out->target > 0)) { view.tile = 1; view.options.rays = 1024; view.filter_radius = -1; }
+    if (sbl_set_scene(context, &r->made.scene) != SBL_SUCCESS || sbl_render_picture(context, &view) != SBL_SUCCESS ||
+        sbl_read_channel(context, SBL_CHANNEL_RADIANCE, R, 3 * PIXELS) != SBL_SUCCESS ||
+        sbl_read_channel(context, SBL_CHANNEL_ERROR, predicted, PIXELS) != SBL_SUCCESS) return 0;
+    seconds = cpu_seconds() - seconds;
+    for (i = 0; i < PIXELS; i++) {
+        light[i] = luminance(R + 3 * i);
+        error[i] = light[i] - r->light[i];
+        if (!r->kind[i]) continue;
+        bias += error[i]; count++;
+        all += error[i] * error[i] - r->noise[i] * r->noise[i];
+        if (r->kind[i] == EDGE) edges += error[i] * error[i] - r->noise[i] * r->noise[i];
+    }
+    out->pixel = block_error(r, error, 1, SMOOTH | EDGE);
+    out->predicted = out->target > 0 ? predicted_error(r, predicted, SMOOTH | EDGE)
+                                     : (double)sbl_query_stats(context).picture.stored_error;
+    printf("%4u %4.1f | %5.2f %5.2f %5.2f | %5.2f %5.2f %+5.2f | %5.2f %5.2f %3.0f | %5.2f %5.2f | %5.0f %4.1f | %5.1f",
+           out->seed, 100 * out->target, 100 * out->predicted, 100 * out->pixel, out->predicted / out->pixel,
+           100 * block_error(r, error, 4, SMOOTH | EDGE), 100 * block_error(r, error, 8, SMOOTH | EDGE),
+           100 * bias / count / r->mean, 100 * predicted_error(r, predicted, EDGE),
+           100 * block_error(r, error, 1, EDGE), 100 * edges / all, 100 * predicted_error(r, predicted, SMOOTH),
+           100 * block_error(r, error, 1, SMOOTH), 100 * worst_error(r, error), worst_speck(r, light), seconds);
+    for (i = 0; i < 3; i++) if (r->made.lights[i]) printf(" %s%s", i ? ", " : "", r->made.lights[i]);
+    printf("\n");
+    fflush(stdout);
+    if (folder) {
+        char name[512];
+        snprintf(name, sizeof name, "%s/%u_%g.R.pfm", folder, out->seed, 100 * out->target);
+        write_pfm(name, R, 3);
+        snprintf(name, sizeof name, "%s/%u_%g.predicted.pfm", folder, out->seed, 100 * out->target);
+        write_pfm(name, predicted, 1);
+    }
+    return 1;
+}
+
+/* Prints how predictions agree with the truth over all rooms whose seeds are even (0) or odd (1). */
+static void summarise(const row *rows, int count, int odd) {
+    double sum = 0, squares = 0, least = HUGE_VAL, most = 0;
+    int i, n = 0, within = 0;
+    for (i = 0; i < count; i++) {
+        const double ratio = rows[i].predicted / fmax(rows[i].pixel, 1e-6);
+        if ((int)(rows[i].seed & 1) != odd) continue;
+        sum += log(ratio); squares += log(ratio) * log(ratio); n++;
+        least = fmin(least, ratio); most = fmax(most, ratio);
+        within += ratio > 1 / 1.3 && ratio < 1.3;
+    }
+    if (!n) return;
+    printf("%s: predicted / true %.2f (geometric mean), a factor of %.2f about it; %.2f to %.2f; %d of %d within 1.3\n",
+           odd ? "held out" : "tuning", exp(sum / n), exp(sqrt(fmax(squares / n - sum * sum / n / n, 0))), least, most,
+           within, n);
+}
+
+/* >>checks of the path tracer against closed forms */
+
+static int check(const char *name, const truth *t, v3 p, v3 n, double expected) {
+    ref_point point;
+    float first[3], second[3], *halves[2];
+    double found;
+    memset(&point, 0, sizeof point);
+    point.hit = 1;
+    point.position = p;
+    point.face = n;
+    halves[0] = first;
+    halves[1] = second;
+    truth_render(t, &point, 1, 40000, halves);
+    found = 0.5 * ((double)first[1] + (double)second[1]);
+    if (fabs(found / expected - 1) < 0.01) return 1;
+    fprintf(stderr, "bench_error: the path tracer is wrong: %s: %g instead of %g\n", name, found, expected);
+    return 0;
+}
+
+/* A room of 2 x 2 x 2 m with an opening in the wall x = 0, or a lamp 30 cm in front of it, or without either. */
+static int check_room(int opening, int lamp, double albedo, double glow, double expected) {
+    furnished *f = (furnished *)calloc(1, sizeof *f);
+    const furnished_hole hole = { 0.5, 1.3, 0.6, 1.5 };
+    const double rgb[3] = { albedo, albedo, albedo }, low[2] = { 0.6, 0.7 }, high[2] = { 1.5, 1.5 };
+    const double corner[2] = { 0, 0 }, opposite[2] = { 2, 2 };
+    const v3 p = v3_of(1.2, 0, 0.9), n = v3_of(0, 1, 0);
+    v3 corners[4];
+    truth *t;
+    int k, ok;
+    if (!f) abort();
+    f->size[0] = f->size[1] = f->size[2] = 2;
+    furnished_begin(f, rgb, 0, 2, REF_PI / 2);
+    furnished_wall(f, 2, &hole, opening, 0, 0);
+    furnished_begin(f, rgb, 0, 0, 0);
+    for (k = 1; k < 6; k++) furnished_rectangle(f, k / 2, k & 1 ? 2 : 0, corner, opposite);
+    if (glow > 0) furnished_box(f, 0.4, 0, 0.4, 0.8, 1.2, 1.5);
+    for (k = 0; k < f->scene.mesh_count && glow > 0; k++)
+        f->materials[k].emission[0] = f->materials[k].emission[1] = f->materials[k].emission[2] = (float)glow;
+    if (opening) {
+        furnished_window *w = &f->windows[f->window_count++];
+        w->corner = v3_of(0, 0.6, 1.5); w->across = v3_of(0, 0, -0.8); w->up = v3_of(0, 0.9, 0);
+        corners[0] = w->corner; corners[1] = v3_add(w->corner, w->across);
+        corners[2] = v3_add(corners[1], w->up); corners[3] = v3_add(w->corner, w->up);
+        for (k = 0; k < 3; k++) f->scene.sky[k] = 2;
+    }
+    if (lamp) {
+        furnished_begin(f, rgb, 0, 0, 0);
+        furnished_rectangle(f, 0, 0.3, low, high);
+        furnished_glow(f, 2 / 0.85 * 0.72, 0.72);
+        for (k = 0; k < 4; k++) corners[k] = v3_of(0.3, k > 1 ? 1.5 : 0.6, k == 1 || k == 2 ? 1.5 : 0.7);
+    }
+    if (lamp || opening) expected = 2 * ref_polygon(p, n, corners, 4);
+    furnished_finish(f);
+    t = truth_create(&f->scene, f->windows, f->window_count);
+    ok = check(lamp ? "lamp" : opening ? "window" : "furnace", t, p, n, expected);
+    truth_destroy(t);
+    furnished_free(f);
+    free(f);
+    return ok;
+}
+
+static int check_truth(void) {
+    return check_room(0, 0, 0.7, 0.3, 1) & check_room(0, 1, 0, 0, 0) & check_room(1, 0, 0, 0, 0);
+}
+
+/* >>main */
+
+/* Reads a list such as 0-5,12. Returns the number of seeds, or 0. */
+static int read_seeds(const char *text, unsigned seeds[ROOMS_MOST]) {
+    int count = 0;
+    while (isdigit((unsigned char)*text)) {
+        char *end;
+        unsigned long from = strtoul(text, &end, 10), to = from;
+        if (*end == '-') to = strtoul(end + 1, &end, 10);
+        for (; from <= to && count < ROOMS_MOST; from++) seeds[count++] = (unsigned)from;
+        text = *end == ',' ? end + 1 : end;
+    }
+    return *text ? 0 : count;
+}
+
+static int usage(void) {
+    fprintf(stderr, "usage: bench_error [--rooms 0-11] [--error 0.008]... [--pictures FOLDER]\n");
+    return 2;
+}
+
+int main(int argc, char **argv) {
+    static unsigned seeds[ROOMS_MOST];
+    static row rows[16 * ROOMS_MOST];
+    sbl_context_desc desc = { 0 };
+    sbl_context *context = NULL;
+    const char *folder = NULL;
+    double targets[16];
+    int i, k, count = read_seeds("0-11", seeds), target_count = 0, row_count = 0, ok = 1;
+    for (i = 1; i < argc; i++) {
+        if (i + 1 == argc) return usage();
+        if (strcmp(argv[i], "--rooms") == 0) { if (!(count = read_seeds(argv[++i], seeds))) return usage(); }
+        else if (strcmp(argv[i], "--error") == 0 && target_count < 16) targets[target_count++] = atof(argv[++i]);
+        else if (strcmp(argv[i], "--pictures") == 0) folder = argv[++i];
+        else return usage();
+    }
+    if (!target_count) { targets[0] = 0.008; targets[1] = 0.015; targets[2] = 0.03; target_count = 3; }
+    if (!check_truth() || !host_gl_open("bench_error")) return 1;
+    if (sbl_create(&desc, &context) != SBL_SUCCESS) return 1;
+    printf("room, target | predicted, true, predicted/true | 4x4, 8x8, bias | edge pixels: predicted, true, share of "
+           "squared error | smooth pixels: predicted, true | 99.9th percentile of |error|/R, speck | seconds of CPU, light; errors in %%\n");
+    for (i = 0; i < count; i++) {
+        room *r = room_make(seeds[i]);
+        if (i == 0) {  /* compiles shaders */
+            r->made.view.target_error = 0.5f;
+            ok = sbl_set_scene(context, &r->made.scene) == SBL_SUCCESS &&
+                 sbl_render_picture(context, &r->made.view) == SBL_SUCCESS;
+        }
+        for (k = 0; k < target_count && ok; k++) {
+            rows[row_count].seed = seeds[i];
+            rows[row_count].target = targets[k];
+            ok = measure(context, r, folder, &rows[row_count++]);
+        }
+        room_free(r);
+        if (!ok) return fprintf(stderr, "bench_error: room %u failed\n", seeds[i]), 1;
+    }
+    summarise(rows, row_count, 0);
+    summarise(rows, row_count, 1);
+    sbl_destroy(context);
+    host_gl_close();
+    return 0;
+}
