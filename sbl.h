@@ -13977,7 +13977,7 @@ static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, floa
         to[3] = SBL__MAX(least, sbl__noise(r, p));  /* not below the mean noise of the tile's sensors, because the
                                                        few rays of this one may agree by chance */
         p->error = sbl__pixel_error(r, p, c->noise2);
-    } else {
+    } else if (p->occlusion != SBL__HIDDEN) {  /* hidden texels are orphans: light does not go on under things */
         sbl__interpolate(r, c, x, y, f->layer, &m);
         lit = m.covered > 0;
         for (k = 0; k < 3 && lit; k++) {

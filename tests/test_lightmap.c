@@ -319,8 +319,8 @@ TEST(charts_keep_their_light) {
 
 /* >>hidden texels */
 
-/* A plate that emits to both sides lies on a floor, a thousandth of a texel above it. Its light on the covered texels
-   must not show around it. */
+/* A plate that emits to both sides lies on a floor, 0.03 texels above it. Its light on the covered texels, which is 20,
+   must not show around it. Beside its edge the plate does light the floor: by 0.5 on average over half a texel. */
 TEST(what_lies_on_a_floor_does_not_shine_out) {
     static test_scene s;
     sbl_lightmap_desc desc = map_of(64, 64, SBL_MODE_DIRECT);
@@ -342,7 +342,7 @@ TEST(what_lies_on_a_floor_does_not_shine_out) {
             const float R = final[3 * (y * 64 + x)];
             const double u = ((x + 0.5) / 64 - 0.5) / 0.47, v = ((y + 0.5) / 64 - 0.5) / 0.47;
             under += fabs(u) < 0.2 && fabs(v) < 0.2;
-            bright += R > 0.4f;  /* close to its edge the plate does light the floor */
+            bright += R > 0.8f;
             dark += R < 0.05f;
         }
     CHECK(bright == 0 && dark == 0 && under > 100, "%d texels are too bright, %d too dark; %d are covered", bright,
