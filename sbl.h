@@ -336,9 +336,11 @@
    Space between charts: leave at least four texels, and twice as many for each mip level that you sample. FINAL is
    continued into this space, half of it from either chart.
 
-   Hidden texels get the light of their neighbours, because their own darkness would show beside the thing that hides
-   them. A texel is hidden if something lies on it, closer than about half a texel. In SBL_MODE_GI a texel that no light
-   reaches at all lies inside something and is hidden too. So are texels close to the border of a hidden area.
+   A texel shows the light of that part of its surface that can be seen. If something lies on the texel's centre, or if
+   the centre stands in a narrow gap, rays search the texel for places from which light can leave, and the texel shows
+   the median over up to eight of them. This needs traced sensors. A texel without such places is hidden and gets the
+   light of its neighbours, because its own darkness would show beside the thing that hides it. In SBL_MODE_GI a texel
+   that no light reaches at all lies inside something and is treated in the same way.
 
    Seams: where charts meet in the world and their normals agree, FINAL is changed as little as possible so that
    bilinear samples are equal on both sides. Light that differs by half or more is left as it is, because something
@@ -348,6 +350,7 @@
    which measures several places per texel. A value of 2 takes about twice the time.
 
    Overlaps: if charts overlap or leave the map, a warning names the first place; SBL_CHANNEL_OVERLAP shows overlaps.
+   Triangles without area in the map are counted by a warning. If there are no others, the bake is an error.
 
    Normal maps need light from several directions. If `directional` is set, the channels SH_0 to SH_3 hold this light as
    spherical harmonics, see sbl_channel. These four alone would give
@@ -7265,6 +7268,7 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
 #define SBL__ATLAS_FAR 1e30f    /* squared distance that counts for a texel that shows no triangle yet */
 #define SBL__ATLAS_WELL -1.0f   /* not a distance: the texel's centre lies well inside the triangle */
 #define SBL__ATLAS_EDGE -0.5f   /* not a distance: it lies inside, near an edge; a neighbour may contain it too */
+#define SBL__ATLAS_LINE 1e-6    /* a triangle is a line in the map if its height is at most this share of its length */
 #define SBL__ATLAS_INSIDE 1e-3  /* a centre lies well inside if all its barycentric weights are at least this */
 /* If a texel's centre is not well inside its triangle, the texel's sensor is moved towards the triangle's centroid by
    SBL__ATLAS_INSET texels, but at most by the share SBL__ATLAS_INSET_MOST of the way. Otherwise a sensor at the edge of
@@ -7289,6 +7293,7 @@ typedef struct sbl__atlas {
     int charts;                 /* number of charts */
     double world_area, area;    /* total area of the triangles, in world space and in square texels */
     int overlapping, outside;   /* numbers of texels where triangles overlap, and of triangles partly off the map */
+    int triangles, degenerate;  /* numbers of baked triangles, and of those that have no area in the map only */
 } sbl__atlas;
 
 static void sbl__atlas_free(sbl__base *base, sbl__atlas *a) {
@@ -7526,6 +7531,17 @@ static void sbl__atlas_warn_outside(sbl__atlas *a, const sbl__atlas_triangle *t)
              outside[0] / a->width, outside[1] / a->height);
 }
 
+/* Returns 1 if a triangle has no area in the map, apart from rounding: it is a line or a point. */
+static int sbl__atlas_is_line(const sbl__atlas_triangle *t) {
+    double longest2 = 0;
+    int i;
+    for (i = 0; i < 3; i++) {
+        const double *p = t->corners[i], *q = t->corners[(i + 1) % 3];
+        longest2 = SBL__MAX(longest2, (q[0] - p[0]) * (q[0] - p[0]) + (q[1] - p[1]) * (q[1] - p[1]));
+    }
+    return fabs(t->area) <= SBL__ATLAS_LINE * longest2;
+}
+
 /* Draws the rows of a triangle, beginning with a->row, until the slice is over. */
 static sbl_result sbl__atlas_rows(sbl__atlas *a, uint32_t number, sbl__slice *slice) {
     sbl__atlas_triangle t;
@@ -7533,8 +7549,11 @@ static sbl_result sbl__atlas_rows(sbl__atlas *a, uint32_t number, sbl__slice *sl
     sbl__atlas_load(a, number, &t);
     if (a->row == 0) {
         double normal[3];
-        a->world_area += sbl__scene_normal(a->geometry, number, normal);
+        const double area = sbl__scene_normal(a->geometry, number, normal);
+        a->world_area += area;
         a->area += 0.5 * fabs(t.area);
+        a->triangles++;
+        a->degenerate += area > 0 && sbl__atlas_is_line(&t);
         sbl__atlas_warn_outside(a, &t);
     }
     for (a->row = SBL__MAX(a->row, t.rows[0]); a->row <= t.rows[1]; a->row++) {
@@ -7552,6 +7571,17 @@ static float sbl__atlas_texel_size(const sbl__atlas *a) {
     return a->area > 0 ? (float)sqrt(a->world_area / a->area) : 0;
 }
 
+/* Tells how many triangles have no area in the map. Returns an error if no other triangles are left. */
+static sbl_result sbl__atlas_tell_degenerate(const sbl__atlas *a) {
+    const int none = a->degenerate == a->triangles;
+    if (!a->degenerate) return SBL_SUCCESS;
+    sbl__log(a->base, none ? SBL_LOG_ERROR : SBL_LOG_WARNING, SBL_LOG_ITEM_DEGENERATE_TRIANGLES, "lightmap: %d of %d "
+             "triangles have no area in the map, because their lightmap_texcoords lie on a line or in one point; %s",
+             a->degenerate, a->triangles, none ? "there is nothing to bake; unwrap the scene again" :
+             "each shows the light of one line or point; unwrap the scene again if they should show more");
+    return none ? SBL_ERROR_INVALID_ARGUMENT : SBL_SUCCESS;
+}
+
 static sbl_result sbl__atlas_draw(void *work, sbl__slice *slice) {
     sbl__atlas *a = (sbl__atlas *)work;
     int *at = &a->stages.at;
@@ -7567,7 +7597,7 @@ static sbl_result sbl__atlas_draw(void *work, sbl__slice *slice) {
     sbl__free(a->base, a->parents);
     sbl__hash_table_free(a->base, &a->places);
     a->parents = NULL;
-    return SBL_SUCCESS;
+    return sbl__atlas_tell_degenerate(a);
 }
 
 /* The triangles of a texel's chart that the texel and its neighbours show, and the part of the texel around them. */
@@ -14442,7 +14472,7 @@ static void sbl__gutters_put(sbl__gutters *g, int first, int count) {
 #define SBL__SEAM_DIFFERENT 0.5f  /* light differs much if it differs by more than this share of the brighter side */
 #define SBL__SEAM_CHAIN 16        /* maximum number of edges with the same ends that an edge is compared with */
 #define SBL__SEAM_ROUNDS 4        /* maximum number of solutions per layer */
-#define SBL__SEAM_PRECISION2 1e-10
+#define SBL__SEAM_PRECISION2 1e-8  /* 1e-7 leaves visible jumps; 1e-10 takes twice the time */
 
 /* A point of a seam. Entries 0 to 3 are for its place A in the map, 4 to 7 for B; the weights of B are negative.
    unknowns: texels until the point is added, then numbers of unknowns */
@@ -14624,11 +14654,16 @@ static sbl_result sbl__seams_edge(void *work, int edge) {
 static void sbl__seam_term(void *user, int point, const double *direction, double *product) {
     const sbl__seam_point *p = &((sbl__seams *)user)->points[point];
     double difference[3] = { 0, 0, 0 };
-    int i;
-    for (i = 0; i < 24; i++)
-        difference[i % 3] += (double)p->weights[i / 3] * direction[3 * (size_t)p->unknowns[i / 3] + (size_t)i % 3];
-    for (i = 0; i < 24; i++)
-        product[3 * (size_t)p->unknowns[i / 3] + (size_t)i % 3] += (double)p->weights[i / 3] * difference[i % 3];
+    int i, k;
+    for (i = 0; i < 8; i++) {
+        const double weight = (double)p->weights[i], *from = direction + 3 * (size_t)p->unknowns[i];
+        for (k = 0; k < 3; k++) difference[k] += weight * from[k];
+    }
+    for (i = 0; i < 8; i++) {
+        const double weight = (double)p->weights[i];
+        double *to = product + 3 * (size_t)p->unknowns[i];
+        for (k = 0; k < 3; k++) to[k] += weight * difference[k];
+    }
 }
 
 /* Measures the difference of light across the seam at a point. If a solution follows, also adds the point to the
