@@ -13418,14 +13418,16 @@ static int sbl__place_is_open(const sbl__refine *r, const sbl_reading *reading) 
     return reading->hit_share <= 0 || reading->hit_mean >= r->distance_limit;
 }
 
-/* After the last ray of a texel, chooses places evenly among those whose rays were open. The sensor then starts again. */
+/* After the last ray of a texel, chooses places evenly among those whose rays were open. Then the sensor starts
+   again. */
 static sbl_result sbl__places_take(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const uint32_t number = r->sites[at].number;
     sbl__pixel *p = &r->pixels[number];
     int first = at, all = 0, open = 0, count;
     if (at + 1 < r->site_count && r->sites[at + 1].number == number) return SBL_SUCCESS;
-    for (; first >= 0 && r->sites[first].number == number; first--) all += sbl__place_is_open(r, &r->readings[first]);
+    for (; first >= 0 && r->sites[first].number == number; first--)
+        all += sbl__place_is_open(r, &r->readings[first]);
     count = SBL__MIN(all, SBL__PLACES);
     if (all < SBL__PLACES_OPEN) {
         sbl__refine_hide(r, p);

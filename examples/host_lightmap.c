@@ -458,8 +458,8 @@ static int draw_all(const tool_task *task, double *seconds) {
     else if (result == SBL_UNFINISHED) status = stop("nothing was written");
     else if (result != SBL_SUCCESS) status = fail_with(task->said, files[0], result);
     else if (!read_pfm(path, &lightmap))
-        status = fail("%s: missing, or not a .pfm of finite numbers; sbl_bake %s --lightmap 512 -o %s makes it", path, files[0],
-                      files[1]);
+        status = fail("%s: missing, or not a .pfm of finite numbers; sbl_bake %s --lightmap 512 -o %s makes it", path,
+                      files[0], files[1]);
     else status = show(task->file, &lightmap, r);
     free(lightmap.values);
     free(r);
