@@ -13280,9 +13280,9 @@ static int sbl__places_rank(const sbl__refine *r, int first, int last, int i) {
     return rank;
 }
 
-/* After the last look of a texel with places, replaces its reading by the median over the texel's looks: the mean of the
-   middle quarter. A lamp that lies on a floor lights a few places very brightly, which must not show around it. Returns
-   the number of looks; 0: more looks of the texel follow. */
+/* After the last look of a texel with places, replaces its reading by the median over the texel's looks, which is the
+   mean of the middle quarter. A lamp that lies on a floor lights a few places very brightly, which must not show around
+   it. Returns the number of looks; 0: more looks of the texel follow. */
 static int sbl__places_mean(sbl__refine *r, int at) {
     const uint32_t number = r->sites[at].number;
     float *layers = r->reading_layers;
