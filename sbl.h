@@ -336,9 +336,11 @@
    Space between charts: leave at least four texels, and twice as many for each mip level that you sample. FINAL is
    continued into this space, half of it from either chart.
 
-   Hidden texels get the light of their neighbours, because their own darkness would show beside the thing that hides
-   them. A texel is hidden if something lies on it, closer than about half a texel. In SBL_MODE_GI a texel that no light
-   reaches at all lies inside something and is hidden too. So are texels close to the border of a hidden area.
+   A texel shows the light of that part of its surface that can be seen. If something lies on the texel's centre, or if
+   the centre stands in a narrow gap, rays search the texel for places from which light can leave, and the texel shows
+   the median over up to eight of them. This needs traced sensors. A texel without such places is hidden and gets the
+   light of its neighbours, because its own darkness would show beside the thing that hides it. In SBL_MODE_GI a texel
+   that no light reaches at all lies inside something and is treated in the same way.
 
    Seams: where charts meet in the world and their normals agree, FINAL is changed as little as possible so that
    bilinear samples are equal on both sides. Light that differs by half or more is left as it is, because something
@@ -348,6 +350,7 @@
    which measures several places per texel. A value of 2 takes about twice the time.
 
    Overlaps: if charts overlap or leave the map, a warning names the first place; SBL_CHANNEL_OVERLAP shows overlaps.
+   Triangles without area in the map are counted by a warning. If there are no others, the bake is an error.
 
    Normal maps need light from several directions. If `directional` is set, the channels SH_0 to SH_3 hold this light as
    spherical harmonics, see sbl_channel. These four alone would give
@@ -2798,6 +2801,9 @@ static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const s
         t->textures[i] = colors[i].id;
         t->formats[i] = colors[i].format;
     }
+    for (i = count; i < t->count; i++)  /* a deleted texture stays attached, and limits the target to its size */
+        gl->FramebufferTexture2D(SBL__GL_DRAW_FRAMEBUFFER, SBL__GL_COLOR_ATTACHMENT0 + (unsigned)i,
+                                 SBL__GL_TEXTURE_2D, 0, 0);
     if (depth) gl->FramebufferTexture2D(SBL__GL_DRAW_FRAMEBUFFER, SBL__GL_DEPTH_ATTACHMENT, SBL__GL_TEXTURE_2D,
                                         depth->id, 0);
     gl->DrawBuffers(count, buffers);
@@ -7262,6 +7268,7 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
 #define SBL__ATLAS_FAR 1e30f    /* squared distance that counts for a texel that shows no triangle yet */
 #define SBL__ATLAS_WELL -1.0f   /* not a distance: the texel's centre lies well inside the triangle */
 #define SBL__ATLAS_EDGE -0.5f   /* not a distance: it lies inside, near an edge; a neighbour may contain it too */
+#define SBL__ATLAS_LINE 1e-6    /* a triangle is a line in the map if its height is at most this share of its length */
 #define SBL__ATLAS_INSIDE 1e-3  /* a centre lies well inside if all its barycentric weights are at least this */
 /* If a texel's centre is not well inside its triangle, the texel's sensor is moved towards the triangle's centroid by
    SBL__ATLAS_INSET texels, but at most by the share SBL__ATLAS_INSET_MOST of the way. Otherwise a sensor at the edge of
@@ -7286,6 +7293,7 @@ typedef struct sbl__atlas {
     int charts;                 /* number of charts */
     double world_area, area;    /* total area of the triangles, in world space and in square texels */
     int overlapping, outside;   /* numbers of texels where triangles overlap, and of triangles partly off the map */
+    int triangles, degenerate;  /* numbers of baked triangles, and of those that have no area in the map only */
 } sbl__atlas;
 
 static void sbl__atlas_free(sbl__base *base, sbl__atlas *a) {
@@ -7369,7 +7377,7 @@ static sbl_result sbl__atlas_number(void *work, int vertex) {
 typedef struct sbl__atlas_triangle {
     double corners[3][2];  /* positions in the atlas, texels */
     double area;           /* twice the signed area, square texels */
-    uint32_t number, chart;
+    uint32_t number, chart;  /* chart: SBL__NONE once the atlas is drawn */
     int rows[2];           /* first and last row that the triangle touches */
 } sbl__atlas_triangle;
 
@@ -7399,7 +7407,7 @@ static void sbl__atlas_load(const sbl__atlas *a, uint32_t number, sbl__atlas_tri
     t->area = (t->corners[1][0] - t->corners[0][0]) * (t->corners[2][1] - t->corners[0][1]) -
               (t->corners[2][0] - t->corners[0][0]) * (t->corners[1][1] - t->corners[0][1]);
     t->number = number;
-    t->chart = a->parents[g->indices[3 * (size_t)number]];
+    t->chart = a->parents ? a->parents[g->indices[3 * (size_t)number]] : SBL__NONE;
     sbl__atlas_span(low, high, a->height, t->rows);
 }
 
@@ -7523,6 +7531,17 @@ static void sbl__atlas_warn_outside(sbl__atlas *a, const sbl__atlas_triangle *t)
              outside[0] / a->width, outside[1] / a->height);
 }
 
+/* Returns 1 if a triangle has no area in the map, apart from rounding: it is a line or a point. */
+static int sbl__atlas_is_line(const sbl__atlas_triangle *t) {
+    double longest2 = 0;
+    int i;
+    for (i = 0; i < 3; i++) {
+        const double *p = t->corners[i], *q = t->corners[(i + 1) % 3];
+        longest2 = SBL__MAX(longest2, (q[0] - p[0]) * (q[0] - p[0]) + (q[1] - p[1]) * (q[1] - p[1]));
+    }
+    return fabs(t->area) <= SBL__ATLAS_LINE * longest2;
+}
+
 /* Draws the rows of a triangle, beginning with a->row, until the slice is over. */
 static sbl_result sbl__atlas_rows(sbl__atlas *a, uint32_t number, sbl__slice *slice) {
     sbl__atlas_triangle t;
@@ -7530,8 +7549,11 @@ static sbl_result sbl__atlas_rows(sbl__atlas *a, uint32_t number, sbl__slice *sl
     sbl__atlas_load(a, number, &t);
     if (a->row == 0) {
         double normal[3];
-        a->world_area += sbl__scene_normal(a->geometry, number, normal);
+        const double area = sbl__scene_normal(a->geometry, number, normal);
+        a->world_area += area;
         a->area += 0.5 * fabs(t.area);
+        a->triangles++;
+        a->degenerate += area > 0 && sbl__atlas_is_line(&t);
         sbl__atlas_warn_outside(a, &t);
     }
     for (a->row = SBL__MAX(a->row, t.rows[0]); a->row <= t.rows[1]; a->row++) {
@@ -7549,6 +7571,17 @@ static float sbl__atlas_texel_size(const sbl__atlas *a) {
     return a->area > 0 ? (float)sqrt(a->world_area / a->area) : 0;
 }
 
+/* Tells how many triangles have no area in the map. Returns an error if no other triangles are left. */
+static sbl_result sbl__atlas_tell_degenerate(const sbl__atlas *a) {
+    const int none = a->degenerate == a->triangles;
+    if (!a->degenerate) return SBL_SUCCESS;
+    sbl__log(a->base, none ? SBL_LOG_ERROR : SBL_LOG_WARNING, SBL_LOG_ITEM_DEGENERATE_TRIANGLES, "lightmap: %d of %d "
+             "triangles have no area in the map, because their lightmap_texcoords lie on a line or in one point; %s",
+             a->degenerate, a->triangles, none ? "there is nothing to bake; unwrap the scene again" :
+             "each shows the light of one line or point; unwrap the scene again if they should show more");
+    return none ? SBL_ERROR_INVALID_ARGUMENT : SBL_SUCCESS;
+}
+
 static sbl_result sbl__atlas_draw(void *work, sbl__slice *slice) {
     sbl__atlas *a = (sbl__atlas *)work;
     int *at = &a->stages.at;
@@ -7564,7 +7597,54 @@ static sbl_result sbl__atlas_draw(void *work, sbl__slice *slice) {
     sbl__free(a->base, a->parents);
     sbl__hash_table_free(a->base, &a->places);
     a->parents = NULL;
-    return SBL_SUCCESS;
+    return sbl__atlas_tell_degenerate(a);
+}
+
+/* The triangles of a texel's chart that the texel and its neighbours show, and the part of the texel around them. */
+typedef struct sbl__atlas_square {
+    sbl__atlas_triangle triangles[9];
+    int count;
+    double low[2], high[2];  /* a rectangle within the texel, in texels */
+} sbl__atlas_square;
+
+static void sbl__atlas_square_make(const sbl__atlas *a, int texel, sbl__atlas_square *s) {
+    const int at[2] = { texel % a->width, texel / a->width };
+    const uint32_t chart = a->texels[SBL__ATLAS_WORDS * (size_t)texel + 3];
+    int i, k, n;
+    s->count = 0;
+    for (k = 0; k < 2; k++) {
+        s->low[k] = DBL_MAX;
+        s->high[k] = -DBL_MAX;
+    }
+    for (i = 0; i < 9; i++) {
+        const int x = at[0] + i % 3 - 1, y = at[1] + i / 3 - 1;
+        const uint32_t *word = a->texels + SBL__ATLAS_WORDS * ((size_t)y * (size_t)a->width + (size_t)x);
+        if (x < 0 || y < 0 || x >= a->width || y >= a->height || !word[0] || word[3] != chart) continue;
+        for (n = 0; n < s->count && s->triangles[n].number != word[0] - 1; n++) {}
+        if (n < s->count) continue;
+        sbl__atlas_load(a, word[0] - 1, &s->triangles[s->count++]);
+        for (k = 0; k < 6; k++) sbl__extend(&s->low[k % 2], &s->high[k % 2], s->triangles[n].corners[k / 2][k % 2]);
+    }
+    for (k = 0; k < 2; k++) {
+        s->low[k] = SBL__MAX(s->low[k], at[k]);
+        s->high[k] = SBL__MIN(s->high[k], at[k] + 1);
+    }
+}
+
+/* Gets place number i in a square. The places are even over the square, and so are their rows and their columns (the R2
+   sequence, Roberts 2018). Returns the triangle at the place and the place's weights, or SBL__NONE. */
+static uint32_t sbl__atlas_place(const sbl__atlas_square *s, int i, double weights[3]) {
+    const double u[2] = { 0.5 + (i + 0.5) * 0.7548776662466927, 0.5 + (i + 0.5) * 0.5698402909980532 };
+    double at[2];
+    int k, n;
+    for (k = 0; k < 2; k++) at[k] = s->low[k] + (u[k] - floor(u[k])) * (s->high[k] - s->low[k]);
+    for (n = 0; n < s->count; n++) {
+        const double away = sbl__atlas_nearest(&s->triangles[n], at, weights);
+        if (away >= 0) continue;
+        if (away > (double)SBL__ATLAS_WELL) sbl__atlas_inset(&s->triangles[n], weights);
+        return s->triangles[n].number;
+    }
+    return SBL__NONE;
 }
 
 static int sbl__atlas_vertices(void *work) { return ((sbl__atlas *)work)->geometry->vertex_count; }
@@ -7963,6 +8043,35 @@ static const sbl__recipe sbl__recipe_gbuffer = {
     { &sbl__vertex_record, &sbl__attributes_record, &sbl__object_record, &sbl__cut_record, &sbl__leaf_record },
     SBL__TEXTURED | SBL__WIDE | SBL__BOUNCED | SBL__LIGHTMAP
 };
+
+/* Makes the site at a point on a triangle as surface.glsl does: the front is the side to which the interpolated normal
+   points, and the normal is bent to stay above the triangle's horizon. number: number of the triangle in the scene */
+static void sbl__surface_site(const sbl__geometry *g, uint32_t number, const double weights[3], sbl_site *out) {
+    double face[3], normal[3] = { 0, 0, 0 }, height = 0, length2;
+    int i, k;
+    memset(out, 0, sizeof *out);
+    sbl__scene_normal(g, number, face);
+    for (k = 0; k < 3; k++) {
+        double at = 0;
+        for (i = 0; i < 3; i++) {
+            const uint32_t vertex = g->indices[3 * (size_t)number + (size_t)i];
+            at += weights[i] * g->vertices[vertex].position[k];
+            normal[k] += weights[i] * g->attributes[vertex].normal[k];
+        }
+        out->position[k] = (float)at;
+        height += normal[k] * face[k];
+    }
+    for (k = 0; k < 3 && height < 0; k++) face[k] = -face[k];
+    length2 = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2];
+    if (length2 <= SBL__NORMAL_LEAST || !sbl__normalize(normal)) memcpy(normal, face, sizeof normal);
+    height = normal[0] * face[0] + normal[1] * face[1] + normal[2] * face[2];
+    for (k = 0; k < 3 && height < SBL__GRAZING; k++) normal[k] += (SBL__GRAZING - height) * face[k];
+    sbl__normalize(normal);
+    for (k = 0; k < 3; k++) {
+        out->normal[k] = (float)normal[k];
+        out->geometric_normal[k] = (float)face[k];
+    }
+}
 
 /* Computes the surface points of as many rows as the slice has time for. */
 static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
@@ -12369,6 +12478,8 @@ typedef struct sbl__pixel {
     float uncertainty;        /* standard error of the pixel's luminance that errors of the store cause */
     uint32_t id;              /* number of the surface; 0: the pixel shows no surface */
     int look;                 /* index of the sensor's first look among all looks of its job */
+    int places;               /* lightmaps only: 1 + index of the first of the texel's places; 0: the sensor stands at
+                                 `position` */
     int looks, wanted;        /* number of looks taken so far; number of looks to be taken in total */
     short round;              /* last round that read the sensor */
     unsigned char level;      /* 0: the pixel has no sensor; otherwise 1 + level of the tile that put a sensor here */
@@ -12377,6 +12488,7 @@ typedef struct sbl__pixel {
     unsigned char occlusion;  /* lightmaps only: SBL__HIDDEN: the texel lies inside or under something;
                                  SBL__TOUCHED: something is close to it; 0: neither */
     unsigned char queued;     /* 1: the pixel is among the sites of the current job */
+    unsigned char place_count;  /* number of the texel's places */
 } sbl__pixel;
 
 /* Occlusion. A texel is hidden if surfaces cover more than HIDDEN_SHARE of its hemisphere, at a mean distance below
@@ -12385,6 +12497,11 @@ typedef struct sbl__pixel {
 #define SBL__HIDDEN_NEAR 0.45f
 #define SBL__HIDDEN_TOUCH 0.15f
 #define SBL__HIDDEN_REACH 2       /* distance_limit / width of a texel */
+/* The search for places of a hidden texel from which light can leave. */
+#define SBL__PLACE_RAYS 64        /* number of rays, each from another place of the texel */
+#define SBL__PLACE_TRIES 256      /* number of places that are tried, some of which lie beside the chart */
+#define SBL__PLACES_OPEN 4        /* least number of these rays that must leave the neighbourhood of the texel */
+#define SBL__PLACES 8             /* largest number of places at which a texel's sensor looks */
 
 /* Interpolation. Errors are root mean squares. STEP_ERROR, CURVE_ERROR: error of interpolation along an edge / second
    difference at its ends, if light has a step, or if it is a parabola that sbl__edge_parabola corrects; measured on
@@ -12459,6 +12576,7 @@ typedef struct sbl__refine {
     sbl__measurement *measurement;  /* how sensors measure; sbl__refine_after_weigh may give looks more rays */
     sbl__spec *spec;
     sbl__stages stages;
+    const sbl__atlas *atlas;  /* the atlas of a lightmap; NULL: no test for occlusion */
     int width, height;
     int tile_size;            /* width and height of first-level tiles */
     int geometry_aware;       /* 0 in SBL_MODE_PAPER: the threshold is absolute, and an id is one smooth surface */
@@ -12481,6 +12599,10 @@ typedef struct sbl__refine {
     sbl_reading *readings;
     float *reading_layers;    /* layers 1 and up of the readings, site after site */
     int site_count, site_room, reading_room, reading_layer_room, look_count;
+    int *searched;            /* numbers of the texels that this round searches for places */
+    int searched_count, searched_room;
+    sbl__site *places;        /* places of texels, see sbl__pixel.places */
+    int place_count, place_room;
     sbl__guides guides;       /* guides for the sensors' rays, used if spec->guided is set */
     int64_t looks_taken;
     float mean[3], luminance; /* mean of R over the picture, and its luminance */
@@ -12503,7 +12625,8 @@ typedef struct sbl__refine {
 } sbl__refine;
 
 static void sbl__refine_free(const sbl__device *d, sbl__refine *r) {
-    void *const blocks[] = { r->pixels, r->layers, r->tiles, r->sites, r->readings, r->reading_layers };
+    void *const blocks[] = { r->pixels, r->layers, r->tiles, r->sites, r->readings, r->reading_layers, r->searched,
+                             r->places };
     int i;
     for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(d->base, blocks[i]);
     sbl__guides_free(d, &r->guides);
@@ -13033,6 +13156,9 @@ static void sbl__refine_site(const sbl__refine *r, int index, int first, int loo
     out->looks = looks;
 }
 
+/* Returns the number of looks with which a sensor begins. looks: the number without places */
+static int sbl__refine_first_looks(const sbl__pixel *p, int looks) { return SBL__MAX(looks, (int)p->place_count); }
+
 /* Makes room for `more` additional sites and their readings. */
 static int sbl__refine_room(sbl__refine *r, int more) {
     const int count = r->site_count + more;
@@ -13040,6 +13166,22 @@ static int sbl__refine_room(sbl__refine *r, int more) {
     return sbl__grow(base, &r->sites, &r->site_room, count, sizeof *r->sites) &&
            sbl__grow(base, &r->readings, &r->reading_room, count, sizeof *r->readings) &&
            sbl__grow(base, &r->reading_layers, &r->reading_layer_room, count, r->harmonics * sizeof(float));
+}
+
+/* Lists the looks that a pixel's sensor has yet to take: one site or, for a texel with places, one per look. */
+static sbl_result sbl__refine_list_pixel(sbl__refine *r, const sbl__pixel *p) {
+    const int index = (int)(p - r->pixels), looks = p->wanted - p->looks;
+    int i;
+    if (!sbl__refine_room(r, p->places ? looks : 1)) return SBL_ERROR_OUT_OF_MEMORY;
+    if (!p->places) sbl__refine_site(r, index, p->looks, looks, &r->sites[r->site_count++]);
+    for (i = p->looks; i < p->wanted && p->places; i++) {
+        sbl__site *site = &r->sites[r->site_count++];
+        *site = r->places[p->places - 1 + i % p->place_count];
+        site->guide = sbl__guide_for(r, index);
+        site->first = i % r->spec->looks;
+    }
+    r->look_count += looks;
+    return SBL_SUCCESS;
 }
 
 /* Lists sites for those corners of the next tiles that need a sensor or more looks, until they fill a job. */
@@ -13050,7 +13192,6 @@ static sbl_result sbl__refine_list(void *work, sbl__slice *slice) {
         const sbl__tile *c = &r->tiles[r->listed];
         if (sbl__late(slice)) return SBL_UNFINISHED;
         if (c->split) continue;
-        if (!sbl__refine_room(r, 4)) return SBL_ERROR_OUT_OF_MEMORY;
         for (corner = 0; corner < 4; corner++) {
             sbl__pixel *p = sbl__tile_corner(r, c, corner);
             if (!p->id || p->queued || (p->sensed && p->wanted <= p->looks)) continue;
@@ -13058,10 +13199,9 @@ static sbl_result sbl__refine_list(void *work, sbl__slice *slice) {
             if (!p->sensed) {
                 p->level = (unsigned char)(1 + SBL__MIN(c->level, SBL_MAX_LEVELS - 1));
                 p->look = r->look_count;
-                p->wanted = c->looks;
+                p->wanted = sbl__refine_first_looks(p, c->looks);
             }
-            sbl__refine_site(r, (int)(p - r->pixels), p->looks, p->wanted - p->looks, &r->sites[r->site_count++]);
-            r->look_count += p->wanted - p->looks;
+            if (sbl__refine_list_pixel(r, p) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
         }
     }
     return SBL_SUCCESS;
@@ -13081,24 +13221,43 @@ static int sbl__refine_occlusion(sbl__refine *r, const sbl_reading *reading) {
     return reading->hit_min < SBL__HIDDEN_TOUCH * r->distance_limit ? SBL__TOUCHED : 0;
 }
 
-/* Decides from the first reading of a pixel whether its light may be shown. Hidden texels and touched texels next to
-   them take their neighbours' light, because their own would show beyond the edge of the object that hides them. */
-static void sbl__refine_validate(sbl__refine *r, int index, const sbl_reading *reading) {
-    sbl__pixel *p = &r->pixels[index];
-    int i;
-    p->invalid = !reading->valid;
-    p->occlusion = (unsigned char)sbl__refine_occlusion(r, reading);
-    if (p->occlusion == SBL__HIDDEN) {
-        p->invalid = 1;
-        r->uncertainty2 -= (double)p->uncertainty * p->uncertainty;  /* A hidden texel shows its neighbours' light. */
-        p->uncertainty = 0;
+/* Accounts for a hidden texel, which shows its neighbours' light. */
+static void sbl__refine_hide(sbl__refine *r, sbl__pixel *p) {
+    if (p->occlusion != SBL__HIDDEN) return;
+    r->uncertainty2 -= (double)p->uncertainty * p->uncertainty;
+    p->uncertainty = 0;
+}
+
+/* Keeps a pixel's light from being shown. If a lightmap is traced, the texel is searched for better places. */
+static sbl_result sbl__refine_refuse(sbl__refine *r, sbl__pixel *p) {
+    if (p->invalid || p->places) return SBL_SUCCESS;
+    p->invalid = 1;
+    r->core->stats.sensors.invalid++;
+    if (!r->atlas || !r->spec->traced) {
+        sbl__refine_hide(r, p);
+        return SBL_SUCCESS;
     }
-    for (i = 0; i < 9 && p->occlusion; i++) {
+    if (!sbl__grow(&r->core->base, &r->searched, &r->searched_room, r->searched_count + 1, sizeof *r->searched))
+        return SBL_ERROR_OUT_OF_MEMORY;
+    r->searched[r->searched_count++] = (int)(p - r->pixels);
+    return SBL_SUCCESS;
+}
+
+/* Decides from the first reading of a pixel whether its light may be shown. Hidden texels and touched texels next to
+   them are refused, because their light would show beyond the edge of the object that hides them. */
+static sbl_result sbl__refine_validate(sbl__refine *r, int index, const sbl_reading *reading) {
+    sbl__pixel *p = &r->pixels[index];
+    sbl_result result = SBL_SUCCESS;
+    int i;
+    p->occlusion = (unsigned char)sbl__refine_occlusion(r, reading);
+    if (!reading->valid || p->occlusion == SBL__HIDDEN) result = sbl__refine_refuse(r, p);
+    for (i = 0; i < 9 && p->occlusion && result == SBL_SUCCESS; i++) {
         sbl__pixel *other = sbl__pixel_inside(r, index % r->width + i % 3 - 1, index / r->width + i / 3 - 1);
         if (!other || other->id != p->id) continue;
-        if (p->occlusion == SBL__TOUCHED && other->occlusion == SBL__HIDDEN) p->invalid = 1;
-        if (p->occlusion == SBL__HIDDEN && other->occlusion == SBL__TOUCHED) other->invalid = 1;
+        if (p->occlusion == SBL__TOUCHED && other->occlusion == SBL__HIDDEN) result = sbl__refine_refuse(r, p);
+        if (p->occlusion == SBL__HIDDEN && other->occlusion == SBL__TOUCHED) result = sbl__refine_refuse(r, other);
     }
+    return result;
 }
 
 /* Computes layers 1 and up, which are harmonics, for light that comes evenly from a pixel's whole hemisphere. */
@@ -13110,38 +13269,90 @@ static void sbl__refine_even(const sbl__refine *r, const sbl__pixel *p, float *o
                  (i < 3 ? 2 * SBL__HARMONIC_0 : SBL__HARMONIC_1 * p->normal[axes[i / 3 - 1]]);
 }
 
+/* Returns how many of the readings first .. last are darker than reading i, or equally bright and before it. */
+static int sbl__places_rank(const sbl__refine *r, int first, int last, int i) {
+    const float light = sbl__luminance(r->readings[i].radiance);
+    int k, rank = 0;
+    for (k = first; k <= last; k++) {
+        const float other = sbl__luminance(r->readings[k].radiance);
+        rank += other < light || (k < i && !(light < other));
+    }
+    return rank;
+}
+
+/* After the last look of a texel with places, replaces its reading by the median over the texel's looks, which is the
+   mean of the middle quarter. A lamp that lies on a floor lights a few places very brightly, which must not show around
+   it. Returns the number of looks; 0: more looks of the texel follow. */
+static int sbl__places_mean(sbl__refine *r, int at) {
+    const uint32_t number = r->sites[at].number;
+    float *layers = r->reading_layers;
+    sbl_reading mean;
+    double squares = 0, noise2 = 0, light;
+    int first = at, count, aside, kept, i;
+    size_t k;
+    if (at + 1 < r->site_count && r->sites[at + 1].number == number) return 0;
+    while (first > 0 && r->sites[first - 1].number == number) first--;
+    count = at - first + 1;
+    aside = 3 * count / 8;
+    kept = count - 2 * aside;
+    mean = r->readings[at];
+    memset(mean.radiance, 0, sizeof mean.radiance);
+    for (i = first; i <= at; i++) {
+        const sbl_reading *own = &r->readings[i];
+        const int rank = sbl__places_rank(r, first, at, i);
+        if (rank < aside || rank >= count - aside) continue;
+        for (k = 0; k < 3; k++) mean.radiance[k] += own->radiance[k] / (float)kept;
+        squares += pow((double)sbl__luminance(own->radiance), 2) / kept;
+        noise2 += (double)own->noise * own->noise / kept;
+    }
+    for (k = 0; k < r->harmonics && count > 1; k++) {
+        double sum = 0;
+        for (i = first; i <= at; i++) {
+            const int rank = sbl__places_rank(r, first, at, i);
+            if (rank >= aside && rank < count - aside) sum += (double)layers[(size_t)i * r->harmonics + k];
+        }
+        layers[(size_t)at * r->harmonics + k] = (float)(sum / kept);
+    }
+    light = (double)sbl__luminance(mean.radiance);
+    mean.noise = (float)sqrt(SBL__MAX(noise2, squares - light * light) / count);
+    r->readings[at] = mean;
+    return count;
+}
+
 static int sbl__refine_sites(void *work) { return ((sbl__refine *)work)->site_count; }
 
 /* Adds the reading of a site to the means of its pixel. */
 static sbl_result sbl__refine_take(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl_reading *reading = &r->readings[at];
-    const int looks = r->sites[at].looks;
     sbl__pixel *p = &r->pixels[r->sites[at].number];
+    const int looks = p->places ? sbl__places_mean(r, at) : r->sites[at].looks;
     sbl_stats *stats = &r->core->stats;
     const float share = (float)looks / (float)(p->looks + looks);
     const double off = (double)sbl__luminance(reading->radiance) - sbl__luminance(p->radiance);
     float *light = r->layers + r->harmonics * r->sites[at].number;
     const float *found = r->reading_layers + r->harmonics * (size_t)at;
     size_t i;
+    if (!looks) return SBL_SUCCESS;
     for (i = 0; i < 3; i++) p->radiance[i] += share * (reading->radiance[i] - p->radiance[i]);
     for (i = 0; i < r->harmonics; i++) light[i] += share * (found[i] - light[i]);
     p->variance += (double)share * ((double)reading->noise * reading->noise * looks - p->variance);
-    if (p->looks) sbl__looks_compare(r, p, p->looks, looks, off * off);
+    if (p->looks && !p->places) sbl__looks_compare(r, p, p->looks, looks, off * off);
     p->looks += looks;
     r->looks_taken += looks;
     p->queued = 0;
     p->round = (short)r->rounds;
-    for (i = 0; i < 3 && r->rounds == 0; i++) r->sum[i] += p->radiance[i];
-    r->pixels_summed += r->rounds == 0;
-    if (p->sensed) return SBL_SUCCESS;
+    for (i = 0; i < 3 && r->rounds == 0 && !p->places; i++) r->sum[i] += p->radiance[i];
+    r->pixels_summed += r->rounds == 0 && !p->places;
+    if (p->sensed || p->places) {
+        p->sensed = 1;
+        return SBL_SUCCESS;
+    }
     p->sensed = 1;
-    sbl__refine_validate(r, (int)r->sites[at].number, reading);
-    stats->sensors.invalid += p->invalid;
     stats->picture.levels[p->level - 1].sensors++;
     stats->picture.level_count = SBL__MAX(stats->picture.level_count, p->level);
     stats->sensors.count++;
-    return SBL_SUCCESS;
+    return sbl__refine_validate(r, (int)r->sites[at].number, reading);
 }
 
 /* Makes r->spec anew after a change of r->measurement, but keeps its `directional` and `guided` flags. */
@@ -13159,11 +13370,83 @@ static void sbl__refine_restart(sbl__refine *r) {
         for (corner = 0; corner < 4; corner++) {
             sbl__pixel *p = sbl__tile_corner(r, &r->tiles[i], corner);
             p->looks = 0;
-            p->wanted = 1;
+            p->wanted = sbl__refine_first_looks(p, 1);
         }
     r->rounds = r->first_new = r->weighed = 0;
     memset(r->sum, 0, sizeof r->sum);
     r->pixels_summed = 0;
+}
+
+/* >>refine: places. A viewer who looks at a hidden texel sees those of its places from which light can leave. A single
+   ray from each of many places of the texel finds such places; a viewer sees them as often as the rays find them. The
+   texel's sensor then looks from some of these, and its light is their mean. */
+
+/* Lists a ray from each of the texel's places. */
+static void sbl__places_of(sbl__refine *r, int index) {
+    sbl__atlas_square square;
+    double weights[3];
+    int i, count = 0;
+    sbl__atlas_square_make(r->atlas, index, &square);
+    for (i = 0; i < SBL__PLACE_TRIES && count < SBL__PLACE_RAYS; i++) {
+        const uint32_t triangle = sbl__atlas_place(&square, i, weights);
+        sbl__site *site = &r->sites[r->site_count];
+        sbl_site at;
+        if (triangle == SBL__NONE) continue;
+        sbl__surface_site(r->atlas->geometry, triangle, weights, &at);
+        sbl__refine_site(r, index, count++, 1, site);
+        memcpy(site->position, at.position, sizeof at.position);
+        memcpy(site->normal, at.normal, sizeof at.normal);
+        memcpy(site->geometric_normal, at.geometric_normal, sizeof at.geometric_normal);
+        r->site_count++;
+    }
+}
+
+/* Lists the rays of the next texels to be searched, until they fill a job. */
+static sbl_result sbl__places_list(void *work, sbl__slice *slice) {
+    sbl__refine *r = (sbl__refine *)work;
+    for (; r->listed < r->searched_count && r->site_count < SBL__SCOUTS_AT_ONCE; r->listed++) {
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        if (!sbl__refine_room(r, SBL__PLACE_RAYS)) return SBL_ERROR_OUT_OF_MEMORY;
+        sbl__places_of(r, r->searched[r->listed]);
+    }
+    return SBL_SUCCESS;
+}
+
+/* Returns 1 if a ray from a place of a texel leaves the neighbourhood of the texel, and not into a solid. */
+static int sbl__place_is_open(const sbl__refine *r, const sbl_reading *reading) {
+    if (!reading->valid || (reading->back_share > 0.5f && r->lit_backs <= 0.5 * r->lit)) return 0;
+    return reading->hit_share <= 0 || reading->hit_mean >= r->distance_limit;
+}
+
+/* After the last ray of a texel, chooses places evenly among those whose rays were open. Then the sensor starts
+   again. */
+static sbl_result sbl__places_take(void *work, int at) {
+    sbl__refine *r = (sbl__refine *)work;
+    const uint32_t number = r->sites[at].number;
+    sbl__pixel *p = &r->pixels[number];
+    int first = at, all = 0, open = 0, count;
+    if (at + 1 < r->site_count && r->sites[at + 1].number == number) return SBL_SUCCESS;
+    for (; first >= 0 && r->sites[first].number == number; first--)
+        all += sbl__place_is_open(r, &r->readings[first]);
+    count = SBL__MIN(all, SBL__PLACES);
+    if (all < SBL__PLACES_OPEN) {
+        sbl__refine_hide(r, p);
+        return SBL_SUCCESS;
+    }
+    if (!sbl__grow(&r->core->base, &r->places, &r->place_room, r->place_count + count, sizeof *r->places))
+        return SBL_ERROR_OUT_OF_MEMORY;
+    p->places = 1 + r->place_count;
+    p->place_count = (unsigned char)count;
+    while (++first <= at) {
+        if (!sbl__place_is_open(r, &r->readings[first])) continue;
+        if ((open + 1) * count / all > open * count / all) r->places[r->place_count++] = r->sites[first];
+        open++;
+    }
+    p->sensed = p->invalid = p->occlusion = 0;
+    p->looks = 0;
+    p->variance = 0;
+    r->core->stats.sensors.invalid--;
+    return SBL_SUCCESS;
 }
 
 /* >>refine: scouts, single rays from which guides are made */
@@ -13476,7 +13759,8 @@ static sbl_result sbl__refine_spend(void *work, int at) {
 
 enum { SBL__REFINE_TILES, SBL__REFINE_COLLECT, SBL__REFINE_SENSE, SBL__REFINE_TAKE, SBL__REFINE_COUNT,
        SBL__REFINE_WEIGH, SBL__REFINE_SPEND, SBL__REFINE_RESTART, SBL__REFINE_COLLECT_SCOUTS, SBL__REFINE_SCOUT,
-       SBL__REFINE_TAKE_SCOUTS, SBL__REFINE_GUIDES, SBL__REFINE_DONE };
+       SBL__REFINE_TAKE_SCOUTS, SBL__REFINE_GUIDES, SBL__REFINE_COLLECT_PLACES, SBL__REFINE_SEARCH,
+       SBL__REFINE_TAKE_PLACES, SBL__REFINE_DONE };
 
 static void sbl__refine_task(const sbl__refine *r, sbl__task *task) {
     memset(task, 0, sizeof *task);
@@ -13484,19 +13768,22 @@ static void sbl__refine_task(const sbl__refine *r, sbl__task *task) {
     task->guides = &r->guides;
 }
 
-/* Begins the job for the listed sites: looks, or scouts, which are looks of one ray over the hemisphere. */
+/* Begins the job for the listed sites: looks, or scouts or rays from places, which are looks of one ray over the
+   hemisphere. */
 static int sbl__refine_after_list(void *work) {
     sbl__refine *r = (sbl__refine *)work;
     const int scouts = r->stages.stage == SBL__REFINE_COLLECT_SCOUTS;
+    const int searches = r->stages.stage == SBL__REFINE_COLLECT_PLACES;
     sbl__task task;
     sbl__refine_task(r, &task);
     task.spec.distance_limit = r->distance_limit;
-    if (scouts) {
+    if (scouts || searches) {
         task.spec.rays = 1;
-        task.spec.looks = SBL__SCOUTS;
+        task.spec.looks = scouts ? SBL__SCOUTS : SBL__PLACE_RAYS;
         task.spec.lamp_rays = task.spec.directional = 0;
         task.spec.seed = sbl__scouts_seed(r);
     }
+    if (searches) task.spec.bounced = task.spec.no_light = task.spec.guided = 0;  /* only distances are wanted */
     task.sites = r->sites;
     task.readings = r->readings;
     task.layers = r->reading_layers;
@@ -13510,15 +13797,20 @@ static sbl_result sbl__refine_sense(void *work, sbl__slice *slice) {
     return r->site_count ? sbl__core_sense(r->core, slice) : SBL_SUCCESS;
 }
 
-/* Begins another job if this round has tiles or guides whose sites no job has measured yet. */
+/* Begins another job if this round has tiles, guides or texels whose sites no job has measured yet. Refused texels are
+   searched for places before the round ends; then the round measures there. */
 static int sbl__refine_after_take(void *work) {
     sbl__refine *r = (sbl__refine *)work;
-    const int scouts = r->stages.stage == SBL__REFINE_TAKE_SCOUTS;
+    const int stage = r->stages.stage, scouts = stage == SBL__REFINE_TAKE_SCOUTS;
+    const int searches = stage == SBL__REFINE_TAKE_PLACES;
     r->site_count = r->look_count = 0;
-    if (r->listed < (scouts ? r->guides.columns * r->guides.rows : r->tile_count))
-        return scouts ? SBL__REFINE_COLLECT_SCOUTS : SBL__REFINE_COLLECT;
+    if (r->listed < (scouts ? r->guides.columns * r->guides.rows : searches ? r->searched_count : r->tile_count))
+        return stage - 2;
     r->listed = 0;
     if (scouts) return SBL__REFINE_GUIDES;
+    if (searches) r->searched_count = 0;
+    if (searches) return SBL__REFINE_COLLECT;
+    if (r->searched_count) return SBL__REFINE_COLLECT_PLACES;
     r->rounds++;
     sbl__weigh_begin(r);
     return SBL__REFINE_COUNT;
@@ -13577,7 +13869,10 @@ static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
         { sbl__scouts_list, sbl__refine_after_list, NULL, NULL },
         { sbl__refine_sense, NULL, NULL, NULL },
         { sbl__scouts_take, sbl__refine_after_take, NULL, NULL },
-        { sbl__guides_send, sbl__refine_after_guides, NULL, NULL }
+        { sbl__guides_send, sbl__refine_after_guides, NULL, NULL },
+        { sbl__places_list, sbl__refine_after_list, NULL, NULL },
+        { sbl__refine_sense, NULL, NULL, NULL },
+        { NULL, sbl__refine_after_take, sbl__places_take, sbl__refine_sites }
     };
     return sbl__stages_step(&r->stages, table, SBL__COUNT(table), r, slice);
 }
@@ -13629,8 +13924,11 @@ static void sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel *show
     r->uncertainty2 += (double)shown->uncertainty * shown->uncertainty;
 }
 
-/* Turns on the test for occlusion (see sbl__refine_occlusion). width: width of a texel, world units */
-static void sbl__refine_hide_within(sbl__refine *r, float width) { r->distance_limit = SBL__HIDDEN_REACH * width; }
+/* Turns on the test for occlusion (see sbl__refine_occlusion). */
+static void sbl__refine_use_atlas(sbl__refine *r, const sbl__atlas *a) {
+    r->atlas = a;
+    r->distance_limit = SBL__HIDDEN_REACH * sbl__atlas_texel_size(a);
+}
 
 static const sbl__pixel *sbl__refine_pixel(const sbl__refine *r, size_t index) { return &r->pixels[index]; }
 
@@ -13643,7 +13941,8 @@ static float sbl__refine_luminance(const sbl__refine *r) { return r->luminance; 
 static int64_t sbl__refine_looks(const sbl__refine *r) { return r->looks_taken; }
 
 static int sbl__refine_is_sensing(const sbl__refine *r) {
-    return r->stages.stage == SBL__REFINE_SENSE || r->stages.stage == SBL__REFINE_SCOUT;
+    return r->stages.stage == SBL__REFINE_SENSE || r->stages.stage == SBL__REFINE_SCOUT ||
+           r->stages.stage == SBL__REFINE_SEARCH;
 }
 
 /* Returns 1 before the first round, and again when all sensors start again. */
@@ -13710,7 +14009,7 @@ static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, floa
         to[3] = SBL__MAX(least, sbl__noise(r, p));  /* not below the mean noise of the tile's sensors, because the
                                                        few rays of this one may agree by chance */
         p->error = sbl__pixel_error(r, p, c->noise2);
-    } else {
+    } else if (p->occlusion != SBL__HIDDEN) {  /* hidden texels are orphans: light does not go on under things */
         sbl__interpolate(r, c, x, y, f->layer, &m);
         lit = m.covered > 0;
         for (k = 0; k < 3 && lit; k++) {
@@ -14175,7 +14474,7 @@ static void sbl__gutters_put(sbl__gutters *g, int first, int count) {
 #define SBL__SEAM_DIFFERENT 0.5f  /* light differs much if it differs by more than this share of the brighter side */
 #define SBL__SEAM_CHAIN 16        /* maximum number of edges with the same ends that an edge is compared with */
 #define SBL__SEAM_ROUNDS 4        /* maximum number of solutions per layer */
-#define SBL__SEAM_PRECISION2 1e-10
+#define SBL__SEAM_PRECISION2 1e-8  /* 1e-7 leaves visible jumps; 1e-10 takes twice the time */
 
 /* A point of a seam. Entries 0 to 3 are for its place A in the map, 4 to 7 for B; the weights of B are negative.
    unknowns: texels until the point is added, then numbers of unknowns */
@@ -14357,11 +14656,16 @@ static sbl_result sbl__seams_edge(void *work, int edge) {
 static void sbl__seam_term(void *user, int point, const double *direction, double *product) {
     const sbl__seam_point *p = &((sbl__seams *)user)->points[point];
     double difference[3] = { 0, 0, 0 };
-    int i;
-    for (i = 0; i < 24; i++)
-        difference[i % 3] += (double)p->weights[i / 3] * direction[3 * (size_t)p->unknowns[i / 3] + (size_t)i % 3];
-    for (i = 0; i < 24; i++)
-        product[3 * (size_t)p->unknowns[i / 3] + (size_t)i % 3] += (double)p->weights[i / 3] * difference[i % 3];
+    int i, k;
+    for (i = 0; i < 8; i++) {
+        const double weight = (double)p->weights[i], *from = direction + 3 * (size_t)p->unknowns[i];
+        for (k = 0; k < 3; k++) difference[k] += weight * from[k];
+    }
+    for (i = 0; i < 8; i++) {
+        const double weight = (double)p->weights[i];
+        double *to = product + 3 * (size_t)p->unknowns[i];
+        for (k = 0; k < 3; k++) to[k] += weight * difference[k];
+    }
 }
 
 /* Measures the difference of light across the seam at a point. If a solution follows, also adds the point to the
@@ -14811,7 +15115,7 @@ static sbl_result sbl__map_surface(void *work, sbl__slice *slice) {
     static const float centre[2] = { 0, 0 };
     sbl__map *m = (sbl__map *)work;
     const sbl_result result = sbl__map_draw_surface(m, &m->gbuffer, centre, slice);
-    if (result == SBL_SUCCESS && m->atlas) sbl__refine_hide_within(&m->refine, sbl__atlas_texel_size(m->atlas));
+    if (result == SBL_SUCCESS && m->atlas) sbl__refine_use_atlas(&m->refine, m->atlas);
     return result;
 }
 
@@ -16008,35 +16312,6 @@ static void sbl__vertices_point(int k, double weights[3]) {
     }
 }
 
-/* Makes the site at a point on a triangle as surface.glsl does: the front is the side to which the interpolated normal
-   points, and the normal is bent to stay above the triangle's horizon. number: number of the triangle in the scene */
-static void sbl__vertices_site(const sbl__geometry *g, uint32_t number, const double weights[3], sbl_site *out) {
-    double face[3], normal[3] = { 0, 0, 0 }, height = 0, length2;
-    int i, k;
-    memset(out, 0, sizeof *out);
-    sbl__scene_normal(g, number, face);
-    for (k = 0; k < 3; k++) {
-        double at = 0;
-        for (i = 0; i < 3; i++) {
-            const uint32_t vertex = g->indices[3 * (size_t)number + (size_t)i];
-            at += weights[i] * g->vertices[vertex].position[k];
-            normal[k] += weights[i] * g->attributes[vertex].normal[k];
-        }
-        out->position[k] = (float)at;
-        height += normal[k] * face[k];
-    }
-    for (k = 0; k < 3 && height < 0; k++) face[k] = -face[k];
-    length2 = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2];
-    if (length2 <= SBL__NORMAL_LEAST || !sbl__normalize(normal)) memcpy(normal, face, sizeof normal);
-    height = normal[0] * face[0] + normal[1] * face[1] + normal[2] * face[2];
-    for (k = 0; k < 3 && height < SBL__GRAZING; k++) normal[k] += (SBL__GRAZING - height) * face[k];
-    sbl__normalize(normal);
-    for (k = 0; k < 3; k++) {
-        out->normal[k] = (float)normal[k];
-        out->geometric_normal[k] = (float)face[k];
-    }
-}
-
 /* Returns the triangle of a point, gets the point's barycentric weights, sets s->part to the triangle's part, and
    advances *place to the following point. */
 static int sbl__vertices_pass(sbl__vertices *s, sbl__vertices_place *place, double weights[3]) {
@@ -16055,7 +16330,7 @@ static sbl_result sbl__vertices_ask(void *work, int site) {
     double h[3];
     const int triangle = sbl__vertices_pass(s, &s->next_site, h);
     const uint32_t number = (uint32_t)(triangle + s->parts[s->part].triangle_shift);
-    sbl__vertices_site(sbl__vertices_geometry(s), number, h, &point);
+    sbl__surface_site(sbl__vertices_geometry(s), number, h, &point);
     sbl__site_make(&s->work, &point, (uint32_t)(s->taken + site), &s->work.sites[site]);
     return SBL_SUCCESS;
 }

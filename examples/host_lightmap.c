@@ -55,6 +55,7 @@ static int read_pfm(const char *path, image *picture) {
     FILE *in = input_open(path);
     char line[4] = "";
     double scale = 0;
+    size_t i;
     int y, ok = in && fgets(line, 4, in) && strcmp(line, "PF\n") == 0 &&
                 fscanf(in, "%d %d %lf", &picture->width, &picture->height, &scale) == 3 && fgetc(in) == '\n' && scale <
                     0 &&
@@ -65,6 +66,8 @@ static int read_pfm(const char *path, image *picture) {
         const size_t row = 3 * (size_t)picture->width;
         ok = fread(picture->values + (size_t)y * row, sizeof(float), row, in) == row;
     }
+    for (i = 0; ok && picture->values && i < 3 * (size_t)picture->width * (size_t)picture->height; i++)
+        ok = isfinite(picture->values[i]);
     if (in) fclose(in);
     return ok && picture->values;
 }
@@ -455,8 +458,8 @@ static int draw_all(const tool_task *task, double *seconds) {
     else if (result == SBL_UNFINISHED) status = stop("nothing was written");
     else if (result != SBL_SUCCESS) status = fail_with(task->said, files[0], result);
     else if (!read_pfm(path, &lightmap))
-        status = fail("%s: missing, or not a .pfm; sbl_bake %s --lightmap 512 -o %s makes it", path, files[0],
-                      files[1]);
+        status = fail("%s: missing, or not a .pfm of finite numbers; sbl_bake %s --lightmap 512 -o %s makes it", path,
+                      files[0], files[1]);
     else status = show(task->file, &lightmap, r);
     free(lightmap.values);
     free(r);
