@@ -458,7 +458,7 @@
    compiles nearly all of them (1.5 s on llvmpipe).
 
    The channels of a picture under way can be read after the first level, when the sensors of the first tiles have
-   measured. They hold the best picture so far. Ask for a channel from the first step on: it costs nothing while there
+   measured; albedo, normal, position, id and depth already before the first sensor. They hold the best picture so far. Ask for a channel from the first step on: it costs nothing while there
    is nothing to read, and sbl_step then makes a better picture whenever the number of looks has grown by a quarter. The
    first request that comes later makes such a preview at once.
 
@@ -1088,6 +1088,7 @@ typedef struct sbl_stats {
     } scene;
     struct {                      /* the store of bounced light, SBL_MODE_GI */
         int cells;                /* number of cells in the store */
+        int max_cells;            /* sbl_scene_desc.max_bounce_cells of the store, or its default; 0: no store */
         int64_t rays;             /* rays between surfaces and of the store's sensors, if this work made the store */
     } store;
     struct {
@@ -12052,6 +12053,7 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     } else if (result != SBL_UNFINISHED) sbl__bounce_end(c);
     c->stats.seconds.bounce += sbl__now() - start;
     c->stats.store.cells = s->leaf_count;
+    c->stats.store.max_cells = s->made_for;
     return result;
 }
 
@@ -15118,6 +15120,11 @@ static sbl_result sbl__map_copy_channel(sbl__map *m, sbl_channel channel, float 
     return result;
 }
 
+/* Returns 1 if a channel can be read that shows surfaces alone, which no sensor changes. */
+static int sbl__map_shows_surfaces(const sbl__map *m, sbl_channel channel) {
+    return channel >= SBL_CHANNEL_ALBEDO && channel <= SBL_CHANNEL_DEPTH && m->work.stages.stage > SBL__MAP_READ;
+}
+
 static sbl_result sbl__map_read_channel(sbl__map *m, sbl_channel channel, float *out) {
     const size_t pixels = (size_t)m->size[0] * (size_t)m->size[1];
     size_t i;
@@ -17725,14 +17732,15 @@ SBL_API int sbl_channel_components(sbl_channel channel) {
     return (int)channel >= 0 && channel < SBL_CHANNEL_COUNT ? sbl__channels[channel].components : 0;
 }
 
-/* Makes a preview if the map is not finished. SBL_SUCCESS: channels can be read; SBL_UNFINISHED: it is too early. */
-static sbl_result sbl__channel_ready(sbl_context *c, const char *function) {
+/* Makes a preview if the channel shows light and the map is not finished. SBL_SUCCESS: the channel can be read;
+   SBL_UNFINISHED: it is too early. */
+static sbl_result sbl__channel_ready(sbl_context *c, const char *function, sbl_channel channel) {
     sbl__visit visit;
     sbl_result result;
     if (!c->map)
         return sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "there is no picture; call sbl_render_picture, or "
                            "sbl_begin_picture and sbl_step");
-    if (sbl__work_is_done(&c->map->work)) return SBL_SUCCESS;
+    if (sbl__work_is_done(&c->map->work) || sbl__map_shows_surfaces(c->map, channel)) return SBL_SUCCESS;
     sbl__visit_enter(c, &visit);
     result = sbl__map_watch(c->map);
     if (result != SBL_SUCCESS && result != SBL_UNFINISHED && visit.inside == SBL__INSIDE_NOTHING) sbl__abandon(c);
@@ -17756,7 +17764,7 @@ SBL_API sbl_result sbl_read_channel(sbl_context *c, sbl_channel channel, float *
         sbl__mistake(&check, "float_count is %.0f; channel %d of %d x %d pixels needs %.0f floats",
                      (double)float_count, (int)channel, c->map->size[0], c->map->size[1], (double)pixels * components);
     if (check.mistakes) return SBL_ERROR_INVALID_ARGUMENT;
-    result = sbl__channel_ready(c, "sbl_read_channel");
+    result = sbl__channel_ready(c, "sbl_read_channel", channel);
     if (result != SBL_SUCCESS) return result;
     sbl__visit_enter(c, &visit);
     result = sbl__map_read_channel(c->map, channel, out);
@@ -17769,7 +17777,7 @@ SBL_API uint32_t sbl_channel_texture(sbl_context *c, sbl_channel channel) {
     uint32_t texture;
     if (!c || !c->map || !sbl_channel_components(channel) ||
         sbl__may_call(c, "sbl_channel_texture", SBL__INSIDE_PROGRESS, 0) != SBL_SUCCESS ||
-        sbl__channel_ready(c, "sbl_channel_texture") != SBL_SUCCESS) return 0;
+        sbl__channel_ready(c, "sbl_channel_texture", channel) != SBL_SUCCESS) return 0;
     sbl__visit_enter(c, &visit);
     texture = sbl__map_channel_texture(c->map, channel);
     sbl__visit_leave(c, &visit);

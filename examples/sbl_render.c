@@ -145,6 +145,11 @@ static void print_help(void) {
 
 static int ends_with(const char *path, const char *ending) { return scene__ends_with(path, ending); }
 
+/* Returns whether no light need be measured: the channel shows surfaces alone, and --store asks for no light. */
+static int needs_no_light(sbl_channel channel) {
+    return channel >= SBL_CHANNEL_ALBEDO && channel <= SBL_CHANNEL_DEPTH && !given[INSPECT] && !given[STORE];
+}
+
 /* Notes options that have no effect on the picture. */
 static void note_effects(void) {
     const sbl_channel channel = (sbl_channel)options.channel;
@@ -153,7 +158,8 @@ static void note_effects(void) {
     const int paper = common_mode(given) == SBL_MODE_PAPER;
     common_note(given, table);
     note_if(paper, given, table, TARGET_ERROR, "in --mode paper, --threshold decides");
-    if (!paper) common_note_refinement(given, table, TARGET_ERROR);
+    note_if(needs_no_light(channel), given, table, TARGET_ERROR, "the channel shows no light");
+    if (!paper && !needs_no_light(channel)) common_note_refinement(given, table, TARGET_ERROR);
     note_if(options.samples > 1 && (channel != SBL_CHANNEL_FINAL || given[INSPECT]), given, table, SAMPLES,
             "only channel final is anti-aliased");
     note_if(!ends_with(common.output, ".png"), given, table, EXPOSURE, "only a .png is exposed");
@@ -201,7 +207,7 @@ static int find_targets(void) {
     output_find(&targets[PICTURE], common.output);
     output_find(&targets[PARTIAL], partial);
     target_count = PARTIAL + 1;
-    return targets_check(PARTIAL);
+    return targets_check(PARTIAL, given);
 }
 
 typedef struct view { const image *picture; sbl_channel channel; double stops; } view;
@@ -395,10 +401,10 @@ static int arrange(tool_task *task, sbl_scene_desc *scene) {
 /* Writes why the target was missed, and what would help. Stored light causes a part of the error that sensors cannot
    reduce. They reduce theirs to 0.84 of the target at most, so that a smaller target makes up for stored light. */
 static void advise(const sbl_stats *s, char *out, size_t size) {
-    enum { CELLS_DEFAULT = 49152, CELLS_MOST = 1 << 20 };
+    enum { CELLS_MOST = 1 << 20 };
     const double target = (double)s->picture.target_error, expected = (double)s->picture.expected_error;
     const double stored = (double)s->picture.stored_error, left2 = target * target - stored * stored;
-    const int cells = common.max_bounce_cells ? common.max_bounce_cells : CELLS_DEFAULT;
+    const int cells = s->store.max_cells;
     char smaller[64] = "", more[64] = "";
     if (expected * expected - stored * stored <= target * target) {
         if (left2 > 0.04 * target * target)
@@ -429,6 +435,8 @@ static void fill_desc(sbl_picture_desc *desc, progress *bar) {
     desc->width = camera.size[0];
     desc->height = camera.size[1];
     desc->options = common_options(given, bar);
+    if (needs_no_light((sbl_channel)options.channel) && common_mode(given) != SBL_MODE_PAPER)
+        desc->options.mode = SBL_MODE_DIRECT;  /* which needs the least before surfaces are drawn */
     desc->target_error = (float)options.target_error;
     desc->sensor_fov = (float)options.sensor_fov;
     desc->tile = common.tile;
@@ -460,7 +468,8 @@ static int render(const tool_task *task, double *seconds) {
     memcpy(desc.world_to_view, placed.world_to_view, sizeof desc.world_to_view);
     memcpy(desc.view_to_clip, placed.view_to_clip, sizeof desc.view_to_clip);
     result = sbl_begin_picture(context, &desc);
-    if (result == SBL_SUCCESS) result = given[INSPECT] ? work(context) : work_to_save(context);
+    if (result == SBL_SUCCESS && needs_no_light(channel)) result = work_until(context, channel);
+    else if (result == SBL_SUCCESS) result = given[INSPECT] ? work(context) : work_to_save(context);
     if (bar.shown) fprintf(stderr, "\r%70s\r", "");
     if (!given[INSPECT] && (result == SBL_SUCCESS || result == SBL_UNFINISHED))
         result = picture_read(context, desc.width, desc.height, display ? SBL_CHANNEL_DISPLAY : channel, &picture);

@@ -284,9 +284,15 @@ static void targets_begin(void) {
     target_count = OWN_TARGETS;
 }
 
+/* Returns whether the file of --store need not be written, because it holds light that is kept. */
+static int targets__store_stays(const int *given) {
+    struct stat info;
+    return !given[STORE_REPLACE] && stat(targets[STORED].path, &info) == 0 && info.st_size > 0;
+}
+
 /* Checks that no two targets are the same file, that no target is an input file, and that the first `checked` targets
    can be written. Returns the exit status. */
-static int targets_check(int checked) {
+static int targets_check(int checked, const int *given) {
     const char *const inputs[3] = { common.scene, common.sky_picture, common.input };
     output_file input;
     int i, k, status = DONE;
@@ -305,7 +311,7 @@ static int targets_check(int checked) {
         output_free(&input);
     }
     for (i = 0; i < checked && status == DONE; i++)
-        if (targets[i].name && !output_check(&targets[i]))
+        if (targets[i].name && (i != STORED || !targets__store_stays(given)) && !output_check(&targets[i]))
             status = fail("%s: cannot be written: %s; give another file name", targets[i].name, strerror(errno));
     return status;
 }

@@ -841,6 +841,49 @@ TEST(stores_are_not_overwritten) {
           ran.status, ran.err);
 }
 
+/* A channel that shows surfaces alone needs no stored light, unless --store asks for it. */
+TEST(surfaces_need_no_light) {
+    char text[8192];
+    int i, lines;
+    room_obj();
+    remove(in_folder("light.sbl"));
+    for (i = 0; i < 2; i++) {
+        CHECK(TOOL(ROOM, "--channel", "normal", "--stats", "stats.json", "-o", "normal.pfm", i ? "--store" : "--quiet",
+                   i ? "light.sbl" : "--tile=16") == 0, "exit status %d: %s", ran.status, ran.err);
+        read_text(in_folder("stats.json"), text, sizeof text, &lines);
+        CHECK((json_number(text, "bounce_samples") > 0) == i && exists("light.sbl") == i, "%s", text);
+    }
+}
+
+/* A store in a folder where no file can be created is loaded, but not replaced. The folder's path is so long that a
+   temporary file would have too long a name; unlike a folder without write permission, it also stops root. */
+TEST(stores_in_closed_folders) {
+    char path[PATH_MAX], whole[PATH_MAX], data[4096];
+    size_t length, bytes;
+    FILE *in, *out;
+    room_obj();
+    remove(in_folder("light.sbl"));
+    REQUIRE(TOOL(ROOM, "--store", "light.sbl", "-o", "made.pfm") == 0 && realpath(in_folder("."), path), "%s", ran.err);
+    while ((length = strlen(path)) < PATH_MAX - 24) {  /* leaves space for a name of 8 to 22 characters */
+        size_t more = PATH_MAX - 22 - length;
+        if (more > 200) more = more > 300 ? 200 : 100;
+        memset(path + length, 'd', more);
+        path[length] = '/';
+        path[length + more] = 0;
+        mkdir(path, 0777);
+    }
+    snprintf(whole, sizeof whole, "%.*s/l.sbl", PATH_MAX - 8, path);
+    in = fopen(in_folder("light.sbl"), "rb");
+    out = fopen(whole, "wb");
+    while (in && out && (bytes = fread(data, 1, sizeof data, in)) > 0) fwrite(data, 1, bytes, out);
+    if (in) fclose(in);
+    REQUIRE(out && fclose(out) == 0 && symlink(whole, in_folder("far.sbl")) == 0, "%s", strerror(errno));
+    CHECK(TOOL(ROOM, "--store", "far.sbl", "-o", "made.pfm") == 0 && !ran.err[0], "exit status %d: %s", ran.status,
+          ran.err);
+    CHECK(TOOL(ROOM, "--store", "far.sbl", "--store-replace", "-o", "made.pfm") == 1 && said("cannot be written"),
+          "exit status %d: %s", ran.status, ran.err);
+}
+
 /* A store that was made with fewer cells than are allowed now is used with a warning, or made anew with
    --store-replace. */
 TEST(coarse_stores) {
@@ -2061,6 +2104,7 @@ TEST(options_without_effect_are_named) {
         { "--exposure (only final", "--exposure", "1", "--channel", "normal" },
         { "--tone (only channel final", "--tone", "agx", "--channel", "radiance" },
         { "--target-error (--rays and --tile", "--error", "9%", "--rays", "16", "--tile", "1" },
+        { "--target-error (the channel", "--error", "9%", "--channel", "depth" },
         { "--threshold (--tile", "--threshold", "0.1", "--tile", "1" },
         { "--target-error (--rays and --threshold", "--error", "9%", "--rays", "16", "--threshold", "1" },
         { "--max-bounce-cells (only", "--max-bounce-cells", "2048", "--mode", "direct" },
@@ -2150,12 +2194,14 @@ int main(int argc, char **argv) {
     RUN(the_cornell_box_is_seen_from_its_open_side);
     RUN(png_is_the_encoded_pfm);
     RUN(every_channel_is_written);
+    RUN(surfaces_need_no_light);
     RUN(exr_is_written_or_refused);
     RUN(statistics_have_every_field);
     RUN(rays_can_be_traced);
     RUN(light_bounces_by_default);
     RUN(bounced_light_is_kept);
     RUN(stores_are_not_overwritten);
+    RUN(stores_in_closed_folders);
     RUN(coarse_stores);
     RUN(stores_are_never_lost);
     RUN(a_sensor_can_be_inspected);
