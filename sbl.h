@@ -219,7 +219,8 @@
    surfaces are: white rooms stay white. The mean logarithm of the luminance of R, without the darkest and the
    brightest 5 % of the pixels, is shown like a radiance of 0.71. If the mean logarithm of the brightest 5 % of
    FINAL would exceed a radiance of 2.8, the exposure is lowered, by at most 1.5 stops. sbl_stats.picture.exposure tells
-   the result. Exposure and tone change no other channel.
+   the result. Exposure and tone change no other channel. sbl_picture_desc.backdrop puts a gradient behind objects that
+   would otherwise be in front of a black sky.
 
 
    ON THE TARGET ERROR
@@ -1045,6 +1046,9 @@ typedef struct sbl_picture_desc {
     sbl_tone tone;             /* how SBL_CHANNEL_DISPLAY is made. Default: SBL_TONE_NONE */
     float exposure;            /* stops, -100 to 100: each doubles the brightness of SBL_CHANNEL_DISPLAY. Default: 0 */
     int auto_exposure;         /* 1: measures the picture and adds the stops that suit it, see ON SCREENS. Default: 0 */
+    float backdrop[3];         /* what SBL_CHANNEL_DISPLAY shows where there is no surface and the sky is darker:
+                                  linear, 0 to 1, at the lower edge; it fades to 0.3 of it at the upper edge. It lights
+                                  nothing. Default: 0 */
     uint32_t end_canary;       /* must stay 0 */
 } sbl_picture_desc;
 
@@ -7020,6 +7024,7 @@ static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_de
     sbl__check_int(&check, "tone", (int)d->tone, 0, SBL_TONE_COUNT - 1);
     sbl__check_range(&check, "exposure", &d->exposure, 1, stops);
     sbl__check_int(&check, "auto_exposure", d->auto_exposure, 0, 1);
+    sbl__check_range(&check, "backdrop", d->backdrop, 3, sbl__unit_range);
     sbl__check_camera(&check, d);
     return sbl__check_end(&check);
 }
@@ -13976,6 +13981,8 @@ static const char *const sbl__glsl_resolve[] = {
 "layout(location = 0) out vec4 out_color;\n",
 "#ifdef SBL_DISPLAY\n",
 "uniform sampler2D previous_display;         // like `previous`, of what the screen shows\n",
+"uniform vec3 backdrop;                      // sbl_picture_desc.backdrop\n",
+"const float SBL_BACKDROP_TOP = 0.3;         // share of the backdrop at the upper edge of the picture\n",
 "layout(location = 1) out vec4 out_display;\n",
 "#endif\n",
 "\n",
@@ -14042,7 +14049,9 @@ static const char *const sbl__glsl_resolve[] = {
 "    out_color = before + share * vec4(color, 1);\n",
 "#ifdef SBL_DISPLAY\n",
 "    vec4 shown_before = has_previous == 0 ? vec4(0) : texelFetch(previous_display, at, 0);\n",
-"    out_display = shown_before + share * vec4(sbl_shown(color), 1);\n",
+"    float fade = mix(SBL_BACKDROP_TOP, 1.0, gl_FragCoord.y / float(textureSize(radiance, 0).y));\n",
+"    vec3 least = id == 0u ? fade * backdrop : vec3(0);\n",
+"    out_display = shown_before + share * vec4(max(sbl_shown(color), least), 1);\n",
 "#endif\n",
 "}\n",
 0 };
@@ -14073,6 +14082,7 @@ typedef struct sbl__resolve {
     int index, count;                      /* number of the anti-aliasing sample, from 0; number of all samples */
     sbl_tone tone;                         /* SBL_TONE_NONE: only radiance is composed */
     float stops;                           /* exposure of what a screen shows */
+    const float *backdrop;                 /* sbl_picture_desc.backdrop, 3 floats */
 } sbl__resolve;
 
 /* Writes r->previous + sample / r->count to rows of `out`. rows: first row, number of rows */
@@ -14097,6 +14107,7 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
         sbl__bind(d, "previous_display", &r->previous[1]);
         sbl__set_int(d, "tone", (int)r->tone);
         sbl__set_float(d, "exposure", (float)pow(2, (double)r->stops));
+        sbl__set_vec3(d, "backdrop", r->backdrop);
     }
     sbl__environment_bind(d, r->environment);
     sbl__camera_set(d, r->camera, offset, out);
@@ -15271,6 +15282,7 @@ static sbl_result sbl__picture_compose(sbl__picture *p, int index, int count, co
     r.previous = p->sums[index & 1].textures;  /* sample 0 does not read it */
     r.tone = m->desc.tone;
     r.stops = m->work.core->stats.picture.exposure;
+    r.backdrop = m->desc.backdrop;
     r.environment = &m->work.core->scene.environment;
     r.camera = &m->camera;
     r.index = index;

@@ -358,6 +358,12 @@ static void describe_camera(const camera_view *c, const survey *s) {
            c->eye[0], c->eye[1], c->eye[2], at[0], at[1], at[2], c->up[0], c->up[1], c->up[2], c->fov);
 }
 
+/* Returns whether black behind the scene is shown as a grey backdrop: for screens, if the file has light of its own and
+   no option chooses a sky. */
+static int wants_backdrop(const scene_file *file) {
+    return is_display((sbl_channel)options.channel) && !given[SKY] && !given[STUDIO] && is_lit(&file->scene);
+}
+
 static studio light_of_studio;  /* the scene refers to it until the end */
 
 /* Sets the scene again, with the light of a studio. chosen: the camera without the options. Returns the exit status. */
@@ -428,9 +434,17 @@ static void warn_of_missed_target(messages *said, const sbl_stats *s) {
     warn_later(said, "the predicted error is %.2g %%, %.2g %% was asked: %s", 100 * expected, 100 * target, help);
 }
 
+/* Notes that a backdrop fills more than a tenth of the picture. */
+static void note_backdrop(const sbl_stats *s) {
+    const double pixels = (double)s->picture.width * s->picture.height;
+    if (10 * (pixels - s->picture.visible_pixels) > pixels)
+        tell("%s: the file has lights but no sky: a grey backdrop, which lights nothing, is shown behind it; --sky "
+             "0,0,0 turns it off", common.scene);
+}
+
 /* ---- the whole tool ---- */
 
-static void fill_desc(sbl_picture_desc *desc, progress *bar) {
+static void fill_desc(sbl_picture_desc *desc, const scene_file *file, progress *bar) {
     memset(desc, 0, sizeof *desc);
     desc->width = camera.size[0];
     desc->height = camera.size[1];
@@ -448,6 +462,7 @@ static void fill_desc(sbl_picture_desc *desc, progress *bar) {
         desc->auto_exposure = isnan(options.exposure);
         desc->exposure = desc->auto_exposure ? 0 : (float)options.exposure;
         desc->tone = is_display((sbl_channel)options.channel) ? tones[options.tone] : SBL_TONE_NONE;
+        if (wants_backdrop(file)) memcpy(desc->backdrop, studio_backdrop, sizeof desc->backdrop);
     }
     desc->samples = (sbl_channel)options.channel == SBL_CHANNEL_FINAL ? options.samples
                                                                       : 1; /* other channels show pixel centres */
@@ -464,7 +479,7 @@ static int render(const tool_task *task, double *seconds) {
     sbl_stats stats;
     sbl_result result;
     int status = DONE;
-    fill_desc(&desc, &bar);
+    fill_desc(&desc, task->file, &bar);
     memcpy(desc.world_to_view, placed.world_to_view, sizeof desc.world_to_view);
     memcpy(desc.view_to_clip, placed.view_to_clip, sizeof desc.view_to_clip);
     result = sbl_begin_picture(context, &desc);
@@ -489,6 +504,7 @@ static int render(const tool_task *task, double *seconds) {
         fprintf(stderr, "%s: %d x %d, %.0f sensors, %.1f s\n", common.output, picture.width, picture.height,
                 (double)stats.sensors.count, *seconds);
     if (status == DONE && !given[INSPECT]) warn_of_missed_target(task->said, &stats);
+    if (status == DONE && desc.backdrop[0] > 0 && !given[QUIET]) note_backdrop(&stats);
     return status;
 }
 

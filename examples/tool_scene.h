@@ -42,7 +42,9 @@ enum {
     [SKY]           = { "--sky", "R,G,B|FILE", NUMBERS_OR_FILE, common.sky, 3, 0, 1e30, \
                         "constant radiance of the sky, default 0,0,0; for files without any light, sbl_render has a " \
                             "studio (see\n" \
-                        "--studio), and the other tools have a sky of 1,1,1. Or an\n" \
+                        "--studio), and the other tools have a sky of 1,1,1. Behind files with light, a .png of " \
+                            "sbl_render shows\n" \
+                        "a grey backdrop that lights nothing, unless --sky is given. Or an\n" \
                         "equirectangular picture of the sky: FILE.hdr, or .png, .jpg, ..., which are decoded from " \
                             "sRGB. The upper\n" \
                         "edge of the picture is straight up, its centre is +x", NULL, &common.sky_picture, \

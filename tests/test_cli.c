@@ -2012,11 +2012,40 @@ TEST(a_png_is_made_for_screens) {
     none = stbi_load(in_folder("lit.png"), &width, &height, &channels, 3);
     for (k = white = 0; none && k < 3 * 32 * 32; k++) white += none[k] == 255;
     CHECK(white > 1500, "without a tone, %d bytes are white", white);
-    CHECK(TOOL("lit.obj", "--eye", "0,0,9", "--look-at", "0,0,20", "--size", "8x8", "--mode", "direct", "-o",
-               "lit.png") == 0 && strstr(ran.err, "100 % of the picture is black"), "expected a line on black: %s",
-          ran.err);
+    CHECK(TOOL("lit.obj", "--eye", "0,0,9", "--look-at", "0,0,20", "--size", "8x8", "--mode", "direct", "--sky",
+               "0,0,0", "-o", "lit.png") == 0 && strstr(ran.err, "100 % of the picture is black"),
+          "expected a line on black: %s", ran.err);
     for (i = 0; i < 3; i++) stbi_image_free(png[i]);
     stbi_image_free(none);
+}
+
+#define LIT_SHOT "lit.obj", "--eye", "0,0,9", "--look-at", "0,0,0", "--size", "32x32", "--mode", "direct"
+
+/* In a .png, a file with light of its own has a grey backdrop and not a black one, unless --sky is given. It is no
+   light: a .pfm does not have it. */
+TEST(a_lit_object_has_a_backdrop) {
+    static const char *const options[3] = { "--quiet", "--sky=0,0,0", "--studio" };
+    picture p;
+    int i, width, height, channels;
+    write_text("lit.mtl", "newmtl lamp\nKe 9 9 9\n");
+    write_text("lit.obj", "mtllib lit.mtl\nusemtl lamp\nv -1 -1 0\nv 1 -1 0\nv 0 1 0\nf 1 2 3\n");
+    CHECK(TOOL(LIT_SHOT, "-o", "lit.png") == 0 && ran.err_lines == 1 && said("lights but no sky: a grey backdrop") &&
+          said("--sky 0,0,0 turns it off"), "exit status %d: %s", ran.status, ran.err);
+    for (i = 0; i < 3; i++) {
+        unsigned char *png;
+        const int least = i == 1 ? 0 : 40, most = i == 1 ? 0 : i == 2 ? 255 : 100;
+        CHECK(TOOL(LIT_SHOT, "-o", "lit.png", options[i]) == 0 && !said("backdrop"), "%s: %s", options[i], ran.err);
+        png = stbi_load(in_folder("lit.png"), &width, &height, &channels, 3);
+        CHECK(png && png[0] >= least && png[0] <= most && png[3 * 31 * 32] >= least && png[3 * 31 * 32] <= most,
+              "%s: %d above, %d below", options[i], png ? png[0] : 0, png ? png[3 * 31 * 32] : 0);
+        stbi_image_free(png);
+    }
+    CHECK(TOOL(LIT_SHOT, "-o", "lit.pfm") == 0 && !ran.err[0], "exit status %d: %s", ran.status, ran.err);
+    p = read_pfm("lit.pfm");
+    REQUIRE(p.values, "no picture");
+    CHECK(p.values[0] == 0.0f && at(&p, 16, 16, 0) > 8.9, "%g in a corner, %g in the middle", (double)p.values[0],
+          at(&p, 16, 16, 0));
+    free(p.values);
 }
 
 /* --help shows at most 40 lines, in groups; --help all has the same groups and every option. */
@@ -2226,6 +2255,7 @@ int main(int argc, char **argv) {
     RUN(a_file_is_written_whole_or_not_at_all);
     RUN(progress_is_for_terminals);
     RUN_PLAIN(a_png_is_made_for_screens);
+    RUN_PLAIN(a_lit_object_has_a_backdrop);
     RUN(the_cornell_box_of_the_repository);
     tool_end();
     return test_report();
