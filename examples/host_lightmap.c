@@ -304,7 +304,7 @@ static sbl_result room_make(room *r, const scene_file *file, sbl_context *contex
     memcpy(r->highest, bounds.highest, sizeof r->highest);
     for (k = 0; k < 3; k++) r->across += r->highest[k] - r->lowest[k];
     survey_begin(&s, context);
-    if (!given[EYE] && !camera_of_file(file, &shot)) result = survey_take(&s, context);
+    if (!given[EYE] && !camera_of_file(file, &shot, &s)) result = survey_take(&s, context);
     if (result != SBL_SUCCESS) return result;
     camera_choose(&shot, file, given, &s);
     *misplaced = !camera_place(r->world_to_view, r->view_to_clip, &shot, given, &s);

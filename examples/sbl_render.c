@@ -392,13 +392,14 @@ static int arrange(tool_task *task, sbl_scene_desc *scene) {
     survey s;
     sbl_result result = SBL_SUCCESS;
     survey_begin(&s, task->context);
-    if (relight || (!given[EYE] && !camera_of_file(task->file, &shot))) result = survey_take(&s, task->context);
+    if (relight || (!given[EYE] && !camera_of_file(task->file, &shot, &s))) result = survey_take(&s, task->context);
     if (result == SBL_UNFINISHED) return stop("no picture was started");
     if (result != SBL_SUCCESS) return fail_with(task->said, common.scene, result);
     camera_choose(&chosen, task->file, given, &s);
     shot = chosen;
     if (!camera_place(placed.world_to_view, placed.view_to_clip, &shot, given, &s)) return camera_misuse();
     describe_camera(&shot, &s);
+    task->unplaced = !given[EYE] && camera_is_unplaced(task->file, &s);
     return relight ? light_studio(task, scene, &s, &chosen, shot.eye) : DONE;
 }
 

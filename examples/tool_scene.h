@@ -417,6 +417,7 @@ typedef struct tool_task {
     messages *said;
     double start, load;           /* time when the tool started; seconds spent reading the files */
     const char *light;            /* what lights a file without light, in words; NULL: the default sky does */
+    int unplaced;                 /* 1: the camera of the file is not used, because nobody has placed it */
 } tool_task;
 
 /* Sets the scene. Returns the exit status. */
@@ -557,6 +558,9 @@ static void tool__warn(const scene_file *file, const tool_task *task, const int 
     scene_file_note_units(file, text, sizeof text);
     if (text[0] && !given[LIGHT_SCALE]) tell("%s: %s", common.scene, text);
     if (without_effect[0]) warn("no effect: %s", without_effect);
+    if (task->unplaced)
+        tell("%s: the camera of the file is that of a new Blender file, and inside the model: another one is chosen; "
+             "--eye X,Y,Z places it", common.scene);
     if (task->light)
         tell("%s: the file has no light: it is lit by %s; --sky R,G,B or --sky FILE gives it another light",
              common.scene, task->light);

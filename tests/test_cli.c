@@ -333,6 +333,29 @@ TEST(ids_are_of_uses_of_meshes) {
 
 /* >>cameras */
 
+/* A camera that Blender has put into a new file, and that stands inside the model, is not used: a note says so. Any other
+   camera in the same place is. */
+TEST(blenders_first_camera_is_not_used_inside) {
+    static const char *const eyes[3] = { "7.48113,5.34367,6.50764", "0.735889,0.495831,0.692579", "7.48,5.34,6.7" };
+    char text[2048];
+    int i;
+    for (i = 0; i < 3; i++) {
+        snprintf(text, sizeof text, "{\"asset\":{\"version\":\"2.0\"},\"scene\":0,\"scenes\":[{\"nodes\":[0,1]}],"
+                 "\"nodes\":[{\"mesh\":0},{\"camera\":0,\"translation\":[%s]}],\"cameras\":[{\"type\":"
+                 "\"perspective\",\"perspective\":{\"yfov\":0.7,\"znear\":0.1}}],\"meshes\":[{\"primitives\":[{"
+                 "\"attributes\":{\"POSITION\":0}}]}],\"accessors\":[{\"bufferView\":0,\"componentType\":5126,"
+                 "\"count\":3,\"type\":\"VEC3\",\"min\":[-100,-100,-100],\"max\":[100,100,100]}],\"bufferViews\":[{"
+                 "\"buffer\":0,\"byteLength\":36}],\"buffers\":[{\"byteLength\":36,\"uri\":\"data:application/"
+                 "octet-stream;base64,%s\"}]}", eyes[i],
+                 "AADIwgAAyMIAAMjCAADIQgAAyMIAAMhCAAAAAAAAyEIAAAAA");
+        write_text("first.gltf", text);
+        CHECK(TOOL("first.gltf", "--size", "16x16", "--channel", "depth", "--verbose", "-o", "depth.pfm") == 0,
+              "exit status %d: %s", ran.status, ran.err);
+        CHECK(said("is that of a new Blender file") == (i < 2) && said("camera: of the file") == (i == 2), "%s: %s",
+              eyes[i], ran.err);
+    }
+}
+
 /* Options give the same picture as an equal camera in the file, and override the file's camera. */
 TEST(options_override_the_files_camera) {
     picture a, b;
@@ -2213,6 +2236,7 @@ int main(int argc, char **argv) {
     RUN(gltf_materials_and_camera);
     RUN(glb_materials_and_camera);
     RUN(ids_are_of_uses_of_meshes);
+    RUN(blenders_first_camera_is_not_used_inside);
     RUN(options_override_the_files_camera);
     RUN(without_a_camera_the_scene_is_framed);
     RUN(a_file_without_light_gets_a_studio);
