@@ -14655,7 +14655,9 @@ typedef struct sbl__map {
 #define SBL__READ_PIXELS 32768    /* maximum pixels per transfer between GPU and host, but at least a row of the map */
 #define SBL__STORED_NOISE 0.1f    /* assumed relative noise of stored light, for the filter */
 #define SBL__PREVIEW_GROWTH 1.25  /* the next preview is made when the number of looks has grown by this factor */
-#define SBL__MAP_RAYS 120.0       /* usual time of refinement per pixel, in rays of the store; 38 to 227 measured */
+#define SBL__MAP_RAYS 18000.0     /* usual time of refinement / square root of the number of pixels, in rays of the
+                                     store; half to twice as long in most of 60 random rooms. A root, because most
+                                     sensors stand along edges */
 #define SBL__GLIMPSE_TILE 16      /* least width of a tile of the glimpse: the default width of first-level tiles */
 #define SBL__GLIMPSE_RAYS 64      /* rays of a sensor of the glimpse */
 #define SBL__GLIMPSE_ERROR 0.05f  /* target error of the glimpse, which it rarely reaches */
@@ -15033,7 +15035,7 @@ static double sbl__map_seconds_left(const sbl__map *m) {
     const double stored = (double)sbl__bounce_progress(c), bounce = stats->seconds.bounce;
     double filling = 0, refining = 0;
     if (rays > 0)
-        refining = SBL__MAP_RAYS * pixels * bounce * SBL__MIN(1, SBL__BOUNCE_CAST / SBL__MAX(stored, 1e-6)) / rays;
+        refining = SBL__MAP_RAYS * sqrt(pixels) * bounce * SBL__MIN(1, SBL__BOUNCE_CAST / SBL__MAX(stored, 1e-6)) / rays;
     if (bounce > 0) filling = bounce * (1 / SBL__MAX(stored, 1e-6) - 1);
     if (m->work.stages.stage >= SBL__MAP_REFINE && taken > 0) {
         const double pace = (stats->seconds.gather + stats->seconds.refine - m->paced_from[0]) / taken;
