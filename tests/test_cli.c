@@ -333,8 +333,8 @@ TEST(ids_are_of_uses_of_meshes) {
 
 /* >>cameras */
 
-/* A camera that Blender has put into a new file, and that stands inside the model, is not used: a note says so. Any other
-   camera in the same place is. */
+/* A camera that Blender has put into a new file, and that stands inside the model, is not used: a note says so. Any
+   other camera in the same place is. */
 TEST(blenders_first_camera_is_not_used_inside) {
     static const char *const eyes[3] = { "7.48113,5.34367,6.50764", "0.735889,0.495831,0.692579", "7.48,5.34,6.7" };
     char text[2048];
