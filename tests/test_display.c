@@ -155,7 +155,7 @@ TEST(a_backdrop_is_behind_objects) {
     float *before[3], *now[3], *id, *bright;
     double worst = 0, most = 0;
     int i, k, changed = 0, behind = 0;
-    scene_quad(&s, scene_lamp(&s, 0.01f, 0.2f, 5), -1.12f, -9, 0, 1.08f, -9, 0, 1.08f, 9, 0, -1.12f, 9, 0);
+    scene_quad(&s, scene_lamp(&s, 0.01f, 0.02f, 0.03f), -1.12f, -9, 0, 1.08f, -9, 0, 1.08f, 9, 0, -1.12f, 9, 0);
     REQUIRE(scene_render(context, &s, &view), "no picture");
     for (k = 0; k < 3; k++) before[k] = scene_channel(context, &view, channels[k]);
     view.backdrop[0] = 0.2f;
