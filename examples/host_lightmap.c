@@ -35,6 +35,18 @@ static const tool_option table[OPTION_COUNT] = {
 };
 static int given[OPTION_COUNT];
 
+/* Notes options that have no effect: those for light if no probes are baked, and always those of pictures. */
+static void note_effects(void) {
+    static const int light[] = { MODE, PRESET, BACKEND, RAYS, MAX_BOUNCE_CELLS, EPSILON, SENSOR_SIZE, SEED, LIGHT_SCALE,
+                                 SKY_ROTATION, SKY_SCALE, SKY_UP };
+    static const int maps[] = { TILE, THRESHOLD, FILTER_RADIUS };
+    size_t i;
+    if (!common.output) common_note(given, table);
+    for (i = 0; i < sizeof light / sizeof *light && common.output; i++)
+        note_if(1, given, table, light[i], "with -o no probes are baked");
+    for (i = 0; i < sizeof maps / sizeof *maps; i++) note_if(1, given, table, maps[i], "sbl_bake made the lightmap");
+}
+
 static int parse(int argc, char **argv) {
     const tool_command command = { argc, argv, table, OPTION_COUNT, given, files, 2 };
     int status = tool_parse(&command);
@@ -45,6 +57,9 @@ static int parse(int argc, char **argv) {
     if (status != DONE) return status;
     if (common.output && !scene__ends_with(common.output, ".png") && !scene__ends_with(common.output, ".pfm"))
         return misuse("--output %s: the name must end in .png or .pfm", common.output);
+    if (common.output && given[STORE])
+        return misuse("--store keeps the light of probes, and with -o no probes are baked; give only one of them");
+    note_effects();
     return DONE;
 }
 
@@ -265,12 +280,13 @@ typedef struct room {
 
 /* Bakes a grid of probes over the room. */
 static sbl_result room_bake(room *r, sbl_context *context) {
+    progress bar = { 0, now(), 0 };
     sbl_probes_desc desc;
     int k;
     memset(&desc, 0, sizeof desc);
     for (k = 0; k < 3; k++) desc.grid[k] = ACROSS;
     desc.probes = r->probes;
-    desc.options.mode = common_mode(given);
+    desc.options = common_options(given, &bar);
     return sbl_bake_probes(context, &desc);
 }
 
@@ -291,7 +307,7 @@ static sbl_result room_make(room *r, const scene_file *file, sbl_context *contex
     memcpy(r->highest, bounds.highest, sizeof r->highest);
     for (k = 0; k < 3; k++) r->across += r->highest[k] - r->lowest[k];
     survey_begin(&s, context);
-    if (!given[EYE] && !camera_of_file(file, &shot)) result = survey_take(&s, context);
+    if (!given[EYE] && !camera_of_file(file, &shot, &s)) result = survey_take(&s, context);
     if (result != SBL_SUCCESS) return result;
     camera_choose(&shot, file, given, &s);
     *misplaced = !camera_place(r->world_to_view, r->view_to_clip, &shot, given, &s);
@@ -481,7 +497,7 @@ int main(int argc, char **argv) {
         output_find(&targets[PICTURE + i], common.output ? common.output : paths[i]);
         target_count = PICTURE + i + 1;
     }
-    status = targets_check(target_count);
+    status = targets_check(target_count, given);
     if (status == DONE) status = tool_run(start, given, draw_all, NULL, NULL);
     targets_free();
     return status;

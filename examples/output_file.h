@@ -1,5 +1,5 @@
 /* Writes files completely or not at all: data goes to a temporary file in the same folder, which is renamed to the
-   target at the end. Needs POSIX; include with _DEFAULT_SOURCE defined before the first header.
+   target at the end, when the disk has it. Needs POSIX; include with _DEFAULT_SOURCE defined before the first header.
 
        output_file out;
        FILE *stream;
@@ -206,6 +206,7 @@ static FILE *output_open(output_file *o) {
    0 if anything failed or *cancel is not 0; the old target is then unchanged, unless it is written in place. */
 static int output_close(output_file *o, FILE *stream, int whole, const volatile sig_atomic_t *cancel) {
     if (ferror(stream)) whole = 0;
+    if (whole && !o->in_place && (fflush(stream) != 0 || fsync(fileno(stream)) != 0)) whole = 0;
     if (fclose(stream) != 0) whole = 0;
     if (o->in_place) return whole;
     if (whole && cancel && *cancel) {

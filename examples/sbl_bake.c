@@ -233,7 +233,7 @@ static int find_files(void) {
         return fail("%s: the folder cannot be created: %s; give another one", common.output, strerror(errno));
     targets_begin();
     for (i = OWN_TARGETS; i < TEXTURES && status == DONE; i++) status = target_add(i, strlen(common.output), names[i]);
-    return status == DONE ? targets_check(OVERLAP) : status;
+    return status == DONE ? targets_check(OVERLAP, given) : status;
 }
 
 /* Lists the files for the textures of the scene, from target number `first` on. Returns the exit status. */
@@ -465,7 +465,7 @@ static int find_file(void) {
     targets_begin();
     output_find(&targets[ONE_FILE], common.output);
     target_count = ONE_FILE + 1;
-    return targets_check(target_count);
+    return targets_check(target_count, given);
 }
 
 /* ---- vertices ---- */
@@ -490,7 +490,7 @@ static int find_vertex_files(const scene_file *file) {
     snprintf(bin_name, sizeof bin_name, "%.*s.bin", (int)(strlen(base) - 5), base);
     status = target_add(VERTEX_BIN, folder, bin_name);
     if (status == DONE) status = find_textures(file, VERTEX_TEXTURES, folder);
-    return status == DONE ? targets_check(VERTEX_BIN + 1) : status;
+    return status == DONE ? targets_check(VERTEX_BIN + 1, given) : status;
 }
 
 static void transform_point(const float m[16], const float *p, double out[3]) {

@@ -145,6 +145,11 @@ static void print_help(void) {
 
 static int ends_with(const char *path, const char *ending) { return scene__ends_with(path, ending); }
 
+/* Returns whether no light need be measured: the channel shows surfaces alone, and --store asks for no light. */
+static int needs_no_light(sbl_channel channel) {
+    return channel >= SBL_CHANNEL_ALBEDO && channel <= SBL_CHANNEL_DEPTH && !given[INSPECT] && !given[STORE];
+}
+
 /* Notes options that have no effect on the picture. */
 static void note_effects(void) {
     const sbl_channel channel = (sbl_channel)options.channel;
@@ -153,7 +158,8 @@ static void note_effects(void) {
     const int paper = common_mode(given) == SBL_MODE_PAPER;
     common_note(given, table);
     note_if(paper, given, table, TARGET_ERROR, "in --mode paper, --threshold decides");
-    if (!paper) common_note_refinement(given, table, TARGET_ERROR);
+    note_if(needs_no_light(channel), given, table, TARGET_ERROR, "the channel shows no light");
+    if (!paper && !needs_no_light(channel)) common_note_refinement(given, table, TARGET_ERROR);
     note_if(options.samples > 1 && (channel != SBL_CHANNEL_FINAL || given[INSPECT]), given, table, SAMPLES,
             "only channel final is anti-aliased");
     note_if(!ends_with(common.output, ".png"), given, table, EXPOSURE, "only a .png is exposed");
@@ -201,7 +207,7 @@ static int find_targets(void) {
     output_find(&targets[PICTURE], common.output);
     output_find(&targets[PARTIAL], partial);
     target_count = PARTIAL + 1;
-    return targets_check(PARTIAL);
+    return targets_check(PARTIAL, given);
 }
 
 typedef struct view { const image *picture; sbl_channel channel; double stops; } view;
@@ -352,6 +358,12 @@ static void describe_camera(const camera_view *c, const survey *s) {
            c->eye[0], c->eye[1], c->eye[2], at[0], at[1], at[2], c->up[0], c->up[1], c->up[2], c->fov);
 }
 
+/* Returns whether black behind the scene is shown as a grey backdrop: for screens, if the file has light of its own and
+   no option chooses a sky. */
+static int wants_backdrop(const scene_file *file) {
+    return is_display((sbl_channel)options.channel) && !given[SKY] && !given[STUDIO] && is_lit(&file->scene);
+}
+
 static studio light_of_studio;  /* the scene refers to it until the end */
 
 /* Sets the scene again, with the light of a studio. chosen: the camera without the options. Returns the exit status. */
@@ -380,13 +392,14 @@ static int arrange(tool_task *task, sbl_scene_desc *scene) {
     survey s;
     sbl_result result = SBL_SUCCESS;
     survey_begin(&s, task->context);
-    if (relight || (!given[EYE] && !camera_of_file(task->file, &shot))) result = survey_take(&s, task->context);
+    if (relight || (!given[EYE] && !camera_of_file(task->file, &shot, &s))) result = survey_take(&s, task->context);
     if (result == SBL_UNFINISHED) return stop("no picture was started");
     if (result != SBL_SUCCESS) return fail_with(task->said, common.scene, result);
     camera_choose(&chosen, task->file, given, &s);
     shot = chosen;
     if (!camera_place(placed.world_to_view, placed.view_to_clip, &shot, given, &s)) return camera_misuse();
     describe_camera(&shot, &s);
+    task->unplaced = !given[EYE] && camera_is_unplaced(task->file, &s);
     return relight ? light_studio(task, scene, &s, &chosen, shot.eye) : DONE;
 }
 
@@ -395,10 +408,10 @@ static int arrange(tool_task *task, sbl_scene_desc *scene) {
 /* Writes why the target was missed, and what would help. Stored light causes a part of the error that sensors cannot
    reduce. They reduce theirs to 0.84 of the target at most, so that a smaller target makes up for stored light. */
 static void advise(const sbl_stats *s, char *out, size_t size) {
-    enum { CELLS_DEFAULT = 49152, CELLS_MOST = 1 << 20 };
+    enum { CELLS_MOST = 1 << 20 };
     const double target = (double)s->picture.target_error, expected = (double)s->picture.expected_error;
     const double stored = (double)s->picture.stored_error, left2 = target * target - stored * stored;
-    const int cells = common.max_bounce_cells ? common.max_bounce_cells : CELLS_DEFAULT;
+    const int cells = s->store.max_cells;
     char smaller[64] = "", more[64] = "";
     if (expected * expected - stored * stored <= target * target) {
         if (left2 > 0.04 * target * target)
@@ -422,13 +435,23 @@ static void warn_of_missed_target(messages *said, const sbl_stats *s) {
     warn_later(said, "the predicted error is %.2g %%, %.2g %% was asked: %s", 100 * expected, 100 * target, help);
 }
 
+/* Notes that a backdrop fills more than a tenth of the picture. */
+static void note_backdrop(const sbl_stats *s) {
+    const double pixels = (double)s->picture.width * s->picture.height;
+    if (10 * (pixels - s->picture.visible_pixels) > pixels)
+        tell("%s: the file has lights but no sky: a grey backdrop, which lights nothing, is shown behind it; --sky "
+             "0,0,0 turns it off", common.scene);
+}
+
 /* ---- the whole tool ---- */
 
-static void fill_desc(sbl_picture_desc *desc, progress *bar) {
+static void fill_desc(sbl_picture_desc *desc, const scene_file *file, progress *bar) {
     memset(desc, 0, sizeof *desc);
     desc->width = camera.size[0];
     desc->height = camera.size[1];
     desc->options = common_options(given, bar);
+    if (needs_no_light((sbl_channel)options.channel) && common_mode(given) != SBL_MODE_PAPER)
+        desc->options.mode = SBL_MODE_DIRECT;  /* which needs the least before surfaces are drawn */
     desc->target_error = (float)options.target_error;
     desc->sensor_fov = (float)options.sensor_fov;
     desc->tile = common.tile;
@@ -440,6 +463,7 @@ static void fill_desc(sbl_picture_desc *desc, progress *bar) {
         desc->auto_exposure = isnan(options.exposure);
         desc->exposure = desc->auto_exposure ? 0 : (float)options.exposure;
         desc->tone = is_display((sbl_channel)options.channel) ? tones[options.tone] : SBL_TONE_NONE;
+        if (wants_backdrop(file)) memcpy(desc->backdrop, studio_backdrop, sizeof desc->backdrop);
     }
     desc->samples = (sbl_channel)options.channel == SBL_CHANNEL_FINAL ? options.samples
                                                                       : 1; /* other channels show pixel centres */
@@ -456,11 +480,12 @@ static int render(const tool_task *task, double *seconds) {
     sbl_stats stats;
     sbl_result result;
     int status = DONE;
-    fill_desc(&desc, &bar);
+    fill_desc(&desc, task->file, &bar);
     memcpy(desc.world_to_view, placed.world_to_view, sizeof desc.world_to_view);
     memcpy(desc.view_to_clip, placed.view_to_clip, sizeof desc.view_to_clip);
     result = sbl_begin_picture(context, &desc);
-    if (result == SBL_SUCCESS) result = given[INSPECT] ? work(context) : work_to_save(context);
+    if (result == SBL_SUCCESS && needs_no_light(channel)) result = work_until(context, channel);
+    else if (result == SBL_SUCCESS) result = given[INSPECT] ? work(context) : work_to_save(context);
     if (bar.shown) fprintf(stderr, "\r%70s\r", "");
     if (!given[INSPECT] && (result == SBL_SUCCESS || result == SBL_UNFINISHED))
         result = picture_read(context, desc.width, desc.height, display ? SBL_CHANNEL_DISPLAY : channel, &picture);
@@ -480,6 +505,7 @@ static int render(const tool_task *task, double *seconds) {
         fprintf(stderr, "%s: %d x %d, %.0f sensors, %.1f s\n", common.output, picture.width, picture.height,
                 (double)stats.sensors.count, *seconds);
     if (status == DONE && !given[INSPECT]) warn_of_missed_target(task->said, &stats);
+    if (status == DONE && desc.backdrop[0] > 0 && !given[QUIET]) note_backdrop(&stats);
     return status;
 }
 

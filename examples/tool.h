@@ -179,6 +179,16 @@ static inline sbl_result work(sbl_context *context) {
     return result;
 }
 
+#define WORK_GLANCE 0.02  /* seconds; the slices of work_until are short, because it looks for the channel after each */
+
+/* Works until a channel can be read, or a signal arrives. */
+static inline sbl_result work_until(sbl_context *context, sbl_channel channel) {
+    sbl_result result = SBL_UNFINISHED;
+    while (result == SBL_UNFINISHED && !interrupted && !sbl_channel_texture(context, channel))
+        result = sbl_step(context, WORK_GLANCE);
+    return result;
+}
+
 /* Like `work` for pictures and lightmaps, but works on for up to WORK_LINGER seconds after a signal if there is nothing
    to save yet. In SBL_MODE_GI, sbl.h makes a first picture of direct light when it is asked for one. */
 static inline sbl_result work_to_save(sbl_context *context) {

@@ -46,8 +46,26 @@ static void camera__tangents(double fov, double out[2]) {
     out[0] = out[1] * camera.size[0] / camera.size[1];
 }
 
-/* Takes the camera of the file. Returns 0 if its values are invalid; it is then ignored. */
-static int camera_of_file(const scene_file *file, camera_view *view) {
+/* Returns whether the camera of the file is where Blender puts the camera of a new file, in any unit, and inside the
+   bounds of the scene: then nobody has placed it, and it is among the parts of a model that is larger than Blender's
+   first cube. */
+static int camera_is_unplaced(const scene_file *file, const survey *s) {
+    static const double defaults[2][3] = { { 7.48113, 5.34367, 6.50764 },    /* until 2.79 */
+                                           { 7.35889, 4.95831, 6.92579 } };  /* since 2.80 */
+    const float *eye = file->camera.eye;
+    int i, k, inside = file->has_camera, found = 0;
+    for (k = 0; k < 3; k++) inside = inside && eye[k] > s->bounds.lowest[k] && eye[k] < s->bounds.highest[k];
+    for (i = 0; i < 2 && inside; i++) {
+        const double unit = (double)eye[0] / defaults[i][0];
+        int same = unit > 0;
+        for (k = 1; k < 3; k++) same = same && fabs((double)eye[k] / unit - defaults[i][k]) < 1e-3;
+        found = found || same;
+    }
+    return found;
+}
+
+/* Takes the camera of the file. Returns 0 if its values are invalid, or if nobody has placed it; it is then ignored. */
+static int camera_of_file(const scene_file *file, camera_view *view, const survey *s) {
     const scene_file_camera *c = &file->camera;
     const double radians = atan(1.0) / 45, aspect = (double)camera.size[0] / camera.size[1];
     float unused[16];
@@ -63,7 +81,7 @@ static int camera_of_file(const scene_file *file, camera_view *view) {
         ok = ok && fabs(view->eye[i]) < 1e18;
     }
     view->where = "of the file";
-    return view->of_file = ok && view->fov >= 1 && view->fov <= 179;
+    return view->of_file = ok && view->fov >= 1 && view->fov <= 179 && !camera_is_unplaced(file, s);
 }
 
 /* Places the camera so that the corners of the bounds just fit into the picture, with a margin of a fourteenth of the
@@ -133,7 +151,7 @@ enum { CAMERA__ROOM_FOV = 60 };  /* degrees; the field of view inside a room, as
    one that shows the whole scene. */
 static void camera_choose(camera_view *view, const scene_file *file, const int *given, const survey *s) {
     int i;
-    if (camera_of_file(file, view)) { if (given[FOV]) view->fov = camera.fov; return; }
+    if (camera_of_file(file, view, s)) { if (given[FOV]) view->fov = camera.fov; return; }
     view->fov = s->kind == SURVEY_ROOM && !given[FOV] ? CAMERA__ROOM_FOV : camera.fov;
     for (i = 0; i < 3; i++) {
         view->eye[i] = s->eye[i];

@@ -42,7 +42,9 @@ enum {
     [SKY]           = { "--sky", "R,G,B|FILE", NUMBERS_OR_FILE, common.sky, 3, 0, 1e30, \
                         "constant radiance of the sky, default 0,0,0; for files without any light, sbl_render has a " \
                             "studio (see\n" \
-                        "--studio), and the other tools have a sky of 1,1,1. Or an\n" \
+                        "--studio), and the other tools have a sky of 1,1,1. Behind files with light, a .png of " \
+                            "sbl_render shows\n" \
+                        "a grey backdrop that lights nothing, unless --sky is given. Or an\n" \
                         "equirectangular picture of the sky: FILE.hdr, or .png, .jpg, ..., which are decoded from " \
                             "sRGB. The upper\n" \
                         "edge of the picture is straight up, its centre is +x", NULL, &common.sky_picture, \
@@ -284,9 +286,15 @@ static void targets_begin(void) {
     target_count = OWN_TARGETS;
 }
 
+/* Returns whether the file of --store need not be written, because it holds light that is kept. */
+static int targets__store_stays(const int *given) {
+    struct stat info;
+    return !given[STORE_REPLACE] && stat(targets[STORED].path, &info) == 0 && info.st_size > 0;
+}
+
 /* Checks that no two targets are the same file, that no target is an input file, and that the first `checked` targets
    can be written. Returns the exit status. */
-static int targets_check(int checked) {
+static int targets_check(int checked, const int *given) {
     const char *const inputs[3] = { common.scene, common.sky_picture, common.input };
     output_file input;
     int i, k, status = DONE;
@@ -305,7 +313,7 @@ static int targets_check(int checked) {
         output_free(&input);
     }
     for (i = 0; i < checked && status == DONE; i++)
-        if (targets[i].name && !output_check(&targets[i]))
+        if (targets[i].name && (i != STORED || !targets__store_stays(given)) && !output_check(&targets[i]))
             status = fail("%s: cannot be written: %s; give another file name", targets[i].name, strerror(errno));
     return status;
 }
@@ -409,6 +417,7 @@ typedef struct tool_task {
     messages *said;
     double start, load;           /* time when the tool started; seconds spent reading the files */
     const char *light;            /* what lights a file without light, in words; NULL: the default sky does */
+    int unplaced;                 /* 1: the camera of the file is not used, because nobody has placed it */
 } tool_task;
 
 /* Sets the scene. Returns the exit status. */
@@ -549,6 +558,9 @@ static void tool__warn(const scene_file *file, const tool_task *task, const int 
     scene_file_note_units(file, text, sizeof text);
     if (text[0] && !given[LIGHT_SCALE]) tell("%s: %s", common.scene, text);
     if (without_effect[0]) warn("no effect: %s", without_effect);
+    if (task->unplaced)
+        tell("%s: the camera of the file is that of a new Blender file, and inside the model: another one is chosen; "
+             "--eye X,Y,Z places it", common.scene);
     if (task->light)
         tell("%s: the file has no light: it is lit by %s; --sky R,G,B or --sky FILE gives it another light",
              common.scene, task->light);

@@ -1,4 +1,5 @@
-/* Light for scenes that have none: a studio. Include after tool_survey.h and tool_camera.h.
+/* Light for scenes that have none: a studio; and a backdrop for scenes that have light but no sky. Include after
+   tool_survey.h and tool_camera.h.
 
    An object stands on a large grey ground, below a sky that is bright above and fades towards the horizon, and a wide
    sun shines from the upper left behind the camera. The sky has the radiance of the ground from the horizon down, so
@@ -29,6 +30,10 @@ typedef struct studio {
     sbl_material *materials;
     float corners[12];           /* of the ground */
 } studio;
+
+/* What a .png shows behind a scene that has lights but no sky, at the lower edge of the picture. It lights nothing; see
+   sbl_picture_desc. */
+static const float studio_backdrop[3] = { 0.1f, 0.1f, 0.1f };
 
 /* How far the sky has gone from the radiance of the horizon (0) to that of the zenith (1). h: the sine of the height.
    The slope is 0 at the horizon, so that no line is seen there. */

@@ -549,6 +549,11 @@ TEST(a_host_draws_it) {
         stbi_image_free(png);
         CHECK(balls > 0, "no ball in frame %d", x ? 11 : 0);
     }
+    CHECK(TOOL("room.gltf", "out", "--size", "8x8", "--tile", "8", "--preset", "high", "-o", "noted.pfm") == 0 &&
+          ran.err_lines == 1 && said("--preset (with -o no probes") && said("--tile (sbl_bake made"), "%s", ran.err);
+    CHECK(TOOL("room.gltf", "out", "--size", "8x8", "--tile", "8", "--preset", "draft") == 0 && ran.err_lines == 1 &&
+          !said("--preset") && said("--tile (sbl_bake made"), "%s", ran.err);
+    REFUSED(2, "no probes are baked", "room.gltf", "out", "--store", "light.sbl", "-o", "x.pfm");
     REFUSED(1, "atlas.pfm", "room.gltf", "nowhere", "-o", "x.png");
     REFUSED(2, "usage", "room.gltf");
     REFUSED(2, "must end in", "room.gltf", "out", "-o", "x.jpg");

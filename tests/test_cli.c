@@ -333,6 +333,29 @@ TEST(ids_are_of_uses_of_meshes) {
 
 /* >>cameras */
 
+/* A camera that Blender has put into a new file, and that stands inside the model, is not used: a note says so. Any
+   other camera in the same place is. */
+TEST(blenders_first_camera_is_not_used_inside) {
+    static const char *const eyes[3] = { "7.48113,5.34367,6.50764", "0.735889,0.495831,0.692579", "7.48,5.34,6.7" };
+    char text[2048];
+    int i;
+    for (i = 0; i < 3; i++) {
+        snprintf(text, sizeof text, "{\"asset\":{\"version\":\"2.0\"},\"scene\":0,\"scenes\":[{\"nodes\":[0,1]}],"
+                 "\"nodes\":[{\"mesh\":0},{\"camera\":0,\"translation\":[%s]}],\"cameras\":[{\"type\":"
+                 "\"perspective\",\"perspective\":{\"yfov\":0.7,\"znear\":0.1}}],\"meshes\":[{\"primitives\":[{"
+                 "\"attributes\":{\"POSITION\":0}}]}],\"accessors\":[{\"bufferView\":0,\"componentType\":5126,"
+                 "\"count\":3,\"type\":\"VEC3\",\"min\":[-100,-100,-100],\"max\":[100,100,100]}],\"bufferViews\":[{"
+                 "\"buffer\":0,\"byteLength\":36}],\"buffers\":[{\"byteLength\":36,\"uri\":\"data:application/"
+                 "octet-stream;base64,%s\"}]}", eyes[i],
+                 "AADIwgAAyMIAAMjCAADIQgAAyMIAAMhCAAAAAAAAyEIAAAAA");
+        write_text("first.gltf", text);
+        CHECK(TOOL("first.gltf", "--size", "16x16", "--channel", "depth", "--verbose", "-o", "depth.pfm") == 0,
+              "exit status %d: %s", ran.status, ran.err);
+        CHECK(said("is that of a new Blender file") == (i < 2) && said("camera: of the file") == (i == 2), "%s: %s",
+              eyes[i], ran.err);
+    }
+}
+
 /* Options give the same picture as an equal camera in the file, and override the file's camera. */
 TEST(options_override_the_files_camera) {
     picture a, b;
@@ -839,6 +862,49 @@ TEST(stores_are_not_overwritten) {
           "light that fits: exit status %d: %s", ran.status, ran.err);
     CHECK(TOOL(ROOM, "--store-replace", "-o", "refused.pfm") == 2 && said("needs --store"), "exit status %d: %s",
           ran.status, ran.err);
+}
+
+/* A channel that shows surfaces alone needs no stored light, unless --store asks for it. */
+TEST(surfaces_need_no_light) {
+    char text[8192];
+    int i, lines;
+    room_obj();
+    remove(in_folder("light.sbl"));
+    for (i = 0; i < 2; i++) {
+        CHECK(TOOL(ROOM, "--channel", "normal", "--stats", "stats.json", "-o", "normal.pfm", i ? "--store" : "--quiet",
+                   i ? "light.sbl" : "--tile=16") == 0, "exit status %d: %s", ran.status, ran.err);
+        read_text(in_folder("stats.json"), text, sizeof text, &lines);
+        CHECK((json_number(text, "bounce_samples") > 0) == i && exists("light.sbl") == i, "%s", text);
+    }
+}
+
+/* A store in a folder where no file can be created is loaded, but not replaced. The folder's path is so long that a
+   temporary file would have too long a name; unlike a folder without write permission, it also stops root. */
+TEST(stores_in_closed_folders) {
+    char path[PATH_MAX], whole[PATH_MAX], data[4096];
+    size_t length, bytes;
+    FILE *in, *out;
+    room_obj();
+    remove(in_folder("light.sbl"));
+    REQUIRE(TOOL(ROOM, "--store", "light.sbl", "-o", "made.pfm") == 0 && realpath(in_folder("."), path), "%s", ran.err);
+    while ((length = strlen(path)) < PATH_MAX - 24) {  /* leaves space for a name of 8 to 22 characters */
+        size_t more = PATH_MAX - 22 - length;
+        if (more > 200) more = more > 300 ? 200 : 100;
+        memset(path + length, 'd', more);
+        path[length] = '/';
+        path[length + more] = 0;
+        mkdir(path, 0777);
+    }
+    snprintf(whole, sizeof whole, "%.*s/l.sbl", PATH_MAX - 8, path);
+    in = fopen(in_folder("light.sbl"), "rb");
+    out = fopen(whole, "wb");
+    while (in && out && (bytes = fread(data, 1, sizeof data, in)) > 0) fwrite(data, 1, bytes, out);
+    if (in) fclose(in);
+    REQUIRE(out && fclose(out) == 0 && symlink(whole, in_folder("far.sbl")) == 0, "%s", strerror(errno));
+    CHECK(TOOL(ROOM, "--store", "far.sbl", "-o", "made.pfm") == 0 && !ran.err[0], "exit status %d: %s", ran.status,
+          ran.err);
+    CHECK(TOOL(ROOM, "--store", "far.sbl", "--store-replace", "-o", "made.pfm") == 1 && said("cannot be written"),
+          "exit status %d: %s", ran.status, ran.err);
 }
 
 /* A store that was made with fewer cells than are allowed now is used with a warning, or made anew with
@@ -1969,11 +2035,40 @@ TEST(a_png_is_made_for_screens) {
     none = stbi_load(in_folder("lit.png"), &width, &height, &channels, 3);
     for (k = white = 0; none && k < 3 * 32 * 32; k++) white += none[k] == 255;
     CHECK(white > 1500, "without a tone, %d bytes are white", white);
-    CHECK(TOOL("lit.obj", "--eye", "0,0,9", "--look-at", "0,0,20", "--size", "8x8", "--mode", "direct", "-o",
-               "lit.png") == 0 && strstr(ran.err, "100 % of the picture is black"), "expected a line on black: %s",
-          ran.err);
+    CHECK(TOOL("lit.obj", "--eye", "0,0,9", "--look-at", "0,0,20", "--size", "8x8", "--mode", "direct", "--sky",
+               "0,0,0", "-o", "lit.png") == 0 && strstr(ran.err, "100 % of the picture is black"),
+          "expected a line on black: %s", ran.err);
     for (i = 0; i < 3; i++) stbi_image_free(png[i]);
     stbi_image_free(none);
+}
+
+#define LIT_SHOT "lit.obj", "--eye", "0,0,9", "--look-at", "0,0,0", "--size", "32x32", "--mode", "direct"
+
+/* In a .png, a file with light of its own has a grey backdrop and not a black one, unless --sky is given. It is no
+   light: a .pfm does not have it. */
+TEST(a_lit_object_has_a_backdrop) {
+    static const char *const options[3] = { "--quiet", "--sky=0,0,0", "--studio" };
+    picture p;
+    int i, width, height, channels;
+    write_text("lit.mtl", "newmtl lamp\nKe 9 9 9\n");
+    write_text("lit.obj", "mtllib lit.mtl\nusemtl lamp\nv -1 -1 0\nv 1 -1 0\nv 0 1 0\nf 1 2 3\n");
+    CHECK(TOOL(LIT_SHOT, "-o", "lit.png") == 0 && ran.err_lines == 1 && said("lights but no sky: a grey backdrop") &&
+          said("--sky 0,0,0 turns it off"), "exit status %d: %s", ran.status, ran.err);
+    for (i = 0; i < 3; i++) {
+        unsigned char *png;
+        const int least = i == 1 ? 0 : 40, most = i == 1 ? 0 : i == 2 ? 255 : 100;
+        CHECK(TOOL(LIT_SHOT, "-o", "lit.png", options[i]) == 0 && !said("backdrop"), "%s: %s", options[i], ran.err);
+        png = stbi_load(in_folder("lit.png"), &width, &height, &channels, 3);
+        CHECK(png && png[0] >= least && png[0] <= most && png[3 * 31 * 32] >= least && png[3 * 31 * 32] <= most,
+              "%s: %d above, %d below", options[i], png ? png[0] : 0, png ? png[3 * 31 * 32] : 0);
+        stbi_image_free(png);
+    }
+    CHECK(TOOL(LIT_SHOT, "-o", "lit.pfm") == 0 && !ran.err[0], "exit status %d: %s", ran.status, ran.err);
+    p = read_pfm("lit.pfm");
+    REQUIRE(p.values, "no picture");
+    CHECK(p.values[0] == 0.0f && at(&p, 16, 16, 0) > 8.9, "%g in a corner, %g in the middle", (double)p.values[0],
+          at(&p, 16, 16, 0));
+    free(p.values);
 }
 
 /* --help shows at most 40 lines, in groups; --help all has the same groups and every option. */
@@ -2061,6 +2156,7 @@ TEST(options_without_effect_are_named) {
         { "--exposure (only final", "--exposure", "1", "--channel", "normal" },
         { "--tone (only channel final", "--tone", "agx", "--channel", "radiance" },
         { "--target-error (--rays and --tile", "--error", "9%", "--rays", "16", "--tile", "1" },
+        { "--target-error (the channel", "--error", "9%", "--channel", "depth" },
         { "--threshold (--tile", "--threshold", "0.1", "--tile", "1" },
         { "--target-error (--rays and --threshold", "--error", "9%", "--rays", "16", "--threshold", "1" },
         { "--max-bounce-cells (only", "--max-bounce-cells", "2048", "--mode", "direct" },
@@ -2140,6 +2236,7 @@ int main(int argc, char **argv) {
     RUN(gltf_materials_and_camera);
     RUN(glb_materials_and_camera);
     RUN(ids_are_of_uses_of_meshes);
+    RUN(blenders_first_camera_is_not_used_inside);
     RUN(options_override_the_files_camera);
     RUN(without_a_camera_the_scene_is_framed);
     RUN(a_file_without_light_gets_a_studio);
@@ -2150,12 +2247,14 @@ int main(int argc, char **argv) {
     RUN(the_cornell_box_is_seen_from_its_open_side);
     RUN(png_is_the_encoded_pfm);
     RUN(every_channel_is_written);
+    RUN(surfaces_need_no_light);
     RUN(exr_is_written_or_refused);
     RUN(statistics_have_every_field);
     RUN(rays_can_be_traced);
     RUN(light_bounces_by_default);
     RUN(bounced_light_is_kept);
     RUN(stores_are_not_overwritten);
+    RUN(stores_in_closed_folders);
     RUN(coarse_stores);
     RUN(stores_are_never_lost);
     RUN(a_sensor_can_be_inspected);
@@ -2180,6 +2279,7 @@ int main(int argc, char **argv) {
     RUN(a_file_is_written_whole_or_not_at_all);
     RUN(progress_is_for_terminals);
     RUN_PLAIN(a_png_is_made_for_screens);
+    RUN_PLAIN(a_lit_object_has_a_backdrop);
     RUN(the_cornell_box_of_the_repository);
     tool_end();
     return test_report();

@@ -146,6 +146,43 @@ TEST(edges_of_lamps_are_smooth) {
     }
 }
 
+/* A backdrop is shown where there is no surface, and fades to 0.3 at the upper edge. All else has the same bits. A
+   brighter sky hides it. */
+TEST(a_backdrop_is_behind_objects) {
+    static const sbl_channel channels[3] = { SBL_CHANNEL_DISPLAY, SBL_CHANNEL_FINAL, SBL_CHANNEL_RADIANCE };
+    test_scene s = { 0 };
+    sbl_picture_desc view = shown(scene_view(WIDTH, HEIGHT, 40, 0, 0, 10, 0, 0, 0), SBL_TONE_NEUTRAL);
+    float *before[3], *now[3], *id, *bright;
+    double worst = 0, most = 0;
+    int i, k, changed = 0, behind = 0;
+    scene_quad(&s, scene_lamp(&s, 0.01f, 0.02f, 0.03f), -1.12f, -9, 0, 1.08f, -9, 0, 1.08f, 9, 0, -1.12f, 9, 0);
+    REQUIRE(scene_render(context, &s, &view), "no picture");
+    for (k = 0; k < 3; k++) before[k] = scene_channel(context, &view, channels[k]);
+    view.backdrop[0] = 0.2f;
+    view.backdrop[1] = view.backdrop[2] = 0.1f;
+    REQUIRE(scene_render(context, &s, &view), "no picture");
+    for (k = 0; k < 3; k++) now[k] = scene_channel(context, &view, channels[k]);
+    id = scene_channel(context, &view, SBL_CHANNEL_ID);
+    for (i = 0; i < 3 * PIXELS; i++) {
+        const double fade = 0.3 + 0.7 * (i / 3 / WIDTH + 0.5) / HEIGHT;
+        if (id[i / 3] > 0) changed += memcmp(&now[0][i], &before[0][i], 4) != 0;
+        else worst = test_max(worst, fabs((double)now[0][i] - fade * (double)view.backdrop[i % 3]));
+        behind += !(id[i / 3] > 0);
+    }
+    CHECK(behind > PIXELS && worst < 1e-6, "it is off by %g at %d values", worst, behind);
+    CHECK(!changed && !memcmp(now[1], before[1], 12 * PIXELS) && !memcmp(now[2], before[2], 12 * PIXELS),
+          "it changes surfaces: %d values, FINAL or R", changed);
+    for (k = 0; k < 3; k++) s.sky[k] = 1;
+    REQUIRE(scene_render(context, &s, &view), "no picture");
+    bright = scene_channel(context, &view, SBL_CHANNEL_DISPLAY);
+    for (i = 0; i < 3; i++) most = test_max(most, fabs((double)bright[i] - (double)bright[3 * (PIXELS - 1) + i]));
+    CHECK(most < 1e-6 && bright[0] > 0.5f, "before a sky, the corners differ by %g", most);
+    for (k = 0; k < 3; k++) { free(now[k]); free(before[k]); }
+    free(id);
+    free(bright);
+    scene_free(&s);
+}
+
 /* Returns the exposure that is chosen for a room with walls of an albedo, and the mean of what the screen shows.
    power: radiance of its lamp, which is hidden from the camera; window: radiance of a bright quad in a tenth of it */
 static double metered(float albedo, float power, float window, double *mean) {
@@ -198,6 +235,7 @@ int main(void) {
     RUN(tones_are_their_formulas);
     RUN(other_channels_stay_as_they_are);
     RUN(edges_of_lamps_are_smooth);
+    RUN(a_backdrop_is_behind_objects);
     RUN(exposure_follows_the_light);
     RUN(highlights_limit_the_exposure);
     sbl_destroy(context);

@@ -214,7 +214,11 @@ first_picture() {
 plain_check first_picture_cornell_box first_picture examples/scenes/cornell_box.obj 5
 plain_check first_picture_two_rooms first_picture examples/scenes/two_rooms.obj 5
 plain_check first_picture_window first_picture examples/scenes/window.obj 5
-plain_check first_picture_lights first_picture examples/scenes/lights.gltf 40  # a ground before nothing
+plain_check first_picture_lights first_picture examples/scenes/lights.gltf 5
+plain_check first_picture_chair first_picture examples/scenes/first/chair.obj 5
+plain_check first_picture_evening first_picture examples/scenes/first/evening.obj 5
+plain_check first_picture_blender_sun first_picture examples/scenes/first/blender_sun.gltf 5
+plain_check first_picture_lamps first_picture examples/scenes/first/lamps.gltf 5
 
 # >>bench: tests that it works, not how fast
 

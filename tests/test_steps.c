@@ -532,6 +532,33 @@ TEST(each_level_is_sharper) {
     sbl_destroy(context);
 }
 
+/* Channels that show surfaces alone can be read before the first sensor has measured, and are final then. */
+TEST(surfaces_are_shown_before_sensors) {
+    static const sbl_channel channels[] = { SBL_CHANNEL_ALBEDO, SBL_CHANNEL_NORMAL, SBL_CHANNEL_POSITION,
+                                            SBL_CHANNEL_ID, SBL_CHANNEL_DEPTH };
+    static float early[5][3 * PIXELS], now[3 * PIXELS];
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_picture_desc view = view_of(SBL_BACKEND_TRACE);
+    sbl_context *context = watch_context(&seen, &desc, &cornell);
+    sbl_result result = SBL_UNFINISHED;
+    int k;
+    if (!context) return;
+    REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
+    while (result == SBL_UNFINISHED && !sbl_channel_texture(context, SBL_CHANNEL_NORMAL))
+        result = sbl_step(context, 1e-9);
+    CHECK(result == SBL_UNFINISHED && sbl_query_stats(context).sensors.count == 0, "normals come after %.0f sensors",
+          (double)sbl_query_stats(context).sensors.count);
+    for (k = 0; k < 5; k++)
+        CHECK(sbl_read_channel(context, channels[k], early[k], 3 * PIXELS) == SBL_SUCCESS, "channel %d", channels[k]);
+    CHECK(sbl_read_channel(context, SBL_CHANNEL_FINAL, now, 3 * PIXELS) == SBL_UNFINISHED, "light without sensors");
+    REQUIRE(sbl_step(context, 0) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+    for (k = 0; k < 5; k++)
+        CHECK(sbl_read_channel(context, channels[k], now, 3 * PIXELS) == SBL_SUCCESS &&
+                  memcmp(now, early[k], PIXELS * sizeof(float) * (size_t)sbl_channel_components(channels[k])) == 0,
+              "channel %d has changed", channels[k]);
+    sbl_destroy(context);
+}
+
 /* What a host sees that asks for the picture before each step, from step number `from` on: numbers of steps until the
    first picture and until the store was ready, and the mean R of the first picture. */
 typedef struct watching { int steps, first, store; float mean; } watching;
@@ -810,6 +837,7 @@ int main(void) {
     RUN(programs_compile_when_used_or_ahead);
     RUN(programs_have_room);
     RUN(each_level_is_sharper);
+    RUN(surfaces_are_shown_before_sensors);
     RUN(direct_light_is_shown_first);
     RUN(a_finished_picture_stays);
     RUN(inspection_adds_up);

@@ -1,15 +1,19 @@
-/* bench_watch [--size N] [--slice SECONDS] [--runs N] [--twice] [--trace FILE] [NAME...]: measures what a host sees
-   who shows a picture while it is made, in SBL_MODE_GI with default settings. It calls sbl_step and asks for the
-   texture of SBL_CHANNEL_FINAL after each step, as examples/host_context.c does. For each room it prints the seconds of
+/* bench_watch [--size N] [--slice SECONDS] [--runs N] [--twice] [--trace FILE] [--random N] [NAME...]: measures what a
+   host sees who shows a picture while it is made, in SBL_MODE_GI with default settings. It calls sbl_step and asks for
+   the texture of SBL_CHANNEL_FINAL after each step, as examples/host_context.c does. For each room it prints the seconds of
    the whole picture; the shares of that time after which the first picture, the full store and the first picture with
    bounces came; the largest difference between sbl_progress and the true share of time, from 20 % of the time on, and
    where it occurs. Shares are shares of the CPU time of the process, which other programs on the machine disturb less
    than the time of a clock; LP_NUM_THREADS=0 makes the CPU time of llvmpipe the time of a machine with one core.
    --twice: a second picture is measured, for which the store exists already. --trace: writes all steps to a file. The
-   scenes come from ../shared; those that do not exist are left out. */
+   scenes come from ../shared; those that do not exist are left out. --random: N rooms made at random instead. */
 #define _DEFAULT_SOURCE
+#include <sys/time.h>
+static int clock_of_bench(struct timeval *out, void *zone);
+#define gettimeofday clock_of_bench
 #define SBL_IMPLEMENTATION
 #include "../../sbl.h"
+#undef gettimeofday
 #include "../../examples/host_gl.h"
 #include "../../examples/scene_file.h"
 #include "bench_rooms.h"
@@ -17,7 +21,20 @@
 
 enum { STEPS_MOST = 1 << 20 };
 
-static struct settings { int size, runs, twice; double slice; FILE *trace; } settings = { 512, 1, 0, 0.02, NULL };
+static struct settings {
+    int size, runs, twice, random;
+    double slice;
+    FILE *trace;
+} settings = { 512, 1, 0, 0, 0.02, NULL };
+
+/* The clock of sbl.h, which foresees times: the CPU time of the process, as in the measurements. */
+static int clock_of_bench(struct timeval *out, void *zone) {
+    const double t = bench_clock(CLOCK_PROCESS_CPUTIME_ID);
+    (void)zone;
+    out->tv_sec = (time_t)t;
+    out->tv_usec = (suseconds_t)(1e6 * (t - floor(t)));
+    return 0;
+}
 
 static sbl_gl_function gl_function(const char *name, void *user) {
     (void)user;
@@ -55,15 +72,21 @@ static int watch(sbl_context *context, const sbl_picture_desc *view) {
     return result == SBL_SUCCESS ? count : 0;
 }
 
-/* Returns 0 if something does not work. */
-static int measure(const bench_room *r) {
+/* Measures a room of the table, or a random one. r: name and file; NULL: the random room of a seed. Returns 0 if
+   something does not work. */
+static int measure(const bench_room *r, unsigned seed) {
     sbl_context_desc desc = { 0 };
     sbl_picture_desc view = { 0 };
     sbl_scene_desc scene;
-    scene_file *file = bench_room_load(r, settings.size, settings.size, &scene, &view);
+    const int size = settings.size;
+    scene_file *file = r ? bench_room_load(r, size, size, &scene, &view) : NULL;
+    bench_random *random = r ? NULL : bench_room_random(seed, size, size, &scene, &view);
+    char name[32] = "";
     sbl_context *context = NULL;
     int i, run, ok;
-    if (!file) return 0;
+    if (!file && !random) return 0;
+    if (r) snprintf(name, sizeof name, "%s", r->name);
+    else snprintf(name, sizeof name, "random %u", seed);
     view.options.mode = SBL_MODE_GI;
     desc.get_gl_function = gl_function;
     ok = sbl_create(&desc, &context) == SBL_SUCCESS;
@@ -73,7 +96,7 @@ static int measure(const bench_room *r) {
         ok = sbl_set_scene(context, &scene) == SBL_SUCCESS;
         if (settings.twice) ok = ok && sbl_render_picture(context, &view) == SBL_SUCCESS;
         if (!ok || (run == 0 && settings.twice)) continue;
-        if (settings.trace) fprintf(settings.trace, "# %s run %d\n", r->name, run);
+        if (settings.trace) fprintf(settings.trace, "# %s run %d\n", name, run);
         ok = (count = watch(context, &view)) > 0;
         if (!ok || run == 0) continue;
         all = steps[count - 1].cpu;
@@ -87,13 +110,14 @@ static int measure(const bench_room *r) {
             if (share >= 0.2 && fabs(off) > fabs(worst)) { worst = off; worst_at = share; }
         }
         printf("%-12s %d: %6.2f s of CPU, %6.2f s; first picture %.3f, store %.3f, with bounces %.3f; progress off by "
-               "%+.3f at %.2f%s\n", r->name, settings.size, all, steps[count - 1].wall, steps[shown].cpu / all,
+               "%+.3f at %.2f%s\n", name, settings.size, all, steps[count - 1].wall, steps[shown].cpu / all,
                steps[store].cpu / all, steps[bounced].cpu / all, worst, worst_at, back > 0 ? "; IT DECREASES" : "");
         fflush(stdout);
     }
     sbl_destroy(context);
     scene_file_free(file);
-    if (!ok) fprintf(stderr, "bench_watch: %s failed\n", r->name);
+    free(random);
+    if (!ok) fprintf(stderr, "bench_watch: %s failed\n", name);
     return ok;
 }
 
@@ -103,20 +127,22 @@ int main(int argc, char **argv) {
         const char *value = i + 1 < argc ? argv[i + 1] : "";
         if (strcmp(argv[i], "--twice") == 0) settings.twice = 1;
         else if (strcmp(argv[i], "--size") == 0 && atoi(value) > 0) { settings.size = atoi(value); i++; }
+        else if (strcmp(argv[i], "--random") == 0 && atoi(value) > 0) { settings.random = atoi(value); i++; }
         else if (strcmp(argv[i], "--runs") == 0 && atoi(value) > 0) { settings.runs = atoi(value); i++; }
         else if (strcmp(argv[i], "--slice") == 0 && atof(value) > 0) { settings.slice = atof(value); i++; }
         else if (strcmp(argv[i], "--trace") == 0 && (settings.trace = fopen(value, "w")) != NULL) i++;
         else if (argv[i][0] == '-')
             return fprintf(stderr, "usage: bench_watch [--size N] [--slice SECONDS] [--runs N] [--twice] "
-                                   "[--trace FILE] [NAME...]\n"), 2;
+                                   "[--trace FILE] [--random N] [NAME...]\n"), 2;
         else named = 1;
     }
     if (!host_gl_open("bench_watch")) return 1;
     for (k = 0; k < BENCH_ROOMS; k++) {
-        int wanted = !named;
+        int wanted = !named && !settings.random;
         for (i = 1; i < argc; i++) wanted = wanted || strcmp(argv[i], bench_rooms[k].name) == 0;
-        if (wanted && bench_room_exists(&bench_rooms[k])) ok = measure(&bench_rooms[k]) && ok;
+        if (wanted && bench_room_exists(&bench_rooms[k])) ok = measure(&bench_rooms[k], 0) && ok;
     }
+    for (k = 1; k <= settings.random; k++) ok = measure(NULL, (unsigned)k) && ok;
     if (settings.trace) fclose(settings.trace);
     host_gl_close();
     return !ok;

@@ -55,8 +55,9 @@ enum { MOST_ARGUMENTS = 48 };
 static const char *const first_arguments[] = { "--bounce-samples", "1024" };
 enum { FIRST_ARGUMENTS = 2 };
 
-/* Returns whether the arguments select mode gi, which is the default. */
+/* Returns whether the arguments select mode gi, which is the default, of a tool that always measures light. */
 static int bounces(const char *const *arguments) {
+    if (strstr(tool, "host_lightmap")) return 0;
     for (; arguments[0] && arguments[1]; arguments++)
         if (strcmp(arguments[0], "--mode") == 0) return strcmp(arguments[1], "gi") == 0;
     return 1;
