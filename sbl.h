@@ -5731,6 +5731,7 @@ typedef struct sbl__lights {
     int count;
     sbl__glow *glows;
     int glow_count;
+    int only_glows;            /* 1: the trees hold no other lamps */
     float unit;                /* lamps.glsl divides radiance by this, so that sums do not overflow: about the
                                   largest R that a lamp causes close to it */
     int ready;
@@ -5876,24 +5877,24 @@ static void sbl__lamp_of_texel(const sbl__environment *e, int at, sbl__lamp *lam
                    sbl__sum3(c) * (1 - e->limit / sbl__max3(c)) * solid_angle, 1);
 }
 
-/* Returns the number of triangles, lights, glows and texels, which sbl__lamps_add takes in this order. */
+/* Returns the number of glows, triangles, lights and texels, which sbl__lamps_add takes in this order. */
 static int sbl__lamps_candidates(void *work) {
     const sbl__lamps *l = (const sbl__lamps *)work;
     const sbl__environment *e = l->environment;
-    return l->hierarchy->triangle_count + l->lights->count + l->lights->glow_count +
-           (e->pixels ? e->width * e->height : 0);
+    const int others = l->hierarchy->triangle_count + l->lights->count + (e->pixels ? e->width * e->height : 0);
+    return l->lights->glow_count + (l->lights->only_glows ? 0 : others);
 }
 
 /* Adds a lamp if candidate `at` emits light. */
 static sbl_result sbl__lamps_add(void *work, int at) {
     sbl__lamps *l = (sbl__lamps *)work;
-    const int light = at - l->hierarchy->triangle_count, glow = light - l->lights->count;
-    const int texel = glow - l->lights->glow_count;
+    const int triangle = at - l->lights->glow_count, light = triangle - l->hierarchy->triangle_count;
+    const int texel = light - l->lights->count;
     sbl__lamp lamp;
     memset(&lamp, 0, sizeof lamp);
-    if (light < 0) sbl__lamp_of_triangle(l, at, &lamp);
-    else if (glow < 0) sbl__lamp_of_light(l, light, &lamp);
-    else if (texel < 0) sbl__lamp_of_glow(&l->lights->glows[glow], glow, &lamp);
+    if (triangle < 0) sbl__lamp_of_glow(&l->lights->glows[at], at, &lamp);
+    else if (light < 0) sbl__lamp_of_triangle(l, triangle, &lamp);
+    else if (texel < 0) sbl__lamp_of_light(l, light, &lamp);
     else sbl__lamp_of_texel(l->environment, texel, &lamp);
     if (!(lamp.power > 0)) return SBL_SUCCESS;
     if (!sbl__grow(l->device->base, &l->list, &l->room, l->count + 1, sizeof *l->list)) return SBL_ERROR_OUT_OF_MEMORY;
@@ -6281,6 +6282,35 @@ static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const floa
     for (*depth = 0; reference && *reference >= SBL__CELL_CUT; ++*depth) {
         sbl__cut *cut = &s->cuts[*reference & ~SBL__CELL_CUT];
         reference = &cut->sides[sbl__dot(cut->normal, position) > cut->distance];
+    }
+    return reference;
+}
+
+/* Returns the patch word of the cell that sbl_leaf_at tries at an attempt from afar. side: patch word of a triangle's
+   side */
+static uint32_t sbl__patch_from_afar(uint32_t side, int attempt) {
+    return side | (attempt & 1 ? SBL__PATCH_NEAR : 0) | SBL__PATCH_LEVEL * (uint32_t)(attempt >> 1);
+}
+
+/* Returns the reference in the cell at a position, or 0 if there is no such cell. */
+static uint32_t sbl__store_peek(const sbl__store *s, uint32_t patch, const float position[3]) {
+    const sbl__cell_slot *slot;
+    uint32_t at[3], check;
+    sbl__cell_place(s, patch, position, at);
+    slot = sbl__store_seek(s, patch, at, &check);
+    return slot && slot->check == check ? slot->reference : 0;
+}
+
+/* Returns what sbl_leaf_at finds at a position from afar: 1 + the number of a leaf, or 0. */
+static uint32_t sbl__store_from_afar(const sbl__store *s, uint32_t side, const float position[3]) {
+    uint32_t reference = 0;
+    int i;
+    for (i = 0; !reference && i < 2 * SBL__LEVELS; i++) {
+        reference = sbl__store_peek(s, sbl__patch_from_afar(side, i), position);
+        while (reference >= SBL__CELL_CUT) {
+            const sbl__cut *cut = &s->cuts[reference & ~SBL__CELL_CUT];
+            reference = cut->sides[sbl__dot(cut->normal, position) > cut->distance];
+        }
     }
     return reference;
 }
@@ -6713,9 +6743,9 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
     return result;
 }
 
-/* Returns the lamps that sensors measure. bounced: 1: sensors read the store, whose bright leaves are lamps */
-static const sbl__lights *sbl__scene_lamps(const sbl__scene *s, int bounced) {
-    return bounced && s->bright.ready && s->bright.glow_count ? &s->bright : &s->lights;
+/* Returns the lamps that sensors measure. glows: 1: also the glows */
+static const sbl__lights *sbl__scene_lamps(const sbl__scene *s, int glows) {
+    return glows && s->bright.ready && s->bright.glow_count ? &s->bright : &s->lights;
 }
 
 /* Marks the glows as out of date. */
@@ -7065,11 +7095,6 @@ static sbl_result sbl__glow_add(sbl__glowing *w, const sbl__polygon *p, int leaf
     return SBL_SUCCESS;
 }
 
-/* Returns the patch word of the cell that sbl_leaf_at tries at an attempt from afar, for the current side. */
-static uint32_t sbl__glow_patch(const sbl__glowing *w, int attempt) {
-    return w->patch | (attempt & 1 ? SBL__PATCH_NEAR : 0) | SBL__PATCH_LEVEL * (uint32_t)(attempt >> 1);
-}
-
 /* Divides a polygon in a cube of level 0 among the leaves that sbl_leaf_at finds there from afar, and makes glows of
    those in the current cell. middle: a position in the cube. attempt: the next attempt of sbl_leaf_at. reference: where
    the attempts so far have led; 0: nowhere */
@@ -7082,17 +7107,11 @@ static sbl_result sbl__glow_part(sbl__glowing *w, const sbl__polygon *p, const f
     sbl_result result = SBL_SUCCESS;
     int i;
     if (p->count < 3) return SBL_SUCCESS;
-    for (; !reference && attempt < 2 * SBL__LEVELS; attempt++) {
-        const uint32_t patch = sbl__glow_patch(w, attempt);
-        const sbl__cell_slot *slot;
-        uint32_t at[3], check;
-        sbl__cell_place(s, patch, middle, at);
-        slot = sbl__store_seek(s, patch, at, &check);
-        if (slot && slot->check == check) reference = slot->reference;
-    }
+    for (; !reference && attempt < 2 * SBL__LEVELS; attempt++)
+        reference = sbl__store_peek(s, sbl__patch_from_afar(w->patch, attempt), middle);
     if (!reference) return SBL_SUCCESS;
     if (reference < SBL__CELL_CUT)
-        return sbl__glow_patch(w, attempt - 1) == w->cell->patch ? sbl__glow_add(w, p, (int)reference - 1)
+        return sbl__patch_from_afar(w->patch, attempt - 1) == w->cell->patch ? sbl__glow_add(w, p, (int)reference - 1)
                                                                  : SBL_SUCCESS;
     cut = &s->cuts[reference & ~SBL__CELL_CUT];
     for (i = 0; i < 3; i++) normal[i] = (double)cut->normal[i];
@@ -7211,41 +7230,39 @@ static sbl_result sbl__glow_limit(void *work, sbl__slice *slice) {
     return l->glow_count < before && s->store.ready ? sbl__store_send(w->device, &s->store, &s->geometry) : SBL_SUCCESS;
 }
 
-static sbl_result sbl__glow_lamps(void *work, sbl__slice *slice) {
-    const sbl__glowing *w = (const sbl__glowing *)work;
-    sbl__scene *s = w->scene;
-    if (!s->bright.glow_count) return SBL_SUCCESS;
-    return sbl__lights_step(w->device, &s->geometry, &s->hierarchy, &s->environment, &s->bright, slice);
-}
-
-/* Makes the glows of a store whose light is known, and the trees of all lamps. The hierarchy and the lamps are ready. */
-static sbl_result sbl__glow_step(sbl__device *d, sbl__scene *s, sbl__slice *slice) {
+static sbl_result sbl__glow_find(sbl__device *d, sbl__scene *s, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__glow_side, sbl__glow_sides },
-        { sbl__glow_limit, NULL, NULL, NULL },
-        { sbl__glow_lamps, NULL, NULL, NULL }
+        { sbl__glow_limit, NULL, NULL, NULL }
     };
-    sbl_result result;
-    if (s->bright.ready || !s->store.bright_count) return SBL_SUCCESS;
-    if (!s->glowing) {
-        sbl__glowing *w = (sbl__glowing *)sbl__alloc(d->base, 1, sizeof *w);
+    sbl__glowing *w = s->glowing;
+    sbl_result result = SBL_SUCCESS;
+    if (!w) {
+        s->glowing = w = (sbl__glowing *)sbl__alloc(d->base, 1, sizeof *w);
         if (!w) return SBL_ERROR_OUT_OF_MEMORY;
-        sbl__lights_free(d, &s->bright);
         w->device = d;
         w->scene = s;
-        s->glowing = w;
         result = sbl__lights_make(d->base, &s->bright, s->lights.list, s->lights.count, s->brightest,
                                   s->geometry.extent);
-        if (result != SBL_SUCCESS) return result;
     }
+    return result == SBL_SUCCESS ? sbl__stages_run(&w->stages, table, SBL__COUNT(table), w, slice) : result;
+}
+
+/* Makes the glows of a store whose light is known, and the trees of lamps. The hierarchy and the lamps are ready. only:
+   1: the trees hold only glows; 0: all lamps of the scene, too */
+static sbl_result sbl__glow_step(sbl__device *d, sbl__scene *s, int only, sbl__slice *slice) {
+    sbl_result result = SBL_SUCCESS;
+    if (!s->store.bright_count || (s->bright.ready && s->bright.only_glows == only)) return SBL_SUCCESS;
     d->gl.doing = "storing bright surfaces";
-    result = sbl__stages_run(&s->glowing->stages, table, SBL__COUNT(table), s->glowing, slice);
-    if (result == SBL_UNFINISHED) return result;
+    if (!s->bright.list || s->glowing) result = sbl__glow_find(d, s, slice);
     if (result == SBL_SUCCESS) {
         sbl__free(d->base, s->glowing);
         s->glowing = NULL;
-        s->bright.ready = 1;
-    } else sbl__scene_glows_changed(d, s);
+        if (!s->bright.building) s->bright.ready = 0;
+        s->bright.only_glows = only;
+        result = sbl__lights_step(d, &s->geometry, &s->hierarchy, &s->environment, &s->bright, slice);
+    }
+    if (result != SBL_SUCCESS && result != SBL_UNFINISHED) sbl__scene_glows_changed(d, s);
     return result;
 }
 
@@ -8459,6 +8476,7 @@ typedef struct sbl__spec {
     int lamp_rays;              /* maximum number of rays towards lamps per look, besides rim samples and rays to point
                                    lights; 0: no rays are aimed at lamps */
     int bounced;                /* 1 (SBL_MODE_GI): surfaces reflect the store's R; 0: ambient light, see epsilon */
+    int glows;                  /* 1 (SBL_MODE_GI): bright surfaces are lamps, see >>glow */
     int without_sky;            /* traced: 1 if rays over the hemisphere see neither the sky nor the environment */
     int no_light;               /* traced: 1 if rays over the hemisphere cannot find light, so that only look 0 of each
                                    site traces them, for the distances and back faces in readings */
@@ -9788,7 +9806,7 @@ static const sbl__recipe sbl__recipe_lamps = {
 
 static unsigned sbl__aim_features(const sbl__scene *s, const sbl__spec *spec) {
     return sbl__features_of(s, spec) | (s->draw && !spec->traced ? (unsigned)SBL__VIEWS : 0) |
-           (sbl__scene_lamps(s, spec->bounced)->mixed ? (unsigned)SBL__MIXED : 0);
+           (sbl__scene_lamps(s, spec->glows)->mixed ? (unsigned)SBL__MIXED : 0);
 }
 
 /* Computes the directions of row j of a view's texels, in the frame of a look that is not rotated. `directions` has 4
@@ -10412,7 +10430,7 @@ static const char *const sbl__glsl_trace[] = {
 "    goes_on = !last && hit.distance * per_cell < 1.0;\n",
 "    int leaf = sbl_leaf_at(hit.number, hit.back, position, hit.distance);\n",
 "    radiance += sbl_reflected(material, goes_on ? sbl_lamps_of(leaf) : sbl_light_of(leaf));\n",
-"    if (!last) radiance -= sbl_reflected(material, sbl_glowing(leaf, hit.number, hit.back, position, hit.distance));\n",
+"    radiance -= sbl_reflected(material, sbl_glowing(leaf, hit.number, hit.back, position, hit.distance));\n",
 "#endif\n",
 "    return radiance;\n",
 "}\n",
@@ -10650,9 +10668,9 @@ static void sbl__spec_make(sbl__spec *spec, const sbl__measurement *s, const sbl
     memset(spec, 0, sizeof *spec);
     spec->traced = s->options.backend == SBL_BACKEND_TRACE;
     spec->paper = s->options.mode == SBL_MODE_PAPER;
-    spec->bounced = s->options.mode == SBL_MODE_GI;
+    spec->bounced = spec->glows = s->options.mode == SBL_MODE_GI;
     spec->looks = s->options.rays || spec->paper ? 1 : s->looks;
-    spec->lamp_rays = !spec->paper && sbl__scene_lamps(scene, spec->bounced)->leaves ? rays : 0;
+    spec->lamp_rays = !spec->paper && sbl__scene_lamps(scene, spec->glows)->leaves ? rays : 0;
     spec->epsilon = s->options.epsilon;
     spec->seed = s->options.seed;
     spec->batch = c->batch > 0 ? c->batch : INT_MAX;
@@ -10711,7 +10729,7 @@ static int sbl__look_growth(const sbl__measurement *s, float error, double varia
 }
 
 /* Fails to compile if sbl__spec has padding, which memcmp would compare. Add the size of each new field here. */
-typedef char sbl__spec_has_no_padding[sizeof(sbl__spec) == 15 * sizeof(int) + 3 * sizeof(float) + sizeof(uint32_t)
+typedef char sbl__spec_has_no_padding[sizeof(sbl__spec) == 16 * sizeof(int) + 3 * sizeof(float) + sizeof(uint32_t)
                                       ? 1 : -1];
 
 /* >>job: setting up */
@@ -10980,7 +10998,7 @@ static int sbl__job_aims(const sbl__job *j) { return j->task.spec.lamp_rays && j
 static sbl_result sbl__aim_use(const sbl__job *j, const sbl__batch *b, unsigned extra, const int blocks[2],
                                float scale) {
     sbl__device *d = j->device;
-    const sbl__lights *l = sbl__scene_lamps(b->scene, b->spec->bounced);
+    const sbl__lights *l = sbl__scene_lamps(b->scene, b->spec->glows);
     const unsigned features = sbl__aim_features(b->scene, b->spec);
     const sbl_result result = sbl__use(d, &sbl__recipe_lamps, features | extra);
     if (result != SBL_SUCCESS) return result;
@@ -11358,16 +11376,19 @@ typedef struct sbl__hits { sbl__hit *list; int count, room; } sbl__hits;
 
 typedef struct sbl__bounce_point { sbl__hit at; int leaf, number; /* index in its leaf */ } sbl__bounce_point;
 
+enum { SBL__BRIGHT_NEAR = 1, SBL__BRIGHT };
+
 /* A leaf while the store is filled. points: number of points; first: index of the first; valid: number of points with
-   valid readings */
-typedef struct sbl__bounce_leaf { int points, first, valid; } sbl__bounce_leaf;
+   valid readings; bright: SBL__BRIGHT if it is bright, SBL__BRIGHT_NEAR if rays from afar read a bright leaf at its
+   place; otherwise 0 */
+typedef struct sbl__bounce_leaf { int points, first, valid, bright; } sbl__bounce_leaf;
 
 enum {
     SBL__BOUNCE_PATCHES, SBL__BOUNCE_GRID, SBL__BOUNCE_SAMPLE, SBL__BOUNCE_CAST_SAMPLES, SBL__BOUNCE_PLACE,
     SBL__BOUNCE_CAST_CONTACTS, SBL__BOUNCE_CUT, SBL__BOUNCE_CAST_POINTS, SBL__BOUNCE_RELOCATE, SBL__BOUNCE_SORT,
-    SBL__BOUNCE_LINK, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_DIRECT, SBL__BOUNCE_GATHER, SBL__BOUNCE_NOISE,
-    SBL__BOUNCE_PROPAGATE, SBL__BOUNCE_UNCERTAINTY, SBL__BOUNCE_SHINE, SBL__BOUNCE_CHOOSE,
-    SBL__BOUNCE_GLOW, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
+    SBL__BOUNCE_LINK, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_DIRECT, SBL__BOUNCE_GATHER, SBL__BOUNCE_SHINE,
+    SBL__BOUNCE_CHOOSE, SBL__BOUNCE_GLOW, SBL__BOUNCE_NOISE, SBL__BOUNCE_PROPAGATE, SBL__BOUNCE_UNCERTAINTY,
+    SBL__BOUNCE_LAMPS, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
 };
 
 typedef struct sbl__bounce {
@@ -11380,6 +11401,8 @@ typedef struct sbl__bounce {
     sbl__bounce_point *points;
     sbl__bounce_leaf *states;        /* one state per leaf */
     int point_count, point_room, state_room;
+    int glows;                       /* 1: the points' light from glows is or will be in `readings`, so their rays do
+                                        not count bright leaves, and the light of bright leaves is fixed */
     sbl__hits hits;                  /* hits of the points' rays, SBL__BOUNCE_RAYS per point */
     sbl__patching patching;          /* this field and all below are freed and set to 0 when the store is ready */
     double samples_due;              /* number of positions due for surface samples on the triangles visited so far;
@@ -11399,6 +11422,7 @@ typedef struct sbl__bounce {
     struct { uint32_t place; float normal[3], offset; } origin;
     sbl__site *sites;                /* the job's sites: points; in the last job, places in the air */
     sbl_reading *readings;
+    sbl_reading *glow_readings;      /* the points' light from glows; NULL if there are none */
     uint32_t recent_lines[SBL__CONTACT_CACHE];  /* hash table of contact lines (where an object touches a flat
                                                    surface) that have cut their cells; hash collisions drop some */
     int recheck;                     /* 1: a line has cut leaves below cut_leaves, where no place waits any more, so
@@ -12135,8 +12159,12 @@ static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, int count) {
         task.spec.rays = SBL__BOUNCE_STUCK_RAYS;
         task.spec.without_sky = 1;  /* sbl__bounce_sky computes the light of the environment. */
     }
+    if (direct && b->glows) {
+        task.spec.glows = 1;
+        task.spec.lamp_rays = SBL__BOUNCE_LAMP_RAYS;
+    }
     task.sites = b->sites;
-    task.readings = b->readings;
+    task.readings = direct && b->glows ? b->glow_readings : b->readings;
     task.site_count = count;
     memset(&b->job.counts, 0, sizeof b->job.counts);
     sbl__job_begin(&b->job, &c->scene, &task);
@@ -12144,8 +12172,22 @@ static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, int count) {
 
 static int sbl__bounce_after_sites(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
+    int i;
+    for (i = 0; i < b->store->leaf_count; i++) b->states[i].bright = 0;
+    b->glows = 0;
     sbl__bounce_measure(b, SBL_MODE_DIRECT, b->point_count);
     return SBL__BOUNCE_LIGHT;
+}
+
+/* Adds the light of glows to that of the other lamps, once it is measured. */
+static int sbl__bounce_after_light(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    int i, k;
+    for (i = 0; i < b->point_count && b->glows; i++) {
+        b->readings[i].valid &= b->glow_readings[i].valid;
+        for (k = 0; k < 3; k++) b->readings[i].radiance[k] += b->glow_readings[i].radiance[k];
+    }
+    return SBL__BOUNCE_DIRECT;
 }
 
 static sbl_result sbl__bounce_run_job(void *work, sbl__slice *slice) {
@@ -12194,7 +12236,8 @@ static sbl_result sbl__bounce_direct(void *work, int at) {
         for (k = 0; k < 3; k++) light[k] += b->readings[i].radiance[k] / (float)state->valid;
     }
     leaf->lamps = sbl__rgbe(light);
-    for (k = 0; k < 3; k++) leaf->light[k] = light[k] += all_sky[k];
+    for (k = 0; k < 3; k++) light[k] += all_sky[k];
+    if (state->bright != SBL__BRIGHT) memcpy(leaf->light, light, sizeof leaf->light);
     return SBL_SUCCESS;
 }
 
@@ -12205,7 +12248,7 @@ static void sbl__bounce_add_received(const sbl__bounce *b, int point, float sum[
     const sbl__hit *hits = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS];
     int j;
     for (j = 0; j < SBL__BOUNCE_RAYS; j++)
-        if (hits[j].place != SBL__NOWHERE)
+        if (hits[j].place != SBL__NOWHERE && !b->states[hits[j].place].bright)
             sbl__add_reflected(hits[j].albedo, b->store->leaves[hits[j].place].light, sum);
 }
 
@@ -12217,6 +12260,7 @@ static sbl_result sbl__bounce_gather(void *work, int at) {
     float *light = b->store->leaves[at].light, sum[3] = { 0, 0, 0 };
     int i, k;
     if (at == 0) memset(&b->balance, 0, sizeof b->balance);
+    if (leaf->bright == SBL__BRIGHT) return SBL_SUCCESS;
     for (i = leaf->first; i < leaf->first + leaf->points; i++)
         if (b->readings[i].valid) sbl__bounce_add_received(b, i, sum);
     for (k = 0; k < 3; k++) {
@@ -12258,7 +12302,7 @@ static int sbl__bounce_after_gather(void *work) {
         sum += b->balance.after[k];
         if (b->rounds >= SBL__BOUNCE_SCALED || !(scale > 0)) continue;
         for (i = 0; i < s->leaf_count; i++)
-            s->leaves[i].light[k] = b->direct[3 * i + k] + scale * (s->leaves[i].light[k] - b->direct[3 * i + k]);
+            if (b->states[i].bright != SBL__BRIGHT) s->leaves[i].light[k] = b->direct[3 * i + k] + scale * (s->leaves[i].light[k] - b->direct[3 * i + k]);
     }
     ratio = b->change > 0 ? SBL__MIN(b->balance.change / b->change, 0.999) : 0.999;
     b->change = b->balance.change;
@@ -12266,8 +12310,150 @@ static int sbl__bounce_after_gather(void *work) {
     if (b->rounds < SBL__BOUNCE_SCALED + 2 && b->change > 0) return SBL__BOUNCE_GATHER;
     if (!(b->change * ratio / (1 - ratio) <= SBL__BOUNCE_TOLERANCE * sum) && b->rounds < SBL__BOUNCE_ROUNDS)
         return SBL__BOUNCE_GATHER;
-    sbl__bounce_warn(b, all_direct, sum);
-    return SBL__BOUNCE_NOISE;
+    if (!b->glows) sbl__bounce_warn(b, all_direct, sum);
+    return b->glows ? SBL__BOUNCE_NOISE : SBL__BOUNCE_SHINE;
+}
+
+/* >>bounce: bright leaves. They become lamps (see >>glow) if that takes most of the noise from rays. */
+
+#define SBL__BRIGHT_LEAST 6.0      /* least radiance of a bright leaf, in multiples of the mean of all rays */
+#define SBL__BRIGHT_HITS 0.06      /* largest share of rays that hit bright leaves; light from larger places is found
+                                      easily, and shadow rays towards them are costly */
+#define SBL__BRIGHT_LEAVES 1024    /* largest number of bright leaves */
+#define SBL__BRIGHT_REST 0.5       /* no leaf is bright if more than this share of the rays' variance would remain */
+
+/* A leaf that may be bright. light: mean radiance of it that rays have found; hits: number of these rays */
+typedef struct sbl__bright_leaf { double light, hits; int leaf; } sbl__bright_leaf;
+
+/* Comparison function for qsort: brightest leaves first. */
+static int sbl__brighter(const void *first, const void *second) {
+    const sbl__bright_leaf *a = (const sbl__bright_leaf *)first, *b = (const sbl__bright_leaf *)second;
+    return a->light > b->light ? -1 : a->light < b->light ? 1 : a->leaf - b->leaf;
+}
+
+/* Adds up the luminances of the radiance that a point's rays find. Of b->direct, each leaf uses two floats: the sum over
+   the rays that hit it, and the number of these rays. */
+static sbl_result sbl__bounce_shine(void *work, int at) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const sbl__hit *hits = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS];
+    float sky[3];
+    int j;
+    if (at == 0) {
+        memset(b->direct, 0, 3 * sizeof *b->direct * (size_t)b->store->leaf_count);
+        memset(&b->found, 0, sizeof b->found);
+    }
+    if (!b->readings[at].valid) return SBL_SUCCESS;
+    for (j = 0; j < SBL__BOUNCE_RAYS; j++) {
+        float sum[3] = { 0, 0, 0 };
+        double light;
+        if (hits[j].place == SBL__NOWHERE) continue;
+        sbl__add_reflected(hits[j].albedo, b->store->leaves[hits[j].place].light, sum);
+        light = (double)(sbl__luminance(sum) / SBL__SHARE_ONE);
+        b->found.light += light;
+        b->found.squares += light * light;
+        b->direct[3 * hits[j].place] += (float)light;
+        b->direct[3 * hits[j].place + 1] += 1;
+    }
+    sbl__bounce_sky(b, at, sky);
+    b->found.light += SBL__BOUNCE_RAYS * (double)sbl__luminance(sky);
+    b->found.rays += SBL__BOUNCE_RAYS;
+    return SBL_SUCCESS;
+}
+
+/* Returns how many of the candidates, the brightest first, become bright leaves. mean: mean radiance of rays */
+static int sbl__bright_choose(const sbl__bounce *b, const sbl__bright_leaf *list, int count) {
+    const double rays = b->found.rays, mean = b->found.light / rays, variance = b->found.squares / rays - mean * mean;
+    double light = b->found.light, squares = b->found.squares, hits = 0;
+    int i;
+    for (i = 0; i < SBL__MIN(count, SBL__BRIGHT_LEAVES) && hits + list[i].hits <= SBL__BRIGHT_HITS * rays; i++) {
+        hits += list[i].hits;
+        light -= list[i].hits * list[i].light;
+        squares -= list[i].hits * list[i].light * list[i].light;
+    }
+    if (getenv("SBL_BRIGHT")) fprintf(stderr, "candidates %d chosen %d hits %g rest %g relative variance %g -> %g\n", count, i, hits/rays, (squares / rays - light / rays * (light / rays))/variance, variance/(mean*mean), (squares / rays - light / rays * (light / rays))/(mean*mean));
+    return squares / rays - light / rays * (light / rays) <= SBL__BRIGHT_REST * variance ? i : 0;
+}
+
+/* Returns the leaf that rays from afar read at a leaf's first point, or -1. */
+static int sbl__bright_from_afar(const sbl__bounce *b, int leaf) {
+    const sbl__hit *at = &b->points[b->states[leaf].first].at;
+    if (!b->states[leaf].points) return -1;
+    return (int)sbl__store_from_afar(b->store, sbl__place_patch(b->store, at) & ~SBL__PATCH_NEAR, at->position) - 1;
+}
+
+/* Marks a leaf as bright and adds its cell to the store's list. */
+static void sbl__bright_mark(sbl__bounce *b, int leaf) {
+    sbl__store *s = b->store;
+    const sbl__hit *at = &b->points[b->states[leaf].first].at;
+    sbl__bright_cell *cell = &s->bright[s->bright_count++];
+    s->leaves[leaf].light[0] = -s->leaves[leaf].light[0];
+    b->states[leaf].bright = SBL__BRIGHT;
+    sbl__place_find(s, at, &cell->patch);
+    sbl__cell_place(s, cell->patch, at->position, cell->at);
+}
+
+static sbl_result sbl__bounce_choose(void *work, sbl__slice *slice) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    sbl__store *s = b->store;
+    const double least = SBL__BRIGHT_LEAST * b->found.light;
+    sbl__bright_leaf *list = NULL;
+    int i, count = 0, room = 0, kept;
+    (void)slice;
+    sbl__free(&b->core->base, s->bright);
+    s->bright = NULL;
+    s->bright_count = 0;
+    for (i = 0; i < s->leaf_count; i++) {
+        const double light = (double)b->direct[3 * i], hits = (double)b->direct[3 * i + 1];
+        if (!(light * b->found.rays > least * hits) || sbl__bright_from_afar(b, i) != i) continue;
+        if (!sbl__grow(&b->core->base, &list, &room, count + 1, sizeof *list)) {
+            sbl__free(&b->core->base, list);
+            return SBL_ERROR_OUT_OF_MEMORY;
+        }
+        list[count].light = light / hits;
+        list[count].hits = hits;
+        list[count++].leaf = i;
+    }
+    if (count) qsort(list, (size_t)count, sizeof *list, sbl__brighter);
+    count = count ? sbl__bright_choose(b, list, count) : 0;
+    if (count) s->bright = (sbl__bright_cell *)sbl__alloc(&b->core->base, (size_t)count, sizeof *s->bright);
+    for (i = 0; i < count && s->bright; i++) sbl__bright_mark(b, list[i].leaf);
+    for (i = 0; i < s->leaf_count && s->bright; i++) {
+        const int afar = b->states[i].bright ? -1 : sbl__bright_from_afar(b, i);
+        if (afar >= 0 && b->states[afar].bright == SBL__BRIGHT) b->states[i].bright = SBL__BRIGHT_NEAR;
+    }
+    sbl__free(&b->core->base, list);
+    if (count && !s->bright) return SBL_ERROR_OUT_OF_MEMORY;
+    if (count) qsort(s->bright, (size_t)count, sizeof *s->bright, sbl__bright_order);
+    for (i = kept = 0; i < count; i++)  /* leaves of one cell list it once */
+        if (!i || sbl__bright_order(&s->bright[i], &s->bright[kept - 1])) s->bright[kept++] = s->bright[i];
+    s->bright_count = kept;
+    return SBL_SUCCESS;
+}
+
+static sbl_result sbl__bounce_glow(void *work, sbl__slice *slice) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const sbl_result result = sbl__glow_step(&b->core->device, &b->core->scene, 1, slice);
+    if (result != SBL_SUCCESS || !b->core->scene.bright.glow_count) return result;
+    if (!b->glow_readings)
+        b->glow_readings = (sbl_reading *)sbl__alloc_raw(&b->core->base, (size_t)b->point_count, sizeof *b->readings);
+    return b->glow_readings ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+}
+
+/* Begins to measure the glows at all points. The points' rays find them too seldom, so this light replaces theirs. */
+static int sbl__bounce_after_glow(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    b->glows = b->core->scene.bright.ready && b->core->scene.bright.glow_count;
+    if (!b->glows) return SBL__BOUNCE_NOISE;
+    b->rounds = 0;
+    b->change = 0;
+    sbl__bounce_measure(b, SBL_MODE_DIRECT, b->point_count);
+    return SBL__BOUNCE_LIGHT;
+}
+
+/* Makes the trees of all lamps, for sensors. */
+static sbl_result sbl__bounce_lamps(void *work, sbl__slice *slice) {
+    const sbl__bounce *b = (const sbl__bounce *)work;
+    return sbl__glow_step(&b->core->device, &b->core->scene, 0, slice);
 }
 
 /* >>bounce: uncertainty */
@@ -12323,125 +12509,14 @@ static sbl_result sbl__bounce_uncertainty(void *work, int at) {
     double uncertainty2 = 0;
     int k;
     for (k = 0; k < 3; k++) {
-        const double off = solved[k] > 0 ? ((double)light[k] - own[k]) / solved[k] : 0;
+        const double own_light = fabs((double)solved[k]), off = own_light > 0 ? ((double)light[k] - own[k]) / own_light
+                                                                              : 0;
         uncertainty2 += off * off / 3;
         light[k] = solved[k];
     }
     sbl__leaf_set_uncertainty(&b->store->leaves[at],
                               SBL__UNCERTAINTY_STRATA * SBL__MIN(sqrt(uncertainty2), SBL__UNCERTAINTY_MOST));
     return SBL_SUCCESS;
-}
-
-/* >>bounce: bright leaves. They become lamps (see >>glow) if that takes most of the noise from rays. */
-
-#define SBL__BRIGHT_LEAST 6.0      /* least radiance of a bright leaf, in multiples of the mean of all rays */
-#define SBL__BRIGHT_HITS 0.06      /* largest share of rays that hit bright leaves; light from larger places is found
-                                      easily, and shadow rays towards them are costly */
-#define SBL__BRIGHT_LEAVES 1024    /* largest number of bright leaves */
-#define SBL__BRIGHT_REST 0.5       /* no leaf is bright if more than this share of the rays' variance would remain */
-
-/* A leaf that may be bright. light: mean radiance of it that rays have found; hits: number of these rays */
-typedef struct sbl__bright_leaf { double light, hits; int leaf; } sbl__bright_leaf;
-
-/* Comparison function for qsort: brightest leaves first. */
-static int sbl__brighter(const void *first, const void *second) {
-    const sbl__bright_leaf *a = (const sbl__bright_leaf *)first, *b = (const sbl__bright_leaf *)second;
-    return a->light > b->light ? -1 : a->light < b->light ? 1 : a->leaf - b->leaf;
-}
-
-static int sbl__bounce_after_uncertainty(void *work) {
-    sbl__bounce *b = (sbl__bounce *)work;
-    memset(b->direct, 0, 3 * sizeof *b->direct * (size_t)b->store->leaf_count);
-    memset(&b->found, 0, sizeof b->found);
-    return SBL__BOUNCE_SHINE;
-}
-
-/* Adds up the luminances of the radiance that a point's rays find. Of b->direct, each leaf uses two floats: the sum over
-   the rays that hit it, and the number of these rays. */
-static sbl_result sbl__bounce_shine(void *work, int at) {
-    sbl__bounce *b = (sbl__bounce *)work;
-    const sbl__hit *hits = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS];
-    float sky[3];
-    int j;
-    if (!b->readings[at].valid) return SBL_SUCCESS;
-    for (j = 0; j < SBL__BOUNCE_RAYS; j++) {
-        float sum[3] = { 0, 0, 0 };
-        double light;
-        if (hits[j].place == SBL__NOWHERE) continue;
-        sbl__add_reflected(hits[j].albedo, b->store->leaves[hits[j].place].light, sum);
-        light = (double)(sbl__luminance(sum) / SBL__SHARE_ONE);
-        b->found.light += light;
-        b->found.squares += light * light;
-        b->direct[3 * hits[j].place] += (float)light;
-        b->direct[3 * hits[j].place + 1] += 1;
-    }
-    sbl__bounce_sky(b, at, sky);
-    b->found.light += SBL__BOUNCE_RAYS * (double)sbl__luminance(sky);
-    b->found.rays += SBL__BOUNCE_RAYS;
-    return SBL_SUCCESS;
-}
-
-/* Returns how many of the candidates, the brightest first, become bright leaves. mean: mean radiance of rays */
-static int sbl__bright_choose(const sbl__bounce *b, const sbl__bright_leaf *list, int count) {
-    const double rays = b->found.rays, mean = b->found.light / rays, variance = b->found.squares / rays - mean * mean;
-    double light = b->found.light, squares = b->found.squares, hits = 0;
-    int i;
-    for (i = 0; i < SBL__MIN(count, SBL__BRIGHT_LEAVES) && hits + list[i].hits <= SBL__BRIGHT_HITS * rays; i++) {
-        hits += list[i].hits;
-        light -= list[i].hits * list[i].light;
-        squares -= list[i].hits * list[i].light * list[i].light;
-    }
-    if (getenv("SBL_BRIGHT")) fprintf(stderr, "candidates %d chosen %d hits %g rest %g relative variance %g -> %g\n", count, i, hits/rays, (squares / rays - light / rays * (light / rays))/variance, variance/(mean*mean), (squares / rays - light / rays * (light / rays))/(mean*mean));
-    return squares / rays - light / rays * (light / rays) <= SBL__BRIGHT_REST * variance ? i : 0;
-}
-
-/* Marks a leaf as bright and adds its cell to the store's list. */
-static void sbl__bright_mark(sbl__bounce *b, int leaf) {
-    sbl__store *s = b->store;
-    const sbl__hit *at = &b->points[b->states[leaf].first].at;
-    sbl__bright_cell *cell = &s->bright[s->bright_count++];
-    s->leaves[leaf].light[0] = -s->leaves[leaf].light[0];
-    sbl__place_find(s, at, &cell->patch);
-    sbl__cell_place(s, cell->patch, at->position, cell->at);
-}
-
-static sbl_result sbl__bounce_choose(void *work, sbl__slice *slice) {
-    sbl__bounce *b = (sbl__bounce *)work;
-    sbl__store *s = b->store;
-    const double least = SBL__BRIGHT_LEAST * b->found.light;
-    sbl__bright_leaf *list = NULL;
-    int i, count = 0, room = 0, kept;
-    (void)slice;
-    sbl__free(&b->core->base, s->bright);
-    s->bright = NULL;
-    s->bright_count = 0;
-    for (i = 0; i < s->leaf_count; i++) {
-        const double light = (double)b->direct[3 * i], hits = (double)b->direct[3 * i + 1];
-        if (!b->states[i].points || !(light * b->found.rays > least * hits)) continue;
-        if (!sbl__grow(&b->core->base, &list, &room, count + 1, sizeof *list)) {
-            sbl__free(&b->core->base, list);
-            return SBL_ERROR_OUT_OF_MEMORY;
-        }
-        list[count].light = light / hits;
-        list[count].hits = hits;
-        list[count++].leaf = i;
-    }
-    if (count) qsort(list, (size_t)count, sizeof *list, sbl__brighter);
-    count = count ? sbl__bright_choose(b, list, count) : 0;
-    if (count) s->bright = (sbl__bright_cell *)sbl__alloc(&b->core->base, (size_t)count, sizeof *s->bright);
-    for (i = 0; i < count && s->bright; i++) sbl__bright_mark(b, list[i].leaf);
-    sbl__free(&b->core->base, list);
-    if (count && !s->bright) return SBL_ERROR_OUT_OF_MEMORY;
-    if (count) qsort(s->bright, (size_t)count, sizeof *s->bright, sbl__bright_order);
-    for (i = kept = 0; i < count; i++)  /* leaves of one cell list it once */
-        if (!i || sbl__bright_order(&s->bright[i], &s->bright[kept - 1])) s->bright[kept++] = s->bright[i];
-    s->bright_count = kept;
-    return SBL_SUCCESS;
-}
-
-static sbl_result sbl__bounce_glow(void *work, sbl__slice *slice) {
-    const sbl__bounce *b = (const sbl__bounce *)work;
-    return sbl__glow_step(&b->core->device, &b->core->scene, slice);
 }
 
 static sbl_result sbl__bounce_send(void *work, sbl__slice *slice) {
@@ -12494,7 +12569,7 @@ static void sbl__bounce_free_temporary(const sbl__device *d, sbl__bounce *b) {
     const sbl__patching *p = &b->patching;
     void *const blocks[] = { p->places.slots, p->ends.slots, p->welded, p->corners, p->parents, p->patches,
                              b->samples.list, b->waiting.list, b->released.list, b->contacts.list, b->sequence,
-                             b->sites, b->readings, b->direct, b->solved };
+                             b->sites, b->readings, b->glow_readings, b->direct, b->solved };
     int i;
     for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(d->base, blocks[i]);
     sbl__table_delete(d, &b->casts);
@@ -12550,15 +12625,16 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
         { NULL, NULL, sbl__bounce_sort, sbl__bounce_points },
         { NULL, NULL, sbl__bounce_link, sbl__bounce_points },
         { sbl__bounce_allocate, sbl__bounce_after_sites, sbl__bounce_site, sbl__bounce_points },
-        { sbl__bounce_run_job, NULL, NULL, NULL },
+        { sbl__bounce_run_job, sbl__bounce_after_light, NULL, NULL },
         { NULL, NULL, sbl__bounce_direct, sbl__bounce_leaves },
         { NULL, sbl__bounce_after_gather, sbl__bounce_gather, sbl__bounce_leaves },
-        { NULL, sbl__bounce_after_noise, sbl__bounce_noise, sbl__bounce_leaves },
-        { NULL, sbl__bounce_after_propagate, sbl__bounce_gather, sbl__bounce_leaves },
-        { NULL, sbl__bounce_after_uncertainty, sbl__bounce_uncertainty, sbl__bounce_leaves },
         { NULL, NULL, sbl__bounce_shine, sbl__bounce_points },
         { sbl__bounce_choose, NULL, NULL, NULL },
-        { sbl__bounce_glow, NULL, NULL, NULL },
+        { sbl__bounce_glow, sbl__bounce_after_glow, NULL, NULL },
+        { NULL, sbl__bounce_after_noise, sbl__bounce_noise, sbl__bounce_leaves },
+        { NULL, sbl__bounce_after_propagate, sbl__bounce_gather, sbl__bounce_leaves },
+        { NULL, NULL, sbl__bounce_uncertainty, sbl__bounce_leaves },
+        { sbl__bounce_lamps, NULL, NULL, NULL },
         { sbl__bounce_send, sbl__bounce_after_send, NULL, NULL },
         { sbl__bounce_run_job, sbl__bounce_after_air, NULL, NULL }
     };
@@ -12608,7 +12684,7 @@ static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__sli
                                h->node_table.texels.bytes + h->triangle_table.texels.bytes;
     if (s->options.mode != SBL_MODE_GI) return SBL_SUCCESS;
     result = sbl__bounce_step(c, slice);
-    return result == SBL_SUCCESS ? sbl__glow_step(&c->device, &c->scene, slice) : result;
+    return result == SBL_SUCCESS ? sbl__glow_step(&c->device, &c->scene, 0, slice) : result;
 }
 
 /* ======================================================================================================== >>saved
@@ -17287,7 +17363,7 @@ static int sbl__inspect_slot(const sbl__job *j) { return j->task.first_look % sb
 /* Returns the index in found->lamps of the lamp in a leaf of the lamp tree. Appends the lamp if it is new. */
 static int sbl__inspect_lamp(sbl__inspect_request *k, int leaf) {
     const sbl__geometry *g = &k->core->scene.geometry;
-    const sbl__lights *l = sbl__scene_lamps(&k->core->scene, k->found->job.task.spec.bounced);
+    const sbl__lights *l = sbl__scene_lamps(&k->core->scene, k->found->job.task.spec.glows);
     const uint32_t code = l->codes[leaf], kind = code >> SBL__LAMP_KIND_SHIFT;
     uint32_t number = code & ((1u << SBL__LAMP_KIND_SHIFT) - 1);
     sbl_sensor_lamp lamp, *const lamps = k->found->lamps;
