@@ -11330,6 +11330,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__BOUNCE_RAYS 16        /* rays of a point */
 #define SBL__BOUNCE_SEQUENCES 4    /* sequences of ray directions, which the points of a leaf use in turn */
 #define SBL__BOUNCE_LAMP_RAYS 8
+#define SBL__BOUNCE_GLOW_RAYS 4    /* rays of a point towards glows */
 #define SBL__BOUNCE_STUCK_RAYS 4   /* rays of a point's stuck test */
 #define SBL__BOUNCE_CONTACTS 8     /* contact rays of a leaf: along its surface, to find objects that touch it */
 #define SBL__CONTACT_STEEP 0.7     /* largest cosine between the normals of a surface and of a plane that cuts it */
@@ -12160,8 +12161,8 @@ static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, int count) {
         task.spec.without_sky = 1;  /* sbl__bounce_sky computes the light of the environment. */
     }
     if (direct && b->glows) {
-        task.spec.glows = 1;
-        task.spec.lamp_rays = SBL__BOUNCE_LAMP_RAYS;
+        task.spec.glows = task.spec.rays = 1;  /* The first job has found out which points are stuck. */
+        task.spec.lamp_rays = SBL__BOUNCE_GLOW_RAYS;
     }
     task.sites = b->sites;
     task.readings = direct && b->glows ? b->glow_readings : b->readings;
@@ -12184,8 +12185,7 @@ static int sbl__bounce_after_light(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     int i, k;
     for (i = 0; i < b->point_count && b->glows; i++) {
-        b->readings[i].valid &= b->glow_readings[i].valid;
-        for (k = 0; k < 3; k++) b->readings[i].radiance[k] += b->glow_readings[i].radiance[k];
+        for (k = 0; k < 3 && b->glow_readings[i].valid; k++) b->readings[i].radiance[k] += b->glow_readings[i].radiance[k];
     }
     return SBL__BOUNCE_DIRECT;
 }
@@ -12370,7 +12370,6 @@ static int sbl__bright_choose(const sbl__bounce *b, const sbl__bright_leaf *list
         light -= list[i].hits * list[i].light;
         squares -= list[i].hits * list[i].light * list[i].light;
     }
-    if (getenv("SBL_BRIGHT")) fprintf(stderr, "candidates %d chosen %d hits %g rest %g relative variance %g -> %g\n", count, i, hits/rays, (squares / rays - light / rays * (light / rays))/variance, variance/(mean*mean), (squares / rays - light / rays * (light / rays))/(mean*mean));
     return squares / rays - light / rays * (light / rays) <= SBL__BRIGHT_REST * variance ? i : 0;
 }
 
