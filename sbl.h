@@ -7024,13 +7024,15 @@ typedef struct sbl__glowing {
 } sbl__glowing;
 
 /* The bits of a patch word that are the same in all cells of one side of a patch */
-static uint32_t sbl__patch_side(uint32_t patch) { return patch & ~(SBL__PATCH_NEAR | 3u * SBL__PATCH_LEVEL); }
+static uint32_t sbl__side_of_patch(uint32_t patch) {
+    return patch & ~(SBL__PATCH_NEAR | 3u * SBL__PATCH_LEVEL);
+}
 
 /* Comparison function for qsort: orders cells by the side of a patch, then by patch word and coordinates. */
 static int sbl__bright_order(const void *first, const void *second) {
     const sbl__bright_cell *a = (const sbl__bright_cell *)first, *b = (const sbl__bright_cell *)second;
-    const uint32_t x[5] = { sbl__patch_side(a->patch), a->patch, a->at[0], a->at[1], a->at[2] };
-    const uint32_t y[5] = { sbl__patch_side(b->patch), b->patch, b->at[0], b->at[1], b->at[2] };
+    const uint32_t x[5] = { sbl__side_of_patch(a->patch), a->patch, a->at[0], a->at[1], a->at[2] };
+    const uint32_t y[5] = { sbl__side_of_patch(b->patch), b->patch, b->at[0], b->at[1], b->at[2] };
     int i;
     for (i = 0; i < 5; i++)
         if (x[i] != y[i]) return x[i] < y[i] ? -1 : 1;
@@ -7121,7 +7123,7 @@ static sbl_result sbl__glow_part(sbl__glowing *w, const sbl__polygon *p, const f
     return result;
 }
 
-/* Divides a polygon among the cubes of level 0 from low to high - 1 that it lies in. A column of cubes counts as one. */
+/* Divides a polygon among the cubes of level 0 from low to high - 1. A column of cubes counts as one. */
 static sbl_result sbl__glow_cubes(sbl__glowing *w, const sbl__polygon *p, const uint32_t low[3],
                                   const uint32_t high[3]) {
     const sbl__store *s = &w->scene->store;
@@ -7198,11 +7200,13 @@ static sbl_result sbl__glow_side(void *work, int at) {
     w->patch = s->patches[number] ^ (at & 1 ? SBL__PATCH_BACK : 0);
     while (low < high) {  /* find the first cell of this side */
         const int middle = (low + high) / 2;
-        if (sbl__patch_side(s->bright[middle].patch) < w->patch) low = middle + 1;
+        if (sbl__side_of_patch(s->bright[middle].patch) < w->patch) low = middle + 1;
         else high = middle;
     }
-    for (; low < s->bright_count && sbl__patch_side(s->bright[low].patch) == w->patch && result == SBL_SUCCESS; low++)
+    for (; low < s->bright_count && result == SBL_SUCCESS; low++) {
+        if (sbl__side_of_patch(s->bright[low].patch) != w->patch) break;
         result = sbl__glow_cell(w, &s->bright[low]);
+    }
     return result;
 }
 
@@ -7223,8 +7227,9 @@ static sbl_result sbl__glow_limit(void *work, sbl__slice *slice) {
         least *= 1.1;
         for (i = kept = 0; i < l->glow_count; i++) {
             float *light = s->store.leaves[l->glows[i].leaf].light;
-            if (sbl__luminance(l->glows[i].radiance) < least || !sbl__leaf_is_bright(light)) light[0] = (float)fabs((double)light[0]);
-            else l->glows[kept++] = l->glows[i];
+            if (sbl__luminance(l->glows[i].radiance) >= least && sbl__leaf_is_bright(light))
+                l->glows[kept++] = l->glows[i];
+            else light[0] = (float)fabs((double)light[0]);
         }
     }
     return l->glow_count < before && s->store.ready ? sbl__store_send(w->device, &s->store, &s->geometry) : SBL_SUCCESS;
@@ -9080,10 +9085,11 @@ static void sbl__rays_send(const sbl__device *d, const sbl__batch *b, const sbl_
 
 /* >>glsl lamps: shaders_embedded/lamps.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_lamps[] = {
-"// Light from lamps: emitting triangles, lights, bright texels of the sky, and glows, which are bright surfaces. The light of an unobstructed lamp is\n",
-"// known in closed form, and rays measure which share of it arrives: the ratio estimator of Heitz, Hill and McGuire\n",
-"// 2018, \"Combining analytic direct illumination and stochastic shadows\". If there are many lamps, distant ones\n",
-"// form clusters; a ray towards a cluster picks one of its lamps, in proportion to their light.\n",
+"// Light from lamps: emitting triangles, lights, bright texels of the sky, and glows, which are parts of\n",
+"// surfaces that reflect much light. The light of an unobstructed lamp is known in closed form, and rays\n",
+"// measure which share of it arrives: the ratio estimator of Heitz, Hill and McGuire 2018, \"Combining analytic\n",
+"// direct illumination and stochastic shadows\". If there are many lamps, distant ones form clusters; a ray\n",
+"// towards a cluster picks one of its lamps, in proportion to their light.\n",
 "//\n",
 "//     choose   makes the list of entries: the lamps and clusters that give this sensor light, with their strengths\n",
 "//     pick     picks one of the entries for a ray\n",
@@ -9166,7 +9172,8 @@ static const char *const sbl__glsl_lamps[] = {
 "sbl_Lamp sbl_lamp(int leaf) {\n",
 "    uint code = sbl_lamp_leaf_code(leaf), at = code & ((1u << SBL_LAMP_KIND_SHIFT) - 1u);\n",
 "    sbl_Lamp l = sbl_Lamp(code >> SBL_LAMP_KIND_SHIFT, vec3(0), vec3(0), vec3(0), vec3(0), SBL_UNBOUNDED, 0.0, 0.0,\n",
-"                          ivec2(0), int(at), -1, vec2(1, 0), mixed && code >> SBL_LAMP_KIND_SHIFT == SBL_LAMP_GLOW);\n",
+"                          ivec2(0), int(at), -1, vec2(1, 0), false);\n",
+"    l.glow = mixed && l.kind == SBL_LAMP_GLOW;\n",
 "    if (l.glow) {\n",
 "        l.kind = SBL_LAMP_TRIANGLE;\n",
 "        l.triangle = int(sbl_glow_triangle(int(at)));\n",
@@ -12185,7 +12192,8 @@ static int sbl__bounce_after_light(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     int i, k;
     for (i = 0; i < b->point_count && b->glows; i++) {
-        for (k = 0; k < 3 && b->glow_readings[i].valid; k++) b->readings[i].radiance[k] += b->glow_readings[i].radiance[k];
+        const float *light = b->glow_readings[i].radiance;
+        for (k = 0; k < 3 && b->glow_readings[i].valid; k++) b->readings[i].radiance[k] += light[k];
     }
     return SBL__BOUNCE_DIRECT;
 }
@@ -12301,8 +12309,11 @@ static int sbl__bounce_after_gather(void *work) {
         all_direct += direct;
         sum += b->balance.after[k];
         if (b->rounds >= SBL__BOUNCE_SCALED || !(scale > 0)) continue;
-        for (i = 0; i < s->leaf_count; i++)
-            if (b->states[i].bright != SBL__BRIGHT) s->leaves[i].light[k] = b->direct[3 * i + k] + scale * (s->leaves[i].light[k] - b->direct[3 * i + k]);
+        for (i = 0; i < s->leaf_count; i++) {
+            const float direct_light = b->direct[3 * i + k];
+            float *light = &s->leaves[i].light[k];
+            if (b->states[i].bright != SBL__BRIGHT) *light = direct_light + scale * (*light - direct_light);
+        }
     }
     ratio = b->change > 0 ? SBL__MIN(b->balance.change / b->change, 0.999) : 0.999;
     b->change = b->balance.change;
@@ -12331,8 +12342,8 @@ static int sbl__brighter(const void *first, const void *second) {
     return a->light > b->light ? -1 : a->light < b->light ? 1 : a->leaf - b->leaf;
 }
 
-/* Adds up the luminances of the radiance that a point's rays find. Of b->direct, each leaf uses two floats: the sum over
-   the rays that hit it, and the number of these rays. */
+/* Adds up the luminances of the radiance that a point's rays find. Of b->direct, which the next stage makes again or
+   overwrites, each leaf uses two floats: the sum over the rays that hit it, and the number of these rays. */
 static sbl_result sbl__bounce_shine(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *hits = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS];
@@ -12447,6 +12458,13 @@ static int sbl__bounce_after_glow(void *work) {
     b->change = 0;
     sbl__bounce_measure(b, SBL_MODE_DIRECT, b->point_count);
     return SBL__BOUNCE_LIGHT;
+}
+
+/* Drops the glows. They are made again of the leaves that a stream holds, whose last bits tell the uncertainty. */
+static int sbl__bounce_after_uncertainty(void *work) {
+    const sbl__bounce *b = (const sbl__bounce *)work;
+    sbl__scene_glows_changed(&b->core->device, &b->core->scene);
+    return SBL__BOUNCE_LAMPS;
 }
 
 /* Makes the trees of all lamps, for sensors. */
@@ -12632,7 +12650,7 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
         { sbl__bounce_glow, sbl__bounce_after_glow, NULL, NULL },
         { NULL, sbl__bounce_after_noise, sbl__bounce_noise, sbl__bounce_leaves },
         { NULL, sbl__bounce_after_propagate, sbl__bounce_gather, sbl__bounce_leaves },
-        { NULL, NULL, sbl__bounce_uncertainty, sbl__bounce_leaves },
+        { NULL, sbl__bounce_after_uncertainty, sbl__bounce_uncertainty, sbl__bounce_leaves },
         { sbl__bounce_lamps, NULL, NULL, NULL },
         { sbl__bounce_send, sbl__bounce_after_send, NULL, NULL },
         { sbl__bounce_run_job, sbl__bounce_after_air, NULL, NULL }

@@ -1,7 +1,8 @@
-// Light from lamps: emitting triangles, lights, bright texels of the sky, and glows, which are bright surfaces. The light of an unobstructed lamp is
-// known in closed form, and rays measure which share of it arrives: the ratio estimator of Heitz, Hill and McGuire
-// 2018, "Combining analytic direct illumination and stochastic shadows". If there are many lamps, distant ones
-// form clusters; a ray towards a cluster picks one of its lamps, in proportion to their light.
+// Light from lamps: emitting triangles, lights, bright texels of the sky, and glows, which are parts of
+// surfaces that reflect much light. The light of an unobstructed lamp is known in closed form, and rays
+// measure which share of it arrives: the ratio estimator of Heitz, Hill and McGuire 2018, "Combining analytic
+// direct illumination and stochastic shadows". If there are many lamps, distant ones form clusters; a ray
+// towards a cluster picks one of its lamps, in proportion to their light.
 //
 //     choose   makes the list of entries: the lamps and clusters that give this sensor light, with their strengths
 //     pick     picks one of the entries for a ray
@@ -84,7 +85,8 @@ uvec2 scramble;
 sbl_Lamp sbl_lamp(int leaf) {
     uint code = sbl_lamp_leaf_code(leaf), at = code & ((1u << SBL_LAMP_KIND_SHIFT) - 1u);
     sbl_Lamp l = sbl_Lamp(code >> SBL_LAMP_KIND_SHIFT, vec3(0), vec3(0), vec3(0), vec3(0), SBL_UNBOUNDED, 0.0, 0.0,
-                          ivec2(0), int(at), -1, vec2(1, 0), mixed && code >> SBL_LAMP_KIND_SHIFT == SBL_LAMP_GLOW);
+                          ivec2(0), int(at), -1, vec2(1, 0), false);
+    l.glow = mixed && l.kind == SBL_LAMP_GLOW;
     if (l.glow) {
         l.kind = SBL_LAMP_TRIANGLE;
         l.triangle = int(sbl_glow_triangle(int(at)));
