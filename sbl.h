@@ -285,7 +285,8 @@
    SBL_MODE_GI keeps a store: the value of R on all surfaces of the scene, visible or not, one value for each cell. A
    cell is the part of a smooth surface that lies in one cube of a grid over the scene. Its light is measured at up to
    four points, where rays have met it: light from lamps as sensors measure it, and rays find the sky and other cells.
-   These rays define a system of linear equations, whose solution contains all bounces.
+   These rays define a system of linear equations, whose solution contains all bounces. Small places that are far
+   brighter than the rest, such as a spot on a ceiling that lights a room, become lamps, because few rays find them.
 
    Light does not leak through walls or creep under them. The two sides of a wall have different cells, and the plane of
    a wall that stands on a floor cuts the cells of the floor. The sensors of a picture use the store only for the light
@@ -1273,7 +1274,8 @@ typedef struct sbl_sensor_view {
 
 /* What sensors send rays to. */
 typedef enum sbl_lamp_kind {
-    SBL_LAMP_TRIANGLE = 0,    /* number: index of the triangle in its mesh, not counting triangles without area */
+    SBL_LAMP_TRIANGLE = 0,    /* number: index of the triangle in its mesh, not counting triangles without area. It emits
+                                 or, in SBL_MODE_GI, reflects very much light */
     SBL_LAMP_LIGHT,           /* number: index of the sbl_light */
     SBL_LAMP_SKY_TEXEL,       /* number: row * width + column in the picture of the environment */
     SBL_LAMP_KIND_COUNT
@@ -5649,9 +5651,10 @@ static const char *const sbl__glsl_traverse[] = {
 
 /* ======================================================================================================== >>lamps
    Lamps, which sensors send rays to: emitting triangles, lights, and what is too bright for random rays: texels of the
-   environment, and glows, which are parts of surfaces that reflect much light (see >>glow). Two trees, one of near lamps and one of distant lamps, hold clusters of neighbours, so that a sensor's
-   work grows with the logarithm of the number of lamps (lamps.glsl). One table holds the nodes in preorder, then the
-   leaves in the order of the nodes, then the lights, then the glows.
+   environment, and glows, which are parts of surfaces that reflect much light (see >>glow). Two trees, one of near
+   lamps and one of distant lamps, hold clusters of neighbours, so that a sensor's work grows with the logarithm of the
+   number of lamps (lamps.glsl). One table holds the nodes in preorder, then the leaves in the order of the nodes, then
+   the lights, then the glows.
 
    The power of a lamp is its radiant intensity along its normal, summed over the channels and divided by pi: R at
    distance d is about power * cosine / d^2. For a distant lamp, R is power * cosine. */
@@ -7018,7 +7021,7 @@ typedef struct sbl__glowing {
     sbl__device *device;
     sbl__scene *scene;
     int room;                        /* number of elements allocated for scene->bright.glows */
-    uint32_t place, patch;           /* place of the current triangle in the hierarchy's order; patch word of its side */
+    uint32_t place, patch;           /* the current triangle's place in the hierarchy's order; its side's patch word */
     const sbl__bright_cell *cell;    /* the current cell */
     double area;                     /* polygons with a smaller area are dropped */
 } sbl__glowing;

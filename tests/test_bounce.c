@@ -1441,8 +1441,9 @@ TEST(a_small_bright_place) {
         }
         memcpy(first, readings, sizeof first);
         CHECK(sbl_save_store(context, saved_put, NULL) == SBL_SUCCESS &&
-              sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_load_store(context, saved_get, NULL) == SBL_SUCCESS &&
-              gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 64), "the store was not saved and loaded: %s", watch_last(&seen));
+              sbl_set_scene(context, &scene) == SBL_SUCCESS &&
+              sbl_load_store(context, saved_get, NULL) == SBL_SUCCESS && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 64),
+              "the store was not saved and loaded: %s", watch_last(&seen));
         CHECK(!memcmp(first, readings, (size_t)site_count * sizeof *first), "a loaded store gives other light");
         scene_free(&s);
     }
