@@ -1274,8 +1274,8 @@ typedef struct sbl_sensor_view {
 
 /* What sensors send rays to. */
 typedef enum sbl_lamp_kind {
-    SBL_LAMP_TRIANGLE = 0,    /* number: index of the triangle in its mesh, not counting triangles without area. It emits
-                                 or, in SBL_MODE_GI, reflects very much light */
+    SBL_LAMP_TRIANGLE = 0,    /* number: index of the triangle in its mesh, not counting triangles without area. It
+                                 emits or, in SBL_MODE_GI, reflects very much light */
     SBL_LAMP_LIGHT,           /* number: index of the sbl_light */
     SBL_LAMP_SKY_TEXEL,       /* number: row * width + column in the picture of the environment */
     SBL_LAMP_KIND_COUNT
