@@ -286,7 +286,8 @@
    SBL_MODE_GI keeps a store: the value of R on all surfaces of the scene, visible or not, one value for each cell. A
    cell is the part of a smooth surface that lies in one cube of a grid over the scene. Its light is measured at up to
    four points, where rays have met it: light from lamps as sensors measure it, and rays find the sky and other cells.
-   These rays define a system of linear equations, whose solution contains all bounces.
+   These rays define a system of linear equations, whose solution contains all bounces. Small places that are far
+   brighter than the rest, such as a spot on a ceiling that lights a room, become lamps, because few rays find them.
 
    Light does not leak through walls or creep under them. The two sides of a wall have different cells, and the plane of
    a wall that stands on a floor cuts the cells of the floor. The sensors of a picture use the store only for the light
@@ -1283,7 +1284,8 @@ typedef struct sbl_sensor_view {
 
 /* What sensors send rays to. */
 typedef enum sbl_lamp_kind {
-    SBL_LAMP_TRIANGLE = 0,    /* number: index of the triangle in its mesh, not counting triangles without area */
+    SBL_LAMP_TRIANGLE = 0,    /* number: index of the triangle in its mesh, not counting triangles without area. It
+                                 emits or, in SBL_MODE_GI, reflects very much light */
     SBL_LAMP_LIGHT,           /* number: index of the sbl_light */
     SBL_LAMP_SKY_TEXEL,       /* number: row * width + column in the picture of the environment */
     SBL_LAMP_KIND_COUNT
@@ -1533,6 +1535,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
                   >>lamps        everything that sensors send rays to, and the trees that group lamps
                   >>store        bounced light: the cells on surfaces, and the hash grid that finds them
                   >>scene        the rooms above as one scene; GLSL that all shaders share
+                  >>glow         surfaces whose bounced light is so bright that they are lamps
                   >>options      the descriptors of all front ends: options, defaults, checks
    a sensor       >>atlas        finds the triangle that each texel of a lightmap shows
                   >>surface      the G-buffer of a camera or of a lightmap: which surface point each pixel shows
@@ -2501,7 +2504,8 @@ typedef struct sbl__record {
 #define SBL__LAMP_NEAR_LIGHT 1u
 #define SBL__LAMP_FAR_LIGHT 2u
 #define SBL__LAMP_SKY_TEXEL 3u
-#define SBL__LAMP_KIND_SHIFT 30
+#define SBL__LAMP_GLOW 4u
+#define SBL__LAMP_KIND_SHIFT 29
 #define SBL__FAR_NODE 0x80000000u  /* flag in sbl__lamp_node.beyond: all lamps of the node are at infinity */
 #define SBL__PATCH_BACK 1u         /* bits of a patch word, see sbl__patch_word */
 #define SBL__PATCH_FLAT 2u
@@ -2563,7 +2567,7 @@ typedef struct sbl__record {
     X(PATCH_AXIS_SHIFT) X(NEAR_PART) X(SLOT_TRIES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) \
     X(GUIDE_RINGS) X(GUIDE_SECTORS) X(GUIDE_TEXELS) X(GUIDES_ACROSS) X(LOOK_GUIDE_SHIFT) X(HASH_SHIFT) X(RGBE_BIAS) \
     X(RGBE_BITS) X(TEXTURE_SRGB) X(TEXTURE_KIND) X(TEXTURE_CLAMPS) X(LEAF) X(ENTER) X(LEAVE) X(END) X(CHILD_NUMBER) \
-    X(LAMP_TRIANGLE) X(LAMP_NEAR_LIGHT) X(LAMP_FAR_LIGHT) X(LAMP_SKY_TEXEL) X(FAR_NODE) X(RESULTS_WIDTH) \
+    X(LAMP_TRIANGLE) X(LAMP_NEAR_LIGHT) X(LAMP_FAR_LIGHT) X(LAMP_SKY_TEXEL) X(LAMP_GLOW) X(FAR_NODE) X(RESULTS_WIDTH) \
     X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_CUT) X(LOOK_NUMBER) X(HASH_FACTOR) \
     X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
     X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_TURN) \
@@ -4815,6 +4819,12 @@ static const char *const sbl__glsl_material[] = {
 "// Radiance that a surface reflects. light: R at the surface\n",
 "vec3 sbl_reflected(sbl_Material m, vec3 light) { return m.albedo * light; }\n",
 "\n",
+"// Factor of a glow's radiance (see >>glow in sbl.h) at a point: what textures and vertex colours do to the albedo.\n",
+"vec3 sbl_glow_pattern(int object, sbl_Attributes at) {\n",
+"    vec4 pattern = at.color * sbl_texture(sbl_object_albedo_texture(object), at.uv);\n",
+"    return pattern.a < sbl_object_alpha_cutoff(object) ? vec3(0) : pattern.rgb;\n",
+"}\n",
+"\n",
 "// Albedo, as bounces in the store use it: limited below 1, so that light fades even in closed white rooms.\n",
 "vec3 sbl_bounced(sbl_Material m) { return clamp(m.albedo, 0.0, SBL_BOUNCE_ALBEDO); }\n",
 "\n",
@@ -5653,10 +5663,11 @@ static const char *const sbl__glsl_traverse[] = {
 /* <<glsl */
 
 /* ======================================================================================================== >>lamps
-   Lamps, which sensors send rays to: emitting triangles, lights, and texels of the environment that are too bright for
-   random rays. Two trees, one of near lamps and one of distant lamps, hold clusters of neighbours, so that a sensor's
-   work grows with the logarithm of the number of lamps (lamps.glsl). One table holds the nodes in preorder, then the
-   leaves in the order of the nodes, then the lights.
+   Lamps, which sensors send rays to: emitting triangles, lights, and what is too bright for random rays: texels of the
+   environment, and glows, which are parts of surfaces that reflect much light (see >>glow). Two trees, one of near
+   lamps and one of distant lamps, hold clusters of neighbours, so that a sensor's work grows with the logarithm of the
+   number of lamps (lamps.glsl). One table holds the nodes in preorder, then the leaves in the order of the nodes, then
+   the lights, then the glows.
 
    The power of a lamp is its radiant intensity along its normal, summed over the channels and divided by pi: R at
    distance d is about power * cosine / d^2. For a distant lamp, R is power * cosine. */
@@ -5673,7 +5684,7 @@ static const char *const sbl__glsl_traverse[] = {
 SBL__RECORD(sbl__lamp_node, SBL__LAMP_NODE, "sbl_lamp_node", "sbl_lamps", SBL__SCENE_TABLE("sbl_lamps"), NULL)
 
 /* A leaf of a lamp tree: one lamp. code: kind << SBL_LAMP_KIND_SHIFT | number. The number is a triangle's place in the
-   hierarchy's order, a light's number, or a texel's row * width + column. */
+   hierarchy's order, the number of a light or of a glow, or a texel's row * width + column. */
 #define SBL__LAMP_LEAF(X) X(sbl__lamp_leaf, UINT, code) X(sbl__lamp_leaf, UVEC3, unused)
 SBL__RECORD(sbl__lamp_leaf, SBL__LAMP_LEAF, "sbl_lamp_leaf", "sbl_lamps", "", "sbl_first_leaf")
 
@@ -5684,6 +5695,16 @@ SBL__RECORD(sbl__lamp_leaf, SBL__LAMP_LEAF, "sbl_lamp_leaf", "sbl_lamps", "", "s
     X(sbl__light_record, VEC3, intensity) X(sbl__light_record, FLOAT, spot_scale) \
     X(sbl__light_record, VEC3, axis) X(sbl__light_record, FLOAT, spot_offset)
 SBL__RECORD(sbl__light_record, SBL__LIGHT_RECORD, "sbl_light", "sbl_lamps", "", "sbl_first_light")
+
+/* A triangle that is lit so brightly that it is a lamp, seen from the side from which its corners turn anticlockwise.
+   radiance: without the pattern of its albedo, see material.glsl. triangle: place, in the hierarchy's order, of the
+   triangle of the scene to which it belongs. leaf: number of the store's leaf that holds its light */
+#define SBL__GLOW(X) \
+    X(sbl__glow, VEC3, corner_0) X(sbl__glow, UINT, triangle) \
+    X(sbl__glow, VEC3, corner_1) X(sbl__glow, UINT, leaf) \
+    X(sbl__glow, VEC3, corner_2) X(sbl__glow, UINT, unused_0) \
+    X(sbl__glow, VEC3, radiance) X(sbl__glow, UINT, unused_1)
+SBL__RECORD(sbl__glow, SBL__GLOW, "sbl_glow", "sbl_lamps", "", "sbl_first_glow")
 
 #define SBL__POWER_MOST 1e37          /* upper limit of a lamp's power, so that sums remain finite floats */
 #define SBL__POWER_LEAST 1e-30        /* lower limit of pi * power of an emitting triangle, so that it is not skipped */
@@ -5724,6 +5745,9 @@ typedef struct sbl__lamps {    /* data for building the lamp trees */
 typedef struct sbl__lights {
     sbl_light *list;           /* copy of the host's lights */
     int count;
+    sbl__glow *glows;
+    int glow_count;
+    int only_glows;            /* 1: the trees hold no other lamps */
     float unit;                /* lamps.glsl divides radiance by this, so that sums do not overflow: about the
                                   largest R that a lamp causes close to it */
     int ready;
@@ -5745,6 +5769,7 @@ static void sbl__lamps_free(const sbl__device *d, sbl__lamps *l) {
 static void sbl__lights_free(const sbl__device *d, sbl__lights *l) {
     sbl__lamps_free(d, l->building);
     sbl__free(d->base, l->list);
+    sbl__free(d->base, l->glows);
     sbl__free(d->base, l->codes);
     sbl__table_delete(d, &l->table);
     memset(l, 0, sizeof *l);
@@ -5834,6 +5859,27 @@ static void sbl__lamp_of_light(const sbl__lamps *l, int number, sbl__lamp *lamp)
                    distant ? 2 * sin(0.5 * half) : light->radius, sbl__sum3(light->intensity), distant);
 }
 
+static void sbl__lamp_of_glow(const sbl__glow *glow, int number, sbl__lamp *lamp) {
+    const double zero[3] = { 0, 0, 0 };
+    const float *corners[3];
+    double normal[3], area;
+    int k;
+    corners[0] = glow->corner_0;
+    corners[1] = glow->corner_1;
+    corners[2] = glow->corner_2;
+    sbl__triangle_normal(corners, normal);
+    area = 0.5 * sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
+    if (!sbl__normalize(normal)) return;
+    sbl__lamp_make(lamp, SBL__LAMP_GLOW << SBL__LAMP_KIND_SHIFT | (uint32_t)number, zero, 0,
+                   SBL__MAX(area * sbl__sum3(glow->radiance), SBL__POWER_LEAST), 0);
+    lamp->bounds = sbl__box_empty;
+    for (k = 0; k < 3; k++) {
+        sbl__box_add_point(&lamp->bounds, corners[k]);
+        lamp->normal[k] = (float)normal[k];
+    }
+    lamp->one_sided = 1;
+}
+
 static void sbl__lamp_of_texel(const sbl__environment *e, int at, sbl__lamp *lamp) {
     const int x = at % e->width, y = at / e->width;
     const float *c = e->pixels + 4 * (size_t)at;
@@ -5847,20 +5893,23 @@ static void sbl__lamp_of_texel(const sbl__environment *e, int at, sbl__lamp *lam
                    sbl__sum3(c) * (1 - e->limit / sbl__max3(c)) * solid_angle, 1);
 }
 
-/* Returns the number of triangles, lights and texels, which sbl__lamps_add takes in this order. */
+/* Returns the number of glows, triangles, lights and texels, which sbl__lamps_add takes in this order. */
 static int sbl__lamps_candidates(void *work) {
     const sbl__lamps *l = (const sbl__lamps *)work;
     const sbl__environment *e = l->environment;
-    return l->hierarchy->triangle_count + l->lights->count + (e->pixels ? e->width * e->height : 0);
+    const int others = l->hierarchy->triangle_count + l->lights->count + (e->pixels ? e->width * e->height : 0);
+    return l->lights->glow_count + (l->lights->only_glows ? 0 : others);
 }
 
 /* Adds a lamp if candidate `at` emits light. */
 static sbl_result sbl__lamps_add(void *work, int at) {
     sbl__lamps *l = (sbl__lamps *)work;
-    const int light = at - l->hierarchy->triangle_count, texel = light - l->lights->count;
+    const int triangle = at - l->lights->glow_count, light = triangle - l->hierarchy->triangle_count;
+    const int texel = light - l->lights->count;
     sbl__lamp lamp;
     memset(&lamp, 0, sizeof lamp);
-    if (light < 0) sbl__lamp_of_triangle(l, at, &lamp);
+    if (triangle < 0) sbl__lamp_of_glow(&l->lights->glows[at], at, &lamp);
+    else if (light < 0) sbl__lamp_of_triangle(l, triangle, &lamp);
     else if (texel < 0) sbl__lamp_of_light(l, light, &lamp);
     else sbl__lamp_of_texel(l->environment, texel, &lamp);
     if (!(lamp.power > 0)) return SBL_SUCCESS;
@@ -6049,7 +6098,8 @@ static sbl_result sbl__lamps_store(void *work, sbl__slice *slice) {
     sbl__lights *lights = l->lights;
     const size_t nodes = sizeof(sbl__lamp_node) * (size_t)l->node_count;
     const size_t leaves = sizeof(sbl__lamp_leaf) * (size_t)l->count;
-    const size_t bytes = nodes + leaves + sizeof(sbl__light_record) * (size_t)lights->count;
+    const size_t records = sizeof(sbl__light_record) * (size_t)lights->count;
+    const size_t glows = sizeof(sbl__glow) * (size_t)lights->glow_count, bytes = nodes + leaves + records + glows;
     unsigned char *all = (unsigned char *)sbl__alloc(d->base, bytes, 1);
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
     double place[3];
@@ -6069,6 +6119,7 @@ static sbl_result sbl__lamps_store(void *work, sbl__slice *slice) {
             lights->mixed |= leaf[i].code >> SBL__LAMP_KIND_SHIFT != SBL__LAMP_TRIANGLE;
         }
         for (i = 0; i < lights->count; i++) sbl__light_write(&lights->list[i], &record[i], place);
+        if (glows) memcpy(all + nodes + leaves + records, lights->glows, glows);
         result = sbl__buffer_make(d, &lights->table.buffer, bytes, all, SBL__GL_STATIC_DRAW);
         if (result == SBL_SUCCESS) result = sbl__table_attach(d, &lights->table, SBL__GL_RGBA32UI, l->geometry->wide);
         if (l->geometry->wide) sbl__buffer_delete(d, &lights->table.buffer);
@@ -6133,10 +6184,14 @@ typedef struct sbl__cell_slot { uint32_t check, reference; } sbl__cell_slot;
     X(sbl__cut, UVEC2, sides) X(sbl__cut, UVEC2, unused)
 SBL__RECORD(sbl__cut, SBL__CUT, "sbl_cut", "sbl_store", SBL__SCENE_TABLE("sbl_store"), "first_cut")
 
-/* light: R; the low bits of its blue hold the uncertainty. lamps: the part of R that comes directly from lamps, packed
+/* light: R; the low bits of its blue hold the uncertainty, and its red is negative if sensors send rays to the leaf,
+   which is then called bright (see >>glow). lamps: the part of R that comes directly from lamps, packed
    by sbl__rgbe. */
 #define SBL__LEAF_RECORD(X) X(sbl__leaf, VEC3, light) X(sbl__leaf, UINT, lamps)
 SBL__RECORD(sbl__leaf, SBL__LEAF_RECORD, "sbl_leaf", "sbl_store", "", "first_leaf")
+
+/* A cell with bright leaves: its patch word, with the level, and its coordinates */
+typedef struct sbl__bright_cell { uint32_t patch, at[3]; } sbl__bright_cell;
 
 typedef struct sbl__store {
     int ready;
@@ -6147,7 +6202,8 @@ typedef struct sbl__store {
     int cell_room;             /* number of elements of `cells`: a power of two, or 0 if `cells` is NULL */
     sbl__cut *cuts;
     sbl__leaf *leaves;
-    int cut_count, cut_room, leaf_count, leaf_room;
+    sbl__bright_cell *bright;  /* all cells with bright leaves, in the order of sbl__bright_order */
+    int cut_count, cut_room, leaf_count, leaf_room, bright_count;
     int max_leaves;
     int made_for;              /* max_leaves when the light was made, which may have been in an earlier run */
     float brightest;           /* largest channel of R in any leaf */
@@ -6161,6 +6217,7 @@ static void sbl__store_free(const sbl__device *d, sbl__store *s) {
     sbl__free(d->base, s->cells);
     sbl__free(d->base, s->cuts);
     sbl__free(d->base, s->leaves);
+    sbl__free(d->base, s->bright);
     sbl__table_delete(d, &s->table);
     memset(s, 0, sizeof *s);
 }
@@ -6185,6 +6242,8 @@ static float sbl__leaf_uncertainty(const float light[3]) {
     return step ? (float)pow(2.0, -(double)step / SBL__UNCERTAINTY_STEPS) : 0;
 }
 
+static int sbl__leaf_is_bright(const float light[3]) { return sbl__float_bits(&light[0]) >> 31 != 0; }
+
 /* >>store: cells. store.glsl finds them in the same way. */
 
 static uint32_t sbl__hash_step(uint32_t hash, uint32_t x) {
@@ -6208,20 +6267,28 @@ static void sbl__cell_place(const sbl__store *s, uint32_t patch, const float pos
     if (patch & SBL__PATCH_FLAT) at[patch >> SBL__PATCH_AXIS_SHIFT & 3u] = 0;
 }
 
+/* Finds the slot of a cell, or else the free slot that the cell may take; NULL: all slots in reach hold other cells.
+   check: receives the cell's second hash, which its slot holds */
+static sbl__cell_slot *sbl__store_seek(const sbl__store *s, uint32_t patch, const uint32_t at[3], uint32_t *check) {
+    const uint32_t hash = sbl__hash_step(sbl__hash_step(sbl__hash_step(sbl__hash_step(0, patch), at[0]), at[1]), at[2]);
+    int i;
+    *check = sbl__hash_step(sbl__hash_step(sbl__hash_step(hash, at[2]), at[1]), at[0]) | 1u;
+    for (i = 0; i < SBL__SLOT_TRIES; i++) {
+        sbl__cell_slot *slot = &s->cells[(hash + (uint32_t)i) & (uint32_t)(s->cell_room - 1)];
+        if (slot->check == 0 || slot->check == *check) return slot;
+    }
+    return NULL;
+}
+
 /* Returns the reference in the slot of a position's cell. A cell that has no slot gets one; NULL: all slots in reach
    hold other cells. */
 static uint32_t *sbl__store_slot(const sbl__store *s, uint32_t patch, const float position[3]) {
-    uint32_t at[3], hash, check;
-    int i;
+    uint32_t at[3], check;
+    sbl__cell_slot *slot;
     sbl__cell_place(s, patch, position, at);
-    hash = sbl__hash_step(sbl__hash_step(sbl__hash_step(sbl__hash_step(0, patch), at[0]), at[1]), at[2]);
-    check = sbl__hash_step(sbl__hash_step(sbl__hash_step(hash, at[2]), at[1]), at[0]) | 1u;
-    for (i = 0; i < SBL__SLOT_TRIES; i++) {
-        sbl__cell_slot *slot = &s->cells[(hash + (uint32_t)i) & (uint32_t)(s->cell_room - 1)];
-        if (slot->check == 0) slot->check = check;
-        if (slot->check == check) return &slot->reference;
-    }
-    return NULL;
+    slot = sbl__store_seek(s, patch, at, &check);
+    if (slot) slot->check = check;
+    return slot ? &slot->reference : NULL;
 }
 
 /* Like sbl__store_slot, but follows cuts, so that the reference leads to the leaf at the position or is 0. *depth:
@@ -6231,6 +6298,35 @@ static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const floa
     for (*depth = 0; reference && *reference >= SBL__CELL_CUT; ++*depth) {
         sbl__cut *cut = &s->cuts[*reference & ~SBL__CELL_CUT];
         reference = &cut->sides[sbl__dot(cut->normal, position) > cut->distance];
+    }
+    return reference;
+}
+
+/* Returns the patch word of the cell that sbl_leaf_at tries at an attempt from afar. side: patch word of a triangle's
+   side */
+static uint32_t sbl__patch_from_afar(uint32_t side, int attempt) {
+    return side | (attempt & 1 ? SBL__PATCH_NEAR : 0) | SBL__PATCH_LEVEL * (uint32_t)(attempt >> 1);
+}
+
+/* Returns the reference in the cell at a position, or 0 if there is no such cell. */
+static uint32_t sbl__store_peek(const sbl__store *s, uint32_t patch, const float position[3]) {
+    const sbl__cell_slot *slot;
+    uint32_t at[3], check;
+    sbl__cell_place(s, patch, position, at);
+    slot = sbl__store_seek(s, patch, at, &check);
+    return slot && slot->check == check ? slot->reference : 0;
+}
+
+/* Returns what sbl_leaf_at finds at a position from afar: 1 + the number of a leaf, or 0. */
+static uint32_t sbl__store_from_afar(const sbl__store *s, uint32_t side, const float position[3]) {
+    uint32_t reference = 0;
+    int i;
+    for (i = 0; !reference && i < 2 * SBL__LEVELS; i++) {
+        reference = sbl__store_peek(s, sbl__patch_from_afar(side, i), position);
+        while (reference >= SBL__CELL_CUT) {
+            const sbl__cut *cut = &s->cuts[reference & ~SBL__CELL_CUT];
+            reference = cut->sides[sbl__dot(cut->normal, position) > cut->distance];
+        }
     }
     return reference;
 }
@@ -6391,8 +6487,10 @@ static sbl_result sbl__store_send(const sbl__device *d, sbl__store *s, const sbl
     sbl__buffer *buffer = &s->table.buffer;
     sbl_result result;
     int i;
-    for (i = 0, s->brightest = 0; i < s->leaf_count; i++)
-        s->brightest = SBL__MAX(s->brightest, sbl__max3(s->leaves[i].light));
+    for (i = 0, s->brightest = 0; i < s->leaf_count; i++) {
+        const float *light = s->leaves[i].light;
+        s->brightest = SBL__MAX(s->brightest, SBL__MAX((float)fabs((double)light[0]), SBL__MAX(light[1], light[2])));
+    }
     s->first_cell = g->triangle_count / 4 + 1;
     s->first_cut = s->first_cell + s->cell_room / 2;
     s->first_leaf = s->first_cut + 2 * s->cut_count;
@@ -6415,6 +6513,7 @@ static void sbl__store_bind(sbl__device *d, const sbl__store *s) {
     sbl__set_vec3(d, "cell_origin", s->origin);
     sbl__set_float(d, "per_cell", 1 / s->length);
     sbl__set_int(d, "cell_mask", s->cell_room - 1);
+    sbl__set_int(d, "glows", s->bright_count);
 }
 
 /* >>glsl frame: shaders_embedded/frame.glsl, copied by scripts/embed_shaders */
@@ -6444,11 +6543,15 @@ static const char *const sbl__glsl_store[] = {
 "uniform int cell_mask;     // number of slots in the hash table - 1\n",
 "uniform vec3 cell_origin;  // origin of the grid of cells\n",
 "uniform float per_cell;    // 1 / length of a cell of level 0\n",
+"uniform int glows;         // number of glows (see >>glow in sbl.h)\n",
 "\n",
 "uint sbl_hash_step(uint hash, uint x) {\n",
 "    hash = (hash ^ x) * SBL_HASH_FACTOR;\n",
 "    return hash ^ hash >> SBL_HASH_SHIFT;\n",
 "}\n",
+"\n",
+"// True if rays of this length read cells for near rays.\n",
+"bool sbl_is_near(float distance) { return distance * per_cell * float(SBL_NEAR_PART) < 1.0; }\n",
 "\n",
 "// Returns 1 + the number of the leaf at a position on triangle `number` of the scene, or 0 if there is none.\n",
 "// back: the back side is seen. distance: distance from which the position is seen.\n",
@@ -6459,7 +6562,7 @@ static const char *const sbl__glsl_store[] = {
 "        uint axis = patch_word >> SBL_PATCH_AXIS_SHIFT & 3u;\n",
 "        at *= uvec3(axis != 0u, axis != 1u, axis != 2u);\n",
 "    }\n",
-"    if (distance * per_cell * float(SBL_NEAR_PART) < 1.0) patch_word |= SBL_PATCH_NEAR;\n",
+"    if (sbl_is_near(distance)) patch_word |= SBL_PATCH_NEAR;\n",
 "    uint reference = 0u;\n",
 "    // Each level has cells for near and for far rays. Those for this distance are tried first.\n",
 "    for (int tries = 0; tries < 2 * SBL_LEVELS && reference == 0u; tries++) {\n",
@@ -6487,12 +6590,21 @@ static const char *const sbl__glsl_store[] = {
 "}\n",
 "\n",
 "// R of a leaf. sbl_lamps_of: the part of it that comes directly from lamps. leaf: as sbl_leaf_at returns it\n",
-"vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : sbl_leaf_light(leaf - 1); }\n",
+"vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : abs(sbl_leaf_light(leaf - 1)); }\n",
 "\n",
 "vec3 sbl_lamps_of(int leaf) {\n",
 "    uint rgbe = leaf == 0 ? 0u : sbl_leaf_lamps(leaf - 1);\n",
 "    float exponent = float(rgbe >> 24) - float(SBL_RGBE_BIAS + SBL_RGBE_BITS);\n",
 "    return vec3(rgbe & 255u, rgbe >> 8 & 255u, rgbe >> 16 & 255u) * exp2(exponent);\n",
+"}\n",
+"\n",
+"// Returns the part of R at a position that lamps.glsl measures: all of it where rays from afar read a bright leaf.\n",
+"// leaf: what sbl_leaf_at returns for the parameters\n",
+"vec3 sbl_glowing(int leaf, int number, bool back, vec3 position, float distance) {\n",
+"    for (int i = 0; i < (glows > 0 && sbl_is_near(distance) ? 1 : 0); i++)\n",
+"        leaf = sbl_leaf_at(number, back, position, SBL_UNBOUNDED);\n",
+"    vec3 light = leaf == 0 || glows == 0 ? vec3(0) : sbl_leaf_light(leaf - 1);\n",
+"    return floatBitsToInt(light.r) < 0 ? abs(light) : vec3(0);\n",
 "}\n",
 "\n",
 "// Returns R at a position. The parameters are those of sbl_leaf_at.\n",
@@ -6513,6 +6625,8 @@ typedef struct sbl__scene {
     sbl__lights lights;
     sbl__hierarchy hierarchy;
     sbl__store store;
+    sbl__lights bright;         /* all lamps of `lights` and the glows of the store; nothing if there are no glows */
+    struct sbl__glowing *glowing;  /* data for finding the glows; NULL if that is not in progress */
     sbl_draw_function draw;     /* NULL if the host draws nothing itself */
     void *draw_user;
     float draw_bounds[2][3];
@@ -6534,6 +6648,8 @@ typedef struct sbl__scene {
 #define SBL__AWAY_MOST 4e3
 
 static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
+    sbl__free(d->base, s->glowing);
+    sbl__lights_free(d, &s->bright);
     sbl__store_free(d, &s->store);
     sbl__hierarchy_free(d, &s->hierarchy);
     sbl__lights_free(d, &s->lights);
@@ -6643,11 +6759,24 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
     return result;
 }
 
+/* Returns the lamps that sensors measure. glows: 1: also the glows */
+static const sbl__lights *sbl__scene_lamps(const sbl__scene *s, int glows) {
+    return glows && s->bright.ready && s->bright.glow_count ? &s->bright : &s->lights;
+}
+
+/* Marks the glows as out of date. */
+static void sbl__scene_glows_changed(const sbl__device *d, sbl__scene *s) {
+    sbl__free(d->base, s->glowing);
+    s->glowing = NULL;
+    sbl__lights_free(d, &s->bright);
+}
+
 /* Marks lamps and store as out of date. They are made again when next needed. */
 static void sbl__scene_lamps_changed(const sbl__device *d, sbl__scene *s) {
     sbl__lamps_free(d, s->lights.building);
     s->lights.building = NULL;
     s->lights.ready = s->store.ready = 0;
+    sbl__scene_glows_changed(d, s);
     s->version++;
 }
 
@@ -6884,6 +7013,279 @@ static const char *const sbl__glsl_surface[] = {
 "#endif\n",
 0 };
 /* <<glsl */
+
+/* ======================================================================================================== >>glow
+   Finds the glows: the parts of surfaces that reflect so much light that sensors send rays to them, as they do to
+   lamps. A room that is lit by a spot of light on its ceiling gets nearly all its light from a small place, which few
+   of the rays over the hemisphere find. >>bounce chooses the bright leaves of the store. Here, the triangles of the
+   scene are clipped by the cells of these leaves and by the cuts in them, so that glows cover exactly the places where
+   rays from afar read bright leaves. Each glow has the leaf's light, times the albedo of the surface; shaders leave
+   this light out where rays over the hemisphere find it (sbl_glowing in store.glsl). */
+
+#define SBL__GLOWS_MOST 4096       /* maximum number of glows; more make their leaves ordinary, the darkest first */
+#define SBL__GLOW_CORNERS 32       /* maximum number of corners of a polygon; further ones are dropped */
+#define SBL__GLOW_LEAST 1e-5       /* polygons with less than this share of the area of their triangle, and of their
+                                      cell, are dropped */
+
+typedef struct sbl__polygon { double corners[SBL__GLOW_CORNERS][3]; int count; } sbl__polygon;
+
+typedef struct sbl__glowing {
+    sbl__stages stages;
+    sbl__device *device;
+    sbl__scene *scene;
+    int room;                        /* number of elements allocated for scene->bright.glows */
+    uint32_t place, patch;           /* the current triangle's place in the hierarchy's order; its side's patch word */
+    const sbl__bright_cell *cell;    /* the current cell */
+    double area;                     /* polygons with a smaller area are dropped */
+} sbl__glowing;
+
+/* The bits of a patch word that are the same in all cells of one side of a patch */
+static uint32_t sbl__side_of_patch(uint32_t patch) {
+    return patch & ~(SBL__PATCH_NEAR | 3u * SBL__PATCH_LEVEL);
+}
+
+/* Comparison function for qsort: orders cells by the side of a patch, then by patch word and coordinates. */
+static int sbl__bright_order(const void *first, const void *second) {
+    const sbl__bright_cell *a = (const sbl__bright_cell *)first, *b = (const sbl__bright_cell *)second;
+    const uint32_t x[5] = { sbl__side_of_patch(a->patch), a->patch, a->at[0], a->at[1], a->at[2] };
+    const uint32_t y[5] = { sbl__side_of_patch(b->patch), b->patch, b->at[0], b->at[1], b->at[2] };
+    int i;
+    for (i = 0; i < 5; i++)
+        if (x[i] != y[i]) return x[i] < y[i] ? -1 : 1;
+    return 0;
+}
+
+static void sbl__polygon_add(sbl__polygon *p, const double corner[3]) {
+    if (p->count < SBL__GLOW_CORNERS) memcpy(p->corners[p->count++], corner, sizeof *p->corners);
+}
+
+/* Divides a polygon by a plane: sides[0] receives the part where dot(normal, x) is at most `distance`, sides[1] the
+   other part. A part without area has fewer than three corners. */
+static void sbl__polygon_cut(const sbl__polygon *p, const double normal[3], double distance, sbl__polygon sides[2]) {
+    int i, k;
+    sides[0].count = sides[1].count = 0;
+    for (i = 0; i < p->count; i++) {
+        const double *a = p->corners[i], *b = p->corners[(i + 1) % p->count];
+        const double over = normal[0] * a[0] + normal[1] * a[1] + normal[2] * a[2] - distance;
+        const double next = normal[0] * b[0] + normal[1] * b[1] + normal[2] * b[2] - distance;
+        double x[3];
+        sbl__polygon_add(&sides[over > 0], a);
+        if ((over > 0) == (next > 0)) continue;
+        for (k = 0; k < 3; k++) x[k] = a[k] + over / (over - next) * (b[k] - a[k]);
+        sbl__polygon_add(&sides[0], x);
+        sbl__polygon_add(&sides[1], x);
+    }
+}
+
+/* Makes glows of a polygon that shows one leaf. */
+static sbl_result sbl__glow_add(sbl__glowing *w, const sbl__polygon *p, int leaf) {
+    sbl__scene *s = w->scene;
+    sbl__lights *l = &s->bright;
+    const float *light = s->store.leaves[leaf].light;
+    const sbl__object *object = sbl__triangle_object(&s->geometry, s->hierarchy.order[w->place]);
+    const int back = ((w->patch ^ s->store.patches[s->hierarchy.order[w->place]]) & SBL__PATCH_BACK) != 0;
+    int i, k;
+    if (!sbl__leaf_is_bright(light)) return SBL_SUCCESS;
+    for (i = 1; i + 1 < p->count; i++) {
+        const double *a = p->corners[0], *b = p->corners[back ? i + 1 : i], *c = p->corners[back ? i : i + 1];
+        double u[3], v[3], across[3];
+        sbl__glow *glow;
+        for (k = 0; k < 3; k++) {
+            u[k] = b[k] - a[k];
+            v[k] = c[k] - a[k];
+        }
+        sbl__cross(u, v, across);
+        if (0.5 * sqrt(across[0] * across[0] + across[1] * across[1] + across[2] * across[2]) < w->area) continue;
+        if (!sbl__grow(w->device->base, &l->glows, &w->room, l->glow_count + 1, sizeof *l->glows))
+            return SBL_ERROR_OUT_OF_MEMORY;
+        glow = &l->glows[l->glow_count++];
+        memset(glow, 0, sizeof *glow);
+        glow->triangle = w->place;
+        glow->leaf = (uint32_t)leaf;
+        for (k = 0; k < 3; k++) {
+            glow->corner_0[k] = (float)a[k];
+            glow->corner_1[k] = (float)b[k];
+            glow->corner_2[k] = (float)c[k];
+            glow->radiance[k] = object->albedo[k] * (float)fabs((double)light[k]);
+        }
+        l->unit = SBL__MAX(l->unit, sbl__max3(glow->radiance));
+    }
+    return SBL_SUCCESS;
+}
+
+/* Divides a polygon in a cube of level 0 among the leaves that sbl_leaf_at finds there from afar, and makes glows of
+   those in the current cell. middle: a position in the cube. attempt: the next attempt of sbl_leaf_at. reference: where
+   the attempts so far have led; 0: nowhere */
+static sbl_result sbl__glow_part(sbl__glowing *w, const sbl__polygon *p, const float middle[3], int attempt,
+                                 uint32_t reference) {
+    const sbl__store *s = &w->scene->store;
+    const sbl__cut *cut;
+    sbl__polygon sides[2];
+    double normal[3];
+    sbl_result result = SBL_SUCCESS;
+    int i;
+    if (p->count < 3) return SBL_SUCCESS;
+    for (; !reference && attempt < 2 * SBL__LEVELS; attempt++)
+        reference = sbl__store_peek(s, sbl__patch_from_afar(w->patch, attempt), middle);
+    if (!reference) return SBL_SUCCESS;
+    if (reference < SBL__CELL_CUT)
+        return sbl__patch_from_afar(w->patch, attempt - 1) == w->cell->patch ? sbl__glow_add(w, p, (int)reference - 1)
+                                                                 : SBL_SUCCESS;
+    cut = &s->cuts[reference & ~SBL__CELL_CUT];
+    for (i = 0; i < 3; i++) normal[i] = (double)cut->normal[i];
+    sbl__polygon_cut(p, normal, (double)cut->distance, sides);
+    for (i = 0; i < 2 && result == SBL_SUCCESS; i++)
+        result = sbl__glow_part(w, &sides[i], middle, attempt, cut->sides[i]);
+    return result;
+}
+
+/* Divides a polygon among the cubes of level 0 from low to high - 1. A column of cubes counts as one. */
+static sbl_result sbl__glow_cubes(sbl__glowing *w, const sbl__polygon *p, const uint32_t low[3],
+                                  const uint32_t high[3]) {
+    const sbl__store *s = &w->scene->store;
+    const int flat = w->patch & SBL__PATCH_FLAT ? (int)(w->patch >> SBL__PATCH_AXIS_SHIFT & 3u) : -1;
+    double normal[3] = { 0, 0, 0 };
+    uint32_t from[3], to[3], middle;
+    sbl__polygon sides[2];
+    float inside[3];
+    sbl_result result;
+    int k, axis = -1;
+    if (p->count < 3) return SBL_SUCCESS;
+    for (k = 0; k < 3; k++) {
+        from[k] = low[k];
+        to[k] = high[k];
+        inside[k] = s->origin[k] + s->length * ((float)low[k] + 0.5f);
+        if (k != flat && high[k] - low[k] > 1 && (axis < 0 || high[k] - low[k] > high[axis] - low[axis])) axis = k;
+    }
+    if (axis < 0) return sbl__glow_part(w, p, inside, 0, 0);
+    middle = low[axis] + (high[axis] - low[axis]) / 2;
+    to[axis] = from[axis] = middle;
+    normal[axis] = 1;
+    sbl__polygon_cut(p, normal, (double)s->origin[axis] + (double)s->length * middle, sides);
+    result = sbl__glow_cubes(w, &sides[0], low, to);
+    return result == SBL_SUCCESS ? sbl__glow_cubes(w, &sides[1], from, high) : result;
+}
+
+/* Makes the glows of a side of a triangle in one cell. */
+static sbl_result sbl__glow_cell(sbl__glowing *w, const sbl__bright_cell *cell) {
+    const sbl__scene *s = w->scene;
+    const sbl__geometry *g = &s->geometry;
+    const uint32_t number = s->hierarchy.order[w->place];
+    const int level = (int)(cell->patch / SBL__PATCH_LEVEL & 3u), shift = SBL__LEVEL_SHIFT * level;
+    const int flat = cell->patch & SBL__PATCH_FLAT ? (int)(cell->patch >> SBL__PATCH_AXIS_SHIFT & 3u) : -1;
+    const double length = (double)s->store.length;
+    uint32_t low[3], high[3];
+    double normal[3], area = sbl__scene_normal(g, number, normal);
+    sbl__polygon p, sides[2];
+    int k, side;
+    w->cell = cell;
+    w->area = SBL__GLOW_LEAST * SBL__MIN(area, ldexp(length * length, 2 * shift));
+    p.count = 0;
+    for (k = 0; k < 3; k++) {
+        const float *corner = sbl__triangle_corner(g, number, k);
+        const double exact[3] = { (double)corner[0], (double)corner[1], (double)corner[2] };
+        sbl__polygon_add(&p, exact);
+    }
+    for (k = 0; k < 3; k++) {
+        low[k] = cell->at[k] << shift;
+        high[k] = low[k] + (1u << shift);
+        for (side = 0; side < 2 && k != flat; side++) {
+            normal[0] = normal[1] = normal[2] = 0;
+            normal[k] = 1;
+            sbl__polygon_cut(&p, normal, (double)s->store.origin[k] + length * (side ? high : low)[k], sides);
+            p = sides[!side];
+        }
+    }
+    return sbl__glow_cubes(w, &p, low, high);
+}
+
+static int sbl__glow_sides(void *work) {
+    const sbl__glowing *w = (const sbl__glowing *)work;
+    return 2 * w->scene->hierarchy.triangle_count;
+}
+
+/* Makes the glows of a side of a triangle. */
+static sbl_result sbl__glow_side(void *work, int at) {
+    sbl__glowing *w = (sbl__glowing *)work;
+    const sbl__store *s = &w->scene->store;
+    const uint32_t number = w->scene->hierarchy.order[at / 2];
+    sbl_result result = SBL_SUCCESS;
+    int low = 0, high = s->bright_count;
+    if (number == SBL__BVH_DROPPED) return SBL_SUCCESS;
+    w->place = (uint32_t)(at / 2);
+    w->patch = s->patches[number] ^ (at & 1 ? SBL__PATCH_BACK : 0);
+    while (low < high) {  /* find the first cell of this side */
+        const int middle = (low + high) / 2;
+        if (sbl__side_of_patch(s->bright[middle].patch) < w->patch) low = middle + 1;
+        else high = middle;
+    }
+    for (; low < s->bright_count && result == SBL_SUCCESS; low++) {
+        if (sbl__side_of_patch(s->bright[low].patch) != w->patch) break;
+        result = sbl__glow_cell(w, &s->bright[low]);
+    }
+    return result;
+}
+
+/* Makes the darkest bright leaves ordinary ones until the driver's tables and SBL__GLOWS_MOST hold the glows. */
+static sbl_result sbl__glow_limit(void *work, sbl__slice *slice) {
+    sbl__glowing *w = (sbl__glowing *)work;
+    sbl__scene *s = w->scene;
+    sbl__lights *l = &s->bright;
+    const double texels = w->device->gl.capabilities.max_texture_buffer_size - 9.0 * s->lights.leaves -
+                          (double)sizeof(sbl__light_record) / 16 * s->lights.count;
+    const double room = s->geometry.wide ? SBL__GLOWS_MOST : texels / (9 + (double)sizeof(sbl__glow) / 16);
+    const int most = (int)SBL__MAX(SBL__MIN(room, SBL__GLOWS_MOST), 0.0), before = l->glow_count;
+    double least = DBL_MAX;
+    int i, kept;
+    (void)slice;
+    for (i = 0; i < l->glow_count; i++) least = SBL__MIN(least, (double)sbl__luminance(l->glows[i].radiance));
+    for (; l->glow_count > most; l->glow_count = kept) {
+        least *= 1.1;
+        for (i = kept = 0; i < l->glow_count; i++) {
+            float *light = s->store.leaves[l->glows[i].leaf].light;
+            if (sbl__luminance(l->glows[i].radiance) >= least && sbl__leaf_is_bright(light))
+                l->glows[kept++] = l->glows[i];
+            else light[0] = (float)fabs((double)light[0]);
+        }
+    }
+    return l->glow_count < before && s->store.ready ? sbl__store_send(w->device, &s->store, &s->geometry) : SBL_SUCCESS;
+}
+
+static sbl_result sbl__glow_find(sbl__device *d, sbl__scene *s, sbl__slice *slice) {
+    static const sbl__stage_row table[] = {
+        { NULL, NULL, sbl__glow_side, sbl__glow_sides },
+        { sbl__glow_limit, NULL, NULL, NULL }
+    };
+    sbl__glowing *w = s->glowing;
+    sbl_result result = SBL_SUCCESS;
+    if (!w) {
+        s->glowing = w = (sbl__glowing *)sbl__alloc(d->base, 1, sizeof *w);
+        if (!w) return SBL_ERROR_OUT_OF_MEMORY;
+        w->device = d;
+        w->scene = s;
+        result = sbl__lights_make(d->base, &s->bright, s->lights.list, s->lights.count, s->brightest,
+                                  s->geometry.extent);
+    }
+    return result == SBL_SUCCESS ? sbl__stages_run(&w->stages, table, SBL__COUNT(table), w, slice) : result;
+}
+
+/* Makes the glows of a store whose light is known, and the trees of lamps. The hierarchy and the lamps are ready. only:
+   1: the trees hold only glows; 0: all lamps of the scene, too */
+static sbl_result sbl__glow_step(sbl__device *d, sbl__scene *s, int only, sbl__slice *slice) {
+    sbl_result result = SBL_SUCCESS;
+    if (!s->store.bright_count || (s->bright.ready && s->bright.only_glows == only)) return SBL_SUCCESS;
+    d->gl.doing = "storing bright surfaces";
+    if (!s->bright.list || s->glowing) result = sbl__glow_find(d, s, slice);
+    if (result == SBL_SUCCESS) {
+        sbl__free(d->base, s->glowing);
+        s->glowing = NULL;
+        if (!s->bright.building) s->bright.ready = 0;
+        s->bright.only_glows = only;
+        result = sbl__lights_step(d, &s->geometry, &s->hierarchy, &s->environment, &s->bright, slice);
+    }
+    if (result != SBL_SUCCESS && result != SBL_UNFINISHED) sbl__scene_glows_changed(d, s);
+    return result;
+}
 
 /* ====================================================================================================== >>options
    The options that all front ends share, and the descriptor of each front end, with defaults and checks side by side.
@@ -8199,6 +8601,7 @@ typedef struct sbl__spec {
     int lamp_rays;              /* maximum number of rays towards lamps per look, besides rim samples and rays to point
                                    lights; 0: no rays are aimed at lamps */
     int bounced;                /* 1 (SBL_MODE_GI): surfaces reflect the store's R; 0: ambient light, see epsilon */
+    int glows;                  /* 1 (SBL_MODE_GI): bright surfaces are lamps, see >>glow */
     int without_sky;            /* traced: 1 if rays over the hemisphere see neither the sky nor the environment */
     int no_light;               /* traced: 1 if rays over the hemisphere cannot find light, so that only look 0 of each
                                    site traces them, for the distances and back faces in readings */
@@ -8802,10 +9205,11 @@ static void sbl__rays_send(const sbl__device *d, const sbl__batch *b, const sbl_
 
 /* >>glsl lamps: shaders_embedded/lamps.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_lamps[] = {
-"// Light from lamps: emitting triangles, lights, and bright texels of the sky. The light of an unobstructed lamp is\n",
-"// known in closed form, and rays measure which share of it arrives: the ratio estimator of Heitz, Hill and McGuire\n",
-"// 2018, \"Combining analytic direct illumination and stochastic shadows\". If there are many lamps, distant ones\n",
-"// form clusters; a ray towards a cluster picks one of its lamps, in proportion to their light.\n",
+"// Light from lamps: emitting triangles, lights, bright texels of the sky, and glows, which are parts of\n",
+"// surfaces that reflect much light. The light of an unobstructed lamp is known in closed form, and rays\n",
+"// measure which share of it arrives: the ratio estimator of Heitz, Hill and McGuire 2018, \"Combining analytic\n",
+"// direct illumination and stochastic shadows\". If there are many lamps, distant ones form clusters; a ray\n",
+"// towards a cluster picks one of its lamps, in proportion to their light.\n",
 "//\n",
 "//     choose   makes the list of entries: the lamps and clusters that give this sensor light, with their strengths\n",
 "//     pick     picks one of the entries for a ray\n",
@@ -8874,6 +9278,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    ivec2 texel;               // texel: its column and row in the environment's picture\n",
 "    int triangle, number;      // triangle: its number in the hierarchy's order and in the scene; else number is -1\n",
 "    vec2 group;                // (0, 1) if it is a triangle that shows the sensor its back; else (1, 0)\n",
+"    bool glow;                 // true: a glow, which is a triangle for all other fields: that of the surface\n",
 "};\n",
 "\n",
 "bool sbl_is_light(sbl_Lamp l) { return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT); }\n",
@@ -8887,18 +9292,30 @@ static const char *const sbl__glsl_lamps[] = {
 "sbl_Lamp sbl_lamp(int leaf) {\n",
 "    uint code = sbl_lamp_leaf_code(leaf), at = code & ((1u << SBL_LAMP_KIND_SHIFT) - 1u);\n",
 "    sbl_Lamp l = sbl_Lamp(code >> SBL_LAMP_KIND_SHIFT, vec3(0), vec3(0), vec3(0), vec3(0), SBL_UNBOUNDED, 0.0, 0.0,\n",
-"                          ivec2(0), int(at), -1, vec2(1, 0));\n",
+"                          ivec2(0), int(at), -1, vec2(1, 0), false);\n",
+"    l.glow = mixed && l.kind == SBL_LAMP_GLOW;\n",
+"    if (l.glow) {\n",
+"        l.kind = SBL_LAMP_TRIANGLE;\n",
+"        l.triangle = int(sbl_glow_triangle(int(at)));\n",
+"    }\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
 "        int object = int(sbl_triangle_object(l.triangle));\n",
 "        l.corner = sbl_triangle_corner_0(l.triangle);\n",
 "        l.side_1 = sbl_triangle_corner_1(l.triangle) - l.corner;\n",
 "        l.side_2 = sbl_triangle_corner_2(l.triangle) - l.corner;\n",
+"        for (int i = 0; i < (l.glow ? 1 : 0); i++) {\n",
+"            l.corner = sbl_glow_corner_0(int(at));\n",
+"            l.side_1 = sbl_glow_corner_1(int(at)) - l.corner;\n",
+"            l.side_2 = sbl_glow_corner_2(int(at)) - l.corner;\n",
+"        }\n",
 "        l.corner -= position;\n",
 "        l.number = int(sbl_triangle_number(l.triangle));\n",
 "        vec3 normal = cross(l.side_1, l.side_2);\n",
 "        float off = dot(normal, l.corner);\n",
 "        l.group = off > 0.0 ? vec2(0, 1) : vec2(1, 0);\n",
 "        l.brightness = sbl_emission(object, l.group.y == 1.0) / unit;\n",
+"        for (int i = 0; i < (l.glow ? 1 : 0); i++)\n",
+"            l.brightness = off > 0.0 ? vec3(0) : sbl_glow_radiance(int(at)) / unit;\n",
 "        // Almost edge-on: no light. Excludes the sensor's own triangle, which rounding may put above the horizon.\n",
 "        if (abs(off) < 0.5 * sbl_look_offset(look) * length(normal)) l.brightness = vec3(0);\n",
 "    }\n",
@@ -9338,8 +9755,18 @@ static const char *const sbl__glsl_lamps[] = {
 "    if (hidden || at_rim) return;\n",
 "#ifdef SBL_TEXTURED\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
-"        sbl_Attributes at = sbl_attributes_at(l.triangle, s.b.x, s.b.y);\n",
-"        light *= sbl_emission_pattern(int(sbl_triangle_object(l.triangle)), at);\n",
+"        int object = int(sbl_triangle_object(l.triangle));\n",
+"        vec2 b = s.b;\n",
+"        for (int i = 0; i < (l.glow ? 1 : 0); i++) {  // barycentrics of the triangle of which the glow is a part\n",
+"            sbl_Lamp whole_triangle = l;\n",
+"            vec3 first = sbl_triangle_corner_0(l.triangle), point = position + l.corner - first;\n",
+"            whole_triangle.side_1 = sbl_triangle_corner_1(l.triangle) - first;\n",
+"            whole_triangle.side_2 = sbl_triangle_corner_2(l.triangle) - first;\n",
+"            b = sbl_barycentrics(whole_triangle, cross(whole_triangle.side_1, whole_triangle.side_2),\n",
+"                                 point + s.b.x * l.side_1 + s.b.y * l.side_2);\n",
+"        }\n",
+"        sbl_Attributes at = sbl_attributes_at(l.triangle, b.x, b.y);\n",
+"        light *= l.glow ? sbl_glow_pattern(object, at) : sbl_emission_pattern(object, at);\n",
 "    }\n",
 "#endif\n",
 "    if (reporting && !point) report.rgb = light;\n",
@@ -9498,14 +9925,15 @@ static const sbl__recipe sbl__recipe_lamps = {
     { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_carrier, sbl__glsl_traverse, sbl__glsl_sky,
       sbl__glsl_lamps },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
-      &sbl__look_record, &sbl__lamp_node_record, &sbl__lamp_leaf_record, &sbl__light_record_record },
+      &sbl__look_record, &sbl__lamp_node_record, &sbl__lamp_leaf_record, &sbl__light_record_record,
+      &sbl__glow_record },
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__VIEWS | SBL__INSPECT | SBL__COMPUTE | SBL__MIXED |
     SBL__DIRECTIONAL
 };
 
 static unsigned sbl__aim_features(const sbl__scene *s, const sbl__spec *spec) {
     return sbl__features_of(s, spec) | (s->draw && !spec->traced ? (unsigned)SBL__VIEWS : 0) |
-           (s->lights.mixed ? (unsigned)SBL__MIXED : 0);
+           (sbl__scene_lamps(s, spec->glows)->mixed ? (unsigned)SBL__MIXED : 0);
 }
 
 /* Computes the directions of row j of a view's texels, in the frame of a look that is not rotated. `directions` has 4
@@ -9748,8 +10176,10 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 "    vec3 radiance = gl_FrontFacing ? radiance_front : radiance_back;\n",
 "#endif\n",
 "#ifdef SBL_BOUNCED\n",
-"    vec3 light = sbl_stored(first_triangle + gl_PrimitiveID, !gl_FrontFacing, fragment_place,\n",
-"                            length(fragment_way));\n",
+"    int number = first_triangle + gl_PrimitiveID;\n",
+"    int leaf = sbl_leaf_at(number, !gl_FrontFacing, fragment_place, length(fragment_way));\n",
+"    vec3 light = sbl_light_of(leaf);\n",
+"    light -= sbl_glowing(leaf, number, !gl_FrontFacing, fragment_place, length(fragment_way));\n",
 "    radiance += radiance_scale * sbl_reflected(sbl_material(fragment_object, at), light);\n",
 "#endif\n",
 "    out_radiance = vec4(radiance, gl_FrontFacing ? 1.0 / gl_FragCoord.w : -1.0 / gl_FragCoord.w);\n",
@@ -10127,6 +10557,7 @@ static const char *const sbl__glsl_trace[] = {
 "    goes_on = !last && hit.distance * per_cell < 1.0;\n",
 "    int leaf = sbl_leaf_at(hit.number, hit.back, position, hit.distance);\n",
 "    radiance += sbl_reflected(material, goes_on ? sbl_lamps_of(leaf) : sbl_light_of(leaf));\n",
+"    radiance -= sbl_reflected(material, sbl_glowing(leaf, hit.number, hit.back, position, hit.distance));\n",
 "#endif\n",
 "    return radiance;\n",
 "}\n",
@@ -10364,9 +10795,9 @@ static void sbl__spec_make(sbl__spec *spec, const sbl__measurement *s, const sbl
     memset(spec, 0, sizeof *spec);
     spec->traced = s->options.backend == SBL_BACKEND_TRACE;
     spec->paper = s->options.mode == SBL_MODE_PAPER;
-    spec->bounced = s->options.mode == SBL_MODE_GI;
+    spec->bounced = spec->glows = s->options.mode == SBL_MODE_GI;
     spec->looks = s->options.rays || spec->paper ? 1 : s->looks;
-    spec->lamp_rays = !spec->paper && scene->lights.leaves ? rays : 0;
+    spec->lamp_rays = !spec->paper && sbl__scene_lamps(scene, spec->glows)->leaves ? rays : 0;
     spec->epsilon = s->options.epsilon;
     spec->seed = s->options.seed;
     spec->batch = c->batch > 0 ? c->batch : INT_MAX;
@@ -10425,7 +10856,7 @@ static int sbl__look_growth(const sbl__measurement *s, float error, double varia
 }
 
 /* Fails to compile if sbl__spec has padding, which memcmp would compare. Add the size of each new field here. */
-typedef char sbl__spec_has_no_padding[sizeof(sbl__spec) == 15 * sizeof(int) + 3 * sizeof(float) + sizeof(uint32_t)
+typedef char sbl__spec_has_no_padding[sizeof(sbl__spec) == 16 * sizeof(int) + 3 * sizeof(float) + sizeof(uint32_t)
                                       ? 1 : -1];
 
 /* >>job: setting up */
@@ -10694,7 +11125,7 @@ static int sbl__job_aims(const sbl__job *j) { return j->task.spec.lamp_rays && j
 static sbl_result sbl__aim_use(const sbl__job *j, const sbl__batch *b, unsigned extra, const int blocks[2],
                                float scale) {
     sbl__device *d = j->device;
-    const sbl__lights *l = &b->scene->lights;
+    const sbl__lights *l = sbl__scene_lamps(b->scene, b->spec->glows);
     const unsigned features = sbl__aim_features(b->scene, b->spec);
     const sbl_result result = sbl__use(d, &sbl__recipe_lamps, features | extra);
     if (result != SBL_SUCCESS) return result;
@@ -10702,6 +11133,8 @@ static sbl_result sbl__aim_use(const sbl__job *j, const sbl__batch *b, unsigned 
     sbl__bind_table(d, "sbl_lamps", &l->table);
     sbl__set_int(d, "sbl_first_leaf", (int)sizeof(sbl__lamp_node) / 16 * l->nodes);
     sbl__set_int(d, "sbl_first_light", (int)sizeof(sbl__lamp_node) / 16 * l->nodes + l->leaves);
+    sbl__set_int(d, "sbl_first_glow", (int)sizeof(sbl__lamp_node) / 16 * l->nodes + l->leaves +
+                                      (int)sizeof(sbl__light_record) / 16 * l->count);
     sbl__set_int(d, "lamp_nodes", l->nodes);
     sbl__set_int(d, "lamp_leaves", l->leaves);
     sbl__set_int(d, "rays", b->spec->lamp_rays);
@@ -11024,6 +11457,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__BOUNCE_RAYS 16        /* rays of a point */
 #define SBL__BOUNCE_SEQUENCES 4    /* sequences of ray directions, which the points of a leaf use in turn */
 #define SBL__BOUNCE_LAMP_RAYS 8
+#define SBL__BOUNCE_GLOW_RAYS 4    /* rays of a point towards glows */
 #define SBL__BOUNCE_STUCK_RAYS 4   /* rays of a point's stuck test */
 #define SBL__BOUNCE_CONTACTS 8     /* contact rays of a leaf: along its surface, to find objects that touch it */
 #define SBL__CONTACT_STEEP 0.7     /* largest cosine between the normals of a surface and of a plane that cuts it */
@@ -11070,15 +11504,19 @@ typedef struct sbl__hits { sbl__hit *list; int count, room; } sbl__hits;
 
 typedef struct sbl__bounce_point { sbl__hit at; int leaf, number; /* index in its leaf */ } sbl__bounce_point;
 
+enum { SBL__BRIGHT_NEAR = 1, SBL__BRIGHT };
+
 /* A leaf while the store is filled. points: number of points; first: index of the first; valid: number of points with
-   valid readings */
-typedef struct sbl__bounce_leaf { int points, first, valid; } sbl__bounce_leaf;
+   valid readings; bright: SBL__BRIGHT if it is bright, SBL__BRIGHT_NEAR if rays from afar read a bright leaf at its
+   place; otherwise 0 */
+typedef struct sbl__bounce_leaf { int points, first, valid, bright; } sbl__bounce_leaf;
 
 enum {
     SBL__BOUNCE_PATCHES, SBL__BOUNCE_GRID, SBL__BOUNCE_SAMPLE, SBL__BOUNCE_CAST_SAMPLES, SBL__BOUNCE_PLACE,
     SBL__BOUNCE_CAST_CONTACTS, SBL__BOUNCE_CUT, SBL__BOUNCE_CAST_POINTS, SBL__BOUNCE_RELOCATE, SBL__BOUNCE_SORT,
-    SBL__BOUNCE_LINK, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_DIRECT, SBL__BOUNCE_GATHER, SBL__BOUNCE_NOISE,
-    SBL__BOUNCE_PROPAGATE, SBL__BOUNCE_UNCERTAINTY, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
+    SBL__BOUNCE_LINK, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_DIRECT, SBL__BOUNCE_GATHER, SBL__BOUNCE_SHINE,
+    SBL__BOUNCE_CHOOSE, SBL__BOUNCE_GLOW, SBL__BOUNCE_NOISE, SBL__BOUNCE_PROPAGATE, SBL__BOUNCE_UNCERTAINTY,
+    SBL__BOUNCE_LAMPS, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
 };
 
 typedef struct sbl__bounce {
@@ -11091,6 +11529,8 @@ typedef struct sbl__bounce {
     sbl__bounce_point *points;
     sbl__bounce_leaf *states;        /* one state per leaf */
     int point_count, point_room, state_room;
+    int glows;                       /* 1: the points' light from glows is or will be in `readings`, so their rays do
+                                        not count bright leaves, and the light of bright leaves is fixed */
     sbl__hits hits;                  /* hits of the points' rays, SBL__BOUNCE_RAYS per point */
     sbl__patching patching;          /* this field and all below are freed and set to 0 when the store is ready */
     double samples_due;              /* number of positions due for surface samples on the triangles visited so far;
@@ -11110,6 +11550,7 @@ typedef struct sbl__bounce {
     struct { uint32_t place; float normal[3], offset; } origin;
     sbl__site *sites;                /* the job's sites: points; in the last job, places in the air */
     sbl_reading *readings;
+    sbl_reading *glow_readings;      /* the points' light from glows; NULL if there are none */
     uint32_t recent_lines[SBL__CONTACT_CACHE];  /* hash table of contact lines (where an object touches a flat
                                                    surface) that have cut their cells; hash collisions drop some */
     int recheck;                     /* 1: a line has cut leaves below cut_leaves, where no place waits any more, so
@@ -11117,6 +11558,8 @@ typedef struct sbl__bounce {
     float *direct;                   /* 3 floats per leaf: direct light; after SBL__BOUNCE_NOISE, the leaf's noise */
     float *solved;                   /* light of each leaf, saved while the leaves hold noise */
     double change;                   /* balance.change of the previous round */
+    /* sums over rays: radiance and its square; number of rays (see sbl__bounce_shine) */
+    struct { double light, squares, rays; } found;
     /* sums over leaves in this round: direct light, all light before and after, absolute changes in all channels */
     struct { double direct[3], before[3], after[3], change; } balance;
     double needed_growth;            /* factor by which the cells' area must grow; 0: leaves suffice */
@@ -11844,8 +12287,12 @@ static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, int count) {
         task.spec.rays = SBL__BOUNCE_STUCK_RAYS;
         task.spec.without_sky = 1;  /* sbl__bounce_sky computes the light of the environment. */
     }
+    if (direct && b->glows) {
+        task.spec.glows = task.spec.rays = 1;  /* The first job has found out which points are stuck. */
+        task.spec.lamp_rays = SBL__BOUNCE_GLOW_RAYS;
+    }
     task.sites = b->sites;
-    task.readings = b->readings;
+    task.readings = direct && b->glows ? b->glow_readings : b->readings;
     task.site_count = count;
     memset(&b->job.counts, 0, sizeof b->job.counts);
     sbl__job_begin(&b->job, &c->scene, &task);
@@ -11853,8 +12300,22 @@ static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, int count) {
 
 static int sbl__bounce_after_sites(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
+    int i;
+    for (i = 0; i < b->store->leaf_count; i++) b->states[i].bright = 0;
+    b->glows = 0;
     sbl__bounce_measure(b, SBL_MODE_DIRECT, b->point_count);
     return SBL__BOUNCE_LIGHT;
+}
+
+/* Adds the light of glows to that of the other lamps, once it is measured. */
+static int sbl__bounce_after_light(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    int i, k;
+    for (i = 0; i < b->point_count && b->glows; i++) {
+        const float *light = b->glow_readings[i].radiance;
+        for (k = 0; k < 3 && b->glow_readings[i].valid; k++) b->readings[i].radiance[k] += light[k];
+    }
+    return SBL__BOUNCE_DIRECT;
 }
 
 static sbl_result sbl__bounce_run_job(void *work, sbl__slice *slice) {
@@ -11903,7 +12364,8 @@ static sbl_result sbl__bounce_direct(void *work, int at) {
         for (k = 0; k < 3; k++) light[k] += b->readings[i].radiance[k] / (float)state->valid;
     }
     leaf->lamps = sbl__rgbe(light);
-    for (k = 0; k < 3; k++) leaf->light[k] = light[k] += all_sky[k];
+    for (k = 0; k < 3; k++) light[k] += all_sky[k];
+    if (state->bright != SBL__BRIGHT) memcpy(leaf->light, light, sizeof leaf->light);
     return SBL_SUCCESS;
 }
 
@@ -11914,7 +12376,7 @@ static void sbl__bounce_add_received(const sbl__bounce *b, int point, float sum[
     const sbl__hit *hits = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS];
     int j;
     for (j = 0; j < SBL__BOUNCE_RAYS; j++)
-        if (hits[j].place != SBL__NOWHERE)
+        if (hits[j].place != SBL__NOWHERE && !b->states[hits[j].place].bright)
             sbl__add_reflected(hits[j].albedo, b->store->leaves[hits[j].place].light, sum);
 }
 
@@ -11926,6 +12388,7 @@ static sbl_result sbl__bounce_gather(void *work, int at) {
     float *light = b->store->leaves[at].light, sum[3] = { 0, 0, 0 };
     int i, k;
     if (at == 0) memset(&b->balance, 0, sizeof b->balance);
+    if (leaf->bright == SBL__BRIGHT) return SBL_SUCCESS;
     for (i = leaf->first; i < leaf->first + leaf->points; i++)
         if (b->readings[i].valid) sbl__bounce_add_received(b, i, sum);
     for (k = 0; k < 3; k++) {
@@ -11966,8 +12429,11 @@ static int sbl__bounce_after_gather(void *work) {
         all_direct += direct;
         sum += b->balance.after[k];
         if (b->rounds >= SBL__BOUNCE_SCALED || !(scale > 0)) continue;
-        for (i = 0; i < s->leaf_count; i++)
-            s->leaves[i].light[k] = b->direct[3 * i + k] + scale * (s->leaves[i].light[k] - b->direct[3 * i + k]);
+        for (i = 0; i < s->leaf_count; i++) {
+            const float direct_light = b->direct[3 * i + k];
+            float *light = &s->leaves[i].light[k];
+            if (b->states[i].bright != SBL__BRIGHT) *light = direct_light + scale * (*light - direct_light);
+        }
     }
     ratio = b->change > 0 ? SBL__MIN(b->balance.change / b->change, 0.999) : 0.999;
     b->change = b->balance.change;
@@ -11975,8 +12441,156 @@ static int sbl__bounce_after_gather(void *work) {
     if (b->rounds < SBL__BOUNCE_SCALED + 2 && b->change > 0) return SBL__BOUNCE_GATHER;
     if (!(b->change * ratio / (1 - ratio) <= SBL__BOUNCE_TOLERANCE * sum) && b->rounds < SBL__BOUNCE_ROUNDS)
         return SBL__BOUNCE_GATHER;
-    sbl__bounce_warn(b, all_direct, sum);
-    return SBL__BOUNCE_NOISE;
+    if (!b->glows) sbl__bounce_warn(b, all_direct, sum);
+    return b->glows ? SBL__BOUNCE_NOISE : SBL__BOUNCE_SHINE;
+}
+
+/* >>bounce: bright leaves. They become lamps (see >>glow) if that takes most of the noise from rays. */
+
+#define SBL__BRIGHT_LEAST 6.0      /* least radiance of a bright leaf, in multiples of the mean of all rays */
+#define SBL__BRIGHT_HITS 0.06      /* largest share of rays that hit bright leaves; light from larger places is found
+                                      easily, and shadow rays towards them are costly */
+#define SBL__BRIGHT_LEAVES 1024    /* largest number of bright leaves */
+#define SBL__BRIGHT_REST 0.5       /* no leaf is bright if more than this share of the rays' variance would remain */
+
+/* A leaf that may be bright. light: mean radiance of it that rays have found; hits: number of these rays */
+typedef struct sbl__bright_leaf { double light, hits; int leaf; } sbl__bright_leaf;
+
+/* Comparison function for qsort: brightest leaves first. */
+static int sbl__brighter(const void *first, const void *second) {
+    const sbl__bright_leaf *a = (const sbl__bright_leaf *)first, *b = (const sbl__bright_leaf *)second;
+    return a->light > b->light ? -1 : a->light < b->light ? 1 : a->leaf - b->leaf;
+}
+
+/* Adds up the luminances of the radiance that a point's rays find. Of b->direct, which the next stage makes again or
+   overwrites, each leaf uses two floats: the sum over the rays that hit it, and the number of these rays. */
+static sbl_result sbl__bounce_shine(void *work, int at) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const sbl__hit *hits = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS];
+    float sky[3];
+    int j;
+    if (at == 0) {
+        memset(b->direct, 0, 3 * sizeof *b->direct * (size_t)b->store->leaf_count);
+        memset(&b->found, 0, sizeof b->found);
+    }
+    if (!b->readings[at].valid) return SBL_SUCCESS;
+    for (j = 0; j < SBL__BOUNCE_RAYS; j++) {
+        float sum[3] = { 0, 0, 0 };
+        double light;
+        if (hits[j].place == SBL__NOWHERE) continue;
+        sbl__add_reflected(hits[j].albedo, b->store->leaves[hits[j].place].light, sum);
+        light = (double)(sbl__luminance(sum) / SBL__SHARE_ONE);
+        b->found.light += light;
+        b->found.squares += light * light;
+        b->direct[3 * hits[j].place] += (float)light;
+        b->direct[3 * hits[j].place + 1] += 1;
+    }
+    sbl__bounce_sky(b, at, sky);
+    b->found.light += SBL__BOUNCE_RAYS * (double)sbl__luminance(sky);
+    b->found.rays += SBL__BOUNCE_RAYS;
+    return SBL_SUCCESS;
+}
+
+/* Returns how many of the candidates, the brightest first, become bright leaves. mean: mean radiance of rays */
+static int sbl__bright_choose(const sbl__bounce *b, const sbl__bright_leaf *list, int count) {
+    const double rays = b->found.rays, mean = b->found.light / rays, variance = b->found.squares / rays - mean * mean;
+    double light = b->found.light, squares = b->found.squares, hits = 0;
+    int i;
+    for (i = 0; i < SBL__MIN(count, SBL__BRIGHT_LEAVES) && hits + list[i].hits <= SBL__BRIGHT_HITS * rays; i++) {
+        hits += list[i].hits;
+        light -= list[i].hits * list[i].light;
+        squares -= list[i].hits * list[i].light * list[i].light;
+    }
+    return squares / rays - light / rays * (light / rays) <= SBL__BRIGHT_REST * variance ? i : 0;
+}
+
+/* Returns the leaf that rays from afar read at a leaf's first point, or -1. */
+static int sbl__bright_from_afar(const sbl__bounce *b, int leaf) {
+    const sbl__hit *at = &b->points[b->states[leaf].first].at;
+    if (!b->states[leaf].points) return -1;
+    return (int)sbl__store_from_afar(b->store, sbl__place_patch(b->store, at) & ~SBL__PATCH_NEAR, at->position) - 1;
+}
+
+/* Marks a leaf as bright and adds its cell to the store's list. */
+static void sbl__bright_mark(sbl__bounce *b, int leaf) {
+    sbl__store *s = b->store;
+    const sbl__hit *at = &b->points[b->states[leaf].first].at;
+    sbl__bright_cell *cell = &s->bright[s->bright_count++];
+    s->leaves[leaf].light[0] = -s->leaves[leaf].light[0];
+    b->states[leaf].bright = SBL__BRIGHT;
+    sbl__place_find(s, at, &cell->patch);
+    sbl__cell_place(s, cell->patch, at->position, cell->at);
+}
+
+static sbl_result sbl__bounce_choose(void *work, sbl__slice *slice) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    sbl__store *s = b->store;
+    const double least = SBL__BRIGHT_LEAST * b->found.light;
+    sbl__bright_leaf *list = NULL;
+    int i, count = 0, room = 0, kept;
+    (void)slice;
+    sbl__free(&b->core->base, s->bright);
+    s->bright = NULL;
+    s->bright_count = 0;
+    for (i = 0; i < s->leaf_count; i++) {
+        const double light = (double)b->direct[3 * i], hits = (double)b->direct[3 * i + 1];
+        if (!(light * b->found.rays > least * hits) || sbl__bright_from_afar(b, i) != i) continue;
+        if (!sbl__grow(&b->core->base, &list, &room, count + 1, sizeof *list)) {
+            sbl__free(&b->core->base, list);
+            return SBL_ERROR_OUT_OF_MEMORY;
+        }
+        list[count].light = light / hits;
+        list[count].hits = hits;
+        list[count++].leaf = i;
+    }
+    if (count) qsort(list, (size_t)count, sizeof *list, sbl__brighter);
+    count = count ? sbl__bright_choose(b, list, count) : 0;
+    if (count) s->bright = (sbl__bright_cell *)sbl__alloc(&b->core->base, (size_t)count, sizeof *s->bright);
+    for (i = 0; i < count && s->bright; i++) sbl__bright_mark(b, list[i].leaf);
+    for (i = 0; i < s->leaf_count && s->bright; i++) {
+        const int afar = b->states[i].bright ? -1 : sbl__bright_from_afar(b, i);
+        if (afar >= 0 && b->states[afar].bright == SBL__BRIGHT) b->states[i].bright = SBL__BRIGHT_NEAR;
+    }
+    sbl__free(&b->core->base, list);
+    if (count && !s->bright) return SBL_ERROR_OUT_OF_MEMORY;
+    if (count) qsort(s->bright, (size_t)count, sizeof *s->bright, sbl__bright_order);
+    for (i = kept = 0; i < count; i++)  /* leaves of one cell list it once */
+        if (!i || sbl__bright_order(&s->bright[i], &s->bright[kept - 1])) s->bright[kept++] = s->bright[i];
+    s->bright_count = kept;
+    return SBL_SUCCESS;
+}
+
+static sbl_result sbl__bounce_glow(void *work, sbl__slice *slice) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const sbl_result result = sbl__glow_step(&b->core->device, &b->core->scene, 1, slice);
+    if (result != SBL_SUCCESS || !b->core->scene.bright.glow_count) return result;
+    if (!b->glow_readings)
+        b->glow_readings = (sbl_reading *)sbl__alloc_raw(&b->core->base, (size_t)b->point_count, sizeof *b->readings);
+    return b->glow_readings ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+}
+
+/* Begins to measure the glows at all points. The points' rays find them too seldom, so this light replaces theirs. */
+static int sbl__bounce_after_glow(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    b->glows = b->core->scene.bright.ready && b->core->scene.bright.glow_count;
+    if (!b->glows) return SBL__BOUNCE_NOISE;
+    b->rounds = 0;
+    b->change = 0;
+    sbl__bounce_measure(b, SBL_MODE_DIRECT, b->point_count);
+    return SBL__BOUNCE_LIGHT;
+}
+
+/* Drops the glows. They are made again of the leaves that a stream holds, whose last bits tell the uncertainty. */
+static int sbl__bounce_after_uncertainty(void *work) {
+    const sbl__bounce *b = (const sbl__bounce *)work;
+    sbl__scene_glows_changed(&b->core->device, &b->core->scene);
+    return SBL__BOUNCE_LAMPS;
+}
+
+/* Makes the trees of all lamps, for sensors. */
+static sbl_result sbl__bounce_lamps(void *work, sbl__slice *slice) {
+    const sbl__bounce *b = (const sbl__bounce *)work;
+    return sbl__glow_step(&b->core->device, &b->core->scene, 0, slice);
 }
 
 /* >>bounce: uncertainty */
@@ -12032,7 +12646,8 @@ static sbl_result sbl__bounce_uncertainty(void *work, int at) {
     double uncertainty2 = 0;
     int k;
     for (k = 0; k < 3; k++) {
-        const double off = solved[k] > 0 ? ((double)light[k] - own[k]) / solved[k] : 0;
+        const double own_light = fabs((double)solved[k]), off = own_light > 0 ? ((double)light[k] - own[k]) / own_light
+                                                                              : 0;
         uncertainty2 += off * off / 3;
         light[k] = solved[k];
     }
@@ -12091,7 +12706,7 @@ static void sbl__bounce_free_temporary(const sbl__device *d, sbl__bounce *b) {
     const sbl__patching *p = &b->patching;
     void *const blocks[] = { p->places.slots, p->ends.slots, p->welded, p->corners, p->parents, p->patches,
                              b->samples.list, b->waiting.list, b->released.list, b->contacts.list, b->sequence,
-                             b->sites, b->readings, b->direct, b->solved };
+                             b->sites, b->readings, b->glow_readings, b->direct, b->solved };
     int i;
     for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(d->base, blocks[i]);
     sbl__table_delete(d, &b->casts);
@@ -12147,12 +12762,16 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
         { NULL, NULL, sbl__bounce_sort, sbl__bounce_points },
         { NULL, NULL, sbl__bounce_link, sbl__bounce_points },
         { sbl__bounce_allocate, sbl__bounce_after_sites, sbl__bounce_site, sbl__bounce_points },
-        { sbl__bounce_run_job, NULL, NULL, NULL },
+        { sbl__bounce_run_job, sbl__bounce_after_light, NULL, NULL },
         { NULL, NULL, sbl__bounce_direct, sbl__bounce_leaves },
         { NULL, sbl__bounce_after_gather, sbl__bounce_gather, sbl__bounce_leaves },
+        { NULL, NULL, sbl__bounce_shine, sbl__bounce_points },
+        { sbl__bounce_choose, NULL, NULL, NULL },
+        { sbl__bounce_glow, sbl__bounce_after_glow, NULL, NULL },
         { NULL, sbl__bounce_after_noise, sbl__bounce_noise, sbl__bounce_leaves },
         { NULL, sbl__bounce_after_propagate, sbl__bounce_gather, sbl__bounce_leaves },
-        { NULL, NULL, sbl__bounce_uncertainty, sbl__bounce_leaves },
+        { NULL, sbl__bounce_after_uncertainty, sbl__bounce_uncertainty, sbl__bounce_leaves },
+        { sbl__bounce_lamps, NULL, NULL, NULL },
         { sbl__bounce_send, sbl__bounce_after_send, NULL, NULL },
         { sbl__bounce_run_job, sbl__bounce_after_air, NULL, NULL }
     };
@@ -12195,20 +12814,22 @@ static float sbl__bounce_progress(const sbl__core *c) {
 static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__slice *slice) {
     const sbl__hierarchy *h = &c->scene.hierarchy;
     const int rays = s->options.mode != SBL_MODE_PAPER;
-    const sbl_result result = rays ? sbl__scene_step(&c->device, &c->scene, slice) : SBL_SUCCESS;
+    sbl_result result = rays ? sbl__scene_step(&c->device, &c->scene, slice) : SBL_SUCCESS;
     if (result != SBL_SUCCESS) return result;
     c->stats.scene.bvh_seconds = h->seconds;
     c->stats.scene.lamps = rays ? c->scene.lights.leaves : 0;
     c->stats.scene.bvh_bytes = h->node_table.buffer.bytes + h->triangle_table.buffer.bytes +
                                h->node_table.texels.bytes + h->triangle_table.texels.bytes;
-    return s->options.mode == SBL_MODE_GI ? sbl__bounce_step(c, slice) : SBL_SUCCESS;
+    if (s->options.mode != SBL_MODE_GI) return SBL_SUCCESS;
+    result = sbl__bounce_step(c, slice);
+    return result == SBL_SUCCESS ? sbl__glow_step(&c->device, &c->scene, 0, slice) : result;
 }
 
 /* ======================================================================================================== >>saved
    Writes a header, the store and a checksum to a stream, and reads them if they are valid and belong to the scene. */
 
 #define SBL__SAVED_NAME "sblstore"
-#define SBL__SAVED_VERSION 5u
+#define SBL__SAVED_VERSION 6u
 #define SBL__SAVED_ORDER 0x01020304u   /* tells the byte order */
 #define SBL__SAVED_SEED 0xcbf29ce484222325u
 #define SBL__SAVED_CELLS (1 << 22)     /* maximum number of slots and of cuts in a stream; leaves: half of it */
@@ -12222,7 +12843,7 @@ typedef struct sbl__saved {
     uint32_t version, order;
     uint64_t parts[SBL__SAVED_PARTS];  /* hashes of the scene, see sbl__saved_scene */
     int32_t made_for;                  /* sbl__store.made_for */
-    int32_t triangles, cells, cuts, leaves, unused;
+    int32_t triangles, cells, cuts, leaves, bright;
 } sbl__saved;
 
 /* Hashes everything that stored light depends on, part by part. */
@@ -12270,7 +12891,8 @@ static int sbl__saved_store(sbl__saved_stream *stream, sbl__store *s, int triang
            sbl__saved_transfer(stream, s->patches, (size_t)triangles * sizeof *s->patches) &&
            sbl__saved_transfer(stream, s->cells, (size_t)s->cell_room * sizeof *s->cells) &&
            sbl__saved_transfer(stream, s->cuts, (size_t)s->cut_count * sizeof *s->cuts) &&
-           sbl__saved_transfer(stream, s->leaves, (size_t)s->leaf_count * sizeof *s->leaves);
+           sbl__saved_transfer(stream, s->leaves, (size_t)s->leaf_count * sizeof *s->leaves) &&
+           sbl__saved_transfer(stream, s->bright, (size_t)s->bright_count * sizeof *s->bright);
 }
 
 static int sbl__saved_write(sbl__scene *s, sbl_write_function put, void *user) {
@@ -12286,6 +12908,7 @@ static int sbl__saved_write(sbl__scene *s, sbl_write_function put, void *user) {
     header.cells = s->store.cell_room;
     header.cuts = s->store.cut_count;
     header.leaves = s->store.leaf_count;
+    header.bright = s->store.bright_count;
     return sbl__saved_transfer(&stream, &header, sizeof header) &&
            sbl__saved_store(&stream, &s->store, header.triangles) &&
            sbl__saved_transfer(&stream, &stream.sum, sizeof stream.sum);
@@ -12338,7 +12961,8 @@ static void sbl__saved_begin(sbl__saved_stream *stream, sbl__saved *header, sbl_
     cells = header->cells;
     if (!fault->why[0] && (cells < 1 || cells > most || (cells & (cells - 1)) || header->cuts < 0 ||
                            header->cuts > most || header->leaves < 0 || header->leaves > most / 2 ||
-                           header->triangles < 0 || header->made_for < 1))
+                           header->triangles < 0 || header->made_for < 1 || header->bright < 0 ||
+                           header->bright > header->leaves))
         sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, "it is damaged");
 }
 
@@ -12361,7 +12985,8 @@ static int sbl__saved_valid(const sbl__store *s) {
         if (!sbl__all_finite(cut->normal, 4)) return 0;  /* normal and distance */
     }
     for (i = 0; i < s->leaf_count; i++)
-        for (k = 0; k < 3; k++) if (!sbl__between(&s->leaves[i].light[k], 0, FLT_MAX)) return 0;
+        for (k = 0; k < 3; k++) if (!sbl__between(&s->leaves[i].light[k], k ? 0 : -FLT_MAX, FLT_MAX)) return 0;
+    for (i = 1; i < s->bright_count; i++) if (sbl__bright_order(&s->bright[i - 1], &s->bright[i]) >= 0) return 0;
     return 1;
 }
 
@@ -12379,7 +13004,7 @@ static const char *sbl__saved_skip(sbl__saved_stream *stream, const sbl__saved *
     uint64_t left = sizeof ((sbl__store *)0)->origin + sizeof ((sbl__store *)0)->length +
                     sizeof ((sbl__store *)0)->air + (uint64_t)header->triangles * sizeof(uint32_t) +
                     (uint64_t)header->cells * sizeof(sbl__cell_slot) + (uint64_t)header->cuts * sizeof(sbl__cut) +
-                    (uint64_t)header->leaves * sizeof(sbl__leaf);
+                    (uint64_t)header->leaves * sizeof(sbl__leaf) + (uint64_t)header->bright * sizeof(sbl__bright_cell);
     uint32_t block[1024];
     while (left) {
         const size_t bytes = left < sizeof block ? (size_t)left : sizeof block;
@@ -12404,11 +13029,13 @@ static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene,
         s->cells = (sbl__cell_slot *)sbl__alloc(d->base, (size_t)header.cells, sizeof *s->cells);
         s->cuts = (sbl__cut *)sbl__alloc(d->base, (size_t)header.cuts, sizeof *s->cuts);
         s->leaves = (sbl__leaf *)sbl__alloc(d->base, (size_t)header.leaves, sizeof *s->leaves);
-        if (!s->patches || !s->cells || !s->cuts || !s->leaves) return SBL_ERROR_OUT_OF_MEMORY;
+        s->bright = (sbl__bright_cell *)sbl__alloc(d->base, (size_t)header.bright, sizeof *s->bright);
+        if (!s->patches || !s->cells || !s->cuts || !s->leaves || !s->bright) return SBL_ERROR_OUT_OF_MEMORY;
         s->made_for = header.made_for;
         s->cell_room = header.cells;
         s->cut_count = s->cut_room = header.cuts;
         s->leaf_count = s->leaf_room = header.leaves;
+        s->bright_count = header.bright;
         why = sbl__saved_store(&stream, s, header.triangles) ? sbl__saved_end(&stream) : "it ends too soon";
         if (!why && !sbl__saved_valid(s)) why = "it is damaged";
     }
@@ -12444,6 +13071,7 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
                  "cells, and this scene may have %d, which would be finer", s.made_for, s.max_leaves);
     sbl__bounce_end(c);
     sbl__store_free(&c->device, &scene->store);
+    sbl__scene_glows_changed(&c->device, scene);
     scene->store = s;
     scene->store.ready = 1;
     return SBL_SUCCESS;
@@ -16821,7 +17449,7 @@ static int sbl__probes_next_job(sbl__probes *g) {
 
 /* Begins a round with HEMISPHERES, or with RAYS if HEMISPHERES measure only lamps and the scene has none. */
 static int sbl__probes_round(sbl__probes *g) {
-    g->kind = g->lamps_apart && !g->work.core->scene.lights.leaves ? SBL__PROBE_RAYS : SBL__PROBE_HEMISPHERES;
+    g->kind = g->lamps_apart && !g->specs[SBL__PROBE_HEMISPHERES].lamp_rays ? SBL__PROBE_RAYS : SBL__PROBE_HEMISPHERES;
     g->from = 0;
     return sbl__probes_next_job(g);
 }
@@ -17054,15 +17682,17 @@ static int sbl__inspect_slot(const sbl__job *j) { return j->task.first_look % sb
 /* Returns the index in found->lamps of the lamp in a leaf of the lamp tree. Appends the lamp if it is new. */
 static int sbl__inspect_lamp(sbl__inspect_request *k, int leaf) {
     const sbl__geometry *g = &k->core->scene.geometry;
-    const uint32_t code = k->core->scene.lights.codes[leaf], kind = code >> SBL__LAMP_KIND_SHIFT;
+    const sbl__lights *l = sbl__scene_lamps(&k->core->scene, k->found->job.task.spec.glows);
+    const uint32_t code = l->codes[leaf], kind = code >> SBL__LAMP_KIND_SHIFT;
     uint32_t number = code & ((1u << SBL__LAMP_KIND_SHIFT) - 1);
     sbl_sensor_lamp lamp, *const lamps = k->found->lamps;
     int i;
     memset(&lamp, 0, sizeof lamp);
-    lamp.kind = kind == SBL__LAMP_TRIANGLE    ? SBL_LAMP_TRIANGLE
-              : kind == SBL__LAMP_SKY_TEXEL   ? SBL_LAMP_SKY_TEXEL
-                                              : SBL_LAMP_LIGHT;
+    lamp.kind = kind == SBL__LAMP_TRIANGLE || kind == SBL__LAMP_GLOW ? SBL_LAMP_TRIANGLE
+              : kind == SBL__LAMP_SKY_TEXEL                          ? SBL_LAMP_SKY_TEXEL
+                                                                     : SBL_LAMP_LIGHT;
     lamp.mesh = -1;
+    if (kind == SBL__LAMP_GLOW) number = l->glows[number].triangle;
     if (lamp.kind == SBL_LAMP_TRIANGLE) {
         number = k->core->scene.hierarchy.order[number];
         lamp.mesh = (int)g->vertices[g->indices[3 * (size_t)number]].object;

@@ -1,7 +1,8 @@
-// Light from lamps: emitting triangles, lights, and bright texels of the sky. The light of an unobstructed lamp is
-// known in closed form, and rays measure which share of it arrives: the ratio estimator of Heitz, Hill and McGuire
-// 2018, "Combining analytic direct illumination and stochastic shadows". If there are many lamps, distant ones
-// form clusters; a ray towards a cluster picks one of its lamps, in proportion to their light.
+// Light from lamps: emitting triangles, lights, bright texels of the sky, and glows, which are parts of
+// surfaces that reflect much light. The light of an unobstructed lamp is known in closed form, and rays
+// measure which share of it arrives: the ratio estimator of Heitz, Hill and McGuire 2018, "Combining analytic
+// direct illumination and stochastic shadows". If there are many lamps, distant ones form clusters; a ray
+// towards a cluster picks one of its lamps, in proportion to their light.
 //
 //     choose   makes the list of entries: the lamps and clusters that give this sensor light, with their strengths
 //     pick     picks one of the entries for a ray
@@ -70,6 +71,7 @@ struct sbl_Lamp {
     ivec2 texel;               // texel: its column and row in the environment's picture
     int triangle, number;      // triangle: its number in the hierarchy's order and in the scene; else number is -1
     vec2 group;                // (0, 1) if it is a triangle that shows the sensor its back; else (1, 0)
+    bool glow;                 // true: a glow, which is a triangle for all other fields: that of the surface
 };
 
 bool sbl_is_light(sbl_Lamp l) { return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT); }
@@ -83,18 +85,30 @@ uvec2 scramble;
 sbl_Lamp sbl_lamp(int leaf) {
     uint code = sbl_lamp_leaf_code(leaf), at = code & ((1u << SBL_LAMP_KIND_SHIFT) - 1u);
     sbl_Lamp l = sbl_Lamp(code >> SBL_LAMP_KIND_SHIFT, vec3(0), vec3(0), vec3(0), vec3(0), SBL_UNBOUNDED, 0.0, 0.0,
-                          ivec2(0), int(at), -1, vec2(1, 0));
+                          ivec2(0), int(at), -1, vec2(1, 0), false);
+    l.glow = mixed && l.kind == SBL_LAMP_GLOW;
+    if (l.glow) {
+        l.kind = SBL_LAMP_TRIANGLE;
+        l.triangle = int(sbl_glow_triangle(int(at)));
+    }
     if (l.kind == SBL_LAMP_TRIANGLE) {
         int object = int(sbl_triangle_object(l.triangle));
         l.corner = sbl_triangle_corner_0(l.triangle);
         l.side_1 = sbl_triangle_corner_1(l.triangle) - l.corner;
         l.side_2 = sbl_triangle_corner_2(l.triangle) - l.corner;
+        for (int i = 0; i < (l.glow ? 1 : 0); i++) {
+            l.corner = sbl_glow_corner_0(int(at));
+            l.side_1 = sbl_glow_corner_1(int(at)) - l.corner;
+            l.side_2 = sbl_glow_corner_2(int(at)) - l.corner;
+        }
         l.corner -= position;
         l.number = int(sbl_triangle_number(l.triangle));
         vec3 normal = cross(l.side_1, l.side_2);
         float off = dot(normal, l.corner);
         l.group = off > 0.0 ? vec2(0, 1) : vec2(1, 0);
         l.brightness = sbl_emission(object, l.group.y == 1.0) / unit;
+        for (int i = 0; i < (l.glow ? 1 : 0); i++)
+            l.brightness = off > 0.0 ? vec3(0) : sbl_glow_radiance(int(at)) / unit;
         // Almost edge-on: no light. Excludes the sensor's own triangle, which rounding may put above the horizon.
         if (abs(off) < 0.5 * sbl_look_offset(look) * length(normal)) l.brightness = vec3(0);
     }
@@ -534,8 +548,18 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
     if (hidden || at_rim) return;
 #ifdef SBL_TEXTURED
     if (l.kind == SBL_LAMP_TRIANGLE) {
-        sbl_Attributes at = sbl_attributes_at(l.triangle, s.b.x, s.b.y);
-        light *= sbl_emission_pattern(int(sbl_triangle_object(l.triangle)), at);
+        int object = int(sbl_triangle_object(l.triangle));
+        vec2 b = s.b;
+        for (int i = 0; i < (l.glow ? 1 : 0); i++) {  // barycentrics of the triangle of which the glow is a part
+            sbl_Lamp whole_triangle = l;
+            vec3 first = sbl_triangle_corner_0(l.triangle), point = position + l.corner - first;
+            whole_triangle.side_1 = sbl_triangle_corner_1(l.triangle) - first;
+            whole_triangle.side_2 = sbl_triangle_corner_2(l.triangle) - first;
+            b = sbl_barycentrics(whole_triangle, cross(whole_triangle.side_1, whole_triangle.side_2),
+                                 point + s.b.x * l.side_1 + s.b.y * l.side_2);
+        }
+        sbl_Attributes at = sbl_attributes_at(l.triangle, b.x, b.y);
+        light *= l.glow ? sbl_glow_pattern(object, at) : sbl_emission_pattern(object, at);
     }
 #endif
     if (reporting && !point) report.rgb = light;

@@ -66,6 +66,12 @@ vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {
 // Radiance that a surface reflects. light: R at the surface
 vec3 sbl_reflected(sbl_Material m, vec3 light) { return m.albedo * light; }
 
+// Factor of a glow's radiance (see >>glow in sbl.h) at a point: what textures and vertex colours do to the albedo.
+vec3 sbl_glow_pattern(int object, sbl_Attributes at) {
+    vec4 pattern = at.color * sbl_texture(sbl_object_albedo_texture(object), at.uv);
+    return pattern.a < sbl_object_alpha_cutoff(object) ? vec3(0) : pattern.rgb;
+}
+
 // Albedo, as bounces in the store use it: limited below 1, so that light fades even in closed white rooms.
 vec3 sbl_bounced(sbl_Material m) { return clamp(m.albedo, 0.0, SBL_BOUNCE_ALBEDO); }
 

@@ -37,8 +37,10 @@ void main() {
     vec3 radiance = gl_FrontFacing ? radiance_front : radiance_back;
 #endif
 #ifdef SBL_BOUNCED
-    vec3 light = sbl_stored(first_triangle + gl_PrimitiveID, !gl_FrontFacing, fragment_place,
-                            length(fragment_way));
+    int number = first_triangle + gl_PrimitiveID;
+    int leaf = sbl_leaf_at(number, !gl_FrontFacing, fragment_place, length(fragment_way));
+    vec3 light = sbl_light_of(leaf);
+    light -= sbl_glowing(leaf, number, !gl_FrontFacing, fragment_place, length(fragment_way));
     radiance += radiance_scale * sbl_reflected(sbl_material(fragment_object, at), light);
 #endif
     out_radiance = vec4(radiance, gl_FrontFacing ? 1.0 / gl_FragCoord.w : -1.0 / gl_FragCoord.w);

@@ -5,11 +5,15 @@ uniform int first_cell;    // texel at which the hash table begins; each texel h
 uniform int cell_mask;     // number of slots in the hash table - 1
 uniform vec3 cell_origin;  // origin of the grid of cells
 uniform float per_cell;    // 1 / length of a cell of level 0
+uniform int glows;         // number of glows (see >>glow in sbl.h)
 
 uint sbl_hash_step(uint hash, uint x) {
     hash = (hash ^ x) * SBL_HASH_FACTOR;
     return hash ^ hash >> SBL_HASH_SHIFT;
 }
+
+// True if rays of this length read cells for near rays.
+bool sbl_is_near(float distance) { return distance * per_cell * float(SBL_NEAR_PART) < 1.0; }
 
 // Returns 1 + the number of the leaf at a position on triangle `number` of the scene, or 0 if there is none.
 // back: the back side is seen. distance: distance from which the position is seen.
@@ -20,7 +24,7 @@ int sbl_leaf_at(int number, bool back, vec3 position, float distance) {
         uint axis = patch_word >> SBL_PATCH_AXIS_SHIFT & 3u;
         at *= uvec3(axis != 0u, axis != 1u, axis != 2u);
     }
-    if (distance * per_cell * float(SBL_NEAR_PART) < 1.0) patch_word |= SBL_PATCH_NEAR;
+    if (sbl_is_near(distance)) patch_word |= SBL_PATCH_NEAR;
     uint reference = 0u;
     // Each level has cells for near and for far rays. Those for this distance are tried first.
     for (int tries = 0; tries < 2 * SBL_LEVELS && reference == 0u; tries++) {
@@ -48,12 +52,21 @@ int sbl_leaf_at(int number, bool back, vec3 position, float distance) {
 }
 
 // R of a leaf. sbl_lamps_of: the part of it that comes directly from lamps. leaf: as sbl_leaf_at returns it
-vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : sbl_leaf_light(leaf - 1); }
+vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : abs(sbl_leaf_light(leaf - 1)); }
 
 vec3 sbl_lamps_of(int leaf) {
     uint rgbe = leaf == 0 ? 0u : sbl_leaf_lamps(leaf - 1);
     float exponent = float(rgbe >> 24) - float(SBL_RGBE_BIAS + SBL_RGBE_BITS);
     return vec3(rgbe & 255u, rgbe >> 8 & 255u, rgbe >> 16 & 255u) * exp2(exponent);
+}
+
+// Returns the part of R at a position that lamps.glsl measures: all of it where rays from afar read a bright leaf.
+// leaf: what sbl_leaf_at returns for the parameters
+vec3 sbl_glowing(int leaf, int number, bool back, vec3 position, float distance) {
+    for (int i = 0; i < (glows > 0 && sbl_is_near(distance) ? 1 : 0); i++)
+        leaf = sbl_leaf_at(number, back, position, SBL_UNBOUNDED);
+    vec3 light = leaf == 0 || glows == 0 ? vec3(0) : sbl_leaf_light(leaf - 1);
+    return floatBitsToInt(light.r) < 0 ? abs(light) : vec3(0);
 }
 
 // Returns R at a position. The parameters are those of sbl_leaf_at.

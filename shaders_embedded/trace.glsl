@@ -30,6 +30,7 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool last, out bool goes_on, out s
     goes_on = !last && hit.distance * per_cell < 1.0;
     int leaf = sbl_leaf_at(hit.number, hit.back, position, hit.distance);
     radiance += sbl_reflected(material, goes_on ? sbl_lamps_of(leaf) : sbl_light_of(leaf));
+    radiance -= sbl_reflected(material, sbl_glowing(leaf, hit.number, hit.back, position, hit.distance));
 #endif
     return radiance;
 }

@@ -1375,6 +1375,80 @@ TEST(gather_inspection_and_picture_agree) {
     scene_free(&s);
 }
 
+/* >>bright places */
+
+/* Makes a small patch that a spot lights from below, and a black ground, which gets light from the patch alone. A black
+   plate hides a part of the patch from some of the sites on the ground. */
+static void patch_above_ground(test_scene *s, float half) {
+    sbl_light *spot = scene_light(s, SBL_LIGHT_SPOT, 50, 50, 50);
+    const int black = scene_material(s, 0, 0, 0);
+    int i;
+    spot->position[1] = spot->direction[1] = 1;
+    spot->cone = 60;
+    spot->inner_cone = 59;
+    scene_quad(s, scene_material(s, 0.8f, 0.8f, 0.8f), -half, 2, -half, half, 2, -half, half, 2, half, -half, 2, half);
+    scene_quad(s, black, -2, 0, -2, -2, 0, 2, 2, 0, 2, 2, 0, -2);
+    scene_quad(s, black, -2, 0.9f, -2, -2, 0.9f, 2, 0, 0.9f, 2, 0, 0.9f, -2);
+    site_count = 0;
+    for (i = 0; i < 8; i++) add_site(i < 4 ? 0.04 * i - 0.04 : 0.4 * i - 1.4, 0, 0.1 * i, 0, 1, 0, 1);
+}
+
+/* R on the ground, from the patch of that scene */
+static double light_of_patch(double half, const float site[3]) {
+    enum { STEPS = 400 };
+    double sum = 0;
+    int i;
+    for (i = 0; i < STEPS * STEPS; i++) {
+        const double x = half * (2 * (i % STEPS + 0.5) / STEPS - 1), z = half * (2 * (i / STEPS + 0.5) / STEPS - 1);
+        const double to_spot2 = x * x + z * z + 1, dx = x - (double)site[0], dz = z - (double)site[2];
+        const double radiance = 0.8 * 50 / TEST_PI / (to_spot2 * sqrt(to_spot2)), d2 = dx * dx + dz * dz + 4;
+        if ((double)site[0] + 0.45 * dx < 0) continue;  /* where the way to the patch passes the height of the plate */
+        sum += radiance * 4 / (TEST_PI * d2 * d2) * (4 * half * half / (STEPS * STEPS));
+    }
+    return sum;
+}
+
+static double worst_below_patch(double half) {
+    double worst = 0;
+    int i;
+    for (i = 0; i < site_count; i++) {
+        const double expected = light_of_patch(half, sites[i].position);
+        worst = test_max(worst, fabs((double)readings[i].radiance[1] - expected));
+    }
+    return worst / light_of_patch(half, sites[4].position);
+}
+
+/* Few rays find a small bright place by chance, so it must be a lamp. A store that was saved knows it, too. */
+TEST(a_small_bright_place) {
+    static const double halves[] = { 0.02, 0.1, 0.3 };
+    static sbl_reading first[MOST_SITES];
+    int i;
+    for (i = 0; i < 3; i++) {
+        test_scene s = { 0 };
+        sbl_scene_desc scene;
+        patch_above_ground(&s, (float)halves[i]);
+        scene = scene_desc(&s);
+        saved.count = saved.at = 0;
+        if (use_scene(&s, 8192) && gather(SBL_MODE_GI, SBL_BACKEND_RASTER, 64)) {
+            printf("  patch of %g: rasterised: within %.2f %% of the light\n", 2 * halves[i],
+                   100 * worst_below_patch(halves[i]));
+            CHECK(worst_below_patch(halves[i]) < 0.05, "R of a rasterised sensor is wrong by %.1f %%",
+                  100 * worst_below_patch(halves[i]));
+        }
+        if (gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 64)) {
+            printf("  patch of %g: traced: within %.2f %%\n", 2 * halves[i], 100 * worst_below_patch(halves[i]));
+            CHECK(worst_below_patch(halves[i]) < 0.05, "R is wrong by %.1f %%", 100 * worst_below_patch(halves[i]));
+        }
+        memcpy(first, readings, sizeof first);
+        CHECK(sbl_save_store(context, saved_put, NULL) == SBL_SUCCESS &&
+              sbl_set_scene(context, &scene) == SBL_SUCCESS &&
+              sbl_load_store(context, saved_get, NULL) == SBL_SUCCESS && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 64),
+              "the store was not saved and loaded: %s", watch_last(&seen));
+        CHECK(!memcmp(first, readings, (size_t)site_count * sizeof *first), "a loaded store gives other light");
+        scene_free(&s);
+    }
+}
+
 int main(void) {
     RUN_PLAIN(walls_keep_light_out);
     RUN_PLAIN(two_sides_of_a_wall);
@@ -1397,6 +1471,7 @@ int main(void) {
     RUN(drawn_things_are_told_their_light);
     RUN(light_of_any_strength);
     RUN_PLAIN(gather_inspection_and_picture_agree);
+    RUN(a_small_bright_place);
     sbl_destroy(context);
     return test_report();
 }
