@@ -477,6 +477,11 @@
    went wrong, where, and what to change. Descriptors are checked completely, in release builds too: one call reports
    all mistakes (unless a canary is not 0), and a descriptor with a mistake changes nothing.
 
+   Some software renderers end a shader's loops after a number of turns without an error (llvmpipe after 65,535), so
+   that rays through many holes, or past many long, thin triangles, do not reach their ends. Such light is measured again
+   with less work per invocation. If that does not suffice, the sensors or readings are invalid, and the logger receives
+   a warning (SBL_LOG_ITEM_LOST_RAYS).
+
    Callbacks (draw, environment, allocator, logger, progress) may call the sbl_query_... functions of their context, and
    sbl_progress. Functions that change or step the context are refused there with SBL_ERROR_STATE. The progress callback
    may also read channels. sbl_write_function and sbl_read_function must not call functions of the context.
@@ -806,7 +811,8 @@ typedef struct sbl_material {
     int albedo_texture;    /* number of the texture that multiplies albedo, counted from 1; 0: none */
     int emission_texture;  /* number of the texture that multiplies emission, counted from 1; 0: none */
     float alpha_cutoff;    /* the surface has a hole where its alpha (alpha of the albedo texture times alpha of the
-                              vertex colour) is below this value; 0: no holes */
+                              vertex colour) is below this value; 0: no holes. A ray passes at most 63 holes; the next
+                              surface that it meets is solid */
     uint32_t flags;        /* sbl_material_flag bits */
 } sbl_material;
 
@@ -1093,8 +1099,8 @@ typedef struct sbl_stats {
     } store;
     struct {
         int64_t count;            /* number of sensors, one for each point at which light was measured */
-        int64_t invalid;          /* number of sensors that are stuck inside geometry, and in lightmaps also those of
-                                     hidden texels; the light of their neighbours is used instead */
+        int64_t invalid;          /* number of sensors that are stuck inside geometry or whose rays were lost, and in
+                                     lightmaps also those of hidden texels; the light of their neighbours is used instead */
         int64_t views;            /* number of views drawn, over all looks */
         int64_t texels;           /* number of texels in these views */
         int64_t rays;             /* number of rays traced over the hemispheres; rays towards lamps are not counted */
@@ -1148,8 +1154,8 @@ typedef struct sbl_reading {
     float back_share;   /* share of hit_share in which back faces are seen */
     float hit_mean;     /* mean world distance to the surfaces seen; 0 if there are none */
     float hit_min;      /* least world distance to the surfaces seen; 0 if there are none */
-    int valid;          /* 0: a surface is so close that the sensor is stuck in it, or the light overflows. A point
-                           inside a closed object, away from its surfaces, is valid; back_share tells that */
+    int valid;          /* 0: a surface is so close that the sensor is stuck in it, or the light overflows, or rays
+                           were lost (SBL_LOG_ITEM_LOST_RAYS). A point inside a closed object, away from its surfaces, is valid; back_share tells that */
 } sbl_reading;
 
 /* Fields with the same name as in sbl_picture_desc have the same meaning. */
@@ -1220,7 +1226,7 @@ typedef struct sbl_probe {
                                   middle); 0 if no surface is seen */
     float distance_squared[8]; /* mean of the square of the distance, with the same weights */
     float back_share;          /* share of the directions with surfaces in which back faces are seen */
-    int valid;                 /* 0: the probe is inside something, or its light overflows */
+    int valid;                 /* 0: the probe is inside something, its light overflows, or rays were lost */
 } sbl_probe;
 
 /* Fields with the same name as in sbl_picture_desc have the same meaning. */
@@ -1323,7 +1329,7 @@ typedef struct sbl_sensor {
     float weight_sum;         /* sum of the weights of the sheet: 1 except for a single view */
     float back_share;         /* share of the weight that sees back faces */
     float hit_min, hit_mean;  /* least and mean world distance to the surfaces seen; 0 if there are none */
-    int valid;                /* 0: the sensor is stuck inside geometry, or its light overflows */
+    int valid;                /* 0: the sensor is stuck inside geometry, its light overflows, or rays were lost */
     int sensed;               /* 0: the pixel was interpolated and had no sensor; the light shown was measured now */
     int level;                /* level of refinement at which the sensor was placed, from 0 */
     int view_count;           /* number of entries in views; 0 if rays were traced */
@@ -5529,15 +5535,16 @@ static const char *const sbl__glsl_traverse[] = {
 "\n",
 "sbl_Attributes sbl_attributes_of(sbl_Hit hit) { return sbl_attributes_at(hit.triangle, hit.b1, hit.b2); }\n",
 "\n",
-"// Returns the distance at which the ray enters the box, or `passed` if that is larger; 0x7fffffff if it leaves the box\n",
-"// before `passed` or does not enter it before `nearest`. Distances are the bits of floats: as integers, those of positive floats have the same order, and those of\n",
-"// negative floats are negative. per: ray distance per grid step. offset: ray distance of the grid's origin. flip:\n",
-"// where the ray's direction is negative\n",
+"// Returns the distance at which the ray enters the box, or `passed` if that is larger; 0x7fffffff if it leaves the\n",
+"// box before `passed` or does not enter it before `nearest`. Distances are the bits of floats: as integers, those\n",
+"// of positive floats have the same order, and those of negative floats are negative. per: ray distance per grid\n",
+"// step. offset: ray distance of the grid's origin. flip: where the ray's direction is negative\n",
 "int sbl_box(uvec4 box, vec3 per, vec3 offset, bvec3 flip, int passed, int nearest) {\n",
 "    vec3 low = vec3(box.xyz & 65535u), high = vec3(box.xyz >> 16);\n",
 "    ivec3 entry = floatBitsToInt(mix(low, high, flip) * per + offset);\n",
 "    ivec3 leave = floatBitsToInt(mix(high, low, flip) * per + offset);\n",
-"    int from = max(max(entry.x, entry.y), max(entry.z, passed)), to = min(min(leave.x, leave.y), min(leave.z, nearest));\n",
+"    int from = max(max(entry.x, entry.y), max(entry.z, passed));\n",
+"    int to = min(min(leave.x, leave.y), min(leave.z, nearest));\n",
 "    return from <= to + SBL_BOX_SLACK ? from : 0x7fffffff;\n",
 "}\n",
 "\n",
@@ -6790,6 +6797,9 @@ static const char *const sbl__glsl_surface[] = {
 "    bool back;                                // true: the ray sees the back of the triangle\n",
 "};\n",
 "\n",
+"const float SBL_INSET = 6e-6;  // least distance of points from the sides of their triangle, divided by reach. Views\n",
+"                               // need four times the distance of sensors from their surface (SBL_OFFSET)\n",
+"\n",
 "// Returns the interpolated normal or, if that is too short, `face`, on the side of geometric_normal. A normal that\n",
 "// turns away from the viewer would aim the sensor at its own surface, so the cosine is kept above SBL_GRAZING.\n",
 "vec3 sbl_shading_normal(ivec3 v, vec3 b, vec3 face, vec3 geometric_normal, vec3 direction) {\n",
@@ -6841,11 +6851,19 @@ static const char *const sbl__glsl_surface[] = {
 "    float longest = sqrt(max(dot(f.s1, f.s1), max(dot(f.s2, f.s2), dot(s3, s3))));\n",
 "    s.facet = f.size * length(across) / longest;\n",
 "    s.reach = length(f.p0) + 2.0 * f.size * longest;\n",
+"    // Points are kept away from the triangle's sides. Otherwise a sensor at a crease would stand in the plane of the\n",
+"    // other surface, and see past it.\n",
+"    vec3 sides[3] = vec3[3](s3, -f.s2, f.s1), b = vec3(b0, b1, b2);\n",
+"    for (int k = 0; k < 3; k++) {\n",
+"        float side = max(length(sides[k]), SBL_DIVISOR_LEAST), height = f.size * length(across) / side;\n",
+"        float lacks = min(SBL_INSET * s.reach, height / 3.0) - b[k] * height;\n",
+"        s.position += max(lacks, 0.0) / side * cross(face, sides[k]);\n",
+"    }\n",
 "    s.back = dot(face, direction) > 0.0;\n",
 "    s.geometric_normal = s.back ? -face : face;\n",
-"    s.normal = sbl_shading_normal(f.v, vec3(b0, b1, b2), face, s.geometric_normal, direction);\n",
+"    s.normal = sbl_shading_normal(f.v, b, face, s.geometric_normal, direction);\n",
 "\n",
-"    sbl_Attributes at = sbl_mix_attributes(f.v, vec3(b0, b1, b2));\n",
+"    sbl_Attributes at = sbl_mix_attributes(f.v, b);\n",
 "    s.material = sbl_material(object, at);\n",
 "    s.emission = sbl_emission(object, s.back) * sbl_emission_pattern(object, at);\n",
 "    s.id = sbl_object_id(object);\n",
@@ -8524,8 +8542,9 @@ static const char *const sbl__glsl_carrier[] = {
 "const float SBL_COSINE_LEAST = 1e-6;  // lower limit of cosines before their reciprocal is taken\n",
 "\n",
 "// Returns true if the driver has ended a loop of this invocation early; its results are then wrong. Some software\n",
-"// renderers allow an invocation a number of loop turns, 65,535 on llvmpipe, after which every loop ends with its first\n",
-"// turn, without an error. This loop of two turns then ends early too. No compiler unrolls it, as `count` is a uniform.\n",
+"// renderers allow an invocation a number of loop turns (llvmpipe 65,535), after which every loop ends with its\n",
+"// first turn, without an error. Then this loop of two turns ends early too. As `count` is a uniform, no compiler\n",
+"// unrolls the loop.\n",
 "bool sbl_cut_short() {\n",
 "    int turns = 0, all = min(count, 1) + 1;\n",
 "    for (int i = 0; i < all; i++) turns++;\n",

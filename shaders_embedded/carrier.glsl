@@ -11,8 +11,9 @@ const vec3 SBL_LUMINANCE = vec3(SBL_LUMINANCE_WEIGHTS);
 const float SBL_COSINE_LEAST = 1e-6;  // lower limit of cosines before their reciprocal is taken
 
 // Returns true if the driver has ended a loop of this invocation early; its results are then wrong. Some software
-// renderers allow an invocation a number of loop turns, 65,535 on llvmpipe, after which every loop ends with its first
-// turn, without an error. This loop of two turns then ends early too. No compiler unrolls it, as `count` is a uniform.
+// renderers allow an invocation a number of loop turns (llvmpipe 65,535), after which every loop ends with its
+// first turn, without an error. Then this loop of two turns ends early too. As `count` is a uniform, no compiler
+// unrolls the loop.
 bool sbl_cut_short() {
     int turns = 0, all = min(count, 1) + 1;
     for (int i = 0; i < all; i++) turns++;

@@ -38,15 +38,16 @@ struct sbl_Hit {
 
 sbl_Attributes sbl_attributes_of(sbl_Hit hit) { return sbl_attributes_at(hit.triangle, hit.b1, hit.b2); }
 
-// Returns the distance at which the ray enters the box, or `passed` if that is larger; 0x7fffffff if it leaves the box
-// before `passed` or does not enter it before `nearest`. Distances are the bits of floats: as integers, those of positive floats have the same order, and those of
-// negative floats are negative. per: ray distance per grid step. offset: ray distance of the grid's origin. flip:
-// where the ray's direction is negative
+// Returns the distance at which the ray enters the box, or `passed` if that is larger; 0x7fffffff if it leaves the
+// box before `passed` or does not enter it before `nearest`. Distances are the bits of floats: as integers, those
+// of positive floats have the same order, and those of negative floats are negative. per: ray distance per grid
+// step. offset: ray distance of the grid's origin. flip: where the ray's direction is negative
 int sbl_box(uvec4 box, vec3 per, vec3 offset, bvec3 flip, int passed, int nearest) {
     vec3 low = vec3(box.xyz & 65535u), high = vec3(box.xyz >> 16);
     ivec3 entry = floatBitsToInt(mix(low, high, flip) * per + offset);
     ivec3 leave = floatBitsToInt(mix(high, low, flip) * per + offset);
-    int from = max(max(entry.x, entry.y), max(entry.z, passed)), to = min(min(leave.x, leave.y), min(leave.z, nearest));
+    int from = max(max(entry.x, entry.y), max(entry.z, passed));
+    int to = min(min(leave.x, leave.y), min(leave.z, nearest));
     return from <= to + SBL_BOX_SLACK ? from : 0x7fffffff;
 }
 

@@ -358,6 +358,39 @@ TEST(cutouts_and_hidden_materials) {
     CHECK(fabsf(light[2] - 1) < 1e-3f, "under a hidden lid R is %g", (double)light[2]);
 }
 
+/* In pictures of a closed cube seen along an axis, the centres of many pixels fall exactly on creases. Traced R is
+   exact there: 0 under a sky, and 1 if the walls radiate 1. Views lose texels of surfaces that are as near. */
+TEST(creases_are_tight) {
+    int kind, i;
+    for (kind = 0; kind < 4; kind++) {  /* 0, 1: under a sky; 2, 3: walls reflect ambient light; 1, 3: raster */
+        test_scene s = { 0 };
+        const int furnace = kind / 2;
+        const sbl_mode mode = furnace ? SBL_MODE_AMBIENT : SBL_MODE_DIRECT;
+        sbl_picture_desc view = traced(scene_view(128, 128, 90, 0, 0, 0.8f, 0, 0, -1), mode, 64);
+        const double most = kind & 1 ? (furnace ? 0.01 : 0.05) : furnace ? 1e-4 : 0;
+        double worst = 0;
+        float *r;
+        int wrong = 0;
+        if (kind & 1) {
+            view.options.backend = SBL_BACKEND_RASTER;
+            view.options.sensor_size = 32;
+        }
+        view.options.epsilon = (float)furnace;
+        scene_box(&s, scene_material(&s, 1, 1, 1), -1, -1, -1, 1, 1, 1);
+        if (!furnace) scene_sky(&s, 5, 5, 5);
+        REQUIRE(scene_render(context, &s, &view), "no picture");
+        r = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
+        for (i = 0; i < 128 * 128; i++) {
+            const double off = fabs((double)r[3 * i] - furnace);
+            worst = test_max(worst, off);
+            wrong += !(off <= most);
+        }
+        CHECK(!wrong, "kind %d: R of %d pixels is off by up to %g", kind, wrong, worst);
+        free(r);
+        scene_free(&s);
+    }
+}
+
 /* Adds `count` quads without any alpha between heights 1 and 2 above the origin, which rays pass through. If they are
    slanted, all their bounding boxes overlap. */
 static void add_holes(test_scene *s, int count, float slant) {
@@ -734,6 +767,7 @@ int main(void) {
     RUN(edges_are_tight_however_products_round);
     RUN(furnaces);
     RUN(cutouts_and_hidden_materials);
+    RUN(creases_are_tight);
     RUN(rays_pass_63_holes);
     RUN(slivers_lose_no_ray_unsaid);
     RUN(all_hidden_from_sensors);
