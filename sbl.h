@@ -478,9 +478,9 @@
    all mistakes (unless a canary is not 0), and a descriptor with a mistake changes nothing.
 
    Some software renderers end a shader's loops after a number of turns without an error (llvmpipe after 65,535), so
-   that rays through many holes, or past many long, thin triangles, do not reach their ends. Such light is measured again
-   with less work per invocation. If that does not suffice, the sensors or readings are invalid, and the logger receives
-   a warning (SBL_LOG_ITEM_LOST_RAYS).
+   that rays through many holes, or past many long, thin triangles, do not reach their ends. Such light is measured
+   again with less work per invocation. If that does not suffice, the sensors or readings are invalid, and the logger
+   receives a warning (SBL_LOG_ITEM_LOST_RAYS).
 
    Callbacks (draw, environment, allocator, logger, progress) may call the sbl_query_... functions of their context, and
    sbl_progress. Functions that change or step the context are refused there with SBL_ERROR_STATE. The progress callback
@@ -1100,7 +1100,8 @@ typedef struct sbl_stats {
     struct {
         int64_t count;            /* number of sensors, one for each point at which light was measured */
         int64_t invalid;          /* number of sensors that are stuck inside geometry or whose rays were lost, and in
-                                     lightmaps also those of hidden texels; the light of their neighbours is used instead */
+                                     lightmaps also those of hidden texels; the light of their neighbours is used
+                                     instead */
         int64_t views;            /* number of views drawn, over all looks */
         int64_t texels;           /* number of texels in these views */
         int64_t rays;             /* number of rays traced over the hemispheres; rays towards lamps are not counted */
@@ -1155,7 +1156,8 @@ typedef struct sbl_reading {
     float hit_mean;     /* mean world distance to the surfaces seen; 0 if there are none */
     float hit_min;      /* least world distance to the surfaces seen; 0 if there are none */
     int valid;          /* 0: a surface is so close that the sensor is stuck in it, or the light overflows, or rays
-                           were lost (SBL_LOG_ITEM_LOST_RAYS). A point inside a closed object, away from its surfaces, is valid; back_share tells that */
+                           were lost (SBL_LOG_ITEM_LOST_RAYS). A point inside a closed object, away from its
+                           surfaces, is valid; back_share tells that */
 } sbl_reading;
 
 /* Fields with the same name as in sbl_picture_desc have the same meaning. */
@@ -5604,9 +5606,9 @@ static const char *const sbl__glsl_traverse[] = {
 "    stack[0] = SBL_END;\n",
 "    int top = 0;\n",
 "    uint node = node_count == 0 ? SBL_END : 1u;\n",
-"    // Each turn visits a leaf or changes grids. softpipe leaves this loop only if the number of turns is limited.\n",
+"    // Each turn visits a leaf or changes grids. softpipe leaves these loops only if the number of turns is limited.\n",
 "    for (int turns = 4 * node_count + 4; turns > 0; turns--) {\n",
-"        while (node < SBL_LEAF) {  // descends to a leaf, to the nearer child first\n",
+"        for (; node < SBL_LEAF && turns > 0; turns--) {  // descends to a leaf, to the nearer child first\n",
 "            uvec4 first = sbl_node_child_0(int(node)), second = sbl_node_child_1(int(node));\n",
 "            int nearest = floatBitsToInt(hit.distance);\n",
 "            int a = sbl_box(first, per, offset, flip, passed, nearest);\n",
@@ -6797,8 +6799,8 @@ static const char *const sbl__glsl_surface[] = {
 "    bool back;                                // true: the ray sees the back of the triangle\n",
 "};\n",
 "\n",
-"const float SBL_INSET = 6e-6;  // least distance of points from the sides of their triangle, divided by reach. Views\n",
-"                               // need four times the distance of sensors from their surface (SBL_OFFSET)\n",
+"const float SBL_INSET = 6e-6;  // least distance of points from the sides of their triangle, divided by reach.\n",
+"                               // Views need four times the distance of sensors from their surface, SBL_OFFSET\n",
 "\n",
 "// Returns the interpolated normal or, if that is too short, `face`, on the side of geometric_normal. A normal that\n",
 "// turns away from the viewer would aim the sensor at its own surface, so the cosine is kept above SBL_GRAZING.\n",
@@ -6851,8 +6853,8 @@ static const char *const sbl__glsl_surface[] = {
 "    float longest = sqrt(max(dot(f.s1, f.s1), max(dot(f.s2, f.s2), dot(s3, s3))));\n",
 "    s.facet = f.size * length(across) / longest;\n",
 "    s.reach = length(f.p0) + 2.0 * f.size * longest;\n",
-"    // Points are kept away from the triangle's sides. Otherwise a sensor at a crease would stand in the plane of the\n",
-"    // other surface, and see past it.\n",
+"    // Points are kept away from the triangle's sides. Otherwise a sensor at a crease would stand in the plane of\n",
+"    // the other surface, and see past it.\n",
 "    vec3 sides[3] = vec3[3](s3, -f.s2, f.s1), b = vec3(b0, b1, b2);\n",
 "    for (int k = 0; k < 3; k++) {\n",
 "        float side = max(length(sides[k]), SBL_DIVISOR_LEAST), height = f.size * length(across) / side;\n",
