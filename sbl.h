@@ -10992,7 +10992,9 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__BOUNCE_LAMP_RAYS 8
 #define SBL__BOUNCE_STUCK_RAYS 4   /* rays of a point's stuck test */
 #define SBL__BOUNCE_CONTACTS 8     /* contact rays of a leaf: along its surface, to find objects that touch it */
-#define SBL__CONTACT_STEEP 0.7     /* largest cosine between the normals of a surface and of a plane that cuts it */
+#define SBL__CONTACT_STEEP 0.7     /* largest cosine between the normals of a surface and of a plane that cuts it, if
+                                      both belong to one patch, which is smooth */
+#define SBL__CONTACT_SLANT 0.999   /* the same for planes of other patches: nearly parallel ones do not cut */
 #define SBL__CONTACT_APART 1e-3    /* least distance between two planes that cut a cell, in lengths of a cell */
 #define SBL__CONTACT_LEAST 0.25    /* least length of a contact line, in lengths of a cell */
 #define SBL__CONTACT_CACHE 1024    /* size of the hash table of contact lines that have cut their cells recently */
@@ -11601,21 +11603,22 @@ static sbl_result sbl__contact_cut(sbl__bounce *b, sbl__contact *line) {
     return result;
 }
 
-/* Cuts a leaf by a plane that one of its contact rays hit, if the plane is steep to the surface and the hit still lies
-   in the same leaf. On a flat surface, cuts all cells along the contact line instead. */
+/* Cuts a leaf by a plane that one of its contact rays hit, unless the surface is smooth there, if the hit still lies in
+   the same leaf. On a flat surface, cuts all cells along the contact line instead. */
 static sbl_result sbl__bounce_cut(sbl__bounce *b, int leaf, const sbl__hit *hit) {
     sbl__store *s = b->store;
     const sbl__hit *at = &b->points[b->states[leaf].first].at;
     float beyond[3], normal[3], own[3], apart, distance;
     sbl__contact line;
     uint32_t *reference, patch;
-    int k, depth;
+    int k, depth, smooth;
     sbl__place_find(s, at, &patch);
     sbl__place_normal(b->geometry, at->place, own);
     sbl__place_normal(b->geometry, hit->place, normal);
     distance = sbl__dot(normal, hit->position);
     apart = sbl__dot(normal, at->position) - distance;
-    if (fabs((double)sbl__dot(normal, own)) > SBL__CONTACT_STEEP) return SBL_SUCCESS;
+    smooth = s->patches[hit->place >> 1] >> SBL__PATCH_SHIFT == patch >> SBL__PATCH_SHIFT;
+    if (fabs((double)sbl__dot(normal, own)) > (smooth ? SBL__CONTACT_STEEP : SBL__CONTACT_SLANT)) return SBL_SUCCESS;
     if (sbl__contact_make(b, at, hit, &line)) return sbl__contact_cut(b, &line);
     if (fabs((double)apart) < SBL__CONTACT_APART * (double)s->length) return SBL_SUCCESS;
     for (k = 0; k < 3; k++)  /* a position a little beyond the hit, as seen along the ray */
