@@ -5606,7 +5606,7 @@ static const char *const sbl__glsl_traverse[] = {
 "    stack[0] = SBL_END;\n",
 "    int top = 0;\n",
 "    uint node = node_count == 0 ? SBL_END : 1u;\n",
-"    // Each turn visits a leaf or changes grids. softpipe leaves these loops only if the number of turns is limited.\n",
+"    // Each turn visits a leaf or changes grids. softpipe leaves these loops only if turns are limited.\n",
 "    for (int turns = 4 * node_count + 4; turns > 0; turns--) {\n",
 "        for (; node < SBL_LEAF && turns > 0; turns--) {  // descends to a leaf, to the nearer child first\n",
 "            uvec4 first = sbl_node_child_0(int(node)), second = sbl_node_child_1(int(node));\n",

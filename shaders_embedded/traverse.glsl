@@ -107,7 +107,7 @@ sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float li
     stack[0] = SBL_END;
     int top = 0;
     uint node = node_count == 0 ? SBL_END : 1u;
-    // Each turn visits a leaf or changes grids. softpipe leaves these loops only if the number of turns is limited.
+    // Each turn visits a leaf or changes grids. softpipe leaves these loops only if turns are limited.
     for (int turns = 4 * node_count + 4; turns > 0; turns--) {
         for (; node < SBL_LEAF && turns > 0; turns--) {  // descends to a leaf, to the nearer child first
             uvec4 first = sbl_node_child_0(int(node)), second = sbl_node_child_1(int(node));
