@@ -484,6 +484,11 @@
    went wrong, where, and what to change. Descriptors are checked completely, in release builds too: one call reports
    all mistakes (unless a canary is not 0), and a descriptor with a mistake changes nothing.
 
+   Some software renderers end a shader's loops after a number of turns without an error (llvmpipe after 65,535), so
+   that rays through many holes, or past many long, thin triangles, do not reach their ends. Such light is measured
+   again with less work per invocation. If that does not suffice, the sensors or readings are invalid, and the logger
+   receives a warning (SBL_LOG_ITEM_LOST_RAYS).
+
    Callbacks (draw, environment, allocator, logger, progress) may call the sbl_query_... functions of their context, and
    sbl_progress. Functions that change or step the context are refused there with SBL_ERROR_STATE. The progress callback
    may also read channels. sbl_write_function and sbl_read_function must not call functions of the context.
@@ -676,6 +681,7 @@ typedef enum sbl_log_level { SBL_LOG_ERROR, SBL_LOG_WARNING, SBL_LOG_INFO } sbl_
     X(INVALID_STORE, "saved light is damaged, or is no saved light")                      \
     X(OTHER_STORE, "saved light belongs to another scene, version or machine")            \
     X(COARSE_STORE, "saved light was made with fewer cells than max_bounce_cells")        \
+    X(LOST_RAYS, "the driver did not trace some rays to their ends")                      \
     X(ALBEDO, "an albedo above 0.98 reflects bounced light as 0.98")                      \
     X(INFO, "information")
 
@@ -812,7 +818,8 @@ typedef struct sbl_material {
     int albedo_texture;    /* number of the texture that multiplies albedo, counted from 1; 0: none */
     int emission_texture;  /* number of the texture that multiplies emission, counted from 1; 0: none */
     float alpha_cutoff;    /* the surface has a hole where its alpha (alpha of the albedo texture times alpha of the
-                              vertex colour) is below this value; 0: no holes */
+                              vertex colour) is below this value; 0: no holes. A ray passes at most 63 holes; the next
+                              surface that it meets is solid */
     uint32_t flags;        /* sbl_material_flag bits */
 } sbl_material;
 
@@ -1103,8 +1110,9 @@ typedef struct sbl_stats {
     } store;
     struct {
         int64_t count;            /* number of sensors, one for each point at which light was measured */
-        int64_t invalid;          /* number of sensors that are stuck inside geometry, and in lightmaps also those of
-                                     hidden texels; the light of their neighbours is used instead */
+        int64_t invalid;          /* number of sensors that are stuck inside geometry or whose rays were lost, and in
+                                     lightmaps also those of hidden texels; the light of their neighbours is used
+                                     instead */
         int64_t views;            /* number of views drawn, over all looks */
         int64_t texels;           /* number of texels in these views */
         int64_t rays;             /* number of rays traced over the hemispheres; rays towards lamps are not counted */
@@ -1158,8 +1166,9 @@ typedef struct sbl_reading {
     float back_share;   /* share of hit_share in which back faces are seen */
     float hit_mean;     /* mean world distance to the surfaces seen; 0 if there are none */
     float hit_min;      /* least world distance to the surfaces seen; 0 if there are none */
-    int valid;          /* 0: a surface is so close that the sensor is stuck in it, or the light overflows. A point
-                           inside a closed object, away from its surfaces, is valid; back_share tells that */
+    int valid;          /* 0: a surface is so close that the sensor is stuck in it, or the light overflows, or rays
+                           were lost (SBL_LOG_ITEM_LOST_RAYS). A point inside a closed object, away from its
+                           surfaces, is valid; back_share tells that */
 } sbl_reading;
 
 /* Fields with the same name as in sbl_picture_desc have the same meaning. */
@@ -1230,7 +1239,7 @@ typedef struct sbl_probe {
                                   middle); 0 if no surface is seen */
     float distance_squared[8]; /* mean of the square of the distance, with the same weights */
     float back_share;          /* share of the directions with surfaces in which back faces are seen */
-    int valid;                 /* 0: the probe is inside something, or its light overflows */
+    int valid;                 /* 0: the probe is inside something, its light overflows, or rays were lost */
 } sbl_probe;
 
 /* Fields with the same name as in sbl_picture_desc have the same meaning. */
@@ -1334,7 +1343,7 @@ typedef struct sbl_sensor {
     float weight_sum;         /* sum of the weights of the sheet: 1 except for a single view */
     float back_share;         /* share of the weight that sees back faces */
     float hit_min, hit_mean;  /* least and mean world distance to the surfaces seen; 0 if there are none */
-    int valid;                /* 0: the sensor is stuck inside geometry, or its light overflows */
+    int valid;                /* 0: the sensor is stuck inside geometry, its light overflows, or rays were lost */
     int sensed;               /* 0: the pixel was interpolated and had no sensor; the light shown was measured now */
     int level;                /* level of refinement at which the sensor was placed, from 0 */
     int view_count;           /* number of entries in views; 0 if rays were traced */
@@ -2533,6 +2542,8 @@ typedef struct sbl__record {
 #define SBL__RGBE_BITS 8           /* bits of each of the three mantissas that sbl__rgbe stores */
 
 #define SBL__UNBOUNDED 1e30f           /* length of a ray without a limit; distance of a hit that does not exist */
+#define SBL__LOST (-1.0f)              /* instead of the least distance of a look, the variance of its light from lamps,
+                                          or the high bits of a number: the driver ended a loop early (carrier.glsl) */
 #define SBL__FRACTIONS 16777216.0      /* 2^24: a 32-bit fraction becomes a float from 0 to 1 by division of
                                           its upper 24 bits, as many as a float holds, by this */
 #define SBL__COLOR_MOST 65535.0f       /* integer that stands for 1 in a vertex colour */
@@ -2571,7 +2582,7 @@ typedef struct sbl__record {
     X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_CUT) X(LOOK_NUMBER) X(HASH_FACTOR) \
     X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
     X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_TURN) \
-    X(BELONGS_OFF) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET)
+    X(BELONGS_OFF) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST)
 #define SBL__SHARED_FLAGS(X) X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
 
 #define SBL__PRELUDE_MOST 16384    /* size of the text that precedes the files of a shader, in characters */
@@ -5515,6 +5526,7 @@ static const char *const sbl__glsl_traverse[] = {
 "uniform int node_count;        // 0: the scene is empty\n",
 "\n",
 "const int SBL_HOLES = 64;            // a ray that meets this many holes of cut-out surfaces ends at the last one\n",
+"const float SBL_PASSED = 0.9999;     // boxes that a ray leaves before this * sbl_Ray.after are skipped\n",
 "const int SBL_BOX_SLACK = 8;         // added to the distance at which a ray leaves a box, units in the last place\n",
 "                                     // (Ize 2013, \"Robust BVH Ray Traversal\")\n",
 "const float SBL_SELF_DEEP = 1e-4;    // hits nearer than this * deep must be farther than the rounding error\n",
@@ -5548,15 +5560,16 @@ static const char *const sbl__glsl_traverse[] = {
 "\n",
 "sbl_Attributes sbl_attributes_of(sbl_Hit hit) { return sbl_attributes_at(hit.triangle, hit.b1, hit.b2); }\n",
 "\n",
-"// Returns the distance at which the ray enters the box; 0x7fffffff if it does not enter before `nearest`.\n",
-"// Distances are the bits of floats: as integers, those of positive floats have the same order, and those of\n",
-"// negative floats are negative. per: ray distance per grid step. offset: ray distance of the grid's origin. flip:\n",
-"// where the ray's direction is negative\n",
-"int sbl_box(uvec4 box, vec3 per, vec3 offset, bvec3 flip, int nearest) {\n",
+"// Returns the distance at which the ray enters the box, or `passed` if that is larger; 0x7fffffff if it leaves the\n",
+"// box before `passed` or does not enter it before `nearest`. Distances are the bits of floats: as integers, those\n",
+"// of positive floats have the same order, and those of negative floats are negative. per: ray distance per grid\n",
+"// step. offset: ray distance of the grid's origin. flip: where the ray's direction is negative\n",
+"int sbl_box(uvec4 box, vec3 per, vec3 offset, bvec3 flip, int passed, int nearest) {\n",
 "    vec3 low = vec3(box.xyz & 65535u), high = vec3(box.xyz >> 16);\n",
 "    ivec3 entry = floatBitsToInt(mix(low, high, flip) * per + offset);\n",
 "    ivec3 leave = floatBitsToInt(mix(high, low, flip) * per + offset);\n",
-"    int from = max(max(entry.x, entry.y), max(entry.z, 0)), to = min(min(leave.x, leave.y), min(leave.z, nearest));\n",
+"    int from = max(max(entry.x, entry.y), max(entry.z, passed));\n",
+"    int to = min(min(leave.x, leave.y), min(leave.z, nearest));\n",
 "    return from <= to + SBL_BOX_SLACK ? from : 0x7fffffff;\n",
 "}\n",
 "\n",
@@ -5611,16 +5624,18 @@ static const char *const sbl__glsl_traverse[] = {
 "    bvec3 flip = lessThan(direction, vec3(0));\n",
 "    vec3 inverse = 1.0 / mix(max(direction, vec3(1e-12)), min(direction, vec3(-1e-12)), flip);\n",
 "    vec3 per = inverse / grid_per_length, offset = (grid_origin - origin) * inverse;\n",
+"    int passed = floatBitsToInt(SBL_PASSED * after);\n",
 "    uint stack[SBL_STACK];\n",
 "    stack[0] = SBL_END;\n",
 "    int top = 0;\n",
 "    uint node = node_count == 0 ? SBL_END : 1u;\n",
-"    // Each turn visits a leaf or changes grids. softpipe leaves this loop only if the number of turns is limited.\n",
+"    // Each turn visits a leaf or changes grids. softpipe leaves these loops only if turns are limited.\n",
 "    for (int turns = 4 * node_count + 4; turns > 0; turns--) {\n",
-"        while (node < SBL_LEAF) {  // descends to a leaf, to the nearer child first\n",
+"        for (; node < SBL_LEAF && turns > 0; turns--) {  // descends to a leaf, to the nearer child first\n",
 "            uvec4 first = sbl_node_child_0(int(node)), second = sbl_node_child_1(int(node));\n",
 "            int nearest = floatBitsToInt(hit.distance);\n",
-"            int a = sbl_box(first, per, offset, flip, nearest), b = sbl_box(second, per, offset, flip, nearest);\n",
+"            int a = sbl_box(first, per, offset, flip, passed, nearest);\n",
+"            int b = sbl_box(second, per, offset, flip, passed, nearest);\n",
 "            node = a <= b ? first.w : second.w;\n",
 "            if (max(a, b) < 0x7fffffff) stack[++top] = a <= b ? second.w : first.w;\n",
 "            if (min(a, b) == 0x7fffffff) node = stack[top--];\n",
@@ -6926,6 +6941,9 @@ static const char *const sbl__glsl_surface[] = {
 "    bool back;                                // true: the ray sees the back of the triangle\n",
 "};\n",
 "\n",
+"const float SBL_INSET = 6e-6;  // least distance of points from the sides of their triangle, divided by reach.\n",
+"                               // Views need four times the distance of sensors from their surface, SBL_OFFSET\n",
+"\n",
 "// Returns the interpolated normal or, if that is too short, `face`, on the side of geometric_normal. A normal that\n",
 "// turns away from the viewer would aim the sensor at its own surface, so the cosine is kept above SBL_GRAZING.\n",
 "vec3 sbl_shading_normal(ivec3 v, vec3 b, vec3 face, vec3 geometric_normal, vec3 direction) {\n",
@@ -6977,11 +6995,19 @@ static const char *const sbl__glsl_surface[] = {
 "    float longest = sqrt(max(dot(f.s1, f.s1), max(dot(f.s2, f.s2), dot(s3, s3))));\n",
 "    s.facet = f.size * length(across) / longest;\n",
 "    s.reach = length(f.p0) + 2.0 * f.size * longest;\n",
+"    // Points are kept away from the triangle's sides. Otherwise a sensor at a crease would stand in the plane of\n",
+"    // the other surface, and see past it.\n",
+"    vec3 sides[3] = vec3[3](s3, -f.s2, f.s1), b = vec3(b0, b1, b2);\n",
+"    for (int k = 0; k < 3; k++) {\n",
+"        float side = max(length(sides[k]), SBL_DIVISOR_LEAST), height = f.size * length(across) / side;\n",
+"        float lacks = min(SBL_INSET * s.reach, height / 3.0) - b[k] * height;\n",
+"        s.position += max(lacks, 0.0) / side * cross(face, sides[k]);\n",
+"    }\n",
 "    s.back = dot(face, direction) > 0.0;\n",
 "    s.geometric_normal = s.back ? -face : face;\n",
-"    s.normal = sbl_shading_normal(f.v, vec3(b0, b1, b2), face, s.geometric_normal, direction);\n",
+"    s.normal = sbl_shading_normal(f.v, b, face, s.geometric_normal, direction);\n",
 "\n",
-"    sbl_Attributes at = sbl_mix_attributes(f.v, vec3(b0, b1, b2));\n",
+"    sbl_Attributes at = sbl_mix_attributes(f.v, b);\n",
 "    s.material = sbl_material(object, at);\n",
 "    s.emission = sbl_emission(object, s.back) * sbl_emission_pattern(object, at);\n",
 "    s.id = sbl_object_id(object);\n",
@@ -8611,6 +8637,7 @@ typedef struct sbl__spec {
     float epsilon;              /* ambient factor: a surface that does not emit has the radiance epsilon * albedo */
     int view_texture_size;      /* sensor_texture_size of sbl_context_desc */
     int batch;                  /* maximum number of looks per batch */
+    int divisor;                /* traced: divides the number of rays per invocation, see sbl__job_lost */
     /* Jobs whose specs differ only from here on (seed, ...) use the same resources, see sbl__job_begin. */
     uint32_t seed;              /* seed for the rotation of all sensors, see sbl_picture_desc */
     int guided;                 /* 1: guides direct rays, see >>guide */
@@ -9036,6 +9063,16 @@ static const char *const sbl__glsl_carrier[] = {
 "const vec3 SBL_LUMINANCE = vec3(SBL_LUMINANCE_WEIGHTS);\n",
 "const float SBL_COSINE_LEAST = 1e-6;  // lower limit of cosines before their reciprocal is taken\n",
 "\n",
+"// Returns true if the driver has ended a loop of this invocation early; its results are then wrong. Some software\n",
+"// renderers allow an invocation a number of loop turns (llvmpipe 65,535), after which every loop ends with its\n",
+"// first turn, without an error. Then this loop of two turns ends early too. As `count` is a uniform, no compiler\n",
+"// unrolls the loop.\n",
+"bool sbl_cut_short() {\n",
+"    int turns = 0, all = min(count, 1) + 1;\n",
+"    for (int i = 0; i < all; i++) turns++;\n",
+"    return turns < all;\n",
+"}\n",
+"\n",
 "// Converts 32-bit fractions to a point between 0 and 1.\n",
 "vec2 sbl_unit_square(uvec2 fractions) { return (vec2(fractions >> 8) + 0.5) / SBL_FRACTIONS; }\n",
 "\n",
@@ -9081,8 +9118,9 @@ static const char *const sbl__glsl_carrier[] = {
 /* ======================================================================================================== >>aim
    The sequence of points from which rays get their directions, and rays towards lamps, which both back ends trace. */
 
-/* Limits of the work of one shader invocation. Some software renderers silently end an invocation after about 65,000
-   loop iterations. A ray takes sbl__hierarchy.cost iterations on average, but some rays take several times more. */
+/* Limits of the work of one shader invocation. Some software renderers silently end all loops of an invocation after
+   about 65,000 iterations. A ray takes sbl__hierarchy.cost iterations on average, but some rays take many times more,
+   such as those through many holes. Looks in which loops were ended are measured again, see sbl__job_lost. */
 #define SBL__LOOP_TURNS 20000      /* maximum number of loop iterations per invocation, on average */
 #define SBL__RAY_TURNS 20          /* loop iterations per ray besides sbl__hierarchy.cost */
 #define SBL__LAMP_CHUNK 256        /* maximum number of rays towards lamps per invocation */
@@ -9095,9 +9133,19 @@ typedef struct sbl__aim {
                                       a part of the look's rays */
 } sbl__aim;
 
-/* Returns the maximum number of rays per invocation. */
-static int sbl__rays_most(const sbl__hierarchy *h) {
-    return SBL__MAX(1, (int)(SBL__LOOP_TURNS / (h->cost + SBL__RAY_TURNS)));
+/* Returns the maximum number of rays per invocation. turns: loop iterations that it may take; limit: highest result */
+static int sbl__rays_most(const sbl__hierarchy *h, int turns, int limit, int divisor) {
+    const double most = SBL__MIN(turns / (h->cost + SBL__RAY_TURNS), (double)limit);
+    return SBL__MAX(1, (int)most / SBL__MAX(1, divisor));
+}
+
+/* Warns that rays were lost, once per scene. told: version of the scene for which this was done. what: who lost them */
+static void sbl__rays_warn(const sbl__device *d, uint32_t *told, uint32_t version, int count, const char *what) {
+    if (*told == version) return;
+    *told = version;
+    sbl__log(d->base, SBL_LOG_WARNING, SBL_LOG_ITEM_LOST_RAYS, "%d %s, because the driver (%s) ends loops of shaders "
+             "early; use a GPU, or fewer surfaces with holes and fewer long, thin triangles", count, what,
+             d->gl.capabilities.renderer);
 }
 
 /* Computes the first `count` points of the two-dimensional Sobol sequence (Joe and Kuo 2008), as 32-bit fractions. */
@@ -9167,7 +9215,8 @@ static sbl_result sbl__sequence_store(const sbl__device *d, sbl__table *t, int l
 
 /* Returns the number of invocations among which a look's rays towards lamps are divided. */
 static int sbl__aim_parts(const sbl__spec *spec, const sbl__hierarchy *h) {
-    const int chunk = spec->traced ? SBL__MIN(SBL__LAMP_CHUNK, sbl__rays_most(h)) : SBL__LAMP_CHUNK;
+    const int most = sbl__rays_most(h, SBL__LOOP_TURNS, SBL__LAMP_CHUNK, spec->divisor);
+    const int chunk = spec->traced ? most : SBL__LAMP_CHUNK;
     return (spec->lamp_rays + chunk - 1) / chunk;
 }
 
@@ -9912,7 +9961,9 @@ static const char *const sbl__glsl_lamps[] = {
 "    sbl_write(out_light, vec4(report.rgb * unit, report.a));\n",
 "    sbl_write(out_way, report_way);\n",
 "#else\n",
-"    sbl_write(out_light, sbl_combine());\n",
+"    vec4 combined = sbl_combine();\n",
+"    if (sbl_cut_short()) combined.a = SBL_LOST;\n",
+"    sbl_write(out_light, combined);\n",
 "    sure_harmonics *= unit * scale;\n",
 "    sbl_write_harmonics(sure_harmonics);\n",
 "#endif\n",
@@ -10460,7 +10511,7 @@ typedef struct sbl__trace {
 
 static sbl_result sbl__trace_setup(const sbl__device *d, sbl__trace *t, const sbl__scene *scene, const sbl__spec *spec,
                                    sbl__blocks *blocks) {
-    const int most = SBL__MIN(SBL__TRACE_CHUNK, SBL__MAX(1, sbl__rays_most(&scene->hierarchy) / 4));
+    const int most = sbl__rays_most(&scene->hierarchy, SBL__LOOP_TURNS / 4, SBL__TRACE_CHUNK, spec->divisor);
     const int chunk = SBL__MIN(most, (spec->rays + 7) / 8);
     const int chunks = (spec->rays + chunk - 1) / chunk, parts = sbl__aim_parts(spec, &scene->hierarchy);
     sbl__slots *s = &t->slots[SBL__LENS_SITE], *stuck = &t->slots[SBL__LENS_STUCK];
@@ -10648,6 +10699,7 @@ static const char *const sbl__glsl_trace[] = {
 "        other = light;\n",
 "    }\n",
 "    sbl_write(out_sum, sum / float(rays));\n",
+"    if (sbl_cut_short()) hits.z = SBL_LOST;\n",
 "    sbl_write(out_hits, vec4(hits.xy / float(rays), hits.z, SBL_NEIGHBOURS * squares / float(rays * rays)));\n",
 "    harmonics /= float(rays);\n",
 "    sbl_write_harmonics(harmonics);\n",
@@ -10713,6 +10765,8 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
 #define SBL__SUBMISSIONS 8         /* maximum number of submissions of views before the CPU waits for the GPU */
 #define SBL__SUSPECT_SHARE 0.02f   /* a site gets a stuck test if after its first look back_share is larger */
 #define SBL__STUCK_SHARE 0.75f     /* a sensor is stuck if its stuck test hits at less than this share of its offset */
+#define SBL__DIVISOR_STEP 16       /* factor by which sbl__spec.divisor grows when rays were lost */
+#define SBL__DIVISOR_MOST 256      /* largest divisor; an invocation then traces two rays, or one towards lamps */
 #define SBL__RAY_LAYER_NOISE 1.0f  /* sbl__spec_layer_noise of a look of one ray */
 #define SBL__TEXEL_NOISE 2.6f      /* views add the relative noise this / sbl__spec.size to that of a look; measured
                                       in a box with a lamp */
@@ -10753,7 +10807,8 @@ typedef struct sbl__job {
     /* Results of the looks of a round. Look n has texel n % SBL__RESULTS_WIDTH, n / SBL__RESULTS_WIDTH.
        Texture 0: R * sbl__job_scale; sum of the weights of directions that see back faces
        Texture 1: sum of the weights of directions that see surfaces; sum of weight * distance; least distance (world
-       units if traced, otherwise scene extents); variance of the luminance of texture 0, without SBL__TEXEL_NOISE
+       units if traced, otherwise scene extents; SBL__LOST if rays were lost); variance of the luminance of texture 0,
+       without SBL__TEXEL_NOISE
        Textures 2 to 4, if the job is directional: harmonics of red, green and blue light */
     sbl__blocks results;
     sbl__table table;           /* looks of a batch or of all slots, as shaders read them, see sbl__looks_send */
@@ -10761,6 +10816,10 @@ typedef struct sbl__job {
     int lens;                   /* kind of the current round's looks: SBL__LENS_SITE or SBL__LENS_STUCK */
     int *suspects;              /* indices of the sites that need a stuck test */
     int suspect_count, suspect_room;
+    int lost;                   /* number of looks of which rays were lost, see sbl__job_lost */
+    int divisor;                /* sbl__spec.divisor of this job and of those that follow in the same scene; 0: 1 */
+    uint32_t divisor_scene;     /* version of the scene that `divisor` belongs to */
+    uint32_t told_scene;        /* version of the scene for which sbl__rays_warn has warned */
     int look_end;               /* 1 + number of the round's last look; the first is task.first_look, or 0 (stuck) */
     int site, look;             /* indices of the site (stuck tests: suspect) to draw or read next and of its look */
     int drawn, aimed, reduced;  /* number of the next look to draw, to trace rays to lamps for, and to reduce */
@@ -10963,6 +11022,7 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "        vec4 light = texelFetch(lights, light_corner + ivec2(0, i), 0) / float(parts);\n",
 "        sum.rgb += light.rgb;\n",
 "        hits.w += light.a / float(parts);\n",
+"        if (light.a < 0.0) hits.z = SBL_LOST;\n",
 "    }\n",
 "    out_sum = sum;\n",
 "    out_hits = hits;\n",
@@ -11246,6 +11306,7 @@ static void sbl__job_take(sbl__job *j, const float *const found[5]) {
         r->hit_min = hits[0] > 0 ? hits[2] * length : 0;
         for (k = 0; k < harmonics; k++) h[k] = 0;
     }
+    if (hits[2] < 0) r->valid = 0;
     for (k = 0; k < 3; k++) r->radiance[k] += sum[k] / scale;
     for (k = 0; k < harmonics; k++) h[k] += found[2 + k % 3][k / 3] / scale;
     if (spec->traced || spec->lamp_rays) variance = hits[3] / (scale * scale);
@@ -11258,7 +11319,7 @@ static void sbl__job_take(sbl__job *j, const float *const found[5]) {
     for (k = 0; k < 3; k++) r->radiance[k] /= (float)looks;
     for (k = 0; k < harmonics; k++) h[k] /= (float)looks;
     r->noise = (float)sqrt((double)r->noise) / (float)looks;
-    if (!sbl__reading_is_finite(r) || !sbl__all_finite(h, harmonics)) {
+    if (!r->valid || !sbl__reading_is_finite(r) || !sbl__all_finite(h, harmonics)) {
         memset(r, 0, sizeof *r);
         for (k = 0; k < harmonics; k++) h[k] = 0;
     }
@@ -11277,6 +11338,7 @@ static sbl_result sbl__job_judge(sbl__job *j, const float *const found[5]) {
     const int stuck_test = j->lens == SBL__LENS_STUCK, site = stuck_test ? j->suspects[j->site++] : j->site;
     const int is_first = j->look == 0;
     const float offset = j->task.sites[site].offset;
+    j->lost += hits[2] < 0;
     if (stuck_test) {
         if (hits[0] > 0 && hits[2] * length < SBL__STUCK_SHARE * offset) j->task.readings[site].valid = 0;
         return SBL_SUCCESS;
@@ -11301,6 +11363,33 @@ static void sbl__job_count(sbl__job *j) {
     if (spec->traced) return;
     j->counts.views += (int64_t)looks * l->view_count;
     j->counts.texels += (int64_t)looks * l->sheet[0] * l->sheet[1];
+}
+
+static void sbl__job_begin(sbl__job *j, const sbl__scene *scene, const sbl__task *task) {
+    int same;
+    j->task = *task;
+    j->scene = scene;
+    j->suspect_count = j->lost = 0;
+    if (j->divisor_scene != scene->version) j->divisor = 0;
+    j->divisor_scene = scene->version;
+    j->task.spec.divisor = j->divisor;
+    same = j->made_for_scene == scene->version && !memcmp(&j->made_for, &j->task.spec, offsetof(sbl__spec, seed));
+    if (!same) j->made_for_scene = 0;
+    j->stages.stage = task->site_count == 0 ? SBL__JOB_DONE : same ? SBL__JOB_COMPILE : SBL__JOB_SETUP;
+    j->stages.at = 0;
+}
+
+/* If looks of the round were lost, lets the job begin again with fewer rays per invocation, and returns 1. If
+   invocations have as few as possible already, warns, and leaves the readings invalid. Later jobs in the scene begin
+   with what this job needed. */
+static int sbl__job_lost(sbl__job *j) {
+    if (!j->lost) return 0;
+    if (j->task.spec.traced && j->divisor < SBL__DIVISOR_MOST) {
+        j->divisor = SBL__MAX(1, j->divisor) * SBL__DIVISOR_STEP;
+        return 1;
+    }
+    sbl__rays_warn(j->device, &j->told_scene, j->scene->version, j->lost, "sensors are invalid");
+    return 0;
 }
 
 /* Reads back up to SBL__READ_ROWS rows of results and evaluates their looks. If the sites' looks are done and there are
@@ -11332,6 +11421,10 @@ static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
     sbl__free(d->base, data);
     j->stages.at += rows;
     if (result != SBL_SUCCESS || row + rows < end) return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
+    if (sbl__job_lost(j)) {
+        sbl__job_begin(j, j->scene, &j->task);
+        return SBL_SUCCESS;
+    }
     sbl__job_count(j);
     return j->lens == SBL__LENS_SITE && j->suspect_count ? sbl__job_start_round(j, SBL__LENS_STUCK) : SBL_SUCCESS;
 }
@@ -11339,23 +11432,13 @@ static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
 /* Returns the stage that follows drawing, reducing or reading. */
 static int sbl__job_next(void *work) {
     const sbl__job *j = (const sbl__job *)work;
+    if (j->stages.stage == SBL__JOB_SETUP) return SBL__JOB_SETUP;  /* the job has begun again */
     if (j->stages.stage == SBL__JOB_DRAW) return sbl__job_aims(j) ? SBL__JOB_AIM : SBL__JOB_REDUCE;
     if (j->drawn < j->look_end) return SBL__JOB_DRAW;
     return j->stages.stage == SBL__JOB_REDUCE ? SBL__JOB_READ : SBL__JOB_DONE;
 }
 
-/* >>job: beginning and stepping */
-
-static void sbl__job_begin(sbl__job *j, const sbl__scene *scene, const sbl__task *task) {
-    const int same = j->made_for_scene == scene->version &&
-                     !memcmp(&j->made_for, &task->spec, offsetof(sbl__spec, seed));
-    j->task = *task;
-    j->scene = scene;
-    j->suspect_count = 0;
-    if (!same) j->made_for_scene = 0;
-    j->stages.stage = task->site_count == 0 ? SBL__JOB_DONE : same ? SBL__JOB_COMPILE : SBL__JOB_SETUP;
-    j->stages.at = 0;
-}
+/* >>job: stepping */
 
 /* Does one piece of bounded duration. Returns SBL_SUCCESS when all readings are written. */
 static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) {
@@ -11460,7 +11543,9 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__BOUNCE_GLOW_RAYS 4    /* rays of a point towards glows */
 #define SBL__BOUNCE_STUCK_RAYS 4   /* rays of a point's stuck test */
 #define SBL__BOUNCE_CONTACTS 8     /* contact rays of a leaf: along its surface, to find objects that touch it */
-#define SBL__CONTACT_STEEP 0.7     /* largest cosine between the normals of a surface and of a plane that cuts it */
+#define SBL__CONTACT_STEEP 0.7     /* largest cosine between the normals of a surface and of a plane that cuts it, if
+                                      both belong to one patch, which is smooth */
+#define SBL__CONTACT_SLANT 0.999   /* the same for planes of other patches: nearly parallel ones do not cut */
 #define SBL__CONTACT_APART 1e-3    /* least distance between two planes that cut a cell, in lengths of a cell */
 #define SBL__CONTACT_LEAST 0.25    /* least length of a contact line, in lengths of a cell */
 #define SBL__CONTACT_CACHE 1024    /* size of the hash table of contact lines that have cut their cells recently */
@@ -11579,9 +11664,9 @@ static const char *const sbl__glsl_cast[] = {
 "// Finds the first hit of each ray. A ray with a negative limit leaves a surface, whose normal is `direction`, in a\n",
 "// random direction with cosine distribution.\n",
 "// out_place: xyz: position of the hit, far away if nothing was hit; w: 0 if nothing was hit, otherwise 1 + low\n",
-"// bits of the triangle's number, negative for its back side\n",
+"// bits of the triangle's number, negative for its back side. If the driver ended a loop early, nothing was hit\n",
 "SBL_OUT(0, out_place);\n",
-"// rgb: albedo for bounced light; a: high bits of the triangle's number\n",
+"// rgb: albedo for bounced light; a: high bits of the triangle's number; SBL_LOST: the driver ended a loop early\n",
 "SBL_OUT(1, out_albedo);\n",
 "\n",
 "void main() {\n",
@@ -11601,6 +11686,7 @@ static const char *const sbl__glsl_cast[] = {
 "        low = (float(hit.number % SBL_CAST_NUMBERS) + 1.0) * (hit.back ? -1.0 : 1.0);\n",
 "        high = float(hit.number / SBL_CAST_NUMBERS);\n",
 "    }\n",
+"    if (sbl_cut_short()) { low = 0.0; high = SBL_LOST; }\n",
 "    sbl_write(out_place, vec4(origin + direction * hit.distance, low));\n",
 "    sbl_write(out_albedo, vec4(albedo, high));\n",
 "}\n",
@@ -11661,7 +11747,7 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, 
     sbl__cast *rays;
     float *places, *albedos;
     sbl_result result;
-    int i;
+    int i, lost = 0;
     d->gl.doing = "casting rays between surfaces";
     if (!sbl__grow(d->base, &hits->list, &hits->room, count, sizeof *hits->list)) return SBL_ERROR_OUT_OF_MEMORY;
     if (some <= 0) return SBL_SUCCESS;
@@ -11673,9 +11759,12 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, 
     result = sbl__cast_send(b, rays, some);
     if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 0, 0, rows, places);
     if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 1, 0, rows, albedos);
-    for (i = 0; i < some && result == SBL_SUCCESS; i++)
+    for (i = 0; i < some && result == SBL_SUCCESS; i++) {
         sbl__cast_take(&rays[i], places + 4 * (size_t)i, albedos + 4 * (size_t)i, &hits->list[at + i]);
+        lost += albedos[4 * (size_t)i + 3] < 0;
+    }
     sbl__free(d->base, rays);
+    if (lost) sbl__rays_warn(d, &b->core->job.told_scene, b->core->scene.version, lost, "rays of bounced light miss");
     if (result == SBL_SUCCESS) result = sbl__pace_end(d, &b->pace, some);
     if (result != SBL_SUCCESS) return result;
     b->core->stats.sensors.readbacks += 2;
@@ -12074,21 +12163,22 @@ static sbl_result sbl__contact_cut(sbl__bounce *b, sbl__contact *line) {
     return result;
 }
 
-/* Cuts a leaf by a plane that one of its contact rays hit, if the plane is steep to the surface and the hit still lies
-   in the same leaf. On a flat surface, cuts all cells along the contact line instead. */
+/* Cuts a leaf by a plane that one of its contact rays hit, unless the surface is smooth there, if the hit still lies in
+   the same leaf. On a flat surface, cuts all cells along the contact line instead. */
 static sbl_result sbl__bounce_cut(sbl__bounce *b, int leaf, const sbl__hit *hit) {
     sbl__store *s = b->store;
     const sbl__hit *at = &b->points[b->states[leaf].first].at;
     float beyond[3], normal[3], own[3], apart, distance;
     sbl__contact line;
     uint32_t *reference, patch;
-    int k, depth;
+    int k, depth, smooth;
     sbl__place_find(s, at, &patch);
     sbl__place_normal(b->geometry, at->place, own);
     sbl__place_normal(b->geometry, hit->place, normal);
     distance = sbl__dot(normal, hit->position);
     apart = sbl__dot(normal, at->position) - distance;
-    if (fabs((double)sbl__dot(normal, own)) > SBL__CONTACT_STEEP) return SBL_SUCCESS;
+    smooth = s->patches[hit->place >> 1] >> SBL__PATCH_SHIFT == patch >> SBL__PATCH_SHIFT;
+    if (fabs((double)sbl__dot(normal, own)) > (smooth ? SBL__CONTACT_STEEP : SBL__CONTACT_SLANT)) return SBL_SUCCESS;
     if (sbl__contact_make(b, at, hit, &line)) return sbl__contact_cut(b, &line);
     if (fabs((double)apart) < SBL__CONTACT_APART * (double)s->length) return SBL_SUCCESS;
     for (k = 0; k < 3; k++)  /* a position a little beyond the hit, as seen along the ray */

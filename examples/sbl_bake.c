@@ -148,8 +148,10 @@ static void print_help(void) {
            "\nIf you press Ctrl-C, the unfinished lightmap is saved as lightmap.partial.pfm in the folder, and the "
            "program ends.\n"
            "If there is no light yet, nothing is saved; nor are vertices and probes. A second Ctrl-C ends the program "
-           "at once. The\n"
-           "signals SIGTERM and SIGHUP do the same.\n"
+           "at once, and\n"
+           "so does the first one after 6 seconds in which the graphics driver does not return. The signals SIGTERM "
+           "and\n"
+           "SIGHUP do the same.\n"
            "\nExit status: 0 success; 1 failure, with one line on stderr; 2 wrong usage; after a signal: 130 (Ctrl-C), "
            "143\n"
            "(SIGTERM), 129 (SIGHUP).\n");

@@ -136,8 +136,9 @@ static void print_help(void) {
         "keep the old contents. Input files are never overwritten.\n"
         "\nIf you press Ctrl-C, the unfinished picture is saved beside the output, as NAME.partial.png (.pfm, .exr), "
         "and the\n"
-        "program ends. If nothing can be shown yet, nothing is saved. A second Ctrl-C ends the program at once. The\n"
-        "signals SIGTERM and SIGHUP do the same.\n"
+        "program ends. If nothing can be shown yet, nothing is saved. A second Ctrl-C ends the program at once, and\n"
+        "so does the first one after 6 seconds in which the graphics driver does not return. The signals SIGTERM\n"
+        "and SIGHUP do the same.\n"
         "\nExit status: 0 success; 1 failure, with one line on stderr; 2 wrong usage; after a signal: 130 (Ctrl-C), "
         "143\n"
         "(SIGTERM), 129 (SIGHUP).\n");

@@ -13,10 +13,21 @@ enum { DONE = 0, FAILED = 1, BAD_USAGE = 2, INTERRUPTED = 128 };
 
 static volatile sig_atomic_t interrupted;  /* number of the signal that was received, or 0 */
 
+#define DRIVER_WAIT 6  /* seconds after a signal until the program ends, if the driver does not return */
+
 /* A second signal ends the program at once. */
 static void on_interrupt(int number) {
     if (interrupted) { output_abandon(); _exit(INTERRUPTED + number); }
     interrupted = number;
+    alarm(DRIVER_WAIT);
+}
+
+static void on_driver_wait(int number) {
+    static const char line[] = TOOL_NAME ": interrupted; the graphics driver did not return, and nothing was saved\n";
+    (void)number;
+    output_abandon();
+    if (write(STDERR_FILENO, line, sizeof line - 1) < 0) _exit(INTERRUPTED + interrupted);
+    _exit(INTERRUPTED + interrupted);
 }
 
 static void catch_signals(void) {
@@ -29,6 +40,7 @@ static void catch_signals(void) {
     for (i = 0; i < 3; i++)  /* a signal that nohup or the shell ignores stays ignored */
         if (sigaction(numbers[i], NULL, &before) == 0 && before.sa_handler != SIG_IGN)
             sigaction(numbers[i], &action, NULL);
+    signal(SIGALRM, on_driver_wait);
     signal(SIGPIPE, SIG_IGN);  /* writing to a closed pipe fails instead of ending the program */
     signal(SIGXFSZ, SIG_IGN);  /* exceeding the limit on file size is a failed write, too */
     /* Open closed standard handles: otherwise an output file could get number 2, and receive messages. */
@@ -196,6 +208,7 @@ static inline sbl_result work_to_save(sbl_context *context) {
     const double end = now() + WORK_LINGER;
     while (result == SBL_UNFINISHED && now() < end && !sbl_channel_texture(context, SBL_CHANNEL_FINAL))
         result = sbl_step(context, WORK_SLICE);
+    alarm(0);  /* the driver has returned; the unfinished work may take long to write */
     return result;
 }
 

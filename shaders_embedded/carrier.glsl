@@ -10,6 +10,16 @@ uniform int first_slot, count;   // the looks of this draw use `count` slots, be
 const vec3 SBL_LUMINANCE = vec3(SBL_LUMINANCE_WEIGHTS);
 const float SBL_COSINE_LEAST = 1e-6;  // lower limit of cosines before their reciprocal is taken
 
+// Returns true if the driver has ended a loop of this invocation early; its results are then wrong. Some software
+// renderers allow an invocation a number of loop turns (llvmpipe 65,535), after which every loop ends with its
+// first turn, without an error. Then this loop of two turns ends early too. As `count` is a uniform, no compiler
+// unrolls the loop.
+bool sbl_cut_short() {
+    int turns = 0, all = min(count, 1) + 1;
+    for (int i = 0; i < all; i++) turns++;
+    return turns < all;
+}
+
 // Converts 32-bit fractions to a point between 0 and 1.
 vec2 sbl_unit_square(uvec2 fractions) { return (vec2(fractions >> 8) + 0.5) / SBL_FRACTIONS; }
 

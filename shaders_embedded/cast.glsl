@@ -1,9 +1,9 @@
 // Finds the first hit of each ray. A ray with a negative limit leaves a surface, whose normal is `direction`, in a
 // random direction with cosine distribution.
 // out_place: xyz: position of the hit, far away if nothing was hit; w: 0 if nothing was hit, otherwise 1 + low
-// bits of the triangle's number, negative for its back side
+// bits of the triangle's number, negative for its back side. If the driver ended a loop early, nothing was hit
 SBL_OUT(0, out_place);
-// rgb: albedo for bounced light; a: high bits of the triangle's number
+// rgb: albedo for bounced light; a: high bits of the triangle's number; SBL_LOST: the driver ended a loop early
 SBL_OUT(1, out_albedo);
 
 void main() {
@@ -23,6 +23,7 @@ void main() {
         low = (float(hit.number % SBL_CAST_NUMBERS) + 1.0) * (hit.back ? -1.0 : 1.0);
         high = float(hit.number / SBL_CAST_NUMBERS);
     }
+    if (sbl_cut_short()) { low = 0.0; high = SBL_LOST; }
     sbl_write(out_place, vec4(origin + direction * hit.distance, low));
     sbl_write(out_albedo, vec4(albedo, high));
 }

@@ -705,7 +705,9 @@ void main() {
     sbl_write(out_light, vec4(report.rgb * unit, report.a));
     sbl_write(out_way, report_way);
 #else
-    sbl_write(out_light, sbl_combine());
+    vec4 combined = sbl_combine();
+    if (sbl_cut_short()) combined.a = SBL_LOST;
+    sbl_write(out_light, combined);
     sure_harmonics *= unit * scale;
     sbl_write_harmonics(sure_harmonics);
 #endif

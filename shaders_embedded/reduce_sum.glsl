@@ -50,6 +50,7 @@ void main() {
         vec4 light = texelFetch(lights, light_corner + ivec2(0, i), 0) / float(parts);
         sum.rgb += light.rgb;
         hits.w += light.a / float(parts);
+        if (light.a < 0.0) hits.z = SBL_LOST;
     }
     out_sum = sum;
     out_hits = hits;

@@ -12,6 +12,9 @@ struct sbl_Surface {
     bool back;                                // true: the ray sees the back of the triangle
 };
 
+const float SBL_INSET = 6e-6;  // least distance of points from the sides of their triangle, divided by reach.
+                               // Views need four times the distance of sensors from their surface, SBL_OFFSET
+
 // Returns the interpolated normal or, if that is too short, `face`, on the side of geometric_normal. A normal that
 // turns away from the viewer would aim the sensor at its own surface, so the cosine is kept above SBL_GRAZING.
 vec3 sbl_shading_normal(ivec3 v, vec3 b, vec3 face, vec3 geometric_normal, vec3 direction) {
@@ -63,11 +66,19 @@ sbl_Surface sbl_surface_at(sbl_Facet f, float b1, float b2, vec3 direction) {
     float longest = sqrt(max(dot(f.s1, f.s1), max(dot(f.s2, f.s2), dot(s3, s3))));
     s.facet = f.size * length(across) / longest;
     s.reach = length(f.p0) + 2.0 * f.size * longest;
+    // Points are kept away from the triangle's sides. Otherwise a sensor at a crease would stand in the plane of
+    // the other surface, and see past it.
+    vec3 sides[3] = vec3[3](s3, -f.s2, f.s1), b = vec3(b0, b1, b2);
+    for (int k = 0; k < 3; k++) {
+        float side = max(length(sides[k]), SBL_DIVISOR_LEAST), height = f.size * length(across) / side;
+        float lacks = min(SBL_INSET * s.reach, height / 3.0) - b[k] * height;
+        s.position += max(lacks, 0.0) / side * cross(face, sides[k]);
+    }
     s.back = dot(face, direction) > 0.0;
     s.geometric_normal = s.back ? -face : face;
-    s.normal = sbl_shading_normal(f.v, vec3(b0, b1, b2), face, s.geometric_normal, direction);
+    s.normal = sbl_shading_normal(f.v, b, face, s.geometric_normal, direction);
 
-    sbl_Attributes at = sbl_mix_attributes(f.v, vec3(b0, b1, b2));
+    sbl_Attributes at = sbl_mix_attributes(f.v, b);
     s.material = sbl_material(object, at);
     s.emission = sbl_emission(object, s.back) * sbl_emission_pattern(object, at);
     s.id = sbl_object_id(object);

@@ -121,6 +121,7 @@ void main() {
         other = light;
     }
     sbl_write(out_sum, sum / float(rays));
+    if (sbl_cut_short()) hits.z = SBL_LOST;
     sbl_write(out_hits, vec4(hits.xy / float(rays), hits.z, SBL_NEIGHBOURS * squares / float(rays * rays)));
     harmonics /= float(rays);
     sbl_write_harmonics(harmonics);

@@ -4,6 +4,7 @@ uniform vec3 grid_per_length;  // steps of that grid per unit of length
 uniform int node_count;        // 0: the scene is empty
 
 const int SBL_HOLES = 64;            // a ray that meets this many holes of cut-out surfaces ends at the last one
+const float SBL_PASSED = 0.9999;     // boxes that a ray leaves before this * sbl_Ray.after are skipped
 const int SBL_BOX_SLACK = 8;         // added to the distance at which a ray leaves a box, units in the last place
                                      // (Ize 2013, "Robust BVH Ray Traversal")
 const float SBL_SELF_DEEP = 1e-4;    // hits nearer than this * deep must be farther than the rounding error
@@ -37,15 +38,16 @@ struct sbl_Hit {
 
 sbl_Attributes sbl_attributes_of(sbl_Hit hit) { return sbl_attributes_at(hit.triangle, hit.b1, hit.b2); }
 
-// Returns the distance at which the ray enters the box; 0x7fffffff if it does not enter before `nearest`.
-// Distances are the bits of floats: as integers, those of positive floats have the same order, and those of
-// negative floats are negative. per: ray distance per grid step. offset: ray distance of the grid's origin. flip:
-// where the ray's direction is negative
-int sbl_box(uvec4 box, vec3 per, vec3 offset, bvec3 flip, int nearest) {
+// Returns the distance at which the ray enters the box, or `passed` if that is larger; 0x7fffffff if it leaves the
+// box before `passed` or does not enter it before `nearest`. Distances are the bits of floats: as integers, those
+// of positive floats have the same order, and those of negative floats are negative. per: ray distance per grid
+// step. offset: ray distance of the grid's origin. flip: where the ray's direction is negative
+int sbl_box(uvec4 box, vec3 per, vec3 offset, bvec3 flip, int passed, int nearest) {
     vec3 low = vec3(box.xyz & 65535u), high = vec3(box.xyz >> 16);
     ivec3 entry = floatBitsToInt(mix(low, high, flip) * per + offset);
     ivec3 leave = floatBitsToInt(mix(high, low, flip) * per + offset);
-    int from = max(max(entry.x, entry.y), max(entry.z, 0)), to = min(min(leave.x, leave.y), min(leave.z, nearest));
+    int from = max(max(entry.x, entry.y), max(entry.z, passed));
+    int to = min(min(leave.x, leave.y), min(leave.z, nearest));
     return from <= to + SBL_BOX_SLACK ? from : 0x7fffffff;
 }
 
@@ -100,16 +102,18 @@ sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float li
     bvec3 flip = lessThan(direction, vec3(0));
     vec3 inverse = 1.0 / mix(max(direction, vec3(1e-12)), min(direction, vec3(-1e-12)), flip);
     vec3 per = inverse / grid_per_length, offset = (grid_origin - origin) * inverse;
+    int passed = floatBitsToInt(SBL_PASSED * after);
     uint stack[SBL_STACK];
     stack[0] = SBL_END;
     int top = 0;
     uint node = node_count == 0 ? SBL_END : 1u;
-    // Each turn visits a leaf or changes grids. softpipe leaves this loop only if the number of turns is limited.
+    // Each turn visits a leaf or changes grids. softpipe leaves these loops only if turns are limited.
     for (int turns = 4 * node_count + 4; turns > 0; turns--) {
-        while (node < SBL_LEAF) {  // descends to a leaf, to the nearer child first
+        for (; node < SBL_LEAF && turns > 0; turns--) {  // descends to a leaf, to the nearer child first
             uvec4 first = sbl_node_child_0(int(node)), second = sbl_node_child_1(int(node));
             int nearest = floatBitsToInt(hit.distance);
-            int a = sbl_box(first, per, offset, flip, nearest), b = sbl_box(second, per, offset, flip, nearest);
+            int a = sbl_box(first, per, offset, flip, passed, nearest);
+            int b = sbl_box(second, per, offset, flip, passed, nearest);
             node = a <= b ? first.w : second.w;
             if (max(a, b) < 0x7fffffff) stack[++top] = a <= b ? second.w : first.w;
             if (min(a, b) == 0x7fffffff) node = stack[top--];

@@ -207,6 +207,12 @@ static void leak_scene(test_scene *s, int kind) {
             box_without_bottom(s, grey, 1.53f, 0, 1.37f, 2.12f, 0.6f, 2.03f);
             scene_light(s, SBL_LIGHT_DIRECTIONAL, 3, 3, 3)->direction[1] = -1;
             break;
+        case 9:  /* a room that the plane x + z = 3.9 divides */
+            scene_box(s, scene_material(s, 0.7f, 0.6f, 0.5f), 0, 0, 0, 4, 3, 4);
+            scene_quad(s, scene_lamp(s, 5, 5, 5), 0.7f, 2.9f, 0.8f, 1.7f, 2.9f, 0.8f, 1.7f, 2.9f, 1.8f, 0.7f, 2.9f,
+                       1.8f);
+            scene_quad(s, grey, 3.9f, 0, 0, 3.9f, 3, 0, 0, 3, 3.9f, 0, 0, 3.9f);
+            break;
         default:  /* two rooms */
             scene_box(s, scene_material(s, 0.7f, 0.6f, 0.5f), 0, 0, 0, 8, 3, 4);
             material = scene_lamp(s, 5, 5, 5);
@@ -217,11 +223,25 @@ static void leak_scene(test_scene *s, int kind) {
     }
 }
 
+/* Adds sites on the floor, the ceiling, a wall and the plane x + z = 3.9, where x + z is larger. */
+static void add_sites_behind_slanted_wall(int n) {
+    int i, j;
+    for (i = 0; i < n; i++)
+        for (j = 0; j < n; j++) {
+            const double x = 3.9 * (i + 0.5) / n, z = 3.9 - x + (0.1 + x) * (j + 0.3) / n, y = 3 * (j + 0.5) / n;
+            add_site(x, 0, z, 0, 1, 0, 1);
+            add_site(x, 3, z, 0, -1, 0, 1);
+            add_site(4, y, x, -1, 0, 0, 1);
+            add_site(x, y, 3.9 - x, sqrt(0.5), 0, sqrt(0.5), 1);
+        }
+}
+
 static void leak_sites(int kind, int n) {
     site_count = 0;
     if (kind < 3) add_sites_in_box(1.53, 0.51, 1.37, 2.12, 1.1, 2.03, n);
     else if (kind == 3 || kind == 8) add_sites_in_box(1.53, 0, 1.37, 2.12, 0.6, 2.03, n);
     else if (kind == 4) add_sites_in_box(2 - 0.15, 0, 1.7 - 0.1, 2 + 0.15, 0.6, 1.7 + 0.1, n);
+    else if (kind == 9) add_sites_behind_slanted_wall(n);
     else add_sites_in_box(3.88, 0, 0, 8, 3, 4, n);
 }
 
@@ -229,9 +249,9 @@ static void leak_sites(int kind, int n) {
 TEST(walls_keep_light_out) {
     static const char *const names[] = { "a thin box", "a hollow box", "a box of slabs", "a box on the floor",
         "a turned box", "two rooms", "two rooms askew",
-                                         "a wall of small triangles", "a box on open ground" };
+                                         "a wall of small triangles", "a box on open ground", "a slanted wall" };
     int kind, i, j;
-    for (kind = 0; kind < 9; kind++)
+    for (kind = 0; kind < 10; kind++)
         for (i = 0; i < 3; i++)
             for (j = 0; j < 3; j++) {
                 test_scene s = { 0 };

@@ -2199,6 +2199,67 @@ TEST(choices_are_printed) {
     CHECK(TOOL("room.obj", SMALL, "--size", "8x8", "-o", "told.pfm") == 0 && !ran.err[0], "%s", ran.err);
 }
 
+#define SOFTPIPE_BOX scene, "--eye", "278,273,-800", "--look-at", "278,273,0", "--fov", "39.3", "--mode", "direct"
+
+/* Mesa's softpipe interprets shaders. */
+static void use_softpipe(void) {
+    setenv("LIBGL_ALWAYS_SOFTWARE", "1", 1);
+    setenv("GALLIUM_DRIVER", "softpipe", 1);
+    setenv("ASAN_OPTIONS", "detect_leaks=0", 1);  /* the driver itself leaks */
+}
+
+/* The Cornell box on softpipe, whose loops once did not end, is as bright as on other drivers. */
+TEST(softpipe_finishes_the_cornell_box) {
+    char scene[1024];
+    double sums[2] = { 0, 0 };
+    int i, k;
+    if (!realpath("examples/scenes/cornell_box.obj", scene)) SKIP("not run in the repository's root");
+    for (k = 0; k < 2; k++) {
+        picture p;
+        in_child = k ? use_softpipe : NULL;
+        CHECK(TOOL(SOFTPIPE_BOX, "--size", "16x16", "--rays", "4", "--channel", "radiance", "-o", "box.pfm") == 0,
+              "run %d: exit status %d: %s", k, ran.status, ran.err);
+        in_child = NULL;
+        p = read_pfm("box.pfm");
+        for (i = 0; p.values && i < 3 * 16 * 16; i++) sums[k] += (double)p.values[i];
+        free(p.values);
+    }
+    CHECK(sums[0] > 0 && fabs(sums[1] / sums[0] - 1) < 0.03, "the sums of R are %g and, on softpipe, %g", sums[0],
+          sums[1]);
+}
+
+static void use_stuck_driver(void) { setenv("LD_PRELOAD", "./stuck.so", 1); }
+
+/* One signal ends the tool within 10 s, although the driver never returns. */
+TEST(a_signal_ends_what_the_driver_does_not) {
+    static const char *const source = "#include <unistd.h>\n"
+        "unsigned eglInitialize(void *d, int *a, int *b) { for (;;) { write(2, \"stuck\", 5); pause(); } }\n";
+    char text[4096] = "", command[512];
+    struct timespec from, to;
+    double seconds;
+    int i, lines;
+    pid_t child;
+    room_obj();
+    write_text("stuck.c", source);
+    snprintf(command, sizeof command, "cd '%s' && cc -w -shared -fPIC -o stuck.so stuck.c", folder);
+    if (system(command) != 0) SKIP("there is no compiler cc");
+    in_child = use_stuck_driver;
+    child = start((const char *const[]){ RED_ROOM, "-o", "stuck.pfm", NULL }, -1, 0);
+    in_child = NULL;
+    for (i = 0; i < 6000 && !strstr(text, "stuck"); i++) {
+        poll(NULL, 0, 10);
+        read_text(in_folder("stderr"), text, sizeof text, &lines);
+    }
+    clock_gettime(CLOCK_MONOTONIC, &from);
+    kill(child, SIGTERM);
+    finish(child);
+    clock_gettime(CLOCK_MONOTONIC, &to);
+    seconds = (double)(to.tv_sec - from.tv_sec) + 1e-9 * (double)(to.tv_nsec - from.tv_nsec);
+    CHECK(ran.status == 128 + SIGTERM && said("the graphics driver did not return") && !exists("stuck.pfm") &&
+          !parts_left(), "exit status %d: %s", ran.status, ran.err);
+    CHECK(seconds > 4 && seconds < 10, "the tool ended %.1f s after the signal", seconds);
+}
+
 /* The scene in examples/scenes has a red left, a green right and a white back wall. */
 TEST(the_cornell_box_of_the_repository) {
     picture albedo;
@@ -2281,6 +2342,8 @@ int main(int argc, char **argv) {
     RUN_PLAIN(a_png_is_made_for_screens);
     RUN_PLAIN(a_lit_object_has_a_backdrop);
     RUN(the_cornell_box_of_the_repository);
+    RUN_PLAIN(softpipe_finishes_the_cornell_box);
+    RUN_PLAIN(a_signal_ends_what_the_driver_does_not);
     tool_end();
     return test_report();
 }

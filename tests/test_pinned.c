@@ -141,23 +141,23 @@ static uint64_t hash_of(const sbl_picture_desc *view) {
 /* renderer: part of GL_RENDERER; version: part of GL_VERSION */
 static const struct { const char *renderer, *version; uint64_t hashes[PINS]; } pins[] = {
     { "llvmpipe (LLVM 15.0.6, 256 bits)", "Mesa 22.3.6", {
-        0x3252d5a438abe45cu,  /* cornell_ambient_traced */
-        0x855166e7f5fe3985u,  /* cornell_direct_traced */
-        0x4194a0dff72f5e2eu,  /* cornell_direct_high */
-        0x9a43ee53ae12bf06u,  /* cornell_ambient_rasterised */
-        0xce132c492558648du,  /* cornell_paper */
-        0x3b1d21d6a55d08c9u,  /* everything_ambient_traced */
-        0x215073bc2c4d6fd8u,  /* everything_ambient_rasterised */
-        0xe8df941c64360577u,  /* everything_paper */
+        0xee66185dff2bc145u,  /* cornell_ambient_traced */
+        0x8b03caca16d192cdu,  /* cornell_direct_traced */
+        0x7b13eb650875cf26u,  /* cornell_direct_high */
+        0x839b7fc86962941cu,  /* cornell_ambient_rasterised */
+        0xbee979497c67e34fu,  /* cornell_paper */
+        0xeb124cbf2f186f96u,  /* everything_ambient_traced */
+        0x608251167e6056dbu,  /* everything_ambient_rasterised */
+        0x634c2a608b962aa3u,  /* everything_paper */
         0x5a1164cbdea9d079u,  /* lights_direct_traced */
-        0x0dcc71bf925abae0u,  /* lights_direct_rasterised */
-        0x1524f9cabdde6428u,  /* sky_ambient_traced */
-        0x5fc0e35b20eef14fu,  /* sky_ambient_rasterised */
+        0x2acd2bb725a7c23fu,  /* lights_direct_rasterised */
+        0x0f7dfeb1023d4f24u,  /* sky_ambient_traced */
+        0xdb6b41930338e59au,  /* sky_ambient_rasterised */
         0x78915d4324cfd8a2u,  /* many_lamps_direct_traced */
         0x7692356e654ded7bu,  /* many_lamps_direct_rasterised */
-        0x1e0a81ad03ef6a83u,  /* cornell_gi_traced */
-        0x01bcd2c32cf797dcu,  /* cornell_gi_rasterised */
-        0xd599f611a415c290u,  /* sky_gi_traced */ } }
+        0xb6197c9826643c09u,  /* cornell_gi_traced */
+        0x0659c3d3a43f6c59u,  /* cornell_gi_rasterised */
+        0x9d077ca860c32b95u,  /* sky_gi_traced */ } }
 };
 
 /* The hashes of all pictures are those pinned for this renderer. */

@@ -20,6 +20,14 @@
 #endif
 
 static sbl_context *context;
+static int lost_said;  /* number of messages with SBL_LOG_ITEM_LOST_RAYS */
+
+static void count_lost(sbl_log_level level, sbl_log_item item, const char *message, void *user) {
+    (void)level;
+    (void)user;
+    lost_said += item == SBL_LOG_ITEM_LOST_RAYS;
+    printf("  %s\n", message);
+}
 
 static sbl_picture_desc traced(sbl_picture_desc view, sbl_mode mode, int rays) {
     view = scene_plain(view, mode, 0);
@@ -350,6 +358,140 @@ TEST(cutouts_and_hidden_materials) {
     CHECK(fabsf(light[2] - 1) < 1e-3f, "under a hidden lid R is %g", (double)light[2]);
 }
 
+/* In pictures of a closed cube seen along an axis, the centres of many pixels fall exactly on creases. Traced R is
+   exact there: 0 under a sky, and 1 if the walls radiate 1. Views lose texels of surfaces that are as near. */
+TEST(creases_are_tight) {
+    int kind, i;
+    for (kind = 0; kind < 4; kind++) {  /* 0, 1: under a sky; 2, 3: walls reflect ambient light; 1, 3: raster */
+        test_scene s = { 0 };
+        const int furnace = kind / 2;
+        const sbl_mode mode = furnace ? SBL_MODE_AMBIENT : SBL_MODE_DIRECT;
+        sbl_picture_desc view = traced(scene_view(128, 128, 90, 0, 0, 0.8f, 0, 0, -1), mode, 64);
+        const double most = kind & 1 ? (furnace ? 0.01 : 0.05) : furnace ? 1e-4 : 0;
+        double worst = 0;
+        float *r;
+        int wrong = 0;
+        if (kind & 1) {
+            view.options.backend = SBL_BACKEND_RASTER;
+            view.options.sensor_size = 32;
+        }
+        view.options.epsilon = (float)furnace;
+        scene_box(&s, scene_material(&s, 1, 1, 1), -1, -1, -1, 1, 1, 1);
+        if (!furnace) scene_sky(&s, 5, 5, 5);
+        REQUIRE(scene_render(context, &s, &view), "no picture");
+        r = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
+        for (i = 0; i < 128 * 128; i++) {
+            const double off = fabs((double)r[3 * i] - furnace);
+            worst = test_max(worst, off);
+            wrong += !(off <= most);
+        }
+        CHECK(!wrong, "kind %d: R of %d pixels is off by up to %g", kind, wrong, worst);
+        free(r);
+        scene_free(&s);
+    }
+}
+
+/* Adds `count` quads without any alpha between heights 1 and 2 above the origin, which rays pass through. If they are
+   slanted, all their bounding boxes overlap. */
+static void add_holes(test_scene *s, int count, float slant) {
+    static const unsigned char clear[4] = { 0, 0, 0, 0 };
+    const int material = scene_material(s, 0, 0, 0);
+    int i;
+    s->materials[material].albedo_texture = scene_texture(s, clear, sizeof clear, SBL_PIXELS_SRGB8, 1, 1, 4);
+    s->materials[material].alpha_cutoff = 0.5f;
+    for (i = 0; i < count; i++) {
+        const float y = 1 + (float)i / (float)count, a = y - 50 * slant, b = y + 50 * slant,
+            quad[12] = { -50, a, -50, 50, b, -50, 50, b, 50, -50, a, 50 };
+        scene_quad_uv(s, material, quad, 1, 1);
+    }
+}
+
+/* Gathers light at `count` sites of the plane y = 0. Returns the largest difference of R from `truth` at valid sites.
+   invalid: receives the number of the others */
+static double worst_of_floor(int count, int rays, sbl_mode mode, double truth, int *invalid) {
+    sbl_site sites[64];
+    sbl_reading readings[64];
+    sbl_readings_desc desc;
+    double worst = 0;
+    int i;
+    memset(&desc, 0, sizeof desc);
+    memset(sites, 0, sizeof sites);
+    desc.sites = sites;
+    desc.readings = readings;
+    desc.site_count = count;
+    desc.options.mode = mode;
+    desc.options.epsilon = mode == SBL_MODE_AMBIENT ? 1.0f : 0.0f;
+    desc.options.rays = rays;
+    for (i = 0; i < count; i++) {
+        sites[i].position[0] = 0.1f * (float)(i % 8) - 0.35f;
+        sites[i].position[2] = 0.1f * (float)(i / 8) - 0.33f;
+        sites[i].normal[1] = 1;
+    }
+    *invalid = count;
+    if (sbl_gather_readings(context, &desc) != SBL_SUCCESS) return 1;
+    for (*invalid = i = 0; i < count; i++) {
+        if (readings[i].valid) worst = test_max(worst, fabs((double)readings[i].radiance[0] - truth));
+        *invalid += !readings[i].valid;
+    }
+    return worst;
+}
+
+/* Under up to 63 layers that are all holes, R is that of the open sky, however many rays are traced. The next layer is
+   solid. */
+TEST(rays_pass_63_holes) {
+    static const struct { int layers, rays; float slant; double truth; } cases[5] = {
+        { 50, 0, 0, 1 }, { 63, 1024, 0, 1 }, { 63, 1024, 0.5f, 1 }, { 60, 16, 0.5f, 1 }, { 64, 256, 0, 0 }
+    };
+    int i, invalid;
+    for (i = 0; i < 5; i++) {
+        test_scene s = { 0 };
+        sbl_scene_desc scene;
+        double worst;
+        scene_sky(&s, 1, 1, 1);
+        add_holes(&s, cases[i].layers, cases[i].slant);
+        scene = scene_desc(&s);
+        REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS, "no scene");
+        worst = worst_of_floor(64, cases[i].rays, SBL_MODE_DIRECT, cases[i].truth, &invalid);
+        CHECK(worst < 0.03 && !invalid, "%d holes, slant %g, %d rays: R is off by %g, and %d readings are invalid",
+              cases[i].layers, (double)cases[i].slant, cases[i].rays, worst, invalid);
+        scene_free(&s);
+    }
+}
+
+/* In a closed white box full of long, thin, white triangles, with ambient light, R is 1. The hierarchy is of little use
+   for such triangles, so that rays take thousands of turns, more than some drivers allow: a reading is right, or it is
+   invalid and the logger is told. */
+TEST(slivers_lose_no_ray_unsaid) {
+    enum { SLIVERS = 60000 };
+    test_scene s = { 0 };
+    sbl_scene_desc scene;
+    const int white = scene_material(&s, 1, 1, 1);
+    float *corners = (float *)scene_alloc(&s, 9 * SLIVERS * sizeof *corners);
+    unsigned random = 7;
+    double worst;
+    int i, k, invalid;
+    for (i = 0; i < SLIVERS; i++) {
+        float *c = corners + 9 * i;
+        for (k = 0; k < 6; k++) {
+            random = random * 1664525u + 1013904223u;
+            c[k] = (float)(random >> 8) / 16777216.0f * 1.8f - 0.9f;
+        }
+        c[1] = 0.1f + 0.5f * fabsf(c[1]);
+        c[4] = 0.1f + 0.5f * fabsf(c[4]);
+        for (k = 0; k < 3; k++) c[6 + k] = c[3 + k] + (k == 1 ? 1e-4f : 0.0f);
+    }
+    scene_box(&s, white, -1, -0.01f, -1, 1, 1, 1);
+    scene_mesh(&s, white, corners, NULL, NULL, 3 * SLIVERS, NULL, 3 * SLIVERS);
+    scene = scene_desc(&s);
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS, "no scene");
+    lost_said = 0;
+    worst = worst_of_floor(16, 64, SBL_MODE_AMBIENT, 1, &invalid);
+    printf("  %d of 16 readings are invalid\n", invalid);
+    CHECK(worst < 1e-4, "R is off by %g", worst);
+    CHECK(lost_said == (invalid > 0), "%d readings are invalid, and the logger was told %d times", invalid, lost_said);
+    scene_free(&s);
+}
+
 /* If all meshes are hidden from sensors, the hierarchy is empty and R is that of the open sky. */
 TEST(all_hidden_from_sensors) {
     test_scene s = { 0 };
@@ -615,13 +757,19 @@ TEST(refusals) {
 }
 
 int main(void) {
-    if (sbl_create(NULL, &context) != SBL_SUCCESS) return 1;
+    sbl_context_desc desc;
+    memset(&desc, 0, sizeof desc);
+    desc.logger.log = count_lost;
+    if (sbl_create(&desc, &context) != SBL_SUCCESS) return 1;
     RUN_PLAIN(agrees_with_raster_on_smooth_light);
     RUN(error_falls_with_the_rays);
     RUN_PLAIN(closed_walls_are_tight);
     RUN(edges_are_tight_however_products_round);
     RUN(furnaces);
     RUN(cutouts_and_hidden_materials);
+    RUN(creases_are_tight);
+    RUN(rays_pass_63_holes);
+    RUN(slivers_lose_no_ray_unsaid);
     RUN(all_hidden_from_sensors);
     RUN(the_picture_does_not_depend_on_the_slices);
     RUN(moved_meshes_are_found);
