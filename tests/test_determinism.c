@@ -370,7 +370,7 @@ TEST(rounds_share_gl_objects) {
 
 /* Scenes above the limit of buffer textures give the same pictures, to the bit, also with moved meshes. */
 TEST(past_buffer_textures) {
-    enum { MOST_TEXELS = 32768 };  /* eight rows of a 2D texture. GL 3.3 guarantees 65536; fewer make the test faster. */
+    enum { MOST_TEXELS = 32768 };  /* GL 3.3 guarantees 65536; a smaller limit makes the test faster */
     static picture pictures[2][2], now;
     static test_scene crowd;
     sbl_context_desc desc = watch_desc(&seen);
@@ -390,7 +390,8 @@ TEST(past_buffer_textures) {
         fake.texels = 0;
         context = watch_context(&seen, &desc, &crowd);
         REQUIRE(context && render(context, &view, &pictures[i][0]), "%s", watch_last(&seen));
-        CHECK(i ? fake.texels <= MOST_TEXELS : fake.texels > MOST_TEXELS, "a buffer texture of %d texels was made", fake.texels);
+        CHECK(i ? fake.texels <= MOST_TEXELS : fake.texels > MOST_TEXELS,
+              "a buffer texture of %d texels was made", fake.texels);
         for (mesh = 6; mesh < 11; mesh++)
             CHECK(sbl_set_mesh_transform(context, mesh, places[1]) == SBL_SUCCESS, "%s", watch_last(&seen));
         /* mirrored, so that its corners run the other way */
