@@ -95,15 +95,27 @@ static double difference(const float *coarse, const float *fine) {
     return sqrt(sum / k) / (mean / k);
 }
 
-static int ply_write(const char *folder, const box *b, const float *light) {
-    const int vertices = vertices_of(b->cells), side = b->cells + 1,
-        triangles = CORNELL_QUADS * b->cells * b->cells * 2;
+/* Opens the mesh's file. The program does so first, because without it the work is in vain. */
+static FILE *ply_open(const char *folder) {
     char path[1024];
     FILE *file;
-    int i, k, ok;
     snprintf(path, sizeof path, "%s/bake_vertices.ply", folder);
     file = fopen(path, "wb");
-    if (!file) return fprintf(stderr, "bake_vertices: cannot write %s\n", path), 0;
+    if (!file) fprintf(stderr, "bake_vertices: cannot write %s\n", path);
+    return file;
+}
+
+/* Returns whether all was written. */
+static int ply_close(FILE *file) {
+    const int failed = ferror(file);
+    if (fclose(file) == 0 && !failed) return 1;
+    return fprintf(stderr, "bake_vertices: cannot write the mesh\n"), 0;
+}
+
+static void ply_write(FILE *file, const box *b, const float *light) {
+    const int vertices = vertices_of(b->cells), side = b->cells + 1,
+        triangles = CORNELL_QUADS * b->cells * b->cells * 2;
+    int i, k;
     fprintf(file, "ply\nformat ascii 1.0\nelement vertex %d\nproperty float x\nproperty float y\nproperty float z\n",
             vertices);
     fprintf(file, "property uchar red\nproperty uchar green\nproperty uchar blue\n");
@@ -121,9 +133,6 @@ static int ply_write(const char *folder, const box *b, const float *light) {
     }
     for (i = 0; i < 3 * triangles; i += 3)
         fprintf(file, "3 %u %u %u\n", b->indices[i], b->indices[i + 1], b->indices[i + 2]);
-    ok = !ferror(file);
-    ok = fclose(file) == 0 && ok;
-    return ok ? 1 : (fprintf(stderr, "bake_vertices: cannot write %s\n", path), 0);
 }
 
 int main(int argc, char **argv) {
@@ -131,8 +140,9 @@ int main(int argc, char **argv) {
     float *fitted = (float *)calloc((size_t)vertices_of(COARSE), 3 * sizeof *fitted);
     float *average = (float *)calloc((size_t)vertices_of(COARSE), 3 * sizeof *average);
     float *truth = (float *)calloc((size_t)vertices_of(FINE), 3 * sizeof *truth);
+    FILE *file = ply_open(argc > 1 ? argv[1] : ".");
     sbl_context *context = NULL;
-    int ok = fitted && average && truth && box_make(&coarse, COARSE) && box_make(&fine, FINE) &&
+    int ok = file && fitted && average && truth && box_make(&coarse, COARSE) && box_make(&fine, FINE) &&
         sbl_create(headless("bake_vertices"), &context) == SBL_SUCCESS;
     ok = ok && box_bake(context, &fine, 0, truth) && box_bake(context, &coarse, 1, average) &&
         box_bake(context, &coarse, 0, fitted);
@@ -140,8 +150,9 @@ int main(int argc, char **argv) {
         printf("bake_vertices: %d vertices, off by %.1f %% (by averages %.1f %%), %.2f s\n", vertices_of(COARSE),
                100 * difference(fitted, truth),
                100 * difference(average, truth), sbl_query_stats(context).seconds.total);
-        ok = ply_write(argc > 1 ? argv[1] : ".", &coarse, fitted);
+        ply_write(file, &coarse, fitted);
     }
+    if (file) ok = ply_close(file) && ok;
     sbl_destroy(context);
     box_free(&coarse);
     box_free(&fine);

@@ -78,13 +78,25 @@ static void vertices_light(void) {
     }
 }
 
-static int ply_write(const char *folder) {
+/* Opens the mesh's file. The program does so first, because without it the work is in vain. */
+static FILE *ply_open(const char *folder) {
     char path[1024];
     FILE *file;
-    int i, ok;
     snprintf(path, sizeof path, "%s/vertex_light.ply", folder);
     file = fopen(path, "wb");
-    if (!file) return fprintf(stderr, "vertex_light: cannot write %s\n", path), 0;
+    if (!file) fprintf(stderr, "vertex_light: cannot write %s\n", path);
+    return file;
+}
+
+/* Returns whether all was written. */
+static int ply_close(FILE *file) {
+    const int failed = ferror(file);
+    if (fclose(file) == 0 && !failed) return 1;
+    return fprintf(stderr, "vertex_light: cannot write the mesh\n"), 0;
+}
+
+static void ply_write(FILE *file) {
+    int i;
     fprintf(file, "ply\nformat ascii 1.0\ncomment light at the vertices of the Cornell box\n");
     fprintf(file, "element vertex %d\nproperty float x\nproperty float y\nproperty float z\n", (int)VERTICES);
     fprintf(file, "property uchar red\nproperty uchar green\nproperty uchar blue\n");
@@ -97,9 +109,6 @@ static int ply_write(const char *folder) {
         const unsigned short *corner = cells[i / 2 % CELLS] + 3 * (i % 2);
         fprintf(file, "3 %d %d %d\n", first + corner[0], first + corner[1], first + corner[2]);
     }
-    ok = !ferror(file);
-    ok = fclose(file) == 0 && ok;
-    return ok ? 1 : (fprintf(stderr, "vertex_light: cannot write %s\n", path), 0);
 }
 
 /* Draws the coloured mesh without lighting: the albedo channel of a picture. */
@@ -131,7 +140,9 @@ int main(int argc, char **argv) {
     sbl_context *context;
     cornell_box box;
     char path[1024];
+    FILE *file = ply_open(folder);
     int i, hidden = 0, ok;
+    if (!file) return 1;
     vertices_make();
     if (sbl_create(headless("vertex_light"), &context) != SBL_SUCCESS) return 1;  /* sbl.h prints errors to stderr */
     ok = sbl_set_scene(context, cornell_box_make(&box)) == SBL_SUCCESS &&
@@ -141,8 +152,10 @@ int main(int argc, char **argv) {
         printf("vertex_light: %d vertices, %d of them inside geometry, %.2f s\n", (int)VERTICES, hidden,
                sbl_query_stats(context).seconds.total);
         vertices_light();
-        ok = ply_write(folder) && picture_make(context);
+        ply_write(file);
+        ok = picture_make(context);
     }
+    ok = ply_close(file) && ok;
     sbl_destroy(context);
     if (!ok) return 1;
     sbl_encode_srgb8(pixels, picture, 3 * ACROSS * ACROSS, 1);

@@ -16,7 +16,7 @@ awk -v folder="$folder" '
     /^   [^ ]/ { file = "" }
     file { sub(/^       /, ""); print > file }' sbl.h
 
-# everything is built in a copy, so that build/ stays untouched
+# programs for Windows are built in a copy, so that build/ holds only programs for this machine
 copy="$folder/copy"
 mkdir "$copy"
 cp -r sbl.h examples scripts tests "$copy"
@@ -37,7 +37,7 @@ beside() {
     } > "$folder/beside.c"
     "$@" $warnings -I . "$folder/beside.c" -o "$folder/beside"
 }
-# beside_all NAME COMPILER...
+# beside_all NAME COMPILER...: SBL_STATIC changes neither what is included nor its order
 beside_all() {
     ways=$1
     shift
@@ -46,9 +46,6 @@ beside_all() {
     for order in first last; do
         check "${ways}_windows_h_$order" beside $order "$@" -fsyntax-only
         check "${ways}_lean_windows_h_$order" beside $order "$@" -DWIN32_LEAN_AND_MEAN -fsyntax-only
-        check "${ways}_static_windows_h_$order" beside $order "$@" -DSBL_STATIC -fsyntax-only
-        check "${ways}_static_lean_windows_h_$order" beside $order "$@" -DSBL_STATIC -DWIN32_LEAN_AND_MEAN \
-            -fsyntax-only
     done
 }
 
@@ -88,7 +85,7 @@ exports_only() {
     grep -v '^sbl_[a-z]' "$folder/exports" > "$folder/strangers"
     nothing "$folder/strangers"
 }
-gl_types() { "$@" -std=c99 $warnings -Wno-unused -c tests/header/gl_types.c -o "$folder/gl_types.o"; }
+gl_types() { "$@" -std=c99 $warnings -Wno-unused -fsyntax-only tests/header/gl_types.c; }
 snippet() {
     {
         cat "$folder/wgl.c"
@@ -142,7 +139,7 @@ done
 
 export LIBGL_ALWAYS_SOFTWARE=1
 look() { (cd "$folder" && ./picture "$@"); }
-here() { mkdir -p "$folder/here" && "$copy/scripts/build" minimal && "$copy/build/minimal" "$folder/here"; }
+here() { mkdir -p "$folder/here" && scripts/build minimal && build/minimal "$folder/here"; }
 gcc -std=c99 -O2 -Wall -Wextra tests/tools/picture.c -lm -o "$folder/picture" || exit 1
 here > "$folder/log" 2>&1 || { cat "$folder/log"; exit 1; }
 
@@ -151,7 +148,7 @@ gl_41() {
     mkdir -p "$folder/gl_41" &&
     MESA_GL_VERSION_OVERRIDE=4.1FC MESA_GLSL_VERSION_OVERRIDE=410 \
         MESA_EXTENSION_OVERRIDE='-GL_ARB_clip_control -GL_ARB_compute_shader -GL_ARB_shader_image_load_store' \
-        "$copy/build/minimal" "$folder/gl_41" && look alike here/minimal.png gl_41/minimal.png
+        build/minimal "$folder/gl_41" && look alike here/minimal.png gl_41/minimal.png
 }
 check gl_41_picture gl_41
 

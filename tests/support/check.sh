@@ -5,16 +5,25 @@ passed=0 failed=0 skipped=0
 folder=$(mktemp -d) || exit 1
 trap 'rm -rf "$folder"' EXIT
 
+# cpu_time: writes the seconds of processor time of the commands so far, to $folder/cpu
+cpu_time() {
+    times > "$folder/times"  # not in a subshell, which would have times of its own
+    awk '{ gsub(/[ms]/, " "); cpu += 60 * $1 + $2 + 60 * $3 + $4 } END { printf "%.1f\n", cpu }' "$folder/times" \
+        > "$folder/cpu"
+}
 # check NAME COMMAND...: runs a test; the output of the command is shown if it fails
 check() {
     name=$1
     shift
-    if "$@" > "$folder/log" 2>&1; then
-        echo "ok   $name"; passed=$((passed + 1))
+    cpu_time
+    read -r before < "$folder/cpu"
+    if "$@" > "$folder/log" 2>&1; then verdict='ok  ' passed=$((passed + 1))
     else
         head -n 15 "$folder/log" | sed 's/^/  /'
-        echo "FAIL $name"; failed=$((failed + 1))
+        verdict=FAIL failed=$((failed + 1))
     fi
+    cpu_time
+    echo "$verdict $name  $(awk -v before="$before" '{ printf "%.1f", $1 - before }' "$folder/cpu") s"
 }
 # skip NAME WHY
 skip() { echo "  skipped: $2"; echo "skip $1"; skipped=$((skipped + 1)); }

@@ -1,6 +1,8 @@
 /* The implementation as one object, which all programs share that do not use private names; see scripts/Makefile. */
 #define SBL_IMPLEMENTATION
-#define SBL_EGL
+#ifndef _WIN32
+  #define SBL_EGL
+#endif
 #include "../../sbl.h"
 #include "inside.h"
 
