@@ -10915,7 +10915,7 @@ static int sbl__look_growth(const sbl__measurement *s, float error, double varia
 }
 
 /* Fails to compile if sbl__spec has padding, which memcmp would compare. Add the size of each new field here. */
-typedef char sbl__spec_has_no_padding[sizeof(sbl__spec) == 16 * sizeof(int) + 3 * sizeof(float) + sizeof(uint32_t)
+typedef char sbl__spec_has_no_padding[sizeof(sbl__spec) == 17 * sizeof(int) + 3 * sizeof(float) + sizeof(uint32_t)
                                       ? 1 : -1];
 
 /* >>job: setting up */
