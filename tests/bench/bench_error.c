@@ -423,8 +423,8 @@ int main(int argc, char **argv) {
     if (!check_truth() || !host_gl_open("bench_error")) return 1;
     if (sbl_create(&desc, &context) != SBL_SUCCESS) return 1;
     printf("room, target | predicted, true, predicted/true | 4x4, 8x8, bias | edge pixels: predicted, true, share of "
-           "squared error |\n    smooth pixels: predicted, true | 99.9th percentile of |error|/R, speck | seconds of CPU |\n"
-           "    noise of the true picture, kinds of light; errors in %%\n");
+           "squared error |\n    smooth pixels: predicted, true | 99.9th percentile of |error|/R, speck |\n"
+           "    seconds of CPU | noise of the true picture, kinds of light; errors in %%\n");
     for (i = 0; i < count; i++) {
         room *r = room_make(seeds[i]);
         if (i == 0) {  /* compiles shaders */
