@@ -1,12 +1,13 @@
 /* bench_watch [--size N] [--slice SECONDS] [--runs N] [--twice] [--trace FILE] [--random N] [NAME...]: measures what a
    host sees who shows a picture while it is made, in SBL_MODE_GI with default settings. It calls sbl_step and asks for
-   the texture of SBL_CHANNEL_FINAL after each step, as examples/host_context.c does. For each room it prints the seconds
-   of the whole picture; the shares of that time after which the first picture, the full store and the first picture with
-   bounces came; the largest difference between sbl_progress and the true share of time, from 20 % of the time on, and
-   where it occurs. Shares are shares of the CPU time of the process, which other programs on the machine disturb less
-   than the time of a clock; LP_NUM_THREADS=0 makes the CPU time of llvmpipe the time of a machine with one core.
-   --twice: a second picture is measured, for which the store exists already. --trace: writes all steps to a file. The
-   scenes come from ../shared; those that do not exist are left out. --random: N rooms made at random instead. */
+   the texture of SBL_CHANNEL_FINAL after each step, as examples/host_context.c does. For each room it prints the
+   seconds of the whole picture; the shares of that time after which the first picture, the full store and the first
+   picture with bounces came; the largest difference between sbl_progress and the true share of time, from 20 % of the
+   time on, and where it occurs. Shares are shares of the CPU time of the process, which other programs on the machine
+   disturb less than the time of a clock; LP_NUM_THREADS=0 makes the CPU time of llvmpipe the time of a machine with
+   one core. --twice: a second picture is measured, for which the store exists already. --trace: writes all steps to a
+   file. The scenes come from ../shared; those that do not exist are left out. --random: N rooms made at random
+   instead. */
 #define _DEFAULT_SOURCE
 #include <sys/time.h>
 static int clock_of_bench(struct timeval *out, void *zone);
