@@ -2846,7 +2846,7 @@ enum {
     SBL__FEATURES = 13
 };
 
-#define SBL__SHADERS_MOST 10
+#define SBL__SHADERS_MOST 12
 
 typedef struct sbl__recipe {
     const char *name;
@@ -6064,6 +6064,17 @@ static sbl_result sbl__lamps_store(void *work, sbl__slice *slice) {
     return result;
 }
 
+/* Sets the inputs of lamp.glsl. */
+static void sbl__lights_bind(sbl__device *d, const sbl__lights *l) {
+    const int leaf = (int)sizeof(sbl__lamp_node) / 16 * l->nodes;
+    sbl__bind_table(d, "sbl_lamps", &l->table);
+    sbl__set_int(d, "sbl_first_leaf", leaf);
+    sbl__set_int(d, "sbl_first_light", leaf + l->leaves);
+    sbl__set_int(d, "lamp_nodes", l->nodes);
+    sbl__set_int(d, "lamp_leaves", l->leaves);
+    sbl__set_float(d, "unit", l->unit);
+}
+
 /* Collects the lamps of a scene whose hierarchy is ready, and builds their trees. It can begin again after an error. */
 static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const sbl__hierarchy *h,
                                    const sbl__environment *e, sbl__lights *lights, sbl__slice *slice) {
@@ -8683,64 +8694,18 @@ static void sbl__rays_send(const sbl__device *d, const sbl__batch *b, const sbl_
     sbl__invoke(d, t, row * blocks[1], (last - row + 1) * blocks[1], b->count * blocks[0] * blocks[1]);
 }
 
-/* >>glsl lamps: shaders_embedded/lamps.glsl, copied by scripts/embed_shaders */
-static const char *const sbl__glsl_lamps[] = {
-"// Light from lamps: emitting triangles, lights, and bright texels of the sky. The light of an unobstructed lamp is\n",
-"// known in closed form, and rays measure which share of it arrives: the ratio estimator of Heitz, Hill and McGuire\n",
-"// 2018, \"Combining analytic direct illumination and stochastic shadows\". If there are many lamps, distant ones\n",
-"// form clusters; a ray towards a cluster picks one of its lamps, in proportion to their light.\n",
-"//\n",
-"//     choose   makes the list of entries: the lamps and clusters that give this sensor light, with their strengths\n",
-"//     pick     picks one of the entries for a ray\n",
-"//     shoot    traces the ray\n",
-"//     combine  computes R from the results of all rays and from the closed forms\n",
-"//\n",
-"// One invocation computes one look, or one of the `blocks.y` parts into which its rays are divided. It stops when\n",
-"// more rays would not improve the result. With SBL_INSPECT it reports one ray or one entry of the look.\n",
-"uniform usamplerBuffer sbl_sequence;  // points of the unit square for the rays, as in trace.glsl\n",
+/* >>glsl lamp: shaders_embedded/lamp.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_lamp[] = {
+"// A single lamp as a point on a surface sees it: its light in closed form, a cluster's approximate light, the choice\n",
+"// of one lamp from a cluster, and a random point on a lamp.\n",
 "uniform int lamp_nodes, lamp_leaves;  // counts of nodes and of leaves in the table of lamps\n",
-"uniform int rays;                     // maximum number of rays per look, besides those to rims and point lights\n",
 "uniform float unit;                   // radiance is divided by this unit while it is summed, to prevent overflow\n",
-"uniform float scale;                  // output / R\n",
-"#ifdef SBL_INSPECT\n",
-"const bool inspected = true, directional = false;\n",
-"uniform int parts;                    // number of invocations among which the measurement divides a look's rays\n",
-"uniform int sheet_slot;               // slot of the look's views in the view texture\n",
-"SBL_OUT(0, out_light);                // rgb: light of a ray, or unobstructed R of an entry; a: ray: 0: not traced,\n",
-"                                      // 1: reached the lamp, 2: blocked; entry: 1: lamp, 2: visible point light,\n",
-"                                      // 3: hidden point light\n",
-"SBL_OUT(1, out_way);                  // xyz: a ray's direction, or 0 for an entry; w: number of the lamp's leaf\n",
-"#else\n",
-"const bool inspected = false;\n",
-"SBL_OUT(0, out_light);                // R of the part * scale, and the variance of its luminance\n",
-"SBL_OUT_HARMONICS(1, 2, 3)            // spherical harmonics of the part's light * scale\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"const bool directional = true;\n",
-"#else\n",
-"const bool directional = false;\n",
-"#endif\n",
-"#endif\n",
-"#ifdef SBL_MIXED\n",
+"#if defined(SBL_MIXED) || defined(SBL_BOUNCED)\n",
 "const bool mixed = true;            // some lamp is not a triangle, or there are more than SBL_LAMPS lamps\n",
 "#else\n",
 "const bool mixed = false;           // all lamps are triangles, at most SBL_LAMPS\n",
 "#endif\n",
 "\n",
-"const int SBL_CERTAIN = 32;         // maximum number of point lights that get one ray each\n",
-"const float SBL_STRATA = 1.5;       // variance from n stratified points: SBL_STRATA / sqrt(n) times that from\n",
-"                                    // independent points: measured with shadow edges on a lamp\n",
-"const float SBL_STRATA_LOST = 0.6;  // upper limit of SBL_STRATA / sqrt(n), for few points per lamp\n",
-"const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this share of its distance\n",
-"const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles the opening\n",
-"const float SBL_SPARSE = 16.0;      // a group to which a part sends fewer rays on average is `sparse`: no ratio\n",
-"const int SBL_PASS_RAYS = 32;       // minimum number of rays per pass\n",
-"const float SBL_PASS_CROWD = 16.0;  // maximum of (number of passes) * (effective number of entries)\n",
-"const int SBL_RIM_LAMPS = 8;        // with more entries than this, none gets rim samples (rays to its edge)\n",
-"const int SBL_CORNERS = 3;          // number of rim samples of a triangle, one close to each corner\n",
-"const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // a rim sample's barycentrics: close corner, others\n",
-"const int SBL_RIM = 12;             // number of rim samples of a round lamp\n",
-"const float SBL_RIM_AT = 0.99;      // share of a round lamp's area inside the circle on which its rim samples lie\n",
-"const float SBL_KNOWN = 1e-6;       // clusters need no more rays if variance / square of their light is below this\n",
 "const float SBL_SMALL = 16.0;       // a triangle is small if its squared distance over its squared size is larger\n",
 "const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // see sbl_form_factor\n",
 "const float SBL_POINT_WEIGHT[2] = float[2](0.223381589678011, 0.109951743655322);\n",
@@ -8762,10 +8727,9 @@ static const char *const sbl__glsl_lamps[] = {
 "bool sbl_is_light(sbl_Lamp l) { return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT); }\n",
 "bool sbl_is_texel(sbl_Lamp l) { return mixed && l.kind == SBL_LAMP_SKY_TEXEL; }\n",
 "\n",
-"int look;                    // the look that is measured: its number in the batch\n",
 "vec3 stand, position, n;     // the sensor: origin of rays; position on the surface, for closed forms; normal\n",
-"mat3 to_frame;\n",
-"uvec2 scramble;\n",
+"float above;                 // distance of `stand` from the surface\n",
+"mat3 to_frame;               // the sensor's frame, for closed forms\n",
 "\n",
 "sbl_Lamp sbl_lamp(int leaf) {\n",
 "    uint code = sbl_lamp_leaf_code(leaf), at = code & ((1u << SBL_LAMP_KIND_SHIFT) - 1u);\n",
@@ -8783,7 +8747,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        l.group = off > 0.0 ? vec2(0, 1) : vec2(1, 0);\n",
 "        l.brightness = sbl_emission(object, l.group.y == 1.0) / unit;\n",
 "        // Almost edge-on: no light. Excludes the sensor's own triangle, which rounding may put above the horizon.\n",
-"        if (abs(off) < 0.5 * sbl_look_offset(look) * length(normal)) l.brightness = vec3(0);\n",
+"        if (abs(off) < 0.5 * above * length(normal)) l.brightness = vec3(0);\n",
 "    }\n",
 "    if (sbl_is_texel(l)) {\n",
 "        uint width = uint(textureSize(sky_picture, 0).x);\n",
@@ -9060,6 +9024,90 @@ static const char *const sbl__glsl_lamps[] = {
 "}\n",
 "#endif\n",
 "\n",
+"struct sbl_Pick {\n",
+"    int leaf;      // the lamp that is picked\n",
+"    float share;   // probability of picking this lamp\n",
+"    vec2 u;        // uniform point for sbl_sample; each choice by u.x rescales it, so that it stays uniform\n",
+"    bool cluster;  // true: the lamp was picked from a cluster\n",
+"};\n",
+"\n",
+"// Picks one of two with probabilities in proportion to their weights. Returns true if it is the first.\n",
+"bool sbl_toss(inout sbl_Pick p, float weight, float other) {\n",
+"    float share = weight / max(weight + other, 1e-37);\n",
+"    bool first = p.u.x < share;\n",
+"    p.share *= first ? share : 1.0 - share;\n",
+"    p.u.x = first ? p.u.x / share : (p.u.x - share) / (1.0 - share);\n",
+"    return first;\n",
+"}\n",
+"\n",
+"// Picks one lamp of a cluster: descends its subtree, at each node in proportion to the strengths of the children.\n",
+"void sbl_descend(inout sbl_Pick p, int node, uint fraction) {\n",
+"    // Adds the low bits of the fraction, which a float between 0 and 1 cannot hold.\n",
+"    p.u.x = clamp(p.u.x + (float(fraction & 255u) - 127.5) / 4294967296.0 / p.share, 0.0, 1.0);\n",
+"    for (sbl_Cluster c = sbl_cluster(node); c.beyond != node + 1; c = sbl_cluster(node)) {\n",
+"        sbl_Cluster left = sbl_cluster(node + 1), right = sbl_cluster(left.beyond);\n",
+"        bool first = sbl_toss(p, sbl_strength(node + 1, left), sbl_strength(left.beyond, right));\n",
+"        node = first ? node + 1 : left.beyond;\n",
+"    }\n",
+"    p.leaf = int(sbl_lamp_node_first_leaf(node));\n",
+"}\n",
+0 };
+/* <<glsl */
+
+/* >>glsl lamps: shaders_embedded/lamps.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_lamps[] = {
+"// Light from lamps: emitting triangles, lights, and bright texels of the sky. The light of an unobstructed lamp is\n",
+"// known in closed form, and rays measure which share of it arrives: the ratio estimator of Heitz, Hill and McGuire\n",
+"// 2018, \"Combining analytic direct illumination and stochastic shadows\". If there are many lamps, distant ones\n",
+"// form clusters; a ray towards a cluster picks one of its lamps, in proportion to their light.\n",
+"//\n",
+"//     choose   makes the list of entries: the lamps and clusters that give this sensor light, with their strengths\n",
+"//     pick     picks one of the entries for a ray\n",
+"//     shoot    traces the ray\n",
+"//     combine  computes R from the results of all rays and from the closed forms\n",
+"//\n",
+"// One invocation computes one look, or one of the `blocks.y` parts into which its rays are divided. It stops when\n",
+"// more rays would not improve the result. With SBL_INSPECT it reports one ray or one entry of the look.\n",
+"uniform usamplerBuffer sbl_sequence;  // points of the unit square for the rays, as in trace.glsl\n",
+"uniform int rays;                     // maximum number of rays per look, besides those to rims and point lights\n",
+"uniform float scale;                  // output / R\n",
+"#ifdef SBL_INSPECT\n",
+"const bool inspected = true, directional = false;\n",
+"uniform int parts;                    // number of invocations among which the measurement divides a look's rays\n",
+"uniform int sheet_slot;               // slot of the look's views in the view texture\n",
+"SBL_OUT(0, out_light);                // rgb: light of a ray, or unobstructed R of an entry; a: ray: 0: not traced,\n",
+"                                      // 1: reached the lamp, 2: blocked; entry: 1: lamp, 2: visible point light,\n",
+"                                      // 3: hidden point light\n",
+"SBL_OUT(1, out_way);                  // xyz: a ray's direction, or 0 for an entry; w: number of the lamp's leaf\n",
+"#else\n",
+"const bool inspected = false;\n",
+"SBL_OUT(0, out_light);                // R of the part * scale, and the variance of its luminance\n",
+"SBL_OUT_HARMONICS(1, 2, 3)            // spherical harmonics of the part's light * scale\n",
+"#ifdef SBL_DIRECTIONAL\n",
+"const bool directional = true;\n",
+"#else\n",
+"const bool directional = false;\n",
+"#endif\n",
+"#endif\n",
+"const int SBL_CERTAIN = 32;         // maximum number of point lights that get one ray each\n",
+"const float SBL_STRATA = 1.5;       // variance from n stratified points: SBL_STRATA / sqrt(n) times that from\n",
+"                                    // independent points: measured with shadow edges on a lamp\n",
+"const float SBL_STRATA_LOST = 0.6;  // upper limit of SBL_STRATA / sqrt(n), for few points per lamp\n",
+"const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this share of its distance\n",
+"const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles the opening\n",
+"const float SBL_SPARSE = 16.0;      // a group to which a part sends fewer rays on average is `sparse`: no ratio\n",
+"const int SBL_PASS_RAYS = 32;       // minimum number of rays per pass\n",
+"const float SBL_PASS_CROWD = 16.0;  // maximum of (number of passes) * (effective number of entries)\n",
+"const int SBL_RIM_LAMPS = 8;        // with more entries than this, none gets rim samples (rays to its edge)\n",
+"const int SBL_CORNERS = 3;          // number of rim samples of a triangle, one close to each corner\n",
+"const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // a rim sample's barycentrics: close corner, others\n",
+"const int SBL_RIM = 12;             // number of rim samples of a round lamp\n",
+"const float SBL_RIM_AT = 0.99;      // share of a round lamp's area inside the circle on which its rim samples lie\n",
+"const float SBL_KNOWN = 1e-6;       // clusters need no more rays if variance / square of their light is below this\n",
+"\n",
+"int look;                    // the look that is measured: its number in the batch\n",
+"uvec2 scramble;\n",
+"\n",
 "// >>choose\n",
 "\n",
 "int entries[SBL_LAMPS];      // n >= 0: lamp number n; n < 0: the cluster of node -1 - n. The first SBL_CERTAIN\n",
@@ -9135,29 +9183,6 @@ static const char *const sbl__glsl_lamps[] = {
 "}\n",
 "\n",
 "// >>pick\n",
-"\n",
-"struct sbl_Pick {\n",
-"    int leaf;      // the lamp that is picked\n",
-"    float share;   // probability of picking this lamp\n",
-"    vec2 u;        // uniform point for sbl_sample; each choice by u.x rescales it, so that it stays uniform\n",
-"    bool cluster;  // true: the lamp was picked from a cluster\n",
-"};\n",
-"\n",
-"// Picks one lamp of a cluster: descends its subtree, at each node in proportion to the strengths of the children.\n",
-"void sbl_descend(inout sbl_Pick p, int node, uint fraction) {\n",
-"    // Adds the low bits of the fraction, which a float between 0 and 1 cannot hold.\n",
-"    p.u.x = clamp(p.u.x + (float(fraction & 255u) - 127.5) / 4294967296.0 / p.share, 0.0, 1.0);\n",
-"    for (sbl_Cluster c = sbl_cluster(node); c.beyond != node + 1; c = sbl_cluster(node)) {\n",
-"        sbl_Cluster left = sbl_cluster(node + 1), right = sbl_cluster(left.beyond);\n",
-"        float weight = sbl_strength(node + 1, left);\n",
-"        float share = weight / max(weight + sbl_strength(left.beyond, right), 1e-37);\n",
-"        bool first = p.u.x < share;\n",
-"        node = first ? node + 1 : left.beyond;\n",
-"        p.share *= first ? share : 1.0 - share;\n",
-"        p.u.x = first ? p.u.x / share : (p.u.x - share) / (1.0 - share);\n",
-"    }\n",
-"    p.leaf = int(sbl_lamp_node_first_leaf(node));\n",
-"}\n",
 "\n",
 "// Picks one of the entries with a probability proportional to its strength.\n",
 "int sbl_pick_entry(inout sbl_Pick p) {\n",
@@ -9306,7 +9331,8 @@ static const char *const sbl__glsl_lamps[] = {
 "#endif\n",
 "    n = sbl_look_normal(look);\n",
 "    stand = sbl_look_position(look);\n",
-"    position = stand - sbl_look_offset(look) * n;\n",
+"    above = sbl_look_offset(look);\n",
+"    position = stand - above * n;\n",
 "    to_frame = transpose(sbl_frame(n));\n",
 "    uint hash = sbl_look_lamp_scramble(look);\n",
 "    scramble = uvec2(hash, (hash ^ hash >> 15) * 747796405u);\n",
@@ -9379,7 +9405,7 @@ static const char *const sbl__glsl_lamps[] = {
 static const sbl__recipe sbl__recipe_lamps = {
     "lamps", { sbl__glsl_fullscreen_vertex },
     { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_carrier, sbl__glsl_traverse, sbl__glsl_sky,
-      sbl__glsl_lamps },
+      sbl__glsl_lamp, sbl__glsl_lamps },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
       &sbl__look_record, &sbl__lamp_node_record, &sbl__lamp_leaf_record, &sbl__light_record_record },
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__VIEWS | SBL__INSPECT | SBL__COMPUTE | SBL__MIXED |
@@ -9997,9 +10023,9 @@ static const char *const sbl__glsl_trace[] = {
 "\n",
 "const float SBL_NEIGHBOURS = 0.62;  // measured variance / its estimate from pairs, at 16 to 256 rays\n",
 "\n",
-"// Radiance that leaves a hit towards the ray's origin. goes_on: set to true if the ray needs a second segment,\n",
-"// which finds the light that the returned radiance lacks\n",
-"vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool last, out bool goes_on, out sbl_Material material) {\n",
+"// Radiance that leaves a hit towards the ray's origin. goes_on: set to true if the hit is near. The returned radiance\n",
+"// then lacks all light that the surface reflects.\n",
+"vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool last, out bool goes_on, out sbl_Material material) {\n",
 "    int object = int(sbl_triangle_object(hit.triangle));\n",
 "    sbl_Attributes at = SBL_PLAIN;\n",
 "    if (!sbl_outgoing_is_plain(object, hit.back)) at = sbl_attributes_of(hit);\n",
@@ -10008,8 +10034,7 @@ static const char *const sbl__glsl_trace[] = {
 "#ifdef SBL_BOUNCED\n",
 "    material = sbl_material(object, at);\n",
 "    goes_on = !last && hit.distance * per_cell < 1.0;\n",
-"    int leaf = sbl_leaf_at(hit.number, hit.back, position, hit.distance);\n",
-"    radiance += sbl_reflected(material, goes_on ? sbl_lamps_of(leaf) : sbl_light_of(leaf));\n",
+"    if (!goes_on) radiance += sbl_reflected(material, sbl_stored(hit.number, hit.back, place, hit.distance));\n",
 "#endif\n",
 "    return radiance;\n",
 "}\n",
@@ -10023,21 +10048,53 @@ static const char *const sbl__glsl_trace[] = {
 "\n",
 "#ifdef SBL_BOUNCED\n",
 "// Maximum number of segments of a ray. The mean light of a cell may differ much from the light at a hit that is\n",
-"// nearer than the cell's width. At such a hit the ray takes only the lamps' part of the light in the store, and a\n",
-"// second segment finds the bounced part.\n",
-"const int SBL_LEGS = 2;\n",
+"// nearer than the cell's width. At such a hit the ray does not read the store: a ray to a lamp finds the lamps' light,\n",
+"// and the next segment finds the bounced light.\n",
+"const int SBL_LEGS = 3;\n",
+"const uvec4 SBL_LATTICE = uvec4(3679390609u, 3152041523u, 2700274805u, 2313257605u);  // Roberts 2018, in units of 2^-32\n",
 "\n",
-"// Sets the origin and the direction of a ray's second segment. Returns the factor for the light that it finds.\n",
-"vec3 sbl_go_on(sbl_Hit hit, sbl_Material material, uint hash, inout vec3 position, inout vec3 direction) {\n",
+"// What a near hit leaves to do: a ray to a lamp, and the ray's next segment.\n",
+"struct sbl_Reflection {\n",
+"    vec3 light;      // light that the ray to a lamp finds if it arrives\n",
+"    vec3 to;         // where the ray to the lamp ends, relative to `from`; its direction, if the lamp is far away\n",
+"    float limit;     // length of the ray to a lamp in lengths of `to`\n",
+"    int number;      // number of the lamp's triangle\n",
+"    vec3 from, direction, share;  // next segment: origin, direction, factor of the light that it finds\n",
+"};\n",
+"\n",
+"// Chooses the rays that leave a near hit, at random. fractions: four random numbers\n",
+"sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, uvec4 fractions, vec3 direction) {\n",
 "    vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,\n",
 "         e2 = sbl_triangle_corner_2(hit.triangle) - p0, e3 = e2 - e1;\n",
 "    float longest = sqrt(max(dot(e1, e1), max(dot(e2, e2), dot(e3, e3))));\n",
 "    vec3 across = cross(e1 / longest, e2 / longest) * (hit.back ? -1.0 : 1.0);\n",
-"    vec2 u = sbl_unit_square(uvec2(hash, sbl_hash_step(hash, 1u)));\n",
-"    sbl_Bounce bounce = sbl_bounce(material, across, -direction, u);\n",
-"    position = p0 + hit.b1 * e1 + hit.b2 * e2 + SBL_OFFSET * (length(p0) + 2.0 * longest) * bounce.off;\n",
-"    direction = bounce.direction;\n",
-"    return bounce.weight;\n",
+"    sbl_Bounce bounce = sbl_bounce(material, across, -direction, sbl_unit_square(fractions.xy));\n",
+"    n = bounce.off;\n",
+"    above = SBL_OFFSET * (length(p0) + 2.0 * longest);\n",
+"    position = p0 + hit.b1 * e1 + hit.b2 * e2;\n",
+"    stand = position + above * n;\n",
+"    sbl_Reflection r = sbl_Reflection(vec3(0), n, 0.0, -1, stand, bounce.direction, bounce.weight);\n",
+"    if (lamp_leaves == 0) return r;\n",
+"    sbl_Pick p = sbl_Pick(0, 1.0, sbl_unit_square(fractions.zw), false);\n",
+"    sbl_Cluster near = sbl_cluster(0);\n",
+"    int root = 0;\n",
+"    if (near.beyond < lamp_nodes) {  // a second tree holds the lamps that are infinitely far away\n",
+"        sbl_Cluster far = sbl_cluster(near.beyond);\n",
+"        if (!sbl_toss(p, sbl_strength(0, near), sbl_strength(near.beyond, far))) root = near.beyond;\n",
+"    }\n",
+"    sbl_descend(p, root, fractions.z);\n",
+"    sbl_Lamp l = sbl_lamp(p.leaf);\n",
+"    sbl_Sample s = sbl_sample(l, p.u);\n",
+"    r.light = sbl_reflected(material, s.light) * (unit / p.share);\n",
+"#ifdef SBL_TEXTURED\n",
+"    if (l.kind == SBL_LAMP_TRIANGLE)\n",
+"        r.light *= sbl_emission_pattern(int(sbl_triangle_object(l.triangle)), sbl_attributes_at(l.triangle, s.b.x, s.b.y));\n",
+"#endif\n",
+"    bool bounded = s.far < SBL_UNBOUNDED;\n",
+"    r.to = bounded ? s.far * s.direction - above * n : s.direction;\n",
+"    r.limit = bounded ? SBL_BEFORE_LAMP : SBL_UNBOUNDED;\n",
+"    r.number = l.number;\n",
+"    return r;\n",
 "}\n",
 "#else\n",
 "const int SBL_LEGS = 1;\n",
@@ -10047,7 +10104,7 @@ static const char *const sbl__glsl_trace[] = {
 "    ivec2 texel = sbl_texel_of_invocation(), sheet = texel / blocks, within = texel % blocks;\n",
 "    int sensor = sheet.y * columns + sheet.x - first_slot;\n",
 "    if (sensor < 0 || sensor >= count) sbl_leave;\n",
-"    vec3 position = sbl_look_position(sensor);\n",
+"    vec3 origin = sbl_look_position(sensor);\n",
 "    mat3 frame = sbl_frame(sbl_look_normal(sensor));\n",
 "    uvec2 scramble = sbl_look_scramble(sensor);\n",
 "    uint which = sbl_look_which(sensor);\n",
@@ -10068,7 +10125,7 @@ static const char *const sbl__glsl_trace[] = {
 "#ifdef SBL_GUIDED\n",
 "        weight = sbl_guide(int(which >> SBL_LOOK_GUIDE_SHIFT), u);\n",
 "#endif\n",
-"        vec3 direction = sbl_by_cosine(frame, u * vec2(spread, 1.0)), from = position, share = vec3(weight);\n",
+"        vec3 direction = sbl_by_cosine(frame, u * vec2(spread, 1.0)), from = origin, share = vec3(weight);\n",
 "        vec3 way = direction;\n",
 "        for (int leg = 0; leg < SBL_LEGS; leg++) {\n",
 "            sbl_Hit hit = sbl_trace(from, direction, SBL_UNBOUNDED);\n",
@@ -10087,8 +10144,18 @@ static const char *const sbl__glsl_trace[] = {
 "            }\n",
 "            if (!goes_on) break;\n",
 "#ifdef SBL_BOUNCED\n",
-"            uint hash = sbl_hash_step(sbl_hash_step(scramble.x, uint(skip + i)), scramble.y);\n",
-"            share *= sbl_go_on(hit, material, hash, from, direction);\n",
+"            uint hash = sbl_hash_step(sbl_hash_step(scramble.x, uint(leg)), scramble.y), index = uint(skip + i);\n",
+"            if (leg > 0) index = sbl_hash_step(hash, index);\n",
+"            uvec4 random = uvec4(hash, hash << 8, hash << 16, hash << 24) + index * SBL_LATTICE;\n",
+"            sbl_Reflection next = sbl_reflect(hit, material, random, direction);\n",
+"            if (next.limit > 0.0 && max(next.light.r, max(next.light.g, next.light.b)) > 0.0) {\n",
+"                float away = next.limit < 1.0 ? length(next.to) : 1.0;\n",
+"                sbl_Hit before = sbl_trace(next.from, next.to / away, next.limit * away);\n",
+"                if (before.triangle < 0 || before.number == next.number) sum.rgb += share * next.light;\n",
+"            }\n",
+"            share *= next.share;\n",
+"            from = next.from;\n",
+"            direction = next.direction;\n",
 "            if (max(share.r, max(share.g, share.b)) <= 0.0) break;\n",
 "#endif\n",
 "        }\n",
@@ -10113,9 +10180,10 @@ static const char *const sbl__glsl_trace[] = {
 static const sbl__recipe sbl__recipe_trace = {
     "trace", { sbl__glsl_fullscreen_vertex },
     { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_store, sbl__glsl_carrier, sbl__glsl_traverse,
-      sbl__glsl_sky, sbl__glsl_guide, sbl__glsl_trace },
+      sbl__glsl_sky, sbl__glsl_guide, sbl__glsl_lamp, sbl__glsl_trace },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
-      &sbl__look_record, &sbl__cut_record, &sbl__leaf_record },
+      &sbl__look_record, &sbl__cut_record, &sbl__leaf_record, &sbl__lamp_node_record, &sbl__lamp_leaf_record,
+      &sbl__light_record_record },
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE | SBL__BOUNCED | SBL__GUIDED | SBL__DIRECTIONAL
 };
 
@@ -10126,6 +10194,7 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
     const sbl_result result = sbl__use(d, &sbl__recipe_trace, sbl__features_of(b->scene, b->spec));
     if (result != SBL_SUCCESS) return result;
     sbl__rays_bind(d, b, &t->sequence, b->slots->blocks);
+    if (b->spec->bounced) sbl__lights_bind(d, &b->scene->lights);
     sbl__set_int(d, "rays", stuck ? 1 : b->spec->rays);
     sbl__set_int(d, "paired", paired);
     sbl__set_int(d, "no_light", b->spec->no_light);
@@ -10577,18 +10646,12 @@ static int sbl__job_aims(const sbl__job *j) { return j->task.spec.lamp_rays && j
 static sbl_result sbl__aim_use(const sbl__job *j, const sbl__batch *b, unsigned extra, const int blocks[2],
                                float scale) {
     sbl__device *d = j->device;
-    const sbl__lights *l = &b->scene->lights;
     const unsigned features = sbl__aim_features(b->scene, b->spec);
     const sbl_result result = sbl__use(d, &sbl__recipe_lamps, features | extra);
     if (result != SBL_SUCCESS) return result;
     sbl__rays_bind(d, b, &j->aim.sequence, blocks);
-    sbl__bind_table(d, "sbl_lamps", &l->table);
-    sbl__set_int(d, "sbl_first_leaf", (int)sizeof(sbl__lamp_node) / 16 * l->nodes);
-    sbl__set_int(d, "sbl_first_light", (int)sizeof(sbl__lamp_node) / 16 * l->nodes + l->leaves);
-    sbl__set_int(d, "lamp_nodes", l->nodes);
-    sbl__set_int(d, "lamp_leaves", l->leaves);
+    sbl__lights_bind(d, &b->scene->lights);
     sbl__set_int(d, "rays", b->spec->lamp_rays);
-    sbl__set_float(d, "unit", l->unit);
     sbl__set_float(d, "scale", scale);
     if (features & SBL__VIEWS) sbl__raster_bind(d, &j->raster, b->scene->geometry.extent);
     return SBL_SUCCESS;

@@ -17,9 +17,9 @@ SBL_OUT(5, out_even);                 // control variate for radiance 1 from eve
 
 const float SBL_NEIGHBOURS = 0.62;  // measured variance / its estimate from pairs, at 16 to 256 rays
 
-// Radiance that leaves a hit towards the ray's origin. goes_on: set to true if the ray needs a second segment,
-// which finds the light that the returned radiance lacks
-vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool last, out bool goes_on, out sbl_Material material) {
+// Radiance that leaves a hit towards the ray's origin. goes_on: set to true if the hit is near. The returned radiance
+// then lacks all light that the surface reflects.
+vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool last, out bool goes_on, out sbl_Material material) {
     int object = int(sbl_triangle_object(hit.triangle));
     sbl_Attributes at = SBL_PLAIN;
     if (!sbl_outgoing_is_plain(object, hit.back)) at = sbl_attributes_of(hit);
@@ -28,8 +28,7 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool last, out bool goes_on, out s
 #ifdef SBL_BOUNCED
     material = sbl_material(object, at);
     goes_on = !last && hit.distance * per_cell < 1.0;
-    int leaf = sbl_leaf_at(hit.number, hit.back, position, hit.distance);
-    radiance += sbl_reflected(material, goes_on ? sbl_lamps_of(leaf) : sbl_light_of(leaf));
+    if (!goes_on) radiance += sbl_reflected(material, sbl_stored(hit.number, hit.back, place, hit.distance));
 #endif
     return radiance;
 }
@@ -43,21 +42,53 @@ float sbl_stratum_reciprocal(float u) {
 
 #ifdef SBL_BOUNCED
 // Maximum number of segments of a ray. The mean light of a cell may differ much from the light at a hit that is
-// nearer than the cell's width. At such a hit the ray takes only the lamps' part of the light in the store, and a
-// second segment finds the bounced part.
-const int SBL_LEGS = 2;
+// nearer than the cell's width. At such a hit the ray does not read the store: a ray to a lamp finds the lamps' light,
+// and the next segment finds the bounced light.
+const int SBL_LEGS = 3;
+const uvec4 SBL_LATTICE = uvec4(3679390609u, 3152041523u, 2700274805u, 2313257605u);  // Roberts 2018, in units of 2^-32
 
-// Sets the origin and the direction of a ray's second segment. Returns the factor for the light that it finds.
-vec3 sbl_go_on(sbl_Hit hit, sbl_Material material, uint hash, inout vec3 position, inout vec3 direction) {
+// What a near hit leaves to do: a ray to a lamp, and the ray's next segment.
+struct sbl_Reflection {
+    vec3 light;      // light that the ray to a lamp finds if it arrives
+    vec3 to;         // where the ray to the lamp ends, relative to `from`; its direction, if the lamp is far away
+    float limit;     // length of the ray to a lamp in lengths of `to`
+    int number;      // number of the lamp's triangle
+    vec3 from, direction, share;  // next segment: origin, direction, factor of the light that it finds
+};
+
+// Chooses the rays that leave a near hit, at random. fractions: four random numbers
+sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, uvec4 fractions, vec3 direction) {
     vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,
          e2 = sbl_triangle_corner_2(hit.triangle) - p0, e3 = e2 - e1;
     float longest = sqrt(max(dot(e1, e1), max(dot(e2, e2), dot(e3, e3))));
     vec3 across = cross(e1 / longest, e2 / longest) * (hit.back ? -1.0 : 1.0);
-    vec2 u = sbl_unit_square(uvec2(hash, sbl_hash_step(hash, 1u)));
-    sbl_Bounce bounce = sbl_bounce(material, across, -direction, u);
-    position = p0 + hit.b1 * e1 + hit.b2 * e2 + SBL_OFFSET * (length(p0) + 2.0 * longest) * bounce.off;
-    direction = bounce.direction;
-    return bounce.weight;
+    sbl_Bounce bounce = sbl_bounce(material, across, -direction, sbl_unit_square(fractions.xy));
+    n = bounce.off;
+    above = SBL_OFFSET * (length(p0) + 2.0 * longest);
+    position = p0 + hit.b1 * e1 + hit.b2 * e2;
+    stand = position + above * n;
+    sbl_Reflection r = sbl_Reflection(vec3(0), n, 0.0, -1, stand, bounce.direction, bounce.weight);
+    if (lamp_leaves == 0) return r;
+    sbl_Pick p = sbl_Pick(0, 1.0, sbl_unit_square(fractions.zw), false);
+    sbl_Cluster near = sbl_cluster(0);
+    int root = 0;
+    if (near.beyond < lamp_nodes) {  // a second tree holds the lamps that are infinitely far away
+        sbl_Cluster far = sbl_cluster(near.beyond);
+        if (!sbl_toss(p, sbl_strength(0, near), sbl_strength(near.beyond, far))) root = near.beyond;
+    }
+    sbl_descend(p, root, fractions.z);
+    sbl_Lamp l = sbl_lamp(p.leaf);
+    sbl_Sample s = sbl_sample(l, p.u);
+    r.light = sbl_reflected(material, s.light) * (unit / p.share);
+#ifdef SBL_TEXTURED
+    if (l.kind == SBL_LAMP_TRIANGLE)
+        r.light *= sbl_emission_pattern(int(sbl_triangle_object(l.triangle)), sbl_attributes_at(l.triangle, s.b.x, s.b.y));
+#endif
+    bool bounded = s.far < SBL_UNBOUNDED;
+    r.to = bounded ? s.far * s.direction - above * n : s.direction;
+    r.limit = bounded ? SBL_BEFORE_LAMP : SBL_UNBOUNDED;
+    r.number = l.number;
+    return r;
 }
 #else
 const int SBL_LEGS = 1;
@@ -67,7 +98,7 @@ void main() {
     ivec2 texel = sbl_texel_of_invocation(), sheet = texel / blocks, within = texel % blocks;
     int sensor = sheet.y * columns + sheet.x - first_slot;
     if (sensor < 0 || sensor >= count) sbl_leave;
-    vec3 position = sbl_look_position(sensor);
+    vec3 origin = sbl_look_position(sensor);
     mat3 frame = sbl_frame(sbl_look_normal(sensor));
     uvec2 scramble = sbl_look_scramble(sensor);
     uint which = sbl_look_which(sensor);
@@ -88,7 +119,7 @@ void main() {
 #ifdef SBL_GUIDED
         weight = sbl_guide(int(which >> SBL_LOOK_GUIDE_SHIFT), u);
 #endif
-        vec3 direction = sbl_by_cosine(frame, u * vec2(spread, 1.0)), from = position, share = vec3(weight);
+        vec3 direction = sbl_by_cosine(frame, u * vec2(spread, 1.0)), from = origin, share = vec3(weight);
         vec3 way = direction;
         for (int leg = 0; leg < SBL_LEGS; leg++) {
             sbl_Hit hit = sbl_trace(from, direction, SBL_UNBOUNDED);
@@ -107,8 +138,18 @@ void main() {
             }
             if (!goes_on) break;
 #ifdef SBL_BOUNCED
-            uint hash = sbl_hash_step(sbl_hash_step(scramble.x, uint(skip + i)), scramble.y);
-            share *= sbl_go_on(hit, material, hash, from, direction);
+            uint hash = sbl_hash_step(sbl_hash_step(scramble.x, uint(leg)), scramble.y), index = uint(skip + i);
+            if (leg > 0) index = sbl_hash_step(hash, index);
+            uvec4 random = uvec4(hash, hash << 8, hash << 16, hash << 24) + index * SBL_LATTICE;
+            sbl_Reflection next = sbl_reflect(hit, material, random, direction);
+            if (next.limit > 0.0 && max(next.light.r, max(next.light.g, next.light.b)) > 0.0) {
+                float away = next.limit < 1.0 ? length(next.to) : 1.0;
+                sbl_Hit before = sbl_trace(next.from, next.to / away, next.limit * away);
+                if (before.triangle < 0 || before.number == next.number) sum.rgb += share * next.light;
+            }
+            share *= next.share;
+            from = next.from;
+            direction = next.direction;
             if (max(share.r, max(share.g, share.b)) <= 0.0) break;
 #endif
         }
