@@ -121,8 +121,23 @@ void main() {
 #endif
         vec3 direction = sbl_by_cosine(frame, u * vec2(spread, 1.0)), from = origin, share = vec3(weight);
         vec3 way = direction;
-        for (int leg = 0; leg < SBL_LEGS; leg++) {
-            sbl_Hit hit = sbl_trace(from, direction, SBL_UNBOUNDED);
+        float limit = SBL_UNBOUNDED;
+#ifdef SBL_BOUNCED
+        sbl_Reflection next;
+#endif
+        // Every other turn traces a ray to a lamp.
+        for (int turn = 0; turn < 2 * SBL_LEGS - 1; turn++) {
+            sbl_Hit hit = sbl_trace(from, direction, limit);
+#ifdef SBL_BOUNCED
+            if ((turn & 1) == 1) {
+                if (hit.triangle < 0 || hit.number == next.number) sum.rgb += share * next.light;
+                share *= next.share;
+                direction = next.direction;
+                limit = SBL_UNBOUNDED;
+                if (max(share.r, max(share.g, share.b)) <= 0.0) break;
+                continue;
+            }
+#endif
             if (hit.triangle < 0) {
                 sum.rgb += share * sbl_sky(direction);
                 break;
@@ -130,27 +145,22 @@ void main() {
             bool goes_on;
             sbl_Material material;
             vec3 place = from + direction * hit.distance;
-            sum.rgb += share * sbl_radiance(hit, place, leg == SBL_LEGS - 1, goes_on, material);
-            if (leg == 0) {
+            sum.rgb += share * sbl_radiance(hit, place, turn == 2 * SBL_LEGS - 2, goes_on, material);
+            if (turn == 0) {
                 sum.a += hit.back ? weight : 0.0;
                 hits.xy += weight * vec2(1.0, min(hit.distance, distance_limit));
                 hits.z = min(hits.z, hit.distance);
             }
             if (!goes_on) break;
 #ifdef SBL_BOUNCED
-            uint hash = sbl_hash_step(sbl_hash_step(scramble.x, uint(leg)), scramble.y), index = uint(skip + i);
-            if (leg > 0) index = sbl_hash_step(hash, index);
+            uint hash = sbl_hash_step(sbl_hash_step(scramble.x, uint(turn)), scramble.y), index = uint(skip + i);
+            if (turn > 0) index = sbl_hash_step(hash, index);
             uvec4 random = uvec4(hash, hash << 8, hash << 16, hash << 24) + index * SBL_LATTICE;
-            sbl_Reflection next = sbl_reflect(hit, material, random, direction);
-            if (next.limit > 0.0 && max(next.light.r, max(next.light.g, next.light.b)) > 0.0) {
-                float away = next.limit < 1.0 ? length(next.to) : 1.0;
-                sbl_Hit before = sbl_trace(next.from, next.to / away, next.limit * away);
-                if (before.triangle < 0 || before.number == next.number) sum.rgb += share * next.light;
-            }
-            share *= next.share;
+            next = sbl_reflect(hit, material, random, direction);
             from = next.from;
-            direction = next.direction;
-            if (max(share.r, max(share.g, share.b)) <= 0.0) break;
+            float away = next.limit < 1.0 ? length(next.to) : 1.0;
+            direction = next.to / away;
+            limit = max(next.light.r, max(next.light.g, next.light.b)) > 0.0 ? next.limit * away : 0.0;
 #endif
         }
         vec4 counts = sbl_harmonics(way, frame[2], sbl_stratum_reciprocal(u.x));
