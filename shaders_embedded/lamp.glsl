@@ -333,23 +333,20 @@ struct sbl_Pick {
     bool cluster;  // true: the lamp was picked from a cluster
 };
 
-// Picks one of two with probabilities in proportion to their weights. Returns true if it is the first.
-bool sbl_toss(inout sbl_Pick p, float weight, float other) {
-    float share = weight / max(weight + other, 1e-37);
-    bool first = p.u.x < share;
-    p.share *= first ? share : 1.0 - share;
-    p.u.x = first ? p.u.x / share : (p.u.x - share) / (1.0 - share);
-    return first;
-}
-
 // Picks one lamp of a cluster: descends its subtree, at each node in proportion to the strengths of the children.
+// node: -1: the cluster of all lamps, if there are near ones and far ones
 void sbl_descend(inout sbl_Pick p, int node, uint fraction) {
     // Adds the low bits of the fraction, which a float between 0 and 1 cannot hold.
     p.u.x = clamp(p.u.x + (float(fraction & 255u) - 127.5) / 4294967296.0 / p.share, 0.0, 1.0);
-    for (sbl_Cluster c = sbl_cluster(node); c.beyond != node + 1; c = sbl_cluster(node)) {
+    int beyond = node < 0 ? lamp_nodes : sbl_cluster(node).beyond;
+    for (; beyond != node + 1; beyond = sbl_cluster(node).beyond) {
         sbl_Cluster left = sbl_cluster(node + 1), right = sbl_cluster(left.beyond);
-        bool first = sbl_toss(p, sbl_strength(node + 1, left), sbl_strength(left.beyond, right));
+        float weight = sbl_strength(node + 1, left);
+        float share = weight / max(weight + sbl_strength(left.beyond, right), 1e-37);
+        bool first = p.u.x < share;
         node = first ? node + 1 : left.beyond;
+        p.share *= first ? share : 1.0 - share;
+        p.u.x = first ? p.u.x / share : (p.u.x - share) / (1.0 - share);
     }
     p.leaf = int(sbl_lamp_node_first_leaf(node));
 }

@@ -70,13 +70,7 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, uvec4 fractions, 
     sbl_Reflection r = sbl_Reflection(vec3(0), n, 0.0, -1, stand, bounce.direction, bounce.weight);
     if (lamp_leaves == 0) return r;
     sbl_Pick p = sbl_Pick(0, 1.0, sbl_unit_square(fractions.zw), false);
-    sbl_Cluster near = sbl_cluster(0);
-    int root = 0;
-    if (near.beyond < lamp_nodes) {  // a second tree holds the lamps that are infinitely far away
-        sbl_Cluster far = sbl_cluster(near.beyond);
-        if (!sbl_toss(p, sbl_strength(0, near), sbl_strength(near.beyond, far))) root = near.beyond;
-    }
-    sbl_descend(p, root, fractions.z);
+    sbl_descend(p, sbl_cluster(0).beyond < lamp_nodes ? -1 : 0, fractions.z);
     sbl_Lamp l = sbl_lamp(p.leaf);
     sbl_Sample s = sbl_sample(l, p.u);
     r.light = sbl_reflected(material, s.light) * (unit / p.share);
