@@ -11,6 +11,9 @@ uint sbl_hash_step(uint hash, uint x) {
     return hash ^ hash >> SBL_HASH_SHIFT;
 }
 
+// True if rays of this length read cells for near rays.
+bool sbl_is_near(float distance) { return distance * per_cell * float(SBL_NEAR_PART) < 1.0; }
+
 // Returns 1 + the number of the leaf at a position on triangle `number` of the scene, or 0 if there is none.
 // back: the back side is seen. distance: distance from which the position is seen.
 int sbl_leaf_at(int number, bool back, vec3 position, float distance) {
@@ -20,7 +23,7 @@ int sbl_leaf_at(int number, bool back, vec3 position, float distance) {
         uint axis = patch_word >> SBL_PATCH_AXIS_SHIFT & 3u;
         at *= uvec3(axis != 0u, axis != 1u, axis != 2u);
     }
-    if (distance * per_cell * float(SBL_NEAR_PART) < 1.0) patch_word |= SBL_PATCH_NEAR;
+    if (sbl_is_near(distance)) patch_word |= SBL_PATCH_NEAR;
     uint reference = 0u;
     // Each level has cells for near and for far rays. Those for this distance are tried first.
     for (int tries = 0; tries < 2 * SBL_LEVELS && reference == 0u; tries++) {

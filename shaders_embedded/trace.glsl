@@ -17,8 +17,8 @@ SBL_OUT(5, out_even);                 // control variate for radiance 1 from eve
 
 const float SBL_NEIGHBOURS = 0.62;  // measured variance / its estimate from pairs, at 16 to 256 rays
 
-// Radiance that leaves a hit towards the ray's origin. goes_on: set to true if the hit is near. The returned radiance
-// then lacks all light that the surface reflects.
+// Radiance that leaves a hit towards the ray's origin. goes_on: set to true if the hit is near. The radiance then lacks
+// all reflected light, which further rays find.
 vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool last, out bool goes_on, out sbl_Material material) {
     int object = int(sbl_triangle_object(hit.triangle));
     sbl_Attributes at = SBL_PLAIN;
@@ -27,7 +27,7 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool last, out bool goes_on, out sbl_
     goes_on = false;
 #ifdef SBL_BOUNCED
     material = sbl_material(object, at);
-    goes_on = !last && hit.distance * per_cell < 1.0;
+    goes_on = !last && sbl_is_near(hit.distance);
     if (!goes_on) radiance += sbl_reflected(material, sbl_stored(hit.number, hit.back, place, hit.distance));
 #endif
     return radiance;
@@ -41,47 +41,50 @@ float sbl_stratum_reciprocal(float u) {
 }
 
 #ifdef SBL_BOUNCED
-// Maximum number of segments of a ray. The mean light of a cell may differ much from the light at a hit that is
-// nearer than the cell's width. At such a hit the ray does not read the store: a ray to a lamp finds the lamps' light,
-// and the next segment finds the bounced light.
+// Maximum number of segments of a ray. The mean light of a cell may differ much from the light at a near hit. There the
+// ray does not read the store: a ray to a lamp finds the light of lamps, and the next segment finds the bounced light.
 const int SBL_LEGS = 3;
-const uvec4 SBL_LATTICE = uvec4(3679390609u, 3152041523u, 2700274805u, 2313257605u);  // Roberts 2018, in units of 2^-32
 
-// What a near hit leaves to do: a ray to a lamp, and the ray's next segment.
+// The rays that leave a near hit. All start at `from`.
 struct sbl_Reflection {
-    vec3 light;      // light that the ray to a lamp finds if it arrives
-    vec3 to;         // where the ray to the lamp ends, relative to `from`; its direction, if the lamp is far away
-    float limit;     // length of the ray to a lamp in lengths of `to`
-    int number;      // number of the lamp's triangle
-    vec3 from, direction, share;  // next segment: origin, direction, factor of the light that it finds
+    vec3 from;
+    vec3 to_lamp;           // unit direction of the ray to a lamp
+    float away;             // length of that ray; 0: no lamp gives light
+    int number;             // number of the lamp's triangle in the scene, or -1
+    vec3 light;             // light that the ray to the lamp finds if nothing is in its way
+    vec3 direction, share;  // of the next segment: direction, and factor of the light that it finds
 };
 
-// Chooses the rays that leave a near hit, at random. fractions: four random numbers
-sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, uvec4 fractions, vec3 direction) {
+// Chooses the rays that leave a near hit at random. direction: of the ray that arrives there
+sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, uint hash) {
     vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,
          e2 = sbl_triangle_corner_2(hit.triangle) - p0, e3 = e2 - e1;
     float longest = sqrt(max(dot(e1, e1), max(dot(e2, e2), dot(e3, e3))));
     vec3 across = cross(e1 / longest, e2 / longest) * (hit.back ? -1.0 : 1.0);
-    sbl_Bounce bounce = sbl_bounce(material, across, -direction, sbl_unit_square(fractions.xy));
+    uvec4 random = uvec4(hash, sbl_hash_step(hash, 1u), sbl_hash_step(hash, 2u), sbl_hash_step(hash, 3u));
+    sbl_Bounce bounce = sbl_bounce(material, across, -direction, sbl_unit_square(random.xy));
     n = bounce.off;
     above = SBL_OFFSET * (length(p0) + 2.0 * longest);
     position = p0 + hit.b1 * e1 + hit.b2 * e2;
     stand = position + above * n;
-    sbl_Reflection r = sbl_Reflection(vec3(0), n, 0.0, -1, stand, bounce.direction, bounce.weight);
+    sbl_Reflection r = sbl_Reflection(stand, n, 0.0, -1, vec3(0), bounce.direction, bounce.weight);
     if (lamp_leaves == 0) return r;
-    sbl_Pick p = sbl_Pick(0, 1.0, sbl_unit_square(fractions.zw), false);
-    sbl_descend(p, sbl_cluster(0).beyond < lamp_nodes ? -1 : 0, fractions.z);
+    sbl_Pick p = sbl_Pick(0, 1.0, sbl_unit_square(random.zw), false);
+    sbl_descend(p, sbl_cluster(0).beyond < lamp_nodes ? -1 : 0, random.z);
     sbl_Lamp l = sbl_lamp(p.leaf);
     sbl_Sample s = sbl_sample(l, p.u);
+    r.number = l.number;
     r.light = sbl_reflected(material, s.light) * (unit / p.share);
 #ifdef SBL_TEXTURED
-    if (l.kind == SBL_LAMP_TRIANGLE)
-        r.light *= sbl_emission_pattern(int(sbl_triangle_object(l.triangle)), sbl_attributes_at(l.triangle, s.b.x, s.b.y));
+    if (l.kind == SBL_LAMP_TRIANGLE) {
+        sbl_Attributes at = sbl_attributes_at(l.triangle, s.b.x, s.b.y);
+        r.light *= sbl_emission_pattern(int(sbl_triangle_object(l.triangle)), at);
+    }
 #endif
     bool bounded = s.far < SBL_UNBOUNDED;
-    r.to = bounded ? s.far * s.direction - above * n : s.direction;
-    r.limit = bounded ? SBL_BEFORE_LAMP : SBL_UNBOUNDED;
-    r.number = l.number;
+    vec3 to = bounded ? s.far * s.direction - above * n : s.direction;
+    r.to_lamp = normalize(to);
+    if (max(r.light.r, max(r.light.g, r.light.b)) > 0.0) r.away = bounded ? SBL_BEFORE_LAMP * length(to) : SBL_UNBOUNDED;
     return r;
 }
 #else
@@ -119,7 +122,7 @@ void main() {
 #ifdef SBL_BOUNCED
         sbl_Reflection next;
 #endif
-        // Every other turn traces a ray to a lamp.
+        // Even turns trace the ray's segments; odd turns trace the rays from near hits to lamps.
         for (int turn = 0; turn < 2 * SBL_LEGS - 1; turn++) {
             sbl_Hit hit = sbl_trace(from, direction, limit);
 #ifdef SBL_BOUNCED
@@ -147,14 +150,11 @@ void main() {
             }
             if (!goes_on) break;
 #ifdef SBL_BOUNCED
-            uint hash = sbl_hash_step(sbl_hash_step(scramble.x, uint(turn)), scramble.y), index = uint(skip + i);
-            if (turn > 0) index = sbl_hash_step(hash, index);
-            uvec4 random = uvec4(hash, hash << 8, hash << 16, hash << 24) + index * SBL_LATTICE;
-            next = sbl_reflect(hit, material, random, direction);
+            uint hash = sbl_hash_step(sbl_hash_step(scramble.x, uint(skip + i)), scramble.y);
+            next = sbl_reflect(hit, material, direction, sbl_hash_step(hash, uint(turn)));
             from = next.from;
-            float away = next.limit < 1.0 ? length(next.to) : 1.0;
-            direction = next.to / away;
-            limit = max(next.light.r, max(next.light.g, next.light.b)) > 0.0 ? next.limit * away : 0.0;
+            direction = next.to_lamp;
+            limit = next.away;
 #endif
         }
         vec4 counts = sbl_harmonics(way, frame[2], sbl_stratum_reciprocal(u.x));
