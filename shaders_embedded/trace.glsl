@@ -84,7 +84,8 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
     bool bounded = s.far < SBL_UNBOUNDED;
     vec3 to = bounded ? s.far * s.direction - above * n : s.direction;
     r.to_lamp = normalize(to);
-    if (max(r.light.r, max(r.light.g, r.light.b)) > 0.0) r.away = bounded ? SBL_BEFORE_LAMP * length(to) : SBL_UNBOUNDED;
+    float away = bounded ? SBL_BEFORE_LAMP * length(to) : SBL_UNBOUNDED;
+    r.away = max(r.light.r, max(r.light.g, r.light.b)) > 0.0 ? away : 0.0;
     return r;
 }
 #else
