@@ -1,9 +1,9 @@
-// A single lamp as a point on a surface sees it: its light in closed form, a cluster's approximate light, the choice
-// of one lamp from a cluster, and a random point on a lamp.
+// A single lamp as a point on a surface sees it: its light in closed form, a cluster's approximate light, the
+// choice of one lamp from a cluster, and a random point on a lamp.
 uniform int lamp_nodes, lamp_leaves;  // counts of nodes and of leaves in the table of lamps
 uniform float unit;                   // radiance is divided by this unit while it is summed, to prevent overflow
-#if defined(SBL_MIXED) || defined(SBL_BOUNCED)
-const bool mixed = true;            // some lamp is not a triangle, or there are more than SBL_LAMPS lamps
+#if defined(SBL_MIXED) || defined(SBL_BOUNCED)  // trace.glsl has no variants for SBL_MIXED
+const bool mixed = true;            // lamps need not be triangles, and there may be more than SBL_LAMPS
 #else
 const bool mixed = false;           // all lamps are triangles, at most SBL_LAMPS
 #endif

@@ -17,8 +17,8 @@ SBL_OUT(5, out_even);                 // control variate for radiance 1 from eve
 
 const float SBL_NEIGHBOURS = 0.62;  // measured variance / its estimate from pairs, at 16 to 256 rays
 
-// Radiance that leaves a hit towards the ray's origin. goes_on: set to true if the hit is near. The radiance then lacks
-// all reflected light, which further rays find.
+// Radiance that leaves a hit towards the ray's origin. goes_on: set to true if the hit is near. The radiance then
+// lacks all reflected light, which further rays find.
 vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool last, out bool goes_on, out sbl_Material material) {
     int object = int(sbl_triangle_object(hit.triangle));
     sbl_Attributes at = SBL_PLAIN;
@@ -41,8 +41,9 @@ float sbl_stratum_reciprocal(float u) {
 }
 
 #ifdef SBL_BOUNCED
-// Maximum number of segments of a ray. The mean light of a cell may differ much from the light at a near hit. There the
-// ray does not read the store: a ray to a lamp finds the light of lamps, and the next segment finds the bounced light.
+// Maximum number of segments of a ray. The mean light of a cell may differ much from the light at a near hit, so the
+// ray does not read the store there: a ray to a lamp finds the light of lamps, and the next segment finds the
+// bounced light. Only the last segment reads the store at any distance.
 const int SBL_LEGS = 3;
 
 // The rays that leave a near hit. All start at `from`.

@@ -990,7 +990,8 @@ TEST(lamps_light_near_hits) {
             printf("  lamp %d: bounced light %.4f, expected %.4f; cells of %g\n", lamp, found, expected,
                    (double)inside_cell_length(context));
             CHECK(inside_cell_length(context) > 4 * shade, "cells are no wider than the shade");
-            CHECK(fabs(found / expected - 1) < 0.03, "lamp %d: bounced light is %g, expected %g", lamp, found, expected);
+            CHECK(fabs(found / expected - 1) < 0.03, "lamp %d: bounced light is %g, expected %g", lamp, found,
+                  expected);
         }
         scene_free(&s);
     }
