@@ -41,9 +41,9 @@ float sbl_stratum_reciprocal(float u) {
 }
 
 #ifdef SBL_BOUNCED
-// Maximum number of segments of a ray. The mean light of a cell may differ much from the light at a near hit, so the
-// ray does not read the store there: a ray to a lamp finds the light of lamps, and the next segment finds the
-// bounced light. Only the last segment reads the store at any distance.
+// Maximum number of segments of a ray. The mean light of a cell may differ much from the light at a near hit. The
+// store is not read there: a ray to a lamp finds the light of lamps, and the next segment finds the bounced light.
+// Only the last segment reads the store at any distance.
 const int SBL_LEGS = 3;
 
 // The rays that leave a near hit. All start at `from`.
