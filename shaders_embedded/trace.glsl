@@ -62,7 +62,8 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
          e2 = sbl_triangle_corner_2(hit.triangle) - p0, e3 = e2 - e1;
     float longest = sqrt(max(dot(e1, e1), max(dot(e2, e2), dot(e3, e3))));
     vec3 across = cross(e1 / longest, e2 / longest) * (hit.back ? -1.0 : 1.0);
-    uvec4 random = uvec4(hash, sbl_hash_step(hash, 1u), sbl_hash_step(hash, 2u), sbl_hash_step(hash, 3u));
+    uvec4 random = uvec4(hash, 0, 0, 0);
+    for (int k = 1; k < 4; k++) random[k] = sbl_hash_step(random[k - 1], uint(k));
     sbl_Bounce bounce = sbl_bounce(material, across, -direction, sbl_unit_square(random.xy));
     n = bounce.off;
     above = SBL_OFFSET * (length(p0) + 2.0 * longest);

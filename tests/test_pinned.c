@@ -155,9 +155,9 @@ static const struct { const char *renderer, *version; uint64_t hashes[PINS]; } p
         0x5fc0e35b20eef14fu,  /* sky_ambient_rasterised */
         0x78915d4324cfd8a2u,  /* many_lamps_direct_traced */
         0x7692356e654ded7bu,  /* many_lamps_direct_rasterised */
-        0x2b0285e0cbf177ccu,  /* cornell_gi_traced */
+        0xbe015b005a016657u,  /* cornell_gi_traced */
         0x01bcd2c32cf797dcu,  /* cornell_gi_rasterised */
-        0x8213bbd789e4400du,  /* sky_gi_traced */ } }
+        0xcb377c3de25060c3u,  /* sky_gi_traced */ } }
 };
 
 /* The hashes of all pictures are those pinned for this renderer. */
