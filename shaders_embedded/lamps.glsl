@@ -12,9 +12,7 @@
 // One invocation computes one look, or one of the `blocks.y` parts into which its rays are divided. It stops when
 // more rays would not improve the result. With SBL_INSPECT it reports one ray or one entry of the look.
 uniform usamplerBuffer sbl_sequence;  // points of the unit square for the rays, as in trace.glsl
-uniform int lamp_nodes, lamp_leaves;  // counts of nodes and of leaves in the table of lamps
 uniform int rays;                     // maximum number of rays per look, besides those to rims and point lights
-uniform float unit;                   // radiance is divided by this unit while it is summed, to prevent overflow
 uniform float scale;                  // output / R
 #ifdef SBL_INSPECT
 const bool inspected = true, directional = false;
@@ -34,12 +32,6 @@ const bool directional = true;
 const bool directional = false;
 #endif
 #endif
-#ifdef SBL_MIXED
-const bool mixed = true;            // some lamp is not a triangle, or there are more than SBL_LAMPS lamps
-#else
-const bool mixed = false;           // all lamps are triangles, at most SBL_LAMPS
-#endif
-
 const int SBL_CERTAIN = 32;         // maximum number of point lights that get one ray each
 const float SBL_STRATA = 1.5;       // variance from n stratified points: SBL_STRATA / sqrt(n) times that from
                                     // independent points: measured with shadow edges on a lamp
@@ -55,337 +47,9 @@ const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // a rim sample's bar
 const int SBL_RIM = 12;             // number of rim samples of a round lamp
 const float SBL_RIM_AT = 0.99;      // share of a round lamp's area inside the circle on which its rim samples lie
 const float SBL_KNOWN = 1e-6;       // clusters need no more rays if variance / square of their light is below this
-const float SBL_SMALL = 16.0;       // a triangle is small if its squared distance over its squared size is larger
-const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);  // see sbl_form_factor
-const float SBL_POINT_WEIGHT[2] = float[2](0.223381589678011, 0.109951743655322);
-const float SBL_BEFORE_LAMP = 0.99999;  // share of the distance to a lamp along which a ray is traced
-
-// A lamp as the sensor sees it. "triangle:", "texel:" and "light:" name the kinds of lamp that have a field.
-struct sbl_Lamp {
-    uint kind;
-    vec3 brightness;           // divided by `unit`. triangle: radiance; texel: radiance above the limit * solid
-                               // angle; light: irradiance of a surface at the sensor that faces the light
-    vec3 corner;               // triangle: first corner, relative to the sensor; else unit direction to the centre
-    vec3 side_1, side_2;       // triangle: vectors from the first corner to the other corners
-    float away, radius, sine2; // light: distance, radius, squared sine of half the angle that it subtends
-    ivec2 texel;               // texel: its column and row in the environment's picture
-    int triangle, number;      // triangle: its number in the hierarchy's order and in the scene; else number is -1
-    vec2 group;                // (0, 1) if it is a triangle that shows the sensor its back; else (1, 0)
-    bool glow;                 // true: a glow, which is a triangle for all other fields: that of the surface
-};
-
-bool sbl_is_light(sbl_Lamp l) { return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT); }
-bool sbl_is_texel(sbl_Lamp l) { return mixed && l.kind == SBL_LAMP_SKY_TEXEL; }
 
 int look;                    // the look that is measured: its number in the batch
-vec3 stand, position, n;     // the sensor: origin of rays; position on the surface, for closed forms; normal
-mat3 to_frame;
 uvec2 scramble;
-
-sbl_Lamp sbl_lamp(int leaf) {
-    uint code = sbl_lamp_leaf_code(leaf), at = code & ((1u << SBL_LAMP_KIND_SHIFT) - 1u);
-    sbl_Lamp l = sbl_Lamp(code >> SBL_LAMP_KIND_SHIFT, vec3(0), vec3(0), vec3(0), vec3(0), SBL_UNBOUNDED, 0.0, 0.0,
-                          ivec2(0), int(at), -1, vec2(1, 0), false);
-    l.glow = mixed && l.kind == SBL_LAMP_GLOW;
-    if (l.glow) {
-        l.kind = SBL_LAMP_TRIANGLE;
-        l.triangle = int(sbl_glow_triangle(int(at)));
-    }
-    if (l.kind == SBL_LAMP_TRIANGLE) {
-        int object = int(sbl_triangle_object(l.triangle));
-        l.corner = sbl_triangle_corner_0(l.triangle);
-        l.side_1 = sbl_triangle_corner_1(l.triangle) - l.corner;
-        l.side_2 = sbl_triangle_corner_2(l.triangle) - l.corner;
-        for (int i = 0; i < (l.glow ? 1 : 0); i++) {
-            l.corner = sbl_glow_corner_0(int(at));
-            l.side_1 = sbl_glow_corner_1(int(at)) - l.corner;
-            l.side_2 = sbl_glow_corner_2(int(at)) - l.corner;
-        }
-        l.corner -= position;
-        l.number = int(sbl_triangle_number(l.triangle));
-        vec3 normal = cross(l.side_1, l.side_2);
-        float off = dot(normal, l.corner);
-        l.group = off > 0.0 ? vec2(0, 1) : vec2(1, 0);
-        l.brightness = sbl_emission(object, l.group.y == 1.0) / unit;
-        for (int i = 0; i < (l.glow ? 1 : 0); i++)
-            l.brightness = off > 0.0 ? vec3(0) : sbl_glow_radiance(int(at)) / unit;
-        // Almost edge-on: no light. Excludes the sensor's own triangle, which rounding may put above the horizon.
-        if (abs(off) < 0.5 * sbl_look_offset(look) * length(normal)) l.brightness = vec3(0);
-    }
-    if (sbl_is_texel(l)) {
-        uint width = uint(textureSize(sky_picture, 0).x);
-        l.texel = ivec2(at % width, at / width);
-        vec2 size = vec2(textureSize(sky_picture, 0)), middle = (vec2(l.texel) + 0.5) / size;
-        vec3 radiance = texelFetch(sky_picture, l.texel, 0).rgb;
-        l.corner = sbl_sky_direction(middle.x, cos(SBL_PI * middle.y));
-        l.brightness = radiance * (sbl_sky_excess(radiance) / unit * (2.0 * SBL_PI / size.x) * 2.0 *
-                                   sin(SBL_PI * middle.y) * sin(0.5 * SBL_PI / size.y));
-    }
-    if (sbl_is_light(l)) {
-        l.corner = sbl_light_position(int(at));
-        l.brightness = sbl_light_intensity(int(at)) / unit;
-        l.sine2 = sbl_light_radius(int(at));
-        if (l.kind == SBL_LAMP_NEAR_LIGHT) {
-            l.corner -= position;
-            l.radius = l.sine2;
-            l.away = length(l.corner);
-            l.corner /= max(l.away, 1e-30);
-            float spot = clamp(dot(sbl_light_axis(int(at)), -l.corner) * sbl_light_spot_scale(int(at)) +
-                               sbl_light_spot_offset(int(at)), 0.0, 1.0);  // KHR_lights_punctual
-            if (l.away < l.radius) { l.corner = n; l.away = l.radius; spot = 1.0; }  // sensor inside the light
-            l.brightness *= spot * spot / (l.away * l.away);
-            l.sine2 = min(l.radius * l.radius / (l.away * l.away), 1.0);
-        }
-    }
-    return l;
-}
-
-// >>closed forms
-
-// Form factor of a triangle. a, b, c: corners relative to the sensor, in its frame. Lambert's sum (1760) over the
-// edges of the part above the horizon adds the angle that each edge subtends, times z of the unit normal of the
-// plane through the edge and the sensor. If the triangle is small for its distance, rounding would spoil this sum;
-// a sum over Dunavant's six points is then used instead (1985, degree 4; relative error up to 4e-6).
-float sbl_form_factor(vec3 a, vec3 b, vec3 c) {
-    vec3 corners[3] = vec3[3](a, b, c), entry = vec3(0), leave = vec3(0);
-    vec3 middle = (a + b + c) / 3.0, normal = cross(b - a, c - a);
-    float distance2 = dot(middle, middle), points = 0.0, sum = 0.0;
-    float size2 = max(dot(b - a, b - a), max(dot(c - a, c - a), dot(c - b, c - b)));
-    bool small = min(a.z, min(b.z, c.z)) > 0.0 && distance2 > SBL_SMALL * size2, cut = false;
-    for (int k = 0; k < 6; k++) {  // points on the lines from the corners through the middle
-        vec3 p = middle + SBL_POINT[k / 3] * (corners[k % 3] - middle);
-        float length2 = dot(p, p) / distance2;
-        points += SBL_POINT_WEIGHT[k / 3] * p.z / (length2 * length2);
-    }
-    int edges = small || max(a.z, max(b.z, c.z)) <= 0.0 ? 0 : 4;
-    for (int k = 0; k < edges; k++) {
-        vec3 p = k == 3 ? leave : corners[k], q = k == 3 ? entry : corners[k == 2 ? 0 : k + 1];
-        if (k == 3 ? !cut : max(p.z, q.z) <= 0.0) continue;
-        if (k < 3 && min(p.z, q.z) <= 0.0) {
-            vec3 x = vec3(mix(p.xy, q.xy, p.z / (p.z - q.z)), 0);
-            cut = true;
-            if (p.z <= 0.0) entry = p = x;
-            else leave = q = x;
-        }
-        vec3 across = cross(p, q);
-        float size = length(across);
-        sum += size > 0.0 ? atan(size, dot(p, q)) * across.z / size : 0.0;
-    }
-    return small ? points * 0.5 * abs(dot(normal, middle)) / (SBL_PI * distance2 * distance2)
-                 : abs(sum) / (2.0 * SBL_PI);
-}
-
-// Form factor of a round lamp, divided by sine2 (Snyder 1996, "Area Light Sources for Real-Time Graphics");
-// small lamps are treated as flat discs. z: cosine between the normal and the direction to the lamp's centre
-float sbl_round(float z, float sine2) {
-    float sine = sqrt(sine2), s = sqrt(max(1.0 - z * z, 0.0));
-    if (z >= sine || z <= -sine) return max(z, 0.0);
-    float q = z / sine, x = sqrt(1.0 / sine2 - 1.0), y = clamp(-x * z / s, -1.0, 1.0), w = s * sqrt(1.0 - y * y);
-    if (sine2 < 1e-4) return sine / SBL_PI * (q * acos(-q) + sqrt(1.0 - q * q) * (2.0 + q * q) / 3.0);
-    return (z * acos(y) - x * w + atan(w, x) / sine2) / SBL_PI;
-}
-
-// R from an unobstructed lamp. For a texel it is approximate: positive if any of the texel is above the horizon.
-vec3 sbl_unhindered(sbl_Lamp l) {
-    float factor = 0.0;
-    if (l.kind == SBL_LAMP_TRIANGLE) {
-        vec3 corner = to_frame * l.corner;
-        factor = sbl_form_factor(corner, corner + to_frame * l.side_1, corner + to_frame * l.side_2);
-    }
-    if (sbl_is_light(l)) factor = sbl_round(dot(n, l.corner), l.sine2) / SBL_PI;
-    if (sbl_is_texel(l))
-        factor = max(dot(n, l.corner) + SBL_PI / float(textureSize(sky_picture, 0).y), 0.0) / SBL_PI;
-    return l.brightness * factor;
-}
-
-// The first four spherical harmonics of an unobstructed lamp, from its solid angle and from the integral of
-// directions over it (`way`). If the horizon cuts a round lamp, all but the part along the normal is approximate.
-mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {
-    float solid_angle = 0.0;
-    vec3 way = vec3(0);
-    if (l.kind == SBL_LAMP_TRIANGLE) {
-        vec3 a = to_frame * l.corner, kept[4];
-        vec3 corners[3] = vec3[3](a, a + to_frame * l.side_1, a + to_frame * l.side_2);
-        int count = 0;
-        for (int k = 0; k < 3; k++) {
-            vec3 p = corners[k], q = corners[(k + 1) % 3];
-            if (p.z > 0.0) kept[count++] = p;
-            if ((p.z > 0.0) != (q.z > 0.0)) kept[count++] = vec3(mix(p.xy, q.xy, p.z / (p.z - q.z)), 0);
-        }
-        for (int k = 0; k < count; k++) {  // R of a polygon as a sum over its edges (Lambert 1760)
-            vec3 p = kept[k], q = kept[k + 1 < count ? k + 1 : 0], across = cross(p, q);
-            float size = length(across);
-            way += size > 0.0 ? 0.5 * atan(size, dot(p, q)) / size * across : vec3(0);
-        }
-        for (int k = 1; k + 1 < count; k++) {  // Van Oosterom and Strackee 1983
-            vec3 p = kept[0], q = kept[k], r = kept[k + 1], lengths = vec3(length(p), length(q), length(r));
-            float cosines = lengths.x * lengths.y * lengths.z + dot(p, q) * lengths.z + dot(q, r) * lengths.x +
-                            dot(r, p) * lengths.y;
-            solid_angle += 2.0 * atan(dot(p, cross(q, r)), cosines);
-        }
-        way = transpose(to_frame) * way * sign(solid_angle);
-        solid_angle = abs(solid_angle);
-    }
-    if (sbl_is_light(l)) {  // solid_angle and way are divided by pi * sine2, to fit l.brightness
-        float z = dot(n, l.corner), shown = clamp(0.5 + 0.5 * z / max(sqrt(l.sine2), 1e-30), 0.0, 1.0);
-        solid_angle = shown * 2.0 / (1.0 + sqrt(1.0 - l.sine2));
-        way = shown * (l.corner - z * n) + sbl_round(z, l.sine2) * n;
-    }
-    return outerProduct(vec4(SBL_HARMONIC_0 * solid_angle, SBL_HARMONIC_1 * way.yzx), l.brightness);
-}
-
-// >>clusters
-
-struct sbl_Cluster {
-    vec3 to;       // centre of its bounding sphere, relative to the sensor; if `far`, a direction
-    float radius;
-    bool far;      // true: the lamps are infinitely far away
-    int beyond;    // next node that is not in the cluster's subtree
-};
-
-sbl_Cluster sbl_cluster(int node) {
-    uint beyond = sbl_lamp_node_beyond(node);
-    bool far = (beyond & SBL_FAR_NODE) != 0u;
-    return sbl_Cluster(sbl_lamp_node_middle(node) - (far ? vec3(0) : position), sbl_lamp_node_radius(node), far,
-                       int(beyond & ~SBL_FAR_NODE));
-}
-
-// Approximate light of an unobstructed cluster; 0 only if none of its lamps gives light to the sensor.
-float sbl_strength(int node, sbl_Cluster c) {
-    vec3 square = sbl_lamp_node_square(node), mixed = sbl_lamp_node_mixed(node), front = sbl_lamp_node_front(node);
-    float distance2 = max(dot(c.to, c.to), 1e-37), spread = min(c.radius * inversesqrt(distance2), 1.0);
-    float height = dot(n, c.to);
-    // The normal of a far lamp is the direction towards it, so its product with -n is the cosine at the sensor.
-    vec3 w = c.far ? -n : c.to * inversesqrt(distance2);
-    float shown = sqrt(max(dot(square, w * w) + 2.0 * dot(mixed, w.xyz * w.yzx), 0.0)) - dot(front, w) +
-                  0.1 * sbl_lamp_node_power(node) * spread;
-    if (height + c.radius <= 0.0) return 0.0;
-    float near = max(height, 0.5 * (height + c.radius)) * inversesqrt(distance2) /
-                 max(distance2, c.radius * c.radius);
-    return max(shown, 0.0) * (c.far ? 1.0 : near) / unit;
-}
-
-// >>points of lamps
-
-// Maps u to a uniformly distributed direction in the spherical triangle of the unit vectors a, b, c (Arvo 1995,
-// "Stratified Sampling of Spherical Triangles"). w: the solid angle; 0 if it is too small for this method
-vec4 sbl_spherical(vec3 a, vec3 b, vec3 c, vec2 u) {
-    vec3 ab = cross(a, b), bc = cross(b, c), ca = cross(c, a);
-    float alpha = atan(length(cross(ab, ca)), -dot(ab, ca)), beta = atan(length(cross(bc, ab)), -dot(bc, ab));
-    float gamma = atan(length(cross(ca, bc)), -dot(ca, bc)), solid_angle = alpha + beta + gamma - SBL_PI;
-    if (!(solid_angle > 0.01)) return vec4(0);
-    float s = sin(u.x * solid_angle - alpha), t = cos(u.x * solid_angle - alpha);
-    float sin_alpha = sin(alpha), cos_alpha = cos(alpha);
-    float p = t - cos_alpha, v = s + sin_alpha * dot(a, b);
-    float q = clamp(((v * t - p * s) * cos_alpha - v) / ((v * s + p * t) * sin_alpha), -1.0, 1.0);
-    vec3 cut = q * a + sqrt(1.0 - q * q) * normalize(c - dot(c, a) * a);
-    float z = 1.0 - u.y * (1.0 - dot(cut, b));
-    return vec4(z * b + sqrt(max(1.0 - z * z, 0.0)) * normalize(cut - dot(cut, b) * b), solid_angle);
-}
-
-struct sbl_Sample {
-    vec3 direction;
-    float far;    // distance, or SBL_UNBOUNDED
-    vec3 light;   // R / unit from the lamp, estimated from this point alone
-    vec2 b;       // triangle: weights of the second and third corner
-};
-
-// Weights of a triangle's second and third corner at a point. from_corner: the point, relative to the first corner
-vec2 sbl_barycentrics(sbl_Lamp l, vec3 normal, vec3 from_corner) {
-    vec2 areas = vec2(dot(cross(from_corner, l.side_2), normal), dot(cross(l.side_1, from_corner), normal));
-    return areas / dot(normal, normal);
-}
-
-// Maps a uniform point u of the unit square to a point on a lamp. Triangles are sampled by solid angle, or by area
-// if the solid angle is small (Heitz 2019, "A Low-Distortion Map Between Triangle and Square").
-sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
-    sbl_Sample s = sbl_Sample(l.corner, SBL_UNBOUNDED, l.brightness / SBL_PI, u);
-    if (l.kind == SBL_LAMP_TRIANGLE) {
-        vec3 normal = cross(l.side_1, l.side_2), corner_1 = l.corner + l.side_1, corner_2 = l.corner + l.side_2;
-        vec4 ray = sbl_spherical(normalize(l.corner), normalize(corner_1), normalize(corner_2), u);
-        s.b = u.y > u.x ? vec2(0.5 * u.x, u.y - 0.5 * u.x) : vec2(u.x - 0.5 * u.y, 0.5 * u.y);
-        // Keep a distance to the edges, so that rounding does not make the ray miss the triangle.
-        float reach2 = dot(l.corner, l.corner), longest2 = max(dot(l.side_1, l.side_1), dot(l.side_2, l.side_2));
-        float keep = 3e-6 * sqrt(longest2) * reach2 / max(abs(dot(normal, l.corner)), 1e-37);
-        s.b = mix(s.b, vec2(1.0 / 3.0), min(keep, 0.5));
-        vec3 to = l.corner + s.b.x * l.side_1 + s.b.y * l.side_2;
-        if (ray.w > 0.0) {
-            to = ray.xyz * dot(l.corner, normal) / dot(ray.xyz, normal);
-            s.b = sbl_barycentrics(l, normal, to - l.corner);
-        }
-        s.far = length(to);
-        s.direction = to / s.far;
-        s.light *= ray.w > 0.0 ? ray.w : 0.5 * abs(dot(normal, s.direction)) / (s.far * s.far);
-    }
-    if (sbl_is_texel(l)) {
-        vec2 size = vec2(textureSize(sky_picture, 0));
-        float row = float(l.texel.y);
-        s.direction = sbl_sky_direction((float(l.texel.x) + u.x) / size.x,
-                                        mix(cos(SBL_PI * row / size.y), cos(SBL_PI * (row + 1.0) / size.y), u.y));
-    }
-    if (sbl_is_light(l)) {
-        // off: 1 - cosine of the angle between the ray and the direction to the centre
-        float cosine = sqrt(1.0 - l.sine2), off = u.x * l.sine2 / (1.0 + cosine);
-        float r = sqrt(max(off * (2.0 - off), 0.0)), angle = 2.0 * SBL_PI * u.y;
-        s.direction = sbl_frame(l.corner) * vec3(r * cos(angle), r * sin(angle), 1.0 - off);
-        s.light *= 2.0 / (1.0 + cosine);
-        if (l.kind == SBL_LAMP_NEAR_LIGHT)
-            s.far = l.away * (1.0 - off) - sqrt(max(l.radius * l.radius - l.away * l.away * r * r, 0.0));
-    }
-    s.light *= max(dot(n, s.direction), 0.0);
-    return s;
-}
-
-#ifdef SBL_VIEWS  // geometry that only the host can draw: the sensor's views tell whether it hides the lamp
-uniform sampler2D view_texture; // radiance towards the sensor; distance along the view's axis, < 0 for a back face
-uniform vec4 view_rects[5];     // per view: x, y, width, height in the sheet, texels
-uniform ivec2 sheet;            // size of a sheet (the views of one look), texels
-uniform int view_count;
-uniform float tangent;          // tangent of half the field of view
-uniform float extent;           // scene extent: unit of the view texture's distances, world units
-
-const float SBL_AT_LAMP = 0.002;  // relative tolerance for distances in views, which are 16-bit floats
-const int SBL_LOOKS_AGAIN = 4;    // maximum number of texels that sbl_hidden compares for one ray
-
-// Returns true if the views show something in front of the sample, or do not cover its direction. The direction of
-// a texel's centre may miss the lamp's triangle; a point closer to the triangle's middle is then compared.
-bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
-    float turn = sbl_look_rotation(look);
-    mat3 frame = sbl_frame(n);
-    vec3 side_x = cos(turn) * frame[0] - sin(turn) * frame[1];
-    vec3 side_y = -cos(turn) * frame[1] - sin(turn) * frame[0];
-    vec3 sides[4] = vec3[4](side_x, side_y, -side_x, -side_y);  // axes of the side views, see sbl__view_axes
-    vec3 normal = cross(l.side_1, l.side_2), point = s.far * s.direction;
-    vec3 middle = l.corner + (l.side_1 + l.side_2) / 3.0;
-    if (l.kind != SBL_LAMP_TRIANGLE) point = s.direction;
-    for (int attempt = 0; attempt < SBL_LOOKS_AGAIN; attempt++, point = mix(point, middle, 0.4)) {
-        vec2 side = vec2(dot(point, side_x), dot(point, side_y));
-        bool top = max(abs(side.x), abs(side.y)) <= dot(point, n) * tangent;
-        int face = top ? 0 : abs(side.x) > abs(side.y) ? (side.x > 0.0 ? 1 : 3) : (side.y > 0.0 ? 2 : 4);
-        if (!top && view_count == 1) return true;
-        vec3 forward = top ? n : sides[max(face, 1) - 1], right = top ? side_x : sides[face % 4];
-        vec3 up = top ? side_y : n;
-        vec4 rect = view_rects[face];
-        vec2 lowest = vec2(-1, top ? -1 : 0), size = vec2(1) - lowest;
-        vec2 at = (vec2(dot(point, right), dot(point, up)) / (dot(point, forward) * tangent) - lowest) / size;
-        vec2 texel = clamp(floor(at * rect.zw), vec2(0), rect.zw - 1.0);
-        vec2 centre = lowest + (texel + 0.5) / rect.zw * size;
-        ivec2 place = ivec2(slot % columns, slot / columns) * sheet + ivec2(rect.xy + texel);
-        float shown = texelFetch(view_texture, place, 0).a, seen = abs(shown) * extent;
-        if (seen == 0.0) return false;
-        if (l.kind != SBL_LAMP_TRIANGLE) return seen < (1.0 - SBL_AT_LAMP) * s.far * dot(point, forward);
-        vec3 ray = forward + tangent * (centre.x * right + centre.y * up);
-        float there = dot(l.corner, normal) / dot(ray, normal);  // depth along `forward` of the lamp's plane
-        bool other_side = (shown < 0.0) != (l.group.y == 1.0);   // the view shows the back of the lamp
-        bool beyond = seen > (1.0 + SBL_AT_LAMP) * there;
-        if (there > 0.0 && (beyond || (seen >= (1.0 - SBL_AT_LAMP) * there && !other_side))) return false;
-        vec2 b = sbl_barycentrics(l, normal, there * ray - l.corner);
-        if (attempt == SBL_LOOKS_AGAIN - 1 || (there > 0.0 && min(b.x, b.y) >= 0.0 && b.x + b.y <= 1.0))
-            return seen < (other_side ? 1.0 + SBL_AT_LAMP : 1.0 - SBL_AT_LAMP) * dot(point, forward);
-    }
-    return true;
-}
-#endif
 
 // >>choose
 
@@ -463,29 +127,6 @@ void sbl_choose() {
 
 // >>pick
 
-struct sbl_Pick {
-    int leaf;      // the lamp that is picked
-    float share;   // probability of picking this lamp
-    vec2 u;        // uniform point for sbl_sample; each choice by u.x rescales it, so that it stays uniform
-    bool cluster;  // true: the lamp was picked from a cluster
-};
-
-// Picks one lamp of a cluster: descends its subtree, at each node in proportion to the strengths of the children.
-void sbl_descend(inout sbl_Pick p, int node, uint fraction) {
-    // Adds the low bits of the fraction, which a float between 0 and 1 cannot hold.
-    p.u.x = clamp(p.u.x + (float(fraction & 255u) - 127.5) / 4294967296.0 / p.share, 0.0, 1.0);
-    for (sbl_Cluster c = sbl_cluster(node); c.beyond != node + 1; c = sbl_cluster(node)) {
-        sbl_Cluster left = sbl_cluster(node + 1), right = sbl_cluster(left.beyond);
-        float weight = sbl_strength(node + 1, left);
-        float share = weight / max(weight + sbl_strength(left.beyond, right), 1e-37);
-        bool first = p.u.x < share;
-        node = first ? node + 1 : left.beyond;
-        p.share *= first ? share : 1.0 - share;
-        p.u.x = first ? p.u.x / share : (p.u.x - share) / (1.0 - share);
-    }
-    p.leaf = int(sbl_lamp_node_first_leaf(node));
-}
-
 // Picks one of the entries with a probability proportional to its strength.
 int sbl_pick_entry(inout sbl_Pick p) {
     float wanted = p.u.x * total, before = 0.0;
@@ -547,20 +188,7 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
     }
     if (hidden || at_rim) return;
 #ifdef SBL_TEXTURED
-    if (l.kind == SBL_LAMP_TRIANGLE) {
-        int object = int(sbl_triangle_object(l.triangle));
-        vec2 b = s.b;
-        for (int i = 0; i < (l.glow ? 1 : 0); i++) {  // barycentrics of the triangle of which the glow is a part
-            sbl_Lamp whole_triangle = l;
-            vec3 first = sbl_triangle_corner_0(l.triangle), point = position + l.corner - first;
-            whole_triangle.side_1 = sbl_triangle_corner_1(l.triangle) - first;
-            whole_triangle.side_2 = sbl_triangle_corner_2(l.triangle) - first;
-            b = sbl_barycentrics(whole_triangle, cross(whole_triangle.side_1, whole_triangle.side_2),
-                                 point + s.b.x * l.side_1 + s.b.y * l.side_2);
-        }
-        sbl_Attributes at = sbl_attributes_at(l.triangle, b.x, b.y);
-        light *= l.glow ? sbl_glow_pattern(object, at) : sbl_emission_pattern(object, at);
-    }
+    if (l.kind == SBL_LAMP_TRIANGLE) light *= sbl_lamp_pattern(l, s.b);
 #endif
     if (reporting && !point) report.rgb = light;
     mat3x4 harmonics = outerProduct(counts, light);
@@ -643,7 +271,8 @@ void main() {
 #endif
     n = sbl_look_normal(look);
     stand = sbl_look_position(look);
-    position = stand - sbl_look_offset(look) * n;
+    above = sbl_look_offset(look);
+    position = stand - above * n;
     to_frame = transpose(sbl_frame(n));
     uint hash = sbl_look_lamp_scramble(look);
     scramble = uvec2(hash, (hash ^ hash >> 15) * 747796405u);

@@ -17,9 +17,9 @@ SBL_OUT(5, out_even);                 // control variate for radiance 1 from eve
 
 const float SBL_NEIGHBOURS = 0.62;  // measured variance / its estimate from pairs, at 16 to 256 rays
 
-// Radiance that leaves a hit towards the ray's origin. goes_on: set to true if the ray needs a second segment,
-// which finds the light that the returned radiance lacks
-vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool last, out bool goes_on, out sbl_Material material) {
+// Radiance that leaves a hit towards the ray's origin. goes_on: set to true if the hit is near. The radiance then
+// lacks all reflected light, which further rays find.
+vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool last, out bool goes_on, out sbl_Material material) {
     int object = int(sbl_triangle_object(hit.triangle));
     sbl_Attributes at = SBL_PLAIN;
     if (!sbl_outgoing_is_plain(object, hit.back)) at = sbl_attributes_of(hit);
@@ -27,10 +27,12 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool last, out bool goes_on, out s
     goes_on = false;
 #ifdef SBL_BOUNCED
     material = sbl_material(object, at);
-    goes_on = !last && hit.distance * per_cell < 1.0;
-    int leaf = sbl_leaf_at(hit.number, hit.back, position, hit.distance);
-    radiance += sbl_reflected(material, goes_on ? sbl_lamps_of(leaf) : sbl_light_of(leaf));
-    radiance -= sbl_reflected(material, sbl_glowing(leaf, hit.number, hit.back, position, hit.distance));
+    goes_on = !last && sbl_is_near(hit.distance);
+    if (!goes_on || glows > 0) {
+        int leaf = sbl_leaf_at(hit.number, hit.back, place, hit.distance);
+        vec3 light = goes_on ? vec3(0) : sbl_light_of(leaf);
+        radiance += sbl_reflected(material, light - sbl_glowing(leaf, hit.number, hit.back, place, hit.distance));
+    }
 #endif
     return radiance;
 }
@@ -43,22 +45,51 @@ float sbl_stratum_reciprocal(float u) {
 }
 
 #ifdef SBL_BOUNCED
-// Maximum number of segments of a ray. The mean light of a cell may differ much from the light at a hit that is
-// nearer than the cell's width. At such a hit the ray takes only the lamps' part of the light in the store, and a
-// second segment finds the bounced part.
-const int SBL_LEGS = 2;
+// Maximum number of segments of a ray. The mean light of a cell may differ much from the light at a near hit. The
+// store is not read there: a ray to a lamp finds the light of lamps, and the next segment finds the bounced light.
+// Only the last segment reads the store at any distance.
+const int SBL_LEGS = 3;
 
-// Sets the origin and the direction of a ray's second segment. Returns the factor for the light that it finds.
-vec3 sbl_go_on(sbl_Hit hit, sbl_Material material, uint hash, inout vec3 position, inout vec3 direction) {
+// The rays that leave a near hit. All start at `from`.
+struct sbl_Reflection {
+    vec3 from;
+    vec3 to_lamp;           // unit direction of the ray to a lamp
+    float away;             // length of that ray; 0: no lamp gives light
+    int number;             // number of the lamp's triangle in the scene, or -1
+    vec3 light;             // light that the ray to the lamp finds if nothing is in its way
+    vec3 direction, share;  // of the next segment: direction, and factor of the light that it finds
+};
+
+// Chooses the rays that leave a near hit at random. direction: of the ray that arrives there
+sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, uint hash) {
     vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,
          e2 = sbl_triangle_corner_2(hit.triangle) - p0, e3 = e2 - e1;
     float longest = sqrt(max(dot(e1, e1), max(dot(e2, e2), dot(e3, e3))));
     vec3 across = cross(e1 / longest, e2 / longest) * (hit.back ? -1.0 : 1.0);
-    vec2 u = sbl_unit_square(uvec2(hash, sbl_hash_step(hash, 1u)));
-    sbl_Bounce bounce = sbl_bounce(material, across, -direction, u);
-    position = p0 + hit.b1 * e1 + hit.b2 * e2 + SBL_OFFSET * (length(p0) + 2.0 * longest) * bounce.off;
-    direction = bounce.direction;
-    return bounce.weight;
+    uvec4 random = uvec4(hash, 0, 0, 0);
+    for (int k = 1; k < 4; k++) random[k] = sbl_hash_step(random[k - 1], uint(k));
+    sbl_Bounce bounce = sbl_bounce(material, across, -direction, sbl_unit_square(random.xy));
+    n = bounce.off;
+    above = SBL_OFFSET * (length(p0) + 2.0 * longest);
+    position = p0 + hit.b1 * e1 + hit.b2 * e2;
+    stand = position + above * n;
+    sbl_Reflection r = sbl_Reflection(stand, n, 0.0, -1, vec3(0), bounce.direction, bounce.weight);
+    if (lamp_leaves == 0) return r;
+    sbl_Pick p = sbl_Pick(0, 1.0, sbl_unit_square(random.zw), false);
+    sbl_descend(p, sbl_cluster(0).beyond < lamp_nodes ? -1 : 0, random.z);
+    sbl_Lamp l = sbl_lamp(p.leaf);
+    sbl_Sample s = sbl_sample(l, p.u);
+    r.number = l.number;
+    r.light = sbl_reflected(material, s.light) * (unit / p.share);
+#ifdef SBL_TEXTURED
+    if (l.kind == SBL_LAMP_TRIANGLE) r.light *= sbl_lamp_pattern(l, s.b);
+#endif
+    bool bounded = s.far < SBL_UNBOUNDED;
+    vec3 to = bounded ? s.far * s.direction - above * n : s.direction;
+    r.to_lamp = normalize(to);
+    float away = bounded ? SBL_BEFORE_LAMP * length(to) : SBL_UNBOUNDED;
+    r.away = max(r.light.r, max(r.light.g, r.light.b)) > 0.0 ? away : 0.0;
+    return r;
 }
 #else
 const int SBL_LEGS = 1;
@@ -68,7 +99,7 @@ void main() {
     ivec2 texel = sbl_texel_of_invocation(), sheet = texel / blocks, within = texel % blocks;
     int sensor = sheet.y * columns + sheet.x - first_slot;
     if (sensor < 0 || sensor >= count) sbl_leave;
-    vec3 position = sbl_look_position(sensor);
+    vec3 origin = sbl_look_position(sensor);
     mat3 frame = sbl_frame(sbl_look_normal(sensor));
     uvec2 scramble = sbl_look_scramble(sensor);
     uint which = sbl_look_which(sensor);
@@ -89,10 +120,25 @@ void main() {
 #ifdef SBL_GUIDED
         weight = sbl_guide(int(which >> SBL_LOOK_GUIDE_SHIFT), u);
 #endif
-        vec3 direction = sbl_by_cosine(frame, u * vec2(spread, 1.0)), from = position, share = vec3(weight);
+        vec3 direction = sbl_by_cosine(frame, u * vec2(spread, 1.0)), from = origin, share = vec3(weight);
         vec3 way = direction;
-        for (int leg = 0; leg < SBL_LEGS; leg++) {
-            sbl_Hit hit = sbl_trace(from, direction, SBL_UNBOUNDED);
+        float limit = SBL_UNBOUNDED;
+#ifdef SBL_BOUNCED
+        sbl_Reflection next;
+#endif
+        // Even turns trace the ray's segments; odd turns trace the rays from near hits to lamps.
+        for (int turn = 0; turn < 2 * SBL_LEGS - 1; turn++) {
+            sbl_Hit hit = sbl_trace(from, direction, limit);
+#ifdef SBL_BOUNCED
+            if ((turn & 1) == 1) {
+                if (hit.triangle < 0 || hit.number == next.number) sum.rgb += share * next.light;
+                share *= next.share;
+                direction = next.direction;
+                limit = SBL_UNBOUNDED;
+                if (max(share.r, max(share.g, share.b)) <= 0.0) break;
+                continue;
+            }
+#endif
             if (hit.triangle < 0) {
                 sum.rgb += share * sbl_sky(direction);
                 break;
@@ -100,8 +146,8 @@ void main() {
             bool goes_on;
             sbl_Material material;
             vec3 place = from + direction * hit.distance;
-            sum.rgb += share * sbl_radiance(hit, place, leg == SBL_LEGS - 1, goes_on, material);
-            if (leg == 0) {
+            sum.rgb += share * sbl_radiance(hit, place, turn == 2 * SBL_LEGS - 2, goes_on, material);
+            if (turn == 0) {
                 sum.a += hit.back ? weight : 0.0;
                 hits.xy += weight * vec2(1.0, min(hit.distance, distance_limit));
                 hits.z = min(hits.z, hit.distance);
@@ -109,8 +155,10 @@ void main() {
             if (!goes_on) break;
 #ifdef SBL_BOUNCED
             uint hash = sbl_hash_step(sbl_hash_step(scramble.x, uint(skip + i)), scramble.y);
-            share *= sbl_go_on(hit, material, hash, from, direction);
-            if (max(share.r, max(share.g, share.b)) <= 0.0) break;
+            next = sbl_reflect(hit, material, direction, sbl_hash_step(hash, uint(turn)));
+            from = next.from;
+            direction = next.to_lamp;
+            limit = next.away;
 #endif
         }
         vec4 counts = sbl_harmonics(way, frame[2], sbl_stratum_reciprocal(u.x));

@@ -955,6 +955,68 @@ TEST(near_hits_find_their_own_light) {
     scene_free(&s);
 }
 
+/* R that lamps of the kinds below give the ground at x, z. The sun's shade ends at x = shade. */
+enum { NEAR_SUN, NEAR_POINT, NEAR_SPOT, NEAR_TRIANGLES, NEAR_SUN_AND_SPOT, NEAR_LAMPS };
+
+static double ground_by(int lamp, double x, double z, double shade) {
+    const double away2 = (x - 0.15) * (x - 0.15) + 0.04 + z * z, cosine = 0.2 / sqrt(away2);
+    const double limit = cos(TEST_PI / 6), spot = cosine > limit ? (cosine - limit) / (1 - limit) : 0;
+    const double sun = x > shade ? 1 : 0, spotlight = spot * spot * cosine / away2;
+    if (lamp == NEAR_SUN || lamp == NEAR_SUN_AND_SPOT) return sun + (lamp == NEAR_SUN ? 0 : spotlight);
+    if (lamp == NEAR_SPOT) return spotlight;
+    return (lamp == NEAR_TRIANGLES ? cosine : 1) * cosine / away2;
+}
+
+/* A black wall stands on ground of albedo 0.5. The light of a lamp changes much within a cell of the ground: a shade
+   keeps the sun from the foot of the wall, or another lamp is near. Sites on the wall are close above the ground. */
+TEST(lamps_light_near_hits) {
+    enum { STEPS = 1000 };
+    static const float shade = 0.05f, height = 0.03f;
+    int lamp, i;
+    for (lamp = 0; lamp < NEAR_LAMPS; lamp++) {
+        test_scene s = { 0 };
+        sbl_light *light = NULL;
+        double expected = 0, found;
+        const int white = scene_material(&s, 0.5f, 0.5f, 0.5f), black = scene_material(&s, 0, 0, 0);
+        scene_floor(&s, white, 0, 5);
+        scene_quad(&s, black, 0, 0, -5, 0, 0, 5, 0, 4, 5, 0, 4, -5);
+        if (lamp == NEAR_SUN || lamp == NEAR_SUN_AND_SPOT) {
+            scene_quad(&s, black, 0, 3, -5, 0, 3, 5, shade, 3, 5, shade, 3, -5);
+            scene_light(&s, SBL_LIGHT_DIRECTIONAL, (float)TEST_PI, 0, 0)->direction[1] = -1;
+        }
+        if (lamp == NEAR_TRIANGLES) {
+            const float a = 0.01f, l = (float)(TEST_PI / 0.0004);
+            scene_quad(&s, scene_lamp(&s, l, 0, 0), 0.15f - a, 0.2f, -a, 0.15f + a, 0.2f, -a, 0.15f + a, 0.2f, a,
+                       0.15f - a, 0.2f, a);
+        } else if (lamp != NEAR_SUN) {
+            light = scene_light(&s, lamp == NEAR_POINT ? SBL_LIGHT_POINT : SBL_LIGHT_SPOT, (float)TEST_PI, 0, 0);
+            light->position[0] = 0.15f;
+            light->position[1] = 0.2f;
+            light->direction[1] = -1;
+            light->cone = 60;
+        }
+        site_count = 0;
+        for (i = 0; i < 16; i++) add_site(0, (double)height, 0, 1, 0, 0, 1);
+        for (i = 0; i < STEPS * STEPS; i++) {
+            const double r = sqrt((i / STEPS + 0.5) / STEPS), turn = 2 * TEST_PI * (i % STEPS + 0.5) / STEPS;
+            const double down = -r * sin(turn), far = (double)height / down;
+            const double x = sqrt(1 - r * r) * far, z = r * cos(turn) * far;
+            if (down > 0 && x < 5 && fabs(z) < 5)
+                expected += 0.5 * ground_by(lamp, x, z, (double)shade) / (STEPS * STEPS);
+        }
+        if (use_scene(&s, 1024) && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 1024)) {
+            found = mean_of(0, site_count, 0);
+            if (gather(SBL_MODE_DIRECT, SBL_BACKEND_TRACE, 1024)) found -= mean_of(0, site_count, 0);
+            printf("  lamp %d: bounced light %.4f, expected %.4f; cells of %g\n", lamp, found, expected,
+                   (double)inside_cell_length(context));
+            CHECK(inside_cell_length(context) > 4 * shade, "cells are no wider than the shade");
+            CHECK(fabs(found / expected - 1) < 0.03, "lamp %d: bounced light is %g, expected %g", lamp, found,
+                  expected);
+        }
+        scene_free(&s);
+    }
+}
+
 /* A plate hides the sun from the ground below it. Walls see the lit parts of the cells there, but only from afar. The
    light that they find does not reach the plate. */
 TEST(far_light_is_not_near_light) {
@@ -1482,6 +1544,7 @@ int main(void) {
     RUN(the_store_is_kept_and_renewed);
     RUN(a_trench_narrower_than_cells);
     RUN(near_hits_find_their_own_light);
+    RUN(lamps_light_near_hits);
     RUN(far_light_is_not_near_light);
     RUN(a_pleated_sheet);
     RUN(a_crowd_of_boxes);
