@@ -155,9 +155,9 @@ static const struct { const char *renderer, *version; uint64_t hashes[PINS]; } p
         0xdb6b41930338e59au,  /* sky_ambient_rasterised */
         0x78915d4324cfd8a2u,  /* many_lamps_direct_traced */
         0x7692356e654ded7bu,  /* many_lamps_direct_rasterised */
-        0xbe015b005a016657u,  /* cornell_gi_traced */
-        0x01bcd2c32cf797dcu,  /* cornell_gi_rasterised */
-        0xcb377c3de25060c3u,  /* sky_gi_traced */ } }
+        0x1c283a206a3faf96u,  /* cornell_gi_traced */
+        0x0659c3d3a43f6c59u,  /* cornell_gi_rasterised */
+        0x8bbf21bc361e7c70u,  /* sky_gi_traced */ } }
 };
 
 /* The hashes of all pictures are those pinned for this renderer. */

@@ -37,7 +37,7 @@ static void picture(sbl_mode mode) {
     printf("%s view_to_clip %d %g %g %g\n", name, (int)mode, fov_y(&d[0]), fov_y(&d[1]), fov_y(&d[2]));
     PRINT(sensor_kind); PRINT(sensor_fov);
     PRINT(target_error); PRINT(tile); PRINT(threshold); PRINT(facet_limit); PRINT(filter_radius); PRINT(samples);
-    PRINT(exposure); PRINT(auto_exposure);
+    PRINT(exposure); PRINT(auto_exposure); PRINT(backdrop[0]);
 }
 
 static void readings(sbl_mode mode) {
