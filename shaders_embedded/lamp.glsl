@@ -288,57 +288,6 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
     return s;
 }
 
-#ifdef SBL_VIEWS  // geometry that only the host can draw: the sensor's views tell whether it hides the lamp
-uniform sampler2D view_texture; // radiance towards the sensor; distance along the view's axis, < 0 for a back face
-uniform vec4 view_rects[5];     // per view: x, y, width, height in the sheet, texels
-uniform ivec2 sheet;            // size of a sheet (the views of one look), texels
-uniform int view_count;
-uniform float tangent;          // tangent of half the field of view
-uniform float extent;           // scene extent: unit of the view texture's distances, world units
-
-const float SBL_AT_LAMP = 0.002;  // relative tolerance for distances in views, which are 16-bit floats
-const int SBL_LOOKS_AGAIN = 4;    // maximum number of texels that sbl_hidden compares for one ray
-
-// Returns true if the views show something in front of the sample, or do not cover its direction. The direction of
-// a texel's centre may miss the lamp's triangle; a point closer to the triangle's middle is then compared.
-bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
-    float turn = sbl_look_rotation(look);
-    mat3 frame = sbl_frame(n);
-    vec3 side_x = cos(turn) * frame[0] - sin(turn) * frame[1];
-    vec3 side_y = -cos(turn) * frame[1] - sin(turn) * frame[0];
-    vec3 sides[4] = vec3[4](side_x, side_y, -side_x, -side_y);  // axes of the side views, see sbl__view_axes
-    vec3 normal = cross(l.side_1, l.side_2), point = s.far * s.direction;
-    vec3 middle = l.corner + (l.side_1 + l.side_2) / 3.0;
-    if (l.kind != SBL_LAMP_TRIANGLE) point = s.direction;
-    for (int attempt = 0; attempt < SBL_LOOKS_AGAIN; attempt++, point = mix(point, middle, 0.4)) {
-        vec2 side = vec2(dot(point, side_x), dot(point, side_y));
-        bool top = max(abs(side.x), abs(side.y)) <= dot(point, n) * tangent;
-        int face = top ? 0 : abs(side.x) > abs(side.y) ? (side.x > 0.0 ? 1 : 3) : (side.y > 0.0 ? 2 : 4);
-        if (!top && view_count == 1) return true;
-        vec3 forward = top ? n : sides[max(face, 1) - 1], right = top ? side_x : sides[face % 4];
-        vec3 up = top ? side_y : n;
-        vec4 rect = view_rects[face];
-        vec2 lowest = vec2(-1, top ? -1 : 0), size = vec2(1) - lowest;
-        vec2 at = (vec2(dot(point, right), dot(point, up)) / (dot(point, forward) * tangent) - lowest) / size;
-        vec2 texel = clamp(floor(at * rect.zw), vec2(0), rect.zw - 1.0);
-        vec2 centre = lowest + (texel + 0.5) / rect.zw * size;
-        ivec2 place = ivec2(slot % columns, slot / columns) * sheet + ivec2(rect.xy + texel);
-        float shown = texelFetch(view_texture, place, 0).a, seen = abs(shown) * extent;
-        if (seen == 0.0) return false;
-        if (l.kind != SBL_LAMP_TRIANGLE) return seen < (1.0 - SBL_AT_LAMP) * s.far * dot(point, forward);
-        vec3 ray = forward + tangent * (centre.x * right + centre.y * up);
-        float there = dot(l.corner, normal) / dot(ray, normal);  // depth along `forward` of the lamp's plane
-        bool other_side = (shown < 0.0) != (l.group.y == 1.0);   // the view shows the back of the lamp
-        bool beyond = seen > (1.0 + SBL_AT_LAMP) * there;
-        if (there > 0.0 && (beyond || (seen >= (1.0 - SBL_AT_LAMP) * there && !other_side))) return false;
-        vec2 b = sbl_barycentrics(l, normal, there * ray - l.corner);
-        if (attempt == SBL_LOOKS_AGAIN - 1 || (there > 0.0 && min(b.x, b.y) >= 0.0 && b.x + b.y <= 1.0))
-            return seen < (other_side ? 1.0 + SBL_AT_LAMP : 1.0 - SBL_AT_LAMP) * dot(point, forward);
-    }
-    return true;
-}
-#endif
-
 struct sbl_Pick {
     int leaf;      // the lamp that is picked
     float share;   // probability of picking this lamp
@@ -365,7 +314,8 @@ void sbl_descend(inout sbl_Pick p, int node, uint fraction) {
 }
 
 #ifdef SBL_TEXTURED
-// What textures and vertex colours do to the light of a triangle at a point. b: weights of its second and third corner
+// What textures and vertex colours do to the light of a triangle at a point. b: weights of its second and third
+// corner
 vec3 sbl_lamp_pattern(sbl_Lamp l, vec2 b) {
     int object = int(sbl_triangle_object(l.triangle));
     for (int i = 0; i < (l.glow ? 1 : 0); i++) {  // weights in the triangle of which the glow is a part

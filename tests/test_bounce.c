@@ -387,7 +387,7 @@ static void check_furnace_picture(double rho, int kind) {
         sum += (double)final[i] / (3 * 16 * 12);
     }
     printf("  furnace %d of albedo %g, picture: mean %.5f, worst %.2g\n", kind, rho, mean, worst);
-    CHECK(fabs(mean - 1) < 0.005 && fabs(sum - 1) < 0.005 && worst < (kind ? 0.05 : 0.01),
+    CHECK(fabs(mean - 1) < 0.005 && fabs(sum - 1) < 0.005 && worst < (kind ? 0.05 : 0.03),
         "furnace %d of albedo %g: R of a picture is %g, final %g, off by %g at most", kind, rho, mean, sum, worst);
     free(radiance);
     free(final);
