@@ -291,8 +291,9 @@
 
    Light does not leak through walls or creep under them. The two sides of a wall have different cells, and the plane of
    a wall that stands on a floor cuts the cells of the floor. The sensors of a picture use the store only for the light
-   that other surfaces reflect towards them. The store itself is visible only on surfaces with SBL_MATERIAL_NO_SENSORS
-   and in SBL_CHANNEL_STORE.
+   that other surfaces reflect towards them, and only where these surfaces are at least half a cell's length away. At a
+   nearer surface, whose light may differ from its cell's, a ray sends another ray to a lamp and goes on. The store
+   itself is visible only on surfaces with SBL_MATERIAL_NO_SENSORS and in SBL_CHANNEL_STORE.
 
    Cost: a picture takes 2 to 3 times as long as with direct light alone, including the store, and more if the picture
    is small (measured in several rooms, llvmpipe on two cores). The first work in this mode makes the store. It then
@@ -2538,8 +2539,6 @@ typedef struct sbl__record {
 #define SBL__RESULTS_WIDTH 1024    /* width of the textures of a job's results, texels */
 #define SBL__HASH_FACTOR 0x9e3779b1u
 #define SBL__HASH_SHIFT 15
-#define SBL__RGBE_BIAS 128         /* offset of the exponent that sbl__rgbe stores */
-#define SBL__RGBE_BITS 8           /* bits of each of the three mantissas that sbl__rgbe stores */
 
 #define SBL__UNBOUNDED 1e30f           /* length of a ray without a limit; distance of a hit that does not exist */
 #define SBL__LOST (-1.0f)              /* instead of the least distance of a look, the variance of its light from lamps,
@@ -2576,8 +2575,8 @@ typedef struct sbl__record {
 #define SBL__SHARED_CONSTANTS(X) \
     X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) \
     X(PATCH_AXIS_SHIFT) X(NEAR_PART) X(SLOT_TRIES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) \
-    X(GUIDE_RINGS) X(GUIDE_SECTORS) X(GUIDE_TEXELS) X(GUIDES_ACROSS) X(LOOK_GUIDE_SHIFT) X(HASH_SHIFT) X(RGBE_BIAS) \
-    X(RGBE_BITS) X(TEXTURE_SRGB) X(TEXTURE_KIND) X(TEXTURE_CLAMPS) X(LEAF) X(ENTER) X(LEAVE) X(END) X(CHILD_NUMBER) \
+    X(GUIDE_RINGS) X(GUIDE_SECTORS) X(GUIDE_TEXELS) X(GUIDES_ACROSS) X(LOOK_GUIDE_SHIFT) X(HASH_SHIFT) \
+    X(TEXTURE_SRGB) X(TEXTURE_KIND) X(TEXTURE_CLAMPS) X(LEAF) X(ENTER) X(LEAVE) X(END) X(CHILD_NUMBER) \
     X(LAMP_TRIANGLE) X(LAMP_NEAR_LIGHT) X(LAMP_FAR_LIGHT) X(LAMP_SKY_TEXEL) X(LAMP_GLOW) X(FAR_NODE) X(RESULTS_WIDTH) \
     X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_CUT) X(LOOK_NUMBER) X(HASH_FACTOR) \
     X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
@@ -6218,9 +6217,8 @@ typedef struct sbl__cell_slot { uint32_t check, reference; } sbl__cell_slot;
 SBL__RECORD(sbl__cut, SBL__CUT, "sbl_cut", "sbl_store", SBL__SCENE_TABLE("sbl_store"), "first_cut")
 
 /* light: R; the low bits of its blue hold the uncertainty, and its red is negative if sensors send rays to the leaf,
-   which is then called bright (see >>glow). lamps: the part of R that comes directly from lamps, packed
-   by sbl__rgbe. */
-#define SBL__LEAF_RECORD(X) X(sbl__leaf, VEC3, light) X(sbl__leaf, UINT, lamps)
+   which is then called bright (see >>glow). */
+#define SBL__LEAF_RECORD(X) X(sbl__leaf, VEC3, light) X(sbl__leaf, UINT, unused)
 SBL__RECORD(sbl__leaf, SBL__LEAF_RECORD, "sbl_leaf", "sbl_store", "", "first_leaf")
 
 /* A cell with bright leaves: its patch word, with the level, and its coordinates */
@@ -6362,20 +6360,6 @@ static uint32_t sbl__store_from_afar(const sbl__store *s, uint32_t side, const f
         }
     }
     return reference;
-}
-
-/* Packs radiance into one word with a shared exponent (Ward 1991, "Real Pixels"). */
-static uint32_t sbl__rgbe(const float light[3]) {
-    uint32_t word;
-    int exponent, k;
-    if (!(frexp((double)sbl__max3(light), &exponent) > 0) || exponent < -127) return 0;
-    exponent = SBL__MIN(exponent, 127);
-    word = (uint32_t)(exponent + SBL__RGBE_BIAS) << 24;
-    for (k = 0; k < 3; k++) {
-        const double part = ldexp((double)light[k], SBL__RGBE_BITS - exponent) + 0.5;
-        word |= (uint32_t)SBL__MIN(SBL__MAX(part, 0), 255.0) << 8 * k;
-    }
-    return word;
 }
 
 /* Makes a reference lead to a new cut. side: the side of the cut that gets the reference's previous value. */
@@ -6622,14 +6606,8 @@ static const char *const sbl__glsl_store[] = {
 "    return int(reference);\n",
 "}\n",
 "\n",
-"// R of a leaf. sbl_lamps_of: the part of it that comes directly from lamps. leaf: as sbl_leaf_at returns it\n",
+"// R of a leaf, as sbl_leaf_at returns it\n",
 "vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : abs(sbl_leaf_light(leaf - 1)); }\n",
-"\n",
-"vec3 sbl_lamps_of(int leaf) {\n",
-"    uint rgbe = leaf == 0 ? 0u : sbl_leaf_lamps(leaf - 1);\n",
-"    float exponent = float(rgbe >> 24) - float(SBL_RGBE_BIAS + SBL_RGBE_BITS);\n",
-"    return vec3(rgbe & 255u, rgbe >> 8 & 255u, rgbe >> 16 & 255u) * exp2(exponent);\n",
-"}\n",
 "\n",
 "// Returns the part of R at a position that lamps.glsl measures: all of it where rays from afar read a bright leaf.\n",
 "// leaf: what sbl_leaf_at returns for the parameters\n",
@@ -12531,7 +12509,6 @@ static sbl_result sbl__bounce_direct(void *work, int at) {
         for (k = 0; k < 3; k++) all_sky[k] += sky[k] / (float)state->valid;
         for (k = 0; k < 3; k++) light[k] += b->readings[i].radiance[k] / (float)state->valid;
     }
-    leaf->lamps = sbl__rgbe(light);
     for (k = 0; k < 3; k++) light[k] += all_sky[k];
     if (state->bright != SBL__BRIGHT) memcpy(leaf->light, light, sizeof leaf->light);
     return SBL_SUCCESS;

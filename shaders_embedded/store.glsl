@@ -51,14 +51,8 @@ int sbl_leaf_at(int number, bool back, vec3 position, float distance) {
     return int(reference);
 }
 
-// R of a leaf. sbl_lamps_of: the part of it that comes directly from lamps. leaf: as sbl_leaf_at returns it
+// R of a leaf, as sbl_leaf_at returns it
 vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : abs(sbl_leaf_light(leaf - 1)); }
-
-vec3 sbl_lamps_of(int leaf) {
-    uint rgbe = leaf == 0 ? 0u : sbl_leaf_lamps(leaf - 1);
-    float exponent = float(rgbe >> 24) - float(SBL_RGBE_BIAS + SBL_RGBE_BITS);
-    return vec3(rgbe & 255u, rgbe >> 8 & 255u, rgbe >> 16 & 255u) * exp2(exponent);
-}
 
 // Returns the part of R at a position that lamps.glsl measures: all of it where rays from afar read a bright leaf.
 // leaf: what sbl_leaf_at returns for the parameters
