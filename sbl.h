@@ -12596,6 +12596,9 @@ static int sbl__bounce_after_gather(void *work) {
 #define SBL__BRIGHT_HITS 0.06      /* largest share of rays that hit bright leaves; light from larger places is found
                                       easily, and shadow rays towards them are costly */
 #define SBL__BRIGHT_LEAVES 1024    /* largest number of bright leaves */
+#define SBL__BRIGHT_CROWD 0.67     /* of the rays of a point that sees bright leaves, the largest mean share that hits
+                                      them; places that fill much of the view, such as the gap above a lamp, are found
+                                      by rays */
 #define SBL__BRIGHT_REST 0.5       /* no leaf is bright if more than this share of the rays' variance would remain */
 
 /* A leaf that may be bright. light: mean radiance of it that rays have found; hits: number of these rays */
@@ -12608,7 +12611,8 @@ static int sbl__brighter(const void *first, const void *second) {
 }
 
 /* Adds up the luminances of the radiance that a point's rays find. Of b->direct, which the next stage makes again or
-   overwrites, each leaf uses two floats: the sum over the rays that hit it, and the number of these rays. */
+   overwrites, each leaf uses two floats, the sum over the rays that hit it and the number of these rays;
+   sbl__bright_uncrowded uses the third. */
 static sbl_result sbl__bounce_shine(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *hits = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS];
@@ -12634,6 +12638,26 @@ static sbl_result sbl__bounce_shine(void *work, int at) {
     b->found.light += SBL__BOUNCE_RAYS * (double)sbl__luminance(sky);
     b->found.rays += SBL__BOUNCE_RAYS;
     return SBL_SUCCESS;
+}
+
+/* Drops the candidates that fill much of the view of the points that see them. Returns how many remain. */
+static int sbl__bright_uncrowded(sbl__bounce *b, sbl__bright_leaf *list, int count) {
+    int i, j, kept = 0;
+    for (i = 0; i < b->store->leaf_count; i++) b->direct[3 * i + 2] = -1;
+    for (i = 0; i < count; i++) b->direct[3 * list[i].leaf + 2] = 0;
+    for (i = 0; i < b->point_count; i++) {
+        const sbl__hit *hits = &b->hits.list[(size_t)i * SBL__BOUNCE_RAYS];
+        int crowd = 0;
+        for (j = 0; j < SBL__BOUNCE_RAYS && b->readings[i].valid; j++)
+            crowd += hits[j].place != SBL__NOWHERE && b->direct[3 * hits[j].place + 2] >= 0;
+        for (j = 0; j < SBL__BOUNCE_RAYS && crowd; j++)
+            if (hits[j].place != SBL__NOWHERE && b->direct[3 * hits[j].place + 2] >= 0)
+                b->direct[3 * hits[j].place + 2] += (float)crowd;
+    }
+    for (i = 0; i < count; i++)
+        if ((double)b->direct[3 * list[i].leaf + 2] <= SBL__BRIGHT_CROWD * SBL__BOUNCE_RAYS * list[i].hits)
+            list[kept++] = list[i];
+    return kept;
 }
 
 /* Returns how many of the candidates, the brightest first, become bright leaves. mean: mean radiance of rays */
@@ -12688,6 +12712,7 @@ static sbl_result sbl__bounce_choose(void *work, sbl__slice *slice) {
         list[count].hits = hits;
         list[count++].leaf = i;
     }
+    count = sbl__bright_uncrowded(b, list, count);
     if (count) qsort(list, (size_t)count, sizeof *list, sbl__brighter);
     count = count ? sbl__bright_choose(b, list, count) : 0;
     if (count) s->bright = (sbl__bright_cell *)sbl__alloc(&b->core->base, (size_t)count, sizeof *s->bright);

@@ -399,7 +399,8 @@ TEST(while_the_picture_is_written) {
 
 /* A signal after the picture is written keeps the picture, without statistics. */
 TEST(while_the_statistics_are_written) {
-    static const char *const arguments[] = { ROOM, "-o", "out.png", "--stats", "out.json", NULL };
+    static const char *const arguments[] = { ROOM, "--sky", "0,0,0", "-o", "out.png", "--stats", "out.json",
+                                             NULL };
     static const moment m[] = { { RENAMES, 0, NULL }, { OPENS, SIGTERM, NULL } };
     room_obj();
     forget();
