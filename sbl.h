@@ -10608,9 +10608,11 @@ static const char *const sbl__glsl_trace[] = {
 "\n",
 "const float SBL_NEIGHBOURS = 0.62;  // measured variance / its estimate from pairs, at 16 to 256 rays\n",
 "\n",
-"// Radiance that leaves a hit towards the ray's origin. goes_on: set to true if the hit is near. The radiance then\n",
-"// lacks all reflected light, which further rays find.\n",
-"vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool last, out bool goes_on, out sbl_Material material) {\n",
+"// Radiance that leaves a hit towards the ray's origin. first, last: true for the first and the last segment of a\n",
+"// ray. goes_on: set to true if the hit is near. The radiance then lacks all reflected light, which further rays\n",
+"// find. The first segment leaves out the light of glows, which lamps.glsl measures for the sensor; later segments\n",
+"// find it.\n",
+"vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool first, bool last, out bool goes_on, out sbl_Material material) {\n",
 "    int object = int(sbl_triangle_object(hit.triangle));\n",
 "    sbl_Attributes at = SBL_PLAIN;\n",
 "    if (!sbl_outgoing_is_plain(object, hit.back)) at = sbl_attributes_of(hit);\n",
@@ -10622,7 +10624,8 @@ static const char *const sbl__glsl_trace[] = {
 "    if (!goes_on || glows > 0) {\n",
 "        int leaf = sbl_leaf_at(hit.number, hit.back, place, hit.distance);\n",
 "        vec3 light = goes_on ? vec3(0) : sbl_light_of(leaf);\n",
-"        radiance += sbl_reflected(material, light - sbl_glowing(leaf, hit.number, hit.back, place, hit.distance));\n",
+"        if (first) light -= sbl_glowing(leaf, hit.number, hit.back, place, hit.distance);\n",
+"        radiance += sbl_reflected(material, light);\n",
 "    }\n",
 "#endif\n",
 "    return radiance;\n",
@@ -10737,7 +10740,7 @@ static const char *const sbl__glsl_trace[] = {
 "            bool goes_on;\n",
 "            sbl_Material material;\n",
 "            vec3 place = from + direction * hit.distance;\n",
-"            sum.rgb += share * sbl_radiance(hit, place, turn == 2 * SBL_LEGS - 2, goes_on, material);\n",
+"            sum.rgb += share * sbl_radiance(hit, place, turn == 0, turn == 2 * SBL_LEGS - 2, goes_on, material);\n",
 "            if (turn == 0) {\n",
 "                sum.a += hit.back ? weight : 0.0;\n",
 "                hits.xy += weight * vec2(1.0, min(hit.distance, distance_limit));\n",
@@ -10788,7 +10791,7 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
     const sbl_result result = sbl__use(d, &sbl__recipe_trace, sbl__features_of(b->scene, b->spec));
     if (result != SBL_SUCCESS) return result;
     sbl__rays_bind(d, b, &t->sequence, b->slots->blocks);
-    if (b->spec->bounced) sbl__lights_bind(d, sbl__scene_lamps(b->scene, b->spec->glows));
+    if (b->spec->bounced) sbl__lights_bind(d, &b->scene->lights);  /* without glows: segments find their light */
     sbl__set_int(d, "rays", stuck ? 1 : b->spec->rays);
     sbl__set_int(d, "paired", paired);
     sbl__set_int(d, "no_light", b->spec->no_light);
@@ -11699,8 +11702,9 @@ typedef struct sbl__bounce {
     float *direct;                   /* 3 floats per leaf: direct light; after SBL__BOUNCE_NOISE, the leaf's noise */
     float *solved;                   /* light of each leaf, saved while the leaves hold noise */
     double change;                   /* balance.change of the previous round */
-    /* sums over rays: radiance and its square; number of rays (see sbl__bounce_shine) */
-    struct { double light, squares, rays; } found;
+    /* sums over rays of the luminance of their radiance, and of its square; number of rays; sum over points of the
+       luminance of R (see sbl__bounce_shine) */
+    struct { double light, squares, rays, received; } found;
     /* sums over leaves in this round: direct light, all light before and after, absolute changes in all channels */
     struct { double direct[3], before[3], after[3], change; } balance;
     double needed_growth;            /* factor by which the cells' area must grow; 0: leaves suffice */
@@ -12599,6 +12603,8 @@ static int sbl__bounce_after_gather(void *work) {
 #define SBL__BRIGHT_CROWD 0.67     /* of the rays of a point that sees bright leaves, the largest mean share that hits
                                       them; places that fill much of the view, such as the gap above a lamp, are found
                                       by rays */
+#define SBL__BRIGHT_NOISE 2.0      /* least variance of the radiance that rays find, relative to the square of the mean
+                                      R; with less, bounced light is smooth, or weak beside the light of lamps */
 #define SBL__BRIGHT_REST 0.5       /* no leaf is bright if more than this share of the rays' variance would remain */
 
 /* A leaf that may be bright. light: mean radiance of it that rays have found; hits: number of these rays */
@@ -12634,6 +12640,7 @@ static sbl_result sbl__bounce_shine(void *work, int at) {
         b->direct[3 * hits[j].place] += (float)light;
         b->direct[3 * hits[j].place + 1] += 1;
     }
+    b->found.received += (double)sbl__luminance(b->store->leaves[b->points[at].leaf].light);
     sbl__bounce_sky(b, at, sky);
     b->found.light += SBL__BOUNCE_RAYS * (double)sbl__luminance(sky);
     b->found.rays += SBL__BOUNCE_RAYS;
@@ -12663,6 +12670,7 @@ static int sbl__bright_uncrowded(sbl__bounce *b, sbl__bright_leaf *list, int cou
 /* Returns how many of the candidates, the brightest first, become bright leaves. mean: mean radiance of rays */
 static int sbl__bright_choose(const sbl__bounce *b, const sbl__bright_leaf *list, int count) {
     const double rays = b->found.rays, mean = b->found.light / rays, variance = b->found.squares / rays - mean * mean;
+    const double received = b->found.received / rays * SBL__BOUNCE_RAYS;
     double light = b->found.light, squares = b->found.squares, hits = 0;
     int i;
     for (i = 0; i < SBL__MIN(count, SBL__BRIGHT_LEAVES) && hits + list[i].hits <= SBL__BRIGHT_HITS * rays; i++) {
@@ -12670,6 +12678,7 @@ static int sbl__bright_choose(const sbl__bounce *b, const sbl__bright_leaf *list
         light -= list[i].hits * list[i].light;
         squares -= list[i].hits * list[i].light * list[i].light;
     }
+    if (variance < SBL__BRIGHT_NOISE * received * received) return 0;
     return squares / rays - light / rays * (light / rays) <= SBL__BRIGHT_REST * variance ? i : 0;
 }
 

@@ -17,9 +17,11 @@ SBL_OUT(5, out_even);                 // control variate for radiance 1 from eve
 
 const float SBL_NEIGHBOURS = 0.62;  // measured variance / its estimate from pairs, at 16 to 256 rays
 
-// Radiance that leaves a hit towards the ray's origin. goes_on: set to true if the hit is near. The radiance then
-// lacks all reflected light, which further rays find.
-vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool last, out bool goes_on, out sbl_Material material) {
+// Radiance that leaves a hit towards the ray's origin. first, last: true for the first and the last segment of a
+// ray. goes_on: set to true if the hit is near. The radiance then lacks all reflected light, which further rays
+// find. The first segment leaves out the light of glows, which lamps.glsl measures for the sensor; later segments
+// find it.
+vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool first, bool last, out bool goes_on, out sbl_Material material) {
     int object = int(sbl_triangle_object(hit.triangle));
     sbl_Attributes at = SBL_PLAIN;
     if (!sbl_outgoing_is_plain(object, hit.back)) at = sbl_attributes_of(hit);
@@ -31,7 +33,8 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool last, out bool goes_on, out sbl_
     if (!goes_on || glows > 0) {
         int leaf = sbl_leaf_at(hit.number, hit.back, place, hit.distance);
         vec3 light = goes_on ? vec3(0) : sbl_light_of(leaf);
-        radiance += sbl_reflected(material, light - sbl_glowing(leaf, hit.number, hit.back, place, hit.distance));
+        if (first) light -= sbl_glowing(leaf, hit.number, hit.back, place, hit.distance);
+        radiance += sbl_reflected(material, light);
     }
 #endif
     return radiance;
@@ -146,7 +149,7 @@ void main() {
             bool goes_on;
             sbl_Material material;
             vec3 place = from + direction * hit.distance;
-            sum.rgb += share * sbl_radiance(hit, place, turn == 2 * SBL_LEGS - 2, goes_on, material);
+            sum.rgb += share * sbl_radiance(hit, place, turn == 0, turn == 2 * SBL_LEGS - 2, goes_on, material);
             if (turn == 0) {
                 sum.a += hit.back ? weight : 0.0;
                 hits.xy += weight * vec2(1.0, min(hit.distance, distance_limit));

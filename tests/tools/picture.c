@@ -169,7 +169,7 @@ static int alike(const picture *a, const picture *b, int rows) {
     if (a->width != b->width || a->height != b->height || rows > a->height) return fail("pictures of one size");
     for (i = 0; i < 3 * size; i++) other += abs(a->pixels[i] - b->pixels[i]) > 8;
     printf("%d of %d values differ by more than 8\n", other, 3 * size);
-    return other > size / 80 ? fail("alike") : 0;
+    return other > size / 100 ? fail("alike") : 0;
 }
 
 static int plot(const picture *p, int series) {
