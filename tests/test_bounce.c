@@ -1531,6 +1531,46 @@ TEST(a_small_bright_place) {
     }
 }
 
+/* Sensors a hand's breadth above grey ground look down at it. Their rays meet the ground so near that they go on from
+   there. The light that the ground gets comes from a glow, which the sensors themselves cannot see. */
+TEST(near_hits_find_glows) {
+    const double half = 0.3;
+    double sum = 0, expected = 0;
+    test_scene s = { 0 };
+    int i;
+    patch_above_ground(&s, (float)half);
+    scene_quad(&s, scene_material(&s, 0.8f, 0.8f, 0.8f), -2, 0.01f, -2, -2, 0.01f, 2, 2, 0.01f, 2, 2, 0.01f, -2);
+    site_count = 0;
+    for (i = 0; i < 16; i++) add_site(0.5 + 0.2 * (i % 4), 0.03, 0.2 * (i / 4), 0, -1, 0, 1);
+    if (use_scene(&s, 8192) && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 4096)) {
+        CHECK(inside_glow_count(context) > 0, "the patch has made no glow");
+        for (i = 0; i < site_count; i++) {
+            sum += (double)readings[i].radiance[1];
+            expected += 0.8 * light_of_patch(half, sites[i].position);
+        }
+        printf("  light of the ground: %.4f, expected %.4f; %d glows\n", sum / 16, expected / 16,
+               inside_glow_count(context));
+        CHECK(fabs(sum / expected - 1) < 0.1, "the ground sends %g, expected %g", sum / 16, expected / 16);
+    }
+    scene_free(&s);
+}
+
+/* A floor that a lamp lights, under a black sky: most rays find nothing, so that the floor is far brighter than what
+   rays find on average. It is no glow, because its light is weak beside that of the lamp. */
+TEST(a_lit_floor_is_no_glow) {
+    test_scene s = { 0 };
+    const int white = scene_material(&s, 0.8f, 0.8f, 0.8f), lamp = scene_material(&s, 0, 0, 0);
+    s.materials[lamp].emission[0] = s.materials[lamp].emission[1] = s.materials[lamp].emission[2] = 20;
+    scene_quad(&s, white, -6, 0, -6, -6, 0, 6, 6, 0, 6, 6, 0, -6);
+    scene_box(&s, white, -0.8f, 0.9f, -0.7f, 0.8f, 0.96f, 0.7f);
+    scene_quad(&s, lamp, -0.6f, 3, -0.6f, 0.6f, 3, -0.6f, 0.6f, 3, 0.6f, -0.6f, 3, 0.6f);
+    site_count = 0;
+    add_site(1, 0, 1, 0, 1, 0, 1);
+    if (use_scene(&s, 8192) && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 64))
+        CHECK(inside_glow_count(context) == 0, "%d glows", inside_glow_count(context));
+    scene_free(&s);
+}
+
 int main(void) {
     RUN_PLAIN(walls_keep_light_out);
     RUN_PLAIN(two_sides_of_a_wall);
@@ -1555,6 +1595,8 @@ int main(void) {
     RUN(light_of_any_strength);
     RUN_PLAIN(gather_inspection_and_picture_agree);
     RUN(a_small_bright_place);
+    RUN(near_hits_find_glows);
+    RUN(a_lit_floor_is_no_glow);
     sbl_destroy(context);
     return test_report();
 }

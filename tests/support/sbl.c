@@ -8,6 +8,8 @@
 
 float inside_cell_length(const sbl_context *context) { return context->core.scene.store.length; }
 
+int inside_glow_count(const sbl_context *context) { return context->core.scene.bright.glow_count; }
+
 float inside_farthest_offset(const sbl_context *context) {
     const sbl__refine *r = &context->picture.map.refine;
     float most = 0;
