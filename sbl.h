@@ -9061,8 +9061,8 @@ static const char *const sbl__glsl_carrier[] = {
 "\n",
 "// Returns true if the driver has ended a loop of this invocation early; its results are then wrong. Some software\n",
 "// renderers allow an invocation a number of loop turns (llvmpipe 65,535), after which every loop ends with its\n",
-"// first turn, without an error. Then this loop of two turns ends early too. As `count` is a uniform, no compiler\n",
-"// unrolls the loop.\n",
+"// first turn, without an error. The loop below has two turns, so that it shows this by ending after one. As `count`\n",
+"// is a uniform, no compiler unrolls the loop.\n",
 "bool sbl_cut_short() {\n",
 "    int turns = 0, all = min(count, 1) + 1;\n",
 "    for (int i = 0; i < all; i++) turns++;\n",
@@ -9543,11 +9543,12 @@ static const char *const sbl__glsl_lamp[] = {
 "struct sbl_Pick {\n",
 "    int leaf;      // the lamp that is picked\n",
 "    float share;   // probability of picking this lamp\n",
-"    vec2 u;        // uniform point for sbl_sample; each choice by u.x rescales it, so that it stays uniform\n",
+"    vec2 u;        // random point in the unit square, for sbl_sample; see sbl_descend\n",
 "    bool cluster;  // true: the lamp was picked from a cluster\n",
 "};\n",
 "\n",
 "// Picks one lamp of a cluster: descends its subtree, at each node in proportion to the strengths of the children.\n",
+"// Each choice maps the part of 0..1 that has led to the chosen child back to 0..1, so that p.u.x stays uniform.\n",
 "// node: -1: the cluster of all lamps, if there are near ones and far ones\n",
 "void sbl_descend(inout sbl_Pick p, int node, uint fraction) {\n",
 "    // Adds the low bits of the fraction, which a float between 0 and 1 cannot hold.\n",
@@ -9570,7 +9571,8 @@ static const char *const sbl__glsl_lamp[] = {
 "// corner\n",
 "vec3 sbl_lamp_pattern(sbl_Lamp l, vec2 b) {\n",
 "    int object = int(sbl_triangle_object(l.triangle));\n",
-"    for (int i = 0; i < (l.glow ? 1 : 0); i++) {  // weights in the triangle of which the glow is a part\n",
+"    // A glow is a part of a triangle. b becomes the weights of the same point in the whole triangle.\n",
+"    for (int i = 0; i < (l.glow ? 1 : 0); i++) {\n",
 "        sbl_Lamp whole_triangle = l;\n",
 "        vec3 first = sbl_triangle_corner_0(l.triangle), point = position + l.corner - first;\n",
 "        point += b.x * l.side_1 + b.y * l.side_2;\n",
@@ -14193,9 +14195,9 @@ static void sbl__refine_restart(sbl__refine *r) {
     r->pixels_summed = 0;
 }
 
-/* >>refine: places. A viewer who looks at a hidden texel sees those of its places from which light can leave. A single
-   ray from each of many places of the texel finds such places; a viewer sees them as often as the rays find them. The
-   texel's sensor then looks from some of these, and its light is their mean. */
+/* >>refine: places. Of a texel whose centre is hidden, a viewer sees the places that are open: those from which light can
+   leave. To find them, one ray is sent from each of many places of the texel. The texel's sensor then looks from some of
+   the open places, and the texel gets the mean of their light. */
 
 /* Lists a ray from each of the texel's places. */
 static void sbl__places_of(sbl__refine *r, int index) {

@@ -12,8 +12,8 @@ const float SBL_COSINE_LEAST = 1e-6;  // lower limit of cosines before their rec
 
 // Returns true if the driver has ended a loop of this invocation early; its results are then wrong. Some software
 // renderers allow an invocation a number of loop turns (llvmpipe 65,535), after which every loop ends with its
-// first turn, without an error. Then this loop of two turns ends early too. As `count` is a uniform, no compiler
-// unrolls the loop.
+// first turn, without an error. The loop below has two turns, so that it shows this by ending after one. As `count`
+// is a uniform, no compiler unrolls the loop.
 bool sbl_cut_short() {
     int turns = 0, all = min(count, 1) + 1;
     for (int i = 0; i < all; i++) turns++;

@@ -291,11 +291,12 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
 struct sbl_Pick {
     int leaf;      // the lamp that is picked
     float share;   // probability of picking this lamp
-    vec2 u;        // uniform point for sbl_sample; each choice by u.x rescales it, so that it stays uniform
+    vec2 u;        // random point in the unit square, for sbl_sample; see sbl_descend
     bool cluster;  // true: the lamp was picked from a cluster
 };
 
 // Picks one lamp of a cluster: descends its subtree, at each node in proportion to the strengths of the children.
+// Each choice maps the part of 0..1 that has led to the chosen child back to 0..1, so that p.u.x stays uniform.
 // node: -1: the cluster of all lamps, if there are near ones and far ones
 void sbl_descend(inout sbl_Pick p, int node, uint fraction) {
     // Adds the low bits of the fraction, which a float between 0 and 1 cannot hold.
@@ -318,7 +319,8 @@ void sbl_descend(inout sbl_Pick p, int node, uint fraction) {
 // corner
 vec3 sbl_lamp_pattern(sbl_Lamp l, vec2 b) {
     int object = int(sbl_triangle_object(l.triangle));
-    for (int i = 0; i < (l.glow ? 1 : 0); i++) {  // weights in the triangle of which the glow is a part
+    // A glow is a part of a triangle. b becomes the weights of the same point in the whole triangle.
+    for (int i = 0; i < (l.glow ? 1 : 0); i++) {
         sbl_Lamp whole_triangle = l;
         vec3 first = sbl_triangle_corner_0(l.triangle), point = position + l.corner - first;
         point += b.x * l.side_1 + b.y * l.side_2;

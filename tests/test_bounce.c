@@ -1531,8 +1531,9 @@ TEST(a_small_bright_place) {
     }
 }
 
-/* Sensors a hand's breadth above grey ground look down at it. Their rays meet the ground so near that they go on from
-   there. The light that the ground gets comes from a glow, which the sensors themselves cannot see. */
+/* Sensors face grey ground from a height of 0.02. Where a ray hits the ground this near, the ray continues with further
+   segments instead of reading the store. The ground gets all its light from a glow, which lies behind the sensors, so
+   that only the further segments can find the glow. */
 TEST(near_hits_find_glows) {
     const double half = 0.3;
     double sum = 0, expected = 0;
@@ -1555,12 +1556,11 @@ TEST(near_hits_find_glows) {
     scene_free(&s);
 }
 
-/* A floor that a lamp lights, under a black sky: most rays find nothing, so that the floor is far brighter than what
-   rays find on average. It is no glow, because its light is weak beside that of the lamp. */
+/* A lamp lights a floor under a black sky. The floor is far brighter than the mean of what rays find, because most rays
+   hit nothing. The floor must not become a glow: the light that it reflects is weak beside the light of the lamp. */
 TEST(a_lit_floor_is_no_glow) {
     test_scene s = { 0 };
-    const int white = scene_material(&s, 0.8f, 0.8f, 0.8f), lamp = scene_material(&s, 0, 0, 0);
-    s.materials[lamp].emission[0] = s.materials[lamp].emission[1] = s.materials[lamp].emission[2] = 20;
+    const int white = scene_material(&s, 0.8f, 0.8f, 0.8f), lamp = scene_lamp(&s, 20, 20, 20);
     scene_quad(&s, white, -6, 0, -6, -6, 0, 6, 6, 0, 6, 6, 0, -6);
     scene_box(&s, white, -0.8f, 0.9f, -0.7f, 0.8f, 0.96f, 0.7f);
     scene_quad(&s, lamp, -0.6f, 3, -0.6f, 0.6f, 3, -0.6f, 0.6f, 3, 0.6f, -0.6f, 3, 0.6f);

@@ -29,7 +29,7 @@ enum { VERSION = 2, WIDTH = 128, HEIGHT = 96, PIXELS = WIDTH * HEIGHT, SAMPLES =
 
 typedef struct picture { float rgb[3 * PIXELS]; } picture;
 
-/* A room with its truth. `kind` of a pixel: 0: not counted, SMOOTH or EDGE */
+/* A room, and the true R at its pixels. Values of `kind`: SMOOTH, EDGE, or 0 for a pixel that does not count. */
 enum { SMOOTH = 1, EDGE = 2 };
 typedef struct room {
     furnished made;

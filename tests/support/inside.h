@@ -4,7 +4,7 @@
 #define INSIDE_H
 
 float inside_cell_length(const sbl_context *context);       /* edge length of the store's smallest cells */
-int inside_glow_count(const sbl_context *context);          /* number of glows that the store's light has made */
+int inside_glow_count(const sbl_context *context);          /* number of glows, see >>glow in sbl.h */
 /* the largest distance of a pixel's sensor from its surface */
 float inside_farthest_offset(const sbl_context *context);
 void inside_sample_offset(int sample, int samples, float offset[2]);
