@@ -9059,10 +9059,10 @@ static const char *const sbl__glsl_carrier[] = {
 "const vec3 SBL_LUMINANCE = vec3(SBL_LUMINANCE_WEIGHTS);\n",
 "const float SBL_COSINE_LEAST = 1e-6;  // lower limit of cosines before their reciprocal is taken\n",
 "\n",
-"// Returns true if the driver has ended a loop of this invocation early; its results are then wrong. Some software\n",
-"// renderers allow an invocation a number of loop turns (llvmpipe 65,535), after which every loop ends with its\n",
-"// first turn, without an error. The loop below has two turns, so that it shows this by ending after one. As `count`\n",
-"// is a uniform, no compiler unrolls the loop.\n",
+"// Returns true if the driver has ended a loop of this invocation early; its results are then wrong. Some\n",
+"// software renderers limit the loop turns of an invocation (llvmpipe to 65,535). Beyond the limit, every loop\n",
+"// ends with its first turn, without an error. The loop below has two turns, so that it shows this by ending\n",
+"// after one. As `count` is a uniform, no compiler unrolls the loop.\n",
 "bool sbl_cut_short() {\n",
 "    int turns = 0, all = min(count, 1) + 1;\n",
 "    for (int i = 0; i < all; i++) turns++;\n",
@@ -14195,9 +14195,9 @@ static void sbl__refine_restart(sbl__refine *r) {
     r->pixels_summed = 0;
 }
 
-/* >>refine: places. Of a texel whose centre is hidden, a viewer sees the places that are open: those from which light can
-   leave. To find them, one ray is sent from each of many places of the texel. The texel's sensor then looks from some of
-   the open places, and the texel gets the mean of their light. */
+/* >>refine: places. If the centre of a texel is hidden, a viewer still sees the texel's open places, which are those
+   from which light can leave. To find them, one ray is sent from each of many places of the texel. The texel's sensor
+   then looks from some of the open places, and the texel gets the mean of their light. */
 
 /* Lists a ray from each of the texel's places. */
 static void sbl__places_of(sbl__refine *r, int index) {

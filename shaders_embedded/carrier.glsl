@@ -10,10 +10,10 @@ uniform int first_slot, count;   // the looks of this draw use `count` slots, be
 const vec3 SBL_LUMINANCE = vec3(SBL_LUMINANCE_WEIGHTS);
 const float SBL_COSINE_LEAST = 1e-6;  // lower limit of cosines before their reciprocal is taken
 
-// Returns true if the driver has ended a loop of this invocation early; its results are then wrong. Some software
-// renderers allow an invocation a number of loop turns (llvmpipe 65,535), after which every loop ends with its
-// first turn, without an error. The loop below has two turns, so that it shows this by ending after one. As `count`
-// is a uniform, no compiler unrolls the loop.
+// Returns true if the driver has ended a loop of this invocation early; its results are then wrong. Some
+// software renderers limit the loop turns of an invocation (llvmpipe to 65,535). Beyond the limit, every loop
+// ends with its first turn, without an error. The loop below has two turns, so that it shows this by ending
+// after one. As `count` is a uniform, no compiler unrolls the loop.
 bool sbl_cut_short() {
     int turns = 0, all = min(count, 1) + 1;
     for (int i = 0; i < all; i++) turns++;
