@@ -11642,13 +11642,15 @@ SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sb
 #define SBL__UNSEEN FLT_MAX        /* sbl__hit.distance of a surface sample whose rays hit nothing */
 
 /* The hit of a ray, or a surface sample. distance: length of the ray, world units; for a surface sample, length of the
-   shortest of its rays that hit a surface, or SBL__UNSEEN. place: triangle << 1 | back, or SBL__NOWHERE; after linking,
-   the number of the leaf. albedo: share of light that the surface reflects, see sbl__share_pack. */
-typedef struct sbl__hit { float position[3], distance; uint32_t place; uint16_t albedo[4]; } sbl__hit;
+   shortest of its rays that hit a surface, or SBL__UNSEEN. place: triangle << 1 | back, or SBL__NOWHERE. leaf: number of
+   the leaf after linking, or SBL__NOWHERE. albedo: share of light that the surface reflects, see sbl__share_pack. */
+typedef struct sbl__hit { float position[3], distance; uint32_t place, leaf; uint16_t albedo[4]; } sbl__hit;
 
 typedef struct sbl__hits { sbl__hit *list; int count, room; } sbl__hits;
 
-typedef struct sbl__bounce_point { sbl__hit at; int leaf, number; /* index in its leaf */ } sbl__bounce_point;
+/* A point of a leaf. number: index in its leaf; light: R from lamps, once it is measured; valid: 1: it could be
+   measured. */
+typedef struct sbl__bounce_point { sbl__hit at; int leaf, number, measured, valid; float light[3]; } sbl__bounce_point;
 
 enum { SBL__BRIGHT_NEAR = 1, SBL__BRIGHT };
 
@@ -11696,7 +11698,7 @@ typedef struct sbl__bounce {
     struct { uint32_t place; float normal[3], offset; } origin;
     sbl__site *sites;                /* the job's sites: points; in the last job, places in the air */
     sbl_reading *readings;
-    sbl_reading *glow_readings;      /* the points' light from glows; NULL if there are none */
+    int site_count;
     uint32_t recent_lines[SBL__CONTACT_CACHE];  /* hash table of contact lines (where an object touches a flat
                                                    surface) that have cut their cells; hash collisions drop some */
     int recheck;                     /* 1: a line has cut leaves below cut_leaves, where no place waits any more, so
@@ -11966,6 +11968,7 @@ static int sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
     point->at = *at;
     point->leaf = leaf;
     point->number = b->states[leaf].points++;
+    point->measured = point->valid = 0;
     sbl__scene_normal(b->geometry, at->place >> 1, normal);
     for (k = 0; k < 3; k++) off += normal[k] * ((double)at->position[k] - corner[k]);
     for (k = 0; k < 3; k++) point->at.position[k] = (float)(at->position[k] - off * normal[k]);
@@ -12384,13 +12387,13 @@ static sbl_result sbl__bounce_sort(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Replaces the places that a point's rays hit with numbers of leaves. */
+/* Finds the leaves that a point's rays hit. */
 static sbl_result sbl__bounce_link(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__hit *hit = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS], *const end = hit + SBL__BOUNCE_RAYS;
     for (; hit < end; hit++) {
         const uint32_t *reference = hit->place == SBL__NOWHERE ? NULL : sbl__place_find(b->store, hit, NULL);
-        hit->place = reference && *reference ? *reference - 1 : SBL__NOWHERE;
+        hit->leaf = reference && *reference ? *reference - 1 : SBL__NOWHERE;
     }
     return SBL_SUCCESS;
 }
@@ -12402,7 +12405,12 @@ static sbl_result sbl__bounce_allocate(void *work, sbl__slice *slice) {
     sbl__base *base = &b->core->base;
     const size_t sites = (size_t)SBL__MAX(b->point_count, SBL__AIR_SITES), leaves = (size_t)b->store->leaf_count;
     (void)slice;
-    if (b->solved) return SBL_SUCCESS;  /* A change of lights has interrupted an earlier solution. */
+    if (b->stages.at) return SBL_SUCCESS;  /* a later piece of the stage */
+    sbl__free(base, b->sites);
+    sbl__free(base, b->readings);
+    sbl__free(base, b->direct);
+    sbl__free(base, b->solved);
+    b->site_count = 0;
     b->sites = (sbl__site *)sbl__alloc_raw(base, sites, sizeof *b->sites);
     b->readings = (sbl_reading *)sbl__alloc_raw(base, sites, sizeof *b->readings);
     b->direct = (float *)sbl__alloc_raw(base, leaves, 3 * sizeof *b->direct);
@@ -12410,10 +12418,13 @@ static sbl_result sbl__bounce_allocate(void *work, sbl__slice *slice) {
     return b->sites && b->readings && b->direct && b->solved ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
+/* Adds a site for a point whose light is not measured. */
 static sbl_result sbl__bounce_site(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *hit = &b->points[at].at;
-    sbl__site *site = &b->sites[at];
+    sbl__site *site;
+    if (b->points[at].measured) return SBL_SUCCESS;
+    site = &b->sites[b->site_count++];
     memset(site, 0, sizeof *site);
     memcpy(site->position, hit->position, sizeof site->position);
     site->offset = sbl__place_normal(b->geometry, hit->place, site->normal);
@@ -12444,7 +12455,7 @@ static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, int count) {
         task.spec.lamp_rays = SBL__BOUNCE_GLOW_RAYS;
     }
     task.sites = b->sites;
-    task.readings = direct && b->glows ? b->glow_readings : b->readings;
+    task.readings = b->readings;
     task.site_count = count;
     memset(&b->job.counts, 0, sizeof b->job.counts);
     sbl__job_begin(&b->job, &c->scene, &task);
@@ -12454,18 +12465,26 @@ static int sbl__bounce_after_sites(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     int i;
     for (i = 0; i < b->store->leaf_count; i++) b->states[i].bright = 0;
-    b->glows = 0;
-    sbl__bounce_measure(b, SBL_MODE_DIRECT, b->point_count);
+    b->glows = b->rounds = 0;
+    b->change = 0;
+    if (!b->site_count) return SBL__BOUNCE_DIRECT;
+    sbl__bounce_measure(b, SBL_MODE_DIRECT, b->site_count);
     return SBL__BOUNCE_LIGHT;
 }
 
-/* Adds the light of glows to that of the other lamps, once it is measured. */
+/* Gives the points the light that was measured at their sites. The light of glows is added to that of other lamps. */
 static int sbl__bounce_after_light(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     int i, k;
-    for (i = 0; i < b->point_count && b->glows; i++) {
-        const float *light = b->glow_readings[i].radiance;
-        for (k = 0; k < 3 && b->glow_readings[i].valid; k++) b->readings[i].radiance[k] += light[k];
+    for (i = 0; i < b->site_count; i++) {
+        sbl__bounce_point *point = &b->points[b->sites[i].number];
+        const sbl_reading *r = &b->readings[i];
+        if (!point->measured) point->valid = r->valid;
+        for (k = 0; k < 3; k++) {
+            if (!point->measured) point->light[k] = r->radiance[k];
+            else if (r->valid) point->light[k] += r->radiance[k];
+        }
+        point->measured = 1;
     }
     return SBL__BOUNCE_DIRECT;
 }
@@ -12508,12 +12527,12 @@ static sbl_result sbl__bounce_direct(void *work, int at) {
     int i, k;
     light[0] = light[1] = light[2] = 0;
     for (i = state->first, state->valid = 0; i < state->first + state->points; i++)
-        state->valid += b->readings[i].valid;
+        state->valid += b->points[i].valid;
     for (i = state->first; i < state->first + state->points; i++) {
-        if (!b->readings[i].valid) continue;
+        if (!b->points[i].valid) continue;
         sbl__bounce_sky(b, i, sky);
         for (k = 0; k < 3; k++) all_sky[k] += sky[k] / (float)state->valid;
-        for (k = 0; k < 3; k++) light[k] += b->readings[i].radiance[k] / (float)state->valid;
+        for (k = 0; k < 3; k++) light[k] += b->points[i].light[k] / (float)state->valid;
     }
     for (k = 0; k < 3; k++) light[k] += all_sky[k];
     if (state->bright != SBL__BRIGHT) memcpy(leaf->light, light, sizeof leaf->light);
@@ -12527,8 +12546,8 @@ static void sbl__bounce_add_received(const sbl__bounce *b, int point, float sum[
     const sbl__hit *hits = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS];
     int j;
     for (j = 0; j < SBL__BOUNCE_RAYS; j++)
-        if (hits[j].place != SBL__NOWHERE && !b->states[hits[j].place].bright)
-            sbl__add_reflected(hits[j].albedo, b->store->leaves[hits[j].place].light, sum);
+        if (hits[j].leaf != SBL__NOWHERE && !b->states[hits[j].leaf].bright)
+            sbl__add_reflected(hits[j].albedo, b->store->leaves[hits[j].leaf].light, sum);
 }
 
 /* Sets a leaf's light to its direct light plus the mean light that its points receive. Leaves earlier in the round
@@ -12541,7 +12560,7 @@ static sbl_result sbl__bounce_gather(void *work, int at) {
     if (at == 0) memset(&b->balance, 0, sizeof b->balance);
     if (leaf->bright == SBL__BRIGHT) return SBL_SUCCESS;
     for (i = leaf->first; i < leaf->first + leaf->points; i++)
-        if (b->readings[i].valid) sbl__bounce_add_received(b, i, sum);
+        if (b->points[i].valid) sbl__bounce_add_received(b, i, sum);
     for (k = 0; k < 3; k++) {
         const float direct = b->direct[3 * at + k];
         const float next = direct + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);
@@ -12630,17 +12649,17 @@ static sbl_result sbl__bounce_shine(void *work, int at) {
         memset(b->direct, 0, 3 * sizeof *b->direct * (size_t)b->store->leaf_count);
         memset(&b->found, 0, sizeof b->found);
     }
-    if (!b->readings[at].valid) return SBL_SUCCESS;
+    if (!b->points[at].valid) return SBL_SUCCESS;
     for (j = 0; j < SBL__BOUNCE_RAYS; j++) {
         float sum[3] = { 0, 0, 0 };
         double light;
-        if (hits[j].place == SBL__NOWHERE) continue;
-        sbl__add_reflected(hits[j].albedo, b->store->leaves[hits[j].place].light, sum);
+        if (hits[j].leaf == SBL__NOWHERE) continue;
+        sbl__add_reflected(hits[j].albedo, b->store->leaves[hits[j].leaf].light, sum);
         light = (double)(sbl__luminance(sum) / SBL__SHARE_ONE);
         b->found.light += light;
         b->found.squares += light * light;
-        b->direct[3 * hits[j].place] += (float)light;
-        b->direct[3 * hits[j].place + 1] += 1;
+        b->direct[3 * hits[j].leaf] += (float)light;
+        b->direct[3 * hits[j].leaf + 1] += 1;
     }
     b->found.received += (double)sbl__luminance(b->store->leaves[b->points[at].leaf].light);
     sbl__bounce_sky(b, at, sky);
@@ -12657,11 +12676,11 @@ static int sbl__bright_uncrowded(sbl__bounce *b, sbl__bright_leaf *list, int cou
     for (i = 0; i < b->point_count; i++) {
         const sbl__hit *hits = &b->hits.list[(size_t)i * SBL__BOUNCE_RAYS];
         int crowd = 0;
-        for (j = 0; j < SBL__BOUNCE_RAYS && b->readings[i].valid; j++)
-            crowd += hits[j].place != SBL__NOWHERE && b->direct[3 * hits[j].place + 2] >= 0;
+        for (j = 0; j < SBL__BOUNCE_RAYS && b->points[i].valid; j++)
+            crowd += hits[j].leaf != SBL__NOWHERE && b->direct[3 * hits[j].leaf + 2] >= 0;
         for (j = 0; j < SBL__BOUNCE_RAYS && crowd; j++)
-            if (hits[j].place != SBL__NOWHERE && b->direct[3 * hits[j].place + 2] >= 0)
-                b->direct[3 * hits[j].place + 2] += (float)crowd;
+            if (hits[j].leaf != SBL__NOWHERE && b->direct[3 * hits[j].leaf + 2] >= 0)
+                b->direct[3 * hits[j].leaf + 2] += (float)crowd;
     }
     for (i = 0; i < count; i++)
         if ((double)b->direct[3 * list[i].leaf + 2] <= SBL__BRIGHT_CROWD * SBL__BOUNCE_RAYS * list[i].hits)
@@ -12743,21 +12762,21 @@ static sbl_result sbl__bounce_choose(void *work, sbl__slice *slice) {
 
 static sbl_result sbl__bounce_glow(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
-    const sbl_result result = sbl__glow_step(&b->core->device, &b->core->scene, 1, slice);
-    if (result != SBL_SUCCESS || !b->core->scene.bright.glow_count) return result;
-    if (!b->glow_readings)
-        b->glow_readings = (sbl_reading *)sbl__alloc_raw(&b->core->base, (size_t)b->point_count, sizeof *b->readings);
-    return b->glow_readings ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    return sbl__glow_step(&b->core->device, &b->core->scene, 1, slice);
 }
 
 /* Begins to measure the glows at all points. The points' rays find them too seldom, so this light replaces theirs. */
 static int sbl__bounce_after_glow(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
+    int i;
     b->glows = b->core->scene.bright.ready && b->core->scene.bright.glow_count;
     if (!b->glows) return SBL__BOUNCE_NOISE;
-    b->rounds = 0;
+    b->rounds = b->site_count = 0;
     b->change = 0;
-    sbl__bounce_measure(b, SBL_MODE_DIRECT, b->point_count);
+    for (i = 0; i < b->point_count; i++) b->points[i].measured = 0;
+    for (i = 0; i < b->point_count; i++) sbl__bounce_site(b, i);
+    for (i = 0; i < b->point_count; i++) b->points[i].measured = 1;
+    sbl__bounce_measure(b, SBL_MODE_DIRECT, b->site_count);
     return SBL__BOUNCE_LIGHT;
 }
 
@@ -12787,11 +12806,11 @@ static sbl_result sbl__bounce_noise(void *work, int at) {
     memcpy(b->solved + 3 * at, b->store->leaves[at].light, 3 * sizeof *b->solved);
     for (i = leaf->first; i < leaf->first + leaf->points; i++) {
         float received[3] = { 0, 0, 0 }, sky[3];
-        if (!b->readings[i].valid) continue;
+        if (!b->points[i].valid) continue;
         sbl__bounce_add_received(b, i, received);
         sbl__bounce_sky(b, i, sky);
         for (k = 0; k < 3; k++) {
-            const double light = (double)received[k] / SBL__BOUNCE_UNIT + sky[k] + b->readings[i].radiance[k];
+            const double light = (double)received[k] / SBL__BOUNCE_UNIT + sky[k] + b->points[i].light[k];
             sum[k] += light;
             squares[k] += light * light;
         }
@@ -12887,7 +12906,7 @@ static void sbl__bounce_free_temporary(const sbl__device *d, sbl__bounce *b) {
     const sbl__patching *p = &b->patching;
     void *const blocks[] = { p->places.slots, p->ends.slots, p->welded, p->corners, p->parents, p->patches,
                              b->samples.list, b->waiting.list, b->released.list, b->contacts.list, b->sequence,
-                             b->sites, b->readings, b->glow_readings, b->direct, b->solved };
+                             b->sites, b->readings, b->direct, b->solved };
     int i;
     for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(d->base, blocks[i]);
     sbl__table_delete(d, &b->casts);
@@ -12916,9 +12935,10 @@ static sbl__bounce *sbl__bounce_resume(sbl__core *c) {
     b = c->bounce;
     if (!b) return NULL;
     if (b->scene != c->scene.version && b->stages.stage >= SBL__BOUNCE_SITES) {
+        int i;
         b->stages.stage = SBL__BOUNCE_SITES;
-        b->stages.at = b->rounds = 0;
-        b->change = 0;
+        b->stages.at = 0;
+        for (i = 0; i < b->point_count; i++) b->points[i].measured = 0;
     }
     b->core = c;
     b->store = &c->scene.store;
