@@ -6210,10 +6210,11 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
 typedef struct sbl__cell_slot { uint32_t check, reference; } sbl__cell_slot;
 
 /* A plane that divides a cell. sides: references, like those of slots, to the parts where dot(normal, position) is at
-   most `distance`, and where it is larger. */
+   most `distance`, and where it is larger. divides: 1: the cell is divided for its light (>>bounce: division); 0: an object
+   cuts the cell */
 #define SBL__CUT(X) \
     X(sbl__cut, VEC3, normal) X(sbl__cut, FLOAT, distance) \
-    X(sbl__cut, UVEC2, sides) X(sbl__cut, UVEC2, unused)
+    X(sbl__cut, UVEC2, sides) X(sbl__cut, UINT, divides) X(sbl__cut, UINT, unused)
 SBL__RECORD(sbl__cut, SBL__CUT, "sbl_cut", "sbl_store", SBL__SCENE_TABLE("sbl_store"), "first_cut")
 
 /* light: R; the low bits of its blue hold the uncertainty, and its red is negative if sensors send rays to the leaf,
@@ -6362,9 +6363,10 @@ static uint32_t sbl__store_from_afar(const sbl__store *s, uint32_t side, const f
     return reference;
 }
 
-/* Makes a reference lead to a new cut. side: the side of the cut that gets the reference's previous value. */
+/* Makes a reference lead to a new cut. side: the side of the cut that gets the reference's previous value. divides: see
+   sbl__cut */
 static sbl_result sbl__store_cut(sbl__base *base, sbl__store *s, uint32_t *reference, const float normal[3],
-                                 float distance, int side) {
+                                 float distance, int side, int divides) {
     const uint32_t before = *reference;
     sbl__cut *cut;
     *reference = SBL__CELL_CUT | (uint32_t)s->cut_count;
@@ -6374,6 +6376,7 @@ static sbl_result sbl__store_cut(sbl__base *base, sbl__store *s, uint32_t *refer
     memset(cut, 0, sizeof *cut);
     memcpy(cut->normal, normal, sizeof cut->normal);
     cut->distance = distance;
+    cut->divides = (uint32_t)divides;
     cut->sides[side] = before;
     return SBL_SUCCESS;
 }
@@ -11600,6 +11603,15 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__BOUNCE_POINTS 4       /* largest number of points of a leaf */
 #define SBL__BOUNCE_RAYS 16        /* rays of a point */
 #define SBL__BOUNCE_SEQUENCES 4    /* sequences of ray directions, which the points of a leaf use in turn */
+#define SBL__DIVISIONS 2           /* largest number of rounds of division, see there */
+#define SBL__DIVIDE_SHARE 0.15     /* largest number of leaves that a round divides, relative to all */
+#define SBL__DIVIDE_FILL 0.95      /* fill up to which leaves are divided */
+#define SBL__DIVIDE_HITS 8.0       /* least number of rays that hit a leaf that is divided */
+#define SBL__DIVIDE_ERROR 0.004    /* leaves are divided if the mean light that all rays read has a larger standard
+                                      error, relative to the light */
+#define SBL__DIVIDE_REGION 3u      /* a region is as large as a cell of this level would be */
+#define SBL__SCORES 512            /* classes of scores, SBL__SCORE_STEPS per factor of two */
+#define SBL__SCORE_STEPS 4
 #define SBL__BOUNCE_LAMP_RAYS 8
 #define SBL__BOUNCE_GLOW_RAYS 4    /* rays of a point towards glows */
 #define SBL__BOUNCE_STUCK_RAYS 4   /* rays of a point's stuck test */
@@ -11642,29 +11654,35 @@ SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sb
 #define SBL__UNSEEN FLT_MAX        /* sbl__hit.distance of a surface sample whose rays hit nothing */
 
 /* The hit of a ray, or a surface sample. distance: length of the ray, world units; for a surface sample, length of the
-   shortest of its rays that hit a surface, or SBL__UNSEEN. place: triangle << 1 | back, or SBL__NOWHERE. leaf: number of
-   the leaf after linking, or SBL__NOWHERE. albedo: share of light that the surface reflects, see sbl__share_pack. */
+   shortest of its rays that hit a surface, or SBL__UNSEEN. place: triangle << 1 | back, or SBL__NOWHERE. leaf: the leaf
+   that the ray hits, once hits are linked, or SBL__NOWHERE. albedo: share of light that the surface reflects, see
+   sbl__share_pack. */
 typedef struct sbl__hit { float position[3], distance; uint32_t place, leaf; uint16_t albedo[4]; } sbl__hit;
 
 typedef struct sbl__hits { sbl__hit *list; int count, room; } sbl__hits;
 
-/* A point of a leaf. number: index in its leaf; light: R from lamps, once it is measured; valid: 1: it could be
-   measured. */
-typedef struct sbl__bounce_point { sbl__hit at; int leaf, number, measured, valid; float light[3]; } sbl__bounce_point;
+/* A point of a leaf. number: index in the leaf; measured: 1: `light`, which is R from lamps, is measured; valid: 1: the
+   measurement succeeded */
+typedef struct sbl__bounce_point {
+    sbl__hit at;
+    int leaf, number, measured, valid;
+    float light[3];
+} sbl__bounce_point;
 
 enum { SBL__BRIGHT_NEAR = 1, SBL__BRIGHT };
 
 /* A leaf while the store is filled. points: number of points; first: index of the first; valid: number of points with
    valid readings; bright: SBL__BRIGHT if it is bright, SBL__BRIGHT_NEAR if rays from afar read a bright leaf at its
-   place; otherwise 0 */
-typedef struct sbl__bounce_leaf { int points, first, valid, bright; } sbl__bounce_leaf;
+   place; otherwise 0; share: approximate share of its cell that it has after divisions */
+typedef struct sbl__bounce_leaf { int points, first, valid, bright; float share; } sbl__bounce_leaf;
 
 enum {
     SBL__BOUNCE_PATCHES, SBL__BOUNCE_GRID, SBL__BOUNCE_SAMPLE, SBL__BOUNCE_CAST_SAMPLES, SBL__BOUNCE_PLACE,
     SBL__BOUNCE_CAST_CONTACTS, SBL__BOUNCE_CUT, SBL__BOUNCE_CAST_POINTS, SBL__BOUNCE_RELOCATE, SBL__BOUNCE_SORT,
-    SBL__BOUNCE_LINK, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_DIRECT, SBL__BOUNCE_GATHER, SBL__BOUNCE_SHINE,
-    SBL__BOUNCE_CHOOSE, SBL__BOUNCE_GLOW, SBL__BOUNCE_NOISE, SBL__BOUNCE_PROPAGATE, SBL__BOUNCE_UNCERTAINTY,
-    SBL__BOUNCE_LAMPS, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
+    SBL__BOUNCE_LINK, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_DIRECT, SBL__BOUNCE_GATHER, SBL__BOUNCE_SPREAD,
+    SBL__BOUNCE_REGIONS, SBL__BOUNCE_SCORE, SBL__BOUNCE_DIVIDE, SBL__BOUNCE_SHINE, SBL__BOUNCE_CHOOSE, SBL__BOUNCE_GLOW,
+    SBL__BOUNCE_NOISE, SBL__BOUNCE_PROPAGATE, SBL__BOUNCE_UNCERTAINTY, SBL__BOUNCE_LAMPS, SBL__BOUNCE_SEND,
+    SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
 };
 
 typedef struct sbl__bounce {
@@ -11677,6 +11695,7 @@ typedef struct sbl__bounce {
     sbl__bounce_point *points;
     sbl__bounce_leaf *states;        /* one state per leaf */
     int point_count, point_room, state_room;
+    int divisions;                   /* number of rounds of division */
     int glows;                       /* 1: the points' light from glows is or will be in `readings`, so their rays do
                                         not count bright leaves, and the light of bright leaves is fixed */
     sbl__hits hits;                  /* hits of the points' rays, SBL__BOUNCE_RAYS per point */
@@ -11698,7 +11717,10 @@ typedef struct sbl__bounce {
     struct { uint32_t place; float normal[3], offset; } origin;
     sbl__site *sites;                /* the job's sites: points; in the last job, places in the air */
     sbl_reading *readings;
-    int site_count;
+    int site_count;                  /* number of sites that await their light */
+    struct sbl__division *division;  /* a round of division, while it lasts */
+    int divided;                     /* number of leaves that were just divided. Places in them are yet to become
+                                        points */
     uint32_t recent_lines[SBL__CONTACT_CACHE];  /* hash table of contact lines (where an object touches a flat
                                                    surface) that have cut their cells; hash collisions drop some */
     int recheck;                     /* 1: a line has cut leaves below cut_leaves, where no place waits any more, so
@@ -11847,7 +11869,7 @@ static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
 }
 
 /* Returns the reference to the leaf of a place, which is 0 if there is no leaf yet; NULL: no slot is left. If the cell
-   has no leaf and leaves are becoming scarce, a wider cell is used. patch: NULL, or receives the patch word with the
+   is new and leaves are becoming scarce, a wider cell is used. patch: NULL, or receives the patch word with the
    level of the cell. Places at distance SBL__UNSEEN, which only points in the air may see, use the widest cells. */
 static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32_t *patch) {
     static const double fills[SBL__LEVELS] = { SBL__FILL_WIDER, SBL__FILL_WIDEST, 1 };
@@ -11856,7 +11878,7 @@ static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32
     word += SBL__PATCH_LEVEL * (uint32_t)level;
     for (; level < SBL__LEVELS; level++, word += SBL__PATCH_LEVEL) {
         reference = sbl__store_find(s, word, at->position, &depth);
-        if (reference && (*reference || s->leaf_count < fills[level] * s->max_leaves)) break;
+        if (reference && (*reference || s->leaf_count < (depth ? 1 : fills[level]) * s->max_leaves)) break;
     }
     if (patch) *patch = word;
     return reference;
@@ -12005,7 +12027,7 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     if (at->place == SBL__NOWHERE) return SBL_SUCCESS;
     reference = sbl__place_find(s, at, NULL);
     if (!reference || (!*reference && s->leaf_count >= s->max_leaves)) {
-        if (b->patching.pool < SBL__BOUNCE_POOL)
+        if (b->patching.pool < SBL__BOUNCE_POOL && !b->divisions)
             b->needed_growth = SBL__MIN(1.3 * b->queue.count / (number + 1), SBL__BOUNCE_GROWTH_MOST);
         return SBL_SUCCESS;
     }
@@ -12051,6 +12073,7 @@ static int sbl__bounce_after_place(void *work) {
         b->recheck = 0;
         return sbl__bounce_queue(b, b->hits.list, b->point_count * SBL__BOUNCE_RAYS);
     }
+    if (b->divisions) return SBL__BOUNCE_RELOCATE;
     if (b->samples_placed && b->seen_leaves > 0 && fill < SBL__FILL_LEAST && fill > 2 * b->previous_fill) {
         b->previous_fill = fill;  /* Rays hit few surfaces, so cells can be smaller. */
         return sbl__bounce_restart(b, SBL__MAX(fill / SBL__FILL_AIM, SBL__BOUNCE_SHRINK_MOST));
@@ -12166,7 +12189,7 @@ static sbl_result sbl__contact_part(sbl__bounce *b, const sbl__contact *line, ui
         if (depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
         if (first && (int)*reference <= b->cut_leaves) b->recheck = 1;
         return sbl__store_cut(&b->core->base, s, reference, line->normal, line->distance,
-                              first && sbl__dot(line->normal, first) > line->distance);
+                              first && sbl__dot(line->normal, first) > line->distance, 0);
     }
     cut = (int)(*reference & ~SBL__CELL_CUT);
     for (i = 0; i < 2; i++) {
@@ -12251,7 +12274,7 @@ static sbl_result sbl__bounce_cut(sbl__bounce *b, int leaf, const sbl__hit *hit)
     reference = sbl__store_find(s, patch, beyond, &depth);
     if (!reference || *reference != (uint32_t)leaf + 1 || depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
     reference = sbl__store_find(s, patch, at->position, &depth);
-    return sbl__store_cut(&b->core->base, s, reference, normal, distance, sbl__dot(normal, at->position) > distance);
+    return sbl__store_cut(&b->core->base, s, reference, normal, distance, sbl__dot(normal, at->position) > distance, 0);
 }
 
 static int sbl__bounce_uncut_leaves(void *work) {
@@ -12330,7 +12353,8 @@ static sbl_result sbl__bounce_cast_samples(void *work, sbl__slice *slice) {
 static void sbl__bounce_point_ray(sbl__bounce *b, int number, sbl__cast *out) {
     const sbl__bounce_point *p = &b->points[number / SBL__BOUNCE_RAYS];
     const int index = p->number % SBL__BOUNCE_SEQUENCES * SBL__BOUNCE_RAYS + number % SBL__BOUNCE_RAYS;
-    const uint32_t hash = sbl__hash((uint32_t)p->leaf + 0x10000000u * (uint32_t)(p->number / SBL__BOUNCE_SEQUENCES));
+    const int set = p->number / SBL__BOUNCE_SEQUENCES + SBL__BOUNCE_POINTS * b->divisions;
+    const uint32_t hash = sbl__hash((uint32_t)p->leaf + 0x10000000u * (uint32_t)set);
     sbl__bounce_surface_ray(b, &p->at, hash, index, out);
 }
 
@@ -12518,6 +12542,22 @@ static void sbl__bounce_sky(const sbl__bounce *b, int point, float out[3]) {
     }
 }
 
+/* Returns the share of its cell that a leaf has after divisions. */
+static float sbl__bounce_share(const sbl__bounce *b, int leaf) {
+    const sbl__store *s = b->store;
+    const sbl__hit *first = &b->points[b->states[leaf].first].at;
+    uint32_t patch, reference;
+    float share = 1;
+    if (!b->states[leaf].points) return share;
+    sbl__place_find(s, first, &patch);
+    for (reference = sbl__store_peek(s, patch, first->position); reference >= SBL__CELL_CUT;) {
+        const sbl__cut *cut = &s->cuts[reference & ~SBL__CELL_CUT];
+        if (cut->divides) share *= 0.5f;
+        reference = cut->sides[sbl__dot(cut->normal, first->position) > cut->distance];
+    }
+    return share;
+}
+
 /* Averages the direct light of a leaf's points. */
 static sbl_result sbl__bounce_direct(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
@@ -12526,6 +12566,7 @@ static sbl_result sbl__bounce_direct(void *work, int at) {
     float *light = b->direct + 3 * at, sky[3], all_sky[3] = { 0, 0, 0 };
     int i, k;
     light[0] = light[1] = light[2] = 0;
+    state->share = sbl__bounce_share(b, at);
     for (i = state->first, state->valid = 0; i < state->first + state->points; i++)
         state->valid += b->points[i].valid;
     for (i = state->first; i < state->first + state->points; i++) {
@@ -12612,7 +12653,194 @@ static int sbl__bounce_after_gather(void *work) {
     if (!(b->change * ratio / (1 - ratio) <= SBL__BOUNCE_TOLERANCE * sum) && b->rounds < SBL__BOUNCE_ROUNDS)
         return SBL__BOUNCE_GATHER;
     if (!b->glows) sbl__bounce_warn(b, all_direct, sum);
-    return b->glows ? SBL__BOUNCE_NOISE : SBL__BOUNCE_SHINE;
+    if (b->glows) return SBL__BOUNCE_NOISE;
+    return b->divisions < SBL__DIVISIONS ? SBL__BOUNCE_SPREAD : SBL__BOUNCE_SHINE;
+}
+
+/* >>bounce: division. Light varies most where lamps are near, and many rays read some leaves and few read others. Once
+   the light is known, the leaves that contribute most to the error are divided, and both parts get points. Points of a
+   single leaf must not decide about it: leaves would be divided because a point is bright by chance, the further
+   points would lower their light, and those that are dark by chance would stay as they are. Therefore the variance is
+   that of all points in a region. */
+
+/* Sums over the rays that hit a leaf. weight: of the squares of the shares of light that the leaf reflects;
+   places, squares: of positions relative to the leaf's first point, and of their squares, per axis. score: weight times
+   the variance of the light in the leaf's region */
+typedef struct sbl__spread { double hits, weight, places[3], squares[3], score; } sbl__spread;
+
+/* Sums over points of the luminance of R and of its square */
+typedef struct sbl__region { double points, light, squares; } sbl__region;
+
+/* The data of a round of division */
+typedef struct sbl__division {
+    sbl__spread *spreads;            /* one per leaf */
+    sbl__region *regions;            /* one per slot of the hash grid; regions that share a slot count as one */
+    double variance, light;          /* of the sum of the light that all rays read, see SBL__DIVIDE_ERROR */
+    int classes[SBL__SCORES];        /* number of leaves in each class of scores */
+    int least;                       /* least class of scores in which leaves are divided */
+    int divided;                     /* number of leaves that this round has divided */
+} sbl__division;
+
+static sbl_result sbl__bounce_spread_make(void *work, sbl__slice *slice) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    sbl__division *d = b->division;
+    (void)slice;
+    if (d) return SBL_SUCCESS;
+    b->division = d = (sbl__division *)sbl__alloc(&b->core->base, 1, sizeof *d);
+    if (!d) return SBL_ERROR_OUT_OF_MEMORY;
+    d->spreads = (sbl__spread *)sbl__alloc(&b->core->base, (size_t)b->store->leaf_count, sizeof *d->spreads);
+    d->regions = (sbl__region *)sbl__alloc(&b->core->base, (size_t)b->store->cell_room, sizeof *d->regions);
+    return d->spreads && d->regions ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+}
+
+static void sbl__division_free(sbl__base *base, sbl__bounce *b) {
+    if (b->division) sbl__free(base, b->division->spreads);
+    if (b->division) sbl__free(base, b->division->regions);
+    sbl__free(base, b->division);
+    b->division = NULL;
+}
+
+/* Adds the hits of a point's rays to the leaves that they hit. */
+static sbl_result sbl__bounce_spread(void *work, int at) {
+    static const float one[3] = { 1, 1, 1 };
+    const sbl__bounce *b = (const sbl__bounce *)work;
+    const sbl__hit *hits = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS];
+    int j, k;
+    for (j = 0; j < SBL__BOUNCE_RAYS && b->points[at].valid; j++) {
+        sbl__spread *to = &b->division->spreads[hits[j].leaf == SBL__NOWHERE ? 0 : hits[j].leaf];
+        float reflected[3] = { 0, 0, 0 };
+        double share;
+        if (hits[j].leaf == SBL__NOWHERE) continue;
+        sbl__add_reflected(hits[j].albedo, one, reflected);
+        share = (double)(sbl__luminance(reflected) / SBL__SHARE_ONE);
+        to->hits++;
+        to->weight += share * share;
+        for (k = 0; k < 3; k++) {
+            const double x = (double)hits[j].position[k] - b->points[b->states[hits[j].leaf].first].at.position[k];
+            to->places[k] += x;
+            to->squares[k] += x * x;
+        }
+    }
+    return SBL_SUCCESS;
+}
+
+/* Returns the region of a leaf, which is that of its first point. */
+static sbl__region *sbl__region_of(const sbl__bounce *b, int leaf) {
+    const sbl__hit *at = &b->points[b->states[leaf].first].at;
+    const uint32_t side = sbl__place_patch(b->store, at) & ~SBL__PATCH_NEAR;
+    const uint32_t patch = side + SBL__DIVIDE_REGION * SBL__PATCH_LEVEL;
+    uint32_t place[3], hash = sbl__hash_step(0, patch);
+    int k;
+    sbl__cell_place(b->store, patch, at->position, place);
+    for (k = 0; k < 3; k++) hash = sbl__hash_step(hash, place[k]);
+    return &b->division->regions[hash & (uint32_t)(b->store->cell_room - 1)];
+}
+
+/* Computes R of a valid point: light from lamps, from the environment and from leaves. */
+static void sbl__point_light(const sbl__bounce *b, int point, float light[3]) {
+    float received[3] = { 0, 0, 0 };
+    int k;
+    sbl__bounce_add_received(b, point, received);
+    sbl__bounce_sky(b, point, light);
+    for (k = 0; k < 3; k++) light[k] += received[k] / SBL__BOUNCE_UNIT + b->points[point].light[k];
+}
+
+/* Adds the points of a leaf to its region. */
+static sbl_result sbl__bounce_regions(void *work, int at) {
+    const sbl__bounce *b = (const sbl__bounce *)work;
+    const sbl__bounce_leaf *state = &b->states[at];
+    sbl__region *region = state->points ? sbl__region_of(b, at) : NULL;
+    int i;
+    for (i = state->first; i < state->first + state->points; i++) {
+        float light[3];
+        double y;
+        if (!b->points[i].valid) continue;
+        sbl__point_light(b, i, light);
+        y = (double)sbl__luminance(light);
+        region->points++;
+        region->light += y;
+        region->squares += y * y;
+    }
+    return SBL_SUCCESS;
+}
+
+static int sbl__score_class(double score) {
+    const double step = SBL__SCORES / 2 + SBL__SCORE_STEPS * log(score) / log(2.0);
+    return (int)SBL__MIN(SBL__MAX(step, 0.0), SBL__SCORES - 1.0);
+}
+
+/* Computes the score of a leaf. */
+static sbl_result sbl__bounce_score(void *work, int at) {
+    const sbl__bounce *b = (const sbl__bounce *)work;
+    sbl__division *d = b->division;
+    sbl__spread *spread = &d->spreads[at];
+    const sbl__region *region;
+    double mean, variance;
+    if (!b->states[at].valid || !(spread->hits > 0)) return SBL_SUCCESS;
+    region = sbl__region_of(b, at);
+    mean = region->light / region->points;
+    variance = SBL__MAX(region->squares / region->points - mean * mean, 0.0);
+    d->variance += spread->hits * spread->weight * variance / b->states[at].valid;
+    d->light += sqrt(spread->hits * spread->weight) * (double)sbl__luminance(b->store->leaves[at].light);
+    if (spread->hits < SBL__DIVIDE_HITS || !(variance > 0)) return SBL_SUCCESS;
+    spread->score = spread->weight * variance;
+    d->classes[sbl__score_class(spread->score)]++;
+    return SBL_SUCCESS;
+}
+
+/* Decides whether leaves are divided, and from which class on. */
+static int sbl__bounce_after_score(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    sbl__division *d = b->division;
+    const double leaves = b->store->leaf_count;
+    double room = SBL__MIN(SBL__DIVIDE_SHARE * leaves, SBL__DIVIDE_FILL * b->store->max_leaves - leaves);
+    b->divisions++;
+    if (d->variance <= SBL__DIVIDE_ERROR * SBL__DIVIDE_ERROR * d->light * d->light) room = 0;
+    for (d->least = SBL__SCORES; d->least > 0 && d->classes[d->least - 1] <= room; d->least--)
+        room -= d->classes[d->least - 1];
+    return SBL__BOUNCE_DIVIDE;
+}
+
+/* Divides a leaf by a plane through the mean position of its hits, across the axis along which they are spread most. */
+static sbl_result sbl__bounce_divide(void *work, int at) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    sbl__store *s = b->store;
+    const sbl__spread *spread = &b->division->spreads[at];
+    const sbl__hit *first = &b->points[b->states[at].first].at;
+    float normal[3] = { 0, 0, 0 }, distance;
+    double widest = 0, middle = 0;
+    uint32_t *reference, patch;
+    int k, axis = -1, depth;
+    if (!(spread->score > 0) || sbl__score_class(spread->score) < b->division->least) return SBL_SUCCESS;
+    for (k = 0; k < 3; k++) {
+        const double mean = spread->places[k] / spread->hits, width = spread->squares[k] / spread->hits - mean * mean;
+        if (!(width > widest)) continue;
+        widest = width;
+        middle = mean;
+        axis = k;
+    }
+    sbl__place_find(s, first, &patch);
+    reference = sbl__store_find(s, patch, first->position, &depth);
+    if (axis < 0 || !reference || *reference != (uint32_t)at + 1 || depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
+    normal[axis] = 1;
+    distance = first->position[axis] + (float)middle;
+    b->division->divided++;
+    return sbl__store_cut(&b->core->base, s, reference, normal, distance, first->position[axis] > distance, 1);
+}
+
+static int sbl__bounce_after_divide(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    b->divided = b->division->divided;
+    sbl__division_free(&b->core->base, b);
+    return b->divided ? SBL__BOUNCE_RELOCATE : SBL__BOUNCE_SHINE;
+}
+
+/* After a division, the places that rays have found become points of the new leaves. */
+static int sbl__bounce_after_sort(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    if (!b->divided) return SBL__BOUNCE_LINK;
+    b->divided = 0;
+    return sbl__bounce_queue(b, b->hits.list, b->point_count * SBL__BOUNCE_RAYS);
 }
 
 /* >>bounce: bright leaves. They become lamps (see >>glow) if that takes most of the noise from rays. */
@@ -12643,6 +12871,7 @@ static int sbl__brighter(const void *first, const void *second) {
 static sbl_result sbl__bounce_shine(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *hits = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS];
+    const double weight = (double)b->states[b->points[at].leaf].share;
     float sky[3];
     int j;
     if (at == 0) {
@@ -12656,15 +12885,15 @@ static sbl_result sbl__bounce_shine(void *work, int at) {
         if (hits[j].leaf == SBL__NOWHERE) continue;
         sbl__add_reflected(hits[j].albedo, b->store->leaves[hits[j].leaf].light, sum);
         light = (double)(sbl__luminance(sum) / SBL__SHARE_ONE);
-        b->found.light += light;
-        b->found.squares += light * light;
-        b->direct[3 * hits[j].leaf] += (float)light;
-        b->direct[3 * hits[j].leaf + 1] += 1;
+        b->found.light += weight * light;
+        b->found.squares += weight * light * light;
+        b->direct[3 * hits[j].leaf] += (float)(weight * light);
+        b->direct[3 * hits[j].leaf + 1] += (float)weight;
     }
-    b->found.received += (double)sbl__luminance(b->store->leaves[b->points[at].leaf].light);
+    b->found.received += weight * (double)sbl__luminance(b->store->leaves[b->points[at].leaf].light);
     sbl__bounce_sky(b, at, sky);
-    b->found.light += SBL__BOUNCE_RAYS * (double)sbl__luminance(sky);
-    b->found.rays += SBL__BOUNCE_RAYS;
+    b->found.light += weight * SBL__BOUNCE_RAYS * (double)sbl__luminance(sky);
+    b->found.rays += weight * SBL__BOUNCE_RAYS;
     return SBL_SUCCESS;
 }
 
@@ -12680,7 +12909,7 @@ static int sbl__bright_uncrowded(sbl__bounce *b, sbl__bright_leaf *list, int cou
             crowd += hits[j].leaf != SBL__NOWHERE && b->direct[3 * hits[j].leaf + 2] >= 0;
         for (j = 0; j < SBL__BOUNCE_RAYS && crowd; j++)
             if (hits[j].leaf != SBL__NOWHERE && b->direct[3 * hits[j].leaf + 2] >= 0)
-                b->direct[3 * hits[j].leaf + 2] += (float)crowd;
+                b->direct[3 * hits[j].leaf + 2] += b->states[b->points[i].leaf].share * (float)crowd;
     }
     for (i = 0; i < count; i++)
         if ((double)b->direct[3 * list[i].leaf + 2] <= SBL__BRIGHT_CROWD * SBL__BOUNCE_RAYS * list[i].hits)
@@ -12770,6 +12999,10 @@ static int sbl__bounce_after_glow(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     int i;
     b->glows = b->core->scene.bright.ready && b->core->scene.bright.glow_count;
+    for (i = 0; i < b->store->leaf_count; i++) {  /* sbl__glow_limit may have made leaves ordinary. */
+        const int afar = b->states[i].bright ? sbl__bright_from_afar(b, i) : -1;
+        if (afar < 0 || !sbl__leaf_is_bright(b->store->leaves[afar].light)) b->states[i].bright = 0;
+    }
     if (!b->glows) return SBL__BOUNCE_NOISE;
     b->rounds = b->site_count = 0;
     b->change = 0;
@@ -12908,6 +13141,7 @@ static void sbl__bounce_free_temporary(const sbl__device *d, sbl__bounce *b) {
                              b->samples.list, b->waiting.list, b->released.list, b->contacts.list, b->sequence,
                              b->sites, b->readings, b->direct, b->solved };
     int i;
+    sbl__division_free(d->base, b);
     for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(d->base, blocks[i]);
     sbl__table_delete(d, &b->casts);
     sbl__blocks_free(d, &b->blocks);
@@ -12930,15 +13164,15 @@ static void sbl__bounce_end(sbl__core *c) {
 /* Returns the filling in progress or a new one; NULL: out of memory. Points and hits outlive changes of lights. */
 static sbl__bounce *sbl__bounce_resume(sbl__core *c) {
     sbl__bounce *b;
+    int i;
     if (c->bounce && c->bounce->surfaces != c->scene.surfaces) sbl__bounce_end(c);
     if (!c->bounce) c->bounce = (sbl__bounce *)sbl__alloc(&c->base, 1, sizeof *c->bounce);
     b = c->bounce;
     if (!b) return NULL;
+    for (i = 0; i < b->point_count && b->scene != c->scene.version; i++) b->points[i].measured = 0;
     if (b->scene != c->scene.version && b->stages.stage >= SBL__BOUNCE_SITES) {
-        int i;
         b->stages.stage = SBL__BOUNCE_SITES;
         b->stages.at = 0;
-        for (i = 0; i < b->point_count; i++) b->points[i].measured = 0;
     }
     b->core = c;
     b->store = &c->scene.store;
@@ -12960,12 +13194,16 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
         { NULL, sbl__bounce_after_cuts, sbl__bounce_cuts, sbl__bounce_uncut_leaves },
         { sbl__bounce_cast_points, sbl__bounce_after_rays, NULL, NULL },
         { NULL, sbl__bounce_after_relocate, sbl__bounce_relocate, sbl__bounce_points },
-        { NULL, NULL, sbl__bounce_sort, sbl__bounce_points },
+        { NULL, sbl__bounce_after_sort, sbl__bounce_sort, sbl__bounce_points },
         { NULL, NULL, sbl__bounce_link, sbl__bounce_points },
         { sbl__bounce_allocate, sbl__bounce_after_sites, sbl__bounce_site, sbl__bounce_points },
         { sbl__bounce_run_job, sbl__bounce_after_light, NULL, NULL },
         { NULL, NULL, sbl__bounce_direct, sbl__bounce_leaves },
         { NULL, sbl__bounce_after_gather, sbl__bounce_gather, sbl__bounce_leaves },
+        { sbl__bounce_spread_make, NULL, sbl__bounce_spread, sbl__bounce_points },
+        { NULL, NULL, sbl__bounce_regions, sbl__bounce_leaves },
+        { NULL, sbl__bounce_after_score, sbl__bounce_score, sbl__bounce_leaves },
+        { NULL, sbl__bounce_after_divide, sbl__bounce_divide, sbl__bounce_leaves },
         { NULL, NULL, sbl__bounce_shine, sbl__bounce_points },
         { sbl__bounce_choose, NULL, NULL, NULL },
         { sbl__bounce_glow, sbl__bounce_after_glow, NULL, NULL },
