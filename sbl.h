@@ -6210,8 +6210,8 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
 typedef struct sbl__cell_slot { uint32_t check, reference; } sbl__cell_slot;
 
 /* A plane that divides a cell. sides: references, like those of slots, to the parts where dot(normal, position) is at
-   most `distance`, and where it is larger. divides: 1: the cell is divided for its light (>>bounce: division); 0: an object
-   cuts the cell */
+   most `distance`, and where it is larger. divides: 1: the cell is divided for its light (>>bounce: division); 0: an
+   object cuts the cell */
 #define SBL__CUT(X) \
     X(sbl__cut, VEC3, normal) X(sbl__cut, FLOAT, distance) \
     X(sbl__cut, UVEC2, sides) X(sbl__cut, UINT, divides) X(sbl__cut, UINT, unused)
@@ -11605,9 +11605,9 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__BOUNCE_SEQUENCES 4    /* sequences of ray directions, which the points of a leaf use in turn */
 #define SBL__DIVISIONS 2           /* largest number of rounds of division, see there */
 #define SBL__DIVIDE_SHARE 0.15     /* largest number of leaves that a round divides, relative to all */
-#define SBL__DIVIDE_FILL 0.95      /* fill up to which leaves are divided */
+#define SBL__DIVIDE_FILL 0.55      /* fill up to which leaves are divided, below FILL_WIDER */
 #define SBL__DIVIDE_HITS 8.0       /* least number of rays that hit a leaf that is divided */
-#define SBL__DIVIDE_ERROR 0.004    /* leaves are divided if the mean light that all rays read has a larger standard
+#define SBL__DIVIDE_ERROR 0.0035   /* leaves are divided if the mean light that all rays read has a larger standard
                                       error, relative to the light */
 #define SBL__DIVIDE_REGION 3u      /* a region is as large as a cell of this level would be */
 #define SBL__SCORES 512            /* classes of scores, SBL__SCORE_STEPS per factor of two */
@@ -11695,7 +11695,7 @@ typedef struct sbl__bounce {
     sbl__bounce_point *points;
     sbl__bounce_leaf *states;        /* one state per leaf */
     int point_count, point_room, state_room;
-    int divisions;                   /* number of rounds of division */
+    int divisions;                   /* number of rounds of division; SBL__DIVISIONS: no further ones */
     int glows;                       /* 1: the points' light from glows is or will be in `readings`, so their rays do
                                         not count bright leaves, and the light of bright leaves is fixed */
     sbl__hits hits;                  /* hits of the points' rays, SBL__BOUNCE_RAYS per point */
@@ -11869,7 +11869,7 @@ static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
 }
 
 /* Returns the reference to the leaf of a place, which is 0 if there is no leaf yet; NULL: no slot is left. If the cell
-   is new and leaves are becoming scarce, a wider cell is used. patch: NULL, or receives the patch word with the
+   has no leaf and leaves are becoming scarce, a wider cell is used. patch: NULL, or receives the patch word with the
    level of the cell. Places at distance SBL__UNSEEN, which only points in the air may see, use the widest cells. */
 static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32_t *patch) {
     static const double fills[SBL__LEVELS] = { SBL__FILL_WIDER, SBL__FILL_WIDEST, 1 };
@@ -11878,7 +11878,7 @@ static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32
     word += SBL__PATCH_LEVEL * (uint32_t)level;
     for (; level < SBL__LEVELS; level++, word += SBL__PATCH_LEVEL) {
         reference = sbl__store_find(s, word, at->position, &depth);
-        if (reference && (*reference || s->leaf_count < (depth ? 1 : fills[level]) * s->max_leaves)) break;
+        if (reference && (*reference || s->leaf_count < fills[level] * s->max_leaves)) break;
     }
     if (patch) *patch = word;
     return reference;
@@ -12665,7 +12665,7 @@ static int sbl__bounce_after_gather(void *work) {
 
 /* Sums over the rays that hit a leaf. weight: of the squares of the shares of light that the leaf reflects;
    places, squares: of positions relative to the leaf's first point, and of their squares, per axis. score: weight times
-   the variance of the light in the leaf's region */
+   the variance of the light in the leaf's region, relative to the mean square of all light */
 typedef struct sbl__spread { double hits, weight, places[3], squares[3], score; } sbl__spread;
 
 /* Sums over points of the luminance of R and of its square */
@@ -12675,6 +12675,7 @@ typedef struct sbl__region { double points, light, squares; } sbl__region;
 typedef struct sbl__division {
     sbl__spread *spreads;            /* one per leaf */
     sbl__region *regions;            /* one per slot of the hash grid; regions that share a slot count as one */
+    sbl__region all;                 /* all points */
     double variance, light;          /* of the sum of the light that all rays read, see SBL__DIVIDE_ERROR */
     int classes[SBL__SCORES];        /* number of leaves in each class of scores */
     int least;                       /* least class of scores in which leaves are divided */
@@ -12760,6 +12761,8 @@ static sbl_result sbl__bounce_regions(void *work, int at) {
         region->points++;
         region->light += y;
         region->squares += y * y;
+        b->division->all.points++;
+        b->division->all.squares += y * y;
     }
     return SBL_SUCCESS;
 }
@@ -12783,7 +12786,7 @@ static sbl_result sbl__bounce_score(void *work, int at) {
     d->variance += spread->hits * spread->weight * variance / b->states[at].valid;
     d->light += sqrt(spread->hits * spread->weight) * (double)sbl__luminance(b->store->leaves[at].light);
     if (spread->hits < SBL__DIVIDE_HITS || !(variance > 0)) return SBL_SUCCESS;
-    spread->score = spread->weight * variance;
+    spread->score = spread->weight * variance * d->all.points / d->all.squares;
     d->classes[sbl__score_class(spread->score)]++;
     return SBL_SUCCESS;
 }
@@ -12832,6 +12835,7 @@ static int sbl__bounce_after_divide(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     b->divided = b->division->divided;
     sbl__division_free(&b->core->base, b);
+    if (!b->divided) b->divisions = SBL__DIVISIONS;  /* Other lamps do not divide leaves further. */
     return b->divided ? SBL__BOUNCE_RELOCATE : SBL__BOUNCE_SHINE;
 }
 
@@ -13173,6 +13177,7 @@ static sbl__bounce *sbl__bounce_resume(sbl__core *c) {
     if (b->scene != c->scene.version && b->stages.stage >= SBL__BOUNCE_SITES) {
         b->stages.stage = SBL__BOUNCE_SITES;
         b->stages.at = 0;
+        sbl__division_free(&c->base, b);
     }
     b->core = c;
     b->store = &c->scene.store;
