@@ -1388,7 +1388,8 @@ SBL_API sbl_result sbl_set_mesh_transform(sbl_context *context, int mesh, const 
 
 /* Replaces all materials, or all lights, of the scene: the same number in the same order. Textures keep their numbers.
    Work under way is dropped. If only emission or lights have changed, the update of the bounced light traces no ray
-   between surfaces again, unless sbl_end has freed the store's rays. Other changes discard the store.
+   between surfaces again, unless sbl_end has freed the store's rays. The cells of the store then stay as narrow as the
+   former light needed them; after large changes, sbl_set_scene gives more exact light. Other changes discard the store.
    Results: INVALID_ARGUMENT, STATE (no scene), UNSUPPORTED (more lamps than the tables of the scene can hold: use
    sbl_set_scene), OUT_OF_MEMORY, GL. On failure the scene stays as it was. */
 SBL_API sbl_result sbl_set_materials(sbl_context *context, const sbl_material *materials, int material_count);

@@ -1571,6 +1571,58 @@ TEST(a_lit_floor_is_no_glow) {
     scene_free(&s);
 }
 
+/* R that the floor at y = 0 gives a site above it, by quadrature. A spotlight at (lamp, 1, 0) lights a disc, of which
+   the site sees what is not behind a plate at x = 0 that begins at y = edge. */
+static double light_below_an_edge(const float site[3], double lamp, double edge) {
+    enum { STEPS = 300 };
+    const double limit = cos(TEST_PI / 6), side = 1.2;
+    double sum = 0;
+    int i;
+    for (i = 0; i < STEPS * STEPS; i++) {
+        const double x = lamp + side * ((i / STEPS + 0.5) / STEPS - 0.5), z = side * ((i % STEPS + 0.5) / STEPS - 0.5);
+        const double cosine = 1 / sqrt(1 + (x - lamp) * (x - lamp) + z * z);
+        const double spot = cosine > limit ? (cosine - limit) / (1 - limit) : 0, y = (double)site[1];
+        const double across = x - (double)site[0], along = z - (double)site[2];
+        const double away2 = across * across + y * y + along * along;
+        if (y * (1 + (double)site[0] / across) > edge) continue;
+        sum += 0.5 * spot * spot * cosine * cosine * cosine * y * y / (away2 * away2);
+    }
+    return sum * side * side / (TEST_PI * STEPS * STEPS);
+}
+
+/* A spotlight lights a disc of the floor. Sites under the ceiling see the disc in part, below the edge of a black
+   plate. The visible part of a leaf is not like the rest of it, so leaves must be narrow where the light varies. */
+TEST(leaves_are_divided_where_light_varies) {
+    enum { SIDES = 8 };
+    const double edge = 1.2, lamp = 0.65;
+    test_scene s = { 0 };
+    const int white = scene_material(&s, 0.5f, 0.5f, 0.5f), black = scene_material(&s, 0, 0, 0);
+    double off = 0, all = 0;
+    sbl_light *light;
+    int cells, k;
+    scene_floor(&s, white, 0, 5);
+    scene_quad(&s, black, -5, 4, -5, 5, 4, -5, 5, 4, 5, -5, 4, 5);
+    scene_quad(&s, black, 0, (float)edge, -5, 0, (float)edge, 5, 0, 4, 5, 0, 4, -5);
+    light = scene_light(&s, SBL_LIGHT_SPOT, (float)TEST_PI, 0, 0);
+    light->position[0] = (float)lamp;
+    light->position[1] = 1;
+    light->direction[1] = -1;
+    light->cone = 60;
+    site_count = 0;
+    for (k = 0; k < SIDES; k++) add_site(-1.2 - 0.1 * k, 3.99, 0.15 * k - 0.5, 0, -1, 0, 0);
+    for (cells = 10240; cells <= 20480; cells += 2048) {
+        if (!use_scene(&s, cells) || !gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 512)) break;
+        for (k = 0; k < SIDES; k++) {
+            const double expected = light_below_an_edge(sites[k].position, lamp, edge);
+            off += fabs((double)readings[k].radiance[0] - expected);
+            all += expected;
+        }
+    }
+    printf("  off by %.2f %% of the light\n", 100 * off / all);
+    CHECK(all > 0 && off < 0.06 * all, "off by %g of the light", off / all);
+    scene_free(&s);
+}
+
 int main(void) {
     RUN_PLAIN(walls_keep_light_out);
     RUN_PLAIN(two_sides_of_a_wall);
@@ -1585,6 +1637,7 @@ int main(void) {
     RUN(a_trench_narrower_than_cells);
     RUN(near_hits_find_their_own_light);
     RUN(lamps_light_near_hits);
+    RUN(leaves_are_divided_where_light_varies);
     RUN(far_light_is_not_near_light);
     RUN(a_pleated_sheet);
     RUN(a_crowd_of_boxes);
