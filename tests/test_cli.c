@@ -8,6 +8,7 @@
 #include <math.h>
 #include <poll.h>
 #include <stdarg.h>
+#include <time.h>
 #define STB_IMAGE_WRITE_IMPLEMENTATION
 #include <stb/stb_image_write.h>
 /* >>pictures */
@@ -1557,8 +1558,8 @@ TEST(a_missed_target_is_said) {
     CHECK(TOOL(ROOM, RASTER, "--target-error", "0.01%", "-o", "room.pfm") == 0 && ran.err_lines == 1 &&
           said("as often as they may; a larger --filter-radius"), "all rays: exit status %d: %s", ran.status, ran.err);
     CHECK(TOOL(ROOM, RASTER, "--threshold", "0.5", "-o", "room.pfm") == 0 && !ran.err[0], "--threshold: %s", ran.err);
-    CHECK(TOOL(ROOM, "--target-error", "0.05%", "--max-bounce-cells", "1048576", "--rays", "64", "-o", "room.pfm") == 0
-          && !ran.err[0], "--rays: exit status %d: %s", ran.status, ran.err);
+    CHECK(TOOL(ROOM, "--target-error", "0.05%", "--rays", "64", "-o", "room.pfm") == 0 && !ran.err[0],
+          "--rays: exit status %d: %s", ran.status, ran.err);
     CHECK(TOOL(ROOM, "--target-error", "20%", "-o", "room.pfm") == 0 && !ran.err[0], "a target that was reached: %s",
           ran.err);
     CHECK(TOOL(ROOM, "--target-error", "0.05%", "--quiet", "-o", "room.pfm") == 0 && !ran.err[0], "--quiet: %s",
@@ -1903,7 +1904,7 @@ static int try_file(const char *path, const struct stat *info, int kind, struct 
     if (kind != FTW_F) return 0;
     for (i = 0; ending && kinds[i] && strcmp(ending, kinds[i]) != 0; i++) continue;
     if ((ending && !kinds[i]) || !realpath(path, full)) return 0;
-    tried++;
+    if (++tried % 4 && !SANITIZED) return 0;  /* sanitizers find most */
     TOOL(full, "--quiet", "--size", "8x6", "--sensor-size", "4", "--samples", "1", "--tile", "8", "--threshold", "100",
          "-o", "hostile.png");
     if (SANITIZED && ran.status == 1 && strstr(ran.err, "SUMMARY: AddressSanitizer")) {
@@ -1925,12 +1926,13 @@ static int try_file(const char *path, const struct stat *info, int kind, struct 
     remove(in_folder("hostile.png"));
     return 0;
 }
-/* Every file of a collection of damaged scenes is rendered or refused, and crashes nothing. */
+/* Every file of a collection of damaged scenes is rendered or refused, and crashes nothing. With sanitizers, which find
+   most, all files are tried. Without them, where the reader is confined, every fourth is tried. */
 TEST(collected_hostile_files) {
     struct stat info;
     if (stat("../shared/scenes/hostile", &info) != 0) SKIP("no ../shared/scenes/hostile beside the repository");
     nftw("../shared/scenes/hostile", try_file, 16, FTW_PHYS);
-    CHECK(tried > 50, "only %d files were tried", tried);
+    CHECK(tried > 50, "there are only %d files", tried);
 }
 
 /* When a write fails, the old file stays and no temporary file is left. */
