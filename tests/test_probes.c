@@ -919,7 +919,7 @@ int main(void) {
     RUN(a_uniform_sky);
     RUN(skies_with_pictures);
     RUN(a_rectangular_lamp);
-    RUN(points_spheres_and_suns);
+    RUN_UNSANITIZED(points_spheres_and_suns);
     RUN(a_furnace);
     RUN(what_a_floor_reflects);
     RUN(distances_in_a_box);

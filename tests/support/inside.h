@@ -14,7 +14,7 @@ uint64_t inside_saved_sum(const void *bytes, size_t count);  /* the checksum at 
 int inside_gl_is_optional(const char *function);             /* whether sbl.h works without the function "glName" */
 /* Casts rays (origin x y z 0, direction x y z 0 each) into the context's scene with shaders_embedded/traverse.glsl.
    Returns whether that works. */
-typedef struct traced_hit { float number, distance, b1, b2; } traced_hit;  /* number: of the triangle; negative: no hit */
+typedef struct traced_hit { float number, distance, b1, b2; } traced_hit;  /* number: of the triangle; < 0: no hit */
 int inside_cast(sbl_context *context, const float *rays, int count, traced_hit *hits);
 int inside_triangle_count(const sbl_context *context);
 const float *inside_triangle_corner(const sbl_context *context, int triangle, int corner);
