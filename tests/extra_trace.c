@@ -2,11 +2,10 @@
    caster, and smooth light equals that of large rasterised sensors. extra_references.sh runs: extra_trace SCENE EYE
    LOOK_AT UP FOV. */
 #define _DEFAULT_SOURCE
-#define SBL_IMPLEMENTATION
-#define SBL_EGL
 #include "../sbl.h"
 #include "../examples/scene_file.h"
 #include "support/test.h"
+#include "support/inside.h"
 #include "support/reference.h"
 #include "support/trace_hits.h"
 

@@ -8,6 +8,7 @@
 #include <math.h>
 #include <poll.h>
 #include <stdarg.h>
+#include <time.h>
 #define STB_IMAGE_WRITE_IMPLEMENTATION
 #include <stb/stb_image_write.h>
 /* >>pictures */
@@ -1557,8 +1558,8 @@ TEST(a_missed_target_is_said) {
     CHECK(TOOL(ROOM, RASTER, "--target-error", "0.01%", "-o", "room.pfm") == 0 && ran.err_lines == 1 &&
           said("as often as they may; a larger --filter-radius"), "all rays: exit status %d: %s", ran.status, ran.err);
     CHECK(TOOL(ROOM, RASTER, "--threshold", "0.5", "-o", "room.pfm") == 0 && !ran.err[0], "--threshold: %s", ran.err);
-    CHECK(TOOL(ROOM, "--target-error", "0.05%", "--max-bounce-cells", "1048576", "--rays", "64", "-o", "room.pfm") == 0
-          && !ran.err[0], "--rays: exit status %d: %s", ran.status, ran.err);
+    CHECK(TOOL(ROOM, "--target-error", "0.05%", "--rays", "64", "-o", "room.pfm") == 0 && !ran.err[0],
+          "--rays: exit status %d: %s", ran.status, ran.err);
     CHECK(TOOL(ROOM, "--target-error", "20%", "-o", "room.pfm") == 0 && !ran.err[0], "a target that was reached: %s",
           ran.err);
     CHECK(TOOL(ROOM, "--target-error", "0.05%", "--quiet", "-o", "room.pfm") == 0 && !ran.err[0], "--quiet: %s",
@@ -1903,7 +1904,7 @@ static int try_file(const char *path, const struct stat *info, int kind, struct 
     if (kind != FTW_F) return 0;
     for (i = 0; ending && kinds[i] && strcmp(ending, kinds[i]) != 0; i++) continue;
     if ((ending && !kinds[i]) || !realpath(path, full)) return 0;
-    tried++;
+    if (++tried % 4 && !SANITIZED) return 0;  /* sanitizers find most */
     TOOL(full, "--quiet", "--size", "8x6", "--sensor-size", "4", "--samples", "1", "--tile", "8", "--threshold", "100",
          "-o", "hostile.png");
     if (SANITIZED && ran.status == 1 && strstr(ran.err, "SUMMARY: AddressSanitizer")) {
@@ -1925,12 +1926,13 @@ static int try_file(const char *path, const struct stat *info, int kind, struct 
     remove(in_folder("hostile.png"));
     return 0;
 }
-/* Every file of a collection of damaged scenes is rendered or refused, and crashes nothing. */
+/* Every file of a collection of damaged scenes is rendered or refused, and crashes nothing. With sanitizers, which find
+   most, all files are tried. Without them, where the reader is confined, every fourth is tried. */
 TEST(collected_hostile_files) {
     struct stat info;
     if (stat("../shared/scenes/hostile", &info) != 0) SKIP("no ../shared/scenes/hostile beside the repository");
     nftw("../shared/scenes/hostile", try_file, 16, FTW_PHYS);
-    CHECK(tried > 50, "only %d files were tried", tried);
+    CHECK(tried > 50, "there are only %d files", tried);
 }
 
 /* When a write fails, the old file stays and no temporary file is left. */
@@ -2311,13 +2313,13 @@ int main(int argc, char **argv) {
     RUN(options_override_the_files_camera);
     RUN(without_a_camera_the_scene_is_framed);
     RUN(a_file_without_light_gets_a_studio);
-    RUN(the_edge_of_the_ground_is_not_seen);
-    RUN(who_gets_a_studio);
-    RUN(the_camera_tells_rooms_from_objects);
-    RUN(a_lit_room_with_thick_walls_is_looked_at_from_inside);
-    RUN(the_cornell_box_is_seen_from_its_open_side);
+    RUN_PLAIN(the_edge_of_the_ground_is_not_seen);
+    RUN_PLAIN(who_gets_a_studio);
+    RUN_PLAIN(the_camera_tells_rooms_from_objects);
+    RUN_PLAIN(a_lit_room_with_thick_walls_is_looked_at_from_inside);
+    RUN_PLAIN(the_cornell_box_is_seen_from_its_open_side);
     RUN(png_is_the_encoded_pfm);
-    RUN(every_channel_is_written);
+    RUN_PLAIN(every_channel_is_written);
     RUN(surfaces_need_no_light);
     RUN(exr_is_written_or_refused);
     RUN(statistics_have_every_field);
@@ -2326,23 +2328,23 @@ int main(int argc, char **argv) {
     RUN(bounced_light_is_kept);
     RUN(stores_are_not_overwritten);
     RUN(stores_in_closed_folders);
-    RUN(coarse_stores);
+    RUN_PLAIN(coarse_stores);
     RUN(stores_are_never_lost);
     RUN(a_sensor_can_be_inspected);
-    RUN(zero_is_zero);
-    RUN(facet_limit_zero_is_zero);
+    RUN_PLAIN(zero_is_zero);
+    RUN_PLAIN(facet_limit_zero_is_zero);
     RUN(old_names_of_options);
     RUN(lights_of_a_gltf_scene);
     RUN(a_light_of_many_nodes);
     RUN(spots_of_gltf);
     RUN(lights_of_other_formats);
     RUN(broken_lights_are_left_out);
-    RUN(units_of_blender);
+    RUN_PLAIN(units_of_blender);
     RUN(substitutions_are_named);
-    RUN(a_missed_target_is_said);
-    RUN(advice_on_a_missed_target_helps);
+    RUN_PLAIN(a_missed_target_is_said);
+    RUN_PLAIN(advice_on_a_missed_target_helps);
     RUN(sky_pictures);
-    RUN(sky_pictures_turn);
+    RUN_PLAIN(sky_pictures_turn);
     RUN(a_sensor_may_meet_nothing);
     RUN(broken_sky_pictures_are_refused);
     RUN(hostile_files_are_refused);

@@ -105,20 +105,20 @@ exports_nothing() {
         nothing "$folder/strangers"
 }
 no_globals() {
-    object && awk '$2 ~ /^[bBdDC]$/' "$folder/symbols" > "$folder/strangers" && nothing "$folder/strangers"
+    awk '$2 ~ /^[bBdDC]$/' "$folder/symbols" > "$folder/strangers" && nothing "$folder/strangers"
 }
 no_stdio() {
     object -DSBL_NO_STDIO &&
         awk '$1 == "U" && $2 ~ /^(std(err|out|in)|f?printf|v?fprintf|f?puts|fputc|fwrite|putchar)$/' "$folder/symbols" \
         > "$folder/strangers" && nothing "$folder/strangers"
 }
-check exports_nothing_but_sbl_functions exports_only
 # optimised, so that functions of <math.h> for C++ are inlined
 check exports_nothing_but_sbl_functions_from_cpp exports_only -O1 -x c++
 check a_given_api_keeps_c_names exports_only -O1 -x c++ '-DSBL_API=__attribute__((visibility("default")))'
 check static_exports_nothing exports_nothing
-check no_mutable_globals no_globals
 check no_stdio_writes_nowhere no_stdio
+check exports_nothing_but_sbl_functions exports_only  # the tests below use the lists that it leaves
+check no_mutable_globals no_globals
 
 # includes FILE: lists the headers that sbl.h includes, in order, without those in the manual's examples
 includes() { sed '1,/^\*\/$/d' "$@" | sed -n 's/^ *# *include *\(<[^>]*>\).*/\1/p'; }
@@ -197,7 +197,6 @@ declared_is_exported() {
         sed -n 's/^SBL_API [^(]*\(sbl_[a-z0-9_]*\)(.*/\1/p' | sort > "$folder/declared"
     same "$folder/declared" "$folder/exports"
 }
-exports_only > "$folder/log" 2>&1
 check function_index_is_complete index_is_complete
 check all_declared_functions_exist declared_is_exported
 
@@ -225,7 +224,7 @@ quick_start_runs() {
     sed 's|^    return 0;$|    for (i = 0; i < 64 * 64 * 3; i++) if (picture[i] > 0) return 0;\n    return 2;|' \
         "$folder/quick.c" > "$folder/quick_look.c"
     cmp -s "$folder/quick.c" "$folder/quick_look.c" && { echo "the quick start has no line 'return 0;'"; return 1; }
-    gcc -std=c99 $warnings -I . "$folder/quick.c" -lEGL -lm -o "$folder/quick" &&
+    gcc -std=c99 $warnings -I . -fsyntax-only "$folder/quick.c" &&
     g++ -x c++ -std=c++11 $warnings -Wno-missing-field-initializers -I . -fsyntax-only "$folder/quick.c" &&
     gcc -std=c99 $warnings -I . "$folder/quick_look.c" -lEGL -lm -o "$folder/quick" && "$folder/quick"
 }

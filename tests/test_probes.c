@@ -577,7 +577,7 @@ static void refused(sbl_probes_desc desc, const char *word) {
 /* Every field of sbl_probes_desc is checked; the message names field and value. */
 TEST(every_field_is_checked) {
     static test_scene s;
-    float at[60];
+    float at[60] = { 0 };
     sbl_probe probes[20];
     const sbl_context_desc watched = watch_desc(&seen);
     const sbl_probes_desc good = probes_of(at, probes, 20);
@@ -585,7 +585,6 @@ TEST(every_field_is_checked) {
     sbl_context *empty = NULL;
     int i;
     memset(&s, 0, sizeof s);
-    memset(at, 0, sizeof at);
     memset(probes, 0x5a, sizeof probes);
     scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 1);
     REQUIRE(use_scene(&s), "no context");
@@ -920,7 +919,7 @@ int main(void) {
     RUN(a_uniform_sky);
     RUN(skies_with_pictures);
     RUN(a_rectangular_lamp);
-    RUN(points_spheres_and_suns);
+    RUN_UNSANITIZED(points_spheres_and_suns);
     RUN(a_furnace);
     RUN(what_a_floor_reflects);
     RUN(distances_in_a_box);

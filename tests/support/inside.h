@@ -12,6 +12,19 @@ uint16_t inside_to_half(float value);
 float inside_from_half(uint16_t half);
 uint64_t inside_saved_sum(const void *bytes, size_t count);  /* the checksum at the end of a saved store */
 int inside_gl_is_optional(const char *function);             /* whether sbl.h works without the function "glName" */
+/* Casts rays (origin x y z 0, direction x y z 0 each) into the context's scene with shaders_embedded/traverse.glsl.
+   Returns whether that works. */
+typedef struct traced_hit { float number, distance, b1, b2; } traced_hit;  /* number: of the triangle; < 0: no hit */
+int inside_cast(sbl_context *context, const float *rays, int count, traced_hit *hits);
+int inside_triangle_count(const sbl_context *context);
+const float *inside_triangle_corner(const sbl_context *context, int triangle, int corner);
+int inside_node_count(const sbl_context *context); /* of the hierarchy */
+float inside_pixel_offset(const sbl_context *context, size_t pixel); /* distance of its sensor from its surface */
+
+/* Replaces glShaderSource in the context, and returns the function that was there. */
+typedef void (*inside_source)(unsigned shader, int count, const char *const *strings, const int *lengths);
+inside_source inside_replace_source(sbl_context *context, inside_source source);
+
 int inside_guard_units(void); /* number of texture units whose state the guard restores */
 
 /* A square of 17 x 17 pixels, refined no further than its corners. With strips: the left columns are one surface, the

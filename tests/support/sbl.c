@@ -80,4 +80,81 @@ inside_weight inside_weigh_corners(int strips, float light) {
     return weight;
 }
 
+static const char *const cast_main[] = {
+    "uniform samplerBuffer rays;\n"
+    "uniform int ray_count, width;\n"
+    "layout(location = 0) out vec4 out_hit;\n"
+    "void main() {\n"
+    "    int i = int(gl_FragCoord.y) * width + int(gl_FragCoord.x);\n"
+    "    if (i >= ray_count) discard;\n"
+    "    sbl_Hit hit = sbl_trace(texelFetch(rays, 2 * i).xyz, texelFetch(rays, 2 * i + 1).xyz, 1e30);\n"
+    "    out_hit = vec4(hit.triangle < 0 ? -1 : hit.number, hit.distance, hit.b1, hit.b2);\n"
+    "}\n", NULL };
+
+static const sbl__recipe cast_recipe = {
+    "hits", { sbl__glsl_fullscreen_vertex },
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_traverse, cast_main },
+    { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record },
+    SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE };
+
+int inside_cast(sbl_context *c, const float *rays, int count, traced_hit *hits) {
+    enum { WIDTH = 1024 };
+    sbl__device *d = &c->core.device;
+    sbl__scene *scene = &c->core.scene;
+    sbl__visit visit;
+    sbl__slice slice = { 1e300, 1, 0 };
+    sbl__table table = { { 0, 0 }, { 0, 0, 0, 0, 0 } };
+    sbl__texture texture = { 0, 0, 0, 0, 0 };
+    sbl__target target;
+    int rows = (count + WIDTH - 1) / WIDTH;
+    float *read = (float *)malloc((size_t)rows * WIDTH * 16);
+    sbl_result result;
+    if (!read) abort();
+    memset(&target, 0, sizeof target);
+    sbl__visit_enter(c, &visit);
+    d->gl.doing = "casting rays";
+    do result = sbl__scene_step(d, scene, &slice); while (result == SBL_UNFINISHED);
+    if (result == SBL_SUCCESS)
+        result = sbl__buffer_make(d, &table.buffer, (size_t)count * 32, rays, SBL__GL_STREAM_DRAW);
+    if (result == SBL_SUCCESS) result = sbl__table_attach(d, &table, SBL__GL_RGBA32F, 0);
+    if (result == SBL_SUCCESS) result = sbl__texture_make(d, &texture, WIDTH, rows, SBL__GL_RGBA32F);
+    if (result == SBL_SUCCESS) result = sbl__target_make(d, &target, &texture, 1, NULL);
+    if (result == SBL_SUCCESS) result = sbl__use(d, &cast_recipe, scene->features);
+    if (result == SBL_SUCCESS) {
+        sbl__pass(d, &target, NULL, NULL, 0);
+        sbl__scene_bind(d, scene);
+        sbl__hierarchy_bind(d, &scene->hierarchy);
+        sbl__bind_table(d, "rays", &table);
+        sbl__set_int(d, "ray_count", count);
+        sbl__set_int(d, "width", WIDTH);
+        sbl__draw_screen(d);
+        result = sbl__target_read(d, &target, 0, 0, rows, read);
+    }
+    if (result == SBL_SUCCESS) memcpy(hits, read, (size_t)count * sizeof *hits);
+    free(read);
+    sbl__target_delete(d, &target);
+    sbl__texture_delete(d, &texture);
+    sbl__table_delete(d, &table);
+    sbl__visit_leave(c, &visit);
+    return result == SBL_SUCCESS;
+}
+
+int inside_triangle_count(const sbl_context *context) { return (int)context->core.scene.geometry.triangle_count; }
+
+const float *inside_triangle_corner(const sbl_context *context, int triangle, int corner) {
+    return sbl__triangle_corner(&context->core.scene.geometry, (uint32_t)triangle, corner);
+}
+
+int inside_node_count(const sbl_context *context) { return context->core.scene.hierarchy.node_count; }
+
+float inside_pixel_offset(const sbl_context *context, size_t pixel) {
+    return context->picture.map.refine.pixels[pixel].offset;
+}
+
+inside_source inside_replace_source(sbl_context *context, inside_source source) {
+    const inside_source before = context->core.device.gl.ShaderSource;
+    context->core.device.gl.ShaderSource = source;
+    return before;
+}
+
 int inside_guard_units(void) { return SBL__GUARD_UNITS; }

@@ -12,7 +12,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
+#include <sys/resource.h>
 
 static int test_passed, test_failed, test_skipped;
 static int test_checks, test_errors, test_left_out;
@@ -34,6 +34,9 @@ static inline int test_kind_is(const char *kind) {
 /* Only in plain runs, which do everything. Other kinds leave out long tests whose code shorter tests run, too. */
 #define RUN_PLAIN(name) do { if (test_kind_is("plain")) RUN(name); } while (0)
 
+/* In all runs but sanitized ones: for tests that compare numbers and whose code other tests run with sanitizers. */
+#define RUN_UNSANITIZED(name) do { if (!test_kind_is("sanitized")) RUN(name); } while (0)
+
 /* Unlike fmax and fmin they keep NaN, so that every comparison with the result fails. */
 static inline double test_max(double a, double b) { return a >= b || a != a ? a : b; }
 static inline double test_min(double a, double b) { return a <= b || a != a ? a : b; }
@@ -46,9 +49,22 @@ static inline uint32_t test_hash(uint32_t x) {
     return (word >> 22) ^ word;
 }
 
+/* Returns the seconds of processor time of this process and of its children that have ended. */
+static inline double test_seconds(void) {
+    double seconds = 0;
+    int i;
+    for (i = 0; i < 2; i++) {
+        struct rusage used;
+        getrusage(i ? RUSAGE_CHILDREN : RUSAGE_SELF, &used);
+        seconds += (double)(used.ru_utime.tv_sec + used.ru_stime.tv_sec) +
+            1e-6 * (double)(used.ru_utime.tv_usec + used.ru_stime.tv_usec);
+    }
+    return seconds;
+}
+
 static void test_run(const char *name, void (*function)(void)) {
     const char *only = getenv("TEST_ONLY");
-    const clock_t start = clock();
+    const double start = test_seconds();
     if (only && strcmp(only, name) != 0) return;
     test_checks = test_errors = test_left_out = 0;
     function();
@@ -57,7 +73,7 @@ static void test_run(const char *name, void (*function)(void)) {
     else if (test_left_out) test_skipped++;
     else test_passed++;
     printf("%s %s  %.1f s\n", test_errors ? "FAIL" : test_left_out ? "skip" : "ok  ", name,
-           (double)(clock() - start) / CLOCKS_PER_SEC);
+           test_seconds() - start);
     fflush(stdout);
 }
 

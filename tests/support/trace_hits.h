@@ -1,71 +1,7 @@
 /* Casts single rays with shaders_embedded/traverse.glsl, and compares them with an independent ray caster
-   (reference.h). Include after sbl.h with its implementation, test.h and reference.h. */
+   (reference.h). Include after sbl.h, inside.h, test.h and reference.h. */
 #ifndef TRACE_HITS_H
 #define TRACE_HITS_H
-
-/* number: of the triangle in the scene; negative: no hit */
-typedef struct traced_hit { float number, distance, b1, b2; } traced_hit;
-
-static const char *const trace_hits_main[] = {
-    "uniform samplerBuffer rays;\n"
-    "uniform int ray_count, width;\n"
-    "layout(location = 0) out vec4 out_hit;\n"
-    "void main() {\n"
-    "    int i = int(gl_FragCoord.y) * width + int(gl_FragCoord.x);\n"
-    "    if (i >= ray_count) discard;\n"
-    "    sbl_Hit hit = sbl_trace(texelFetch(rays, 2 * i).xyz, texelFetch(rays, 2 * i + 1).xyz, 1e30);\n"
-    "    out_hit = vec4(hit.triangle < 0 ? -1 : hit.number, hit.distance, hit.b1, hit.b2);\n"
-    "}\n", NULL };
-
-static const sbl__recipe trace_hits_recipe = {
-    "hits", { sbl__glsl_fullscreen_vertex },
-    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_traverse, trace_hits_main },
-    { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record },
-    SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE };
-
-enum { TRACE_HITS_WIDTH = 1024, TRACE_HITS_MOST = 1024 * 1024 };
-
-/* Casts rays (origin x y z 0, direction x y z 0 each) into the context's scene. */
-static int trace_hits(sbl_context *c, const float *rays, int count, traced_hit *hits) {
-    sbl__device *d = &c->core.device;
-    sbl__scene *scene = &c->core.scene;
-    sbl__visit visit;
-    sbl__slice slice = { 1e300, 1, 0 };
-    sbl__table table = { { 0, 0 }, { 0, 0, 0, 0, 0 } };
-    sbl__texture texture = { 0, 0, 0, 0, 0 };
-    sbl__target target;
-    int rows = (count + TRACE_HITS_WIDTH - 1) / TRACE_HITS_WIDTH;
-    float *read = (float *)malloc((size_t)rows * TRACE_HITS_WIDTH * 16);
-    sbl_result result;
-    if (!read) abort();
-    memset(&target, 0, sizeof target);
-    sbl__visit_enter(c, &visit);
-    d->gl.doing = "casting rays";
-    do result = sbl__scene_step(d, scene, &slice); while (result == SBL_UNFINISHED);
-    if (result == SBL_SUCCESS)
-        result = sbl__buffer_make(d, &table.buffer, (size_t)count * 32, rays, SBL__GL_STREAM_DRAW);
-    if (result == SBL_SUCCESS) result = sbl__table_attach(d, &table, SBL__GL_RGBA32F, 0);
-    if (result == SBL_SUCCESS) result = sbl__texture_make(d, &texture, TRACE_HITS_WIDTH, rows, SBL__GL_RGBA32F);
-    if (result == SBL_SUCCESS) result = sbl__target_make(d, &target, &texture, 1, NULL);
-    if (result == SBL_SUCCESS) result = sbl__use(d, &trace_hits_recipe, scene->features);
-    if (result == SBL_SUCCESS) {
-        sbl__pass(d, &target, NULL, NULL, 0);
-        sbl__scene_bind(d, scene);
-        sbl__hierarchy_bind(d, &scene->hierarchy);
-        sbl__bind_table(d, "rays", &table);
-        sbl__set_int(d, "ray_count", count);
-        sbl__set_int(d, "width", TRACE_HITS_WIDTH);
-        sbl__draw_screen(d);
-        result = sbl__target_read(d, &target, 0, 0, rows, read);
-    }
-    if (result == SBL_SUCCESS) memcpy(hits, read, (size_t)count * sizeof *hits);
-    free(read);
-    sbl__target_delete(d, &target);
-    sbl__texture_delete(d, &texture);
-    sbl__table_delete(d, &table);
-    sbl__visit_leave(c, &visit);
-    return result == SBL_SUCCESS;
-}
 
 /* Returns whether the ray passes an edge of the triangle so closely, or is so parallel to it, that float rounding may
    decide. reach: size of the coordinates, which rounding is relative to. */
@@ -95,7 +31,7 @@ static hits_compared trace_hits_compare(sbl_context *c, const ref_scene *scene, 
     traced_hit *hits = (traced_hit *)malloc((size_t)count * sizeof *hits);
     int i, k;
     if (!hits) abort();
-    if (!trace_hits(c, rays, count, hits)) { out.differ = out.unexplained = count; free(hits); return out; }
+    if (!inside_cast(c, rays, count, hits)) { out.differ = out.unexplained = count; free(hits); return out; }
     for (i = 0; i < count; i++) {
         v3 origin = v3_from(rays + 8 * i), direction = v3_from(rays + 8 * i + 4), mine[3];
         ref_hit truth = ref_trace(scene, origin, direction, 0, 1e30, SBL_MATERIAL_HIDDEN_FROM_SENSORS);
@@ -105,7 +41,7 @@ static hits_compared trace_hits_compare(sbl_context *c, const ref_scene *scene, 
         out.hits += number >= 0;
         if (number < 0 && truth.triangle < 0) continue;
         for (k = 0; k < 3 && number >= 0; k++) {
-            mine[k] = v3_from(sbl__triangle_corner(&c->core.scene.geometry, (uint32_t)number, k));
+            mine[k] = v3_from(inside_triangle_corner(c, number, k));
             reach = fmax(reach, v3_length(mine[k]));
         }
         for (k = 0; k < 3 && truth.triangle >= 0; k++)
@@ -143,7 +79,7 @@ static int trace_hits_rays(sbl_context *c, const sbl_picture_desc *view, int poi
         found++;
         right = v3_unit(v3_cross(fabs(n.z) < 0.9 ? v3_of(0, 0, 1) : v3_of(1, 0, 0), n));
         up = v3_cross(n, right);
-        p = v3_mad(p, n, (double)c->picture.map.refine.pixels[at].offset);
+        p = v3_mad(p, n, (double)inside_pixel_offset(c, at));
         for (k = 0; k < each; k++) {
             double u = ref_random(&seed), a = 6.283185307 * ref_random(&seed);
             v3 d = v3_add(v3_scale(n, sqrt(1 - u)),
