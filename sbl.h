@@ -13360,8 +13360,7 @@ typedef struct sbl__pixel {
 #define SBL__SPLIT_GAIN 0.875f          /* share of the squared error of interpolation that a split removes */
 #define SBL__DIFFERENCE_FLOOR 0.02f     /* share of the mean luminance that sbl__differ adds to the light it compares */
 #define SBL__GAIN_FLOOR 0.1f            /* worth = gain / (relative luminance + this): errors show in dark places */
-#define SBL__EXPECT_MORE 0.2            /* exponent: how the looks that are foreseen grow with the error that is left
-                                           if all known ways to reduce it are bought */
+#define SBL__EXPECT_SURE 1.5            /* exponent: how sure expected_looks are / squared error in the end / now */
 #define SBL__GAIN_BINS 512              /* bins of the histogram of gains by worth, four to an octave */
 /* To prevent ragged shadows, a tile is always split if its error exceeds target_error * TILE_ERROR_MAX * (relative
    luminance + TILE_ERROR_FLOOR). */
@@ -13436,6 +13435,7 @@ typedef struct sbl__refine {
     double gains[SBL__GAIN_BINS];  /* histogram by worth: sums of the gains of all possible splits and looks */
     double costs[SBL__GAIN_BINS];  /* histogram by worth: sums of their costs, looks */
     double expected_looks;    /* number of looks that have been taken when refinement ends, as far as is foreseen */
+    double expected_sure;     /* how sure expected_looks are: 0: not at all, or not known yet; 1: exact */
     float least_worth;        /* least worth that is bought in this round */
     int bought;               /* number of tiles split and of sensors given more looks in this round */
 } sbl__refine;
@@ -14189,6 +14189,7 @@ static void sbl__refine_restart(sbl__refine *r) {
             p->wanted = sbl__refine_first_looks(p, 1);
         }
     r->rounds = r->first_new = r->weighed = 0;
+    r->expected_looks = r->expected_sure = 0;
     memset(r->sum, 0, sizeof r->sum);
     r->pixels_summed = 0;
 }
@@ -14491,17 +14492,15 @@ static sbl_result sbl__refine_weigh(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Foresees how many looks will have been taken when the squared error, which is `left` now, is at most target2. The
-   cost of all that is worth buying now is exact in the end, but too low at first: what is bought shows which tiles need
-   more. The error that would be left is a sign of that. */
-static double sbl__weigh_expect(const sbl__refine *r, double left, double target2) {
-    const double target = target2 * SBL__MAX(r->pixels_summed, 1.0), looks = (double)r->looks_taken;
-    double cost = looks;
+/* Foresees how many looks will have been taken when the squared error, which is `left` now, is at most target2: those
+   of all that is worth buying now. Their number is exact in the end, but too low until most tiles have been found that
+   need sensors. How close the error is to what can be bought tells how sure the number is. */
+static void sbl__weigh_expect(sbl__refine *r, double left, double target2) {
+    const double target = target2 * SBL__MAX(r->pixels_summed, 1.0), now = SBL__MAX(left, 1e-30);
     int bin = SBL__GAIN_BINS;
-    if (!(target2 > 0)) return looks;
-    for (left -= target; bin > 0 && left > 0; left -= r->gains[bin]) cost += r->costs[--bin];
-    cost *= pow(1 + SBL__MAX(left, 0) / target, SBL__EXPECT_MORE);
-    return SBL__MAX(SBL__MIN(cost, r->spec->looks * r->pixels_summed), looks);
+    r->expected_looks = (double)r->looks_taken;
+    for (left -= target; bin > 0 && left > 0; left -= r->gains[bin]) r->expected_looks += r->costs[--bin];
+    r->expected_sure = pow(SBL__MIN((target + SBL__MAX(left, 0)) / now, 1), SBL__EXPECT_SURE);
 }
 
 /* Predicts the picture's error. Sets r->least_worth so that all splits and looks of at least this worth are predicted
@@ -14517,7 +14516,7 @@ static void sbl__weigh_end(sbl__refine *r) {
     r->predicted = sqrt(left / pixels + uncertainty2);
     r->stored = sqrt(uncertainty2);
     r->weighed = 1;
-    r->expected_looks = sbl__weigh_expect(r, left, target2);
+    sbl__weigh_expect(r, left, target2);
     r->least_worth = FLT_MAX;
     if (left <= target2 * pixels || r->rounds > SBL__MAX_ROUNDS) return;
     aim = SBL__MAX(SBL__AIM_BELOW * target2 * pixels, SBL__AIM_SHARE * left);
@@ -15764,11 +15763,10 @@ typedef struct sbl__map {
 #define SBL__READ_PIXELS 32768    /* maximum pixels per transfer between GPU and host, but at least a row of the map */
 #define SBL__STORED_NOISE 0.1f    /* assumed relative noise of stored light, for the filter */
 #define SBL__PREVIEW_GROWTH 1.25  /* the next preview is made when the number of looks has grown by this factor */
-#define SBL__MAP_RAYS 24000.0     /* usual time of refinement / square root of the number of pixels, in rays of the
+#define SBL__MAP_RAYS 25000.0     /* usual time of refinement / square root of the number of pixels, in rays of the
                                      store; half to twice as long in most of 60 random rooms. A root, because most
                                      sensors stand along edges */
 #define SBL__MAP_LOOKS 0.7        /* usual number of looks per pixel of maps that need no store */
-#define SBL__MAP_KNOWN 4.3        /* number of looks per pixel from which the looks that errors foresee count alone */
 #define SBL__GLIMPSE_TILE 16      /* least width of a tile of the glimpse: the default width of first-level tiles */
 #define SBL__GLIMPSE_RAYS 64      /* rays of a sensor of the glimpse */
 #define SBL__GLIMPSE_ERROR 0.05f  /* target error of the glimpse, which it rarely reaches */
@@ -16137,8 +16135,8 @@ static double *sbl__map_seconds(const void *work) {
 }
 
 /* Foresees the seconds until refinement ends. Until sensors have been measured, the speed of the rays of the store
-   tells how long refinement usually takes. Later the pace of sensors and the number that errors foresee tell more and
-   more, but slowly: when a tenth of all looks are taken, the number is still as uncertain as what is usual. */
+   tells how long refinement usually takes. Later the pace of sensors and the number that errors foresee count, as far
+   as they are sure: while most tiles are not found, they tell less than what is usual. */
 static double sbl__map_seconds_left(const sbl__map *m) {
     const sbl__core *c = m->work.core;
     const sbl__refine *r = &m->refine;
@@ -16149,12 +16147,11 @@ static double sbl__map_seconds_left(const sbl__map *m) {
     const double filling = bounce > 0 ? bounce * (1 / stored - 1) : 0;
     const double ray = rays > 0 ? bounce * SBL__MIN(1, SBL__BOUNCE_CAST / stored) / rays : 0;
     const double usual = SBL__MAP_RAYS * sqrt(pixels) * ray;
-    double pace, known, all;
+    double pace, all;
     if (m->work.stages.stage < SBL__MAP_REFINE || !(taken > 0)) return filling + (usual > 0 ? usual : 1e9);
     pace = (stats->seconds.gather + stats->seconds.refine - m->paced_from[0]) / taken;
-    known = sbl__refine_error(r) < 0 ? 0 : sqrt(SBL__MIN(looks / (SBL__MAP_KNOWN * pixels), 1));
     all = usual > 0 ? usual / SBL__MAX(pace, 1e-9) : SBL__MAP_LOOKS * pixels;
-    all = pow(all, 1 - known) * pow(SBL__MAX(sbl__refine_looks_expected(r), 1), known);
+    all = pow(all, 1 - r->expected_sure) * pow(sbl__refine_looks_expected(r), r->expected_sure);
     return filling + pace * SBL__MAX(all - looks, 0);
 }
 
