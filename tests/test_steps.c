@@ -532,6 +532,49 @@ TEST(each_level_is_sharper) {
     sbl_destroy(context);
 }
 
+/* The number of looks that refinement foresees is exact in the end, and close as soon as it is called sure. Progress
+   grows to 1. */
+TEST(refinement_foresees_its_looks) {
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_picture_desc view = view_of(SBL_BACKEND_TRACE);
+    sbl_context *context = watch_context(&seen, &desc, &cornell);
+    sbl_result result = SBL_UNFINISHED;
+    double foreseen[64], sure[64], looks = 0;
+    float before = 0;
+    int i, rounds = 0, surer = 0;
+    if (!context) return;
+    view.samples = 1;
+    view.target_error = 0.03f;
+    clock_tick = 1;
+    REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
+    while (result == SBL_UNFINISHED) {
+        const sbl__refine *r = &context->picture.map.refine;
+        result = sbl_step(context, 1e-9);
+        CHECK(sbl_progress(context) >= before && (result != SBL_UNFINISHED || sbl_progress(context) < 1),
+              "progress is %g after %g", (double)sbl_progress(context), (double)before);
+        before = sbl_progress(context);
+        if (r->stages.stage != SBL__REFINE_SPEND || r->stages.at || rounds == 64) continue;
+        foreseen[rounds] = sbl__refine_looks_expected(r);
+        sure[rounds++] = r->expected_sure;
+        looks = (double)sbl__refine_looks(r);
+    }
+    clock_tick = 0;
+    CHECK(result == SBL_SUCCESS && before == 1, "%s, progress %g", watch_last(&seen), (double)before);
+    REQUIRE(rounds > 3, "%d rounds", rounds);
+    for (i = 0; i < rounds; i++) {
+        printf("  round %d: foreseen %.2f of all looks, sure %.2f\n", i, foreseen[i] / looks, sure[i]);
+        surer += sure[i] > 0.5;
+        CHECK(sure[i] >= 0 && sure[i] <= 1, "round %d: sure %g", i, sure[i]);
+        CHECK(sure[i] < 0.5 || fabs(foreseen[i] / looks - 1) < 0.3, "round %d: %g looks are foreseen instead of %g", i,
+              foreseen[i], looks);
+    }
+    CHECK(sure[0] < 0.2 && surer > 1, "the first round is sure by %g; %d of %d rounds are sure", sure[0], surer,
+          rounds);
+    CHECK(foreseen[rounds - 1] == looks && sure[rounds - 1] == 1, "in the end %g looks are foreseen instead of %g",
+          foreseen[rounds - 1], looks);
+    sbl_destroy(context);
+}
+
 /* Channels that show surfaces alone can be read before the first sensor has measured, and are final then. */
 TEST(surfaces_are_shown_before_sensors) {
     static const sbl_channel channels[] = { SBL_CHANNEL_ALBEDO, SBL_CHANNEL_NORMAL, SBL_CHANNEL_POSITION,
@@ -837,6 +880,7 @@ int main(void) {
     RUN(programs_compile_when_used_or_ahead);
     RUN(programs_have_room);
     RUN_UNSANITIZED(each_level_is_sharper);
+    RUN_UNSANITIZED(refinement_foresees_its_looks);
     RUN(surfaces_are_shown_before_sensors);
     RUN_UNSANITIZED(direct_light_is_shown_first);
     RUN(a_finished_picture_stays);
