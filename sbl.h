@@ -11636,8 +11636,9 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
                                       few rays all hit one leaf */
 #define SBL__BOUNCE_TIME 0.35f     /* approximate share of the time of readings, vertices and probes that filling the
                                       store takes; >>map predicts it for pictures */
-#define SBL__BOUNCE_CAST 0.6f      /* measured shares of the time of filling that rays between surfaces take, */
-#define SBL__BOUNCE_LIT 0.93f      /* and these and the light of lamps together */
+#define SBL__BOUNCE_CAST 0.5f      /* approximate share of the time of filling that rays between surfaces take */
+#define SBL__BOUNCE_LIT 0.7f       /* approximate share that these and the light of lamps take together. Rounds of
+                                      division take the rest */
 #define SBL__AIR_SITES 54          /* six sites at each of nine places */
 #define SBL__AIR_RAYS 512
 #define SBL__CAST_COLUMNS 256
@@ -13243,6 +13244,8 @@ static float sbl__bounce_progress(const sbl__core *c) {
     const sbl__bounce *b = c->bounce;
     float points, cast;
     if (c->scene.store.ready || !b) return c->scene.store.ready ? 1.0f : 0.0f;
+    if (b->divisions)
+        return SBL__BOUNCE_LIT + (1 - SBL__BOUNCE_LIT) * (float)b->divisions / (SBL__DIVISIONS + 1);
     points = (float)SBL__FILL_AIM * (float)(SBL__BOUNCE_POINTS * b->store->max_leaves);
     cast = (float)b->points_cast;
     if (b->stages.stage == SBL__BOUNCE_CAST_POINTS)
@@ -16027,7 +16030,7 @@ typedef struct sbl__map {
 #define SBL__READ_PIXELS 32768    /* maximum pixels per transfer between GPU and host, but at least a row of the map */
 #define SBL__STORED_NOISE 0.1f    /* assumed relative noise of stored light, for the filter */
 #define SBL__PREVIEW_GROWTH 1.25  /* the next preview is made when the number of looks has grown by this factor */
-#define SBL__MAP_RAYS 25000.0     /* usual time of refinement / square root of the number of pixels, in rays of the
+#define SBL__MAP_RAYS 30000.0     /* usual time of refinement / square root of the number of pixels, in rays of the
                                      store; half to twice as long in most of 60 random rooms. A root, because most
                                      sensors stand along edges */
 #define SBL__MAP_LOOKS 0.7        /* usual number of looks per pixel of maps that need no store */
