@@ -5873,11 +5873,16 @@ static void sbl__lamp_of_light(const sbl__lamps *l, int number, sbl__lamp *lamp)
     const sbl_light *light = &l->lights->list[number];
     const int distant = light->kind == SBL_LIGHT_DIRECTIONAL;
     const uint32_t kind = distant ? SBL__LAMP_FAR_LIGHT : SBL__LAMP_NEAR_LIGHT;
-    double place[3], half = 0.5 * light->angle * SBL__PI / 180;
+    double place[3], axis[3], half = 0.5 * light->angle * SBL__PI / 180;
     sbl__light_record record;
+    int k;
     sbl__light_write(light, &record, place);
     sbl__lamp_make(lamp, kind << SBL__LAMP_KIND_SHIFT | (uint32_t)number, place,
                    distant ? 2 * sin(0.5 * half) : light->radius, sbl__sum3(light->intensity), distant);
+    if (light->kind != SBL_LIGHT_SPOT) return;
+    for (k = 0; k < 3; k++) axis[k] = (double)light->direction[k];
+    lamp->one_sided = sbl__normalize(axis);
+    for (k = 0; k < 3; k++) lamp->normal[k] = (float)axis[k];
 }
 
 static void sbl__lamp_of_glow(const sbl__glow *glow, int number, sbl__lamp *lamp) {

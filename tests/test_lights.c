@@ -327,6 +327,46 @@ TEST(spot_cones) {
         }
 }
 
+/* Of 600 spotlights, more than a look has entries, every other one is a thousand times as strong and looks away. Rays
+   must be sent to those that light the floor. */
+TEST(spots_that_look_away) {
+    enum { SPOTS = 600 };
+    static test_scene s;
+    sbl_picture_desc view = patch(32, 1, 4.0 / 32, 0, 0, 1);
+    sbl_scene_desc desc;
+    ref_scene *scene;
+    double off = 0, all = 0;
+    int i, x;
+    memset(&s, 0, sizeof s);
+    add_floor(&s);
+    for (i = 0; i < SPOTS; i++) {
+        const float strength = i & 1 ? 10.0f : 0.01f;
+        sbl_light *l = scene_light(&s, SBL_LIGHT_SPOT, strength, strength, strength);
+        l->position[0] = 0.16f * (float)(i % 25) - 2;
+        l->position[1] = 1.5f;
+        l->position[2] = 0.16f * (float)(i / 25) - 2;
+        l->direction[1] = i & 1 ? 1.0f : -1.0f;
+        l->cone = 120;
+    }
+    desc = scene_desc(&s);
+    scene = ref_create(&desc);
+    if (scene_render(context, &s, &view)) {
+        float *radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
+        for (x = 0; x < view.width; x++) {
+            const ref_point p = ref_pixel(scene, &view, x, 0);
+            double expected[3];
+            truth(scene, p.position, p.normal, NULL, expected);
+            off += fabs((double)radiance[3 * x] - expected[0]);
+            all += expected[0];
+        }
+        free(radiance);
+    }
+    printf("  off by %.2f %% of the light\n", 100 * off / all);
+    CHECK(all > 0 && off < 0.06 * all, "R is off by %.2f %%", 100 * off / all);
+    ref_destroy(scene);
+    scene_free(&s);
+}
+
 /* Disc and sphere compared with another formula: a lamp centred above a horizontal point gives R = sin^2 of half the
    angle that it subtends. */
 TEST(disc_and_sphere_overhead) {
@@ -1223,6 +1263,7 @@ int main(void) {
     RUN(fully_visible_default_settings);
     RUN(fully_visible_raster);
     RUN(spot_cones);
+    RUN(spots_that_look_away);
     RUN(disc_and_sphere_overhead);
     RUN(half_covered_single_looks);
     RUN(half_covered_default_settings);
