@@ -157,7 +157,7 @@ static const struct { const char *renderer, *version; uint64_t hashes[PINS]; } p
         0x7692356e654ded7bu,  /* many_lamps_direct_rasterised */
         0x1c283a206a3faf96u,  /* cornell_gi_traced */
         0x0659c3d3a43f6c59u,  /* cornell_gi_rasterised */
-        0x8bbf21bc361e7c70u,  /* sky_gi_traced */ } }
+        0xa60f705e5e18f592u,  /* sky_gi_traced */ } }
 };
 
 /* The hashes of all pictures are those pinned for this renderer. */
