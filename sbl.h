@@ -12870,6 +12870,10 @@ static int sbl__bounce_after_sort(void *work) {
 /* A leaf that may be bright. light: mean radiance of it that rays have found; hits: number of these rays */
 typedef struct sbl__bright_leaf { double light, hits; int leaf; } sbl__bright_leaf;
 
+/* Sums over the rays that hit candidates in a cell: crowd: of the number of the point's rays that hit any candidate;
+   hits: of 1 */
+typedef struct sbl__bright_view { double crowd, hits; } sbl__bright_view;
+
 /* Comparison function for qsort: brightest leaves first. */
 static int sbl__brighter(const void *first, const void *second) {
     const sbl__bright_leaf *a = (const sbl__bright_leaf *)first, *b = (const sbl__bright_leaf *)second;
@@ -12878,7 +12882,7 @@ static int sbl__brighter(const void *first, const void *second) {
 
 /* Adds up the luminances of the radiance that a point's rays find. Of b->direct, which the next stage makes again or
    overwrites, each leaf uses two floats, the sum over the rays that hit it and the number of these rays;
-   sbl__bright_uncrowded uses the third. */
+   sbl__bright_uncrowded stores the slot of the leaf's cell in the third. */
 static sbl_result sbl__bounce_shine(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *hits = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS];
@@ -12908,23 +12912,37 @@ static sbl_result sbl__bounce_shine(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Drops the candidates that fill much of the view of the points that see them. Returns how many remain. */
-static int sbl__bright_uncrowded(sbl__bounce *b, sbl__bright_leaf *list, int count) {
+/* Drops the candidates whose cells fill much of the view of the points that see them. All candidates of a cell remain
+   or none, because leaves of divided cells are small and seen by few rays. views: zeros, one per slot of the hash grid.
+   Returns how many candidates remain. */
+static int sbl__bright_uncrowded(sbl__bounce *b, sbl__bright_leaf *list, int count, sbl__bright_view *views) {
+    const sbl__store *s = b->store;
     int i, j, kept = 0;
-    for (i = 0; i < b->store->leaf_count; i++) b->direct[3 * i + 2] = -1;
-    for (i = 0; i < count; i++) b->direct[3 * list[i].leaf + 2] = 0;
+    for (i = 0; i < s->leaf_count; i++) b->direct[3 * i + 2] = -1;
+    for (i = 0; i < count; i++) {
+        const sbl__hit *at = &b->points[b->states[list[i].leaf].first].at;
+        uint32_t patch, place[3], check;
+        sbl__place_find(s, at, &patch);
+        sbl__cell_place(s, patch, at->position, place);
+        b->direct[3 * list[i].leaf + 2] = (float)(sbl__store_seek(s, patch, place, &check) - s->cells);
+    }
     for (i = 0; i < b->point_count; i++) {
         const sbl__hit *hits = &b->hits.list[(size_t)i * SBL__BOUNCE_RAYS];
+        const double weight = (double)b->states[b->points[i].leaf].share;
         int crowd = 0;
         for (j = 0; j < SBL__BOUNCE_RAYS && b->points[i].valid; j++)
             crowd += hits[j].leaf != SBL__NOWHERE && b->direct[3 * hits[j].leaf + 2] >= 0;
-        for (j = 0; j < SBL__BOUNCE_RAYS && crowd; j++)
-            if (hits[j].leaf != SBL__NOWHERE && b->direct[3 * hits[j].leaf + 2] >= 0)
-                b->direct[3 * hits[j].leaf + 2] += b->states[b->points[i].leaf].share * (float)crowd;
+        for (j = 0; j < SBL__BOUNCE_RAYS && crowd; j++) {
+            const float slot = hits[j].leaf != SBL__NOWHERE ? b->direct[3 * hits[j].leaf + 2] : -1;
+            if (!(slot >= 0)) continue;
+            views[(int)slot].crowd += weight * crowd;
+            views[(int)slot].hits += weight;
+        }
     }
-    for (i = 0; i < count; i++)
-        if ((double)b->direct[3 * list[i].leaf + 2] <= SBL__BRIGHT_CROWD * SBL__BOUNCE_RAYS * list[i].hits)
-            list[kept++] = list[i];
+    for (i = 0; i < count; i++) {
+        const sbl__bright_view *view = &views[(int)b->direct[3 * list[i].leaf + 2]];
+        if (view->crowd <= SBL__BRIGHT_CROWD * SBL__BOUNCE_RAYS * view->hits) list[kept++] = list[i];
+    }
     return kept;
 }
 
@@ -12966,6 +12984,7 @@ static sbl_result sbl__bounce_choose(void *work, sbl__slice *slice) {
     sbl__store *s = b->store;
     const double least = SBL__BRIGHT_LEAST * b->found.light;
     sbl__bright_leaf *list = NULL;
+    sbl__bright_view *views;
     int i, count = 0, room = 0, kept;
     (void)slice;
     sbl__free(&b->core->base, s->bright);
@@ -12982,7 +13001,13 @@ static sbl_result sbl__bounce_choose(void *work, sbl__slice *slice) {
         list[count].hits = hits;
         list[count++].leaf = i;
     }
-    count = sbl__bright_uncrowded(b, list, count);
+    views = (sbl__bright_view *)sbl__alloc(&b->core->base, (size_t)s->cell_room, sizeof *views);
+    if (!views) {
+        sbl__free(&b->core->base, list);
+        return SBL_ERROR_OUT_OF_MEMORY;
+    }
+    count = sbl__bright_uncrowded(b, list, count, views);
+    sbl__free(&b->core->base, views);
     if (count) qsort(list, (size_t)count, sizeof *list, sbl__brighter);
     count = count ? sbl__bright_choose(b, list, count) : 0;
     if (count) s->bright = (sbl__bright_cell *)sbl__alloc(&b->core->base, (size_t)count, sizeof *s->bright);
