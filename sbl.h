@@ -286,8 +286,9 @@
    SBL_MODE_GI keeps a store: the value of R on all surfaces of the scene, visible or not, one value for each cell. A
    cell is the part of a smooth surface that lies in one cube of a grid over the scene. Its light is measured at up to
    four points, where rays have met it: light from lamps as sensors measure it, and rays find the sky and other cells.
-   These rays define a system of linear equations, whose solution contains all bounces. Small places that are far
-   brighter than the rest, such as a spot on a ceiling that lights a room, become lamps, because few rays find them.
+   These rays define a system of linear equations, whose solution contains all bounces. Where the light varies much and
+   many rays arrive, cells are then divided. Small places that are far brighter than the rest, such as a spot on a
+   ceiling that lights a room, become lamps, because few rays find them.
 
    Light does not leak through walls or creep under them. The two sides of a wall have different cells, and the plane of
    a wall that stands on a floor cuts the cells of the floor. The sensors of a picture use the store only for the light
@@ -6205,7 +6206,8 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
    patch, whose plane may coincide with a plane of the grid, a column of cubes replaces the cube. Therefore light does
    not leak through walls, between shelves or around edges; tiny triangles share a cell, and large triangles have many.
    Where an object stands on a surface, the plane of the object cuts the cell into two leaves (see >>bounce). Cells
-   have the same size at first; once there are many, new surfaces get wider cells, of level 1 or 2.
+   have the same size at first; once there are many, new surfaces get wider cells, of level 1 or 2. Leaves in which the
+   light varies are divided by further cuts.
 
        triangle -> patch, side \
                                 hash grid -> leaf, or cut -> ... -> leaf: R
@@ -11616,8 +11618,8 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__DIVIDE_ERROR 0.0035   /* leaves are divided if the mean light that all rays read has a larger standard
                                       error, relative to the light */
 #define SBL__DIVIDE_REGION 3u      /* a region is as large as a cell of this level would be */
-#define SBL__SCORES 512            /* classes of scores, SBL__SCORE_STEPS per factor of two */
-#define SBL__SCORE_STEPS 4
+#define SBL__SCORES 512            /* number of classes of scores */
+#define SBL__SCORE_STEPS 4         /* classes per factor of two */
 #define SBL__BOUNCE_LAMP_RAYS 8
 #define SBL__BOUNCE_GLOW_RAYS 4    /* rays of a point towards glows */
 #define SBL__BOUNCE_STUCK_RAYS 4   /* rays of a point's stuck test */
@@ -11736,7 +11738,7 @@ typedef struct sbl__bounce {
     float *solved;                   /* light of each leaf, saved while the leaves hold noise */
     double change;                   /* balance.change of the previous round */
     /* sums over rays of the luminance of their radiance, and of its square; number of rays; sum over points of the
-       luminance of R (see sbl__bounce_shine) */
+       luminance of R. All are weighted by the share of the point's leaf (see sbl__bounce_shine) */
     struct { double light, squares, rays, received; } found;
     /* sums over leaves in this round: direct light, all light before and after, absolute changes in all channels */
     struct { double direct[3], before[3], after[3], change; } balance;
@@ -12598,6 +12600,15 @@ static void sbl__bounce_add_received(const sbl__bounce *b, int point, float sum[
             sbl__add_reflected(hits[j].albedo, b->store->leaves[hits[j].leaf].light, sum);
 }
 
+/* Computes R of a valid point: light from lamps, from the environment and from leaves. */
+static void sbl__point_light(const sbl__bounce *b, int point, double light[3]) {
+    float received[3] = { 0, 0, 0 }, sky[3];
+    int k;
+    sbl__bounce_add_received(b, point, received);
+    sbl__bounce_sky(b, point, sky);
+    for (k = 0; k < 3; k++) light[k] = (double)received[k] / SBL__BOUNCE_UNIT + sky[k] + b->points[point].light[k];
+}
+
 /* Sets a leaf's light to its direct light plus the mean light that its points receive. Leaves earlier in the round
    already have their new light (Gauss-Seidel iteration). */
 static sbl_result sbl__bounce_gather(void *work, int at) {
@@ -12715,10 +12726,11 @@ static sbl_result sbl__bounce_spread(void *work, int at) {
     const sbl__hit *hits = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS];
     int j, k;
     for (j = 0; j < SBL__BOUNCE_RAYS && b->points[at].valid; j++) {
-        sbl__spread *to = &b->division->spreads[hits[j].leaf == SBL__NOWHERE ? 0 : hits[j].leaf];
         float reflected[3] = { 0, 0, 0 };
+        sbl__spread *to;
         double share;
         if (hits[j].leaf == SBL__NOWHERE) continue;
+        to = &b->division->spreads[hits[j].leaf];
         sbl__add_reflected(hits[j].albedo, one, reflected);
         share = (double)(sbl__luminance(reflected) / SBL__SHARE_ONE);
         to->hits++;
@@ -12744,27 +12756,17 @@ static sbl__region *sbl__region_of(const sbl__bounce *b, int leaf) {
     return &b->division->regions[hash & (uint32_t)(b->store->cell_room - 1)];
 }
 
-/* Computes R of a valid point: light from lamps, from the environment and from leaves. */
-static void sbl__point_light(const sbl__bounce *b, int point, float light[3]) {
-    float received[3] = { 0, 0, 0 };
-    int k;
-    sbl__bounce_add_received(b, point, received);
-    sbl__bounce_sky(b, point, light);
-    for (k = 0; k < 3; k++) light[k] += received[k] / SBL__BOUNCE_UNIT + b->points[point].light[k];
-}
-
 /* Adds the points of a leaf to its region. */
 static sbl_result sbl__bounce_regions(void *work, int at) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     const sbl__bounce_leaf *state = &b->states[at];
     sbl__region *region = state->points ? sbl__region_of(b, at) : NULL;
-    int i;
+    int i, k;
     for (i = state->first; i < state->first + state->points; i++) {
-        float light[3];
-        double y;
+        double light[3], y = 0;
         if (!b->points[i].valid) continue;
         sbl__point_light(b, i, light);
-        y = (double)sbl__luminance(light);
+        for (k = 0; k < 3; k++) y += (double)sbl__luminance_weights[k] * light[k];
         region->points++;
         region->light += y;
         region->squares += y * y;
@@ -13074,14 +13076,12 @@ static sbl_result sbl__bounce_noise(void *work, int at) {
     int i, k;
     memcpy(b->solved + 3 * at, b->store->leaves[at].light, 3 * sizeof *b->solved);
     for (i = leaf->first; i < leaf->first + leaf->points; i++) {
-        float received[3] = { 0, 0, 0 }, sky[3];
+        double light[3];
         if (!b->points[i].valid) continue;
-        sbl__bounce_add_received(b, i, received);
-        sbl__bounce_sky(b, i, sky);
+        sbl__point_light(b, i, light);
         for (k = 0; k < 3; k++) {
-            const double light = (double)received[k] / SBL__BOUNCE_UNIT + sky[k] + b->points[i].light[k];
-            sum[k] += light;
-            squares[k] += light * light;
+            sum[k] += light[k];
+            squares[k] += light[k] * light[k];
         }
     }
     for (k = 0; k < 3; k++) {
