@@ -13207,9 +13207,10 @@ static sbl__bounce *sbl__bounce_resume(sbl__core *c) {
     if (!b) return NULL;
     for (i = 0; i < b->point_count && b->scene != c->scene.version; i++) b->points[i].measured = 0;
     if (b->scene != c->scene.version && b->stages.stage >= SBL__BOUNCE_SITES) {
-        b->stages.stage = SBL__BOUNCE_SITES;
-        b->stages.at = 0;
+        b->divided = b->division ? b->division->divided : 0;
         sbl__division_free(&c->base, b);
+        b->stages.stage = b->divided ? SBL__BOUNCE_RELOCATE : SBL__BOUNCE_SITES;
+        b->stages.at = 0;
     }
     b->core = c;
     b->store = &c->scene.store;

@@ -868,6 +868,51 @@ TEST(nothing_is_left) {
           seen.blocks, seen.strangers);
 }
 
+/* The lamps become twice as bright after some leaves have been divided and before the others are. No leaf may be lost,
+   so the light doubles. */
+TEST(lamps_change_while_leaves_are_divided) {
+    static float before[BOUNCED], after[BOUNCED];
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_context *context = watch_context(&seen, &desc, &cornell);
+    sbl_picture_desc view = bounced_view();
+    sbl_scene_desc scene = scene_desc(&cornell);
+    sbl_material materials[SCENE_MATERIALS];
+    sbl_result result = SBL_UNFINISHED;
+    double sum = 0, off = 0;
+    int i, k, divided = 0, lost = 0;
+    if (!context) return;
+    view.options.rays = 256;
+    scene.max_bounce_cells = 8192;
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS &&
+            bounced_read(context, before) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_begin_picture(context, &view) == SBL_SUCCESS,
+            "cannot begin");
+    while (result == SBL_UNFINISHED && divided < 300) {
+        const sbl__bounce *b = context->core.bounce;
+        result = sbl_step(context, b && b->division ? 1e-5 : 1e-3);
+        b = context->core.bounce;
+        divided = b && b->division && b->stages.stage == SBL__BOUNCE_DIVIDE ? b->division->divided : 0;
+    }
+    CHECK(divided >= 300, "%d leaves are divided", divided);
+    memcpy(materials, cornell.materials, sizeof materials);
+    for (i = 0; i < cornell.material_count; i++)
+        for (k = 0; k < 3; k++) materials[i].emission[k] *= 2;
+    REQUIRE(sbl_set_materials(context, materials, cornell.material_count) == SBL_SUCCESS &&
+            sbl_render_picture(context, &view) == SBL_SUCCESS && bounced_read(context, after) == SBL_SUCCESS,
+            "no picture: %s", watch_last(&seen));
+    for (i = 0; i < BOUNCED; i++) {
+        sum += (double)before[i];
+        off += fabs(0.5 * (double)after[i] - (double)before[i]);
+    }
+    for (i = 0; i < context->core.scene.store.cut_count; i++) {
+        const sbl__cut *cut = &context->core.scene.store.cuts[i];
+        lost += cut->divides && (!cut->sides[0] || !cut->sides[1]);
+    }
+    CHECK(!lost, "%d parts of divided leaves are lost", lost);
+    CHECK(off < 0.02 * sum, "the light is off by %.2f %%", 100 * off / sum);
+    sbl_destroy(context);
+}
+
 int main(void) {
     if (!gl_host_open()) return 1;
     scene_cornell_box(&cornell);
@@ -877,6 +922,7 @@ int main(void) {
     RUN(steps_keep_to_their_time);
     RUN(the_store_comes_in_pieces);
     RUN(the_store_is_left_at_any_step);
+    RUN(lamps_change_while_leaves_are_divided);
     RUN(programs_compile_when_used_or_ahead);
     RUN(programs_have_room);
     RUN_UNSANITIZED(each_level_is_sharper);
