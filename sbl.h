@@ -6371,10 +6371,9 @@ static uint32_t sbl__store_from_afar(const sbl__store *s, uint32_t side, const f
     return reference;
 }
 
-/* Makes a reference lead to a new cut. side: the side of the cut that gets the reference's previous value. divides: see
-   sbl__cut */
+/* Makes a reference lead to a new cut. side: the side of the cut that gets the reference's previous value. */
 static sbl_result sbl__store_cut(sbl__base *base, sbl__store *s, uint32_t *reference, const float normal[3],
-                                 float distance, int side, int divides) {
+                                 float distance, int side) {
     const uint32_t before = *reference;
     sbl__cut *cut;
     *reference = SBL__CELL_CUT | (uint32_t)s->cut_count;
@@ -6384,7 +6383,6 @@ static sbl_result sbl__store_cut(sbl__base *base, sbl__store *s, uint32_t *refer
     memset(cut, 0, sizeof *cut);
     memcpy(cut->normal, normal, sizeof cut->normal);
     cut->distance = distance;
-    cut->divides = (uint32_t)divides;
     cut->sides[side] = before;
     return SBL_SUCCESS;
 }
@@ -12198,7 +12196,7 @@ static sbl_result sbl__contact_part(sbl__bounce *b, const sbl__contact *line, ui
         if (depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
         if (first && (int)*reference <= b->cut_leaves) b->recheck = 1;
         return sbl__store_cut(&b->core->base, s, reference, line->normal, line->distance,
-                              first && sbl__dot(line->normal, first) > line->distance, 0);
+                              first && sbl__dot(line->normal, first) > line->distance);
     }
     cut = (int)(*reference & ~SBL__CELL_CUT);
     for (i = 0; i < 2; i++) {
@@ -12283,7 +12281,7 @@ static sbl_result sbl__bounce_cut(sbl__bounce *b, int leaf, const sbl__hit *hit)
     reference = sbl__store_find(s, patch, beyond, &depth);
     if (!reference || *reference != (uint32_t)leaf + 1 || depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
     reference = sbl__store_find(s, patch, at->position, &depth);
-    return sbl__store_cut(&b->core->base, s, reference, normal, distance, sbl__dot(normal, at->position) > distance, 0);
+    return sbl__store_cut(&b->core->base, s, reference, normal, distance, sbl__dot(normal, at->position) > distance);
 }
 
 static int sbl__bounce_uncut_leaves(void *work) {
@@ -12822,6 +12820,7 @@ static sbl_result sbl__bounce_divide(void *work, int at) {
     float normal[3] = { 0, 0, 0 }, distance;
     double widest = 0, middle = 0;
     uint32_t *reference, patch;
+    sbl_result result;
     int k, axis = -1, depth;
     if (!(spread->score > 0) || sbl__score_class(spread->score) < b->division->least) return SBL_SUCCESS;
     for (k = 0; k < 3; k++) {
@@ -12837,7 +12836,9 @@ static sbl_result sbl__bounce_divide(void *work, int at) {
     normal[axis] = 1;
     distance = first->position[axis] + (float)middle;
     b->division->divided++;
-    return sbl__store_cut(&b->core->base, s, reference, normal, distance, first->position[axis] > distance, 1);
+    result = sbl__store_cut(&b->core->base, s, reference, normal, distance, first->position[axis] > distance);
+    if (result == SBL_SUCCESS) s->cuts[s->cut_count - 1].divides = 1;
+    return result;
 }
 
 static int sbl__bounce_after_divide(void *work) {

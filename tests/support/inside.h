@@ -21,8 +21,14 @@ const float *inside_triangle_corner(const sbl_context *context, int triangle, in
 int inside_node_count(const sbl_context *context); /* of the hierarchy */
 float inside_pixel_offset(const sbl_context *context, size_t pixel); /* distance of its sensor from its surface */
 
+#if defined _WIN32 && !defined __CYGWIN__
+#define INSIDE_CALL __stdcall  /* how GL functions are called */
+#else
+#define INSIDE_CALL
+#endif
+
 /* Replaces glShaderSource in the context, and returns the function that was there. */
-typedef void (*inside_source)(unsigned shader, int count, const char *const *strings, const int *lengths);
+typedef void (INSIDE_CALL *inside_source)(unsigned shader, int count, const char *const *strings, const int *lengths);
 inside_source inside_replace_source(sbl_context *context, inside_source source);
 
 int inside_guard_units(void); /* number of texture units whose state the guard restores */

@@ -12,7 +12,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
+#ifndef _WIN32
 #include <sys/resource.h>
+#endif
 
 static int test_passed, test_failed, test_skipped;
 static int test_checks, test_errors, test_left_out;
@@ -49,8 +52,11 @@ static inline uint32_t test_hash(uint32_t x) {
     return (word >> 22) ^ word;
 }
 
-/* Returns the seconds of processor time of this process and of its children that have ended. */
+/* Returns the seconds of processor time of this process and, but on Windows, of its children that have ended. */
 static inline double test_seconds(void) {
+#ifdef _WIN32
+    return (double)clock() / CLOCKS_PER_SEC;
+#else
     double seconds = 0;
     int i;
     for (i = 0; i < 2; i++) {
@@ -60,6 +66,7 @@ static inline double test_seconds(void) {
             1e-6 * (double)(used.ru_utime.tv_usec + used.ru_stime.tv_usec);
     }
     return seconds;
+#endif
 }
 
 static void test_run(const char *name, void (*function)(void)) {
