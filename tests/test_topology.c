@@ -364,32 +364,32 @@ TEST(stuck_points_do_not_count) {
     static sbl__hit hits[3 * SBL__BOUNCE_RAYS];
     static const float half[3] = { 0.5f, 0.5f, 0.5f };
     sbl__bounce_leaf states[2] = { { 3, 0, 2, 0, 1 }, { 0, 0, 0, 0, 1 } };
-    sbl_reading readings[3];
+    sbl__bounce_point points[3];
     sbl__leaf leaves[2];
     sbl__store store;
     float direct[3], solved[3];
     int i, k;
-    memset(readings, 0, sizeof readings);
+    memset(points, 0, sizeof points);
     memset(leaves, 0, sizeof leaves);
     memset(&store, 0, sizeof store);
     store.leaves = leaves;
     b.store = &store;
     b.states = states;
-    b.readings = readings;
+    b.points = points;
     b.hits.list = hits;
     b.direct = direct;
     b.solved = solved;
     for (i = 0; i < 3 * SBL__BOUNCE_RAYS; i++) {
         const int most = SBL__BOUNCE_RAYS * (i / SBL__BOUNCE_RAYS == 0 ? 1 : 2) / 4;
-        hits[i].place = i % SBL__BOUNCE_RAYS < most ? 1 : SBL__NOWHERE;
+        hits[i].leaf = i % SBL__BOUNCE_RAYS < most ? 1 : SBL__NOWHERE;
         sbl__share_pack(half, hits[i].albedo);
     }
-    readings[0].valid = readings[2].valid = 1;
+    points[0].valid = points[2].valid = 1;
     for (k = 0; k < 3; k++) {
         leaves[1].light[k] = 8;
-        readings[0].radiance[k] = 1;
-        readings[1].radiance[k] = 50;
-        readings[2].radiance[k] = 2;
+        points[0].light[k] = 1;
+        points[1].light[k] = 50;
+        points[2].light[k] = 2;
         direct[k] = 1.5f;
     }
     sbl__bounce_gather(&b, 0);
@@ -398,7 +398,7 @@ TEST(stuck_points_do_not_count) {
     sbl__bounce_noise(&b, 0);
     for (k = 0; k < 3; k++)
         CHECK(fabs(fabs((double)direct[k]) - 1) < 1e-3, "channel %d: a noise of %g, expected 1", k, (double)direct[k]);
-    readings[2].valid = 0;
+    points[2].valid = 0;
     states[0].valid = 1;
     sbl__bounce_noise(&b, 0);
     for (k = 0; k < 3; k++)
