@@ -6307,10 +6307,14 @@ static void sbl__cell_place(const sbl__store *s, uint32_t patch, const float pos
     if (patch & SBL__PATCH_FLAT) at[patch >> SBL__PATCH_AXIS_SHIFT & 3u] = 0;
 }
 
+static uint32_t sbl__cell_hash(uint32_t patch, const uint32_t at[3]) {
+    return sbl__hash_step(sbl__hash_step(sbl__hash_step(sbl__hash_step(0, patch), at[0]), at[1]), at[2]);
+}
+
 /* Finds the slot of a cell, or else the free slot that the cell may take; NULL: all slots in reach hold other cells.
    check: receives the cell's second hash, which its slot holds */
 static sbl__cell_slot *sbl__store_seek(const sbl__store *s, uint32_t patch, const uint32_t at[3], uint32_t *check) {
-    const uint32_t hash = sbl__hash_step(sbl__hash_step(sbl__hash_step(sbl__hash_step(0, patch), at[0]), at[1]), at[2]);
+    const uint32_t hash = sbl__cell_hash(patch, at);
     int i;
     *check = sbl__hash_step(sbl__hash_step(sbl__hash_step(hash, at[2]), at[1]), at[0]) | 1u;
     for (i = 0; i < SBL__SLOT_TRIES; i++) {
@@ -6331,14 +6335,17 @@ static uint32_t *sbl__store_slot(const sbl__store *s, uint32_t patch, const floa
     return slot ? &slot->reference : NULL;
 }
 
+/* Returns the reference on the side of a cut where a position lies. */
+static uint32_t *sbl__cut_side(sbl__cut *cut, const float position[3]) {
+    return &cut->sides[sbl__dot(cut->normal, position) > cut->distance];
+}
+
 /* Like sbl__store_slot, but follows cuts, so that the reference leads to the leaf at the position or is 0. *depth:
    receives the number of cuts followed. The pointer is valid until a cut is added. */
 static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const float position[3], int *depth) {
     uint32_t *reference = sbl__store_slot(s, patch, position);
-    for (*depth = 0; reference && *reference >= SBL__CELL_CUT; ++*depth) {
-        sbl__cut *cut = &s->cuts[*reference & ~SBL__CELL_CUT];
-        reference = &cut->sides[sbl__dot(cut->normal, position) > cut->distance];
-    }
+    for (*depth = 0; reference && *reference >= SBL__CELL_CUT; ++*depth)
+        reference = sbl__cut_side(&s->cuts[*reference & ~SBL__CELL_CUT], position);
     return reference;
 }
 
@@ -6363,10 +6370,8 @@ static uint32_t sbl__store_from_afar(const sbl__store *s, uint32_t side, const f
     int i;
     for (i = 0; !reference && i < 2 * SBL__LEVELS; i++) {
         reference = sbl__store_peek(s, sbl__patch_from_afar(side, i), position);
-        while (reference >= SBL__CELL_CUT) {
-            const sbl__cut *cut = &s->cuts[reference & ~SBL__CELL_CUT];
-            reference = cut->sides[sbl__dot(cut->normal, position) > cut->distance];
-        }
+        while (reference >= SBL__CELL_CUT)
+            reference = *sbl__cut_side(&s->cuts[reference & ~SBL__CELL_CUT], position);
     }
     return reference;
 }
@@ -11609,7 +11614,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__BOUNCE_POINTS 4       /* largest number of points of a leaf */
 #define SBL__BOUNCE_RAYS 16        /* rays of a point */
 #define SBL__BOUNCE_SEQUENCES 4    /* sequences of ray directions, which the points of a leaf use in turn */
-#define SBL__DIVISIONS 2           /* largest number of rounds of division, see there */
+#define SBL__DIVISIONS 2           /* largest number of rounds of division, see >>bounce: division */
 #define SBL__DIVIDE_SHARE 0.15     /* largest number of leaves that a round divides, relative to all */
 #define SBL__DIVIDE_FILL 0.55      /* fill up to which leaves are divided, below FILL_WIDER */
 #define SBL__DIVIDE_HITS 8.0       /* least number of rays that hit a leaf that is divided */
@@ -11726,8 +11731,8 @@ typedef struct sbl__bounce {
     sbl_reading *readings;
     int site_count;                  /* number of sites that await their light */
     struct sbl__division *division;  /* a round of division, while it lasts */
-    int divided;                     /* number of leaves that were just divided. Places in them are yet to become
-                                        points */
+    int divided;                     /* number of leaves that the round of division has divided, until places in
+                                        them are queued; 0 at other times */
     uint32_t recent_lines[SBL__CONTACT_CACHE];  /* hash table of contact lines (where an object touches a flat
                                                    surface) that have cut their cells; hash collisions drop some */
     int recheck;                     /* 1: a line has cut leaves below cut_leaves, where no place waits any more, so
@@ -12449,12 +12454,12 @@ static sbl_result sbl__bounce_allocate(void *work, sbl__slice *slice) {
     return b->sites && b->readings && b->direct && b->solved ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Adds a site for a point whose light is not measured. */
+/* Adds a site for a point whose light is not measured, or for any point if glows are measured. */
 static sbl_result sbl__bounce_site(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *hit = &b->points[at].at;
     sbl__site *site;
-    if (b->points[at].measured) return SBL_SUCCESS;
+    if (b->points[at].measured && !b->glows) return SBL_SUCCESS;
     site = &b->sites[b->site_count++];
     memset(site, 0, sizeof *site);
     memcpy(site->position, hit->position, sizeof site->position);
@@ -12495,26 +12500,24 @@ static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, int count) {
 static int sbl__bounce_after_sites(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     int i;
-    for (i = 0; i < b->store->leaf_count; i++) b->states[i].bright = 0;
-    b->glows = b->rounds = 0;
+    for (i = 0; i < b->store->leaf_count && !b->glows; i++) b->states[i].bright = 0;
+    b->rounds = 0;
     b->change = 0;
     if (!b->site_count) return SBL__BOUNCE_DIRECT;
     sbl__bounce_measure(b, SBL_MODE_DIRECT, b->site_count);
     return SBL__BOUNCE_LIGHT;
 }
 
-/* Gives the points the light that was measured at their sites. The light of glows is added to that of other lamps. */
+/* Stores the light that was measured at each site in its point. Light of glows is added to that of other lamps. */
 static int sbl__bounce_after_light(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     int i, k;
     for (i = 0; i < b->site_count; i++) {
         sbl__bounce_point *point = &b->points[b->sites[i].number];
         const sbl_reading *r = &b->readings[i];
-        if (!point->measured) point->valid = r->valid;
-        for (k = 0; k < 3; k++) {
-            if (!point->measured) point->light[k] = r->radiance[k];
-            else if (r->valid) point->light[k] += r->radiance[k];
-        }
+        if (!b->glows) point->valid = r->valid;
+        for (k = 0; k < 3 && (r->valid || !b->glows); k++)
+            point->light[k] = r->radiance[k] + (b->glows ? point->light[k] : 0);
         point->measured = 1;
     }
     return SBL__BOUNCE_DIRECT;
@@ -12558,9 +12561,9 @@ static float sbl__bounce_share(const sbl__bounce *b, int leaf) {
     if (!b->states[leaf].points) return share;
     sbl__place_find(s, first, &patch);
     for (reference = sbl__store_peek(s, patch, first->position); reference >= SBL__CELL_CUT;) {
-        const sbl__cut *cut = &s->cuts[reference & ~SBL__CELL_CUT];
+        sbl__cut *cut = &s->cuts[reference & ~SBL__CELL_CUT];
         if (cut->divides) share *= 0.5f;
-        reference = cut->sides[sbl__dot(cut->normal, first->position) > cut->distance];
+        reference = *sbl__cut_side(cut, first->position);
     }
     return share;
 }
@@ -12684,18 +12687,17 @@ static int sbl__bounce_after_gather(void *work) {
    the variance of the light in the leaf's region, relative to the mean square of all light */
 typedef struct sbl__spread { double hits, weight, places[3], squares[3], score; } sbl__spread;
 
-/* Sums over points of the luminance of R and of its square */
+/* points: number of points; light, squares: sums over them of the luminance of R and of its square */
 typedef struct sbl__region { double points, light, squares; } sbl__region;
 
 /* The data of a round of division */
 typedef struct sbl__division {
     sbl__spread *spreads;            /* one per leaf */
     sbl__region *regions;            /* one per slot of the hash grid; regions that share a slot count as one */
-    sbl__region all;                 /* all points */
-    double variance, light;          /* of the sum of the light that all rays read, see SBL__DIVIDE_ERROR */
+    sbl__region all;                 /* sums over all points */
+    double light, variance;          /* sum of the light that all rays read, and its variance; see DIVIDE_ERROR */
     int classes[SBL__SCORES];        /* number of leaves in each class of scores */
     int least;                       /* least class of scores in which leaves are divided */
-    int divided;                     /* number of leaves that this round has divided */
 } sbl__division;
 
 static sbl_result sbl__bounce_spread_make(void *work, sbl__slice *slice) {
@@ -12747,11 +12749,15 @@ static sbl__region *sbl__region_of(const sbl__bounce *b, int leaf) {
     const sbl__hit *at = &b->points[b->states[leaf].first].at;
     const uint32_t side = sbl__place_patch(b->store, at) & ~SBL__PATCH_NEAR;
     const uint32_t patch = side + SBL__DIVIDE_REGION * SBL__PATCH_LEVEL;
-    uint32_t place[3], hash = sbl__hash_step(0, patch);
-    int k;
+    uint32_t place[3];
     sbl__cell_place(b->store, patch, at->position, place);
-    for (k = 0; k < 3; k++) hash = sbl__hash_step(hash, place[k]);
-    return &b->division->regions[hash & (uint32_t)(b->store->cell_room - 1)];
+    return &b->division->regions[sbl__cell_hash(patch, place) & (uint32_t)(b->store->cell_room - 1)];
+}
+
+static void sbl__region_add(sbl__region *r, double light) {
+    r->points++;
+    r->light += light;
+    r->squares += light * light;
 }
 
 /* Adds the points of a leaf to its region. */
@@ -12765,15 +12771,13 @@ static sbl_result sbl__bounce_regions(void *work, int at) {
         if (!b->points[i].valid) continue;
         sbl__point_light(b, i, light);
         for (k = 0; k < 3; k++) y += (double)sbl__luminance_weights[k] * light[k];
-        region->points++;
-        region->light += y;
-        region->squares += y * y;
-        b->division->all.points++;
-        b->division->all.squares += y * y;
+        sbl__region_add(region, y);
+        sbl__region_add(&b->division->all, y);
     }
     return SBL_SUCCESS;
 }
 
+/* Returns the class of a positive score, so that scores are sorted without comparing them. */
 static int sbl__score_class(double score) {
     const double step = SBL__SCORES / 2 + SBL__SCORE_STEPS * log(score) / log(2.0);
     return (int)SBL__MIN(SBL__MAX(step, 0.0), SBL__SCORES - 1.0);
@@ -12835,7 +12839,7 @@ static sbl_result sbl__bounce_divide(void *work, int at) {
     if (axis < 0 || !reference || *reference != (uint32_t)at + 1 || depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
     normal[axis] = 1;
     distance = first->position[axis] + (float)middle;
-    b->division->divided++;
+    b->divided++;
     result = sbl__store_cut(&b->core->base, s, reference, normal, distance, first->position[axis] > distance);
     if (result == SBL_SUCCESS) s->cuts[s->cut_count - 1].divides = 1;
     return result;
@@ -12843,7 +12847,6 @@ static sbl_result sbl__bounce_divide(void *work, int at) {
 
 static int sbl__bounce_after_divide(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
-    b->divided = b->division->divided;
     sbl__division_free(&b->core->base, b);
     if (!b->divided) b->divisions = SBL__DIVISIONS;  /* Other lamps do not divide leaves further. */
     return b->divided ? SBL__BOUNCE_RELOCATE : SBL__BOUNCE_SHINE;
@@ -12873,8 +12876,8 @@ static int sbl__bounce_after_sort(void *work) {
 /* A leaf that may be bright. light: mean radiance of it that rays have found; hits: number of these rays */
 typedef struct sbl__bright_leaf { double light, hits; int leaf; } sbl__bright_leaf;
 
-/* Sums over the rays that hit candidates in a cell: crowd: of the number of the point's rays that hit any candidate;
-   hits: of 1 */
+/* What points see of the candidates in a cell. hits: number of rays that hit them; crowd: sum over these rays of how
+   many rays of the same point hit any candidate. Both are weighted by the share of the point's leaf. */
 typedef struct sbl__bright_view { double crowd, hits; } sbl__bright_view;
 
 /* Comparison function for qsort: brightest leaves first. */
@@ -12915,6 +12918,13 @@ static sbl_result sbl__bounce_shine(void *work, int at) {
     return SBL_SUCCESS;
 }
 
+/* Finds the cell that contains a leaf's first point. */
+static void sbl__cell_of_leaf(const sbl__bounce *b, int leaf, sbl__bright_cell *out) {
+    const sbl__hit *first = &b->points[b->states[leaf].first].at;
+    sbl__place_find(b->store, first, &out->patch);
+    sbl__cell_place(b->store, out->patch, first->position, out->at);
+}
+
 /* Drops the candidates whose cells fill much of the view of the points that see them. All candidates of a cell remain
    or none, because leaves of divided cells are small and seen by few rays. views: zeros, one per slot of the hash grid.
    Returns how many candidates remain. */
@@ -12923,11 +12933,10 @@ static int sbl__bright_uncrowded(sbl__bounce *b, sbl__bright_leaf *list, int cou
     int i, j, kept = 0;
     for (i = 0; i < s->leaf_count; i++) b->direct[3 * i + 2] = -1;
     for (i = 0; i < count; i++) {
-        const sbl__hit *at = &b->points[b->states[list[i].leaf].first].at;
-        uint32_t patch, place[3], check;
-        sbl__place_find(s, at, &patch);
-        sbl__cell_place(s, patch, at->position, place);
-        b->direct[3 * list[i].leaf + 2] = (float)(sbl__store_seek(s, patch, place, &check) - s->cells);
+        sbl__bright_cell cell;
+        uint32_t check;
+        sbl__cell_of_leaf(b, list[i].leaf, &cell);
+        b->direct[3 * list[i].leaf + 2] = (float)(sbl__store_seek(s, cell.patch, cell.at, &check) - s->cells);
     }
     for (i = 0; i < b->point_count; i++) {
         const sbl__hit *hits = &b->hits.list[(size_t)i * SBL__BOUNCE_RAYS];
@@ -12974,12 +12983,9 @@ static int sbl__bright_from_afar(const sbl__bounce *b, int leaf) {
 /* Marks a leaf as bright and adds its cell to the store's list. */
 static void sbl__bright_mark(sbl__bounce *b, int leaf) {
     sbl__store *s = b->store;
-    const sbl__hit *at = &b->points[b->states[leaf].first].at;
-    sbl__bright_cell *cell = &s->bright[s->bright_count++];
     s->leaves[leaf].light[0] = -s->leaves[leaf].light[0];
     b->states[leaf].bright = SBL__BRIGHT;
-    sbl__place_find(s, at, &cell->patch);
-    sbl__cell_place(s, cell->patch, at->position, cell->at);
+    sbl__cell_of_leaf(b, leaf, &s->bright[s->bright_count++]);
 }
 
 static sbl_result sbl__bounce_choose(void *work, sbl__slice *slice) {
@@ -13038,18 +13044,11 @@ static int sbl__bounce_after_glow(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     int i;
     b->glows = b->core->scene.bright.ready && b->core->scene.bright.glow_count;
-    for (i = 0; i < b->store->leaf_count; i++) {  /* sbl__glow_limit may have made leaves ordinary. */
+    for (i = 0; i < b->store->leaf_count; i++) {  /* Leaves that sbl__glow_limit has made ordinary are not bright. */
         const int afar = b->states[i].bright ? sbl__bright_from_afar(b, i) : -1;
         if (afar < 0 || !sbl__leaf_is_bright(b->store->leaves[afar].light)) b->states[i].bright = 0;
     }
-    if (!b->glows) return SBL__BOUNCE_NOISE;
-    b->rounds = b->site_count = 0;
-    b->change = 0;
-    for (i = 0; i < b->point_count; i++) b->points[i].measured = 0;
-    for (i = 0; i < b->point_count; i++) sbl__bounce_site(b, i);
-    for (i = 0; i < b->point_count; i++) b->points[i].measured = 1;
-    sbl__bounce_measure(b, SBL_MODE_DIRECT, b->site_count);
-    return SBL__BOUNCE_LIGHT;
+    return b->glows ? SBL__BOUNCE_SITES : SBL__BOUNCE_NOISE;
 }
 
 /* Drops the glows. They are made again of the leaves that a stream holds, whose last bits tell the uncertainty. */
@@ -13208,8 +13207,8 @@ static sbl__bounce *sbl__bounce_resume(sbl__core *c) {
     if (!b) return NULL;
     for (i = 0; i < b->point_count && b->scene != c->scene.version; i++) b->points[i].measured = 0;
     if (b->scene != c->scene.version && b->stages.stage >= SBL__BOUNCE_SITES) {
-        b->divided = b->division ? b->division->divided : 0;
         sbl__division_free(&c->base, b);
+        b->glows = 0;
         b->stages.stage = b->divided ? SBL__BOUNCE_RELOCATE : SBL__BOUNCE_SITES;
         b->stages.at = 0;
     }
@@ -13659,7 +13658,7 @@ typedef struct sbl__pixel {
 #define SBL__SPLIT_GAIN 0.875f          /* share of the squared error of interpolation that a split removes */
 #define SBL__DIFFERENCE_FLOOR 0.02f     /* share of the mean luminance that sbl__differ adds to the light it compares */
 #define SBL__GAIN_FLOOR 0.1f            /* worth = gain / (relative luminance + this): errors show in dark places */
-#define SBL__EXPECT_SURE 1.5            /* exponent: how sure expected_looks are / squared error in the end / now */
+#define SBL__EXPECT_SURE 1.5            /* expected_sure is (squared error at the end / that now) to this power */
 #define SBL__GAIN_BINS 512              /* bins of the histogram of gains by worth, four to an octave */
 /* To prevent ragged shadows, a tile is always split if its error exceeds target_error * TILE_ERROR_MAX * (relative
    luminance + TILE_ERROR_FLOOR). */
@@ -13734,7 +13733,8 @@ typedef struct sbl__refine {
     double gains[SBL__GAIN_BINS];  /* histogram by worth: sums of the gains of all possible splits and looks */
     double costs[SBL__GAIN_BINS];  /* histogram by worth: sums of their costs, looks */
     double expected_looks;    /* number of looks that have been taken when refinement ends, as far as is foreseen */
-    double expected_sure;     /* how sure expected_looks are: 0: not at all, or not known yet; 1: exact */
+    double expected_sure;     /* weight of expected_looks against the usual number: 0 while errors are unknown, 1 in
+                                 the end */
     float least_worth;        /* least worth that is bought in this round */
     int bought;               /* number of tiles split and of sensors given more looks in this round */
 } sbl__refine;
@@ -15072,7 +15072,7 @@ static double sbl__refine_looks_now(const sbl__refine *r) {
            (takes ? (double)r->look_count * (1 - r->stages.at / SBL__MAX(1.0, (double)r->site_count)) : 0);
 }
 
-/* Returns how many looks are foreseen in all; only as many as there are now while errors are unknown. */
+/* Returns how many looks are foreseen in all. While errors are unknown, this is the number of looks so far. */
 static double sbl__refine_looks_expected(const sbl__refine *r) {
     return SBL__MAX(r->expected_looks, (double)r->looks_taken + r->look_count);
 }

@@ -42,7 +42,7 @@ beside_all() {
     ways=$1
     shift
     check "${ways}_alone" beside none "$@"
-    check "${ways}_static_alone" beside none "$@" -DSBL_STATIC -fsyntax-only
+    check "${ways}_static_alone" beside none "$@" -DSBL_STATIC
     for order in first last; do
         check "${ways}_windows_h_$order" beside $order "$@" -fsyntax-only
         check "${ways}_lean_windows_h_$order" beside $order "$@" -DWIN32_LEAN_AND_MEAN -fsyntax-only

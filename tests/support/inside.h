@@ -18,11 +18,13 @@ typedef struct traced_hit { float number, distance, b1, b2; } traced_hit;  /* nu
 int inside_cast(sbl_context *context, const float *rays, int count, traced_hit *hits);
 int inside_triangle_count(const sbl_context *context);
 const float *inside_triangle_corner(const sbl_context *context, int triangle, int corner);
-int inside_node_count(const sbl_context *context); /* of the hierarchy */
-float inside_pixel_offset(const sbl_context *context, size_t pixel); /* distance of its sensor from its surface */
+int inside_node_count(const sbl_context *context); /* number of nodes of the hierarchy */
+/* Returns the distance of the pixel's sensor from its surface. */
+float inside_pixel_offset(const sbl_context *context, size_t pixel);
+
 
 #if defined _WIN32 && !defined __CYGWIN__
-#define INSIDE_CALL __stdcall  /* how GL functions are called */
+#define INSIDE_CALL __stdcall  /* the calling convention of GL functions */
 #else
 #define INSIDE_CALL
 #endif

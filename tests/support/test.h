@@ -34,10 +34,10 @@ static inline int test_kind_is(const char *kind) {
     const char *now = getenv("TEST_KIND");
     return strcmp(now ? now : "plain", kind) == 0;
 }
-/* Only in plain runs, which do everything. Other kinds leave out long tests whose code shorter tests run, too. */
+/* Runs a test in plain runs only: a long test whose code shorter tests run, too. Plain runs leave out nothing. */
 #define RUN_PLAIN(name) do { if (test_kind_is("plain")) RUN(name); } while (0)
 
-/* In all runs but sanitized ones: for tests that compare numbers and whose code other tests run with sanitizers. */
+/* Runs a test unless there are sanitizers: a test that compares numbers and whose code other tests run with them. */
 #define RUN_UNSANITIZED(name) do { if (!test_kind_is("sanitized")) RUN(name); } while (0)
 
 /* Unlike fmax and fmin they keep NaN, so that every comparison with the result fails. */
@@ -52,7 +52,8 @@ static inline uint32_t test_hash(uint32_t x) {
     return (word >> 22) ^ word;
 }
 
-/* Returns the seconds of processor time of this process and, but on Windows, of its children that have ended. */
+/* Returns the seconds of processor time that this process and its ended children have used. On Windows, children do not
+   count. */
 static inline double test_seconds(void) {
 #ifdef _WIN32
     return (double)clock() / CLOCKS_PER_SEC;
