@@ -2753,11 +2753,15 @@ static sbl_result sbl__buffer_make(const sbl__device *d, sbl__buffer *b, size_t 
 }
 
 /* Writes the data of a batch to a buffer. room: bytes of the largest batch. The buffer always has this size, so that
-   the memory in use does not depend on the pace. */
+   the memory in use does not depend on the pace. A large batch gets new storage, so that the driver need not wait for
+   draws that read the former batch. A small one does not, since new storage of this size would cost more than the
+   wait. */
 static sbl_result sbl__buffer_stream(const sbl__device *d, sbl__buffer *b, size_t room, const void *data,
                                      size_t bytes) {
-    const sbl_result result = sbl__buffer_make(d, b, room, NULL, SBL__GL_STREAM_DRAW);
+    const int stays = b->id && b->bytes == room && bytes <= room / 8;
+    const sbl_result result = stays ? SBL_SUCCESS : sbl__buffer_make(d, b, room, NULL, SBL__GL_STREAM_DRAW);
     if (result != SBL_SUCCESS) return result;
+    d->gl.BindBuffer(SBL__GL_ARRAY_BUFFER, b->id);
     d->gl.BufferSubData(SBL__GL_ARRAY_BUFFER, 0, (ptrdiff_t)bytes, data);
     return sbl__gl_check(&d->gl);
 }
