@@ -16530,7 +16530,7 @@ static sbl_result sbl__map_copy_channel(sbl__map *m, sbl_channel channel, float 
     const size_t width = (size_t)t->width;
     const int *shown = t->width == m->size[0] ? NULL : m->shown;
     const int across = shown ? m->across : 1, most = SBL__MAX(1, SBL__READ_PIXELS / t->width / across) * across;
-    float *data = (float *)sbl__alloc_raw(&c->base, width * (size_t)most, 16);
+    float *data = (float *)sbl__alloc_raw(&c->base, width * (size_t)SBL__MIN(most, t->height), 16);
     sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
     size_t i;
     int row;
