@@ -2529,7 +2529,7 @@ typedef struct sbl__record {
 #define SBL__SLOT_TRIES 64         /* largest number of slots that a search in the hash grid visits */
 #define SBL__CELL_CUT 0x80000000u  /* flag of a reference in the store: it leads to a cut, not to a leaf */
 #define SBL__CELL_DEPTH 8          /* largest number of cuts between a cell and a leaf */
-#define SBL__LEVELS 3              /* number of cell sizes; new surfaces get larger cells as the store fills up */
+#define SBL__LEVELS 4              /* number of cell sizes; new surfaces get larger cells as the store fills up */
 #define SBL__LEVEL_SHIFT 2         /* cells of level n + 1 are 2^this times as long as cells of level n */
 #define SBL__CAST_NUMBERS 1048576  /* cast.glsl stores a triangle's number n as two floats, n % this and n / this */
 #define SBL__GUIDE_RINGS 16        /* rings of a guide's histogram, see >>guide */
@@ -6249,6 +6249,7 @@ typedef struct sbl__store {
     sbl__bright_cell *bright;  /* all cells with bright leaves, in the order of sbl__bright_order */
     int cut_count, cut_room, leaf_count, leaf_room, bright_count;
     int max_leaves;
+    int unseen_level;          /* while the store is filled: level of the cells of places that no ray has hit */
     int made_for;              /* max_leaves when the light was made, which may have been in an earlier run */
     float brightest;           /* largest channel of R in any leaf */
     float air[6][3];           /* for objects that the host draws: mean R where they face +x, -x, +y, -y, +z, -z */
@@ -11586,7 +11587,9 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 /* ======================================================================================================== >>bounce
    Fills the store of bounced light. Rays from samples of all surfaces find the places that surfaces see, and these
    become points. Each leaf has up to SBL__BOUNCE_POINTS points, and each point sends SBL__BOUNCE_RAYS rays, whose hits
-   become points of other leaves, until nothing new is hit. Finally surface samples fill the leaves that no ray hit.
+   become points of other leaves, until nothing new is hit. Finally surface samples fill the leaves that no ray hit. If
+   there are too many leaves, or too few, the work begins again with cells of another size, and in the latter case with
+   samples on small triangles, too.
 
    Ray r of leaf i hits leaf j, which reflects the share a of its light, so that R_i = L_i + mean over r of a * R_j,
    where L is direct light: from lamps (measured by the job) and from the environment (rays that hit nothing). The rays
@@ -11604,16 +11607,23 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__FILL_AIM 0.35         /* fill for which the first size of cells is chosen */
 #define SBL__FILL_FIRST 0.3        /* cells become larger if rays of surface samples alone hit more leaves than this */
 #define SBL__FILL_FIRST_POWER 2.4  /* measured: growth of the cells' area by x^2.4 divides the number of leaves by x */
-#define SBL__FILL_LEAST 0.12       /* cells become smaller if they fill less than this */
+#define SBL__FILL_LEAST 0.12       /* cells become smaller if they fill less than this; small triangles get surface
+                                      samples if the leaves that reflect light fill less than this */
 #define SBL__FILL_WIDER 0.6        /* from this fill on, new leaves belong to cells of level 1 */
 #define SBL__FILL_WIDEST 0.8       /* from this fill on, new leaves belong to cells of level 2 */
+#define SBL__FILL_FULL 0.95        /* from this fill on, new leaves belong to cells of level 3 */
 #define SBL__BOUNCE_GROWTH 1.5     /* if leaves do not suffice, the cells' area is multiplied by at least this */
 #define SBL__BOUNCE_GROWTH_MOST 2.0  /* if leaves do not suffice, the cells' area is multiplied by at most this */
 #define SBL__BOUNCE_SHRINK_MOST 0.03  /* if leaves are left over, the cells' area is multiplied by at least this */
+#define SBL__BOUNCE_GROWTH_LEAST (1.0 / (1 << 2 * SBL__LEVEL_SHIFT * (SBL__LEVELS - 1)))  /* least area of cells in
+                                      relation to the first one: the widest cells then cover all surfaces */
+#define SBL__BOUNCE_COARSE 0.25    /* share of points hit by rays shorter than half a cell, above which cells shrink */
 #define SBL__BOUNCE_POOL 16.0      /* limit of sbl__patching.pool. If leaves do not suffice even then, places
                                       without a leaf stay dark */
-/* least number of positions of surface samples per area of a cell of level 0: 8 per area of the widest cells */
-#define SBL__BOUNCE_SAMPLES_LEAST (8.0 / (1 << 2 * SBL__LEVEL_SHIFT * (SBL__LEVELS - 1)))
+#define SBL__BOUNCE_SAMPLES_LEAST 8.0  /* least number of positions of surface samples per area of a cell of the level
+                                      that places use that no ray has hit */
+#define SBL__BOUNCE_UNSEEN_WIDE 0.02  /* places that no ray has hit use the widest cells if patching.growth is less */
+#define SBL__BOUNCE_SMALL_SAMPLES 4096.0  /* number of small triangles that may get a surface sample nevertheless */
 #define SBL__BOUNCE_SAMPLE_RAYS 4
 #define SBL__BOUNCE_POINTS 4       /* largest number of points of a leaf */
 #define SBL__BOUNCE_RAYS 16        /* rays of a point */
@@ -11752,7 +11762,10 @@ typedef struct sbl__bounce {
     double needed_growth;            /* factor by which the cells' area must grow; 0: leaves suffice */
     double previous_fill;            /* fill when cells last became smaller; 0: they never did */
     int rounds;
-    int samples_placed, seen_leaves; /* 1: surface samples have been placed; number of leaves that rays have hit */
+    int sample_small;                /* 1: few leaves reflect light; rays must begin on small triangles, too, which may
+                                        be a small room in a large scene */
+    int samples_placed, seen_leaves; /* 1: surface samples have been placed; number of leaves before that, which rays
+                                        have hit */
     sbl__table casts;
     sbl__blocks blocks;
     sbl__pace pace;
@@ -11886,11 +11899,11 @@ static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
 
 /* Returns the reference to the leaf of a place, which is 0 if there is no leaf yet; NULL: no slot is left. If the cell
    has no leaf and leaves are becoming scarce, a wider cell is used. patch: NULL, or receives the patch word with the
-   level of the cell. Places at distance SBL__UNSEEN, which only points in the air may see, use the widest cells. */
+   level of the cell. Places at distance SBL__UNSEEN, which only points in the air may see, use wide cells. */
 static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32_t *patch) {
-    static const double fills[SBL__LEVELS] = { SBL__FILL_WIDER, SBL__FILL_WIDEST, 1 };
+    static const double fills[SBL__LEVELS] = { SBL__FILL_WIDER, SBL__FILL_WIDEST, SBL__FILL_FULL, 1 };
     uint32_t *reference = NULL, word = sbl__place_patch(s, at);
-    int level = at->distance < SBL__UNSEEN ? 0 : SBL__LEVELS - 1, depth;
+    int level = at->distance < SBL__UNSEEN ? 0 : s->unseen_level, depth;
     word += SBL__PATCH_LEVEL * (uint32_t)level;
     for (; level < SBL__LEVELS; level++, word += SBL__PATCH_LEVEL) {
         reference = sbl__store_find(s, word, at->position, &depth);
@@ -11946,6 +11959,7 @@ static sbl_result sbl__bounce_grid(void *work, sbl__slice *slice) {
     int k, room = 1024;
     (void)slice;
     p->least = SBL__PATCH_LEAST * p->pool * area;
+    s->unseen_level = p->growth < SBL__BOUNCE_UNSEEN_WIDE ? SBL__LEVELS - 1 : SBL__LEVELS - 2;
     s->length = (float)sqrt(p->growth * area);
     if (!sbl__between(&s->length, FLT_MIN, FLT_MAX)) s->length = 1;
     for (k = 0; k < 3; k++) s->origin[k] = b->geometry->bounds[0][k] - s->length * (1.37f + 0.21f * (float)k);
@@ -11966,33 +11980,45 @@ static int sbl__hits_add(sbl__bounce *b, sbl__hits *to, const sbl__hit *hit) {
     return 1;
 }
 
-/* Sets a triangle's patch word, and adds surface samples at random positions, one on each side. Per area of a cell
-   there are patching.growth positions, or SAMPLES_LEAST if more. samples_due carries fractions to the next triangle. */
+/* Adds a surface sample on each side of a triangle, at the position that a hash chooses. Returns 0 if out of memory. */
+static int sbl__samples_add(sbl__bounce *b, uint32_t triangle, uint32_t hash) {
+    double u = hash / 4294967296.0, v = sbl__hash(hash) / 4294967296.0;
+    const float *p[3];
+    sbl__hit sample;
+    int k, ok = 1;
+    memset(&sample, 0, sizeof sample);
+    sbl__scene_triangle(b->geometry, triangle, p);
+    if (u + v > 1) { u = 1 - u; v = 1 - v; }
+    for (k = 0; k < 3; k++)
+        sample.position[k] = (float)(p[0][k] + u * ((double)p[1][k] - p[0][k]) + v * ((double)p[2][k] - p[0][k]));
+    for (k = 0; k < 2 && ok; k++) {
+        sample.place = triangle << 1 | (uint32_t)k;
+        ok = sbl__hits_add(b, &b->samples, &sample);
+    }
+    return ok;
+}
+
+/* Sets a triangle's patch word, and adds surface samples at random positions. Per area of a cell there are
+   patching.growth positions, or more, see SAMPLES_LEAST. samples_due carries fractions to the next triangle. If
+   sample_small is 1, SMALL_SAMPLES of the triangles that get no position by area get one nevertheless. */
 static sbl_result sbl__bounce_sample(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const uint32_t triangle = (uint32_t)at;
-    const double density = SBL__MAX(b->patching.growth, SBL__BOUNCE_SAMPLES_LEAST), length = (double)b->store->length;
-    const float *p[3];
-    double normal[3], number = floor(b->samples_due);
-    sbl__hit sample;
-    int k;
-    memset(&sample, 0, sizeof sample);
+    const double least = SBL__BOUNCE_SAMPLES_LEAST / (1 << 2 * SBL__LEVEL_SHIFT * b->store->unseen_level);
+    const double density = SBL__MAX(b->patching.growth, least), length = (double)b->store->length;
+    const double before = floor(b->samples_due);
+    double normal[3], area, number;
+    int ok = 1;
     b->store->patches[triangle] = sbl__patch_word(&b->patching, triangle);
     if (sbl__triangle_object(b->geometry, triangle)->flags & SBL_MATERIAL_HIDDEN_FROM_SENSORS) return SBL_SUCCESS;
-    b->samples_due += density * sbl__scene_normal(b->geometry, triangle, normal) / (length * length);
-    sbl__scene_triangle(b->geometry, triangle, p);
-    for (; number < floor(b->samples_due); number++) {
-        const uint32_t hash = sbl__hash((uint32_t)number);
-        double u = hash / 4294967296.0, v = sbl__hash(hash) / 4294967296.0;
-        if (u + v > 1) { u = 1 - u; v = 1 - v; }
-        for (k = 0; k < 3; k++)
-            sample.position[k] = (float)(p[0][k] + u * ((double)p[1][k] - p[0][k]) + v * ((double)p[2][k] - p[0][k]));
-        for (k = 0; k < 2; k++) {
-            sample.place = triangle << 1 | (uint32_t)k;
-            if (!sbl__hits_add(b, &b->samples, &sample)) return SBL_ERROR_OUT_OF_MEMORY;
-        }
-    }
-    return SBL_SUCCESS;
+    area = sbl__scene_normal(b->geometry, triangle, normal);
+    b->samples_due += density * area / (length * length);
+    for (number = before; ok && number < floor(b->samples_due); number++)
+        ok = sbl__samples_add(b, triangle, sbl__hash((uint32_t)number));
+    if (number <= before && area > 0 && b->sample_small &&
+        sbl__hash(triangle) / 4294967296.0 * b->geometry->triangle_count < SBL__BOUNCE_SMALL_SAMPLES)
+        ok = sbl__samples_add(b, triangle, sbl__hash(triangle));
+    return ok ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 /* Adds a point at a place, moved into its triangle's plane because hits are rounded. Returns 0 if out of memory. */
@@ -12075,6 +12101,33 @@ static int sbl__bounce_restart(sbl__bounce *b, double growth) {
     return SBL__BOUNCE_GRID;
 }
 
+/* Returns the factor of the cells' area for another attempt after one with a small fill: 1 if rays hit nothing, or if
+   smaller cells gave few further leaves. If the rays that hit many points are shorter than half a cell, the surfaces
+   that see each other may be smaller than cells. Further leaves then come only after several attempts. */
+static double sbl__bounce_shrink(sbl__bounce *b, double fill) {
+    const double least = SBL__BOUNCE_GROWTH_LEAST / b->patching.growth;
+    int i, near = 0, seen = 0;
+    for (i = 0; i < b->point_count; i++) {
+        const float distance = b->points[i].at.distance;
+        seen += distance < SBL__UNSEEN;
+        near += distance * SBL__NEAR_PART < b->store->length;
+    }
+    if (b->seen_leaves == 0 || least >= 1) return 1;
+    if (fill <= 2 * b->previous_fill && near <= SBL__BOUNCE_COARSE * seen) return 1;
+    b->previous_fill = fill;
+    return SBL__MAX(fill / SBL__FILL_AIM, SBL__MAX(SBL__BOUNCE_SHRINK_MOST, least));
+}
+
+/* Returns the number of leaves with points on surfaces that reflect light. */
+static int sbl__bounce_reflecting(const sbl__bounce *b) {
+    int i, number = 0;
+    for (i = 0; i < b->store->leaf_count; i++) {
+        if (b->states[i].points == 0) continue;
+        number += sbl__max3(sbl__triangle_object(b->geometry, b->points[b->states[i].first].at.place >> 1)->albedo) > 0;
+    }
+    return number;
+}
+
 /* Returns the next stage: rays from new leaves and points until none are new; finally points at surface samples. */
 static int sbl__bounce_after_place(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
@@ -12090,11 +12143,13 @@ static int sbl__bounce_after_place(void *work) {
         return sbl__bounce_queue(b, b->hits.list, b->point_count * SBL__BOUNCE_RAYS);
     }
     if (b->divisions) return SBL__BOUNCE_RELOCATE;
-    if (b->samples_placed && b->seen_leaves > 0 && fill < SBL__FILL_LEAST && fill > 2 * b->previous_fill) {
-        b->previous_fill = fill;  /* Rays hit few surfaces, so cells can be smaller. */
-        return sbl__bounce_restart(b, SBL__MAX(fill / SBL__FILL_AIM, SBL__BOUNCE_SHRINK_MOST));
+    if (b->samples_placed) {
+        const double growth = fill < SBL__FILL_LEAST ? sbl__bounce_shrink(b, fill) : 1;
+        const int few = sbl__bounce_reflecting(b) < SBL__FILL_LEAST * b->store->max_leaves;
+        if (growth >= 1 && (b->sample_small || !few)) return SBL__BOUNCE_RELOCATE;
+        b->sample_small = 1;
+        return sbl__bounce_restart(b, growth);
     }
-    if (b->samples_placed) return SBL__BOUNCE_RELOCATE;
     b->samples_placed = 1;
     b->seen_leaves = b->store->leaf_count;
     return sbl__bounce_queue(b, b->samples.list, b->samples.count);

@@ -424,6 +424,32 @@ TEST(furnaces) {
             }
 }
 
+/* A furnace of 2 across stands on a ground of up to 3,000, in a black box of 6,000, or both. Nearly all
+   surface is outside; cells must be small enough for what is inside, although nothing there has a share of the area. */
+TEST(a_furnace_in_a_large_scene) {
+    static const float grounds[] = { 100, 1000, 3000, 0, 100 }, boxes[] = { 0, 0, 0, 6000, 6000 };
+    int i;
+    for (i = 0; i < 5; i++) {
+        test_scene s = { 0 };
+        const float h = grounds[i] / 2, far = boxes[i] / 2;
+        double worst, mean;
+        scene_box(&s, furnace_material(&s, 0.5f), -1.2f, -1, -0.9f, 1.2f, 1, 0.9f);
+        if (h > 0) scene_quad(&s, scene_material(&s, 0.3f, 0.3f, 0.3f), -h, -1.1f, -h, -h, -1.1f, h, h, -1.1f, h, h,
+                              -1.1f, -h);
+        if (far > 0) scene_box(&s, scene_material(&s, 0, 0, 0), -far, -far, -far, far, far, far);
+        site_count = 0;
+        add_sites_anywhere(0.9, 100);
+        if (use_scene(&s, 6144) && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 256)) {
+            worst = off_one(&mean);
+            printf("  ground of %g, box of %g: mean off by %.2g, worst %.2g; %d cells\n", (double)grounds[i],
+                   (double)boxes[i], mean, worst, sbl_query_stats(context).store.cells);
+            CHECK(mean < 0.01 && worst < 0.06, "ground of %g, box of %g: the mean of R is off by %g, at most %g",
+                  (double)grounds[i], (double)boxes[i], mean, worst);
+        }
+        scene_free(&s);
+    }
+}
+
 /* A furnace under a sky of 1: surfaces of any shape, each of which emits what it does not reflect, have R = 1. */
 TEST(furnace_under_the_sky) {
     test_scene s = { 0 };
@@ -1627,6 +1653,7 @@ int main(void) {
     RUN_PLAIN(walls_keep_light_out);
     RUN_PLAIN(two_sides_of_a_wall);
     RUN_PLAIN(furnaces);
+    RUN_PLAIN(a_furnace_in_a_large_scene);
     RUN(furnace_under_the_sky);
     RUN(furnace_of_a_texture);
     RUN(albedo_of_one);
