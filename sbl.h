@@ -8219,7 +8219,7 @@ static void sbl__camera_make(sbl__camera *c, const sbl_picture_desc *desc, const
 /* Sets world_to_view so that the whole scene is seen from the front (+z), a little from the right and from above. */
 static void sbl__camera_frame(const sbl__geometry *g, sbl_picture_desc *d) {
     static const double way[3] = { 0.35, 0.3, 0.89 };
-    const double zoom = SBL__MIN(fabs((double)d->view_to_clip[0]), fabs((double)d->view_to_clip[5]));
+    const double zoom = SBL__MAX(fabs((double)d->view_to_clip[0]), fabs((double)d->view_to_clip[5]));
     double radius = 0, distance;
     float at[3], eye[3];
     int k;

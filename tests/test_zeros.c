@@ -206,6 +206,42 @@ TEST(negative_scale_is_no_light_of_the_environment) {
     scene_free(&s);
 }
 
+/* Without a camera, the whole scene is seen in pictures of any shape: no pixel of the border shows a surface, and the
+   scene fills a good part of the picture's shorter side. */
+TEST(the_default_camera_shows_all) {
+    static const int sizes[3][2] = { { 48, 48 }, { 96, 24 }, { 24, 96 } };
+    test_scene s = { 0 };
+    sbl_scene_desc scene;
+    int i;
+    scene_box(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), -3, -1, -2, 1, 4, 1);
+    scene = scene_desc(&s);
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
+    for (i = 0; i < 3; i++) {
+        const int width = sizes[i][0], height = sizes[i][1];
+        int x, y, border = 0, covered = 0;
+        sbl_picture_desc view;
+        float *albedo;
+        memset(&view, 0, sizeof view);
+        view.width = width;
+        view.height = height;
+        view.options.mode = SBL_MODE_DIRECT;
+        view.options.rays = 4;
+        REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+        albedo = scene_channel(context, &view, SBL_CHANNEL_ALBEDO);
+        for (y = 0; y < height; y++)
+            for (x = 0; x < width; x++) {
+                const int shown = albedo[3 * (y * width + x)] > 0;
+                border += shown && (x == 0 || y == 0 || x == width - 1 || y == height - 1);
+                covered += shown;
+            }
+        printf("  %d x %d: %d pixels show the box, %d of them at the border\n", width, height, covered, border);
+        CHECK(border == 0 && covered * 8 > test_min(width, height) * test_min(width, height),
+              "%d x %d: %d pixels show the box, %d of them at the border", width, height, covered, border);
+        free(albedo);
+    }
+    scene_free(&s);
+}
+
 int main(void) {
     sbl_context_desc desc = watch_desc(&seen);
     if (sbl_create(&desc, &context) != SBL_SUCCESS) { printf("no context: %s\n", watch_last(&seen)); return 1; }
@@ -215,6 +251,7 @@ int main(void) {
     RUN(negative_threshold_refines_every_difference);
     RUN(negative_facet_limit_is_shading_normals_everywhere);
     RUN(negative_scale_is_no_light_of_the_environment);
+    RUN(the_default_camera_shows_all);
     sbl_destroy(context);
     return test_report();
 }
