@@ -2570,8 +2570,9 @@ typedef struct sbl__record {
                                           without a far plane */
 #define SBL__OFFSET 1.5e-6f            /* distance of a sensor from its surface: a share of the scene's extent (if views
                                           are rasterised, for the precision of the depth buffer) or of the triangle's
-                                          reach (if rays are traced, see surface.glsl). Float rounding needs more than
-                                          a sixth of it: at 2.5e-7 and below, sensors on a sphere see the sphere */
+                                          reach (if rays are traced and the reach is known, see
+                                          sbl__spec_offset). Float rounding needs more than a sixth of it: at 2.5e-7
+                                          and below, sensors on a sphere see the sphere */
 
 /* Constants that shaders get as #define SBL_name, with the text of SBL__name or the value of SBL_MATERIAL_name */
 #define SBL__SHARED_CONSTANTS(X) \
@@ -4363,8 +4364,8 @@ static void sbl__rings_free(sbl__base *base, sbl__rings *r) {
     memset(r, 0, sizeof *r);
 }
 
-/* Allocates r->ring and fills it with SBL__RING_WAITS. The caller then sets the fields from `user` to `last`, and
-   r->ring of things that have a value to 0. */
+/* Sets r->count, allocates r->ring and fills it with SBL__RING_WAITS. The caller sets the other fields from `user` to
+   `last`, and afterwards r->ring of things that have a value to 0. */
 static sbl_result sbl__rings_make(sbl__base *base, sbl__rings *r, int count) {
     r->count = count;
     r->ring = (int *)sbl__alloc_raw(base, (size_t)count, 2 * sizeof *r->ring);
@@ -4743,8 +4744,8 @@ static int sbl__emits(const sbl__object *o, int back) {
     return sbl__max3(o->emission) > 0 && !(back && o->flags & SBL_MATERIAL_ONE_SIDED_EMISSION);
 }
 
-/* Returns 1 if SBL__BOUNCE_ALBEDO limits the albedo of the whole surface: it has no albedo texture, and all three
-   channels of its albedo exceed the limit. */
+/* Returns 1 if SBL__BOUNCE_ALBEDO limits the albedo of the whole surface, apart from vertex colours: it has no albedo
+   texture, and all three channels of its albedo exceed the limit. */
 static int sbl__holds_light(const sbl__object *o) {
     const float *albedo = o->albedo, most = SBL__BOUNCE_ALBEDO;
     return albedo[0] > most && albedo[1] > most && albedo[2] > most && !o->albedo_texture[1];
@@ -6409,7 +6410,7 @@ typedef struct sbl__patching {     /* state of dividing the scene into patches *
     sbl__stages stages;
     const sbl__geometry *geometry;
     sbl__hash_table places, ends;  /* finds vertices by their positions, and triangles' sides by their ends */
-    uint32_t *welded;              /* for each vertex, the first vertex at the same position */
+    uint32_t *welded;              /* for each vertex, the first one of its mesh at its position */
     uint32_t *corners;             /* three welded vertices per triangle */
     uint32_t *parents;             /* union-find forest of triangles; each root stands for a patch, see sbl__root */
     sbl__patch *patches;           /* one per triangle; a patch is at the index of its root triangle */
@@ -6417,7 +6418,8 @@ typedef struct sbl__patching {     /* state of dividing the scene into patches *
     double least;                  /* patches with a smaller area are joined into one patch per mesh, world units
                                       squared */
     double growth;                 /* factor of the area of cells; changes after too many or too few leaves */
-    double pool;                   /* factor of `least`; changes with `growth`, but never shrinks once above 1 */
+    double pool;                   /* factor of `least`; multiplied by the factors of `growth`, but not
+                                      by those below 1 while it is above 1 */
 } sbl__patching;
 
 static sbl_result sbl__patching_begin(sbl__base *base, sbl__patching *p, const sbl__geometry *g) {
@@ -6490,9 +6492,9 @@ static sbl_result sbl__patch_measure(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Returns the patch word of a triangle: the number of its patch (small patches of a mesh share one), the largest
-   axis of its normal, SBL__PATCH_FLAT if the patch is plane, and SBL__PATCH_BACK if the normal is negative on that
-   axis. */
+/* Returns the patch word of a triangle: the number of its patch (small patches of a mesh share one), the largest axis
+   of its normal, SBL__PATCH_FLAT if the patch is plane and shares no number, and SBL__PATCH_BACK if the normal is
+   negative on that axis. */
 static uint32_t sbl__patch_word(sbl__patching *p, uint32_t triangle) {
     const sbl__geometry *g = p->geometry;
     const uint32_t root = sbl__root(p->parents, triangle);
@@ -7101,7 +7103,7 @@ static void sbl__polygon_add(sbl__polygon *p, const double corner[3]) {
 }
 
 /* Divides a polygon by a plane: sides[0] receives the part where dot(normal, x) is at most `distance`, sides[1] the
-   other part. A part without area has fewer than three corners. */
+   other part. An empty part has no corners; a part that only touches the plane may have corners, but no area. */
 static void sbl__polygon_cut(const sbl__polygon *p, const double normal[3], double distance, sbl__polygon sides[2]) {
     int i, k;
     sides[0].count = sides[1].count = 0;
@@ -7180,7 +7182,8 @@ static sbl_result sbl__glow_part(sbl__glowing *w, const sbl__polygon *p, const f
     return result;
 }
 
-/* Divides a polygon among the cubes of level 0 from low to high - 1. A column of cubes counts as one. */
+/* Makes the glows of a polygon, divided among the cubes of level 0 from low to high - 1. On a flat patch, a column of
+   cubes along the patch's axis counts as one cube. */
 static sbl_result sbl__glow_cubes(sbl__glowing *w, const sbl__polygon *p, const uint32_t low[3],
                                   const uint32_t high[3]) {
     const sbl__store *s = &w->scene->store;
@@ -7310,8 +7313,9 @@ static sbl_result sbl__glow_find(sbl__device *d, sbl__scene *s, sbl__slice *slic
     return result == SBL_SUCCESS ? sbl__stages_run(&w->stages, table, SBL__COUNT(table), w, slice) : result;
 }
 
-/* Makes the glows of a store whose light is known, and the trees of lamps. The hierarchy and the lamps are ready. only:
-   1: the trees hold only glows; 0: all lamps of the scene, too */
+/* Makes s->bright: the glows of a store whose light is known, and trees of lamps that hold them. Does nothing if the
+   store has no bright cells. The hierarchy and s->lights are ready. only: 1: the trees hold only glows; 0: all lamps of
+   the scene, too */
 static sbl_result sbl__glow_step(sbl__device *d, sbl__scene *s, int only, sbl__slice *slice) {
     sbl_result result = SBL_SUCCESS;
     if (!s->store.bright_count || (s->bright.ready && s->bright.only_glows == only)) return SBL_SUCCESS;
@@ -7744,7 +7748,7 @@ typedef struct sbl__atlas {
     int charts;                 /* number of charts */
     double world_area, area;    /* total area of the triangles, in world space and in square texels */
     int overlapping, outside;   /* numbers of texels where triangles overlap, and of triangles partly off the map */
-    int triangles, degenerate;  /* numbers of baked triangles, and of those that have no area in the map only */
+    int triangles, degenerate;  /* numbers of baked triangles, and of those with area in the world only */
 } sbl__atlas;
 
 static void sbl__atlas_free(sbl__base *base, sbl__atlas *a) {
@@ -7828,7 +7832,7 @@ static sbl_result sbl__atlas_number(void *work, int vertex) {
 typedef struct sbl__atlas_triangle {
     double corners[3][2];  /* positions in the atlas, texels */
     double area;           /* twice the signed area, square texels */
-    uint32_t number, chart;  /* chart: SBL__NONE once the atlas is drawn */
+    uint32_t number, chart;  /* chart: SBL__NONE if loaded after the atlas was drawn */
     int rows[2];           /* first and last row that the triangle touches */
 } sbl__atlas_triangle;
 
@@ -7922,7 +7926,8 @@ static void sbl__atlas_inset(const sbl__atlas_triangle *t, double weights[3]) {
     for (i = 0; i < 3; i++) weights[i] += share * (1 / 3.0 - weights[i]);
 }
 
-/* Returns the number of triangles, besides the one that a texel shows, that contain the texel's centre. */
+/* Returns how many triangles overlap the one that a texel shows, at the texel's centre. Triangles of one chart do not
+   overlap if the centre lies near an edge of one of them. */
 static float sbl__atlas_others(const sbl__atlas *a, size_t texel) {
     return a->away && a->away[texel] < 0 ? (float)ceil(-(double)a->away[texel]) - 1 : 0;
 }
@@ -8216,7 +8221,8 @@ static void sbl__camera_make(sbl__camera *c, const sbl_picture_desc *desc, const
     c->farthest += 1e-3 * g->extent;
 }
 
-/* Sets world_to_view so that the whole scene is seen from the front (+z), a little from the right and from above. */
+/* Sets world_to_view so that the scene is seen from the front (+z), a little from the right and from above. A symmetric
+   perspective shows the whole scene, an orthographic projection what view_to_clip covers around the scene's centre. */
 static void sbl__camera_frame(const sbl__geometry *g, sbl_picture_desc *d) {
     static const double way[3] = { 0.35, 0.3, 0.89 };
     const double zoom = SBL__MAX(fabs((double)d->view_to_clip[0]), fabs((double)d->view_to_clip[5]));
@@ -8632,8 +8638,9 @@ typedef struct sbl__site {
 typedef struct sbl__spec {
     int traced;                 /* 1: sensors trace rays; 0: they rasterise views */
     int paper;                  /* 1: exactly the paper's method: unrotated views, weights by equation 4, emitters only
-                                   seen in views, other kinds of lamps ignored. 0: lamp_rays measure all emission, so
-                                   other rays and views do not see it */
+                                   seen in views, lights and the environment's picture ignored. 0: lamp_rays measure
+                                   the emission of meshes, so other rays and views leave it out; views contain what
+                                   the host's draw callback emits */
     int hemicube;               /* rasterised: 1: five views form half a cube; 0: one view along the normal */
     int size;                   /* rasterised: width and height of a view, texels */
     float fov;                  /* rasterised, one view: field of view, degrees */
@@ -9138,7 +9145,7 @@ static const char *const sbl__glsl_carrier[] = {
    such as those through many holes. Looks in which loops were ended are measured again, see sbl__job_lost. */
 #define SBL__LOOP_TURNS 20000      /* maximum number of loop iterations per invocation, on average */
 #define SBL__RAY_TURNS 20          /* loop iterations per ray besides sbl__hierarchy.cost */
-#define SBL__LAMP_CHUNK 256        /* maximum number of rays towards lamps per invocation */
+#define SBL__LAMP_CHUNK 256        /* maximum number of rays to lamps per invocation, without rim samples */
 
 /* Resources for rays towards lamps. */
 typedef struct sbl__aim {
@@ -10930,8 +10937,8 @@ static void sbl__job_free(const sbl__device *d, sbl__job *j) {
 
 /* >>job: how sensors see */
 
-/* Derives the spec of a job from the host's options, with defaults and the back end filled in. Except in the paper's
-   mode, sbl__scene_step must have finished the scene. */
+/* Derives the spec of a job from the host's options, in which the defaults and the back end must be filled in already.
+   Except in the paper's mode, sbl__scene_step must have finished the scene. */
 static void sbl__spec_make(sbl__spec *spec, const sbl__measurement *s, const sbl__scene *scene,
                            const sbl_context_desc *c) {
     const sbl__environment *e = &scene->environment;
@@ -11203,8 +11210,9 @@ static void sbl__job_batch(const sbl__job *j, int first, int count, sbl__batch *
     out->count = count;
 }
 
-/* Draws `room` looks, or fewer if the slots or the round end before. If `room` is less than a batch, draws only a part
-   of the scene's triangles to its views, and the next call continues. units: receives the work done, in looks */
+/* Draws a batch of `room` looks, or fewer if spec.batch, the slots or the round allow no more. If `room` is less than a
+   batch of views, draws only a part of the scene's triangles to them, and the next call continues this batch. units:
+   receives the work done, in looks */
 static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     sbl__device *d = j->device;
     const sbl__spec *spec = &j->task.spec;
@@ -11556,7 +11564,7 @@ typedef struct sbl__core {
     sbl__scene scene;
     int has_scene;
     sbl__job job;
-    struct sbl__bounce *bounce; /* the work that fills the store of bounced light; NULL: none */
+    struct sbl__bounce *bounce; /* work that fills the store; kept while the store is ready; NULL: none */
     sbl_stats stats;            /* statistics of the work that was begun last */
 } sbl__core;
 
@@ -11605,7 +11613,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 
 /* A fill is a number of leaves divided by the largest allowed number, sbl__store.max_leaves. */
 #define SBL__FILL_AIM 0.35         /* fill for which the first size of cells is chosen */
-#define SBL__FILL_FIRST 0.3        /* cells become larger if rays of surface samples alone hit more leaves than this */
+#define SBL__FILL_FIRST 0.3        /* cells become larger if rays of surface samples alone cause a larger fill */
 #define SBL__FILL_FIRST_POWER 2.4  /* measured: growth of the cells' area by x^2.4 divides the number of leaves by x */
 #define SBL__FILL_LEAST 0.12       /* cells become smaller if they fill less than this; small triangles get surface
                                       samples if the leaves that reflect light fill less than this */
@@ -12322,8 +12330,9 @@ static sbl_result sbl__contact_cut(sbl__bounce *b, sbl__contact *line) {
     return result;
 }
 
-/* Cuts a leaf by a plane that one of its contact rays hit, unless the surface is smooth there, if the hit still lies in
-   the same leaf. On a flat surface, cuts all cells along the contact line instead. */
+/* Cuts by the plane that a contact ray of a leaf hit: all cells along the contact line if the leaf's surface is flat
+   and the line not short; otherwise only the leaf, if it goes on behind the hit. Cuts nothing if the plane is nearly
+   parallel to the surface or continues it smoothly, see SBL__CONTACT_STEEP. */
 static sbl_result sbl__bounce_cut(sbl__bounce *b, int leaf, const sbl__hit *hit) {
     sbl__store *s = b->store;
     const sbl__hit *at = &b->points[b->states[leaf].first].at;
@@ -13678,9 +13687,9 @@ typedef struct sbl__pixel {
 #define SBL__PLACES_OPEN 4        /* least number of these rays that must leave the neighbourhood of the texel */
 #define SBL__PLACES 8             /* largest number of places at which a texel's sensor looks */
 
-/* Interpolation. Errors are root mean squares. STEP_ERROR, CURVE_ERROR: error of interpolation along an edge / second
-   difference at its ends, if light has a step, or if it is a parabola that sbl__edge_parabola corrects; measured on
-   shadows of lamps with tiles of 2 to 16 pixels. */
+/* Interpolation. Errors are root mean squares. STEP_ERROR and CURVE_ERROR are factors from the second differences at
+   the ends of a tile's edge to the error of interpolation along it: for light with a step, and for light that is a
+   parabola, which sbl__edge_parabola corrects. Both were measured on shadows of lamps, with tiles of 2 to 16 pixels. */
 #define SBL__COVERAGE 0.75f             /* a tile is split if its corners give a pixel less weight (sbl__mix) */
 #define SBL__EXTRAPOLATED_SPAN 4        /* largest span of tiles that use extrapolated light, pixels */
 #define SBL__STEP_ERROR 0.29f
@@ -13696,7 +13705,7 @@ typedef struct sbl__pixel {
 #define SBL__LEAST_NOISE 1e-12f         /* least noise of a surface in the radiance map; 0 marks empty pixels */
 #define SBL__NOISE_WEIGHT 4             /* multiple of the variance that sbl__differ adds to the squared threshold */
 #define SBL__LOOKS_GAIN 0.4f            /* variance of 2n looks / of n looks; below 0.5, as looks share a sequence */
-#define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* gain per look from 2n to 4n looks / from n to 2n looks */
+#define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* ratio of gains per look: 2n to 4n looks / n to 2n */
 #define SBL__LOOKS_GROWTH 8             /* largest factor by which a sensor's looks grow in one round */
 #define SBL__DOUBLINGS 10               /* number of powers of two from 1 to SBL__MAX_LOOKS, which is 2^9 */
 #define SBL__LOOKS_DIFFERENCE 1.1       /* variance of the difference between earlier and later looks of a sensor / sum
@@ -13706,7 +13715,7 @@ typedef struct sbl__pixel {
 #define SBL__LOOKS_CORRECTION_MAX 8.0   /* largest factor by which a variance share is corrected */
 #define SBL__PARENT_WEIGHT 0.6f         /* weight of the parent tile in a tile's variance: four sensors are few */
 /* What a round buys: splits of tiles and looks of sensors. */
-#define SBL__MAX_ROUNDS 40              /* after so many rounds, only necessary splits are bought */
+#define SBL__MAX_ROUNDS 40              /* after more rounds than this, only necessary splits are bought */
 #define SBL__JOB_LOOKS (1 << 21)        /* approximate number of looks in one job */
 #define SBL__AIM_BELOW 0.9              /* a round aims at this multiple of the squared target error */
 #define SBL__AIM_SHARE 0.6              /* a round aims at no less than this share of the present squared error, since
@@ -13790,7 +13799,7 @@ typedef struct sbl__refine {
     double predicted;         /* predicted error of the picture */
     double stored;            /* the part of `predicted` that stored light causes */
     double gains[SBL__GAIN_BINS];  /* histogram by worth: sums of the gains of all possible splits and looks */
-    double costs[SBL__GAIN_BINS];  /* histogram by worth: sums of their costs, looks */
+    double costs[SBL__GAIN_BINS];  /* the same histogram: sums of the costs of these, in looks */
     double expected_looks;    /* number of looks that have been taken when refinement ends, as far as is foreseen */
     double expected_sure;     /* weight of expected_looks against the usual number: 0 while errors are unknown, 1 in
                                  the end */
@@ -13868,7 +13877,8 @@ static void sbl__looks_compare(sbl__refine *r, const sbl__pixel *p, int before, 
 }
 
 /* Computes r->variance_shares from SBL__LOOKS_GAIN and the recorded differences, because the advantage of a Sobol
-   sequence over independent points depends on the scene. Without enough differences, the factor of k - 1 corrects k. */
+   sequence over independent points depends on the scene. A share [k] with too few differences is corrected by the
+   factor of share [k - 1]. */
 static void sbl__looks_calibrate(sbl__refine *r) {
     double times = 1;
     int k;
@@ -14119,7 +14129,8 @@ static float sbl__tile_edge_bias2(const sbl__refine *r, sbl__tile *c) {
     return (1 - c->uncovered) * inside + c->uncovered * outside;
 }
 
-/* Returns the next sensor that splits of neighbours put on a tile's edges, or NULL. Skips corners, where interpolation
+/* Returns the next pixel of a tile's edges that has usable light of its own, from a sensor that a neighbour's split put
+   there or from the store; NULL: there is none. Skips corners, where interpolation
    is exact. *at: counts pixels of the edges, from 0. *guess: receives the light that the tile interpolates there. */
 static const sbl__pixel *sbl__tile_next_sensor(const sbl__refine *r, const sbl__tile *c, int *at, sbl__mix *guess) {
     const sbl__range *a = &c->area;
@@ -14271,8 +14282,8 @@ static const sbl__pixel *sbl__guide_pixel(const sbl__refine *r, int column, int 
     return p && p->id ? p : NULL;
 }
 
-/* Returns how well a guide made at pixel a suits pixel b: sbl__belongs, or 0 if the tangents at the two pixels, from
-   which guides count angles, point in different directions. */
+/* Returns how well directions found at pixel b suit pixel a: sbl__belongs, or 0 if the tangents at the two pixels, from
+   which guides count angles, differ too much in direction. */
 static float sbl__guide_fits(const sbl__pixel *a, const sbl__pixel *b) {
     const float belongs = sbl__belongs(a, b, 1);
     double right[2][3], up[3];
@@ -14417,8 +14428,9 @@ static sbl_result sbl__refine_refuse(sbl__refine *r, sbl__pixel *p) {
     return SBL_SUCCESS;
 }
 
-/* Decides from the first reading of a pixel whether its light may be shown. Hidden texels and touched texels next to
-   them are refused, because their light would show beyond the edge of the object that hides them. */
+/* Decides from the first reading of a pixel whether its light may be shown. Refuses it if the reading is not valid, and
+   at hidden texels and touched texels next to them, even those accepted before, because their light would show beyond
+   the edge of the object that hides them. */
 static sbl_result sbl__refine_validate(sbl__refine *r, int index, const sbl_reading *reading) {
     sbl__pixel *p = &r->pixels[index];
     sbl_result result = SBL_SUCCESS;
@@ -14556,7 +14568,7 @@ static void sbl__refine_restart(sbl__refine *r) {
    from which light can leave. To find them, one ray is sent from each of many places of the texel. The texel's sensor
    then looks from some of the open places, and the texel gets the mean of their light. */
 
-/* Lists a ray from each of the texel's places. */
+/* Lists a ray from each of up to SBL__PLACE_RAYS candidates for places, which are spread over the texel. */
 static void sbl__places_of(sbl__refine *r, int index) {
     sbl__atlas_square square;
     double weights[3];
@@ -14862,8 +14874,9 @@ static void sbl__weigh_expect(sbl__refine *r, double left, double target2) {
 }
 
 /* Predicts the picture's error. Sets r->least_worth so that all splits and looks of at least this worth are predicted
-   to bring it to the error at which the round aims, if they suffice. FLT_MAX, so that only necessary splits are
-   bought: bias and noise are within their share of the target error, or SBL__MAX_ROUNDS have passed. */
+   to bring it to the error at which the round aims, if they suffice. Sets it to FLT_MAX, so that only
+   necessary splits are bought, if bias and noise are within their share of the target error, or after more than
+   SBL__MAX_ROUNDS rounds. */
 static void sbl__weigh_end(sbl__refine *r) {
     const double pixels = SBL__MAX(r->pixels_summed, 1.0), all2 = (double)r->target_error * r->target_error;
     const double uncertainty2 = r->uncertainty2 / ((double)r->luminance * r->luminance * pixels);
@@ -15073,8 +15086,8 @@ static sbl_result sbl__refine_make(sbl__refine *r) {
     return r->pixels && r->layers ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Forgets all measurements, so that refinement can begin again. Each pixel keeps its values until sbl__refine_put
-   replaces them. */
+/* Clears everything, settings included, so that sbl__refine_begin can begin again, and for a lightmap
+   sbl__refine_use_atlas. Each pixel keeps its values until sbl__refine_put replaces them. */
 static void sbl__refine_forget(sbl__refine *r) {
     sbl__pixel *pixels = r->pixels;
     float *layers = r->layers;
@@ -15161,7 +15174,8 @@ static float sbl__pixel_error(const sbl__refine *r, const sbl__pixel *p, float p
     return r->luminance * (float)sqrt((double)predicted2 + unexplained * unexplained + uncertainty * uncertainty);
 }
 
-/* Fills in a pixel by interpolation in tile c, whose sensors have all been read. parabolas: second differences of the
+/* Fills in a pixel of tile c, whose sensors have all been read: with usable light of its own or, unless the texel is
+   hidden, by interpolation. parabolas: second differences of the
    tile's four edges. An orphan keeps the light of its own invalid sensor if no ring reaches it. */
 static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, float parabolas[4][3]) {
     sbl__refine *r = f->refine;
@@ -15253,7 +15267,7 @@ static sbl_result sbl__fill_step(sbl__fill *f, sbl__slice *slice) {
 }
 
 /* ======================================================================================================== >>filter
-   Smooths R with a Gaussian (section III-H) that stops at edges. */
+   Smooths R, or a layer of harmonics, with a Gaussian (section III-H) that stops at edges. */
 
 /* >>glsl belongs: shaders_embedded/belongs.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_belongs[] = {
@@ -16107,7 +16121,7 @@ typedef struct sbl__map {
     sbl__fill fill;
     sbl__map_layer layers[SBL__LAYERS];
     sbl__pace filter_pace;
-    const sbl__target *channels[SBL_CHANNEL_COUNT];  /* target that holds the channel; NULL: refine's pixels hold it */
+    const sbl__target *channels[SBL_CHANNEL_COUNT];  /* target with the channel; NULL: see sbl__map_channel_pixel */
     sbl__texture copies[SBL_CHANNEL_COUNT];  /* textures of channels, made by sbl__map_send_channel */
     int watched;                /* 1: the host has asked for a channel of the unfinished map, so previews are made */
     int64_t previewed;          /* number of looks when the last preview was made; 0: there is no preview */
@@ -16528,8 +16542,9 @@ static float sbl__map_progress(const void *work) {
     return (float)SBL__MIN(share, most);
 }
 
-/* Called when the host asks for a channel of an unfinished map. Makes a preview at once if the map has sensors, but no
-   preview yet; otherwise the stage PREVIEW makes the next one. Returns SBL_UNFINISHED if there is nothing to show. */
+/* Called when the host asks for a channel of an unfinished map. Makes a preview at once if refinement has predicted an
+   error, and there is neither a preview nor a glimpse; otherwise the stage PREVIEW makes the next one. Returns
+   SBL_UNFINISHED if there is nothing to show, as while the glimpse is made. */
 static sbl_result sbl__map_watch(sbl__map *m) {
     sbl__slice slice = sbl__slice_of(&m->work.core->desc, 0);
     const int stage = m->work.stages.stage;
@@ -16676,7 +16691,7 @@ typedef struct sbl__picture {
     sbl__pace resolve_pace;
     int resolved;               /* number of finished anti-aliasing samples */
     int pass, row;              /* the current preview: its pass, and the number of finished rows of the pass */
-    int meter[2][SBL__METER_BINS];  /* numbers of pixels: by R where there is a surface, and by FINAL */
+    int meter[2][SBL__METER_BINS];  /* numbers of pixels that are not black, by luminance of R and of FINAL */
 } sbl__picture;
 
 static void sbl__composition_free(const sbl__device *d, sbl__composition *s) {
@@ -17008,7 +17023,8 @@ static void sbl__lightmap_mean(const sbl__map *m, int texel, const float *data, 
     }
 }
 
-/* Reads rows of m->layer, as means over supersampled texels, into gutters.light, for sbl__gutters_put. */
+/* Reads rows of m->layer into gutters.light and passes them to sbl__gutters_put. The light of a supersampled texel is
+   the mean of its working pixels that show its surface; that of layer 0 is also kept in l->mean. */
 static sbl_result sbl__lightmap_light(void *work, sbl__slice *slice) {
     sbl__lightmap *l = (sbl__lightmap *)work;
     sbl__map *m = &l->map;
@@ -18470,7 +18486,8 @@ static void sbl__inspect_tell(sbl__inspect_request *k) {
     out->lamps = k->found->lamps;
 }
 
-/* Repeats the first look of the pixel's sensor, in the slot that this look had, so that every rounding is the same. */
+/* Repeats the first look of the pixel's sensor, in the slot that this look had, so that every rounding is the same. A
+   pixel without a sensor gets the look that one would begin with, and a texel with places a look at its `position`. */
 static sbl_result sbl__inspect(sbl__inspect_request *k) {
     sbl__core *c = k->core;
     sbl__inspection *f = k->found;
@@ -18630,7 +18647,8 @@ static sbl_result sbl__trial(sbl__core *c) {
 
 #ifdef SBL_EGL
 
-/* A GL context, and the surfaces and the API that are used with it. All fields are 0 if there is no context. */
+/* A GL context, and the surfaces that are used with it; 0 if there is none. api: the bound API in the host's saved
+   state, set even if no context is current; otherwise 0. */
 typedef struct sbl__egl { EGLDisplay display; EGLContext context; EGLSurface draw, read; EGLenum api; } sbl__egl;
 
 static sbl_gl_function sbl__egl_function(const char *name, void *user) {
@@ -18792,8 +18810,9 @@ static void sbl__egl_destroy(sbl__egl *e) { (void)e; }
     X(bake, vertices, sbl__vertices) \
     X(bake, probes, sbl__probes)
 
-/* What the context is doing, which decides what callbacks may call. Any callback may call sbl_progress and the query
-   functions. The progress callback runs between two pieces of work, so it may also read channels. */
+/* What the context is doing, which decides what callbacks may call: less with each further value. Any callback may call
+   sbl_progress and the query functions. The progress callback runs between two pieces of work, so it may also read
+   channels. REFUSAL: a refused call is being logged; further ones from the logger are refused without a message. */
 typedef enum sbl__inside {
     SBL__INSIDE_NOTHING, SBL__INSIDE_PROGRESS, SBL__INSIDE_WORK, SBL__INSIDE_REFUSAL
 } sbl__inside;
