@@ -342,7 +342,7 @@ TEST(of_what_silhouettes_hide) {
 TEST(of_few_bounce_samples) {
     static known k;
     float *light[2] = { NULL, NULL };
-    double squares = 0, mean = 0, off, predicted[2] = { 0, 0 };
+    double squares = 0, mean = 0, off, predicted[2] = { 0, 0 }, stored[2] = { 0, 0 };
     int i;
     memset(&k, 0, sizeof k);
     plates(&k);
@@ -353,6 +353,7 @@ TEST(of_few_bounce_samples) {
         if (sbl_set_scene(context, &desc) != SBL_SUCCESS || sbl_render_picture(context, &k.view) != SBL_SUCCESS) break;
         light[i] = scene_channel(context, &k.view, SBL_CHANNEL_RADIANCE);
         predicted[i] = (double)sbl_query_stats(context).picture.expected_error;
+        stored[i] = (double)sbl_query_stats(context).picture.stored_error;
     }
     for (i = 0; i < 64 * 48 && light[0] && light[1]; i++) {
         squares += ((double)light[0][3 * i] - (double)light[1][3 * i]) *
@@ -360,7 +361,10 @@ TEST(of_few_bounce_samples) {
         mean += (double)light[1][3 * i];
     }
     off = mean > 0 ? sqrt(squares * 64 * 48) / mean : HUGE_VAL;
-    printf("  %.2f and %.2f %% predicted, difference %.2f %%\n", 100 * predicted[0], 100 * predicted[1], 100 * off);
+    printf("  %.2f and %.2f %% predicted, %.3f and %.3f %% of it by the store, difference %.2f %%\n", 100 * predicted[0],
+           100 * predicted[1], 100 * stored[0], 100 * stored[1], 100 * off);
+    CHECK(stored[0] > 0.25 * off && stored[0] < off && stored[1] < 0.5 * stored[0],
+          "the store is said to cause %.3f %%, with many cells %.3f %%", 100 * stored[0], 100 * stored[1]);
     CHECK(off < 2.3 * predicted[0] && off > 0.5 * predicted[0], "the predicted error is %.2f %%, the true one %.2f %%",
           100 * predicted[0], 100 * off);
     free(light[0]);
