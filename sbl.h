@@ -7744,7 +7744,7 @@ typedef struct sbl__atlas {
     uint32_t *texels;           /* see SBL__ATLAS_WORDS */
     float *away;                /* per texel: squared distance in texels from its centre to the point that it shows. If
                                    its triangle contains the centre: SBL__ATLAS_WELL or SBL__ATLAS_EDGE, minus the
-                                   number of other triangles that contain it */
+                                   number of other triangles that overlap there, see sbl__atlas_texel */
     int charts;                 /* number of charts */
     double world_area, area;    /* total area of the triangles, in world space and in square texels */
     int overlapping, outside;   /* numbers of texels where triangles overlap, and of triangles partly off the map */
