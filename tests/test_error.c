@@ -361,8 +361,8 @@ TEST(of_few_bounce_samples) {
         mean += (double)light[1][3 * i];
     }
     off = mean > 0 ? sqrt(squares * 64 * 48) / mean : HUGE_VAL;
-    printf("  %.2f and %.2f %% predicted, %.3f and %.3f %% of it by the store, difference %.2f %%\n", 100 * predicted[0],
-           100 * predicted[1], 100 * stored[0], 100 * stored[1], 100 * off);
+    printf("  %.2f and %.2f %% predicted, %.3f and %.3f %% of it by the store, difference %.2f %%\n",
+           100 * predicted[0], 100 * predicted[1], 100 * stored[0], 100 * stored[1], 100 * off);
     CHECK(stored[0] > 0.25 * off && stored[0] < off && stored[1] < 0.5 * stored[0],
           "the store is said to cause %.3f %%, with many cells %.3f %%", 100 * stored[0], 100 * stored[1]);
     CHECK(off < 2.3 * predicted[0] && off > 0.5 * predicted[0], "the predicted error is %.2f %%, the true one %.2f %%",

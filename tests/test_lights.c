@@ -819,8 +819,8 @@ static void ceiling(test_scene *s, uint32_t flags, int up) {
 /* Scenes of up to 10,000 lamps, open or half covered, have the R of truth() without bias, with noise below 1.6 %. */
 TEST(many_lamps) {
     static const char *const names[] = {
-        "1,000 quads from behind", "1,000 quads, one-sided", "1,000 quads under a sky of 1", "a ball of 10,000 triangles",
-        "a one-sided ball of 10,000 triangles",
+        "1,000 quads from behind", "1,000 quads, one-sided", "1,000 quads under a sky of 1",
+        "a ball of 10,000 triangles", "a one-sided ball of 10,000 triangles",
         "half of 1,000 quads", "half of a ball of 10,000 triangles", "a quad under an environment of 1",
         "a ball under an environment of 1",
         "two quads and two sphere lights, one of each hidden" };
