@@ -11772,7 +11772,7 @@ typedef struct sbl__bounce {
     /* sums over leaves in this round: direct light, all light before and after, absolute changes in all channels */
     struct { double direct[3], before[3], after[3], change; } balance;
     double needed_growth;            /* factor by which the cells' area must grow; 0: leaves suffice */
-    double previous_fill;            /* fill when cells last became smaller; 0: they never did */
+    int previous_leaves;             /* seen_leaves when cells last became smaller; 0: they never did */
     int rounds;
     int sample_small;                /* 1: few leaves reflect light; rays must begin on small triangles, too, which may
                                         be a small room in a large scene */
@@ -12125,8 +12125,8 @@ static double sbl__bounce_shrink(sbl__bounce *b, double fill) {
         near += distance * SBL__NEAR_PART < b->store->length;
     }
     if (b->seen_leaves == 0 || least >= 1) return 1;
-    if (fill <= 2 * b->previous_fill && near <= SBL__BOUNCE_COARSE * seen) return 1;
-    b->previous_fill = fill;
+    if (b->seen_leaves <= 2 * b->previous_leaves && near <= SBL__BOUNCE_COARSE * seen) return 1;
+    b->previous_leaves = b->seen_leaves;
     return SBL__MAX(fill / SBL__FILL_AIM, SBL__MAX(SBL__BOUNCE_SHRINK_MOST, least));
 }
 
