@@ -2868,7 +2868,7 @@ static sbl_result sbl__target_read(const sbl__device *d, const sbl__target *t, i
    the features that make variants of it. A variant is compiled when it is first used. */
 
 enum {
-    SBL__TEXTURED = 1 << 0,     /* the scene has textures, cutouts or vertex colours */
+    SBL__TEXTURED = 1 << 0,     /* some mesh has vertex colours or a material with textures or cutouts */
     SBL__WIDE = 1 << 1,         /* the scene's tables are 2D textures, see sbl__table */
     SBL__VIEWS = 1 << 2,        /* also test rays towards lamps against views: only views show what the host draws */
     SBL__INSPECT = 1 << 3,      /* lamps.glsl writes each ray, for sbl_inspect_sensor */
@@ -4352,7 +4352,8 @@ static void sbl__join(uint32_t *parents, uint32_t one, uint32_t other) {
 typedef struct sbl__rings {
     sbl__stages stages;
     void *user;
-    int (*joined)(const void *user, int thing, int other);  /* 0: `thing` gives no value to `other`. NULL: all do */
+    int (*joined)(const void *user, int thing, int other);  /* 0: `other` is not put into a ring because of
+                                                               `thing`; `mean` must test this, too. NULL: always 1 */
     void (*mean)(void *user, int thing);  /* sets the value of `thing` from neighbours that sbl__ring_reached accepts */
     int count;          /* number of things */
     int width;          /* things per row of the grid */
@@ -6254,7 +6255,7 @@ typedef struct sbl__store {
     sbl__bright_cell *bright;  /* all cells with bright leaves, in the order of sbl__bright_order */
     int cut_count, cut_room, leaf_count, leaf_room, bright_count;
     int max_leaves;
-    int unseen_level;          /* while the store is filled: level of the cells of places that no ray has hit */
+    int unseen_level;          /* while the store is filled: level of the cells of samples at SBL__UNSEEN */
     int made_for;              /* max_leaves when the light was made, which may have been in an earlier run */
     float brightest;           /* largest channel of R in any leaf */
     float air[6][3];           /* for objects that the host draws: mean R where they face +x, -x, +y, -y, +z, -z */
@@ -11632,9 +11633,9 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__BOUNCE_COARSE 0.25    /* share of points hit by rays shorter than half a cell, above which cells shrink */
 #define SBL__BOUNCE_POOL 16.0      /* limit of sbl__patching.pool. If leaves do not suffice even then, places
                                       without a leaf stay dark */
-#define SBL__BOUNCE_SAMPLES_LEAST 8.0  /* least number of positions of surface samples per area of a cell of the level
-                                      that places use that no ray has hit */
-#define SBL__BOUNCE_UNSEEN_WIDE 0.02  /* places that no ray has hit use the widest cells if patching.growth is less */
+#define SBL__BOUNCE_SAMPLES_LEAST 8.0  /* least number of positions of surface samples per area of a cell of level
+                                      sbl__store.unseen_level */
+#define SBL__BOUNCE_UNSEEN_WIDE 0.02  /* samples at SBL__UNSEEN use the widest cells if patching.growth is less */
 #define SBL__BOUNCE_SMALL_SAMPLES 4096.0  /* number of small triangles that may get a surface sample nevertheless */
 #define SBL__BOUNCE_SAMPLE_RAYS 4
 #define SBL__BOUNCE_POINTS 4       /* largest number of points of a leaf */
@@ -13720,7 +13721,7 @@ typedef struct sbl__pixel {
 #define SBL__PARENT_WEIGHT 0.6f         /* weight of the parent tile in a tile's variance: four sensors are few */
 /* What a round buys: splits of tiles and looks of sensors. */
 #define SBL__MAX_ROUNDS 40              /* after more rounds than this, only necessary splits are bought */
-#define SBL__JOB_LOOKS (1 << 21)        /* approximate number of looks in one job */
+#define SBL__JOB_LOOKS (1 << 21)        /* a job gets no more tiles once it has this many looks */
 #define SBL__AIM_BELOW 0.9              /* a round aims at this multiple of the squared target error */
 #define SBL__AIM_SHARE 0.6              /* a round aims at no less than this share of the present squared error, since
                                            new readings may change what is worth buying */
@@ -13750,7 +13751,8 @@ typedef struct sbl__tile {
     float uncovered;          /* mean over all `pixels` of the bilinear weight of corners whose light they cannot use */
     float raw_bias2;          /* squared error of interpolation, estimated from light on the edges, noise included */
     float unseen_bias2;       /* part of raw_bias2 for changes of light between the last sensors and silhouettes */
-    float bias2, noise2;      /* mean relative squared errors of its pixels by interpolation, and by noise */
+    float bias2, noise2;      /* mean relative squared errors: by interpolation, of all its pixels but the upper left one
+                                 (0 if must_split or a threshold decides); by noise, of all its pixels */
     float light, variance;    /* mean luminance of the corners; mean relative variance of one look of their sensors */
     float split_worth;        /* worth of a split, see SBL__GAIN_FLOOR; FLT_MAX: the split is necessary */
     float look_worth;         /* worth of doubling the looks of the corners' sensors */
@@ -13797,7 +13799,7 @@ typedef struct sbl__refine {
     double measured2[SBL__DOUBLINGS];  /* [k]: sum of squared differences between 2^k looks and later looks */
     double expected2[SBL__DOUBLINGS];  /* [k]: expected value of measured2[k] */
     int compared[SBL__DOUBLINGS];      /* [k]: number of differences in measured2[k] */
-    double bias2, noise2;     /* sums over pixels of sbl__tile.bias2, and of sbl__tile.noise2 */
+    double bias2, noise2;     /* sums of sbl__tile.bias2 and of noise2 over the pixels of which they are means */
     double uncertainty2;      /* sum over pixels of the squared uncertainty of stored light; absolute, not relative */
     double look_variance;     /* relative variance of one look, averaged over the picture */
     double predicted;         /* predicted error of the picture */
@@ -16030,7 +16032,7 @@ static sbl_result sbl__work_prepare(void *work, sbl__slice *slice) {
     return sbl__prepare(w->core, &w->measurement, slice);
 }
 
-#define SBL__WORK_SITES 65536  /* maximum number of sites of a job */
+#define SBL__WORK_SITES 65536  /* maximum number of sites of a job of >>gather, >>vertices or >>probes */
 
 /* Sets the task's spec, and allocates its sites and, if `readings` is 1, its readings. count: number of sites of all
    jobs */
@@ -19166,7 +19168,7 @@ static sbl_result sbl__context_step(sbl_context *c, sbl__slice *slice) {
     return result;
 }
 
-#define SBL__SLICE_REST 0.2  /* a slice ends when less than this share of its time is left */
+#define SBL__SLICE_REST 0.2  /* sbl_step begins no further piece when less than this share of the time is left */
 
 SBL_API sbl_result sbl_step(sbl_context *c, double seconds) {
     sbl__slice slice;

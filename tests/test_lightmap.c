@@ -1137,6 +1137,8 @@ TEST(thin_walls_hold_light_back) {
             }
         CHECK(light && final && bright > 0.3 && least > 0.05 && dark < 1e-3 * bright,
               "run %d: R is at most %g in the dark room, %g to %g in the lit one", run, dark, least, bright);
+        CHECK(sbl_query_stats(context).sensors.invalid == 0, "run %d: %d sensors are invalid in open rooms", run,
+              (int)sbl_query_stats(context).sensors.invalid);
         free(light);
         free(final);
         scene_free(&s);
