@@ -13751,7 +13751,7 @@ typedef struct sbl__tile {
     float uncovered;          /* mean over all `pixels` of the bilinear weight of corners whose light they cannot use */
     float raw_bias2;          /* squared error of interpolation, estimated from light on the edges, noise included */
     float unseen_bias2;       /* part of raw_bias2 for changes of light between the last sensors and silhouettes */
-    float bias2, noise2;      /* mean relative squared errors: by interpolation, of all its pixels but the upper left one
+    float bias2, noise2;      /* mean relative squared errors: by interpolation, of all pixels but the upper left
                                  (0 if must_split or a threshold decides); by noise, of all its pixels */
     float light, variance;    /* mean luminance of the corners; mean relative variance of one look of their sensors */
     float split_worth;        /* worth of a split, see SBL__GAIN_FLOOR; FLT_MAX: the split is necessary */
