@@ -12119,14 +12119,14 @@ static int sbl__bounce_restart(sbl__bounce *b, double growth) {
    that see each other may be smaller than cells. Further leaves then come only after several attempts. */
 static double sbl__bounce_shrink(sbl__bounce *b, double fill) {
     const double least = SBL__BOUNCE_GROWTH_LEAST / b->patching.growth;
-    int i, near = 0, seen = 0;
+    int i, nearby = 0, seen = 0;
     for (i = 0; i < b->point_count; i++) {
         const float distance = b->points[i].at.distance;
         seen += distance < SBL__UNSEEN;
-        near += distance * SBL__NEAR_PART < b->store->length;
+        nearby += distance * SBL__NEAR_PART < b->store->length;
     }
     if (b->seen_leaves == 0 || least >= 1) return 1;
-    if (b->seen_leaves <= 2 * b->previous_leaves && near <= SBL__BOUNCE_COARSE * seen) return 1;
+    if (b->seen_leaves <= 2 * b->previous_leaves && nearby <= SBL__BOUNCE_COARSE * seen) return 1;
     b->previous_leaves = b->seen_leaves;
     return SBL__MAX(fill / SBL__FILL_AIM, SBL__MAX(SBL__BOUNCE_SHRINK_MOST, least));
 }

@@ -431,12 +431,12 @@ TEST(a_furnace_in_a_large_scene) {
     int i;
     for (i = 0; i < 5; i++) {
         test_scene s = { 0 };
-        const float h = grounds[i] / 2, far = boxes[i] / 2;
+        const float h = grounds[i] / 2, half = boxes[i] / 2;
         double worst, mean;
         scene_box(&s, furnace_material(&s, 0.5f), -1.2f, -1, -0.9f, 1.2f, 1, 0.9f);
         if (h > 0) scene_quad(&s, scene_material(&s, 0.3f, 0.3f, 0.3f), -h, -1.1f, -h, -h, -1.1f, h, h, -1.1f, h, h,
                               -1.1f, -h);
-        if (far > 0) scene_box(&s, scene_material(&s, 0, 0, 0), -far, -far, -far, far, far, far);
+        if (half > 0) scene_box(&s, scene_material(&s, 0, 0, 0), -half, -half, -half, half, half, half);
         site_count = 0;
         add_sites_anywhere(0.9, 100);
         if (use_scene(&s, 6144) && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 256)) {
