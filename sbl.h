@@ -2535,6 +2535,7 @@ typedef struct sbl__record {
 #define SBL__CELL_DEPTH 8          /* largest number of cuts between a cell and a leaf */
 #define SBL__LEVELS 4              /* number of cell sizes; new surfaces get larger cells as the store fills up */
 #define SBL__LEVEL_SHIFT 2         /* cells of level n + 1 are 2^this times as long as cells of level n */
+#define SBL__LEVEL_AREA(level) (1 << 2 * SBL__LEVEL_SHIFT * (level))  /* area of a cell, in cells of level 0 */
 #define SBL__CAST_NUMBERS 1048576  /* cast.glsl stores a triangle's number n as two floats, n % this and n / this */
 #define SBL__GUIDE_RINGS 16        /* rings of a guide's histogram, see >>guide */
 #define SBL__GUIDE_SECTORS 32      /* sectors of each ring */
@@ -2574,9 +2575,9 @@ typedef struct sbl__record {
                                           without a far plane */
 #define SBL__OFFSET 1.5e-6f            /* distance of a sensor from its surface: a share of the scene's extent (if views
                                           are rasterised, for the precision of the depth buffer) or of the triangle's
-                                          reach (if rays are traced and the reach is known, see
-                                          sbl__spec_offset). Float rounding needs more than a sixth of it: at 2.5e-7
-                                          and below, sensors on a sphere see the sphere */
+                                          reach (if rays are traced and the reach is known, see sbl__spec_offset).
+                                          Float rounding needs more than a sixth of it: at 2.5e-7 and below, sensors
+                                          on a sphere see the sphere */
 
 /* Constants that shaders get as #define SBL_name, with the text of SBL__name or the value of SBL_MATERIAL_name */
 #define SBL__SHARED_CONSTANTS(X) \
@@ -2757,6 +2758,12 @@ static sbl_result sbl__buffer_make(const sbl__device *d, sbl__buffer *b, size_t 
     return SBL_SUCCESS;
 }
 
+static void sbl__buffer_write(const sbl__device *d, const sbl__buffer *b, size_t offset, size_t bytes,
+                              const void *data) {
+    d->gl.BindBuffer(SBL__GL_ARRAY_BUFFER, b->id);
+    d->gl.BufferSubData(SBL__GL_ARRAY_BUFFER, (ptrdiff_t)offset, (ptrdiff_t)bytes, data);
+}
+
 /* Writes the data of a batch to a buffer. room: bytes of the largest batch. The buffer always has this size, so that
    the memory in use does not depend on the pace. A large batch gets new storage, so that the driver need not wait for
    draws that read the former batch. A small one does not, since new storage of this size would cost more than the
@@ -2766,15 +2773,8 @@ static sbl_result sbl__buffer_stream(const sbl__device *d, sbl__buffer *b, size_
     const int stays = b->id && b->bytes == room && bytes <= room / 8;
     const sbl_result result = stays ? SBL_SUCCESS : sbl__buffer_make(d, b, room, NULL, SBL__GL_STREAM_DRAW);
     if (result != SBL_SUCCESS) return result;
-    d->gl.BindBuffer(SBL__GL_ARRAY_BUFFER, b->id);
-    d->gl.BufferSubData(SBL__GL_ARRAY_BUFFER, 0, (ptrdiff_t)bytes, data);
+    sbl__buffer_write(d, b, 0, bytes, data);
     return sbl__gl_check(&d->gl);
-}
-
-static void sbl__buffer_write(const sbl__device *d, const sbl__buffer *b, size_t offset, size_t bytes,
-                              const void *data) {
-    d->gl.BindBuffer(SBL__GL_ARRAY_BUFFER, b->id);
-    d->gl.BufferSubData(SBL__GL_ARRAY_BUFFER, (ptrdiff_t)offset, (ptrdiff_t)bytes, data);
 }
 
 /* A buffer that shaders read as a buffer texture. If one of the scene's tables exceeds the driver's limit of buffer
@@ -6255,7 +6255,7 @@ typedef struct sbl__store {
     sbl__bright_cell *bright;  /* all cells with bright leaves, in the order of sbl__bright_order */
     int cut_count, cut_room, leaf_count, leaf_room, bright_count;
     int max_leaves;
-    int unseen_level;          /* while the store is filled: level of the cells of samples at SBL__UNSEEN */
+    int unseen_level;          /* level of the cells that surface samples get whose rays hit nothing */
     int made_for;              /* max_leaves when the light was made, which may have been in an earlier run */
     float brightest;           /* largest channel of R in any leaf */
     float air[6][3];           /* for objects that the host draws: mean R where they face +x, -x, +y, -y, +z, -z */
@@ -6423,8 +6423,8 @@ typedef struct sbl__patching {     /* state of dividing the scene into patches *
     double least;                  /* patches with a smaller area are joined into one patch per mesh, world units
                                       squared */
     double growth;                 /* factor of the area of cells; changes after too many or too few leaves */
-    double pool;                   /* factor of `least`; multiplied by the factors of `growth`, but not
-                                      by those below 1 while it is above 1 */
+    double pool;                   /* factor of `least`. Each factor that changes `growth` changes it, too,
+                                      but a factor below 1 does not while it is above 1. */
 } sbl__patching;
 
 static sbl_result sbl__patching_begin(sbl__base *base, sbl__patching *p, const sbl__geometry *g) {
@@ -7753,7 +7753,8 @@ typedef struct sbl__atlas {
     int charts;                 /* number of charts */
     double world_area, area;    /* total area of the triangles, in world space and in square texels */
     int overlapping, outside;   /* numbers of texels where triangles overlap, and of triangles partly off the map */
-    int triangles, degenerate;  /* numbers of baked triangles, and of those with area in the world only */
+    int triangles, degenerate;  /* number of baked triangles; number of those that have an area in the
+                                   world and none in the map */
 } sbl__atlas;
 
 static void sbl__atlas_free(sbl__base *base, sbl__atlas *a) {
@@ -7837,7 +7838,7 @@ static sbl_result sbl__atlas_number(void *work, int vertex) {
 typedef struct sbl__atlas_triangle {
     double corners[3][2];  /* positions in the atlas, texels */
     double area;           /* twice the signed area, square texels */
-    uint32_t number, chart;  /* chart: SBL__NONE if loaded after the atlas was drawn */
+    uint32_t number, chart;  /* chart: SBL__NONE if it was loaded after the atlas was drawn */
     int rows[2];           /* first and last row that the triangle touches */
 } sbl__atlas_triangle;
 
@@ -11569,7 +11570,8 @@ typedef struct sbl__core {
     sbl__scene scene;
     int has_scene;
     sbl__job job;
-    struct sbl__bounce *bounce; /* work that fills the store; kept while the store is ready; NULL: none */
+    struct sbl__bounce *bounce; /* the work that fills the store. It stays after the store is ready, because
+                                   a change of lights uses its points again. NULL: filling has not begun */
     sbl_stats stats;            /* statistics of the work that was begun last */
 } sbl__core;
 
@@ -11628,15 +11630,16 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__BOUNCE_GROWTH 1.5     /* if leaves do not suffice, the cells' area is multiplied by at least this */
 #define SBL__BOUNCE_GROWTH_MOST 2.0  /* if leaves do not suffice, the cells' area is multiplied by at most this */
 #define SBL__BOUNCE_SHRINK_MOST 0.03  /* if leaves are left over, the cells' area is multiplied by at least this */
-#define SBL__BOUNCE_GROWTH_LEAST (1.0 / (1 << 2 * SBL__LEVEL_SHIFT * (SBL__LEVELS - 1)))  /* least area of cells in
-                                      relation to the first one: the widest cells then cover all surfaces */
-#define SBL__BOUNCE_COARSE 0.25    /* share of points hit by rays shorter than half a cell, above which cells shrink */
+#define SBL__BOUNCE_GROWTH_LEAST (1.0 / SBL__LEVEL_AREA(SBL__LEVELS - 1))  /* least patching.growth: cells of the widest
+                                      level are then as wide as those of level 0 are with a growth of 1 */
+#define SBL__BOUNCE_COARSE 0.25    /* cells shrink if rays shorter than half a cell hit a larger share of the points */
 #define SBL__BOUNCE_POOL 16.0      /* limit of sbl__patching.pool. If leaves do not suffice even then, places
                                       without a leaf stay dark */
-#define SBL__BOUNCE_SAMPLES_LEAST 8.0  /* least number of positions of surface samples per area of a cell of level
-                                      sbl__store.unseen_level */
-#define SBL__BOUNCE_UNSEEN_WIDE 0.02  /* samples at SBL__UNSEEN use the widest cells if patching.growth is less */
-#define SBL__BOUNCE_SMALL_SAMPLES 4096.0  /* number of small triangles that may get a surface sample nevertheless */
+#define SBL__BOUNCE_SAMPLES_LEAST 8.0  /* least number of positions of surface samples on the area of a cell of
+                                      the level sbl__store.unseen_level */
+#define SBL__BOUNCE_UNSEEN_WIDE 0.02  /* if patching.growth is less than this, surface samples whose rays hit nothing
+                                      get cells of the widest level; otherwise of the level below it */
+#define SBL__BOUNCE_SMALL_SAMPLES 4096.0  /* maximum number, on average, of small triangles that get a surface sample */
 #define SBL__BOUNCE_SAMPLE_RAYS 4
 #define SBL__BOUNCE_POINTS 4       /* largest number of points of a leaf */
 #define SBL__BOUNCE_RAYS 16        /* rays of a point */
@@ -11773,12 +11776,12 @@ typedef struct sbl__bounce {
     /* sums over leaves in this round: direct light, all light before and after, absolute changes in all channels */
     struct { double direct[3], before[3], after[3], change; } balance;
     double needed_growth;            /* factor by which the cells' area must grow; 0: leaves suffice */
-    int previous_leaves;             /* seen_leaves when cells last became smaller; 0: they never did */
+    int previous_leaves;             /* value of seen_leaves when cells last became smaller; 0: they never did */
     int rounds;
-    int sample_small;                /* 1: few leaves reflect light; rays must begin on small triangles, too, which may
-                                        be a small room in a large scene */
-    int samples_placed, seen_leaves; /* 1: surface samples have been placed; number of leaves before that, which rays
-                                        have hit */
+    int sample_small;                /* 1: small triangles get surface samples, too. It is set when few leaves reflect
+                                        light, since the light may be in a small room of a large scene. */
+    int samples_placed;              /* 1: the surface samples have been queued as places for points */
+    int seen_leaves;                 /* number of leaves when the samples were queued; rays have hit all of these */
     sbl__table casts;
     sbl__blocks blocks;
     sbl__pace pace;
@@ -12017,7 +12020,7 @@ static int sbl__samples_add(sbl__bounce *b, uint32_t triangle, uint32_t hash) {
 static sbl_result sbl__bounce_sample(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const uint32_t triangle = (uint32_t)at;
-    const double least = SBL__BOUNCE_SAMPLES_LEAST / (1 << 2 * SBL__LEVEL_SHIFT * b->store->unseen_level);
+    const double least = SBL__BOUNCE_SAMPLES_LEAST / SBL__LEVEL_AREA(b->store->unseen_level);
     const double density = SBL__MAX(b->patching.growth, least), length = (double)b->store->length;
     const double before = floor(b->samples_due);
     double normal[3], area, number;
@@ -12114,9 +12117,10 @@ static int sbl__bounce_restart(sbl__bounce *b, double growth) {
     return SBL__BOUNCE_GRID;
 }
 
-/* Returns the factor of the cells' area for another attempt after one with a small fill: 1 if rays hit nothing, or if
-   smaller cells gave few further leaves. If the rays that hit many points are shorter than half a cell, the surfaces
-   that see each other may be smaller than cells. Further leaves then come only after several attempts. */
+/* Called when an attempt leaves much of the store free. Returns the factor of the cells' area for the next attempt. The
+   factor is 1 if rays hit nothing, or if smaller cells did not double the number of leaves that rays hit. The latter
+   does not matter if many rays are shorter than half a cell: the surfaces that see each other may then be smaller than
+   cells, and further leaves come only after several attempts. */
 static double sbl__bounce_shrink(sbl__bounce *b, double fill) {
     const double least = SBL__BOUNCE_GROWTH_LEAST / b->patching.growth;
     int i, nearby = 0, seen = 0;
@@ -13710,7 +13714,8 @@ typedef struct sbl__pixel {
 #define SBL__LEAST_NOISE 1e-12f         /* least noise of a surface in the radiance map; 0 marks empty pixels */
 #define SBL__NOISE_WEIGHT 4             /* multiple of the variance that sbl__differ adds to the squared threshold */
 #define SBL__LOOKS_GAIN 0.4f            /* variance of 2n looks / of n looks; below 0.5, as looks share a sequence */
-#define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* ratio of gains per look: 2n to 4n looks / n to 2n */
+#define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* gain of a look from 2n to 4n looks, divided by that from n
+                                                          to 2n looks */
 #define SBL__LOOKS_GROWTH 8             /* largest factor by which a sensor's looks grow in one round */
 #define SBL__DOUBLINGS 10               /* number of powers of two from 1 to SBL__MAX_LOOKS, which is 2^9 */
 #define SBL__LOOKS_DIFFERENCE 1.1       /* variance of the difference between earlier and later looks of a sensor / sum
@@ -13805,7 +13810,7 @@ typedef struct sbl__refine {
     double predicted;         /* predicted error of the picture */
     double stored;            /* the part of `predicted` that stored light causes */
     double gains[SBL__GAIN_BINS];  /* histogram by worth: sums of the gains of all possible splits and looks */
-    double costs[SBL__GAIN_BINS];  /* the same histogram: sums of the costs of these, in looks */
+    double costs[SBL__GAIN_BINS];  /* histogram by worth: sums of the costs of splits and looks, in looks */
     double expected_looks;    /* number of looks that have been taken when refinement ends, as far as is foreseen */
     double expected_sure;     /* weight of expected_looks against the usual number: 0 while errors are unknown, 1 in
                                  the end */
@@ -14136,8 +14141,8 @@ static float sbl__tile_edge_bias2(const sbl__refine *r, sbl__tile *c) {
 }
 
 /* Returns the next pixel of a tile's edges that has usable light of its own, from a sensor that a neighbour's split put
-   there or from the store; NULL: there is none. Skips corners, where interpolation
-   is exact. *at: counts pixels of the edges, from 0. *guess: receives the light that the tile interpolates there. */
+   there or from the store; NULL: there is none. Skips corners, where interpolation is exact. *at: counts pixels of the
+   edges, from 0. *guess: receives the light that the tile interpolates there. */
 static const sbl__pixel *sbl__tile_next_sensor(const sbl__refine *r, const sbl__tile *c, int *at, sbl__mix *guess) {
     const sbl__range *a = &c->area;
     const int width = a->x[1] - a->x[0], height = a->y[1] - a->y[0];
@@ -14880,9 +14885,9 @@ static void sbl__weigh_expect(sbl__refine *r, double left, double target2) {
 }
 
 /* Predicts the picture's error. Sets r->least_worth so that all splits and looks of at least this worth are predicted
-   to bring it to the error at which the round aims, if they suffice. Sets it to FLT_MAX, so that only
-   necessary splits are bought, if bias and noise are within their share of the target error, or after more than
-   SBL__MAX_ROUNDS rounds. */
+   to bring it to the error at which the round aims, if they suffice. Sets it to FLT_MAX, so that only necessary splits
+   are bought, if bias and noise are within their share of the target error, or after more than SBL__MAX_ROUNDS
+   rounds. */
 static void sbl__weigh_end(sbl__refine *r) {
     const double pixels = SBL__MAX(r->pixels_summed, 1.0), all2 = (double)r->target_error * r->target_error;
     const double uncertainty2 = r->uncertainty2 / ((double)r->luminance * r->luminance * pixels);
@@ -15181,8 +15186,8 @@ static float sbl__pixel_error(const sbl__refine *r, const sbl__pixel *p, float p
 }
 
 /* Fills in a pixel of tile c, whose sensors have all been read: with usable light of its own or, unless the texel is
-   hidden, by interpolation. parabolas: second differences of the
-   tile's four edges. An orphan keeps the light of its own invalid sensor if no ring reaches it. */
+   hidden, by interpolation. parabolas: second differences of the tile's four edges. An orphan keeps the light of its
+   own invalid sensor if no ring reaches it. */
 static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, float parabolas[4][3]) {
     sbl__refine *r = f->refine;
     sbl__pixel *p = sbl__pixel_at(r, x, y);
@@ -16697,7 +16702,8 @@ typedef struct sbl__picture {
     sbl__pace resolve_pace;
     int resolved;               /* number of finished anti-aliasing samples */
     int pass, row;              /* the current preview: its pass, and the number of finished rows of the pass */
-    int meter[2][SBL__METER_BINS];  /* numbers of pixels that are not black, by luminance of R and of FINAL */
+    int meter[2][SBL__METER_BINS];  /* [0]: numbers of pixels by the luminance of R, [1]: by that of
+                                       FINAL. Black pixels do not count. */
 } sbl__picture;
 
 static void sbl__composition_free(const sbl__device *d, sbl__composition *s) {
@@ -18653,8 +18659,8 @@ static sbl_result sbl__trial(sbl__core *c) {
 
 #ifdef SBL_EGL
 
-/* A GL context, and the surfaces that are used with it; 0 if there is none. api: the bound API in the host's saved
-   state, set even if no context is current; otherwise 0. */
+/* A GL context of EGL and the surfaces that are used with it. These fields are 0 if there is no context. `api` is the
+   API that the host has bound. Only the host's saved state has it, also if no context is current; elsewhere it is 0. */
 typedef struct sbl__egl { EGLDisplay display; EGLContext context; EGLSurface draw, read; EGLenum api; } sbl__egl;
 
 static sbl_gl_function sbl__egl_function(const char *name, void *user) {

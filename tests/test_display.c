@@ -230,7 +230,8 @@ TEST(highlights_limit_the_exposure) {
     double mean, hidden = metered(0.8f, 1, -3, &mean), seen = metered(0.8f, 1, 3, &mean),
         glaring = metered(0.8f, 1, 1e6f, &mean);
     printf("  %.2f stops, %.2f if the window is seen, %.2f if it glares\n", hidden, seen, glaring);
-    CHECK(seen < hidden - 0.5 && seen > hidden - 1.55, "a window changes %.2f stops to %.2f", hidden, seen);
+    CHECK(seen < hidden - 0.5 && seen > hidden - 1.55 && seen > glaring - 5, "a window changes %.2f stops to %.2f",
+          hidden, seen);
     CHECK(fabs(glaring) < 100 && mean > 0, "%g stops", glaring);
 }
 

@@ -103,8 +103,8 @@ adds_up() {
 }
 one="1 passed, 0 failed, 0 skipped"
 good="good|exit(0)|$one"
-# with three tests: only the named ones are built and run, and the one that took longest starts first. The times of the
-# first run are replaced, since measured ones differ from machine to machine.
+# Checks that scripts/test builds and runs only the tests that are named, and starts the one first that took longest in
+# the last run. The recorded times are replaced before the second run, because measured times differ between machines.
 names_and_order() {
     ! fake_tests "$good" "bad|exit(1)|2 passed, 1 failed, 0 skipped" "slow|exit(0)|$one" || return
     for kind in sanitized plain; do
