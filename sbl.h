@@ -4211,6 +4211,11 @@ static const sbl__object *sbl__triangle_object(const sbl__geometry *g, uint32_t 
     return &g->objects[g->vertices[g->indices[3 * (size_t)triangle]].object];
 }
 
+/* Returns 1 if a triangle's material reflects nothing. */
+static int sbl__triangle_is_black(const sbl__geometry *g, uint32_t triangle) {
+    return !(sbl__max3(sbl__triangle_object(g, triangle)->albedo) > 0);
+}
+
 static const float *sbl__triangle_corner(const sbl__geometry *g, uint32_t triangle, int corner) {
     return g->vertices[g->indices[3 * (size_t)triangle + (size_t)corner]].position;
 }
@@ -6420,6 +6425,7 @@ typedef struct sbl__patching {     /* state of dividing the scene into patches *
     uint32_t *parents;             /* union-find forest of triangles; each root stands for a patch, see sbl__root */
     sbl__patch *patches;           /* one per triangle; a patch is at the index of its root triangle */
     double area;                   /* area of all triangles not hidden from sensors, world units squared */
+    double reflecting;             /* the part of `area` that belongs to triangles that reflect light */
     double least;                  /* patches with a smaller area are joined into one patch per mesh, world units
                                       squared */
     double growth;                 /* factor of the area of cells; changes after too many or too few leaves */
@@ -6491,6 +6497,7 @@ static sbl_result sbl__patch_measure(void *work, int at) {
     if (!(sbl__triangle_object(g, triangle)->flags & SBL_MATERIAL_HIDDEN_FROM_SENSORS)) {
         patch->area += area;
         p->area += area;
+        if (!sbl__triangle_is_black(g, triangle)) p->reflecting += area;
     }
     for (k = 0; k < 3; k++) cosine += normal[k] * patch->normal[k];
     if (cosine < SBL__PATCH_EVEN) patch->flat = 0;
@@ -11627,11 +11634,13 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__FILL_WIDER 0.6        /* from this fill on, new leaves belong to cells of level 1 */
 #define SBL__FILL_WIDEST 0.8       /* from this fill on, new leaves belong to cells of level 2 */
 #define SBL__FILL_FULL 0.95        /* from this fill on, new leaves belong to cells of level 3 */
+#define SBL__FILL_BLACK 0.25       /* largest fill of leaves on surfaces that reflect nothing, once these have joined */
 #define SBL__BOUNCE_GROWTH 1.5     /* if leaves do not suffice, the cells' area is multiplied by at least this */
 #define SBL__BOUNCE_GROWTH_MOST 2.0  /* if leaves do not suffice, the cells' area is multiplied by at most this */
 #define SBL__BOUNCE_SHRINK_MOST 0.03  /* if leaves are left over, the cells' area is multiplied by at least this */
 #define SBL__BOUNCE_GROWTH_LEAST (1.0 / SBL__LEVEL_AREA(SBL__LEVELS - 1))  /* least patching.growth: cells of the widest
                                       level are then as wide as those of level 0 are with a growth of 1 */
+#define SBL__BOUNCE_COVERED 8.0    /* cells shrink only if each leaf is hit by this many rays of points, on average */
 #define SBL__BOUNCE_COARSE 0.25    /* cells shrink if rays shorter than half a cell hit a larger share of the points */
 #define SBL__BOUNCE_POOL 16.0      /* limit of sbl__patching.pool. If leaves do not suffice even then, places
                                       without a leaf stay dark */
@@ -11727,6 +11736,14 @@ enum {
     SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
 };
 
+/* Which leaves surfaces that reflect nothing get while the size of cells is searched. No ray reads these leaves, but
+   rays of their points find the surfaces whose light falls on black surfaces. */
+typedef enum sbl__black {
+    SBL__BLACK_EQUAL,     /* as many as other surfaces */
+    SBL__BLACK_LEFT_OUT,  /* none, because black surfaces would take most leaves */
+    SBL__BLACK_JOINED     /* at most SBL__FILL_BLACK of the store, because the size of cells has been found */
+} sbl__black;
+
 typedef struct sbl__bounce {
     sbl__stages stages;
     sbl__core *core;
@@ -11778,6 +11795,8 @@ typedef struct sbl__bounce {
     double needed_growth;            /* factor by which the cells' area must grow; 0: leaves suffice */
     int previous_leaves;             /* value of seen_leaves when cells last became smaller; 0: they never did */
     int rounds;
+    sbl__black black;                /* which leaves surfaces that reflect nothing get */
+    int black_leaves;                /* number of leaves on surfaces that reflect nothing */
     int sample_small;                /* 1: small triangles get surface samples, too. It is set when few leaves reflect
                                         light, since the light may be in a small room of a large scene. */
     int samples_placed;              /* 1: the surface samples have been queued as places for points */
@@ -11913,6 +11932,11 @@ static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
     return patch | (at->distance * SBL__NEAR_PART < s->length ? SBL__PATCH_NEAR : 0);
 }
 
+/* Returns 1 if a ray hit a surface that reflects light. */
+static int sbl__hit_reflects(const sbl__bounce *b, const sbl__hit *hit) {
+    return hit->place != SBL__NOWHERE && !sbl__triangle_is_black(b->geometry, hit->place >> 1);
+}
+
 /* Returns the reference to the leaf of a place, which is 0 if there is no leaf yet; NULL: no slot is left. If the cell
    has no leaf and leaves are becoming scarce, a wider cell is used. patch: NULL, or receives the patch word with the
    level of the cell. Places at distance SBL__UNSEEN, which only points in the air may see, use wide cells. */
@@ -12020,7 +12044,8 @@ static int sbl__samples_add(sbl__bounce *b, uint32_t triangle, uint32_t hash) {
 static sbl_result sbl__bounce_sample(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const uint32_t triangle = (uint32_t)at;
-    const double least = SBL__BOUNCE_SAMPLES_LEAST / SBL__LEVEL_AREA(b->store->unseen_level);
+    const double least = sbl__triangle_is_black(b->geometry, triangle) ? 0
+                       : SBL__BOUNCE_SAMPLES_LEAST / SBL__LEVEL_AREA(b->store->unseen_level);
     const double density = SBL__MAX(b->patching.growth, least), length = (double)b->store->length;
     const double before = floor(b->samples_due);
     double normal[3], area, number;
@@ -12075,14 +12100,21 @@ static int sbl__bounce_queued(void *work) {
     return b->needed_growth > 0 ? 0 : b->queue.count;
 }
 
+/* Returns the largest number of leaves on surfaces that reflect nothing. */
+static int sbl__bounce_black_most(const sbl__bounce *b) {
+    static const double fills[] = { 1, 0, SBL__FILL_BLACK };
+    return (int)(fills[b->black] * b->store->max_leaves);
+}
+
 /* Makes a point of a queued place if its leaf needs one. Sets b->needed_growth if there is no room for a new leaf. */
 static sbl_result sbl__bounce_place(void *work, int number) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *at = &b->queue.list[number];
     const sbl__store *s = b->store;
+    const int black = !sbl__hit_reflects(b, at);
     uint32_t *reference;
     int leaf, added, ok = 1;
-    if (at->place == SBL__NOWHERE) return SBL_SUCCESS;
+    if (at->place == SBL__NOWHERE || (black && b->black_leaves >= sbl__bounce_black_most(b))) return SBL_SUCCESS;
     reference = sbl__place_find(s, at, NULL);
     if (!reference || (!*reference && s->leaf_count >= s->max_leaves)) {
         if (b->patching.pool < SBL__BOUNCE_POOL && !b->divisions)
@@ -12091,6 +12123,7 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     }
     added = *reference == 0;
     if (added && !sbl__bounce_add_leaf(b, reference)) return SBL_ERROR_OUT_OF_MEMORY;
+    b->black_leaves += added && black;
     leaf = (int)*reference - 1;
     if (!added && leaf >= b->cut_leaves) ok = sbl__hits_add(b, &b->waiting, at);
     else if (b->states[leaf].points < SBL__BOUNCE_POINTS) ok = sbl__bounce_add_point(b, at, leaf);
@@ -12112,7 +12145,7 @@ static int sbl__bounce_restart(sbl__bounce *b, double growth) {
     if (growth > 1 || p->pool <= 1) p->pool *= growth;
     b->samples_due = b->needed_growth = 0;
     b->samples.count = b->waiting.count = b->point_count = b->cut_leaves = b->points_cast = 0;
-    b->recheck = b->samples_placed = 0;
+    b->recheck = b->samples_placed = b->black_leaves = 0;
     memset(b->recent_lines, 0, sizeof b->recent_lines);
     return SBL__BOUNCE_GRID;
 }
@@ -12122,33 +12155,45 @@ static int sbl__bounce_restart(sbl__bounce *b, double growth) {
    does not matter if many rays are shorter than half a cell: the surfaces that see each other may then be smaller than
    cells, and further leaves come only after several attempts. */
 static double sbl__bounce_shrink(sbl__bounce *b, double fill) {
-    const double least = SBL__BOUNCE_GROWTH_LEAST / b->patching.growth;
-    int i, nearby = 0, seen = 0;
+    const sbl__patching *p = &b->patching;
+    const double least = SBL__MIN(SBL__BOUNCE_GROWTH_LEAST, p->reflecting / p->area) / p->growth;
+    int i, nearby = 0, seen = 0, hits = 0;
+    for (i = 0; i < b->point_count * SBL__BOUNCE_RAYS; i++) hits += sbl__hit_reflects(b, &b->hits.list[i]);
     for (i = 0; i < b->point_count; i++) {
         const float distance = b->points[i].at.distance;
         seen += distance < SBL__UNSEEN;
         nearby += distance * SBL__NEAR_PART < b->store->length;
     }
-    if (b->seen_leaves == 0 || least >= 1) return 1;
+    if (b->seen_leaves == 0 || least >= 1 || hits < SBL__BOUNCE_COVERED * b->seen_leaves) return 1;
     if (b->seen_leaves <= 2 * b->previous_leaves && nearby <= SBL__BOUNCE_COARSE * seen) return 1;
     b->previous_leaves = b->seen_leaves;
     return SBL__MAX(fill / SBL__FILL_AIM, SBL__MAX(SBL__BOUNCE_SHRINK_MOST, least));
 }
 
-/* Returns the number of leaves with points on surfaces that reflect light. */
-static int sbl__bounce_reflecting(const sbl__bounce *b) {
-    int i, number = 0;
-    for (i = 0; i < b->store->leaf_count; i++) {
-        if (b->states[i].points == 0) continue;
-        number += sbl__max3(sbl__triangle_object(b->geometry, b->points[b->states[i].first].at.place >> 1)->albedo) > 0;
+/* Returns the next stage after an attempt with one size of cells: another attempt, or the end of the search. If
+   surfaces that reflect nothing take most leaves, they are left out of the search, and join in the last attempt. */
+static int sbl__bounce_after_attempt(sbl__bounce *b, double fill) {
+    const int reflecting = b->store->leaf_count - b->black_leaves;
+    const int few = reflecting < SBL__FILL_LEAST * b->store->max_leaves;
+    double growth = 1;
+    if (b->black == SBL__BLACK_JOINED) return SBL__BOUNCE_RELOCATE;
+    if (b->black == SBL__BLACK_EQUAL && few && b->black_leaves > reflecting) b->black = SBL__BLACK_LEFT_OUT;
+    else {
+        if (fill < SBL__FILL_LEAST) growth = sbl__bounce_shrink(b, fill);
+        if (growth >= 1 && (b->sample_small || !few)) {
+            if (b->black == SBL__BLACK_EQUAL) return SBL__BOUNCE_RELOCATE;
+            b->black = SBL__BLACK_JOINED;
+        }
     }
-    return number;
+    b->sample_small |= few;
+    return sbl__bounce_restart(b, growth);
 }
 
 /* Returns the next stage: rays from new leaves and points until none are new; finally points at surface samples. */
 static int sbl__bounce_after_place(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
-    const double fill = (double)b->store->leaf_count / b->store->max_leaves;
+    const int joined = b->black == SBL__BLACK_JOINED ? b->black_leaves : 0;
+    const double fill = (double)(b->store->leaf_count - joined) / b->store->max_leaves;
     if (b->needed_growth > 0) return sbl__bounce_restart(b, SBL__MAX(b->needed_growth, SBL__BOUNCE_GROWTH));
     if (!b->cut_leaves && fill > SBL__FILL_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
         /* Too many: the rays of these leaves would hit still more. */
@@ -12160,13 +12205,7 @@ static int sbl__bounce_after_place(void *work) {
         return sbl__bounce_queue(b, b->hits.list, b->point_count * SBL__BOUNCE_RAYS);
     }
     if (b->divisions) return SBL__BOUNCE_RELOCATE;
-    if (b->samples_placed) {
-        const double growth = fill < SBL__FILL_LEAST ? sbl__bounce_shrink(b, fill) : 1;
-        const int few = sbl__bounce_reflecting(b) < SBL__FILL_LEAST * b->store->max_leaves;
-        if (growth >= 1 && (b->sample_small || !few)) return SBL__BOUNCE_RELOCATE;
-        b->sample_small = 1;
-        return sbl__bounce_restart(b, growth);
-    }
+    if (b->samples_placed) return sbl__bounce_after_attempt(b, fill);
     b->samples_placed = 1;
     b->seen_leaves = b->store->leaf_count;
     return sbl__bounce_queue(b, b->samples.list, b->samples.count);
