@@ -4462,7 +4462,9 @@ typedef struct sbl__solver {
     int count;                  /* number of unknowns */
     int together;               /* 1: the equations couple the three channels; 0: each channel is solved by itself */
     double identity;            /* factor of the identity in the matrix */
-    double precision2;          /* a system is solved when left2 / first2 is at most this */
+    double precision2;          /* a system is solved when left2 is at most this times `most2` */
+    double most2[3];            /* per system: largest first2 of the solutions so far; 0 if the next solution is for
+                                   other equations. A solution that goes on need not be more accurate than the first */
     /* Arrays of three numbers per unknown, one for each channel. They share one block of memory. */
     double *diagonal;           /* the preconditioner: diagonal of the matrix, or all 1. An unknown whose entry is 0
                                    keeps its value */
@@ -4500,52 +4502,69 @@ static sbl_result sbl__solver_term(void *work, int term) {
     return SBL_SUCCESS;
 }
 
-/* Processes an unknown, in any stage except SBL__SOLVER_MULTIPLY. */
+/* Processes a channel of an unknown, in any stage except SBL__SOLVER_MULTIPLY. i: index in the arrays */
+static void sbl__solver_channel(sbl__solver *s, sbl__solver_sums *sum, size_t i) {
+    const double d = s->diagonal[i];
+    double preconditioned, share;
+    switch (s->stages.stage) {
+        case SBL__SOLVER_START:
+            preconditioned = d > 0 ? s->residual[i] / d : 0;
+            sum->power += s->residual[i] * preconditioned;
+            sum->first2 += preconditioned * preconditioned;
+            break;
+        case SBL__SOLVER_TURN:
+            s->direction[i] = (d > 0 ? s->residual[i] / d : 0) + sum->turn * s->direction[i];
+            s->product[i] = s->identity * s->direction[i];
+            break;
+        case SBL__SOLVER_DOT: sum->along += s->direction[i] * s->product[i]; break;
+        default:
+            if (!(d > 0)) break;
+            share = sum->along > 0 ? sum->power / sum->along : 0;
+            s->solution[i] += share * s->direction[i];
+            s->residual[i] -= share * s->product[i];
+            preconditioned = s->residual[i] / d;
+            sum->next_power += s->residual[i] * preconditioned;
+            sum->left2 += preconditioned * preconditioned;
+    }
+}
+
 static sbl_result sbl__solver_unknown(void *work, int unknown) {
     sbl__solver *s = (sbl__solver *)work;
-    size_t i = 3 * (size_t)unknown;
     int k;
-    for (k = 0; k < 3; k++, i++) {
-        sbl__solver_sums *sum = &s->sums[s->together ? 0 : k];
-        const double d = s->diagonal[i], preconditioned = d > 0 ? s->residual[i] / d : 0;
-        const double share = sum->along > 0 ? sum->power / sum->along : 0;
-        switch (s->stages.stage) {
-            case SBL__SOLVER_START:
-                sum->power += s->residual[i] * preconditioned;
-                sum->first2 += preconditioned * preconditioned;
-                break;
-            case SBL__SOLVER_TURN:
-                s->direction[i] = preconditioned + sum->turn * s->direction[i];
-                s->product[i] = s->identity * s->direction[i];
-                break;
-            case SBL__SOLVER_DOT: sum->along += s->direction[i] * s->product[i]; break;
-            default:
-                if (!(d > 0)) break;
-                s->solution[i] += share * s->direction[i];
-                s->residual[i] -= share * s->product[i];
-                sum->next_power += s->residual[i] * s->residual[i] / d;
-                sum->left2 += s->residual[i] / d * (s->residual[i] / d);
-        }
-    }
+    for (k = 0; k < 3; k++) sbl__solver_channel(s, &s->sums[s->together ? 0 : k], 3 * (size_t)unknown + (size_t)k);
     return SBL_SUCCESS;
 }
 
+/* Returns 1 if all systems are solved. left2: the squared length of what is left of their residuals */
+static int sbl__solver_is_done(const sbl__solver *s, const double left2[3]) {
+    int k, done = 1;
+    for (k = 0; k < 3; k++) done &= left2[k] <= s->precision2 * s->most2[k];
+    return done;
+}
+
 static int sbl__solver_after_start(void *work) {
-    const sbl__solver_sums *sums = ((const sbl__solver *)work)->sums;
-    return sums[0].first2 > 0 || sums[1].first2 > 0 || sums[2].first2 > 0 ? SBL__SOLVER_TURN : SBL__SOLVER_DONE;
+    sbl__solver *s = (sbl__solver *)work;
+    double first2[3];
+    int k;
+    for (k = 0; k < 3; k++) {
+        first2[k] = s->sums[k].first2;
+        s->most2[k] = SBL__MAX(s->most2[k], first2[k]);
+    }
+    return sbl__solver_is_done(s, first2) ? SBL__SOLVER_DONE : SBL__SOLVER_TURN;
 }
 
 static int sbl__solver_after_advance(void *work) {
     sbl__solver *s = (sbl__solver *)work;
-    int k, solved = 1;
+    double left2[3];
+    int k;
     for (k = 0; k < 3; k++) {
         sbl__solver_sums *sum = &s->sums[k];
-        solved &= sum->left2 <= s->precision2 * sum->first2;
+        left2[k] = sum->left2;
         sum->turn = sum->power > 0 ? sum->next_power / sum->power : 0;
         sum->power = sum->next_power;
         sum->next_power = sum->along = sum->left2 = 0;
     }
-    return solved || ++s->rounds >= SBL__SOLVER_ROUNDS ? SBL__SOLVER_DONE : SBL__SOLVER_TURN;
+    return sbl__solver_is_done(s, left2) || ++s->rounds >= SBL__SOLVER_ROUNDS ? SBL__SOLVER_DONE : SBL__SOLVER_TURN;
 }
 
 /* Does a piece of the work. Returns SBL_SUCCESS when the solution is ready; the next call then starts anew. */
@@ -16005,6 +16024,7 @@ static sbl_result sbl__seams_step(sbl__seams *s, const sbl__gutters *light, cons
     s->light = light;
     s->atlas = atlas;
     if (layer != s->layer) {
+        memset(s->solver.most2, 0, sizeof s->solver.most2);
         s->layer = layer;
         s->rounds = 0;
         s->stages.stage = SBL__SEAMS_BEFORE;

@@ -255,6 +255,36 @@ TEST(channels_are_solved_apart) {
     }
 }
 
+static void counted_term(void *calls, int row, const double *direction, double *product) {
+    *(int *)calls += row == 0;
+    row_term(NULL, row, direction, product);
+}
+
+/* A solution that goes on with a small residual need not be more accurate than the first one was. */
+TEST(a_solution_that_goes_on_is_soon_done) {
+    sbl__slice slice = slice_of(1e-9);
+    const double rights[4] = { 1, 1e-2, 1, 1e-5 };
+    sbl__solver s;
+    int calls[4] = { 0, 0, 0, 0 }, i, run;
+    memset(&s, 0, sizeof s);
+    REQUIRE(sbl__solver_make(&base, &s, UNKNOWNS) == SBL_SUCCESS, "no memory");
+    s.term = counted_term;
+    s.term_count = ROWS;
+    s.precision2 = 1e-8;
+    s.identity = 0.1;
+    for (run = 0; run < 4; run++) {
+        s.user = &calls[run];
+        for (i = 0; i < 3 * UNKNOWNS; i++) {
+            s.diagonal[i] = 1;
+            s.residual[i] = rights[run] * (sbl__hash((uint32_t)i) / 4294967296.0 - 0.4);
+        }
+        while (sbl__solver_step(&s, &slice) == SBL_UNFINISHED) {}
+    }
+    CHECK(calls[0] > 3 && calls[1] > 0 && calls[1] < calls[0] && calls[2] == calls[0] && calls[3] == 0,
+          "%d iterations, then %d, %d and %d", calls[0], calls[1], calls[2], calls[3]);
+    sbl__solver_free(&base, &s);
+}
+
 /* A right side of 0 is solved by 0, in one step. */
 TEST(zero_is_solved_at_once) {
     sbl__slice slice = slice_of(0);
@@ -422,6 +452,7 @@ int main(void) {
     RUN(values_spread_ring_by_ring);
     RUN(least_squares_are_solved);
     RUN(channels_are_solved_apart);
+    RUN(a_solution_that_goes_on_is_soon_done);
     RUN(zero_is_solved_at_once);
     RUN(seams_keep_light_positive);
     RUN(light_is_linear_beside_silhouettes);
