@@ -309,11 +309,12 @@
    Accuracy at default settings, measured against an independent path tracer (relative root mean square error of R, in
    blocks of 4 x 4 pixels): 0.8 % in the Cornell box and in a staircase room with 130 emitting triangles, 1 to 1.5 % in
    a room where two small bright places send nearly all light, 2.5 % in a furnished room of 130,000 triangles with sky
-   light from windows, and 1.7 to 2.5 % in a dark room with a door ajar. In the last two rooms, more than the 1.5 % that
+   light from windows, and 1.5 to 3 % in a dark room with a door ajar. In the last two rooms, more than the 1.5 % that
    is asked for by default remains, and sbl_stats.picture.expected_error says so.
 
    Large scenes: cells are small where rays between surfaces are short, even if nearly all surface lies elsewhere. A
-   room 2 across on a ground 1,000 across gets its light within 2 %, on a ground 10,000 across within 8 %.
+   room 2 across on a ground 1,000 across gets its light within 2 %, on a ground 10,000 across within 8 %. Surfaces that
+   reflect nothing do not count: a black box around the scene that shines as a sky may have any size.
 
    Limits: an albedo above 0.98 reflects bounced light as 0.98, so that the sum of all bounces stays finite. A small
    bright surface, such as a ceiling just above a lamp, is sampled like a lamp only after the store's rays have found
@@ -349,6 +350,10 @@
    the median over up to eight of them. This needs traced sensors. A texel without such places is hidden and gets the
    light of its neighbours, because its own darkness would show beside the thing that hides it. In SBL_MODE_GI a texel
    that no light reaches at all lies inside something and is treated in the same way.
+
+   Sides: a texel shows the light on one side of its triangle, to which the normals point; without normals, it is the
+   side on which the corners run counter-clockwise. If a viewer sees the other side, too, as of a curtain, give it
+   triangles of its own.
 
    Seams: where charts meet in the world and their normals agree, FINAL is changed as little as possible so that
    bilinear samples are equal on both sides. Light that differs by half or more is left as it is, because something
@@ -1338,7 +1343,8 @@ typedef struct sbl_sensor_ray {
    guided. Both kinds of sensors send rays towards lamps, except in SBL_MODE_PAPER, where texels find the emitters. */
 typedef struct sbl_sensor {
     sbl_backend backend;      /* SBL_BACKEND_RASTER or SBL_BACKEND_TRACE */
-    sbl_site site;            /* the point of the sensor; sbl_gather_readings measures the same light there */
+    sbl_site site;            /* the point of the sensor; sbl_gather_readings measures the same light there. If a
+                                 texel's centre is hidden, it is the first of the places from which its sensor looks */
     float position[3];        /* world position of the sensor: the site moved off its surface */
     float normal[3];          /* unit normal of the sensor */
     float radiance[3];        /* R of the pixel's sensor, or of a new sensor if `sensed` is 0: the mean of all looks */
@@ -14422,18 +14428,21 @@ static int sbl__refine_room(sbl__refine *r, int more) {
            sbl__grow(base, &r->reading_layers, &r->reading_layer_room, count, r->harmonics * sizeof(float));
 }
 
+/* Makes the site for look number i of a texel with places, which look in turn. */
+static void sbl__refine_place(const sbl__refine *r, int index, int i, sbl__site *out) {
+    const sbl__pixel *p = &r->pixels[index];
+    *out = r->places[p->places - 1 + i % p->place_count];
+    out->guide = sbl__guide_for(r, index);
+    out->first = i % r->spec->looks;
+}
+
 /* Lists the looks that a pixel's sensor has yet to take: one site or, for a texel with places, one per look. */
 static sbl_result sbl__refine_list_pixel(sbl__refine *r, const sbl__pixel *p) {
     const int index = (int)(p - r->pixels), looks = p->wanted - p->looks;
     int i;
     if (!sbl__refine_room(r, p->places ? looks : 1)) return SBL_ERROR_OUT_OF_MEMORY;
     if (!p->places) sbl__refine_site(r, index, p->looks, looks, &r->sites[r->site_count++]);
-    for (i = p->looks; i < p->wanted && p->places; i++) {
-        sbl__site *site = &r->sites[r->site_count++];
-        *site = r->places[p->places - 1 + i % p->place_count];
-        site->guide = sbl__guide_for(r, index);
-        site->first = i % r->spec->looks;
-    }
+    for (i = p->looks; i < p->wanted && p->places; i++) sbl__refine_place(r, index, i, &r->sites[r->site_count++]);
     r->look_count += looks;
     return SBL_SUCCESS;
 }
@@ -18536,10 +18545,10 @@ static void sbl__inspect_tell(sbl__inspect_request *k) {
     sbl_sensor *out = &k->out;
     int i;
     out->backend = k->map->work.measurement.options.backend;
-    memcpy(out->site.position, p->position, sizeof p->position);
-    memcpy(out->site.normal, p->normal, sizeof p->normal);
-    memcpy(out->site.geometric_normal, p->geometric_normal, sizeof p->geometric_normal);
-    out->site.offset = p->offset;
+    memcpy(out->site.position, k->site.position, sizeof out->site.position);
+    memcpy(out->site.normal, k->site.normal, sizeof out->site.normal);
+    memcpy(out->site.geometric_normal, k->site.geometric_normal, sizeof out->site.geometric_normal);
+    out->site.offset = k->site.offset;
     memcpy(out->position, k->look.position, sizeof out->position);
     memcpy(out->normal, k->look.normal, sizeof out->normal);
     memcpy(out->radiance, p->sensed ? p->radiance : r->radiance, sizeof out->radiance);
@@ -18558,7 +18567,7 @@ static void sbl__inspect_tell(sbl__inspect_request *k) {
 }
 
 /* Repeats the first look of the pixel's sensor, in the slot that this look had, so that every rounding is the same. A
-   pixel without a sensor gets the look that one would begin with, and a texel with places a look at its `position`. */
+   pixel without a sensor gets the look that one would begin with. */
 static sbl_result sbl__inspect(sbl__inspect_request *k) {
     sbl__core *c = k->core;
     sbl__inspection *f = k->found;
@@ -18577,7 +18586,9 @@ static sbl_result sbl__inspect(sbl__inspect_request *k) {
     task.layers = k->layers;
     task.site_count = 1;
     task.first_look = sbl__refine_pixel(&k->map->refine, (size_t)k->pixel)->look;
-    sbl__refine_site(&k->map->refine, k->pixel, 0, 1, &k->site);
+    if (sbl__refine_pixel(&k->map->refine, (size_t)k->pixel)->places)
+        sbl__refine_place(&k->map->refine, k->pixel, 0, &k->site);
+    else sbl__refine_site(&k->map->refine, k->pixel, 0, 1, &k->site);
     sbl__look_make(&task.spec, &k->site, 0, &k->look);
     sbl__job_begin(j, &c->scene, &task);
     while (result == SBL_UNFINISHED) {

@@ -391,7 +391,7 @@ TEST(gaps_show_their_openings) {
     const float texel = 0.015f, gap = -0.002f, deep = -ROWS * texel, wide = COLUMNS * texel / 2;
     float *light;
     double sum = 0, least = 1, below = 1;
-    int x, material;
+    int x, material, inspected = 0, open = 0;
     memset(&s, 0, sizeof s);
     material = scene_material(&s, 0, 0, 0);
     uv_rectangle(&s, scene_quad(&s, material, -wide, 0, 0, wide, 0, 0, wide, deep, 0, -wide, deep, 0),
@@ -412,6 +412,13 @@ TEST(gaps_show_their_openings) {
     printf("  R is %.4f on average, %.4f at least; %.4f at least two rows below\n", sum, least, below);
     CHECK(fabs(sum - 0.23) < 0.03 && least > 0.15 && below > 0.15, "R is %g on average, %g at least, below it %g", sum,
           least, below);
+    for (x = 2; x < COLUMNS + 2; x++) {
+        sbl_sensor sensor;
+        if (sbl_inspect_sensor(context, x, 2, &sensor, NULL, NULL, 0) != SBL_SUCCESS || !sensor.sensed) continue;
+        inspected++;
+        open += (double)sensor.site.position[1] > -0.45 * (double)texel && sensor.hit_mean > 0;
+    }
+    CHECK(inspected > 0 && open > 0.6 * inspected, "%d of %d inspected sensors look from the opening", open, inspected);
     free(light);
     scene_free(&s);
 }
