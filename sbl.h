@@ -739,8 +739,9 @@ typedef struct sbl_context_desc {
     int batch;                /* number of sensors that one draw call draws, at most as many as fit into the texture of
                                  views. The number never changes a picture. Default: as many as the time allows */
     float longest_submission; /* seconds that GL may work at a time, roughly. Default: 0.1 */
-    int compile_ahead;        /* 1: sbl_create compiles all programs except those of inspections and of directional
-                                 lightmaps. Default: 0, each program is compiled when it is first used */
+    int compile_ahead;        /* 1: sbl_create compiles all programs except those of inspections, of directional
+                                 lightmaps, and of scenes too large for one buffer texture per table. Default: 0, each
+                                 program is compiled when it is first used */
     uint32_t end_canary;      /* must stay 0, as start_canary */
 } sbl_context_desc;
 
@@ -1133,7 +1134,8 @@ typedef struct sbl_stats {
     struct {                      /* the picture or lightmap */
         int width, height;        /* pixels */
         int visible_pixels;       /* number of pixels that show a surface */
-        float target_error;       /* the target error that applied; 0 in SBL_MODE_PAPER */
+        float target_error;       /* target_error of the descriptor or its default, which is 0 in SBL_MODE_PAPER; that
+                                     mode never uses it */
         float expected_error;     /* the error predicted so far, as a share of the mean R; 0 before the first level is
                                      done */
         float exposure;           /* stops applied to SBL_CHANNEL_DISPLAY, including those that auto_exposure chose */
@@ -2574,7 +2576,8 @@ typedef struct sbl__record {
 #define SBL__BELONGS_TURN 0.2f         /* from BELONGS_COSINE + this on, the angle does not reduce sbl_belongs */
 #define SBL__BELONGS_OFF 8.0f          /* sbl_belongs falls to 0 while this * (larger distance of one point from the
                                           other's plane) / (distance of the points) rises from 1 to 2 */
-#define SBL__FILTER_VISIBLE 0.0025f    /* the filter counts this share of the light as noise, as it is invisible */
+#define SBL__FILTER_VISIBLE 0.0025f    /* the filter adds this share of a pixel's light to its noise, because nobody
+                                          sees differences that small */
 #define SBL__FILTER_FALL 0.25          /* the filter's weights are exp(-this * (difference / noise)^2) */
 #define SBL__DIVISOR_LEAST 1e-30f      /* lower limit of divisors that may be 0 */
 #define SBL__VIEW_DEPTH 1e-6f          /* depth in sensors' views is this / view-space depth in scene extents: reversed,
@@ -8707,8 +8710,9 @@ typedef struct sbl__spec {
 #define SBL__MAX_LOOKS 512         /* maximum number of looks per site if the host sets target_error */
 #define SBL__DEFAULT_LOOKS 16      /* maximum number of looks per site with the default target error */
 #define SBL__LOOK_RAYS_MOST 128    /* looks that are too noisy get more rays, up to this number */
-#define SBL__LOOK_VARIANCE 12.5    /* the rays of looks are doubled while the relative variance afterwards is at least
-                                      this * (target error)^2, see sbl__look_growth */
+#define SBL__LOOK_VARIANCE 12.5    /* after the first round, the rays of all looks are doubled as long as the relative
+                                      variance of a look with the doubled rays is at least this * (target error)^2,
+                                      see sbl__look_growth */
 
 /* One look of a site, as shaders read it:
    position         the site's position, moved off the surface by `offset` along the geometric normal
@@ -11706,8 +11710,9 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__UNCERTAINTY_ROUNDS 6
 #define SBL__UNCERTAINTY_STRATA 0.35  /* measured: true error / error estimated from points; below 1, since rays have
                                       low discrepancy, and errors of neighbouring leaves compensate each other */
-#define SBL__UNCERTAINTY_MOST 0.12 /* limit of the relative error estimated from points, which is too large where
-                                      few rays all hit one leaf */
+#define SBL__UNCERTAINTY_MOST 0.12 /* upper limit of a leaf's relative error, before it is multiplied by
+                                      UNCERTAINTY_STRATA. The error is estimated from the leaf's points; the estimate
+                                      is too large where few rays all hit one leaf */
 #define SBL__BOUNCE_TIME 0.35f     /* approximate share of the time of readings, vertices and probes that filling the
                                       store takes; >>map predicts it for pictures */
 #define SBL__BOUNCE_CAST 0.5f      /* approximate share of the time of filling that rays between surfaces take */
@@ -13756,8 +13761,8 @@ typedef struct sbl__pixel {
 #define SBL__HIDDEN_REACH 2       /* distance_limit / width of a texel */
 /* The search for places of a hidden texel from which light can leave. */
 #define SBL__PLACE_RAYS 64        /* number of rays, each from another place of the texel */
-#define SBL__PLACE_TRIES 256      /* number of places that are tried, some of which lie beside the chart */
-#define SBL__PLACES_OPEN 4        /* least number of these rays that must leave the neighbourhood of the texel */
+#define SBL__PLACE_TRIES 256      /* largest number of tries to find PLACE_RAYS places; some lie beside the chart */
+#define SBL__PLACES_OPEN 4        /* the search fails if fewer rays than this leave the neighbourhood of the texel */
 #define SBL__PLACES 8             /* largest number of places at which a texel's sensor looks */
 
 /* Interpolation. Errors are root mean squares. STEP_ERROR and CURVE_ERROR are factors from the second differences at
@@ -13868,7 +13873,8 @@ typedef struct sbl__refine {
     double measured2[SBL__DOUBLINGS];  /* [k]: sum of squared differences between 2^k looks and later looks */
     double expected2[SBL__DOUBLINGS];  /* [k]: expected value of measured2[k] */
     int compared[SBL__DOUBLINGS];      /* [k]: number of differences in measured2[k] */
-    double bias2, noise2;     /* sums of sbl__tile.bias2 and of noise2 over the pixels of which they are means */
+    double bias2, noise2;     /* sums over all tiles that are not split: the tile's bias2 times the number of pixels
+                                 without its sensor, and its noise2 times the number of its pixels */
     double uncertainty2;      /* sum over pixels of the squared uncertainty of stored light; absolute, not relative */
     double look_variance;     /* relative variance of one look, averaged over the picture */
     double predicted;         /* predicted error of the picture */
@@ -14007,7 +14013,8 @@ static sbl__edge sbl__tile_edge(const sbl__refine *r, const sbl__tile *c, int si
     return e;
 }
 
-/* Returns the sensor `steps` edge lengths beyond an end of an edge, or NULL if `pixel` may not use its light. */
+/* Returns the pixel that lies `steps` edge lengths beyond an end of an edge. Returns NULL if this is outside of the
+   picture, if the pixel has no light that may be shown, or if `pixel` may not use its light. */
 static const sbl__pixel *sbl__sensor_beyond(const sbl__refine *r, const sbl__pixel *pixel, const sbl__edge *e, int end,
                                             int steps) {
     const int *x = e->line.x, *y = e->line.y;
@@ -17439,7 +17446,8 @@ static sbl_result sbl__vertices_begin(void *work, const void *desc) {
 
 static const sbl__geometry *sbl__vertices_geometry(const sbl__vertices *s) { return &s->work.core->scene.geometry; }
 
-/* Converts the number of a vertex of part s->part to its number in the scene. */
+/* Converts the number of a vertex, which counts through all parts, to its number in the scene. s->part must be the part
+   that contains the vertex. */
 static uint32_t sbl__vertices_vertex(const sbl__vertices *s, uint32_t vertex) {
     return vertex + (uint32_t)s->parts[s->part].vertex_shift;
 }
@@ -17736,7 +17744,8 @@ static sbl_result sbl__vertices_average(void *work, int unknown) {
 
 /* >>vertices: extending light to unknowns without valid points */
 
-/* For each corner of a triangle that has no light: adds the light of the corners that have light, and counts these. */
+/* Visits the corners of a triangle. A corner without light gets the sum of the light of those corners that have light;
+   their number is added to the corner's entry in s->neighbours. */
 static sbl_result sbl__vertices_spread(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
     const uint32_t *corners = s->corners + 3 * (size_t)triangle;
@@ -18661,8 +18670,9 @@ static sbl_result sbl__trial_camera(sbl__core *c, sbl__surface *surface, sbl__gb
     return result;
 }
 
-/* Traces the rays of a sensor at unit distance from the triangle. *met: 1 if most rays hit the triangle at the right
-   distance, and find its radiance of 0.5, which is due to ambient light */
+/* Traces the rays of a sensor at unit distance from the triangle. *met: 1 if more than half of the rays hit it, the
+   nearest hit is at about that distance, and R is the share of hits times 0.5, the triangle's radiance by ambient
+   light */
 static sbl_result sbl__trial_rays(sbl__core *c, int *met) {
     sbl_readings_desc desc;
     sbl__gathering gathering;
