@@ -1078,9 +1078,10 @@ typedef struct sbl_picture_desc {
 } sbl_picture_desc;
 
 /* The channels of a picture or lightmap, with their number of floats per pixel. Where the camera sees no surface, all
-   channels are 0 except FINAL, which shows the sky. FINAL of a picture under way is not anti-aliased. SH_0 to SH_3 are
-   the radiance over a texel's hemisphere in the first four spherical harmonics of sbl_probe, continued into the gutter
-   as FINAL is; they are 0 unless a directional lightmap is finished (see ON LIGHTMAPS). */
+   channels are 0 except FINAL, which shows the sky, and DISPLAY, which shows the sky or the backdrop. FINAL of a
+   picture under way is not anti-aliased. SH_0 to SH_3 are the radiance over a texel's hemisphere in the first four
+   spherical harmonics of sbl_probe, continued into the gutter as FINAL is; they are 0 unless a directional lightmap is
+   finished (see ON LIGHTMAPS). */
 typedef enum sbl_channel {
     SBL_CHANNEL_FINAL = 0,  /* 3: emission + albedo * R, anti-aliased */
     SBL_CHANNEL_RADIANCE,   /* 3: R at pixel centres, filtered */
@@ -1097,8 +1098,9 @@ typedef enum sbl_channel {
     SBL_CHANNEL_SH_1,       /* 3: directional lightmaps: harmonic Y_1 */
     SBL_CHANNEL_SH_2,       /* 3: directional lightmaps: harmonic Y_2 */
     SBL_CHANNEL_SH_3,       /* 3: directional lightmaps: harmonic Y_3 */
-    SBL_CHANNEL_DISPLAY,    /* 3: what a screen shows, linear, 0 to 1: FINAL, but every anti-aliasing sample is exposed
-                               and tone-mapped before the samples are averaged; 0 without a tone, and in lightmaps */
+    SBL_CHANNEL_DISPLAY,    /* 3: what a screen shows, linear, 0 to 1: FINAL, but every anti-aliasing sample is exposed,
+                               tone-mapped, and replaced by a brighter backdrop where there is no surface, before the
+                               samples are averaged; 0 without a tone, and in lightmaps */
     SBL_CHANNEL_COUNT
 } sbl_channel;
 
@@ -1224,9 +1226,10 @@ typedef struct sbl_lightmap_desc {
     sbl_options options;       /* see sbl_options */
     float target_error;        /* accepted root mean square error of R over the texels, as in sbl_picture_desc. If not
                                   set, a sensor takes at most 512 / 1024 / 2048 rays. Default: 0.02 / 0.005 / 0.0025 */
-    int tile;                  /* texels between sensors of the first level. Default: as in sbl_picture_desc */
+    int tile;                  /* distance between sensors of the first level, in places of `supersample`, which are
+                                  texels if it is 1. Default: as in sbl_picture_desc */
     float threshold;           /* refines where sensors differ by more. Default: as in sbl_picture_desc */
-    int filter_radius;         /* radius of the filter in texels. Default: as in sbl_picture_desc */
+    int filter_radius;         /* radius of the filter, in the unit of `tile`. Default: as in sbl_picture_desc */
     uint32_t end_canary;       /* must stay 0 */
 } sbl_lightmap_desc;
 
@@ -6310,8 +6313,8 @@ static void sbl__store_free(const sbl__device *d, sbl__store *s) {
    n = 0 it is unknown. Shaders read these bits as a negligible part of the light. */
 
 #define SBL__UNCERTAINTY_STEPS 16
-#define SBL__UNCERTAINTY_LEAST 1e-30f  /* the uncertainty is stored in the last 8 bits of blue, unless blue is
-                                          smaller than this */
+#define SBL__UNCERTAINTY_LEAST 1e-30f  /* the uncertainty is stored in the last 8 bits of blue. If blue is smaller
+                                          than this, the uncertainty is unknown */
 
 static void sbl__leaf_set_uncertainty(sbl__leaf *leaf, double uncertainty) {
     const double steps = -SBL__UNCERTAINTY_STEPS * log(SBL__MAX(uncertainty, 1e-9)) / log(2.0);
@@ -8359,7 +8362,8 @@ static const char *const sbl__glsl_visibility_vertex[] = {
 /* >>glsl visibility_fragment: shaders_embedded/visibility_fragment.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_visibility_fragment[] = {
 "flat in int triangle;\n",
-"// For drivers without clip control: depth = depth_from_w * gl_FragCoord.w. 0: orthographic\n",
+"// For drivers without clip control. Above 0 (perspective): depth = depth_from_w * gl_FragCoord.w.\n",
+"// 0 (orthographic): depth = 2 * gl_FragCoord.z - 1\n",
 "uniform float depth_from_w;\n",
 "layout(location = 0) out uint out_triangle;  // 1 + number of the triangle; 0: the pixel shows none\n",
 "\n",
@@ -10709,9 +10713,10 @@ static const char *const sbl__glsl_trace[] = {
 "}\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
-"// Maximum number of segments of a ray. The mean light of a cell may differ much from the light at a near hit. The\n",
-"// store is not read there: a ray to a lamp finds the light of lamps, and the next segment finds the bounced light.\n",
-"// Only the last segment reads the store at any distance.\n",
+"// Maximum number of segments of a ray. A hit is near if sbl_is_near says so of its distance; the mean light of its\n",
+"// cell may differ much from the light there. Reflected light is therefore not read from the store at near hits,\n",
+"// except to subtract that of glows: a ray to a lamp finds the light of lamps, and the next segment finds the\n",
+"// bounced light. The last segment reads the store at any distance.\n",
 "const int SBL_LEGS = 3;\n",
 "\n",
 "// The rays that leave a near hit. All start at `from`.\n",
@@ -10956,7 +10961,8 @@ typedef struct sbl__job {
     int divisor;                /* sbl__spec.divisor of this job and of those that follow in the same scene; 0: 1 */
     uint32_t divisor_scene;     /* version of the scene that `divisor` belongs to */
     uint32_t told_scene;        /* version of the scene for which sbl__rays_warn has warned */
-    int look_end;               /* 1 + number of the round's last look; the first is task.first_look, or 0 (stuck) */
+    int look_end;               /* 1 + number of the round's last look. The first is task.first_look; in stuck tests,
+                                   it is 0 */
     int site, look;             /* indices of the site (stuck tests: suspect) to draw or read next and of its look */
     int drawn, aimed, reduced;  /* number of the next look to draw, to trace rays to lamps for, and to reduce */
     int batch;                  /* number of looks in the batch that is partly drawn; 0: no batch is partly drawn */
@@ -11021,8 +11027,8 @@ static float sbl__spec_offset(const sbl__spec *spec, const sbl__scene *scene, fl
 
 static int sbl__spec_layers(const sbl__spec *spec) { return spec->directional ? SBL__LAYERS : 1; }
 
-/* Returns the part of the standard error of a look's layers 1 to 4 that does not come from the noise of R, divided by
-   R: the few rays near the horizon have the largest weights in harmonics. */
+/* Returns the standard error, divided by R, that layers 1 to 4 of a look have even if R has no noise. It comes from
+   rays near the horizon, which are few and have the largest weights in harmonics. Views do not have it. */
 static float sbl__spec_layer_noise(const sbl__spec *spec) {
     return spec->no_light || !spec->traced ? 0 : SBL__RAY_LAYER_NOISE / (float)sqrt((double)spec->rays);
 }
@@ -11806,7 +11812,8 @@ typedef struct sbl__bounce {
     struct { uint32_t place; float normal[3], offset; } origin;
     sbl__site *sites;                /* the job's sites: points; in the last job, places in the air */
     sbl_reading *readings;
-    int site_count;                  /* number of sites that await their light */
+    int site_count;                  /* number of points in `sites` whose light from lamps the job measures; not used
+                                        by the last job */
     struct sbl__division *division;  /* a round of division, while it lasts */
     int divided;                     /* number of leaves that the round of division has divided, until places in
                                         them are queued; 0 at other times */
@@ -13777,7 +13784,7 @@ typedef struct sbl__pixel {
 #define SBL__CONTACT_ERROR 0.12f        /* as SILHOUETTE_ERROR, if the other surface is near: it may cast a shadow */
 #define SBL__CONTACT_DISTANCE 2.5f      /* largest distance of a near surface / distance between neighbouring sensors */
 #define SBL__PIXEL_ERROR 0.15f          /* error of a pixel that no estimate explains / error of the picture */
-#define SBL__NOISE_IN_BIAS 0.75f        /* part of raw_bias2 due to noise / variance of the sensors */
+#define SBL__NOISE_IN_BIAS 0.75f        /* noise adds this times the variance of the corners' sensors to raw_bias2 */
 #define SBL__NOISE_IN_SPLITS 1.25f      /* as NOISE_IN_BIAS, for gains of splits; larger, as looks reduce noise too */
 /* Noise of sensors. */
 #define SBL__LEAST_NOISE 1e-12f         /* least noise of a surface in the radiance map; 0 marks empty pixels */
@@ -13825,8 +13832,9 @@ typedef struct sbl__tile {
     float uncovered;          /* mean over all `pixels` of the bilinear weight of corners whose light they cannot use */
     float raw_bias2;          /* squared error of interpolation, estimated from light on the edges, noise included */
     float unseen_bias2;       /* part of raw_bias2 for changes of light between the last sensors and silhouettes */
-    float bias2, noise2;      /* mean relative squared errors: by interpolation, of all pixels but the upper left
-                                 (0 if must_split or a threshold decides); by noise, of all its pixels */
+    float bias2, noise2;      /* bias2: mean relative squared error of interpolation, over all pixels but the upper
+                                 left, which has a sensor; 0 if must_split or a threshold decides. noise2: mean
+                                 relative squared error by noise, over all pixels */
     float light, variance;    /* mean luminance of the corners; mean relative variance of one look of their sensors */
     float split_worth;        /* worth of a split, see SBL__GAIN_FLOOR; FLT_MAX: the split is necessary */
     float look_worth;         /* worth of doubling the looks of the corners' sensors */
@@ -13854,8 +13862,10 @@ typedef struct sbl__refine {
     int tile_count, tile_room;
     int first_new;            /* index of the first tile that has not been weighed yet */
     int row;                  /* next row of pixels of the tile that the COUNT stage is at */
-    int rounds, weighed;      /* number of rounds that are over; 1: errors have been predicted */
-    int listed;               /* number of tiles, or in COLLECT_SCOUTS of guides, whose sites this round has listed */
+    int rounds, weighed;      /* number of rounds whose readings have been taken; 1: errors have been predicted. A
+                                 restart sets both to 0 */
+    int listed;               /* number of tiles whose sites this round has listed; in COLLECT_SCOUTS of guides, in
+                                 COLLECT_PLACES of texels that are searched */
     sbl__site *sites;         /* sites of the job; site i belongs to pixel sites[i].number */
     sbl_reading *readings;
     float *reading_layers;    /* layers 1 and up of the readings, site after site */
@@ -13870,7 +13880,8 @@ typedef struct sbl__refine {
     double sum[3], pixels_summed;  /* for the next mean: sum of R over pixels (round 0: sensors); their number */
     float weights[3];         /* factors that turn a difference in each channel into a relative error */
     float variance_shares[SBL__DOUBLINGS];  /* [k]: variance of a mean of 2^k looks / variance of one look */
-    double measured2[SBL__DOUBLINGS];  /* [k]: sum of squared differences between 2^k looks and later looks */
+    double measured2[SBL__DOUBLINGS];  /* [k]: sum over sensors that took more looks after 2^k or somewhat more: squared
+                                          difference between the mean luminances of the earlier and of the new looks */
     double expected2[SBL__DOUBLINGS];  /* [k]: expected value of measured2[k] */
     int compared[SBL__DOUBLINGS];      /* [k]: number of differences in measured2[k] */
     double bias2, noise2;     /* sums over all tiles that are not split: the tile's bias2 times the number of pixels
@@ -14315,7 +14326,9 @@ static float sbl__difference(const float a[3], const float b[3], float *sum) {
     return most;
 }
 
-/* Returns 1 if two radiances differ by more than the threshold and by more than noise of this variance explains. */
+/* Returns 1 if the squared difference of two radiances exceeds the squared threshold plus NOISE_WEIGHT * variance.
+   variance: of the difference. The threshold is relative to the mean of both radiances plus a share of the picture's
+   luminance (DIFFERENCE_FLOOR); in SBL_MODE_PAPER it is a radiance. */
 static int sbl__differ(const sbl__refine *r, const float a[3], const float b[3], double variance) {
     float sum, least;
     const float most = sbl__difference(a, b, &sum);
@@ -14872,7 +14885,8 @@ static float sbl__tile_smoothing(const sbl__refine *r, const sbl__tile *c, float
     return 1 + 0.5f * (r->smoothing - 1) * alike * alike;
 }
 
-/* Computes a tile's noise from its corners, and adds the tile's light to r->sum. */
+/* Computes noise2, variance and light of a tile from its corners; the variance is mixed with that of the parent tile.
+   Adds the tile's light, pixels and variance to the sums of the picture. */
 static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
     const int span = sbl__tile_span(c);
     float variance, share = 0, light[3] = { 0, 0, 0 };
@@ -15967,7 +15981,8 @@ static sbl_result sbl__seam_measure(void *work, int point) {
     return SBL_SUCCESS;
 }
 
-/* Adds the solution to a texel. Channels of R that become negative are set to 0 and kept there. */
+/* Adds the solution to a texel. A channel of R that would become negative is set to 0, and the solutions that follow do
+   not change it. */
 static sbl_result sbl__seam_apply(void *work, int unknown) {
     sbl__seams *s = (sbl__seams *)work;
     float *texel = s->light->light + 4 * (size_t)s->texels[unknown];

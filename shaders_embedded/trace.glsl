@@ -48,9 +48,10 @@ float sbl_stratum_reciprocal(float u) {
 }
 
 #ifdef SBL_BOUNCED
-// Maximum number of segments of a ray. The mean light of a cell may differ much from the light at a near hit. The
-// store is not read there: a ray to a lamp finds the light of lamps, and the next segment finds the bounced light.
-// Only the last segment reads the store at any distance.
+// Maximum number of segments of a ray. A hit is near if sbl_is_near says so of its distance; the mean light of its
+// cell may differ much from the light there. Reflected light is therefore not read from the store at near hits,
+// except to subtract that of glows: a ray to a lamp finds the light of lamps, and the next segment finds the
+// bounced light. The last segment reads the store at any distance.
 const int SBL_LEGS = 3;
 
 // The rays that leave a near hit. All start at `from`.
