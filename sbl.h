@@ -1008,7 +1008,8 @@ typedef enum sbl_backend {
                                 and the light that it emits */
     SBL_BACKEND_TRACE,       /* traces rays through a bounding volume hierarchy; the cost grows with the logarithm of
                                 the number of triangles. The noise of sensors is known, so refinement follows light and
-                                not noise. Not in SBL_MODE_PAPER, nor with a draw callback */
+                                not noise. Not in SBL_MODE_PAPER, with a draw callback, or with
+                                SBL_SENSOR_SINGLE */
     SBL_BACKEND_COUNT
 } sbl_backend;
 
@@ -1062,7 +1063,7 @@ typedef struct sbl_picture_desc {
                                   their mean, instead of where the target error requires it; in SBL_MODE_PAPER the
                                   threshold is a radiance. Default: the target error decides.
                                   Default in SBL_MODE_PAPER: 0.05. Negative: 0, every difference refines */
-    float facet_limit;         /* triangles whose least height on the screen is at most this many pixels are lit by
+    float facet_limit;         /* triangles whose least height, seen face-on, is at most this many pixels are lit by
                                   their true normals, because the facets that shading normals hide are too small to be
                                   seen. From twice this height on, shading normals are used; in between, a mixture.
                                   Default: 2. Negative: shading normals on all triangles */
@@ -1361,7 +1362,8 @@ typedef struct sbl_sensor {
     float back_share;         /* share of the weight that sees back faces */
     float hit_min, hit_mean;  /* least and mean world distance to the surfaces seen; 0 if there are none */
     int valid;                /* 0: the sensor is stuck inside geometry, its light overflows, or rays were lost */
-    int sensed;               /* 0: the pixel was interpolated and had no sensor; the light shown was measured now */
+    int sensed;               /* 1: the pixel's light is from its sensor or from the store; 0: the pixel was
+                                 interpolated, and the inspection measured `radiance` */
     int level;                /* level of refinement at which the sensor was placed, from 0 */
     int view_count;           /* number of entries in views; 0 if rays were traced */
     sbl_sensor_view views[5];
@@ -4547,7 +4549,7 @@ static sbl_result sbl__solver_unknown(void *work, int unknown) {
     return SBL_SUCCESS;
 }
 
-/* Returns 1 if all systems are solved. left2: the squared length of what is left of their residuals */
+/* Returns 1 if all systems are solved. left2: per system, the squared length of the preconditioned residual now */
 static int sbl__solver_is_done(const sbl__solver *s, const double left2[3]) {
     int k, done = 1;
     for (k = 0; k < 3; k++) done &= left2[k] <= s->precision2 * s->most2[k];
@@ -5314,7 +5316,8 @@ static sbl__grid_node sbl__bvh_add_grid(sbl__hierarchy *h, const sbl__box *b, ui
     const int place = h->node_count++;
     sbl__grid_node grid;
     int k;
-    for (k = 0; k < 3; k++) {  /* steps must not be finer than the resolution of floats */
+    for (k = 0; k < 3; k++) {
+        /* A flat box gets some thickness: 1e-4 of its longest side, and at least 8 steps of floats at its place. */
         double size = SBL__MAX(1e-4 * (double)longest, SBL__MAX(1e-6 * fabs((double)b->low[k]), 1e-30));
         size = SBL__MAX((double)b->high[k] - b->low[k], size);
         grid.per_length[k] = (float)(65533 / size);
@@ -5613,10 +5616,11 @@ static const char *const sbl__glsl_traverse[] = {
 "\n",
 "sbl_Attributes sbl_attributes_of(sbl_Hit hit) { return sbl_attributes_at(hit.triangle, hit.b1, hit.b2); }\n",
 "\n",
-"// Returns the distance at which the ray enters the box, or `passed` if that is larger; 0x7fffffff if it leaves the\n",
-"// box before `passed` or does not enter it before `nearest`. Distances are the bits of floats: as integers, those\n",
-"// of positive floats have the same order, and those of negative floats are negative. per: ray distance per grid\n",
-"// step. offset: ray distance of the grid's origin. flip: where the ray's direction is negative\n",
+"// Returns the distance at which the ray enters the box, but at least `passed`; 0x7fffffff if the ray misses the\n",
+"// box, leaves it before `passed`, or enters it beyond `nearest`. A box that it enters at `nearest` counts, because\n",
+"// a triangle there with a lower number than the hit so far replaces it. Distances are the bits of floats: as\n",
+"// integers, those of positive floats have the same order, and those of negative floats are negative. per: ray\n",
+"// distance per grid step. offset: ray distance of the grid's origin. flip: where the ray's direction is negative\n",
 "int sbl_box(uvec4 box, vec3 per, vec3 offset, bvec3 flip, int passed, int nearest) {\n",
 "    vec3 low = vec3(box.xyz & 65535u), high = vec3(box.xyz >> 16);\n",
 "    ivec3 entry = floatBitsToInt(mix(low, high, flip) * per + offset);\n",
@@ -5666,7 +5670,8 @@ static const char *const sbl__glsl_traverse[] = {
 "        hit = sbl_Hit(l, triangle, number, v / determinant, w / determinant, (determinant < 0.0) == (ray.z > 0.0));\n",
 "}\n",
 "\n",
-"// Returns the nearest hit below the distance `limit` and above `after`, or at `after` with a number above `past`.\n",
+"// Returns the first hit after (after, past) at a distance below `limit`. Hits are ordered by distance and, at the\n",
+"// same distance, by the number of their triangle.\n",
 "sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float limit) {\n",
 "    sbl_Hit hit = sbl_Hit(limit, -1, -1, 0.0, 0.0, false);\n",
 "    vec3 size = abs(direction);\n",
@@ -8472,7 +8477,7 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
 static const char *const sbl__glsl_gbuffer_fragment[] = {
 "// Computes the surface points that the camera's pixels, or the texels of a lightmap, show.\n",
 "uniform usampler2D triangles;  // output of visibility_fragment.glsl; lightmaps: see SBL__ATLAS_WORDS\n",
-"uniform float facet_limit;     // pixels. Triangles whose least height on the screen is below this get their\n",
+"uniform float facet_limit;     // pixels. Triangles whose least height, seen face-on, is below this get their\n",
 "                               // geometric normal, above twice this their shading normal, in between a mixture\n",
 "layout(location = 0) out vec4 out_position;          // w: sbl_Surface.reach, see surface.glsl\n",
 "layout(location = 1) out vec4 out_normal;\n",
@@ -10190,7 +10195,8 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
     return result == SBL_SUCCESS ? sbl__blocks_make(d, blocks, spec->directional ? 5 : 2, sums[0], sums[1]) : result;
 }
 
-/* Computes the textures of a lens, row by row. Returns SBL_UNFINISHED if the slice ends before they are complete. */
+/* Computes the weights of a lens's texels and, for directional lightmaps, their directions, row by row, and uploads
+   them. Returns SBL_UNFINISHED if the slice ends before they are complete. */
 static sbl_result sbl__raster_weigh(const sbl__device *d, sbl__raster *r, sbl__lens *lens, const sbl__spec *spec,
                                     const sbl__slice *slice) {
     const sbl__layout *l = &lens->layout;
@@ -10729,7 +10735,8 @@ static const char *const sbl__glsl_trace[] = {
 "    vec3 direction, share;  // of the next segment: direction, and factor of the light that it finds\n",
 "};\n",
 "\n",
-"// Chooses the rays that leave a near hit at random. direction: of the ray that arrives there\n",
+"// Chooses at random, by `hash`, the ray to a lamp and the next segment, which start at a near hit (see SBL_LEGS).\n",
+"// direction: of the ray that arrives there\n",
 "sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, uint hash) {\n",
 "    vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,\n",
 "         e2 = sbl_triangle_corner_2(hit.triangle) - p0, e3 = e2 - e1;\n",
@@ -11819,8 +11826,8 @@ typedef struct sbl__bounce {
                                         them are queued; 0 at other times */
     uint32_t recent_lines[SBL__CONTACT_CACHE];  /* hash table of contact lines (where an object touches a flat
                                                    surface) that have cut their cells; hash collisions drop some */
-    int recheck;                     /* 1: a line has cut leaves below cut_leaves, where no place waits any more, so
-                                        all of `hits` must be queued again */
+    int recheck;                     /* 1: a line has cut leaves whose numbers are less than cut_leaves, for which no
+                                        place waits any more, so all of `hits` must be queued again */
     float *direct;                   /* 3 floats per leaf: direct light; after SBL__BOUNCE_NOISE, the leaf's noise */
     float *solved;                   /* light of each leaf, saved while the leaves hold noise */
     double change;                   /* balance.change of the previous round */
@@ -14843,7 +14850,8 @@ static int sbl__worth_bin(float worth) {
 /* Returns the least worth that falls into a bin. */
 static float sbl__bin_worth(int bin) { return (float)ldexp(0.5 + 0.125 * (bin % 4), bin / 4 - 100); }
 
-/* Adds to the histograms what removes the squared error `gain` for each look that it costs. */
+/* Adds a split, or further looks, to the histograms, in the bin of its worth. gain: reduction of the squared error per
+   look; cost: number of looks */
 static void sbl__weigh_add(sbl__refine *r, float worth, float gain, int cost) {
     const int bin = sbl__worth_bin(worth);
     r->gains[bin] += (double)gain * cost;
@@ -15114,8 +15122,8 @@ static int sbl__refine_after_weigh(void *work) {
     return SBL__REFINE_SPEND;
 }
 
-/* After a first round whose looks are too noisy, makes guides for their rays or, with guides or if spec->no_light is
-   set, gives looks more rays. In both cases all sensors start again. */
+/* Called after a first round whose looks are too noisy. If rays are not guided yet and can find light, makes guides.
+   Otherwise gives looks more rays, and sensors fewer looks at most. In both cases all sensors start again. */
 static int sbl__refine_after_restart(void *work) {
     sbl__refine *r = (sbl__refine *)work;
     const int times = sbl__refine_growth(r);
@@ -15256,7 +15264,8 @@ typedef struct sbl__fill {
     int layer;                  /* layer of light to fill in */
     int tile, row;              /* index of the next tile; its next row of pixels */
     float *rgba;                /* output, 4 floats per pixel: light; noise of R, above 0 where there is a surface */
-    int orphans;                /* number of pixels without usable light of their own or of their tile's corners */
+    int orphans;                /* number of pixels without usable light of their own that are hidden, or whose
+                                   tile's corners have none either */
     sbl__rings rings;           /* spread light to orphans over their surface */
 } sbl__fill;
 
@@ -15291,7 +15300,7 @@ static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, floa
         to[3] = SBL__MAX(least, sbl__noise(r, p));  /* not below the mean noise of the tile's sensors, because the
                                                        few rays of this one may agree by chance */
         p->error = sbl__pixel_error(r, p, c->noise2);
-    } else if (p->occlusion != SBL__HIDDEN) {  /* hidden texels are orphans: light does not go on under things */
+    } else if (p->occlusion != SBL__HIDDEN) {  /* a hidden texel is an orphan, to which rings spread light */
         sbl__interpolate(r, c, x, y, f->layer, &m);
         lit = m.covered > 0;
         for (k = 0; k < 3 && lit; k++) {
@@ -18939,7 +18948,8 @@ struct sbl_context {
 /* What sbl__visit_enter saves for sbl__visit_leave. */
 typedef struct sbl__visit { sbl__guard guard; sbl__egl before; sbl__inside inside; } sbl__visit;
 
-/* Makes the context's own GL context current, if it has one, and saves and sets the GL state. */
+/* Marks the context as working, so that calls from callbacks are refused. Makes its own GL context current, if it has
+   one, saves the host's GL state, and sets that of sbl.h. */
 static void sbl__visit_enter(sbl_context *c, sbl__visit *v) {
     v->inside = c->inside;
     c->inside = SBL__INSIDE_WORK;

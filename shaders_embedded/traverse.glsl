@@ -38,10 +38,11 @@ struct sbl_Hit {
 
 sbl_Attributes sbl_attributes_of(sbl_Hit hit) { return sbl_attributes_at(hit.triangle, hit.b1, hit.b2); }
 
-// Returns the distance at which the ray enters the box, or `passed` if that is larger; 0x7fffffff if it leaves the
-// box before `passed` or does not enter it before `nearest`. Distances are the bits of floats: as integers, those
-// of positive floats have the same order, and those of negative floats are negative. per: ray distance per grid
-// step. offset: ray distance of the grid's origin. flip: where the ray's direction is negative
+// Returns the distance at which the ray enters the box, but at least `passed`; 0x7fffffff if the ray misses the
+// box, leaves it before `passed`, or enters it beyond `nearest`. A box that it enters at `nearest` counts, because
+// a triangle there with a lower number than the hit so far replaces it. Distances are the bits of floats: as
+// integers, those of positive floats have the same order, and those of negative floats are negative. per: ray
+// distance per grid step. offset: ray distance of the grid's origin. flip: where the ray's direction is negative
 int sbl_box(uvec4 box, vec3 per, vec3 offset, bvec3 flip, int passed, int nearest) {
     vec3 low = vec3(box.xyz & 65535u), high = vec3(box.xyz >> 16);
     ivec3 entry = floatBitsToInt(mix(low, high, flip) * per + offset);
@@ -91,7 +92,8 @@ void sbl_test(int triangle, sbl_Ray ray, inout sbl_Hit hit) {
         hit = sbl_Hit(l, triangle, number, v / determinant, w / determinant, (determinant < 0.0) == (ray.z > 0.0));
 }
 
-// Returns the nearest hit below the distance `limit` and above `after`, or at `after` with a number above `past`.
+// Returns the first hit after (after, past) at a distance below `limit`. Hits are ordered by distance and, at the
+// same distance, by the number of their triangle.
 sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float limit) {
     sbl_Hit hit = sbl_Hit(limit, -1, -1, 0.0, 0.0, false);
     vec3 size = abs(direction);
