@@ -68,6 +68,7 @@ check embed_shaders_refuses_without_markers refuses_without_markers
 # >>scripts/test, run in a repository of small fake tests
 
 fake="$folder/fake repository"
+rest='/* RUN_PLAIN() */'  # makes scripts/test run a fake test twice: sanitized, and for the rest
 # fake_tests NAME|END|LAST-LINE...: runs scripts/test with programs that print LAST-LINE and then execute END; its
 # output is in $folder/verdict
 fake_tests() {
@@ -81,7 +82,7 @@ fake_tests() {
     for spec in "$@"; do
         body=${spec#*|}
         printf '#include <stdio.h>\n#include <stdlib.h>\n#include "touch.h"\n%s { puts("words"); puts("%s"); %s; }\n' \
-            'int main(void)' "${body#*|}" "unsigned sleep(unsigned); fflush(stdout); ${body%%|*}; return 0" > \
+            "$rest int main(void)" "${body#*|}" "unsigned sleep(unsigned); fflush(stdout); ${body%%|*}; return 0" > \
                 "$fake/tests/test_${spec%%|*}.c"
     done
     "$fake/scripts/test" > "$folder/verdict" 2>&1
@@ -95,7 +96,10 @@ fails_with() {
 }
 # env_of NAME=VALUE COMMAND...
 env_of() { (export "${1?}"; shift; "$@"); }
-# every test runs twice: plain and sanitized
+runs_once_without_a_rest() {
+    (rest=; fake_tests "one|exit(0)|3 passed, 0 failed, 1 skipped") || { cat "$folder/verdict"; return 1; }
+    tail -n 1 "$folder/verdict" | grep -qx '3 passed, 0 failed, 1 skipped' || { cat "$folder/verdict"; return 1; }
+}
 adds_up() {
     fake_tests "one|exit(0)|3 passed, 0 failed, 1 skipped" "two|exit(0)|4 passed, 0 failed, 0 skipped" ||
         { cat "$folder/verdict"; return 1; }
@@ -107,7 +111,7 @@ good="good|exit(0)|$one"
 # the last run. The recorded times are replaced before the second run, because measured times differ between machines.
 names_and_order() {
     ! fake_tests "$good" "bad|exit(1)|2 passed, 1 failed, 0 skipped" "slow|exit(0)|$one" || return
-    for kind in sanitized plain; do
+    for kind in sanitized rest; do
         grep -Eqx '[0-9]+[.][0-9]+' "$fake/build/took/test_slow.$kind" || { ls "$fake/build/took"; return 1; }
         echo 9 > "$fake/build/took/test_slow.$kind"
         echo 1 > "$fake/build/took/test_good.$kind"
@@ -120,6 +124,7 @@ names_and_order() {
 }
 check test_takes_names_and_orders names_and_order
 check test_adds_up adds_up
+check test_runs_once_without_a_rest runs_once_without_a_rest
 check test_fails_on_a_failure fails_with '6 passed, 2 failed, 0 skipped' "$good" \
     "bad|exit(1)|2 passed, 1 failed, 0 skipped"
 check test_fails_on_a_crash fails_with '2 passed, 2 failed, 0 skipped' "$good" "crash|abort()|words"

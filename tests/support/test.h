@@ -21,7 +21,6 @@ static int test_passed, test_failed, test_skipped;
 static int test_checks, test_errors, test_left_out;
 
 #define TEST(name) static void test_##name(void)
-#define RUN(name) test_run(#name, test_##name)
 #define TEST__FAIL(...) (test_errors++, printf("  %s:%d: ", __FILE__, __LINE__), printf(__VA_ARGS__), printf("\n"))
 #define CHECK(condition, ...) do { test_checks++; if (!(condition)) TEST__FAIL(__VA_ARGS__); } while (0)
 #define REQUIRE(condition, ...) do { test_checks++; if (!(condition)) { TEST__FAIL(__VA_ARGS__); return; } } while (0)
@@ -34,11 +33,14 @@ static inline int test_kind_is(const char *kind) {
     const char *now = getenv("TEST_KIND");
     return strcmp(now ? now : "plain", kind) == 0;
 }
-/* Runs a test in plain runs only: a long test whose code shorter tests run, too. Plain runs leave out nothing. */
-#define RUN_PLAIN(name) do { if (test_kind_is("plain")) RUN(name); } while (0)
+/* Runs a test in all runs but `rest`, because it ran with sanitizers then. */
+#define RUN(name) do { if (!test_kind_is("rest")) test_run(#name, test_##name); } while (0)
+
+/* Runs a test once: a long test whose code shorter tests run in the other runs. Plain runs leave out nothing. */
+#define RUN_PLAIN(name) do { if (test_kind_is("plain") || test_kind_is("rest")) test_run(#name, test_##name); } while (0)
 
 /* Runs a test unless there are sanitizers: a test that compares numbers and whose code other tests run with them. */
-#define RUN_UNSANITIZED(name) do { if (!test_kind_is("sanitized")) RUN(name); } while (0)
+#define RUN_UNSANITIZED(name) do { if (!test_kind_is("sanitized")) test_run(#name, test_##name); } while (0)
 
 /* Unlike fmax and fmin they keep NaN, so that every comparison with the result fails. */
 static inline double test_max(double a, double b) { return a >= b || a != a ? a : b; }
