@@ -37,7 +37,8 @@ static inline int test_kind_is(const char *kind) {
 #define RUN(name) do { if (!test_kind_is("rest")) test_run(#name, test_##name); } while (0)
 
 /* Runs a test once: a long test whose code shorter tests run in the other runs. Plain runs leave out nothing. */
-#define RUN_PLAIN(name) do { if (test_kind_is("plain") || test_kind_is("rest")) test_run(#name, test_##name); } while (0)
+#define RUN_PLAIN(name) \
+    do { if (test_kind_is("plain") || test_kind_is("rest")) test_run(#name, test_##name); } while (0)
 
 /* Runs a test unless there are sanitizers: a test that compares numbers and whose code other tests run with them. */
 #define RUN_UNSANITIZED(name) do { if (!test_kind_is("sanitized")) test_run(#name, test_##name); } while (0)
