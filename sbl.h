@@ -4225,7 +4225,7 @@ static const sbl__object *sbl__triangle_object(const sbl__geometry *g, uint32_t 
     return &g->objects[g->vertices[g->indices[3 * (size_t)triangle]].object];
 }
 
-/* Returns 1 if a triangle's material reflects nothing. */
+/* Returns 1 if a triangle is black: its material reflects nothing. */
 static int sbl__triangle_is_black(const sbl__geometry *g, uint32_t triangle) {
     return !(sbl__max3(sbl__triangle_object(g, triangle)->albedo) > 0);
 }
@@ -5616,11 +5616,12 @@ static const char *const sbl__glsl_traverse[] = {
 "\n",
 "sbl_Attributes sbl_attributes_of(sbl_Hit hit) { return sbl_attributes_at(hit.triangle, hit.b1, hit.b2); }\n",
 "\n",
-"// Returns the distance at which the ray enters the box, but at least `passed`; 0x7fffffff if the ray misses the\n",
-"// box, leaves it before `passed`, or enters it beyond `nearest`. A box that it enters at `nearest` counts, because\n",
-"// a triangle there with a lower number than the hit so far replaces it. Distances are the bits of floats: as\n",
-"// integers, those of positive floats have the same order, and those of negative floats are negative. per: ray\n",
-"// distance per grid step. offset: ray distance of the grid's origin. flip: where the ray's direction is negative\n",
+"// Returns the distance at which the ray enters the box, or `passed` if that is larger. Returns 0x7fffffff if the\n",
+"// ray misses the box, if it leaves the box before `passed`, or if it enters the box beyond `nearest`. The ray may\n",
+"// enter the box exactly at `nearest`, because of two triangles at the same distance the one with the lower number\n",
+"// is hit. All distances are the bits of floats. As integers, the bits of positive floats have the same order as\n",
+"// the floats, and those of negative floats are negative. per: distance along the ray per grid step. offset:\n",
+"// distance along the ray of the grid's origin. flip: tells for each axis whether the ray's direction is negative\n",
 "int sbl_box(uvec4 box, vec3 per, vec3 offset, bvec3 flip, int passed, int nearest) {\n",
 "    vec3 low = vec3(box.xyz & 65535u), high = vec3(box.xyz >> 16);\n",
 "    ivec3 entry = floatBitsToInt(mix(low, high, flip) * per + offset);\n",
@@ -10735,8 +10736,8 @@ static const char *const sbl__glsl_trace[] = {
 "    vec3 direction, share;  // of the next segment: direction, and factor of the light that it finds\n",
 "};\n",
 "\n",
-"// Chooses at random, by `hash`, the ray to a lamp and the next segment, which start at a near hit (see SBL_LEGS).\n",
-"// direction: of the ray that arrives there\n",
+"// Chooses at random the two rays that start at a near hit (see SBL_LEGS): the ray to a lamp and the next segment.\n",
+"// direction: the direction of the ray that arrives at the hit. hash: the source of the random numbers\n",
 "sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, uint hash) {\n",
 "    vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,\n",
 "         e2 = sbl_triangle_corner_2(hit.triangle) - p0, e3 = e2 - e1;\n",
@@ -11676,7 +11677,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__FILL_WIDER 0.6        /* from this fill on, new leaves belong to cells of level 1 */
 #define SBL__FILL_WIDEST 0.8       /* from this fill on, new leaves belong to cells of level 2 */
 #define SBL__FILL_FULL 0.95        /* from this fill on, new leaves belong to cells of level 3 */
-#define SBL__FILL_BLACK 0.25       /* largest fill of leaves on surfaces that reflect nothing, once these have joined */
+#define SBL__FILL_BLACK 0.25       /* leaves on black surfaces stay below this fill, see SBL__BLACK_JOINED */
 #define SBL__BOUNCE_GROWTH 1.5     /* if leaves do not suffice, the cells' area is multiplied by at least this */
 #define SBL__BOUNCE_GROWTH_MOST 2.0  /* if leaves do not suffice, the cells' area is multiplied by at most this */
 #define SBL__BOUNCE_SHRINK_MOST 0.03  /* if leaves are left over, the cells' area is multiplied by at least this */
@@ -11779,12 +11780,12 @@ enum {
     SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
 };
 
-/* Which leaves surfaces that reflect nothing get while the size of cells is searched. No ray reads these leaves, but
-   rays of their points find the surfaces whose light falls on black surfaces. */
+/* Which leaves black surfaces get while the size of cells is searched. A black surface reflects nothing, so that no ray
+   reads the light of its leaves, but rays of their points find the surfaces whose light falls on it. */
 typedef enum sbl__black {
-    SBL__BLACK_EQUAL,     /* as many as other surfaces */
-    SBL__BLACK_LEFT_OUT,  /* none, because black surfaces would take most leaves */
-    SBL__BLACK_JOINED     /* at most SBL__FILL_BLACK of the store, because the size of cells has been found */
+    SBL__BLACK_EQUAL,     /* black surfaces get leaves as other surfaces do */
+    SBL__BLACK_LEFT_OUT,  /* black surfaces get no leaves, because they would take most of them */
+    SBL__BLACK_JOINED     /* the size of cells has been found; black surfaces get leaves up to SBL__FILL_BLACK */
 } sbl__black;
 
 typedef struct sbl__bounce {
@@ -11839,8 +11840,8 @@ typedef struct sbl__bounce {
     double needed_growth;            /* factor by which the cells' area must grow; 0: leaves suffice */
     int previous_leaves;             /* value of seen_leaves when cells last became smaller; 0: they never did */
     int rounds;
-    sbl__black black;                /* which leaves surfaces that reflect nothing get */
-    int black_leaves;                /* number of leaves on surfaces that reflect nothing */
+    sbl__black black;                /* says which leaves black surfaces get */
+    int black_leaves;                /* number of leaves on black surfaces */
     int sample_small;                /* 1: small triangles get surface samples, too. It is set when few leaves reflect
                                         light, since the light may be in a small room of a large scene. */
     int samples_placed;              /* 1: the surface samples have been queued as places for points */
@@ -11974,11 +11975,6 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, 
 static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
     const uint32_t patch = s->patches[at->place >> 1] ^ (at->place & 1 ? SBL__PATCH_BACK : 0);
     return patch | (at->distance * SBL__NEAR_PART < s->length ? SBL__PATCH_NEAR : 0);
-}
-
-/* Returns 1 if a ray hit a surface that reflects light. */
-static int sbl__hit_reflects(const sbl__bounce *b, const sbl__hit *hit) {
-    return hit->place != SBL__NOWHERE && !sbl__triangle_is_black(b->geometry, hit->place >> 1);
 }
 
 /* Returns the reference to the leaf of a place, which is 0 if there is no leaf yet; NULL: no slot is left. If the cell
@@ -12144,7 +12140,7 @@ static int sbl__bounce_queued(void *work) {
     return b->needed_growth > 0 ? 0 : b->queue.count;
 }
 
-/* Returns the largest number of leaves on surfaces that reflect nothing. */
+/* Returns how many leaves black surfaces may have. */
 static int sbl__bounce_black_most(const sbl__bounce *b) {
     static const double fills[] = { 1, 0, SBL__FILL_BLACK };
     return (int)(fills[b->black] * b->store->max_leaves);
@@ -12155,10 +12151,11 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *at = &b->queue.list[number];
     const sbl__store *s = b->store;
-    const int black = !sbl__hit_reflects(b, at);
     uint32_t *reference;
-    int leaf, added, ok = 1;
-    if (at->place == SBL__NOWHERE || (black && b->black_leaves >= sbl__bounce_black_most(b))) return SBL_SUCCESS;
+    int leaf, added, black, ok = 1;
+    if (at->place == SBL__NOWHERE) return SBL_SUCCESS;
+    black = sbl__triangle_is_black(b->geometry, at->place >> 1);
+    if (black && b->black_leaves >= sbl__bounce_black_most(b)) return SBL_SUCCESS;
     reference = sbl__place_find(s, at, NULL);
     if (!reference || (!*reference && s->leaf_count >= s->max_leaves)) {
         if (b->patching.pool < SBL__BOUNCE_POOL && !b->divisions)
@@ -12202,7 +12199,10 @@ static double sbl__bounce_shrink(sbl__bounce *b, double fill) {
     const sbl__patching *p = &b->patching;
     const double least = SBL__MIN(SBL__BOUNCE_GROWTH_LEAST, p->reflecting / p->area) / p->growth;
     int i, nearby = 0, seen = 0, hits = 0;
-    for (i = 0; i < b->point_count * SBL__BOUNCE_RAYS; i++) hits += sbl__hit_reflects(b, &b->hits.list[i]);
+    for (i = 0; i < b->point_count * SBL__BOUNCE_RAYS; i++) {
+        const uint32_t place = b->hits.list[i].place;
+        hits += place != SBL__NOWHERE && !sbl__triangle_is_black(b->geometry, place >> 1);
+    }
     for (i = 0; i < b->point_count; i++) {
         const float distance = b->points[i].at.distance;
         seen += distance < SBL__UNSEEN;
@@ -12214,8 +12214,8 @@ static double sbl__bounce_shrink(sbl__bounce *b, double fill) {
     return SBL__MAX(fill / SBL__FILL_AIM, SBL__MAX(SBL__BOUNCE_SHRINK_MOST, least));
 }
 
-/* Returns the next stage after an attempt with one size of cells: another attempt, or the end of the search. If
-   surfaces that reflect nothing take most leaves, they are left out of the search, and join in the last attempt. */
+/* Returns the next stage after an attempt with one size of cells: another attempt, or the end of the search. If black
+   surfaces take most leaves, they are left out of the search, and join in the last attempt. */
 static int sbl__bounce_after_attempt(sbl__bounce *b, double fill) {
     const int reflecting = b->store->leaf_count - b->black_leaves;
     const int few = reflecting < SBL__FILL_LEAST * b->store->max_leaves;
@@ -13775,7 +13775,8 @@ typedef struct sbl__pixel {
 #define SBL__HIDDEN_REACH 2       /* distance_limit / width of a texel */
 /* The search for places of a hidden texel from which light can leave. */
 #define SBL__PLACE_RAYS 64        /* number of rays, each from another place of the texel */
-#define SBL__PLACE_TRIES 256      /* largest number of tries to find PLACE_RAYS places; some lie beside the chart */
+#define SBL__PLACE_TRIES 256      /* the search for PLACE_RAYS places ends after this many tries, because some tries
+                                     lie beside the chart and do not count as places */
 #define SBL__PLACES_OPEN 4        /* the search fails if fewer rays than this leave the neighbourhood of the texel */
 #define SBL__PLACES 8             /* largest number of places at which a texel's sensor looks */
 
@@ -14455,9 +14456,12 @@ static int sbl__refine_room(sbl__refine *r, int more) {
            sbl__grow(base, &r->reading_layers, &r->reading_layer_room, count, r->harmonics * sizeof(float));
 }
 
-/* Makes the site for look number i of a texel with places, which look in turn. */
-static void sbl__refine_place(const sbl__refine *r, int index, int i, sbl__site *out) {
+/* Makes the site for looks from number i on. It is at the pixel's position or, if the pixel is a texel with places, at
+   the place whose turn it is. looks: number of looks, which is 1 if there are places */
+static void sbl__refine_look_site(const sbl__refine *r, int index, int i, int looks, sbl__site *out) {
     const sbl__pixel *p = &r->pixels[index];
+    sbl__refine_site(r, index, i, looks, out);
+    if (!p->places) return;
     *out = r->places[p->places - 1 + i % p->place_count];
     out->guide = sbl__guide_for(r, index);
     out->first = i % r->spec->looks;
@@ -14465,11 +14469,11 @@ static void sbl__refine_place(const sbl__refine *r, int index, int i, sbl__site 
 
 /* Lists the looks that a pixel's sensor has yet to take: one site or, for a texel with places, one per look. */
 static sbl_result sbl__refine_list_pixel(sbl__refine *r, const sbl__pixel *p) {
-    const int index = (int)(p - r->pixels), looks = p->wanted - p->looks;
+    const int index = (int)(p - r->pixels), looks = p->wanted - p->looks, at_once = p->places ? 1 : looks;
     int i;
     if (!sbl__refine_room(r, p->places ? looks : 1)) return SBL_ERROR_OUT_OF_MEMORY;
-    if (!p->places) sbl__refine_site(r, index, p->looks, looks, &r->sites[r->site_count++]);
-    for (i = p->looks; i < p->wanted && p->places; i++) sbl__refine_place(r, index, i, &r->sites[r->site_count++]);
+    for (i = p->looks; i < p->wanted; i += at_once)
+        sbl__refine_look_site(r, index, i, at_once, &r->sites[r->site_count++]);
     r->look_count += looks;
     return SBL_SUCCESS;
 }
@@ -18619,9 +18623,7 @@ static sbl_result sbl__inspect(sbl__inspect_request *k) {
     task.layers = k->layers;
     task.site_count = 1;
     task.first_look = sbl__refine_pixel(&k->map->refine, (size_t)k->pixel)->look;
-    if (sbl__refine_pixel(&k->map->refine, (size_t)k->pixel)->places)
-        sbl__refine_place(&k->map->refine, k->pixel, 0, &k->site);
-    else sbl__refine_site(&k->map->refine, k->pixel, 0, 1, &k->site);
+    sbl__refine_look_site(&k->map->refine, k->pixel, 0, 1, &k->site);
     sbl__look_make(&task.spec, &k->site, 0, &k->look);
     sbl__job_begin(j, &c->scene, &task);
     while (result == SBL_UNFINISHED) {

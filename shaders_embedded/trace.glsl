@@ -64,8 +64,8 @@ struct sbl_Reflection {
     vec3 direction, share;  // of the next segment: direction, and factor of the light that it finds
 };
 
-// Chooses at random, by `hash`, the ray to a lamp and the next segment, which start at a near hit (see SBL_LEGS).
-// direction: of the ray that arrives there
+// Chooses at random the two rays that start at a near hit (see SBL_LEGS): the ray to a lamp and the next segment.
+// direction: the direction of the ray that arrives at the hit. hash: the source of the random numbers
 sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, uint hash) {
     vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,
          e2 = sbl_triangle_corner_2(hit.triangle) - p0, e3 = e2 - e1;

@@ -436,7 +436,7 @@ TEST(furnaces) {
    surface is outside; cells must be small enough for what is inside, although nothing there has a share of the area. */
 TEST(a_furnace_in_a_large_scene) {
     static const float grounds[] = { 100, 1000, 3000, 0, 100, 0 }, boxes[] = { 0, 0, 0, 6000, 6000, 60000 };
-    int i;
+    int i, k;
     for (i = 0; i < 6; i++) {
         test_scene s = { 0 };
         const float h = grounds[i] / 2, half = boxes[i] / 2;
@@ -447,11 +447,12 @@ TEST(a_furnace_in_a_large_scene) {
         if (half > 0) scene_box(&s, scene_material(&s, 0, 0, 0), -half, -half, -half, half, half, half);
         site_count = 0;
         add_sites_anywhere(0.9, 100);
+        for (k = 0; k < site_count; k++) sites[k].offset = -1;  /* the usual offset is a share of the whole scene */
         if (use_scene(&s, 6144) && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 256)) {
             worst = off_one(&mean);
             printf("  ground of %g, box of %g: mean off by %.2g, rms %.2g, worst %.2g; %d cells\n", (double)grounds[i],
                    (double)boxes[i], mean, rms_off_one(), worst, sbl_query_stats(context).store.cells);
-            CHECK(mean < 0.01 && worst < 0.1, "ground of %g, box of %g: the mean of R is off by %g, at most %g",
+            CHECK(mean < 0.01 && worst < 0.06, "ground of %g, box of %g: the mean of R is off by %g, at most %g",
                   (double)grounds[i], (double)boxes[i], mean, worst);
             CHECK(rms_off_one() < 0.016, "ground of %g, box of %g: R has an error of %g", (double)grounds[i],
                   (double)boxes[i], rms_off_one());

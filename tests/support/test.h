@@ -33,10 +33,11 @@ static inline int test_kind_is(const char *kind) {
     const char *now = getenv("TEST_KIND");
     return strcmp(now ? now : "plain", kind) == 0;
 }
-/* Runs a test in all runs but `rest`, because it ran with sanitizers then. */
+/* Runs a test in all runs but `rest`, because the sanitized run of the program runs it, too. */
 #define RUN(name) do { if (!test_kind_is("rest")) test_run(#name, test_##name); } while (0)
 
-/* Runs a test once: a long test whose code shorter tests run in the other runs. Plain runs leave out nothing. */
+/* Runs a test in plain and `rest` runs only: a long test whose code shorter tests run in the other runs. A program has
+   only one of these two runs. */
 #define RUN_PLAIN(name) \
     do { if (test_kind_is("plain") || test_kind_is("rest")) test_run(#name, test_##name); } while (0)
 
