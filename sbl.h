@@ -287,8 +287,8 @@
    cell is the part of a smooth surface that lies in one cube of a grid over the scene. Its light is measured at up to
    four points, where rays have met it: light from lamps as sensors measure it, and rays find the sky and other cells.
    These rays define a system of linear equations, whose solution contains all bounces. Where the light varies much and
-   many rays arrive, cells are then divided. Small places that are far brighter than the rest, such as a spot on a
-   ceiling that lights a room, become lamps, because few rays find them.
+   many rays arrive, cells are then divided or get further points, up to 32. Small places that are far brighter than the
+   rest, such as a spot on a ceiling that lights a room, become lamps, because few rays find them.
 
    Light does not leak through walls or creep under them. The two sides of a wall have different cells, and the plane of
    a wall that stands on a floor cuts the cells of the floor. The sensors of a picture use the store only for the light
@@ -6297,6 +6297,7 @@ typedef struct sbl__store {
     sbl__bright_cell *bright;  /* all cells with bright leaves, in the order of sbl__bright_order */
     int cut_count, cut_room, leaf_count, leaf_room, bright_count;
     int max_leaves;
+    int divided;               /* 1: a round of division has begun; all parts of a cell keep the cell's level */
     int unseen_level;          /* level of the cells that surface samples get whose rays hit nothing */
     int made_for;              /* max_leaves when the light was made, which may have been in an earlier run */
     float brightest;           /* largest channel of R in any leaf */
@@ -11651,7 +11652,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 
 /* ======================================================================================================== >>bounce
    Fills the store of bounced light. Rays from samples of all surfaces find the places that surfaces see, and these
-   become points. Each leaf has up to SBL__BOUNCE_POINTS points, and each point sends SBL__BOUNCE_RAYS rays, whose hits
+   become points. Each leaf gets up to SBL__BOUNCE_POINTS points, and each point sends SBL__BOUNCE_RAYS rays, whose hits
    become points of other leaves, until nothing new is hit. Finally surface samples fill the leaves that no ray hit. If
    there are too many leaves, or too few, the work begins again with cells of another size, and in the latter case with
    samples on small triangles, too.
@@ -11693,15 +11694,19 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
                                       get cells of the widest level; otherwise of the level below it */
 #define SBL__BOUNCE_SMALL_SAMPLES 4096.0  /* maximum number, on average, of small triangles that get a surface sample */
 #define SBL__BOUNCE_SAMPLE_RAYS 4
-#define SBL__BOUNCE_POINTS 4       /* largest number of points of a leaf */
+#define SBL__BOUNCE_POINTS 4       /* largest number of points of a leaf before rounds of division */
+#define SBL__BOUNCE_POINTS_MOST 32 /* largest number of points of a leaf after them */
 #define SBL__BOUNCE_RAYS 16        /* rays of a point */
 #define SBL__BOUNCE_SEQUENCES 4    /* sequences of ray directions, which the points of a leaf use in turn */
 #define SBL__DIVISIONS 2           /* largest number of rounds of division, see >>bounce: division */
 #define SBL__DIVIDE_SHARE 0.15     /* largest number of leaves that a round divides, relative to all */
-#define SBL__DIVIDE_FILL 0.55      /* fill up to which leaves are divided, below FILL_WIDER */
+#define SBL__DIVIDE_FILL 0.85      /* fill up to which leaves are divided */
 #define SBL__DIVIDE_HITS 8.0       /* least number of rays that hit a leaf that is divided */
-#define SBL__DIVIDE_ERROR 0.0035   /* leaves are divided if the mean light that all rays read has a larger standard
-                                      error, relative to the light */
+#define SBL__DIVIDE_ERROR 0.0035   /* leaves are divided and get further points if the mean light that all rays read
+                                      has a larger standard error, relative to the light */
+#define SBL__DIVIDE_POINTS 0.19    /* a leaf should have this many points for each ray that hits it, times the share
+                                      of light that it reflects, times the standard deviation of the light in its
+                                      region, relative to the root mean square of all light */
 #define SBL__DIVIDE_REGION 3u      /* a region is as large as a cell of this level would be */
 #define SBL__SCORES 512            /* number of classes of scores */
 #define SBL__SCORE_STEPS 4         /* classes per factor of two */
@@ -11766,10 +11771,11 @@ typedef struct sbl__bounce_point {
 
 enum { SBL__BRIGHT_NEAR = 1, SBL__BRIGHT };
 
-/* A leaf while the store is filled. points: number of points; first: index of the first; valid: number of points with
-   valid readings; bright: SBL__BRIGHT if it is bright, SBL__BRIGHT_NEAR if rays from afar read a bright leaf at its
-   place; otherwise 0; share: approximate share of its cell that it has after divisions */
-typedef struct sbl__bounce_leaf { int points, first, valid, bright; float share; } sbl__bounce_leaf;
+/* A leaf while the store is filled. points: number of points; most: largest number of points, see >>bounce: division;
+   first: index of the first point; valid: number of points with valid readings; bright: SBL__BRIGHT if it is bright,
+   SBL__BRIGHT_NEAR if rays from afar read a bright leaf at its place; otherwise 0; share: approximate share of its cell
+   that it has after divisions */
+typedef struct sbl__bounce_leaf { int points, most, first, valid, bright; float share; } sbl__bounce_leaf;
 
 enum {
     SBL__BOUNCE_PATCHES, SBL__BOUNCE_GRID, SBL__BOUNCE_SAMPLE, SBL__BOUNCE_CAST_SAMPLES, SBL__BOUNCE_PLACE,
@@ -11823,8 +11829,8 @@ typedef struct sbl__bounce {
     int site_count;                  /* number of points in `sites` whose light from lamps the job measures; not used
                                         by the last job */
     struct sbl__division *division;  /* a round of division, while it lasts */
-    int divided;                     /* number of leaves that the round of division has divided, until places in
-                                        them are queued; 0 at other times */
+    int divided;                     /* number of leaves that the round of division has divided or that need further
+                                        points, until places in them are queued; 0 at other times */
     uint32_t recent_lines[SBL__CONTACT_CACHE];  /* hash table of contact lines (where an object touches a flat
                                                    surface) that have cut their cells; hash collisions drop some */
     int recheck;                     /* 1: a line has cut leaves whose numbers are less than cut_leaves, for which no
@@ -11833,7 +11839,7 @@ typedef struct sbl__bounce {
     float *solved;                   /* light of each leaf, saved while the leaves hold noise */
     double change;                   /* balance.change of the previous round */
     /* sums over rays of the luminance of their radiance, and of its square; number of rays; sum over points of the
-       luminance of R. All are weighted by the share of the point's leaf (see sbl__bounce_shine) */
+       luminance of R. All are weighted by sbl__point_weight and the share of the point's leaf */
     struct { double light, squares, rays, received; } found;
     /* sums over leaves in this round: direct light, all light before and after, absolute changes in all channels */
     struct { double direct[3], before[3], after[3], change; } balance;
@@ -11978,16 +11984,19 @@ static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
 }
 
 /* Returns the reference to the leaf of a place, which is 0 if there is no leaf yet; NULL: no slot is left. If the cell
-   has no leaf and leaves are becoming scarce, a wider cell is used. patch: NULL, or receives the patch word with the
-   level of the cell. Places at distance SBL__UNSEEN, which only points in the air may see, use wide cells. */
+   has no leaf and leaves are becoming scarce, a wider cell is used. After a round of division, this is done only for
+   cells without cuts. patch: NULL, or receives the patch word with the level of the cell. Places at distance
+   SBL__UNSEEN, which only points in the air may see, use wide cells. */
 static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32_t *patch) {
     static const double fills[SBL__LEVELS] = { SBL__FILL_WIDER, SBL__FILL_WIDEST, SBL__FILL_FULL, 1 };
     uint32_t *reference = NULL, word = sbl__place_patch(s, at);
     int level = at->distance < SBL__UNSEEN ? 0 : s->unseen_level, depth;
+    double fill;
     word += SBL__PATCH_LEVEL * (uint32_t)level;
     for (; level < SBL__LEVELS; level++, word += SBL__PATCH_LEVEL) {
         reference = sbl__store_find(s, word, at->position, &depth);
-        if (reference && (*reference || s->leaf_count < fills[level] * s->max_leaves)) break;
+        fill = depth && s->divided ? 1 : fills[level];
+        if (reference && (*reference || s->leaf_count < fill * s->max_leaves)) break;
     }
     if (patch) *patch = word;
     return reference;
@@ -12047,7 +12056,7 @@ static sbl_result sbl__bounce_grid(void *work, sbl__slice *slice) {
     sbl__free(base, s->cells);
     s->cells = (sbl__cell_slot *)sbl__alloc(base, (size_t)room, sizeof *s->cells);
     s->cell_room = s->cells ? room : 0;
-    s->leaf_count = s->cut_count = 0;
+    s->leaf_count = s->cut_count = s->divided = 0;
     return s->cells ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
@@ -12130,6 +12139,7 @@ static int sbl__bounce_add_leaf(sbl__bounce *b, uint32_t *reference) {
     memset(&s->leaves[leaf], 0, sizeof *s->leaves);
     memset(&b->states[leaf], 0, sizeof *b->states);
     b->states[leaf].first = b->point_count;
+    b->states[leaf].most = SBL__BOUNCE_POINTS;
     *reference = (uint32_t)++s->leaf_count;
     return 1;
 }
@@ -12167,7 +12177,7 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     b->black_leaves += added && black;
     leaf = (int)*reference - 1;
     if (!added && leaf >= b->cut_leaves) ok = sbl__hits_add(b, &b->waiting, at);
-    else if (b->states[leaf].points < SBL__BOUNCE_POINTS) ok = sbl__bounce_add_point(b, at, leaf);
+    else if (b->states[leaf].points < b->states[leaf].most) ok = sbl__bounce_add_point(b, at, leaf);
     return ok ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
@@ -12696,6 +12706,12 @@ static sbl_result sbl__bounce_run_job(void *work, sbl__slice *slice) {
 
 /* >>bounce: all bounces at once */
 
+/* Returns the weight of a point in sums over all points. Leaves with further points do not count more than others. */
+static double sbl__point_weight(const sbl__bounce *b, int point) {
+    const int points = b->states[b->points[point].leaf].points;
+    return points > SBL__BOUNCE_POINTS ? (double)SBL__BOUNCE_POINTS / points : 1;
+}
+
 /* Computes the light of the environment from those rays of a point that hit nothing. */
 static void sbl__bounce_sky(const sbl__bounce *b, int point, float out[3]) {
     const sbl__hit *hits = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS];
@@ -12837,27 +12853,29 @@ static int sbl__bounce_after_gather(void *work) {
 }
 
 /* >>bounce: division. Light varies most where lamps are near, and many rays read some leaves and few read others. Once
-   the light is known, the leaves that contribute most to the error are divided, and both parts get points. Points of a
-   single leaf must not decide about it: leaves would be divided because a point is bright by chance, the further
-   points would lower their light, and those that are dark by chance would stay as they are. Therefore the variance is
-   that of all points in a region. */
+   the light is known, the leaves that contribute most to the error are divided, and both parts get points. Leaves whose
+   error is that of the whole scene, because very many rays read them, get further points. Points of a single leaf must
+   not decide about it: leaves would be divided because a point is bright by chance, the further points would lower
+   their light, and those that are dark by chance would stay as they are. Therefore the variance is that of all points
+   in a region. */
 
-/* Sums over the rays that hit a leaf. weight: of the squares of the shares of light that the leaf reflects;
-   places, squares: of positions relative to the leaf's first point, and of their squares, per axis. score: weight times
-   the variance of the light in the leaf's region, relative to the mean square of all light */
+/* Sums over the rays that hit a leaf, with sbl__point_weight. hits: of 1; weight: of the squares of the shares of light
+   that the leaf reflects; places, squares: of positions relative to the leaf's first point, and of their squares, per
+   axis. score: weight times the variance of the light in the leaf's region, relative to the mean square of all light */
 typedef struct sbl__spread { double hits, weight, places[3], squares[3], score; } sbl__spread;
 
-/* points: number of points; light, squares: sums over them of the luminance of R and of its square */
+/* Sums over points, with sbl__point_weight. points: of 1; light, squares: of the luminance of R and of its square */
 typedef struct sbl__region { double points, light, squares; } sbl__region;
 
 /* The data of a round of division */
 typedef struct sbl__division {
     sbl__spread *spreads;            /* one per leaf */
     sbl__region *regions;            /* one per slot of the hash grid; regions that share a slot count as one */
-    sbl__region all;                 /* sums over all points */
+    sbl__region all;                 /* sums over the points of all regions */
     double light, variance;          /* sum of the light that all rays read, and its variance; see DIVIDE_ERROR */
     int classes[SBL__SCORES];        /* number of leaves in each class of scores */
     int least;                       /* least class of scores in which leaves are divided */
+    int enough;                      /* 1: the error is small enough, so the round changes nothing */
 } sbl__division;
 
 static sbl_result sbl__bounce_spread_make(void *work, sbl__slice *slice) {
@@ -12884,6 +12902,7 @@ static sbl_result sbl__bounce_spread(void *work, int at) {
     static const float one[3] = { 1, 1, 1 };
     const sbl__bounce *b = (const sbl__bounce *)work;
     const sbl__hit *hits = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS];
+    const double w = sbl__point_weight(b, at);
     int j, k;
     for (j = 0; j < SBL__BOUNCE_RAYS && b->points[at].valid; j++) {
         float reflected[3] = { 0, 0, 0 };
@@ -12893,12 +12912,12 @@ static sbl_result sbl__bounce_spread(void *work, int at) {
         to = &b->division->spreads[hits[j].leaf];
         sbl__add_reflected(hits[j].albedo, one, reflected);
         share = (double)(sbl__luminance(reflected) / SBL__SHARE_ONE);
-        to->hits++;
-        to->weight += share * share;
+        to->hits += w;
+        to->weight += w * share * share;
         for (k = 0; k < 3; k++) {
             const double x = (double)hits[j].position[k] - b->points[b->states[hits[j].leaf].first].at.position[k];
-            to->places[k] += x;
-            to->squares[k] += x * x;
+            to->places[k] += w * x;
+            to->squares[k] += w * x * x;
         }
     }
     return SBL_SUCCESS;
@@ -12914,10 +12933,10 @@ static sbl__region *sbl__region_of(const sbl__bounce *b, int leaf) {
     return &b->division->regions[sbl__cell_hash(patch, place) & (uint32_t)(b->store->cell_room - 1)];
 }
 
-static void sbl__region_add(sbl__region *r, double light) {
-    r->points++;
-    r->light += light;
-    r->squares += light * light;
+static void sbl__region_add(sbl__region *r, double light, double weight) {
+    r->points += weight;
+    r->light += weight * light;
+    r->squares += weight * light * light;
 }
 
 /* Adds the points of a leaf to its region. */
@@ -12931,8 +12950,8 @@ static sbl_result sbl__bounce_regions(void *work, int at) {
         if (!b->points[i].valid) continue;
         sbl__point_light(b, i, light);
         for (k = 0; k < 3; k++) y += (double)sbl__luminance_weights[k] * light[k];
-        sbl__region_add(region, y);
-        sbl__region_add(&b->division->all, y);
+        sbl__region_add(region, y, sbl__point_weight(b, i));
+        sbl__region_add(&b->division->all, y, sbl__point_weight(b, i));
     }
     return SBL_SUCCESS;
 }
@@ -12962,31 +12981,44 @@ static sbl_result sbl__bounce_score(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Decides whether leaves are divided, and from which class on. */
+/* Decides whether the round changes anything, and from which class on leaves are divided. */
 static int sbl__bounce_after_score(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__division *d = b->division;
     const double leaves = b->store->leaf_count;
     double room = SBL__MIN(SBL__DIVIDE_SHARE * leaves, SBL__DIVIDE_FILL * b->store->max_leaves - leaves);
     b->divisions++;
-    if (d->variance <= SBL__DIVIDE_ERROR * SBL__DIVIDE_ERROR * d->light * d->light) room = 0;
+    b->store->divided = 1;
+    d->enough = d->variance <= SBL__DIVIDE_ERROR * SBL__DIVIDE_ERROR * d->light * d->light;
     for (d->least = SBL__SCORES; d->least > 0 && d->classes[d->least - 1] <= room; d->least--)
         room -= d->classes[d->least - 1];
     return SBL__BOUNCE_DIVIDE;
 }
 
-/* Divides a leaf by a plane through the mean position of its hits, across the axis along which they are spread most. */
+/* Returns how many points a leaf should have. The number that takes most noise from the mean light that all rays read
+   is proportional to the light's standard deviation and to its weight in the mean. */
+static int sbl__points_due(const sbl__spread *spread) {
+    const double points = SBL__DIVIDE_POINTS * sqrt(spread->hits * spread->score);
+    return (int)SBL__MIN(points, SBL__BOUNCE_POINTS_MOST);
+}
+
+/* Lets a leaf have the points that it should have. If its score is high, divides it by a plane through the mean
+   position of its hits, across the axis along which they are spread most. */
 static sbl_result sbl__bounce_divide(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__store *s = b->store;
+    sbl__bounce_leaf *state = &b->states[at];
     const sbl__spread *spread = &b->division->spreads[at];
-    const sbl__hit *first = &b->points[b->states[at].first].at;
+    const sbl__hit *first = &b->points[state->first].at;
     float normal[3] = { 0, 0, 0 }, distance;
     double widest = 0, middle = 0;
     uint32_t *reference, patch;
     sbl_result result;
     int k, axis = -1, depth;
-    if (!(spread->score > 0) || sbl__score_class(spread->score) < b->division->least) return SBL_SUCCESS;
+    if (b->division->enough || !(spread->score > 0)) return SBL_SUCCESS;
+    state->most = SBL__MAX(state->most, sbl__points_due(spread));
+    b->divided += state->points < state->most && state->most > SBL__BOUNCE_POINTS;
+    if (sbl__score_class(spread->score) < b->division->least) return SBL_SUCCESS;
     for (k = 0; k < 3; k++) {
         const double mean = spread->places[k] / spread->hits, width = spread->squares[k] / spread->hits - mean * mean;
         if (!(width > widest)) continue;
@@ -13012,7 +13044,7 @@ static int sbl__bounce_after_divide(void *work) {
     return b->divided ? SBL__BOUNCE_RELOCATE : SBL__BOUNCE_SHINE;
 }
 
-/* After a division, the places that rays have found become points of the new leaves. */
+/* After a division, the places that rays have found become points of new leaves and further points of others. */
 static int sbl__bounce_after_sort(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     if (!b->divided) return SBL__BOUNCE_LINK;
@@ -13031,13 +13063,13 @@ static int sbl__bounce_after_sort(void *work) {
                                       by rays */
 #define SBL__BRIGHT_NOISE 2.0      /* least variance of the radiance that rays find, relative to the square of the mean
                                       R; with less, bounced light is smooth, or weak beside the light of lamps */
-#define SBL__BRIGHT_REST 0.5       /* no leaf is bright if more than this share of the rays' variance would remain */
+#define SBL__BRIGHT_REST 0.75      /* no leaf is bright if more than this share of the rays' variance would remain */
 
 /* A leaf that may be bright. light: mean radiance of it that rays have found; hits: number of these rays */
 typedef struct sbl__bright_leaf { double light, hits; int leaf; } sbl__bright_leaf;
 
 /* What points see of the candidates in a cell. hits: number of rays that hit them; crowd: sum over these rays of how
-   many rays of the same point hit any candidate. Both are weighted by the share of the point's leaf. */
+   many rays of the same point hit any candidate. Both are weighted as in `found`. */
 typedef struct sbl__bright_view { double crowd, hits; } sbl__bright_view;
 
 /* Comparison function for qsort: brightest leaves first. */
@@ -13052,7 +13084,7 @@ static int sbl__brighter(const void *first, const void *second) {
 static sbl_result sbl__bounce_shine(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *hits = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS];
-    const double weight = (double)b->states[b->points[at].leaf].share;
+    const double weight = (double)b->states[b->points[at].leaf].share * sbl__point_weight(b, at);
     float sky[3];
     int j;
     if (at == 0) {
@@ -13100,7 +13132,7 @@ static int sbl__bright_uncrowded(sbl__bounce *b, sbl__bright_leaf *list, int cou
     }
     for (i = 0; i < b->point_count; i++) {
         const sbl__hit *hits = &b->hits.list[(size_t)i * SBL__BOUNCE_RAYS];
-        const double weight = (double)b->states[b->points[i].leaf].share;
+        const double weight = (double)b->states[b->points[i].leaf].share * sbl__point_weight(b, i);
         int crowd = 0;
         for (j = 0; j < SBL__BOUNCE_RAYS && b->points[i].valid; j++)
             crowd += hits[j].leaf != SBL__NOWHERE && b->direct[3 * hits[j].leaf + 2] >= 0;

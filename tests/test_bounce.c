@@ -1662,6 +1662,57 @@ TEST(leaves_are_divided_where_light_varies) {
     scene_free(&s);
 }
 
+/* R on the floor below a wide ceiling of albedo 0.5 at height 3, which a light `gap` below it shines on: the sum over
+   rings of the ceiling. The light stands at x = z = 0, points up, has intensity PI and a cone of 160 degrees. */
+static double light_of_a_ceiling(const float p[3], double gap) {
+    enum { RINGS = 4000, SECTORS = 64 };
+    const double widest = gap * tan(80 * TEST_PI / 180), x = hypot((double)p[0], (double)p[2]);
+    double sum = 0;
+    int i, k;
+    for (i = 0; i < RINGS; i++) {
+        const double r = widest * (i + 0.5) / RINGS, d2 = r * r + gap * gap;
+        const double radiance = 0.5 * gap / (d2 * sqrt(d2));  /* 0.5 / PI * intensity * cosine / d2 */
+        for (k = 0; k < SECTORS; k++) {
+            const double angle = 2 * TEST_PI * (k + 0.5) / SECTORS, away = r * r + x * x - 2 * r * x * cos(angle) + 9;
+            sum += radiance * 9 / (away * away) / TEST_PI * r * widest / RINGS * 2 * TEST_PI / SECTORS;
+        }
+    }
+    return sum;
+}
+
+/* A ceiling lit from close below. Its bright spot is no wider than a cell, so a few points cannot tell its light. The
+   mean over sites on the floor is compared with the closed form for several sizes of the store. */
+TEST(bright_leaves_get_more_points) {
+    enum { SIDES = 8, STORES = 8 };
+    const double gap = 0.25;
+    test_scene s = { 0 };
+    double squares = 0;
+    sbl_light *light;
+    int i, k;
+    scene_floor(&s, scene_material(&s, 0, 0, 0), 0, 6);
+    scene_quad(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), -6, 3, -6, 6, 3, -6, 6, 3, 6, -6, 3, 6);
+    light = scene_light(&s, SBL_LIGHT_SPOT, (float)TEST_PI, 0, 0);
+    light->position[1] = (float)(3 - gap);
+    light->direction[1] = 1;
+    light->cone = light->inner_cone = 160;
+    site_count = 0;
+    for (k = 0; k < SIDES; k++) add_site(0.3 * k - 1, 0, 0.2 * k - 0.6, 0, 1, 0, 0);
+    for (i = 0; i < STORES; i++) {
+        double found = 0, expected = 0;
+        if (!use_scene(&s, 8192 + 1024 * i) || !gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 1024)) break;
+        for (k = 0; k < SIDES; k++) {
+            found += (double)readings[k].radiance[0];
+            expected += light_of_a_ceiling(sites[k].position, gap);
+        }
+        printf("  %d of %d cells, %d glows: off by %+.2f %%\n", sbl_query_stats(context).store.cells, 8192 + 1024 * i,
+               inside_glow_count(context), 100 * (found / expected - 1));
+        squares += (found / expected - 1) * (found / expected - 1);
+    }
+    printf("  root mean square %.2f %%\n", 100 * sqrt(squares / STORES));
+    CHECK(i == STORES && squares < 0.037 * 0.037 * STORES, "R of the floor is off by %g", sqrt(squares / STORES));
+    scene_free(&s);
+}
+
 int main(void) {
     RUN_PLAIN(walls_keep_light_out);
     RUN_PLAIN(two_sides_of_a_wall);
@@ -1678,6 +1729,7 @@ int main(void) {
     RUN(near_hits_find_their_own_light);
     RUN(lamps_light_near_hits);
     RUN_PLAIN(leaves_are_divided_where_light_varies);
+    RUN_PLAIN(bright_leaves_get_more_points);
     RUN(far_light_is_not_near_light);
     RUN(a_pleated_sheet);
     RUN(a_crowd_of_boxes);

@@ -155,9 +155,9 @@ static const struct { const char *renderer, *version; uint64_t hashes[PINS]; } p
         0xdb6b41930338e59au,  /* sky_ambient_rasterised */
         0x78915d4324cfd8a2u,  /* many_lamps_direct_traced */
         0x7692356e654ded7bu,  /* many_lamps_direct_rasterised */
-        0x1c283a206a3faf96u,  /* cornell_gi_traced */
-        0x0659c3d3a43f6c59u,  /* cornell_gi_rasterised */
-        0xa60f705e5e18f592u,  /* sky_gi_traced */ } }
+        0xc7a38ef6bc0c9c67u,  /* cornell_gi_traced */
+        0x179e5f7387c3613bu,  /* cornell_gi_rasterised */
+        0xa62ce2bd0a494ac7u,  /* sky_gi_traced */ } }
 };
 
 /* The hashes of all pictures are those pinned for this renderer. */

@@ -1,5 +1,5 @@
-/* Furnished rooms made from a seed: size, windows, lamps, furniture and camera are random. Include after sbl.h and
-   reference.h.
+/* Furnished rooms made from a seed: size, windows, lamps, furniture and camera are random. A seed of FURNISHED_BUILDING
+   or more makes a storey of many rooms, of which the camera sees one. Include after sbl.h and reference.h.
        furnished f = { 0 };
        furnished_make(&f, seed, 128, 96);
        ... f.scene, f.view, f.windows ... furnished_free(&f);
@@ -7,7 +7,7 @@
 #ifndef BENCH_FURNISHED_H
 #define BENCH_FURNISHED_H
 
-enum { FURNISHED_MESHES = 160, FURNISHED_WINDOWS = 8, FURNISHED_PLACES = 40 };
+enum { FURNISHED_MESHES = 1024, FURNISHED_WINDOWS = 8, FURNISHED_PLACES = 40, FURNISHED_BUILDING = 1000 };
 
 typedef struct furnished_window { v3 corner, across, up; } furnished_window;
 
@@ -24,6 +24,7 @@ typedef struct furnished {
     float *positions;
     size_t vertex_count, vertex_room, first[FURNISHED_MESHES];
     double piece;                                 /* largest length of an edge, or 0; set it before the room is made */
+    double origin[2];                             /* x and z of the room's corner in the world */
     double size[3], split;                        /* the room; x of a wall across it, or 0 */
     double turn, at[3];                           /* direction and place of the object under construction */
     struct { double x, z, radius; } taken[FURNISHED_PLACES];
@@ -78,9 +79,9 @@ static void furnished_vertex(furnished *f, const double p[3]) {
         if (!f->positions) abort();
     }
     to = f->positions + 3 * f->vertex_count++;
-    to[0] = (float)(f->at[0] + c * p[0] + s * p[2]);
+    to[0] = (float)(f->origin[0] + f->at[0] + c * p[0] + s * p[2]);
     to[1] = (float)(f->at[1] + p[1]);
-    to[2] = (float)(f->at[2] - s * p[0] + c * p[2]);
+    to[2] = (float)(f->origin[1] + f->at[2] - s * p[0] + c * p[2]);
 }
 
 /* Adds a quad, or a triangle if two neighbouring corners are equal. If `piece` is set, the quad is divided. */
@@ -443,15 +444,57 @@ static void furnished_camera(furnished *f, int width, int height) {
     f->taken_count = 1;
     f->view.width = width;
     f->view.height = height;
-    sbl_look_at(f->view.world_to_view, (float)x, (float)furnished_between(f, 1.1, 1.7), (float)z, (float)ax,
-                (float)furnished_between(f, 0.7, 1.4), (float)az, 0, 1, 0);
+    sbl_look_at(f->view.world_to_view, (float)(x + f->origin[0]), (float)furnished_between(f, 1.1, 1.7),
+                (float)(z + f->origin[1]), (float)(ax + f->origin[0]), (float)furnished_between(f, 0.7, 1.4),
+                (float)(az + f->origin[1]), 0, 1, 0);
     sbl_perspective(f->view.view_to_clip, (float)furnished_between(f, 50, 75), (float)width / (float)height);
+}
+
+/* One storey of a building: 4 x 3 equal rooms with doorways between neighbours. The camera stands in one room of the
+   middle row. A room beside it is a bright stairwell; some of the others have lamps. */
+static void furnished_building(furnished *f, int width, int height) {
+    enum { ACROSS = 4, DEEP = 3 };
+    const int hall = ACROSS + 1 + furnished_below(f, 2), beside[4] = { hall - 1, hall + 1, hall - ACROSS,
+                                                                       hall + ACROSS };
+    const int bright = beside[furnished_below(f, 4)];
+    const double w = furnished_between(f, 3.5, 5.5), d = furnished_between(f, 3.5, 5.5);
+    double low[2] = { 0, 0 }, high[2];
+    int room, i, k;
+    f->size[0] = w; f->size[1] = furnished_between(f, 2.4, 3); f->size[2] = d;
+    high[0] = DEEP * d; high[1] = ACROSS * w;
+    furnished_object(f, 0.15, 0.6, 0, 0, 0);
+    furnished_rectangle(f, 1, 0, low, high);
+    furnished_object(f, 0.6, 0.85, 0, 0, 0);
+    furnished_rectangle(f, 1, f->size[1], low, high);
+    for (i = 0; i <= 1; i++)  /* walls along x, then along z */
+        for (k = 0; k < (i ? ACROSS + 1 : DEEP + 1) * (i ? DEEP : ACROSS); k++) {
+            const int line = k / (i ? DEEP : ACROSS), part = k % (i ? DEEP : ACROSS);
+            const int outer = line == 0 || line == (i ? ACROSS : DEEP);
+            const double length = i ? d : w, x = (i ? line : part) * w, z = (i ? part + 1 : line) * d;
+            furnished_hole door;
+            door.low = furnished_between(f, 0.4, length - 2.4);
+            door.high = door.low + furnished_between(f, 0.9, 2); door.sill = 0; door.top = 2.1;
+            furnished_object(f, 0.35, 0.85, x + 0.06 * i, z + 0.06 * (1 - i), i ? REF_PI / 2 : 0);
+            furnished_wall(f, length, &door, !outer, 0.12, 1);
+        }
+    f->size[0] = w - 0.12; f->size[2] = d - 0.12;
+    for (room = 0; room < ACROSS * DEEP; room++) {
+        f->origin[0] = room % ACROSS * w + 0.06; f->origin[1] = room / ACROSS * d + 0.06;
+        f->taken_count = 0;
+        if (room == hall) furnished_camera(f, width, height);
+        for (i = room == bright ? 6 : furnished_below(f, 3) == 0; i > 0; i--)
+            furnished_lamp(f, 0);
+        for (i = 4 + furnished_below(f, 6); i > 0; i--) furnished_furniture(f);
+    }
+    f->lights[0] = "building";
+    furnished_finish(f);
 }
 
 static void furnished_make(furnished *f, unsigned seed, int width, int height) {
     static const char *const names[6] = { "panel", "floor lamp", "spot", "small lamp", "uplight", "windows" };
     int kinds[2], i, k, pieces;
     f->random = 0x5b1u + 7919u * (uint64_t)seed;
+    if (seed >= FURNISHED_BUILDING) { furnished_building(f, width, height); return; }
     f->size[0] = furnished_between(f, 2.8, 6.5);
     f->size[1] = furnished_between(f, 2.3, 3.2);
     f->size[2] = furnished_between(f, 2.8, 6.5);
