@@ -257,9 +257,10 @@
 
    Accuracy of the prediction, measured at targets of 8, 4, 2 and 1 % against references: the true error is 0.6 to 1.2
    times the prediction where R is known in closed form and in the Cornell box. With bounced light it is 1.2 to 1.9
-   times the prediction in three furnished rooms, and 3 to 4 times in a room of 361,000 triangles and in a building that
-   the picture shows in part. Three errors cannot be predicted: a shadow between all sensors of the first level; a
-   window that no ray has met; and changes of the stored light inside a cell that is larger than the geometry beside it.
+   times the prediction in three furnished rooms, 1.4 to 1.7 times in two storeys of twelve rooms of which the picture
+   shows one, and 3 to 4 times in a room of 361,000 triangles. Three errors cannot be predicted: a shadow between all
+   sensors of the first level; a window that no ray has met; and changes of the stored light inside a cell that is
+   larger than the geometry beside it.
 
 
    ON LIGHTS
@@ -734,8 +735,9 @@ typedef struct sbl_context_desc {
     sbl_logger logger;        /* receives all messages. Default: errors and warnings go to stderr, one line each, or
                                  nowhere if SBL_NO_STDIO is defined */
     uint32_t disabled;        /* sbl_capability bits of features that must not be used, for tests. Default: 0 */
-    int sensor_texture_size;  /* width and height in texels of the texture of a batch's views, 256 to 16384, but at most
-                                 what the driver supports. Changes pictures by float rounding only. Default: 2048 */
+    int sensor_texture_size;  /* SBL_BACKEND_RASTER: width and height in texels of the texture that holds the views of a
+                                 batch, 256 to 16384. It is reduced to what the driver supports, and enlarged if one
+                                 sensor needs more. It changes pictures by float rounding only. Default: 2048 */
     int batch;                /* number of sensors that one draw call draws, at most as many as fit into the texture of
                                  views. The number never changes a picture. Default: as many as the time allows */
     float longest_submission; /* seconds that GL may work at a time, roughly. Default: 0.1 */
@@ -893,7 +895,7 @@ typedef struct sbl_environment {
     void (*radiance)(const float direction[3], float radiance[3], void *user);  /* used instead of pixels: gets the
                                  radiance from a unit direction in the world. sbl_set_scene calls it for the centre of
                                  each texel of a picture of picture.width x picture.height, by default 512 x 256.
-                                 rotation and up do not change the direction that it gets */
+                                 rotation and up do not turn the light of this function */
     void *user;               /* passed to radiance */
     float scale;              /* multiplies the light of the environment. Default: 1. Negative: 0, no light */
     float rotation;           /* degrees; rotates the picture about `up`, counter-clockwise seen from above */
@@ -926,12 +928,14 @@ typedef struct sbl_draw_view {
     sbl_view_kind kind;       /* whose view is drawn: the camera's or a sensor's */
     int viewport[4];          /* x, y, width, height in the current framebuffer; the scissor is the same */
     float world_to_view[16];  /* rigid; view space looks along -z, and y is up */
-    float view_to_clip[16];   /* projection with reversed, infinite depth */
+    float view_to_clip[16];   /* projection with reversed depth, which is infinite unless it is orthographic */
     float world_to_clip[16];  /* view_to_clip * world_to_view */
     float eye[3];             /* world position of the sensor or camera */
     float radiance_scale;     /* factor that keeps bright lamps inside the range of the texels */
     float depth_scale;        /* factor of the depth, see write_depth */
-    int write_depth;          /* 1: the fragment shader must write gl_FragDepth = gl_FragCoord.w * depth_scale */
+    int write_depth;          /* 1: the driver has no clip control, so the fragment shader must write gl_FragDepth:
+                                 gl_FragCoord.w * depth_scale or, if view_to_clip is orthographic,
+                                 2 * gl_FragCoord.z - 1 */
     float epsilon;            /* the paper's ambient factor; 0 in SBL_MODE_DIRECT and SBL_MODE_GI */
     float light[6][3];        /* SBL_VIEW_SENSOR: ambient cube as in sbl_probe.cube (McTaggart 2004, "Half-Life 2 /
                                  Valve Source Shading"); a surface radiates emission + albedo * R(its normal).
@@ -1002,7 +1006,8 @@ typedef enum sbl_sensor_kind {
 
 /* How sensors collect light. Both ways give the same light up to noise. */
 typedef enum sbl_backend {
-    SBL_BACKEND_AUTO = 0,    /* RASTER in SBL_MODE_PAPER, with a draw callback or SBL_SENSOR_SINGLE; else TRACE */
+    SBL_BACKEND_AUTO = 0,    /* RASTER if the mode is SBL_MODE_PAPER, if the scene has a draw callback, or if sensors
+                                are SBL_SENSOR_SINGLE; otherwise TRACE */
     SBL_BACKEND_RASTER,      /* draws views, as in the paper; the cost grows with the number of triangles. Rays towards
                                 lamps meet only meshes; views show where the geometry of a draw callback blocks a lamp,
                                 and the light that it emits */
@@ -5107,7 +5112,8 @@ static const char *const sbl__glsl_sky[] = {
 #define SBL__BVH_LEAF 4          /* maximum number of triangles in a leaf; the format allows 8 */
 #define SBL__BVH_SAH_DEPTH 32    /* nodes from this depth on get halves of equal triangle counts, to limit the depth */
 #define SBL__BVH_DROPPED 0xffffffffu  /* marks an unused element of sbl__hierarchy.order */
-#define SBL__BVH_GRID_STEPS 512  /* upper limit of all sides of a box with its own grid, steps of its parent's grid */
+#define SBL__BVH_GRID_STEPS 512  /* a node may get its own grid if all sides of its box are shorter than this many steps
+                                    of the grid around it */
 #define SBL__BVH_GRID_LEAST 32   /* minimum number of triangles of a node that gets its own grid */
 #define SBL__BVH_CHUNK 32        /* triangles per turn of a loop, so that the overhead of turns is negligible */
 #define SBL__UPLOAD_CHUNK 65536  /* bytes per piece of an upload */
@@ -8705,8 +8711,9 @@ typedef struct sbl__spec {
     int without_sky;            /* traced: 1 if rays over the hemisphere see neither the sky nor the environment */
     int no_light;               /* traced: 1 if rays over the hemisphere cannot find light, so that only look 0 of each
                                    site traces them, for the distances and back faces in readings */
-    int one_ray;                /* only for traced looks: 1: a look is a single ray along the normal, which measures
-                                   radiance, as probes need it */
+    int one_ray;                /* traced: 1: a look traces one ray along the normal in place of its rays over the
+                                   hemisphere; rays towards lamps do not change. Probes need it: without lamp_rays,
+                                   such a look measures the radiance along the ray */
     int directional;            /* 1: measure layers 1 to 4 too, see SBL__LAYERS */
     float epsilon;              /* ambient factor: a surface that does not emit has the radiance epsilon * albedo */
     int view_texture_size;      /* sensor_texture_size of sbl_context_desc */
@@ -10676,7 +10683,7 @@ static const char *const sbl__glsl_trace[] = {
 "uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each\n",
 "uniform int rays;                     // number of rays per look\n",
 "uniform int paired;                   // 1: an invocation traces pairs of rays; 0: single ones\n",
-"uniform bool no_light;                // true: only distances are wanted: only a site's first look traces rays\n",
+"uniform bool no_light;                // true: rays cannot find light; only a site's first look traces them\n",
 "uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal\n",
 "uniform float distance_limit;         // larger distances of hits count as this distance in the mean\n",
 "SBL_OUT(0, out_sum);\n",
@@ -11819,8 +11826,8 @@ typedef struct sbl__bounce {
     sbl__hits contacts;              /* hits of contact rays, SBL__BOUNCE_CONTACTS per leaf, from leaf cut_leaves on */
     int cut_leaves;                  /* number of leaves, from 0 on, whose contact rays have been cast */
     int points_cast;                 /* number of points whose rays have been cast */
-    uint32_t *sequence;              /* points of the unit square from which ray directions are made: two
-                                        coordinates per point, in units of 2^-32, see sbl__sequence_make */
+    uint32_t *sequence;              /* pairs of numbers from which ray directions are made, in units of 2^-32, see
+                                        sbl__sequence_make */
     /* A cache: place of the last ray from a surface, the normal there, and the distance from the surface at which its
        rays start (see sbl__place_normal) */
     struct { uint32_t place; float normal[3], offset; } origin;
@@ -11843,7 +11850,8 @@ typedef struct sbl__bounce {
     struct { double light, squares, rays, received; } found;
     /* sums over leaves in this round: direct light, all light before and after, absolute changes in all channels */
     struct { double direct[3], before[3], after[3], change; } balance;
-    double needed_growth;            /* factor by which the cells' area must grow; 0: leaves suffice */
+    double needed_growth;            /* least factor by which the cells' area must grow, since no leaves are left; 0: it
+                                        need not grow, or cannot, and places without a leaf are dropped */
     int previous_leaves;             /* value of seen_leaves when cells last became smaller; 0: they never did */
     int rounds;
     sbl__black black;                /* says which leaves black surfaces get */
@@ -12250,7 +12258,7 @@ static int sbl__bounce_after_place(void *work) {
     const double fill = (double)(b->store->leaf_count - joined) / b->store->max_leaves;
     if (b->needed_growth > 0) return sbl__bounce_restart(b, SBL__MAX(b->needed_growth, SBL__BOUNCE_GROWTH));
     if (!b->cut_leaves && fill > SBL__FILL_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
-        /* Too many: the rays of these leaves would hit still more. */
+        /* The first leaves are too many already: their rays would hit places that need still more leaves. */
         return sbl__bounce_restart(b, pow(fill / SBL__FILL_FIRST, SBL__FILL_FIRST_POWER));
     if (b->store->leaf_count > b->cut_leaves) return SBL__BOUNCE_CAST_CONTACTS;
     if (b->points_cast < b->point_count) return SBL__BOUNCE_CAST_POINTS;
@@ -13068,8 +13076,9 @@ static int sbl__bounce_after_sort(void *work) {
 /* A leaf that may be bright. light: mean radiance of it that rays have found; hits: number of these rays */
 typedef struct sbl__bright_leaf { double light, hits; int leaf; } sbl__bright_leaf;
 
-/* What points see of the candidates in a cell. hits: number of rays that hit them; crowd: sum over these rays of how
-   many rays of the same point hit any candidate. Both are weighted as in `found`. */
+/* Tells how much the candidates for bright leaves in a cell crowd the view of the points that see them. hits: number of
+   rays that hit these candidates; crowd: sum over these rays of how many rays of the same point hit candidates in any
+   cell. Both are weighted as the sums in sbl__bounce.found are. */
 typedef struct sbl__bright_view { double crowd, hits; } sbl__bright_view;
 
 /* Comparison function for qsort: brightest leaves first. */
@@ -13892,7 +13901,8 @@ typedef struct sbl__refine {
     float distance_limit;     /* see sbl__spec.distance_limit; 0: no test for occlusion */
     double lit, lit_backs;    /* number of sensors with R above 0 so far; sum of sbl_reading.back_share over them */
     float threshold;          /* see sbl__differ; 0: tiles are split by predicted gain */
-    float target_error;       /* 0: refine until nothing is left to buy */
+    float target_error;       /* refinement ends when the predicted relative error is at most this; 0: it ends when no
+                                 split and no further look is worth its cost */
     float smoothing;          /* effective number of pixels that the filter averages, see sbl__filter_pixels */
     sbl__pixel *pixels;
     size_t harmonics;         /* floats of one pixel in layers 1 and up of light, 3 per layer */
@@ -14173,8 +14183,9 @@ static int sbl__edge_curvature(const sbl__refine *r, const sbl__edge *e, int lay
     return 1;
 }
 
-/* Computes the second difference that corrects interpolation along an edge: the value at its ends that is nearer to 0,
-   or 0 if their signs differ, as they do at a kink. */
+/* Computes the second difference that corrects interpolation along an edge. Each end of the edge has a value, and the
+   result is the value nearer to 0. The result is 0 if the signs of the values differ, as they do at a step and wherever
+   an end has no sensor beyond it (see sbl__edge_curvature). */
 static void sbl__edge_parabola(const sbl__refine *r, const sbl__edge *e, int layer, float out[3]) {
     float at[2][3];
     int k;
@@ -14476,7 +14487,8 @@ static void sbl__refine_site(const sbl__refine *r, int index, int first, int loo
     out->looks = looks;
 }
 
-/* Returns the number of looks with which a sensor begins. looks: the number without places */
+/* Returns the number of looks with which a sensor begins. A texel with places begins with at least one look for each
+   place. looks: the number of looks for a pixel that has no places */
 static int sbl__refine_first_looks(const sbl__pixel *p, int looks) { return SBL__MAX(looks, (int)p->place_count); }
 
 /* Makes room for `more` additional sites and their readings. */
@@ -16275,7 +16287,8 @@ typedef struct sbl__map {
     sbl__measurement glimpse_measurement;
     sbl_stats glimpse_stats;    /* the statistics when the glimpse began */
     float finished;             /* share of the front end's own stages that is done, 0 to 1 */
-    double paced_from[2];       /* seconds spent on sensors, and number of looks, when all sensors last started */
+    double paced_from[2];       /* seconds spent on sensors, and number of looks, when refinement last began or began
+                                   again */
 } sbl__map;
 
 #define SBL__READ_PIXELS 32768    /* maximum pixels per transfer between GPU and host, but at least a row of the map */
@@ -16480,7 +16493,7 @@ static void sbl__map_pixel(const sbl__map *m, const float *const from[4], uint32
     out->variance *= out->variance;
 }
 
-/* Returns the number of the working pixel whose surface pixel i of the host shows. */
+/* Each pixel of the host shows the surface of one working pixel. Returns that pixel's number for the host's pixel i. */
 static size_t sbl__map_shown(const sbl__map *m, size_t i) { return m->shown ? (size_t)m->shown[i] : i; }
 
 /* Reads rows of the G-buffer back, from row stages.at on, and advances stages.at. SBL_SUCCESS: all rows are read. */
@@ -16821,9 +16834,11 @@ typedef struct sbl__composition { sbl__texture textures[2]; sbl__target target; 
 /* Passes of a preview. The second and the third are needed for auto_exposure only. */
 enum { SBL__PREVIEW_COMPOSE, SBL__PREVIEW_METER, SBL__PREVIEW_EXPOSE };
 
-#define SBL__METER_BINS 1024   /* histograms of the logarithm of luminance, from 2^-64 on */
+#define SBL__METER_BINS 1024   /* bins of a histogram of log2(luminance). The first begins at 2^-64; the first and the
+                                  last also take what lies beyond the range */
 #define SBL__METER_STEP 0.125  /* width of a bin in stops */
-#define SBL__METER_ASIDE 0.05  /* share of the darkest and of the brightest pixels that do not count */
+#define SBL__METER_ASIDE 0.05  /* this share of the pixels, the darkest ones, does not count, nor do as many of the
+                                  brightest ones */
 #define SBL__METER_LIGHT -0.5  /* stops: the mean R is shown like a white surface of this radiance */
 #define SBL__METER_BRIGHT 0.05 /* share of the pixels, the brightest ones, that are highlights */
 #define SBL__METER_HIGHLIGHT 1.5  /* stops: greatest radiance that the mean highlight is shown as */
@@ -17715,7 +17730,7 @@ static sbl_result sbl__vertices_take(void *work, int site) {
 
 /* >>vertices: the solution */
 
-/* Index into a triangle's sums of each entry of its symmetric 3 x 3 matrix. */
+/* The sums of a triangle hold a symmetric 3 x 3 matrix. Its entry (a, b) is sum number sbl__mass_at[a][b]. */
 static const unsigned char sbl__mass_at[3][3] = { { 0, 1, 2 }, { 1, 3, 4 }, { 2, 4, 5 } };
 
 static void sbl__vertices_weigh(sbl__vertices *s, size_t unknown, double weight) {
@@ -17984,8 +17999,8 @@ typedef struct sbl__probes {
     sbl_probes_desc desc;          /* with defaults */
     sbl__spec specs[SBL__PROBE_KINDS];
     int lamps_apart;               /* 1: sensors trace rays, so HEMISPHERES measure only the light from lamps */
-    int rings, around;             /* number of rings of normals; number of normals on a ring */
-    double ring[SBL__PROBE_RINGS], ring_weight[SBL__PROBE_RINGS];  /* z of each ring, 0 to 1; weights, whose sum is 1 */
+    int rings, around;             /* normals lie on circles of equal z: number of circles; number of normals on each */
+    double ring[SBL__PROBE_RINGS], ring_weight[SBL__PROBE_RINGS];  /* z of each circle, 0 to 1; weights, with sum 1 */
     uint32_t *sequence;            /* sbl__sequence_at makes the directions of a probe's rays from it */
     sbl__probe_sum *sums;          /* one entry for each probe of the batch that is measured in this round */
     int first, taken;              /* first probe of the batch; number of probes in the batch */
@@ -18960,9 +18975,10 @@ static void sbl__egl_destroy(sbl__egl *e) { (void)e; }
     X(bake, vertices, sbl__vertices) \
     X(bake, probes, sbl__probes)
 
-/* What the context is doing, which decides what callbacks may call: less with each further value. Any callback may call
-   sbl_progress and the query functions. The progress callback runs between two pieces of work, so it may also read
-   channels. REFUSAL: a refused call is being logged; further ones from the logger are refused without a message. */
+/* What the context is doing. It decides what callbacks may call. NOTHING allows everything. PROGRESS, between two
+   pieces of work, allows sbl_progress, the query functions and the reading of channels. WORK and REFUSAL allow only
+   sbl_progress and the query functions. REFUSAL: a refused call is being logged; if the logger makes a call that is
+   refused, too, no message is logged. */
 typedef enum sbl__inside {
     SBL__INSIDE_NOTHING, SBL__INSIDE_PROGRESS, SBL__INSIDE_WORK, SBL__INSIDE_REFUSAL
 } sbl__inside;

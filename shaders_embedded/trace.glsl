@@ -3,7 +3,7 @@
 uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each
 uniform int rays;                     // number of rays per look
 uniform int paired;                   // 1: an invocation traces pairs of rays; 0: single ones
-uniform bool no_light;                // true: only distances are wanted: only a site's first look traces rays
+uniform bool no_light;                // true: rays cannot find light; only a site's first look traces them
 uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal
 uniform float distance_limit;         // larger distances of hits count as this distance in the mean
 SBL_OUT(0, out_sum);

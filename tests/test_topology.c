@@ -393,7 +393,7 @@ TEST(stuck_points_do_not_count) {
     static sbl__bounce b;
     static sbl__hit hits[3 * SBL__BOUNCE_RAYS];
     static const float half[3] = { 0.5f, 0.5f, 0.5f };
-    sbl__bounce_leaf states[2] = { { 3, 0, 2, 0, 1 }, { 0, 0, 0, 0, 1 } };
+    sbl__bounce_leaf states[2] = { { 3, 4, 0, 2, 0, 1 }, { 0, 4, 0, 0, 0, 1 } };
     sbl__bounce_point points[3];
     sbl__leaf leaves[2];
     sbl__store store;
