@@ -11703,6 +11703,8 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__BOUNCE_SAMPLE_RAYS 4
 #define SBL__BOUNCE_POINTS 4       /* largest number of points of a leaf before rounds of division */
 #define SBL__BOUNCE_POINTS_MOST 32 /* largest number of points of a leaf after them */
+#define SBL__BOUNCE_AFAR 8.0       /* further points lie only where rays longer than this many cells hit. Rays from
+                                      nearby surfaces, such as a lamp's bowl, hit the brightest part of a leaf */
 #define SBL__BOUNCE_RAYS 16        /* rays of a point */
 #define SBL__BOUNCE_SEQUENCES 4    /* sequences of ray directions, which the points of a leaf use in turn */
 #define SBL__DIVISIONS 2           /* largest number of rounds of division, see >>bounce: division */
@@ -12169,8 +12171,9 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *at = &b->queue.list[number];
     const sbl__store *s = b->store;
+    const int afar = at->distance > SBL__BOUNCE_AFAR * s->length;
     uint32_t *reference;
-    int leaf, added, black, ok = 1;
+    int leaf, added, black, most, ok = 1;
     if (at->place == SBL__NOWHERE) return SBL_SUCCESS;
     black = sbl__triangle_is_black(b->geometry, at->place >> 1);
     if (black && b->black_leaves >= sbl__bounce_black_most(b)) return SBL_SUCCESS;
@@ -12184,8 +12187,9 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     if (added && !sbl__bounce_add_leaf(b, reference)) return SBL_ERROR_OUT_OF_MEMORY;
     b->black_leaves += added && black;
     leaf = (int)*reference - 1;
+    most = afar ? b->states[leaf].most : SBL__BOUNCE_POINTS;
     if (!added && leaf >= b->cut_leaves) ok = sbl__hits_add(b, &b->waiting, at);
-    else if (b->states[leaf].points < b->states[leaf].most) ok = sbl__bounce_add_point(b, at, leaf);
+    else if (b->states[leaf].points < most) ok = sbl__bounce_add_point(b, at, leaf);
     return ok ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
