@@ -933,9 +933,9 @@ typedef struct sbl_draw_view {
     float eye[3];             /* world position of the sensor or camera */
     float radiance_scale;     /* factor that keeps bright lamps inside the range of the texels */
     float depth_scale;        /* factor of the depth, see write_depth */
-    int write_depth;          /* 1: the driver has no clip control, so the fragment shader must write gl_FragDepth:
-                                 gl_FragCoord.w * depth_scale or, if view_to_clip is orthographic,
-                                 2 * gl_FragCoord.z - 1 */
+    int write_depth;          /* 1: the fragment shader must write gl_FragDepth, because the driver has no clip control.
+                                 The value is gl_FragCoord.w * depth_scale if view_to_clip is a perspective projection,
+                                 and 2 * gl_FragCoord.z - 1 if it is orthographic. */
     float epsilon;            /* the paper's ambient factor; 0 in SBL_MODE_DIRECT and SBL_MODE_GI */
     float light[6][3];        /* SBL_VIEW_SENSOR: ambient cube as in sbl_probe.cube (McTaggart 2004, "Half-Life 2 /
                                  Valve Source Shading"); a surface radiates emission + albedo * R(its normal).
@@ -5622,12 +5622,13 @@ static const char *const sbl__glsl_traverse[] = {
 "\n",
 "sbl_Attributes sbl_attributes_of(sbl_Hit hit) { return sbl_attributes_at(hit.triangle, hit.b1, hit.b2); }\n",
 "\n",
-"// Returns the distance at which the ray enters the box, or `passed` if that is larger. Returns 0x7fffffff if the\n",
-"// ray misses the box, if it leaves the box before `passed`, or if it enters the box beyond `nearest`. The ray may\n",
-"// enter the box exactly at `nearest`, because of two triangles at the same distance the one with the lower number\n",
-"// is hit. All distances are the bits of floats. As integers, the bits of positive floats have the same order as\n",
-"// the floats, and those of negative floats are negative. per: distance along the ray per grid step. offset:\n",
-"// distance along the ray of the grid's origin. flip: tells for each axis whether the ray's direction is negative\n",
+"// Returns the distance at which the ray enters the box, or `passed` if that is larger. Returns 0x7fffffff if\n",
+"// the ray misses the box, if it leaves the box before `passed`, or if it enters the box beyond `nearest`. The\n",
+"// ray may enter the box exactly at `nearest`: if two triangles lie at the same distance, the ray hits the one\n",
+"// with the lower number. All distances are the bits of floats. As integers, the bits of positive floats have\n",
+"// the same order as the floats, and those of negative floats are negative. per: distance along the ray per\n",
+"// grid step. offset: distance along the ray of the grid's origin. flip: tells for each axis whether the ray's\n",
+"// direction is negative\n",
 "int sbl_box(uvec4 box, vec3 per, vec3 offset, bvec3 flip, int passed, int nearest) {\n",
 "    vec3 low = vec3(box.xyz & 65535u), high = vec3(box.xyz >> 16);\n",
 "    ivec3 entry = floatBitsToInt(mix(low, high, flip) * per + offset);\n",
@@ -6303,7 +6304,6 @@ typedef struct sbl__store {
     sbl__bright_cell *bright;  /* all cells with bright leaves, in the order of sbl__bright_order */
     int cut_count, cut_room, leaf_count, leaf_room, bright_count;
     int max_leaves;
-    int divided;               /* 1: a round of division has begun; all parts of a cell keep the cell's level */
     int unseen_level;          /* level of the cells that surface samples get whose rays hit nothing */
     int made_for;              /* max_leaves when the light was made, which may have been in an earlier run */
     float brightest;           /* largest channel of R in any leaf */
@@ -11838,8 +11838,8 @@ typedef struct sbl__bounce {
     int site_count;                  /* number of points in `sites` whose light from lamps the job measures; not used
                                         by the last job */
     struct sbl__division *division;  /* a round of division, while it lasts */
-    int divided;                     /* number of leaves that the round of division has divided or that need further
-                                        points, until places in them are queued; 0 at other times */
+    int changed;                     /* number of leaves that the round of division has divided or that lack points.
+                                        It is set to 0 when the places for new points are queued. */
     uint32_t recent_lines[SBL__CONTACT_CACHE];  /* hash table of contact lines (where an object touches a flat
                                                    surface) that have cut their cells; hash collisions drop some */
     int recheck;                     /* 1: a line has cut leaves whose numbers are less than cut_leaves, for which no
@@ -11852,8 +11852,9 @@ typedef struct sbl__bounce {
     struct { double light, squares, rays, received; } found;
     /* sums over leaves in this round: direct light, all light before and after, absolute changes in all channels */
     struct { double direct[3], before[3], after[3], change; } balance;
-    double needed_growth;            /* least factor by which the cells' area must grow, since no leaves are left; 0: it
-                                        need not grow, or cannot, and places without a leaf are dropped */
+    double needed_growth;            /* least factor by which the cells' area must grow because no leaves are left. 0:
+                                        the area need not grow, or it can grow no more and places without a leaf are
+                                        dropped. */
     int previous_leaves;             /* value of seen_leaves when cells last became smaller; 0: they never did */
     int rounds;
     sbl__black black;                /* says which leaves black surfaces get */
@@ -11997,15 +11998,16 @@ static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
    has no leaf and leaves are becoming scarce, a wider cell is used. After a round of division, this is done only for
    cells without cuts. patch: NULL, or receives the patch word with the level of the cell. Places at distance
    SBL__UNSEEN, which only points in the air may see, use wide cells. */
-static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32_t *patch) {
+static uint32_t *sbl__place_find(const sbl__bounce *b, const sbl__hit *at, uint32_t *patch) {
     static const double fills[SBL__LEVELS] = { SBL__FILL_WIDER, SBL__FILL_WIDEST, SBL__FILL_FULL, 1 };
+    const sbl__store *s = b->store;
     uint32_t *reference = NULL, word = sbl__place_patch(s, at);
     int level = at->distance < SBL__UNSEEN ? 0 : s->unseen_level, depth;
     double fill;
     word += SBL__PATCH_LEVEL * (uint32_t)level;
     for (; level < SBL__LEVELS; level++, word += SBL__PATCH_LEVEL) {
         reference = sbl__store_find(s, word, at->position, &depth);
-        fill = depth && s->divided ? 1 : fills[level];
+        fill = depth && b->divisions ? 1 : fills[level];
         if (reference && (*reference || s->leaf_count < fill * s->max_leaves)) break;
     }
     if (patch) *patch = word;
@@ -12066,7 +12068,7 @@ static sbl_result sbl__bounce_grid(void *work, sbl__slice *slice) {
     sbl__free(base, s->cells);
     s->cells = (sbl__cell_slot *)sbl__alloc(base, (size_t)room, sizeof *s->cells);
     s->cell_room = s->cells ? room : 0;
-    s->leaf_count = s->cut_count = s->divided = 0;
+    s->leaf_count = s->cut_count = 0;
     return s->cells ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
@@ -12177,7 +12179,7 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     if (at->place == SBL__NOWHERE) return SBL_SUCCESS;
     black = sbl__triangle_is_black(b->geometry, at->place >> 1);
     if (black && b->black_leaves >= sbl__bounce_black_most(b)) return SBL_SUCCESS;
-    reference = sbl__place_find(s, at, NULL);
+    reference = sbl__place_find(b, at, NULL);
     if (!reference || (!*reference && s->leaf_count >= s->max_leaves)) {
         if (b->patching.pool < SBL__BOUNCE_POOL && !b->divisions)
             b->needed_growth = SBL__MIN(1.3 * b->queue.count / (number + 1), SBL__BOUNCE_GROWTH_MOST);
@@ -12289,7 +12291,7 @@ static void sbl__bounce_contact_ray(sbl__bounce *b, int number, sbl__cast *out) 
     uint32_t cube[3], patch;
     float length;
     int k;
-    sbl__place_find(s, at, &patch);
+    sbl__place_find(b, at, &patch);
     length = sbl__cell_length(s, patch);
     sbl__frame(out->direction, 2 * SBL__PI / SBL__BOUNCE_CONTACTS * turn, right, up);
     sbl__cell_place(s, patch, at->position, cube);
@@ -12454,7 +12456,7 @@ static sbl_result sbl__bounce_cut(sbl__bounce *b, int leaf, const sbl__hit *hit)
     sbl__contact line;
     uint32_t *reference, patch;
     int k, depth, smooth;
-    sbl__place_find(s, at, &patch);
+    sbl__place_find(b, at, &patch);
     sbl__place_normal(b->geometry, at->place, own);
     sbl__place_normal(b->geometry, hit->place, normal);
     distance = sbl__dot(normal, hit->position);
@@ -12574,7 +12576,7 @@ static int sbl__bounce_leaves(void *work) { return ((sbl__bounce *)work)->store-
 static sbl_result sbl__bounce_relocate(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__bounce_point *p = &b->points[at];
-    uint32_t *reference = sbl__place_find(b->store, &p->at, NULL);
+    uint32_t *reference = sbl__place_find(b, &p->at, NULL);
     if (reference && !*reference && !sbl__bounce_add_leaf(b, reference)) return SBL_ERROR_OUT_OF_MEMORY;
     if (reference) p->leaf = (int)*reference - 1;
     return SBL_SUCCESS;
@@ -12610,7 +12612,7 @@ static sbl_result sbl__bounce_link(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__hit *hit = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS], *const end = hit + SBL__BOUNCE_RAYS;
     for (; hit < end; hit++) {
-        const uint32_t *reference = hit->place == SBL__NOWHERE ? NULL : sbl__place_find(b->store, hit, NULL);
+        const uint32_t *reference = hit->place == SBL__NOWHERE ? NULL : sbl__place_find(b, hit, NULL);
         hit->leaf = reference && *reference ? *reference - 1 : SBL__NOWHERE;
     }
     return SBL_SUCCESS;
@@ -12747,7 +12749,7 @@ static float sbl__bounce_share(const sbl__bounce *b, int leaf) {
     uint32_t patch, reference;
     float share = 1;
     if (!b->states[leaf].points) return share;
-    sbl__place_find(s, first, &patch);
+    sbl__place_find(b, first, &patch);
     for (reference = sbl__store_peek(s, patch, first->position); reference >= SBL__CELL_CUT;) {
         sbl__cut *cut = &s->cuts[reference & ~SBL__CELL_CUT];
         if (cut->divides) share *= 0.5f;
@@ -12865,18 +12867,20 @@ static int sbl__bounce_after_gather(void *work) {
 }
 
 /* >>bounce: division. Light varies most where lamps are near, and many rays read some leaves and few read others. Once
-   the light is known, the leaves that contribute most to the error are divided, and both parts get points. Leaves whose
-   error is that of the whole scene, because very many rays read them, get further points. Points of a single leaf must
-   not decide about it: leaves would be divided because a point is bright by chance, the further points would lower
-   their light, and those that are dark by chance would stay as they are. Therefore the variance is that of all points
-   in a region. */
+   the light is known, the leaves that contribute most to the error are divided, and both parts get points. A leaf
+   that very many rays read makes the whole scene too bright or too dark if its light is wrong, so it gets further
+   points. Points of a single leaf must not decide about it: leaves would be divided because a point is bright by
+   chance, the further points would lower their light, and those that are dark by chance would stay as they are.
+   Therefore the variance is that of all points in a region. */
 
-/* Sums over the rays that hit a leaf, with sbl__point_weight. hits: of 1; weight: of the squares of the shares of light
-   that the leaf reflects; places, squares: of positions relative to the leaf's first point, and of their squares, per
-   axis. score: weight times the variance of the light in the leaf's region, relative to the mean square of all light */
+/* Sums over the rays that hit a leaf. Each ray counts with the sbl__point_weight of its point. hits: number of rays;
+   weight: sum of the squares of the shares of light that the leaf reflects; places, squares: per axis, sum of the
+   positions relative to the leaf's first point, and sum of their squares; score: weight times the variance of the light
+   in the leaf's region, relative to the mean square of all light */
 typedef struct sbl__spread { double hits, weight, places[3], squares[3], score; } sbl__spread;
 
-/* Sums over points, with sbl__point_weight. points: of 1; light, squares: of the luminance of R and of its square */
+/* Sums over the points of a region. Each point counts with its sbl__point_weight. points: number of points; light: sum
+   of the luminance of R; squares: sum of its square */
 typedef struct sbl__region { double points, light, squares; } sbl__region;
 
 /* The data of a round of division */
@@ -12887,7 +12891,7 @@ typedef struct sbl__division {
     double light, variance;          /* sum of the light that all rays read, and its variance; see DIVIDE_ERROR */
     int classes[SBL__SCORES];        /* number of leaves in each class of scores */
     int least;                       /* least class of scores in which leaves are divided */
-    int enough;                      /* 1: the error is small enough, so the round changes nothing */
+    int exact;                       /* 1: the light is exact enough, see DIVIDE_ERROR, so the round changes nothing */
 } sbl__division;
 
 static sbl_result sbl__bounce_spread_make(void *work, sbl__slice *slice) {
@@ -13000,8 +13004,7 @@ static int sbl__bounce_after_score(void *work) {
     const double leaves = b->store->leaf_count;
     double room = SBL__MIN(SBL__DIVIDE_SHARE * leaves, SBL__DIVIDE_FILL * b->store->max_leaves - leaves);
     b->divisions++;
-    b->store->divided = 1;
-    d->enough = d->variance <= SBL__DIVIDE_ERROR * SBL__DIVIDE_ERROR * d->light * d->light;
+    d->exact = d->variance <= SBL__DIVIDE_ERROR * SBL__DIVIDE_ERROR * d->light * d->light;
     for (d->least = SBL__SCORES; d->least > 0 && d->classes[d->least - 1] <= room; d->least--)
         room -= d->classes[d->least - 1];
     return SBL__BOUNCE_DIVIDE;
@@ -13027,9 +13030,9 @@ static sbl_result sbl__bounce_divide(void *work, int at) {
     uint32_t *reference, patch;
     sbl_result result;
     int k, axis = -1, depth;
-    if (b->division->enough || !(spread->score > 0)) return SBL_SUCCESS;
+    if (b->division->exact || !(spread->score > 0)) return SBL_SUCCESS;
     state->most = SBL__MAX(state->most, sbl__points_due(spread));
-    b->divided += state->points < state->most && state->most > SBL__BOUNCE_POINTS;
+    b->changed += state->points < state->most && state->most > SBL__BOUNCE_POINTS;
     if (sbl__score_class(spread->score) < b->division->least) return SBL_SUCCESS;
     for (k = 0; k < 3; k++) {
         const double mean = spread->places[k] / spread->hits, width = spread->squares[k] / spread->hits - mean * mean;
@@ -13038,12 +13041,12 @@ static sbl_result sbl__bounce_divide(void *work, int at) {
         middle = mean;
         axis = k;
     }
-    sbl__place_find(s, first, &patch);
+    sbl__place_find(b, first, &patch);
     reference = sbl__store_find(s, patch, first->position, &depth);
     if (axis < 0 || !reference || *reference != (uint32_t)at + 1 || depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
     normal[axis] = 1;
     distance = first->position[axis] + (float)middle;
-    b->divided++;
+    b->changed++;
     result = sbl__store_cut(&b->core->base, s, reference, normal, distance, first->position[axis] > distance);
     if (result == SBL_SUCCESS) s->cuts[s->cut_count - 1].divides = 1;
     return result;
@@ -13052,15 +13055,15 @@ static sbl_result sbl__bounce_divide(void *work, int at) {
 static int sbl__bounce_after_divide(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__division_free(&b->core->base, b);
-    if (!b->divided) b->divisions = SBL__DIVISIONS;  /* Other lamps do not divide leaves further. */
-    return b->divided ? SBL__BOUNCE_RELOCATE : SBL__BOUNCE_SHINE;
+    if (!b->changed) b->divisions = SBL__DIVISIONS;  /* Other lamps do not divide leaves further. */
+    return b->changed ? SBL__BOUNCE_RELOCATE : SBL__BOUNCE_SHINE;
 }
 
 /* After a division, the places that rays have found become points of new leaves and further points of others. */
 static int sbl__bounce_after_sort(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
-    if (!b->divided) return SBL__BOUNCE_LINK;
-    b->divided = 0;
+    if (!b->changed) return SBL__BOUNCE_LINK;
+    b->changed = 0;
     return sbl__bounce_queue(b, b->hits.list, b->point_count * SBL__BOUNCE_RAYS);
 }
 
@@ -13126,7 +13129,7 @@ static sbl_result sbl__bounce_shine(void *work, int at) {
 /* Finds the cell that contains a leaf's first point. */
 static void sbl__cell_of_leaf(const sbl__bounce *b, int leaf, sbl__bright_cell *out) {
     const sbl__hit *first = &b->points[b->states[leaf].first].at;
-    sbl__place_find(b->store, first, &out->patch);
+    sbl__place_find(b, first, &out->patch);
     sbl__cell_place(b->store, out->patch, first->position, out->at);
 }
 
@@ -13414,7 +13417,7 @@ static sbl__bounce *sbl__bounce_resume(sbl__core *c) {
     if (b->scene != c->scene.version && b->stages.stage >= SBL__BOUNCE_SITES) {
         sbl__division_free(&c->base, b);
         b->glows = 0;
-        b->stages.stage = b->divided ? SBL__BOUNCE_RELOCATE : SBL__BOUNCE_SITES;
+        b->stages.stage = b->changed ? SBL__BOUNCE_RELOCATE : SBL__BOUNCE_SITES;
         b->stages.at = 0;
     }
     b->core = c;
@@ -13820,8 +13823,8 @@ typedef struct sbl__pixel {
 #define SBL__HIDDEN_REACH 2       /* distance_limit / width of a texel */
 /* The search for places of a hidden texel from which light can leave. */
 #define SBL__PLACE_RAYS 64        /* number of rays, each from another place of the texel */
-#define SBL__PLACE_TRIES 256      /* the search for PLACE_RAYS places ends after this many tries, because some tries
-                                     lie beside the chart and do not count as places */
+#define SBL__PLACE_TRIES 256      /* number of positions in a texel's square that are tried until PLACE_RAYS of them lie
+                                     on a chart */
 #define SBL__PLACES_OPEN 4        /* the search fails if fewer rays than this leave the neighbourhood of the texel */
 #define SBL__PLACES 8             /* largest number of places at which a texel's sensor looks */
 
@@ -16291,8 +16294,8 @@ typedef struct sbl__map {
     sbl__measurement glimpse_measurement;
     sbl_stats glimpse_stats;    /* the statistics when the glimpse began */
     float finished;             /* share of the front end's own stages that is done, 0 to 1 */
-    double paced_from[2];       /* seconds spent on sensors, and number of looks, when refinement last began or began
-                                   again */
+    double paced_from[2];       /* two values from the last time that refinement started or started again: the seconds
+                                   spent on sensors, and the number of looks */
 } sbl__map;
 
 #define SBL__READ_PIXELS 32768    /* maximum pixels per transfer between GPU and host, but at least a row of the map */
@@ -16841,8 +16844,8 @@ enum { SBL__PREVIEW_COMPOSE, SBL__PREVIEW_METER, SBL__PREVIEW_EXPOSE };
 #define SBL__METER_BINS 1024   /* bins of a histogram of log2(luminance). The first begins at 2^-64; the first and the
                                   last also take what lies beyond the range */
 #define SBL__METER_STEP 0.125  /* width of a bin in stops */
-#define SBL__METER_ASIDE 0.05  /* this share of the pixels, the darkest ones, does not count, nor do as many of the
-                                  brightest ones */
+#define SBL__METER_ASIDE 0.05  /* share of the pixels that is left out because they are the darkest; the same share is
+                                  left out because they are the brightest */
 #define SBL__METER_LIGHT -0.5  /* stops: the mean R is shown like a white surface of this radiance */
 #define SBL__METER_BRIGHT 0.05 /* share of the pixels, the brightest ones, that are highlights */
 #define SBL__METER_HIGHLIGHT 1.5  /* stops: greatest radiance that the mean highlight is shown as */

@@ -38,12 +38,13 @@ struct sbl_Hit {
 
 sbl_Attributes sbl_attributes_of(sbl_Hit hit) { return sbl_attributes_at(hit.triangle, hit.b1, hit.b2); }
 
-// Returns the distance at which the ray enters the box, or `passed` if that is larger. Returns 0x7fffffff if the
-// ray misses the box, if it leaves the box before `passed`, or if it enters the box beyond `nearest`. The ray may
-// enter the box exactly at `nearest`, because of two triangles at the same distance the one with the lower number
-// is hit. All distances are the bits of floats. As integers, the bits of positive floats have the same order as
-// the floats, and those of negative floats are negative. per: distance along the ray per grid step. offset:
-// distance along the ray of the grid's origin. flip: tells for each axis whether the ray's direction is negative
+// Returns the distance at which the ray enters the box, or `passed` if that is larger. Returns 0x7fffffff if
+// the ray misses the box, if it leaves the box before `passed`, or if it enters the box beyond `nearest`. The
+// ray may enter the box exactly at `nearest`: if two triangles lie at the same distance, the ray hits the one
+// with the lower number. All distances are the bits of floats. As integers, the bits of positive floats have
+// the same order as the floats, and those of negative floats are negative. per: distance along the ray per
+// grid step. offset: distance along the ray of the grid's origin. flip: tells for each axis whether the ray's
+// direction is negative
 int sbl_box(uvec4 box, vec3 per, vec3 offset, bvec3 flip, int passed, int nearest) {
     vec3 low = vec3(box.xyz & 65535u), high = vec3(box.xyz >> 16);
     ivec3 entry = floatBitsToInt(mix(low, high, flip) * per + offset);

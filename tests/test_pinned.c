@@ -138,7 +138,8 @@ static uint64_t hash_of(const sbl_picture_desc *view) {
     return hash;
 }
 
-/* renderer: part of GL_RENDERER; version: part of GL_VERSION */
+/* renderer: part of GL_RENDERER; version: part of GL_VERSION; hashes: one hash for each case of pin_cases, in the same
+   order. The comment beside a hash is the name of its case. */
 static const struct { const char *renderer, *version; uint64_t hashes[PINS]; } pins[] = {
     { "llvmpipe (LLVM 15.0.6, 256 bits)", "Mesa 22.3.6", {
         0xee66185dff2bc145u,  /* cornell_ambient_traced */

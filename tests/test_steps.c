@@ -891,7 +891,7 @@ TEST(lamps_change_while_leaves_are_divided) {
         const sbl__bounce *b = context->core.bounce;
         result = sbl_step(context, b && b->division ? 1e-5 : 1e-3);
         b = context->core.bounce;
-        divided = b && b->stages.stage == SBL__BOUNCE_DIVIDE ? b->divided : 0;
+        divided = b && b->stages.stage == SBL__BOUNCE_DIVIDE ? b->changed : 0;
     }
     CHECK(divided >= 300, "%d leaves are divided", divided);
     memcpy(materials, cornell.materials, sizeof materials);

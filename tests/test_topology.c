@@ -436,6 +436,53 @@ TEST(stuck_points_do_not_count) {
               (double)direct[k]);
 }
 
+/* All rays of a leaf's points hit another leaf, which reflects half of 8. A leaf with 16 points counts as much as one
+   with four, both when leaves are divided and when bright leaves are chosen. */
+TEST(further_points_do_not_count_more) {
+    enum { MOST = 16 };
+    static sbl__bounce b;
+    static sbl__hit hits[MOST * SBL__BOUNCE_RAYS];
+    static sbl__bounce_point points[MOST];
+    static const float half[3] = { 0.5f, 0.5f, 0.5f };
+    sbl__bounce_leaf states[2] = { { 4, 32, 0, 4, 0, 1 }, { 0, 4, 0, 0, 0, 1 } };
+    sbl__division division;
+    sbl__spread spreads[2];
+    sbl__leaf leaves[2];
+    sbl__store store;
+    float direct[6];
+    int i, k;
+    memset(leaves, 0, sizeof leaves);
+    memset(&store, 0, sizeof store);
+    memset(&division, 0, sizeof division);
+    for (k = 0; k < 3; k++) leaves[1].light[k] = 8;
+    store.leaves = leaves;
+    store.leaf_count = 2;
+    division.spreads = spreads;
+    b.store = &store;
+    b.states = states;
+    b.points = points;
+    b.hits.list = hits;
+    b.direct = direct;
+    b.division = &division;
+    for (i = 0; i < MOST; i++) points[i].valid = 1;
+    for (i = 0; i < MOST * SBL__BOUNCE_RAYS; i++) {
+        hits[i].leaf = 1;
+        sbl__share_pack(half, hits[i].albedo);
+    }
+    for (states[0].points = 4; states[0].points <= MOST; states[0].points *= 4) {
+        const double rays = 4 * SBL__BOUNCE_RAYS;
+        memset(spreads, 0, sizeof spreads);
+        for (i = 0; i < states[0].points; i++) {
+            sbl__bounce_spread(&b, i);
+            sbl__bounce_shine(&b, i);
+        }
+        CHECK(fabs(spreads[1].hits - rays) < 1e-6 && fabs(spreads[1].weight - rays / 4) < 1e-3,
+              "%d points: %g hits, weight %g", states[0].points, spreads[1].hits, spreads[1].weight);
+        CHECK(fabs(b.found.rays - rays) < 1e-6 && fabs(b.found.light - 4 * rays) < 0.1,
+              "%d points: %g rays find %g", states[0].points, b.found.rays, b.found.light);
+    }
+}
+
 /* All memory has been freed. */
 TEST(no_memory_is_left) {
     CHECK(base.memory.host_bytes == 0, "%.0f bytes are not freed", (double)base.memory.host_bytes);
@@ -457,6 +504,7 @@ int main(void) {
     RUN(seams_keep_light_positive);
     RUN(light_is_linear_beside_silhouettes);
     RUN(stuck_points_do_not_count);
+    RUN(further_points_do_not_count_more);
     RUN(no_memory_is_left);
     return test_report();
 }

@@ -78,7 +78,7 @@ static int read_pfm(const char *name, picture *out) {
 
 /* Reads the true picture from build/truth, or makes it. half: from the first half of the samples */
 static void room_truth(const room *r, unsigned seed, picture *full, picture *half) {
-    const int samples = seed >= FURNISHED_BUILDING ? 8 * SAMPLES : SAMPLES;
+    const int samples = seed >= FURNISHED_STOREY ? 8 * SAMPLES : SAMPLES;
     char name[2][80];
     picture *other = (picture *)malloc(sizeof *other);
     float *halves[2];

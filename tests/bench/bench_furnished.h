@@ -1,4 +1,4 @@
-/* Furnished rooms made from a seed: size, windows, lamps, furniture and camera are random. A seed of FURNISHED_BUILDING
+/* Furnished rooms made from a seed: size, windows, lamps, furniture and camera are random. A seed of FURNISHED_STOREY
    or more makes a storey of many rooms, of which the camera sees one. Include after sbl.h and reference.h.
        furnished f = { 0 };
        furnished_make(&f, seed, 128, 96);
@@ -7,7 +7,7 @@
 #ifndef BENCH_FURNISHED_H
 #define BENCH_FURNISHED_H
 
-enum { FURNISHED_MESHES = 1024, FURNISHED_WINDOWS = 8, FURNISHED_PLACES = 40, FURNISHED_BUILDING = 1000 };
+enum { FURNISHED_MESHES = 1024, FURNISHED_WINDOWS = 8, FURNISHED_PLACES = 40, FURNISHED_STOREY = 1000 };
 
 typedef struct furnished_window { v3 corner, across, up; } furnished_window;
 
@@ -452,7 +452,7 @@ static void furnished_camera(furnished *f, int width, int height) {
 
 /* One storey of a building: 4 x 3 equal rooms with doorways between neighbours. The camera stands in one room of the
    middle row. A room beside it is a bright stairwell; some of the others have lamps. */
-static void furnished_building(furnished *f, int width, int height) {
+static void furnished_storey(furnished *f, int width, int height) {
     enum { ACROSS = 4, DEEP = 3 };
     const int hall = ACROSS + 1 + furnished_below(f, 2), beside[4] = { hall - 1, hall + 1, hall - ACROSS,
                                                                        hall + ACROSS };
@@ -482,11 +482,10 @@ static void furnished_building(furnished *f, int width, int height) {
         f->origin[0] = room % ACROSS * w + 0.06; f->origin[1] = room / ACROSS * d + 0.06;
         f->taken_count = 0;
         if (room == hall) furnished_camera(f, width, height);
-        for (i = room == bright ? 6 : furnished_below(f, 3) == 0; i > 0; i--)
-            furnished_lamp(f, 0);
+        for (i = room == bright ? 6 : furnished_below(f, 3) == 0; i > 0; i--) furnished_lamp(f, 0);
         for (i = 4 + furnished_below(f, 6); i > 0; i--) furnished_furniture(f);
     }
-    f->lights[0] = "building";
+    f->lights[0] = "storey";
     furnished_finish(f);
 }
 
@@ -494,7 +493,7 @@ static void furnished_make(furnished *f, unsigned seed, int width, int height) {
     static const char *const names[6] = { "panel", "floor lamp", "spot", "small lamp", "uplight", "windows" };
     int kinds[2], i, k, pieces;
     f->random = 0x5b1u + 7919u * (uint64_t)seed;
-    if (seed >= FURNISHED_BUILDING) { furnished_building(f, width, height); return; }
+    if (seed >= FURNISHED_STOREY) { furnished_storey(f, width, height); return; }
     f->size[0] = furnished_between(f, 2.8, 6.5);
     f->size[1] = furnished_between(f, 2.3, 3.2);
     f->size[2] = furnished_between(f, 2.8, 6.5);

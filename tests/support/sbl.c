@@ -8,6 +8,19 @@
 
 float inside_cell_length(const sbl_context *context) { return context->core.scene.store.length; }
 
+int inside_most_points(const sbl_context *context) {
+    const sbl__bounce *b = context->core.bounce;
+    int i, most = 0;
+    for (i = 0; i < context->core.scene.store.leaf_count; i++) most = SBL__MAX(most, b->states[i].points);
+    return most;
+}
+int inside_near_points(const sbl_context *context) {
+    const sbl__bounce *b = context->core.bounce;
+    int i, count = 0;
+    for (i = 0; i < b->point_count; i++)
+        count += b->points[i].number >= 4 && b->points[i].at.distance <= 8 * context->core.scene.store.length;
+    return count;
+}
 int inside_glow_count(const sbl_context *context) { return context->core.scene.bright.glow_count; }
 
 float inside_farthest_offset(const sbl_context *context) {

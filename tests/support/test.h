@@ -36,8 +36,8 @@ static inline int test_kind_is(const char *kind) {
 /* Runs a test in all runs but `rest`, because the sanitized run of the program runs it, too. */
 #define RUN(name) do { if (!test_kind_is("rest")) test_run(#name, test_##name); } while (0)
 
-/* Runs a test in plain and `rest` runs only: a long test whose code shorter tests run in the other runs. A program has
-   only one of these two runs. */
+/* Runs a long test once. A program has a plain run or a `rest` run, never both, and the test runs only there. Shorter
+   tests run the same code in the sanitized runs and in the others. */
 #define RUN_PLAIN(name) \
     do { if (test_kind_is("plain") || test_kind_is("rest")) test_run(#name, test_##name); } while (0)
 
