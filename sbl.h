@@ -121,7 +121,7 @@
    The same work in steps (begin once, step until done, end):
        sbl_begin_picture          starts a picture
        sbl_begin_readings         starts readings
-       sbl_begin_lightmap         starts a lightmap, which takes the place of a picture
+       sbl_begin_lightmap         starts a lightmap (a context holds one picture or one lightmap)
        sbl_begin_vertices         starts light at vertices
        sbl_begin_probes           starts probes
        sbl_step                   works for about the given number of seconds
@@ -216,11 +216,11 @@
        sbl_encode_srgb8(bytes, shown, 640 * 480 * 3, 1);
 
    auto_exposure goes by the light that arrives, as a light meter held into the scene does, and not by how bright the
-   surfaces are: white rooms stay white. The mean logarithm of the luminance of R, without the darkest and the
-   brightest 5 % of the pixels, is shown like a radiance of 0.71. If the mean logarithm of the brightest 5 % of
-   FINAL would exceed a radiance of 2.8, the exposure is lowered, by at most 1.5 stops. sbl_stats.picture.exposure tells
-   the result. Exposure and tone change no other channel. sbl_picture_desc.backdrop puts a gradient behind objects that
-   would otherwise be in front of a black sky.
+   surfaces are: white rooms stay white. It brings the mean logarithm of the luminance of R, without the darkest and the
+   brightest 5 % of the pixels, to that of 0.71. If this brings the mean logarithm of the brightest 5 % of FINAL above
+   that of 2.8, the exposure is lowered again, by at most 1.5 stops. sbl_stats.picture.exposure tells the result.
+   Exposure and tone change no other channel. sbl_picture_desc.backdrop puts a gradient behind objects that would
+   otherwise be in front of a black sky.
 
 
    ON THE TARGET ERROR
@@ -229,11 +229,11 @@
    luminance, divided by the mean luminance of R there. 0.02 means 2 %. The luminance of a colour is 0.2126 r + 0.7152 g
    + 0.0722 b. The times for targets of 8, 4, 2 and 1 % are about in the ratio 1 : 1.5 : 3 : 6.
 
-   With the default target, each sensor takes at most 16 looks; target_error tells how many rays these have. The limit
-   bounds the time where light comes through windows, and there the picture may miss the target. If you set target_error
-   yourself, a sensor may take up to 512 looks, which is 16 to 32 times as many rays.
+   With the default target of the preset, each sensor takes at most 16 looks. Their number of rays, 16 to 128 each,
+   follows from the target. The limit bounds the time where light comes through windows, and there the picture may miss
+   the target. If you set target_error yourself, even to its default, a sensor may take up to 512 looks.
 
-   A picture begins with few sensors that take one look each. They predict the error of each tile. It has two parts:
+   A picture begins with few sensors that take one look each. They predict the error of each tile, which has two parts:
 
        noise           estimated from how much rays in neighbouring directions differ, less what interpolation and the
                        filter average out
@@ -298,10 +298,10 @@
    itself is visible only on surfaces with SBL_MATERIAL_NO_SENSORS and in SBL_CHANNEL_STORE.
 
    Cost: a picture takes 2 to 3 times as long as with direct light alone, including the store, and more if the picture
-   is small (measured in several rooms, llvmpipe on two cores). The first work in this mode makes the store. It then
-   serves all pictures and bakes of the scene, with any camera and size, until sbl_set_scene or sbl_set_mesh_transform
-   discards it. A change of emission or lights takes half as long, see sbl_set_materials. sbl_save_store and
-   sbl_load_store carry a store over to the next run. sbl_stats.seconds.bounce and sbl_stats.store tell its cost.
+   is small (measured in several rooms on llvmpipe). The first work in this mode makes the store. All pictures and bakes
+   of the scene then use it. sbl_set_scene, sbl_set_mesh_transform and changes of what materials reflect discard it; a
+   change of emission or lights updates it in half the time. sbl_save_store and sbl_load_store carry it over to the next
+   run. sbl_stats.seconds.bounce and sbl_stats.store tell its cost.
 
    Budget: sbl_scene_desc.max_bounce_cells limits the number of cells, and so their size. Time and memory grow with it.
    Raise it if a room is lit through a gap or a door, if geometry is small compared with the scene, or if light looks
@@ -338,7 +338,7 @@
        sbl_lightmap_desc map = { 0 };
        map.width = map.height = 1024;
        if (sbl_bake_lightmap(context, &map) != SBL_SUCCESS) return 0;
-       sbl_read_channel(context, SBL_CHANNEL_FINAL, light, 1024 * 1024 * 3);
+       sbl_read_channel(context, SBL_CHANNEL_FINAL, light, 1024 * 1024 * 3);  // light: 1024 * 1024 * 3 floats
 
    The map holds R. A renderer shows emission + albedo * R. The chapters on pictures and on the target error are true
    for lightmaps, with texels instead of pixels. Refinement, interpolation and filter never cross the border of a chart.
@@ -364,7 +364,7 @@
    which measures several places per texel. A value of 2 takes about twice the time.
 
    Overlaps: if charts overlap or leave the map, a warning names the first place; SBL_CHANNEL_OVERLAP shows overlaps.
-   Triangles without area in the map are counted by a warning. If there are no others, the bake is an error.
+   Triangles without area in the map are counted by a warning; if there are no others, the bake fails.
 
    Normal maps need light from several directions. If `directional` is set, the channels SH_0 to SH_3 hold this light as
    spherical harmonics, see sbl_channel. These four alone would give
@@ -433,8 +433,8 @@
 
    Validity: surfaces have two sides here, and a probe sees the light of both. Only back faces tell whether a probe is
    inside something: `valid` is 0 if more than a quarter of all directions end on back faces. This finds probes in
-   closed objects, below the ground, and close behind a wall of one layer. If meshes are wound at random it tells
-   nothing; use back_share for your own test. The light is correct for the probe's position in any case.
+   closed objects, below the ground, and close behind a wall of one layer. If meshes are wound at random, ignore
+   `valid`. back_share is there for tests of your own. The light is correct for the probe's position in any case.
 
    Moving probes out of solids: if `move` is above 0, an invalid probe tries to go through the nearest back face of each
    octant of directions, from the nearest on, and an eighth of `move` beyond it, but never farther than `move` from the
@@ -449,8 +449,8 @@
 
    ON MEMORY
 
-   All memory comes from the allocator of sbl_context_desc, by default malloc and free. sbl_set_scene copies its input:
-   the host may free arrays, textures and GL buffers afterwards.
+   All host memory comes from the allocator of sbl_context_desc, by default malloc and free. sbl_set_scene copies its
+   input: the host may free arrays, textures and GL buffers afterwards.
 
    If memory runs out, the function returns SBL_ERROR_OUT_OF_MEMORY and the context stays usable. The scene or picture
    that was being made is dropped; an older scene stays. The memory of readings and probes does not grow with their
@@ -471,14 +471,14 @@
    sbl_step(context, 0.005) returns after about 5 ms. GL work is sized by the speed measured so far, to at most about
    sbl_context_desc.longest_submission at a time, so that no driver's watchdog takes it for a hang. Two things cannot be
    divided: the smallest part of a submission (a few sensors, or one row of pixels), and the compilation of a shader
-   program. Programs are compiled when they are first used, one per step, and are kept. With compile_ahead, sbl_create
+   program. Programs are compiled one by one, when they are first used, and are kept. With compile_ahead, sbl_create
    compiles nearly all of them (1.5 s on llvmpipe).
 
    The channels of a picture under way can be read after the first level, when the sensors of the first tiles have
    measured; albedo, normal, position, id and depth already before the first sensor. They hold the best picture so far.
-   Ask for a channel from the first step on: it costs nothing while there is nothing to read, and sbl_step then makes a
-   better picture whenever the number of looks has grown by a quarter. The first request that comes later makes such a
-   preview at once.
+   Ask for a channel from the first step on: the answer is SBL_UNFINISHED while there is nothing to read, and sbl_step
+   then makes a better picture whenever the number of looks has grown by a quarter. If the first request comes later,
+   this request itself makes such a preview.
 
    In SBL_MODE_GI, filling the store takes 10 to 50 % of the time of the scene's first picture. A host that asks for a
    channel meanwhile gets a first picture of direct light alone, coarsely interpolated, after 1 to 6 % of the time, and
@@ -502,8 +502,8 @@
    receives a warning (SBL_LOG_ITEM_LOST_RAYS).
 
    Callbacks (draw, environment, allocator, logger, progress) may call the sbl_query_... functions of their context, and
-   sbl_progress. Functions that change or step the context are refused there with SBL_ERROR_STATE. The progress callback
-   may also read channels. sbl_write_function and sbl_read_function must not call functions of the context.
+   sbl_progress; the progress callback may also read channels. Other functions of the context refuse such calls with
+   SBL_ERROR_STATE or 0, or do nothing. sbl_write_function and sbl_read_function must not call any of them.
 
 
    ON THREADS
@@ -706,7 +706,7 @@ typedef enum sbl_log_item { SBL_LOG_ITEMS(SBL__X) SBL_LOG_ITEM_COUNT } sbl_log_i
 typedef void (*sbl_gl_function)(void);
 
 typedef struct sbl_allocator {
-    void *(*alloc)(size_t bytes, void *user);  /* returns NULL if memory runs out */
+    void *(*alloc)(size_t bytes, void *user);  /* returns memory aligned as malloc aligns it; NULL: none is left */
     void (*free)(void *pointer, void *user);   /* is never called with NULL */
     void *user;                                /* passed to both functions */
 } sbl_allocator;
@@ -728,8 +728,8 @@ typedef enum sbl_capability {
 
 typedef struct sbl_context_desc {
     uint32_t start_canary;    /* must stay 0; another value shows that the struct was not zeroed */
-    sbl_gl_function (*get_gl_function)(const char *name, void *user);  /* loader of GL functions, such as
-                                 eglGetProcAddress. Default: NULL, which creates a headless context (needs SBL_EGL) */
+    sbl_gl_function (*get_gl_function)(const char *name, void *user);  /* looks up a GL function by its name, as
+                                 eglGetProcAddress does. Default: NULL, for a headless context (needs SBL_EGL) */
     void *gl_user;            /* passed to get_gl_function */
     sbl_allocator allocator;  /* where all memory comes from; set both functions or none. Default: malloc and free */
     sbl_logger logger;        /* receives all messages. Default: errors and warnings go to stderr, one line each, or
@@ -738,8 +738,8 @@ typedef struct sbl_context_desc {
     int sensor_texture_size;  /* SBL_BACKEND_RASTER: width and height in texels of the texture that holds the views of a
                                  batch, 256 to 16384. It is reduced to what the driver supports, and enlarged if one
                                  sensor needs more. It changes pictures by float rounding only. Default: 2048 */
-    int batch;                /* number of sensors that one draw call draws, at most as many as fit into the texture of
-                                 views. The number never changes a picture. Default: as many as the time allows */
+    int batch;                /* maximum number of looks that one draw call measures; views must also fit into their
+                                 texture. It never changes a picture. Default: as many as the time allows */
     float longest_submission; /* seconds that GL may work at a time, roughly. Default: 0.1 */
     int compile_ahead;        /* 1: sbl_create compiles all programs except those of inspections, of directional
                                  lightmaps, and of scenes too large for one buffer texture per table. Default: 0, each
@@ -764,8 +764,8 @@ typedef struct sbl_programs {
 } sbl_programs;
 
 typedef struct sbl_bounds {
-    float lowest[3];          /* lowest world coordinates of the scene */
-    float highest[3];         /* highest world coordinates of the scene */
+    float lowest[3];          /* lowest world coordinates of all triangles and of draw_bounds */
+    float highest[3];         /* highest world coordinates of all triangles and of draw_bounds */
 } sbl_bounds;
 
 typedef struct sbl_memory {
@@ -784,19 +784,19 @@ typedef enum sbl_type {
     SBL_UINT16_NORM,  /* 0 to 65535 means 0 to 1 */
     SBL_INT8_NORM,    /* -127 to 127 means -1 to 1 */
     SBL_INT16_NORM,   /* -32767 to 32767 means -1 to 1 */
-    SBL_UINT8,        /* whole numbers, for indices */
+    SBL_UINT8,        /* whole numbers, for indices only, as the next two types */
     SBL_UINT16,
     SBL_UINT32,
     SBL_TYPE_COUNT
 } sbl_type;
 
-/* One vertex attribute, or the indices. The stream is absent if both data and gl_buffer are 0. */
+/* One vertex attribute, or the indices. Set data or gl_buffer, not both; the stream is absent if both are 0. */
 typedef struct sbl_stream {
     const void *data;    /* client memory; it is copied */
-    uint32_t gl_buffer;  /* a GL buffer, used if data is NULL; it is read back once */
+    uint32_t gl_buffer;  /* a GL buffer; sbl_set_scene reads it back */
     size_t offset;       /* bytes from data, or from the start of the buffer, to the first element */
     size_t stride;       /* bytes from one element to the next. Default: tightly packed */
-    sbl_type type;       /* type of each component. Default: SBL_FLOAT32 */
+    sbl_type type;       /* type of each component; indices need an integer type. Default: SBL_FLOAT32 */
 } sbl_stream;
 
 /* A list of triangles. Winding matters only where the two sides of a surface differ (one-sided emission, lightmaps,
@@ -805,13 +805,13 @@ typedef struct sbl_mesh {
     sbl_stream positions;  /* 3 components; required */
     sbl_stream normals;    /* 3 components in object space, of any length. Default: triangles are flat */
     sbl_stream texcoords;  /* 2 components; v = 0 is the first row of the texture. Default: 0 0 */
-    sbl_stream lightmap_texcoords;  /* 2 components, the place in a lightmap: (0, 0) is the first corner of the first
-                              row, (1, 1) the last corner of the last row. Default: the mesh is in no lightmap */
-    sbl_stream colors;     /* 4 components, linear rgb and alpha, times the material's albedo. Default: 1 1 1 1 */
-    sbl_stream indices;    /* 3 per triangle: SBL_UINT8, SBL_UINT16 or SBL_UINT32. Default: 0 1 2, 3 4 5, ... */
-    int vertex_count;      /* number of vertices in each of the attributes */
+    sbl_stream lightmap_texcoords;  /* 2 components, the place in a lightmap: (0, 0) is its upper left corner, (1, 1)
+                              its lower right corner. Default: the mesh is in no lightmap */
+    sbl_stream colors;     /* 4 components, 0 to 1: linear rgb, which multiplies albedo, and alpha. Default: 1 1 1 1 */
+    sbl_stream indices;    /* 3 per triangle; type: SBL_UINT8, SBL_UINT16 or SBL_UINT32. Default: 0 1 2, 3 4 5, ... */
+    int vertex_count;      /* number of vertices in each attribute; without indices, a multiple of 3 */
     int index_count;       /* number of indices, a multiple of 3; ignored if there are no indices */
-    float transform[16];   /* object to world, column-major, affine. Default (all zero): identity */
+    float transform[16];   /* object to world, column-major, affine, invertible. Default (all zero): identity */
     int material;          /* index into sbl_scene_desc.materials */
     uint32_t id;           /* surfaces with the same id may be filtered together. Default: the mesh's index + 1 */
 } sbl_mesh;
@@ -820,15 +820,15 @@ typedef enum sbl_material_flag {
     SBL_MATERIAL_ONE_SIDED_EMISSION = 1 << 0,  /* the back does not emit */
     SBL_MATERIAL_HIDDEN_FROM_CAMERA = 1 << 1,  /* the camera does not see the surface */
     SBL_MATERIAL_HIDDEN_FROM_SENSORS = 1 << 2, /* the surface neither sheds light on others nor casts shadows */
-    SBL_MATERIAL_NO_SENSORS = 1 << 3,  /* SBL_MODE_GI: no sensors stand on the surface; it shows the stored light,
-                                          smoothed. For fine or moving things. Casts shadows and reflects as usual */
+    SBL_MATERIAL_NO_SENSORS = 1 << 3,  /* for fine or moving things, only in SBL_MODE_GI: pictures and lightmaps place
+                                          no sensors on the surface and show the stored light, smoothed */
     SBL_MATERIAL_FLAGS_ALL = (1 << 4) - 1
 } sbl_material_flag;
 
 /* A material has no defaults: all zero is a black, solid surface without emission and textures. */
 typedef struct sbl_material {
     float albedo[3];       /* linear share of light that is reflected, 0 to 1 each */
-    float emission[3];     /* emitted radiance, 0 or more */
+    float emission[3];     /* emitted radiance, 0 to 1e37 */
     int albedo_texture;    /* number of the texture that multiplies albedo, counted from 1; 0: none */
     int emission_texture;  /* number of the texture that multiplies emission, counted from 1; 0: none */
     float alpha_cutoff;    /* the surface has a hole where its alpha (alpha of the albedo texture times alpha of the
@@ -848,8 +848,8 @@ typedef enum sbl_wrap { SBL_WRAP_REPEAT = 0, SBL_WRAP_CLAMP, SBL_WRAP_COUNT } sb
 
 /* A texture. It is filtered bilinearly, without mip maps. */
 typedef struct sbl_texture {
-    const void *pixels;       /* client memory; it is copied */
-    uint32_t gl_texture;      /* a GL_TEXTURE_2D, used if pixels is NULL; level 0 is copied as a shader samples it */
+    const void *pixels;       /* client memory; it is copied. Set pixels or gl_texture, not both */
+    uint32_t gl_texture;      /* a GL_TEXTURE_2D, of which level 0 is copied as a shader samples it */
     sbl_pixel_format format;  /* format of pixels. The copy of gl_texture is stored as 8-bit sRGB for SBL_PIXELS_SRGB8,
                                  otherwise as 16-bit floats. Default: SBL_PIXELS_SRGB8 */
     int width, height;        /* pixels; leave 0 for gl_texture, whose size is read from GL */
@@ -865,7 +865,7 @@ typedef enum sbl_light_kind {
     SBL_LIGHT_KIND_COUNT
 } sbl_light_kind;
 
-/* A light that is not a surface: camera and sensors do not see it, and it casts no shadow. Kinds and units follow
+/* A light that is not a surface: camera and sensors do not see it, and it blocks no other light. Kinds and units follow
    glTF's KHR_lights_punctual: if radiance is in nits and lengths are in metres, intensities are in candela (point,
    spot) and in lux (directional). Unlike in glTF, cones are full angles in degrees, and there is no maximum range. */
 typedef struct sbl_light {
@@ -890,12 +890,12 @@ typedef struct sbl_light {
    corner, so the upper edge of the picture is straight up everywhere. */
 typedef struct sbl_environment {
     sbl_texture picture;      /* equirectangular picture of any pixel format, with finite values that are not negative;
-                                 gl_texture and wrap are not allowed. There is no environment if its width is 0
-                                 and radiance is NULL */
-    void (*radiance)(const float direction[3], float radiance[3], void *user);  /* used instead of pixels: gets the
-                                 radiance from a unit direction in the world. sbl_set_scene calls it for the centre of
-                                 each texel of a picture of picture.width x picture.height, by default 512 x 256.
-                                 rotation and up do not turn the light of this function */
+                                 gl_texture must be 0, wrap is ignored. There is no environment if its pixels and
+                                 radiance are NULL */
+    void (*radiance)(const float direction[3], float radiance[3], void *user);  /* instead of picture.pixels (both are
+                                 an error): gets the radiance from a unit direction in the world. sbl_set_scene calls it
+                                 for the centre of each texel of a picture of picture.width x picture.height, by default
+                                 512 x 256. rotation and up do not turn the light of this function */
     void *user;               /* passed to radiance */
     float scale;              /* multiplies the light of the environment. Default: 1. Negative: 0, no light */
     float rotation;           /* degrees; rotates the picture about `up`, counter-clockwise seen from above */
@@ -920,18 +920,18 @@ typedef enum sbl_view_kind { SBL_VIEW_CAMERA = 0, SBL_VIEW_SENSOR } sbl_view_kin
        location 3  vec4: albedo, a = 1
        location 4  vec4: emission, a = 0
        location 5  uint: id, not 0
-   gl_Position = world_to_clip * vec4(world position, 1). Depth is reversed: nearer is greater.
+   gl_Position = world_to_clip * vec4(world position, 1). Depth is reversed: nearer is greater. In SBL_VIEW_CAMERA
+   y points down, so that GL takes front faces for back faces.
 
-   Cost: the callback is called once for each view of each sensor, and a hemicube has five views. Meshes are drawn for
-   many sensors in one call. */
+   Cost: one call for each view of each look, and a hemicube has five. Meshes are drawn for many looks at once. */
 typedef struct sbl_draw_view {
     sbl_view_kind kind;       /* whose view is drawn: the camera's or a sensor's */
     int viewport[4];          /* x, y, width, height in the current framebuffer; the scissor is the same */
     float world_to_view[16];  /* rigid; view space looks along -z, and y is up */
-    float view_to_clip[16];   /* projection with reversed depth, which is infinite unless it is orthographic */
+    float view_to_clip[16];   /* projection with reversed depth; the far plane of a perspective is at infinity */
     float world_to_clip[16];  /* view_to_clip * world_to_view */
     float eye[3];             /* world position of the sensor or camera */
-    float radiance_scale;     /* factor that keeps bright lamps inside the range of the texels */
+    float radiance_scale;     /* factor for the radiance that the shader writes, so that bright lamps do not overflow */
     float depth_scale;        /* factor of the depth, see write_depth */
     int write_depth;          /* 1: the fragment shader must write gl_FragDepth, because the driver has no clip control.
                                  The value is gl_FragCoord.w * depth_scale if view_to_clip is a perspective projection,
@@ -941,8 +941,8 @@ typedef struct sbl_draw_view {
                                  Valve Source Shading"); a surface radiates emission + albedo * R(its normal).
                                  SBL_MODE_GI: the light, with all bounces, that meshes, lights and sky send to
                                  draw_bounds. Other modes: epsilon */
-    int sensor, face;         /* SBL_VIEW_SENSOR: number of the sensor within its level, and number of the view; view 0
-                                 looks along the normal */
+    int sensor, face;         /* SBL_VIEW_SENSOR: number of the look among those that are measured together; number of
+                                 the view, where view 0 looks along the normal */
 } sbl_draw_view;
 
 typedef void (*sbl_draw_function)(const sbl_draw_view *view, void *user);
@@ -1000,7 +1000,7 @@ typedef enum sbl_tone {
 typedef enum sbl_sensor_kind {
     SBL_SENSOR_DEFAULT = 0,  /* the default, see sbl_picture_desc.sensor_kind */
     SBL_SENSOR_HEMICUBE,     /* five views, which cover the whole hemisphere */
-    SBL_SENSOR_SINGLE,       /* the paper's single view, sensor_fov wide; beyond it the sensor sees only lamps */
+    SBL_SENSOR_SINGLE,       /* one view, sensor_fov wide; only lamps are seen beyond it, in SBL_MODE_PAPER nothing */
     SBL_SENSOR_KIND_COUNT
 } sbl_sensor_kind;
 
@@ -1009,12 +1009,11 @@ typedef enum sbl_backend {
     SBL_BACKEND_AUTO = 0,    /* RASTER if the mode is SBL_MODE_PAPER, if the scene has a draw callback, or if sensors
                                 are SBL_SENSOR_SINGLE; otherwise TRACE */
     SBL_BACKEND_RASTER,      /* draws views, as in the paper; the cost grows with the number of triangles. Rays towards
-                                lamps meet only meshes; views show where the geometry of a draw callback blocks a lamp,
-                                and the light that it emits */
+                                lamps meet only meshes; views show which lamps the geometry of a draw callback blocks,
+                                and the light that this geometry emits */
     SBL_BACKEND_TRACE,       /* traces rays through a bounding volume hierarchy; the cost grows with the logarithm of
                                 the number of triangles. The noise of sensors is known, so refinement follows light and
-                                not noise. Not in SBL_MODE_PAPER, with a draw callback, or with
-                                SBL_SENSOR_SINGLE */
+                                not noise. SBL_MODE_PAPER, draw callbacks and SBL_SENSOR_SINGLE exclude it */
     SBL_BACKEND_COUNT
 } sbl_backend;
 
@@ -1030,11 +1029,12 @@ typedef struct sbl_options {
                                   Default of readings: 64 / 256 / 1024.
                                   Default of vertices: 16 / 64 / 256.
                                   Default of probes: 1024 / 4096 / 16384.
-                                  Readings and vertices: if set, exactly this many rays are traced. Otherwise few are
-                                  traced when only lamps emit, because they are then needed only for hit_share,
-                                  back_share, hit_mean, hit_min and valid.
-                                  Rays towards lamps come in addition: at most as many again, and for probes a 64th of
-                                  rays, but 32 to 256, for each of a probe's normals */
+                                  Readings and vertices: if set, exactly this many rays are traced. If not set, at most
+                                  16 are traced if light comes from lamps alone (never in SBL_MODE_GI), because they
+                                  then only find hit_share, back_share, hit_mean, hit_min and valid.
+                                  Rays towards lamps come in addition (if views are drawn, they are the only rays):
+                                  about as many again at most, and for probes a 64th of rays, but 32 to 256, for each
+                                  of a probe's normals */
     int sensor_size;           /* number of texels across a view of a rasterised sensor, 4 to 512.
                                   Default: 32 / 64 / 128. Default of probes: 8 / 16 / 32 */
     float epsilon;             /* ambient factor: a surface that does not emit has the radiance epsilon * albedo.
@@ -1075,7 +1075,7 @@ typedef struct sbl_picture_desc {
     int filter_radius;         /* radius of the Gaussian filter, up to 32 pixels. Default: 2. Negative: no filter */
     int samples;               /* anti-aliasing samples per pixel of SBL_CHANNEL_FINAL, 1 to 64. Default: 1 / 4 / 16 */
     sbl_tone tone;             /* how SBL_CHANNEL_DISPLAY is made. Default: SBL_TONE_NONE */
-    float exposure;            /* stops, -100 to 100: each doubles the brightness of SBL_CHANNEL_DISPLAY. Default: 0 */
+    float exposure;            /* stops, -100 to 100: each doubles the radiance that `tone` maps. Default: 0 */
     int auto_exposure;         /* 1: measures the picture and adds the stops that suit it, see ON SCREENS. Default: 0 */
     float backdrop[3];         /* what SBL_CHANNEL_DISPLAY shows where there is no surface and the sky is darker:
                                   linear, 0 to 1, at the lower edge; it fades to 0.3 of it at the upper edge. It lights
@@ -1089,13 +1089,13 @@ typedef struct sbl_picture_desc {
    spherical harmonics of sbl_probe, continued into the gutter as FINAL is; they are 0 unless a directional lightmap is
    finished (see ON LIGHTMAPS). */
 typedef enum sbl_channel {
-    SBL_CHANNEL_FINAL = 0,  /* 3: emission + albedo * R, anti-aliased */
+    SBL_CHANNEL_FINAL = 0,  /* 3: emission + albedo * R, anti-aliased; in lightmaps R, continued into the gutter */
     SBL_CHANNEL_RADIANCE,   /* 3: R at pixel centres, filtered */
     SBL_CHANNEL_ALBEDO,     /* 3: linear albedo */
-    SBL_CHANNEL_NORMAL,     /* 3: unit normal in world space, towards the camera */
+    SBL_CHANNEL_NORMAL,     /* 3: unit normal in world space, towards the camera; in lightmaps on the front */
     SBL_CHANNEL_POSITION,   /* 3: world position */
-    SBL_CHANNEL_ID,         /* 1: sbl_mesh.id */
-    SBL_CHANNEL_DEPTH,      /* 1: distance along the view axis */
+    SBL_CHANNEL_ID,         /* 1: sbl_mesh.id, exact up to 2^24; in lightmaps 1 + the number of the chart */
+    SBL_CHANNEL_DEPTH,      /* 1: world distance from the camera along the view axis; 0 in lightmaps */
     SBL_CHANNEL_SENSORS,    /* 1: 0 if the pixel was interpolated, else 1 + the level at which its sensor was placed */
     SBL_CHANNEL_STORE,      /* 3: R as stored for each cell in SBL_MODE_GI; 0 in other modes */
     SBL_CHANNEL_ERROR,      /* 1: predicted standard error of the luminance of R, see ON THE TARGET ERROR */
@@ -1118,21 +1118,21 @@ typedef struct sbl_stats {
     sbl_backend backend;          /* SBL_BACKEND_RASTER or SBL_BACKEND_TRACE */
     struct {
         int triangles;            /* number of triangles in the scene, without degenerate ones */
-        int lamps;                /* number of emitting triangles, lights and bright texels of the sky */
+        int lamps;                /* number of emitting triangles, lights and bright sky texels; 0 in SBL_MODE_PAPER */
         double bvh_seconds;       /* seconds spent on building the bounding volume hierarchy, once per scene; they are
                                      part of seconds.surface of the scene's first traced work */
         size_t bvh_bytes;         /* GPU memory of the hierarchy in bytes */
     } scene;
     struct {                      /* the store of bounced light, SBL_MODE_GI */
         int cells;                /* number of cells in the store */
-        int max_cells;            /* sbl_scene_desc.max_bounce_cells of the store, or its default; 0: no store */
+        int max_cells;            /* maximum number of cells of the store when it was made; 0: there is no store */
         int64_t rays;             /* rays between surfaces and of the store's sensors, if this work made the store */
     } store;
     struct {
-        int64_t count;            /* number of sensors, one for each point at which light was measured */
+        int64_t count;            /* number of points at which light was measured; probes: number of positions */
         int64_t invalid;          /* number of sensors that are stuck inside geometry or whose rays were lost, and in
-                                     lightmaps also those of hidden texels; the light of their neighbours is used
-                                     instead */
+                                     lightmaps also those of hidden texels; pictures, lightmaps and vertices use the
+                                     light of neighbours instead */
         int64_t views;            /* number of views drawn, over all looks */
         int64_t texels;           /* number of texels in these views */
         int64_t rays;             /* number of rays traced over the hemispheres; rays towards lamps are not counted */
@@ -1150,7 +1150,7 @@ typedef struct sbl_stats {
         float stored_error;       /* the part of expected_error that sensors cannot reduce: the root mean square error
                                      of stored light, as a share of the mean R */
         int level_count;          /* number of entries in levels */
-        struct { int tile; int64_t sensors; } levels[SBL_MAX_LEVELS];  /* tile size in pixels and number of sensors */
+        struct { int tile; int64_t sensors; } levels[SBL_MAX_LEVELS];  /* tile size, pixels; number of sensors added */
     } picture;
     struct {
         int seams;                /* number of edges at which charts meet in the world */
@@ -1175,7 +1175,7 @@ typedef struct sbl_stats {
 typedef struct sbl_site {
     float position[3];          /* world position */
     float normal[3];            /* middle of the hemisphere that light comes from; any length but 0 */
-    float geometric_normal[3];  /* side of the surface to which the sensor is moved. Default (all zero): normal */
+    float geometric_normal[3];  /* direction in which the sensor is moved off the surface. Default (all zero): normal */
     float offset;               /* world distance that the sensor moves. Default: what rounding requires. Negative: 0 */
 } sbl_site;
 
@@ -1187,9 +1187,9 @@ typedef struct sbl_reading {
     float back_share;   /* share of hit_share in which back faces are seen */
     float hit_mean;     /* mean world distance to the surfaces seen; 0 if there are none */
     float hit_min;      /* least world distance to the surfaces seen; 0 if there are none */
-    int valid;          /* 0: a surface is so close that the sensor is stuck in it, or the light overflows, or rays
-                           were lost (SBL_LOG_ITEM_LOST_RAYS). A point inside a closed object, away from its
-                           surfaces, is valid; back_share tells that */
+    int valid;          /* 0: ignore the other fields, because the sensor is stuck in a surface beside it, the light
+                           overflows, or rays were lost (SBL_LOG_ITEM_LOST_RAYS). A point inside a closed object, away
+                           from its surfaces, is valid; only its back_share tells that it is inside */
 } sbl_reading;
 
 /* Fields with the same name as in sbl_picture_desc have the same meaning. */
@@ -1210,11 +1210,11 @@ typedef struct sbl_readings_desc {
    with the same name as in sbl_picture_desc have the same meaning, with texels instead of pixels. Three numbers are
    the values of the presets draft / default / high.
 
-   If any surface touches the square of a texel, the texel shows the point of a surface that is nearest to its centre.
+   If triangles touch the square of a texel, the texel shows their point that is nearest to the texel's centre.
    Light is measured on the front of a surface: the side that its normals point to, or without normals the side from
    which its corners run counter-clockwise.
 
-   Unlike in a picture, FINAL is R, continued into the gutter; ID is 1 + the number of the chart; DEPTH is 0. */
+   Unlike in a picture, FINAL is R, continued into the gutter; ID is 1 + the chart's number; DEPTH and DISPLAY are 0. */
 typedef struct sbl_lightmap_desc {
     uint32_t start_canary;     /* must stay 0 */
     int width, height;         /* texels, 1 to 16384. Default: 512 x 512 */
@@ -1225,7 +1225,7 @@ typedef struct sbl_lightmap_desc {
                                   see ON LIGHTMAPS. Default: 16. Negative: no gutter */
     int seams;                 /* 0: light is made equal across seams, see ON LIGHTMAPS. Default: 0. Negative, or no
                                   gutter: seams stay */
-    int directional;           /* 1: also store the direction of the light, in channels SH_0 to SH_3 */
+    int directional;           /* 1: channels SH_0 to SH_3 are made, see ON LIGHTMAPS. Default: 0, they are not */
     int supersample;           /* number of places across a texel at which light is measured, 1 to 8; FINAL, RADIANCE
                                   and SH are their means, other channels show the place nearest to the centre. width and
                                   height times this are at most 16384. Default: 1 */
@@ -1271,8 +1271,8 @@ typedef struct sbl_probes_desc {
                                   Default: NULL, a grid */
     sbl_probe *probes;         /* receives one probe per position, in the same order; must stay valid likewise */
     int probe_count;           /* number of probes, 0 or more. Default: number of points of the grid */
-    int grid[3];               /* if positions is NULL: number of probes along x, y and z. x runs fastest, then y. The
-                                  probes are at the centres of equal boxes that fill the space from lowest to highest */
+    int grid[3];               /* without positions: number of probes along x, y and z, up to 16384; x runs fastest,
+                                  then y. They are at the centres of equal boxes that fill lowest to highest */
     float lowest[3], highest[3];  /* world corners of the grid. Default (all zero): the bounds of the scene */
     float move;                /* greatest world distance to move a probe out of something, see ON PROBES. Default: 0 */
     sbl_options options;       /* see sbl_options; the seed rotates the rays */
@@ -1290,15 +1290,15 @@ typedef struct sbl_vertices_desc {
     int mesh_count;            /* number of entries in meshes */
     float *radiance;           /* receives R, 3 floats for each of the vertex_count vertices of a mesh, one mesh after
                                   the other; never negative. Must stay valid until the work is done */
-    size_t float_count;        /* number of floats that radiance has room for */
+    size_t float_count;        /* number of floats that radiance has room for, at least 3 per vertex of these meshes */
     int samples;               /* number of points on a triangle that has the mean area of its mesh, 1 to 1024. Others
-                                  have points in proportion to their area, at least 4 and at most 8 times samples.
-                                  Default: 4 / 8 / 16 */
+                                  have points in proportion to their area: at most 8 * samples, and at least 4, or
+                                  samples if it is less. Default: 4 / 8 / 16 */
     int average;               /* 1: each vertex gets the mean of the points around it instead of the least-squares fit.
                                   This is smoother, and wrong where light changes within large triangles. Default: 0 */
     float smoothing;           /* weight of the rule that the slope of the light agrees on triangles that share an edge,
-                                  relative to the weight of the points; light that is linear stays as it is. Default:
-                                  0.02. Negative: 0, no rule */
+                                  relative to the weight of the points, up to 1e6; linear light stays as it is.
+                                  Default: 0.02. Negative: 0, no rule */
     sbl_options options;       /* see sbl_options; rays are those of one point */
     uint32_t end_canary;       /* must stay 0 */
 } sbl_vertices_desc;
@@ -1340,7 +1340,7 @@ typedef struct sbl_sensor_ray {
     int lamp;                 /* index into sbl_sensor.lamps; -1: a ray over the hemisphere */
 } sbl_sensor_ray;
 
-/* One sensor of the last picture. A rasterised sensor has all its views on one sheet:
+/* One sensor of the finished picture or lightmap. A rasterised sensor has all its views on one sheet:
 
        hemicube, size S:  +--------+--------+        single:  +--------+
                           |        | side 1 |                 |        |
@@ -1354,17 +1354,17 @@ typedef struct sbl_sensor_ray {
    guided. Both kinds of sensors send rays towards lamps, except in SBL_MODE_PAPER, where texels find the emitters. */
 typedef struct sbl_sensor {
     sbl_backend backend;      /* SBL_BACKEND_RASTER or SBL_BACKEND_TRACE */
-    sbl_site site;            /* the point of the sensor; sbl_gather_readings measures the same light there. If a
-                                 texel's centre is hidden, it is the first of the places from which its sensor looks */
+    sbl_site site;            /* the point of the sensor; sbl_gather_readings measures the same light there. In a texel
+                                 with a hidden centre: the first of the places from which its sensor looks */
     float position[3];        /* world position of the sensor: the site moved off its surface */
     float normal[3];          /* unit normal of the sensor */
     float radiance[3];        /* R of the pixel's sensor, or of a new sensor if `sensed` is 0: the mean of all looks */
     float noise;              /* standard error of the luminance of R; 0 if it is unknown */
-    int looks;                /* number of looks of the sensor. All fields below describe the first look */
+    int looks;                /* number of looks. The fields below, except sensed and level, are of the first look */
     float from_surroundings[3];  /* part of the first look's R: the sum of weight * radiance over the sheet */
-    float from_lamps[3];      /* part of R that rays towards lamps have measured */
+    float from_lamps[3];      /* part of the first look's R that rays towards lamps have measured */
     float weight_sum;         /* sum of the weights of the sheet: 1 except for a single view */
-    float back_share;         /* share of the weight that sees back faces */
+    float back_share;         /* share of the whole weight that sees back faces, unlike in sbl_reading */
     float hit_min, hit_mean;  /* least and mean world distance to the surfaces seen; 0 if there are none */
     int valid;                /* 0: the sensor is stuck inside geometry, its light overflows, or rays were lost */
     int sensed;               /* 1: the pixel's light is from its sensor or from the store; 0: the pixel was
@@ -1385,23 +1385,23 @@ extern "C" {
 
 /* >>functions
 
-   Results are listed without SBL_SUCCESS and without the prefix SBL_ERROR_. Each function also returns
-   INVALID_ARGUMENT for a NULL context, and STATE if a callback calls it from which it is not allowed, or if the context
-   is headless and a GLX context is current (see ON GL STATE). Each mistake in a descriptor is logged. Functions that
-   drop work under way keep a finished picture, unless their comment says more. */
+   Results are listed without SBL_SUCCESS and without the prefix SBL_ERROR_. Each function also returns INVALID_ARGUMENT
+   for a NULL context, and STATE if a callback that must not call it does so, or if the context is headless and a GLX
+   context is current (see ON GL STATE). Each mistake in a descriptor is logged, and the call then drops nothing.
+   Functions that drop work under way keep a finished picture, unless their comment says more. */
 
 /* Creates a context.
    desc: NULL means defaults. out: receives the context, or NULL on failure.
-   Results: INVALID_ARGUMENT, OUT_OF_MEMORY, UNSUPPORTED (no GL 3.3, a GL function is missing, no headless GL), GL
-   (also if the driver draws a known triangle wrongly). */
+   Results: INVALID_ARGUMENT (also without both get_gl_function and SBL_EGL), OUT_OF_MEMORY, UNSUPPORTED (no GL 3.3, a
+   GL function is missing, no headless GL), GL (also if the driver draws a known triangle wrongly). */
 SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out);
 
-/* Frees a context and all its GL objects. context: may be NULL. */
+/* Frees a context and all its GL objects. Does nothing if context is NULL, or where others return STATE. */
 SBL_API void sbl_destroy(sbl_context *context);
 
 /* Replaces the scene by a copy of the one that desc describes. Work under way is dropped. An empty scene is allowed and
    shows only sky. Triangles without area are left out, with a warning.
-   Results: INVALID_ARGUMENT, OUT_OF_MEMORY, UNSUPPORTED (scene too large), GL. On failure scene and work stay. */
+   Results: INVALID_ARGUMENT, OUT_OF_MEMORY, UNSUPPORTED (too large), GL. On failure nothing changes. */
 SBL_API sbl_result sbl_set_scene(sbl_context *context, const sbl_scene_desc *desc);
 
 /* Moves one mesh of the scene. Work under way is dropped.
@@ -1421,15 +1421,15 @@ SBL_API sbl_result sbl_set_lights(sbl_context *context, const sbl_light *lights,
 /* Writes the stored bounced light of the scene through put, or reads it back through get, so that a later run need not
    compute it. The scene must be the same to the bit: meshes, materials, textures, lights, sky and environment. Camera,
    max_bounce_cells, preset and seed may differ; light that was made with a smaller max_bounce_cells is loaded with a
-   warning (SBL_LOG_ITEM_COARSE_STORE). The error of a load that fails has SBL_LOG_ITEM_OTHER_STORE if the data are
-   stored light of another scene, and tells which of its parts differ; it has SBL_LOG_ITEM_INVALID_STORE if the data are
-   damaged or something else, so that a host can refuse to overwrite a file that it did not write. Loading drops work
-   under way.
-   put, get: called for some bytes at a time; they return the number of bytes written or read, and fewer than asked for
-   are an error. user: passed to them. The format has a version and a checksum, and uses the machine's byte order.
-   Results: INVALID_ARGUMENT (put or get failed; the data are damaged, or of another version, byte order or scene),
-   STATE (no scene; save: no light is stored yet), UNSUPPORTED (load: larger than the driver's tables), OUT_OF_MEMORY,
-   GL. After a failed load the scene keeps the stored light that it had. */
+   warning (SBL_LOG_ITEM_COARSE_STORE). A load that fails logs SBL_LOG_ITEM_OTHER_STORE if the data are stored light of
+   another scene (the message names the parts that differ), version or byte order, or larger than the driver's tables;
+   it logs SBL_LOG_ITEM_INVALID_STORE if they are damaged or something else, so that a host can refuse to overwrite a
+   file that it did not write. Loading drops work under way, even if it fails.
+   put, get: called for some bytes at a time; they return the number of bytes written or read, and any other number than
+   asked for is an error. user: passed to them. The format has a version and a checksum.
+   Results: INVALID_ARGUMENT (put or get is NULL or failed; the data are damaged, or of another version, byte order or
+   scene), STATE (no scene; save: no light is stored yet), UNSUPPORTED (load: larger than the driver's tables),
+   OUT_OF_MEMORY, GL. After a failed load the scene keeps the stored light that it had. */
 SBL_API sbl_result sbl_save_store(sbl_context *context, sbl_write_function put, void *user);
 SBL_API sbl_result sbl_load_store(sbl_context *context, sbl_read_function get, void *user);
 
@@ -1446,16 +1446,15 @@ SBL_API sbl_result sbl_bake_probes(sbl_context *context, const sbl_probes_desc *
    textures). On failure nothing is dropped. */
 SBL_API sbl_result sbl_begin_picture(sbl_context *context, const sbl_picture_desc *desc);
 
-/* Starts a lightmap, which takes the place of a picture: the comments on pictures are true for it, from sbl_step to
-   sbl_inspect_sensor.
-   desc: NULL means defaults. Results: as for sbl_begin_picture, and OUT_OF_MEMORY. */
+/* Starts a lightmap, which replaces a picture: what is said of pictures, from sbl_step on, is true for it.
+   desc: NULL means defaults. Results: as for sbl_begin_picture, and OUT_OF_MEMORY, which drops all former work. */
 SBL_API sbl_result sbl_begin_lightmap(sbl_context *context, const sbl_lightmap_desc *desc);
 
 /* Start light at vertices, readings, or probes. Work under way is dropped.
-   desc: copied. Its radiance is filled when the work is done; its readings or probes are filled from the first to the
-   last while the work goes on.
-   Results: INVALID_ARGUMENT (of sites or positions only the first mistakes are logged), STATE (no scene),
-   OUT_OF_MEMORY (vertices). */
+   desc: copied; NULL means all zeroes. Its radiance is filled when the work is done; its readings or probes are filled
+   from the first to the last while the work goes on.
+   Results: INVALID_ARGUMENT (of sites or positions only the first mistakes are logged), STATE (no scene), OUT_OF_MEMORY
+   (vertices). */
 SBL_API sbl_result sbl_begin_vertices(sbl_context *context, const sbl_vertices_desc *desc);
 SBL_API sbl_result sbl_begin_readings(sbl_context *context, const sbl_readings_desc *desc);
 SBL_API sbl_result sbl_begin_probes(sbl_context *context, const sbl_probes_desc *desc);
@@ -1463,8 +1462,8 @@ SBL_API sbl_result sbl_begin_probes(sbl_context *context, const sbl_probes_desc 
 /* Works on whatever was begun last; see ON TIME.
    seconds: roughly how long to work; 0 or less: until the work is done.
    Results: SUCCESS (the work is done), UNFINISHED (call again), CANCELLED, STATE (nothing was begun, or it was
-   dropped), OUT_OF_MEMORY, UNSUPPORTED (sensors are larger than the driver's textures), GL. After CANCELLED or an error
-   the work is dropped. */
+   dropped), INVALID_ARGUMENT (no triangle has area in the lightmap), OUT_OF_MEMORY, UNSUPPORTED (too many looks, or
+   views too large, for the driver's textures), GL. After CANCELLED or an error the work is dropped. */
 SBL_API sbl_result sbl_step(sbl_context *context, double seconds);
 
 /* Returns how much of the work is done, 0 to 1 (estimated: refinement may find more), or 0 if nothing was begun. */
@@ -1483,10 +1482,10 @@ SBL_API int sbl_channel_components(sbl_channel channel);
    OUT_OF_MEMORY, GL. INVALID_ARGUMENT, STATE and UNFINISHED leave out as it was. */
 SBL_API sbl_result sbl_read_channel(sbl_context *context, sbl_channel channel, float *out, size_t float_count);
 
-/* Returns the GL texture of a channel, or 0 if there is no picture, or nothing to read yet. The texture is a
-   GL_TEXTURE_2D of width x height, top row first, with the filter NEAREST. Its format is RGBA32F or RGBA16F; ID has
-   R32UI, and other channels of one float have R32F. sbl.h owns the texture. It is valid until the next
-   sbl_begin_picture, sbl_begin_lightmap or sbl_end, and while the picture is under way only until the next sbl_step. */
+/* Returns the GL texture of a channel, or 0 if there is no picture, nothing to read yet, or an error. It is a
+   GL_TEXTURE_2D of width x height, top row first, with filter NEAREST and format RGBA32F or RGBA16F, where alpha means
+   nothing; ID has R32UI, other channels of one float R32F. sbl.h owns it. It is valid until the next sbl_begin_picture,
+   sbl_begin_lightmap or sbl_end, and while the picture is under way only until the next sbl_step. */
 SBL_API uint32_t sbl_channel_texture(sbl_context *context, sbl_channel channel);
 
 /* Shows how the light of pixel (x, y) of the finished picture came about, by measuring it again.
@@ -1500,7 +1499,7 @@ SBL_API sbl_result sbl_inspect_sensor(sbl_context *context, int x, int y, sbl_se
                                       float *weights, size_t texel_count);
 
 /* Computes world_to_view of a camera at `eye` that looks at `at`; `up` is the direction that is up in the picture.
-   Returns 1, or 0 if the directions are degenerate; then nothing is written. */
+   Returns 1, or 0 if `at` is `eye`, or `up` is 0 or along the view, or numbers overflow; then nothing is written. */
 SBL_API int sbl_look_at(float world_to_view[16], float eye_x, float eye_y, float eye_z, float at_x, float at_y,
                         float at_z, float up_x, float up_y, float up_z);
 
@@ -1508,8 +1507,8 @@ SBL_API int sbl_look_at(float world_to_view[16], float eye_x, float eye_y, float
    height. Returns 1, or 0 if a parameter is out of range; then nothing is written. */
 SBL_API int sbl_perspective(float view_to_clip[16], float fov_y, float aspect);
 
-/* Writes linear[i] * scale as 8-bit sRGB (IEC 61966-2-1), rounded, to out[i]. Negative numbers and NaN become 0,
-   numbers above 1 become 255. float_count: number of floats, not of pixels. scale: the exposure. */
+/* Writes linear[i] * scale as 8-bit sRGB (IEC 61966-2-1) to out[i]. Results below 0 and NaN become 0, those above 1
+   become 255. float_count: number of floats, not of pixels. scale: a factor, not stops. */
 SBL_API void sbl_encode_srgb8(unsigned char *out, const float *linear, size_t float_count, float scale);
 
 /* Return a copy of desc in which each zero that stands for a default is replaced by it. NULL means all zeroes. The copy
@@ -1845,9 +1844,9 @@ static void sbl__free(sbl__base *base, void *pointer) {
     base->allocator.free((char *)pointer - SBL__ALLOC_PREFIX, base->allocator.user);
 }
 
-/* Enlarges an array if needed, so that it can hold `needed` elements of `size` bytes. array: address of the pointer to
-   it; *room: its capacity in elements, which at least doubles, so that appending takes constant time on average.
-   Returns 1 on success; returns 0 and changes nothing if memory is exhausted. */
+/* Enlarges an array if it has room for fewer than `needed` elements of `size` bytes. array: address of the pointer to
+   the array; *room: capacity in elements. If the capacity grows, it at least doubles, except near INT_MAX, so that
+   appending takes constant time on average. Returns 1; or 0, with nothing changed, if memory is exhausted. */
 static int sbl__grow(sbl__base *base, void *array, int *room, int needed, size_t size) {
     const int more = needed > INT_MAX / 2 - 1024 ? needed : SBL__MAX(needed, *room * 2 + 1024);
     void *old, *grown;
@@ -1919,7 +1918,7 @@ static int sbl__normalize(double v[3]) {
     return 1;
 }
 
-/* Computes out = a * b; all matrices are column-major. */
+/* Computes out = a * b; all matrices are column-major. out must be neither a nor b. */
 static void sbl__multiply(float out[16], const float a[16], const float b[16]) {
     int column, row, k;
     for (column = 0; column < 4; column++)
@@ -2104,7 +2103,7 @@ static unsigned char sbl__to_byte(float x) {
       int stride, const void *offset)) \
     X(void, Viewport, (int x, int y, int width, int height))
 
-/* GL functions that the library uses if the driver has them */
+/* Optional GL functions, NULL if the driver does not have them: X(return type, name without "gl", parameters) */
 #define SBL__GL_OPTIONAL_FUNCTIONS(X) \
     X(void, BindImageTexture, (unsigned unit, unsigned texture, int level, unsigned char layered, int layer, \
       unsigned access, unsigned format)) \
@@ -2118,8 +2117,8 @@ static unsigned char sbl__to_byte(float x) {
     X(void, ScissorIndexedv, (unsigned index, const int *box)) \
     X(void, ViewportIndexedfv, (unsigned index, const float *box))
 
-/* Numbers of texture units, draw buffers, viewports and image units whose state the guard saves and restores. Programs
-   may use no other texture or image units. */
+/* Numbers of texture units, draw buffers, viewports (at most; see sbl__gl.viewports) and image units whose state the
+   guard saves and restores. Programs may use only the first GUARD_UNITS texture units and GUARD_IMAGES image units. */
 #define SBL__GUARD_UNITS 13
 #define SBL__GUARD_DRAW_BUFFERS 8
 #define SBL__GUARD_VIEWPORTS 16
@@ -2133,8 +2132,8 @@ typedef struct sbl__gl {
     SBL__GL_OPTIONAL_FUNCTIONS(SBL__X)
 #undef SBL__X
     sbl_capabilities capabilities;
-    int viewports;  /* viewports to guard; 1 if the driver has no viewport array (GL 4.1) */
-    int units;      /* texture units that a program may use */
+    int viewports;  /* number of viewports to guard; 1 if the driver has no viewport array (GL 4.1) */
+    int units;      /* number of texture units that a program may use */
 } sbl__gl;
 
 enum {
@@ -2244,7 +2243,7 @@ static sbl_gl_function sbl__gl_find(const sbl_context_desc *desc, const char *na
     return NULL;
 }
 
-/* Loads all GL functions. Returns 1 on success. Logs each required function that is missing and returns 0. */
+/* Loads GL functions; missing optional ones become NULL. Logs each missing required one; returns 1 if there is none. */
 static int sbl__gl_load_functions(sbl__gl *gl, const sbl_context_desc *desc) {
     int missing = 0;
 #define SBL__LOAD(type, name, parameters) \
@@ -2265,8 +2264,9 @@ static int sbl__gl_load_functions(sbl__gl *gl, const sbl_context_desc *desc) {
     return 1;
 }
 
-/* Loads the GL functions and fills gl->capabilities, gl->units and gl->viewports. Optional features are used if the
-   driver has them, except for those in desc->disabled. */
+/* Loads the GL functions and fills gl->capabilities, gl->units and gl->viewports. Uses the optional features that
+   the driver has, except those in desc->disabled. Logs an error and returns SBL_ERROR_UNSUPPORTED if functions are
+   missing, if GL is older than 3.3, or if it is OpenGL ES. */
 static sbl_result sbl__gl_load(sbl__gl *gl, const sbl_context_desc *desc) {
     sbl_capabilities *c = &gl->capabilities;
     const char *text;
@@ -2304,11 +2304,11 @@ static sbl_result sbl__gl_load(sbl__gl *gl, const sbl_context_desc *desc) {
     return SBL_SUCCESS;
 }
 
-/* The state guard saves all GL state that the library changes at the start of a public function, and restores it
-   before the function returns. sbl__guard_force sets the state that passes rely on, after the state has been saved and
-   after each call of the host's draw callback. */
+/* At the start of a public function, the guard saves all GL state of the host that the library changes; before the
+   function returns, the guard restores it. sbl__guard_force sets the state that passes rely on, after sbl__guard_save
+   and after each call of the host's draw callback. */
 
-/* Capabilities of glEnable. The last two need GL 4.0 and 4.3, see sbl__guard_switch_count. */
+/* Capabilities of glEnable that the guard saves and restores. The last but one needs GL 4.0, the last one 4.3. */
 static const unsigned sbl__guard_switches[] = {
     SBL__GL_CULL_FACE, SBL__GL_DEPTH_TEST, SBL__GL_STENCIL_TEST, SBL__GL_SCISSOR_TEST, SBL__GL_COLOR_LOGIC_OP,
     SBL__GL_DITHER, SBL__GL_POLYGON_OFFSET_FILL, SBL__GL_POLYGON_SMOOTH, SBL__GL_MULTISAMPLE,
@@ -2331,7 +2331,7 @@ static const struct { unsigned name; int value; } sbl__guard_pixel_store[] = {
     { SBL__GL_PACK_ALIGNMENT, 1 }
 };
 
-/* The state of an image unit, in the order of the parameters of glBindImageTexture */
+/* Names that query the state of an image unit, in the order of the parameters of glBindImageTexture */
 static const unsigned sbl__guard_image[6] = {
     SBL__GL_IMAGE_BINDING_NAME, SBL__GL_IMAGE_BINDING_LEVEL, SBL__GL_IMAGE_BINDING_LAYERED,
     SBL__GL_IMAGE_BINDING_LAYER, SBL__GL_IMAGE_BINDING_ACCESS, SBL__GL_IMAGE_BINDING_FORMAT
@@ -2426,7 +2426,7 @@ static void sbl__guard_force(const sbl__gl *gl) {
     gl->BindBuffer(SBL__GL_PIXEL_PACK_BUFFER, 0);
     gl->BindBuffer(SBL__GL_PIXEL_UNPACK_BUFFER, 0);
     for (i = 0; i < SBL__GUARD_UNITS; i++) gl->BindSampler((unsigned)i, 0);
-    gl->ActiveTexture(SBL__GL_TEXTURE0);  /* new textures are bound to the active unit, and the guard restores unit 0 */
+    gl->ActiveTexture(SBL__GL_TEXTURE0);  /* new textures are then bound to unit 0, which the guard restores */
 }
 
 static void sbl__guard_restore(const sbl__gl *gl, const sbl__guard *g) {
@@ -2495,7 +2495,7 @@ typedef struct sbl__record {
     const char *name;          /* prefix of the GLSL functions' names */
     const char *sampler;       /* name of the table's sampler */
     const char *declaration;   /* GLSL declaration of the sampler; "" if another record of the same table declares it */
-    const char *first;         /* name of the uniform that holds the first record's texel number; NULL: it is 0 */
+    const char *first;         /* uniform that holds the number of the first record's texel; NULL: texel 0 */
     int texels;                /* number of texels that one struct takes in a table */
     const sbl__field *fields;
     int field_count;
@@ -2520,16 +2520,16 @@ typedef struct sbl__record {
 #define SBL__SCENE_TABLE(sampler) "uniform sbl_Texels " sampler ";\n"
 #define SBL__BUFFER_TABLE(sampler) "uniform usamplerBuffer " sampler ";\n"
 
-#define SBL__TEXELS_SHIFT 12       /* log2 of TEXELS_ACROSS; GL 3.3 guarantees 1024 texels, all known drivers 4096 */
+#define SBL__TEXELS_SHIFT 12       /* log2 of TEXELS_ACROSS. GL 3.3 promises width 1024; all known drivers allow 4096 */
 #define SBL__TEXELS_ACROSS (1 << SBL__TEXELS_SHIFT)  /* width of tables that are 2D textures, in texels */
-#define SBL__STACK 64              /* size of the stack with which a ray traverses the hierarchy, in nodes */
+#define SBL__STACK 64              /* capacity of the stack with which a ray traverses the hierarchy, in references */
 #define SBL__LAMPS 256             /* maximum number of entries (lamps plus clusters) of a look in lamps.glsl */
-#define SBL__LAMP_PASSES 8         /* maximum number of passes into which lamps.glsl divides a part of a look's rays */
+#define SBL__LAMP_PASSES 8         /* lamps.glsl traces each part of a look's rays in at most this many passes */
 #define SBL__TEXTURE_SRGB 1u       /* kind of a texture: 8-bit sRGB */
 #define SBL__TEXTURE_FLOAT 2u      /* kind of a texture: 16-bit float */
 #define SBL__TEXTURE_KIND 3u       /* mask of the kind; 0 means that there is no texture */
 #define SBL__TEXTURE_CLAMPS 4u     /* flag: coordinates are clamped; otherwise the texture repeats */
-#define SBL__LEAF 0x80000000u      /* LEAF, ENTER: references, see sbl__node; LEAVE, END: only in rays' stacks */
+#define SBL__LEAF 0x80000000u      /* LEAF, ENTER: bits of a reference, see sbl__node; LEAVE, END: only in ray stacks */
 #define SBL__ENTER 0xc0000000u
 #define SBL__LEAVE 0xd0000000u
 #define SBL__END 0xffffffffu
@@ -2544,7 +2544,7 @@ typedef struct sbl__record {
 #define SBL__PATCH_BACK 1u         /* bits of a patch word, see sbl__patch_word */
 #define SBL__PATCH_FLAT 2u
 #define SBL__PATCH_AXIS_SHIFT 2
-#define SBL__PATCH_NEAR 16u        /* flag: for rays shorter than 1 / NEAR_PART of a level-0 cell's length */
+#define SBL__PATCH_NEAR 16u        /* flag: cell for rays shorter than 1 / NEAR_PART of a level-0 cell's length */
 #define SBL__PATCH_LEVEL 32u       /* a patch word contains the cell's level (two bits) times this */
 #define SBL__PATCH_SHIFT 7
 #define SBL__NEAR_PART 2
@@ -2554,7 +2554,7 @@ typedef struct sbl__record {
 #define SBL__LEVELS 4              /* number of cell sizes; new surfaces get larger cells as the store fills up */
 #define SBL__LEVEL_SHIFT 2         /* cells of level n + 1 are 2^this times as long as cells of level n */
 #define SBL__LEVEL_AREA(level) (1 << 2 * SBL__LEVEL_SHIFT * (level))  /* area of a cell, in cells of level 0 */
-#define SBL__CAST_NUMBERS 1048576  /* cast.glsl stores a triangle's number n as two floats, n % this and n / this */
+#define SBL__CAST_NUMBERS 1048576  /* cast.glsl writes a triangle's number n as two floats: n % this (+ 1), n / this */
 #define SBL__GUIDE_RINGS 16        /* rings of a guide's histogram, see >>guide */
 #define SBL__GUIDE_SECTORS 32      /* sectors of each ring */
 #define SBL__GUIDE_TEXELS 66       /* texels of a guide; each texel holds eight values */
@@ -2565,11 +2565,11 @@ typedef struct sbl__record {
 #define SBL__HASH_FACTOR 0x9e3779b1u
 #define SBL__HASH_SHIFT 15
 
-#define SBL__UNBOUNDED 1e30f           /* length of a ray without a limit; distance of a hit that does not exist */
-#define SBL__LOST (-1.0f)              /* instead of the least distance of a look, the variance of its light from lamps,
-                                          or the high bits of a number: the driver ended a loop early (carrier.glsl) */
-#define SBL__FRACTIONS 16777216.0      /* 2^24: a 32-bit fraction becomes a float from 0 to 1 by division of
-                                          its upper 24 bits, as many as a float holds, by this */
+#define SBL__UNBOUNDED 1e30f           /* stands for infinity: as the limit of a ray, or as a distance without a hit */
+#define SBL__LOST (-1.0f)              /* if the driver ended a loop early (carrier.glsl), this replaces a look's least
+                                          distance, its variance of lamp light, or the high bits of a triangle number */
+#define SBL__FRACTIONS 16777216.0      /* 2^24: the upper 24 bits of a 32-bit fraction, as many as a float holds, are
+                                          divided by this and so become a float from 0 to 1 */
 #define SBL__COLOR_MOST 65535.0f       /* integer that stands for 1 in a vertex colour */
 #define SBL__GUIDE_STEPS 65536.0       /* 2^16: a guide divides 0 .. 1 into intervals, and stores where each begins
                                           as a 16-bit integer: position * this */
@@ -2588,17 +2588,16 @@ typedef struct sbl__record {
                                           other's plane) / (distance of the points) rises from 1 to 2 */
 #define SBL__FILTER_VISIBLE 0.0025f    /* the filter adds this share of a pixel's light to its noise, because nobody
                                           sees differences that small */
-#define SBL__FILTER_FALL 0.25          /* the filter's weights are exp(-this * (difference / noise)^2) */
+#define SBL__FILTER_FALL 0.25          /* factor of the filter's weights: exp(-this * (difference / noise)^2) */
 #define SBL__DIVISOR_LEAST 1e-30f      /* lower limit of divisors that may be 0 */
 #define SBL__VIEW_DEPTH 1e-6f          /* depth in sensors' views is this / view-space depth in scene extents: reversed,
                                           without a far plane */
-#define SBL__OFFSET 1.5e-6f            /* distance of a sensor from its surface: a share of the scene's extent (if views
-                                          are rasterised, for the precision of the depth buffer) or of the triangle's
-                                          reach (if rays are traced and the reach is known, see sbl__spec_offset).
-                                          Float rounding needs more than a sixth of it: at 2.5e-7 and below, sensors
-                                          on a sphere see the sphere */
+#define SBL__OFFSET 1.5e-6f            /* distance of a sensor from its surface: a share of the triangle's reach if rays
+                                          are traced and the reach is known, otherwise of the scene's extent, because
+                                          depth buffers are imprecise (see sbl__spec_offset). At 2.5e-7 and below,
+                                          float rounding makes sensors on a sphere see the sphere */
 
-/* Constants that shaders get as #define SBL_name, with the text of SBL__name or the value of SBL_MATERIAL_name */
+/* Shaders get these as #define SBL_name: constants with the text of SBL__name, flags with SBL_MATERIAL_name's value */
 #define SBL__SHARED_CONSTANTS(X) \
     X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) \
     X(PATCH_AXIS_SHIFT) X(NEAR_PART) X(SLOT_TRIES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) \
@@ -2611,7 +2610,7 @@ typedef struct sbl__record {
     X(BELONGS_OFF) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST)
 #define SBL__SHARED_FLAGS(X) X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
 
-#define SBL__PRELUDE_MOST 16384    /* size of the text that precedes the files of a shader, in characters */
+#define SBL__PRELUDE_MOST 16384    /* room for the text before a shader's files, in characters, with the final 0 */
 
 /* Appends to a string of `length` characters in an array of SBL__PRELUDE_MOST, and drops what does not fit.
    Returns the new length. */
@@ -2662,7 +2661,7 @@ static size_t sbl__write_record(char *text, size_t length, const sbl__record *r)
 typedef struct sbl__texture { unsigned id; int width, height; unsigned format; size_t bytes; } sbl__texture;
 typedef struct sbl__buffer { unsigned id; size_t bytes; } sbl__buffer;
 
-/* A framebuffer with `count` colour textures and, for some passes, a depth texture. */
+/* A framebuffer with `count` colour textures and, if passes test depth, a depth texture. formats: internal formats */
 typedef struct sbl__target { unsigned id; int width, height, count; unsigned textures[6], formats[6]; } sbl__target;
 
 typedef struct sbl__program { const struct sbl__recipe *recipe; unsigned features, id; } sbl__program;
@@ -2679,7 +2678,7 @@ typedef struct sbl__device {
     unsigned program;        /* GL name of the program in use */
     int unit;                /* next free texture unit of the program in use */
     int workgroup;           /* invocations in a workgroup of a compute shader */
-    int lot;                 /* invocations that occupy the whole device; fewer take as long as this number */
+    int lot;                 /* assumed number of invocations that fill the device: fewer take just as long */
 } sbl__device;
 
 /* Makes *name the name of a new GL object if it is 0. Returns 1 on success. If GL gives no name, logs an error and
@@ -2724,7 +2723,7 @@ static void sbl__texture_delete(const sbl__device *d, sbl__texture *t) {
     memset(t, 0, sizeof *t);
 }
 
-/* Gives a texture this size and format, with undefined texels. Does nothing if it has this size and format already. */
+/* Gives a texture this size and format, with undefined texels, unless it has both already. Deletes it on failure. */
 static sbl_result sbl__texture_make(const sbl__device *d, sbl__texture *t, int width, int height, unsigned format) {
     const sbl__gl *gl = &d->gl;
     const sbl__format *f = sbl__format_of(format);
@@ -2761,7 +2760,7 @@ static void sbl__buffer_delete(const sbl__device *d, sbl__buffer *b) {
     memset(b, 0, sizeof *b);
 }
 
-/* Gives a buffer this size and content. data: NULL leaves the content undefined. usage: as in glBufferData */
+/* Gives a buffer this size and content. Deletes it on failure. data: NULL: undefined. usage: as in glBufferData */
 static sbl_result sbl__buffer_make(const sbl__device *d, sbl__buffer *b, size_t bytes, const void *data,
                                    unsigned usage) {
     const sbl__gl *gl = &d->gl;
@@ -2784,9 +2783,8 @@ static void sbl__buffer_write(const sbl__device *d, const sbl__buffer *b, size_t
 }
 
 /* Writes the data of a batch to a buffer. room: bytes of the largest batch. The buffer always has this size, so that
-   the memory in use does not depend on the pace. A large batch gets new storage, so that the driver need not wait for
-   draws that read the former batch. A small one does not, since new storage of this size would cost more than the
-   wait. */
+   the memory in use does not depend on the pace. A batch above room / 8 gets new storage, so that the driver need not
+   wait for draws that read the former batch. For a smaller one, new storage would cost more than the wait. */
 static sbl_result sbl__buffer_stream(const sbl__device *d, sbl__buffer *b, size_t room, const void *data,
                                      size_t bytes) {
     const int stays = b->id && b->bytes == room && bytes <= room / 8;
@@ -2796,8 +2794,9 @@ static sbl_result sbl__buffer_stream(const sbl__device *d, sbl__buffer *b, size_
     return sbl__gl_check(&d->gl);
 }
 
-/* A buffer that shaders read as a buffer texture. If one of the scene's tables exceeds the driver's limit of buffer
-   textures, all tables of the scene are copied to 2D textures (`wide`). sbl_fetch in tables.glsl reads both kinds. */
+/* Data that shaders read by number. texels: the buffer as a buffer texture; only texels.id is then set. If one of the
+   scene's tables exceeds the driver's limit of buffer textures, all tables of the scene are `wide`: texels is a 2D
+   texture with a copy of the buffer. sbl_fetch in tables.glsl reads both kinds. */
 typedef struct sbl__table { sbl__buffer buffer; sbl__texture texels; } sbl__table;
 
 static void sbl__table_delete(const sbl__device *d, sbl__table *t) {
@@ -2805,7 +2804,7 @@ static void sbl__table_delete(const sbl__device *d, sbl__table *t) {
     sbl__buffer_delete(d, &t->buffer);
 }
 
-/* Makes the content of the table's buffer visible to shaders. wide: copies it to a 2D texture */
+/* Makes a table's buffer readable by shaders. wide: 0: as a buffer texture; 1: through a copy in a 2D texture */
 static sbl_result sbl__table_attach(const sbl__device *d, sbl__table *t, unsigned format, int wide) {
     const sbl__gl *gl = &d->gl;
     const sbl__format *f = sbl__format_of(format);
@@ -2836,8 +2835,8 @@ static void sbl__target_delete(const sbl__device *d, sbl__target *t) {
     memset(t, 0, sizeof *t);
 }
 
-/* Attaches `count` textures of the same size to a target, and a depth texture if `depth` is not NULL. Creates the
-   target if it does not exist. */
+/* Attaches `count` textures (1 to 6) of one size to a target, and a depth texture unless `depth` is NULL, which leaves
+   the target's depth texture as it is. Creates the target if it does not exist. */
 static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const sbl__texture *colors, int count,
                                    const sbl__texture *depth) {
     const sbl__gl *gl = &d->gl;
@@ -2852,7 +2851,7 @@ static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const s
         t->textures[i] = colors[i].id;
         t->formats[i] = colors[i].format;
     }
-    for (i = count; i < t->count; i++)  /* a deleted texture stays attached, and limits the target to its size */
+    for (i = count; i < t->count; i++)  /* detaches the rest: even deleted textures limit the target to their size */
         gl->FramebufferTexture2D(SBL__GL_DRAW_FRAMEBUFFER, SBL__GL_COLOR_ATTACHMENT0 + (unsigned)i,
                                  SBL__GL_TEXTURE_2D, 0, 0);
     if (depth) gl->FramebufferTexture2D(SBL__GL_DRAW_FRAMEBUFFER, SBL__GL_DEPTH_ATTACHMENT, SBL__GL_TEXTURE_2D,
@@ -2884,14 +2883,14 @@ static sbl_result sbl__target_read(const sbl__device *d, const sbl__target *t, i
 }
 
 /* >>device: programs. A recipe names the shaders of a program (see shaders_embedded), the records that they read, and
-   the features that make variants of it. A variant is compiled when it is first used. */
+   the features that make variants of it. A variant is compiled when it is first used, or by sbl__compile_all. */
 
 enum {
     SBL__TEXTURED = 1 << 0,     /* some mesh has vertex colours or a material with textures or cutouts */
     SBL__WIDE = 1 << 1,         /* the scene's tables are 2D textures, see sbl__table */
-    SBL__VIEWS = 1 << 2,        /* also test rays towards lamps against views: only views show what the host draws */
+    SBL__VIEWS = 1 << 2,        /* lamps.glsl also tests rays against views: only views show what the host draws */
     SBL__INSPECT = 1 << 3,      /* lamps.glsl writes each ray, for sbl_inspect_sensor */
-    SBL__WRITE_DEPTH = 1 << 4,  /* shaders write depth, because the driver has no clip control */
+    SBL__WRITE_DEPTH = 1 << 4,  /* shaders write depth, because clip control is missing or disabled */
     SBL__COMPUTE = 1 << 5,      /* use compute shaders in recipes that allow them, see sbl__invoke */
     SBL__BOUNCED = 1 << 6,      /* shaders read bounced light from the store */
     SBL__MIXED = 1 << 7,        /* some lamp is not a triangle, or there are more than SBL__LAMPS lamps */
@@ -2910,16 +2909,16 @@ typedef struct sbl__recipe {
     const char *const *vertex[SBL__SHADERS_MOST];    /* files of the vertex shader, joined in this order */
     const char *const *fragment[SBL__SHADERS_MOST];  /* files of the fragment shader or compute shader */
     const sbl__record *records[SBL__SHADERS_MOST];   /* records that the shaders read */
-    unsigned features;                               /* the features that make variants; each doubles their number */
+    unsigned features;                               /* bits of the features that a variant may have */
 } sbl__recipe;
 
-#define SBL__LINES_MOST 1500  /* largest number of lines of a shader */
+#define SBL__LINES_MOST 1500  /* room for the lines of a shader; further lines are dropped */
 
 /* >>glsl tables: shaders_embedded/tables.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_tables[] = {
-"// Begins every shader. The #defines of the program's features and of the constants that C shares precede it; the\n",
-"// functions that read records follow it (see >>records in sbl.h). Tables that grow with the scene are buffer\n",
-"// textures or, if they exceed the driver's limit of buffer textures, 2D textures (see sbl__table_attach).\n",
+"// Precedes the files of every shader. Before it come the #defines of the program's features and of the constants\n",
+"// that C shares; after it come the functions that read records (see >>records in sbl.h). Tables that grow with the\n",
+"// scene are buffer textures or, if they exceed the driver's limit, 2D textures (see sbl__table_attach).\n",
 "#ifdef SBL_WIDE\n",
 "#define sbl_Texels usampler2D\n",
 "#define sbl_fetch(texels, i) texelFetch(texels, ivec2((i) & (SBL_TEXELS_ACROSS - 1), (i) >> SBL_TEXELS_SHIFT), 0)\n",
@@ -2962,7 +2961,7 @@ static sbl_result sbl__shader_make(const sbl__device *d, const sbl__program *pro
     return SBL_ERROR_GL;
 }
 
-/* Compiles and links a program, and sets program->id. */
+/* Compiles and links a program. Sets program->id even on failure; 0 if GL makes no program. */
 static sbl_result sbl__program_link(const sbl__device *d, sbl__program *program, const char *prelude) {
     const sbl__gl *gl = &d->gl;
     const int compute = (program->features & SBL__COMPUTE) != 0;
@@ -2985,7 +2984,7 @@ static sbl_result sbl__program_link(const sbl__device *d, sbl__program *program,
     return SBL_ERROR_GL;
 }
 
-/* Checks that a program reads no more textures than there are texture units. */
+/* Logs an error and returns SBL_ERROR_UNSUPPORTED if a program reads more textures than gl->units. */
 static sbl_result sbl__program_check_textures(const sbl__device *d, unsigned program, const char *name) {
     const sbl__gl *gl = &d->gl;
     int uniforms = 0, textures = 0, i;
@@ -3057,7 +3056,7 @@ static sbl_result sbl__program_need(sbl__device *d, const sbl__recipe *recipe, u
     return SBL_SUCCESS;
 }
 
-/* Makes a recipe's program the current program; compiles it if needed. */
+/* Makes a recipe's program the program in use, with all texture units free; compiles it if needed. */
 static sbl_result sbl__use(sbl__device *d, const sbl__recipe *recipe, unsigned features) {
     const sbl_result result = sbl__program_need(d, recipe, features);
     if (result != SBL_SUCCESS) return result;
@@ -3131,8 +3130,8 @@ static void sbl__pass_rows(const sbl__device *d, const sbl__target *t, int row, 
     sbl__pass(d, t, area, NULL, 0);
 }
 
-/* Clears colour attachment 0 and the depth buffer of a pass, inside the scissor. color: NULL if the attachment
-   holds integers, which become 0 */
+/* Clears colour attachment 0 of a pass to `color`, and the depth buffer to 0, the farthest depth, inside the scissor.
+   color: NULL if the attachment holds integers, which become 0 */
 static void sbl__clear(const sbl__device *d, const float *color) {
     static const unsigned zero[4] = { 0, 0, 0, 0 };
     static const float farthest = 0;
@@ -3163,9 +3162,9 @@ static void sbl__draw_rectangles(const sbl__device *d, unsigned array, int insta
     d->gl.DrawArraysInstanced(SBL__GL_TRIANGLE_STRIP, 0, 4, instances);
 }
 
-/* Runs the program in use (see carrier.glsl): a compute shader with `count` invocations or, without SBL__COMPUTE, a
-   fragment shader over `rows` rows of the target. Both write the same numbers. The choice depends on the driver, not on
-   measured times, so that pictures do not depend on timings; on llvmpipe, compute is not slower. */
+/* Runs the program in use (see carrier.glsl): with SBL__COMPUTE a compute shader with at least `count` invocations,
+   otherwise a fragment shader over `rows` rows of the target, from `row` on. Both write the same numbers. The choice
+   never depends on measured times, so pictures do not either. On llvmpipe, compute is not slower. */
 static void sbl__invoke(const sbl__device *d, const sbl__target *t, int row, int rows, int count) {
     const sbl__gl *gl = &d->gl;
     int i;
@@ -3182,7 +3181,7 @@ static void sbl__invoke(const sbl__device *d, const sbl__target *t, int row, int
     }
 }
 
-/* Rounds a number of items to the nearest multiple of a lot, at least one lot. invocations: per item */
+/* Rounds a number of items to the nearest whole lots (see sbl__device.lot), at least one. invocations: per item */
 static double sbl__whole_lots(const sbl__device *d, double items, int invocations) {
     const double lot = SBL__MAX(d->lot / invocations, 1);
     return SBL__MAX(floor(items / lot + 0.5), 1.0) * lot;
@@ -3266,7 +3265,7 @@ static const char *const sbl__glsl_fullscreen_vertex[] = {
 
 /* >>glsl copy: shaders_embedded/copy.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_copy[] = {
-"// Copies a texture of the host. texelFetch applies the texture's sRGB decoding and swizzle.\n",
+"// Copies level 0 of a texture of the host. texelFetch applies the texture's sRGB decoding and swizzle.\n",
 "uniform sampler2D source;\n",
 "layout(location = 0) out vec4 out_color;\n",
 "\n",
@@ -3305,8 +3304,8 @@ static sbl_result sbl__host_texture_read(sbl__device *d, unsigned name, const in
     return result;
 }
 
-/* Lets the host draw a view into its viewport in a target, then restores the state that passes rely on. Computes
-   world_to_clip and write_depth; the caller sets the other fields. */
+/* Lets the host draw a view into view->viewport of a target, then sets the state that passes rely on again. Computes
+   view->world_to_clip and write_depth; the caller has set the other fields of the view. */
 static void sbl__host_draw(const sbl__device *d, const sbl__target *t, sbl_draw_function draw, sbl_draw_view *view,
                            void *user) {
     sbl__multiply(view->world_to_clip, view->view_to_clip, view->world_to_view);
@@ -3321,7 +3320,7 @@ static void sbl__host_draw(const sbl__device *d, const sbl__target *t, sbl_draw_
 
 /* The time that a call of sbl_step may take. */
 typedef struct sbl__slice {
-    double end;      /* end of the slice, on the clock of sbl__now */
+    double end;      /* end of the slice, on the clock of sbl__now; DBL_MAX: unlimited */
     double longest;  /* longest allowed time of a submission, seconds */
     int turns;       /* turns of loops on the CPU since the clock was last read */
 } sbl__slice;
@@ -3332,7 +3331,7 @@ static sbl__slice sbl__slice_of(const sbl_context_desc *desc, double seconds) {
     return slice;
 }
 
-/* Returns 1 if the slice is over. Loops on the CPU call this in each turn; every 64th call reads the clock. */
+/* Loops on the CPU call this in each turn. Every 64th call returns 1 if the slice is over; all others return 0. */
 static int sbl__late(sbl__slice *s) {
     if (++s->turns < 64) return 0;
     s->turns = 0;
@@ -3343,11 +3342,11 @@ static int sbl__late(sbl__slice *s) {
    when the current submission began */
 typedef struct sbl__pace { double cost, start; } sbl__pace;
 
-/* A submission is planned to take PACE_MARGIN times the rest of the slice, which may be overrun occasionally, but at
-   most PACE_CAUTION times the longest allowed submission, which must not be exceeded, and at least PACE_LEAST seconds,
-   because waiting for shorter submissions wastes too much time. If a measured cost is lower than the estimate, the
-   estimate falls by PACE_FALL of the difference, or by PACE_FAR_FALL of it if the measured cost is less than PACE_FAR
-   times the estimate, for example because the driver compiled a shader during an earlier submission. */
+/* A submission is planned to take PACE_MARGIN times the rest of the slice (which it may overrun occasionally), but at
+   most PACE_CAUTION times the longest allowed submission (which it should not exceed), and at least PACE_LEAST seconds,
+   because waiting for shorter submissions wastes too much time. If a measured cost is below the estimated cost, the
+   estimate falls by PACE_FALL of the difference; if it is below PACE_FAR times the estimate, by PACE_FAR_FALL of the
+   difference, because the estimate was then wrong: the driver may have compiled a shader in an earlier submission. */
 #define SBL__PACE_MARGIN 0.9
 #define SBL__PACE_CAUTION 0.5
 #define SBL__PACE_LEAST 0.001
@@ -3377,7 +3376,7 @@ static int sbl__pace_rows(sbl__pace *p, const sbl__slice *s, const sbl__target *
 static void sbl__submit(const sbl__device *d) { d->gl.Flush(); }
 
 /* Waits until the GPU has finished a submission of `units` units of work, and updates the cost. The cost rises at once
-   and falls slowly, because work that was cheap a few times can be expensive again. Returns GL errors. */
+   and falls slowly, because work that was cheap a few times can be expensive again. Returns as sbl__gl_check. */
 static sbl_result sbl__pace_end(const sbl__device *d, sbl__pace *p, double units) {
     double cost, fall;
     d->gl.Finish();
@@ -3388,13 +3387,12 @@ static sbl_result sbl__pace_end(const sbl__device *d, sbl__pace *p, double units
 }
 
 /* >>device: stages. Long work is a list of stages, each done in pieces that fit into a slice. A table has a row for
-   each stage, in their order; the number of rows stands for work that is done. A room that must know whether its work
-   has begun leaves row 0 empty. A stage is a function that does one piece at a time, or a loop over many small things;
-   a loop may have a `piece` too, which runs whenever the loop starts or continues. To add a stage, add a row and, if
-   other stages refer to it, its name in the room's enum. */
+   each stage, in their order. A stage is a function `piece`, which does one piece at a time, or a loop, which calls
+   `turn` for many small things. A loop may have a `piece` too, which runs whenever the loop starts or continues. To add
+   a stage, add a row and, if other stages refer to it, its name in the room's enum. */
 typedef struct sbl__stage_row {
-    sbl_result (*piece)(void *work, sbl__slice *slice);  /* does one piece; SBL_UNFINISHED: pieces remain */
-    int (*next)(void *work);                             /* returns the next stage; NULL: the next row follows */
+    sbl_result (*piece)(void *work, sbl__slice *slice);  /* does one piece; SBL_UNFINISHED: more remain. May be NULL */
+    int (*next)(void *work);                             /* returns the next stage's index; NULL: the row after this */
     sbl_result (*turn)(void *work, int at);              /* does turn `at` of a loop; NULL: the stage is not a loop */
     int (*count)(void *work);                            /* returns how often `turn` is to be called in all; asked
                                                             again before each call */
@@ -3402,12 +3400,12 @@ typedef struct sbl__stage_row {
 
 /* The progress of staged work. */
 typedef struct sbl__stages {
-    int stage;  /* current stage: index of its row in the table of stages */
+    int stage;  /* index of the current stage's row in the table; the number of rows if the work is done */
     int at;     /* next turn of a loop, or a counter that a piece may use as it likes; 0 when the stage begins */
 } sbl__stages;
 
 /* Does one piece of the current stage, or as many turns of its loop as there is time for. Returns SBL_UNFINISHED until
-   the last stage is done, then SBL_SUCCESS. */
+   the last stage is done, then SBL_SUCCESS; or the error of the stage, which is then still the current one. */
 static sbl_result sbl__stages_step(sbl__stages *s, const sbl__stage_row *table, int row_count, void *work,
                                    sbl__slice *slice) {
     if (s->stage < row_count) {
@@ -3424,7 +3422,7 @@ static sbl_result sbl__stages_step(sbl__stages *s, const sbl__stage_row *table, 
     return s->stage < row_count ? SBL_UNFINISHED : SBL_SUCCESS;
 }
 
-/* Repeats sbl__stages_step while it completes stages, for work with many short stages. */
+/* Repeats sbl__stages_step while it completes stages, for work with many short stages. Returns the last result. */
 static sbl_result sbl__stages_run(sbl__stages *s, const sbl__stage_row *table, int row_count, void *work,
                                   sbl__slice *slice) {
     sbl_result result;
@@ -3438,7 +3436,7 @@ static sbl_result sbl__stages_run(sbl__stages *s, const sbl__stage_row *table, i
 
 /* >>device: creation and deletion */
 
-/* Loads GL and makes the vertex array that all passes share. Changes no state of the host. */
+/* Loads GL, sets features, workgroup and lot, and makes empty_array. Changes no state of the host but its GL errors. */
 static sbl_result sbl__device_make(sbl__device *d, const sbl_context_desc *desc) {
     static const char *const cpu_renderers[] = { "llvmpipe", "softpipe", "SwiftShader" };
     const sbl_result result = sbl__gl_load(&d->gl, desc);
@@ -3449,8 +3447,8 @@ static sbl_result sbl__device_make(sbl__device *d, const sbl_context_desc *desc)
     /* A renderer on the CPU runs each workgroup in one thread, so small workgroups leave fewer threads idle at the end
        of a submission: on llvmpipe, work in slices of 5 ms is 10 to 15 % faster with 8 (the width of its vectors) than
        with 64. A lot of two workgroups keeps the pace from settling on submissions that use one thread: with expensive
-       looks (staircase2, high), work in slices takes 9 % longer than work in one call, instead of 75 %. A GPU needs at
-       least a wavefront, which is at most 64 wide, and several on each core; this was not measured. */
+       looks (scene staircase2, SBL_PRESET_HIGH), work in slices takes 9 % longer than work in one call, not 75 %. A GPU
+       needs at least a wavefront, which is at most 64 wide, and several on each core; this was not measured. */
     for (i = 0; i < SBL__COUNT(cpu_renderers); i++)
         on_cpu |= strstr(d->gl.capabilities.renderer, cpu_renderers[i]) != NULL;
     d->workgroup = on_cpu ? 8 : 64;
@@ -3489,7 +3487,7 @@ static void sbl__mistake(sbl__check *check, const char *format, ...) {
     sbl__log(check->base, SBL_LOG_ERROR, check->item, "%s: %s", check->where, text);
 }
 
-/* Makes an object such as mesh 3 the place of the mistakes that follow. */
+/* Sets the log item of the mistakes that follow, and the object that their messages name, such as "mesh 3". */
 static void sbl__check_object(sbl__check *check, sbl_log_item item, const char *kind, int number) {
     check->item = item;
     snprintf(check->where, sizeof check->where, "%s %d", kind, number);
@@ -3509,7 +3507,7 @@ static int sbl__check_canaries(sbl__check *check, uint32_t start, uint32_t end) 
 static const float sbl__any_range[2] = { -FLT_MAX, FLT_MAX }, sbl__not_negative_range[2] = { 0, FLT_MAX };
 static const float sbl__unit_range[2] = { 0, 1 };
 
-/* Checks that numbers are finite and in range[0] .. range[1]. name: field in messages */
+/* Reports each of `count` numbers that is not finite or is outside range[0] .. range[1]. name: field in messages */
 static void sbl__check_range(sbl__check *check, const char *name, const float *v, int count, const float range[2]) {
     int k;
     for (k = 0; k < count; k++) {
@@ -3581,8 +3579,8 @@ static void sbl__mesh_streams(const sbl_mesh *m, sbl__stream_use out[SBL__STREAM
     memcpy(out, streams, sizeof streams);
 }
 
-/* Checks that a stream's type fits, that its elements do not overlap, and that they lie inside the address space and
-   inside the stream's GL buffer, if it has one. Does not read the elements. */
+/* Checks a stream, unless it is absent: it has one source, its type fits, its elements do not overlap, and they lie
+   inside the address space and inside the stream's GL buffer, if it has one. Does not read the elements. */
 static void sbl__check_stream(sbl__check *check, const sbl__stream_use *use) {
     const sbl_stream *s = use->stream;
     const int type = (int)s->type, is_index = use->components == 1;
@@ -3689,11 +3687,11 @@ static void sbl__check_pixels(sbl__check *check, const char *prefix, const sbl_t
                      t->height);
 }
 
-#define SBL__TEXTURE_MOST 65536  /* largest width and height of a texture, in pixels */
+#define SBL__TEXTURE_MOST 65536  /* largest width and height of a texture in client memory, in pixels */
 
 static void sbl__check_texture(sbl__check *check, const sbl_scene_desc *desc, int index) {
     const sbl_texture *t = &desc->textures[index];
-    sbl__check_object(check, SBL_LOG_ITEM_INVALID_TEXTURE, "texture", index + 1);  /* materials count from 1 */
+    sbl__check_object(check, SBL_LOG_ITEM_INVALID_TEXTURE, "texture", index + 1);  /* albedo_texture is index + 1 */
     if (!sbl__check_int(check, "format", (int)t->format, 0, SBL_PIXEL_FORMAT_COUNT - 1)) return;
     sbl__check_int(check, "wrap", (int)t->wrap, 0, SBL_WRAP_COUNT - 1);
     if (t->pixels && t->gl_texture)
@@ -3713,7 +3711,7 @@ static void sbl__check_texture(sbl__check *check, const sbl_scene_desc *desc, in
 /* Full angle of a spot light's cone in degrees; 0 in sbl_light means 90 */
 #define SBL__CONE(light) ((light)->cone > 0.0f ? (light)->cone : 90.0f)
 
-/* Largest width and height of the environment's picture, in texels; lamps store each texel coordinate in 15 bits */
+/* Largest width and height of the environment's picture, in pixels. A lamp stores a pixel's index in 29 bits. */
 #define SBL__SKY_MOST 16384
 
 static void sbl__check_light(sbl__check *check, const sbl_light *l, int number) {
@@ -3812,13 +3810,13 @@ static sbl_result sbl__check_context(const sbl__base *base, const sbl_context_de
 }
 
 /* ======================================================================================================== >>geometry
-   Reads meshes from the host's streams, validates them, and converts them into four arrays, which are also on the GPU
-   as tables:
+   Reads meshes from the host's streams, validates them, and converts them into four arrays of sbl__geometry, which are
+   also on the GPU as tables:
 
-       positions   per vertex: position in world space, number of its mesh's object
-       attributes  per vertex: normal, texture coordinates, colour
+       vertices    per vertex: position in world space, index of its mesh; the table is named sbl_positions
+       attributes  per vertex: normal in world space, texture coordinates, colour
        indices     per triangle: three vertex numbers; the triangles of mesh m begin at meshes[m].first_triangle
-       objects     per mesh: its material                                                                           */
+       objects     per mesh: its id and its material                                                                */
 
 #define SBL__VERTEX(X) X(sbl__vertex, VEC3, position) X(sbl__vertex, UINT, object)
 SBL__RECORD(sbl__vertex, SBL__VERTEX, "sbl_vertex", "sbl_positions", SBL__SCENE_TABLE("sbl_positions"), NULL)
@@ -3852,21 +3850,21 @@ enum { SBL__POSITION_TABLE, SBL__ATTRIBUTE_TABLE, SBL__INDEX_TABLE, SBL__OBJECT_
 typedef struct sbl__geometry {
     sbl__mesh *meshes;
     int mesh_count;
-    float *lightmap_texcoords;     /* 2 floats per vertex of the scene; no elements if no mesh has them */
-    float *positions, *normals;    /* in object space, 3 floats per vertex, for sbl_set_mesh_transform */
+    float *lightmap_texcoords;     /* 2 floats per vertex, 0 if its mesh has none; no elements if no mesh has any */
+    float *positions, *normals;    /* in object space, 3 floats per vertex; normals are 0 if the mesh has none */
     sbl__vertex *vertices;
     sbl__attributes *attributes;
     uint32_t *indices;
     sbl__object *objects;
     int vertex_count, triangle_count;
     int colored;                   /* 1 if some mesh has vertex colours */
-    float bounds[2][3];            /* lowest and highest coordinates of the scene in world space */
+    float bounds[2][3];            /* lowest and highest world coordinates of triangles and of what the host draws */
     double across, away;           /* diagonal of the bounds, and their largest absolute coordinate, in world units */
     float extent;                  /* across + away, or 1 if that is 0; in world units. The offsets of sensors from
                                       surfaces (see SBL__OFFSET) and the values in depth buffers are in proportion to
                                       it, and distances in the view texture are multiples of it */
     sbl__table tables[SBL__GEOMETRY_TABLES];
-    unsigned vertex_array;         /* GL vertex array: position, object, texture coordinates, colour */
+    unsigned vertex_array;         /* GL vertex array: position, object, texture coordinates, colour, indices */
     int wide;                      /* 1 if the tables are 2D textures, see sbl__table */
 } sbl__geometry;
 
@@ -3961,7 +3959,7 @@ static sbl_result sbl__mesh_read(const sbl__device *d, const sbl__geometry *g, c
 
 /* >>geometry: validating */
 
-/* Reports the first bad component of each stream, and the first bad index. */
+/* Reports each stream's first component that is not finite (colours: not 0 to 1), and the first index too large. */
 static void sbl__mesh_validate(sbl__check *check, const sbl__mesh_data *m) {
     int s, i;
     for (s = 0; s < SBL__INDICES; s++) {
@@ -3989,7 +3987,7 @@ static uint32_t sbl__pack_color(const float *two) {
     return (uint32_t)(two[0] * SBL__COLOR_MOST + 0.5f) | (uint32_t)(two[1] * SBL__COLOR_MOST + 0.5f) << 16;
 }
 
-/* Fills the attributes and indices of a mesh that has been read and validated. Leaves out triangles without area. */
+/* Appends a mesh; sbl__mesh_transform adds world positions and normals. Leaves out triangles whose area is 0. */
 static void sbl__mesh_convert(sbl__geometry *g, const sbl__mesh_data *m, int number) {
     static const float white[4] = { 1, 1, 1, 1 };
     const float *texcoords = m->values[SBL__TEXCOORDS], *colors = m->values[SBL__COLORS];
@@ -4038,7 +4036,7 @@ static void sbl__mesh_reverse(sbl__geometry *g, const sbl__mesh *mesh) {
     }
 }
 
-/* Limit of coordinates in world space. Below it, sums of a few squared coordinates do not overflow a float. */
+/* The absolute value of world coordinates must be below this, so that sums of a few squares do not overflow a float. */
 #define SBL__COORDINATE_MOST 1e18
 
 /* Gives a mesh the transform m, object space to world space, instead of mesh->transform. Returns 1 on success. If a
@@ -4076,7 +4074,7 @@ static int sbl__mesh_transform(const sbl__base *base, sbl__geometry *g, int numb
     return 1;
 }
 
-/* Reads, validates and converts mesh `number` of the scene and transforms it to world space. Reports all mistakes. */
+/* Reads, validates and converts mesh `number` of the scene, and transforms it to world space. Logs mistakes. */
 static sbl_result sbl__geometry_add(const sbl__device *d, sbl__geometry *g, const sbl_mesh *in, int number) {
     float *transform = g->meshes[number].transform;
     sbl__mesh_data data;
@@ -4098,7 +4096,7 @@ static sbl_result sbl__geometry_add(const sbl__device *d, sbl__geometry *g, cons
     return result;
 }
 
-/* Adds all meshes of a descriptor that has been checked. */
+/* Adds all meshes of a descriptor that has been checked. Does not measure or upload the geometry. */
 static sbl_result sbl__geometry_make(const sbl__device *d, sbl__geometry *g, const sbl_scene_desc *desc) {
     double vertices = 0, triangles = 0;
     sbl_result result = SBL_SUCCESS;
@@ -4164,7 +4162,7 @@ static void sbl__geometry_measure(sbl__geometry *g, const float (*drawn)[3]) {
     if (!(g->extent > 0)) g->extent = 1;
 }
 
-/* Makes the contents of all tables' buffers visible to shaders. */
+/* Calls sbl__table_attach for all tables. */
 static sbl_result sbl__geometry_attach(const sbl__device *d, sbl__geometry *g) {
     sbl_result result = SBL_SUCCESS;
     int i;
@@ -4180,7 +4178,7 @@ static sbl_result sbl__geometry_attach_objects(const sbl__device *d, sbl__geomet
     return sbl__table_attach(d, objects, SBL__GL_RGBA32UI, g->wide);
 }
 
-/* The vertex attributes that sensor_vertex.glsl declares. */
+/* Vertex attributes that sensor_vertex.glsl declares: from sbl_positions, then from sbl_attributes. */
 static const sbl__input sbl__vertex_inputs[] = {
     { 0, 3, SBL__GL_FLOAT, 0, 0, sizeof(sbl__vertex), offsetof(sbl__vertex, position) },
     { 1, 1, SBL__GL_UNSIGNED_INT, 1, 0, sizeof(sbl__vertex), offsetof(sbl__vertex, object) }
@@ -4208,7 +4206,8 @@ static sbl_result sbl__geometry_upload(const sbl__device *d, sbl__geometry *g) {
     return sbl__gl_check(&d->gl);
 }
 
-/* Gives a mesh another transform, in the arrays and on the GPU. Changes nothing if sbl__mesh_transform refuses it. */
+/* Gives a mesh another transform, in the arrays and on the GPU, but does not update the bounds. If sbl__mesh_transform
+   refuses the transform, changes nothing and returns SBL_ERROR_INVALID_ARGUMENT. */
 static sbl_result sbl__geometry_move(const sbl__device *d, sbl__geometry *g, int number, const float transform[16]) {
     const sbl__mesh *mesh = &g->meshes[number];
     const size_t first = (size_t)mesh->first_vertex, count = (size_t)mesh->vertex_count;
@@ -4230,7 +4229,7 @@ static const sbl__object *sbl__triangle_object(const sbl__geometry *g, uint32_t 
     return &g->objects[g->vertices[g->indices[3 * (size_t)triangle]].object];
 }
 
-/* Returns 1 if a triangle is black: its material reflects nothing. */
+/* Returns 1 if a triangle is black: the albedo of its material is 0. A texture that makes it black is not noticed. */
 static int sbl__triangle_is_black(const sbl__geometry *g, uint32_t triangle) {
     return !(sbl__max3(sbl__triangle_object(g, triangle)->albedo) > 0);
 }
@@ -4262,9 +4261,9 @@ static void sbl__geometry_bind(sbl__device *d, const sbl__geometry *g) {
 }
 
 /* ==================================================================================================== >>topology
-   Connectivity of triangles: hash tables that find vertices at equal positions and shared sides, groups, and values
-   that spread from neighbour to neighbour. Callers number vertices and triangles themselves. The number of a side is
-   3 * triangle + the corner at which it begins. */
+   What triangles share: hash tables that find vertices at equal positions and sides with equal ends, union-find groups,
+   and values that spread from neighbour to neighbour on a grid. Callers number vertices and triangles themselves. The
+   number of a side is 3 * triangle + number of the corner, 0 to 2, at which it begins. */
 
 #define SBL__NONE UINT32_MAX
 
@@ -4289,8 +4288,8 @@ static sbl_result sbl__hash_table_make(sbl__base *base, sbl__hash_table *t, doub
     return t->slots ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Returns the number in *slot and advances *slot, so that a loop that begins with *slot = hash finds all numbers with
-   this hash, and a few others. Returns SBL__NONE at the end; *slot is then free. */
+/* Returns the number in slot *slot & t->mask and increments *slot. A loop that begins with *slot = hash gets all
+   numbers with this hash, and some others. If the slot is free, returns SBL__NONE and does not change *slot. */
 static uint32_t sbl__slot_next(const sbl__hash_table *t, uint32_t *slot) {
     const uint32_t found = t->slots[*slot & t->mask];
     *slot += found > 0;
@@ -4376,14 +4375,14 @@ static void sbl__join(uint32_t *parents, uint32_t one, uint32_t other) {
 typedef struct sbl__rings {
     sbl__stages stages;
     void *user;
-    int (*joined)(const void *user, int thing, int other);  /* 0: `other` is not put into a ring because of
-                                                               `thing`; `mean` must test this, too. NULL: always 1 */
+    int (*joined)(const void *user, int thing, int other);  /* 0: `other` must not get a value from `thing`;
+                                                               `mean` must test this, too. NULL: always 1 */
     void (*mean)(void *user, int thing);  /* sets the value of `thing` from neighbours that sbl__ring_reached accepts */
     int count;          /* number of things */
     int width;          /* things per row of the grid */
     int last;           /* last ring to compute */
     int *ring;          /* ring of each thing; SBL__RING_WAITS until it is known */
-    int *queue;         /* things of rings 1 .. last, in the order of the rings; the second half of `ring` */
+    int *queue;         /* things of rings 1 .. last, in the order of the rings; in the memory block of `ring` */
     int queued;         /* number of things that have been added to the queue */
     int number;         /* number of the ring that is being computed */
 } sbl__rings;
@@ -4393,8 +4392,8 @@ static void sbl__rings_free(sbl__base *base, sbl__rings *r) {
     memset(r, 0, sizeof *r);
 }
 
-/* Sets r->count, allocates r->ring and fills it with SBL__RING_WAITS. The caller sets the other fields from `user` to
-   `last`, and afterwards r->ring of things that have a value to 0. */
+/* Sets r->count, allocates r->ring and fills it with SBL__RING_WAITS. The caller sets user, joined, mean, width and
+   last; after this call, it sets r->ring of each thing that has a value to 0. */
 static sbl_result sbl__rings_make(sbl__base *base, sbl__rings *r, int count) {
     r->count = count;
     r->ring = (int *)sbl__alloc_raw(base, (size_t)count, 2 * sizeof *r->ring);
@@ -4408,8 +4407,8 @@ static int sbl__ring_reached(const sbl__rings *r, int thing) {
     return r->ring[thing] >= 0 && r->ring[thing] < r->number;
 }
 
-/* Iterates over the 3 x 3 block around a thing, including the thing itself, row by row. *place must be 0 at first. -1:
-   there are no more things. */
+/* Returns the next thing of the 3 x 3 block around a thing, itself included, row by row, or -1 at the end. Skips places
+   outside of the grid. *place: 0 before the first call */
 static int sbl__ring_grid(const sbl__rings *r, int thing, size_t *place) {
     while (*place < 9) {
         const int x = thing % r->width + (int)(*place % 3) - 1, y = thing / r->width + (int)(*place / 3) - 1;
@@ -4419,7 +4418,7 @@ static int sbl__ring_grid(const sbl__rings *r, int thing, size_t *place) {
     return -1;
 }
 
-/* Appends a thing's waiting neighbours to the queue. They belong to the next ring. */
+/* Queues those waiting neighbours of a thing that `joined` accepts as the next ring, unless this ring is the last. */
 static void sbl__ring_spread(sbl__rings *r, int thing) {
     size_t place = 0;
     int other;
@@ -4448,7 +4447,7 @@ static sbl_result sbl__ring_next(void *work, int at) {
 static int sbl__rings_things(void *work) { return ((sbl__rings *)work)->count; }
 static int sbl__rings_queued(void *work) { return ((sbl__rings *)work)->queued; }
 
-/* Does a piece of the work. Returns SBL_SUCCESS when all rings up to r->last have their values. */
+/* Does a piece of the work. Returns SBL_UNFINISHED until all rings up to r->last have values, then SBL_SUCCESS. */
 static sbl_result sbl__rings_step(sbl__rings *r, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__ring_source, sbl__rings_things },
@@ -4468,9 +4467,9 @@ static sbl_result sbl__rings_step(sbl__rings *r, sbl__slice *slice) {
 enum { SBL__SOLVER_START, SBL__SOLVER_TURN, SBL__SOLVER_MULTIPLY, SBL__SOLVER_DOT, SBL__SOLVER_ADVANCE,
        SBL__SOLVER_DONE };
 
-/* The scalars of a system. power, next_power: residual . preconditioned residual, before and after the iteration.
-   along: direction . product. first2, left2: squared length of the preconditioned residual, at the start and after the
-   iteration. turn: factor of the last direction in the next direction */
+/* Scalars of a system (see sbl__solver.together). power, next_power: residual . preconditioned residual, before and
+   after an iteration. along: direction . product. first2, left2: squared length of the preconditioned residual, at the
+   start of the solution and after an iteration. turn: factor of the previous direction in the next one */
 typedef struct sbl__solver_sums { double power, next_power, along, first2, left2, turn; } sbl__solver_sums;
 
 typedef struct sbl__solver {
@@ -4479,14 +4478,14 @@ typedef struct sbl__solver {
     void (*term)(void *user, int i, const double *direction, double *product);  /* product += term i * direction */
     int term_count;
     int count;                  /* number of unknowns */
-    int together;               /* 1: the equations couple the three channels; 0: each channel is solved by itself */
+    int together;               /* 1: all three channels form one system; 0: each channel is a system of its own */
     double identity;            /* factor of the identity in the matrix */
     double precision2;          /* a system is solved when left2 is at most this times `most2` */
-    double most2[3];            /* per system: largest first2 of the solutions so far; 0 if the next solution is for
-                                   other equations. A solution that goes on need not be more accurate than the first */
+    double most2[3];            /* per system: largest first2 of all solutions since the caller set it to 0, as it does
+                                   before other equations. Later solutions need not be more accurate than the first */
     /* Arrays of three numbers per unknown, one for each channel. They share one block of memory. */
-    double *diagonal;           /* the preconditioner: diagonal of the matrix, or all 1. An unknown whose entry is 0
-                                   keeps its value */
+    double *diagonal;           /* the preconditioner: diagonal of the matrix, or all 1. A channel of an unknown whose
+                                   entry is 0 stays 0 in the solution */
     double *solution;           /* must be 0 at the start */
     double *residual;           /* must be the right-hand side of the equations at the start */
     double *direction, *product;  /* search direction; matrix * direction */
@@ -4521,7 +4520,7 @@ static sbl_result sbl__solver_term(void *work, int term) {
     return SBL_SUCCESS;
 }
 
-/* Processes a channel of an unknown, in any stage except SBL__SOLVER_MULTIPLY. i: index in the arrays */
+/* Does the current stage, any but SBL__SOLVER_MULTIPLY, for a channel of an unknown. i: its index in the arrays */
 static void sbl__solver_channel(sbl__solver *s, sbl__solver_sums *sum, size_t i) {
     const double d = s->diagonal[i];
     double preconditioned, share;
@@ -4586,7 +4585,7 @@ static int sbl__solver_after_advance(void *work) {
     return sbl__solver_is_done(s, left2) || ++s->rounds >= SBL__SOLVER_ROUNDS ? SBL__SOLVER_DONE : SBL__SOLVER_TURN;
 }
 
-/* Does a piece of the work. Returns SBL_SUCCESS when the solution is ready; the next call then starts anew. */
+/* Does a piece of the work. SBL_SUCCESS: solved, or SBL__SOLVER_ROUNDS reached; the next call begins a new solution. */
 static sbl_result sbl__solver_step(sbl__solver *s, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, sbl__solver_after_start, sbl__solver_unknown, sbl__solver_unknowns },
@@ -4604,8 +4603,8 @@ static sbl_result sbl__solver_step(sbl__solver *s, sbl__slice *slice) {
 }
 
 /* ======================================================================================================== >>textures
-   All textures of the scene share two GL textures, the texel tables: one of 8-bit sRGB for textures that the host gives
-   in that format, and one of 16-bit floats for all others. A texture begins at the start of a table's row; its texels
+   All textures of the scene share two GL textures, the texel tables: one of 8-bit sRGB for textures of the format
+   SBL_PIXELS_SRGB8, and one of 16-bit floats for all others. A texture begins at the start of a table's row; its texels
    follow each other without gaps, whatever its width. scene.glsl filters them bilinearly. */
 
 #define SBL__TEXEL_TABLE_WIDTH 4096  /* texels per row; less if the driver's textures are smaller */
@@ -4614,7 +4613,7 @@ typedef struct sbl__textures {
     sbl__texture tables[2];    /* texel tables: [0] 8-bit sRGB, [1] 16-bit floats */
     /* Materials number textures from 1. Element 0 of the arrays stands for no texture. */
     uint32_t (*places)[4];     /* per texture: first row in its table, width, height, SBL__TEXTURE flags */
-    float *brightest;          /* per texture: largest component of its texels; 1 if 8-bit sRGB in client memory */
+    float *brightest;          /* per texture: largest r, g or b of its texels; always 1 for SRGB8 in client memory */
     int count;
     uint64_t hash;             /* hash of both tables' texels */
 } sbl__textures;
@@ -4630,8 +4629,8 @@ static void sbl__textures_free(const sbl__device *d, sbl__textures *t) {
 /* A texel table while the CPU fills it. texel: bytes per texel, 4 for 8-bit sRGB or 8 for 16-bit floats */
 typedef struct sbl__texel_table { unsigned char *bytes; size_t texel; int width, rows; } sbl__texel_table;
 
-/* Reads a pixel. Bytes are divided by 255. One channel is grey, two are grey and alpha. Without alpha, c[3] is left
-   as it was. */
+/* Reads a pixel. Bytes are divided by 255; sRGB is not decoded. One channel is grey, two are grey and alpha. Without
+   alpha, c[3] is left as it was. */
 static void sbl__read_pixel(const sbl_texture *t, int x, int y, float c[4]) {
     const int channels = sbl__texture_channels(t);
     const unsigned char *at = (const unsigned char *)t->pixels + (size_t)y * sbl__texture_stride(t, t->width) +
@@ -4643,8 +4642,8 @@ static void sbl__read_pixel(const sbl_texture *t, int x, int y, float c[4]) {
     if (channels < 3) c[1] = c[2] = c[0];
 }
 
-/* Writes the texels of a texture into its table. copy: NULL, or the r g b a that were read from the host's GL texture.
-   Bytes in 8-bit sRGB stay as they are; GL decodes them when shaders read. Logs an error and returns
+/* Writes the texels of a texture into its table, and sets s->brightest. copy: NULL, or the linear r g b a read from the
+   host's GL texture. Bytes in 8-bit sRGB stay as they are; GL decodes them when shaders read. Logs an error and returns
    SBL_ERROR_INVALID_ARGUMENT if a component is negative or not finite. */
 static sbl_result sbl__texels_write(const sbl__device *d, const sbl__textures *s, const sbl__texel_table *table,
                                     const sbl_texture *t, int number, const float *copy) {
@@ -4689,7 +4688,7 @@ static sbl_result sbl__textures_fill(sbl__device *d, const sbl__textures *s, con
     return result;
 }
 
-/* Assigns rows of a texel table to a texture. */
+/* Appends rows for a texture to a texel table, and sets s->places. Logs and returns an error if it cannot. */
 static sbl_result sbl__textures_place(sbl__device *d, sbl__textures *s, sbl__texel_table *table, const sbl_texture *t,
                                       int number) {
     const int most = d->gl.capabilities.max_texture_size;
@@ -4721,7 +4720,7 @@ static sbl_result sbl__textures_place(sbl__device *d, sbl__textures *s, sbl__tex
     return SBL_SUCCESS;
 }
 
-/* Makes a texel table. kind: 0: 8-bit sRGB, 1: 16-bit floats */
+/* Makes the texel table of one kind, unless no texture is of this kind. kind: 0: 8-bit sRGB, 1: 16-bit floats */
 static sbl_result sbl__texel_table_make(sbl__device *d, sbl__textures *s, const sbl_scene_desc *desc, int kind) {
     const unsigned format = kind ? SBL__GL_RGBA16F : SBL__GL_SRGB8_ALPHA8;
     sbl__texel_table table;
@@ -4760,11 +4759,11 @@ static sbl_result sbl__textures_make(sbl__device *d, sbl__textures *s, const sbl
 }
 
 /* ======================================================================================================== >>material
-   How surfaces emit and reflect light, and where they have holes. Materials are read only here, for the CPU, and in
-   material.glsl, for shaders. Both compute the same. */
+   How surfaces emit and reflect light, and where they have holes: computed here on the CPU, and in material.glsl by
+   shaders, with equal results. Other rooms only test flags, whether there are holes, and whether a surface is black. */
 
-/* Copies a material into its mesh's object, and raises *brightest to an upper limit of the radiance that it emits:
-   its largest component, times that of the texture. Returns the features that programs need for the material. */
+/* Copies a material into its mesh's object. Raises *brightest, if it is less, to an upper limit of the radiance that
+   the material emits: largest component of emission * that of the texture. Returns the features that programs need. */
 static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *m, sbl__object *o, float *brightest) {
     memcpy(o->albedo, m->albedo, sizeof o->albedo);
     memcpy(o->emission, m->emission, sizeof o->emission);
@@ -4777,7 +4776,7 @@ static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *
     return m->albedo_texture || m->emission_texture ? (unsigned)SBL__TEXTURED : 0;
 }
 
-/* True if two objects of one mesh differ in anything but the light that they emit. */
+/* True if two objects differ in albedo, albedo texture, alpha_cutoff, or flags other than one-sided emission. */
 static int sbl__reflection_differs(const sbl__object *a, const sbl__object *b) {
     const uint32_t flags = ~(uint32_t)SBL_MATERIAL_ONE_SIDED_EMISSION;
     return memcmp(a->albedo, b->albedo, sizeof a->albedo) || (a->flags & flags) != (b->flags & flags) ||
@@ -4792,8 +4791,8 @@ static int sbl__emits(const sbl__object *o, int back) {
     return sbl__max3(o->emission) > 0 && !(back && o->flags & SBL_MATERIAL_ONE_SIDED_EMISSION);
 }
 
-/* Returns 1 if SBL__BOUNCE_ALBEDO limits the albedo of the whole surface, apart from vertex colours: it has no albedo
-   texture, and all three channels of its albedo exceed the limit. */
+/* Returns 1 if an object has no albedo texture and all channels of its albedo exceed SBL__BOUNCE_ALBEDO, to which
+   >>bounce limits them; otherwise 0. Vertex colours are not considered. */
 static int sbl__holds_light(const sbl__object *o) {
     const float *albedo = o->albedo, most = SBL__BOUNCE_ALBEDO;
     return albedo[0] > most && albedo[1] > most && albedo[2] > most && !o->albedo_texture[1];
@@ -4801,7 +4800,7 @@ static int sbl__holds_light(const sbl__object *o) {
 
 #define SBL__SHARE_ONE 65535.0f    /* a share of 1, packed into 16 bits */
 
-/* Computes the radiance that a surface reflects, without the pattern of its albedo. light: R; its sign is ignored */
+/* Computes the radiance that a surface reflects without albedo texture and vertex colours. light: R; ignores signs */
 static void sbl__reflect(const sbl__object *o, const float light[3], float radiance[3]) {
     int k;
     for (k = 0; k < 3; k++) radiance[k] = o->albedo[k] * (float)fabs((double)light[k]);
@@ -4822,7 +4821,7 @@ static void sbl__add_reflected(const uint16_t share[3], const float light[3], fl
 
 /* >>glsl material: shaders_embedded/material.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_material[] = {
-"// How surfaces emit and reflect light, and where they have holes. No other shader reads a material. >>material in\n",
+"// How surfaces emit and reflect light, and where they have holes. Other shaders read only its flags. >>material in\n",
 "// sbl.h does the same on the CPU.\n",
 "uniform float epsilon;     // ambient factor: a surface that does not emit has the radiance epsilon * albedo\n",
 "uniform bool lamps_apart;  // true: lamps.glsl adds the light of emitters, so sbl_outgoing leaves it out\n",
@@ -4875,7 +4874,7 @@ static const char *const sbl__glsl_material[] = {
 "}\n",
 "\n",
 "// Radiance that a surface sends towards a sensor, without the stored light that it reflects: Ck of equations 1 and\n",
-"// 2. It is the emission of an emitter; for other surfaces, epsilon times the albedo.\n",
+"// 2. It is the emission of an emitter, or 0 if lamps_apart; for other surfaces, epsilon times the albedo.\n",
 "vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {\n",
 "    bool emits = sbl_emits(object, back);\n",
 "    vec3 radiance = emits ? sbl_object_emission(object) : epsilon * sbl_object_albedo(object);\n",
@@ -4916,9 +4915,9 @@ static const char *const sbl__glsl_material[] = {
 /* <<glsl */
 
 /* ====================================================================================================== >>environment
-   Light from directions without a surface: from the sky, which is constant, and from a picture around the scene. Rays
-   over the hemisphere find the picture's radiance up to a limit. Radiance above the limit would make their results
-   noisy, so each texel that exceeds the limit is also a lamp, which emits the excess (see >>lamps). */
+   Light from directions without a surface: from the sky, which is constant, and from a picture around the scene (the
+   host's, or samples of its function). Rays over the hemisphere find the picture's radiance up to a limit. Radiance
+   above it would make their results noisy, so each texel that exceeds it is also a lamp, which emits the excess. */
 
 #define SBL__SKY_LIMIT 4  /* sbl__environment.limit, in multiples of the picture's mean radiance */
 
@@ -4987,7 +4986,7 @@ static void sbl__environment_texel(const sbl__environment *e, const sbl_environm
     c[3] = 0;
 }
 
-/* Fills e->pixels; computes e->limit and e->brightest. */
+/* Fills e->pixels; computes e->limit and e->brightest. Returns an error if radiance is negative or not finite. */
 static sbl_result sbl__environment_read(const sbl__base *base, sbl__environment *e, const sbl_environment *desc) {
     double mean = 0, weights = 0;
     float *c = e->pixels;
@@ -5034,8 +5033,8 @@ static sbl_result sbl__environment_make(const sbl__device *d, sbl__environment *
 
 #define SBL__FAR 1e29f   /* a distance above this means that a ray hit nothing */
 
-/* Radiance that a ray over the hemisphere finds if it hits nothing: the sky's, plus the picture's up to the limit. Same
-   as sbl_sky in sky.glsl. */
+/* Computes the radiance that a ray over the hemisphere finds if it hits nothing: the sky's, plus the picture's up to
+   the limit; the same as sbl_sky in sky.glsl. direction: unit vector */
 static void sbl__environment_radiance(const sbl__environment *e, const double direction[3], float light[3]) {
     double d[3] = { 0, 0, 0 }, excess;
     const float *texel;
@@ -5109,7 +5108,7 @@ static const char *const sbl__glsl_sky[] = {
    in slices, when it is first needed and again after surfaces have changed. */
 
 #define SBL__BVH_BINS 16         /* bins per axis */
-#define SBL__BVH_LEAF 4          /* maximum number of triangles in a leaf; the format allows 8 */
+#define SBL__BVH_LEAF 4          /* maximum number of triangles in a leaf; more would collide with SBL__ENTER */
 #define SBL__BVH_SAH_DEPTH 32    /* nodes from this depth on get halves of equal triangle counts, to limit the depth */
 #define SBL__BVH_DROPPED 0xffffffffu  /* marks an unused element of sbl__hierarchy.order */
 #define SBL__BVH_GRID_STEPS 512  /* a node may get its own grid if all sides of its box are shorter than this many steps
@@ -5118,12 +5117,13 @@ static const char *const sbl__glsl_sky[] = {
 #define SBL__BVH_CHUNK 32        /* triangles per turn of a loop, so that the overhead of turns is negligible */
 #define SBL__UPLOAD_CHUNK 65536  /* bytes per piece of an upload */
 
-/* x, y, z of a child: lowest | highest << 16 coordinate of its box, in grid steps. w: number of a node, or
-   SBL_LEAF | triangles - 1 << 28 | first triangle, or SBL_ENTER | number of a grid record. */
+/* x, y, z of a child: lowest | highest << 16 coordinate of its box, in grid steps. w: number of a node, or SBL__LEAF |
+   (number of triangles - 1) << 28 | number of its first sbl__triangle, or SBL__ENTER | number of a grid record */
 #define SBL__NODE(X) X(sbl__node, UVEC4, child_0) X(sbl__node, UVEC4, child_1)
 SBL__RECORD(sbl__node, SBL__NODE, "sbl_node", "sbl_nodes", SBL__SCENE_TABLE("sbl_nodes"), NULL)
 
-/* A grid, which is stored in the place of a node. root: number of its first node. around: number of the outer grid */
+/* A grid, stored in the place of a node. origin: position of step 0. per_length: steps per unit of length. root: number
+   of its first node. around: number of the outer grid; 0 in the outermost grid, which is number 0 */
 #define SBL__GRID_NODE(X) \
     X(sbl__grid_node, VEC3, origin) X(sbl__grid_node, UINT, root) \
     X(sbl__grid_node, VEC3, per_length) X(sbl__grid_node, UINT, around)
@@ -5164,7 +5164,7 @@ static float sbl__box_area(const sbl__box *b) {
     return x < 0 ? 0 : x * y + y * z + z * x;
 }
 
-/* Bounds of triangles, and of their centroids multiplied by 2 */
+/* box: bounds of triangles. centroids: bounds of the centres of the triangles' boxes, with coordinates doubled */
 typedef struct sbl__bvh_bounds { sbl__box box, centroids; } sbl__bvh_bounds;
 
 /* A node to build, over triangles first .. first + count - 1 of the order. child: number of the element of
@@ -5179,7 +5179,7 @@ typedef struct sbl__bvh_task {
 typedef struct sbl__bvh_split {
     int left;                    /* triangles moved to the first part so far */
     int axis, bin;               /* the first part ends with this bin along the axis; axis < 0: there is no split */
-    float scale[3];              /* bins per unit of doubled centroids; 0: the axis is not split */
+    float scale[3];              /* bins per unit of doubled centres; 0: the axis is not split */
     sbl__box bins[3][SBL__BVH_BINS];
     int counts[3][SBL__BVH_BINS];
     sbl__bvh_bounds parts[2];
@@ -5195,10 +5195,10 @@ typedef struct sbl__bvh {        /* data for building the hierarchy */
     const sbl__device *device;
     const sbl__geometry *geometry;
     struct sbl__hierarchy *hierarchy;
-    uint32_t (*children)[4];     /* sbl__node: 2 * n and 2 * n + 1 are the children of node n */
+    uint32_t (*children)[4];     /* elements 2 * n, 2 * n + 1: the children of node n, as in sbl__node */
     sbl__box *boxes;             /* bounds of each triangle */
     sbl__bvh_work *work;         /* cost of each node */
-    sbl__bvh_task stack[2 * SBL__STACK];  /* tasks to do; the first is for all triangles */
+    sbl__bvh_task stack[2 * SBL__STACK];  /* tasks to do; at the start, one for all triangles */
     sbl__bvh_task task;          /* the current task */
     int top;                     /* number of tasks on the stack */
     sbl__bvh_split split;
@@ -5212,7 +5212,7 @@ typedef struct sbl__hierarchy {
     double cost;                 /* highest sum / area of any node, see sbl__bvh_work */
     double seconds;              /* time spent on building */
     sbl__table node_table, triangle_table;
-    uint32_t *order;             /* triangle numbers, leaf after leaf; read by >>lamps */
+    uint32_t *order;             /* triangles' numbers in the scene, leaf after leaf, or SBL__BVH_DROPPED */
     sbl__bvh *building;          /* NULL if the hierarchy is not being built */
 } sbl__hierarchy;
 
@@ -5278,7 +5278,7 @@ static sbl_result sbl__bvh_chunk(void *work, int chunk) {
     return SBL_SUCCESS;
 }
 
-/* Chooses the split between two bins that costs least by the surface-area heuristic. */
+/* Chooses the cheapest split by the surface-area heuristic. Returns SBL__BVH_PART; if there is none, SBL__BVH_NODE. */
 static int sbl__bvh_choose(void *work) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__bvh_split *s = &b->split;
@@ -5343,8 +5343,8 @@ static int sbl__bvh_corner_order(const void *first, const void *second) {
     return a[k] < b[k] ? -1 : a[k] > b[k];
 }
 
-/* Drops triangles with exactly the corners of another triangle that has a lower number and no holes. No ray hits such
-   copies, but rays would test them. Shortens the task. */
+/* Drops triangles whose corners equal, in the same order, those of a triangle that has a lower number and no holes. No
+   ray hits such copies, but rays would test them. Reduces t->count. */
 static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
     const sbl__geometry *g = b->geometry;
     uint32_t *order = b->hierarchy->order;
@@ -5371,7 +5371,7 @@ static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
 }
 
 /* Begins the top task of the stack: makes the next node a child of its parent, inserts a finer grid between them if the
-   node's box is small in the parent's grid, and empties the bins. */
+   node's box is small in the parent's grid, and empties the bins. Returns SBL__BVH_COSTS if there is no task. */
 static int sbl__bvh_next_task(void *work) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__hierarchy *h = b->hierarchy;
@@ -5410,7 +5410,7 @@ static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
     const int node = b->hierarchy->node_count++;
     int side, i;
     (void)slice;
-    if (!s->left) {  /* no split was found: halves. The first half of one triangle is empty; no ray enters its box */
+    if (!s->left) {  /* no split was found: halves. If one triangle is left, part 0 is empty; no ray enters its box */
         const sbl_result result = sbl__bvh_drop_copies(b, t);
         if (result != SBL_SUCCESS) return result;
         s->left = t->count / 2;
@@ -5473,7 +5473,7 @@ static sbl_result sbl__bvh_box(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Begins a task for all triangles, if there are any. */
+/* Begins a task for all triangles, if there are any. Returns the next stage. */
 static int sbl__bvh_after_boxes(void *work) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__hierarchy *h = b->hierarchy;
@@ -5490,7 +5490,7 @@ static int sbl__bvh_after_boxes(void *work) {
 
 static int sbl__bvh_inner_nodes(void *work) { return ((sbl__bvh *)work)->hierarchy->node_count - 1; }
 
-/* Adds a node's cost to its parent's. Nodes are visited from last to first, since children follow their parents. */
+/* Adds a node's cost to its parent's; raises h->cost. Visits the last node first, as children follow their parents. */
 static sbl_result sbl__bvh_cost(void *work, int at) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__hierarchy *h = b->hierarchy;
@@ -5501,7 +5501,7 @@ static sbl_result sbl__bvh_cost(void *work, int at) {
 }
 
 /* Uploads the next piece of a table of `all` elements of `size` bytes. from: elements stages.at and following. Advances
-   stages.at. Attaches the table after the last piece. */
+   stages.at. Returns SBL_UNFINISHED until the last piece; then attaches the table. */
 static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, size_t size, int all) {
     int *at = &b->stages.at;
     const int count = SBL__MIN(SBL__UPLOAD_CHUNK / (int)size, all - *at);
@@ -5545,7 +5545,7 @@ static sbl_result sbl__bvh_nodes(void *work, sbl__slice *slice) {
     return sbl__bvh_upload(b, &h->node_table, b->children + 2 * b->stages.at, sizeof(sbl__node), h->node_count);
 }
 
-/* Builds the hierarchy and uploads it. SBL_SUCCESS: it is ready. After an error the caller may begin again. */
+/* Builds and uploads the hierarchy, in slices. SBL_SUCCESS: it is ready. After an error, the next call begins anew. */
 static sbl_result sbl__hierarchy_step(sbl__device *d, const sbl__geometry *g, sbl__hierarchy *h, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, sbl__bvh_after_boxes, sbl__bvh_box, sbl__bvh_all_triangles },
@@ -5678,8 +5678,8 @@ static const char *const sbl__glsl_traverse[] = {
 "        hit = sbl_Hit(l, triangle, number, v / determinant, w / determinant, (determinant < 0.0) == (ray.z > 0.0));\n",
 "}\n",
 "\n",
-"// Returns the first hit after (after, past) at a distance below `limit`. Hits are ordered by distance and, at the\n",
-"// same distance, by the number of their triangle.\n",
+"// Returns the first hit after (after, past) at a distance below `limit`; if there is none, its triangle is -1.\n",
+"// Hits are ordered by distance and, at the same distance, by the number of their triangle.\n",
 "sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float limit) {\n",
 "    sbl_Hit hit = sbl_Hit(limit, -1, -1, 0.0, 0.0, false);\n",
 "    vec3 size = abs(direction);\n",
@@ -5726,7 +5726,7 @@ static const char *const sbl__glsl_traverse[] = {
 "    return hit;\n",
 "}\n",
 "\n",
-"// Returns the nearest hit whose distance is below `limit`. Rays continue behind holes.\n",
+"// Returns the nearest hit below `limit` that is not in a hole (but see SBL_HOLES). No hit: the triangle is -1.\n",
 "sbl_Hit sbl_trace(vec3 origin, vec3 direction, float limit) {\n",
 "    sbl_Hit hit = sbl_Hit(0.0, -1, 0x7fffffff, 0.0, 0.0, false);\n",
 "    bool solid = false;\n",
@@ -5750,13 +5750,13 @@ static const char *const sbl__glsl_traverse[] = {
    number of lamps (lamps.glsl). One table holds the nodes in preorder, then the leaves in the order of the nodes, then
    the lights, then the glows.
 
-   The power of a lamp is its radiant intensity along its normal, summed over the channels and divided by pi: R at
-   distance d is about power * cosine / d^2. For a distant lamp, R is power * cosine. */
+   The power of a lamp is its radiant intensity along its normal, summed over the channels and divided by pi. The sum of
+   the channels of R is about power * cosine / d^2 at distance d; for a distant lamp, it is power * cosine. */
 
 /* A node of a lamp tree. middle, radius: a ball around all lamps of its subtree. power: the sum of their powers.
    square, mixed: the elements xx, yy, zz and xy, yz, zx of a matrix, see sbl__cluster_write. front: sum of power *
-   normal / 2 of one-sided lamps. beyond: number of the node after the subtree; SBL_FAR_NODE is set for distant lamps.
-   first_leaf: number of the subtree's first leaf */
+   normal / 2 of one-sided and of distant lamps. beyond: number of the node after the subtree, and SBL__FAR_NODE in the
+   tree of distant lamps. first_leaf: number of the subtree's first leaf */
 #define SBL__LAMP_NODE(X) \
     X(sbl__lamp_node, VEC3, middle) X(sbl__lamp_node, FLOAT, radius) \
     X(sbl__lamp_node, VEC3, square) X(sbl__lamp_node, FLOAT, power) \
@@ -5764,22 +5764,22 @@ static const char *const sbl__glsl_traverse[] = {
     X(sbl__lamp_node, VEC3, front) X(sbl__lamp_node, UINT, first_leaf)
 SBL__RECORD(sbl__lamp_node, SBL__LAMP_NODE, "sbl_lamp_node", "sbl_lamps", SBL__SCENE_TABLE("sbl_lamps"), NULL)
 
-/* A leaf of a lamp tree: one lamp. code: kind << SBL_LAMP_KIND_SHIFT | number. The number is a triangle's place in the
+/* A leaf of a lamp tree: one lamp. code: kind << SBL__LAMP_KIND_SHIFT | number. The number is a triangle's place in the
    hierarchy's order, the number of a light or of a glow, or a texel's row * width + column. */
 #define SBL__LAMP_LEAF(X) X(sbl__lamp_leaf, UINT, code) X(sbl__lamp_leaf, UVEC3, unused)
 SBL__RECORD(sbl__lamp_leaf, SBL__LAMP_LEAF, "sbl_lamp_leaf", "sbl_lamps", "", "sbl_first_leaf")
 
-/* position: for a far light, the direction towards it. radius: for a far light, the squared sine of half its angle.
-   A spot's intensity is multiplied by the square of spot_scale * cosine to its axis + spot_offset. */
+/* A directional light has the direction towards it as position, and the squared sine of half its angle as radius. At an
+   angle a to its axis, a spot's intensity is multiplied by clamp(spot_scale * cos a + spot_offset, 0, 1)^2. */
 #define SBL__LIGHT_RECORD(X) \
     X(sbl__light_record, VEC3, position) X(sbl__light_record, FLOAT, radius) \
     X(sbl__light_record, VEC3, intensity) X(sbl__light_record, FLOAT, spot_scale) \
     X(sbl__light_record, VEC3, axis) X(sbl__light_record, FLOAT, spot_offset)
 SBL__RECORD(sbl__light_record, SBL__LIGHT_RECORD, "sbl_light", "sbl_lamps", "", "sbl_first_light")
 
-/* A triangle that is lit so brightly that it is a lamp, seen from the side from which its corners turn anticlockwise.
-   radiance: without the pattern of its albedo, see material.glsl. triangle: place, in the hierarchy's order, of the
-   triangle of the scene to which it belongs. leaf: number of the store's leaf that holds its light */
+/* A triangle that is lit so brightly that it is a lamp. It shines on the side from which its corners run anticlockwise.
+   radiance: without albedo texture and vertex colours. triangle: place, in the hierarchy's order, of the triangle of
+   the scene to which it belongs. leaf: number of the store's leaf that holds its light */
 #define SBL__GLOW(X) \
     X(sbl__glow, VEC3, corner_0) X(sbl__glow, UINT, triangle) \
     X(sbl__glow, VEC3, corner_1) X(sbl__glow, UINT, leaf) \
@@ -5788,17 +5788,17 @@ SBL__RECORD(sbl__light_record, SBL__LIGHT_RECORD, "sbl_light", "sbl_lamps", "", 
 SBL__RECORD(sbl__glow, SBL__GLOW, "sbl_glow", "sbl_lamps", "", "sbl_first_glow")
 
 #define SBL__POWER_MOST 1e37          /* upper limit of a lamp's power, so that sums remain finite floats */
-#define SBL__POWER_LEAST 1e-30        /* lower limit of pi * power of an emitting triangle, so that it is not skipped */
+#define SBL__POWER_LEAST 1e-30        /* lower limit of pi * power of a triangle or glow, so that it is not skipped */
 #define SBL__MOMENT_MOST 1e18         /* upper limit of the sums in a cluster, so that products of two remain finite */
 #define SBL__SPOT_LEAST 0.001         /* least difference between the cosines of a spot's cones (KHR_lights_punctual) */
 #define SBL__CURVE_BITS 20            /* bits of the Morton curve per axis */
-#define SBL__LAMP_DEPTH 128           /* size of the stack `clusters`: above 61 (curve bits) + log2(lamps at a place) */
+#define SBL__LAMP_DEPTH 128           /* size of sbl__lamps.clusters: above 61 (curve bits) + log2(lamps at a place) */
 
 typedef struct sbl__lamp {
     uint64_t curve;            /* position along a Morton curve; bit 63 is set for distant lamps */
     uint32_t code;             /* see sbl__lamp_leaf */
     sbl__box bounds;
-    float normal[3];           /* 0: the lamp shines in all directions; for a distant lamp, the direction towards it */
+    float normal[3];           /* unit normal; spot: axis; distant: direction towards it; 0: shines in all directions */
     float power;
     int one_sided, distant;
 } sbl__lamp;
@@ -5828,9 +5828,9 @@ typedef struct sbl__lights {
     int count;
     sbl__glow *glows;
     int glow_count;
-    int only_glows;            /* 1: the trees hold no other lamps */
-    float unit;                /* lamps.glsl divides radiance by this, so that sums do not overflow: about the
-                                  largest R that a lamp causes close to it */
+    int only_glows;            /* 1: the trees hold only the glows; 0: all other lamps, too */
+    float unit;                /* lamps.glsl divides light by this, so that sums do not overflow: largest radiance,
+                                  irradiance of a directional light, or intensity / extent^2 of another light */
     int ready;
     sbl__table table;
     int nodes, leaves;         /* counts of nodes and of leaves, over both trees */
@@ -5856,7 +5856,7 @@ static void sbl__lights_free(const sbl__device *d, sbl__lights *l) {
     memset(l, 0, sizeof *l);
 }
 
-/* Copies the host's lights, which have been checked. brightest, extent: see sbl__scene, sbl__geometry */
+/* Copies the host's lights, which have been checked; sets l->unit. brightest, extent: see sbl__scene, sbl__geometry */
 static sbl_result sbl__lights_make(sbl__base *base, sbl__lights *l, const sbl_light *lights, int count,
                                    float brightest, float extent) {
     int i;
@@ -5891,7 +5891,7 @@ static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3
     }
 }
 
-/* Makes the lamp of the triangle at a place of the hierarchy's order, if the triangle emits light. */
+/* Makes the lamp of the triangle at a place of the hierarchy's order. If its front emits no light, does nothing. */
 static void sbl__lamp_of_triangle(const sbl__lamps *l, int place, sbl__lamp *lamp) {
     const uint32_t number = l->hierarchy->order[place];
     const sbl__object *object;
@@ -5979,7 +5979,7 @@ static void sbl__lamp_of_texel(const sbl__environment *e, int at, sbl__lamp *lam
                    sbl__sum3(c) * (1 - e->limit / sbl__max3(c)) * solid_angle, 1);
 }
 
-/* Returns the number of glows, triangles, lights and texels, which sbl__lamps_add takes in this order. */
+/* Returns the number of glows and, unless only_glows is 1, triangles, lights and texels: the order of candidates. */
 static int sbl__lamps_candidates(void *work) {
     const sbl__lamps *l = (const sbl__lamps *)work;
     const sbl__environment *e = l->environment;
@@ -5987,7 +5987,7 @@ static int sbl__lamps_candidates(void *work) {
     return l->lights->glow_count + (l->lights->only_glows ? 0 : others);
 }
 
-/* Adds a lamp if candidate `at` emits light. */
+/* Adds candidate `at` to the list of lamps, unless it emits no light or is a texel that does not exceed the limit. */
 static sbl_result sbl__lamps_add(void *work, int at) {
     sbl__lamps *l = (sbl__lamps *)work;
     const int triangle = at - l->lights->glow_count, light = triangle - l->hierarchy->triangle_count;
@@ -6004,7 +6004,7 @@ static sbl_result sbl__lamps_add(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Returns an upper bound of the number of lamps, for the size of the table. */
+/* Returns an upper bound of the number of lamps without glows, for the size of the table. */
 static double sbl__lamps_most(const sbl__geometry *g, const sbl__environment *e, int light_count) {
     double lamps = light_count;
     size_t i;
@@ -6130,8 +6130,8 @@ static void sbl__cluster_write(const sbl__cluster *c, int distant, sbl__lamp_nod
         const double mixed = SBL__MAX(SBL__MIN(c->square[3 + k], SBL__MOMENT_MOST), -SBL__MOMENT_MOST);
         radius += side * side;
         node->middle[k] = (float)sbl__box_middle(&c->bounds, k);
-        /* The matrix all_sides * sum of power * n * n^T bounds the sum of power * |n . w| in a direction w, squared
-           (Cauchy-Schwarz inequality). */
+        /* In a direction w, sum of shown * |n . w| is at most sqrt(w^T * matrix * w), where the matrix is all_sides *
+           sum of shown * n * n^T (Cauchy-Schwarz inequality); `shown` as in sbl__cluster_of_lamp */
         node->square[k] = (float)(all_sides * SBL__MIN(c->square[k], SBL__MOMENT_MOST));
         node->mixed[k] = (float)(all_sides * mixed);
         node->front[k] = (float)c->front[k];
@@ -6226,7 +6226,7 @@ static void sbl__lights_bind(sbl__device *d, const sbl__lights *l) {
     sbl__set_float(d, "unit", l->unit);
 }
 
-/* Collects the lamps of a scene whose hierarchy is ready, and builds their trees. It can begin again after an error. */
+/* Collects the lamps and builds their trees, in slices. The hierarchy is ready. After an error, a call begins anew. */
 static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const sbl__hierarchy *h,
                                    const sbl__environment *e, sbl__lights *lights, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
@@ -6265,8 +6265,8 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
    patch, whose plane may coincide with a plane of the grid, a column of cubes replaces the cube. Therefore light does
    not leak through walls, between shelves or around edges; tiny triangles share a cell, and large triangles have many.
    Where an object stands on a surface, the plane of the object cuts the cell into two leaves (see >>bounce). Cells
-   have the same size at first; once there are many, new surfaces get wider cells, of level 1 or 2. Leaves in which the
-   light varies are divided by further cuts.
+   have the same size, level 0, at first; once there are many, new surfaces get wider cells, of level 1 to 3. Rays that
+   are shorter than half a cell have their own cells. Leaves in which the light varies are divided by further cuts.
 
        triangle -> patch, side \
                                 hash grid -> leaf, or cut -> ... -> leaf: R
@@ -6277,15 +6277,15 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
 typedef struct sbl__cell_slot { uint32_t check, reference; } sbl__cell_slot;
 
 /* A plane that divides a cell. sides: references, like those of slots, to the parts where dot(normal, position) is at
-   most `distance`, and where it is larger. divides: 1: the cell is divided for its light (>>bounce: division); 0: an
-   object cuts the cell */
+   most `distance`, and where it is larger. divides: 1: the cut was made because the light varies (>>bounce: division);
+   0: because an object stands there */
 #define SBL__CUT(X) \
     X(sbl__cut, VEC3, normal) X(sbl__cut, FLOAT, distance) \
     X(sbl__cut, UVEC2, sides) X(sbl__cut, UINT, divides) X(sbl__cut, UINT, unused)
 SBL__RECORD(sbl__cut, SBL__CUT, "sbl_cut", "sbl_store", SBL__SCENE_TABLE("sbl_store"), "first_cut")
 
-/* light: R; the low bits of its blue hold the uncertainty, and its red is negative if sensors send rays to the leaf,
-   which is then called bright (see >>glow). */
+/* light: R. The low 8 bits of its blue hold the uncertainty. Its red has a minus sign if the leaf is bright: sensors
+   send rays to it (see >>glow). */
 #define SBL__LEAF_RECORD(X) X(sbl__leaf, VEC3, light) X(sbl__leaf, UINT, unused)
 SBL__RECORD(sbl__leaf, SBL__LEAF_RECORD, "sbl_leaf", "sbl_store", "", "first_leaf")
 
@@ -6304,9 +6304,9 @@ typedef struct sbl__store {
     sbl__bright_cell *bright;  /* all cells with bright leaves, in the order of sbl__bright_order */
     int cut_count, cut_room, leaf_count, leaf_room, bright_count;
     int max_leaves;
-    int unseen_level;          /* level of the cells that surface samples get whose rays hit nothing */
+    int unseen_level;          /* lowest level of the cells of surface samples whose rays hit nothing */
     int made_for;              /* max_leaves when the light was made, which may have been in an earlier run */
-    float brightest;           /* largest channel of R in any leaf */
+    float brightest;           /* largest channel of R in any leaf; set by sbl__store_send */
     float air[6][3];           /* for objects that the host draws: mean R where they face +x, -x, +y, -y, +z, -z */
     sbl__table table;          /* patches, cells, cuts and leaves in one table, because texture units are few */
     int first_cell, first_cut, first_leaf;  /* start of each part in the table, in texels of four words */
@@ -6322,12 +6322,11 @@ static void sbl__store_free(const sbl__device *d, sbl__store *s) {
     memset(s, 0, sizeof *s);
 }
 
-/* >>store: uncertainty. It is 2^(-n / SBL__UNCERTAINTY_STEPS), where n, the low eight bits of blue, is 1 to 255; with
-   n = 0 it is unknown. Shaders read these bits as a negligible part of the light. */
+/* >>store: uncertainty of a leaf, relative to its light: 2^(-n / SBL__UNCERTAINTY_STEPS), where n, the low 8 bits of
+   blue, is 1 to 255; n = 0: unknown. Shaders read these bits as a negligible part of the light. */
 
 #define SBL__UNCERTAINTY_STEPS 16
-#define SBL__UNCERTAINTY_LEAST 1e-30f  /* the uncertainty is stored in the last 8 bits of blue. If blue is smaller
-                                          than this, the uncertainty is unknown */
+#define SBL__UNCERTAINTY_LEAST 1e-30f  /* if blue is smaller than this, the uncertainty is not stored: unknown */
 
 static void sbl__leaf_set_uncertainty(sbl__leaf *leaf, double uncertainty) {
     const double steps = -SBL__UNCERTAINTY_STEPS * log(SBL__MAX(uncertainty, 1e-9)) / log(2.0);
@@ -6356,7 +6355,8 @@ static float sbl__cell_length(const sbl__store *s, uint32_t patch) {
     return s->length * (float)(1 << SBL__LEVEL_SHIFT * level);
 }
 
-/* Computes the coordinates of the cube that contains a position, in the grid of the level that the patch word has. */
+/* Computes the coordinates of the cube that contains a position, in the grid of the patch word's level. On a flat
+   patch, the coordinate along its axis is 0. */
 static void sbl__cell_place(const sbl__store *s, uint32_t patch, const float position[3], uint32_t at[3]) {
     const float per_cell = 1 / sbl__cell_length(s, patch);
     int k;
@@ -6384,8 +6384,8 @@ static sbl__cell_slot *sbl__store_seek(const sbl__store *s, uint32_t patch, cons
     return NULL;
 }
 
-/* Returns the reference in the slot of a position's cell. A cell that has no slot gets one; NULL: all slots in reach
-   hold other cells. */
+/* Returns a pointer to the reference in the slot of a position's cell. A cell without a slot gets one. NULL: all slots
+   in reach hold other cells. */
 static uint32_t *sbl__store_slot(const sbl__store *s, uint32_t patch, const float position[3]) {
     uint32_t at[3], check;
     sbl__cell_slot *slot;
@@ -6400,8 +6400,8 @@ static uint32_t *sbl__cut_side(sbl__cut *cut, const float position[3]) {
     return &cut->sides[sbl__dot(cut->normal, position) > cut->distance];
 }
 
-/* Like sbl__store_slot, but follows cuts, so that the reference leads to the leaf at the position or is 0. *depth:
-   receives the number of cuts followed. The pointer is valid until a cut is added. */
+/* Like sbl__store_slot, but follows cuts, so that the reference is 1 + number of the leaf at the position, or 0.
+   *depth: receives the number of cuts followed. The pointer is valid until a cut is added. */
 static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const float position[3], int *depth) {
     uint32_t *reference = sbl__store_slot(s, patch, position);
     for (*depth = 0; reference && *reference >= SBL__CELL_CUT; ++*depth)
@@ -6409,13 +6409,13 @@ static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const floa
     return reference;
 }
 
-/* Returns the patch word of the cell that sbl_leaf_at tries at an attempt from afar. side: patch word of a triangle's
-   side */
+/* Returns the patch word that sbl_leaf_at tries at attempt 0 .. 2 * SBL__LEVELS - 1 if a position is seen from afar: by
+   a ray of at least half a level-0 cell. side: patch word of a triangle's side, with level 0 */
 static uint32_t sbl__patch_from_afar(uint32_t side, int attempt) {
     return side | (attempt & 1 ? SBL__PATCH_NEAR : 0) | SBL__PATCH_LEVEL * (uint32_t)(attempt >> 1);
 }
 
-/* Returns the reference in the cell at a position, or 0 if there is no such cell. */
+/* Returns the reference in the slot of the cell at a position, or 0 if the cell has no slot. */
 static uint32_t sbl__store_peek(const sbl__store *s, uint32_t patch, const float position[3]) {
     const sbl__cell_slot *slot;
     uint32_t at[3], check;
@@ -6424,7 +6424,7 @@ static uint32_t sbl__store_peek(const sbl__store *s, uint32_t patch, const float
     return slot && slot->check == check ? slot->reference : 0;
 }
 
-/* Returns what sbl_leaf_at finds at a position from afar: 1 + the number of a leaf, or 0. */
+/* Returns 1 + the number of the leaf that sbl_leaf_at finds at a position seen from afar, or 0 if there is none. */
 static uint32_t sbl__store_from_afar(const sbl__store *s, uint32_t side, const float position[3]) {
     uint32_t reference = 0;
     int i;
@@ -6436,7 +6436,7 @@ static uint32_t sbl__store_from_afar(const sbl__store *s, uint32_t side, const f
     return reference;
 }
 
-/* Makes a reference lead to a new cut. side: the side of the cut that gets the reference's previous value. */
+/* Makes a reference lead to a new cut. side: the side that gets the reference's previous value; the other gets 0 */
 static sbl_result sbl__store_cut(sbl__base *base, sbl__store *s, uint32_t *reference, const float normal[3],
                                  float distance, int side) {
     const uint32_t before = *reference;
@@ -6456,14 +6456,14 @@ static sbl_result sbl__store_cut(sbl__base *base, sbl__store *s, uint32_t *refer
 
 #define SBL__PATCH_SMOOTH 0.8   /* least cosine between the normals of neighbours in a patch */
 #define SBL__PATCH_EVEN 0.9999  /* least cosine between the normals of a flat patch's triangles */
-#define SBL__PATCH_LEAST 0.25   /* patches of a mesh with a smaller area, in areas of a cell, are pooled as one */
+#define SBL__PATCH_LEAST 0.25   /* sbl__patching.least if pool is 1, in areas of a cell if growth is 1 */
 
 typedef struct sbl__patch { double area; float normal[3]; sbl__box bounds; int flat; } sbl__patch;
 
 typedef struct sbl__patching {     /* state of dividing the scene into patches */
     sbl__stages stages;
     const sbl__geometry *geometry;
-    sbl__hash_table places, ends;  /* finds vertices by their positions, and triangles' sides by their ends */
+    sbl__hash_table places, ends;  /* find vertices by their positions, and triangles' sides by their ends */
     uint32_t *welded;              /* for each vertex, the first one of its mesh at its position */
     uint32_t *corners;             /* three welded vertices per triangle */
     uint32_t *parents;             /* union-find forest of triangles; each root stands for a patch, see sbl__root */
@@ -6473,8 +6473,8 @@ typedef struct sbl__patching {     /* state of dividing the scene into patches *
     double least;                  /* patches with a smaller area are joined into one patch per mesh, world units
                                       squared */
     double growth;                 /* factor of the area of cells; changes after too many or too few leaves */
-    double pool;                   /* factor of `least`. Each factor that changes `growth` changes it, too,
-                                      but a factor below 1 does not while it is above 1. */
+    double pool;                   /* factor of `least`. It is multiplied by the same factors as `growth`,
+                                      except that it is not reduced while it is above 1 */
 } sbl__patching;
 
 static sbl_result sbl__patching_begin(sbl__base *base, sbl__patching *p, const sbl__geometry *g) {
@@ -6521,7 +6521,7 @@ static sbl_result sbl__patch_join(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Adds a triangle to its patch's bounds and, unless hidden from sensors, area. Tests whether the patch is flat. */
+/* Adds a triangle to its patch's bounds and, unless hidden from sensors, to the areas. Tests if the patch is flat. */
 static sbl_result sbl__patch_measure(void *work, int at) {
     sbl__patching *p = (sbl__patching *)work;
     const sbl__geometry *g = p->geometry;
@@ -6548,9 +6548,9 @@ static sbl_result sbl__patch_measure(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Returns the patch word of a triangle: the number of its patch (small patches of a mesh share one), the largest axis
-   of its normal, SBL__PATCH_FLAT if the patch is plane and shares no number, and SBL__PATCH_BACK if the normal is
-   negative on that axis. */
+/* Returns the patch word of a triangle's front: number of the patch (small patches of a mesh share one), axis of the
+   normal's largest component, SBL__PATCH_FLAT if the patch is flat and shares no number, and SBL__PATCH_BACK if that
+   component is negative. */
 static uint32_t sbl__patch_word(sbl__patching *p, uint32_t triangle) {
     const sbl__geometry *g = p->geometry;
     const uint32_t root = sbl__root(p->parents, triangle);
@@ -6607,7 +6607,7 @@ static void sbl__store_bind(sbl__device *d, const sbl__store *s) {
     sbl__set_vec3(d, "cell_origin", s->origin);
     sbl__set_float(d, "per_cell", 1 / s->length);
     sbl__set_int(d, "cell_mask", s->cell_room - 1);
-    sbl__set_int(d, "glows", s->bright_count);
+    sbl__set_int(d, "bright_cells", s->bright_count);
 }
 
 /* >>glsl frame: shaders_embedded/frame.glsl, copied by scripts/embed_shaders */
@@ -6637,14 +6637,14 @@ static const char *const sbl__glsl_store[] = {
 "uniform int cell_mask;     // number of slots in the hash table - 1\n",
 "uniform vec3 cell_origin;  // origin of the grid of cells\n",
 "uniform float per_cell;    // 1 / length of a cell of level 0\n",
-"uniform int glows;         // number of glows (see >>glow in sbl.h)\n",
+"uniform int bright_cells;  // number of cells with bright leaves (see >>glow in sbl.h); 0: there are no glows\n",
 "\n",
 "uint sbl_hash_step(uint hash, uint x) {\n",
 "    hash = (hash ^ x) * SBL_HASH_FACTOR;\n",
 "    return hash ^ hash >> SBL_HASH_SHIFT;\n",
 "}\n",
 "\n",
-"// True if rays of this length read cells for near rays.\n",
+"// Returns true if rays of this length read the cells for near rays.\n",
 "bool sbl_is_near(float distance) { return distance * per_cell * float(SBL_NEAR_PART) < 1.0; }\n",
 "\n",
 "// Returns 1 + the number of the leaf at a position on triangle `number` of the scene, or 0 if there is none.\n",
@@ -6683,15 +6683,15 @@ static const char *const sbl__glsl_store[] = {
 "    return int(reference);\n",
 "}\n",
 "\n",
-"// R of a leaf, as sbl_leaf_at returns it\n",
+"// Returns R of a leaf; 0 if there is none. leaf: what sbl_leaf_at returns\n",
 "vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : abs(sbl_leaf_light(leaf - 1)); }\n",
 "\n",
-"// Returns the part of R at a position that lamps.glsl measures: all of it where rays from afar read a bright leaf.\n",
-"// leaf: what sbl_leaf_at returns for the parameters\n",
+"// Returns the R that lamps.glsl measures at a position: R of the leaf that rays from afar read there, if it is\n",
+"// bright, otherwise 0. leaf: what sbl_leaf_at returns for the other parameters\n",
 "vec3 sbl_glowing(int leaf, int number, bool back, vec3 position, float distance) {\n",
-"    for (int i = 0; i < (glows > 0 && sbl_is_near(distance) ? 1 : 0); i++)\n",
+"    for (int i = 0; i < (bright_cells > 0 && sbl_is_near(distance) ? 1 : 0); i++)\n",
 "        leaf = sbl_leaf_at(number, back, position, SBL_UNBOUNDED);\n",
-"    vec3 light = leaf == 0 || glows == 0 ? vec3(0) : sbl_leaf_light(leaf - 1);\n",
+"    vec3 light = leaf == 0 || bright_cells == 0 ? vec3(0) : sbl_leaf_light(leaf - 1);\n",
 "    return floatBitsToInt(light.r) < 0 ? abs(light) : vec3(0);\n",
 "}\n",
 "\n",
@@ -6713,24 +6713,23 @@ typedef struct sbl__scene {
     sbl__lights lights;
     sbl__hierarchy hierarchy;
     sbl__store store;
-    sbl__lights bright;         /* all lamps of `lights` and the glows of the store; nothing if there are no glows */
+    sbl__lights bright;         /* the store's glows and, unless only_glows, the lamps of `lights`; no glows: empty */
     struct sbl__glowing *glowing;  /* data for finding the glows; NULL if that is not in progress */
     sbl_draw_function draw;     /* NULL if the host draws nothing itself */
     void *draw_user;
     float draw_bounds[2][3];
     float draw_brightest;       /* desc.draw_max_radiance, by default 1: limit of the radiance that the host draws */
     int material_count;
-    float brightest;            /* upper limit of the radiance of surfaces, the environment, and what the host draws */
+    float brightest;            /* upper limit of the radiance of emission, environment, and what the host draws */
     unsigned features;          /* bits: features that programs need for the scene */
     uint32_t version;           /* changes with every change of the scene */
-    uint32_t surfaces;          /* version number: every change of the scene gives a new one, except changes of
-                                   emission and lights */
+    uint32_t surfaces;          /* changes with every change of the scene except those of emission and lights */
 } sbl__scene;
 
-#define SBL__RADIANCE_MOST 1e37f /* limit of radiance, so that sums stay finite */
+#define SBL__RADIANCE_MOST 1e37f /* upper limit of sbl__scene.brightest, so that sums stay finite */
 
-/* Limits of scenes whose light is correct up to rounding errors, measured: the least and the largest diagonal, and the
-   largest coordinate in diagonals. */
+/* Measured limits of scenes whose light is correct up to rounding errors: least and largest diagonal, world units;
+   largest absolute coordinate, in diagonals. Beyond them, sbl__scene_warn logs a warning. */
 #define SBL__ACROSS_LEAST 5e-10
 #define SBL__ACROSS_MOST 6e9
 #define SBL__AWAY_MOST 4e3
@@ -6747,7 +6746,7 @@ static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
     memset(s, 0, sizeof *s);
 }
 
-/* Writes all materials into their meshes' objects; computes s->brightest and s->features. */
+/* Writes all materials into their meshes' objects; computes s->brightest and the materials' bits of s->features. */
 static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
     int i;
     s->brightest = SBL__MAX(s->environment.brightest, s->draw ? s->draw_brightest : 0);
@@ -6759,11 +6758,11 @@ static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
 }
 
 #define SBL__STORE_LEAVES 49152    /* default limit of the store's leaves, which the interface calls cells */
-#define SBL__STORE_TEXELS 8        /* texels that the store's table may need per leaf: the leaf, and its share of all
-                                      cells and cuts */
+#define SBL__STORE_TEXELS 8        /* most texels per leaf that the store's table may need, with cells and cuts */
 
-/* Checks s->brightest. Decides whether tables are buffer textures or, if one exceeds the driver's limit for those, 2D
-   textures. In buffer textures, lowers the limit of the store's leaves to what they hold. */
+/* Decides whether tables are buffer textures or, if one exceeds the driver's limit for those, 2D textures. In buffer
+   textures, lowers s->store.max_leaves to what they hold, at least 1024. Returns an error if a table exceeds the limit
+   for 2D textures, too, or if s->brightest is above SBL__RADIANCE_MOST. */
 static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     const sbl_capabilities *c = &d->gl.capabilities;
     const sbl__geometry *g = &s->geometry;
@@ -6813,7 +6812,7 @@ static void sbl__scene_warn(const sbl__base *base, const sbl__scene *s) {
                  "origin, where floats are too coarse; move it to the origin", g->across, g->away);
 }
 
-/* Makes everything but the hierarchy, the lamps and the store, which are made when first needed. */
+/* Checks desc; makes all but hierarchy, lamps and store, which are made when first needed. On failure, s is empty. */
 static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene_desc *desc) {
     int i;
     sbl_result result = sbl__check_scene(d, desc);
@@ -6847,12 +6846,12 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
     return result;
 }
 
-/* Returns the lamps that sensors measure. glows: 1: also the glows */
+/* Returns the lamps that sensors measure. glows: 1: s->bright if it is ready and has glows, otherwise s->lights */
 static const sbl__lights *sbl__scene_lamps(const sbl__scene *s, int glows) {
     return glows && s->bright.ready && s->bright.glow_count ? &s->bright : &s->lights;
 }
 
-/* Marks the glows as out of date. */
+/* Frees the glows, which are found again when next needed. */
 static void sbl__scene_glows_changed(const sbl__device *d, sbl__scene *s) {
     sbl__free(d->base, s->glowing);
     s->glowing = NULL;
@@ -6877,7 +6876,7 @@ static void sbl__scene_changed(const sbl__device *d, sbl__scene *s) {
     sbl__scene_lamps_changed(d, s);
 }
 
-/* Replaces all materials and all lights; NULL keeps them. On failure nothing changes. */
+/* Replaces all materials and all lights, whose counts stay the same; NULL keeps them. On failure nothing changes. */
 static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const sbl_material *materials,
                                      const sbl_light *lights) {
     const size_t count = (size_t)s->geometry.mesh_count;
@@ -6916,7 +6915,7 @@ static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const s
     return SBL_SUCCESS;
 }
 
-/* Gives a mesh another transform. SBL_ERROR_INVALID_ARGUMENT: nothing has changed. */
+/* Gives a mesh another transform. SBL_ERROR_INVALID_ARGUMENT: nothing changes. Other errors: it gets its former one. */
 static sbl_result sbl__scene_move(sbl__device *d, sbl__scene *s, int mesh, const float transform[16]) {
     float before[16];
     sbl_result result;
@@ -7015,7 +7014,7 @@ static const char *const sbl__glsl_surface[] = {
 "};\n",
 "\n",
 "const float SBL_INSET = 6e-6;  // least distance of points from the sides of their triangle, divided by reach.\n",
-"                               // Views need four times the distance of sensors from their surface, SBL_OFFSET\n",
+"                               // Views need four times SBL_OFFSET, the distance of sensors from their surface\n",
 "\n",
 "// Returns the interpolated normal or, if that is too short, `face`, on the side of geometric_normal. A normal that\n",
 "// turns away from the viewer would aim the sensor at its own surface, so the cosine is kept above SBL_GRAZING.\n",
@@ -7039,8 +7038,8 @@ static const char *const sbl__glsl_surface[] = {
 "    return sbl_Attributes(at.uv, at.color / SBL_COLOR_MOST);\n",
 "}\n",
 "\n",
-"// A triangle: vertex numbers, first corner, and the edges from there. size: largest component of both edges. s1,\n",
-"// s2: edges divided by size, whose cross products do not underflow\n",
+"// A triangle: vertex numbers, first corner, and the edges from there. size: largest absolute value of the edges'\n",
+"// components. s1, s2: edges divided by size, so that their cross product does not underflow\n",
 "struct sbl_Facet {\n",
 "    ivec3 v;\n",
 "    vec3 p0, e1, e2, s1, s2;\n",
@@ -7121,10 +7120,10 @@ static const char *const sbl__glsl_surface[] = {
    rays from afar read bright leaves. Each glow has the leaf's light, times the albedo of the surface; shaders leave
    this light out where rays over the hemisphere find it (sbl_glowing in store.glsl). */
 
-#define SBL__GLOWS_MOST 4096       /* maximum number of glows; more make their leaves ordinary, the darkest first */
+#define SBL__GLOWS_MOST 4096       /* maximum number of glows; above it, the darkest bright leaves become ordinary */
 #define SBL__GLOW_CORNERS 32       /* maximum number of corners of a polygon; further ones are dropped */
-#define SBL__GLOW_LEAST 1e-5       /* polygons with less than this share of the area of their triangle, and of their
-                                      cell, are dropped */
+#define SBL__GLOW_LEAST 1e-5       /* a glow is dropped if its area is less than this * the smaller of two areas: its
+                                      triangle's, and that of one face of its cell's cube */
 
 typedef struct sbl__polygon { double corners[SBL__GLOW_CORNERS][3]; int count; } sbl__polygon;
 
@@ -7133,17 +7132,17 @@ typedef struct sbl__glowing {
     sbl__device *device;
     sbl__scene *scene;
     int room;                        /* number of elements allocated for scene->bright.glows */
-    uint32_t place, patch;           /* the current triangle's place in the hierarchy's order; its side's patch word */
+    uint32_t place, patch;           /* current triangle's place in the hierarchy's order; patch word of its side */
     const sbl__bright_cell *cell;    /* the current cell */
-    double area;                     /* polygons with a smaller area are dropped */
+    double area;                     /* glows with a smaller area, in square world units, are dropped */
 } sbl__glowing;
 
-/* The bits of a patch word that are the same in all cells of one side of a patch */
+/* Returns a cell's patch word without SBL__PATCH_NEAR and the level: the patch word of the triangle sides in it. */
 static uint32_t sbl__side_of_patch(uint32_t patch) {
     return patch & ~(SBL__PATCH_NEAR | 3u * SBL__PATCH_LEVEL);
 }
 
-/* Comparison function for qsort: orders cells by the side of a patch, then by patch word and coordinates. */
+/* Comparison function for qsort: orders cells by sbl__side_of_patch, then by patch word, then by coordinates. */
 static int sbl__bright_order(const void *first, const void *second) {
     const sbl__bright_cell *a = (const sbl__bright_cell *)first, *b = (const sbl__bright_cell *)second;
     const uint32_t x[5] = { sbl__side_of_patch(a->patch), a->patch, a->at[0], a->at[1], a->at[2] };
@@ -7176,7 +7175,7 @@ static void sbl__polygon_cut(const sbl__polygon *p, const double normal[3], doub
     }
 }
 
-/* Makes glows of a polygon that shows one leaf. */
+/* Makes glows of a polygon in one leaf: the triangles of a fan that are not small; none if the leaf is not bright. */
 static sbl_result sbl__glow_add(sbl__glowing *w, const sbl__polygon *p, int leaf) {
     sbl__scene *s = w->scene;
     sbl__lights *l = &s->bright;
@@ -7212,9 +7211,9 @@ static sbl_result sbl__glow_add(sbl__glowing *w, const sbl__polygon *p, int leaf
     return SBL_SUCCESS;
 }
 
-/* Divides a polygon in a cube of level 0 among the leaves that sbl_leaf_at finds there from afar, and makes glows of
-   those in the current cell. middle: a position in the cube. attempt: the next attempt of sbl_leaf_at. reference: where
-   the attempts so far have led; 0: nowhere */
+/* Divides a polygon in a cube of level 0 among the leaves that sbl_leaf_at finds there from afar. Makes glows of its
+   parts in leaves of the current cell. middle: a position in the cube. attempt: number of the next attempt, see
+   sbl__patch_from_afar. reference: what the attempts before it have found; 0: nothing */
 static sbl_result sbl__glow_part(sbl__glowing *w, const sbl__polygon *p, const float middle[3], int attempt,
                                  uint32_t reference) {
     const sbl__store *s = &w->scene->store;
@@ -7304,7 +7303,7 @@ static int sbl__glow_sides(void *work) {
     return 2 * w->scene->hierarchy.triangle_count;
 }
 
-/* Makes the glows of a side of a triangle. */
+/* Makes the glows of one side of a triangle. at: 2 * the triangle's place in the hierarchy's order; + 1: its back */
 static sbl_result sbl__glow_side(void *work, int at) {
     sbl__glowing *w = (sbl__glowing *)work;
     const sbl__store *s = &w->scene->store;
@@ -7326,7 +7325,8 @@ static sbl_result sbl__glow_side(void *work, int at) {
     return result;
 }
 
-/* Makes the darkest bright leaves ordinary ones until the driver's tables and SBL__GLOWS_MOST hold the glows. */
+/* Makes the darkest bright leaves ordinary, and drops their glows, until at most SBL__GLOWS_MOST glows remain and the
+   driver's buffer textures have room for them. If glows were dropped and the store is ready, sends it to GL again. */
 static sbl_result sbl__glow_limit(void *work, sbl__slice *slice) {
     sbl__glowing *w = (sbl__glowing *)work;
     sbl__scene *s = w->scene;
@@ -7369,9 +7369,9 @@ static sbl_result sbl__glow_find(sbl__device *d, sbl__scene *s, sbl__slice *slic
     return result == SBL_SUCCESS ? sbl__stages_run(&w->stages, table, SBL__COUNT(table), w, slice) : result;
 }
 
-/* Makes s->bright: the glows of a store whose light is known, and trees of lamps that hold them. Does nothing if the
-   store has no bright cells. The hierarchy and s->lights are ready. only: 1: the trees hold only glows; 0: all lamps of
-   the scene, too */
+/* Makes s->bright, in slices: the glows of a store whose light is known, and lamp trees. Does nothing if the store has
+   no bright cells or if s->bright is ready with the same `only`. The hierarchy and s->lights must be ready. An error
+   frees s->bright. only: 1: the trees hold only glows; 0: glows and all other lamps of the scene */
 static sbl_result sbl__glow_step(sbl__device *d, sbl__scene *s, int only, sbl__slice *slice) {
     sbl_result result = SBL_SUCCESS;
     if (!s->store.bright_count || (s->bright.ready && s->bright.only_glows == only)) return SBL_SUCCESS;
@@ -7398,7 +7398,7 @@ static int sbl__preset_of(const sbl_options *o) {
 }
 
 /* Fills in the defaults of the options. rays, sizes: default of o->rays and of o->sensor_size for each preset. If rays
-   is NULL, o->rays stays 0, and the target error decides how many rays are traced */
+   is NULL, o->rays is not changed; if it is 0, the target error decides how many rays are traced */
 static void sbl__options_defaults(sbl_options *o, const int rays[SBL_PRESET_COUNT], const int sizes[SBL_PRESET_COUNT]) {
     const int preset = sbl__preset_of(o);
     if (o->mode == SBL_MODE_DEFAULT) o->mode = SBL_MODE_GI;
@@ -7410,7 +7410,7 @@ static void sbl__options_defaults(sbl_options *o, const int rays[SBL_PRESET_COUN
 
 static const int sbl__sensor_sizes[SBL_PRESET_COUNT] = { 64, 32, 128 };
 
-/* papers: 1 allows SBL_MODE_PAPER. rays: range of options.rays. host_draws: 1 if the scene has a draw callback */
+/* papers: 1 allows SBL_MODE_PAPER; rays: range of options.rays, if not 0; host_draws: the scene has a draw callback */
 static void sbl__check_options(sbl__check *check, const sbl_options *o, int papers, const int rays[2], int host_draws) {
     sbl__check_int(check, "options.mode", (int)o->mode, 0, SBL_MODE_COUNT - 1);
     if (o->mode == SBL_MODE_PAPER && !papers)
@@ -7425,7 +7425,7 @@ static void sbl__check_options(sbl__check *check, const sbl_options *o, int pape
     sbl__check_finite(check, "options.epsilon", &o->epsilon, 1);
 }
 
-static const int sbl__sensor_rays[2] = { 1, 4096 };  /* lowest and highest number of rays of a sensor */
+static const int sbl__sensor_rays[2] = { 1, 4096 };  /* range of options.rays, except for probes */
 
 static void sbl__sensor_defaults(sbl_mode mode, sbl_sensor_kind *kind, float *fov) {
     if (*kind == SBL_SENSOR_DEFAULT) *kind = mode == SBL_MODE_PAPER ? SBL_SENSOR_SINGLE : SBL_SENSOR_HEMICUBE;
@@ -7448,9 +7448,9 @@ typedef struct sbl__measurement {
     sbl_options options;       /* with defaults; a negative epsilon is 0. sbl__begin replaces SBL_BACKEND_AUTO */
     sbl_sensor_kind sensor_kind;
     float sensor_fov;
-    int look_rays, looks;      /* number of rays per look, and maximum number of looks; used if options.rays is 0 */
-    int every_ray;             /* 0: trace at most SBL__TRACE_CHUNK rays where all light comes from lamps, so that
-                                  they only measure distances. 1: trace all rays nevertheless */
+    int look_rays, looks;      /* rays per look, and maximum number of looks per site; used if options.rays is 0 */
+    int every_ray;             /* 0: if all light comes from lamps, trace at most SBL__TRACE_CHUNK rays over the
+                                  hemisphere, because they only measure distances and back faces. 1: trace all rays */
 } sbl__measurement;
 
 /* Returns the measurement that options, with defaults, request. The fields from look_rays on are 0. */
@@ -7481,7 +7481,7 @@ static void sbl__check_camera(sbl__check *check, const sbl_picture_desc *d) {
         sbl__mistake(check, "world_to_view is not rigid (a rotation and a translation, column-major); sbl_look_at "
                      "makes one");
     sbl__check_finite(check, "view_to_clip", m, 16);
-    if (!sbl__all_finite(m, 16) || d->width <= 0 || d->height <= 0) return;  /* there is no default projection */
+    if (!sbl__all_finite(m, 16) || d->width <= 0 || d->height <= 0) return;  /* such sizes get no default projection */
     perspective = m[3] == 0.0f && m[7] == 0.0f && m[11] < 0.0f && m[15] == 0.0f && m[12] == 0.0f && m[13] == 0.0f;
     orthographic = m[3] == 0.0f && m[7] == 0.0f && m[11] == 0.0f && m[15] == 1.0f && m[8] == 0.0f && m[9] == 0.0f;
     if (!(perspective || orthographic) || m[0] == 0.0f || m[5] == 0.0f || m[1] != 0.0f || m[4] != 0.0f)
@@ -7542,14 +7542,14 @@ static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_de
 
 /* >>options: lightmaps */
 
-/* Returns 1 if supersample is valid and the supersampled width and height are at most 16384. */
+/* Returns 1 if supersample is 1 to 8, and width and height times supersample are 1 to 16384. */
 static int sbl__supersample_fits(const sbl_lightmap_desc *d) {
     const int most = 16384;
     return d->supersample >= 1 && d->supersample <= 8 && d->width >= 1 && d->height >= 1 &&
            d->width <= most / d->supersample && d->height <= most / d->supersample;
 }
 
-/* Returns the picture whose refinement a lightmap uses. Its width and height are multiplied by supersample. */
+/* Returns a picture's descriptor, with defaults, for refining a lightmap: its size times supersample, if that fits. */
 static sbl_picture_desc sbl__lightmap_picture(const sbl_lightmap_desc *d) {
     const int across = sbl__supersample_fits(d) ? d->supersample : 1;
     sbl_picture_desc picture;
@@ -7620,16 +7620,16 @@ SBL_API sbl_readings_desc sbl_readings_desc_defaults(const sbl_readings_desc *de
     return d;
 }
 
-#define SBL__SITES_NAMED 16  /* number of wrong sites that are named; the others are only counted */
+#define SBL__SITES_NAMED 16  /* maximum number of wrong sites or probes that are named; the others are only counted */
 
-/* Reports how many things in a list are wrong besides the SBL__SITES_NAMED that were named, if any. where: name of the
-   descriptor; wrong: number of all wrong things */
+/* Ends the check of a list: makes later messages name the descriptor, `where`, again. If the number of wrong things,
+   `wrong`, is above SBL__SITES_NAMED, reports how many were not named. things: what the list holds, in the plural */
 static void sbl__check_rest(sbl__check *check, const char *where, const char *things, int wrong) {
     snprintf(check->where, sizeof check->where, "%s", where);
     if (wrong > SBL__SITES_NAMED) sbl__mistake(check, "%d more %s are wrong", wrong - SBL__SITES_NAMED, things);
 }
 
-/* Returns 1 if the site is valid. Otherwise reports its mistakes if `named` is 1. */
+/* Returns 1 if the site is valid, otherwise 0, and then reports its mistakes if `named` is 1. */
 static int sbl__check_site(sbl__check *check, const sbl_site *s, int number, int named) {
     const int good = sbl__all_finite(s->position, 3) && sbl__all_finite(s->normal, 3) &&
                      !sbl__all_zero(s->normal, 3) && sbl__all_finite(s->geometric_normal, 3) &&
@@ -7708,7 +7708,7 @@ static sbl_result sbl__check_vertices(const sbl__base *base, const sbl_vertices_
 
 /* >>options: probes */
 
-/* Returns the number of points of a grid: 0 if there is no grid, INT_MAX if there are too many points. */
+/* Returns the number of points of a grid: 0 if one of its sizes is below 1; INT_MAX if an int cannot hold it. */
 static int sbl__grid_count(const int grid[3]) {
     double count = 1;
     int k;
@@ -7768,22 +7768,22 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
 }
 
 /* ======================================================================================================== >>atlas
-   Finds, on the CPU, which point of which triangle each texel of a lightmap shows. A triangle claims every texel whose
-   square it touches, and offers its point nearest to the texel's centre. The texel shows the nearest point offered; if
-   several are equally near, that of the first triangle. Triangles that share a corner, with the same position and the
-   same lightmap coordinates, belong to one chart. */
+   Finds, on the CPU, which point of which triangle each texel of a lightmap shows. Of all triangles that touch the
+   texel's square, the texel shows the point that is nearest to its centre; if several are equally near, that of the
+   first triangle. Triangles that share a corner, with the same position and the same lightmap coordinates, belong to
+   one chart. */
 
 /* Words of a texel in sbl__atlas.texels: 1 + triangle number (0: none), barycentric weights of corners 1 and 2 as
    floats, 1 + chart number. */
 #define SBL__ATLAS_WORDS 4
-#define SBL__ATLAS_FAR 1e30f    /* squared distance that counts for a texel that shows no triangle yet */
-#define SBL__ATLAS_WELL -1.0f   /* not a distance: the texel's centre lies well inside the triangle */
-#define SBL__ATLAS_EDGE -0.5f   /* not a distance: it lies inside, near an edge; a neighbour may contain it too */
+#define SBL__ATLAS_FAR 1e30f    /* stands for the squared distance of a texel that shows no triangle yet */
+#define SBL__ATLAS_WELL -1.0f   /* in place of a distance: the texel's centre lies well inside the triangle */
+#define SBL__ATLAS_EDGE -0.5f   /* in place of a distance: the texel's centre lies in the triangle, near an edge */
 #define SBL__ATLAS_LINE 1e-6    /* a triangle is a line in the map if its height is at most this share of its length */
 #define SBL__ATLAS_INSIDE 1e-3  /* a centre lies well inside if all its barycentric weights are at least this */
-/* If a texel's centre is not well inside its triangle, the texel's sensor is moved towards the triangle's centroid by
-   SBL__ATLAS_INSET texels, but at most by the share SBL__ATLAS_INSET_MOST of the way. Otherwise a sensor at the edge of
-   a wall would stand inside the adjoining wall. */
+/* If a texel's centre is not well inside its triangle, the point that the texel shows is moved towards the triangle's
+   centroid by SBL__ATLAS_INSET texels, but at most by the share SBL__ATLAS_INSET_MOST of the way. Without this, sensors
+   at the edge of a wall would stand inside the adjoining wall. */
 #define SBL__ATLAS_INSET 0.02
 #define SBL__ATLAS_INSET_MOST 0.01
 
@@ -7794,18 +7794,17 @@ typedef struct sbl__atlas {
     int width, height;          /* size of the map in supersampled texels, which this room calls texels */
     int across;                 /* number of supersampled texels across a texel of the lightmap */
     unsigned char *baked;       /* per mesh: 1 if the lightmap contains it */
-    int row;                    /* next row of the map to fill for the triangle in progress; 0: not begun */
-    uint32_t *parents;          /* per vertex: union-find over charts (see sbl__root); later the chart's number */
+    int row;                    /* next row to draw of the current triangle; 0: the triangle is not begun */
+    uint32_t *parents;          /* per vertex: parent (see sbl__root), then number of its chart; NULL after drawing */
     sbl__hash_table places;     /* vertices by position and lightmap coordinates */
     uint32_t *texels;           /* see SBL__ATLAS_WORDS */
     float *away;                /* per texel: squared distance in texels from its centre to the point that it shows. If
                                    its triangle contains the centre: SBL__ATLAS_WELL or SBL__ATLAS_EDGE, minus the
-                                   number of other triangles that overlap there, see sbl__atlas_texel */
+                                   number of triangles that overlap it there, see sbl__atlas_others */
     int charts;                 /* number of charts */
-    double world_area, area;    /* total area of the triangles, in world space and in square texels */
-    int overlapping, outside;   /* numbers of texels where triangles overlap, and of triangles partly off the map */
-    int triangles, degenerate;  /* number of baked triangles; number of those that have an area in the
-                                   world and none in the map */
+    double world_area, area;    /* total area of the baked triangles, in the world and in square texels */
+    int overlapping, outside;   /* numbers of texels where triangles overlap; of triangles with a corner off the map */
+    int triangles, degenerate;  /* numbers of baked triangles; of those with area in the world but not in the map */
 } sbl__atlas;
 
 static void sbl__atlas_free(sbl__base *base, sbl__atlas *a) {
@@ -7817,7 +7816,7 @@ static void sbl__atlas_free(sbl__base *base, sbl__atlas *a) {
     memset(a, 0, sizeof *a);
 }
 
-/* Allocates an atlas for a checked descriptor. If it lists no meshes, all lightmapped meshes are baked. */
+/* Allocates an atlas for a checked descriptor. If the latter lists no meshes, all lightmapped meshes are baked. */
 static sbl_result sbl__atlas_begin(sbl__base *base, sbl__atlas *a, const sbl__geometry *g,
                                    const sbl_lightmap_desc *desc) {
     size_t texels;
@@ -7853,7 +7852,7 @@ static int sbl__atlas_same(const void *geometry, uint32_t one, uint32_t other) {
     return sbl__same_place(g, one, other) && sbl__same_floats(sbl__atlas_uv(g, one), sbl__atlas_uv(g, other), 2);
 }
 
-/* Joins a vertex with the first one that has the same position and the same lightmap coordinates. */
+/* Joins a vertex of a baked mesh with the mesh's first vertex that has its position and its lightmap coordinates. */
 static sbl_result sbl__atlas_weld(void *work, int vertex) {
     sbl__atlas *a = (sbl__atlas *)work;
     const sbl__geometry *g = a->geometry;
@@ -7874,8 +7873,8 @@ static sbl_result sbl__atlas_join(void *work, int triangle) {
     return SBL_SUCCESS;
 }
 
-/* Replaces a vertex's parent by the number of its chart. The root of a chart is its first vertex, so the root gets its
-   number before the chart's other vertices need it. */
+/* Replaces a vertex's parent by the number of its chart. A parent precedes its children in the order of vertices, so
+   the children find the chart's number in the parent's element. */
 static sbl_result sbl__atlas_number(void *work, int vertex) {
     sbl__atlas *a = (sbl__atlas *)work;
     uint32_t *parent = &a->parents[vertex];
@@ -7889,11 +7888,11 @@ static sbl_result sbl__atlas_number(void *work, int vertex) {
 typedef struct sbl__atlas_triangle {
     double corners[3][2];  /* positions in the atlas, texels */
     double area;           /* twice the signed area, square texels */
-    uint32_t number, chart;  /* chart: SBL__NONE if it was loaded after the atlas was drawn */
-    int rows[2];           /* first and last row that the triangle touches */
+    uint32_t number, chart;  /* chart: SBL__NONE if the triangle is loaded after the atlas is drawn */
+    int rows[2];           /* first and last row of the map that the triangle touches; none: last < first */
 } sbl__atlas_triangle;
 
-/* Gets the first and last of `size` texels that an interval touches. If it touches none or low > high, last < first. */
+/* Gets the first and last of `size` texels that an interval touches. If none, or if low = DBL_MAX, last < first. */
 static void sbl__atlas_span(double low, double high, int size, int out[2]) {
     const double first = floor(low), last = SBL__MAX(first, ceil(high) - 1);
     out[0] = first >= size ? size : first < 0 ? 0 : (int)first;
@@ -7923,7 +7922,7 @@ static void sbl__atlas_load(const sbl__atlas *a, uint32_t number, sbl__atlas_tri
     sbl__atlas_span(low, high, a->height, t->rows);
 }
 
-/* Gets the first and last column that a triangle touches in a row. */
+/* Gets the first and last column that a triangle touches in a row. If it touches none, last < first. */
 static void sbl__atlas_columns(const sbl__atlas *a, const sbl__atlas_triangle *t, int row, int columns[2]) {
     double low = DBL_MAX, high = -DBL_MAX;
     int i, side;
@@ -7937,8 +7936,8 @@ static void sbl__atlas_columns(const sbl__atlas *a, const sbl__atlas_triangle *t
     sbl__atlas_span(low, high, a->width, columns);
 }
 
-/* Gets the point of a triangle nearest to a texel's centre, as barycentric weights. Returns the squared distance in
-   texels, or SBL__ATLAS_WELL or SBL__ATLAS_EDGE if the triangle contains the centre. */
+/* Gets the barycentric weights of the point of a triangle that is nearest to `centre`, which is in texels. Returns the
+   squared distance in texels, or SBL__ATLAS_WELL or SBL__ATLAS_EDGE if the triangle contains `centre`. */
 static double sbl__atlas_nearest(const sbl__atlas_triangle *t, const double centre[2], double weights[3]) {
     double least = DBL_MAX;
     int i, k, inside = t->area != 0, well = 1;
@@ -7983,13 +7982,13 @@ static void sbl__atlas_inset(const sbl__atlas_triangle *t, double weights[3]) {
     for (i = 0; i < 3; i++) weights[i] += share * (1 / 3.0 - weights[i]);
 }
 
-/* Returns how many triangles overlap the one that a texel shows, at the texel's centre. Triangles of one chart do not
-   overlap if the centre lies near an edge of one of them. */
+/* Returns how many triangles overlap the one that a texel shows, at the texel's centre. A triangle of the same chart
+   counts only if the centre lies well inside both. */
 static float sbl__atlas_others(const sbl__atlas *a, size_t texel) {
     return a->away && a->away[texel] < 0 ? (float)ceil(-(double)a->away[texel]) - 1 : 0;
 }
 
-/* Counts a texel when a second triangle contains its centre; the first time, warns. triangle: the one not shown */
+/* Counts a texel when a first triangle overlaps the one that it shows; warns once. triangle: the overlapping one */
 static void sbl__atlas_warn_overlap(sbl__atlas *a, uint32_t triangle, size_t texel) {
     const sbl__geometry *g = a->geometry;
     const uint32_t first = a->texels[SBL__ATLAS_WORDS * texel] - 1;
@@ -8003,8 +8002,8 @@ static void sbl__atlas_warn_overlap(sbl__atlas *a, uint32_t triangle, size_t tex
              (int)(texel / (size_t)a->width) / a->across);
 }
 
-/* Makes the texel in column at[0] of row at[1] show a triangle if this is nearer to the texel's centre than the
-   triangle shown so far. */
+/* Makes the texel in column at[0] of row at[1] show triangle t if t is nearer to the texel's centre than the triangle
+   shown so far. If both contain the centre and overlap (see sbl__atlas_others), only counts the overlap. */
 static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const int at[2]) {
     const size_t i = (size_t)at[1] * (size_t)a->width + (size_t)at[0];
     const double centre[2] = { at[0] + 0.5, at[1] + 0.5 };
@@ -8029,7 +8028,7 @@ static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const 
     texel[3] = t->chart + 1;
 }
 
-/* Counts the triangle if a part of it is outside of the map; the first time, warns. */
+/* Counts the triangle if a corner is more than half a texel outside of the map; warns of the first such triangle. */
 static void sbl__atlas_warn_outside(sbl__atlas *a, const sbl__atlas_triangle *t) {
     const sbl__geometry *g = a->geometry;
     const int size[2] = { a->width, a->height }, mesh = (int)g->vertices[g->indices[3 * (size_t)t->number]].object;
@@ -8055,7 +8054,7 @@ static int sbl__atlas_is_line(const sbl__atlas_triangle *t) {
     return fabs(t->area) <= SBL__ATLAS_LINE * longest2;
 }
 
-/* Draws the rows of a triangle, beginning with a->row, until the slice is over. */
+/* Draws the rows of a triangle from a->row on. Returns SBL_UNFINISHED if the slice ends before the last row. */
 static sbl_result sbl__atlas_rows(sbl__atlas *a, uint32_t number, sbl__slice *slice) {
     sbl__atlas_triangle t;
     int at[2], columns[2];
@@ -8084,7 +8083,7 @@ static float sbl__atlas_texel_size(const sbl__atlas *a) {
     return a->area > 0 ? (float)sqrt(a->world_area / a->area) : 0;
 }
 
-/* Tells how many triangles have no area in the map. Returns an error if no other triangles are left. */
+/* Logs how many triangles have no area in the map, if any. Returns SBL_ERROR_INVALID_ARGUMENT if all have none. */
 static sbl_result sbl__atlas_tell_degenerate(const sbl__atlas *a) {
     const int none = a->degenerate == a->triangles;
     if (!a->degenerate) return SBL_SUCCESS;
@@ -8113,11 +8112,11 @@ static sbl_result sbl__atlas_draw(void *work, sbl__slice *slice) {
     return sbl__atlas_tell_degenerate(a);
 }
 
-/* The triangles of a texel's chart that the texel and its neighbours show, and the part of the texel around them. */
+/* The triangles that a texel and its neighbours of the same chart show, and the part of the texel around them. */
 typedef struct sbl__atlas_square {
     sbl__atlas_triangle triangles[9];
     int count;
-    double low[2], high[2];  /* a rectangle within the texel, in texels */
+    double low[2], high[2];  /* the texel's square, cut off at the triangles' bounds; positions in texels */
 } sbl__atlas_square;
 
 static void sbl__atlas_square_make(const sbl__atlas *a, int texel, sbl__atlas_square *s) {
@@ -8144,8 +8143,8 @@ static void sbl__atlas_square_make(const sbl__atlas *a, int texel, sbl__atlas_sq
     }
 }
 
-/* Gets place number i in a square. The places are even over the square, and so are their rows and their columns (the R2
-   sequence, Roberts 2018). Returns the triangle at the place and the place's weights, or SBL__NONE. */
+/* Computes position number i of a sequence that is even over the square's rectangle, in x, and in y (R2, Roberts 2018).
+   Returns the triangle there and the position's barycentric weights, or SBL__NONE if no triangle contains it. */
 static uint32_t sbl__atlas_place(const sbl__atlas_square *s, int i, double weights[3]) {
     const double u[2] = { 0.5 + (i + 0.5) * 0.7548776662466927, 0.5 + (i + 0.5) * 0.5698402909980532 };
     double at[2];
@@ -8163,7 +8162,7 @@ static uint32_t sbl__atlas_place(const sbl__atlas_square *s, int i, double weigh
 static int sbl__atlas_vertices(void *work) { return ((sbl__atlas *)work)->geometry->vertex_count; }
 static int sbl__atlas_triangles(void *work) { return ((sbl__atlas *)work)->geometry->triangle_count; }
 
-/* Does one piece of work. Returns SBL_SUCCESS when all texels are filled. */
+/* Draws the atlas in slices. Returns SBL_UNFINISHED until all is drawn, then sbl__atlas_tell_degenerate's result. */
 static sbl_result sbl__atlas_step(sbl__atlas *a, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__atlas_weld, sbl__atlas_vertices },
@@ -8175,9 +8174,9 @@ static sbl_result sbl__atlas_step(sbl__atlas *a, sbl__slice *slice) {
 }
 
 /* ======================================================================================================== >>surface
-   Draws G-buffers (section III-F). A picture has one for pixel centres and one for each anti-aliasing sample: the first
-   pass finds the triangle that each pixel shows, the second computes its surface point, then the host draws over it. A
-   lightmap has one, and the atlas gives the triangles and their points.
+   Draws G-buffers (section III-F of the paper). A picture draws one for pixel centres and one for each anti-aliasing
+   sample. The first pass finds the triangle that each pixel shows, the second computes the surface points, and then the
+   host draws its own geometry. A lightmap has one G-buffer; the atlas gives the triangles and their points.
 
        triangles --visibility--> triangle per pixel --gbuffer--> position, normals, albedo, emission, id
          atlas     (depth)    -> and its point                   <-- the host's draw callback, same depth          */
@@ -8220,7 +8219,7 @@ typedef struct sbl__surface {
 } sbl__surface;
 
 #define SBL__DEPTH_SHARE 1e-6      /* perspective: points nearer than this * the scene's extent all have depth 1 */
-#define SBL__BAND_PIXELS 1048576   /* pixels of a band of rows, to which each draw is limited: triangles may be large */
+#define SBL__BAND_PIXELS 1048576   /* pixels of a band of rows; a draw covers at most a band: triangles may be large */
 #define SBL__TRIANGLE_PIXELS 64.0  /* cost of a triangle besides its pixels, in pixels */
 
 static sbl_result sbl__gbuffer_make(const sbl__device *d, sbl__gbuffer *g, int width, int height,
@@ -8279,7 +8278,7 @@ static void sbl__camera_make(sbl__camera *c, const sbl_picture_desc *desc, const
 }
 
 /* Sets world_to_view so that the scene is seen from the front (+z), a little from the right and from above. A symmetric
-   perspective shows the whole scene, an orthographic projection what view_to_clip covers around the scene's centre. */
+   perspective shows the whole scene; an orthographic one shows what view_to_clip covers around the scene's centre. */
 static void sbl__camera_frame(const sbl__geometry *g, sbl_picture_desc *d) {
     static const double way[3] = { 0.35, 0.3, 0.89 };
     const double zoom = SBL__MAX(fabs((double)d->view_to_clip[0]), fabs((double)d->view_to_clip[5]));
@@ -8334,9 +8333,9 @@ static void sbl__camera_set(const sbl__device *d, const sbl__camera *c, const fl
     const double a = c->orthographic ? 1 : -(double)m[11], step_x = 2.0 / t->width, step_y = -2.0 / t->height;
     const double x0 = -1 + offset[0] * step_x, y0 = 1 + offset[1] * step_y;
     const double dx = a * step_x / m[0], dy = a * step_y / m[5];
-    const int moving = c->orthographic ? 0 : 3;  /* names[moving]: the first of the 3 that vary with the pixel */
+    const int moving = c->orthographic ? 0 : 3;  /* index in names of what varies with the pixel: origin or direction */
     const int still = 3 - moving;
-    /* x of the ray in view space. Perspective: at unit distance, (a * x in NDC + m8) / m0, where a = -m11 */
+    /* x and y, in view space, of what varies. Perspective, at unit distance: x = (a * x in NDC + m8) / m0, a = -m11 */
     const double across = c->orthographic ? (x0 - m[12]) / m[0] : (a * x0 + m[8]) / m[0];
     const double down = c->orthographic ? (y0 - m[13]) / m[5] : (a * y0 + m[9]) / m[5];
     float rays[6][3];
@@ -8356,7 +8355,7 @@ static void sbl__camera_set(const sbl__device *d, const sbl__camera *c, const fl
 
 /* >>glsl visibility_vertex: shaders_embedded/visibility_vertex.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_visibility_vertex[] = {
-"// Finds the triangle that each pixel of the camera shows. Depth is reversed: 1 at the near end, 0 at infinity.\n",
+"// Finds the triangle that each pixel of the camera shows. Depth is reversed: 1 at the near end, 0 at the far end.\n",
 "uniform vec3 eye;\n",
 "uniform vec4 clip_x, clip_y, clip_z, clip_w;  // rows of world to clip space, for positions relative to the eye\n",
 "flat out int triangle;\n",
@@ -8401,10 +8400,10 @@ static const sbl__recipe sbl__recipe_visibility = {
     SBL__CUTOUTS | SBL__WIDE | SBL__WRITE_DEPTH
 };
 
-#define SBL__BEFORE_CAMERA 1e-3  /* parts of a triangle where clip w is below this share of its largest w are cut off */
+#define SBL__BEFORE_CAMERA 1e-3  /* sbl__triangle_pixels cuts off parts of a triangle where clip w < this * largest w */
 
-/* Estimates the number of pixels that a triangle covers in the band: half the area of the bounding rectangle, on the
-   screen, of its part in front of the camera. band: x, y, width, height; rows: clip_x to clip_w of
+/* Estimates the number of pixels that a triangle covers in the band: half the area that the triangle's bounding
+   rectangle has there, without parts behind the camera. band: x, y, width, height in pixels; rows: clip_x to clip_w of
    visibility_vertex.glsl */
 static double sbl__triangle_pixels(const sbl__surface *s, const int band[4], float rows[4][4], uint32_t triangle) {
     const double *eye = s->job->camera->eye;
@@ -8423,7 +8422,7 @@ static double sbl__triangle_pixels(const sbl__surface *s, const int band[4], flo
     for (i = 0; i < 3; i++) {
         const double *a = v[i], *b = v[(i + 1) % 3];
         const double t = (a[3] > before) != (b[3] > before) ? (before - a[3]) / (b[3] - a[3]) : 0;
-        for (k = 0; k < 2; k++) {  /* extend from .. to by corner a if in front, and by edge ab's cut */
+        for (k = 0; k < 2; k++) {  /* extend from .. to by corner a, if in front, and by where edge ab is cut */
             if (a[3] > before) sbl__extend(&from[k], &to[k], (0.5 * a[k] / a[3] + 0.5) * size[k]);
             if (t > 0) sbl__extend(&from[k], &to[k], (0.5 * (a[k] + t * (b[k] - a[k])) / before + 0.5) * size[k]);
         }
@@ -8485,8 +8484,8 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
 static const char *const sbl__glsl_gbuffer_fragment[] = {
 "// Computes the surface points that the camera's pixels, or the texels of a lightmap, show.\n",
 "uniform usampler2D triangles;  // output of visibility_fragment.glsl; lightmaps: see SBL__ATLAS_WORDS\n",
-"uniform float facet_limit;     // pixels. Triangles whose least height, seen face-on, is below this get their\n",
-"                               // geometric normal, above twice this their shading normal, in between a mixture\n",
+"uniform float facet_limit;     // pixels; 0: not used. Triangles whose least height, seen face-on, is below it get\n",
+"                               // the geometric normal, above twice it the shading normal, in between a mixture\n",
 "layout(location = 0) out vec4 out_position;          // w: sbl_Surface.reach, see surface.glsl\n",
 "layout(location = 1) out vec4 out_normal;\n",
 "layout(location = 2) out vec4 out_geometric_normal;\n",
@@ -8559,8 +8558,8 @@ static const sbl__recipe sbl__recipe_gbuffer = {
     SBL__TEXTURED | SBL__WIDE | SBL__BOUNCED | SBL__LIGHTMAP
 };
 
-/* Makes the site at a point on a triangle as surface.glsl does: the front is the side to which the interpolated normal
-   points, and the normal is bent to stay above the triangle's horizon. number: number of the triangle in the scene */
+/* Makes the site at the point with barycentric `weights` on triangle `number` of the scene. As in surface.glsl, it is
+   on the side that the interpolated normal points to. A normal that grazes the triangle is bent, see SBL__GRAZING. */
 static void sbl__surface_site(const sbl__geometry *g, uint32_t number, const double weights[3], sbl_site *out) {
     double face[3], normal[3] = { 0, 0, 0 }, height = 0, length2;
     int i, k;
@@ -8610,7 +8609,7 @@ static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS && s->stages.at < target->height ? SBL_UNFINISHED : result;
 }
 
-/* Lets the host draw over the G-buffer. */
+/* Lets the host's draw callback, if there is one, draw over the G-buffer. */
 static sbl_result sbl__surface_host(void *work, sbl__slice *slice) {
     const sbl__surface *s = (const sbl__surface *)work;
     const sbl__surface_job *job = s->job;
@@ -8639,7 +8638,7 @@ static sbl_result sbl__surface_atlas(void *work, sbl__slice *slice) {
     return sbl__atlas_step(s->job->atlas, slice);
 }
 
-/* Sends rows of the atlas to the GPU. */
+/* Sends the next rows of the atlas to the GPU, to s->triangles. */
 static sbl_result sbl__surface_send(void *work, sbl__slice *slice) {
     sbl__surface *s = (sbl__surface *)work;
     const sbl__atlas *a = s->job->atlas;
@@ -8651,8 +8650,8 @@ static sbl_result sbl__surface_send(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS && s->stages.at < a->height ? SBL_UNFINISHED : result;
 }
 
-/* Does one piece of work. Returns SBL_SUCCESS when the G-buffer is drawn; the next call begins a new one. A lightmap's
-   atlas must have begun. */
+/* Does one piece of work. Returns SBL_UNFINISHED until the G-buffer is drawn, then SBL_SUCCESS; the next call begins a
+   new G-buffer. For a lightmap, sbl__atlas_begin must have been called. */
 static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__surface_job *job, sbl__slice *slice) {
     static const sbl__stage_row tables[2][3] = { {  /* stages of a picture */
         { sbl__surface_triangles, NULL, NULL, NULL },
@@ -8695,10 +8694,10 @@ typedef struct sbl__site {
 /* How all sensors of a job measure light. */
 typedef struct sbl__spec {
     int traced;                 /* 1: sensors trace rays; 0: they rasterise views */
-    int paper;                  /* 1: exactly the paper's method: unrotated views, weights by equation 4, emitters only
-                                   seen in views, lights and the environment's picture ignored. 0: lamp_rays measure
-                                   the emission of meshes, so other rays and views leave it out; views contain what
-                                   the host's draw callback emits */
+    int paper;                  /* 1: exactly the paper's method: views are not rotated, weights follow equation 4, only
+                                   views see emitters, and lights and the environment's picture are ignored. 0: rays
+                                   towards lamps measure the emission of meshes, so other rays and views leave it out;
+                                   views contain what the host's draw callback emits */
     int hemicube;               /* rasterised: 1: five views form half a cube; 0: one view along the normal */
     int size;                   /* rasterised: width and height of a view, texels */
     float fov;                  /* rasterised, one view: field of view, degrees */
@@ -8707,7 +8706,7 @@ typedef struct sbl__spec {
     int lamp_rays;              /* maximum number of rays towards lamps per look, besides rim samples and rays to point
                                    lights; 0: no rays are aimed at lamps */
     int bounced;                /* 1 (SBL_MODE_GI): surfaces reflect the store's R; 0: ambient light, see epsilon */
-    int glows;                  /* 1 (SBL_MODE_GI): bright surfaces are lamps, see >>glow */
+    int glows;                  /* 1 (SBL_MODE_GI): the store's glows are lamps, too, see >>glow */
     int without_sky;            /* traced: 1 if rays over the hemisphere see neither the sky nor the environment */
     int no_light;               /* traced: 1 if rays over the hemisphere cannot find light, so that only look 0 of each
                                    site traces them, for the distances and back faces in readings */
@@ -8718,9 +8717,9 @@ typedef struct sbl__spec {
     float epsilon;              /* ambient factor: a surface that does not emit has the radiance epsilon * albedo */
     int view_texture_size;      /* sensor_texture_size of sbl_context_desc */
     int batch;                  /* maximum number of looks per batch */
-    int divisor;                /* traced: divides the number of rays per invocation, see sbl__job_lost */
+    int divisor;                /* traced: divides the number of rays per invocation (0: by 1), see sbl__job_lost */
     /* Jobs whose specs differ only from here on (seed, ...) use the same resources, see sbl__job_begin. */
-    uint32_t seed;              /* seed for the rotation of all sensors, see sbl_picture_desc */
+    uint32_t seed;              /* seed for the rotation of all sensors, see sbl_options */
     int guided;                 /* 1: guides direct rays, see >>guide */
     float distance_limit;       /* traced: upper limit for each distance in a reading's mean distance; 0: no limit */
 } sbl__spec;
@@ -8737,8 +8736,8 @@ typedef struct sbl__spec {
    rotation         rasterised: rotation of the views about the normal, radians
    scramble         traced: scrambles the points of the sequence that give the rays' directions, see sbl__sequence_at
    lamp_scramble    the same for rays towards lamps
-   which            index among the site's looks, in the low SBL__LOOK_GUIDE_SHIFT bits: selects the section of the
-                    sequence for the look's rays; above, the number of the site's guide */
+   which            low SBL__LOOK_GUIDE_SHIFT bits: the look's number among the site's looks, which selects the part of
+                    the sequence for the look's rays; higher bits: number of the site's guide, 0: no guide */
 #define SBL__LOOK_RECORD(X) \
     X(sbl__look, VEC3, position) X(sbl__look, FLOAT, rotation) \
     X(sbl__look, VEC3, normal) X(sbl__look, FLOAT, offset) \
@@ -8748,8 +8747,8 @@ SBL__RECORD(sbl__look, SBL__LOOK_RECORD, "sbl_look", "sbl_looks", SBL__BUFFER_TA
 /* Returns the seed of a sensor. number: sbl__site.number; seed: sbl__spec.seed */
 static uint32_t sbl__sensor_seed(uint32_t number, uint32_t seed) { return sbl__hash(number ^ sbl__hash(seed)); }
 
-/* Makes look number `look` of a site. Its rotation about the normal is the site's hash (0 to 1) plus the look number's
-   radical inverse, in quarter turns, so that any number of looks are spread evenly over a quarter rotation. */
+/* Makes look number `look` of a site. Its rotation about the normal is 0 in the paper's mode, otherwise the site's hash
+   (0 to 1) plus the look number's radical inverse, in quarter turns: looks are spread evenly over a quarter turn. */
 static void sbl__look_make(const sbl__spec *spec, const sbl__site *site, int look, sbl__look *out) {
     const uint32_t hash = sbl__sensor_seed(site->number, spec->seed);
     double rotation = 0, share = 0.5;  /* radical inverse of `look` in base 2; share: weight of k's lowest bit */
@@ -8877,7 +8876,7 @@ static double sbl__rectangle_weight(int side, const double from[2], const double
            sbl__corner_weight(side, to[0], from[1]) + sbl__corner_weight(side, from[0], from[1]);
 }
 
-/* Projects (x, y, 1) to the unit sphere, then along the normal to the tangent plane: V'' in the paper's equation 4. */
+/* Projects (x, y, 1) to the unit sphere, then along the z axis to the tangent plane: V'' in the paper's equation 4. */
 static void sbl__paper_project(double x, double y, double out[2]) {
     double length = sqrt(x * x + y * y + 1);
     out[0] = x / length;
@@ -8914,12 +8913,12 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 
 /* ======================================================================================================== >>guide
    Sends more of a sensor's rays in directions where light was found nearby. If light comes through a window, for
-   example, most cosine-distributed rays miss it. Scouts are therefore traced first: single cosine-distributed rays from
-   a grid of pixels. A guide is a histogram over the hemisphere of the light that the scouts of one of these pixels and
-   of its neighbours found. Its bins are rings about the normal, divided into sectors, all equally likely under the
-   cosine distribution. Sensors near the pixel choose most of their directions by the guide, and divide the light of a
-   ray by the factor by which the guide made its bin more likely. This leaves the expected value as it is and reduces
-   the noise (scene living-room: to a fifth of the variance).
+   example, most cosine-distributed rays miss it. If the looks of a picture's first round are too noisy, >>refine traces
+   scouts, which are single cosine-distributed rays from a grid of pixels, and starts all sensors again. A guide is a
+   histogram over the hemisphere of the light that the scouts of one of these pixels and of its neighbours found. Its
+   bins are rings about the normal, divided into sectors, all equally likely under the cosine distribution. Sensors near
+   the pixel choose directions by the guide, and divide a ray's light by the factor by which the guide made its bin more
+   likely. The expected value stays the same, the noise falls (scene living-room: to a fifth of the variance).
 
        u, uniform in the square  --guide-->  u, denser where light was found  --sbl_by_cosine-->  direction
 
@@ -8928,13 +8927,13 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 
 #define SBL__GUIDE_BINS (SBL__GUIDE_RINGS * SBL__GUIDE_SECTORS)
 #define SBL__GUIDE_WORDS (4 * SBL__GUIDE_TEXELS)
-/* Even rays are cosine-distributed: the guide does not direct them. At least the share SBL__GUIDE_EVEN of all rays is
-   even, so that light that no scout found is not missed. If the share of lit bins is above SBL__GUIDE_DARK, more rays
-   are even; from SBL__GUIDE_LIT on, all are, because even rays sample uniform light with the least noise. */
+/* A guide chooses a ring, then a sector of it. In both choices, a part of the probability is even, as without a guide.
+   This part is at least SBL__GUIDE_EVEN, so that light that no scout found is not missed. It grows if the share of lit
+   bins is above SBL__GUIDE_DARK, and is 1 from SBL__GUIDE_LIT on, because a guide adds noise where light is uniform. */
 #define SBL__GUIDE_EVEN 0.2
 #define SBL__GUIDE_DARK 0.4
 #define SBL__GUIDE_LIT 0.7
-/* Distance between the pixels that have guides. A quarter or half of it is used if that gives fewer than
+/* Distance between the pixels that have guides, in pixels. A quarter or half of it is used if that gives fewer than
    SBL__GUIDES_FEW guides; otherwise it is doubled until there are fewer than SBL__GUIDES_MOST. */
 #define SBL__GUIDE_STEP 8
 #define SBL__GUIDES_FEW 4096
@@ -8981,7 +8980,7 @@ static float sbl__guide_smooth(const float *found, int ring, int sector) {
 }
 
 /* Divides 0 .. SBL__GUIDE_STEPS into `count` intervals and writes where each begins, two 16-bit numbers per word. Part
-   `even` (0 to 1) of the range, or all of it if all shares are 0, is divided equally, the rest by the shares. */
+   `even` (0 to 1) of the range, or all of it if all shares are 0, is divided equally, the rest like the shares. */
 static void sbl__guide_intervals(const float *shares, int count, double even, uint32_t *words) {
     double all = 0, sum = 0;
     int i;
@@ -8996,8 +8995,8 @@ static void sbl__guide_intervals(const float *shares, int count, double even, ui
     }
 }
 
-/* Returns the share of even rays, SBL__GUIDE_EVEN to 1. The squared mean of the densities over their mean square is the
-   share of lit bins: exactly if all lit bins have the same density, approximately otherwise. */
+/* Returns the even part of both choices, SBL__GUIDE_EVEN to 1. The squared mean of the densities over their mean square
+   is the share of lit bins: exactly if all lit bins have the same density, approximately otherwise. */
 static double sbl__guide_even(const float *densities) {
     double sum = 0, squares = 0, lit;
     int i;
@@ -9010,7 +9009,7 @@ static double sbl__guide_even(const float *densities) {
     return SBL__GUIDE_EVEN + (1 - SBL__GUIDE_EVEN) * lit;
 }
 
-/* Makes a guide. found: per bin, the sum of the squared luminances that scouts found */
+/* Makes a guide. found: per bin, the sum of the squared luminances that scouts found; words: receives the guide */
 static void sbl__guide_make(const float *found, uint32_t *words) {
     float rings[SBL__GUIDE_RINGS], densities[SBL__GUIDE_BINS];
     double even;
@@ -9074,13 +9073,13 @@ static int sbl__guide_rows(const sbl__guides *g) { return g->columns * g->rows /
 /* Slots for looks, side by side in textures. Look number n of a job uses slot n % count, so that results do not depend
    on how the job is divided into batches. */
 typedef struct sbl__slots {
-    int columns, count;
+    int columns, count;         /* number of slots in a row of a texture; number of all slots */
     int blocks[2];              /* width and height of a slot in the textures of sbl__blocks, texels */
 } sbl__slots;
 
 /* Textures that the programs of sensors write: partial sums of the looks in all slots (see reduce_blocks.glsl and
-   trace.glsl), or results of looks, or light from lamps. Textures 0 and 1 hold sums and hits. Directional jobs also
-   need 2 to 4, the harmonics of red, green and blue light, and traced ones 5, out_even of trace.glsl. */
+   trace.glsl) or results of looks: 0 and 1 hold sums and hits; in directional jobs, 2 to 4 hold the harmonics of red,
+   green and blue light, and 5 (partial sums of rays) out_even. Light from lamps: 0 and, for harmonics, 1 to 3. */
 typedef struct sbl__blocks {
     sbl__texture textures[6];
     sbl__target target;
@@ -9099,8 +9098,8 @@ typedef struct sbl__batch {
     const sbl__slots *slots;
     const sbl__blocks *blocks;
     const sbl__look *looks;
-    const sbl__table *table;    /* table of sbl__look, if rays are traced */
-    const sbl__guides *guides;  /* NULL if the spec is not guided */
+    const sbl__table *table;    /* table of sbl__look, which shaders that trace rays read */
+    const sbl__guides *guides;  /* used only if the spec is guided; may be NULL otherwise */
     int first;                  /* number of the first look among all looks of the job */
     int slot, count;
 } sbl__batch;
@@ -9133,10 +9132,10 @@ static sbl_result sbl__looks_send(const sbl__device *d, sbl__table *table, const
 
 /* >>glsl carrier: shaders_embedded/carrier.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_carrier[] = {
-"// Shared by all programs that trace rays for sensors. Each look (see >>sensors in sbl.h) has a slot of blocks.x *\n",
-"// blocks.y texels in the outputs, and one invocation computes each texel. The programs run either as fragment\n",
-"// shaders, drawn over the slots, or as compute shaders, in which the invocations of a slot have consecutive\n",
-"// numbers.\n",
+"// Shared by all programs that trace rays. Each look (see >>sensors in sbl.h), or each ray of cast.glsl, has a slot\n",
+"// of blocks.x * blocks.y texels in the outputs, and one invocation computes each texel. The programs run either as\n",
+"// fragment shaders, drawn over the slots, or as compute shaders, in which the invocations of a slot have\n",
+"// consecutive numbers.\n",
 "uniform ivec2 blocks;            // size of a slot, texels; at most 4 wide, so that parallel invocations trace\n",
 "                                 // neighbouring rays\n",
 "uniform int columns;             // number of slots in a row of the outputs\n",
@@ -9202,26 +9201,27 @@ static const char *const sbl__glsl_carrier[] = {
 
 /* Limits of the work of one shader invocation. Some software renderers silently end all loops of an invocation after
    about 65,000 iterations. A ray takes sbl__hierarchy.cost iterations on average, but some rays take many times more,
-   such as those through many holes. Looks in which loops were ended are measured again, see sbl__job_lost. */
+   such as those through many holes. A look whose loops were ended has lost rays, see sbl__job_lost. */
 #define SBL__LOOP_TURNS 20000      /* maximum number of loop iterations per invocation, on average */
 #define SBL__RAY_TURNS 20          /* loop iterations per ray besides sbl__hierarchy.cost */
-#define SBL__LAMP_CHUNK 256        /* maximum number of rays to lamps per invocation, without rim samples */
+#define SBL__LAMP_CHUNK 256        /* maximum of rays to lamps per invocation, without rim samples and point lights */
 
 /* Resources for rays towards lamps. */
 typedef struct sbl__aim {
-    int parts;                     /* number of invocations among which a look's rays to lamps are divided */
+    int parts;                     /* number of invocations that share a look's rays to lamps; 0: no rays to lamps */
     sbl__table sequence;           /* points of the unit square that give directions, see sbl__sequence_make */
-    sbl__blocks light;             /* outputs of lamps.glsl. Each look has a column of `parts` texels; a texel sums
-                                      a part of the look's rays */
+    sbl__blocks light;             /* outputs of lamps.glsl. Each look has a column of `parts` texels; each texel is an
+                                      estimate by one part of the look's rays, and their mean is the result */
 } sbl__aim;
 
-/* Returns the maximum number of rays per invocation. turns: loop iterations that it may take; limit: highest result */
+/* Returns the maximum number of rays per invocation, 1 to `limit`. turns: loop iterations that they may take on
+   average; divisor: divides the number of rays, see sbl__job_lost; 0 has the effect of 1 */
 static int sbl__rays_most(const sbl__hierarchy *h, int turns, int limit, int divisor) {
     const double most = SBL__MIN(turns / (h->cost + SBL__RAY_TURNS), (double)limit);
     return SBL__MAX(1, (int)most / SBL__MAX(1, divisor));
 }
 
-/* Warns that rays were lost, once per scene. told: version of the scene for which this was done. what: who lost them */
+/* Warns, once per scene, that rays were lost. told: last scene version warned about; count, what: begin the message */
 static void sbl__rays_warn(const sbl__device *d, uint32_t *told, uint32_t version, int count, const char *what) {
     if (*told == version) return;
     *told = version;
@@ -9252,7 +9252,7 @@ static int sbl__morton_order(const void *first, const void *second) {
 }
 
 /* Makes `rays` points for each of a site's looks: two 32-bit fractions per point. A look's points are divided into
-   `sections`, each of which covers the unit square evenly. The caller frees the result; NULL: out of memory */
+   `sections` that each cover the unit square evenly, in Morton order. The caller frees the result; NULL: no memory */
 static uint32_t *sbl__sequence_make(sbl__base *base, int looks, int rays, int sections) {
     const size_t count = (size_t)rays, parts = (size_t)sections;
     uint32_t *points = (uint32_t *)sbl__alloc_raw(base, count * (size_t)looks, 8);
@@ -9295,14 +9295,14 @@ static sbl_result sbl__sequence_store(const sbl__device *d, sbl__table *t, int l
     return result == SBL_SUCCESS ? sbl__table_attach(d, t, SBL__GL_RG32UI, 0) : result;
 }
 
-/* Returns the number of invocations among which a look's rays towards lamps are divided. */
+/* Returns the number of invocations among which a look's rays towards lamps are divided; 0 if it has no such rays. */
 static int sbl__aim_parts(const sbl__spec *spec, const sbl__hierarchy *h) {
     const int most = sbl__rays_most(h, SBL__LOOP_TURNS, SBL__LAMP_CHUNK, spec->divisor);
     const int chunk = spec->traced ? most : SBL__LAMP_CHUNK;
     return (spec->lamp_rays + chunk - 1) / chunk;
 }
 
-/* Makes the sequence, with a section for each pass of each invocation, and the outputs for looks in these slots. */
+/* Sets a->parts. If looks have rays to lamps, makes the sequence (a section per pass of each part) and the outputs. */
 static sbl_result sbl__aim_setup(const sbl__device *d, sbl__aim *a, const sbl__spec *spec, const sbl__slots *slots,
                                  const sbl__hierarchy *h) {
     const int rows = (slots->count + slots->columns - 1) / slots->columns;
@@ -9314,7 +9314,7 @@ static sbl_result sbl__aim_setup(const sbl__device *d, sbl__aim *a, const sbl__s
                                                     rows * a->parts) : result;
 }
 
-/* Sets the uniforms of all programs that trace sensors' rays. blocks: size of a look's rectangle of invocations */
+/* Sets the uniforms that all programs for sensors' rays have. blocks: size of a look's rectangle of invocations */
 static void sbl__rays_bind(sbl__device *d, const sbl__batch *b, const sbl__table *sequence, const int blocks[2]) {
     sbl__scene_bind(d, b->scene);
     sbl__hierarchy_bind(d, &b->scene->hierarchy);
@@ -9362,7 +9362,7 @@ static const char *const sbl__glsl_lamp[] = {
 "    ivec2 texel;               // texel: its column and row in the environment's picture\n",
 "    int triangle, number;      // triangle: its number in the hierarchy's order and in the scene; else number is -1\n",
 "    vec2 group;                // (0, 1) if it is a triangle that shows the sensor its back; else (1, 0)\n",
-"    bool glow;                 // true: a glow, which is a triangle for all other fields: that of the surface\n",
+"    bool glow;                 // true: a glow; its kind is SBL_LAMP_TRIANGLE, and it is a part of `triangle`\n",
 "};\n",
 "\n",
 "bool sbl_is_light(sbl_Lamp l) { return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT); }\n",
@@ -9475,7 +9475,7 @@ static const char *const sbl__glsl_lamp[] = {
 "    return (z * acos(y) - x * w + atan(w, x) / sine2) / SBL_PI;\n",
 "}\n",
 "\n",
-"// R from an unobstructed lamp. For a texel it is approximate: positive if any of the texel is above the horizon.\n",
+"// R / unit from an unobstructed lamp. For a texel it is approximate: above 0 if any of it is above the horizon.\n",
 "vec3 sbl_unhindered(sbl_Lamp l) {\n",
 "    float factor = 0.0;\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
@@ -9488,7 +9488,7 @@ static const char *const sbl__glsl_lamp[] = {
 "    return l.brightness * factor;\n",
 "}\n",
 "\n",
-"// The first four spherical harmonics of an unobstructed lamp, from its solid angle and from the integral of\n",
+"// The first four spherical harmonics / unit of an unobstructed lamp, from its solid angle and from the integral of\n",
 "// directions over it (`way`). If the horizon cuts a round lamp, all but the part along the normal is approximate.\n",
 "mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {\n",
 "    float solid_angle = 0.0;\n",
@@ -9540,7 +9540,7 @@ static const char *const sbl__glsl_lamp[] = {
 "                       int(beyond & ~SBL_FAR_NODE));\n",
 "}\n",
 "\n",
-"// Approximate light of an unobstructed cluster; 0 only if none of its lamps gives light to the sensor.\n",
+"// Approximate light / unit of an unobstructed cluster; 0 only if none of its lamps gives light to the sensor.\n",
 "float sbl_strength(int node, sbl_Cluster c) {\n",
 "    vec3 square = sbl_lamp_node_square(node), mixed = sbl_lamp_node_mixed(node), front = sbl_lamp_node_front(node);\n",
 "    float distance2 = max(dot(c.to, c.to), 1e-37), spread = min(c.radius * inversesqrt(distance2), 1.0);\n",
@@ -9710,15 +9710,15 @@ static const char *const sbl__glsl_lamps[] = {
 "#endif\n",
 "#endif\n",
 "const int SBL_CERTAIN = 32;         // maximum number of point lights that get one ray each\n",
-"const float SBL_STRATA = 1.5;       // variance from n stratified points: SBL_STRATA / sqrt(n) times that from\n",
-"                                    // independent points: measured with shadow edges on a lamp\n",
+"const float SBL_STRATA = 1.5;       // the variance from n stratified points is SBL_STRATA / sqrt(n) times that\n",
+"                                    // from independent points (measured with shadow edges on a lamp)\n",
 "const float SBL_STRATA_LOST = 0.6;  // upper limit of SBL_STRATA / sqrt(n), for few points per lamp\n",
 "const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this share of its distance\n",
 "const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles the opening\n",
-"const float SBL_SPARSE = 16.0;      // a group to which a part sends fewer rays on average is `sparse`: no ratio\n",
+"const float SBL_SPARSE = 16.0;      // a group with fewer rays per part than this on average is `sparse`: no ratio\n",
 "const int SBL_PASS_RAYS = 32;       // minimum number of rays per pass\n",
 "const float SBL_PASS_CROWD = 16.0;  // maximum of (number of passes) * (effective number of entries)\n",
-"const int SBL_RIM_LAMPS = 8;        // with more entries than this, none gets rim samples (rays to its edge)\n",
+"const int SBL_RIM_LAMPS = 8;        // with more entries than this, no lamp gets rim samples (rays to its edge)\n",
 "const int SBL_CORNERS = 3;          // number of rim samples of a triangle, one close to each corner\n",
 "const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // a rim sample's barycentrics: close corner, others\n",
 "const int SBL_RIM = 12;             // number of rim samples of a round lamp\n",
@@ -9985,7 +9985,7 @@ static const char *const sbl__glsl_lamps[] = {
 "void main() {\n",
 "    ivec2 at = sbl_texel_of_invocation();\n",
 "    int wanted = at.y * blocks.x + at.x;  // number of the ray or, from `rays` on, of the entry to report\n",
-"    int certain_ray = rays + SBL_LAMPS - 1 - wanted;  // point light to report; 0: the last of `entries`\n",
+"    int certain_ray = rays + SBL_LAMPS - 1 - wanted;  // point light to report: its index from the end of `entries`\n",
 "#ifdef SBL_INSPECT\n",
 "    int part = 0, slot = sheet_slot;\n",
 "    if (wanted >= rays + SBL_LAMPS) sbl_leave;\n",
@@ -10110,11 +10110,11 @@ static void sbl__directions_row(const sbl__layout *l, int face, int j, float *di
 /* ======================================================================================================== >>raster
    The back end that rasterises views, as the paper does. Only this back end shows geometry that the host draws itself.
 
-       view    +-------+-------+    One instanced draw call draws all views of all looks of a batch, each look in its
+       view    +-------+-------+    Each draw call draws triangles to all views of a batch, as instances. A look has one
        texture | sheet | sheet |    sheet. reduce_blocks.glsl then adds up each square of block x block texels and
                +-------+-------+    writes one texel of partial sums. */
 
-#define SBL__SLOTS_MOST 4096   /* maximum number of slots, in both back ends (here rounded up to whole rows) */
+#define SBL__SLOTS_MOST 4096   /* maximum number of slots, in both back ends (>>raster rounds it up to whole rows) */
 #define SBL__STUCK_FOV 2.0f    /* field of view of a stuck test, degrees: too narrow to hit the walls of a corner */
 #define SBL__STUCK_SIZE 4      /* width and height of a stuck test's view, texels */
 #define SBL__STUCK_TEXTURE 512  /* maximum width and height of the part of the view texture for stuck tests, texels */
@@ -10124,7 +10124,7 @@ typedef struct sbl__lens {
     sbl__layout layout;         /* positions of the views in a look's sheet */
     sbl__slots slots;           /* slots of the view texture; each holds a sheet, the views of one look */
     int area[4];                /* part of the view texture that the slots cover: 0, 0, width, height, texels */
-    sbl__texture weights;       /* per texel of a sheet: form factor, and ratio of distance to depth */
+    sbl__texture weights;       /* per texel of a sheet: weight, and ratio of distance to depth, see sbl__weights_row */
     sbl__texture directions;    /* directional jobs: direction of each texel of a sheet, see sbl__directions_row */
 } sbl__lens;
 
@@ -10137,7 +10137,7 @@ typedef struct sbl__raster {
     sbl__target target;
     sbl__buffer views;
     float radiance_scale;      /* value in the view texture / radiance */
-    float *weights, *directions;  /* texels of a lens's two textures while sbl__raster_weigh computes them */
+    float *weights, *directions;  /* texels of a lens's two textures while sbl__raster_weigh computes them; else NULL */
     int face, row;             /* view and row at which sbl__raster_weigh continues */
 } sbl__raster;
 
@@ -10155,8 +10155,8 @@ static void sbl__raster_free(const sbl__device *d, sbl__raster *r) {
     sbl__free(d->base, r->directions);
 }
 
-/* Computes the slots of a lens in a square view texture of size view_texture_size, or larger if one sheet needs more,
-   up to the driver's limit `most`. If the limit is too small for a sheet, there are 0 slots. */
+/* Computes the slots and the area of a lens. They fit into a square of view_texture_size texels, or of more if one
+   sheet needs more, up to the driver's limit `most`. If the limit is too small for a sheet, there are 0 slots. */
 static void sbl__lens_fit(sbl__lens *lens, int view_texture_size, int most) {
     const sbl__layout *l = &lens->layout;
     const int pitch[2] = { sbl__layout_pitch(l, 0), sbl__layout_pitch(l, 1) };
@@ -10171,7 +10171,7 @@ static void sbl__lens_fit(sbl__lens *lens, int view_texture_size, int most) {
     lens->area[3] = rows * pitch[1];
 }
 
-/* Makes the view texture, and computes the slots of looks and of stuck tests in it. */
+/* Makes the view texture and the textures of partial sums. Returns SBL_ERROR_UNSUPPORTED if a sheet is too large. */
 static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const sbl__scene *scene,
                                     const sbl__spec *spec, sbl__blocks *blocks) {
     const int most = d->gl.capabilities.max_texture_size;
@@ -10292,7 +10292,7 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 static const char *const sbl__glsl_sensor_fragment[] = {
 "// Writes a texel of a sensor's view.\n",
 "layout(location = 0) out vec4 out_radiance;  // radiance towards the sensor (Ck of the paper);\n",
-"                                             // distance along the view's axis, negative for a back face\n",
+"                                             // distance along the view's axis in scene extents, < 0: back face\n",
 "in vec3 place;                               // x, y and w of the position in clip space\n",
 "uniform vec2 view_texture_size;              // texels\n",
 "uniform float radiance_scale;\n",
@@ -10391,8 +10391,8 @@ static const sbl__input sbl__view_inputs[] = {
     { 8, 2, SBL__GL_FLOAT, 0, 1, sizeof(sbl__view), offsetof(sbl__view, offset) }
 };
 
-/* Fills at least the first `slots` slots, in whole rows, with sbl_scene_desc.sky. A picture of the sky is added
-   later. */
+/* Clears whole rows of slots, at least the first `slots` slots: radiance sbl_scene_desc.sky, farthest depth. Later
+   sbl__raster_sky draws the environment's picture into them. */
 static void sbl__raster_clear(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens,
                               const sbl__scene *scene, int slots) {
     const int rows = (slots + lens->slots.columns - 1) / lens->slots.columns;
@@ -10428,7 +10428,7 @@ static sbl_result sbl__raster_send(const sbl__device *d, sbl__raster *r, const s
     return result;
 }
 
-/* Fills the description of a view that the host's draw callback receives. number: index of the view in the batch */
+/* Fills what the draw callback gets about a view, except what sbl__host_draw sets. number: index of the view in b */
 static void sbl__raster_view(const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b, int number,
                              sbl_draw_view *v) {
     const sbl__layout *l = &lens->layout;
@@ -10477,8 +10477,8 @@ static sbl_result sbl__raster_sky(sbl__device *d, const sbl__raster *r, const sb
     return SBL_SUCCESS;
 }
 
-/* Draws the triangles first .. end - 1 of the scene to all views of a batch. The call with the first triangle also
-   draws the environment. The call with the last triangle also calls the host's draw callback for each view. */
+/* Draws the triangles first .. end - 1 of the scene to all views of a batch. If first is 0, also draws the sky's
+   picture, unless spec.paper is 1. If end is the triangle count, also calls the host's draw callback for each view. */
 static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__lens *lens, const sbl__batch *b,
                                    int first, int end) {
     const sbl__geometry *g = &b->scene->geometry;
@@ -10511,7 +10511,7 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
     return result;
 }
 
-/* Gives lamps.glsl access to the views. Geometry that the host draws may hide a lamp, and only views show it. */
+/* Gives lamps.glsl access to the views, because only views show whether geometry that the host draws hides a lamp. */
 static void sbl__raster_bind(sbl__device *d, const sbl__raster *r, float extent) {
     const sbl__layout *l = &r->lenses[SBL__LENS_SITE].layout;
     int i, k;
@@ -10679,10 +10679,11 @@ static const char *const sbl__glsl_guide[] = {
 /* >>glsl trace: shaders_embedded/trace.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_trace[] = {
 "// Traces a part of a look's rays over the hemisphere, whose directions have a cosine distribution, and sums them.\n",
-"// The outputs are those of reduce_blocks.glsl; out_hits.w is the variance of the luminance.\n",
+"// The outputs are those of reduce_blocks.glsl, but out_hits.w is the variance of the luminance of this part, and\n",
+"// out_hits.z is SBL_LOST if rays were lost.\n",
 "uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each\n",
 "uniform int rays;                     // number of rays per look\n",
-"uniform int paired;                   // 1: an invocation traces pairs of rays; 0: single ones\n",
+"uniform int paired;                   // log2 of the rays per group: 1: an invocation traces pairs; 0: single rays\n",
 "uniform bool no_light;                // true: rays cannot find light; only a site's first look traces them\n",
 "uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal\n",
 "uniform float distance_limit;         // larger distances of hits count as this distance in the mean\n",
@@ -10699,8 +10700,8 @@ static const char *const sbl__glsl_trace[] = {
 "\n",
 "// Radiance that leaves a hit towards the ray's origin. first, last: true for the first and the last segment of a\n",
 "// ray. goes_on: set to true if the hit is near. The radiance then lacks all reflected light, which further rays\n",
-"// find. The first segment leaves out the light of glows, which lamps.glsl measures for the sensor; later segments\n",
-"// find it.\n",
+"// find. material: set only with SBL_BOUNCED. The first segment leaves out the light of glows, which lamps.glsl\n",
+"// measures for the sensor; later segments find it.\n",
 "vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool first, bool last, out bool goes_on, out sbl_Material material) {\n",
 "    int object = int(sbl_triangle_object(hit.triangle));\n",
 "    sbl_Attributes at = SBL_PLAIN;\n",
@@ -10710,7 +10711,7 @@ static const char *const sbl__glsl_trace[] = {
 "#ifdef SBL_BOUNCED\n",
 "    material = sbl_material(object, at);\n",
 "    goes_on = !last && sbl_is_near(hit.distance);\n",
-"    if (!goes_on || glows > 0) {\n",
+"    if (!goes_on || bright_cells > 0) {\n",
 "        int leaf = sbl_leaf_at(hit.number, hit.back, place, hit.distance);\n",
 "        vec3 light = goes_on ? vec3(0) : sbl_light_of(leaf);\n",
 "        if (first) light -= sbl_glowing(leaf, hit.number, hit.back, place, hit.distance);\n",
@@ -10901,9 +10902,8 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
 }
 
 /* ======================================================================================================== >>job
-   A job measures the light at a list of sites and writes one reading per site. The rooms that follow must not depend on
-   whether the job traces rays or rasterises views. Pictures run jobs for pixels; other front ends run jobs for vertices
-   or for points in the air. Every caller uses the same loop:
+   A job measures the light at a list of sites, by rays or by views, and writes one reading per site, which has the same
+   form in both cases. Every caller uses the same loop:
 
        sbl__job_begin(job, scene, task)                       the task names sites, readings and the sensors' settings
        while (sbl__job_step(device, job, slice) == SBL_UNFINISHED) ...
@@ -10920,13 +10920,13 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
 #define SBL__READ_ROWS 16          /* maximum number of rows of results per readback */
 #define SBL__LOOKS_FIRST 16        /* number of looks in the first submission, before their cost has been measured */
 #define SBL__SUBMISSIONS 8         /* maximum number of submissions of views before the CPU waits for the GPU */
-#define SBL__SUSPECT_SHARE 0.02f   /* a site gets a stuck test if after its first look back_share is larger */
+#define SBL__SUSPECT_SHARE 0.02f   /* a site gets a stuck test if the back_share of its first look is larger */
 #define SBL__STUCK_SHARE 0.75f     /* a sensor is stuck if its stuck test hits at less than this share of its offset */
 #define SBL__DIVISOR_STEP 16       /* factor by which sbl__spec.divisor grows when rays were lost */
 #define SBL__DIVISOR_MOST 256      /* largest divisor; an invocation then traces two rays, or one towards lamps */
 #define SBL__RAY_LAYER_NOISE 1.0f  /* sbl__spec_layer_noise of a look of one ray */
-#define SBL__TEXEL_NOISE 2.6f      /* views add the relative noise this / sbl__spec.size to that of a look; measured
-                                      in a box with a lamp */
+#define SBL__TEXEL_NOISE 2.6f      /* this / sbl__spec.size: standard error, divided by R, caused by the texels of
+                                      views; added to a look's variance as a square; measured in a box with a lamp */
 
 /* What a job has to do. The caller must keep the arrays until the job is done. */
 typedef struct sbl__task {
@@ -10936,9 +10936,9 @@ typedef struct sbl__task {
     float *layers;              /* output of directional jobs: per site, 3 floats for each layer of light from layer 1
                                    on, see sbl__spec_layers */
     int site_count;
-    int first_look;             /* number of the job's first look, which selects its slot. To repeat a look in the slot
-                                   that it had in an earlier job, >>inspect sets the number that it had there */
-    const sbl__guides *guides;  /* guides that direct the sites' rays, see >>guide */
+    int first_look;             /* number of the job's first look; look n has slot n % sbl__slots.count. 0, except in
+                                   >>inspect, which repeats a look with the number that it had in an earlier job */
+    const sbl__guides *guides;  /* guides that direct the sites' rays, see >>guide; used only if spec.guided is 1 */
 } sbl__task;
 
 typedef struct sbl__job_counts { int64_t views, texels, rays; int readbacks; } sbl__job_counts;
@@ -10963,9 +10963,9 @@ typedef struct sbl__job {
     sbl__blocks blocks;
     /* Results of the looks of a round. Look n has texel n % SBL__RESULTS_WIDTH, n / SBL__RESULTS_WIDTH.
        Texture 0: R * sbl__job_scale; sum of the weights of directions that see back faces
-       Texture 1: sum of the weights of directions that see surfaces; sum of weight * distance; least distance (world
-       units if traced, otherwise scene extents; SBL__LOST if rays were lost); variance of the luminance of texture 0,
-       without SBL__TEXEL_NOISE
+       Texture 1: sum of the weights of directions that see surfaces; sum of weight * distance; least distance, or
+       SBL__LOST if rays were lost; variance of the luminance of texture 0, without SBL__TEXEL_NOISE. Both distances are
+       in world units if rays are traced, otherwise in scene extents
        Textures 2 to 4, if the job is directional: harmonics of red, green and blue light */
     sbl__blocks results;
     sbl__table table;           /* looks of a batch or of all slots, as shaders read them, see sbl__looks_send */
@@ -10974,13 +10974,13 @@ typedef struct sbl__job {
     int *suspects;              /* indices of the sites that need a stuck test */
     int suspect_count, suspect_room;
     int lost;                   /* number of looks of which rays were lost, see sbl__job_lost */
-    int divisor;                /* sbl__spec.divisor of this job and of those that follow in the same scene; 0: 1 */
+    int divisor;                /* sbl__spec.divisor of this job and of later jobs in the same scene; 0 means 1 */
     uint32_t divisor_scene;     /* version of the scene that `divisor` belongs to */
     uint32_t told_scene;        /* version of the scene for which sbl__rays_warn has warned */
-    int look_end;               /* 1 + number of the round's last look. The first is task.first_look; in stuck tests,
-                                   it is 0 */
-    int site, look;             /* indices of the site (stuck tests: suspect) to draw or read next and of its look */
-    int drawn, aimed, reduced;  /* number of the next look to draw, to trace rays to lamps for, and to reduce */
+    int look_end;               /* 1 + number of the round's last look. The round's first look has the number
+                                   task.first_look, or 0 in the round of stuck tests */
+    int site, look;             /* look to draw or read next: index of its site (or suspect), and index at the site */
+    int drawn, aimed, reduced;  /* numbers of three looks: the next to draw, to trace rays to lamps for, to reduce */
     int batch;                  /* number of looks in the batch that is partly drawn; 0: no batch is partly drawn */
     int triangle;               /* index of the next triangle to draw for this batch */
     struct { sbl__pace draw[SBL__LENSES], aim, reduce[SBL__LENSES]; } paces;
@@ -11002,7 +11002,7 @@ static void sbl__job_free(const sbl__device *d, sbl__job *j) {
 /* >>job: how sensors see */
 
 /* Derives the spec of a job from the host's options, in which the defaults and the back end must be filled in already.
-   Except in the paper's mode, sbl__scene_step must have finished the scene. */
+   Except in the paper's mode, sbl__scene_step must have finished the scene. Fields that no option sets become 0. */
 static void sbl__spec_make(sbl__spec *spec, const sbl__measurement *s, const sbl__scene *scene,
                            const sbl_context_desc *c) {
     const sbl__environment *e = &scene->environment;
@@ -11029,22 +11029,22 @@ static void sbl__spec_make(sbl__spec *spec, const sbl__measurement *s, const sbl
     }
 }
 
-/* Chooses the back end. The rule does not measure time, so that the same input always gives the same picture. */
+/* Returns options.backend, or chooses one for SBL_BACKEND_AUTO, by rules that depend on the input, not on times. */
 static sbl_backend sbl__choose_backend(const sbl__measurement *s, const sbl__scene *scene) {
     const int views = s->options.mode == SBL_MODE_PAPER || s->sensor_kind == SBL_SENSOR_SINGLE || scene->draw;
     return s->options.backend != SBL_BACKEND_AUTO ? s->options.backend : views ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
 }
 
-/* Returns the distance of sensors from their surface, world units. reach: of the triangle (see surface.glsl);
-   0: unknown */
+/* Returns the distance of sensors from their surface, world units. reach: of the triangle (see surface.glsl), used if
+   rays are traced; 0: unknown */
 static float sbl__spec_offset(const sbl__spec *spec, const sbl__scene *scene, float reach) {
     return SBL__OFFSET * (spec->traced && reach > 0 ? reach : scene->geometry.extent);
 }
 
 static int sbl__spec_layers(const sbl__spec *spec) { return spec->directional ? SBL__LAYERS : 1; }
 
-/* Returns the standard error, divided by R, that layers 1 to 4 of a look have even if R has no noise. It comes from
-   rays near the horizon, which are few and have the largest weights in harmonics. Views do not have it. */
+/* Returns the standard error, divided by R, of layers 1 to 4 of a look whose R has no noise, or 0 for views and
+   no_light. The error comes from rays near the horizon, which are few and have the largest weights in harmonics. */
 static float sbl__spec_layer_noise(const sbl__spec *spec) {
     return spec->no_light || !spec->traced ? 0 : SBL__RAY_LAYER_NOISE / (float)sqrt((double)spec->rays);
 }
@@ -11057,13 +11057,13 @@ static void sbl__spec_sheet(const sbl__spec *spec, int *width, int *height) {
     *height = spec->traced ? 1 : layout.sheet[1];
 }
 
-/* Returns the number of rays per look for a requested error. Where this is not enough, sensors take more looks. */
+/* Returns the number of rays per look for a target error. Where this is not enough, sensors take more looks. */
 static int sbl__look_rays(float error) {
     return error >= 0.06f ? 16 : error >= 0.015f ? 32 : error >= 0.004f ? 64 : 128;
 }
 
-/* Returns the factor, a power of two, by which the rays of a look must grow for looks of this relative variance. Looks
-   of too few rays miss rare light, so sensors underestimate their noise and refinement divides tiles because of it. */
+/* Returns the factor, a power of two, by which the rays per look must grow; 1 for views or if options.rays is set.
+   error: target error; variance: relative, of a look. Looks of too few rays miss rare light and underestimate noise. */
 static int sbl__look_growth(const sbl__measurement *s, float error, double variance) {
     int times = 1;
     if (s->options.rays || s->options.backend != SBL_BACKEND_TRACE) return 1;
@@ -11113,7 +11113,7 @@ static sbl_result sbl__job_setup(void *work, sbl__slice *slice) {
     return j->looks ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Computes the weights of views. Afterwards all resources exist. */
+/* Computes the weights of views, if there are views, and records for which spec and scene the resources are made. */
 static sbl_result sbl__job_weigh(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     for (; j->lens < SBL__LENSES && !j->task.spec.traced; j->lens++) {
@@ -11199,7 +11199,7 @@ static const sbl__recipe sbl__recipe_reduce_sum = {
 
 /* >>job: a round */
 
-/* Starts a round of looks of the kind `lens`: the sites' looks, or the suspects' stuck tests. */
+/* Starts the round of a kind of looks (`lens`). Returns SBL_ERROR_UNSUPPORTED if a texture cannot hold the results. */
 static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
     const sbl__device *d = j->device;
     const int most = d->gl.capabilities.max_texture_size, directional = j->task.spec.directional;
@@ -11274,9 +11274,9 @@ static void sbl__job_batch(const sbl__job *j, int first, int count, sbl__batch *
     out->count = count;
 }
 
-/* Draws a batch of `room` looks, or fewer if spec.batch, the slots or the round allow no more. If `room` is less than a
-   batch of views, draws only a part of the scene's triangles to them, and the next call continues this batch. units:
-   receives the work done, in looks */
+/* Draws a batch of `room` looks (at least one; traced: in whole lots), or fewer if spec.batch, the slots or the round
+   allow no more. If `room` is less than the batch of views, draws only a part of the scene's triangles to them, and the
+   next call continues this batch. units: receives the work done, in looks */
 static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     sbl__device *d = j->device;
     const sbl__spec *spec = &j->task.spec;
@@ -11311,8 +11311,8 @@ static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     return SBL_SUCCESS;
 }
 
-/* Draws one submission of rays, or as many submissions of views as the slice has time for, without waiting in between:
-   software renderers prepare one while they draw another, which saves a quarter of the time at 2,000 triangles. */
+/* Draws one submission of rays, or up to SBL__SUBMISSIONS of views if there is time, without waiting in between:
+   software renderers prepare one while they draw another. SBL_SUCCESS: the slots are full, or no looks are left. */
 static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
@@ -11340,7 +11340,7 @@ static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
 /* Returns 1 if the looks of the current round trace rays towards lamps. */
 static int sbl__job_aims(const sbl__job *j) { return j->task.spec.lamp_rays && j->lens == SBL__LENS_SITE; }
 
-/* Uses lamps.glsl for a batch. extra: SBL__INSPECT or 0; blocks: see sbl__rays_bind; scale: output / R */
+/* Makes lamps.glsl current, sets uniforms. extra: SBL__INSPECT or 0; blocks: see sbl__rays_bind; scale: output / R */
 static sbl_result sbl__aim_use(const sbl__job *j, const sbl__batch *b, unsigned extra, const int blocks[2],
                                float scale) {
     sbl__device *d = j->device;
@@ -11377,7 +11377,7 @@ static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS && j->aimed < j->drawn ? SBL_UNFINISHED : result;
 }
 
-/* Computes the results of looks first .. last from their partial sums. */
+/* Computes the results of looks first .. last from their partial sums and, for sites, from the light of lamps. */
 static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
     sbl__device *d = j->device;
     const sbl__slots *slots = sbl__job_slots(j);
@@ -11406,7 +11406,7 @@ static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
     return SBL_SUCCESS;
 }
 
-/* Reduces the looks in some rows of slots to their results. */
+/* Reduces drawn looks to their results, as many rows of slots as the slice has time for. */
 static sbl_result sbl__job_reduce(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
@@ -11431,14 +11431,14 @@ static sbl_result sbl__job_reduce(void *work, sbl__slice *slice) {
 
 /* >>job: reading */
 
-/* Returns 1 if all numbers are finite. In scenes of extreme sizes they may not be (see sbl__scene_warn). */
+/* Returns 1 if a reading's numbers are finite. In scenes of extreme sizes they may not be (see sbl__scene_warn). */
 static int sbl__reading_is_finite(const sbl_reading *r) {
     return sbl__all_finite(r->radiance, 3) && sbl__finite(&r->noise) && sbl__finite(&r->hit_share) &&
            sbl__finite(&r->back_share) && sbl__finite(&r->hit_mean) && sbl__finite(&r->hit_min);
 }
 
-/* Adds the result of a look to the sums in its site's reading; after the site's last look, divides them by the number
-   of looks. found: as for sbl__job_judge */
+/* Adds a look's light and variance to its site's reading; the first look sets hits and distances. After the last look,
+   takes means; if rays were lost or a number is not finite, clears the reading (invalid). found: see sbl__job_judge */
 static void sbl__job_take(sbl__job *j, const float *const found[5]) {
     const float *sum = found[0], *hits = found[1];
     const sbl__spec *spec = &j->task.spec;
@@ -11484,7 +11484,7 @@ static void sbl__job_take(sbl__job *j, const float *const found[5]) {
    A sensor is stuck if the offset moved it through another surface into a body. A look's share of back faces cannot
    decide this: whole rooms are modelled inside out, and an emitter inside a body may hide the body's walls. A site
    whose first look sees more back faces than SBL__SUSPECT_SHARE therefore gets a stuck test, which looks from the
-   sensor back to its surface. If it sees something nearer, the site's reading becomes invalid. */
+   sensor back to its surface. If the test hits nearer than SBL__STUCK_SHARE of the offset, the reading is invalid. */
 static sbl_result sbl__job_judge(sbl__job *j, const float *const found[5]) {
     const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent, *hits = found[1];
     const int stuck_test = j->lens == SBL__LENS_STUCK, site = stuck_test ? j->suspects[j->site++] : j->site;
@@ -11503,7 +11503,7 @@ static sbl_result sbl__job_judge(sbl__job *j, const float *const found[5]) {
     return SBL_SUCCESS;
 }
 
-/* Adds the finished round to the counts. Stuck tests are not counted. */
+/* Adds the finished round's views and texels, or its rays over the hemisphere, to the counts. Ignores stuck tests. */
 static void sbl__job_count(sbl__job *j) {
     const sbl__spec *spec = &j->task.spec;
     const int looks = j->look_end - j->task.first_look;
@@ -11531,9 +11531,9 @@ static void sbl__job_begin(sbl__job *j, const sbl__scene *scene, const sbl__task
     j->stages.at = 0;
 }
 
-/* If looks of the round were lost, lets the job begin again with fewer rays per invocation, and returns 1. If
-   invocations have as few as possible already, warns, and leaves the readings invalid. Later jobs in the scene begin
-   with what this job needed. */
+/* Returns 0 if no looks were lost. If looks were lost, sets a larger divisor, which later jobs in the scene keep, and
+   returns 1: the job must begin again. If the divisor is the largest, or with views, warns instead and returns 0; the
+   readings of the lost looks stay invalid. */
 static int sbl__job_lost(sbl__job *j) {
     if (!j->lost) return 0;
     if (j->task.spec.traced && j->divisor < SBL__DIVISOR_MOST) {
@@ -11544,8 +11544,8 @@ static int sbl__job_lost(sbl__job *j) {
     return 0;
 }
 
-/* Reads back up to SBL__READ_ROWS rows of results and evaluates their looks. If the sites' looks are done and there are
-   suspects, starts the round of stuck tests. */
+/* Reads back up to SBL__READ_ROWS rows of results and evaluates their looks. When the round is complete, begins the job
+   again if looks were lost; otherwise starts the stuck tests if this was the sites' round and there are suspects. */
 static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     const sbl__device *d = j->device;
@@ -11592,7 +11592,7 @@ static int sbl__job_next(void *work) {
 
 /* >>job: stepping */
 
-/* Does one piece of bounded duration. Returns SBL_SUCCESS when all readings are written. */
+/* Does one piece of bounded duration. Returns SBL_UNFINISHED until all readings are written, then SBL_SUCCESS. */
 static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { sbl__job_setup, NULL, NULL, NULL },
@@ -11633,7 +11633,7 @@ typedef struct sbl__core {
     sbl_stats stats;            /* statistics of the work that was begun last */
 } sbl__core;
 
-/* Steps the job. When it is done, copies its counts to the statistics that the host reads. */
+/* Steps the job. When the job is done, copies its counts to the statistics that the host reads. */
 static sbl_result sbl__core_sense(sbl__core *c, sbl__slice *slice) {
     const sbl__job_counts *n = &c->job.counts;
     const sbl_result result = sbl__job_step(&c->device, &c->job, slice);
@@ -11646,7 +11646,7 @@ static sbl_result sbl__core_sense(sbl__core *c, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-/* Clears the statistics when work begins, except for the time spent on the scene. */
+/* Clears the statistics when work begins, except seconds.scene; sets the triangle count, the mode and the back end. */
 static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
     const double scene_seconds = c->stats.seconds.scene;
     memset(&c->stats, 0, sizeof c->stats);
@@ -11679,32 +11679,33 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 /* A fill is a number of leaves divided by the largest allowed number, sbl__store.max_leaves. */
 #define SBL__FILL_AIM 0.35         /* fill for which the first size of cells is chosen */
 #define SBL__FILL_FIRST 0.3        /* cells become larger if rays of surface samples alone cause a larger fill */
-#define SBL__FILL_FIRST_POWER 2.4  /* measured: growth of the cells' area by x^2.4 divides the number of leaves by x */
-#define SBL__FILL_LEAST 0.12       /* cells become smaller if they fill less than this; small triangles get surface
-                                      samples if the leaves that reflect light fill less than this */
+#define SBL__FILL_FIRST_POWER 2.4  /* measured: cells with x^2.4 times the area divide the number of leaves by x */
+#define SBL__FILL_LEAST 0.12       /* if the fill is less, cells may become smaller, see sbl__bounce_shrink; if the
+                                      fill by reflecting leaves is less, small triangles get surface samples */
 #define SBL__FILL_WIDER 0.6        /* from this fill on, new leaves belong to cells of level 1 */
 #define SBL__FILL_WIDEST 0.8       /* from this fill on, new leaves belong to cells of level 2 */
 #define SBL__FILL_FULL 0.95        /* from this fill on, new leaves belong to cells of level 3 */
-#define SBL__FILL_BLACK 0.25       /* leaves on black surfaces stay below this fill, see SBL__BLACK_JOINED */
-#define SBL__BOUNCE_GROWTH 1.5     /* if leaves do not suffice, the cells' area is multiplied by at least this */
-#define SBL__BOUNCE_GROWTH_MOST 2.0  /* if leaves do not suffice, the cells' area is multiplied by at most this */
-#define SBL__BOUNCE_SHRINK_MOST 0.03  /* if leaves are left over, the cells' area is multiplied by at least this */
-#define SBL__BOUNCE_GROWTH_LEAST (1.0 / SBL__LEVEL_AREA(SBL__LEVELS - 1))  /* least patching.growth: cells of the widest
-                                      level are then as wide as those of level 0 are with a growth of 1 */
-#define SBL__BOUNCE_COVERED 8.0    /* cells shrink only if each leaf is hit by this many rays of points, on average */
-#define SBL__BOUNCE_COARSE 0.25    /* cells shrink if rays shorter than half a cell hit a larger share of the points */
-#define SBL__BOUNCE_POOL 16.0      /* limit of sbl__patching.pool. If leaves do not suffice even then, places
-                                      without a leaf stay dark */
-#define SBL__BOUNCE_SAMPLES_LEAST 8.0  /* least number of positions of surface samples on the area of a cell of
-                                      the level sbl__store.unseen_level */
+#define SBL__FILL_BLACK 0.25       /* largest fill by leaves on black surfaces if sbl__bounce.black is BLACK_JOINED */
+#define SBL__BOUNCE_GROWTH 1.5     /* if no leaf is left for a place, the cells' area is multiplied by at least this */
+#define SBL__BOUNCE_GROWTH_MOST 2.0  /* if no leaf is left for a place, the cells' area is multiplied by at most this */
+#define SBL__BOUNCE_SHRINK_MOST 0.03  /* when cells become smaller, their area is multiplied by at least this */
+#define SBL__BOUNCE_GROWTH_LEAST (1.0 / SBL__LEVEL_AREA(SBL__LEVELS - 1))  /* least patching.growth, or the reflecting
+                                      share of the area if less; widest cells are then as wide as level 0 at growth 1 */
+#define SBL__BOUNCE_COVERED 8.0    /* cells shrink only if at least this many rays per leaf hit reflecting surfaces */
+#define SBL__BOUNCE_COARSE 0.25    /* if rays shorter than half a cell hit a larger share of the points, cells shrink
+                                      even if smaller cells did not double the number of leaves that rays hit */
+#define SBL__BOUNCE_POOL 16.0      /* cells do not become larger once sbl__patching.pool has reached this; places for
+                                      which no leaf is left then stay dark */
+#define SBL__BOUNCE_SAMPLES_LEAST 8.0  /* least number, on average, of positions of surface samples on the area of a
+                                      cell of the level sbl__store.unseen_level, except on black surfaces */
 #define SBL__BOUNCE_UNSEEN_WIDE 0.02  /* if patching.growth is less than this, surface samples whose rays hit nothing
                                       get cells of the widest level; otherwise of the level below it */
-#define SBL__BOUNCE_SMALL_SAMPLES 4096.0  /* maximum number, on average, of small triangles that get a surface sample */
+#define SBL__BOUNCE_SMALL_SAMPLES 4096.0  /* at most this many small triangles, on average, get surface samples */
 #define SBL__BOUNCE_SAMPLE_RAYS 4
 #define SBL__BOUNCE_POINTS 4       /* largest number of points of a leaf before rounds of division */
-#define SBL__BOUNCE_POINTS_MOST 32 /* largest number of points of a leaf after them */
-#define SBL__BOUNCE_AFAR 8.0       /* further points lie only where rays longer than this many cells hit. Rays from
-                                      nearby surfaces, such as a lamp's bowl, hit the brightest part of a leaf */
+#define SBL__BOUNCE_POINTS_MOST 32 /* largest number of points of a leaf after rounds of division */
+#define SBL__BOUNCE_AFAR 8.0       /* points of a leaf beyond BOUNCE_POINTS lie only where rays longer than this many
+                                      cells hit; shorter rays, as in a lamp's bowl, hit the brightest part of a leaf */
 #define SBL__BOUNCE_RAYS 16        /* rays of a point */
 #define SBL__BOUNCE_SEQUENCES 4    /* sequences of ray directions, which the points of a leaf use in turn */
 #define SBL__DIVISIONS 2           /* largest number of rounds of division, see >>bounce: division */
@@ -11721,39 +11722,37 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__SCORE_STEPS 4         /* classes per factor of two */
 #define SBL__BOUNCE_LAMP_RAYS 8
 #define SBL__BOUNCE_GLOW_RAYS 4    /* rays of a point towards glows */
-#define SBL__BOUNCE_STUCK_RAYS 4   /* rays of a point's stuck test */
+#define SBL__BOUNCE_STUCK_RAYS 4   /* rays over the hemisphere that tell whether a point needs a stuck test */
 #define SBL__BOUNCE_CONTACTS 8     /* contact rays of a leaf: along its surface, to find objects that touch it */
 #define SBL__CONTACT_STEEP 0.7     /* largest cosine between the normals of a surface and of a plane that cuts it, if
                                       both belong to one patch, which is smooth */
-#define SBL__CONTACT_SLANT 0.999   /* the same for planes of other patches: nearly parallel ones do not cut */
+#define SBL__CONTACT_SLANT 0.999   /* a plane of another patch cuts a surface up to this cosine between their normals */
 #define SBL__CONTACT_APART 1e-3    /* least distance between two planes that cut a cell, in lengths of a cell */
 #define SBL__CONTACT_LEAST 0.25    /* least length of a contact line, in lengths of a cell */
 #define SBL__CONTACT_CACHE 1024    /* size of the hash table of contact lines that have cut their cells recently */
-#define SBL__BOUNCE_BRIGHT 3.0     /* a warning is due when all light exceeds this multiple of the direct light */
-#define SBL__BOUNCE_SCALED 4       /* number of first rounds after which all bounced light is multiplied by one
-                                      factor per channel, so that it converges sooner */
-#define SBL__BOUNCE_ROUNDS 200     /* largest number of rounds */
-#define SBL__BOUNCE_TOLERANCE 2e-4 /* the rounds end when the estimated share of all light that is still missing is
-                                      at most this */
+#define SBL__BOUNCE_BRIGHT 3.0     /* clamped albedos cause a warning if all light exceeds this * the direct light */
+#define SBL__BOUNCE_SCALED 4       /* after each of this many first rounds of the iteration, all bounced light is
+                                      multiplied by one factor per channel, so that it converges sooner */
+#define SBL__BOUNCE_ROUNDS 200     /* largest number of rounds of the iteration that computes all bounces */
+#define SBL__BOUNCE_TOLERANCE 2e-4 /* largest estimated share of all light that is missing when the iteration ends */
 #define SBL__UNCERTAINTY_ROUNDS 6
 #define SBL__UNCERTAINTY_STRATA 0.35  /* measured: true error / error estimated from points; below 1, since rays have
                                       low discrepancy, and errors of neighbouring leaves compensate each other */
-#define SBL__UNCERTAINTY_MOST 0.12 /* upper limit of a leaf's relative error, before it is multiplied by
-                                      UNCERTAINTY_STRATA. The error is estimated from the leaf's points; the estimate
-                                      is too large where few rays all hit one leaf */
+#define SBL__UNCERTAINTY_MOST 0.12 /* upper limit of the relative noise that a leaf gets from other leaves, before it is
+                                      multiplied by UNCERTAINTY_STRATA; too high where few rays all hit one leaf */
 #define SBL__BOUNCE_TIME 0.35f     /* approximate share of the time of readings, vertices and probes that filling the
                                       store takes; >>map predicts it for pictures */
 #define SBL__BOUNCE_CAST 0.5f      /* approximate share of the time of filling that rays between surfaces take */
-#define SBL__BOUNCE_LIT 0.7f       /* approximate share that these and the light of lamps take together. Rounds of
-                                      division take the rest */
+#define SBL__BOUNCE_LIT 0.7f       /* approximate share of the time of filling until the light of lamps is measured at
+                                      all points; rounds of division take the rest */
 #define SBL__AIR_SITES 54          /* six sites at each of nine places */
 #define SBL__AIR_RAYS 512
 #define SBL__CAST_COLUMNS 256
 #define SBL__CAST_ROWS 64
 #define SBL__CAST_MOST (SBL__CAST_COLUMNS * SBL__CAST_ROWS)  /* most rays cast at once */
 
-/* A ray, as cast.glsl reads it. limit: length; below 0: the ray leaves a surface with normal `direction` and
-   cosine-weighted distribution. fractions: two random numbers of 16 bits each that choose such a ray's direction. */
+/* A ray, as cast.glsl reads it. limit: maximum length. If limit is negative, -limit is the maximum length, `direction`
+   is a surface normal, and the two 16-bit numbers in `fractions` choose a cosine-distributed direction about it. */
 #define SBL__CAST(X) \
     X(sbl__cast, VEC3, origin) X(sbl__cast, FLOAT, limit) \
     X(sbl__cast, VEC3, direction) X(sbl__cast, UINT, fractions)
@@ -11763,15 +11762,15 @@ SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sb
 #define SBL__UNSEEN FLT_MAX        /* sbl__hit.distance of a surface sample whose rays hit nothing */
 
 /* The hit of a ray, or a surface sample. distance: length of the ray, world units; for a surface sample, length of the
-   shortest of its rays that hit a surface, or SBL__UNSEEN. place: triangle << 1 | back, or SBL__NOWHERE. leaf: the leaf
-   that the ray hits, once hits are linked, or SBL__NOWHERE. albedo: share of light that the surface reflects, see
-   sbl__share_pack. */
+   shortest of its rays that hit a surface, or SBL__UNSEEN. place: triangle << 1 | back; SBL__NOWHERE: the ray
+   hit nothing. leaf: set by sbl__bounce_link: index of the leaf that the ray hits, or SBL__NOWHERE. albedo: share of
+   light that the surface reflects, see sbl__share_pack. */
 typedef struct sbl__hit { float position[3], distance; uint32_t place, leaf; uint16_t albedo[4]; } sbl__hit;
 
 typedef struct sbl__hits { sbl__hit *list; int count, room; } sbl__hits;
 
-/* A point of a leaf. number: index in the leaf; measured: 1: `light`, which is R from lamps, is measured; valid: 1: the
-   measurement succeeded */
+/* A point of a leaf. leaf: index of the leaf; number: index among the leaf's points; measured: 1: `light` and `valid`
+   are set; valid: 1: the reading at the point is valid; light: R from lamps, later also from glows */
 typedef struct sbl__bounce_point {
     sbl__hit at;
     int leaf, number, measured, valid;
@@ -11781,9 +11780,9 @@ typedef struct sbl__bounce_point {
 enum { SBL__BRIGHT_NEAR = 1, SBL__BRIGHT };
 
 /* A leaf while the store is filled. points: number of points; most: largest number of points, see >>bounce: division;
-   first: index of the first point; valid: number of points with valid readings; bright: SBL__BRIGHT if it is bright,
-   SBL__BRIGHT_NEAR if rays from afar read a bright leaf at its place; otherwise 0; share: approximate share of its cell
-   that it has after divisions */
+   first: index of the first point, which the others follow once points are sorted; valid: number of points with valid
+   readings; bright: SBL__BRIGHT: the leaf is bright; SBL__BRIGHT_NEAR: it is not, but rays from afar read a bright leaf
+   at its first point; otherwise 0; share: approximate share of its cell that it has after divisions */
 typedef struct sbl__bounce_leaf { int points, most, first, valid, bright; float share; } sbl__bounce_leaf;
 
 enum {
@@ -11795,8 +11794,8 @@ enum {
     SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
 };
 
-/* Which leaves black surfaces get while the size of cells is searched. A black surface reflects nothing, so that no ray
-   reads the light of its leaves, but rays of their points find the surfaces whose light falls on it. */
+/* Says which leaves black surfaces get. A black surface reflects nothing, so that no ray reads the light of its leaves;
+   but rays of its points find surfaces whose light falls on the black surface, and these surfaces need leaves. */
 typedef enum sbl__black {
     SBL__BLACK_EQUAL,     /* black surfaces get leaves as other surfaces do */
     SBL__BLACK_LEFT_OUT,  /* black surfaces get no leaves, because they would take most of them */
@@ -11813,10 +11812,10 @@ typedef struct sbl__bounce {
     sbl__bounce_point *points;
     sbl__bounce_leaf *states;        /* one state per leaf */
     int point_count, point_room, state_room;
-    int divisions;                   /* number of rounds of division; SBL__DIVISIONS: no further ones */
-    int glows;                       /* 1: the points' light from glows is or will be in `readings`, so their rays do
-                                        not count bright leaves, and the light of bright leaves is fixed */
-    sbl__hits hits;                  /* hits of the points' rays, SBL__BOUNCE_RAYS per point */
+    int divisions;                   /* rounds of division begun so far; SBL__DIVISIONS: no further ones follow */
+    int glows;                       /* 1: a job measures the light of glows at all points, so the points' rays do not
+                                        count bright leaves, and the light of bright leaves is fixed */
+    sbl__hits hits;                  /* hits of points' rays (BOUNCE_RAYS per point), before that of samples' rays */
     sbl__patching patching;          /* this field and all below are freed and set to 0 when the store is ready */
     double samples_due;              /* number of positions due for surface samples on the triangles visited so far;
                                         each position gets two samples, one on each side */
@@ -11828,27 +11827,24 @@ typedef struct sbl__bounce {
     sbl__hits contacts;              /* hits of contact rays, SBL__BOUNCE_CONTACTS per leaf, from leaf cut_leaves on */
     int cut_leaves;                  /* number of leaves, from 0 on, whose contact rays have been cast */
     int points_cast;                 /* number of points whose rays have been cast */
-    uint32_t *sequence;              /* pairs of numbers from which ray directions are made, in units of 2^-32, see
-                                        sbl__sequence_make */
-    /* A cache: place of the last ray from a surface, the normal there, and the distance from the surface at which its
-       rays start (see sbl__place_normal) */
+    uint32_t *sequence;              /* pairs of 32-bit fractions that give directions, see sbl__sequence_make */
+    /* a cache: place of the last ray from a surface, and what sbl__place_normal has computed there */
     struct { uint32_t place; float normal[3], offset; } origin;
     sbl__site *sites;                /* the job's sites: points; in the last job, places in the air */
     sbl_reading *readings;
-    int site_count;                  /* number of points in `sites` whose light from lamps the job measures; not used
-                                        by the last job */
-    struct sbl__division *division;  /* a round of division, while it lasts */
-    int changed;                     /* number of leaves that the round of division has divided or that lack points.
-                                        It is set to 0 when the places for new points are queued. */
-    uint32_t recent_lines[SBL__CONTACT_CACHE];  /* hash table of contact lines (where an object touches a flat
-                                                   surface) that have cut their cells; hash collisions drop some */
+    int site_count;                  /* number of points in `sites`; not used by the last job */
+    struct sbl__division *division;  /* data of the current round of division; NULL between rounds */
+    int changed;                     /* number of leaves that the round of division has divided or that lack points */
+    uint32_t recent_lines[SBL__CONTACT_CACHE];  /* hashes of contact lines (where an object touches a flat
+                                                   surface) that have cut their cells; a slot keeps the latest */
     int recheck;                     /* 1: a line has cut leaves whose numbers are less than cut_leaves, for which no
                                         place waits any more, so all of `hits` must be queued again */
-    float *direct;                   /* 3 floats per leaf: direct light; after SBL__BOUNCE_NOISE, the leaf's noise */
+    float *direct;                   /* 3 floats per leaf: direct light; in the stages SHINE and CHOOSE, sums over rays
+                                        (see sbl__bounce_shine); from the stage NOISE on, the leaf's noise */
     float *solved;                   /* light of each leaf, saved while the leaves hold noise */
     double change;                   /* balance.change of the previous round */
-    /* sums over rays of the luminance of their radiance, and of its square; number of rays; sum over points of the
-       luminance of R. All are weighted by sbl__point_weight and the share of the point's leaf */
+    /* luminance of the radiance that rays find, summed over rays; its square, summed over rays that hit leaves; number
+       of rays; luminance of R, summed over points. Weighted by sbl__point_weight and the share of the point's leaf */
     struct { double light, squares, rays, received; } found;
     /* sums over leaves in this round: direct light, all light before and after, absolute changes in all channels */
     struct { double direct[3], before[3], after[3], change; } balance;
@@ -11874,11 +11870,11 @@ typedef struct sbl__bounce {
 /* >>glsl cast: shaders_embedded/cast.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_cast[] = {
 "// Finds the first hit of each ray. A ray with a negative limit leaves a surface, whose normal is `direction`, in a\n",
-"// random direction with cosine distribution.\n",
-"// out_place: xyz: position of the hit, far away if nothing was hit; w: 0 if nothing was hit, otherwise 1 + low\n",
-"// bits of the triangle's number, negative for its back side. If the driver ended a loop early, nothing was hit\n",
+"// random direction with cosine distribution; -limit is its maximum length.\n",
+"// out_place: xyz: position of the hit, far away if nothing was hit; w: 1 + triangle's number % SBL_CAST_NUMBERS,\n",
+"// negative for its back side; 0 if nothing was hit or the driver ended a loop early\n",
 "SBL_OUT(0, out_place);\n",
-"// rgb: albedo for bounced light; a: high bits of the triangle's number; SBL_LOST: the driver ended a loop early\n",
+"// rgb: albedo for bounced light; a: triangle's number / SBL_CAST_NUMBERS; SBL_LOST: loop ended early\n",
 "SBL_OUT(1, out_albedo);\n",
 "\n",
 "void main() {\n",
@@ -11947,8 +11943,8 @@ static void sbl__cast_take(const sbl__cast *ray, const float place[4], const flo
     sbl__share_pack(albedo, out->albedo);
 }
 
-/* Casts the rays stages.at to count - 1, piece by piece. make: computes a ray from its number. hits: receives the hit
-   of each ray at the ray's number */
+/* Casts some of the rays stages.at to count - 1. Returns SBL_UNFINISHED until all are cast, then SBL_SUCCESS. make:
+   computes a ray from its number. hits: receives the hit of each ray at the ray's number */
 static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, int number, sbl__cast *out), int count,
                                    sbl__hits *hits, const sbl__slice *slice) {
     sbl__device *d = &b->core->device;
@@ -11994,10 +11990,10 @@ static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
     return patch | (at->distance * SBL__NEAR_PART < s->length ? SBL__PATCH_NEAR : 0);
 }
 
-/* Returns the reference to the leaf of a place, which is 0 if there is no leaf yet; NULL: no slot is left. If the cell
-   has no leaf and leaves are becoming scarce, a wider cell is used. After a round of division, this is done only for
-   cells without cuts. patch: NULL, or receives the patch word with the level of the cell. Places at distance
-   SBL__UNSEEN, which only points in the air may see, use wide cells. */
+/* Returns a pointer to the reference to the leaf of a place; the reference is 0 if there is no leaf yet; NULL: no slot
+   is left. If the cell has no leaf and leaves are becoming scarce, a wider cell is used; once a round of division
+   has begun, only if the cell has no cuts. Places with the distance SBL__UNSEEN begin with cells of level unseen_level.
+   patch: NULL, or receives the patch word with the level of the cell */
 static uint32_t *sbl__place_find(const sbl__bounce *b, const sbl__hit *at, uint32_t *patch) {
     static const double fills[SBL__LEVELS] = { SBL__FILL_WIDER, SBL__FILL_WIDEST, SBL__FILL_FULL, 1 };
     const sbl__store *s = b->store;
@@ -12014,7 +12010,7 @@ static uint32_t *sbl__place_find(const sbl__bounce *b, const sbl__hit *at, uint3
     return reference;
 }
 
-/* Computes the normal on the side of a place. Returns the distance from the surface at which its rays start. */
+/* Computes the normal on a place's side. Returns the distance from the surface at which rays from the place start. */
 static float sbl__place_normal(const sbl__geometry *g, uint32_t place, float normal[3]) {
     const float *p[3];
     double n[3], longest = 0, away = 0;
@@ -12048,9 +12044,8 @@ static sbl_result sbl__bounce_patches(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
 }
 
-/* Empties the store. Sets the length of cells, and the area below which patches are joined, so that leaves on both
-   sides of all surfaces use about the share SBL__FILL_AIM of the store. In a scene without area, cells have length
-   1. */
+/* Empties the store. Sets the length of its cells (1 in a scene without area) and the area below which patches are
+   pooled. With growth and pool of 1, leaves on both sides of all surfaces use about the share SBL__FILL_AIM of it. */
 static sbl_result sbl__bounce_grid(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__base *base = &b->core->base;
@@ -12099,9 +12094,9 @@ static int sbl__samples_add(sbl__bounce *b, uint32_t triangle, uint32_t hash) {
     return ok;
 }
 
-/* Sets a triangle's patch word, and adds surface samples at random positions. Per area of a cell there are
+/* Sets a triangle's patch word and, if sensors can see it, adds surface samples at random positions: per area of a cell
    patching.growth positions, or more, see SAMPLES_LEAST. samples_due carries fractions to the next triangle. If
-   sample_small is 1, SMALL_SAMPLES of the triangles that get no position by area get one nevertheless. */
+   sample_small is 1, at most about SMALL_SAMPLES of the triangles that get no position by area get one, too. */
 static sbl_result sbl__bounce_sample(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const uint32_t triangle = (uint32_t)at;
@@ -12156,19 +12151,21 @@ static int sbl__bounce_add_leaf(sbl__bounce *b, uint32_t *reference) {
     return 1;
 }
 
-/* Returns the number of queued places, or 0 once there is no room for more leaves. */
+/* Returns the number of queued places, or 0 if needed_growth is set, which ends the stage PLACE. */
 static int sbl__bounce_queued(void *work) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     return b->needed_growth > 0 ? 0 : b->queue.count;
 }
 
-/* Returns how many leaves black surfaces may have. */
+/* Returns how many leaves may be on black surfaces, see sbl__black. */
 static int sbl__bounce_black_most(const sbl__bounce *b) {
     static const double fills[] = { 1, 0, SBL__FILL_BLACK };
     return (int)(fills[b->black] * b->store->max_leaves);
 }
 
-/* Makes a point of a queued place if its leaf needs one. Sets b->needed_growth if there is no room for a new leaf. */
+/* Makes a point of a queued place if its leaf, which may be new, needs one; in an older leaf that contact rays have yet
+   to cut, the place waits. Does nothing if black surfaces have as many leaves as they may and the place is on one. If
+   there is no room for a new leaf, sets needed_growth or, if cells can grow no more, drops the place. */
 static sbl_result sbl__bounce_place(void *work, int number) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *at = &b->queue.list[number];
@@ -12202,8 +12199,8 @@ static int sbl__bounce_queue(sbl__bounce *b, sbl__hit *list, int count) {
     return SBL__BOUNCE_PLACE;
 }
 
-/* Starts again with an area of cells multiplied by `growth`. Larger cells do not help where patches outnumber leaves,
-   so the area below which patches are pooled grows, too. */
+/* Starts again with the cells' area multiplied by `growth`. Returns the stage GRID. Larger cells do not help where
+   patches outnumber leaves, so `pool` is multiplied, too, unless growth is below 1 and pool is above 1. */
 static int sbl__bounce_restart(sbl__bounce *b, double growth) {
     sbl__patching *p = &b->patching;
     p->growth *= growth;
@@ -12215,10 +12212,10 @@ static int sbl__bounce_restart(sbl__bounce *b, double growth) {
     return SBL__BOUNCE_GRID;
 }
 
-/* Called when an attempt leaves much of the store free. Returns the factor of the cells' area for the next attempt. The
-   factor is 1 if rays hit nothing, or if smaller cells did not double the number of leaves that rays hit. The latter
-   does not matter if many rays are shorter than half a cell: the surfaces that see each other may then be smaller than
-   cells, and further leaves come only after several attempts. */
+/* Called when an attempt leaves much of the store free. Returns the factor, below 1, of the cells' area for the next
+   attempt; 1: cells have their least size, rays hit no leaf or too few per leaf, or smaller cells did not double the
+   number of leaves that rays hit. The last does not count if many rays are shorter than half a cell: surfaces that see
+   each other may be smaller than cells, so that new leaves come only after several attempts. */
 static double sbl__bounce_shrink(sbl__bounce *b, double fill) {
     const sbl__patching *p = &b->patching;
     const double least = SBL__MIN(SBL__BOUNCE_GROWTH_LEAST, p->reflecting / p->area) / p->growth;
@@ -12257,7 +12254,8 @@ static int sbl__bounce_after_attempt(sbl__bounce *b, double fill) {
     return sbl__bounce_restart(b, growth);
 }
 
-/* Returns the next stage: rays from new leaves and points until none are new; finally points at surface samples. */
+/* Returns the stage after PLACE: GRID if cells must grow; rays from new leaves and points until none are new; points at
+   surface samples; finally the stage that sbl__bounce_after_attempt returns or, after a division, RELOCATE. */
 static int sbl__bounce_after_place(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const int joined = b->black == SBL__BLACK_JOINED ? b->black_leaves : 0;
@@ -12316,7 +12314,7 @@ static sbl_result sbl__bounce_cast_contacts(void *work, sbl__slice *slice) {
 /* The line along which an object stands on a flat surface. */
 typedef struct sbl__contact {
     uint32_t patch;              /* patch word of the flat surface on which the object stands */
-    uint32_t object;             /* identifies the object: its patch word | 1 if flat, or 2 * triangle */
+    uint32_t object;             /* identifies the object: patch word | 1 if its patch is flat, else 2 * triangle */
     float normal[3], distance;   /* plane of the touching object: dot(normal, x) = distance */
     double from[3], along[3];    /* one end of the line, and the vector to the other end */
 } sbl__contact;
@@ -12326,8 +12324,8 @@ static void sbl__contact_position(const sbl__contact *line, double t, float posi
     for (k = 0; k < 3; k++) position[k] = (float)(line->from[k] + t * line->along[k]);
 }
 
-/* Makes the line where the surface of `at` meets the plane that its contact ray hit, within the bounds of both: of flat
-   patches or, if the object is not flat, of its triangle. Returns 0 if the line is short or the surface not flat. */
+/* Makes the line where the flat patch of `at` meets the plane that its contact ray hit, within the bounds of this patch
+   and of the patch hit or, if that is not flat, of the triangle hit. Returns 0 if there is no line or a short one. */
 static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl__hit *hit, sbl__contact *line) {
     const sbl__store *s = b->store;
     const sbl__geometry *g = b->geometry;
@@ -12369,9 +12367,9 @@ static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl
     return 1;
 }
 
-/* Cuts the leaf to which the reference leads or, if it leads to a cut, the leaves below it that the line crosses.
-   depth: number of cuts above the reference. range: where the line enters and leaves the part of the cell to which the
-   reference leads, 0 to 1 along the line */
+/* Cuts the part of a cell to which the reference leads, with or without a leaf; if the reference leads to a cut, cuts
+   the parts on its sides that the line crosses. Makes no cut below CELL_DEPTH cuts, or twice along a line. depth:
+   number of cuts above the reference. range: where the line enters and leaves that part of the cell, 0 to 1 along it */
 static sbl_result sbl__contact_part(sbl__bounce *b, const sbl__contact *line, uint32_t *reference,
                                     const double range[2], int depth) {
     sbl__store *s = b->store;
@@ -12446,9 +12444,9 @@ static sbl_result sbl__contact_cut(sbl__bounce *b, sbl__contact *line) {
     return result;
 }
 
-/* Cuts by the plane that a contact ray of a leaf hit: all cells along the contact line if the leaf's surface is flat
-   and the line not short; otherwise only the leaf, if it goes on behind the hit. Cuts nothing if the plane is nearly
-   parallel to the surface or continues it smoothly, see SBL__CONTACT_STEEP. */
+/* Cuts by the plane that a contact ray of a leaf hit: all cells along the contact line if sbl__contact_make makes one;
+   otherwise only the leaf, if it continues behind the hit. Cuts nothing if the plane is nearly parallel to the surface
+   or continues it smoothly, see SBL__CONTACT_STEEP. */
 static sbl_result sbl__bounce_cut(sbl__bounce *b, int leaf, const sbl__hit *hit) {
     sbl__store *s = b->store;
     const sbl__hit *at = &b->points[b->states[leaf].first].at;
@@ -12505,8 +12503,8 @@ static int sbl__bounce_after_cuts(void *work) {
 
 /* >>bounce: rays */
 
-/* Makes a cosine-weighted ray from a place. number: number of the point of b->sequence that chooses the
-   direction, after a hash of `seed` has scrambled it */
+/* Makes a ray that leaves a place in a cosine-distributed direction. number: index of the pair of b->sequence that,
+   scrambled with a hash of `seed`, chooses the direction */
 static void sbl__bounce_surface_ray(sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number, sbl__cast *out) {
     const float *normal = b->origin.normal;
     int k;
@@ -12529,7 +12527,7 @@ static void sbl__bounce_sample_ray(sbl__bounce *b, int number, sbl__cast *out) {
                             out);
 }
 
-/* Casts rays from surface samples and queues their hits. The distance of a sample becomes that of its nearest hit. */
+/* Casts surface samples' rays and queues their hits. A sample's distance becomes that of its nearest hit or UNSEEN. */
 static sbl_result sbl__bounce_cast_samples(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     const int rays = b->samples.count * SBL__BOUNCE_SAMPLE_RAYS;
@@ -12572,7 +12570,7 @@ static int sbl__bounce_after_rays(void *work) {
 static int sbl__bounce_points(void *work) { return ((sbl__bounce *)work)->point_count; }
 static int sbl__bounce_leaves(void *work) { return ((sbl__bounce *)work)->store->leaf_count; }
 
-/* Finds each point's leaf again, because later cuts may have put the point into another leaf. */
+/* Finds a point's leaf again, because later cuts may have put the point into another leaf, which may be new. */
 static sbl_result sbl__bounce_relocate(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__bounce_point *p = &b->points[at];
@@ -12607,7 +12605,7 @@ static sbl_result sbl__bounce_sort(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Finds the leaves that a point's rays hit. */
+/* Sets `leaf` of the hits of a point's rays: the leaf that the ray hits, or SBL__NOWHERE. */
 static sbl_result sbl__bounce_link(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__hit *hit = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS], *const end = hit + SBL__BOUNCE_RAYS;
@@ -12654,7 +12652,7 @@ static sbl_result sbl__bounce_site(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Begins a job that measures light from lamps (SBL_MODE_DIRECT) or all light at the first `count` sites. */
+/* Begins a job at `count` sites: light from lamps (SBL_MODE_DIRECT), only from glows if b->glows is 1, or all light. */
 static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, int count) {
     const int direct = mode == SBL_MODE_DIRECT;
     sbl__core *c = b->core;
@@ -12720,7 +12718,7 @@ static sbl_result sbl__bounce_run_job(void *work, sbl__slice *slice) {
 
 /* >>bounce: all bounces at once */
 
-/* Returns the weight of a point in sums over all points. Leaves with further points do not count more than others. */
+/* Returns the weight of a point in sums: 1, or BOUNCE_POINTS / (number of points of its leaf) if that is less. */
 static double sbl__point_weight(const sbl__bounce *b, int point) {
     const int points = b->states[b->points[point].leaf].points;
     return points > SBL__BOUNCE_POINTS ? (double)SBL__BOUNCE_POINTS / points : 1;
@@ -12742,7 +12740,7 @@ static void sbl__bounce_sky(const sbl__bounce *b, int point, float out[3]) {
     }
 }
 
-/* Returns the share of its cell that a leaf has after divisions. */
+/* Returns the approximate share of its cell that a leaf has: each division halves it. 1 if the leaf has no points. */
 static float sbl__bounce_share(const sbl__bounce *b, int leaf) {
     const sbl__store *s = b->store;
     const sbl__hit *first = &b->points[b->states[leaf].first].at;
@@ -12758,7 +12756,8 @@ static float sbl__bounce_share(const sbl__bounce *b, int leaf) {
     return share;
 }
 
-/* Averages the direct light of a leaf's points. */
+/* Sets a leaf's number of valid points, its share and, in b->direct, the mean direct light of its valid points (0 if
+   there are none). Unless the leaf is SBL__BRIGHT, its light becomes its direct light. */
 static sbl_result sbl__bounce_direct(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__bounce_leaf *state = &b->states[at];
@@ -12782,7 +12781,7 @@ static sbl_result sbl__bounce_direct(void *work, int at) {
 
 #define SBL__BOUNCE_UNIT (SBL__SHARE_ONE * SBL__BOUNCE_RAYS)
 
-/* Adds SBL__BOUNCE_UNIT times the light that a point receives from leaves. */
+/* Adds SBL__BOUNCE_UNIT times the light that a point receives from leaves whose state `bright` is 0. */
 static void sbl__bounce_add_received(const sbl__bounce *b, int point, float sum[3]) {
     const sbl__hit *hits = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS];
     int j;
@@ -12800,8 +12799,8 @@ static void sbl__point_light(const sbl__bounce *b, int point, double light[3]) {
     for (k = 0; k < 3; k++) light[k] = (double)received[k] / SBL__BOUNCE_UNIT + sky[k] + b->points[point].light[k];
 }
 
-/* Sets a leaf's light to its direct light plus the mean light that its points receive. Leaves earlier in the round
-   already have their new light (Gauss-Seidel iteration). */
+/* Unless a leaf is SBL__BRIGHT, sets its light to b->direct plus the mean light that its valid points receive. Leaves
+   earlier in the round already have their new light (Gauss-Seidel iteration). */
 static sbl_result sbl__bounce_gather(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__bounce_leaf *leaf = &b->states[at];
@@ -12835,8 +12834,8 @@ static void sbl__bounce_warn(const sbl__bounce *b, double direct, double all) {
     b->store->warned = 1;
 }
 
-/* In the first rounds, scales gathered light so that emitted and lost light balance, channel by channel. This settles
-   the overall brightness of a room, the slowest part of convergence, at once. */
+/* Returns GATHER for another round, or the stage after the last one. In the first rounds, scales gathered light so that
+   emitted and lost light balance, channel by channel; otherwise a room's overall brightness would converge last. */
 static int sbl__bounce_after_gather(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__store *s = b->store;
@@ -12867,11 +12866,10 @@ static int sbl__bounce_after_gather(void *work) {
 }
 
 /* >>bounce: division. Light varies most where lamps are near, and many rays read some leaves and few read others. Once
-   the light is known, the leaves that contribute most to the error are divided, and both parts get points. A leaf
-   that very many rays read makes the whole scene too bright or too dark if its light is wrong, so it gets further
-   points. Points of a single leaf must not decide about it: leaves would be divided because a point is bright by
-   chance, the further points would lower their light, and those that are dark by chance would stay as they are.
-   Therefore the variance is that of all points in a region. */
+   the light is known, the leaves that contribute most to the error are divided, and both parts get points. A leaf that
+   very many rays read gets further points, because its error makes the whole scene too bright or too dark. The variance
+   that decides this is that of all points in a region, not of one leaf: if leaves were divided because one point is
+   bright by chance, further points would lower their light, and leaves dark by chance would stay as they are. */
 
 /* Sums over the rays that hit a leaf. Each ray counts with the sbl__point_weight of its point. hits: number of rays;
    weight: sum of the squares of the shares of light that the leaf reflects; places, squares: per axis, sum of the
@@ -12883,7 +12881,6 @@ typedef struct sbl__spread { double hits, weight, places[3], squares[3], score; 
    of the luminance of R; squares: sum of its square */
 typedef struct sbl__region { double points, light, squares; } sbl__region;
 
-/* The data of a round of division */
 typedef struct sbl__division {
     sbl__spread *spreads;            /* one per leaf */
     sbl__region *regions;            /* one per slot of the hash grid; regions that share a slot count as one */
@@ -12913,7 +12910,7 @@ static void sbl__division_free(sbl__base *base, sbl__bounce *b) {
     b->division = NULL;
 }
 
-/* Adds the hits of a point's rays to the leaves that they hit. */
+/* Adds the hits of a valid point's rays to the spreads of the leaves that they hit. */
 static sbl_result sbl__bounce_spread(void *work, int at) {
     static const float one[3] = { 1, 1, 1 };
     const sbl__bounce *b = (const sbl__bounce *)work;
@@ -12955,7 +12952,7 @@ static void sbl__region_add(sbl__region *r, double light, double weight) {
     r->squares += weight * light * light;
 }
 
-/* Adds the points of a leaf to its region. */
+/* Adds the valid points of a leaf to its region and to the sums of all regions. */
 static sbl_result sbl__bounce_regions(void *work, int at) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     const sbl__bounce_leaf *state = &b->states[at];
@@ -12972,13 +12969,13 @@ static sbl_result sbl__bounce_regions(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Returns the class of a positive score, so that scores are sorted without comparing them. */
+/* Returns the class of a positive score, 0 to SBL__SCORES - 1; larger scores have larger classes. */
 static int sbl__score_class(double score) {
     const double step = SBL__SCORES / 2 + SBL__SCORE_STEPS * log(score) / log(2.0);
     return (int)SBL__MIN(SBL__MAX(step, 0.0), SBL__SCORES - 1.0);
 }
 
-/* Computes the score of a leaf. */
+/* Computes a leaf's score, or leaves it 0 if few rays hit the leaf. Adds the leaf to its class and to the sums. */
 static sbl_result sbl__bounce_score(void *work, int at) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     sbl__division *d = b->division;
@@ -13010,15 +13007,15 @@ static int sbl__bounce_after_score(void *work) {
     return SBL__BOUNCE_DIVIDE;
 }
 
-/* Returns how many points a leaf should have. The number that takes most noise from the mean light that all rays read
-   is proportional to the light's standard deviation and to its weight in the mean. */
+/* Returns how many points a leaf should have, 0 to BOUNCE_POINTS_MOST. The number that takes most noise from the
+   mean light that all rays read is proportional to the light's standard deviation and to its weight in the mean. */
 static int sbl__points_due(const sbl__spread *spread) {
     const double points = SBL__DIVIDE_POINTS * sqrt(spread->hits * spread->score);
     return (int)SBL__MIN(points, SBL__BOUNCE_POINTS_MOST);
 }
 
-/* Lets a leaf have the points that it should have. If its score is high, divides it by a plane through the mean
-   position of its hits, across the axis along which they are spread most. */
+/* Unless light is exact enough, raises `most` of a leaf to the number of points due, and divides a leaf of a high class
+   by a plane through the mean position of its hits, across the axis along which they are spread most. */
 static sbl_result sbl__bounce_divide(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__store *s = b->store;
@@ -13055,11 +13052,11 @@ static sbl_result sbl__bounce_divide(void *work, int at) {
 static int sbl__bounce_after_divide(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__division_free(&b->core->base, b);
-    if (!b->changed) b->divisions = SBL__DIVISIONS;  /* Other lamps do not divide leaves further. */
+    if (!b->changed) b->divisions = SBL__DIVISIONS;  /* no further round, even if lamps change later */
     return b->changed ? SBL__BOUNCE_RELOCATE : SBL__BOUNCE_SHINE;
 }
 
-/* After a division, the places that rays have found become points of new leaves and further points of others. */
+/* Returns the stage LINK or, if leaves have been divided or lack points, queues all hits and returns PLACE. */
 static int sbl__bounce_after_sort(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     if (!b->changed) return SBL__BOUNCE_LINK;
@@ -13067,17 +13064,17 @@ static int sbl__bounce_after_sort(void *work) {
     return sbl__bounce_queue(b, b->hits.list, b->point_count * SBL__BOUNCE_RAYS);
 }
 
-/* >>bounce: bright leaves. They become lamps (see >>glow) if that takes most of the noise from rays. */
+/* >>bounce: bright leaves. They become lamps (see >>glow) if that reduces the noise of rays enough. */
 
-#define SBL__BRIGHT_LEAST 6.0      /* least radiance of a bright leaf, in multiples of the mean of all rays */
+#define SBL__BRIGHT_LEAST 6.0      /* least radiance of bright leaves, in multiples of the mean radiance of all rays */
 #define SBL__BRIGHT_HITS 0.06      /* largest share of rays that hit bright leaves; light from larger places is found
                                       easily, and shadow rays towards them are costly */
 #define SBL__BRIGHT_LEAVES 1024    /* largest number of bright leaves */
-#define SBL__BRIGHT_CROWD 0.67     /* of the rays of a point that sees bright leaves, the largest mean share that hits
-                                      them; places that fill much of the view, such as the gap above a lamp, are found
-                                      by rays */
-#define SBL__BRIGHT_NOISE 2.0      /* least variance of the radiance that rays find, relative to the square of the mean
-                                      R; with less, bounced light is smooth, or weak beside the light of lamps */
+#define SBL__BRIGHT_CROWD 0.67     /* candidates for bright leaves become bright only if, on average, at most this share
+                                      of the rays of a point that sees them hits candidates; places that fill more of
+                                      the view, such as the gap above a lamp, are found by rays over the hemisphere */
+#define SBL__BRIGHT_NOISE 2.0      /* no leaf is bright if the variance of the radiance that rays find is less than
+                                      this * mean R^2: bounced light is smooth, or weak beside the light of lamps */
 #define SBL__BRIGHT_REST 0.75      /* no leaf is bright if more than this share of the rays' variance would remain */
 
 /* A leaf that may be bright. light: mean radiance of it that rays have found; hits: number of these rays */
@@ -13094,9 +13091,9 @@ static int sbl__brighter(const void *first, const void *second) {
     return a->light > b->light ? -1 : a->light < b->light ? 1 : a->leaf - b->leaf;
 }
 
-/* Adds up the luminances of the radiance that a point's rays find. Of b->direct, which the next stage makes again or
-   overwrites, each leaf uses two floats, the sum over the rays that hit it and the number of these rays;
-   sbl__bright_uncrowded stores the slot of the leaf's cell in the third. */
+/* Adds the luminance of the radiance that a valid point's rays find to b->found and to b->direct, whose direct light is
+   not needed any more. In b->direct, float 0 of each leaf is the weighted sum over the rays that hit it, float 1 is the
+   weighted number of these rays, and sbl__bright_uncrowded sets float 2 to the slot of the leaf's cell. */
 static sbl_result sbl__bounce_shine(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *hits = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS];
@@ -13166,7 +13163,8 @@ static int sbl__bright_uncrowded(sbl__bounce *b, sbl__bright_leaf *list, int cou
     return kept;
 }
 
-/* Returns how many of the candidates, the brightest first, become bright leaves. mean: mean radiance of rays */
+/* Returns how many of the candidates, sorted by sbl__brighter, become bright leaves; 0 if the variance of the radiance
+   that rays find is small, or if bright leaves would not reduce it enough. */
 static int sbl__bright_choose(const sbl__bounce *b, const sbl__bright_leaf *list, int count) {
     const double rays = b->found.rays, mean = b->found.light / rays, variance = b->found.squares / rays - mean * mean;
     const double received = b->found.received / rays * SBL__BOUNCE_RAYS;
@@ -13181,14 +13179,14 @@ static int sbl__bright_choose(const sbl__bounce *b, const sbl__bright_leaf *list
     return squares / rays - light / rays * (light / rays) <= SBL__BRIGHT_REST * variance ? i : 0;
 }
 
-/* Returns the leaf that rays from afar read at a leaf's first point, or -1. */
+/* Returns the leaf that rays from afar read at a leaf's first point; -1: there is no such leaf or point. */
 static int sbl__bright_from_afar(const sbl__bounce *b, int leaf) {
     const sbl__hit *at = &b->points[b->states[leaf].first].at;
     if (!b->states[leaf].points) return -1;
     return (int)sbl__store_from_afar(b->store, sbl__place_patch(b->store, at) & ~SBL__PATCH_NEAR, at->position) - 1;
 }
 
-/* Marks a leaf as bright and adds its cell to the store's list. */
+/* Marks a leaf as bright by a negative red, and adds its cell to the store's list. */
 static void sbl__bright_mark(sbl__bounce *b, int leaf) {
     sbl__store *s = b->store;
     s->leaves[leaf].light[0] = -s->leaves[leaf].light[0];
@@ -13236,7 +13234,7 @@ static sbl_result sbl__bounce_choose(void *work, sbl__slice *slice) {
     sbl__free(&b->core->base, list);
     if (count && !s->bright) return SBL_ERROR_OUT_OF_MEMORY;
     if (count) qsort(s->bright, (size_t)count, sizeof *s->bright, sbl__bright_order);
-    for (i = kept = 0; i < count; i++)  /* leaves of one cell list it once */
+    for (i = kept = 0; i < count; i++)  /* drop repetitions of cells with several bright leaves */
         if (!i || sbl__bright_order(&s->bright[i], &s->bright[kept - 1])) s->bright[kept++] = s->bright[i];
     s->bright_count = kept;
     return SBL_SUCCESS;
@@ -13247,7 +13245,8 @@ static sbl_result sbl__bounce_glow(void *work, sbl__slice *slice) {
     return sbl__glow_step(&b->core->device, &b->core->scene, 1, slice);
 }
 
-/* Begins to measure the glows at all points. The points' rays find them too seldom, so this light replaces theirs. */
+/* Returns SITES, to measure the light of glows at all points, or NOISE if there are no glows. That light replaces what
+   the points' rays find on bright leaves, because too few of these rays hit them. */
 static int sbl__bounce_after_glow(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     int i;
@@ -13259,14 +13258,14 @@ static int sbl__bounce_after_glow(void *work) {
     return b->glows ? SBL__BOUNCE_SITES : SBL__BOUNCE_NOISE;
 }
 
-/* Drops the glows. They are made again of the leaves that a stream holds, whose last bits tell the uncertainty. */
+/* Drops the glows: they are made again from leaves whose low bits hold the uncertainty, as after sbl_load_store. */
 static int sbl__bounce_after_uncertainty(void *work) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     sbl__scene_glows_changed(&b->core->device, &b->core->scene);
     return SBL__BOUNCE_LAMPS;
 }
 
-/* Makes the trees of all lamps, for sensors. */
+/* Makes the glows again, and the trees that hold all lamps and glows, for sensors; without bright cells, nothing. */
 static sbl_result sbl__bounce_lamps(void *work, sbl__slice *slice) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     return sbl__glow_step(&b->core->device, &b->core->scene, 0, slice);
@@ -13274,8 +13273,8 @@ static sbl_result sbl__bounce_lamps(void *work, sbl__slice *slice) {
 
 /* >>bounce: uncertainty */
 
-/* Sets b->direct to the standard error of a leaf's light with a random sign, estimated from the differences between its
-   points or, for a single point, as half the light. */
+/* Saves a leaf's light in b->solved, and sets b->direct to its standard error with a random sign per channel, estimated
+   from the differences between its valid points or, for a single one, as half its light; 0 if there are none. */
 static sbl_result sbl__bounce_noise(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__bounce_leaf *leaf = &b->states[at];
@@ -13315,7 +13314,7 @@ static int sbl__bounce_after_propagate(void *work) {
     return round < SBL__UNCERTAINTY_ROUNDS ? SBL__BOUNCE_PROPAGATE : SBL__BOUNCE_UNCERTAINTY;
 }
 
-/* Restores the light. Noise that has arrived from other leaves, relative to the light, is the leaf's uncertainty. */
+/* Restores a leaf's light. Its uncertainty is UNCERTAINTY_STRATA * the relative noise that other leaves have sent. */
 static sbl_result sbl__bounce_uncertainty(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const float *solved = b->solved + 3 * at, *own = b->direct + 3 * at;
@@ -13342,7 +13341,8 @@ static sbl_result sbl__bounce_send(void *work, sbl__slice *slice) {
 
 /* >>bounce: light in the air, for objects that the host draws */
 
-/* Begins to measure light with six sensors each at the centre of draw_bounds and half way from there to its corners. */
+/* If the host draws, begins to measure light with six sensors each at the centre of draw_bounds and half way from there
+   to its corners, and returns the stage AIR; otherwise returns DONE. */
 static int sbl__bounce_after_send(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__scene *scene = &b->core->scene;
@@ -13378,7 +13378,7 @@ static int sbl__bounce_after_air(void *work) {
 
 /* >>bounce: beginning, stepping and freeing */
 
-/* Frees everything except points and their hits, which are kept for later changes of lights. */
+/* Frees and clears the fields from `patching` on. Keeps points, states and hits for later changes of lights. */
 static void sbl__bounce_free_temporary(const sbl__device *d, sbl__bounce *b) {
     const sbl__patching *p = &b->patching;
     void *const blocks[] = { p->places.slots, p->ends.slots, p->welded, p->corners, p->parents, p->patches,
@@ -13405,7 +13405,8 @@ static void sbl__bounce_end(sbl__core *c) {
     c->bounce = NULL;
 }
 
-/* Returns the filling in progress or a new one; NULL: out of memory. Points and hits outlive changes of lights. */
+/* Returns the filling in progress, the data that a former filling has kept, or a new filling; NULL: out of memory. If
+   only lights have changed since, points and hits remain, and their light is computed again. */
 static sbl__bounce *sbl__bounce_resume(sbl__core *c) {
     sbl__bounce *b;
     int i;
@@ -13428,7 +13429,7 @@ static sbl__bounce *sbl__bounce_resume(sbl__core *c) {
     return b;
 }
 
-/* Fills the store, piece by piece. Returns SBL_SUCCESS when the store is ready. */
+/* Fills the store by a piece. Returns SBL_UNFINISHED until it is ready, then SBL_SUCCESS. Errors end the filling. */
 static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { sbl__bounce_patches, NULL, NULL, NULL },
@@ -13477,8 +13478,8 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     return result;
 }
 
-/* Estimates how much of the store is done, 0 to 1; less than before after a restart. Until the number of points is
-   known, it is assumed to be the number for which the size of cells was chosen, or a quarter more than there are. */
+/* Estimates how much of the store is done, 0 to 1. A restart makes it less than before. Until the number of points is
+   known, it counts as the number for which cells are sized, or a quarter more than there are if that is larger. */
 static float sbl__bounce_progress(const sbl__core *c) {
     const sbl__bounce *b = c->bounce;
     float points, cast;
@@ -13497,7 +13498,8 @@ static float sbl__bounce_progress(const sbl__core *c) {
                : SBL__BOUNCE_LIT;
 }
 
-/* Prepares what a measurement needs, piece by piece: hierarchy and lamps for rays, the store for bounced light. */
+/* Makes one piece of what a measurement needs: hierarchy and lamps, except in SBL_MODE_PAPER; in SBL_MODE_GI the store
+   and glows. Returns SBL_UNFINISHED until all is ready, then SBL_SUCCESS. */
 static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__slice *slice) {
     const sbl__hierarchy *h = &c->scene.hierarchy;
     const int rays = s->options.mode != SBL_MODE_PAPER;
@@ -13524,7 +13526,7 @@ static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__sli
 /* The parts of a scene that stored light depends on. Each has its own hash, so that a message can tell which differ. */
 enum { SBL__SAVED_MESHES, SBL__SAVED_MATERIALS, SBL__SAVED_LIGHTS, SBL__SAVED_SKY, SBL__SAVED_PARTS };
 
-/* Streams of all versions begin with name, version and order. */
+/* The header of a stream. In all versions it begins with name, version and order. */
 typedef struct sbl__saved {
     char name[8];
     uint32_t version, order;
@@ -13555,7 +13557,7 @@ static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PART
     if (e->pixels) *sky = sbl__hash_bytes(*sky, e->pixels, 4 * sizeof(float) * (size_t)e->width * (size_t)e->height);
 }
 
-/* A stream that the host reads (get) or writes (put); the other function is NULL. */
+/* A stream of the host: get reads from it, or put writes to it; the other function is NULL. */
 typedef struct sbl__saved_stream {
     sbl_read_function get;
     sbl_write_function put;
@@ -13570,7 +13572,7 @@ static int sbl__saved_transfer(sbl__saved_stream *s, void *data, size_t bytes) {
     return 1;
 }
 
-/* Reads or writes what follows the header: the grid, light in the air and the arrays. */
+/* Reads or writes what lies between header and checksum; s has its arrays already. Returns 0 if the stream fails. */
 static int sbl__saved_store(sbl__saved_stream *stream, sbl__store *s, int triangles) {
     return sbl__saved_transfer(stream, s->origin, sizeof s->origin) &&
            sbl__saved_transfer(stream, &s->length, sizeof s->length) &&
@@ -13604,13 +13606,12 @@ static int sbl__saved_write(sbl__scene *s, sbl_write_function put, void *user) {
 /* What is wrong with a stream. why: the words, or "" if nothing is wrong. item: the log item of the message */
 typedef struct sbl__saved_fault { char why[128]; sbl_log_item item; } sbl__saved_fault;
 
-/* Notes what is wrong with a stream. */
 static void sbl__saved_refuse(sbl__saved_fault *fault, sbl_log_item item, const char *why) {
     snprintf(fault->why, sizeof fault->why, "%s", why);
     fault->item = item;
 }
 
-/* Checks that a header belongs to this scene. Otherwise the fault names the parts of the scene that differ. */
+/* Checks that a header belongs to this scene. If not, sets the fault, which names the parts that differ. */
 static void sbl__saved_compare(const sbl__saved *header, const sbl__scene *s, sbl__saved_fault *fault) {
     static const char *const words[SBL__SAVED_PARTS] = { "other meshes", "other materials or textures", "other lights",
                                                          "another sky" };
@@ -13631,7 +13632,7 @@ static void sbl__saved_compare(const sbl__saved *header, const sbl__scene *s, sb
     }
 }
 
-/* Reads a header up to the part that depends on the scene, and checks it. */
+/* Reads a header, and checks all of it that does not depend on the scene. Sets the fault on failure. */
 static void sbl__saved_begin(sbl__saved_stream *stream, sbl__saved *header, sbl__saved_fault *fault) {
     const int32_t most = SBL__SAVED_CELLS;
     int32_t cells;
@@ -13653,8 +13654,8 @@ static void sbl__saved_begin(sbl__saved_stream *stream, sbl__saved *header, sbl_
         sbl__saved_refuse(fault, SBL_LOG_ITEM_INVALID_STORE, "it is damaged");
 }
 
-/* Returns 1 if a reference leads to a leaf or cut that exists. The sides of cut number `from` may only lead to later
-   cuts, so that no cycle exists; other references have `from` -1. */
+/* Returns 1 if a reference is 0 or leads to a leaf or cut that exists. from: -1, or the number of the cut that has the
+   reference as a side; the reference may then only lead to later cuts, so that no cycle exists */
 static int sbl__saved_leads(const sbl__store *s, uint32_t reference, int from) {
     const uint32_t cut = reference & ~SBL__CELL_CUT;
     if (reference < SBL__CELL_CUT) return reference <= (uint32_t)s->leaf_count;
@@ -13677,7 +13678,7 @@ static int sbl__saved_valid(const sbl__store *s) {
     return 1;
 }
 
-/* Reads the checksum at the end of a stream. Returns what is wrong with the stream, or NULL. */
+/* Reads and compares the checksum at the end of a stream. Returns what is wrong with the stream, or NULL. */
 static const char *sbl__saved_end(sbl__saved_stream *stream) {
     const uint64_t sum = stream->sum;
     uint64_t end;
@@ -13685,8 +13686,7 @@ static const char *sbl__saved_end(sbl__saved_stream *stream) {
     return end == sum ? NULL : "it is damaged";
 }
 
-/* Reads what follows the header of another scene's stream, without keeping it. Returns what is wrong with the stream,
-   or NULL. */
+/* Reads the rest of another scene's stream without keeping it. Returns what is wrong with the stream, or NULL. */
 static const char *sbl__saved_skip(sbl__saved_stream *stream, const sbl__saved *header) {
     uint64_t left = sizeof ((sbl__store *)0)->origin + sizeof ((sbl__store *)0)->length +
                     sizeof ((sbl__store *)0)->air + (uint64_t)header->triangles * sizeof(uint32_t) +
@@ -13701,7 +13701,7 @@ static const char *sbl__saved_skip(sbl__saved_stream *stream, const sbl__saved *
     return sbl__saved_end(stream);
 }
 
-/* Reads a store into s, which is empty. */
+/* Reads a store into s, which is empty. On failure, sets the fault unless memory runs out, and the caller frees s. */
 static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene, sbl__store *s, sbl_read_function get,
                                   void *user, sbl__saved_fault *fault) {
     sbl__saved_stream stream = { get, NULL, user, SBL__SAVED_SEED };
@@ -13769,17 +13769,17 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
    pixels get from them, and how large the remaining error is likely to be.
 
    A tile is a rectangle of pixels with sensors at its four corners; neighbouring tiles share corners. Each round lists
-   sites for a job (COLLECT), runs the job (SENSE), takes its readings (TAKE) and predicts the error of every tile
-   (WEIGH), which has two parts:
+   sites for a job (COLLECT), runs the job (SENSE), takes its readings (TAKE) and predicts the errors of tiles (WEIGH).
+   A tile's error has two parts:
 
        bias    the error of interpolation. It is estimated from second differences of light between sensors, and from
                sensors that splits of neighbours put on the tile's edges
-       noise   the part of the corners' noise that remains after interpolation and the filter. In a wide tile each
-               sensor stands for many pixels; in a narrow tile the filter takes the mean of many sensors
+       noise   the part of the corners' noise that remains after interpolation and the filter. More remains in wide
+               tiles, where each sensor stands for many pixels; in narrow tiles the filter averages many sensors
 
-   The uncertainty of stored light is a third part, which refinement cannot reduce. While the sum exceeds the target
-   error, SPEND buys what reduces the error most for its cost: splits of tiles, or more looks of sensors.
-   With a threshold (always in SBL_MODE_PAPER) a tile is split where its corners differ by more than the threshold.
+   The uncertainty of stored light is a third part, which refinement cannot reduce. While the picture's predicted error
+   exceeds the target error, SPEND buys what reduces it most for its cost: splits of tiles, or more looks of sensors.
+   With a threshold (always in SBL_MODE_PAPER), tiles are instead split where light differs by more than the threshold.
 
        +-------+-------+      +---+---+-------+      o sensor of the first level
        o       o       o      o   *   o       o      * sensor that the split of the left tile adds; the interpolation
@@ -13787,8 +13787,8 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
        o       o       o      o   *   o       o
 
    Everything except jobs runs on the CPU, in slices. "Relative" luminances and errors are shares of the picture's mean
-   luminance. A name that ends in 2 holds a squared error. Later rooms only call functions; they read no field of
-   sbl__refine. */
+   luminance. A name that ends in 2 holds a square or a sum of squares. Later rooms call functions; the only field of
+   sbl__refine that they read is expected_sure. */
 
 enum { SBL__TOUCHED = 1, SBL__HIDDEN };  /* occlusion of a texel of a lightmap, see sbl__refine_occlusion */
 
@@ -13796,58 +13796,56 @@ typedef struct sbl__pixel {
     float position[3], normal[3], geometric_normal[3];
     float offset;             /* distance of the pixel's sensor from the surface */
     float radiance[3];        /* R, if `sensed`: mean of the looks of the pixel's sensor, or from the store */
-    double variance;          /* variance of the luminance of one look */
-    float error;              /* predicted standard error of the pixel's luminance in the picture */
-    float stored[3];          /* value of R at this pixel according to the store, see >>store */
+    double variance;          /* variance of the luminance of one look, or of light that is from the store */
+    float error;              /* predicted standard error of the pixel's luminance, not relative; set by sbl__fill */
+    float stored[3];          /* R at this pixel according to the store; 0 in modes other than SBL_MODE_GI */
     float uncertainty;        /* standard error of the pixel's luminance that errors of the store cause */
-    uint32_t id;              /* number of the surface; 0: the pixel shows no surface */
+    uint32_t id;              /* sbl_mesh.id of the surface; 0: the pixel shows no surface */
     int look;                 /* index of the sensor's first look among all looks of its job */
-    int places;               /* lightmaps only: 1 + index of the first of the texel's places; 0: the sensor stands at
-                                 `position` */
-    int looks, wanted;        /* number of looks taken so far; number of looks to be taken in total */
-    short round;              /* last round that read the sensor */
+    int places;               /* lightmaps only: 1 + index of the texel's first place in sbl__refine.places; 0: none */
+    int looks, wanted;        /* number of looks taken so far; number to have been taken at the end of the round */
+    short round;              /* number of the last round that read the sensor, from 0; 0 also if none has */
     unsigned char level;      /* 0: the pixel has no sensor; otherwise 1 + level of the tile that put a sensor here */
     unsigned char sensed;     /* 1: radiance is known, from the pixel's own sensor or from the store */
-    unsigned char invalid;    /* 1: the sensor is stuck inside geometry, or occlusion makes its light unfit to show */
+    unsigned char invalid;    /* 1: the sensor's light is neither shown nor used, see sbl__refine_validate */
     unsigned char occlusion;  /* lightmaps only: SBL__HIDDEN: the texel lies inside or under something;
-                                 SBL__TOUCHED: something is close to it; 0: neither */
+                                 SBL__TOUCHED: something is close to it; 0: neither, or not tested */
     unsigned char queued;     /* 1: the pixel is among the sites of the current job */
-    unsigned char place_count;  /* number of the texel's places */
+    unsigned char place_count;  /* number of the texel's places; 0: the sensor stands at `position` */
 } sbl__pixel;
 
-/* Occlusion. A texel is hidden if surfaces cover more than HIDDEN_SHARE of its hemisphere, at a mean distance below
-   HIDDEN_NEAR * distance_limit; it is touched if a surface is closer than HIDDEN_TOUCH * distance_limit. */
+/* Occlusion. A texel is hidden if surfaces cover more than HIDDEN_SHARE of its hemisphere at a mean distance below
+   HIDDEN_NEAR * distance_limit, or if it is inside a solid (see sbl__refine_occlusion). A texel that is not hidden is
+   touched if a surface is closer than HIDDEN_TOUCH * distance_limit. */
 #define SBL__HIDDEN_SHARE 0.9f
 #define SBL__HIDDEN_NEAR 0.45f
 #define SBL__HIDDEN_TOUCH 0.15f
 #define SBL__HIDDEN_REACH 2       /* distance_limit / width of a texel */
-/* The search for places of a hidden texel from which light can leave. */
-#define SBL__PLACE_RAYS 64        /* number of rays, each from another place of the texel */
-#define SBL__PLACE_TRIES 256      /* number of positions in a texel's square that are tried until PLACE_RAYS of them lie
-                                     on a chart */
+/* The search for places of a refused texel from which light can leave. */
+#define SBL__PLACE_RAYS 64        /* maximum number of rays, each from another position in the texel */
+#define SBL__PLACE_TRIES 256      /* maximum number of positions tried to find PLACE_RAYS that lie on the chart */
 #define SBL__PLACES_OPEN 4        /* the search fails if fewer rays than this leave the neighbourhood of the texel */
 #define SBL__PLACES 8             /* largest number of places at which a texel's sensor looks */
 
 /* Interpolation. Errors are root mean squares. STEP_ERROR and CURVE_ERROR are factors from the second differences at
    the ends of a tile's edge to the error of interpolation along it: for light with a step, and for light that is a
    parabola, which sbl__edge_parabola corrects. Both were measured on shadows of lamps, with tiles of 2 to 16 pixels. */
-#define SBL__COVERAGE 0.75f             /* a tile is split if its corners give a pixel less weight (sbl__mix) */
-#define SBL__EXTRAPOLATED_SPAN 4        /* largest span of tiles that use extrapolated light, pixels */
+#define SBL__COVERAGE 0.75f             /* a tile is split if its corners give a pixel less weight than this */
+#define SBL__EXTRAPOLATED_SPAN 4        /* in tiles up to this span, pixels, COVERAGE counts extrapolated light too */
 #define SBL__STEP_ERROR 0.29f
 #define SBL__CURVE_ERROR 0.1f
 #define SBL__EXTRAPOLATION_ERROR 0.35f  /* error of extrapolated light / second difference of the light it continues */
-#define SBL__SILHOUETTE_ERROR 0.05f     /* least error of extrapolated light / light, or mean R if larger */
-#define SBL__CONTACT_ERROR 0.12f        /* as SILHOUETTE_ERROR, if the other surface is near: it may cast a shadow */
+#define SBL__SILHOUETTE_ERROR 0.05f     /* least error of extrapolated light / larger of the sensor's R and mean R */
+#define SBL__CONTACT_ERROR 0.12f        /* replaces SILHOUETTE_ERROR if another surface is near: it may cast a shadow */
 #define SBL__CONTACT_DISTANCE 2.5f      /* largest distance of a near surface / distance between neighbouring sensors */
-#define SBL__PIXEL_ERROR 0.15f          /* error of a pixel that no estimate explains / error of the picture */
-#define SBL__NOISE_IN_BIAS 0.75f        /* noise adds this times the variance of the corners' sensors to raw_bias2 */
+#define SBL__PIXEL_ERROR 0.15f          /* part of a pixel's error that no estimate explains / error of the picture */
+#define SBL__NOISE_IN_BIAS 0.75f        /* raw_bias2 contains this * the variance of the corners' sensors as noise */
 #define SBL__NOISE_IN_SPLITS 1.25f      /* as NOISE_IN_BIAS, for gains of splits; larger, as looks reduce noise too */
 /* Noise of sensors. */
 #define SBL__LEAST_NOISE 1e-12f         /* least noise of a surface in the radiance map; 0 marks empty pixels */
 #define SBL__NOISE_WEIGHT 4             /* multiple of the variance that sbl__differ adds to the squared threshold */
-#define SBL__LOOKS_GAIN 0.4f            /* variance of 2n looks / of n looks; below 0.5, as looks share a sequence */
-#define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* gain of a look from 2n to 4n looks, divided by that from n
-                                                          to 2n looks */
+#define SBL__LOOKS_GAIN 0.4f            /* variance of the mean of 2n looks / of n; below 0.5: looks share a sequence */
+#define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* gain per look of growing from 2n to 4n looks / from n to 2n */
 #define SBL__LOOKS_GROWTH 8             /* largest factor by which a sensor's looks grow in one round */
 #define SBL__DOUBLINGS 10               /* number of powers of two from 1 to SBL__MAX_LOOKS, which is 2^9 */
 #define SBL__LOOKS_DIFFERENCE 1.1       /* variance of the difference between earlier and later looks of a sensor / sum
@@ -13868,10 +13866,10 @@ typedef struct sbl__pixel {
 #define SBL__SPLIT_GAIN 0.875f          /* share of the squared error of interpolation that a split removes */
 #define SBL__DIFFERENCE_FLOOR 0.02f     /* share of the mean luminance that sbl__differ adds to the light it compares */
 #define SBL__GAIN_FLOOR 0.1f            /* worth = gain / (relative luminance + this): errors show in dark places */
-#define SBL__EXPECT_SURE 1.5            /* expected_sure is (squared error at the end / that now) to this power */
-#define SBL__GAIN_BINS 512              /* bins of the histogram of gains by worth, four to an octave */
-/* To prevent ragged shadows, a tile is always split if its error exceeds target_error * TILE_ERROR_MAX * (relative
-   luminance + TILE_ERROR_FLOOR). */
+#define SBL__EXPECT_SURE 1.5            /* expected_sure = (squared error foreseen for the end / present one) ^ this */
+#define SBL__GAIN_BINS 512              /* bins of the histogram of gains by worth, four per factor of 2 */
+/* To prevent ragged shadows, the split of a tile is necessary if its error of interpolation exceeds target_error *
+   TILE_ERROR_MAX * (relative luminance + TILE_ERROR_FLOOR). */
 #define SBL__TILE_ERROR_MAX 5.0f
 #define SBL__TILE_ERROR_FLOOR 0.1f
 
@@ -13884,21 +13882,21 @@ typedef struct sbl__tile {
     int must_split;           /* 1: the corners give some pixels too little weight, see SBL__COVERAGE */
     int parent;               /* index of the tile whose split made this one, or -1 */
     int looks;                /* number of looks that new sensors at the tile's corners begin with */
-    int pixels;               /* number of pixels that the tile fills in and that show a surface */
+    int pixels;               /* number of pixels that the tile fills in (sbl__tile_pixels) and that show a surface */
     float uncovered;          /* mean over all `pixels` of the bilinear weight of corners whose light they cannot use */
-    float raw_bias2;          /* squared error of interpolation, estimated from light on the edges, noise included */
+    float raw_bias2;          /* bias2 as estimated from light on the edges, before noise is subtracted */
     float unseen_bias2;       /* part of raw_bias2 for changes of light between the last sensors and silhouettes */
     float bias2, noise2;      /* bias2: mean relative squared error of interpolation, over all pixels but the upper
                                  left, which has a sensor; 0 if must_split or a threshold decides. noise2: mean
                                  relative squared error by noise, over all pixels */
-    float light, variance;    /* mean luminance of the corners; mean relative variance of one look of their sensors */
+    float light, variance;    /* mean luminance of usable corners; relative variance of one look, see sbl__tile_noise */
     float split_worth;        /* worth of a split, see SBL__GAIN_FLOOR; FLT_MAX: the split is necessary */
-    float look_worth;         /* worth of doubling the looks of the corners' sensors */
+    float look_worth;         /* worth of doubling the looks of the corners' sensors; 0: not possible */
 } sbl__tile;
 
 typedef struct sbl__refine {
     sbl__core *core;
-    sbl__measurement *measurement;  /* how sensors measure; sbl__refine_after_weigh may give looks more rays */
+    sbl__measurement *measurement;  /* how sensors measure; sbl__refine_after_restart may give looks more rays */
     sbl__spec *spec;
     sbl__stages stages;
     const sbl__atlas *atlas;  /* the atlas of a lightmap; NULL: no test for occlusion */
@@ -13906,10 +13904,10 @@ typedef struct sbl__refine {
     int tile_size;            /* width and height of first-level tiles */
     int geometry_aware;       /* 0 in SBL_MODE_PAPER: the threshold is absolute, and an id is one smooth surface */
     float distance_limit;     /* see sbl__spec.distance_limit; 0: no test for occlusion */
-    double lit, lit_backs;    /* number of sensors with R above 0 so far; sum of sbl_reading.back_share over them */
+    double lit, lit_backs;    /* sensors tested for occlusion with R above 0: number; sum of sbl_reading.back_share */
     float threshold;          /* see sbl__differ; 0: tiles are split by predicted gain */
-    float target_error;       /* refinement ends when the predicted relative error is at most this; 0: it ends when no
-                                 split and no further look is worth its cost */
+    float target_error;       /* accepted relative error; once the predicted error is within it, only necessary splits
+                                 are bought, see sbl__weigh_end. 0 (default in SBL_MODE_PAPER): it decides nothing */
     float smoothing;          /* effective number of pixels that the filter averages, see sbl__filter_pixels */
     sbl__pixel *pixels;
     size_t harmonics;         /* floats of one pixel in layers 1 and up of light, 3 per layer */
@@ -13921,8 +13919,8 @@ typedef struct sbl__refine {
     int row;                  /* next row of pixels of the tile that the COUNT stage is at */
     int rounds, weighed;      /* number of rounds whose readings have been taken; 1: errors have been predicted. A
                                  restart sets both to 0 */
-    int listed;               /* number of tiles whose sites this round has listed; in COLLECT_SCOUTS of guides, in
-                                 COLLECT_PLACES of texels that are searched */
+    int listed;               /* number of tiles whose sites this round has listed; for scouts, the number of guides;
+                                 for searches of places, the number of texels in `searched` */
     sbl__site *sites;         /* sites of the job; site i belongs to pixel sites[i].number */
     sbl_reading *readings;
     float *reading_layers;    /* layers 1 and up of the readings, site after site */
@@ -13937,22 +13935,21 @@ typedef struct sbl__refine {
     double sum[3], pixels_summed;  /* for the next mean: sum of R over pixels (round 0: sensors); their number */
     float weights[3];         /* factors that turn a difference in each channel into a relative error */
     float variance_shares[SBL__DOUBLINGS];  /* [k]: variance of a mean of 2^k looks / variance of one look */
-    double measured2[SBL__DOUBLINGS];  /* [k]: sum over sensors that took more looks after 2^k or somewhat more: squared
-                                          difference between the mean luminances of the earlier and of the new looks */
+    double measured2[SBL__DOUBLINGS];  /* [k]: sum over sensors that got more looks when they had 2^k to 2^(k+1) - 1:
+                                          (mean luminance of the earlier looks - that of the new looks)^2 */
     double expected2[SBL__DOUBLINGS];  /* [k]: expected value of measured2[k] */
     int compared[SBL__DOUBLINGS];      /* [k]: number of differences in measured2[k] */
-    double bias2, noise2;     /* sums over all tiles that are not split: the tile's bias2 times the number of pixels
-                                 without its sensor, and its noise2 times the number of its pixels */
+    double bias2, noise2;     /* sums over all tiles that are not split: bias2 of the tile * (pixels of the tile - 1);
+                                 noise2 of the tile * pixels of the tile */
     double uncertainty2;      /* sum over pixels of the squared uncertainty of stored light; absolute, not relative */
     double look_variance;     /* relative variance of one look, averaged over the picture */
-    double predicted;         /* predicted error of the picture */
+    double predicted;         /* predicted relative error of the picture; valid if weighed is 1 */
     double stored;            /* the part of `predicted` that stored light causes */
-    double gains[SBL__GAIN_BINS];  /* histogram by worth: sums of the gains of all possible splits and looks */
-    double costs[SBL__GAIN_BINS];  /* histogram by worth: sums of the costs of splits and looks, in looks */
-    double expected_looks;    /* number of looks that have been taken when refinement ends, as far as is foreseen */
-    double expected_sure;     /* weight of expected_looks against the usual number: 0 while errors are unknown, 1 in
-                                 the end */
-    float least_worth;        /* least worth that is bought in this round */
+    double gains[SBL__GAIN_BINS];  /* histogram by worth: sums of gain * cost of all possible splits and looks */
+    double costs[SBL__GAIN_BINS];  /* histogram by worth: sums of the costs of these splits and looks, in looks */
+    double expected_looks;    /* predicted number of looks when refinement ends, see sbl__weigh_expect */
+    double expected_sure;     /* weight of expected_looks in sbl__map_seconds_left, 0 to 1; 0 before predictions */
+    float least_worth;        /* least worth that is bought in this round; FLT_MAX: only necessary splits are bought */
     int bought;               /* number of tiles split and of sensors given more looks in this round */
 } sbl__refine;
 
@@ -13983,7 +13980,8 @@ static float sbl__abs(float x) { return (float)fabs((double)x); }
 
 /* >>refine: which pixels may share light */
 
-/* CPU version of belongs.glsl: the weight, 0 to 1, with which the light of pixel b may be used for pixel a. */
+/* Returns the weight, 0 to 1, with which light of pixel b may be used for pixel a: 0 if ids differ or are 0, otherwise
+   1 if geometry_aware is 0 or a is b, otherwise the same as belongs.glsl. */
 static float sbl__belongs(const sbl__pixel *a, const sbl__pixel *b, int geometry_aware) {
     float d[3], off, apart, turn, plane;
     int k;
@@ -14008,15 +14006,15 @@ static int sbl__connected(const sbl__pixel *a, const sbl__pixel *b, int geometry
 
 /* >>refine: noise */
 
-/* Returns the rounded-down binary logarithm of a number of looks. */
+/* Returns the rounded-down binary logarithm of a number of looks, at most SBL__DOUBLINGS - 1; 0 for 0 looks. */
 static int sbl__doublings(int looks) {
     int k = 0;
     for (; looks > 1 && k < SBL__DOUBLINGS - 1; looks >>= 1) k++;
     return k;
 }
 
-/* Records the squared difference between the luminance of `more` new looks and of `before` earlier looks of a sensor;
-   more >= before. */
+/* Records the squared difference between the mean luminances of `more` new looks and of `before` earlier looks of a
+   sensor; more >= before. */
 static void sbl__looks_compare(sbl__refine *r, const sbl__pixel *p, int before, int more, double difference2) {
     const int k = sbl__doublings(before);
     const double gain = (double)SBL__LOOKS_GAIN;
@@ -14025,9 +14023,9 @@ static void sbl__looks_compare(sbl__refine *r, const sbl__pixel *p, int before, 
     r->compared[k]++;
 }
 
-/* Computes r->variance_shares from SBL__LOOKS_GAIN and the recorded differences, because the advantage of a Sobol
-   sequence over independent points depends on the scene. A share [k] with too few differences is corrected by the
-   factor of share [k - 1]. */
+/* Computes r->variance_shares: powers of SBL__LOOKS_GAIN, corrected by measured2 / expected2 of the recorded
+   differences, because the advantage of a Sobol sequence over independent points depends on the scene. A share [k] with
+   too few differences is corrected by the factor of share [k - 1]. */
 static void sbl__looks_calibrate(sbl__refine *r) {
     double times = 1;
     int k;
@@ -14062,7 +14060,7 @@ static sbl__pixel *sbl__tile_corner(const sbl__refine *r, const sbl__tile *c, in
     return sbl__pixel_at(r, c->area.x[corner & 1], c->area.y[corner >> 1]);
 }
 
-/* Returns the larger of a tile's width and height. A tile of span 1 cannot be split. */
+/* Returns the larger of a tile's width and height, 0 for a picture of one pixel. Tiles of span 0 or 1 are not split. */
 static int sbl__tile_span(const sbl__tile *c) {
     return SBL__MAX(c->area.x[1] - c->area.x[0], c->area.y[1] - c->area.y[0]);
 }
@@ -14082,7 +14080,7 @@ static sbl__edge sbl__tile_edge(const sbl__refine *r, const sbl__tile *c, int si
 }
 
 /* Returns the pixel that lies `steps` edge lengths beyond an end of an edge. Returns NULL if this is outside of the
-   picture, if the pixel has no light that may be shown, or if `pixel` may not use its light. */
+   picture, has no usable light of its own (sbl__usable), or has light that `pixel` may not use. */
 static const sbl__pixel *sbl__sensor_beyond(const sbl__refine *r, const sbl__pixel *pixel, const sbl__edge *e, int end,
                                             int steps) {
     const int *x = e->line.x, *y = e->line.y;
@@ -14099,7 +14097,7 @@ static sbl__range sbl__tile_pixels(const sbl__refine *r, const sbl__tile *c) {
     return pixels;
 }
 
-/* A weighted mean of one layer of light over sensors, with its variance. */
+/* A weighted mean of one layer of light over sensors. Until sbl__interpolate returns, light and variance are sums. */
 typedef struct sbl__mix {
     int layer;
     float share[2];           /* position of the pixel in the tile, 0 to 1 on each axis */
@@ -14116,8 +14114,9 @@ static void sbl__mix_add(const sbl__refine *r, sbl__mix *m, const sbl__pixel *p,
     m->variance += (double)(weight * weight) * sbl__variance(r, p);
 }
 
-/* Adds a corner that shows another surface than the pixel. Its light is extrapolated linearly from the adjacent corners
-   and the sensors at equal distance beyond them, or copied from an adjacent corner without a sensor beyond it. */
+/* Adds light in place of a corner whose light the pixel cannot use: extrapolates linearly from each adjacent corner and
+   the sensor at equal distance beyond it, or copies the adjacent corner if there is no such sensor. Adds nothing if the
+   pixel cannot use the light of any adjacent corner. */
 static void sbl__mix_extrapolate(const sbl__refine *r, const sbl__tile *c, int corner, const sbl__pixel *pixel,
                                  float weight, sbl__mix *m) {
     const sbl__pixel *adjacent[2], *beyond[2];
@@ -14139,10 +14138,10 @@ static void sbl__mix_extrapolate(const sbl__refine *r, const sbl__tile *c, int c
     }
 }
 
-/* Clamps extrapolated light to 0 or more, except in layers of signed values. */
+/* Clamps R, which extrapolation may make negative, to 0 or more. Returns light of other layers unchanged. */
 static float sbl__clamp_light(int layer, float light) { return layer ? light : SBL__MAX(light, 0.0f); }
 
-/* Interpolates a layer of light at pixel (x, y) from a tile's corners. */
+/* Interpolates a layer of light at pixel (x, y) from a tile's corners. If no light can be used, m->covered is 0. */
 static void sbl__interpolate(const sbl__refine *r, const sbl__tile *c, int x, int y, int layer, sbl__mix *m) {
     const sbl__pixel *pixel = sbl__pixel_at(r, x, y);
     const sbl__range *a = &c->area;
@@ -14169,8 +14168,9 @@ static void sbl__interpolate(const sbl__refine *r, const sbl__tile *c, int x, in
 }
 
 /* Computes the second difference of a layer of light at each end of an edge, from both ends and the sensor one length
-   beyond that end. The value at an end without a sensor beyond it is the opposite of the other end's value or, without
-   any such sensor, of the difference between the ends, as at a step. Returns 1 if the ends' sensors may share light. */
+   beyond that end. If only one end has such a sensor, the other end gets the opposite value. If neither has one (at
+   length 1 and in SBL_MODE_PAPER none is sought), the values are minus and plus the difference between the ends, as at
+   a step. Returns 1; if the ends' sensors may not share light, sets all values to 0 and returns 0. */
 static int sbl__edge_curvature(const sbl__refine *r, const sbl__edge *e, int layer, float out[2][3]) {
     const int length = e->line.x[1] - e->line.x[0] + e->line.y[1] - e->line.y[0];
     const float *light[2] = { sbl__pixel_light(r, e->ends[0], layer), sbl__pixel_light(r, e->ends[1], layer) };
@@ -14234,8 +14234,9 @@ static float sbl__distance2(const float a[3], const float b[3]) {
     return sbl__dot(d, d);
 }
 
-/* Returns the squared error of extrapolation from an end of an edge into the tile, estimated from the second difference
-   beyond that end. Adds to *unseen2 the part for changes of light between the sensor and the border of its surface. */
+/* Returns the squared error of extrapolation from an end of an edge into the tile, estimated from differences of light
+   beyond that end, but per channel at least the error by changes of light between the sensor and the border of its
+   surface. Adds the latter to *unseen2. */
 static float sbl__extrapolation_bias2(const sbl__refine *r, const sbl__edge *e, int end, float *unseen2) {
     const sbl__pixel *p = e->ends[end], *other = e->ends[!end];
     const sbl__pixel *next = sbl__sensor_beyond(r, p, e, end, 1), *last = sbl__sensor_beyond(r, p, e, end, 2);
@@ -14254,8 +14255,8 @@ static float sbl__extrapolation_bias2(const sbl__refine *r, const sbl__edge *e, 
     return sbl__squared(r, difference);
 }
 
-/* Estimates the squared error of a tile's pixels from differences of light along its edges: those of interpolation,
-   and those of extrapolation to pixels that no corner covers. Sets c->unseen_bias2, a part of the latter. */
+/* Returns the squared error of a tile's pixels, estimated from light along its edges: the mean of the errors of
+   interpolation and, with weight c->uncovered, of extrapolation. Sets c->unseen_bias2, a part of the latter. */
 static float sbl__tile_edge_bias2(const sbl__refine *r, sbl__tile *c) {
     float inside = 0, outside = 0, unseen = 0;
     int side, end, k, insides = 0, outsides = 0;
@@ -14298,7 +14299,7 @@ static const sbl__pixel *sbl__tile_next_sensor(const sbl__refine *r, const sbl__
     return NULL;
 }
 
-/* Returns the squared error of interpolation measured at the sensors on a tile's edges. */
+/* Returns the mean squared error of interpolation at the sensors on a tile's edges, less their noise; 0: no sensors. */
 static float sbl__tile_sensor_bias2(const sbl__refine *r, const sbl__tile *c) {
     const sbl__pixel *p;
     sbl__mix guess;
@@ -14314,8 +14315,8 @@ static float sbl__tile_sensor_bias2(const sbl__refine *r, const sbl__tile *c) {
     return count ? sum / (float)count : 0;
 }
 
-/* Returns the squared error of interpolation in a tile, noise included. The error at sensors on the edges counts only
-   half, because they are where neighbours had reason to split. */
+/* Returns the squared error of interpolation in a tile, noise included. The error at sensors on the edges counts half,
+   and only if it exceeds sbl__tile_edge_bias2, because such sensors are where neighbours had reason to split. */
 static float sbl__tile_raw_bias2(const sbl__refine *r, sbl__tile *c) {
     const float edges2 = sbl__tile_edge_bias2(r, c), sensors2 = sbl__tile_sensor_bias2(r, c);
     return SBL__MAX(edges2, 0.5f * (edges2 + sensors2));
@@ -14326,7 +14327,7 @@ static float sbl__tile_raw_bias2(const sbl__refine *r, sbl__tile *c) {
 /* Summary of the sensors at a tile's corners. */
 typedef struct sbl__corners {
     int looks;                /* fewest looks of any usable sensor; 0: no corner has one */
-    int is_new;               /* 1: the last round has read at least one of the sensors */
+    int is_new;               /* 1: the last round has read at least one of the sensors, or it was round 0 */
     int unread;               /* 1: at least one of the sensors has not been read yet */
 } sbl__corners;
 
@@ -14342,8 +14343,8 @@ static sbl__corners sbl__tile_corners(const sbl__refine *r, const sbl__tile *c) 
     return all;
 }
 
-/* Adds a tile. parent: index of the tile that is split, or -1. New sensors begin with as many looks as the sensors of
-   the parent, because with fewer looks they would be noisier than interpolation. */
+/* Adds a tile. parent: index of the tile that is split, or -1. New sensors begin with the fewest looks of the parent's
+   sensors, because with fewer looks they would be noisier than interpolation. */
 static sbl_result sbl__refine_add_tile(sbl__refine *r, const sbl__range *area, int parent) {
     sbl__tile *c;
     if (!sbl__grow(&r->core->base, &r->tiles, &r->tile_room, r->tile_count + 1, sizeof *r->tiles))
@@ -14429,7 +14430,7 @@ static void sbl__tile_count(const sbl__refine *r, sbl__tile *c, const sbl__range
 
 /* >>refine: guides for sensors' rays, see >>guide */
 
-/* Returns the pixel where a guide stands, or NULL. */
+/* Returns the pixel where a guide stands; NULL: it is outside of the picture or shows no surface. */
 static const sbl__pixel *sbl__guide_pixel(const sbl__refine *r, int column, int row) {
     const sbl__pixel *p = sbl__pixel_inside(r, column * r->guides.step, row * r->guides.step);
     return p && p->id ? p : NULL;
@@ -14447,7 +14448,7 @@ static float sbl__guide_fits(const sbl__pixel *a, const sbl__pixel *b) {
 }
 
 /* Returns the number of the guide, among the four around a pixel, whose site is most like the pixel in position and
-   normal; 0: none belongs to the pixel's surface. */
+   normal; 0: no guide fits the pixel, or rays are not guided. */
 static int sbl__guide_for(const sbl__refine *r, int index) {
     const sbl__guides *g = &r->guides;
     const int x = index % r->width, y = index / r->width;
@@ -14498,7 +14499,7 @@ static void sbl__refine_site(const sbl__refine *r, int index, int first, int loo
    place. looks: the number of looks for a pixel that has no places */
 static int sbl__refine_first_looks(const sbl__pixel *p, int looks) { return SBL__MAX(looks, (int)p->place_count); }
 
-/* Makes room for `more` additional sites and their readings. */
+/* Makes room for `more` additional sites and their readings. Returns 0 if memory is exhausted. */
 static int sbl__refine_room(sbl__refine *r, int more) {
     const int count = r->site_count + more;
     sbl__base *base = &r->core->base;
@@ -14552,9 +14553,9 @@ static sbl_result sbl__refine_list(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-/* Returns the occlusion of a texel of a lightmap. No viewer sees a hidden texel: surfaces lie on it, in most directions
-   nearer than the size of a texel, or it is inside a solid, which no bounce reaches. A touched texel is close to the
-   edge of a surface that hides texels, where light changes within a fraction of a texel. */
+/* Returns the occlusion of a texel; 0 in pictures. No viewer sees a hidden texel: surfaces lie on it, mostly nearer
+   than its width, or (SBL_MODE_GI) it is in a solid: its R is 0 and it sees back faces, unlike most lit sensors. A
+   touched texel is close to the edge of a surface that hides texels; light changes within the texel. */
 static int sbl__refine_occlusion(sbl__refine *r, const sbl_reading *reading) {
     const int dark = sbl__all_zero(reading->radiance, 3), backs = reading->back_share > 0.5f;
     if (!(r->distance_limit > 0) || !(reading->hit_min > 0)) return 0;
@@ -14566,14 +14567,14 @@ static int sbl__refine_occlusion(sbl__refine *r, const sbl_reading *reading) {
     return reading->hit_min < SBL__HIDDEN_TOUCH * r->distance_limit ? SBL__TOUCHED : 0;
 }
 
-/* Accounts for a hidden texel, which shows its neighbours' light. */
+/* Removes the uncertainty of a texel if it is hidden, because it then shows its neighbours' light. */
 static void sbl__refine_hide(sbl__refine *r, sbl__pixel *p) {
     if (p->occlusion != SBL__HIDDEN) return;
     r->uncertainty2 -= (double)p->uncertainty * p->uncertainty;
     p->uncertainty = 0;
 }
 
-/* Keeps a pixel's light from being shown. If a lightmap is traced, the texel is searched for better places. */
+/* Makes a pixel invalid, unless it has places. If a lightmap is traced, the texel is then searched for places. */
 static sbl_result sbl__refine_refuse(sbl__refine *r, sbl__pixel *p) {
     if (p->invalid || p->places) return SBL_SUCCESS;
     p->invalid = 1;
@@ -14588,9 +14589,9 @@ static sbl_result sbl__refine_refuse(sbl__refine *r, sbl__pixel *p) {
     return SBL_SUCCESS;
 }
 
-/* Decides from the first reading of a pixel whether its light may be shown. Refuses it if the reading is not valid, and
-   at hidden texels and touched texels next to them, even those accepted before, because their light would show beyond
-   the edge of the object that hides them. */
+/* Decides from the first reading of a pixel whether its light may be shown. Refuses pixels with invalid readings,
+   hidden texels and, even if accepted before, touched texels next to hidden texels of the same surface, because their
+   light would show beyond the edge of the object that hides the hidden texels. */
 static sbl_result sbl__refine_validate(sbl__refine *r, int index, const sbl_reading *reading) {
     sbl__pixel *p = &r->pixels[index];
     sbl_result result = SBL_SUCCESS;
@@ -14626,9 +14627,9 @@ static int sbl__places_rank(const sbl__refine *r, int first, int last, int i) {
     return rank;
 }
 
-/* After the last look of a texel with places, replaces its reading by the median over the texel's looks, which is the
-   mean of the middle quarter. A lamp that lies on a floor lights a few places very brightly, which must not show around
-   it. Returns the number of looks; 0: more looks of the texel follow. */
+/* If reading `at` is that of a texel's last look, replaces it by a kind of median: the mean over the texel's looks in
+   the middle quarter by luminance. With the mean of all looks, a lamp on a floor, which lights a few places very
+   brightly, would show around itself. Returns the number of looks; 0: more looks follow, and nothing has changed. */
 static int sbl__places_mean(sbl__refine *r, int at) {
     const uint32_t number = r->sites[at].number;
     float *layers = r->reading_layers;
@@ -14667,7 +14668,7 @@ static int sbl__places_mean(sbl__refine *r, int at) {
 
 static int sbl__refine_sites(void *work) { return ((sbl__refine *)work)->site_count; }
 
-/* Adds the reading of a site to the means of its pixel. */
+/* Adds the reading of a site to the means of its pixel. For a texel with places, waits for the texel's last look. */
 static sbl_result sbl__refine_take(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl_reading *reading = &r->readings[at];
@@ -14726,7 +14727,7 @@ static void sbl__refine_restart(sbl__refine *r) {
 
 /* >>refine: places. If the centre of a texel is hidden, a viewer still sees the texel's open places, which are those
    from which light can leave. To find them, one ray is sent from each of many places of the texel. The texel's sensor
-   then looks from some of the open places, and the texel gets the mean of their light. */
+   then looks from some of the open places, and the texel gets about the median of their light (sbl__places_mean). */
 
 /* Lists a ray from each of up to SBL__PLACE_RAYS candidates for places, which are spread over the texel. */
 static void sbl__places_of(sbl__refine *r, int index) {
@@ -14759,14 +14760,14 @@ static sbl_result sbl__places_list(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-/* Returns 1 if a ray from a place of a texel leaves the neighbourhood of the texel, and not into a solid. */
+/* Returns 1 if the ray of a reading meets no surface nearer than r->distance_limit and does not run inside a solid. */
 static int sbl__place_is_open(const sbl__refine *r, const sbl_reading *reading) {
     if (!reading->valid || (reading->back_share > 0.5f && r->lit_backs <= 0.5 * r->lit)) return 0;
     return reading->hit_share <= 0 || reading->hit_mean >= r->distance_limit;
 }
 
-/* After the last ray of a texel, chooses places evenly among those whose rays were open. Then the sensor starts
-   again. */
+/* After the last ray of a texel, chooses places evenly among those with open rays and makes the sensor start again, or
+   leaves the texel invalid if fewer than SBL__PLACES_OPEN rays are open. */
 static sbl_result sbl__places_take(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const uint32_t number = r->sites[at].number;
@@ -14817,7 +14818,7 @@ static sbl_result sbl__guides_begin(sbl__refine *r) {
     return g->found && g->words ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Lists the sites of the scouts of the next guides, which are all at the guide's place, until they fill a job. */
+/* Lists the sites of the scouts of the next guides, SBL__SCOUTS at each guide's pixel, until they fill a job. */
 static sbl_result sbl__scouts_list(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__guides *g = &r->guides;
@@ -14913,7 +14914,7 @@ static void sbl__weigh_add(sbl__refine *r, float worth, float gain, int cost) {
     r->costs[bin] += cost;
 }
 
-/* Prepares for weighing all tiles. Errors are relative to the mean R that the previous round summed up. */
+/* Prepares for weighing all tiles. Errors are relative to the mean R of round 0's sensors or of the last weighing. */
 static void sbl__weigh_begin(sbl__refine *r) {
     int k;
     sbl__looks_calibrate(r);
@@ -14929,7 +14930,7 @@ static void sbl__weigh_begin(sbl__refine *r) {
     r->bought = 0;
 }
 
-/* Returns how many pixels the filter averages in a tile of span 1: fewer where neighbours differ visibly. */
+/* Returns how many pixels the filter averages in a tile of span 1: fewer where corners differ by more than `noise`. */
 static float sbl__tile_smoothing(const sbl__refine *r, const sbl__tile *c, float noise) {
     float alike = 0;
     int side, count = 0;
@@ -14948,8 +14949,8 @@ static float sbl__tile_smoothing(const sbl__refine *r, const sbl__tile *c, float
     return 1 + 0.5f * (r->smoothing - 1) * alike * alike;
 }
 
-/* Computes noise2, variance and light of a tile from its corners; the variance is mixed with that of the parent tile.
-   Adds the tile's light, pixels and variance to the sums of the picture. */
+/* Computes noise2, variance and light of a tile from its usable corners (if there are none, only sets noise2 to 0), the
+   variance also from the parent tile. Adds the tile's light, pixels and variance to the sums of the picture. */
 static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
     const int span = sbl__tile_span(c);
     float variance, share = 0, light[3] = { 0, 0, 0 };
@@ -14986,9 +14987,8 @@ static void sbl__tile_weigh_split(const sbl__refine *r, sbl__tile *c) {
         c->raw_bias2 = sbl__tile_raw_bias2(r, c);
 }
 
-/* Predicts the errors of a tile, and the gain of each way to reduce them: a split, or more looks. The gain is the
-   reduction of the sum of squared errors per look. Adds the gains to the histogram from which sbl__weigh_end finds
-   the least worth that is bought. */
+/* Predicts the errors of a tile, and the gain of a split and of more looks: the reduction of the sum of squared errors
+   per look. Adds the gains to the histogram from which sbl__weigh_end finds the least worth that is bought. */
 static sbl_result sbl__refine_weigh(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     sbl__tile *c = &r->tiles[at];
@@ -15024,9 +15024,9 @@ static sbl_result sbl__refine_weigh(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Foresees how many looks will have been taken when the squared error, which is `left` now, is at most target2: those
-   of all that is worth buying now. Their number is exact in the end, but too low until most tiles have been found that
-   need sensors. How close the error is to what can be bought tells how sure the number is. */
+/* Sets r->expected_looks: looks taken, plus looks that bring the sum of squared errors, now `left`, to target2 per
+   pixel or as near to it as possible, most worthwhile first; too low until most tiles that need sensors have been
+   found. Sets r->expected_sure, which rises to 1 as the error falls to what can be bought. */
 static void sbl__weigh_expect(sbl__refine *r, double left, double target2) {
     const double target = target2 * SBL__MAX(r->pixels_summed, 1.0), now = SBL__MAX(left, 1e-30);
     int bin = SBL__GAIN_BINS;
@@ -15035,10 +15035,9 @@ static void sbl__weigh_expect(sbl__refine *r, double left, double target2) {
     r->expected_sure = pow(SBL__MIN((target + SBL__MAX(left, 0)) / now, 1), SBL__EXPECT_SURE);
 }
 
-/* Predicts the picture's error. Sets r->least_worth so that all splits and looks of at least this worth are predicted
-   to bring it to the error at which the round aims, if they suffice. Sets it to FLT_MAX, so that only necessary splits
-   are bought, if bias and noise are within their share of the target error, or after more than SBL__MAX_ROUNDS
-   rounds. */
+/* Predicts the picture's error. Sets r->least_worth so that all splits and looks of at least this worth bring bias and
+   noise to the error at which the round aims, if they suffice. Sets it to FLT_MAX, so that only necessary splits are
+   bought, if bias and noise are within their share of the target error or SBL__MAX_ROUNDS is exceeded. */
 static void sbl__weigh_end(sbl__refine *r) {
     const double pixels = SBL__MAX(r->pixels_summed, 1.0), all2 = (double)r->target_error * r->target_error;
     const double uncertainty2 = r->uncertainty2 / ((double)r->luminance * r->luminance * pixels);
@@ -15078,7 +15077,7 @@ static sbl_result sbl__refine_count(void *work, sbl__slice *slice) {
 static int sbl__refine_tile_count(void *work) { return ((sbl__refine *)work)->tile_count; }
 static int sbl__refine_weighed(void *work) { return ((sbl__refine *)work)->first_new; }
 
-/* Splits a tile, or gives its sensors as many more looks as are worth their cost. */
+/* Splits a tile, or else doubles its sensors' looks, once or repeatedly, if that is worth at least r->least_worth. */
 static sbl_result sbl__refine_spend(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__tile *c = &r->tiles[at];
@@ -15113,8 +15112,7 @@ static void sbl__refine_task(const sbl__refine *r, sbl__task *task) {
     task->guides = &r->guides;
 }
 
-/* Begins the job for the listed sites: looks, or scouts or rays from places, which are looks of one ray over the
-   hemisphere. */
+/* Begins the job for the listed sites, if there are any. A scout or a ray from a place is a look of one ray. */
 static int sbl__refine_after_list(void *work) {
     sbl__refine *r = (sbl__refine *)work;
     const int scouts = r->stages.stage == SBL__REFINE_COLLECT_SCOUTS;
@@ -15128,7 +15126,7 @@ static int sbl__refine_after_list(void *work) {
         task.spec.lamp_rays = task.spec.directional = 0;
         task.spec.seed = sbl__scouts_seed(r);
     }
-    if (searches) task.spec.bounced = task.spec.no_light = task.spec.guided = 0;  /* only distances are wanted */
+    if (searches) task.spec.bounced = task.spec.no_light = task.spec.guided = 0;  /* only hits are wanted */
     task.sites = r->sites;
     task.readings = r->readings;
     task.layers = r->reading_layers;
@@ -15161,8 +15159,8 @@ static int sbl__refine_after_take(void *work) {
     return SBL__REFINE_COUNT;
 }
 
-/* Returns 1 if looks prove to be good enough for the target error in the first round, otherwise the factor by which
-   their rays must grow. */
+/* Returns the factor by which the rays of a look must grow if the first round has shown that they are too few for the
+   target error; otherwise, and after later rounds, 1. */
 static int sbl__refine_growth(const sbl__refine *r) {
     return r->rounds == 1 ? sbl__look_growth(r->measurement, r->target_error, r->look_variance) : 1;
 }
@@ -15177,8 +15175,8 @@ static int sbl__refine_after_weigh(void *work) {
     return SBL__REFINE_SPEND;
 }
 
-/* Called after a first round whose looks are too noisy. If rays are not guided yet and can find light, makes guides.
-   Otherwise gives looks more rays, and sensors fewer looks at most. In both cases all sensors start again. */
+/* Called after a first round whose looks are too noisy. If rays are not guided yet and can find light, has guides made.
+   Otherwise gives looks more rays and reduces the maximum number of looks. In both cases all sensors start again. */
 static int sbl__refine_after_restart(void *work) {
     sbl__refine *r = (sbl__refine *)work;
     const int times = sbl__refine_growth(r);
@@ -15200,7 +15198,7 @@ static int sbl__refine_after_guides(void *work) {
     return SBL__REFINE_COLLECT;
 }
 
-/* Refines, piece by piece. Returns SBL_SUCCESS when the target error is reached or nothing is left to buy. */
+/* Refines, piece by piece. Returns SBL_SUCCESS after a round that has bought nothing, see sbl__weigh_end. */
 static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { sbl__refine_tiles, NULL, NULL, NULL },
@@ -15224,7 +15222,7 @@ static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
 
 /* >>refine: functions for later rooms */
 
-/* smoothing: sbl__filter_pixels of the filter that is used later */
+/* Sets the settings; all fields but `pixels` and `layers` must be 0. smoothing: sbl__filter_pixels of the filter */
 static void sbl__refine_begin(sbl__refine *r, sbl__core *c, sbl__measurement *measurement, sbl__spec *spec,
                               const sbl_picture_desc *desc, float smoothing) {
     r->core = c;
@@ -15269,7 +15267,7 @@ static void sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel *show
     r->uncertainty2 += (double)shown->uncertainty * shown->uncertainty;
 }
 
-/* Turns on the test for occlusion (see sbl__refine_occlusion). */
+/* Turns on the test for occlusion and the search for places (see sbl__refine_occlusion, sbl__refine_refuse). */
 static void sbl__refine_use_atlas(sbl__refine *r, const sbl__atlas *a) {
     r->atlas = a;
     r->distance_limit = SBL__HIDDEN_REACH * sbl__atlas_texel_size(a);
@@ -15290,7 +15288,7 @@ static int sbl__refine_is_sensing(const sbl__refine *r) {
            r->stages.stage == SBL__REFINE_SEARCH;
 }
 
-/* Returns 1 before the first round, and again when all sensors start again. */
+/* Returns 1 while no tile of the first round is listed: at first, after a restart, and after a search for places. */
 static int sbl__refine_is_at_start(const sbl__refine *r) {
     return r->stages.stage <= SBL__REFINE_COLLECT && r->rounds == 0 && r->listed == 0;
 }
@@ -15306,12 +15304,12 @@ static double sbl__refine_looks_now(const sbl__refine *r) {
            (takes ? (double)r->look_count * (1 - r->stages.at / SBL__MAX(1.0, (double)r->site_count)) : 0);
 }
 
-/* Returns how many looks are foreseen in all. While errors are unknown, this is the number of looks so far. */
+/* Returns how many looks are foreseen in all, but at least the number that has been taken and is listed. */
 static double sbl__refine_looks_expected(const sbl__refine *r) {
     return SBL__MAX(r->expected_looks, (double)r->looks_taken + r->look_count);
 }
 
-/* >>refine: filling in one layer of light. It has its own stages, so that it can run at any time during refinement. */
+/* >>refine: filling in one layer of light. It keeps its own position, so it can run at any time during refinement. */
 
 typedef struct sbl__fill {
     /* The caller sets `refine` and `layer`; all other fields begin as 0. */
@@ -15319,8 +15317,8 @@ typedef struct sbl__fill {
     int layer;                  /* layer of light to fill in */
     int tile, row;              /* index of the next tile; its next row of pixels */
     float *rgba;                /* output, 4 floats per pixel: light; noise of R, above 0 where there is a surface */
-    int orphans;                /* number of pixels without usable light of their own that are hidden, or whose
-                                   tile's corners have none either */
+    int orphans;                /* number of pixels filled in so far that got neither light of their own nor
+                                   interpolated light; hidden texels get neither */
     sbl__rings rings;           /* spread light to orphans over their surface */
 } sbl__fill;
 
@@ -15330,7 +15328,7 @@ static void sbl__fill_free(sbl__base *base, sbl__fill *f) {
     memset(f, 0, sizeof *f);
 }
 
-/* Returns the standard error of a pixel's luminance. predicted2: relative squared error that its tile predicts. */
+/* Returns the standard error of a pixel's luminance, not relative. predicted2: relative squared error of its tile */
 static float sbl__pixel_error(const sbl__refine *r, const sbl__pixel *p, float predicted2) {
     const double unexplained = (double)SBL__PIXEL_ERROR * r->predicted;
     const double uncertainty = (double)p->uncertainty / r->luminance;
@@ -15338,8 +15336,8 @@ static float sbl__pixel_error(const sbl__refine *r, const sbl__pixel *p, float p
 }
 
 /* Fills in a pixel of tile c, whose sensors have all been read: with usable light of its own or, unless the texel is
-   hidden, by interpolation. parabolas: second differences of the tile's four edges. An orphan keeps the light of its
-   own invalid sensor if no ring reaches it. */
+   hidden, by interpolation. Other pixels are orphans: they get the light of their own invalid sensor, or 0, which stays
+   if no ring reaches them. parabolas: second differences of the tile's four edges, see sbl__tile_edge */
 static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, float parabolas[4][3]) {
     sbl__refine *r = f->refine;
     sbl__pixel *p = sbl__pixel_at(r, x, y);
@@ -15435,7 +15433,7 @@ static sbl_result sbl__fill_step(sbl__fill *f, sbl__slice *slice) {
 /* >>glsl belongs: shaders_embedded/belongs.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_belongs[] = {
 "// Returns how far two surface points with the same id belong to one smooth surface, 0 to 1, by their normals n and\n",
-"// m and by the distance of each point from the other's plane. sbl__belongs in sbl.h does the same on the CPU.\n",
+"// m and by the distance of each point from the other's plane. sbl__belongs in sbl.h adds the test for equal ids.\n",
 "float sbl_belongs(vec3 p, vec3 n, vec3 q, vec3 m) {\n",
 "    float turn = clamp((dot(n, m) - SBL_BELONGS_COSINE) / SBL_BELONGS_TURN, 0.0, 1.0);\n",
 "    vec3 d = q - p;\n",
@@ -15447,8 +15445,9 @@ static const char *const sbl__glsl_belongs[] = {
 
 /* >>glsl filter: shaders_embedded/filter.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_filter[] = {
-"// The Gaussian of section III-H over pixels with the same id, normalised. Outside paper mode, weights are also\n",
-"// reduced for pixels whose normal or plane differs, or whose R or harmonics differ by more than noise explains.\n",
+"// The Gaussian of section III-H over pixels with the same id, normalised. If geometry_aware is set,\n",
+"// weights are also reduced for pixels whose normal, plane or R differs by more than noise explains. Harmonics that\n",
+"// differ by more than their noise always reduce weights.\n",
 "uniform sampler2D radiance;  // R; a: its noise, above 0 where there is a surface\n",
 "uniform sampler2D layer;     // SBL_DIRECTIONAL: a layer of harmonics, which is smoothed instead of R\n",
 "uniform sampler2D positions, normals;\n",
@@ -15558,9 +15557,9 @@ static const char *const sbl__glsl_tone[] = {
 "uniform int tone;                    // sbl_tone\n",
 "uniform float exposure;              // factor applied to radiance\n",
 "const int SBL_TONE_NEUTRAL = 2, SBL_TONE_AGX = 3;\n",
-"const float SBL_TONE_MOST = 1e8;     // greater values are cut, so that no difference below is infinite\n",
+"const float SBL_TONE_MOST = 1e8;     // greater values, infinity included, are lowered to this\n",
 "\n",
-"// PBR Neutral (Khronos Group 2024): keeps colours as they are up to about 0.8, and fades brighter ones to white.\n",
+"// PBR Neutral (Khronos Group 2024): subtracts up to 0.04 from all channels, and fades colours above 0.8 to white.\n",
 "const float SBL_NEUTRAL_TOE = 0.08, SBL_NEUTRAL_KNEE = 0.76, SBL_NEUTRAL_FADE = 0.15;\n",
 "\n",
 "vec3 sbl_neutral(vec3 c) {\n",
@@ -15627,7 +15626,7 @@ static const char *const sbl__glsl_resolve[] = {
 "const int SBL_REACH = 2;                // R is taken from pixels at most this far away in x and y\n",
 "const float SBL_NEAR_ENOUGH = 0.05;     // least sum of weights at which the four nearest pixels suffice\n",
 "const float SBL_SAME_ID = 1e-3;         // weight of a pixel with the same id that does not belong to the surface\n",
-"const float SBL_OTHER_ID = 0.01;        // + cosine of the normals: weight of a pixel if none has the sample's id\n",
+"const float SBL_OTHER_ID = 0.01;        // weight of pixels if none has the sample's id: this + cosine of normals\n",
 "\n",
 "// Returns the radiance of the environment picture in a direction, bilinearly filtered.\n",
 "vec3 sbl_sky_smooth(vec3 direction) {\n",
@@ -15644,7 +15643,7 @@ static const char *const sbl__glsl_resolve[] = {
 "}\n",
 "\n",
 "// Returns R at the sample: from those of the four nearest pixels that belong to its surface; if their weight is\n",
-"// too small, from pixels with its id within SBL_REACH; if there are none, from all pixels there.\n",
+"// too small, from pixels with its id within SBL_REACH; if there are none, from all surfaces there, or else 0.\n",
 "vec3 sbl_light_at(ivec2 at, uint id) {\n",
 "    ivec2 size = textureSize(radiance, 0), least = at + ivec2(floor(offset));\n",
 "    vec3 p = texelFetch(sample_positions, at, 0).xyz, n = texelFetch(sample_normals, at, 0).xyz;\n",
@@ -15714,7 +15713,7 @@ typedef struct sbl__resolve {
     const sbl__gbuffer *centres, *sample;  /* G-buffers of the pixels' centres and of the sample */
     const sbl__texture *radiance;          /* R at pixel centres */
     const sbl__texture *previous;          /* [0]: sum of the samples before, each divided by `count`; [1]: the same of
-                                              what a screen shows */
+                                              what a screen shows, if tone asks for it */
     const sbl__environment *environment;
     const sbl__camera *camera;
     int index, count;                      /* number of the anti-aliasing sample, from 0; number of all samples */
@@ -15723,7 +15722,7 @@ typedef struct sbl__resolve {
     const float *backdrop;                 /* sbl_picture_desc.backdrop, 3 floats */
 } sbl__resolve;
 
-/* Writes r->previous + sample / r->count to rows of `out`. rows: first row, number of rows */
+/* Writes r->previous (0 for sample 0) + sample / r->count to rows of `out`. rows: first row, number of rows */
 static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const sbl__target *out, const int rows[2]) {
     const int shown = r->tone != SBL_TONE_NONE;
     const sbl_result result = sbl__use(d, &sbl__recipe_resolve, shown ? (unsigned)SBL__DISPLAY : 0);
@@ -15762,7 +15761,7 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
 
 typedef struct sbl__gutters {
     int size[2];               /* width and height, texels */
-    float *light;              /* 4 floats per texel: light of a layer, and the texel's ring: 0 on charts, -1: none */
+    float *light;              /* 4 floats per texel: light of a layer; the texel's ring, 0 on charts, -1 if none yet */
     sbl__rings spread;
 } sbl__gutters;
 
@@ -15797,8 +15796,8 @@ static sbl_result sbl__gutters_begin(sbl__base *base, sbl__gutters *g, const int
     return g->light ? sbl__rings_make(base, &g->spread, (int)texels) : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Makes texels on charts the start of the rings. Before, g->light holds the output of the filter: light, and as fourth
-   float 1 on charts. The fourth float becomes the texel's ring. first, count: range of texels */
+/* Makes the texels on charts ring 0. On entry, g->light holds the output of the filter: light and, as fourth float, 1
+   on charts and 0 elsewhere. The fourth float becomes the texel's ring, 0 or -1. first, count: range of texels */
 static void sbl__gutters_put(sbl__gutters *g, int first, int count) {
     int i;
     for (i = first; i < first + count; i++) {
@@ -15814,10 +15813,10 @@ static void sbl__gutters_put(sbl__gutters *g, int first, int count) {
 
        sum over points of seams of (A x - B x)^2   +   SBL__SEAM_KEEP * sum over texels of (x - x0)^2
 
-   where A and B are the bilinear weights at the point's two places in the map. Channels that become negative are set to
-   0 and kept there while the rest is solved again. Seams are edges of triangles with the same ends and normals in the
-   world, but not in the map: where normals differ, light may differ. Points where light differs much are left alone,
-   because something stands between, such as a wall on a floor that is divided beneath it. */
+   where A and B are the bilinear weights at the point's two places in the map, and x0 is x before. Channels of R that
+   become negative are set to 0 and kept there while the rest is solved again. A seam is a pair of edges of triangles
+   with the same ends and normals in the world, but not in the map: where normals differ, light may differ. Points where
+   light differs much are left out: something stands there, for example a wall on a floor that is divided beneath it. */
 
 #define SBL__SEAM_KEEP 0.0002
 #define SBL__SEAM_POINTS 2        /* points per texel of a seam's length */
@@ -15826,7 +15825,7 @@ static void sbl__gutters_put(sbl__gutters *g, int first, int count) {
 #define SBL__SEAM_DIFFERENT 0.5f  /* light differs much if it differs by more than this share of the brighter side */
 #define SBL__SEAM_CHAIN 16        /* maximum number of edges with the same ends that an edge is compared with */
 #define SBL__SEAM_ROUNDS 4        /* maximum number of solutions per layer */
-#define SBL__SEAM_PRECISION2 1e-8  /* 1e-7 leaves visible jumps; 1e-10 takes twice the time */
+#define SBL__SEAM_PRECISION2 1e-8  /* sbl__solver.precision2. 1e-7 leaves visible jumps; 1e-10 takes twice the time */
 
 /* A point of a seam. Entries 0 to 3 are for its place A in the map, 4 to 7 for B; the weights of B are negative.
    unknowns: texels until the point is added, then numbers of unknowns */
@@ -15849,8 +15848,8 @@ typedef struct sbl__seams {
     int layer;                  /* index of the layer being sewn: 0 is R; the others are harmonics, maybe negative */
     int rounds;                 /* how many solutions of this layer have made channels negative so far */
     int bound;                  /* 1 if the last solution made channels negative, which then were set to 0 */
-    float before, after;        /* largest |luminance| of a difference across a seam, before the first solution and
-                                   after the last; not relative */
+    float before, after;        /* largest |luminance| of a difference across a seam in the layers so far, before the
+                                   first and after the last solution of a layer; not relative */
 } sbl__seams;
 
 static void sbl__seams_free(sbl__base *base, sbl__seams *s) {
@@ -15882,8 +15881,8 @@ static void sbl__seam_normal(const sbl__geometry *g, uint32_t edge, uint32_t ver
     if (!sbl__normalize(out)) sbl__scene_normal(g, edge / 3, out);
 }
 
-/* Returns 0 if two edges have different ends in the world, 2 if they are a seam: the places in the map differ and the
-   normals are the same; otherwise 1. */
+/* Returns 0 if two edges have different ends in the world, 2 if they are a seam (their ends have different places in
+   the map and the same normals), otherwise 1. ends: two vertices per edge */
 static int sbl__seam_match(const sbl__geometry *g, const uint32_t edges[2], const uint32_t ends[2][2]) {
     int i, parted = 0, alike = 1;
     for (i = 0; i < 2; i++) {
@@ -15898,8 +15897,8 @@ static int sbl__seam_match(const sbl__geometry *g, const uint32_t edges[2], cons
     return parted && alike ? 2 : 1;
 }
 
-/* Stores the four texels around a place in the map (at, in texels) and their bilinear weights as one side of a point.
-   Returns 0 if one of these texels has no light. */
+/* Stores the four texels around a place in the map (at, in texels) and their bilinear weights, negative for side 1, as
+   one side of a point. Returns 0, with the side incomplete, if one of these texels has no light; otherwise 1. */
 static int sbl__seam_mix(const sbl__gutters *g, const double at[2], int side, sbl__seam_point *p) {
     int low[2], high[2], i, k;
     double share[2];
@@ -15949,7 +15948,7 @@ static sbl_result sbl__seam_add(sbl__seams *s, const sbl__seam_point *p) {
     return SBL_SUCCESS;
 }
 
-/* Adds points along a seam. ends: two vertices per side */
+/* Adds points along a seam, except where a texel has no light or light differs much. ends: two vertices per side */
 static sbl_result sbl__seam_points(sbl__seams *s, const uint32_t ends[2][2]) {
     double places[2][2][2], longest = 0;  /* [side][end]: x and y in the map, texels */
     int side, k, i, count;
@@ -15979,7 +15978,8 @@ static sbl_result sbl__seam_points(sbl__seams *s, const uint32_t ends[2][2]) {
     return SBL_SUCCESS;
 }
 
-/* Adds points along the seams between an edge and the edges in s->edges, then adds the edge to s->edges. */
+/* Adds points along the seams between a baked edge and edges in s->edges, then adds the edge to s->edges, unless
+   SBL__SEAM_CHAIN edges with the same ends are there. */
 static sbl_result sbl__seams_edge(void *work, int edge) {
     sbl__seams *s = (sbl__seams *)work;
     const sbl__geometry *g = s->atlas->geometry;
@@ -16021,7 +16021,7 @@ static void sbl__seam_term(void *user, int point, const double *direction, doubl
 }
 
 /* Measures the difference of light across the seam at a point. If a solution follows, also adds the point to the
-   right-hand side; if it is the first of a layer, marks all channels of the point's texels as free to change. */
+   right-hand side. Before the first solution of a layer, also lets all channels of the point's texels change. */
 static sbl_result sbl__seam_measure(void *work, int point) {
     sbl__seams *s = (sbl__seams *)work;
     const sbl__seam_point *p = &s->points[point];
@@ -16045,7 +16045,7 @@ static sbl_result sbl__seam_measure(void *work, int point) {
     return SBL_SUCCESS;
 }
 
-/* Adds the solution to a texel. A channel of R that would become negative is set to 0, and the solutions that follow do
+/* Adds the solution to a texel. A channel of R that would become negative is set to 0, and further solutions of R do
    not change it. */
 static sbl_result sbl__seam_apply(void *work, int unknown) {
     sbl__seams *s = (sbl__seams *)work;
@@ -16106,7 +16106,7 @@ static int sbl__seams_points(void *work) { return ((sbl__seams *)work)->point_co
 static int sbl__seams_unknowns(void *work) { return ((sbl__seams *)work)->unknown_count; }
 
 /* Does one piece of work. Returns SBL_SUCCESS when the layer is sewn. The layers of a lightmap must be sewn in
-   ascending order; they share the points and the solver. */
+   ascending order, from 0 on; they share the points and the solver. */
 static sbl_result sbl__seams_step(sbl__seams *s, const sbl__gutters *light, const sbl__atlas *atlas, int layer,
                                   sbl__slice *slice) {
     static const sbl__stage_row table[] = {
@@ -16129,8 +16129,8 @@ static sbl_result sbl__seams_step(sbl__seams *s, const sbl__gutters *light, cons
 
 /* ======================================================================================================== >>work
    What all front ends have in common. A front end consists of a struct, whose first field is an sbl__work, and of an
-   sbl__front_end, whose functions check the descriptor, begin the work and do its stages. These functions get a pointer
-   to the struct, which is also a pointer to its sbl__work. >>public lists all front ends in one table. */
+   sbl__front_end, whose functions check the descriptor, begin the work and do its stages. All of these except `check`
+   get a pointer to the struct, which is also a pointer to its sbl__work. >>public lists all front ends in one table. */
 
 /* The functions of a front end. work: its struct. desc: the descriptor that the host gave, which may be NULL */
 typedef struct sbl__front_end {
@@ -16144,7 +16144,7 @@ typedef struct sbl__front_end {
     int stage_count;
     /* Returns the statistic to which the seconds of the current stage are added, or NULL if there is none. */
     double *(*seconds)(const void *work);
-    float (*progress)(const void *work);  /* returns the finished share of the work, 0 to 1, not counting the store */
+    float (*progress)(const void *work);  /* returns the finished share, 0 to 1; only in >>map it includes the store */
     void (*free)(void *work);             /* frees all memory and sets the struct to zero */
 } sbl__front_end;
 
@@ -16157,9 +16157,10 @@ typedef struct sbl__work {
     sbl__task task;      /* the current job, in front ends whose stages include sbl__work_sense */
     sbl__site *sites;    /* memory for the sites of the task */
     sbl_reading *readings;  /* memory for the task's readings; NULL if the host has provided memory */
-    float store_share;   /* share of the progress that filling the store takes; 0 if it need not be filled */
+    float store_share;   /* the part of `progress` that filling the store adds, apart from front_end->progress; 0 if the
+                            store need not be filled, or if front_end->progress counts it (>>map) */
     float progress;      /* progress that the host has been told, 0 to 1; never decreases */
-    double progress_at;  /* stats.seconds.total when that was */
+    double progress_at;  /* stats.seconds.total when `progress` was last computed */
 } sbl__work;
 
 static int sbl__work_is_done(const sbl__work *w) { return w->stages.stage == w->front_end->stage_count; }
@@ -16174,7 +16175,7 @@ static sbl_result sbl__work_begin(sbl__work *w, const sbl__front_end *front_end,
     return front_end->begin(w, desc);
 }
 
-/* Does one piece of the current stage. SBL_SUCCESS: all stages are done. */
+/* Does a piece of the current stage; adds its time, except the store's, to statistics. SBL_SUCCESS: all stages done. */
 static sbl_result sbl__work_step(sbl__work *w, sbl__slice *slice) {
     const sbl__front_end *f = w->front_end;
     const double start = sbl__now(), bounced = w->core->stats.seconds.bounce;
@@ -16193,8 +16194,8 @@ static sbl_result sbl__work_prepare(void *work, sbl__slice *slice) {
 
 #define SBL__WORK_SITES 65536  /* maximum number of sites of a job of >>gather, >>vertices or >>probes */
 
-/* Sets the task's spec, and allocates its sites and, if `readings` is 1, its readings. count: number of sites of all
-   jobs */
+/* Sets the task's spec, and allocates sites and, if `readings` is 1, readings for jobs of at most SBL__WORK_SITES
+   sites. count: number of sites of all jobs */
 static sbl_result sbl__work_make_task(sbl__work *w, double count, int readings) {
     const size_t room = (size_t)SBL__MIN(SBL__WORK_SITES, count);
     sbl__base *base = &w->core->base;
@@ -16235,8 +16236,8 @@ static double *sbl__work_seconds(const void *work) {
 
 /* ======================================================================================================== >>map
    A radiance map holds R, and any further layers of light, for a grid of pixels. A front end that makes one (>>picture,
-   >>lightmap) has an sbl__map as its first field and a table of stages that begins with SBL__MAP_ROWS. READ and PREVIEW
-   are functions of the front end.
+   >>lightmap) has an sbl__map as its first field and a table of stages that begins with SBL__MAP_ROWS. The front end
+   chooses the functions of the stages READ and PREVIEW.
 
    The map is made on the working grid, which is finer than the map that the host reads if texels of a lightmap are
    supersampled: each pixel of the host then consists of across x across working pixels.
@@ -16245,12 +16246,12 @@ static double *sbl__work_seconds(const void *work) {
                                               |    ^
                                               PREVIEW, if the host reads channels
 
-   DEVELOP interpolates the pixels between sensors, uploads the layer and filters it. It has a position of its own, so
-   that a preview can be made in the middle of any stage.
+   DEVELOP makes one layer of light: it interpolates between sensors, uploads the result and filters it. Its progress is
+   kept apart, in sbl__map.developing, so that a preview can be made in the middle of REFINE.
 
-   Filling the store can take most of the time. If the host reads channels meanwhile, PREPARE pauses for a glimpse: a
-   map of direct light alone with few sensors, which goes through the stages until PREVIEW and returns to PREPARE.
-   Everything that it has measured is then forgotten, except what the host reads. */
+   Filling the store can take most of the time. If the host reads channels before the store is full, PREPARE is
+   interrupted for a glimpse: a map of direct light alone with few sensors. The stages from SURFACE to PREVIEW make it,
+   then PREPARE goes on. All that the glimpse has measured is forgotten; only its preview stays for the host to read. */
 
 enum { SBL__MAP_SETUP, SBL__MAP_PREPARE, SBL__MAP_SURFACE, SBL__MAP_READ, SBL__MAP_REFINE, SBL__MAP_PREVIEW,
        SBL__MAP_DEVELOP, SBL__MAP_END };
@@ -16259,7 +16260,7 @@ enum { SBL__DEVELOP_FILL, SBL__DEVELOP_SEND, SBL__DEVELOP_FILTER, SBL__DEVELOP_D
 
 enum { SBL__GLIMPSE_NONE, SBL__GLIMPSE_UNDER_WAY, SBL__GLIMPSE_SHOWN };
 
-/* A texture and the target that draws into it. */
+/* A texture, and the target that passes use to draw into it. */
 typedef struct sbl__map_image { sbl__texture texture; sbl__target target; } sbl__map_image;
 
 /* A layer of light on the GPU. */
@@ -16280,7 +16281,7 @@ typedef struct sbl__map {
     sbl__surface surface;
     sbl__gbuffer gbuffer;
     sbl__refine refine;
-    int layer;                  /* index of the layer that is being developed, or finished by the front end's stages */
+    int layer;                  /* index of the layer that DEVELOP or one of the front end's stages works on; 0: R */
     int developed;              /* 1: R is final, because stage DEVELOP has finished layer 0 */
     sbl__stages developing;
     sbl__fill fill;
@@ -16289,26 +16290,26 @@ typedef struct sbl__map {
     const sbl__target *channels[SBL_CHANNEL_COUNT];  /* target with the channel; NULL: see sbl__map_channel_pixel */
     sbl__texture copies[SBL_CHANNEL_COUNT];  /* textures of channels, made by sbl__map_send_channel */
     int watched;                /* 1: the host has asked for a channel of the unfinished map, so previews are made */
-    int64_t previewed;          /* number of looks when the last preview was made; 0: there is no preview */
+    int64_t previewed;          /* number of looks in the last preview; 0: there is none except that of a glimpse */
     int glimpse;                /* state of the glimpse: SBL__GLIMPSE_NONE and so on */
     sbl__measurement glimpse_measurement;
     sbl_stats glimpse_stats;    /* the statistics when the glimpse began */
     float finished;             /* share of the front end's own stages that is done, 0 to 1 */
-    double paced_from[2];       /* two values from the last time that refinement started or started again: the seconds
-                                   spent on sensors, and the number of looks */
+    double paced_from[2];       /* values when refinement last started anew: [0]: seconds spent on sensors and tiles
+                                   (gather + refine), [1]: number of looks */
 } sbl__map;
 
 #define SBL__READ_PIXELS 32768    /* maximum pixels per transfer between GPU and host, but at least a row of the map */
 #define SBL__STORED_NOISE 0.1f    /* assumed relative noise of stored light, for the filter */
 #define SBL__PREVIEW_GROWTH 1.25  /* the next preview is made when the number of looks has grown by this factor */
-#define SBL__MAP_RAYS 30000.0     /* usual time of refinement / square root of the number of pixels, in rays of the
-                                     store; half to twice as long in most of 60 random rooms. A root, because most
-                                     sensors stand along edges */
-#define SBL__MAP_LOOKS 0.7        /* usual number of looks per pixel of maps that need no store */
-#define SBL__GLIMPSE_TILE 16      /* least width of a tile of the glimpse: the default width of first-level tiles */
-#define SBL__GLIMPSE_RAYS 64      /* rays of a sensor of the glimpse */
-#define SBL__GLIMPSE_ERROR 0.05f  /* target error of the glimpse, which it rarely reaches */
-#define SBL__GLIMPSE_LOOKS 0.01   /* the glimpse ends after the round in which looks per pixel exceed this */
+#define SBL__MAP_RAYS 30000.0     /* usual time of refinement / square root of the number of pixels. Unit: mean time
+                                     of one ray of the store. A root, because most sensors stand along edges. Most of
+                                     60 random rooms took half to twice as long */
+#define SBL__MAP_LOOKS 0.7        /* usual number of looks per pixel of work that does not fill the store */
+#define SBL__GLIMPSE_TILE 16      /* least width of the glimpse's first-level tiles, pixels; the default of desc.tile */
+#define SBL__GLIMPSE_RAYS 64      /* number of rays of a sensor of the glimpse, which takes one look */
+#define SBL__GLIMPSE_ERROR 0.05f  /* target error of the glimpse; SBL__GLIMPSE_LOOKS usually ends it earlier */
+#define SBL__GLIMPSE_LOOKS 0.01   /* looks per visible pixel; the glimpse ends after the round that reaches this */
 
 static void sbl__map_image_free(const sbl__device *d, sbl__map_image *image) {
     sbl__target_delete(d, &image->target);
@@ -16332,8 +16333,8 @@ static void sbl__map_free(sbl__map *m) {
     sbl__free(d->base, m->shown);
 }
 
-/* The last part of a front end's check: sets *measurement, and refuses a working grid that is larger than the driver's
-   largest texture. d: with defaults. asked: 1 if the host has set target_error */
+/* The last part of a front end's check: sets *measurement. Returns SBL_ERROR_UNSUPPORTED, and logs it, if the working
+   grid is larger than the driver's textures. d: with defaults. asked: 1 if the host has set target_error */
 static sbl_result sbl__map_check(const sbl__core *c, const char *where, const sbl_picture_desc *d, int asked,
                                  sbl__measurement *measurement) {
     const int most = c->device.gl.capabilities.max_texture_size;
@@ -16350,7 +16351,8 @@ static void sbl__map_begin_refine(sbl__map *m, sbl__measurement *measurement, co
     sbl__refine_begin(&m->refine, m->work.core, measurement, &m->spec, desc, sbl__filter_pixels(desc->filter_radius));
 }
 
-/* desc: with defaults. directional: 1: layers 1 to 4 are spherical harmonics */
+/* Sets up the map. desc: with defaults; its size is that of the working grid. across: number of working pixels across a
+   pixel of the host. directional: 1: also measure layers 1 to 4, which are spherical harmonics */
 static void sbl__map_begin(sbl__map *m, const sbl_picture_desc *desc, int across, int directional) {
     sbl__core *c = m->work.core;
     int level;
@@ -16393,7 +16395,7 @@ static void sbl__map_begin_glimpse(sbl__map *m) {
     sbl__map_begin_refine(m, &m->glimpse_measurement, &desc);
 }
 
-/* Undoes everything that the glimpse has changed, except what the host reads and the time that passed. */
+/* Undoes everything that the glimpse has changed, except its preview, which the host reads, and the seconds spent. */
 static void sbl__map_end_glimpse(sbl__map *m) {
     sbl__core *c = m->work.core;
     m->glimpse = SBL__GLIMPSE_SHOWN;
@@ -16442,7 +16444,7 @@ static sbl_result sbl__map_upload(const sbl__map *m, sbl__texture *t, const floa
     return result == SBL_SUCCESS && *at < t->height ? SBL_UNFINISHED : result;
 }
 
-/* Prepares what the map needs, or only what the glimpse needs, which is not the store. */
+/* Prepares hierarchy, lamps and store for the map; if a glimpse must be made first, only hierarchy and lamps. */
 static sbl_result sbl__map_prepare(void *work, sbl__slice *slice) {
     const sbl__map *m = (const sbl__map *)work;
     return sbl__prepare(m->work.core, sbl__map_owes_glimpse(m) ? &m->glimpse_measurement : &m->work.measurement, slice);
@@ -16455,7 +16457,7 @@ static int sbl__map_after_prepare(void *work) {
     return SBL__MAP_SURFACE;
 }
 
-/* Draws surfaces into a G-buffer. offset: position of the sample relative to the pixel's centre, pixels */
+/* Draws a piece of a G-buffer. SBL_SUCCESS: it is complete. offset: from the pixel's centre to the sample, pixels */
 static sbl_result sbl__map_draw_surface(sbl__map *m, const sbl__gbuffer *g, const float offset[2], sbl__slice *slice) {
     sbl__core *c = m->work.core;
     sbl__surface_job job;
@@ -16478,7 +16480,7 @@ static sbl_result sbl__map_surface(void *work, sbl__slice *slice) {
 }
 
 /* Converts a pixel of the G-buffer for refinement. from: position, normal, geometric normal and emission, 4 floats
-   each; >>surface describes their fourth components */
+   each; gbuffer_fragment.glsl describes the fourth. Emission is read only if m->spec.bounced is 1. id: 0: no surface */
 static void sbl__map_pixel(const sbl__map *m, const float *const from[4], uint32_t id, sbl__pixel *out) {
     memset(out, 0, sizeof *out);
     memcpy(out->position, from[0], sizeof out->position);
@@ -16500,10 +16502,10 @@ static void sbl__map_pixel(const sbl__map *m, const float *const from[4], uint32
     out->variance *= out->variance;
 }
 
-/* Each pixel of the host shows the surface of one working pixel. Returns that pixel's number for the host's pixel i. */
+/* Returns the number of the working pixel whose surface the host's pixel number i shows. */
 static size_t sbl__map_shown(const sbl__map *m, size_t i) { return m->shown ? (size_t)m->shown[i] : i; }
 
-/* Reads rows of the G-buffer back, from row stages.at on, and advances stages.at. SBL_SUCCESS: all rows are read. */
+/* Reads rows of the G-buffer into m->refine, from row stages.at on. Advances stages.at. SBL_SUCCESS: all are read. */
 static sbl_result sbl__map_read(void *work, sbl__slice *slice) {
     static const int attachments[4] = { SBL__GBUFFER_POSITION, SBL__GBUFFER_NORMAL, SBL__GBUFFER_GEOMETRIC_NORMAL,
                                         SBL__GBUFFER_EMISSION };
@@ -16550,7 +16552,7 @@ static int sbl__map_after_read(void *work) {
 
 /* >>map: developing */
 
-/* Makes sbl__map_develop begin with a layer. */
+/* Makes sbl__map_develop begin again, with this layer. */
 static void sbl__map_develop_from(sbl__map *m, int layer) {
     sbl__fill_free(&m->work.core->base, &m->fill);
     m->layer = layer;
@@ -16672,9 +16674,9 @@ static double *sbl__map_seconds(const void *work) {
          : develops && m->developing.stage == SBL__DEVELOP_FILTER ? &stats->seconds.filter : &stats->seconds.refine;
 }
 
-/* Foresees the seconds until refinement ends. Until sensors have been measured, the speed of the rays of the store
-   tells how long refinement usually takes. Later the pace of sensors and the number that errors foresee count, as far
-   as they are sure: while most tiles are not found, they tell less than what is usual. */
+/* Estimates the seconds until refinement ends, including those until the store is full. Before the first look,
+   refinement takes its usual time (SBL__MAP_RAYS), or 1e9 s if the work has traced no ray of the store. Later, it takes
+   the mean time of a look * the looks that are left of a total, which is between the usual and the expected number. */
 static double sbl__map_seconds_left(const sbl__map *m) {
     const sbl__core *c = m->work.core;
     const sbl__refine *r = &m->refine;
@@ -16693,8 +16695,9 @@ static double sbl__map_seconds_left(const sbl__map *m) {
     return filling + pace * SBL__MAX(all - looks, 0);
 }
 
-/* Returns the share of time that has passed if the rest takes as long as foreseen. Since progress cannot go back, a
-   short mistake must not raise it: in twice the time it grows at most to four times its value. */
+/* Returns the share of time that has passed if the rest takes sbl__map_seconds_left; 0 during a glimpse, 0.95 to 0.99
+   after refinement, 1 if all is done. Progress never decreases, so a brief wrong estimate must not raise it too much:
+   in twice the time, it grows to at most four times its value. */
 static float sbl__map_progress(const void *work) {
     const sbl__map *m = (const sbl__map *)work;
     const double seconds = m->work.core->stats.seconds.total, before = SBL__MAX(m->work.progress_at, 1e-9);
@@ -16708,9 +16711,9 @@ static float sbl__map_progress(const void *work) {
     return (float)SBL__MIN(share, most);
 }
 
-/* Called when the host asks for a channel of an unfinished map. Makes a preview at once if refinement has predicted an
-   error, and there is neither a preview nor a glimpse; otherwise the stage PREVIEW makes the next one. Returns
-   SBL_UNFINISHED if there is nothing to show, as while the glimpse is made. */
+/* Called when the host asks for a channel of an unfinished map. From then on, stage PREVIEW makes previews. If there is
+   no preview yet but refinement has predicted an error, makes one at once. Returns SBL_SUCCESS if there is a preview,
+   SBL_UNFINISHED if there is none yet (also while a glimpse is made), or an error. */
 static sbl_result sbl__map_watch(sbl__map *m) {
     sbl__slice slice = sbl__slice_of(&m->work.core->desc, 0);
     const int stage = m->work.stages.stage;
@@ -16725,15 +16728,15 @@ static sbl_result sbl__map_watch(sbl__map *m) {
     return result;
 }
 
-/* Develops R from the sensors measured so far. Does nothing if R is final. */
+/* Develops R from the sensors measured so far, piece by piece. Does nothing if R is final. */
 static sbl_result sbl__map_preview(void *work, sbl__slice *slice) {
     return ((sbl__map *)work)->developed ? SBL_SUCCESS : sbl__map_develop(work, slice);
 }
 
 /* >>map: channels */
 
-/* Per channel: number of floats per pixel; index of its texture among those of sbl__map.channels, if this is not NULL;
-   index of its texture in the G-buffer, or -1 if the G-buffer does not have it. */
+/* Per channel: floats per pixel; index of its texture in the target sbl__map.channels[channel], if that is not NULL;
+   index of its texture in the G-buffer, for channels without a target, or -1 if the G-buffer does not have it. */
 static const struct { int components, attachment, gbuffer; } sbl__channels[SBL_CHANNEL_COUNT] = {
     { 3, 0, -1 }, { 3, 0, -1 }, { 3, SBL__GBUFFER_ALBEDO, -1 }, { 3, 0, SBL__GBUFFER_NORMAL },
     { 3, 0, SBL__GBUFFER_POSITION }, { 1, 0, SBL__GBUFFER_ID }, { 1, 0, -1 }, { 1, 0, -1 }, { 3, 0, -1 }, { 1, 0, -1 },
@@ -16782,7 +16785,7 @@ static sbl_result sbl__map_copy_channel(sbl__map *m, sbl_channel channel, float 
     return result;
 }
 
-/* Returns 1 if a channel can be read that shows surfaces alone, which no sensor changes. */
+/* Returns 1 if the channel shows only surfaces (ALBEDO to DEPTH), which no sensor changes, and can be read. */
 static int sbl__map_shows_surfaces(const sbl__map *m, sbl_channel channel) {
     return channel >= SBL_CHANNEL_ALBEDO && channel <= SBL_CHANNEL_DEPTH && m->work.stages.stage > SBL__MAP_READ;
 }
@@ -16835,7 +16838,7 @@ static uint32_t sbl__map_channel_texture(sbl__map *m, sbl_channel channel) {
 
 enum { SBL__PICTURE_FINISH = SBL__MAP_END, SBL__PICTURE_SAMPLE, SBL__PICTURE_RESOLVE, SBL__PICTURE_DONE };
 
-/* A composition: radiance, and what a screen shows if there is a tone. */
+/* A composition. textures[0]: radiance; textures[1]: what a screen shows, made only if there is a tone. */
 typedef struct sbl__composition { sbl__texture textures[2]; sbl__target target; } sbl__composition;
 
 /* Passes of a preview. The second and the third are needed for auto_exposure only. */
@@ -16844,23 +16847,21 @@ enum { SBL__PREVIEW_COMPOSE, SBL__PREVIEW_METER, SBL__PREVIEW_EXPOSE };
 #define SBL__METER_BINS 1024   /* bins of a histogram of log2(luminance). The first begins at 2^-64; the first and the
                                   last also take what lies beyond the range */
 #define SBL__METER_STEP 0.125  /* width of a bin in stops */
-#define SBL__METER_ASIDE 0.05  /* share of the pixels that is left out because they are the darkest; the same share is
-                                  left out because they are the brightest */
-#define SBL__METER_LIGHT -0.5  /* stops: the mean R is shown like a white surface of this radiance */
+#define SBL__METER_ASIDE 0.05  /* share of the pixels that is left out at the dark end, and again at the bright end */
+#define SBL__METER_LIGHT -0.5  /* log2 of the radiance that the mean R is shown as, unless highlights limit it */
 #define SBL__METER_BRIGHT 0.05 /* share of the pixels, the brightest ones, that are highlights */
-#define SBL__METER_HIGHLIGHT 1.5  /* stops: greatest radiance that the mean highlight is shown as */
-#define SBL__METER_YIELD 1.5   /* stops by which highlights may lower the exposure */
+#define SBL__METER_HIGHLIGHT 1.5  /* log2 of the greatest radiance that the mean highlight should be shown as */
+#define SBL__METER_YIELD 1.5   /* maximum number of stops by which highlights lower the exposure */
 
 typedef struct sbl__picture {
     sbl__map map;               /* must be first, because pointers to the struct are cast to sbl__map * */
     sbl__gbuffer sample;        /* G-buffer of the current anti-aliasing sample; not made if desc.samples is 1 */
-    sbl__composition sums[2];   /* sum over an even, and over an odd number of anti-aliasing samples */
+    sbl__composition sums[2];   /* [0]: sum over an even number of anti-aliasing samples, [1]: over an odd number */
     sbl__composition preview;
     sbl__pace resolve_pace;
     int resolved;               /* number of finished anti-aliasing samples */
     int pass, row;              /* the current preview: its pass, and the number of finished rows of the pass */
-    int meter[2][SBL__METER_BINS];  /* [0]: numbers of pixels by the luminance of R, [1]: by that of
-                                       FINAL. Black pixels do not count. */
+    int meter[2][SBL__METER_BINS];  /* histograms of luminance, without black pixels: [0]: of R, [1]: of FINAL */
 } sbl__picture;
 
 static void sbl__composition_free(const sbl__device *d, sbl__composition *s) {
@@ -16956,8 +16957,8 @@ static void sbl__meter_count(int bins[SBL__METER_BINS], const float rgb[3]) {
     if (luminance > 0) bins[SBL__MIN(SBL__MAX(bin, 0), SBL__METER_BINS - 1)]++;
 }
 
-/* Returns the mean binary logarithm of the luminances between two shares of the pixels, counted from the darkest.
-   Returns -DBL_MAX if no pixel was counted. */
+/* Returns the mean log2 of the luminances of those pixels that lie between the shares `from` and `to` (0 to 1) of all
+   counted pixels, from the darkest on; -DBL_MAX if no pixel was counted. */
 static double sbl__meter_mean(const int bins[SBL__METER_BINS], double from, double to) {
     double all = 0, below = 0, sum = 0, weight = 0;
     int i;
@@ -16971,10 +16972,9 @@ static double sbl__meter_mean(const int bins[SBL__METER_BINS], double from, doub
     return weight > 0 ? sum / weight : -DBL_MAX;
 }
 
-/* Chooses the exposure. As a light meter held into the scene does, it goes by the light that arrives and not by how
-   bright the surfaces are, so that white rooms stay white and dark ones dark. The light is the mean logarithm of R,
-   without the darkest and the brightest SBL__METER_ASIDE of the pixels; if no surface is lit, it is that of FINAL.
-   Highlights limit the exposure. */
+/* Returns the exposure in stops, or 0 if all pixels are black. It depends on the mean logarithm of R (of FINAL, if no
+   surface is lit), without the darkest and the brightest SBL__METER_ASIDE of the pixels. R is the light before it is
+   multiplied by albedo, so that white rooms stay white and dark ones dark. Highlights limit the exposure. */
 static float sbl__meter_stops(int meter[2][SBL__METER_BINS]) {
     const double lit = sbl__meter_mean(meter[0], SBL__METER_ASIDE, 1 - SBL__METER_ASIDE);
     const double light = lit > -DBL_MAX ? lit : sbl__meter_mean(meter[1], SBL__METER_ASIDE, 1 - SBL__METER_ASIDE);
@@ -16983,7 +16983,7 @@ static float sbl__meter_stops(int meter[2][SBL__METER_BINS]) {
     return light > -DBL_MAX ? (float)SBL__MAX(SBL__MIN(stops, limit), stops - SBL__METER_YIELD) : 0;
 }
 
-/* Counts rows of the preview in the histograms, from p->row on. */
+/* Counts rows of R and of the preview in the histograms, from p->row on; after the last row, sets the exposure. */
 static sbl_result sbl__picture_meter(sbl__picture *p) {
     sbl__map *m = &p->map;
     sbl__core *c = m->work.core;
@@ -17144,8 +17144,8 @@ static uint32_t sbl__lightmap_part_id(const sbl__map *m, int texel, int i) {
     return sbl__refine_pixel(&m->refine, sbl__lightmap_part(m, texel, i))->id;
 }
 
-/* Finds the surface that most working pixels of a supersampled texel show. Sets m->shown to that of these pixels which
-   is nearest to the texel's centre, and returns their number. */
+/* Finds the surface that most working pixels of a supersampled texel show, and returns the number of these pixels. Sets
+   m->shown[texel] to the one nearest to the texel's centre. If none shows a surface, returns 0 and picks from all. */
 static int sbl__lightmap_show(const sbl__map *m, int texel) {
     const int parts = m->across * m->across;
     int i, k, most = 0, nearest = INT_MAX;
@@ -17178,8 +17178,8 @@ static sbl_result sbl__lightmap_read(void *work, sbl__slice *slice) {
 
 /* >>lightmap: a layer of light */
 
-/* Computes the mean light of a texel's working pixels that show the same surface as the texel. data: 4 floats per
-   working pixel, beginning with working pixel number `first` */
+/* Computes the mean light of a texel's working pixels that show the same surface as the texel; 0 if it shows none.
+   data: 4 floats per working pixel, beginning with working pixel number `first` */
 static void sbl__lightmap_mean(const sbl__map *m, int texel, const float *data, size_t first, float out[4]) {
     const uint32_t id = sbl__refine_pixel(&m->refine, sbl__map_shown(m, (size_t)texel))->id;
     const int parts = sbl__lightmap_show(m, texel);
@@ -17253,7 +17253,7 @@ static sbl_result sbl__lightmap_send(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS ? sbl__map_upload(m, &image->texture, l->gutters.light, &m->work.stages.at) : result;
 }
 
-/* Goes back to DEVELOP for the next layer, if there is one. */
+/* Goes back to DEVELOP for the next layer. After the last one, lets the host read the results. */
 static int sbl__lightmap_after_send(void *work) {
     sbl__lightmap *l = (sbl__lightmap *)work;
     sbl__map *m = &l->map;
@@ -17287,7 +17287,7 @@ static const sbl__front_end sbl__lightmap_front_end = {
 };
 
 /* ======================================================================================================== >>gather
-   The front end that measures the light at points of the host, in one job after the other. */
+   The front end that measures the light at sites that the host gives, in one job after the other. */
 
 #define SBL__UNIT_SLACK 1e-6     /* normals are normalized if their squared length differs from 1 by more than this */
 
@@ -17389,8 +17389,8 @@ static const sbl__front_end sbl__readings_front_end = {
 /* ======================================================================================================== >>vertices
    The front end for light at vertices (Kavan, Bargteil and Sloan 2011). R is measured at points on the triangles, in
    one job after the other. An unknown x is the light at one vertex, or at several vertices that are welded because they
-   share position and normal. Hat functions h interpolate the unknowns over the triangles. Conjugate gradients solve the
-   normal equations that minimise the sum of
+   share position and normal. Hat functions h interpolate the unknowns over the triangles. Without desc.average,
+   conjugate gradients solve the normal equations that minimise the sum of
 
        weight (sum of x h - R)^2           for each point; weight is the point's share of its triangle's area
        smoothing area (slope - slope)^2    for each hinge, an edge that two triangles share; the slopes are those of
@@ -17433,11 +17433,11 @@ typedef struct sbl__vertices_part {
 } sbl__vertices_part;
 
 /* An edge that two triangles share. sides: number of the edge as a side of each triangle, see >>topology. weights: for
-   the two corners opposite the edge, then the two ends of the first side. The sum of weight * light over these four is
-   the bend of the light across the edge; stage BEND multiplies it by a factor */
+   the two corners opposite the edge, then for the two ends of the first side, see sbl__hinge_make. The sum of weight *
+   light over these four is the bend, which is 0 for linear light. Stage BEND multiplies the weights by a factor */
 typedef struct sbl__hinge { uint32_t sides[2]; float weights[4]; } sbl__hinge;
 
-/* Names a point by its triangle and its number among the points on that triangle, see sbl__vertices_point. */
+/* A point, given by its triangle and its number among the points on that triangle, see sbl__vertices_point. */
 typedef struct sbl__vertices_place { int triangle, point; } sbl__vertices_place;
 
 typedef struct sbl__vertices {
@@ -17449,8 +17449,8 @@ typedef struct sbl__vertices {
     int64_t points, taken;      /* number of all points; number of points in the finished jobs */
     sbl__vertices_place next_site, next_reading;  /* next point of stage SITES; next point of stage TAKE */
     float *normals;             /* per vertex: sum of its triangles' unit normals; after stage WELD, its normal */
-    uint32_t *unknowns;         /* per vertex: number of its unknown, which is the lowest number of the vertices that
-                                   are welded to it; SBL__NONE if no triangle uses the vertex */
+    uint32_t *unknowns;         /* per vertex: number of its unknown, which is the number of the first vertex that it is
+                                   welded to, or else its own; SBL__NONE if no triangle uses the vertex */
     sbl__hash_table places, ends;  /* vertices by position; sides by their ends */
     uint32_t *corners;          /* per triangle: three vertices; after stage SIDES, their unknowns */
     float *areas;               /* per triangle: area; after stage SIDES, relative to the mean triangle of its mesh */
@@ -17573,7 +17573,7 @@ static int sbl__vertices_same(const void *user, uint32_t one, uint32_t other) {
 }
 
 /* Replaces the sum of the normals of a vertex's triangles by the vertex's normal in the scene, or by the normalized sum
-   if it has none, and welds the vertex. Vertices without triangles or without a normal are not welded. */
+   if the vertex has none, and welds the vertex. A vertex without triangles, or without either normal, is not welded. */
 static sbl_result sbl__vertices_weld(void *work, int vertex) {
     sbl__vertices *s = (sbl__vertices *)work;
     const sbl__geometry *g = sbl__vertices_geometry(s);
@@ -17598,8 +17598,9 @@ static void sbl__hinge_unknowns(const sbl__vertices *s, const sbl__hinge *h, siz
     for (i = 0; i < 4; i++) out[i] = sbl__side_end(s->corners, h->sides[i == 1], i < 2 ? 2 : (uint32_t)i - 2);
 }
 
-/* Computes the weights of a hinge. The weighted sum of the light at its corners is the difference between the slopes of
-   the light on both sides of the edge, when both triangles are unfolded into one plane. It is 0 for linear light. */
+/* Computes a hinge's weights, so that the weighted sum of light is the change of slope across the edge, with both
+   triangles unfolded into one plane, * a b / (a + b), where a and b are their heights above the edge. Weights whose
+   squares sum to more than 1 are scaled so that these sum to 1. If the edge or both heights are 0, all are 0. */
 static void sbl__hinge_make(const sbl__vertices *s, sbl__hinge *h) {
     const sbl__vertex *vertices = sbl__vertices_geometry(s)->vertices;
     const float *p[4];
@@ -17706,7 +17707,7 @@ static sbl_result sbl__vertices_ask(void *work, int site) {
     return SBL_SUCCESS;
 }
 
-/* Adds the reading of a point to the sums of its triangle, or to its back_sums if the point sees mostly back faces. */
+/* Adds a reading, unless it is invalid, to its triangle's sums or, if it is mostly of back faces, to its back_sums. */
 static sbl_result sbl__vertices_take(void *work, int site) {
     sbl__vertices *s = (sbl__vertices *)work;
     const sbl_reading *r = &s->work.readings[site];
@@ -17745,8 +17746,9 @@ static void sbl__vertices_weigh(sbl__vertices *s, size_t unknown, double weight)
     for (k = 0; k < 3; k++) s->solver.diagonal[3 * unknown + (size_t)k] += weight;
 }
 
-/* Adds a triangle's sums to the diagonal and the right-hand side. If some of its points were rejected, springs
-   between its corners stand in for these, because the remaining points may not determine all three corners. */
+/* Adds a triangle's sums (back_sums, too, if the mesh is inside out) to the diagonal and the right-hand side, and marks
+   its corners as lit; does nothing if no point is left. If some points were rejected, also adds springs between the
+   corners (SBL__VERTICES_SPRING), because the remaining points may not determine all three corners. */
 static sbl_result sbl__vertices_mass(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
     const sbl__vertices_part *part = sbl__vertices_part_of(s, triangle, 0);
@@ -17772,8 +17774,7 @@ static sbl_result sbl__vertices_mass(void *work, int triangle) {
 }
 
 /* Multiplies the weights of a hinge by the square root of desc.smoothing * area, and adds their squares to the diagonal
-   of the normal equations. The area is the smaller one of the two triangles, each without the share of its rejected
-   points. */
+   of the normal equations. area: the lesser area of the two triangles, without the shares of rejected points */
 static sbl_result sbl__vertices_bend(void *work, int hinge) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl__hinge *h = &s->hinges[hinge];
@@ -17826,8 +17827,8 @@ static sbl_result sbl__vertices_average(void *work, int unknown) {
 
 /* >>vertices: extending light to unknowns without valid points */
 
-/* Visits the corners of a triangle. A corner without light gets the sum of the light of those corners that have light;
-   their number is added to the corner's entry in s->neighbours. */
+/* To each corner of a triangle that has no light, adds the light of those corners that have light, and their number to
+   the corner's entry in s->neighbours. */
 static sbl_result sbl__vertices_spread(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
     const uint32_t *corners = s->corners + 3 * (size_t)triangle;
@@ -17843,7 +17844,7 @@ static sbl_result sbl__vertices_spread(void *work, int triangle) {
     return SBL_SUCCESS;
 }
 
-/* Divides the sum of the light of an unknown's neighbours by their number. */
+/* If neighbours have added light to an unknown, divides their sum by their number and marks the unknown as lit. */
 static sbl_result sbl__vertices_mean(void *work, int unknown) {
     sbl__vertices *s = (sbl__vertices *)work;
     double *light = s->solver.solution + 3 * (size_t)unknown;
@@ -17960,13 +17961,13 @@ static const sbl__front_end sbl__vertices_front_end = {
 /* ======================================================================================================== >>probes
    The front end for points in the air. Probes are measured in batches, by two kinds of sites: HEMISPHERES measure R for
    normals that lie on rings all over the sphere, and for the six sides of a cube; RAYS trace one ray each. If sensors
-   trace rays, HEMISPHERES measure only the light from lamps, and RAYS measure the light from surfaces and sky. If
-   sensors rasterise views, HEMISPHERES measure all light, and RAYS measure only distances. This is a round. Probes that
-   turn out to be inside something are moved, if desc.move allows it, and measured in another round. */
+   trace rays, HEMISPHERES measure only the light from lamps, and RAYS the light from surfaces and sky, and distances.
+   If sensors rasterise views, HEMISPHERES measure all light, and RAYS only distances. A round measures all sites of a
+   batch. Probes that are inside something are moved, if desc.move allows it, and measured in another round. */
 
-/* Number of rings of normals, and number of normals on a ring (AROUND), if sensors trace rays or, for VIEW, rasterise
-   views. With these numbers, the aliasing of a point light is at most 0.4 % (rays) or 1.4 % (views) of the norm of the
-   light's first four coefficients. */
+/* RINGS: number of rings of normals; AROUND: number of normals on a ring; VIEW: if sensors rasterise views, otherwise
+   if they trace rays. With these numbers, the aliasing of a point light is at most 0.4 % (rays) or 1.4 % (views) of the
+   norm of the light's first four coefficients. */
 #define SBL__PROBE_RINGS 10
 #define SBL__PROBE_AROUND 32
 #define SBL__PROBE_VIEW_RINGS 6
@@ -18006,8 +18007,8 @@ typedef struct sbl__probes {
     sbl_probes_desc desc;          /* with defaults */
     sbl__spec specs[SBL__PROBE_KINDS];
     int lamps_apart;               /* 1: sensors trace rays, so HEMISPHERES measure only the light from lamps */
-    int rings, around;             /* normals lie on circles of equal z: number of circles; number of normals on each */
-    double ring[SBL__PROBE_RINGS], ring_weight[SBL__PROBE_RINGS];  /* z of each circle, 0 to 1; weights, with sum 1 */
+    int rings, around;             /* number of rings of normals, each of one |z|; number of normals on a ring */
+    double ring[SBL__PROBE_RINGS], ring_weight[SBL__PROBE_RINGS];  /* |z| of each ring, 0 to 1; weights, with sum 1 */
     uint32_t *sequence;            /* sbl__sequence_at makes the directions of a probe's rays from it */
     sbl__probe_sum *sums;          /* one entry for each probe of the batch that is measured in this round */
     int first, taken;              /* first probe of the batch; number of probes in the batch */
@@ -18174,7 +18175,7 @@ static int sbl__probes_round(sbl__probes *g) {
     return sbl__probes_next_job(g);
 }
 
-/* Begins a batch with the probes from g->first on. */
+/* Begins a batch with the probes from g->first on, or ends the work if there are none. */
 static int sbl__probes_batch(void *work) {
     sbl__probes *g = (sbl__probes *)work;
     int i;
@@ -18226,7 +18227,7 @@ static void sbl__probe_add(const sbl__probes *g, sbl__probe_sum *sum, int site, 
     }
 }
 
-/* Adds the distance at which a ray hit a surface. exits: 1: also remembers the nearest back face of each octant */
+/* If a ray hit a surface, counts it and adds its distance. exits: 1: also notes the nearest back face of each octant */
 static void sbl__probe_meet(sbl__probe_sum *sum, const double d[3], const sbl_reading *r, int exits) {
     const int octant = (d[0] > 0) | (d[1] > 0) << 1 | (d[2] > 0) << 2;
     const double distance = (double)r->hit_mean;
@@ -18266,7 +18267,7 @@ static sbl_result sbl__probes_take(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Converts the sums of a probe to the probe that the host gets. */
+/* Makes the probe that the host gets. If a sum is not finite, the probe is invalid and all else but position is 0. */
 static void sbl__probe_make(const sbl__probes *g, const sbl__probe_sum *sum, sbl_probe *out) {
     int i, k, finite;
     memset(out, 0, sizeof *out);
@@ -18302,8 +18303,8 @@ static int sbl__probe_move(const sbl__probes *g, sbl__probe_sum *sum) {
     return 1;
 }
 
-/* Ends a round: writes the probes to the host's array, and begins the next round with the invalid probes that can move.
-   A probe that is invalid in every round keeps the result of the first round. */
+/* Ends a round: writes the probes to the host's array, and begins the next round with the invalid probes that can move
+   or, if there are none, the next batch. A probe that is invalid in every round keeps the result of the first round. */
 static int sbl__probes_close(sbl__probes *g) {
     sbl_stats *stats = &g->work.core->stats;
     int i, left = 0;
@@ -18364,7 +18365,7 @@ static const sbl__front_end sbl__probes_front_end = {
 
 #define SBL__INSPECT_ACROSS 64  /* width in texels of the target that the program for rays towards lamps draws into */
 
-/* The result, which the host may read until the next inspection. */
+/* Data that outlive an inspection. The host may read the arrays until the next one, or until the map is freed. */
 typedef struct sbl__inspection {
     sbl__job job;               /* kept, because the next inspection uses its textures again */
     sbl_sensor_ray *rays;
@@ -18462,7 +18463,7 @@ static sbl_result sbl__inspect_run(const sbl__inspect_request *k, int lamps, con
     return result;
 }
 
-/* Reads the rays over the hemisphere. The sheet is one row with a texel per ray. */
+/* Traces the rays over the hemisphere again and reads each. The sheet is one row with a texel per ray. */
 static sbl_result sbl__inspect_rays(sbl__inspect_request *k) {
     sbl__base *base = &k->core->base;
     const sbl__task *task = &k->found->job.task;
@@ -18657,8 +18658,8 @@ static void sbl__inspect_tell(sbl__inspect_request *k) {
     out->lamps = k->found->lamps;
 }
 
-/* Repeats the first look of the pixel's sensor, in the slot that this look had, so that every rounding is the same. A
-   pixel without a sensor gets the look that one would begin with. */
+/* Repeats the first look of the pixel's sensor, in the slot that this look had, so that every rounding is the same. For
+   a pixel without a sensor, takes the look that a sensor would take first. */
 static sbl_result sbl__inspect(sbl__inspect_request *k) {
     sbl__core *c = k->core;
     sbl__inspection *f = k->found;
@@ -18819,8 +18820,8 @@ static sbl_result sbl__trial(sbl__core *c) {
 
 #ifdef SBL_EGL
 
-/* A GL context of EGL and the surfaces that are used with it. These fields are 0 if there is no context. `api` is the
-   API that the host has bound. Only the host's saved state has it, also if no context is current; elsewhere it is 0. */
+/* A GL context of EGL and the surfaces that are used with it; these fields are 0 if there is no context. api: in a
+   saved state of the host, the API that the host has bound; 0 if nothing was saved, and in sbl_context.egl */
 typedef struct sbl__egl { EGLDisplay display; EGLContext context; EGLSurface draw, read; EGLenum api; } sbl__egl;
 
 static sbl_gl_function sbl__egl_function(const char *name, void *user) {
@@ -18837,13 +18838,13 @@ static void sbl__egl_destroy(sbl__egl *e) {
     memset(e, 0, sizeof *e);
 }
 
-/* Returns the error of an EGL function that has failed. Some drivers set none. */
+/* Returns the error of an EGL function that has failed; EGL_NOT_INITIALIZED if the driver has set none. */
 static EGLint sbl__egl_error(void) {
     const EGLint error = eglGetError();
     return error == EGL_SUCCESS ? EGL_NOT_INITIALIZED : error;
 }
 
-/* Logs that the library's own context cannot be made current, and returns the result for the host. */
+/* Logs that the library's own context cannot be made current, and returns SBL_ERROR_STATE. */
 static sbl_result sbl__egl_refuse(const sbl__base *base, const char *function) {
     sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_NO_GL, "%s: the headless context cannot be made current, because a GL "
              "context of another interface, such as GLX, is current in this thread; release that one before "
@@ -18935,8 +18936,8 @@ static void sbl__egl_leave(const sbl__egl *e, const sbl__egl *b) {
     if (b->context != EGL_NO_CONTEXT) eglMakeCurrent(b->display, b->draw, b->read, b->context);
 }
 
-/* Returns whether the library's own context, if there is one, can be made current. If another context of EGL is
-   current, it can. */
+/* Returns 1 if the library's own context can be made current or there is none, 0 if a context of another interface is
+   current. If a context of EGL is current, the result is 1. */
 static int sbl__egl_ready(const sbl__egl *e) {
     sbl__egl before;
     int ready;
@@ -18970,8 +18971,8 @@ static void sbl__egl_destroy(sbl__egl *e) { (void)e; }
 #endif
 
 /* ======================================================================================================== >>public
-   The functions declared above. Each checks its arguments, saves and sets the host's GL state, delegates to a room, and
-   restores the state. */
+   The functions declared above. Those that use GL check their arguments, save the host's GL state and set that of
+   sbl.h, delegate to a room, and restore the host's state. */
 
 /* The front ends: verb, noun and struct. A row makes the public functions sbl_begin_NOUN and sbl_VERB_NOUN, and the
    field NOUN of sbl_context. */
@@ -18982,10 +18983,10 @@ static void sbl__egl_destroy(sbl__egl *e) { (void)e; }
     X(bake, vertices, sbl__vertices) \
     X(bake, probes, sbl__probes)
 
-/* What the context is doing. It decides what callbacks may call. NOTHING allows everything. PROGRESS, between two
-   pieces of work, allows sbl_progress, the query functions and the reading of channels. WORK and REFUSAL allow only
-   sbl_progress and the query functions. REFUSAL: a refused call is being logged; if the logger makes a call that is
-   refused, too, no message is logged. */
+/* What the context is doing, which decides what callbacks may call. NOTHING: no call is in progress; everything is
+   allowed. PROGRESS: the progress callback runs; sbl_progress, the query functions and the reading of channels are
+   allowed. WORK: any other part of a call; only sbl_progress and the query functions are allowed. REFUSAL: a refused
+   call is being logged; as WORK, but calls of the logger that are refused are not logged. */
 typedef enum sbl__inside {
     SBL__INSIDE_NOTHING, SBL__INSIDE_PROGRESS, SBL__INSIDE_WORK, SBL__INSIDE_REFUSAL
 } sbl__inside;
@@ -19022,14 +19023,14 @@ static void sbl__visit_leave(sbl_context *c, const sbl__visit *v) {
     c->inside = v->inside;
 }
 
-/* Logs why a public function refuses a call, and returns the error that the function must return. */
+/* Logs why a call is refused. Returns SBL_ERROR_STATE if item is WRONG_ORDER, otherwise SBL_ERROR_INVALID_ARGUMENT. */
 static sbl_result sbl__refuse(const sbl_context *c, sbl_log_item item, const char *function, const char *why) {
     sbl__log(&c->core.base, SBL_LOG_ERROR, item, "%s: %s", function, why);
     return item == SBL_LOG_ITEM_WRONG_ORDER ? SBL_ERROR_STATE : SBL_ERROR_INVALID_ARGUMENT;
 }
 
-/* Checks that a public function may be called: the context exists; it is not called by a callback, except as far as
-   `most` allows (see sbl__inside); its own GL context can be made current; and, if scene is 1, there is a scene. */
+/* Returns SBL_SUCCESS if c is not NULL, c->inside is at most `most`, the context's own GL context, if any, can be made
+   current and, if scene is 1, there is a scene. Otherwise returns an error and, unless c is NULL, logs it. */
 static sbl_result sbl__may_call(sbl_context *c, const char *function, sbl__inside most, int scene) {
     sbl__inside inside;
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
@@ -19051,7 +19052,7 @@ static sbl_result sbl__may_call(sbl_context *c, const char *function, sbl__insid
 
 static int sbl__is_shown(const sbl_context *c, const sbl__work *work) { return c->map && work == &c->map->work; }
 
-/* Frees work that was begun, finished or not. */
+/* Frees work, finished or not. Sets c->work and c->map to NULL if they point to it. work: may be NULL */
 static void sbl__drop(sbl_context *c, sbl__work *work) {
     if (!work) return;
     if (sbl__is_shown(c, work)) {
@@ -19069,7 +19070,7 @@ static void sbl__drop_all(sbl_context *c) {
     sbl__bounce_end(&c->core);
 }
 
-/* Drops the work that was begun last, unless it is a finished picture or lightmap. A half-filled store stays. */
+/* Drops the work begun last, unless it is a finished picture or lightmap. Frees the job. A half-filled store stays. */
 static void sbl__abandon(sbl_context *c) {
     if (c->work && !(sbl__is_shown(c, c->work) && sbl__work_is_done(c->work))) sbl__drop(c, c->work);
     sbl__job_free(&c->core.device, &c->core.job);
@@ -19094,7 +19095,7 @@ static void sbl__context_free(sbl_context *c) {
     sbl__free(&base, c);
 }
 
-/* Compiles all programs that this driver can need, except those of inspections and of directional lightmaps. */
+/* Compiles all programs that this driver can need, except variants with SBL__INSPECT, SBL__DIRECTIONAL or SBL__WIDE. */
 static sbl_result sbl__compile_all(sbl__device *d) {
     static const sbl__recipe *const recipes[] = {
         &sbl__recipe_visibility, &sbl__recipe_gbuffer, &sbl__recipe_trace, &sbl__recipe_cast, &sbl__recipe_lamps,
@@ -19282,7 +19283,7 @@ SBL_API sbl_result sbl_set_mesh_transform(sbl_context *c, int mesh, const float 
 
 /* >>public: begin, step, end */
 
-/* Checks desc, drops former work, and begins work. work: the front end's struct in the context */
+/* Checks desc, drops work under way and, if f->is_map, a finished map, and begins `work`, a front end's struct in c. */
 static sbl_result sbl__begin(sbl_context *c, void *work, const sbl__front_end *f, const void *desc) {
     const double start = sbl__now();
     sbl__measurement measurement;
@@ -19315,7 +19316,7 @@ static sbl_result sbl__begin(sbl_context *c, void *work, const sbl__front_end *f
 SBL__FRONT_ENDS(SBL__X)
 #undef SBL__X
 
-/* Does one piece of the work, then calls the progress callback. */
+/* Does one piece of work and, if it succeeds, calls the progress callback. SBL_CANCELLED: the callback cancels. */
 static sbl_result sbl__context_step(sbl_context *c, sbl__slice *slice) {
     sbl__core *core = &c->core;
     sbl__work *w = c->work;
@@ -19380,8 +19381,8 @@ SBL_API int sbl_channel_components(sbl_channel channel) {
     return (int)channel >= 0 && channel < SBL_CHANNEL_COUNT ? sbl__channels[channel].components : 0;
 }
 
-/* Makes a preview if the channel shows light and the map is not finished. SBL_SUCCESS: the channel can be read;
-   SBL_UNFINISHED: it is too early. */
+/* If the channel shows light and the map is not finished, calls sbl__map_watch, which may make a preview. SBL_SUCCESS:
+   the channel can be read; SBL_UNFINISHED: it is too early; SBL_ERROR_STATE: there is no map. */
 static sbl_result sbl__channel_ready(sbl_context *c, const char *function, sbl_channel channel) {
     sbl__visit visit;
     sbl_result result;

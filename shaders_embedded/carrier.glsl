@@ -1,7 +1,7 @@
-// Shared by all programs that trace rays for sensors. Each look (see >>sensors in sbl.h) has a slot of blocks.x *
-// blocks.y texels in the outputs, and one invocation computes each texel. The programs run either as fragment
-// shaders, drawn over the slots, or as compute shaders, in which the invocations of a slot have consecutive
-// numbers.
+// Shared by all programs that trace rays. Each look (see >>sensors in sbl.h), or each ray of cast.glsl, has a slot
+// of blocks.x * blocks.y texels in the outputs, and one invocation computes each texel. The programs run either as
+// fragment shaders, drawn over the slots, or as compute shaders, in which the invocations of a slot have
+// consecutive numbers.
 uniform ivec2 blocks;            // size of a slot, texels; at most 4 wide, so that parallel invocations trace
                                  // neighbouring rays
 uniform int columns;             // number of slots in a row of the outputs

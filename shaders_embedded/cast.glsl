@@ -1,9 +1,9 @@
 // Finds the first hit of each ray. A ray with a negative limit leaves a surface, whose normal is `direction`, in a
-// random direction with cosine distribution.
-// out_place: xyz: position of the hit, far away if nothing was hit; w: 0 if nothing was hit, otherwise 1 + low
-// bits of the triangle's number, negative for its back side. If the driver ended a loop early, nothing was hit
+// random direction with cosine distribution; -limit is its maximum length.
+// out_place: xyz: position of the hit, far away if nothing was hit; w: 1 + triangle's number % SBL_CAST_NUMBERS,
+// negative for its back side; 0 if nothing was hit or the driver ended a loop early
 SBL_OUT(0, out_place);
-// rgb: albedo for bounced light; a: high bits of the triangle's number; SBL_LOST: the driver ended a loop early
+// rgb: albedo for bounced light; a: triangle's number / SBL_CAST_NUMBERS; SBL_LOST: loop ended early
 SBL_OUT(1, out_albedo);
 
 void main() {

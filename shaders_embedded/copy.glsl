@@ -1,4 +1,4 @@
-// Copies a texture of the host. texelFetch applies the texture's sRGB decoding and swizzle.
+// Copies level 0 of a texture of the host. texelFetch applies the texture's sRGB decoding and swizzle.
 uniform sampler2D source;
 layout(location = 0) out vec4 out_color;
 

@@ -1,5 +1,6 @@
-// The Gaussian of section III-H over pixels with the same id, normalised. Outside paper mode, weights are also
-// reduced for pixels whose normal or plane differs, or whose R or harmonics differ by more than noise explains.
+// The Gaussian of section III-H over pixels with the same id, normalised. If geometry_aware is set,
+// weights are also reduced for pixels whose normal, plane or R differs by more than noise explains. Harmonics that
+// differ by more than their noise always reduce weights.
 uniform sampler2D radiance;  // R; a: its noise, above 0 where there is a surface
 uniform sampler2D layer;     // SBL_DIRECTIONAL: a layer of harmonics, which is smoothed instead of R
 uniform sampler2D positions, normals;

@@ -1,7 +1,7 @@
 // Computes the surface points that the camera's pixels, or the texels of a lightmap, show.
 uniform usampler2D triangles;  // output of visibility_fragment.glsl; lightmaps: see SBL__ATLAS_WORDS
-uniform float facet_limit;     // pixels. Triangles whose least height, seen face-on, is below this get their
-                               // geometric normal, above twice this their shading normal, in between a mixture
+uniform float facet_limit;     // pixels; 0: not used. Triangles whose least height, seen face-on, is below it get
+                               // the geometric normal, above twice it the shading normal, in between a mixture
 layout(location = 0) out vec4 out_position;          // w: sbl_Surface.reach, see surface.glsl
 layout(location = 1) out vec4 out_normal;
 layout(location = 2) out vec4 out_geometric_normal;

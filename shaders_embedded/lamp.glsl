@@ -24,7 +24,7 @@ struct sbl_Lamp {
     ivec2 texel;               // texel: its column and row in the environment's picture
     int triangle, number;      // triangle: its number in the hierarchy's order and in the scene; else number is -1
     vec2 group;                // (0, 1) if it is a triangle that shows the sensor its back; else (1, 0)
-    bool glow;                 // true: a glow, which is a triangle for all other fields: that of the surface
+    bool glow;                 // true: a glow; its kind is SBL_LAMP_TRIANGLE, and it is a part of `triangle`
 };
 
 bool sbl_is_light(sbl_Lamp l) { return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT); }
@@ -137,7 +137,7 @@ float sbl_round(float z, float sine2) {
     return (z * acos(y) - x * w + atan(w, x) / sine2) / SBL_PI;
 }
 
-// R from an unobstructed lamp. For a texel it is approximate: positive if any of the texel is above the horizon.
+// R / unit from an unobstructed lamp. For a texel it is approximate: above 0 if any of it is above the horizon.
 vec3 sbl_unhindered(sbl_Lamp l) {
     float factor = 0.0;
     if (l.kind == SBL_LAMP_TRIANGLE) {
@@ -150,7 +150,7 @@ vec3 sbl_unhindered(sbl_Lamp l) {
     return l.brightness * factor;
 }
 
-// The first four spherical harmonics of an unobstructed lamp, from its solid angle and from the integral of
+// The first four spherical harmonics / unit of an unobstructed lamp, from its solid angle and from the integral of
 // directions over it (`way`). If the horizon cuts a round lamp, all but the part along the normal is approximate.
 mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {
     float solid_angle = 0.0;
@@ -202,7 +202,7 @@ sbl_Cluster sbl_cluster(int node) {
                        int(beyond & ~SBL_FAR_NODE));
 }
 
-// Approximate light of an unobstructed cluster; 0 only if none of its lamps gives light to the sensor.
+// Approximate light / unit of an unobstructed cluster; 0 only if none of its lamps gives light to the sensor.
 float sbl_strength(int node, sbl_Cluster c) {
     vec3 square = sbl_lamp_node_square(node), mixed = sbl_lamp_node_mixed(node), front = sbl_lamp_node_front(node);
     float distance2 = max(dot(c.to, c.to), 1e-37), spread = min(c.radius * inversesqrt(distance2), 1.0);

@@ -33,15 +33,15 @@ const bool directional = false;
 #endif
 #endif
 const int SBL_CERTAIN = 32;         // maximum number of point lights that get one ray each
-const float SBL_STRATA = 1.5;       // variance from n stratified points: SBL_STRATA / sqrt(n) times that from
-                                    // independent points: measured with shadow edges on a lamp
+const float SBL_STRATA = 1.5;       // the variance from n stratified points is SBL_STRATA / sqrt(n) times that
+                                    // from independent points (measured with shadow edges on a lamp)
 const float SBL_STRATA_LOST = 0.6;  // upper limit of SBL_STRATA / sqrt(n), for few points per lamp
 const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this share of its distance
 const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles the opening
-const float SBL_SPARSE = 16.0;      // a group to which a part sends fewer rays on average is `sparse`: no ratio
+const float SBL_SPARSE = 16.0;      // a group with fewer rays per part than this on average is `sparse`: no ratio
 const int SBL_PASS_RAYS = 32;       // minimum number of rays per pass
 const float SBL_PASS_CROWD = 16.0;  // maximum of (number of passes) * (effective number of entries)
-const int SBL_RIM_LAMPS = 8;        // with more entries than this, none gets rim samples (rays to its edge)
+const int SBL_RIM_LAMPS = 8;        // with more entries than this, no lamp gets rim samples (rays to its edge)
 const int SBL_CORNERS = 3;          // number of rim samples of a triangle, one close to each corner
 const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // a rim sample's barycentrics: close corner, others
 const int SBL_RIM = 12;             // number of rim samples of a round lamp
@@ -308,7 +308,7 @@ int sbl_pass_count() {
 void main() {
     ivec2 at = sbl_texel_of_invocation();
     int wanted = at.y * blocks.x + at.x;  // number of the ray or, from `rays` on, of the entry to report
-    int certain_ray = rays + SBL_LAMPS - 1 - wanted;  // point light to report; 0: the last of `entries`
+    int certain_ray = rays + SBL_LAMPS - 1 - wanted;  // point light to report: its index from the end of `entries`
 #ifdef SBL_INSPECT
     int part = 0, slot = sheet_slot;
     if (wanted >= rays + SBL_LAMPS) sbl_leave;

@@ -1,4 +1,4 @@
-// How surfaces emit and reflect light, and where they have holes. No other shader reads a material. >>material in
+// How surfaces emit and reflect light, and where they have holes. Other shaders read only its flags. >>material in
 // sbl.h does the same on the CPU.
 uniform float epsilon;     // ambient factor: a surface that does not emit has the radiance epsilon * albedo
 uniform bool lamps_apart;  // true: lamps.glsl adds the light of emitters, so sbl_outgoing leaves it out
@@ -51,7 +51,7 @@ bool sbl_outgoing_is_plain(int object, bool back) {
 }
 
 // Radiance that a surface sends towards a sensor, without the stored light that it reflects: Ck of equations 1 and
-// 2. It is the emission of an emitter; for other surfaces, epsilon times the albedo.
+// 2. It is the emission of an emitter, or 0 if lamps_apart; for other surfaces, epsilon times the albedo.
 vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {
     bool emits = sbl_emits(object, back);
     vec3 radiance = emits ? sbl_object_emission(object) : epsilon * sbl_object_albedo(object);

@@ -21,7 +21,7 @@ layout(location = 1) out vec4 out_display;
 const int SBL_REACH = 2;                // R is taken from pixels at most this far away in x and y
 const float SBL_NEAR_ENOUGH = 0.05;     // least sum of weights at which the four nearest pixels suffice
 const float SBL_SAME_ID = 1e-3;         // weight of a pixel with the same id that does not belong to the surface
-const float SBL_OTHER_ID = 0.01;        // + cosine of the normals: weight of a pixel if none has the sample's id
+const float SBL_OTHER_ID = 0.01;        // weight of pixels if none has the sample's id: this + cosine of normals
 
 // Returns the radiance of the environment picture in a direction, bilinearly filtered.
 vec3 sbl_sky_smooth(vec3 direction) {
@@ -38,7 +38,7 @@ vec3 sbl_sky_smooth(vec3 direction) {
 }
 
 // Returns R at the sample: from those of the four nearest pixels that belong to its surface; if their weight is
-// too small, from pixels with its id within SBL_REACH; if there are none, from all pixels there.
+// too small, from pixels with its id within SBL_REACH; if there are none, from all surfaces there, or else 0.
 vec3 sbl_light_at(ivec2 at, uint id) {
     ivec2 size = textureSize(radiance, 0), least = at + ivec2(floor(offset));
     vec3 p = texelFetch(sample_positions, at, 0).xyz, n = texelFetch(sample_normals, at, 0).xyz;

@@ -1,6 +1,6 @@
 // Writes a texel of a sensor's view.
 layout(location = 0) out vec4 out_radiance;  // radiance towards the sensor (Ck of the paper);
-                                             // distance along the view's axis, negative for a back face
+                                             // distance along the view's axis in scene extents, < 0: back face
 in vec3 place;                               // x, y and w of the position in clip space
 uniform vec2 view_texture_size;              // texels
 uniform float radiance_scale;

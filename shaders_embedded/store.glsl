@@ -5,14 +5,14 @@ uniform int first_cell;    // texel at which the hash table begins; each texel h
 uniform int cell_mask;     // number of slots in the hash table - 1
 uniform vec3 cell_origin;  // origin of the grid of cells
 uniform float per_cell;    // 1 / length of a cell of level 0
-uniform int glows;         // number of glows (see >>glow in sbl.h)
+uniform int bright_cells;  // number of cells with bright leaves (see >>glow in sbl.h); 0: there are no glows
 
 uint sbl_hash_step(uint hash, uint x) {
     hash = (hash ^ x) * SBL_HASH_FACTOR;
     return hash ^ hash >> SBL_HASH_SHIFT;
 }
 
-// True if rays of this length read cells for near rays.
+// Returns true if rays of this length read the cells for near rays.
 bool sbl_is_near(float distance) { return distance * per_cell * float(SBL_NEAR_PART) < 1.0; }
 
 // Returns 1 + the number of the leaf at a position on triangle `number` of the scene, or 0 if there is none.
@@ -51,15 +51,15 @@ int sbl_leaf_at(int number, bool back, vec3 position, float distance) {
     return int(reference);
 }
 
-// R of a leaf, as sbl_leaf_at returns it
+// Returns R of a leaf; 0 if there is none. leaf: what sbl_leaf_at returns
 vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : abs(sbl_leaf_light(leaf - 1)); }
 
-// Returns the part of R at a position that lamps.glsl measures: all of it where rays from afar read a bright leaf.
-// leaf: what sbl_leaf_at returns for the parameters
+// Returns the R that lamps.glsl measures at a position: R of the leaf that rays from afar read there, if it is
+// bright, otherwise 0. leaf: what sbl_leaf_at returns for the other parameters
 vec3 sbl_glowing(int leaf, int number, bool back, vec3 position, float distance) {
-    for (int i = 0; i < (glows > 0 && sbl_is_near(distance) ? 1 : 0); i++)
+    for (int i = 0; i < (bright_cells > 0 && sbl_is_near(distance) ? 1 : 0); i++)
         leaf = sbl_leaf_at(number, back, position, SBL_UNBOUNDED);
-    vec3 light = leaf == 0 || glows == 0 ? vec3(0) : sbl_leaf_light(leaf - 1);
+    vec3 light = leaf == 0 || bright_cells == 0 ? vec3(0) : sbl_leaf_light(leaf - 1);
     return floatBitsToInt(light.r) < 0 ? abs(light) : vec3(0);
 }
 

@@ -13,7 +13,7 @@ struct sbl_Surface {
 };
 
 const float SBL_INSET = 6e-6;  // least distance of points from the sides of their triangle, divided by reach.
-                               // Views need four times the distance of sensors from their surface, SBL_OFFSET
+                               // Views need four times SBL_OFFSET, the distance of sensors from their surface
 
 // Returns the interpolated normal or, if that is too short, `face`, on the side of geometric_normal. A normal that
 // turns away from the viewer would aim the sensor at its own surface, so the cosine is kept above SBL_GRAZING.
@@ -37,8 +37,8 @@ sbl_Attributes sbl_mix_attributes(ivec3 v, vec3 b) {
     return sbl_Attributes(at.uv, at.color / SBL_COLOR_MOST);
 }
 
-// A triangle: vertex numbers, first corner, and the edges from there. size: largest component of both edges. s1,
-// s2: edges divided by size, whose cross products do not underflow
+// A triangle: vertex numbers, first corner, and the edges from there. size: largest absolute value of the edges'
+// components. s1, s2: edges divided by size, so that their cross product does not underflow
 struct sbl_Facet {
     ivec3 v;
     vec3 p0, e1, e2, s1, s2;

@@ -1,6 +1,6 @@
-// Begins every shader. The #defines of the program's features and of the constants that C shares precede it; the
-// functions that read records follow it (see >>records in sbl.h). Tables that grow with the scene are buffer
-// textures or, if they exceed the driver's limit of buffer textures, 2D textures (see sbl__table_attach).
+// Precedes the files of every shader. Before it come the #defines of the program's features and of the constants
+// that C shares; after it come the functions that read records (see >>records in sbl.h). Tables that grow with the
+// scene are buffer textures or, if they exceed the driver's limit, 2D textures (see sbl__table_attach).
 #ifdef SBL_WIDE
 #define sbl_Texels usampler2D
 #define sbl_fetch(texels, i) texelFetch(texels, ivec2((i) & (SBL_TEXELS_ACROSS - 1), (i) >> SBL_TEXELS_SHIFT), 0)

@@ -2,9 +2,9 @@
 uniform int tone;                    // sbl_tone
 uniform float exposure;              // factor applied to radiance
 const int SBL_TONE_NEUTRAL = 2, SBL_TONE_AGX = 3;
-const float SBL_TONE_MOST = 1e8;     // greater values are cut, so that no difference below is infinite
+const float SBL_TONE_MOST = 1e8;     // greater values, infinity included, are lowered to this
 
-// PBR Neutral (Khronos Group 2024): keeps colours as they are up to about 0.8, and fades brighter ones to white.
+// PBR Neutral (Khronos Group 2024): subtracts up to 0.04 from all channels, and fades colours above 0.8 to white.
 const float SBL_NEUTRAL_TOE = 0.08, SBL_NEUTRAL_KNEE = 0.76, SBL_NEUTRAL_FADE = 0.15;
 
 vec3 sbl_neutral(vec3 c) {

@@ -1,8 +1,9 @@
 // Traces a part of a look's rays over the hemisphere, whose directions have a cosine distribution, and sums them.
-// The outputs are those of reduce_blocks.glsl; out_hits.w is the variance of the luminance.
+// The outputs are those of reduce_blocks.glsl, but out_hits.w is the variance of the luminance of this part, and
+// out_hits.z is SBL_LOST if rays were lost.
 uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each
 uniform int rays;                     // number of rays per look
-uniform int paired;                   // 1: an invocation traces pairs of rays; 0: single ones
+uniform int paired;                   // log2 of the rays per group: 1: an invocation traces pairs; 0: single rays
 uniform bool no_light;                // true: rays cannot find light; only a site's first look traces them
 uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal
 uniform float distance_limit;         // larger distances of hits count as this distance in the mean
@@ -19,8 +20,8 @@ const float SBL_NEIGHBOURS = 0.62;  // measured variance / its estimate from pai
 
 // Radiance that leaves a hit towards the ray's origin. first, last: true for the first and the last segment of a
 // ray. goes_on: set to true if the hit is near. The radiance then lacks all reflected light, which further rays
-// find. The first segment leaves out the light of glows, which lamps.glsl measures for the sensor; later segments
-// find it.
+// find. material: set only with SBL_BOUNCED. The first segment leaves out the light of glows, which lamps.glsl
+// measures for the sensor; later segments find it.
 vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool first, bool last, out bool goes_on, out sbl_Material material) {
     int object = int(sbl_triangle_object(hit.triangle));
     sbl_Attributes at = SBL_PLAIN;
@@ -30,7 +31,7 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool first, bool last, out bool goes_
 #ifdef SBL_BOUNCED
     material = sbl_material(object, at);
     goes_on = !last && sbl_is_near(hit.distance);
-    if (!goes_on || glows > 0) {
+    if (!goes_on || bright_cells > 0) {
         int leaf = sbl_leaf_at(hit.number, hit.back, place, hit.distance);
         vec3 light = goes_on ? vec3(0) : sbl_light_of(leaf);
         if (first) light -= sbl_glowing(leaf, hit.number, hit.back, place, hit.distance);

@@ -94,8 +94,8 @@ void sbl_test(int triangle, sbl_Ray ray, inout sbl_Hit hit) {
         hit = sbl_Hit(l, triangle, number, v / determinant, w / determinant, (determinant < 0.0) == (ray.z > 0.0));
 }
 
-// Returns the first hit after (after, past) at a distance below `limit`. Hits are ordered by distance and, at the
-// same distance, by the number of their triangle.
+// Returns the first hit after (after, past) at a distance below `limit`; if there is none, its triangle is -1.
+// Hits are ordered by distance and, at the same distance, by the number of their triangle.
 sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float limit) {
     sbl_Hit hit = sbl_Hit(limit, -1, -1, 0.0, 0.0, false);
     vec3 size = abs(direction);
@@ -142,7 +142,7 @@ sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float li
     return hit;
 }
 
-// Returns the nearest hit whose distance is below `limit`. Rays continue behind holes.
+// Returns the nearest hit below `limit` that is not in a hole (but see SBL_HOLES). No hit: the triangle is -1.
 sbl_Hit sbl_trace(vec3 origin, vec3 direction, float limit) {
     sbl_Hit hit = sbl_Hit(0.0, -1, 0x7fffffff, 0.0, 0.0, false);
     bool solid = false;
