@@ -1256,9 +1256,9 @@ typedef struct sbl_probe {
     float cube[6][3];          /* ambient cube: R on a surface that faces +x, -x, +y, -y, +z, -z. R(n) is about the mean
                                   of the three sides that n turns to, weighted by the squares of n's components */
     float sky;                 /* share of all directions in which no surface is seen, 0 to 1 */
-    float distance[8];         /* mean world distance to the surfaces seen towards each octant (number: bit 0 is x > 0,
-                                  bit 1 is y > 0, bit 2 is z > 0), with the weights max(0, cosine to the octant's
-                                  middle); 0 if no surface is seen */
+    float distance[8];         /* per octant (number: bit 0 is x > 0, bit 1 is y > 0, bit 2 is z > 0): mean world
+                                  distance to the surfaces seen in the hemisphere about the octant's middle, weighted by
+                                  the cosine to that middle; 0 if no surface is seen there */
     float distance_squared[8]; /* mean of the square of the distance, with the same weights */
     float back_share;          /* share of the directions with surfaces in which back faces are seen */
     int valid;                 /* 0: the probe is inside something, its light overflows, or rays were lost */
@@ -1848,7 +1848,7 @@ static void sbl__free(sbl__base *base, void *pointer) {
    the array; *room: capacity in elements. If the capacity grows, it at least doubles, except near INT_MAX, so that
    appending takes constant time on average. Returns 1; or 0, with nothing changed, if memory is exhausted. */
 static int sbl__grow(sbl__base *base, void *array, int *room, int needed, size_t size) {
-    const int more = needed > INT_MAX / 2 - 1024 ? needed : SBL__MAX(needed, *room * 2 + 1024);
+    const int more = needed > INT_MAX / 2 - 1024 ? needed : SBL__MAX(needed, (needed > *room ? *room : 0) * 2 + 1024);
     void *old, *grown;
     if (needed <= *room) return 1;
     memcpy(&old, array, sizeof old);
@@ -2529,7 +2529,7 @@ typedef struct sbl__record {
 #define SBL__TEXTURE_FLOAT 2u      /* kind of a texture: 16-bit float */
 #define SBL__TEXTURE_KIND 3u       /* mask of the kind; 0 means that there is no texture */
 #define SBL__TEXTURE_CLAMPS 4u     /* flag: coordinates are clamped; otherwise the texture repeats */
-#define SBL__LEAF 0x80000000u      /* LEAF, ENTER: bits of a reference, see sbl__node; LEAVE, END: only in ray stacks */
+#define SBL__LEAF 0x80000000u      /* LEAF, ENTER: top bits of a reference, see sbl__node; LEAVE, END: in ray stacks */
 #define SBL__ENTER 0xc0000000u
 #define SBL__LEAVE 0xd0000000u
 #define SBL__END 0xffffffffu
@@ -3044,7 +3044,11 @@ static sbl_result sbl__program_need(sbl__device *d, const sbl__recipe *recipe, u
     sbl__program *program = &d->programs[d->compiled.count];
     sbl_result result;
     if (sbl__program_find(d, recipe, features)) return SBL_SUCCESS;
-    if (d->compiled.count == SBL__PROGRAMS_MOST) return SBL_ERROR_UNSUPPORTED;
+    if (d->compiled.count == SBL__PROGRAMS_MOST) {
+        sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "there is no room for the program \"%s\": the table "
+                 "holds %d", recipe->name, SBL__PROGRAMS_MOST);
+        return SBL_ERROR_UNSUPPORTED;
+    }
     program->recipe = recipe;
     program->features = (features | d->features) & recipe->features;
     d->gl.doing = "making shader programs";
@@ -5979,7 +5983,7 @@ static void sbl__lamp_of_texel(const sbl__environment *e, int at, sbl__lamp *lam
                    sbl__sum3(c) * (1 - e->limit / sbl__max3(c)) * solid_angle, 1);
 }
 
-/* Returns the number of glows and, unless only_glows is 1, triangles, lights and texels: the order of candidates. */
+/* Returns the number of candidates. Their order: glows and, unless only_glows is 1, triangles, lights, texels. */
 static int sbl__lamps_candidates(void *work) {
     const sbl__lamps *l = (const sbl__lamps *)work;
     const sbl__environment *e = l->environment;
@@ -6595,7 +6599,9 @@ static sbl_result sbl__store_send(const sbl__device *d, sbl__store *s, const sbl
     sbl__buffer_write(d, buffer, 16 * (size_t)s->first_cell, sizeof *s->cells * (size_t)s->cell_room, s->cells);
     sbl__buffer_write(d, buffer, 16 * (size_t)s->first_cut, sizeof *s->cuts * (size_t)s->cut_count, s->cuts);
     sbl__buffer_write(d, buffer, 16 * (size_t)s->first_leaf, sizeof *s->leaves * (size_t)s->leaf_count, s->leaves);
-    return sbl__table_attach(d, &s->table, SBL__GL_RGBA32UI, g->wide);
+    result = sbl__table_attach(d, &s->table, SBL__GL_RGBA32UI, g->wide);
+    if (g->wide) sbl__buffer_delete(d, buffer);  /* the 2D texture holds a copy */
+    return result;
 }
 
 /* Sets the inputs of store.glsl. */
@@ -6893,7 +6899,11 @@ static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const s
     result = sbl__lights_make(d->base, &others, lights ? lights : s->lights.list, s->lights.count, s->brightest,
                               s->geometry.extent);
     if (result == SBL_SUCCESS) result = sbl__scene_fit(d, s);
-    if (result == SBL_SUCCESS && s->geometry.wide != before.geometry.wide) result = SBL_ERROR_UNSUPPORTED;
+    if (result == SBL_SUCCESS && s->geometry.wide != before.geometry.wide) {
+        sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "the scene needs tables of another kind with these "
+                 "materials or lights; call sbl_set_scene");
+        result = SBL_ERROR_UNSUPPORTED;
+    }
     if (result == SBL_SUCCESS) {
         d->gl.doing = "storing materials";
         result = sbl__geometry_attach_objects(d, &s->geometry);
@@ -8130,8 +8140,10 @@ static void sbl__atlas_square_make(const sbl__atlas *a, int texel, sbl__atlas_sq
     }
     for (i = 0; i < 9; i++) {
         const int x = at[0] + i % 3 - 1, y = at[1] + i / 3 - 1;
-        const uint32_t *word = a->texels + SBL__ATLAS_WORDS * ((size_t)y * (size_t)a->width + (size_t)x);
-        if (x < 0 || y < 0 || x >= a->width || y >= a->height || !word[0] || word[3] != chart) continue;
+        const uint32_t *word;
+        if (x < 0 || y < 0 || x >= a->width || y >= a->height) continue;
+        word = a->texels + SBL__ATLAS_WORDS * ((size_t)y * (size_t)a->width + (size_t)x);
+        if (!word[0] || word[3] != chart) continue;
         for (n = 0; n < s->count && s->triangles[n].number != word[0] - 1; n++) {}
         if (n < s->count) continue;
         sbl__atlas_load(a, word[0] - 1, &s->triangles[s->count++]);
@@ -12192,7 +12204,7 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     return ok ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Queues places that may become points. Returns the stage that makes points of them. */
+/* Makes a list of places, which is not copied, the queue. Returns the stage that makes points of them. */
 static int sbl__bounce_queue(sbl__bounce *b, sbl__hit *list, int count) {
     b->queue.list = list;
     b->queue.count = count;
@@ -12724,18 +12736,24 @@ static double sbl__point_weight(const sbl__bounce *b, int point) {
     return points > SBL__BOUNCE_POINTS ? (double)SBL__BOUNCE_POINTS / points : 1;
 }
 
+/* Computes the radiance that ray number `ray` of a point finds in the environment; 0 if it hits a surface. */
+static void sbl__bounce_ray_sky(const sbl__bounce *b, int point, int ray, float out[3]) {
+    const sbl__hit *hit = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS + (size_t)ray];
+    double direction[3];
+    int k;
+    out[0] = out[1] = out[2] = 0;
+    for (k = 0; k < 3; k++) direction[k] = (double)hit->position[k] - b->points[point].at.position[k];
+    if (hit->distance > SBL__FAR && sbl__normalize(direction))
+        sbl__environment_radiance(&b->core->scene.environment, direction, out);
+}
+
 /* Computes the light of the environment from those rays of a point that hit nothing. */
 static void sbl__bounce_sky(const sbl__bounce *b, int point, float out[3]) {
-    const sbl__hit *hits = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS];
+    float light[3];
     int i, k;
     out[0] = out[1] = out[2] = 0;
     for (i = 0; i < SBL__BOUNCE_RAYS; i++) {
-        double direction[3];
-        float light[3];
-        if (!(hits[i].distance > SBL__FAR)) continue;
-        for (k = 0; k < 3; k++) direction[k] = (double)hits[i].position[k] - b->points[point].at.position[k];
-        if (!sbl__normalize(direction)) continue;
-        sbl__environment_radiance(&b->core->scene.environment, direction, light);
+        sbl__bounce_ray_sky(b, point, i, light);
         for (k = 0; k < 3; k++) out[k] += light[k] / SBL__BOUNCE_RAYS;
     }
 }
@@ -13098,7 +13116,6 @@ static sbl_result sbl__bounce_shine(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *hits = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS];
     const double weight = (double)b->states[b->points[at].leaf].share * sbl__point_weight(b, at);
-    float sky[3];
     int j;
     if (at == 0) {
         memset(b->direct, 0, 3 * sizeof *b->direct * (size_t)b->store->leaf_count);
@@ -13108,17 +13125,20 @@ static sbl_result sbl__bounce_shine(void *work, int at) {
     for (j = 0; j < SBL__BOUNCE_RAYS; j++) {
         float sum[3] = { 0, 0, 0 };
         double light;
-        if (hits[j].leaf == SBL__NOWHERE) continue;
-        sbl__add_reflected(hits[j].albedo, b->store->leaves[hits[j].leaf].light, sum);
-        light = (double)(sbl__luminance(sum) / SBL__SHARE_ONE);
+        if (hits[j].leaf == SBL__NOWHERE) {
+            sbl__bounce_ray_sky(b, at, j, sum);
+            light = (double)sbl__luminance(sum);
+        } else {
+            sbl__add_reflected(hits[j].albedo, b->store->leaves[hits[j].leaf].light, sum);
+            light = (double)(sbl__luminance(sum) / SBL__SHARE_ONE);
+        }
         b->found.light += weight * light;
         b->found.squares += weight * light * light;
+        if (hits[j].leaf == SBL__NOWHERE) continue;
         b->direct[3 * hits[j].leaf] += (float)(weight * light);
         b->direct[3 * hits[j].leaf + 1] += (float)weight;
     }
     b->found.received += weight * (double)sbl__luminance(b->store->leaves[b->points[at].leaf].light);
-    sbl__bounce_sky(b, at, sky);
-    b->found.light += weight * SBL__BOUNCE_RAYS * (double)sbl__luminance(sky);
     b->found.rays += weight * SBL__BOUNCE_RAYS;
     return SBL_SUCCESS;
 }
@@ -13840,7 +13860,7 @@ typedef struct sbl__pixel {
 #define SBL__CONTACT_DISTANCE 2.5f      /* largest distance of a near surface / distance between neighbouring sensors */
 #define SBL__PIXEL_ERROR 0.15f          /* part of a pixel's error that no estimate explains / error of the picture */
 #define SBL__NOISE_IN_BIAS 0.75f        /* raw_bias2 contains this * the variance of the corners' sensors as noise */
-#define SBL__NOISE_IN_SPLITS 1.25f      /* as NOISE_IN_BIAS, for gains of splits; larger, as looks reduce noise too */
+#define SBL__NOISE_IN_SPLITS 1.25f      /* the same for gains of splits; more, as looks can remove that noise instead */
 /* Noise of sensors. */
 #define SBL__LEAST_NOISE 1e-12f         /* least noise of a surface in the radiance map; 0 marks empty pixels */
 #define SBL__NOISE_WEIGHT 4             /* multiple of the variance that sbl__differ adds to the squared threshold */
@@ -14716,6 +14736,7 @@ static void sbl__refine_restart(sbl__refine *r) {
     for (i = 0; i < r->tile_count; i++)
         for (corner = 0; corner < 4; corner++) {
             sbl__pixel *p = sbl__tile_corner(r, &r->tiles[i], corner);
+            if (!p->looks) continue;  /* it shows light of the store and needs no sensor, or is another tile's, too */
             p->looks = 0;
             p->wanted = sbl__refine_first_looks(p, 1);
         }
@@ -17996,7 +18017,7 @@ typedef struct sbl__probe_sum {
     float position[3];             /* world position in this round */
     double sh[9][3], cube[6][3];   /* weighted sums that become the fields of sbl_probe */
     double hits, back;             /* number of rays that hit a surface; number of these that hit a back face */
-    double weight[8], distance[8], squared[8];  /* per octant: sums of w, w * distance, w * distance^2 */
+    double weight[8], distance[8], squared[8];  /* sums of w, w * distance, w * distance^2; w: see sbl_probe.distance */
     float exits[8][4];             /* per octant: direction and distance of the nearest back face, seen from the
                                       position that the host wants. Distance 0: there is none, or the probe has moved
                                       through it already */
@@ -19209,8 +19230,8 @@ static sbl_result sbl__update_light(sbl_context *c, const char *function, const 
     }
     if (check.mistakes) return SBL_ERROR_INVALID_ARGUMENT;
     sbl__visit_enter(c, &visit);
-    sbl__abandon(c);
     result = sbl__scene_update_light(&c->core.device, &c->core.scene, desc->materials, desc->lights);
+    if (result == SBL_SUCCESS) sbl__abandon(c);
     sbl__visit_leave(c, &visit);
     return result;
 }
@@ -19235,9 +19256,9 @@ SBL_API sbl_result sbl_set_lights(sbl_context *c, const sbl_light *lights, int l
 }
 
 SBL_API sbl_result sbl_save_store(sbl_context *c, sbl_write_function put, void *user) {
-    const sbl_result result = put ? sbl__may_call(c, "sbl_save_store", SBL__INSIDE_NOTHING, 1)
-                                  : SBL_ERROR_INVALID_ARGUMENT;
+    const sbl_result result = sbl__may_call(c, "sbl_save_store", SBL__INSIDE_NOTHING, 1);
     if (result != SBL_SUCCESS) return result;
+    if (!put) return sbl__refuse(c, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_save_store", "put is NULL");
     if (!c->core.scene.store.ready)
         return sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, "sbl_save_store", "no light is stored; render or gather in "
                            "SBL_MODE_GI first");
@@ -19247,8 +19268,9 @@ SBL_API sbl_result sbl_save_store(sbl_context *c, sbl_write_function put, void *
 
 SBL_API sbl_result sbl_load_store(sbl_context *c, sbl_read_function get, void *user) {
     sbl__visit visit;
-    sbl_result result = get ? sbl__may_call(c, "sbl_load_store", SBL__INSIDE_NOTHING, 1) : SBL_ERROR_INVALID_ARGUMENT;
+    sbl_result result = sbl__may_call(c, "sbl_load_store", SBL__INSIDE_NOTHING, 1);
     if (result != SBL_SUCCESS) return result;
+    if (!get) return sbl__refuse(c, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_load_store", "get is NULL");
     sbl__visit_enter(c, &visit);
     sbl__abandon(c);
     result = sbl__saved_load(&c->core, get, user);
@@ -19369,7 +19391,8 @@ SBL_API float sbl_progress(const sbl_context *c) { return c && c->work ? c->work
 
 SBL_API void sbl_end(sbl_context *c) {
     sbl__visit visit;
-    if (!c || (!c->work && !c->map) || sbl__may_call(c, "sbl_end", SBL__INSIDE_NOTHING, 0) != SBL_SUCCESS) return;
+    if (!c || (!c->work && !c->map && !c->core.bounce)) return;
+    if (sbl__may_call(c, "sbl_end", SBL__INSIDE_NOTHING, 0) != SBL_SUCCESS) return;
     sbl__visit_enter(c, &visit);
     sbl__drop_all(c);
     sbl__visit_leave(c, &visit);
@@ -19536,7 +19559,11 @@ SBL_API sbl_bounds sbl_query_bounds(const sbl_context *c) {
     return bounds;
 }
 
-SBL_API const char *sbl_version(void) { return "0.2.0"; }
+#define SBL__STRING(x) #x
+#define SBL__VERSION(major, minor, patch) SBL__STRING(major) "." SBL__STRING(minor) "." SBL__STRING(patch)
+SBL_API const char *sbl_version(void) {
+    return SBL__VERSION(SBL_VERSION_MAJOR, SBL_VERSION_MINOR, SBL_VERSION_PATCH);
+}
 
 SBL_API const char *sbl_result_string(sbl_result result) {
     static const char *const words[SBL_RESULT_COUNT] = {

@@ -1014,6 +1014,8 @@ TEST(null_parameters) {
          "sbl_read_channel", "out");
     SAID(sbl_inspect_sensor(context, 1, 1, NULL, NULL, NULL, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT,
          "sbl_inspect_sensor", "sensor");
+    SAID(sbl_save_store(context, NULL, NULL), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_save_store", "put");
+    SAID(sbl_load_store(context, NULL, NULL), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_load_store", "get");
 
     CHECK(sbl_set_scene(NULL, &scene) == SBL_ERROR_INVALID_ARGUMENT, "sbl_set_scene without context");
     CHECK(sbl_set_mesh_transform(NULL, 0, matrix) == SBL_ERROR_INVALID_ARGUMENT,

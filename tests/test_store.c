@@ -181,7 +181,9 @@ TEST(surfaces_change) {
 /* Refused materials and lights leave the light as it was, to the bit. */
 TEST(refused_changes_change_nothing) {
     static sbl_reading before[SITES], after[SITES];
+    sbl_picture_desc view = view_of(0.5f);
     sbl_material other[3];
+    sbl_result result;
     make_room(&scene);
     CHECK(sbl_set_materials(NULL, scene.materials, 3) == SBL_ERROR_INVALID_ARGUMENT &&
           sbl_set_lights(NULL, scene.lights, 1) == SBL_ERROR_INVALID_ARGUMENT, "a NULL context is accepted");
@@ -206,6 +208,30 @@ TEST(refused_changes_change_nothing) {
     CHECK(sbl_set_materials(context, other, 3) == SBL_ERROR_INVALID_ARGUMENT, "an emission of 3e38 is accepted");
     REQUIRE(gather(after) == SBL_SUCCESS, "%s", watch_last(&seen));
     CHECK(!memcmp(before, after, sizeof after), "refused materials and lights change the light");
+    scene.lights[0].intensity[0] = 2;
+    REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS && sbl_step(context, 1e-9) == SBL_UNFINISHED, "%s",
+            watch_last(&seen));
+    watch_refuse(&seen, 1);
+    result = sbl_set_lights(context, scene.lights, 1);
+    CHECK(watch_refused(&seen, 1, result), "without memory, other lights are accepted");
+    CHECK(sbl_step(context, 0) == SBL_SUCCESS, "a change of lights that fails has dropped the picture");
+    scene_free(&scene);
+}
+
+/* sbl_end frees the rays of the store even if the work that traced them has been dropped. */
+TEST(the_end_frees_rays) {
+    static sbl_reading readings[SITES];
+    size_t with, without;
+    int64_t rays;
+    make_room(&scene);
+    REQUIRE(start() && gather(readings) == SBL_SUCCESS, "%s", watch_last(&seen));
+    rays = sbl_query_stats(context).store.rays;
+    REQUIRE(sbl_set_lights(context, scene.lights, scene.light_count) == SBL_SUCCESS, "%s", watch_last(&seen));
+    with = sbl_query_memory(context).host_bytes;
+    sbl_end(context);
+    without = sbl_query_memory(context).host_bytes;
+    CHECK(rays > 10000 && without + 16 * (size_t)rays < with, "%zu bytes before sbl_end, %zu after it, %.0f rays", with,
+          without, (double)rays);
     scene_free(&scene);
 }
 
@@ -520,6 +546,14 @@ TEST(pictures_of_the_store) {
     }
     CHECK(shown > 20 && sensed == 0, "%d pixels show the box, %d have sensors", shown, sensed);
     CHECK(fabs(box[0] / box[1] - 1) < 0.15, "R of the box is %g of the R that sensors find", box[0] / box[1]);
+    /* Sensors that start again with guided rays, because looks are too noisy for the target, do not stand there. */
+    view.target_error = 0.013f;
+    view.options.rays = 0;
+    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
+    for (i = sensed = 0; i < PIXELS; i++)
+        sensed += ids[i] >= 77 && ids[i] <= 77 && inside_pixel_looks(context, (size_t)i) > 0;
+    CHECK(sensed == 0, "after a restart, %d pixels of the box have sensors", sensed);
+    view.options.rays = 32;
     view.options.mode = SBL_MODE_DIRECT;
     REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS &&
             sbl_read_channel(context, SBL_CHANNEL_STORE, stored, 3 * PIXELS) == SBL_SUCCESS, "%s", watch_last(&seen));
@@ -532,6 +566,7 @@ int main(void) {
     RUN(lamps_change_what_surfaces_fixed_stays);
     RUN(surfaces_change);
     RUN(refused_changes_change_nothing);
+    RUN(the_end_frees_rays);
     RUN(saved_and_loaded);
     RUN(streams_that_are_refused);
     RUN(parts_that_differ_are_named);

@@ -24,6 +24,7 @@ const float *inside_triangle_corner(const sbl_context *context, int triangle, in
 int inside_node_count(const sbl_context *context); /* number of nodes of the hierarchy */
 /* Returns the distance of the pixel's sensor from its surface. */
 float inside_pixel_offset(const sbl_context *context, size_t pixel);
+int inside_pixel_looks(const sbl_context *context, size_t pixel);  /* number of looks of the picture's pixel */
 
 
 #if defined _WIN32 && !defined __CYGWIN__

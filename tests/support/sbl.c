@@ -164,6 +164,10 @@ float inside_pixel_offset(const sbl_context *context, size_t pixel) {
     return context->picture.map.refine.pixels[pixel].offset;
 }
 
+int inside_pixel_looks(const sbl_context *context, size_t pixel) {
+    return sbl__refine_pixel(&context->picture.map.refine, pixel)->looks;
+}
+
 inside_source inside_replace_source(sbl_context *context, inside_source source) {
     const inside_source before = context->core.device.gl.ShaderSource;
     context->core.device.gl.ShaderSource = source;
