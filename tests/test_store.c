@@ -547,7 +547,6 @@ TEST(pictures_of_the_store) {
     CHECK(shown > 20 && sensed == 0, "%d pixels show the box, %d have sensors", shown, sensed);
     CHECK(fabs(box[0] / box[1] - 1) < 0.15, "R of the box is %g of the R that sensors find", box[0] / box[1]);
     /* Sensors that start again with guided rays, because looks are too noisy for the target, do not stand there. */
-    view.target_error = 0.013f;
     view.options.rays = 0;
     REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
     for (i = sensed = 0; i < PIXELS; i++)
