@@ -1,4 +1,4 @@
-/* Demonstrates the shortest useful bake: the Cornell box, in which each quad is a chart, and a lightmap of all of them,
+/* Demonstrates the shortest useful bake: the Cornell box, in which each quad is a chart, is baked into one lightmap,
    bake_lightmap.png. A renderer draws albedo * light + emission with it. The first argument is the folder for the
    picture. */
 #define SBL_IMPLEMENTATION

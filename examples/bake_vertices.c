@@ -95,7 +95,7 @@ static double difference(const float *coarse, const float *fine) {
     return sqrt(sum / k) / (mean / k);
 }
 
-/* Opens the mesh's file. The program does so first, because without it the work is in vain. */
+/* Opens the mesh's file. Called before the work, which would be lost if the file could not be written. */
 static FILE *ply_open(const char *folder) {
     char path[1024];
     FILE *file;

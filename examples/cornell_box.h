@@ -13,7 +13,7 @@ enum { CORNELL_WHITE, CORNELL_RED, CORNELL_GREEN, CORNELL_LAMP, CORNELL_MATERIAL
 /* The corners of each quad, counter-clockwise as seen from inside the room. */
 static const float cornell_corners[CORNELL_QUADS][12] = {
     { 552.8f, 0, 0,  0, 0, 0,  0, 0, 559.2f,  549.6f, 0, 559.2f },                                          /* floor */
-    /* lamp, a tenth below the ceiling */
+    /* lamp, 0.1 mm below the ceiling */
     { 343, 548.7f, 227,  343, 548.7f, 332,  213, 548.7f, 332,  213, 548.7f, 227 },
     /* ceiling */
     { 556, 548.8f, 0,  556, 548.8f, 559.2f,  0, 548.8f, 559.2f,  0, 548.8f, 0 },

@@ -35,7 +35,7 @@ static const tool_option table[OPTION_COUNT] = {
 };
 static int given[OPTION_COUNT];
 
-/* Notes options that have no effect: those for light if no probes are baked, and always those of pictures. */
+/* Notes options that have no effect: with --output, those for the light of probes; always, those for making a map. */
 static void note_effects(void) {
     static const int light[] = { MODE, PRESET, BACKEND, RAYS, MAX_BOUNCE_CELLS, EPSILON, SENSOR_SIZE, SEED, LIGHT_SCALE,
                                  SKY_ROTATION, SKY_SCALE, SKY_UP };

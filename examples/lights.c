@@ -1,6 +1,6 @@
-/* Demonstrates every kind of light in a picture each, and the penumbra of a large lamp at each preset. Below these, the
-   rays of four sensors in the penumbra are drawn; rays towards the lamp that are blocked are red. The first argument is
-   the folder for the pictures. */
+/* Demonstrates every kind of light, in one picture for each, and the penumbra of a large lamp at each preset. Below the
+   penumbra, the rays of four sensors in it are drawn; blocked rays towards the lamp are red. The first argument is the
+   folder for the pictures. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"
 #include "sensor_disc.h"

@@ -147,8 +147,8 @@ static void print_help(void) {
            "\nEach file is written completely or not at all.\n"
            "\nIf you press Ctrl-C, the unfinished lightmap is saved as lightmap.partial.pfm in the folder, and the "
            "program ends.\n"
-           "If there is no light yet, nothing is saved; nor are vertices and probes. A second Ctrl-C ends the program "
-           "at once, and\n"
+           "If there is no light yet, or with --vertices or --probes, nothing is saved. A second Ctrl-C ends the "
+           "program at once, and\n"
            "so does the first one after 6 seconds in which the graphics driver does not return. The signals SIGTERM "
            "and\n"
            "SIGHUP do the same.\n"
@@ -262,7 +262,7 @@ static int find_more_files(const scene_file *file) {
 }
 
 typedef struct lightmap {
-    image light, atlas;      /* R: 0 where there is no surface; continued into the gutters */
+    image light, atlas;      /* R. light: 0 where there is no surface; atlas: continued into gutters */
     image overlap;           /* has no values if charts do not overlap */
     image harmonics[4];      /* have no values without --directional */
     int harmonic;            /* number of the harmonic that is written next */
@@ -304,8 +304,8 @@ static int compare_floats(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-/* Returns the value of R that becomes white in 8 bits: a thousandth of the lit texels is brighter, but at most eight
-   times the mean. Returns 0 if memory runs out. */
+/* Returns the value of R that becomes white in 8 bits: a thousandth of the lit texels exceeds it; it is at most eight
+   times the mean of the lit texels. Returns 0 if memory runs out. */
 static double bright(const image *light) {
     const size_t texels = (size_t)light->width * (size_t)light->height;
     float *most = (float *)malloc(texels * sizeof *most);

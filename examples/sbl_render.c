@@ -146,7 +146,7 @@ static void print_help(void) {
 
 static int ends_with(const char *path, const char *ending) { return scene__ends_with(path, ending); }
 
-/* Returns whether no light need be measured: the channel shows surfaces alone, and --store asks for no light. */
+/* Returns whether no light need be measured: the channel shows only surfaces, without --inspect and --store. */
 static int needs_no_light(sbl_channel channel) {
     return channel >= SBL_CHANNEL_ALBEDO && channel <= SBL_CHANNEL_DEPTH && !given[INSPECT] && !given[STORE];
 }
@@ -407,7 +407,7 @@ static int arrange(tool_task *task, sbl_scene_desc *scene) {
 /* ---- a target error that was not reached ---- */
 
 /* Writes why the target was missed, and what would help. Stored light causes a part of the error that sensors cannot
-   reduce. They reduce theirs to 0.84 of the target at most, so that a smaller target makes up for stored light. */
+   reduce. They reduce their own part only to 0.84 of the target; a smaller target can make up for stored light. */
 static void advise(const sbl_stats *s, char *out, size_t size) {
     enum { CELLS_MOST = 1 << 20 };
     const double target = (double)s->picture.target_error, expected = (double)s->picture.expected_error;
@@ -452,7 +452,7 @@ static void fill_desc(sbl_picture_desc *desc, const scene_file *file, progress *
     desc->height = camera.size[1];
     desc->options = common_options(given, bar);
     if (needs_no_light((sbl_channel)options.channel) && common_mode(given) != SBL_MODE_PAPER)
-        desc->options.mode = SBL_MODE_DIRECT;  /* which needs the least before surfaces are drawn */
+        desc->options.mode = SBL_MODE_DIRECT;  /* does the least work before it draws surfaces */
     desc->target_error = (float)options.target_error;
     desc->sensor_fov = (float)options.sensor_fov;
     desc->tile = common.tile;

@@ -77,7 +77,7 @@ static void scene__close(struct aiFileIO *io, struct aiFile *file) {
     free(file);
 }
 
-/* assimp reads "v .5 -.5 0" as a line with one number. Therefore this inserts a zero before each such point. */
+/* assimp reads "v .5 -.5 0" as a line with one number. This function inserts a zero before each leading point. */
 static void scene__mend_obj(scene_file *file, scene__bytes *bytes) {
     size_t i, inserted = 0, pass;
     char *out = NULL;
@@ -277,7 +277,7 @@ static int scene__is_blended(const scene__reader *r, unsigned index) {
            (opacity < 1 || (texture && r->pictures.textures[texture - 1].channels % 2 == 0));
 }
 
-/* Counts what a material that is used has, but sbl.h has not. */
+/* Counts the features of a used material that sbl.h does not have. */
 static void scene__count_material(const scene__reader *r, unsigned index) {
     static const enum aiTextureType maps[] = { aiTextureType_SPECULAR, aiTextureType_SHININESS, aiTextureType_METALNESS,
         aiTextureType_DIFFUSE_ROUGHNESS, aiTextureType_UNKNOWN /* metal and roughness in glTF */,
@@ -311,7 +311,7 @@ static void scene__count_material(const scene__reader *r, unsigned index) {
         scene__count(r->file, SCENE_FILE_COAT);
 }
 
-/* Counts what a scene has, but sbl.h has not, once its meshes are placed. */
+/* Counts the features of the scene that sbl.h does not have. Called after the meshes are placed. */
 static void scene__count_all(const scene__reader *r) {
     unsigned i;
     for (i = 0; i < r->in->mNumMaterials; i++) if (r->shown[i]) scene__count_material(r, i);
@@ -430,7 +430,7 @@ static int scene__by_name(const void *a, const void *b) {
     return strcmp(first->mName.data, second->mName.data);
 }
 
-/* Both return NULL, or a description of what is wrong. */
+/* scene__aim and scene__open_cone return NULL, or a description of what is wrong. */
 static const char *scene__aim(const struct aiVector3D *d, const double m[16], sbl_light *out) {
     double direction[3], length = 0;
     int i;

@@ -1,8 +1,8 @@
 /* Part of scene_file.h: decides which files a scene may refer to, and reads them.
 
-   What counts is where a file really is, after all links and "..". Therefore the file is first opened without being
+   The true place of a file decides, with all links and ".." resolved. Therefore the file is first opened without being
    read (O_PATH, which has no side effects and never blocks), then the kernel is asked for its path (/proc/self/fd), and
-   then this same open file is read. So nobody can replace the file between the check and the reading. */
+   then this same open file is read. Thus nobody can replace the file between the check and the reading. */
 #ifndef SCENE_PATHS_H
 #define SCENE_PATHS_H
 
@@ -85,8 +85,8 @@ static void scene__refuse(scene_file *file, const char *path) {
 /* Adds a folder. Returns 0 and sets errno on failure. */
 static int scene__add_folder(scene__folders *folders, const char *path) {
     const int low = open(path, O_PATH | O_DIRECTORY | O_CLOEXEC);
-    const int handle = low < 0 ? -1 : fcntl(low, F_DUPFD_CLOEXEC, 3);
-    if (low >= 0) close(low);  /* the child redirects handles 0 to 2 */
+    const int handle = low < 0 ? -1 : fcntl(low, F_DUPFD_CLOEXEC, 3);  /* the child redirects handles 0 to 2 */
+    if (low >= 0) close(low);
     if (handle < 0) return 0;
     if (!scene__path_of(handle, folders->list[folders->count].path)) { close(handle); return 0; }
     folders->list[folders->count++].handle = handle;

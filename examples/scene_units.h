@@ -9,8 +9,8 @@
        before 3.4  W/m2 for suns, W for point and spot lights
 
    Here, lights get back the unit that Blender renders emission with, so that a sun of strength 1 has the irradiance 1.
-   The setting is not written to the file. If there is a sun, its intensity tells: 10 lux in Standard are a strength of
-   0.015, which is black in Blender's pictures, whereas the usual strengths 1 to 10 are 1 to 10 lux in Unitless. */
+   The file does not contain the setting. The intensity of a sun shows it: 10 lux in Standard are a strength of 0.015,
+   which is black in Blender's pictures, whereas the usual strengths 1 to 10 are 1 to 10 lux in Unitless. */
 #ifndef SCENE_UNITS_H
 #define SCENE_UNITS_H
 
@@ -44,7 +44,7 @@ static void scene__find_units(scene_file *file, const char *generator) {
     else file->units = SCENE_UNITS_BLENDER;
 }
 
-/* Multiplies the lights. scale: the factor, or below 0: the one that fits the exporter of the file */
+/* Multiplies the lights. scale: the factor; if it is below 0, the factor that fits the exporter of the file */
 static inline void scene_file_scale_lights(scene_file *file, double scale) {
     const struct scene__unit *unit = &scene__units[file->units];
     int i, k;

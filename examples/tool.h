@@ -129,7 +129,7 @@ static void on_log(sbl_log_level level, sbl_log_item item, const char *message, 
     messages *m = (messages *)user;
     int mesh;
     if (item == SBL_LOG_ITEM_INVALID_STORE || item == SBL_LOG_ITEM_OTHER_STORE || item == SBL_LOG_ITEM_COARSE_STORE) {
-        const char *words = strstr(message, ": ");  /* behind the name of the function */
+        const char *words = strstr(message, ": ");  /* after the name of the function */
         snprintf(m->store, sizeof m->store, "%.250s", words ? words + 2 : message);
         m->store_item = item;
         return;

@@ -46,9 +46,8 @@ static void camera__tangents(double fov, double out[2]) {
     out[0] = out[1] * camera.size[0] / camera.size[1];
 }
 
-/* Returns whether the camera of the file is where Blender puts the camera of a new file, in any unit, and inside the
-   bounds of the scene: then nobody has placed it, and it is among the parts of a model that is larger than Blender's
-   first cube. */
+/* Returns whether nobody has placed the camera of the file: it is where Blender puts the camera of a new file, in any
+   unit, and inside the bounds of the scene, so that parts of the model may surround it. */
 static int camera_is_unplaced(const scene_file *file, const survey *s) {
     static const double defaults[2][3] = { { 7.48113, 5.34367, 6.50764 },    /* until 2.79 */
                                            { 7.35889, 4.95831, 6.92579 } };  /* since 2.80 */
@@ -93,7 +92,7 @@ static void camera__frame(const survey *s, camera_view *view) {
     right[0] = s->from[2] / length;
     right[1] = 0;
     right[2] = -s->from[0] / length;
-    up[0] = s->from[1] * right[2];  /* from x right */
+    up[0] = s->from[1] * right[2];  /* the cross product of from and right */
     up[1] = s->from[2] * right[0] - s->from[0] * right[2];
     up[2] = -s->from[1] * right[0];
     camera__tangents(view->fov, tangents);
@@ -163,8 +162,8 @@ static void camera_choose(camera_view *view, const scene_file *file, const int *
     if (s->kind == SURVEY_OPEN_ROOM) camera__look_in(s, view);
 }
 
-/* Lets the options replace parts of the camera. Without --eye, --look-at of an object moves the camera as far from this
-   point as shows the whole scene. Without --look-at, --eye looks at the centre of the scene. */
+/* Lets the options replace parts of the camera. Given --look-at without --eye for an object, the camera is placed so
+   far from this point that it shows the whole scene. Without --look-at, --eye looks at the centre of the scene. */
 static void camera__options(camera_view *view, const int *given, const survey *s) {
     double tangents[2], at[3], distance;
     int i;

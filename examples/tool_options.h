@@ -76,7 +76,7 @@ static void tool_print_help(const tool_option *table, int option_count, const to
         else if (lines[i].text) tool__print_option(o, lines[i].text, 0);
     }
     if (!all) printf("\n" TOOL_NAME " --help all explains all options, files and the exit status.\n");
-    for (k = 0; k < option_count && all; k++) {  /* options that the lines have forgotten */
+    for (k = 0; k < option_count && all; k++) {  /* options that no line names */
         for (i = 0; i < line_count && lines[i].option != k; i++) continue;
         if (i < line_count) continue;
         if (!others++) printf("\nOther:\n");

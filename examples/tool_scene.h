@@ -1,7 +1,7 @@
 /* Shared by tools that read a scene, let sbl.h work on it, and write files: common options, the default sky, output
    files, statistics, stored light, and the order of these steps. Include after tool.h, tool_options.h and
-   output_file.h. Define TOOL_DRAWS first if the tool makes pictures with sensors: they have the mode of the paper. In
-   the table of a tool, its own options follow the common options:
+   output_file.h. Define TOOL_DRAWS first if the tool makes pictures with sensors: it then has --mode paper. In the
+   table of a tool, its own options follow the common options:
 
        enum { OUTPUT = COMMON_OPTIONS, ..., OPTION_COUNT };
        static int given[OPTION_COUNT];
@@ -44,8 +44,8 @@ enum {
                             "studio (see\n" \
                         "--studio), and the other tools have a sky of 1,1,1. Behind files with light, a .png of " \
                             "sbl_render shows\n" \
-                        "a grey backdrop that lights nothing, unless --sky is given. Or an\n" \
-                        "equirectangular picture of the sky: FILE.hdr, or .png, .jpg, ..., which are decoded from " \
+                        "a grey backdrop that lights nothing, unless --sky is given.\n" \
+                        "FILE: equirectangular picture of the sky: .hdr, or .png, .jpg, ..., which are decoded from " \
                             "sRGB. The upper\n" \
                         "edge of the picture is straight up, its centre is +x", NULL, &common.sky_picture, \
                         .file_words = "a picture file such as noon.hdr" }, \

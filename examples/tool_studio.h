@@ -4,11 +4,11 @@
    An object stands on a large grey ground, below a sky that is bright above and fades towards the horizon, and a wide
    sun shines from the upper left behind the camera. The sky has the radiance of the ground from the horizon down, so
    that the edge of the ground is not seen. A white surface that faces the sun is about four times as bright as the
-   background. A scene that is looked at from inside gets no
-   sun and no ground, but a wide lamp in its air, which the camera does not see, and the sky shines in.
+   background. A scene that is looked at from inside gets no sun and no ground, but a wide lamp in its air, which the
+   camera does not see; the sky shines in.
 
-   The ground is one more mesh behind those of the file, with an index and an id above theirs, and one more material
-   likewise: what the file has keeps its numbers. The camera, and the bounds that it needs, are computed before. */
+   The ground is one more mesh after those of the file, with an index and an id above theirs, and one more material, so
+   that those of the file keep their numbers. The camera, and the bounds that it needs, are computed before. */
 #ifndef TOOL_STUDIO_H
 #define TOOL_STUDIO_H
 
@@ -35,7 +35,7 @@ typedef struct studio {
    sbl_picture_desc. */
 static const float studio_backdrop[3] = { 0.1f, 0.1f, 0.1f };
 
-/* How far the sky has gone from the radiance of the horizon (0) to that of the zenith (1). h: the sine of the height.
+/* Returns the weight of the zenith's radiance in the sky: 0 at the horizon, 1 at the zenith. h: the sine of the height.
    The slope is 0 at the horizon, so that no line is seen there. */
 static double studio__fade(double h) { return h > 0 ? h * h * (3 - 2 * h) : 0; }
 

@@ -2,9 +2,9 @@
    outside, a room that is looked at from inside, or a room with one open side. Include after tool.h.
 
    Readings of the library answer this (sbl_readings_desc): at the points of a grid over the bounds, what share of the
-   directions sees the sky, and what share sees back faces; and the same from outside. Light plays a part only where the
-   outside of a file with lights is dark. A survey traces about 30,000 rays, twice as many for a room. The hierarchy
-   that they need stays for the picture. */
+   directions sees the sky, and what share sees back faces; and the same from outside. Light decides only whether
+   the outside is dark, and how much a view of a dark part of a room counts. A survey traces about 30,000 rays, twice as
+   many for a room. The hierarchy that they need stays for the picture. */
 #ifndef TOOL_SURVEY_H
 #define TOOL_SURVEY_H
 
@@ -89,7 +89,7 @@ static void survey__direction(const survey *s, int i, double out[3]) {
     out[2] = sqrt(1 - up * up) * cos(turn);
 }
 
-/* Sets the survey of a scene that was not looked at: an object, seen from the front. */
+/* Sets the survey to that of a scene that is not surveyed: an object, seen from the front. */
 static void survey_begin(survey *s, sbl_context *context) {
     memset(s, 0, sizeof *s);
     s->bounds = sbl_query_bounds(context);
@@ -216,8 +216,8 @@ static int survey__in_room(const survey__work *w, const survey__point *p) {
     return p->sky < SURVEY__ENCLOSED && (p->back < SURVEY__SOLID || !telling);
 }
 
-/* Returns the number of points in rooms, and computes the mean light there. There are no rooms if more points that see
-   no sky are inside something, as in a closed object whose faces are turned at random. */
+/* Returns the number of points in rooms, and computes the mean light there. There are no rooms if most points that
+   see little sky are inside something, as in a closed object whose faces are turned at random. */
 static int survey__rooms(survey__work *w) {
     int i, count = 0, enclosed = 0;
     for (i = 0; i < SURVEY__POINTS; i++) {
@@ -289,15 +289,15 @@ static int survey__at_eye_height(const survey__work *w, int point) {
     return abs(2 * point - low - high) <= SURVEY__X;
 }
 
-/* Returns the number of the site that looks from the same point as site i, turned by so many of the directions. */
+/* Returns the number of the site that looks from the same point as site i, turned by `turn` directions. */
 static int survey__turned(int i, int turn) {
     return i - i % SURVEY__WAYS + (i + SURVEY__WAYS + turn) % SURVEY__WAYS;
 }
 
 /* Rates the view at site number i: the mean distance of what is ahead, less half of the distance of what is behind, so
-   that the eye is at the end of the room. Views with hardly any direct light from ahead count half. Views
-   across the axes count a tenth more, because they show a corner instead of a wall. The means are over hemispheres, so
-   that a view along a wall does not count as long. */
+   that the eye is at the end of the room. Views with hardly any direct light from ahead count half. Views that are not
+   parallel to an axis count a tenth more, because they show a corner instead of a wall. The means are over hemispheres,
+   so that a view along a wall does not count as long. */
 static double survey__rate(const survey__work *w, int i) {
     const sbl_reading *r = &w->readings[i], *behind = &w->readings[survey__turned(i, SURVEY__WAYS / 2)];
     const double open = (double)r->hit_share * (1 - (double)r->back_share);

@@ -78,7 +78,7 @@ static void vertices_light(void) {
     }
 }
 
-/* Opens the mesh's file. The program does so first, because without it the work is in vain. */
+/* Opens the mesh's file. Called before the work, which would be lost if the file could not be written. */
 static FILE *ply_open(const char *folder) {
     char path[1024];
     FILE *file;

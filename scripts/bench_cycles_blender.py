@@ -1,11 +1,11 @@
-"""Runs Blender as a child process that renders on request. Used by bench_cycles and bench_bake. Inside of Blender runs
+"""Runs Blender as a child process that renders on request. Used by bench_cycles and bench_bake. Blender runs
 bench_cycles_render.py."""
 import json, os, shutil, subprocess, sys
 
 
 class Blender:
     def __init__(self, job, *options):
-        environment = dict(os.environ, PATH='/usr/bin:/bin')  # or Blender uses another Python along PATH
+        environment = dict(os.environ, PATH='/usr/bin:/bin')  # otherwise Blender uses another Python from PATH
         self.process = subprocess.Popen([shutil.which('blender'), '-b', '--factory-startup', '-noaudio', *options,
                                          '--python-exit-code', '1',
                                          '--python', 'scripts/bench_cycles_render.py', '--', json.dumps(job)],

@@ -136,7 +136,7 @@ def chunk(path):
 
 
 def keep_generator():
-    """Lights keep their numbers, so they need the name of the program that wrote them, see examples/scene_units.h."""
+    """Keeps the name of the program that wrote the lights, because it tells their unit (examples/scene_units.h)."""
     document, rest = chunk(out)
     is_gltf = os.path.splitext(scene)[1].lower() != ".obj"
     document["asset"]["generator"] = (chunk(scene)[0]["asset"] if is_gltf else {}).get("generator", "sbl.h unwrap")

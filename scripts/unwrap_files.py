@@ -1,6 +1,6 @@
 """unwrap_files.py SCENE: checks the files that a scene names, before Blender reads them: a .gltf or .glb may name
-buffers and pictures, an .obj material libraries, and these textures. The file of each must lie in the scene's folder or
-below it, also behind symbolic links, and be a regular file, so that a foreign scene neither copies private files into
+buffers and pictures; an .obj may name material libraries, which may name textures. Each must be a regular file in the
+scene's folder or below it, after symbolic links are followed, so that a foreign scene neither copies private files into
 the result nor waits for a pipe. A name without a file is accepted. Exit status: 1 if a name is refused.
 """
 import json

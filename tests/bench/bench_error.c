@@ -5,11 +5,11 @@
        build/bench_error --rooms 1000-1003     storeys of twelve rooms, of which the picture shows one
        build/bench_error --error 0             1024 rays at every pixel and no filter, so that what is left is the
                                                error of stored light; `predicted` is then that of stored light
-       build/bench_error --pictures FOLDER     also writes R, the predicted error and the truth of each room there
+       build/bench_error --pictures FOLDER     also writes R and the predicted error of each room there
    True pictures are kept in build/truth; increase VERSION when rooms change. One takes minutes of CPU, or 40 for a
    storey.
-   All errors are shares of the mean R; the noise of the true picture is taken out. A negative error is smaller than
-   that noise lets it be told. */
+   All errors are shares of the mean R; the noise of the true picture is subtracted. A negative error is too small to
+   be measured against that noise. */
 #define _POSIX_C_SOURCE 200809L  /* clock_gettime */
 #include <ctype.h>
 #include <errno.h>
@@ -27,7 +27,7 @@
 #include "bench_truth.h"
 
 enum { VERSION = 2, WIDTH = 128, HEIGHT = 96, PIXELS = WIDTH * HEIGHT, SAMPLES = 1536, ROOMS_MOST = 256,
-       NOISE_MOST = 4 };  /* largest noise of a true picture that is of use / true error of R */
+       NOISE_MOST = 4 };  /* largest usable ratio of the noise of a true picture to the true error of R */
 
 typedef struct picture { float rgb[3 * PIXELS]; } picture;
 
@@ -36,7 +36,7 @@ enum { SMOOTH = 1, EDGE = 2 };
 typedef struct room {
     furnished made;
     ref_point points[PIXELS];
-    double light[PIXELS], noise[PIXELS];  /* luminance of the true R, and what half of the samples add to it */
+    double light[PIXELS], noise[PIXELS];  /* luminance of the true R; the same of half of the samples, minus it */
     unsigned char kind[PIXELS];
     double mean;
 } room;
@@ -256,7 +256,7 @@ static double worst_speck(const room *r, const double *light) {
 
 typedef struct row { double target, predicted, pixel, noise; unsigned seed; } row;
 
-/* Renders a room and prints a row. target: 0: error of stored light alone */
+/* Renders a room and prints a row. out->target: target error; 0 measures the error of stored light alone */
 static int measure(sbl_context *context, const room *r, const char *folder, row *out) {
     static float R[3 * PIXELS], predicted[PIXELS];
     static double light[PIXELS], error[PIXELS];

@@ -165,8 +165,8 @@ static void furnished_ball(furnished *f, double y, double radius, int rings, int
 
 typedef struct furnished_hole { double low, high, sill, top; } furnished_hole;  /* along the wall, and heights */
 
-/* A wall from the origin of the object along x with its inner side at z = 0. The sides of the holes, which are in
-   order, reach to z = -depth, where a second face is if `both` is set. */
+/* A wall from the origin of the object along x with its inner side at z = 0. The holes are in order; their sides reach
+   to z = -depth, where the wall has a second face if `both` is 1. */
 static void furnished_wall(furnished *f, double length, const furnished_hole *holes, int count, double depth,
                            int both) {
     const double height = f->size[1];
@@ -261,7 +261,7 @@ static void furnished_partition(furnished *f, double x) {
     furnished_box(f, 0, 0.01, -0.04, 0.88, 2.03, 0);
 }
 
-/* >>furniture, with the origin in the middle of its foot print */
+/* >>furniture, with the origin in the middle of its footprint */
 
 static void furnished_table(furnished *f, double w, double d) {
     const double h = furnished_between(f, 0.4, 0.78), leg = furnished_between(f, 0.012, 0.04);

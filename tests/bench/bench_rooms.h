@@ -43,8 +43,8 @@ static inline scene_file *bench_room_load(const bench_room *r, int width, int he
     return file;
 }
 
-/* A room that is made at random: a box with boxes and balls, and lamps or a window with sky. The constants that foresee
-   times are chosen with these rooms, so that those of ../shared can judge them. */
+/* A room that is made at random: a box with boxes and balls, and lamps or a window with sky. The constants with which
+   sbl_progress predicts times were chosen with these rooms, so that the rooms of ../shared can test them. */
 typedef struct bench_random {
     float positions[400000][3], albedo[3][3];
     unsigned indices[600000];

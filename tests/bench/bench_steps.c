@@ -1,9 +1,9 @@
 /* bench_steps [--slice SECONDS] [NAME...]: measures how long sbl_step takes when a slice is requested, and the cost of
-   slices. For each picture it prints the seconds of sbl_begin, a histogram of the seconds of all calls of sbl_step
-   including those that build the hierarchy (shaders are compiled before), the seconds of all steps compared with those
-   of one sbl_render, and the longest submission. A submission is the work that GL gets from one flush, wait or readback
-   to the next; it is measured in an sbl_render that waits for GL at these points. Pictures: the Cornell box, and two
-   rooms if ../shared exists. A slow result is never a failure. */
+   slices. For each picture it prints the seconds of sbl_begin_picture, a histogram of the seconds of all calls of
+   sbl_step including those that build the hierarchy (shaders are compiled before), the seconds of all steps compared
+   with those of one sbl_render_picture, and the longest submission. A submission is the work that GL gets from one
+   flush, wait or readback to the next; it is measured in a picture whose calls wait for GL at these points. Pictures:
+   the Cornell box, and two rooms if ../shared exists. A slow result is never a failure. */
 #define _DEFAULT_SOURCE
 #define SBL_IMPLEMENTATION
 #include "../../sbl.h"
@@ -150,7 +150,7 @@ static int measure(const struct picture *p, double slice) {
     scene_file_free(file);
     if (!ok) return fprintf(stderr, "bench_steps: %s failed\n", name), 0;
     printf("%s %d x %d, preset %d: slices of %g ms\n", name, p->width, p->height, (int)p->preset, 1e3 * slice);
-    printf("  sbl_render %.2f s, in steps %.2f s (%+.1f %%); sbl_begin %.1f ms\n", easy, all, 100 * (all / easy - 1),
+    printf("  in one call %.2f s, in steps %.2f s (%+.1f %%); begin %.1f ms\n", easy, all, 100 * (all / easy - 1),
            1e3 * begin);
     printf("  longest submission %.0f ms of %d\n", 1e3 * submission.longest, submission.count);
     printf("  the slowest step is number %d of %d\n", slowest + 1, count);

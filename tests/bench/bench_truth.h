@@ -1,5 +1,5 @@
-/* A path tracer for benches: R at the surfaces that a camera shows, unbiased. Rays go through Embree 3 if scripts/
-   Makefile defines BENCH_EMBREE, otherwise through reference.h. It shares no code with sbl.h. Include after sbl.h and
+/* A path tracer for benches: R at the surfaces that a camera shows, unbiased. Embree 3 casts the rays if
+   scripts/Makefile defines BENCH_EMBREE, else reference.h. It shares no code with sbl.h. Include after sbl.h and
    bench_furnished.h.
        truth *t = truth_create(&scene, windows, window_count);
        truth_render(t, points, count, samples, half_a, half_b);   two independent pictures, one per thread
@@ -28,7 +28,7 @@ typedef struct truth {
     truth_lamp *lamps;
     int lamp_count, *lamp_of;  /* of each triangle, or -1 */
     int guided;                /* 1: the guide is known */
-    double *guide;             /* share of each triangle in the light that all reflect, about */
+    double *guide;             /* approximate share of each triangle in all reflected light */
     double *guide_end;         /* sum of the shares up to and with each triangle */
 #ifdef BENCH_EMBREE
     RTCDevice device;
@@ -139,8 +139,8 @@ static int truth_window(const truth *t, v3 p, v3 d, double *distance) {
     return -1;
 }
 
-/* Returns the share of paths that go on to triangles by the light that these reflect; the others have cosine
-   distribution. After the first bounce it is small, because weights of up to 1 / (1 - share) multiply. */
+/* Returns the share of paths that go on to a triangle chosen by its reflected light; the others have cosine-distributed
+   directions. After the first bounce it is small, because weights of up to 1 / (1 - share) multiply. */
 static double truth_share(const truth *t, int bounce) { return !t->guided ? 0 : bounce ? 0.25 : 0.5; }
 
 /* Returns the density, over solid angle, at which a path goes on from a surface to the point that it first meets in a
@@ -176,7 +176,7 @@ static v3 truth_direction(const truth *t, double share, v3 p, v3 n, const double
                           p));
 }
 
-/* A path: its last surface, and what R is multiplied by there. */
+/* A path: its last surface; the factor (share) with which light there counts in R; guided: see truth_share. */
 typedef struct truth_state { v3 p, n; double share[3], guided; } truth_state;
 
 /* Adds to R the light of a point of a lamp that three numbers choose, weighted against paths that meet the lamp

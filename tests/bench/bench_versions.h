@@ -13,7 +13,7 @@ static const struct version_room {
     const char *name, *path;
     int small;               /* whether --quick includes it */
     int presets;             /* presets of the older version, from draft upwards */
-    float asked[ASKED];      /* target errors of this version, in pairs among the presets */
+    float asked[ASKED];      /* target errors of this version; old presets are measured between */
     version_view view;
 } version_rooms[VERSION_ROOMS] = {
     { "cornell_box", "examples/scenes/cornell_box.obj", 1, 3, { 0.05f, 0.015f, 0.01f, 0.0075f, 0.005f, 0.0025f },

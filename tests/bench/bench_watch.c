@@ -1,5 +1,5 @@
 /* bench_watch [--size N] [--slice SECONDS] [--runs N] [--twice] [--trace FILE] [--random N] [NAME...]: measures what a
-   host sees who shows a picture while it is made, in SBL_MODE_GI with default settings. It calls sbl_step and asks for
+   host's user sees while a picture is made in SBL_MODE_GI with default settings. It calls sbl_step and asks for
    the texture of SBL_CHANNEL_FINAL after each step, as examples/host_context.c does. For each room it prints the
    seconds of the whole picture; the shares of that time after which the first picture, the full store and the first
    picture with bounces came; the largest difference between sbl_progress and the true share of time, from 20 % of the
@@ -28,7 +28,7 @@ static struct settings {
     FILE *trace;
 } settings = { 512, 1, 0, 0, 0.02, NULL };
 
-/* The clock of sbl.h, which foresees times: the CPU time of the process, as in the measurements. */
+/* The clock from which sbl.h predicts times: the CPU time of the process, as in the measurements. */
 static int clock_of_bench(struct timeval *out, void *zone) {
     const double t = bench_clock(CLOCK_PROCESS_CPUTIME_ID);
     (void)zone;

@@ -56,7 +56,7 @@ static inline sbl_result small_read(sbl_context *context, small_picture *out) {
         if (result != SBL_SUCCESS) return result;
         at += floats;
     }
-    for (; at < SMALL_FLOATS; at++) out->values[at] = 0;  /* the channels use fewer floats */
+    for (; at < SMALL_FLOATS; at++) out->values[at] = 0;  /* if the channels use fewer floats */
     return SBL_SUCCESS;
 }
 

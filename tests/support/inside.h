@@ -1,13 +1,13 @@
-/* Private values of the implementation that tests read. sbl.c defines these functions together with the implementation,
-   so that tests that need nothing else share its object. Include after sbl.h. */
+/* Private values of the implementation that tests read. sbl.c defines these functions together with the implementation;
+   tests that need no other private names share its object. Include after sbl.h. */
 #ifndef INSIDE_H
 #define INSIDE_H
 
 float inside_cell_length(const sbl_context *context);       /* edge length of the store's smallest cells */
 int inside_glow_count(const sbl_context *context);          /* number of glows, see >>glow in sbl.h */
 int inside_most_points(const sbl_context *context);         /* largest number of points of a leaf of the store */
-int inside_near_points(const sbl_context *context);         /* number of points beyond the fourth of a leaf that lie
-                                                               where a ray of at most eight cells' length hit */
+int inside_near_points(const sbl_context *context);         /* number of points, from the fifth of a leaf on, that
+                                                               lie where a ray of at most eight cells' length hit */
 /* the largest distance of a pixel's sensor from its surface */
 float inside_farthest_offset(const sbl_context *context);
 void inside_sample_offset(int sample, int samples, float offset[2]);

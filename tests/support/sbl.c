@@ -1,4 +1,4 @@
-/* The implementation as one object, which all programs share that do not use private names; see scripts/Makefile. */
+/* The implementation as one object. All programs that use no private names share it; see scripts/Makefile. */
 #define SBL_IMPLEMENTATION
 #ifndef _WIN32
   #define SBL_EGL

@@ -41,7 +41,7 @@ static inline int test_kind_is(const char *kind) {
 #define RUN_PLAIN(name) \
     do { if (test_kind_is("plain") || test_kind_is("rest")) test_run(#name, test_##name); } while (0)
 
-/* Runs a test unless there are sanitizers: a test that compares numbers and whose code other tests run with them. */
+/* Runs a test without sanitizers only: for comparisons of numbers whose code other tests run with sanitizers. */
 #define RUN_UNSANITIZED(name) do { if (!test_kind_is("sanitized")) test_run(#name, test_##name); } while (0)
 
 /* Unlike fmax and fmin they keep NaN, so that every comparison with the result fails. */

@@ -50,12 +50,12 @@ static void read_text(const char *path, char *text, size_t size, int *lines) {
 
 enum { MOST_ARGUMENTS = 48 };
 
-/* Inserted before the arguments of the test, so that the test can override them, in mode gi: small stores of bounced
-   light are fast. */
+/* In mode gi, these come before the arguments of the test, which can override them: small stores of bounced light are
+   fast. */
 static const char *const first_arguments[] = { "--bounce-samples", "1024" };
 enum { FIRST_ARGUMENTS = 2 };
 
-/* Returns whether the arguments select mode gi, which is the default, of a tool that always measures light. */
+/* Returns whether the run certainly measures bounced light: the mode is gi, the default. 0 for host_lightmap. */
 static int bounces(const char *const *arguments) {
     if (strstr(tool, "host_lightmap")) return 0;
     for (; arguments[0] && arguments[1]; arguments++)

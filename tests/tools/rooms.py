@@ -2,11 +2,11 @@
 """rooms.py [FILE]: prints the rooms of sbl.h with their lines and GL calls, its longest functions, and violations of
 these rules:
 
-    a line of more than 120 columns, here and in README.md, shaders_embedded, examples, scripts and tests;
+    a line of more than 120 columns, in sbl.h, README.md, shaders_embedded, examples/*.[ch], scripts and tests;
     a function of more than 80 lines or 6 parameters in the implementation;
-    a GL call outside of the rooms that are there for it
+    a GL call outside of the rooms gl and device
 
-Prints the table, then a line for each offence; exits with 1 where there is one. Run by test_header.sh.
+Prints the table, then a line for each offence; exits with 1 if there is one. Run by test_header.sh.
 """
 import glob, os, re, sys
 
