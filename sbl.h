@@ -1275,7 +1275,7 @@ typedef struct sbl_probes_desc {
                                   then y. They are at the centres of equal boxes that fill lowest to highest */
     float lowest[3], highest[3];  /* world corners of the grid. Default (all zero): the bounds of the scene */
     float move;                /* greatest world distance to move a probe out of something, see ON PROBES. Default: 0 */
-    sbl_options options;       /* see sbl_options; the seed rotates the rays */
+    sbl_options options;       /* see sbl_options; the seed selects the rays */
     uint32_t end_canary;       /* must stay 0 */
 } sbl_probes_desc;
 
@@ -5494,7 +5494,7 @@ static int sbl__bvh_after_boxes(void *work) {
 
 static int sbl__bvh_inner_nodes(void *work) { return ((sbl__bvh *)work)->hierarchy->node_count - 1; }
 
-/* Adds a node's cost to its parent's; raises h->cost. Visits the last node first, as children follow their parents. */
+/* Adds a node's sum to its parent's; raises h->cost to at least sum / area. Begins at the end: parents come first. */
 static sbl_result sbl__bvh_cost(void *work, int at) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__hierarchy *h = b->hierarchy;
@@ -7349,6 +7349,7 @@ static sbl_result sbl__glow_limit(void *work, sbl__slice *slice) {
     int i, kept;
     (void)slice;
     for (i = 0; i < l->glow_count; i++) least = SBL__MIN(least, (double)sbl__luminance(l->glows[i].radiance));
+    least = SBL__MAX(least, (double)FLT_MIN);
     for (; l->glow_count > most; l->glow_count = kept) {
         least *= 1.1;
         for (i = kept = 0; i < l->glow_count; i++) {
@@ -13093,7 +13094,9 @@ static int sbl__bounce_after_sort(void *work) {
                                       the view, such as the gap above a lamp, are found by rays over the hemisphere */
 #define SBL__BRIGHT_NOISE 2.0      /* no leaf is bright if the variance of the radiance that rays find is less than
                                       this * mean R^2: bounced light is smooth, or weak beside the light of lamps */
-#define SBL__BRIGHT_REST 0.75      /* no leaf is bright if more than this share of the rays' variance would remain */
+#define SBL__BRIGHT_REST 0.5       /* no leaf is bright if more than this share of the rays' variance would remain.
+                                      With 0.75, rooms with lamps in bowls and tubes were 2 to 7 % brighter and wrong:
+                                      the points of such leaves lie where rays from nearby surfaces hit */
 
 /* A leaf that may be bright. light: mean radiance of it that rays have found; hits: number of these rays */
 typedef struct sbl__bright_leaf { double light, hits; int leaf; } sbl__bright_leaf;
@@ -14594,7 +14597,7 @@ static void sbl__refine_hide(sbl__refine *r, sbl__pixel *p) {
     p->uncertainty = 0;
 }
 
-/* Makes a pixel invalid, unless it has places. If a lightmap is traced, the texel is then searched for places. */
+/* Makes a pixel invalid, unless it has places (>>refine: places). Texels of a traced lightmap are then searched. */
 static sbl_result sbl__refine_refuse(sbl__refine *r, sbl__pixel *p) {
     if (p->invalid || p->places) return SBL_SUCCESS;
     p->invalid = 1;
@@ -14750,8 +14753,9 @@ static void sbl__refine_restart(sbl__refine *r) {
    from which light can leave. To find them, one ray is sent from each of many places of the texel. The texel's sensor
    then looks from some of the open places, and the texel gets about the median of their light (sbl__places_mean). */
 
-/* Lists a ray from each of up to SBL__PLACE_RAYS candidates for places, which are spread over the texel. */
-static void sbl__places_of(sbl__refine *r, int index) {
+/* Lists a ray from each of up to SBL__PLACE_RAYS candidates for places, which are spread over the texel. Returns their
+   number; 0: no candidate lies on the chart. */
+static int sbl__places_of(sbl__refine *r, int index) {
     sbl__atlas_square square;
     double weights[3];
     int i, count = 0;
@@ -14768,6 +14772,7 @@ static void sbl__places_of(sbl__refine *r, int index) {
         memcpy(site->geometric_normal, at.geometric_normal, sizeof at.geometric_normal);
         r->site_count++;
     }
+    return count;
 }
 
 /* Lists the rays of the next texels to be searched, until they fill a job. */
@@ -14776,7 +14781,7 @@ static sbl_result sbl__places_list(void *work, sbl__slice *slice) {
     for (; r->listed < r->searched_count && r->site_count < SBL__SCOUTS_AT_ONCE; r->listed++) {
         if (sbl__late(slice)) return SBL_UNFINISHED;
         if (!sbl__refine_room(r, SBL__PLACE_RAYS)) return SBL_ERROR_OUT_OF_MEMORY;
-        sbl__places_of(r, r->searched[r->listed]);
+        if (!sbl__places_of(r, r->searched[r->listed])) sbl__refine_hide(r, &r->pixels[r->searched[r->listed]]);
     }
     return SBL_SUCCESS;
 }
@@ -16316,8 +16321,8 @@ typedef struct sbl__map {
     sbl__measurement glimpse_measurement;
     sbl_stats glimpse_stats;    /* the statistics when the glimpse began */
     float finished;             /* share of the front end's own stages that is done, 0 to 1 */
-    double paced_from[2];       /* values when refinement last started anew: [0]: seconds spent on sensors and tiles
-                                   (gather + refine), [1]: number of looks */
+    double paced_from[2];       /* values when sbl__refine_is_at_start last returned 1: [0]: seconds spent on sensors
+                                   and tiles (gather + refine), [1]: number of looks */
 } sbl__map;
 
 #define SBL__READ_PIXELS 32768    /* maximum pixels per transfer between GPU and host, but at least a row of the map */
@@ -17019,6 +17024,7 @@ static sbl_result sbl__picture_meter(sbl__picture *p) {
     if (first == 0) memset(p->meter, 0, sizeof p->meter);
     for (k = 0; k < 2 && result == SBL_SUCCESS; k++) {
         result = sbl__target_read(&c->device, targets[k], 0, first, rows, data);
+        c->stats.sensors.readbacks++;
         for (i = 0; i < width * (size_t)rows && result == SBL_SUCCESS; i++)
             sbl__meter_count(p->meter[k], data + 4 * i);
     }

@@ -741,9 +741,11 @@ static int bake_probes(const tool_task *task, double *seconds) {
     sbl_result result = SBL_SUCCESS;
     int status = DONE, k, valid = 0;
     memset(&desc, 0, sizeof desc);
-    if (!options.positions) p.count = options.grid[0] * options.grid[1] * options.grid[2];
-    for (k = 0; k < 3 && !options.positions; k++) desc.grid[k] = options.grid[k];
-    p.all = (sbl_probe *)calloc((size_t)p.count + 1, sizeof *p.all);
+    for (k = 0; k < 3 && !options.positions; k++) {
+        desc.grid[k] = options.grid[k];
+        p.count = k ? p.count > INT_MAX / desc.grid[k] ? INT_MAX : p.count * desc.grid[k] : desc.grid[k];
+    }
+    if (p.count < INT_MAX) p.all = (sbl_probe *)calloc((size_t)p.count + 1, sizeof *p.all);
     desc.positions = p.positions;
     desc.probes = p.all;
     desc.probe_count = p.count;

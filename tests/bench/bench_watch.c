@@ -106,7 +106,7 @@ static int measure(const bench_room *r, unsigned seed) {
             const double share = s->cpu / all, off = (double)s->progress - share;
             if (s->shown && shown < 0) shown = i;
             if (s->store && store < 0) store = i;
-            if (s->bounced && bounced < 0) bounced = i;
+            if ((s->bounced || i == count - 1) && bounced < 0) bounced = i;
             if (i && s->progress < steps[i - 1].progress) back = 1;
             if (share >= 0.2 && fabs(off) > fabs(worst)) { worst = off; worst_at = share; }
         }
