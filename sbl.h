@@ -16332,6 +16332,9 @@ typedef struct sbl__map {
                                      of one ray of the store. A root, because most sensors stand along edges. Most of
                                      60 random rooms took half to twice as long */
 #define SBL__MAP_LOOKS 0.7        /* usual number of looks per pixel of work that does not fill the store */
+#define SBL__MAP_SPENT 0.6        /* each second of refinement shortens the rest of the usual time by this many seconds,
+                                     because refinement that lasts is longer than usual */
+#define SBL__MAP_LEAST 0.4        /* least rest of the usual time / usual time */
 #define SBL__GLIMPSE_TILE 16      /* least width of the glimpse's first-level tiles, pixels; the default of desc.tile */
 #define SBL__GLIMPSE_RAYS 64      /* number of rays of a sensor of the glimpse, which takes one look */
 #define SBL__GLIMPSE_ERROR 0.05f  /* target error of the glimpse; SBL__GLIMPSE_LOOKS usually ends it earlier */
@@ -16701,8 +16704,8 @@ static double *sbl__map_seconds(const void *work) {
 }
 
 /* Estimates the seconds until refinement ends, including those until the store is full. Before the first look,
-   refinement takes its usual time (SBL__MAP_RAYS), or 1e9 s if the work has traced no ray of the store. Later, it takes
-   the mean time of a look * the looks that are left of a total, which is between the usual and the expected number. */
+   refinement takes its usual time (SBL__MAP_RAYS), or 1e9 s if the work has traced no ray of the store. Later, the rest
+   of the usual time is mixed with the time of the looks that errors demand, whose weight is expected_sure. */
 static double sbl__map_seconds_left(const sbl__map *m) {
     const sbl__core *c = m->work.core;
     const sbl__refine *r = &m->refine;
@@ -16712,13 +16715,13 @@ static double sbl__map_seconds_left(const sbl__map *m) {
     const double stored = SBL__MAX((double)sbl__bounce_progress(c), 1e-6), bounce = stats->seconds.bounce;
     const double filling = bounce > 0 ? bounce * (1 / stored - 1) : 0;
     const double ray = rays > 0 ? bounce * SBL__MIN(1, SBL__BOUNCE_CAST / stored) / rays : 0;
-    const double usual = SBL__MAP_RAYS * sqrt(pixels) * ray;
-    double pace, all;
+    const double spent = stats->seconds.gather + stats->seconds.refine - m->paced_from[0];
+    double usual = SBL__MAP_RAYS * sqrt(pixels) * ray, demanded;
     if (m->work.stages.stage < SBL__MAP_REFINE || !(taken > 0)) return filling + (usual > 0 ? usual : 1e9);
-    pace = (stats->seconds.gather + stats->seconds.refine - m->paced_from[0]) / taken;
-    all = usual > 0 ? usual / SBL__MAX(pace, 1e-9) : SBL__MAP_LOOKS * pixels;
-    all = pow(all, 1 - r->expected_sure) * pow(sbl__refine_looks_expected(r), r->expected_sure);
-    return filling + pace * SBL__MAX(all - looks, 0);
+    if (!(usual > 0)) usual = SBL__MAP_LOOKS * pixels * spent / taken;
+    usual = SBL__MAX(usual - SBL__MAP_SPENT * spent, SBL__MAP_LEAST * usual);
+    demanded = SBL__MAX(sbl__refine_looks_expected(r) - looks, 0) * spent / taken;
+    return filling + (1 - r->expected_sure) * usual + r->expected_sure * demanded;
 }
 
 /* Returns the share of time that has passed if the rest takes sbl__map_seconds_left; 0 during a glimpse, 0.95 to 0.99
