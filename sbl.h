@@ -931,7 +931,7 @@ typedef struct sbl_draw_view {
     float view_to_clip[16];   /* projection with reversed depth; the far plane of a perspective is at infinity */
     float world_to_clip[16];  /* view_to_clip * world_to_view */
     float eye[3];             /* world position of the sensor or camera */
-    float radiance_scale;     /* factor for the radiance that the shader writes, so that bright lamps do not overflow */
+    float radiance_scale;     /* the shader multiplies radiance by this, so that bright lamps fit into 16-bit floats */
     float depth_scale;        /* factor of the depth, see write_depth */
     int write_depth;          /* 1: the fragment shader must write gl_FragDepth, because the driver has no clip control.
                                  The value is gl_FragCoord.w * depth_scale if view_to_clip is a perspective projection,
@@ -1848,9 +1848,10 @@ static void sbl__free(sbl__base *base, void *pointer) {
    the array; *room: capacity in elements. If the capacity grows, it at least doubles, except near INT_MAX, so that
    appending takes constant time on average. Returns 1; or 0, with nothing changed, if memory is exhausted. */
 static int sbl__grow(sbl__base *base, void *array, int *room, int needed, size_t size) {
-    const int more = needed > INT_MAX / 2 - 1024 ? needed : SBL__MAX(needed, (needed > *room ? *room : 0) * 2 + 1024);
     void *old, *grown;
+    int more;
     if (needed <= *room) return 1;
+    more = needed > INT_MAX / 2 - 1024 ? needed : SBL__MAX(needed, *room * 2 + 1024);
     memcpy(&old, array, sizeof old);
     grown = sbl__alloc_raw(base, (size_t)more, size);
     if (!grown) return 0;
@@ -6764,7 +6765,7 @@ static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
 }
 
 #define SBL__STORE_LEAVES 49152    /* default limit of the store's leaves, which the interface calls cells */
-#define SBL__STORE_TEXELS 8        /* most texels per leaf that the store's table may need, with cells and cuts */
+#define SBL__STORE_TEXELS 8        /* largest number of texels per leaf in the store's table, with cells and cuts */
 
 /* Decides whether tables are buffer textures or, if one exceeds the driver's limit for those, 2D textures. In buffer
    textures, lowers s->store.max_leaves to what they hold, at least 1024. Returns an error if a table exceeds the limit
@@ -13861,7 +13862,8 @@ typedef struct sbl__pixel {
 #define SBL__SILHOUETTE_ERROR 0.05f     /* least error of extrapolated light / larger of the sensor's R and mean R */
 #define SBL__CONTACT_ERROR 0.12f        /* replaces SILHOUETTE_ERROR if another surface is near: it may cast a shadow */
 #define SBL__CONTACT_DISTANCE 2.5f      /* largest distance of a near surface / distance between neighbouring sensors */
-#define SBL__PIXEL_ERROR 0.15f          /* part of a pixel's error that no estimate explains / error of the picture */
+#define SBL__PIXEL_ERROR 0.15f          /* each pixel's error includes this * the picture's predicted error, because no
+                                           estimate explains all of a pixel's error */
 #define SBL__NOISE_IN_BIAS 0.75f        /* raw_bias2 contains this * the variance of the corners' sensors as noise */
 #define SBL__NOISE_IN_SPLITS 1.25f      /* the same for gains of splits; more, as looks can remove that noise instead */
 /* Noise of sensors. */
@@ -14453,7 +14455,7 @@ static void sbl__tile_count(const sbl__refine *r, sbl__tile *c, const sbl__range
 
 /* >>refine: guides for sensors' rays, see >>guide */
 
-/* Returns the pixel where a guide stands; NULL: it is outside of the picture or shows no surface. */
+/* Returns the pixel of a guide, or NULL if that pixel is outside of the picture or shows no surface. */
 static const sbl__pixel *sbl__guide_pixel(const sbl__refine *r, int column, int row) {
     const sbl__pixel *p = sbl__pixel_inside(r, column * r->guides.step, row * r->guides.step);
     return p && p->id ? p : NULL;
@@ -14739,7 +14741,7 @@ static void sbl__refine_restart(sbl__refine *r) {
     for (i = 0; i < r->tile_count; i++)
         for (corner = 0; corner < 4; corner++) {
             sbl__pixel *p = sbl__tile_corner(r, &r->tiles[i], corner);
-            if (!p->looks) continue;  /* it shows light of the store and needs no sensor, or is another tile's, too */
+            if (!p->looks) continue;  /* the pixel has no sensor, or was reset as the corner of another tile */
             p->looks = 0;
             p->wanted = sbl__refine_first_looks(p, 1);
         }

@@ -739,12 +739,14 @@ static int bake_probes(const tool_task *task, double *seconds) {
     sbl_probes_desc desc;
     probes p = listed;
     sbl_result result = SBL_SUCCESS;
+    double points = 1;
     int status = DONE, k, valid = 0;
     memset(&desc, 0, sizeof desc);
     for (k = 0; k < 3 && !options.positions; k++) {
         desc.grid[k] = options.grid[k];
-        p.count = k ? p.count > INT_MAX / desc.grid[k] ? INT_MAX : p.count * desc.grid[k] : desc.grid[k];
+        points *= desc.grid[k];
     }
+    if (!options.positions) p.count = points < INT_MAX ? (int)points : INT_MAX;
     if (p.count < INT_MAX) p.all = (sbl_probe *)calloc((size_t)p.count + 1, sizeof *p.all);
     desc.positions = p.positions;
     desc.probes = p.all;

@@ -386,6 +386,18 @@ TEST(light_is_linear_beside_silhouettes) {
     }
 }
 
+/* Gives a filling a store of two leaves. The second one has a light of 8. */
+static void set_leaves(sbl__bounce *b, sbl__store *store, sbl__leaf leaves[2], sbl__bounce_leaf states[2]) {
+    int k;
+    memset(leaves, 0, 2 * sizeof *leaves);
+    memset(store, 0, sizeof *store);
+    for (k = 0; k < 3; k++) leaves[1].light[k] = 8;
+    store->leaves = leaves;
+    store->leaf_count = 2;
+    b->store = store;
+    b->states = states;
+}
+
 /* A leaf has three points, of which the second is stuck. A quarter of the rays of the first point and half of the rays
    of the last one hit another leaf, which reflects half of 8, so that they receive 1 and 2. The leaf receives the mean
    of the valid points. Its noise is the standard error of that mean or, with one valid point, half of the light. */
@@ -400,11 +412,7 @@ TEST(stuck_points_do_not_count) {
     float direct[3], solved[3];
     int i, k;
     memset(points, 0, sizeof points);
-    memset(leaves, 0, sizeof leaves);
-    memset(&store, 0, sizeof store);
-    store.leaves = leaves;
-    b.store = &store;
-    b.states = states;
+    set_leaves(&b, &store, leaves, states);
     b.points = points;
     b.hits.list = hits;
     b.direct = direct;
@@ -416,7 +424,6 @@ TEST(stuck_points_do_not_count) {
     }
     points[0].valid = points[2].valid = 1;
     for (k = 0; k < 3; k++) {
-        leaves[1].light[k] = 8;
         points[0].light[k] = 1;
         points[1].light[k] = 50;
         points[2].light[k] = 2;
@@ -450,16 +457,10 @@ TEST(further_points_do_not_count_more) {
     sbl__leaf leaves[2];
     sbl__store store;
     float direct[6];
-    int i, k;
-    memset(leaves, 0, sizeof leaves);
-    memset(&store, 0, sizeof store);
+    int i;
     memset(&division, 0, sizeof division);
-    for (k = 0; k < 3; k++) leaves[1].light[k] = 8;
-    store.leaves = leaves;
-    store.leaf_count = 2;
     division.spreads = spreads;
-    b.store = &store;
-    b.states = states;
+    set_leaves(&b, &store, leaves, states);
     b.points = points;
     b.hits.list = hits;
     b.direct = direct;
