@@ -229,7 +229,7 @@
    luminance, divided by the mean luminance of R there. 0.02 means 2 %. The luminance of a colour is 0.2126 r + 0.7152 g
    + 0.0722 b. The times for targets of 8, 4, 2 and 1 % are about in the ratio 1 : 1.5 : 3 : 6.
 
-   With the default target of the preset, each sensor takes at most 16 looks. Their number of rays, 16 to 128 each,
+   With the default target of the preset, each sensor takes at most 32 looks. Their number of rays, 16 to 128 each,
    follows from the target. The limit bounds the time where light comes through windows, and there the picture may miss
    the target. If you set target_error yourself, even to its default, a sensor may take up to 512 looks.
 
@@ -249,8 +249,8 @@
 
    SBL_MODE_GI adds a third part: the error of the stored light, estimated from the differences between the points of a
    cell. Sensors cannot reduce it; a larger max_bounce_cells does. The sensors' own part is never driven below 0.84 of
-   the target, even where the third part alone exceeds it; the picture then ends with SUCCESS and an expected_error
-   above the target. sbl_stats.picture.stored_error is the third part alone.
+   the target or below half of the third part, even where the third part alone exceeds the target; the picture then ends
+   with SUCCESS and an expected_error above the target. sbl_stats.picture.stored_error is the third part alone.
 
    If most light comes through windows or from a few other bright places, the picture first traces rays that find these
    places. Sensors then send most of their rays there, which saves half to two thirds of all rays.
@@ -1060,8 +1060,8 @@ typedef struct sbl_picture_desc {
                                   SBL_MODE_PAPER: SBL_SENSOR_SINGLE */
     float sensor_fov;          /* field of view of SBL_SENSOR_SINGLE, 1 to 179 degrees. Default: 135 */
     float target_error;        /* accepted root mean square error of R over the visible pixels, as a share of the mean R
-                                  there, 0 to 1; see ON THE TARGET ERROR. If not set, a sensor takes at most 512 / 512 /
-                                  1024 rays. Default: 0.05 / 0.015 / 0.0075. Default in SBL_MODE_PAPER: threshold
+                                  there, 0 to 1; see ON THE TARGET ERROR. If not set, a sensor takes at most 1024 /
+                                  1024 / 2048 rays. Default: 0.05 / 0.015 / 0.0075. Default in SBL_MODE_PAPER: threshold
                                   decides */
     int tile;                  /* pixels between sensors of the first level, 1 (every pixel) to 1024. Default: 16 */
     float threshold;           /* if set, tiles are refined where neighbouring sensors differ by more than this share of
@@ -1231,7 +1231,7 @@ typedef struct sbl_lightmap_desc {
                                   height times this are at most 16384. Default: 1 */
     sbl_options options;       /* see sbl_options */
     float target_error;        /* accepted root mean square error of R over the texels, as in sbl_picture_desc. If not
-                                  set, a sensor takes at most 512 / 1024 / 2048 rays. Default: 0.02 / 0.005 / 0.0025 */
+                                  set, a sensor takes at most 1024 / 2048 / 4096 rays. Default: 0.02 / 0.005 / 0.0025 */
     int tile;                  /* distance between sensors of the first level, in places of `supersample`, which are
                                   texels if it is 1. Default: as in sbl_picture_desc */
     float threshold;           /* refines where sensors differ by more. Default: as in sbl_picture_desc */
@@ -8739,7 +8739,7 @@ typedef struct sbl__spec {
 } sbl__spec;
 
 #define SBL__MAX_LOOKS 512         /* maximum number of looks per site if the host sets target_error */
-#define SBL__DEFAULT_LOOKS 16      /* maximum number of looks per site with the default target error */
+#define SBL__DEFAULT_LOOKS 32      /* maximum number of looks per site with the default target error */
 #define SBL__LOOK_RAYS_MOST 128    /* looks that are too noisy get more rays, up to this number */
 #define SBL__LOOK_VARIANCE 12.5    /* after the first round, the rays of all looks are doubled as long as the relative
                                       variance of a look with the doubled rays is at least this * (target error)^2,
@@ -9700,8 +9700,8 @@ static const char *const sbl__glsl_lamps[] = {
 "//     shoot    traces the ray\n",
 "//     combine  computes R from the results of all rays and from the closed forms\n",
 "//\n",
-"// One invocation computes one look, or one of the `blocks.y` parts into which its rays are divided. It stops when\n",
-"// more rays would not improve the result. With SBL_INSPECT it reports one ray or one entry of the look.\n",
+"// One invocation computes one look, or one of the `blocks.y` parts into which its rays are divided. It mostly stops\n",
+"// when its rays agree (see SBL_PASS_CHANCE). With SBL_INSPECT it reports one ray or one entry of the look.\n",
 "uniform usamplerBuffer sbl_sequence;  // points of the unit square for the rays, as in trace.glsl\n",
 "uniform int rays;                     // maximum number of rays per look, besides those to rims and point lights\n",
 "uniform float scale;                  // output / R\n",
@@ -9731,6 +9731,7 @@ static const char *const sbl__glsl_lamps[] = {
 "const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles the opening\n",
 "const float SBL_SPARSE = 16.0;      // a group with fewer rays per part than this on average is `sparse`: no ratio\n",
 "const int SBL_PASS_RAYS = 32;       // minimum number of rays per pass\n",
+"const float SBL_PASS_CHANCE = 0.25; // probability that all passes are made although rays agree after fewer\n",
 "const float SBL_PASS_CROWD = 16.0;  // maximum of (number of passes) * (effective number of entries)\n",
 "const int SBL_RIM_LAMPS = 8;        // with more entries than this, no lamp gets rim samples (rays to its edge)\n",
 "const int SBL_CORNERS = 3;          // number of rim samples of a triangle, one close to each corner\n",
@@ -9966,25 +9967,38 @@ static const char *const sbl__glsl_lamps[] = {
 "    return disagree || sbl_strata(taken) * error > SBL_KNOWN * mean * mean;\n",
 "}\n",
 "\n",
-"// Returns R * scale, and the variance of its luminance.\n",
-"vec4 sbl_combine() {\n",
+"// The result of the rays traced so far. light: R / unit, and the variance of its luminance; harmonics: of that light\n",
+"struct sbl_Result { vec4 light; mat3x4 harmonics; };\n",
+"\n",
+"sbl_Result sbl_combine() {\n",
+"    sbl_Result r = sbl_Result(vec4(sure + sampled / max(taken, 1.0), 0), sure_harmonics);\n",
 "    float clusters = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);\n",
-"    float variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) * sbl_strata(taken);\n",
-"    vec3 light = sure + sampled / max(taken, 1.0);\n",
-"    if (directional) sure_harmonics += sampled_harmonics / max(taken, 1.0);\n",
+"    r.light.a = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) * sbl_strata(taken);\n",
+"    if (directional) r.harmonics += sampled_harmonics / max(taken, 1.0);\n",
 "    for (int g = 0; g < 2; g++) {\n",
 "        vec3 share = mix(vec3(0), seen[g] / open[g], greaterThan(open[g], vec3(0)));\n",
 "        float mean = dot(whole[g], SBL_LUMINANCE), lit_share = lit[g] / max(samples[g], 1.0);\n",
 "        if (sparse[g] > 0.0) continue;\n",
-"        light += whole[g] * share;\n",
+"        r.light.rgb += whole[g] * share;\n",
 "        // Harmonics: the closed form times `share`, plus the deviation from it that the rays measured.\n",
 "        for (int k = 0; k < 3 && directional; k++)\n",
 "            if (open[g][k] > 0.0)\n",
-"                sure_harmonics[k] += share[k] * whole_harmonics[g][k] + whole[g][k] / open[g][k] *\n",
-"                                     (seen_harmonics[g][k] - share[k] * open_harmonics[g][k]);\n",
-"        variance += mean * mean * lit_share * (1.0 - lit_share) * sbl_strata(samples[g]);\n",
+"                r.harmonics[k] += share[k] * whole_harmonics[g][k] + whole[g][k] / open[g][k] *\n",
+"                                  (seen_harmonics[g][k] - share[k] * open_harmonics[g][k]);\n",
+"        r.light.a += mean * mean * lit_share * (1.0 - lit_share) * sbl_strata(samples[g]);\n",
 "    }\n",
-"    return vec4(light, variance * unit * scale) * unit * scale;\n",
+"    return r;\n",
+"}\n",
+"\n",
+"// Returns the result of all passes of an invocation that would have stopped at the result `early`. Only a share\n",
+"// SBL_PASS_CHANCE of such invocations get here; each also stands for those that stopped, so that the mean is right.\n",
+"sbl_Result sbl_combine_after(sbl_Result early) {\n",
+"    sbl_Result r = sbl_combine();\n",
+"    float boost = 1.0 / SBL_PASS_CHANCE, change = dot(r.light.rgb - early.light.rgb, SBL_LUMINANCE);\n",
+"    r.light.rgb = early.light.rgb + boost * (r.light.rgb - early.light.rgb);\n",
+"    r.light.a = boost * boost * (r.light.a + (1.0 - SBL_PASS_CHANCE) * change * change);\n",
+"    r.harmonics = early.harmonics + boost * (r.harmonics - early.harmonics);\n",
+"    return r;\n",
 "}\n",
 "\n",
 "// Number of passes into which the rays are divided, a power of two. After each pass sbl_undecided decides whether\n",
@@ -9994,6 +10008,13 @@ static const char *const sbl__glsl_lamps[] = {
 "    int passes = clamp(min(rays / SBL_PASS_RAYS, int(crowded)), 1, SBL_LAMP_PASSES), power = 1;\n",
 "    while (2 * power <= passes) power *= 2;\n",
 "    return power;\n",
+"}\n",
+"\n",
+"// Returns true with the probability SBL_PASS_CHANCE.\n",
+"bool sbl_goes_on(int part) {\n",
+"    uint hash = (scramble.x ^ uint(part) * 2654435769u) * 747796405u;\n",
+"    hash = (hash ^ hash >> 16) * 2246822519u;\n",
+"    return float(hash >> 8) < SBL_PASS_CHANCE * 16777216.0;\n",
 "}\n",
 "\n",
 "void main() {\n",
@@ -10031,7 +10052,8 @@ static const char *const sbl__glsl_lamps[] = {
 "    int passes = sbl_pass_count(), rims = rounded ? SBL_RIM : SBL_CORNERS;\n",
 "    int rim_samples = passes > 1 && used <= SBL_RIM_LAMPS ? rims * used : 0;\n",
 "    int skip = int(sbl_look_which(look) & SBL_LOOK_NUMBER) * rays;\n",
-"    bool undecided = total > 0.0;\n",
+"    bool undecided = total > 0.0, stopped = false, goes_on = sbl_goes_on(part);\n",
+"    sbl_Result early;\n",
 "    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // pass -1: rays to point lights\n",
 "        // Each part has SBL_LAMP_PASSES sections of the sequence, each of which covers the unit square evenly.\n",
 "        int section = SBL_LAMP_PASSES * part, sections = SBL_LAMP_PASSES * parts;\n",
@@ -10070,17 +10092,24 @@ static const char *const sbl__glsl_lamps[] = {
 "            reporting = inspected && (point ? k == certain_ray : !at_rim && k == wanted);\n",
 "            sbl_shoot(slot, p, l, s, at_rim, point);\n",
 "        }\n",
-"        if (!point) undecided = sbl_undecided();\n",
+"        if (point || stopped) continue;\n",
+"        undecided = sbl_undecided();\n",
+"        if (undecided || !goes_on || pass + 1 == passes) continue;\n",
+"        early = sbl_combine();\n",
+"        undecided = stopped = true;\n",
 "    }\n",
 "#ifdef SBL_INSPECT\n",
 "    sbl_write(out_light, vec4(report.rgb * unit, report.a));\n",
 "    sbl_write(out_way, report_way);\n",
 "#else\n",
-"    vec4 combined = sbl_combine();\n",
-"    if (sbl_cut_short()) combined.a = SBL_LOST;\n",
-"    sbl_write(out_light, combined);\n",
-"    sure_harmonics *= unit * scale;\n",
-"    sbl_write_harmonics(sure_harmonics);\n",
+"    sbl_Result r;\n",
+"    if (stopped) r = sbl_combine_after(early);\n",
+"    else r = sbl_combine();\n",
+"    vec4 light = vec4(r.light.rgb, r.light.a * unit * scale) * unit * scale;\n",
+"    if (sbl_cut_short()) light.a = SBL_LOST;\n",
+"    sbl_write(out_light, light);\n",
+"    r.harmonics *= unit * scale;\n",
+"    sbl_write_harmonics(r.harmonics);\n",
 "#endif\n",
 "}\n",
 0 };
@@ -13887,6 +13916,8 @@ typedef struct sbl__pixel {
                                            new readings may change what is worth buying */
 #define SBL__AIM_LEAST 0.7              /* share of the squared target error that bias and noise may always have,
                                            however large the uncertainty of stored light */
+#define SBL__AIM_STORED 0.25            /* bias and noise may also always have this share of the squared uncertainty of
+                                           stored light, since less would hardly reduce the sum of both */
 #define SBL__SPLIT_COST 3               /* cost of a split in sensors: it adds five, but neighbours share most */
 #define SBL__SPLIT_GAIN 0.875f          /* share of the squared error of interpolation that a split removes */
 #define SBL__DIFFERENCE_FLOOR 0.02f     /* share of the mean luminance that sbl__differ adds to the light it compares */
@@ -15069,7 +15100,8 @@ static void sbl__weigh_expect(sbl__refine *r, double left, double target2) {
 static void sbl__weigh_end(sbl__refine *r) {
     const double pixels = SBL__MAX(r->pixels_summed, 1.0), all2 = (double)r->target_error * r->target_error;
     const double uncertainty2 = r->uncertainty2 / ((double)r->luminance * r->luminance * pixels);
-    const double target2 = SBL__MAX(all2 - uncertainty2, SBL__AIM_LEAST * all2);
+    const double least2 = SBL__MAX(SBL__AIM_LEAST * all2, SBL__AIM_STORED * uncertainty2);
+    const double target2 = SBL__MAX(all2 - uncertainty2, least2);
     double left = r->bias2 + r->noise2, aim;
     int bin = SBL__GAIN_BINS;
     r->look_variance /= pixels;

@@ -54,9 +54,9 @@ static const tool_option table[OPTION_COUNT] = {
     [TARGET_ERROR] = { "--target-error", "E", SHARES, &options.target_error, 1, 0.0001, 1,
                        "target error, such as 2% or 0.02: the root mean square error of R over the picture, divided by "
                        "the\n"
-                       "mean of R; default by preset: 5%, 1.5%, 0.75%, with at most 512, 512, 1024 rays per sensor. "
+                       "mean of R; default by preset: 5%, 1.5%, 0.75%, with at most 1024, 1024, 2048 rays per sensor. "
                        "If E is\n"
-                       "given, a sensor may use up to 32 times as many rays, and a small E takes long",
+                       "given, a sensor may use up to 16 times as many rays, and a small E takes long",
                        .synonym = "--error" },
     [SENSOR_FOV] = { "--sensor-fov", "DEGREES", NUMBERS, &options.sensor_fov, 1, 1, 179,
                      "field of view of a sensor, mode paper only; default 135" },

@@ -9,8 +9,8 @@
 //     shoot    traces the ray
 //     combine  computes R from the results of all rays and from the closed forms
 //
-// One invocation computes one look, or one of the `blocks.y` parts into which its rays are divided. It stops when
-// more rays would not improve the result. With SBL_INSPECT it reports one ray or one entry of the look.
+// One invocation computes one look, or one of the `blocks.y` parts into which its rays are divided. It mostly stops
+// when its rays agree (see SBL_PASS_CHANCE). With SBL_INSPECT it reports one ray or one entry of the look.
 uniform usamplerBuffer sbl_sequence;  // points of the unit square for the rays, as in trace.glsl
 uniform int rays;                     // maximum number of rays per look, besides those to rims and point lights
 uniform float scale;                  // output / R
@@ -40,6 +40,7 @@ const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is b
 const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles the opening
 const float SBL_SPARSE = 16.0;      // a group with fewer rays per part than this on average is `sparse`: no ratio
 const int SBL_PASS_RAYS = 32;       // minimum number of rays per pass
+const float SBL_PASS_CHANCE = 0.25; // probability that all passes are made although rays agree after fewer
 const float SBL_PASS_CROWD = 16.0;  // maximum of (number of passes) * (effective number of entries)
 const int SBL_RIM_LAMPS = 8;        // with more entries than this, no lamp gets rim samples (rays to its edge)
 const int SBL_CORNERS = 3;          // number of rim samples of a triangle, one close to each corner
@@ -275,25 +276,38 @@ bool sbl_undecided() {
     return disagree || sbl_strata(taken) * error > SBL_KNOWN * mean * mean;
 }
 
-// Returns R * scale, and the variance of its luminance.
-vec4 sbl_combine() {
+// The result of the rays traced so far. light: R / unit, and the variance of its luminance; harmonics: of that light
+struct sbl_Result { vec4 light; mat3x4 harmonics; };
+
+sbl_Result sbl_combine() {
+    sbl_Result r = sbl_Result(vec4(sure + sampled / max(taken, 1.0), 0), sure_harmonics);
     float clusters = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);
-    float variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) * sbl_strata(taken);
-    vec3 light = sure + sampled / max(taken, 1.0);
-    if (directional) sure_harmonics += sampled_harmonics / max(taken, 1.0);
+    r.light.a = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) * sbl_strata(taken);
+    if (directional) r.harmonics += sampled_harmonics / max(taken, 1.0);
     for (int g = 0; g < 2; g++) {
         vec3 share = mix(vec3(0), seen[g] / open[g], greaterThan(open[g], vec3(0)));
         float mean = dot(whole[g], SBL_LUMINANCE), lit_share = lit[g] / max(samples[g], 1.0);
         if (sparse[g] > 0.0) continue;
-        light += whole[g] * share;
+        r.light.rgb += whole[g] * share;
         // Harmonics: the closed form times `share`, plus the deviation from it that the rays measured.
         for (int k = 0; k < 3 && directional; k++)
             if (open[g][k] > 0.0)
-                sure_harmonics[k] += share[k] * whole_harmonics[g][k] + whole[g][k] / open[g][k] *
-                                     (seen_harmonics[g][k] - share[k] * open_harmonics[g][k]);
-        variance += mean * mean * lit_share * (1.0 - lit_share) * sbl_strata(samples[g]);
+                r.harmonics[k] += share[k] * whole_harmonics[g][k] + whole[g][k] / open[g][k] *
+                                  (seen_harmonics[g][k] - share[k] * open_harmonics[g][k]);
+        r.light.a += mean * mean * lit_share * (1.0 - lit_share) * sbl_strata(samples[g]);
     }
-    return vec4(light, variance * unit * scale) * unit * scale;
+    return r;
+}
+
+// Returns the result of all passes of an invocation that would have stopped at the result `early`. Only a share
+// SBL_PASS_CHANCE of such invocations get here; each also stands for those that stopped, so that the mean is right.
+sbl_Result sbl_combine_after(sbl_Result early) {
+    sbl_Result r = sbl_combine();
+    float boost = 1.0 / SBL_PASS_CHANCE, change = dot(r.light.rgb - early.light.rgb, SBL_LUMINANCE);
+    r.light.rgb = early.light.rgb + boost * (r.light.rgb - early.light.rgb);
+    r.light.a = boost * boost * (r.light.a + (1.0 - SBL_PASS_CHANCE) * change * change);
+    r.harmonics = early.harmonics + boost * (r.harmonics - early.harmonics);
+    return r;
 }
 
 // Number of passes into which the rays are divided, a power of two. After each pass sbl_undecided decides whether
@@ -303,6 +317,13 @@ int sbl_pass_count() {
     int passes = clamp(min(rays / SBL_PASS_RAYS, int(crowded)), 1, SBL_LAMP_PASSES), power = 1;
     while (2 * power <= passes) power *= 2;
     return power;
+}
+
+// Returns true with the probability SBL_PASS_CHANCE.
+bool sbl_goes_on(int part) {
+    uint hash = (scramble.x ^ uint(part) * 2654435769u) * 747796405u;
+    hash = (hash ^ hash >> 16) * 2246822519u;
+    return float(hash >> 8) < SBL_PASS_CHANCE * 16777216.0;
 }
 
 void main() {
@@ -340,7 +361,8 @@ void main() {
     int passes = sbl_pass_count(), rims = rounded ? SBL_RIM : SBL_CORNERS;
     int rim_samples = passes > 1 && used <= SBL_RIM_LAMPS ? rims * used : 0;
     int skip = int(sbl_look_which(look) & SBL_LOOK_NUMBER) * rays;
-    bool undecided = total > 0.0;
+    bool undecided = total > 0.0, stopped = false, goes_on = sbl_goes_on(part);
+    sbl_Result early;
     for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // pass -1: rays to point lights
         // Each part has SBL_LAMP_PASSES sections of the sequence, each of which covers the unit square evenly.
         int section = SBL_LAMP_PASSES * part, sections = SBL_LAMP_PASSES * parts;
@@ -379,16 +401,23 @@ void main() {
             reporting = inspected && (point ? k == certain_ray : !at_rim && k == wanted);
             sbl_shoot(slot, p, l, s, at_rim, point);
         }
-        if (!point) undecided = sbl_undecided();
+        if (point || stopped) continue;
+        undecided = sbl_undecided();
+        if (undecided || !goes_on || pass + 1 == passes) continue;
+        early = sbl_combine();
+        undecided = stopped = true;
     }
 #ifdef SBL_INSPECT
     sbl_write(out_light, vec4(report.rgb * unit, report.a));
     sbl_write(out_way, report_way);
 #else
-    vec4 combined = sbl_combine();
-    if (sbl_cut_short()) combined.a = SBL_LOST;
-    sbl_write(out_light, combined);
-    sure_harmonics *= unit * scale;
-    sbl_write_harmonics(sure_harmonics);
+    sbl_Result r;
+    if (stopped) r = sbl_combine_after(early);
+    else r = sbl_combine();
+    vec4 light = vec4(r.light.rgb, r.light.a * unit * scale) * unit * scale;
+    if (sbl_cut_short()) light.a = SBL_LOST;
+    sbl_write(out_light, light);
+    r.harmonics *= unit * scale;
+    sbl_write_harmonics(r.harmonics);
 #endif
 }

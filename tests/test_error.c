@@ -372,6 +372,21 @@ TEST(of_few_bounce_samples) {
     scene_free(&k.scene);
 }
 
+/* Sensors take looks until the whole error is the target. They may always keep 0.84 of the target, and half of the
+   error of the store, because less would hardly make the whole smaller. */
+TEST(of_sensors_beside_the_store) {
+    static const double stores[] = { 0, 0.005, 0.01, 0.02, 0.05, 0.2 };
+    int i;
+    for (i = 0; i < 6; i++) {
+        const double store = stores[i], rest = store < 0.01 ? sqrt(1e-4 - store * store) : 0;
+        const double least = fmax(fmax(rest, sqrt(0.7) * 0.01), 0.5 * store);
+        CHECK(inside_is_exact(0.01f, 0.99 * least, store), "target 1 %%, store %g: %.2f %% of the sensors are too much",
+              store, 99 * least);
+        CHECK(!inside_is_exact(0.01f, 1.01 * least, store), "target 1 %%, store %g: %.2f %% of the sensors suffice",
+              store, 101 * least);
+    }
+}
+
 /* In each scene the predicted error is at most the target, and fits the true one as predicted_well requires. */
 TEST(of_penumbrae) { predicted_well(penumbra); }
 TEST(of_sky_through_a_hole) { predicted_well(hole); }
@@ -392,6 +407,7 @@ int main(void) {
     RUN(of_looks_between_near_plates);
     RUN(of_what_silhouettes_hide);
     RUN(of_few_bounce_samples);
+    RUN(of_sensors_beside_the_store);
     sbl_destroy(context);
     return test_report();
 }

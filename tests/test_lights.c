@@ -1257,6 +1257,64 @@ TEST(none_of_it_in_paper_mode) {
     scene_free(&s);
 }
 
+/* Adds a plate at the height 1, across x and z from -0.6 to 0.6, with a hole of x0 .. x0 + 0.1 by z0 .. z0 + 0.1. */
+static void plate_with_hole(test_scene *s, float x0, float z0) {
+    const float x[4] = { -0.6f, x0, x0 + 0.1f, 0.6f }, z[4] = { -0.6f, z0, z0 + 0.1f, 0.6f };
+    const int black = scene_material(s, 0, 0, 0);
+    int i, j;
+    for (i = 0; i < 3; i++)
+        for (j = 0; j < 3; j++)
+            if (i != 1 || j != 1)
+                scene_quad(s, black, x[i], 1, z[j], x[i], 1, z[j + 1], x[i + 1], 1, z[j + 1], x[i + 1], 1, z[j]);
+}
+
+/* Many rays towards a lamp are traced in several passes, and mostly end when the rays of the first pass agree. A sensor
+   sees one hundredth of a lamp through a hole, or all but one hundredth. The mean of many such sensors is the closed
+   form, and their noise is what they predict, although most first passes find the lamp all blocked or all open. */
+TEST(few_rays_that_differ_are_not_lost) {
+    enum { SENSORS = 8192 };
+    sbl_site *sites = (sbl_site *)calloc(SENSORS, sizeof *sites);
+    sbl_reading *readings = (sbl_reading *)calloc(SENSORS, sizeof *readings);
+    const v3 up = v3_of(0, 1, 0), origin = v3_of(0, 0, 0);
+    const v3 part[4] = { v3_of(0.4, 2, 0.2), v3_of(0.6, 2, 0.2), v3_of(0.6, 2, 0.4), v3_of(0.4, 2, 0.4) };
+    const v3 lamp[4] = { v3_of(-1, 2, -1), v3_of(1, 2, -1), v3_of(1, 2, 1), v3_of(-1, 2, 1) };
+    int open, i;
+    for (i = 0; i < SENSORS; i++) sites[i].normal[1] = sites[i].geometric_normal[1] = 1;
+    for (open = 0; open < 2; open++) {
+        const double seen = ref_polygon(origin, up, part, 4), whole = ref_polygon(origin, up, lamp, 4);
+        const double expected = open ? whole - seen : seen;
+        test_scene s = { 0 };
+        sbl_readings_desc desc = { 0 };
+        sbl_scene_desc scene;
+        double mean = 0, squares = 0, variance = 0;
+        scene_quad(&s, scene_lamp(&s, 1, 1, 1), -1, 2, -1, 1, 2, -1, 1, 2, 1, -1, 2, 1);
+        if (!open) plate_with_hole(&s, 0.2f, 0.1f);
+        else scene_quad(&s, scene_material(&s, 0, 0, 0), 0.2f, 1, 0.1f, 0.3f, 1, 0.1f, 0.3f, 1, 0.2f, 0.2f, 1, 0.2f);
+        scene = scene_desc(&s);
+        desc.sites = sites;
+        desc.readings = readings;
+        desc.site_count = SENSORS;
+        desc.options.mode = SBL_MODE_DIRECT;
+        desc.options.backend = SBL_BACKEND_TRACE;
+        desc.options.rays = 256;
+        CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
+              "the readings fail");
+        for (i = 0; i < SENSORS; i++) {
+            mean += (double)readings[i].radiance[0] / SENSORS;
+            squares += (double)readings[i].radiance[0] * (double)readings[i].radiance[0] / SENSORS;
+            variance += (double)readings[i].noise * (double)readings[i].noise / SENSORS;
+        }
+        CHECK(fabs(mean - expected) < 0.1 * seen, "%s: mean R is %.6f, not %.6f", open ? "almost open"
+              : "almost hidden", mean, expected);
+        squares -= mean * mean;
+        CHECK(fabs(log(variance / squares)) < 0.3, "%s: the variance is %.3g, predicted %.3g", open ? "almost open"
+              : "almost hidden", squares, variance);
+        scene_free(&s);
+    }
+    free(sites);
+    free(readings);
+}
+
 int main(void) {
     if (sbl_create(NULL, &context) != SBL_SUCCESS) { printf("no context\n0 passed, 1 failed, 0 skipped\n"); return 1; }
     RUN(formulas_against_quadrature);
@@ -1281,6 +1339,7 @@ int main(void) {
     RUN(energy_in_a_box);
     RUN(energy_from_afar);
     RUN(none_of_it_in_paper_mode);
+    RUN(few_rays_that_differ_are_not_lost);
     sbl_destroy(context);
     return test_report();
 }

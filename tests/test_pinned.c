@@ -145,7 +145,7 @@ static const struct { const char *renderer, *version; uint64_t hashes[PINS]; } p
         0xee66185dff2bc145u,  /* cornell_ambient_traced */
         0x8b03caca16d192cdu,  /* cornell_direct_traced */
         0x7b13eb650875cf26u,  /* cornell_direct_high */
-        0x839b7fc86962941cu,  /* cornell_ambient_rasterised */
+        0x805f2579068afb51u,  /* cornell_ambient_rasterised */
         0xbee979497c67e34fu,  /* cornell_paper */
         0xeb124cbf2f186f96u,  /* everything_ambient_traced */
         0x608251167e6056dbu,  /* everything_ambient_rasterised */

@@ -45,4 +45,8 @@ int inside_guard_units(void); /* number of texture units whose state the guard r
 typedef struct inside_weight { float noise2, bias2, light, split_gain; } inside_weight;
 inside_weight inside_weigh_corners(int strips, float light);
 
+/* Returns 1 if a picture with these relative errors needs no further looks or splits. sensors: error of interpolation
+   and noise; store: uncertainty of stored light */
+int inside_is_exact(float target, double sensors, double store);
+
 #endif

@@ -93,6 +93,18 @@ inside_weight inside_weigh_corners(int strips, float light) {
     return weight;
 }
 
+int inside_is_exact(float target, double sensors, double store) {
+    static sbl__refine r;
+    memset(&r, 0, sizeof r);
+    r.target_error = target;
+    r.luminance = 1;
+    r.pixels_summed = 100;
+    r.noise2 = 100 * sensors * sensors;
+    r.uncertainty2 = 100 * store * store;
+    sbl__weigh_end(&r);
+    return !(r.least_worth < FLT_MAX);
+}
+
 static const char *const cast_main[] = {
     "uniform samplerBuffer rays;\n"
     "uniform int ray_count, width;\n"
