@@ -9,8 +9,8 @@
 //     shoot    traces the ray
 //     combine  computes R from the results of all rays and from the closed forms
 //
-// One invocation computes one look, or one of the `blocks.y` parts into which its rays are divided. It mostly stops
-// when its rays agree (see SBL_PASS_CHANCE). With SBL_INSPECT it reports one ray or one entry of the look.
+// One invocation computes one look, or one of the `blocks.y` parts into which its rays are divided. It mostly
+// stops when its rays agree (see SBL_PASS_CHANCE). With SBL_INSPECT it reports one ray or one entry of the look.
 uniform usamplerBuffer sbl_sequence;  // points of the unit square for the rays, as in trace.glsl
 uniform int rays;                     // maximum number of rays per look, besides those to rims and point lights
 uniform float scale;                  // output / R
@@ -276,7 +276,8 @@ bool sbl_undecided() {
     return disagree || sbl_strata(taken) * error > SBL_KNOWN * mean * mean;
 }
 
-// The result of the rays traced so far. light: R / unit, and the variance of its luminance; harmonics: of that light
+// The result of the rays traced so far. light: R / unit, and the variance of its luminance; harmonics: spherical
+// harmonics of that light
 struct sbl_Result { vec4 light; mat3x4 harmonics; };
 
 sbl_Result sbl_combine() {
@@ -299,8 +300,8 @@ sbl_Result sbl_combine() {
     return r;
 }
 
-// Returns the result of all passes of an invocation that would have stopped at the result `early`. Only a share
-// SBL_PASS_CHANCE of such invocations get here; each also stands for those that stopped, so that the mean is right.
+// Returns the result of all passes of an invocation that could have stopped at the result `early`. Only a share
+// SBL_PASS_CHANCE of such invocations go on; the change counts 1 / SBL_PASS_CHANCE times, for those that stop.
 sbl_Result sbl_combine_after(sbl_Result early) {
     sbl_Result r = sbl_combine();
     float boost = 1.0 / SBL_PASS_CHANCE, change = dot(r.light.rgb - early.light.rgb, SBL_LUMINANCE);
