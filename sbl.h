@@ -10015,7 +10015,7 @@ static const char *const sbl__glsl_lamps[] = {
 "bool sbl_goes_on(int part) {\n",
 "    uint hash = (scramble.x ^ uint(part) * 2654435769u) * 747796405u;\n",
 "    hash = (hash ^ hash >> 16) * 2246822519u;\n",
-"    return float(hash >> 8) < SBL_PASS_CHANCE * 16777216.0;\n",
+"    return float(hash >> 8) < SBL_PASS_CHANCE * SBL_FRACTIONS;\n",
 "}\n",
 "\n",
 "void main() {\n",

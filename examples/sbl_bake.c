@@ -71,8 +71,8 @@ static const tool_option table[OPTION_COUNT] = {
                        "with --lightmap: target error of R, such as 2% or 0.02: the root mean square error of the map, "
                        "divided\n"
                        "by the mean of R; default 2%, 0.5%, 0.25% by preset; with the default, a sensor uses at most "
-                       "512, 1024,\n"
-                       "2048 rays",
+                       "1024, 2048,\n"
+                       "4096 rays",
                        .synonym = "--error" },
     [VERTICES] = { "--vertices", NULL, FLAG, NULL, 0, 0, 0,
                    "bakes R at the vertices of all meshes, fitted by least squares to the light on their triangles, "

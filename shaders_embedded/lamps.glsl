@@ -324,7 +324,7 @@ int sbl_pass_count() {
 bool sbl_goes_on(int part) {
     uint hash = (scramble.x ^ uint(part) * 2654435769u) * 747796405u;
     hash = (hash ^ hash >> 16) * 2246822519u;
-    return float(hash >> 8) < SBL_PASS_CHANCE * 16777216.0;
+    return float(hash >> 8) < SBL_PASS_CHANCE * SBL_FRACTIONS;
 }
 
 void main() {

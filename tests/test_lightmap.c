@@ -212,6 +212,7 @@ TEST(a_furnace) {
         s.meshes[i].positions.data = scene_copy(&s, turned, 12);  /* the walls face inwards */
     }
     desc.gutter = 5;
+    desc.target_error = 0.0025f;  /* without it, noise takes single texels beyond the limit */
     light = bake_stored(&s, &desc, 0);
     if (light) {
         float *final = channel_of(&desc, SBL_CHANNEL_FINAL), *id = channel_of(&desc, SBL_CHANNEL_ID);
@@ -233,7 +234,7 @@ TEST(a_furnace) {
             }
         CHECK(shown > 5 * 30 * 20 && wrong == 0, "%d texels are shown, %d wrong", shown, wrong);
         printf("  %.2f %% rms, including the gutter %.2f %% at worst\n", 100 * sqrt(squares / shown), 100 * worst);
-        CHECK(sqrt(squares / shown) < 0.005 && worst < 0.05, "off by %.3f %% rms, %.2f %% at worst",
+        CHECK(sqrt(squares / shown) < 0.003 && worst < 0.025, "off by %.3f %% rms, %.2f %% at worst",
               100 * sqrt(squares / shown), 100 * worst);
         free(final);
         free(id);
