@@ -7,7 +7,7 @@
 #define STB_IMAGE_WRITE_IMPLEMENTATION
 #include <stb/stb_image_write.h>
 
-enum { GRID = 56, CELLS = GRID * GRID, SIDE = GRID + 1, PER_QUAD = SIDE * SIDE };  /* each quad is cut into GRID x GRID
+enum { GRID = 40, CELLS = GRID * GRID, SIDE = GRID + 1, PER_QUAD = SIDE * SIDE };  /* each quad is cut into GRID x GRID
                                                                                       cells */
 enum { VERTICES = CORNELL_QUADS * PER_QUAD, TRIANGLES = 2 * CORNELL_QUADS * CELLS, ACROSS = 512 };
 
@@ -119,7 +119,8 @@ static int picture_make(sbl_context *context) {
         .meshes = meshes, .mesh_count = CORNELL_QUADS, .materials = &plain, .material_count = 1, .sky = { 1, 1, 1 } };
     sbl_picture_desc view = { .options.mode = SBL_MODE_DIRECT,
                               .options.preset = SBL_PRESET_DRAFT,
-                              .tile = 1024 }; /* the light is not used: fast settings */
+                              .tile = 1024,
+                              .options.rays = 4 }; /* the light is not used: fast settings */
     int quad;
     for (quad = 0; quad < CORNELL_QUADS; quad++) {
         meshes[quad].positions.data = positions[quad * PER_QUAD];

@@ -209,7 +209,7 @@ plain_check paper_metrics_plots_without_gnuplot metrics_plots_without_gnuplot
 
 # first_picture FILE BLACK: at most 5 % of the picture is white, and at most BLACK % black
 first_picture() {
-    "$BUILD_DIR/sbl_render" "$1" --size 160x120 -o "$folder/first.png" && look exposed first.png 5 "$2"
+    "$BUILD_DIR/sbl_render" "$1" --size 96x72 -o "$folder/first.png" && look exposed first.png 5 "$2"
 }
 plain_check first_picture_cornell_box first_picture examples/scenes/cornell_box.obj 5
 plain_check first_picture_two_rooms first_picture examples/scenes/two_rooms.obj 5

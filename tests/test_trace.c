@@ -771,7 +771,7 @@ int main(void) {
     RUN(the_picture_does_not_depend_on_the_slices);
     RUN(moved_meshes_are_found);
     RUN(rays_hit_what_they_should);
-    if (!test_kind_is("gl33")) RUN(nasty_triangles);
+    RUN_PLAIN(nasty_triangles);
     RUN(every_ray_arrives);
     RUN(a_million_triangles);
     if (getenv("SBL_TEST_HUGE")) RUN(ten_million_triangles);
