@@ -8743,7 +8743,8 @@ typedef struct sbl__spec {
 #define SBL__LOOK_RAYS_MOST 128    /* looks that are too noisy get more rays, up to this number */
 #define SBL__LOOK_VARIANCE 12.5    /* after the first round, the rays of all looks are doubled as long as the relative
                                       variance of a look with the doubled rays is at least this * (target error)^2,
-                                      see sbl__look_growth */
+                                      see sbl__look_growth. Rays are guided if the variance is at least as large before
+                                      they are doubled, see sbl__refine_needs_guides */
 
 /* One look of a site, as shaders read it:
    position         the site's position, moved off the surface by `offset` along the geometric normal
@@ -15226,23 +15227,30 @@ static int sbl__refine_growth(const sbl__refine *r) {
     return r->rounds == 1 ? sbl__look_growth(r->measurement, r->target_error, r->look_variance) : 1;
 }
 
+/* Returns 1 if the first round has shown that looks are so noisy that their rays should be guided, see >>guide. */
+static int sbl__refine_needs_guides(const sbl__refine *r) {
+    const double least = SBL__LOOK_VARIANCE * (double)r->target_error * (double)r->target_error;
+    return r->rounds == 1 && r->spec->traced && !r->spec->guided && !r->spec->no_light &&
+           !r->measurement->options.rays && r->look_variance >= least;
+}
+
 static int sbl__refine_after_weigh(void *work) {
     sbl__refine *r = (sbl__refine *)work;
     sbl__weigh_end(r);
-    if (sbl__refine_growth(r) > 1) return SBL__REFINE_RESTART;
+    if (sbl__refine_needs_guides(r) || sbl__refine_growth(r) > 1) return SBL__REFINE_RESTART;
     r->first_new = r->tile_count;
     r->core->stats.picture.expected_error = (float)r->predicted;
     r->core->stats.picture.stored_error = (float)r->stored;
     return SBL__REFINE_SPEND;
 }
 
-/* Called after a first round whose looks are too noisy. If rays are not guided yet and can find light, has guides made.
-   Otherwise gives looks more rays and reduces the maximum number of looks. In both cases all sensors start again. */
+/* Called after a first round whose looks are too noisy. Has guides made, or gives looks more rays and reduces the
+   maximum number of looks. In both cases all sensors start again. */
 static int sbl__refine_after_restart(void *work) {
     sbl__refine *r = (sbl__refine *)work;
-    const int times = sbl__refine_growth(r);
+    const int times = sbl__refine_growth(r), guides = sbl__refine_needs_guides(r);
     sbl__refine_restart(r);
-    if (!r->spec->guided && !r->spec->no_light) return SBL__REFINE_COLLECT_SCOUTS;
+    if (guides) return SBL__REFINE_COLLECT_SCOUTS;
     r->measurement->look_rays *= times;
     r->measurement->looks = SBL__MAX(r->measurement->looks / times, 1);
     sbl__refine_update_spec(r);

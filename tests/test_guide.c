@@ -353,6 +353,35 @@ TEST(memory_runs_out) {
           seen.blocks, seen.strangers);
 }
 
+/* Returns 1 if rays are to be guided after round `round` of a traced picture with a target error of 1 %, whose looks
+   have this relative variance. guided: 1: they are guided already; rays: sbl_options.rays */
+static int needs_guides(double variance, int round, int guided, int rays) {
+    sbl__refine r;
+    sbl__spec spec;
+    sbl__measurement measurement;
+    memset(&r, 0, sizeof r);
+    memset(&spec, 0, sizeof spec);
+    memset(&measurement, 0, sizeof measurement);
+    spec.traced = 1;
+    spec.guided = guided;
+    measurement.options.rays = rays;
+    r.spec = &spec;
+    r.measurement = &measurement;
+    r.rounds = round;
+    r.target_error = 0.01f;
+    r.look_variance = variance;
+    return sbl__refine_needs_guides(&r);
+}
+
+/* Rays are guided once, after the first round, if a look's variance is 12.5 times the square of the target error. */
+TEST(noisy_looks_need_guides) {
+    CHECK(needs_guides(12.6e-4, 1, 0, 0), "noisy looks are not guided");
+    CHECK(!needs_guides(12.4e-4, 1, 0, 0), "looks with little noise are guided");
+    CHECK(!needs_guides(1, 2, 0, 0), "rays are guided after the second round");
+    CHECK(!needs_guides(1, 1, 1, 0), "rays are guided twice");
+    CHECK(!needs_guides(1, 1, 0, 64), "rays are guided although the host asks for 64");
+}
+
 int main(void) {
     dark_room_make(&dark_room);
     RUN(guides_are_densities);
@@ -361,6 +390,7 @@ int main(void) {
     RUN_PLAIN(the_picture_is_the_same);
     RUN_PLAIN(few_rays_do);
     RUN_PLAIN(looks_grow);
+    RUN(noisy_looks_need_guides);
     RUN(guides_serve_their_like);
     RUN(even_light_needs_no_guide);
     RUN(guides_are_bounded);
