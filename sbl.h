@@ -10055,7 +10055,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    int rim_samples = passes > 1 && used <= SBL_RIM_LAMPS ? rims * used : 0;\n",
 "    int skip = int(sbl_look_which(look) & SBL_LOOK_NUMBER) * rays;\n",
 "    bool undecided = total > 0.0, stopped = false, goes_on = sbl_goes_on(part);\n",
-"    sbl_Result early;\n",
+"    sbl_Result early = sbl_Result(vec4(0), mat3x4(0));\n",
 "    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // pass -1: rays to point lights\n",
 "        // Each part has SBL_LAMP_PASSES sections of the sequence, each of which covers the unit square evenly.\n",
 "        int section = SBL_LAMP_PASSES * part, sections = SBL_LAMP_PASSES * parts;\n",

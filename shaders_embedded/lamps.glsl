@@ -363,7 +363,7 @@ void main() {
     int rim_samples = passes > 1 && used <= SBL_RIM_LAMPS ? rims * used : 0;
     int skip = int(sbl_look_which(look) & SBL_LOOK_NUMBER) * rays;
     bool undecided = total > 0.0, stopped = false, goes_on = sbl_goes_on(part);
-    sbl_Result early;
+    sbl_Result early = sbl_Result(vec4(0), mat3x4(0));
     for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // pass -1: rays to point lights
         // Each part has SBL_LAMP_PASSES sections of the sequence, each of which covers the unit square evenly.
         int section = SBL_LAMP_PASSES * part, sections = SBL_LAMP_PASSES * parts;
