@@ -4826,7 +4826,7 @@ static void sbl__add_reflected(const uint16_t share[3], const float light[3], fl
 
 /* >>glsl material: shaders_embedded/material.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_material[] = {
-"// How surfaces emit and reflect light, and where they have holes. Other shaders read only a material's flags.\n",
+"// This file computes what surfaces emit and reflect, and where they have holes. Other shaders read only a material's flags.\n",
 "// >>material in sbl.h does the same on the CPU.\n",
 "uniform float epsilon;     // ambient factor: a surface that does not emit has the radiance epsilon * albedo\n",
 "uniform bool lamps_apart;  // true: lamps.glsl adds the light of emitters, so sbl_outgoing leaves it out\n",
@@ -8739,7 +8739,7 @@ typedef struct sbl__spec {
 } sbl__spec;
 
 #define SBL__MAX_LOOKS 512         /* maximum number of looks per site if the host sets target_error */
-#define SBL__DEFAULT_LOOKS 32      /* maximum number of looks per site with the default target error */
+#define SBL__DEFAULT_LOOKS 32      /* maximum number of looks per site if the host leaves target_error at 0 */
 #define SBL__LOOK_RAYS_MOST 128    /* looks that are too noisy get more rays, up to this number */
 #define SBL__LOOK_VARIANCE 12.5    /* after the first round, the rays of all looks are doubled as long as the relative
                                       variance of a look with the doubled rays is at least this * (target error)^2,
@@ -9992,8 +9992,9 @@ static const char *const sbl__glsl_lamps[] = {
 "    return r;\n",
 "}\n",
 "\n",
-"// Returns the result of all passes of an invocation that could have stopped at the result `early`. Only a share\n",
-"// SBL_PASS_CHANCE of such invocations go on; the change counts 1 / SBL_PASS_CHANCE times, for those that stop.\n",
+"// Returns the result of an invocation that has made all passes although its rays agreed after fewer. early: its\n",
+"// result at that time. Other invocations stop there. Since this one stands for them, too, it multiplies the change\n",
+"// since then by 1 / SBL_PASS_CHANCE. The mean of all invocations is thus the same as if all made all passes.\n",
 "sbl_Result sbl_combine_after(sbl_Result early) {\n",
 "    sbl_Result r = sbl_combine();\n",
 "    float boost = 1.0 / SBL_PASS_CHANCE, change = dot(r.light.rgb - early.light.rgb, SBL_LUMINANCE);\n",
@@ -16377,7 +16378,7 @@ typedef struct sbl__map {
 #define SBL__MAP_LOOKS 0.7        /* usual number of looks per pixel of work that does not fill the store */
 #define SBL__MAP_SPENT 0.6        /* each second of refinement shortens the rest of the usual time by this many seconds,
                                      because refinement that lasts is longer than usual */
-#define SBL__MAP_LEAST 0.4        /* least rest of the usual time / usual time */
+#define SBL__MAP_LEAST 0.4        /* the rest of the usual time is estimated as at least this * the usual time */
 #define SBL__GLIMPSE_TILE 16      /* least width of the glimpse's first-level tiles, pixels; the default of desc.tile */
 #define SBL__GLIMPSE_RAYS 64      /* number of rays of a sensor of the glimpse, which takes one look */
 #define SBL__GLIMPSE_ERROR 0.05f  /* target error of the glimpse; SBL__GLIMPSE_LOOKS usually ends it earlier */

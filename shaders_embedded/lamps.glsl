@@ -300,8 +300,9 @@ sbl_Result sbl_combine() {
     return r;
 }
 
-// Returns the result of all passes of an invocation that could have stopped at the result `early`. Only a share
-// SBL_PASS_CHANCE of such invocations go on; the change counts 1 / SBL_PASS_CHANCE times, for those that stop.
+// Returns the result of an invocation that has made all passes although its rays agreed after fewer. early: its
+// result at that time. Other invocations stop there. Since this one stands for them, too, it multiplies the change
+// since then by 1 / SBL_PASS_CHANCE. The mean of all invocations is thus the same as if all made all passes.
 sbl_Result sbl_combine_after(sbl_Result early) {
     sbl_Result r = sbl_combine();
     float boost = 1.0 / SBL_PASS_CHANCE, change = dot(r.light.rgb - early.light.rgb, SBL_LUMINANCE);

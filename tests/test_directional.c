@@ -453,21 +453,16 @@ TEST(texels_are_of_one_chart) {
 /* Each texel sees one hundredth of a lamp through a hole. Most of their first passes of rays towards the lamp find it
    hidden (see sbl_combine_after in lamps.glsl). The mean of all texels has the harmonics of the part that is seen. */
 TEST(few_rays_that_differ_have_harmonics) {
-    static const float x[4] = { -0.6f, 0.2f, 0.3f, 0.6f }, z[4] = { -0.6f, 0.1f, 0.2f, 0.6f };
     static test_scene s;
     const v3 part[4] = { v3_of(0.4, 2, 0.2), v3_of(0.6, 2, 0.2), v3_of(0.6, 2, 0.4), v3_of(0.4, 2, 0.4) };
     sbl_lightmap_desc desc = map_of(96, 96, SBL_MODE_DIRECT);
     float *R, *id, *sh[4];
     double mean[4] = { 0, 0, 0, 0 }, expected[4];
-    int i, k, black, count = 0;
+    int i, k, count = 0;
     memset(&s, 0, sizeof s);
-    black = scene_material(&s, 0, 0, 0);
-    for (i = 0; i < 9; i++) {
-        const float *a = x + i % 3, *b = z + i / 3;
-        if (i != 4) scene_quad(&s, black, a[0], 1, b[0], a[0], 1, b[1], a[1], 1, b[1], a[1], 1, b[0]);
-    }
+    scene_plate_with_hole(&s);
     scene_quad(&s, scene_lamp(&s, 1, 1, 1), -1, 2, -1, 1, 2, -1, 1, 2, 1, -1, 2, 1);
-    uv_rectangle(&s, scene_floor(&s, black, 0, 0.005f), 0.02f, 0.02f, 0.98f, 0.98f);
+    uv_rectangle(&s, scene_floor(&s, scene_material(&s, 0, 0, 0), 0, 0.005f), 0.02f, 0.02f, 0.98f, 0.98f);
     desc.directional = desc.tile = 1;
     desc.options.rays = 256;
     R = bake(&s, &desc);

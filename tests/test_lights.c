@@ -1257,17 +1257,6 @@ TEST(none_of_it_in_paper_mode) {
     scene_free(&s);
 }
 
-/* Adds a plate at the height 1, across x and z from -0.6 to 0.6, with a hole of x0 .. x0 + 0.1 by z0 .. z0 + 0.1. */
-static void plate_with_hole(test_scene *s, float x0, float z0) {
-    const float x[4] = { -0.6f, x0, x0 + 0.1f, 0.6f }, z[4] = { -0.6f, z0, z0 + 0.1f, 0.6f };
-    const int black = scene_material(s, 0, 0, 0);
-    int i, j;
-    for (i = 0; i < 3; i++)
-        for (j = 0; j < 3; j++)
-            if (i != 1 || j != 1)
-                scene_quad(s, black, x[i], 1, z[j], x[i], 1, z[j + 1], x[i + 1], 1, z[j + 1], x[i + 1], 1, z[j]);
-}
-
 /* Many rays towards a lamp are traced in several passes, and mostly end when the rays of the first pass agree. A sensor
    sees one hundredth of a lamp through a hole, or all but one hundredth. The mean of many such sensors is the closed
    form, and their noise is what they predict, although most first passes find the lamp all blocked or all open. */
@@ -1288,7 +1277,7 @@ TEST(few_rays_that_differ_are_not_lost) {
         sbl_scene_desc scene;
         double mean = 0, squares = 0, variance = 0;
         scene_quad(&s, scene_lamp(&s, 1, 1, 1), -1, 2, -1, 1, 2, -1, 1, 2, 1, -1, 2, 1);
-        if (!open) plate_with_hole(&s, 0.2f, 0.1f);
+        if (!open) scene_plate_with_hole(&s);
         else scene_quad(&s, scene_material(&s, 0, 0, 0), 0.2f, 1, 0.1f, 0.3f, 1, 0.1f, 0.3f, 1, 0.2f, 0.2f, 1, 0.2f);
         scene = scene_desc(&s);
         desc.sites = sites;

@@ -163,6 +163,18 @@ static inline sbl_mesh *scene_floor(test_scene *s, int material, float y, float 
     return scene_quad(s, material, -half, y, -half, -half, y, half, half, y, half, half, y, -half);
 }
 
+/* Adds a black plate at the height 1, with x and z from -0.6 to 0.6. Through its hole, the origin sees x from 0.4 to 0.6
+   and z from 0.2 to 0.4 at the height 2. */
+static inline void scene_plate_with_hole(test_scene *s) {
+    static const float x[4] = { -0.6f, 0.2f, 0.3f, 0.6f }, z[4] = { -0.6f, 0.1f, 0.2f, 0.6f };
+    const int black = scene_material(s, 0, 0, 0);
+    int i;
+    for (i = 0; i < 9; i++) {
+        const float *a = x + i % 3, *b = z + i / 3;
+        if (i != 4) scene_quad(s, black, a[0], 1, b[0], a[0], 1, b[1], a[1], 1, b[1], a[1], 1, b[0]);
+    }
+}
+
 /* Adds six quads that face outwards, each a mesh with its own id. */
 static inline void scene_box(test_scene *s, int material, float x0, float y0, float z0, float x1, float y1, float z1) {
     scene_quad(s, material, x0, y0, z0, x0, y0, z1, x0, y1, z1, x0, y1, z0);
