@@ -4826,8 +4826,8 @@ static void sbl__add_reflected(const uint16_t share[3], const float light[3], fl
 
 /* >>glsl material: shaders_embedded/material.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_material[] = {
-"// This file computes what surfaces emit and reflect, and where they have holes. Other shaders read only the flags of\n",
-"// a material. >>material in sbl.h does the same on the CPU.\n",
+"// This file computes what surfaces emit and reflect, and where they have holes. Other shaders read only the\n",
+"// flags of a material. >>material in sbl.h does the same on the CPU.\n",
 "uniform float epsilon;     // ambient factor: a surface that does not emit has the radiance epsilon * albedo\n",
 "uniform bool lamps_apart;  // true: lamps.glsl adds the light of emitters, so sbl_outgoing leaves it out\n",
 "\n",

@@ -1,5 +1,5 @@
-// This file computes what surfaces emit and reflect, and where they have holes. Other shaders read only the flags of
-// a material. >>material in sbl.h does the same on the CPU.
+// This file computes what surfaces emit and reflect, and where they have holes. Other shaders read only the
+// flags of a material. >>material in sbl.h does the same on the CPU.
 uniform float epsilon;     // ambient factor: a surface that does not emit has the radiance epsilon * albedo
 uniform bool lamps_apart;  // true: lamps.glsl adds the light of emitters, so sbl_outgoing leaves it out
 
