@@ -9,7 +9,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-enum { COARSE = 8, FINE = 16 };  /* cells across each quad */
+enum { COARSE = 6, FINE = 12 };  /* cells across each quad */
 
 /* The Cornell box, with each quad cut into cells x cells squares of two triangles. */
 typedef struct box { int cells; float (*positions)[3]; unsigned *indices; } box;

@@ -450,11 +450,11 @@ TEST(what_is_ignored_stays_ignored) {
           ran.status, ran.err);
 }
 
-/* >>signals during the work. With one sensor per pixel the picture takes minutes on two cores, and long enough on any
+/* >>signals during the work. With one sensor per pixel the picture takes a minute on two cores, and long enough on any
    machine. */
 
 #define LONG \
-    "room.obj", "--mode", "ambient", "--size", "640x480", "--rays", "4096", "--threshold", "0", "--samples", "1"
+    "room.obj", "--mode", "ambient", "--size", "320x240", "--rays", "4096", "--threshold", "0", "--samples", "1"
 
 /* Interrupted before the first level, the tool writes nothing. */
 TEST(before_the_first_level) {
@@ -485,7 +485,7 @@ TEST(after_the_first_level) {
         CHECK(ran.status == 128 + signals[k] && said("interrupted; the unfinished picture (") &&
                   said("%) is in out.partial.png"),
               "exit status %d: %s", ran.status, ran.err);
-        CHECK(is_picture("out.partial.png", 640, 480) && holds("out.png", "old\n") && !exists("out.json") &&
+        CHECK(is_picture("out.partial.png", 320, 240) && holds("out.png", "old\n") && !exists("out.json") &&
                   !parts_left(),
               "signal %d: %d temporary files are left", signals[k], leftovers);
     }

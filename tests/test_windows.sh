@@ -43,10 +43,7 @@ beside_all() {
     shift
     check "${ways}_alone" beside none "$@"
     check "${ways}_static_alone" beside none "$@" -DSBL_STATIC
-    for order in first last; do
-        check "${ways}_windows_h_$order" beside $order "$@" -fsyntax-only
-        check "${ways}_lean_windows_h_$order" beside $order "$@" -DWIN32_LEAN_AND_MEAN -fsyntax-only
-    done
+    for order in first last; do check "${ways}_windows_h_$order" beside $order "$@" -fsyntax-only; done
 }
 
 # macros FLAGS...: lists the macros that are defined at the end of a file of includes from stdin
@@ -118,6 +115,10 @@ for target in i686 x86_64; do
         continue
     fi
     beside_all "${target}_c" "$target-w64-mingw32-gcc" -std=c99
+    for order in first last; do
+        check "${target}_lean_windows_h_$order" beside $order "$target-w64-mingw32-gcc" -std=c99 \
+            -DWIN32_LEAN_AND_MEAN -fsyntax-only
+    done
     beside_all "${target}_cpp" "$target-w64-mingw32-g++" -std=c++11 -x c++
     if command -v clang > /dev/null; then  # clang cannot link here
         check "${target}_clang" beside first clang -target "$target-w64-windows-gnu" -std=c99 -c

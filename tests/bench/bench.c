@@ -1,5 +1,5 @@
 /* bench: measures how fast sbl.h gathers light.
-       bench [raster] [trace] [lamps] [versions] [--json] [--quick] [FILE...]     default: all parts but versions
+       bench [raster] [trace] [lamps] [--json] [--quick] [FILE...]     default: all parts
    raster: the gain of gathering in batches, in the Cornell box of 32 triangles. For each kind of sensor and several
    sizes, these are measured alternately in one process and one GL context:
        sbl      the gather of a picture with a sensor at every pixel (sbl_stats.seconds.gather)
@@ -12,7 +12,7 @@
    two rooms beside the repository, if they exist). They are compared with rasterised sensors of about the same error
    and, if it is installed, with Embree. Every pixel has a sensor. There are no lamps: each surface radiates its albedo,
    so that the light is smooth. All scenes and methods are measured alternately.
-   lamps, versions: see bench_lamps.h, bench_versions.h.
+   lamps: see bench_lamps.h.
    Prints the medians of the runs; --json prints them as one JSON object; --quick measures less. A slow result is never
    a failure. The bench fails only if something does not work, or if two methods find different light. */
 #define _DEFAULT_SOURCE
@@ -1085,23 +1085,20 @@ static void trace_free(void) {
 }
 
 #include "bench_lamps.h"
-#include "bench_versions.h"
 
 int main(int argc, char **argv) {
     char *files[FILES_MOST];
-    int json = 0, quick = 0, file_count = 0, raster_on = 0, trace_on = 0, lamps_on = 0, versions_on = 0, i, ok;
+    int json = 0, quick = 0, file_count = 0, raster_on = 0, trace_on = 0, lamps_on = 0, i, ok;
     for (i = 1; i < argc; i++) {
         if (strcmp(argv[i], "--json") == 0) json = 1;
         else if (strcmp(argv[i], "--quick") == 0) quick = 1;
         else if (strcmp(argv[i], "raster") == 0) raster_on = 1;
         else if (strcmp(argv[i], "trace") == 0) trace_on = 1;
         else if (strcmp(argv[i], "lamps") == 0) lamps_on = 1;
-        else if (strcmp(argv[i], "versions") == 0) versions_on = 1;
         else if (argv[i][0] != '-' && file_count < FILES_MOST) files[file_count++] = argv[i];
-        else return fprintf(stderr, "usage: bench [raster] [trace] [lamps] [versions] [--json] [--quick] [FILE...]\n"),
-            2;
+        else return fprintf(stderr, "usage: bench [raster] [trace] [lamps] [--json] [--quick] [FILE...]\n"), 2;
     }
-    if (!raster_on && !trace_on && !lamps_on && !versions_on) raster_on = trace_on = lamps_on = 1;
+    if (!raster_on && !trace_on && !lamps_on) raster_on = trace_on = lamps_on = 1;
     ok = !trace_on || trace_load(quick, files, file_count);
     ok = ok && host_gl_open("bench");
     if (ok) {
@@ -1117,8 +1114,6 @@ int main(int argc, char **argv) {
         if (ok && trace_on) ok = trace_part(json, quick);
         if (!json && lamps_on && (raster_on || trace_on)) printf("\n");
         if (ok && lamps_on) ok = lamps_part(json, quick);
-        if (!json && versions_on && (raster_on || trace_on || lamps_on)) printf("\n");
-        if (ok && versions_on) ok = versions_part(json, quick);
         if (json) printf("}\n");
     }
     trace_free();
