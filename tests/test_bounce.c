@@ -245,8 +245,8 @@ static void leak_sites(int kind, int n) {
     else add_sites_in_box(3.88, 0, 0, 8, 3, 4, n);
 }
 
-/* Closed boxes and rooms in a lit room stay dark: R inside is below 1e-4 of the room's, with three numbers of cells,
-   and at three scales with the smallest number. */
+/* Closed boxes and rooms in a lit room stay dark: R inside is below 1e-4 of the room's, with up to three numbers
+   of cells, and at three scales with the smallest number. */
 TEST(walls_keep_light_out) {
     static const char *const names[] = { "a thin box", "a hollow box", "a box of slabs", "a box on the floor",
         "a turned box", "two rooms", "two rooms askew",
@@ -258,7 +258,8 @@ TEST(walls_keep_light_out) {
                 test_scene s = { 0 };
                 int inside;
                 double lit, dark;
-                if (i != 1 && (kind == 1 || (j > 0 && kind != 3))) continue;  /* these take a second each */
+                if (i != 1 && (kind == 1 || (j > 0 && kind != 3))) continue;
+                if (j == 2 && kind % 3) continue;  /* these take two seconds each */
                 if (i != 1 && !test_kind_is("plain")) continue;
                 leak_scene(&s, kind);
                 scene_scale_and_move(&s, scales[i], 0, 0, 0);
