@@ -363,7 +363,7 @@ TEST(of_few_bounce_samples) {
     off = mean > 0 ? sqrt(squares * 64 * 48) / mean : HUGE_VAL;
     printf("  %.2f and %.2f %% predicted, %.3f and %.3f %% of it by the store, difference %.2f %%\n",
            100 * predicted[0], 100 * predicted[1], 100 * stored[0], 100 * stored[1], 100 * off);
-    CHECK(stored[0] > 0.25 * off && stored[0] < off && stored[1] < 0.5 * stored[0],
+    CHECK(stored[0] > 0.6 * off && stored[0] < 1.7 * off && stored[1] < 0.4 * stored[0],
           "the store is said to cause %.3f %%, with many cells %.3f %%", 100 * stored[0], 100 * stored[1]);
     CHECK(off < 2.3 * predicted[0] && off > 0.5 * predicted[0], "the predicted error is %.2f %%, the true one %.2f %%",
           100 * predicted[0], 100 * off);
@@ -372,14 +372,49 @@ TEST(of_few_bounce_samples) {
     scene_free(&k.scene);
 }
 
+/* A lamp lights only a part of a ceiling, so that few of the store's rays find what lights the room. Stores with
+   different numbers of cells then differ by noise, which the predicted error of stored light includes. Cells near to
+   the middle of the floor have no part in it, because there are none. */
+TEST(of_noise_in_the_store) {
+    enum { STORES = 12 };
+    static const float lamp[12] = { -0.2f, 0.8f, -0.2f, -0.2f, 0.8f, 0.2f, 0.2f, 0.8f, 0.2f, 0.2f, 0.8f, -0.2f };
+    test_scene s = { 0 };
+    sbl_picture_desc view = scene_view(16, 12, 15, 0.3f, 0.5f, 0.3f, 0, -1, 0);
+    double mean = 0, squares = 0, predicted = 0, off;
+    int i, k;
+    scene_box(&s, scene_material(&s, 0.7f, 0.7f, 0.7f), -1, -1, -1, 1, 1, 1);
+    scene_polygon(&s, scene_lamp(&s, 100, 100, 100), lamp, 4);
+    view.options.mode = SBL_MODE_GI;
+    view.options.rays = 1024;
+    for (i = 0; i < STORES; i++) {
+        sbl_scene_desc desc = scene_desc(&s);
+        double sum = 0;
+        float *light;
+        desc.max_bounce_cells = 2000 + 200 * i;
+        REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS,
+                "no picture");
+        light = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
+        for (k = 0; k < 16 * 12; k++) sum += (double)light[3 * k] / (16 * 12);
+        free(light);
+        mean += sum / STORES;
+        squares += sum * sum / STORES;
+        predicted += (double)sbl_query_stats(context).picture.stored_error / STORES;
+    }
+    off = sqrt(squares - mean * mean) / mean;
+    printf("  %.2f %% predicted, pictures differ by %.2f %%\n", 100 * predicted, 100 * off);
+    CHECK(predicted > 0.35 * off && predicted < 1.5 * off, "the store is said to cause %.2f %%, pictures differ by "
+          "%.2f %%", 100 * predicted, 100 * off);
+    scene_free(&s);
+}
+
 /* Sensors take looks until the whole error is the target. They may always keep 0.84 of the target, and half of the
-   error of the store, because less would hardly make the whole smaller. */
+   error of the store, because less would hardly make the whole smaller, up to twice the target. */
 TEST(of_sensors_beside_the_store) {
     static const double stores[] = { 0, 0.005, 0.01, 0.02, 0.05, 0.2 };
     int i;
     for (i = 0; i < 6; i++) {
         const double store = stores[i], rest = store < 0.01 ? sqrt(1e-4 - store * store) : 0;
-        const double least = fmax(fmax(rest, sqrt(0.7) * 0.01), 0.5 * store);
+        const double least = fmax(fmax(rest, sqrt(0.7) * 0.01), fmin(0.5 * store, 0.02));
         CHECK(inside_is_exact(0.01f, 0.99 * least, store), "target 1 %%, store %g: %.2f %% of the sensors are too much",
               store, 99 * least);
         CHECK(!inside_is_exact(0.01f, 1.01 * least, store), "target 1 %%, store %g: %.2f %% of the sensors suffice",
@@ -407,6 +442,7 @@ int main(void) {
     RUN(of_looks_between_near_plates);
     RUN(of_what_silhouettes_hide);
     RUN(of_few_bounce_samples);
+    RUN(of_noise_in_the_store);
     RUN(of_sensors_beside_the_store);
     sbl_destroy(context);
     return test_report();
