@@ -11787,8 +11787,8 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
                                       low discrepancy, and errors of neighbouring leaves compensate each other */
 #define SBL__UNCERTAINTY_MOST 0.12 /* upper limit of the relative noise that a leaf gets from other leaves, before it is
                                       multiplied by UNCERTAINTY_STRATA; too high where few rays all hit one leaf */
-#define SBL__UNCERTAINTY_SMOOTHED 0.19  /* standard deviation of the light within a cell, relative to its light;
-                                      measured: the predicted error of stored light is then right in five rooms */
+#define SBL__UNCERTAINTY_SMOOTHED 0.19  /* relative standard deviation of the light within a cell; fitted to the true
+                                      errors of stored light in the rooms of examples/MEASUREMENTS.md */
 #define SBL__BOUNCE_TIME 0.35f     /* approximate share of the time of readings, vertices and probes that filling the
                                       store takes; >>map predicts it for pictures */
 #define SBL__BOUNCE_CAST 0.5f      /* approximate share of the time of filling that rays between surfaces take */
@@ -13373,10 +13373,11 @@ static int sbl__bounce_after_propagate(void *work) {
     return round < SBL__UNCERTAINTY_ROUNDS ? SBL__BOUNCE_PROPAGATE : SBL__BOUNCE_UNCERTAINTY;
 }
 
-/* Returns the squared error, as a luminance, that a ray of a point suffers because a cell holds one light for all its
-   parts, in multiples of UNCERTAINTY_SMOOTHED^2. The error is the light that the cell reflects. The cell's share of the
-   point's hemisphere weighs it, and from afar all parts of a cell count alike. It is 0 for near rays, which do not read
-   this cell. */
+/* A cell holds one light for all its parts, but a point that is close to it sees some parts more than others. Returns
+   the squared error that this causes in the light of one ray of a point, as a squared luminance, if the light within
+   the cell has a relative standard deviation of 1. The mean over a point's rays is the squared error of its light. The
+   error grows with the share of the point's hemisphere that the cell covers. It falls with the distance, because from
+   afar all parts have the same weight. It is 0 for near rays, because they do not read this cell. */
 static double sbl__bounce_smoothed2(const sbl__bounce *b, int point, const sbl__hit *hit) {
     const sbl__hit *at = &b->points[point].at;
     const double across = (double)(b->store->length / hit->distance);
