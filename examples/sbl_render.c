@@ -407,14 +407,15 @@ static int arrange(tool_task *task, sbl_scene_desc *scene) {
 /* ---- a target error that was not reached ---- */
 
 /* Writes why the target was missed, and what would help. Stored light causes a part of the error that sensors cannot
-   reduce. They reduce their own part only to 0.84 of the target; a smaller target can make up for stored light. */
+   reduce. They reduce their own part only to 0.84 of the target, or to half of the part of stored light if that is
+   more. A smaller target can make up for stored light. */
 static void advise(const sbl_stats *s, char *out, size_t size) {
     enum { CELLS_MOST = 1 << 20 };
     const double target = (double)s->picture.target_error, expected = (double)s->picture.expected_error;
     const double stored = (double)s->picture.stored_error, left2 = target * target - stored * stored;
     const int cells = s->store.max_cells;
     char smaller[64] = "", more[64] = "";
-    if (expected * expected - stored * stored <= target * target) {
+    if (expected * expected - stored * stored <= fmax(target * target, stored * stored)) {
         if (left2 > 0.04 * target * target)
             snprintf(smaller, sizeof smaller, "; --target-error %.2g%% would help", 100 * sqrt(left2) / 0.84);
         if (cells < CELLS_MOST)  /* more cells are smaller, but the light of each is measured with fewer rays */
