@@ -249,9 +249,9 @@
 
    SBL_MODE_GI adds a third part: the error of the stored light. It is estimated from the differences between the points
    of a cell, and from the size of the cells that are near, because a cell holds one light for all its parts. Sensors
-   cannot reduce it; a larger max_bounce_cells does. The sensors' own part is never driven below 0.84 of the target or
-   below half of the third part, even where the third part alone exceeds the target; the picture then ends with SUCCESS
-   and an expected_error above the target. sbl_stats.picture.stored_error is the third part alone.
+   cannot reduce it; a larger max_bounce_cells does. The sensors' own part is never driven below 0.84 of the target, or
+   below half of the third part or twice the target, whichever is less. If the third part alone exceeds the target, the
+   picture ends with SUCCESS and an expected_error above the target. sbl_stats.picture.stored_error is the third part.
 
    If most light comes through windows or from a few other bright places, the picture first traces rays that find these
    places. Sensors then send most of their rays there, which saves half to two thirds of all rays.
@@ -13958,6 +13958,8 @@ typedef struct sbl__pixel {
                                            however large the uncertainty of stored light */
 #define SBL__AIM_STORED 0.25            /* bias and noise may also always have this share of the squared uncertainty of
                                            stored light, since less would hardly reduce the sum of both */
+#define SBL__AIM_MOST 4.0               /* AIM_STORED permits bias and noise up to this share of the squared target
+                                           error, since the uncertainty may be too large */
 #define SBL__SPLIT_COST 3               /* cost of a split in sensors: it adds five, but neighbours share most */
 #define SBL__SPLIT_GAIN 0.875f          /* share of the squared error of interpolation that a split removes */
 #define SBL__DIFFERENCE_FLOOR 0.02f     /* share of the mean luminance that sbl__differ adds to the light it compares */
@@ -15140,7 +15142,8 @@ static void sbl__weigh_expect(sbl__refine *r, double left, double target2) {
 static void sbl__weigh_end(sbl__refine *r) {
     const double pixels = SBL__MAX(r->pixels_summed, 1.0), all2 = (double)r->target_error * r->target_error;
     const double uncertainty2 = r->uncertainty2 / ((double)r->luminance * r->luminance * pixels);
-    const double least2 = SBL__MAX(SBL__AIM_LEAST * all2, SBL__AIM_STORED * uncertainty2);
+    const double excused2 = SBL__MIN(SBL__AIM_STORED * uncertainty2, SBL__AIM_MOST * all2);
+    const double least2 = SBL__MAX(SBL__AIM_LEAST * all2, excused2);
     const double target2 = SBL__MAX(all2 - uncertainty2, least2);
     double left = r->bias2 + r->noise2, aim;
     int bin = SBL__GAIN_BINS;
