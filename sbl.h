@@ -6355,6 +6355,9 @@ static uint32_t sbl__hash_step(uint32_t hash, uint32_t x) {
     return hash ^ hash >> SBL__HASH_SHIFT;
 }
 
+/* Returns 1 if rays of this length read the cells for near rays; the same as in store.glsl. */
+static int sbl__is_near(const sbl__store *s, float distance) { return distance * SBL__NEAR_PART < s->length; }
+
 static float sbl__cell_length(const sbl__store *s, uint32_t patch) {
     const int level = (int)(patch / SBL__PATCH_LEVEL) & 3;
     return s->length * (float)(1 << SBL__LEVEL_SHIFT * level);
@@ -12036,7 +12039,7 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, 
    SBL__PATCH_NEAR set if a short ray hit the place. */
 static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
     const uint32_t patch = s->patches[at->place >> 1] ^ (at->place & 1 ? SBL__PATCH_BACK : 0);
-    return patch | (at->distance * SBL__NEAR_PART < s->length ? SBL__PATCH_NEAR : 0);
+    return patch | (sbl__is_near(s, at->distance) ? SBL__PATCH_NEAR : 0);
 }
 
 /* Returns a pointer to the reference to the leaf of a place; the reference is 0 if there is no leaf yet; NULL: no slot
@@ -12276,7 +12279,7 @@ static double sbl__bounce_shrink(sbl__bounce *b, double fill) {
     for (i = 0; i < b->point_count; i++) {
         const float distance = b->points[i].at.distance;
         seen += distance < SBL__UNSEEN;
-        nearby += distance * SBL__NEAR_PART < b->store->length;
+        nearby += sbl__is_near(b->store, distance);
     }
     if (b->seen_leaves == 0 || least >= 1 || hits < SBL__BOUNCE_COVERED * b->seen_leaves) return 1;
     if (b->seen_leaves <= 2 * b->previous_leaves && nearby <= SBL__BOUNCE_COARSE * seen) return 1;
@@ -13375,16 +13378,16 @@ static int sbl__bounce_after_propagate(void *work) {
 
 /* A cell holds one light for all its parts, but a point that is close to it sees some parts more than others. Returns
    the squared error that this causes in the light of one ray of a point, as a squared luminance, if the light within
-   the cell has a relative standard deviation of 1. The mean over a point's rays is the squared error of its light. The
-   error grows with the share of the point's hemisphere that the cell covers. It falls with the distance, because from
-   afar all parts have the same weight. It is 0 for near rays, because they do not read this cell. */
-static double sbl__bounce_smoothed2(const sbl__bounce *b, int point, const sbl__hit *hit) {
-    const sbl__hit *at = &b->points[point].at;
-    const double across = (double)(b->store->length / hit->distance);
+   the cell has a relative standard deviation of 1. at: the point; hit: where the ray ends. The mean over the rays of a
+   point is the squared error of its light. The error grows with the share of the point's hemisphere that the cell
+   covers. It falls with the distance, because from afar all parts have the same weight. It is 0 for near rays, because
+   they do not read this cell. */
+static double sbl__bounce_smoothed2(const sbl__bounce *b, const sbl__hit *at, const sbl__hit *hit) {
     float normal[2][3], reflected[3] = { 0, 0, 0 };
-    double cosines[2] = { 0, 0 }, light, share;
+    double cosines[2] = { 0, 0 }, across, light, share;
     int k;
-    if (hit->leaf == SBL__NOWHERE || b->states[hit->leaf].bright || across > SBL__NEAR_PART) return 0;
+    if (hit->leaf == SBL__NOWHERE || b->states[hit->leaf].bright || sbl__is_near(b->store, hit->distance)) return 0;
+    across = (double)b->store->length / (double)hit->distance;
     sbl__add_reflected(hit->albedo, b->solved + 3 * (size_t)hit->leaf, reflected);
     light = (double)sbl__luminance(reflected) / SBL__SHARE_ONE;
     sbl__place_normal(b->geometry, at->place, normal[0]);
@@ -13404,20 +13407,21 @@ static sbl_result sbl__bounce_uncertainty(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const float *solved = b->solved + 3 * at, *own = b->direct + 3 * at;
     const sbl__bounce_leaf *leaf = &b->states[at];
-    const double all = (double)sbl__luminance(solved) * (double)sbl__luminance(solved);
     float *light = b->store->leaves[at].light;
-    double uncertainty2 = 0, smoothed2 = 0;
+    double uncertainty2 = 0, smoothed2 = 0, all = 0;
     int i, j, k;
     for (k = 0; k < 3; k++) {
         const double own_light = fabs((double)solved[k]), off = own_light > 0 ? ((double)light[k] - own[k]) / own_light
                                                                               : 0;
         uncertainty2 += off * off / 3;
+        all += (double)sbl__luminance_weights[k] * own_light;
         light[k] = solved[k];
     }
     for (i = leaf->first; i < leaf->first + leaf->points; i++)
         for (j = 0; j < (b->points[i].valid ? SBL__BOUNCE_RAYS : 0); j++)
-            smoothed2 += sbl__bounce_smoothed2(b, i, &b->hits.list[(size_t)i * SBL__BOUNCE_RAYS + (size_t)j]);
-    smoothed2 = all > 0 ? SBL__MIN(smoothed2 / (SBL__BOUNCE_RAYS * leaf->valid * all), 1) : 0;
+            smoothed2 += sbl__bounce_smoothed2(b, &b->points[i].at,
+                                               &b->hits.list[(size_t)i * SBL__BOUNCE_RAYS + (size_t)j]);
+    smoothed2 = all > 0 && leaf->valid ? SBL__MIN(smoothed2 / (SBL__BOUNCE_RAYS * leaf->valid * all * all), 1) : 0;
     uncertainty2 = SBL__MIN(uncertainty2, SBL__UNCERTAINTY_MOST * SBL__UNCERTAINTY_MOST);
     sbl__leaf_set_uncertainty(&b->store->leaves[at],
                               sqrt(SBL__UNCERTAINTY_STRATA * SBL__UNCERTAINTY_STRATA * uncertainty2 +
@@ -13958,8 +13962,8 @@ typedef struct sbl__pixel {
                                            however large the uncertainty of stored light */
 #define SBL__AIM_STORED 0.25            /* bias and noise may also always have this share of the squared uncertainty of
                                            stored light, since less would hardly reduce the sum of both */
-#define SBL__AIM_MOST 4.0               /* AIM_STORED permits bias and noise up to this share of the squared target
-                                           error, since the uncertainty may be too large */
+#define SBL__AIM_MOST 4.0               /* AIM_STORED permits at most this multiple of the squared target error,
+                                           because the uncertainty of stored light may be predicted too large */
 #define SBL__SPLIT_COST 3               /* cost of a split in sensors: it adds five, but neighbours share most */
 #define SBL__SPLIT_GAIN 0.875f          /* share of the squared error of interpolation that a split removes */
 #define SBL__DIFFERENCE_FLOOR 0.02f     /* share of the mean luminance that sbl__differ adds to the light it compares */

@@ -450,8 +450,8 @@ TEST(what_is_ignored_stays_ignored) {
           ran.status, ran.err);
 }
 
-/* >>signals during the work. With one sensor per pixel the picture takes a minute on two cores, and long enough on any
-   machine. */
+/* >>signals during the work. With one sensor per pixel the picture takes a minute on two cores, so that on any machine
+   the signals come before it ends. */
 
 #define LONG \
     "room.obj", "--mode", "ambient", "--size", "320x240", "--rays", "4096", "--threshold", "0", "--samples", "1"

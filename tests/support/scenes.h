@@ -163,8 +163,8 @@ static inline sbl_mesh *scene_floor(test_scene *s, int material, float y, float 
     return scene_quad(s, material, -half, y, -half, -half, y, half, half, y, half, half, y, -half);
 }
 
-/* Adds a black plate at the height 1, with x and z from -0.6 to 0.6. Through its hole, the origin sees x from 0.4 to
-   0.6 and z from 0.2 to 0.4 at the height 2. */
+/* Adds a black square plate with a rectangular hole. The plate is at y = 1 and extends from -0.6 to 0.6 in x and z.
+   From the origin, the hole shows the part of the plane y = 2 with x from 0.4 to 0.6 and z from 0.2 to 0.4. */
 static inline void scene_plate_with_hole(test_scene *s) {
     static const float x[4] = { -0.6f, 0.2f, 0.3f, 0.6f }, z[4] = { -0.6f, 0.1f, 0.2f, 0.6f };
     const int black = scene_material(s, 0, 0, 0);
