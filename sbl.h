@@ -293,8 +293,8 @@
 
    Light does not leak through walls or creep under them. The two sides of a wall have different cells, and the plane of
    a wall that stands on a floor cuts the cells of the floor. The sensors of a picture use the store only for the light
-   that other surfaces reflect towards them, and only where these surfaces are at least half a cell's length away. At a
-   nearer surface, whose light may differ from its cell's, a ray sends another ray to a lamp and goes on. The store
+   that other surfaces reflect towards them, and only where these surfaces are at least 0.7 lengths of a cell away. At
+   a nearer surface, whose light may differ from its cell's, a ray sends another ray to a lamp and goes on. The store
    itself is visible only on surfaces with SBL_MATERIAL_NO_SENSORS and in SBL_CHANNEL_STORE.
 
    Cost: a picture takes 2 to 3 times as long as with direct light alone, including the store, and more if the picture
@@ -965,7 +965,8 @@ typedef struct sbl_scene_desc {
     float draw_max_radiance;   /* the highest radiance that draw writes, so that texels do not overflow. Default: 1 */
     int max_bounce_cells;      /* maximum number of cells that store bounced light in SBL_MODE_GI, 1024 to 1048576. A
                                   cell takes about 4 KB of host memory while the store is made, 2 KB from then on until
-                                  sbl_end, and 100 bytes of GPU memory. Default: 49152 */
+                                  sbl_end, and 100 bytes of GPU memory. Default: 1.5 times the number of triangles,
+                                  but at least 49152 and at most 196608 */
     uint32_t end_canary;       /* must stay 0 */
 } sbl_scene_desc;
 
@@ -6767,7 +6768,11 @@ static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
                                            &s->geometry.objects[i], &s->brightest);
 }
 
-#define SBL__STORE_LEAVES 49152    /* default limit of the store's leaves, which the interface calls cells */
+/* Default limit of the store's leaves, which the interface calls cells: so many per triangle of the scene, since cells
+   have to be finer where geometry is, but not fewer than the least number and not more than the greatest. */
+#define SBL__STORE_PER_TRIANGLE 1.5
+#define SBL__STORE_LEAST 49152
+#define SBL__STORE_MOST 196608
 #define SBL__STORE_TEXELS 8        /* largest number of texels per leaf in the store's table, with cells and cuts */
 
 /* Decides whether tables are buffer textures or, if one exceeds the driver's limit for those, 2D textures. In buffer
@@ -6838,7 +6843,10 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
         memcpy(s->draw_bounds, desc->draw_bounds, sizeof s->draw_bounds);
         s->draw_brightest = desc->draw_max_radiance > 0 ? desc->draw_max_radiance : 1.0f;
         s->material_count = desc->material_count;
-        s->store.max_leaves = desc->max_bounce_cells ? desc->max_bounce_cells : SBL__STORE_LEAVES;
+        s->store.max_leaves = desc->max_bounce_cells;
+        if (!s->store.max_leaves)
+            s->store.max_leaves = (int)SBL__MIN(SBL__MAX(SBL__STORE_PER_TRIANGLE * s->geometry.triangle_count,
+                                                         SBL__STORE_LEAST), SBL__STORE_MOST);
         for (i = 0; i < desc->mesh_count; i++) {
             const sbl_mesh *mesh = &desc->meshes[i];
             s->geometry.meshes[i].material = mesh->material;
@@ -10746,6 +10754,9 @@ static const char *const sbl__glsl_trace[] = {
 "#endif\n",
 "\n",
 "const float SBL_NEIGHBOURS = 0.62;  // measured variance / its estimate from pairs, at 16 to 256 rays\n",
+"// In sbl_is_near, the first segment counts as if it were shorter by this factor, so that its hits are near up to 0.7\n",
+"// lengths of a cell instead of 0.5. A smaller factor reduces the error at window frames, but costs noise and time.\n",
+"const float SBL_FIRST_REACH = 0.7;\n",
 "\n",
 "// Radiance that leaves a hit towards the ray's origin. first, last: true for the first and the last segment of a\n",
 "// ray. goes_on: set to true if the hit is near. The radiance then lacks all reflected light, which further rays\n",
@@ -10759,7 +10770,7 @@ static const char *const sbl__glsl_trace[] = {
 "    goes_on = false;\n",
 "#ifdef SBL_BOUNCED\n",
 "    material = sbl_material(object, at);\n",
-"    goes_on = !last && sbl_is_near(hit.distance);\n",
+"    goes_on = !last && sbl_is_near(first ? SBL_FIRST_REACH * hit.distance : hit.distance);\n",
 "    if (!goes_on || bright_cells > 0) {\n",
 "        int leaf = sbl_leaf_at(hit.number, hit.back, place, hit.distance);\n",
 "        vec3 light = goes_on ? vec3(0) : sbl_light_of(leaf);\n",
@@ -10778,8 +10789,8 @@ static const char *const sbl__glsl_trace[] = {
 "}\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
-"// Maximum number of segments of a ray. A hit is near if sbl_is_near says so of its distance; the mean light of its\n",
-"// cell may differ much from the light there. Reflected light is therefore not read from the store at near hits,\n",
+"// Maximum number of segments of a ray. A hit is near if sbl_is_near says so (see SBL_FIRST_REACH); the mean light of\n",
+"// its cell may differ much from the light there. Reflected light is therefore not read from the store at near hits,\n",
 "// except to subtract that of glows: a ray to a lamp finds the light of lamps, and the next segment finds the\n",
 "// bounced light. The last segment reads the store at any distance.\n",
 "const int SBL_LEGS = 3;\n",

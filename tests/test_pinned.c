@@ -156,9 +156,9 @@ static const struct { const char *renderer, *version; uint64_t hashes[PINS]; } p
         0xdb6b41930338e59au,  /* sky_ambient_rasterised */
         0x78915d4324cfd8a2u,  /* many_lamps_direct_traced */
         0x7692356e654ded7bu,  /* many_lamps_direct_rasterised */
-        0xf96ad70d81b7071bu,  /* cornell_gi_traced */
+        0x06adf6f5655b5bfbu,  /* cornell_gi_traced */
         0xa257be3a72559cc7u,  /* cornell_gi_rasterised */
-        0xada5ebc5389185acu,  /* sky_gi_traced */ } }
+        0x3ce7630b722c2e26u,  /* sky_gi_traced */ } }
 };
 
 /* The hashes of all pictures are those pinned for this renderer. */

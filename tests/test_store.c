@@ -405,6 +405,30 @@ TEST(coarse_light_is_told) {
     scene_free(&scene);
 }
 
+/* The default of max_bounce_cells grows with the number of triangles, within limits. The warning about coarse light
+   tells the number. */
+TEST(more_triangles_get_more_cells) {
+    static const struct { int slices, stacks; const char *cells; } balls[] = {  /* 26 triangles are in the room */
+        { 8, 5, "49152" }, { 200, 101, "60039" }, { 400, 166, "196608" } };
+    static sbl_reading made[SITES];
+    int i;
+    for (i = 0; i < (int)(sizeof balls / sizeof balls[0]); i++) {
+        sbl_scene_desc desc;
+        make_room(&scene);
+        scene_sphere(&scene, BOX, 1, 0.7f, 3, 0.4f, balls[i].slices, balls[i].stacks, 0);
+        REQUIRE(start_and_save(made), "%s", watch_last(&seen));
+        desc = scene_desc(&scene);
+        desc.max_bounce_cells = 0;
+        REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));
+        watch_forget(&seen);
+        stream.at = 0;
+        CHECK(sbl_load_store(context, get, NULL) == SBL_SUCCESS &&
+              watch_said(&seen, SBL_LOG_WARNING, SBL_LOG_ITEM_COARSE_STORE, "2048", balls[i].cells, "finer"),
+              "ball %d: %s", i, watch_last(&seen));
+        scene_free(&scene);
+    }
+}
+
 static uint32_t word_of(size_t number) {
     uint32_t word;
     memcpy(&word, stream.bytes + 4 * number, 4);
@@ -570,6 +594,7 @@ int main(void) {
     RUN(streams_that_are_refused);
     RUN(parts_that_differ_are_named);
     RUN(coarse_light_is_told);
+    RUN(more_triangles_get_more_cells);
     RUN(forged_values_are_refused);
     RUN(forged_streams_do_no_harm);
     RUN(progress_covers_the_store);
