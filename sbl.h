@@ -590,6 +590,26 @@
    Tested: mingw-w64 (64 and 32 bits), 64-bit programs in wine, GL 4.1 on Mesa. Not tested: Microsoft's compiler, a Mac.
 
 
+   ON WINDOWS
+
+   A picture that is too large for memory, or that several machines share, can be made in parts. sbl_picture_desc.window
+   is the part to make; width, height and view_to_clip stay those of the whole picture. A window has the same bits on
+   the same GL driver, whichever other windows were made before. Windows fit together, because sensors stand at the same
+   pixels as in the whole picture and look the same way, and because a window also measures a margin, which is not
+   shown. Its memory and time are those of up to one more tile at each side.
+
+   All windows of a picture need the same mean, exposure and store. A small picture of the whole supplies the first two:
+
+       mean       target_error is a share of the mean R of the whole picture. Copy sbl_stats.picture.mean_radiance of
+                  the small picture into mean_radiance of the windows; each window then has the error asked. Otherwise
+                  a window refers to its own mean, so that dark windows cost more time than they are worth
+       exposure   copy sbl_stats.picture.exposure, and leave auto_exposure at 0
+       store      in SBL_MODE_GI, use one context, or sbl_save_store and sbl_load_store
+
+   Numbers of pixels in the section on determinism count in the whole picture. sbl_inspect_sensor and all channels count
+   in the window.
+
+
    ON DETERMINISM
 
    The rotation of a sensor comes from a hash of its pixel and of the seed. The same input gives the same picture, bit
@@ -1053,6 +1073,9 @@ typedef struct sbl_options {
 typedef struct sbl_picture_desc {
     uint32_t start_canary;     /* must stay 0 */
     int width, height;         /* pixels, 1 to 16384. Default: 640 x 480, if both are 0 */
+    int window[4];             /* the part of the picture to make, pixels: x and y of its upper left pixel, its width
+                                  and its height; see ON WINDOWS. All channels then have the window's size. Default:
+                                  all 0, the whole picture */
     float world_to_view[16];   /* rigid, see sbl_look_at. Default (all zero): shows the whole scene from the front */
     float view_to_clip[16];    /* perspective projection, or an orthographic one, which also sees what is behind the
                                   camera; near and far planes are ignored. Default (all zero): 40 degrees vertically */
@@ -1064,6 +1087,8 @@ typedef struct sbl_picture_desc {
                                   there, 0 to 1; see ON THE TARGET ERROR. If not set, a sensor takes at most 1024 /
                                   1024 / 2048 rays. Default: 0.05 / 0.015 / 0.0075. Default in SBL_MODE_PAPER: threshold
                                   decides */
+    float mean_radiance[3];    /* the mean R of which target_error is a share, per channel; set it for the windows of
+                                  one picture, see ON WINDOWS. Default: all 0, that of the visible pixels */
     int tile;                  /* pixels between sensors of the first level, 1 (every pixel) to 1024. Default: 16 */
     float threshold;           /* if set, tiles are refined where neighbouring sensors differ by more than this share of
                                   their mean, instead of where the target error requires it; in SBL_MODE_PAPER the
@@ -1141,13 +1166,15 @@ typedef struct sbl_stats {
         double microseconds;      /* seconds.total divided by count, as in the paper, in microseconds */
     } sensors;
     struct {                      /* the picture or lightmap */
-        int width, height;        /* pixels */
+        int width, height;        /* pixels of the picture or, if one is set, of its window */
         int visible_pixels;       /* number of pixels that show a surface */
         float target_error;       /* target_error of the descriptor or its default, which is 0 in SBL_MODE_PAPER; that
                                      mode never uses it */
         float expected_error;     /* the error predicted so far, as a share of the mean R; 0 before the first level is
                                      done */
         float exposure;           /* stops applied to SBL_CHANNEL_DISPLAY, including those that auto_exposure chose */
+        float mean_radiance[3];   /* the mean R of which errors are shares: that of the descriptor, or else the one that
+                                     was measured; 0 before the first level is done */
         float stored_error;       /* the part of expected_error that sensors cannot reduce: the root mean square error
                                      of stored light, as a share of the mean R */
         int level_count;          /* number of entries in levels */
@@ -7536,6 +7563,72 @@ SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc)
     return d;
 }
 
+/* A window of a picture. The working grid covers it with a margin, so that its light is that of the whole picture: the
+   grid consists of whole tiles of the first level, and the errors of pixels that the filter and anti-aliasing read
+   count, too. All sizes and places are x and y in working pixels. */
+typedef struct sbl__window {
+    int whole[2];               /* size of the whole picture */
+    int first[2], size[2];      /* the working grid: its first pixel in the whole picture, and its size */
+    int inset[2], shown[2];     /* the window: its first pixel in the working grid, and its size */
+    int margin;                 /* width of the border around the window in which errors count */
+} sbl__window;
+
+#define SBL__WINDOW_SAMPLES 2   /* anti-aliasing reads pixels up to this far away, see SBL_REACH in resolve.glsl */
+
+/* Computes the window of a descriptor that has been checked; without one, the whole picture. */
+static sbl__window sbl__window_of(const sbl_picture_desc *d) {
+    sbl__window w;
+    int k;
+    w.whole[0] = d->width;
+    w.whole[1] = d->height;
+    w.margin = SBL__MAX(d->filter_radius, 0) + SBL__WINDOW_SAMPLES;
+    for (k = 0; k < 2; k++) {
+        const int from = d->window[2] ? d->window[k] : 0, to = d->window[2] ? from + d->window[2 + k] : w.whole[k];
+        const int tiles = (to - 1 + w.margin + d->tile - 1) / d->tile;  /* tiles end at pixel tiles * d->tile */
+        w.first[k] = SBL__MAX(from - w.margin, 0) / d->tile * d->tile;
+        w.size[k] = SBL__MIN(tiles * d->tile + 1, w.whole[k]) - w.first[k];
+        w.inset[k] = from - w.first[k];
+        w.shown[k] = to - from;
+    }
+    return w;
+}
+
+/* Returns the descriptor of the working grid: its size, and the part of the projection that it sees. */
+static sbl_picture_desc sbl__window_desc(const sbl_picture_desc *d, const sbl__window *w) {
+    sbl_picture_desc part = *d;
+    float *m = part.view_to_clip;
+    int i, k;
+    part.width = w->size[0];
+    part.height = w->size[1];
+    for (k = 0; k < 2 && (w->size[0] < w->whole[0] || w->size[1] < w->whole[1]); k++) {
+        /* scale and shift normalized device coordinates, in which y points up */
+        const double scale = (double)w->whole[k] / w->size[k];
+        const double shift = (k ? -1 : 1) * (double)(w->whole[k] - 2 * w->first[k] - w->size[k]) / w->size[k];
+        for (i = 0; i < 4; i++) m[4 * i + k] = (float)(scale * m[4 * i + k] + shift * m[4 * i + 3]);
+    }
+    return part;
+}
+
+/* Returns 1 if the window shows a pixel of the working grid. */
+static int sbl__window_shows(const sbl__window *w, int x, int y) {
+    return x >= w->inset[0] && x < w->inset[0] + w->shown[0] && y >= w->inset[1] && y < w->inset[1] + w->shown[1];
+}
+
+/* Returns 1 if the error of a pixel of the working grid counts, because the window shows it or may read it. */
+static int sbl__window_counts(const sbl__window *w, int x, int y) {
+    return x >= w->inset[0] - w->margin && x < w->inset[0] + w->shown[0] + w->margin &&
+           y >= w->inset[1] - w->margin && y < w->inset[1] + w->shown[1] + w->margin;
+}
+
+static void sbl__check_window(sbl__check *check, const sbl_picture_desc *d) {
+    const int *w = d->window;
+    if (!w[0] && !w[1] && !w[2] && !w[3]) return;
+    if (w[0] < 0 || w[1] < 0 || w[2] < 1 || w[3] < 1 || w[2] > d->width || w[3] > d->height ||
+        w[0] > d->width - w[2] || w[1] > d->height - w[3])
+        sbl__mistake(check, "window is %d %d %d %d (x, y, width, height); it must lie within the picture's %d x %d",
+                     w[0], w[1], w[2], w[3], d->width, d->height);
+}
+
 /* Checks the fields that pictures and lightmaps share. */
 static void sbl__check_refinement(sbl__check *check, const sbl_picture_desc *d) {
     sbl__check_int(check, "width", d->width, 1, 16384);
@@ -7553,6 +7646,8 @@ static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_de
     sbl__check_options(&check, &d->options, 1, sbl__sensor_rays, host_draws);
     sbl__check_sensor_kind(&check, &d->options, d->sensor_kind, d->sensor_fov);
     sbl__check_refinement(&check, d);
+    sbl__check_window(&check, d);
+    sbl__check_range(&check, "mean_radiance", d->mean_radiance, 3, sbl__not_negative_range);
     sbl__check_finite(&check, "facet_limit", &d->facet_limit, 1);
     sbl__check_int(&check, "samples", d->samples, 1, 64);
     sbl__check_int(&check, "tone", (int)d->tone, 0, SBL_TONE_COUNT - 1);
@@ -8707,6 +8802,7 @@ typedef struct sbl__site {
     float geometric_normal[3];  /* unit vector; the sensor is moved off the surface along it */
     float offset;               /* world distance by which the sensor is moved off the surface */
     uint32_t number;            /* seed for rotating the site's rays or views; differs between positions */
+    int pixel;                  /* for >>refine: index of the pixel to which the site belongs */
     int guide;                  /* number of the guide for the site's rays, see >>guide; 0: no guide */
     int first, looks;           /* the job takes `looks` looks, beginning with look number `first` */
 } sbl__site;
@@ -10754,8 +10850,9 @@ static const char *const sbl__glsl_trace[] = {
 "#endif\n",
 "\n",
 "const float SBL_NEIGHBOURS = 0.62;  // measured variance / its estimate from pairs, at 16 to 256 rays\n",
-"// In sbl_is_near, the first segment counts as if it were shorter by this factor, so that its hits are near up to 0.7\n",
-"// lengths of a cell instead of 0.5. A smaller factor reduces the error at window frames, but costs noise and time.\n",
+"// In sbl_is_near, the first segment counts as if it were shorter by this factor, so that its hits are near up to\n",
+"// 0.7 lengths of a cell instead of 0.5. A smaller factor reduces the error at window frames, but costs noise and\n",
+"// time.\n",
 "const float SBL_FIRST_REACH = 0.7;\n",
 "\n",
 "// Radiance that leaves a hit towards the ray's origin. first, last: true for the first and the last segment of a\n",
@@ -10789,9 +10886,9 @@ static const char *const sbl__glsl_trace[] = {
 "}\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
-"// Maximum number of segments of a ray. A hit is near if sbl_is_near says so (see SBL_FIRST_REACH); the mean light of\n",
-"// its cell may differ much from the light there. Reflected light is therefore not read from the store at near hits,\n",
-"// except to subtract that of glows: a ray to a lamp finds the light of lamps, and the next segment finds the\n",
+"// Maximum number of segments of a ray. A hit is near if sbl_is_near says so (see SBL_FIRST_REACH); the mean light\n",
+"// of its cell may differ much from the light there. Reflected light is therefore not read from the store at near\n",
+"// hits, except to subtract that of glows: a ray to a lamp finds the light of lamps, and the next segment finds the\n",
 "// bounced light. The last segment reads the store at any distance.\n",
 "const int SBL_LEGS = 3;\n",
 "\n",
@@ -13995,7 +14092,8 @@ typedef struct sbl__tile {
     int must_split;           /* 1: the corners give some pixels too little weight, see SBL__COVERAGE */
     int parent;               /* index of the tile whose split made this one, or -1 */
     int looks;                /* number of looks that new sensors at the tile's corners begin with */
-    int pixels;               /* number of pixels that the tile fills in (sbl__tile_pixels) and that show a surface */
+    int pixels;               /* number of pixels that the tile fills in (sbl__tile_pixels), that show a surface, and
+                                 whose errors count (sbl__window_counts) */
     float uncovered;          /* mean over all `pixels` of the bilinear weight of corners whose light they cannot use */
     float raw_bias2;          /* bias2 as estimated from light on the edges, before noise is subtracted */
     float unseen_bias2;       /* part of raw_bias2 for changes of light between the last sensors and silhouettes */
@@ -14014,6 +14112,7 @@ typedef struct sbl__refine {
     sbl__stages stages;
     const sbl__atlas *atlas;  /* the atlas of a lightmap; NULL: no test for occlusion */
     int width, height;
+    sbl__window window;       /* where these pixels lie in the whole picture */
     int tile_size;            /* width and height of first-level tiles */
     int geometry_aware;       /* 0 in SBL_MODE_PAPER: the threshold is absolute, and an id is one smooth surface */
     float distance_limit;     /* see sbl__spec.distance_limit; 0: no test for occlusion */
@@ -14034,7 +14133,7 @@ typedef struct sbl__refine {
                                  restart sets both to 0 */
     int listed;               /* number of tiles whose sites this round has listed; for scouts, the number of guides;
                                  for searches of places, the number of texels in `searched` */
-    sbl__site *sites;         /* sites of the job; site i belongs to pixel sites[i].number */
+    sbl__site *sites;         /* sites of the job */
     sbl_reading *readings;
     float *reading_layers;    /* layers 1 and up of the readings, site after site */
     int site_count, site_room, reading_room, reading_layer_room, look_count;
@@ -14045,6 +14144,7 @@ typedef struct sbl__refine {
     sbl__guides guides;       /* guides for the sensors' rays, used if spec->guided is set */
     int64_t looks_taken;
     float mean[3], luminance; /* mean of R over the picture, and its luminance */
+    int mean_is_given;        /* 1: the host has set the mean; 0: it is measured */
     double sum[3], pixels_summed;  /* for the next mean: sum of R over pixels (round 0: sensors); their number */
     float weights[3];         /* factors that turn a difference in each channel into a relative error */
     float variance_shares[SBL__DOUBLINGS];  /* [k]: variance of a mean of 2^k looks / variance of one look */
@@ -14073,6 +14173,12 @@ static void sbl__refine_free(const sbl__device *d, sbl__refine *r) {
     for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(d->base, blocks[i]);
     sbl__guides_free(d, &r->guides);
     memset(r, 0, sizeof *r);
+}
+
+/* Returns the number of a pixel in the whole picture. */
+static uint32_t sbl__pixel_number(const sbl__refine *r, int index) {
+    const uint32_t x = (uint32_t)(r->window.first[0] + index % r->width);
+    return (uint32_t)(r->window.first[1] + index / r->width) * (uint32_t)r->window.whole[0] + x;
 }
 
 static sbl__pixel *sbl__pixel_at(const sbl__refine *r, int x, int y) {
@@ -14532,7 +14638,7 @@ static void sbl__tile_count(const sbl__refine *r, sbl__tile *c, const sbl__range
     for (x = pixels->x[0]; x <= pixels->x[1]; x++) {
         const sbl__pixel *p = sbl__pixel_at(r, x, y);
         sbl__mix m;
-        if (!p->id) continue;
+        if (!p->id || !sbl__window_counts(&r->window, x, y)) continue;
         c->pixels++;
         if (p->sensed) continue;
         sbl__interpolate(r, c, x, y, 0, &m);
@@ -14602,7 +14708,8 @@ static void sbl__refine_site(const sbl__refine *r, int index, int first, int loo
     memcpy(out->normal, p->normal, sizeof out->normal);
     memcpy(out->geometric_normal, p->geometric_normal, sizeof out->geometric_normal);
     out->offset = p->offset;
-    out->number = (uint32_t)index;
+    out->number = sbl__pixel_number(r, index);
+    out->pixel = index;
     out->guide = sbl__guide_for(r, index);
     out->first = first;
     out->looks = looks;
@@ -14744,14 +14851,14 @@ static int sbl__places_rank(const sbl__refine *r, int first, int last, int i) {
    the middle quarter by luminance. With the mean of all looks, a lamp on a floor, which lights a few places very
    brightly, would show around itself. Returns the number of looks; 0: more looks follow, and nothing has changed. */
 static int sbl__places_mean(sbl__refine *r, int at) {
-    const uint32_t number = r->sites[at].number;
+    const int pixel = r->sites[at].pixel;
     float *layers = r->reading_layers;
     sbl_reading mean;
     double squares = 0, noise2 = 0, light;
     int first = at, count, aside, kept, i;
     size_t k;
-    if (at + 1 < r->site_count && r->sites[at + 1].number == number) return 0;
-    while (first > 0 && r->sites[first - 1].number == number) first--;
+    if (at + 1 < r->site_count && r->sites[at + 1].pixel == pixel) return 0;
+    while (first > 0 && r->sites[first - 1].pixel == pixel) first--;
     count = at - first + 1;
     aside = 3 * count / 8;
     kept = count - 2 * aside;
@@ -14785,12 +14892,12 @@ static int sbl__refine_sites(void *work) { return ((sbl__refine *)work)->site_co
 static sbl_result sbl__refine_take(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl_reading *reading = &r->readings[at];
-    sbl__pixel *p = &r->pixels[r->sites[at].number];
+    sbl__pixel *p = &r->pixels[r->sites[at].pixel];
     const int looks = p->places ? sbl__places_mean(r, at) : r->sites[at].looks;
     sbl_stats *stats = &r->core->stats;
     const float share = (float)looks / (float)(p->looks + looks);
     const double off = (double)sbl__luminance(reading->radiance) - sbl__luminance(p->radiance);
-    float *light = r->layers + r->harmonics * r->sites[at].number;
+    float *light = r->layers + r->harmonics * (size_t)r->sites[at].pixel;
     const float *found = r->reading_layers + r->harmonics * (size_t)at;
     size_t i;
     if (!looks) return SBL_SUCCESS;
@@ -14812,7 +14919,7 @@ static sbl_result sbl__refine_take(void *work, int at) {
     stats->picture.levels[p->level - 1].sensors++;
     stats->picture.level_count = SBL__MAX(stats->picture.level_count, p->level);
     stats->sensors.count++;
-    return sbl__refine_validate(r, (int)r->sites[at].number, reading);
+    return sbl__refine_validate(r, r->sites[at].pixel, reading);
 }
 
 /* Makes r->spec anew after a change of r->measurement, but keeps its `directional` and `guided` flags. */
@@ -14886,11 +14993,11 @@ static int sbl__place_is_open(const sbl__refine *r, const sbl_reading *reading) 
    leaves the texel invalid if fewer than SBL__PLACES_OPEN rays are open. */
 static sbl_result sbl__places_take(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
-    const uint32_t number = r->sites[at].number;
-    sbl__pixel *p = &r->pixels[number];
+    const int pixel = r->sites[at].pixel;
+    sbl__pixel *p = &r->pixels[pixel];
     int first = at, all = 0, open = 0, count;
-    if (at + 1 < r->site_count && r->sites[at + 1].number == number) return SBL_SUCCESS;
-    for (; first >= 0 && r->sites[first].number == number; first--)
+    if (at + 1 < r->site_count && r->sites[at + 1].pixel == pixel) return SBL_SUCCESS;
+    for (; first >= 0 && r->sites[first].pixel == pixel; first--)
         all += sbl__place_is_open(r, &r->readings[first]);
     count = SBL__MIN(all, SBL__PLACES);
     if (all < SBL__PLACES_OPEN) {
@@ -14960,7 +15067,7 @@ static sbl_result sbl__scouts_take(void *work, sbl__slice *slice) {
     if (!sequence) return SBL_ERROR_OUT_OF_MEMORY;
     for (; *at < r->site_count && !sbl__late(slice); ++*at) {
         const sbl__site *site = &r->sites[*at];
-        const int column = (int)site->number % r->width / g->step, row = (int)site->number / r->width / g->step;
+        const int column = site->pixel % r->width / g->step, row = site->pixel / r->width / g->step;
         const float light = r->readings[*at].valid ? sbl__luminance(r->readings[*at].radiance) : 0;
         double u[2];
         sbl__sequence_at(sequence, site->first, sbl__sensor_seed(site->number, sbl__scouts_seed(r)), u);
@@ -15034,7 +15141,8 @@ static void sbl__weigh_add(sbl__refine *r, float worth, float gain, int cost) {
 static void sbl__weigh_begin(sbl__refine *r) {
     int k;
     sbl__looks_calibrate(r);
-    for (k = 0; k < 3 && r->pixels_summed > 0; k++) r->mean[k] = (float)(r->sum[k] / r->pixels_summed);
+    for (k = 0; k < 3 && r->pixels_summed > 0 && !r->mean_is_given; k++)
+        r->mean[k] = (float)(r->sum[k] / r->pixels_summed);
     r->luminance = SBL__MAX(sbl__luminance(r->mean), 1e-30f);
     for (k = 0; k < 3; k++)
         r->weights[k] = (float)sqrt((double)sbl__luminance_weights[k] / r->luminance /
@@ -15098,7 +15206,7 @@ static void sbl__tile_weigh_split(const sbl__refine *r, sbl__tile *c) {
     const int span = sbl__tile_span(c);
     if (span <= 1) return;
     if (c->must_split) c->split_worth = FLT_MAX;
-    else if (r->threshold > 0) c->split_worth = sbl__tile_differs(r, c) ? FLT_MAX : 0;
+    else if (r->threshold > 0) c->split_worth = c->pixels && sbl__tile_differs(r, c) ? FLT_MAX : 0;
     else if (c - r->tiles >= r->first_new || sbl__tile_corners(r, c).is_new || span > SBL__EXTRAPOLATED_SPAN)
         c->raw_bias2 = sbl__tile_raw_bias2(r, c);
 }
@@ -15125,7 +15233,8 @@ static sbl_result sbl__refine_weigh(void *work, int at) {
                                 (c->light / r->luminance + SBL__TILE_ERROR_FLOOR);
         const int cost = SBL__SPLIT_COST * SBL__MAX(looks, 1);
         gain = bias2 * SBL__SPLIT_GAIN * (float)interpolated / (float)cost;
-        if (c->split_worth < FLT_MAX) c->split_worth = bias2 > error_max * error_max ? FLT_MAX : gain * weight;
+        if (c->split_worth < FLT_MAX)
+            c->split_worth = c->pixels && bias2 > error_max * error_max ? FLT_MAX : gain * weight;
         if (gain > 0) sbl__weigh_add(r, c->split_worth, gain, cost);
     }
     c->look_worth = 0;
@@ -15297,6 +15406,7 @@ static int sbl__refine_after_weigh(void *work) {
     r->first_new = r->tile_count;
     r->core->stats.picture.expected_error = (float)r->predicted;
     r->core->stats.picture.stored_error = (float)r->stored;
+    memcpy(r->core->stats.picture.mean_radiance, r->mean, sizeof r->mean);
     return SBL__REFINE_SPEND;
 }
 
@@ -15351,6 +15461,8 @@ static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
 static void sbl__refine_begin(sbl__refine *r, sbl__core *c, sbl__measurement *measurement, sbl__spec *spec,
                               const sbl_picture_desc *desc, float smoothing) {
     r->core = c;
+    memcpy(r->mean, desc->mean_radiance, sizeof r->mean);
+    r->mean_is_given = !sbl__all_zero(desc->mean_radiance, 3);
     r->measurement = measurement;
     r->spec = spec;
     r->width = desc->width;
@@ -15363,6 +15475,9 @@ static void sbl__refine_begin(sbl__refine *r, sbl__core *c, sbl__measurement *me
     r->smoothing = smoothing;
     sbl__looks_calibrate(r);
 }
+
+/* Says where the pixels lie in the whole picture, and whose errors count. */
+static void sbl__refine_use_window(sbl__refine *r, const sbl__window *window) { r->window = *window; }
 
 static sbl_result sbl__refine_make(sbl__refine *r) {
     const size_t pixels = (size_t)r->width * (size_t)r->height;
@@ -15389,7 +15504,8 @@ static void sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel *show
     r->pixels[index] = *shown;
     memset(light, 0, r->harmonics * sizeof *light);
     if (shown->sensed) sbl__refine_even(r, shown, light);
-    r->uncertainty2 += (double)shown->uncertainty * shown->uncertainty;
+    if (sbl__window_counts(&r->window, (int)(index % (size_t)r->width), (int)(index / (size_t)r->width)))
+        r->uncertainty2 += (double)shown->uncertainty * shown->uncertainty;
 }
 
 /* Turns on the test for occlusion and the search for places (see sbl__refine_occlusion, sbl__refine_refuse). */
@@ -15744,6 +15860,7 @@ static const char *const sbl__glsl_resolve[] = {
 "#ifdef SBL_DISPLAY\n",
 "uniform sampler2D previous_display;         // like `previous`, of what the screen shows\n",
 "uniform vec3 backdrop;                      // sbl_picture_desc.backdrop\n",
+"uniform float first_row, height;             // rows of the whole picture: number above the first row here, and all\n",
 "const float SBL_BACKDROP_TOP = 0.3;         // share of the backdrop at the upper edge of the picture\n",
 "layout(location = 1) out vec4 out_display;\n",
 "#endif\n",
@@ -15811,7 +15928,7 @@ static const char *const sbl__glsl_resolve[] = {
 "    out_color = before + share * vec4(color, 1);\n",
 "#ifdef SBL_DISPLAY\n",
 "    vec4 shown_before = has_previous == 0 ? vec4(0) : texelFetch(previous_display, at, 0);\n",
-"    float fade = mix(SBL_BACKDROP_TOP, 1.0, gl_FragCoord.y / float(textureSize(radiance, 0).y));\n",
+"    float fade = mix(SBL_BACKDROP_TOP, 1.0, (gl_FragCoord.y + first_row) / height);\n",
 "    vec3 least = id == 0u ? fade * backdrop : vec3(0);\n",
 "    out_display = shown_before + share * vec4(max(sbl_shown(color), least), 1);\n",
 "#endif\n",
@@ -15845,6 +15962,7 @@ typedef struct sbl__resolve {
     sbl_tone tone;                         /* SBL_TONE_NONE: only radiance is composed */
     float stops;                           /* exposure of what a screen shows */
     const float *backdrop;                 /* sbl_picture_desc.backdrop, 3 floats */
+    const sbl__window *window;             /* where the picture lies in the whole picture */
 } sbl__resolve;
 
 /* Writes r->previous (0 for sample 0) + sample / r->count to rows of `out`. rows: first row, number of rows */
@@ -15870,6 +15988,8 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
         sbl__set_int(d, "tone", (int)r->tone);
         sbl__set_float(d, "exposure", (float)pow(2, (double)r->stops));
         sbl__set_vec3(d, "backdrop", r->backdrop);
+        sbl__set_float(d, "first_row", (float)r->window->first[1]);
+        sbl__set_float(d, "height", (float)r->window->whole[1]);
     }
     sbl__environment_bind(d, r->environment);
     sbl__camera_set(d, r->camera, offset, out);
@@ -16396,9 +16516,11 @@ typedef struct sbl__map_layer {
 
 typedef struct sbl__map {
     sbl__work work;             /* must be first, because pointers to the struct are cast to sbl__work * */
-    sbl_picture_desc desc;      /* with defaults; width and height are the size of the working grid */
+    sbl_picture_desc desc;      /* with defaults; width, height and view_to_clip are those of the working grid */
+    sbl__window window;         /* where the working grid lies in the whole picture, and what the host sees of it */
     int size[2], across;        /* host's size in pixels; each pixel consists of across x across working pixels */
-    int *shown;                 /* per pixel of the host: working pixel whose surface it shows; NULL if across is 1 */
+    int *shown;                 /* per pixel of the host: working pixel whose surface it shows; NULL if across is 1; see
+                                   sbl__map_shown */
     sbl__spec spec;
     uint32_t scene_version;     /* version of the scene that the map shows */
     sbl__camera camera;
@@ -16477,19 +16599,22 @@ static sbl_result sbl__map_check(const sbl__core *c, const char *where, const sb
 
 static void sbl__map_begin_refine(sbl__map *m, sbl__measurement *measurement, const sbl_picture_desc *desc) {
     sbl__refine_begin(&m->refine, m->work.core, measurement, &m->spec, desc, sbl__filter_pixels(desc->filter_radius));
+    sbl__refine_use_window(&m->refine, &m->window);
 }
 
-/* Sets up the map. desc: with defaults; its size is that of the working grid. across: number of working pixels across a
-   pixel of the host. directional: 1: also measure layers 1 to 4, which are spherical harmonics */
+/* Sets up the map. desc: with defaults; its size is that of the whole picture in working pixels. across: number of
+   working pixels across a pixel of the host. directional: 1: also measure layers 1 to 4, which are spherical
+   harmonics */
 static void sbl__map_begin(sbl__map *m, const sbl_picture_desc *desc, int across, int directional) {
     sbl__core *c = m->work.core;
     int level;
-    m->desc = *desc;
+    m->window = sbl__window_of(desc);
+    m->desc = sbl__window_desc(desc, &m->window);
     m->spec.directional = directional;
     m->scene_version = c->scene.version;
-    sbl__camera_make(&m->camera, desc, &c->scene.geometry);
-    m->size[0] = desc->width / across;
-    m->size[1] = desc->height / across;
+    sbl__camera_make(&m->camera, &m->desc, &c->scene.geometry);
+    m->size[0] = m->window.shown[0] / across;
+    m->size[1] = m->window.shown[1] / across;
     m->across = across;
     m->channels[SBL_CHANNEL_RADIANCE] = &m->layers[0].smooth.target;
     m->channels[SBL_CHANNEL_ALBEDO] = &m->gbuffer.target;
@@ -16498,7 +16623,7 @@ static void sbl__map_begin(sbl__map *m, const sbl_picture_desc *desc, int across
     c->stats.picture.target_error = desc->target_error;
     for (level = 0; level < SBL_MAX_LEVELS; level++)
         c->stats.picture.levels[level].tile = SBL__MAX(1, desc->tile >> level);
-    sbl__map_begin_refine(m, &m->work.measurement, desc);
+    sbl__map_begin_refine(m, &m->work.measurement, &m->desc);
     m->work.store_share = 0;  /* sbl__map_progress counts the store */
     m->glimpse_measurement = m->work.measurement;
     m->glimpse_measurement.options.mode = SBL_MODE_DIRECT;
@@ -16552,9 +16677,10 @@ static sbl_result sbl__map_setup(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
 }
 
-/* Makes a texture with across x across pixels per pixel of the host. */
+/* Makes a texture for the working grid, with across x across texels for m->across x m->across working pixels. */
 static sbl_result sbl__map_texture(const sbl__map *m, int across, sbl__texture *t) {
-    return sbl__texture_make(&m->work.core->device, t, m->size[0] * across, m->size[1] * across, SBL__GL_RGBA32F);
+    return sbl__texture_make(&m->work.core->device, t, m->desc.width / m->across * across,
+                             m->desc.height / m->across * across, SBL__GL_RGBA32F);
 }
 
 static sbl_result sbl__map_image_make(const sbl__map *m, int across, sbl__map_image *image) {
@@ -16631,7 +16757,11 @@ static void sbl__map_pixel(const sbl__map *m, const float *const from[4], uint32
 }
 
 /* Returns the number of the working pixel whose surface the host's pixel number i shows. */
-static size_t sbl__map_shown(const sbl__map *m, size_t i) { return m->shown ? (size_t)m->shown[i] : i; }
+static size_t sbl__map_shown(const sbl__map *m, size_t i) {
+    const size_t width = (size_t)m->size[0], x = i % width, y = i / width;
+    if (m->shown) return (size_t)m->shown[i];
+    return ((size_t)m->window.inset[1] + y) * (size_t)m->desc.width + (size_t)m->window.inset[0] + x;
+}
 
 /* Reads rows of the G-buffer into m->refine, from row stages.at on. Advances stages.at. SBL_SUCCESS: all are read. */
 static sbl_result sbl__map_read(void *work, sbl__slice *slice) {
@@ -16661,7 +16791,7 @@ static sbl_result sbl__map_read(void *work, sbl__slice *slice) {
         for (k = 0; k < 4; k++) from[k] = data + 4 * ((size_t)count * (size_t)k + (size_t)i);
         sbl__map_pixel(m, from, id, &pixel);
         sbl__refine_put(&m->refine, (size_t)first * (size_t)width + (size_t)i, &pixel);
-        c->stats.picture.visible_pixels += id != 0;
+        c->stats.picture.visible_pixels += id != 0 && sbl__window_shows(&m->window, i % width, first + i / width);
     }
     sbl__free(&c->base, data);
     m->work.stages.at += rows;
@@ -16890,24 +17020,30 @@ static void sbl__map_channel_pixel(const sbl__map *m, sbl_channel channel, size_
                 : channel == SBL_CHANNEL_ERROR ? pixel->error : (float)pixel->level;
 }
 
+/* Returns 1 if a target has a texel for each pixel of the host; otherwise it has one for each working pixel. */
+static int sbl__map_has_hosts_size(const sbl__map *m, const sbl__target *t) {
+    return t->width == m->size[0] && t->height == m->size[1];
+}
+
 /* Copies a channel that a target holds into the host's array, three floats per pixel. */
 static sbl_result sbl__map_copy_channel(sbl__map *m, sbl_channel channel, float *out) {
     sbl__core *c = m->work.core;
     const sbl__target *t = m->channels[channel];
-    const size_t width = (size_t)t->width;
-    const int *shown = t->width == m->size[0] ? NULL : m->shown;
-    const int across = shown ? m->across : 1, most = SBL__MAX(1, SBL__READ_PIXELS / t->width / across) * across;
-    float *data = (float *)sbl__alloc_raw(&c->base, width * (size_t)SBL__MIN(most, t->height), 16);
+    const int direct = sbl__map_has_hosts_size(m, t), across = direct ? 1 : m->across;
+    const size_t width = (size_t)t->width, pixels = (size_t)m->size[0];
+    const int most = SBL__MAX(1, SBL__READ_PIXELS / t->width / across);  /* rows of the host at once */
+    float *data = (float *)sbl__alloc_raw(&c->base, width * (size_t)(SBL__MIN(most, m->size[1]) * across), 16);
     sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
     size_t i;
     int row;
     c->device.gl.doing = "reading a channel";
-    for (row = 0; row < t->height && result == SBL_SUCCESS; row += most) {
-        const int rows = SBL__MIN(most, t->height - row);
-        const size_t first = width * (size_t)row, from = first / (size_t)(across * across);
-        result = sbl__target_read(&c->device, t, sbl__channels[channel].attachment, row, rows, data);
-        for (i = 0; i < width * (size_t)rows / (size_t)(across * across) && result == SBL_SUCCESS; i++)
-            memcpy(out + 3 * (from + i), data + 4 * (shown ? (size_t)shown[from + i] - first : i), 3 * sizeof(float));
+    for (row = 0; row < m->size[1] && result == SBL_SUCCESS; row += most) {
+        const int rows = SBL__MIN(most, m->size[1] - row), first = direct ? row : m->window.inset[1] + row * across;
+        result = sbl__target_read(&c->device, t, sbl__channels[channel].attachment, first, rows * across, data);
+        for (i = pixels * (size_t)row; i < pixels * (size_t)(row + rows) && result == SBL_SUCCESS; i++) {
+            const size_t place = (direct ? i : sbl__map_shown(m, i)) - width * (size_t)first;
+            memcpy(out + 3 * i, data + 4 * place, 3 * sizeof(float));
+        }
     }
     sbl__free(&c->base, data);
     return result;
@@ -16956,7 +17092,7 @@ static uint32_t sbl__map_send_channel(sbl__map *m, sbl_channel channel) {
 static uint32_t sbl__map_channel_texture(sbl__map *m, sbl_channel channel) {
     const sbl__target *target = m->channels[channel];
     const int gbuffer = sbl__channels[channel].gbuffer;
-    if (m->shown && (!target || target->width != m->size[0])) return sbl__map_send_channel(m, channel);
+    if (!sbl__map_has_hosts_size(m, target ? target : &m->gbuffer.target)) return sbl__map_send_channel(m, channel);
     if (gbuffer >= 0) return m->gbuffer.textures[gbuffer].id;
     return target ? target->textures[sbl__channels[channel].attachment] : sbl__map_send_channel(m, channel);
 }
@@ -17026,9 +17162,13 @@ static sbl_picture_desc sbl__picture_desc_of(const sbl__core *c, const sbl_pictu
 }
 
 static sbl_result sbl__picture_check(const sbl__core *c, const void *desc, sbl__measurement *measurement) {
-    const sbl_picture_desc *given = (const sbl_picture_desc *)desc, d = sbl__picture_desc_of(c, given);
+    const sbl_picture_desc *given = (const sbl_picture_desc *)desc;
+    sbl_picture_desc d = sbl__picture_desc_of(c, given);
     const sbl_result result = sbl__check_picture(&c->base, &d, c->scene.draw != NULL);
+    sbl__window window;
     if (result != SBL_SUCCESS) return result;
+    window = sbl__window_of(&d);
+    d = sbl__window_desc(&d, &window);
     return sbl__map_check(c, "sbl_picture_desc", &d, given && given->target_error > 0, measurement);
 }
 
@@ -17066,6 +17206,7 @@ static sbl_result sbl__picture_compose(sbl__picture *p, int index, int count, co
     r.tone = m->desc.tone;
     r.stops = m->work.core->stats.picture.exposure;
     r.backdrop = m->desc.backdrop;
+    r.window = &m->window;
     r.environment = &m->work.core->scene.environment;
     r.camera = &m->camera;
     r.index = index;
@@ -17128,7 +17269,8 @@ static sbl_result sbl__picture_meter(sbl__picture *p) {
         result = sbl__target_read(&c->device, targets[k], 0, first, rows, data);
         c->stats.sensors.readbacks++;
         for (i = 0; i < width * (size_t)rows && result == SBL_SUCCESS; i++)
-            sbl__meter_count(p->meter[k], data + 4 * i);
+            if (sbl__window_shows(&m->window, (int)(i % width), first + (int)(i / width)))
+                sbl__meter_count(p->meter[k], data + 4 * i);
     }
     sbl__free(&c->base, data);
     p->row += rows;

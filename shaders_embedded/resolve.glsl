@@ -14,6 +14,7 @@ layout(location = 0) out vec4 out_color;
 #ifdef SBL_DISPLAY
 uniform sampler2D previous_display;         // like `previous`, of what the screen shows
 uniform vec3 backdrop;                      // sbl_picture_desc.backdrop
+uniform float first_row, height;             // rows of the whole picture: number above the first row here, and all
 const float SBL_BACKDROP_TOP = 0.3;         // share of the backdrop at the upper edge of the picture
 layout(location = 1) out vec4 out_display;
 #endif
@@ -81,7 +82,7 @@ void main() {
     out_color = before + share * vec4(color, 1);
 #ifdef SBL_DISPLAY
     vec4 shown_before = has_previous == 0 ? vec4(0) : texelFetch(previous_display, at, 0);
-    float fade = mix(SBL_BACKDROP_TOP, 1.0, gl_FragCoord.y / float(textureSize(radiance, 0).y));
+    float fade = mix(SBL_BACKDROP_TOP, 1.0, (gl_FragCoord.y + first_row) / height);
     vec3 least = id == 0u ? fade * backdrop : vec3(0);
     out_display = shown_before + share * vec4(max(sbl_shown(color), least), 1);
 #endif

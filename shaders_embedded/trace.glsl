@@ -17,8 +17,9 @@ SBL_OUT(5, out_even);                 // control variate for radiance 1 from eve
 #endif
 
 const float SBL_NEIGHBOURS = 0.62;  // measured variance / its estimate from pairs, at 16 to 256 rays
-// In sbl_is_near, the first segment counts as if it were shorter by this factor, so that its hits are near up to 0.7
-// lengths of a cell instead of 0.5. A smaller factor reduces the error at window frames, but costs noise and time.
+// In sbl_is_near, the first segment counts as if it were shorter by this factor, so that its hits are near up to
+// 0.7 lengths of a cell instead of 0.5. A smaller factor reduces the error at window frames, but costs noise and
+// time.
 const float SBL_FIRST_REACH = 0.7;
 
 // Radiance that leaves a hit towards the ray's origin. first, last: true for the first and the last segment of a
@@ -52,9 +53,9 @@ float sbl_stratum_reciprocal(float u) {
 }
 
 #ifdef SBL_BOUNCED
-// Maximum number of segments of a ray. A hit is near if sbl_is_near says so (see SBL_FIRST_REACH); the mean light of
-// its cell may differ much from the light there. Reflected light is therefore not read from the store at near hits,
-// except to subtract that of glows: a ray to a lamp finds the light of lamps, and the next segment finds the
+// Maximum number of segments of a ray. A hit is near if sbl_is_near says so (see SBL_FIRST_REACH); the mean light
+// of its cell may differ much from the light there. Reflected light is therefore not read from the store at near
+// hits, except to subtract that of glows: a ray to a lamp finds the light of lamps, and the next segment finds the
 // bounced light. The last segment reads the store at any distance.
 const int SBL_LEGS = 3;
 

@@ -133,6 +133,14 @@ TEST(textures_hold_the_channels) {
     CHECK(result == SBL_SUCCESS && shown > SBL_CHANNEL_COUNT, "%d channels were available before the end: %s", shown,
           sbl_result_string(result));
     CHECK(compare_channels("finished") == SBL_CHANNEL_COUNT, "channels without a texture");
+    view.width = 70;  /* a window of 32 x 24 pixels in a larger picture */
+    view.height = 50;
+    view.window[0] = 33;
+    view.window[1] = 11;
+    view.window[2] = 32;
+    view.window[3] = 24;
+    CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS && compare_channels("a window") == SBL_CHANNEL_COUNT,
+          "the window failed or has channels without a texture");
     scene_free(&s);
 }
 

@@ -306,6 +306,7 @@ static int fuzz_cancel(fuzz_bytes *b) { const unsigned byte = fuzz_byte(b); retu
 static void fuzz_picture(fuzz_bytes *b, fuzz_context *c, sbl_picture_desc *view) {
     const unsigned shape = fuzz_byte(b);
     float eye[3];
+    int i;
     memset(view, 0, sizeof *view);
     view->width = fuzz_int(b, 1, FUZZ_SIDE);
     view->height = fuzz_int(b, 1, FUZZ_SIDE);
@@ -342,6 +343,13 @@ static void fuzz_picture(fuzz_bytes *b, fuzz_context *c, sbl_picture_desc *view)
             view->view_to_clip[10] = -1;
             view->view_to_clip[15] = 1;
         }
+    }
+    if (view->options.seed & 16) {  /* a window, which lies partly outside now and then */
+        for (i = 0; i < 2; i++) {
+            view->window[2 + i] = fuzz_int(b, 0, FUZZ_SIDE / 2);
+            view->window[i] = fuzz_int(b, 0, FUZZ_SIDE / 2);
+        }
+        view->mean_radiance[1] = fuzz_float(b, 0, 2);
     }
     c->cancel_in = fuzz_cancel(b);
     view->options.progress = fuzz_progress;
@@ -641,12 +649,15 @@ static void fuzz_render(fuzz_bytes *b, fuzz_context *c, int whole) {
     result = FUZZ_CALL(c, whole ? sbl_render_picture(c->sbl, &view) : sbl_begin_picture(c->sbl, &view));
     if (result == SBL_ERROR_INVALID_ARGUMENT || result == SBL_ERROR_STATE || result == SBL_ERROR_UNSUPPORTED) return;
     fuzz_gather_gone(c, 0);
-    c->width = view.width;
-    c->height = view.height;
+    c->width = view.window[2] ? view.window[2] : view.width;
+    c->height = view.window[2] ? view.window[3] : view.height;
     if (!whole || result != SBL_SUCCESS) return;
     fuzz_counts.pictures++;
-    for (channel = 0; channel < SBL_CHANNEL_COUNT; channel++) fuzz_read(c, channel, SIZE_MAX);
-    fuzz_inspect(c, (int)view.options.seed % view.width, (int)view.options.seed / view.width % view.height, SIZE_MAX);
+    for (channel = 0; channel < SBL_CHANNEL_COUNT; channel++) {
+        fuzz_read(c, channel, SIZE_MAX);
+        if (view.window[2]) sbl_channel_texture(c->sbl, (sbl_channel)channel);
+    }
+    fuzz_inspect(c, (int)view.options.seed % c->width, (int)view.options.seed / c->width % c->height, SIZE_MAX);
 }
 
 static void fuzz_gathering(fuzz_bytes *b, fuzz_context *c, int whole) {

@@ -32,11 +32,12 @@ static double fov_y(const sbl_picture_desc *d) {
 
 static void picture(sbl_mode mode) {
     FILL(picture);
-    PRINT(width); PRINT(height);
+    PRINT(width); PRINT(height); PRINT(window[2]);
     PRINT(world_to_view[0]);
     printf("%s view_to_clip %d %g %g %g\n", name, (int)mode, fov_y(&d[0]), fov_y(&d[1]), fov_y(&d[2]));
     PRINT(sensor_kind); PRINT(sensor_fov);
-    PRINT(target_error); PRINT(tile); PRINT(threshold); PRINT(facet_limit); PRINT(filter_radius); PRINT(samples);
+    PRINT(target_error); PRINT(mean_radiance[0]); PRINT(tile); PRINT(threshold); PRINT(facet_limit);
+    PRINT(filter_radius); PRINT(samples);
     PRINT(exposure); PRINT(auto_exposure); PRINT(backdrop[0]);
 }
 

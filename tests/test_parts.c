@@ -1,0 +1,372 @@
+/* Windows of a picture: they show what the whole picture shows, and their light fits together. */
+#include "../sbl.h"
+#include "support/test.h"
+#include "support/scenes.h"
+#include "support/gl_watch.h"
+
+enum { WIDTH = 150, HEIGHT = 101, PIXELS = WIDTH * HEIGHT, WINDOWS = 7 };
+
+/* x, y, width, height: corners, one pixel, odd places, a whole row and the whole picture */
+static const int windows[WINDOWS][4] = { { 0, 0, 40, 30 }, { 109, 70, 41, 31 }, { 75, 50, 1, 1 }, { 17, 13, 61, 37 },
+                                         { 0, 57, WIDTH, 2 }, { 149, 0, 1, HEIGHT }, { 0, 0, WIDTH, HEIGHT } };
+static watch seen;
+static sbl_context *context;
+static test_scene cornell;
+static float whole[3 * PIXELS], part[3 * PIXELS], again[3 * PIXELS];
+
+static sbl_picture_desc cornell_view(sbl_mode mode) {
+    sbl_picture_desc view = scene_cornell_view(WIDTH, HEIGHT);
+    sbl_perspective(view.view_to_clip, 50, (float)WIDTH / HEIGHT);
+    view.options.mode = mode;
+    return view;
+}
+
+static void set_window(sbl_picture_desc *view, const int window[4]) {
+    memcpy(view->window, window, sizeof view->window);
+}
+
+/* Renders, and reads a channel of `pixels` pixels. Reports a failure and returns 0 if that is not possible. */
+static int make(const sbl_picture_desc *view, sbl_channel channel, float *out, int pixels) {
+    const size_t floats = (size_t)(pixels * sbl_channel_components(channel));
+    const int made = sbl_render_picture(context, view) == SBL_SUCCESS &&
+                     sbl_read_channel(context, channel, out, floats) == SBL_SUCCESS;
+    CHECK(made, "%s", watch_last(&seen));
+    return made;
+}
+
+/* Counts the pixels of a window whose floats differ from those of the whole picture by more than `most`. */
+static int differing(const int w[4], int components, double most) {
+    int x, y, c, count = 0;
+    for (y = 0; y < w[3]; y++)
+        for (x = 0; x < w[2]; x++) {
+            int off = 0;
+            for (c = 0; c < components; c++) {
+                const double a = (double)part[components * (y * w[2] + x) + c];
+                const double b = (double)whole[components * ((w[1] + y) * WIDTH + w[0] + x) + c];
+                off |= !(fabs(a - b) <= most);
+            }
+            count += off;
+        }
+    return count;
+}
+
+/* A window with the size of the picture changes no bit. */
+TEST(the_whole_is_a_window) {
+    static const sbl_channel channels[3] = { SBL_CHANNEL_FINAL, SBL_CHANNEL_RADIANCE, SBL_CHANNEL_POSITION };
+    int i;
+    for (i = 0; i < 3; i++) {
+        sbl_picture_desc view = cornell_view(SBL_MODE_DIRECT);
+        if (!make(&view, channels[i], whole, PIXELS)) return;
+        set_window(&view, windows[WINDOWS - 1]);
+        if (!make(&view, channels[i], part, PIXELS)) return;
+        CHECK(!memcmp(whole, part, sizeof whole), "channel %d differs", (int)channels[i]);
+    }
+}
+
+/* Channels of surfaces agree with those of the whole picture: for a perspective, for one whose centre is shifted, and
+   for an orthographic projection. */
+TEST(windows_show_the_same_surfaces) {
+    static const struct { sbl_channel channel; double most; } cases[5] = {
+        { SBL_CHANNEL_POSITION, 0.05 }, { SBL_CHANNEL_NORMAL, 1e-4 }, { SBL_CHANNEL_ALBEDO, 1e-3 },
+        { SBL_CHANNEL_DEPTH, 0.05 }, { SBL_CHANNEL_ID, 0 } };
+    int i, k, n;
+    for (n = 0; n < 3; n++)
+        for (i = 0; i < 5; i++) {
+            const int components = sbl_channel_components(cases[i].channel);
+            sbl_picture_desc view = cornell_view(SBL_MODE_DIRECT);
+            view.target_error = 1;
+            view.options.preset = SBL_PRESET_DRAFT;
+            if (n == 1) { view.view_to_clip[8] = 0.3f; view.view_to_clip[9] = -0.2f; }
+            if (n == 2) {
+                memset(view.view_to_clip, 0, sizeof view.view_to_clip);
+                view.view_to_clip[0] = 1 / 500.0f;
+                view.view_to_clip[5] = 1 / 330.0f;
+                view.view_to_clip[10] = -1e-4f;
+                view.view_to_clip[12] = 0.1f;
+                view.view_to_clip[15] = 1;
+            }
+            if (!make(&view, cases[i].channel, whole, PIXELS)) return;
+            for (k = 0; k < WINDOWS; k++) {
+                const int pixels = windows[k][2] * windows[k][3];
+                int count;
+                set_window(&view, windows[k]);
+                if (!make(&view, cases[i].channel, part, pixels)) return;
+                count = differing(windows[k], components, cases[i].most);
+                CHECK(count <= pixels / 100, "projection %d, channel %d, window %d: %d of %d pixels differ", n,
+                      (int)cases[i].channel, k, count, pixels);
+            }
+        }
+}
+
+/* A sensor of a window looks as it does in the whole picture, so that both have the same noise. */
+TEST(sensors_look_the_same_way) {
+    int k;
+    sbl_picture_desc view = scene_plain(cornell_view(SBL_MODE_DIRECT), SBL_MODE_AMBIENT, 0);
+    view.options.rays = 16;
+    view.options.epsilon = 1;
+    if (!make(&view, SBL_CHANNEL_RADIANCE, whole, PIXELS)) return;
+    for (k = 0; k < WINDOWS; k++) {
+        const int pixels = windows[k][2] * windows[k][3];
+        int count;
+        set_window(&view, windows[k]);
+        if (!make(&view, SBL_CHANNEL_RADIANCE, part, pixels)) return;
+        count = differing(windows[k], 3, 1e-3);
+        CHECK(count <= pixels / 20, "window %d: %d of %d pixels differ", k, count, pixels);
+    }
+}
+
+/* Sensors of the first level stand at the same pixels. */
+TEST(first_sensors_stand_at_the_same_pixels) {
+    sbl_picture_desc view = cornell_view(SBL_MODE_DIRECT);
+    int k;
+    view.threshold = 1e6f;  /* no difference refines */
+    if (!make(&view, SBL_CHANNEL_SENSORS, whole, PIXELS)) return;
+    for (k = 0; k < WINDOWS; k++) {
+        const int *w = windows[k];
+        int x, y, wrong = 0, first = 0;
+        set_window(&view, w);
+        if (!make(&view, SBL_CHANNEL_SENSORS, part, w[2] * w[3])) return;
+        for (y = 0; y < w[3]; y++)
+            for (x = 0; x < w[2]; x++) {
+                const int here = part[y * w[2] + x] > 0 && part[y * w[2] + x] < 2;
+                const int there = whole[(w[1] + y) * WIDTH + w[0] + x] > 0 && whole[(w[1] + y) * WIDTH + w[0] + x] < 2;
+                wrong += here != there;
+                first += there;
+            }
+        CHECK(wrong == 0, "window %d: %d of %d pixels have a first sensor here only or there only", k, wrong, first);
+    }
+}
+
+/* Mean absolute difference of R between neighbours across the borders of a grid of windows, in pictures of
+   SIDE x SIDE. */
+enum { SIDE = 128, ACROSS = 4, PART = SIDE / ACROSS };
+static double border_step(const float *rgb) {
+    double sum = 0;
+    int i, k;
+    for (i = PART; i < SIDE; i += PART)
+        for (k = 0; k < SIDE; k++) {
+            sum += fabs((double)rgb[3 * (k * SIDE + i) + 1] - (double)rgb[3 * (k * SIDE + i - 1) + 1]);
+            sum += fabs((double)rgb[3 * (i * SIDE + k) + 1] - (double)rgb[3 * ((i - 1) * SIDE + k) + 1]);
+        }
+    return sum / (2 * SIDE * (ACROSS - 1));
+}
+
+/* Sixteen windows with the mean of a small picture make the whole picture: with the error asked, and with no larger
+   steps across their borders than the whole picture has there. */
+static void assembled(sbl_mode mode, double target, double most) {
+    static float picture[3 * SIDE * SIDE], window[3 * PART * PART], one[3 * SIDE * SIDE];
+    static float ids[SIDE * SIDE], part_ids[SIDE * SIDE];
+    sbl_picture_desc view = scene_cornell_view(SIDE, SIDE), small = scene_cornell_view(SIDE / 2, SIDE / 2);
+    double squares = 0, mean = 0, step, expected2 = 0;
+    sbl_stats stats;
+    int i, y, count = 0;
+    view.options.mode = small.options.mode = mode;
+    view.target_error = (float)target;
+    view.options.preset = small.options.preset = SBL_PRESET_DRAFT;
+    if (!make(&small, SBL_CHANNEL_RADIANCE, one, SIDE * SIDE / 4)) return;
+    memcpy(view.mean_radiance, sbl_query_stats(context).picture.mean_radiance, sizeof view.mean_radiance);
+    if (!make(&view, SBL_CHANNEL_RADIANCE, one, SIDE * SIDE)) return;
+    CHECK(sbl_read_channel(context, SBL_CHANNEL_ID, ids, SIDE * SIDE) == SBL_SUCCESS, "%s", watch_last(&seen));
+    for (i = 0; i < ACROSS * ACROSS; i++) {
+        const int at[4] = { i % ACROSS * PART, i / ACROSS * PART, PART, PART };
+        set_window(&view, at);
+        if (!make(&view, SBL_CHANNEL_RADIANCE, window, PART * PART)) return;
+        for (y = 0; y < PART; y++)
+            memcpy(picture + 3 * ((at[1] + y) * SIDE + at[0]), window + 3 * PART * y, sizeof(float) * 3 * PART);
+        CHECK(sbl_read_channel(context, SBL_CHANNEL_ID, window, PART * PART) == SBL_SUCCESS, "%s", watch_last(&seen));
+        for (y = 0; y < PART; y++)
+            memcpy(part_ids + (at[1] + y) * SIDE + at[0], window + PART * y, sizeof(float) * PART);
+        stats = sbl_query_stats(context);
+        CHECK(stats.picture.width == PART && stats.picture.height == PART &&
+              stats.picture.visible_pixels <= PART * PART, "window %d: %d x %d, %d visible", i, stats.picture.width,
+              stats.picture.height, stats.picture.visible_pixels);
+        CHECK((double)stats.picture.expected_error <= 1.05 * target || mode == SBL_MODE_GI, "window %d: expected %.4f",
+              i, (double)stats.picture.expected_error);
+        expected2 += pow((double)stats.picture.expected_error, 2) / (ACROSS * ACROSS);
+    }
+    for (i = 0; i < SIDE * SIDE; i++) {
+        if (!(ids[i] > 0) || ids[i] < part_ids[i] || ids[i] > part_ids[i]) continue;  /* rounding moves edges */
+        squares += pow((double)picture[3 * i + 1] - (double)one[3 * i + 1], 2);
+        mean += (double)one[3 * i + 1];
+        count++;
+    }
+    mean /= count;
+    CHECK(sqrt(squares / count) <= 1.5 * target * mean, "rms difference %.4f of the mean, target %.4f",
+          sqrt(squares / count) / mean, target);
+    step = border_step(picture) / border_step(one);
+    CHECK(step <= most, "steps across borders are %.3f times those of the whole picture", step);
+    printf("  difference %.4f, target %.4f, expected %.4f, step %.3f\n", sqrt(squares / count) / mean, target,
+           sqrt(expected2), step);
+}
+
+TEST(windows_make_the_picture) { assembled(SBL_MODE_DIRECT, 0.02, 1.05); }
+TEST(windows_make_the_picture_with_bounces) { assembled(SBL_MODE_GI, 0.03, 1.1); }
+
+/* target_error is a share of mean_radiance, which sbl_stats reports. Without it, the mean is measured. */
+TEST(errors_are_shares_of_the_given_mean) {
+    sbl_picture_desc view = cornell_view(SBL_MODE_DIRECT);
+    double mean[3] = { 0, 0, 0 };
+    sbl_stats own, given;
+    int i, c, lit = 0;
+    view.target_error = 0.005f;
+    if (!make(&view, SBL_CHANNEL_RADIANCE, whole, PIXELS)) return;
+    own = sbl_query_stats(context);
+    if (!make(&view, SBL_CHANNEL_ID, part, PIXELS)) return;
+    for (i = 0; i < PIXELS; i++) {
+        lit += part[i] > 0;
+        for (c = 0; c < 3; c++) mean[c] += (double)whole[3 * i + c];
+    }
+    for (c = 0; c < 3; c++) {
+        const double measured = (double)own.picture.mean_radiance[c];
+        CHECK(fabs(measured / (mean[c] / lit) - 1) < 0.02, "channel %d: mean %g, but %g in R", c, measured,
+              mean[c] / lit);
+        view.mean_radiance[c] = 8 * own.picture.mean_radiance[c];
+    }
+    if (!make(&view, SBL_CHANNEL_RADIANCE, part, PIXELS)) return;
+    given = sbl_query_stats(context);
+    CHECK(!memcmp(given.picture.mean_radiance, view.mean_radiance, sizeof view.mean_radiance), "the mean is %g, not %g",
+          (double)given.picture.mean_radiance[0], (double)view.mean_radiance[0]);
+    CHECK(given.sensors.count < own.sensors.count && 8 * given.picture.expected_error > 3 * own.picture.expected_error,
+          "%.0f sensors and an error of 8 * %.5f for a target 8 times as large, %.0f and %.5f without",
+          (double)given.sensors.count, (double)given.picture.expected_error, (double)own.sensors.count,
+          (double)own.picture.expected_error);
+    CHECK(given.picture.expected_error < view.target_error && own.picture.expected_error < view.target_error,
+          "expected errors %.4f and %.4f", (double)given.picture.expected_error, (double)own.picture.expected_error);
+}
+
+/* Nothing is refined for a margin: small windows with wide margins have few sensors. On each side of one of the windows,
+   the margin shows edges of the boxes. */
+TEST(margins_are_not_refined) {
+    static const int places[4][4] = { { 108, 44, 12, 12 }, { 36, 44, 12, 12 }, { 70, 76, 12, 12 }, { 70, 26, 12, 12 } };
+    int i;
+    for (i = 0; i < 4; i++) {
+        sbl_picture_desc view = cornell_view(SBL_MODE_DIRECT);
+        sbl_stats stats;
+        view.filter_radius = -1;
+        view.tile = 64;
+        set_window(&view, places[i]);
+        if (!make(&view, SBL_CHANNEL_SENSORS, part, 12 * 12)) return;
+        stats = sbl_query_stats(context);
+        CHECK(stats.sensors.count <= 200, "window %d: %.0f sensors for 16 x 16 pixels", i,
+              (double)stats.sensors.count);
+    }
+}
+
+/* The same window has the same bits after other windows, in small slices, and from another context. */
+TEST(windows_do_not_depend_on_each_other) {
+    const int *w = windows[3];
+    const int pixels = w[2] * w[3];
+    sbl_picture_desc view = cornell_view(SBL_MODE_GI);
+    sbl_result result;
+    view.options.preset = SBL_PRESET_DRAFT;
+    set_window(&view, w);
+    if (!make(&view, SBL_CHANNEL_FINAL, part, pixels)) return;
+    set_window(&view, windows[0]);
+    if (!make(&view, SBL_CHANNEL_FINAL, again, windows[0][2] * windows[0][3])) return;
+    set_window(&view, w);
+    REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
+    do result = sbl_step(context, 1e-4);
+    while (result == SBL_UNFINISHED);
+    CHECK(result == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_FINAL, again, (size_t)(3 * pixels)) ==
+          SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(!memcmp(part, again, sizeof(float) * 3 * (size_t)pixels), "the window has changed");
+}
+
+/* The sensor of a window's pixel is the one of that pixel in the whole picture. */
+TEST(sensors_of_windows_are_inspected) {
+    sbl_picture_desc view = scene_plain(cornell_view(SBL_MODE_DIRECT), SBL_MODE_DIRECT, 0);
+    static sbl_sensor sensor, expected;
+    int k;
+    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS &&
+            sbl_inspect_sensor(context, 60, 40, &expected, NULL, NULL, 0) == SBL_SUCCESS, "%s", watch_last(&seen));
+    set_window(&view, windows[3]);
+    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS &&
+            sbl_inspect_sensor(context, 43, 27, &sensor, NULL, NULL, 0) == SBL_SUCCESS, "%s", watch_last(&seen));
+    for (k = 0; k < 3; k++)
+        CHECK(fabs((double)sensor.site.position[k] - (double)expected.site.position[k]) < 0.01 &&
+              fabs((double)sensor.radiance[k] - (double)expected.radiance[k]) < 1e-3, "axis %d: %g %g, R %g %g", k,
+              (double)sensor.site.position[k], (double)expected.site.position[k], (double)sensor.radiance[k],
+              (double)expected.radiance[k]);
+    CHECK(sbl_inspect_sensor(context, 61, 0, &sensor, NULL, NULL, 0) == SBL_ERROR_INVALID_ARGUMENT,
+          "a pixel outside of the window is inspected");
+}
+
+/* What a screen shows: the backdrop fades over the whole picture, and the given exposure is used. */
+TEST(backdrops_of_windows_fit) {
+    sbl_picture_desc view = cornell_view(SBL_MODE_DIRECT);
+    int k;
+    sbl_look_at(view.world_to_view, 278, 273, -3000, 278, 273, 0, 0, 1, 0);  /* around the box is nothing */
+    for (k = 0; k < 3; k++) view.backdrop[k] = 0.5f;
+    view.tone = SBL_TONE_NEUTRAL;
+    view.target_error = 0.2f;
+    view.samples = 1;
+    if (!make(&view, SBL_CHANNEL_DISPLAY, whole, PIXELS)) return;
+    for (k = 0; k < 2; k++) {
+        set_window(&view, windows[k]);
+        if (!make(&view, SBL_CHANNEL_DISPLAY, part, windows[k][2] * windows[k][3])) return;
+        CHECK(part[0] > 0.1f && differing(windows[k], 3, 1e-3) <= 2, "window %d: %d pixels differ", k,
+              differing(windows[k], 3, 1e-3));
+    }
+}
+
+/* The exposure that a window measures is that of its own pixels, which show a wall, and not of the lamp above them. */
+TEST(windows_measure_their_own_exposure) {
+    static const int below[4] = { 64, 33, 24, 8 };
+    sbl_picture_desc view = cornell_view(SBL_MODE_DIRECT);
+    double light = 0, stops;
+    int i, pixels = below[2] * below[3];
+    view.tone = SBL_TONE_NEUTRAL;
+    view.auto_exposure = 1;
+    set_window(&view, below);
+    if (!make(&view, SBL_CHANNEL_RADIANCE, part, pixels)) return;
+    stops = (double)sbl_query_stats(context).picture.exposure;
+    for (i = 0; i < pixels; i++) {
+        const double r = (double)part[3 * i], g = (double)part[3 * i + 1], b = (double)part[3 * i + 2];
+        light += log2(0.2126 * r + 0.7152 * g + 0.0722 * b) / pixels;
+    }
+    CHECK(fabs(stops - (-0.5 - light)) < 0.25, "%.3f stops, log2 of the mean R %.3f", stops, light);
+}
+
+TEST(wrong_windows_are_refused) {
+    static const int wrong[9][4] = { { 0, 0, 0, 5 }, { 0, 0, 5, 0 }, { -1, 0, 5, 5 }, { 0, -1, 5, 5 }, { 1, 0, 0, 0 },
+        { 146, 0, 5, 5 }, { 0, 97, 5, 5 }, { 0, 0, -5, 5 }, { 2147483647, 1, 2147483647, 1 } };
+    sbl_picture_desc view = cornell_view(SBL_MODE_DIRECT);
+    int i;
+    for (i = 0; i < 9; i++) {
+        set_window(&view, wrong[i]);
+        watch_forget(&seen);
+        CHECK(sbl_begin_picture(context, &view) == SBL_ERROR_INVALID_ARGUMENT &&
+              watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_PICTURE_DESC, "window", "150 x 101", ""),
+              "window %d: %s", i, watch_last(&seen));
+    }
+    memset(view.window, 0, sizeof view.window);
+    view.mean_radiance[1] = -1;
+    CHECK(sbl_begin_picture(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "a negative mean is accepted");
+    view.mean_radiance[1] = (float)NAN;
+    CHECK(sbl_begin_picture(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "a mean that is no number is accepted");
+}
+
+int main(void) {
+    const sbl_context_desc desc = watch_desc(&seen);
+    sbl_scene_desc scene;
+    if (sbl_create(&desc, &context) != SBL_SUCCESS) return 1;
+    scene_cornell_box(&cornell);
+    scene = scene_desc(&cornell);
+    if (sbl_set_scene(context, &scene) != SBL_SUCCESS) return 1;
+    RUN(the_whole_is_a_window);
+    RUN(windows_show_the_same_surfaces);
+    RUN(sensors_look_the_same_way);
+    RUN(first_sensors_stand_at_the_same_pixels);
+    RUN(windows_make_the_picture);
+    RUN(windows_make_the_picture_with_bounces);
+    RUN(errors_are_shares_of_the_given_mean);
+    RUN(margins_are_not_refined);
+    RUN(windows_do_not_depend_on_each_other);
+    RUN(sensors_of_windows_are_inspected);
+    RUN(backdrops_of_windows_fit);
+    RUN(windows_measure_their_own_exposure);
+    RUN(wrong_windows_are_refused);
+    sbl_destroy(context);
+    scene_free(&cornell);
+    return test_report();
+}
