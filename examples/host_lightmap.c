@@ -464,7 +464,7 @@ static int show(const scene_file *file, const image *lightmap, const room *r) {
 
 static int draw_all(const tool_task *task, double *seconds) {
     char path[PATH_MAX];
-    image lightmap = { 0, 0, 0, NULL };
+    image lightmap = { 0 };
     room *r = (room *)calloc(1, sizeof *r);
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
     int status, misplaced = 0;

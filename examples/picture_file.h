@@ -17,7 +17,9 @@
   #include <openexr.h>
 #endif
 
-typedef struct image { int width, height, components; float *values; } image;  /* top row first */
+/* A picture, top row first. If it is a window of a whole picture, `at` is the position of its first pixel there, and
+   `whole` is the size of that picture; otherwise all are 0. Only .exr tells them. */
+typedef struct image { int width, height, components; float *values; int at[2], whole[2]; } image;
 
 /* maps 0..1 to a byte; NaN becomes 0 */
 static unsigned char to_byte(double x) { return (unsigned char)(255 * (x > 0 ? x < 1 ? x : 1 : 0) + 0.5); }
@@ -135,24 +137,33 @@ static int write_exr(FILE *out, const image *picture) {
     exr_context_t context = NULL;
     exr_encode_pipeline_t encoder;
     exr_chunk_info_t chunk;
+    const exr_attr_v2f_t centre = { { { 0, 0 } } };
+    exr_attr_box2i_t data, display;
     int part, y, k, begun = 0;
     int32_t rows = 1;
     exr_result_t result;
+    data.min.x = picture->at[0];
+    data.min.y = picture->at[1];
+    data.max.x = data.min.x + picture->width - 1;
+    data.max.y = data.min.y + picture->height - 1;
+    display.min.x = display.min.y = 0;
+    display.max.x = (picture->whole[0] ? picture->whole[0] : picture->width) - 1;
+    display.max.y = (picture->whole[1] ? picture->whole[1] : picture->height) - 1;
     settings.error_handler_fn = on_exr_error;
     settings.write_fn = write_exr_bytes;
     settings.user_data = out;
     result = exr_start_write(&context, "picture.exr", EXR_WRITE_FILE_DIRECTLY, &settings);
     if (result == EXR_ERR_SUCCESS) result = exr_add_part(context, "picture", EXR_STORAGE_SCANLINE, &part);
     if (result == EXR_ERR_SUCCESS)
-        result = exr_initialize_required_attr_simple(context, part, picture->width, picture->height,
-                                                     EXR_COMPRESSION_ZIP);
+        result = exr_initialize_required_attr(context, part, &display, &data, 1, &centre, 1,
+                                              EXR_LINEORDER_INCREASING_Y, EXR_COMPRESSION_ZIP);
     for (k = 0; k < picture->components && result == EXR_ERR_SUCCESS; k++)
         result = exr_add_channel(context, part, names[picture->components == 3][k], EXR_PIXEL_FLOAT,
                                  EXR_PERCEPTUALLY_LINEAR, 1, 1);
     if (result == EXR_ERR_SUCCESS) result = exr_write_header(context);
     if (result == EXR_ERR_SUCCESS) result = exr_get_scanlines_per_chunk(context, part, &rows);
     for (y = 0; y < picture->height && result == EXR_ERR_SUCCESS; y += rows) {
-        result = exr_write_scanline_chunk_info(context, part, y, &chunk);
+        result = exr_write_scanline_chunk_info(context, part, data.min.y + y, &chunk);
         if (result == EXR_ERR_SUCCESS)
             result =
                 begun ? exr_encoding_update(context, part, &chunk, &encoder)

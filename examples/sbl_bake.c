@@ -327,7 +327,7 @@ static double bright(const image *light) {
 
 /* Reads R, and sets it to 0 where there is no surface. */
 static sbl_result read_light(sbl_context *context, lightmap *l, int size) {
-    image id = { 0, 0, 0, NULL };
+    image id = { 0 };
     const size_t texels = (size_t)size * (size_t)size;
     sbl_result result = picture_read(context, size, size, SBL_CHANNEL_RADIANCE, &l->light);
     size_t i;
@@ -340,7 +340,7 @@ static sbl_result read_light(sbl_context *context, lightmap *l, int size) {
 
 /* If triangles share texels, makes a picture of this: shared texels are red, other used texels grey. */
 static sbl_result read_overlap(sbl_context *context, lightmap *l, int size) {
-    image others = { 0, 0, 0, NULL }, *shown = &l->overlap;
+    image others = { 0 }, *shown = &l->overlap;
     const size_t texels = (size_t)size * (size_t)size;
     sbl_result result = picture_read(context, size, size, SBL_CHANNEL_OVERLAP, &others);
     size_t i;

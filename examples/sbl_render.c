@@ -23,7 +23,7 @@
 enum { NO_TONE, NEUTRAL, AGX, ERROR_STOPS = 5 };
 
 static struct options {
-    int channel, inspect[2], samples, tone;
+    int channel, inspect[2], samples, tone, window[4];
     double sensor_fov, target_error, facet_limit, exposure;  /* exposure: NaN is auto */
 } options = { .tone = NEUTRAL, .exposure = NAN };
 
@@ -34,7 +34,7 @@ static const char *const tone_words[] = { "none", "neutral", "agx", NULL };
 static const char *const exposure_words[] = { "auto", NULL };
 
 enum {
-    OUTPUT = CAMERA_END, CHANNEL, TARGET_ERROR, SENSOR_FOV, FACET_LIMIT, SAMPLES, EXPOSURE, TONE, INSPECT, STUDIO,
+    OUTPUT = CAMERA_END, CHANNEL, TARGET_ERROR, SENSOR_FOV, FACET_LIMIT, SAMPLES, EXPOSURE, TONE, INSPECT, STUDIO, WINDOW,
     OPTION_COUNT
 };
 
@@ -79,6 +79,13 @@ static const tool_option table[OPTION_COUNT] = {
     [INSPECT] = { "--inspect", "X,Y", INTEGERS, options.inspect, 2, 0, 16383,
                   "instead of the scene, draws what the sensor at this pixel sees (a disc, 512 x 512), and prints\n"
                   "its sums; pixel 0,0 is at the upper left" },
+    [WINDOW] = { "--window", "X,Y,W,H", INTEGERS, options.window, 4, 0, 16384,
+                 "makes only a part of the picture: W x H pixels, the first at X,Y; 0,0 is at the upper left. All parts "
+                 "of a\n"
+                 "picture fit together, because a small picture of the whole is made first, for the exposure and the "
+                 "mean to\n"
+                 "which --target-error refers. A .exr file tells where the part lies (data window) and how large the "
+                 "whole is" },
     [STUDIO] = { "--studio", NULL, FLAG, NULL, 0, 0, 0,
                  "replaces the lights of the file (surfaces that emit stay) by a sky that fades to the horizon and a "
                  "soft sun\n"
@@ -94,6 +101,7 @@ static const tool_line lines[] = {
     { CHANNEL, "final (default), radiance, albedo, normal, depth, ..." },
     { MODE, "gi (default: all light), direct, ambient or paper" },
     { INSPECT, "shows what the sensor at this pixel measures" },
+    { WINDOW, "makes only a part of the picture" },
     { TOOL_HEADING, "Camera:" },
     CAMERA_LINES,
     { TOOL_HEADING, "Light:" },
@@ -187,6 +195,12 @@ static int parse(int argc, char **argv) {
         return misuse("--sensor-fov needs --mode paper: other sensors see the whole hemisphere");
     if (given[INSPECT] && given[CHANNEL])
         return misuse("--inspect draws a sensor, --channel chooses a picture of the scene; give only one of them");
+    if (given[WINDOW]) {
+        const int *w = options.window;
+        if (w[2] < 1 || w[3] < 1 || w[0] + w[2] > camera.size[0] || w[1] + w[3] > camera.size[1])
+            return misuse("--window %d,%d,%d,%d: it must lie within the picture, which is %d x %d pixels", w[0], w[1],
+                          w[2], w[3], camera.size[0], camera.size[1]);
+    }
     if (given[STUDIO] && given[SKY])
         return misuse("--studio has a sky of its own; give only one of --studio and --sky");
     if (given[STUDIO] && common_mode(given) == SBL_MODE_PAPER)
@@ -451,6 +465,7 @@ static void fill_desc(sbl_picture_desc *desc, const scene_file *file, progress *
     memset(desc, 0, sizeof *desc);
     desc->width = camera.size[0];
     desc->height = camera.size[1];
+    memcpy(desc->window, options.window, sizeof desc->window);
     desc->options = common_options(given, bar);
     if (needs_no_light((sbl_channel)options.channel) && common_mode(given) != SBL_MODE_PAPER)
         desc->options.mode = SBL_MODE_DIRECT;  /* does the least work before it draws surfaces */
@@ -471,26 +486,57 @@ static void fill_desc(sbl_picture_desc *desc, const scene_file *file, progress *
                                                                       : 1; /* other channels show pixel centres */
 }
 
+/* Makes a small picture of the whole, and gives its mean and exposure to the window in desc. Returns SBL_UNFINISHED
+   after a signal. */
+static sbl_result look_at_whole(sbl_context *context, sbl_picture_desc *desc) {
+    enum { ACROSS = 256 };  /* size of the small picture at most */
+    const double shrink = fmax(1, (double)(desc->width > desc->height ? desc->width : desc->height) / ACROSS);
+    sbl_picture_desc small = *desc;
+    sbl_stats stats;
+    sbl_result result;
+    small.width = (int)ceil(desc->width / shrink);
+    small.height = (int)ceil(desc->height / shrink);
+    memset(small.window, 0, sizeof small.window);
+    small.options.preset = SBL_PRESET_DRAFT;
+    small.target_error = 0;
+    small.samples = 1;
+    result = sbl_begin_picture(context, &small);
+    if (result == SBL_SUCCESS) result = work(context);
+    stats = sbl_query_stats(context);
+    memcpy(desc->mean_radiance, stats.picture.mean_radiance, sizeof desc->mean_radiance);
+    if (desc->auto_exposure) desc->exposure = stats.picture.exposure;
+    desc->auto_exposure = 0;
+    return result;
+}
+
 static int render(const tool_task *task, double *seconds) {
     const sbl_channel channel = given[INSPECT] ? SBL_CHANNEL_FINAL : (sbl_channel)options.channel;
     const int display = is_display(channel);
     progress bar = { !given[QUIET] && isatty(STDERR_FILENO), now(), 0 };
     sbl_context *context = task->context;
     sbl_picture_desc desc;
-    image picture = { 0, 0, 0, NULL };
+    image picture = { 0 };
     view all = { &picture, channel, 0 };
     sbl_stats stats;
     sbl_result result;
     int status = DONE;
+    if (given[WINDOW] && !given[INSPECT]) {
+        memcpy(picture.at, options.window, sizeof picture.at);
+        memcpy(picture.whole, camera.size, sizeof picture.whole);
+    }
     fill_desc(&desc, task->file, &bar);
     memcpy(desc.world_to_view, placed.world_to_view, sizeof desc.world_to_view);
     memcpy(desc.view_to_clip, placed.view_to_clip, sizeof desc.view_to_clip);
-    result = sbl_begin_picture(context, &desc);
+    result = given[WINDOW] && !needs_no_light(channel) ? look_at_whole(context, &desc) : SBL_SUCCESS;
+    if (result == SBL_UNFINISHED) return stop("no picture was started");
+    if (result == SBL_SUCCESS) result = sbl_begin_picture(context, &desc);
     if (result == SBL_SUCCESS && needs_no_light(channel)) result = work_until(context, channel);
     else if (result == SBL_SUCCESS) result = given[INSPECT] ? work(context) : work_to_save(context);
     if (bar.shown) fprintf(stderr, "\r%70s\r", "");
     if (!given[INSPECT] && (result == SBL_SUCCESS || result == SBL_UNFINISHED))
-        result = picture_read(context, desc.width, desc.height, display ? SBL_CHANNEL_DISPLAY : channel, &picture);
+        result = picture_read(context, given[WINDOW] ? desc.window[2] : desc.width,
+                              given[WINDOW] ? desc.window[3] : desc.height, display ? SBL_CHANNEL_DISPLAY : channel,
+                              &picture);
     else if (result == SBL_SUCCESS) result = inspect(context, &picture);
     *seconds = now() - task->start;
     if (!display) all.stops = (double)sbl_query_stats(context).picture.exposure;  /* is part of a display's values */

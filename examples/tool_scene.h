@@ -378,6 +378,9 @@ static int write_stats(FILE *out, const void *what) {
     fprintf(out, "\",\n  \"mode\": \"%s\",\n  \"size\": [%d, %d],\n  \"triangles\": %d,\n  \"lights\": %d,\n  "
         "\"visible_pixels\": %d,\n", name_of_mode(s.mode), s.picture.width,
             s.picture.height, s.scene.triangles, all->lights, s.picture.visible_pixels);
+    if (s.picture.width)
+        fprintf(out, "  \"mean\": [%.9g, %.9g, %.9g],\n", (double)s.picture.mean_radiance[0],
+                (double)s.picture.mean_radiance[1], (double)s.picture.mean_radiance[2]);
     fprintf(out, "  \"backend\": \"%s\",\n", s.backend == SBL_BACKEND_TRACE ? "trace" : "raster");
     fprintf(out, "  \"error\": {\"asked\": %.6g, \"expected\": %.6g, \"stored\": %.6g},\n",
         (double)s.picture.target_error, (double)s.picture.expected_error, (double)s.picture.stored_error);

@@ -682,6 +682,77 @@ TEST(exr_is_written_or_refused) {
     CHECK(head[0] == 0x76 && head[1] == 0x2f && head[2] == 0x31 && head[3] == 0x01, "the file is no OpenEXR");
 }
 
+/* Returns the four numbers of a box2i attribute of an OpenEXR file; 0: the attribute is missing. */
+static int exr_box(const char *name, const char *attribute, int32_t box[4]) {
+    unsigned char head[4096];
+    FILE *in = fopen(in_folder(name), "rb");
+    const size_t got = in ? fread(head, 1, sizeof head, in) : 0, length = strlen(attribute) + 1;
+    size_t i;
+    int k;
+    if (in) fclose(in);
+    for (i = 0; i + length + 26 < got; i++) {
+        if (memcmp(head + i, attribute, length) || memcmp(head + i + length, "box2i", 6)) continue;
+        for (k = 0; k < 4; k++) {
+            const unsigned char *b = head + i + length + 10 + 4 * k;
+            box[k] = (int32_t)(b[0] | (uint32_t)b[1] << 8 | (uint32_t)b[2] << 16 | (uint32_t)b[3] << 24);
+        }
+        return 1;
+    }
+    return 0;
+}
+
+/* Windows show what the whole picture shows, with the exposure and the mean of the whole; .exr tells their places. */
+TEST(windows_are_parts_of_the_picture) {
+    static const struct { const char *option; int x, y; } parts[3] = { { "--window=0,0,9,7", 0, 0 },
+        { "--window=9,4,9,7", 9, 4 }, { "--window=15,9,9,7", 15, 9 } };
+    static const char *const channels[2] = { "position", "final" };
+    char stats[8192];
+    double means[4];
+    int32_t box[4] = { 0, 0, 0, 0 };
+    int i, k, lines;
+    room_obj();
+    for (k = 0; k < 2; k++) {
+        const char *channel = channels[k];
+        picture whole;
+        CHECK(TOOL(ROOM, "--channel", channel, "-o", "whole.pfm", "--stats", "stats.json") == 0, "%s", ran.err);
+        read_text(in_folder("stats.json"), stats, sizeof stats, &lines);
+        means[3] = k ? strtod(strstr(stats, "\"mean\": [") + 9, NULL) : 0;
+        whole = read_pfm("whole.pfm");
+        REQUIRE(whole.values, "no picture");
+        for (i = 0; i < 3; i++) {
+            double off = 0, mean = 0;
+            picture part;
+            int n;
+            CHECK(TOOL(ROOM, "--channel", channel, parts[i].option, "-o", "part.pfm", "--stats", "stats.json") == 0,
+                  "%s", ran.err);
+            read_text(in_folder("stats.json"), stats, sizeof stats, &lines);
+            if (k) means[i] = strtod(strstr(stats, "\"mean\": [") + 9, NULL);
+            part = read_pfm("part.pfm");
+            REQUIRE(part.values && part.width == 9 && part.height == 7, "%s: a part of %d x %d pixels", channel,
+                    part.width, part.height);
+            for (n = 0; n < 9 * 7 * 3; n++) {
+                const double w = at(&whole, parts[i].x + n / 3 % 9, parts[i].y + n / 27, n % 3);
+                off += fabs(at(&part, n / 3 % 9, n / 27, n % 3) - w) / (9 * 7 * 3);
+                mean += fabs(w) / (9 * 7 * 3);
+            }
+            CHECK(off <= (k ? 0.06 : 0.001) * mean, "%s, part %d: differs by %g, mean %g", channel, i, off, mean);
+            free(part.values);
+        }
+        free(whole.values);
+    }
+    CHECK(means[0] > 0 && !(means[0] < means[1]) && !(means[0] > means[1]) && fabs(means[2] / means[3] - 1) < 0.1,
+          "means of parts %g %g %g, of the whole %g", means[0], means[1], means[2], means[3]);
+    CHECK(TOOL(ROOM, "--window", "20,0,5,5", "-o", "part.pfm") == 2 && said("24 x 16 pixels"), "%s", ran.err);
+    CHECK(TOOL(ROOM, "--window", "0,0,0,5", "-o", "part.pfm") == 2 && said("24 x 16 pixels"), "%s", ran.err);
+    if (TOOL(ROOM, parts[1].option, "-o", "part.exr") == 1 && strstr(ran.err, "OpenEXR")) return;
+    CHECK(exr_box("part.exr", "dataWindow", box) && box[0] == 9 && box[1] == 4 && box[2] == 17 && box[3] == 10,
+          "data window %d %d %d %d", box[0], box[1], box[2], box[3]);
+    CHECK(exr_box("part.exr", "displayWindow", box) && box[0] == 0 && box[1] == 0 && box[2] == 23 && box[3] == 15,
+          "display window %d %d %d %d", box[0], box[1], box[2], box[3]);
+    CHECK(TOOL(ROOM, "-o", "whole.exr") == 0 && exr_box("whole.exr", "dataWindow", box) && box[0] == 0 && box[1] == 0 &&
+          box[2] == 23 && box[3] == 15, "data window of the whole %d %d %d %d", box[0], box[1], box[2], box[3]);
+}
+
 /* Returns the number after "key": in the text, or a negative number if the key is missing. */
 static double json_number(const char *text, const char *key) {
     char quoted[64];
@@ -2091,7 +2162,7 @@ TEST(help_is_short_or_complete) {
         "--quiet", "--stats", "--samples", "--inspect", "--allow-path", "--memory", "--read-time", "--verbose",
         "130", "640x480", "sbl.png", "--target-error", "--error", "--facet-limit", "--store", "--help", "--version",
         "--bounce-samples", "Ctrl-C", "--studio", "--tone", "--store-replace",
-        "--light-scale"
+        "--light-scale", "--window"
     };
     static const char *const groups[] = { "What:", "Camera:", "Light:", "Quality:", "Output:", "Safety:" };
     char all[sizeof ran.out];
@@ -2321,6 +2392,7 @@ int main(int argc, char **argv) {
     RUN_PLAIN(every_channel_is_written);
     RUN(surfaces_need_no_light);
     RUN(exr_is_written_or_refused);
+    RUN(windows_are_parts_of_the_picture);
     RUN(statistics_have_every_field);
     RUN(rays_can_be_traced);
     RUN(light_bounces_by_default);
