@@ -309,7 +309,7 @@
 
    Accuracy at default settings, measured against an independent path tracer (relative root mean square error of R, in
    blocks of 4 x 4 pixels): 0.8 % in the Cornell box and in a staircase room with 130 emitting triangles, 1 to 1.5 % in
-   a room where two small bright places send nearly all light, 2.5 % in a furnished room of 130,000 triangles with sky
+   a room where two small bright places send nearly all light, 2 % in a furnished room of 130,000 triangles with sky
    light from windows, and 1.5 to 3 % in a dark room with a door ajar. In the last two rooms, more than the 1.5 % that
    is asked for by default remains, and sbl_stats.picture.expected_error says so.
 
