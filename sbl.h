@@ -196,8 +196,8 @@
    SBL_CHANNEL_RADIANCE (R, light without surface colour).
 
    sbl_picture_desc.options.mode selects the light that is computed, see sbl_mode. The default, SBL_MODE_GI, computes
-   all light; SBL_MODE_DIRECT takes a third to half of its time. Geometry that only the host can draw (for example with
-   a vertex shader) is drawn by a callback, see sbl_draw_view.
+   all light; SBL_MODE_DIRECT takes a sixth to a third of its time. Geometry that only the host can draw (for example
+   with a vertex shader) is drawn by a callback, see sbl_draw_view.
 
 
    ON SCREENS
@@ -297,7 +297,7 @@
    a nearer surface, whose light may differ from its cell's, a ray sends another ray to a lamp and goes on. The store
    itself is visible only on surfaces with SBL_MATERIAL_NO_SENSORS and in SBL_CHANNEL_STORE.
 
-   Cost: a picture takes 2 to 3 times as long as with direct light alone, including the store, and more if the picture
+   Cost: a picture takes 3 to 6 times as long as with direct light alone, including the store, and more if the picture
    is small (measured in several rooms on llvmpipe). The first work in this mode makes the store. All pictures and bakes
    of the scene then use it. sbl_set_scene, sbl_set_mesh_transform and changes of what materials reflect discard it; a
    change of emission or lights updates it in half the time. sbl_save_store and sbl_load_store carry it over to the next
@@ -308,8 +308,8 @@
    patchy; lower it for a quick preview. Grain of single pixels needs a smaller target_error.
 
    Accuracy at default settings, measured against an independent path tracer (relative root mean square error of R, in
-   blocks of 4 x 4 pixels): 0.8 % in the Cornell box and in a staircase room with 130 emitting triangles, 1 to 1.5 % in
-   a room where two small bright places send nearly all light, 2 % in a furnished room of 130,000 triangles with sky
+   blocks of 4 x 4 pixels): 0.8 % in the Cornell box and in a staircase room with 130 emitting triangles, 1 % in a
+   room where two small bright places send nearly all light, 2 % in a furnished room of 130,000 triangles with sky
    light from windows, and 1.5 to 3 % in a dark room with a door ajar. In the last two rooms, more than the 1.5 % that
    is asked for by default remains, and sbl_stats.picture.expected_error says so.
 
@@ -480,7 +480,7 @@
    then makes a better picture whenever the number of looks has grown by a quarter. If the first request comes later,
    this request itself makes such a preview.
 
-   In SBL_MODE_GI, filling the store takes 10 to 50 % of the time of the scene's first picture. A host that asks for a
+   In SBL_MODE_GI, filling the store takes 20 to 70 % of the time of the scene's first picture. A host that asks for a
    channel meanwhile gets a first picture of direct light alone, coarsely interpolated, after 1 to 6 % of the time, and
    one with all bounces as soon as the store is full. Hosts that do not ask pay nothing for it; finished pictures are
    the same.
@@ -590,24 +590,23 @@
    Tested: mingw-w64 (64 and 32 bits), 64-bit programs in wine, GL 4.1 on Mesa. Not tested: Microsoft's compiler, a Mac.
 
 
-   ON WINDOWS
+   ON PARTS
 
    A picture that is too large for memory, or that several machines share, can be made in parts. sbl_picture_desc.window
-   is the part to make; width, height and view_to_clip stay those of the whole picture. A window has the same bits on
-   the same GL driver, whichever other windows were made before. Windows fit together, because sensors stand at the same
-   pixels as in the whole picture and look the same way, and because a window also measures a margin, which is not
-   shown. Its memory and time are those of up to one more tile at each side.
+   selects a part; width, height and view_to_clip stay those of the whole picture. A window has the same bits on the
+   same GL driver, whichever other windows were made before. Windows fit together, because their tiles and the rotations
+   of their sensors are those of the whole picture, and because a window also measures a margin, which is not shown. The
+   margin adds up to tile + filter_radius + 1 pixels at each side.
 
-   All windows of a picture need the same mean, exposure and store. A small picture of the whole supplies the first two:
+   All windows of a picture should share three things. A small picture of the whole supplies the first two:
 
-       mean       target_error is a share of the mean R of the whole picture. Copy sbl_stats.picture.mean_radiance of
-                  the small picture into mean_radiance of the windows; each window then has the error asked. Otherwise
-                  a window refers to its own mean, so that dark windows cost more time than they are worth
-       exposure   copy sbl_stats.picture.exposure, and leave auto_exposure at 0
+       mean       copy sbl_stats.picture.mean_radiance of the small picture into mean_radiance of the windows, so that
+                  target_error is a share of the mean R of the whole picture. Otherwise it is a share of each window's
+                  own mean, and dark windows take needlessly long
+       exposure   set auto_exposure only in the small picture, and copy its sbl_stats.picture.exposure
        store      in SBL_MODE_GI, use one context, or sbl_save_store and sbl_load_store
 
-   Numbers of pixels in the section on determinism count in the whole picture. sbl_inspect_sensor and all channels count
-   in the window.
+   In ON DETERMINISM, (x, y) is a pixel of the whole picture; in sbl_inspect_sensor and in channels, of the window.
 
 
    ON DETERMINISM
@@ -1074,7 +1073,7 @@ typedef struct sbl_picture_desc {
     uint32_t start_canary;     /* must stay 0 */
     int width, height;         /* pixels, 1 to 16384. Default: 640 x 480, if both are 0 */
     int window[4];             /* the part of the picture to make, pixels: x and y of its upper left pixel, its width
-                                  and its height; see ON WINDOWS. All channels then have the window's size. Default:
+                                  and its height; see ON PARTS. All channels then have the window's size. Default:
                                   all 0, the whole picture */
     float world_to_view[16];   /* rigid, see sbl_look_at. Default (all zero): shows the whole scene from the front */
     float view_to_clip[16];    /* perspective projection, or an orthographic one, which also sees what is behind the
@@ -1084,11 +1083,11 @@ typedef struct sbl_picture_desc {
                                   SBL_MODE_PAPER: SBL_SENSOR_SINGLE */
     float sensor_fov;          /* field of view of SBL_SENSOR_SINGLE, 1 to 179 degrees. Default: 135 */
     float target_error;        /* accepted root mean square error of R over the visible pixels, as a share of the mean R
-                                  there, 0 to 1; see ON THE TARGET ERROR. If not set, a sensor takes at most 1024 /
-                                  1024 / 2048 rays. Default: 0.05 / 0.015 / 0.0075. Default in SBL_MODE_PAPER: threshold
-                                  decides */
-    float mean_radiance[3];    /* the mean R of which target_error is a share, per channel; set it for the windows of
-                                  one picture, see ON WINDOWS. Default: all 0, that of the visible pixels */
+                                  (see mean_radiance), 0 to 1; see ON THE TARGET ERROR. If not set, a sensor takes at
+                                  most 1024 / 1024 / 2048 rays. Default: 0.05 / 0.015 / 0.0075. Default in
+                                  SBL_MODE_PAPER: threshold decides */
+    float mean_radiance[3];    /* the mean R (red, green, blue) of which target_error is a share; set it for windows,
+                                  see ON PARTS. Default: all 0, the mean over the visible pixels */
     int tile;                  /* pixels between sensors of the first level, 1 (every pixel) to 1024. Default: 16 */
     float threshold;           /* if set, tiles are refined where neighbouring sensors differ by more than this share of
                                   their mean, instead of where the target error requires it; in SBL_MODE_PAPER the
@@ -1166,7 +1165,7 @@ typedef struct sbl_stats {
         double microseconds;      /* seconds.total divided by count, as in the paper, in microseconds */
     } sensors;
     struct {                      /* the picture or lightmap */
-        int width, height;        /* pixels of the picture or, if one is set, of its window */
+        int width, height;        /* pixels of the window, or else of the whole picture */
         int visible_pixels;       /* number of pixels that show a surface */
         float target_error;       /* target_error of the descriptor or its default, which is 0 in SBL_MODE_PAPER; that
                                      mode never uses it */
@@ -6795,8 +6794,8 @@ static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
                                            &s->geometry.objects[i], &s->brightest);
 }
 
-/* Default limit of the store's leaves, which the interface calls cells: so many per triangle of the scene, since cells
-   have to be finer where geometry is, but not fewer than the least number and not more than the greatest. */
+/* Default limit of the store's leaves (the interface's cells): PER_TRIANGLE for each triangle, since fine geometry
+   needs fine cells, but at least LEAST and at most MOST. */
 #define SBL__STORE_PER_TRIANGLE 1.5
 #define SBL__STORE_LEAST 49152
 #define SBL__STORE_MOST 196608
@@ -7563,14 +7562,14 @@ SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc)
     return d;
 }
 
-/* A window of a picture. The working grid covers it with a margin, so that its light is that of the whole picture: the
-   grid consists of whole tiles of the first level, and the errors of pixels that the filter and anti-aliasing read
-   count, too. All sizes and places are x and y in working pixels. */
+/* A window of a picture. The working grid is the window plus a margin, up to the edges of first-level tiles or of the
+   picture, so that windows fit together. Errors of pixels that the filter and anti-aliasing read count, too. All sizes
+   and places are x and y in working pixels. */
 typedef struct sbl__window {
     int whole[2];               /* size of the whole picture */
     int first[2], size[2];      /* the working grid: its first pixel in the whole picture, and its size */
     int inset[2], shown[2];     /* the window: its first pixel in the working grid, and its size */
-    int margin;                 /* width of the border around the window in which errors count */
+    int margin;                 /* errors count up to this many pixels outside of the window */
 } sbl__window;
 
 #define SBL__WINDOW_SAMPLES 2   /* anti-aliasing reads pixels up to this far away, see SBL_REACH in resolve.glsl */
@@ -7584,7 +7583,7 @@ static sbl__window sbl__window_of(const sbl_picture_desc *d) {
     w.margin = SBL__MAX(d->filter_radius, 0) + SBL__WINDOW_SAMPLES;
     for (k = 0; k < 2; k++) {
         const int from = d->window[2] ? d->window[k] : 0, to = d->window[2] ? from + d->window[2 + k] : w.whole[k];
-        const int tiles = (to - 1 + w.margin + d->tile - 1) / d->tile;  /* tiles end at pixel tiles * d->tile */
+        const int tiles = (to - 1 + w.margin + d->tile - 1) / d->tile;  /* the last one ends at tiles * d->tile */
         w.first[k] = SBL__MAX(from - w.margin, 0) / d->tile * d->tile;
         w.size[k] = SBL__MIN(tiles * d->tile + 1, w.whole[k]) - w.first[k];
         w.inset[k] = from - w.first[k];
@@ -7625,7 +7624,7 @@ static void sbl__check_window(sbl__check *check, const sbl_picture_desc *d) {
     if (!w[0] && !w[1] && !w[2] && !w[3]) return;
     if (w[0] < 0 || w[1] < 0 || w[2] < 1 || w[3] < 1 || w[2] > d->width || w[3] > d->height ||
         w[0] > d->width - w[2] || w[1] > d->height - w[3])
-        sbl__mistake(check, "window is %d %d %d %d (x, y, width, height); it must lie within the picture's %d x %d",
+        sbl__mistake(check, "window (x %d, y %d, %d x %d) must be at least 1 x 1 and inside the picture, %d x %d",
                      w[0], w[1], w[2], w[3], d->width, d->height);
 }
 
@@ -10850,10 +10849,9 @@ static const char *const sbl__glsl_trace[] = {
 "#endif\n",
 "\n",
 "const float SBL_NEIGHBOURS = 0.62;  // measured variance / its estimate from pairs, at 16 to 256 rays\n",
-"// In sbl_is_near, the first segment counts as if it were shorter by this factor, so that its hits are near up to\n",
-"// 0.7 lengths of a cell instead of 0.5. A smaller factor reduces the error at window frames, but costs noise and\n",
-"// time.\n",
-"const float SBL_FIRST_REACH = 0.7;\n",
+"// In sbl_is_near, the length of the first segment counts times this factor, so that its hits are near up to\n",
+"// 0.5 / 0.7 lengths of a cell. A smaller factor reduces errors at window frames, but adds noise and time.\n",
+"const float SBL_FIRST_SCALE = 0.7;\n",
 "\n",
 "// Radiance that leaves a hit towards the ray's origin. first, last: true for the first and the last segment of a\n",
 "// ray. goes_on: set to true if the hit is near. The radiance then lacks all reflected light, which further rays\n",
@@ -10867,7 +10865,7 @@ static const char *const sbl__glsl_trace[] = {
 "    goes_on = false;\n",
 "#ifdef SBL_BOUNCED\n",
 "    material = sbl_material(object, at);\n",
-"    goes_on = !last && sbl_is_near(first ? SBL_FIRST_REACH * hit.distance : hit.distance);\n",
+"    goes_on = !last && sbl_is_near(first ? SBL_FIRST_SCALE * hit.distance : hit.distance);\n",
 "    if (!goes_on || bright_cells > 0) {\n",
 "        int leaf = sbl_leaf_at(hit.number, hit.back, place, hit.distance);\n",
 "        vec3 light = goes_on ? vec3(0) : sbl_light_of(leaf);\n",
@@ -10886,7 +10884,7 @@ static const char *const sbl__glsl_trace[] = {
 "}\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
-"// Maximum number of segments of a ray. A hit is near if sbl_is_near says so (see SBL_FIRST_REACH); the mean light\n",
+"// Maximum number of segments of a ray. A hit is near if sbl_is_near says so (see SBL_FIRST_SCALE); the mean light\n",
 "// of its cell may differ much from the light there. Reflected light is therefore not read from the store at near\n",
 "// hits, except to subtract that of glows: a ray to a lamp finds the light of lamps, and the next segment finds the\n",
 "// bounced light. The last segment reads the store at any distance.\n",
@@ -14175,7 +14173,7 @@ static void sbl__refine_free(const sbl__device *d, sbl__refine *r) {
     memset(r, 0, sizeof *r);
 }
 
-/* Returns the number of a pixel in the whole picture. */
+/* Returns the number that pixel `index` of the working grid has in the whole picture. */
 static uint32_t sbl__pixel_number(const sbl__refine *r, int index) {
     const uint32_t x = (uint32_t)(r->window.first[0] + index % r->width);
     return (uint32_t)(r->window.first[1] + index / r->width) * (uint32_t)r->window.whole[0] + x;
@@ -15860,7 +15858,7 @@ static const char *const sbl__glsl_resolve[] = {
 "#ifdef SBL_DISPLAY\n",
 "uniform sampler2D previous_display;         // like `previous`, of what the screen shows\n",
 "uniform vec3 backdrop;                      // sbl_picture_desc.backdrop\n",
-"uniform float first_row, height;             // rows of the whole picture: number above the first row here, and all\n",
+"uniform float first_row, height;             // rows of the whole picture: how many are above this part; all\n",
 "const float SBL_BACKDROP_TOP = 0.3;         // share of the backdrop at the upper edge of the picture\n",
 "layout(location = 1) out vec4 out_display;\n",
 "#endif\n",
@@ -15962,7 +15960,7 @@ typedef struct sbl__resolve {
     sbl_tone tone;                         /* SBL_TONE_NONE: only radiance is composed */
     float stops;                           /* exposure of what a screen shows */
     const float *backdrop;                 /* sbl_picture_desc.backdrop, 3 floats */
-    const sbl__window *window;             /* where the picture lies in the whole picture */
+    const sbl__window *window;             /* where the working grid lies in the whole picture */
 } sbl__resolve;
 
 /* Writes r->previous (0 for sample 0) + sample / r->count to rows of `out`. rows: first row, number of rows */
@@ -16592,8 +16590,8 @@ static sbl_result sbl__map_check(const sbl__core *c, const char *where, const sb
     measurement->look_rays = sbl__look_rays(d->target_error);
     measurement->looks = asked ? SBL__MAX_LOOKS : SBL__DEFAULT_LOOKS;
     if (d->width <= most && d->height <= most) return SBL_SUCCESS;
-    sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "%s: size is %d x %d; this driver's textures are at most "
-             "%d across", where, d->width, d->height, most);
+    sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "%s: size, with margins, is %d x %d; this driver's "
+             "textures are at most %d across", where, d->width, d->height, most);
     return SBL_ERROR_UNSUPPORTED;
 }
 
@@ -16677,7 +16675,7 @@ static sbl_result sbl__map_setup(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
 }
 
-/* Makes a texture for the working grid, with across x across texels for m->across x m->across working pixels. */
+/* Makes a texture for the working grid. across: number of texels across a pixel of the host */
 static sbl_result sbl__map_texture(const sbl__map *m, int across, sbl__texture *t) {
     return sbl__texture_make(&m->work.core->device, t, m->desc.width / m->across * across,
                              m->desc.height / m->across * across, SBL__GL_RGBA32F);

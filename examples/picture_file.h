@@ -17,8 +17,8 @@
   #include <openexr.h>
 #endif
 
-/* A picture, top row first. If it is a window of a whole picture, `at` is the position of its first pixel there, and
-   `whole` is the size of that picture; otherwise all are 0. Only .exr tells them. */
+/* A picture, top row first. If it is a window of a whole picture, `at` is the position of its first pixel in that
+   picture, and `whole` is the size of that picture; otherwise all are 0. Only .exr files store these. */
 typedef struct image { int width, height, components; float *values; int at[2], whole[2]; } image;
 
 /* maps 0..1 to a byte; NaN becomes 0 */

@@ -34,7 +34,8 @@ static const char *const tone_words[] = { "none", "neutral", "agx", NULL };
 static const char *const exposure_words[] = { "auto", NULL };
 
 enum {
-    OUTPUT = CAMERA_END, CHANNEL, TARGET_ERROR, SENSOR_FOV, FACET_LIMIT, SAMPLES, EXPOSURE, TONE, INSPECT, STUDIO, WINDOW,
+    OUTPUT = CAMERA_END, CHANNEL, TARGET_ERROR, SENSOR_FOV, FACET_LIMIT, SAMPLES, EXPOSURE, TONE, INSPECT, STUDIO,
+    WINDOW,
     OPTION_COUNT
 };
 
@@ -78,14 +79,15 @@ static const tool_option table[OPTION_COUNT] = {
                tone_words },
     [INSPECT] = { "--inspect", "X,Y", INTEGERS, options.inspect, 2, 0, 16383,
                   "instead of the scene, draws what the sensor at this pixel sees (a disc, 512 x 512), and prints\n"
-                  "its sums; pixel 0,0 is at the upper left" },
+                  "its sums; 0,0 is the upper left pixel (of the --window)" },
     [WINDOW] = { "--window", "X,Y,W,H", INTEGERS, options.window, 4, 0, 16384,
-                 "makes only a part of the picture: W x H pixels, the first at X,Y; 0,0 is at the upper left. All parts "
-                 "of a\n"
-                 "picture fit together, because a small picture of the whole is made first, for the exposure and the "
-                 "mean to\n"
-                 "which --target-error refers. A .exr file tells where the part lies (data window) and how large the "
-                 "whole is" },
+                 "makes only a part of the picture: W x H pixels, the first at X,Y; 0,0 is at the upper left. Parts "
+                 "fit\n"
+                 "together; in mode gi, give all the same --store. A small picture of the whole is made first, for "
+                 "the\n"
+                 "exposure and for the mean of --target-error. A .exr file stores where the part lies (data window) "
+                 "and the\n"
+                 "size of the whole" },
     [STUDIO] = { "--studio", NULL, FLAG, NULL, 0, 0, 0,
                  "replaces the lights of the file (surfaces that emit stay) by a sky that fades to the horizon and a "
                  "soft sun\n"
@@ -198,7 +200,7 @@ static int parse(int argc, char **argv) {
     if (given[WINDOW]) {
         const int *w = options.window;
         if (w[2] < 1 || w[3] < 1 || w[0] + w[2] > camera.size[0] || w[1] + w[3] > camera.size[1])
-            return misuse("--window %d,%d,%d,%d: it must lie within the picture, which is %d x %d pixels", w[0], w[1],
+            return misuse("--window %d,%d,%d,%d: must be at least 1 x 1 and inside the picture of %d x %d", w[0], w[1],
                           w[2], w[3], camera.size[0], camera.size[1]);
     }
     if (given[STUDIO] && given[SKY])
@@ -489,7 +491,7 @@ static void fill_desc(sbl_picture_desc *desc, const scene_file *file, progress *
 /* Makes a small picture of the whole, and gives its mean and exposure to the window in desc. Returns SBL_UNFINISHED
    after a signal. */
 static sbl_result look_at_whole(sbl_context *context, sbl_picture_desc *desc) {
-    enum { ACROSS = 256 };  /* size of the small picture at most */
+    enum { ACROSS = 256 };  /* greatest width or height of the small picture */
     const double shrink = fmax(1, (double)(desc->width > desc->height ? desc->width : desc->height) / ACROSS);
     sbl_picture_desc small = *desc;
     sbl_stats stats;
@@ -528,7 +530,7 @@ static int render(const tool_task *task, double *seconds) {
     memcpy(desc.world_to_view, placed.world_to_view, sizeof desc.world_to_view);
     memcpy(desc.view_to_clip, placed.view_to_clip, sizeof desc.view_to_clip);
     result = given[WINDOW] && !needs_no_light(channel) ? look_at_whole(context, &desc) : SBL_SUCCESS;
-    if (result == SBL_UNFINISHED) return stop("no picture was started");
+    if (result == SBL_UNFINISHED) return stop("there is no picture yet");
     if (result == SBL_SUCCESS) result = sbl_begin_picture(context, &desc);
     if (result == SBL_SUCCESS && needs_no_light(channel)) result = work_until(context, channel);
     else if (result == SBL_SUCCESS) result = given[INSPECT] ? work(context) : work_to_save(context);

@@ -20,11 +20,13 @@ typedef enum option_kind {
     BYTES             /* a size_t, such as 512M */
 } option_kind;
 
+enum { TOOL_NUMBERS = 4 };
+
 typedef struct tool_option {
     const char *name, *argument;
     option_kind kind;
     void *value;
-    int count;
+    int count;                  /* how many numbers, up to TOOL_NUMBERS, or how often a text may be given */
     double low, high;           /* range of each number */
     const char *help;           /* lines, separated by \n */
     const char *const *words;   /* for CHOICE: the words, followed by NULL; for NUMBERS: a word that may take the place
@@ -88,7 +90,7 @@ static int tool__is_whole(const tool_option *o) { return o->kind == INTEGERS || 
 
 /* Reads count separated numbers into o->value. Returns 0 if the text is anything else. */
 static int tool__numbers(const tool_option *o, const char *text) {
-    double numbers[3];
+    double numbers[TOOL_NUMBERS];
     char *end;
     int i;
     for (i = 0; i < o->count; i++) {
@@ -152,7 +154,7 @@ static const char *tool__written(char text[32], double number) {
 
 /* Writes what the numbers of an option look like, such as "three numbers X,Y,Z from -1 to 1". */
 static void tool__describe_numbers(const tool_option *o, char *out, size_t size) {
-    static const char *const counts[] = { "a", "two", "three" };
+    static const char *const counts[TOOL_NUMBERS] = { "a", "two", "three", "four" };
     const char *sign = o->kind == SHARES ? "%" : "", *whole = tool__is_whole(o) ? "whole " : "";
     const double unit = o->kind == SHARES ? 100 : 1;
     const int shape = (int)strcspn(o->argument, "|");

@@ -81,7 +81,7 @@ enum {
     [MAX_BOUNCE_CELLS] = { "--max-bounce-cells", "N", INTEGERS, &common.max_bounce_cells, 1, 1024, 1048576, \
                         "greatest number of cells that store bounced light, in mode gi; each needs about 4 KB of " \
                             "memory;\n" \
-                        "default 1.5 times the number of triangles, 49152 to 196608. Use more if light comes\n" \
+                        "default 1.5 per triangle, but 49152 at least and 196608 at most. Use more if light comes\n" \
                             "through gaps, or if geometry is fine", \
                         .synonym = "--bounce-samples" }, \
     [EPSILON]       = { "--epsilon", "E", NUMBERS, &common.epsilon, 1, 0, 1e30, \

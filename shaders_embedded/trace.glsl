@@ -17,10 +17,9 @@ SBL_OUT(5, out_even);                 // control variate for radiance 1 from eve
 #endif
 
 const float SBL_NEIGHBOURS = 0.62;  // measured variance / its estimate from pairs, at 16 to 256 rays
-// In sbl_is_near, the first segment counts as if it were shorter by this factor, so that its hits are near up to
-// 0.7 lengths of a cell instead of 0.5. A smaller factor reduces the error at window frames, but costs noise and
-// time.
-const float SBL_FIRST_REACH = 0.7;
+// In sbl_is_near, the length of the first segment counts times this factor, so that its hits are near up to
+// 0.5 / 0.7 lengths of a cell. A smaller factor reduces errors at window frames, but adds noise and time.
+const float SBL_FIRST_SCALE = 0.7;
 
 // Radiance that leaves a hit towards the ray's origin. first, last: true for the first and the last segment of a
 // ray. goes_on: set to true if the hit is near. The radiance then lacks all reflected light, which further rays
@@ -34,7 +33,7 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool first, bool last, out bool goes_
     goes_on = false;
 #ifdef SBL_BOUNCED
     material = sbl_material(object, at);
-    goes_on = !last && sbl_is_near(first ? SBL_FIRST_REACH * hit.distance : hit.distance);
+    goes_on = !last && sbl_is_near(first ? SBL_FIRST_SCALE * hit.distance : hit.distance);
     if (!goes_on || bright_cells > 0) {
         int leaf = sbl_leaf_at(hit.number, hit.back, place, hit.distance);
         vec3 light = goes_on ? vec3(0) : sbl_light_of(leaf);
@@ -53,7 +52,7 @@ float sbl_stratum_reciprocal(float u) {
 }
 
 #ifdef SBL_BOUNCED
-// Maximum number of segments of a ray. A hit is near if sbl_is_near says so (see SBL_FIRST_REACH); the mean light
+// Maximum number of segments of a ray. A hit is near if sbl_is_near says so (see SBL_FIRST_SCALE); the mean light
 // of its cell may differ much from the light there. Reflected light is therefore not read from the store at near
 // hits, except to subtract that of glows: a ray to a lamp finds the light of lamps, and the next segment finds the
 // bounced light. The last segment reads the store at any distance.

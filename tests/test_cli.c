@@ -728,8 +728,9 @@ TEST(windows_are_parts_of_the_picture) {
             read_text(in_folder("stats.json"), stats, sizeof stats, &lines);
             if (k) means[i] = strtod(strstr(stats, "\"mean\": [") + 9, NULL);
             part = read_pfm("part.pfm");
-            REQUIRE(part.values && part.width == 9 && part.height == 7, "%s: a part of %d x %d pixels", channel,
-                    part.width, part.height);
+            CHECK(part.values && part.width == 9 && part.height == 7, "%s: a part of %d x %d pixels", channel,
+                  part.width, part.height);
+            if (!part.values || part.width != 9 || part.height != 7) continue;
             for (n = 0; n < 9 * 7 * 3; n++) {
                 const double w = at(&whole, parts[i].x + n / 3 % 9, parts[i].y + n / 27, n % 3);
                 off += fabs(at(&part, n / 3 % 9, n / 27, n % 3) - w) / (9 * 7 * 3);
@@ -742,8 +743,8 @@ TEST(windows_are_parts_of_the_picture) {
     }
     CHECK(means[0] > 0 && !(means[0] < means[1]) && !(means[0] > means[1]) && fabs(means[2] / means[3] - 1) < 0.1,
           "means of parts %g %g %g, of the whole %g", means[0], means[1], means[2], means[3]);
-    CHECK(TOOL(ROOM, "--window", "20,0,5,5", "-o", "part.pfm") == 2 && said("24 x 16 pixels"), "%s", ran.err);
-    CHECK(TOOL(ROOM, "--window", "0,0,0,5", "-o", "part.pfm") == 2 && said("24 x 16 pixels"), "%s", ran.err);
+    CHECK(TOOL(ROOM, "--window", "20,0,5,5", "-o", "part.pfm") == 2 && said("picture of 24 x 16"), "%s", ran.err);
+    CHECK(TOOL(ROOM, "--window", "0,0,0,5", "-o", "part.pfm") == 2 && said("picture of 24 x 16"), "%s", ran.err);
     if (TOOL(ROOM, parts[1].option, "-o", "part.exr") == 1 && strstr(ran.err, "OpenEXR")) return;
     CHECK(exr_box("part.exr", "dataWindow", box) && box[0] == 9 && box[1] == 4 && box[2] == 17 && box[3] == 10,
           "data window %d %d %d %d", box[0], box[1], box[2], box[3]);
@@ -2215,6 +2216,7 @@ TEST(messages_show_what_values_look_like) {
         { "--eye", "1,2", "must be three numbers X,Y,Z from -1e18 to 1e18\n" },
         { "--size", "640", "must be WxH with whole numbers from 1 to 16384\n" },
         { "--inspect", "5", "must be two whole numbers X,Y from 0 to 16383\n" },
+        { "--window", "1,2,3", "must be four whole numbers X,Y,W,H from 0 to 16384\n" },
         { "--fov", "wide", "must be a number from 1 to 179\n" },
         { "--max-bounce-cells", "9", "must be a whole number from 1024 to 1048576\n" },
         { "--seed", "-1", "must be a whole number from 0 to 2147483647\n" },
