@@ -450,7 +450,7 @@ TEST(a_furnace_in_a_large_scene) {
         site_count = 0;
         add_sites_anywhere(0.9, 100);
         for (k = 0; k < site_count; k++) sites[k].offset = -1;  /* the usual offset is a share of the whole scene */
-        if (use_scene(&s, 6144) && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 256)) {
+        if (use_scene(&s, 6144) && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 512)) {
             worst = off_one(&mean);
             printf("  ground of %g, box of %g: mean off by %.2g, rms %.2g, worst %.2g; %d cells\n", (double)grounds[i],
                    (double)boxes[i], mean, rms_off_one(), worst, sbl_query_stats(context).store.cells);
