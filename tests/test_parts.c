@@ -234,8 +234,8 @@ TEST(errors_are_shares_of_the_given_mean) {
           "expected errors %.4f and %.4f", (double)given.picture.expected_error, (double)own.picture.expected_error);
 }
 
-/* Nothing is refined for a margin: small windows with wide margins have few sensors. On each side of one of the windows,
-   the margin shows edges of the boxes. */
+/* Nothing is refined for a margin: small windows with wide margins have few sensors. On each side of one of them, the
+   margin shows edges of the boxes. */
 TEST(margins_are_not_refined) {
     static const int places[4][4] = { { 108, 44, 12, 12 }, { 36, 44, 12, 12 }, { 70, 76, 12, 12 }, { 70, 26, 12, 12 } };
     int i;
