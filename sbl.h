@@ -1086,7 +1086,7 @@ typedef struct sbl_picture_desc {
                                   (see mean_radiance), 0 to 1; see ON THE TARGET ERROR. If not set, a sensor takes at
                                   most 1024 / 1024 / 2048 rays. Default: 0.05 / 0.015 / 0.0075. Default in
                                   SBL_MODE_PAPER: threshold decides */
-    float mean_radiance[3];    /* the mean R (red, green, blue) of which target_error is a share; set it for windows,
+    float mean_radiance[3];    /* the mean R (red, green, blue) to which target_error is relative; set it for windows,
                                   see ON PARTS. Default: all 0, the mean over the visible pixels */
     int tile;                  /* pixels between sensors of the first level, 1 (every pixel) to 1024. Default: 16 */
     float threshold;           /* if set, tiles are refined where neighbouring sensors differ by more than this share of
@@ -1165,15 +1165,15 @@ typedef struct sbl_stats {
         double microseconds;      /* seconds.total divided by count, as in the paper, in microseconds */
     } sensors;
     struct {                      /* the picture or lightmap */
-        int width, height;        /* pixels of the window, or else of the whole picture */
+        int width, height;        /* size in pixels: of the window if there is one, otherwise of the whole picture */
         int visible_pixels;       /* number of pixels that show a surface */
         float target_error;       /* target_error of the descriptor or its default, which is 0 in SBL_MODE_PAPER; that
                                      mode never uses it */
         float expected_error;     /* the error predicted so far, as a share of the mean R; 0 before the first level is
                                      done */
         float exposure;           /* stops applied to SBL_CHANNEL_DISPLAY, including those that auto_exposure chose */
-        float mean_radiance[3];   /* the mean R of which errors are shares: that of the descriptor, or else the one that
-                                     was measured; 0 before the first level is done */
+        float mean_radiance[3];   /* the mean R (red, green, blue) to which errors are relative: the one that the
+                                     descriptor sets, otherwise the measured one; 0 before the first level is done */
         float stored_error;       /* the part of expected_error that sensors cannot reduce: the root mean square error
                                      of stored light, as a share of the mean R */
         int level_count;          /* number of entries in levels */
@@ -7572,7 +7572,8 @@ typedef struct sbl__window {
     int margin;                 /* errors count up to this many pixels outside of the window */
 } sbl__window;
 
-#define SBL__WINDOW_SAMPLES 2   /* anti-aliasing reads pixels up to this far away, see SBL_REACH in resolve.glsl */
+#define SBL__WINDOW_SAMPLES 2   /* largest distance, in pixels, from which an anti-aliasing sample takes R; SBL_REACH in
+                                   resolve.glsl */
 
 /* Computes the window of a descriptor that has been checked; without one, the whole picture. */
 static sbl__window sbl__window_of(const sbl_picture_desc *d) {
@@ -7583,7 +7584,8 @@ static sbl__window sbl__window_of(const sbl_picture_desc *d) {
     w.margin = SBL__MAX(d->filter_radius, 0) + SBL__WINDOW_SAMPLES;
     for (k = 0; k < 2; k++) {
         const int from = d->window[2] ? d->window[k] : 0, to = d->window[2] ? from + d->window[2 + k] : w.whole[k];
-        const int tiles = (to - 1 + w.margin + d->tile - 1) / d->tile;  /* the last one ends at tiles * d->tile */
+        /* number of first-level tiles from the edge of the whole picture to the end of the working grid */
+        const int tiles = (to - 1 + w.margin + d->tile - 1) / d->tile;
         w.first[k] = SBL__MAX(from - w.margin, 0) / d->tile * d->tile;
         w.size[k] = SBL__MIN(tiles * d->tile + 1, w.whole[k]) - w.first[k];
         w.inset[k] = from - w.first[k];
@@ -7608,16 +7610,18 @@ static sbl_picture_desc sbl__window_desc(const sbl_picture_desc *d, const sbl__w
     return part;
 }
 
-/* Returns 1 if the window shows a pixel of the working grid. */
-static int sbl__window_shows(const sbl__window *w, int x, int y) {
-    return x >= w->inset[0] && x < w->inset[0] + w->shown[0] && y >= w->inset[1] && y < w->inset[1] + w->shown[1];
+/* Returns 1 if pixel (x, y) of the working grid lies in the window, or at most `margin` pixels outside of it. */
+static int sbl__window_covers(const sbl__window *w, int margin, int x, int y) {
+    return x >= w->inset[0] - margin && x < w->inset[0] + w->shown[0] + margin &&
+           y >= w->inset[1] - margin && y < w->inset[1] + w->shown[1] + margin;
 }
 
-/* Returns 1 if the error of a pixel of the working grid counts, because the window shows it or may read it. */
-static int sbl__window_counts(const sbl__window *w, int x, int y) {
-    return x >= w->inset[0] - w->margin && x < w->inset[0] + w->shown[0] + w->margin &&
-           y >= w->inset[1] - w->margin && y < w->inset[1] + w->shown[1] + w->margin;
-}
+/* Returns 1 if the window shows pixel (x, y) of the working grid. */
+static int sbl__window_shows(const sbl__window *w, int x, int y) { return sbl__window_covers(w, 0, x, y); }
+
+/* Returns 1 if the error of pixel (x, y) of the working grid counts. This is so if the window shows the pixel, or if
+   the filter or anti-aliasing may read it for a pixel that the window shows. */
+static int sbl__window_counts(const sbl__window *w, int x, int y) { return sbl__window_covers(w, w->margin, x, y); }
 
 static void sbl__check_window(sbl__check *check, const sbl_picture_desc *d) {
     const int *w = d->window;
@@ -15858,7 +15862,8 @@ static const char *const sbl__glsl_resolve[] = {
 "#ifdef SBL_DISPLAY\n",
 "uniform sampler2D previous_display;         // like `previous`, of what the screen shows\n",
 "uniform vec3 backdrop;                      // sbl_picture_desc.backdrop\n",
-"uniform float first_row, height;             // rows of the whole picture: how many are above this part; all\n",
+"uniform float first_row;                    // number of the whole picture's rows that lie above this part\n",
+"uniform float height;                       // number of all rows of the whole picture\n",
 "const float SBL_BACKDROP_TOP = 0.3;         // share of the backdrop at the upper edge of the picture\n",
 "layout(location = 1) out vec4 out_display;\n",
 "#endif\n",
@@ -16515,7 +16520,7 @@ typedef struct sbl__map_layer {
 typedef struct sbl__map {
     sbl__work work;             /* must be first, because pointers to the struct are cast to sbl__work * */
     sbl_picture_desc desc;      /* with defaults; width, height and view_to_clip are those of the working grid */
-    sbl__window window;         /* where the working grid lies in the whole picture, and what the host sees of it */
+    sbl__window window;         /* where the working grid lies in the whole picture, and which part the host sees */
     int size[2], across;        /* host's size in pixels; each pixel consists of across x across working pixels */
     int *shown;                 /* per pixel of the host: working pixel whose surface it shows; NULL if across is 1; see
                                    sbl__map_shown */
@@ -16586,12 +16591,13 @@ static void sbl__map_free(sbl__map *m) {
 static sbl_result sbl__map_check(const sbl__core *c, const char *where, const sbl_picture_desc *d, int asked,
                                  sbl__measurement *measurement) {
     const int most = c->device.gl.capabilities.max_texture_size;
+    const sbl__window window = sbl__window_of(d);
     *measurement = sbl__measurement_of(&d->options, d->sensor_kind, d->sensor_fov);
     measurement->look_rays = sbl__look_rays(d->target_error);
     measurement->looks = asked ? SBL__MAX_LOOKS : SBL__DEFAULT_LOOKS;
-    if (d->width <= most && d->height <= most) return SBL_SUCCESS;
+    if (window.size[0] <= most && window.size[1] <= most) return SBL_SUCCESS;
     sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "%s: size, with margins, is %d x %d; this driver's "
-             "textures are at most %d across", where, d->width, d->height, most);
+             "textures are at most %d across", where, window.size[0], window.size[1], most);
     return SBL_ERROR_UNSUPPORTED;
 }
 
@@ -17029,7 +17035,7 @@ static sbl_result sbl__map_copy_channel(sbl__map *m, sbl_channel channel, float 
     const sbl__target *t = m->channels[channel];
     const int direct = sbl__map_has_hosts_size(m, t), across = direct ? 1 : m->across;
     const size_t width = (size_t)t->width, pixels = (size_t)m->size[0];
-    const int most = SBL__MAX(1, SBL__READ_PIXELS / t->width / across);  /* rows of the host at once */
+    const int most = SBL__MAX(1, SBL__READ_PIXELS / t->width / across);  /* number of the host's rows read at once */
     float *data = (float *)sbl__alloc_raw(&c->base, width * (size_t)(SBL__MIN(most, m->size[1]) * across), 16);
     sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
     size_t i;
@@ -17160,13 +17166,9 @@ static sbl_picture_desc sbl__picture_desc_of(const sbl__core *c, const sbl_pictu
 }
 
 static sbl_result sbl__picture_check(const sbl__core *c, const void *desc, sbl__measurement *measurement) {
-    const sbl_picture_desc *given = (const sbl_picture_desc *)desc;
-    sbl_picture_desc d = sbl__picture_desc_of(c, given);
+    const sbl_picture_desc *given = (const sbl_picture_desc *)desc, d = sbl__picture_desc_of(c, given);
     const sbl_result result = sbl__check_picture(&c->base, &d, c->scene.draw != NULL);
-    sbl__window window;
     if (result != SBL_SUCCESS) return result;
-    window = sbl__window_of(&d);
-    d = sbl__window_desc(&d, &window);
     return sbl__map_check(c, "sbl_picture_desc", &d, given && given->target_error > 0, measurement);
 }
 

@@ -491,7 +491,7 @@ static void fill_desc(sbl_picture_desc *desc, const scene_file *file, progress *
 /* Makes a small picture of the whole, and gives its mean and exposure to the window in desc. Returns SBL_UNFINISHED
    after a signal. */
 static sbl_result look_at_whole(sbl_context *context, sbl_picture_desc *desc) {
-    enum { ACROSS = 256 };  /* greatest width or height of the small picture */
+    enum { ACROSS = 256 };  /* the small picture is at most this many pixels wide and high */
     const double shrink = fmax(1, (double)(desc->width > desc->height ? desc->width : desc->height) / ACROSS);
     sbl_picture_desc small = *desc;
     sbl_stats stats;
@@ -535,10 +535,10 @@ static int render(const tool_task *task, double *seconds) {
     if (result == SBL_SUCCESS && needs_no_light(channel)) result = work_until(context, channel);
     else if (result == SBL_SUCCESS) result = given[INSPECT] ? work(context) : work_to_save(context);
     if (bar.shown) fprintf(stderr, "\r%70s\r", "");
+    stats = sbl_query_stats(context);
     if (!given[INSPECT] && (result == SBL_SUCCESS || result == SBL_UNFINISHED))
-        result = picture_read(context, given[WINDOW] ? desc.window[2] : desc.width,
-                              given[WINDOW] ? desc.window[3] : desc.height, display ? SBL_CHANNEL_DISPLAY : channel,
-                              &picture);
+        result = picture_read(context, stats.picture.width, stats.picture.height,
+                              display ? SBL_CHANNEL_DISPLAY : channel, &picture);
     else if (result == SBL_SUCCESS) result = inspect(context, &picture);
     *seconds = now() - task->start;
     if (!display) all.stops = (double)sbl_query_stats(context).picture.exposure;  /* is part of a display's values */

@@ -14,7 +14,8 @@ layout(location = 0) out vec4 out_color;
 #ifdef SBL_DISPLAY
 uniform sampler2D previous_display;         // like `previous`, of what the screen shows
 uniform vec3 backdrop;                      // sbl_picture_desc.backdrop
-uniform float first_row, height;             // rows of the whole picture: how many are above this part; all
+uniform float first_row;                    // number of the whole picture's rows that lie above this part
+uniform float height;                       // number of all rows of the whole picture
 const float SBL_BACKDROP_TOP = 0.3;         // share of the backdrop at the upper edge of the picture
 layout(location = 1) out vec4 out_display;
 #endif

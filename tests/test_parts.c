@@ -252,11 +252,14 @@ TEST(margins_are_not_refined) {
     }
 }
 
-/* The same window has the same bits after other windows, in small slices, and from another context. */
+/* A window has the same bits if it is made again after another window and in small slices, or in a new context. */
 TEST(windows_do_not_depend_on_each_other) {
     const int *w = windows[3];
     const int pixels = w[2] * w[3];
     sbl_picture_desc view = cornell_view(SBL_MODE_GI);
+    const sbl_context_desc desc = watch_desc(&seen);
+    const sbl_scene_desc scene = scene_desc(&cornell);
+    sbl_context *fresh;
     sbl_result result;
     view.options.preset = SBL_PRESET_DRAFT;
     set_window(&view, w);
@@ -270,6 +273,13 @@ TEST(windows_do_not_depend_on_each_other) {
     CHECK(result == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_FINAL, again, (size_t)(3 * pixels)) ==
           SBL_SUCCESS, "%s", watch_last(&seen));
     CHECK(!memcmp(part, again, sizeof(float) * 3 * (size_t)pixels), "the window has changed");
+    memset(again, 0, sizeof again);
+    REQUIRE(sbl_create(&desc, &fresh) == SBL_SUCCESS, "no second context");
+    CHECK(sbl_set_scene(fresh, &scene) == SBL_SUCCESS && sbl_render_picture(fresh, &view) == SBL_SUCCESS &&
+          sbl_read_channel(fresh, SBL_CHANNEL_FINAL, again, (size_t)(3 * pixels)) == SBL_SUCCESS, "%s",
+          watch_last(&seen));
+    CHECK(!memcmp(part, again, sizeof(float) * 3 * (size_t)pixels), "the window differs in a new context");
+    sbl_destroy(fresh);
 }
 
 /* The sensor of a window's pixel is the one of that pixel in the whole picture. */
