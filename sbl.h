@@ -154,6 +154,8 @@
        sbl_query_programs         the number of GL programs compiled so far, and the seconds spent compiling them
        sbl_query_stats            counts and times of the work that was begun last
        sbl_query_memory           bytes in use now and at peak
+       sbl_picture_bytes          bytes that a picture will need; likewise sbl_lightmap_bytes
+       sbl_scene_fingerprint      a hash of the scene, to tell scenes apart
 
    Names:
        sbl_version                "0.2.0"
@@ -763,6 +765,9 @@ typedef struct sbl_context_desc {
     int compile_ahead;        /* 1: sbl_create compiles all programs except those of inspections, of directional
                                  lightmaps, and of scenes too large for one buffer texture per table. Default: 0, each
                                  program is compiled when it is first used */
+    size_t memory_budget;     /* bytes that the context may hold, GPU and host together. What would exceed it fails with
+                                 OUT_OF_MEMORY; a picture or lightmap fails before the work, with a message that says
+                                 which size would fit. Drivers need more memory of their own. Default: 0, no limit */
     uint32_t end_canary;      /* must stay 0, as start_canary */
 } sbl_context_desc;
 
@@ -1132,6 +1137,7 @@ typedef enum sbl_channel {
     SBL_CHANNEL_DISPLAY,    /* 3: what a screen shows, linear, 0 to 1: FINAL, but every anti-aliasing sample is exposed,
                                tone-mapped, and replaced by a brighter backdrop where there is no surface, before the
                                samples are averaged; 0 without a tone, and in lightmaps */
+    SBL_CHANNEL_LOOKS,      /* 1: number of looks that the pixel's sensor took; 0 if the pixel has no sensor */
     SBL_CHANNEL_COUNT
 } sbl_channel;
 
@@ -1558,6 +1564,17 @@ SBL_API sbl_programs sbl_query_programs(const sbl_context *context);
 SBL_API sbl_memory sbl_query_memory(const sbl_context *context);
 SBL_API sbl_bounds sbl_query_bounds(const sbl_context *context);
 
+/* Returns an upper estimate of the bytes, GPU and host together, that the context will hold for this picture or
+   lightmap and for bounced light that is not stored yet, in addition to the scene. It is about a fifth too large for
+   large pictures, and more for small ones. desc: NULL means defaults. Returns 0 if desc is invalid or there is no
+   scene. */
+SBL_API size_t sbl_picture_bytes(const sbl_context *context, const sbl_picture_desc *desc);
+SBL_API size_t sbl_lightmap_bytes(const sbl_context *context, const sbl_lightmap_desc *desc);
+
+/* Returns a hash of the scene: of its meshes, materials, textures, lights and sky, as sbl_load_store compares them. It
+   is the same on all machines of the same byte order. Returns 0 if there is no scene. */
+SBL_API uint64_t sbl_scene_fingerprint(const sbl_context *context);
+
 /* Return words: the version, such as "0.2.0", a description of a result, and a description of a log item. */
 SBL_API const char *sbl_version(void);
 SBL_API const char *sbl_result_string(sbl_result result);
@@ -1812,6 +1829,7 @@ typedef struct sbl__base {
     sbl_allocator allocator;
     sbl_logger logger;
     sbl_memory memory;
+    size_t budget;  /* sbl_context_desc.memory_budget */
 } sbl__base;
 
 static void sbl__log(const sbl__base *base, sbl_log_level level, sbl_log_item item, const char *format, ...) {
@@ -1837,11 +1855,22 @@ static void sbl__default_free(void *pointer, void *user) { (void)user; free(poin
 /* Number of bytes that precede a block and hold its size; 16 preserves the alignment of malloc. */
 #define SBL__ALLOC_PREFIX 16
 
+/* Returns 1 if the budget allows this many more bytes. Otherwise logs an error and returns 0. */
+static int sbl__budget_allows(const sbl__base *base, double bytes) {
+    const double held = (double)base->memory.host_bytes + (double)base->memory.gpu_bytes;
+    if (!base->budget || held + bytes <= (double)base->budget) return 1;
+    sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_OUT_OF_MEMORY,
+             "out of memory: %.0f more bytes would exceed sbl_context_desc.memory_budget, %.0f; the context holds %.0f",
+             bytes, (double)base->budget, held);
+    return 0;
+}
+
 /* Allocates count * size bytes with undefined contents. Logs an error and returns NULL if the product overflows or
-   memory is exhausted. A count of 0 returns a valid pointer, so NULL always means failure. */
+   memory or the budget is exhausted. A count of 0 returns a valid pointer, so NULL always means failure. */
 static void *sbl__alloc_raw(sbl__base *base, size_t count, size_t size) {
     char *block = NULL;
     size_t bytes = count * size;
+    if (!sbl__budget_allows(base, (double)count * (double)size)) return NULL;
     if (size == 0 || count <= (SIZE_MAX - SBL__ALLOC_PREFIX) / size)
         block = (char *)base->allocator.alloc(bytes + SBL__ALLOC_PREFIX, base->allocator.user);
     if (!block) {
@@ -2758,6 +2787,8 @@ static sbl_result sbl__texture_make(const sbl__device *d, sbl__texture *t, int w
     sbl_result result;
     if (t->id && t->width == width && t->height == height && t->format == format) return SBL_SUCCESS;
     sbl__texture_delete(d, t);
+    if (!sbl__budget_allows(d->base, (double)width * (double)height * (double)f->bytes))
+        return SBL_ERROR_OUT_OF_MEMORY;
     if (!sbl__name_make(d, gl->GenTextures, &t->id)) return SBL_ERROR_GL;
     gl->BindTexture(SBL__GL_TEXTURE_2D, t->id);
     gl->TexImage2D(SBL__GL_TEXTURE_2D, 0, (int)format, width, height, 0, f->format, f->type, NULL);
@@ -2793,6 +2824,7 @@ static sbl_result sbl__buffer_make(const sbl__device *d, sbl__buffer *b, size_t 
                                    unsigned usage) {
     const sbl__gl *gl = &d->gl;
     sbl_result result;
+    if (bytes > b->bytes && !sbl__budget_allows(d->base, (double)(bytes - b->bytes))) return SBL_ERROR_OUT_OF_MEMORY;
     if (!sbl__name_make(d, gl->GenBuffers, &b->id)) return SBL_ERROR_GL;
     gl->BindBuffer(SBL__GL_ARRAY_BUFFER, b->id);
     gl->BufferData(SBL__GL_ARRAY_BUFFER, (ptrdiff_t)SBL__MAX(bytes, 16), data && bytes >= 16 ? data : NULL, usage);
@@ -11868,6 +11900,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
                                       cells hit; shorter rays, as in a lamp's bowl, hit the brightest part of a leaf */
 #define SBL__BOUNCE_RAYS 16        /* rays of a point */
 #define SBL__BOUNCE_SEQUENCES 4    /* sequences of ray directions, which the points of a leaf use in turn */
+#define SBL__BOUNCE_BYTES 2600.0   /* estimated bytes per cell of sbl__store.max_leaves that filling the store needs */
 #define SBL__DIVISIONS 2           /* largest number of rounds of division, see >>bounce: division */
 #define SBL__DIVIDE_SHARE 0.15     /* largest number of leaves that a round divides, relative to all */
 #define SBL__DIVIDE_FILL 0.85      /* fill up to which leaves are divided */
@@ -16380,12 +16413,31 @@ static sbl_result sbl__seams_step(sbl__seams *s, const sbl__gutters *light, cons
    sbl__front_end, whose functions check the descriptor, begin the work and do its stages. All of these except `check`
    get a pointer to the struct, which is also a pointer to its sbl__work. >>public lists all front ends in one table. */
 
+/* Memory that a map will need, in bytes, GPU and host together. */
+typedef struct sbl__need { double once, pixel, pixels; } sbl__need;  /* pixel: bytes per working pixel; pixels: their
+                                                                       number */
+
+static double sbl__need_bytes(const sbl__need *n) { return n->once + n->pixel * n->pixels; }
+
+/* Returns SBL_ERROR_OUT_OF_MEMORY, and logs what would fit, if the budget does not allow the need. */
+static sbl_result sbl__need_afford(const sbl__base *base, const char *function, const sbl__need *need) {
+    const double left = (double)base->budget - (double)base->memory.host_bytes - (double)base->memory.gpu_bytes;
+    const double side = sqrt(SBL__MAX(0, (left - need->once) / need->pixel));
+    if (!base->budget || sbl__need_bytes(need) <= left) return SBL_SUCCESS;
+    sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_OUT_OF_MEMORY, "%s: about %.0f MB are needed, and "
+             "sbl_context_desc.memory_budget leaves %.0f MB, enough for a window of %.0f x %.0f with margin", function,
+             sbl__need_bytes(need) / 1e6, SBL__MAX(0, left) / 1e6, floor(side), floor(side));
+    return SBL_ERROR_OUT_OF_MEMORY;
+}
+
 /* The functions of a front end. work: its struct. desc: the descriptor that the host gave, which may be NULL */
 typedef struct sbl__front_end {
     const char *begin_name;         /* name of the public function that begins the work, for messages */
     int is_map;                     /* 1: the struct begins with an sbl__map, whose channels the host can read */
     /* Checks the descriptor, logs mistakes, and sets *measurement. Changes nothing else. */
     sbl_result (*check)(const sbl__core *core, const void *desc, sbl__measurement *measurement);
+    /* Maps only: estimates the memory that the work will need. desc has been checked. */
+    sbl__need (*need)(const sbl__core *core, const void *desc);
     /* Fills the struct, of which only the sbl__work is set so far. desc has been checked. */
     sbl_result (*begin)(void *work, const void *desc);
     const sbl__stage_row *stages;
@@ -16420,6 +16472,11 @@ static sbl_result sbl__work_begin(sbl__work *w, const sbl__front_end *front_end,
     w->core = core;
     w->measurement = *measurement;
     if (measurement->options.mode == SBL_MODE_GI && !core->scene.store.ready) w->store_share = SBL__BOUNCE_TIME;
+    if (front_end->need) {
+        const sbl__need need = front_end->need(core, desc);
+        const sbl_result result = sbl__need_afford(&core->base, front_end->begin_name, &need);
+        if (result != SBL_SUCCESS) return result;
+    }
     return front_end->begin(w, desc);
 }
 
@@ -16559,6 +16616,10 @@ typedef struct sbl__map {
 #define SBL__MAP_SPENT 0.6        /* each second of refinement shortens the rest of the usual time by this many seconds,
                                      because refinement that lasts is longer than usual */
 #define SBL__MAP_LEAST 0.4        /* the rest of the usual time is estimated as at least this * the usual time */
+#define SBL__MAP_TILES 0.15       /* estimated number of tiles per pixel, and room for more of them */
+#define SBL__GBUFFER_BYTES 76.0   /* bytes per pixel of an sbl__gbuffer */
+#define SBL__VIEW_BYTES 12.0      /* bytes per texel of the texture of views, with its depth */
+#define SBL__MAP_JOBS 4e7         /* estimated bytes of the largest jobs: sites, readings, textures of sensors */
 #define SBL__GLIMPSE_TILE 16      /* least width of the glimpse's first-level tiles, pixels; the default of desc.tile */
 #define SBL__GLIMPSE_RAYS 64      /* number of rays of a sensor of the glimpse, which takes one look */
 #define SBL__GLIMPSE_ERROR 0.05f  /* target error of the glimpse; SBL__GLIMPSE_LOOKS usually ends it earlier */
@@ -16599,6 +16660,23 @@ static sbl_result sbl__map_check(const sbl__core *c, const char *where, const sb
     sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "%s: size, with margins, is %d x %d; this driver's "
              "textures are at most %d across", where, window.size[0], window.size[1], most);
     return SBL_ERROR_UNSUPPORTED;
+}
+
+/* Estimates the memory that a map needs: per working pixel, the refinement, its tiles and the surfaces; once, the jobs
+   and, if it is not ready, the store. d: with defaults, of the whole picture. own: bytes per working pixel that the
+   front end adds */
+static sbl__need sbl__map_need(const sbl__core *c, const sbl_picture_desc *d, double own) {
+    const sbl__window w = sbl__window_of(d);
+    const sbl__store *s = &c->scene.store;
+    const double tiles = d->tile == 1 ? 2 : SBL__MAP_TILES;
+    sbl__need need;
+    need.once = SBL__MAP_JOBS;
+    if (d->options.mode == SBL_MODE_PAPER || d->options.backend == SBL_BACKEND_RASTER)
+        need.once += (double)c->desc.sensor_texture_size * c->desc.sensor_texture_size * SBL__VIEW_BYTES;
+    if (d->options.mode == SBL_MODE_GI && !s->ready) need.once += (double)s->max_leaves * SBL__BOUNCE_BYTES;
+    need.pixel = (double)sizeof(sbl__pixel) + tiles * (double)sizeof(sbl__tile) + SBL__GBUFFER_BYTES + own;
+    need.pixels = (double)w.size[0] * (double)w.size[1];
+    return need;
 }
 
 static void sbl__map_begin_refine(sbl__map *m, sbl__measurement *measurement, const sbl_picture_desc *desc) {
@@ -17002,7 +17080,7 @@ static sbl_result sbl__map_preview(void *work, sbl__slice *slice) {
 static const struct { int components, attachment, gbuffer; } sbl__channels[SBL_CHANNEL_COUNT] = {
     { 3, 0, -1 }, { 3, 0, -1 }, { 3, SBL__GBUFFER_ALBEDO, -1 }, { 3, 0, SBL__GBUFFER_NORMAL },
     { 3, 0, SBL__GBUFFER_POSITION }, { 1, 0, SBL__GBUFFER_ID }, { 1, 0, -1 }, { 1, 0, -1 }, { 3, 0, -1 }, { 1, 0, -1 },
-    { 1, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 1, -1 }
+    { 1, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 1, -1 }, { 1, 0, -1 }
 };
 
 /* Gets a pixel of a channel that no target holds. place: number of the pixel of the host */
@@ -17014,6 +17092,7 @@ static void sbl__map_channel_pixel(const sbl__map *m, sbl_channel channel, size_
     for (k = 0; k < 3 && !m->atlas; k++)
         depth -= m->camera.back[k] * ((double)pixel->position[k] - m->camera.eye[k]);
     if (channel == SBL_CHANNEL_OVERLAP) out[0] = m->atlas ? sbl__atlas_others(m->atlas, i) : 0;
+    else if (channel == SBL_CHANNEL_LOOKS) out[0] = pixel->level ? (float)pixel->looks : 0;
     else if (!pixel->id || channel >= SBL_CHANNEL_SH_0)
         memset(out, 0, (size_t)sbl__channels[channel].components * sizeof *out);
     else if (channel == SBL_CHANNEL_NORMAL) memcpy(out, pixel->normal, sizeof pixel->normal);
@@ -17176,6 +17255,13 @@ static sbl_result sbl__picture_check(const sbl__core *c, const void *desc, sbl__
 static void sbl__picture_show(sbl__picture *p, const sbl__composition *s) {
     p->map.channels[SBL_CHANNEL_FINAL] = &s->target;
     p->map.channels[SBL_CHANNEL_DISPLAY] = p->map.desc.tone != SBL_TONE_NONE ? &s->target : NULL;
+}
+
+/* The surfaces, the two textures of R, two sums and a preview, and the surfaces of an anti-aliasing sample. */
+static sbl__need sbl__picture_need(const sbl__core *c, const void *desc) {
+    const sbl_picture_desc d = sbl__picture_desc_of(c, (const sbl_picture_desc *)desc);
+    const double composition = d.tone != SBL_TONE_NONE ? 32 : 16;
+    return sbl__map_need(c, &d, 8 + 32 + 3 * composition + (d.samples > 1 ? SBL__GBUFFER_BYTES : 0));
 }
 
 static sbl_result sbl__picture_begin(void *work, const void *desc) {
@@ -17344,8 +17430,8 @@ static const sbl__stage_row sbl__picture_stages[] = {
     { sbl__picture_resolve, sbl__picture_after_resolve, NULL, NULL }
 };
 static const sbl__front_end sbl__picture_front_end = {
-    "sbl_begin_picture", 1, sbl__picture_check, sbl__picture_begin, sbl__picture_stages, SBL__PICTURE_DONE,
-    sbl__map_seconds, sbl__map_progress, sbl__picture_free
+    "sbl_begin_picture", 1, sbl__picture_check, sbl__picture_need, sbl__picture_begin, sbl__picture_stages,
+    SBL__PICTURE_DONE, sbl__map_seconds, sbl__map_progress, sbl__picture_free
 };
 
 /* ======================================================================================================== >>lightmap
@@ -17384,6 +17470,16 @@ static sbl_result sbl__lightmap_check(const sbl__core *c, const void *desc, sbl_
     const sbl_result result = sbl__check_lightmap(&c->base, &d, &c->scene);
     if (result != SBL_SUCCESS) return result;
     return sbl__map_check(c, "sbl_lightmap_desc", &picture, given && given->target_error > 0, measurement);
+}
+
+/* The atlas on both sides; for each layer of light, harmonics, the filtered light and the result; for the current
+   layer, the unfiltered light and the gutters; the mean of supersampled texels. */
+static sbl__need sbl__lightmap_need(const sbl__core *c, const void *desc) {
+    const sbl_lightmap_desc d = sbl_lightmap_desc_defaults((const sbl_lightmap_desc *)desc);
+    const sbl_picture_desc picture = sbl__lightmap_picture(&d);
+    const double layers = d.directional ? SBL__LAYERS : 1, texel = 16 * layers + 24 + 20;
+    return sbl__map_need(c, &picture, 8.0 * SBL__ATLAS_WORDS + 4 + 12 * (layers - 1) + 16 * layers + 16 +
+                                      texel / ((double)d.supersample * d.supersample));
 }
 
 static sbl_result sbl__lightmap_begin(void *work, const void *desc) {
@@ -17553,8 +17649,8 @@ static const sbl__stage_row sbl__lightmap_stages[] = {
     { sbl__lightmap_send, sbl__lightmap_after_send, NULL, NULL }
 };
 static const sbl__front_end sbl__lightmap_front_end = {
-    "sbl_begin_lightmap", 1, sbl__lightmap_check, sbl__lightmap_begin, sbl__lightmap_stages, SBL__LIGHTMAP_DONE,
-    sbl__map_seconds, sbl__map_progress, sbl__lightmap_free
+    "sbl_begin_lightmap", 1, sbl__lightmap_check, sbl__lightmap_need, sbl__lightmap_begin, sbl__lightmap_stages,
+    SBL__LIGHTMAP_DONE, sbl__map_seconds, sbl__map_progress, sbl__lightmap_free
 };
 
 /* ======================================================================================================== >>gather
@@ -17653,7 +17749,7 @@ static const sbl__stage_row sbl__gathering_stages[] = {
     { sbl__work_sense, sbl__gathering_after_sense, NULL, NULL }
 };
 static const sbl__front_end sbl__readings_front_end = {
-    "sbl_begin_readings", 0, sbl__gathering_check, sbl__gathering_begin, sbl__gathering_stages, SBL__GATHER_DONE,
+    "sbl_begin_readings", 0, sbl__gathering_check, NULL, sbl__gathering_begin, sbl__gathering_stages, SBL__GATHER_DONE,
     sbl__work_seconds, sbl__gathering_progress, sbl__gathering_free
 };
 
@@ -18225,7 +18321,7 @@ static const sbl__stage_row sbl__vertices_stages[] = {
     { NULL, sbl__vertices_after_write, sbl__vertices_write, sbl__vertices_count }
 };
 static const sbl__front_end sbl__vertices_front_end = {
-    "sbl_begin_vertices", 0, sbl__vertices_check, sbl__vertices_begin, sbl__vertices_stages, SBL__VERTICES_DONE,
+    "sbl_begin_vertices", 0, sbl__vertices_check, NULL, sbl__vertices_begin, sbl__vertices_stages, SBL__VERTICES_DONE,
     sbl__vertices_seconds, sbl__vertices_progress, sbl__vertices_free
 };
 
@@ -18626,7 +18722,7 @@ static const sbl__stage_row sbl__probes_stages[] = {
     { NULL, sbl__probes_after_take, sbl__probes_take, sbl__work_site_count }
 };
 static const sbl__front_end sbl__probes_front_end = {
-    "sbl_begin_probes", 0, sbl__probes_check, sbl__probes_begin, sbl__probes_stages, SBL__PROBES_DONE,
+    "sbl_begin_probes", 0, sbl__probes_check, NULL, sbl__probes_begin, sbl__probes_stages, SBL__PROBES_DONE,
     sbl__work_seconds, sbl__probes_progress, sbl__probes_free
 };
 
@@ -19401,6 +19497,7 @@ SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
     memset(&before, 0, sizeof before);
     base.allocator = d.allocator;
     base.logger = d.logger;
+    base.budget = d.memory_budget;
     if (!out) {
         sbl__log(&base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT,
                  "sbl_create: out is NULL; it receives the context");
@@ -19587,6 +19684,29 @@ static sbl_result sbl__begin(sbl_context *c, void *work, const sbl__front_end *f
     }
 SBL__FRONT_ENDS(SBL__X)
 #undef SBL__X
+
+static size_t sbl__bytes(const sbl_context *c, const sbl__front_end *f, const void *desc) {
+    sbl__measurement measurement;
+    sbl__need need;
+    if (!c || !c->core.has_scene || f->check(&c->core, desc, &measurement) != SBL_SUCCESS) return 0;
+    need = f->need(&c->core, desc);
+    return (size_t)SBL__MIN(sbl__need_bytes(&need), (double)SIZE_MAX);
+}
+
+SBL_API size_t sbl_picture_bytes(const sbl_context *c, const sbl_picture_desc *desc) {
+    return sbl__bytes(c, &sbl__picture_front_end, desc);
+}
+
+SBL_API size_t sbl_lightmap_bytes(const sbl_context *c, const sbl_lightmap_desc *desc) {
+    return sbl__bytes(c, &sbl__lightmap_front_end, desc);
+}
+
+SBL_API uint64_t sbl_scene_fingerprint(const sbl_context *c) {
+    uint64_t parts[SBL__SAVED_PARTS];
+    if (!c || !c->core.has_scene) return 0;
+    sbl__saved_scene(&c->core.scene, parts);
+    return sbl__hash_bytes(SBL__SAVED_SEED, parts, sizeof parts);
+}
 
 /* Does one piece of work and, if it succeeds, calls the progress callback. SBL_CANCELLED: the callback cancels. */
 static sbl_result sbl__context_step(sbl_context *c, sbl__slice *slice) {

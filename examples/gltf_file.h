@@ -2,7 +2,7 @@
    must lie in client memory, with 32-bit floats and indices, as scene_file.h makes them. Lights are left out, because
    the scene is meant to be drawn with baked light. The extension MOZ_lightmap refers to the lightmap (index of the
    texture, texCoord 1, intensity); viewers compute irradiance = intensity * texture, decoded from sRGB. Include after
-   picture_file.h.
+   sbl.h and picture_file.h. This file includes stb_image_write.h.
 
        gltf_file out = { &file->scene, file->names, "scene.bin", "atlas.png", 3.5, NULL };
        ok = gltf_write_json(stream, &out);
@@ -10,6 +10,9 @@
    gltf_write_bin and gltf_write_texture write the other files in the same way. */
 #ifndef GLTF_FILE_H
 #define GLTF_FILE_H
+
+#define STB_IMAGE_WRITE_IMPLEMENTATION
+#include <stb/stb_image_write.h>
 
 typedef struct gltf_file {
     const sbl_scene_desc *scene;
@@ -94,6 +97,8 @@ static int gltf_write_bin(FILE *out, const gltf_file *f) {
 
 /* ---- textures ---- */
 
+static void gltf__put_bytes(void *user, void *data, int size) { fwrite(data, 1, (size_t)size, (FILE *)user); }
+
 /* Writes a texture as .png in 8-bit sRGB. number: counted from 0. */
 static int gltf_write_texture(FILE *out, const gltf_file *f, int number) {
     const sbl_texture *t = &f->scene->textures[number];
@@ -103,13 +108,13 @@ static int gltf_write_texture(FILE *out, const gltf_file *f, int number) {
     size_t i;
     int ok;
     if (t->format == SBL_PIXELS_SRGB8)
-        return stbi_write_png_to_func(write_bytes, out, t->width, t->height, t->channels, t->pixels, 0);
+        return stbi_write_png_to_func(gltf__put_bytes, out, t->width, t->height, t->channels, t->pixels, 0);
     bytes = (unsigned char *)malloc(count);
     if (!bytes) return 0;
     sbl_encode_srgb8(bytes, linear, count, 1);
     for (i = 0; i < count && t->channels % 2 == 0; i++)
         if ((int)(i % (size_t)t->channels) == t->channels - 1) bytes[i] = to_byte((double)linear[i]);
-    ok = stbi_write_png_to_func(write_bytes, out, t->width, t->height, t->channels, bytes, 0);
+    ok = stbi_write_png_to_func(gltf__put_bytes, out, t->width, t->height, t->channels, bytes, 0);
     free(bytes);
     return ok;
 }

@@ -280,7 +280,7 @@ typedef struct room {
 
 /* Bakes a grid of probes over the room. */
 static sbl_result room_bake(room *r, sbl_context *context) {
-    progress bar = { 0, now(), 0 };
+    progress bar = { 0, now(), 0, 0, 0 };
     sbl_probes_desc desc;
     int k;
     memset(&desc, 0, sizeof desc);
@@ -462,7 +462,7 @@ static int show(const scene_file *file, const image *lightmap, const room *r) {
     return status;
 }
 
-static int draw_all(const tool_task *task, double *seconds) {
+static int draw_all(tool_task *task, double *seconds) {
     char path[PATH_MAX];
     image lightmap = { 0 };
     room *r = (room *)calloc(1, sizeof *r);

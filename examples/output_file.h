@@ -33,6 +33,7 @@ typedef struct output_file {
     char *path;       /* the file behind the name: absolute, without links; NULL if there is no such folder */
     int error;        /* errno if path is NULL */
     int in_place;     /* 1: a device or pipe, written in place */
+    int keep;         /* 1: if the file exists when the new one is complete, the old one is kept, and that is success */
     char *temporary;  /* name of the temporary file while it is open */
 } output_file;
 
@@ -109,7 +110,7 @@ static void output_free(output_file *o) {
 
 /* Returns whether a and b are the same file, or will be when they are written. Character devices such as /dev/null
    never count as the same file, because they do not keep what is written. */
-static int output_same(const output_file *a, const output_file *b) {
+static inline int output_same(const output_file *a, const output_file *b) {
     struct stat of_a, of_b;
     if (!a->path || !b->path) return 0;
     if (stat(a->path, &of_a) != 0 || stat(b->path, &of_b) != 0) return strcmp(a->path, b->path) == 0;
@@ -162,9 +163,10 @@ static int output__create(const char *path, char **name) {
 /* Renames the temporary file to the target if whole is 1, otherwise removes it. Returns whether it was renamed. */
 static int output__done(output_file *o, int whole) {
     int error;
-    if (whole && rename(o->temporary, o->path) != 0) whole = 0;
+    if (whole && o->keep) whole = link(o->temporary, o->path) == 0 || errno == EEXIST;
+    else if (whole && rename(o->temporary, o->path) != 0) whole = 0;
     error = errno;
-    if (!whole) unlink(o->temporary);
+    if (!whole || o->keep) unlink(o->temporary);
     output__open = NULL;
     free(o->temporary);
     o->temporary = NULL;
@@ -216,8 +218,21 @@ static int output_close(output_file *o, FILE *stream, int whole, const volatile 
     return output__done(o, whole);
 }
 
+typedef int (*output_writer)(FILE *out, const void *what);  /* returns 0 on failure, and may set errno */
+
+/* Writes a file by calling a writer. Returns as output_close. */
+static inline int output_write(output_file *o, output_writer write, const void *what,
+                               const volatile sig_atomic_t *cancel) {
+    FILE *out = output_open(o);
+    int ok;
+    if (!out) return 0;
+    errno = 0;
+    ok = write(out, what);
+    return output_close(o, out, ok, cancel);
+}
+
 /* Returns whether the file can be written, by creating a temporary file. Used before long work. */
-static int output_check(output_file *o) {
+static inline int output_check(output_file *o) {
     FILE *stream;
     if (o->path && o->in_place) return 1; /* opening a pipe would wait for its reader */
     stream = output_open(o);

@@ -1,6 +1,11 @@
-/* Writes pictures of floats as .png (8-bit sRGB; every channel is made visible), .pfm or .exr (32-bit float, linear).
-   .exr needs OpenEXR: define SBL_RENDER_OPENEXR. Include after sbl.h, with _DEFAULT_SOURCE defined before the first
-   header. This file includes stb_image_write.h. */
+/* Writes pictures of floats, whole or band by band, as .png (8-bit sRGB; every channel is made visible), .pfm or .exr
+   (32-bit float, linear). .png needs libpng, .exr needs OpenEXR: define SBL_RENDER_OPENEXR. Include after sbl.h, with
+   _DEFAULT_SOURCE defined before the first header.
+
+       picture_writer writer;
+       ok = picture_begin(&writer, stream, "room.png", &frame, channel, stops);  // frame: an image without values
+       for (...) ok = ok && picture_put(&writer, first_row, rows, values);
+       ok = picture_end(&writer) && ok; */
 #ifndef PICTURE_FILE_H
 #define PICTURE_FILE_H
 
@@ -11,15 +16,26 @@
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
-#define STB_IMAGE_WRITE_IMPLEMENTATION
-#include <stb/stb_image_write.h>
+#include <png.h>
 #ifdef SBL_RENDER_OPENEXR
   #include <openexr.h>
 #endif
 
+enum { PICTURE_ERROR_STOPS = 5 };  /* channel error is shown brighter by so many stops, because errors are small */
+
+/* What is known about a picture, as names and texts. */
+enum { PICTURE_FACTS = 10, PICTURE_FACT_SIZE = 1024 };
+typedef struct picture_fact { const char *name; char text[PICTURE_FACT_SIZE]; } picture_fact;
+
 /* A picture, top row first. If it is a window of a whole picture, `at` is the position of its first pixel in that
-   picture, and `whole` is the size of that picture; otherwise all are 0. Only .exr files store these. */
-typedef struct image { int width, height, components; float *values; int at[2], whole[2]; } image;
+   picture, and `whole` is the size of that picture; otherwise all are 0. facts: NULL, or PICTURE_FACTS facts, of which
+   unused ones have no name. Only .exr files store `at`, `whole` and the facts. */
+typedef struct image {
+    int width, height, components;
+    float *values;
+    int at[2], whole[2];
+    const picture_fact *facts;
+} image;
 
 /* maps 0..1 to a byte; NaN becomes 0 */
 static unsigned char to_byte(double x) { return (unsigned char)(255 * (x > 0 ? x < 1 ? x : 1 : 0) + 0.5); }
@@ -30,37 +46,46 @@ static void hue(double h, unsigned char *out) {
     for (k = 0; k < 3; k++) out[k] = to_byte(fabs(fmod(h * 6 + 4 * ((k * 2) % 3) / 2.0, 6) - 3) - 1);
 }
 
-/* Returns three bytes per pixel, scaled for each channel such that its values can be distinguished; NULL if memory runs
-   out. */
-static unsigned char *make_visible(const image *in, sbl_channel channel, double stops) {
-    const size_t pixels = (size_t)in->width * (size_t)in->height;
-    const int n = in->components;
-    const float exposure = (float)pow(2, stops);
-    unsigned char *out = (unsigned char *)malloc(pixels * 3);
-    double low[3] = { 1e30, 1e30, 1e30 }, high[3] = { -1e30, -1e30, -1e30 };
+/* The lowest and the highest value of each component, where there is a surface. */
+typedef struct picture_range { double low[3], high[3]; } picture_range;
+
+static const picture_range picture_no_range = { { 1e30, 1e30, 1e30 }, { -1e30, -1e30, -1e30 } };
+
+static int picture__shows_surface(const float *value, int components) {
+    int k, surface = 0;
+    for (k = 0; k < components; k++) surface |= value[k] != 0.0f;
+    return surface;
+}
+
+/* Extends the range by `pixels` pixels of n components. */
+static void picture_extend(picture_range *range, const float *values, size_t pixels, int n) {
     size_t i;
     int k;
-    if (!out) return NULL;
-    for (i = 0; i < pixels; i++) {  /* bounds of the values where there is a surface */
-        const float *v = in->values + i * (size_t)n;
-        int surface = 0;
-        for (k = 0; k < n; k++) surface |= v[k] != 0.0f;
-        for (k = 0; k < n && surface; k++) {
-            if ((double)v[k] < low[k]) low[k] = (double)v[k];
-            if ((double)v[k] > high[k]) high[k] = (double)v[k];
+    for (i = 0; i < pixels; i++, values += n)
+        for (k = 0; k < n && picture__shows_surface(values, n); k++) {
+            if ((double)values[k] < range->low[k]) range->low[k] = (double)values[k];
+            if ((double)values[k] > range->high[k]) range->high[k] = (double)values[k];
         }
-    }
+}
+
+/* Converts pixels of n components to three bytes each, scaled for each channel such that its values can be
+   distinguished. range: of the whole picture; only the channels position, depth and sensors need it. scale: 2 to the
+   power of the exposure */
+static void picture__make_visible(unsigned char *out, const float *values, size_t pixels, int n, sbl_channel channel,
+                                  const picture_range *range, float scale) {
+    const double *low = range->low, *high = range->high;
+    size_t i;
+    int k;
     for (i = 0; i < pixels; i++) {
-        const float *v = in->values + i * (size_t)n;
+        const float *v = values + i * (size_t)n;
+        const int surface = picture__shows_surface(v, n);
         unsigned char *to = out + 3 * i;
-        int surface = 0;
-        for (k = 0; k < n; k++) surface |= v[k] != 0.0f;
         for (k = 0; k < 3; k++) {
             double x = (double)v[n == 3 ? k : 0];
             int c = n == 3 ? k : 0;
             switch (channel) {
                 case SBL_CHANNEL_FINAL: case SBL_CHANNEL_RADIANCE: case SBL_CHANNEL_STORE: case SBL_CHANNEL_ERROR:
-                    sbl_encode_srgb8(to + k, v + c, 1, exposure);
+                    sbl_encode_srgb8(to + k, v + c, 1, scale);
                     break;
                 case SBL_CHANNEL_ALBEDO: sbl_encode_srgb8(to + k, v + c, 1, 1); break;
                 case SBL_CHANNEL_NORMAL: to[k] = surface ? to_byte(0.5 + 0.5 * x) : 0; break;
@@ -77,35 +102,94 @@ static unsigned char *make_visible(const image *in, sbl_channel channel, double 
         if (channel == SBL_CHANNEL_SENSORS && surface)
             hue(high[0] > 1 ? (1 - ((double)v[0] - 1) / (high[0] - 1)) * 2 / 3 : 2.0 / 3, to);
     }
-    return out;
 }
 
-static void write_bytes(void *user, void *data, int size) { fwrite(data, 1, (size_t)size, (FILE *)user); }
+/* ---- writing ---- */
 
-/* The writers return 0 on failures other than those of the stream, and set errno if they know the reason. */
-static int write_png(FILE *out, const image *picture, sbl_channel channel, double stops) {
-    unsigned char *bytes = make_visible(picture, channel, stops);
-    const int width = picture->width;
-    int ok = bytes && stbi_write_png_to_func(write_bytes, out, width, picture->height, 3, bytes, 3 * width);
+typedef enum picture_format { PICTURE_PNG, PICTURE_PFM, PICTURE_EXR } picture_format;
+
+/* A file that is being written. */
+typedef struct picture_writer {
+    FILE *out;
+    picture_format format;
+    image frame;             /* without values */
+    sbl_channel channel;
+    float scale;             /* of a .png: 2 to the power of the exposure */
+    picture_range range;     /* of a .png: set it before the first band if the channel needs it */
+    png_structp png;
+    png_infop info;
+#ifdef SBL_RENDER_OPENEXR
+    exr_context_t exr;
+    exr_encode_pipeline_t encoder;
+    int encodes;             /* 1: the encoder is initialized */
+#endif
+} picture_writer;
+
+/* The functions of the formats return 0 on failures other than those of the stream, and set errno if they know the
+   reason. Bands of a .pfm are put from the last to the first, those of other files from the first to the last. */
+
+static void on_png_error(png_structp png, png_const_charp message) {
+    (void)message;
+    png_longjmp(png, 1);
+}
+
+static void on_png_warning(png_structp png, png_const_charp message) {
+    (void)png;
+    (void)message;
+}
+
+static int picture__begin_png(picture_writer *w) {
+    w->png = png_create_write_struct(PNG_LIBPNG_VER_STRING, NULL, on_png_error, on_png_warning);
+    w->info = w->png ? png_create_info_struct(w->png) : NULL;
+    if (!w->info || setjmp(png_jmpbuf(w->png))) return 0;
+    png_init_io(w->png, w->out);
+    png_set_user_limits(w->png, 1 << 30, 1 << 30);
+    png_set_IHDR(w->png, w->info, (png_uint_32)w->frame.width, (png_uint_32)w->frame.height, 8, PNG_COLOR_TYPE_RGB,
+                 PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
+    png_write_info(w->png, w->info);
+    return 1;
+}
+
+static int picture__put_png(picture_writer *w, int rows, const float *values) {
+    const size_t width = (size_t)w->frame.width;
+    const int n = w->frame.components;
+    unsigned char *volatile bytes = (unsigned char *)malloc(3 * width);
+    volatile int y;
+    if (!bytes || setjmp(png_jmpbuf(w->png))) {
+        free(bytes);
+        return 0;
+    }
+    for (y = 0; y < rows; y++) {
+        picture__make_visible(bytes, values + (size_t)y * width * (size_t)n, width, n, w->channel, &w->range, w->scale);
+        png_write_row(w->png, bytes);
+    }
     free(bytes);
-    return ok;
+    return 1;
 }
 
-static int write_pfm(FILE *out, const image *picture) {
-    int x, y, k;
-    fprintf(out, "PF\n%d %d\n-1.0\n", picture->width, picture->height);  /* negative scale: little-endian */
-    for (y = picture->height - 1; y >= 0; y--)  /* bottom row first */
-        for (x = 0; x < picture->width; x++) {
-            const float *v = picture->values + ((size_t)y * (size_t)picture->width + (size_t)x) *
-                (size_t)picture->components;
+static int picture__end_png(picture_writer *w, int ok) {
+    volatile int done = 0;
+    if (ok && !setjmp(png_jmpbuf(w->png))) {
+        png_write_end(w->png, w->info);
+        done = 1;
+    }
+    if (w->png) png_destroy_write_struct(&w->png, &w->info);
+    return done;
+}
+
+static int picture__put_pfm(picture_writer *w, int rows, const float *values) {
+    const int n = w->frame.components;
+    int x, y, k, b;
+    for (y = rows - 1; y >= 0; y--)  /* bottom row first */
+        for (x = 0; x < w->frame.width; x++) {
+            const float *v = values + ((size_t)y * (size_t)w->frame.width + (size_t)x) * (size_t)n;
             unsigned char bytes[12];
             for (k = 0; k < 3; k++) {
                 uint32_t bits;
-                int b;
-                memcpy(&bits, &v[picture->components == 3 ? k : 0], 4);
+                memcpy(&bits, &v[n == 3 ? k : 0], 4);
                 for (b = 0; b < 4; b++) bytes[4 * k + b] = (unsigned char)(bits >> 8 * b & 255);
             }
-            fwrite(bytes, 1, sizeof bytes, out);
+            fwrite(bytes, 1, sizeof bytes, w->out);
         }
     return 1;
 }
@@ -131,73 +215,131 @@ static int64_t write_exr_bytes(exr_const_context_t context, void *user, const vo
     return (int64_t)size;
 }
 
-static int write_exr(FILE *out, const image *picture) {
+static int picture__begin_exr(picture_writer *w) {
     static const char *const names[2][3] = { { "Y", NULL, NULL }, { "R", "G", "B" } };
+    const image *frame = &w->frame;
     exr_context_initializer_t settings = EXR_DEFAULT_CONTEXT_INITIALIZER;
-    exr_context_t context = NULL;
-    exr_encode_pipeline_t encoder;
-    exr_chunk_info_t chunk;
     const exr_attr_v2f_t centre = { { { 0, 0 } } };
     exr_attr_box2i_t data, display;
-    int part, y, k, begun = 0;
-    int32_t rows = 1;
+    int part, k;
     exr_result_t result;
-    data.min.x = picture->at[0];
-    data.min.y = picture->at[1];
-    data.max.x = data.min.x + picture->width - 1;
-    data.max.y = data.min.y + picture->height - 1;
+    data.min.x = frame->at[0];
+    data.min.y = frame->at[1];
+    data.max.x = data.min.x + frame->width - 1;
+    data.max.y = data.min.y + frame->height - 1;
     display.min.x = display.min.y = 0;
-    display.max.x = (picture->whole[0] ? picture->whole[0] : picture->width) - 1;
-    display.max.y = (picture->whole[1] ? picture->whole[1] : picture->height) - 1;
+    display.max.x = (frame->whole[0] ? frame->whole[0] : frame->width) - 1;
+    display.max.y = (frame->whole[1] ? frame->whole[1] : frame->height) - 1;
     settings.error_handler_fn = on_exr_error;
     settings.write_fn = write_exr_bytes;
-    settings.user_data = out;
-    result = exr_start_write(&context, "picture.exr", EXR_WRITE_FILE_DIRECTLY, &settings);
-    if (result == EXR_ERR_SUCCESS) result = exr_add_part(context, "picture", EXR_STORAGE_SCANLINE, &part);
+    settings.user_data = w->out;
+    result = exr_start_write(&w->exr, "picture.exr", EXR_WRITE_FILE_DIRECTLY, &settings);
+    if (result == EXR_ERR_SUCCESS) result = exr_add_part(w->exr, "picture", EXR_STORAGE_SCANLINE, &part);
     if (result == EXR_ERR_SUCCESS)
-        result = exr_initialize_required_attr(context, part, &display, &data, 1, &centre, 1,
-                                              EXR_LINEORDER_INCREASING_Y, EXR_COMPRESSION_ZIP);
-    for (k = 0; k < picture->components && result == EXR_ERR_SUCCESS; k++)
-        result = exr_add_channel(context, part, names[picture->components == 3][k], EXR_PIXEL_FLOAT,
+        result = exr_initialize_required_attr(w->exr, part, &display, &data, 1, &centre, 1, EXR_LINEORDER_INCREASING_Y,
+                                              EXR_COMPRESSION_ZIP);
+    for (k = 0; k < frame->components && result == EXR_ERR_SUCCESS; k++)
+        result = exr_add_channel(w->exr, part, names[frame->components == 3][k], EXR_PIXEL_FLOAT,
                                  EXR_PERCEPTUALLY_LINEAR, 1, 1);
-    if (result == EXR_ERR_SUCCESS) result = exr_write_header(context);
-    if (result == EXR_ERR_SUCCESS) result = exr_get_scanlines_per_chunk(context, part, &rows);
-    for (y = 0; y < picture->height && result == EXR_ERR_SUCCESS; y += rows) {
-        result = exr_write_scanline_chunk_info(context, part, data.min.y + y, &chunk);
+    for (k = 0; k < PICTURE_FACTS && frame->facts && result == EXR_ERR_SUCCESS; k++)
+        if (frame->facts[k].name)
+            result = exr_attr_set_string(w->exr, part, frame->facts[k].name, frame->facts[k].text);
+    if (result == EXR_ERR_SUCCESS) result = exr_write_header(w->exr);
+    return result == EXR_ERR_SUCCESS;
+}
+
+/* Writes rows, in chunks of as many rows as the compression joins. The first row of a band is that of a chunk. */
+static int picture__put_exr(picture_writer *w, int first, int rows, const float *values) {
+    const int n = w->frame.components, width = w->frame.width;
+    exr_chunk_info_t chunk;
+    int32_t step = 1;
+    int y, k;
+    exr_result_t result = exr_get_scanlines_per_chunk(w->exr, 0, &step);
+    for (y = 0; y < rows && result == EXR_ERR_SUCCESS; y += step) {
+        const float *from = values + (size_t)y * (size_t)width * (size_t)n;
+        const int begun = w->encodes;
+        result = exr_write_scanline_chunk_info(w->exr, 0, w->frame.at[1] + first + y, &chunk);
         if (result == EXR_ERR_SUCCESS)
-            result =
-                begun ? exr_encoding_update(context, part, &chunk, &encoder)
-                    : exr_encoding_initialize(context, part, &chunk, &encoder);
-        for (k = 0; k < picture->components && result == EXR_ERR_SUCCESS; k++) {
-            exr_coding_channel_info_t *channel = &encoder.channels[k];  /* channels are sorted by name */
-            int component = channel->channel_name[0] == 'G' ? 1 : channel->channel_name[0] == 'B' ? 2 : 0;
-            channel->encode_from_ptr =
-                (const uint8_t *)(picture->values + (size_t)y * (size_t)picture->width * (size_t)picture->components +
-                                  component);
+            result = begun ? exr_encoding_update(w->exr, 0, &chunk, &w->encoder)
+                           : exr_encoding_initialize(w->exr, 0, &chunk, &w->encoder);
+        w->encodes = begun || result == EXR_ERR_SUCCESS;
+        for (k = 0; k < n && result == EXR_ERR_SUCCESS; k++) {
+            exr_coding_channel_info_t *channel = &w->encoder.channels[k];  /* channels are sorted by name */
+            const int component = channel->channel_name[0] == 'G' ? 1 : channel->channel_name[0] == 'B' ? 2 : 0;
+            channel->encode_from_ptr = (const uint8_t *)(from + component);
             channel->user_bytes_per_element = 4;
             channel->user_data_type = EXR_PIXEL_FLOAT;
-            channel->user_pixel_stride = 4 * picture->components;
-            channel->user_line_stride = 4 * picture->components * picture->width;
+            channel->user_pixel_stride = 4 * n;
+            channel->user_line_stride = 4 * n * width;
         }
-        if (result == EXR_ERR_SUCCESS && !begun) result = exr_encoding_choose_default_routines(context, part, &encoder);
-        begun = 1;
-        if (result == EXR_ERR_SUCCESS) result = exr_encoding_run(context, part, &encoder);
+        if (result == EXR_ERR_SUCCESS && !begun)
+            result = exr_encoding_choose_default_routines(w->exr, 0, &w->encoder);
+        if (result == EXR_ERR_SUCCESS) result = exr_encoding_run(w->exr, 0, &w->encoder);
     }
-    if (begun) exr_encoding_destroy(context, &encoder);
-    if (context && exr_finish(&context) != EXR_ERR_SUCCESS && result == EXR_ERR_SUCCESS) result = EXR_ERR_WRITE_IO;
     return result == EXR_ERR_SUCCESS;
+}
+
+static int picture__end_exr(picture_writer *w, int ok) {
+    if (w->encodes) exr_encoding_destroy(w->exr, &w->encoder);
+    return (!w->exr || exr_finish(&w->exr) == EXR_ERR_SUCCESS) && ok;
 }
 #endif
 
-/* Writes a picture in the format that the extension of the name selects. stops: exposure of channels final and radiance
-   in a .png. */
-static inline int picture_write(FILE *out, const char *name, const image *picture, sbl_channel channel, double stops) {
+static picture_format picture_format_of(const char *name) {
     const char *ending = strrchr(name, '.');
-    if (ending && strcmp(ending, ".png") == 0) return write_png(out, picture, channel, stops);
+    if (ending && strcmp(ending, ".png") == 0) return PICTURE_PNG;
 #ifdef SBL_RENDER_OPENEXR
-    if (ending && strcmp(ending, ".exr") == 0) return write_exr(out, picture);
+    if (ending && strcmp(ending, ".exr") == 0) return PICTURE_EXR;
 #endif
-    return write_pfm(out, picture);
+    return PICTURE_PFM;
+}
+
+/* Begins a picture in the format that the extension of the name selects. stops: exposure of channels final, radiance,
+   store and error in a .png. Returns 0 on failure; picture_end must then be called, too. */
+static inline int picture_begin(picture_writer *w, FILE *out, const char *name, const image *frame,
+                                sbl_channel channel, double stops) {
+    memset(w, 0, sizeof *w);
+    w->out = out;
+    w->format = picture_format_of(name);
+    w->frame = *frame;
+    w->channel = channel;
+    w->scale = (float)pow(2, stops);
+    w->range = picture_no_range;
+    if (w->format == PICTURE_PNG) return picture__begin_png(w);
+#ifdef SBL_RENDER_OPENEXR
+    if (w->format == PICTURE_EXR) return picture__begin_exr(w);
+#endif
+    fprintf(out, "PF\n%d %d\n-1.0\n", frame->width, frame->height);  /* negative scale: little-endian */
+    return 1;
+}
+
+/* Writes a band of rows. first: its first row, a multiple of 64. Bands come in order, from the top; those of a .pfm
+   from the bottom. */
+static inline int picture_put(picture_writer *w, int first, int rows, const float *values) {
+    if (w->format == PICTURE_PNG) return picture__put_png(w, rows, values);
+#ifdef SBL_RENDER_OPENEXR
+    if (w->format == PICTURE_EXR) return picture__put_exr(w, first, rows, values);
+#endif
+    (void)first;
+    return picture__put_pfm(w, rows, values);
+}
+
+/* Ends the picture. ok: 0 if a call before has failed. Returns whether the file is complete. */
+static inline int picture_end(picture_writer *w, int ok) {
+    if (w->format == PICTURE_PNG) return picture__end_png(w, ok);
+#ifdef SBL_RENDER_OPENEXR
+    if (w->format == PICTURE_EXR) return picture__end_exr(w, ok);
+#endif
+    return ok;
+}
+
+/* Writes a whole picture. */
+static inline int picture_write(FILE *out, const char *name, const image *picture, sbl_channel channel, double stops) {
+    picture_writer w;
+    int ok = picture_begin(&w, out, name, picture, channel, stops);
+    picture_extend(&w.range, picture->values, (size_t)picture->width * (size_t)picture->height, picture->components);
+    ok = ok && picture_put(&w, 0, picture->height, picture->values);
+    return picture_end(&w, ok);
 }
 
 /* Reads a channel of the current picture or lightmap. The caller frees picture->values. */

@@ -271,26 +271,37 @@ typedef struct lightmap {
     int texture;             /* number of the texture that is written next */
 } lightmap;
 
-static int write_light_pfm(FILE *out, const void *what) { return write_pfm(out, &((const lightmap *)what)->light); }
+static int write_linear(FILE *out, const char *ending, const image *picture) {
+    return picture_write(out, ending, picture, SBL_CHANNEL_FINAL, 0);
+}
+static int write_light_pfm(FILE *out, const void *what) {
+    return write_linear(out, ".pfm", &((const lightmap *)what)->light);
+}
 static int write_harmonic_pfm(FILE *out, const void *what) {
     const lightmap *l = (const lightmap *)what;
-    return write_pfm(out, &l->harmonics[l->harmonic]);
+    return write_linear(out, ".pfm", &l->harmonics[l->harmonic]);
 }
-static int write_atlas_pfm(FILE *out, const void *what) { return write_pfm(out, &((const lightmap *)what)->atlas); }
+static int write_atlas_pfm(FILE *out, const void *what) {
+    return write_linear(out, ".pfm", &((const lightmap *)what)->atlas);
+}
 #ifdef SBL_RENDER_OPENEXR
-static int write_light_exr(FILE *out, const void *what) { return write_exr(out, &((const lightmap *)what)->light); }
+static int write_light_exr(FILE *out, const void *what) {
+    return write_linear(out, ".exr", &((const lightmap *)what)->light);
+}
 static int write_harmonic_exr(FILE *out, const void *what) {
     const lightmap *l = (const lightmap *)what;
-    return write_exr(out, &l->harmonics[l->harmonic]);
+    return write_linear(out, ".exr", &l->harmonics[l->harmonic]);
 }
-static int write_atlas_exr(FILE *out, const void *what) { return write_exr(out, &((const lightmap *)what)->atlas); }
+static int write_atlas_exr(FILE *out, const void *what) {
+    return write_linear(out, ".exr", &((const lightmap *)what)->atlas);
+}
 #endif
 static int write_atlas_png(FILE *out, const void *what) {
     const lightmap *l = (const lightmap *)what;
-    return write_png(out, &l->atlas, SBL_CHANNEL_FINAL, log(atan(1.0) * 4 / l->intensity) / log(2.0));
+    return picture_write(out, ".png", &l->atlas, SBL_CHANNEL_FINAL, log(atan(1.0) * 4 / l->intensity) / log(2.0));
 }
 static int write_overlap(FILE *out, const void *what) {
-    return write_png(out, &((const lightmap *)what)->overlap, SBL_CHANNEL_ALBEDO, 0);
+    return picture_write(out, ".png", &((const lightmap *)what)->overlap, SBL_CHANNEL_ALBEDO, 0);
 }
 static int write_scene(FILE *out, const void *what) { return gltf_write_json(out, &((const lightmap *)what)->gltf); }
 static int write_scene_bin(FILE *out, const void *what) { return gltf_write_bin(out, &((const lightmap *)what)->gltf); }
@@ -370,7 +381,7 @@ static int harmonic_of(int target) {
 
 /* Writes all files. Returns the exit status. */
 static int keep_lightmap(lightmap *l) {
-    static const struct { int target; target_writer write; } files[] = {
+    static const struct { int target; output_writer write; } files[] = {
         { R_PFM, write_light_pfm }, { ATLAS_PFM, write_atlas_pfm }, { ATLAS_PNG, write_atlas_png },
         { SH_PFM, write_harmonic_pfm }, { SH_PFM + 1, write_harmonic_pfm }, { SH_PFM + 2, write_harmonic_pfm },
         { SH_PFM + 3, write_harmonic_pfm },
@@ -410,8 +421,8 @@ static void describe_lightmap(sbl_lightmap_desc *desc, progress *bar) {
     if (given[FILTER_RADIUS]) desc->filter_radius = (int)zero_or(common.filter_radius);
 }
 
-static int bake_lightmap(const tool_task *task, double *seconds) {
-    progress bar = { !given[QUIET] && isatty(STDERR_FILENO), now(), 0 };
+static int bake_lightmap(tool_task *task, double *seconds) {
+    progress bar = { !given[QUIET] && isatty(STDERR_FILENO), now(), 0, 0, 0 };
     sbl_context *context = task->context;
     sbl_lightmap_desc desc;
     lightmap l;
@@ -611,8 +622,8 @@ static int keep_vertices(vertices *v) {
     return DONE;
 }
 
-static int bake_vertices(const tool_task *task, double *seconds) {
-    progress bar = { !given[QUIET] && isatty(STDERR_FILENO), now(), 0 };
+static int bake_vertices(tool_task *task, double *seconds) {
+    progress bar = { !given[QUIET] && isatty(STDERR_FILENO), now(), 0, 0, 0 };
     sbl_vertices_desc desc;
     vertices v;
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
@@ -734,8 +745,8 @@ static int write_probes(FILE *out, const void *what) {
     return 1;
 }
 
-static int bake_probes(const tool_task *task, double *seconds) {
-    progress bar = { !given[QUIET] && isatty(STDERR_FILENO), now(), 0 };
+static int bake_probes(tool_task *task, double *seconds) {
+    progress bar = { !given[QUIET] && isatty(STDERR_FILENO), now(), 0, 0, 0 };
     sbl_probes_desc desc;
     probes p = listed;
     sbl_result result = SBL_SUCCESS;

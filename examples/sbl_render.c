@@ -6,6 +6,7 @@
 #include "../sbl.h"
 #include "output_file.h"
 #include "picture_file.h"
+#include "picture_parts.h"
 #include "scene_file.h"
 #include "sensor_disc.h"
 #define TOOL_NAME "sbl_render"
@@ -17,25 +18,30 @@
 #include "tool_survey.h"
 #include "tool_camera.h"
 #include "tool_studio.h"
+#include "tool_parts.h"
 
 /* ---- the command line ---- */
 
-enum { NO_TONE, NEUTRAL, AGX, ERROR_STOPS = 5 };
+enum { NO_TONE, NEUTRAL, AGX };
 
 static struct options {
-    int channel, inspect[2], samples, tone, window[4];
+    int channel, inspect[2], samples, tone, window[4], part[2];
+    const char *part_text, *plan;
     double sensor_fov, target_error, facet_limit, exposure;  /* exposure: NaN is auto */
 } options = { .tone = NEUTRAL, .exposure = NAN };
 
 static const char *const channel_words[] = { "final", "radiance", "albedo", "normal", "position", "id", "depth",
-    "sensors", "store", "error", NULL };  /* in the order of sbl_channel */
+    "sensors", "store", "error", "display", "looks", NULL };
+static const sbl_channel channels[] = { SBL_CHANNEL_FINAL, SBL_CHANNEL_RADIANCE, SBL_CHANNEL_ALBEDO,
+    SBL_CHANNEL_NORMAL, SBL_CHANNEL_POSITION, SBL_CHANNEL_ID, SBL_CHANNEL_DEPTH, SBL_CHANNEL_SENSORS,
+    SBL_CHANNEL_STORE, SBL_CHANNEL_ERROR, SBL_CHANNEL_DISPLAY, SBL_CHANNEL_LOOKS };
 
 static const char *const tone_words[] = { "none", "neutral", "agx", NULL };
 static const char *const exposure_words[] = { "auto", NULL };
 
 enum {
     OUTPUT = CAMERA_END, CHANNEL, TARGET_ERROR, SENSOR_FOV, FACET_LIMIT, SAMPLES, EXPOSURE, TONE, INSPECT, STUDIO,
-    WINDOW,
+    WINDOW, PART, PLAN, RESUME,
     OPTION_COUNT
 };
 
@@ -50,7 +56,9 @@ static const tool_option table[OPTION_COUNT] = {
                   "light in\n"
                   "the cells of the store) | error (predicted standard error of the luminance of R, in the unit of "
                   "R; in a\n"
-                  ".png 5 stops brighter than radiance)",
+                  ".png 5 stops brighter than radiance) | display (what a screen shows: final, exposed and with "
+                  "--tone; a .png\n"
+                  "of final shows it by itself) | looks (how often each sensor measured)",
                   channel_words },
     [TARGET_ERROR] = { "--target-error", "E", SHARES, &options.target_error, 1, 0.0001, 1,
                        "target error, such as 2% or 0.02: the root mean square error of R over the picture, divided by "
@@ -88,6 +96,21 @@ static const tool_option table[OPTION_COUNT] = {
                  "exposure and for the mean of --target-error. A .exr file stores where the part lies (data window) "
                  "and the\n"
                  "size of the whole" },
+    [PART] = { "--part", "K/N", TEXT, &options.part_text, 0, 0, 0,
+               "makes only the K-th of N parts of the picture, which take about the same time. The output is a .exr "
+               "file;\n"
+               "sbl_merge joins the parts. Before, a small picture of the whole is made, as with --window. auto/N\n"
+               "takes K from SLURM_ARRAY_TASK_ID, SGE_TASK_ID or PBS_ARRAY_INDEX (1 to N), or from\n"
+               "JOB_COMPLETION_INDEX or AWS_BATCH_JOB_ARRAY_INDEX (0 to N - 1). %d in the name of the output becomes\n"
+               "K, and %04d becomes K with 4 digits" },
+    [PLAN] = { "--plan", "FILE", TEXT, &options.plan, 0, 0, 0,
+               "loads from FILE which parts there are, and the mean and the exposure of the whole; if FILE does not "
+               "exist,\n"
+               "finds these out and writes them there. Parts that different graphics drivers make need the same FILE" },
+    [RESUME] = { "--resume", NULL, FLAG, NULL, 0, 0, 0,
+                 "goes on with a picture that is made window by window, because it is large (see --memory), where an "
+                 "earlier\n"
+                 "run was interrupted. Finished windows are in the folder OUTPUT.parts, which is removed at the end" },
     [STUDIO] = { "--studio", NULL, FLAG, NULL, 0, 0, 0,
                  "replaces the lights of the file (surfaces that emit stay) by a sky that fades to the horizon and a "
                  "soft sun\n"
@@ -103,7 +126,9 @@ static const tool_line lines[] = {
     { CHANNEL, "final (default), radiance, albedo, normal, depth, ..." },
     { MODE, "gi (default: all light), direct, ambient or paper" },
     { INSPECT, "shows what the sensor at this pixel measures" },
-    { WINDOW, "makes only a part of the picture" },
+    { WINDOW, NULL },
+    { PART, "makes only the K-th of N parts of equal cost" },
+    { PLAN, NULL },
     { TOOL_HEADING, "Camera:" },
     CAMERA_LINES,
     { TOOL_HEADING, "Light:" },
@@ -117,6 +142,7 @@ static const tool_line lines[] = {
     { EXPOSURE, "each stop makes a .png twice as bright; or auto" },
     { TONE, "curve of a .png: neutral (default), agx or none" },
     OUTPUT_LINES,
+    { RESUME, NULL },
     { TOOL_HEADING, "Safety:" },
     SAFETY_LINES
 };
@@ -163,21 +189,53 @@ static int needs_no_light(sbl_channel channel) {
 
 /* Notes options that have no effect on the picture. */
 static void note_effects(void) {
-    const sbl_channel channel = (sbl_channel)options.channel;
-    const int is_light = channel == SBL_CHANNEL_FINAL || channel == SBL_CHANNEL_RADIANCE ||
-        channel == SBL_CHANNEL_STORE || channel == SBL_CHANNEL_ERROR;
+    const sbl_channel channel = channels[options.channel];
+    const int is_light = channel == SBL_CHANNEL_FINAL || channel == SBL_CHANNEL_DISPLAY ||
+        channel == SBL_CHANNEL_RADIANCE || channel == SBL_CHANNEL_STORE || channel == SBL_CHANNEL_ERROR;
     const int paper = common_mode(given) == SBL_MODE_PAPER;
     common_note(given, table);
     note_if(paper, given, table, TARGET_ERROR, "in --mode paper, --threshold decides");
     note_if(needs_no_light(channel), given, table, TARGET_ERROR, "the channel shows no light");
     if (!paper && !needs_no_light(channel)) common_note_refinement(given, table, TARGET_ERROR);
-    note_if(options.samples > 1 && (channel != SBL_CHANNEL_FINAL || given[INSPECT]), given, table, SAMPLES,
-            "only channel final is anti-aliased");
-    note_if(!ends_with(common.output, ".png"), given, table, EXPOSURE, "only a .png is exposed");
+    note_if(options.samples > 1 && ((channel != SBL_CHANNEL_FINAL && channel != SBL_CHANNEL_DISPLAY) || given[INSPECT]),
+            given, table, SAMPLES, "only channels final and display are anti-aliased");
+    note_if(!ends_with(common.output, ".png") && channel != SBL_CHANNEL_DISPLAY && !given[PART], given, table, EXPOSURE,
+            "only a .png is exposed");
     note_if(ends_with(common.output, ".png") && !is_light, given, table, EXPOSURE,
-            "only final, radiance, store and error are exposed");
-    note_if(!ends_with(common.output, ".png") || channel != SBL_CHANNEL_FINAL || given[INSPECT], given, table, TONE,
-            "only channel final in a .png has a tone");
+            "only final, display, radiance, store and error are exposed");
+    note_if(channel != SBL_CHANNEL_DISPLAY && (!ends_with(common.output, ".png") || channel != SBL_CHANNEL_FINAL ||
+                                               given[INSPECT]), given, table, TONE,
+            "only channel final in a .png, and channel display, have a tone");
+}
+
+/* Writes the name of a part: a %d in the pattern, or %04d with any number of digits, becomes the number. Returns 0 if
+   the pattern is anything else, or the name is too long. */
+static int numbered_name(char *out, size_t size, const char *pattern, int number) {
+    const char *sign = strchr(pattern, '%');
+    int digits = 0, length = 0;
+    if (!sign) return snprintf(out, size, "%s", pattern) < (int)size;
+    if (sscanf(sign, "%%%2dd%n", &digits, &length) != 1 || !length) digits = 0, length = sign[1] == 'd' ? 2 : 0;
+    if (!length || digits < 0 || strchr(sign + length, '%')) return 0;
+    return snprintf(out, size, "%.*s%0*d%s", (int)(sign - pattern), pattern, digits, number, sign + length) < (int)size;
+}
+
+/* Reads --part, and gives the output the number of the part. Returns the exit status. */
+static int parse_part(void) {
+    static char name[PATH_MAX];
+    int status;
+    if (given[PLAN] && !given[PART]) return misuse("--plan needs --part K/N: it says which parts there are");
+    if (!given[PART]) return DONE;
+    if (given[WINDOW]) return misuse("--part and --window both choose a part of the picture; give only one of them");
+    if (given[INSPECT]) return misuse("--inspect draws a sensor, which has no parts; leave out --part");
+    if (!ends_with(common.output, ".exr"))
+        return misuse("--output %s: a part is an .exr file, and sbl_merge joins them to a .png, .pfm or .exr; a .png "
+                      "needs --channel display", common.output);
+    status = plan_part(options.part_text, options.part);
+    if (status == DONE && !numbered_name(name, sizeof name, common.output, options.part[0]))
+        return misuse("--output %s: %%d or %%04d stands for the number of the part; no other %% is allowed",
+                      common.output);
+    common.output = name;
+    return status;
 }
 
 static int parse(int argc, char **argv) {
@@ -203,6 +261,10 @@ static int parse(int argc, char **argv) {
             return misuse("--window %d,%d,%d,%d: must be at least 1 x 1 and inside the picture of %d x %d", w[0], w[1],
                           w[2], w[3], camera.size[0], camera.size[1]);
     }
+    if (channels[options.channel] == SBL_CHANNEL_DISPLAY && options.tone == NO_TONE)
+        return misuse("--channel display needs a tone; without one it would be --channel final");
+    status = parse_part();
+    if (status != DONE) return status;
     if (given[STUDIO] && given[SKY])
         return misuse("--studio has a sky of its own; give only one of --studio and --sky");
     if (given[STUDIO] && common_mode(given) == SBL_MODE_PAPER)
@@ -227,15 +289,17 @@ static int find_targets(void) {
     return targets_check(PARTIAL, given);
 }
 
-typedef struct view { const image *picture; sbl_channel channel; double stops; } view;
+/* A picture as a file shows it. name: only its ending matters, which selects the format */
+typedef struct view { const char *name; const image *picture; sbl_channel channel; double stops; } view;
 
 static int write_shown(FILE *out, const void *what) {
     const view *s = (const view *)what;
-    return picture_write(out, common.output, s->picture, s->channel, s->stops);
+    return picture_write(out, s->name, s->picture, s->channel, s->stops);
 }
 
 /* Returns whether the output is what a screen shows: exposed and tone-mapped. */
 static int is_display(sbl_channel channel) {
+    if (channel == SBL_CHANNEL_DISPLAY) return !given[INSPECT];
     return ends_with(common.output, ".png") && channel == SBL_CHANNEL_FINAL && options.tone != NO_TONE &&
            !given[INSPECT];
 }
@@ -378,7 +442,7 @@ static void describe_camera(const camera_view *c, const survey *s) {
 /* Returns whether black behind the scene is shown as a grey backdrop: for screens, if the file has light of its own and
    no option chooses a sky. */
 static int wants_backdrop(const scene_file *file) {
-    return is_display((sbl_channel)options.channel) && !given[SKY] && !given[STUDIO] && is_lit(&file->scene);
+    return is_display(channels[options.channel]) && !given[SKY] && !given[STUDIO] && is_lit(&file->scene);
 }
 
 static studio light_of_studio;  /* the scene refers to it until the end */
@@ -461,15 +525,12 @@ static void note_backdrop(const sbl_stats *s) {
              "0,0,0 turns it off", common.scene);
 }
 
-/* ---- the whole tool ---- */
-
 static void fill_desc(sbl_picture_desc *desc, const scene_file *file, progress *bar) {
     memset(desc, 0, sizeof *desc);
     desc->width = camera.size[0];
     desc->height = camera.size[1];
-    memcpy(desc->window, options.window, sizeof desc->window);
     desc->options = common_options(given, bar);
-    if (needs_no_light((sbl_channel)options.channel) && common_mode(given) != SBL_MODE_PAPER)
+    if (needs_no_light(channels[options.channel]) && common_mode(given) != SBL_MODE_PAPER)
         desc->options.mode = SBL_MODE_DIRECT;  /* does the least work before it draws surfaces */
     desc->target_error = (float)options.target_error;
     desc->sensor_fov = (float)options.sensor_fov;
@@ -477,85 +538,460 @@ static void fill_desc(sbl_picture_desc *desc, const scene_file *file, progress *
     if (given[THRESHOLD]) desc->threshold = zero_or(common.threshold);
     if (given[FACET_LIMIT]) desc->facet_limit = zero_or(options.facet_limit);
     if (given[FILTER_RADIUS]) desc->filter_radius = (int)zero_or(common.filter_radius);
-    if (ends_with(common.output, ".png")) {
+    if (ends_with(common.output, ".png") || is_display(channels[options.channel])) {
         static const sbl_tone tones[] = { SBL_TONE_NONE, SBL_TONE_NEUTRAL, SBL_TONE_AGX };
         desc->auto_exposure = isnan(options.exposure);
         desc->exposure = desc->auto_exposure ? 0 : (float)options.exposure;
-        desc->tone = is_display((sbl_channel)options.channel) ? tones[options.tone] : SBL_TONE_NONE;
+        desc->tone = is_display(channels[options.channel]) ? tones[options.tone] : SBL_TONE_NONE;
         if (wants_backdrop(file)) memcpy(desc->backdrop, studio_backdrop, sizeof desc->backdrop);
     }
-    desc->samples = (sbl_channel)options.channel == SBL_CHANNEL_FINAL ? options.samples
-                                                                      : 1; /* other channels show pixel centres */
+    desc->samples = channels[options.channel] == SBL_CHANNEL_FINAL || is_display(channels[options.channel])
+                        ? options.samples : 1;  /* other channels show pixel centres */
 }
 
-/* Makes a small picture of the whole, and gives its mean and exposure to the window in desc. Returns SBL_UNFINISHED
-   after a signal. */
-static sbl_result look_at_whole(sbl_context *context, sbl_picture_desc *desc) {
-    enum { ACROSS = 256 };  /* the small picture is at most this many pixels wide and high */
-    const double shrink = fmax(1, (double)(desc->width > desc->height ? desc->width : desc->height) / ACROSS);
-    sbl_picture_desc small = *desc;
+/* ---- one picture, or one window of it ---- */
+
+/* A picture that is being made: what is made, and which parts of it. */
+typedef struct shot {
+    tool_task *task;
+    progress bar;
+    sbl_picture_desc desc;
+    sbl_channel channel;
+    int region[4];        /* what the output shows: x, y, width, height */
+    int looked;           /* 1: look_at_whole has made a picture, so that bounced light is known */
+    int has_facts;        /* 1: the output is a part, or is made window by window; work.facts are its facts */
+    plan work;            /* the windows that are made one after the other */
+    plan_folder folder;   /* if there are several */
+    image picture;        /* the window that was made last */
+} shot;
+
+/* Makes the picture of shot.desc and reads its channel. late: 1: after a signal, what there is so far is read, too */
+static sbl_result make_picture(shot *s, int late) {
+    sbl_context *context = s->task->context;
+    const int *w = s->desc.window;
     sbl_stats stats;
-    sbl_result result;
-    small.width = (int)ceil(desc->width / shrink);
-    small.height = (int)ceil(desc->height / shrink);
+    sbl_result result = sbl_begin_picture(context, &s->desc), unfinished;
+    if (result == SBL_SUCCESS && needs_no_light(s->channel)) result = work_until(context, s->channel);
+    else if (result == SBL_SUCCESS) result = late ? work_to_save(context) : work(context);
+    if (s->bar.shown) fprintf(stderr, "\r%70s\r", "");
+    unfinished = result;
+    stats = sbl_query_stats(context);
+    free(s->picture.values);
+    s->picture.values = NULL;
+    if (result != SBL_SUCCESS && (result != SBL_UNFINISHED || !late)) return result;
+    result = picture_read(context, stats.picture.width, stats.picture.height,
+                          is_display(s->channel) ? SBL_CHANNEL_DISPLAY : s->channel, &s->picture);
+    if (w[2]) {
+        memcpy(s->picture.at, w, sizeof s->picture.at);
+        memcpy(s->picture.whole, camera.size, sizeof s->picture.whole);
+    }
+    s->picture.facts = s->has_facts ? s->work.facts : NULL;
+    return result == SBL_SUCCESS && unfinished != SBL_SUCCESS ? SBL_SUCCESS : result;
+}
+
+/* Returns the exposure of a .png in stops that the values of the channel do not contain. */
+static double stops_of(const shot *s) {
+    double stops = is_display(s->channel) ? 0 : (double)sbl_query_stats(s->task->context).picture.exposure;
+    return s->channel == SBL_CHANNEL_ERROR && isnan(options.exposure) ? stops + PICTURE_ERROR_STOPS : stops;
+}
+
+/* Makes the output in one piece. Returns the exit status. */
+static int render_whole(shot *s, double *seconds) {
+    sbl_context *context = s->task->context;
+    const sbl_result result = make_picture(s, 1);
+    view all = { common.output, &s->picture, s->channel, 0 };
+    sbl_stats stats;
+    int status;
+    *seconds = now() - s->task->start;
+    all.stops = stops_of(s);
+    if (result == SBL_SUCCESS) status = keep_picture(&all, sbl_progress(context));
+    else if (result == SBL_UNFINISHED) status = stop("there is no picture yet");
+    else status = fail_with(s->task->said, common.scene, result);
+    if (status != DONE) return status;
+    stats = sbl_query_stats(context);
+    if (s->channel == SBL_CHANNEL_FINAL && ends_with(common.output, ".png"))
+        warn_of_extremes(s->task->said, &s->picture, all.stops, (double)stats.picture.exposure);
+    warn_of_missed_target(s->task->said, &stats);
+    if (s->desc.backdrop[0] > 0 && !given[QUIET]) note_backdrop(&stats);
+    return DONE;
+}
+
+/* ---- large pictures: window by window ---- */
+
+/* Sets the facts that parts of this picture have in common, except mean and exposure. */
+static void find_facts(shot *s) {
+    static const int without[] = { OUTPUT, STATS, STORE, STORE_REPLACE, QUIET, VERBOSE, ALLOW_PATH, MEMORY, READ_TIME,
+                                   SIZE, EYE, LOOK_AT, UP, FOV, CHANNEL, WINDOW, PART, PLAN, RESUME, -1 };
+    const sbl_context *context = s->task->context;
+    unsigned long long matrices = plan_hash(0xcbf29ce484222325ULL, placed.world_to_view, sizeof placed.world_to_view);
+    plan *p = &s->work;
+    matrices = plan_hash(matrices, placed.view_to_clip, sizeof placed.view_to_clip);
+    plan_fact(p, FACT_VERSION, "%s", sbl_version());
+    plan_fact(p, FACT_SCENE, "%016llx", (unsigned long long)sbl_scene_fingerprint(context));
+    plan_fact(p, FACT_CAMERA, "%016llx", matrices);
+    p->facts[FACT_OPTIONS].name = fact_names[FACT_OPTIONS];
+    plan_options(p->facts[FACT_OPTIONS].text, PICTURE_FACT_SIZE, table, OPTION_COUNT, given, without);
+    plan_fact(p, FACT_CHANNEL, "%s", is_display(s->channel) ? "display" : channel_words[options.channel]);
+    plan_fact(p, FACT_SIZE, "%dx%d", camera.size[0], camera.size[1]);
+    plan_fact(p, FACT_RENDERER, "%s", sbl_query_capabilities(context).renderer);
+    plan_fact(p, FACT_PART, "%s", "");
+}
+
+/* Takes the mean and the exposure from the facts. */
+static void use_facts(shot *s) {
+    double mean[3] = { 0, 0, 0 }, exposure = 0;
+    int k;
+    sscanf(s->work.facts[FACT_MEAN].text, "%lf %lf %lf", &mean[0], &mean[1], &mean[2]);
+    sscanf(s->work.facts[FACT_EXPOSURE].text, "%lf", &exposure);
+    for (k = 0; k < 3; k++) s->desc.mean_radiance[k] = (float)mean[k];
+    s->desc.exposure = (float)exposure;
+    s->desc.auto_exposure = 0;
+    s->has_facts = 1;
+}
+
+/* Makes a small picture of the whole, which gives the mean, the exposure and, if cost is not NULL, the cost. Returns
+   the exit status. */
+static int look_at_whole(shot *s, plan_cost *cost) {
+    enum { ACROSS = 256 };  /* the small picture is at most this many pixels wide and high */
+    sbl_context *context = s->task->context;
+    const double shrink = fmax(1, (double)(s->desc.width > s->desc.height ? s->desc.width : s->desc.height) / ACROSS);
+    sbl_picture_desc small = s->desc;
+    sbl_stats stats;
+    image looks = { 0 };
+    int enough = 1;
+    sbl_result result = SBL_SUCCESS;
+    small.width = (int)ceil(s->desc.width / shrink);
+    small.height = (int)ceil(s->desc.height / shrink);
     memset(small.window, 0, sizeof small.window);
     small.options.preset = SBL_PRESET_DRAFT;
     small.target_error = 0;
     small.samples = 1;
-    result = sbl_begin_picture(context, &small);
-    if (result == SBL_SUCCESS) result = work(context);
-    stats = sbl_query_stats(context);
-    memcpy(desc->mean_radiance, stats.picture.mean_radiance, sizeof desc->mean_radiance);
-    if (desc->auto_exposure) desc->exposure = stats.picture.exposure;
-    desc->auto_exposure = 0;
-    return result;
+    small.auto_exposure = isnan(options.exposure);
+    small.exposure = small.auto_exposure ? 0 : (float)options.exposure;
+    memset(&stats, 0, sizeof stats);
+    if (!needs_no_light(s->channel)) {
+        result = sbl_begin_picture(context, &small);
+        if (result == SBL_SUCCESS) result = work(context);
+        stats = sbl_query_stats(context);
+        s->looked = result == SBL_SUCCESS;
+    }
+    if (result == SBL_SUCCESS && cost && !needs_no_light(s->channel)) {
+        result = picture_read(context, small.width, small.height, SBL_CHANNEL_LOOKS, &looks);
+        if (result == SBL_SUCCESS) enough = plan_cost_make(cost, &looks);
+        free(looks.values);
+    }
+    if (s->bar.shown) fprintf(stderr, "\r%70s\r", "");
+    if (result == SBL_UNFINISHED) return stop("there is no picture yet");
+    if (result != SBL_SUCCESS) return fail_with(s->task->said, common.scene, result);
+    if (!enough) return fail("out of memory");
+    plan_fact(&s->work, FACT_MEAN, "%.9g %.9g %.9g", (double)stats.picture.mean_radiance[0],
+              (double)stats.picture.mean_radiance[1], (double)stats.picture.mean_radiance[2]);
+    plan_fact(&s->work, FACT_EXPOSURE, "%.9g", (double)stats.picture.exposure);
+    return DONE;
 }
 
-static int render(const tool_task *task, double *seconds) {
-    const sbl_channel channel = given[INSPECT] ? SBL_CHANNEL_FINAL : (sbl_channel)options.channel;
-    const int display = is_display(channel);
-    progress bar = { !given[QUIET] && isatty(STDERR_FILENO), now(), 0 };
-    sbl_context *context = task->context;
-    sbl_picture_desc desc;
-    image picture = { 0 };
-    view all = { &picture, channel, 0 };
-    sbl_stats stats;
+/* Finds the region of --part K/N: from the file of --plan, or from the cost of a small picture. Returns the exit
+   status. */
+static int find_part(shot *s) {
+    const int *size = camera.size, all[4] = { 0, 0, size[0], size[1] }, number = options.part[0];
+    plan_cost cost = { 0, 0, NULL };
+    output_file file;
+    int status = options.plan ? plan_read(&s->work, options.plan, size) : -1;
+    if (status < 0) {
+        status = look_at_whole(s, &cost);
+        if (status == DONE) status = plan_make(&s->work, cost.sums ? &cost : NULL, size, all, options.part[1]);
+        free(cost.sums);
+        if (status == DONE && options.plan) {
+            output_find(&file, options.plan);
+            file.keep = 1;  /* another machine may have made it meanwhile; its plan counts */
+            if (!target_write(&file, plan_write, &s->work, 0)) status = fail_to_write(options.plan);
+            output_free(&file);
+            if (status == DONE) status = plan_read(&s->work, options.plan, size);
+        }
+    }
+    if (status != DONE) return status;
+    if (s->work.count != options.part[1])
+        return fail("--plan %s: it has %d parts, and --part asks for one of %d", options.plan, s->work.count,
+                    options.part[1]);
+    memcpy(s->region, s->work.windows[number - 1], sizeof s->region);
+    plan_fact(&s->work, FACT_PART, "%d/%d", number, options.part[1]);
+    return DONE;
+}
+
+/* Returns how many bytes a window needs, with the memory for its file. */
+static double window_bytes(const shot *s, const int window[4]) {
+    sbl_picture_desc desc = s->desc;
+    memcpy(desc.window, window, sizeof desc.window);
+    return (double)sbl_picture_bytes(s->task->context, &desc) + 16.0 * window[2] * window[3];
+}
+
+/* Returns how many bytes --memory leaves for a picture. */
+static double bytes_left(const shot *s) {
+    const double least = 64.0 * (1 << 20);
+    unsigned long pages = 0;
+    FILE *in = fopen("/proc/self/statm", "r");
+    if (in && fscanf(in, "%*u %lu", &pages) != 1) pages = 0;
+    if (in) fclose(in);
+    return fmax(least, (double)s->task->file->memory - (double)pages * (double)sysconf(_SC_PAGESIZE));
+}
+
+/* Divides the region into as few windows as memory allows. Returns the exit status. */
+static int find_windows(shot *s) {
+    enum { LARGEST = 1 << 24, SMALLEST = 1 << 14 };  /* pixels of a window, so that an interruption costs little */
+    const double left = bytes_left(s), pixels = (double)s->region[2] * s->region[3];
+    double count = ceil(pixels / LARGEST);
+    int i, fits = 0, status = DONE;
+    while (!fits && status == DONE) {
+        status = plan_make(&s->work, NULL, camera.size, s->region, (int)count);
+        for (i = 0, fits = 1; i < s->work.count && fits && status == DONE; i++) {
+            const int *w = s->work.windows[i];
+            fits = (double)w[2] * w[3] <= SMALLEST || s->work.count == PLAN_WINDOWS ||
+                   (window_bytes(s, w) <= left && (double)w[2] * w[3] <= 1.5 * LARGEST);
+        }
+        count = fmin(ceil(1.2 * count + 0.5), fmin(PLAN_WINDOWS, pixels));
+    }
+    return status;
+}
+
+static int write_file(const char *name, output_writer write, const void *what) {
+    output_file file;
+    int ok = output_find(&file, name) && target_write(&file, write, what, 0);
+    output_free(&file);
+    return ok;
+}
+
+/* Returns whether the folder keeps the bounced light, because --store does not. */
+static int folder_keeps_light(const shot *s) {
+    return common_mode(given) == SBL_MODE_GI && !given[STORE] && !needs_no_light(s->channel);
+}
+
+/* Opens the folder of finished windows. If an earlier run has left a plan there, takes it over, with its light; *found
+   receives 1 then. Returns the exit status. */
+static int open_folder(shot *s, int *found) {
+    plan old = s->work;
+    FILE *light;
+    int status;
+    *found = 0;
+    if (targets[PICTURE].in_place)
+        return fail("%s: a picture that is made window by window cannot go to a pipe or a device; give the name of a "
+                    "file, or more --memory", common.output);
+    status = plan_folder_open(&s->folder, targets[PICTURE].path);
+    if (status != DONE) return status;
+    old.windows = NULL;
+    old.count = 0;
+    status = plan_read(&old, plan_file(&s->folder, "plan"), camera.size);
+    if (status == DONE && given[RESUME]) {
+        plan_free(&s->work);
+        s->work = old;
+        *found = 1;
+        light = folder_keeps_light(s) ? input_open(plan_file(&s->folder, "light")) : NULL;
+        if (light) {
+            sbl_load_store(s->task->context, get_bytes, light);  /* if that fails, the same light is made again */
+            fclose(light);
+        }
+        return DONE;
+    }
+    plan_free(&old);
+    if (status == DONE)
+        return fail("%s has finished windows of an earlier run: --resume goes on with it; remove the folder to start "
+                    "again", s->folder.path);
+    return status < 0 ? DONE : status;
+}
+
+static int write_light(FILE *out, const void *what) {
+    return sbl_save_store(((const shot *)what)->task->context, put_bytes, out) == SBL_SUCCESS;
+}
+
+/* Writes the light and the plan of a new folder. The plan comes last: it shows that the light is there. Returns the
+   exit status. */
+static int begin_folder(const shot *s) {
+    const char *name = plan_file(&s->folder, "light");
+    if (s->looked && folder_keeps_light(s) && !write_file(name, write_light, s)) return fail_to_write(name);
+    name = plan_file(&s->folder, "plan");
+    return write_file(name, plan_write, &s->work) ? DONE : fail_to_write(name);
+}
+
+/* Returns whether the file contains this window of this picture, whole. */
+static int is_finished(const shot *s, const char *name, const int window[4]) {
+    static picture_parts one;
+    float *band = NULL;
+    int i, y, ok = access(name, F_OK) == 0 && parts_add(&one, name);
+    for (i = 0; i <= FACT_PART && ok; i++)
+        ok = i == FACT_RENDERER || strcmp(one.facts[i].text, s->work.facts[i].text) == 0;
+    ok = ok && memcmp(one.parts[0].at, window, sizeof one.parts[0].at) == 0 &&
+         memcmp(one.parts[0].size, window + 2, sizeof one.parts[0].size) == 0;
+    if (ok) band = (float *)malloc((size_t)window[2] * PARTS_BAND * (size_t)one.frame.components * sizeof *band);
+    for (y = 0; y < window[3] && ok && band; y += PARTS_BAND)
+        ok = parts_band(&one, window, window[1] + y, window[3] - y < PARTS_BAND ? window[3] - y : PARTS_BAND, band);
+    free(band);
+    parts_free(&one);
+    return ok && band;
+}
+
+/* Adds the statistics of a window to those of the windows before. */
+static void add_stats(sbl_stats *sum, const sbl_stats *s) {
+    const double before = sum->picture.visible_pixels, own = s->picture.visible_pixels;
+    const double share = before + own > 0 ? own / (before + own) : 1;
+    const sbl_stats old = *sum;
+    int i;
+    *sum = *s;
+    sum->sensors.count += old.sensors.count;
+    sum->sensors.invalid += old.sensors.invalid;
+    sum->sensors.views += old.sensors.views;
+    sum->sensors.texels += old.sensors.texels;
+    sum->sensors.rays += old.sensors.rays;
+    sum->store.rays += old.store.rays;
+    sum->picture.visible_pixels += old.picture.visible_pixels;
+    sum->picture.expected_error = (float)sqrt((1 - share) * pow((double)old.picture.expected_error, 2) +
+                                              share * pow((double)s->picture.expected_error, 2));
+    sum->picture.stored_error = (float)sqrt((1 - share) * pow((double)old.picture.stored_error, 2) +
+                                            share * pow((double)s->picture.stored_error, 2));
+    for (i = 0; i < sum->picture.level_count; i++) sum->picture.levels[i].sensors += old.picture.levels[i].sensors;
+    sum->seconds.surface += old.seconds.surface;
+    sum->seconds.bounce += old.seconds.bounce;
+    sum->seconds.gather += old.seconds.gather;
+    sum->seconds.refine += old.seconds.refine;
+    sum->seconds.filter += old.seconds.filter;
+    sum->seconds.resolve += old.seconds.resolve;
+    sum->seconds.total += old.seconds.total;
+    sum->sensors.microseconds = sum->sensors.count > 0 ? 1e6 * sum->seconds.total / (double)sum->sensors.count : 0;
+}
+
+/* Makes the windows that are not finished yet. Returns the exit status. */
+static int make_windows(shot *s) {
+    char name[PATH_MAX + 32];
+    int i, finished = 0, status = DONE;
+    for (i = 0; i < s->work.count && status == DONE; i++) {
+        const view all = { name, &s->picture, s->channel, 0 };
+        sbl_stats stats;
+        sbl_result result;
+        snprintf(name, sizeof name, "%s", plan_window_file(&s->folder, i));
+        if (is_finished(s, name, s->work.windows[i])) { finished++; continue; }
+        memcpy(s->desc.window, s->work.windows[i], sizeof s->desc.window);
+        s->bar.from = (double)i / s->work.count;
+        s->bar.to = (i + 1.0) / s->work.count;
+        result = make_picture(s, 0);
+        if (result == SBL_UNFINISHED || interrupted)
+            return stop("%d of %d windows are finished; --resume goes on with them (in %s)", finished, s->work.count,
+                        s->folder.path);
+        if (result != SBL_SUCCESS) return fail_with(s->task->said, common.scene, result);
+        if (!write_file(name, write_shown, &all)) return fail_to_write(name);
+        finished++;
+        if (!needs_no_light(s->channel)) status = keep_store(s->task, given);
+        stats = sbl_query_stats(s->task->context);
+        add_stats(&s->task->stats, &stats);
+        detail("window %d of %d: %d,%d,%d,%d", i + 1, s->work.count, s->desc.window[0], s->desc.window[1],
+               s->desc.window[2], s->desc.window[3]);
+    }
+    return status;
+}
+
+/* Joins the finished windows. Returns the exit status. */
+static int join_windows(shot *s) {
+    static picture_parts parts;
+    parts_job job = { &parts, common.output, { 0, 0, 0, 0 }, NULL, s->channel, 0, &interrupted };
+    int i, ok = 1;
+    memcpy(job.region, s->region, sizeof job.region);
+    if (given[PART] || given[WINDOW]) job.facts = s->work.facts;
+    if (!is_display(s->channel)) job.stops = (double)s->desc.exposure;
+    if (s->channel == SBL_CHANNEL_ERROR && isnan(options.exposure)) job.stops += PICTURE_ERROR_STOPS;
+    for (i = 0; i < s->work.count && ok; i++) ok = parts_add(&parts, plan_window_file(&s->folder, i));
+    for (i = 0; i < parts.count; i++) parts.parts[i].number = parts.parts[i].count = 0;
+    ok = ok && parts_check(&parts, s->region);
+    if (ok && !target_write(&targets[PICTURE], parts_write, &job, 0)) {
+        ok = 0;
+        if (!parts.error[0]) {
+            parts_free(&parts);
+            return interrupted ? stop("all windows are finished; --resume joins them (in %s)", s->folder.path)
+                               : fail_to_write(common.output);
+        }
+    }
+    if (!ok) fail("%s", parts.error);
+    parts_free(&parts);
+    return ok ? DONE : FAILED;
+}
+
+/* Makes the output window by window, in the folder. Returns the exit status. */
+static int render_windows(shot *s, double *seconds) {
+    int status = make_windows(s);
+    if (status == DONE) status = join_windows(s);
+    *seconds = now() - s->task->start;
+    if (status != DONE) return status;
+    plan_folder_remove(&s->folder, s->work.count);
+    s->task->stats.picture.width = s->region[2];
+    s->task->stats.picture.height = s->region[3];
+    warn_of_missed_target(s->task->said, &s->task->stats);
+    return DONE;
+}
+
+/* Decides what is made: the region, its windows, and the mean and exposure of the whole. Returns the exit status. */
+static int divide(shot *s) {
+    int status = DONE, found = 0;
+    s->region[2] = camera.size[0];
+    s->region[3] = camera.size[1];
+    if (given[WINDOW]) memcpy(s->region, options.window, sizeof s->region);
+    find_facts(s);
+    if (given[PART]) status = find_part(s);
+    if (status == DONE) status = find_windows(s);
+    if (status != DONE || (s->work.count == 1 && !given[PART] && !given[WINDOW])) return status;
+    if (s->work.count > 1) {
+#ifndef SBL_RENDER_OPENEXR
+        return fail("%d x %d pixels need more memory than --memory allows, and this program was built without OpenEXR, "
+                    "which windows need; give more --memory", s->region[2], s->region[3]);
+#endif
+        status = open_folder(s, &found);
+    }
+    if (status == DONE && !given[PART] && !found) status = look_at_whole(s, NULL);
+    if (status == DONE && s->looked) status = keep_store(s->task, given);
+    if (status == DONE && s->work.count > 1 && !found) status = begin_folder(s);
+    if (status == DONE) use_facts(s);
+    return status;
+}
+
+/* ---- the whole tool ---- */
+
+/* Draws what the sensor at a pixel sees. Returns the exit status. */
+static int render_sensor(shot *s, double *seconds) {
+    sbl_context *context = s->task->context;
+    view all = { common.output, &s->picture, SBL_CHANNEL_FINAL, 0 };
     sbl_result result;
     int status = DONE;
-    if (given[WINDOW] && !given[INSPECT]) {
-        memcpy(picture.at, options.window, sizeof picture.at);
-        memcpy(picture.whole, camera.size, sizeof picture.whole);
+    memcpy(s->desc.window, options.window, sizeof s->desc.window);
+    if (given[WINDOW]) {
+        status = look_at_whole(s, NULL);
+        if (status == DONE) use_facts(s);
     }
-    fill_desc(&desc, task->file, &bar);
-    memcpy(desc.world_to_view, placed.world_to_view, sizeof desc.world_to_view);
-    memcpy(desc.view_to_clip, placed.view_to_clip, sizeof desc.view_to_clip);
-    result = given[WINDOW] && !needs_no_light(channel) ? look_at_whole(context, &desc) : SBL_SUCCESS;
+    if (status != DONE) return status;
+    result = sbl_begin_picture(context, &s->desc);
+    if (result == SBL_SUCCESS) result = work(context);
+    if (s->bar.shown) fprintf(stderr, "\r%70s\r", "");
+    if (result == SBL_SUCCESS) result = inspect(context, &s->picture);
+    *seconds = now() - s->task->start;
+    all.stops = (double)sbl_query_stats(context).picture.exposure;
     if (result == SBL_UNFINISHED) return stop("there is no picture yet");
-    if (result == SBL_SUCCESS) result = sbl_begin_picture(context, &desc);
-    if (result == SBL_SUCCESS && needs_no_light(channel)) result = work_until(context, channel);
-    else if (result == SBL_SUCCESS) result = given[INSPECT] ? work(context) : work_to_save(context);
-    if (bar.shown) fprintf(stderr, "\r%70s\r", "");
-    stats = sbl_query_stats(context);
-    if (!given[INSPECT] && (result == SBL_SUCCESS || result == SBL_UNFINISHED))
-        result = picture_read(context, stats.picture.width, stats.picture.height,
-                              display ? SBL_CHANNEL_DISPLAY : channel, &picture);
-    else if (result == SBL_SUCCESS) result = inspect(context, &picture);
-    *seconds = now() - task->start;
-    if (!display) all.stops = (double)sbl_query_stats(context).picture.exposure;  /* is part of a display's values */
-    if (channel == SBL_CHANNEL_ERROR && isnan(options.exposure)) all.stops += ERROR_STOPS;
-    if (result == SBL_SUCCESS) status = keep_picture(&all, sbl_progress(context));
-    else if (result == SBL_UNFINISHED) status = stop("there is no picture yet");
-    else status = fail_with(task->said, common.scene, result);
-    if (status == DONE && channel == SBL_CHANNEL_FINAL && !given[INSPECT] &&
-        ends_with(common.output, ".png"))
-        warn_of_extremes(task->said, &picture, all.stops, (double)sbl_query_stats(context).picture.exposure);
-    free(picture.values);
-    stats = sbl_query_stats(context);
-    if (status == DONE && bar.shown)
-        fprintf(stderr, "%s: %d x %d, %.0f sensors, %.1f s\n", common.output, picture.width, picture.height,
-                (double)stats.sensors.count, *seconds);
-    if (status == DONE && !given[INSPECT]) warn_of_missed_target(task->said, &stats);
-    if (status == DONE && desc.backdrop[0] > 0 && !given[QUIET]) note_backdrop(&stats);
+    return result == SBL_SUCCESS ? keep_picture(&all, 1) : fail_with(s->task->said, common.scene, result);
+}
+
+static int render(tool_task *task, double *seconds) {
+    static shot s;
+    int status;
+    s.task = task;
+    s.bar.shown = !given[QUIET] && isatty(STDERR_FILENO);
+    s.bar.start = now();
+    s.channel = given[INSPECT] ? SBL_CHANNEL_FINAL : channels[options.channel];
+    fill_desc(&s.desc, task->file, &s.bar);
+    memcpy(s.desc.world_to_view, placed.world_to_view, sizeof s.desc.world_to_view);
+    memcpy(s.desc.view_to_clip, placed.view_to_clip, sizeof s.desc.view_to_clip);
+    status = given[INSPECT] ? DONE : divide(&s);
+    if (status == DONE && !given[INSPECT]) memcpy(s.desc.window, s.region, sizeof s.desc.window);
+    if (status == DONE && !s.has_facts) memset(s.desc.window, 0, sizeof s.desc.window);
+    if (status == DONE)
+        status = given[INSPECT] ? render_sensor(&s, seconds)
+               : s.work.count > 1 ? render_windows(&s, seconds) : render_whole(&s, seconds);
+    if (status == DONE && s.bar.shown)
+        fprintf(stderr, "%s: %d x %d, %.1f s\n", common.output, s.region[2], s.region[3], *seconds);
+    plan_free(&s.work);
+    free(s.picture.values);
     return status;
 }
 

@@ -1,4 +1,4 @@
-/* Shared by the tools: messages, signals and a progress bar. Include after sbl.h, output_file.h and scene_file.h.
+/* Shared by the tools: messages, signals and a progress bar. Include after sbl.h and output_file.h.
    Define TOOL_NAME (such as "sbl_render") and TOOL_MAKES (such as "picture") first. */
 #ifndef TOOL_H
 #define TOOL_H
@@ -89,14 +89,14 @@ static int stop(const char *format, ...) {
     return INTERRUPTED + interrupted;
 }
 
-static void tell(const char *format, ...) {
+static inline void tell(const char *format, ...) {
     va_list arguments;
     va_start(arguments, format);
     say("", format, arguments);
     va_end(arguments);
 }
 
-static void warn(const char *format, ...) {
+static inline void warn(const char *format, ...) {
     va_list arguments;
     va_start(arguments, format);
     say("warning: ", format, arguments);
@@ -114,57 +114,18 @@ static inline void detail(const char *format, ...) {
     va_end(arguments);
 }
 
-/* Messages from sbl.h. The first error is printed if the work fails; warnings are printed if it succeeds. */
-typedef struct messages {
-    char error[640];
-    int errors;
-    char warnings[8][512];
-    int warnings_kept;
-    char store[256];              /* what sbl_load_store has said, and its item; see load_store in tool_scene.h */
-    sbl_log_item store_item;
-    const scene_file *file;
-} messages;
-
-static void on_log(sbl_log_level level, sbl_log_item item, const char *message, void *user) {
-    messages *m = (messages *)user;
-    int mesh;
-    if (item == SBL_LOG_ITEM_INVALID_STORE || item == SBL_LOG_ITEM_OTHER_STORE || item == SBL_LOG_ITEM_COARSE_STORE) {
-        const char *words = strstr(message, ": ");  /* after the name of the function */
-        snprintf(m->store, sizeof m->store, "%.250s", words ? words + 2 : message);
-        m->store_item = item;
-        return;
-    }
-    if (level == SBL_LOG_ERROR && m->errors++ == 0) {
-        if (m->file && sscanf(message, "mesh %d:", &mesh) == 1 && mesh >= 0 && mesh < m->file->scene.mesh_count)
-            snprintf(m->error, sizeof m->error, "%.500s (mesh %d is \"%.100s\")", message, mesh, m->file->names[mesh]);
-        else snprintf(m->error, sizeof m->error, "%.600s", message);
-    }
-    if (level == SBL_LOG_WARNING && m->warnings_kept < 8)
-        snprintf(m->warnings[m->warnings_kept++], sizeof m->warnings[0], "%.500s", message);
-}
-
-/* Keeps a warning, which is printed at the end if the work succeeds. */
-static inline void warn_later(messages *m, const char *format, ...) {
-    va_list arguments;
-    if (m->warnings_kept == 8) return;
-    va_start(arguments, format);
-    vsnprintf(m->warnings[m->warnings_kept++], sizeof m->warnings[0], format, arguments);
-    va_end(arguments);
-}
-
-static int fail_with(const messages *m, const char *where, sbl_result result) {
-    if (!m->errors) return fail("%s: %s", where, sbl_result_string(result));
-    if (m->errors == 1) return fail("%s: %s", where, m->error);
-    return fail("%s: %s (and %d more errors)", where, m->error, m->errors - 1);
-}
-
 /* ---- progress ---- */
 
-typedef struct progress { int shown; double start, last; } progress;
+typedef struct progress {
+    int shown;
+    double start, last;
+    double from, to;  /* the shares of all that lie before and after the current work; both 0: it is all there is */
+} progress;
 
 static inline int on_progress(float done, void *user) {
     progress *p = (progress *)user;
     double time = now();
+    if (p->to > 0) done = (float)(p->from + (double)done * (p->to - p->from));
     if (p->shown && (p->last <= 0 || time - p->last > 0.1)) {
         double left = done > 0.01f ? (time - p->start) * (1 - (double)done) / (double)done : -1;
         char bar[41];
@@ -211,49 +172,5 @@ static inline sbl_result work_to_save(sbl_context *context) {
     alarm(0);  /* the driver has returned; the unfinished work may take long to write */
     return result;
 }
-
-/* ---- ulimit -v: GL drivers crash if they get no memory ---- */
-
-static void on_breakdown(int number) {
-    static const char line[] = TOOL_NAME ": the graphics driver crashed because memory ran out; raise the limit of "
-        "ulimit -v\n";
-    (void)number;
-    if (write(STDERR_FILENO, line, sizeof line - 1) >= 0) _exit(FAILED);
-    _exit(FAILED);
-}
-
-/* Returns whether ulimit -v leaves enough address space for a GL driver. If there is a limit, a driver that crashes
-   from now on ends the program with a message. */
-static int check_address_space(void) {
-    const size_t driver = (size_t)512 << 20;  /* what Mesa's software renderer needs on two cores */
-    struct rlimit limit;
-    void *room;
-    if (getrlimit(RLIMIT_AS, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY) return 1;
-    signal(SIGSEGV, on_breakdown);
-    signal(SIGBUS, on_breakdown);
-    signal(SIGABRT, on_breakdown);
-    room = mmap(NULL, driver, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
-    if (room != MAP_FAILED) munmap(room, driver);
-    return room != MAP_FAILED;
-}
-
-
-static void on_confined(const char *path, const char *message, void *user) {
-    (void)user;
-    tell("%s: protection of the process that read it: %s", path, message);
-}
-
-/* ---- files ---- */
-
-/* Opens a regular file for reading, and never waits for a pipe or a device. Returns NULL and sets errno on failure. */
-static inline FILE *input_open(const char *name) {
-    const int handle = scene__open_regular(NULL, name);
-    FILE *in = handle < 0 ? NULL : fdopen(handle, "rb");
-    if (handle >= 0 && !in) close(handle);
-    return in;
-}
-
-static size_t put_bytes(const void *data, size_t bytes, void *user) { return fwrite(data, 1, bytes, (FILE *)user); }
-static size_t get_bytes(void *data, size_t bytes, void *user) { return fread(data, 1, bytes, (FILE *)user); }
 
 #endif

@@ -152,6 +152,25 @@ static const char *tool__written(char text[32], double number) {
     return text;
 }
 
+/* Writes the value of an option that was given, in one way however it was spelled: 0.02, not 2%. */
+static inline void tool_value(const tool_option *o, char *out, size_t size) {
+    char number[32];
+    int i;
+    out[0] = 0;
+    if (o->file && *o->file) { snprintf(out, size, "%s", *o->file); return; }
+    switch (o->kind) {
+        case FLAG: case LIST: break;
+        case TEXT: snprintf(out, size, "%s", *(const char **)o->value); break;
+        case CHOICE: snprintf(out, size, "%s", o->words[*(int *)o->value]); break;
+        case FLAG_OR_WORD: snprintf(out, size, "%d", *(int *)o->value); break;
+        case BYTES: snprintf(out, size, "%zu", *(size_t *)o->value); break;
+        default:
+            for (i = 0; i < o->count; i++)
+                snprintf(out + strlen(out), size - strlen(out), "%s%s", i ? "," : "",
+                         tool__written(number, tool__is_whole(o) ? ((int *)o->value)[i] : ((double *)o->value)[i]));
+    }
+}
+
 /* Writes what the numbers of an option look like, such as "three numbers X,Y,Z from -1 to 1". */
 static void tool__describe_numbers(const tool_option *o, char *out, size_t size) {
     static const char *const counts[TOOL_NUMBERS] = { "a", "two", "three", "four" };

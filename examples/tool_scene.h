@@ -1,13 +1,102 @@
-/* Shared by tools that read a scene, let sbl.h work on it, and write files: common options, the default sky, output
-   files, statistics, stored light, and the order of these steps. Include after tool.h, tool_options.h and
-   output_file.h. Define TOOL_DRAWS first if the tool makes pictures with sensors: it then has --mode paper. In the
-   table of a tool, its own options follow the common options:
+/* Shared by tools that read a scene, let sbl.h work on it, and write files: messages of sbl.h, common options, the
+   default sky, output files, statistics, stored light, and the order of these steps. Include after tool.h,
+   tool_options.h and output_file.h. Define TOOL_DRAWS first if the tool makes pictures with sensors: it then has --mode
+   paper. In the table of a tool, its own options follow the common options:
 
        enum { OUTPUT = COMMON_OPTIONS, ..., OPTION_COUNT };
        static int given[OPTION_COUNT];
        static const tool_option table[OPTION_COUNT] = { COMMON_ROWS, [OUTPUT] = { ... }, ... }; */
 #ifndef TOOL_SCENE_H
 #define TOOL_SCENE_H
+
+/* ---- messages of sbl.h ---- */
+
+/* Messages from sbl.h. The first error is printed if the work fails; warnings are printed if it succeeds. */
+typedef struct messages {
+    char error[640];
+    int errors;
+    char warnings[8][512];
+    int warnings_kept;
+    char store[256];              /* what sbl_load_store has said, and its item; see load_store in tool_scene.h */
+    sbl_log_item store_item;
+    const scene_file *file;
+} messages;
+
+static void on_log(sbl_log_level level, sbl_log_item item, const char *message, void *user) {
+    messages *m = (messages *)user;
+    int mesh;
+    if (item == SBL_LOG_ITEM_INVALID_STORE || item == SBL_LOG_ITEM_OTHER_STORE || item == SBL_LOG_ITEM_COARSE_STORE) {
+        const char *words = strstr(message, ": ");  /* after the name of the function */
+        snprintf(m->store, sizeof m->store, "%.250s", words ? words + 2 : message);
+        m->store_item = item;
+        return;
+    }
+    if (level == SBL_LOG_ERROR && m->errors++ == 0) {
+        if (m->file && sscanf(message, "mesh %d:", &mesh) == 1 && mesh >= 0 && mesh < m->file->scene.mesh_count)
+            snprintf(m->error, sizeof m->error, "%.500s (mesh %d is \"%.100s\")", message, mesh, m->file->names[mesh]);
+        else snprintf(m->error, sizeof m->error, "%.600s", message);
+    }
+    if (level == SBL_LOG_WARNING && m->warnings_kept < 8)
+        snprintf(m->warnings[m->warnings_kept++], sizeof m->warnings[0], "%.500s", message);
+}
+
+/* Keeps a warning, which is printed at the end if the work succeeds. */
+static inline void warn_later(messages *m, const char *format, ...) {
+    va_list arguments;
+    if (m->warnings_kept == 8) return;
+    va_start(arguments, format);
+    vsnprintf(m->warnings[m->warnings_kept++], sizeof m->warnings[0], format, arguments);
+    va_end(arguments);
+}
+
+static int fail_with(const messages *m, const char *where, sbl_result result) {
+    if (!m->errors) return fail("%s: %s", where, sbl_result_string(result));
+    if (m->errors == 1) return fail("%s: %s", where, m->error);
+    return fail("%s: %s (and %d more errors)", where, m->error, m->errors - 1);
+}
+
+/* ---- ulimit -v: GL drivers crash if they get no memory ---- */
+
+static void on_breakdown(int number) {
+    static const char line[] = TOOL_NAME ": the graphics driver crashed because memory ran out; raise the limit of "
+        "ulimit -v\n";
+    (void)number;
+    if (write(STDERR_FILENO, line, sizeof line - 1) >= 0) _exit(FAILED);
+    _exit(FAILED);
+}
+
+/* Returns whether ulimit -v leaves enough address space for a GL driver. If there is a limit, a driver that crashes
+   from now on ends the program with a message. */
+static int check_address_space(void) {
+    const size_t driver = (size_t)512 << 20;  /* what Mesa's software renderer needs on two cores */
+    struct rlimit limit;
+    void *room;
+    if (getrlimit(RLIMIT_AS, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY) return 1;
+    signal(SIGSEGV, on_breakdown);
+    signal(SIGBUS, on_breakdown);
+    signal(SIGABRT, on_breakdown);
+    room = mmap(NULL, driver, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+    if (room != MAP_FAILED) munmap(room, driver);
+    return room != MAP_FAILED;
+}
+
+static void on_confined(const char *path, const char *message, void *user) {
+    (void)user;
+    tell("%s: protection of the process that read it: %s", path, message);
+}
+
+/* ---- input files and streams ---- */
+
+/* Opens a regular file for reading, and never waits for a pipe or a device. Returns NULL and sets errno on failure. */
+static inline FILE *input_open(const char *name) {
+    const int handle = scene__open_regular(NULL, name);
+    FILE *in = handle < 0 ? NULL : fdopen(handle, "rb");
+    if (handle >= 0 && !in) close(handle);
+    return in;
+}
+
+static size_t put_bytes(const void *data, size_t bytes, void *user) { return fwrite(data, 1, bytes, (FILE *)user); }
+static size_t get_bytes(void *data, size_t bytes, void *user) { return fread(data, 1, bytes, (FILE *)user); }
 
 /* ---- options ---- */
 
@@ -124,9 +213,11 @@ enum {
                         "times", NULL, NULL }, \
     [MEMORY]        = { "--memory", "SIZE", BYTES, &common.reading.memory, 1, 16.0 * (1 << 20), \
         1024.0 * (1 << 30) * 1024, \
-                        "limit on the memory for the scene, such as 512M or 4G; default: half of the memory of the " \
-                            "machine or\n" \
-                        "of the control group; never more than half of what ulimit -v leaves", NULL, NULL }, \
+                        "limit on the memory for the scene and for a picture, such as 512M or 4G; default: half of " \
+                            "the memory of\n" \
+                        "the machine or of the control group; never more than half of what ulimit -v leaves. A scene " \
+                            "that\n" \
+                        "needs more is refused; a picture that needs more is made window by window", NULL, NULL }, \
     [READ_TIME]     = { "--read-time", "SECONDS", NUMBERS, &common.reading.seconds, 1, 0.1, 1e6, \
                         "limit on the time for reading the scene; default 60", NULL, NULL }, \
     [QUIET]         = { "--quiet", NULL, FLAG, NULL, 0, 0, 0, "shows no progress bar and no warnings", NULL, NULL }, \
@@ -160,7 +251,7 @@ enum {
     { VERSION, "prints the version" }
 #define SAFETY_LINES \
     { ALLOW_PATH, "the scene may also refer to files below DIR" }, \
-    { MEMORY, "limit on memory for the scene, such as 4G" }, \
+    { MEMORY, "limit on memory, such as 4G" }, \
     { READ_TIME, "limit on the time for reading it; default 60" }
 
 static sbl_mode common_mode(const int *given) { return given[MODE] ? modes[common.mode] : SBL_MODE_GI; }
@@ -331,17 +422,10 @@ static int targets_check_read(const scene_file *file) {
     return DONE;
 }
 
-typedef int (*target_writer)(FILE *out, const void *what);  /* returns 0 on failure, and may set errno */
-
 /* Writes a target and returns whether that succeeded. After a signal, only a target with `late` is written, which is
    for unfinished results. */
-static int target_write(output_file *target, target_writer write, const void *what, int late) {
-    FILE *out = output_open(target);
-    int ok;
-    if (!out) return 0;
-    errno = 0;
-    ok = write(out, what);
-    return output_close(target, out, ok, late ? NULL : &interrupted);
+static int target_write(output_file *target, output_writer write, const void *what, int late) {
+    return output_write(target, write, what, late ? NULL : &interrupted);
 }
 
 static const char *why_not_written(void) { return errno ? strerror(errno) : "the writer failed"; }
@@ -350,9 +434,23 @@ static int fail_to_write(const char *name) {
     return fail("%s: cannot be written: %s; free some space or give another file name", name, why_not_written());
 }
 
+/* ---- the task ---- */
+
+typedef struct tool_task {
+    const scene_file *file;
+    const sbl_scene_desc *scene;  /* the file with the sky of the options, and what the arranger added */
+    sbl_context *context;         /* its scene is set */
+    messages *said;
+    double start, load;           /* time when the tool started; seconds spent reading the files */
+    const char *light;            /* what lights a file without light, in words; NULL: the default sky does */
+    int unplaced;                 /* 1: the camera of the file is not used, because nobody has placed it */
+    int makes_store;              /* 1: the file of --store is not written yet */
+    sbl_stats stats;              /* of the work; the worker fills them in if it consists of several works */
+} tool_task;
+
 /* ---- statistics ---- */
 
-typedef struct totals { const sbl_context *context; int lights; double load, seconds; } totals;
+typedef struct totals { const tool_task *task; double seconds; } totals;
 
 static const char *name_of_mode(sbl_mode mode) {
     return mode == SBL_MODE_GI ? "gi" : mode == SBL_MODE_DIRECT ? "direct" : mode == SBL_MODE_PAPER ? "paper" :
@@ -361,8 +459,8 @@ static const char *name_of_mode(sbl_mode mode) {
 
 static int write_stats(FILE *out, const void *what) {
     const totals *all = (const totals *)what;
-    const sbl_context *context = all->context;
-    const sbl_stats s = sbl_query_stats(context);
+    const sbl_context *context = all->task->context;
+    const sbl_stats s = all->task->stats;
     const sbl_capabilities capabilities = sbl_query_capabilities(context);
     const char *c;
     struct rusage self, child;
@@ -377,7 +475,7 @@ static int write_stats(FILE *out, const void *what) {
     }
     fprintf(out, "\",\n  \"mode\": \"%s\",\n  \"size\": [%d, %d],\n  \"triangles\": %d,\n  \"lights\": %d,\n  "
         "\"visible_pixels\": %d,\n", name_of_mode(s.mode), s.picture.width,
-            s.picture.height, s.scene.triangles, all->lights, s.picture.visible_pixels);
+            s.picture.height, s.scene.triangles, all->task->file->scene.light_count, s.picture.visible_pixels);
     if (s.picture.width)
         fprintf(out, "  \"mean\": [%.9g, %.9g, %.9g],\n", (double)s.picture.mean_radiance[0],
                 (double)s.picture.mean_radiance[1], (double)s.picture.mean_radiance[2]);
@@ -397,7 +495,7 @@ static int write_stats(FILE *out, const void *what) {
         fprintf(out, "%s{\"tile\": %d, \"sensors\": %.0f}", i ? ", " : "", s.picture.levels[i].tile,
             (double)s.picture.levels[i].sensors);
     fprintf(out, "],\n  \"seconds\": {\"load\": %.6f, \"scene\": %.6f, \"surface\": %.6f, \"gather\": %.6f, "
-        "\"bounce\": %.6f, ", all->load, s.seconds.scene,
+        "\"bounce\": %.6f, ", all->task->load, s.seconds.scene,
             s.seconds.surface, s.seconds.gather, s.seconds.bounce);
     fprintf(out, "\"refine\": %.6f, \"filter\": %.6f, \"resolve\": %.6f, \"total\": %.6f},\n", s.seconds.refine,
         s.seconds.filter, s.seconds.resolve, all->seconds);
@@ -412,18 +510,6 @@ static int keep_stats(const totals *all) {
     return interrupted ? stop("%s is written, %s is not", common.output, common.stats) : fail_to_write(common.stats);
 }
 
-/* ---- the task ---- */
-
-typedef struct tool_task {
-    const scene_file *file;
-    const sbl_scene_desc *scene;  /* the file with the sky of the options, and what the arranger added */
-    sbl_context *context;         /* its scene is set */
-    messages *said;
-    double start, load;           /* time when the tool started; seconds spent reading the files */
-    const char *light;            /* what lights a file without light, in words; NULL: the default sky does */
-    int unplaced;                 /* 1: the camera of the file is not used, because nobody has placed it */
-} tool_task;
-
 /* Sets the scene. Returns the exit status. */
 static int set_scene(const tool_task *task) {
     const sbl_result result = sbl_set_scene(task->context, task->scene);
@@ -435,21 +521,21 @@ static int set_scene(const tool_task *task) {
 /* The file of --store as it was before the work. All fields are 0 if it did not exist. */
 static struct stat store_before;
 
-/* Loads the file of --store, or decides that the light is to be computed and written there; *make receives 1 then. The
-   rule is that no file is lost: what this program has not written is never replaced, and light of another scene only
-   with --store-replace. Returns the exit status. */
-static int load_store(const tool_task *task, const int *given, int *make) {
+/* Loads the file of --store, or decides that the light is to be computed and written there; task->makes_store receives
+   1 then. The rule is that no file is lost: what this program has not written is never replaced, and light of another
+   scene only with --store-replace. Returns the exit status. */
+static int load_store(tool_task *task, const int *given) {
     messages *said = task->said;
     const char *name = common.store;
     FILE *in = name ? input_open(name) : NULL;
     sbl_result result;
-    *make = 0;
+    task->makes_store = 0;
     if (!name) return DONE;
     if (!in && errno != ENOENT)
         return fail("--store %s: it cannot be read: %s; give the name of a file that can", name, scene__why());
     if (in) fstat(fileno(in), &store_before);
-    *make = store_before.st_size == 0;
-    if (*make) {
+    task->makes_store = store_before.st_size == 0;
+    if (task->makes_store) {
         if (in) fclose(in);
         return DONE;
     }
@@ -457,12 +543,12 @@ static int load_store(const tool_task *task, const int *given, int *make) {
     result = sbl_load_store(task->context, get_bytes, in);
     if (ferror(in)) said->store_item = SBL_LOG_ITEM_INVALID_STORE;
     fclose(in);
-    *make = given[STORE_REPLACE] && said->store_item != SBL_LOG_ITEM_OK;
+    task->makes_store = given[STORE_REPLACE] && said->store_item != SBL_LOG_ITEM_OK;
     if (said->store_item == SBL_LOG_ITEM_INVALID_STORE)
         return fail("--store %s: %s; such a file is never replaced: give another FILE, or remove it", name,
                     said->store);
     if (result != SBL_SUCCESS && said->store_item != SBL_LOG_ITEM_OTHER_STORE) return fail_with(said, name, result);
-    if (*make) {
+    if (task->makes_store) {
         if (!given[QUIET]) tell("--store %s: %s; new light will replace it", name, said->store);
         /* drops what was loaded */
         return result == SBL_SUCCESS ? set_scene(task) : DONE;
@@ -474,11 +560,14 @@ static int load_store(const tool_task *task, const int *given, int *make) {
     return DONE;
 }
 
-/* Writes the file of --store, unless another program has written it since the work began. Returns the exit status. */
-static int keep_store(const tool_task *task, const int *given) {
+/* Writes the file of --store if that is still to be done, unless another program has written it since the work began.
+   Returns the exit status. */
+static int keep_store(tool_task *task, const int *given) {
     output_file *target = &targets[STORED];
     struct stat info;
     FILE *out;
+    if (!task->makes_store) return DONE;
+    task->makes_store = 0;
     if (stat(target->path, &info) != 0) memset(&info, 0, sizeof info);
     if (info.st_size && (info.st_dev != store_before.st_dev || info.st_ino != store_before.st_ino ||
                          info.st_size != store_before.st_size || info.st_mtime != store_before.st_mtime)) {
@@ -513,8 +602,8 @@ static void detail_light(const sbl_scene_desc *scene) {
 }
 
 /* Prints what was chosen for the work that was done last. */
-static void detail_choices(const sbl_context *context) {
-    const sbl_stats s = sbl_query_stats(context);
+static void detail_choices(const tool_task *task) {
+    const sbl_stats s = task->stats;
     detail("mode: %s", name_of_mode(s.mode));
     if (s.picture.width)
         detail("size: %d x %d, %d with a surface, %.0f sensors", s.picture.width, s.picture.height,
@@ -524,7 +613,7 @@ static void detail_choices(const sbl_context *context) {
                100 * (double)s.picture.expected_error);
     if (s.picture.exposure != 0) detail("exposure: %.2f stops", (double)s.picture.exposure);
     detail("back end: %s", s.backend == SBL_BACKEND_TRACE ? "trace" : "raster");
-    detail("OpenGL renderer: %s", sbl_query_capabilities(context).renderer);
+    detail("OpenGL renderer: %s", sbl_query_capabilities(task->context).renderer);
 }
 
 
@@ -532,7 +621,7 @@ static void detail_choices(const sbl_context *context) {
 
 /* Does the tool's own work. seconds: receives the time from the start to the result, for the statistics. Returns the
    exit status. */
-typedef int (*tool_worker)(const tool_task *task, double *seconds);
+typedef int (*tool_worker)(tool_task *task, double *seconds);
 
 /* Is called when the scene is set. It may change the scene and set it again. Returns the exit status. */
 typedef int (*tool_arranger)(tool_task *task, sbl_scene_desc *scene);
@@ -540,18 +629,19 @@ typedef int (*tool_arranger)(tool_task *task, sbl_scene_desc *scene);
 static int tool__work(const scene_file *file, const scene_file *sky, tool_task *task, const int *given,
     tool_worker worker, tool_arranger arrange) {
     sbl_scene_desc scene = common_scene(file, sky, given);
-    totals all = { task->context, file->scene.light_count, task->load, 0 };
-    int status, make = 0;
+    totals all = { task, 0 };
+    int status;
     task->scene = &scene;
     status = set_scene(task);
     if (status == DONE && arrange) status = arrange(task, &scene);
     if (status == DONE && interrupted) return stop("no " TOOL_MAKES " was started");
     if (status == DONE) detail_light(&scene);
-    if (status == DONE) status = load_store(task, given, &make);
+    if (status == DONE) status = load_store(task, given);
     if (status == DONE) status = worker(task, &all.seconds);
-    if (status == DONE) detail_choices(task->context);
+    if (!(task->stats.seconds.total > 0)) task->stats = sbl_query_stats(task->context);
+    if (status == DONE) detail_choices(task);
     if (status == DONE && common.stats) status = keep_stats(&all);
-    if (status == DONE && make) status = keep_store(task, given);
+    if (status == DONE) status = keep_store(task, given);
     return status;
 }
 

@@ -2163,7 +2163,7 @@ TEST(help_is_short_or_complete) {
         "--quiet", "--stats", "--samples", "--inspect", "--allow-path", "--memory", "--read-time", "--verbose",
         "130", "640x480", "sbl.png", "--target-error", "--error", "--facet-limit", "--store", "--help", "--version",
         "--bounce-samples", "Ctrl-C", "--studio", "--tone", "--store-replace",
-        "--light-scale", "--window"
+        "--light-scale", "--window", "--part", "--plan", "--resume"
     };
     static const char *const groups[] = { "What:", "Camera:", "Light:", "Quality:", "Output:", "Safety:" };
     char all[sizeof ran.out];

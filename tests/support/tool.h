@@ -57,7 +57,7 @@ enum { FIRST_ARGUMENTS = 2 };
 
 /* Returns whether the run certainly measures bounced light: the mode is gi, the default. 0 for host_lightmap. */
 static int bounces(const char *const *arguments) {
-    if (strstr(tool, "host_lightmap")) return 0;
+    if (strstr(tool, "host_lightmap") || strstr(tool, "sbl_merge")) return 0;
     for (; arguments[0] && arguments[1]; arguments++)
         if (strcmp(arguments[0], "--mode") == 0) return strcmp(arguments[1], "gi") == 0;
     return 1;

@@ -1,0 +1,383 @@
+/* Joins parts of a picture: reads .exr files that each contain a window of a whole picture, checks that they fit
+   together, and writes the whole, or a region of it, band by band. It needs the memory of a band, whatever the size of
+   the picture. Include after picture_file.h. Without OpenEXR (SBL_RENDER_OPENEXR) every part is refused.
+
+       picture_parts parts = { 0 };
+       for (...) ok = ok && parts_add(&parts, name);
+       ok = ok && parts_check(&parts, region);        // parts.error says what is wrong
+       ok = ok && target_write(&target, parts_write, &job, 0);
+       parts_free(&parts); */
+#ifndef PICTURE_PARTS_H
+#define PICTURE_PARTS_H
+
+#include <stdarg.h>
+
+/* The facts that a part contains (picture_fact). All but the last three must be the same in all parts. */
+enum {
+    FACT_VERSION,   /* of sbl.h */
+    FACT_SCENE,     /* hash of meshes, materials, lights and sky: sbl_scene_fingerprint */
+    FACT_CAMERA,    /* hash of the camera's matrices */
+    FACT_OPTIONS,   /* options that change the picture, as they were given */
+    FACT_CHANNEL,
+    FACT_SIZE,      /* of the whole picture */
+    FACT_MEAN,      /* mean R of the whole picture, to which errors are relative */
+    FACT_EXPOSURE,  /* stops; 0 if the channel is not exposed */
+    FACT_RENDERER,  /* GL_RENDERER */
+    FACT_PART,      /* "3/16", or empty */
+    FACT_COUNT
+};
+
+static const char *const fact_names[FACT_COUNT] = { "sbl.version", "sbl.scene", "sbl.camera", "sbl.options",
+    "sbl.channel", "sbl.size", "sbl.mean", "sbl.exposure", "sbl.renderer", "sbl.part" };
+
+/* What a difference of a fact means, after "it was made". */
+static const char *const fact_words[FACT_COUNT] = { "by another version of sbl.h", "from another scene",
+    "with another camera", "with other options", "of another channel", "for another size",
+    "for another mean (give all parts the same --plan)", "for another exposure (give all parts the same --plan)",
+    "by another driver", "as another part" };
+
+/* Returns what a message shows of a fact. */
+static const char *fact_shown(const char *text) { return text[0] ? text : "none"; }
+
+/* A part: a file, and its window. */
+typedef struct picture_part {
+    char *name;
+    int at[2], size[2];   /* first pixel in the whole picture; size in pixels */
+    int number, count;    /* K and N of --part K/N; 0 if the part is a window that was chosen by hand */
+#ifdef SBL_RENDER_OPENEXR
+    exr_context_t exr;    /* NULL if the file is closed */
+#endif
+    unsigned used;        /* when rows were read last, see picture_parts.turn */
+} picture_part;
+
+enum { PARTS_OPEN = 64, PARTS_BAND = 64 };  /* greatest number of open files; rows of a band */
+
+typedef struct picture_parts {
+    picture_part *parts;
+    int count, room;
+    image frame;                         /* size of the whole picture; its components and facts */
+    picture_fact facts[PICTURE_FACTS];   /* those of the first part */
+    int drivers;                         /* 1: some parts were made by different drivers */
+    int open;                            /* number of open files */
+    unsigned turn;
+    char error[PICTURE_FACT_SIZE + 512]; /* why a function has failed */
+} picture_parts;
+
+static int parts__fail(picture_parts *p, const char *format, ...) {
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(p->error, sizeof p->error, format, arguments);
+    va_end(arguments);
+    return 0;
+}
+
+#ifdef SBL_RENDER_OPENEXR
+
+static void parts__close(picture_parts *p, picture_part *part) {
+    if (!part->exr) return;
+    exr_finish(&part->exr);
+    part->exr = NULL;
+    p->open--;
+}
+
+/* Opens the file of a part. Closes the one that was used longest ago if too many are open. */
+static int parts__open(picture_parts *p, picture_part *part) {
+    exr_context_initializer_t settings = EXR_DEFAULT_CONTEXT_INITIALIZER;
+    picture_part *oldest = NULL;
+    struct stat info;
+    int i;
+    part->used = ++p->turn;
+    if (part->exr) return 1;
+    for (i = 0; i < p->count && p->open == PARTS_OPEN; i++)
+        if (p->parts[i].exr && (!oldest || p->parts[i].used < oldest->used)) oldest = &p->parts[i];
+    if (oldest) parts__close(p, oldest);
+    if (stat(part->name, &info) != 0) return parts__fail(p, "%s: %s", part->name, strerror(errno));
+    if (!S_ISREG(info.st_mode)) return parts__fail(p, "%s: it is no file", part->name);
+    settings.error_handler_fn = on_exr_error;
+    if (exr_start_read(&part->exr, part->name, &settings) == EXR_ERR_SUCCESS) {
+        p->open++;
+        return 1;
+    }
+    part->exr = NULL;
+    return parts__fail(p, "%s: it is no complete .exr file; make this part again", part->name);
+}
+
+/* Reads a fact of an open part; unknown facts are empty. */
+static void parts__fact(const picture_part *part, int fact, char *out) {
+    const char *text = NULL;
+    int32_t length = 0;
+    out[0] = 0;
+    if (exr_attr_get_string(part->exr, 0, fact_names[fact], &length, &text) == EXR_ERR_SUCCESS && text)
+        snprintf(out, PICTURE_FACT_SIZE, "%s", text);
+}
+
+/* Returns the number of components if the file has the channels Y, or R, G and B, of 32-bit floats in rows; else 0. */
+static int parts__components(const picture_part *part) {
+    const exr_attr_chlist_t *list = NULL;
+    exr_storage_t storage;
+    int count = 0, i;
+    if (exr_get_count(part->exr, &count) != EXR_ERR_SUCCESS || count != 1) return 0;
+    if (exr_get_storage(part->exr, 0, &storage) != EXR_ERR_SUCCESS || storage != EXR_STORAGE_SCANLINE) return 0;
+    if (exr_get_channels(part->exr, 0, &list) != EXR_ERR_SUCCESS || !list) return 0;
+    if (list->num_channels != 1 && list->num_channels != 3) return 0;
+    for (i = 0; i < list->num_channels; i++) {
+        const exr_attr_chlist_entry_t *c = &list->entries[i];
+        const char *name = list->num_channels == 1 ? "Y" : i == 0 ? "B" : i == 1 ? "G" : "R";
+        if (strcmp(c->name.str, name) || c->pixel_type != EXR_PIXEL_FLOAT || c->x_sampling != 1 || c->y_sampling != 1)
+            return 0;
+    }
+    return list->num_channels;
+}
+
+/* Reads the header of a part. Checks it against the first part, which sets p->frame and p->facts. */
+static int parts__header(picture_parts *p, picture_part *part) {
+    static char text[PICTURE_FACT_SIZE];
+    exr_attr_box2i_t data, display;
+    int i, components;
+    if (!parts__open(p, part)) return 0;
+    components = parts__components(part);
+    parts__fact(part, FACT_VERSION, text);
+    if (!components || !text[0] || exr_get_data_window(part->exr, 0, &data) != EXR_ERR_SUCCESS ||
+        exr_get_display_window(part->exr, 0, &display) != EXR_ERR_SUCCESS)
+        return parts__fail(p, "%s: it is no part of a picture that sbl_render has made", part->name);
+    part->at[0] = data.min.x;
+    part->at[1] = data.min.y;
+    part->size[0] = data.max.x - data.min.x + 1;
+    part->size[1] = data.max.y - data.min.y + 1;
+    parts__fact(part, FACT_PART, text);
+    if (sscanf(text, "%d/%d", &part->number, &part->count) != 2) part->number = part->count = 0;
+    if (p->count == 1) {
+        p->frame.width = display.max.x + 1;
+        p->frame.height = display.max.y + 1;
+        p->frame.components = components;
+        p->frame.facts = p->facts;
+        for (i = 0; i < FACT_COUNT; i++) {
+            p->facts[i].name = fact_names[i];
+            parts__fact(part, i, p->facts[i].text);
+        }
+    }
+    for (i = 0; i <= FACT_RENDERER; i++) {
+        parts__fact(part, i, text);
+        if (strcmp(text, p->facts[i].text) == 0) continue;
+        if (i == FACT_RENDERER) { p->drivers = 1; continue; }
+        return parts__fail(p, "%s does not fit %s: it was made %s: %s instead of %s", part->name, p->parts[0].name,
+                           fact_words[i], fact_shown(text), fact_shown(p->facts[i].text));
+    }
+    if (part->count != p->parts[0].count)
+        return parts__fail(p, "%s does not fit %s: it is a part of %d, not of %d", part->name, p->parts[0].name,
+                           part->count, p->parts[0].count);
+    if (components != p->frame.components || display.max.x + 1 != p->frame.width ||
+        display.max.y + 1 != p->frame.height)
+        return parts__fail(p, "%s does not fit %s: it belongs to another picture", part->name, p->parts[0].name);
+    if (part->at[0] < 0 || part->at[1] < 0 || part->size[0] < 1 || part->size[1] < 1 ||
+        part->at[0] + part->size[0] > p->frame.width || part->at[1] + part->size[1] > p->frame.height)
+        return parts__fail(p, "%s: it lies outside of the picture", part->name);
+    return 1;
+}
+
+/* Decodes the chunk of rows that contains row y of the picture. rows: room for them; first, count: receive which rows
+   they are. decoder: has all bytes 0 before the first chunk */
+static int parts__decode(const picture_part *part, int y, float *rows, int step, exr_decode_pipeline_t *decoder,
+                         int *first, int *count) {
+    const int n = step, begun = decoder->channels != NULL;
+    exr_chunk_info_t chunk;
+    exr_result_t result = exr_read_scanline_chunk_info(part->exr, 0, y, &chunk);
+    int k;
+    if (result == EXR_ERR_SUCCESS)
+        result = begun ? exr_decoding_update(part->exr, 0, &chunk, decoder)
+                       : exr_decoding_initialize(part->exr, 0, &chunk, decoder);
+    for (k = 0; k < n && result == EXR_ERR_SUCCESS; k++) {
+        exr_coding_channel_info_t *channel = &decoder->channels[k];
+        const int component = channel->channel_name[0] == 'G' ? 1 : channel->channel_name[0] == 'B' ? 2 : 0;
+        channel->decode_to_ptr = (uint8_t *)(rows + component);
+        channel->user_bytes_per_element = 4;
+        channel->user_data_type = EXR_PIXEL_FLOAT;
+        channel->user_pixel_stride = 4 * n;
+        channel->user_line_stride = 4 * n * part->size[0];
+    }
+    if (result == EXR_ERR_SUCCESS && !begun)
+        result = exr_decoding_choose_default_routines(part->exr, 0, decoder);
+    if (result == EXR_ERR_SUCCESS) result = exr_decoding_run(part->exr, 0, decoder);
+    *first = chunk.start_y;
+    *count = chunk.height;
+    return result == EXR_ERR_SUCCESS;
+}
+
+/* Copies the part's pixels in rows y to y + rows - 1 of the picture to a band of the region. */
+static int parts__copy(picture_parts *p, picture_part *part, const int region[4], int y, int rows, float *band) {
+    const size_t n = (size_t)p->frame.components;
+    const int last = part->at[1] + part->size[1] < y + rows ? part->at[1] + part->size[1] : y + rows;
+    const int left = part->at[0] > region[0] ? part->at[0] : region[0];
+    const int ends = part->at[0] + part->size[0] < region[0] + region[2] ? part->at[0] + part->size[0]
+                                                                         : region[0] + region[2];
+    exr_decode_pipeline_t decoder;
+    int32_t step = 1;
+    int at = part->at[1] > y ? part->at[1] : y, first = 0, count = 0, ok = 1, row;
+    float *chunk;
+    if (left >= ends || at >= last) return 1;
+    if (!parts__open(p, part)) return 0;
+    if (exr_get_scanlines_per_chunk(part->exr, 0, &step) != EXR_ERR_SUCCESS || step < 1) step = 1;
+    chunk = (float *)malloc((size_t)step * (size_t)part->size[0] * n * sizeof *chunk);
+    if (!chunk) return parts__fail(p, "out of memory");
+    memset(&decoder, 0, sizeof decoder);
+    while (at < last && ok) {
+        ok = parts__decode(part, at, chunk, (int)n, &decoder, &first, &count);
+        for (row = at; ok && row < first + count && row < last; row++)
+            memcpy(band + ((size_t)(row - y) * (size_t)region[2] + (size_t)(left - region[0])) * n,
+                   chunk + ((size_t)(row - first) * (size_t)part->size[0] + (size_t)(left - part->at[0])) * n,
+                   (size_t)(ends - left) * n * sizeof *band);
+        at = first + count;
+    }
+    exr_decoding_destroy(part->exr, &decoder);
+    free(chunk);
+    return ok || parts__fail(p, "%s: it is damaged or incomplete; make this part again", part->name);
+}
+
+#else
+
+static void parts__close(picture_parts *p, picture_part *part) { (void)p; (void)part; }
+
+static int parts__header(picture_parts *p, picture_part *part) {
+    return parts__fail(p, "%s: this program was built without OpenEXR, which parts need", part->name);
+}
+
+static int parts__copy(picture_parts *p, picture_part *part, const int region[4], int y, int rows, float *band) {
+    (void)region; (void)y; (void)rows; (void)band;
+    return parts__header(p, part);
+}
+
+#endif
+
+/* Adds a file. Returns 0 and sets p->error if it is no part, or does not fit the parts before. */
+static inline int parts_add(picture_parts *p, const char *name) {
+    picture_part *part;
+    if (p->count == p->room) {
+        const int room = p->room * 2 + 64;
+        picture_part *more = (picture_part *)realloc(p->parts, (size_t)room * sizeof *more);
+        if (!more) return parts__fail(p, "out of memory");
+        p->parts = more;
+        p->room = room;
+    }
+    part = &p->parts[p->count++];
+    memset(part, 0, sizeof *part);
+    part->name = (char *)malloc(strlen(name) + 1);
+    if (!part->name) return parts__fail(p, "out of memory");
+    strcpy(part->name, name);
+    return parts__header(p, part);
+}
+
+static inline void parts_free(picture_parts *p) {
+    int i;
+    for (i = 0; i < p->count; i++) {
+        parts__close(p, &p->parts[i]);
+        free(p->parts[i].name);
+    }
+    free(p->parts);
+    memset(p, 0, sizeof *p);
+}
+
+/* Names the first of the parts K/N that is missing or given twice. */
+static int parts__check_numbers(picture_parts *p) {
+    const int count = p->parts[0].count;
+    int i, k, missing = 0, first = 0, ok = 1;
+    const char **names = count ? (const char **)calloc((size_t)count + 1, sizeof *names) : NULL;
+    if (!count) return 1;
+    if (!names) return parts__fail(p, "out of memory");
+    for (i = 0; i < p->count && ok; i++) {
+        k = p->parts[i].number;
+        if (k < 1 || k > count) ok = parts__fail(p, "%s: it says that it is part %d of %d", p->parts[i].name, k, count);
+        else if (names[k])
+            ok = parts__fail(p, "%s and %s are both part %d of %d", names[k], p->parts[i].name, k, count);
+        else names[k] = p->parts[i].name;
+    }
+    for (k = count; k >= 1 && ok; k--)
+        if (!names[k]) { missing++; first = k; }
+    if (missing > 1) ok = parts__fail(p, "%d of %d parts are missing; the first is part %d", missing, count, first);
+    else if (missing) ok = parts__fail(p, "part %d of %d is missing", first, count);
+    free(names);
+    return ok;
+}
+
+static int parts__overlap(const picture_part *a, const picture_part *b) {
+    return a->at[0] < b->at[0] + b->size[0] && b->at[0] < a->at[0] + a->size[0] &&
+           a->at[1] < b->at[1] + b->size[1] && b->at[1] < a->at[1] + a->size[1];
+}
+
+/* Checks that the parts cover the region (x, y, width, height), each pixel once. */
+static inline int parts_check(picture_parts *p, const int region[4]) {
+    double pixels = 0;
+    int i, k;
+    if (!p->count) return parts__fail(p, "no parts are given");
+    if (!parts__check_numbers(p)) return 0;
+    for (i = 0; i < p->count; i++) {
+        pixels += (double)p->parts[i].size[0] * p->parts[i].size[1];
+        for (k = 0; k < i; k++)
+            if (parts__overlap(&p->parts[i], &p->parts[k]))
+                return parts__fail(p, "%s and %s overlap%s", p->parts[k].name, p->parts[i].name,
+                                   p->parts[i].count ? "; give all parts the same --plan" : "");
+    }
+    if (pixels < (double)region[2] * region[3])
+        return parts__fail(p, "the parts leave %.0f of %.0f pixels open%s", (double)region[2] * region[3] - pixels,
+                           (double)region[2] * region[3], p->parts[0].count ? "; give all parts the same --plan" : "");
+    return 1;
+}
+
+/* Reads rows y to y + rows - 1 of the picture, as far as they lie in the region. */
+static inline int parts_band(picture_parts *p, const int region[4], int y, int rows, float *band) {
+    int i, ok = 1;
+    for (i = 0; i < p->count && ok; i++) ok = parts__copy(p, &p->parts[i], region, y, rows, band);
+    return ok;
+}
+
+/* What parts_write writes: a region of the picture, in the format that the name selects. */
+typedef struct parts_job {
+    picture_parts *parts;
+    const char *name;
+    int region[4];
+    const picture_fact *facts;              /* of the file, see image.facts */
+    sbl_channel channel;
+    double stops;
+    const volatile sig_atomic_t *cancel;
+} parts_job;
+
+/* Reads band number `number` of the region. rows: receives its number of rows. */
+static int parts__read_band(const parts_job *job, int number, float *band, int *rows) {
+    const int first = number * PARTS_BAND, left = job->region[3] - first;
+    *rows = left < PARTS_BAND ? left : PARTS_BAND;
+    return !*job->cancel && parts_band(job->parts, job->region, job->region[1] + first, *rows, band);
+}
+
+/* Writes a region band by band; for target_write. what: a parts_job */
+static inline int parts_write(FILE *out, const void *what) {
+    const parts_job *job = (const parts_job *)what;
+    const int bands = (job->region[3] + PARTS_BAND - 1) / PARTS_BAND, n = job->parts->frame.components;
+    const int measures = job->channel == SBL_CHANNEL_POSITION || job->channel == SBL_CHANNEL_DEPTH ||
+                         job->channel == SBL_CHANNEL_SENSORS;
+    const size_t width = (size_t)job->region[2];
+    float *band = (float *)malloc(PARTS_BAND * width * (size_t)n * sizeof *band);
+    image frame = job->parts->frame;
+    picture_writer w;
+    int i, rows, ok;
+    frame.width = job->region[2];
+    frame.height = job->region[3];
+    frame.facts = job->facts;
+    if (job->region[2] < job->parts->frame.width || job->region[3] < job->parts->frame.height) {
+        memcpy(frame.at, job->region, sizeof frame.at);
+        frame.whole[0] = job->parts->frame.width;
+        frame.whole[1] = job->parts->frame.height;
+    }
+    ok = picture_begin(&w, out, job->name, &frame, job->channel, job->stops) && band;
+    for (i = 0; i < bands && ok && measures && w.format == PICTURE_PNG; i++) {
+        ok = parts__read_band(job, i, band, &rows);
+        if (ok) picture_extend(&w.range, band, (size_t)rows * width, n);
+    }
+    for (i = 0; i < bands && ok; i++) {
+        const int number = w.format == PICTURE_PFM ? bands - 1 - i : i;
+        ok = parts__read_band(job, number, band, &rows) && picture_put(&w, number * PARTS_BAND, rows, band) &&
+             !ferror(out);
+    }
+    free(band);
+    return picture_end(&w, ok);
+}
+
+#endif

@@ -1,0 +1,158 @@
+/* Demonstrates how parts of a picture become one file: joins the parts that sbl_render --part or --window has made, on
+   one machine or on many. `sbl_merge --help` explains its options. */
+#define _DEFAULT_SOURCE
+#include "../sbl.h"
+#include <dirent.h>
+#include "output_file.h"
+#include "picture_file.h"
+#include "picture_parts.h"
+#define TOOL_NAME "sbl_merge"
+#define TOOL_MAKES "picture"
+#include "tool.h"
+#include "tool_options.h"
+
+enum { PARTS_MOST = 10000 };
+
+static struct options {
+    const char *output, *parts[PARTS_MOST];
+    double exposure;  /* NaN is auto */
+    int help_all;
+} options = { .exposure = NAN };
+
+static const char *const exposure_words[] = { "auto", NULL };
+static const char *const help_words[] = { "all", NULL };
+
+enum { OUTPUT, EXPOSURE, QUIET, HELP, VERSION, OPTION_COUNT };
+
+static const tool_option table[OPTION_COUNT] = {
+    [OUTPUT] = { "--output", "FILE", TEXT, &options.output, 0, 0, 0,
+                 "also -o; .png (8-bit sRGB), .pfm or .exr (linear 32-bit floats)" },
+    [EXPOSURE] = { "--exposure", "STOPS", NUMBERS, &options.exposure, 1, -100, 100,
+                   "brightness of a .png, if the parts are not of channel display: each stop doubles it; default auto, "
+                   "which\n"
+                   "is the exposure that sbl_render found for the whole", exposure_words },
+    [QUIET] = { "--quiet", NULL, FLAG, NULL, 0, 0, 0, "shows no warnings" },
+    [HELP] = { "--help", "[all]", FLAG_OR_WORD, &options.help_all, 0, 0, 0, "also -h; this text", help_words },
+    [VERSION] = { "--version", NULL, FLAG, NULL, 0, 0, 0, "shows the version" }
+};
+static int given[OPTION_COUNT];
+
+static void print_help(void) {
+    static const tool_line lines[] = {
+        { TOOL_HEADING, "Options:" }, { OUTPUT, "" }, { EXPOSURE, "" }, { QUIET, "" }, { HELP, "" }, { VERSION, "" }
+    };
+    printf("usage: sbl_merge PART... -o FILE [options]\n\n"
+           "Joins the parts of a picture that sbl_render --part K/N (or --window) has made. A PART is an .exr file,\n"
+           "or a folder whose .exr files are parts. Parts that are missing, given twice, incomplete, or made from\n"
+           "another scene, with other options or by another version are refused by name. Needs little memory,\n"
+           "whatever the size of the picture.\n");
+    tool_print_help(table, OPTION_COUNT, lines, (int)(sizeof lines / sizeof *lines), 1);
+    printf("\nExit status: 0 success; 1 failure, with one line on stderr; 2 wrong usage; after a signal: 130 (Ctrl-C), "
+           "143\n(SIGTERM), 129 (SIGHUP).\n");
+}
+
+static int ends_with(const char *path, const char *ending) {
+    const size_t length = strlen(path), tail = strlen(ending);
+    return length > tail && strcmp(path + length - tail, ending) == 0;
+}
+
+static int parse(int argc, char **argv) {
+    const tool_command command = { argc, argv, table, OPTION_COUNT, given, options.parts, PARTS_MOST };
+    const int status = tool_parse(&command);
+    if (status != DONE || given[HELP] || given[VERSION]) return status;
+    if (!options.parts[0] || !options.output) return misuse("usage: sbl_merge PART... -o FILE; see --help");
+    if (!ends_with(options.output, ".png") && !ends_with(options.output, ".pfm") && !ends_with(options.output, ".exr"))
+        return misuse("--output %s: the name must end in .png, .pfm or .exr", options.output);
+    return DONE;
+}
+
+static int compare_names(const void *a, const void *b) { return strcmp(*(char *const *)a, *(char *const *)b); }
+
+/* Adds the .exr files of a folder. Returns whether that succeeded. */
+static int add_folder(picture_parts *parts, const char *folder) {
+    char **names = NULL;
+    int count = 0, room = 0, i, ok = 1;
+    const struct dirent *entry;
+    DIR *in = opendir(folder);
+    if (!in) return parts__fail(parts, "%s: it cannot be read: %s", folder, strerror(errno));
+    while (ok && (entry = readdir(in)) != NULL) {
+        char **more = names;
+        if (entry->d_name[0] == '.' || !ends_with(entry->d_name, ".exr")) continue;
+        if (count == room) more = (char **)realloc(names, (size_t)(room = 2 * room + 64) * sizeof *names);
+        ok = more != NULL;
+        if (ok) names = more;
+        if (ok) names[count] = (char *)malloc(strlen(folder) + strlen(entry->d_name) + 2);
+        ok = ok && names[count];
+        if (ok) sprintf(names[count++], "%s/%s", folder, entry->d_name);
+    }
+    closedir(in);
+    if (!ok) parts__fail(parts, "out of memory");
+    if (count) qsort(names, (size_t)count, sizeof *names, compare_names);  /* messages do not depend on the system */
+    for (i = 0; i < count; i++) {
+        ok = ok && parts_add(parts, names[i]);
+        free(names[i]);
+    }
+    free(names);
+    return ok;
+}
+
+/* Returns the channel that a fact names; of the channels, only those that a .png shows in a special way matter. */
+static sbl_channel channel_of(const char *name) {
+    static const struct { const char *name; sbl_channel channel; } words[] = {
+        { "albedo", SBL_CHANNEL_ALBEDO }, { "normal", SBL_CHANNEL_NORMAL }, { "position", SBL_CHANNEL_POSITION },
+        { "id", SBL_CHANNEL_ID }, { "depth", SBL_CHANNEL_DEPTH }, { "sensors", SBL_CHANNEL_SENSORS },
+        { "error", SBL_CHANNEL_ERROR }, { "looks", SBL_CHANNEL_LOOKS }
+    };
+    size_t i;
+    for (i = 0; i < sizeof words / sizeof *words; i++)
+        if (strcmp(words[i].name, name) == 0) return words[i].channel;
+    return SBL_CHANNEL_FINAL;
+}
+
+/* Joins the parts and writes the picture. Returns the exit status. */
+static int merge(picture_parts *parts) {
+    parts_job job = { parts, options.output, { 0, 0, 0, 0 }, NULL, SBL_CHANNEL_FINAL, 0, &interrupted };
+    const char *channel;
+    output_file target;
+    struct stat part, out;
+    int i, ok = 1;
+    for (i = 0; i < PARTS_MOST && options.parts[i] && ok; i++)
+        ok = stat(options.parts[i], &part) == 0 && S_ISDIR(part.st_mode) ? add_folder(parts, options.parts[i])
+                                                                         : parts_add(parts, options.parts[i]);
+    job.region[2] = parts->frame.width;
+    job.region[3] = parts->frame.height;
+    if (!ok || !parts_check(parts, job.region)) return fail("%s", parts->error);
+    for (i = 0; i < parts->count; i++)
+        if (stat(parts->parts[i].name, &part) == 0 && stat(options.output, &out) == 0 &&
+            part.st_dev == out.st_dev && part.st_ino == out.st_ino)
+            return misuse("%s would overwrite a part; give another name", options.output);
+    channel = parts->facts[FACT_CHANNEL].text;
+    job.channel = channel_of(channel);
+    job.stops = !isnan(options.exposure) ? options.exposure
+              : strcmp(channel, "display") == 0 ? 0 : strtod(parts->facts[FACT_EXPOSURE].text, NULL);
+    if (job.channel == SBL_CHANNEL_ERROR && isnan(options.exposure)) job.stops += PICTURE_ERROR_STOPS;
+    if (parts->drivers && !given[QUIET])
+        warn("the parts were made by different graphics drivers, whose pictures differ by rounding and noise");
+    if (strcmp(channel, "final") == 0 && ends_with(options.output, ".png") && !given[QUIET])
+        warn("highlights above 1 are cut off: parts that were made with --channel display have a tone");
+    output_find(&target, options.output);
+    ok = target.path && output_write(&target, parts_write, &job, &interrupted);
+    output_free(&target);
+    if (ok) return DONE;
+    if (interrupted) return stop("%s is not written", options.output);
+    return parts->error[0] ? fail("%s", parts->error)
+                           : fail("%s: cannot be written: %s; free some space or give another file name",
+                                  options.output, errno ? strerror(errno) : "the writer failed");
+}
+
+int main(int argc, char **argv) {
+    static picture_parts parts;
+    int status = parse(argc, argv);
+    if (status != DONE) return status;
+    if (given[HELP]) { print_help(); return fflush(stdout) == 0 ? DONE : FAILED; }
+    if (given[VERSION]) { printf("sbl_merge %s\n", sbl_version()); return fflush(stdout) == 0 ? DONE : FAILED; }
+    catch_signals();
+    status = merge(&parts);
+    parts_free(&parts);
+    return status;
+}

@@ -1,0 +1,301 @@
+/* Divides a picture into windows, for parts that several machines make, and for pictures that are too large to be made
+   at once. Include after tool_scene.h, picture_file.h and picture_parts.h.
+
+   A plan says which windows there are, and what all of them have in common: the facts of picture_parts.h. It is a text
+   file, one fact or window a line. Parts that are made with the same plan fit together, whatever their drivers. */
+#ifndef TOOL_PARTS_H
+#define TOOL_PARTS_H
+
+#include <sys/file.h>
+
+/* ---- cost ---- */
+
+/* Sums over a small picture of the whole: sums[y * (width + 1) + x] is the cost of all pixels above y and left of x. */
+typedef struct plan_cost { int width, height; double *sums; } plan_cost;
+
+#define PLAN_BASE 0.05  /* cost of a pixel besides its looks, as a share of the mean number of looks */
+
+/* looks: number of looks per pixel. Returns 0 if memory runs out. */
+static int plan_cost_make(plan_cost *c, const image *looks) {
+    const size_t across = (size_t)looks->width + 1;
+    double base = 0;
+    int x, y;
+    c->width = looks->width;
+    c->height = looks->height;
+    c->sums = (double *)calloc(across * ((size_t)looks->height + 1), sizeof *c->sums);
+    if (!c->sums) return 0;
+    for (x = 0; x < looks->width * looks->height; x++) base += (double)looks->values[x];
+    base = PLAN_BASE * base / looks->width / looks->height + 1e-9;
+    for (y = 0; y < looks->height; y++)
+        for (x = 0; x < looks->width; x++) {
+            double *sum = &c->sums[(size_t)y * across + (size_t)x];
+            sum[across + 1] = sum[across] + sum[1] - sum[0] + base + (double)looks->values[y * looks->width + x];
+        }
+    return 1;
+}
+
+/* Returns the cost of what is above and left of a place, which is given in shares of the picture. */
+static double plan__cost_before(const plan_cost *c, double x, double y) {
+    const double px = fmin(fmax(x, 0), 1) * c->width, py = fmin(fmax(y, 0), 1) * c->height;
+    const int ix = (int)fmin(px, c->width - 1), iy = (int)fmin(py, c->height - 1);
+    const double fx = px - ix, fy = py - iy, *s = &c->sums[(size_t)iy * ((size_t)c->width + 1) + (size_t)ix];
+    const double *below = s + c->width + 1;
+    return (1 - fy) * ((1 - fx) * s[0] + fx * s[1]) + fy * ((1 - fx) * below[0] + fx * below[1]);
+}
+
+#define PLAN_MARGIN 12  /* pixels around a window that cost like those in it */
+
+/* Returns the cost of a window of a picture of this size. c: NULL: its area */
+static double plan__cost(const plan_cost *c, const int size[2], const int w[4]) {
+    const double x0 = (double)(w[0] - PLAN_MARGIN) / size[0], x1 = (double)(w[0] + w[2] + PLAN_MARGIN) / size[0];
+    const double y0 = (double)(w[1] - PLAN_MARGIN) / size[1], y1 = (double)(w[1] + w[3] + PLAN_MARGIN) / size[1];
+    if (!c) return (double)w[2] * w[3];
+    return plan__cost_before(c, x1, y1) - plan__cost_before(c, x0, y1) - plan__cost_before(c, x1, y0) +
+           plan__cost_before(c, x0, y0);
+}
+
+/* ---- windows ---- */
+
+typedef struct plan {
+    picture_fact facts[PICTURE_FACTS];
+    int count;                  /* number of windows */
+    int (*windows)[4];          /* x, y, width, height */
+} plan;
+
+enum { PLAN_TILE = 16, PLAN_WINDOWS = 10000 };  /* windows end at multiples of PLAN_TILE; largest number of windows */
+
+static void plan_free(plan *p) {
+    free(p->windows);
+    p->windows = NULL;
+    p->count = 0;
+}
+
+/* Cuts a window in two along an axis, 0 or 1, so that the first part has nearly this share of the cost, and both have
+   room for their windows. Returns the size of the first part along the axis; 0 if that is not possible. */
+static int plan__cut(const plan_cost *c, const int size[2], const int w[4], int axis, const int counts[2]) {
+    const double share = (double)counts[0] / (counts[0] + counts[1]);
+    const int step = w[2 + axis] >= 2 * PLAN_TILE ? PLAN_TILE : 1, other = w[3 - axis];
+    double least = 2;
+    int at, best = 0;
+    for (at = step - w[axis] % step; at < w[2 + axis]; at += step) {
+        int parts[2][4];
+        double costs[2], off;
+        if ((double)at * other < counts[0] || (double)(w[2 + axis] - at) * other < counts[1]) continue;
+        memcpy(parts[0], w, sizeof parts[0]);
+        memcpy(parts[1], w, sizeof parts[1]);
+        parts[0][2 + axis] = at;
+        parts[1][axis] += at;
+        parts[1][2 + axis] -= at;
+        costs[0] = plan__cost(c, size, parts[0]);
+        costs[1] = plan__cost(c, size, parts[1]);
+        off = fabs(costs[0] / (costs[0] + costs[1]) - share);
+        if (off < least) { least = off; best = at; }
+    }
+    return best;
+}
+
+/* Divides a window into `count` windows of nearly the same cost, and adds them to p->windows. Returns 0 if it has too
+   few pixels. c: NULL: the cost is the area */
+static int plan_divide(plan *p, const plan_cost *c, const int size[2], const int window[4], int count) {
+    const int counts[2] = { count / 2, count - count / 2 }, longer = window[3] > window[2];
+    int axis = longer, at, parts[2][4];
+    if (count == 1) {
+        memcpy(p->windows[p->count++], window, sizeof p->windows[0]);
+        return 1;
+    }
+    at = plan__cut(c, size, window, axis, counts);
+    if (!at) at = plan__cut(c, size, window, axis = !longer, counts);
+    if (!at) return 0;
+    memcpy(parts[0], window, sizeof parts[0]);
+    memcpy(parts[1], window, sizeof parts[1]);
+    parts[0][2 + axis] = at;
+    parts[1][axis] += at;
+    parts[1][2 + axis] -= at;
+    return plan_divide(p, c, size, parts[0], counts[0]) && plan_divide(p, c, size, parts[1], counts[1]);
+}
+
+/* Makes a plan of `count` windows. Returns the exit status. */
+static int plan_make(plan *p, const plan_cost *c, const int size[2], const int window[4], int count) {
+    plan_free(p);
+    p->windows = (int (*)[4])calloc((size_t)count, sizeof *p->windows);
+    if (!p->windows) return fail("out of memory");
+    if (plan_divide(p, c, size, window, count)) return DONE;
+    return misuse("%d parts are too many for a picture of %d x %d pixels", count, window[2], window[3]);
+}
+
+/* ---- facts ---- */
+
+/* Continues a hash (FNV-1a; Fowler, Noll, Vo) over bytes. */
+static unsigned long long plan_hash(unsigned long long hash, const void *data, size_t bytes) {
+    const unsigned char *c = (const unsigned char *)data;
+    while (bytes--) hash = (hash ^ *c++) * 0x100000001b3ULL;
+    return hash;
+}
+
+static void plan_fact(plan *p, int fact, const char *format, ...) {
+    va_list arguments;
+    p->facts[fact].name = fact_names[fact];
+    va_start(arguments, format);
+    vsnprintf(p->facts[fact].text, sizeof p->facts[fact].text, format, arguments);
+    va_end(arguments);
+}
+
+/* Writes the options that were given as one line, except those in `without`, a list that ends with -1. */
+static void plan_options(char *out, size_t size, const tool_option *table, int count, const int *given,
+                         const int *without) {
+    char value[256];
+    size_t used = 0;
+    int i, k;
+    out[0] = 0;
+    for (i = 0; i < count; i++) {
+        for (k = 0; without[k] >= 0 && without[k] != i; k++) continue;
+        if (!given[i] || without[k] == i || used >= size) continue;
+        tool_value(&table[i], value, sizeof value);
+        used += (size_t)snprintf(out + used, size - used, "%s%s%s%s", used ? " " : "", table[i].name,
+                                 value[0] ? "=" : "", value);
+    }
+}
+
+/* ---- the file ---- */
+
+static int plan_write(FILE *out, const void *what) {
+    const plan *p = (const plan *)what;
+    int i;
+    fprintf(out, "sbl plan 1\n");
+    for (i = 0; i < FACT_PART; i++)
+        fprintf(out, "%s %s\n", p->facts[i].name, i == FACT_RENDERER ? "" : p->facts[i].text);
+    for (i = 0; i < p->count; i++)
+        fprintf(out, "window %d %d %d %d\n", p->windows[i][0], p->windows[i][1], p->windows[i][2], p->windows[i][3]);
+    fprintf(out, "end %d\n", p->count);
+    return 1;
+}
+
+/* Reads the windows and the end of a plan. Returns whether they are valid. */
+static int plan__read_windows(plan *p, FILE *in, const int size[2]) {
+    char line[128];
+    int room = 0, end = -1;
+    plan_free(p);
+    while (fgets(line, sizeof line, in) && sscanf(line, "end %d", &end) != 1) {
+        int w[4];
+        if (p->count == room) {
+            int (*more)[4] = (int (*)[4])realloc(p->windows, ((size_t)room + 1024) * sizeof *more);
+            if (!more) return 0;
+            p->windows = more;
+            room += 1024;
+        }
+        if (p->count == PLAN_WINDOWS || sscanf(line, "window %d %d %d %d", &w[0], &w[1], &w[2], &w[3]) != 4) return 0;
+        if (w[0] < 0 || w[1] < 0 || w[2] < 1 || w[3] < 1 || w[0] > size[0] - w[2] || w[1] > size[1] - w[3]) return 0;
+        memcpy(p->windows[p->count++], w, sizeof w);
+    }
+    return p->count > 0 && end == p->count;
+}
+
+/* Reads a plan from a file. p has the facts that this run knows: all but mean and exposure, which are read. Returns
+   DONE; or FAILED with a message if the file is no plan, or one for another picture; or -1 if there is no file. */
+static int plan_read(plan *p, const char *name, const int size[2]) {
+    static char line[PICTURE_FACT_SIZE + 64];
+    FILE *in = input_open(name);
+    int i, status = DONE;
+    if (!in && errno == ENOENT) return -1;
+    if (!in) return fail("%s: it cannot be read: %s", name, scene__why());
+    if (!fgets(line, sizeof line, in) || strcmp(line, "sbl plan 1\n"))
+        status = fail("%s: it is no plan of parts", name);
+    for (i = 0; i < FACT_PART && status == DONE; i++) {
+        const size_t length = strlen(fact_names[i]);
+        char *end = fgets(line, sizeof line, in) ? strchr(line, '\n') : NULL;
+        if (!end || strncmp(line, fact_names[i], length) || line[length] != ' ') {
+            status = fail("%s: it is damaged; remove it", name);
+            break;
+        }
+        *end = 0;
+        if (i == FACT_MEAN || i == FACT_EXPOSURE) plan_fact(p, i, "%s", line + length + 1);
+        else if (i != FACT_RENDERER && strcmp(line + length + 1, p->facts[i].text))
+            status = fail("%s: it was made %s: %s instead of %s", name, fact_words[i], fact_shown(line + length + 1),
+                          fact_shown(p->facts[i].text));
+    }
+    if (status == DONE && !plan__read_windows(p, in, size)) status = fail("%s: it is damaged; remove it", name);
+    fclose(in);
+    return status;
+}
+
+/* ---- --part ---- */
+
+/* Variables in which schedulers give the number of a part, and the number of the first part there. */
+static const struct { const char *name; int first; } plan_variables[] = {
+    { "SLURM_ARRAY_TASK_ID", 1 }, { "SGE_TASK_ID", 1 }, { "PBS_ARRAY_INDEX", 1 },
+    { "JOB_COMPLETION_INDEX", 0 }, { "AWS_BATCH_JOB_ARRAY_INDEX", 0 }
+};
+
+/* Reads "K/N" or "auto/N" into part. Returns the exit status. */
+static int plan_part(const char *text, int part[2]) {
+    const char *value = NULL, *rest = text;
+    char *end;
+    size_t i;
+    long k = 0, n;
+    if (strncmp(text, "auto/", 5) == 0) {
+        for (i = 0; i < sizeof plan_variables / sizeof *plan_variables && !value; i++) {
+            value = getenv(plan_variables[i].name);
+            if (!value || !*value || strcmp(value, "undefined") == 0) { value = NULL; continue; }
+            k = strtol(value, &end, 10) + 1 - plan_variables[i].first;
+            if (*end || k < 1) return misuse("--part %s: %s is %s, which is no number of a part", text,
+                                             plan_variables[i].name, value);
+        }
+        if (!value)
+            return misuse("--part %s: none of SLURM_ARRAY_TASK_ID, SGE_TASK_ID, PBS_ARRAY_INDEX, JOB_COMPLETION_INDEX "
+                          "and AWS_BATCH_JOB_ARRAY_INDEX is set", text);
+        rest = text + 4;
+    } else if (isdigit((unsigned char)*text)) {
+        k = strtol(text, &end, 10);
+        rest = end;
+    }
+    n = *rest == '/' && isdigit((unsigned char)rest[1]) ? strtol(rest + 1, &end, 10) : 0;
+    if (*rest != '/' || n < 1 || *end || n > PLAN_WINDOWS || k < 1)
+        return misuse("--part %s: the value must be K/N, the K-th of N parts, with N from 1 to %d", text, PLAN_WINDOWS);
+    if (k > n) return misuse("--part %s: there are %ld parts, so part %ld does not exist", text, n, k);
+    part[0] = (int)k;
+    part[1] = (int)n;
+    return DONE;
+}
+
+/* ---- the folder of finished windows ---- */
+
+/* The files of a picture that is made window by window: OUTPUT.parts/plan, /lock, /light, /1.exr, /2.exr, ... */
+typedef struct plan_folder { char path[PATH_MAX]; int lock; } plan_folder;
+
+/* Writes the name of a file of the folder, which is valid until the next call. */
+static const char *plan_file(const plan_folder *f, const char *name) {
+    static char path[PATH_MAX + 32];
+    snprintf(path, sizeof path, "%s/%s", f->path, name);
+    return path;
+}
+
+static const char *plan_window_file(const plan_folder *f, int number) {
+    char name[32];
+    snprintf(name, sizeof name, "%d.exr", number + 1);
+    return plan_file(f, name);
+}
+
+/* Makes the folder if it does not exist, and locks it, so that two programs do not work in it. Returns the exit status.
+   */
+static int plan_folder_open(plan_folder *f, const char *output) {
+    if (snprintf(f->path, sizeof f->path, "%s.parts", output) >= (int)sizeof f->path - 16)
+        return fail("%s: the name is too long", output);
+    if (mkdir(f->path, 0777) != 0 && errno != EEXIST)
+        return fail("%s: this folder for finished windows cannot be made: %s", f->path, strerror(errno));
+    f->lock = open(plan_file(f, "lock"), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+    if (f->lock < 0) return fail("%s: cannot be written: %s", plan_file(f, "lock"), strerror(errno));
+    if (flock(f->lock, LOCK_EX | LOCK_NB) == 0 || errno != EWOULDBLOCK) return DONE;
+    return fail("%s: another program is making this picture", f->path);
+}
+
+/* Removes the folder with the files of `count` windows. */
+static void plan_folder_remove(const plan_folder *f, int count) {
+    int i;
+    for (i = 0; i < count; i++) unlink(plan_window_file(f, i));
+    unlink(plan_file(f, "light"));
+    unlink(plan_file(f, "plan"));
+    unlink(plan_file(f, "lock"));
+    rmdir(f->path);
+}
+
+#endif

@@ -1,0 +1,392 @@
+/* Tests of pictures in parts: sbl_render --part and --plan, sbl_merge, and large pictures that are made window by
+   window and survive kills. */
+#define _XOPEN_SOURCE 700
+#define _DEFAULT_SOURCE
+#include "support/test.h"
+#include "support/tool.h"
+#include <math.h>
+#include <time.h>
+
+/* A room of 48 x 32 pixels in direct light; and the same with 640 x 400 pixels and so little memory that it is made
+   window by window. */
+#define VIEW "room.obj", "--eye", "0,1.4,3", "--look-at", "0,.5,0", SMALL, "--mode", "direct", "--quiet"
+#define PICTURE VIEW, "--size", "48x32"
+#define LARGE VIEW, "--size", "640x400", "--preset", "draft", "--memory", "64M"
+
+/* Runs sbl_merge with arguments. */
+#define MERGE(...) (tool_use("sbl_merge"), run((const char *const[]){ __VA_ARGS__, NULL }))
+#define RENDER(...) (tool_use("sbl_render"), run((const char *const[]){ __VA_ARGS__, NULL }))
+
+static int has_openexr(void) {
+    room_obj();
+    return !(RENDER(VIEW, "--size", "4x4", "-o", "probe.exr") == 1 && said("OpenEXR"));
+}
+
+/* Makes parts 1 to `count` of the picture as NAME.1.exr, NAME.2.exr, ... more: an option and its value, or NULL.
+   Returns whether all were made. */
+static int make_parts(const char *name, int count, const char *more, const char *value) {
+    char part[32], output[64];
+    int k, ok = 1;
+    snprintf(output, sizeof output, "%s.%%d.exr", name);
+    for (k = 1; k <= count && ok; k++) {
+        snprintf(part, sizeof part, "%d/%d", k, count);
+        ok = RENDER(PICTURE, "--part", part, "-o", output, more, value) == 0;
+    }
+    return ok;
+}
+
+static int same_files(const char *a, const char *b) {
+    FILE *in[2] = { fopen(in_folder(a), "rb"), fopen(in_folder(b), "rb") };
+    int c[2] = { 0, 0 }, k;
+    while (in[0] && in[1] && c[0] == c[1] && c[0] != EOF)
+        for (k = 0; k < 2; k++) c[k] = fgetc(in[k]);
+    for (k = 0; k < 2; k++) if (in[k]) fclose(in[k]);
+    return in[0] && in[1] && c[0] == c[1];
+}
+
+/* Returns the mean absolute difference of two pictures, as a share of the mean of the first; a negative number if they
+   have different sizes. */
+static double difference(const char *a, const char *b) {
+    picture p = read_pfm(a), q = read_pfm(b);
+    double off = 0, mean = 0;
+    int i;
+    if (!p.values || !q.values || p.width != q.width || p.height != q.height) mean = -1;
+    for (i = 0; mean >= 0 && i < 3 * p.width * p.height; i++) {
+        off += fabs((double)p.values[i] - (double)q.values[i]);
+        mean += fabs((double)p.values[i]);
+    }
+    free(p.values);
+    free(q.values);
+    return mean > 0 ? off / mean : mean;
+}
+
+/* ---- parts ---- */
+
+/* Parts show what the whole shows, pixel by pixel, in every format; a folder of parts works like their names. */
+TEST(parts_make_the_whole) {
+    picture positions;
+    if (!has_openexr()) SKIP("built without OpenEXR");
+    CHECK(RENDER(PICTURE, "--channel", "position", "-o", "whole.pfm") == 0, "%s", ran.err);
+    REQUIRE(make_parts("at", 5, "--channel", "position"), "%s", ran.err);
+    CHECK(MERGE("at.1.exr", "at.2.exr", "at.3.exr", "at.4.exr", "at.5.exr", "-o", "all.pfm") == 0 && !ran.err[0], "%s",
+          ran.err);
+    CHECK(fabs(difference("whole.pfm", "all.pfm")) < 1e-5, "positions differ by %g",
+          difference("whole.pfm", "all.pfm"));
+    positions = read_pfm("all.pfm");
+    CHECK(positions.values && positions.values[3 * (48 * 31 + 24) + 2] > 0, "the lowest row is not the nearest");
+    free(positions.values);
+    CHECK(RENDER(PICTURE, "-o", "whole.pfm") == 0, "%s", ran.err);
+    mkdir(in_folder("parts"), 0777);
+    REQUIRE(make_parts("parts/light", 3, NULL, NULL), "%s", ran.err);
+    CHECK(MERGE("parts", "-o", "all.pfm") == 0, "%s", ran.err);
+    CHECK(fabs(difference("whole.pfm", "all.pfm")) < 0.04, "light differs by %g", difference("whole.pfm", "all.pfm"));
+}
+
+/* A .png of parts that hold what a screen shows looks like the one that is made at once. */
+TEST(parts_make_a_png) {
+    stbi_uc *pixels[2];
+    int w, h, n, i, k, off = 0;
+    if (!has_openexr()) SKIP("built without OpenEXR");
+    CHECK(RENDER(PICTURE, "-o", "whole.png", "--exposure", "1") == 0, "%s", ran.err);
+    REQUIRE(make_parts("shown", 2, "--channel=display", "--exposure=1"), "%s", ran.err);
+    CHECK(MERGE("shown.1.exr", "shown.2.exr", "-o", "all.png") == 0 && !ran.err[0], "%s", ran.err);
+    for (k = 0; k < 2; k++) pixels[k] = stbi_load(in_folder(k ? "all.png" : "whole.png"), &w, &h, &n, 3);
+    for (i = 0; i < 3 * 48 * 32 && pixels[0] && pixels[1]; i++) off += abs(pixels[0][i] - pixels[1][i]);
+    CHECK(pixels[0] && pixels[1] && w == 48 && h == 32 && off < 4 * 3 * 48 * 32, "the mean difference is %g of 255",
+          off / (3.0 * 48 * 32));
+    for (k = 0; k < 2; k++) stbi_image_free(pixels[k]);
+    REQUIRE(make_parts("light", 2, "--exposure=1", NULL), "%s", ran.err);
+    CHECK(MERGE("light.1.exr", "light.2.exr", "-o", "all.png") == 0 && said("--channel display"), "%s", ran.err);
+}
+
+/* The same part has the same bits whatever was made before; with the plan of another run; and if a scheduler says which
+   part it is. */
+TEST(parts_do_not_depend_on_each_other) {
+    static const struct { const char *name, *value; } variables[] = { { "SLURM_ARRAY_TASK_ID", "2" },
+        { "SGE_TASK_ID", "2" }, { "PBS_ARRAY_INDEX", "2" }, { "JOB_COMPLETION_INDEX", "1" },
+        { "AWS_BATCH_JOB_ARRAY_INDEX", "1" } };
+    int i;
+    if (!has_openexr()) SKIP("built without OpenEXR");
+    CHECK(RENDER(PICTURE, "--part", "2/3", "-o", "a.exr", "--plan", "plan") == 0 && exists("plan"), "%s", ran.err);
+    CHECK(RENDER(PICTURE, "--part=2/3", "-o", "b.exr", "--plan", "plan") == 0 && same_files("a.exr", "b.exr"),
+          "with the plan of a file: %s", ran.err);
+    CHECK(RENDER(PICTURE, "--part", "2/3", "-o", "b%04d.exr") == 0 && same_files("a.exr", "b0002.exr"),
+          "with a plan of its own: %s", ran.err);
+    for (i = 0; i < 5; i++) {
+        setenv(variables[i].name, variables[i].value, 1);
+        CHECK(RENDER(PICTURE, "--part", "auto/3", "-o", "c%d.exr") == 0 && same_files("a.exr", "c2.exr"), "%s: %s",
+              variables[i].name, ran.err);
+        unsetenv(variables[i].name);
+        remove(in_folder("c2.exr"));
+    }
+    CHECK(RENDER(PICTURE, "--part", "auto/3", "-o", "c.exr") == 2 && said("SLURM_ARRAY_TASK_ID"), "%s", ran.err);
+}
+
+/* Parts that another program has made at the same time keep one plan. */
+TEST(the_first_plan_counts) {
+    char before[4096], after[4096];
+    int lines;
+    if (!has_openexr()) SKIP("built without OpenEXR");
+    CHECK(RENDER(PICTURE, "--part", "1/2", "-o", "a.exr", "--plan", "first") == 0, "%s", ran.err);
+    read_text(in_folder("first"), before, sizeof before, &lines);
+    CHECK(strstr(before, "\nend 2\n") && strstr(before, "\nwindow 0 0 "), "the plan is %s", before);
+    CHECK(RENDER(PICTURE, "--part", "1/3", "-o", "a.exr", "--plan", "first") == 1 && said("2 parts"), "%s", ran.err);
+    CHECK(RENDER(PICTURE, "--part", "1/2", "-o", "a.exr", "--plan", "first", "--preset", "high") == 1 &&
+          said("other options") && said("--preset=high"), "%s", ran.err);
+    read_text(in_folder("first"), after, sizeof after, &lines);
+    CHECK(strcmp(before, after) == 0, "the plan was changed");
+    write_text("no_plan", "something\n");
+    CHECK(RENDER(PICTURE, "--part", "1/2", "-o", "a.exr", "--plan", "no_plan") == 1 && said("no plan"), "%s", ran.err);
+    *strstr(after, "end") = 0;
+    write_text("short", after);
+    CHECK(RENDER(PICTURE, "--part", "1/2", "-o", "a.exr", "--plan", "short") == 1 && said("damaged"), "%s", ran.err);
+}
+
+/* Makes `to` from `from`, of which the last `missing` bytes are missing and the byte at place `at`, if it is not
+   negative, is another. */
+static void damage(const char *from, const char *to, long missing, long at) {
+    static char bytes[1 << 18];
+    FILE *in = fopen(in_folder(from), "rb");
+    const size_t size = in ? fread(bytes, 1, sizeof bytes, in) : 0;
+    if (in) fclose(in);
+    if (at >= 0) bytes[at] = (char)~bytes[at];
+    write_file(to, bytes, size - (size_t)missing);
+}
+
+/* What is no part of the picture is refused by name, and a file that exists already stays as it was. */
+TEST(wrong_parts_are_refused) {
+    if (!has_openexr()) SKIP("built without OpenEXR");
+    REQUIRE(make_parts("p", 3, NULL, NULL) && make_parts("other", 2, NULL, NULL) &&
+            make_parts("high", 3, "--preset", "high") && make_parts("seed", 3, "--seed", "7"), "%s", ran.err);
+    write_text("all.exr", "old");
+#define REFUSED(words, ...) do { \
+        CHECK(MERGE(__VA_ARGS__, "-o", "all.exr") == 1 && said(words) && ran.err_lines == 1, "%s: %s", words, \
+              ran.err); \
+    } while (0)
+    REFUSED("part 2 of 3 is missing", "p.1.exr", "p.3.exr");
+    REFUSED("2 of 3 parts are missing; the first is part 1", "p.2.exr");
+    REFUSED("are both part 3 of 3", "p.1.exr", "p.2.exr", "p.3.exr", "p.3.exr");
+    REFUSED("other.2.exr does not fit p.1.exr: it is a part of 2, not of 3", "p.1.exr", "other.2.exr");
+    REFUSED("high.2.exr does not fit p.1.exr: it was made with other options: --mode=direct --preset=high", "p.1.exr",
+            "high.2.exr", "p.3.exr");
+    REFUSED("seed.3.exr does not fit p.1.exr: it was made with other options: --mode=direct --seed=7", "p.1.exr",
+            "p.2.exr", "seed.3.exr");
+    REFUSED("no such.exr", "p.1.exr", "p.2.exr", "no such.exr");
+    write_text("words.exr", "no picture");
+    REFUSED("words.exr: it is no complete .exr file", "p.1.exr", "words.exr", "p.3.exr");
+    CHECK(RENDER(PICTURE, "-o", "whole.exr") == 0, "%s", ran.err);
+    REFUSED("whole.exr: it is no part", "whole.exr");
+    damage("p.2.exr", "short.exr", 1, -1);
+    REFUSED("short.exr: it is", "p.1.exr", "short.exr", "p.3.exr");
+    damage("p.2.exr", "turned.exr", 0, 1500);
+    REFUSED("turned.exr: it is", "p.1.exr", "turned.exr", "p.3.exr");
+    write_text("room.mtl", "newmtl floor\nKd .7 .5 .2\nnewmtl lamp\nKd 0 0 0\nKe 5 6 7\n");
+    CHECK(RENDER(PICTURE, "--part", "2/3", "-o", "scene.exr") == 0, "%s", ran.err);
+    REFUSED("scene.exr does not fit p.1.exr: it was made from another scene", "p.1.exr", "scene.exr", "p.3.exr");
+    room_obj();
+    CHECK(RENDER(PICTURE, "--fov", "41", "--part", "2/3", "-o", "camera.exr") == 0, "%s", ran.err);
+    REFUSED("camera.exr does not fit p.1.exr: it was made with another camera", "p.1.exr", "camera.exr", "p.3.exr");
+    CHECK(MERGE("p.1.exr", "p.2.exr", "p.3.exr", "-o", "p.2.exr") == 2 && said("overwrite"), "%s", ran.err);
+    CHECK(MERGE("p.1.exr", "-o", "all.jpg") == 2, "%s", ran.err);
+    CHECK(MERGE("p.1.exr") == 2, "%s", ran.err);
+    read_text(in_folder("all.exr"), ran.out, sizeof ran.out, &ran.out_lines);
+    CHECK(strcmp(ran.out, "old") == 0, "a refused merge has changed the file");
+    CHECK(MERGE("p.1.exr", "p.2.exr", "p.3.exr", "-o", "all.exr") == 0 && !parts_left(), "%s", ran.err);
+}
+
+/* Windows that were chosen by hand are joined if they cover the picture, each pixel once. */
+TEST(windows_are_joined) {
+    if (!has_openexr()) SKIP("built without OpenEXR");
+    CHECK(RENDER(PICTURE, "--window", "0,0,20,32", "-o", "left.exr") == 0 &&
+          RENDER(PICTURE, "--window", "20,0,28,32", "-o", "right.exr") == 0 &&
+          RENDER(PICTURE, "--window", "19,0,29,32", "-o", "wide.exr") == 0 &&
+          RENDER(PICTURE, "--window", "21,0,1,1", "-o", "pixel.exr") == 0, "%s", ran.err);
+    CHECK(RENDER(PICTURE, "-o", "whole.pfm") == 0 && MERGE("right.exr", "left.exr", "-o", "all.pfm") == 0 &&
+          fabs(difference("whole.pfm", "all.pfm")) < 0.04, "light differs by %g", difference("whole.pfm", "all.pfm"));
+    CHECK(MERGE("left.exr", "wide.exr", "-o", "all.pfm") == 1 && said("left.exr and wide.exr overlap"), "%s", ran.err);
+    CHECK(MERGE("left.exr", "pixel.exr", "-o", "all.pfm") == 1 && said("895 of 1536 pixels"), "%s", ran.err);
+}
+
+/* Parts of different drivers fit together if they have one plan, with one warning. Mesa's software renderer counts as
+   another driver if its vectors have another width. */
+TEST(drivers_may_differ) {
+    if (!has_openexr()) SKIP("built without OpenEXR");
+    CHECK(RENDER(PICTURE, "--part", "1/2", "-o", "a.exr", "--plan", "drivers") == 0, "%s", ran.err);
+    setenv("LP_NATIVE_VECTOR_WIDTH", "128", 1);
+    CHECK(RENDER(PICTURE, "--part", "2/2", "-o", "b.exr", "--plan", "drivers", "--verbose") == 0, "%s", ran.err);
+    unsetenv("LP_NATIVE_VECTOR_WIDTH");
+    if (!said("128 bits")) SKIP("the driver has no vectors to choose from");
+    CHECK(MERGE("a.exr", "b.exr", "-o", "all.pfm") == 0 && said("different graphics drivers") && ran.err_lines == 1,
+          "%s", ran.err);
+    CHECK(MERGE("a.exr", "b.exr", "-o", "all.pfm", "--quiet") == 0 && !ran.err[0], "%s", ran.err);
+}
+
+/* Another program, OpenImageIO's oiiotool, joins the parts to the same pixels. */
+TEST(oiiotool_joins_parts) {
+    char command[1024];
+    if (!has_openexr()) SKIP("built without OpenEXR");
+    if (system("oiiotool --version > /dev/null 2>&1") != 0) SKIP("oiiotool is not installed");
+    REQUIRE(make_parts("p", 3, NULL, NULL) && MERGE("p.1.exr", "p.2.exr", "p.3.exr", "-o", "all.exr") == 0, "%s",
+            ran.err);
+    snprintf(command, sizeof command, "cd %s && oiiotool p.1.exr p.2.exr --add p.3.exr --add -o tool.exr && "
+             "oiiotool --fail 0 --diff tool.exr all.exr > /dev/null", folder);
+    CHECK(system(command) == 0, "oiiotool finds a difference, or fails");
+}
+
+/* Values of --part and --output that cannot be. */
+TEST(parts_that_cannot_be) {
+    static const char *const wrong[] = { "0/3", "4/3", "1/0", "1/10001", "1", "1/", "/3", "a/3", "1/3x", "-1/3",
+        "auto/" };
+    size_t i;
+    room_obj();
+    for (i = 0; i < sizeof wrong / sizeof *wrong; i++)
+        CHECK(RENDER(PICTURE, "--part", wrong[i], "-o", "a.exr") == 2 && said("--part") && ran.err_lines == 1, "%s: %s",
+              wrong[i], ran.err);
+    CHECK(RENDER(PICTURE, "--part", "1/2", "-o", "a.png") == 2 && said("sbl_merge"), "%s", ran.err);
+    CHECK(RENDER(PICTURE, "--part", "1/2", "-o", "a%s.exr") == 2 && said("%04d"), "%s", ran.err);
+    CHECK(RENDER(PICTURE, "--part", "1/2", "-o", "a%d%d.exr") == 2 && said("%04d"), "%s", ran.err);
+    CHECK(RENDER(PICTURE, "--part", "1/2", "--window", "0,0,1,1", "-o", "a.exr") == 2 && said("only one"), "%s",
+          ran.err);
+    CHECK(RENDER(PICTURE, "--part", "1/2", "--inspect", "0,0", "-o", "a.exr") == 2 && said("--inspect"), "%s", ran.err);
+    CHECK(RENDER(PICTURE, "--plan", "p", "-o", "a.exr") == 2 && said("--part"), "%s", ran.err);
+    if (!has_openexr()) return;
+    CHECK(RENDER(VIEW, "--size", "3x2", "--part", "7/7", "-o", "a.exr") == 2 && said("too many"), "%s", ran.err);
+    CHECK(RENDER(VIEW, "--size", "3x2", "--part", "6/6", "-o", "a.exr") == 0, "%s", ran.err);
+    CHECK(RENDER(PICTURE, "--part", "1/1", "-o", "a.exr") == 0, "%s", ran.err);
+    CHECK(MERGE("a.exr", "-o", "all.exr") == 0, "%s", ran.err);
+}
+
+/* ---- window by window ---- */
+
+/* Returns how many windows of the picture are finished. */
+static int finished_windows(const char *output) {
+    char name[64];
+    int i, count = 0;
+    for (i = 1; i < 100; i++) {
+        snprintf(name, sizeof name, "%s.parts/%d.exr", output, i);
+        count += exists(name);
+    }
+    return count;
+}
+
+/* Starts the tool, and kills it as soon as `count` windows are finished. Returns whether it was killed. */
+static int kill_after(int count, const char *output) {
+    static const struct timespec pause = { 0, 2000000 };
+    const char *const arguments[] = { LARGE, "-o", output, "--resume", NULL };
+    siginfo_t info;
+    pid_t child;
+    tool_use("sbl_render");
+    child = start(arguments, -1, 0);
+    memset(&info, 0, sizeof info);
+    while (finished_windows(output) < count && waitid(P_PID, (id_t)child, &info, WEXITED | WNOHANG | WNOWAIT) == 0 &&
+           !info.si_pid) nanosleep(&pause, NULL);
+    kill(child, SIGKILL);
+    finish(child);
+    return ran.status == -SIGKILL;
+}
+
+/* A picture that exceeds the memory is made window by window. It shows what the whole shows. A run that was killed goes
+   on where it was, and the result is the same, to the bit. Nothing is left over. */
+TEST(killed_runs_go_on) {
+    int killed[3], windows[3], k;
+    if (!has_openexr()) SKIP("built without OpenEXR");
+    CHECK(RENDER(LARGE, "-o", "once.exr", "--verbose") == 0 && said("window 2 of "), "%s", ran.err);
+    CHECK(!exists("once.exr.parts"), "the folder is left");
+    for (k = 0; k < 3; k++) {
+        killed[k] = kill_after(k, "often.exr");
+        windows[k] = finished_windows("often.exr");
+    }
+    CHECK(killed[1] && windows[1] >= 1 && windows[2] >= 2, "killed %d %d %d, with %d %d %d windows", killed[0],
+          killed[1], killed[2], windows[0], windows[1], windows[2]);
+    CHECK(!killed[2] || (RENDER(LARGE, "-o", "often.exr") == 1 && said("--resume")), "finished work is lost: %s",
+          ran.err);
+    CHECK(!killed[2] || (RENDER(LARGE, "-o", "often.exr", "--seed", "3", "--resume") == 1 && said("other options") &&
+          said("--seed=3")), "%s", ran.err);
+    CHECK(RENDER(LARGE, "-o", "often.exr", "--resume") == 0, "%s", ran.err);
+    CHECK(same_files("once.exr", "often.exr") && !exists("often.exr.parts"), "the picture differs, or files are left");
+    CHECK(RENDER(LARGE, "-o", "once.pfm") == 0 && RENDER(LARGE, "--memory", "4G", "-o", "whole.pfm") == 0 &&
+          fabs(difference("whole.pfm", "once.pfm")) < 0.05, "differs by %g from the whole: %s",
+          difference("whole.pfm", "once.pfm"), ran.err);
+}
+
+/* Windows that were damaged after they were finished are made again. Bounced light is not made again. */
+TEST(finished_windows_are_checked) {
+    static const char *const gi[] = { "room.obj", "--eye", "0,1.4,3", "--look-at", "0,.5,0", SMALL, "--quiet", "--size",
+        "640x400", "--preset", "draft", "--memory", "64M", "-o", "light.exr", "--resume", NULL };
+    static const struct timespec pause = { 0, 2000000 };
+    siginfo_t info;
+    pid_t child;
+    if (!has_openexr()) SKIP("built without OpenEXR");
+    REQUIRE(kill_after(2, "a.exr") && finished_windows("a.exr") >= 2, "it was not killed in time");
+    damage("a.exr.parts/1.exr", "a.exr.parts/1.exr", 1, -1);
+    CHECK(RENDER(LARGE, "-o", "a.exr", "--resume") == 0 && RENDER(LARGE, "-o", "b.exr") == 0 &&
+          same_files("a.exr", "b.exr"), "%s", ran.err);
+    tool_use("sbl_render");
+    child = start(gi, -1, 0);
+    memset(&info, 0, sizeof info);
+    while (finished_windows("light.exr") < 1 && waitid(P_PID, (id_t)child, &info, WEXITED | WNOHANG | WNOWAIT) == 0 &&
+           !info.si_pid) nanosleep(&pause, NULL);
+    kill(child, SIGKILL);
+    finish(child);
+    REQUIRE(ran.status == -SIGKILL, "it was not killed in time: %d", ran.status);
+    CHECK(exists("light.exr.parts/light"), "bounced light is not kept");
+    CHECK(run(gi) == 0, "%s", ran.err);
+    rename(in_folder("light.exr"), in_folder("killed.exr"));
+    CHECK(run(gi) == 0 && same_files("light.exr", "killed.exr"), "%s", ran.err);
+}
+
+/* Two programs do not work in one folder; a signal keeps the finished windows; pipes get no large picture. */
+TEST(a_folder_has_one_user) {
+    const char *const arguments[] = { LARGE, "-o", "one.exr", NULL };
+    static const struct timespec pause = { 0, 2000000 };
+    pid_t child;
+    if (!has_openexr()) SKIP("built without OpenEXR");
+    tool_use("sbl_render");
+    child = start(arguments, -1, 0);
+    while (finished_windows("one.exr") < 1 && waitpid(child, NULL, WNOHANG) == 0) nanosleep(&pause, NULL);
+    kill(child, SIGSTOP);
+    REQUIRE(finished_windows("one.exr") >= 1, "it was not stopped in time");
+    CHECK(RENDER(LARGE, "-o", "one.exr", "--resume") == 1 && said("another program"), "%s", ran.err);
+    kill(child, SIGINT);
+    kill(child, SIGCONT);
+    finish(child);
+    CHECK(ran.status == 130 && said("--resume"), "status %d: %s", ran.status, ran.err);
+    CHECK(RENDER(LARGE, "-o", "one.exr", "--resume") == 0 && !exists("one.exr.parts"), "%s", ran.err);
+    CHECK(RENDER(LARGE, "-o", "/dev/null/.exr") != 0, "a path below a device is accepted");
+    CHECK(symlink("/dev/null", in_folder("null.png")) == 0 && RENDER(LARGE, "-o", "null.png") == 1 && said("pipe"),
+          "%s", ran.err);
+}
+
+/* If the disk is full, the run says so, and goes on when there is space. */
+TEST(a_full_disk_loses_nothing) {
+    const char *const arguments[] = { LARGE, "-o", "full.pfm", NULL };
+    const char *const again[] = { LARGE, "-o", "full.pfm", "--resume", NULL };
+    if (!has_openexr()) SKIP("built without OpenEXR");
+    tool_use("sbl_render");
+    finish(start(arguments, -1, 20000));
+    CHECK(ran.status == 1 && said("1.exr: cannot be written"), "status %d: %s", ran.status, ran.err);
+    finish(start(again, -1, 2000000));
+    CHECK(ran.status == 1 && said("full.pfm: cannot be written") && !exists("full.pfm"), "status %d: %s", ran.status,
+          ran.err);
+    CHECK(run(again) == 0 && exists("full.pfm") && !exists("full.pfm.parts") && !parts_left(), "%s", ran.err);
+}
+
+int main(int argc, char **argv) {
+    (void)argc;
+    if (!tool_begin(argv[0])) return 1;
+    RUN(parts_make_the_whole);
+    RUN(parts_make_a_png);
+    RUN(parts_do_not_depend_on_each_other);
+    RUN(the_first_plan_counts);
+    RUN(wrong_parts_are_refused);
+    RUN(windows_are_joined);
+    RUN_PLAIN(drivers_may_differ);
+    RUN_PLAIN(oiiotool_joins_parts);
+    RUN(parts_that_cannot_be);
+    RUN(killed_runs_go_on);
+    RUN_PLAIN(finished_windows_are_checked);
+    RUN(a_folder_has_one_user);
+    RUN(a_full_disk_loses_nothing);
+    tool_end();
+    return test_report();
+}
