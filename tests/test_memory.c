@@ -1,0 +1,213 @@
+/* Tests of the memory that a context holds: its budget, the estimate of sbl_picture_bytes and sbl_lightmap_bytes; and of
+   the fingerprint that tells scenes apart. */
+#include "../sbl.h"
+#include "support/test.h"
+#include "support/scenes.h"
+#include "support/gl_watch.h"
+
+static watch seen;
+static test_scene cornell;
+
+/* Makes a context with a budget, whose scene is the Cornell box. Returns NULL on failure. */
+static sbl_context *make_context(size_t budget, int cells) {
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_scene_desc scene = scene_desc(&cornell);
+    sbl_context *context = NULL;
+    desc.memory_budget = budget;
+    scene.max_bounce_cells = cells;
+    if (sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene) == SBL_SUCCESS) return context;
+    sbl_destroy(context);
+    return NULL;
+}
+
+static double held(const sbl_context *context) {
+    const sbl_memory m = sbl_query_memory(context);
+    return (double)m.host_bytes + (double)m.gpu_bytes;
+}
+
+/* Works to the end in short steps, and returns the most memory that the context has held between two of them. */
+static double most_held(sbl_context *context) {
+    double most = 0;
+    sbl_result result = SBL_UNFINISHED;
+    while (result == SBL_UNFINISHED) {
+        result = sbl_step(context, 1e-3);
+        if (held(context) > most) most = held(context);
+    }
+    return result == SBL_SUCCESS ? most : 0;
+}
+
+/* The estimate is never too small, and for pictures whose pixels need most of the memory it is not much too large. */
+TEST(pictures_need_what_is_foretold) {
+    static const struct { int side, window, tile; sbl_mode mode; sbl_preset preset; double least; } cases[] = {
+        { 640, 0, 0, SBL_MODE_DIRECT, SBL_PRESET_DRAFT, 0.6 }, { 480, 0, 0, SBL_MODE_DIRECT, SBL_PRESET_DEFAULT, 0.55 },
+        { 300, 0, 1, SBL_MODE_DIRECT, SBL_PRESET_DRAFT, 0.5 }, { 200, 0, 0, SBL_MODE_GI, SBL_PRESET_DRAFT, 0.2 },
+        { 200, 0, 0, SBL_MODE_PAPER, SBL_PRESET_DRAFT, 0.4 }, { 4000, 500, 0, SBL_MODE_DIRECT, SBL_PRESET_DRAFT, 0.5 } };
+    size_t i;
+    for (i = 0; i < sizeof cases / sizeof *cases; i++) {
+        sbl_context *context = make_context(0, 1024);
+        sbl_picture_desc view = scene_cornell_view(cases[i].side, cases[i].side);
+        double need, before, seen_bytes = 0;
+        REQUIRE(context, "%s", watch_last(&seen));
+        view.options.mode = cases[i].mode;
+        view.options.preset = cases[i].preset;
+        view.tile = cases[i].tile;
+        view.window[2] = view.window[3] = cases[i].window;
+        before = held(context);
+        need = (double)sbl_picture_bytes(context, &view);
+        if (sbl_begin_picture(context, &view) == SBL_SUCCESS) seen_bytes = most_held(context) - before;
+        CHECK(seen_bytes > cases[i].least * need && seen_bytes < need, "case %d: %.0f bytes, %.0f foretold (%.2f)", (int)i,
+              seen_bytes, need, seen_bytes / need);
+        sbl_destroy(context);
+    }
+}
+
+/* The same for lightmaps. */
+TEST(lightmaps_need_what_is_foretold) {
+    static const float corners[8] = { 0, 0, 1, 0, 1, 1, 0, 1 };
+    int directional;
+    for (directional = 0; directional < 2; directional++) {
+        sbl_context_desc desc = watch_desc(&seen);
+        test_scene room = { 0 };
+        sbl_scene_desc scene;
+        sbl_context *context = NULL;
+        sbl_lightmap_desc bake;
+        double need, before, seen_bytes = 0;
+        memset(&bake, 0, sizeof bake);
+        scene_sky(&room, 1, 1, 1);
+        scene_floor(&room, scene_material(&room, 0.5f, 0.5f, 0.5f), 0, 1)->lightmap_texcoords.data =
+            scene_copy(&room, corners, 8);
+        scene = scene_desc(&room);
+        REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene) == SBL_SUCCESS, "%s",
+                watch_last(&seen));
+        bake.width = bake.height = directional ? 256 : 512;
+        bake.options.mode = SBL_MODE_DIRECT;
+        bake.options.preset = SBL_PRESET_DRAFT;
+        bake.directional = directional;
+        before = held(context);
+        need = (double)sbl_lightmap_bytes(context, &bake);
+        if (sbl_begin_lightmap(context, &bake) == SBL_SUCCESS) seen_bytes = most_held(context) - before;
+        CHECK(seen_bytes > 0.4 * need && seen_bytes < need, "directional %d: %.0f bytes, %.0f foretold (%.2f)", directional,
+              seen_bytes, need, seen_bytes / need);
+        sbl_destroy(context);
+        scene_free(&room);
+    }
+}
+
+/* A picture that exceeds the budget is refused before the work, with the size that would do; that size is then
+   accepted. What the context holds never exceeds the budget. */
+TEST(the_budget_is_kept) {
+    const size_t budget = 100000000;
+    sbl_context *context = make_context(budget, 1024);
+    sbl_picture_desc view = scene_cornell_view(1200, 1200);
+    const char *words;
+    int side[2] = { 0, 0 };
+    sbl_memory m;
+    REQUIRE(context, "%s", watch_last(&seen));
+    view.options.mode = SBL_MODE_DIRECT;
+    view.options.preset = SBL_PRESET_DRAFT;
+    CHECK(sbl_begin_picture(context, &view) == SBL_ERROR_OUT_OF_MEMORY, "1200 x 1200 pixels are accepted");
+    words = strstr(watch_last(&seen), "a window of ");
+    REQUIRE(words && sscanf(words, "a window of %d x %d", &side[0], &side[1]) == 2, "%s", watch_last(&seen));
+    CHECK(side[0] > 200 && side[0] < 600 && side[0] == side[1], "%d x %d pixels would do", side[0], side[1]);
+    view.window[0] = view.window[1] = 300;
+    view.window[2] = view.window[3] = side[0] - 48;  /* less its margin */
+    CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
+    m = sbl_query_memory(context);
+    CHECK(m.host_peak_bytes + m.gpu_peak_bytes <= budget + budget / 5, "the peaks are %.0f and %.0f",
+          (double)m.host_peak_bytes, (double)m.gpu_peak_bytes);
+    sbl_destroy(context);
+}
+
+/* What is not foretold fails when the budget is used up, and the context stays usable. */
+TEST(a_used_up_budget_is_an_error) {
+    test_scene room = { 0 };
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_context *context = NULL;
+    sbl_scene_desc scene;
+    sbl_result result;
+    double step;
+    int refused = 0;
+    scene_cornell_box(&room);
+    scene = scene_desc(&room);
+    for (step = 1e6; step < 1e8 && !context; step *= 1.2) {
+        desc.memory_budget = (size_t)step;
+        result = sbl_create(&desc, &context);
+        CHECK(result == SBL_SUCCESS || result == SBL_ERROR_OUT_OF_MEMORY, "sbl_create: %s", sbl_result_string(result));
+        if (result == SBL_SUCCESS) result = sbl_set_scene(context, &scene);
+        CHECK(result == SBL_SUCCESS || result == SBL_ERROR_OUT_OF_MEMORY, "sbl_set_scene: %s", sbl_result_string(result));
+        if (result == SBL_SUCCESS) {
+            sbl_probes_desc probes;
+            float position[3] = { 0, 100, 0 };
+            sbl_probe probe;
+            memset(&probes, 0, sizeof probes);
+            probes.positions = position;
+            probes.probe_count = 1;
+            probes.probes = &probe;
+            probes.options.preset = SBL_PRESET_DRAFT;
+            result = sbl_bake_probes(context, &probes);
+            CHECK(result == SBL_SUCCESS || result == SBL_ERROR_OUT_OF_MEMORY, "sbl_bake_probes: %s",
+                  sbl_result_string(result));
+        }
+        CHECK(!context || held(context) <= step, "%.0f bytes are held, %.0f allowed", held(context), step);
+        if (result == SBL_SUCCESS) continue;
+        CHECK(strstr(watch_last(&seen), "memory_budget"), "%s", watch_last(&seen));
+        refused++;
+        sbl_destroy(context);
+        context = NULL;
+    }
+    CHECK(refused > 3 && context, "%d budgets were refused", refused);
+    sbl_destroy(context);
+    scene_free(&room);
+}
+
+/* Equal scenes have equal fingerprints, in different contexts, too; every change of what light depends on changes it. */
+TEST(fingerprints_tell_scenes_apart) {
+    test_scene room = { 0 };
+    sbl_context *context = make_context(0, 1024), *other = make_context(0, 2048);
+    sbl_scene_desc scene;
+    sbl_light lamp;
+    uint64_t prints[6];
+    float *position;
+    int i, k;
+    REQUIRE(context && other, "%s", watch_last(&seen));
+    scene_cornell_box(&room);
+    scene = scene_desc(&room);
+    memset(&lamp, 0, sizeof lamp);
+    lamp.kind = SBL_LIGHT_POINT;
+    lamp.intensity[0] = 1;
+    prints[0] = sbl_scene_fingerprint(context);
+    CHECK(prints[0] && prints[0] == sbl_scene_fingerprint(other), "equal scenes differ");
+    for (i = 1; i < 6; i++) {
+        sbl_material *m = (sbl_material *)(uintptr_t)scene.materials;
+        if (i == 1) scene.sky[2] = 0.5f;
+        if (i == 2) { scene.lights = &lamp; scene.light_count = 1; }
+        if (i == 3) lamp.position[1] = 1;
+        if (i == 4) m[0].albedo[0] *= 0.99f;
+        if (i == 5) {
+            position = (float *)(uintptr_t)scene.meshes[0].positions.data;
+            position[0] += 1;
+        }
+        CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
+        prints[i] = sbl_scene_fingerprint(context);
+        for (k = 0; k < i; k++) CHECK(prints[i] != prints[k], "scenes %d and %d have equal fingerprints", k, i);
+    }
+    CHECK(!sbl_scene_fingerprint(NULL) && !sbl_picture_bytes(NULL, NULL) && !sbl_lightmap_bytes(NULL, NULL),
+          "without a context, something is foretold");
+    sbl_destroy(context);
+    sbl_destroy(other);
+    CHECK(sbl_create(NULL, &context) == SBL_SUCCESS, "no context");
+    CHECK(!sbl_scene_fingerprint(context) && !sbl_picture_bytes(context, NULL), "without a scene, something is foretold");
+    sbl_destroy(context);
+    scene_free(&room);
+}
+
+int main(void) {
+    scene_cornell_box(&cornell);
+    RUN(pictures_need_what_is_foretold);
+    RUN(lightmaps_need_what_is_foretold);
+    RUN(the_budget_is_kept);
+    RUN(a_used_up_budget_is_an_error);
+    RUN(fingerprints_tell_scenes_apart);
+    scene_free(&cornell);
+    return test_report();
+}
