@@ -432,6 +432,34 @@ TEST(of_a_corner_under_the_sky) { predicted_well(corner); }
 TEST(of_many_lamps) { predicted_well(many_lamps); }
 TEST(of_boards_in_the_light) { predicted_well(boards); }
 
+/* SBL_CHANNEL_LOOKS counts the looks of all sensors: each takes the same number of rays, and pixels without a sensor
+   take none. The counts differ between sensors. */
+TEST(looks_are_counted) {
+    test_scene s = { 0 };
+    sbl_picture_desc view = scene_cornell_view(WIDTH, HEIGHT);
+    float *looks, *sensors;
+    double sum = 0, rays, least = 1e9, most = 0;
+    int i, wrong = 0;
+    scene_cornell_box(&s);
+    view.options.mode = SBL_MODE_DIRECT;
+    REQUIRE(scene_render(context, &s, &view), "no picture");
+    looks = scene_channel(context, &view, SBL_CHANNEL_LOOKS);
+    rays = (double)sbl_query_stats(context).sensors.rays;
+    sensors = scene_channel(context, &view, SBL_CHANNEL_SENSORS);
+    for (i = 0; i < WIDTH * HEIGHT && looks && sensors; i++) {
+        sum += (double)looks[i];
+        wrong += (looks[i] > 0) != (sensors[i] > 0);
+        if (looks[i] > 0 && (double)looks[i] < least) least = (double)looks[i];
+        if ((double)looks[i] > most) most = (double)looks[i];
+    }
+    CHECK(!wrong, "%d pixels have looks and no sensor, or a sensor and no looks", wrong);
+    CHECK(least >= 1 && most > least, "from %g to %g looks", least, most);
+    CHECK(sum > 0 && fabs(fmod(rays, sum)) < 0.5 && rays / sum >= 8, "%g looks, %g rays", sum, rays);
+    free(looks);
+    free(sensors);
+    scene_free(&s);
+}
+
 int main(void) {
     if (sbl_create(NULL, &context) != SBL_SUCCESS) { printf("no context\n0 passed, 1 failed, 0 skipped\n"); return 1; }
     RUN(of_penumbrae);
@@ -446,6 +474,7 @@ int main(void) {
     RUN(of_few_bounce_samples);
     RUN(of_noise_in_the_store);
     RUN(of_sensors_beside_the_store);
+    RUN(looks_are_counted);
     sbl_destroy(context);
     return test_report();
 }
