@@ -441,6 +441,7 @@ TEST(looks_are_counted) {
     double sum = 0, rays, least = 1e9, most = 0;
     int i, wrong = 0;
     scene_cornell_box(&s);
+    scene_sky(&s, 1, 1, 1);  /* so that all looks trace rays over the hemisphere */
     view.options.mode = SBL_MODE_DIRECT;
     REQUIRE(scene_render(context, &s, &view), "no picture");
     looks = scene_channel(context, &view, SBL_CHANNEL_LOOKS);
