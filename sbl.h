@@ -14101,6 +14101,9 @@ typedef struct sbl__pixel {
 #define SBL__AIM_BELOW 0.9              /* a round aims at this multiple of the squared target error */
 #define SBL__AIM_SHARE 0.6              /* a round aims at no less than this share of the present squared error, since
                                            new readings may change what is worth buying */
+#define SBL__AIM_REST 1.1               /* a round aims at no less than this multiple of the squared error that remains
+                                           if everything possible is bought: a few pixels that cannot become better do
+                                           not make all others as good as possible */
 #define SBL__AIM_LEAST 0.7              /* share of the squared target error that bias and noise may always have,
                                            however large the uncertainty of stored light */
 #define SBL__AIM_STORED 0.25            /* bias and noise may also always have this share of the squared uncertainty of
@@ -15304,7 +15307,7 @@ static void sbl__weigh_end(sbl__refine *r) {
     const double excused2 = SBL__MIN(SBL__AIM_STORED * uncertainty2, SBL__AIM_MOST * all2);
     const double least2 = SBL__MAX(SBL__AIM_LEAST * all2, excused2);
     const double target2 = SBL__MAX(all2 - uncertainty2, least2);
-    double left = r->bias2 + r->noise2, aim;
+    double left = r->bias2 + r->noise2, rest, aim;
     int bin = SBL__GAIN_BINS;
     r->look_variance /= pixels;
     r->predicted = sqrt(left / pixels + uncertainty2);
@@ -15313,7 +15316,10 @@ static void sbl__weigh_end(sbl__refine *r) {
     sbl__weigh_expect(r, left, target2);
     r->least_worth = FLT_MAX;
     if (left <= target2 * pixels || r->rounds > SBL__MAX_ROUNDS) return;
+    for (rest = left; bin > 1;) rest -= r->gains[--bin];
     aim = SBL__MAX(SBL__AIM_BELOW * target2 * pixels, SBL__AIM_SHARE * left);
+    aim = SBL__MAX(aim, SBL__AIM_REST * rest);
+    bin = SBL__GAIN_BINS;
     while (bin > 1 && left > aim) left -= r->gains[--bin];
     r->least_worth = sbl__bin_worth(bin);
 }
