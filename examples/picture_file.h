@@ -24,7 +24,7 @@
 enum { PICTURE_ERROR_STOPS = 5 };  /* channel error is shown brighter by so many stops, because errors are small */
 
 /* What is known about a picture, as names and texts. */
-enum { PICTURE_FACTS = 10, PICTURE_FACT_SIZE = 1024 };
+enum { PICTURE_FACTS = 11, PICTURE_FACT_SIZE = 1024 };
 typedef struct picture_fact { const char *name; char text[PICTURE_FACT_SIZE]; } picture_fact;
 
 /* A picture, top row first. If it is a window of a whole picture, `at` is the position of its first pixel in that

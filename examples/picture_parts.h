@@ -21,6 +21,7 @@ enum {
     FACT_CHANNEL,
     FACT_SIZE,      /* of the whole picture */
     FACT_MEAN,      /* mean R of the whole picture, to which errors are relative */
+    FACT_PRICE,     /* what a look must be worth, see sbl_picture_desc.price */
     FACT_EXPOSURE,  /* stops; 0 if the channel is not exposed */
     FACT_RENDERER,  /* GL_RENDERER */
     FACT_PART,      /* "3/16", or empty */
@@ -28,12 +29,13 @@ enum {
 };
 
 static const char *const fact_names[FACT_COUNT] = { "sbl.version", "sbl.scene", "sbl.camera", "sbl.options",
-    "sbl.channel", "sbl.size", "sbl.mean", "sbl.exposure", "sbl.renderer", "sbl.part" };
+    "sbl.channel", "sbl.size", "sbl.mean", "sbl.price", "sbl.exposure", "sbl.renderer", "sbl.part" };
 
 /* What a difference of a fact means, after "it was made". */
 static const char *const fact_words[FACT_COUNT] = { "by another version of sbl.h", "from another scene",
     "with another camera", "with other options", "of another channel", "for another size",
-    "for another mean (give all parts the same --plan)", "for another exposure (give all parts the same --plan)",
+    "for another mean (give all parts the same --plan)", "for another price (give all parts the same --plan)",
+    "for another exposure (give all parts the same --plan)",
     "by another driver", "as another part" };
 
 /* Returns what a message shows of a fact. */

@@ -637,24 +637,29 @@ static void find_facts(shot *s) {
     plan_fact(p, FACT_PART, "%s", "");
 }
 
-/* Takes the mean and the exposure from the facts. */
+/* Takes mean, price and exposure from the facts. */
 static void use_facts(shot *s) {
-    double mean[3] = { 0, 0, 0 }, exposure = 0;
+    double mean[3] = { 0, 0, 0 }, price = 0, exposure = 0;
     int k;
     sscanf(s->work.facts[FACT_MEAN].text, "%lf %lf %lf", &mean[0], &mean[1], &mean[2]);
     sscanf(s->work.facts[FACT_EXPOSURE].text, "%lf", &exposure);
     for (k = 0; k < 3; k++) s->desc.mean_radiance[k] = (float)mean[k];
+    sscanf(s->work.facts[FACT_PRICE].text, "%lf", &price);
+    s->desc.price = (float)price;
     s->desc.exposure = (float)exposure;
     s->desc.auto_exposure = 0;
     s->has_facts = 1;
 }
 
-/* Makes a small picture of the whole, which gives the mean, the exposure and, if cost is not NULL, the cost. Returns
-   the exit status. */
+#define PRICE_GROWTH 0.4  /* power of the number of pixels with which the price grows, see ON PARTS in sbl.h */
+
+/* Makes a small picture of the whole, which gives the mean, the price, the exposure and, if cost is not NULL, the cost.
+   Returns the exit status. */
 static int look_at_whole(shot *s, plan_cost *cost) {
-    enum { ACROSS = 256 };  /* the small picture is at most this many pixels wide and high */
+    enum { SHRINK = 4, LEAST = 192, MOST = 512 };  /* how much smaller it is; its least and greatest width or height */
     sbl_context *context = s->task->context;
-    const double shrink = fmax(1, (double)(s->desc.width > s->desc.height ? s->desc.width : s->desc.height) / ACROSS);
+    const double across = s->desc.width > s->desc.height ? s->desc.width : s->desc.height;
+    const double shrink = fmax(1, across / fmin(fmax(across / SHRINK, LEAST), MOST));
     sbl_picture_desc small = s->desc;
     sbl_stats stats;
     image looks = { 0 };
@@ -663,8 +668,6 @@ static int look_at_whole(shot *s, plan_cost *cost) {
     small.width = (int)ceil(s->desc.width / shrink);
     small.height = (int)ceil(s->desc.height / shrink);
     memset(small.window, 0, sizeof small.window);
-    small.options.preset = SBL_PRESET_DRAFT;
-    small.target_error = 0;
     small.samples = 1;
     small.auto_exposure = isnan(options.exposure);
     small.exposure = small.auto_exposure ? 0 : (float)options.exposure;
@@ -686,6 +689,7 @@ static int look_at_whole(shot *s, plan_cost *cost) {
     if (!enough) return fail("out of memory");
     plan_fact(&s->work, FACT_MEAN, "%.9g %.9g %.9g", (double)stats.picture.mean_radiance[0],
               (double)stats.picture.mean_radiance[1], (double)stats.picture.mean_radiance[2]);
+    plan_fact(&s->work, FACT_PRICE, "%.9g", (double)stats.picture.price * pow(shrink, 2 * PRICE_GROWTH));
     plan_fact(&s->work, FACT_EXPOSURE, "%.9g", (double)stats.picture.exposure);
     return DONE;
 }

@@ -190,8 +190,9 @@ static int plan__read_windows(plan *p, FILE *in, const int size[2]) {
     return p->count > 0 && end == p->count;
 }
 
-/* Reads a plan from a file. p has the facts that this run knows: all but mean and exposure, which are read. Returns
-   DONE; or FAILED with a message if the file is no plan, or one for another picture; or -1 if there is no file. */
+/* Reads a plan from a file. p has the facts that this run knows: all but mean, price and exposure, which are read.
+   Returns DONE; or FAILED with a message if the file is no plan, or one for another picture; or -1 if there is no file.
+   */
 static int plan_read(plan *p, const char *name, const int size[2]) {
     static char line[PICTURE_FACT_SIZE + 64];
     FILE *in = input_open(name);
@@ -208,7 +209,7 @@ static int plan_read(plan *p, const char *name, const int size[2]) {
             break;
         }
         *end = 0;
-        if (i == FACT_MEAN || i == FACT_EXPOSURE) plan_fact(p, i, "%s", line + length + 1);
+        if (i == FACT_MEAN || i == FACT_PRICE || i == FACT_EXPOSURE) plan_fact(p, i, "%s", line + length + 1);
         else if (i != FACT_RENDERER && strcmp(line + length + 1, p->facts[i].text))
             status = fail("%s: it was made %s: %s instead of %s", name, fact_words[i], fact_shown(line + length + 1),
                           fact_shown(p->facts[i].text));

@@ -356,6 +356,57 @@ TEST(wrong_windows_are_refused) {
     CHECK(sbl_begin_picture(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "a mean that is no number is accepted");
 }
 
+/* Makes the four quarters of the picture. looks: receives the number of all their looks. Returns the root mean square of
+   their predicted errors. */
+static double make_quarters(sbl_picture_desc view, double *looks) {
+    double sum = 0, pixels = 0;
+    int i, k;
+    *looks = 0;
+    for (k = 0; k < 4; k++) {
+        const int w[4] = { k % 2 * 80, k / 2 * 48, k % 2 ? WIDTH - 80 : 80, k / 2 ? HEIGHT - 48 : 48 };
+        sbl_stats s;
+        set_window(&view, w);
+        if (!make(&view, SBL_CHANNEL_LOOKS, part, w[2] * w[3])) return 0;
+        for (i = 0; i < w[2] * w[3]; i++) *looks += (double)part[i];
+        s = sbl_query_stats(context);
+        sum += pow((double)s.picture.expected_error, 2) * s.picture.visible_pixels;
+        pixels += s.picture.visible_pixels;
+    }
+    return sqrt(sum / pixels);
+}
+
+/* Windows with the price of the whole picture take about as many looks as the whole, and have its error. A lower price
+   buys more, a higher price less, whatever the target error. Windows without a price have each the error asked. */
+TEST(windows_share_a_price) {
+    sbl_picture_desc view = cornell_view(SBL_MODE_DIRECT);
+    double all = 0, looks[4], error[4];
+    sbl_stats s;
+    int i;
+    view.target_error = 0.01f;
+    if (!make(&view, SBL_CHANNEL_LOOKS, whole, PIXELS)) return;
+    for (i = 0; i < PIXELS; i++) all += (double)whole[i];
+    s = sbl_query_stats(context);
+    CHECK(s.picture.price > 0, "there is no price");
+    memcpy(view.mean_radiance, s.picture.mean_radiance, sizeof view.mean_radiance);
+    for (i = 0; i < 4; i++) {
+        view.price = i < 3 ? s.picture.price * (float)pow(16, i - 1) : 0;
+        error[i] = make_quarters(view, &looks[i]);
+    }
+    CHECK(looks[1] > 0.85 * all && looks[1] < 1.2 * all, "%g looks in windows, %g in the whole", looks[1], all);
+    CHECK(error[1] < 0.012 && error[1] > 0.007, "predicted error %g", error[1]);
+    CHECK(looks[0] > 1.3 * looks[1] && looks[2] < 0.8 * looks[1] && error[0] < error[1] && error[1] < error[2],
+          "looks %g %g %g, errors %g %g %g", looks[0], looks[1], looks[2], error[0], error[1], error[2]);
+    CHECK(error[3] < 0.0105, "predicted error %g without a price", error[3]);
+    view.target_error = 0.1f;
+    view.price = s.picture.price;
+    error[2] = make_quarters(view, &looks[2]);
+    CHECK(looks[2] > 0.7 * looks[1], "with a larger target error %g looks, before %g", looks[2], looks[1]);
+    view.price = -1;
+    CHECK(sbl_begin_picture(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "a negative price is accepted");
+    view.price = (float)NAN;
+    CHECK(sbl_begin_picture(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "a price that is no number is accepted");
+}
+
 int main(void) {
     const sbl_context_desc desc = watch_desc(&seen);
     sbl_scene_desc scene;
@@ -376,6 +427,7 @@ int main(void) {
     RUN(backdrops_of_windows_fit);
     RUN(windows_measure_their_own_exposure);
     RUN(wrong_windows_are_refused);
+    RUN(windows_share_a_price);
     sbl_destroy(context);
     scene_free(&cornell);
     return test_report();
