@@ -356,8 +356,8 @@ TEST(wrong_windows_are_refused) {
     CHECK(sbl_begin_picture(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "a mean that is no number is accepted");
 }
 
-/* Makes the four quarters of the picture. looks: receives the number of all their looks. Returns the root mean square of
-   their predicted errors. */
+/* Makes the four quarters of the picture. looks: receives the number of all their looks. Returns the root mean square
+   of their predicted errors. */
 static double make_quarters(sbl_picture_desc view, double *looks) {
     double sum = 0, pixels = 0;
     int i, k;
