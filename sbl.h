@@ -14213,7 +14213,7 @@ typedef struct sbl__refine {
     double expected_looks;    /* predicted number of looks when refinement ends, see sbl__weigh_expect */
     double expected_sure;     /* weight of expected_looks in sbl__map_seconds_left, 0 to 1; 0 before predictions */
     float least_worth;        /* least worth that is bought in this round; FLT_MAX: only necessary splits are bought */
-    float price;              /* sbl_picture_desc.price */
+    float price, price_paid;  /* sbl_picture_desc.price; sbl_stats.picture.price */
     int bought;               /* number of tiles split and of sensors given more looks in this round */
 } sbl__refine;
 
@@ -15318,7 +15318,7 @@ static float sbl__weigh_price(const sbl__refine *r, double left, double target) 
     int bin;
     for (bin = 1; bin < SBL__GAIN_BINS; bin++) rest -= r->gains[bin];
     aim = SBL__MAX(SBL__AIM_SHARE * left, r->price > 0 ? 0 : SBL__MAX(SBL__AIM_BELOW * target, SBL__AIM_REST * rest));
-    while (bin > 1 && left > aim && sbl__bin_worth(bin - 1) >= r->price) left -= r->gains[--bin];
+    while (bin > 1 && left > aim) left -= r->gains[--bin];
     return SBL__MAX(sbl__bin_worth(bin), r->price);
 }
 
@@ -15339,7 +15339,7 @@ static void sbl__weigh_end(sbl__refine *r) {
     r->least_worth = FLT_MAX;
     if ((left <= target2 * pixels && !(r->price > 0)) || r->rounds > SBL__MAX_ROUNDS) return;
     r->least_worth = sbl__weigh_price(r, left, target2 * pixels);
-    if (r->least_worth < sbl__bin_worth(SBL__GAIN_BINS - 1)) r->core->stats.picture.price = r->least_worth;
+    if (r->least_worth < sbl__bin_worth(SBL__GAIN_BINS - 1)) r->price_paid = r->least_worth;
 }
 
 /* Sets `pixels`, `uncovered` and `must_split` of new tiles, row by row. */
@@ -15465,6 +15465,7 @@ static int sbl__refine_after_weigh(void *work) {
     r->first_new = r->tile_count;
     r->core->stats.picture.expected_error = (float)r->predicted;
     r->core->stats.picture.stored_error = (float)r->stored;
+    r->core->stats.picture.price = r->price_paid;
     memcpy(r->core->stats.picture.mean_radiance, r->mean, sizeof r->mean);
     return SBL__REFINE_SPEND;
 }

@@ -424,6 +424,17 @@ TEST(of_sensors_beside_the_store) {
     }
 }
 
+/* A round does not buy what hardly helps, if the target cannot be reached: what all purchases would leave is exceeded
+   by a tenth at most. If the target can be reached, a round aims at three fifths of the present error. */
+TEST(of_pixels_that_cannot_improve) {
+    static const double hopeless[3] = { 0.3, 0.05, 0.02 }, hopeful[3] = { 0.3, 0.2, 0.45 };
+    CHECK(fabs(inside_bought(0.01f, 1, hopeless) - 0.35) < 1e-9, "%g is bought of 0.37",
+          inside_bought(0.01f, 1, hopeless));
+    CHECK(fabs(inside_bought(0.01f, 1, hopeful) - 0.5) < 1e-9, "%g is bought of 0.95",
+          inside_bought(0.01f, 1, hopeful));
+    CHECK(inside_bought(0.2f, 1, hopeful) <= 0, "something is bought although the target is reached");
+}
+
 /* In each scene the predicted error is at most the target, and fits the true one as predicted_well requires. */
 TEST(of_penumbrae) { predicted_well(penumbra); }
 TEST(of_sky_through_a_hole) { predicted_well(hole); }
@@ -479,6 +490,7 @@ int main(void) {
     RUN(of_few_bounce_samples);
     RUN(of_noise_in_the_store);
     RUN(of_sensors_beside_the_store);
+    RUN(of_pixels_that_cannot_improve);
     RUN(looks_are_counted);
     sbl_destroy(context);
     return test_report();

@@ -49,4 +49,8 @@ inside_weight inside_weigh_corners(int strips, float light);
    and noise; store: uncertainty of stored light */
 int inside_is_exact(float target, double sensors, double store);
 
+/* Returns what a round buys of three things that it could buy, the most worthwhile first: the sum of their gains.
+   error2: sum of squared errors of 100 pixels; target: the target error; gains: by how much each reduces error2 */
+double inside_bought(float target, double error2, const double gains[3]);
+
 #endif

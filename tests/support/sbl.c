@@ -105,6 +105,22 @@ int inside_is_exact(float target, double sensors, double store) {
     return !(r.least_worth < FLT_MAX);
 }
 
+double inside_bought(float target, double error2, const double gains[3]) {
+    static sbl__refine r;
+    double sum = 0;
+    int i;
+    memset(&r, 0, sizeof r);
+    r.target_error = target;
+    r.luminance = 1;
+    r.pixels_summed = 100;
+    r.noise2 = error2;
+    for (i = 0; i < 3; i++) r.gains[200 - 40 * i] = gains[i];
+    sbl__weigh_end(&r);
+    for (i = 0; i < 3; i++)
+        if (sbl__bin_worth(200 - 40 * i) >= r.least_worth) sum += gains[i];
+    return sum;
+}
+
 static const char *const cast_main[] = {
     "uniform samplerBuffer rays;\n"
     "uniform int ray_count, width;\n"

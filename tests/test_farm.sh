@@ -1,0 +1,195 @@
+#!/bin/sh
+# Tests of scripts/farm: what it writes and refuses, and with a real Slurm of two nodes on this machine, which the test
+# starts and ends: pictures in parts, killed nodes and processes, and parts that fail for good.
+set -u
+export LC_ALL=C
+cd "$(dirname "$0")/.." || exit 1
+. tests/support/check.sh
+here=$PWD
+farm=$here/scripts/farm
+scene=$folder/room.obj
+cp examples/scenes/two_rooms.obj "$scene"
+cp examples/scenes/two_rooms.mtl "$folder/" 2> /dev/null
+scripts/build sbl_render sbl_merge > "$folder/log" 2>&1 || { cat "$folder/log"; exit 1; }
+small='--size 160x120 --preset draft --max-bounce-cells 2048'
+
+# >>job files
+
+dry_run() {
+    "$farm" render "$scene" -o "$folder/dry.png" --parts 12 --memory 3G --time 1:30:00 --sbatch=--partition=night \
+        --seed 5 --dry-run > "$folder/out" || return
+    for line in '^#SBATCH --mem=3G$' '^#SBATCH --time=1:30:00$' '^#SBATCH --requeue' '^#SBATCH --partition=night$' \
+        '--channel=display' "'--seed' '5'" "'--memory=3G'" '--part=auto/12' 'would submit: part 1; then parts 2-12'; do
+        grep -q -e "$line" "$folder/out" || { echo "missing: $line"; cat "$folder/out"; return 1; }
+    done
+    [ ! -e "$folder/dry.png" ]
+}
+# what the job files say is what a shell runs, also if names contain spaces and quotes
+names_are_quoted() {
+    odd="$folder/it's an odd name"
+    mkdir -p "$odd" && cp "$scene" "$odd/a room.obj" &&
+        "$farm" render "$odd/a room.obj" -o "$odd/the picture.exr" $small --mode direct --parts 2 --dry-run > /dev/null &&
+        SLURM_ARRAY_TASK_ID=1 sh "$odd/the picture.exr.farm/parts.sbatch" &&
+        SLURM_ARRAY_TASK_ID=2 sh "$odd/the picture.exr.farm/parts.sbatch" &&
+        sh "$odd/the picture.exr.farm/merge.sbatch" && [ -s "$odd/the picture.exr" ]
+}
+# refuses STATUS WORDS ARGUMENTS...
+refuses() {
+    status=$1 words=$2 got=0
+    shift 2
+    "$farm" "$@" > "$folder/out" 2>&1 || got=$?
+    [ $got = "$status" ] && grep -q -e "$words" "$folder/out" || { echo "status $got:"; cat "$folder/out"; return 1; }
+}
+wrong_usage() {
+    refuses 2 usage && refuses 2 'must be render' paint && refuses 2 'no parts yet' bake "$scene" &&
+        refuses 2 'no scene' render "$folder/none.obj" -o x.png --parts 2 &&
+        refuses 2 'o FILE is missing' render "$scene" --parts 2 && refuses 2 'parts must be' render "$scene" -o x.png &&
+        refuses 2 'parts must be' render "$scene" -o x.png --parts 0 &&
+        refuses 2 'parts must be' render "$scene" -o x.png --parts 10001 &&
+        refuses 2 'must end in' render "$scene" -o x.jpg --parts 2 &&
+        refuses 2 'farm chooses' render "$scene" -o x.png --parts 2 --window 0,0,1,1 &&
+        refuses 1 'no farm' --resume "$folder/none.png" &&
+        refuses 1 'goes on with it' render "$scene" -o "$folder/dry.png" --parts 2
+}
+check dry_run dry_run
+check names_are_quoted names_are_quoted
+check wrong_usage wrong_usage
+
+# >>Slurm
+
+why=
+for program in slurmctld slurmd sbatch squeue scontrol munged; do
+    command -v $program > /dev/null || why="$program is not installed"
+done
+[ "$(id -u)" = 0 ] || why='only root can start it'
+processes=
+end_slurm() {
+    for file in "$folder"/slurm/*.pid; do
+        [ ! -s "$file" ] || kill "$(cat "$file")" 2> /dev/null
+    done
+    for id in $processes; do kill "$id" 2> /dev/null; done
+}
+trap 'end_slurm; sleep 1; rm -rf "$folder"' EXIT
+slurm=$folder/slurm
+export SLURM_CONF="$slurm/slurm.conf"
+start_node() { slurmd -f "$SLURM_CONF" -N "$1"; }
+start_slurm() {
+    mkdir -p "$slurm/spool" "$slurm/state"
+    host=$(hostname -s) port=$((20000 + $$ % 9000))
+    cat > "$SLURM_CONF" << END
+ClusterName=test
+SlurmctldHost=$host
+SlurmctldPort=$port
+SlurmUser=root
+SlurmdUser=root
+AuthType=auth/munge
+ProctrackType=proctrack/linuxproc
+TaskPlugin=task/none
+SelectType=select/cons_tres
+SelectTypeParameters=CR_Core
+JobAcctGatherType=jobacct_gather/none
+ReturnToService=2
+SlurmdTimeout=5
+KillWait=2
+StateSaveLocation=$slurm/state
+SlurmdSpoolDir=$slurm/spool/%n
+SlurmctldPidFile=$slurm/slurmctld.pid
+SlurmdPidFile=$slurm/slurmd.%n.pid
+SlurmctldLogFile=$slurm/slurmctld.log
+SlurmdLogFile=$slurm/slurmd.%n.log
+SchedulerParameters=batch_sched_delay=1,sched_interval=1
+NodeName=n1 NodeHostname=$host Port=$((port + 1)) CPUs=1 RealMemory=8000 State=UNKNOWN
+NodeName=n2 NodeHostname=$host Port=$((port + 2)) CPUs=1 RealMemory=8000 State=UNKNOWN
+PartitionName=all Nodes=n1,n2 Default=YES MaxTime=INFINITE State=UP
+END
+    if ! pgrep -x munged > /dev/null; then
+        mkdir -p /run/munge && chown munge: /run/munge &&
+            setpriv --reuid munge --regid munge --clear-groups munged && processes=$(pgrep -x munged)
+    fi
+    slurmctld -f "$SLURM_CONF" && start_node n1 && start_node n2 || return
+    for second in 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15; do
+        [ "$(sinfo -h -o %T 2> /dev/null)" = idle ] && return
+        sleep 1
+    done
+    sinfo
+    return 1
+}
+# wait_for COMMAND...: until the command succeeds, at most ten minutes
+wait_for() {
+    turns=0
+    until "$@"; do
+        [ "$turns" -lt 3000 ] || { echo "waited in vain for: $*"; squeue; return 1; }
+        turns=$((turns + 1))
+        sleep 0.2
+    done
+}
+nothing_runs() { [ -z "$(squeue -h -t pending,running,completing,configuring -o '%i %r' |
+    grep -v DependencyNeverSatisfied)" ]; }
+# alone FOLDER N: makes the N parts of a farm again, without Slurm, with its plan and light, and compares them
+alone() {
+    k=1
+    while [ "$k" -le "$2" ]; do
+        part=$(printf %05d "$k")
+        sed "s:$1.farm/parts/:$folder/alone.:" "$1.farm/parts.sbatch" > "$folder/alone.sh"
+        SLURM_ARRAY_TASK_ID=$k sh "$folder/alone.sh" && cmp "$folder/alone.$part.exr" "$1.farm/parts/$part.exr" || return
+        k=$((k + 1))
+    done
+}
+nodes_used() { ls "$slurm"/slurmd.n?.log | while read -r log; do grep -c 'Launching batch job' "$log"; done; }
+
+picture_in_parts() {
+    "$farm" render "$scene" -o "$folder/a.png" $small --parts 8 && wait_for nothing_runs || return
+    [ -s "$folder/a.png" ] || { cat "$folder"/a.png.farm/logs/*; return 1; }
+    ! nodes_used | grep -qx 0 || { echo 'only one node was used'; return 1; }
+    alone "$folder/a.png" 8 &&
+        build/sbl_merge "$folder/a.png.farm/parts" -o "$folder/again.png" && cmp "$folder/a.png" "$folder/again.png"
+}
+# has_part N: whether any part but the first is finished
+has_parts() { [ "$(ls "$1.farm/parts" 2> /dev/null | grep -c exr)" -ge "$2" ]; }
+# a node dies with what runs on it, and a part's process is killed: both parts are made again
+kill_node() {
+    id=$(cat "$slurm/slurmd.n2.pid")
+    kill -9 "$id"
+    pkill -9 -f "slurmstepd: .*n2" 2> /dev/null
+    for child in $(pgrep -f 'part=auto/10' | head -n 20); do
+        grep -qz SLURMD_NODENAME=n2 "/proc/$child/environ" 2> /dev/null && kill -9 "$child"
+    done
+}
+node_and_process_die() {
+    "$farm" render "$scene" -o "$folder/b.exr" --size 480x360 --preset draft --max-bounce-cells 2048 --parts 10 || return
+    wait_for has_parts "$folder/b.exr" 2 || return
+    kill_node
+    wait_for pgrep -f 'sbl_render.*part=auto/10' > /dev/null || return
+    pkill -9 -f 'build/sbl_render.*part=auto/10'
+    wait_for nothing_runs
+    start_node n2
+    wait_for nothing_runs || return
+    [ -s "$folder/b.exr" ] || { sacct 2> /dev/null; tail -n 3 "$folder"/b.exr.farm/logs/*; return 1; }
+    alone "$folder/b.exr" 10
+}
+# the scene disappears after the first part: the merge does not run, the user is told, and a cure helps
+fails_for_good() {
+    "$farm" render "$scene" -o "$folder/c.exr" $small --parts 4 --dry-run > /dev/null &&
+        "$farm" --resume "$folder/c.exr" || return
+    wait_for [ -s "$folder/c.exr.farm/parts/00001.exr" ] || return
+    scancel -n sbl_parts
+    scancel -n sbl_merge
+    wait_for nothing_runs
+    mv "$scene" "$scene.away"
+    rm -f "$folder"/c.exr.farm/parts/0000[234].exr
+    "$farm" --resume "$folder/c.exr" && wait_for nothing_runs || return
+    [ ! -e "$folder/c.exr" ] || { echo 'the merge ran'; return 1; }
+    mv "$scene.away" "$scene"
+    "$farm" --resume "$folder/c.exr" > "$folder/out" && cat "$folder/out" && wait_for nothing_runs || return
+    grep -q 'part 3 of 4 is missing; its log ends: sbl_render: .*room.obj' "$folder/out" && [ -s "$folder/c.exr" ] ||
+        { cat "$folder"/c.exr.farm/logs/*; return 1; }
+}
+slurm_tests='picture_in_parts node_and_process_die fails_for_good'
+if [ -z "$why" ] && ! start_slurm > "$folder/start" 2>&1; then
+    cat "$folder/start"
+    why='it does not start on this machine'
+fi
+for name in $slurm_tests; do
+    if [ -n "$why" ]; then skip $name "Slurm: $why"; else check $name $name; fi
+done
+report
