@@ -2234,7 +2234,8 @@ enum {
     SBL__GL_DEPTH_CLAMP = 0x864F, SBL__GL_VERTEX_ARRAY_BINDING = 0x85B5, SBL__GL_MAX_VIEWPORTS = 0x825B,
     SBL__GL_CLAMP_READ_COLOR = 0x891C, SBL__GL_BUFFER_SIZE = 0x8764, SBL__GL_ARRAY_BUFFER = 0x8892,
     SBL__GL_ELEMENT_ARRAY_BUFFER = 0x8893, SBL__GL_ARRAY_BUFFER_BINDING = 0x8894, SBL__GL_STREAM_DRAW = 0x88E0,
-    SBL__GL_STATIC_DRAW = 0x88E4, SBL__GL_PIXEL_PACK_BUFFER = 0x88EB, SBL__GL_PIXEL_UNPACK_BUFFER = 0x88EC,
+    SBL__GL_STATIC_DRAW = 0x88E4, SBL__GL_STREAM_READ = 0x88E1, SBL__GL_PIXEL_PACK_BUFFER = 0x88EB,
+    SBL__GL_PIXEL_UNPACK_BUFFER = 0x88EC,
     SBL__GL_PIXEL_PACK_BUFFER_BINDING = 0x88ED, SBL__GL_PIXEL_UNPACK_BUFFER_BINDING = 0x88EF,
     SBL__GL_SAMPLER_BINDING = 0x8919, SBL__GL_FRAGMENT_SHADER = 0x8B30, SBL__GL_VERTEX_SHADER = 0x8B31,
     SBL__GL_COMPILE_STATUS = 0x8B81, SBL__GL_LINK_STATUS = 0x8B82, SBL__GL_CURRENT_PROGRAM = 0x8B8D,
@@ -2741,6 +2742,7 @@ typedef struct sbl__device {
     sbl__gl gl;
     unsigned features;       /* features that depend on the driver: SBL__WRITE_DEPTH, SBL__COMPUTE */
     unsigned empty_array;    /* vertex array without attributes */
+    sbl__buffer reading;     /* SBL__READING_BYTES bytes for sbl__target_read */
     sbl__program programs[SBL__PROGRAMS_MOST];  /* programs compiled so far */
     sbl_programs compiled;   /* number of programs compiled so far, and seconds spent compiling them */
     unsigned program;        /* GL name of the program in use */
@@ -2941,15 +2943,35 @@ static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const s
     return result;
 }
 
-/* Reads rows of a colour attachment. out: uint32_t components if the format has 32-bit integers, otherwise floats */
+#define SBL__READING_BYTES 1048576  /* at least a row of the widest texture, with 16 bytes per texel */
+
+/* Returns how many bytes a texel has when it is read. */
+static size_t sbl__read_texel(const sbl__format *f) {
+    const int one = f->format == SBL__GL_RED || f->format == SBL__GL_RED_INTEGER;
+    const int two = f->format == SBL__GL_RG || f->format == SBL__GL_RG_INTEGER;
+    return one ? 4 : two ? 8 : 16;
+}
+
+/* Reads rows of a colour attachment. out: uint32_t components if the format has 32-bit integers, otherwise floats. The
+   pixels go through a buffer: NVIDIA's driver copies the whole texture for each read into client memory. */
 static sbl_result sbl__target_read(const sbl__device *d, const sbl__target *t, int attachment, int row, int rows,
                                    void *out) {
     const sbl__gl *gl = &d->gl;
     const sbl__format *f = sbl__format_of(t->formats[attachment]);
     const unsigned type = f->type == SBL__GL_UNSIGNED_INT ? SBL__GL_UNSIGNED_INT : SBL__GL_FLOAT;
+    const size_t width = (size_t)t->width * sbl__read_texel(f);
+    const int most = (int)SBL__MAX(1, SBL__READING_BYTES / width);
+    int at, count;
     gl->BindFramebuffer(SBL__GL_READ_FRAMEBUFFER, t->id);
     gl->ReadBuffer(SBL__GL_COLOR_ATTACHMENT0 + (unsigned)attachment);
-    gl->ReadPixels(0, row, t->width, rows, f->format, type, out);
+    gl->BindBuffer(SBL__GL_PIXEL_PACK_BUFFER, d->reading.id);
+    for (at = 0; at < rows; at += count) {
+        count = SBL__MIN(most, rows - at);
+        gl->ReadPixels(0, row + at, t->width, count, f->format, type, NULL);
+        gl->GetBufferSubData(SBL__GL_PIXEL_PACK_BUFFER, 0, (ptrdiff_t)(width * (size_t)count),
+                             (char *)out + width * (size_t)at);
+    }
+    gl->BindBuffer(SBL__GL_PIXEL_PACK_BUFFER, 0);
     return sbl__gl_check(gl);
 }
 
@@ -3015,6 +3037,7 @@ static sbl_result sbl__shader_make(const sbl__device *d, const sbl__program *pro
     char text[400] = "";
     int count = 0, ok = 0, shader, line;
     lines[count++] = type == SBL__GL_COMPUTE_SHADER ? "#version 430 core\n" : "#version 330 core\n";
+    lines[count++] = "#pragma optionNV(unroll none)\n";  /* NVIDIA's compiler takes half the time; others ignore it */
     lines[count++] = prelude;
     for (shader = 0; shader < SBL__SHADERS_MOST && shaders[shader]; shader++)
         for (line = 0; shaders[shader][line] && count < SBL__LINES_MOST; line++) lines[count++] = shaders[shader][line];
@@ -3531,12 +3554,18 @@ static sbl_result sbl__device_make(sbl__device *d, const sbl_context_desc *desc)
     return sbl__name_make(d, d->gl.GenVertexArrays, &d->empty_array) ? sbl__gl_check(&d->gl) : SBL_ERROR_GL;
 }
 
+/* Makes what the device itself needs, when the GL state is that of sbl.h. */
+static sbl_result sbl__device_begin(sbl__device *d) {
+    return sbl__buffer_make(d, &d->reading, SBL__READING_BYTES, NULL, SBL__GL_STREAM_READ);
+}
+
 /* Returns 1 if the GL functions are loaded, so that GL objects can exist. */
 static int sbl__device_is_made(const sbl__device *d) { return d->gl.GetError && d->gl.capabilities.gl_major; }
 
 static void sbl__device_free(sbl__device *d) {
     int i;
     for (i = 0; i < d->compiled.count; i++) d->gl.DeleteProgram(d->programs[i].id);
+    sbl__buffer_delete(d, &d->reading);
     sbl__array_delete(d, &d->empty_array);
 }
 
@@ -9639,7 +9668,8 @@ static const char *const sbl__glsl_lamp[] = {
 "float sbl_round(float z, float sine2) {\n",
 "    float sine = sqrt(sine2), s = sqrt(max(1.0 - z * z, 0.0));\n",
 "    if (z >= sine || z <= -sine) return max(z, 0.0);\n",
-"    float q = z / sine, x = sqrt(1.0 / sine2 - 1.0), y = clamp(-x * z / s, -1.0, 1.0), w = s * sqrt(1.0 - y * y);\n",
+"    float q = clamp(z / sine, -1.0, 1.0), x = sqrt(1.0 / sine2 - 1.0);\n",
+"    float y = clamp(-x * z / s, -1.0, 1.0), w = s * sqrt(1.0 - y * y);\n",
 "    if (sine2 < 1e-4) return sine / SBL_PI * (q * acos(-q) + sqrt(1.0 - q * q) * (2.0 + q * q) / 3.0);\n",
 "    return (z * acos(y) - x * w + atan(w, x) / sine2) / SBL_PI;\n",
 "}\n",
@@ -10133,7 +10163,8 @@ static const char *const sbl__glsl_lamps[] = {
 "    if (directional) r.harmonics += sampled_harmonics / max(taken, 1.0);\n",
 "    for (int g = 0; g < 2; g++) {\n",
 "        vec3 share = mix(vec3(0), seen[g] / open[g], greaterThan(open[g], vec3(0)));\n",
-"        float mean = dot(whole[g], SBL_LUMINANCE), lit_share = lit[g] / max(samples[g], 1.0);\n",
+"        // min: a driver's n / n may be above 1 (NVIDIA's is); the variance would be negative, which means SBL_LOST\n",
+"        float mean = dot(whole[g], SBL_LUMINANCE), lit_share = min(lit[g] / max(samples[g], 1.0), 1.0);\n",
 "        if (sparse[g] > 0.0) continue;\n",
 "        r.light.rgb += whole[g] * share;\n",
 "        // Harmonics: the closed form times `share`, plus the deviation from it that the rays measured.\n",
@@ -19249,9 +19280,8 @@ static sbl_result sbl__egl_refuse(const sbl__base *base, const char *function) {
 /* Tries to create a context on a display and to make it current. pbuffer: 1 if its surface is a pbuffer, 0 if it has no
    surface. *taken: becomes 1 if a context of another interface is current. Returns EGL_SUCCESS or an error. */
 static EGLint sbl__egl_try(sbl__egl *e, EGLDisplay display, int pbuffer, int *taken) {
-    static const EGLint context_attributes[] = { EGL_CONTEXT_MAJOR_VERSION, 3, EGL_CONTEXT_MINOR_VERSION, 3,
-                                                 EGL_CONTEXT_OPENGL_PROFILE_MASK,
-                                                 EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT, EGL_NONE };
+    EGLint context_attributes[] = { EGL_CONTEXT_MAJOR_VERSION, 4, EGL_CONTEXT_MINOR_VERSION, 3,
+                                    EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT, EGL_NONE };
     static const EGLint surface_attributes[] = { EGL_WIDTH, 16, EGL_HEIGHT, 16, EGL_NONE };
     EGLint config_attributes[] = { EGL_SURFACE_TYPE, 0, EGL_RENDERABLE_TYPE, EGL_OPENGL_BIT, EGL_NONE };
     EGLConfig config = NULL;
@@ -19260,7 +19290,11 @@ static EGLint sbl__egl_try(sbl__egl *e, EGLDisplay display, int pbuffer, int *ta
         return sbl__egl_error();
     config_attributes[1] = pbuffer ? EGL_PBUFFER_BIT : 0;
     if (!eglChooseConfig(display, config_attributes, &config, 1, &count) || count < 1) return sbl__egl_error();
+    /* 4.3 has compute shaders; 3.3 suffices. Mesa gives the highest version that it has, NVIDIA the one asked for. */
     e->context = eglCreateContext(display, config, EGL_NO_CONTEXT, context_attributes);
+    context_attributes[1] = 3;
+    if (e->context == EGL_NO_CONTEXT)
+        e->context = eglCreateContext(display, config, EGL_NO_CONTEXT, context_attributes);
     if (e->context == EGL_NO_CONTEXT) return sbl__egl_error();
     e->display = display;
     e->draw = e->read = pbuffer ? eglCreatePbufferSurface(display, config, surface_attributes) : EGL_NO_SURFACE;
@@ -19541,7 +19575,8 @@ SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
     if (result == SBL_SUCCESS) result = sbl__device_make(&c->core.device, &d);
     if (result == SBL_SUCCESS) {
         sbl__visit_enter(c, &visit);
-        if (d.compile_ahead) result = sbl__compile_all(&c->core.device);
+        result = sbl__device_begin(&c->core.device);
+        if (d.compile_ahead && result == SBL_SUCCESS) result = sbl__compile_all(&c->core.device);
         if (result == SBL_SUCCESS) result = sbl__trial(&c->core);
         sbl__visit_leave(c, &visit);
     }

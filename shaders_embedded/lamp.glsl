@@ -132,7 +132,8 @@ float sbl_form_factor(vec3 a, vec3 b, vec3 c) {
 float sbl_round(float z, float sine2) {
     float sine = sqrt(sine2), s = sqrt(max(1.0 - z * z, 0.0));
     if (z >= sine || z <= -sine) return max(z, 0.0);
-    float q = z / sine, x = sqrt(1.0 / sine2 - 1.0), y = clamp(-x * z / s, -1.0, 1.0), w = s * sqrt(1.0 - y * y);
+    float q = clamp(z / sine, -1.0, 1.0), x = sqrt(1.0 / sine2 - 1.0);
+    float y = clamp(-x * z / s, -1.0, 1.0), w = s * sqrt(1.0 - y * y);
     if (sine2 < 1e-4) return sine / SBL_PI * (q * acos(-q) + sqrt(1.0 - q * q) * (2.0 + q * q) / 3.0);
     return (z * acos(y) - x * w + atan(w, x) / sine2) / SBL_PI;
 }
