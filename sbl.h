@@ -2234,8 +2234,7 @@ enum {
     SBL__GL_DEPTH_CLAMP = 0x864F, SBL__GL_VERTEX_ARRAY_BINDING = 0x85B5, SBL__GL_MAX_VIEWPORTS = 0x825B,
     SBL__GL_CLAMP_READ_COLOR = 0x891C, SBL__GL_BUFFER_SIZE = 0x8764, SBL__GL_ARRAY_BUFFER = 0x8892,
     SBL__GL_ELEMENT_ARRAY_BUFFER = 0x8893, SBL__GL_ARRAY_BUFFER_BINDING = 0x8894, SBL__GL_STREAM_DRAW = 0x88E0,
-    SBL__GL_STATIC_DRAW = 0x88E4, SBL__GL_STREAM_READ = 0x88E1, SBL__GL_PIXEL_PACK_BUFFER = 0x88EB,
-    SBL__GL_PIXEL_UNPACK_BUFFER = 0x88EC,
+    SBL__GL_STATIC_DRAW = 0x88E4, SBL__GL_PIXEL_PACK_BUFFER = 0x88EB, SBL__GL_PIXEL_UNPACK_BUFFER = 0x88EC,
     SBL__GL_PIXEL_PACK_BUFFER_BINDING = 0x88ED, SBL__GL_PIXEL_UNPACK_BUFFER_BINDING = 0x88EF,
     SBL__GL_SAMPLER_BINDING = 0x8919, SBL__GL_FRAGMENT_SHADER = 0x8B30, SBL__GL_VERTEX_SHADER = 0x8B31,
     SBL__GL_COMPILE_STATUS = 0x8B81, SBL__GL_LINK_STATUS = 0x8B82, SBL__GL_CURRENT_PROGRAM = 0x8B8D,
@@ -2742,7 +2741,6 @@ typedef struct sbl__device {
     sbl__gl gl;
     unsigned features;       /* features that depend on the driver: SBL__WRITE_DEPTH, SBL__COMPUTE */
     unsigned empty_array;    /* vertex array without attributes */
-    sbl__buffer reading;     /* SBL__READING_BYTES bytes for sbl__target_read */
     sbl__program programs[SBL__PROGRAMS_MOST];  /* programs compiled so far */
     sbl_programs compiled;   /* number of programs compiled so far, and seconds spent compiling them */
     unsigned program;        /* GL name of the program in use */
@@ -2943,35 +2941,15 @@ static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const s
     return result;
 }
 
-#define SBL__READING_BYTES 1048576  /* at least a row of the widest texture, with 16 bytes per texel */
-
-/* Returns how many bytes a texel has when it is read. */
-static size_t sbl__read_texel(const sbl__format *f) {
-    const int one = f->format == SBL__GL_RED || f->format == SBL__GL_RED_INTEGER;
-    const int two = f->format == SBL__GL_RG || f->format == SBL__GL_RG_INTEGER;
-    return one ? 4 : two ? 8 : 16;
-}
-
-/* Reads rows of a colour attachment. out: uint32_t components if the format has 32-bit integers, otherwise floats. The
-   pixels go through a buffer: NVIDIA's driver copies the whole texture for each read into client memory. */
+/* Reads rows of a colour attachment. out: uint32_t components if the format has 32-bit integers, otherwise floats */
 static sbl_result sbl__target_read(const sbl__device *d, const sbl__target *t, int attachment, int row, int rows,
                                    void *out) {
     const sbl__gl *gl = &d->gl;
     const sbl__format *f = sbl__format_of(t->formats[attachment]);
     const unsigned type = f->type == SBL__GL_UNSIGNED_INT ? SBL__GL_UNSIGNED_INT : SBL__GL_FLOAT;
-    const size_t width = (size_t)t->width * sbl__read_texel(f);
-    const int most = (int)SBL__MAX(1, SBL__READING_BYTES / width);
-    int at, count;
     gl->BindFramebuffer(SBL__GL_READ_FRAMEBUFFER, t->id);
     gl->ReadBuffer(SBL__GL_COLOR_ATTACHMENT0 + (unsigned)attachment);
-    gl->BindBuffer(SBL__GL_PIXEL_PACK_BUFFER, d->reading.id);
-    for (at = 0; at < rows; at += count) {
-        count = SBL__MIN(most, rows - at);
-        gl->ReadPixels(0, row + at, t->width, count, f->format, type, NULL);
-        gl->GetBufferSubData(SBL__GL_PIXEL_PACK_BUFFER, 0, (ptrdiff_t)(width * (size_t)count),
-                             (char *)out + width * (size_t)at);
-    }
-    gl->BindBuffer(SBL__GL_PIXEL_PACK_BUFFER, 0);
+    gl->ReadPixels(0, row, t->width, rows, f->format, type, out);
     return sbl__gl_check(gl);
 }
 
@@ -3554,18 +3532,12 @@ static sbl_result sbl__device_make(sbl__device *d, const sbl_context_desc *desc)
     return sbl__name_make(d, d->gl.GenVertexArrays, &d->empty_array) ? sbl__gl_check(&d->gl) : SBL_ERROR_GL;
 }
 
-/* Makes what the device itself needs, when the GL state is that of sbl.h. */
-static sbl_result sbl__device_begin(sbl__device *d) {
-    return sbl__buffer_make(d, &d->reading, SBL__READING_BYTES, NULL, SBL__GL_STREAM_READ);
-}
-
 /* Returns 1 if the GL functions are loaded, so that GL objects can exist. */
 static int sbl__device_is_made(const sbl__device *d) { return d->gl.GetError && d->gl.capabilities.gl_major; }
 
 static void sbl__device_free(sbl__device *d) {
     int i;
     for (i = 0; i < d->compiled.count; i++) d->gl.DeleteProgram(d->programs[i].id);
-    sbl__buffer_delete(d, &d->reading);
     sbl__array_delete(d, &d->empty_array);
 }
 
@@ -19575,8 +19547,7 @@ SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
     if (result == SBL_SUCCESS) result = sbl__device_make(&c->core.device, &d);
     if (result == SBL_SUCCESS) {
         sbl__visit_enter(c, &visit);
-        result = sbl__device_begin(&c->core.device);
-        if (d.compile_ahead && result == SBL_SUCCESS) result = sbl__compile_all(&c->core.device);
+        if (d.compile_ahead) result = sbl__compile_all(&c->core.device);
         if (result == SBL_SUCCESS) result = sbl__trial(&c->core);
         sbl__visit_leave(c, &visit);
     }
