@@ -28,7 +28,8 @@ dry_run() {
 names_are_quoted() {
     odd="$folder/it's an odd name"
     mkdir -p "$odd" && cp "$scene" "$odd/a room.obj" &&
-        "$farm" render "$odd/a room.obj" -o "$odd/the picture.exr" $small --mode direct --parts 2 --dry-run > /dev/null &&
+        "$farm" render "$odd/a room.obj" -o "$odd/the picture.exr" $small --mode direct --parts 2 --dry-run \
+            > /dev/null &&
         SLURM_ARRAY_TASK_ID=1 sh "$odd/the picture.exr.farm/parts.sbatch" &&
         SLURM_ARRAY_TASK_ID=2 sh "$odd/the picture.exr.farm/parts.sbatch" &&
         sh "$odd/the picture.exr.farm/merge.sbatch" && [ -s "$odd/the picture.exr" ]
@@ -83,6 +84,7 @@ SlurmctldPort=$port
 SlurmUser=root
 SlurmdUser=root
 AuthType=auth/munge
+AuthInfo=cred_expire=5
 ProctrackType=proctrack/linuxproc
 TaskPlugin=task/none
 SelectType=select/cons_tres
@@ -131,7 +133,8 @@ alone() {
     while [ "$k" -le "$2" ]; do
         part=$(printf %05d "$k")
         sed "s:$1.farm/parts/:$folder/alone.:" "$1.farm/parts.sbatch" > "$folder/alone.sh"
-        SLURM_ARRAY_TASK_ID=$k sh "$folder/alone.sh" && cmp "$folder/alone.$part.exr" "$1.farm/parts/$part.exr" || return
+        SLURM_ARRAY_TASK_ID=$k sh "$folder/alone.sh" &&
+            cmp "$folder/alone.$part.exr" "$1.farm/parts/$part.exr" || return
         k=$((k + 1))
     done
 }
@@ -156,7 +159,7 @@ kill_node() {
     done
 }
 node_and_process_die() {
-    "$farm" render "$scene" -o "$folder/b.exr" --size 480x360 --preset draft --max-bounce-cells 2048 --parts 10 || return
+    "$farm" render "$scene" -o "$folder/b.exr" $small --size 480x360 --parts 10 || return
     wait_for has_parts "$folder/b.exr" 2 || return
     kill_node
     wait_for pgrep -f 'sbl_render.*part=auto/10' > /dev/null || return

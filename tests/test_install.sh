@@ -10,11 +10,13 @@ prefix="$folder/a prefix" stage="$folder/a stage"  # spaces must not end a path
 list() { (cd "$1" && find . -type f | sort); }
 cat > "$folder/expected" << 'END'
 ./bin/sbl_bake
+./bin/sbl_merge
 ./bin/sbl_render
 ./include/sbl.h
 ./share/cmake/sbl/sblConfig.cmake
 ./share/cmake/sbl/sblConfigVersion.cmake
 ./share/man/man1/sbl_bake.1
+./share/man/man1/sbl_merge.1
 ./share/man/man1/sbl_render.1
 ./share/pkgconfig/sbl.pc
 END
@@ -33,7 +35,7 @@ stages_relatively() {
 is_readable() {
     [ "$(find "$prefix" -type d ! -perm 755 | grep -vcx "$prefix")" = 0 ] &&
     [ "$(find "$prefix" -type f ! -perm -444 | wc -l)" = 0 ] &&
-    [ "$(find "$prefix" -type f -perm 755 | sort | tr '\n' ' ')" = "$prefix/bin/sbl_bake $prefix/bin/sbl_render " ] &&
+    [ "$(find "$prefix" -type f -perm 755 | sort | tr '\n' ' ')" = "$prefix/bin/sbl_bake $prefix/bin/sbl_merge $prefix/bin/sbl_render " ] &&
         same sbl.h "$prefix/include/sbl.h"
 }
 refuses() { ! "$@" > "$folder/said" 2>&1 && cat "$folder/said" && [ "$(wc -l < "$folder/said")" = 1 ]; }
@@ -48,7 +50,7 @@ check refuses_an_unknown_option refuses env PREFIX="$folder/no" scripts/install 
 
 tool_runs() { (cd / && "$prefix/bin/$1" --version) | grep -qx "$1 $version"; }
 version=$(sed -n 's/^ *sbl_version *"\([0-9.]*\)"$/\1/p' sbl.h | head -n 1)
-for tool in sbl_render sbl_bake; do check ${tool}_runs tool_runs $tool; done
+for tool in sbl_render sbl_bake sbl_merge; do check ${tool}_runs tool_runs $tool; done
 
 # >>a program that also checks that it was compiled with the installed header
 
@@ -137,8 +139,8 @@ page_says_what_help_says() {
 }
 page_for_groff() { page_of "$1" && groff -man -ww -z "$page" > "$folder/said" 2>&1; nothing "$folder/said"; }
 page_is_clean() { page_of "$1" && mandoc -T lint -W warning "$page"; }
-for tool in sbl_render sbl_bake; do
-    check "page_has_all ($tool)" page_has_all $tool
+for tool in sbl_render sbl_bake sbl_merge; do
+    [ $tool = sbl_merge ] || check "page_has_all ($tool)" page_has_all $tool  # sbl_merge has one group of options
     check "page_says_what_help_says ($tool)" page_says_what_help_says $tool
     if command -v mandoc > /dev/null; then check "page_is_clean ($tool)" page_is_clean $tool
     else skip page_is_clean "mandoc is missing"; fi
