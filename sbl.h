@@ -154,7 +154,8 @@
        sbl_query_programs         the number of GL programs compiled so far, and the seconds spent compiling them
        sbl_query_stats            counts and times of the work that was begun last
        sbl_query_memory           bytes in use now and at peak
-       sbl_picture_bytes          bytes that a picture will need; likewise sbl_lightmap_bytes
+       sbl_picture_bytes          bytes that a picture will need
+       sbl_lightmap_bytes         bytes that a lightmap will need
        sbl_scene_fingerprint      a hash of the scene, to tell scenes apart
 
    Names:

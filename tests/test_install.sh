@@ -35,7 +35,7 @@ stages_relatively() {
 is_readable() {
     [ "$(find "$prefix" -type d ! -perm 755 | grep -vcx "$prefix")" = 0 ] &&
     [ "$(find "$prefix" -type f ! -perm -444 | wc -l)" = 0 ] &&
-    [ "$(find "$prefix" -type f -perm 755 | sort | tr '\n' ' ')" = "$prefix/bin/sbl_bake $prefix/bin/sbl_merge $prefix/bin/sbl_render " ] &&
+    [ "$(find "$prefix" -type f -perm 755 | sort | sed 's:.*/::' | tr '\n' ' ')" = 'sbl_bake sbl_merge sbl_render ' ] &&
         same sbl.h "$prefix/include/sbl.h"
 }
 refuses() { ! "$@" > "$folder/said" 2>&1 && cat "$folder/said" && [ "$(wc -l < "$folder/said")" = 1 ]; }

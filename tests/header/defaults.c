@@ -69,6 +69,7 @@ static void context(void) {
     sbl_context_desc d[3];
     d[0] = d[1] = d[2] = sbl_context_desc_defaults(NULL);
     PRINT(disabled); PRINT(sensor_texture_size); PRINT(batch); PRINT(longest_submission); PRINT(compile_ahead);
+    PRINT(memory_budget);
 }
 
 int main(void) {
