@@ -607,10 +607,11 @@
        mean       copy sbl_stats.picture.mean_radiance of the small picture into mean_radiance of the windows, so that
                   target_error is a share of the mean R of the whole picture. Otherwise it is a share of each window's
                   own mean, and dark windows take needlessly long
-       price      copy sbl_stats.picture.price, times the number of the whole's pixels divided by that of the small
-                  picture to the power of 0.4 (from 0.3 to 0.9 in different rooms). Then the whole has about the error
-                  that was asked, and its windows more or less than that, as parts of a picture that is made at once.
-                  Without a price, each window has the error that was asked, which takes up to twice as long in all
+       price      multiply sbl_stats.picture.price of the small picture by (pixels of the whole / pixels of the small
+                  picture) ^ 0.4, and set the result. (The best exponent was 0.3 to 0.9 in different rooms.) The whole
+                  then has about the target error. Single windows may have more or less, just as regions of a picture
+                  that is made at once do. Without a price, every window reaches the target error by itself, which
+                  takes up to twice as long in total
        exposure   set auto_exposure only in the small picture, and copy its sbl_stats.picture.exposure
        store      in SBL_MODE_GI, use one context, or sbl_save_store and sbl_load_store
 
@@ -771,9 +772,10 @@ typedef struct sbl_context_desc {
     int compile_ahead;        /* 1: sbl_create compiles all programs except those of inspections, of directional
                                  lightmaps, and of scenes too large for one buffer texture per table. Default: 0, each
                                  program is compiled when it is first used */
-    size_t memory_budget;     /* bytes that the context may hold, GPU and host together. What would exceed it fails with
-                                 OUT_OF_MEMORY; a picture or lightmap fails before the work, with a message that says
-                                 which size would fit. Drivers need more memory of their own. Default: 0, no limit */
+    size_t memory_budget;     /* bytes that the context may hold, GPU and host together. Work that would need more fails
+                                 with SBL_ERROR_OUT_OF_MEMORY; a picture or lightmap fails before it starts, and the
+                                 message says which size would fit. Drivers need more memory of their own. Default: 0,
+                                 no limit */
     uint32_t end_canary;      /* must stay 0, as start_canary */
 } sbl_context_desc;
 
@@ -1099,10 +1101,10 @@ typedef struct sbl_picture_desc {
                                   SBL_MODE_PAPER: threshold decides */
     float mean_radiance[3];    /* the mean R (red, green, blue) to which target_error is relative; set it for windows,
                                   see ON PARTS. Default: all 0, the mean over the visible pixels */
-    float price;               /* if set, a sensor takes another look where the look is likely to reduce the sum of
-                                  squared errors by at least this much, until there is no such place; target_error then
-                                  does not end the work. Errors are shares of the mean R, and the sum is over pixels.
-                                  Set it for windows, see ON PARTS. Default: 0, whatever target_error requires */
+    float price;               /* least benefit for which a sensor takes another look: the expected decrease of the sum
+                                  of squared errors over all pixels, with errors as shares of the mean R. If set, the
+                                  work ends when no look is worth it, and target_error does not end it. Set it for
+                                  windows, see ON PARTS. Default: 0, target_error decides */
     int tile;                  /* pixels between sensors of the first level, 1 (every pixel) to 1024. Default: 16 */
     float threshold;           /* if set, tiles are refined where neighbouring sensors differ by more than this share of
                                   their mean, instead of where the target error requires it; in SBL_MODE_PAPER the
@@ -10136,7 +10138,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    if (directional) r.harmonics += sampled_harmonics / max(taken, 1.0);\n",
 "    for (int g = 0; g < 2; g++) {\n",
 "        vec3 share = mix(vec3(0), seen[g] / open[g], greaterThan(open[g], vec3(0)));\n",
-"        // min: a driver's n / n may be above 1 (NVIDIA's is); the variance would be negative, which means SBL_LOST\n",
+"        // min: n / n exceeds 1 on NVIDIA; the variance would then be negative, which would be read as SBL_LOST\n",
 "        float mean = dot(whole[g], SBL_LUMINANCE), lit_share = min(lit[g] / max(samples[g], 1.0), 1.0);\n",
 "        if (sparse[g] > 0.0) continue;\n",
 "        r.light.rgb += whole[g] * share;\n",
@@ -14117,9 +14119,9 @@ typedef struct sbl__pixel {
 #define SBL__AIM_BELOW 0.9              /* a round aims at this multiple of the squared target error */
 #define SBL__AIM_SHARE 0.6              /* a round aims at no less than this share of the present squared error, since
                                            new readings may change what is worth buying */
-#define SBL__AIM_REST 1.1               /* a round aims at no less than this multiple of the squared error that remains
-                                           if everything possible is bought: a few pixels that cannot become better do
-                                           not make all others as good as possible */
+#define SBL__AIM_REST 1.1               /* the squared error at which a round aims is at least this multiple of what no
+                                           look or split can remove. Without it, a few pixels that cannot improve would
+                                           force all others to the best possible quality */
 #define SBL__AIM_LEAST 0.7              /* share of the squared target error that bias and noise may always have,
                                            however large the uncertainty of stored light */
 #define SBL__AIM_STORED 0.25            /* bias and noise may also always have this share of the squared uncertainty of
@@ -15315,8 +15317,9 @@ static void sbl__weigh_expect(sbl__refine *r, double left, double target2) {
     r->expected_sure = pow(SBL__MIN((target + SBL__MAX(left, 0)) / now, 1), SBL__EXPECT_SURE);
 }
 
-/* Returns the least worth that this round buys: all that is worth at least this brings the sum of squared errors, now
-   `left`, to `target` or as near to it as a round may. With a price, whatever is worth it is bought in the end. */
+/* Returns the least worth of the looks and splits that this round buys, so that the sum of squared errors falls from
+   `left` to `target`, or as near as one round may. With a price, later rounds buy everything worth at least the
+   price. */
 static float sbl__weigh_price(const sbl__refine *r, double left, double target) {
     double rest = left, aim;
     int bin;
@@ -16455,7 +16458,7 @@ static sbl_result sbl__need_afford(const sbl__base *base, const char *function, 
     const double side = sqrt(SBL__MAX(0, (left - need->once) / need->pixel));
     if (!base->budget || sbl__need_bytes(need) <= left) return SBL_SUCCESS;
     sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_OUT_OF_MEMORY, "%s: about %.0f MB are needed, and "
-             "sbl_context_desc.memory_budget leaves %.0f MB, enough for a window of %.0f x %.0f with margin", function,
+             "sbl_context_desc.memory_budget leaves %.0f MB, enough for %.0f x %.0f pixels, margins included", function,
              sbl__need_bytes(need) / 1e6, SBL__MAX(0, left) / 1e6, floor(side), floor(side));
     return SBL_ERROR_OUT_OF_MEMORY;
 }

@@ -21,7 +21,7 @@
   #include <openexr.h>
 #endif
 
-enum { PICTURE_ERROR_STOPS = 5 };  /* channel error is shown brighter by so many stops, because errors are small */
+enum { PICTURE_ERROR_STOPS = 5 };  /* channel error is shown this many stops brighter, because errors are small */
 
 /* What is known about a picture, as names and texts. */
 enum { PICTURE_FACTS = 11, PICTURE_FACT_SIZE = 1024 };
@@ -68,8 +68,8 @@ static void picture_extend(picture_range *range, const float *values, size_t pix
         }
 }
 
-/* Converts pixels of n components to three bytes each, scaled for each channel such that its values can be
-   distinguished. range: of the whole picture; only the channels position, depth and sensors need it. scale: 2 to the
+/* Converts pixels of n components to three bytes each, scaled so that the values of each channel can be told
+   apart. range: of the whole picture; only the channels position, depth and sensors need it. scale: 2 to the
    power of the exposure */
 static void picture__make_visible(unsigned char *out, const float *values, size_t pixels, int n, sbl_channel channel,
                                   const picture_range *range, float scale) {

@@ -21,7 +21,7 @@ enum {
     FACT_CHANNEL,
     FACT_SIZE,      /* of the whole picture */
     FACT_MEAN,      /* mean R of the whole picture, to which errors are relative */
-    FACT_PRICE,     /* what a look must be worth, see sbl_picture_desc.price */
+    FACT_PRICE,     /* least benefit of a look, see sbl_picture_desc.price */
     FACT_EXPOSURE,  /* stops; 0 if the channel is not exposed */
     FACT_RENDERER,  /* GL_RENDERER */
     FACT_PART,      /* "3/16", or empty */
@@ -31,11 +31,11 @@ enum {
 static const char *const fact_names[FACT_COUNT] = { "sbl.version", "sbl.scene", "sbl.camera", "sbl.options",
     "sbl.channel", "sbl.size", "sbl.mean", "sbl.price", "sbl.exposure", "sbl.renderer", "sbl.part" };
 
-/* What a difference of a fact means, after "it was made". */
+/* How a message describes a fact that differs; it follows "it was made". */
 static const char *const fact_words[FACT_COUNT] = { "by another version of sbl.h", "from another scene",
     "with another camera", "with other options", "of another channel", "for another size",
-    "for another mean (give all parts the same --plan)", "for another price (give all parts the same --plan)",
-    "for another exposure (give all parts the same --plan)",
+    "with another plan (give all parts the same --plan)", "with another plan (give all parts the same --plan)",
+    "with another plan (give all parts the same --plan)",
     "by another driver", "as another part" };
 
 /* Returns what a message shows of a fact. */
@@ -52,7 +52,8 @@ typedef struct picture_part {
     unsigned used;        /* when rows were read last, see picture_parts.turn */
 } picture_part;
 
-enum { PARTS_OPEN = 64, PARTS_BAND = 64 };  /* greatest number of open files; rows of a band */
+enum { PARTS_MOST = 10000, PARTS_OPEN = 64, PARTS_BAND = 64 };  /* greatest number of parts, and of open files; rows
+                                                                    of a band */
 
 typedef struct picture_parts {
     picture_part *parts;
@@ -94,14 +95,14 @@ static int parts__open(picture_parts *p, picture_part *part) {
         if (p->parts[i].exr && (!oldest || p->parts[i].used < oldest->used)) oldest = &p->parts[i];
     if (oldest) parts__close(p, oldest);
     if (stat(part->name, &info) != 0) return parts__fail(p, "%s: %s", part->name, strerror(errno));
-    if (!S_ISREG(info.st_mode)) return parts__fail(p, "%s: it is no file", part->name);
+    if (!S_ISREG(info.st_mode)) return parts__fail(p, "%s: not a regular file", part->name);
     settings.error_handler_fn = on_exr_error;
     if (exr_start_read(&part->exr, part->name, &settings) == EXR_ERR_SUCCESS) {
         p->open++;
         return 1;
     }
     part->exr = NULL;
-    return parts__fail(p, "%s: it is no complete .exr file; make this part again", part->name);
+    return parts__fail(p, "%s: not a complete .exr file; make this part again", part->name);
 }
 
 /* Reads a fact of an open part; unknown facts are empty. */
@@ -141,13 +142,15 @@ static int parts__header(picture_parts *p, picture_part *part) {
     parts__fact(part, FACT_VERSION, text);
     if (!components || !text[0] || exr_get_data_window(part->exr, 0, &data) != EXR_ERR_SUCCESS ||
         exr_get_display_window(part->exr, 0, &display) != EXR_ERR_SUCCESS)
-        return parts__fail(p, "%s: it is no part of a picture that sbl_render has made", part->name);
+        return parts__fail(p, "%s: not a part made by sbl_render --part or --window", part->name);
     part->at[0] = data.min.x;
     part->at[1] = data.min.y;
     part->size[0] = data.max.x - data.min.x + 1;
     part->size[1] = data.max.y - data.min.y + 1;
     parts__fact(part, FACT_PART, text);
     if (sscanf(text, "%d/%d", &part->number, &part->count) != 2) part->number = part->count = 0;
+    if (part->count < 0 || part->count > PARTS_MOST || part->number > part->count)
+        return parts__fail(p, "%s: it claims to be part %d of %d", part->name, part->number, part->count);
     if (p->count == 1) {
         p->frame.width = display.max.x + 1;
         p->frame.height = display.max.y + 1;
@@ -162,8 +165,8 @@ static int parts__header(picture_parts *p, picture_part *part) {
         parts__fact(part, i, text);
         if (strcmp(text, p->facts[i].text) == 0) continue;
         if (i == FACT_RENDERER) { p->drivers = 1; continue; }
-        return parts__fail(p, "%s does not fit %s: it was made %s: %s instead of %s", part->name, p->parts[0].name,
-                           fact_words[i], fact_shown(text), fact_shown(p->facts[i].text));
+        return parts__fail(p, "%s does not fit %s: it was made %s: it has %s, the other has %s", part->name,
+                           p->parts[0].name, fact_words[i], fact_shown(text), fact_shown(p->facts[i].text));
     }
     if (part->count != p->parts[0].count)
         return parts__fail(p, "%s does not fit %s: it is a part of %d, not of %d", part->name, p->parts[0].name,
@@ -173,7 +176,7 @@ static int parts__header(picture_parts *p, picture_part *part) {
         return parts__fail(p, "%s does not fit %s: it belongs to another picture", part->name, p->parts[0].name);
     if (part->at[0] < 0 || part->at[1] < 0 || part->size[0] < 1 || part->size[1] < 1 ||
         part->at[0] + part->size[0] > p->frame.width || part->at[1] + part->size[1] > p->frame.height)
-        return parts__fail(p, "%s: it lies outside of the picture", part->name);
+        return parts__fail(p, "%s: its window is not inside the picture", part->name);
     return 1;
 }
 
@@ -182,7 +185,7 @@ static int parts__header(picture_parts *p, picture_part *part) {
 static int parts__decode(const picture_part *part, int y, float *rows, int step, exr_decode_pipeline_t *decoder,
                          int *first, int *count) {
     const int n = step, begun = decoder->channels != NULL;
-    exr_chunk_info_t chunk;
+    exr_chunk_info_t chunk = { 0 };
     exr_result_t result = exr_read_scanline_chunk_info(part->exr, 0, y, &chunk);
     int k;
     if (result == EXR_ERR_SUCCESS)
@@ -287,7 +290,7 @@ static int parts__check_numbers(picture_parts *p) {
     if (!names) return parts__fail(p, "out of memory");
     for (i = 0; i < p->count && ok; i++) {
         k = p->parts[i].number;
-        if (k < 1 || k > count) ok = parts__fail(p, "%s: it says that it is part %d of %d", p->parts[i].name, k, count);
+        if (k < 1 || k > count) ok = parts__fail(p, "%s: it claims to be part %d of %d", p->parts[i].name, k, count);
         else if (names[k])
             ok = parts__fail(p, "%s and %s are both part %d of %d", names[k], p->parts[i].name, k, count);
         else names[k] = p->parts[i].name;
@@ -312,14 +315,18 @@ static inline int parts_check(picture_parts *p, const int region[4]) {
     if (!p->count) return parts__fail(p, "no parts are given");
     if (!parts__check_numbers(p)) return 0;
     for (i = 0; i < p->count; i++) {
-        pixels += (double)p->parts[i].size[0] * p->parts[i].size[1];
+        const picture_part *part = &p->parts[i];
+        if (part->at[0] < region[0] || part->at[1] < region[1] || part->at[0] + part->size[0] > region[0] + region[2] ||
+            part->at[1] + part->size[1] > region[1] + region[3])
+            return parts__fail(p, "%s: it belongs to another part of the picture", part->name);
+        pixels += (double)part->size[0] * part->size[1];
         for (k = 0; k < i; k++)
             if (parts__overlap(&p->parts[i], &p->parts[k]))
                 return parts__fail(p, "%s and %s overlap%s", p->parts[k].name, p->parts[i].name,
                                    p->parts[i].count ? "; give all parts the same --plan" : "");
     }
     if (pixels < (double)region[2] * region[3])
-        return parts__fail(p, "the parts leave %.0f of %.0f pixels open%s", (double)region[2] * region[3] - pixels,
+        return parts__fail(p, "%.0f of %.0f pixels are in no part%s", (double)region[2] * region[3] - pixels,
                            (double)region[2] * region[3], p->parts[0].count ? "; give all parts the same --plan" : "");
     return 1;
 }

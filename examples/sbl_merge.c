@@ -11,8 +11,6 @@
 #include "tool.h"
 #include "tool_options.h"
 
-enum { PARTS_MOST = 10000 };
-
 static struct options {
     const char *output, *parts[PARTS_MOST];
     double exposure;  /* NaN is auto */
@@ -134,7 +132,8 @@ static int merge(picture_parts *parts) {
     if (parts->drivers && !given[QUIET])
         warn("the parts were made by different graphics drivers, whose pictures differ by rounding and noise");
     if (strcmp(channel, "final") == 0 && ends_with(options.output, ".png") && !given[QUIET])
-        warn("highlights above 1 are cut off: parts that were made with --channel display have a tone");
+        warn("highlights above 1 are cut off, because these parts have no tone; make them again with --channel "
+             "display");
     output_find(&target, options.output);
     ok = target.path && output_write(&target, parts_write, &job, &interrupted);
     output_free(&target);

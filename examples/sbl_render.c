@@ -97,20 +97,24 @@ static const tool_option table[OPTION_COUNT] = {
                  "and the\n"
                  "size of the whole" },
     [PART] = { "--part", "K/N", TEXT, &options.part_text, 0, 0, 0,
-               "makes only the K-th of N parts of the picture, which take about the same time. The output is a .exr "
-               "file;\n"
-               "sbl_merge joins the parts. Before, a small picture of the whole is made, as with --window. auto/N\n"
-               "takes K from SLURM_ARRAY_TASK_ID, SGE_TASK_ID or PBS_ARRAY_INDEX (1 to N), or from\n"
+               "makes only the K-th of N parts, which take about the same time; N is at most 10000. The output is an "
+               ".exr\n"
+               "file; sbl_merge joins the parts. Unless the file of --plan exists, a small picture of the whole is "
+               "made\n"
+               "first. auto/N takes K from SLURM_ARRAY_TASK_ID, SGE_TASK_ID or PBS_ARRAY_INDEX (1 to N), or from\n"
                "JOB_COMPLETION_INDEX or AWS_BATCH_JOB_ARRAY_INDEX (0 to N - 1). %d in the name of the output becomes\n"
                "K, and %04d becomes K with 4 digits" },
     [PLAN] = { "--plan", "FILE", TEXT, &options.plan, 0, 0, 0,
-               "loads from FILE which parts there are, and the mean and the exposure of the whole; if FILE does not "
-               "exist,\n"
-               "finds these out and writes them there. Parts that different graphics drivers make need the same FILE" },
+               "FILE holds the windows of all parts, and the mean, the price and the exposure of the whole. If it "
+               "exists, it\n"
+               "is loaded; otherwise it is made. Needs --part. Parts that are made with different graphics drivers "
+               "must\n"
+               "share one FILE" },
     [RESUME] = { "--resume", NULL, FLAG, NULL, 0, 0, 0,
-                 "goes on with a picture that is made window by window, because it is large (see --memory), where an "
-                 "earlier\n"
-                 "run was interrupted. Finished windows are in the folder OUTPUT.parts, which is removed at the end" },
+                 "goes on with a picture that an interrupted run was making window by window: one larger than 4096 x "
+                 "4096\n"
+                 "pixels, or than --memory allows. Finished windows are in the folder OUTPUT.parts, which is removed\n"
+                 "at the end; while it exists, a run without --resume is refused" },
     [STUDIO] = { "--studio", NULL, FLAG, NULL, 0, 0, 0,
                  "replaces the lights of the file (surfaces that emit stay) by a sky that fades to the horizon and a "
                  "soft sun\n"
@@ -565,7 +569,7 @@ typedef struct shot {
     image picture;        /* the window that was made last */
 } shot;
 
-/* Makes the picture of shot.desc and reads its channel. late: 1: after a signal, what there is so far is read, too */
+/* Makes the picture of shot.desc and reads its channel. late: 1: reads an unfinished picture after a signal */
 static sbl_result make_picture(shot *s, int late) {
     sbl_context *context = s->task->context;
     const int *w = s->desc.window;
@@ -741,7 +745,8 @@ static double bytes_left(const shot *s) {
 
 /* Divides the region into as few windows as memory allows. Returns the exit status. */
 static int find_windows(shot *s) {
-    enum { LARGEST = 1 << 24, SMALLEST = 1 << 14 };  /* pixels of a window, so that an interruption costs little */
+    enum { LARGEST = 1 << 24, SMALLEST = 1 << 14 };  /* pixels of a window: more would cost much when
+                                                        it is interrupted; fewer are not tried */
     const double left = bytes_left(s), pixels = (double)s->region[2] * s->region[3];
     double count = ceil(pixels / LARGEST);
     int i, fits = 0, status = DONE;
@@ -778,12 +783,14 @@ static int open_folder(shot *s, int *found) {
     *found = 0;
     if (targets[PICTURE].in_place)
         return fail("%s: a picture that is made window by window cannot go to a pipe or a device; give the name of a "
-                    "file, or more --memory", common.output);
+                    "file", common.output);
     status = plan_folder_open(&s->folder, targets[PICTURE].path);
     if (status != DONE) return status;
     old.windows = NULL;
     old.count = 0;
     status = plan_read(&old, plan_file(&s->folder, "plan"), camera.size);
+    if (status == DONE && given[RESUME] && !plan_fills(&old, s->region))
+        status = fail("%s has windows of another part; give each part an --output of its own", s->folder.path);
     if (status == DONE && given[RESUME]) {
         plan_free(&s->work);
         s->work = old;
@@ -827,9 +834,10 @@ static int is_finished(const shot *s, const char *name, const int window[4]) {
     if (ok) band = (float *)malloc((size_t)window[2] * PARTS_BAND * (size_t)one.frame.components * sizeof *band);
     for (y = 0; y < window[3] && ok && band; y += PARTS_BAND)
         ok = parts_band(&one, window, window[1] + y, window[3] - y < PARTS_BAND ? window[3] - y : PARTS_BAND, band);
+    ok = ok && band;
     free(band);
     parts_free(&one);
-    return ok && band;
+    return ok;
 }
 
 /* Adds the statistics of a window to those of the windows before. */
@@ -940,8 +948,8 @@ static int divide(shot *s) {
     if (status != DONE || (s->work.count == 1 && !given[PART] && !given[WINDOW])) return status;
     if (s->work.count > 1) {
 #ifndef SBL_RENDER_OPENEXR
-        return fail("%d x %d pixels need more memory than --memory allows, and this program was built without OpenEXR, "
-                    "which windows need; give more --memory", s->region[2], s->region[3]);
+        return fail("%d x %d pixels must be made window by window, which needs OpenEXR, and this program was built "
+                    "without it; make at most 4096 x 4096 pixels, or give more --memory", s->region[2], s->region[3]);
 #endif
         status = open_folder(s, &found);
     }
@@ -993,7 +1001,8 @@ static int render(tool_task *task, double *seconds) {
         status = given[INSPECT] ? render_sensor(&s, seconds)
                : s.work.count > 1 ? render_windows(&s, seconds) : render_whole(&s, seconds);
     if (status == DONE && s.bar.shown)
-        fprintf(stderr, "%s: %d x %d, %.1f s\n", common.output, s.region[2], s.region[3], *seconds);
+        fprintf(stderr, "%s: %d x %d, %.1f s\n", common.output, given[INSPECT] ? s.picture.width : s.region[2],
+                given[INSPECT] ? s.picture.height : s.region[3], *seconds);
     plan_free(&s.work);
     free(s.picture.values);
     return status;

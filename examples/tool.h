@@ -119,7 +119,7 @@ static inline void detail(const char *format, ...) {
 typedef struct progress {
     int shown;
     double start, last;
-    double from, to;  /* the shares of all that lie before and after the current work; both 0: it is all there is */
+    double from, to;  /* the current work takes the bar from share `from` to share `to`; both 0: the whole bar */
 } progress;
 
 static inline int on_progress(float done, void *user) {

@@ -114,6 +114,18 @@ static int plan_divide(plan *p, const plan_cost *c, const int size[2], const int
     return plan_divide(p, c, size, parts[0], counts[0]) && plan_divide(p, c, size, parts[1], counts[1]);
 }
 
+/* Returns whether the windows lie in a region and have as many pixels as it. */
+static int plan_fills(const plan *p, const int region[4]) {
+    double pixels = 0;
+    int i, k, inside = 1;
+    for (i = 0; i < p->count; i++) {
+        const int *w = p->windows[i];
+        pixels += (double)w[2] * w[3];
+        for (k = 0; k < 2; k++) inside &= w[k] >= region[k] && w[k] + w[2 + k] <= region[k] + region[2 + k];
+    }
+    return inside && pixels >= (double)region[2] * region[3];
+}
+
 /* Makes a plan of `count` windows. Returns the exit status. */
 static int plan_make(plan *p, const plan_cost *c, const int size[2], const int window[4], int count) {
     plan_free(p);
@@ -211,8 +223,8 @@ static int plan_read(plan *p, const char *name, const int size[2]) {
         *end = 0;
         if (i == FACT_MEAN || i == FACT_PRICE || i == FACT_EXPOSURE) plan_fact(p, i, "%s", line + length + 1);
         else if (i != FACT_RENDERER && strcmp(line + length + 1, p->facts[i].text))
-            status = fail("%s: it was made %s: %s instead of %s", name, fact_words[i], fact_shown(line + length + 1),
-                          fact_shown(p->facts[i].text));
+            status = fail("%s: this plan was made %s: it has %s, this run has %s; remove it, or give another name",
+                          name, fact_words[i], fact_shown(line + length + 1), fact_shown(p->facts[i].text));
     }
     if (status == DONE && !plan__read_windows(p, in, size)) status = fail("%s: it is damaged; remove it", name);
     fclose(in);

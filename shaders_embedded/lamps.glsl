@@ -287,7 +287,7 @@ sbl_Result sbl_combine() {
     if (directional) r.harmonics += sampled_harmonics / max(taken, 1.0);
     for (int g = 0; g < 2; g++) {
         vec3 share = mix(vec3(0), seen[g] / open[g], greaterThan(open[g], vec3(0)));
-        // min: a driver's n / n may be above 1 (NVIDIA's is); the variance would be negative, which means SBL_LOST
+        // min: n / n exceeds 1 on NVIDIA; the variance would then be negative, which would be read as SBL_LOST
         float mean = dot(whole[g], SBL_LUMINANCE), lit_share = min(lit[g] / max(samples[g], 1.0), 1.0);
         if (sparse[g] > 0.0) continue;
         r.light.rgb += whole[g] * share;

@@ -19,7 +19,7 @@ dry_run() {
     "$farm" render "$scene" -o "$folder/dry.png" --parts 12 --memory 3G --time 1:30:00 --sbatch=--partition=night \
         --seed 5 --dry-run > "$folder/out" || return
     for line in '^#SBATCH --mem=3G$' '^#SBATCH --time=1:30:00$' '^#SBATCH --requeue' '^#SBATCH --partition=night$' \
-        '--channel=display' "'--seed' '5'" "'--memory=3G'" '--part=auto/12' 'would submit: part 1; then parts 2-12'; do
+        '--channel=display' "'--seed' '5'" '--memory=2457M' '--part=auto/12' 'would submit: part 1; then parts 2-12'; do
         grep -q -e "$line" "$folder/out" || { echo "missing: $line"; cat "$folder/out"; return 1; }
     done
     [ ! -e "$folder/dry.png" ]
@@ -42,14 +42,14 @@ refuses() {
     [ $got = "$status" ] && grep -q -e "$words" "$folder/out" || { echo "status $got:"; cat "$folder/out"; return 1; }
 }
 wrong_usage() {
-    refuses 2 usage && refuses 2 'must be render' paint && refuses 2 'no parts yet' bake "$scene" &&
-        refuses 2 'no scene' render "$folder/none.obj" -o x.png --parts 2 &&
+    refuses 2 usage && refuses 2 'must be render' paint && refuses 2 'cannot work in parts' bake "$scene" &&
+        refuses 2 'must be followed by a scene' render "$folder/none.obj" -o x.png --parts 2 &&
         refuses 2 'o FILE is missing' render "$scene" --parts 2 && refuses 2 'parts must be' render "$scene" -o x.png &&
         refuses 2 'parts must be' render "$scene" -o x.png --parts 0 &&
         refuses 2 'parts must be' render "$scene" -o x.png --parts 10001 &&
         refuses 2 'must end in' render "$scene" -o x.jpg --parts 2 &&
-        refuses 2 'farm chooses' render "$scene" -o x.png --parts 2 --window 0,0,1,1 &&
-        refuses 1 'no farm' --resume "$folder/none.png" &&
+        refuses 2 'does not take --window' render "$scene" -o x.png --parts 2 --window 0,0,1,1 &&
+        refuses 1 'not a folder of farm' --resume "$folder/none.png" &&
         refuses 1 'goes on with it' render "$scene" -o "$folder/dry.png" --parts 2
 }
 check dry_run dry_run

@@ -108,8 +108,8 @@ TEST(the_budget_is_kept) {
     view.options.mode = SBL_MODE_DIRECT;
     view.options.preset = SBL_PRESET_DRAFT;
     CHECK(sbl_begin_picture(context, &view) == SBL_ERROR_OUT_OF_MEMORY, "1200 x 1200 pixels are accepted");
-    words = strstr(watch_last(&seen), "a window of ");
-    REQUIRE(words && sscanf(words, "a window of %d x %d", &side[0], &side[1]) == 2, "%s", watch_last(&seen));
+    words = strstr(watch_last(&seen), "enough for ");
+    REQUIRE(words && sscanf(words, "enough for %d x %d", &side[0], &side[1]) == 2, "%s", watch_last(&seen));
     CHECK(side[0] > 200 && side[0] < 600 && side[0] == side[1], "%d x %d pixels would do", side[0], side[1]);
     view.window[0] = view.window[1] = 300;
     view.window[2] = view.window[3] = side[0] - 48;  /* less its margin */
@@ -141,7 +141,7 @@ TEST(a_used_up_budget_is_an_error) {
     readings.site_count = 1;
     readings.options.backend = SBL_BACKEND_RASTER;
     readings.options.mode = SBL_MODE_DIRECT;
-    for (step = 3e5; step < 2e8 && !context; step *= 1.04) {
+    for (step = 3e5; step < 2e8 && !context; step *= 1.08) {
         sbl_result result;
         sbl_memory m;
         int what = 0;

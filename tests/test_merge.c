@@ -167,19 +167,19 @@ TEST(wrong_parts_are_refused) {
     REFUSED("2 of 3 parts are missing; the first is part 1", "p.2.exr");
     REFUSED("are both part 3 of 3", "p.1.exr", "p.2.exr", "p.3.exr", "p.3.exr");
     REFUSED("other.2.exr does not fit p.1.exr: it is a part of 2, not of 3", "p.1.exr", "other.2.exr");
-    REFUSED("high.2.exr does not fit p.1.exr: it was made with other options: --mode=direct --preset=high", "p.1.exr",
-            "high.2.exr", "p.3.exr");
-    REFUSED("seed.3.exr does not fit p.1.exr: it was made with other options: --mode=direct --seed=7", "p.1.exr",
+    REFUSED("high.2.exr does not fit p.1.exr: it was made with other options: it has --mode=direct --preset=high",
+            "p.1.exr", "high.2.exr", "p.3.exr");
+    REFUSED("seed.3.exr does not fit p.1.exr: it was made with other options: it has --mode=direct --seed=7", "p.1.exr",
             "p.2.exr", "seed.3.exr");
     REFUSED("no such.exr", "p.1.exr", "p.2.exr", "no such.exr");
     write_text("words.exr", "no picture");
-    REFUSED("words.exr: it is no complete .exr file", "p.1.exr", "words.exr", "p.3.exr");
+    REFUSED("words.exr: not a complete .exr file", "p.1.exr", "words.exr", "p.3.exr");
     CHECK(RENDER(PICTURE, "-o", "whole.exr") == 0, "%s", ran.err);
-    REFUSED("whole.exr: it is no part", "whole.exr");
+    REFUSED("whole.exr: not a part", "whole.exr");
     damage("p.2.exr", "short.exr", 1, -1);
-    REFUSED("short.exr: it is", "p.1.exr", "short.exr", "p.3.exr");
+    REFUSED("short.exr: ", "p.1.exr", "short.exr", "p.3.exr");
     damage("p.2.exr", "turned.exr", 0, 1500);
-    REFUSED("turned.exr: it is", "p.1.exr", "turned.exr", "p.3.exr");
+    REFUSED("turned.exr: ", "p.1.exr", "turned.exr", "p.3.exr");
     write_text("room.mtl", "newmtl floor\nKd .7 .5 .2\nnewmtl lamp\nKd 0 0 0\nKe 5 6 7\n");
     CHECK(RENDER(PICTURE, "--part", "2/3", "-o", "scene.exr") == 0, "%s", ran.err);
     REFUSED("scene.exr does not fit p.1.exr: it was made from another scene", "p.1.exr", "scene.exr", "p.3.exr");
@@ -204,7 +204,8 @@ TEST(windows_are_joined) {
     CHECK(RENDER(PICTURE, "-o", "whole.pfm") == 0 && MERGE("right.exr", "left.exr", "-o", "all.pfm") == 0 &&
           fabs(difference("whole.pfm", "all.pfm")) < 0.04, "light differs by %g", difference("whole.pfm", "all.pfm"));
     CHECK(MERGE("left.exr", "wide.exr", "-o", "all.pfm") == 1 && said("left.exr and wide.exr overlap"), "%s", ran.err);
-    CHECK(MERGE("left.exr", "pixel.exr", "-o", "all.pfm") == 1 && said("895 of 1536 pixels"), "%s", ran.err);
+    CHECK(MERGE("left.exr", "pixel.exr", "-o", "all.pfm") == 1 && said("895 of 1536 pixels are in no part"), "%s",
+          ran.err);
 }
 
 /* Parts of different drivers fit together if they have one plan, with one warning. Mesa's software renderer counts as
@@ -357,10 +358,11 @@ TEST(a_folder_has_one_user) {
           "%s", ran.err);
 }
 
-/* If the disk is full, the run says so, and goes on when there is space. */
+/* If the disk is full, the run says so, and goes on when there is space. Another part does not use the windows. */
 TEST(a_full_disk_loses_nothing) {
     const char *const arguments[] = { LARGE, "-o", "full.pfm", NULL };
     const char *const again[] = { LARGE, "-o", "full.pfm", "--resume", NULL };
+    const char *const first[] = { LARGE, "--part", "1/2", "-o", "part.exr", NULL };
     if (!has_openexr()) SKIP("built without OpenEXR");
     tool_use("sbl_render");
     finish(start(arguments, -1, 20000));
@@ -369,6 +371,11 @@ TEST(a_full_disk_loses_nothing) {
     CHECK(ran.status == 1 && said("full.pfm: cannot be written") && !exists("full.pfm"), "status %d: %s", ran.status,
           ran.err);
     CHECK(run(again) == 0 && exists("full.pfm") && !exists("full.pfm.parts") && !parts_left(), "%s", ran.err);
+    finish(start(first, -1, 20000));
+    CHECK(ran.status == 1 && said("1.exr: cannot be written"), "status %d: %s", ran.status, ran.err);
+    CHECK(RENDER(LARGE, "--part", "2/2", "-o", "part.exr", "--resume") == 1 && said("another part"), "%s", ran.err);
+    CHECK(RENDER(LARGE, "--part", "1/2", "-o", "part.exr", "--resume") == 0 && !exists("part.exr.parts"), "%s",
+          ran.err);
 }
 
 int main(int argc, char **argv) {

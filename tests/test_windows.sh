@@ -102,7 +102,7 @@ examples() {
     for source in examples/*.c; do
         example=$(basename "$source" .c).exe
         [ $# = 0 ] || case " $* " in *" $example "*) ;; *) continue ;; esac
-        grep -q '#include "scene_file.h"' "$source" || [ -f "$copy/build/$example" ] ||
+        grep -qE '#include "(scene|picture)_file.h"' "$source" || [ -f "$copy/build/$example" ] ||
             { echo "no $example"; return 1; }
     done
 }
