@@ -871,7 +871,7 @@ static void add_stats(sbl_stats *sum, const sbl_stats *s) {
 
 /* Makes the windows that are not finished yet. Returns the exit status. */
 static int make_windows(shot *s) {
-    char name[PATH_MAX + 32];
+    char name[PATH_MAX + 300];
     int i, finished = 0, status = DONE;
     for (i = 0; i < s->work.count && status == DONE; i++) {
         const view all = { name, &s->picture, s->channel, 0 };

@@ -6,6 +6,7 @@
 #ifndef TOOL_PARTS_H
 #define TOOL_PARTS_H
 
+#include <dirent.h>
 #include <sys/file.h>
 
 /* ---- cost ---- */
@@ -277,7 +278,7 @@ typedef struct plan_folder { char path[PATH_MAX]; int lock; } plan_folder;
 
 /* Writes the name of a file of the folder, which is valid until the next call. */
 static const char *plan_file(const plan_folder *f, const char *name) {
-    static char path[PATH_MAX + 32];
+    static char path[PATH_MAX + 300];
     snprintf(path, sizeof path, "%s/%s", f->path, name);
     return path;
 }
@@ -301,9 +302,16 @@ static int plan_folder_open(plan_folder *f, const char *output) {
     return fail("%s: another program is making this picture", f->path);
 }
 
-/* Removes the folder with the files of `count` windows. */
+/* Removes the folder with the files of `count` windows, and with temporary files that killed runs have left. */
 static void plan_folder_remove(const plan_folder *f, int count) {
+    const struct dirent *entry;
+    DIR *in = opendir(f->path);
     int i;
+    while (in && (entry = readdir(in)) != NULL) {
+        const size_t length = strlen(entry->d_name);
+        if (length > 5 && strcmp(entry->d_name + length - 5, ".part") == 0) unlink(plan_file(f, entry->d_name));
+    }
+    if (in) closedir(in);
     for (i = 0; i < count; i++) unlink(plan_window_file(f, i));
     unlink(plan_file(f, "light"));
     unlink(plan_file(f, "plan"));

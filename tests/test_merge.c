@@ -303,6 +303,7 @@ TEST(killed_runs_go_on) {
           ran.err);
     CHECK(!killed[2] || (RENDER(LARGE, "-o", "often.exr", "--seed", "3", "--resume") == 1 && said("other options") &&
           said("--seed=3")), "%s", ran.err);
+    if (exists("often.exr.parts")) write_text("often.exr.parts/sbl_render.00000000.part", "left by a killed run");
     CHECK(RENDER(LARGE, "-o", "often.exr", "--resume") == 0, "%s", ran.err);
     CHECK(same_files("once.exr", "often.exr") && !exists("often.exr.parts"), "the picture differs, or files are left");
     CHECK(RENDER(LARGE, "-o", "once.pfm") == 0 && RENDER(LARGE, "--memory", "4G", "-o", "whole.pfm") == 0 &&
