@@ -17290,7 +17290,8 @@ static void sbl__picture_show(sbl__picture *p, const sbl__composition *s) {
     p->map.channels[SBL_CHANNEL_DISPLAY] = p->map.desc.tone != SBL_TONE_NONE ? &s->target : NULL;
 }
 
-/* The surfaces, the two textures of R, two sums and a preview, and the surfaces of an anti-aliasing sample. */
+/* Adds what a picture has besides a map: the depth of surfaces, two textures of R, three compositions (two sums and a
+   preview), and the surfaces of an anti-aliasing sample. */
 static sbl__need sbl__picture_need(const sbl__core *c, const void *desc) {
     const sbl_picture_desc d = sbl__picture_desc_of(c, (const sbl_picture_desc *)desc);
     const double composition = d.tone != SBL_TONE_NONE ? 32 : 16;
@@ -17505,8 +17506,9 @@ static sbl_result sbl__lightmap_check(const sbl__core *c, const void *desc, sbl_
     return sbl__map_check(c, "sbl_lightmap_desc", &picture, given && given->target_error > 0, measurement);
 }
 
-/* The atlas on both sides; for each layer of light, harmonics, the filtered light and the result; for the current
-   layer, the unfiltered light and the gutters; the mean of supersampled texels. */
+/* Adds what a lightmap has besides a map: the atlas in host and GPU memory; for each layer of light, its harmonics, the
+   filtered light and the result; for the current layer, the unfiltered light and the gutters; and the mean of
+   supersampled texels. */
 static sbl__need sbl__lightmap_need(const sbl__core *c, const void *desc) {
     const sbl_lightmap_desc d = sbl_lightmap_desc_defaults((const sbl_lightmap_desc *)desc);
     const sbl_picture_desc picture = sbl__lightmap_picture(&d);

@@ -5,7 +5,7 @@
        picture_writer writer;
        ok = picture_begin(&writer, stream, "room.png", &frame, channel, stops);  // frame: an image without values
        for (...) ok = ok && picture_put(&writer, first_row, rows, values);
-       ok = picture_end(&writer) && ok; */
+       ok = picture_end(&writer, ok); */
 #ifndef PICTURE_FILE_H
 #define PICTURE_FILE_H
 
@@ -180,7 +180,7 @@ static int picture__end_png(picture_writer *w, int ok) {
 static int picture__put_pfm(picture_writer *w, int rows, const float *values) {
     const int n = w->frame.components;
     int x, y, k, b;
-    for (y = rows - 1; y >= 0; y--)  /* bottom row first */
+    for (y = rows - 1; y >= 0; y--)  /* a .pfm stores the bottom row first */
         for (x = 0; x < w->frame.width; x++) {
             const float *v = values + ((size_t)y * (size_t)w->frame.width + (size_t)x) * (size_t)n;
             unsigned char bytes[12];
@@ -294,8 +294,8 @@ static picture_format picture_format_of(const char *name) {
     return PICTURE_PFM;
 }
 
-/* Begins a picture in the format that the extension of the name selects. stops: exposure of channels final, radiance,
-   store and error in a .png. Returns 0 on failure; picture_end must then be called, too. */
+/* Begins a picture. The extension of the name selects the format. stops: the exposure of a .png, which only the
+   channels final, radiance, store and error have. Returns 0 on failure; picture_end must then be called, too. */
 static inline int picture_begin(picture_writer *w, FILE *out, const char *name, const image *frame,
                                 sbl_channel channel, double stops) {
     memset(w, 0, sizeof *w);

@@ -223,7 +223,8 @@ static int numbered_name(char *out, size_t size, const char *pattern, int number
     return snprintf(out, size, "%.*s%0*d%s", (int)(sign - pattern), pattern, digits, number, sign + length) < (int)size;
 }
 
-/* Reads --part, and gives the output the number of the part. Returns the exit status. */
+/* Reads the value of --part, and replaces %d in the name of the output by the number of the part. Returns the exit
+   status. */
 static int parse_part(void) {
     static char name[PATH_MAX];
     int status;
@@ -574,11 +575,10 @@ static sbl_result make_picture(shot *s, int late) {
     sbl_context *context = s->task->context;
     const int *w = s->desc.window;
     sbl_stats stats;
-    sbl_result result = sbl_begin_picture(context, &s->desc), unfinished;
+    sbl_result result = sbl_begin_picture(context, &s->desc);
     if (result == SBL_SUCCESS && needs_no_light(s->channel)) result = work_until(context, s->channel);
     else if (result == SBL_SUCCESS) result = late ? work_to_save(context) : work(context);
     if (s->bar.shown) fprintf(stderr, "\r%70s\r", "");
-    unfinished = result;
     stats = sbl_query_stats(context);
     free(s->picture.values);
     s->picture.values = NULL;
@@ -590,7 +590,7 @@ static sbl_result make_picture(shot *s, int late) {
         memcpy(s->picture.whole, camera.size, sizeof s->picture.whole);
     }
     s->picture.facts = s->has_facts ? s->work.facts : NULL;
-    return result == SBL_SUCCESS && unfinished != SBL_SUCCESS ? SBL_SUCCESS : result;
+    return result;
 }
 
 /* Returns the exposure of a .png in stops that the values of the channel do not contain. */
@@ -698,8 +698,8 @@ static int look_at_whole(shot *s, plan_cost *cost) {
     return DONE;
 }
 
-/* Finds the region of --part K/N: from the file of --plan, or from the cost of a small picture. Returns the exit
-   status. */
+/* Sets s->region to the window of --part K/N. The windows are those of the file of --plan; without that file, a small
+   picture shows what they cost. Returns the exit status. */
 static int find_part(shot *s) {
     const int *size = camera.size, all[4] = { 0, 0, size[0], size[1] }, number = options.part[0];
     plan_cost cost = { 0, 0, NULL };
@@ -754,10 +754,10 @@ static int find_windows(shot *s) {
         status = plan_make(&s->work, NULL, camera.size, s->region, (int)count);
         for (i = 0, fits = 1; i < s->work.count && fits && status == DONE; i++) {
             const int *w = s->work.windows[i];
-            fits = (double)w[2] * w[3] <= SMALLEST || s->work.count == PLAN_WINDOWS ||
+            fits = (double)w[2] * w[3] <= SMALLEST || s->work.count == PARTS_MOST ||
                    (window_bytes(s, w) <= left && (double)w[2] * w[3] <= 1.5 * LARGEST);
         }
-        count = fmin(ceil(1.2 * count + 0.5), fmin(PLAN_WINDOWS, pixels));
+        count = fmin(ceil(1.2 * count + 0.5), fmin(PARTS_MOST, pixels));
     }
     return status;
 }
@@ -840,6 +840,11 @@ static int is_finished(const shot *s, const char *name, const int window[4]) {
     return ok;
 }
 
+/* Returns the root mean square of two errors. share: the second one's share of the pixels */
+static float joint_error(float a, float b, double share) {
+    return (float)sqrt((1 - share) * (double)a * (double)a + share * (double)b * (double)b);
+}
+
 /* Adds the statistics of a window to those of the windows before. */
 static void add_stats(sbl_stats *sum, const sbl_stats *s) {
     const double before = sum->picture.visible_pixels, own = s->picture.visible_pixels;
@@ -854,10 +859,9 @@ static void add_stats(sbl_stats *sum, const sbl_stats *s) {
     sum->sensors.rays += old.sensors.rays;
     sum->store.rays += old.store.rays;
     sum->picture.visible_pixels += old.picture.visible_pixels;
-    sum->picture.expected_error = (float)sqrt((1 - share) * pow((double)old.picture.expected_error, 2) +
-                                              share * pow((double)s->picture.expected_error, 2));
-    sum->picture.stored_error = (float)sqrt((1 - share) * pow((double)old.picture.stored_error, 2) +
-                                            share * pow((double)s->picture.stored_error, 2));
+    sum->picture.expected_error = joint_error(old.picture.expected_error, s->picture.expected_error, share);
+    sum->picture.stored_error = joint_error(old.picture.stored_error, s->picture.stored_error, share);
+    if (old.picture.level_count > s->picture.level_count) sum->picture.level_count = old.picture.level_count;
     for (i = 0; i < sum->picture.level_count; i++) sum->picture.levels[i].sensors += old.picture.levels[i].sensors;
     sum->seconds.surface += old.seconds.surface;
     sum->seconds.bounce += old.seconds.bounce;
@@ -908,6 +912,7 @@ static int join_windows(shot *s) {
     if (!is_display(s->channel)) job.stops = (double)s->desc.exposure;
     if (s->channel == SBL_CHANNEL_ERROR && isnan(options.exposure)) job.stops += PICTURE_ERROR_STOPS;
     for (i = 0; i < s->work.count && ok; i++) ok = parts_add(&parts, plan_window_file(&s->folder, i));
+    /* The windows of part K/N all say that they are part K/N; here they are the windows of one picture. */
     for (i = 0; i < parts.count; i++) parts.parts[i].number = parts.parts[i].count = 0;
     ok = ok && parts_check(&parts, s->region);
     if (ok && !target_write(&targets[PICTURE], parts_write, &job, 0)) {
@@ -930,6 +935,7 @@ static int render_windows(shot *s, double *seconds) {
     *seconds = now() - s->task->start;
     if (status != DONE) return status;
     plan_folder_remove(&s->folder, s->work.count);
+    s->task->has_stats = 1;
     s->task->stats.picture.width = s->region[2];
     s->task->stats.picture.height = s->region[3];
     warn_of_missed_target(s->task->said, &s->task->stats);

@@ -63,7 +63,7 @@ typedef struct plan {
     int (*windows)[4];          /* x, y, width, height */
 } plan;
 
-enum { PLAN_TILE = 16, PLAN_WINDOWS = 10000 };  /* windows end at multiples of PLAN_TILE; largest number of windows */
+enum { PLAN_TILE = 16 };  /* windows end at multiples of this number of pixels */
 
 static void plan_free(plan *p) {
     free(p->windows);
@@ -196,7 +196,7 @@ static int plan__read_windows(plan *p, FILE *in, const int size[2]) {
             p->windows = more;
             room += 1024;
         }
-        if (p->count == PLAN_WINDOWS || sscanf(line, "window %d %d %d %d", &w[0], &w[1], &w[2], &w[3]) != 4) return 0;
+        if (p->count == PARTS_MOST || sscanf(line, "window %d %d %d %d", &w[0], &w[1], &w[2], &w[3]) != 4) return 0;
         if (w[0] < 0 || w[1] < 0 || w[2] < 1 || w[3] < 1 || w[0] > size[0] - w[2] || w[1] > size[1] - w[3]) return 0;
         memcpy(p->windows[p->count++], w, sizeof w);
     }
@@ -263,8 +263,8 @@ static int plan_part(const char *text, int part[2]) {
         rest = end;
     }
     n = *rest == '/' && isdigit((unsigned char)rest[1]) ? strtol(rest + 1, &end, 10) : 0;
-    if (*rest != '/' || n < 1 || *end || n > PLAN_WINDOWS || k < 1)
-        return misuse("--part %s: the value must be K/N, the K-th of N parts, with N from 1 to %d", text, PLAN_WINDOWS);
+    if (*rest != '/' || n < 1 || *end || n > PARTS_MOST || k < 1)
+        return misuse("--part %s: the value must be K/N, the K-th of N parts, with N from 1 to %d", text, PARTS_MOST);
     if (k > n) return misuse("--part %s: there are %ld parts, so part %ld does not exist", text, n, k);
     part[0] = (int)k;
     part[1] = (int)n;

@@ -445,7 +445,8 @@ typedef struct tool_task {
     const char *light;            /* what lights a file without light, in words; NULL: the default sky does */
     int unplaced;                 /* 1: the camera of the file is not used, because nobody has placed it */
     int makes_store;              /* 1: the file of --store is not written yet */
-    sbl_stats stats;              /* of the work; the worker fills them in if it consists of several works */
+    sbl_stats stats;              /* of the work */
+    int has_stats;                /* 1: the worker has filled in the statistics, because it did several works */
 } tool_task;
 
 /* ---- statistics ---- */
@@ -638,7 +639,7 @@ static int tool__work(const scene_file *file, const scene_file *sky, tool_task *
     if (status == DONE) detail_light(&scene);
     if (status == DONE) status = load_store(task, given);
     if (status == DONE) status = worker(task, &all.seconds);
-    if (!(task->stats.seconds.total > 0)) task->stats = sbl_query_stats(task->context);
+    if (!task->has_stats) task->stats = sbl_query_stats(task->context);
     if (status == DONE) detail_choices(task);
     if (status == DONE && common.stats) status = keep_stats(&all);
     if (status == DONE) status = keep_store(task, given);

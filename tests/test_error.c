@@ -306,7 +306,8 @@ TEST(of_looks_between_near_plates) {
             }
             predicted = (double)sbl_query_stats(context).picture.expected_error;
             stored = (double)sbl_query_stats(context).picture.stored_error;
-            predicted = sqrt(predicted * predicted - stored * stored);  /* both pictures read the same store */
+            /* The store's error is left out, because both pictures read the same store. */
+            predicted = sqrt(predicted * predicted - stored * stored);
             off = sqrt(squares * 64 * 48) / mean;
             printf("  %.2f %% predicted, %.2f %% true\n", 100 * predicted, 100 * off);
             CHECK(off < 1.1 * predicted, "the predicted error of sensors is %.2f %%, the true one %.2f %%",

@@ -270,10 +270,9 @@ static int finished_windows(const char *output) {
     return count;
 }
 
-/* Starts the tool, and kills it as soon as `count` windows are finished. Returns whether it was killed. */
-static int kill_after(int count, const char *output) {
+/* Starts sbl_render, and waits until `count` windows of the output are finished, or the program ends. */
+static pid_t start_until(const char *const *arguments, const char *output, int count) {
     static const struct timespec pause = { 0, 2000000 };
-    const char *const arguments[] = { LARGE, "-o", output, "--resume", NULL };
     siginfo_t info;
     pid_t child;
     tool_use("sbl_render");
@@ -281,9 +280,21 @@ static int kill_after(int count, const char *output) {
     memset(&info, 0, sizeof info);
     while (finished_windows(output) < count && waitid(P_PID, (id_t)child, &info, WEXITED | WNOHANG | WNOWAIT) == 0 &&
            !info.si_pid) nanosleep(&pause, NULL);
+    return child;
+}
+
+/* Kills sbl_render as soon as `count` windows are finished. Returns whether it was killed before it ended. */
+static int kill_when(const char *const *arguments, const char *output, int count) {
+    const pid_t child = start_until(arguments, output, count);
     kill(child, SIGKILL);
     finish(child);
     return ran.status == -SIGKILL;
+}
+
+/* Does the same for the large picture. */
+static int kill_after(int count, const char *output) {
+    const char *const arguments[] = { LARGE, "-o", output, "--resume", NULL };
+    return kill_when(arguments, output, count);
 }
 
 /* A picture that exceeds the memory is made window by window. It shows what the whole shows. A run that was killed goes
@@ -291,7 +302,10 @@ static int kill_after(int count, const char *output) {
 TEST(killed_runs_go_on) {
     int killed[3], windows[3], k;
     if (!has_openexr()) SKIP("built without OpenEXR");
-    CHECK(RENDER(LARGE, "-o", "once.exr", "--verbose") == 0 && said("window 2 of "), "%s", ran.err);
+    CHECK(RENDER(LARGE, "-o", "once.exr", "--verbose", "--stats", "stats.json") == 0 && said("window 2 of "), "%s",
+          ran.err);
+    read_text(in_folder("stats.json"), ran.out, sizeof ran.out, &ran.out_lines);
+    CHECK(strstr(ran.out, "\"size\": [640, 400]") && !strstr(ran.out, "\"sensors\": 0,"), "statistics: %s", ran.out);
     CHECK(!exists("once.exr.parts"), "the folder is left");
     for (k = 0; k < 3; k++) {
         killed[k] = kill_after(k, "often.exr");
@@ -315,22 +329,12 @@ TEST(killed_runs_go_on) {
 TEST(finished_windows_are_checked) {
     static const char *const gi[] = { "room.obj", "--eye", "0,1.4,3", "--look-at", "0,.5,0", SMALL, "--quiet", "--size",
         "640x400", "--preset", "draft", "--memory", "64M", "-o", "light.exr", "--resume", NULL };
-    static const struct timespec pause = { 0, 2000000 };
-    siginfo_t info;
-    pid_t child;
     if (!has_openexr()) SKIP("built without OpenEXR");
     REQUIRE(kill_after(2, "a.exr") && finished_windows("a.exr") >= 2, "it was not killed in time");
     damage("a.exr.parts/1.exr", "a.exr.parts/1.exr", 1, -1);
     CHECK(RENDER(LARGE, "-o", "a.exr", "--resume") == 0 && RENDER(LARGE, "-o", "b.exr") == 0 &&
           same_files("a.exr", "b.exr"), "%s", ran.err);
-    tool_use("sbl_render");
-    child = start(gi, -1, 0);
-    memset(&info, 0, sizeof info);
-    while (finished_windows("light.exr") < 1 && waitid(P_PID, (id_t)child, &info, WEXITED | WNOHANG | WNOWAIT) == 0 &&
-           !info.si_pid) nanosleep(&pause, NULL);
-    kill(child, SIGKILL);
-    finish(child);
-    REQUIRE(ran.status == -SIGKILL, "it was not killed in time: %d", ran.status);
+    REQUIRE(kill_when(gi, "light.exr", 1), "it was not killed in time: %d", ran.status);
     CHECK(exists("light.exr.parts/light"), "bounced light is not kept");
     CHECK(run(gi) == 0, "%s", ran.err);
     rename(in_folder("light.exr"), in_folder("killed.exr"));
@@ -340,12 +344,9 @@ TEST(finished_windows_are_checked) {
 /* Two programs do not work in one folder; a signal keeps the finished windows; pipes get no large picture. */
 TEST(a_folder_has_one_user) {
     const char *const arguments[] = { LARGE, "-o", "one.exr", NULL };
-    static const struct timespec pause = { 0, 2000000 };
     pid_t child;
     if (!has_openexr()) SKIP("built without OpenEXR");
-    tool_use("sbl_render");
-    child = start(arguments, -1, 0);
-    while (finished_windows("one.exr") < 1 && waitpid(child, NULL, WNOHANG) == 0) nanosleep(&pause, NULL);
+    child = start_until(arguments, "one.exr", 1);
     kill(child, SIGSTOP);
     REQUIRE(finished_windows("one.exr") >= 1, "it was not stopped in time");
     CHECK(RENDER(LARGE, "-o", "one.exr", "--resume") == 1 && said("another program"), "%s", ran.err);
