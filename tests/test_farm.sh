@@ -173,13 +173,8 @@ node_and_process_die() {
 # the scene disappears after the first part: the merge does not run, the user is told, and a cure helps
 fails_for_good() {
     "$farm" render "$scene" -o "$folder/c.exr" $small --parts 4 --dry-run > /dev/null &&
-        "$farm" --resume "$folder/c.exr" || return
-    wait_for [ -s "$folder/c.exr.farm/parts/00001.exr" ] || return
-    scancel -n sbl_parts
-    scancel -n sbl_merge
-    wait_for nothing_runs
+        SLURM_ARRAY_TASK_ID=1 sh "$folder/c.exr.farm/parts.sbatch" || return
     mv "$scene" "$scene.away"
-    rm -f "$folder"/c.exr.farm/parts/0000[234].exr
     "$farm" --resume "$folder/c.exr" && wait_for nothing_runs || return
     [ ! -e "$folder/c.exr" ] || { echo 'the merge ran'; return 1; }
     mv "$scene.away" "$scene"
