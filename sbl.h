@@ -115,6 +115,7 @@
        sbl_render_picture         renders a picture
        sbl_gather_readings        measures the light at any points with normals
        sbl_bake_lightmap          bakes a lightmap
+       sbl_join_windows           makes the gutters and seams of a lightmap that was baked in windows
        sbl_bake_vertices          bakes the light at the vertices of meshes
        sbl_bake_probes            bakes the light at points in the air
 
@@ -122,6 +123,7 @@
        sbl_begin_picture          starts a picture
        sbl_begin_readings         starts readings
        sbl_begin_lightmap         starts a lightmap (a context holds one picture or one lightmap)
+       sbl_begin_windows          starts to join the windows of a lightmap
        sbl_begin_vertices         starts light at vertices
        sbl_begin_probes           starts probes
        sbl_step                   works for about the given number of seconds
@@ -144,6 +146,7 @@
        sbl_picture_desc_defaults
        sbl_readings_desc_defaults
        sbl_lightmap_desc_defaults
+       sbl_windows_desc_defaults
        sbl_vertices_desc_defaults
        sbl_probes_desc_defaults
 
@@ -617,6 +620,11 @@
 
    In ON DETERMINISM, (x, y) is a pixel of the whole picture; in sbl_inspect_sensor and in channels, of the window.
 
+   A lightmap can be baked in windows, too. Mean, price and store are as above; a small lightmap supplies the mean and
+   the price. Windows have no gutters. Copy SBL_CHANNEL_RADIANCE, SBL_CHANNEL_ID and, if the map is directional, SH_0 to
+   SH_3 of all windows into arrays of the whole map, then let sbl_join_windows make the gutters and seams. A single
+   window of the whole map, joined, is the map that is baked at once, to the bit.
+
 
    ON DETERMINISM
 
@@ -699,7 +707,7 @@ typedef enum sbl_log_level { SBL_LOG_ERROR, SBL_LOG_WARNING, SBL_LOG_INFO } sbl_
     X(INVALID_LIGHT, "a light or the environment is not usable")                          \
     X(INVALID_PICTURE_DESC, "a field of sbl_picture_desc is out of range")                \
     X(INVALID_READINGS_DESC, "a field of sbl_readings_desc, or a site, is out of range")  \
-    X(INVALID_LIGHTMAP_DESC, "a field of sbl_lightmap_desc is out of range")              \
+    X(INVALID_LIGHTMAP_DESC, "a field of sbl_lightmap_desc or sbl_windows_desc is out of range") \
     X(INVALID_PROBES_DESC, "a field of sbl_probes_desc is out of range")                  \
     X(INVALID_VERTICES_DESC, "a field of sbl_vertices_desc is out of range")              \
     X(WRONG_ORDER, "a function was called in the wrong order, or by a callback")          \
@@ -1265,6 +1273,9 @@ typedef struct sbl_readings_desc {
 typedef struct sbl_lightmap_desc {
     uint32_t start_canary;     /* must stay 0 */
     int width, height;         /* texels, 1 to 16384. Default: 512 x 512 */
+    int window[4];             /* the part of the map to bake, texels: x and y of its first texel, its width and its
+                                  height. It has no gutters, and its seams stay; sbl_join_windows makes them for the
+                                  whole map. See ON PARTS. Default: all 0, the whole map */
     const int *meshes;         /* indices of the meshes that are baked, all with lightmap_texcoords; read when the
                                   lightmap begins. Default: all meshes that have them */
     int mesh_count;            /* number of entries in meshes */
@@ -1279,12 +1290,28 @@ typedef struct sbl_lightmap_desc {
     sbl_options options;       /* see sbl_options */
     float target_error;        /* accepted root mean square error of R over the texels, as in sbl_picture_desc. If not
                                   set, a sensor takes at most 1024 / 2048 / 4096 rays. Default: 0.02 / 0.005 / 0.0025 */
+    float mean_radiance[3];    /* the mean R to which target_error is relative, as in sbl_picture_desc */
+    float price;               /* least benefit of a look, as in sbl_picture_desc */
     int tile;                  /* distance between sensors of the first level, in places of `supersample`, which are
                                   texels if it is 1. Default: as in sbl_picture_desc */
     float threshold;           /* refines where sensors differ by more. Default: as in sbl_picture_desc */
     int filter_radius;         /* radius of the filter, in the unit of `tile`. Default: as in sbl_picture_desc */
     uint32_t end_canary;       /* must stay 0 */
 } sbl_lightmap_desc;
+
+/* The windows of a lightmap, joined by the host into arrays of the whole map. */
+typedef struct sbl_windows_desc {
+    uint32_t start_canary;     /* must stay 0 */
+    sbl_lightmap_desc lightmap;  /* the descriptor of the windows; its window is ignored, and of its options only
+                                  progress matters */
+    const float *ids;          /* SBL_CHANNEL_ID of all windows, 1 float per texel of the map, first row first; must
+                                  stay valid until the work is done */
+    float *light[5];           /* SBL_CHANNEL_RADIANCE of all windows, 3 floats per texel, and, if lightmap.directional
+                                  is 1, SBL_CHANNEL_SH_0 to SH_3. Each array is replaced by what the channel FINAL or SH
+                                  of a map that is baked at once has. Must stay valid until the work is done */
+    size_t texel_count;        /* number of texels that these arrays have room for, at least width * height */
+    uint32_t end_canary;       /* must stay 0 */
+} sbl_windows_desc;
 
 /* >>probe types */
 
@@ -1483,6 +1510,7 @@ SBL_API sbl_result sbl_load_store(sbl_context *context, sbl_read_function get, v
 /* Do work in one call: sbl_begin_... below, then sbl_step until the work is done. Results: those of both. */
 SBL_API sbl_result sbl_render_picture(sbl_context *context, const sbl_picture_desc *desc);
 SBL_API sbl_result sbl_bake_lightmap(sbl_context *context, const sbl_lightmap_desc *desc);
+SBL_API sbl_result sbl_join_windows(sbl_context *context, const sbl_windows_desc *desc);
 SBL_API sbl_result sbl_bake_vertices(sbl_context *context, const sbl_vertices_desc *desc);
 SBL_API sbl_result sbl_gather_readings(sbl_context *context, const sbl_readings_desc *desc);
 SBL_API sbl_result sbl_bake_probes(sbl_context *context, const sbl_probes_desc *desc);
@@ -1496,6 +1524,11 @@ SBL_API sbl_result sbl_begin_picture(sbl_context *context, const sbl_picture_des
 /* Starts a lightmap, which replaces a picture: what is said of pictures, from sbl_step on, is true for it.
    desc: NULL means defaults. Results: as for sbl_begin_picture, and OUT_OF_MEMORY, which drops all former work. */
 SBL_API sbl_result sbl_begin_lightmap(sbl_context *context, const sbl_lightmap_desc *desc);
+
+/* Starts to join the windows of a lightmap: continues the light into the gutters, and makes it equal across seams. The
+   scene must be that of the windows. The light is not measured again, and a finished picture or lightmap stays.
+   desc: copied, but not its arrays. Results: INVALID_ARGUMENT, STATE (no scene), OUT_OF_MEMORY. */
+SBL_API sbl_result sbl_begin_windows(sbl_context *context, const sbl_windows_desc *desc);
 
 /* Start light at vertices, readings, or probes. Work under way is dropped.
    desc: copied; NULL means all zeroes. Its radiance is filled when the work is done; its readings or probes are filled
@@ -1566,6 +1599,7 @@ SBL_API sbl_context_desc sbl_context_desc_defaults(const sbl_context_desc *desc)
 SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc);
 SBL_API sbl_readings_desc sbl_readings_desc_defaults(const sbl_readings_desc *desc);
 SBL_API sbl_lightmap_desc sbl_lightmap_desc_defaults(const sbl_lightmap_desc *desc);
+SBL_API sbl_windows_desc sbl_windows_desc_defaults(const sbl_windows_desc *desc);
 SBL_API sbl_probes_desc sbl_probes_desc_defaults(const sbl_probes_desc *desc);
 SBL_API sbl_vertices_desc sbl_vertices_desc_defaults(const sbl_vertices_desc *desc);
 
@@ -1647,6 +1681,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
                   >>map          the radiance map, which pictures and lightmaps share
                   >>picture      pictures
                   >>lightmap     lightmaps
+                  >>windows      gutters and seams of a lightmap that was baked in windows
                   >>gather       readings at any points
                   >>vertices     light at vertices, fitted to points on triangles
                   >>probes       light at points in the air
@@ -7609,9 +7644,11 @@ SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc)
     return d;
 }
 
-/* A window of a picture. The working grid is the window plus a margin, up to the edges of first-level tiles or of the
-   picture, so that windows fit together. Errors of pixels that the filter and anti-aliasing read count, too. All sizes
-   and places are x and y in working pixels. */
+#define SBL__MAX_SIZE 16384     /* greatest width and height of a picture or lightmap, in working pixels */
+
+/* A window of a picture or lightmap. The working grid is the window plus a margin, up to the edges of first-level tiles
+   or of the picture, so that windows fit together. Errors of pixels that the filter and anti-aliasing read count, too.
+   All sizes and places are x and y in working pixels. */
 typedef struct sbl__window {
     int whole[2];               /* size of the whole picture */
     int first[2], size[2];      /* the working grid: its first pixel in the whole picture, and its size */
@@ -7657,6 +7694,10 @@ static sbl_picture_desc sbl__window_desc(const sbl_picture_desc *d, const sbl__w
     return part;
 }
 
+static int sbl__window_is_whole(const sbl__window *w) {
+    return w->shown[0] == w->whole[0] && w->shown[1] == w->whole[1];
+}
+
 /* Returns 1 if pixel (x, y) of the working grid lies in the window, or at most `margin` pixels outside of it. */
 static int sbl__window_covers(const sbl__window *w, int margin, int x, int y) {
     return x >= w->inset[0] - margin && x < w->inset[0] + w->shown[0] + margin &&
@@ -7670,21 +7711,23 @@ static int sbl__window_shows(const sbl__window *w, int x, int y) { return sbl__w
    the filter or anti-aliasing may read it for a pixel that the window shows. */
 static int sbl__window_counts(const sbl__window *w, int x, int y) { return sbl__window_covers(w, w->margin, x, y); }
 
-static void sbl__check_window(sbl__check *check, const sbl_picture_desc *d) {
-    const int *w = d->window;
+/* what: "picture" or "map", for the message */
+static void sbl__check_window(sbl__check *check, const int w[4], const char *what, int width, int height) {
     if (!w[0] && !w[1] && !w[2] && !w[3]) return;
-    if (w[0] < 0 || w[1] < 0 || w[2] < 1 || w[3] < 1 || w[2] > d->width || w[3] > d->height ||
-        w[0] > d->width - w[2] || w[1] > d->height - w[3])
-        sbl__mistake(check, "window (x %d, y %d, %d x %d) must be at least 1 x 1 and inside the picture, %d x %d",
-                     w[0], w[1], w[2], w[3], d->width, d->height);
+    if (w[0] < 0 || w[1] < 0 || w[2] < 1 || w[3] < 1 || w[2] > width || w[3] > height || w[0] > width - w[2] ||
+        w[1] > height - w[3])
+        sbl__mistake(check, "window (x %d, y %d, %d x %d) must be at least 1 x 1 and inside the %s, %d x %d",
+                     w[0], w[1], w[2], w[3], what, width, height);
 }
 
 /* Checks the fields that pictures and lightmaps share. */
 static void sbl__check_refinement(sbl__check *check, const sbl_picture_desc *d) {
-    sbl__check_int(check, "width", d->width, 1, 16384);
-    sbl__check_int(check, "height", d->height, 1, 16384);
+    sbl__check_int(check, "width", d->width, 1, SBL__MAX_SIZE);
+    sbl__check_int(check, "height", d->height, 1, SBL__MAX_SIZE);
     sbl__check_int(check, "tile", d->tile, 1, 1024);
     sbl__check_range(check, "target_error", &d->target_error, 1, sbl__unit_range);
+    sbl__check_range(check, "mean_radiance", d->mean_radiance, 3, sbl__not_negative_range);
+    sbl__check_range(check, "price", &d->price, 1, sbl__not_negative_range);
     sbl__check_finite(check, "threshold", &d->threshold, 1);
     if (d->filter_radius > 32) sbl__mistake(check, "filter_radius is %d; it must be at most 32", d->filter_radius);
 }
@@ -7696,9 +7739,7 @@ static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_de
     sbl__check_options(&check, &d->options, 1, sbl__sensor_rays, host_draws);
     sbl__check_sensor_kind(&check, &d->options, d->sensor_kind, d->sensor_fov);
     sbl__check_refinement(&check, d);
-    sbl__check_window(&check, d);
-    sbl__check_range(&check, "mean_radiance", d->mean_radiance, 3, sbl__not_negative_range);
-    sbl__check_range(&check, "price", &d->price, 1, sbl__not_negative_range);
+    sbl__check_window(&check, d->window, "picture", d->width, d->height);
     sbl__check_finite(&check, "facet_limit", &d->facet_limit, 1);
     sbl__check_int(&check, "samples", d->samples, 1, 64);
     sbl__check_int(&check, "tone", (int)d->tone, 0, SBL_TONE_COUNT - 1);
@@ -7711,9 +7752,9 @@ static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_de
 
 /* >>options: lightmaps */
 
-/* Returns 1 if supersample is 1 to 8, and width and height times supersample are 1 to 16384. */
+/* Returns 1 if supersample is 1 to 8, and width and height times supersample are 1 to SBL__MAX_SIZE. */
 static int sbl__supersample_fits(const sbl_lightmap_desc *d) {
-    const int most = 16384;
+    const int most = SBL__MAX_SIZE;
     return d->supersample >= 1 && d->supersample <= 8 && d->width >= 1 && d->height >= 1 &&
            d->width <= most / d->supersample && d->height <= most / d->supersample;
 }
@@ -7722,11 +7763,15 @@ static int sbl__supersample_fits(const sbl_lightmap_desc *d) {
 static sbl_picture_desc sbl__lightmap_picture(const sbl_lightmap_desc *d) {
     const int across = sbl__supersample_fits(d) ? d->supersample : 1;
     sbl_picture_desc picture;
+    int i;
     memset(&picture, 0, sizeof picture);
     picture.options = d->options;
     picture.width = d->width * across;
     picture.height = d->height * across;
+    for (i = 0; i < 4; i++) picture.window[i] = SBL__MIN(SBL__MAX(d->window[i], -1), SBL__MAX_SIZE + 1) * across;
     picture.target_error = d->target_error;
+    memcpy(picture.mean_radiance, d->mean_radiance, sizeof picture.mean_radiance);
+    picture.price = d->price;
     picture.tile = d->tile;
     picture.threshold = d->threshold;
     picture.filter_radius = d->filter_radius;
@@ -7760,12 +7805,13 @@ static sbl_result sbl__check_lightmap(const sbl__base *base, const sbl_lightmap_
     if (!sbl__check_canaries(&check, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     sbl__check_options(&check, &d->options, 0, sbl__sensor_rays, scene->draw != NULL);
     sbl__check_refinement(&check, &picture);
-    sbl__check_int(&check, "gutter", d->gutter, -INT_MAX, 16384);
+    sbl__check_window(&check, d->window, "map", d->width, d->height);
+    sbl__check_int(&check, "gutter", d->gutter, -INT_MAX, SBL__MAX_SIZE);
     sbl__check_int(&check, "directional", d->directional, 0, 1);
     sbl__check_int(&check, "supersample", d->supersample, 1, 8);
     if (d->supersample > 1 && d->supersample <= 8 && !sbl__supersample_fits(d))
-        sbl__mistake(&check, "supersample is %d; times the size, %d x %d, it must be at most 16384", d->supersample,
-                     d->width, d->height);
+        sbl__mistake(&check, "supersample is %d; times the size, %d x %d, it must be at most %d", d->supersample,
+                     d->width, d->height, SBL__MAX_SIZE);
     sbl__check_array(&check, "mesh_count", d->mesh_count, d->meshes);
     for (i = 0; d->meshes && i < d->mesh_count; i++) {
         const int mesh = d->meshes[i];
@@ -7774,6 +7820,29 @@ static sbl_result sbl__check_lightmap(const sbl__base *base, const sbl_lightmap_
         else if (!g->meshes[mesh].lightmapped)
             sbl__mistake(&check, "meshes[%d] is %d, a mesh without lightmap_texcoords", i, mesh);
     }
+    return sbl__check_end(&check);
+}
+
+SBL_API sbl_windows_desc sbl_windows_desc_defaults(const sbl_windows_desc *desc) {
+    sbl_windows_desc d;
+    if (desc) d = *desc;
+    else memset(&d, 0, sizeof d);
+    d.lightmap = sbl_lightmap_desc_defaults(&d.lightmap);
+    memset(d.lightmap.window, 0, sizeof d.lightmap.window);
+    return d;
+}
+
+static sbl_result sbl__check_windows(const sbl__base *base, const sbl_windows_desc *d, const sbl__scene *scene) {
+    sbl__check check = { base, NULL, SBL_LOG_ITEM_INVALID_LIGHTMAP_DESC, "sbl_windows_desc", 0 };
+    const int layers = d->lightmap.directional ? SBL__COUNT(d->light) : 1;
+    const double texels = (double)d->lightmap.width * d->lightmap.height;
+    int i;
+    if (!sbl__check_canaries(&check, d->start_canary, d->end_canary)) return sbl__check_end(&check);
+    if (sbl__check_lightmap(base, &d->lightmap, scene) != SBL_SUCCESS) return SBL_ERROR_INVALID_ARGUMENT;
+    if (!d->ids) sbl__mistake(&check, "ids is NULL");
+    for (i = 0; i < layers; i++) if (!d->light[i]) sbl__mistake(&check, "light[%d] is NULL", i);
+    if ((double)d->texel_count < texels)
+        sbl__mistake(&check, "texel_count is %.0f; the map has %.0f texels", (double)d->texel_count, texels);
     return sbl__check_end(&check);
 }
 
@@ -7960,7 +8029,9 @@ typedef struct sbl__atlas {
     sbl__stages stages;
     sbl__base *base;
     const sbl__geometry *geometry;
-    int width, height;          /* size of the map in supersampled texels, which this room calls texels */
+    sbl__window window;         /* the part of the map that the atlas shows, and its working grid; in supersampled
+                                   texels, which this room calls texels */
+    int width, height;          /* size of the working grid */
     int across;                 /* number of supersampled texels across a texel of the lightmap */
     unsigned char *baked;       /* per mesh: 1 if the lightmap contains it */
     int row;                    /* next row to draw of the current triangle; 0: the triangle is not begun */
@@ -7985,24 +8056,32 @@ static void sbl__atlas_free(sbl__base *base, sbl__atlas *a) {
     memset(a, 0, sizeof *a);
 }
 
-/* Allocates an atlas for a checked descriptor. If the latter lists no meshes, all lightmapped meshes are baked. */
-static sbl_result sbl__atlas_begin(sbl__base *base, sbl__atlas *a, const sbl__geometry *g,
-                                   const sbl_lightmap_desc *desc) {
-    size_t texels;
+/* Chooses the meshes that are baked, by their checked indices; if there are none, all lightmapped meshes. */
+static sbl_result sbl__atlas_choose(sbl__base *base, sbl__atlas *a, const sbl__geometry *g, const int *meshes,
+                                    int count) {
     int i;
-    a->across = desc->supersample;
-    a->width = desc->width * a->across;
-    a->height = desc->height * a->across;
-    texels = (size_t)a->width * (size_t)a->height;
     a->base = base;
     a->geometry = g;
     a->baked = (unsigned char *)sbl__alloc(base, (size_t)g->mesh_count, 1);
+    if (!a->baked) return SBL_ERROR_OUT_OF_MEMORY;
+    for (i = 0; i < count; i++) a->baked[meshes[i]] = 1;
+    for (i = 0; i < g->mesh_count && !count; i++) a->baked[i] = g->meshes[i].lightmapped != 0;
+    return SBL_SUCCESS;
+}
+
+/* Allocates an atlas for which sbl__atlas_choose was called. */
+static sbl_result sbl__atlas_begin(sbl__atlas *a, const sbl__window *window, int across) {
+    const size_t texels = (size_t)window->size[0] * (size_t)window->size[1];
+    const sbl__geometry *g = a->geometry;
+    sbl__base *base = a->base;
+    a->window = *window;
+    a->across = across;
+    a->width = window->size[0];
+    a->height = window->size[1];
     a->parents = (uint32_t *)sbl__alloc_raw(base, (size_t)g->vertex_count, sizeof *a->parents);
     a->texels = (uint32_t *)sbl__alloc(base, texels, SBL__ATLAS_WORDS * sizeof *a->texels);
     a->away = (float *)sbl__alloc(base, texels, sizeof *a->away);
-    if (!a->baked || !a->parents || !a->texels || !a->away) return SBL_ERROR_OUT_OF_MEMORY;
-    for (i = 0; i < desc->mesh_count; i++) a->baked[desc->meshes[i]] = 1;
-    for (i = 0; i < g->mesh_count && !desc->mesh_count; i++) a->baked[i] = g->meshes[i].lightmapped != 0;
+    if (!a->parents || !a->texels || !a->away) return SBL_ERROR_OUT_OF_MEMORY;
     return sbl__hash_table_make(base, &a->places, g->vertex_count);
 }
 
@@ -8055,17 +8134,20 @@ static sbl_result sbl__atlas_number(void *work, int vertex) {
 /* >>atlas: texels */
 
 typedef struct sbl__atlas_triangle {
-    double corners[3][2];  /* positions in the atlas, texels */
+    double corners[3][2];  /* positions in the whole map, texels */
     double area;           /* twice the signed area, square texels */
     uint32_t number, chart;  /* chart: SBL__NONE if the triangle is loaded after the atlas is drawn */
-    int rows[2];           /* first and last row of the map that the triangle touches; none: last < first */
+    int rows[2];           /* first and last row of the working grid that the triangle touches, as rows of the map;
+                              none: last < first */
 } sbl__atlas_triangle;
 
-/* Gets the first and last of `size` texels that an interval touches. If none, or if low = DBL_MAX, last < first. */
-static void sbl__atlas_span(double low, double high, int size, int out[2]) {
+/* Gets the first and last texel of the working grid that an interval touches along axis k. If it touches none, or if
+   low = DBL_MAX, last < first. */
+static void sbl__atlas_span(const sbl__atlas *a, int k, double low, double high, int out[2]) {
     const double first = floor(low), last = SBL__MAX(first, ceil(high) - 1);
-    out[0] = first >= size ? size : first < 0 ? 0 : (int)first;
-    out[1] = last >= size ? size - 1 : last < 0 ? -1 : (int)last;
+    const int from = a->window.first[k], end = from + a->window.size[k];
+    out[0] = first >= end ? end : first < from ? from : (int)first;
+    out[1] = last >= end ? end - 1 : last < from ? from - 1 : (int)last;
 }
 
 /* Extends the interval from .. to so that it contains x. */
@@ -8076,22 +8158,22 @@ static void sbl__extend(double *from, double *to, double x) {
 
 static void sbl__atlas_load(const sbl__atlas *a, uint32_t number, sbl__atlas_triangle *t) {
     const sbl__geometry *g = a->geometry;
-    const int size[2] = { a->width, a->height };
     double low = DBL_MAX, high = -DBL_MAX;
     int i, k;
     for (i = 0; i < 3; i++) {
         const float *uv = sbl__atlas_uv(g, g->indices[3 * (size_t)number + (size_t)i]);
-        for (k = 0; k < 2; k++) t->corners[i][k] = (double)uv[k] * size[k];
+        for (k = 0; k < 2; k++) t->corners[i][k] = (double)uv[k] * a->window.whole[k];
         sbl__extend(&low, &high, t->corners[i][1]);
     }
     t->area = (t->corners[1][0] - t->corners[0][0]) * (t->corners[2][1] - t->corners[0][1]) -
               (t->corners[2][0] - t->corners[0][0]) * (t->corners[1][1] - t->corners[0][1]);
     t->number = number;
     t->chart = a->parents ? a->parents[g->indices[3 * (size_t)number]] : SBL__NONE;
-    sbl__atlas_span(low, high, a->height, t->rows);
+    sbl__atlas_span(a, 1, low, high, t->rows);
 }
 
-/* Gets the first and last column that a triangle touches in a row. If it touches none, last < first. */
+/* Gets the first and last column of the working grid that a triangle touches in a row, as columns of the map. If it
+   touches none, last < first. */
 static void sbl__atlas_columns(const sbl__atlas *a, const sbl__atlas_triangle *t, int row, int columns[2]) {
     double low = DBL_MAX, high = -DBL_MAX;
     int i, side;
@@ -8102,7 +8184,7 @@ static void sbl__atlas_columns(const sbl__atlas *a, const sbl__atlas_triangle *t
             if ((p[1] < side) != (q[1] < side))
                 sbl__extend(&low, &high, p[0] + (side - p[1]) / (q[1] - p[1]) * (q[0] - p[0]));
     }
-    sbl__atlas_span(low, high, a->width, columns);
+    sbl__atlas_span(a, 0, low, high, columns);
 }
 
 /* Gets the barycentric weights of the point of a triangle that is nearest to `centre`, which is in texels. Returns the
@@ -8157,24 +8239,30 @@ static float sbl__atlas_others(const sbl__atlas *a, size_t texel) {
     return a->away && a->away[texel] < 0 ? (float)ceil(-(double)a->away[texel]) - 1 : 0;
 }
 
-/* Counts a texel when a first triangle overlaps the one that it shows; warns once. triangle: the overlapping one */
-static void sbl__atlas_warn_overlap(sbl__atlas *a, uint32_t triangle, size_t texel) {
+/* Counts a texel of the window when a first triangle overlaps the one that it shows; warns once. triangle: the
+   overlapping one. at: place of the texel in the map */
+static void sbl__atlas_warn_overlap(sbl__atlas *a, uint32_t triangle, const int at[2], size_t texel) {
     const sbl__geometry *g = a->geometry;
     const uint32_t first = a->texels[SBL__ATLAS_WORDS * texel] - 1;
     const int mesh = (int)g->vertices[g->indices[3 * (size_t)triangle]].object;
     const int first_mesh = (int)g->vertices[g->indices[3 * (size_t)first]].object;
+    if (!sbl__window_shows(&a->window, at[0] - a->window.first[0], at[1] - a->window.first[1])) return;
     if (sbl__atlas_others(a, texel) > 0 || a->overlapping++) return;
     sbl__log(a->base, SBL_LOG_WARNING, SBL_LOG_ITEM_OVERLAP, "lightmap: triangle %d of mesh %d and triangle %d of mesh "
              "%d share texel %d %d; such texels show the light of the first triangle",
              (int)first - g->meshes[first_mesh].first_triangle, first_mesh,
-             (int)triangle - g->meshes[mesh].first_triangle, mesh, (int)(texel % (size_t)a->width) / a->across,
-             (int)(texel / (size_t)a->width) / a->across);
+             (int)triangle - g->meshes[mesh].first_triangle, mesh, at[0] / a->across, at[1] / a->across);
 }
 
-/* Makes the texel in column at[0] of row at[1] show triangle t if t is nearer to the texel's centre than the triangle
-   shown so far. If both contain the centre and overlap (see sbl__atlas_others), only counts the overlap. */
+/* Returns the number of the texel in a column and a row of the map. */
+static size_t sbl__atlas_index(const sbl__atlas *a, const int at[2]) {
+    return (size_t)(at[1] - a->window.first[1]) * (size_t)a->width + (size_t)(at[0] - a->window.first[0]);
+}
+
+/* Makes the texel in column at[0] of row at[1] of the map show triangle t if t is nearer to the texel's centre than the
+   triangle shown so far. If both contain the centre and overlap (see sbl__atlas_others), only counts the overlap. */
 static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const int at[2]) {
-    const size_t i = (size_t)at[1] * (size_t)a->width + (size_t)at[0];
+    const size_t i = sbl__atlas_index(a, at);
     const double centre[2] = { at[0] + 0.5, at[1] + 0.5 };
     uint32_t *texel = a->texels + SBL__ATLAS_WORDS * i;
     double weights[3];
@@ -8183,7 +8271,7 @@ static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const 
     const int was_well = floor((double)a->away[i]) >= (double)a->away[i];  /* ATLAS_WELL - n is whole, EDGE - n not */
     float shares[2];
     if (away < 0 && a->away[i] < 0 && (other_chart || (well && was_well))) {
-        sbl__atlas_warn_overlap(a, t->number, i);
+        sbl__atlas_warn_overlap(a, t->number, at, i);
         a->away[i] -= 1;
         return;
     }
@@ -8200,7 +8288,7 @@ static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const 
 /* Counts the triangle if a corner is more than half a texel outside of the map; warns of the first such triangle. */
 static void sbl__atlas_warn_outside(sbl__atlas *a, const sbl__atlas_triangle *t) {
     const sbl__geometry *g = a->geometry;
-    const int size[2] = { a->width, a->height }, mesh = (int)g->vertices[g->indices[3 * (size_t)t->number]].object;
+    const int *size = a->window.whole, mesh = (int)g->vertices[g->indices[3 * (size_t)t->number]].object;
     const double *outside = NULL;
     int i, k;
     for (i = 0; i < 3; i++)
@@ -8209,7 +8297,7 @@ static void sbl__atlas_warn_outside(sbl__atlas *a, const sbl__atlas_triangle *t)
     if (!outside || a->outside++) return;
     sbl__log(a->base, SBL_LOG_WARNING, SBL_LOG_ITEM_OUTSIDE, "lightmap: triangle %d of mesh %d has a corner at %g %g; "
              "parts outside of 0 to 1 are not baked", (int)t->number - g->meshes[mesh].first_triangle, mesh,
-             outside[0] / a->width, outside[1] / a->height);
+             outside[0] / size[0], outside[1] / size[1]);
 }
 
 /* Returns 1 if a triangle has no area in the map, apart from rounding: it is a line or a point. */
@@ -8289,7 +8377,7 @@ typedef struct sbl__atlas_square {
 } sbl__atlas_square;
 
 static void sbl__atlas_square_make(const sbl__atlas *a, int texel, sbl__atlas_square *s) {
-    const int at[2] = { texel % a->width, texel / a->width };
+    const int at[2] = { a->window.first[0] + texel % a->width, a->window.first[1] + texel / a->width };
     const uint32_t chart = a->texels[SBL__ATLAS_WORDS * (size_t)texel + 3];
     int i, k, n;
     s->count = 0;
@@ -8298,7 +8386,7 @@ static void sbl__atlas_square_make(const sbl__atlas *a, int texel, sbl__atlas_sq
         s->high[k] = -DBL_MAX;
     }
     for (i = 0; i < 9; i++) {
-        const int x = at[0] + i % 3 - 1, y = at[1] + i / 3 - 1;
+        const int x = texel % a->width + i % 3 - 1, y = texel / a->width + i / 3 - 1;
         const uint32_t *word;
         if (x < 0 || y < 0 || x >= a->width || y >= a->height) continue;
         word = a->texels + SBL__ATLAS_WORDS * ((size_t)y * (size_t)a->width + (size_t)x);
@@ -16441,6 +16529,13 @@ static sbl_result sbl__seams_step(sbl__seams *s, const sbl__gutters *light, cons
     return sbl__stages_step(&s->stages, table, SBL__COUNT(table), s, slice);
 }
 
+/* Puts what the seams of layer 0 were and are into statistics. mean: mean luminance of R */
+static void sbl__seams_report(const sbl__seams *s, double mean, sbl_stats *stats) {
+    stats->lightmap.seams = s->seams;
+    stats->lightmap.seam_before = mean > 0 ? (float)((double)s->before / mean) : 0;
+    stats->lightmap.seam_after = mean > 0 ? (float)((double)s->after / mean) : 0;
+}
+
 /* ======================================================================================================== >>work
    What all front ends have in common. A front end consists of a struct, whose first field is an sbl__work, and of an
    sbl__front_end, whose functions check the descriptor, begin the work and do its stages. All of these except `check`
@@ -16792,14 +16887,14 @@ static sbl_result sbl__map_setup(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
 }
 
-/* Makes a texture for the working grid. across: number of texels across a pixel of the host */
-static sbl_result sbl__map_texture(const sbl__map *m, int across, sbl__texture *t) {
-    return sbl__texture_make(&m->work.core->device, t, m->desc.width / m->across * across,
-                             m->desc.height / m->across * across, SBL__GL_RGBA32F);
+/* Makes a texture for the working grid, or for the pixels of the host. */
+static sbl_result sbl__map_texture(const sbl__map *m, int working, sbl__texture *t) {
+    return sbl__texture_make(&m->work.core->device, t, working ? m->desc.width : m->size[0],
+                             working ? m->desc.height : m->size[1], SBL__GL_RGBA32F);
 }
 
-static sbl_result sbl__map_image_make(const sbl__map *m, int across, sbl__map_image *image) {
-    const sbl_result result = sbl__map_texture(m, across, &image->texture);
+static sbl_result sbl__map_image_make(const sbl__map *m, int working, sbl__map_image *image) {
+    const sbl_result result = sbl__map_texture(m, working, &image->texture);
     return result == SBL_SUCCESS ? sbl__target_make(&m->work.core->device, &image->target, &image->texture, 1, NULL)
                                  : result;
 }
@@ -16885,7 +16980,7 @@ static sbl_result sbl__map_read(void *work, sbl__slice *slice) {
     sbl__map *m = (sbl__map *)work;
     sbl__core *c = m->work.core;
     const int parts = m->spec.bounced ? 4 : 3;  /* 4: also emission, whose alpha is the blue component of stored R */
-    const int width = m->desc.width, most = SBL__MAX(1, SBL__READ_PIXELS / width / m->across) * m->across;
+    const int width = m->desc.width, most = SBL__MAX(1, SBL__READ_PIXELS / width);
     const int first = m->work.stages.at, rows = SBL__MIN(most, m->desc.height - first), count = rows * width;
     const sbl__target *t = &m->gbuffer.target;
     float *data = (float *)sbl__alloc_raw(&c->base, (size_t)count, 4 * 16 + 4);
@@ -16916,7 +17011,7 @@ static sbl_result sbl__map_read(void *work, sbl__slice *slice) {
 static int sbl__map_after_read(void *work) {
     const sbl__map *m = (const sbl__map *)work;
     const sbl__core *c = m->work.core;
-    if (!c->stats.picture.visible_pixels && m->glimpse != SBL__GLIMPSE_UNDER_WAY)
+    if (!c->stats.picture.visible_pixels && m->glimpse != SBL__GLIMPSE_UNDER_WAY && sbl__window_is_whole(&m->window))
         sbl__log(&c->base, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE, "%s", m->atlas ?
                  "no mesh of the lightmap has a triangle on the map; check lightmap_texcoords" :
                  "the camera sees no surface; check world_to_view, view_to_clip and the scene's bounds");
@@ -16947,7 +17042,7 @@ static sbl_result sbl__map_send(void *work, sbl__slice *slice) {
     sbl_result result;
     (void)slice;
     d->gl.doing = "uploading the radiance map";
-    result = sbl__map_texture(m, m->across, t);
+    result = sbl__map_texture(m, 1, t);
     if (result == SBL_SUCCESS) result = sbl__map_upload(m, t, m->fill.rgba, &m->developing.at);
     if (result == SBL_SUCCESS) sbl__fill_free(d->base, &m->fill);
     return result;
@@ -16962,7 +17057,7 @@ static sbl_result sbl__map_filter(void *work, sbl__slice *slice) {
     sbl_result result = SBL_SUCCESS;
     d->gl.doing = "filtering";
     rows[0] = m->developing.at;
-    if (rows[0] == 0) result = sbl__map_image_make(m, m->across, &layer->smooth);
+    if (rows[0] == 0) result = sbl__map_image_make(m, 1, &layer->smooth);
     if (result != SBL_SUCCESS) return result;
     filter.radius = SBL__MAX(m->desc.filter_radius, 0);
     filter.geometry_aware = m->desc.options.mode != SBL_MODE_PAPER;
@@ -17520,25 +17615,29 @@ static sbl__need sbl__lightmap_need(const sbl__core *c, const void *desc) {
 static sbl_result sbl__lightmap_begin(void *work, const void *desc) {
     sbl__lightmap *l = (sbl__lightmap *)work;
     sbl__map *m = &l->map;
+    sbl__base *base = &m->work.core->base;
     const sbl_lightmap_desc d = sbl_lightmap_desc_defaults((const sbl_lightmap_desc *)desc);
     const sbl_picture_desc picture = sbl__lightmap_picture(&d);
+    sbl_result result;
     sbl__map_begin(m, &picture, d.supersample, d.directional);
     m->atlas = &l->atlas;
     m->channels[SBL_CHANNEL_FINAL] = &m->layers[0].smooth.target;
-    l->gutter = SBL__MAX(d.gutter, 0);
+    l->gutter = d.window[2] ? 0 : SBL__MAX(d.gutter, 0);
     l->sew = d.seams >= 0;
     if (m->across > 1) {
-        m->shown = (int *)sbl__alloc(&m->work.core->base, (size_t)d.width * (size_t)d.height, sizeof *m->shown);
+        m->shown = (int *)sbl__alloc(base, (size_t)m->size[0] * (size_t)m->size[1], sizeof *m->shown);
         if (!m->shown) return SBL_ERROR_OUT_OF_MEMORY;
     }
-    return sbl__atlas_begin(&m->work.core->base, &l->atlas, &m->work.core->scene.geometry, &d);
+    result = sbl__atlas_choose(base, &l->atlas, &m->work.core->scene.geometry, d.meshes, d.mesh_count);
+    return result == SBL_SUCCESS ? sbl__atlas_begin(&l->atlas, &m->window, m->across) : result;
 }
 
 /* >>lightmap: what texels show */
 
 /* Returns the number of the working pixel that is part i of a texel. i: 0 to across * across - 1 */
 static size_t sbl__lightmap_part(const sbl__map *m, int texel, int i) {
-    const int x = texel % m->size[0] * m->across + i % m->across, y = texel / m->size[0] * m->across + i / m->across;
+    const int x = m->window.inset[0] + texel % m->size[0] * m->across + i % m->across;
+    const int y = m->window.inset[1] + texel / m->size[0] * m->across + i / m->across;
     return (size_t)y * (size_t)m->desc.width + (size_t)x;
 }
 
@@ -17567,14 +17666,19 @@ static int sbl__lightmap_show(const sbl__map *m, int texel) {
     return most;
 }
 
+/* Returns the number of rows of texels all of whose working pixels have been read. */
+static int sbl__lightmap_rows_read(const sbl__map *m) {
+    return SBL__MIN(SBL__MAX(m->work.stages.at - m->window.inset[1], 0) / m->across, m->size[1]);
+}
+
 static sbl_result sbl__lightmap_read(void *work, sbl__slice *slice) {
     sbl__map *m = (sbl__map *)work;
-    int *visible = &m->work.core->stats.picture.visible_pixels, i = m->work.stages.at / m->across * m->size[0];
+    int *visible = &m->work.core->stats.picture.visible_pixels, i = sbl__lightmap_rows_read(m) * m->size[0];
     const int before = *visible;
     const sbl_result result = sbl__map_read(m, slice);
     if (!m->shown) return result;
     *visible = before;  /* sbl__map_read has counted working pixels; the statistic counts texels */
-    for (; i < m->work.stages.at / m->across * m->size[0]; i++) *visible += sbl__lightmap_show(m, i) > 0;
+    for (; i < sbl__lightmap_rows_read(m) * m->size[0]; i++) *visible += sbl__lightmap_show(m, i) > 0;
     return result;
 }
 
@@ -17583,8 +17687,9 @@ static sbl_result sbl__lightmap_read(void *work, sbl__slice *slice) {
 /* Computes the mean light of a texel's working pixels that show the same surface as the texel; 0 if it shows none.
    data: 4 floats per working pixel, beginning with working pixel number `first` */
 static void sbl__lightmap_mean(const sbl__map *m, int texel, const float *data, size_t first, float out[4]) {
-    const uint32_t id = sbl__refine_pixel(&m->refine, sbl__map_shown(m, (size_t)texel))->id;
-    const int parts = sbl__lightmap_show(m, texel);
+    const size_t shown = sbl__map_shown(m, (size_t)texel);
+    const uint32_t id = sbl__refine_pixel(&m->refine, shown)->id;
+    const int parts = m->shown ? sbl__lightmap_show(m, texel) : 1;
     int i, k;
     for (k = 0; k < 4; k++) out[k] = 0;
     for (i = 0; i < m->across * m->across && id; i++) {
@@ -17594,34 +17699,46 @@ static void sbl__lightmap_mean(const sbl__map *m, int texel, const float *data, 
     }
 }
 
-/* Reads rows of m->layer into gutters.light and passes them to sbl__gutters_put. The light of a supersampled texel is
-   the mean of its working pixels that show its surface; that of layer 0 is also kept in l->mean. */
+/* Reads the light of `rows` rows of texels from row `at` on: 4 floats per texel. */
+static sbl_result sbl__lightmap_rows(const sbl__map *m, int at, int rows, float *light) {
+    sbl__core *c = m->work.core;
+    const sbl__target *t = &m->layers[m->layer].smooth.target;
+    const int direct = sbl__map_has_hosts_size(m, t), from = m->window.inset[1] + at * m->across;
+    const int count = rows * m->size[0];
+    const size_t before = (size_t)from * (size_t)m->desc.width;
+    float *data = direct ? light : (float *)sbl__alloc_raw(&c->base, (size_t)(rows * m->across) *
+                                                           (size_t)m->desc.width, 16);
+    sbl_result result;
+    int i;
+    if (!data) return SBL_ERROR_OUT_OF_MEMORY;
+    c->device.gl.doing = "reading R";
+    result = sbl__target_read(&c->device, t, 0, from, rows * m->across, data);
+    c->stats.sensors.readbacks++;
+    for (i = 0; i < count && !direct && result == SBL_SUCCESS; i++)
+        sbl__lightmap_mean(m, at * m->size[0] + i, data, before, light + 4 * (size_t)i);
+    if (!direct) sbl__free(&c->base, data);
+    return result;
+}
+
+/* Reads rows of m->layer into gutters.light and passes them to sbl__gutters_put. The light of supersampled texels in
+   layer 0 is also kept in l->mean. */
 static sbl_result sbl__lightmap_light(void *work, sbl__slice *slice) {
     sbl__lightmap *l = (sbl__lightmap *)work;
     sbl__map *m = &l->map;
     sbl__core *c = m->work.core;
-    const int across = m->across, at = m->work.stages.at;
-    const int rows = SBL__MIN(SBL__MAX(1, SBL__READ_PIXELS / m->desc.width / across), m->size[1] - at);
-    const int first = at * m->size[0], count = rows * m->size[0], means = m->shown && m->layer == 0;
-    const size_t before = (size_t)(at * across) * (size_t)m->desc.width;
-    float *light, *data;
+    const int at = m->work.stages.at, means = m->shown && m->layer == 0;
+    const int rows = SBL__MIN(SBL__MAX(1, SBL__READ_PIXELS / m->desc.width / m->across), m->size[1] - at);
+    const size_t first = (size_t)at * (size_t)m->size[0];
+    float *light;
     sbl_result result = SBL_SUCCESS;
-    int i;
     (void)slice;
-    c->device.gl.doing = "reading R";
     if (at == 0) result = sbl__gutters_begin(&c->base, &l->gutters, m->size, l->gutter);
-    if (at == 0 && means && result == SBL_SUCCESS) result = sbl__map_image_make(m, 1, &l->mean);
+    if (at == 0 && means && result == SBL_SUCCESS) result = sbl__map_image_make(m, 0, &l->mean);
     if (result != SBL_SUCCESS) return result;
-    data = light = l->gutters.light + 4 * (size_t)first;
-    if (across > 1) data = (float *)sbl__alloc_raw(&c->base, (size_t)count * (size_t)(across * across), 16);
-    if (!data) return SBL_ERROR_OUT_OF_MEMORY;
-    result = sbl__target_read(&c->device, &m->layers[m->layer].smooth.target, 0, at * across, rows * across, data);
-    c->stats.sensors.readbacks++;
-    for (i = 0; i < count && across > 1 && result == SBL_SUCCESS; i++)
-        sbl__lightmap_mean(m, first + i, data, before, light + 4 * (size_t)i);
-    if (across > 1) sbl__free(&c->base, data);
+    light = l->gutters.light + 4 * first;
+    result = sbl__lightmap_rows(m, at, rows, light);
     if (result == SBL_SUCCESS && means) result = sbl__texture_write(&c->device, &l->mean.texture, at, rows, light);
-    if (result == SBL_SUCCESS) sbl__gutters_put(&l->gutters, first, count);
+    if (result == SBL_SUCCESS) sbl__gutters_put(&l->gutters, (int)first, rows * m->size[0]);
     m->work.stages.at += rows;
     return result == SBL_SUCCESS && m->work.stages.at < m->size[1] ? SBL_UNFINISHED : result;
 }
@@ -17632,15 +17749,11 @@ static sbl_result sbl__lightmap_gutters(void *work, sbl__slice *slice) {
 
 static sbl_result sbl__lightmap_sew(void *work, sbl__slice *slice) {
     sbl__lightmap *l = (sbl__lightmap *)work;
-    sbl_stats *stats = &l->map.work.core->stats;
     sbl__seams *s = &l->seams;
     sbl_result result;
     if (!l->gutter || !l->sew) return SBL_SUCCESS;
     result = sbl__seams_step(s, &l->gutters, &l->atlas, l->map.layer, slice);
-    if (l->map.layer) return result;
-    stats->lightmap.seams = s->seams;
-    stats->lightmap.seam_before = s->before / sbl__refine_luminance(&l->map.refine);
-    stats->lightmap.seam_after = s->after / sbl__refine_luminance(&l->map.refine);
+    if (!l->map.layer) sbl__seams_report(s, (double)sbl__refine_luminance(&l->map.refine), &l->map.work.core->stats);
     return result;
 }
 
@@ -17651,7 +17764,7 @@ static sbl_result sbl__lightmap_send(void *work, sbl__slice *slice) {
     sbl_result result = SBL_SUCCESS;
     (void)slice;
     m->work.core->device.gl.doing = "uploading the lightmap";
-    if (m->work.stages.at == 0) result = sbl__map_image_make(m, 1, image);
+    if (m->work.stages.at == 0) result = sbl__map_image_make(m, 0, image);
     return result == SBL_SUCCESS ? sbl__map_upload(m, &image->texture, l->gutters.light, &m->work.stages.at) : result;
 }
 
@@ -17686,6 +17799,139 @@ static const sbl__stage_row sbl__lightmap_stages[] = {
 static const sbl__front_end sbl__lightmap_front_end = {
     "sbl_begin_lightmap", 1, sbl__lightmap_check, sbl__lightmap_need, sbl__lightmap_begin, sbl__lightmap_stages,
     SBL__LIGHTMAP_DONE, sbl__map_seconds, sbl__map_progress, sbl__lightmap_free
+};
+
+/* ======================================================================================================== >>windows
+   The front end that joins the windows of a lightmap. The host has put them together; what is left is to make the
+   gutters and seams of the whole map, layer by layer. */
+
+enum { SBL__WINDOWS_TAKE, SBL__WINDOWS_GUTTERS, SBL__WINDOWS_SEAMS, SBL__WINDOWS_GIVE, SBL__WINDOWS_DONE };
+
+#define SBL__WINDOWS_TEXELS 65536  /* texels that TAKE or GIVE copies in one piece, but at least a row */
+
+typedef struct sbl__joining {
+    sbl__work work;             /* must be first, because pointers to the struct are cast to sbl__work * */
+    sbl_windows_desc desc;      /* with defaults */
+    sbl__atlas atlas;           /* only its meshes are used; it is not drawn */
+    sbl__gutters gutters;       /* those of the current layer */
+    sbl__seams seams;
+    int layer;                  /* index of the current layer; 0: R */
+    double luminance, texels;   /* sum of the luminance of R; number of texels that show a surface */
+} sbl__joining;
+
+static void sbl__joining_free(void *work) {
+    sbl__joining *j = (sbl__joining *)work;
+    sbl__base *base = &j->work.core->base;
+    sbl__atlas_free(base, &j->atlas);
+    sbl__gutters_free(base, &j->gutters);
+    sbl__seams_free(base, &j->seams);
+    memset(j, 0, sizeof *j);
+}
+
+/* No light is measured, so the measurement has a mode that needs no stored light. */
+static sbl_result sbl__joining_check(const sbl__core *c, const void *desc, sbl__measurement *measurement) {
+    const sbl_windows_desc d = sbl_windows_desc_defaults((const sbl_windows_desc *)desc);
+    *measurement = sbl__measurement_of(&d.lightmap.options, SBL_SENSOR_HEMICUBE, 135);
+    measurement->options.mode = SBL_MODE_DIRECT;
+    return sbl__check_windows(&c->base, &d, &c->scene);
+}
+
+static sbl_result sbl__joining_begin(void *work, const void *desc) {
+    sbl__joining *j = (sbl__joining *)work;
+    sbl__core *c = j->work.core;
+    sbl_result result;
+    j->desc = sbl_windows_desc_defaults((const sbl_windows_desc *)desc);
+    result = sbl__atlas_choose(&c->base, &j->atlas, &c->scene.geometry, j->desc.lightmap.meshes,
+                               j->desc.lightmap.mesh_count);
+    j->desc.lightmap.meshes = NULL;
+    return result;
+}
+
+/* Returns how many texels the next piece of TAKE or GIVE copies. */
+static int sbl__joining_texels(const sbl__joining *j) {
+    const sbl_lightmap_desc *d = &j->desc.lightmap;
+    const int rows = SBL__MAX(1, SBL__WINDOWS_TEXELS / d->width);
+    return SBL__MIN(rows, d->height - j->work.stages.at) * d->width;
+}
+
+/* Advances stages.at by the rows that were copied. SBL_SUCCESS: all are. */
+static sbl_result sbl__joining_advance(sbl__joining *j, int texels) {
+    j->work.stages.at += texels / j->desc.lightmap.width;
+    return j->work.stages.at < j->desc.lightmap.height ? SBL_UNFINISHED : SBL_SUCCESS;
+}
+
+/* Copies some rows of the layer from the host's array. */
+static sbl_result sbl__joining_take(void *work, sbl__slice *slice) {
+    sbl__joining *j = (sbl__joining *)work;
+    const sbl_lightmap_desc *d = &j->desc.lightmap;
+    const int size[2] = { d->width, d->height }, first = j->work.stages.at * d->width, count = sbl__joining_texels(j);
+    const float *from = j->desc.light[j->layer];
+    int i;
+    (void)slice;
+    if (first == 0 && sbl__gutters_begin(&j->work.core->base, &j->gutters, size, SBL__MAX(d->gutter, 0)) != SBL_SUCCESS)
+        return SBL_ERROR_OUT_OF_MEMORY;
+    for (i = first; i < first + count; i++) {
+        float *texel = j->gutters.light + 4 * (size_t)i;
+        memcpy(texel, from + 3 * (size_t)i, 12);
+        texel[3] = j->desc.ids[i] > 0 ? 1.0f : 0.0f;
+        if (j->layer || !(texel[3] > 0)) continue;
+        j->luminance += (double)sbl__luminance(texel);
+        j->texels++;
+    }
+    sbl__gutters_put(&j->gutters, first, count);
+    return sbl__joining_advance(j, count);
+}
+
+static sbl_result sbl__joining_gutters(void *work, sbl__slice *slice) {
+    return sbl__rings_step(&((sbl__joining *)work)->gutters.spread, slice);
+}
+
+static sbl_result sbl__joining_sew(void *work, sbl__slice *slice) {
+    sbl__joining *j = (sbl__joining *)work;
+    sbl_result result;
+    if (j->desc.lightmap.gutter <= 0 || j->desc.lightmap.seams < 0) return SBL_SUCCESS;
+    result = sbl__seams_step(&j->seams, &j->gutters, &j->atlas, j->layer, slice);
+    if (!j->layer) sbl__seams_report(&j->seams, j->luminance / SBL__MAX(j->texels, 1), &j->work.core->stats);
+    return result;
+}
+
+/* Copies some rows of the layer to the host's array. */
+static sbl_result sbl__joining_give(void *work, sbl__slice *slice) {
+    sbl__joining *j = (sbl__joining *)work;
+    const int first = j->work.stages.at * j->desc.lightmap.width, count = sbl__joining_texels(j);
+    int i;
+    (void)slice;
+    for (i = first; i < first + count; i++)
+        memcpy(j->desc.light[j->layer] + 3 * (size_t)i, j->gutters.light + 4 * (size_t)i, 12);
+    return sbl__joining_advance(j, count);
+}
+
+static int sbl__joining_after_give(void *work) {
+    sbl__joining *j = (sbl__joining *)work;
+    sbl__gutters_free(&j->work.core->base, &j->gutters);
+    return ++j->layer < (j->desc.lightmap.directional ? SBL__LAYERS : 1) ? SBL__WINDOWS_TAKE : SBL__WINDOWS_DONE;
+}
+
+static double *sbl__joining_seconds(const void *work) {
+    return &((const sbl__joining *)work)->work.core->stats.seconds.resolve;
+}
+
+static float sbl__joining_progress(const void *work) {
+    const sbl__joining *j = (const sbl__joining *)work;
+    const int layers = j->desc.lightmap.directional ? SBL__LAYERS : 1;
+    if (sbl__work_is_done(&j->work)) return 1;
+    return ((float)j->layer + (float)j->work.stages.stage / (float)SBL__WINDOWS_DONE) / (float)layers;
+}
+
+static const sbl__stage_row sbl__joining_stages[] = {
+    { sbl__joining_take, NULL, NULL, NULL },
+    { sbl__joining_gutters, NULL, NULL, NULL },
+    { sbl__joining_sew, NULL, NULL, NULL },
+    { sbl__joining_give, sbl__joining_after_give, NULL, NULL }
+};
+static const sbl__front_end sbl__windows_front_end = {
+    "sbl_begin_windows", 0, sbl__joining_check, NULL, sbl__joining_begin, sbl__joining_stages, SBL__WINDOWS_DONE,
+    sbl__joining_seconds, sbl__joining_progress, sbl__joining_free
 };
 
 /* ======================================================================================================== >>gather
@@ -19384,6 +19630,7 @@ static void sbl__egl_destroy(sbl__egl *e) { (void)e; }
 #define SBL__FRONT_ENDS(X) \
     X(render, picture, sbl__picture) \
     X(bake, lightmap, sbl__lightmap) \
+    X(join, windows, sbl__joining) \
     X(gather, readings, sbl__gathering) \
     X(bake, vertices, sbl__vertices) \
     X(bake, probes, sbl__probes)

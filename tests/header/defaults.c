@@ -48,9 +48,9 @@ static void readings(sbl_mode mode) {
 
 static void lightmap(sbl_mode mode) {
     FILL(lightmap);
-    PRINT(width); PRINT(height);
+    PRINT(width); PRINT(height); PRINT(window[2]);
     PRINT(mesh_count); PRINT(gutter); PRINT(seams); PRINT(directional); PRINT(supersample);
-    PRINT(target_error); PRINT(tile); PRINT(threshold); PRINT(filter_radius);
+    PRINT(target_error); PRINT(mean_radiance[0]); PRINT(price); PRINT(tile); PRINT(threshold); PRINT(filter_radius);
 }
 
 static void vertices(sbl_mode mode) {

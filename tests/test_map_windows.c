@@ -1,0 +1,357 @@
+/* Windows of lightmaps: they show what the whole map shows, and joined they are the whole map, with gutters and
+   seams. */
+#include "../sbl.h"
+#include "support/test.h"
+#include "support/scenes.h"
+#include "support/reference.h"
+#include "support/gl_watch.h"
+#include "support/lightmap.h"
+#include "support/patches.h"
+
+enum { WIDTH = 96, HEIGHT = 80, TEXELS = WIDTH * HEIGHT, LAYERS = 5, WINDOWS = 5 };
+
+/* x, y, width, height: together the whole map */
+static const int windows[WINDOWS][4] = { { 0, 0, 37, 80 }, { 37, 0, 59, 29 }, { 37, 29, 1, 51 }, { 38, 29, 58, 50 },
+                                         { 38, 79, 58, 1 } };
+static const sbl_channel channels[LAYERS] = { SBL_CHANNEL_RADIANCE, SBL_CHANNEL_SH_0, SBL_CHANNEL_SH_1,
+                                              SBL_CHANNEL_SH_2, SBL_CHANNEL_SH_3 };
+static float light[LAYERS][3 * TEXELS], whole[LAYERS][3 * TEXELS], ids[TEXELS], part[3 * TEXELS];
+
+/* A ball of 32 charts under a lamp, with a disc around it that hides a part of each patch from the lamp. */
+static void ball_scene(test_scene *s) {
+    memset(s, 0, sizeof *s);
+    ball_of_patches(s, scene_material(s, 0.5f, 0.5f, 0.5f));
+    scene_quad(s, 0, -2, 0.1f, -2, 2, 0.1f, -2, 2, 0.1f, 2, -2, 0.1f, 2);
+    scene_quad(s, scene_lamp(s, 9, 7, 5), -1, 3, -1, 1, 3, -1, 1, 3, 1, -1, 3, 1);
+    scene_sky(s, 0.3f, 0.4f, 0.5f);
+}
+
+static sbl_lightmap_desc ball_map(int supersample) {
+    sbl_lightmap_desc desc = map_of(WIDTH, HEIGHT, SBL_MODE_DIRECT);
+    desc.options.rays = 64;
+    desc.supersample = supersample;
+    desc.directional = 1;
+    return desc;
+}
+
+static int set_scene(const test_scene *s) {
+    const sbl_scene_desc scene = scene_desc(s);
+    return use_scene(s) && sbl_set_scene(context, &scene) == SBL_SUCCESS;
+}
+
+/* Copies a channel of the baked window to its place in an array of the whole map. */
+static void put_window(sbl_channel channel, const int w[4], float *out) {
+    const int n = sbl_channel_components(channel);
+    int y;
+    CHECK(sbl_read_channel(context, channel, part, sizeof part / sizeof *part) == SBL_SUCCESS, "%s", watch_last(&seen));
+    for (y = 0; y < w[3]; y++)
+        memcpy(out + n * ((w[1] + y) * WIDTH + w[0]), part + n * y * w[2], (size_t)(n * w[2]) * sizeof *out);
+}
+
+/* Bakes the map window by window into light and ids. Returns 0 if that fails. */
+static int bake_windows(sbl_lightmap_desc desc, const int (*list)[4], int count) {
+    int i, k;
+    for (i = 0; i < count; i++) {
+        memcpy(desc.window, list[i], sizeof desc.window);
+        if (sbl_bake_lightmap(context, &desc) != SBL_SUCCESS) { CHECK(0, "%s", watch_last(&seen)); return 0; }
+        put_window(SBL_CHANNEL_ID, list[i], ids);
+        for (k = 0; k < (desc.directional ? LAYERS : 1); k++) put_window(channels[k], list[i], light[k]);
+    }
+    return 1;
+}
+
+static sbl_windows_desc joining_of(const sbl_lightmap_desc *desc) {
+    sbl_windows_desc joining;
+    int k;
+    memset(&joining, 0, sizeof joining);
+    joining.lightmap = *desc;
+    joining.ids = ids;
+    for (k = 0; k < LAYERS; k++) joining.light[k] = light[k];
+    joining.texel_count = TEXELS;
+    return joining;
+}
+
+/* Bakes the map at once into `whole`: what the host sees. Returns 0 if that fails. */
+static int bake_whole(const sbl_lightmap_desc *desc) {
+    int k, ok = sbl_bake_lightmap(context, desc) == SBL_SUCCESS;
+    for (k = 0; k < LAYERS && ok; k++)
+        ok = sbl_read_channel(context, k ? channels[k] : SBL_CHANNEL_FINAL, whole[k], 3 * TEXELS) == SBL_SUCCESS;
+    CHECK(ok, "%s", watch_last(&seen));
+    return ok;
+}
+
+/* A window of the whole map, joined, is the map that is baked at once, to the bit: in R, in the harmonics, in the
+   gutters and in the statistics of seams. */
+TEST(one_window_joins_to_the_map) {
+    static const int all[1][4] = { { 0, 0, WIDTH, HEIGHT } };
+    static test_scene s;
+    int across, k;
+    ball_scene(&s);
+    REQUIRE(set_scene(&s), "no context");
+    for (across = 1; across <= 2; across++) {
+        const sbl_lightmap_desc desc = ball_map(across);
+        const sbl_windows_desc joining = joining_of(&desc);
+        sbl_stats at_once, joined;
+        if (!bake_whole(&desc)) break;
+        at_once = sbl_query_stats(context);
+        if (!bake_windows(desc, all, 1)) break;
+        CHECK(sbl_query_stats(context).lightmap.seams == 0, "seams of a window are changed");
+        CHECK(memcmp(light[0], whole[0], sizeof light[0]) != 0, "a window has gutters");
+        CHECK(sbl_join_windows(context, &joining) == SBL_SUCCESS, "%s", watch_last(&seen));
+        joined = sbl_query_stats(context);
+        for (k = 0; k < LAYERS; k++)
+            CHECK(memcmp(light[k], whole[k], sizeof light[k]) == 0, "layer %d, %d places across a texel", k, across);
+        CHECK(joined.lightmap.seams == at_once.lightmap.seams && joined.lightmap.seams > 0 &&
+                  fabs((double)joined.lightmap.seam_before / (double)at_once.lightmap.seam_before - 1) < 0.1,
+              "%d seams, before %g and %g", joined.lightmap.seams, (double)joined.lightmap.seam_before,
+              (double)at_once.lightmap.seam_before);
+        CHECK(sbl_read_channel(context, SBL_CHANNEL_ID, part, TEXELS) == SBL_SUCCESS &&
+                  memcmp(part, ids, sizeof ids) == 0, "joining drops the finished lightmap");
+    }
+    scene_free(&s);
+}
+
+/* Windows show the same surfaces as the whole map, also between places of supersampling that are not at the edges of
+   first-level tiles. */
+TEST(windows_show_the_map) {
+    static const sbl_channel shown[3] = { SBL_CHANNEL_ID, SBL_CHANNEL_POSITION, SBL_CHANNEL_NORMAL };
+    static test_scene s;
+    int across, i, k;
+    ball_scene(&s);
+    REQUIRE(set_scene(&s), "no context");
+    for (across = 1; across <= 3; across += 2) {
+        sbl_lightmap_desc desc = ball_map(across);
+        int visible = 0;
+        desc.directional = 0;
+        desc.options.rays = 1;
+        REQUIRE(sbl_bake_lightmap(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));
+        for (k = 0; k < 3; k++)
+            CHECK(sbl_read_channel(context, shown[k], whole[k], 3 * TEXELS) == SBL_SUCCESS, "%s", watch_last(&seen));
+        visible = sbl_query_stats(context).picture.visible_pixels;
+        for (i = 0; i < WINDOWS; i++) {
+            memcpy(desc.window, windows[i], sizeof desc.window);
+            REQUIRE(sbl_bake_lightmap(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));
+            for (k = 0; k < 3; k++) put_window(shown[k], windows[i], light[k]);
+            visible -= sbl_query_stats(context).picture.visible_pixels;
+            CHECK(sbl_query_stats(context).picture.width == windows[i][2], "width %d",
+                  sbl_query_stats(context).picture.width);
+        }
+        CHECK(memcmp(light[0], whole[0], TEXELS * sizeof(float)) == 0, "ids differ, %d across", across);
+        CHECK(visible == 0, "windows show %d texels less", visible);
+        for (k = 1; k < 3; k++)
+            CHECK(memcmp(light[k], whole[k], sizeof light[k]) == 0, "channel %d differs, %d across", shown[k], across);
+    }
+    scene_free(&s);
+}
+
+/* Returns the root mean square difference of R on charts, as a share of the mean. */
+static double difference(void) {
+    double sum = 0, off = 0;
+    int i, count = 0;
+    for (i = 0; i < TEXELS; i++) {
+        if (!(ids[i] > 0)) continue;
+        count++;
+        sum += (double)whole[0][3 * i];
+        off += pow((double)light[0][3 * i] - (double)whole[0][3 * i], 2);
+    }
+    return sqrt(off / count) / (sum / count);
+}
+
+/* Joined windows have the light of the map that is baked at once, and their own light does not depend on what was baked
+   before. Two places across a texel are in the middle of tiles. */
+TEST(windows_join_to_the_map) {
+    static test_scene s;
+    int across;
+    ball_scene(&s);
+    REQUIRE(set_scene(&s), "no context");
+    for (across = 1; across <= 2; across++) {
+        sbl_lightmap_desc desc = ball_map(across);
+        sbl_windows_desc joining = joining_of(&desc);
+        if (!bake_whole(&desc)) break;
+        memcpy(desc.mean_radiance, sbl_query_stats(context).picture.mean_radiance, sizeof desc.mean_radiance);
+        if (!bake_windows(desc, windows, WINDOWS)) break;
+        CHECK(memcmp(sbl_query_stats(context).picture.mean_radiance, desc.mean_radiance, sizeof desc.mean_radiance) ==
+                  0, "a window has another mean");
+        memcpy(desc.window, windows[1], sizeof desc.window);
+        CHECK(sbl_bake_lightmap(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));
+        CHECK(sbl_read_channel(context, SBL_CHANNEL_RADIANCE, part, 3 * TEXELS) == SBL_SUCCESS &&
+                  memcmp(part + 3 * 59 * 20, light[0] + 3 * (20 * WIDTH + 37), 59 * 12) == 0,
+              "row 20 of a window depends on windows before it");
+        CHECK(sbl_join_windows(context, &joining) == SBL_SUCCESS, "%s", watch_last(&seen));
+        printf("  joined windows differ from the map by %.2f %%, %d across\n", 100 * difference(), across);
+        CHECK(difference() < 0.01, "light differs by %g", difference());
+        CHECK(sbl_query_stats(context).lightmap.seam_after < 0.02f, "seams differ by %g",
+              (double)sbl_query_stats(context).lightmap.seam_after);
+    }
+    scene_free(&s);
+}
+
+/* Texels under a box on a floor are hidden: they take places of their own in the texel, which a window must find, too.
+   */
+TEST(hidden_texels_of_windows) {
+    static test_scene s;
+    sbl_lightmap_desc desc = map_of(WIDTH, HEIGHT, SBL_MODE_DIRECT);
+    double off = 0;
+    int i;
+    memset(&s, 0, sizeof s);
+    scene_material(&s, 0.5f, 0.5f, 0.5f);
+    uv_rectangle(&s, scene_floor(&s, 0, 0, 2), 0, 0, 1, 1);
+    scene_box(&s, 0, -0.613f, 0, -0.613f, 0.613f, 1, 0.613f);
+    scene_sky(&s, 1, 1, 1);
+    desc.gutter = -1;
+    desc.options.rays = 256;
+    REQUIRE(set_scene(&s), "no context");
+    if (!bake_whole(&desc) || !bake_windows(desc, windows, WINDOWS)) return;
+    for (i = 0; i < TEXELS; i++) off = test_max(off, fabs((double)light[0][3 * i] - (double)whole[0][3 * i]));
+    CHECK(off < 0.15, "a texel differs by %g", off);
+    scene_free(&s);
+}
+
+/* A price ends a window's work as it ends that of a picture: a high one costs fewer looks. */
+TEST(windows_have_a_price) {
+    static test_scene s;
+    sbl_lightmap_desc desc = map_of(WIDTH, HEIGHT, SBL_MODE_DIRECT);
+    int64_t rays[2];
+    int i;
+    ball_scene(&s);
+    REQUIRE(set_scene(&s), "no context");
+    memcpy(desc.window, windows[3], sizeof desc.window);
+    for (i = 0; i < 2; i++) {
+        desc.price = i ? 1e-3f : 1e-6f;
+        CHECK(sbl_bake_lightmap(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));
+        rays[i] = sbl_query_stats(context).sensors.rays;
+    }
+    CHECK(rays[0] > 2 * rays[1] && rays[1] > 0, "%.0f and %.0f rays", (double)rays[0], (double)rays[1]);
+    scene_free(&s);
+}
+
+/* Overlaps are named by their place in the whole map, and only by the window that shows them. */
+TEST(overlaps_are_named_in_their_window) {
+    static test_scene s;
+    sbl_lightmap_desc desc = map_of(WIDTH, HEIGHT, SBL_MODE_DIRECT);
+    int i;
+    memset(&s, 0, sizeof s);
+    scene_material(&s, 0.5f, 0.5f, 0.5f);
+    uv_rectangle(&s, scene_floor(&s, 0, 0, 1), 0, 0, 0.5f, 0.5f);
+    uv_rectangle(&s, scene_floor(&s, 0, 3, 1), 47.1f / WIDTH, 0.1f, 1, 11 / (float)HEIGHT);
+    desc.options.rays = 1;
+    REQUIRE(set_scene(&s), "no context");
+    for (i = 0; i < WINDOWS; i++) {
+        watch_forget(&seen);
+        memcpy(desc.window, windows[i], sizeof desc.window);
+        CHECK(sbl_bake_lightmap(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));
+        CHECK(watch_said(&seen, SBL_LOG_WARNING, SBL_LOG_ITEM_OVERLAP, "share texel 47 ", NULL, NULL) == (i == 1),
+              "window %d: %s", i, watch_last(&seen));
+        CHECK(!watch_said(&seen, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE, NULL, NULL, NULL), "window %d", i);
+    }
+    scene_free(&s);
+}
+
+static void refused(sbl_windows_desc desc, const char *word) {
+    watch_forget(&seen);
+    CHECK(sbl_begin_windows(context, &desc) == SBL_ERROR_INVALID_ARGUMENT &&
+              watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_LIGHTMAP_DESC, word, NULL, NULL), "%s: %s", word,
+          watch_last(&seen));
+}
+
+TEST(every_field_is_checked) {
+    static test_scene s;
+    sbl_lightmap_desc map = ball_map(1);
+    const sbl_windows_desc good = joining_of(&map);
+    sbl_windows_desc d;
+    ball_scene(&s);
+    REQUIRE(set_scene(&s), "no context");
+    d = good; d.ids = NULL; refused(d, "ids");
+    d = good; d.light[0] = NULL; refused(d, "light[0]");
+    d = good; d.light[4] = NULL; refused(d, "light[4]");
+    d = good; d.texel_count = TEXELS - 1; refused(d, "texel_count");
+    d = good; d.lightmap.width = 20000; refused(d, "width");
+    d = good; d.lightmap.end_canary = 1; refused(d, "end_canary");
+    d = good; d.start_canary = 1; refused(d, "start_canary");
+    d = good; d.end_canary = 1; refused(d, "end_canary");
+    CHECK(sbl_join_windows(context, NULL) == SBL_ERROR_INVALID_ARGUMENT, "NULL is accepted");
+    map.window[2] = WIDTH + 1;
+    map.window[3] = 1;
+    CHECK(sbl_begin_lightmap(context, &map) == SBL_ERROR_INVALID_ARGUMENT && strstr(watch_last(&seen), "inside the"),
+          "%s", watch_last(&seen));
+    map.window[2] = map.window[0] = 2000000000;
+    CHECK(sbl_begin_lightmap(context, &map) == SBL_ERROR_INVALID_ARGUMENT && strstr(watch_last(&seen), "inside the"),
+          "%s", watch_last(&seen));
+    map = ball_map(1);
+    map.price = -1;
+    CHECK(sbl_begin_lightmap(context, &map) == SBL_ERROR_INVALID_ARGUMENT && strstr(watch_last(&seen), "price"), "%s",
+          watch_last(&seen));
+    map.directional = 0;
+    d = joining_of(&map);
+    d.lightmap.price = 0;
+    d.light[1] = NULL;
+    memset(d.lightmap.window, 0xff, sizeof d.lightmap.window);  /* is ignored */
+    CHECK(sbl_begin_windows(context, &d) == SBL_SUCCESS, "%s", watch_last(&seen));
+    sbl_end(context);
+    scene_free(&s);
+}
+
+static float most;
+static int remember(float done, void *user) {
+    (void)user;
+    CHECK(done >= most && done <= 1, "progress goes from %g to %g", (double)most, (double)done);
+    most = done;
+    return 0;
+}
+static int cancel(float done, void *user) { (void)user; return done > 0.3f; }
+
+/* Short steps change nothing; progress grows; the callback can cancel. */
+TEST(joining_comes_in_pieces) {
+    static test_scene s;
+    sbl_lightmap_desc desc = ball_map(1);
+    sbl_windows_desc joining;
+    sbl_result result;
+    int k, steps = 0;
+    ball_scene(&s);
+    REQUIRE(set_scene(&s), "no context");
+    if (!bake_whole(&desc) || !bake_windows(desc, windows, WINDOWS)) return;
+    memcpy(whole, light, sizeof whole);
+    joining = joining_of(&desc);
+    CHECK(sbl_join_windows(context, &joining) == SBL_SUCCESS, "%s", watch_last(&seen));
+    for (k = 0; k < LAYERS; k++) joining.light[k] = whole[k];
+    joining.lightmap.options.progress = remember;
+    most = 0;
+    CHECK(sbl_begin_windows(context, &joining) == SBL_SUCCESS, "%s", watch_last(&seen));
+    do { result = sbl_step(context, 1e-9); steps++; } while (result == SBL_UNFINISHED);
+    CHECK(result == SBL_SUCCESS && steps > 20 && most >= 1, "%d steps, progress %g", steps, (double)most);
+    CHECK(memcmp(light, whole, sizeof light) == 0, "steps change the light");
+    joining.lightmap.options.progress = cancel;
+    CHECK(sbl_join_windows(context, &joining) == SBL_CANCELLED, "it is not cancelled");
+    scene_free(&s);
+}
+
+static sbl_result join_call(const void *desc) { return sbl_join_windows(context, (const sbl_windows_desc *)desc); }
+
+/* Each allocation fails once; then joining works again. */
+TEST(memory_runs_out) {
+    static test_scene s;
+    const sbl_lightmap_desc desc = ball_map(1);
+    const sbl_windows_desc joining = joining_of(&desc);
+    ball_scene(&s);
+    REQUIRE(set_scene(&s), "no context");
+    if (!bake_windows(desc, windows, WINDOWS)) return;
+    CHECK(sbl_join_windows(context, &joining) == SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(each_allocation_fails(join_call, &joining, NULL, part, sizeof(float)) > 5, "few allocations failed");
+    scene_free(&s);
+}
+
+int main(void) {
+    RUN(one_window_joins_to_the_map);
+    RUN(windows_show_the_map);
+    RUN(windows_join_to_the_map);
+    RUN(hidden_texels_of_windows);
+    RUN(windows_have_a_price);
+    RUN(overlaps_are_named_in_their_window);
+    RUN(every_field_is_checked);
+    RUN(joining_comes_in_pieces);
+    RUN(memory_runs_out);
+    sbl_destroy(context);
+    CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks are not freed, %d were freed twice or never allocated",
+          seen.blocks, seen.strangers);
+    return test_report() || test_errors;
+}
