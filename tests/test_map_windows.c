@@ -10,9 +10,10 @@
 
 enum { WIDTH = 96, HEIGHT = 80, TEXELS = WIDTH * HEIGHT, LAYERS = 5, WINDOWS = 5 };
 
-/* x, y, width, height: together the whole map */
-static const int windows[WINDOWS][4] = { { 0, 0, 37, 80 }, { 37, 0, 59, 29 }, { 37, 29, 1, 51 }, { 38, 29, 58, 50 },
-                                         { 38, 79, 58, 1 } };
+/* x, y, width, height: together the whole map. With three places across a texel, the second is so large that its
+   surfaces are read in two pieces. */
+static const int windows[WINDOWS][4] = { { 0, 0, 96, 7 }, { 0, 7, 95, 61 }, { 95, 7, 1, 61 }, { 0, 68, 40, 12 },
+                                         { 40, 68, 56, 12 } };
 static const sbl_channel channels[LAYERS] = { SBL_CHANNEL_RADIANCE, SBL_CHANNEL_SH_0, SBL_CHANNEL_SH_1,
                                               SBL_CHANNEL_SH_2, SBL_CHANNEL_SH_3 };
 static float light[LAYERS][3 * TEXELS], whole[LAYERS][3 * TEXELS], ids[TEXELS], part[3 * TEXELS];
@@ -175,7 +176,7 @@ TEST(windows_join_to_the_map) {
         memcpy(desc.window, windows[1], sizeof desc.window);
         CHECK(sbl_bake_lightmap(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));
         CHECK(sbl_read_channel(context, SBL_CHANNEL_RADIANCE, part, 3 * TEXELS) == SBL_SUCCESS &&
-                  memcmp(part + 3 * 59 * 20, light[0] + 3 * (20 * WIDTH + 37), 59 * 12) == 0,
+                  memcmp(part + 3 * 95 * 20, light[0] + 3 * 27 * WIDTH, 95 * 12) == 0,
               "row 20 of a window depends on windows before it");
         CHECK(sbl_join_windows(context, &joining) == SBL_SUCCESS, "%s", watch_last(&seen));
         printf("  joined windows differ from the map by %.2f %%, %d across\n", 100 * difference(), across);
@@ -186,9 +187,10 @@ TEST(windows_join_to_the_map) {
     scene_free(&s);
 }
 
-/* Texels under a box on a floor are hidden: they take places of their own in the texel, which a window must find, too.
+/* Texels under a box close to a floor are hidden: they take places of their own in the texel, which a window must find, too.
    */
 TEST(hidden_texels_of_windows) {
+    static const int halves[2][4] = { { 0, 0, 61, HEIGHT }, { 61, 0, WIDTH - 61, HEIGHT } };
     static test_scene s;
     sbl_lightmap_desc desc = map_of(WIDTH, HEIGHT, SBL_MODE_DIRECT);
     double off = 0;
@@ -196,14 +198,15 @@ TEST(hidden_texels_of_windows) {
     memset(&s, 0, sizeof s);
     scene_material(&s, 0.5f, 0.5f, 0.5f);
     uv_rectangle(&s, scene_floor(&s, 0, 0, 2), 0, 0, 1, 1);
-    scene_box(&s, 0, -0.613f, 0, -0.613f, 0.613f, 1, 0.613f);
+    scene_box(&s, 0, -0.613f, 0.002f, -0.613f, 0.613f, 1, 0.613f);
     scene_sky(&s, 1, 1, 1);
     desc.gutter = -1;
     desc.options.rays = 256;
     REQUIRE(set_scene(&s), "no context");
-    if (!bake_whole(&desc) || !bake_windows(desc, windows, WINDOWS)) return;
+    if (!bake_whole(&desc) || !bake_windows(desc, halves, 2)) return;
     for (i = 0; i < TEXELS; i++) off = test_max(off, fabs((double)light[0][3 * i] - (double)whole[0][3 * i]));
-    CHECK(off < 0.15, "a texel differs by %g", off);
+    printf("  the largest difference is %.2g\n", off);
+    CHECK(off < 0.1, "a texel differs by %g", off);
     scene_free(&s);
 }
 
@@ -215,7 +218,7 @@ TEST(windows_have_a_price) {
     int i;
     ball_scene(&s);
     REQUIRE(set_scene(&s), "no context");
-    memcpy(desc.window, windows[3], sizeof desc.window);
+    memcpy(desc.window, windows[1], sizeof desc.window);
     for (i = 0; i < 2; i++) {
         desc.price = i ? 1e-3f : 1e-6f;
         CHECK(sbl_bake_lightmap(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));
@@ -327,8 +330,9 @@ TEST(joining_comes_in_pieces) {
 
 static sbl_result join_call(const void *desc) { return sbl_join_windows(context, (const sbl_windows_desc *)desc); }
 
-/* Each allocation fails once; then joining works again. */
+/* Each allocation fails once; then joining works again. The light is not compared, because joining changes it. */
 TEST(memory_runs_out) {
+    static char nothing;
     static test_scene s;
     const sbl_lightmap_desc desc = ball_map(1);
     const sbl_windows_desc joining = joining_of(&desc);
@@ -336,7 +340,7 @@ TEST(memory_runs_out) {
     REQUIRE(set_scene(&s), "no context");
     if (!bake_windows(desc, windows, WINDOWS)) return;
     CHECK(sbl_join_windows(context, &joining) == SBL_SUCCESS, "%s", watch_last(&seen));
-    CHECK(each_allocation_fails(join_call, &joining, NULL, part, sizeof(float)) > 5, "few allocations failed");
+    CHECK(each_allocation_fails(join_call, &joining, NULL, &nothing, 1) > 5, "few allocations failed");
     scene_free(&s);
 }
 
