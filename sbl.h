@@ -2980,9 +2980,9 @@ static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const s
     return result;
 }
 
-/* Reads rows of a colour attachment. out: uint32_t components if the format has 32-bit integers, otherwise floats.
-   The attachment is read through a framebuffer of its own, because NVIDIA's driver (580.159) copies whole attachments
-   where a framebuffer has several: the G-buffer of 2048 x 2048 pixels took 24 s to read in 512 pieces, and now 0.05 s. */
+/* Reads rows of a colour attachment. out: uint32_t components if the format has 32-bit integers, otherwise floats. The
+   attachment is read through a framebuffer of its own, because NVIDIA's driver (580.159) copies whole attachments where
+   a framebuffer has several: the G-buffer of 2048 x 2048 pixels took 24 s to read in 512 pieces, and now 0.05 s. */
 static sbl_result sbl__target_read(const sbl__device *d, const sbl__target *t, int attachment, int row, int rows,
                                    void *out) {
     const sbl__gl *gl = &d->gl;

@@ -187,8 +187,8 @@ TEST(windows_join_to_the_map) {
     scene_free(&s);
 }
 
-/* Texels under a box close to a floor are hidden: they take places of their own in the texel, which a window must find, too.
-   */
+/* Texels under a box close to a floor are hidden: they take places of their own in the texel, which a window must find,
+   too. */
 TEST(hidden_texels_of_windows) {
     static const int halves[2][4] = { { 0, 0, 61, HEIGHT }, { 61, 0, WIDTH - 61, HEIGHT } };
     static test_scene s;
