@@ -617,6 +617,15 @@
 
    In ON DETERMINISM, (x, y) is a pixel of the whole picture; in sbl_inspect_sensor and in channels, of the window.
 
+   Probes and light at vertices can be baked in parts, too. The parts have the bits of the whole on the same GL driver.
+   In SBL_MODE_GI, all parts need the same bounced light: one context, or sbl_save_store and sbl_load_store. The store
+   itself has the same bits on the same driver, so that each part may also make its own.
+
+       probes     first_probe is the number of a part's first probe, and probe_count the number of its probes: 0 and
+                  300, 300 and 300, 600 and the rest. The grid stays that of the whole. With a list, positions points to
+                  the part's first position
+       vertices   a part is a list of meshes (sbl_vertices_desc.meshes)
+
 
    ON DETERMINISM
 
@@ -627,7 +636,9 @@
    sbl_gather_readings can repeat the light of the pixel (x, y). Give it the site of that pixel (sbl_sensor.site) as its
    site number y * width + x, with the picture's seed, and make both with the same `rays`, not 0. The result is equal to
    the bit if rays are traced, and equal up to rounding if views are drawn. The light of a probe depends on its number,
-   its position, `rays` and the seed, and not on other probes.
+   its position, `rays` and the seed, and not on other probes: not on their number, and not on which are baked at the
+   same time. The light of a mesh's vertices depends on the mesh's index in the scene, and not on which other meshes are
+   baked.
 
 
    ON THE PAPER
@@ -1317,7 +1328,11 @@ typedef struct sbl_probes_desc {
     const float *positions;    /* 3 floats per probe, world; not copied, must stay valid until the probes are done.
                                   Default: NULL, a grid */
     sbl_probe *probes;         /* receives one probe per position, in the same order; must stay valid likewise */
-    int probe_count;           /* number of probes, 0 or more. Default: number of points of the grid */
+    int probe_count;           /* number of probes, 0 or more. Default: number of points of the grid from first_probe
+                                  on */
+    int first_probe;           /* number of the first probe, for bakes in parts (see ON PARTS): its point in the grid, 0
+                                  to the number of points - 1; with positions, the number of positions[0], such that
+                                  all numbers fit into an int. Default: 0 */
     int grid[3];               /* without positions: number of probes along x, y and z, up to 16384; x runs fastest,
                                   then y. They are at the centres of equal boxes that fill lowest to highest */
     float lowest[3], highest[3];  /* world corners of the grid. Default (all zero): the bounds of the scene */
@@ -7896,8 +7911,11 @@ static void sbl__check_grid(sbl__check *check, const sbl_probes_desc *d) {
         sbl__check_int(check, name, d->grid[k], 1, 16384);
     }
     if (points == INT_MAX) sbl__mistake(check, "grid has more points than an int can count");
-    else if (points && d->probe_count != points && d->probe_count >= 0)
-        sbl__mistake(check, "probe_count is %d; the grid has %d points", d->probe_count, points);
+    else if (points && d->first_probe >= points)
+        sbl__mistake(check, "first_probe is %d; the grid has %d points", d->first_probe, points);
+    else if (points && d->first_probe >= 0 && d->probe_count > points - d->first_probe)
+        sbl__mistake(check, "probe_count is %d; the grid has %d points from first_probe on", d->probe_count,
+                     points - d->first_probe);
     sbl__check_finite(check, "lowest", d->lowest, 3);
     sbl__check_finite(check, "highest", d->highest, 3);
     for (k = 0; k < 3 && sbl__all_finite(d->lowest, 3) && sbl__all_finite(d->highest, 3); k++)
@@ -7912,7 +7930,8 @@ SBL_API sbl_probes_desc sbl_probes_desc_defaults(const sbl_probes_desc *desc) {
     if (desc) d = *desc;
     else memset(&d, 0, sizeof d);
     sbl__options_defaults(&d.options, rays, sizes);
-    if (!d.positions && !d.probe_count) d.probe_count = sbl__grid_count(d.grid);
+    if (!d.positions && !d.probe_count && d.first_probe >= 0)
+        d.probe_count = SBL__MAX(0, sbl__grid_count(d.grid) - d.first_probe);
     return d;
 }
 
@@ -7924,6 +7943,10 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
     sbl__check_options(&check, &d->options, 0, rays, host_draws);
     sbl__check_range(&check, "move", &d->move, 1, sbl__not_negative_range);
     if (d->probe_count < 0) sbl__mistake(&check, "probe_count is %d; it cannot be negative", d->probe_count);
+    if (d->first_probe < 0) sbl__mistake(&check, "first_probe is %d; it cannot be negative", d->first_probe);
+    if (d->positions && d->first_probe > INT_MAX - SBL__MAX(d->probe_count, 0))
+        sbl__mistake(&check, "first_probe is %d; with probe_count, %d, the numbers of probes exceed %d",
+                     d->first_probe, d->probe_count, INT_MAX);
     if (!d->probes && d->probe_count > 0) sbl__mistake(&check, "probes is NULL; it receives probe_count probes");
     if (!d->positions) sbl__check_grid(&check, d);
     for (i = 0; d->positions && i < d->probe_count; i++) {
@@ -18464,6 +18487,9 @@ static void sbl__gauss_nodes(int count, double *nodes, double *weights) {
     }
 }
 
+/* Returns the number that selects the directions of a probe's rays. i: index of the probe in desc.probes */
+static uint32_t sbl__probe_number(const sbl__probes *g, int i) { return (uint32_t)(g->desc.first_probe + i); }
+
 static int sbl__probe_normals(const sbl__probes *g) { return g->rings * g->around; }
 
 /* Returns the number of sites of one kind that a probe has. */
@@ -18484,7 +18510,7 @@ static void sbl__probe_normal(const sbl__probes *g, int i, double out[3]) {
 }
 
 /* Computes the direction of a probe's site number i, of kind g->kind: the direction of a ray, or a normal. The normals
-   of the cube's sides come last. number: number of the probe */
+   of the cube's sides come last. number: index of the probe in desc.probes */
 static void sbl__probe_direction(const sbl__probes *g, int number, int i, double out[3]) {
     const int side = i - sbl__probe_normals(g);
     double u[2], r;
@@ -18494,7 +18520,7 @@ static void sbl__probe_direction(const sbl__probes *g, int number, int i, double
         out[0] = out[1] = out[2] = 0;
         out[side / 2] = side & 1 ? -1 : 1;
     } else {
-        sbl__sequence_at(g->sequence, i, sbl__sensor_seed((uint32_t)number, g->desc.options.seed), u);
+        sbl__sequence_at(g->sequence, i, sbl__sensor_seed(sbl__probe_number(g, number), g->desc.options.seed), u);
         out[2] = 1 - 2 * u[0];
         r = sqrt(1 - out[2] * out[2]);
         out[0] = r * cos(2 * SBL__PI * u[1]);
@@ -18502,14 +18528,14 @@ static void sbl__probe_direction(const sbl__probes *g, int number, int i, double
     }
 }
 
-/* Gets the position at which the host wants probe number i. */
+/* Gets the position at which the host wants a probe. i: index of the probe in desc.probes */
 static void sbl__probe_asked(const sbl_probes_desc *d, int i, float out[3]) {
-    int k;
+    int k, point = d->first_probe + i;
     for (k = 0; k < 3; k++) {
-        const double share = (i % SBL__MAX(1, d->grid[k]) + 0.5) / SBL__MAX(1, d->grid[k]);
+        const double share = (point % SBL__MAX(1, d->grid[k]) + 0.5) / SBL__MAX(1, d->grid[k]);
         out[k] = d->positions ? d->positions[3 * (size_t)i + (size_t)k]
                               : (float)((1 - share) * d->lowest[k] + share * d->highest[k]);
-        i /= SBL__MAX(1, d->grid[k]);
+        point /= SBL__MAX(1, d->grid[k]);
     }
 }
 
@@ -18602,7 +18628,7 @@ static sbl_result sbl__probes_site(void *work, int at) {
     sbl__probe_direction(g, sum->number, i, direction);
     for (k = 0; k < 3; k++) site->normal[k] = site->geometric_normal[k] = (float)direction[k];
     memcpy(site->position, sum->position, sizeof site->position);
-    site->number = (uint32_t)sum->number * (uint32_t)each + (uint32_t)i;
+    site->number = sbl__probe_number(g, sum->number) * (uint32_t)each + (uint32_t)i;
     site->looks = g->kind == SBL__PROBE_HEMISPHERES && i >= sbl__probe_normals(g) ? SBL__PROBE_LOOKS : 1;
     return SBL_SUCCESS;
 }
