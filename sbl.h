@@ -4572,6 +4572,7 @@ typedef struct sbl__solver {
     void (*term)(void *user, int i, const double *direction, double *product);  /* product += term i * direction */
     int term_count;
     int count;                  /* number of unknowns */
+    int first;                  /* number of the first unknown in the arrays, if they hold several problems; else 0 */
     int together;               /* 1: all three channels form one system; 0: each channel is a system of its own */
     double identity;            /* factor of the identity in the matrix */
     double precision2;          /* a system is solved when left2 is at most this times `most2` */
@@ -4642,8 +4643,9 @@ static void sbl__solver_channel(sbl__solver *s, sbl__solver_sums *sum, size_t i)
 
 static sbl_result sbl__solver_unknown(void *work, int unknown) {
     sbl__solver *s = (sbl__solver *)work;
+    const size_t at = 3 * (size_t)(s->first + unknown);
     int k;
-    for (k = 0; k < 3; k++) sbl__solver_channel(s, &s->sums[s->together ? 0 : k], 3 * (size_t)unknown + (size_t)k);
+    for (k = 0; k < 3; k++) sbl__solver_channel(s, &s->sums[s->together ? 0 : k], at + (size_t)k);
     return SBL_SUCCESS;
 }
 
@@ -17853,6 +17855,8 @@ enum {
 typedef struct sbl__vertices_part {
     int mesh, first_vertex, first_triangle;
     int vertex_shift, triangle_shift;  /* number in the scene minus number here */
+    int vertex_count, triangle_count;
+    int first_hinge, hinge_count;
     double area;
     double points, back_points;  /* number of valid points; how many of them see mostly back faces */
 } sbl__vertices_part;
@@ -17862,8 +17866,9 @@ typedef struct sbl__vertices_part {
    light over these four is the bend, which is 0 for linear light. Stage BEND multiplies the weights by a factor */
 typedef struct sbl__hinge { uint32_t sides[2]; float weights[4]; } sbl__hinge;
 
-/* A point, given by its triangle and its number among the points on that triangle, see sbl__vertices_point. */
-typedef struct sbl__vertices_place { int triangle, point; } sbl__vertices_place;
+/* A point, given by its triangle and its number among the points on that triangle, see sbl__vertices_point. number: its
+   number among the points on the mesh */
+typedef struct sbl__vertices_place { int triangle, point; uint32_t number; } sbl__vertices_place;
 
 typedef struct sbl__vertices {
     sbl__work work;             /* must be first, because pointers to the struct are cast to sbl__work * */
@@ -17871,6 +17876,7 @@ typedef struct sbl__vertices {
     sbl_vertices_desc desc;     /* with defaults */
     sbl__vertices_part *parts;
     int part_count, vertex_count, triangle_count;
+    int solved;                 /* number of parts that are solved */
     int64_t points, taken;      /* number of all points; number of points in the finished jobs */
     sbl__vertices_place next_site, next_reading;  /* next point of stage SITES; next point of stage TAKE */
     float *normals;             /* per vertex: sum of its triangles' unit normals; after stage WELD, its normal */
@@ -17931,8 +17937,10 @@ static sbl_result sbl__vertices_begin(void *work, const void *desc) {
         part->first_triangle = s->triangle_count;
         part->vertex_shift = g->meshes[part->mesh].first_vertex - s->vertex_count;
         part->triangle_shift = g->meshes[part->mesh].first_triangle - s->triangle_count;
-        s->vertex_count += g->meshes[part->mesh].vertex_count;
-        s->triangle_count += g->meshes[part->mesh].triangle_count;
+        part->vertex_count = g->meshes[part->mesh].vertex_count;
+        part->triangle_count = g->meshes[part->mesh].triangle_count;
+        s->vertex_count += part->vertex_count;
+        s->triangle_count += part->triangle_count;
     }
     s->desc.meshes = NULL;
     vertices = (size_t)s->vertex_count;
@@ -18078,8 +18086,8 @@ static int sbl__vertices_samples(const sbl__vertices *s, int triangle) {
 /* Makes a triangle's area relative, counts its points, replaces its vertices by their unknowns, and adds its hinges. */
 static sbl_result sbl__vertices_sides(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
-    const sbl__vertices_part *part = sbl__vertices_part_of(s, triangle, 0);
-    const double mean = part->area / SBL__MAX(1, sbl__vertices_geometry(s)->meshes[part->mesh].triangle_count);
+    sbl__vertices_part *part = sbl__vertices_part_of(s, triangle, 0);
+    const double mean = part->area / SBL__MAX(1, part->triangle_count);
     const int smooth = !s->desc.average && s->desc.smoothing > 0;
     uint32_t *corners = s->corners + 3 * (size_t)triangle;
     sbl_result result = SBL_SUCCESS;
@@ -18088,8 +18096,10 @@ static sbl_result sbl__vertices_sides(void *work, int triangle) {
     s->areas[triangle] = SBL__MAX(s->areas[triangle], SBL__VERTICES_MIN_AREA);
     s->points += sbl__vertices_samples(s, triangle);
     for (i = 0; i < 3; i++) corners[i] = s->unknowns[corners[i]];
+    if (triangle == part->first_triangle) part->first_hinge = s->hinge_count;
     for (i = 0; i < 3 && smooth && result == SBL_SUCCESS; i++)
         result = sbl__vertices_side(s, 3 * (uint32_t)triangle + i);
+    part->hinge_count = s->hinge_count - part->first_hinge;
     return result;
 }
 
@@ -18110,25 +18120,31 @@ static void sbl__vertices_point(int k, double weights[3]) {
 }
 
 /* Returns the triangle of a point, gets the point's barycentric weights, sets s->part to the triangle's part, and
-   advances *place to the following point. */
+   advances *place to the following point, except place->number, which remains that of the point. */
 static int sbl__vertices_pass(sbl__vertices *s, sbl__vertices_place *place, double weights[3]) {
     const int triangle = place->triangle;
-    sbl__vertices_part_of(s, triangle, 0);
     sbl__vertices_point(place->point, weights);
+    place->number = triangle == sbl__vertices_part_of(s, triangle, 0)->first_triangle && !place->point
+                        ? 0 : place->number + 1;
     if (++place->point < sbl__vertices_samples(s, triangle)) return triangle;
     place->point = 0;
     place->triangle++;
     return triangle;
 }
 
+#define SBL__VERTICES_APART 0x9e3779b9u  /* difference between the site numbers of the first points on two meshes that
+                                            follow each other: 2^32 divided by the golden ratio, which keeps the numbers
+                                            of many meshes apart */
+
 static sbl_result sbl__vertices_ask(void *work, int site) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl_site point;
     double h[3];
     const int triangle = sbl__vertices_pass(s, &s->next_site, h);
-    const uint32_t number = (uint32_t)(triangle + s->parts[s->part].triangle_shift);
-    sbl__surface_site(sbl__vertices_geometry(s), number, h, &point);
-    sbl__site_make(&s->work, &point, (uint32_t)(s->taken + site), &s->work.sites[site]);
+    const sbl__vertices_part *part = &s->parts[s->part];
+    const uint32_t number = (uint32_t)part->mesh * SBL__VERTICES_APART + s->next_site.number;
+    sbl__surface_site(sbl__vertices_geometry(s), (uint32_t)(triangle + part->triangle_shift), h, &point);
+    sbl__site_make(&s->work, &point, number, &s->work.sites[site]);
     return SBL_SUCCESS;
 }
 
@@ -18217,23 +18233,24 @@ static sbl_result sbl__vertices_bend(void *work, int hinge) {
     return SBL_SUCCESS;
 }
 
-/* Adds one term of the normal equations' matrix, times `direction`, to `product`. There is one term for each triangle,
-   then one for each hinge. */
+/* Adds one term of the normal equations' matrix, times `direction`, to `product`. There is one term for each triangle
+   of the part that is being solved, then one for each of its hinges. */
 static void sbl__vertices_term(void *user, int term, const double *direction, double *product) {
     const sbl__vertices *s = (const sbl__vertices *)user;
-    const size_t triangle = (size_t)term;
+    const sbl__vertices_part *part = &s->parts[s->solved];
+    const size_t triangle = (size_t)(part->first_triangle + term);
     const sbl__hinge *h;
     size_t at[4];
     int a, b, k;
-    for (a = 0; a < 3 && term < s->triangle_count; a++)
+    for (a = 0; a < 3 && term < part->triangle_count; a++)
         for (b = 0; b < 3; b++) {
             const double m = s->sums[SBL__VERTICES_SUMS * triangle + sbl__mass_at[a][b]];
             const double *from = direction + 3 * (size_t)s->corners[3 * triangle + (size_t)b];
             double *to = product + 3 * (size_t)s->corners[3 * triangle + (size_t)a];
             for (k = 0; k < 3; k++) to[k] += m * from[k];
         }
-    if (term < s->triangle_count) return;
-    h = &s->hinges[term - s->triangle_count];
+    if (term < part->triangle_count) return;
+    h = &s->hinges[part->first_hinge + term - part->triangle_count];
     sbl__hinge_unknowns(s, h, at);
     for (k = 0; k < 3; k++) {
         double bend = 0;
@@ -18308,7 +18325,6 @@ static sbl_result sbl__vertices_setup(void *work, sbl__slice *slice) {
     (void)slice;
     s->solver.user = s;
     s->solver.term = sbl__vertices_term;
-    s->solver.term_count = s->triangle_count + s->hinge_count;
     s->solver.precision2 = SBL__VERTICES_PRECISION * SBL__VERTICES_PRECISION;
 
     s->sums = (float *)sbl__alloc(base, (size_t)s->triangle_count, SBL__VERTICES_SUMS * sizeof *s->sums);
@@ -18318,9 +18334,19 @@ static sbl_result sbl__vertices_setup(void *work, sbl__slice *slice) {
     return sbl__work_make_task(&s->work, (double)s->points, 1);
 }
 
+/* Solves the equations of one part after the other, so that the light of a mesh does not depend on other meshes. */
 static sbl_result sbl__vertices_solve(void *work, sbl__slice *slice) {
     sbl__vertices *s = (sbl__vertices *)work;
-    return s->desc.average ? SBL_SUCCESS : sbl__solver_step(&s->solver, slice);
+    const sbl__vertices_part *part = s->parts + s->solved;
+    sbl_result result;
+    if (s->desc.average || s->solved == s->part_count) return SBL_SUCCESS;
+    s->solver.first = part->first_vertex;
+    s->solver.count = part->vertex_count;
+    s->solver.term_count = part->triangle_count + part->hinge_count;
+    result = sbl__solver_step(&s->solver, slice);
+    if (result != SBL_SUCCESS) return result;
+    memset(s->solver.most2, 0, sizeof s->solver.most2);
+    return ++s->solved < s->part_count ? SBL_UNFINISHED : SBL_SUCCESS;
 }
 
 static int sbl__vertices_next_job(void *work) {
