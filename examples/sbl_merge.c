@@ -5,6 +5,7 @@
 #include <dirent.h>
 #include "output_file.h"
 #include "picture_file.h"
+#include "part_list.h"
 #include "picture_parts.h"
 #define TOOL_NAME "sbl_merge"
 #define TOOL_MAKES "picture"
@@ -72,7 +73,7 @@ static int add_folder(picture_parts *parts, const char *folder) {
     int count = 0, room = 0, i, ok = 1;
     const struct dirent *entry;
     DIR *in = opendir(folder);
-    if (!in) return parts__fail(parts, "%s: it cannot be read: %s", folder, strerror(errno));
+    if (!in) return parts__fail(&parts->list, "%s: it cannot be read: %s", folder, strerror(errno));
     while (ok && (entry = readdir(in)) != NULL) {
         char **more = names;
         if (entry->d_name[0] == '.' || !ends_with(entry->d_name, ".exr")) continue;
@@ -84,7 +85,7 @@ static int add_folder(picture_parts *parts, const char *folder) {
         if (ok) sprintf(names[count++], "%s/%s", folder, entry->d_name);
     }
     closedir(in);
-    if (!ok) parts__fail(parts, "out of memory");
+    if (!ok) parts__fail(&parts->list, "out of memory");
     if (count) qsort(names, (size_t)count, sizeof *names, compare_names);  /* messages do not depend on the system */
     for (i = 0; i < count; i++) {
         ok = ok && parts_add(parts, names[i]);
@@ -119,17 +120,17 @@ static int merge(picture_parts *parts) {
                                                                          : parts_add(parts, options.parts[i]);
     job.region[2] = parts->frame.width;
     job.region[3] = parts->frame.height;
-    if (!ok || !parts_check(parts, job.region)) return fail("%s", parts->error);
-    for (i = 0; i < parts->count; i++)
-        if (stat(parts->parts[i].name, &part) == 0 && stat(options.output, &out) == 0 &&
+    if (!ok || !parts_check(parts, job.region)) return fail("%s", parts->list.error);
+    for (i = 0; i < parts->list.count; i++)
+        if (stat(parts->list.files[i].name, &part) == 0 && stat(options.output, &out) == 0 &&
             part.st_dev == out.st_dev && part.st_ino == out.st_ino)
             return misuse("%s would overwrite a part; give another name", options.output);
-    channel = parts->facts[FACT_CHANNEL].text;
+    channel = parts->list.facts[FACT_CHANNEL].text;
     job.channel = channel_of(channel);
     job.stops = !isnan(options.exposure) ? options.exposure
-              : strcmp(channel, "display") == 0 ? 0 : strtod(parts->facts[FACT_EXPOSURE].text, NULL);
+              : strcmp(channel, "display") == 0 ? 0 : strtod(parts->list.facts[FACT_EXPOSURE].text, NULL);
     if (job.channel == SBL_CHANNEL_ERROR && isnan(options.exposure)) job.stops += PICTURE_ERROR_STOPS;
-    if (parts->drivers && !given[QUIET])
+    if (parts->list.drivers && !given[QUIET])
         warn("the parts were made by different graphics drivers, whose pictures differ by rounding and noise");
     if (strcmp(channel, "final") == 0 && ends_with(options.output, ".png") && !given[QUIET])
         warn("highlights above 1 are cut off, because these parts have no tone; make them again with --channel "
@@ -139,7 +140,7 @@ static int merge(picture_parts *parts) {
     output_free(&target);
     if (ok) return DONE;
     if (interrupted) return stop("%s is not written", options.output);
-    return parts->error[0] ? fail("%s", parts->error)
+    return parts->list.error[0] ? fail("%s", parts->list.error)
                            : fail("%s: cannot be written: %s; free some space or give another file name",
                                   options.output, errno ? strerror(errno) : "the writer failed");
 }
