@@ -618,7 +618,7 @@ static void find_facts(shot *s) {
     static const int without[] = { OUTPUT, STATS, STORE, STORE_REPLACE, QUIET, VERBOSE, ALLOW_PATH, MEMORY, READ_TIME,
                                    SIZE, EYE, LOOK_AT, UP, FOV, CHANNEL, WINDOW, PART, PLAN, RESUME, -1 };
     const sbl_context *context = s->task->context;
-    unsigned long long matrices = plan_hash(0xcbf29ce484222325ULL, placed.world_to_view, sizeof placed.world_to_view);
+    unsigned long long matrices = plan_hash(PLAN_HASH_START, placed.world_to_view, sizeof placed.world_to_view);
     plan *p = &s->work;
     matrices = plan_hash(matrices, placed.view_to_clip, sizeof placed.view_to_clip);
     plan_fact(p, FACT_VERSION, "%s", sbl_version());

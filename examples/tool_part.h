@@ -3,7 +3,9 @@
 #ifndef TOOL_PART_H
 #define TOOL_PART_H
 
-/* Continues a hash (FNV-1a; Fowler, Noll, Vo) over bytes. */
+#define PLAN_HASH_START 0xcbf29ce484222325ULL
+
+/* Continues a hash (FNV-1a; Fowler, Noll, Vo) over bytes. It begins with PLAN_HASH_START. */
 static unsigned long long plan_hash(unsigned long long hash, const void *data, size_t bytes) {
     const unsigned char *c = (const unsigned char *)data;
     while (bytes--) hash = (hash ^ *c++) * 0x100000001b3ULL;
