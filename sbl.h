@@ -625,6 +625,15 @@
    SH_3 of all windows into arrays of the whole map, then let sbl_join_windows make the gutters and seams. A single
    window of the whole map, joined, is the map that is baked at once, to the bit.
 
+   Probes and light at vertices can be baked in parts, too. The parts have the bits of the whole on the same GL driver.
+   In SBL_MODE_GI, all parts need the same bounced light: one context, or sbl_save_store and sbl_load_store. The store
+   itself has the same bits on the same driver, so that each part may also make its own.
+
+       probes     first_probe is the number of a part's first probe, and probe_count the number of its probes: 0 and
+                  300, 300 and 300, 600 and the rest. The grid stays that of the whole. With a list, positions points to
+                  the part's first position
+       vertices   a part is a list of meshes (sbl_vertices_desc.meshes)
+
 
    ON DETERMINISM
 
@@ -635,7 +644,9 @@
    sbl_gather_readings can repeat the light of the pixel (x, y). Give it the site of that pixel (sbl_sensor.site) as its
    site number y * width + x, with the picture's seed, and make both with the same `rays`, not 0. The result is equal to
    the bit if rays are traced, and equal up to rounding if views are drawn. The light of a probe depends on its number,
-   its position, `rays` and the seed, and not on other probes.
+   its position, `rays` and the seed, and not on other probes: not on their number, and not on which are baked at the
+   same time. The light of a mesh's vertices depends on the mesh's index in the scene, and not on which other meshes are
+   baked.
 
 
    ON THE PAPER
@@ -1344,7 +1355,11 @@ typedef struct sbl_probes_desc {
     const float *positions;    /* 3 floats per probe, world; not copied, must stay valid until the probes are done.
                                   Default: NULL, a grid */
     sbl_probe *probes;         /* receives one probe per position, in the same order; must stay valid likewise */
-    int probe_count;           /* number of probes, 0 or more. Default: number of points of the grid */
+    int probe_count;           /* number of probes, 0 or more. Default: number of points of the grid from first_probe
+                                  on */
+    int first_probe;           /* number of the first probe, for bakes in parts (see ON PARTS): its point in the grid, 0
+                                  to the number of points - 1; with positions, the number of positions[0], such that
+                                  all numbers fit into an int. Default: 0 */
     int grid[3];               /* without positions: number of probes along x, y and z, up to 16384; x runs fastest,
                                   then y. They are at the centres of equal boxes that fill lowest to highest */
     float lowest[3], highest[3];  /* world corners of the grid. Default (all zero): the bounds of the scene */
@@ -4601,6 +4616,7 @@ typedef struct sbl__solver {
     void (*term)(void *user, int i, const double *direction, double *product);  /* product += term i * direction */
     int term_count;
     int count;                  /* number of unknowns */
+    int first;                  /* number of the first unknown in the arrays, if they hold several problems; else 0 */
     int together;               /* 1: all three channels form one system; 0: each channel is a system of its own */
     double identity;            /* factor of the identity in the matrix */
     double precision2;          /* a system is solved when left2 is at most this times `most2` */
@@ -4671,8 +4687,9 @@ static void sbl__solver_channel(sbl__solver *s, sbl__solver_sums *sum, size_t i)
 
 static sbl_result sbl__solver_unknown(void *work, int unknown) {
     sbl__solver *s = (sbl__solver *)work;
+    const size_t at = 3 * (size_t)(s->first + unknown);
     int k;
-    for (k = 0; k < 3; k++) sbl__solver_channel(s, &s->sums[s->together ? 0 : k], 3 * (size_t)unknown + (size_t)k);
+    for (k = 0; k < 3; k++) sbl__solver_channel(s, &s->sums[s->together ? 0 : k], at + (size_t)k);
     return SBL_SUCCESS;
 }
 
@@ -7974,8 +7991,11 @@ static void sbl__check_grid(sbl__check *check, const sbl_probes_desc *d) {
         sbl__check_int(check, name, d->grid[k], 1, 16384);
     }
     if (points == INT_MAX) sbl__mistake(check, "grid has more points than an int can count");
-    else if (points && d->probe_count != points && d->probe_count >= 0)
-        sbl__mistake(check, "probe_count is %d; the grid has %d points", d->probe_count, points);
+    else if (points && d->first_probe >= points)
+        sbl__mistake(check, "first_probe is %d; the grid has %d points", d->first_probe, points);
+    else if (points && d->first_probe >= 0 && d->probe_count > points - d->first_probe)
+        sbl__mistake(check, "probe_count is %d; the grid has %d points from first_probe on", d->probe_count,
+                     points - d->first_probe);
     sbl__check_finite(check, "lowest", d->lowest, 3);
     sbl__check_finite(check, "highest", d->highest, 3);
     for (k = 0; k < 3 && sbl__all_finite(d->lowest, 3) && sbl__all_finite(d->highest, 3); k++)
@@ -7990,7 +8010,8 @@ SBL_API sbl_probes_desc sbl_probes_desc_defaults(const sbl_probes_desc *desc) {
     if (desc) d = *desc;
     else memset(&d, 0, sizeof d);
     sbl__options_defaults(&d.options, rays, sizes);
-    if (!d.positions && !d.probe_count) d.probe_count = sbl__grid_count(d.grid);
+    if (!d.positions && !d.probe_count && d.first_probe >= 0)
+        d.probe_count = SBL__MAX(0, sbl__grid_count(d.grid) - d.first_probe);
     return d;
 }
 
@@ -8002,6 +8023,10 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
     sbl__check_options(&check, &d->options, 0, rays, host_draws);
     sbl__check_range(&check, "move", &d->move, 1, sbl__not_negative_range);
     if (d->probe_count < 0) sbl__mistake(&check, "probe_count is %d; it cannot be negative", d->probe_count);
+    if (d->first_probe < 0) sbl__mistake(&check, "first_probe is %d; it cannot be negative", d->first_probe);
+    if (d->positions && d->first_probe > INT_MAX - SBL__MAX(d->probe_count, 0))
+        sbl__mistake(&check, "first_probe is %d; with probe_count, %d, the numbers of probes exceed %d",
+                     d->first_probe, d->probe_count, INT_MAX);
     if (!d->probes && d->probe_count > 0) sbl__mistake(&check, "probes is NULL; it receives probe_count probes");
     if (!d->positions) sbl__check_grid(&check, d);
     for (i = 0; d->positions && i < d->probe_count; i++) {
@@ -18085,6 +18110,8 @@ enum {
 typedef struct sbl__vertices_part {
     int mesh, first_vertex, first_triangle;
     int vertex_shift, triangle_shift;  /* number in the scene minus number here */
+    int vertex_count, triangle_count;
+    int first_hinge, hinge_count;
     double area;
     double points, back_points;  /* number of valid points; how many of them see mostly back faces */
 } sbl__vertices_part;
@@ -18094,8 +18121,9 @@ typedef struct sbl__vertices_part {
    light over these four is the bend, which is 0 for linear light. Stage BEND multiplies the weights by a factor */
 typedef struct sbl__hinge { uint32_t sides[2]; float weights[4]; } sbl__hinge;
 
-/* A point, given by its triangle and its number among the points on that triangle, see sbl__vertices_point. */
-typedef struct sbl__vertices_place { int triangle, point; } sbl__vertices_place;
+/* A point, given by its triangle and its number among the points on that triangle, see sbl__vertices_point. number: its
+   number among the points on the mesh */
+typedef struct sbl__vertices_place { int triangle, point; uint32_t number; } sbl__vertices_place;
 
 typedef struct sbl__vertices {
     sbl__work work;             /* must be first, because pointers to the struct are cast to sbl__work * */
@@ -18103,6 +18131,7 @@ typedef struct sbl__vertices {
     sbl_vertices_desc desc;     /* with defaults */
     sbl__vertices_part *parts;
     int part_count, vertex_count, triangle_count;
+    int solved;                 /* number of parts that are solved */
     int64_t points, taken;      /* number of all points; number of points in the finished jobs */
     sbl__vertices_place next_site, next_reading;  /* next point of stage SITES; next point of stage TAKE */
     float *normals;             /* per vertex: sum of its triangles' unit normals; after stage WELD, its normal */
@@ -18163,8 +18192,10 @@ static sbl_result sbl__vertices_begin(void *work, const void *desc) {
         part->first_triangle = s->triangle_count;
         part->vertex_shift = g->meshes[part->mesh].first_vertex - s->vertex_count;
         part->triangle_shift = g->meshes[part->mesh].first_triangle - s->triangle_count;
-        s->vertex_count += g->meshes[part->mesh].vertex_count;
-        s->triangle_count += g->meshes[part->mesh].triangle_count;
+        part->vertex_count = g->meshes[part->mesh].vertex_count;
+        part->triangle_count = g->meshes[part->mesh].triangle_count;
+        s->vertex_count += part->vertex_count;
+        s->triangle_count += part->triangle_count;
     }
     s->desc.meshes = NULL;
     vertices = (size_t)s->vertex_count;
@@ -18310,8 +18341,8 @@ static int sbl__vertices_samples(const sbl__vertices *s, int triangle) {
 /* Makes a triangle's area relative, counts its points, replaces its vertices by their unknowns, and adds its hinges. */
 static sbl_result sbl__vertices_sides(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
-    const sbl__vertices_part *part = sbl__vertices_part_of(s, triangle, 0);
-    const double mean = part->area / SBL__MAX(1, sbl__vertices_geometry(s)->meshes[part->mesh].triangle_count);
+    sbl__vertices_part *part = sbl__vertices_part_of(s, triangle, 0);
+    const double mean = part->area / SBL__MAX(1, part->triangle_count);
     const int smooth = !s->desc.average && s->desc.smoothing > 0;
     uint32_t *corners = s->corners + 3 * (size_t)triangle;
     sbl_result result = SBL_SUCCESS;
@@ -18320,8 +18351,10 @@ static sbl_result sbl__vertices_sides(void *work, int triangle) {
     s->areas[triangle] = SBL__MAX(s->areas[triangle], SBL__VERTICES_MIN_AREA);
     s->points += sbl__vertices_samples(s, triangle);
     for (i = 0; i < 3; i++) corners[i] = s->unknowns[corners[i]];
+    if (triangle == part->first_triangle) part->first_hinge = s->hinge_count;
     for (i = 0; i < 3 && smooth && result == SBL_SUCCESS; i++)
         result = sbl__vertices_side(s, 3 * (uint32_t)triangle + i);
+    part->hinge_count = s->hinge_count - part->first_hinge;
     return result;
 }
 
@@ -18342,25 +18375,31 @@ static void sbl__vertices_point(int k, double weights[3]) {
 }
 
 /* Returns the triangle of a point, gets the point's barycentric weights, sets s->part to the triangle's part, and
-   advances *place to the following point. */
+   advances *place to the following point, except place->number, which remains that of the point. */
 static int sbl__vertices_pass(sbl__vertices *s, sbl__vertices_place *place, double weights[3]) {
     const int triangle = place->triangle;
-    sbl__vertices_part_of(s, triangle, 0);
     sbl__vertices_point(place->point, weights);
+    place->number = triangle == sbl__vertices_part_of(s, triangle, 0)->first_triangle && !place->point
+                        ? 0 : place->number + 1;
     if (++place->point < sbl__vertices_samples(s, triangle)) return triangle;
     place->point = 0;
     place->triangle++;
     return triangle;
 }
 
+#define SBL__VERTICES_APART 0x9e3779b9u  /* difference between the site numbers of the first points on two meshes that
+                                            follow each other: 2^32 divided by the golden ratio, which keeps the numbers
+                                            of many meshes apart */
+
 static sbl_result sbl__vertices_ask(void *work, int site) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl_site point;
     double h[3];
     const int triangle = sbl__vertices_pass(s, &s->next_site, h);
-    const uint32_t number = (uint32_t)(triangle + s->parts[s->part].triangle_shift);
-    sbl__surface_site(sbl__vertices_geometry(s), number, h, &point);
-    sbl__site_make(&s->work, &point, (uint32_t)(s->taken + site), &s->work.sites[site]);
+    const sbl__vertices_part *part = &s->parts[s->part];
+    const uint32_t number = (uint32_t)part->mesh * SBL__VERTICES_APART + s->next_site.number;
+    sbl__surface_site(sbl__vertices_geometry(s), (uint32_t)(triangle + part->triangle_shift), h, &point);
+    sbl__site_make(&s->work, &point, number, &s->work.sites[site]);
     return SBL_SUCCESS;
 }
 
@@ -18449,23 +18488,24 @@ static sbl_result sbl__vertices_bend(void *work, int hinge) {
     return SBL_SUCCESS;
 }
 
-/* Adds one term of the normal equations' matrix, times `direction`, to `product`. There is one term for each triangle,
-   then one for each hinge. */
+/* Adds one term of the normal equations' matrix, times `direction`, to `product`. There is one term for each triangle
+   of the part that is being solved, then one for each of its hinges. */
 static void sbl__vertices_term(void *user, int term, const double *direction, double *product) {
     const sbl__vertices *s = (const sbl__vertices *)user;
-    const size_t triangle = (size_t)term;
+    const sbl__vertices_part *part = &s->parts[s->solved];
+    const size_t triangle = (size_t)(part->first_triangle + term);
     const sbl__hinge *h;
     size_t at[4];
     int a, b, k;
-    for (a = 0; a < 3 && term < s->triangle_count; a++)
+    for (a = 0; a < 3 && term < part->triangle_count; a++)
         for (b = 0; b < 3; b++) {
             const double m = s->sums[SBL__VERTICES_SUMS * triangle + sbl__mass_at[a][b]];
             const double *from = direction + 3 * (size_t)s->corners[3 * triangle + (size_t)b];
             double *to = product + 3 * (size_t)s->corners[3 * triangle + (size_t)a];
             for (k = 0; k < 3; k++) to[k] += m * from[k];
         }
-    if (term < s->triangle_count) return;
-    h = &s->hinges[term - s->triangle_count];
+    if (term < part->triangle_count) return;
+    h = &s->hinges[part->first_hinge + term - part->triangle_count];
     sbl__hinge_unknowns(s, h, at);
     for (k = 0; k < 3; k++) {
         double bend = 0;
@@ -18540,7 +18580,6 @@ static sbl_result sbl__vertices_setup(void *work, sbl__slice *slice) {
     (void)slice;
     s->solver.user = s;
     s->solver.term = sbl__vertices_term;
-    s->solver.term_count = s->triangle_count + s->hinge_count;
     s->solver.precision2 = SBL__VERTICES_PRECISION * SBL__VERTICES_PRECISION;
 
     s->sums = (float *)sbl__alloc(base, (size_t)s->triangle_count, SBL__VERTICES_SUMS * sizeof *s->sums);
@@ -18550,9 +18589,19 @@ static sbl_result sbl__vertices_setup(void *work, sbl__slice *slice) {
     return sbl__work_make_task(&s->work, (double)s->points, 1);
 }
 
+/* Solves the equations of one part after the other, so that the light of a mesh does not depend on other meshes. */
 static sbl_result sbl__vertices_solve(void *work, sbl__slice *slice) {
     sbl__vertices *s = (sbl__vertices *)work;
-    return s->desc.average ? SBL_SUCCESS : sbl__solver_step(&s->solver, slice);
+    const sbl__vertices_part *part = s->parts + s->solved;
+    sbl_result result;
+    if (s->desc.average || s->solved == s->part_count) return SBL_SUCCESS;
+    s->solver.first = part->first_vertex;
+    s->solver.count = part->vertex_count;
+    s->solver.term_count = part->triangle_count + part->hinge_count;
+    result = sbl__solver_step(&s->solver, slice);
+    if (result != SBL_SUCCESS) return result;
+    memset(s->solver.most2, 0, sizeof s->solver.most2);
+    return ++s->solved < s->part_count ? SBL_UNFINISHED : SBL_SUCCESS;
 }
 
 static int sbl__vertices_next_job(void *work) {
@@ -18719,6 +18768,9 @@ static void sbl__gauss_nodes(int count, double *nodes, double *weights) {
     }
 }
 
+/* Returns the number that selects the directions of a probe's rays. i: index of the probe in desc.probes */
+static uint32_t sbl__probe_number(const sbl__probes *g, int i) { return (uint32_t)(g->desc.first_probe + i); }
+
 static int sbl__probe_normals(const sbl__probes *g) { return g->rings * g->around; }
 
 /* Returns the number of sites of one kind that a probe has. */
@@ -18739,7 +18791,7 @@ static void sbl__probe_normal(const sbl__probes *g, int i, double out[3]) {
 }
 
 /* Computes the direction of a probe's site number i, of kind g->kind: the direction of a ray, or a normal. The normals
-   of the cube's sides come last. number: number of the probe */
+   of the cube's sides come last. number: index of the probe in desc.probes */
 static void sbl__probe_direction(const sbl__probes *g, int number, int i, double out[3]) {
     const int side = i - sbl__probe_normals(g);
     double u[2], r;
@@ -18749,7 +18801,7 @@ static void sbl__probe_direction(const sbl__probes *g, int number, int i, double
         out[0] = out[1] = out[2] = 0;
         out[side / 2] = side & 1 ? -1 : 1;
     } else {
-        sbl__sequence_at(g->sequence, i, sbl__sensor_seed((uint32_t)number, g->desc.options.seed), u);
+        sbl__sequence_at(g->sequence, i, sbl__sensor_seed(sbl__probe_number(g, number), g->desc.options.seed), u);
         out[2] = 1 - 2 * u[0];
         r = sqrt(1 - out[2] * out[2]);
         out[0] = r * cos(2 * SBL__PI * u[1]);
@@ -18757,14 +18809,14 @@ static void sbl__probe_direction(const sbl__probes *g, int number, int i, double
     }
 }
 
-/* Gets the position at which the host wants probe number i. */
+/* Gets the position at which the host wants a probe. i: index of the probe in desc.probes */
 static void sbl__probe_asked(const sbl_probes_desc *d, int i, float out[3]) {
-    int k;
+    int k, point = d->first_probe + i;
     for (k = 0; k < 3; k++) {
-        const double share = (i % SBL__MAX(1, d->grid[k]) + 0.5) / SBL__MAX(1, d->grid[k]);
+        const double share = (point % SBL__MAX(1, d->grid[k]) + 0.5) / SBL__MAX(1, d->grid[k]);
         out[k] = d->positions ? d->positions[3 * (size_t)i + (size_t)k]
                               : (float)((1 - share) * d->lowest[k] + share * d->highest[k]);
-        i /= SBL__MAX(1, d->grid[k]);
+        point /= SBL__MAX(1, d->grid[k]);
     }
 }
 
@@ -18857,7 +18909,7 @@ static sbl_result sbl__probes_site(void *work, int at) {
     sbl__probe_direction(g, sum->number, i, direction);
     for (k = 0; k < 3; k++) site->normal[k] = site->geometric_normal[k] = (float)direction[k];
     memcpy(site->position, sum->position, sizeof site->position);
-    site->number = (uint32_t)sum->number * (uint32_t)each + (uint32_t)i;
+    site->number = sbl__probe_number(g, sum->number) * (uint32_t)each + (uint32_t)i;
     site->looks = g->kind == SBL__PROBE_HEMISPHERES && i >= sbl__probe_normals(g) ? SBL__PROBE_LOOKS : 1;
     return SBL_SUCCESS;
 }

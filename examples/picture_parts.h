@@ -1,18 +1,17 @@
 /* Joins parts of a picture: reads .exr files that each contain a window of a whole picture, checks that they fit
    together, and writes the whole, or a region of it, band by band. It needs the memory of a band, whatever the size of
-   the picture. Include after picture_file.h. Without OpenEXR (SBL_RENDER_OPENEXR) every part is refused.
+   the picture. Include after picture_file.h and part_list.h. Without OpenEXR (SBL_RENDER_OPENEXR) every part is
+   refused.
 
        picture_parts parts = { 0 };
        for (...) ok = ok && parts_add(&parts, name);
-       ok = ok && parts_check(&parts, region);        // parts.error says what is wrong
+       ok = ok && parts_check(&parts, region);        // parts.list.error says what is wrong
        ok = ok && target_write(&target, parts_write, &job, 0);
        parts_free(&parts); */
 #ifndef PICTURE_PARTS_H
 #define PICTURE_PARTS_H
 
-#include <stdarg.h>
-
-/* The facts that a part contains (picture_fact). All but the last three must be the same in all parts. */
+/* The facts that a part contains (picture_fact). All but the last two must be the same in all parts. */
 enum {
     FACT_VERSION,   /* of sbl.h */
     FACT_SCENE,     /* hash of meshes, materials, lights and sky: sbl_scene_fingerprint */
@@ -38,40 +37,31 @@ static const char *const fact_words[FACT_COUNT] = { "by another version of sbl.h
     "with another plan (give all parts the same --plan)",
     "by another driver", "as another part" };
 
-/* Returns what a message shows of a fact. */
-static const char *fact_shown(const char *text) { return text[0] ? text : "none"; }
+static const part_kind picture_kind = { fact_names, fact_words, FACT_RENDERER };
 
-/* A part: a file, and its window. */
+/* A window. */
 typedef struct picture_part {
-    char *name;
     int at[2], size[2];   /* first pixel in the whole picture; size in pixels */
-    int number, count;    /* K and N of --part K/N; 0 if the part is a window that was chosen by hand */
 #ifdef SBL_RENDER_OPENEXR
     exr_context_t exr;    /* NULL if the file is closed */
 #endif
     unsigned used;        /* when rows were read last, see picture_parts.turn */
 } picture_part;
 
-enum { PARTS_MOST = 10000, PARTS_OPEN = 64, PARTS_BAND = 64 };  /* greatest number of parts, and of open files; rows
-                                                                    of a band */
+enum { PARTS_OPEN = 64, PARTS_BAND = 64 };  /* greatest number of open files; rows of a band */
 
 typedef struct picture_parts {
-    picture_part *parts;
-    int count, room;
+    part_list list;
+    picture_part *parts;                 /* one for each file of the list */
+    int room;
     image frame;                         /* size of the whole picture; its components and facts */
-    picture_fact facts[PICTURE_FACTS];   /* those of the first part */
-    int drivers;                         /* 1: some parts were made by different drivers */
     int open;                            /* number of open files */
     unsigned turn;
-    char error[PICTURE_FACT_SIZE + 512]; /* why a function has failed */
 } picture_parts;
 
-static int parts__fail(picture_parts *p, const char *format, ...) {
-    va_list arguments;
-    va_start(arguments, format);
-    vsnprintf(p->error, sizeof p->error, format, arguments);
-    va_end(arguments);
-    return 0;
+/* Returns the name of the file of a part. */
+static inline const char *parts__name(const picture_parts *p, const picture_part *part) {
+    return p->list.files[part - p->parts].name;
 }
 
 #ifdef SBL_RENDER_OPENEXR
@@ -86,23 +76,24 @@ static void parts__close(picture_parts *p, picture_part *part) {
 /* Opens the file of a part. Closes the one that was used longest ago if too many are open. */
 static int parts__open(picture_parts *p, picture_part *part) {
     exr_context_initializer_t settings = EXR_DEFAULT_CONTEXT_INITIALIZER;
+    const char *name = parts__name(p, part);
     picture_part *oldest = NULL;
     struct stat info;
     int i;
     part->used = ++p->turn;
     if (part->exr) return 1;
-    for (i = 0; i < p->count && p->open == PARTS_OPEN; i++)
+    for (i = 0; i < p->list.count && p->open == PARTS_OPEN; i++)
         if (p->parts[i].exr && (!oldest || p->parts[i].used < oldest->used)) oldest = &p->parts[i];
     if (oldest) parts__close(p, oldest);
-    if (stat(part->name, &info) != 0) return parts__fail(p, "%s: %s", part->name, strerror(errno));
-    if (!S_ISREG(info.st_mode)) return parts__fail(p, "%s: not a regular file", part->name);
+    if (stat(name, &info) != 0) return parts__fail(&p->list, "%s: %s", name, strerror(errno));
+    if (!S_ISREG(info.st_mode)) return parts__fail(&p->list, "%s: not a regular file", name);
     settings.error_handler_fn = on_exr_error;
-    if (exr_start_read(&part->exr, part->name, &settings) == EXR_ERR_SUCCESS) {
+    if (exr_start_read(&part->exr, name, &settings) == EXR_ERR_SUCCESS) {
         p->open++;
         return 1;
     }
     part->exr = NULL;
-    return parts__fail(p, "%s: not a complete .exr file; make this part again", part->name);
+    return parts__fail(&p->list, "%s: not a complete .exr file; make this part again", name);
 }
 
 /* Reads a fact of an open part; unknown facts are empty. */
@@ -132,51 +123,40 @@ static int parts__components(const picture_part *part) {
     return list->num_channels;
 }
 
-/* Reads the header of a part. Checks it against the first part, which sets p->frame and p->facts. */
+/* Reads the header of a part. Checks it against the first part, which sets p->frame and p->list.facts. */
 static int parts__header(picture_parts *p, picture_part *part) {
-    static char text[PICTURE_FACT_SIZE];
+    static picture_fact facts[PICTURE_FACTS];
     exr_attr_box2i_t data, display;
     int i, components;
     if (!parts__open(p, part)) return 0;
     components = parts__components(part);
-    parts__fact(part, FACT_VERSION, text);
-    if (!components || !text[0] || exr_get_data_window(part->exr, 0, &data) != EXR_ERR_SUCCESS ||
+    parts__fact(part, FACT_VERSION, facts[FACT_VERSION].text);
+    if (!components || !facts[FACT_VERSION].text[0] || exr_get_data_window(part->exr, 0, &data) != EXR_ERR_SUCCESS ||
         exr_get_display_window(part->exr, 0, &display) != EXR_ERR_SUCCESS)
-        return parts__fail(p, "%s: not a part made by sbl_render --part or --window", part->name);
+        return parts__fail(&p->list, "%s: not a part made by sbl_render --part or --window", parts__name(p, part));
     part->at[0] = data.min.x;
     part->at[1] = data.min.y;
     part->size[0] = data.max.x - data.min.x + 1;
     part->size[1] = data.max.y - data.min.y + 1;
-    parts__fact(part, FACT_PART, text);
-    if (sscanf(text, "%d/%d", &part->number, &part->count) != 2) part->number = part->count = 0;
-    if (part->count < 0 || part->count > PARTS_MOST || part->number > part->count)
-        return parts__fail(p, "%s: it claims to be part %d of %d", part->name, part->number, part->count);
-    if (p->count == 1) {
+    for (i = 0; i < FACT_COUNT; i++) {
+        facts[i].name = fact_names[i];
+        parts__fact(part, i, facts[i].text);
+    }
+    if (!parts__number(&p->list, facts[FACT_PART].text)) return 0;
+    if (p->list.count == 1) {
         p->frame.width = display.max.x + 1;
         p->frame.height = display.max.y + 1;
         p->frame.components = components;
-        p->frame.facts = p->facts;
-        for (i = 0; i < FACT_COUNT; i++) {
-            p->facts[i].name = fact_names[i];
-            parts__fact(part, i, p->facts[i].text);
-        }
+        p->frame.facts = p->list.facts;
     }
-    for (i = 0; i <= FACT_RENDERER; i++) {
-        parts__fact(part, i, text);
-        if (strcmp(text, p->facts[i].text) == 0) continue;
-        if (i == FACT_RENDERER) { p->drivers = 1; continue; }
-        return parts__fail(p, "%s does not fit %s: it was made %s: it has %s, the other has %s", part->name,
-                           p->parts[0].name, fact_words[i], fact_shown(text), fact_shown(p->facts[i].text));
-    }
-    if (part->count != p->parts[0].count)
-        return parts__fail(p, "%s does not fit %s: it is a part of %d, not of %d", part->name, p->parts[0].name,
-                           part->count, p->parts[0].count);
+    if (!parts__fit(&p->list, &picture_kind, facts)) return 0;
     if (components != p->frame.components || display.max.x + 1 != p->frame.width ||
         display.max.y + 1 != p->frame.height)
-        return parts__fail(p, "%s does not fit %s: it belongs to another picture", part->name, p->parts[0].name);
+        return parts__fail(&p->list, "%s does not fit %s: it belongs to another picture", parts__name(p, part),
+                           p->list.files[0].name);
     if (part->at[0] < 0 || part->at[1] < 0 || part->size[0] < 1 || part->size[1] < 1 ||
         part->at[0] + part->size[0] > p->frame.width || part->at[1] + part->size[1] > p->frame.height)
-        return parts__fail(p, "%s: its window is not inside the picture", part->name);
+        return parts__fail(&p->list, "%s: its window is not inside the picture", parts__name(p, part));
     return 1;
 }
 
@@ -223,7 +203,7 @@ static int parts__copy(picture_parts *p, picture_part *part, const int region[4]
     if (!parts__open(p, part)) return 0;
     if (exr_get_scanlines_per_chunk(part->exr, 0, &step) != EXR_ERR_SUCCESS || step < 1) step = 1;
     chunk = (float *)malloc((size_t)step * (size_t)part->size[0] * n * sizeof *chunk);
-    if (!chunk) return parts__fail(p, "out of memory");
+    if (!chunk) return parts__fail(&p->list, "out of memory");
     memset(&decoder, 0, sizeof decoder);
     while (at < last && ok) {
         ok = parts__decode(part, at, chunk, (int)n, &decoder, &first, &count);
@@ -235,7 +215,7 @@ static int parts__copy(picture_parts *p, picture_part *part, const int region[4]
     }
     exr_decoding_destroy(part->exr, &decoder);
     free(chunk);
-    return ok || parts__fail(p, "%s: it is damaged or incomplete; make this part again", part->name);
+    return ok || parts__fail(&p->list, "%s: it is damaged or incomplete; make this part again", parts__name(p, part));
 }
 
 #else
@@ -243,7 +223,7 @@ static int parts__copy(picture_parts *p, picture_part *part, const int region[4]
 static void parts__close(picture_parts *p, picture_part *part) { (void)p; (void)part; }
 
 static int parts__header(picture_parts *p, picture_part *part) {
-    return parts__fail(p, "%s: this program was built without OpenEXR, which parts need", part->name);
+    return parts__fail(&p->list, "%s: this program was built without OpenEXR, which parts need", parts__name(p, part));
 }
 
 static int parts__copy(picture_parts *p, picture_part *part, const int region[4], int y, int rows, float *band) {
@@ -253,54 +233,27 @@ static int parts__copy(picture_parts *p, picture_part *part, const int region[4]
 
 #endif
 
-/* Adds a file. Returns 0 and sets p->error if it is no part, or does not fit the parts before. */
+/* Adds a file. Returns 0 and sets p->list.error if it is no part, or does not fit the parts before. */
 static inline int parts_add(picture_parts *p, const char *name) {
     picture_part *part;
-    if (p->count == p->room) {
-        const int room = p->room * 2 + 64;
-        picture_part *more = (picture_part *)realloc(p->parts, (size_t)room * sizeof *more);
-        if (!more) return parts__fail(p, "out of memory");
+    if (!parts__list(&p->list, name)) return 0;
+    if (p->room < p->list.room) {
+        picture_part *more = (picture_part *)realloc(p->parts, (size_t)p->list.room * sizeof *more);
+        if (!more) return parts__fail(&p->list, "out of memory");
         p->parts = more;
-        p->room = room;
+        p->room = p->list.room;
     }
-    part = &p->parts[p->count++];
+    part = &p->parts[p->list.count - 1];
     memset(part, 0, sizeof *part);
-    part->name = (char *)malloc(strlen(name) + 1);
-    if (!part->name) return parts__fail(p, "out of memory");
-    strcpy(part->name, name);
     return parts__header(p, part);
 }
 
 static inline void parts_free(picture_parts *p) {
     int i;
-    for (i = 0; i < p->count; i++) {
-        parts__close(p, &p->parts[i]);
-        free(p->parts[i].name);
-    }
+    for (i = 0; i < p->list.count && i < p->room; i++) parts__close(p, &p->parts[i]);
     free(p->parts);
+    parts__list_free(&p->list);
     memset(p, 0, sizeof *p);
-}
-
-/* Names the first of the parts K/N that is missing or given twice. */
-static int parts__check_numbers(picture_parts *p) {
-    const int count = p->parts[0].count;
-    int i, k, missing = 0, first = 0, ok = 1;
-    const char **names = count ? (const char **)calloc((size_t)count + 1, sizeof *names) : NULL;
-    if (!count) return 1;
-    if (!names) return parts__fail(p, "out of memory");
-    for (i = 0; i < p->count && ok; i++) {
-        k = p->parts[i].number;
-        if (k < 1 || k > count) ok = parts__fail(p, "%s: it claims to be part %d of %d", p->parts[i].name, k, count);
-        else if (names[k])
-            ok = parts__fail(p, "%s and %s are both part %d of %d", names[k], p->parts[i].name, k, count);
-        else names[k] = p->parts[i].name;
-    }
-    for (k = count; k >= 1 && ok; k--)
-        if (!names[k]) { missing++; first = k; }
-    if (missing > 1) ok = parts__fail(p, "%d of %d parts are missing; the first is part %d", missing, count, first);
-    else if (missing) ok = parts__fail(p, "part %d of %d is missing", first, count);
-    free(names);
-    return ok;
 }
 
 static int parts__overlap(const picture_part *a, const picture_part *b) {
@@ -312,29 +265,30 @@ static int parts__overlap(const picture_part *a, const picture_part *b) {
 static inline int parts_check(picture_parts *p, const int region[4]) {
     double pixels = 0;
     int i, k;
-    if (!p->count) return parts__fail(p, "no parts are given");
-    if (!parts__check_numbers(p)) return 0;
-    for (i = 0; i < p->count; i++) {
+    if (!p->list.count) return parts__fail(&p->list, "no parts are given");
+    if (!parts__check_numbers(&p->list)) return 0;
+    for (i = 0; i < p->list.count; i++) {
         const picture_part *part = &p->parts[i];
         if (part->at[0] < region[0] || part->at[1] < region[1] || part->at[0] + part->size[0] > region[0] + region[2] ||
             part->at[1] + part->size[1] > region[1] + region[3])
-            return parts__fail(p, "%s: it belongs to another part of the picture", part->name);
+            return parts__fail(&p->list, "%s: it belongs to another part of the picture", parts__name(p, part));
         pixels += (double)part->size[0] * part->size[1];
         for (k = 0; k < i; k++)
             if (parts__overlap(&p->parts[i], &p->parts[k]))
-                return parts__fail(p, "%s and %s overlap%s", p->parts[k].name, p->parts[i].name,
-                                   p->parts[i].count ? "; give all parts the same --plan" : "");
+                return parts__fail(&p->list, "%s and %s overlap%s", p->list.files[k].name, p->list.files[i].name,
+                                   p->list.files[i].count ? "; give all parts the same --plan" : "");
     }
     if (pixels < (double)region[2] * region[3])
-        return parts__fail(p, "%.0f of %.0f pixels are in no part%s", (double)region[2] * region[3] - pixels,
-                           (double)region[2] * region[3], p->parts[0].count ? "; give all parts the same --plan" : "");
+        return parts__fail(&p->list, "%.0f of %.0f pixels are in no part%s", (double)region[2] * region[3] - pixels,
+                           (double)region[2] * region[3],
+                           p->list.files[0].count ? "; give all parts the same --plan" : "");
     return 1;
 }
 
 /* Reads rows y to y + rows - 1 of the picture, as far as they lie in the region. */
 static inline int parts_band(picture_parts *p, const int region[4], int y, int rows, float *band) {
     int i, ok = 1;
-    for (i = 0; i < p->count && ok; i++) ok = parts__copy(p, &p->parts[i], region, y, rows, band);
+    for (i = 0; i < p->list.count && ok; i++) ok = parts__copy(p, &p->parts[i], region, y, rows, band);
     return ok;
 }
 

@@ -6,6 +6,8 @@
 #include "../sbl.h"
 #include "output_file.h"
 #include "picture_file.h"
+#include "part_list.h"
+#include "bake_parts.h"
 #include "scene_file.h"
 #include "gltf_file.h"
 #define TOOL_NAME "sbl_bake"
@@ -13,12 +15,13 @@
 #include "tool.h"
 #include "tool_options.h"
 #include "tool_scene.h"
+#include "tool_part.h"
 
 /* ---- the command line ---- */
 
 static struct options {
-    int lightmap, gutter, supersample, samples, grid[3];
-    const char *positions;  /* file with the positions of probes, or NULL for a grid */
+    int lightmap, gutter, supersample, samples, grid[3], part[2];
+    const char *part_text, *positions;  /* positions: file with the positions of probes, or NULL for a grid */
     double target_error, move, smoothing;
 } options;
 
@@ -35,6 +38,7 @@ enum {
     SMOOTHING,
     PROBES,
     MOVE,
+    PART,
     OPTION_COUNT
 };
 
@@ -105,6 +109,16 @@ static const tool_option table[OPTION_COUNT] = {
                  NULL, &options.positions, .file_words = "a text file such as LIST.txt" },
     [MOVE] = { "--move", "DISTANCE", NUMBERS, &options.move, 1, 0, 1e18,
                "greatest distance by which a probe may be moved to get out of geometry; default 0" },
+    [PART] = { "--part", "K/N", TEXT, &options.part_text, 0, 0, 0,
+               "with --probes or --vertices: bakes only the K-th of N parts; N is at most 10000. A part is a range of "
+               "probes, or\n"
+               "of meshes (into a .ply). sbl_merge joins the parts to the file that is made without --part, to the "
+               "byte. In\n"
+               "mode gi, give all parts the same --store, so that only the first makes the light. auto/N takes K from\n"
+               "SLURM_ARRAY_TASK_ID, SGE_TASK_ID or PBS_ARRAY_INDEX (1 to N), or from JOB_COMPLETION_INDEX or\n"
+               "AWS_BATCH_JOB_ARRAY_INDEX (0 to N - 1). %d in the name of the output becomes K, and %04d becomes K "
+               "with\n"
+               "4 digits" },
 };
 static int given[OPTION_COUNT];
 
@@ -116,6 +130,7 @@ static const tool_line lines[] = {
     { AVERAGE, NULL },
     { PROBES, "light in the air, into a .json file" },
     { MOVE, "moves probes out of geometry" },
+    { PART, NULL },
     { MODE, "gi (default: all light), direct or ambient" },
     { TOOL_HEADING, "Light:" },
     LIGHT_LINES,
@@ -159,6 +174,23 @@ static void print_help(void) {
 
 static int ends_with(const char *path, const char *ending) { return scene__ends_with(path, ending); }
 
+/* Reads the value of --part, and replaces %d in the name of the output by the number of the part. Returns the exit
+   status. */
+static int parse_part(void) {
+    static char name[PATH_MAX];
+    int status;
+    if (!given[PART]) return DONE;
+    if (given[LIGHTMAP]) return misuse("--part needs --probes or --vertices: a lightmap has no parts");
+    if (given[VERTICES] && !ends_with(common.output, ".ply"))
+        return misuse("--output %s: a part is a .ply file, and sbl_merge joins them", common.output);
+    status = plan_part(options.part_text, options.part);
+    if (status == DONE && !numbered_name(name, sizeof name, common.output, options.part[0]))
+        return misuse("--output %s: %%d or %%04d stands for the number of the part; no other %% is allowed",
+                      common.output);
+    common.output = name;
+    return status;
+}
+
 static int parse(int argc, char **argv) {
     static const int of_lightmaps[] = {
         GUTTER, DIRECTIONAL, SUPERSAMPLE, TARGET_ERROR, TILE, THRESHOLD, FILTER_RADIUS
@@ -184,10 +216,13 @@ static int parse(int argc, char **argv) {
         return misuse("--output %s: the name must end in .ply or .gltf", common.output);
     if (given[PROBES] && !ends_with(common.output, ".json"))
         return misuse("--output %s: the name must end in .json", common.output);
+    status = parse_part();
+    if (status != DONE) return status;
     common_note(given, table);
     if (given[LIGHTMAP]) common_note_refinement(given, table, TARGET_ERROR);
     note_if(given[AVERAGE], given, table, SMOOTHING, "--average has no slopes");
     common.input = options.positions;
+    if (options.positions) memset(options.grid, 0, sizeof options.grid);
     return DONE;
 }
 
@@ -481,12 +516,82 @@ static int find_file(void) {
     return targets_check(target_count, given);
 }
 
+/* ---- parts ---- */
+
+static bake_facts facts;  /* of the part; without --part, the range is the whole */
+
+/* Sets the range to the probes or meshes from number `first` on, `count` of `total`. */
+static void set_range(int first, int count, int total) {
+    facts.range[BAKE_FIRST] = first;
+    facts.range[BAKE_COUNT] = count;
+    facts.range[BAKE_TOTAL] = total;
+}
+
+/* Returns how many of `total` probes precede part number k, from 0 on. */
+static int probes_before(int k, int total) { return (int)((long long)k * total / options.part[1]); }
+
+/* Sets the range to the probes of the part. Returns the exit status. */
+static int find_probes(int total) {
+    const int k = options.part[0] - 1;
+    set_range(0, total, total);
+    if (!given[PART] || total == INT_MAX) return DONE;
+    if (options.part[1] > total)
+        return misuse("--part %s: %d parts are too many for %d probes", options.part_text, options.part[1], total);
+    set_range(probes_before(k, total), probes_before(k + 1, total) - probes_before(k, total), total);
+    return DONE;
+}
+
+/* Sets the range to the meshes of the part. Every part gets a mesh, and then those whose middle triangle lies before
+   the end of the part's share of all triangles, but leaves a mesh for each of the parts that follow. Returns the exit
+   status. */
+static int find_meshes(const scene_file *file) {
+    const sbl_mesh *m = file->scene.meshes;
+    const int meshes = file->scene.mesh_count, parts = options.part[1];
+    long long all = 0, before = 0;
+    int i, k, first = 0, next = 0;
+    set_range(0, meshes, meshes);
+    if (!given[PART]) return DONE;
+    if (parts > meshes)
+        return misuse("--part %s: %d parts are too many for %d meshes: a part contains at least one mesh",
+                      options.part_text, parts, meshes);
+    for (i = 0; i < meshes; i++) all += m[i].index_count / 3;
+    for (k = 1; k <= options.part[0]; k++) {
+        first = next;
+        do before += m[next++].index_count / 3;
+        while (next < meshes - (parts - k) && (2 * before + m[next].index_count / 3) * parts <= 2 * k * all);
+    }
+    set_range(first, next - first, meshes);
+    return DONE;
+}
+
+/* Sets the texts of the facts. what: what is baked, with all that the options do not say */
+static void find_facts(const sbl_context *context, const char *what) {
+    static const int without[] = { OUTPUT, STATS, STORE, STORE_REPLACE, QUIET, VERBOSE, ALLOW_PATH, MEMORY, READ_TIME,
+                                   VERTICES, PROBES, PART, -1 };
+    char text[16 * PICTURE_FACT_SIZE];
+    if (!given[PART]) return;
+    bake_fact(&facts, BAKE_VERSION, sbl_version());
+    snprintf(text, sizeof text, "%016llx", (unsigned long long)sbl_scene_fingerprint(context));
+    bake_fact(&facts, BAKE_SCENE, text);
+    bake_fact(&facts, BAKE_WHAT, what);
+    plan_options(text, sizeof text, table, OPTION_COUNT, given, without);
+    if (!bake_fact(&facts, BAKE_OPTIONS, text)) {
+        snprintf(text, sizeof text, "%016llx", plan_hash(PLAN_HASH_START, text, strlen(text)));
+        bake_fact(&facts, BAKE_OPTIONS, text);
+    }
+    bake_fact(&facts, BAKE_RENDERER, sbl_query_capabilities(context).renderer);
+    snprintf(text, sizeof text, "%d/%d", options.part[0], options.part[1]);
+    bake_fact(&facts, BAKE_PART, text);
+}
+
 /* ---- vertices ---- */
 
 typedef struct vertices {
     const sbl_scene_desc *scene;
+    const sbl_mesh *meshes;  /* those that are baked, a range of the scene's */
+    int mesh_count;
     float *radiance;
-    size_t count;           /* number of vertices in all meshes */
+    size_t count;            /* number of vertices in these meshes */
     double faces;
     gltf_file gltf;
     int texture;
@@ -494,11 +599,13 @@ typedef struct vertices {
 
 static char bin_name[PATH_MAX];
 
-/* If --output is a .gltf, lists the files that it refers to. Returns the exit status. */
+/* Finds the meshes of the part, or, if --output is a .gltf, lists the files that it refers to. Returns the exit status.
+   */
 static int find_vertex_files(const scene_file *file) {
     const char *slash = strrchr(common.output, '/'), *base = slash ? slash + 1 : common.output;
     const size_t folder = (size_t)(base - common.output);
-    int status;
+    int status = find_meshes(file);
+    if (status != DONE) return status;
     if (!ends_with(common.output, ".gltf")) return DONE;
     snprintf(bin_name, sizeof bin_name, "%.*s.bin", (int)(strlen(base) - 5), base);
     status = target_add(VERTEX_BIN, folder, bin_name);
@@ -565,18 +672,13 @@ static void put_float(FILE *out, double number) {
 }
 
 static int write_ply(FILE *out, const void *what) {
-    static const char *const names_of[9] = { "x", "y", "z", "nx", "ny", "nz", "radiance_r", "radiance_g",
-        "radiance_b" };
     const vertices *v = (const vertices *)what;
-    const sbl_mesh *m = v->scene->meshes;
+    const sbl_mesh *m = v->meshes, *const end = v->meshes + v->mesh_count;
     const float *radiance = v->radiance;
     uint32_t first = 0;
-    int number, i, k;
-    fprintf(out, "ply\nformat binary_little_endian 1.0\ncomment radiance: irradiance over pi\nelement vertex %.0f\n",
-            (double)v->count);
-    for (k = 0; k < 9; k++) fprintf(out, "property float %s\n", names_of[k]);
-    fprintf(out, "element face %.0f\nproperty list uchar int vertex_indices\nend_header\n", v->faces);
-    for (number = 0; number < v->scene->mesh_count; number++, m++) {
+    int i, k;
+    bake_put_vertices_head(out, given[PART] ? &facts : NULL, (double)v->count, v->faces);
+    for (; m < end; m++) {
         double *normals = normals_of(m), at[3];
         if (!normals) return 0;
         for (i = 0; i < m->vertex_count; i++, radiance += 3) {
@@ -587,8 +689,7 @@ static int write_ply(FILE *out, const void *what) {
         }
         free(normals);
     }
-    for (number = 0, m = v->scene->meshes; number < v->scene->mesh_count; first += (uint32_t)m->vertex_count, number++,
-         m++)
+    for (m = v->meshes; m < end; first += (uint32_t)m->vertex_count, m++)
         for (i = 0; i < m->index_count; i++) {
             if (i % 3 == 0) fputc(3, out);
             gltf__put_word(out, first + ((const uint32_t *)m->indices.data)[i]);
@@ -622,19 +723,32 @@ static int keep_vertices(vertices *v) {
     return DONE;
 }
 
+/* Describes which vertices are baked. list: room for the numbers of the part's meshes */
+static void choose_meshes(vertices *v, sbl_vertices_desc *desc, int *list) {
+    int i;
+    v->meshes = v->scene->meshes + facts.range[BAKE_FIRST];
+    v->mesh_count = facts.range[BAKE_COUNT];
+    for (i = 0; i < v->mesh_count; i++) {
+        v->count += (size_t)v->meshes[i].vertex_count;
+        v->faces += v->meshes[i].index_count / 3;
+        list[i] = facts.range[BAKE_FIRST] + i;
+    }
+    desc->meshes = list;
+    desc->mesh_count = v->mesh_count;
+}
+
 static int bake_vertices(tool_task *task, double *seconds) {
     progress bar = { !given[QUIET] && isatty(STDERR_FILENO), now(), 0, 0, 0 };
+    int *list = (int *)calloc((size_t)facts.range[BAKE_COUNT] + 1, sizeof *list), status;
     sbl_vertices_desc desc;
     vertices v;
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
-    int i, status;
+    if (!list) return fail("out of memory");
     memset(&v, 0, sizeof v);
     memset(&desc, 0, sizeof desc);
     v.scene = &task->file->scene;
-    for (i = 0; i < v.scene->mesh_count; i++) {
-        v.count += (size_t)v.scene->meshes[i].vertex_count;
-        v.faces += v.scene->meshes[i].index_count / 3;
-    }
+    choose_meshes(&v, &desc, list);
+    find_facts(task->context, "vertices");
     v.radiance = (float *)calloc(3 * v.count + 1, sizeof *v.radiance);
     v.gltf.scene = v.scene;
     v.gltf.names = task->file->names;
@@ -655,6 +769,7 @@ static int bake_vertices(tool_task *task, double *seconds) {
     if (status == DONE && bar.shown)
         fprintf(stderr, "%s: %.0f vertices, %.1f s\n", common.output, (double)v.count, *seconds);
     free(v.radiance);
+    free(list);
     return status;
 }
 
@@ -706,43 +821,30 @@ static int read_positions(void) {
     return status;
 }
 
-static void put_numbers(FILE *out, const char *name, const float *numbers, int count) {
-    int i;
-    fprintf(out, ", \"%s\": [", name);
-    for (i = 0; i < count; i++) fprintf(out, "%s%.7g", i ? ", " : "", (double)numbers[i]);
-    fputc(']', out);
-}
-
-static void put_colors(FILE *out, const char *name, const float (*colors)[3], int count) {
-    int i;
-    fprintf(out, ", \"%s\": [", name);
-    for (i = 0; i < count; i++)
-        fprintf(out, "%s[%.7g, %.7g, %.7g]", i ? ", " : "", (double)colors[i][0], (double)colors[i][1],
-                (double)colors[i][2]);
-    fputc(']', out);
-}
-
 static int write_probes(FILE *out, const void *what) {
     const probes *p = (const probes *)what;
     int i;
-    fprintf(out, "{");
-    if (!options.positions)
-        fprintf(out, "\"grid\": [%d, %d, %d],\n ", options.grid[0], options.grid[1], options.grid[2]);
-    fprintf(out, "\"probes\": [");
-    for (i = 0; i < p->count; i++) {
-        const sbl_probe *q = &p->all[i];
-        fprintf(out, "%s\n  {\"position\": [%.9g, %.9g, %.9g], \"valid\": %s", i ? "," : "", (double)q->position[0],
-                (double)q->position[1],
-                (double)q->position[2], q->valid ? "true" : "false");
-        put_colors(out, "sh", q->sh, 9);
-        put_colors(out, "cube", q->cube, 6);
-        fprintf(out, ", \"sky\": %.7g", (double)q->sky);
-        put_numbers(out, "distance", q->distance, 8);
-        put_numbers(out, "distance_squared", q->distance_squared, 8);
-        fprintf(out, ", \"back_share\": %.7g}", (double)q->back_share);
-    }
-    fprintf(out, "\n]}\n");
+    bake_put_probes_head(out, given[PART] ? &facts : NULL, options.grid);
+    for (i = 0; i < p->count; i++) bake_put_probe(out, &p->all[i], i == 0);
+    fprintf(out, "\n%s", bake_probes_end);
     return 1;
+}
+
+/* Finds the probes of the part: of the list, or of the grid. Returns the exit status. */
+static int prepare_probes(void) {
+    const double points = (double)options.grid[0] * options.grid[1] * options.grid[2];
+    int status = read_positions();
+    if (status == DONE) status = find_probes(options.positions ? listed.count : (int)fmin(points, INT_MAX));
+    return status;
+}
+
+/* Describes the probes in words that tell them from all others. */
+static void describe_probes(char *out, size_t size) {
+    const size_t bytes = 12 * (size_t)listed.count;
+    if (options.positions)
+        snprintf(out, size, "%d listed probes, hash %016llx", listed.count,
+                 plan_hash(PLAN_HASH_START, listed.positions, bytes));
+    else snprintf(out, size, "probes of %dx%dx%d", options.grid[0], options.grid[1], options.grid[2]);
 }
 
 static int bake_probes(tool_task *task, double *seconds) {
@@ -750,16 +852,16 @@ static int bake_probes(tool_task *task, double *seconds) {
     sbl_probes_desc desc;
     probes p = listed;
     sbl_result result = SBL_SUCCESS;
-    double points = 1;
     int status = DONE, k, valid = 0;
+    char what[64];
+    describe_probes(what, sizeof what);
+    find_facts(task->context, what);
     memset(&desc, 0, sizeof desc);
-    for (k = 0; k < 3 && !options.positions; k++) {
-        desc.grid[k] = options.grid[k];
-        points *= desc.grid[k];
-    }
-    if (!options.positions) p.count = points < INT_MAX ? (int)points : INT_MAX;
+    memcpy(desc.grid, options.grid, sizeof desc.grid);
+    p.count = facts.range[BAKE_COUNT];
+    desc.first_probe = facts.range[BAKE_FIRST];
     if (p.count < INT_MAX) p.all = (sbl_probe *)calloc((size_t)p.count + 1, sizeof *p.all);
-    desc.positions = p.positions;
+    if (p.positions) desc.positions = p.positions + 3 * (size_t)desc.first_probe;
     desc.probes = p.all;
     desc.probe_count = p.count;
     desc.move = (float)options.move;
@@ -790,7 +892,7 @@ int main(int argc, char **argv) {
     if (given[VERSION]) { printf("sbl_bake %s\n", sbl_version()); return fflush(stdout) == 0 ? DONE : FAILED; }
     catch_signals();
     status = given[LIGHTMAP] ? find_files() : find_file();
-    if (status == DONE) status = read_positions();
+    if (status == DONE && given[PROBES]) status = prepare_probes();
     if (status == DONE)
         status = given[LIGHTMAP]   ? tool_run(start, given, bake_lightmap, find_more_files, NULL)
                : given[VERTICES]   ? tool_run(start, given, bake_vertices, find_vertex_files, NULL)

@@ -1,13 +1,15 @@
-/* Demonstrates how parts of a picture become one file: joins the parts that sbl_render --part or --window has made, on
-   one machine or on many. `sbl_merge --help` explains its options. */
+/* Demonstrates how parts become one file: joins the parts of a picture that sbl_render --part or --window has made, or
+   those of a bake by sbl_bake --part, on one machine or on many. `sbl_merge --help` explains its options. */
 #define _DEFAULT_SOURCE
 #include "../sbl.h"
 #include <dirent.h>
 #include "output_file.h"
 #include "picture_file.h"
+#include "part_list.h"
 #include "picture_parts.h"
+#include "bake_parts.h"
 #define TOOL_NAME "sbl_merge"
-#define TOOL_MAKES "picture"
+#define TOOL_MAKES "file"
 #include "tool.h"
 #include "tool_options.h"
 
@@ -24,7 +26,8 @@ enum { OUTPUT, EXPOSURE, QUIET, HELP, VERSION, OPTION_COUNT };
 
 static const tool_option table[OPTION_COUNT] = {
     [OUTPUT] = { "--output", "FILE", TEXT, &options.output, 0, 0, 0,
-                 "also -o; .png (8-bit sRGB), .pfm or .exr (linear 32-bit floats)" },
+                 "also -o; of a picture: .png (8-bit sRGB), .pfm or .exr (linear 32-bit floats); of a bake: .json or\n"
+                 ".ply" },
     [EXPOSURE] = { "--exposure", "STOPS", NUMBERS, &options.exposure, 1, -100, 100,
                    "brightness of a .png, if the parts are not of channel display: each stop doubles it; default auto, "
                    "which\n"
@@ -40,10 +43,11 @@ static void print_help(void) {
         { TOOL_HEADING, "Options:" }, { OUTPUT, "" }, { EXPOSURE, "" }, { QUIET, "" }, { HELP, "" }, { VERSION, "" }
     };
     printf("usage: sbl_merge PART... -o FILE [options]\n\n"
-           "Joins the parts of a picture that sbl_render --part K/N (or --window) has made. A PART is an .exr file,\n"
-           "or a folder whose .exr files are parts. Parts that are missing, given twice, incomplete, or made from\n"
-           "another scene, with other options or by another version are refused by name. Needs little memory,\n"
-           "whatever the size of the picture.\n");
+           "Joins the parts that sbl_render --part K/N (or --window) or sbl_bake --part K/N has made. A PART is a\n"
+           "file, or a folder: then all its files with the right ending are parts. This ending is .exr for a picture,\n"
+           "and that of the output for a bake. The file of a bake is, to the byte, the one that is made in one piece.\n"
+           "Parts that are missing, given twice, incomplete, or made from another scene, with other options or by\n"
+           "another version are refused by name. Needs little memory, whatever the size of the parts.\n");
     tool_print_help(table, OPTION_COUNT, lines, (int)(sizeof lines / sizeof *lines), 1);
     printf("\nExit status: 0 success; 1 failure, with one line on stderr; 2 wrong usage; after a signal: 130 (Ctrl-C), "
            "143\n(SIGTERM), 129 (SIGHUP).\n");
@@ -54,28 +58,46 @@ static int ends_with(const char *path, const char *ending) {
     return length > tail && strcmp(path + length - tail, ending) == 0;
 }
 
+static const char *const formats[] = { ".png", ".pfm", ".exr", ".json", ".ply", NULL };
+enum { PICTURE_FORMATS = 3 };  /* the first ones */
+
+/* The parts: those of a picture, or those of a bake. */
+static int is_bake;
+static picture_parts pictures;
+static bake_parts bakes = { .cancel = &interrupted };
+
+static part_list *parts_given(void) { return is_bake ? &bakes.list : &pictures.list; }
+
 static int parse(int argc, char **argv) {
     const tool_command command = { argc, argv, table, OPTION_COUNT, given, options.parts, PARTS_MOST };
     const int status = tool_parse(&command);
+    int i;
     if (status != DONE || given[HELP] || given[VERSION]) return status;
     if (!options.parts[0] || !options.output) return misuse("usage: sbl_merge PART... -o FILE; see --help");
-    if (!ends_with(options.output, ".png") && !ends_with(options.output, ".pfm") && !ends_with(options.output, ".exr"))
-        return misuse("--output %s: the name must end in .png, .pfm or .exr", options.output);
+    for (i = 0; formats[i] && !ends_with(options.output, formats[i]); i++) continue;
+    if (!formats[i])
+        return misuse("--output %s: the name must end in .png, .pfm, .exr, .json or .ply", options.output);
+    is_bake = i >= PICTURE_FORMATS;
+    bakes.is_ply = ends_with(options.output, ".ply");
+    if (is_bake && given[EXPOSURE]) return misuse("--exposure is for pictures; leave it out for %s", options.output);
     return DONE;
 }
 
+static int add_part(const char *name) { return is_bake ? bake_add(&bakes, name) : parts_add(&pictures, name); }
+
 static int compare_names(const void *a, const void *b) { return strcmp(*(char *const *)a, *(char *const *)b); }
 
-/* Adds the .exr files of a folder. Returns whether that succeeded. */
-static int add_folder(picture_parts *parts, const char *folder) {
+/* Adds the files of a folder that have the ending of parts. Returns whether that succeeded. */
+static int add_folder(const char *folder) {
+    const char *ending = !is_bake ? ".exr" : bakes.is_ply ? ".ply" : ".json";
     char **names = NULL;
     int count = 0, room = 0, i, ok = 1;
     const struct dirent *entry;
     DIR *in = opendir(folder);
-    if (!in) return parts__fail(parts, "%s: it cannot be read: %s", folder, strerror(errno));
+    if (!in) return parts__fail(parts_given(), "%s: it cannot be read: %s", folder, strerror(errno));
     while (ok && (entry = readdir(in)) != NULL) {
         char **more = names;
-        if (entry->d_name[0] == '.' || !ends_with(entry->d_name, ".exr")) continue;
+        if (entry->d_name[0] == '.' || !ends_with(entry->d_name, ending)) continue;
         if (count == room) more = (char **)realloc(names, (size_t)(room = 2 * room + 64) * sizeof *names);
         ok = more != NULL;
         if (ok) names = more;
@@ -84,10 +106,10 @@ static int add_folder(picture_parts *parts, const char *folder) {
         if (ok) sprintf(names[count++], "%s/%s", folder, entry->d_name);
     }
     closedir(in);
-    if (!ok) parts__fail(parts, "out of memory");
+    if (!ok) parts__fail(parts_given(), "out of memory");
     if (count) qsort(names, (size_t)count, sizeof *names, compare_names);  /* messages do not depend on the system */
     for (i = 0; i < count; i++) {
-        ok = ok && parts_add(parts, names[i]);
+        ok = ok && add_part(names[i]);
         free(names[i]);
     }
     free(names);
@@ -107,51 +129,65 @@ static sbl_channel channel_of(const char *name) {
     return SBL_CHANNEL_FINAL;
 }
 
-/* Joins the parts and writes the picture. Returns the exit status. */
-static int merge(picture_parts *parts) {
-    parts_job job = { parts, options.output, { 0, 0, 0, 0 }, NULL, SBL_CHANNEL_FINAL, 0, &interrupted };
-    const char *channel;
-    output_file target;
-    struct stat part, out;
-    int i, ok = 1;
-    for (i = 0; i < PARTS_MOST && options.parts[i] && ok; i++)
-        ok = stat(options.parts[i], &part) == 0 && S_ISDIR(part.st_mode) ? add_folder(parts, options.parts[i])
-                                                                         : parts_add(parts, options.parts[i]);
-    job.region[2] = parts->frame.width;
-    job.region[3] = parts->frame.height;
-    if (!ok || !parts_check(parts, job.region)) return fail("%s", parts->error);
-    for (i = 0; i < parts->count; i++)
-        if (stat(parts->parts[i].name, &part) == 0 && stat(options.output, &out) == 0 &&
-            part.st_dev == out.st_dev && part.st_ino == out.st_ino)
-            return misuse("%s would overwrite a part; give another name", options.output);
-    channel = parts->facts[FACT_CHANNEL].text;
-    job.channel = channel_of(channel);
-    job.stops = !isnan(options.exposure) ? options.exposure
-              : strcmp(channel, "display") == 0 ? 0 : strtod(parts->facts[FACT_EXPOSURE].text, NULL);
-    if (job.channel == SBL_CHANNEL_ERROR && isnan(options.exposure)) job.stops += PICTURE_ERROR_STOPS;
-    if (parts->drivers && !given[QUIET])
-        warn("the parts were made by different graphics drivers, whose pictures differ by rounding and noise");
+/* Decides how the file shows the picture, and says what that loses. */
+static void show_picture(parts_job *job) {
+    const char *channel = pictures.list.facts[FACT_CHANNEL].text;
+    job->channel = channel_of(channel);
+    job->stops = !isnan(options.exposure) ? options.exposure
+               : strcmp(channel, "display") == 0 ? 0 : strtod(pictures.list.facts[FACT_EXPOSURE].text, NULL);
+    if (job->channel == SBL_CHANNEL_ERROR && isnan(options.exposure)) job->stops += PICTURE_ERROR_STOPS;
     if (strcmp(channel, "final") == 0 && ends_with(options.output, ".png") && !given[QUIET])
         warn("highlights above 1 are cut off, because these parts have no tone; make them again with --channel "
              "display");
+}
+
+/* Returns whether the parts could be read, and are the whole. job: receives the region of a picture */
+static int read_parts(parts_job *job) {
+    struct stat info;
+    int i, ok = 1;
+    for (i = 0; i < PARTS_MOST && options.parts[i] && ok; i++)
+        ok = stat(options.parts[i], &info) == 0 && S_ISDIR(info.st_mode) ? add_folder(options.parts[i])
+                                                                         : add_part(options.parts[i]);
+    job->region[2] = pictures.frame.width;
+    job->region[3] = pictures.frame.height;
+    return ok && (is_bake ? bake_check(&bakes) : parts_check(&pictures, job->region));
+}
+
+/* Joins the parts and writes the file. Returns the exit status. */
+static int merge(void) {
+    parts_job job = { &pictures, options.output, { 0, 0, 0, 0 }, NULL, SBL_CHANNEL_FINAL, 0, &interrupted };
+    bake_parts *all = &bakes;
+    const part_list *list = parts_given();
+    output_file target;
+    struct stat part, out;
+    int i, ok;
+    if (!read_parts(&job)) return fail("%s", list->error);
+    for (i = 0; i < list->count; i++)
+        if (stat(list->files[i].name, &part) == 0 && stat(options.output, &out) == 0 &&
+            part.st_dev == out.st_dev && part.st_ino == out.st_ino)
+            return misuse("%s would overwrite a part; give another name", options.output);
+    if (list->drivers && !given[QUIET])
+        warn("the parts were made by different graphics drivers, whose light differs by rounding and noise");
+    if (!is_bake) show_picture(&job);
     output_find(&target, options.output);
-    ok = target.path && output_write(&target, parts_write, &job, &interrupted);
+    ok = target.path && (is_bake ? output_write(&target, bake_write, &all, &interrupted)
+                                 : output_write(&target, parts_write, &job, &interrupted));
     output_free(&target);
     if (ok) return DONE;
     if (interrupted) return stop("%s is not written", options.output);
-    return parts->error[0] ? fail("%s", parts->error)
-                           : fail("%s: cannot be written: %s; free some space or give another file name",
-                                  options.output, errno ? strerror(errno) : "the writer failed");
+    return list->error[0] ? fail("%s", list->error)
+                          : fail("%s: cannot be written: %s; free some space or give another file name",
+                                 options.output, errno ? strerror(errno) : "the writer failed");
 }
 
 int main(int argc, char **argv) {
-    static picture_parts parts;
     int status = parse(argc, argv);
     if (status != DONE) return status;
     if (given[HELP]) { print_help(); return fflush(stdout) == 0 ? DONE : FAILED; }
     if (given[VERSION]) { printf("sbl_merge %s\n", sbl_version()); return fflush(stdout) == 0 ? DONE : FAILED; }
     catch_signals();
-    status = merge(&parts);
-    parts_free(&parts);
+    status = merge();
+    parts_free(&pictures);
+    bake_free(&bakes);
     return status;
 }

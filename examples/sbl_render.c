@@ -6,6 +6,7 @@
 #include "../sbl.h"
 #include "output_file.h"
 #include "picture_file.h"
+#include "part_list.h"
 #include "picture_parts.h"
 #include "scene_file.h"
 #include "sensor_disc.h"
@@ -18,6 +19,7 @@
 #include "tool_survey.h"
 #include "tool_camera.h"
 #include "tool_studio.h"
+#include "tool_part.h"
 #include "tool_parts.h"
 
 /* ---- the command line ---- */
@@ -210,17 +212,6 @@ static void note_effects(void) {
     note_if(channel != SBL_CHANNEL_DISPLAY && (!ends_with(common.output, ".png") || channel != SBL_CHANNEL_FINAL ||
                                                given[INSPECT]), given, table, TONE,
             "only channel final in a .png, and channel display, have a tone");
-}
-
-/* Writes the name of a part: a %d in the pattern, or %04d with any number of digits, becomes the number. Returns 0 if
-   the pattern is anything else, or the name is too long. */
-static int numbered_name(char *out, size_t size, const char *pattern, int number) {
-    const char *sign = strchr(pattern, '%');
-    int digits = 0, length = 0;
-    if (!sign) return snprintf(out, size, "%s", pattern) < (int)size;
-    if (sscanf(sign, "%%%2dd%n", &digits, &length) != 1 || !length) digits = 0, length = sign[1] == 'd' ? 2 : 0;
-    if (!length || digits < 0 || strchr(sign + length, '%')) return 0;
-    return snprintf(out, size, "%.*s%0*d%s", (int)(sign - pattern), pattern, digits, number, sign + length) < (int)size;
 }
 
 /* Reads the value of --part, and replaces %d in the name of the output by the number of the part. Returns the exit
@@ -627,7 +618,7 @@ static void find_facts(shot *s) {
     static const int without[] = { OUTPUT, STATS, STORE, STORE_REPLACE, QUIET, VERBOSE, ALLOW_PATH, MEMORY, READ_TIME,
                                    SIZE, EYE, LOOK_AT, UP, FOV, CHANNEL, WINDOW, PART, PLAN, RESUME, -1 };
     const sbl_context *context = s->task->context;
-    unsigned long long matrices = plan_hash(0xcbf29ce484222325ULL, placed.world_to_view, sizeof placed.world_to_view);
+    unsigned long long matrices = plan_hash(PLAN_HASH_START, placed.world_to_view, sizeof placed.world_to_view);
     plan *p = &s->work;
     matrices = plan_hash(matrices, placed.view_to_clip, sizeof placed.view_to_clip);
     plan_fact(p, FACT_VERSION, "%s", sbl_version());
@@ -828,7 +819,7 @@ static int is_finished(const shot *s, const char *name, const int window[4]) {
     float *band = NULL;
     int i, y, ok = access(name, F_OK) == 0 && parts_add(&one, name);
     for (i = 0; i <= FACT_PART && ok; i++)
-        ok = i == FACT_RENDERER || strcmp(one.facts[i].text, s->work.facts[i].text) == 0;
+        ok = i == FACT_RENDERER || strcmp(one.list.facts[i].text, s->work.facts[i].text) == 0;
     ok = ok && memcmp(one.parts[0].at, window, sizeof one.parts[0].at) == 0 &&
          memcmp(one.parts[0].size, window + 2, sizeof one.parts[0].size) == 0;
     if (ok) band = (float *)malloc((size_t)window[2] * PARTS_BAND * (size_t)one.frame.components * sizeof *band);
@@ -913,17 +904,17 @@ static int join_windows(shot *s) {
     if (s->channel == SBL_CHANNEL_ERROR && isnan(options.exposure)) job.stops += PICTURE_ERROR_STOPS;
     for (i = 0; i < s->work.count && ok; i++) ok = parts_add(&parts, plan_window_file(&s->folder, i));
     /* The windows of part K/N all say that they are part K/N; here they are the windows of one picture. */
-    for (i = 0; i < parts.count; i++) parts.parts[i].number = parts.parts[i].count = 0;
+    for (i = 0; i < parts.list.count; i++) parts.list.files[i].number = parts.list.files[i].count = 0;
     ok = ok && parts_check(&parts, s->region);
     if (ok && !target_write(&targets[PICTURE], parts_write, &job, 0)) {
         ok = 0;
-        if (!parts.error[0]) {
+        if (!parts.list.error[0]) {
             parts_free(&parts);
             return interrupted ? stop("all windows are finished; --resume joins them (in %s)", s->folder.path)
                                : fail_to_write(common.output);
         }
     }
-    if (!ok) fail("%s", parts.error);
+    if (!ok) fail("%s", parts.list.error);
     parts_free(&parts);
     return ok ? DONE : FAILED;
 }

@@ -1,5 +1,5 @@
 /* Divides a picture into windows, for parts that several machines make, and for pictures that are too large to be made
-   at once. Include after tool_scene.h, picture_file.h and picture_parts.h.
+   at once. Include after tool_scene.h, tool_part.h, picture_file.h and picture_parts.h.
 
    A plan says which windows there are, and what all of them have in common: the facts of picture_parts.h. It is a text
    file, one fact or window a line. Parts that are made with the same plan fit together, whatever their drivers. */
@@ -138,35 +138,12 @@ static int plan_make(plan *p, const plan_cost *c, const int size[2], const int w
 
 /* ---- facts ---- */
 
-/* Continues a hash (FNV-1a; Fowler, Noll, Vo) over bytes. */
-static unsigned long long plan_hash(unsigned long long hash, const void *data, size_t bytes) {
-    const unsigned char *c = (const unsigned char *)data;
-    while (bytes--) hash = (hash ^ *c++) * 0x100000001b3ULL;
-    return hash;
-}
-
 static void plan_fact(plan *p, int fact, const char *format, ...) {
     va_list arguments;
     p->facts[fact].name = fact_names[fact];
     va_start(arguments, format);
     vsnprintf(p->facts[fact].text, sizeof p->facts[fact].text, format, arguments);
     va_end(arguments);
-}
-
-/* Writes the options that were given as one line, except those in `without`, a list that ends with -1. */
-static void plan_options(char *out, size_t size, const tool_option *table, int count, const int *given,
-                         const int *without) {
-    char value[256];
-    size_t used = 0;
-    int i, k;
-    out[0] = 0;
-    for (i = 0; i < count; i++) {
-        for (k = 0; without[k] >= 0 && without[k] != i; k++) continue;
-        if (!given[i] || without[k] == i || used >= size) continue;
-        tool_value(&table[i], value, sizeof value);
-        used += (size_t)snprintf(out + used, size - used, "%s%s%s%s", used ? " " : "", table[i].name,
-                                 value[0] ? "=" : "", value);
-    }
 }
 
 /* ---- the file ---- */
@@ -230,45 +207,6 @@ static int plan_read(plan *p, const char *name, const int size[2]) {
     if (status == DONE && !plan__read_windows(p, in, size)) status = fail("%s: it is damaged; remove it", name);
     fclose(in);
     return status;
-}
-
-/* ---- --part ---- */
-
-/* Variables in which schedulers give the number of a part, and the number of the first part there. */
-static const struct { const char *name; int first; } plan_variables[] = {
-    { "SLURM_ARRAY_TASK_ID", 1 }, { "SGE_TASK_ID", 1 }, { "PBS_ARRAY_INDEX", 1 },
-    { "JOB_COMPLETION_INDEX", 0 }, { "AWS_BATCH_JOB_ARRAY_INDEX", 0 }
-};
-
-/* Reads "K/N" or "auto/N" into part. Returns the exit status. */
-static int plan_part(const char *text, int part[2]) {
-    const char *value = NULL, *rest = text;
-    char *end;
-    size_t i;
-    long k = 0, n;
-    if (strncmp(text, "auto/", 5) == 0) {
-        for (i = 0; i < sizeof plan_variables / sizeof *plan_variables && !value; i++) {
-            value = getenv(plan_variables[i].name);
-            if (!value || !*value || strcmp(value, "undefined") == 0) { value = NULL; continue; }
-            k = strtol(value, &end, 10) + 1 - plan_variables[i].first;
-            if (*end || k < 1) return misuse("--part %s: %s is %s, which is no number of a part", text,
-                                             plan_variables[i].name, value);
-        }
-        if (!value)
-            return misuse("--part %s: none of SLURM_ARRAY_TASK_ID, SGE_TASK_ID, PBS_ARRAY_INDEX, JOB_COMPLETION_INDEX "
-                          "and AWS_BATCH_JOB_ARRAY_INDEX is set", text);
-        rest = text + 4;
-    } else if (isdigit((unsigned char)*text)) {
-        k = strtol(text, &end, 10);
-        rest = end;
-    }
-    n = *rest == '/' && isdigit((unsigned char)rest[1]) ? strtol(rest + 1, &end, 10) : 0;
-    if (*rest != '/' || n < 1 || *end || n > PARTS_MOST || k < 1)
-        return misuse("--part %s: the value must be K/N, the K-th of N parts, with N from 1 to %d", text, PARTS_MOST);
-    if (k > n) return misuse("--part %s: there are %ld parts, so part %ld does not exist", text, n, k);
-    part[0] = (int)k;
-    part[1] = (int)n;
-    return DONE;
 }
 
 /* ---- the folder of finished windows ---- */

@@ -35,15 +35,6 @@ static int make_parts(const char *name, int count, const char *more, const char 
     return ok;
 }
 
-static int same_files(const char *a, const char *b) {
-    FILE *in[2] = { fopen(in_folder(a), "rb"), fopen(in_folder(b), "rb") };
-    int c[2] = { 0, 0 }, k;
-    while (in[0] && in[1] && c[0] == c[1] && c[0] != EOF)
-        for (k = 0; k < 2; k++) c[k] = fgetc(in[k]);
-    for (k = 0; k < 2; k++) if (in[k]) fclose(in[k]);
-    return in[0] && in[1] && c[0] == c[1];
-}
-
 /* Returns the mean absolute difference of two pictures, as a share of the mean of the first; a negative number if they
    have different sizes. */
 static double difference(const char *a, const char *b) {
@@ -140,17 +131,6 @@ TEST(the_first_plan_counts) {
     *strstr(after, "end") = 0;
     write_text("short", after);
     CHECK(RENDER(PICTURE, "--part", "1/2", "-o", "a.exr", "--plan", "short") == 1 && said("damaged"), "%s", ran.err);
-}
-
-/* Makes `to` from `from`, of which the last `missing` bytes are missing and the byte at place `at`, if it is not
-   negative, is another. */
-static void damage(const char *from, const char *to, long missing, long at) {
-    static char bytes[1 << 18];
-    FILE *in = fopen(in_folder(from), "rb");
-    const size_t size = in ? fread(bytes, 1, sizeof bytes, in) : 0;
-    if (in) fclose(in);
-    if (at >= 0) bytes[at] = (char)~bytes[at];
-    write_file(to, bytes, size - (size_t)missing);
 }
 
 /* What is no part of the picture is refused by name, and a file that exists already stays as it was. */

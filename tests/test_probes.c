@@ -7,6 +7,7 @@
 #include "support/reference.h"
 #include "support/gl_watch.h"
 #include "support/one_context.h"
+#include <limits.h>
 
 static const double pi = REF_PI;
 
@@ -606,8 +607,14 @@ TEST(every_field_is_checked) {
     d = good; d.move = -1; refused(d, "move is -1");
     d = good; d.move = (float)NAN; refused(d, "move");
     d = good; d.move = (float)INFINITY; refused(d, "move");
-    d = grid; d.probe_count = 7; refused(d, "the grid has 8");
-    d = grid; d.probe_count = 1; refused(d, "the grid has 8");
+    d = grid; d.probe_count = 9; refused(d, "the grid has 8");
+    d = grid; d.first_probe = 1; refused(d, "probe_count is 8; the grid has 7 points from first_probe on");
+    d = grid; d.first_probe = 8; d.probe_count = 0; refused(d, "first_probe is 8; the grid has 8");
+    d = grid; d.first_probe = INT_MAX; refused(d, "the grid has 8");
+    d = grid; d.first_probe = -1; refused(d, "first_probe is -1");
+    d = grid; d.first_probe = INT_MIN; d.probe_count = 0; refused(d, "cannot be negative");
+    d = good; d.first_probe = -1; refused(d, "first_probe is -1");
+    d = good; d.first_probe = INT_MAX - 19; refused(d, "the numbers of probes exceed 2147483647");
     d = grid; d.grid[1] = 0; refused(d, "grid[1] is 0");
     d = grid; d.grid[2] = -2; refused(d, "grid[2] is -2");
     d = grid; d.grid[0] = 16385; refused(d, "grid[0] is 16385");
@@ -639,6 +646,66 @@ TEST(every_field_is_checked) {
           "rays %d, size %d", d.options.rays, d.options.sensor_size);
     d = sbl_probes_desc_defaults(&grid);
     CHECK(d.probe_count == 8, "probe_count %d", d.probe_count);
+    grid.first_probe = 3;
+    grid.probe_count = 0;
+    d = sbl_probes_desc_defaults(&grid);
+    CHECK(d.probe_count == 5, "probe_count %d", d.probe_count);
+}
+
+/* >>parts */
+
+/* Bakes the whole of desc.grid or desc.positions, then parts of these sizes, and compares them to the bit. */
+static void bake_parts(sbl_probes_desc desc, sbl_probe *whole, int count, const int *sizes) {
+    sbl_probe *parts = (sbl_probe *)malloc((size_t)count * sizeof *parts);
+    const float *positions = desc.positions;
+    int first = 0, i, different = 0, failed = 0;
+    if (!parts) abort();
+    desc.probes = whole;
+    desc.probe_count = count;
+    bake(&desc);
+    memset(parts, 0xff, (size_t)count * sizeof *parts);
+    for (i = 0; first < count; first += sizes[i++]) {
+        desc.first_probe = first;
+        desc.probe_count = positions || sizes[i] < count - first ? sizes[i] : 0;  /* 0: the rest of the grid */
+        desc.probes = parts + first;
+        if (positions) desc.positions = positions + 3 * first;
+        failed += sbl_bake_probes(context, &desc) != SBL_SUCCESS;
+    }
+    for (i = 0; i < count; i++) different += memcmp(&parts[i], &whole[i], sizeof *parts) != 0;
+    CHECK(!failed && !different, "%s: %d of %d probes differ, %d parts failed: %s", positions ? "positions" : "grid",
+          different, count, failed, watch_last(&seen));
+    free(parts);
+}
+
+/* Parts of a grid and of a list have the bits of the whole, also where probes are moved. */
+TEST(parts_are_the_whole) {
+    enum { WHOLE = 6 * 5 * 5 };
+    static const int grid[3] = { 6, 5, 5 }, sizes[5] = { 1, 130, 4, 14, 1 };
+    static float at[3 * WHOLE];
+    static sbl_probe whole[WHOLE];
+    static test_scene s;
+    sbl_probes_desc desc = probes_of(NULL, NULL, 0);
+    int i, moved = 0;
+    memset(&s, 0, sizeof s);
+    scene_cornell_box(&s);
+    REQUIRE(use_scene(&s), "no scene");
+    desc.options.mode = SBL_MODE_GI;
+    desc.options.rays = 128;
+    memcpy(desc.grid, grid, sizeof desc.grid);
+    bake_parts(desc, whole, WHOLE, sizes);
+    for (i = 0; i < WHOLE; i++) memcpy(at + 3 * i, whole[i].position, sizeof whole[i].position);
+    desc.move = 150;
+    bake_parts(desc, whole, WHOLE, sizes);
+    for (i = 0; i < WHOLE; i++) moved += apart(whole[i].position, at + 3 * i) > 0;
+    CHECK(moved > 5, "%d probes were moved", moved);
+    desc.positions = at;
+    bake_parts(desc, whole, WHOLE, sizes);
+    desc.probes = whole;
+    desc.probe_count = 2;
+    desc.first_probe = INT_MAX - 2;
+    bake(&desc);
+    CHECK(whole[1].sh[0][0] > 0, "the last numbers have no light");
+    scene_free(&s);
 }
 
 /* >>slices and cancelling */
@@ -928,6 +995,7 @@ int main(void) {
     RUN(moving_out);
     RUN(grids_in_order);
     RUN(every_field_is_checked);
+    RUN(parts_are_the_whole);
     RUN(slices_cancel_and_end);
     RUN(many_probes);
     RUN(memory_runs_out);

@@ -515,6 +515,54 @@ TEST(meshes_are_chosen) {
     CHECK(sbl_bake_vertices(context, &desc) == SBL_SUCCESS, "an empty scene is refused: %s", watch_last(&seen));
 }
 
+/* A mesh gets the same light, to the bit, in every list of meshes that contains it. The sky behind a roof makes noise,
+   and meshes need different numbers of iterations. */
+TEST(meshes_do_not_depend_on_others) {
+    enum { MESHES = 4 };
+    static const int lists[4][5] = { { 0 }, { 3, 1 }, { 2, 0, 1, 2, 3 }, { 1, 3 } }, counts[4] = { 1, 2, 5, 2 };
+    static const int sides[MESHES] = { 5, 12, 2, 7 };
+    static test_scene s;
+    sbl_vertices_desc desc = desc_of(SBL_MODE_DIRECT);
+    int firsts[MESHES + 1] = { 0 }, list, i, way;
+    memset(&s, 0, sizeof s);
+    scene_material(&s, 0.5f, 0.5f, 0.5f);
+    for (i = 0; i < MESHES; i++) {
+        sbl_mesh *mesh = grid(&s, 0, sides[i], 0.3f + 0.5f * (float)i);
+        mesh->transform[0] = mesh->transform[5] = mesh->transform[10] = mesh->transform[15] = 1;
+        mesh->transform[13] = 0.25f * (float)i;
+        firsts[i + 1] = firsts[i] + (sides[i] + 1) * (sides[i] + 1);
+    }
+    scene_sky(&s, 1, 0.5f, 0.25f);
+    REQUIRE(use_scene(&s), "no context");
+    for (way = 0; way < 3; way++) {
+        float *all, *light;
+        desc.meshes = NULL;
+        desc.mesh_count = 0;
+        desc.average = way == 1;
+        desc.smoothing = way == 2 ? 10.0f : 0;
+        all = bake_again(&desc, firsts[MESHES]);
+        REQUIRE(all, "no light");
+        CHECK(memcmp(all + 3 * firsts[0], all + 3 * firsts[2], 27 * sizeof *all) != 0, "two meshes have one light");
+        for (list = 0; list < 4; list++) {
+            int vertices = 0, at = 0;
+            for (i = 0; i < counts[list]; i++)
+                vertices += firsts[lists[list][i] + 1] - firsts[lists[list][i]];
+            desc.meshes = lists[list];
+            desc.mesh_count = counts[list];
+            light = bake_again(&desc, vertices);
+            for (i = 0; i < counts[list] && light; i++) {
+                const int mesh = lists[list][i], count = firsts[mesh + 1] - firsts[mesh];
+                CHECK(memcmp(light + 3 * at, all + 3 * firsts[mesh], 12 * (size_t)count) == 0,
+                      "way %d, list %d: mesh %d has other light", way, list, mesh);
+                at += count;
+            }
+            free(light);
+        }
+        free(all);
+    }
+    scene_free(&s);
+}
+
 /* >>points */
 
 /* The number of points is proportional to the area, at least 4 (or `samples` if less) and at most 8 * `samples` per
@@ -890,6 +938,7 @@ int main(void) {
     RUN(indices_of_all_types);
     RUN(vertices_without_triangles);
     RUN(meshes_are_chosen);
+    RUN(meshes_do_not_depend_on_others);
     RUN(points_follow_area);
     RUN(what_is_buried_leaves_no_stain);
     RUN(few_points_are_enough);

@@ -60,7 +60,7 @@ static void vertices(sbl_mode mode) {
 
 static void probes(sbl_mode mode) {
     FILL(probes);
-    PRINT(probe_count); PRINT(grid[0]); PRINT(lowest[0]); PRINT(highest[0]); PRINT(move);
+    PRINT(probe_count); PRINT(first_probe); PRINT(grid[0]); PRINT(lowest[0]); PRINT(highest[0]); PRINT(move);
 }
 
 static void context(void) {

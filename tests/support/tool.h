@@ -210,12 +210,33 @@ static int parts_left(void) {
     return leftovers;
 }
 
+/* Returns whether two files exist and are equal. */
+static inline int same_files(const char *a, const char *b) {
+    FILE *in[2] = { fopen(in_folder(a), "rb"), fopen(in_folder(b), "rb") };
+    int c[2] = { 0, 0 }, k;
+    while (in[0] && in[1] && c[0] == c[1] && c[0] != EOF)
+        for (k = 0; k < 2; k++) c[k] = fgetc(in[k]);
+    for (k = 0; k < 2; k++) if (in[k]) fclose(in[k]);
+    return in[0] && in[1] && c[0] == c[1];
+}
+
+/* Makes `to` from `from`, of which the last `missing` bytes are missing and the byte at place `at`, if it is not
+   negative, is another. */
+static inline void damage(const char *from, const char *to, long missing, long at) {
+    static char bytes[1 << 18];
+    FILE *in = fopen(in_folder(from), "rb");
+    const size_t size = in ? fread(bytes, 1, sizeof bytes, in) : 0;
+    if (in) fclose(in);
+    if (at >= 0) bytes[at] = (char)~bytes[at];
+    write_file(to, bytes, size - (size_t)missing);
+}
+
 typedef struct picture {
     int width, height;
     float *values;
 } picture; /* three values per pixel, top row first */
 
-static picture read_pfm(const char *name) {
+static inline picture read_pfm(const char *name) {
     picture p = { 0, 0, NULL };
     FILE *in = fopen(in_folder(name), "rb");
     float scale = 0;

@@ -1,0 +1,478 @@
+/* Writes probes as .json and light at vertices as .ply, and joins parts of them. A part is a valid file of its format,
+   which also contains facts: what was baked, how, and which part of it this is. The joined file has no facts; it is to
+   the byte the file of a bake in one piece. Joining reads one file at a time; its memory does not grow with the size of
+   the files. Include after sbl.h, picture_file.h and part_list.h.
+
+       bake_parts parts = { 0 }, *all = &parts;
+       parts.is_ply = 1;                            // or 0: .json
+       parts.cancel = &interrupted;
+       for (...) ok = ok && bake_add(&parts, name);
+       ok = ok && bake_check(&parts);               // parts.list.error says what is wrong
+       ok = ok && output_write(&target, bake_write, &all, &interrupted);
+       bake_free(&parts); */
+#ifndef BAKE_PARTS_H
+#define BAKE_PARTS_H
+
+#include <errno.h>
+#include <fcntl.h>
+#include <limits.h>
+#include <sys/stat.h>
+
+/* ---- facts ---- */
+
+/* The facts of a part, as texts. All but the last two must be the same in all parts. */
+enum {
+    BAKE_VERSION,   /* of sbl.h */
+    BAKE_SCENE,     /* hash of meshes, materials, lights and sky: sbl_scene_fingerprint */
+    BAKE_WHAT,      /* "vertices", or which probes */
+    BAKE_OPTIONS,   /* options that change the light, as they were given */
+    BAKE_RENDERER,  /* GL_RENDERER */
+    BAKE_PART,      /* "3/16" */
+    BAKE_TEXTS
+};
+
+static const char *const bake_names[BAKE_TEXTS] = { "version", "scene", "what", "options", "renderer", "part" };
+static const char *const bake_words[BAKE_TEXTS] = { "by another version of sbl.h", "from another scene",
+    "of something else", "with other options", "by another driver", "as another part" };
+static const part_kind bake_kind = { bake_names, bake_words, BAKE_RENDERER };
+
+/* The probes or meshes of a part: number of the first; how many there are in the part, and in the whole. */
+enum { BAKE_FIRST, BAKE_COUNT, BAKE_TOTAL, BAKE_RANGE };
+static const char *const bake_range_names[BAKE_RANGE] = { "first", "count", "total" };
+
+typedef struct bake_facts {
+    picture_fact texts[PICTURE_FACTS];
+    int range[BAKE_RANGE];
+} bake_facts;
+
+/* Sets a text. Characters that a string of JSON or a line of a .ply cannot contain become \u0000 to \u00ff. Returns 0
+   if the text is too long. */
+static inline int bake_fact(bake_facts *f, int fact, const char *text) {
+    char *out = f->texts[fact].text;
+    size_t used = 0;
+    f->texts[fact].name = bake_names[fact];
+    for (; *text && used + 7 <= PICTURE_FACT_SIZE; text++) {
+        const unsigned c = (unsigned char)*text;
+        if (c < 32 || c > 126 || c == '"' || c == '\\') used += (size_t)sprintf(out + used, "\\u%04x", c);
+        else out[used++] = (char)c;
+    }
+    out[used] = 0;
+    return !*text;
+}
+
+/* ---- writing ---- */
+
+/* Writes what precedes the probes. facts: NULL: the file is the whole. grid: all 0: the positions were listed */
+static inline void bake_put_probes_head(FILE *out, const bake_facts *facts, const int grid[3]) {
+    int i;
+    fprintf(out, "{");
+    for (i = 0; i < BAKE_TEXTS && facts; i++)
+        fprintf(out, "%s\"%s\": \"%s\"", i ? ", " : "\"sbl\": {", bake_names[i], facts->texts[i].text);
+    for (i = 0; i < BAKE_RANGE && facts; i++) fprintf(out, ", \"%s\": %d", bake_range_names[i], facts->range[i]);
+    if (facts) fprintf(out, "},\n ");
+    if (grid[0]) fprintf(out, "\"grid\": [%d, %d, %d],\n ", grid[0], grid[1], grid[2]);
+    fprintf(out, "\"probes\": [");
+}
+
+static inline void bake__put_numbers(FILE *out, const char *name, const float *numbers, int count) {
+    int i;
+    fprintf(out, ", \"%s\": [", name);
+    for (i = 0; i < count; i++) fprintf(out, "%s%.7g", i ? ", " : "", (double)numbers[i]);
+    fputc(']', out);
+}
+
+static inline void bake__put_colors(FILE *out, const char *name, const float (*colors)[3], int count) {
+    int i;
+    fprintf(out, ", \"%s\": [", name);
+    for (i = 0; i < count; i++)
+        fprintf(out, "%s[%.7g, %.7g, %.7g]", i ? ", " : "", (double)colors[i][0], (double)colors[i][1],
+                (double)colors[i][2]);
+    fputc(']', out);
+}
+
+/* Writes a probe as a line; bake__is_probe checks such lines. first: 1: it is the first of the file */
+static inline void bake_put_probe(FILE *out, const sbl_probe *q, int first) {
+    fprintf(out, "%s\n  {\"position\": [%.9g, %.9g, %.9g], \"valid\": %s", first ? "" : ",", (double)q->position[0],
+            (double)q->position[1], (double)q->position[2], q->valid ? "true" : "false");
+    bake__put_colors(out, "sh", q->sh, 9);
+    bake__put_colors(out, "cube", q->cube, 6);
+    fprintf(out, ", \"sky\": %.7g", (double)q->sky);
+    bake__put_numbers(out, "distance", q->distance, 8);
+    bake__put_numbers(out, "distance_squared", q->distance_squared, 8);
+    fprintf(out, ", \"back_share\": %.7g}", (double)q->back_share);
+}
+
+static const char bake_probes_end[] = "]}\n";  /* on a line of its own */
+
+enum { BAKE_VERTEX = 36, BAKE_FACE = 13 };  /* bytes in a .ply: nine floats; 3 and three numbers of vertices */
+
+static const char *const bake_properties[9] = { "x", "y", "z", "nx", "ny", "nz", "radiance_r", "radiance_g",
+    "radiance_b" };
+
+/* Writes what precedes the vertices. facts: NULL: the file is the whole */
+static inline void bake_put_vertices_head(FILE *out, const bake_facts *facts, double vertices, double faces) {
+    int i;
+    fprintf(out, "ply\nformat binary_little_endian 1.0\n");
+    for (i = 0; i < BAKE_TEXTS && facts; i++)
+        fprintf(out, "comment sbl.%s %s\n", bake_names[i], facts->texts[i].text);
+    for (i = 0; i < BAKE_RANGE && facts; i++)
+        fprintf(out, "comment sbl.%s %d\n", bake_range_names[i], facts->range[i]);
+    fprintf(out, "comment radiance: irradiance over pi\nelement vertex %.0f\n", vertices);
+    for (i = 0; i < 9; i++) fprintf(out, "property float %s\n", bake_properties[i]);
+    fprintf(out, "element face %.0f\nproperty list uchar int vertex_indices\nend_header\n", faces);
+}
+
+/* ---- parts ---- */
+
+typedef struct bake_part {
+    int first, count;     /* probes or meshes */
+    int vertices, faces;  /* of a .ply */
+    off_t body;           /* place in the file where the probes or vertices begin */
+} bake_part;
+
+typedef struct bake_parts {
+    part_list list;
+    int is_ply;
+    bake_part *parts;     /* one for each file of the list */
+    int *order;           /* the index of part K is order[K - 1]; NULL before bake_check */
+    int room, total, grid[3];
+    double vertices, faces;
+    const volatile sig_atomic_t *cancel;  /* joining ends if it is not 0 */
+} bake_parts;
+
+static inline void bake_free(bake_parts *b) {
+    free(b->parts);
+    free(b->order);
+    parts__list_free(&b->list);
+    memset(b, 0, sizeof *b);
+}
+
+/* Opens a file of the list. Never waits for a pipe or a device. */
+static inline FILE *bake__open(bake_parts *b, int index) {
+    const char *name = b->list.files[index].name;
+    const int handle = open(name, O_RDONLY | O_NONBLOCK | O_CLOEXEC);
+    struct stat info;
+    FILE *in;
+    if (handle < 0) { parts__fail(&b->list, "%s: %s", name, strerror(errno)); return NULL; }
+    if (fstat(handle, &info) != 0 || !S_ISREG(info.st_mode)) {
+        parts__fail(&b->list, "%s: not a regular file", name);
+        close(handle);
+        return NULL;
+    }
+    in = fdopen(handle, "rb");
+    if (in) return in;
+    parts__fail(&b->list, "%s: %s", name, strerror(errno));
+    close(handle);
+    return NULL;
+}
+
+static inline int bake__damaged(bake_parts *b, int index) {
+    return parts__fail(&b->list, "%s: it is damaged or incomplete; make this part again", b->list.files[index].name);
+}
+
+/* ---- reading lines: only what bake_put_... writes is accepted ---- */
+
+enum { BAKE_LINE = 8192 };  /* longest line, with its end */
+
+/* Reads a line. Returns whether it is whole. */
+static inline int bake__line(FILE *in, char line[BAKE_LINE]) {
+    const char *end = fgets(line, BAKE_LINE, in) ? strchr(line, '\n') : NULL;
+    return end && !end[1];
+}
+
+static inline int bake__skip(const char **at, const char *words) {
+    const size_t length = strlen(words);
+    if (strncmp(*at, words, length) != 0) return 0;
+    *at += length;
+    return 1;
+}
+
+/* Reads a text of printable characters that ends with `end`, which is skipped. */
+static inline int bake__text(const char **at, char end, char out[PICTURE_FACT_SIZE]) {
+    size_t length = 0;
+    while ((*at)[length] >= 32 && (*at)[length] < 127 && (*at)[length] != '"') length++;
+    if ((*at)[length] != end || length >= PICTURE_FACT_SIZE) return 0;
+    memcpy(out, *at, length);
+    out[length] = 0;
+    *at += length + 1;
+    return 1;
+}
+
+/* Reads a number from 0 to INT_MAX without needless zeros. */
+static inline int bake__count(const char **at, int *out) {
+    const size_t digits = strspn(*at, "0123456789");
+    const double number = digits && digits <= 10 ? strtod(*at, NULL) : -1;
+    if (number < 0 || number > INT_MAX || (**at == '0' && digits > 1)) return 0;
+    *out = (int)number;
+    *at += digits;
+    return 1;
+}
+
+/* Skips words and the number that follows them. */
+static inline int bake__number(const char **at, const char *words) {
+    const size_t length = bake__skip(at, words) ? strspn(*at, "+-.0123456789e") : 0;
+    char *end = NULL;
+    if (length) strtod(*at, &end);
+    if (!length || **at == '+' || end != *at + length) return 0;
+    *at = end;
+    return 1;
+}
+
+/* Skips words and the list of numbers that follows them. */
+static inline int bake__numbers(const char **at, const char *words, int count) {
+    int i, ok = bake__skip(at, words);
+    for (i = 0; i < count && ok; i++) ok = bake__number(at, i ? ", " : "[");
+    return ok && bake__skip(at, "]");
+}
+
+static inline int bake__colors(const char **at, const char *words, int count) {
+    int i, ok = bake__skip(at, words);
+    for (i = 0; i < count && ok; i++) ok = bake__numbers(at, i ? ", " : "[", 3);
+    return ok && bake__skip(at, "]");
+}
+
+/* Skips a probe that bake_put_probe has written, without the ends of its line. */
+static inline int bake__is_probe(const char **at) {
+    return bake__numbers(at, "  {\"position\": ", 3) && bake__skip(at, ", \"valid\": ") &&
+           (bake__skip(at, "true") || bake__skip(at, "false")) && bake__colors(at, ", \"sh\": ", 9) &&
+           bake__colors(at, ", \"cube\": ", 6) && bake__number(at, ", \"sky\": ") &&
+           bake__numbers(at, ", \"distance\": ", 8) && bake__numbers(at, ", \"distance_squared\": ", 8) &&
+           bake__number(at, ", \"back_share\": ") && bake__skip(at, "}");
+}
+
+/* ---- heads ---- */
+
+/* Reads what precedes the probes. begun: receives 1 if the file begins like a part. */
+static inline int bake__read_probes_head(bake_parts *b, FILE *in, bake_facts *facts, int *begun) {
+    char line[BAKE_LINE], words[64];
+    const char *at = line;
+    double points = 1;
+    int i, grid[3] = { 0, 0, 0 }, ok;
+    *begun = bake__line(in, line) && bake__skip(&at, "{\"sbl\": {\"version\": \"");
+    for (i = 0, ok = *begun; i < BAKE_TEXTS && ok; i++) {
+        snprintf(words, sizeof words, ", \"%s\": \"", bake_names[i]);
+        ok = (i == 0 || bake__skip(&at, words)) && bake__text(&at, '"', facts->texts[i].text);
+    }
+    for (i = 0; i < BAKE_RANGE && ok; i++) {
+        snprintf(words, sizeof words, ", \"%s\": ", bake_range_names[i]);
+        ok = bake__skip(&at, words) && bake__count(&at, &facts->range[i]);
+    }
+    ok = ok && strcmp(at, "},\n") == 0 && bake__line(in, line);
+    at = line;
+    if (ok && bake__skip(&at, " \"grid\": [")) {
+        for (i = 0; i < 3 && ok; i++) {
+            ok = bake__count(&at, &grid[i]) && bake__skip(&at, i < 2 ? ", " : "],\n");
+            points *= grid[i];
+        }
+        ok = ok && !*at && points == (double)facts->range[BAKE_TOTAL] && bake__line(in, line);
+        at = line;
+    }
+    if (b->list.count == 1) memcpy(b->grid, grid, sizeof grid);
+    return ok && memcmp(b->grid, grid, sizeof grid) == 0 && strcmp(at, " \"probes\": [\n") == 0;
+}
+
+/* Reads a line that consists of words and a number. */
+static inline int bake__counted(FILE *in, const char *words, int *out) {
+    char line[BAKE_LINE];
+    const char *at = line;
+    return bake__line(in, line) && bake__skip(&at, words) && bake__count(&at, out) && strcmp(at, "\n") == 0;
+}
+
+/* Reads a line that consists of words. */
+static inline int bake__is_line(FILE *in, const char *words) {
+    char line[BAKE_LINE];
+    const char *at = line;
+    return bake__line(in, line) && bake__skip(&at, words) && strcmp(at, "\n") == 0;
+}
+
+/* Reads what precedes the vertices, and checks the size of the file. begun: receives 1 if the file begins like a part.
+   */
+static inline int bake__read_vertices_head(FILE *in, bake_facts *facts, bake_part *part, int *begun) {
+    char line[BAKE_LINE], words[64];
+    struct stat info;
+    int i, ok = bake__is_line(in, "ply") && bake__is_line(in, "format binary_little_endian 1.0");
+    *begun = 0;
+    for (i = 0; i < BAKE_TEXTS && ok; i++) {
+        const char *at = line;
+        snprintf(words, sizeof words, "comment sbl.%s ", bake_names[i]);
+        ok = bake__line(in, line) && bake__skip(&at, words) && bake__text(&at, '\n', facts->texts[i].text);
+        *begun |= ok;
+    }
+    for (i = 0; i < BAKE_RANGE && ok; i++) {
+        snprintf(words, sizeof words, "comment sbl.%s ", bake_range_names[i]);
+        ok = bake__counted(in, words, &facts->range[i]);
+    }
+    ok = ok && bake__is_line(in, "comment radiance: irradiance over pi") &&
+         bake__counted(in, "element vertex ", &part->vertices);
+    for (i = 0; i < 9 && ok; i++) {
+        snprintf(words, sizeof words, "property float %s", bake_properties[i]);
+        ok = bake__is_line(in, words);
+    }
+    ok = ok && bake__counted(in, "element face ", &part->faces) &&
+         bake__is_line(in, "property list uchar int vertex_indices") && bake__is_line(in, "end_header");
+    return ok && fstat(fileno(in), &info) == 0 &&
+           (double)info.st_size == (double)ftello(in) + (double)BAKE_VERTEX * part->vertices +
+                                   (double)BAKE_FACE * part->faces;
+}
+
+/* Reads the head of the last file of the list, and checks it against the first. */
+static inline int bake__head(bake_parts *b, FILE *in, bake_part *part) {
+    static bake_facts facts;
+    const int index = b->list.count - 1, *range = facts.range;
+    const part_file *file = &b->list.files[index];
+    int begun, ok;
+    memset(&facts, 0, sizeof facts);
+    ok = b->is_ply ? bake__read_vertices_head(in, &facts, part, &begun)
+                   : bake__read_probes_head(b, in, &facts, &begun);
+    if (!begun)
+        return parts__fail(&b->list, "%s: not a part made by sbl_bake --%s --part", file->name,
+                           b->is_ply ? "vertices" : "probes");
+    if (facts.texts[BAKE_PART].text[0] && !parts__number(&b->list, facts.texts[BAKE_PART].text)) return 0;
+    if (facts.texts[BAKE_PART].text[0] && !parts__fit(&b->list, &bake_kind, facts.texts)) return 0;
+    if (!ok || !file->count || range[BAKE_COUNT] < 1 || range[BAKE_FIRST] > range[BAKE_TOTAL] - range[BAKE_COUNT])
+        return bake__damaged(b, index);
+    if (index == 0) b->total = range[BAKE_TOTAL];
+    if (b->total != range[BAKE_TOTAL])
+        return parts__fail(&b->list, "%s does not fit %s: it is a part of %d %s, not of %d", file->name,
+                           b->list.files[0].name, range[BAKE_TOTAL], b->is_ply ? "meshes" : "probes", b->total);
+    part->first = range[BAKE_FIRST];
+    part->count = range[BAKE_COUNT];
+    part->body = ftello(in);
+    b->vertices += part->vertices;
+    b->faces += part->faces;
+    return 1;
+}
+
+/* Adds a file. Returns 0 and sets b->list.error if it is no part, or does not fit the parts before. */
+static inline int bake_add(bake_parts *b, const char *name) {
+    FILE *in;
+    int ok;
+    if (!parts__list(&b->list, name)) return 0;
+    if (b->room < b->list.room) {
+        bake_part *more = (bake_part *)realloc(b->parts, (size_t)b->list.room * sizeof *more);
+        if (!more) return parts__fail(&b->list, "out of memory");
+        b->parts = more;
+        b->room = b->list.room;
+    }
+    memset(&b->parts[b->list.count - 1], 0, sizeof *b->parts);
+    in = bake__open(b, b->list.count - 1);
+    if (!in) return 0;
+    ok = bake__head(b, in, &b->parts[b->list.count - 1]);
+    fclose(in);
+    return ok;
+}
+
+/* Checks that the parts are the whole, and puts them in order. */
+static inline int bake_check(bake_parts *b) {
+    int i, next = 0;
+    if (!b->list.count) return parts__fail(&b->list, "no parts are given");
+    if (!parts__check_numbers(&b->list)) return 0;
+    b->order = (int *)calloc((size_t)b->list.count, sizeof *b->order);
+    if (!b->order) return parts__fail(&b->list, "out of memory");
+    for (i = 0; i < b->list.count; i++) b->order[b->list.files[i].number - 1] = i;
+    for (i = 0; i < b->list.count; next += b->parts[b->order[i++]].count)
+        if (b->parts[b->order[i]].first != next)
+            return parts__fail(&b->list, "%s: it begins with number %d, not %d; make this part again",
+                               b->list.files[b->order[i]].name, b->parts[b->order[i]].first, next);
+    if (next != b->total)
+        return parts__fail(&b->list, "%d of %d %s are in no part", b->total - next, b->total,
+                           b->is_ply ? "meshes" : "probes");
+    if (b->vertices > INT_MAX || b->faces > INT_MAX)
+        return parts__fail(&b->list, "the parts have %.0f vertices and %.0f faces; a .ply has at most %d", b->vertices,
+                           b->faces, INT_MAX);
+    return 1;
+}
+
+/* ---- joining ---- */
+
+/* Copies the probes of a part. first: 1: they are the first of the whole */
+static inline int bake__copy_probes(const bake_part *part, FILE *in, FILE *out, int first) {
+    char line[BAKE_LINE];
+    int i;
+    for (i = 0; i < part->count; i++) {
+        const char *at = line;
+        if (!bake__line(in, line) || !bake__is_probe(&at)) return 0;
+        if (strcmp(at, i + 1 < part->count ? ",\n" : "\n") != 0) return 0;
+        fprintf(out, "%s\n%.*s", i || !first ? "," : "", (int)(at - line), line);
+    }
+    return fgets(line, BAKE_LINE, in) && strcmp(line, bake_probes_end) == 0 && fgetc(in) == EOF;
+}
+
+enum { BAKE_BLOCK = 4096 };  /* vertices or faces that are copied at a time */
+
+static inline int bake__copy_vertices(const bake_part *part, FILE *in, FILE *out) {
+    static unsigned char bytes[BAKE_BLOCK * BAKE_VERTEX];
+    int i, count;
+    for (i = 0; i < part->vertices; i += count) {
+        count = part->vertices - i < BAKE_BLOCK ? part->vertices - i : BAKE_BLOCK;
+        if (fread(bytes, BAKE_VERTEX, (size_t)count, in) != (size_t)count) return 0;
+        fwrite(bytes, BAKE_VERTEX, (size_t)count, out);
+    }
+    return 1;
+}
+
+/* Adds a number to the little-endian number of a vertex, which must be less than `limit`. */
+static inline int bake__shift(unsigned char *bytes, uint32_t limit, uint32_t by) {
+    uint32_t number = 0;
+    int k;
+    for (k = 3; k >= 0; k--) number = number << 8 | bytes[k];
+    if (number >= limit) return 0;
+    for (k = 0; k < 4; k++) bytes[k] = (unsigned char)((number + by) >> 8 * k);
+    return 1;
+}
+
+/* Copies the faces of a part. before: number of vertices in the parts before */
+static inline int bake__copy_faces(const bake_part *part, FILE *in, FILE *out, uint32_t before) {
+    static unsigned char bytes[BAKE_BLOCK * BAKE_FACE];
+    int i, count, k, corner;
+    for (i = 0; i < part->faces; i += count) {
+        count = part->faces - i < BAKE_BLOCK ? part->faces - i : BAKE_BLOCK;
+        if (fread(bytes, BAKE_FACE, (size_t)count, in) != (size_t)count) return 0;
+        for (k = 0; k < count; k++) {
+            unsigned char *face = bytes + (size_t)k * BAKE_FACE;
+            if (face[0] != 3) return 0;
+            for (corner = 0; corner < 3; corner++)
+                if (!bake__shift(face + 1 + 4 * corner, (uint32_t)part->vertices, before)) return 0;
+        }
+        fwrite(bytes, BAKE_FACE, (size_t)count, out);
+    }
+    return fgetc(in) == EOF;
+}
+
+enum { BAKE_LINES, BAKE_VERTICES, BAKE_FACES };  /* what is copied of each part */
+
+/* Copies one kind of content of all parts, one part after the other. */
+static inline int bake__copy(bake_parts *b, int what, FILE *out) {
+    uint32_t before = 0;
+    int k;
+    for (k = 0; k < b->list.count; k++) {
+        const int index = b->order[k];
+        const bake_part *part = &b->parts[index];
+        const off_t skip = what == BAKE_FACES ? (off_t)BAKE_VERTEX * part->vertices : 0;
+        FILE *in = *b->cancel ? NULL : bake__open(b, index);
+        int ok = in && fseeko(in, part->body + skip, SEEK_SET) == 0;
+        ok = ok && (what == BAKE_LINES    ? bake__copy_probes(part, in, out, k == 0)
+                  : what == BAKE_VERTICES ? bake__copy_vertices(part, in, out)
+                                          : bake__copy_faces(part, in, out, before));
+        if (in) fclose(in);
+        if (in && !ok) bake__damaged(b, index);
+        if (!ok || ferror(out)) return 0;
+        before += (uint32_t)part->vertices;
+    }
+    return 1;
+}
+
+/* Writes the whole; for output_write. what: points to a pointer to a bake_parts that bake_check has checked */
+static inline int bake_write(FILE *out, const void *what) {
+    bake_parts *b = *(bake_parts *const *)what;
+    if (b->is_ply) {
+        bake_put_vertices_head(out, NULL, b->vertices, b->faces);
+        return bake__copy(b, BAKE_VERTICES, out) && bake__copy(b, BAKE_FACES, out);
+    }
+    bake_put_probes_head(out, NULL, b->grid);
+    if (!bake__copy(b, BAKE_LINES, out)) return 0;
+    fprintf(out, "\n%s", bake_probes_end);
+    return 1;
+}
+
+#endif

@@ -1,0 +1,107 @@
+/* The parts of a whole: a list of files, what all of them must have in common, and whether each of the parts K/N is
+   there once. picture_parts.h and bake_parts.h read the files. Include after picture_file.h. */
+#ifndef PART_LIST_H
+#define PART_LIST_H
+
+#include <stdarg.h>
+
+enum { PARTS_MOST = 10000 };  /* greatest number of parts */
+
+/* Which facts (picture_fact) a kind of parts contains. The facts before `renderer` must be the same in all parts. */
+typedef struct part_kind {
+    const char *const *names;
+    const char *const *words;  /* how a message describes a fact that differs; the words follow "it was made" */
+    int renderer;              /* number of the fact GL_RENDERER */
+} part_kind;
+
+/* A file. K and N of --part K/N are 0 if the part was chosen by hand. */
+typedef struct part_file { char *name; int number, count; } part_file;
+
+typedef struct part_list {
+    part_file *files;
+    int count, room;
+    picture_fact facts[PICTURE_FACTS];   /* those of the first part */
+    int drivers;                         /* 1: some parts were made by different drivers */
+    char error[PICTURE_FACT_SIZE + 512]; /* why a function has failed */
+} part_list;
+
+/* Returns what a message shows of a fact. */
+static inline const char *fact_shown(const char *text) { return text[0] ? text : "none"; }
+
+static int parts__fail(part_list *l, const char *format, ...) {
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(l->error, sizeof l->error, format, arguments);
+    va_end(arguments);
+    return 0;
+}
+
+/* Adds a name to the list. Returns whether there was memory. */
+static int parts__list(part_list *l, const char *name) {
+    if (l->count == l->room) {
+        const int room = l->room * 2 + 64;
+        part_file *more = (part_file *)realloc(l->files, (size_t)room * sizeof *more);
+        if (!more) return parts__fail(l, "out of memory");
+        l->files = more;
+        l->room = room;
+    }
+    memset(&l->files[l->count], 0, sizeof *l->files);
+    l->files[l->count].name = (char *)malloc(strlen(name) + 1);
+    if (!l->files[l->count].name) return parts__fail(l, "out of memory");
+    strcpy(l->files[l->count++].name, name);
+    return 1;
+}
+
+static inline void parts__list_free(part_list *l) {
+    int i;
+    for (i = 0; i < l->count; i++) free(l->files[i].name);
+    free(l->files);
+    memset(l, 0, sizeof *l);
+}
+
+/* Takes the number of the last file from "K/N"; any other text is no number. Returns whether K and N can be. */
+static inline int parts__number(part_list *l, const char *text) {
+    part_file *file = &l->files[l->count - 1];
+    if (sscanf(text, "%d/%d", &file->number, &file->count) != 2) file->number = file->count = 0;
+    if (file->count >= 0 && file->count <= PARTS_MOST && file->number <= file->count) return 1;
+    return parts__fail(l, "%s: it claims to be part %d of %d", file->name, file->number, file->count);
+}
+
+/* Checks the last file's number of parts and its facts against the first file, whose facts the list takes. */
+static inline int parts__fit(part_list *l, const part_kind *kind, const picture_fact *facts) {
+    const part_file *first = &l->files[0], *file = &l->files[l->count - 1];
+    int i;
+    if (l->count == 1) memcpy(l->facts, facts, sizeof l->facts);
+    for (i = 0; i < kind->renderer; i++)
+        if (strcmp(facts[i].text, l->facts[i].text) != 0)
+            return parts__fail(l, "%s does not fit %s: it was made %s: it has %s, the other has %s", file->name,
+                               first->name, kind->words[i], fact_shown(facts[i].text), fact_shown(l->facts[i].text));
+    l->drivers |= strcmp(facts[i].text, l->facts[i].text) != 0;
+    if (file->count == first->count) return 1;
+    return parts__fail(l, "%s does not fit %s: it is a part of %d, not of %d", file->name, first->name, file->count,
+                       first->count);
+}
+
+/* Names the first of the parts K/N that is missing or given twice. */
+static inline int parts__check_numbers(part_list *l) {
+    const int count = l->files[0].count;
+    int i, k, missing = 0, first = 0, ok = 1;
+    const char **names = count ? (const char **)calloc((size_t)count + 1, sizeof *names) : NULL;
+    if (!count) return 1;
+    if (!names) return parts__fail(l, "out of memory");
+    for (i = 0; i < l->count && ok; i++) {
+        k = l->files[i].number;
+        if (k < 1 || k > count) ok = parts__fail(l, "%s: it claims to be part %d of %d", l->files[i].name, k, count);
+        else if (names[k])
+            ok = parts__fail(l, "%s and %s are both part %d of %d", names[k], l->files[i].name, k, count);
+        else names[k] = l->files[i].name;
+    }
+    for (k = count; k >= 1 && ok; k--)
+        if (!names[k]) { missing++; first = k; }
+    if (missing > 1) ok = parts__fail(l, "%d of %d parts are missing; the first is part %d", missing, count, first);
+    else if (missing) ok = parts__fail(l, "part %d of %d is missing", first, count);
+    free(names);
+    return ok;
+}
+
+#endif

@@ -1,0 +1,79 @@
+/* Shared by tools that make parts of a whole: reads --part, numbers the names of parts, and describes options in one
+   line. Include after tool_options.h and part_list.h. */
+#ifndef TOOL_PART_H
+#define TOOL_PART_H
+
+#define PLAN_HASH_START 0xcbf29ce484222325ULL
+
+/* Continues a hash (FNV-1a; Fowler, Noll, Vo) over bytes. It begins with PLAN_HASH_START. */
+static unsigned long long plan_hash(unsigned long long hash, const void *data, size_t bytes) {
+    const unsigned char *c = (const unsigned char *)data;
+    while (bytes--) hash = (hash ^ *c++) * 0x100000001b3ULL;
+    return hash;
+}
+
+/* Writes the options that were given as one line, except those in `without`, a list that ends with -1. */
+static void plan_options(char *out, size_t size, const tool_option *table, int count, const int *given,
+                         const int *without) {
+    char value[256];
+    size_t used = 0;
+    int i, k;
+    out[0] = 0;
+    for (i = 0; i < count; i++) {
+        for (k = 0; without[k] >= 0 && without[k] != i; k++) continue;
+        if (!given[i] || without[k] == i || used >= size) continue;
+        tool_value(&table[i], value, sizeof value);
+        used += (size_t)snprintf(out + used, size - used, "%s%s%s%s", used ? " " : "", table[i].name,
+                                 value[0] ? "=" : "", value);
+    }
+}
+
+/* Variables in which schedulers give the number of a part, and the number of the first part there. */
+static const struct { const char *name; int first; } plan_variables[] = {
+    { "SLURM_ARRAY_TASK_ID", 1 }, { "SGE_TASK_ID", 1 }, { "PBS_ARRAY_INDEX", 1 },
+    { "JOB_COMPLETION_INDEX", 0 }, { "AWS_BATCH_JOB_ARRAY_INDEX", 0 }
+};
+
+/* Reads "K/N" or "auto/N" into part. Returns the exit status. */
+static int plan_part(const char *text, int part[2]) {
+    const char *value = NULL, *rest = text;
+    char *end;
+    size_t i;
+    long k = 0, n;
+    if (strncmp(text, "auto/", 5) == 0) {
+        for (i = 0; i < sizeof plan_variables / sizeof *plan_variables && !value; i++) {
+            value = getenv(plan_variables[i].name);
+            if (!value || !*value || strcmp(value, "undefined") == 0) { value = NULL; continue; }
+            k = strtol(value, &end, 10) + 1 - plan_variables[i].first;
+            if (*end || k < 1) return misuse("--part %s: %s is %s, which is no number of a part", text,
+                                             plan_variables[i].name, value);
+        }
+        if (!value)
+            return misuse("--part %s: none of SLURM_ARRAY_TASK_ID, SGE_TASK_ID, PBS_ARRAY_INDEX, JOB_COMPLETION_INDEX "
+                          "and AWS_BATCH_JOB_ARRAY_INDEX is set", text);
+        rest = text + 4;
+    } else if (isdigit((unsigned char)*text)) {
+        k = strtol(text, &end, 10);
+        rest = end;
+    }
+    n = *rest == '/' && isdigit((unsigned char)rest[1]) ? strtol(rest + 1, &end, 10) : 0;
+    if (*rest != '/' || n < 1 || *end || n > PARTS_MOST || k < 1)
+        return misuse("--part %s: the value must be K/N, the K-th of N parts, with N from 1 to %d", text, PARTS_MOST);
+    if (k > n) return misuse("--part %s: there are %ld parts, so part %ld does not exist", text, n, k);
+    part[0] = (int)k;
+    part[1] = (int)n;
+    return DONE;
+}
+
+/* Writes the name of a part: a %d in the pattern, or %04d with any number of digits, becomes the number. Returns 0 if
+   the pattern is anything else, or the name is too long. */
+static int numbered_name(char *out, size_t size, const char *pattern, int number) {
+    const char *sign = strchr(pattern, '%');
+    int digits = 0, length = 0;
+    if (!sign) return snprintf(out, size, "%s", pattern) < (int)size;
+    if (sscanf(sign, "%%%2dd%n", &digits, &length) != 1 || !length) digits = 0, length = sign[1] == 'd' ? 2 : 0;
+    if (!length || digits < 0 || strchr(sign + length, '%')) return 0;
+    return snprintf(out, size, "%.*s%0*d%s", (int)(sign - pattern), pattern, digits, number, sign + length) < (int)size;
+}
+
+#endif
