@@ -578,6 +578,7 @@ static sbl_result make_picture(shot *s, int late) {
     sbl_result result = sbl_begin_picture(context, &s->desc);
     if (result == SBL_SUCCESS && needs_no_light(s->channel)) result = work_until(context, s->channel);
     else if (result == SBL_SUCCESS) result = late ? work_to_save(context) : work(context);
+    if (result == SBL_UNFINISHED && !interrupted) result = SBL_SUCCESS;  /* the channel can be read before the end */
     if (s->bar.shown) fprintf(stderr, "\r%70s\r", "");
     stats = sbl_query_stats(context);
     free(s->picture.values);
