@@ -21,6 +21,7 @@
 #include "tool_studio.h"
 #include "tool_part.h"
 #include "tool_parts.h"
+#include "tool_frames.h"
 
 /* ---- the command line ---- */
 
@@ -42,7 +43,7 @@ static const char *const tone_words[] = { "none", "neutral", "agx", NULL };
 static const char *const exposure_words[] = { "auto", NULL };
 
 enum {
-    OUTPUT = CAMERA_END, CHANNEL, TARGET_ERROR, SENSOR_FOV, FACET_LIMIT, SAMPLES, EXPOSURE, TONE, INSPECT, STUDIO,
+    OUTPUT = FRAMES_END, CHANNEL, TARGET_ERROR, SENSOR_FOV, FACET_LIMIT, SAMPLES, EXPOSURE, TONE, INSPECT, STUDIO,
     WINDOW, PART, PLAN, RESUME,
     OPTION_COUNT
 };
@@ -50,6 +51,7 @@ enum {
 static const tool_option table[OPTION_COUNT] = {
     COMMON_ROWS,
     CAMERA_ROWS,
+    FRAMES_ROWS,
     [OUTPUT] = { "--output", "FILE", TEXT, &common.output, 0, 0, 0,
                  "also -o; .png (8-bit sRGB), .pfm or .exr (linear 32-bit floats); default sbl.png" },
     [CHANNEL] = { "--channel", "NAME", CHOICE, &options.channel, 0, 0, 0,
@@ -105,7 +107,7 @@ static const tool_option table[OPTION_COUNT] = {
                "made\n"
                "first. auto/N takes K from SLURM_ARRAY_TASK_ID, SGE_TASK_ID or PBS_ARRAY_INDEX (1 to N), or from\n"
                "JOB_COMPLETION_INDEX or AWS_BATCH_JOB_ARRAY_INDEX (0 to N - 1). %d in the name of the output becomes\n"
-               "K, and %04d becomes K with 4 digits" },
+               "K, and %04d becomes K with 4 digits. With --cameras or --frames, see --frames" },
     [PLAN] = { "--plan", "FILE", TEXT, &options.plan, 0, 0, 0,
                "FILE holds the windows of all parts, and the mean, the price and the exposure of the whole. If it "
                "exists, it\n"
@@ -131,12 +133,12 @@ static const tool_line lines[] = {
     { TOOL_HEADING, "What:" },
     { CHANNEL, "final (default), radiance, albedo, normal, depth, ..." },
     { MODE, "gi (default: all light), direct, ambient or paper" },
-    { INSPECT, "shows what the sensor at this pixel measures" },
-    { WINDOW, NULL },
+    { INSPECT, NULL }, { WINDOW, NULL },
     { PART, "makes only the K-th of N parts of equal cost" },
     { PLAN, NULL },
     { TOOL_HEADING, "Camera:" },
     CAMERA_LINES,
+    FRAMES_LINES,
     { TOOL_HEADING, "Light:" },
     LIGHT_LINES, { STUDIO, "lights the scene as a photographer's studio does" },
     { TOOL_HEADING, "Quality:" },
@@ -178,9 +180,9 @@ static void print_help(void) {
         "keep the old contents. Input files are never overwritten.\n"
         "\nIf you press Ctrl-C, the unfinished picture is saved beside the output, as NAME.partial.png (.pfm, .exr), "
         "and the\n"
-        "program ends. If nothing can be shown yet, nothing is saved. A second Ctrl-C ends the program at once, and\n"
-        "so does the first one after 6 seconds in which the graphics driver does not return. The signals SIGTERM\n"
-        "and SIGHUP do the same.\n"
+        "program ends. If nothing can be shown yet, or with --cameras or --frames, it is not saved. A second Ctrl-C\n"
+        "ends the program at once, and so does the first one after 6 seconds in which the graphics driver does not\n"
+        "return. The signals SIGTERM and SIGHUP do the same.\n"
         "\nExit status: 0 success; 1 failure, with one line on stderr; 2 wrong usage; after a signal: 130 (Ctrl-C), "
         "143\n"
         "(SIGTERM), 129 (SIGHUP).\n");
@@ -234,6 +236,17 @@ static int parse_part(void) {
     return status;
 }
 
+/* Reads which frames are made, if any are. With frames, a part is a share of them. Returns the exit status. */
+static int parse_frames(void) {
+    int status = frames_parse(given, options.part_text);
+    if (status != DONE || !frames.first) return status;
+    if (given[INSPECT]) return misuse("--inspect draws one sensor; leave out --cameras and --frames");
+    if (given[PLAN]) return misuse("--plan is for parts of one picture; with frames, a part is whole frames: leave it "
+                                   "out");
+    given[PART] = 0;
+    return DONE;
+}
+
 static int parse(int argc, char **argv) {
     const tool_command command = { argc, argv, table, OPTION_COUNT, given, &common.scene, 1 };
     int status = tool_parse(&command);
@@ -259,7 +272,8 @@ static int parse(int argc, char **argv) {
     }
     if (channels[options.channel] == SBL_CHANNEL_DISPLAY && options.tone == NO_TONE)
         return misuse("--channel display needs a tone; without one it would be --channel final");
-    status = parse_part();
+    status = parse_frames();
+    if (status == DONE) status = parse_part();
     if (status != DONE) return status;
     if (given[STUDIO] && given[SKY])
         return misuse("--studio has a sky of its own; give only one of --studio and --sky");
@@ -273,16 +287,34 @@ static int parse(int argc, char **argv) {
 
 enum { PICTURE = OWN_TARGETS, PARTIAL };  /* PARTIAL: an unfinished picture, room.partial.png */
 
-/* Lists the files that may be written. Returns the exit status. */
-static int find_targets(void) {
+/* Lists the files that may be written, and checks them, see targets_check. Returns the exit status. */
+static int find_targets(int checked) {
     static char partial[PATH_MAX];
     const char *ending = strrchr(common.output, '.');
     snprintf(partial, sizeof partial, "%.*s.partial%s", (int)(ending - common.output), common.output, ending);
+    targets_free();
     targets_begin();
     output_find(&targets[PICTURE], common.output);
     output_find(&targets[PARTIAL], partial);
     target_count = PARTIAL + 1;
-    return targets_check(PARTIAL, given);
+    return targets_check(checked, given);
+}
+
+/* Checks the files of all frames, and finds those of the first frame. file: the scene, or NULL if it is not read yet.
+   Returns the exit status. */
+static int check_frames(const scene_file *file) {
+    char folder[PATH_MAX + 16];
+    int n, status = DONE;
+    for (n = frames.last; n >= frames.first && status == DONE; n--) {
+        frames_go(n);
+        status = find_targets(n == frames.last && !file ? PARTIAL : 0);
+        if (status == DONE && file) status = targets_check_read(file);
+        snprintf(folder, sizeof folder, "%s.parts", common.output);
+        if (status == DONE && given[RESUME] && access(common.output, F_OK) == 0 && access(folder, F_OK) != 0)
+            status = misuse("--resume: %s exists, and may belong to another picture; --frames A-B can leave it out, or "
+                            "remove it", common.output);
+    }
+    return status;
 }
 
 /* A picture as a file shows it. name: only its ending matters, which selects the format */
@@ -325,6 +357,7 @@ static void warn_of_extremes(messages *said, const image *picture, double stops,
 static int keep_picture(const view *s, float done) {
     if (!interrupted && target_write(&targets[PICTURE], write_shown, s, 0)) return DONE;
     if (!interrupted) return fail_to_write(common.output);
+    if (frames.now) return INTERRUPTED + interrupted;  /* render_frames says what is finished */
     if (!target_write(&targets[PARTIAL], write_shown, s, 1))
         return stop("the unfinished picture cannot be written to %s: %s", targets[PARTIAL].name, why_not_written());
     return stop("the unfinished picture (%.0f %%) is in %s", floor(100 * (double)done), targets[PARTIAL].name);
@@ -423,7 +456,7 @@ static sbl_result inspect(sbl_context *context, image *shown) {
 
 /* ---- camera and light, where the file and the options leave them open ---- */
 
-static struct { float world_to_view[16], view_to_clip[16]; } placed;  /* the camera */
+static struct { float world_to_view[16], view_to_clip[16]; survey seen; } placed;  /* the camera */
 
 static void describe_camera(const camera_view *c, const survey *s) {
     double at[3], length = 0, distance = 0;
@@ -461,23 +494,39 @@ static int light_studio(tool_task *task, sbl_scene_desc *scene, const survey *s,
          : result == SBL_UNFINISHED ? stop("no picture was started") : fail_with(task->said, common.scene, result);
 }
 
-/* Chooses the camera, and the light of a file without light. */
+/* Places the camera of the picture or frame. chosen, shot: receive it without and with the options. Returns the exit
+   status. */
+static int place_camera(const tool_task *task, camera_view *chosen, camera_view *shot) {
+    const int *set = frames_options(given);
+    if (!frames_choose(chosen, task->file, set, &placed.seen)) return frames_misuse();
+    *shot = *chosen;
+    return camera_place(placed.world_to_view, placed.view_to_clip, shot, set, &placed.seen) ? DONE : frames_misuse();
+}
+
+/* Chooses the camera, and the light of a file without light. If there are frames, the camera is that of frame 1, after
+   all have been checked. */
 static int arrange(tool_task *task, sbl_scene_desc *scene) {
     const int relight = given[STUDIO] ||
         (lit_by_us(&task->file->scene, given) && common_mode(given) != SBL_MODE_PAPER);
+    const int chooses = !given[EYE] && !frames.first;
     camera_view chosen, shot;
-    survey s;
+    survey *s = &placed.seen;
     sbl_result result = SBL_SUCCESS;
-    survey_begin(&s, task->context);
-    if (relight || (!given[EYE] && !camera_of_file(task->file, &shot, &s))) result = survey_take(&s, task->context);
+    int n, status = DONE;
+    survey_begin(s, task->context);
+    if (relight || (chooses && !camera_of_file(task->file, &shot, s))) result = survey_take(s, task->context);
     if (result == SBL_UNFINISHED) return stop("no picture was started");
     if (result != SBL_SUCCESS) return fail_with(task->said, common.scene, result);
-    camera_choose(&chosen, task->file, given, &s);
-    shot = chosen;
-    if (!camera_place(placed.world_to_view, placed.view_to_clip, &shot, given, &s)) return camera_misuse();
-    describe_camera(&shot, &s);
-    task->unplaced = !given[EYE] && camera_is_unplaced(task->file, &s);
-    return relight ? light_studio(task, scene, &s, &chosen, shot.eye) : DONE;
+    for (n = frames.last; n >= frames.first && n > 0 && status == DONE; n--) {
+        frames_go(n);
+        status = place_camera(task, &chosen, &shot);
+    }
+    if (frames.first) frames_go(1);
+    if (status == DONE) status = place_camera(task, &chosen, &shot);
+    if (status != DONE) return status;
+    describe_camera(&shot, s);
+    task->unplaced = chooses && camera_is_unplaced(task->file, s);
+    return relight ? light_studio(task, scene, s, &chosen, shot.eye) : DONE;
 }
 
 /* ---- a target error that was not reached ---- */
@@ -507,6 +556,7 @@ static void advise(const sbl_stats *s, char *out, size_t size) {
 static void warn_of_missed_target(messages *said, const sbl_stats *s) {
     const double target = (double)s->picture.target_error, expected = (double)s->picture.expected_error;
     char help[256];
+    if (frames.now) return;  /* render_frames warns once, of all frames */
     if (!(target > 0) || !(expected > 1.1 * target) || given[RAYS] || given[THRESHOLD]) return;
     if (expected > 1) return;  /* errors are relative to the mean, which is almost 0: the picture is black */
     advise(s, help, sizeof help);
@@ -559,7 +609,13 @@ typedef struct shot {
     plan work;            /* the windows that are made one after the other */
     plan_folder folder;   /* if there are several */
     image picture;        /* the window that was made last */
+    double exposure;      /* of all frames, in stops; NaN: a picture has its own */
 } shot;
+
+/* Returns the exit status after a signal, if there is no picture yet. */
+static int stop_early(void) {
+    return frames.now ? INTERRUPTED + interrupted : stop("there is no picture yet");
+}
 
 /* Makes the picture of shot.desc and reads its channel. late: 1: reads an unfinished picture after a signal */
 static sbl_result make_picture(shot *s, int late) {
@@ -569,6 +625,7 @@ static sbl_result make_picture(shot *s, int late) {
     sbl_result result = sbl_begin_picture(context, &s->desc);
     if (result == SBL_SUCCESS && needs_no_light(s->channel)) result = work_until(context, s->channel);
     else if (result == SBL_SUCCESS) result = late ? work_to_save(context) : work(context);
+    if (result == SBL_UNFINISHED && !interrupted) result = SBL_SUCCESS;  /* the channel can be read before the end */
     if (s->bar.shown) fprintf(stderr, "\r%70s\r", "");
     stats = sbl_query_stats(context);
     free(s->picture.values);
@@ -593,21 +650,22 @@ static double stops_of(const shot *s) {
 /* Makes the output in one piece. Returns the exit status. */
 static int render_whole(shot *s, double *seconds) {
     sbl_context *context = s->task->context;
-    const sbl_result result = make_picture(s, 1);
+    const sbl_result result = make_picture(s, !frames.now);
     view all = { common.output, &s->picture, s->channel, 0 };
     sbl_stats stats;
     int status;
     *seconds = now() - s->task->start;
     all.stops = stops_of(s);
     if (result == SBL_SUCCESS) status = keep_picture(&all, sbl_progress(context));
-    else if (result == SBL_UNFINISHED) status = stop("there is no picture yet");
+    else if (result == SBL_UNFINISHED) status = stop_early();
     else status = fail_with(s->task->said, common.scene, result);
     if (status != DONE) return status;
     stats = sbl_query_stats(context);
-    if (s->channel == SBL_CHANNEL_FINAL && ends_with(common.output, ".png"))
+    if (s->channel == SBL_CHANNEL_FINAL && ends_with(common.output, ".png") && frames.now <= frames.first)
         warn_of_extremes(s->task->said, &s->picture, all.stops, (double)stats.picture.exposure);
     warn_of_missed_target(s->task->said, &stats);
-    if (s->desc.backdrop[0] > 0 && !given[QUIET]) note_backdrop(&stats);
+    if (s->desc.backdrop[0] > 0 && frames.now <= frames.first && !given[QUIET])
+        note_backdrop(&stats);
     return DONE;
 }
 
@@ -616,7 +674,8 @@ static int render_whole(shot *s, double *seconds) {
 /* Sets the facts that parts of this picture have in common, except mean and exposure. */
 static void find_facts(shot *s) {
     static const int without[] = { OUTPUT, STATS, STORE, STORE_REPLACE, QUIET, VERBOSE, ALLOW_PATH, MEMORY, READ_TIME,
-                                   SIZE, EYE, LOOK_AT, UP, FOV, CHANNEL, WINDOW, PART, PLAN, RESUME, -1 };
+                                   SIZE, EYE, LOOK_AT, UP, FOV, CAMERAS, FRAMES, FPS, CHANNEL, WINDOW, PART, PLAN,
+                                   RESUME, -1 };
     const sbl_context *context = s->task->context;
     unsigned long long matrices = plan_hash(PLAN_HASH_START, placed.world_to_view, sizeof placed.world_to_view);
     plan *p = &s->work;
@@ -679,13 +738,13 @@ static int look_at_whole(shot *s, plan_cost *cost) {
         free(looks.values);
     }
     if (s->bar.shown) fprintf(stderr, "\r%70s\r", "");
-    if (result == SBL_UNFINISHED) return stop("there is no picture yet");
+    if (result == SBL_UNFINISHED) return stop_early();
     if (result != SBL_SUCCESS) return fail_with(s->task->said, common.scene, result);
     if (!enough) return fail("out of memory");
     plan_fact(&s->work, FACT_MEAN, "%.9g %.9g %.9g", (double)stats.picture.mean_radiance[0],
               (double)stats.picture.mean_radiance[1], (double)stats.picture.mean_radiance[2]);
     plan_fact(&s->work, FACT_PRICE, "%.9g", (double)stats.picture.price * pow(shrink, 2 * PRICE_GROWTH));
-    plan_fact(&s->work, FACT_EXPOSURE, "%.9g", (double)stats.picture.exposure);
+    plan_fact(&s->work, FACT_EXPOSURE, "%.9g", isnan(s->exposure) ? (double)stats.picture.exposure : s->exposure);
     return DONE;
 }
 
@@ -981,26 +1040,97 @@ static int render_sensor(shot *s, double *seconds) {
     return result == SBL_SUCCESS ? keep_picture(&all, 1) : fail_with(s->task->said, common.scene, result);
 }
 
+/* Begins the picture of the camera that is placed now. */
+static void begin_shot(shot *s) {
+    s->bar.from = s->bar.to = s->bar.last = 0;
+    s->bar.start = now();
+    s->looked = s->has_facts = 0;
+    memset(s->region, 0, sizeof s->region);
+    fill_desc(&s->desc, s->task->file, &s->bar);
+    memcpy(s->desc.world_to_view, placed.world_to_view, sizeof s->desc.world_to_view);
+    memcpy(s->desc.view_to_clip, placed.view_to_clip, sizeof s->desc.view_to_clip);
+    if (!s->desc.auto_exposure || isnan(s->exposure)) return;
+    s->desc.auto_exposure = 0;
+    s->desc.exposure = (float)s->exposure;
+}
+
+/* Makes and writes a picture. Returns the exit status. */
+static int render_shot(shot *s, double *seconds) {
+    int status;
+    begin_shot(s);
+    status = given[INSPECT] ? DONE : divide(s);
+    if (status == DONE && !given[INSPECT]) memcpy(s->desc.window, s->region, sizeof s->desc.window);
+    if (status == DONE && !s->has_facts) memset(s->desc.window, 0, sizeof s->desc.window);
+    if (status == DONE)
+        status = given[INSPECT] ? render_sensor(s, seconds)
+               : s->work.count > 1 ? render_windows(s, seconds) : render_whole(s, seconds);
+    if (status == DONE && s->bar.shown)
+        fprintf(stderr, "%s: %d x %d, %.1f s\n", common.output, given[INSPECT] ? s->picture.width : s->region[2],
+                given[INSPECT] ? s->picture.height : s->region[3],
+                frames.now ? now() - s->bar.start : *seconds);
+    plan_free(&s->work);
+    return status;
+}
+
+/* Makes a small picture of frame 1, whose camera is placed, if all frames get its exposure. Returns the exit status. */
+static int expose_frames(shot *s) {
+    int status;
+    begin_shot(s);
+    if (!isnan(options.exposure) || !(s->desc.auto_exposure || given[WINDOW])) return DONE;
+    status = look_at_whole(s, NULL);
+    if (status == DONE) sscanf(s->work.facts[FACT_EXPOSURE].text, "%lf", &s->exposure);
+    return status;
+}
+
+/* Makes frame n, and adds its statistics to sum. Returns the exit status. */
+static int render_frame(shot *s, int n, sbl_stats *sum, double *seconds) {
+    camera_view chosen, shown;
+    const double before = sum->picture.visible_pixels;
+    const sbl_stats old = *sum;
+    sbl_stats *own = &s->task->stats;
+    int k, status;
+    frames_go(n);
+    memset(own, 0, sizeof *own);
+    s->task->has_stats = 0;
+    status = find_targets(0);
+    if (status == DONE) status = place_camera(s->task, &chosen, &shown);
+    if (status == DONE) status = render_shot(s, seconds);
+    if (status != DONE) return status;
+    if (!s->task->has_stats) *own = sbl_query_stats(s->task->context);
+    add_stats(sum, own);
+    for (k = 0; k < 3 && sum->picture.visible_pixels > 0; k++)
+        sum->picture.mean_radiance[k] = (float)((before * (double)old.picture.mean_radiance[k] +
+            own->picture.visible_pixels * (double)own->picture.mean_radiance[k]) / sum->picture.visible_pixels);
+    return needs_no_light(s->channel) ? DONE : keep_store(s->task, given);
+}
+
+/* Makes the frames, each as soon as the one before is written. Returns the exit status. */
+static int render_frames(shot *s, double *seconds) {
+    sbl_stats sum;
+    int n = frames.first, status = expose_frames(s);
+    memset(&sum, 0, sizeof sum);
+    while (status == DONE && n <= frames.last && !interrupted) {
+        status = render_frame(s, n, &sum, seconds);
+        n += status == DONE;
+    }
+    if (interrupted && n <= frames.last)
+        return stop("%d of %d frames are finished; --frames %d-%d%s makes the rest", n - frames.first,
+                    frames.last - frames.first + 1, n, frames.last, options.part_text ? " without --part" : "");
+    s->task->stats = sum;
+    s->task->has_stats = 1;
+    frames.now = 0;
+    if (status == DONE) warn_of_missed_target(s->task->said, &sum);
+    return status;
+}
+
 static int render(tool_task *task, double *seconds) {
     static shot s;
     int status;
     s.task = task;
     s.bar.shown = !given[QUIET] && isatty(STDERR_FILENO);
-    s.bar.start = now();
     s.channel = given[INSPECT] ? SBL_CHANNEL_FINAL : channels[options.channel];
-    fill_desc(&s.desc, task->file, &s.bar);
-    memcpy(s.desc.world_to_view, placed.world_to_view, sizeof s.desc.world_to_view);
-    memcpy(s.desc.view_to_clip, placed.view_to_clip, sizeof s.desc.view_to_clip);
-    status = given[INSPECT] ? DONE : divide(&s);
-    if (status == DONE && !given[INSPECT]) memcpy(s.desc.window, s.region, sizeof s.desc.window);
-    if (status == DONE && !s.has_facts) memset(s.desc.window, 0, sizeof s.desc.window);
-    if (status == DONE)
-        status = given[INSPECT] ? render_sensor(&s, seconds)
-               : s.work.count > 1 ? render_windows(&s, seconds) : render_whole(&s, seconds);
-    if (status == DONE && s.bar.shown)
-        fprintf(stderr, "%s: %d x %d, %.1f s\n", common.output, given[INSPECT] ? s.picture.width : s.region[2],
-                given[INSPECT] ? s.picture.height : s.region[3], *seconds);
-    plan_free(&s.work);
+    s.exposure = NAN;
+    status = frames.now ? render_frames(&s, seconds) : render_shot(&s, seconds);
     free(s.picture.values);
     return status;
 }
@@ -1012,9 +1142,10 @@ int main(int argc, char **argv) {
     if (given[HELP]) { print_help(); return fflush(stdout) == 0 ? DONE : FAILED; }
     if (given[VERSION]) { printf("sbl_render %s\n", sbl_version()); return fflush(stdout) == 0 ? DONE : FAILED; }
     catch_signals();
-    status = find_targets();
-    if (status == DONE) status = tool_run(start, given, render, NULL, arrange);
+    status = frames.now ? check_frames(NULL) : find_targets(PARTIAL);
+    if (status == DONE) status = tool_run(start, given, render, frames.now ? check_frames : NULL, arrange);
     studio_free(&light_of_studio);
+    frames_free();
     targets_free();
     return status;
 }

@@ -125,6 +125,8 @@ typedef struct scene__reader {
     size_t use_count;
     double triangles, vertices;  /* numbers in all uses */
     unsigned best_camera;
+    const struct aiNode *camera_node;  /* of best_camera; NULL without a camera */
+    scene__motion motion;              /* of camera_node, if frames are asked for */
     struct scene__lamp { const struct aiLight *light; int placed; } *lamps;  /* lights of the file, sorted by name */
     sbl_light *lights;
 } scene__reader;
@@ -315,7 +317,8 @@ static void scene__count_material(const scene__reader *r, unsigned index) {
 static void scene__count_all(const scene__reader *r) {
     unsigned i;
     for (i = 0; i < r->in->mNumMaterials; i++) if (r->shown[i]) scene__count_material(r, i);
-    for (i = 0; i < r->in->mNumAnimations; i++) scene__count(r->file, SCENE_FILE_ANIMATION);
+    for (i = 0; i < r->in->mNumAnimations; i++)
+        if (!scene__motion_has_all(&r->motion, r->in->mAnimations[i])) scene__count(r->file, SCENE_FILE_ANIMATION);
     for (i = 0; i < r->in->mNumMeshes; i++) {
         if (r->posed[i]) scene__count(r->file, SCENE_FILE_POSE);
         if (!(r->in->mMeshes[i]->mPrimitiveTypes & (aiPrimitiveType_TRIANGLE | aiPrimitiveType_POLYGON)))
@@ -406,9 +409,9 @@ static void scene__direction(float out[3], const double m[16], const struct aiVe
     for (i = 0; i < 3; i++) out[i] = (float)(m[4 * i] * v->x + m[4 * i + 1] * v->y + m[4 * i + 2] * v->z);
 }
 
-static void scene__camera(scene_file *file, const struct aiCamera *in, const double m[16], int is_gltf) {
+/* m: the transform of its node. */
+static void scene__camera(scene_file_camera *c, const struct aiCamera *in, const double m[16], int is_gltf) {
     const double degrees = 45 / atan(1.0);
-    scene_file_camera *c = &file->camera;
     double x = 0.5 * in->mHorizontalFOV;
     int i;
     memset(c->eye, 0, sizeof c->eye);
@@ -421,7 +424,30 @@ static void scene__camera(scene_file *file, const struct aiCamera *in, const dou
     if (is_gltf) c->fov_y = (float)(2 * x * degrees);  /* see scene_gltf.h */
     else if (in->mAspect > 0) c->fov_y = (float)(2 * atan(tan(x) / in->mAspect) * degrees);
     else c->fov_x = (float)(2 * x * degrees);
-    file->has_camera = 1;
+}
+
+/* Computes the camera of each frame that the options ask for. */
+static void scene__frames(scene__reader *r) {
+    static const double identity[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1 };
+    scene_file *file = r->file;
+    scene_file_camera *frames = NULL;
+    double m[2][16];
+    size_t count, k;
+    int i;
+    if (scene__motion_begin(&r->motion, file, r->in, r->is_gltf ? r->camera_node : NULL))
+        frames = (scene_file_camera *)scene__alloc(file, (size_t)file->frames_asked, sizeof *frames);
+    count = r->motion.count;
+    for (i = 0; frames && i < file->frames_asked; i++) {
+        memcpy(m[count % 2], identity, sizeof identity);
+        for (k = count; k-- > 0;) {
+            struct aiMatrix4x4 local;
+            scene__motion_pose(&r->motion.links[k], i / file->frame_rate, 1 / file->frame_rate, &local);
+            scene__multiply(m[k % 2], m[(k + 1) % 2], &local);
+        }
+        scene__camera(&frames[i], r->in->mCameras[r->best_camera], m[0], r->is_gltf);
+    }
+    file->frames = frames;
+    file->frame_count = frames ? file->frames_asked : 0;
 }
 
 static int scene__by_name(const void *a, const void *b) {
@@ -581,7 +607,9 @@ static void scene__add_uses(scene__reader *r, const scene__node *at) {
     for (i = 0; i < r->best_camera; i++) {
         const struct aiCamera *camera = r->in->mCameras[i];
         if (camera->mOrthographicWidth != 0.0f || strcmp(camera->mName.data, at->node->mName.data) != 0) continue;
-        scene__camera(r->file, camera, at->transform, r->is_gltf);
+        scene__camera(&r->file->camera, camera, at->transform, r->is_gltf);
+        r->file->has_camera = 1;
+        r->camera_node = at->node;
         r->best_camera = i;
     }
     scene__lights(r, at->node, at->transform);
@@ -653,6 +681,7 @@ static void scene__convert(scene__reader *r) {
         for (i = 0; i < r->in->mNumLights; i++) r->lamps[i].light = r->in->mLights[i];
         qsort(r->lamps, r->in->mNumLights, sizeof *r->lamps, scene__by_name);
         if (!file->error[0]) scene__nodes(r);
+        if (!file->error[0] && file->frames_asked) scene__frames(r);
         if (!file->error[0]) scene__count_all(r);
     }
     file->scene.lights = r->lights;
@@ -668,6 +697,7 @@ static void scene__convert(scene__reader *r) {
     free(r->posed);
     free(r->shared);
     free(r->lamps);
+    free(r->motion.links);
 }
 
 /* Reads a scene. bytes: contents of the file; the caller frees them. */

@@ -215,6 +215,8 @@ static scene_file *scene__load(scene__reading reading, const char *path, const s
         scene__print(error, error_size, "%s: not enough memory to read it; allow more (ulimit -v, --memory)", path);
     else {
         file->folders = &folders;
+        file->frames_asked = options->frames;
+        file->frame_rate = options->frame_rate > 0 ? options->frame_rate : SCENE_FILE_RATE;
         memset(&task, 0, sizeof task);
         task.file = file;
         task.path = path;

@@ -32,7 +32,7 @@
        The kernel forbids the child almost everything else (scene_sandbox.h).
 
    In the child, scene_assimp.h converts what assimp returns; scene_gltf.h edits a .gltf before assimp reads it;
-   scene_pictures.h decodes pictures. */
+   scene_motion.h computes where animated nodes are; scene_pictures.h decodes pictures. */
 #ifndef SCENE_FILE_H
 #define SCENE_FILE_H
 
@@ -54,7 +54,8 @@
   #define SCENE__SANITIZED 0
 #endif
 
-enum { SCENE_FILE_WARNINGS = 8, SCENE_FILE_FOLDERS = 16, SCENE_FILE_SECONDS = 60, SCENE_FILE_READ = 1024 };
+enum { SCENE_FILE_WARNINGS = 8, SCENE_FILE_FOLDERS = 16, SCENE_FILE_SECONDS = 60, SCENE_FILE_READ = 1024,
+    SCENE_FILE_RATE = 24 };
 
 /* 0 means the default. */
 typedef struct scene_file_options {
@@ -62,6 +63,9 @@ typedef struct scene_file_options {
     size_t memory;   /* limit in bytes on reading and rendering the scene; default: half of the memory of the machine or
                         of its control group; never more than half of what ulimit -v leaves */
     double seconds;  /* limit on the time for reading; default 60 */
+    int frames;      /* if not 0, the file must have an animated camera, which is read at this many times; see
+                        scene_file.frames */
+    double frame_rate;  /* frames per second; default 24 */
     const volatile sig_atomic_t *cancel;            /* reading stops when this becomes nonzero; may be NULL */
     void (*log)(const char *path, const char *message, void *user);  /* receives how the reader was confined */
     void *log_user;
@@ -101,6 +105,9 @@ typedef struct scene_file {
     const char *const *names;     /* one per mesh */
     int has_camera;
     scene_file_camera camera;
+    int frame_count;
+    const scene_file_camera *frames;  /* the animated camera at 0, 1, 2, ... divided by options.frame_rate, in seconds;
+                                         NULL if options.frames is 0 */
     int warning_count;            /* number of warnings; only the first SCENE_FILE_WARNINGS are kept */
     char warnings[SCENE_FILE_WARNINGS][256];
     int simplified[SCENE_FILE_KIND_COUNT];  /* number of materials, lights, ... of each kind */
@@ -115,6 +122,8 @@ typedef struct scene_file {
     const struct scene__folders *folders;      /* where the child may read */
     size_t capacity, used;                     /* bytes of the shared pages, which begin with this struct */
     size_t memory, own_at_start;               /* limit in bytes; the child's own memory at its start */
+    int frames_asked;                          /* number of frames that the options ask for */
+    double frame_rate;
     double rendering;                          /* bytes that sbl.h will need for what was read so far */
     int own_handle;                            /* /proc/self/statm of the child, which tells its memory */
 } scene_file;
@@ -164,6 +173,7 @@ static void scene__count(scene_file *file, scene_file_kind kind) {
 #include "scene_paths.h"
 #include "scene_pictures.h"
 #include "scene_gltf.h"
+#include "scene_motion.h"
 #include "scene_assimp.h"
 #include "scene_sandbox.h"
 #include "scene_trust.h"

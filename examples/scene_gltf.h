@@ -3,8 +3,9 @@
    assimp up to 5.2 drops KHR_materials_emissive_strength, and returns materials in another order than that of the file.
    Therefore the strength is multiplied into emissiveFactor. Without aspectRatio in a camera, every version of assimp
    returns yfov itself; therefore aspectRatio is removed. assimp gives the place of a light as the name of one node.
-   Therefore each node gets its own copy of its light, and a unique name. Invalid content is left unchanged, for assimp
-   to report. */
+   Therefore each node gets its own copy of its light, and a unique name. assimp drops how animations interpolate.
+   Therefore, if frames are asked for, the names of animated nodes tell it. Invalid content is left unchanged, for
+   assimp to report. */
 #ifndef SCENE_GLTF_H
 #define SCENE_GLTF_H
 
@@ -56,6 +57,50 @@ static void scene__part_lights(scene_file *file, cJSON *root) {
     if (!old || !cJSON_ReplaceItemInObjectCaseSensitive(all, "lights", lights)) cJSON_Delete(lights);
 }
 
+/* Returns what scene__motion_kind expects: L, S or C, for a sampler of LINEAR, STEP or CUBICSPLINE. */
+static char scene__letter(const cJSON *sampler) {
+    const char *words = cJSON_GetStringValue(scene__item(sampler, "interpolation"));
+    return words && strcmp(words, "STEP") == 0 ? 'S' : words && strcmp(words, "CUBICSPLINE") == 0 ? 'C' : 'L';
+}
+
+/* Gives each node that is animated or has a camera a unique name. The name tells how its translation, rotation and
+   scale are interpolated in the first animation that moves it; see scene__motion_kind. */
+static void scene__name_animated(scene_file *file, cJSON *root) {
+    static const char *const paths[] = { "translation", "rotation", "scale" };
+    const cJSON *animation, *channel, *nodes = scene__item(root, "nodes");
+    const int count = cJSON_GetArraySize(nodes);
+    struct moved { cJSON *node; const cJSON *by; char letters[4]; } *all;
+    cJSON *node;
+    int i = 0, k;
+    all = (struct moved *)calloc((size_t)count + 1, sizeof *all);
+    if (!all) { scene__fail_for_memory(file, "it"); return; }
+    cJSON_ArrayForEach(node, nodes) all[i++].node = node;
+    cJSON_ArrayForEach(animation, scene__item(root, "animations")) {
+        const cJSON *samplers = scene__item(animation, "samplers");
+        cJSON_ArrayForEach(channel, scene__item(animation, "channels")) {
+            const cJSON *target = scene__item(channel, "target"), *number = scene__item(target, "node");
+            const cJSON *sampler = scene__item(channel, "sampler");
+            const char *path = cJSON_GetStringValue(scene__item(target, "path"));
+            if (!cJSON_IsNumber(number) || !(number->valuedouble >= 0 && number->valuedouble < count)) continue;
+            i = number->valueint;
+            if (!all[i].by) { all[i].by = animation; strcpy(all[i].letters, "LLL"); }
+            for (k = 0; k < 3 && path && all[i].by == animation && cJSON_IsNumber(sampler); k++)
+                if (strcmp(path, paths[k]) == 0)
+                    all[i].letters[k] = scene__letter(cJSON_GetArrayItem(samplers, sampler->valueint));
+        }
+    }
+    for (i = 0; i < count; i++) {
+        const char *name = cJSON_GetStringValue(scene__item(all[i].node, "name"));
+        char unique[256];
+        if ((!all[i].by && !scene__item(all[i].node, "camera")) || !cJSON_IsObject(all[i].node)) continue;
+        scene__print(unique, sizeof unique, "%.200s (node %d %s)", name ? name : "without name", i,
+                     all[i].by ? all[i].letters : "LLL");
+        cJSON_DeleteItemFromObjectCaseSensitive(all[i].node, "name");
+        cJSON_AddStringToObject(all[i].node, "name", unique);
+    }
+    free(all);
+}
+
 static void scene__mend_json(scene_file *file, cJSON *root) {
     cJSON *item, *number;
     cJSON_ArrayForEach(item, scene__item(root, "materials")) {
@@ -69,6 +114,7 @@ static void scene__mend_json(scene_file *file, cJSON *root) {
     cJSON_ArrayForEach(item, scene__item(root, "cameras"))
         cJSON_DeleteItemFromObjectCaseSensitive(scene__item(item, "perspective"), "aspectRatio");
     scene__part_lights(file, root);
+    if (file->frames_asked) scene__name_animated(file, root);
 }
 
 /* Counts the materials with extensions that are neither read nor returned by assimp. */
@@ -132,7 +178,7 @@ static void scene__mend_gltf(scene_file *file, scene__bytes *bytes) {
     const size_t start = binary ? 20 : 0;
     size_t length = bytes->size - start;
     const int edited = scene__mentions(bytes, scene__strength_name) || scene__mentions(bytes, scene__lights_name) ||
-                       scene__mentions(bytes, "aspectRatio");
+                       scene__mentions(bytes, "aspectRatio") || file->frames_asked;
     cJSON *root;
     char *text;
     if (binary) length = head[12] | (size_t)head[13] << 8 | (size_t)head[14] << 16 | (size_t)head[15] << 24;
@@ -152,6 +198,8 @@ static void scene__mend_gltf(scene_file *file, scene__bytes *bytes) {
     if (scene__mentions(bytes, scene__strength_name))
         scene__warn(file, "this program was built without cJSON: %s is ignored, lamps may be too dark",
                     scene__strength_name);
+    if (file->frames_asked)
+        scene__fail(file, "this program was built without cJSON, which reading an animated camera needs");
 #endif
 }
 

@@ -68,6 +68,7 @@ static int scene__trust(scene_file *file, size_t capacity) {
         !scene__holds(file, in.materials, in.material_count, sizeof *in.materials) ||
         !scene__holds(file, in.textures, in.texture_count, sizeof *in.textures) ||
         !scene__holds(file, in.lights, in.light_count, sizeof *in.lights) ||
+        !scene__holds(file, file->frames, file->frame_count, sizeof *file->frames) ||
         !scene__holds(file, file->names, in.mesh_count, sizeof *file->names)) return 0;
     out->mesh_count = in.mesh_count;
     out->material_count = in.material_count;

@@ -63,13 +63,12 @@ static int camera_is_unplaced(const scene_file *file, const survey *s) {
     return found;
 }
 
-/* Takes the camera of the file. Returns 0 if its values are invalid, or if nobody has placed it; it is then ignored. */
-static int camera_of_file(const scene_file *file, camera_view *view, const survey *s) {
-    const scene_file_camera *c = &file->camera;
+/* Takes a camera that a file describes. Returns 0 if its values are invalid. */
+static int camera_take(const scene_file_camera *c, camera_view *view) {
     const double radians = atan(1.0) / 45, aspect = (double)camera.size[0] / camera.size[1];
     float unused[16];
-    int i, ok = file->has_camera &&
-        sbl_look_at(unused, 0, 0, 0, c->forward[0], c->forward[1], c->forward[2], c->up[0], c->up[1], c->up[2]);
+    const float *to = c->forward, *up = c->up;
+    int i, ok = sbl_look_at(unused, 0, 0, 0, to[0], to[1], to[2], up[0], up[1], up[2]);
     view->fov = (double)c->fov_y;
     if (c->fov_x > 0 && c->fov_x < 179)
         view->fov = 2 * atan(tan(0.5 * (double)c->fov_x * radians) / aspect) / radians;
@@ -80,7 +79,12 @@ static int camera_of_file(const scene_file *file, camera_view *view, const surve
         ok = ok && fabs(view->eye[i]) < 1e18;
     }
     view->where = "of the file";
-    return view->of_file = ok && view->fov >= 1 && view->fov <= 179 && !camera_is_unplaced(file, s);
+    return view->of_file = ok && view->fov >= 1 && view->fov <= 179;
+}
+
+/* Takes the camera of the file. Returns 0 if its values are invalid, or if nobody has placed it; it is then ignored. */
+static int camera_of_file(const scene_file *file, camera_view *view, const survey *s) {
+    return view->of_file = file->has_camera && camera_take(&file->camera, view) && !camera_is_unplaced(file, s);
 }
 
 /* Places the camera so that the corners of the bounds just fit into the picture, with a margin of a fourteenth of the

@@ -254,6 +254,7 @@ static void plan_folder_remove(const plan_folder *f, int count) {
     unlink(plan_file(f, "light"));
     unlink(plan_file(f, "plan"));
     unlink(plan_file(f, "lock"));
+    close(f->lock);
     rmdir(f->path);
 }
 

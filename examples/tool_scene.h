@@ -22,6 +22,18 @@ typedef struct messages {
     const scene_file *file;
 } messages;
 
+/* Keeps a warning, unless the same one is kept already. It is printed at the end if the work succeeds. */
+static inline void warn_later(messages *m, const char *format, ...) {
+    va_list arguments;
+    int i = 0;
+    if (m->warnings_kept == 8) return;
+    va_start(arguments, format);
+    vsnprintf(m->warnings[m->warnings_kept], sizeof m->warnings[0], format, arguments);
+    va_end(arguments);
+    while (strcmp(m->warnings[i], m->warnings[m->warnings_kept]) != 0) i++;
+    m->warnings_kept += i == m->warnings_kept;
+}
+
 static void on_log(sbl_log_level level, sbl_log_item item, const char *message, void *user) {
     messages *m = (messages *)user;
     int mesh;
@@ -36,17 +48,7 @@ static void on_log(sbl_log_level level, sbl_log_item item, const char *message, 
             snprintf(m->error, sizeof m->error, "%.500s (mesh %d is \"%.100s\")", message, mesh, m->file->names[mesh]);
         else snprintf(m->error, sizeof m->error, "%.600s", message);
     }
-    if (level == SBL_LOG_WARNING && m->warnings_kept < 8)
-        snprintf(m->warnings[m->warnings_kept++], sizeof m->warnings[0], "%.500s", message);
-}
-
-/* Keeps a warning, which is printed at the end if the work succeeds. */
-static inline void warn_later(messages *m, const char *format, ...) {
-    va_list arguments;
-    if (m->warnings_kept == 8) return;
-    va_start(arguments, format);
-    vsnprintf(m->warnings[m->warnings_kept++], sizeof m->warnings[0], format, arguments);
-    va_end(arguments);
+    if (level == SBL_LOG_WARNING) warn_later(m, "%.500s", message);
 }
 
 static int fail_with(const messages *m, const char *where, sbl_result result) {

@@ -251,21 +251,16 @@ static int finished_windows(const char *output) {
 }
 
 /* Starts sbl_render, and waits until `count` windows of the output are finished, or the program ends. */
-static pid_t start_until(const char *const *arguments, const char *output, int count) {
-    static const struct timespec pause = { 0, 2000000 };
-    siginfo_t info;
-    pid_t child;
+static pid_t start_windows(const char *const *arguments, const char *output, int count) {
+    char last[64];
+    snprintf(last, sizeof last, "%s.parts/%d.exr", output, count);
     tool_use("sbl_render");
-    child = start(arguments, -1, 0);
-    memset(&info, 0, sizeof info);
-    while (finished_windows(output) < count && waitid(P_PID, (id_t)child, &info, WEXITED | WNOHANG | WNOWAIT) == 0 &&
-           !info.si_pid) nanosleep(&pause, NULL);
-    return child;
+    return start_until(arguments, count ? last : ".");
 }
 
 /* Kills sbl_render as soon as `count` windows are finished. Returns whether it was killed before it ended. */
 static int kill_when(const char *const *arguments, const char *output, int count) {
-    const pid_t child = start_until(arguments, output, count);
+    const pid_t child = start_windows(arguments, output, count);
     kill(child, SIGKILL);
     finish(child);
     return ran.status == -SIGKILL;
@@ -305,6 +300,13 @@ TEST(killed_runs_go_on) {
           difference("whole.pfm", "once.pfm"), ran.err);
 }
 
+/* Large pictures of surfaces, which need no light, are made window by window, too. */
+TEST(large_surfaces) {
+    if (!has_openexr()) SKIP("built without OpenEXR");
+    CHECK(RENDER(LARGE, "--channel", "depth", "-o", "depth.exr") == 0 && !exists("depth.exr.parts"), "status %d: %s",
+          ran.status, ran.err);
+}
+
 /* Windows that were damaged after they were finished are made again. Bounced light is not made again. */
 TEST(finished_windows_are_checked) {
     static const char *const gi[] = { "room.obj", "--eye", "0,1.4,3", "--look-at", "0,.5,0", SMALL, "--quiet", "--size",
@@ -326,7 +328,7 @@ TEST(a_folder_has_one_user) {
     const char *const arguments[] = { LARGE, "-o", "one.exr", NULL };
     pid_t child;
     if (!has_openexr()) SKIP("built without OpenEXR");
-    child = start_until(arguments, "one.exr", 1);
+    child = start_windows(arguments, "one.exr", 1);
     kill(child, SIGSTOP);
     REQUIRE(finished_windows("one.exr") >= 1, "it was not stopped in time");
     CHECK(RENDER(LARGE, "-o", "one.exr", "--resume") == 1 && said("another program"), "%s", ran.err);
@@ -373,6 +375,7 @@ int main(int argc, char **argv) {
     RUN_PLAIN(oiiotool_joins_parts);
     RUN(parts_that_cannot_be);
     RUN(killed_runs_go_on);
+    RUN(large_surfaces);
     RUN_PLAIN(finished_windows_are_checked);
     RUN(a_folder_has_one_user);
     RUN(a_full_disk_loses_nothing);

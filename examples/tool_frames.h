@@ -1,0 +1,373 @@
+/* Picture sequences: one picture per frame, each with a camera of its own. The cameras come from a file of --cameras,
+   or from the animated camera of a .gltf or .glb file. Include after tool_camera.h and tool_parts.h.
+
+   The file of --cameras is JSON, and lists one camera per frame, with these keys:
+
+       {"cameras": [{"eye": [0, 1, 3], "look_at": [0, 0.5, 0], "up": [0, 1, 0], "fov": 40},
+                    {"camera_to_world": [1, 0, 0, 0,  0, 1, 0, 0,  0, 0, 1, 0,  0, 1, 3, 1], "fov": 35}]}
+
+       eye, look_at     X, Y, Z: as --eye and --look-at, see tool_camera.h
+       up, fov          may be missing, and are then those of --up and --fov, or their defaults for --eye and --look-at
+       camera_to_world  in place of eye, look_at and up: a matrix of 16 numbers, column by column as in glTF; the camera
+                        looks along its -z axis, and its y axis is up
+
+   The first camera is frame 1. What all frames have in common is that of frame 1: the automatic exposure, and the light
+   of a studio. Thus a frame does not depend on which other frames a run makes. */
+#ifndef TOOL_FRAMES_H
+#define TOOL_FRAMES_H
+
+#ifdef SBL_RENDER_CJSON
+  #include <cjson/cJSON.h>
+#endif
+
+enum { FRAMES_MOST = 100000, FRAMES_BYTES = 16 << 20 };  /* greatest number of a frame; greatest size of the file */
+
+/* A camera of the file, as options describe one. */
+typedef struct frame_camera { double eye[3], look_at[3], up[3], fov; int has_up, has_fov; } frame_camera;
+
+static struct tool_frames {
+    const char *file, *range;    /* of --cameras and --frames, or NULL */
+    double rate;                 /* of --fps */
+    int first, last;             /* the frames that this run makes; 0 if it makes a single picture */
+    int now;                     /* the frame that is being made, or 0 */
+    const char *pattern;         /* of the names of the pictures */
+    frame_camera *cameras;       /* of the file; NULL: an animated camera */
+    int count;
+    struct tool_camera asked;    /* the camera of the options */
+} frames = { .rate = 24 };
+
+enum { CAMERAS = CAMERA_END, FRAMES, FPS, FRAMES_END };
+
+#define FRAMES_ROWS \
+    [CAMERAS]       = { "--cameras", "FILE", TEXT, &frames.file, 0, 0, 0, \
+                        "makes a picture for each camera that FILE lists. FILE is JSON: {\"cameras\": [{\"eye\": " \
+                            "[X, Y, Z],\n" \
+                        "\"look_at\": [X, Y, Z], \"up\": [X, Y, Z], \"fov\": DEGREES}, ...]}. Without up or fov, a " \
+                            "camera has that of\n" \
+                        "--up or --fov, or their default. \"camera_to_world\": [16 numbers, column by column, as in " \
+                            "glTF] may\n" \
+                        "take the place of eye, look_at and up. The --output needs %d or %04d, which becomes the " \
+                            "number of the\n" \
+                        "frame; the first camera is frame 1. All frames have the automatic exposure and the light " \
+                            "of a studio\n" \
+                        "that frame 1 has", NULL, NULL }, \
+    [FRAMES]        = { "--frames", "A-B|A", TEXT, &frames.range, 0, 0, 0, \
+                        "makes only frames A to B, or frame A, of --cameras. Without --cameras, the camera of a " \
+                            ".gltf or .glb\n" \
+                        "file must be animated, with LINEAR or STEP keys; frame 1 is at time 0. Only the camera " \
+                            "moves. With\n" \
+                        "--part K/N, a run makes the K-th of N shares of the frames. --stats writes the sums over " \
+                            "all frames.\n" \
+                        "After Ctrl-C, finished frames stay, and the unfinished one is not saved. --resume goes on " \
+                            "with the windows\n" \
+                        "of a frame, and refuses frames whose files exist", NULL, NULL }, \
+    [FPS]           = { "--fps", "N", NUMBERS, &frames.rate, 1, 0.001, 1000, \
+                        "frames per second of an animated camera; default 24", NULL, NULL }
+
+#define FRAMES_LINES \
+    { CAMERAS, "a picture for each camera of FILE; see also --frames" }, \
+    { FRAMES, NULL }, { FPS, NULL }
+
+static void frames_free(void) {
+    free(frames.cameras);
+    frames.cameras = NULL;
+}
+
+/* ---- the file of cameras ---- */
+
+static int frames__refuse(int number, const char *key, const char *words) {
+    return fail("--cameras %s: camera %d: \"%.64s\" %s", frames.file, number, key, words);
+}
+
+#ifdef SBL_RENDER_CJSON
+enum { FRAME__EYE, FRAME__LOOK_AT, FRAME__UP, FRAME__FOV, FRAME__MATRIX, FRAME__KEYS };
+static const struct { const char *name; int count; double low, high; const char *words; } frames__keys[FRAME__KEYS] = {
+    { "eye", 3, -1e18, 1e18, "three numbers from -1e18 to 1e18" },
+    { "look_at", 3, -1e18, 1e18, "three numbers from -1e18 to 1e18" },
+    { "up", 3, -1e18, 1e18, "three numbers from -1e18 to 1e18" },
+    { "fov", 1, 1, 179, "a number from 1 to 179" },
+    { "camera_to_world", 16, -1e18, 1e18, "16 numbers from -1e18 to 1e18" }
+};
+
+typedef struct frames__values { double numbers[FRAME__KEYS][16]; int has[FRAME__KEYS]; } frames__values;
+
+/* Reads a number, or an array of numbers. Returns 0 if it is anything else, or out of range. */
+static int frames__numbers(const cJSON *item, int key, double *out) {
+    const int count = frames__keys[key].count;
+    const cJSON *number = item;
+    int i;
+    if (count > 1) {
+        if (!cJSON_IsArray(item)) return 0;
+        number = item->child;
+    }
+    for (i = 0; i < count; i++) {
+        if (!cJSON_IsNumber(number)) return 0;
+        out[i] = number->valuedouble;
+        if (!(out[i] >= frames__keys[key].low && out[i] <= frames__keys[key].high)) return 0;
+        number = number->next;
+    }
+    return count == 1 || !number;
+}
+
+/* Reads the keys of camera `number`, counted from 1. Returns the exit status. */
+static int frames__read_keys(const cJSON *item, int number, frames__values *v) {
+    const cJSON *child;
+    char words[80];
+    int key;
+    memset(v, 0, sizeof *v);
+    if (!cJSON_IsObject(item))
+        return fail("--cameras %s: camera %d: it must be an object {...}", frames.file, number);
+    cJSON_ArrayForEach(child, item) {
+        for (key = 0; key < FRAME__KEYS && strcmp(child->string, frames__keys[key].name) != 0; key++) continue;
+        if (key == FRAME__KEYS)
+            return frames__refuse(number, child->string, "is no key of a camera; remove it (see --help all)");
+        if (v->has[key]++) return frames__refuse(number, child->string, "is given twice; remove one of them");
+        snprintf(words, sizeof words, "must be %s", frames__keys[key].words);
+        if (!frames__numbers(child, key, v->numbers[key])) return frames__refuse(number, child->string, words);
+    }
+    for (key = FRAME__EYE; key <= FRAME__UP; key++) {
+        if (v->has[FRAME__MATRIX] && v->has[key])
+            return frames__refuse(number, frames__keys[key].name, "excludes \"camera_to_world\"; remove one of them");
+        if (!v->has[FRAME__MATRIX] && !v->has[key] && key != FRAME__UP)
+            return frames__refuse(number, frames__keys[key].name, "is missing");
+    }
+    return DONE;
+}
+
+/* Returns whether a matrix moves and turns a camera: right angles, no mirror, and 0, 0, 0, 1 as its last row. */
+static int frames__is_camera(const double m[16]) {
+    double length[3], volume = 0;  /* negative: a mirror */
+    int i, ok = fabs(m[15] - 1) < 1e-6;
+    for (i = 0; i < 3; i++) {
+        const double *c = m + 4 * i;
+        length[i] = sqrt(c[0] * c[0] + c[1] * c[1] + c[2] * c[2]);
+        ok = ok && length[i] > 0 && fabs(c[3]) < 1e-6;
+        volume += m[i] * (m[4 + (i + 1) % 3] * m[8 + (i + 2) % 3] - m[4 + (i + 2) % 3] * m[8 + (i + 1) % 3]);
+    }
+    for (i = 0; i < 3; i++) {
+        const double *a = m + 4 * i, *b = m + 4 * ((i + 1) % 3);
+        ok = ok && fabs(a[0] * b[0] + a[1] * b[1] + a[2] * b[2]) <= 1e-3 * length[i] * length[(i + 1) % 3];
+    }
+    return ok && volume > 0;
+}
+
+/* Reads one camera. Returns the exit status. */
+static int frames__read_camera(const cJSON *item, int number, frame_camera *out) {
+    frames__values v;
+    const double *m = v.numbers[FRAME__MATRIX];
+    int k, status = frames__read_keys(item, number, &v);
+    if (status != DONE) return status;
+    if (v.has[FRAME__MATRIX]) {
+        const double length = sqrt(m[8] * m[8] + m[9] * m[9] + m[10] * m[10]);
+        const double distance = 1 + fabs(m[12]) + fabs(m[13]) + fabs(m[14]);
+        if (!frames__is_camera(m))
+            return frames__refuse(number, "camera_to_world", "must turn and move: axes at right angles, not mirrored, "
+                                  "and 0, 0, 0, 1 as the last row");
+        for (k = 0; k < 3; k++) {
+            v.numbers[FRAME__EYE][k] = m[12 + k];
+            v.numbers[FRAME__LOOK_AT][k] = m[12 + k] - distance * m[8 + k] / length;
+            v.numbers[FRAME__UP][k] = m[4 + k];
+        }
+    }
+    memcpy(out->eye, v.numbers[FRAME__EYE], sizeof out->eye);
+    memcpy(out->look_at, v.numbers[FRAME__LOOK_AT], sizeof out->look_at);
+    memcpy(out->up, v.numbers[FRAME__UP], sizeof out->up);
+    out->fov = v.numbers[FRAME__FOV][0];
+    out->has_up = v.has[FRAME__UP] || v.has[FRAME__MATRIX];
+    out->has_fov = v.has[FRAME__FOV];
+    return DONE;
+}
+
+/* Reads the list of cameras. Returns the exit status. */
+static int frames__read_list(const cJSON *root) {
+    const cJSON *list = NULL, *child;
+    int status = DONE, number = 0;
+    if (!cJSON_IsObject(root)) return fail("--cameras %s: it must be an object {\"cameras\": [...]}", frames.file);
+    cJSON_ArrayForEach(child, root) {
+        if (strcmp(child->string, "cameras") != 0 || list)
+            return fail("--cameras %s: there must be one key, \"cameras\"; remove \"%.64s\"", frames.file,
+                        child->string);
+        list = child;
+    }
+    frames.count = cJSON_IsArray(list) ? cJSON_GetArraySize(list) : 0;
+    if (!frames.count) return fail("--cameras %s: \"cameras\" must be a list of cameras", frames.file);
+    if (frames.count > FRAMES_MOST)
+        return fail("--cameras %s: it has %d cameras; at most %d are possible", frames.file, frames.count, FRAMES_MOST);
+    frames.cameras = (frame_camera *)calloc((size_t)frames.count, sizeof *frames.cameras);
+    if (!frames.cameras) return fail("out of memory");
+    cJSON_ArrayForEach(child, list) {
+        status = frames__read_camera(child, number + 1, &frames.cameras[number]);
+        if (status != DONE) break;
+        number++;
+    }
+    return status;
+}
+
+/* Parses the text of the file, of `size` bytes and a zero byte. Returns the exit status. */
+static int frames__parse(const char *text, size_t size) {
+    const char *end = text, *c;
+    int line = 1, status;
+    cJSON *root = strlen(text) == size ? cJSON_ParseWithLengthOpts(text, size + 1, &end, 1) : NULL;
+    if (!root) {
+        for (c = text; c < end && *c; c++) line += *c == '\n';
+        return fail("--cameras %s: line %d is no valid JSON", frames.file, line);
+    }
+    status = frames__read_list(root);
+    cJSON_Delete(root);
+    return status;
+}
+#endif
+
+/* Reads the file of --cameras. Returns the exit status. */
+static int frames__load(void) {
+#ifdef SBL_RENDER_CJSON
+    FILE *in = input_open(frames.file);
+    char *text = NULL;
+    size_t size;
+    int status;
+    if (!in) return fail("--cameras %s: it cannot be read: %s", frames.file, scene__why());
+    text = (char *)malloc(FRAMES_BYTES + 2);
+    if (!text) {
+        fclose(in);
+        return fail("out of memory");
+    }
+    size = fread(text, 1, FRAMES_BYTES + 1, in);
+    text[size] = 0;
+    if (ferror(in)) status = fail("--cameras %s: it cannot be read: %s", frames.file, strerror(errno));
+    else if (size > FRAMES_BYTES)
+        status = fail("--cameras %s: it is larger than %d MB; write shorter numbers, or fewer cameras", frames.file,
+                      FRAMES_BYTES >> 20);
+    else status = frames__parse(text, size);
+    fclose(in);
+    free(text);
+    return status;
+#else
+    return fail("--cameras %s: this program was built without cJSON, which reads it; build it again with cJSON",
+                frames.file);
+#endif
+}
+
+/* ---- the options ---- */
+
+/* Reads the value of --frames. Returns the exit status. */
+static int frames__read_range(void) {
+    const char *text = frames.range;
+    char *end = NULL;
+    long first, last;
+    first = last = isdigit((unsigned char)*text) ? strtol(text, &end, 10) : 0;
+    if (first > 0 && *end == '-' && isdigit((unsigned char)end[1])) last = strtol(end + 1, &end, 10);
+    if (first < 1 || *end || last < first || last > FRAMES_MOST)
+        return misuse("--frames %s: the value must be A-B or A, with numbers of frames from 1 to %d", text,
+                      FRAMES_MOST);
+    if (frames.file && last > frames.count)
+        return misuse("--frames %s: %s has %d cameras, so there is no frame %ld", text, frames.file, frames.count,
+                      last);
+    frames.first = (int)first;
+    frames.last = (int)last;
+    return DONE;
+}
+
+/* Takes the K-th of N shares of the frames. text: the value of --part. Returns the exit status. */
+static int frames__share(const char *text) {
+    const int first = frames.first, all = frames.last - frames.first + 1;
+    int part[2], status = plan_part(text, part);
+    if (status != DONE) return status;
+    if (part[1] > all)
+        return misuse("--part %s: there are %d frames, which make at most %d parts", text, all, all);
+    frames.first = first + (int)((long long)all * (part[0] - 1) / part[1]);
+    frames.last = first + (int)((long long)all * part[0] / part[1]) - 1;
+    return DONE;
+}
+
+/* Writes a name with a number: a %d in the pattern, or %04d with any number of digits, becomes the number. Returns 0 if
+   the pattern is anything else, or the name is too long. */
+static int numbered_name(char *out, size_t size, const char *pattern, int number) {
+    const char *sign = strchr(pattern, '%');
+    int digits = 0, length = 0;
+    if (!sign) return snprintf(out, size, "%s", pattern) < (int)size;
+    if (sscanf(sign, "%%%2dd%n", &digits, &length) != 1 || !length) digits = 0, length = sign[1] == 'd' ? 2 : 0;
+    if (!length || digits < 0 || strchr(sign + length, '%')) return 0;
+    return snprintf(out, size, "%.*s%0*d%s", (int)(sign - pattern), pattern, digits, number, sign + length) < (int)size;
+}
+
+/* Goes to a frame: its number is in the name of the output from now on. Returns 0 if that is not possible. */
+static int frames_go(int number) {
+    static char name[PATH_MAX];
+    frames.now = number;
+    common.output = name;
+    return numbered_name(name, sizeof name, frames.pattern, number);
+}
+
+/* Reads which frames are made, if any are; a run with frames goes to the first of them. part: the value of --part, or
+   NULL. Returns the exit status. */
+static int frames_parse(const int *given, const char *part) {
+    int status = DONE;
+    if (given[FPS] && (given[CAMERAS] || !given[FRAMES]))
+        return misuse("--fps needs --frames A-B, without --cameras: it is for animated cameras of .gltf and .glb "
+                      "files");
+    if (!given[CAMERAS] && !given[FRAMES]) return DONE;
+    if (given[CAMERAS] && (given[EYE] || given[LOOK_AT]))
+        return misuse("--cameras and %s both place the camera; give only one of them",
+                      given[EYE] ? "--eye" : "--look-at");
+    if (!strchr(common.output, '%'))
+        return misuse("--output %s: with frames, the name needs %%d or %%04d, which becomes the number of the frame",
+                      common.output);
+    if (given[CAMERAS]) status = frames__load();
+    frames.first = 1;
+    frames.last = frames.count;
+    frames.asked = camera;
+    frames.pattern = common.output;
+    common.input = frames.file;
+    if (status == DONE && given[FRAMES]) status = frames__read_range();
+    if (status == DONE && !given[CAMERAS]) {
+        common.reading.frames = frames.last;
+        common.reading.frame_rate = frames.rate;
+    }
+    if (status == DONE && part) status = frames__share(part);
+    if (status != DONE) return status;
+    if (!frames_go(frames.last) || !frames_go(frames.first))
+        return misuse("--output %s: %%d or %%04d stands for the number of the frame; no other %% is allowed",
+                      frames.pattern);
+    return DONE;
+}
+
+/* ---- the camera of a frame ---- */
+
+/* Returns which options describe the camera of the frame, and gives them their values. given: the options that were
+   given; they are returned if there is no file of --cameras. */
+static const int *frames_options(const int *given) {
+    static int options_of_frame[CAMERA_END];
+    const frame_camera *f;
+    if (!frames.cameras) return given;
+    f = &frames.cameras[frames.now - 1];
+    memcpy(options_of_frame, given, sizeof options_of_frame);
+    camera = frames.asked;
+    memcpy(camera.eye, f->eye, sizeof camera.eye);
+    memcpy(camera.look_at, f->look_at, sizeof camera.look_at);
+    if (f->has_up) memcpy(camera.up, f->up, sizeof camera.up);
+    if (f->has_fov) camera.fov = f->fov;
+    options_of_frame[EYE] = options_of_frame[LOOK_AT] = 1;
+    options_of_frame[UP] |= f->has_up;
+    options_of_frame[FOV] |= f->has_fov;
+    return options_of_frame;
+}
+
+/* Chooses a camera without the options, except for the size of the picture and --fov: that of the frame, if the camera
+   is animated; otherwise as camera_choose. Returns 0 if the camera of the frame is invalid. */
+static int frames_choose(camera_view *view, const scene_file *file, const int *given, const survey *s) {
+    if (!frames.now || frames.cameras) { camera_choose(view, file, given, s); return 1; }
+    if (frames.now > file->frame_count || !camera_take(&file->frames[frames.now - 1], view)) return 0;
+    if (given[FOV]) view->fov = camera.fov;
+    return 1;
+}
+
+static int frames_misuse(void) {
+    if (!frames.now) return camera_misuse();
+    if (frames.cameras)
+        return frames__refuse(frames.now, "look_at", "and \"up\": the camera looks along its up vector, or at its own "
+                              "position; change one of them");
+    return fail("%s: frame %d: the animated camera is invalid there, or looks along its up vector; give cameras with "
+                "--cameras FILE", common.scene, frames.now);
+}
+
+#endif
