@@ -279,17 +279,6 @@ static int frames__share(const char *text) {
     return DONE;
 }
 
-/* Writes a name with a number: a %d in the pattern, or %04d with any number of digits, becomes the number. Returns 0 if
-   the pattern is anything else, or the name is too long. */
-static int numbered_name(char *out, size_t size, const char *pattern, int number) {
-    const char *sign = strchr(pattern, '%');
-    int digits = 0, length = 0;
-    if (!sign) return snprintf(out, size, "%s", pattern) < (int)size;
-    if (sscanf(sign, "%%%2dd%n", &digits, &length) != 1 || !length) digits = 0, length = sign[1] == 'd' ? 2 : 0;
-    if (!length || digits < 0 || strchr(sign + length, '%')) return 0;
-    return snprintf(out, size, "%.*s%0*d%s", (int)(sign - pattern), pattern, digits, number, sign + length) < (int)size;
-}
-
 /* Goes to a frame: its number is in the name of the output from now on. Returns 0 if that is not possible. */
 static int frames_go(int number) {
     static char name[PATH_MAX];

@@ -196,15 +196,6 @@ static void write_file(const char *name, const void *data, size_t size) {
 }
 static void write_text(const char *name, const char *text) { write_file(name, text, strlen(text)); }
 
-static inline int same_files(const char *a, const char *b) {
-    FILE *in[2] = { fopen(in_folder(a), "rb"), fopen(in_folder(b), "rb") };
-    int c[2] = { 0, 0 }, k;
-    while (in[0] && in[1] && c[0] == c[1] && c[0] != EOF)
-        for (k = 0; k < 2; k++) c[k] = fgetc(in[k]);
-    for (k = 0; k < 2; k++) if (in[k]) fclose(in[k]);
-    return in[0] && in[1] && c[0] == c[1];
-}
-
 /* Starts the tool, and waits until a file exists or the program ends. */
 static inline pid_t start_until(const char *const *arguments, const char *name) {
     static const struct timespec pause = { 0, 2000000 };
