@@ -33,6 +33,7 @@ typedef struct picture_fact { const char *name; char text[PICTURE_FACT_SIZE]; } 
 typedef struct image {
     int width, height, components;
     float *values;
+    const char *const *channels;  /* names of the components in an .exr file; NULL: Y, or R, G and B */
     int at[2], whole[2];
     const picture_fact *facts;
 } image;
@@ -215,8 +216,20 @@ static int64_t write_exr_bytes(exr_const_context_t context, void *user, const vo
     return (int64_t)size;
 }
 
-static int picture__begin_exr(picture_writer *w) {
+/* Returns the name of a component in an .exr file. */
+static const char *picture__channel(const image *frame, int component) {
     static const char *const names[2][3] = { { "Y", NULL, NULL }, { "R", "G", "B" } };
+    return frame->channels ? frame->channels[component] : names[frame->components == 3][component];
+}
+
+/* Returns the number of the component with this name, or -1. */
+static int picture__component(const image *frame, const char *name) {
+    int k = frame->components;
+    while (--k >= 0 && strcmp(picture__channel(frame, k), name) != 0) continue;
+    return k;
+}
+
+static int picture__begin_exr(picture_writer *w) {
     const image *frame = &w->frame;
     exr_context_initializer_t settings = EXR_DEFAULT_CONTEXT_INITIALIZER;
     const exr_attr_v2f_t centre = { { { 0, 0 } } };
@@ -239,7 +252,7 @@ static int picture__begin_exr(picture_writer *w) {
         result = exr_initialize_required_attr(w->exr, part, &display, &data, 1, &centre, 1, EXR_LINEORDER_INCREASING_Y,
                                               EXR_COMPRESSION_ZIP);
     for (k = 0; k < frame->components && result == EXR_ERR_SUCCESS; k++)
-        result = exr_add_channel(w->exr, part, names[frame->components == 3][k], EXR_PIXEL_FLOAT,
+        result = exr_add_channel(w->exr, part, picture__channel(frame, k), EXR_PIXEL_FLOAT,
                                  EXR_PERCEPTUALLY_LINEAR, 1, 1);
     for (k = 0; k < PICTURE_FACTS && frame->facts && result == EXR_ERR_SUCCESS; k++)
         if (frame->facts[k].name)
@@ -265,7 +278,7 @@ static int picture__put_exr(picture_writer *w, int first, int rows, const float 
         w->encodes = begun || result == EXR_ERR_SUCCESS;
         for (k = 0; k < n && result == EXR_ERR_SUCCESS; k++) {
             exr_coding_channel_info_t *channel = &w->encoder.channels[k];  /* channels are sorted by name */
-            const int component = channel->channel_name[0] == 'G' ? 1 : channel->channel_name[0] == 'B' ? 2 : 0;
+            const int component = picture__component(&w->frame, channel->channel_name);
             channel->encode_from_ptr = (const uint8_t *)(from + component);
             channel->user_bytes_per_element = 4;
             channel->user_data_type = EXR_PIXEL_FLOAT;

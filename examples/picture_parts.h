@@ -105,20 +105,23 @@ static void parts__fact(const picture_part *part, int fact, char *out) {
         snprintf(out, PICTURE_FACT_SIZE, "%s", text);
 }
 
-/* Returns the number of components if the file has the channels Y, or R, G and B, of 32-bit floats in rows; else 0. */
-static int parts__components(const picture_part *part) {
+/* Returns the number of components if the file has those of p->frame, or without p->frame.channels Y, or R, G and B, as
+   32-bit floats in rows; otherwise 0. */
+static int parts__components(const picture_parts *p, const picture_part *part) {
     const exr_attr_chlist_t *list = NULL;
+    image frame = p->frame;
     exr_storage_t storage;
     int count = 0, i;
     if (exr_get_count(part->exr, &count) != EXR_ERR_SUCCESS || count != 1) return 0;
     if (exr_get_storage(part->exr, 0, &storage) != EXR_ERR_SUCCESS || storage != EXR_STORAGE_SCANLINE) return 0;
     if (exr_get_channels(part->exr, 0, &list) != EXR_ERR_SUCCESS || !list) return 0;
-    if (list->num_channels != 1 && list->num_channels != 3) return 0;
+    if (frame.channels ? list->num_channels != frame.components : list->num_channels != 1 && list->num_channels != 3)
+        return 0;
+    frame.components = list->num_channels;
     for (i = 0; i < list->num_channels; i++) {
         const exr_attr_chlist_entry_t *c = &list->entries[i];
-        const char *name = list->num_channels == 1 ? "Y" : i == 0 ? "B" : i == 1 ? "G" : "R";
-        if (strcmp(c->name.str, name) || c->pixel_type != EXR_PIXEL_FLOAT || c->x_sampling != 1 || c->y_sampling != 1)
-            return 0;
+        if (picture__component(&frame, c->name.str) < 0 || c->pixel_type != EXR_PIXEL_FLOAT || c->x_sampling != 1 ||
+            c->y_sampling != 1) return 0;
     }
     return list->num_channels;
 }
@@ -129,11 +132,16 @@ static int parts__header(picture_parts *p, picture_part *part) {
     exr_attr_box2i_t data, display;
     int i, components;
     if (!parts__open(p, part)) return 0;
-    components = parts__components(part);
+    components = parts__components(p, part);
     parts__fact(part, FACT_VERSION, facts[FACT_VERSION].text);
+    parts__fact(part, FACT_CHANNEL, facts[FACT_CHANNEL].text);
+    if (!p->frame.channels && strcmp(facts[FACT_CHANNEL].text, "lightmap") == 0)
+        return parts__fail(&p->list, "%s: it is a part of a lightmap, whose gutters and seams need the scene; sbl_bake "
+                           "--lightmap with --join joins the parts", parts__name(p, part));
     if (!components || !facts[FACT_VERSION].text[0] || exr_get_data_window(part->exr, 0, &data) != EXR_ERR_SUCCESS ||
         exr_get_display_window(part->exr, 0, &display) != EXR_ERR_SUCCESS)
-        return parts__fail(&p->list, "%s: not a part made by sbl_render --part or --window", parts__name(p, part));
+        return parts__fail(&p->list, "%s: not a part made by %s", parts__name(p, part),
+                           p->frame.channels ? "sbl_bake --lightmap --part" : "sbl_render --part or --window");
     part->at[0] = data.min.x;
     part->at[1] = data.min.y;
     part->size[0] = data.max.x - data.min.x + 1;
@@ -160,11 +168,11 @@ static int parts__header(picture_parts *p, picture_part *part) {
     return 1;
 }
 
-/* Decodes the chunk of rows that contains row y of the picture. rows: room for them; first, count: receive which rows
-   they are. decoder: has all bytes 0 before the first chunk */
-static int parts__decode(const picture_part *part, int y, float *rows, int step, exr_decode_pipeline_t *decoder,
-                         int *first, int *count) {
-    const int n = step, begun = decoder->channels != NULL;
+/* Decodes the chunk of rows that contains row y of the picture. rows: room for them; span: receives the first of them
+   and their number. decoder: has all bytes 0 before the first chunk */
+static int parts__decode(const image *frame, const picture_part *part, int y, float *rows,
+                         exr_decode_pipeline_t *decoder, int span[2]) {
+    const int n = frame->components, begun = decoder->channels != NULL;
     exr_chunk_info_t chunk = { 0 };
     exr_result_t result = exr_read_scanline_chunk_info(part->exr, 0, y, &chunk);
     int k;
@@ -173,7 +181,7 @@ static int parts__decode(const picture_part *part, int y, float *rows, int step,
                        : exr_decoding_initialize(part->exr, 0, &chunk, decoder);
     for (k = 0; k < n && result == EXR_ERR_SUCCESS; k++) {
         exr_coding_channel_info_t *channel = &decoder->channels[k];
-        const int component = channel->channel_name[0] == 'G' ? 1 : channel->channel_name[0] == 'B' ? 2 : 0;
+        const int component = picture__component(frame, channel->channel_name);
         channel->decode_to_ptr = (uint8_t *)(rows + component);
         channel->user_bytes_per_element = 4;
         channel->user_data_type = EXR_PIXEL_FLOAT;
@@ -183,8 +191,8 @@ static int parts__decode(const picture_part *part, int y, float *rows, int step,
     if (result == EXR_ERR_SUCCESS && !begun)
         result = exr_decoding_choose_default_routines(part->exr, 0, decoder);
     if (result == EXR_ERR_SUCCESS) result = exr_decoding_run(part->exr, 0, decoder);
-    *first = chunk.start_y;
-    *count = chunk.height;
+    span[0] = chunk.start_y;
+    span[1] = chunk.height;
     return result == EXR_ERR_SUCCESS;
 }
 
@@ -197,7 +205,7 @@ static int parts__copy(picture_parts *p, picture_part *part, const int region[4]
                                                                          : region[0] + region[2];
     exr_decode_pipeline_t decoder;
     int32_t step = 1;
-    int at = part->at[1] > y ? part->at[1] : y, first = 0, count = 0, ok = 1, row;
+    int at = part->at[1] > y ? part->at[1] : y, span[2] = { 0, 0 }, ok = 1, row;
     float *chunk;
     if (left >= ends || at >= last) return 1;
     if (!parts__open(p, part)) return 0;
@@ -206,12 +214,12 @@ static int parts__copy(picture_parts *p, picture_part *part, const int region[4]
     if (!chunk) return parts__fail(&p->list, "out of memory");
     memset(&decoder, 0, sizeof decoder);
     while (at < last && ok) {
-        ok = parts__decode(part, at, chunk, (int)n, &decoder, &first, &count);
-        for (row = at; ok && row < first + count && row < last; row++)
+        ok = parts__decode(&p->frame, part, at, chunk, &decoder, span);
+        for (row = at; ok && row < span[0] + span[1] && row < last; row++)
             memcpy(band + ((size_t)(row - y) * (size_t)region[2] + (size_t)(left - region[0])) * n,
-                   chunk + ((size_t)(row - first) * (size_t)part->size[0] + (size_t)(left - part->at[0])) * n,
+                   chunk + ((size_t)(row - span[0]) * (size_t)part->size[0] + (size_t)(left - part->at[0])) * n,
                    (size_t)(ends - left) * n * sizeof *band);
-        at = first + count;
+        at = span[0] + span[1];
     }
     exr_decoding_destroy(part->exr, &decoder);
     free(chunk);

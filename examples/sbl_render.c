@@ -21,6 +21,7 @@
 #include "tool_studio.h"
 #include "tool_part.h"
 #include "tool_parts.h"
+#include "tool_windows.h"
 #include "tool_frames.h"
 
 /* ---- the command line ---- */
@@ -603,11 +604,7 @@ typedef struct shot {
     progress bar;
     sbl_picture_desc desc;
     sbl_channel channel;
-    int region[4];        /* what the output shows: x, y, width, height */
-    int looked;           /* 1: look_at_whole has made a picture, so that bounced light is known */
-    int has_facts;        /* 1: the output is a part, or is made window by window; work.facts are its facts */
-    plan work;            /* the windows that are made one after the other */
-    plan_folder folder;   /* if there are several */
+    windows windows;      /* what the output shows, and in which windows it is made */
     image picture;        /* the window that was made last */
     double exposure;      /* of all frames, in stops; NaN: a picture has its own */
 } shot;
@@ -637,7 +634,7 @@ static sbl_result make_picture(shot *s, int late) {
         memcpy(s->picture.at, w, sizeof s->picture.at);
         memcpy(s->picture.whole, camera.size, sizeof s->picture.whole);
     }
-    s->picture.facts = s->has_facts ? s->work.facts : NULL;
+    s->picture.facts = s->windows.has_facts ? s->windows.work.facts : NULL;
     return result;
 }
 
@@ -678,7 +675,7 @@ static void find_facts(shot *s) {
                                    RESUME, -1 };
     const sbl_context *context = s->task->context;
     unsigned long long matrices = plan_hash(PLAN_HASH_START, placed.world_to_view, sizeof placed.world_to_view);
-    plan *p = &s->work;
+    plan *p = &s->windows.work;
     matrices = plan_hash(matrices, placed.view_to_clip, sizeof placed.view_to_clip);
     plan_fact(p, FACT_VERSION, "%s", sbl_version());
     plan_fact(p, FACT_SCENE, "%016llx", (unsigned long long)sbl_scene_fingerprint(context));
@@ -692,25 +689,26 @@ static void find_facts(shot *s) {
 }
 
 /* Takes mean, price and exposure from the facts. */
-static void use_facts(shot *s) {
+static void use_facts(void *user) {
+    shot *s = (shot *)user;
     double mean[3] = { 0, 0, 0 }, price = 0, exposure = 0;
     int k;
-    sscanf(s->work.facts[FACT_MEAN].text, "%lf %lf %lf", &mean[0], &mean[1], &mean[2]);
-    sscanf(s->work.facts[FACT_EXPOSURE].text, "%lf", &exposure);
+    sscanf(s->windows.work.facts[FACT_MEAN].text, "%lf %lf %lf", &mean[0], &mean[1], &mean[2]);
+    sscanf(s->windows.work.facts[FACT_EXPOSURE].text, "%lf", &exposure);
     for (k = 0; k < 3; k++) s->desc.mean_radiance[k] = (float)mean[k];
-    sscanf(s->work.facts[FACT_PRICE].text, "%lf", &price);
+    sscanf(s->windows.work.facts[FACT_PRICE].text, "%lf", &price);
     s->desc.price = (float)price;
     s->desc.exposure = (float)exposure;
     s->desc.auto_exposure = 0;
-    s->has_facts = 1;
 }
 
 #define PRICE_GROWTH 0.4  /* power of the number of pixels with which the price grows, see ON PARTS in sbl.h */
 
 /* Makes a small picture of the whole, which gives the mean, the price, the exposure and, if cost is not NULL, the cost.
    Returns the exit status. */
-static int look_at_whole(shot *s, plan_cost *cost) {
+static int look_at_whole(void *user, plan_cost *cost) {
     enum { SHRINK = 4, LEAST = 192, MOST = 512 };  /* how much smaller it is; its least and greatest width or height */
+    shot *s = (shot *)user;
     sbl_context *context = s->task->context;
     const double across = s->desc.width > s->desc.height ? s->desc.width : s->desc.height;
     const double shrink = fmax(1, across / fmin(fmax(across / SHRINK, LEAST), MOST));
@@ -730,7 +728,7 @@ static int look_at_whole(shot *s, plan_cost *cost) {
         result = sbl_begin_picture(context, &small);
         if (result == SBL_SUCCESS) result = work(context);
         stats = sbl_query_stats(context);
-        s->looked = result == SBL_SUCCESS;
+        s->windows.looked = result == SBL_SUCCESS;
     }
     if (result == SBL_SUCCESS && cost && !needs_no_light(s->channel)) {
         result = picture_read(context, small.width, small.height, SBL_CHANNEL_LOOKS, &looks);
@@ -741,235 +739,45 @@ static int look_at_whole(shot *s, plan_cost *cost) {
     if (result == SBL_UNFINISHED) return stop_early();
     if (result != SBL_SUCCESS) return fail_with(s->task->said, common.scene, result);
     if (!enough) return fail("out of memory");
-    plan_fact(&s->work, FACT_MEAN, "%.9g %.9g %.9g", (double)stats.picture.mean_radiance[0],
+    plan_fact(&s->windows.work, FACT_MEAN, "%.9g %.9g %.9g", (double)stats.picture.mean_radiance[0],
               (double)stats.picture.mean_radiance[1], (double)stats.picture.mean_radiance[2]);
-    plan_fact(&s->work, FACT_PRICE, "%.9g", (double)stats.picture.price * pow(shrink, 2 * PRICE_GROWTH));
-    plan_fact(&s->work, FACT_EXPOSURE, "%.9g", isnan(s->exposure) ? (double)stats.picture.exposure : s->exposure);
+    plan_fact(&s->windows.work, FACT_PRICE, "%.9g", (double)stats.picture.price * pow(shrink, 2 * PRICE_GROWTH));
+    plan_fact(&s->windows.work, FACT_EXPOSURE, "%.9g", isnan(s->exposure) ? (double)stats.picture.exposure : s->exposure);
     return DONE;
 }
 
-/* Sets s->region to the window of --part K/N. The windows are those of the file of --plan; without that file, a small
-   picture shows what they cost. Returns the exit status. */
-static int find_part(shot *s) {
-    const int *size = camera.size, all[4] = { 0, 0, size[0], size[1] }, number = options.part[0];
-    plan_cost cost = { 0, 0, NULL };
-    output_file file;
-    int status = options.plan ? plan_read(&s->work, options.plan, size) : -1;
-    if (status < 0) {
-        status = look_at_whole(s, &cost);
-        if (status == DONE) status = plan_make(&s->work, cost.sums ? &cost : NULL, size, all, options.part[1]);
-        free(cost.sums);
-        if (status == DONE && options.plan) {
-            output_find(&file, options.plan);
-            file.keep = 1;  /* another machine may have made it meanwhile; its plan counts */
-            if (!target_write(&file, plan_write, &s->work, 0)) status = fail_to_write(options.plan);
-            output_free(&file);
-            if (status == DONE) status = plan_read(&s->work, options.plan, size);
-        }
-    }
-    if (status != DONE) return status;
-    if (s->work.count != options.part[1])
-        return fail("--plan %s: it has %d parts, and --part asks for one of %d", options.plan, s->work.count,
-                    options.part[1]);
-    memcpy(s->region, s->work.windows[number - 1], sizeof s->region);
-    plan_fact(&s->work, FACT_PART, "%d/%d", number, options.part[1]);
-    return DONE;
-}
-
-/* Returns how many bytes a window needs, with the memory for its file. */
-static double window_bytes(const shot *s, const int window[4]) {
+static double window_bytes(const void *user, const int window[4]) {
+    const shot *s = (const shot *)user;
     sbl_picture_desc desc = s->desc;
     memcpy(desc.window, window, sizeof desc.window);
     return (double)sbl_picture_bytes(s->task->context, &desc) + 16.0 * window[2] * window[3];
 }
 
-/* Returns how many bytes --memory leaves for a picture. */
-static double bytes_left(const shot *s) {
-    const double least = 64.0 * (1 << 20);
-    unsigned long pages = 0;
-    FILE *in = fopen("/proc/self/statm", "r");
-    if (in && fscanf(in, "%*u %lu", &pages) != 1) pages = 0;
-    if (in) fclose(in);
-    return fmax(least, (double)s->task->file->memory - (double)pages * (double)sysconf(_SC_PAGESIZE));
+static sbl_result make_window(void *user, const int window[4]) {
+    shot *s = (shot *)user;
+    memcpy(s->desc.window, window, sizeof s->desc.window);
+    return make_picture(s, 0);
 }
 
-/* Divides the region into as few windows as memory allows. Returns the exit status. */
-static int find_windows(shot *s) {
-    enum { LARGEST = 1 << 24, SMALLEST = 1 << 14 };  /* pixels of a window: more would cost much when
-                                                        it is interrupted; fewer are not tried */
-    const double left = bytes_left(s), pixels = (double)s->region[2] * s->region[3];
-    double count = ceil(pixels / LARGEST);
-    int i, fits = 0, status = DONE;
-    while (!fits && status == DONE) {
-        status = plan_make(&s->work, NULL, camera.size, s->region, (int)count);
-        for (i = 0, fits = 1; i < s->work.count && fits && status == DONE; i++) {
-            const int *w = s->work.windows[i];
-            fits = (double)w[2] * w[3] <= SMALLEST || s->work.count == PARTS_MOST ||
-                   (window_bytes(s, w) <= left && (double)w[2] * w[3] <= 1.5 * LARGEST);
-        }
-        count = fmin(ceil(1.2 * count + 0.5), fmin(PARTS_MOST, pixels));
-    }
-    return status;
-}
-
-static int write_file(const char *name, output_writer write, const void *what) {
-    output_file file;
-    int ok = output_find(&file, name) && target_write(&file, write, what, 0);
-    output_free(&file);
-    return ok;
-}
-
-/* Returns whether the folder keeps the bounced light, because --store does not. */
-static int folder_keeps_light(const shot *s) {
-    return common_mode(given) == SBL_MODE_GI && !given[STORE] && !needs_no_light(s->channel);
-}
-
-/* Opens the folder of finished windows. If an earlier run has left a plan there, takes it over, with its light; *found
-   receives 1 then. Returns the exit status. */
-static int open_folder(shot *s, int *found) {
-    plan old = s->work;
-    FILE *light;
-    int status;
-    *found = 0;
-    if (targets[PICTURE].in_place)
-        return fail("%s: a picture that is made window by window cannot go to a pipe or a device; give the name of a "
-                    "file", common.output);
-    status = plan_folder_open(&s->folder, targets[PICTURE].path);
-    if (status != DONE) return status;
-    old.windows = NULL;
-    old.count = 0;
-    status = plan_read(&old, plan_file(&s->folder, "plan"), camera.size);
-    if (status == DONE && given[RESUME] && !plan_fills(&old, s->region))
-        status = fail("%s has windows of another part; give each part an --output of its own", s->folder.path);
-    if (status == DONE && given[RESUME]) {
-        plan_free(&s->work);
-        s->work = old;
-        *found = 1;
-        light = folder_keeps_light(s) ? input_open(plan_file(&s->folder, "light")) : NULL;
-        if (light) {
-            sbl_load_store(s->task->context, get_bytes, light);  /* if that fails, the same light is made again */
-            fclose(light);
-        }
-        return DONE;
-    }
-    plan_free(&old);
-    if (status == DONE)
-        return fail("%s has finished windows of an earlier run: --resume goes on with it; remove the folder to start "
-                    "again", s->folder.path);
-    return status < 0 ? DONE : status;
-}
-
-static int write_light(FILE *out, const void *what) {
-    return sbl_save_store(((const shot *)what)->task->context, put_bytes, out) == SBL_SUCCESS;
-}
-
-/* Writes the light and the plan of a new folder. The plan comes last: it shows that the light is there. Returns the
-   exit status. */
-static int begin_folder(const shot *s) {
-    const char *name = plan_file(&s->folder, "light");
-    if (s->looked && folder_keeps_light(s) && !write_file(name, write_light, s)) return fail_to_write(name);
-    name = plan_file(&s->folder, "plan");
-    return write_file(name, plan_write, &s->work) ? DONE : fail_to_write(name);
-}
-
-/* Returns whether the file contains this window of this picture, whole. */
-static int is_finished(const shot *s, const char *name, const int window[4]) {
-    static picture_parts one;
-    float *band = NULL;
-    int i, y, ok = access(name, F_OK) == 0 && parts_add(&one, name);
-    for (i = 0; i <= FACT_PART && ok; i++)
-        ok = i == FACT_RENDERER || strcmp(one.list.facts[i].text, s->work.facts[i].text) == 0;
-    ok = ok && memcmp(one.parts[0].at, window, sizeof one.parts[0].at) == 0 &&
-         memcmp(one.parts[0].size, window + 2, sizeof one.parts[0].size) == 0;
-    if (ok) band = (float *)malloc((size_t)window[2] * PARTS_BAND * (size_t)one.frame.components * sizeof *band);
-    for (y = 0; y < window[3] && ok && band; y += PARTS_BAND)
-        ok = parts_band(&one, window, window[1] + y, window[3] - y < PARTS_BAND ? window[3] - y : PARTS_BAND, band);
-    ok = ok && band;
-    free(band);
-    parts_free(&one);
-    return ok;
-}
-
-/* Returns the root mean square of two errors. share: the second one's share of the pixels */
-static float joint_error(float a, float b, double share) {
-    return (float)sqrt((1 - share) * (double)a * (double)a + share * (double)b * (double)b);
-}
-
-/* Adds the statistics of a window to those of the windows before. */
-static void add_stats(sbl_stats *sum, const sbl_stats *s) {
-    const double before = sum->picture.visible_pixels, own = s->picture.visible_pixels;
-    const double share = before + own > 0 ? own / (before + own) : 1;
-    const sbl_stats old = *sum;
-    int i;
-    *sum = *s;
-    sum->sensors.count += old.sensors.count;
-    sum->sensors.invalid += old.sensors.invalid;
-    sum->sensors.views += old.sensors.views;
-    sum->sensors.texels += old.sensors.texels;
-    sum->sensors.rays += old.sensors.rays;
-    sum->store.rays += old.store.rays;
-    sum->picture.visible_pixels += old.picture.visible_pixels;
-    sum->picture.expected_error = joint_error(old.picture.expected_error, s->picture.expected_error, share);
-    sum->picture.stored_error = joint_error(old.picture.stored_error, s->picture.stored_error, share);
-    if (old.picture.level_count > s->picture.level_count) sum->picture.level_count = old.picture.level_count;
-    for (i = 0; i < sum->picture.level_count; i++) sum->picture.levels[i].sensors += old.picture.levels[i].sensors;
-    sum->seconds.surface += old.seconds.surface;
-    sum->seconds.bounce += old.seconds.bounce;
-    sum->seconds.gather += old.seconds.gather;
-    sum->seconds.refine += old.seconds.refine;
-    sum->seconds.filter += old.seconds.filter;
-    sum->seconds.resolve += old.seconds.resolve;
-    sum->seconds.total += old.seconds.total;
-    sum->sensors.microseconds = sum->sensors.count > 0 ? 1e6 * sum->seconds.total / (double)sum->sensors.count : 0;
-}
-
-/* Makes the windows that are not finished yet. Returns the exit status. */
-static int make_windows(shot *s) {
-    char name[PATH_MAX + 300];
-    int i, finished = 0, status = DONE;
-    for (i = 0; i < s->work.count && status == DONE; i++) {
-        const view all = { name, &s->picture, s->channel, 0 };
-        sbl_stats stats;
-        sbl_result result;
-        snprintf(name, sizeof name, "%s", plan_window_file(&s->folder, i));
-        if (is_finished(s, name, s->work.windows[i])) { finished++; continue; }
-        memcpy(s->desc.window, s->work.windows[i], sizeof s->desc.window);
-        s->bar.from = (double)i / s->work.count;
-        s->bar.to = (i + 1.0) / s->work.count;
-        result = make_picture(s, 0);
-        if (result == SBL_UNFINISHED || interrupted)
-            return stop("%d of %d windows are finished; --resume goes on with them (in %s)", finished, s->work.count,
-                        s->folder.path);
-        if (result != SBL_SUCCESS) return fail_with(s->task->said, common.scene, result);
-        if (!write_file(name, write_shown, &all)) return fail_to_write(name);
-        finished++;
-        if (!needs_no_light(s->channel)) status = keep_store(s->task, given);
-        stats = sbl_query_stats(s->task->context);
-        add_stats(&s->task->stats, &stats);
-        detail("window %d of %d: %d,%d,%d,%d", i + 1, s->work.count, s->desc.window[0], s->desc.window[1],
-               s->desc.window[2], s->desc.window[3]);
-    }
-    return status;
+static int write_window(FILE *out, const void *what) {
+    const shot *s = (const shot *)what;
+    return picture_write(out, ".exr", &s->picture, s->channel, 0);
 }
 
 /* Joins the finished windows. Returns the exit status. */
 static int join_windows(shot *s) {
     static picture_parts parts;
     parts_job job = { &parts, common.output, { 0, 0, 0, 0 }, NULL, s->channel, 0, &interrupted };
-    int i, ok = 1;
-    memcpy(job.region, s->region, sizeof job.region);
-    if (given[PART] || given[WINDOW]) job.facts = s->work.facts;
+    int ok = windows_open_parts(&s->windows, &parts);
+    memcpy(job.region, s->windows.region, sizeof job.region);
+    if (given[PART] || given[WINDOW]) job.facts = s->windows.work.facts;
     if (!is_display(s->channel)) job.stops = (double)s->desc.exposure;
     if (s->channel == SBL_CHANNEL_ERROR && isnan(options.exposure)) job.stops += PICTURE_ERROR_STOPS;
-    for (i = 0; i < s->work.count && ok; i++) ok = parts_add(&parts, plan_window_file(&s->folder, i));
-    /* The windows of part K/N all say that they are part K/N; here they are the windows of one picture. */
-    for (i = 0; i < parts.list.count; i++) parts.list.files[i].number = parts.list.files[i].count = 0;
-    ok = ok && parts_check(&parts, s->region);
     if (ok && !target_write(&targets[PICTURE], parts_write, &job, 0)) {
         ok = 0;
         if (!parts.list.error[0]) {
             parts_free(&parts);
-            return interrupted ? stop("all windows are finished; --resume joins them (in %s)", s->folder.path)
+            return interrupted ? stop("all windows are finished; --resume joins them (in %s)", s->windows.folder.path)
                                : fail_to_write(common.output);
         }
     }
@@ -980,40 +788,41 @@ static int join_windows(shot *s) {
 
 /* Makes the output window by window, in the folder. Returns the exit status. */
 static int render_windows(shot *s, double *seconds) {
-    int status = make_windows(s);
+    int status = windows_make(&s->windows);
     if (status == DONE) status = join_windows(s);
     *seconds = now() - s->task->start;
     if (status != DONE) return status;
-    plan_folder_remove(&s->folder, s->work.count);
-    s->task->has_stats = 1;
-    s->task->stats.picture.width = s->region[2];
-    s->task->stats.picture.height = s->region[3];
+    windows_end(&s->windows);
     warn_of_missed_target(s->task->said, &s->task->stats);
     return DONE;
 }
 
 /* Decides what is made: the region, its windows, and the mean and exposure of the whole. Returns the exit status. */
 static int divide(shot *s) {
-    int status = DONE, found = 0;
-    s->region[2] = camera.size[0];
-    s->region[3] = camera.size[1];
-    if (given[WINDOW]) memcpy(s->region, options.window, sizeof s->region);
+    windows *w = &s->windows;
+    w->task = s->task;
+    w->bar = &s->bar;
+    w->noun = "picture";
+    w->part = given[PART] ? options.part_text : NULL;
+    w->number = options.part[0];
+    w->parts = options.part[1];
+    w->plan = options.plan;
+    w->by_hand = given[WINDOW];
+    w->resume = given[RESUME];
+    w->keeps_light = common_mode(given) == SBL_MODE_GI && !given[STORE] && !needs_no_light(s->channel);
+    w->given = given;
+    w->target = &targets[PICTURE];
+    memcpy(w->size, camera.size, sizeof w->size);
+    memcpy(w->region + 2, camera.size, sizeof w->size);
+    if (given[WINDOW]) memcpy(w->region, options.window, sizeof w->region);
+    w->user = s;
+    w->bytes = window_bytes;
+    w->look = look_at_whole;
+    w->use = use_facts;
+    w->make = make_window;
+    w->write = write_window;
     find_facts(s);
-    if (given[PART]) status = find_part(s);
-    if (status == DONE) status = find_windows(s);
-    if (status != DONE || (s->work.count == 1 && !given[PART] && !given[WINDOW])) return status;
-    if (s->work.count > 1) {
-#ifndef SBL_RENDER_OPENEXR
-        return fail("%d x %d pixels must be made window by window, which needs OpenEXR, and this program was built "
-                    "without it; make at most 4096 x 4096 pixels, or give more --memory", s->region[2], s->region[3]);
-#endif
-        status = open_folder(s, &found);
-    }
-    if (status == DONE && !given[PART] && !found) status = look_at_whole(s, NULL);
-    if (status == DONE && s->looked) status = keep_store(s->task, given);
-    if (status == DONE && s->work.count > 1 && !found) status = begin_folder(s);
-    if (status == DONE) use_facts(s);
-    return status;
+    return windows_choose(w);
 }
 
 /* ---- the whole tool ---- */
@@ -1028,6 +837,7 @@ static int render_sensor(shot *s, double *seconds) {
     if (given[WINDOW]) {
         status = look_at_whole(s, NULL);
         if (status == DONE) use_facts(s);
+        s->windows.has_facts = 1;
     }
     if (status != DONE) return status;
     result = sbl_begin_picture(context, &s->desc);
@@ -1044,8 +854,7 @@ static int render_sensor(shot *s, double *seconds) {
 static void begin_shot(shot *s) {
     s->bar.from = s->bar.to = s->bar.last = 0;
     s->bar.start = now();
-    s->looked = s->has_facts = 0;
-    memset(s->region, 0, sizeof s->region);
+    memset(&s->windows, 0, sizeof s->windows);
     fill_desc(&s->desc, s->task->file, &s->bar);
     memcpy(s->desc.world_to_view, placed.world_to_view, sizeof s->desc.world_to_view);
     memcpy(s->desc.view_to_clip, placed.view_to_clip, sizeof s->desc.view_to_clip);
@@ -1059,16 +868,16 @@ static int render_shot(shot *s, double *seconds) {
     int status;
     begin_shot(s);
     status = given[INSPECT] ? DONE : divide(s);
-    if (status == DONE && !given[INSPECT]) memcpy(s->desc.window, s->region, sizeof s->desc.window);
-    if (status == DONE && !s->has_facts) memset(s->desc.window, 0, sizeof s->desc.window);
+    if (status == DONE && !given[INSPECT]) memcpy(s->desc.window, s->windows.region, sizeof s->desc.window);
+    if (status == DONE && !s->windows.has_facts) memset(s->desc.window, 0, sizeof s->desc.window);
     if (status == DONE)
         status = given[INSPECT] ? render_sensor(s, seconds)
-               : s->work.count > 1 ? render_windows(s, seconds) : render_whole(s, seconds);
+               : s->windows.work.count > 1 ? render_windows(s, seconds) : render_whole(s, seconds);
     if (status == DONE && s->bar.shown)
-        fprintf(stderr, "%s: %d x %d, %.1f s\n", common.output, given[INSPECT] ? s->picture.width : s->region[2],
-                given[INSPECT] ? s->picture.height : s->region[3],
+        fprintf(stderr, "%s: %d x %d, %.1f s\n", common.output, given[INSPECT] ? s->picture.width : s->windows.region[2],
+                given[INSPECT] ? s->picture.height : s->windows.region[3],
                 frames.now ? now() - s->bar.start : *seconds);
-    plan_free(&s->work);
+    plan_free(&s->windows.work);
     return status;
 }
 
@@ -1078,7 +887,7 @@ static int expose_frames(shot *s) {
     begin_shot(s);
     if (!isnan(options.exposure) || !(s->desc.auto_exposure || given[WINDOW])) return DONE;
     status = look_at_whole(s, NULL);
-    if (status == DONE) sscanf(s->work.facts[FACT_EXPOSURE].text, "%lf", &s->exposure);
+    if (status == DONE) sscanf(s->windows.work.facts[FACT_EXPOSURE].text, "%lf", &s->exposure);
     return status;
 }
 

@@ -1,0 +1,274 @@
+/* Makes a picture or a lightmap in windows: the window of --part K/N, or window by window what is too large for memory.
+   Finished windows are .exr files in the folder OUTPUT.parts, so that an interrupted run loses only one. Include after
+   tool_scene.h and tool_parts.h.
+
+   A tool describes what it makes with a `windows`. windows_choose then decides which windows there are; if there are
+   several, windows_make makes those that are not finished, and windows_open_parts lists all for joining. */
+#ifndef TOOL_WINDOWS_H
+#define TOOL_WINDOWS_H
+
+typedef struct windows {
+    tool_task *task;
+    progress *bar;
+    const char *noun;             /* what is made, for messages: "picture" */
+    const char *part;             /* --part K/N as it was given, or NULL */
+    int number, parts;            /* K and N */
+    const char *plan;             /* the file of --plan, or NULL */
+    int by_hand, resume;          /* 1: --window; 1: --resume */
+    int keeps_light;              /* 1: the folder keeps the bounced light, because --store does not */
+    const int *given;
+    const output_file *target;    /* the output */
+    int size[2], region[4];       /* the whole in pixels; what the output shows of it: x, y, width, height */
+    const char *const *channels;  /* of the files, see image.channels */
+    int components;
+    /* The functions of the tool. user: their first argument. `bytes` returns what a window needs. `look` makes a small
+       one of the whole, and sets mean, price and exposure in work.facts and, if cost is not NULL, the cost; it returns
+       the exit status. `use` takes these facts over. `make` makes a window, which `write` writes to an .exr file. */
+    void *user;
+    double (*bytes)(const void *user, const int window[4]);
+    int (*look)(void *user, plan_cost *cost);
+    void (*use)(void *user);
+    sbl_result (*make)(void *user, const int window[4]);
+    output_writer write;
+    /* set by windows_choose */
+    plan work;                    /* the windows that are made one after the other; its facts are set before */
+    plan_folder folder;           /* if there are several */
+    int has_facts;                /* 1: the output is a part, or is made window by window */
+    int looked;                   /* 1: `look` has worked, so that bounced light is known */
+} windows;
+
+/* Sets w->region to the window of --part K/N. The windows are those of the file of --plan; without that file, a small
+   picture shows what they cost. Returns the exit status. */
+static int windows__find_part(windows *w) {
+    const int all[4] = { 0, 0, w->size[0], w->size[1] };
+    plan_cost cost = { 0, 0, NULL };
+    output_file file;
+    int status = w->plan ? plan_read(&w->work, w->plan, w->size) : -1;
+    if (status < 0) {
+        status = w->look(w->user, &cost);
+        if (status == DONE) status = plan_make(&w->work, cost.sums ? &cost : NULL, w->size, all, w->parts);
+        free(cost.sums);
+        if (status == DONE && w->plan) {
+            output_find(&file, w->plan);
+            file.keep = 1;  /* another machine may have made it meanwhile; its plan counts */
+            if (!target_write(&file, plan_write, &w->work, 0)) status = fail_to_write(w->plan);
+            output_free(&file);
+            if (status == DONE) status = plan_read(&w->work, w->plan, w->size);
+        }
+    }
+    if (status != DONE) return status;
+    if (w->work.count != w->parts)
+        return fail("--plan %s: it has %d parts, and --part asks for one of %d", w->plan, w->work.count, w->parts);
+    memcpy(w->region, w->work.windows[w->number - 1], sizeof w->region);
+    plan_fact(&w->work, FACT_PART, "%d/%d", w->number, w->parts);
+    return DONE;
+}
+
+/* Returns how many bytes --memory leaves for what is made. */
+static double windows__bytes_left(const windows *w) {
+    const double least = 64.0 * (1 << 20);
+    unsigned long pages = 0;
+    FILE *in = fopen("/proc/self/statm", "r");
+    if (in && fscanf(in, "%*u %lu", &pages) != 1) pages = 0;
+    if (in) fclose(in);
+    return fmax(least, (double)w->task->file->memory - (double)pages * (double)sysconf(_SC_PAGESIZE));
+}
+
+/* Divides the region into as few windows as memory allows. Returns the exit status. */
+static int windows__divide(windows *w) {
+    enum { LARGEST = 1 << 24, SMALLEST = 1 << 14 };  /* pixels of a window: more would cost much when
+                                                        it is interrupted; fewer are not tried */
+    const double left = windows__bytes_left(w), pixels = (double)w->region[2] * w->region[3];
+    double count = ceil(pixels / LARGEST);
+    int i, fits = 0, status = DONE;
+    while (!fits && status == DONE) {
+        status = plan_make(&w->work, NULL, w->size, w->region, (int)count);
+        for (i = 0, fits = 1; i < w->work.count && fits && status == DONE; i++) {
+            const int *one = w->work.windows[i];
+            fits = (double)one[2] * one[3] <= SMALLEST || w->work.count == PARTS_MOST ||
+                   (w->bytes(w->user, one) <= left && (double)one[2] * one[3] <= 1.5 * LARGEST);
+        }
+        count = fmin(ceil(1.2 * count + 0.5), fmin(PARTS_MOST, pixels));
+    }
+    return status;
+}
+
+static int windows__write(const char *name, output_writer write, const void *what) {
+    output_file file;
+    int ok = output_find(&file, name) && target_write(&file, write, what, 0);
+    output_free(&file);
+    return ok;
+}
+
+/* Opens the folder of finished windows. If an earlier run has left a plan there, takes it over, with its light; *found
+   receives 1 then. Returns the exit status. */
+static int windows__open_folder(windows *w, int *found) {
+    plan old = w->work;
+    FILE *light;
+    int status;
+    *found = 0;
+    if (w->target->in_place)
+        return fail("%s: a %s that is made window by window cannot go to a pipe or a device; give the name of a "
+                    "file", common.output, w->noun);
+    status = plan_folder_open(&w->folder, w->target->path);
+    if (status != DONE) return status;
+    old.windows = NULL;
+    old.count = 0;
+    status = plan_read(&old, plan_file(&w->folder, "plan"), w->size);
+    if (status == DONE && w->resume && !plan_fills(&old, w->region))
+        status = fail("%s has windows of another part; give each part an --output of its own", w->folder.path);
+    if (status == DONE && w->resume) {
+        plan_free(&w->work);
+        w->work = old;
+        *found = 1;
+        light = w->keeps_light ? input_open(plan_file(&w->folder, "light")) : NULL;
+        if (light) {
+            sbl_load_store(w->task->context, get_bytes, light);  /* if that fails, the same light is made again */
+            fclose(light);
+        }
+        return DONE;
+    }
+    plan_free(&old);
+    if (status == DONE)
+        return fail("%s has finished windows of an earlier run: --resume goes on with it; remove the folder to start "
+                    "again", w->folder.path);
+    return status < 0 ? DONE : status;
+}
+
+static int windows__write_light(FILE *out, const void *what) {
+    return sbl_save_store(((const windows *)what)->task->context, put_bytes, out) == SBL_SUCCESS;
+}
+
+/* Writes the light and the plan of a new folder. The plan comes last: it shows that the light is there. Returns the
+   exit status. */
+static int windows__begin_folder(const windows *w) {
+    const char *name = plan_file(&w->folder, "light");
+    if (w->looked && w->keeps_light && !windows__write(name, windows__write_light, w)) return fail_to_write(name);
+    name = plan_file(&w->folder, "plan");
+    return windows__write(name, plan_write, &w->work) ? DONE : fail_to_write(name);
+}
+
+/* Decides what is made: the region, its windows, and the mean, price and exposure of the whole. The facts that do not
+   come from `look` are set before. Returns the exit status. */
+static int windows_choose(windows *w) {
+    int status = DONE, found = 0;
+    if (w->part) status = windows__find_part(w);
+    if (status == DONE) status = windows__divide(w);
+    if (status != DONE || (w->work.count == 1 && !w->part && !w->by_hand)) return status;
+    if (w->work.count > 1) {
+#ifndef SBL_RENDER_OPENEXR
+        return fail("%d x %d pixels must be made window by window, which needs OpenEXR, and this program was built "
+                    "without it; make at most 4096 x 4096 pixels, or give more --memory", w->region[2], w->region[3]);
+#endif
+        status = windows__open_folder(w, &found);
+    }
+    if (status == DONE && !w->part && !found) status = w->look(w->user, NULL);
+    if (status == DONE && w->looked) status = keep_store(w->task, w->given);
+    if (status == DONE && w->work.count > 1 && !found) status = windows__begin_folder(w);
+    if (status == DONE) w->use(w->user);
+    w->has_facts = status == DONE;
+    return status;
+}
+
+/* Returns whether the file contains this window of this whole, complete. */
+static int windows__is_finished(const windows *w, const char *name, const int window[4]) {
+    static picture_parts one;
+    float *band = NULL;
+    int i, y, ok;
+    one.frame.channels = w->channels;
+    one.frame.components = w->components;
+    ok = access(name, F_OK) == 0 && parts_add(&one, name);
+    for (i = 0; i <= FACT_PART && ok; i++)
+        ok = i == FACT_RENDERER || strcmp(one.list.facts[i].text, w->work.facts[i].text) == 0;
+    ok = ok && memcmp(one.parts[0].at, window, sizeof one.parts[0].at) == 0 &&
+         memcmp(one.parts[0].size, window + 2, sizeof one.parts[0].size) == 0;
+    if (ok) band = (float *)malloc((size_t)window[2] * PARTS_BAND * (size_t)one.frame.components * sizeof *band);
+    for (y = 0; y < window[3] && ok && band; y += PARTS_BAND)
+        ok = parts_band(&one, window, window[1] + y, window[3] - y < PARTS_BAND ? window[3] - y : PARTS_BAND, band);
+    ok = ok && band;
+    free(band);
+    parts_free(&one);
+    return ok;
+}
+
+/* Returns the root mean square of two errors. share: the second one's share of the pixels */
+static float joint_error(float a, float b, double share) {
+    return (float)sqrt((1 - share) * (double)a * (double)a + share * (double)b * (double)b);
+}
+
+/* Adds the statistics of a window to those of the windows before. */
+static void add_stats(sbl_stats *sum, const sbl_stats *s) {
+    const double before = sum->picture.visible_pixels, own = s->picture.visible_pixels;
+    const double share = before + own > 0 ? own / (before + own) : 1;
+    const sbl_stats old = *sum;
+    int i;
+    *sum = *s;
+    sum->sensors.count += old.sensors.count;
+    sum->sensors.invalid += old.sensors.invalid;
+    sum->sensors.views += old.sensors.views;
+    sum->sensors.texels += old.sensors.texels;
+    sum->sensors.rays += old.sensors.rays;
+    sum->store.rays += old.store.rays;
+    sum->picture.visible_pixels += old.picture.visible_pixels;
+    sum->picture.expected_error = joint_error(old.picture.expected_error, s->picture.expected_error, share);
+    sum->picture.stored_error = joint_error(old.picture.stored_error, s->picture.stored_error, share);
+    if (old.picture.level_count > s->picture.level_count) sum->picture.level_count = old.picture.level_count;
+    for (i = 0; i < sum->picture.level_count; i++) sum->picture.levels[i].sensors += old.picture.levels[i].sensors;
+    sum->seconds.surface += old.seconds.surface;
+    sum->seconds.bounce += old.seconds.bounce;
+    sum->seconds.gather += old.seconds.gather;
+    sum->seconds.refine += old.seconds.refine;
+    sum->seconds.filter += old.seconds.filter;
+    sum->seconds.resolve += old.seconds.resolve;
+    sum->seconds.total += old.seconds.total;
+    sum->sensors.microseconds = sum->sensors.count > 0 ? 1e6 * sum->seconds.total / (double)sum->sensors.count : 0;
+}
+
+/* Makes the windows that are not finished yet. Returns the exit status. */
+static int windows_make(windows *w) {
+    char name[PATH_MAX + 300];
+    int i, finished = 0, status = DONE;
+    for (i = 0; i < w->work.count && status == DONE; i++) {
+        const int *one = w->work.windows[i];
+        sbl_stats stats;
+        sbl_result result;
+        snprintf(name, sizeof name, "%s", plan_window_file(&w->folder, i));
+        if (windows__is_finished(w, name, one)) { finished++; continue; }
+        w->bar->from = (double)i / w->work.count;
+        w->bar->to = (i + 1.0) / w->work.count;
+        result = w->make(w->user, one);
+        if (result == SBL_UNFINISHED || interrupted)
+            return stop("%d of %d windows are finished; --resume goes on with them (in %s)", finished, w->work.count,
+                        w->folder.path);
+        if (result != SBL_SUCCESS) return fail_with(w->task->said, common.scene, result);
+        if (!windows__write(name, w->write, w->user)) return fail_to_write(name);
+        finished++;
+        status = keep_store(w->task, w->given);
+        stats = sbl_query_stats(w->task->context);
+        add_stats(&w->task->stats, &stats);
+        detail("window %d of %d: %d,%d,%d,%d", i + 1, w->work.count, one[0], one[1], one[2], one[3]);
+    }
+    return status;
+}
+
+/* Lists the finished windows and checks that they cover the region. Returns 0 and sets parts->list.error if they do
+   not. */
+static int windows_open_parts(const windows *w, picture_parts *parts) {
+    int i, ok = 1;
+    parts->frame.channels = w->channels;
+    parts->frame.components = w->components;
+    for (i = 0; i < w->work.count && ok; i++) ok = parts_add(parts, plan_window_file(&w->folder, i));
+    /* The windows of part K/N all say that they are part K/N; here they are the windows of one picture. */
+    for (i = 0; i < parts->list.count; i++) parts->list.files[i].number = parts->list.files[i].count = 0;
+    return ok && parts_check(parts, w->region);
+}
+
+/* Ends a run whose output is written: removes the folder, and describes the whole in the statistics. */
+static void windows_end(windows *w) {
+    plan_folder_remove(&w->folder, w->work.count);
+    w->task->has_stats = 1;
+    w->task->stats.picture.width = w->region[2];
+    w->task->stats.picture.height = w->region[3];
+}
+
+#endif
