@@ -3,6 +3,7 @@
 #ifndef PART_LIST_H
 #define PART_LIST_H
 
+#include <dirent.h>
 #include <stdarg.h>
 
 enum { PARTS_MOST = 10000 };  /* greatest number of parts */
@@ -102,6 +103,49 @@ static inline int parts__check_numbers(part_list *l) {
     else if (missing) ok = parts__fail(l, "part %d of %d is missing", first, count);
     free(names);
     return ok;
+}
+
+static int parts__compare_names(const void *a, const void *b) {
+    return strcmp(*(char *const *)a, *(char *const *)b);
+}
+
+static inline void parts_folder_free(char **names, int count) {
+    while (names && --count >= 0) free(names[count]);
+    free(names);
+}
+
+/* Returns the paths of the files of a folder that have this ending, sorted by name so that messages do not depend on
+   the system; count receives their number. Returns NULL and sets l->error on failure. */
+static inline char **parts_folder(part_list *l, const char *folder, const char *ending, int *count) {
+    char **names = (char **)malloc(sizeof *names), **more;
+    int room = 1, ok = names != NULL;
+    const struct dirent *entry;
+    DIR *in = opendir(folder);
+    *count = 0;
+    if (!in) {
+        free(names);
+        parts__fail(l, "%s: it cannot be read: %s", folder, strerror(errno));
+        return NULL;
+    }
+    while (ok && (entry = readdir(in)) != NULL) {
+        const size_t length = strlen(entry->d_name), tail = strlen(ending);
+        if (entry->d_name[0] == '.' || length <= tail || strcmp(entry->d_name + length - tail, ending) != 0) continue;
+        if (*count == room) {
+            more = (char **)realloc(names, (size_t)(room = 2 * room + 64) * sizeof *names);
+            if (!more) { ok = 0; break; }
+            names = more;
+        }
+        names[*count] = (char *)malloc(strlen(folder) + length + 2);
+        ok = names[*count] != NULL;
+        if (ok) sprintf(names[(*count)++], "%s/%s", folder, entry->d_name);
+    }
+    closedir(in);
+    if (ok && *count) qsort(names, (size_t)*count, sizeof *names, parts__compare_names);
+    if (ok) return names;
+    parts_folder_free(names, *count);
+    *count = 0;
+    parts__fail(l, "out of memory");
+    return NULL;
 }
 
 #endif

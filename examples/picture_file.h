@@ -350,7 +350,9 @@ static inline int picture_end(picture_writer *w, int ok) {
 static inline int picture_write(FILE *out, const char *name, const image *picture, sbl_channel channel, double stops) {
     picture_writer w;
     int ok = picture_begin(&w, out, name, picture, channel, stops);
-    picture_extend(&w.range, picture->values, (size_t)picture->width * (size_t)picture->height, picture->components);
+    if (w.format == PICTURE_PNG)  /* other files may have more than three components */
+        picture_extend(&w.range, picture->values, (size_t)picture->width * (size_t)picture->height,
+                       picture->components);
     ok = ok && picture_put(&w, 0, picture->height, picture->values);
     return picture_end(&w, ok);
 }

@@ -7,6 +7,7 @@
 #include "output_file.h"
 #include "picture_file.h"
 #include "part_list.h"
+#include "picture_parts.h"
 #include "bake_parts.h"
 #include "scene_file.h"
 #include "gltf_file.h"
@@ -16,12 +17,15 @@
 #include "tool_options.h"
 #include "tool_scene.h"
 #include "tool_part.h"
+#include "tool_parts.h"
+#include "tool_windows.h"
 
 /* ---- the command line ---- */
 
 static struct options {
     int lightmap, gutter, supersample, samples, grid[3], part[2];
-    const char *part_text, *positions;  /* positions: file with the positions of probes, or NULL for a grid */
+    const char *part_text, *plan, *join;
+    const char *positions;  /* file with the positions of probes, or NULL for a grid */
     double target_error, move, smoothing;
 } options;
 
@@ -39,6 +43,9 @@ enum {
     PROBES,
     MOVE,
     PART,
+    PLAN,
+    JOIN,
+    RESUME,
     OPTION_COUNT
 };
 
@@ -110,15 +117,32 @@ static const tool_option table[OPTION_COUNT] = {
     [MOVE] = { "--move", "DISTANCE", NUMBERS, &options.move, 1, 0, 1e18,
                "greatest distance by which a probe may be moved to get out of geometry; default 0" },
     [PART] = { "--part", "K/N", TEXT, &options.part_text, 0, 0, 0,
-               "with --probes or --vertices: bakes only the K-th of N parts; N is at most 10000. A part is a range of "
-               "probes, or\n"
-               "of meshes (into a .ply). sbl_merge joins the parts to the file that is made without --part, to the "
-               "byte. In\n"
-               "mode gi, give all parts the same --store, so that only the first makes the light. auto/N takes K from\n"
-               "SLURM_ARRAY_TASK_ID, SGE_TASK_ID or PBS_ARRAY_INDEX (1 to N), or from JOB_COMPLETION_INDEX or\n"
-               "AWS_BATCH_JOB_ARRAY_INDEX (0 to N - 1). %d in the name of the output becomes K, and %04d becomes K "
-               "with\n"
-               "4 digits" },
+               "bakes only the K-th of N parts; N is at most 10000. A part is a range of probes, a range of meshes (into "
+               "a\n"
+               ".ply), or a window of the lightmap (into an .exr). sbl_merge joins probes and vertices to the file that "
+               "is\n"
+               "made without --part, to the byte; --join joins a lightmap. In mode gi, give all parts the same --store, "
+               "so\n"
+               "that only the first makes the light. auto/N takes K from SLURM_ARRAY_TASK_ID, SGE_TASK_ID or\n"
+               "PBS_ARRAY_INDEX (1 to N), or from JOB_COMPLETION_INDEX or AWS_BATCH_JOB_ARRAY_INDEX (0 to N - 1). %d in "
+               "the\n"
+               "name of the output becomes K, and %04d becomes K with 4 digits" },
+    [PLAN] = { "--plan", "FILE", TEXT, &options.plan, 0, 0, 0,
+               "with --lightmap and --part: FILE holds the windows of all parts, and the mean and the price of the "
+               "whole. If it\n"
+               "exists, it is loaded; otherwise a small lightmap is baked, and FILE is made. Parts that are made with "
+               "different\n"
+               "graphics drivers must share one FILE" },
+    [JOIN] = { "--join", "FOLDER", TEXT, &options.join, 0, 0, 0,
+               "with --lightmap: bakes nothing, but joins the parts in FOLDER (all its .exr files), and makes the gutters "
+               "and\n"
+               "seams of the whole map. Give the options of the parts. Needs about 80 bytes of memory for each texel" },
+    [RESUME] = { "--resume", NULL, FLAG, NULL, 0, 0, 0,
+                 "with --lightmap: goes on with a map that an interrupted run was baking window by window: one larger "
+                 "than\n"
+                 "4096 x 4096 texels, or than --memory allows. Finished windows are in the folder OUTPUT.parts, which "
+                 "is removed\n"
+                 "at the end; while it exists, a run without --resume is refused" },
 };
 static int given[OPTION_COUNT];
 
@@ -130,7 +154,9 @@ static const tool_line lines[] = {
     { AVERAGE, NULL },
     { PROBES, "light in the air, into a .json file" },
     { MOVE, "moves probes out of geometry" },
-    { PART, NULL },
+    { PART, "bakes only the K-th of N parts" },
+    { PLAN, NULL },
+    { JOIN, "joins the parts of a map" },
     { MODE, "gi (default: all light), direct or ambient" },
     { TOOL_HEADING, "Light:" },
     LIGHT_LINES,
@@ -144,6 +170,7 @@ static const tool_line lines[] = {
     { OUTPUT, "also -o; for a map it is a folder" },
     { GUTTER, "continues the light beyond the charts; default 16" },
     OUTPUT_LINES,
+    { RESUME, NULL },
     { TOOL_HEADING, "Safety:" },
     SAFETY_LINES
 };
@@ -180,7 +207,13 @@ static int parse_part(void) {
     static char name[PATH_MAX];
     int status;
     if (!given[PART]) return DONE;
-    if (given[LIGHTMAP]) return misuse("--part needs --probes or --vertices: a lightmap has no parts");
+    if (given[LIGHTMAP] && !ends_with(common.output, ".exr"))
+        return misuse("--output %s: a part of a lightmap is an .exr file, and --join joins the parts", common.output);
+#ifndef SBL_RENDER_OPENEXR
+    if (given[LIGHTMAP])
+        return fail("--output %s: parts of a lightmap need OpenEXR, and this program was built without it",
+                    common.output);
+#endif
     if (given[VERTICES] && !ends_with(common.output, ".ply"))
         return misuse("--output %s: a part is a .ply file, and sbl_merge joins them", common.output);
     status = plan_part(options.part_text, options.part);
@@ -193,7 +226,7 @@ static int parse_part(void) {
 
 static int parse(int argc, char **argv) {
     static const int of_lightmaps[] = {
-        GUTTER, DIRECTIONAL, SUPERSAMPLE, TARGET_ERROR, TILE, THRESHOLD, FILTER_RADIUS
+        GUTTER, DIRECTIONAL, SUPERSAMPLE, TARGET_ERROR, TILE, THRESHOLD, FILTER_RADIUS, PLAN, JOIN, RESUME
     };
     static const int of_vertices[] = { AVERAGE, SAMPLES, SMOOTHING };
     int i;
@@ -212,6 +245,9 @@ static int parse(int argc, char **argv) {
     for (i = 0; i < (int)(sizeof of_vertices / sizeof *of_vertices); i++)
         if (given[of_vertices[i]] && !given[VERTICES]) return misuse("%s needs --vertices", table[of_vertices[i]].name);
     if (given[MOVE] && !given[PROBES]) return misuse("--move needs --probes");
+    if (given[PLAN] && !given[PART]) return misuse("--plan needs --part K/N: it says which parts there are");
+    if (given[JOIN] && given[PART]) return misuse("--join joins the parts that --part has made; give only one of them");
+    if (given[JOIN] && given[RESUME]) return misuse("--resume goes on baking, and --join bakes nothing; give only one");
     if (given[VERTICES] && !ends_with(common.output, ".ply") && !ends_with(common.output, ".gltf"))
         return misuse("--output %s: the name must end in .ply or .gltf", common.output);
     if (given[PROBES] && !ends_with(common.output, ".json"))
@@ -226,284 +262,6 @@ static int parse(int argc, char **argv) {
     return DONE;
 }
 
-/* ---- a lightmap: the files of a folder ---- */
-
-enum {
-    R_PFM = OWN_TARGETS, ATLAS_PFM, ATLAS_PNG, GLTF, BIN, SH_PFM, SH_PFM_LAST = SH_PFM + 3,
-#ifdef SBL_RENDER_OPENEXR
-    R_EXR, ATLAS_EXR, SH_EXR, SH_EXR_LAST = SH_EXR + 3,
-#endif
-    OVERLAP, PARTIAL, TEXTURES
-};
-
-static const char *const names[TEXTURES] = {
-    [R_PFM] = "lightmap.pfm", [ATLAS_PFM] = "atlas.pfm", [ATLAS_PNG] = "atlas.png", [GLTF] = "scene.gltf",
-    [BIN] = "scene.bin",
-    [SH_PFM] = "sh_0.pfm", "sh_1.pfm", "sh_2.pfm", "sh_3.pfm",
-#ifdef SBL_RENDER_OPENEXR
-    [R_EXR] = "lightmap.exr", [ATLAS_EXR] = "atlas.exr", [SH_EXR] = "sh_0.exr", "sh_1.exr", "sh_2.exr", "sh_3.exr",
-#endif
-    [OVERLAP] = "overlap.png", [PARTIAL] = "lightmap.partial.pfm"
-};
-static char *paths[TARGETS_MOST];
-
-/* Adds a target with this number. folder: length of the part of common.output that names the folder. Returns the exit
-   status. */
-static int target_add(int number, size_t folder, const char *name) {
-    paths[number] = output__join(common.output, folder, name);
-    if (!paths[number]) return fail("out of memory");
-    output_find(&targets[number], paths[number]);
-    if (target_count <= number) target_count = number + 1;
-    return DONE;
-}
-
-static int folder_is_new;  /* 1: this run has created the folder */
-
-/* Creates the folder and lists the files that do not depend on the scene. Returns the exit status. */
-static int find_files(void) {
-    struct stat info;
-    int i, status = DONE;
-    if (stat(common.output, &info) == 0 && !S_ISDIR(info.st_mode))
-        return misuse("--output %s: this is not a folder; give another name", common.output);
-    folder_is_new = stat(common.output, &info) != 0;
-    if (folder_is_new && mkdir(common.output, 0777) != 0)
-        return fail("%s: the folder cannot be created: %s; give another one", common.output, strerror(errno));
-    targets_begin();
-    for (i = OWN_TARGETS; i < TEXTURES && status == DONE; i++) status = target_add(i, strlen(common.output), names[i]);
-    return status == DONE ? targets_check(OVERLAP, given) : status;
-}
-
-/* Lists the files for the textures of the scene, from target number `first` on. Returns the exit status. */
-static int find_textures(const scene_file *file, int first, size_t folder) {
-    int i, status = DONE;
-    if (file->scene.texture_count > TARGETS_MOST - first)
-        return fail("%s: the scene has %d textures; this tool writes at most %d", common.scene,
-                    file->scene.texture_count, TARGETS_MOST - first);
-    for (i = 0; i < file->scene.texture_count && status == DONE; i++) {
-        char name[GLTF_NAME];
-        gltf_texture_name(name, i);
-        status = target_add(first + i, folder, name);
-    }
-    return status;
-}
-
-/* Lists the files that depend on the scene, after it was read. Returns the exit status. */
-static int find_more_files(const scene_file *file) {
-    int i, mapped = 0;
-    for (i = 0; i < file->scene.mesh_count; i++) mapped += file->scene.meshes[i].lightmap_texcoords.data != NULL;
-    if (!mapped)
-        return fail("%s: no mesh has second texture coordinates (TEXCOORD_1); scripts/unwrap makes them", common.scene);
-    return find_textures(file, TEXTURES, strlen(common.output));
-}
-
-typedef struct lightmap {
-    image light, atlas;      /* R. light: 0 where there is no surface; atlas: continued into gutters */
-    image overlap;           /* has no values if charts do not overlap */
-    image harmonics[4];      /* have no values without --directional */
-    int harmonic;            /* number of the harmonic that is written next */
-    double intensity;        /* irradiance divided by the linear value of atlas.png */
-    gltf_file gltf;
-    int texture;             /* number of the texture that is written next */
-} lightmap;
-
-static int write_linear(FILE *out, const char *ending, const image *picture) {
-    return picture_write(out, ending, picture, SBL_CHANNEL_FINAL, 0);
-}
-static int write_light_pfm(FILE *out, const void *what) {
-    return write_linear(out, ".pfm", &((const lightmap *)what)->light);
-}
-static int write_harmonic_pfm(FILE *out, const void *what) {
-    const lightmap *l = (const lightmap *)what;
-    return write_linear(out, ".pfm", &l->harmonics[l->harmonic]);
-}
-static int write_atlas_pfm(FILE *out, const void *what) {
-    return write_linear(out, ".pfm", &((const lightmap *)what)->atlas);
-}
-#ifdef SBL_RENDER_OPENEXR
-static int write_light_exr(FILE *out, const void *what) {
-    return write_linear(out, ".exr", &((const lightmap *)what)->light);
-}
-static int write_harmonic_exr(FILE *out, const void *what) {
-    const lightmap *l = (const lightmap *)what;
-    return write_linear(out, ".exr", &l->harmonics[l->harmonic]);
-}
-static int write_atlas_exr(FILE *out, const void *what) {
-    return write_linear(out, ".exr", &((const lightmap *)what)->atlas);
-}
-#endif
-static int write_atlas_png(FILE *out, const void *what) {
-    const lightmap *l = (const lightmap *)what;
-    return picture_write(out, ".png", &l->atlas, SBL_CHANNEL_FINAL, log(atan(1.0) * 4 / l->intensity) / log(2.0));
-}
-static int write_overlap(FILE *out, const void *what) {
-    return picture_write(out, ".png", &((const lightmap *)what)->overlap, SBL_CHANNEL_ALBEDO, 0);
-}
-static int write_scene(FILE *out, const void *what) { return gltf_write_json(out, &((const lightmap *)what)->gltf); }
-static int write_scene_bin(FILE *out, const void *what) { return gltf_write_bin(out, &((const lightmap *)what)->gltf); }
-static int write_texture(FILE *out, const void *what) {
-    const lightmap *l = (const lightmap *)what;
-    return gltf_write_texture(out, &l->gltf, l->texture);
-}
-
-static int compare_floats(const void *a, const void *b) {
-    const float x = *(const float *)a, y = *(const float *)b;
-    return (x > y) - (x < y);
-}
-
-/* Returns the value of R that becomes white in 8 bits: a thousandth of the lit texels exceeds it; it is at most eight
-   times the mean of the lit texels. Returns 0 if memory runs out. */
-static double bright(const image *light) {
-    const size_t texels = (size_t)light->width * (size_t)light->height;
-    float *most = (float *)malloc(texels * sizeof *most);
-    size_t i, lit = 0;
-    double result = 1, sum = 0;
-    if (!most) return 0;
-    for (i = 0; i < texels; i++) {
-        const float *v = light->values + 3 * i, larger = v[0] > v[1] ? v[0] : v[1];
-        most[lit] = larger > v[2] ? larger : v[2];
-        sum += (double)most[lit];
-        lit += most[lit] > 0;
-    }
-    qsort(most, lit, sizeof *most, compare_floats);
-    if (lit) result = (double)most[lit - 1 - lit / 1000];
-    if (lit && result > 8 * sum / (double)lit) result = 8 * sum / (double)lit;
-    free(most);
-    return result;
-}
-
-/* Reads R, and sets it to 0 where there is no surface. */
-static sbl_result read_light(sbl_context *context, lightmap *l, int size) {
-    image id = { 0 };
-    const size_t texels = (size_t)size * (size_t)size;
-    sbl_result result = picture_read(context, size, size, SBL_CHANNEL_RADIANCE, &l->light);
-    size_t i;
-    if (result == SBL_SUCCESS) result = picture_read(context, size, size, SBL_CHANNEL_ID, &id);
-    for (i = 0; i < texels && result == SBL_SUCCESS; i++)
-        if (!(id.values[i] > 0)) l->light.values[3 * i] = l->light.values[3 * i + 1] = l->light.values[3 * i + 2] = 0;
-    free(id.values);
-    return result;
-}
-
-/* If triangles share texels, makes a picture of this: shared texels are red, other used texels grey. */
-static sbl_result read_overlap(sbl_context *context, lightmap *l, int size) {
-    image others = { 0 }, *shown = &l->overlap;
-    const size_t texels = (size_t)size * (size_t)size;
-    sbl_result result = picture_read(context, size, size, SBL_CHANNEL_OVERLAP, &others);
-    size_t i;
-    int any = 0;
-    for (i = 0; i < texels && result == SBL_SUCCESS; i++) any |= others.values[i] > 0;
-    if (any) result = picture_read(context, size, size, SBL_CHANNEL_NORMAL, shown);
-    for (i = 0; i < texels && any && result == SBL_SUCCESS; i++) {
-        float *v = shown->values + 3 * i;
-        const float there = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] > 0 ? 0.3f : 0;
-        const int shared = others.values[i] > 0;
-        v[0] = shared ? 1 : there;
-        v[1] = v[2] = shared ? 0 : there;
-    }
-    if (!any || result != SBL_SUCCESS) { free(shown->values); shown->values = NULL; }
-    free(others.values);
-    return result;
-}
-
-/* Returns the number of the harmonic that a target contains, or -1 if it contains none. */
-static int harmonic_of(int target) {
-    if (target >= SH_PFM && target <= SH_PFM_LAST) return target - SH_PFM;
-#ifdef SBL_RENDER_OPENEXR
-    if (target >= SH_EXR && target <= SH_EXR_LAST) return target - SH_EXR;
-#endif
-    return -1;
-}
-
-/* Writes all files. Returns the exit status. */
-static int keep_lightmap(lightmap *l) {
-    static const struct { int target; output_writer write; } files[] = {
-        { R_PFM, write_light_pfm }, { ATLAS_PFM, write_atlas_pfm }, { ATLAS_PNG, write_atlas_png },
-        { SH_PFM, write_harmonic_pfm }, { SH_PFM + 1, write_harmonic_pfm }, { SH_PFM + 2, write_harmonic_pfm },
-        { SH_PFM + 3, write_harmonic_pfm },
-#ifdef SBL_RENDER_OPENEXR
-        { R_EXR, write_light_exr }, { ATLAS_EXR, write_atlas_exr },
-        { SH_EXR, write_harmonic_exr }, { SH_EXR + 1, write_harmonic_exr }, { SH_EXR + 2, write_harmonic_exr },
-        { SH_EXR + 3, write_harmonic_exr },
-#endif
-        { OVERLAP, write_overlap }, { BIN, write_scene_bin }, { GLTF, write_scene }
-    };
-    const int count = (int)(sizeof files / sizeof *files);
-    int i;
-    for (i = 0; i < l->gltf.scene->texture_count + count; i++) {
-        const int texture = i < l->gltf.scene->texture_count, file = i - l->gltf.scene->texture_count;
-        const int target = texture ? TEXTURES + i : files[file].target;
-        l->texture = i;
-        if (target == OVERLAP && !l->overlap.values) continue;
-        l->harmonic = texture ? -1 : harmonic_of(target);
-        if (l->harmonic >= 0 && !l->harmonics[l->harmonic].values) continue;
-        if (interrupted) return stop("%s was not written", targets[target].name);
-        if (!target_write(&targets[target], texture ? write_texture : files[file].write, l, 0))
-            return interrupted ? stop("%s was not written", targets[target].name) : fail_to_write(targets[target].name);
-    }
-    return DONE;
-}
-
-static void describe_lightmap(sbl_lightmap_desc *desc, progress *bar) {
-    memset(desc, 0, sizeof *desc);
-    desc->width = desc->height = options.lightmap;
-    if (given[GUTTER]) desc->gutter = (int)zero_or(options.gutter);
-    desc->options = common_options(given, bar);
-    desc->target_error = (float)options.target_error;
-    desc->directional = given[DIRECTIONAL];
-    desc->supersample = options.supersample;
-    desc->tile = common.tile;
-    if (given[THRESHOLD]) desc->threshold = zero_or(common.threshold);
-    if (given[FILTER_RADIUS]) desc->filter_radius = (int)zero_or(common.filter_radius);
-}
-
-static int bake_lightmap(tool_task *task, double *seconds) {
-    progress bar = { !given[QUIET] && isatty(STDERR_FILENO), now(), 0, 0, 0 };
-    sbl_context *context = task->context;
-    sbl_lightmap_desc desc;
-    lightmap l;
-    sbl_result result;
-    int i, status = DONE;
-    memset(&l, 0, sizeof l);
-    describe_lightmap(&desc, &bar);
-    result = sbl_begin_lightmap(context, &desc);
-    if (result == SBL_SUCCESS) result = work_to_save(context);
-    if (bar.shown) fprintf(stderr, "\r%70s\r", "");
-    *seconds = now() - task->start;
-    if (result == SBL_UNFINISHED) {
-        result = read_light(context, &l, desc.width);
-        if (result == SBL_UNFINISHED) status = stop("there is no light yet");
-        else if (result == SBL_SUCCESS && target_write(&targets[PARTIAL], write_light_pfm, &l, 1))
-            status = stop("the unfinished lightmap (%.0f %%) is in %s", floor(100 * (double)sbl_progress(context)),
-                          targets[PARTIAL].name);
-        else
-            status = stop("the unfinished lightmap cannot be written to %s: %s", targets[PARTIAL].name,
-                          why_not_written());
-    } else {
-        if (result == SBL_SUCCESS) result = read_light(context, &l, desc.width);
-        if (result == SBL_SUCCESS) result = picture_read(context, desc.width, desc.height, SBL_CHANNEL_FINAL, &l.atlas);
-        for (i = 0; i < 4 && given[DIRECTIONAL] && result == SBL_SUCCESS; i++)
-            result = picture_read(context, desc.width, desc.height, (sbl_channel)(SBL_CHANNEL_SH_0 + i),
-                                  &l.harmonics[i]);
-        if (result == SBL_SUCCESS) result = read_overlap(context, &l, desc.width);
-        l.intensity = result == SBL_SUCCESS ? atan(1.0) * 4 * bright(&l.light) : 0;
-        l.gltf.scene = &task->file->scene;
-        l.gltf.names = task->file->names;
-        l.gltf.bin = names[BIN];
-        l.gltf.lightmap = names[ATLAS_PNG];
-        l.gltf.intensity = l.intensity;
-        if (result == SBL_SUCCESS && !(l.intensity > 0)) result = SBL_ERROR_OUT_OF_MEMORY;
-        status = result == SBL_SUCCESS ? keep_lightmap(&l) : fail_with(task->said, common.scene, result);
-    }
-    free(l.light.values);
-    free(l.atlas.values);
-    free(l.overlap.values);
-    for (i = 0; i < 4; i++) free(l.harmonics[i].values);
-    if (status == DONE && bar.shown)
-        fprintf(stderr, "%s: %d x %d texels, %.0f sensors, %.1f s\n", common.output, desc.width, desc.height,
-                (double)sbl_query_stats(context).sensors.count, *seconds);
-    return status;
-}
-
 /* ---- one file ---- */
 
 enum { ONE_FILE = OWN_TARGETS, VERTEX_BIN, VERTEX_TEXTURES };
@@ -515,6 +273,8 @@ static int find_file(void) {
     target_count = ONE_FILE + 1;
     return targets_check(target_count, given);
 }
+
+#include "sbl_bake_lightmap.h"
 
 /* ---- parts ---- */
 
@@ -891,7 +651,7 @@ int main(int argc, char **argv) {
     if (given[HELP]) { print_help(); return fflush(stdout) == 0 ? DONE : FAILED; }
     if (given[VERSION]) { printf("sbl_bake %s\n", sbl_version()); return fflush(stdout) == 0 ? DONE : FAILED; }
     catch_signals();
-    status = given[LIGHTMAP] ? find_files() : find_file();
+    status = given[LIGHTMAP] && !given[PART] ? find_files() : find_file();
     if (status == DONE && given[PROBES]) status = prepare_probes();
     if (status == DONE)
         status = given[LIGHTMAP]   ? tool_run(start, given, bake_lightmap, find_more_files, NULL)

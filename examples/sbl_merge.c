@@ -2,7 +2,6 @@
    those of a bake by sbl_bake --part, on one machine or on many. `sbl_merge --help` explains its options. */
 #define _DEFAULT_SOURCE
 #include "../sbl.h"
-#include <dirent.h>
 #include "output_file.h"
 #include "picture_file.h"
 #include "part_list.h"
@@ -85,34 +84,13 @@ static int parse(int argc, char **argv) {
 
 static int add_part(const char *name) { return is_bake ? bake_add(&bakes, name) : parts_add(&pictures, name); }
 
-static int compare_names(const void *a, const void *b) { return strcmp(*(char *const *)a, *(char *const *)b); }
-
 /* Adds the files of a folder that have the ending of parts. Returns whether that succeeded. */
 static int add_folder(const char *folder) {
-    const char *ending = !is_bake ? ".exr" : bakes.is_ply ? ".ply" : ".json";
-    char **names = NULL;
-    int count = 0, room = 0, i, ok = 1;
-    const struct dirent *entry;
-    DIR *in = opendir(folder);
-    if (!in) return parts__fail(parts_given(), "%s: it cannot be read: %s", folder, strerror(errno));
-    while (ok && (entry = readdir(in)) != NULL) {
-        char **more = names;
-        if (entry->d_name[0] == '.' || !ends_with(entry->d_name, ending)) continue;
-        if (count == room) more = (char **)realloc(names, (size_t)(room = 2 * room + 64) * sizeof *names);
-        ok = more != NULL;
-        if (ok) names = more;
-        if (ok) names[count] = (char *)malloc(strlen(folder) + strlen(entry->d_name) + 2);
-        ok = ok && names[count];
-        if (ok) sprintf(names[count++], "%s/%s", folder, entry->d_name);
-    }
-    closedir(in);
-    if (!ok) parts__fail(parts_given(), "out of memory");
-    if (count) qsort(names, (size_t)count, sizeof *names, compare_names);  /* messages do not depend on the system */
-    for (i = 0; i < count; i++) {
-        ok = ok && add_part(names[i]);
-        free(names[i]);
-    }
-    free(names);
+    int i, count = 0, ok;
+    char **names = parts_folder(parts_given(), folder, !is_bake ? ".exr" : bakes.is_ply ? ".ply" : ".json", &count);
+    ok = names != NULL;
+    for (i = 0; i < count && ok; i++) ok = add_part(names[i]);
+    parts_folder_free(names, count);
     return ok;
 }
 

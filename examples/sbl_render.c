@@ -691,27 +691,19 @@ static void find_facts(shot *s) {
 /* Takes mean, price and exposure from the facts. */
 static void use_facts(void *user) {
     shot *s = (shot *)user;
-    double mean[3] = { 0, 0, 0 }, price = 0, exposure = 0;
-    int k;
-    sscanf(s->windows.work.facts[FACT_MEAN].text, "%lf %lf %lf", &mean[0], &mean[1], &mean[2]);
+    double exposure = 0;
+    plan_use(&s->windows.work, s->desc.mean_radiance, &s->desc.price);
     sscanf(s->windows.work.facts[FACT_EXPOSURE].text, "%lf", &exposure);
-    for (k = 0; k < 3; k++) s->desc.mean_radiance[k] = (float)mean[k];
-    sscanf(s->windows.work.facts[FACT_PRICE].text, "%lf", &price);
-    s->desc.price = (float)price;
     s->desc.exposure = (float)exposure;
     s->desc.auto_exposure = 0;
 }
 
-#define PRICE_GROWTH 0.4  /* power of the number of pixels with which the price grows, see ON PARTS in sbl.h */
-
 /* Makes a small picture of the whole, which gives the mean, the price, the exposure and, if cost is not NULL, the cost.
    Returns the exit status. */
 static int look_at_whole(void *user, plan_cost *cost) {
-    enum { SHRINK = 4, LEAST = 192, MOST = 512 };  /* how much smaller it is; its least and greatest width or height */
     shot *s = (shot *)user;
     sbl_context *context = s->task->context;
-    const double across = s->desc.width > s->desc.height ? s->desc.width : s->desc.height;
-    const double shrink = fmax(1, across / fmin(fmax(across / SHRINK, LEAST), MOST));
+    const double shrink = plan_small(s->desc.width > s->desc.height ? s->desc.width : s->desc.height);
     sbl_picture_desc small = s->desc;
     sbl_stats stats;
     image looks = { 0 };
@@ -739,9 +731,7 @@ static int look_at_whole(void *user, plan_cost *cost) {
     if (result == SBL_UNFINISHED) return stop_early();
     if (result != SBL_SUCCESS) return fail_with(s->task->said, common.scene, result);
     if (!enough) return fail("out of memory");
-    plan_fact(&s->windows.work, FACT_MEAN, "%.9g %.9g %.9g", (double)stats.picture.mean_radiance[0],
-              (double)stats.picture.mean_radiance[1], (double)stats.picture.mean_radiance[2]);
-    plan_fact(&s->windows.work, FACT_PRICE, "%.9g", (double)stats.picture.price * pow(shrink, 2 * PRICE_GROWTH));
+    plan_mean_and_price(&s->windows.work, &stats, shrink);
     plan_fact(&s->windows.work, FACT_EXPOSURE, "%.9g", isnan(s->exposure) ? (double)stats.picture.exposure : s->exposure);
     return DONE;
 }

@@ -146,6 +146,34 @@ static void plan_fact(plan *p, int fact, const char *format, ...) {
     va_end(arguments);
 }
 
+/* ---- a small one of the whole ---- */
+
+/* Returns how many times smaller a picture of the whole is made that is `across` pixels wide or high, whichever is
+   more. It shows what windows need to know: see ON PARTS in sbl.h. */
+static double plan_small(double across) {
+    enum { SHRINK = 4, LEAST = 192, MOST = 512 };  /* usual factor; least and greatest width or height */
+    return fmax(1, across / fmin(fmax(across / SHRINK, LEAST), MOST));
+}
+
+#define PRICE_GROWTH 0.4  /* power of the number of pixels with which the price grows, see ON PARTS in sbl.h */
+
+/* Sets the facts of mean and price. stats: of a picture that is `shrink` times smaller than the whole */
+static void plan_mean_and_price(plan *p, const sbl_stats *stats, double shrink) {
+    const float *mean = stats->picture.mean_radiance;
+    plan_fact(p, FACT_MEAN, "%.9g %.9g %.9g", (double)mean[0], (double)mean[1], (double)mean[2]);
+    plan_fact(p, FACT_PRICE, "%.9g", (double)stats->picture.price * pow(shrink, 2 * PRICE_GROWTH));
+}
+
+/* Takes mean and price from the facts. */
+static void plan_use(const plan *p, float mean[3], float *price) {
+    double numbers[4] = { 0, 0, 0, 0 };
+    int k;
+    sscanf(p->facts[FACT_MEAN].text, "%lf %lf %lf", &numbers[0], &numbers[1], &numbers[2]);
+    sscanf(p->facts[FACT_PRICE].text, "%lf", &numbers[3]);
+    for (k = 0; k < 3; k++) mean[k] = (float)numbers[k];
+    *price = (float)numbers[3];
+}
+
 /* ---- the file ---- */
 
 static int plan_write(FILE *out, const void *what) {

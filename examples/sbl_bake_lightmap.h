@@ -1,0 +1,641 @@
+/* The lightmaps of sbl_bake: baked at once, in windows or in parts, joined, and written into a folder. sbl_bake.c
+   includes this file after its options. */
+#ifndef SBL_BAKE_LIGHTMAP_H
+#define SBL_BAKE_LIGHTMAP_H
+
+/* ---- the files of a folder ---- */
+
+enum {
+    R_PFM = OWN_TARGETS, ATLAS_PFM, ATLAS_PNG, GLTF, BIN, SH_PFM, SH_PFM_LAST = SH_PFM + 3,
+#ifdef SBL_RENDER_OPENEXR
+    R_EXR, ATLAS_EXR, SH_EXR, SH_EXR_LAST = SH_EXR + 3,
+#endif
+    OVERLAP, PARTIAL, TEXTURES
+};
+
+static const char *const names[TEXTURES] = {
+    [R_PFM] = "lightmap.pfm", [ATLAS_PFM] = "atlas.pfm", [ATLAS_PNG] = "atlas.png", [GLTF] = "scene.gltf",
+    [BIN] = "scene.bin",
+    [SH_PFM] = "sh_0.pfm", "sh_1.pfm", "sh_2.pfm", "sh_3.pfm",
+#ifdef SBL_RENDER_OPENEXR
+    [R_EXR] = "lightmap.exr", [ATLAS_EXR] = "atlas.exr", [SH_EXR] = "sh_0.exr", "sh_1.exr", "sh_2.exr", "sh_3.exr",
+#endif
+    [OVERLAP] = "overlap.png", [PARTIAL] = "lightmap.partial.pfm"
+};
+static char *paths[TARGETS_MOST];
+
+/* Adds a target with this number. folder: length of the part of common.output that names the folder. Returns the exit
+   status. */
+static int target_add(int number, size_t folder, const char *name) {
+    paths[number] = output__join(common.output, folder, name);
+    if (!paths[number]) return fail("out of memory");
+    output_find(&targets[number], paths[number]);
+    if (target_count <= number) target_count = number + 1;
+    return DONE;
+}
+
+static int folder_is_new;  /* 1: this run has created the folder */
+
+/* Creates the folder and lists the files that do not depend on the scene. Returns the exit status. */
+static int find_files(void) {
+    struct stat info;
+    int i, status = DONE;
+    if (stat(common.output, &info) == 0 && !S_ISDIR(info.st_mode))
+        return misuse("--output %s: this is not a folder; give another name", common.output);
+    folder_is_new = stat(common.output, &info) != 0;
+    if (folder_is_new && mkdir(common.output, 0777) != 0)
+        return fail("%s: the folder cannot be created: %s; give another one", common.output, strerror(errno));
+    targets_begin();
+    for (i = OWN_TARGETS; i < TEXTURES && status == DONE; i++) status = target_add(i, strlen(common.output), names[i]);
+    return status == DONE ? targets_check(OVERLAP, given) : status;
+}
+
+/* Lists the files for the textures of the scene, from target number `first` on. Returns the exit status. */
+static int find_textures(const scene_file *file, int first, size_t folder) {
+    int i, status = DONE;
+    if (file->scene.texture_count > TARGETS_MOST - first)
+        return fail("%s: the scene has %d textures; this tool writes at most %d", common.scene,
+                    file->scene.texture_count, TARGETS_MOST - first);
+    for (i = 0; i < file->scene.texture_count && status == DONE; i++) {
+        char name[GLTF_NAME];
+        gltf_texture_name(name, i);
+        status = target_add(first + i, folder, name);
+    }
+    return status;
+}
+
+/* Lists the files that depend on the scene, after it was read. Returns the exit status. */
+static int find_more_files(const scene_file *file) {
+    int i, mapped = 0;
+    for (i = 0; i < file->scene.mesh_count; i++) mapped += file->scene.meshes[i].lightmap_texcoords.data != NULL;
+    if (!mapped)
+        return fail("%s: no mesh has second texture coordinates (TEXCOORD_1); scripts/unwrap makes them", common.scene);
+    return given[PART] ? DONE : find_textures(file, TEXTURES, strlen(common.output));
+}
+
+typedef struct lightmap {
+    image light, atlas;      /* R. light: 0 where there is no surface; atlas: continued into gutters. Their values may
+                                be the same array, which is light before the windows are joined, and then atlas */
+    image overlap;           /* has no values if charts do not overlap */
+    image harmonics[4];      /* have no values without --directional */
+    int harmonic;            /* number of the harmonic that is written next */
+    double intensity;        /* irradiance divided by the linear value of atlas.png */
+    gltf_file gltf;
+    int texture;             /* number of the texture that is written next */
+} lightmap;
+
+static int write_linear(FILE *out, const char *ending, const image *picture) {
+    return picture_write(out, ending, picture, SBL_CHANNEL_FINAL, 0);
+}
+static int write_light_pfm(FILE *out, const void *what) {
+    return write_linear(out, ".pfm", &((const lightmap *)what)->light);
+}
+static int write_harmonic_pfm(FILE *out, const void *what) {
+    const lightmap *l = (const lightmap *)what;
+    return write_linear(out, ".pfm", &l->harmonics[l->harmonic]);
+}
+static int write_atlas_pfm(FILE *out, const void *what) {
+    return write_linear(out, ".pfm", &((const lightmap *)what)->atlas);
+}
+#ifdef SBL_RENDER_OPENEXR
+static int write_light_exr(FILE *out, const void *what) {
+    return write_linear(out, ".exr", &((const lightmap *)what)->light);
+}
+static int write_harmonic_exr(FILE *out, const void *what) {
+    const lightmap *l = (const lightmap *)what;
+    return write_linear(out, ".exr", &l->harmonics[l->harmonic]);
+}
+static int write_atlas_exr(FILE *out, const void *what) {
+    return write_linear(out, ".exr", &((const lightmap *)what)->atlas);
+}
+#endif
+static int write_atlas_png(FILE *out, const void *what) {
+    const lightmap *l = (const lightmap *)what;
+    return picture_write(out, ".png", &l->atlas, SBL_CHANNEL_FINAL, log(atan(1.0) * 4 / l->intensity) / log(2.0));
+}
+static int write_overlap(FILE *out, const void *what) {
+    return picture_write(out, ".png", &((const lightmap *)what)->overlap, SBL_CHANNEL_ALBEDO, 0);
+}
+static int write_scene(FILE *out, const void *what) { return gltf_write_json(out, &((const lightmap *)what)->gltf); }
+static int write_scene_bin(FILE *out, const void *what) { return gltf_write_bin(out, &((const lightmap *)what)->gltf); }
+static int write_texture(FILE *out, const void *what) {
+    const lightmap *l = (const lightmap *)what;
+    return gltf_write_texture(out, &l->gltf, l->texture);
+}
+
+static int compare_floats(const void *a, const void *b) {
+    const float x = *(const float *)a, y = *(const float *)b;
+    return (x > y) - (x < y);
+}
+
+/* Returns the value of R that becomes white in 8 bits: a thousandth of the lit texels exceeds it; it is at most eight
+   times the mean of the lit texels. Returns 0 if memory runs out. */
+static double bright(const image *light) {
+    const size_t texels = (size_t)light->width * (size_t)light->height;
+    float *most = (float *)malloc(texels * sizeof *most);
+    size_t i, lit = 0;
+    double result = 1, sum = 0;
+    if (!most) return 0;
+    for (i = 0; i < texels; i++) {
+        const float *v = light->values + 3 * i, larger = v[0] > v[1] ? v[0] : v[1];
+        most[lit] = larger > v[2] ? larger : v[2];
+        sum += (double)most[lit];
+        lit += most[lit] > 0;
+    }
+    qsort(most, lit, sizeof *most, compare_floats);
+    if (lit) result = (double)most[lit - 1 - lit / 1000];
+    if (lit && result > 8 * sum / (double)lit) result = 8 * sum / (double)lit;
+    free(most);
+    return result;
+}
+
+/* Reads R, and sets it to 0 where there is no surface. */
+static sbl_result read_light(sbl_context *context, lightmap *l, int size) {
+    image id = { 0 };
+    const size_t texels = (size_t)size * (size_t)size;
+    sbl_result result = picture_read(context, size, size, SBL_CHANNEL_RADIANCE, &l->light);
+    size_t i;
+    if (result == SBL_SUCCESS) result = picture_read(context, size, size, SBL_CHANNEL_ID, &id);
+    for (i = 0; i < texels && result == SBL_SUCCESS; i++)
+        if (!(id.values[i] > 0)) l->light.values[3 * i] = l->light.values[3 * i + 1] = l->light.values[3 * i + 2] = 0;
+    free(id.values);
+    return result;
+}
+
+/* If triangles share texels, makes a picture of this: shared texels are red, other used texels grey. */
+static sbl_result read_overlap(sbl_context *context, lightmap *l, int size) {
+    image others = { 0 }, *shown = &l->overlap;
+    const size_t texels = (size_t)size * (size_t)size;
+    sbl_result result = picture_read(context, size, size, SBL_CHANNEL_OVERLAP, &others);
+    size_t i;
+    int any = 0;
+    for (i = 0; i < texels && result == SBL_SUCCESS; i++) any |= others.values[i] > 0;
+    if (any) result = picture_read(context, size, size, SBL_CHANNEL_NORMAL, shown);
+    for (i = 0; i < texels && any && result == SBL_SUCCESS; i++) {
+        float *v = shown->values + 3 * i;
+        const float there = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] > 0 ? 0.3f : 0;
+        const int shared = others.values[i] > 0;
+        v[0] = shared ? 1 : there;
+        v[1] = v[2] = shared ? 0 : there;
+    }
+    if (!any || result != SBL_SUCCESS) { free(shown->values); shown->values = NULL; }
+    free(others.values);
+    return result;
+}
+
+/* Returns the number of the harmonic that a target contains, or -1 if it contains none. */
+static int harmonic_of(int target) {
+    if (target >= SH_PFM && target <= SH_PFM_LAST) return target - SH_PFM;
+#ifdef SBL_RENDER_OPENEXR
+    if (target >= SH_EXR && target <= SH_EXR_LAST) return target - SH_EXR;
+#endif
+    return -1;
+}
+
+/* Writes the files that show l->light (group 0) or all others (group 1). Returns the exit status. */
+static int keep_files(lightmap *l, int group) {
+    static const struct { int group, target; output_writer write; } files[] = {
+        { 0, R_PFM, write_light_pfm }, { 1, ATLAS_PFM, write_atlas_pfm }, { 1, ATLAS_PNG, write_atlas_png },
+        { 1, SH_PFM, write_harmonic_pfm }, { 1, SH_PFM + 1, write_harmonic_pfm }, { 1, SH_PFM + 2, write_harmonic_pfm },
+        { 1, SH_PFM + 3, write_harmonic_pfm },
+#ifdef SBL_RENDER_OPENEXR
+        { 0, R_EXR, write_light_exr }, { 1, ATLAS_EXR, write_atlas_exr },
+        { 1, SH_EXR, write_harmonic_exr }, { 1, SH_EXR + 1, write_harmonic_exr }, { 1, SH_EXR + 2, write_harmonic_exr },
+        { 1, SH_EXR + 3, write_harmonic_exr },
+#endif
+        { 1, OVERLAP, write_overlap }, { 1, BIN, write_scene_bin }, { 1, GLTF, write_scene }
+    };
+    const int textures = group ? l->gltf.scene->texture_count : 0, count = (int)(sizeof files / sizeof *files);
+    int i;
+    for (i = 0; i < textures + count; i++) {
+        const int texture = i < textures, file = i - textures, target = texture ? TEXTURES + i : files[file].target;
+        if (!texture && files[file].group != group) continue;
+        l->texture = i;
+        if (target == OVERLAP && !l->overlap.values) continue;
+        l->harmonic = texture ? -1 : harmonic_of(target);
+        if (l->harmonic >= 0 && !l->harmonics[l->harmonic].values) continue;
+        if (interrupted) return stop("%s was not written", targets[target].name);
+        if (!target_write(&targets[target], texture ? write_texture : files[file].write, l, 0))
+            return interrupted ? stop("%s was not written", targets[target].name) : fail_to_write(targets[target].name);
+    }
+    return DONE;
+}
+
+/* ---- baking ---- */
+
+/* A lightmap that is being baked: what is baked, and in which windows. */
+typedef struct map_bake {
+    tool_task *task;
+    progress bar;
+    sbl_lightmap_desc desc;
+    windows windows;
+    image window;            /* the window that was baked last, in the components of map_channels */
+    lightmap map;
+} map_bake;
+
+static void describe_lightmap(sbl_lightmap_desc *desc, progress *bar) {
+    memset(desc, 0, sizeof *desc);
+    desc->width = desc->height = options.lightmap;
+    if (given[GUTTER]) desc->gutter = (int)zero_or(options.gutter);
+    desc->options = common_options(given, bar);
+    desc->target_error = (float)options.target_error;
+    desc->directional = given[DIRECTIONAL];
+    desc->supersample = options.supersample;
+    desc->tile = common.tile;
+    if (given[THRESHOLD]) desc->threshold = zero_or(common.threshold);
+    if (given[FILTER_RADIUS]) desc->filter_radius = (int)zero_or(common.filter_radius);
+}
+
+/* Sets what the scene of a lightmap refers to, after R is known. Returns 0 if memory runs out. */
+static int describe_scene(map_bake *b) {
+    lightmap *l = &b->map;
+    l->intensity = atan(1.0) * 4 * bright(&l->light);
+    l->gltf.scene = &b->task->file->scene;
+    l->gltf.names = b->task->file->names;
+    l->gltf.bin = names[BIN];
+    l->gltf.lightmap = names[ATLAS_PNG];
+    l->gltf.intensity = l->intensity;
+    return l->intensity > 0;
+}
+
+/* Saves R of an unfinished lightmap after a signal. Returns the exit status. */
+static int save_partial(map_bake *b) {
+    const sbl_result result = read_light(b->task->context, &b->map, b->desc.width);
+    if (result == SBL_UNFINISHED) return stop("there is no light yet");
+    if (result == SBL_SUCCESS && target_write(&targets[PARTIAL], write_light_pfm, &b->map, 1))
+        return stop("the unfinished lightmap (%.0f %%) is in %s",
+                    floor(100 * (double)sbl_progress(b->task->context)), targets[PARTIAL].name);
+    return stop("the unfinished lightmap cannot be written to %s: %s", targets[PARTIAL].name, why_not_written());
+}
+
+/* Bakes the map at once. Returns the exit status. */
+static int bake_whole(map_bake *b, double *seconds) {
+    sbl_context *context = b->task->context;
+    lightmap *l = &b->map;
+    const int size = b->desc.width;
+    sbl_result result = sbl_begin_lightmap(context, &b->desc);
+    int i, status;
+    if (result == SBL_SUCCESS) result = work_to_save(context);
+    if (b->bar.shown) fprintf(stderr, "\r%70s\r", "");
+    *seconds = now() - b->task->start;
+    if (result == SBL_UNFINISHED) return save_partial(b);
+    if (result == SBL_SUCCESS) result = read_light(context, l, size);
+    if (result == SBL_SUCCESS) result = picture_read(context, size, size, SBL_CHANNEL_FINAL, &l->atlas);
+    for (i = 0; i < 4 && given[DIRECTIONAL] && result == SBL_SUCCESS; i++)
+        result = picture_read(context, size, size, (sbl_channel)(SBL_CHANNEL_SH_0 + i), &l->harmonics[i]);
+    if (result == SBL_SUCCESS) result = read_overlap(context, l, size);
+    if (result == SBL_SUCCESS && !describe_scene(b)) result = SBL_ERROR_OUT_OF_MEMORY;
+    if (result != SBL_SUCCESS) return fail_with(b->task->said, common.scene, result);
+    status = keep_files(l, 0);
+    return status == DONE ? keep_files(l, 1) : status;
+}
+
+/* ---- baking in windows ---- */
+
+/* The components of the .exr file of a window: R; 1 where there is a surface, otherwise 0; the number of triangles that
+   overlap the one that the texel shows; with --directional, the harmonics. */
+enum { MAP_ALPHA = 3, MAP_OVERLAP, MAP_PLAIN, MAP_DIRECTIONAL = MAP_PLAIN + 12 };
+static const char *const map_channels[MAP_DIRECTIONAL] = { "R", "G", "B", "A", "overlap",
+    "sh_0.R", "sh_0.G", "sh_0.B", "sh_1.R", "sh_1.G", "sh_1.B", "sh_2.R", "sh_2.G", "sh_2.B", "sh_3.R", "sh_3.G",
+    "sh_3.B" };
+
+static int map_components(void) { return given[DIRECTIONAL] ? MAP_DIRECTIONAL : MAP_PLAIN; }
+
+/* Sets the facts that windows of this map have in common, except mean and price. */
+static void find_map_facts(map_bake *b) {
+    static const int without[] = { OUTPUT, STATS, STORE, STORE_REPLACE, QUIET, VERBOSE, ALLOW_PATH, MEMORY, READ_TIME,
+                                   LIGHTMAP, GUTTER, PART, PLAN, JOIN, RESUME, -1 };
+    const sbl_context *context = b->task->context;
+    plan *p = &b->windows.work;
+    plan_fact(p, FACT_VERSION, "%s", sbl_version());
+    plan_fact(p, FACT_SCENE, "%016llx", (unsigned long long)sbl_scene_fingerprint(context));
+    plan_fact(p, FACT_CAMERA, "%s", "");
+    p->facts[FACT_OPTIONS].name = fact_names[FACT_OPTIONS];
+    plan_options(p->facts[FACT_OPTIONS].text, PICTURE_FACT_SIZE, table, OPTION_COUNT, given, without);
+    plan_fact(p, FACT_CHANNEL, "lightmap");
+    plan_fact(p, FACT_SIZE, "%dx%d", options.lightmap, options.lightmap);
+    plan_fact(p, FACT_EXPOSURE, "0");
+    plan_fact(p, FACT_RENDERER, "%s", sbl_query_capabilities(context).renderer);
+    plan_fact(p, FACT_PART, "%s", "");
+}
+
+/* Bakes a small map, which gives the mean, the price and, if cost is not NULL, the cost. Returns the exit status. */
+static int look_at_map(void *user, plan_cost *cost) {
+    map_bake *b = (map_bake *)user;
+    sbl_context *context = b->task->context;
+    const int across = options.supersample ? options.supersample : 1;
+    sbl_lightmap_desc small = b->desc;
+    const double shrink = plan_small(options.lightmap * across);
+    image looks = { 0 };
+    sbl_stats stats;
+    sbl_result result;
+    int enough = 1;
+    small.width = small.height = (int)ceil(options.lightmap * across / shrink);
+    small.supersample = 1;
+    small.directional = 0;
+    small.gutter = -1;
+    memset(small.window, 0, sizeof small.window);
+    result = sbl_begin_lightmap(context, &small);
+    if (result == SBL_SUCCESS) result = work(context);
+    stats = sbl_query_stats(context);
+    b->windows.looked = result == SBL_SUCCESS;
+    if (result == SBL_SUCCESS && cost) {
+        result = picture_read(context, small.width, small.height, SBL_CHANNEL_LOOKS, &looks);
+        if (result == SBL_SUCCESS) enough = plan_cost_make(cost, &looks);
+        free(looks.values);
+    }
+    if (b->bar.shown) fprintf(stderr, "\r%70s\r", "");
+    if (result == SBL_UNFINISHED) return stop("there is no light yet");
+    if (result != SBL_SUCCESS) return fail_with(b->task->said, common.scene, result);
+    if (!enough) return fail("out of memory");
+    plan_mean_and_price(&b->windows.work, &stats, shrink);
+    return DONE;
+}
+
+static void use_map_facts(void *user) {
+    map_bake *b = (map_bake *)user;
+    plan_use(&b->windows.work, b->desc.mean_radiance, &b->desc.price);
+}
+
+static double map_window_bytes(const void *user, const int window[4]) {
+    const map_bake *b = (const map_bake *)user;
+    sbl_lightmap_desc desc = b->desc;
+    memcpy(desc.window, window, sizeof desc.window);
+    return (double)sbl_lightmap_bytes(b->task->context, &desc) + 4.0 * (map_components() + 3) * window[2] * window[3];
+}
+
+/* Copies a channel of the baked window to the components of b->window from number `at` on. */
+static sbl_result read_component(map_bake *b, sbl_channel channel, int at) {
+    image one = { 0 }, *to = &b->window;
+    const sbl_result result = picture_read(b->task->context, to->width, to->height, channel, &one);
+    const size_t texels = (size_t)to->width * (size_t)to->height;
+    size_t i;
+    int k;
+    for (i = 0; i < texels && result == SBL_SUCCESS; i++)
+        for (k = 0; k < one.components; k++) {
+            const float value = one.values[i * (size_t)one.components + (size_t)k];
+            to->values[i * (size_t)to->components + (size_t)(at + k)] = channel == SBL_CHANNEL_ID ? value > 0 : value;
+        }
+    free(one.values);
+    return result;
+}
+
+/* Bakes a window into b->window. */
+static sbl_result bake_window(void *user, const int window[4]) {
+    map_bake *b = (map_bake *)user;
+    image *out = &b->window;
+    sbl_result result;
+    int k;
+    memcpy(b->desc.window, window, sizeof b->desc.window);
+    free(out->values);
+    out->values = NULL;
+    result = sbl_begin_lightmap(b->task->context, &b->desc);
+    if (result == SBL_SUCCESS) result = work(b->task->context);
+    if (b->bar.shown) fprintf(stderr, "\r%70s\r", "");
+    if (result != SBL_SUCCESS) return result;
+    memcpy(out->at, window, sizeof out->at);
+    out->width = window[2];
+    out->height = window[3];
+    out->whole[0] = out->whole[1] = options.lightmap;
+    out->components = map_components();
+    out->channels = map_channels;
+    out->facts = b->windows.work.facts;
+    out->values = (float *)malloc((size_t)out->width * (size_t)out->height * (size_t)out->components * sizeof(float));
+    if (!out->values) return SBL_ERROR_OUT_OF_MEMORY;
+    result = read_component(b, SBL_CHANNEL_RADIANCE, 0);
+    if (result == SBL_SUCCESS) result = read_component(b, SBL_CHANNEL_ID, MAP_ALPHA);
+    if (result == SBL_SUCCESS) result = read_component(b, SBL_CHANNEL_OVERLAP, MAP_OVERLAP);
+    for (k = 0; k < 4 && given[DIRECTIONAL] && result == SBL_SUCCESS; k++)
+        result = read_component(b, (sbl_channel)(SBL_CHANNEL_SH_0 + k), MAP_PLAIN + 3 * k);
+    return result;
+}
+
+static int write_window(FILE *out, const void *what) {
+    return picture_write(out, ".exr", &((const map_bake *)what)->window, SBL_CHANNEL_FINAL, 0);
+}
+
+/* ---- joining windows ---- */
+
+/* The whole map that the windows are joined to. */
+typedef struct joined_map {
+    float *light[5], *alpha;      /* R and harmonics, 3 floats per texel; 1 where there is a surface */
+    unsigned char *overlap;       /* per texel: 1 if triangles overlap there */
+    int any_overlap;
+} joined_map;
+
+/* Spreads a band of rows, which begins at texel `first`, over the arrays of the map. */
+static void spread_band(joined_map *j, const float *band, size_t first, size_t texels) {
+    const size_t n = (size_t)map_components();
+    size_t i;
+    int k;
+    for (i = first; i < first + texels; i++, band += n) {
+        memcpy(j->light[0] + 3 * i, band, 12);
+        j->alpha[i] = band[MAP_ALPHA];
+        j->overlap[i] = band[MAP_OVERLAP] > 0;
+        j->any_overlap |= j->overlap[i];
+        for (k = 1; k < 5 && j->light[k]; k++) memcpy(j->light[k] + 3 * i, band + MAP_PLAIN + 3 * (k - 1), 12);
+    }
+}
+
+/* Allocates the arrays of the map, and reads the windows into them. Returns the exit status. */
+static int read_windows(joined_map *j, picture_parts *parts) {
+    const int size = options.lightmap, region[4] = { 0, 0, size, size }, layers = given[DIRECTIONAL] ? 5 : 1;
+    const size_t texels = (size_t)size * (size_t)size;
+    float *band = (float *)malloc((size_t)size * PARTS_BAND * (size_t)map_components() * sizeof *band);
+    int y, k, ok = band != NULL;
+    j->alpha = (float *)malloc(texels * sizeof *j->alpha);
+    j->overlap = (unsigned char *)malloc(texels);
+    ok = ok && j->alpha && j->overlap;
+    for (k = 0; k < layers; k++) ok = (j->light[k] = (float *)malloc(12 * texels)) != NULL && ok;
+    if (!ok) {
+        free(band);
+        return fail("out of memory: the whole map of %d x %d texels must fit into it to be joined", size, size);
+    }
+    for (y = 0; y < size && ok && !interrupted; y += PARTS_BAND) {
+        const int rows = size - y < PARTS_BAND ? size - y : PARTS_BAND;
+        ok = parts_band(parts, region, y, rows, band);
+        if (ok) spread_band(j, band, (size_t)y * (size_t)size, (size_t)rows * (size_t)size);
+    }
+    free(band);
+    if (interrupted) return stop("nothing was written");
+    return ok ? DONE : fail("%s", parts->list.error);
+}
+
+/* Makes the picture of overlaps, if there are any. Returns 0 if memory runs out. */
+static int show_overlap(const joined_map *j, image *out) {
+    const size_t texels = (size_t)options.lightmap * (size_t)options.lightmap;
+    size_t i;
+    if (!j->any_overlap) return 1;
+    out->width = out->height = options.lightmap;
+    out->components = 3;
+    out->values = (float *)malloc(12 * texels);
+    for (i = 0; i < texels && out->values; i++) {
+        float *v = out->values + 3 * i;
+        v[0] = j->overlap[i] ? 1 : j->alpha[i] > 0 ? 0.3f : 0;
+        v[1] = v[2] = j->overlap[i] ? 0 : v[0];
+    }
+    return out->values != NULL;
+}
+
+/* Makes the gutters and seams of the map. */
+static sbl_result join_map(map_bake *b, joined_map *j) {
+    sbl_windows_desc desc;
+    sbl_result result;
+    memset(&desc, 0, sizeof desc);
+    desc.lightmap = b->desc;
+    desc.ids = j->alpha;
+    memcpy(desc.light, j->light, sizeof desc.light);
+    desc.texel_count = (size_t)options.lightmap * (size_t)options.lightmap;
+    result = sbl_begin_windows(b->task->context, &desc);
+    return result == SBL_SUCCESS ? work(b->task->context) : result;
+}
+
+/* Joins the windows and writes all files. Returns the exit status. */
+static int join_parts(map_bake *b, picture_parts *parts, double *seconds) {
+    lightmap *l = &b->map;
+    joined_map j;
+    int k, status;
+    sbl_result result;
+    memset(&j, 0, sizeof j);
+    status = read_windows(&j, parts);
+    l->light.values = j.light[0];
+    l->light.width = l->light.height = options.lightmap;
+    l->light.components = 3;
+    l->atlas = l->light;
+    for (k = 0; k < 4 && given[DIRECTIONAL]; k++) {
+        l->harmonics[k] = l->light;
+        l->harmonics[k].values = j.light[k + 1];
+    }
+    if (status == DONE && (!describe_scene(b) || !show_overlap(&j, &l->overlap))) status = fail("out of memory");
+    if (status == DONE) status = keep_files(l, 0);
+    if (status == DONE) {
+        result = join_map(b, &j);
+        if (b->bar.shown) fprintf(stderr, "\r%70s\r", "");
+        if (result == SBL_UNFINISHED) status = stop("the map was not written");
+        else if (result != SBL_SUCCESS) status = fail_with(b->task->said, common.scene, result);
+    }
+    *seconds = now() - b->task->start;
+    if (status == DONE) status = keep_files(l, 1);
+    free(j.alpha);
+    free(j.overlap);
+    return status;
+}
+
+/* ---- the three ways ---- */
+
+/* Checks that the first part fits this run. Returns the exit status. */
+static int check_joined(const map_bake *b, const part_list *list) {
+    int i;
+    for (i = 0; i < FACT_MEAN; i++)
+        if (strcmp(list->facts[i].text, b->windows.work.facts[i].text) != 0)
+            return fail("%s does not fit: it was made %s: it has %s, this run has %s", list->files[0].name,
+                        fact_words[i], fact_shown(list->facts[i].text), fact_shown(b->windows.work.facts[i].text));
+    if (list->drivers && !given[QUIET])
+        warn("the parts were made by different graphics drivers, whose light differs by rounding and noise");
+    return DONE;
+}
+
+/* Joins the parts in the folder of --join. Returns the exit status. */
+static int join_folder(map_bake *b, double *seconds) {
+    static picture_parts parts;
+    const int region[4] = { 0, 0, options.lightmap, options.lightmap };
+    char **files;
+    int i, count = 0, status = DONE, ok;
+    parts.frame.channels = map_channels;
+    parts.frame.components = map_components();
+    files = parts_folder(&parts.list, options.join, ".exr", &count);
+    ok = files != NULL;
+    for (i = 0; i < count && ok; i++) ok = parts_add(&parts, files[i]);
+    if (ok) status = parts.list.count ? check_joined(b, &parts.list) : fail("%s: it has no .exr files", options.join);
+    if (ok && status == DONE) ok = parts_check(&parts, region);
+    if (!ok) status = fail("%s", parts.list.error);
+    if (status == DONE) status = join_parts(b, &parts, seconds);
+    parts_folder_free(files, count);
+    parts_free(&parts);
+    return status;
+}
+
+/* Bakes the windows that are not finished, in the folder OUTPUT.parts, and joins them. Returns the exit status. */
+static int bake_windows(map_bake *b, double *seconds) {
+    static picture_parts parts;
+    parts_job job = { &parts, common.output, { 0, 0, 0, 0 }, b->windows.work.facts, SBL_CHANNEL_FINAL, 0, &interrupted };
+    int status = windows_make(&b->windows);
+    memcpy(job.region, b->windows.region, sizeof job.region);
+    if (status == DONE && !windows_open_parts(&b->windows, &parts)) status = fail("%s", parts.list.error);
+    if (status == DONE && !given[PART]) status = join_parts(b, &parts, seconds);
+    else if (status == DONE && !target_write(&targets[ONE_FILE], parts_write, &job, 0))
+        status = parts.list.error[0] ? fail("%s", parts.list.error)
+               : interrupted ? stop("all windows are finished; --resume joins them (in %s)", b->windows.folder.path)
+                             : fail_to_write(common.output);
+    *seconds = now() - b->task->start;
+    parts_free(&parts);
+    if (status == DONE) windows_end(&b->windows);
+    return status;
+}
+
+/* Bakes the window of --part. Returns the exit status. */
+static int bake_map_part(map_bake *b, double *seconds) {
+    const sbl_result result = bake_window(b, b->windows.region);
+    *seconds = now() - b->task->start;
+    if (result == SBL_UNFINISHED) return stop("nothing was written");
+    if (result != SBL_SUCCESS) return fail_with(b->task->said, common.scene, result);
+    return target_write(&targets[ONE_FILE], write_window, b, 0) ? DONE
+         : interrupted ? stop("nothing was written") : fail_to_write(common.output);
+}
+
+/* Decides whether the map is baked at once, in part, or in windows. Returns the exit status. */
+static int divide_map(map_bake *b) {
+    static output_file folder;  /* the windows are beside it */
+    static char path[PATH_MAX];
+    windows *w = &b->windows;
+    w->task = b->task;
+    w->bar = &b->bar;
+    w->noun = "lightmap";
+    w->part = given[PART] ? options.part_text : NULL;
+    w->number = options.part[0];
+    w->parts = options.part[1];
+    w->plan = options.plan;
+    w->resume = given[RESUME];
+    w->keeps_light = common_mode(given) == SBL_MODE_GI && !given[STORE];
+    w->given = given;
+    snprintf(path, sizeof path, "%s", common.output);
+    while (strlen(path) > 1 && path[strlen(path) - 1] == '/') path[strlen(path) - 1] = 0;
+    folder.path = path;
+    w->target = given[PART] ? &targets[ONE_FILE] : &folder;
+    w->size[0] = w->size[1] = w->region[2] = w->region[3] = options.lightmap;
+    w->channels = map_channels;
+    w->components = map_components();
+    w->user = b;
+    w->bytes = map_window_bytes;
+    w->look = look_at_map;
+    w->use = use_map_facts;
+    w->make = bake_window;
+    w->write = write_window;
+    find_map_facts(b);
+    return given[JOIN] ? DONE : windows_choose(w);
+}
+
+static int bake_lightmap(tool_task *task, double *seconds) {
+    static map_bake b;
+    int i, status;
+    b.task = task;
+    b.bar.shown = !given[QUIET] && isatty(STDERR_FILENO);
+    b.bar.start = now();
+    describe_lightmap(&b.desc, &b.bar);
+    status = divide_map(&b);
+    if (status == DONE)
+        status = given[JOIN] ? join_folder(&b, seconds) : b.windows.work.count > 1 ? bake_windows(&b, seconds)
+               : given[PART] ? bake_map_part(&b, seconds) : bake_whole(&b, seconds);
+    plan_free(&b.windows.work);
+    free(b.window.values);
+    free(b.map.light.values);
+    if (b.map.atlas.values != b.map.light.values) free(b.map.atlas.values);
+    free(b.map.overlap.values);
+    for (i = 0; i < 4; i++) free(b.map.harmonics[i].values);
+    if (status == DONE && b.bar.shown)
+        fprintf(stderr, "%s: %d x %d texels, %.0f sensors, %.1f s\n", common.output, options.lightmap,
+                options.lightmap, (double)sbl_query_stats(task->context).sensors.count, *seconds);
+    return status;
+}
+
+#endif
