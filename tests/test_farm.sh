@@ -1,6 +1,6 @@
 #!/bin/sh
 # Tests of scripts/farm: what it writes and refuses, and with a real Slurm of two nodes on this machine, which the test
-# starts and ends: pictures in parts, killed nodes and processes, and parts that fail for good.
+# starts and ends: pictures and bakes in parts, killed nodes and processes, and parts that fail for good.
 set -u
 export LC_ALL=C
 cd "$(dirname "$0")/.." || exit 1
@@ -10,8 +10,9 @@ farm=$here/scripts/farm
 scene=$folder/room.obj
 cp examples/scenes/two_rooms.obj "$scene"
 cp examples/scenes/two_rooms.mtl "$folder/" 2> /dev/null
-scripts/build sbl_render sbl_merge > "$folder/log" 2>&1 || { cat "$folder/log"; exit 1; }
+scripts/build sbl_render sbl_bake sbl_merge > "$folder/log" 2>&1 || { cat "$folder/log"; exit 1; }
 small='--size 160x120 --preset draft --max-bounce-cells 2048'
+grid='--probes 4x2x4 --preset draft --max-bounce-cells 2048'
 
 # >>job files
 
@@ -23,6 +24,18 @@ dry_run() {
         grep -q -e "$line" "$folder/out" || { echo "missing: $line"; cat "$folder/out"; return 1; }
     done
     [ ! -e "$folder/dry.png" ]
+}
+# a bake has no plan and its parts no --resume; only bounced light has a first part
+dry_run_of_a_bake() {
+    "$farm" bake "$scene" $grid -o "$folder/dry.json" --parts 8 --seed 5 --dry-run > "$folder/out" || return
+    for line in '^#SBATCH --requeue' "'--probes' '4x2x4'" "'--seed' '5'" "--store=$folder/dry.json.farm/light" \
+        '--part=auto/8' 'parts/%05d.json' 'would submit: part 1; then parts 2-8'; do
+        grep -q -e "$line" "$folder/out" || { echo "missing: $line"; cat "$folder/out"; return 1; }
+    done
+    ! grep -e --plan -e --resume -e --channel "$folder/out" || return
+    "$farm" bake "$scene" --vertices --mode direct -o "$folder/dry.ply" --parts 4 --dry-run > "$folder/out" &&
+        grep -q 'would submit: part none; then parts 1-4' "$folder/out" && grep -q 'parts/%05d.ply' "$folder/out" &&
+        ! grep -e --store "$folder/out" && [ ! -e "$folder/dry.ply" ]
 }
 # what the job files say is what a shell runs, also if names contain spaces and quotes
 names_are_quoted() {
@@ -42,17 +55,23 @@ refuses() {
     [ $got = "$status" ] && grep -q -e "$words" "$folder/out" || { echo "status $got:"; cat "$folder/out"; return 1; }
 }
 wrong_usage() {
-    refuses 2 usage && refuses 2 'must be render' paint && refuses 2 'cannot work in parts' bake "$scene" &&
+    refuses 2 usage && refuses 2 'must be render' paint &&
         refuses 2 'must be followed by a scene' render "$folder/none.obj" -o x.png --parts 2 &&
         refuses 2 'o FILE is missing' render "$scene" --parts 2 && refuses 2 'parts must be' render "$scene" -o x.png &&
         refuses 2 'parts must be' render "$scene" -o x.png --parts 0 &&
         refuses 2 'parts must be' render "$scene" -o x.png --parts 10001 &&
         refuses 2 'must end in' render "$scene" -o x.jpg --parts 2 &&
+        refuses 2 'lightmap cannot be baked in parts' bake "$scene" --lightmap 64 -o x --parts 2 &&
+        refuses 2 'needs --probes or --vertices' bake "$scene" -o x.json --parts 2 &&
+        refuses 2 'must end in .json' bake "$scene" --probes 2x2x2 -o x.ply --parts 2 &&
+        refuses 2 'must end in .ply' bake "$scene" --vertices -o x.gltf --parts 2 &&
+        refuses 2 'does not take --stats' bake "$scene" --vertices -o x.ply --parts 2 --stats y &&
         refuses 2 'does not take --window' render "$scene" -o x.png --parts 2 --window 0,0,1,1 &&
         refuses 1 'not a folder of farm' --resume "$folder/none.png" &&
         refuses 1 'goes on with it' render "$scene" -o "$folder/dry.png" --parts 2
 }
 check dry_run dry_run
+check dry_run_of_a_bake dry_run_of_a_bake
 check names_are_quoted names_are_quoted
 check wrong_usage wrong_usage
 
@@ -138,6 +157,7 @@ alone() {
         k=$((k + 1))
     done
 }
+# nodes_used: prints how many jobs each node has started, one a line
 nodes_used() { ls "$slurm"/slurmd.n?.log | while read -r log; do grep -c 'Launching batch job' "$log"; done; }
 
 picture_in_parts() {
@@ -146,6 +166,14 @@ picture_in_parts() {
     ! nodes_used | grep -qx 0 || { echo 'only one node was used'; return 1; }
     alone "$folder/a.png" 8 &&
         build/sbl_merge "$folder/a.png.farm/parts" -o "$folder/again.png" && cmp "$folder/a.png" "$folder/again.png"
+}
+# a bake on the cluster is the file that one node bakes without parts
+bake_in_parts() {
+    nodes_used > "$folder/before"
+    "$farm" bake "$scene" $grid -o "$folder/p.json" --parts 8 && wait_for nothing_runs || return
+    build/sbl_bake "$scene" $grid -o "$folder/whole.json" --quiet && cmp "$folder/p.json" "$folder/whole.json" ||
+        { cat "$folder"/p.json.farm/logs/*; return 1; }
+    ! nodes_used | paste -d ' ' "$folder/before" - | grep -qx '\(.*\) \1' || { echo 'one node was not used'; return 1; }
 }
 # has_part N: whether any part but the first is finished
 has_parts() { [ "$(ls "$1.farm/parts" 2> /dev/null | grep -c exr)" -ge "$2" ]; }
@@ -182,7 +210,7 @@ fails_for_good() {
     grep -q 'part 3 of 4 is missing; its log ends: sbl_render: .*room.obj' "$folder/out" && [ -s "$folder/c.exr" ] ||
         { cat "$folder"/c.exr.farm/logs/*; return 1; }
 }
-slurm_tests='picture_in_parts node_and_process_die fails_for_good'
+slurm_tests='picture_in_parts bake_in_parts node_and_process_die fails_for_good'
 if [ -z "$why" ] && ! start_slurm > "$folder/start" 2>&1; then
     cat "$folder/start"
     why='it does not start on this machine'

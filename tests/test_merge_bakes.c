@@ -166,8 +166,8 @@ TEST(parts_with_bounced_light) {
           ran.err);
 }
 
-/* Parts are valid files for other programs: JSON for Python, also if options contain characters of all kinds; and a
-   .ply has the head that other readers expect, and the bytes that it announces. */
+/* Parts are valid files for other programs: JSON for Python, also if options contain characters of all kinds; and .ply
+   for assimp, through sbl_render, with the bytes that its head announces. */
 TEST(parts_are_valid_files) {
     static char text[65536];
     const char *at;
@@ -190,6 +190,8 @@ TEST(parts_are_valid_files) {
     faces = atoi(strstr(text, "element face ") + 13);
     CHECK(size == (size_t)(at + 11 - text) + 36 * (size_t)vertices + 13 * (size_t)faces && faces > 0,
           "%d vertices, %d faces, %d bytes", vertices, faces, (int)size);
+    tool_use("sbl_render");
+    CHECK(TOOL("v.2.ply", "--mode", "direct", "--size", "8x8", "-o", "seen.png", "--quiet") == 0, "%s", ran.err);
     if (system("python3 --version > /dev/null 2>&1") != 0) SKIP("python3 is not installed");
     snprintf(command, sizeof command, "cd %s && python3 -c \"import json; d = json.load(open('p.2.json')); "
              "assert len(d['probes']) == d['sbl']['count'] == 9 and d['grid'] == [3, 2, 3]; "
