@@ -301,6 +301,21 @@ static const char *const map_channels[MAP_DIRECTIONAL] = { "R", "G", "B", "A", "
 
 static int map_components(void) { return given[DIRECTIONAL] ? MAP_DIRECTIONAL : MAP_PLAIN; }
 
+/* Returns a hash of the scene and of all lightmap_texcoords, on which the bounced light and so the fingerprint of the
+   scene do not depend. */
+static unsigned long long hash_map(const map_bake *b) {
+    const sbl_scene_desc *scene = &b->task->file->scene;
+    const uint64_t fingerprint = sbl_scene_fingerprint(b->task->context);
+    unsigned long long hash = plan_hash(PLAN_HASH_START, &fingerprint, sizeof fingerprint);
+    int i;
+    for (i = 0; i < scene->mesh_count; i++) {
+        const sbl_mesh *m = &scene->meshes[i];
+        if (m->lightmap_texcoords.data)
+            hash = plan_hash(hash, m->lightmap_texcoords.data, 2 * sizeof(float) * (size_t)m->vertex_count);
+    }
+    return hash;
+}
+
 /* Sets the facts that windows of this map have in common, except mean and price. */
 static void find_map_facts(map_bake *b) {
     static const int without[] = { OUTPUT, STATS, STORE, STORE_REPLACE, QUIET, VERBOSE, ALLOW_PATH, MEMORY, READ_TIME,
@@ -308,7 +323,7 @@ static void find_map_facts(map_bake *b) {
     const sbl_context *context = b->task->context;
     plan *p = &b->windows.work;
     plan_fact(p, FACT_VERSION, "%s", sbl_version());
-    plan_fact(p, FACT_SCENE, "%016llx", (unsigned long long)sbl_scene_fingerprint(context));
+    plan_fact(p, FACT_SCENE, "%016llx", hash_map(b));
     plan_fact(p, FACT_CAMERA, "%s", "");
     p->facts[FACT_OPTIONS].name = fact_names[FACT_OPTIONS];
     plan_options(p->facts[FACT_OPTIONS].text, PICTURE_FACT_SIZE, table, OPTION_COUNT, given, without);

@@ -13,6 +13,32 @@ cp examples/scenes/two_rooms.mtl "$folder/" 2> /dev/null
 scripts/build sbl_render sbl_bake sbl_merge > "$folder/log" 2>&1 || { cat "$folder/log"; exit 1; }
 small='--size 160x120 --preset draft --max-bounce-cells 2048'
 grid='--probes 4x2x4 --preset draft --max-bounce-cells 2048'
+map='--lightmap 96 --preset draft --max-bounce-cells 1024 --gutter 4'
+# map_scene FILE: writes a floor beneath a lamp, with lightmap coordinates
+map_scene() {
+    python3 - "$1" << 'END'
+import base64, json, struct, sys
+quads = [[-2, 0, -2, -2, 0, 2, 2, 0, 2, 2, 0, -2], [-.5, 2, -.5, .5, 2, -.5, .5, 2, .5, -.5, 2, .5]]
+charts = [[.1, .1, .1, .6, .6, .6, .6, .1], [.7, .7, .7, .9, .9, .9, .9, .7]]
+data = struct.pack('<6I', 0, 1, 2, 0, 2, 3) + b''.join(
+    struct.pack('<28f', *quads[i], *charts[i], *charts[i]) for i in (0, 1))
+views = [{'buffer': 0, 'byteOffset': 0, 'byteLength': 24}]
+parts = [{'bufferView': 0, 'componentType': 5125, 'count': 6, 'type': 'SCALAR'}]
+for i in (0, 1):
+    for k, (at, size) in enumerate(((0, 48), (48, 32), (80, 32))):
+        parts.append({'bufferView': len(views), 'componentType': 5126, 'count': 4, 'type': 'VEC2' if k else 'VEC3'})
+        if not k:
+            parts[-1].update(min=[min(quads[i][j::3]) for j in range(3)],
+                             max=[max(quads[i][j::3]) for j in range(3)])
+        views.append({'buffer': 0, 'byteOffset': 24 + 112 * i + at, 'byteLength': size})
+meshes = [{'primitives': [{'attributes': {'POSITION': 1 + 3 * i, 'TEXCOORD_0': 2 + 3 * i, 'TEXCOORD_1': 3 + 3 * i},
+                           'indices': 0, 'material': i}]} for i in (0, 1)]
+json.dump({'asset': {'version': '2.0'}, 'scene': 0, 'scenes': [{'nodes': [0, 1]}], 'nodes': [{'mesh': 0}, {'mesh': 1}],
+           'meshes': meshes, 'materials': [{}, {'emissiveFactor': [1, 1, 1]}], 'accessors': parts, 'bufferViews': views,
+           'buffers': [{'byteLength': len(data), 'uri': 'data:application/octet-stream;base64,' +
+                        base64.b64encode(data).decode()}]}, open(sys.argv[1], 'w'))
+END
+}
 
 # >>job files
 
@@ -36,6 +62,15 @@ dry_run_of_a_bake() {
     "$farm" bake "$scene" --vertices --mode direct -o "$folder/dry.ply" --parts 4 --dry-run > "$folder/out" &&
         grep -q 'would submit: part none; then parts 1-4' "$folder/out" && grep -q 'parts/%05d.ply' "$folder/out" &&
         ! grep -e --store "$folder/out" && [ ! -e "$folder/dry.ply" ]
+}
+# a lightmap has a plan like a picture, and sbl_bake joins it
+dry_run_of_a_lightmap() {
+    "$farm" bake "$scene" $map -o "$folder/dry.map" --parts 8 --dry-run > "$folder/out" || return
+    for line in "--plan=$folder/dry.map.farm/plan" "--store=$folder/dry.map.farm/light" --resume 'parts/%05d.exr' \
+        "sbl_bake' .*'--lightmap' '96' .*'--gutter' '4' .*'--join=$folder/dry.map.farm/parts' -o '$folder/dry.map'" \
+        'would submit: part 1; then parts 2-8'; do
+        grep -q -e "$line" "$folder/out" || { echo "missing: $line"; cat "$folder/out"; return 1; }
+    done
 }
 # what the job files say is what a shell runs, also if names contain spaces and quotes
 names_are_quoted() {
@@ -61,8 +96,8 @@ wrong_usage() {
         refuses 2 'parts must be' render "$scene" -o x.png --parts 0 &&
         refuses 2 'parts must be' render "$scene" -o x.png --parts 10001 &&
         refuses 2 'must end in' render "$scene" -o x.jpg --parts 2 &&
-        refuses 2 'lightmap cannot be baked in parts' bake "$scene" --lightmap 64 -o x --parts 2 &&
-        refuses 2 'needs --probes or --vertices' bake "$scene" -o x.json --parts 2 &&
+        refuses 2 'does not take --join' bake "$scene" --lightmap 64 -o x --parts 2 --join y &&
+        refuses 2 'needs --lightmap, --probes or --vertices' bake "$scene" -o x.json --parts 2 &&
         refuses 2 'must end in .json' bake "$scene" --probes 2x2x2 -o x.ply --parts 2 &&
         refuses 2 'must end in .ply' bake "$scene" --vertices -o x.gltf --parts 2 &&
         refuses 2 'does not take --stats' bake "$scene" --vertices -o x.ply --parts 2 --stats y &&
@@ -72,6 +107,7 @@ wrong_usage() {
 }
 check dry_run dry_run
 check dry_run_of_a_bake dry_run_of_a_bake
+check dry_run_of_a_lightmap dry_run_of_a_lightmap
 check names_are_quoted names_are_quoted
 check wrong_usage wrong_usage
 
@@ -175,6 +211,13 @@ bake_in_parts() {
         { cat "$folder"/p.json.farm/logs/*; return 1; }
     ! nodes_used | paste -d ' ' "$folder/before" - | grep -qx '\(.*\) \1' || { echo 'one node was not used'; return 1; }
 }
+# the parts of a lightmap are those that one node bakes, and they are joined to one map
+map_in_parts() {
+    map_scene "$folder/map.gltf" &&
+        "$farm" bake "$folder/map.gltf" $map -o "$folder/m" --parts 8 && wait_for nothing_runs || return
+    [ -s "$folder/m/atlas.exr" ] && [ -s "$folder/m/scene.gltf" ] || { cat "$folder"/m.farm/logs/*; return 1; }
+    alone "$folder/m" 8
+}
 # has_part N: whether any part but the first is finished
 has_parts() { [ "$(ls "$1.farm/parts" 2> /dev/null | grep -c exr)" -ge "$2" ]; }
 # a node dies with what runs on it, and a part's process is killed: both parts are made again
@@ -210,7 +253,7 @@ fails_for_good() {
     grep -q 'part 3 of 4 is missing; its log ends: sbl_render: .*room.obj' "$folder/out" && [ -s "$folder/c.exr" ] ||
         { cat "$folder"/c.exr.farm/logs/*; return 1; }
 }
-slurm_tests='picture_in_parts bake_in_parts node_and_process_die fails_for_good'
+slurm_tests='picture_in_parts bake_in_parts map_in_parts node_and_process_die fails_for_good'
 if [ -z "$why" ] && ! start_slurm > "$folder/start" 2>&1; then
     cat "$folder/start"
     why='it does not start on this machine'

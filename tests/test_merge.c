@@ -239,36 +239,10 @@ TEST(parts_that_cannot_be) {
 
 /* ---- window by window ---- */
 
-/* Returns how many windows of the picture are finished. */
-static int finished_windows(const char *output) {
-    char name[64];
-    int i, count = 0;
-    for (i = 1; i < 100; i++) {
-        snprintf(name, sizeof name, "%s.parts/%d.exr", output, i);
-        count += exists(name);
-    }
-    return count;
-}
-
-/* Starts sbl_render, and waits until `count` windows of the output are finished, or the program ends. */
-static pid_t start_windows(const char *const *arguments, const char *output, int count) {
-    char last[64];
-    snprintf(last, sizeof last, "%s.parts/%d.exr", output, count);
-    tool_use("sbl_render");
-    return start_until(arguments, count ? last : ".");
-}
-
-/* Kills sbl_render as soon as `count` windows are finished. Returns whether it was killed before it ended. */
-static int kill_when(const char *const *arguments, const char *output, int count) {
-    const pid_t child = start_windows(arguments, output, count);
-    kill(child, SIGKILL);
-    finish(child);
-    return ran.status == -SIGKILL;
-}
-
-/* Does the same for the large picture. */
+/* Kills sbl_render as soon as `count` windows of the large picture are finished, see kill_when. */
 static int kill_after(int count, const char *output) {
     const char *const arguments[] = { LARGE, "-o", output, "--resume", NULL };
+    tool_use("sbl_render");
     return kill_when(arguments, output, count);
 }
 

@@ -336,7 +336,6 @@ TEST(parts_that_cannot_be) {
            "no.ply");
     CANNOT("a part is a .ply file", VERTICES, "--part", "1/2", "-o", "no.gltf");
     CANNOT("must end in .json", PROBES, "--part", "1/2", "-o", "no.txt");
-    CANNOT("--part needs --probes or --vertices", "meshes.obj", FAST, "--lightmap", "64", "--part", "1/2", "-o", "no");
     CANNOT("K/N", PROBES, "--part", "1/10001", "-o", "no.json");
     CANNOT("SLURM_ARRAY_TASK_ID", PROBES, "--part", "auto/3", "-o", "no.json");
     CANNOT("%04d", PROBES, "--part", "1/3", "-o", "no%s.json");

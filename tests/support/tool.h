@@ -207,6 +207,32 @@ static inline pid_t start_until(const char *const *arguments, const char *name) 
     return child;
 }
 
+/* Returns how many windows of an output are finished. */
+static inline int finished_windows(const char *output) {
+    char name[64];
+    int i, count = 0;
+    for (i = 1; i < 100; i++) {
+        snprintf(name, sizeof name, "%s.parts/%d.exr", output, i);
+        count += exists(name);
+    }
+    return count;
+}
+
+/* Starts the tool, and waits until `count` windows of the output are finished, or the program ends. */
+static inline pid_t start_windows(const char *const *arguments, const char *output, int count) {
+    char last[64];
+    snprintf(last, sizeof last, "%s.parts/%d.exr", output, count);
+    return start_until(arguments, count ? last : ".");
+}
+
+/* Kills the tool as soon as `count` windows are finished. Returns whether it was killed before it ended. */
+static inline int kill_when(const char *const *arguments, const char *output, int count) {
+    const pid_t child = start_windows(arguments, output, count);
+    kill(child, SIGKILL);
+    finish(child);
+    return ran.status == -SIGKILL;
+}
+
 static int leftovers;
 static int count_leftover(const char *path, const struct stat *info, int kind, struct FTW *where) {
     (void)info;

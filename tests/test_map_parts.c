@@ -1,0 +1,165 @@
+/* Tests of lightmaps in parts: sbl_bake --lightmap with --part, --plan and --join, and large maps that are baked window
+   by window and survive kills. */
+#define _XOPEN_SOURCE 700
+#define _DEFAULT_SOURCE
+#include "support/test.h"
+#include "support/tool.h"
+#include "support/mapped_room.h"
+#include <math.h>
+
+#define MAP "room.gltf", "--lightmap", "96", "--mode", "direct", "--quiet"
+#define LARGE "room.gltf", "--lightmap", "640", "--mode", "direct", "--quiet", "--preset", "draft", "--memory", "64M"
+#define BAKE(...) (tool_use("sbl_bake"), run((const char *const[]){ __VA_ARGS__, NULL }))
+#define MERGE(...) (tool_use("sbl_merge"), run((const char *const[]){ __VA_ARGS__, NULL }))
+
+static float apart[QUADS][4] = { { 0.1f, 0.1f, 0.6f, 0.6f }, { 0.7f, 0.7f, 0.9f, 0.9f } };
+static float overlapping[QUADS][4] = { { 0.1f, 0.1f, 0.6f, 0.6f }, { 0.5f, 0.5f, 0.9f, 0.9f } };
+
+static int has_openexr(void) {
+    write_scene("room.gltf", apart, 1);
+    return !(BAKE(MAP, "--part", "1/1", "-o", "probe.exr") == 1 && said("OpenEXR"));
+}
+
+/* Makes parts 1 to `count` in a folder. more: an option and its value, or NULL. Returns whether all were made. */
+static int make_parts(const char *to, int count, const char *more, const char *value) {
+    char part[32], output[64];
+    int k, ok = 1;
+    mkdir(in_folder(to), 0777);
+    snprintf(output, sizeof output, "%s/%%02d.exr", to);
+    for (k = 1; k <= count && ok; k++) {
+        snprintf(part, sizeof part, "%d/%d", k, count);
+        ok = BAKE(MAP, "--part", part, "-o", output, more, value) == 0;
+    }
+    return ok;
+}
+
+/* Returns the mean absolute difference of two .pfm files, as a share of the mean of the first; a negative number if they
+   have different sizes. */
+static double difference(const char *a, const char *b) {
+    picture p = read_pfm(a), q = read_pfm(b);
+    double off = 0, mean = 0;
+    int i;
+    if (!p.values || !q.values || p.width != q.width || p.height != q.height) mean = -1;
+    for (i = 0; mean >= 0 && i < 3 * p.width * p.height; i++) {
+        off += fabs((double)p.values[i] - (double)q.values[i]);
+        mean += fabs((double)p.values[i]);
+    }
+    free(p.values);
+    free(q.values);
+    return mean > 0 ? off / mean : mean;
+}
+
+/* Joined parts are the map that is baked at once: its light, gutters, harmonics, scene and picture of overlaps. */
+TEST(parts_make_the_map) {
+    static const char *const files[] = { "lightmap.pfm", "atlas.pfm", "sh_0.pfm", "sh_3.pfm" };
+    char names[2][64];
+    int i;
+    if (!has_openexr()) SKIP("built without OpenEXR");
+    write_scene("room.gltf", overlapping, 1);
+    CHECK(BAKE(MAP, "--directional", "-o", "whole") == 0, "%s", ran.err);
+    REQUIRE(make_parts("parts", 4, "--directional", NULL), "%s", ran.err);
+    CHECK(BAKE(MAP, "--directional", "--join", "parts", "-o", "joined") == 0 && !ran.err[0], "%s", ran.err);
+    for (i = 0; i < 4; i++) {
+        snprintf(names[0], sizeof names[0], "whole/%s", files[i]);
+        snprintf(names[1], sizeof names[1], "joined/%s", files[i]);
+        CHECK(fabs(difference(names[0], names[1])) < 0.01, "%s differs by %g", files[i],
+              difference(names[0], names[1]));
+    }
+    CHECK(difference("joined/lightmap.pfm", "joined/atlas.pfm") > 0.02, "there are no gutters");
+    CHECK(same_files("whole/overlap.png", "joined/overlap.png"), "overlaps differ");
+    CHECK(exists("joined/scene.gltf") && exists("joined/atlas.png") && exists("joined/atlas.exr") && !parts_left(),
+          "files are missing");
+    CHECK(BAKE(MAP, "--directional", "--join", "parts", "-o", "plain", "--gutter", "0") == 0 &&
+              fabs(difference("plain/lightmap.pfm", "plain/atlas.pfm")) < 1e-6, "%s", ran.err);
+}
+
+/* The same part has the same bits with the plan of another run and with a plan of its own. */
+TEST(parts_do_not_depend_on_each_other) {
+    if (!has_openexr()) SKIP("built without OpenEXR");
+    CHECK(BAKE(MAP, "--part", "2/3", "-o", "a.exr", "--plan", "plan") == 0 && exists("plan"), "%s", ran.err);
+    CHECK(BAKE(MAP, "--part", "2/3", "-o", "b.exr", "--plan", "plan") == 0 && same_files("a.exr", "b.exr"),
+          "with the plan of a file: %s", ran.err);
+    setenv("SLURM_ARRAY_TASK_ID", "2", 1);
+    CHECK(BAKE(MAP, "--part", "auto/3", "-o", "c%d.exr") == 0 && same_files("a.exr", "c2.exr"),
+          "with a plan of its own: %s", ran.err);
+    unsetenv("SLURM_ARRAY_TASK_ID");
+    CHECK(BAKE(MAP, "--part", "1/2", "-o", "b.exr", "--plan", "plan") == 1 && said("3 parts"), "%s", ran.err);
+}
+
+/* Parts that do not fit are refused by name, and nothing is written. */
+TEST(wrong_parts_are_refused) {
+    if (!has_openexr()) SKIP("built without OpenEXR");
+    REQUIRE(make_parts("p", 3, NULL, NULL), "%s", ran.err);
+    CHECK(BAKE(MAP, "--join", "p", "-o", "out", "--seed", "4") == 1 && said("p/01.exr does not fit") &&
+          said("other options") && said("--seed=4"), "%s", ran.err);
+    CHECK(BAKE("room.gltf", "--lightmap", "97", "--mode", "direct", "--join", "p", "-o", "out") == 1 &&
+          said("96x96"), "%s", ran.err);
+    CHECK(BAKE(MAP, "--directional", "--join", "p", "-o", "out") == 1 && said("not a part"), "%s", ran.err);
+    CHECK(BAKE(MAP, "--join", "none", "-o", "out") == 1 && said("none: it cannot be read"), "%s", ran.err);
+    mkdir(in_folder("empty"), 0777);
+    CHECK(BAKE(MAP, "--join", "empty", "-o", "out") == 1 && said("no .exr files"), "%s", ran.err);
+    CHECK(MERGE("p", "-o", "all.exr") == 1 && said("--join"), "%s", ran.err);
+    damage("p/02.exr", "p/04.exr", 0, -1);
+    CHECK(BAKE(MAP, "--join", "p", "-o", "out") == 1 && said("p/02.exr and p/04.exr are both part 2 of 3"), "%s",
+          ran.err);
+    remove(in_folder("p/04.exr"));
+    damage("p/03.exr", "p/03.exr", 1, -1);
+    CHECK(BAKE(MAP, "--join", "p", "-o", "out") == 1 && said("p/03.exr"), "%s", ran.err);
+    remove(in_folder("p/03.exr"));
+    CHECK(BAKE(MAP, "--join", "p", "-o", "out") == 1 && said("part 3 of 3 is missing"), "%s", ran.err);
+    write_scene("room.gltf", overlapping, 1);
+    CHECK(BAKE(MAP, "--join", "p", "-o", "out") == 1 && said("another scene"), "%s", ran.err);
+    CHECK(!exists("out"), "a folder is left");
+}
+
+TEST(wrong_usage) {
+    static const struct { const char *part, *words; } wrong[] = { { "0/2", "K/N" }, { "3/2", "does not exist" } };
+    size_t i;
+    if (!has_openexr()) SKIP("built without OpenEXR");
+    for (i = 0; i < sizeof wrong / sizeof *wrong; i++)
+        CHECK(BAKE(MAP, "--part", wrong[i].part, "-o", "a.exr") == 2 && said(wrong[i].words), "%s", ran.err);
+    CHECK(BAKE(MAP, "--part", "1/2", "-o", "folder") == 2 && said("--join"), "%s", ran.err);
+    CHECK(BAKE(MAP, "--plan", "p", "-o", "out") == 2 && said("--part"), "%s", ran.err);
+    CHECK(BAKE(MAP, "--part", "1/2", "--join", "p", "-o", "a.exr") == 2 && said("only one"), "%s", ran.err);
+    CHECK(BAKE(MAP, "--resume", "--join", "p", "-o", "out") == 2 && said("only one"), "%s", ran.err);
+    CHECK(BAKE("room.gltf", "--probes", "1x1x1", "--resume", "-o", "a.json") == 2 && said("--lightmap"), "%s", ran.err);
+    CHECK(BAKE("room.gltf", "--lightmap", "2", "--part", "5/5", "-o", "a.exr") == 2 && said("too many"), "%s", ran.err);
+}
+
+/* A map that exceeds the memory is baked window by window. A run that was killed goes on where it was, and the result
+   is the same, to the bit. A part can be made window by window, too. */
+TEST(killed_runs_go_on) {
+    const char *const arguments[] = { LARGE, "-o", "often/", "--resume", NULL };
+    int killed, windows;
+    if (!has_openexr()) SKIP("built without OpenEXR");
+    CHECK(BAKE(LARGE, "-o", "once", "--verbose") == 0 && said("window 2 of ") && !exists("once.parts"), "%s", ran.err);
+    killed = kill_when(arguments, "often", 1);
+    windows = finished_windows("often");
+    CHECK(killed && windows >= 1, "killed %d, with %d windows", killed, windows);
+    CHECK(BAKE(LARGE, "-o", "often") == 1 && said("--resume"), "finished work is lost: %s", ran.err);
+    CHECK(BAKE(LARGE, "-o", "often", "--resume", "--supersample", "2") == 1 && said("other options"), "%s", ran.err);
+    CHECK(run(arguments) == 0, "%s", ran.err);
+    CHECK(same_files("once/lightmap.exr", "often/lightmap.exr") && same_files("once/atlas.exr", "often/atlas.exr") &&
+              same_files("once/scene.gltf", "often/scene.gltf") && !exists("often.parts") && !parts_left(),
+          "the map differs, or files are left");
+    CHECK(BAKE(LARGE, "--memory", "4G", "-o", "whole") == 0 &&
+              fabs(difference("whole/atlas.pfm", "once/atlas.pfm")) < 0.03, "differs by %g from the whole: %s",
+          difference("whole/atlas.pfm", "once/atlas.pfm"), ran.err);
+    mkdir(in_folder("one"), 0777);
+    CHECK(BAKE(LARGE, "--part", "1/1", "-o", "one/a.exr", "--verbose") == 0 && said("window 2 of ") &&
+              !exists("one/a.exr.parts"), "%s", ran.err);
+    CHECK(BAKE(LARGE, "--join", "one", "-o", "joined") == 0 &&
+              fabs(difference("whole/atlas.pfm", "joined/atlas.pfm")) < 0.03, "%s", ran.err);
+}
+
+int main(int argc, char **argv) {
+    (void)argc;
+    if (!tool_begin(argv[0])) return 1;
+    RUN(parts_make_the_map);
+    RUN(parts_do_not_depend_on_each_other);
+    RUN(wrong_parts_are_refused);
+    RUN(wrong_usage);
+    RUN(killed_runs_go_on);
+    tool_end();
+    return test_report();
+}
