@@ -63,8 +63,9 @@ static char scene__letter(const cJSON *sampler) {
     return words && strcmp(words, "STEP") == 0 ? 'S' : words && strcmp(words, "CUBICSPLINE") == 0 ? 'C' : 'L';
 }
 
-/* Gives each node that is animated or has a camera a unique name. The name tells how its translation, rotation and
-   scale are interpolated in the first animation that moves it; see scene__motion_kind. */
+/* Gives each node that is animated or has a camera a unique name. The name ends with a letter for its translation,
+   rotation and scale each, which tells how the first animation of the node moves it; "-": it does not. See
+   scene__motion_kind. */
 static void scene__name_animated(scene_file *file, cJSON *root) {
     static const char *const paths[] = { "translation", "rotation", "scale" };
     const cJSON *animation, *channel, *nodes = scene__item(root, "nodes");
@@ -83,7 +84,7 @@ static void scene__name_animated(scene_file *file, cJSON *root) {
             const char *path = cJSON_GetStringValue(scene__item(target, "path"));
             if (!cJSON_IsNumber(number) || !(number->valuedouble >= 0 && number->valuedouble < count)) continue;
             i = number->valueint;
-            if (!all[i].by) { all[i].by = animation; strcpy(all[i].letters, "LLL"); }
+            if (!all[i].by) { all[i].by = animation; strcpy(all[i].letters, "---"); }
             for (k = 0; k < 3 && path && all[i].by == animation && cJSON_IsNumber(sampler); k++)
                 if (strcmp(path, paths[k]) == 0)
                     all[i].letters[k] = scene__letter(cJSON_GetArrayItem(samplers, sampler->valueint));
@@ -94,7 +95,7 @@ static void scene__name_animated(scene_file *file, cJSON *root) {
         char unique[256];
         if ((!all[i].by && !scene__item(all[i].node, "camera")) || !cJSON_IsObject(all[i].node)) continue;
         scene__print(unique, sizeof unique, "%.200s (node %d %s)", name ? name : "without name", i,
-                     all[i].by ? all[i].letters : "LLL");
+                     all[i].by ? all[i].letters : "---");
         cJSON_DeleteItemFromObjectCaseSensitive(all[i].node, "name");
         cJSON_AddStringToObject(all[i].node, "name", unique);
     }

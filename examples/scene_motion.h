@@ -17,10 +17,10 @@ typedef struct scene__link {
 
 typedef struct scene__motion { scene__link *links; size_t count; } scene__motion;  /* from the camera upwards */
 
-/* Returns L, S or C, see scene__name_animated. path: 0 translation, 1 rotation, 2 scale. */
+/* Returns L, S, C or -, see scene__name_animated. path: 0 translation, 1 rotation, 2 scale. */
 static char scene__motion_kind(const struct aiNode *node, int path) {
     const size_t length = node->mName.length;
-    return length > 4 ? node->mName.data[length - 4 + (size_t)path] : 'L';
+    return length > 4 ? node->mName.data[length - 4 + (size_t)path] : '-';
 }
 
 static const struct aiNodeAnim *scene__channel_of(const struct aiAnimation *in, const struct aiNode *node) {
@@ -38,6 +38,7 @@ static int scene__motion_begin(scene__motion *m, scene_file *file, const struct 
     size_t i;
     unsigned k;
     int moves = 0, path;
+    char kind;
     for (up = node; up; up = up->mParent) m->count++;
     m->links = (scene__link *)calloc(m->count + 1, sizeof *m->links);
     if (!m->links) {
@@ -52,11 +53,13 @@ static int scene__motion_begin(scene__motion *m, scene_file *file, const struct 
             link->channel = scene__channel_of(in->mAnimations[k], up);
             link->rate = in->mAnimations[k]->mTicksPerSecond > 0 ? in->mAnimations[k]->mTicksPerSecond : 1000;
         }
-        moves |= link->channel != NULL;
-        for (path = 0; path < 3 && link->channel; path++)
-            if (scene__motion_kind(up, path) == 'C')
+        for (path = 0; path < 3 && link->channel; path++) {
+            kind = scene__motion_kind(up, path);
+            moves |= kind != '-';
+            if (kind == 'C')
                 scene__fail(file, "its camera moves with CUBICSPLINE keys, which are not read; export LINEAR keys, or "
                             "give the cameras with --cameras FILE");
+        }
     }
     if (!moves)
         scene__fail(file, "it has no animated camera, and only .gltf and .glb files can have one; give the cameras "

@@ -121,13 +121,17 @@ TEST(parts_share_the_frames) {
     CHECK(TOOL(FIVE, "--part", "6/5", "-o", "t%d.pfm") == 2 && said("--part 6/5"), "%s", ran.err);
 }
 
-/* A window shows a part of each frame. */
+/* A window shows a part of each frame, with the exposure of frame 1. */
 TEST(windows_of_frames) {
+    int first;
     if (!has_cjson()) SKIP("built without cJSON");
     CHECK(TOOL(FIVE, "--window", "4,5,20,10", "--frames", "1-2", "-o", "w%d.pfm") == 0, "%s", ran.err);
     CHECK(TOOL(VIEW, "-o", "o.pfm", "--eye", ".5,1.4,3", "--look-at", "0,.5,0", "--fov", "50", "--up", ".1,1,0",
                "--window", "4,5,20,10") == 0 && same_files("o.pfm", "w2.pfm"), "%s", ran.err);
     CHECK(TOOL(FIVE, "--window", "4,5,20,10", "--verbose", "--frames", "1", "-o", "w%d.png") == 0, "%s", ran.err);
+    first = exposure();
+    CHECK(TOOL(FIVE, "--window", "4,5,20,10", "--verbose", "--frames", "5", "-o", "w%d.png") == 0 &&
+          first == exposure() && first > -10000, "%d and %d: %s", first, exposure(), ran.err);
     CHECK(TOOL(FIVE, "--window", "4,5,20,10", "--frames", "1-2", "-o", "v%d.png") == 0 &&
           same_files("w1.png", "v1.png"), "%s", ran.err);
 }
@@ -343,12 +347,14 @@ TEST(interrupted_sequences_go_on) {
 
 /* ---- animated cameras ---- */
 
+static float last_key = 1;  /* seconds */
+
 /* Writes scene.gltf and scene.bin: a floor that emits, and a camera below a node. The file animates the `path` of the
-   node, from one value at 0 s to another at 1 s. count: numbers of a value, times 3 for CUBICSPLINE. */
+   node, from one value at 0 s to another at last_key. count: numbers of a value, times 3 for CUBICSPLINE. */
 static void animated(const char *path, const char *interpolation, int count, const float from[], const float to[]) {
     static const float floor_corners[12] = { -4, 0, -4, -4, 0, 4, 4, 0, 4, 4, 0, -4 };
     static const uint32_t indices[6] = { 0, 1, 2, 0, 2, 3 };
-    static const float times[2] = { 0, 1 };
+    const float times[2] = { 0, last_key };
     unsigned char bytes[512];
     char text[4096];
     const int value = 4 * count;
@@ -366,13 +372,14 @@ static void animated(const char *path, const char *interpolation, int count, con
         "'materials': [{'emissiveFactor': [1, 1, 1]}], 'accessors': ["
         "{'bufferView': 0, 'componentType': 5126, 'count': 4, 'type': 'VEC3', 'min': [-4, 0, -4], 'max': [4, 0, 4]},"
         "{'bufferView': 1, 'componentType': 5125, 'count': 6, 'type': 'SCALAR'},"
-        "{'bufferView': 2, 'componentType': 5126, 'count': 2, 'type': 'SCALAR', 'min': [0], 'max': [1]},"
+        "{'bufferView': 2, 'componentType': 5126, 'count': 2, 'type': 'SCALAR', 'min': [0], 'max': [%.9g]},"
         "{'bufferView': 3, 'componentType': 5126, 'count': %d, 'type': 'VEC%d'}],"
         "'bufferViews': [{'buffer': 0, 'byteLength': 48}, {'buffer': 0, 'byteOffset': 48, 'byteLength': 24},"
         "{'buffer': 0, 'byteOffset': 72, 'byteLength': 8}, {'buffer': 0, 'byteOffset': 80, 'byteLength': %d}],"
         "'buffers': [{'byteLength': %d, 'uri': 'scene.bin'}], 'animations': [{'channels': [{'sampler': 0, 'target':"
         "{'node': 1, 'path': '%s'}}], 'samplers': [{'input': 2, 'output': 3, 'interpolation': '%s'}]}]}",
-        count > 4 ? 6 : 2, count > 4 ? count / 3 : count, 2 * value, 80 + 2 * value, path, interpolation);
+        (double)last_key, count > 4 ? 6 : 2, count > 4 ? count / 3 : count, 2 * value, 80 + 2 * value, path,
+        interpolation);
     write_json("scene.gltf", text);
 }
 
@@ -413,9 +420,18 @@ TEST(an_animated_camera_moves) {
     CHECK(TOOL(MOVING, "--frames", "1-7", "--part", "7/7", "-o", "n%d.pfm") == 0 && same_files("m7.pfm", "n7.pfm"),
           "%s", ran.err);
     CHECK(difference("m1.pfm", "m7.pfm") > 0.1, "the camera does not move");
+    write_json("eye.json", "{'cameras': [{'eye': [0, 2, 4], 'look_at': [0, 0, 0]}]}");
+    CHECK(TOOL(MOVING, "--cameras", "eye.json", "-o", "e%d.pfm") == 0 &&
+          TOOL(MOVING, "--eye", "0,2,4", "--look-at", "0,0,0", "-o", "o.pfm") == 0 && same_files("e1.pfm", "o.pfm"),
+          "a camera without a field of view has not that of the file: %s", ran.err);
     animated("translation", "STEP", 3, zero, right);
     CHECK(TOOL(MOVING, "--frames", "1-25", "-o", "s%d.pfm") == 0 && same_files("m1.pfm", "s24.pfm") &&
           same_files("m25.pfm", "s25.pfm"), "steps: %s", ran.err);
+    last_key = 1 / 24.0f;  /* rounding makes it later than that */
+    animated("translation", "STEP", 3, zero, right);
+    CHECK(TOOL(MOVING, "--frames", "2", "-o", "s%d.pfm") == 0 && same_files("m25.pfm", "s2.pfm"),
+          "a step comes late: %s", ran.err);
+    last_key = 1;
 }
 
 /* A node that turns carries the camera below it around, the shorter way and evenly. */
@@ -445,8 +461,9 @@ TEST(animations_that_cannot_be) {
     animated("translation", "LINEAR", 3, zero, nowhere);
     CHECK(TOOL(MOVING, "--frames", "1-2", "-o", "c%d.pfm") == 1 && said("frame 2") && ran.err_lines == 1 &&
           !exists("c1.pfm"), "%s", ran.err);
-    animated("weights", "LINEAR", 3, zero, zero);
-    CHECK(TOOL(MOVING, "--frames", "1-2", "-o", "c%d.pfm") == 1 && ran.err_lines == 1, "%s", ran.err);
+    animated("colour", "LINEAR", 3, zero, zero);
+    CHECK(TOOL(MOVING, "--frames", "1-2", "-o", "c%d.pfm") == 1 && said("no animated camera") && ran.err_lines == 1,
+          "%s", ran.err);
     animated("translation", "LINEAR", 3, zero, zero);
     CHECK(TOOL(MOVING, "--frames", "100001", "-o", "c%d.pfm") == 2, "%s", ran.err);
     CHECK(TOOL(MOVING, "--frames", "100000", "-o", "c%d.pfm") == 0 && exists("c100000.pfm"), "%s", ran.err);

@@ -233,6 +233,8 @@ static void leave_a_lie(scene_file *file, const char *path, scene__bytes *bytes)
         case 16: file->simplified[SCENE_FILE_LINES] = -1; break;
         case 17: file->units = SCENE_UNITS_COUNT; break;
         case 18: file->units = -1; break;
+        case 19: file->frames = (const scene_file_camera *)(const void *)elsewhere; file->frame_count = 1; break;
+        case 20: file->frame_count = 1; break;
         default: break;
     }
     if (lie) return;
@@ -245,14 +247,14 @@ static void leave_a_lie(scene_file *file, const char *path, scene__bytes *bytes)
     file->capacity = (size_t)1 << 50;
 }
 
-/* Each of 18 inconsistencies in the shared memory makes reading fail; pointers to functions and GL objects are
+/* Each of 20 inconsistencies in the shared memory makes reading fail; pointers to functions and GL objects are
    dropped. */
 TEST(lies_are_not_believed) {
     scene_file_options options;
     scene_file *file;
     memset(&options, 0, sizeof options);
     options.seconds = 60;
-    for (lie = 1; lie <= 18; lie++) {
+    for (lie = 1; lie <= 20; lie++) {
         file = load(leave_a_lie, &options);
         CHECK(!file && strstr(error, "its reader crashed"), "lie %d: %s", lie,
               file ? "the lie was believed" : error);
