@@ -573,7 +573,8 @@ static int join_folder(map_bake *b, double *seconds) {
 /* Bakes the windows that are not finished, in the folder OUTPUT.parts, and joins them. Returns the exit status. */
 static int bake_windows(map_bake *b, double *seconds) {
     static picture_parts parts;
-    parts_job job = { &parts, common.output, { 0, 0, 0, 0 }, b->windows.work.facts, SBL_CHANNEL_FINAL, 0, &interrupted };
+    const picture_fact *all = b->windows.work.facts;
+    parts_job job = { &parts, common.output, { 0, 0, 0, 0 }, all, SBL_CHANNEL_FINAL, 0, &interrupted };
     int status = windows_make(&b->windows);
     memcpy(job.region, b->windows.region, sizeof job.region);
     if (status == DONE && !windows_open_parts(&b->windows, &parts)) status = fail("%s", parts.list.error);

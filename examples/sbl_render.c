@@ -732,7 +732,8 @@ static int look_at_whole(void *user, plan_cost *cost) {
     if (result != SBL_SUCCESS) return fail_with(s->task->said, common.scene, result);
     if (!enough) return fail("out of memory");
     plan_mean_and_price(&s->windows.work, &stats, shrink);
-    plan_fact(&s->windows.work, FACT_EXPOSURE, "%.9g", isnan(s->exposure) ? (double)stats.picture.exposure : s->exposure);
+    plan_fact(&s->windows.work, FACT_EXPOSURE, "%.9g",
+              isnan(s->exposure) ? (double)stats.picture.exposure : s->exposure);
     return DONE;
 }
 
@@ -864,7 +865,8 @@ static int render_shot(shot *s, double *seconds) {
         status = given[INSPECT] ? render_sensor(s, seconds)
                : s->windows.work.count > 1 ? render_windows(s, seconds) : render_whole(s, seconds);
     if (status == DONE && s->bar.shown)
-        fprintf(stderr, "%s: %d x %d, %.1f s\n", common.output, given[INSPECT] ? s->picture.width : s->windows.region[2],
+        fprintf(stderr, "%s: %d x %d, %.1f s\n", common.output,
+                given[INSPECT] ? s->picture.width : s->windows.region[2],
                 given[INSPECT] ? s->picture.height : s->windows.region[3],
                 frames.now ? now() - s->bar.start : *seconds);
     plan_free(&s->windows.work);

@@ -33,8 +33,8 @@ static int make_parts(const char *to, int count, const char *more, const char *v
     return ok;
 }
 
-/* Returns the mean absolute difference of two .pfm files, as a share of the mean of the first; a negative number if they
-   have different sizes. */
+/* Returns the mean absolute difference of two .pfm files, as a share of the mean of the first; a negative number if
+   they have different sizes. */
 static double difference(const char *a, const char *b) {
     picture p = read_pfm(a), q = read_pfm(b);
     double off = 0, mean = 0;
