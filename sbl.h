@@ -9229,7 +9229,8 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 #define SBL__GUIDE_DARK 0.4
 #define SBL__GUIDE_LIT 0.7
 /* Distance between the pixels that have guides, in pixels. A quarter or half of it is used if that gives fewer than
-   SBL__GUIDES_FEW guides; otherwise it is doubled until there are fewer than SBL__GUIDES_MOST. */
+   SBL__GUIDES_FEW guides in the whole picture; otherwise it is doubled until there are fewer than SBL__GUIDES_MOST.
+   Windows use the grid of the whole picture, so that all windows together trace as many scouts as the whole. */
 #define SBL__GUIDE_STEP 8
 #define SBL__GUIDES_FEW 4096
 #define SBL__GUIDES_MOST 16384
@@ -9239,7 +9240,8 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 /* The guides of a picture, for the pixels of a grid. Guide number 0 belongs to no pixel and keeps the cosine
    distribution. The guide of grid pixel `place`, counted row by row, has number 1 + place. */
 typedef struct sbl__guides {
-    int columns, rows;          /* size of the grid */
+    int first[2];               /* column and row of the first guide in the grid of the whole picture */
+    int columns, rows;          /* size of the part of the grid that lies in the working grid */
     int step;                   /* distance between neighbours of the grid, in pixels of the picture */
     float *found;               /* per grid pixel and bin: sum of the squared luminances that the pixel's scouts found;
                                    NULL once the guides are made */
@@ -14828,9 +14830,19 @@ static void sbl__tile_count(const sbl__refine *r, sbl__tile *c, const sbl__range
 
 /* >>refine: guides for sensors' rays, see >>guide */
 
-/* Returns the pixel of a guide, or NULL if that pixel is outside of the picture or shows no surface. */
+/* Gets the place of a guide in the working grid; it can be outside of it. */
+static void sbl__guide_at(const sbl__refine *r, int column, int row, int at[2]) {
+    const sbl__guides *g = &r->guides;
+    at[0] = (g->first[0] + column) * g->step - r->window.first[0];
+    at[1] = (g->first[1] + row) * g->step - r->window.first[1];
+}
+
+/* Returns the pixel of a guide, or NULL if that pixel is outside of the working grid or shows no surface. */
 static const sbl__pixel *sbl__guide_pixel(const sbl__refine *r, int column, int row) {
-    const sbl__pixel *p = sbl__pixel_inside(r, column * r->guides.step, row * r->guides.step);
+    const sbl__pixel *p;
+    int at[2];
+    sbl__guide_at(r, column, row, at);
+    p = sbl__pixel_inside(r, at[0], at[1]);
     return p && p->id ? p : NULL;
 }
 
@@ -14851,13 +14863,16 @@ static int sbl__guide_for(const sbl__refine *r, int index) {
     const sbl__guides *g = &r->guides;
     const int x = index % r->width, y = index / r->width;
     float most = 0;
-    int corner, best = 0;
+    int corner, best = 0, at[2];
     for (corner = 0; r->spec->guided && corner < 4; corner++) {
-        const int column = x / g->step + (corner & 1), row = y / g->step + (corner >> 1);
+        const int column = (r->window.first[0] + x) / g->step - g->first[0] + (corner & 1);
+        const int row = (r->window.first[1] + y) / g->step - g->first[1] + (corner >> 1);
         const sbl__pixel *p = sbl__guide_pixel(r, column, row);
-        const float dx = (float)abs(column * g->step - x) / (float)g->step;
-        const float dy = (float)abs(row * g->step - y) / (float)g->step;
-        const float fits = p ? sbl__guide_fits(&r->pixels[index], p) * (1.01f - dx) * (1.01f - dy) : 0;
+        float dx, dy, fits;
+        sbl__guide_at(r, column, row, at);
+        dx = (float)abs(at[0] - x) / (float)g->step;
+        dy = (float)abs(at[1] - y) / (float)g->step;
+        fits = p ? sbl__guide_fits(&r->pixels[index], p) * (1.01f - dx) * (1.01f - dy) : 0;
         if (fits > most) { most = fits; best = 1 + row * g->columns + column; }
     }
     return best;
@@ -15209,13 +15224,20 @@ static sbl_result sbl__guides_begin(sbl__refine *r) {
     sbl__guides *g = &r->guides;
     sbl__base *base = &r->core->base;
     size_t rows;
+    int k;
     for (g->step = SBL__GUIDE_STEP / 4; ; g->step *= 2) {
-        g->columns = (r->width - 1) / g->step + 1;
-        g->rows = (r->height - 1) / g->step + 1;
-        if (g->columns * (double)g->rows < (g->step < SBL__GUIDE_STEP ? SBL__GUIDES_FEW : SBL__GUIDES_MOST)) break;
+        const double columns = (r->window.whole[0] - 1) / g->step + 1;
+        const double guides = columns * ((r->window.whole[1] - 1) / g->step + 1);
+        if (guides < (g->step < SBL__GUIDE_STEP ? SBL__GUIDES_FEW : SBL__GUIDES_MOST)) break;
+    }
+    for (k = 0; k < 2; k++) {
+        const int first = r->window.first[k], last = first + (k ? r->height : r->width) - 1;
+        g->first[k] = (first + g->step - 1) / g->step;
+        *(k ? &g->rows : &g->columns) = last / g->step - g->first[k] + 1;
     }
     rows = (size_t)sbl__guide_rows(g);
-    g->found = (float *)sbl__alloc(base, (size_t)g->columns * (size_t)g->rows * SBL__GUIDE_BINS, sizeof *g->found);
+    g->found = (float *)sbl__alloc(base, SBL__MAX((size_t)g->columns * (size_t)g->rows, 1) * SBL__GUIDE_BINS,
+                                   sizeof *g->found);
     g->words = (uint32_t *)sbl__alloc(base, rows * SBL__GUIDES_ACROSS * SBL__GUIDE_WORDS, sizeof *g->words);
     return g->found && g->words ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
@@ -15224,15 +15246,17 @@ static sbl_result sbl__guides_begin(sbl__refine *r) {
 static sbl_result sbl__scouts_list(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__guides *g = &r->guides;
+    const sbl__pixel *p;
     int i;
     if (!g->words && sbl__guides_begin(r) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
     for (; r->listed < g->columns * g->rows && r->site_count < SBL__SCOUTS_AT_ONCE; r->listed++) {
         const int column = r->listed % g->columns, row = r->listed / g->columns;
         if (sbl__late(slice)) return SBL_UNFINISHED;
-        if (!sbl__guide_pixel(r, column, row)) continue;
+        p = sbl__guide_pixel(r, column, row);
+        if (!p) continue;
         if (!sbl__refine_room(r, SBL__SCOUTS)) return SBL_ERROR_OUT_OF_MEMORY;
         for (i = 0; i < SBL__SCOUTS; i++)
-            sbl__refine_site(r, (row * r->width + column) * g->step, i, 1, &r->sites[r->site_count++]);
+            sbl__refine_site(r, (int)(p - r->pixels), i, 1, &r->sites[r->site_count++]);
     }
     return SBL_SUCCESS;
 }
@@ -15246,7 +15270,8 @@ static sbl_result sbl__scouts_take(void *work, sbl__slice *slice) {
     if (!sequence) return SBL_ERROR_OUT_OF_MEMORY;
     for (; *at < r->site_count && !sbl__late(slice); ++*at) {
         const sbl__site *site = &r->sites[*at];
-        const int column = site->pixel % r->width / g->step, row = site->pixel / r->width / g->step;
+        const int column = (r->window.first[0] + site->pixel % r->width) / g->step - g->first[0];
+        const int row = (r->window.first[1] + site->pixel / r->width) / g->step - g->first[1];
         const float light = r->readings[*at].valid ? sbl__luminance(r->readings[*at].radiance) : 0;
         double u[2];
         sbl__sequence_at(sequence, site->first, sbl__sensor_seed(site->number, sbl__scouts_seed(r)), u);

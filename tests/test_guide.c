@@ -317,8 +317,8 @@ TEST(guides_are_bounded) {
     memset(&core, 0, sizeof core);
     memset(&r, 0, sizeof r);
     r.core = &core;
-    r.width = 4096;
-    r.height = 2160;
+    r.width = r.window.whole[0] = 4096;
+    r.height = r.window.whole[1] = 2160;
     core.base.allocator.alloc = watch_alloc;
     core.base.allocator.free = watch_free;
     core.base.allocator.user = &seen;
@@ -328,6 +328,48 @@ TEST(guides_are_bounded) {
           r.guides.columns, r.guides.rows, r.guides.step);
     sbl__free(&core.base, r.guides.found);
     sbl__free(&core.base, r.guides.words);
+}
+
+/* Finds the guide of a pixel of the whole picture. Returns NULL if there is none, or too few are around it: those of a
+   window know only scouts of its working grid. */
+static const uint32_t *guide_at(const sbl__refine *r, int x, int y) {
+    const sbl__guides *g = &r->guides;
+    const int column = x / g->step - g->first[0], row = y / g->step - g->first[1];
+    if (column < 2 || row < 2 || column >= g->columns - 2 || row >= g->rows - 2) return NULL;
+    return sbl__guide_words(g, 1 + row * g->columns + column);
+}
+
+/* The guides of a window are on the grid of the whole picture, and are the same. A picture as large as the window would
+   have guides at every second pixel, not at every fourth. */
+TEST(windows_have_the_guides_of_the_whole) {
+    enum { ACROSS = 192, DOWN = 144 };
+    static const int window[4] = { 70, 40, 57, 63 };
+    static uint32_t words[(ACROSS / 4) * (DOWN / 4)][SBL__GUIDE_WORDS];
+    sbl_context *context = watch_context(&seen, NULL, &dark_room);
+    sbl_picture_desc view = view_of();
+    const sbl__refine *r;
+    int x, y, run, same = 0, other = 0;
+    REQUIRE(context, "no context");
+    view.width = ACROSS;
+    view.height = DOWN;
+    for (run = 0; run < 2; run++) {
+        if (run) memcpy(view.window, window, sizeof window);
+        REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
+        r = &context->picture.map.refine;
+        CHECK(r->spec->guided && r->guides.step == 4, "a guide at every %d pixels", r->guides.step);
+        for (y = 0; y < DOWN; y += r->guides.step)
+            for (x = 0; x < ACROSS; x += r->guides.step) {
+                uint32_t *kept = words[y / 4 * (ACROSS / 4) + x / 4];
+                const uint32_t *found = guide_at(r, x, y);
+                if (!found) continue;
+                if (!run) memcpy(kept, found, sizeof words[0]);
+                else if (memcmp(kept, found, sizeof words[0]) == 0) same++;
+                else other++;
+            }
+        memcpy(view.mean_radiance, sbl_query_stats(context).picture.mean_radiance, sizeof view.mean_radiance);
+    }
+    CHECK(same > 100 && other == 0, "%d guides are the same, %d are not", same, other);
+    sbl_destroy(context);
 }
 
 /* Each failing allocation gives an error, and the next picture is the usual one, to the bit. */
@@ -394,6 +436,7 @@ int main(void) {
     RUN(guides_serve_their_like);
     RUN(even_light_needs_no_guide);
     RUN(guides_are_bounded);
+    RUN(windows_have_the_guides_of_the_whole);
     RUN(memory_runs_out);
     scene_free(&dark_room);
     return test_report();
