@@ -106,9 +106,7 @@ static const tool_option table[OPTION_COUNT] = {
                ".exr\n"
                "file; sbl_merge joins the parts. Unless the file of --plan exists, a small picture of the whole is "
                "made\n"
-               "first. auto/N takes K from SLURM_ARRAY_TASK_ID, SGE_TASK_ID or PBS_ARRAY_INDEX (1 to N), or from\n"
-               "JOB_COMPLETION_INDEX or AWS_BATCH_JOB_ARRAY_INDEX (0 to N - 1). %d in the name of the output becomes\n"
-               "K, and %04d becomes K with 4 digits. With --cameras or --frames, see --frames" },
+               "first. With --cameras or --frames, see --frames.\n" PLAN_AUTO_WORDS },
     [PLAN] = { "--plan", "FILE", TEXT, &options.plan, 0, 0, 0,
                "FILE holds the windows of all parts, and the mean, the price and the exposure of the whole. If it "
                "exists, it\n"
@@ -217,11 +215,8 @@ static void note_effects(void) {
             "only channel final in a .png, and channel display, have a tone");
 }
 
-/* Reads the value of --part, and replaces %d in the name of the output by the number of the part. Returns the exit
-   status. */
+/* Reads the value of --part. Returns the exit status. */
 static int parse_part(void) {
-    static char name[PATH_MAX];
-    int status;
     if (given[PLAN] && !given[PART]) return misuse("--plan needs --part K/N: it says which parts there are");
     if (!given[PART]) return DONE;
     if (given[WINDOW]) return misuse("--part and --window both choose a part of the picture; give only one of them");
@@ -229,12 +224,8 @@ static int parse_part(void) {
     if (!ends_with(common.output, ".exr"))
         return misuse("--output %s: a part is an .exr file, and sbl_merge joins them to a .png, .pfm or .exr; a .png "
                       "needs --channel display", common.output);
-    status = plan_part(options.part_text, options.part);
-    if (status == DONE && !numbered_name(name, sizeof name, common.output, options.part[0]))
-        return misuse("--output %s: %%d or %%04d stands for the number of the part; no other %% is allowed",
-                      common.output);
-    common.output = name;
-    return status;
+    if (given[PLAN]) common.input = options.plan;
+    return plan_part_and_output(options.part_text, options.part);
 }
 
 /* Reads which frames are made, if any are. With frames, a part is a share of them. Returns the exit status. */
@@ -680,8 +671,7 @@ static void find_facts(shot *s) {
     plan_fact(p, FACT_VERSION, "%s", sbl_version());
     plan_fact(p, FACT_SCENE, "%016llx", (unsigned long long)sbl_scene_fingerprint(context));
     plan_fact(p, FACT_CAMERA, "%016llx", matrices);
-    p->facts[FACT_OPTIONS].name = fact_names[FACT_OPTIONS];
-    plan_options(p->facts[FACT_OPTIONS].text, PICTURE_FACT_SIZE, table, OPTION_COUNT, given, without);
+    plan_options_fact(p, table, OPTION_COUNT, given, without);
     plan_fact(p, FACT_CHANNEL, "%s", is_display(s->channel) ? "display" : channel_words[options.channel]);
     plan_fact(p, FACT_SIZE, "%dx%d", camera.size[0], camera.size[1]);
     plan_fact(p, FACT_RENDERER, "%s", sbl_query_capabilities(context).renderer);
