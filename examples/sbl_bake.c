@@ -117,13 +117,13 @@ static const tool_option table[OPTION_COUNT] = {
     [MOVE] = { "--move", "DISTANCE", NUMBERS, &options.move, 1, 0, 1e18,
                "greatest distance by which a probe may be moved to get out of geometry; default 0" },
     [PART] = { "--part", "K/N", TEXT, &options.part_text, 0, 0, 0,
-               "bakes only the K-th of N parts; N is at most 10000. A part is a range of probes, a range of meshes (in a "
-               ".ply),\n"
-               "or a window of the lightmap (in an .exr). sbl_merge joins probes and light at vertices: the file is, to "
-               "the byte,\n"
-               "that of a bake without --part. --join joins a lightmap. In mode gi, give all parts the same --store, and "
-               "make\n"
-               "the first part alone: it makes the light that the others load.\n" PLAN_AUTO_WORDS },
+               "bakes only the K-th of N parts; N is at most 10000. A part is a range of probes, a range of meshes (in "
+               "a .ply),\n"
+               "or a window of the lightmap (in an .exr). sbl_merge joins probes and light at vertices: the file is, "
+               "to the\n"
+               "byte, that of a bake without --part. --join joins a lightmap. In mode gi, give all parts the same "
+               "--store, and\n"
+               "make the first part alone: it makes the light that the others load.\n" PLAN_AUTO_WORDS },
     [PLAN] = { "--plan", "FILE", TEXT, &options.plan, 0, 0, 0,
                "with --lightmap and --part: FILE holds the windows of all parts, and the mean and the price of the "
                "whole. If it\n"
