@@ -516,7 +516,7 @@ static int bake_vertices(tool_task *task, double *seconds) {
     desc.options = common_options(given, &bar);
     if (v.radiance) result = sbl_begin_vertices(task->context, &desc);
     if (result == SBL_SUCCESS) result = work(task->context);
-    if (bar.shown) fprintf(stderr, "\r%70s\r", "");
+    clear_progress(&bar);
     *seconds = now() - task->start;
     if (result == SBL_UNFINISHED) status = stop("nothing was written");
     else status = result == SBL_SUCCESS ? keep_vertices(&v) : fail_with(task->said, common.scene, result);
@@ -623,7 +623,7 @@ static int bake_probes(tool_task *task, double *seconds) {
     if (!p.all) result = SBL_ERROR_OUT_OF_MEMORY;
     if (result == SBL_SUCCESS && p.count) result = sbl_begin_probes(task->context, &desc);
     if (result == SBL_SUCCESS && p.count) result = work(task->context);
-    if (bar.shown) fprintf(stderr, "\r%70s\r", "");
+    clear_progress(&bar);
     *seconds = now() - task->start;
     if (result == SBL_UNFINISHED) status = stop("nothing was written");
     else if (result != SBL_SUCCESS) status = fail_with(task->said, common.scene, result);

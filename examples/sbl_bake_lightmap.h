@@ -279,7 +279,7 @@ static int bake_whole(map_bake *b, double *seconds) {
     sbl_result result = sbl_begin_lightmap(context, &b->desc);
     int i, status;
     if (result == SBL_SUCCESS) result = work_to_save(context);
-    if (b->bar.shown) fprintf(stderr, "\r%70s\r", "");
+    clear_progress(&b->bar);
     *seconds = now() - b->task->start;
     if (result == SBL_UNFINISHED) return save_partial(b);
     if (result == SBL_SUCCESS) result = read_light(context, l, size);
@@ -339,34 +339,19 @@ static void find_map_facts(map_bake *b) {
 /* Bakes a small map, which gives the mean, the price and, if cost is not NULL, the cost. Returns the exit status. */
 static int look_at_map(void *user, plan_cost *cost) {
     map_bake *b = (map_bake *)user;
-    sbl_context *context = b->task->context;
-    const int across = options.supersample ? options.supersample : 1;
+    const int across = options.lightmap * (options.supersample ? options.supersample : 1);
+    const double shrink = plan_small(across);
     sbl_lightmap_desc small = b->desc;
-    const double shrink = plan_small(options.lightmap * across);
-    image looks = { 0 };
-    sbl_stats stats;
     sbl_result result;
-    int enough = 1;
-    small.width = small.height = (int)ceil(options.lightmap * across / shrink);
+    small.width = small.height = (int)ceil(across / shrink);
     small.supersample = 1;
     small.directional = 0;
     small.gutter = -1;
     memset(small.window, 0, sizeof small.window);
-    result = sbl_begin_lightmap(context, &small);
-    if (result == SBL_SUCCESS) result = work(context);
-    stats = sbl_query_stats(context);
-    b->windows.looked = result == SBL_SUCCESS;
-    if (result == SBL_SUCCESS && cost) {
-        result = picture_read(context, small.width, small.height, SBL_CHANNEL_LOOKS, &looks);
-        if (result == SBL_SUCCESS) enough = plan_cost_make(cost, &looks);
-        free(looks.values);
-    }
-    if (b->bar.shown) fprintf(stderr, "\r%70s\r", "");
+    result = sbl_begin_lightmap(b->task->context, &small);
+    if (result == SBL_SUCCESS) result = windows_look(&b->windows, shrink, cost);
     if (result == SBL_UNFINISHED) return stop("there is no light yet");
-    if (result != SBL_SUCCESS) return fail_with(b->task->said, common.scene, result);
-    if (!enough) return fail("out of memory");
-    plan_mean_and_price(&b->windows.work, &stats, shrink);
-    return DONE;
+    return result == SBL_SUCCESS ? DONE : fail_with(b->task->said, common.scene, result);
 }
 
 static void use_map_facts(void *user) {
@@ -408,7 +393,7 @@ static sbl_result bake_window(void *user, const int window[4]) {
     out->values = NULL;
     result = sbl_begin_lightmap(b->task->context, &b->desc);
     if (result == SBL_SUCCESS) result = work(b->task->context);
-    if (b->bar.shown) fprintf(stderr, "\r%70s\r", "");
+    clear_progress(&b->bar);
     if (result != SBL_SUCCESS) return result;
     memcpy(out->at, window, sizeof out->at);
     out->width = window[2];
@@ -550,7 +535,7 @@ static int join_parts(map_bake *b, picture_parts *parts, double *seconds) {
     if (status == DONE) status = keep_files(l, 0);
     if (status == DONE) {
         result = join_map(b, &j);
-        if (b->bar.shown) fprintf(stderr, "\r%70s\r", "");
+        clear_progress(&b->bar);
         if (result == SBL_UNFINISHED) status = stop("the map was not written");
         else if (result != SBL_SUCCESS) status = fail_with(b->task->said, common.scene, result);
     }
@@ -605,18 +590,15 @@ static int join_folder(map_bake *b, double *seconds) {
 /* Bakes the windows that are not finished, in the folder OUTPUT.parts, and joins them. Returns the exit status. */
 static int bake_windows(map_bake *b, double *seconds) {
     static picture_parts parts;
-    const picture_fact *all = b->windows.work.facts;
-    parts_job job = { &parts, common.output, { 0, 0, 0, 0 }, all, SBL_CHANNEL_FINAL, 0, &interrupted };
     int status = windows_make(&b->windows);
-    memcpy(job.region, b->windows.region, sizeof job.region);
-    if (status == DONE && !windows_open_parts(&b->windows, &parts)) status = fail("%s", parts.list.error);
-    if (status == DONE && !given[PART]) status = join_parts(b, &parts, seconds);
-    else if (status == DONE && !target_write(&targets[ONE_FILE], parts_write, &job, 0))
-        status = parts.list.error[0] ? fail("%s", parts.list.error)
-               : interrupted ? stop("all windows are finished; --resume joins them (in %s)", b->windows.folder.path)
-                             : fail_to_write(common.output);
+    if (status == DONE && given[PART])
+        status = windows_join(&b->windows, b->windows.work.facts, SBL_CHANNEL_FINAL, 0);
+    else if (status == DONE) {
+        status = windows_open_parts(&b->windows, &parts) ? join_parts(b, &parts, seconds)
+                                                         : fail("%s", parts.list.error);
+        parts_free(&parts);
+    }
     *seconds = now() - b->task->start;
-    parts_free(&parts);
     if (status == DONE) windows_end(&b->windows);
     return status;
 }

@@ -17,7 +17,7 @@ typedef struct windows {
     int by_hand, resume;          /* 1: --window; 1: --resume */
     int keeps_light;              /* 1: the folder keeps the bounced light, because --store does not */
     const int *given;
-    const output_file *target;    /* the output */
+    output_file *target;          /* the output */
     int size[2], region[4];       /* the whole in pixels; what the output shows of it: x, y, width, height */
     const char *const *channels;  /* of the files, see image.channels */
     int components;
@@ -36,6 +36,24 @@ typedef struct windows {
     int has_facts;                /* 1: the output is a part, or is made window by window */
     int looked;                   /* 1: `look` has worked, so that bounced light is known */
 } windows;
+
+/* Works on the small one of the whole that `look` has begun, and sets the facts of its mean and price and, if cost is
+   not NULL, the cost. shrink: how many times smaller than the whole it is */
+static sbl_result windows_look(windows *w, double shrink, plan_cost *cost) {
+    sbl_context *context = w->task->context;
+    sbl_result result = work(context);
+    const sbl_stats stats = sbl_query_stats(context);
+    image looks = { 0 };
+    clear_progress(w->bar);
+    if (result != SBL_SUCCESS) return result;
+    w->looked = 1;
+    plan_mean_and_price(&w->work, &stats, shrink);
+    if (!cost) return result;
+    result = picture_read(context, stats.picture.width, stats.picture.height, SBL_CHANNEL_LOOKS, &looks);
+    if (result == SBL_SUCCESS && !plan_cost_make(cost, &looks)) result = SBL_ERROR_OUT_OF_MEMORY;
+    free(looks.values);
+    return result;
+}
 
 /* Sets w->region to the window of --part K/N. The windows are those of the file of --plan; without that file, a small
    picture shows what they cost. Returns the exit status. */
@@ -261,6 +279,20 @@ static int windows_open_parts(const windows *w, picture_parts *parts) {
     /* The windows of part K/N all say that they are part K/N; here they are the windows of one picture. */
     for (i = 0; i < parts->list.count; i++) parts->list.files[i].number = parts->list.files[i].count = 0;
     return ok && parts_check(parts, w->region);
+}
+
+/* Joins the finished windows into the output. facts, channel, stops: see parts_job. Returns the exit status. */
+static int windows_join(const windows *w, const picture_fact *facts, sbl_channel channel, double stops) {
+    static picture_parts parts;
+    parts_job job = { &parts, common.output, { 0, 0, 0, 0 }, facts, channel, stops, &interrupted };
+    int status = DONE;
+    memcpy(job.region, w->region, sizeof job.region);
+    if (!windows_open_parts(w, &parts) || !target_write(w->target, parts_write, &job, 0))
+        status = parts.list.error[0] ? fail("%s", parts.list.error)
+               : interrupted ? stop("all windows are finished; --resume joins them (in %s)", w->folder.path)
+                             : fail_to_write(common.output);
+    parts_free(&parts);
+    return status;
 }
 
 /* Ends a run whose output is written: removes the folder, and describes the whole in the statistics. */
