@@ -288,7 +288,7 @@ static int probes_before(int k, int total) { return (int)((long long)k * total /
 static int find_probes(int total) {
     const int k = options.part[0] - 1;
     set_range(0, total, total);
-    if (!given[PART] || total == INT_MAX) return DONE;
+    if (!given[PART]) return DONE;
     if (options.part[1] > total)
         return misuse("--part %s: %d parts are too many for %d probes", options.part_text, options.part[1], total);
     set_range(probes_before(k, total), probes_before(k + 1, total) - probes_before(k, total), total);
@@ -586,10 +586,13 @@ static int write_probes(FILE *out, const void *what) {
 
 /* Finds the probes of the part: of the list, or of the grid. Returns the exit status. */
 static int prepare_probes(void) {
-    const double points = (double)options.grid[0] * options.grid[1] * options.grid[2];
-    int status = read_positions();
-    if (status == DONE) status = find_probes(options.positions ? listed.count : (int)fmin(points, INT_MAX));
-    return status;
+    const int *grid = options.grid;
+    const double points = (double)grid[0] * grid[1] * grid[2];
+    const int status = read_positions();
+    if (points >= INT_MAX)
+        return misuse("--probes %dx%dx%d: the grid has %.0f points; at most %d are possible", grid[0], grid[1],
+                      grid[2], points, INT_MAX - 1);
+    return status == DONE ? find_probes(options.positions ? listed.count : (int)points) : status;
 }
 
 /* Describes the probes in words that tell them from all others. */
@@ -614,7 +617,7 @@ static int bake_probes(tool_task *task, double *seconds) {
     memcpy(desc.grid, options.grid, sizeof desc.grid);
     p.count = facts.range[BAKE_COUNT];
     desc.first_probe = facts.range[BAKE_FIRST];
-    if (p.count < INT_MAX) p.all = (sbl_probe *)calloc((size_t)p.count + 1, sizeof *p.all);
+    p.all = (sbl_probe *)calloc((size_t)p.count + 1, sizeof *p.all);
     if (p.positions) desc.positions = p.positions + 3 * (size_t)desc.first_probe;
     desc.probes = p.all;
     desc.probe_count = p.count;

@@ -50,9 +50,10 @@ static int plan_part(const char *text, int part[2]) {
         for (i = 0; i < sizeof plan_variables / sizeof *plan_variables && !value; i++) {
             value = getenv(plan_variables[i].name);
             if (!value || !*value || strcmp(value, "undefined") == 0) { value = NULL; continue; }
-            k = strtol(value, &end, 10) + 1 - plan_variables[i].first;
-            if (*end || k < 1) return misuse("--part %s: %s is %s, which is no number of a part", text,
-                                             plan_variables[i].name, value);
+            k = strtol(value, &end, 10);
+            if (*end || k < plan_variables[i].first || k > INT_MAX)
+                return misuse("--part %s: %s is %s, which is no number of a part", text, plan_variables[i].name, value);
+            k += 1 - plan_variables[i].first;
         }
         if (!value)
             return misuse("--part %s: none of SLURM_ARRAY_TASK_ID, SGE_TASK_ID, PBS_ARRAY_INDEX, JOB_COMPLETION_INDEX "
