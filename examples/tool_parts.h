@@ -156,10 +156,10 @@ static void plan_options_fact(plan *p, const tool_option *table, int count, cons
     for (; *c; c++) if ((unsigned char)*c < 32) *c = '?';
 }
 
-/* ---- a small one of the whole ---- */
+/* ---- the whole in a small size ---- */
 
-/* Returns how many times smaller a picture of the whole is made that is `across` pixels wide or high, whichever is
-   more. It shows what windows need to know: see ON PARTS in sbl.h. */
+/* Returns how many times smaller than the whole the small picture or lightmap is from which windows get their mean and
+   price (see ON PARTS in sbl.h). across: width or height of the whole in pixels, whichever is larger */
 static double plan_small(double across) {
     enum { SHRINK = 4, LEAST = 192, MOST = 512 };  /* usual factor; least and greatest width or height */
     return fmax(1, across / fmin(fmax(across / SHRINK, LEAST), MOST));

@@ -21,9 +21,10 @@ typedef struct windows {
     int size[2], region[4];       /* the whole in pixels; what the output shows of it: x, y, width, height */
     const char *const *channels;  /* of the files, see image.channels */
     int components;
-    /* The functions of the tool. user: their first argument. `bytes` returns what a window needs. `look` makes a small
-       one of the whole, and sets mean, price and exposure in work.facts and, if cost is not NULL, the cost; it returns
-       the exit status. `use` takes these facts over. `make` makes a window, which `write` writes to an .exr file. */
+    /* The functions of the tool. user: their first argument. `bytes` returns how much memory a window needs. `look` makes
+       the whole in a small size, and sets the mean, the price and the exposure in work.facts and, if cost is not NULL,
+       the cost; it returns the exit status. `use` copies these facts into the descriptor of the windows. `make` makes a
+       window, which `write` writes to an .exr file. */
     void *user;
     double (*bytes)(const void *user, const int window[4]);
     int (*look)(void *user, plan_cost *cost);
@@ -37,7 +38,7 @@ typedef struct windows {
     int looked;                   /* 1: `look` has worked, so that bounced light is known */
 } windows;
 
-/* Works on the small one of the whole that `look` has begun, and sets the facts of its mean and price and, if cost is
+/* Finishes the small picture or lightmap that `look` has begun, and sets the facts of its mean and price and, if cost is
    not NULL, the cost. shrink: how many times smaller than the whole it is */
 static sbl_result windows_look(windows *w, double shrink, plan_cost *cost) {
     sbl_context *context = w->task->context;
@@ -94,8 +95,8 @@ static double windows__bytes_left(const windows *w) {
 
 /* Divides the region into as few windows as memory allows. Returns the exit status. */
 static int windows__divide(windows *w) {
-    enum { LARGEST = 1 << 24, SMALLEST = 1 << 14 };  /* pixels of a window: more would cost much when
-                                                        it is interrupted; fewer are not tried */
+    enum { LARGEST = 1 << 24, SMALLEST = 1 << 14 };  /* pixels of a window: an interrupted run loses one; fewer pixels
+                                                        are not tried */
     const double left = windows__bytes_left(w), pixels = (double)w->region[2] * w->region[3];
     double count = ceil(pixels / LARGEST);
     int i, fits = 0, status = DONE;
@@ -118,8 +119,8 @@ static int windows__write(const char *name, output_writer write, const void *wha
     return ok;
 }
 
-/* Opens the folder of finished windows. If an earlier run has left a plan there, takes it over, with its light; *found
-   receives 1 then. Returns the exit status. */
+/* Opens the folder of finished windows. If an earlier run has left a plan there, this run uses it and the light beside
+   it, and *found receives 1. Returns the exit status. */
 static int windows__open_folder(windows *w, int *found) {
     plan old = w->work;
     FILE *light;
