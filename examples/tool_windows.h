@@ -2,8 +2,9 @@
    Finished windows are .exr files in the folder OUTPUT.parts, so that an interrupted run loses only one. Include after
    tool_scene.h and tool_parts.h.
 
-   A tool describes what it makes with a `windows`. windows_choose then decides which windows there are; if there are
-   several, windows_make makes those that are not finished, and windows_open_parts lists all for joining. */
+   A tool describes what it makes with a `windows`. windows_choose then decides which windows there are. If there are
+   several, windows_make makes those that are not finished, and windows_join joins them, or windows_open_parts lists
+   them for a tool that joins them itself. windows_end removes the folder. */
 #ifndef TOOL_WINDOWS_H
 #define TOOL_WINDOWS_H
 
@@ -21,10 +22,10 @@ typedef struct windows {
     int size[2], region[4];       /* the whole in pixels; what the output shows of it: x, y, width, height */
     const char *const *channels;  /* of the files, see image.channels */
     int components;
-    /* The functions of the tool. user: their first argument. `bytes` returns how much memory a window needs. `look` makes
-       the whole in a small size, and sets the mean, the price and the exposure in work.facts and, if cost is not NULL,
-       the cost; it returns the exit status. `use` copies these facts into the descriptor of the windows. `make` makes a
-       window, which `write` writes to an .exr file. */
+    /* The functions of the tool. user: their first argument. `bytes` returns how much memory a window needs. `look`
+       makes the whole in a small size, and sets the mean, the price and the exposure in work.facts and, if cost is not
+       NULL, the cost; it returns the exit status. `use` copies these facts into the descriptor of the windows. `make`
+       makes a window, which `write` writes to an .exr file. */
     void *user;
     double (*bytes)(const void *user, const int window[4]);
     int (*look)(void *user, plan_cost *cost);
@@ -38,8 +39,8 @@ typedef struct windows {
     int looked;                   /* 1: `look` has worked, so that bounced light is known */
 } windows;
 
-/* Finishes the small picture or lightmap that `look` has begun, and sets the facts of its mean and price and, if cost is
-   not NULL, the cost. shrink: how many times smaller than the whole it is */
+/* Finishes the small picture or lightmap that `look` has begun, and sets the facts of its mean and price and, if cost
+   is not NULL, the cost. shrink: how many times smaller than the whole it is */
 static sbl_result windows_look(windows *w, double shrink, plan_cost *cost) {
     sbl_context *context = w->task->context;
     sbl_result result = work(context);
