@@ -620,18 +620,20 @@
 
    In ON DETERMINISM, (x, y) is a pixel of the whole picture; in sbl_inspect_sensor and in channels, of the window.
 
-   A lightmap can be baked in windows, too. Mean, price and store are as above; a small lightmap supplies the mean and
-   the price. Windows have no gutters. Copy SBL_CHANNEL_RADIANCE, SBL_CHANNEL_ID and, if the map is directional, SH_0 to
-   SH_3 of all windows into arrays of the whole map, then let sbl_join_windows make the gutters and seams. A single
-   window of the whole map, joined, is the map that is baked at once, to the bit.
+   A lightmap can be baked in windows, too. Mean, price and store are as above; a small lightmap without supersample
+   supplies the mean and the price, whose pixels are the places of `supersample`. Windows have no gutters. Copy
+   SBL_CHANNEL_RADIANCE, SBL_CHANNEL_ID and, if the map is directional, SBL_CHANNEL_SH_0 to SH_3 of each window to its
+   place in arrays of the whole map. When all windows are there, sbl_join_windows makes the gutters and seams. If a
+   single window shows the whole map, and has no mean and price set, the joined map is to the bit the map that is baked
+   at once.
 
    Probes and light at vertices can be baked in parts, too. The parts have the bits of the whole on the same GL driver.
-   In SBL_MODE_GI, all parts need the same bounced light: one context, or sbl_save_store and sbl_load_store. The store
-   itself has the same bits on the same driver, so that each part may also make its own.
+   In SBL_MODE_GI, all parts need the same bounced light: use one context, or sbl_save_store and sbl_load_store. Each
+   part may also make the light itself, because it has the same bits on the same driver.
 
-       probes     first_probe is the number of a part's first probe, and probe_count the number of its probes: 0 and
-                  300, 300 and 300, 600 and the rest. The grid stays that of the whole. With a list, positions points to
-                  the part's first position
+       probes     set first_probe to the number of the part's first probe, and probe_count to the number of its probes:
+                  0 and 300 for the first part, 300 and 300 for the second, and so on. The grid stays that of the whole.
+                  With a list, positions points to the part's first position
        vertices   a part is a list of meshes (sbl_vertices_desc.meshes)
 
 
@@ -1310,16 +1312,17 @@ typedef struct sbl_lightmap_desc {
     uint32_t end_canary;       /* must stay 0 */
 } sbl_lightmap_desc;
 
-/* The windows of a lightmap, joined by the host into arrays of the whole map. */
+/* The windows of a lightmap, which the host has copied into arrays of the whole map. */
 typedef struct sbl_windows_desc {
     uint32_t start_canary;     /* must stay 0 */
     sbl_lightmap_desc lightmap;  /* the descriptor of the windows; its window is ignored, and of its options only
-                                  progress matters */
+                                  progress matters. The gutters have the width `gutter` */
     const float *ids;          /* SBL_CHANNEL_ID of all windows, 1 float per texel of the map, first row first; must
                                   stay valid until the work is done */
     float *light[5];           /* SBL_CHANNEL_RADIANCE of all windows, 3 floats per texel, and, if lightmap.directional
-                                  is 1, SBL_CHANNEL_SH_0 to SH_3. Each array is replaced by what the channel FINAL or SH
-                                  of a map that is baked at once has. Must stay valid until the work is done */
+                                  is 1, SBL_CHANNEL_SH_0 to SH_3. While the work goes on, each array is replaced, one
+                                  after the other, by SBL_CHANNEL_FINAL and SBL_CHANNEL_SH_0 to SH_3 of the whole map:
+                                  with its gutters and seams. Must stay valid until the work is done */
     size_t texel_count;        /* number of texels that these arrays have room for, at least width * height */
     uint32_t end_canary;       /* must stay 0 */
 } sbl_windows_desc;

@@ -115,7 +115,7 @@ static inline void parts_folder_free(char **names, int count) {
 }
 
 /* Returns the paths of the files of a folder that have this ending, sorted by name so that messages do not depend on
-   the system; count receives their number. Returns NULL and sets l->error on failure. */
+   the system; count receives their number, which is not 0. Returns NULL and sets l->error on failure. */
 static inline char **parts_folder(part_list *l, const char *folder, const char *ending, int *count) {
     char **names = (char **)malloc(sizeof *names), **more;
     int room = 1, ok = names != NULL;
@@ -123,8 +123,8 @@ static inline char **parts_folder(part_list *l, const char *folder, const char *
     DIR *in = opendir(folder);
     *count = 0;
     if (!in) {
+        parts__fail(l, "%s: this folder cannot be read: %s", folder, strerror(errno));
         free(names);
-        parts__fail(l, "%s: it cannot be read: %s", folder, strerror(errno));
         return NULL;
     }
     while (ok && (entry = readdir(in)) != NULL) {
@@ -140,11 +140,14 @@ static inline char **parts_folder(part_list *l, const char *folder, const char *
         if (ok) sprintf(names[(*count)++], "%s/%s", folder, entry->d_name);
     }
     closedir(in);
-    if (ok && *count) qsort(names, (size_t)*count, sizeof *names, parts__compare_names);
-    if (ok) return names;
+    if (ok && *count) {
+        qsort(names, (size_t)*count, sizeof *names, parts__compare_names);
+        return names;
+    }
+    if (ok) parts__fail(l, "%s: this folder has no files whose names end in %s", folder, ending);
+    else parts__fail(l, "out of memory");
     parts_folder_free(names, *count);
     *count = 0;
-    parts__fail(l, "out of memory");
     return NULL;
 }
 

@@ -49,6 +49,7 @@ typedef struct picture_part {
 } picture_part;
 
 enum { PARTS_OPEN = 64, PARTS_BAND = 64 };  /* greatest number of open files; rows of a band */
+enum { PARTS_ACROSS = 16384 };              /* greatest width and height of the whole */
 
 typedef struct picture_parts {
     part_list list;
@@ -93,7 +94,7 @@ static int parts__open(picture_parts *p, picture_part *part) {
         return 1;
     }
     part->exr = NULL;
-    return parts__fail(&p->list, "%s: not a complete .exr file; make this part again", name);
+    return parts__fail(&p->list, "%s: not a complete .exr file; if it is a part, make it again", name);
 }
 
 /* Reads a fact of an open part; unknown facts are empty. */
@@ -158,6 +159,10 @@ static int parts__header(picture_parts *p, picture_part *part) {
         p->frame.facts = p->list.facts;
     }
     if (!parts__fit(&p->list, &picture_kind, facts)) return 0;
+    if (p->frame.width > PARTS_ACROSS || p->frame.height > PARTS_ACROSS)
+        return parts__fail(&p->list, "%s: it is damaged: its whole has %d x %d pixels, more than %d x %d; make this "
+                           "part again", parts__name(p, part), p->frame.width, p->frame.height, PARTS_ACROSS,
+                           PARTS_ACROSS);
     if (components != p->frame.components || display.max.x + 1 != p->frame.width ||
         display.max.y + 1 != p->frame.height)
         return parts__fail(&p->list, "%s does not fit %s: it belongs to another picture", parts__name(p, part),

@@ -117,16 +117,13 @@ static const tool_option table[OPTION_COUNT] = {
     [MOVE] = { "--move", "DISTANCE", NUMBERS, &options.move, 1, 0, 1e18,
                "greatest distance by which a probe may be moved to get out of geometry; default 0" },
     [PART] = { "--part", "K/N", TEXT, &options.part_text, 0, 0, 0,
-               "bakes only the K-th of N parts; N is at most 10000. A part is a range of probes, a range of meshes (into "
-               "a\n"
-               ".ply), or a window of the lightmap (into an .exr). sbl_merge joins probes and vertices to the file that "
-               "is\n"
-               "made without --part, to the byte; --join joins a lightmap. In mode gi, give all parts the same --store, "
-               "so\n"
-               "that only the first makes the light. auto/N takes K from SLURM_ARRAY_TASK_ID, SGE_TASK_ID or\n"
-               "PBS_ARRAY_INDEX (1 to N), or from JOB_COMPLETION_INDEX or AWS_BATCH_JOB_ARRAY_INDEX (0 to N - 1). %d in "
-               "the\n"
-               "name of the output becomes K, and %04d becomes K with 4 digits" },
+               "bakes only the K-th of N parts; N is at most 10000. A part is a range of probes, a range of meshes (in "
+               "a .ply),\n"
+               "or a window of the lightmap (in an .exr). sbl_merge joins probes and light at vertices: the file is, "
+               "to the\n"
+               "byte, that of a bake without --part. --join joins a lightmap. In mode gi, give all parts the same "
+               "--store, and\n"
+               "make the first part alone: it makes the light that the others load.\n" PLAN_AUTO_WORDS },
     [PLAN] = { "--plan", "FILE", TEXT, &options.plan, 0, 0, 0,
                "with --lightmap and --part: FILE holds the windows of all parts, and the mean and the price of the "
                "whole. If it\n"
@@ -134,9 +131,11 @@ static const tool_option table[OPTION_COUNT] = {
                "different\n"
                "graphics drivers must share one FILE" },
     [JOIN] = { "--join", "FOLDER", TEXT, &options.join, 0, 0, 0,
-               "with --lightmap: bakes nothing, but joins the parts in FOLDER (all its .exr files), and makes the gutters "
-               "and\n"
-               "seams of the whole map. Give the options of the parts. Needs about 80 bytes of memory for each texel" },
+               "with --lightmap: bakes nothing, but joins the parts in FOLDER (all its .exr files), and makes the "
+               "gutters and\n"
+               "seams of the whole map. Give the options of the parts, without --part, --plan and --store. --memory "
+               "must allow\n"
+               "about 42 bytes for each texel, or 90 with --directional" },
     [RESUME] = { "--resume", NULL, FLAG, NULL, 0, 0, 0,
                  "with --lightmap: goes on with a map that an interrupted run was baking window by window: one larger "
                  "than\n"
@@ -201,11 +200,8 @@ static void print_help(void) {
 
 static int ends_with(const char *path, const char *ending) { return scene__ends_with(path, ending); }
 
-/* Reads the value of --part, and replaces %d in the name of the output by the number of the part. Returns the exit
-   status. */
+/* Reads the value of --part. Returns the exit status. */
 static int parse_part(void) {
-    static char name[PATH_MAX];
-    int status;
     if (!given[PART]) return DONE;
     if (given[LIGHTMAP] && !ends_with(common.output, ".exr"))
         return misuse("--output %s: a part of a lightmap is an .exr file, and --join joins the parts", common.output);
@@ -216,12 +212,7 @@ static int parse_part(void) {
 #endif
     if (given[VERTICES] && !ends_with(common.output, ".ply"))
         return misuse("--output %s: a part is a .ply file, and sbl_merge joins them", common.output);
-    status = plan_part(options.part_text, options.part);
-    if (status == DONE && !numbered_name(name, sizeof name, common.output, options.part[0]))
-        return misuse("--output %s: %%d or %%04d stands for the number of the part; no other %% is allowed",
-                      common.output);
-    common.output = name;
-    return status;
+    return plan_part_and_output(options.part_text, options.part);
 }
 
 static int parse(int argc, char **argv) {
@@ -257,7 +248,10 @@ static int parse(int argc, char **argv) {
     common_note(given, table);
     if (given[LIGHTMAP]) common_note_refinement(given, table, TARGET_ERROR);
     note_if(given[AVERAGE], given, table, SMOOTHING, "--average has no slopes");
-    common.input = options.positions;
+    note_if(given[PART], given, table, GUTTER, "--join makes the gutters");
+    note_if(given[JOIN], given, table, STORE, "--join measures no light");
+    if (given[JOIN]) common.store = NULL;
+    common.input = given[PLAN] ? options.plan : options.positions;
     if (options.positions) memset(options.grid, 0, sizeof options.grid);
     return DONE;
 }
@@ -294,7 +288,7 @@ static int probes_before(int k, int total) { return (int)((long long)k * total /
 static int find_probes(int total) {
     const int k = options.part[0] - 1;
     set_range(0, total, total);
-    if (!given[PART] || total == INT_MAX) return DONE;
+    if (!given[PART]) return DONE;
     if (options.part[1] > total)
         return misuse("--part %s: %d parts are too many for %d probes", options.part_text, options.part[1], total);
     set_range(probes_before(k, total), probes_before(k + 1, total) - probes_before(k, total), total);
@@ -522,7 +516,7 @@ static int bake_vertices(tool_task *task, double *seconds) {
     desc.options = common_options(given, &bar);
     if (v.radiance) result = sbl_begin_vertices(task->context, &desc);
     if (result == SBL_SUCCESS) result = work(task->context);
-    if (bar.shown) fprintf(stderr, "\r%70s\r", "");
+    clear_progress(&bar);
     *seconds = now() - task->start;
     if (result == SBL_UNFINISHED) status = stop("nothing was written");
     else status = result == SBL_SUCCESS ? keep_vertices(&v) : fail_with(task->said, common.scene, result);
@@ -592,10 +586,13 @@ static int write_probes(FILE *out, const void *what) {
 
 /* Finds the probes of the part: of the list, or of the grid. Returns the exit status. */
 static int prepare_probes(void) {
-    const double points = (double)options.grid[0] * options.grid[1] * options.grid[2];
-    int status = read_positions();
-    if (status == DONE) status = find_probes(options.positions ? listed.count : (int)fmin(points, INT_MAX));
-    return status;
+    const int *grid = options.grid;
+    const double points = (double)grid[0] * grid[1] * grid[2];
+    const int status = read_positions();
+    if (points >= INT_MAX)
+        return misuse("--probes %dx%dx%d: the grid has %.0f points; at most %d are possible", grid[0], grid[1],
+                      grid[2], points, INT_MAX - 1);
+    return status == DONE ? find_probes(options.positions ? listed.count : (int)points) : status;
 }
 
 /* Describes the probes in words that tell them from all others. */
@@ -620,7 +617,7 @@ static int bake_probes(tool_task *task, double *seconds) {
     memcpy(desc.grid, options.grid, sizeof desc.grid);
     p.count = facts.range[BAKE_COUNT];
     desc.first_probe = facts.range[BAKE_FIRST];
-    if (p.count < INT_MAX) p.all = (sbl_probe *)calloc((size_t)p.count + 1, sizeof *p.all);
+    p.all = (sbl_probe *)calloc((size_t)p.count + 1, sizeof *p.all);
     if (p.positions) desc.positions = p.positions + 3 * (size_t)desc.first_probe;
     desc.probes = p.all;
     desc.probe_count = p.count;
@@ -629,7 +626,7 @@ static int bake_probes(tool_task *task, double *seconds) {
     if (!p.all) result = SBL_ERROR_OUT_OF_MEMORY;
     if (result == SBL_SUCCESS && p.count) result = sbl_begin_probes(task->context, &desc);
     if (result == SBL_SUCCESS && p.count) result = work(task->context);
-    if (bar.shown) fprintf(stderr, "\r%70s\r", "");
+    clear_progress(&bar);
     *seconds = now() - task->start;
     if (result == SBL_UNFINISHED) status = stop("nothing was written");
     else if (result != SBL_SUCCESS) status = fail_with(task->said, common.scene, result);

@@ -38,11 +38,14 @@ static int folder_is_new;  /* 1: this run has created the folder */
 
 /* Creates the folder and lists the files that do not depend on the scene. Returns the exit status. */
 static int find_files(void) {
-    struct stat info;
+    struct stat info, parts;
     int i, status = DONE;
     if (stat(common.output, &info) == 0 && !S_ISDIR(info.st_mode))
         return misuse("--output %s: this is not a folder; give another name", common.output);
     folder_is_new = stat(common.output, &info) != 0;
+    if (given[JOIN] && !folder_is_new && stat(options.join, &parts) == 0 && parts.st_dev == info.st_dev &&
+        parts.st_ino == info.st_ino)
+        return misuse("--join %s: the map would be written among its parts; give another --output", options.join);
     if (folder_is_new && mkdir(common.output, 0777) != 0)
         return fail("%s: the folder cannot be created: %s; give another one", common.output, strerror(errno));
     targets_begin();
@@ -276,7 +279,7 @@ static int bake_whole(map_bake *b, double *seconds) {
     sbl_result result = sbl_begin_lightmap(context, &b->desc);
     int i, status;
     if (result == SBL_SUCCESS) result = work_to_save(context);
-    if (b->bar.shown) fprintf(stderr, "\r%70s\r", "");
+    clear_progress(&b->bar);
     *seconds = now() - b->task->start;
     if (result == SBL_UNFINISHED) return save_partial(b);
     if (result == SBL_SUCCESS) result = read_light(context, l, size);
@@ -325,8 +328,7 @@ static void find_map_facts(map_bake *b) {
     plan_fact(p, FACT_VERSION, "%s", sbl_version());
     plan_fact(p, FACT_SCENE, "%016llx", hash_map(b));
     plan_fact(p, FACT_CAMERA, "%s", "");
-    p->facts[FACT_OPTIONS].name = fact_names[FACT_OPTIONS];
-    plan_options(p->facts[FACT_OPTIONS].text, PICTURE_FACT_SIZE, table, OPTION_COUNT, given, without);
+    plan_options_fact(p, table, OPTION_COUNT, given, without);
     plan_fact(p, FACT_CHANNEL, "lightmap");
     plan_fact(p, FACT_SIZE, "%dx%d", options.lightmap, options.lightmap);
     plan_fact(p, FACT_EXPOSURE, "0");
@@ -337,34 +339,19 @@ static void find_map_facts(map_bake *b) {
 /* Bakes a small map, which gives the mean, the price and, if cost is not NULL, the cost. Returns the exit status. */
 static int look_at_map(void *user, plan_cost *cost) {
     map_bake *b = (map_bake *)user;
-    sbl_context *context = b->task->context;
-    const int across = options.supersample ? options.supersample : 1;
+    const int across = options.lightmap * (options.supersample ? options.supersample : 1);
+    const double shrink = plan_small(across);
     sbl_lightmap_desc small = b->desc;
-    const double shrink = plan_small(options.lightmap * across);
-    image looks = { 0 };
-    sbl_stats stats;
     sbl_result result;
-    int enough = 1;
-    small.width = small.height = (int)ceil(options.lightmap * across / shrink);
+    small.width = small.height = (int)ceil(across / shrink);
     small.supersample = 1;
     small.directional = 0;
     small.gutter = -1;
     memset(small.window, 0, sizeof small.window);
-    result = sbl_begin_lightmap(context, &small);
-    if (result == SBL_SUCCESS) result = work(context);
-    stats = sbl_query_stats(context);
-    b->windows.looked = result == SBL_SUCCESS;
-    if (result == SBL_SUCCESS && cost) {
-        result = picture_read(context, small.width, small.height, SBL_CHANNEL_LOOKS, &looks);
-        if (result == SBL_SUCCESS) enough = plan_cost_make(cost, &looks);
-        free(looks.values);
-    }
-    if (b->bar.shown) fprintf(stderr, "\r%70s\r", "");
+    result = sbl_begin_lightmap(b->task->context, &small);
+    if (result == SBL_SUCCESS) result = windows_look(&b->windows, shrink, cost);
     if (result == SBL_UNFINISHED) return stop("there is no light yet");
-    if (result != SBL_SUCCESS) return fail_with(b->task->said, common.scene, result);
-    if (!enough) return fail("out of memory");
-    plan_mean_and_price(&b->windows.work, &stats, shrink);
-    return DONE;
+    return result == SBL_SUCCESS ? DONE : fail_with(b->task->said, common.scene, result);
 }
 
 static void use_map_facts(void *user) {
@@ -406,7 +393,7 @@ static sbl_result bake_window(void *user, const int window[4]) {
     out->values = NULL;
     result = sbl_begin_lightmap(b->task->context, &b->desc);
     if (result == SBL_SUCCESS) result = work(b->task->context);
-    if (b->bar.shown) fprintf(stderr, "\r%70s\r", "");
+    clear_progress(&b->bar);
     if (result != SBL_SUCCESS) return result;
     memcpy(out->at, window, sizeof out->at);
     out->width = window[2];
@@ -435,7 +422,7 @@ static int write_window(FILE *out, const void *what) {
 typedef struct joined_map {
     float *light[5], *alpha;      /* R and harmonics, 3 floats per texel; 1 where there is a surface */
     unsigned char *overlap;       /* per texel: 1 if triangles overlap there */
-    int any_overlap;
+    int any_overlap, shown;       /* shown: number of texels that show a surface */
 } joined_map;
 
 /* Spreads a band of rows, which begins at texel `first`, over the arrays of the map. */
@@ -446,10 +433,21 @@ static void spread_band(joined_map *j, const float *band, size_t first, size_t t
     for (i = first; i < first + texels; i++, band += n) {
         memcpy(j->light[0] + 3 * i, band, 12);
         j->alpha[i] = band[MAP_ALPHA];
+        j->shown += band[MAP_ALPHA] > 0;
         j->overlap[i] = band[MAP_OVERLAP] > 0;
         j->any_overlap |= j->overlap[i];
         for (k = 1; k < 5 && j->light[k]; k++) memcpy(j->light[k] + 3 * i, band + MAP_PLAIN + 3 * (k - 1), 12);
     }
+}
+
+/* Returns DONE if --memory allows the whole map to be joined; otherwise the exit status. */
+static int check_memory(const map_bake *b) {
+    const double size = options.lightmap, most = (double)b->task->file->memory;
+    const double bytes = (given[DIRECTIONAL] ? 90.0 : 42.0) * size * size;  /* of joined_map and its gutters */
+    if (bytes <= most) return DONE;
+    return fail("the map of %.0f x %.0f texels needs about %.0f MB to be joined, and --memory allows %.0f MB; give "
+                "more --memory, or make parts (--part) and join them on a larger machine", size, size, bytes / 1e6,
+                most / 1e6);
 }
 
 /* Allocates the arrays of the map, and reads the windows into them. Returns the exit status. */
@@ -505,6 +503,18 @@ static sbl_result join_map(map_bake *b, joined_map *j) {
     return result == SBL_SUCCESS ? work(b->task->context) : result;
 }
 
+/* Adds what is known after joining to the statistics of the windows. */
+static void describe_join(map_bake *b, const joined_map *j) {
+    sbl_stats *stats = &b->task->stats;
+    const sbl_stats own = sbl_query_stats(b->task->context);
+    stats->backend = own.backend;
+    stats->lightmap = own.lightmap;
+    stats->seconds.resolve += own.seconds.resolve;
+    stats->picture.width = stats->picture.height = options.lightmap;
+    stats->picture.visible_pixels = j->shown;
+    b->task->has_stats = 1;
+}
+
 /* Joins the windows and writes all files. Returns the exit status. */
 static int join_parts(map_bake *b, picture_parts *parts, double *seconds) {
     lightmap *l = &b->map;
@@ -525,11 +535,12 @@ static int join_parts(map_bake *b, picture_parts *parts, double *seconds) {
     if (status == DONE) status = keep_files(l, 0);
     if (status == DONE) {
         result = join_map(b, &j);
-        if (b->bar.shown) fprintf(stderr, "\r%70s\r", "");
+        clear_progress(&b->bar);
         if (result == SBL_UNFINISHED) status = stop("the map was not written");
         else if (result != SBL_SUCCESS) status = fail_with(b->task->said, common.scene, result);
     }
     *seconds = now() - b->task->start;
+    describe_join(b, &j);
     if (status == DONE) status = keep_files(l, 1);
     free(j.alpha);
     free(j.overlap);
@@ -554,6 +565,7 @@ static int check_joined(const map_bake *b, const part_list *list) {
 static int join_folder(map_bake *b, double *seconds) {
     static picture_parts parts;
     const int region[4] = { 0, 0, options.lightmap, options.lightmap };
+    sbl_stats *stats = &b->task->stats;
     char **files;
     int i, count = 0, status = DONE, ok;
     parts.frame.channels = map_channels;
@@ -561,9 +573,14 @@ static int join_folder(map_bake *b, double *seconds) {
     files = parts_folder(&parts.list, options.join, ".exr", &count);
     ok = files != NULL;
     for (i = 0; i < count && ok; i++) ok = parts_add(&parts, files[i]);
-    if (ok) status = parts.list.count ? check_joined(b, &parts.list) : fail("%s: it has no .exr files", options.join);
+    if (ok) status = check_joined(b, &parts.list);
     if (ok && status == DONE) ok = parts_check(&parts, region);
     if (!ok) status = fail("%s", parts.list.error);
+    *stats = sbl_query_stats(b->task->context);
+    stats->mode = common_mode(given);
+    if (ok && plan__is_valid(FACT_MEAN, parts.list.facts[FACT_MEAN].text))
+        sscanf(parts.list.facts[FACT_MEAN].text, "%f %f %f", &stats->picture.mean_radiance[0],
+               &stats->picture.mean_radiance[1], &stats->picture.mean_radiance[2]);
     if (status == DONE) status = join_parts(b, &parts, seconds);
     parts_folder_free(files, count);
     parts_free(&parts);
@@ -573,18 +590,15 @@ static int join_folder(map_bake *b, double *seconds) {
 /* Bakes the windows that are not finished, in the folder OUTPUT.parts, and joins them. Returns the exit status. */
 static int bake_windows(map_bake *b, double *seconds) {
     static picture_parts parts;
-    const picture_fact *all = b->windows.work.facts;
-    parts_job job = { &parts, common.output, { 0, 0, 0, 0 }, all, SBL_CHANNEL_FINAL, 0, &interrupted };
     int status = windows_make(&b->windows);
-    memcpy(job.region, b->windows.region, sizeof job.region);
-    if (status == DONE && !windows_open_parts(&b->windows, &parts)) status = fail("%s", parts.list.error);
-    if (status == DONE && !given[PART]) status = join_parts(b, &parts, seconds);
-    else if (status == DONE && !target_write(&targets[ONE_FILE], parts_write, &job, 0))
-        status = parts.list.error[0] ? fail("%s", parts.list.error)
-               : interrupted ? stop("all windows are finished; --resume joins them (in %s)", b->windows.folder.path)
-                             : fail_to_write(common.output);
+    if (status == DONE && given[PART])
+        status = windows_join(&b->windows, b->windows.work.facts, SBL_CHANNEL_FINAL, 0);
+    else if (status == DONE) {
+        status = windows_open_parts(&b->windows, &parts) ? join_parts(b, &parts, seconds)
+                                                         : fail("%s", parts.list.error);
+        parts_free(&parts);
+    }
     *seconds = now() - b->task->start;
-    parts_free(&parts);
     if (status == DONE) windows_end(&b->windows);
     return status;
 }
@@ -603,6 +617,7 @@ static int bake_map_part(map_bake *b, double *seconds) {
 static int divide_map(map_bake *b) {
     static output_file folder;  /* the windows are beside it */
     static char path[PATH_MAX];
+    const int status = given[PART] ? DONE : check_memory(b);  /* a map that is baked at once needs more */
     windows *w = &b->windows;
     w->task = b->task;
     w->bar = &b->bar;
@@ -628,7 +643,7 @@ static int divide_map(map_bake *b) {
     w->make = bake_window;
     w->write = write_window;
     find_map_facts(b);
-    return given[JOIN] ? DONE : windows_choose(w);
+    return status != DONE || given[JOIN] ? status : windows_choose(w);
 }
 
 static int bake_lightmap(tool_task *task, double *seconds) {

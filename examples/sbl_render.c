@@ -106,9 +106,7 @@ static const tool_option table[OPTION_COUNT] = {
                ".exr\n"
                "file; sbl_merge joins the parts. Unless the file of --plan exists, a small picture of the whole is "
                "made\n"
-               "first. auto/N takes K from SLURM_ARRAY_TASK_ID, SGE_TASK_ID or PBS_ARRAY_INDEX (1 to N), or from\n"
-               "JOB_COMPLETION_INDEX or AWS_BATCH_JOB_ARRAY_INDEX (0 to N - 1). %d in the name of the output becomes\n"
-               "K, and %04d becomes K with 4 digits. With --cameras or --frames, see --frames" },
+               "first. With --cameras or --frames, see --frames.\n" PLAN_AUTO_WORDS },
     [PLAN] = { "--plan", "FILE", TEXT, &options.plan, 0, 0, 0,
                "FILE holds the windows of all parts, and the mean, the price and the exposure of the whole. If it "
                "exists, it\n"
@@ -217,11 +215,8 @@ static void note_effects(void) {
             "only channel final in a .png, and channel display, have a tone");
 }
 
-/* Reads the value of --part, and replaces %d in the name of the output by the number of the part. Returns the exit
-   status. */
+/* Reads the value of --part. Returns the exit status. */
 static int parse_part(void) {
-    static char name[PATH_MAX];
-    int status;
     if (given[PLAN] && !given[PART]) return misuse("--plan needs --part K/N: it says which parts there are");
     if (!given[PART]) return DONE;
     if (given[WINDOW]) return misuse("--part and --window both choose a part of the picture; give only one of them");
@@ -229,12 +224,8 @@ static int parse_part(void) {
     if (!ends_with(common.output, ".exr"))
         return misuse("--output %s: a part is an .exr file, and sbl_merge joins them to a .png, .pfm or .exr; a .png "
                       "needs --channel display", common.output);
-    status = plan_part(options.part_text, options.part);
-    if (status == DONE && !numbered_name(name, sizeof name, common.output, options.part[0]))
-        return misuse("--output %s: %%d or %%04d stands for the number of the part; no other %% is allowed",
-                      common.output);
-    common.output = name;
-    return status;
+    if (given[PLAN]) common.input = options.plan;
+    return plan_part_and_output(options.part_text, options.part);
 }
 
 /* Reads which frames are made, if any are. With frames, a part is a share of them. Returns the exit status. */
@@ -623,7 +614,7 @@ static sbl_result make_picture(shot *s, int late) {
     if (result == SBL_SUCCESS && needs_no_light(s->channel)) result = work_until(context, s->channel);
     else if (result == SBL_SUCCESS) result = late ? work_to_save(context) : work(context);
     if (result == SBL_UNFINISHED && !interrupted) result = SBL_SUCCESS;  /* the channel can be read before the end */
-    if (s->bar.shown) fprintf(stderr, "\r%70s\r", "");
+    clear_progress(&s->bar);
     stats = sbl_query_stats(context);
     free(s->picture.values);
     s->picture.values = NULL;
@@ -680,8 +671,7 @@ static void find_facts(shot *s) {
     plan_fact(p, FACT_VERSION, "%s", sbl_version());
     plan_fact(p, FACT_SCENE, "%016llx", (unsigned long long)sbl_scene_fingerprint(context));
     plan_fact(p, FACT_CAMERA, "%016llx", matrices);
-    p->facts[FACT_OPTIONS].name = fact_names[FACT_OPTIONS];
-    plan_options(p->facts[FACT_OPTIONS].text, PICTURE_FACT_SIZE, table, OPTION_COUNT, given, without);
+    plan_options_fact(p, table, OPTION_COUNT, given, without);
     plan_fact(p, FACT_CHANNEL, "%s", is_display(s->channel) ? "display" : channel_words[options.channel]);
     plan_fact(p, FACT_SIZE, "%dx%d", camera.size[0], camera.size[1]);
     plan_fact(p, FACT_RENDERER, "%s", sbl_query_capabilities(context).renderer);
@@ -702,12 +692,9 @@ static void use_facts(void *user) {
    Returns the exit status. */
 static int look_at_whole(void *user, plan_cost *cost) {
     shot *s = (shot *)user;
-    sbl_context *context = s->task->context;
     const double shrink = plan_small(s->desc.width > s->desc.height ? s->desc.width : s->desc.height);
     sbl_picture_desc small = s->desc;
     sbl_stats stats;
-    image looks = { 0 };
-    int enough = 1;
     sbl_result result = SBL_SUCCESS;
     small.width = (int)ceil(s->desc.width / shrink);
     small.height = (int)ceil(s->desc.height / shrink);
@@ -716,22 +703,14 @@ static int look_at_whole(void *user, plan_cost *cost) {
     small.auto_exposure = isnan(options.exposure);
     small.exposure = small.auto_exposure ? 0 : (float)options.exposure;
     memset(&stats, 0, sizeof stats);
-    if (!needs_no_light(s->channel)) {
-        result = sbl_begin_picture(context, &small);
-        if (result == SBL_SUCCESS) result = work(context);
-        stats = sbl_query_stats(context);
-        s->windows.looked = result == SBL_SUCCESS;
+    if (needs_no_light(s->channel)) plan_mean_and_price(&s->windows.work, &stats, shrink);
+    else {
+        result = sbl_begin_picture(s->task->context, &small);
+        if (result == SBL_SUCCESS) result = windows_look(&s->windows, shrink, cost);
+        stats = sbl_query_stats(s->task->context);
     }
-    if (result == SBL_SUCCESS && cost && !needs_no_light(s->channel)) {
-        result = picture_read(context, small.width, small.height, SBL_CHANNEL_LOOKS, &looks);
-        if (result == SBL_SUCCESS) enough = plan_cost_make(cost, &looks);
-        free(looks.values);
-    }
-    if (s->bar.shown) fprintf(stderr, "\r%70s\r", "");
     if (result == SBL_UNFINISHED) return stop_early();
     if (result != SBL_SUCCESS) return fail_with(s->task->said, common.scene, result);
-    if (!enough) return fail("out of memory");
-    plan_mean_and_price(&s->windows.work, &stats, shrink);
     plan_fact(&s->windows.work, FACT_EXPOSURE, "%.9g",
               isnan(s->exposure) ? (double)stats.picture.exposure : s->exposure);
     return DONE;
@@ -756,25 +735,10 @@ static int write_window(FILE *out, const void *what) {
 }
 
 /* Joins the finished windows. Returns the exit status. */
-static int join_windows(shot *s) {
-    static picture_parts parts;
-    parts_job job = { &parts, common.output, { 0, 0, 0, 0 }, NULL, s->channel, 0, &interrupted };
-    int ok = windows_open_parts(&s->windows, &parts);
-    memcpy(job.region, s->windows.region, sizeof job.region);
-    if (given[PART] || given[WINDOW]) job.facts = s->windows.work.facts;
-    if (!is_display(s->channel)) job.stops = (double)s->desc.exposure;
-    if (s->channel == SBL_CHANNEL_ERROR && isnan(options.exposure)) job.stops += PICTURE_ERROR_STOPS;
-    if (ok && !target_write(&targets[PICTURE], parts_write, &job, 0)) {
-        ok = 0;
-        if (!parts.list.error[0]) {
-            parts_free(&parts);
-            return interrupted ? stop("all windows are finished; --resume joins them (in %s)", s->windows.folder.path)
-                               : fail_to_write(common.output);
-        }
-    }
-    if (!ok) fail("%s", parts.list.error);
-    parts_free(&parts);
-    return ok ? DONE : FAILED;
+static int join_windows(const shot *s) {
+    double stops = is_display(s->channel) ? 0 : (double)s->desc.exposure;
+    if (s->channel == SBL_CHANNEL_ERROR && isnan(options.exposure)) stops += PICTURE_ERROR_STOPS;
+    return windows_join(&s->windows, given[PART] || given[WINDOW] ? s->windows.work.facts : NULL, s->channel, stops);
 }
 
 /* Makes the output window by window, in the folder. Returns the exit status. */
@@ -791,8 +755,6 @@ static int render_windows(shot *s, double *seconds) {
 /* Decides what is made: the region, its windows, and the mean and exposure of the whole. Returns the exit status. */
 static int divide(shot *s) {
     windows *w = &s->windows;
-    w->task = s->task;
-    w->bar = &s->bar;
     w->noun = "picture";
     w->part = given[PART] ? options.part_text : NULL;
     w->number = options.part[0];
@@ -833,7 +795,7 @@ static int render_sensor(shot *s, double *seconds) {
     if (status != DONE) return status;
     result = sbl_begin_picture(context, &s->desc);
     if (result == SBL_SUCCESS) result = work(context);
-    if (s->bar.shown) fprintf(stderr, "\r%70s\r", "");
+    clear_progress(&s->bar);
     if (result == SBL_SUCCESS) result = inspect(context, &s->picture);
     *seconds = now() - s->task->start;
     all.stops = (double)sbl_query_stats(context).picture.exposure;
@@ -846,6 +808,8 @@ static void begin_shot(shot *s) {
     s->bar.from = s->bar.to = s->bar.last = 0;
     s->bar.start = now();
     memset(&s->windows, 0, sizeof s->windows);
+    s->windows.task = s->task;
+    s->windows.bar = &s->bar;
     fill_desc(&s->desc, s->task->file, &s->bar);
     memcpy(s->desc.world_to_view, placed.world_to_view, sizeof s->desc.world_to_view);
     memcpy(s->desc.view_to_clip, placed.view_to_clip, sizeof s->desc.view_to_clip);

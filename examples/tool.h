@@ -140,6 +140,9 @@ static inline int on_progress(float done, void *user) {
     return 0;  /* never cancels: that would lose the unfinished picture */
 }
 
+/* Removes the progress bar from its line. */
+static inline void clear_progress(const progress *p) { if (p->shown) fprintf(stderr, "\r%70s\r", ""); }
+
 /* ---- work ---- */
 
 #define WORK_SLICE 0.25  /* seconds; about the longest time until a signal is handled */

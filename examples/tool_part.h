@@ -1,5 +1,5 @@
 /* Shared by tools that make parts of a whole: reads --part, numbers the names of parts, and describes options in one
-   line. Include after tool_options.h and part_list.h. */
+   line. Include after tool_scene.h and part_list.h. */
 #ifndef TOOL_PART_H
 #define TOOL_PART_H
 
@@ -28,6 +28,12 @@ static void plan_options(char *out, size_t size, const tool_option *table, int c
     }
 }
 
+/* What the help of --part says about auto/N and about %d in --output. */
+#define PLAN_AUTO_WORDS \
+    "auto/N takes K from SLURM_ARRAY_TASK_ID, SGE_TASK_ID or PBS_ARRAY_INDEX (1 to N), or from\n" \
+    "JOB_COMPLETION_INDEX or AWS_BATCH_JOB_ARRAY_INDEX (0 to N - 1). In the name of --output, %d becomes K, and\n" \
+    "%04d becomes K with 4 digits"
+
 /* Variables in which schedulers give the number of a part, and the number of the first part there. */
 static const struct { const char *name; int first; } plan_variables[] = {
     { "SLURM_ARRAY_TASK_ID", 1 }, { "SGE_TASK_ID", 1 }, { "PBS_ARRAY_INDEX", 1 },
@@ -44,9 +50,10 @@ static int plan_part(const char *text, int part[2]) {
         for (i = 0; i < sizeof plan_variables / sizeof *plan_variables && !value; i++) {
             value = getenv(plan_variables[i].name);
             if (!value || !*value || strcmp(value, "undefined") == 0) { value = NULL; continue; }
-            k = strtol(value, &end, 10) + 1 - plan_variables[i].first;
-            if (*end || k < 1) return misuse("--part %s: %s is %s, which is no number of a part", text,
-                                             plan_variables[i].name, value);
+            k = strtol(value, &end, 10);
+            if (*end || k < plan_variables[i].first || k > INT_MAX)
+                return misuse("--part %s: %s is %s, which is no number of a part", text, plan_variables[i].name, value);
+            k += 1 - plan_variables[i].first;
         }
         if (!value)
             return misuse("--part %s: none of SLURM_ARRAY_TASK_ID, SGE_TASK_ID, PBS_ARRAY_INDEX, JOB_COMPLETION_INDEX "
@@ -74,6 +81,18 @@ static int numbered_name(char *out, size_t size, const char *pattern, int number
     if (sscanf(sign, "%%%2dd%n", &digits, &length) != 1 || !length) digits = 0, length = sign[1] == 'd' ? 2 : 0;
     if (!length || digits < 0 || strchr(sign + length, '%')) return 0;
     return snprintf(out, size, "%.*s%0*d%s", (int)(sign - pattern), pattern, digits, number, sign + length) < (int)size;
+}
+
+/* Reads the value of --part, and replaces %d in the name of the output by the number of the part. Returns the exit
+   status. */
+static int plan_part_and_output(const char *text, int part[2]) {
+    static char name[PATH_MAX];
+    const int status = plan_part(text, part);
+    if (status == DONE && !numbered_name(name, sizeof name, common.output, part[0]))
+        return misuse("--output %s: %%d or %%04d stands for the number of the part; no other %% is allowed",
+                      common.output);
+    common.output = name;
+    return status;
 }
 
 #endif

@@ -7,6 +7,7 @@
 #define TOOL_PARTS_H
 
 #include <dirent.h>
+#include <float.h>
 #include <sys/file.h>
 
 /* ---- cost ---- */
@@ -146,10 +147,19 @@ static void plan_fact(plan *p, int fact, const char *format, ...) {
     va_end(arguments);
 }
 
-/* ---- a small one of the whole ---- */
+/* Sets the fact of the options, see plan_options. A control character, which a file name can contain, becomes a
+   question mark, because a fact of a plan is one line. */
+static void plan_options_fact(plan *p, const tool_option *table, int count, const int *given, const int *without) {
+    char *c = p->facts[FACT_OPTIONS].text;
+    p->facts[FACT_OPTIONS].name = fact_names[FACT_OPTIONS];
+    plan_options(c, PICTURE_FACT_SIZE, table, count, given, without);
+    for (; *c; c++) if ((unsigned char)*c < 32) *c = '?';
+}
 
-/* Returns how many times smaller a picture of the whole is made that is `across` pixels wide or high, whichever is
-   more. It shows what windows need to know: see ON PARTS in sbl.h. */
+/* ---- the whole in a small size ---- */
+
+/* Returns how many times smaller than the whole the small picture or lightmap is from which windows get their mean and
+   price (see ON PARTS in sbl.h). across: width or height of the whole in pixels, whichever is larger */
 static double plan_small(double across) {
     enum { SHRINK = 4, LEAST = 192, MOST = 512 };  /* usual factor; least and greatest width or height */
     return fmax(1, across / fmin(fmax(across / SHRINK, LEAST), MOST));
@@ -162,6 +172,18 @@ static void plan_mean_and_price(plan *p, const sbl_stats *stats, double shrink) 
     const float *mean = stats->picture.mean_radiance;
     plan_fact(p, FACT_MEAN, "%.9g %.9g %.9g", (double)mean[0], (double)mean[1], (double)mean[2]);
     plan_fact(p, FACT_PRICE, "%.9g", (double)stats->picture.price * pow(shrink, 2 * PRICE_GROWTH));
+}
+
+/* Returns whether a fact of a plan is what plan_mean_and_price or `look` writes. */
+static int plan__is_valid(int fact, const char *text) {
+    const int count = fact == FACT_MEAN ? 3 : 1;
+    double numbers[3];
+    int k, end = 0, ok;
+    ok = count == 3 ? sscanf(text, "%lf %lf %lf%n", &numbers[0], &numbers[1], &numbers[2], &end) == 3
+                    : sscanf(text, "%lf%n", &numbers[0], &end) == 1;
+    for (k = 0; k < count && ok; k++)
+        ok = fabs(numbers[k]) <= FLT_MAX && (fact == FACT_EXPOSURE || numbers[k] >= 0);
+    return ok && !text[end];
 }
 
 /* Takes mean and price from the facts. */
@@ -214,25 +236,27 @@ static int plan__read_windows(plan *p, FILE *in, const int size[2]) {
 static int plan_read(plan *p, const char *name, const int size[2]) {
     static char line[PICTURE_FACT_SIZE + 64];
     FILE *in = input_open(name);
-    int i, status = DONE;
+    int i, status = DONE, whole = 1;
     if (!in && errno == ENOENT) return -1;
     if (!in) return fail("%s: it cannot be read: %s", name, scene__why());
     if (!fgets(line, sizeof line, in) || strcmp(line, "sbl plan 1\n"))
         status = fail("%s: it is no plan of parts", name);
-    for (i = 0; i < FACT_PART && status == DONE; i++) {
+    for (i = 0; i < FACT_PART && whole && status == DONE; i++) {
         const size_t length = strlen(fact_names[i]);
+        const char *value = line + length + 1;
         char *end = fgets(line, sizeof line, in) ? strchr(line, '\n') : NULL;
-        if (!end || strncmp(line, fact_names[i], length) || line[length] != ' ') {
-            status = fail("%s: it is damaged; remove it", name);
-            break;
-        }
+        whole = end && strncmp(line, fact_names[i], length) == 0 && line[length] == ' ';
+        if (!whole) break;
         *end = 0;
-        if (i == FACT_MEAN || i == FACT_PRICE || i == FACT_EXPOSURE) plan_fact(p, i, "%s", line + length + 1);
-        else if (i != FACT_RENDERER && strcmp(line + length + 1, p->facts[i].text))
+        if (i == FACT_MEAN || i == FACT_PRICE || i == FACT_EXPOSURE) {
+            plan_fact(p, i, "%s", value);
+            whole = plan__is_valid(i, value);
+        } else if (i != FACT_RENDERER && strcmp(value, p->facts[i].text))
             status = fail("%s: this plan was made %s: it has %s, this run has %s; remove it, or give another name",
-                          name, fact_words[i], fact_shown(line + length + 1), fact_shown(p->facts[i].text));
+                          name, fact_words[i], fact_shown(value), fact_shown(p->facts[i].text));
     }
-    if (status == DONE && !plan__read_windows(p, in, size)) status = fail("%s: it is damaged; remove it", name);
+    if (status == DONE && !(whole && plan__read_windows(p, in, size)))
+        status = fail("%s: it is damaged; remove it", name);
     fclose(in);
     return status;
 }

@@ -2,8 +2,9 @@
    Finished windows are .exr files in the folder OUTPUT.parts, so that an interrupted run loses only one. Include after
    tool_scene.h and tool_parts.h.
 
-   A tool describes what it makes with a `windows`. windows_choose then decides which windows there are; if there are
-   several, windows_make makes those that are not finished, and windows_open_parts lists all for joining. */
+   A tool describes what it makes with a `windows`. windows_choose then decides which windows there are. If there are
+   several, windows_make makes those that are not finished, and windows_join joins them, or windows_open_parts lists
+   them for a tool that joins them itself. windows_end removes the folder. */
 #ifndef TOOL_WINDOWS_H
 #define TOOL_WINDOWS_H
 
@@ -17,13 +18,14 @@ typedef struct windows {
     int by_hand, resume;          /* 1: --window; 1: --resume */
     int keeps_light;              /* 1: the folder keeps the bounced light, because --store does not */
     const int *given;
-    const output_file *target;    /* the output */
+    output_file *target;          /* the output */
     int size[2], region[4];       /* the whole in pixels; what the output shows of it: x, y, width, height */
     const char *const *channels;  /* of the files, see image.channels */
     int components;
-    /* The functions of the tool. user: their first argument. `bytes` returns what a window needs. `look` makes a small
-       one of the whole, and sets mean, price and exposure in work.facts and, if cost is not NULL, the cost; it returns
-       the exit status. `use` takes these facts over. `make` makes a window, which `write` writes to an .exr file. */
+    /* The functions of the tool. user: their first argument. `bytes` returns how much memory a window needs. `look`
+       makes the whole in a small size, and sets the mean, the price and the exposure in work.facts and, if cost is not
+       NULL, the cost; it returns the exit status. `use` copies these facts into the descriptor of the windows. `make`
+       makes a window, which `write` writes to an .exr file. */
     void *user;
     double (*bytes)(const void *user, const int window[4]);
     int (*look)(void *user, plan_cost *cost);
@@ -36,6 +38,24 @@ typedef struct windows {
     int has_facts;                /* 1: the output is a part, or is made window by window */
     int looked;                   /* 1: `look` has worked, so that bounced light is known */
 } windows;
+
+/* Finishes the small picture or lightmap that `look` has begun, and sets the facts of its mean and price and, if cost
+   is not NULL, the cost. shrink: how many times smaller than the whole it is */
+static sbl_result windows_look(windows *w, double shrink, plan_cost *cost) {
+    sbl_context *context = w->task->context;
+    sbl_result result = work(context);
+    const sbl_stats stats = sbl_query_stats(context);
+    image looks = { 0 };
+    clear_progress(w->bar);
+    if (result != SBL_SUCCESS) return result;
+    w->looked = 1;
+    plan_mean_and_price(&w->work, &stats, shrink);
+    if (!cost) return result;
+    result = picture_read(context, stats.picture.width, stats.picture.height, SBL_CHANNEL_LOOKS, &looks);
+    if (result == SBL_SUCCESS && !plan_cost_make(cost, &looks)) result = SBL_ERROR_OUT_OF_MEMORY;
+    free(looks.values);
+    return result;
+}
 
 /* Sets w->region to the window of --part K/N. The windows are those of the file of --plan; without that file, a small
    picture shows what they cost. Returns the exit status. */
@@ -76,8 +96,8 @@ static double windows__bytes_left(const windows *w) {
 
 /* Divides the region into as few windows as memory allows. Returns the exit status. */
 static int windows__divide(windows *w) {
-    enum { LARGEST = 1 << 24, SMALLEST = 1 << 14 };  /* pixels of a window: more would cost much when
-                                                        it is interrupted; fewer are not tried */
+    enum { LARGEST = 1 << 24, SMALLEST = 1 << 14 };  /* pixels of a window: an interrupted run loses one; fewer pixels
+                                                        are not tried */
     const double left = windows__bytes_left(w), pixels = (double)w->region[2] * w->region[3];
     double count = ceil(pixels / LARGEST);
     int i, fits = 0, status = DONE;
@@ -100,8 +120,8 @@ static int windows__write(const char *name, output_writer write, const void *wha
     return ok;
 }
 
-/* Opens the folder of finished windows. If an earlier run has left a plan there, takes it over, with its light; *found
-   receives 1 then. Returns the exit status. */
+/* Opens the folder of finished windows. If an earlier run has left a plan there, this run uses it and the light beside
+   it, and *found receives 1. Returns the exit status. */
 static int windows__open_folder(windows *w, int *found) {
     plan old = w->work;
     FILE *light;
@@ -261,6 +281,20 @@ static int windows_open_parts(const windows *w, picture_parts *parts) {
     /* The windows of part K/N all say that they are part K/N; here they are the windows of one picture. */
     for (i = 0; i < parts->list.count; i++) parts->list.files[i].number = parts->list.files[i].count = 0;
     return ok && parts_check(parts, w->region);
+}
+
+/* Joins the finished windows into the output. facts, channel, stops: see parts_job. Returns the exit status. */
+static int windows_join(const windows *w, const picture_fact *facts, sbl_channel channel, double stops) {
+    static picture_parts parts;
+    parts_job job = { &parts, common.output, { 0, 0, 0, 0 }, facts, channel, stops, &interrupted };
+    int status = DONE;
+    memcpy(job.region, w->region, sizeof job.region);
+    if (!windows_open_parts(w, &parts) || !target_write(w->target, parts_write, &job, 0))
+        status = parts.list.error[0] ? fail("%s", parts.list.error)
+               : interrupted ? stop("all windows are finished; --resume joins them (in %s)", w->folder.path)
+                             : fail_to_write(common.output);
+    parts_free(&parts);
+    return status;
 }
 
 /* Ends a run whose output is written: removes the folder, and describes the whole in the statistics. */

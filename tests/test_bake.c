@@ -346,7 +346,7 @@ TEST(what_is_wrong_is_said) {
             "no.json");
     REFUSED(2, "--probes 2x2", "room.gltf", "--probes", "2x2", "-o", "no.json");
     REFUSED(2, "--probes 0x1x1", "room.gltf", "--probes", "0x1x1", "-o", "no.json");
-    REFUSED(1, "out of memory", "room.gltf", "--probes", "4096x4096x4096", "-o", "no.json", "--quiet");
+    REFUSED(2, "has 68719476736 points", "room.gltf", "--probes", "4096x4096x4096", "-o", "no.json", "--quiet");
     REFUSED(1, "cannot be read", "room.gltf", "--probes", "none.txt", "-o", "no.json", "--quiet");
     mkfifo(in_folder("pipe.txt"), 0666);
     REFUSED(1, "pipe.txt: cannot be read: it is a pipe", "none.gltf", "--probes", "pipe.txt", "-o", "no.json");

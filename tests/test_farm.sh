@@ -72,6 +72,13 @@ dry_run_of_a_lightmap() {
         grep -q -e "$line" "$folder/out" || { echo "missing: $line"; cat "$folder/out"; return 1; }
     done
 }
+# the folder of a lightmap can be given with a slash, and its parts are beside it
+dry_run_beside_a_folder() {
+    "$farm" bake "$scene" $map -o "$folder/slash/" --parts 8 --memory 4G --dry-run > "$folder/out" &&
+        [ -d "$folder/slash.farm/parts" ] && [ ! -e "$folder/slash" ] && grep -q -e '--memory=3276M' "$folder/out" &&
+        "$farm" --resume "$folder/slash/" --dry-run | grep -q 'would submit: part 1; then parts 2-8' &&
+        "$farm" bake "$scene" --help | grep -q '^usage'
+}
 # what the job files say is what a shell runs, also if names contain spaces and quotes
 names_are_quoted() {
     odd="$folder/it's an odd name"
@@ -99,6 +106,8 @@ wrong_usage() {
         refuses 2 'does not take --join' bake "$scene" --lightmap 64 -o x --parts 2 --join y &&
         refuses 2 'needs --lightmap, --probes or --vertices' bake "$scene" -o x.json --parts 2 &&
         refuses 2 'must end in .json' bake "$scene" --probes 2x2x2 -o x.ply --parts 2 &&
+        refuses 2 'memory 4X: the value must be a size' render "$scene" -o x.png --parts 2 --memory 4X &&
+        refuses 2 'makes one of them' bake "$scene" --vertices --probes 2x2x2 -o x.json --parts 2 &&
         refuses 2 'must end in .ply' bake "$scene" --vertices -o x.gltf --parts 2 &&
         refuses 2 'does not take --stats' bake "$scene" --vertices -o x.ply --parts 2 --stats y &&
         refuses 2 'does not take --window' render "$scene" -o x.png --parts 2 --window 0,0,1,1 &&
@@ -108,6 +117,7 @@ wrong_usage() {
 check dry_run dry_run
 check dry_run_of_a_bake dry_run_of_a_bake
 check dry_run_of_a_lightmap dry_run_of_a_lightmap
+check dry_run_beside_a_folder dry_run_beside_a_folder
 check names_are_quoted names_are_quoted
 check wrong_usage wrong_usage
 

@@ -95,9 +95,10 @@ TEST(wrong_parts_are_refused) {
     CHECK(BAKE("room.gltf", "--lightmap", "97", "--mode", "direct", "--join", "p", "-o", "out") == 1 &&
           said("96x96"), "%s", ran.err);
     CHECK(BAKE(MAP, "--directional", "--join", "p", "-o", "out") == 1 && said("not a part"), "%s", ran.err);
-    CHECK(BAKE(MAP, "--join", "none", "-o", "out") == 1 && said("none: it cannot be read"), "%s", ran.err);
+    CHECK(BAKE(MAP, "--join", "none", "-o", "out") == 1 && said("none: this folder cannot be read"), "%s", ran.err);
     mkdir(in_folder("empty"), 0777);
-    CHECK(BAKE(MAP, "--join", "empty", "-o", "out") == 1 && said("no .exr files"), "%s", ran.err);
+    CHECK(BAKE(MAP, "--join", "empty", "-o", "out") == 1 &&
+          said("empty: this folder has no files whose names end in .exr"), "%s", ran.err);
     CHECK(MERGE("p", "-o", "all.exr") == 1 && said("--join"), "%s", ran.err);
     damage("p/02.exr", "p/04.exr", 0, -1);
     CHECK(BAKE(MAP, "--join", "p", "-o", "out") == 1 && said("p/02.exr and p/04.exr are both part 2 of 3"), "%s",
@@ -110,6 +111,68 @@ TEST(wrong_parts_are_refused) {
     write_scene("room.gltf", overlapping, 1);
     CHECK(BAKE(MAP, "--join", "p", "-o", "out") == 1 && said("another scene"), "%s", ran.err);
     CHECK(!exists("out"), "a folder is left");
+}
+
+/* Statistics of a joined map describe the whole map. Options that have no effect are named, and change nothing. */
+TEST(joining_is_described) {
+    static const struct { const char *name, *words; } facts[] = {
+        { "mode", "\"mode\": \"direct\"" }, { "size", "\"size\": [96, 96]" }, { "mean", "\"mean\": [" }
+    };
+    char text[4096];
+    size_t i;
+    int lines;
+    if (!has_openexr()) SKIP("built without OpenEXR");
+    write_scene("room.gltf", apart, 1);
+    REQUIRE(make_parts("s", 2, NULL, NULL), "%s", ran.err);
+    CHECK(BAKE(MAP, "--join", "s", "-o", "joined", "--stats", "stats.json") == 0, "%s", ran.err);
+    read_text(in_folder("stats.json"), text, sizeof text, &lines);
+    for (i = 0; i < sizeof facts / sizeof *facts; i++)
+        CHECK(strstr(text, facts[i].words), "%s: %s", facts[i].name, text);
+    CHECK(!strstr(text, "\"visible_pixels\": 0,"), "%s", text);
+    CHECK(BAKE("room.gltf", "--lightmap", "96", "--part", "1/1", "-o", "s/1.exr", "--gutter", "3") == 0 &&
+              said("no effect: --gutter"), "%s", ran.err);
+    remove(in_folder("s/01.exr"));
+    remove(in_folder("s/02.exr"));
+    CHECK(BAKE("room.gltf", "--lightmap", "96", "--join", "s", "-o", "gi", "--store", "light", "--stats", "stats.json")
+              == 0 && said("no effect: --store") && !exists("light"), "%s", ran.err);
+    read_text(in_folder("stats.json"), text, sizeof text, &lines);
+    CHECK(strstr(text, "\"mode\": \"gi\""), "%s", text);
+    CHECK(BAKE("room.gltf", "--lightmap", "96", "--join", "s", "-o", "s/.") == 2 && said("among its parts"), "%s",
+          ran.err);
+}
+
+/* A plan that is damaged is refused by its name, and an output never replaces a plan. */
+TEST(plans_are_checked) {
+    static const char *const means[] = { "nan 0 0", "-1 0 0", "0 0", "1e999 0 0", "1 1 1 x" };
+    char text[4096], *mean, other[4096];
+    size_t i;
+    int lines;
+    if (!has_openexr()) SKIP("built without OpenEXR");
+    CHECK(BAKE(MAP, "--part", "1/2", "-o", "new.exr", "--plan", "new.exr") == 2 && said("overwrite") &&
+              !exists("new.exr"), "%s", ran.err);
+    write_file("sky\n.ppm", "P6\n2 1\n255\n\xff\xff\xff\x80\x40\xff", 11 + 6);
+    CHECK(BAKE(MAP, "--sky", "sky\n.ppm", "--part", "1/2", "-o", "a.exr", "--plan", "lines") == 0, "%s", ran.err);
+    CHECK(BAKE(MAP, "--sky", "sky\n.ppm", "--part", "2/2", "-o", "a.exr", "--plan", "lines") == 0, "%s", ran.err);
+    REQUIRE(BAKE(MAP, "--part", "1/2", "-o", "a.exr", "--plan", "good") == 0, "%s", ran.err);
+    read_text(in_folder("good"), text, sizeof text, &lines);
+    mean = strstr(text, "sbl.mean ");
+    REQUIRE(mean, "%s", text);
+    for (i = 0; i < sizeof means / sizeof *means; i++) {
+        snprintf(other, sizeof other, "%.*ssbl.mean %s%s", (int)(mean - text), text, means[i], strchr(mean, '\n'));
+        write_text("bad", other);
+        CHECK(BAKE(MAP, "--part", "1/2", "-o", "a.exr", "--plan", "bad") == 1 && said("bad: it is damaged"), "%s: %s",
+              means[i], ran.err);
+    }
+}
+
+/* A map that cannot be joined in the memory is refused before it is baked. */
+TEST(memory_for_joining) {
+    if (!has_openexr()) SKIP("built without OpenEXR");
+    CHECK(BAKE("room.gltf", "--lightmap", "4096", "--memory", "512M", "-o", "m") == 1 &&
+              said("--memory allows 537 MB") && !exists("m") && !exists("m.parts"), "%s", ran.err);
+    REQUIRE(make_parts("parts", 1, NULL, NULL), "%s", ran.err);
+    CHECK(BAKE("room.gltf", "--lightmap", "4096", "--memory", "512M", "--join", "parts", "-o", "m") == 1 &&
+              said("--memory allows"), "%s", ran.err);
 }
 
 TEST(wrong_usage) {
@@ -158,6 +221,9 @@ int main(int argc, char **argv) {
     RUN(parts_make_the_map);
     RUN(parts_do_not_depend_on_each_other);
     RUN(wrong_parts_are_refused);
+    RUN(joining_is_described);
+    RUN(plans_are_checked);
+    RUN(memory_for_joining);
     RUN(wrong_usage);
     RUN(killed_runs_go_on);
     tool_end();

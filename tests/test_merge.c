@@ -133,6 +133,19 @@ TEST(the_first_plan_counts) {
     CHECK(RENDER(PICTURE, "--part", "1/2", "-o", "a.exr", "--plan", "short") == 1 && said("damaged"), "%s", ran.err);
 }
 
+/* Makes `to` from a part, whose whole then claims to be about 2^30 pixels wide. */
+static void widen(const char *from, const char *to) {
+    static const char name[] = "displayWindow\0box2i";
+    static char bytes[1 << 18];
+    FILE *in = fopen(in_folder(from), "rb");
+    const size_t size = in ? fread(bytes, 1, sizeof bytes, in) : 0;
+    size_t i;
+    if (in) fclose(in);
+    for (i = 0; i + sizeof name + 20 < size; i++)  /* the name, its size and x and y of the first pixel precede */
+        if (memcmp(bytes + i, name, sizeof name) == 0) bytes[i + sizeof name + 4 + 8 + 3] = 0x3f;
+    write_file(to, bytes, size);
+}
+
 /* What is no part of the picture is refused by name, and a file that exists already stays as it was. */
 TEST(wrong_parts_are_refused) {
     if (!has_openexr()) SKIP("built without OpenEXR");
@@ -160,6 +173,10 @@ TEST(wrong_parts_are_refused) {
     REFUSED("short.exr: ", "p.1.exr", "short.exr", "p.3.exr");
     damage("p.2.exr", "turned.exr", 0, 1500);
     REFUSED("turned.exr: ", "p.1.exr", "turned.exr", "p.3.exr");
+    widen("p.1.exr", "wide.exr");
+    REFUSED("wide.exr: it is damaged: its whole has ", "wide.exr");
+    mkdir(in_folder("bare"), 0777);
+    REFUSED("bare: this folder has no files whose names end in .exr", "bare");
     write_text("room.mtl", "newmtl floor\nKd .7 .5 .2\nnewmtl lamp\nKd 0 0 0\nKe 5 6 7\n");
     CHECK(RENDER(PICTURE, "--part", "2/3", "-o", "scene.exr") == 0, "%s", ran.err);
     REFUSED("scene.exr does not fit p.1.exr: it was made from another scene", "p.1.exr", "scene.exr", "p.3.exr");

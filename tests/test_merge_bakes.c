@@ -344,6 +344,10 @@ TEST(parts_that_cannot_be) {
     CHECK(BAKE(PROBES, "--part", "auto/3", "-o", "a%03d.json") == 0 && fact_of("a002.json", "\"first\": ") == 6, "%s",
           ran.err);
     unsetenv("SLURM_ARRAY_TASK_ID");
+    setenv("JOB_COMPLETION_INDEX", "9223372036854775807", 1);
+    CANNOT("JOB_COMPLETION_INDEX is 9223372036854775807, which is no number", PROBES, "--part", "auto/3", "-o",
+           "no.json");
+    unsetenv("JOB_COMPLETION_INDEX");
 }
 
 /* Parts of different drivers give one warning. Mesa's software renderer counts as another driver if its vectors have
