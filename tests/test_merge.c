@@ -35,22 +35,6 @@ static int make_parts(const char *name, int count, const char *more, const char 
     return ok;
 }
 
-/* Returns the mean absolute difference of two pictures, as a share of the mean of the first; a negative number if they
-   have different sizes. */
-static double difference(const char *a, const char *b) {
-    picture p = read_pfm(a), q = read_pfm(b);
-    double off = 0, mean = 0;
-    int i;
-    if (!p.values || !q.values || p.width != q.width || p.height != q.height) mean = -1;
-    for (i = 0; mean >= 0 && i < 3 * p.width * p.height; i++) {
-        off += fabs((double)p.values[i] - (double)q.values[i]);
-        mean += fabs((double)p.values[i]);
-    }
-    free(p.values);
-    free(q.values);
-    return mean > 0 ? off / mean : mean;
-}
-
 /* ---- parts ---- */
 
 /* Parts show what the whole shows, pixel by pixel, in every format; a folder of parts works like their names. */
@@ -61,8 +45,8 @@ TEST(parts_make_the_whole) {
     REQUIRE(make_parts("at", 5, "--channel", "position"), "%s", ran.err);
     CHECK(MERGE("at.1.exr", "at.2.exr", "at.3.exr", "at.4.exr", "at.5.exr", "-o", "all.pfm") == 0 && !ran.err[0], "%s",
           ran.err);
-    CHECK(fabs(difference("whole.pfm", "all.pfm")) < 1e-5, "positions differ by %g",
-          difference("whole.pfm", "all.pfm"));
+    CHECK(fabs(mean_difference("whole.pfm", "all.pfm")) < 1e-5, "positions differ by %g",
+          mean_difference("whole.pfm", "all.pfm"));
     positions = read_pfm("all.pfm");
     CHECK(positions.values && positions.values[3 * (48 * 31 + 24) + 2] > 0, "the lowest row is not the nearest");
     free(positions.values);
@@ -70,7 +54,8 @@ TEST(parts_make_the_whole) {
     mkdir(in_folder("parts"), 0777);
     REQUIRE(make_parts("parts/light", 3, NULL, NULL), "%s", ran.err);
     CHECK(MERGE("parts", "-o", "all.pfm") == 0, "%s", ran.err);
-    CHECK(fabs(difference("whole.pfm", "all.pfm")) < 0.04, "light differs by %g", difference("whole.pfm", "all.pfm"));
+    CHECK(fabs(mean_difference("whole.pfm", "all.pfm")) < 0.04, "light differs by %g",
+          mean_difference("whole.pfm", "all.pfm"));
 }
 
 /* A .png of parts that hold what a screen shows looks like the one that is made at once. */
@@ -199,7 +184,8 @@ TEST(windows_are_joined) {
           RENDER(PICTURE, "--window", "19,0,29,32", "-o", "wide.exr") == 0 &&
           RENDER(PICTURE, "--window", "21,0,1,1", "-o", "pixel.exr") == 0, "%s", ran.err);
     CHECK(RENDER(PICTURE, "-o", "whole.pfm") == 0 && MERGE("right.exr", "left.exr", "-o", "all.pfm") == 0 &&
-          fabs(difference("whole.pfm", "all.pfm")) < 0.04, "light differs by %g", difference("whole.pfm", "all.pfm"));
+          fabs(mean_difference("whole.pfm", "all.pfm")) < 0.04, "light differs by %g",
+          mean_difference("whole.pfm", "all.pfm"));
     CHECK(MERGE("left.exr", "wide.exr", "-o", "all.pfm") == 1 && said("left.exr and wide.exr overlap"), "%s", ran.err);
     CHECK(MERGE("left.exr", "pixel.exr", "-o", "all.pfm") == 1 && said("895 of 1536 pixels are in no part"), "%s",
           ran.err);
@@ -287,8 +273,8 @@ TEST(killed_runs_go_on) {
     CHECK(RENDER(LARGE, "-o", "often.exr", "--resume") == 0, "%s", ran.err);
     CHECK(same_files("once.exr", "often.exr") && !exists("often.exr.parts"), "the picture differs, or files are left");
     CHECK(RENDER(LARGE, "-o", "once.pfm") == 0 && RENDER(LARGE, "--memory", "4G", "-o", "whole.pfm") == 0 &&
-          fabs(difference("whole.pfm", "once.pfm")) < 0.05, "differs by %g from the whole: %s",
-          difference("whole.pfm", "once.pfm"), ran.err);
+          fabs(mean_difference("whole.pfm", "once.pfm")) < 0.05, "differs by %g from the whole: %s",
+          mean_difference("whole.pfm", "once.pfm"), ran.err);
 }
 
 /* Large pictures of surfaces, which need no light, are made window by window, too. */

@@ -10,6 +10,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <ftw.h>
+#include <math.h>
 #include <poll.h>
 #include <signal.h>
 #include <stdint.h>
@@ -294,6 +295,22 @@ static inline picture read_pfm(const char *name) {
     }
     fclose(in);
     return p;
+}
+
+/* Returns the mean absolute difference of two .pfm files, as a share of the mean of the first; a negative number if
+   they have different sizes. */
+static inline double mean_difference(const char *a, const char *b) {
+    picture p = read_pfm(a), q = read_pfm(b);
+    double off = 0, mean = 0;
+    int i;
+    if (!p.values || !q.values || p.width != q.width || p.height != q.height) mean = -1;
+    for (i = 0; mean >= 0 && i < 3 * p.width * p.height; i++) {
+        off += fabs((double)p.values[i] - (double)q.values[i]);
+        mean += fabs((double)p.values[i]);
+    }
+    free(p.values);
+    free(q.values);
+    return mean > 0 ? off / mean : mean;
 }
 
 static inline void room_obj(void) {
