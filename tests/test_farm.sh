@@ -120,6 +120,18 @@ check dry_run_of_a_lightmap dry_run_of_a_lightmap
 check dry_run_beside_a_folder dry_run_beside_a_folder
 check names_are_quoted names_are_quoted
 check wrong_usage wrong_usage
+# 64 parts of 1000 s that have nothing in common and start at once: the more workers, the faster, up to one a part
+model_of_a_farm() {
+    { printf '0\n0\n0\n'; yes 1000 | head -n 64; } > "$folder/even.times"
+    scripts/bench_farm "$folder/even.times" --size 100000x100000 --startup 0 > "$folder/out" &&
+        grep -q 'mean 1000.00 s, slowest / mean 1.00' "$folder/out" && awk -F '|' '
+            /hours of work/ { table++ }
+            table == 1 && $2 + 0 > 1 { rows++; if ($6 + 0 < 80 || $6 + 0 > 100) bad = bad $0 "\n" }
+            END { printf "%s", bad; exit bad != "" || rows != 6 }' "$folder/out" || { cat "$folder/out"; return 1; }
+    { printf '0\n1000\n0\n'; yes 1000 | head -n 64; } > "$folder/alike.times"
+    scripts/bench_farm "$folder/alike.times" --startup 0 | grep -q '^| 1000 | 1 |'
+}
+check model_of_a_farm model_of_a_farm
 
 # >>Slurm
 
@@ -136,6 +148,7 @@ end_slurm() {
     for id in $processes; do kill "$id" 2> /dev/null; done
 }
 trap 'end_slurm; sleep 1; rm -rf "$folder"' EXIT
+trap 'exit 1' HUP INT TERM  # so that a test that is stopped ends Slurm, too
 slurm=$folder/slurm
 export SLURM_CONF="$slurm/slurm.conf"
 start_node() { slurmd -f "$SLURM_CONF" -N "$1"; }
