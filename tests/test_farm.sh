@@ -129,7 +129,7 @@ model_of_a_farm() {
             table == 1 && $2 + 0 > 1 { rows++; if ($6 + 0 < 80 || $6 + 0 > 100) bad = bad $0 "\n" }
             END { printf "%s", bad; exit bad != "" || rows != 6 }' "$folder/out" || { cat "$folder/out"; return 1; }
     { printf '0\n1000\n0\n'; yes 1000 | head -n 64; } > "$folder/alike.times"
-    scripts/bench_farm "$folder/alike.times" --startup 0 | grep -q '^| 1000 | 1 |'
+    scripts/bench_farm "$folder/alike.times" --startup 0 > "$folder/out" && grep -q '^| 1000 | 1 |' "$folder/out"
 }
 check model_of_a_farm model_of_a_farm
 
