@@ -2258,7 +2258,7 @@ typedef struct sbl__gl {
 } sbl__gl;
 
 enum {
-    SBL__GL_NO_ERROR = 0, SBL__GL_OUT_OF_MEMORY = 0x0505, SBL__GL_TRIANGLES = 0x0004,
+    SBL__GL_NO_ERROR = 0, SBL__GL_NONE = 0, SBL__GL_OUT_OF_MEMORY = 0x0505, SBL__GL_TRIANGLES = 0x0004,
     SBL__GL_TRIANGLE_STRIP = 0x0005, SBL__GL_GREATER = 0x0204, SBL__GL_FRONT_AND_BACK = 0x0408,
     SBL__GL_POLYGON_MODE = 0x0B40, SBL__GL_FILL = 0x1B02, SBL__GL_CULL_FACE = 0x0B44, SBL__GL_FRONT_FACE = 0x0B46,
     SBL__GL_CCW = 0x0901, SBL__GL_DEPTH_RANGE = 0x0B70, SBL__GL_DEPTH_TEST = 0x0B71,
@@ -2961,7 +2961,8 @@ static void sbl__target_delete(const sbl__device *d, sbl__target *t) {
 }
 
 /* Attaches `count` textures (1 to 6) of one size to a target, and a depth texture unless `depth` is NULL, which leaves
-   the target's depth texture as it is. Creates the target if it does not exist. */
+   the target's depth texture as it is. Creates the target if it does not exist. Textures that do not exist, which the
+   first must, leave gaps: what passes write there is lost. */
 static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const sbl__texture *colors, int count,
                                    const sbl__texture *depth) {
     const sbl__gl *gl = &d->gl;
@@ -2971,8 +2972,9 @@ static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const s
     if (!sbl__name_make(d, gl->GenFramebuffers, &t->id)) return SBL_ERROR_GL;
     gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, t->id);
     for (i = 0; i < count; i++) {
-        buffers[i] = SBL__GL_COLOR_ATTACHMENT0 + (unsigned)i;
-        gl->FramebufferTexture2D(SBL__GL_DRAW_FRAMEBUFFER, buffers[i], SBL__GL_TEXTURE_2D, colors[i].id, 0);
+        const unsigned attachment = SBL__GL_COLOR_ATTACHMENT0 + (unsigned)i;
+        buffers[i] = colors[i].id ? attachment : (unsigned)SBL__GL_NONE;
+        gl->FramebufferTexture2D(SBL__GL_DRAW_FRAMEBUFFER, attachment, SBL__GL_TEXTURE_2D, colors[i].id, 0);
         t->textures[i] = colors[i].id;
         t->formats[i] = colors[i].format;
     }
@@ -8477,6 +8479,12 @@ static sbl_result sbl__atlas_step(sbl__atlas *a, sbl__slice *slice) {
 enum { SBL__GBUFFER_POSITION, SBL__GBUFFER_NORMAL, SBL__GBUFFER_GEOMETRIC_NORMAL, SBL__GBUFFER_ALBEDO,
        SBL__GBUFFER_EMISSION, SBL__GBUFFER_ID, SBL__GBUFFER_COUNT };
 
+/* Sets of textures of a G-buffer, as bits. Refinement reads all of them; what follows needs fewer. */
+#define SBL__GBUFFER_ALL ((1 << SBL__GBUFFER_COUNT) - 1)
+#define SBL__GBUFFER_SAMPLE (SBL__GBUFFER_ALL & ~(1 << SBL__GBUFFER_GEOMETRIC_NORMAL))  /* what >>resolve reads */
+#define SBL__GBUFFER_TEXEL (SBL__GBUFFER_SAMPLE & ~(1 << SBL__GBUFFER_EMISSION))  /* what a lightmap needs */
+
+/* A texture that the G-buffer does not have has no id, and its output is lost. */
 typedef struct sbl__gbuffer { sbl__texture textures[SBL__GBUFFER_COUNT]; sbl__target target; } sbl__gbuffer;
 
 typedef struct sbl__camera {
@@ -8515,14 +8523,17 @@ typedef struct sbl__surface {
 #define SBL__BAND_PIXELS 1048576   /* pixels of a band of rows; a draw covers at most a band: triangles may be large */
 #define SBL__TRIANGLE_PIXELS 64.0  /* cost of a triangle besides its pixels, in pixels */
 
+/* Makes those textures of a set that the G-buffer does not have yet, and deletes the others. depth: see
+   sbl__target_make. set: bits, see SBL__GBUFFER_ALL */
 static sbl_result sbl__gbuffer_make(const sbl__device *d, sbl__gbuffer *g, int width, int height,
-                                    const sbl__texture *depth) {
+                                    const sbl__texture *depth, int set) {
     static const unsigned formats[SBL__GBUFFER_COUNT] = { SBL__GL_RGBA32F, SBL__GL_RGBA32F, SBL__GL_RGBA32F,
                                                           SBL__GL_RGBA16F, SBL__GL_RGBA32F, SBL__GL_R32UI };
     sbl_result result = SBL_SUCCESS;
     int i;
     for (i = 0; i < SBL__GBUFFER_COUNT && result == SBL_SUCCESS; i++)
-        result = sbl__texture_make(d, &g->textures[i], width, height, formats[i]);
+        if (set & 1 << i) result = sbl__texture_make(d, &g->textures[i], width, height, formats[i]);
+        else sbl__texture_delete(d, &g->textures[i]);
     return result == SBL_SUCCESS ? sbl__target_make(d, &g->target, g->textures, SBL__GBUFFER_COUNT, depth) : result;
 }
 
@@ -8943,6 +8954,9 @@ static sbl_result sbl__surface_send(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS && s->stages.at < a->height ? SBL_UNFINISHED : result;
 }
 
+/* Makes the next step begin a new G-buffer. */
+static void sbl__surface_restart(sbl__surface *s) { s->stages.stage = s->stages.at = s->row = 0; }
+
 /* Does one piece of work. Returns SBL_UNFINISHED until the G-buffer is drawn, then SBL_SUCCESS; the next call begins a
    new G-buffer. For a lightmap, sbl__atlas_begin must have been called. */
 static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__surface_job *job, sbl__slice *slice) {
@@ -8960,7 +8974,7 @@ static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__
     s->device = d;
     s->job = job;
     result = sbl__stages_step(&s->stages, tables[job->atlas != NULL], SBL__COUNT(tables[0]), s, slice);
-    if (result == SBL_SUCCESS) s->stages.stage = s->row = 0;
+    if (result == SBL_SUCCESS) sbl__surface_restart(s);
     return result;
 }
 
@@ -16144,6 +16158,7 @@ static void sbl__sample_offset(int i, int count, float out[2]) {
 /* One anti-aliasing sample, of all pixels. */
 typedef struct sbl__resolve {
     const sbl__gbuffer *centres, *sample;  /* G-buffers of the pixels' centres and of the sample */
+    const sbl__texture *emission;          /* emission of the sample */
     const sbl__texture *radiance;          /* R at pixel centres */
     const sbl__texture *previous;          /* [0]: sum of the samples before, each divided by `count`; [1]: the same of
                                               what a screen shows, if tone asks for it */
@@ -16171,7 +16186,7 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
     sbl__bind(d, "sample_positions", &r->sample->textures[SBL__GBUFFER_POSITION]);
     sbl__bind(d, "sample_normals", &r->sample->textures[SBL__GBUFFER_NORMAL]);
     sbl__bind(d, "sample_albedo", &r->sample->textures[SBL__GBUFFER_ALBEDO]);
-    sbl__bind(d, "sample_emission", &r->sample->textures[SBL__GBUFFER_EMISSION]);
+    sbl__bind(d, "sample_emission", r->emission);
     sbl__bind(d, "sample_ids", &r->sample->textures[SBL__GBUFFER_ID]);
     sbl__bind(d, "previous", &r->previous[0]);
     if (shown) {
@@ -16916,7 +16931,8 @@ static sbl_result sbl__map_setup(void *work, sbl__slice *slice) {
     switch (m->work.stages.at++) {
         case 0: result = sbl__refine_make(&m->refine); break;
         case 1: result = sbl__surface_make(d, &m->surface, width, height, m->atlas != NULL); break;
-        default: return sbl__gbuffer_make(d, &m->gbuffer, width, height, m->atlas ? NULL : &m->surface.depth);
+        default: return sbl__gbuffer_make(d, &m->gbuffer, width, height, m->atlas ? NULL : &m->surface.depth,
+                                          SBL__GBUFFER_ALL);
     }
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
 }
@@ -17007,6 +17023,14 @@ static size_t sbl__map_shown(const sbl__map *m, size_t i) {
     return ((size_t)m->window.inset[1] + y) * (size_t)m->desc.width + (size_t)m->window.inset[0] + x;
 }
 
+/* Deletes the textures of the G-buffer that only refinement reads, unless a glimpse will be followed by another reading
+   of them. */
+static sbl_result sbl__map_trim(sbl__map *m) {
+    if (m->glimpse == SBL__GLIMPSE_UNDER_WAY) return SBL_SUCCESS;
+    return sbl__gbuffer_make(&m->work.core->device, &m->gbuffer, m->desc.width, m->desc.height, NULL,
+                             m->atlas ? SBL__GBUFFER_TEXEL : SBL__GBUFFER_SAMPLE);
+}
+
 /* Reads rows of the G-buffer into m->refine, from row stages.at on. Advances stages.at. SBL_SUCCESS: all are read. */
 static sbl_result sbl__map_read(void *work, sbl__slice *slice) {
     static const int attachments[4] = { SBL__GBUFFER_POSITION, SBL__GBUFFER_NORMAL, SBL__GBUFFER_GEOMETRIC_NORMAL,
@@ -17039,7 +17063,8 @@ static sbl_result sbl__map_read(void *work, sbl__slice *slice) {
     }
     sbl__free(&c->base, data);
     m->work.stages.at += rows;
-    return result == SBL_SUCCESS && m->work.stages.at < m->desc.height ? SBL_UNFINISHED : result;
+    if (result == SBL_SUCCESS && m->work.stages.at < m->desc.height) return SBL_UNFINISHED;
+    return result == SBL_SUCCESS ? sbl__map_trim(m) : result;
 }
 
 static int sbl__map_after_read(void *work) {
@@ -17115,8 +17140,11 @@ static sbl_result sbl__map_develop(void *work, sbl__slice *slice) {
     return sbl__stages_step(&((sbl__map *)work)->developing, table, SBL__COUNT(table), work, slice);
 }
 
+/* Deletes the light that the filter has read, unless it guides the filter of further layers. */
 static int sbl__map_after_develop(void *work) {
-    ((sbl__map *)work)->developed = 1;
+    sbl__map *m = (sbl__map *)work;
+    m->developed = 1;
+    if (!m->spec.directional) sbl__texture_delete(&m->work.core->device, &m->layers[0].light);
     return SBL__MAP_END;
 }
 
@@ -17364,9 +17392,12 @@ enum { SBL__PREVIEW_COMPOSE, SBL__PREVIEW_METER, SBL__PREVIEW_EXPOSE };
 
 typedef struct sbl__picture {
     sbl__map map;               /* must be first, because pointers to the struct are cast to sbl__map * */
-    sbl__gbuffer sample;        /* G-buffer of the current anti-aliasing sample; not made if desc.samples is 1 */
-    sbl__composition sums[2];   /* [0]: sum over an even number of anti-aliasing samples, [1]: over an odd number */
-    sbl__composition preview;
+    sbl__gbuffer sample;        /* G-buffer of the current anti-aliasing sample; not made if desc.samples is 1. Its
+                                   texture of emission is also that of map.gbuffer.target */
+    int sampled;                /* 1: that texture holds the emission of a sample; 0: of pixel centres */
+    sbl__composition sums[2];   /* [0]: sum over an even number of anti-aliasing samples, made if there are two or
+                                   more; [1]: over an odd number */
+    sbl__composition preview;   /* made if the host reads channels, or for the measurement of the exposure */
     sbl__pace resolve_pace;
     int resolved;               /* number of finished anti-aliasing samples */
     int pass, row;              /* the current preview: its pass, and the number of finished rows of the pass */
@@ -17450,6 +17481,7 @@ static sbl_result sbl__picture_compose(sbl__picture *p, int index, int count, co
     d->gl.doing = "composing the picture";
     r.centres = &m->gbuffer;
     r.sample = count > 1 ? &p->sample : &m->gbuffer;
+    r.emission = &(p->sample.target.id ? &p->sample : &m->gbuffer)->textures[SBL__GBUFFER_EMISSION];
     r.radiance = &m->layers[0].smooth.texture;
     r.previous = p->sums[index & 1].textures;  /* sample 0 does not read it */
     r.tone = m->desc.tone;
@@ -17543,33 +17575,66 @@ static sbl_result sbl__picture_compose_preview(sbl__picture *p, const sbl__slice
     return p->pass != SBL__PREVIEW_COMPOSE ? SBL_UNFINISHED : SBL_SUCCESS;
 }
 
-static sbl_result sbl__picture_preview(void *work, sbl__slice *slice) {
-    const sbl_result result = sbl__map_preview(work, slice);
-    return result == SBL_SUCCESS ? sbl__picture_compose_preview((sbl__picture *)work, slice) : result;
+/* Draws the surfaces at pixel centres again, because samples have overwritten their emission. The current sample then
+   begins again. */
+static sbl_result sbl__picture_redraw(sbl__picture *p, sbl__slice *slice) {
+    static const float centre[2] = { 0, 0 };
+    sbl__map *m = &p->map;
+    sbl_result result;
+    sbl__surface_restart(&m->surface);
+    do result = sbl__map_draw_surface(m, &m->gbuffer, centre, slice); while (result == SBL_UNFINISHED);
+    sbl__surface_restart(&m->surface);
+    m->work.stages.stage = SBL__PICTURE_SAMPLE;
+    m->work.stages.at = 0;
+    p->sampled = 0;
+    return result;
 }
 
-/* Makes the textures of the last stages. Then it makes a preview with the final R, if the host reads channels or the
-   exposure is to be measured. */
+static sbl_result sbl__picture_preview(void *work, sbl__slice *slice) {
+    sbl__picture *p = (sbl__picture *)work;
+    sbl_result result = sbl__map_preview(work, slice);
+    if (result == SBL_SUCCESS && p->sampled) result = sbl__picture_redraw(p, slice);
+    return result == SBL_SUCCESS ? sbl__picture_compose_preview(p, slice) : result;
+}
+
+/* Makes the G-buffer of samples. Its emission takes the texture that holds the emission at pixel centres, which only
+   previews read. */
+static sbl_result sbl__picture_make_sample(sbl__picture *p) {
+    sbl__map *m = &p->map;
+    sbl__texture *const emission = &m->gbuffer.textures[SBL__GBUFFER_EMISSION];
+    p->sample.textures[SBL__GBUFFER_EMISSION] = *emission;
+    memset(emission, 0, sizeof *emission);
+    return sbl__gbuffer_make(&m->work.core->device, &p->sample, m->desc.width, m->desc.height, &m->surface.depth,
+                             SBL__GBUFFER_SAMPLE);
+}
+
+/* If the host reads channels or the exposure is to be measured, makes a preview with the final R. Then it makes the
+   textures of the last stages; a preview that the host does not read becomes one of them. */
 static sbl_result sbl__picture_finish(void *work, sbl__slice *slice) {
     sbl__picture *p = (sbl__picture *)work;
     sbl__map *m = &p->map;
-    sbl__device *d = &m->work.core->device;
+    const int samples = m->desc.samples;
     sbl_result result = SBL_SUCCESS;
-    int i;
-    if (m->work.stages.at++)
-        return m->watched || m->desc.auto_exposure ? sbl__picture_compose_preview(p, slice) : SBL_SUCCESS;
-    d->gl.doing = "making the picture's textures";
-    for (i = 0; i < 2 && result == SBL_SUCCESS; i++) result = sbl__composition_make(m, &p->sums[i]);
-    if (result == SBL_SUCCESS && m->desc.samples > 1)
-        result = sbl__gbuffer_make(d, &p->sample, m->desc.width, m->desc.height, &m->surface.depth);
-    return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
+    if (!m->work.stages.at && (m->watched || m->desc.auto_exposure)) result = sbl__picture_compose_preview(p, slice);
+    if (result != SBL_SUCCESS) return result;
+    if (!m->work.stages.at++) return SBL_UNFINISHED;
+    m->work.core->device.gl.doing = "making the picture's textures";
+    if (!m->watched) {
+        p->sums[1] = p->preview;
+        memset(&p->preview, 0, sizeof p->preview);
+    }
+    result = sbl__composition_make(m, &p->sums[1]);
+    if (result == SBL_SUCCESS && samples > 1) result = sbl__composition_make(m, &p->sums[0]);
+    return result == SBL_SUCCESS && samples > 1 ? sbl__picture_make_sample(p) : result;
 }
 
 static sbl_result sbl__picture_sample(void *work, sbl__slice *slice) {
     sbl__picture *p = (sbl__picture *)work;
     float offset[2];
+    if (p->map.desc.samples == 1) return SBL_SUCCESS;
+    p->sampled = 1;
     sbl__sample_offset(p->resolved, p->map.desc.samples, offset);
-    return p->map.desc.samples > 1 ? sbl__map_draw_surface(&p->map, &p->sample, offset, slice) : SBL_SUCCESS;
+    return sbl__map_draw_surface(&p->map, &p->sample, offset, slice);
 }
 
 static sbl_result sbl__picture_resolve(void *work, sbl__slice *slice) {
@@ -19439,7 +19504,8 @@ static sbl_result sbl__trial_camera(sbl__core *c, sbl__surface *surface, sbl__gb
     sbl_picture_desc view;
     sbl_result result = sbl__surface_make(&c->device, surface, SBL__TRIAL_SIZE, SBL__TRIAL_SIZE, 0);
     if (result == SBL_SUCCESS)
-        result = sbl__gbuffer_make(&c->device, gbuffer, SBL__TRIAL_SIZE, SBL__TRIAL_SIZE, &surface->depth);
+        result = sbl__gbuffer_make(&c->device, gbuffer, SBL__TRIAL_SIZE, SBL__TRIAL_SIZE, &surface->depth,
+                                   SBL__GBUFFER_ALL);
     if (result != SBL_SUCCESS) return result;
     memset(&view, 0, sizeof view);
     memset(&job, 0, sizeof job);
