@@ -462,6 +462,11 @@
    that was being made is dropped; an older scene stays. The memory of readings and probes does not grow with their
    number, because sbl_gather_readings works on 65,536 points at a time and sbl_bake_probes on 128.
 
+   With the default settings, a picture of 1024 x 1024 pixels or more needs up to 250 bytes per pixel, GPU and host
+   together, besides the scene and the store: about 90 on the host, where sensors are few, and 160 on the GPU. Add 16
+   for a host that reads channels of the unfinished picture, and 32 for a tone, or 48 for both. sbl_picture_bytes
+   estimates the memory of a given picture.
+
    A finished picture stays readable until the next sbl_begin_picture, sbl_begin_lightmap or sbl_end, whatever else
    happens: also after sbl_set_scene, after meshes have moved, and during and after readings, vertices and probes. Only
    sbl_inspect_sensor needs the unchanged scene. A picture under way is dropped when its scene changes.
@@ -1985,6 +1990,20 @@ static int sbl__grow(sbl__base *base, void *array, int *room, int needed, size_t
     return 1;
 }
 
+/* Reduces the capacity of an array to `count` elements. The arguments and the result are those of sbl__grow. */
+static int sbl__trim(sbl__base *base, void *array, int *room, int count, size_t size) {
+    void *old, *kept;
+    if (*room <= count) return 1;
+    memcpy(&old, array, sizeof old);
+    kept = sbl__alloc_raw(base, (size_t)count, size);
+    if (!kept) return 0;
+    memcpy(kept, old, (size_t)count * size);
+    sbl__free(base, old);
+    memcpy(array, &kept, sizeof kept);
+    *room = count;
+    return 1;
+}
+
 /* Numbers from the host are tested by their bits before any arithmetic uses them. With -ffast-math the compiler assumes
    that infinity and NaN do not occur, so comparisons of floats cannot detect them. */
 static uint32_t sbl__float_bits(const float *x) {
@@ -2261,7 +2280,7 @@ typedef struct sbl__gl {
 } sbl__gl;
 
 enum {
-    SBL__GL_NO_ERROR = 0, SBL__GL_OUT_OF_MEMORY = 0x0505, SBL__GL_TRIANGLES = 0x0004,
+    SBL__GL_NO_ERROR = 0, SBL__GL_NONE = 0, SBL__GL_OUT_OF_MEMORY = 0x0505, SBL__GL_TRIANGLES = 0x0004,
     SBL__GL_TRIANGLE_STRIP = 0x0005, SBL__GL_GREATER = 0x0204, SBL__GL_FRONT_AND_BACK = 0x0408,
     SBL__GL_POLYGON_MODE = 0x0B40, SBL__GL_FILL = 0x1B02, SBL__GL_CULL_FACE = 0x0B44, SBL__GL_FRONT_FACE = 0x0B46,
     SBL__GL_CCW = 0x0901, SBL__GL_DEPTH_RANGE = 0x0B70, SBL__GL_DEPTH_TEST = 0x0B71,
@@ -2964,7 +2983,8 @@ static void sbl__target_delete(const sbl__device *d, sbl__target *t) {
 }
 
 /* Attaches `count` textures (1 to 6) of one size to a target, and a depth texture unless `depth` is NULL, which leaves
-   the target's depth texture as it is. Creates the target if it does not exist. */
+   the target's depth texture as it is. Creates the target if it does not exist. Textures that do not exist, which the
+   first must, leave gaps: what passes write there is lost. */
 static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const sbl__texture *colors, int count,
                                    const sbl__texture *depth) {
     const sbl__gl *gl = &d->gl;
@@ -2974,8 +2994,9 @@ static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const s
     if (!sbl__name_make(d, gl->GenFramebuffers, &t->id)) return SBL_ERROR_GL;
     gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, t->id);
     for (i = 0; i < count; i++) {
-        buffers[i] = SBL__GL_COLOR_ATTACHMENT0 + (unsigned)i;
-        gl->FramebufferTexture2D(SBL__GL_DRAW_FRAMEBUFFER, buffers[i], SBL__GL_TEXTURE_2D, colors[i].id, 0);
+        const unsigned attachment = SBL__GL_COLOR_ATTACHMENT0 + (unsigned)i;
+        buffers[i] = colors[i].id ? attachment : (unsigned)SBL__GL_NONE;
+        gl->FramebufferTexture2D(SBL__GL_DRAW_FRAMEBUFFER, attachment, SBL__GL_TEXTURE_2D, colors[i].id, 0);
         t->textures[i] = colors[i].id;
         t->formats[i] = colors[i].format;
     }
@@ -4534,10 +4555,11 @@ static void sbl__rings_free(sbl__base *base, sbl__rings *r) {
 }
 
 /* Sets r->count, allocates r->ring and fills it with SBL__RING_WAITS. The caller sets user, joined, mean, width and
-   last; after this call, it sets r->ring of each thing that has a value to 0. */
-static sbl_result sbl__rings_make(sbl__base *base, sbl__rings *r, int count) {
+   last; after this call, it sets r->ring of each thing that has a value to 0. waiting: largest number of things that
+   get a value */
+static sbl_result sbl__rings_make(sbl__base *base, sbl__rings *r, int count, int waiting) {
     r->count = count;
-    r->ring = (int *)sbl__alloc_raw(base, (size_t)count, 2 * sizeof *r->ring);
+    r->ring = (int *)sbl__alloc_raw(base, (size_t)count + (size_t)waiting, sizeof *r->ring);
     if (!r->ring) return SBL_ERROR_OUT_OF_MEMORY;
     memset(r->ring, 0xff, (size_t)count * sizeof *r->ring);
     r->queue = r->ring + count;
@@ -8480,6 +8502,12 @@ static sbl_result sbl__atlas_step(sbl__atlas *a, sbl__slice *slice) {
 enum { SBL__GBUFFER_POSITION, SBL__GBUFFER_NORMAL, SBL__GBUFFER_GEOMETRIC_NORMAL, SBL__GBUFFER_ALBEDO,
        SBL__GBUFFER_EMISSION, SBL__GBUFFER_ID, SBL__GBUFFER_COUNT };
 
+/* Sets of textures of a G-buffer, as bits. Refinement reads all of them; what follows needs fewer. */
+#define SBL__GBUFFER_ALL ((1 << SBL__GBUFFER_COUNT) - 1)
+#define SBL__GBUFFER_SAMPLE (SBL__GBUFFER_ALL & ~(1 << SBL__GBUFFER_GEOMETRIC_NORMAL))  /* what >>resolve reads */
+#define SBL__GBUFFER_TEXEL (SBL__GBUFFER_SAMPLE & ~(1 << SBL__GBUFFER_EMISSION))  /* what a lightmap needs */
+
+/* A texture that the G-buffer does not have has no id, and its output is lost. */
 typedef struct sbl__gbuffer { sbl__texture textures[SBL__GBUFFER_COUNT]; sbl__target target; } sbl__gbuffer;
 
 typedef struct sbl__camera {
@@ -8518,14 +8546,17 @@ typedef struct sbl__surface {
 #define SBL__BAND_PIXELS 1048576   /* pixels of a band of rows; a draw covers at most a band: triangles may be large */
 #define SBL__TRIANGLE_PIXELS 64.0  /* cost of a triangle besides its pixels, in pixels */
 
+/* Makes those textures of a set that the G-buffer does not have yet, and deletes the others. depth: see
+   sbl__target_make. set: bits, see SBL__GBUFFER_ALL */
 static sbl_result sbl__gbuffer_make(const sbl__device *d, sbl__gbuffer *g, int width, int height,
-                                    const sbl__texture *depth) {
+                                    const sbl__texture *depth, int set) {
     static const unsigned formats[SBL__GBUFFER_COUNT] = { SBL__GL_RGBA32F, SBL__GL_RGBA32F, SBL__GL_RGBA32F,
                                                           SBL__GL_RGBA16F, SBL__GL_RGBA32F, SBL__GL_R32UI };
     sbl_result result = SBL_SUCCESS;
     int i;
     for (i = 0; i < SBL__GBUFFER_COUNT && result == SBL_SUCCESS; i++)
-        result = sbl__texture_make(d, &g->textures[i], width, height, formats[i]);
+        if (set & 1 << i) result = sbl__texture_make(d, &g->textures[i], width, height, formats[i]);
+        else sbl__texture_delete(d, &g->textures[i]);
     return result == SBL_SUCCESS ? sbl__target_make(d, &g->target, g->textures, SBL__GBUFFER_COUNT, depth) : result;
 }
 
@@ -8946,6 +8977,9 @@ static sbl_result sbl__surface_send(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS && s->stages.at < a->height ? SBL_UNFINISHED : result;
 }
 
+/* Makes the next step begin a new G-buffer. */
+static void sbl__surface_restart(sbl__surface *s) { s->stages.stage = s->stages.at = s->row = 0; }
+
 /* Does one piece of work. Returns SBL_UNFINISHED until the G-buffer is drawn, then SBL_SUCCESS; the next call begins a
    new G-buffer. For a lightmap, sbl__atlas_begin must have been called. */
 static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__surface_job *job, sbl__slice *slice) {
@@ -8963,7 +8997,7 @@ static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__
     s->device = d;
     s->job = job;
     result = sbl__stages_step(&s->stages, tables[job->atlas != NULL], SBL__COUNT(tables[0]), s, slice);
-    if (result == SBL_SUCCESS) s->stages.stage = s->row = 0;
+    if (result == SBL_SUCCESS) sbl__surface_restart(s);
     return result;
 }
 
@@ -9367,6 +9401,15 @@ static float *sbl__guide_found(const sbl__guides *g, int place) {
 
 /* Returns the height of the guides' texture. Each row holds SBL__GUIDES_ACROSS guides. */
 static int sbl__guide_rows(const sbl__guides *g) { return g->columns * g->rows / SBL__GUIDES_ACROSS + 1; }
+
+/* Sends the guides' words to the GPU. */
+static sbl_result sbl__guides_upload(sbl__device *d, sbl__guides *g) {
+    const int rows = sbl__guide_rows(g);
+    sbl_result result;
+    d->gl.doing = "sending guides";
+    result = sbl__texture_make(d, &g->texture, SBL__GUIDES_ACROSS * SBL__GUIDE_TEXELS, rows, SBL__GL_RGBA32UI);
+    return result == SBL_SUCCESS ? sbl__texture_write(d, &g->texture, 0, rows, g->words) : result;
+}
 
 /* >>sensors: data of both kinds of sensors, rasterised and traced */
 
@@ -11322,8 +11365,8 @@ typedef struct sbl__job {
     struct { sbl__pace draw[SBL__LENSES], aim, reduce[SBL__LENSES]; } paces;
 } sbl__job;
 
-static void sbl__job_free(const sbl__device *d, sbl__job *j) {
-    sbl__raster_free(d, &j->raster);
+/* Frees what traced jobs hold, which takes less time to make again than a picture's first round takes. */
+static void sbl__job_release(const sbl__device *d, sbl__job *j) {
     sbl__table_delete(d, &j->trace.sequence);
     sbl__table_delete(d, &j->aim.sequence);
     sbl__blocks_free(d, &j->aim.light);
@@ -11332,6 +11375,15 @@ static void sbl__job_free(const sbl__device *d, sbl__job *j) {
     sbl__table_delete(d, &j->table);
     sbl__free(d->base, j->looks);
     sbl__free(d->base, j->suspects);
+    j->looks = NULL;
+    j->suspects = NULL;
+    j->suspect_room = 0;
+    j->made_for_scene = 0;
+}
+
+static void sbl__job_free(const sbl__device *d, sbl__job *j) {
+    sbl__raster_free(d, &j->raster);
+    sbl__job_release(d, j);
     memset(j, 0, sizeof *j);
 }
 
@@ -14180,24 +14232,29 @@ enum { SBL__TOUCHED = 1, SBL__HIDDEN };  /* occlusion of a texel of a lightmap, 
 typedef struct sbl__pixel {
     float position[3], normal[3], geometric_normal[3];
     float offset;             /* distance of the pixel's sensor from the surface */
-    float radiance[3];        /* R, if `sensed`: mean of the looks of the pixel's sensor, or from the store */
-    double variance;          /* variance of the luminance of one look, or of light that is from the store */
     float error;              /* predicted standard error of the pixel's luminance, not relative; set by sbl__fill */
-    float stored[3];          /* R at this pixel according to the store; 0 in modes other than SBL_MODE_GI */
-    float uncertainty;        /* standard error of the pixel's luminance that errors of the store cause */
     uint32_t id;              /* sbl_mesh.id of the surface; 0: the pixel shows no surface */
+    uint32_t sensor;          /* number of the pixel's sensor, see sbl__sensor_of; 0: the pixel has none */
+} sbl__pixel;
+
+/* What few pixels have: the pixel's own light, from its sensor or from the store. */
+typedef struct sbl__sensor {
+    double variance;          /* variance of the luminance of one look, or of light that is from the store */
+    float radiance[3];        /* R, if `sensed`: mean of the looks, or from the store */
     int look;                 /* index of the sensor's first look among all looks of its job */
     int places;               /* lightmaps only: 1 + index of the texel's first place in sbl__refine.places; 0: none */
     int looks, wanted;        /* number of looks taken so far; number to have been taken at the end of the round */
     short round;              /* number of the last round that read the sensor, from 0; 0 also if none has */
-    unsigned char level;      /* 0: the pixel has no sensor; otherwise 1 + level of the tile that put a sensor here */
-    unsigned char sensed;     /* 1: radiance is known, from the pixel's own sensor or from the store */
+    unsigned char level;      /* 1 + level of the tile that put the sensor here; 0: the light is from the store */
+    unsigned char sensed;     /* 1: radiance is known */
     unsigned char invalid;    /* 1: the sensor's light is neither shown nor used, see sbl__refine_validate */
     unsigned char occlusion;  /* lightmaps only: SBL__HIDDEN: the texel lies inside or under something;
                                  SBL__TOUCHED: something is close to it; 0: neither, or not tested */
-    unsigned char queued;     /* 1: the pixel is among the sites of the current job */
-    unsigned char place_count;  /* number of the texel's places; 0: the sensor stands at `position` */
-} sbl__pixel;
+    unsigned char queued;     /* 1: the sensor is among the sites of the current job */
+    unsigned char place_count;  /* number of the texel's places; 0: the sensor stands at sbl__pixel.position */
+} sbl__sensor;
+
+#define SBL__SENSOR_BLOCK 1024u  /* number of sensors in a block of memory; a power of 2 */
 
 /* Occlusion. A texel is hidden if surfaces cover more than HIDDEN_SHARE of its hemisphere at a mean distance below
    HIDDEN_NEAR * distance_limit, or if it is inside a solid (see sbl__refine_occlusion). A texel that is not hidden is
@@ -14228,6 +14285,7 @@ typedef struct sbl__pixel {
 #define SBL__NOISE_IN_BIAS 0.75f        /* raw_bias2 contains this * the variance of the corners' sensors as noise */
 #define SBL__NOISE_IN_SPLITS 1.25f      /* the same for gains of splits; more, as looks can remove that noise instead */
 /* Noise of sensors. */
+#define SBL__STORED_NOISE 0.1f          /* assumed relative noise of stored light, for the filter */
 #define SBL__LEAST_NOISE 1e-12f         /* least noise of a surface in the radiance map; 0 marks empty pixels */
 #define SBL__NOISE_WEIGHT 4             /* multiple of the variance that sbl__differ adds to the squared threshold */
 #define SBL__LOOKS_GAIN 0.4f            /* variance of the mean of 2n looks / of n; below 0.5: looks share a sequence */
@@ -14271,8 +14329,9 @@ typedef struct sbl__range { int x[2], y[2]; } sbl__range;
 
 typedef struct sbl__tile {
     sbl__range area;
-    int level, split;
-    int must_split;           /* 1: the corners give some pixels too little weight, see SBL__COVERAGE */
+    short level;
+    unsigned char split;      /* 1: smaller tiles have replaced this one */
+    unsigned char must_split; /* 1: the corners give some pixels too little weight, see SBL__COVERAGE */
     int parent;               /* index of the tile whose split made this one, or -1 */
     int looks;                /* number of looks that new sensors at the tile's corners begin with */
     int pixels;               /* number of pixels that the tile fills in (sbl__tile_pixels), that show a surface, and
@@ -14305,9 +14364,13 @@ typedef struct sbl__refine {
                                  are bought, see sbl__weigh_end. 0 (default in SBL_MODE_PAPER): it decides nothing */
     float smoothing;          /* effective number of pixels that the filter averages, see sbl__filter_pixels */
     sbl__pixel *pixels;
+    sbl__sensor **sensors;    /* blocks of SBL__SENSOR_BLOCK sensors, which never move. Number 0, all zeroes, stands for
+                                 the sensor of each pixel without a sensor, and is only read */
+    uint32_t sensor_count;    /* number of sensors, number 0 included */
+    float *stored_light;      /* per pixel: R according to the store, 3 floats; NULL in modes other than SBL_MODE_GI */
     size_t harmonics;         /* floats of one pixel in layers 1 and up of light, 3 per layer */
     float *layers;            /* light of layers 1 and up (harmonics, see SBL__LAYERS): all layers of a pixel, then
-                                 those of the next; layer 0 is sbl__pixel.radiance */
+                                 those of the next; layer 0 is sbl__sensor.radiance */
     sbl__tile *tiles;
     int tile_count, tile_room;
     int first_new;            /* index of the first tile that has not been weighed yet */
@@ -14322,7 +14385,7 @@ typedef struct sbl__refine {
     int site_count, site_room, reading_room, reading_layer_room, look_count;
     int *searched;            /* numbers of the texels that this round searches for places */
     int searched_count, searched_room;
-    sbl__site *places;        /* places of texels, see sbl__pixel.places */
+    sbl__site *places;        /* places of texels, see sbl__sensor.places */
     int place_count, place_room;
     sbl__guides guides;       /* guides for the sensors' rays, used if spec->guided is set */
     int64_t looks_taken;
@@ -14350,11 +14413,19 @@ typedef struct sbl__refine {
     int bought;               /* number of tiles split and of sensors given more looks in this round */
 } sbl__refine;
 
+/* Returns the largest number of blocks of sensors: each pixel may have one, besides number 0. A glimpse leaves its
+   sensors behind, at most one per pixel. */
+static size_t sbl__sensor_blocks(const sbl__refine *r) {
+    return 2 * (size_t)r->width * (size_t)r->height / SBL__SENSOR_BLOCK + 1;
+}
+
 static void sbl__refine_free(const sbl__device *d, sbl__refine *r) {
-    void *const blocks[] = { r->pixels, r->layers, r->tiles, r->sites, r->readings, r->reading_layers, r->searched,
-                             r->places };
-    int i;
-    for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(d->base, blocks[i]);
+    void *const blocks[] = { r->pixels, r->stored_light, r->layers, r->tiles, r->sites, r->readings, r->reading_layers,
+                             r->searched, r->places };
+    size_t i;
+    for (i = 0; r->sensors && i < sbl__sensor_blocks(r); i++) sbl__free(d->base, r->sensors[i]);
+    sbl__free(d->base, r->sensors);
+    for (i = 0; i < (size_t)SBL__COUNT(blocks); i++) sbl__free(d->base, blocks[i]);
     sbl__guides_free(d, &r->guides);
     memset(r, 0, sizeof *r);
 }
@@ -14374,9 +14445,31 @@ static sbl__pixel *sbl__pixel_inside(const sbl__refine *r, int x, int y) {
     return x >= 0 && y >= 0 && x < r->width && y < r->height ? sbl__pixel_at(r, x, y) : NULL;
 }
 
+/* Returns a pixel's sensor. All its fields are 0, and must stay so, if the pixel has none. */
+static sbl__sensor *sbl__sensor_of(const sbl__refine *r, const sbl__pixel *p) {
+    return r->sensors[p->sensor / SBL__SENSOR_BLOCK] + p->sensor % SBL__SENSOR_BLOCK;
+}
+
+/* Gives a pixel a sensor unless it has one. Returns NULL if memory is exhausted. */
+static sbl__sensor *sbl__sensor_add(sbl__refine *r, sbl__pixel *p) {
+    sbl__sensor **block = &r->sensors[r->sensor_count / SBL__SENSOR_BLOCK];
+    if (p->sensor) return sbl__sensor_of(r, p);
+    if (!*block) *block = (sbl__sensor *)sbl__alloc(&r->core->base, SBL__SENSOR_BLOCK, sizeof **block);
+    if (!*block) return NULL;
+    p->sensor = r->sensor_count++;
+    return sbl__sensor_of(r, p);
+}
+
 /* Returns layer `layer` of a pixel's light: 3 floats. */
 static const float *sbl__pixel_light(const sbl__refine *r, const sbl__pixel *p, int layer) {
-    return layer ? r->layers + (size_t)(p - r->pixels) * r->harmonics + 3 * ((size_t)layer - 1) : p->radiance;
+    return layer ? r->layers + (size_t)(p - r->pixels) * r->harmonics + 3 * ((size_t)layer - 1)
+                 : sbl__sensor_of(r, p)->radiance;
+}
+
+/* Returns R at a pixel according to the store: 3 floats, 0 in modes other than SBL_MODE_GI. */
+static const float *sbl__pixel_stored(const sbl__refine *r, const sbl__pixel *p) {
+    static const float none[3] = { 0, 0, 0 };
+    return r->stored_light ? r->stored_light + 3 * (size_t)(p - r->pixels) : none;
 }
 
 static float sbl__abs(float x) { return (float)fabs((double)x); }
@@ -14401,10 +14494,13 @@ static float sbl__belongs(const sbl__pixel *a, const sbl__pixel *b, int geometry
 }
 
 /* Returns 1 if a pixel has light of its own that other pixels may use. */
-static int sbl__usable(const sbl__pixel *p) { return p->sensed && !p->invalid; }
+static int sbl__usable(const sbl__refine *r, const sbl__pixel *p) {
+    const sbl__sensor *s = sbl__sensor_of(r, p);
+    return s->sensed && !s->invalid;
+}
 
-static int sbl__connected(const sbl__pixel *a, const sbl__pixel *b, int geometry_aware) {
-    return sbl__usable(a) && sbl__usable(b) && sbl__belongs(a, b, geometry_aware) > 0;
+static int sbl__connected(const sbl__refine *r, const sbl__pixel *a, const sbl__pixel *b, int geometry_aware) {
+    return sbl__usable(r, a) && sbl__usable(r, b) && sbl__belongs(a, b, geometry_aware) > 0;
 }
 
 /* >>refine: noise */
@@ -14418,11 +14514,11 @@ static int sbl__doublings(int looks) {
 
 /* Records the squared difference between the mean luminances of `more` new looks and of `before` earlier looks of a
    sensor; more >= before. */
-static void sbl__looks_compare(sbl__refine *r, const sbl__pixel *p, int before, int more, double difference2) {
+static void sbl__looks_compare(sbl__refine *r, const sbl__sensor *s, int before, int more, double difference2) {
     const int k = sbl__doublings(before);
     const double gain = (double)SBL__LOOKS_GAIN;
     r->measured2[k] += difference2;
-    r->expected2[k] += SBL__LOOKS_DIFFERENCE * p->variance * (pow(gain, k) + pow(gain, sbl__doublings(more)));
+    r->expected2[k] += SBL__LOOKS_DIFFERENCE * s->variance * (pow(gain, k) + pow(gain, sbl__doublings(more)));
     r->compared[k]++;
 }
 
@@ -14445,7 +14541,8 @@ static float sbl__variance_share(const sbl__refine *r, int looks) { return r->va
 
 /* Returns the variance of a sensor's mean luminance. */
 static double sbl__variance(const sbl__refine *r, const sbl__pixel *p) {
-    return p->variance * (double)sbl__variance_share(r, p->looks);
+    const sbl__sensor *s = sbl__sensor_of(r, p);
+    return s->variance * (double)sbl__variance_share(r, s->looks);
 }
 static float sbl__noise(const sbl__refine *r, const sbl__pixel *p) { return (float)sqrt(sbl__variance(r, p)); }
 
@@ -14489,7 +14586,7 @@ static const sbl__pixel *sbl__sensor_beyond(const sbl__refine *r, const sbl__pix
     const int *x = e->line.x, *y = e->line.y;
     const int dx = x[end] - x[!end], dy = y[end] - y[!end];
     const sbl__pixel *p = sbl__pixel_inside(r, x[end] + steps * dx, y[end] + steps * dy);
-    return p && sbl__usable(p) && sbl__belongs(pixel, p, r->geometry_aware) > 0 ? p : NULL;
+    return p && sbl__usable(r, p) && sbl__belongs(pixel, p, r->geometry_aware) > 0 ? p : NULL;
 }
 
 /* Returns the pixels that a tile fills in: all but its last column and row, unless the picture ends there. */
@@ -14558,7 +14655,7 @@ static void sbl__interpolate(const sbl__refine *r, const sbl__tile *c, int x, in
         const sbl__pixel *p = sbl__tile_corner(r, c, corner);
         float weight = (corner & 1 ? f[0] : 1 - f[0]) * (corner & 2 ? f[1] : 1 - f[1]), belongs;
         if (weight <= 0) continue;
-        belongs = sbl__usable(p) ? sbl__belongs(pixel, p, r->geometry_aware) : 0;
+        belongs = sbl__usable(r, p) ? sbl__belongs(pixel, p, r->geometry_aware) : 0;
         if (belongs > 0) {
             sbl__mix_add(r, m, p, weight * belongs);
             m->own += weight * belongs;
@@ -14579,7 +14676,7 @@ static int sbl__edge_curvature(const sbl__refine *r, const sbl__edge *e, int lay
     const float *light[2] = { sbl__pixel_light(r, e->ends[0], layer), sbl__pixel_light(r, e->ends[1], layer) };
     int known[2] = { 0, 0 }, end, k;
     memset(out, 0, 2 * sizeof *out);
-    if (!sbl__connected(e->ends[0], e->ends[1], 1)) return 0;
+    if (!sbl__connected(r, e->ends[0], e->ends[1], 1)) return 0;
     for (end = 0; end < 2 && length > 1 && r->geometry_aware; end++) {
         const sbl__pixel *p = sbl__sensor_beyond(r, e->ends[end], e, end, 1);
         known[end] = p != NULL;
@@ -14643,15 +14740,16 @@ static float sbl__distance2(const float a[3], const float b[3]) {
 static float sbl__extrapolation_bias2(const sbl__refine *r, const sbl__edge *e, int end, float *unseen2) {
     const sbl__pixel *p = e->ends[end], *other = e->ends[!end];
     const sbl__pixel *next = sbl__sensor_beyond(r, p, e, end, 1), *last = sbl__sensor_beyond(r, p, e, end, 2);
+    const float *own = sbl__pixel_light(r, p, 0), *after = sbl__pixel_light(r, next ? next : p, 0);
     float difference[3], unseen[3], share = SBL__SILHOUETTE_ERROR;
     int k;
     if (other->id && (!next || sbl__distance2(p->position, other->position) < SBL__CONTACT_DISTANCE *
                                    SBL__CONTACT_DISTANCE * sbl__distance2(p->position, next->position)))
         share = SBL__CONTACT_ERROR;
     for (k = 0; k < 3; k++) {
-        const double known = next && last ? p->radiance[k] - 2 * next->radiance[k] + last->radiance[k]
-                           : next         ? p->radiance[k] - next->radiance[k] : 0;
-        unseen[k] = share * SBL__MAX(p->radiance[k], r->mean[k]);
+        const double known = next && last ? own[k] - 2 * after[k] + sbl__pixel_light(r, last, 0)[k]
+                           : next         ? own[k] - after[k] : 0;
+        unseen[k] = share * SBL__MAX(own[k], r->mean[k]);
         difference[k] = SBL__MAX(SBL__EXTRAPOLATION_ERROR * (float)fabs(known), unseen[k]);
     }
     *unseen2 += sbl__squared(r, unseen);
@@ -14669,11 +14767,12 @@ static float sbl__tile_edge_bias2(const sbl__refine *r, sbl__tile *c) {
         if (e.ends[0] == e.ends[1]) continue;
         if (sbl__edge_curvature(r, &e, 0, at)) {
             for (k = 0; k < 3; k++)
-                error[k] = sbl__edge_error(at[0][k], at[1][k], e.ends[1]->radiance[k] - e.ends[0]->radiance[k]);
+                error[k] = sbl__edge_error(at[0][k], at[1][k], sbl__pixel_light(r, e.ends[1], 0)[k] -
+                                                               sbl__pixel_light(r, e.ends[0], 0)[k]);
             inside += sbl__squared(r, error);
             insides++;
         } else for (end = 0; end < 2; end++)
-            if (sbl__usable(e.ends[end])) {
+            if (sbl__usable(r, e.ends[end])) {
                 outside += sbl__extrapolation_bias2(r, &e, end, &unseen);
                 outsides++;
             }
@@ -14695,7 +14794,7 @@ static const sbl__pixel *sbl__tile_next_sensor(const sbl__refine *r, const sbl__
         const int x = along ? a->x[0] + i : a->x[far_side], y = along ? a->y[far_side] : a->y[0] + i;
         const sbl__pixel *p = sbl__pixel_at(r, x, y);
         (*at)++;
-        if (i == 0 || !sbl__usable(p)) continue;
+        if (i == 0 || !sbl__usable(r, p)) continue;
         sbl__interpolate(r, c, x, y, 0, guess);
         return p;
     }
@@ -14710,7 +14809,7 @@ static float sbl__tile_sensor_bias2(const sbl__refine *r, const sbl__tile *c) {
     int k, at = 0, count = 0;
     while ((p = sbl__tile_next_sensor(r, c, &at, &guess)) != NULL) {
         if (!(guess.covered > 0)) continue;
-        for (k = 0; k < 3; k++) difference[k] = p->radiance[k] - guess.light[k];
+        for (k = 0; k < 3; k++) difference[k] = sbl__pixel_light(r, p, 0)[k] - guess.light[k];
         sum += SBL__MAX(sbl__squared(r, difference) -
                         1.5f * sbl__relative2(r, guess.variance + sbl__variance(r, p)), 0.0f);
         count++;
@@ -14739,9 +14838,10 @@ static sbl__corners sbl__tile_corners(const sbl__refine *r, const sbl__tile *c) 
     int corner;
     for (corner = 0; corner < 4; corner++) {
         const sbl__pixel *p = sbl__tile_corner(r, c, corner);
-        if (sbl__usable(p) && p->looks) all.looks = all.looks ? SBL__MIN(all.looks, p->looks) : p->looks;
-        all.is_new |= p->round == r->rounds - 1;
-        all.unread |= p->id && !p->sensed;
+        const sbl__sensor *s = sbl__sensor_of(r, p);
+        if (sbl__usable(r, p) && s->looks) all.looks = all.looks ? SBL__MIN(all.looks, s->looks) : s->looks;
+        all.is_new |= s->round == r->rounds - 1;
+        all.unread |= p->id && !s->sensed;
     }
     return all;
 }
@@ -14755,7 +14855,7 @@ static sbl_result sbl__refine_add_tile(sbl__refine *r, const sbl__range *area, i
     c = &r->tiles[r->tile_count++];
     memset(c, 0, sizeof *c);
     c->area = *area;
-    c->level = parent < 0 ? 0 : r->tiles[parent].level + 1;
+    c->level = (short)(parent < 0 ? 0 : r->tiles[parent].level + 1);
     c->parent = parent;
     c->looks = parent < 0 ? 1 : SBL__MAX(1, sbl__tile_corners(r, &r->tiles[parent]).looks);
     return SBL_SUCCESS;
@@ -14807,11 +14907,13 @@ static int sbl__tile_differs(const sbl__refine *r, const sbl__tile *c) {
     for (i = 0; i < 4; i++)
         for (k = i + 1; k < 4; k++) {
             const sbl__pixel *a = sbl__tile_corner(r, c, i), *b = sbl__tile_corner(r, c, k);
-            if (sbl__connected(a, b, r->geometry_aware) &&
-                sbl__differ(r, a->radiance, b->radiance, sbl__variance(r, a) + sbl__variance(r, b))) return 1;
+            if (sbl__connected(r, a, b, r->geometry_aware) &&
+                sbl__differ(r, sbl__pixel_light(r, a, 0), sbl__pixel_light(r, b, 0),
+                            sbl__variance(r, a) + sbl__variance(r, b))) return 1;
         }
     while ((p = sbl__tile_next_sensor(r, c, &at, &guess)) != NULL)
-        if (guess.own > 0 && sbl__differ(r, guess.light, p->radiance, guess.variance + sbl__variance(r, p))) return 1;
+        if (guess.own > 0 && sbl__differ(r, guess.light, sbl__pixel_light(r, p, 0),
+                                         guess.variance + sbl__variance(r, p))) return 1;
     return 0;
 }
 
@@ -14824,10 +14926,10 @@ static void sbl__tile_count(const sbl__refine *r, sbl__tile *c, const sbl__range
         sbl__mix m;
         if (!p->id || !sbl__window_counts(&r->window, x, y)) continue;
         c->pixels++;
-        if (p->sensed) continue;
+        if (sbl__sensor_of(r, p)->sensed) continue;
         sbl__interpolate(r, c, x, y, 0, &m);
         c->uncovered += 1 - m.own;
-        c->must_split |= (extrapolated ? m.covered : m.own) < SBL__COVERAGE;
+        if ((extrapolated ? m.covered : m.own) < SBL__COVERAGE) c->must_split = 1;
     }
 }
 
@@ -14914,7 +15016,7 @@ static void sbl__refine_site(const sbl__refine *r, int index, int first, int loo
 
 /* Returns the number of looks with which a sensor begins. A texel with places begins with at least one look for each
    place. looks: the number of looks for a pixel that has no places */
-static int sbl__refine_first_looks(const sbl__pixel *p, int looks) { return SBL__MAX(looks, (int)p->place_count); }
+static int sbl__refine_first_looks(const sbl__sensor *s, int looks) { return SBL__MAX(looks, (int)s->place_count); }
 
 /* Makes room for `more` additional sites and their readings. Returns 0 if memory is exhausted. */
 static int sbl__refine_room(sbl__refine *r, int more) {
@@ -14925,23 +15027,35 @@ static int sbl__refine_room(sbl__refine *r, int more) {
            sbl__grow(base, &r->reading_layers, &r->reading_layer_room, count, r->harmonics * sizeof(float));
 }
 
+/* Frees the sites and their readings. */
+static void sbl__refine_free_sites(sbl__refine *r) {
+    sbl__free(&r->core->base, r->sites);
+    sbl__free(&r->core->base, r->readings);
+    sbl__free(&r->core->base, r->reading_layers);
+    r->sites = NULL;
+    r->readings = NULL;
+    r->reading_layers = NULL;
+    r->site_room = r->reading_room = r->reading_layer_room = 0;
+}
+
 /* Makes the site for looks from number i on. It is at the pixel's position or, if the pixel is a texel with places, at
    the place whose turn it is. looks: number of looks, which is 1 if there are places */
 static void sbl__refine_look_site(const sbl__refine *r, int index, int i, int looks, sbl__site *out) {
-    const sbl__pixel *p = &r->pixels[index];
+    const sbl__sensor *s = sbl__sensor_of(r, &r->pixels[index]);
     sbl__refine_site(r, index, i, looks, out);
-    if (!p->places) return;
-    *out = r->places[p->places - 1 + i % p->place_count];
+    if (!s->places) return;
+    *out = r->places[s->places - 1 + i % s->place_count];
     out->guide = sbl__guide_for(r, index);
     out->first = i % r->spec->looks;
 }
 
 /* Lists the looks that a pixel's sensor has yet to take: one site or, for a texel with places, one per look. */
 static sbl_result sbl__refine_list_pixel(sbl__refine *r, const sbl__pixel *p) {
-    const int index = (int)(p - r->pixels), looks = p->wanted - p->looks, at_once = p->places ? 1 : looks;
+    const sbl__sensor *s = sbl__sensor_of(r, p);
+    const int index = (int)(p - r->pixels), looks = s->wanted - s->looks, at_once = s->places ? 1 : looks;
     int i;
-    if (!sbl__refine_room(r, p->places ? looks : 1)) return SBL_ERROR_OUT_OF_MEMORY;
-    for (i = p->looks; i < p->wanted; i += at_once)
+    if (!sbl__refine_room(r, s->places ? looks : 1)) return SBL_ERROR_OUT_OF_MEMORY;
+    for (i = s->looks; i < s->wanted; i += at_once)
         sbl__refine_look_site(r, index, i, at_once, &r->sites[r->site_count++]);
     r->look_count += looks;
     return SBL_SUCCESS;
@@ -14957,12 +15071,15 @@ static sbl_result sbl__refine_list(void *work, sbl__slice *slice) {
         if (c->split) continue;
         for (corner = 0; corner < 4; corner++) {
             sbl__pixel *p = sbl__tile_corner(r, c, corner);
-            if (!p->id || p->queued || (p->sensed && p->wanted <= p->looks)) continue;
-            p->queued = 1;
-            if (!p->sensed) {
-                p->level = (unsigned char)(1 + SBL__MIN(c->level, SBL_MAX_LEVELS - 1));
-                p->look = r->look_count;
-                p->wanted = sbl__refine_first_looks(p, c->looks);
+            sbl__sensor *s = sbl__sensor_of(r, p);
+            if (!p->id || s->queued || (s->sensed && s->wanted <= s->looks)) continue;
+            s = sbl__sensor_add(r, p);
+            if (!s) return SBL_ERROR_OUT_OF_MEMORY;
+            s->queued = 1;
+            if (!s->sensed) {
+                s->level = (unsigned char)(1 + SBL__MIN(c->level, SBL_MAX_LEVELS - 1));
+                s->look = r->look_count;
+                s->wanted = sbl__refine_first_looks(s, c->looks);
             }
             if (sbl__refine_list_pixel(r, p) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
         }
@@ -14984,17 +15101,26 @@ static int sbl__refine_occlusion(sbl__refine *r, const sbl_reading *reading) {
     return reading->hit_min < SBL__HIDDEN_TOUCH * r->distance_limit ? SBL__TOUCHED : 0;
 }
 
+/* Returns the standard error of a pixel's luminance that errors of the store cause, even if the texel is hidden. */
+static float sbl__stored_uncertainty(const sbl__refine *r, const sbl__pixel *p) {
+    const sbl__sensor *s = sbl__sensor_of(r, p);
+    const float *stored = sbl__pixel_stored(r, p);
+    const int shows_stored = s->sensed && !s->level;
+    if (!r->spec->bounced || !p->id || shows_stored) return 0;
+    return SBL__MIN(sbl__leaf_uncertainty(stored) * sbl__luminance(stored), 1e30f);
+}
+
 /* Removes the uncertainty of a texel if it is hidden, because it then shows its neighbours' light. */
-static void sbl__refine_hide(sbl__refine *r, sbl__pixel *p) {
-    if (p->occlusion != SBL__HIDDEN) return;
-    r->uncertainty2 -= (double)p->uncertainty * p->uncertainty;
-    p->uncertainty = 0;
+static void sbl__refine_hide(sbl__refine *r, const sbl__pixel *p) {
+    const float uncertainty = sbl__stored_uncertainty(r, p);
+    if (sbl__sensor_of(r, p)->occlusion == SBL__HIDDEN) r->uncertainty2 -= (double)uncertainty * uncertainty;
 }
 
 /* Makes a pixel invalid, unless it has places (>>refine: places). Texels of a traced lightmap are then searched. */
-static sbl_result sbl__refine_refuse(sbl__refine *r, sbl__pixel *p) {
-    if (p->invalid || p->places) return SBL_SUCCESS;
-    p->invalid = 1;
+static sbl_result sbl__refine_refuse(sbl__refine *r, const sbl__pixel *p) {
+    sbl__sensor *s = sbl__sensor_of(r, p);
+    if (s->invalid || s->places) return SBL_SUCCESS;
+    s->invalid = 1;
     r->core->stats.sensors.invalid++;
     if (!r->atlas || !r->spec->traced) {
         sbl__refine_hide(r, p);
@@ -15010,16 +15136,17 @@ static sbl_result sbl__refine_refuse(sbl__refine *r, sbl__pixel *p) {
    hidden texels and, even if accepted before, touched texels next to hidden texels of the same surface, because their
    light would show beyond the edge of the object that hides the hidden texels. */
 static sbl_result sbl__refine_validate(sbl__refine *r, int index, const sbl_reading *reading) {
-    sbl__pixel *p = &r->pixels[index];
+    const sbl__pixel *p = &r->pixels[index];
+    sbl__sensor *s = sbl__sensor_of(r, p);
     sbl_result result = SBL_SUCCESS;
     int i;
-    p->occlusion = (unsigned char)sbl__refine_occlusion(r, reading);
-    if (!reading->valid || p->occlusion == SBL__HIDDEN) result = sbl__refine_refuse(r, p);
-    for (i = 0; i < 9 && p->occlusion && result == SBL_SUCCESS; i++) {
-        sbl__pixel *other = sbl__pixel_inside(r, index % r->width + i % 3 - 1, index / r->width + i / 3 - 1);
-        if (!other || other->id != p->id) continue;
-        if (p->occlusion == SBL__TOUCHED && other->occlusion == SBL__HIDDEN) result = sbl__refine_refuse(r, p);
-        if (p->occlusion == SBL__HIDDEN && other->occlusion == SBL__TOUCHED) result = sbl__refine_refuse(r, other);
+    s->occlusion = (unsigned char)sbl__refine_occlusion(r, reading);
+    if (!reading->valid || s->occlusion == SBL__HIDDEN) result = sbl__refine_refuse(r, p);
+    for (i = 0; i < 9 && s->occlusion && result == SBL_SUCCESS; i++) {
+        const sbl__pixel *other = sbl__pixel_inside(r, index % r->width + i % 3 - 1, index / r->width + i / 3 - 1);
+        const int found = other && other->id == p->id ? sbl__sensor_of(r, other)->occlusion : 0;
+        if (s->occlusion == SBL__TOUCHED && found == SBL__HIDDEN) result = sbl__refine_refuse(r, p);
+        if (s->occlusion == SBL__HIDDEN && found == SBL__TOUCHED) result = sbl__refine_refuse(r, other);
     }
     return result;
 }
@@ -15029,7 +15156,7 @@ static void sbl__refine_even(const sbl__refine *r, const sbl__pixel *p, float *o
     static const int axes[3] = { 1, 2, 0 };
     size_t i;
     for (i = 0; i < r->harmonics; i++)
-        out[i] = (float)SBL__PI * p->radiance[i % 3] *
+        out[i] = (float)SBL__PI * sbl__pixel_light(r, p, 0)[i % 3] *
                  (i < 3 ? 2 * SBL__HARMONIC_0 : SBL__HARMONIC_1 * p->normal[axes[i / 3 - 1]]);
 }
 
@@ -15089,32 +15216,32 @@ static int sbl__refine_sites(void *work) { return ((sbl__refine *)work)->site_co
 static sbl_result sbl__refine_take(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl_reading *reading = &r->readings[at];
-    sbl__pixel *p = &r->pixels[r->sites[at].pixel];
-    const int looks = p->places ? sbl__places_mean(r, at) : r->sites[at].looks;
+    sbl__sensor *s = sbl__sensor_of(r, &r->pixels[r->sites[at].pixel]);
+    const int looks = s->places ? sbl__places_mean(r, at) : r->sites[at].looks;
     sbl_stats *stats = &r->core->stats;
-    const float share = (float)looks / (float)(p->looks + looks);
-    const double off = (double)sbl__luminance(reading->radiance) - sbl__luminance(p->radiance);
+    const float share = (float)looks / (float)(s->looks + looks);
+    const double off = (double)sbl__luminance(reading->radiance) - sbl__luminance(s->radiance);
     float *light = r->layers + r->harmonics * (size_t)r->sites[at].pixel;
     const float *found = r->reading_layers + r->harmonics * (size_t)at;
     size_t i;
     if (!looks) return SBL_SUCCESS;
-    for (i = 0; i < 3; i++) p->radiance[i] += share * (reading->radiance[i] - p->radiance[i]);
+    for (i = 0; i < 3; i++) s->radiance[i] += share * (reading->radiance[i] - s->radiance[i]);
     for (i = 0; i < r->harmonics; i++) light[i] += share * (found[i] - light[i]);
-    p->variance += (double)share * ((double)reading->noise * reading->noise * looks - p->variance);
-    if (p->looks && !p->places) sbl__looks_compare(r, p, p->looks, looks, off * off);
-    p->looks += looks;
+    s->variance += (double)share * ((double)reading->noise * reading->noise * looks - s->variance);
+    if (s->looks && !s->places) sbl__looks_compare(r, s, s->looks, looks, off * off);
+    s->looks += looks;
     r->looks_taken += looks;
-    p->queued = 0;
-    p->round = (short)r->rounds;
-    for (i = 0; i < 3 && r->rounds == 0 && !p->places; i++) r->sum[i] += p->radiance[i];
-    r->pixels_summed += r->rounds == 0 && !p->places;
-    if (p->sensed || p->places) {
-        p->sensed = 1;
+    s->queued = 0;
+    s->round = (short)r->rounds;
+    for (i = 0; i < 3 && r->rounds == 0 && !s->places; i++) r->sum[i] += s->radiance[i];
+    r->pixels_summed += r->rounds == 0 && !s->places;
+    if (s->sensed || s->places) {
+        s->sensed = 1;
         return SBL_SUCCESS;
     }
-    p->sensed = 1;
-    stats->picture.levels[p->level - 1].sensors++;
-    stats->picture.level_count = SBL__MAX(stats->picture.level_count, p->level);
+    s->sensed = 1;
+    stats->picture.levels[s->level - 1].sensors++;
+    stats->picture.level_count = SBL__MAX(stats->picture.level_count, s->level);
     stats->sensors.count++;
     return sbl__refine_validate(r, r->sites[at].pixel, reading);
 }
@@ -15132,10 +15259,10 @@ static void sbl__refine_restart(sbl__refine *r) {
     int i, corner;
     for (i = 0; i < r->tile_count; i++)
         for (corner = 0; corner < 4; corner++) {
-            sbl__pixel *p = sbl__tile_corner(r, &r->tiles[i], corner);
-            if (!p->looks) continue;  /* the pixel has no sensor, or was reset as the corner of another tile */
-            p->looks = 0;
-            p->wanted = sbl__refine_first_looks(p, 1);
+            sbl__sensor *s = sbl__sensor_of(r, sbl__tile_corner(r, &r->tiles[i], corner));
+            if (!s->looks) continue;  /* the pixel has no sensor, or was reset as the corner of another tile */
+            s->looks = 0;
+            s->wanted = sbl__refine_first_looks(s, 1);
         }
     r->rounds = r->first_new = r->weighed = 0;
     r->expected_looks = r->expected_sure = 0;
@@ -15191,28 +15318,28 @@ static int sbl__place_is_open(const sbl__refine *r, const sbl_reading *reading) 
 static sbl_result sbl__places_take(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const int pixel = r->sites[at].pixel;
-    sbl__pixel *p = &r->pixels[pixel];
+    sbl__sensor *s = sbl__sensor_of(r, &r->pixels[pixel]);
     int first = at, all = 0, open = 0, count;
     if (at + 1 < r->site_count && r->sites[at + 1].pixel == pixel) return SBL_SUCCESS;
     for (; first >= 0 && r->sites[first].pixel == pixel; first--)
         all += sbl__place_is_open(r, &r->readings[first]);
     count = SBL__MIN(all, SBL__PLACES);
     if (all < SBL__PLACES_OPEN) {
-        sbl__refine_hide(r, p);
+        sbl__refine_hide(r, &r->pixels[pixel]);
         return SBL_SUCCESS;
     }
     if (!sbl__grow(&r->core->base, &r->places, &r->place_room, r->place_count + count, sizeof *r->places))
         return SBL_ERROR_OUT_OF_MEMORY;
-    p->places = 1 + r->place_count;
-    p->place_count = (unsigned char)count;
+    s->places = 1 + r->place_count;
+    s->place_count = (unsigned char)count;
     while (++first <= at) {
         if (!sbl__place_is_open(r, &r->readings[first])) continue;
         if ((open + 1) * count / all > open * count / all) r->places[r->place_count++] = r->sites[first];
         open++;
     }
-    p->sensed = p->invalid = p->occlusion = 0;
-    p->looks = 0;
-    p->variance = 0;
+    s->sensed = s->invalid = s->occlusion = 0;
+    s->looks = 0;
+    s->variance = 0;
     r->core->stats.sensors.invalid--;
     return SBL_SUCCESS;
 }
@@ -15222,11 +15349,9 @@ static sbl_result sbl__places_take(void *work, int at) {
 /* Returns a seed that differs from the sensors' seed, so that scouts and sensors send independent rays. */
 static uint32_t sbl__scouts_seed(const sbl__refine *r) { return sbl__hash(r->spec->seed ^ 0x9e3779b9u); }
 
-/* Chooses the places of guides and allocates memory for them. */
+/* Chooses the places of guides and allocates memory for what scouts find. */
 static sbl_result sbl__guides_begin(sbl__refine *r) {
     sbl__guides *g = &r->guides;
-    sbl__base *base = &r->core->base;
-    size_t rows;
     int k;
     for (g->step = SBL__GUIDE_STEP / 4; ; g->step *= 2) {
         const double columns = (r->window.whole[0] - 1) / g->step + 1;
@@ -15238,11 +15363,9 @@ static sbl_result sbl__guides_begin(sbl__refine *r) {
         g->first[k] = (first + g->step - 1) / g->step;
         *(k ? &g->rows : &g->columns) = last / g->step - g->first[k] + 1;
     }
-    rows = (size_t)sbl__guide_rows(g);
-    g->found = (float *)sbl__alloc(base, SBL__MAX((size_t)g->columns * (size_t)g->rows, 1) * SBL__GUIDE_BINS,
+    g->found = (float *)sbl__alloc(&r->core->base, SBL__MAX((size_t)g->columns * (size_t)g->rows, 1) * SBL__GUIDE_BINS,
                                    sizeof *g->found);
-    g->words = (uint32_t *)sbl__alloc(base, rows * SBL__GUIDES_ACROSS * SBL__GUIDE_WORDS, sizeof *g->words);
-    return g->found && g->words ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    return g->found ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 /* Lists the sites of the scouts of the next guides, SBL__SCOUTS at each guide's pixel, until they fill a job. */
@@ -15251,7 +15374,9 @@ static sbl_result sbl__scouts_list(void *work, sbl__slice *slice) {
     const sbl__guides *g = &r->guides;
     const sbl__pixel *p;
     int i;
-    if (!g->words && sbl__guides_begin(r) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
+    if (!g->found && sbl__guides_begin(r) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
+    if (!sbl__refine_room(r, SBL__MIN(g->columns * g->rows * SBL__SCOUTS, SBL__SCOUTS_AT_ONCE) - r->site_count))
+        return SBL_ERROR_OUT_OF_MEMORY;
     for (; r->listed < g->columns * g->rows && r->site_count < SBL__SCOUTS_AT_ONCE; r->listed++) {
         const int column = r->listed % g->columns, row = r->listed / g->columns;
         if (sbl__late(slice)) return SBL_UNFINISHED;
@@ -15311,13 +15436,17 @@ static sbl_result sbl__guides_send(void *work, sbl__slice *slice) {
     const int rows = sbl__guide_rows(g);
     int *at = &r->stages.at;
     sbl_result result;
+    if (!g->words) {
+        sbl__refine_free_sites(r);  /* they are many, and sensors take new ones */
+        g->words = (uint32_t *)sbl__alloc(&r->core->base, (size_t)rows * SBL__GUIDES_ACROSS * SBL__GUIDE_WORDS,
+                                          sizeof *g->words);
+        if (!g->words) return SBL_ERROR_OUT_OF_MEMORY;
+    }
     for (; *at <= g->columns * g->rows; ++*at) {
         if (sbl__late(slice)) return SBL_UNFINISHED;
         sbl__guides_make(r, *at);
     }
-    d->gl.doing = "sending guides";
-    result = sbl__texture_make(d, &g->texture, SBL__GUIDES_ACROSS * SBL__GUIDE_TEXELS, rows, SBL__GL_RGBA32UI);
-    if (result == SBL_SUCCESS) result = sbl__texture_write(d, &g->texture, 0, rows, g->words);
+    result = sbl__guides_upload(d, g);
     if (result != SBL_SUCCESS) return result;
     sbl__free(&r->core->base, g->found);
     g->found = NULL;
@@ -15368,10 +15497,10 @@ static float sbl__tile_smoothing(const sbl__refine *r, const sbl__tile *c, float
     for (side = 0; side < 4; side++) {
         const sbl__edge e = sbl__tile_edge(r, c, side);
         const sbl__pixel *a = e.ends[0], *b = e.ends[1];
-        if (a == b || !sbl__usable(a) || !sbl__usable(b)) continue;
+        if (a == b || !sbl__usable(r, a) || !sbl__usable(r, b)) continue;
         count++;
         if (sbl__belongs(a, b, r->geometry_aware) > 0) {
-            float sum, d = sbl__difference(a->radiance, b->radiance, &sum);
+            float sum, d = sbl__difference(sbl__pixel_light(r, a, 0), sbl__pixel_light(r, b, 0), &sum);
             d /= SBL__MAX(2 * noise + SBL__FILTER_VISIBLE * sum, SBL__DIVISOR_LEAST);
             alike += (float)exp(-SBL__FILTER_FALL * d * d);
         }
@@ -15389,10 +15518,11 @@ static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
     int corner, k, count = 0;
     for (corner = 0; corner < 4; corner++) {
         const sbl__pixel *p = sbl__tile_corner(r, c, corner);
-        if (!sbl__usable(p)) continue;
-        sum += p->variance;
-        share += sbl__variance_share(r, p->looks);
-        for (k = 0; k < 3; k++) light[k] += p->radiance[k];
+        const sbl__sensor *s = sbl__sensor_of(r, p);
+        if (!sbl__usable(r, p)) continue;
+        sum += s->variance;
+        share += sbl__variance_share(r, s->looks);
+        for (k = 0; k < 3; k++) light[k] += s->radiance[k];
         count++;
     }
     c->noise2 = 0;
@@ -15534,9 +15664,10 @@ static sbl_result sbl__refine_spend(void *work, int at) {
     for (; growth < SBL__LOOKS_GROWTH && worth >= r->least_worth; growth *= 2) worth *= SBL__LOOKS_GAIN_NEXT;
     looks = SBL__MIN(looks * growth, r->spec->looks);
     for (corner = 0; corner < 4 && growth > 1; corner++) {
-        sbl__pixel *p = sbl__tile_corner(r, c, corner);
-        if (!sbl__usable(p) || !p->looks || p->wanted >= looks) continue;
-        p->wanted = looks;
+        const sbl__pixel *p = sbl__tile_corner(r, c, corner);
+        sbl__sensor *s = sbl__sensor_of(r, p);
+        if (!sbl__usable(r, p) || !s->looks || s->wanted >= looks) continue;
+        s->wanted = looks;
         r->bought++;
     }
     return SBL_SUCCESS;
@@ -15674,7 +15805,8 @@ static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
 
 /* >>refine: functions for later rooms */
 
-/* Sets the settings; all fields but `pixels` and `layers` must be 0. smoothing: sbl__filter_pixels of the filter */
+/* Sets the settings; all fields but those that sbl__refine_make sets must be 0. smoothing: sbl__filter_pixels of the
+   filter */
 static void sbl__refine_begin(sbl__refine *r, sbl__core *c, sbl__measurement *measurement, sbl__spec *spec,
                               const sbl_picture_desc *desc, float smoothing) {
     r->core = c;
@@ -15699,31 +15831,70 @@ static void sbl__refine_use_window(sbl__refine *r, const sbl__window *window) { 
 
 static sbl_result sbl__refine_make(sbl__refine *r) {
     const size_t pixels = (size_t)r->width * (size_t)r->height;
-    r->pixels = (sbl__pixel *)sbl__alloc_raw(&r->core->base, pixels, sizeof *r->pixels);
-    r->layers = (float *)sbl__alloc(&r->core->base, pixels, r->harmonics * sizeof *r->layers);
-    return r->pixels && r->layers ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    const int bounced = r->measurement->options.mode == SBL_MODE_GI;
+    sbl__base *base = &r->core->base;
+    r->pixels = (sbl__pixel *)sbl__alloc_raw(base, pixels, sizeof *r->pixels);
+    r->layers = (float *)sbl__alloc(base, pixels, r->harmonics * sizeof *r->layers);
+    r->sensors = (sbl__sensor **)sbl__alloc(base, sbl__sensor_blocks(r), sizeof *r->sensors);
+    if (bounced) r->stored_light = (float *)sbl__alloc_raw(base, pixels, 3 * sizeof *r->stored_light);
+    if (!r->pixels || !r->layers || !r->sensors || (bounced && !r->stored_light))
+        return SBL_ERROR_OUT_OF_MEMORY;
+    r->sensors[0] = (sbl__sensor *)sbl__alloc(base, SBL__SENSOR_BLOCK, sizeof **r->sensors);
+    r->sensor_count = 1;
+    return r->sensors[0] ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+}
+
+/* Frees what only refinement needs, except views, whose weights take long to compute. Filling in is still possible;
+   inspection sends the guides again. */
+static sbl_result sbl__refine_end(sbl__refine *r) {
+    sbl__refine_free_sites(r);
+    sbl__free(&r->core->base, r->searched);
+    sbl__texture_delete(&r->core->device, &r->guides.texture);
+    r->searched = NULL;
+    r->searched_room = 0;
+    if (r->spec->traced) sbl__job_release(&r->core->device, &r->core->job);
+    return sbl__trim(&r->core->base, &r->tiles, &r->tile_room, r->tile_count, sizeof *r->tiles)
+         ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 /* Clears everything, settings included, so that sbl__refine_begin can begin again, and for a lightmap
-   sbl__refine_use_atlas. Each pixel keeps its values until sbl__refine_put replaces them. */
+   sbl__refine_use_atlas. Each pixel keeps its values and its sensor until sbl__refine_put replaces them. */
 static void sbl__refine_forget(sbl__refine *r) {
-    sbl__pixel *pixels = r->pixels;
-    float *layers = r->layers;
+    const sbl__refine kept = *r;
     r->pixels = NULL;
-    r->layers = NULL;
+    r->sensors = NULL;
+    r->stored_light = r->layers = NULL;
     sbl__refine_free(&r->core->device, r);
-    r->pixels = pixels;
-    r->layers = layers;
+    r->pixels = kept.pixels;
+    r->sensors = kept.sensors;
+    r->sensor_count = kept.sensor_count;
+    r->stored_light = kept.stored_light;
+    r->layers = kept.layers;
 }
 
-/* Sets a pixel before refinement begins. shown->sensed: 1: the pixel shows light of the store and needs no sensor */
-static void sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel *shown) {
+/* Sets a pixel before refinement begins. stored: R according to the store. shows_stored: 1: the pixel shows that light
+   and needs no sensor */
+static sbl_result sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel *shown, const float stored[3],
+                                  int shows_stored) {
     float *light = r->layers + r->harmonics * index;
-    r->pixels[index] = *shown;
+    sbl__pixel *p = &r->pixels[index];
+    double uncertainty;
+    *p = *shown;
+    if (r->stored_light) memcpy(r->stored_light + 3 * index, stored, 3 * sizeof *stored);
     memset(light, 0, r->harmonics * sizeof *light);
-    if (shown->sensed) sbl__refine_even(r, shown, light);
+    if (shows_stored) {
+        sbl__sensor *s = sbl__sensor_add(r, p);
+        if (!s) return SBL_ERROR_OUT_OF_MEMORY;
+        s->sensed = 1;
+        memcpy(s->radiance, stored, sizeof s->radiance);
+        s->variance = (double)(SBL__STORED_NOISE * sbl__max3(stored));
+        s->variance *= s->variance;
+        sbl__refine_even(r, p, light);
+    }
+    uncertainty = (double)sbl__stored_uncertainty(r, p);
     if (sbl__window_counts(&r->window, (int)(index % (size_t)r->width), (int)(index / (size_t)r->width)))
-        r->uncertainty2 += (double)shown->uncertainty * shown->uncertainty;
+        r->uncertainty2 += uncertainty * uncertainty;
+    return SBL_SUCCESS;
 }
 
 /* Turns on the test for occlusion and the search for places (see sbl__refine_occlusion, sbl__refine_refuse). */
@@ -15775,7 +15946,8 @@ typedef struct sbl__fill {
     sbl__refine *refine;
     int layer;                  /* layer of light to fill in */
     int tile, row;              /* index of the next tile; its next row of pixels */
-    float *rgba;                /* output, 4 floats per pixel: light; noise of R, above 0 where there is a surface */
+    float *rgba;                /* output, 4 floats per pixel: light; noise of R, above 0 where there is a surface; of
+                                   an orphan, the noise is negative until there are rings */
     int orphans;                /* number of pixels filled in so far that got neither light of their own nor
                                    interpolated light; hidden texels get neither */
     sbl__rings rings;           /* spread light to orphans over their surface */
@@ -15790,7 +15962,8 @@ static void sbl__fill_free(sbl__base *base, sbl__fill *f) {
 /* Returns the standard error of a pixel's luminance, not relative. predicted2: relative squared error of its tile */
 static float sbl__pixel_error(const sbl__refine *r, const sbl__pixel *p, float predicted2) {
     const double unexplained = (double)SBL__PIXEL_ERROR * r->predicted;
-    const double uncertainty = (double)p->uncertainty / r->luminance;
+    const int hidden = sbl__sensor_of(r, p)->occlusion == SBL__HIDDEN;  /* it shows its neighbours' light */
+    const double uncertainty = hidden ? 0 : (double)sbl__stored_uncertainty(r, p) / r->luminance;
     return r->luminance * (float)sqrt((double)predicted2 + unexplained * unexplained + uncertainty * uncertainty);
 }
 
@@ -15802,30 +15975,32 @@ static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, floa
     sbl__pixel *p = sbl__pixel_at(r, x, y);
     float *to = f->rgba + 4 * (p - r->pixels);
     sbl__mix m;
-    int k, lit = sbl__usable(p);
+    const sbl__sensor *s = sbl__sensor_of(r, p);
+    int k, lit = sbl__usable(r, p);
     memset(to, 0, 4 * sizeof *to);
     if (!p->id) return;
     p->error = sbl__pixel_error(r, p, c->bias2 + c->noise2);
     memcpy(to, sbl__pixel_light(r, p, f->layer), 3 * sizeof *to);
     if (lit) {
-        const float least = r->luminance * (float)sqrt((double)c->variance * (double)sbl__variance_share(r, p->looks));
+        const float least = r->luminance * (float)sqrt((double)c->variance * (double)sbl__variance_share(r, s->looks));
         to[3] = SBL__MAX(least, sbl__noise(r, p));  /* not below the mean noise of the tile's sensors, because the
                                                        few rays of this one may agree by chance */
         p->error = sbl__pixel_error(r, p, c->noise2);
-    } else if (p->occlusion != SBL__HIDDEN) {  /* a hidden texel is an orphan, to which rings spread light */
+    } else if (s->occlusion != SBL__HIDDEN) {  /* a hidden texel is an orphan, to which rings spread light */
         sbl__interpolate(r, c, x, y, f->layer, &m);
         lit = m.covered > 0;
         for (k = 0; k < 3 && lit; k++) {
-            const float *s = m.share, top = parabolas[0][k], left = parabolas[2][k];
-            const float across = 0.5f * s[0] * (1 - s[0]) * (top + s[1] * (parabolas[1][k] - top));
-            const float down = 0.5f * s[1] * (1 - s[1]) * (left + s[0] * (parabolas[3][k] - left));
+            const float *share = m.share, top = parabolas[0][k], left = parabolas[2][k];
+            const float across = 0.5f * share[0] * (1 - share[0]) * (top + share[1] * (parabolas[1][k] - top));
+            const float down = 0.5f * share[1] * (1 - share[1]) * (left + share[0] * (parabolas[3][k] - left));
             to[k] = sbl__clamp_light(f->layer, m.light[k] - m.own * m.own * (across + down));
         }
         to[3] = (float)sqrt(m.variance);
     }
     to[3] = SBL__MAX(to[3], SBL__LEAST_NOISE);
-    if (lit) f->rings.ring[p - r->pixels] = 0;
-    else f->orphans++;
+    if (lit) return;
+    to[3] = -to[3];
+    f->orphans++;
 }
 
 /* Returns 1 if pixel `other` belongs to the surface of pixel `index`. */
@@ -15850,15 +16025,33 @@ static void sbl__fill_mean(void *user, int index) {
     for (k = 0; k < 4; k++) out[k] = sum[k] / weights;
 }
 
-static sbl_result sbl__fill_make(sbl__fill *f) {
+/* Lets rings spread light to orphans, piece by piece. Until the rings are made, f->row counts the rows of pixels whose
+   ring is known. */
+static sbl_result sbl__fill_orphans(sbl__fill *f, sbl__slice *slice) {
     const sbl__refine *r = f->refine;
+    int i, end;
+    if (!f->rings.ring && sbl__rings_make(&r->core->base, &f->rings, r->width * r->height, f->orphans) != SBL_SUCCESS)
+        return SBL_ERROR_OUT_OF_MEMORY;
+    for (; f->row < r->height; f->row++) {
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        for (i = f->row * r->width, end = i + r->width; i < end; i++) {
+            float *noise = &f->rgba[4 * (size_t)i + 3];
+            if (*noise > 0) f->rings.ring[i] = 0;
+            *noise = sbl__abs(*noise);
+        }
+    }
     f->rings.user = f;
     f->rings.joined = sbl__fill_joined;
     f->rings.mean = sbl__fill_mean;
     f->rings.width = r->width;
     f->rings.last = INT_MAX;
+    return sbl__rings_step(&f->rings, slice);
+}
+
+static sbl_result sbl__fill_make(sbl__fill *f) {
+    const sbl__refine *r = f->refine;
     f->rgba = (float *)sbl__alloc_raw(&r->core->base, (size_t)r->width * (size_t)r->height, 16);
-    return f->rgba ? sbl__rings_make(&r->core->base, &f->rings, r->width * r->height) : SBL_ERROR_OUT_OF_MEMORY;
+    return f->rgba ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 /* Fills in f->rgba, piece by piece. A tile whose sensors have not all been read yet is filled in with the light of the
@@ -15883,7 +16076,7 @@ static sbl_result sbl__fill_step(sbl__fill *f, sbl__slice *slice) {
             for (x = pixels.x[0]; x <= pixels.x[1]; x++) sbl__fill_pixel(f, x, y, c, parabolas);
         }
     }
-    return f->orphans ? sbl__rings_step(&f->rings, slice) : SBL_SUCCESS;
+    return f->orphans ? sbl__fill_orphans(f, slice) : SBL_SUCCESS;
 }
 
 /* ======================================================================================================== >>filter
@@ -16172,6 +16365,7 @@ static void sbl__sample_offset(int i, int count, float out[2]) {
 /* One anti-aliasing sample, of all pixels. */
 typedef struct sbl__resolve {
     const sbl__gbuffer *centres, *sample;  /* G-buffers of the pixels' centres and of the sample */
+    const sbl__texture *emission;          /* emission of the sample */
     const sbl__texture *radiance;          /* R at pixel centres */
     const sbl__texture *previous;          /* [0]: sum of the samples before, each divided by `count`; [1]: the same of
                                               what a screen shows, if tone asks for it */
@@ -16199,7 +16393,7 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
     sbl__bind(d, "sample_positions", &r->sample->textures[SBL__GBUFFER_POSITION]);
     sbl__bind(d, "sample_normals", &r->sample->textures[SBL__GBUFFER_NORMAL]);
     sbl__bind(d, "sample_albedo", &r->sample->textures[SBL__GBUFFER_ALBEDO]);
-    sbl__bind(d, "sample_emission", &r->sample->textures[SBL__GBUFFER_EMISSION]);
+    sbl__bind(d, "sample_emission", r->emission);
     sbl__bind(d, "sample_ids", &r->sample->textures[SBL__GBUFFER_ID]);
     sbl__bind(d, "previous", &r->previous[0]);
     if (shown) {
@@ -16257,7 +16451,7 @@ static sbl_result sbl__gutters_begin(sbl__base *base, sbl__gutters *g, const int
     g->spread.user = g;
     g->spread.mean = sbl__gutters_mean;
     g->light = (float *)sbl__alloc_raw(base, texels, 16);
-    return g->light ? sbl__rings_make(base, &g->spread, (int)texels) : SBL_ERROR_OUT_OF_MEMORY;
+    return g->light ? sbl__rings_make(base, &g->spread, (int)texels, (int)texels) : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 /* Makes the texels on charts ring 0. On entry, g->light holds the output of the filter: light and, as fourth float, 1
@@ -16797,7 +16991,6 @@ typedef struct sbl__map {
 } sbl__map;
 
 #define SBL__READ_PIXELS 32768    /* maximum pixels per transfer between GPU and host, but at least a row of the map */
-#define SBL__STORED_NOISE 0.1f    /* assumed relative noise of stored light, for the filter */
 #define SBL__PREVIEW_GROWTH 1.25  /* the next preview is made when the number of looks has grown by this factor */
 #define SBL__MAP_RAYS 30000.0     /* usual time of refinement / square root of the number of pixels. Unit: mean time
                                      of one ray of the store. A root, because most sensors stand along edges. Most of
@@ -16807,7 +17000,11 @@ typedef struct sbl__map {
                                      because refinement that lasts is longer than usual */
 #define SBL__MAP_LEAST 0.4        /* the rest of the usual time is estimated as at least this * the usual time */
 #define SBL__MAP_TILES 0.15       /* estimated number of tiles per pixel, and room for more of them */
-#define SBL__GBUFFER_BYTES 76.0   /* bytes per pixel of an sbl__gbuffer */
+#define SBL__MAP_SENSORS 0.2      /* estimated number of sensors per pixel */
+#define SBL__GBUFFER_BYTES 76.0   /* bytes per pixel of a G-buffer that refinement reads: SBL__GBUFFER_ALL */
+#define SBL__SAMPLE_BYTES 60.0    /* the same, SBL__GBUFFER_SAMPLE */
+#define SBL__TEXEL_BYTES 44.0     /* the same, SBL__GBUFFER_TEXEL */
+#define SBL__DEVELOP_BYTES 40.0   /* bytes per pixel of a layer's sbl__fill and of its unfiltered light */
 #define SBL__VIEW_BYTES 12.0      /* bytes per texel of the texture of views, with its depth */
 #define SBL__MAP_JOBS 4e7         /* estimated bytes of the largest jobs: sites, readings, textures of sensors */
 #define SBL__GLIMPSE_TILE 16      /* least width of the glimpse's first-level tiles, pixels; the default of desc.tile */
@@ -16852,19 +17049,21 @@ static sbl_result sbl__map_check(const sbl__core *c, const char *where, const sb
     return SBL_ERROR_UNSUPPORTED;
 }
 
-/* Estimates the memory that a map needs: per working pixel, the refinement, its tiles and the surfaces; once, the jobs
-   and, if it is not ready, the store. d: with defaults, of the whole picture. own: bytes per working pixel that the
-   front end adds */
-static sbl__need sbl__map_need(const sbl__core *c, const sbl_picture_desc *d, double own) {
+/* Estimates the memory that a map needs: per working pixel, the refinement and the surfaces; once, the jobs and, if it
+   is not ready, the store. d: with defaults, of the whole picture. own: bytes per working pixel that the front end
+   always adds. late: bytes per working pixel that are needed after refinement, if those of the G-buffer are fewer */
+static sbl__need sbl__map_need(const sbl__core *c, const sbl_picture_desc *d, double own, double late) {
     const sbl__window w = sbl__window_of(d);
     const sbl__store *s = &c->scene.store;
-    const double tiles = d->tile == 1 ? 2 : SBL__MAP_TILES;
+    const int bounced = d->options.mode == SBL_MODE_GI;
+    const double tiles = d->tile == 1 ? 2 : SBL__MAP_TILES, sensors = d->tile == 1 ? 1 : SBL__MAP_SENSORS;
     sbl__need need;
     need.once = SBL__MAP_JOBS;
     if (d->options.mode == SBL_MODE_PAPER || d->options.backend == SBL_BACKEND_RASTER)
         need.once += (double)c->desc.sensor_texture_size * c->desc.sensor_texture_size * SBL__VIEW_BYTES;
-    if (d->options.mode == SBL_MODE_GI && !s->ready) need.once += (double)s->max_leaves * SBL__BOUNCE_BYTES;
-    need.pixel = (double)sizeof(sbl__pixel) + tiles * (double)sizeof(sbl__tile) + SBL__GBUFFER_BYTES + own;
+    if (bounced && !s->ready) need.once += (double)s->max_leaves * SBL__BOUNCE_BYTES;
+    need.pixel = (double)sizeof(sbl__pixel) + (bounced ? 12 : 0) + own + SBL__MAX(SBL__GBUFFER_BYTES, late);
+    need.pixel += tiles * (double)sizeof(sbl__tile) + sensors * (double)sizeof(sbl__sensor);
     need.pixels = (double)w.size[0] * (double)w.size[1];
     return need;
 }
@@ -16944,7 +17143,8 @@ static sbl_result sbl__map_setup(void *work, sbl__slice *slice) {
     switch (m->work.stages.at++) {
         case 0: result = sbl__refine_make(&m->refine); break;
         case 1: result = sbl__surface_make(d, &m->surface, width, height, m->atlas != NULL); break;
-        default: return sbl__gbuffer_make(d, &m->gbuffer, width, height, m->atlas ? NULL : &m->surface.depth);
+        default: return sbl__gbuffer_make(d, &m->gbuffer, width, height, m->atlas ? NULL : &m->surface.depth,
+                                          SBL__GBUFFER_ALL);
     }
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
 }
@@ -17005,27 +17205,25 @@ static sbl_result sbl__map_surface(void *work, sbl__slice *slice) {
     return result;
 }
 
-/* Converts a pixel of the G-buffer for refinement. from: position, normal, geometric normal and emission, 4 floats
-   each; gbuffer_fragment.glsl describes the fourth. Emission is read only if m->spec.bounced is 1. id: 0: no surface */
-static void sbl__map_pixel(const sbl__map *m, const float *const from[4], uint32_t id, sbl__pixel *out) {
-    memset(out, 0, sizeof *out);
-    memcpy(out->position, from[0], sizeof out->position);
-    memcpy(out->normal, from[1], sizeof out->normal);
-    memcpy(out->geometric_normal, from[2], sizeof out->geometric_normal);
-    out->offset = sbl__spec_offset(&m->spec, &m->work.core->scene, from[0][3]);
-    out->id = id;
-    if (!m->spec.bounced || !id) return;
-    out->sensed = from[1][3] < 0;
-    out->stored[0] = out->sensed ? -1 - from[1][3] : from[1][3];
-    out->stored[1] = from[2][3];
-    out->stored[2] = from[3][3];
-    if (!out->sensed) {
-        out->uncertainty = SBL__MIN(sbl__leaf_uncertainty(out->stored) * sbl__luminance(out->stored), 1e30f);
-        return;
+/* Puts a pixel of the G-buffer into m->refine. from: position, normal, geometric normal and emission, 4 floats each;
+   gbuffer_fragment.glsl describes the fourth. Emission is read only if m->spec.bounced is 1. id: 0: no surface */
+static sbl_result sbl__map_put(sbl__map *m, size_t index, const float *const from[4], uint32_t id) {
+    float stored[3] = { 0, 0, 0 };
+    int shows_stored = 0;
+    sbl__pixel pixel;
+    memset(&pixel, 0, sizeof pixel);
+    memcpy(pixel.position, from[0], sizeof pixel.position);
+    memcpy(pixel.normal, from[1], sizeof pixel.normal);
+    memcpy(pixel.geometric_normal, from[2], sizeof pixel.geometric_normal);
+    pixel.offset = sbl__spec_offset(&m->spec, &m->work.core->scene, from[0][3]);
+    pixel.id = id;
+    if (m->spec.bounced && id) {
+        shows_stored = from[1][3] < 0;
+        stored[0] = shows_stored ? -1 - from[1][3] : from[1][3];
+        stored[1] = from[2][3];
+        stored[2] = from[3][3];
     }
-    memcpy(out->radiance, out->stored, sizeof out->radiance);
-    out->variance = (double)(SBL__STORED_NOISE * sbl__max3(out->stored));
-    out->variance *= out->variance;
+    return sbl__refine_put(&m->refine, index, &pixel, stored, shows_stored);
 }
 
 /* Returns the number of the working pixel whose surface the host's pixel number i shows. */
@@ -17033,6 +17231,14 @@ static size_t sbl__map_shown(const sbl__map *m, size_t i) {
     const size_t width = (size_t)m->size[0], x = i % width, y = i / width;
     if (m->shown) return (size_t)m->shown[i];
     return ((size_t)m->window.inset[1] + y) * (size_t)m->desc.width + (size_t)m->window.inset[0] + x;
+}
+
+/* Deletes the textures of the G-buffer that only refinement reads, unless a glimpse will be followed by another reading
+   of them. */
+static sbl_result sbl__map_trim(sbl__map *m) {
+    if (m->glimpse == SBL__GLIMPSE_UNDER_WAY) return SBL_SUCCESS;
+    return sbl__gbuffer_make(&m->work.core->device, &m->gbuffer, m->desc.width, m->desc.height, NULL,
+                             m->atlas ? SBL__GBUFFER_TEXEL : SBL__GBUFFER_SAMPLE);
 }
 
 /* Reads rows of the G-buffer into m->refine, from row stages.at on. Advances stages.at. SBL_SUCCESS: all are read. */
@@ -17057,17 +17263,16 @@ static sbl_result sbl__map_read(void *work, sbl__slice *slice) {
     c->stats.sensors.readbacks += parts + 1;
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
         const float *from[4];
-        sbl__pixel pixel;
         uint32_t id;
         memcpy(&id, ids + i, sizeof id);
         for (k = 0; k < 4; k++) from[k] = data + 4 * ((size_t)count * (size_t)k + (size_t)i);
-        sbl__map_pixel(m, from, id, &pixel);
-        sbl__refine_put(&m->refine, (size_t)first * (size_t)width + (size_t)i, &pixel);
+        result = sbl__map_put(m, (size_t)first * (size_t)width + (size_t)i, from, id);
         c->stats.picture.visible_pixels += id != 0 && sbl__window_shows(&m->window, i % width, first + i / width);
     }
     sbl__free(&c->base, data);
     m->work.stages.at += rows;
-    return result == SBL_SUCCESS && m->work.stages.at < m->desc.height ? SBL_UNFINISHED : result;
+    if (result == SBL_SUCCESS && m->work.stages.at < m->desc.height) return SBL_UNFINISHED;
+    return result == SBL_SUCCESS ? sbl__map_trim(m) : result;
 }
 
 static int sbl__map_after_read(void *work) {
@@ -17143,8 +17348,11 @@ static sbl_result sbl__map_develop(void *work, sbl__slice *slice) {
     return sbl__stages_step(&((sbl__map *)work)->developing, table, SBL__COUNT(table), work, slice);
 }
 
+/* Deletes the light that the filter has read, unless it guides the filter of further layers. */
 static int sbl__map_after_develop(void *work) {
-    ((sbl__map *)work)->developed = 1;
+    sbl__map *m = (sbl__map *)work;
+    m->developed = 1;
+    if (!m->spec.directional) sbl__texture_delete(&m->work.core->device, &m->layers[0].light);
     return SBL__MAP_END;
 }
 
@@ -17166,6 +17374,7 @@ static sbl_result sbl__map_refine(void *work, sbl__slice *slice) {
         m->paced_from[1] = (double)sbl__refine_looks(&m->refine);
     }
     result = sbl__refine_step(&m->refine, slice);
+    if (result == SBL_SUCCESS) return sbl__refine_end(&m->refine);
     return result == SBL_UNFINISHED && sbl__map_preview_is_due(m) ? SBL_SUCCESS : result;
 }
 
@@ -17277,20 +17486,21 @@ static const struct { int components, attachment, gbuffer; } sbl__channels[SBL_C
 static void sbl__map_channel_pixel(const sbl__map *m, sbl_channel channel, size_t place, float *out) {
     const size_t i = sbl__map_shown(m, place);
     const sbl__pixel *pixel = sbl__refine_pixel(&m->refine, i);
+    const sbl__sensor *sensor = sbl__sensor_of(&m->refine, pixel);
     double depth = 0;
     int k;
     for (k = 0; k < 3 && !m->atlas; k++)
         depth -= m->camera.back[k] * ((double)pixel->position[k] - m->camera.eye[k]);
     if (channel == SBL_CHANNEL_OVERLAP) out[0] = m->atlas ? sbl__atlas_others(m->atlas, i) : 0;
-    else if (channel == SBL_CHANNEL_LOOKS) out[0] = pixel->level ? (float)pixel->looks : 0;
+    else if (channel == SBL_CHANNEL_LOOKS) out[0] = sensor->level ? (float)sensor->looks : 0;
     else if (!pixel->id || channel >= SBL_CHANNEL_SH_0)
         memset(out, 0, (size_t)sbl__channels[channel].components * sizeof *out);
     else if (channel == SBL_CHANNEL_NORMAL) memcpy(out, pixel->normal, sizeof pixel->normal);
     else if (channel == SBL_CHANNEL_POSITION) memcpy(out, pixel->position, sizeof pixel->position);
-    else if (channel == SBL_CHANNEL_STORE) memcpy(out, pixel->stored, sizeof pixel->stored);
+    else if (channel == SBL_CHANNEL_STORE) memcpy(out, sbl__pixel_stored(&m->refine, pixel), 3 * sizeof *out);
     else out[0] = channel == SBL_CHANNEL_ID ? (float)pixel->id
                 : channel == SBL_CHANNEL_DEPTH ? (float)depth
-                : channel == SBL_CHANNEL_ERROR ? pixel->error : (float)pixel->level;
+                : channel == SBL_CHANNEL_ERROR ? pixel->error : (float)sensor->level;
 }
 
 /* Returns 1 if a target has a texel for each pixel of the host; otherwise it has one for each working pixel. */
@@ -17392,9 +17602,12 @@ enum { SBL__PREVIEW_COMPOSE, SBL__PREVIEW_METER, SBL__PREVIEW_EXPOSE };
 
 typedef struct sbl__picture {
     sbl__map map;               /* must be first, because pointers to the struct are cast to sbl__map * */
-    sbl__gbuffer sample;        /* G-buffer of the current anti-aliasing sample; not made if desc.samples is 1 */
-    sbl__composition sums[2];   /* [0]: sum over an even number of anti-aliasing samples, [1]: over an odd number */
-    sbl__composition preview;
+    sbl__gbuffer sample;        /* G-buffer of the current anti-aliasing sample; not made if desc.samples is 1. Its
+                                   texture of emission is also that of map.gbuffer.target */
+    int sampled;                /* 1: that texture holds the emission of a sample; 0: of pixel centres */
+    sbl__composition sums[2];   /* [0]: sum over an even number of anti-aliasing samples, made if there are two or
+                                   more; [1]: over an odd number */
+    sbl__composition preview;   /* made if the host reads channels, or for the measurement of the exposure */
     sbl__pace resolve_pace;
     int resolved;               /* number of finished anti-aliasing samples */
     int pass, row;              /* the current preview: its pass, and the number of finished rows of the pass */
@@ -17447,12 +17660,14 @@ static void sbl__picture_show(sbl__picture *p, const sbl__composition *s) {
     p->map.channels[SBL_CHANNEL_DISPLAY] = p->map.desc.tone != SBL_TONE_NONE ? &s->target : NULL;
 }
 
-/* Adds what a picture has besides a map: the depth of surfaces, two textures of R, three compositions (two sums and a
-   preview), and the surfaces of an anti-aliasing sample. */
+/* Adds what a picture has besides a map: the triangles and the depth of surfaces; late, the surfaces at pixel centres,
+   R, and the preview that hosts may read, with the larger of what DEVELOP needs and of what samples need: sums and,
+   except for the emission, the surfaces of a sample. */
 static sbl__need sbl__picture_need(const sbl__core *c, const void *desc) {
     const sbl_picture_desc d = sbl__picture_desc_of(c, (const sbl_picture_desc *)desc);
     const double composition = d.tone != SBL_TONE_NONE ? 32 : 16;
-    return sbl__map_need(c, &d, 8 + 32 + 3 * composition + (d.samples > 1 ? SBL__GBUFFER_BYTES : 0));
+    const double samples = d.samples > 1 ? 2 * composition + SBL__SAMPLE_BYTES - 16 : composition;
+    return sbl__map_need(c, &d, 8, SBL__SAMPLE_BYTES + 16 + composition + SBL__MAX(SBL__DEVELOP_BYTES, samples));
 }
 
 static sbl_result sbl__picture_begin(void *work, const void *desc) {
@@ -17478,6 +17693,7 @@ static sbl_result sbl__picture_compose(sbl__picture *p, int index, int count, co
     d->gl.doing = "composing the picture";
     r.centres = &m->gbuffer;
     r.sample = count > 1 ? &p->sample : &m->gbuffer;
+    r.emission = &(p->sample.target.id ? &p->sample : &m->gbuffer)->textures[SBL__GBUFFER_EMISSION];
     r.radiance = &m->layers[0].smooth.texture;
     r.previous = p->sums[index & 1].textures;  /* sample 0 does not read it */
     r.tone = m->desc.tone;
@@ -17571,33 +17787,66 @@ static sbl_result sbl__picture_compose_preview(sbl__picture *p, const sbl__slice
     return p->pass != SBL__PREVIEW_COMPOSE ? SBL_UNFINISHED : SBL_SUCCESS;
 }
 
-static sbl_result sbl__picture_preview(void *work, sbl__slice *slice) {
-    const sbl_result result = sbl__map_preview(work, slice);
-    return result == SBL_SUCCESS ? sbl__picture_compose_preview((sbl__picture *)work, slice) : result;
+/* Draws the surfaces at pixel centres again, because samples have overwritten their emission. The current sample then
+   begins again. */
+static sbl_result sbl__picture_redraw(sbl__picture *p, sbl__slice *slice) {
+    static const float centre[2] = { 0, 0 };
+    sbl__map *m = &p->map;
+    sbl_result result;
+    sbl__surface_restart(&m->surface);
+    do result = sbl__map_draw_surface(m, &m->gbuffer, centre, slice); while (result == SBL_UNFINISHED);
+    sbl__surface_restart(&m->surface);
+    m->work.stages.stage = SBL__PICTURE_SAMPLE;
+    m->work.stages.at = 0;
+    p->sampled = 0;
+    return result;
 }
 
-/* Makes the textures of the last stages. Then it makes a preview with the final R, if the host reads channels or the
-   exposure is to be measured. */
+static sbl_result sbl__picture_preview(void *work, sbl__slice *slice) {
+    sbl__picture *p = (sbl__picture *)work;
+    sbl_result result = sbl__map_preview(work, slice);
+    if (result == SBL_SUCCESS && p->sampled) result = sbl__picture_redraw(p, slice);
+    return result == SBL_SUCCESS ? sbl__picture_compose_preview(p, slice) : result;
+}
+
+/* Makes the G-buffer of samples. Its emission takes the texture that holds the emission at pixel centres, which only
+   previews read. */
+static sbl_result sbl__picture_make_sample(sbl__picture *p) {
+    sbl__map *m = &p->map;
+    sbl__texture *const emission = &m->gbuffer.textures[SBL__GBUFFER_EMISSION];
+    p->sample.textures[SBL__GBUFFER_EMISSION] = *emission;
+    memset(emission, 0, sizeof *emission);
+    return sbl__gbuffer_make(&m->work.core->device, &p->sample, m->desc.width, m->desc.height, &m->surface.depth,
+                             SBL__GBUFFER_SAMPLE);
+}
+
+/* If the host reads channels or the exposure is to be measured, makes a preview with the final R. Then it makes the
+   textures of the last stages; a preview that the host does not read becomes one of them. */
 static sbl_result sbl__picture_finish(void *work, sbl__slice *slice) {
     sbl__picture *p = (sbl__picture *)work;
     sbl__map *m = &p->map;
-    sbl__device *d = &m->work.core->device;
+    const int samples = m->desc.samples;
     sbl_result result = SBL_SUCCESS;
-    int i;
-    if (m->work.stages.at++)
-        return m->watched || m->desc.auto_exposure ? sbl__picture_compose_preview(p, slice) : SBL_SUCCESS;
-    d->gl.doing = "making the picture's textures";
-    for (i = 0; i < 2 && result == SBL_SUCCESS; i++) result = sbl__composition_make(m, &p->sums[i]);
-    if (result == SBL_SUCCESS && m->desc.samples > 1)
-        result = sbl__gbuffer_make(d, &p->sample, m->desc.width, m->desc.height, &m->surface.depth);
-    return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
+    if (!m->work.stages.at && (m->watched || m->desc.auto_exposure)) result = sbl__picture_compose_preview(p, slice);
+    if (result != SBL_SUCCESS) return result;
+    if (!m->work.stages.at++) return SBL_UNFINISHED;
+    m->work.core->device.gl.doing = "making the picture's textures";
+    if (!m->watched) {
+        p->sums[1] = p->preview;
+        memset(&p->preview, 0, sizeof p->preview);
+    }
+    result = sbl__composition_make(m, &p->sums[1]);
+    if (result == SBL_SUCCESS && samples > 1) result = sbl__composition_make(m, &p->sums[0]);
+    return result == SBL_SUCCESS && samples > 1 ? sbl__picture_make_sample(p) : result;
 }
 
 static sbl_result sbl__picture_sample(void *work, sbl__slice *slice) {
     sbl__picture *p = (sbl__picture *)work;
     float offset[2];
+    if (p->map.desc.samples == 1) return SBL_SUCCESS;
+    p->sampled = 1;
     sbl__sample_offset(p->resolved, p->map.desc.samples, offset);
-    return p->map.desc.samples > 1 ? sbl__map_draw_surface(&p->map, &p->sample, offset, slice) : SBL_SUCCESS;
+    return sbl__map_draw_surface(&p->map, &p->sample, offset, slice);
 }
 
 static sbl_result sbl__picture_resolve(void *work, sbl__slice *slice) {
@@ -17663,15 +17912,16 @@ static sbl_result sbl__lightmap_check(const sbl__core *c, const void *desc, sbl_
     return sbl__map_check(c, "sbl_lightmap_desc", &picture, given && given->target_error > 0, measurement);
 }
 
-/* Adds what a lightmap has besides a map: the atlas in host and GPU memory; for each layer of light, its harmonics, the
-   filtered light and the result; for the current layer, the unfiltered light and the gutters; and the mean of
-   supersampled texels. */
+/* Adds what a lightmap has besides a map: the atlas in host and GPU memory, and harmonics; late, the surfaces of
+   texels, the filtered light of R and of the current layer, the unfiltered light of R, and what DEVELOP needs; the
+   gutters; for each layer, the result; and the mean of supersampled texels. */
 static sbl__need sbl__lightmap_need(const sbl__core *c, const void *desc) {
     const sbl_lightmap_desc d = sbl_lightmap_desc_defaults((const sbl_lightmap_desc *)desc);
     const sbl_picture_desc picture = sbl__lightmap_picture(&d);
     const double layers = d.directional ? SBL__LAYERS : 1, texel = 16 * layers + 24 + 20;
-    return sbl__map_need(c, &picture, 8.0 * SBL__ATLAS_WORDS + 4 + 12 * (layers - 1) + 16 * layers + 16 +
-                                      texel / ((double)d.supersample * d.supersample));
+    return sbl__map_need(c, &picture, 8.0 * SBL__ATLAS_WORDS + 4 + 12 * (layers - 1),
+                         SBL__TEXEL_BYTES + (d.directional ? 48 : 16) + SBL__DEVELOP_BYTES +
+                         texel / ((double)d.supersample * d.supersample));
 }
 
 static sbl_result sbl__lightmap_begin(void *work, const void *desc) {
@@ -19370,6 +19620,7 @@ static sbl_result sbl__inspect_check(sbl__inspect_request *k, int x, int y, cons
 /* Fills in those fields of k->out that are not set yet. */
 static void sbl__inspect_tell(sbl__inspect_request *k) {
     const sbl__pixel *p = sbl__refine_pixel(&k->map->refine, (size_t)k->pixel);
+    const sbl__sensor *s = sbl__sensor_of(&k->map->refine, p);
     const sbl_reading *r = &k->reading;
     sbl_sensor *out = &k->out;
     int i;
@@ -19380,16 +19631,16 @@ static void sbl__inspect_tell(sbl__inspect_request *k) {
     out->site.offset = k->site.offset;
     memcpy(out->position, k->look.position, sizeof out->position);
     memcpy(out->normal, k->look.normal, sizeof out->normal);
-    memcpy(out->radiance, p->sensed ? p->radiance : r->radiance, sizeof out->radiance);
-    out->noise = p->sensed ? sbl__noise(&k->map->refine, p) : r->noise;
-    out->looks = p->sensed ? p->looks : 1;
+    memcpy(out->radiance, s->sensed ? s->radiance : r->radiance, sizeof out->radiance);
+    out->noise = s->sensed ? sbl__noise(&k->map->refine, p) : r->noise;
+    out->looks = s->sensed ? s->looks : 1;
     for (i = 0; i < 3; i++) out->from_surroundings[i] = SBL__MAX(r->radiance[i] - out->from_lamps[i], 0.0f);
     out->back_share = r->back_share * r->hit_share;
     out->hit_min = r->hit_min;
     out->hit_mean = r->hit_mean;
     out->valid = r->valid;
-    out->sensed = p->sensed;
-    out->level = p->level ? p->level - 1 : 0;
+    out->sensed = s->sensed;
+    out->level = s->level ? s->level - 1 : 0;
     sbl__inspect_views(k);
     out->rays = k->found->rays;
     out->lamps = k->found->lamps;
@@ -19403,9 +19654,11 @@ static sbl_result sbl__inspect(sbl__inspect_request *k) {
     sbl__job *j = &k->found->job;
     sbl__slice slice = sbl__slice_of(&c->desc, 0);
     sbl__task task;
+    sbl__refine *r = &k->map->refine;
     int lamp_rays;
-    sbl_result result = SBL_UNFINISHED;
-    sbl__refine_task(&k->map->refine, &task);
+    sbl_result result = r->spec->guided ? sbl__guides_upload(&c->device, &r->guides) : SBL_SUCCESS;
+    if (result != SBL_SUCCESS) return result;
+    sbl__refine_task(r, &task);
     lamp_rays = task.spec.lamp_rays;
     f->rays = (sbl_sensor_ray *)sbl__alloc(&c->base, (size_t)(task.spec.rays + lamp_rays), sizeof *f->rays);
     f->lamps = (sbl_sensor_lamp *)sbl__alloc(&c->base, (size_t)(SBL__LAMPS + lamp_rays), sizeof *f->lamps);
@@ -19414,11 +19667,11 @@ static sbl_result sbl__inspect(sbl__inspect_request *k) {
     task.readings = &k->reading;
     task.layers = k->layers;
     task.site_count = 1;
-    task.first_look = sbl__refine_pixel(&k->map->refine, (size_t)k->pixel)->look;
-    sbl__refine_look_site(&k->map->refine, k->pixel, 0, 1, &k->site);
+    task.first_look = sbl__sensor_of(r, sbl__refine_pixel(r, (size_t)k->pixel))->look;
+    sbl__refine_look_site(r, k->pixel, 0, 1, &k->site);
     sbl__look_make(&task.spec, &k->site, 0, &k->look);
     sbl__job_begin(j, &c->scene, &task);
-    while (result == SBL_UNFINISHED) {
+    do {
         result = sbl__job_step(&c->device, j, &slice);
         if (result != SBL_UNFINISHED || j->stages.stage != SBL__JOB_READ || j->lens != SBL__LENS_SITE) continue;
         /* The look must be read now, because the stuck tests that follow overwrite its textures. */
@@ -19426,7 +19679,7 @@ static sbl_result sbl__inspect(sbl__inspect_request *k) {
         result = sbl__job_layout(j) ? sbl__inspect_sheet(k) : sbl__inspect_rays(k);
         if (result == SBL_SUCCESS && lamp_rays) result = sbl__inspect_lamps(k);
         if (result == SBL_SUCCESS) result = SBL_UNFINISHED;
-    }
+    } while (result == SBL_UNFINISHED);
     if (result == SBL_SUCCESS) sbl__inspect_tell(k);
     return result;
 }
@@ -19467,7 +19720,8 @@ static sbl_result sbl__trial_camera(sbl__core *c, sbl__surface *surface, sbl__gb
     sbl_picture_desc view;
     sbl_result result = sbl__surface_make(&c->device, surface, SBL__TRIAL_SIZE, SBL__TRIAL_SIZE, 0);
     if (result == SBL_SUCCESS)
-        result = sbl__gbuffer_make(&c->device, gbuffer, SBL__TRIAL_SIZE, SBL__TRIAL_SIZE, &surface->depth);
+        result = sbl__gbuffer_make(&c->device, gbuffer, SBL__TRIAL_SIZE, SBL__TRIAL_SIZE, &surface->depth,
+                                   SBL__GBUFFER_ALL);
     if (result != SBL_SUCCESS) return result;
     memset(&view, 0, sizeof view);
     memset(&job, 0, sizeof job);

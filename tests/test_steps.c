@@ -532,6 +532,45 @@ TEST(each_level_is_sharper) {
     sbl_destroy(context);
 }
 
+/* Makes a picture, and reads FINAL into `preview` once, `late` steps after R is final. Returns 0 if the picture is
+   finished before. out: receives FINAL of the finished picture */
+static int late_preview(sbl_context *context, const sbl_picture_desc *view, int late, float *preview, float *out) {
+    sbl_result result = sbl_begin_picture(context, view) == SBL_SUCCESS ? SBL_UNFINISHED : SBL_ERROR_STATE;
+    int steps = -1, read = 0;
+    while (result == SBL_UNFINISHED) {
+        result = sbl_step(context, 1e-9);
+        steps += context->picture.map.developed;
+        if (result != SBL_UNFINISHED || read || steps < late) continue;
+        CHECK(sbl_read_channel(context, SBL_CHANNEL_FINAL, preview, 3 * PIXELS) == SBL_SUCCESS, "%s",
+              watch_last(&seen));
+        read = 1;
+    }
+    CHECK(sbl_read_channel(context, SBL_CHANNEL_FINAL, out, 3 * PIXELS) == SBL_SUCCESS, "%s", watch_last(&seen));
+    return read;
+}
+
+/* A preview that is first asked for after R is final shows one sample at the centre of each pixel, with the emission
+   there, and does not change the finished picture, whichever samples have been drawn. */
+TEST(late_previews_change_nothing) {
+    sbl_picture_desc view = view_of(SBL_BACKEND_TRACE), single = view;
+    sbl_context *context = watch_context(&seen, NULL, &cornell);
+    float *pictures[4];
+    int i, late;
+    if (!context) return;
+    view.threshold = single.threshold = 10;
+    single.samples = 1;
+    for (i = 0; i < 4; i++) pictures[i] = (float *)malloc(3 * PIXELS * sizeof(float));
+    late_preview(context, &single, INT_MAX, NULL, pictures[0]);
+    late_preview(context, &view, INT_MAX, NULL, pictures[1]);
+    for (late = 0; late_preview(context, &view, late, pictures[2], pictures[3]); late++) {
+        CHECK(!memcmp(pictures[0], pictures[2], 3 * PIXELS * sizeof(float)), "step %d: the preview differs", late);
+        CHECK(!memcmp(pictures[1], pictures[3], 3 * PIXELS * sizeof(float)), "step %d: the picture differs", late);
+    }
+    CHECK(late > 12, "the picture has %d late steps", late);
+    for (i = 0; i < 4; i++) free(pictures[i]);
+    sbl_destroy(context);
+}
+
 /* The number of looks that refinement foresees is exact in the end, and close as soon as it is called sure. Progress
    grows to 1. */
 TEST(refinement_foresees_its_looks) {
@@ -926,6 +965,7 @@ int main(void) {
     RUN(programs_compile_when_used_or_ahead);
     RUN(programs_have_room);
     RUN_UNSANITIZED(each_level_is_sharper);
+    RUN(late_previews_change_nothing);
     RUN_UNSANITIZED(refinement_foresees_its_looks);
     RUN(surfaces_are_shown_before_sensors);
     RUN_UNSANITIZED(direct_light_is_shown_first);

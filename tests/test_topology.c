@@ -111,7 +111,8 @@ static void spread(int last) {
     rings.mean = mean_of_neighbours;
     rings.width = GRID_WIDTH;
     rings.last = last;
-    REQUIRE(sbl__rings_make(&base, &rings, GRID_WIDTH * GRID_HEIGHT) == SBL_SUCCESS, "no memory");
+    REQUIRE(sbl__rings_make(&base, &rings, GRID_WIDTH * GRID_HEIGHT, GRID_WIDTH * GRID_HEIGHT) == SBL_SUCCESS,
+            "no memory");
     for (i = 0; i < GRID_WIDTH * GRID_HEIGHT; i++) values[i] = -1;
     for (y = 0; y < GRID_HEIGHT; y++) {
         values[y * GRID_WIDTH] = y;
@@ -346,12 +347,15 @@ TEST(seams_keep_light_positive) {
 TEST(light_is_linear_beside_silhouettes) {
     enum { SIDE = 9 };
     static sbl__pixel pixels[SIDE * SIDE];
+    static sbl__sensor sensors[SIDE * SIDE];  /* one per pixel */
+    sbl__sensor *block = sensors;
     sbl__refine r;
     sbl__tile tile;
     int i, k, missing;
     memset(&r, 0, sizeof r);
     memset(&tile, 0, sizeof tile);
     r.pixels = pixels;
+    r.sensors = &block;
     r.width = r.height = SIDE;
     r.geometry_aware = 1;
     for (k = 0; k < SBL__DOUBLINGS; k++) r.variance_shares[k] = 1;
@@ -363,14 +367,16 @@ TEST(light_is_linear_beside_silhouettes) {
         memset(pixels, 0, sizeof pixels);
         for (i = 0; i < SIDE * SIDE; i++) {
             sbl__pixel *p = &pixels[i];
+            sbl__sensor *s = &sensors[i];
             const int x = i % SIDE, y = i / SIDE;
             p->id = x == 8 && y == 8 ? 2 : 1;
             p->normal[2] = 1;
             p->position[0] = (float)x;
             p->position[1] = (float)y;
-            p->sensed = x % 4 == 0 && y % 4 == 0 && !(missing == 1 && x == 0) && !(missing == 2 && y == 0);
-            p->looks = 1;
-            for (k = 0; k < 3; k++) p->radiance[k] = (float)(5 + x + (k + 1) * y);
+            p->sensor = (uint32_t)i;
+            s->sensed = x % 4 == 0 && y % 4 == 0 && !(missing == 1 && x == 0) && !(missing == 2 && y == 0);
+            s->looks = 1;
+            for (k = 0; k < 3; k++) s->radiance[k] = (float)(5 + x + (k + 1) * y);
         }
         for (i = 0; i < 24; i++) {
             const int x = 4 + i % 5, y = 4 + i / 5;

@@ -48,6 +48,7 @@ int inside_gl_is_optional(const char *function) {
 inside_weight inside_weigh_corners(int strips, float light) {
     enum { SIDE = 17 };
     static sbl__pixel pixels[SIDE * SIDE];
+    sbl__sensor sensors[2], *block = sensors;  /* sensor 1 is that of all corners, which are alike */
     inside_weight weight;
     sbl__spec spec;
     sbl__refine r;
@@ -58,9 +59,15 @@ inside_weight inside_weigh_corners(int strips, float light) {
     memset(&r, 0, sizeof r);
     memset(&c, 0, sizeof c);
     memset(pixels, 0, sizeof pixels);
+    memset(sensors, 0, sizeof sensors);
+    sensors[1].sensed = 1;
+    sensors[1].looks = 1;
+    sensors[1].variance = 100 * (double)light * (double)light;
+    for (k = 0; k < 3; k++) sensors[1].radiance[k] = light;
     sbl__looks_calibrate(&r);
     r.width = r.height = SIDE;
     r.pixels = pixels;
+    r.sensors = &block;
     r.target_error = 0.1f;
     r.luminance = r.smoothing = 1;
     r.spec = &spec;
@@ -78,11 +85,7 @@ inside_weight inside_weigh_corners(int strips, float light) {
         p->position[1] = (float)y;
         p->position[2] = p->id == 1 ? 0 : 5;
         p->normal[2] = p->geometric_normal[2] = 1;
-        if (x % (SIDE - 1) || y % (SIDE - 1)) continue;
-        p->sensed = 1;
-        p->looks = 1;
-        p->variance = 100 * (double)light * (double)light;
-        for (k = 0; k < 3; k++) p->radiance[k] = light;
+        p->sensor = !(x % (SIDE - 1) || y % (SIDE - 1));
     }
     r.tiles = &c;
     sbl__refine_weigh(&r, 0);
@@ -193,7 +196,8 @@ float inside_pixel_offset(const sbl_context *context, size_t pixel) {
 }
 
 int inside_pixel_looks(const sbl_context *context, size_t pixel) {
-    return sbl__refine_pixel(&context->picture.map.refine, pixel)->looks;
+    const sbl__refine *r = &context->picture.map.refine;
+    return sbl__sensor_of(r, sbl__refine_pixel(r, pixel))->looks;
 }
 
 inside_source inside_replace_source(sbl_context *context, inside_source source) {
