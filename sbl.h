@@ -463,9 +463,9 @@
    number, because sbl_gather_readings works on 65,536 points at a time and sbl_bake_probes on 128.
 
    With the default settings, a picture of 1024 x 1024 pixels or more needs up to 250 bytes per pixel, GPU and host
-   together, besides the scene and the store: about 90 on the host, where sensors are few, and 160 on the GPU. Add 16
-   for a host that reads channels of the unfinished picture, and 32 for a tone, or 48 for both. sbl_picture_bytes
-   estimates the memory of a given picture.
+   together, besides the scene and the store: 70 to 90 on the host, where sensors are few, and 160 on the GPU. Add 16
+   for a host that reads channels of the unfinished picture, 32 for a tone, and 64 for both. sbl_picture_bytes estimates
+   the memory of a given picture.
 
    A finished picture stays readable until the next sbl_begin_picture, sbl_begin_lightmap or sbl_end, whatever else
    happens: also after sbl_set_scene, after meshes have moved, and during and after readings, vertices and probes. Only
