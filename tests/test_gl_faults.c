@@ -846,8 +846,8 @@ static int references(sbl_backend backend) {
     return good && fake.made >= 20 && fake_live() == 0;
 }
 
-/* Runs a test unless GL is older: then a context is made with fewer of the same calls, and errors of all calls are found
-   in one place. The tests of calls that differ run. */
+/* Runs a test unless GL is older: then a context is made with fewer of the same calls, and errors of all calls are
+   found in one place. The tests of calls that differ run. */
 #define RUN_NEW_GL(name) do { if (!getenv("MESA_GL_VERSION_OVERRIDE")) RUN(name); } while (0)
 
 int main(void) {
