@@ -1,6 +1,7 @@
 /* The material interface: for random materials, material.glsl and the C functions of >>material give the same
    values. */
 #define SBL_IMPLEMENTATION
+#define SBL_STATIC  /* the compiler drops the functions that this program does not call */
 #define SBL_EGL
 #include "../sbl.h"
 #include "support/test.h"

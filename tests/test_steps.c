@@ -5,6 +5,7 @@
 static int clock_of_test(struct timeval *out, void *zone);
 #define gettimeofday clock_of_test
 #define SBL_IMPLEMENTATION
+#define SBL_STATIC  /* the compiler drops the functions that this program does not call */
 #define SBL_EGL
 #include "../sbl.h"
 #undef gettimeofday

@@ -1,6 +1,7 @@
 /* Tests without GL of topology, solver, the solution of seams, interpolation and bounces: hash tables, welding, shared
    sides, groups, rings, normal equations, light across a seam, light beside a silhouette, light of a leaf. */
 #define SBL_IMPLEMENTATION
+#define SBL_STATIC  /* the compiler drops the functions that this program does not call */
 #include "../sbl.h"
 #include "support/test.h"
 

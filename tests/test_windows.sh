@@ -42,7 +42,7 @@ beside_all() {
     ways=$1
     shift
     check "${ways}_alone" beside none "$@"
-    check "${ways}_static_alone" beside none "$@" -DSBL_STATIC
+    check "${ways}_static_alone" beside none "$@" -DSBL_STATIC -fsyntax-only
     for order in first last; do check "${ways}_windows_h_$order" beside $order "$@" -fsyntax-only; done
 }
 
@@ -120,9 +120,9 @@ for target in i686 x86_64; do
             -DWIN32_LEAN_AND_MEAN -fsyntax-only
     done
     beside_all "${target}_cpp" "$target-w64-mingw32-g++" -std=c++11 -x c++
-    if command -v clang > /dev/null; then  # clang cannot link here
-        check "${target}_clang" beside first clang -target "$target-w64-windows-gnu" -std=c99 -c
-        check "${target}_clang_cpp" beside last clang -target "$target-w64-windows-gnu" -std=c++11 -x c++ -c
+    if command -v clang > /dev/null; then
+        check "${target}_clang" beside first clang -target "$target-w64-windows-gnu" -std=c99 -fsyntax-only
+        check "${target}_clang_cpp" beside last clang -target "$target-w64-windows-gnu" -std=c++11 -x c++ -fsyntax-only
     else
         skip "${target}_clang" "no clang"
     fi

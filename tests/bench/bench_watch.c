@@ -13,6 +13,7 @@
 static int clock_of_bench(struct timeval *out, void *zone);
 #define gettimeofday clock_of_bench
 #define SBL_IMPLEMENTATION
+#define SBL_STATIC  /* the compiler drops the functions that this program does not call */
 #include "../../sbl.h"
 #undef gettimeofday
 #include "../../examples/host_gl.h"
