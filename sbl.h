@@ -15986,7 +15986,7 @@ static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, floa
         to[3] = SBL__MAX(least, sbl__noise(r, p));  /* not below the mean noise of the tile's sensors, because the
                                                        few rays of this one may agree by chance */
         p->error = sbl__pixel_error(r, p, c->noise2);
-    } else if (s->occlusion != SBL__HIDDEN) {  /* a hidden texel is an orphan, to which rings spread light */
+    } else if (s->occlusion != SBL__HIDDEN) {  /* sbl__fill_orphans gives a hidden texel the light of its neighbours */
         sbl__interpolate(r, c, x, y, f->layer, &m);
         lit = m.covered > 0;
         for (k = 0; k < 3 && lit; k++) {
@@ -18011,7 +18011,7 @@ static void sbl__lightmap_mean(const sbl__map *m, int texel, const float *data, 
     }
 }
 
-/* Reads the light of `rows` rows of texels from row `at` on: 4 floats per texel. */
+/* Reads layer m->layer of `rows` rows of texels, from row `at` on, into `light`, 4 floats per texel. */
 static sbl_result sbl__lightmap_rows(const sbl__map *m, int at, int rows, float *light) {
     sbl__core *c = m->work.core;
     const sbl__target *t = &m->layers[m->layer].smooth.target;
@@ -18159,6 +18159,8 @@ static sbl_result sbl__joining_begin(void *work, const void *desc) {
     return result;
 }
 
+static int sbl__joining_layers(const sbl__joining *j) { return j->desc.lightmap.directional ? SBL__LAYERS : 1; }
+
 /* Returns how many texels the next piece of TAKE or GIVE copies. */
 static int sbl__joining_texels(const sbl__joining *j) {
     const sbl_lightmap_desc *d = &j->desc.lightmap;
@@ -18221,7 +18223,7 @@ static sbl_result sbl__joining_give(void *work, sbl__slice *slice) {
 static int sbl__joining_after_give(void *work) {
     sbl__joining *j = (sbl__joining *)work;
     sbl__gutters_free(&j->work.core->base, &j->gutters);
-    return ++j->layer < (j->desc.lightmap.directional ? SBL__LAYERS : 1) ? SBL__WINDOWS_TAKE : SBL__WINDOWS_DONE;
+    return ++j->layer < sbl__joining_layers(j) ? SBL__WINDOWS_TAKE : SBL__WINDOWS_DONE;
 }
 
 static double *sbl__joining_seconds(const void *work) {
@@ -18230,9 +18232,8 @@ static double *sbl__joining_seconds(const void *work) {
 
 static float sbl__joining_progress(const void *work) {
     const sbl__joining *j = (const sbl__joining *)work;
-    const int layers = j->desc.lightmap.directional ? SBL__LAYERS : 1;
     if (sbl__work_is_done(&j->work)) return 1;
-    return ((float)j->layer + (float)j->work.stages.stage / (float)SBL__WINDOWS_DONE) / (float)layers;
+    return ((float)j->layer + (float)j->work.stages.stage / (float)SBL__WINDOWS_DONE) / (float)sbl__joining_layers(j);
 }
 
 static const sbl__stage_row sbl__joining_stages[] = {

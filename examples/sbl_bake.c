@@ -17,14 +17,15 @@
 #include "tool_options.h"
 #include "tool_scene.h"
 #include "tool_part.h"
-#include "tool_parts.h"
+#include "tool_plan.h"
 #include "tool_windows.h"
 
 /* ---- the command line ---- */
 
 static struct options {
-    int lightmap, gutter, supersample, samples, grid[3], part[2];
-    const char *part_text, *plan, *join;
+    int lightmap, gutter, supersample, samples, grid[3];
+    part_choice part;
+    const char *join;
     const char *positions;  /* file with the positions of probes, or NULL for a grid */
     double target_error, move, smoothing;
 } options;
@@ -116,7 +117,7 @@ static const tool_option table[OPTION_COUNT] = {
                  NULL, &options.positions, .file_words = "a text file such as LIST.txt" },
     [MOVE] = { "--move", "DISTANCE", NUMBERS, &options.move, 1, 0, 1e18,
                "greatest distance by which a probe may be moved to get out of geometry; default 0" },
-    [PART] = { "--part", "K/N", TEXT, &options.part_text, 0, 0, 0,
+    [PART] = { "--part", "K/N", TEXT, &options.part.text, 0, 0, 0,
                "bakes only the K-th of N parts; N is at most 10000. A part is a range of probes, a range of meshes (in "
                "a .ply),\n"
                "or a window of the lightmap (in an .exr). sbl_merge joins probes and light at vertices: the file is, "
@@ -124,7 +125,7 @@ static const tool_option table[OPTION_COUNT] = {
                "byte, that of a bake without --part. --join joins a lightmap. In mode gi, give all parts the same "
                "--store, and\n"
                "make the first part alone: it makes the light that the others load.\n" PLAN_AUTO_WORDS },
-    [PLAN] = { "--plan", "FILE", TEXT, &options.plan, 0, 0, 0,
+    [PLAN] = { "--plan", "FILE", TEXT, &options.part.plan, 0, 0, 0,
                "with --lightmap and --part: FILE holds the windows of all parts, and the mean and the price of the "
                "whole. If it\n"
                "exists, it is loaded; otherwise a small lightmap is baked, and FILE is made. Parts that are made with "
@@ -212,7 +213,7 @@ static int parse_part(void) {
 #endif
     if (given[VERTICES] && !ends_with(common.output, ".ply"))
         return misuse("--output %s: a part is a .ply file, and sbl_merge joins them", common.output);
-    return plan_part_and_output(options.part_text, options.part);
+    return plan_part_and_output(&options.part);
 }
 
 static int parse(int argc, char **argv) {
@@ -251,7 +252,7 @@ static int parse(int argc, char **argv) {
     note_if(given[PART], given, table, GUTTER, "--join makes the gutters");
     note_if(given[JOIN], given, table, STORE, "--join measures no light");
     if (given[JOIN]) common.store = NULL;
-    common.input = given[PLAN] ? options.plan : options.positions;
+    common.input = given[PLAN] ? options.part.plan : options.positions;
     if (options.positions) memset(options.grid, 0, sizeof options.grid);
     return DONE;
 }
@@ -282,15 +283,15 @@ static void set_range(int first, int count, int total) {
 }
 
 /* Returns how many of `total` probes precede part number k, from 0 on. */
-static int probes_before(int k, int total) { return (int)((long long)k * total / options.part[1]); }
+static int probes_before(int k, int total) { return (int)((long long)k * total / options.part.count); }
 
 /* Sets the range to the probes of the part. Returns the exit status. */
 static int find_probes(int total) {
-    const int k = options.part[0] - 1;
+    const int k = options.part.number - 1;
     set_range(0, total, total);
     if (!given[PART]) return DONE;
-    if (options.part[1] > total)
-        return misuse("--part %s: %d parts are too many for %d probes", options.part_text, options.part[1], total);
+    if (options.part.count > total)
+        return misuse("--part %s: %d parts are too many for %d probes", options.part.text, options.part.count, total);
     set_range(probes_before(k, total), probes_before(k + 1, total) - probes_before(k, total), total);
     return DONE;
 }
@@ -300,16 +301,16 @@ static int find_probes(int total) {
    status. */
 static int find_meshes(const scene_file *file) {
     const sbl_mesh *m = file->scene.meshes;
-    const int meshes = file->scene.mesh_count, parts = options.part[1];
+    const int meshes = file->scene.mesh_count, parts = options.part.count;
     long long all = 0, before = 0;
     int i, k, first = 0, next = 0;
     set_range(0, meshes, meshes);
     if (!given[PART]) return DONE;
     if (parts > meshes)
         return misuse("--part %s: %d parts are too many for %d meshes: a part contains at least one mesh",
-                      options.part_text, parts, meshes);
+                      options.part.text, parts, meshes);
     for (i = 0; i < meshes; i++) all += m[i].index_count / 3;
-    for (k = 1; k <= options.part[0]; k++) {
+    for (k = 1; k <= options.part.number; k++) {
         first = next;
         do before += m[next++].index_count / 3;
         while (next < meshes - (parts - k) && (2 * before + m[next].index_count / 3) * parts <= 2 * k * all);
@@ -334,7 +335,7 @@ static void find_facts(const sbl_context *context, const char *what) {
         bake_fact(&facts, BAKE_OPTIONS, text);
     }
     bake_fact(&facts, BAKE_RENDERER, sbl_query_capabilities(context).renderer);
-    snprintf(text, sizeof text, "%d/%d", options.part[0], options.part[1]);
+    snprintf(text, sizeof text, "%d/%d", options.part.number, options.part.count);
     bake_fact(&facts, BAKE_PART, text);
 }
 

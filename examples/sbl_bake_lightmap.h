@@ -622,10 +622,7 @@ static int divide_map(map_bake *b) {
     w->task = b->task;
     w->bar = &b->bar;
     w->noun = "lightmap";
-    w->part = given[PART] ? options.part_text : NULL;
-    w->number = options.part[0];
-    w->parts = options.part[1];
-    w->plan = options.plan;
+    w->part = given[PART] ? &options.part : NULL;
     w->resume = given[RESUME];
     w->keeps_light = common_mode(given) == SBL_MODE_GI && !given[STORE];
     w->given = given;

@@ -1,5 +1,5 @@
-/* Demonstrates how parts become one file: joins the parts of a picture that sbl_render --part or --window has made, or
-   those of a bake by sbl_bake --part, on one machine or on many. `sbl_merge --help` explains its options. */
+/* Joins parts to one file: the parts of a picture that sbl_render --part or --window has made, or the probes or
+   vertices that sbl_bake --part has baked, on one machine or on many. `sbl_merge --help` explains its options. */
 #define _DEFAULT_SOURCE
 #include "../sbl.h"
 #include "output_file.h"
@@ -58,9 +58,9 @@ static int ends_with(const char *path, const char *ending) {
 }
 
 static const char *const formats[] = { ".png", ".pfm", ".exr", ".json", ".ply", NULL };
-enum { PICTURE_FORMATS = 3 };  /* the first ones */
+enum { PICTURE_FORMATS = 3 };  /* number of formats of pictures, which come first in `formats` */
 
-/* The parts: those of a picture, or those of a bake. */
+/* The parts. The ending of the output decides which of the two lists is used: `bakes` if is_bake is 1. */
 static int is_bake;
 static picture_parts pictures;
 static bake_parts bakes = { .cancel = &interrupted };

@@ -20,7 +20,7 @@
 #include "tool_camera.h"
 #include "tool_studio.h"
 #include "tool_part.h"
-#include "tool_parts.h"
+#include "tool_plan.h"
 #include "tool_windows.h"
 #include "tool_frames.h"
 
@@ -29,8 +29,8 @@
 enum { NO_TONE, NEUTRAL, AGX };
 
 static struct options {
-    int channel, inspect[2], samples, tone, window[4], part[2];
-    const char *part_text, *plan;
+    int channel, inspect[2], samples, tone, window[4];
+    part_choice part;
     double sensor_fov, target_error, facet_limit, exposure;  /* exposure: NaN is auto */
 } options = { .tone = NEUTRAL, .exposure = NAN };
 
@@ -101,13 +101,13 @@ static const tool_option table[OPTION_COUNT] = {
                  "exposure and for the mean of --target-error. A .exr file stores where the part lies (data window) "
                  "and the\n"
                  "size of the whole" },
-    [PART] = { "--part", "K/N", TEXT, &options.part_text, 0, 0, 0,
+    [PART] = { "--part", "K/N", TEXT, &options.part.text, 0, 0, 0,
                "makes only the K-th of N parts, which take about the same time; N is at most 10000. The output is an "
                ".exr\n"
                "file; sbl_merge joins the parts. Unless the file of --plan exists, a small picture of the whole is "
                "made\n"
                "first. With --cameras or --frames, see --frames.\n" PLAN_AUTO_WORDS },
-    [PLAN] = { "--plan", "FILE", TEXT, &options.plan, 0, 0, 0,
+    [PLAN] = { "--plan", "FILE", TEXT, &options.part.plan, 0, 0, 0,
                "FILE holds the windows of all parts, and the mean, the price and the exposure of the whole. If it "
                "exists, it\n"
                "is loaded; otherwise it is made. Needs --part. Parts that are made with different graphics drivers "
@@ -224,13 +224,13 @@ static int parse_part(void) {
     if (!ends_with(common.output, ".exr"))
         return misuse("--output %s: a part is an .exr file, and sbl_merge joins them to a .png, .pfm or .exr; a .png "
                       "needs --channel display", common.output);
-    if (given[PLAN]) common.input = options.plan;
-    return plan_part_and_output(options.part_text, options.part);
+    if (given[PLAN]) common.input = options.part.plan;
+    return plan_part_and_output(&options.part);
 }
 
 /* Reads which frames are made, if any are. With frames, a part is a share of them. Returns the exit status. */
 static int parse_frames(void) {
-    int status = frames_parse(given, options.part_text);
+    int status = frames_parse(given, &options.part);
     if (status != DONE || !frames.first) return status;
     if (given[INSPECT]) return misuse("--inspect draws one sensor; leave out --cameras and --frames");
     if (given[PLAN]) return misuse("--plan is for parts of one picture; with frames, a part is whole frames: leave it "
@@ -756,10 +756,7 @@ static int render_windows(shot *s, double *seconds) {
 static int divide(shot *s) {
     windows *w = &s->windows;
     w->noun = "picture";
-    w->part = given[PART] ? options.part_text : NULL;
-    w->number = options.part[0];
-    w->parts = options.part[1];
-    w->plan = options.plan;
+    w->part = given[PART] ? &options.part : NULL;
     w->by_hand = given[WINDOW];
     w->resume = given[RESUME];
     w->keeps_light = common_mode(given) == SBL_MODE_GI && !given[STORE] && !needs_no_light(s->channel);
@@ -880,7 +877,7 @@ static int render_frames(shot *s, double *seconds) {
     }
     if (interrupted && n <= frames.last)
         return stop("%d of %d frames are finished; --frames %d-%d%s makes the rest", n - frames.first,
-                    frames.last - frames.first + 1, n, frames.last, options.part_text ? " without --part" : "");
+                    frames.last - frames.first + 1, n, frames.last, options.part.text ? " without --part" : "");
     s->task->stats = sum;
     s->task->has_stats = 1;
     frames.now = 0;

@@ -1,5 +1,5 @@
 /* Picture sequences: one picture per frame, each with a camera of its own. The cameras come from a file of --cameras,
-   or from the animated camera of a .gltf or .glb file. Include after tool_camera.h and tool_parts.h.
+   or from the animated camera of a .gltf or .glb file. Include after tool_camera.h and tool_plan.h.
 
    The file of --cameras is JSON, and lists one camera per frame, with these keys:
 
@@ -267,15 +267,15 @@ static int frames__read_range(void) {
     return DONE;
 }
 
-/* Takes the K-th of N shares of the frames. text: the value of --part. Returns the exit status. */
-static int frames__share(const char *text) {
+/* Takes the K-th of N shares of the frames. Returns the exit status. */
+static int frames__share(part_choice *part) {
     const int first = frames.first, all = frames.last - frames.first + 1;
-    int part[2], status = plan_part(text, part);
+    const int status = plan_part(part);
     if (status != DONE) return status;
-    if (part[1] > all)
-        return misuse("--part %s: there are %d frames, which make at most %d parts", text, all, all);
-    frames.first = first + (int)((long long)all * (part[0] - 1) / part[1]);
-    frames.last = first + (int)((long long)all * part[0] / part[1]) - 1;
+    if (part->count > all)
+        return misuse("--part %s: there are %d frames, which make at most %d parts", part->text, all, all);
+    frames.first = first + (int)((long long)all * (part->number - 1) / part->count);
+    frames.last = first + (int)((long long)all * part->number / part->count) - 1;
     return DONE;
 }
 
@@ -287,9 +287,9 @@ static int frames_go(int number) {
     return numbered_name(name, sizeof name, frames.pattern, number);
 }
 
-/* Reads which frames are made, if any are; a run with frames goes to the first of them. part: the value of --part, or
-   NULL. Returns the exit status. */
-static int frames_parse(const int *given, const char *part) {
+/* Reads which frames are made, if any are; a run with frames goes to the first of them. part: --part; its text is NULL
+   if it was not given. Returns the exit status. */
+static int frames_parse(const int *given, part_choice *part) {
     int status = DONE;
     if (given[FPS] && (given[CAMERAS] || !given[FRAMES]))
         return misuse("--fps needs --frames A-B, without --cameras: it is for animated cameras of .gltf and .glb "
@@ -312,7 +312,7 @@ static int frames_parse(const int *given, const char *part) {
         common.reading.frames = frames.last;
         common.reading.frame_rate = frames.rate;
     }
-    if (status == DONE && part) status = frames__share(part);
+    if (status == DONE && part->text) status = frames__share(part);
     if (status != DONE) return status;
     if (!frames_go(frames.last) || !frames_go(frames.first))
         return misuse("--output %s: %%d or %%04d stands for the number of the frame; no other %% is allowed",

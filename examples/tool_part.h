@@ -40,9 +40,12 @@ static const struct { const char *name; int first; } plan_variables[] = {
     { "JOB_COMPLETION_INDEX", 0 }, { "AWS_BATCH_JOB_ARRAY_INDEX", 0 }
 };
 
-/* Reads "K/N" or "auto/N" into part. Returns the exit status. */
-static int plan_part(const char *text, int part[2]) {
-    const char *value = NULL, *rest = text;
+/* The values of --part K/N and --plan. */
+typedef struct part_choice { const char *text, *plan; int number, count; } part_choice;  /* number, count: K and N */
+
+/* Reads K and N from the text "K/N" or "auto/N". Returns the exit status. */
+static int plan_part(part_choice *part) {
+    const char *text = part->text, *value = NULL, *rest = text;
     char *end;
     size_t i;
     long k = 0, n;
@@ -67,8 +70,8 @@ static int plan_part(const char *text, int part[2]) {
     if (*rest != '/' || n < 1 || *end || n > PARTS_MOST || k < 1)
         return misuse("--part %s: the value must be K/N, the K-th of N parts, with N from 1 to %d", text, PARTS_MOST);
     if (k > n) return misuse("--part %s: there are %ld parts, so part %ld does not exist", text, n, k);
-    part[0] = (int)k;
-    part[1] = (int)n;
+    part->number = (int)k;
+    part->count = (int)n;
     return DONE;
 }
 
@@ -85,10 +88,10 @@ static int numbered_name(char *out, size_t size, const char *pattern, int number
 
 /* Reads the value of --part, and replaces %d in the name of the output by the number of the part. Returns the exit
    status. */
-static int plan_part_and_output(const char *text, int part[2]) {
+static int plan_part_and_output(part_choice *part) {
     static char name[PATH_MAX];
-    const int status = plan_part(text, part);
-    if (status == DONE && !numbered_name(name, sizeof name, common.output, part[0]))
+    const int status = plan_part(part);
+    if (status == DONE && !numbered_name(name, sizeof name, common.output, part->number))
         return misuse("--output %s: %%d or %%04d stands for the number of the part; no other %% is allowed",
                       common.output);
     common.output = name;

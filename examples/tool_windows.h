@@ -1,6 +1,6 @@
 /* Makes a picture or a lightmap in windows: the window of --part K/N, or window by window what is too large for memory.
    Finished windows are .exr files in the folder OUTPUT.parts, so that an interrupted run loses only one. Include after
-   tool_scene.h and tool_parts.h.
+   tool_scene.h and tool_plan.h.
 
    A tool describes what it makes with a `windows`. windows_choose then decides which windows there are. If there are
    several, windows_make makes those that are not finished, and windows_join joins them, or windows_open_parts lists
@@ -12,9 +12,7 @@ typedef struct windows {
     tool_task *task;
     progress *bar;
     const char *noun;             /* what is made, for messages: "picture" */
-    const char *part;             /* --part K/N as it was given, or NULL */
-    int number, parts;            /* K and N */
-    const char *plan;             /* the file of --plan, or NULL */
+    const part_choice *part;      /* the part that is made; NULL: the whole, or the part of --window */
     int by_hand, resume;          /* 1: --window; 1: --resume */
     int keeps_light;              /* 1: the folder keeps the bounced light, because --store does not */
     const int *given;
@@ -63,24 +61,25 @@ static int windows__find_part(windows *w) {
     const int all[4] = { 0, 0, w->size[0], w->size[1] };
     plan_cost cost = { 0, 0, NULL };
     output_file file;
-    int status = w->plan ? plan_read(&w->work, w->plan, w->size) : -1;
+    const char *name = w->part->plan;
+    int status = name ? plan_read(&w->work, name, w->size) : -1;
     if (status < 0) {
         status = w->look(w->user, &cost);
-        if (status == DONE) status = plan_make(&w->work, cost.sums ? &cost : NULL, w->size, all, w->parts);
+        if (status == DONE) status = plan_make(&w->work, cost.sums ? &cost : NULL, w->size, all, w->part->count);
         free(cost.sums);
-        if (status == DONE && w->plan) {
-            output_find(&file, w->plan);
+        if (status == DONE && name) {
+            output_find(&file, name);
             file.keep = 1;  /* another machine may have made it meanwhile; its plan counts */
-            if (!target_write(&file, plan_write, &w->work, 0)) status = fail_to_write(w->plan);
+            if (!target_write(&file, plan_write, &w->work, 0)) status = fail_to_write(name);
             output_free(&file);
-            if (status == DONE) status = plan_read(&w->work, w->plan, w->size);
+            if (status == DONE) status = plan_read(&w->work, name, w->size);
         }
     }
     if (status != DONE) return status;
-    if (w->work.count != w->parts)
-        return fail("--plan %s: it has %d parts, and --part asks for one of %d", w->plan, w->work.count, w->parts);
-    memcpy(w->region, w->work.windows[w->number - 1], sizeof w->region);
-    plan_fact(&w->work, FACT_PART, "%d/%d", w->number, w->parts);
+    if (w->work.count != w->part->count)
+        return fail("--plan %s: it has %d parts, and --part asks for one of %d", name, w->work.count, w->part->count);
+    memcpy(w->region, w->work.windows[w->part->number - 1], sizeof w->region);
+    plan_fact(&w->work, FACT_PART, "%d/%d", w->part->number, w->part->count);
     return DONE;
 }
 
@@ -297,7 +296,8 @@ static int windows_join(const windows *w, const picture_fact *facts, sbl_channel
     return status;
 }
 
-/* Ends a run whose output is written: removes the folder, and describes the whole in the statistics. */
+/* Must be called when the output is written. Removes the folder of finished windows, and sets the size of the picture
+   in the statistics, which windows_make has added up, to that of the output. */
 static void windows_end(windows *w) {
     plan_folder_remove(&w->folder, w->work.count);
     w->task->has_stats = 1;

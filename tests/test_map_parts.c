@@ -22,15 +22,12 @@ static int has_openexr(void) {
 
 /* Makes parts 1 to `count` in a folder. more: an option and its value, or NULL. Returns whether all were made. */
 static int make_parts(const char *to, int count, const char *more, const char *value) {
-    char part[32], output[64];
-    int k, ok = 1;
+    const char *const arguments[] = { MAP, more, value, NULL };
+    char pattern[64];
     mkdir(in_folder(to), 0777);
-    snprintf(output, sizeof output, "%s/%%02d.exr", to);
-    for (k = 1; k <= count && ok; k++) {
-        snprintf(part, sizeof part, "%d/%d", k, count);
-        ok = BAKE(MAP, "--part", part, "-o", output, more, value) == 0;
-    }
-    return ok;
+    snprintf(pattern, sizeof pattern, "%s/%%02d.exr", to);
+    tool_use("sbl_bake");
+    return run_parts(arguments, pattern, count);
 }
 
 /* Joined parts are the map that is baked at once: its light, gutters, harmonics, scene and picture of overlaps. */

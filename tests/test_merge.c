@@ -25,14 +25,11 @@ static int has_openexr(void) {
 /* Makes parts 1 to `count` of the picture as NAME.1.exr, NAME.2.exr, ... more: an option and its value, or NULL.
    Returns whether all were made. */
 static int make_parts(const char *name, int count, const char *more, const char *value) {
-    char part[32], output[64];
-    int k, ok = 1;
-    snprintf(output, sizeof output, "%s.%%d.exr", name);
-    for (k = 1; k <= count && ok; k++) {
-        snprintf(part, sizeof part, "%d/%d", k, count);
-        ok = RENDER(PICTURE, "--part", part, "-o", output, more, value) == 0;
-    }
-    return ok;
+    const char *const arguments[] = { PICTURE, more, value, NULL };
+    char pattern[64];
+    snprintf(pattern, sizeof pattern, "%s.%%d.exr", name);
+    tool_use("sbl_render");
+    return run_parts(arguments, pattern, count);
 }
 
 /* ---- parts ---- */

@@ -38,21 +38,10 @@ static void meshes_obj(void) {
 /* Makes parts 1 to `count` as NAME.1.ENDING, ... arguments: those of sbl_bake, then NULL. Returns whether all were
    made. */
 static int make_parts(const char *name, const char *ending, int count, const char *const *arguments) {
-    const char *all[MOST_ARGUMENTS] = { NULL };
-    char part[32], output[64];
-    int n = 0, k, ok = 1;
-    for (; arguments[n]; n++) all[n] = arguments[n];
-    snprintf(output, sizeof output, "%s.%%d%s", name, ending);
-    all[n] = "--part";
-    all[n + 1] = part;
-    all[n + 2] = "-o";
-    all[n + 3] = output;
-    for (k = 1; k <= count && ok; k++) {
-        snprintf(part, sizeof part, "%d/%d", k, count);
-        tool_use("sbl_bake");
-        ok = run(all) == 0;
-    }
-    return ok;
+    char pattern[64];
+    snprintf(pattern, sizeof pattern, "%s.%%d%s", name, ending);
+    tool_use("sbl_bake");
+    return run_parts(arguments, pattern, count);
 }
 #define PARTS(name, ending, count, ...) make_parts(name, ending, count, (const char *const[]){ __VA_ARGS__, NULL })
 
@@ -66,7 +55,7 @@ static int fact_of(const char *name, const char *fact) {
     return at ? atoi(at + strlen(fact)) : -1;
 }
 
-/* Allows the tool few open files. */
+/* Lets the tool have at most 10 files open at the same time. */
 static void few_files(void) {
     struct rlimit limit;
     limit.rlim_cur = limit.rlim_max = 10;

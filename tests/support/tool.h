@@ -234,6 +234,25 @@ static inline int kill_when(const char *const *arguments, const char *output, in
     return ran.status == -SIGKILL;
 }
 
+/* Runs the tool once for each of `count` parts: with the arguments, --part K/N and -o PATTERN, where the tool replaces
+   %d by K. Returns whether all runs succeeded. */
+static inline int run_parts(const char *const *arguments, const char *pattern, int count) {
+    const char *all[40];
+    char part[32];
+    int k, i = 0, ok = 1;
+    for (; arguments[i]; i++) all[i] = arguments[i];
+    all[i] = "--part";
+    all[i + 1] = part;
+    all[i + 2] = "-o";
+    all[i + 3] = pattern;
+    all[i + 4] = NULL;
+    for (k = 1; k <= count && ok; k++) {
+        snprintf(part, sizeof part, "%d/%d", k, count);
+        ok = run(all) == 0;
+    }
+    return ok;
+}
+
 static int leftovers;
 static int count_leftover(const char *path, const struct stat *info, int kind, struct FTW *where) {
     (void)info;

@@ -3,8 +3,8 @@
 
    A plan says which windows there are, and what all of them have in common: the facts of picture_parts.h. It is a text
    file, one fact or window a line. Parts that are made with the same plan fit together, whatever their drivers. */
-#ifndef TOOL_PARTS_H
-#define TOOL_PARTS_H
+#ifndef TOOL_PLAN_H
+#define TOOL_PLAN_H
 
 #include <dirent.h>
 #include <float.h>
