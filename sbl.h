@@ -16797,16 +16797,25 @@ static void sbl__seams_report(const sbl__seams *s, double mean, sbl_stats *stats
    sbl__front_end, whose functions check the descriptor, begin the work and do its stages. All of these except `check`
    get a pointer to the struct, which is also a pointer to its sbl__work. >>public lists all front ends in one table. */
 
-/* Memory that a map will need, in bytes, GPU and host together. */
-typedef struct sbl__need { double once, pixel, pixels; } sbl__need;  /* pixel: bytes per working pixel; pixels: their
-                                                                       number */
+/* Memory that a map will need, in bytes, GPU and host together: [0]: during refinement, [1]: afterwards. */
+typedef struct sbl__need {
+    double once[2], pixel[2];   /* bytes for the whole work; bytes per working pixel */
+    double pixels;              /* number of working pixels */
+} sbl__need;
 
-static double sbl__need_bytes(const sbl__need *n) { return n->once + n->pixel * n->pixels; }
+static double sbl__need_bytes(const sbl__need *n) {
+    return SBL__MAX(n->once[0] + n->pixel[0] * n->pixels, n->once[1] + n->pixel[1] * n->pixels);
+}
+
+/* Returns how many working pixels fit into this many bytes. */
+static double sbl__need_fits(const sbl__need *n, double bytes) {
+    return SBL__MAX(0, SBL__MIN((bytes - n->once[0]) / n->pixel[0], (bytes - n->once[1]) / n->pixel[1]));
+}
 
 /* Returns SBL_ERROR_OUT_OF_MEMORY, and logs what would fit, if the budget does not allow the need. */
 static sbl_result sbl__need_afford(const sbl__base *base, const char *function, const sbl__need *need) {
     const double left = (double)base->budget - (double)base->memory.host_bytes - (double)base->memory.gpu_bytes;
-    const double side = sqrt(SBL__MAX(0, (left - need->once) / need->pixel));
+    const double side = sqrt(sbl__need_fits(need, left));
     if (!base->budget || sbl__need_bytes(need) <= left) return SBL_SUCCESS;
     sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_OUT_OF_MEMORY, "%s: about %.0f MB are needed, and "
              "sbl_context_desc.memory_budget leaves %.0f MB, enough for %.0f x %.0f pixels, margins included", function,
@@ -17049,22 +17058,26 @@ static sbl_result sbl__map_check(const sbl__core *c, const char *where, const sb
     return SBL_ERROR_UNSUPPORTED;
 }
 
-/* Estimates the memory that a map needs: per working pixel, the refinement and the surfaces; once, the jobs and, if it
-   is not ready, the store. d: with defaults, of the whole picture. own: bytes per working pixel that the front end
-   always adds. late: bytes per working pixel that are needed after refinement, if those of the G-buffer are fewer */
+/* Estimates the memory that a map needs: per working pixel, the refinement and the surfaces; once, the views and, if it
+   is not ready, the store. It needs most either during refinement, with the whole G-buffer and the jobs, or afterwards.
+   d: with defaults, of the whole picture. own: bytes per working pixel that the front end always adds. late: bytes per
+   working pixel that are needed only after refinement */
 static sbl__need sbl__map_need(const sbl__core *c, const sbl_picture_desc *d, double own, double late) {
     const sbl__window w = sbl__window_of(d);
     const sbl__store *s = &c->scene.store;
     const int bounced = d->options.mode == SBL_MODE_GI;
     const double tiles = d->tile == 1 ? 2 : SBL__MAP_TILES, sensors = d->tile == 1 ? 1 : SBL__MAP_SENSORS;
+    double once = 0, pixel = (double)sizeof(sbl__pixel) + (bounced ? 12 : 0) + own;
     sbl__need need;
-    need.once = SBL__MAP_JOBS;
     if (d->options.mode == SBL_MODE_PAPER || d->options.backend == SBL_BACKEND_RASTER)
-        need.once += (double)c->desc.sensor_texture_size * c->desc.sensor_texture_size * SBL__VIEW_BYTES;
-    if (bounced && !s->ready) need.once += (double)s->max_leaves * SBL__BOUNCE_BYTES;
-    need.pixel = (double)sizeof(sbl__pixel) + (bounced ? 12 : 0) + own + SBL__MAX(SBL__GBUFFER_BYTES, late);
-    need.pixel += tiles * (double)sizeof(sbl__tile) + sensors * (double)sizeof(sbl__sensor);
+        once += (double)c->desc.sensor_texture_size * c->desc.sensor_texture_size * SBL__VIEW_BYTES;
+    if (bounced && !s->ready) once += (double)s->max_leaves * SBL__BOUNCE_BYTES;
+    pixel += tiles * (double)sizeof(sbl__tile) + sensors * (double)sizeof(sbl__sensor);
     need.pixels = (double)w.size[0] * (double)w.size[1];
+    need.once[0] = once + SBL__MAP_JOBS;
+    need.pixel[0] = pixel + SBL__GBUFFER_BYTES;
+    need.once[1] = once;
+    need.pixel[1] = pixel + late;
     return need;
 }
 

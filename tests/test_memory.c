@@ -39,11 +39,11 @@ static double most_held(sbl_context *context) {
 /* The estimate is never too small, and for pictures whose pixels need most of the memory it is not much too large. */
 TEST(pictures_need_what_is_foretold) {
     static const struct { int side, window, tile; sbl_mode mode; sbl_preset preset; double least; } cases[] = {
-        { 640, 0, 0, SBL_MODE_DIRECT, SBL_PRESET_DRAFT, 0.45 },
+        { 640, 0, 0, SBL_MODE_DIRECT, SBL_PRESET_DRAFT, 0.6 },
         { 1024, 0, 0, SBL_MODE_DIRECT, SBL_PRESET_DEFAULT, 0.7 },
         { 300, 0, 1, SBL_MODE_DIRECT, SBL_PRESET_DRAFT, 0.5 }, { 64, 0, 0, SBL_MODE_GI, SBL_PRESET_DRAFT, 0.5 },
         { 200, 0, 0, SBL_MODE_PAPER, SBL_PRESET_DRAFT, 0.4 },
-        { 4000, 500, 0, SBL_MODE_DIRECT, SBL_PRESET_DRAFT, 0.4 } };
+        { 4000, 500, 0, SBL_MODE_DIRECT, SBL_PRESET_DRAFT, 0.5 } };
     size_t i;
     for (i = 0; i < sizeof cases / sizeof *cases; i++) {
         sbl_context *context = make_context(0, 0);
@@ -114,7 +114,7 @@ TEST(lightmaps_need_what_is_foretold) {
         before = held(context);
         need = (double)sbl_lightmap_bytes(context, &bake);
         if (sbl_begin_lightmap(context, &bake) == SBL_SUCCESS) seen_bytes = most_held(context) - before;
-        CHECK(seen_bytes > 0.3 * need && seen_bytes < need, "directional %d: %.0f bytes, %.0f foretold (%.2f)",
+        CHECK(seen_bytes > 0.4 * need && seen_bytes < need, "directional %d: %.0f bytes, %.0f foretold (%.2f)",
               directional, seen_bytes, need, seen_bytes / need);
         sbl_destroy(context);
         scene_free(&room);
@@ -124,7 +124,7 @@ TEST(lightmaps_need_what_is_foretold) {
 /* A picture that exceeds the budget is refused before the work, with the size that would do; that size is then
    accepted. What the context holds never exceeds the budget. */
 TEST(the_budget_is_kept) {
-    const size_t budget = 100000000;
+    const size_t budget = 90000000;
     sbl_context *context = make_context(budget, 1024);
     sbl_picture_desc view = scene_cornell_view(1200, 1200);
     const char *words;
@@ -167,7 +167,7 @@ TEST(a_used_up_budget_is_an_error) {
     readings.site_count = 1;
     readings.options.backend = SBL_BACKEND_RASTER;
     readings.options.mode = SBL_MODE_DIRECT;
-    for (step = 3e5; step < 2e8 && !context; step *= 1.08) {
+    for (step = 3e5; step < 2e8 && !context; step *= 1.04) {
         sbl_result result;
         sbl_memory m;
         int what = 0;
