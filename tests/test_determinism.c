@@ -653,9 +653,9 @@ int main(void) {
     RUN(seeds);
     RUN(capabilities);
     RUN(atlas_sizes);
-    RUN_PLAIN(past_buffer_textures);
+    RUN(past_buffer_textures);
     RUN(draw_callback);
-    RUN_PLAIN(draw_callback_writing_depth);
+    RUN(draw_callback_writing_depth);
     printf("traced:\n");
     if (!reference(SBL_MODE_AMBIENT, SBL_BACKEND_TRACE)) return 1;
     RUN(reference_is_a_picture);

@@ -846,10 +846,6 @@ static int references(sbl_backend backend) {
     return good && fake.made >= 20 && fake_live() == 0;
 }
 
-/* Runs a test unless GL is older: then a context is made with fewer of the same calls, and errors of all calls are
-   found in one place. The tests of calls that differ run. */
-#define RUN_NEW_GL(name) do { if (!getenv("MESA_GL_VERSION_OVERRIDE")) RUN(name); } while (0)
-
 int main(void) {
     if (!gl_host_open()) { printf("no GL context\n"); return 1; }
     scenes_make();
@@ -858,10 +854,10 @@ int main(void) {
         return 1;
     }
     RUN(create_functions_missing);
-    RUN_NEW_GL(create_allocations);
-    RUN_NEW_GL(create_no_names);
-    RUN_NEW_GL(create_errors);
-    RUN_NEW_GL(create_shaders);
+    RUN(create_allocations);
+    RUN(create_no_names);
+    RUN(create_errors);
+    RUN(create_shaders);
     RUN(create_without_any_function);
     RUN(create_with_answers_that_are_no_functions);
     RUN(create_with_a_driver_that_draws_nothing);
@@ -869,8 +865,8 @@ int main(void) {
     RUN(context_lost);
     RUN(allocations);
     RUN(calls_out_of_memory);
-    RUN_NEW_GL(calls_invalid);
-    RUN_NEW_GL(errors_out_of_memory);
+    RUN(calls_invalid);
+    RUN(errors_out_of_memory);
     RUN(first_inspections);
     RUN(no_names);
     RUN(framebuffers);
@@ -882,8 +878,8 @@ int main(void) {
     }
     RUN(allocations);
     RUN(calls_out_of_memory);
-    RUN_NEW_GL(calls_invalid);
-    RUN_NEW_GL(errors_out_of_memory);
+    RUN(calls_invalid);
+    RUN(errors_out_of_memory);
     RUN(first_inspections);
     RUN(no_names);
     RUN(framebuffers);
