@@ -1,5 +1,6 @@
-/* Joins parts to one file: the parts of a picture that sbl_render --part or --window has made, or the probes or
-   vertices that sbl_bake --part has baked, on one machine or on many. `sbl_merge --help` explains its options. */
+/* Demonstrates a tool that joins parts to one file: the parts of a picture that sbl_render --part or --window has made,
+   or the probes or vertices that sbl_bake --part has baked, on one machine or on many. `sbl_merge --help` explains its
+   options. */
 #define _DEFAULT_SOURCE
 #include "../sbl.h"
 #include "output_file.h"

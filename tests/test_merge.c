@@ -7,11 +7,11 @@
 #include <math.h>
 #include <time.h>
 
-/* A room of 48 x 32 pixels in direct light; and the same with 640 x 400 pixels and so little memory that it is made
+/* A room of 48 x 32 pixels in direct light; and the same with 900 x 600 pixels and so little memory that it is made
    window by window. */
 #define VIEW "room.obj", "--eye", "0,1.4,3", "--look-at", "0,.5,0", SMALL, "--mode", "direct", "--quiet"
 #define PICTURE VIEW, "--size", "48x32"
-#define LARGE VIEW, "--size", "640x400", "--preset", "draft", "--memory", "64M"
+#define LARGE VIEW, "--size", "900x600", "--preset", "draft", "--memory", "64M"
 
 /* Runs sbl_merge with arguments. */
 #define MERGE(...) (tool_use("sbl_merge"), run((const char *const[]){ __VA_ARGS__, NULL }))
@@ -254,7 +254,7 @@ TEST(killed_runs_go_on) {
     CHECK(RENDER(LARGE, "-o", "once.exr", "--verbose", "--stats", "stats.json") == 0 && said("window 2 of "), "%s",
           ran.err);
     read_text(in_folder("stats.json"), ran.out, sizeof ran.out, &ran.out_lines);
-    CHECK(strstr(ran.out, "\"size\": [640, 400]") && !strstr(ran.out, "\"sensors\": 0,"), "statistics: %s", ran.out);
+    CHECK(strstr(ran.out, "\"size\": [900, 600]") && !strstr(ran.out, "\"sensors\": 0,"), "statistics: %s", ran.out);
     CHECK(!exists("once.exr.parts"), "the folder is left");
     for (k = 0; k < 3; k++) {
         killed[k] = kill_after(k, "often.exr");
@@ -284,7 +284,7 @@ TEST(large_surfaces) {
 /* Windows that were damaged after they were finished are made again. Bounced light is not made again. */
 TEST(finished_windows_are_checked) {
     static const char *const gi[] = { "room.obj", "--eye", "0,1.4,3", "--look-at", "0,.5,0", SMALL, "--quiet", "--size",
-        "640x400", "--preset", "draft", "--memory", "64M", "-o", "light.exr", "--resume", NULL };
+        "900x600", "--preset", "draft", "--memory", "64M", "-o", "light.exr", "--resume", NULL };
     if (!has_openexr()) SKIP("built without OpenEXR");
     REQUIRE(kill_after(2, "a.exr") && finished_windows("a.exr") >= 2, "it was not killed in time");
     damage("a.exr.parts/1.exr", "a.exr.parts/1.exr", 1, -1);
