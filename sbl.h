@@ -893,6 +893,12 @@ typedef struct sbl_material {
                               vertex colour) is below this value; 0: no holes. A ray passes at most 63 holes; the next
                               surface that it meets is solid */
     uint32_t flags;        /* sbl_material_flag bits */
+    float ior;             /* index of refraction of what is not metal: 1 to 1e6; 1.5 for most plastics, paints and woods.
+                              0: it has no reflections, so it is matte */
+    float metallic;        /* share of the surface that is bare metal, 0 to 1. Metal reflects with the colour `albedo` */
+    float roughness;       /* 0 to 1. Below 0.05 the surface is a perfect mirror. No effect on matte surfaces */
+    int specular_texture;  /* number of the texture whose green multiplies roughness and whose blue multiplies metallic,
+                              counted from 1; 0: none. Its format should be SBL_PIXELS_LINEAR8 */
 } sbl_material;
 
 typedef enum sbl_pixel_format {
@@ -3053,7 +3059,8 @@ enum {
     SBL__LIGHTMAP = 1 << 10,    /* pixels are texels of an atlas; otherwise they belong to a camera */
     SBL__DIRECTIONAL = 1 << 11, /* also output harmonics of the radiance, for SBL_CHANNEL_SH_0 to SBL_CHANNEL_SH_3 */
     SBL__DISPLAY = 1 << 12,     /* also output what a screen shows, for SBL_CHANNEL_DISPLAY */
-    SBL__FEATURES = 13
+    SBL__SPECULAR = 1 << 13,    /* some materials are not matte, see sbl_material.ior and metallic */
+    SBL__FEATURES = 14
 };
 
 #define SBL__SHADERS_MOST 12
@@ -3161,7 +3168,7 @@ static sbl_result sbl__program_check_textures(const sbl__device *d, unsigned pro
 static sbl_result sbl__program_make(const sbl__device *d, sbl__program *program) {
     static const char *const names[SBL__FEATURES] = {
         "TEXTURED", "WIDE", "VIEWS", "INSPECT", "WRITE_DEPTH", "COMPUTE", "BOUNCED", "MIXED", "CUTOUTS",
-        "GUIDED", "LIGHTMAP", "DIRECTIONAL", "DISPLAY"
+        "GUIDED", "LIGHTMAP", "DIRECTIONAL", "DISPLAY", "SPECULAR"
     };
     const sbl__recipe *recipe = program->recipe;
     char prelude[SBL__PRELUDE_MOST];
@@ -3667,7 +3674,7 @@ static int sbl__check_canaries(sbl__check *check, uint32_t start, uint32_t end) 
 }
 
 static const float sbl__any_range[2] = { -FLT_MAX, FLT_MAX }, sbl__not_negative_range[2] = { 0, FLT_MAX };
-static const float sbl__unit_range[2] = { 0, 1 };
+static const float sbl__unit_range[2] = { 0, 1 }, sbl__ior_range[2] = { 1, 1e6f };
 
 /* Reports each of `count` numbers that is not finite or is outside range[0] .. range[1]. name: field in messages */
 static void sbl__check_range(sbl__check *check, const char *name, const float *v, int count, const float range[2]) {
@@ -3819,6 +3826,10 @@ static void sbl__check_material(sbl__check *check, const sbl_scene_desc *desc, i
     sbl__check_int(check, "albedo_texture (0: none)", m->albedo_texture, 0, desc->texture_count);
     sbl__check_int(check, "emission_texture (0: none)", m->emission_texture, 0, desc->texture_count);
     sbl__check_range(check, "alpha_cutoff", &m->alpha_cutoff, 1, sbl__unit_range);
+    if (!sbl__between(&m->ior, 0, 0)) sbl__check_range(check, "ior (0: matte)", &m->ior, 1, sbl__ior_range);
+    sbl__check_range(check, "metallic", &m->metallic, 1, sbl__unit_range);
+    sbl__check_range(check, "roughness", &m->roughness, 1, sbl__unit_range);
+    sbl__check_int(check, "specular_texture (0: none)", m->specular_texture, 0, desc->texture_count);
     if (m->flags & ~(uint32_t)SBL_MATERIAL_FLAGS_ALL)
         sbl__mistake(check, "flags is 0x%x; only the bits 0x%x exist", m->flags, (unsigned)SBL_MATERIAL_FLAGS_ALL);
 }
@@ -3992,12 +4003,14 @@ SBL__RECORD(sbl__attributes, SBL__ATTRIBUTES, "sbl_attributes", "sbl_attributes"
             NULL)
 
 /* id: sbl_mesh.id or, if that is 0, the mesh's index + 1. albedo_texture, emission_texture: first row in the texel
-   table, width, height, and SBL__TEXTURE flags; four zeroes if the object has no such texture */
+   table, width, height, and SBL__TEXTURE flags; four zeroes if the object has no such texture. reflectance: of what is
+   not metal, seen along the normal; negative: it has no reflections. Further fields are those of sbl_material */
 #define SBL__OBJECT(X) \
     X(sbl__object, VEC3, albedo) X(sbl__object, FLOAT, alpha_cutoff) \
     X(sbl__object, VEC3, emission) X(sbl__object, UINT, flags) \
     X(sbl__object, UVEC4, albedo_texture) X(sbl__object, UVEC4, emission_texture) \
-    X(sbl__object, UINT, id) X(sbl__object, UVEC3, unused)
+    X(sbl__object, UINT, id) X(sbl__object, FLOAT, reflectance) X(sbl__object, FLOAT, metallic) \
+    X(sbl__object, FLOAT, roughness) X(sbl__object, UVEC4, specular_texture)
 SBL__RECORD(sbl__object, SBL__OBJECT, "sbl_object", "sbl_objects", SBL__SCENE_TABLE("sbl_objects"), NULL)
 
 typedef struct sbl__mesh {
@@ -4927,26 +4940,39 @@ static sbl_result sbl__textures_make(sbl__device *d, sbl__textures *s, const sbl
    How surfaces emit and reflect light, and where they have holes: computed here on the CPU, and in material.glsl by
    shaders, with equal results. Other rooms only test flags, whether there are holes, and whether a surface is black. */
 
+/* Returns 1 unless the object is matte. */
+static int sbl__is_specular(const sbl__object *o) { return o->reflectance >= 0 || o->metallic > 0; }
+
 /* Copies a material into its mesh's object. Raises *brightest, if it is less, to an upper limit of the radiance that
    the material emits: largest component of emission * that of the texture. Returns the features that programs need. */
 static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *m, sbl__object *o, float *brightest) {
+    unsigned features = 0;
     memcpy(o->albedo, m->albedo, sizeof o->albedo);
     memcpy(o->emission, m->emission, sizeof o->emission);
     memcpy(o->albedo_texture, t->places[m->albedo_texture], sizeof o->albedo_texture);
     memcpy(o->emission_texture, t->places[m->emission_texture], sizeof o->emission_texture);
+    memcpy(o->specular_texture, t->places[m->specular_texture], sizeof o->specular_texture);
     o->alpha_cutoff = m->alpha_cutoff;
     o->flags = m->flags;
+    o->reflectance = m->ior > 0 ? (m->ior - 1) * (m->ior - 1) / ((m->ior + 1) * (m->ior + 1)) : -1;
+    o->metallic = m->metallic;
+    o->roughness = m->roughness;
     *brightest = SBL__MAX(*brightest, t->brightest[m->emission_texture] * sbl__max3(m->emission));
-    if (m->alpha_cutoff > 0) return SBL__TEXTURED | SBL__CUTOUTS;
-    return m->albedo_texture || m->emission_texture ? (unsigned)SBL__TEXTURED : 0;
+    if (sbl__is_specular(o)) {
+        features |= SBL__SPECULAR;
+        if (m->specular_texture) features |= SBL__TEXTURED;
+    }
+    if (m->alpha_cutoff > 0) features |= SBL__TEXTURED | SBL__CUTOUTS;
+    return m->albedo_texture || m->emission_texture ? features | SBL__TEXTURED : features;
 }
 
-/* True if two objects differ in albedo, albedo texture, alpha_cutoff, or flags other than one-sided emission. */
+/* True if two objects differ in more than emission, its texture and its sides. */
 static int sbl__reflection_differs(const sbl__object *a, const sbl__object *b) {
     const uint32_t flags = ~(uint32_t)SBL_MATERIAL_ONE_SIDED_EMISSION;
     return memcmp(a->albedo, b->albedo, sizeof a->albedo) || (a->flags & flags) != (b->flags & flags) ||
            memcmp(&a->alpha_cutoff, &b->alpha_cutoff, sizeof a->alpha_cutoff) ||
-           memcmp(a->albedo_texture, b->albedo_texture, sizeof a->albedo_texture);
+           memcmp(a->albedo_texture, b->albedo_texture, sizeof a->albedo_texture) ||
+           memcmp(&a->reflectance, &b->reflectance, sizeof *a - offsetof(sbl__object, reflectance));
 }
 
 /* Returns the sum of the emitted radiance's three channels, before the texture is applied. */
@@ -6920,7 +6946,7 @@ static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
 static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
     int i;
     s->brightest = SBL__MAX(s->environment.brightest, s->draw ? s->draw_brightest : 0);
-    s->features &= ~(unsigned)(SBL__TEXTURED | SBL__CUTOUTS);
+    s->features &= ~(unsigned)(SBL__TEXTURED | SBL__CUTOUTS | SBL__SPECULAR);
     if (s->geometry.colored) s->features |= SBL__TEXTURED;
     for (i = 0; i < s->geometry.mesh_count; i++)
         s->features |= sbl__material_write(&s->textures, &materials[s->geometry.meshes[i].material],
@@ -6941,10 +6967,10 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     const sbl_capabilities *c = &d->gl.capabilities;
     const sbl__geometry *g = &s->geometry;
     const double lamps = sbl__lamps_most(g, &s->environment, s->lights.count), limit = c->max_texture_buffer_size;
-    /* texels of the longest table: 3 per triangle, and a few for grids; 2 per vertex; 5 per mesh; or 9 per lamp, and 3
+    /* texels of the longest table: 3 per triangle, and a few for grids; 2 per vertex; 6 per mesh; or 9 per lamp, and 3
        more per light of the host */
     const double texels = SBL__MAX(SBL__MAX(3.0 * g->triangle_count + 8, 2.0 * g->vertex_count),
-                                   SBL__MAX(5.0 * g->mesh_count, 9 * lamps + 3.0 * s->lights.count));
+                                   SBL__MAX(6.0 * g->mesh_count, 9 * lamps + 3.0 * s->lights.count));
     double most = c->max_texture_size < SBL__TEXELS_ACROSS ? 0 : (c->max_texture_size - 1) * (double)SBL__TEXELS_ACROSS;
     if (!sbl__between(&s->brightest, 0, SBL__RADIANCE_MOST)) {
         sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MATERIAL, "the brightest emission (times its texture), "
@@ -6957,7 +6983,7 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
         most = SBL__MAX(most, limit);
         sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "the scene has %d vertices, %d triangles and %d "
                  "meshes; this driver's textures hold %.0f, %.0f and %.0f", g->vertex_count, g->triangle_count,
-                 g->mesh_count, most / 2, most / 3, most / 5);
+                 g->mesh_count, most / 2, most / 3, most / 6);
         return SBL_ERROR_UNSUPPORTED;
     }
     if (s->geometry.wide) s->features |= SBL__WIDE;
@@ -13987,6 +14013,10 @@ static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PART
     *materials = sbl__hash_bytes(seed, &s->textures.hash, sizeof s->textures.hash);
     for (i = 0; i < g->mesh_count; i++)
         *materials = sbl__hash_bytes(*materials, &g->objects[i], offsetof(sbl__object, id));
+    for (i = 0; i < g->mesh_count; i++)
+        if (sbl__is_specular(&g->objects[i]))
+            *materials = sbl__hash_bytes(*materials, &g->objects[i].reflectance,
+                                         sizeof *g->objects - offsetof(sbl__object, reflectance));
     parts[SBL__SAVED_LIGHTS] = sbl__hash_bytes(seed, s->lights.list,
                                                (size_t)s->lights.count * sizeof *s->lights.list);
     *sky = sbl__hash_bytes(seed, e->sky, sizeof e->sky);
