@@ -894,7 +894,7 @@ typedef struct sbl_material {
                               surface that it meets is solid */
     uint32_t flags;        /* sbl_material_flag bits */
     float ior;             /* index of refraction of what is not metal: 1 to 1e6; 1.5 for most plastics, paints and woods.
-                              0: it has no reflections, so it is matte */
+                              0: it has no reflections, so it is matte; 1.5 if metallic is above 0 */
     float metallic;        /* share of the surface that is bare metal, 0 to 1. Metal reflects with the colour `albedo` */
     float roughness;       /* 0 to 1. Below 0.05 the surface is a perfect mirror. No effect on matte surfaces */
     int specular_texture;  /* number of the texture whose green multiplies roughness and whose blue multiplies metallic,
@@ -1226,6 +1226,8 @@ typedef struct sbl_stats {
                                      error; 0: the first sensors sufficed */
         float mean_radiance[3];   /* the mean R (red, green, blue) to which errors are relative: the one that the
                                      descriptor sets, otherwise the measured one; 0 before the first level is done */
+        float specular_error;     /* the error of the reflections in FINAL that was predicted, as a share of the mean of
+                                     FINAL; 0 if no surface in view has reflections */
         float stored_error;       /* the part of expected_error that sensors cannot reduce: the root mean square error
                                      of stored light, as a share of the mean R */
         int level_count;          /* number of entries in levels */
@@ -2738,6 +2740,10 @@ typedef struct sbl__record {
 #define SBL__FILTER_VISIBLE 0.0025f    /* the filter adds this share of a pixel's light to its noise, because nobody
                                           sees differences that small */
 #define SBL__FILTER_FALL 0.25          /* factor of the filter's weights: exp(-this * (difference / noise)^2) */
+#define SBL__LOBE_ROUGH 0.25f          /* from this roughness on, lamps in a specular lobe are computed in closed form; rays
+                                          of smoother lobes meet them */
+#define SBL__GLOW_ALBEDO 0.05f         /* least albedo by which the radiance of a glow is divided if its surface is not
+                                          matte, and so reflects more than its albedo */
 #define SBL__DIVISOR_LEAST 1e-30f      /* lower limit of divisors that may be 0 */
 #define SBL__VIEW_DEPTH 1e-6f          /* depth in sensors' views is this / view-space depth in scene extents: reversed,
                                           without a far plane */
@@ -2756,7 +2762,8 @@ typedef struct sbl__record {
     X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_CUT) X(LOOK_NUMBER) X(HASH_FACTOR) \
     X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
     X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_TURN) \
-    X(BELONGS_OFF) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST)
+    X(BELONGS_OFF) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST) X(LOBE_ROUGH) \
+    X(GLOW_ALBEDO)
 #define SBL__SHARED_FLAGS(X) X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
 
 #define SBL__PRELUDE_MOST 16384    /* room for the text before a shader's files, in characters, with the final 0 */
@@ -2811,7 +2818,7 @@ typedef struct sbl__texture { unsigned id; int width, height; unsigned format; s
 typedef struct sbl__buffer { unsigned id; size_t bytes; } sbl__buffer;
 
 /* A framebuffer with `count` colour textures and, if passes test depth, a depth texture. formats: internal formats */
-typedef struct sbl__target { unsigned id; int width, height, count; unsigned textures[6], formats[6]; } sbl__target;
+typedef struct sbl__target { unsigned id; int width, height, count; unsigned textures[8], formats[8]; } sbl__target;
 
 typedef struct sbl__program { const struct sbl__recipe *recipe; unsigned features, id; } sbl__program;
 
@@ -2988,13 +2995,13 @@ static void sbl__target_delete(const sbl__device *d, sbl__target *t) {
     memset(t, 0, sizeof *t);
 }
 
-/* Attaches `count` textures (1 to 6) of one size to a target, and a depth texture unless `depth` is NULL, which leaves
+/* Attaches `count` textures (1 to 8) of one size to a target, and a depth texture unless `depth` is NULL, which leaves
    the target's depth texture as it is. Creates the target if it does not exist. Textures that do not exist, which the
    first must, leave gaps: what passes write there is lost. */
 static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const sbl__texture *colors, int count,
                                    const sbl__texture *depth) {
     const sbl__gl *gl = &d->gl;
-    unsigned buffers[6], status;
+    unsigned buffers[8], status;
     sbl_result result;
     int i;
     if (!sbl__name_make(d, gl->GenFramebuffers, &t->id)) return SBL_ERROR_GL;
@@ -3060,10 +3067,11 @@ enum {
     SBL__DIRECTIONAL = 1 << 11, /* also output harmonics of the radiance, for SBL_CHANNEL_SH_0 to SBL_CHANNEL_SH_3 */
     SBL__DISPLAY = 1 << 12,     /* also output what a screen shows, for SBL_CHANNEL_DISPLAY */
     SBL__SPECULAR = 1 << 13,    /* some materials are not matte, see sbl_material.ior and metallic */
-    SBL__FEATURES = 14
+    SBL__LOBE = 1 << 14,        /* sensors measure the light in specular lobes instead of R */
+    SBL__FEATURES = 15
 };
 
-#define SBL__SHADERS_MOST 12
+#define SBL__SHADERS_MOST 14
 
 typedef struct sbl__recipe {
     const char *name;
@@ -3168,7 +3176,7 @@ static sbl_result sbl__program_check_textures(const sbl__device *d, unsigned pro
 static sbl_result sbl__program_make(const sbl__device *d, sbl__program *program) {
     static const char *const names[SBL__FEATURES] = {
         "TEXTURED", "WIDE", "VIEWS", "INSPECT", "WRITE_DEPTH", "COMPUTE", "BOUNCED", "MIXED", "CUTOUTS",
-        "GUIDED", "LIGHTMAP", "DIRECTIONAL", "DISPLAY", "SPECULAR"
+        "GUIDED", "LIGHTMAP", "DIRECTIONAL", "DISPLAY", "SPECULAR", "LOBE"
     };
     const sbl__recipe *recipe = program->recipe;
     char prelude[SBL__PRELUDE_MOST];
@@ -4406,7 +4414,8 @@ static const sbl__object *sbl__triangle_object(const sbl__geometry *g, uint32_t 
 
 /* Returns 1 if a triangle is black: the albedo of its material is 0. A texture that makes it black is not noticed. */
 static int sbl__triangle_is_black(const sbl__geometry *g, uint32_t triangle) {
-    return !(sbl__max3(sbl__triangle_object(g, triangle)->albedo) > 0);
+    const sbl__object *o = sbl__triangle_object(g, triangle);
+    return !(sbl__max3(o->albedo) > 0) && o->reflectance < 0;
 }
 
 static const float *sbl__triangle_corner(const sbl__geometry *g, uint32_t triangle, int corner) {
@@ -4941,11 +4950,12 @@ static sbl_result sbl__textures_make(sbl__device *d, sbl__textures *s, const sbl
    shaders, with equal results. Other rooms only test flags, whether there are holes, and whether a surface is black. */
 
 /* Returns 1 unless the object is matte. */
-static int sbl__is_specular(const sbl__object *o) { return o->reflectance >= 0 || o->metallic > 0; }
+static int sbl__is_specular(const sbl__object *o) { return o->reflectance >= 0; }
 
 /* Copies a material into its mesh's object. Raises *brightest, if it is less, to an upper limit of the radiance that
    the material emits: largest component of emission * that of the texture. Returns the features that programs need. */
 static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *m, sbl__object *o, float *brightest) {
+    const float ior = m->ior > 0 ? m->ior : 1.5f;
     unsigned features = 0;
     memcpy(o->albedo, m->albedo, sizeof o->albedo);
     memcpy(o->emission, m->emission, sizeof o->emission);
@@ -4954,7 +4964,7 @@ static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *
     memcpy(o->specular_texture, t->places[m->specular_texture], sizeof o->specular_texture);
     o->alpha_cutoff = m->alpha_cutoff;
     o->flags = m->flags;
-    o->reflectance = m->ior > 0 ? (m->ior - 1) * (m->ior - 1) / ((m->ior + 1) * (m->ior + 1)) : -1;
+    o->reflectance = m->ior > 0 || m->metallic > 0 ? (ior - 1) * (ior - 1) / ((ior + 1) * (ior + 1)) : -1;
     o->metallic = m->metallic;
     o->roughness = m->roughness;
     *brightest = SBL__MAX(*brightest, t->brightest[m->emission_texture] * sbl__max3(m->emission));
@@ -4994,7 +5004,10 @@ static int sbl__holds_light(const sbl__object *o) {
 /* Computes the radiance that a surface reflects without albedo texture and vertex colours. light: R; ignores signs */
 static void sbl__reflect(const sbl__object *o, const float light[3], float radiance[3]) {
     int k;
-    for (k = 0; k < 3; k++) radiance[k] = o->albedo[k] * (float)fabs((double)light[k]);
+    for (k = 0; k < 3; k++) {
+        const float albedo = sbl__is_specular(o) ? SBL__MAX(o->albedo[k], SBL__GLOW_ALBEDO) : o->albedo[k];
+        radiance[k] = albedo * (float)fabs((double)light[k]);
+    }
 }
 
 /* Packs shares of 0 .. 1 into 16 bits each. */
@@ -5010,23 +5023,145 @@ static void sbl__add_reflected(const uint16_t share[3], const float light[3], fl
     for (k = 0; k < 3; k++) sum[k] += (float)share[k] * light[k];
 }
 
+/* >>glsl lobe: shaders_embedded/lobe.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_lobe[] = {
+"// The specular lobe of glTF 2.0's material model: GGX with height-correlated Smith shadowing (Heitz 2014) and\n",
+"// Schlick's Fresnel term (1994). reflectance: that along the normal, per colour. The square of the roughness is alpha.\n",
+"#ifdef SBL_SPECULAR\n",
+"const float SBL_MIRROR = 0.05;       // surfaces of lower roughness are perfect mirrors\n",
+"const float SBL_DIFFUSE_KEPT = 0.9;\n",
+"\n",
+"// Part of diffuse light that the Fresnel term takes, seen at a cosine: the mean of (1 - V.H)^5 over a Lambertian lobe.\n",
+"float sbl_diffuse_lost(float cosine) {\n",
+"    float x = 1.0 - cosine;\n",
+"    return 0.02 + 0.1 * x * x * x;\n",
+"}\n",
+"\n",
+"// Share of uniform light that the lobe reflects to a viewer at this cosine.\n",
+"vec3 sbl_specular_albedo(vec3 reflectance, float roughness, float cosine) {\n",
+"    return reflectance * 0.9 + 0.05;\n",
+"}\n",
+"\n",
+"// Albedo of a surface for light from all directions, mean over all directions in which it is reflected.\n",
+"vec3 sbl_albedo_mean(vec3 diffuse, vec3 reflectance, float roughness) {\n",
+"    vec2 lobe = vec2(0.9, 0.05);\n",
+"    return 0.95 * diffuse + reflectance * lobe.x + lobe.y;\n",
+"}\n",
+"#endif\n",
+"\n",
+"#ifdef SBL_LOBE\n",
+"// The lobe of the look that is measured. x of the frame is the direction to the viewer, projected onto the surface\n",
+"mat3 lobe_frame;\n",
+"vec3 lobe_view;          // to the viewer, in the frame\n",
+"vec3 lobe_reflectance;\n",
+"vec3 lobe_scale;         // 1 / albedo of the lobe: the lobe measures the mean radiance that it reflects\n",
+"float lobe_alpha;\n",
+"bool lobe_rough;         // true: closed forms and rays towards lamps measure lamps; false: the rays of the lobe meet them\n",
+"\n",
+"// Smith's Lambda for a unit direction in the frame.\n",
+"float sbl_lobe_lambda(vec3 w) {\n",
+"    vec2 slope = lobe_alpha * w.xy / max(abs(w.z), 1e-6);\n",
+"    return 0.5 * sqrt(1.0 + dot(slope, slope)) - 0.5;\n",
+"}\n",
+"\n",
+"vec3 sbl_lobe_fresnel(float cosine) {\n",
+"    float x = 1.0 - clamp(cosine, 0.0, 1.0), x2 = x * x;\n",
+"    return lobe_reflectance + (1.0 - lobe_reflectance) * (x2 * x2 * x);\n",
+"}\n",
+"\n",
+"void sbl_lobe_begin(int look, vec3 normal) {\n",
+"    vec3 view = sbl_lobe_view(look), across = view - dot(view, normal) * normal;\n",
+"    float size = length(across), roughness = sbl_lobe_roughness(look);\n",
+"    lobe_frame = sbl_frame(normal);\n",
+"    if (size > 1e-4) lobe_frame = mat3(across / size, cross(normal, across / size), normal);\n",
+"    lobe_view = view * lobe_frame;\n",
+"    lobe_view = normalize(vec3(lobe_view.xy, max(lobe_view.z, 1e-3)));\n",
+"    lobe_reflectance = sbl_lobe_reflectance(look);\n",
+"    lobe_scale = 1.0 / sbl_lobe_albedo(look);\n",
+"    lobe_alpha = roughness < SBL_MIRROR ? 0.0 : roughness * roughness;\n",
+"    lobe_rough = roughness >= SBL_LOBE_ROUGH;\n",
+"}\n",
+"\n",
+"// Draws a direction of the lobe from u, a uniform point of the unit square: a visible normal (Dupuy and Benyoub 2023,\n",
+"// \"Sampling Visible GGX Normals with Spherical Caps\"), which mirrors the view. weight: factor of the radiance found\n",
+"vec3 sbl_lobe_sample(vec2 u, out vec3 weight) {\n",
+"    vec3 v = normalize(vec3(lobe_alpha * lobe_view.xy, lobe_view.z));\n",
+"    float angle = 2.0 * SBL_PI * u.y, z = (1.0 - u.x) * (1.0 + v.z) - v.z, r = sqrt(clamp(1.0 - z * z, 0.0, 1.0));\n",
+"    vec3 h = vec3(r * cos(angle), r * sin(angle), z) + v;\n",
+"    h = normalize(vec3(lobe_alpha * h.xy, max(h.z, 1e-6)));\n",
+"    float cosine = dot(lobe_view, h);\n",
+"    vec3 w = 2.0 * cosine * h - lobe_view;\n",
+"    float from_view = sbl_lobe_lambda(lobe_view);\n",
+"    weight = lobe_scale * sbl_lobe_fresnel(cosine) * ((1.0 + from_view) / (1.0 + from_view + sbl_lobe_lambda(w)));\n",
+"    if (w.z <= 0.0) weight = vec3(0);\n",
+"    return lobe_frame * w;\n",
+"}\n",
+"\n",
+"// Factor of the lobe for light from a direction of world space, compared with R, whose factor is the cosine / pi.\n",
+"vec3 sbl_lobe_factor(vec3 direction) {\n",
+"    vec3 w = direction * lobe_frame, h = w + lobe_view;\n",
+"    float size = length(h);\n",
+"    if (w.z <= 0.0 || size <= 0.0 || lobe_alpha <= 0.0) return vec3(0);\n",
+"    h /= size;\n",
+"    float a2 = lobe_alpha * lobe_alpha;\n",
+"    // 1 + (a2 - 1) z^2 without cancellation near z = 1\n",
+"    float d = dot(h.xy, h.xy) + a2 * h.z * h.z;\n",
+"    float spread = a2 / max(d * d, 1e-37);\n",
+"    float shadowing = 1.0 / (1.0 + sbl_lobe_lambda(lobe_view) + sbl_lobe_lambda(w));\n",
+"    return lobe_scale * sbl_lobe_fresnel(dot(lobe_view, h)) * (spread * shadowing / (4.0 * lobe_view.z * w.z));\n",
+"}\n",
+"\n",
+"// Matrix from world space to the space where the lobe is a cosine lobe: a linearly transformed cosine (Heitz, Dupuy,\n",
+"// Hill and Neubelt 2016, \"Real-Time Polygonal-Light Shading with Linearly Transformed Cosines\").\n",
+"mat3 sbl_lobe_to_cosine(int look) {\n",
+"    mat3 inverse = mat3(sbl_lobe_xx(look), 0, sbl_lobe_zx(look), 0, sbl_lobe_yy(look), 0, sbl_lobe_xz(look), 0, 1);\n",
+"    return inverse * transpose(lobe_frame);\n",
+"}\n",
+"#endif\n",
+0 };
+/* <<glsl */
+
 /* >>glsl material: shaders_embedded/material.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_material[] = {
 "// This file computes what surfaces emit and reflect, and where they have holes. Other shaders read only the\n",
 "// flags of a material. >>material in sbl.h does the same on the CPU.\n",
 "uniform float epsilon;     // ambient factor: a surface that does not emit has the radiance epsilon * albedo\n",
+"#ifdef SBL_LOBE\n",
+"bool lamps_apart = true;   // differs between looks, see lobe_rough\n",
+"#else\n",
 "uniform bool lamps_apart;  // true: lamps.glsl adds the light of emitters, so sbl_outgoing leaves it out\n",
+"#endif\n",
 "\n",
 "// A material at a point, with its textures applied.\n",
 "struct sbl_Material {\n",
-"    vec3 albedo;   // diffuse reflectance\n",
-"    bool cut_out;  // the point lies in a hole\n",
+"    vec3 albedo;       // share of light that the surface reflects; with reflections, the mean over all directions\n",
+"    bool cut_out;      // the point lies in a hole\n",
+"#ifdef SBL_SPECULAR\n",
+"    vec3 diffuse;      // albedo of the diffuse part seen along the normal\n",
+"    vec3 reflectance;  // of the specular lobe, seen along the normal\n",
+"    float roughness;   // negative: the surface is matte\n",
+"#endif\n",
 "};\n",
 "\n",
 "sbl_Material sbl_material(int object, sbl_Attributes at) {\n",
 "    vec4 texel = sbl_texture(sbl_object_albedo_texture(object), at.uv);\n",
 "    vec4 color = at.color * texel * vec4(sbl_object_albedo(object), 1);\n",
-"    return sbl_Material(color.rgb, color.a < sbl_object_alpha_cutoff(object));\n",
+"    bool cut_out = color.a < sbl_object_alpha_cutoff(object);\n",
+"#ifdef SBL_SPECULAR\n",
+"    sbl_Material m = sbl_Material(color.rgb, cut_out, color.rgb, vec3(0), -1.0);\n",
+"    float reflectance = sbl_object_reflectance(object);\n",
+"    for (int i = 0; i < (reflectance < 0.0 ? 0 : 1); i++) {\n",
+"        vec2 share = sbl_texture(sbl_object_specular_texture(object), at.uv).gb;\n",
+"        float metallic = clamp(share.y * sbl_object_metallic(object), 0.0, 1.0);\n",
+"        m.roughness = clamp(share.x * sbl_object_roughness(object), 0.0, 1.0);\n",
+"        m.diffuse = (1.0 - metallic) * (1.0 - reflectance) * color.rgb;\n",
+"        m.reflectance = mix(vec3(reflectance), min(color.rgb, vec3(1)), metallic);\n",
+"        m.albedo = sbl_albedo_mean(m.diffuse, m.reflectance, m.roughness);\n",
+"    }\n",
+"    return m;\n",
+"#else\n",
+"    return sbl_Material(color.rgb, cut_out);\n",
+"#endif\n",
 "}\n",
 "\n",
 "// False: no point of the object lies in a hole, so sbl_material need not be called to find out.\n",
@@ -5082,8 +5217,13 @@ static const char *const sbl__glsl_material[] = {
 "\n",
 "// Factor of a glow's radiance (see >>glow in sbl.h) at a point: what textures and vertex colours do to the albedo.\n",
 "vec3 sbl_glow_pattern(int object, sbl_Attributes at) {\n",
+"#ifdef SBL_SPECULAR\n",
+"    sbl_Material m = sbl_material(object, at);\n",
+"    return m.cut_out ? vec3(0) : m.albedo / max(sbl_object_albedo(object), vec3(SBL_GLOW_ALBEDO));\n",
+"#else\n",
 "    vec4 pattern = at.color * sbl_texture(sbl_object_albedo_texture(object), at.uv);\n",
 "    return pattern.a < sbl_object_alpha_cutoff(object) ? vec3(0) : pattern.rgb;\n",
+"#endif\n",
 "}\n",
 "\n",
 "// Albedo, as bounces in the store use it: limited below 1, so that light fades even in closed white rooms.\n",
@@ -5279,13 +5419,13 @@ static const char *const sbl__glsl_sky[] = {
 "    return max(1.0 - sky_limit / max(max(radiance.r, radiance.g), max(radiance.b, SBL_SKY_LEAST)), 0.0);\n",
 "}\n",
 "\n",
-"// Radiance that a ray finds if it hits nothing, without the share that lamps.glsl samples.\n",
-"vec3 sbl_sky(vec3 direction) {\n",
+"// Radiance that a ray finds if it hits nothing. apart: true: without the share that lamps.glsl samples\n",
+"vec3 sbl_sky(vec3 direction, bool apart) {\n",
 "    vec3 radiance = vec3(0);\n",
 "    if (sky_limit > 0.0) {\n",
 "        ivec2 size = textureSize(sky_picture, 0);\n",
 "        radiance = texelFetch(sky_picture, min(ivec2(sbl_sky_at(direction) * vec2(size)), size - 1), 0).rgb;\n",
-"        radiance *= 1.0 - sbl_sky_excess(radiance);\n",
+"        if (apart) radiance *= 1.0 - sbl_sky_excess(radiance);\n",
 "    }\n",
 "    return sky + radiance;\n",
 "}\n",
@@ -6951,6 +7091,7 @@ static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
     for (i = 0; i < s->geometry.mesh_count; i++)
         s->features |= sbl__material_write(&s->textures, &materials[s->geometry.meshes[i].material],
                                            &s->geometry.objects[i], &s->brightest);
+    if (s->draw) s->features &= ~(unsigned)SBL__SPECULAR;  /* what the host draws has no lobes */
 }
 
 /* Default limit of the store's leaves (the interface's cells): PER_TRIANGLE for each triangle, since fine geometry
@@ -8526,10 +8667,12 @@ static sbl_result sbl__atlas_step(sbl__atlas *a, sbl__slice *slice) {
          atlas     (depth)    -> and its point                   <-- the host's draw callback, same depth          */
 
 enum { SBL__GBUFFER_POSITION, SBL__GBUFFER_NORMAL, SBL__GBUFFER_GEOMETRIC_NORMAL, SBL__GBUFFER_ALBEDO,
-       SBL__GBUFFER_EMISSION, SBL__GBUFFER_ID, SBL__GBUFFER_COUNT };
+       SBL__GBUFFER_EMISSION, SBL__GBUFFER_ID, SBL__GBUFFER_SPECULAR, SBL__GBUFFER_LOBE, SBL__GBUFFER_COUNT };
 
-/* Sets of textures of a G-buffer, as bits. Refinement reads all of them; what follows needs fewer. */
-#define SBL__GBUFFER_ALL ((1 << SBL__GBUFFER_COUNT) - 1)
+/* Sets of textures of a G-buffer, as bits. Refinement reads all of them; what follows needs fewer. A picture of which
+   some materials are not matte also has SHINE, from which refinement reads LOBE. */
+#define SBL__GBUFFER_SHINE (1 << SBL__GBUFFER_SPECULAR | 1 << SBL__GBUFFER_LOBE)
+#define SBL__GBUFFER_ALL ((1 << SBL__GBUFFER_SPECULAR) - 1)
 #define SBL__GBUFFER_SAMPLE (SBL__GBUFFER_ALL & ~(1 << SBL__GBUFFER_GEOMETRIC_NORMAL))  /* what >>resolve reads */
 #define SBL__GBUFFER_TEXEL (SBL__GBUFFER_SAMPLE & ~(1 << SBL__GBUFFER_EMISSION))  /* what a lightmap needs */
 
@@ -8554,6 +8697,7 @@ typedef struct sbl__surface_job {
     float offset[2];           /* position of the sample relative to the pixel's centre, pixels */
     float epsilon;             /* ambient factor for the host's draw callback, see sbl_draw_view */
     int bounced;               /* 1: also store R of bounced light, see gbuffer_fragment.glsl */
+    int shines;                /* 1: the G-buffer has the textures SBL__GBUFFER_SHINE; 0: all surfaces are matte */
     sbl__atlas *atlas;         /* the lightmap's atlas; NULL: draw a picture's G-buffer with `camera` */
 } sbl__surface_job;
 
@@ -8577,7 +8721,8 @@ typedef struct sbl__surface {
 static sbl_result sbl__gbuffer_make(const sbl__device *d, sbl__gbuffer *g, int width, int height,
                                     const sbl__texture *depth, int set) {
     static const unsigned formats[SBL__GBUFFER_COUNT] = { SBL__GL_RGBA32F, SBL__GL_RGBA32F, SBL__GL_RGBA32F,
-                                                          SBL__GL_RGBA16F, SBL__GL_RGBA32F, SBL__GL_R32UI };
+                                                          SBL__GL_RGBA16F, SBL__GL_RGBA32F, SBL__GL_R32UI,
+                                                          SBL__GL_RGBA16F, SBL__GL_RGBA16F };
     sbl_result result = SBL_SUCCESS;
     int i;
     for (i = 0; i < SBL__GBUFFER_COUNT && result == SBL_SUCCESS; i++)
@@ -8747,7 +8892,7 @@ static const char *const sbl__glsl_visibility_fragment[] = {
 
 static const sbl__recipe sbl__recipe_visibility = {
     "visibility", { sbl__glsl_scene, sbl__glsl_visibility_vertex },
-    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_surface, sbl__glsl_camera,
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_surface, sbl__glsl_camera,
       sbl__glsl_visibility_fragment },
     { &sbl__vertex_record, &sbl__attributes_record, &sbl__object_record },
     SBL__CUTOUTS | SBL__WIDE | SBL__WRITE_DEPTH
@@ -8845,6 +8990,10 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "layout(location = 3) out vec4 out_albedo;\n",
 "layout(location = 4) out vec4 out_emission;\n",
 "layout(location = 5) out uint out_id;\n",
+"#ifdef SBL_SPECULAR\n",
+"layout(location = 6) out vec4 out_specular;  // albedo of the specular lobe for this view; 0: none\n",
+"layout(location = 7) out vec4 out_lobe;      // sbl_Material.reflectance; w: roughness, negative: no lobe\n",
+"#endif\n",
 "// In SBL_MODE_GI, w of normal, geometric normal and emission hold red, green and blue of the stored R. Where no\n",
 "// sensor may stand, w of normal is -1 - red.\n",
 "\n",
@@ -8870,6 +9019,10 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    uint triangle = texel.x;\n",
 "    out_position = out_normal = out_geometric_normal = out_albedo = out_emission = vec4(0);\n",
 "    out_id = 0u;\n",
+"#ifdef SBL_SPECULAR\n",
+"    out_specular = vec4(0);\n",
+"    out_lobe = vec4(0, 0, 0, -1);\n",
+"#endif\n",
 "    if (triangle > 0u) {\n",
 "#ifdef SBL_LIGHTMAP\n",
 "        sbl_Surface s = sbl_surface_front(int(triangle) - 1, uintBitsToFloat(texel.y), uintBitsToFloat(texel.z));\n",
@@ -8889,6 +9042,14 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "        out_albedo = vec4(s.material.albedo, 1);\n",
 "        out_emission = vec4(s.emission, 0);\n",
 "        out_id = s.id;\n",
+"#if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)\n",
+"        if (s.material.roughness >= 0.0) {\n",
+"            float cosine = clamp(-dot(s.normal, normalize(direction)), 1e-3, 1.0);\n",
+"            out_specular = vec4(sbl_specular_albedo(s.material.reflectance, s.material.roughness, cosine), 1);\n",
+"            out_lobe = vec4(s.material.reflectance, s.material.roughness);\n",
+"            out_albedo.rgb = s.material.diffuse * (1.0 - sbl_diffuse_lost(cosine));\n",
+"        }\n",
+"#endif\n",
 "#ifdef SBL_BOUNCED\n",
 "        bool excluded = (sbl_object_flags(s.object) & SBL_NO_SENSORS) != 0u;\n",
 "        vec3 light = sbl_stored(int(triangle) - 1, s.back, s.position, SBL_UNBOUNDED);\n",
@@ -8905,10 +9066,10 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 
 static const sbl__recipe sbl__recipe_gbuffer = {
     "gbuffer", { sbl__glsl_fullscreen_vertex },
-    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_surface, sbl__glsl_camera, sbl__glsl_store,
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_surface, sbl__glsl_camera, sbl__glsl_store,
       sbl__glsl_gbuffer_fragment },
     { &sbl__vertex_record, &sbl__attributes_record, &sbl__object_record, &sbl__cut_record, &sbl__leaf_record },
-    SBL__TEXTURED | SBL__WIDE | SBL__BOUNCED | SBL__LIGHTMAP
+    SBL__TEXTURED | SBL__WIDE | SBL__BOUNCED | SBL__LIGHTMAP | SBL__SPECULAR
 };
 
 /* Makes the site at the point with barycentric `weights` on triangle `number` of the scene. As in surface.glsl, it is
@@ -8947,8 +9108,9 @@ static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
     sbl__device *d = s->device;
     const sbl__target *target = &job->gbuffer->target;
     const unsigned bounced = job->bounced ? SBL__BOUNCED : 0, lightmap = job->atlas ? SBL__LIGHTMAP : 0;
+    const unsigned features = job->scene->features & ~(job->shines || job->atlas ? 0u : (unsigned)SBL__SPECULAR);
     const int rows = sbl__pace_rows(&s->point_pace, slice, target, s->stages.at);
-    sbl_result result = sbl__use(d, &sbl__recipe_gbuffer, job->scene->features | bounced | lightmap);
+    sbl_result result = sbl__use(d, &sbl__recipe_gbuffer, features | bounced | lightmap);
     if (result != SBL_SUCCESS) return result;
     sbl__pass_rows(d, target, s->stages.at, rows);
     sbl__scene_bind(d, job->scene);
@@ -9041,6 +9203,8 @@ typedef struct sbl__site {
     int pixel;                  /* for >>refine: index of the pixel to which the site belongs */
     int guide;                  /* number of the guide for the site's rays, see >>guide; 0: no guide */
     int first, looks;           /* the job takes `looks` looks, beginning with look number `first` */
+    float view[3];              /* this and the following fields: only if the spec is `lobe`. Unit vector to the viewer */
+    float reflectance[3], roughness;  /* of the specular lobe, see lobe.glsl */
 } sbl__site;
 
 /* Layers of light that a sensor measures. Layer 0 is R. Layers 1 to 4, which have signs, exist if the spec is
@@ -9071,6 +9235,7 @@ typedef struct sbl__spec {
                                    hemisphere; rays towards lamps do not change. Probes need it: without lamp_rays,
                                    such a look measures the radiance along the ray */
     int directional;            /* 1: measure layers 1 to 4 too, see SBL__LAYERS */
+    int lobe;                   /* traced: 1: measure the mean radiance that the specular lobe reflects, not R */
     float epsilon;              /* ambient factor: a surface that does not emit has the radiance epsilon * albedo */
     int view_texture_size;      /* sensor_texture_size of sbl_context_desc */
     int batch;                  /* maximum number of looks per batch */
@@ -9122,6 +9287,34 @@ static void sbl__look_make(const sbl__spec *spec, const sbl__site *site, int loo
     out->scramble[1] = sbl__hash(hash + 1u);
     out->lamp_scramble = sbl__hash(hash + 2u);
     out->which = (uint32_t)look | (uint32_t)site->guide << SBL__LOOK_GUIDE_SHIFT;
+}
+
+/* >>sensors: specular lobes */
+
+/* The specular lobe of a look, in a table beside that of looks. reflectance: see lobe.glsl. albedo: the share of uniform
+   light that the lobe reflects to the viewer. xx, xz, yy, zx: elements of the matrix that transforms the lobe to a cosine
+   lobe, whose zz is 1, and whose others are 0 */
+#define SBL__LOBE_RECORD(X) \
+    X(sbl__lobe, VEC3, view) X(sbl__lobe, FLOAT, roughness) X(sbl__lobe, VEC3, reflectance) X(sbl__lobe, FLOAT, xx) \
+    X(sbl__lobe, VEC3, albedo) X(sbl__lobe, FLOAT, xz) X(sbl__lobe, FLOAT, yy) X(sbl__lobe, FLOAT, zx) \
+    X(sbl__lobe, UVEC2, unused)
+SBL__RECORD(sbl__lobe, SBL__LOBE_RECORD, "sbl_lobe", "sbl_lobes", SBL__BUFFER_TABLE("sbl_lobes"), NULL)
+
+/* Gets the albedo of a specular lobe, as sbl_specular_albedo does. */
+static void sbl__specular_albedo(const float reflectance[3], float roughness, float cosine, float out[3]) {
+    int k;
+    (void)roughness; (void)cosine;
+    for (k = 0; k < 3; k++) out[k] = 0.9f * reflectance[k] + 0.05f;
+}
+
+static void sbl__lobe_make(const sbl__site *site, sbl__lobe *out) {
+    const float cosine = SBL__MAX(sbl__dot(site->view, site->normal), 1e-3f);
+    memset(out, 0, sizeof *out);
+    memcpy(out->view, site->view, sizeof out->view);
+    memcpy(out->reflectance, site->reflectance, sizeof out->reflectance);
+    out->roughness = site->roughness;
+    sbl__specular_albedo(site->reflectance, site->roughness, cosine, out->albedo);
+    out->xx = out->yy = 1;
 }
 
 /* >>sensors: views */
@@ -9457,7 +9650,8 @@ typedef struct sbl__blocks {
 /* Returns the features (SBL__BOUNCED and others) that shaders need. */
 static unsigned sbl__features_of(const sbl__scene *scene, const sbl__spec *spec) {
     return scene->features | (spec->bounced ? (unsigned)SBL__BOUNCED : 0) |
-           (spec->guided ? (unsigned)SBL__GUIDED : 0) | (spec->directional ? (unsigned)SBL__DIRECTIONAL : 0);
+           (spec->guided ? (unsigned)SBL__GUIDED : 0) | (spec->directional ? (unsigned)SBL__DIRECTIONAL : 0) |
+           (spec->lobe ? (unsigned)SBL__LOBE : 0);
 }
 
 /* Looks that are drawn or traced together. They use `count` slots, beginning with slot number `slot`. */
@@ -9467,7 +9661,9 @@ typedef struct sbl__batch {
     const sbl__slots *slots;
     const sbl__blocks *blocks;
     const sbl__look *looks;
+    const sbl__lobe *lobes;     /* the looks' lobes; NULL unless the spec is `lobe` */
     const sbl__table *table;    /* table of sbl__look, which shaders that trace rays read */
+    const sbl__table *lobe_table;  /* table of sbl__lobe */
     const sbl__guides *guides;  /* used only if the spec is guided; may be NULL otherwise */
     int first;                  /* number of the first look among all looks of the job */
     int slot, count;
@@ -9491,11 +9687,10 @@ static void sbl__blocks_free(const sbl__device *d, sbl__blocks *b) {
     sbl__target_delete(d, &b->target);
 }
 
-/* Sends looks to the table that ray-tracing shaders read. room: capacity of the table, looks */
-static sbl_result sbl__looks_send(const sbl__device *d, sbl__table *table, const sbl__look *looks, int count,
+/* Sends structs to a table that ray-tracing shaders read. bytes: size of a struct; room: capacity of the table, structs */
+static sbl_result sbl__looks_send(const sbl__device *d, sbl__table *table, const void *looks, size_t bytes, int count,
                                   int room) {
-    const sbl_result result = sbl__buffer_stream(d, &table->buffer, sizeof *looks * (size_t)room, looks,
-                                                 sizeof *looks * (size_t)count);
+    const sbl_result result = sbl__buffer_stream(d, &table->buffer, bytes * (size_t)room, looks, bytes * (size_t)count);
     return result == SBL_SUCCESS ? sbl__table_attach(d, table, SBL__GL_RGBA32UI, 0) : result;
 }
 
@@ -9690,6 +9885,7 @@ static void sbl__rays_bind(sbl__device *d, const sbl__batch *b, const sbl__table
     sbl__environment_bind(d, &b->scene->environment);
     if (b->spec->bounced) sbl__store_bind(d, &b->scene->store);
     sbl__bind_table(d, "sbl_looks", b->table);
+    if (b->lobes) sbl__bind_table(d, "sbl_lobes", b->lobe_table);
     sbl__bind_table(d, "sbl_sequence", sequence);
     sbl__set_ints(d, "blocks", blocks[0], blocks[1]);
     sbl__set_int(d, "columns", b->slots->columns);
@@ -10094,6 +10290,9 @@ static const char *const sbl__glsl_lamps[] = {
 "const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // a rim sample's barycentrics: close corner, others\n",
 "const int SBL_RIM = 12;             // number of rim samples of a round lamp\n",
 "const float SBL_RIM_AT = 0.99;      // share of a round lamp's area inside the circle on which its rim samples lie\n",
+"#ifdef SBL_LOBE\n",
+"const float SBL_LOBE_STRENGTH = 0.05;  // lamps without a closed form are picked as if the lobe were at least this\n",
+"#endif\n",
 "const float SBL_KNOWN = 1e-6;       // clusters need no more rays if variance / square of their light is below this\n",
 "\n",
 "int look;                    // the look that is measured: its number in the batch\n",
@@ -10164,6 +10363,25 @@ static const char *const sbl__glsl_lamps[] = {
 "bool rounded = false;        // true: some of the lamps considered are not triangles\n",
 "mat3x4 whole_harmonics[2];   // by group, as `whole`: the harmonics of that light\n",
 "\n",
+"// R / unit from an unobstructed lamp, or, with SBL_LOBE, the part of the lobe's mean radiance.\n",
+"vec3 sbl_expected(sbl_Lamp l) {\n",
+"    vec3 light = sbl_unhindered(l);\n",
+"#ifdef SBL_LOBE\n",
+"    if (l.kind != SBL_LAMP_TRIANGLE) light *= sbl_lobe_factor(l.corner) + SBL_LOBE_STRENGTH;\n",
+"    if (!lobe_rough && !sbl_is_light(l)) light = vec3(0);\n",
+"#endif\n",
+"    return light;\n",
+"}\n",
+"\n",
+"// True if sbl_expected is exact.\n",
+"bool sbl_has_closed_form(sbl_Lamp l) {\n",
+"#ifdef SBL_LOBE\n",
+"    return l.kind == SBL_LAMP_TRIANGLE;\n",
+"#else\n",
+"    return !sbl_is_texel(l);\n",
+"#endif\n",
+"}\n",
+"\n",
 "// Adds node i to the entries, skips it, or descends into it. Returns the next node, or `limit`, the number of all\n",
 "// nodes, if the entries are full. If all lamps fit, i and limit count leaves instead. opening: a node is one entry\n",
 "// if its radius is below this share of its distance. last: true: a node of any size is one entry\n",
@@ -10186,11 +10404,11 @@ static const char *const sbl__glsl_lamps[] = {
 "    }\n",
 "    if (single) {\n",
 "        sbl_Lamp l = sbl_lamp(leaf);\n",
-"        vec3 light = sbl_unhindered(l);\n",
+"        vec3 light = sbl_expected(l);\n",
 "        strength = light.r + light.g + light.b;\n",
 "        rounded = rounded || l.kind != SBL_LAMP_TRIANGLE;\n",
 "        point = l.sine2 == 0.0 && sbl_is_light(l) && certain < SBL_CERTAIN;\n",
-"        if (!point && !sbl_is_texel(l)) {\n",
+"        if (!point && sbl_has_closed_form(l)) {\n",
 "            whole += outerProduct(light, l.group);\n",
 "            if (directional) whole_harmonics[l.group.y > 0.0 ? 1 : 0] += sbl_unhindered_harmonics(l);\n",
 "        }\n",
@@ -10259,8 +10477,12 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// Traces the ray of a sample. at_rim: the sample only tests for obstruction; point: it is on a point light\n",
 "void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool point) {\n",
-"    bool cluster = p.cluster || sbl_is_texel(l) || dot(sparse, l.group) > 0.0;\n",
+"    bool cluster = p.cluster || !sbl_has_closed_form(l) || dot(sparse, l.group) > 0.0;\n",
 "    vec3 light = s.light / p.share, to = s.direction;\n",
+"#ifdef SBL_LOBE\n",
+"    if (!at_rim) light *= lobe_rough || sbl_is_light(l) ? sbl_lobe_factor(s.direction) : vec3(0);\n",
+"    s.light = light * p.share;\n",
+"#endif\n",
 "    vec4 counts = vec4(0);\n",
 "    taken += point || at_rim ? 0.0 : 1.0;\n",
 "    if (!(light.r + light.g + light.b > 0.0)) return;\n",
@@ -10396,12 +10618,16 @@ static const char *const sbl__glsl_lamps[] = {
 "    above = sbl_look_offset(look);\n",
 "    position = stand - above * n;\n",
 "    to_frame = transpose(sbl_frame(n));\n",
+"#ifdef SBL_LOBE\n",
+"    sbl_lobe_begin(look, n);\n",
+"    to_frame = sbl_lobe_to_cosine(look);\n",
+"#endif\n",
 "    uint hash = sbl_look_lamp_scramble(look);\n",
 "    scramble = uvec2(hash, (hash ^ hash >> 15) * 747796405u);\n",
 "    scramble.y ^= scramble.y >> 13;\n",
 "    sbl_choose();\n",
 "    if (inspected && wanted >= rays && wanted - rays < used && entries[wanted - rays] >= 0) {\n",
-"        report = vec4(sbl_unhindered(sbl_lamp(entries[wanted - rays])), 1);\n",
+"        report = vec4(sbl_expected(sbl_lamp(entries[wanted - rays])), 1);\n",
 "        report_way.w = float(entries[wanted - rays]);\n",
 "    }\n",
 "    if (directional) open_harmonics[0] = open_harmonics[1] = seen_harmonics[0] = seen_harmonics[1] = mat3x4(0);\n",
@@ -10476,13 +10702,13 @@ static const char *const sbl__glsl_lamps[] = {
 
 static const sbl__recipe sbl__recipe_lamps = {
     "lamps", { sbl__glsl_fullscreen_vertex },
-    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_carrier, sbl__glsl_traverse, sbl__glsl_sky,
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_carrier, sbl__glsl_traverse, sbl__glsl_sky,
       sbl__glsl_lamp, sbl__glsl_lamps },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
-      &sbl__look_record, &sbl__lamp_node_record, &sbl__lamp_leaf_record, &sbl__light_record_record,
+      &sbl__look_record, &sbl__lobe_record, &sbl__lamp_node_record, &sbl__lamp_leaf_record, &sbl__light_record_record,
       &sbl__glow_record },
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__VIEWS | SBL__INSPECT | SBL__COMPUTE | SBL__MIXED |
-    SBL__DIRECTIONAL
+    SBL__DIRECTIONAL | SBL__SPECULAR | SBL__LOBE
 };
 
 static unsigned sbl__aim_features(const sbl__scene *s, const sbl__spec *spec) {
@@ -10746,10 +10972,10 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 /* <<glsl */
 
 static const sbl__recipe sbl__recipe_sensor = {
-    "sensor", { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_sensor_vertex },
-    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_store, sbl__glsl_sensor_fragment },
+    "sensor", { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_sensor_vertex },
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_store, sbl__glsl_sensor_fragment },
     { &sbl__object_record, &sbl__cut_record, &sbl__leaf_record },
-    SBL__TEXTURED | SBL__WIDE | SBL__WRITE_DEPTH | SBL__BOUNCED
+    SBL__TEXTURED | SBL__WIDE | SBL__WRITE_DEPTH | SBL__BOUNCED | SBL__SPECULAR
 };
 
 /* >>glsl sky_vertex: shaders_embedded/sky_vertex.glsl, copied by scripts/embed_shaders */
@@ -10777,7 +11003,7 @@ static const char *const sbl__glsl_sky_fragment[] = {
 "uniform float radiance_scale;\n",
 "layout(location = 0) out vec4 out_radiance;  // a: distance as in sensor_fragment.glsl; 0: no surface\n",
 "\n",
-"void main() { out_radiance = vec4(radiance_scale * sbl_sky(direction), 0); }\n",
+"void main() { out_radiance = vec4(radiance_scale * sbl_sky(direction, true), 0); }\n",
 0 };
 /* <<glsl */
 
@@ -11098,6 +11324,7 @@ static const char *const sbl__glsl_trace[] = {
 "                                      // radiance, to the measured harmonics\n",
 "#endif\n",
 "\n",
+"const int SBL_MIRROR_RAYS = 8;      // number of rays of a look at a perfect mirror\n",
 "const float SBL_NEIGHBOURS = 0.62;  // measured variance / its estimate from pairs, at 16 to 256 rays\n",
 "// In sbl_is_near, the length of the first segment counts times this factor, so that its hits are near up to\n",
 "// 0.5 / 0.7 lengths of a cell. A smaller factor reduces errors at window frames, but adds noise and time.\n",
@@ -11119,7 +11346,7 @@ static const char *const sbl__glsl_trace[] = {
 "    if (!goes_on || bright_cells > 0) {\n",
 "        int leaf = sbl_leaf_at(hit.number, hit.back, place, hit.distance);\n",
 "        vec3 light = goes_on ? vec3(0) : sbl_light_of(leaf);\n",
-"        if (first) light -= sbl_glowing(leaf, hit.number, hit.back, place, hit.distance);\n",
+"        if (first && lamps_apart) light -= sbl_glowing(leaf, hit.number, hit.back, place, hit.distance);\n",
 "        radiance += sbl_reflected(material, light);\n",
 "    }\n",
 "#endif\n",
@@ -11195,6 +11422,14 @@ static const char *const sbl__glsl_trace[] = {
 "    uvec2 scramble = sbl_look_scramble(sensor);\n",
 "    uint which = sbl_look_which(sensor);\n",
 "    int number = int(which & SBL_LOOK_NUMBER), skip = number * rays, end = no_light && number > 0 ? 0 : rays;\n",
+"    float every = 1.0;  // factor of each ray's light\n",
+"#ifdef SBL_LOBE\n",
+"    sbl_lobe_begin(sensor, frame[2]);\n",
+"    if (lobe_alpha == 0.0 && spread > 0.0 && rays > SBL_MIRROR_RAYS) {  // all rays of a mirror are alike\n",
+"        end = SBL_MIRROR_RAYS;\n",
+"        every = float(rays) / float(SBL_MIRROR_RAYS);\n",
+"    }\n",
+"#endif\n",
 "\n",
 "    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);\n",
 "    float squares = 0.0, other = 0.0;\n",
@@ -11207,11 +11442,16 @@ static const char *const sbl__glsl_trace[] = {
 "        vec3 before = sum.rgb;\n",
 "        uvec2 fraction = texelFetch(sbl_sequence, skip + i).xy ^ scramble;\n",
 "        vec2 u = sbl_unit_square(fraction);\n",
-"        float weight = 1.0;\n",
+"        float weight = every;\n",
 "#ifdef SBL_GUIDED\n",
 "        weight = sbl_guide(int(which >> SBL_LOOK_GUIDE_SHIFT), u);\n",
 "#endif\n",
 "        vec3 direction = sbl_by_cosine(frame, u * vec2(spread, 1.0)), from = origin, share = vec3(weight);\n",
+"#ifdef SBL_LOBE\n",
+"        lamps_apart = lobe_rough;\n",
+"        for (int once = 0; once < (spread > 0.0 ? 1 : 0); once++) direction = sbl_lobe_sample(u, share);\n",
+"        share *= every;\n",
+"#endif\n",
 "        vec3 way = direction;\n",
 "        float limit = SBL_UNBOUNDED;\n",
 "#ifdef SBL_BOUNCED\n",
@@ -11231,7 +11471,7 @@ static const char *const sbl__glsl_trace[] = {
 "            }\n",
 "#endif\n",
 "            if (hit.triangle < 0) {\n",
-"                sum.rgb += share * sbl_sky(direction);\n",
+"                sum.rgb += share * sbl_sky(direction, lamps_apart);\n",
 "                break;\n",
 "            }\n",
 "            bool goes_on;\n",
@@ -11247,6 +11487,9 @@ static const char *const sbl__glsl_trace[] = {
 "#ifdef SBL_BOUNCED\n",
 "            uint hash = sbl_hash_step(sbl_hash_step(scramble.x, uint(skip + i)), scramble.y);\n",
 "            next = sbl_reflect(hit, material, direction, sbl_hash_step(hash, uint(turn)));\n",
+"#ifdef SBL_LOBE\n",
+"            lamps_apart = true;  // rays to lamps find their light from here on\n",
+"#endif\n",
 "            from = next.from;\n",
 "            direction = next.to_lamp;\n",
 "            limit = next.away;\n",
@@ -11273,12 +11516,13 @@ static const char *const sbl__glsl_trace[] = {
 
 static const sbl__recipe sbl__recipe_trace = {
     "trace", { sbl__glsl_fullscreen_vertex },
-    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_store, sbl__glsl_carrier, sbl__glsl_traverse,
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_store, sbl__glsl_carrier, sbl__glsl_traverse,
       sbl__glsl_sky, sbl__glsl_guide, sbl__glsl_lamp, sbl__glsl_trace },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
-      &sbl__look_record, &sbl__cut_record, &sbl__leaf_record, &sbl__lamp_node_record, &sbl__lamp_leaf_record,
+      &sbl__look_record, &sbl__lobe_record, &sbl__cut_record, &sbl__leaf_record, &sbl__lamp_node_record, &sbl__lamp_leaf_record,
       &sbl__light_record_record, &sbl__glow_record },
-    SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE | SBL__BOUNCED | SBL__GUIDED | SBL__DIRECTIONAL
+    SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE | SBL__BOUNCED | SBL__GUIDED | SBL__DIRECTIONAL |
+    SBL__SPECULAR | SBL__LOBE
 };
 
 /* Traces the rays of a batch, whose looks must be in b->table already. stuck: 1: each look traces one ray only, along
@@ -11375,6 +11619,8 @@ typedef struct sbl__job {
     sbl__blocks results;
     sbl__table table;           /* looks of a batch or of all slots, as shaders read them, see sbl__looks_send */
     sbl__look *looks;           /* the look in each slot */
+    sbl__table lobe_table;      /* the lobes of these looks, as shaders read them */
+    sbl__lobe *lobes;           /* the lobe of the look in each slot; NULL unless the spec is `lobe` */
     int lens;                   /* kind of the current round's looks: SBL__LENS_SITE or SBL__LENS_STUCK */
     int *suspects;              /* indices of the sites that need a stuck test */
     int suspect_count, suspect_room;
@@ -11399,9 +11645,12 @@ static void sbl__job_release(const sbl__device *d, sbl__job *j) {
     sbl__blocks_free(d, &j->blocks);
     sbl__blocks_free(d, &j->results);
     sbl__table_delete(d, &j->table);
+    sbl__table_delete(d, &j->lobe_table);
     sbl__free(d->base, j->looks);
+    sbl__free(d->base, j->lobes);
     sbl__free(d->base, j->suspects);
     j->looks = NULL;
+    j->lobes = NULL;
     j->suspects = NULL;
     j->suspect_room = 0;
     j->made_for_scene = 0;
@@ -11487,7 +11736,7 @@ static int sbl__look_growth(const sbl__measurement *s, float error, double varia
 }
 
 /* Fails to compile if sbl__spec has padding, which memcmp would compare. Add the size of each new field here. */
-typedef char sbl__spec_has_no_padding[sizeof(sbl__spec) == 17 * sizeof(int) + 3 * sizeof(float) + sizeof(uint32_t)
+typedef char sbl__spec_has_no_padding[sizeof(sbl__spec) == 18 * sizeof(int) + 3 * sizeof(float) + sizeof(uint32_t)
                                       ? 1 : -1];
 
 /* >>job: setting up */
@@ -11522,9 +11771,12 @@ static sbl_result sbl__job_setup(void *work, sbl__slice *slice) {
     if (result != SBL_SUCCESS) return result;
     for (lens = 0; lens < SBL__LENSES; lens++) room = SBL__MAX(room, sbl__lens_slots(j, lens)->count);
     sbl__free(d->base, j->looks);
+    sbl__free(d->base, j->lobes);
+    j->lobes = NULL;
     j->looks = (sbl__look *)sbl__alloc_raw(d->base, (size_t)room, sizeof *j->looks);
+    if (spec->lobe) j->lobes = (sbl__lobe *)sbl__alloc_raw(d->base, (size_t)room, sizeof *j->lobes);
     memset(&j->paces, 0, sizeof j->paces);
-    return j->looks ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    return j->looks && (j->lobes || !spec->lobe) ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 /* Computes the weights of views, if there are views, and records for which spec and scene the resources are made. */
@@ -11661,12 +11913,14 @@ static sbl_result sbl__job_compile(void *work, sbl__slice *slice) {
     return sbl__job_start_round(j, SBL__LENS_SITE);
 }
 
-/* Makes the next look of the round. A stuck test has the position of the site's first look and faces the surface. */
-static void sbl__job_next_look(sbl__job *j, sbl__look *out) {
+/* Makes the next look of the round, for a slot. A stuck test has the position of the site's first look and faces the surface. */
+static void sbl__job_next_look(sbl__job *j, int slot) {
+    sbl__look *out = &j->looks[slot];
     const int stuck = j->lens == SBL__LENS_STUCK;
     const sbl__site *site = &j->task.sites[stuck ? j->suspects[j->site] : j->site];
     int k;
     sbl__look_make(&j->task.spec, site, site->first + (stuck ? 0 : j->look), out);
+    if (j->lobes) sbl__lobe_make(site, &j->lobes[slot]);
     for (k = 0; stuck && k < 3; k++) out->normal[k] = -site->geometric_normal[k];
     if (!stuck && ++j->look < site->looks) return;
     j->look = 0;
@@ -11683,9 +11937,20 @@ static void sbl__job_batch(const sbl__job *j, int first, int count, sbl__batch *
     out->first = first;
     out->slot = first % out->slots->count;
     out->looks = j->looks + out->slot;
+    out->lobes = j->lobes ? j->lobes + out->slot : NULL;
     out->table = &j->table;
+    out->lobe_table = &j->lobe_table;
     out->guides = j->task.guides;
     out->count = count;
+}
+
+/* Sends the looks of a batch, and their lobes, to the tables that shaders read. */
+static sbl_result sbl__job_send(sbl__job *j, const sbl__batch *b) {
+    const sbl__device *d = j->device;
+    const int room = b->slots->count;
+    const sbl_result result = sbl__looks_send(d, &j->table, b->looks, sizeof *b->looks, b->count, room);
+    if (result != SBL_SUCCESS || !b->lobes) return result;
+    return sbl__looks_send(d, &j->lobe_table, b->lobes, sizeof *b->lobes, b->count, room);
 }
 
 /* Draws a batch of `room` looks (at least one; traced: in whole lots), or fewer if spec.batch, the slots or the round
@@ -11704,12 +11969,12 @@ static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
         j->batch = (int)SBL__MIN(SBL__MAX(room, 1.0), (double)j->task.spec.batch);
         j->batch = SBL__MIN(j->batch, SBL__MIN(j->look_end - j->drawn, slots - slot));
         j->triangle = 0;
-        for (i = 0; i < j->batch; i++) sbl__job_next_look(j, &j->looks[slot + i]);
+        for (i = 0; i < j->batch; i++) sbl__job_next_look(j, slot + i);
     }
     sbl__job_batch(j, j->drawn, j->batch, &b);
     *units = j->batch;
     if (spec->traced) {
-        result = sbl__looks_send(d, &j->table, b.looks, b.count, b.slots->count);
+        result = sbl__job_send(j, &b);
         if (result == SBL_SUCCESS) result = sbl__trace_draw(d, &j->trace, &b, one_ray, 1);
         *units = sbl__whole_lots(d, j->batch, blocks[0] * blocks[1]);
     } else {
@@ -11782,7 +12047,7 @@ static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     sbl_result result;
     d->gl.doing = "tracing rays towards lamps";
     sbl__job_batch(j, j->aimed, count, &b);
-    result = sbl__looks_send(d, &j->table, b.looks, b.count, b.slots->count);
+    result = sbl__job_send(j, &b);
     if (result == SBL_SUCCESS) result = sbl__aim_use(j, &b, 0, blocks, sbl__job_scale(j));
     if (result != SBL_SUCCESS) return result;
     sbl__rays_send(d, &b, &j->aim.light.target, blocks);
@@ -11833,7 +12098,8 @@ static sbl_result sbl__job_reduce(void *work, sbl__slice *slice) {
     sbl_result result = SBL_SUCCESS;
     d->gl.doing = "adding up sensors";
     if (directional)
-        result = sbl__looks_send(d, &j->table, j->looks, (j->drawn - 1) % slots->count + 1, slots->count);
+        result = sbl__looks_send(d, &j->table, j->looks, sizeof *j->looks, (j->drawn - 1) % slots->count + 1,
+                                 slots->count);
     if (!j->task.spec.traced && result == SBL_SUCCESS)
         result = sbl__raster_reduce(d, &j->raster, &j->raster.lenses[j->lens], &j->blocks,
                                     directional ? &j->table : NULL, area);
@@ -12321,10 +12587,10 @@ static const char *const sbl__glsl_cast[] = {
 
 static const sbl__recipe sbl__recipe_cast = {
     "cast", { sbl__glsl_fullscreen_vertex },
-    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_carrier, sbl__glsl_traverse, sbl__glsl_cast },
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_carrier, sbl__glsl_traverse, sbl__glsl_cast },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
       &sbl__cast_record },
-    SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE
+    SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE | SBL__SPECULAR
 };
 
 static sbl_result sbl__cast_send(sbl__bounce *b, const sbl__cast *rays, int count) {
@@ -14284,6 +14550,13 @@ typedef struct sbl__sensor {
     unsigned char place_count;  /* number of the texel's places; 0: the sensor stands at sbl__pixel.position */
 } sbl__sensor;
 
+/* What a pixel's specular lobe looks like, for refinement of the light in lobes. */
+typedef struct sbl__shine {
+    float view[3];            /* unit vector to the viewer */
+    float reflectance[3], roughness;  /* see lobe.glsl */
+    float weight;             /* luminance of the lobe's albedo: error of FINAL / error of the light in the lobe */
+} sbl__shine;
+
 #define SBL__SENSOR_BLOCK 1024u  /* number of sensors in a block of memory; a power of 2 */
 
 /* Occlusion. A texel is hidden if surfaces cover more than HIDDEN_SHARE of its hemisphere at a mean distance below
@@ -14366,6 +14639,7 @@ typedef struct sbl__tile {
     int looks;                /* number of looks that new sensors at the tile's corners begin with */
     int pixels;               /* number of pixels that the tile fills in (sbl__tile_pixels), that show a surface, and
                                  whose errors count (sbl__window_counts) */
+    float weight2;            /* mean over all `pixels` of sbl__shine.weight squared; 1 if light is R */
     float uncovered;          /* mean over all `pixels` of the bilinear weight of corners whose light they cannot use */
     float raw_bias2;          /* bias2 as estimated from light on the edges, before noise is subtracted */
     float unseen_bias2;       /* part of raw_bias2 for changes of light between the last sensors and silhouettes */
@@ -14397,6 +14671,7 @@ typedef struct sbl__refine {
     sbl__sensor **sensors;    /* blocks of SBL__SENSOR_BLOCK sensors, which never move. Number 0, all zeroes, stands for
                                  the sensor of each pixel without a sensor, and is only read */
     uint32_t sensor_count;    /* number of sensors, number 0 included */
+    sbl__shine *shine;        /* per pixel: the lobe; NULL: light is R. Errors are then those of FINAL, relative to `mean` */
     float *stored_light;      /* per pixel: R according to the store, 3 floats; NULL in modes other than SBL_MODE_GI */
     size_t harmonics;         /* floats of one pixel in layers 1 and up of light, 3 per layer */
     float *layers;            /* light of layers 1 and up (harmonics, see SBL__LAYERS): all layers of a pixel, then
@@ -14450,7 +14725,7 @@ static size_t sbl__sensor_blocks(const sbl__refine *r) {
 }
 
 static void sbl__refine_free(const sbl__device *d, sbl__refine *r) {
-    void *const blocks[] = { r->pixels, r->stored_light, r->layers, r->tiles, r->sites, r->readings, r->reading_layers,
+    void *const blocks[] = { r->pixels, r->shine, r->stored_light, r->layers, r->tiles, r->sites, r->readings, r->reading_layers,
                              r->searched, r->places };
     size_t i;
     for (i = 0; r->sensors && i < sbl__sensor_blocks(r); i++) sbl__free(d->base, r->sensors[i]);
@@ -14956,11 +15231,37 @@ static void sbl__tile_count(const sbl__refine *r, sbl__tile *c, const sbl__range
         sbl__mix m;
         if (!p->id || !sbl__window_counts(&r->window, x, y)) continue;
         c->pixels++;
+        if (r->shine) c->weight2 += r->shine[p - r->pixels].weight * r->shine[p - r->pixels].weight;
         if (sbl__sensor_of(r, p)->sensed) continue;
         sbl__interpolate(r, c, x, y, 0, &m);
         c->uncovered += 1 - m.own;
         if ((extrapolated ? m.covered : m.own) < SBL__COVERAGE) c->must_split = 1;
     }
+}
+
+#define SBL__LOBE_SPAN 2.0  /* see sbl__tile_is_wide */
+
+/* Returns 1 if the directions that the lobes at two of the tile's corners point to differ by more than SBL__LOBE_SPAN
+   times the lobes' width, which is about alpha: details of what they reflect could be missed. */
+static int sbl__tile_is_wide(const sbl__refine *r, const sbl__tile *c) {
+    double ways[4][3], alpha[4];
+    int corner, other, k;
+    if (sbl__tile_span(c) <= 1) return 0;
+    for (corner = 0; corner < 4; corner++) {
+        const sbl__pixel *p = sbl__tile_corner(r, c, corner);
+        const sbl__shine *s = &r->shine[p - r->pixels];
+        const double cosine = (double)sbl__dot(s->view, p->normal);
+        alpha[corner] = p->id ? (double)s->roughness * s->roughness : -1;
+        for (k = 0; k < 3; k++) ways[corner][k] = 2 * cosine * p->normal[k] - s->view[k];
+    }
+    for (corner = 0; corner < 4; corner++)
+        for (other = corner + 1; other < 4; other++) {
+            const double least = SBL__MIN(alpha[corner], alpha[other]), most = SBL__LOBE_SPAN * least;
+            double apart2 = 0;
+            for (k = 0; k < 3; k++) apart2 += pow(ways[corner][k] - ways[other][k], 2);
+            if (least >= 0 && apart2 > most * most) return 1;
+        }
+    return 0;
 }
 
 /* >>refine: guides for sensors' rays, see >>guide */
@@ -15042,6 +15343,10 @@ static void sbl__refine_site(const sbl__refine *r, int index, int first, int loo
     out->guide = sbl__guide_for(r, index);
     out->first = first;
     out->looks = looks;
+    if (!r->shine) return;
+    memcpy(out->view, r->shine[index].view, sizeof out->view);
+    memcpy(out->reflectance, r->shine[index].reflectance, sizeof out->reflectance);
+    out->roughness = r->shine[index].roughness;
 }
 
 /* Returns the number of looks with which a sensor begins. A texel with places begins with at least one look for each
@@ -15270,16 +15575,18 @@ static sbl_result sbl__refine_take(void *work, int at) {
         return SBL_SUCCESS;
     }
     s->sensed = 1;
-    stats->picture.levels[s->level - 1].sensors++;
-    stats->picture.level_count = SBL__MAX(stats->picture.level_count, s->level);
+    if (!r->shine) stats->picture.levels[s->level - 1].sensors++;
+    if (!r->shine) stats->picture.level_count = SBL__MAX(stats->picture.level_count, s->level);
     stats->sensors.count++;
     return sbl__refine_validate(r, r->sites[at].pixel, reading);
 }
 
-/* Makes r->spec anew after a change of r->measurement, but keeps its `directional` and `guided` flags. */
+/* Makes r->spec anew after a change of r->measurement, but keeps its flags `directional`, `guided` and `lobe`. */
 static void sbl__refine_update_spec(sbl__refine *r) {
-    const int directional = r->spec->directional, guided = r->spec->guided;
+    const int directional = r->spec->directional, guided = r->spec->guided, lobe = r->spec->lobe;
     sbl__spec_make(r->spec, r->measurement, &r->core->scene, &r->core->desc);
+    if (lobe) r->spec->lobe = 1;
+    if (lobe) r->spec->no_light = 0;
     r->spec->directional = directional;
     r->spec->guided = guided;
 }
@@ -15564,7 +15871,7 @@ static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
                          : variance / sbl__tile_smoothing(r, c, r->luminance * (float)sqrt((double)variance));
     for (k = 0; k < 3; k++) r->sum[k] += (double)light[k] * c->pixels / count;
     r->pixels_summed += c->pixels;
-    r->look_variance += (double)c->variance * c->pixels;
+    r->look_variance += (double)c->variance * (double)c->weight2 * c->pixels;
     c->light = sbl__luminance(light) / (float)count;
 }
 
@@ -15590,10 +15897,11 @@ static sbl_result sbl__refine_weigh(void *work, int at) {
     sbl__tile_noise(r, c);
     interpolated = SBL__MAX(c->pixels - 1, 0);  /* all but the upper left pixel, which has a sensor */
     variance = c->noise2 / sbl__noise_left(r, sbl__tile_span(c));
-    c->bias2 = SBL__MAX(c->raw_bias2 - SBL__NOISE_IN_BIAS * variance, c->unseen_bias2);
+    c->noise2 *= c->weight2;
+    c->bias2 = c->weight2 * SBL__MAX(c->raw_bias2 - SBL__NOISE_IN_BIAS * variance, c->unseen_bias2);
     r->bias2 += (double)c->bias2 * interpolated;
     r->noise2 += (double)c->noise2 * c->pixels;
-    bias2 = SBL__MAX(c->raw_bias2 - SBL__NOISE_IN_SPLITS * variance, c->unseen_bias2);
+    bias2 = c->weight2 * SBL__MAX(c->raw_bias2 - SBL__NOISE_IN_SPLITS * variance, c->unseen_bias2);
     weight = 1 / (c->light / r->luminance + SBL__GAIN_FLOOR);
     if (sbl__tile_span(c) > 1 && !(r->threshold > 0)) {
         const float error_max = SBL__TILE_ERROR_MAX * r->target_error *
@@ -15668,11 +15976,14 @@ static sbl_result sbl__refine_count(void *work, sbl__slice *slice) {
         const sbl__range pixels = sbl__tile_pixels(r, c);
         if (r->row == 0) c->pixels = c->must_split = 0;
         if (r->row == 0) c->uncovered = 0;
+        if (r->row == 0) c->weight2 = r->shine ? 0.0f : 1.0f;
         for (; pixels.y[0] + r->row <= pixels.y[1]; r->row++) {
             if (sbl__late(slice)) return SBL_UNFINISHED;
             sbl__tile_count(r, c, &pixels, pixels.y[0] + r->row);
         }
         if (c->pixels) c->uncovered /= (float)c->pixels;
+        if (c->pixels && r->shine) c->weight2 /= (float)c->pixels;
+        if (c->pixels && r->shine && sbl__tile_is_wide(r, c)) c->must_split = 1;
     }
     return SBL_SUCCESS;
 }
@@ -15772,7 +16083,7 @@ static int sbl__refine_growth(const sbl__refine *r) {
 /* Returns 1 if the first round has shown that looks are so noisy that their rays should be guided, see >>guide. */
 static int sbl__refine_needs_guides(const sbl__refine *r) {
     const double least = SBL__LOOK_VARIANCE * (double)r->target_error * (double)r->target_error;
-    return r->rounds == 1 && r->spec->traced && !r->spec->guided && !r->spec->no_light &&
+    return r->rounds == 1 && r->spec->traced && !r->spec->guided && !r->spec->no_light && !r->spec->lobe &&
            !r->measurement->options.rays && r->look_variance >= least;
 }
 
@@ -15781,6 +16092,10 @@ static int sbl__refine_after_weigh(void *work) {
     sbl__weigh_end(r);
     if (sbl__refine_needs_guides(r) || sbl__refine_growth(r) > 1) return SBL__REFINE_RESTART;
     r->first_new = r->tile_count;
+    if (r->shine) {
+        r->core->stats.picture.specular_error = (float)r->predicted;
+        return SBL__REFINE_SPEND;
+    }
     r->core->stats.picture.expected_error = (float)r->predicted;
     r->core->stats.picture.stored_error = (float)r->stored;
     r->core->stats.picture.price = r->price_paid;
@@ -15861,13 +16176,14 @@ static void sbl__refine_use_window(sbl__refine *r, const sbl__window *window) { 
 
 static sbl_result sbl__refine_make(sbl__refine *r) {
     const size_t pixels = (size_t)r->width * (size_t)r->height;
-    const int bounced = r->measurement->options.mode == SBL_MODE_GI;
+    const int bounced = r->measurement->options.mode == SBL_MODE_GI && !r->spec->lobe;
     sbl__base *base = &r->core->base;
     r->pixels = (sbl__pixel *)sbl__alloc_raw(base, pixels, sizeof *r->pixels);
     r->layers = (float *)sbl__alloc(base, pixels, r->harmonics * sizeof *r->layers);
     r->sensors = (sbl__sensor **)sbl__alloc(base, sbl__sensor_blocks(r), sizeof *r->sensors);
     if (bounced) r->stored_light = (float *)sbl__alloc_raw(base, pixels, 3 * sizeof *r->stored_light);
-    if (!r->pixels || !r->layers || !r->sensors || (bounced && !r->stored_light))
+    if (r->spec->lobe) r->shine = (sbl__shine *)sbl__alloc(base, pixels, sizeof *r->shine);
+    if (!r->pixels || !r->layers || !r->sensors || (bounced && !r->stored_light) || (r->spec->lobe && !r->shine))
         return SBL_ERROR_OUT_OF_MEMORY;
     r->sensors[0] = (sbl__sensor *)sbl__alloc(base, SBL__SENSOR_BLOCK, sizeof **r->sensors);
     r->sensor_count = 1;
@@ -16286,9 +16602,13 @@ static const char *const sbl__glsl_tone[] = {
 /* >>glsl resolve: shaders_embedded/resolve.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_resolve[] = {
 "// Composition (section III-H) of one anti-aliasing sample of every pixel: emission plus reflected light. The\n",
-"// sample has its own G-buffer; its R comes from the nearest pixel centres that show the same surface, so that\n",
+"// sample has its own G-buffer; its light comes from the nearest pixel centres that show the same surface, so that\n",
 "// light does not bleed over edges.\n",
 "uniform sampler2D radiance;                 // R at pixel centres\n",
+"#ifdef SBL_SPECULAR\n",
+"uniform sampler2D reflected;                // mean radiance in the specular lobe, at pixel centres\n",
+"uniform sampler2D sample_specular;          // albedo of the lobe\n",
+"#endif\n",
 "uniform sampler2D positions, normals;       // at pixel centres\n",
 "uniform usampler2D ids;\n",
 "uniform sampler2D sample_positions, sample_normals, sample_albedo, sample_emission;\n",
@@ -16326,17 +16646,18 @@ static const char *const sbl__glsl_resolve[] = {
 "    return radiance;\n",
 "}\n",
 "\n",
-"// Returns R at the sample: from those of the four nearest pixels that belong to its surface; if their weight is\n",
+"// Returns light at the sample: from those of the four nearest pixels that belong to its surface; if their weight is\n",
 "// too small, from pixels with its id within SBL_REACH; if there are none, from all surfaces there, or else 0.\n",
-"vec3 sbl_light_at(ivec2 at, uint id) {\n",
-"    ivec2 size = textureSize(radiance, 0), least = at + ivec2(floor(offset));\n",
+"// light: R or another light at pixel centres\n",
+"vec3 sbl_light_at(sampler2D light, ivec2 at, uint id) {\n",
+"    ivec2 size = textureSize(light, 0), least = at + ivec2(floor(offset));\n",
 "    vec3 p = texelFetch(sample_positions, at, 0).xyz, n = texelFetch(sample_normals, at, 0).xyz;\n",
 "    vec4 near = vec4(0);\n",
 "    for (int i = 0; i < 4; i++) {\n",
 "        ivec2 there = clamp(least + ivec2(i & 1, i >> 1), ivec2(0), size - 1);\n",
 "        if (texelFetch(ids, there, 0).x != id) continue;\n",
 "        vec2 tent = 1.0 - abs(vec2(least + ivec2(i & 1, i >> 1) - at) - offset);\n",
-"        near += tent.x * tent.y * vec4(texelFetch(radiance, there, 0).rgb, 1) *\n",
+"        near += tent.x * tent.y * vec4(texelFetch(light, there, 0).rgb, 1) *\n",
 "                sbl_belongs(p, n, texelFetch(positions, there, 0).xyz, texelFetch(normals, there, 0).xyz);\n",
 "    }\n",
 "    bool enough = near.a > SBL_NEAR_ENOUGH;\n",
@@ -16348,12 +16669,12 @@ static const char *const sbl__glsl_resolve[] = {
 "        if (there_id == 0u) continue;\n",
 "        vec3 q = texelFetch(positions, there, 0).xyz, m = texelFetch(normals, there, 0).xyz;\n",
 "        vec2 d = vec2(step) - offset;\n",
-"        vec4 r = exp(-dot(d, d)) * vec4(texelFetch(radiance, there, 0).rgb, 1);\n",
+"        vec4 r = exp(-dot(d, d)) * vec4(texelFetch(light, there, 0).rgb, 1);\n",
 "        if (there_id == id) far += r * (sbl_belongs(p, n, q, m) + SBL_SAME_ID);\n",
 "        rest += r * (SBL_OTHER_ID + max(0.0, dot(n, m)));\n",
 "    }\n",
-"    vec4 light = enough ? near : far.a > 0.0 ? far : rest;\n",
-"    return light.a > 0.0 ? light.rgb / light.a : vec3(0);\n",
+"    vec4 sum = enough ? near : far.a > 0.0 ? far : rest;\n",
+"    return sum.a > 0.0 ? sum.rgb / sum.a : vec3(0);\n",
 "}\n",
 "\n",
 "void main() {\n",
@@ -16363,9 +16684,12 @@ static const char *const sbl__glsl_resolve[] = {
 "    vec3 color;\n",
 "    if (id == 0u) color = sky + sbl_sky_smooth(sbl_camera_direction());\n",
 "    else {\n",
-"        vec3 light = offset == vec2(0) ? texelFetch(radiance, at, 0).rgb : sbl_light_at(at, id);\n",
-"        sbl_Material material = sbl_Material(texelFetch(sample_albedo, at, 0).rgb, false);\n",
-"        color = texelFetch(sample_emission, at, 0).rgb + sbl_reflected(material, light);\n",
+"        vec3 light = offset == vec2(0) ? texelFetch(radiance, at, 0).rgb : sbl_light_at(radiance, at, id);\n",
+"        color = texelFetch(sample_emission, at, 0).rgb + texelFetch(sample_albedo, at, 0).rgb * light;\n",
+"#ifdef SBL_SPECULAR\n",
+"        light = offset == vec2(0) ? texelFetch(reflected, at, 0).rgb : sbl_light_at(reflected, at, id);\n",
+"        color += texelFetch(sample_specular, at, 0).rgb * light;\n",
+"#endif\n",
 "    }\n",
 "    out_color = before + share * vec4(color, 1);\n",
 "#ifdef SBL_DISPLAY\n",
@@ -16380,8 +16704,8 @@ static const char *const sbl__glsl_resolve[] = {
 
 static const sbl__recipe sbl__recipe_resolve = {
     "resolve", { sbl__glsl_fullscreen_vertex },
-    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_belongs, sbl__glsl_camera, sbl__glsl_sky,
-      sbl__glsl_tone, sbl__glsl_resolve }, { &sbl__object_record }, SBL__DISPLAY
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_belongs, sbl__glsl_camera, sbl__glsl_sky,
+      sbl__glsl_tone, sbl__glsl_resolve }, { &sbl__object_record }, SBL__DISPLAY | SBL__SPECULAR
 };
 
 /* Gets the position of sample i of `count` relative to the pixel's centre, in pixels: the R2 sequence (Roberts 2018,
@@ -16397,6 +16721,7 @@ typedef struct sbl__resolve {
     const sbl__gbuffer *centres, *sample;  /* G-buffers of the pixels' centres and of the sample */
     const sbl__texture *emission;          /* emission of the sample */
     const sbl__texture *radiance;          /* R at pixel centres */
+    const sbl__texture *reflected;         /* light in specular lobes at pixel centres; NULL: all materials are matte */
     const sbl__texture *previous;          /* [0]: sum of the samples before, each divided by `count`; [1]: the same of
                                               what a screen shows, if tone asks for it */
     const sbl__environment *environment;
@@ -16411,12 +16736,17 @@ typedef struct sbl__resolve {
 /* Writes r->previous (0 for sample 0) + sample / r->count to rows of `out`. rows: first row, number of rows */
 static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const sbl__target *out, const int rows[2]) {
     const int shown = r->tone != SBL_TONE_NONE;
-    const sbl_result result = sbl__use(d, &sbl__recipe_resolve, shown ? (unsigned)SBL__DISPLAY : 0);
+    const unsigned features = (shown ? (unsigned)SBL__DISPLAY : 0) | (r->reflected ? (unsigned)SBL__SPECULAR : 0);
+    const sbl_result result = sbl__use(d, &sbl__recipe_resolve, features);
     float offset[2];
     if (result != SBL_SUCCESS) return result;
     sbl__sample_offset(r->index, r->count, offset);
     sbl__pass_rows(d, out, rows[0], rows[1]);
     sbl__bind(d, "radiance", r->radiance);
+    if (r->reflected) {
+        sbl__bind(d, "reflected", r->reflected);
+        sbl__bind(d, "sample_specular", &r->sample->textures[SBL__GBUFFER_SPECULAR]);
+    }
     sbl__bind(d, "positions", &r->centres->textures[SBL__GBUFFER_POSITION]);
     sbl__bind(d, "normals", &r->centres->textures[SBL__GBUFFER_NORMAL]);
     sbl__bind(d, "ids", &r->centres->textures[SBL__GBUFFER_ID]);
@@ -17008,6 +17338,7 @@ typedef struct sbl__map {
     uint32_t scene_version;     /* version of the scene that the map shows */
     sbl__camera camera;
     sbl__atlas *atlas;          /* the atlas that a lightmap shows; NULL: a picture shows what the camera sees */
+    int shines;                 /* 1: a picture of a scene whose materials are not all matte, see >>reflections */
     sbl__surface surface;
     sbl__gbuffer gbuffer;
     sbl__refine refine;
@@ -17015,6 +17346,8 @@ typedef struct sbl__map {
     int developed;              /* 1: R is final, because stage DEVELOP has finished layer 0 */
     sbl__stages developing;
     sbl__fill fill;
+    sbl__refine *source;        /* the refinement whose light DEVELOP interpolates: `refine`, or that of >>reflections */
+    float reflected;            /* share of >>reflections that is done, 0 to 1 */
     sbl__map_layer layers[SBL__LAYERS];
     sbl__pace filter_pace;
     const sbl__target *channels[SBL_CHANNEL_COUNT];  /* target with the channel; NULL: see sbl__map_channel_pixel */
@@ -17029,6 +17362,7 @@ typedef struct sbl__map {
                                    and tiles (gather + refine), [1]: number of looks */
 } sbl__map;
 
+#define SBL__MAP_SHARE 0.55f      /* progress at which R is developed if reflections follow */
 #define SBL__READ_PIXELS 32768    /* maximum pixels per transfer between GPU and host, but at least a row of the map */
 #define SBL__PREVIEW_GROWTH 1.25  /* the next preview is made when the number of looks has grown by this factor */
 #define SBL__MAP_RAYS 30000.0     /* usual time of refinement / square root of the number of pixels. Unit: mean time
@@ -17124,6 +17458,7 @@ static void sbl__map_begin(sbl__map *m, const sbl_picture_desc *desc, int across
     int level;
     m->window = sbl__window_of(desc);
     m->desc = sbl__window_desc(desc, &m->window);
+    m->source = &m->refine;
     m->spec.directional = directional;
     m->scene_version = c->scene.version;
     sbl__camera_make(&m->camera, &m->desc, &c->scene.geometry);
@@ -17187,7 +17522,7 @@ static sbl_result sbl__map_setup(void *work, sbl__slice *slice) {
         case 0: result = sbl__refine_make(&m->refine); break;
         case 1: result = sbl__surface_make(d, &m->surface, width, height, m->atlas != NULL); break;
         default: return sbl__gbuffer_make(d, &m->gbuffer, width, height, m->atlas ? NULL : &m->surface.depth,
-                                          SBL__GBUFFER_ALL);
+                                          SBL__GBUFFER_ALL | (m->shines ? SBL__GBUFFER_SHINE : 0));
     }
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
 }
@@ -17236,6 +17571,7 @@ static sbl_result sbl__map_draw_surface(sbl__map *m, const sbl__gbuffer *g, cons
     memcpy(job.offset, offset, sizeof job.offset);
     job.epsilon = m->work.measurement.options.epsilon;
     job.bounced = m->spec.bounced && g == &m->gbuffer;
+    job.shines = m->shines;
     job.atlas = m->atlas;
     return sbl__surface_step(&c->device, &m->surface, &job, slice);
 }
@@ -17281,7 +17617,8 @@ static size_t sbl__map_shown(const sbl__map *m, size_t i) {
 static sbl_result sbl__map_trim(sbl__map *m) {
     if (m->glimpse == SBL__GLIMPSE_UNDER_WAY) return SBL_SUCCESS;
     return sbl__gbuffer_make(&m->work.core->device, &m->gbuffer, m->desc.width, m->desc.height, NULL,
-                             m->atlas ? SBL__GBUFFER_TEXEL : SBL__GBUFFER_SAMPLE);
+                             m->atlas ? SBL__GBUFFER_TEXEL
+                                      : SBL__GBUFFER_SAMPLE | (m->shines ? SBL__GBUFFER_SHINE : 0));
 }
 
 /* Reads rows of the G-buffer into m->refine, from row stages.at on. Advances stages.at. SBL_SUCCESS: all are read. */
@@ -17340,8 +17677,8 @@ static void sbl__map_develop_from(sbl__map *m, int layer) {
 
 static sbl_result sbl__map_fill(void *work, sbl__slice *slice) {
     sbl__map *m = (sbl__map *)work;
-    m->fill.refine = &m->refine;
-    m->fill.layer = m->layer;
+    m->fill.refine = m->source;
+    m->fill.layer = m->source == &m->refine ? m->layer : 0;
     return sbl__fill_step(&m->fill, slice);
 }
 
@@ -17371,8 +17708,8 @@ static sbl_result sbl__map_filter(void *work, sbl__slice *slice) {
     if (result != SBL_SUCCESS) return result;
     filter.radius = SBL__MAX(m->desc.filter_radius, 0);
     filter.geometry_aware = m->desc.options.mode != SBL_MODE_PAPER;
-    filter.radiance = &m->layers[0].light;
-    filter.layer = m->layer ? &layer->light : NULL;
+    filter.radiance = &m->layers[m->source == &m->refine ? 0 : m->layer].light;
+    filter.layer = m->layer && m->source == &m->refine ? &layer->light : NULL;
     filter.layer_noise = sbl__spec_layer_noise(&m->spec);
     rows[1] = sbl__pace_rows(&m->filter_pace, slice, &layer->smooth.target, rows[0]);
     result = sbl__filter_draw(d, &filter, &m->gbuffer, &layer->smooth.target, rows);
@@ -17485,10 +17822,12 @@ static float sbl__map_progress(const void *work) {
     const double seconds = m->work.core->stats.seconds.total, before = SBL__MAX(m->work.progress_at, 1e-9);
     double share, most;
     if (sbl__work_is_done(&m->work)) return 1;
+    if (m->developed && m->shines && m->reflected < 1)
+        return SBL__MAP_SHARE + (0.95f - SBL__MAP_SHARE) * m->reflected;
     if (m->developed) return 0.96f + 0.03f * m->finished;
-    if (m->work.stages.stage == SBL__MAP_DEVELOP) return 0.95f;
+    if (m->work.stages.stage == SBL__MAP_DEVELOP) return m->shines ? SBL__MAP_SHARE : 0.95f;
     if (m->glimpse == SBL__GLIMPSE_UNDER_WAY) return 0;
-    share = 0.95 * seconds / (seconds + sbl__map_seconds_left(m) + 1e-9);
+    share = (m->shines ? (double)SBL__MAP_SHARE : 0.95) * seconds / (seconds + sbl__map_seconds_left(m) + 1e-9);
     most = SBL__MAX((double)m->work.progress, 0.01) * pow(seconds / before, 2);
     return (float)SBL__MIN(share, most);
 }
@@ -17623,10 +17962,101 @@ static uint32_t sbl__map_channel_texture(sbl__map *m, sbl_channel channel) {
     return target ? target->textures[sbl__channels[channel].attachment] : sbl__map_send_channel(m, channel);
 }
 
+/* ==================================================================================================== >>reflections
+   Light that specular lobes reflect to the camera, after R is known. A second refinement, with sensors that measure the
+   mean radiance in the lobe, makes it a layer of light. FINAL is the sum of emission, albedo * R, and the lobe's albedo *
+   this layer. The target error is that of FINAL.
+
+       lobes --> refine (sensors of lobes) --> fill --> filter --> resolve                                        */
+
+#define SBL__REFLECTIONS_RAYS 16  /* number of rays of a look, unless the host has set it */
+#define SBL__REFLECTIONS_LAYER 1  /* index of the layer in sbl__map.layers */
+
+typedef struct sbl__reflections {
+    sbl__measurement measurement;
+    sbl__spec spec;
+    sbl__refine refine;
+    double sum[3], pixels;      /* sum of reflected light in FINAL, with R in place of the light in lobes; number of its
+                                   pixels */
+    int shiny;                  /* 1: a pixel has a lobe */
+} sbl__reflections;
+
+/* Begins the refinement, whose errors are relative to the mean of FINAL without emission. */
+static sbl_result sbl__reflections_begin(sbl__reflections *f, sbl__map *m) {
+    sbl_picture_desc desc = m->desc;
+    f->measurement = m->work.measurement;
+    f->measurement.options.backend = SBL_BACKEND_TRACE;
+    f->measurement.look_rays = SBL__REFLECTIONS_RAYS;
+    f->spec.lobe = 1;
+    desc.price = 0;
+    desc.threshold = 0;
+    memset(desc.mean_radiance, 0, sizeof desc.mean_radiance);
+    sbl__refine_begin(&f->refine, m->work.core, &f->measurement, &f->spec, &desc, sbl__filter_pixels(desc.filter_radius));
+    sbl__refine_use_window(&f->refine, &m->window);
+    sbl__refine_update_spec(&f->refine);
+    return sbl__refine_make(&f->refine);
+}
+
+/* Gives a pixel to the refinement. lobe: of gbuffer_fragment.glsl; albedo: of the lobe */
+static sbl_result sbl__reflections_put(sbl__reflections *f, const sbl__map *m, size_t index, const float lobe[4],
+                                       const float albedo[3]) {
+    static const float none[3] = { 0, 0, 0 };
+    sbl__pixel pixel = *sbl__refine_pixel(&m->refine, index);
+    sbl__shine *shine = &f->refine.shine[index];
+    double view[3];
+    int k;
+    pixel.sensor = 0;
+    pixel.error = 0;
+    if (lobe[3] < 0) pixel.id = 0;
+    for (k = 0; k < 3; k++)
+        view[k] = m->camera.orthographic ? m->camera.back[k] : m->camera.eye[k] - (double)pixel.position[k];
+    sbl__normalize(view);
+    for (k = 0; k < 3; k++) shine->view[k] = (float)view[k];
+    memcpy(shine->reflectance, lobe, sizeof shine->reflectance);
+    shine->roughness = lobe[3];
+    shine->weight = sbl__luminance(albedo);
+    f->shiny |= pixel.id != 0;
+    return sbl__refine_put(&f->refine, index, &pixel, none, 0);
+}
+
+/* Reads rows of the G-buffer and of R, from row m->work.stages.at on. SBL_SUCCESS: all are read. */
+static sbl_result sbl__reflections_read(sbl__reflections *f, sbl__map *m) {
+    static const int attachments[3] = { SBL__GBUFFER_LOBE, SBL__GBUFFER_SPECULAR, SBL__GBUFFER_ALBEDO };
+    sbl__core *c = m->work.core;
+    const int width = m->desc.width, first = m->work.stages.at;
+    const int rows = SBL__MIN(SBL__MAX(1, SBL__READ_PIXELS / width), m->desc.height - first), count = rows * width;
+    float *data = (float *)sbl__alloc_raw(&c->base, (size_t)count, 4 * 16), *from[4];
+    sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    int i, k;
+    c->device.gl.doing = "reading specular lobes";
+    for (k = 0; k < 4; k++) from[k] = data ? data + 4 * (size_t)count * (size_t)k : NULL;
+    for (k = 0; k < 3 && result == SBL_SUCCESS; k++)
+        result = sbl__target_read(&c->device, &m->gbuffer.target, attachments[k], first, rows, from[k]);
+    if (result == SBL_SUCCESS) result = sbl__target_read(&c->device, &m->layers[0].smooth.target, 0, first, rows, from[3]);
+    c->stats.sensors.readbacks += 4;
+    for (i = 0; i < count && result == SBL_SUCCESS; i++) {
+        const size_t index = (size_t)first * (size_t)width + (size_t)i, at = 4 * (size_t)i;
+        result = sbl__reflections_put(f, m, index, from[0] + at, from[1] + at);
+        if (!sbl__refine_pixel(&m->refine, index)->id || !sbl__window_shows(&m->window, i % width, first + i / width))
+            continue;
+        for (k = 0; k < 3; k++)
+            f->sum[k] += (double)(from[1][at + (size_t)k] + from[2][at + (size_t)k]) * (double)from[3][at + (size_t)k];
+        f->pixels++;
+    }
+    sbl__free(&c->base, data);
+    m->work.stages.at += rows;
+    return result == SBL_SUCCESS && m->work.stages.at < m->desc.height ? SBL_UNFINISHED : result;
+}
+
+/* Returns how much of the refinement is done, by looks taken and expected, 0 to 1. */
+static float sbl__reflections_progress(const sbl__reflections *f) {
+    return (float)(sbl__refine_looks_now(&f->refine) / SBL__MAX(sbl__refine_looks_expected(&f->refine), 1.0));
+}
+
 /* ======================================================================================================== >>picture
    The front end that makes pictures: a radiance map of what a camera sees, then composition and anti-aliasing. */
 
-enum { SBL__PICTURE_FINISH = SBL__MAP_END, SBL__PICTURE_SAMPLE, SBL__PICTURE_RESOLVE, SBL__PICTURE_DONE };
+enum { SBL__PICTURE_LOBES = SBL__MAP_END, SBL__PICTURE_REFLECT, SBL__PICTURE_DEVELOP, SBL__PICTURE_FINISH, SBL__PICTURE_SAMPLE, SBL__PICTURE_RESOLVE, SBL__PICTURE_DONE };
 
 /* A composition. textures[0]: radiance; textures[1]: what a screen shows, made only if there is a tone. */
 typedef struct sbl__composition { sbl__texture textures[2]; sbl__target target; } sbl__composition;
@@ -17651,6 +18081,7 @@ typedef struct sbl__picture {
     sbl__composition sums[2];   /* [0]: sum over an even number of anti-aliasing samples, made if there are two or
                                    more; [1]: over an odd number */
     sbl__composition preview;   /* made if the host reads channels, or for the measurement of the exposure */
+    sbl__reflections reflections;
     sbl__pace resolve_pace;
     int resolved;               /* number of finished anti-aliasing samples */
     int pass, row;              /* the current preview: its pass, and the number of finished rows of the pass */
@@ -17679,6 +18110,7 @@ static void sbl__picture_free(void *work) {
     for (i = 0; i < 2; i++) sbl__composition_free(d, &p->sums[i]);
     sbl__composition_free(d, &p->preview);
     sbl__gbuffer_free(d, &p->sample);
+    sbl__refine_free(d, &p->reflections.refine);
     sbl__map_free(&p->map);
     memset(p, 0, sizeof *p);
 }
@@ -17717,6 +18149,7 @@ static sbl_result sbl__picture_begin(void *work, const void *desc) {
     sbl__picture *p = (sbl__picture *)work;
     const sbl_picture_desc d = sbl__picture_desc_of(p->map.work.core, (const sbl_picture_desc *)desc);
     sbl__map_begin(&p->map, &d, 1, 0);
+    p->map.shines = p->map.work.core->scene.features & SBL__SPECULAR && d.options.mode != SBL_MODE_PAPER;
     p->map.work.core->stats.picture.exposure = d.exposure;
     sbl__picture_show(p, &p->preview);
     return SBL_SUCCESS;
@@ -17730,6 +18163,7 @@ static sbl_result sbl__picture_compose(sbl__picture *p, int index, int count, co
                                        const sbl__slice *slice) {
     const sbl__map *m = &p->map;
     sbl__device *d = &m->work.core->device;
+    const sbl__texture *reflected = &m->layers[SBL__REFLECTIONS_LAYER].smooth.texture;
     sbl__resolve r;
     int rows[2];
     sbl_result result;
@@ -17738,6 +18172,7 @@ static sbl_result sbl__picture_compose(sbl__picture *p, int index, int count, co
     r.sample = count > 1 ? &p->sample : &m->gbuffer;
     r.emission = &(p->sample.target.id ? &p->sample : &m->gbuffer)->textures[SBL__GBUFFER_EMISSION];
     r.radiance = &m->layers[0].smooth.texture;
+    r.reflected = !m->shines ? NULL : reflected->id && m->reflected >= 1 ? reflected : r.radiance;
     r.previous = p->sums[index & 1].textures;  /* sample 0 does not read it */
     r.tone = m->desc.tone;
     r.stops = m->work.core->stats.picture.exposure;
@@ -17860,7 +18295,55 @@ static sbl_result sbl__picture_make_sample(sbl__picture *p) {
     p->sample.textures[SBL__GBUFFER_EMISSION] = *emission;
     memset(emission, 0, sizeof *emission);
     return sbl__gbuffer_make(&m->work.core->device, &p->sample, m->desc.width, m->desc.height, &m->surface.depth,
-                             SBL__GBUFFER_SAMPLE);
+                             SBL__GBUFFER_SAMPLE | (m->shines ? 1 << SBL__GBUFFER_SPECULAR : 0));
+}
+
+/* >>picture: reflections */
+
+static sbl_result sbl__picture_lobes(void *work, sbl__slice *slice) {
+    sbl__picture *p = (sbl__picture *)work;
+    sbl__map *m = &p->map;
+    sbl_result result = SBL_SUCCESS;
+    (void)slice;
+    if (!m->shines) return SBL_SUCCESS;
+    if (m->work.stages.at == 0) result = sbl__reflections_begin(&p->reflections, m);
+    return result == SBL_SUCCESS ? sbl__reflections_read(&p->reflections, m) : result;
+}
+
+static int sbl__picture_after_lobes(void *work) {
+    sbl__picture *p = (sbl__picture *)work;
+    sbl__reflections *f = &p->reflections;
+    const double pixels = SBL__MAX(f->pixels, 1.0);
+    int k;
+    for (k = 0; k < 3; k++) f->refine.mean[k] = (float)(f->sum[k] / pixels);
+    f->refine.mean_is_given = 1;
+    if (f->shiny) return SBL__PICTURE_REFLECT;
+    p->map.reflected = 1;
+    return SBL__PICTURE_FINISH;
+}
+
+static sbl_result sbl__picture_reflect(void *work, sbl__slice *slice) {
+    sbl__picture *p = (sbl__picture *)work;
+    const sbl_result result = sbl__refine_step(&p->reflections.refine, slice);
+    p->map.reflected = SBL__MAX(p->map.reflected, 0.98f * sbl__reflections_progress(&p->reflections));
+    return result == SBL_SUCCESS ? sbl__refine_end(&p->reflections.refine) : result;
+}
+
+static int sbl__picture_after_reflect(void *work) {
+    sbl__picture *p = (sbl__picture *)work;
+    sbl__map_develop_from(&p->map, SBL__REFLECTIONS_LAYER);
+    p->map.source = &p->reflections.refine;
+    return SBL__PICTURE_DEVELOP;
+}
+
+static int sbl__picture_after_develop(void *work) {
+    sbl__picture *p = (sbl__picture *)work;
+    const sbl__device *d = &p->map.work.core->device;
+    sbl__texture_delete(d, &p->map.layers[SBL__REFLECTIONS_LAYER].light);
+    sbl__refine_free(d, &p->reflections.refine);
+    p->map.source = &p->map.refine;
+    p->map.reflected = 1;
+    return SBL__PICTURE_FINISH;
 }
 
 /* If the host reads channels or the exposure is to be measured, makes a preview with the final R. Then it makes the
@@ -17908,6 +18391,9 @@ static int sbl__picture_after_resolve(void *work) {
 
 static const sbl__stage_row sbl__picture_stages[] = {
     SBL__MAP_ROWS(sbl__map_read, sbl__picture_preview),
+    { sbl__picture_lobes, sbl__picture_after_lobes, NULL, NULL },
+    { sbl__picture_reflect, sbl__picture_after_reflect, NULL, NULL },
+    { sbl__map_develop, sbl__picture_after_develop, NULL, NULL },
     { sbl__picture_finish, NULL, NULL, NULL },
     { sbl__picture_sample, NULL, NULL, NULL },
     { sbl__picture_resolve, sbl__picture_after_resolve, NULL, NULL }

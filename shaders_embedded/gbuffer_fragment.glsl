@@ -8,6 +8,10 @@ layout(location = 2) out vec4 out_geometric_normal;
 layout(location = 3) out vec4 out_albedo;
 layout(location = 4) out vec4 out_emission;
 layout(location = 5) out uint out_id;
+#ifdef SBL_SPECULAR
+layout(location = 6) out vec4 out_specular;  // albedo of the specular lobe for this view; 0: none
+layout(location = 7) out vec4 out_lobe;      // sbl_Material.reflectance; w: roughness, negative: no lobe
+#endif
 // In SBL_MODE_GI, w of normal, geometric normal and emission hold red, green and blue of the stored R. Where no
 // sensor may stand, w of normal is -1 - red.
 
@@ -33,6 +37,10 @@ void main() {
     uint triangle = texel.x;
     out_position = out_normal = out_geometric_normal = out_albedo = out_emission = vec4(0);
     out_id = 0u;
+#ifdef SBL_SPECULAR
+    out_specular = vec4(0);
+    out_lobe = vec4(0, 0, 0, -1);
+#endif
     if (triangle > 0u) {
 #ifdef SBL_LIGHTMAP
         sbl_Surface s = sbl_surface_front(int(triangle) - 1, uintBitsToFloat(texel.y), uintBitsToFloat(texel.z));
@@ -52,6 +60,14 @@ void main() {
         out_albedo = vec4(s.material.albedo, 1);
         out_emission = vec4(s.emission, 0);
         out_id = s.id;
+#if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)
+        if (s.material.roughness >= 0.0) {
+            float cosine = clamp(-dot(s.normal, normalize(direction)), 1e-3, 1.0);
+            out_specular = vec4(sbl_specular_albedo(s.material.reflectance, s.material.roughness, cosine), 1);
+            out_lobe = vec4(s.material.reflectance, s.material.roughness);
+            out_albedo.rgb = s.material.diffuse * (1.0 - sbl_diffuse_lost(cosine));
+        }
+#endif
 #ifdef SBL_BOUNCED
         bool excluded = (sbl_object_flags(s.object) & SBL_NO_SENSORS) != 0u;
         vec3 light = sbl_stored(int(triangle) - 1, s.back, s.position, SBL_UNBOUNDED);

@@ -47,6 +47,9 @@ const int SBL_CORNERS = 3;          // number of rim samples of a triangle, one 
 const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // a rim sample's barycentrics: close corner, others
 const int SBL_RIM = 12;             // number of rim samples of a round lamp
 const float SBL_RIM_AT = 0.99;      // share of a round lamp's area inside the circle on which its rim samples lie
+#ifdef SBL_LOBE
+const float SBL_LOBE_STRENGTH = 0.05;  // lamps without a closed form are picked as if the lobe were at least this
+#endif
 const float SBL_KNOWN = 1e-6;       // clusters need no more rays if variance / square of their light is below this
 
 int look;                    // the look that is measured: its number in the batch
@@ -117,6 +120,25 @@ mat2x3 whole;                // by group (see sbl_Lamp): unobstructed light of l
 bool rounded = false;        // true: some of the lamps considered are not triangles
 mat3x4 whole_harmonics[2];   // by group, as `whole`: the harmonics of that light
 
+// R / unit from an unobstructed lamp, or, with SBL_LOBE, the part of the lobe's mean radiance.
+vec3 sbl_expected(sbl_Lamp l) {
+    vec3 light = sbl_unhindered(l);
+#ifdef SBL_LOBE
+    if (l.kind != SBL_LAMP_TRIANGLE) light *= sbl_lobe_factor(l.corner) + SBL_LOBE_STRENGTH;
+    if (!lobe_rough && !sbl_is_light(l)) light = vec3(0);
+#endif
+    return light;
+}
+
+// True if sbl_expected is exact.
+bool sbl_has_closed_form(sbl_Lamp l) {
+#ifdef SBL_LOBE
+    return l.kind == SBL_LAMP_TRIANGLE;
+#else
+    return !sbl_is_texel(l);
+#endif
+}
+
 // Adds node i to the entries, skips it, or descends into it. Returns the next node, or `limit`, the number of all
 // nodes, if the entries are full. If all lamps fit, i and limit count leaves instead. opening: a node is one entry
 // if its radius is below this share of its distance. last: true: a node of any size is one entry
@@ -139,11 +161,11 @@ int sbl_consider(int i, int limit, float opening, bool last, out bool full) {
     }
     if (single) {
         sbl_Lamp l = sbl_lamp(leaf);
-        vec3 light = sbl_unhindered(l);
+        vec3 light = sbl_expected(l);
         strength = light.r + light.g + light.b;
         rounded = rounded || l.kind != SBL_LAMP_TRIANGLE;
         point = l.sine2 == 0.0 && sbl_is_light(l) && certain < SBL_CERTAIN;
-        if (!point && !sbl_is_texel(l)) {
+        if (!point && sbl_has_closed_form(l)) {
             whole += outerProduct(light, l.group);
             if (directional) whole_harmonics[l.group.y > 0.0 ? 1 : 0] += sbl_unhindered_harmonics(l);
         }
@@ -212,8 +234,12 @@ bool reporting;                               // true: sbl_shoot reports its ray
 
 // Traces the ray of a sample. at_rim: the sample only tests for obstruction; point: it is on a point light
 void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool point) {
-    bool cluster = p.cluster || sbl_is_texel(l) || dot(sparse, l.group) > 0.0;
+    bool cluster = p.cluster || !sbl_has_closed_form(l) || dot(sparse, l.group) > 0.0;
     vec3 light = s.light / p.share, to = s.direction;
+#ifdef SBL_LOBE
+    if (!at_rim) light *= lobe_rough || sbl_is_light(l) ? sbl_lobe_factor(s.direction) : vec3(0);
+    s.light = light * p.share;
+#endif
     vec4 counts = vec4(0);
     taken += point || at_rim ? 0.0 : 1.0;
     if (!(light.r + light.g + light.b > 0.0)) return;
@@ -349,12 +375,16 @@ void main() {
     above = sbl_look_offset(look);
     position = stand - above * n;
     to_frame = transpose(sbl_frame(n));
+#ifdef SBL_LOBE
+    sbl_lobe_begin(look, n);
+    to_frame = sbl_lobe_to_cosine(look);
+#endif
     uint hash = sbl_look_lamp_scramble(look);
     scramble = uvec2(hash, (hash ^ hash >> 15) * 747796405u);
     scramble.y ^= scramble.y >> 13;
     sbl_choose();
     if (inspected && wanted >= rays && wanted - rays < used && entries[wanted - rays] >= 0) {
-        report = vec4(sbl_unhindered(sbl_lamp(entries[wanted - rays])), 1);
+        report = vec4(sbl_expected(sbl_lamp(entries[wanted - rays])), 1);
         report_way.w = float(entries[wanted - rays]);
     }
     if (directional) open_harmonics[0] = open_harmonics[1] = seen_harmonics[0] = seen_harmonics[1] = mat3x4(0);

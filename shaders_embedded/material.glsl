@@ -1,18 +1,42 @@
 // This file computes what surfaces emit and reflect, and where they have holes. Other shaders read only the
 // flags of a material. >>material in sbl.h does the same on the CPU.
 uniform float epsilon;     // ambient factor: a surface that does not emit has the radiance epsilon * albedo
+#ifdef SBL_LOBE
+bool lamps_apart = true;   // differs between looks, see lobe_rough
+#else
 uniform bool lamps_apart;  // true: lamps.glsl adds the light of emitters, so sbl_outgoing leaves it out
+#endif
 
 // A material at a point, with its textures applied.
 struct sbl_Material {
-    vec3 albedo;   // diffuse reflectance
-    bool cut_out;  // the point lies in a hole
+    vec3 albedo;       // share of light that the surface reflects; with reflections, the mean over all directions
+    bool cut_out;      // the point lies in a hole
+#ifdef SBL_SPECULAR
+    vec3 diffuse;      // albedo of the diffuse part seen along the normal
+    vec3 reflectance;  // of the specular lobe, seen along the normal
+    float roughness;   // negative: the surface is matte
+#endif
 };
 
 sbl_Material sbl_material(int object, sbl_Attributes at) {
     vec4 texel = sbl_texture(sbl_object_albedo_texture(object), at.uv);
     vec4 color = at.color * texel * vec4(sbl_object_albedo(object), 1);
-    return sbl_Material(color.rgb, color.a < sbl_object_alpha_cutoff(object));
+    bool cut_out = color.a < sbl_object_alpha_cutoff(object);
+#ifdef SBL_SPECULAR
+    sbl_Material m = sbl_Material(color.rgb, cut_out, color.rgb, vec3(0), -1.0);
+    float reflectance = sbl_object_reflectance(object);
+    for (int i = 0; i < (reflectance < 0.0 ? 0 : 1); i++) {
+        vec2 share = sbl_texture(sbl_object_specular_texture(object), at.uv).gb;
+        float metallic = clamp(share.y * sbl_object_metallic(object), 0.0, 1.0);
+        m.roughness = clamp(share.x * sbl_object_roughness(object), 0.0, 1.0);
+        m.diffuse = (1.0 - metallic) * (1.0 - reflectance) * color.rgb;
+        m.reflectance = mix(vec3(reflectance), min(color.rgb, vec3(1)), metallic);
+        m.albedo = sbl_albedo_mean(m.diffuse, m.reflectance, m.roughness);
+    }
+    return m;
+#else
+    return sbl_Material(color.rgb, cut_out);
+#endif
 }
 
 // False: no point of the object lies in a hole, so sbl_material need not be called to find out.
@@ -68,8 +92,13 @@ vec3 sbl_reflected(sbl_Material m, vec3 light) { return m.albedo * light; }
 
 // Factor of a glow's radiance (see >>glow in sbl.h) at a point: what textures and vertex colours do to the albedo.
 vec3 sbl_glow_pattern(int object, sbl_Attributes at) {
+#ifdef SBL_SPECULAR
+    sbl_Material m = sbl_material(object, at);
+    return m.cut_out ? vec3(0) : m.albedo / max(sbl_object_albedo(object), vec3(SBL_GLOW_ALBEDO));
+#else
     vec4 pattern = at.color * sbl_texture(sbl_object_albedo_texture(object), at.uv);
     return pattern.a < sbl_object_alpha_cutoff(object) ? vec3(0) : pattern.rgb;
+#endif
 }
 
 // Albedo, as bounces in the store use it: limited below 1, so that light fades even in closed white rooms.

@@ -1,7 +1,11 @@
 // Composition (section III-H) of one anti-aliasing sample of every pixel: emission plus reflected light. The
-// sample has its own G-buffer; its R comes from the nearest pixel centres that show the same surface, so that
+// sample has its own G-buffer; its light comes from the nearest pixel centres that show the same surface, so that
 // light does not bleed over edges.
 uniform sampler2D radiance;                 // R at pixel centres
+#ifdef SBL_SPECULAR
+uniform sampler2D reflected;                // mean radiance in the specular lobe, at pixel centres
+uniform sampler2D sample_specular;          // albedo of the lobe
+#endif
 uniform sampler2D positions, normals;       // at pixel centres
 uniform usampler2D ids;
 uniform sampler2D sample_positions, sample_normals, sample_albedo, sample_emission;
@@ -39,17 +43,18 @@ vec3 sbl_sky_smooth(vec3 direction) {
     return radiance;
 }
 
-// Returns R at the sample: from those of the four nearest pixels that belong to its surface; if their weight is
+// Returns light at the sample: from those of the four nearest pixels that belong to its surface; if their weight is
 // too small, from pixels with its id within SBL_REACH; if there are none, from all surfaces there, or else 0.
-vec3 sbl_light_at(ivec2 at, uint id) {
-    ivec2 size = textureSize(radiance, 0), least = at + ivec2(floor(offset));
+// light: R or another light at pixel centres
+vec3 sbl_light_at(sampler2D light, ivec2 at, uint id) {
+    ivec2 size = textureSize(light, 0), least = at + ivec2(floor(offset));
     vec3 p = texelFetch(sample_positions, at, 0).xyz, n = texelFetch(sample_normals, at, 0).xyz;
     vec4 near = vec4(0);
     for (int i = 0; i < 4; i++) {
         ivec2 there = clamp(least + ivec2(i & 1, i >> 1), ivec2(0), size - 1);
         if (texelFetch(ids, there, 0).x != id) continue;
         vec2 tent = 1.0 - abs(vec2(least + ivec2(i & 1, i >> 1) - at) - offset);
-        near += tent.x * tent.y * vec4(texelFetch(radiance, there, 0).rgb, 1) *
+        near += tent.x * tent.y * vec4(texelFetch(light, there, 0).rgb, 1) *
                 sbl_belongs(p, n, texelFetch(positions, there, 0).xyz, texelFetch(normals, there, 0).xyz);
     }
     bool enough = near.a > SBL_NEAR_ENOUGH;
@@ -61,12 +66,12 @@ vec3 sbl_light_at(ivec2 at, uint id) {
         if (there_id == 0u) continue;
         vec3 q = texelFetch(positions, there, 0).xyz, m = texelFetch(normals, there, 0).xyz;
         vec2 d = vec2(step) - offset;
-        vec4 r = exp(-dot(d, d)) * vec4(texelFetch(radiance, there, 0).rgb, 1);
+        vec4 r = exp(-dot(d, d)) * vec4(texelFetch(light, there, 0).rgb, 1);
         if (there_id == id) far += r * (sbl_belongs(p, n, q, m) + SBL_SAME_ID);
         rest += r * (SBL_OTHER_ID + max(0.0, dot(n, m)));
     }
-    vec4 light = enough ? near : far.a > 0.0 ? far : rest;
-    return light.a > 0.0 ? light.rgb / light.a : vec3(0);
+    vec4 sum = enough ? near : far.a > 0.0 ? far : rest;
+    return sum.a > 0.0 ? sum.rgb / sum.a : vec3(0);
 }
 
 void main() {
@@ -76,9 +81,12 @@ void main() {
     vec3 color;
     if (id == 0u) color = sky + sbl_sky_smooth(sbl_camera_direction());
     else {
-        vec3 light = offset == vec2(0) ? texelFetch(radiance, at, 0).rgb : sbl_light_at(at, id);
-        sbl_Material material = sbl_Material(texelFetch(sample_albedo, at, 0).rgb, false);
-        color = texelFetch(sample_emission, at, 0).rgb + sbl_reflected(material, light);
+        vec3 light = offset == vec2(0) ? texelFetch(radiance, at, 0).rgb : sbl_light_at(radiance, at, id);
+        color = texelFetch(sample_emission, at, 0).rgb + texelFetch(sample_albedo, at, 0).rgb * light;
+#ifdef SBL_SPECULAR
+        light = offset == vec2(0) ? texelFetch(reflected, at, 0).rgb : sbl_light_at(reflected, at, id);
+        color += texelFetch(sample_specular, at, 0).rgb * light;
+#endif
     }
     out_color = before + share * vec4(color, 1);
 #ifdef SBL_DISPLAY

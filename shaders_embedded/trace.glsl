@@ -16,6 +16,7 @@ SBL_OUT(5, out_even);                 // control variate for radiance 1 from eve
                                       // radiance, to the measured harmonics
 #endif
 
+const int SBL_MIRROR_RAYS = 8;      // number of rays of a look at a perfect mirror
 const float SBL_NEIGHBOURS = 0.62;  // measured variance / its estimate from pairs, at 16 to 256 rays
 // In sbl_is_near, the length of the first segment counts times this factor, so that its hits are near up to
 // 0.5 / 0.7 lengths of a cell. A smaller factor reduces errors at window frames, but adds noise and time.
@@ -37,7 +38,7 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool first, bool last, out bool goes_
     if (!goes_on || bright_cells > 0) {
         int leaf = sbl_leaf_at(hit.number, hit.back, place, hit.distance);
         vec3 light = goes_on ? vec3(0) : sbl_light_of(leaf);
-        if (first) light -= sbl_glowing(leaf, hit.number, hit.back, place, hit.distance);
+        if (first && lamps_apart) light -= sbl_glowing(leaf, hit.number, hit.back, place, hit.distance);
         radiance += sbl_reflected(material, light);
     }
 #endif
@@ -113,6 +114,14 @@ void main() {
     uvec2 scramble = sbl_look_scramble(sensor);
     uint which = sbl_look_which(sensor);
     int number = int(which & SBL_LOOK_NUMBER), skip = number * rays, end = no_light && number > 0 ? 0 : rays;
+    float every = 1.0;  // factor of each ray's light
+#ifdef SBL_LOBE
+    sbl_lobe_begin(sensor, frame[2]);
+    if (lobe_alpha == 0.0 && spread > 0.0 && rays > SBL_MIRROR_RAYS) {  // all rays of a mirror are alike
+        end = SBL_MIRROR_RAYS;
+        every = float(rays) / float(SBL_MIRROR_RAYS);
+    }
+#endif
 
     vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);
     float squares = 0.0, other = 0.0;
@@ -125,11 +134,16 @@ void main() {
         vec3 before = sum.rgb;
         uvec2 fraction = texelFetch(sbl_sequence, skip + i).xy ^ scramble;
         vec2 u = sbl_unit_square(fraction);
-        float weight = 1.0;
+        float weight = every;
 #ifdef SBL_GUIDED
         weight = sbl_guide(int(which >> SBL_LOOK_GUIDE_SHIFT), u);
 #endif
         vec3 direction = sbl_by_cosine(frame, u * vec2(spread, 1.0)), from = origin, share = vec3(weight);
+#ifdef SBL_LOBE
+        lamps_apart = lobe_rough;
+        for (int once = 0; once < (spread > 0.0 ? 1 : 0); once++) direction = sbl_lobe_sample(u, share);
+        share *= every;
+#endif
         vec3 way = direction;
         float limit = SBL_UNBOUNDED;
 #ifdef SBL_BOUNCED
@@ -149,7 +163,7 @@ void main() {
             }
 #endif
             if (hit.triangle < 0) {
-                sum.rgb += share * sbl_sky(direction);
+                sum.rgb += share * sbl_sky(direction, lamps_apart);
                 break;
             }
             bool goes_on;
@@ -165,6 +179,9 @@ void main() {
 #ifdef SBL_BOUNCED
             uint hash = sbl_hash_step(sbl_hash_step(scramble.x, uint(skip + i)), scramble.y);
             next = sbl_reflect(hit, material, direction, sbl_hash_step(hash, uint(turn)));
+#ifdef SBL_LOBE
+            lamps_apart = true;  // rays to lamps find their light from here on
+#endif
             from = next.from;
             direction = next.to_lamp;
             limit = next.away;

@@ -1,0 +1,93 @@
+// The specular lobe of glTF 2.0's material model: GGX with height-correlated Smith shadowing (Heitz 2014) and
+// Schlick's Fresnel term (1994). reflectance: that along the normal, per colour. The square of the roughness is alpha.
+#ifdef SBL_SPECULAR
+const float SBL_MIRROR = 0.05;       // surfaces of lower roughness are perfect mirrors
+const float SBL_DIFFUSE_KEPT = 0.9;
+
+// Part of diffuse light that the Fresnel term takes, seen at a cosine: the mean of (1 - V.H)^5 over a Lambertian lobe.
+float sbl_diffuse_lost(float cosine) {
+    float x = 1.0 - cosine;
+    return 0.02 + 0.1 * x * x * x;
+}
+
+// Share of uniform light that the lobe reflects to a viewer at this cosine.
+vec3 sbl_specular_albedo(vec3 reflectance, float roughness, float cosine) {
+    return reflectance * 0.9 + 0.05;
+}
+
+// Albedo of a surface for light from all directions, mean over all directions in which it is reflected.
+vec3 sbl_albedo_mean(vec3 diffuse, vec3 reflectance, float roughness) {
+    vec2 lobe = vec2(0.9, 0.05);
+    return 0.95 * diffuse + reflectance * lobe.x + lobe.y;
+}
+#endif
+
+#ifdef SBL_LOBE
+// The lobe of the look that is measured. x of the frame is the direction to the viewer, projected onto the surface
+mat3 lobe_frame;
+vec3 lobe_view;          // to the viewer, in the frame
+vec3 lobe_reflectance;
+vec3 lobe_scale;         // 1 / albedo of the lobe: the lobe measures the mean radiance that it reflects
+float lobe_alpha;
+bool lobe_rough;         // true: closed forms and rays towards lamps measure lamps; false: the rays of the lobe meet them
+
+// Smith's Lambda for a unit direction in the frame.
+float sbl_lobe_lambda(vec3 w) {
+    vec2 slope = lobe_alpha * w.xy / max(abs(w.z), 1e-6);
+    return 0.5 * sqrt(1.0 + dot(slope, slope)) - 0.5;
+}
+
+vec3 sbl_lobe_fresnel(float cosine) {
+    float x = 1.0 - clamp(cosine, 0.0, 1.0), x2 = x * x;
+    return lobe_reflectance + (1.0 - lobe_reflectance) * (x2 * x2 * x);
+}
+
+void sbl_lobe_begin(int look, vec3 normal) {
+    vec3 view = sbl_lobe_view(look), across = view - dot(view, normal) * normal;
+    float size = length(across), roughness = sbl_lobe_roughness(look);
+    lobe_frame = sbl_frame(normal);
+    if (size > 1e-4) lobe_frame = mat3(across / size, cross(normal, across / size), normal);
+    lobe_view = view * lobe_frame;
+    lobe_view = normalize(vec3(lobe_view.xy, max(lobe_view.z, 1e-3)));
+    lobe_reflectance = sbl_lobe_reflectance(look);
+    lobe_scale = 1.0 / sbl_lobe_albedo(look);
+    lobe_alpha = roughness < SBL_MIRROR ? 0.0 : roughness * roughness;
+    lobe_rough = roughness >= SBL_LOBE_ROUGH;
+}
+
+// Draws a direction of the lobe from u, a uniform point of the unit square: a visible normal (Dupuy and Benyoub 2023,
+// "Sampling Visible GGX Normals with Spherical Caps"), which mirrors the view. weight: factor of the radiance found
+vec3 sbl_lobe_sample(vec2 u, out vec3 weight) {
+    vec3 v = normalize(vec3(lobe_alpha * lobe_view.xy, lobe_view.z));
+    float angle = 2.0 * SBL_PI * u.y, z = (1.0 - u.x) * (1.0 + v.z) - v.z, r = sqrt(clamp(1.0 - z * z, 0.0, 1.0));
+    vec3 h = vec3(r * cos(angle), r * sin(angle), z) + v;
+    h = normalize(vec3(lobe_alpha * h.xy, max(h.z, 1e-6)));
+    float cosine = dot(lobe_view, h);
+    vec3 w = 2.0 * cosine * h - lobe_view;
+    float from_view = sbl_lobe_lambda(lobe_view);
+    weight = lobe_scale * sbl_lobe_fresnel(cosine) * ((1.0 + from_view) / (1.0 + from_view + sbl_lobe_lambda(w)));
+    if (w.z <= 0.0) weight = vec3(0);
+    return lobe_frame * w;
+}
+
+// Factor of the lobe for light from a direction of world space, compared with R, whose factor is the cosine / pi.
+vec3 sbl_lobe_factor(vec3 direction) {
+    vec3 w = direction * lobe_frame, h = w + lobe_view;
+    float size = length(h);
+    if (w.z <= 0.0 || size <= 0.0 || lobe_alpha <= 0.0) return vec3(0);
+    h /= size;
+    float a2 = lobe_alpha * lobe_alpha;
+    // 1 + (a2 - 1) z^2 without cancellation near z = 1
+    float d = dot(h.xy, h.xy) + a2 * h.z * h.z;
+    float spread = a2 / max(d * d, 1e-37);
+    float shadowing = 1.0 / (1.0 + sbl_lobe_lambda(lobe_view) + sbl_lobe_lambda(w));
+    return lobe_scale * sbl_lobe_fresnel(dot(lobe_view, h)) * (spread * shadowing / (4.0 * lobe_view.z * w.z));
+}
+
+// Matrix from world space to the space where the lobe is a cosine lobe: a linearly transformed cosine (Heitz, Dupuy,
+// Hill and Neubelt 2016, "Real-Time Polygonal-Light Shading with Linearly Transformed Cosines").
+mat3 sbl_lobe_to_cosine(int look) {
+    mat3 inverse = mat3(sbl_lobe_xx(look), 0, sbl_lobe_zx(look), 0, sbl_lobe_yy(look), 0, sbl_lobe_xz(look), 0, 1);
+    return inverse * transpose(lobe_frame);
+}
+#endif
