@@ -1163,7 +1163,8 @@ typedef struct sbl_picture_desc {
    spherical harmonics of sbl_probe, continued into the gutter as FINAL is; they are 0 unless a directional lightmap is
    finished (see ON LIGHTMAPS). */
 typedef enum sbl_channel {
-    SBL_CHANNEL_FINAL = 0,  /* 3: emission + albedo * R, anti-aliased; in lightmaps R, continued into the gutter */
+    SBL_CHANNEL_FINAL = 0,  /* 3: emission + ALBEDO * R + SPECULAR_ALBEDO * SPECULAR, anti-aliased; in lightmaps R,
+                               continued into the gutter */
     SBL_CHANNEL_RADIANCE,   /* 3: R at pixel centres, filtered */
     SBL_CHANNEL_ALBEDO,     /* 3: linear albedo */
     SBL_CHANNEL_NORMAL,     /* 3: unit normal in world space, towards the camera; in lightmaps on the front */
@@ -1182,6 +1183,8 @@ typedef enum sbl_channel {
                                tone-mapped, and replaced by a brighter backdrop where there is no surface, before the
                                samples are averaged; 0 without a tone, and in lightmaps */
     SBL_CHANNEL_LOOKS,      /* 1: number of looks that the pixel's sensor took; 0 if the pixel has no sensor */
+    SBL_CHANNEL_SPECULAR,   /* 3: mean radiance that the specular lobe reflects to the camera, at pixel centres, filtered */
+    SBL_CHANNEL_SPECULAR_ALBEDO,  /* 3: albedo of the specular lobe for this view; 0 if the surface is matte */
     SBL_CHANNEL_COUNT
 } sbl_channel;
 
@@ -2742,6 +2745,7 @@ typedef struct sbl__record {
 #define SBL__FILTER_FALL 0.25          /* factor of the filter's weights: exp(-this * (difference / noise)^2) */
 #define SBL__LOBE_ROUGH 0.25f          /* from this roughness on, lamps in a specular lobe are computed in closed form; rays
                                           of smoother lobes meet them */
+#define SBL__MIRROR_SEEN 0.08f         /* a pixel that shows metal of lower roughness shows what is seen in this mirror */
 #define SBL__GLOW_ALBEDO 0.05f         /* least albedo by which the radiance of a glow is divided if its surface is not
                                           matte, and so reflects more than its albedo */
 #define SBL__DIVISOR_LEAST 1e-30f      /* lower limit of divisors that may be 0 */
@@ -2763,7 +2767,7 @@ typedef struct sbl__record {
     X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
     X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_TURN) \
     X(BELONGS_OFF) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST) X(LOBE_ROUGH) \
-    X(GLOW_ALBEDO)
+    X(GLOW_ALBEDO) X(MIRROR_SEEN)
 #define SBL__SHARED_FLAGS(X) X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
 
 #define SBL__PRELUDE_MOST 16384    /* room for the text before a shader's files, in characters, with the final 0 */
@@ -5428,6 +5432,20 @@ static const char *const sbl__glsl_sky[] = {
 "        if (apart) radiance *= 1.0 - sbl_sky_excess(radiance);\n",
 "    }\n",
 "    return sky + radiance;\n",
+"}\n",
+"\n",
+"// Returns the radiance of the environment picture in a direction, bilinearly filtered.\n",
+"vec3 sbl_sky_smooth(vec3 direction) {\n",
+"    vec3 radiance = vec3(0);\n",
+"    ivec2 size = textureSize(sky_picture, 0);\n",
+"    vec2 at = sbl_sky_at(direction) * vec2(size) - 0.5, corner = floor(at), f = at - corner;\n",
+"    for (int i = 0; i < (sky_limit == 0.0 ? 0 : 4); i++) {\n",
+"        ivec2 step = ivec2(i & 1, i >> 1), texel = ivec2(corner) + step;\n",
+"        vec2 weight = mix(1.0 - f, f, vec2(step));\n",
+"        texel = ivec2((texel.x + size.x) % size.x, clamp(texel.y, 0, size.y - 1));\n",
+"        radiance += weight.x * weight.y * texelFetch(sky_picture, texel, 0).rgb;\n",
+"    }\n",
+"    return radiance;\n",
 "}\n",
 0 };
 /* <<glsl */
@@ -8722,7 +8740,7 @@ static sbl_result sbl__gbuffer_make(const sbl__device *d, sbl__gbuffer *g, int w
                                     const sbl__texture *depth, int set) {
     static const unsigned formats[SBL__GBUFFER_COUNT] = { SBL__GL_RGBA32F, SBL__GL_RGBA32F, SBL__GL_RGBA32F,
                                                           SBL__GL_RGBA16F, SBL__GL_RGBA32F, SBL__GL_R32UI,
-                                                          SBL__GL_RGBA16F, SBL__GL_RGBA16F };
+                                                          SBL__GL_RGBA16F, SBL__GL_RGBA32F };
     sbl_result result = SBL_SUCCESS;
     int i;
     for (i = 0; i < SBL__GBUFFER_COUNT && result == SBL_SUCCESS; i++)
@@ -8992,7 +9010,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "layout(location = 5) out uint out_id;\n",
 "#ifdef SBL_SPECULAR\n",
 "layout(location = 6) out vec4 out_specular;  // albedo of the specular lobe for this view; 0: none\n",
-"layout(location = 7) out vec4 out_lobe;      // sbl_Material.reflectance; w: roughness, negative: no lobe\n",
+"layout(location = 7) out vec4 out_lobe;      // see sbl__reflections_unpack; y is negative if there is no lobe\n",
 "#endif\n",
 "// In SBL_MODE_GI, w of normal, geometric normal and emission hold red, green and blue of the stored R. Where no\n",
 "// sensor may stand, w of normal is -1 - red.\n",
@@ -9014,6 +9032,63 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "}\n",
 "#endif\n",
 "\n",
+"#if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)\n",
+"const int SBL_MIRRORS = 6;              // a pixel shows what is seen in at most this many mirrors, one in another\n",
+"const float SBL_MIRROR_DIFFUSE = 0.02;  // a mirror has at most this diffuse albedo\n",
+"const float SBL_LOBE_STEPS = 4095.0;    // the lobe's numbers are packed as integers from 0 to this\n",
+"\n",
+"// What a pixel shows in mirrors. All mirrors are metal.\n",
+"struct sbl_Mirrored {\n",
+"    vec3 direction;   // of the last ray\n",
+"    vec3 throughput;  // share of light that the mirrors reflect\n",
+"    vec3 emission;    // of the mirrors and of the sky that they show\n",
+"    int number;       // the triangle that the last ray meets\n",
+"    bool sky;         // true: the last ray meets none. The surface is then the last mirror\n",
+"};\n",
+"\n",
+"bool sbl_is_mirror(sbl_Material m) {\n",
+"    return m.roughness >= 0.0 && m.roughness < SBL_MIRROR_SEEN &&\n",
+"           max(m.diffuse.r, max(m.diffuse.g, m.diffuse.b)) <= SBL_MIRROR_DIFFUSE;\n",
+"}\n",
+"\n",
+"// Follows the ray while the surface s is a mirror. Replaces s by the surface that the last ray meets.\n",
+"sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 direction) {\n",
+"    sbl_Mirrored m = sbl_Mirrored(normalize(direction), vec3(1), vec3(0), number, false);\n",
+"    for (int i = 0; i < SBL_MIRRORS && !m.sky && sbl_is_mirror(s.material); i++) {\n",
+"        float cosine = -dot(s.normal, m.direction);\n",
+"        m.emission += m.throughput * s.emission;\n",
+"        m.throughput *= s.material.reflectance + (1.0 - s.material.reflectance) * pow(1.0 - max(cosine, 0.0), 5.0);\n",
+"        m.direction += 2.0 * cosine * s.normal;\n",
+"        float below = dot(m.direction, s.geometric_normal);  // an interpolated normal must not lead into the surface\n",
+"        if (below < SBL_GRAZING) m.direction += (SBL_GRAZING - below) * s.geometric_normal;\n",
+"        m.direction = normalize(m.direction);\n",
+"        vec3 origin = s.position + SBL_OFFSET * s.reach * s.geometric_normal;\n",
+"        sbl_Hit hit = sbl_trace(origin, m.direction, SBL_UNBOUNDED);\n",
+"        m.sky = hit.triangle < 0;\n",
+"        if (m.sky) m.emission += m.throughput * (sky + sbl_sky_smooth(m.direction));\n",
+"        else {\n",
+"            m.number = hit.number;\n",
+"            s = sbl_surface(hit.number, origin, m.direction);\n",
+"        }\n",
+"    }\n",
+"    return m;\n",
+"}\n",
+"\n",
+"// Two numbers from 0 to 1 as one.\n",
+"float sbl_pack_two(float a, float b) {\n",
+"    vec2 steps = floor(clamp(vec2(a, b), 0.0, 1.0) * SBL_LOBE_STEPS + 0.5);\n",
+"    return steps.x + (SBL_LOBE_STEPS + 1.0) * steps.y;\n",
+"}\n",
+"\n",
+"// A unit vector in the square -1 .. 1 (Cigolle et al. 2014, \"A Survey of Efficient Representations for Independent\n",
+"// Unit Vectors\": octahedral).\n",
+"vec2 sbl_pack_direction(vec3 v) {\n",
+"    vec2 p = v.xy / (abs(v.x) + abs(v.y) + abs(v.z));\n",
+"    vec2 turned = (1.0 - abs(p.yx)) * vec2(p.x < 0.0 ? -1 : 1, p.y < 0.0 ? -1 : 1);\n",
+"    return v.z < 0.0 ? turned : p;\n",
+"}\n",
+"#endif\n",
+"\n",
 "void main() {\n",
 "    uvec4 texel = texelFetch(triangles, ivec2(gl_FragCoord.xy), 0);\n",
 "    uint triangle = texel.x;\n",
@@ -9021,7 +9096,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    out_id = 0u;\n",
 "#ifdef SBL_SPECULAR\n",
 "    out_specular = vec4(0);\n",
-"    out_lobe = vec4(0, 0, 0, -1);\n",
+"    out_lobe = vec4(0, -1, 0, 0);\n",
 "#endif\n",
 "    if (triangle > 0u) {\n",
 "#ifdef SBL_LIGHTMAP\n",
@@ -9036,6 +9111,10 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "            s.normal = normalize(mix(s.geometric_normal, s.normal,\n",
 "                                     clamp(s.facet / (facet_limit * pixel) - 1.0, 0.0, 1.0)));\n",
 "#endif\n",
+"#if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)\n",
+"        sbl_Mirrored seen = sbl_follow(s, int(triangle) - 1, direction);\n",
+"        triangle = uint(seen.number) + 1u;\n",
+"#endif\n",
 "        out_position = vec4(s.position, s.reach);\n",
 "        out_normal = vec4(s.normal, 0);\n",
 "        out_geometric_normal = vec4(s.geometric_normal, 0);\n",
@@ -9044,11 +9123,21 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "        out_id = s.id;\n",
 "#if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)\n",
 "        if (s.material.roughness >= 0.0) {\n",
-"            float cosine = clamp(-dot(s.normal, normalize(direction)), 1e-3, 1.0);\n",
-"            out_specular = vec4(sbl_specular_albedo(s.material.reflectance, s.material.roughness, cosine), 1);\n",
-"            out_lobe = vec4(s.material.reflectance, s.material.roughness);\n",
+"            float cosine = clamp(-dot(s.normal, seen.direction), 1e-3, 1.0);\n",
+"            vec3 reflectance = s.material.reflectance;\n",
+"            out_specular = vec4(sbl_specular_albedo(reflectance, s.material.roughness, cosine), 1);\n",
+"            out_lobe = vec4(sbl_pack_two(reflectance.r, reflectance.g),\n",
+"                            sbl_pack_two(reflectance.b, s.material.roughness), sbl_pack_direction(-seen.direction));\n",
 "            out_albedo.rgb = s.material.diffuse * (1.0 - sbl_diffuse_lost(cosine));\n",
 "        }\n",
+"        if (seen.sky) {\n",
+"            out_specular = vec4(0);\n",
+"            out_lobe.y = -1.0;\n",
+"            out_albedo.rgb = out_emission.rgb = vec3(0);\n",
+"        }\n",
+"        out_specular.rgb *= seen.throughput;\n",
+"        out_albedo.rgb *= seen.throughput;\n",
+"        out_emission.rgb = seen.emission + seen.throughput * out_emission.rgb;\n",
 "#endif\n",
 "#ifdef SBL_BOUNCED\n",
 "        bool excluded = (sbl_object_flags(s.object) & SBL_NO_SENSORS) != 0u;\n",
@@ -9066,10 +9155,11 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 
 static const sbl__recipe sbl__recipe_gbuffer = {
     "gbuffer", { sbl__glsl_fullscreen_vertex },
-    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_surface, sbl__glsl_camera, sbl__glsl_store,
-      sbl__glsl_gbuffer_fragment },
-    { &sbl__vertex_record, &sbl__attributes_record, &sbl__object_record, &sbl__cut_record, &sbl__leaf_record },
-    SBL__TEXTURED | SBL__WIDE | SBL__BOUNCED | SBL__LIGHTMAP | SBL__SPECULAR
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_surface, sbl__glsl_camera,
+      sbl__glsl_store, sbl__glsl_traverse, sbl__glsl_sky, sbl__glsl_gbuffer_fragment },
+    { &sbl__vertex_record, &sbl__attributes_record, &sbl__object_record, &sbl__cut_record, &sbl__leaf_record,
+      &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record },
+    SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__BOUNCED | SBL__LIGHTMAP | SBL__SPECULAR
 };
 
 /* Makes the site at the point with barycentric `weights` on triangle `number` of the scene. As in surface.glsl, it is
@@ -9116,6 +9206,10 @@ static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
     sbl__scene_bind(d, job->scene);
     if (bounced) sbl__store_bind(d, &job->scene->store);
     sbl__bind(d, "triangles", &s->triangles);
+    if (job->shines) {
+        sbl__hierarchy_bind(d, &job->scene->hierarchy);
+        sbl__environment_bind(d, &job->scene->environment);
+    }
     sbl__camera_set(d, job->camera, job->offset, target);
     sbl__set_float(d, "facet_limit", job->camera->facet_limit);
     sbl__draw_screen(d);
@@ -11330,6 +11424,9 @@ static const char *const sbl__glsl_trace[] = {
 "// 0.5 / 0.7 lengths of a cell. A smaller factor reduces errors at window frames, but adds noise and time.\n",
 "const float SBL_FIRST_SCALE = 0.7;\n",
 "\n",
+"// The same for rays of a lobe is this times the lobe's alpha: a lobe must be wide enough to average over cells.\n",
+"const float SBL_LOBE_SCALE = 0.5;\n",
+"\n",
 "// Radiance that leaves a hit towards the ray's origin. first, last: true for the first and the last segment of a\n",
 "// ray. goes_on: set to true if the hit is near. The radiance then lacks all reflected light, which further rays\n",
 "// find. material: set only with SBL_BOUNCED. The first segment leaves out the light of glows, which lamps.glsl\n",
@@ -11342,7 +11439,12 @@ static const char *const sbl__glsl_trace[] = {
 "    goes_on = false;\n",
 "#ifdef SBL_BOUNCED\n",
 "    material = sbl_material(object, at);\n",
-"    goes_on = !last && sbl_is_near(first ? SBL_FIRST_SCALE * hit.distance : hit.distance);\n",
+"#ifdef SBL_LOBE\n",
+"    float first_scale = min(SBL_FIRST_SCALE, SBL_LOBE_SCALE * lobe_alpha);\n",
+"#else\n",
+"    const float first_scale = SBL_FIRST_SCALE;\n",
+"#endif\n",
+"    goes_on = !last && sbl_is_near(first ? first_scale * hit.distance : hit.distance);\n",
 "    if (!goes_on || bright_cells > 0) {\n",
 "        int leaf = sbl_leaf_at(hit.number, hit.back, place, hit.distance);\n",
 "        vec3 light = goes_on ? vec3(0) : sbl_light_of(leaf);\n",
@@ -16632,20 +16734,6 @@ static const char *const sbl__glsl_resolve[] = {
 "const float SBL_SAME_ID = 1e-3;         // weight of a pixel with the same id that does not belong to the surface\n",
 "const float SBL_OTHER_ID = 0.01;        // weight of pixels if none has the sample's id: this + cosine of normals\n",
 "\n",
-"// Returns the radiance of the environment picture in a direction, bilinearly filtered.\n",
-"vec3 sbl_sky_smooth(vec3 direction) {\n",
-"    vec3 radiance = vec3(0);\n",
-"    ivec2 size = textureSize(sky_picture, 0);\n",
-"    vec2 at = sbl_sky_at(direction) * vec2(size) - 0.5, corner = floor(at), f = at - corner;\n",
-"    for (int i = 0; i < (sky_limit == 0.0 ? 0 : 4); i++) {\n",
-"        ivec2 step = ivec2(i & 1, i >> 1), texel = ivec2(corner) + step;\n",
-"        vec2 weight = mix(1.0 - f, f, vec2(step));\n",
-"        texel = ivec2((texel.x + size.x) % size.x, clamp(texel.y, 0, size.y - 1));\n",
-"        radiance += weight.x * weight.y * texelFetch(sky_picture, texel, 0).rgb;\n",
-"    }\n",
-"    return radiance;\n",
-"}\n",
-"\n",
 "// Returns light at the sample: from those of the four nearest pixels that belong to its surface; if their weight is\n",
 "// too small, from pixels with its id within SBL_REACH; if there are none, from all surfaces there, or else 0.\n",
 "// light: R or another light at pixel centres\n",
@@ -17375,6 +17463,7 @@ typedef struct sbl__map {
 #define SBL__MAP_TILES 0.15       /* estimated number of tiles per pixel, and room for more of them */
 #define SBL__MAP_SENSORS 0.2      /* estimated number of sensors per pixel */
 #define SBL__GBUFFER_BYTES 76.0   /* bytes per pixel of a G-buffer that refinement reads: SBL__GBUFFER_ALL */
+#define SBL__SHINE_BYTES 24.0     /* the same, SBL__GBUFFER_SHINE */
 #define SBL__SAMPLE_BYTES 60.0    /* the same, SBL__GBUFFER_SAMPLE */
 #define SBL__TEXEL_BYTES 44.0     /* the same, SBL__GBUFFER_TEXEL */
 #define SBL__DEVELOP_BYTES 40.0   /* bytes per pixel of a layer's sbl__fill and of its unfiltered light */
@@ -17861,7 +17950,8 @@ static sbl_result sbl__map_preview(void *work, sbl__slice *slice) {
 static const struct { int components, attachment, gbuffer; } sbl__channels[SBL_CHANNEL_COUNT] = {
     { 3, 0, -1 }, { 3, 0, -1 }, { 3, SBL__GBUFFER_ALBEDO, -1 }, { 3, 0, SBL__GBUFFER_NORMAL },
     { 3, 0, SBL__GBUFFER_POSITION }, { 1, 0, SBL__GBUFFER_ID }, { 1, 0, -1 }, { 1, 0, -1 }, { 3, 0, -1 }, { 1, 0, -1 },
-    { 1, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 1, -1 }, { 1, 0, -1 }
+    { 1, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 1, -1 }, { 1, 0, -1 },
+    { 3, 0, -1 }, { 3, SBL__GBUFFER_SPECULAR, -1 }
 };
 
 /* Gets a pixel of a channel that no target holds. place: number of the pixel of the host */
@@ -17981,6 +18071,17 @@ typedef struct sbl__reflections {
     int shiny;                  /* 1: a pixel has a lobe */
 } sbl__reflections;
 
+static int sbl__reflections_needed(const sbl__core *c, const sbl_picture_desc *d) {
+    return c->scene.features & SBL__SPECULAR && d->options.mode != SBL_MODE_PAPER;
+}
+
+/* Returns the bytes per pixel that reflections need after R is known: the refinement, the layer, and a sample's albedo of
+   lobes. */
+static double sbl__reflections_bytes(void) {
+    return (double)(sizeof(sbl__pixel) + sizeof(sbl__shine)) + SBL__MAP_TILES * (double)sizeof(sbl__tile) +
+           SBL__MAP_SENSORS * (double)sizeof(sbl__sensor) + 32 + 8;
+}
+
 /* Begins the refinement, whose errors are relative to the mean of FINAL without emission. */
 static sbl_result sbl__reflections_begin(sbl__reflections *f, sbl__map *m) {
     sbl_picture_desc desc = m->desc;
@@ -17997,23 +18098,36 @@ static sbl_result sbl__reflections_begin(sbl__reflections *f, sbl__map *m) {
     return sbl__refine_make(&f->refine);
 }
 
-/* Gives a pixel to the refinement. lobe: of gbuffer_fragment.glsl; albedo: of the lobe */
+#define SBL__LOBE_STEPS 4095.0    /* as in gbuffer_fragment.glsl */
+
+/* Unpacks what gbuffer_fragment.glsl has packed: x: red and green of the reflectance, y: blue and the roughness, as
+   integers; z, w: the direction to the viewer, in octahedral form. */
+static void sbl__reflections_unpack(const float lobe[4], sbl__shine *out) {
+    const double steps = SBL__LOBE_STEPS + 1, red = fmod((double)lobe[0], steps), blue = fmod((double)lobe[1], steps);
+    const double x = (double)lobe[2], y = (double)lobe[3];
+    double view[3];
+    int k;
+    out->reflectance[0] = (float)(red / SBL__LOBE_STEPS);
+    out->reflectance[1] = (float)(((double)lobe[0] - red) / steps / SBL__LOBE_STEPS);
+    out->reflectance[2] = (float)(blue / SBL__LOBE_STEPS);
+    out->roughness = (float)(((double)lobe[1] - blue) / steps / SBL__LOBE_STEPS);
+    view[2] = 1 - fabs(x) - fabs(y);
+    view[0] = view[2] >= 0 ? x : (1 - fabs(y)) * (x < 0 ? -1 : 1);
+    view[1] = view[2] >= 0 ? y : (1 - fabs(x)) * (y < 0 ? -1 : 1);
+    sbl__normalize(view);
+    for (k = 0; k < 3; k++) out->view[k] = (float)view[k];
+}
+
+/* Gives a pixel to the refinement. lobe, albedo: what the G-buffer holds of the lobe */
 static sbl_result sbl__reflections_put(sbl__reflections *f, const sbl__map *m, size_t index, const float lobe[4],
                                        const float albedo[3]) {
     static const float none[3] = { 0, 0, 0 };
     sbl__pixel pixel = *sbl__refine_pixel(&m->refine, index);
     sbl__shine *shine = &f->refine.shine[index];
-    double view[3];
-    int k;
     pixel.sensor = 0;
     pixel.error = 0;
-    if (lobe[3] < 0) pixel.id = 0;
-    for (k = 0; k < 3; k++)
-        view[k] = m->camera.orthographic ? m->camera.back[k] : m->camera.eye[k] - (double)pixel.position[k];
-    sbl__normalize(view);
-    for (k = 0; k < 3; k++) shine->view[k] = (float)view[k];
-    memcpy(shine->reflectance, lobe, sizeof shine->reflectance);
-    shine->roughness = lobe[3];
+    if (lobe[1] < 0) pixel.id = 0;
+    else sbl__reflections_unpack(lobe, shine);
     shine->weight = sbl__luminance(albedo);
     f->shiny |= pixel.id != 0;
     return sbl__refine_put(&f->refine, index, &pixel, none, 0);
@@ -18135,21 +18249,24 @@ static void sbl__picture_show(sbl__picture *p, const sbl__composition *s) {
     p->map.channels[SBL_CHANNEL_DISPLAY] = p->map.desc.tone != SBL_TONE_NONE ? &s->target : NULL;
 }
 
-/* Adds what a picture has besides a map: the triangles and the depth of surfaces; late, the surfaces at pixel centres,
+/* Adds what a picture has besides a map and reflections: the triangles and the depth of surfaces; late, the surfaces at pixel centres,
    R, and the preview that hosts may read, with the larger of what DEVELOP needs and of what samples need: sums and,
    except for the emission, the surfaces of a sample. */
 static sbl__need sbl__picture_need(const sbl__core *c, const void *desc) {
     const sbl_picture_desc d = sbl__picture_desc_of(c, (const sbl_picture_desc *)desc);
     const double composition = d.tone != SBL_TONE_NONE ? 32 : 16;
     const double samples = d.samples > 1 ? 2 * composition + SBL__SAMPLE_BYTES - 16 : composition;
-    return sbl__map_need(c, &d, 8, SBL__SAMPLE_BYTES + 16 + composition + SBL__MAX(SBL__DEVELOP_BYTES, samples));
+    const int shines = sbl__reflections_needed(c, &d);
+    const double late = SBL__SAMPLE_BYTES + 16 + composition + SBL__MAX(SBL__DEVELOP_BYTES, samples);
+    return sbl__map_need(c, &d, 8 + (shines ? SBL__SHINE_BYTES : 0), late + (shines ? sbl__reflections_bytes() : 0));
 }
 
 static sbl_result sbl__picture_begin(void *work, const void *desc) {
     sbl__picture *p = (sbl__picture *)work;
     const sbl_picture_desc d = sbl__picture_desc_of(p->map.work.core, (const sbl_picture_desc *)desc);
     sbl__map_begin(&p->map, &d, 1, 0);
-    p->map.shines = p->map.work.core->scene.features & SBL__SPECULAR && d.options.mode != SBL_MODE_PAPER;
+    p->map.shines = sbl__reflections_needed(p->map.work.core, &d);
+    if (p->map.shines) p->map.channels[SBL_CHANNEL_SPECULAR_ALBEDO] = &p->map.gbuffer.target;
     p->map.work.core->stats.picture.exposure = d.exposure;
     sbl__picture_show(p, &p->preview);
     return SBL_SUCCESS;
@@ -18343,6 +18460,7 @@ static int sbl__picture_after_develop(void *work) {
     sbl__refine_free(d, &p->reflections.refine);
     p->map.source = &p->map.refine;
     p->map.reflected = 1;
+    p->map.channels[SBL_CHANNEL_SPECULAR] = &p->map.layers[SBL__REFLECTIONS_LAYER].smooth.target;
     return SBL__PICTURE_FINISH;
 }
 

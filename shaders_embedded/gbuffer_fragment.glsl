@@ -10,7 +10,7 @@ layout(location = 4) out vec4 out_emission;
 layout(location = 5) out uint out_id;
 #ifdef SBL_SPECULAR
 layout(location = 6) out vec4 out_specular;  // albedo of the specular lobe for this view; 0: none
-layout(location = 7) out vec4 out_lobe;      // sbl_Material.reflectance; w: roughness, negative: no lobe
+layout(location = 7) out vec4 out_lobe;      // see sbl__reflections_unpack; y is negative if there is no lobe
 #endif
 // In SBL_MODE_GI, w of normal, geometric normal and emission hold red, green and blue of the stored R. Where no
 // sensor may stand, w of normal is -1 - red.
@@ -32,6 +32,63 @@ vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
 }
 #endif
 
+#if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)
+const int SBL_MIRRORS = 6;              // a pixel shows what is seen in at most this many mirrors, one in another
+const float SBL_MIRROR_DIFFUSE = 0.02;  // a mirror has at most this diffuse albedo
+const float SBL_LOBE_STEPS = 4095.0;    // the lobe's numbers are packed as integers from 0 to this
+
+// What a pixel shows in mirrors. All mirrors are metal.
+struct sbl_Mirrored {
+    vec3 direction;   // of the last ray
+    vec3 throughput;  // share of light that the mirrors reflect
+    vec3 emission;    // of the mirrors and of the sky that they show
+    int number;       // the triangle that the last ray meets
+    bool sky;         // true: the last ray meets none. The surface is then the last mirror
+};
+
+bool sbl_is_mirror(sbl_Material m) {
+    return m.roughness >= 0.0 && m.roughness < SBL_MIRROR_SEEN &&
+           max(m.diffuse.r, max(m.diffuse.g, m.diffuse.b)) <= SBL_MIRROR_DIFFUSE;
+}
+
+// Follows the ray while the surface s is a mirror. Replaces s by the surface that the last ray meets.
+sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 direction) {
+    sbl_Mirrored m = sbl_Mirrored(normalize(direction), vec3(1), vec3(0), number, false);
+    for (int i = 0; i < SBL_MIRRORS && !m.sky && sbl_is_mirror(s.material); i++) {
+        float cosine = -dot(s.normal, m.direction);
+        m.emission += m.throughput * s.emission;
+        m.throughput *= s.material.reflectance + (1.0 - s.material.reflectance) * pow(1.0 - max(cosine, 0.0), 5.0);
+        m.direction += 2.0 * cosine * s.normal;
+        float below = dot(m.direction, s.geometric_normal);  // an interpolated normal must not lead into the surface
+        if (below < SBL_GRAZING) m.direction += (SBL_GRAZING - below) * s.geometric_normal;
+        m.direction = normalize(m.direction);
+        vec3 origin = s.position + SBL_OFFSET * s.reach * s.geometric_normal;
+        sbl_Hit hit = sbl_trace(origin, m.direction, SBL_UNBOUNDED);
+        m.sky = hit.triangle < 0;
+        if (m.sky) m.emission += m.throughput * (sky + sbl_sky_smooth(m.direction));
+        else {
+            m.number = hit.number;
+            s = sbl_surface(hit.number, origin, m.direction);
+        }
+    }
+    return m;
+}
+
+// Two numbers from 0 to 1 as one.
+float sbl_pack_two(float a, float b) {
+    vec2 steps = floor(clamp(vec2(a, b), 0.0, 1.0) * SBL_LOBE_STEPS + 0.5);
+    return steps.x + (SBL_LOBE_STEPS + 1.0) * steps.y;
+}
+
+// A unit vector in the square -1 .. 1 (Cigolle et al. 2014, "A Survey of Efficient Representations for Independent
+// Unit Vectors": octahedral).
+vec2 sbl_pack_direction(vec3 v) {
+    vec2 p = v.xy / (abs(v.x) + abs(v.y) + abs(v.z));
+    vec2 turned = (1.0 - abs(p.yx)) * vec2(p.x < 0.0 ? -1 : 1, p.y < 0.0 ? -1 : 1);
+    return v.z < 0.0 ? turned : p;
+}
+#endif
+
 void main() {
     uvec4 texel = texelFetch(triangles, ivec2(gl_FragCoord.xy), 0);
     uint triangle = texel.x;
@@ -39,7 +96,7 @@ void main() {
     out_id = 0u;
 #ifdef SBL_SPECULAR
     out_specular = vec4(0);
-    out_lobe = vec4(0, 0, 0, -1);
+    out_lobe = vec4(0, -1, 0, 0);
 #endif
     if (triangle > 0u) {
 #ifdef SBL_LIGHTMAP
@@ -54,6 +111,10 @@ void main() {
             s.normal = normalize(mix(s.geometric_normal, s.normal,
                                      clamp(s.facet / (facet_limit * pixel) - 1.0, 0.0, 1.0)));
 #endif
+#if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)
+        sbl_Mirrored seen = sbl_follow(s, int(triangle) - 1, direction);
+        triangle = uint(seen.number) + 1u;
+#endif
         out_position = vec4(s.position, s.reach);
         out_normal = vec4(s.normal, 0);
         out_geometric_normal = vec4(s.geometric_normal, 0);
@@ -62,11 +123,21 @@ void main() {
         out_id = s.id;
 #if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)
         if (s.material.roughness >= 0.0) {
-            float cosine = clamp(-dot(s.normal, normalize(direction)), 1e-3, 1.0);
-            out_specular = vec4(sbl_specular_albedo(s.material.reflectance, s.material.roughness, cosine), 1);
-            out_lobe = vec4(s.material.reflectance, s.material.roughness);
+            float cosine = clamp(-dot(s.normal, seen.direction), 1e-3, 1.0);
+            vec3 reflectance = s.material.reflectance;
+            out_specular = vec4(sbl_specular_albedo(reflectance, s.material.roughness, cosine), 1);
+            out_lobe = vec4(sbl_pack_two(reflectance.r, reflectance.g),
+                            sbl_pack_two(reflectance.b, s.material.roughness), sbl_pack_direction(-seen.direction));
             out_albedo.rgb = s.material.diffuse * (1.0 - sbl_diffuse_lost(cosine));
         }
+        if (seen.sky) {
+            out_specular = vec4(0);
+            out_lobe.y = -1.0;
+            out_albedo.rgb = out_emission.rgb = vec3(0);
+        }
+        out_specular.rgb *= seen.throughput;
+        out_albedo.rgb *= seen.throughput;
+        out_emission.rgb = seen.emission + seen.throughput * out_emission.rgb;
 #endif
 #ifdef SBL_BOUNCED
         bool excluded = (sbl_object_flags(s.object) & SBL_NO_SENSORS) != 0u;

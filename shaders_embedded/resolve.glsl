@@ -29,20 +29,6 @@ const float SBL_NEAR_ENOUGH = 0.05;     // least sum of weights at which the fou
 const float SBL_SAME_ID = 1e-3;         // weight of a pixel with the same id that does not belong to the surface
 const float SBL_OTHER_ID = 0.01;        // weight of pixels if none has the sample's id: this + cosine of normals
 
-// Returns the radiance of the environment picture in a direction, bilinearly filtered.
-vec3 sbl_sky_smooth(vec3 direction) {
-    vec3 radiance = vec3(0);
-    ivec2 size = textureSize(sky_picture, 0);
-    vec2 at = sbl_sky_at(direction) * vec2(size) - 0.5, corner = floor(at), f = at - corner;
-    for (int i = 0; i < (sky_limit == 0.0 ? 0 : 4); i++) {
-        ivec2 step = ivec2(i & 1, i >> 1), texel = ivec2(corner) + step;
-        vec2 weight = mix(1.0 - f, f, vec2(step));
-        texel = ivec2((texel.x + size.x) % size.x, clamp(texel.y, 0, size.y - 1));
-        radiance += weight.x * weight.y * texelFetch(sky_picture, texel, 0).rgb;
-    }
-    return radiance;
-}
-
 // Returns light at the sample: from those of the four nearest pixels that belong to its surface; if their weight is
 // too small, from pixels with its id within SBL_REACH; if there are none, from all surfaces there, or else 0.
 // light: R or another light at pixel centres

@@ -34,3 +34,17 @@ vec3 sbl_sky(vec3 direction, bool apart) {
     }
     return sky + radiance;
 }
+
+// Returns the radiance of the environment picture in a direction, bilinearly filtered.
+vec3 sbl_sky_smooth(vec3 direction) {
+    vec3 radiance = vec3(0);
+    ivec2 size = textureSize(sky_picture, 0);
+    vec2 at = sbl_sky_at(direction) * vec2(size) - 0.5, corner = floor(at), f = at - corner;
+    for (int i = 0; i < (sky_limit == 0.0 ? 0 : 4); i++) {
+        ivec2 step = ivec2(i & 1, i >> 1), texel = ivec2(corner) + step;
+        vec2 weight = mix(1.0 - f, f, vec2(step));
+        texel = ivec2((texel.x + size.x) % size.x, clamp(texel.y, 0, size.y - 1));
+        radiance += weight.x * weight.y * texelFetch(sky_picture, texel, 0).rgb;
+    }
+    return radiance;
+}

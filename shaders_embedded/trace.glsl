@@ -22,6 +22,9 @@ const float SBL_NEIGHBOURS = 0.62;  // measured variance / its estimate from pai
 // 0.5 / 0.7 lengths of a cell. A smaller factor reduces errors at window frames, but adds noise and time.
 const float SBL_FIRST_SCALE = 0.7;
 
+// The same for rays of a lobe is this times the lobe's alpha: a lobe must be wide enough to average over cells.
+const float SBL_LOBE_SCALE = 0.5;
+
 // Radiance that leaves a hit towards the ray's origin. first, last: true for the first and the last segment of a
 // ray. goes_on: set to true if the hit is near. The radiance then lacks all reflected light, which further rays
 // find. material: set only with SBL_BOUNCED. The first segment leaves out the light of glows, which lamps.glsl
@@ -34,7 +37,12 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool first, bool last, out bool goes_
     goes_on = false;
 #ifdef SBL_BOUNCED
     material = sbl_material(object, at);
-    goes_on = !last && sbl_is_near(first ? SBL_FIRST_SCALE * hit.distance : hit.distance);
+#ifdef SBL_LOBE
+    float first_scale = min(SBL_FIRST_SCALE, SBL_LOBE_SCALE * lobe_alpha);
+#else
+    const float first_scale = SBL_FIRST_SCALE;
+#endif
+    goes_on = !last && sbl_is_near(first ? first_scale * hit.distance : hit.distance);
     if (!goes_on || bright_cells > 0) {
         int leaf = sbl_leaf_at(hit.number, hit.back, place, hit.distance);
         vec3 light = goes_on ? vec3(0) : sbl_light_of(leaf);
