@@ -125,7 +125,7 @@ vec3 sbl_expected(sbl_Lamp l) {
     vec3 light = sbl_unhindered(l);
 #ifdef SBL_LOBE
     if (l.kind != SBL_LAMP_TRIANGLE) light *= sbl_lobe_factor(l.corner) + SBL_LOBE_STRENGTH;
-    if (!lobe_rough && !sbl_is_light(l)) light = vec3(0);
+    if (lobe_alpha == 0.0) light = vec3(0);
 #endif
     return light;
 }
@@ -133,7 +133,7 @@ vec3 sbl_expected(sbl_Lamp l) {
 // True if sbl_expected is exact.
 bool sbl_has_closed_form(sbl_Lamp l) {
 #ifdef SBL_LOBE
-    return l.kind == SBL_LAMP_TRIANGLE;
+    return l.kind == SBL_LAMP_TRIANGLE && lobe_rough;
 #else
     return !sbl_is_texel(l);
 #endif
@@ -237,7 +237,11 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
     bool cluster = p.cluster || !sbl_has_closed_form(l) || dot(sparse, l.group) > 0.0;
     vec3 light = s.light / p.share, to = s.direction;
 #ifdef SBL_LOBE
-    if (!at_rim) light *= lobe_rough || sbl_is_light(l) ? sbl_lobe_factor(s.direction) : vec3(0);
+    float met = 0.0, lamp_density = SBL_LAMP_DENSITY;
+    if (l.kind == SBL_LAMP_TRIANGLE && !l.glow)
+        lamp_density = sbl_area_density(l.side_1, l.side_2, s.far * s.direction);
+    if (!lobe_rough && !sbl_is_light(l)) met = sbl_lobe_met(sbl_lobe_density(s.direction), lamp_density);
+    if (!at_rim) light *= (1.0 - met) * sbl_lobe_factor(s.direction);
     s.light = light * p.share;
 #endif
     vec4 counts = vec4(0);

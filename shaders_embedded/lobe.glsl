@@ -29,7 +29,8 @@ vec3 lobe_view;          // to the viewer, in the frame
 vec3 lobe_reflectance;
 vec3 lobe_scale;         // 1 / albedo of the lobe: the lobe measures the mean radiance that it reflects
 float lobe_alpha;
-bool lobe_rough;         // true: closed forms and rays towards lamps measure lamps; false: the rays of the lobe meet them
+bool lobe_rough;         // true: closed forms and rays towards lamps measure lamps; false: see sbl_lobe_met
+const float SBL_LAMP_DENSITY = 10.0;  // see sbl_lobe_met; of lamps that are not triangles
 
 // Smith's Lambda for a unit direction in the frame.
 float sbl_lobe_lambda(vec3 w) {
@@ -83,6 +84,26 @@ vec3 sbl_lobe_factor(vec3 direction) {
     float shadowing = 1.0 / (1.0 + sbl_lobe_lambda(lobe_view) + sbl_lobe_lambda(w));
     return lobe_scale * sbl_lobe_fresnel(dot(lobe_view, h)) * (spread * shadowing / (4.0 * lobe_view.z * w.z));
 }
+
+// Density by solid angle with which sbl_lobe_sample draws a direction of world space.
+float sbl_lobe_density(vec3 direction) {
+    vec3 w = direction * lobe_frame, h = w + lobe_view;
+    float size = length(h), a2 = lobe_alpha * lobe_alpha;
+    if (size <= 0.0 || lobe_alpha <= 0.0) return SBL_UNBOUNDED;
+    h /= size;
+    float d = dot(h.xy, h.xy) + a2 * h.z * h.z;
+    return a2 / max(SBL_PI * d * d, 1e-37) / ((1.0 + sbl_lobe_lambda(lobe_view)) * 4.0 * lobe_view.z);
+}
+
+// Density by solid angle of points drawn by area on a triangle, seen at a point `way`. side_1, side_2: two of its sides
+float sbl_area_density(vec3 side_1, vec3 side_2, vec3 way) {
+    float distance2 = dot(way, way);
+    return 2.0 * distance2 * sqrt(distance2) / max(abs(dot(cross(side_1, side_2), way)), 1e-30);
+}
+
+// Share of the light of lamps that rays of the lobe measure in a direction; lamps.glsl measures the rest. It is the
+// balance heuristic (Veach 1997) with the densities of the lobe and of points on the lamp, drawn by area.
+float sbl_lobe_met(float lobe_density, float lamp_density) { return lobe_density / (lobe_density + lamp_density); }
 
 // Matrix from world space to the space where the lobe is a cosine lobe: a linearly transformed cosine (Heitz, Dupuy,
 // Hill and Neubelt 2016, "Real-Time Polygonal-Light Shading with Linearly Transformed Cosines").

@@ -2,10 +2,18 @@
 // flags of a material. >>material in sbl.h does the same on the CPU.
 uniform float epsilon;     // ambient factor: a surface that does not emit has the radiance epsilon * albedo
 #ifdef SBL_LOBE
-bool lamps_apart = true;   // differs between looks, see lobe_rough
+float lamp_met = 0.0;      // share of the light of lamps that a ray measures; lamps.glsl measures the rest
 #else
 uniform bool lamps_apart;  // true: lamps.glsl adds the light of emitters, so sbl_outgoing leaves it out
 #endif
+
+float sbl_lamp_met() {
+#ifdef SBL_LOBE
+    return lamp_met;
+#else
+    return lamps_apart ? 0.0 : 1.0;
+#endif
+}
 
 // A material at a point, with its textures applied.
 struct sbl_Material {
@@ -70,7 +78,7 @@ bool sbl_outgoing_is_plain(int object, bool back) {
 #elif defined(SBL_BOUNCED)
     return false;
 #else
-    return sbl_emits(object, back) ? lamps_apart : epsilon <= 0.0;
+    return sbl_emits(object, back) ? sbl_lamp_met() == 0.0 : epsilon <= 0.0;
 #endif
 }
 
@@ -79,7 +87,7 @@ bool sbl_outgoing_is_plain(int object, bool back) {
 vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {
     bool emits = sbl_emits(object, back);
     vec3 radiance = emits ? sbl_object_emission(object) : epsilon * sbl_object_albedo(object);
-    if (emits && lamps_apart) radiance = vec3(0);
+    if (emits) radiance *= sbl_lamp_met();
     if (!sbl_outgoing_is_plain(object, back)) {
         uvec4 place = emits ? sbl_object_emission_texture(object) : sbl_object_albedo_texture(object);
         radiance *= ((emits ? vec4(1) : at.color) * sbl_texture(place, at.uv)).rgb;

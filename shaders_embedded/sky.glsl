@@ -24,13 +24,14 @@ float sbl_sky_excess(vec3 radiance) {
     return max(1.0 - sky_limit / max(max(radiance.r, radiance.g), max(radiance.b, SBL_SKY_LEAST)), 0.0);
 }
 
-// Radiance that a ray finds if it hits nothing. apart: true: without the share that lamps.glsl samples
-vec3 sbl_sky(vec3 direction, bool apart) {
+// Radiance that a ray finds if it hits nothing. met: share of the light that lamps.glsl could sample
+// which the ray measures instead
+vec3 sbl_sky(vec3 direction, float met) {
     vec3 radiance = vec3(0);
     if (sky_limit > 0.0) {
         ivec2 size = textureSize(sky_picture, 0);
         radiance = texelFetch(sky_picture, min(ivec2(sbl_sky_at(direction) * vec2(size)), size - 1), 0).rgb;
-        if (apart) radiance *= 1.0 - sbl_sky_excess(radiance);
+        radiance *= 1.0 - (1.0 - met) * sbl_sky_excess(radiance);
     }
     return sky + radiance;
 }

@@ -2,4 +2,4 @@ in vec3 direction;
 uniform float radiance_scale;
 layout(location = 0) out vec4 out_radiance;  // a: distance as in sensor_fragment.glsl; 0: no surface
 
-void main() { out_radiance = vec4(radiance_scale * sbl_sky(direction, true), 0); }
+void main() { out_radiance = vec4(radiance_scale * sbl_sky(direction, 0.0), 0); }

@@ -25,6 +25,17 @@ const float SBL_FIRST_SCALE = 0.7;
 // The same for rays of a lobe is this times the lobe's alpha: a lobe must be wide enough to average over cells.
 const float SBL_LOBE_SCALE = 0.5;
 
+float sky_met = 0.0, glow_met = 0.0;  // as lamp_met, for bright texels of the sky and for glows
+
+#ifdef SBL_LOBE
+// Density by solid angle with which points of a triangle would be drawn by area, at the distance of the hit.
+float sbl_hit_density(sbl_Hit hit, vec3 direction) {
+    vec3 p0 = sbl_triangle_corner_0(hit.triangle);
+    return sbl_area_density(sbl_triangle_corner_1(hit.triangle) - p0, sbl_triangle_corner_2(hit.triangle) - p0,
+                            hit.distance * direction);
+}
+#endif
+
 // Radiance that leaves a hit towards the ray's origin. first, last: true for the first and the last segment of a
 // ray. goes_on: set to true if the hit is near. The radiance then lacks all reflected light, which further rays
 // find. material: set only with SBL_BOUNCED. The first segment leaves out the light of glows, which lamps.glsl
@@ -46,7 +57,11 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool first, bool last, out bool goes_
     if (!goes_on || bright_cells > 0) {
         int leaf = sbl_leaf_at(hit.number, hit.back, place, hit.distance);
         vec3 light = goes_on ? vec3(0) : sbl_light_of(leaf);
-        if (first && lamps_apart) light -= sbl_glowing(leaf, hit.number, hit.back, place, hit.distance);
+#ifdef SBL_LOBE
+        if (first) light -= (1.0 - glow_met) * sbl_glowing(leaf, hit.number, hit.back, place, hit.distance);
+#else
+        if (first) light -= sbl_glowing(leaf, hit.number, hit.back, place, hit.distance);
+#endif
         radiance += sbl_reflected(material, light);
     }
 #endif
@@ -148,9 +163,10 @@ void main() {
 #endif
         vec3 direction = sbl_by_cosine(frame, u * vec2(spread, 1.0)), from = origin, share = vec3(weight);
 #ifdef SBL_LOBE
-        lamps_apart = lobe_rough;
         for (int once = 0; once < (spread > 0.0 ? 1 : 0); once++) direction = sbl_lobe_sample(u, share);
         share *= every;
+        float density = sbl_lobe_density(direction);
+        glow_met = sky_met = lobe_rough ? 0.0 : sbl_lobe_met(density, SBL_LAMP_DENSITY);
 #endif
         vec3 way = direction;
         float limit = SBL_UNBOUNDED;
@@ -171,11 +187,14 @@ void main() {
             }
 #endif
             if (hit.triangle < 0) {
-                sum.rgb += share * sbl_sky(direction, lamps_apart);
+                sum.rgb += share * sbl_sky(direction, sky_met);
                 break;
             }
             bool goes_on;
             sbl_Material material;
+#ifdef SBL_LOBE
+            lamp_met = lobe_rough || turn > 0 ? 0.0 : sbl_lobe_met(density, sbl_hit_density(hit, direction));
+#endif
             vec3 place = from + direction * hit.distance;
             sum.rgb += share * sbl_radiance(hit, place, turn == 0, turn == 2 * SBL_LEGS - 2, goes_on, material);
             if (turn == 0) {
@@ -187,9 +206,7 @@ void main() {
 #ifdef SBL_BOUNCED
             uint hash = sbl_hash_step(sbl_hash_step(scramble.x, uint(skip + i)), scramble.y);
             next = sbl_reflect(hit, material, direction, sbl_hash_step(hash, uint(turn)));
-#ifdef SBL_LOBE
-            lamps_apart = true;  // rays to lamps find their light from here on
-#endif
+            sky_met = 0.0;  // rays to lamps find their light from here on
             from = next.from;
             direction = next.to_lamp;
             limit = next.away;
