@@ -880,7 +880,9 @@ typedef enum sbl_material_flag {
     SBL_MATERIAL_HIDDEN_FROM_SENSORS = 1 << 2, /* the surface neither sheds light on others nor casts shadows */
     SBL_MATERIAL_NO_SENSORS = 1 << 3,  /* for fine or moving things, only in SBL_MODE_GI: pictures and lightmaps place
                                           no sensors on the surface and show the stored light, smoothed */
-    SBL_MATERIAL_FLAGS_ALL = (1 << 4) - 1
+    SBL_MATERIAL_BLEND = 1 << 4,       /* alpha is the share of the surface that exists. The rest of the light passes
+                                          straight through */
+    SBL_MATERIAL_FLAGS_ALL = (1 << 5) - 1
 } sbl_material_flag;
 
 /* A material has no defaults: all zero is a black, solid surface without emission and textures. */
@@ -899,6 +901,9 @@ typedef struct sbl_material {
     float roughness;       /* 0 to 1. Below 0.05 the surface is a perfect mirror. No effect on matte surfaces */
     int specular_texture;  /* number of the texture whose green multiplies roughness and whose blue multiplies metallic,
                               counted from 1; 0: none. Its format should be SBL_PIXELS_LINEAR8 */
+    float transmission;    /* share of light, 0 to 1, that passes straight through what is not metal and is tinted by
+                              `albedo`: the surface is a thin pane */
+    int transmission_texture;  /* number of the texture whose red multiplies transmission, counted from 1; 0: none */
 } sbl_material;
 
 typedef enum sbl_pixel_format {
@@ -2768,7 +2773,7 @@ typedef struct sbl__record {
     X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_TURN) \
     X(BELONGS_OFF) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST) X(LOBE_ROUGH) \
     X(GLOW_ALBEDO) X(MIRROR_SEEN)
-#define SBL__SHARED_FLAGS(X) X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
+#define SBL__SHARED_FLAGS(X) X(BLEND) X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
 
 #define SBL__PRELUDE_MOST 16384    /* room for the text before a shader's files, in characters, with the final 0 */
 
@@ -3842,6 +3847,8 @@ static void sbl__check_material(sbl__check *check, const sbl_scene_desc *desc, i
     sbl__check_range(check, "metallic", &m->metallic, 1, sbl__unit_range);
     sbl__check_range(check, "roughness", &m->roughness, 1, sbl__unit_range);
     sbl__check_int(check, "specular_texture (0: none)", m->specular_texture, 0, desc->texture_count);
+    sbl__check_range(check, "transmission", &m->transmission, 1, sbl__unit_range);
+    sbl__check_int(check, "transmission_texture (0: none)", m->transmission_texture, 0, desc->texture_count);
     if (m->flags & ~(uint32_t)SBL_MATERIAL_FLAGS_ALL)
         sbl__mistake(check, "flags is 0x%x; only the bits 0x%x exist", m->flags, (unsigned)SBL_MATERIAL_FLAGS_ALL);
 }
@@ -4022,7 +4029,8 @@ SBL__RECORD(sbl__attributes, SBL__ATTRIBUTES, "sbl_attributes", "sbl_attributes"
     X(sbl__object, VEC3, emission) X(sbl__object, UINT, flags) \
     X(sbl__object, UVEC4, albedo_texture) X(sbl__object, UVEC4, emission_texture) \
     X(sbl__object, UINT, id) X(sbl__object, FLOAT, reflectance) X(sbl__object, FLOAT, metallic) \
-    X(sbl__object, FLOAT, roughness) X(sbl__object, UVEC4, specular_texture)
+    X(sbl__object, FLOAT, roughness) X(sbl__object, UVEC4, specular_texture) \
+    X(sbl__object, UVEC4, transmission_texture) X(sbl__object, FLOAT, transmission) X(sbl__object, UVEC3, unused)
 SBL__RECORD(sbl__object, SBL__OBJECT, "sbl_object", "sbl_objects", SBL__SCENE_TABLE("sbl_objects"), NULL)
 
 typedef struct sbl__mesh {
@@ -4956,6 +4964,9 @@ static sbl_result sbl__textures_make(sbl__device *d, sbl__textures *s, const sbl
 /* Returns 1 unless the object is matte. */
 static int sbl__is_specular(const sbl__object *o) { return o->reflectance >= 0; }
 
+/* Returns 1 if light may pass straight through the object. */
+static int sbl__lets_pass(const sbl__object *o) { return o->transmission > 0 || o->flags & SBL_MATERIAL_BLEND; }
+
 /* Copies a material into its mesh's object. Raises *brightest, if it is less, to an upper limit of the radiance that
    the material emits: largest component of emission * that of the texture. Returns the features that programs need. */
 static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *m, sbl__object *o, float *brightest) {
@@ -4966,6 +4977,8 @@ static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *
     memcpy(o->albedo_texture, t->places[m->albedo_texture], sizeof o->albedo_texture);
     memcpy(o->emission_texture, t->places[m->emission_texture], sizeof o->emission_texture);
     memcpy(o->specular_texture, t->places[m->specular_texture], sizeof o->specular_texture);
+    memcpy(o->transmission_texture, t->places[m->transmission_texture], sizeof o->transmission_texture);
+    o->transmission = m->transmission;
     o->alpha_cutoff = m->alpha_cutoff;
     o->flags = m->flags;
     o->reflectance = m->ior > 0 || m->metallic > 0 ? (ior - 1) * (ior - 1) / ((ior + 1) * (ior + 1)) : -1;
@@ -4976,6 +4989,7 @@ static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *
         features |= SBL__SPECULAR;
         if (m->specular_texture) features |= SBL__TEXTURED;
     }
+    if (sbl__lets_pass(o)) features |= SBL__SPECULAR | SBL__TEXTURED | SBL__CUTOUTS;
     if (m->alpha_cutoff > 0) features |= SBL__TEXTURED | SBL__CUTOUTS;
     return m->albedo_texture || m->emission_texture ? features | SBL__TEXTURED : features;
 }
@@ -5047,9 +5061,10 @@ static const char *const sbl__glsl_lobe[] = {
 "}\n",
 "\n",
 "// Albedo of a surface for light from all directions, mean over all directions in which it is reflected.\n",
-"vec3 sbl_albedo_mean(vec3 diffuse, vec3 reflectance, float roughness) {\n",
+"// opacity: share of the surface that exists\n",
+"vec3 sbl_albedo_mean(vec3 diffuse, vec3 reflectance, float roughness, float opacity) {\n",
 "    vec2 lobe = vec2(0.9, 0.05);\n",
-"    return 0.95 * diffuse + reflectance * lobe.x + lobe.y;\n",
+"    return 0.95 * diffuse + opacity * (reflectance * lobe.x + lobe.y);\n",
 "}\n",
 "#endif\n",
 "\n",
@@ -5173,6 +5188,8 @@ static const char *const sbl__glsl_material[] = {
 "    vec3 diffuse;      // albedo of the diffuse part seen along the normal\n",
 "    vec3 reflectance;  // of the specular lobe, seen along the normal\n",
 "    float roughness;   // negative: the surface is matte\n",
+"    float opacity;     // share of the surface that exists\n",
+"    vec3 clear;        // share of light that passes straight through what exists, except what Fresnel's term takes\n",
 "#endif\n",
 "};\n",
 "\n",
@@ -5181,7 +5198,7 @@ static const char *const sbl__glsl_material[] = {
 "    vec4 color = at.color * texel * vec4(sbl_object_albedo(object), 1);\n",
 "    bool cut_out = color.a < sbl_object_alpha_cutoff(object);\n",
 "#ifdef SBL_SPECULAR\n",
-"    sbl_Material m = sbl_Material(color.rgb, cut_out, color.rgb, vec3(0), -1.0);\n",
+"    sbl_Material m = sbl_Material(color.rgb, cut_out, color.rgb, vec3(0), -1.0, 1.0, vec3(0));\n",
 "    float reflectance = sbl_object_reflectance(object);\n",
 "    for (int i = 0; i < (reflectance < 0.0 ? 0 : 1); i++) {\n",
 "        vec2 share = sbl_texture(sbl_object_specular_texture(object), at.uv).gb;\n",
@@ -5189,13 +5206,30 @@ static const char *const sbl__glsl_material[] = {
 "        m.roughness = clamp(share.x * sbl_object_roughness(object), 0.0, 1.0);\n",
 "        m.diffuse = (1.0 - metallic) * (1.0 - reflectance) * color.rgb;\n",
 "        m.reflectance = mix(vec3(reflectance), min(color.rgb, vec3(1)), metallic);\n",
-"        m.albedo = sbl_albedo_mean(m.diffuse, m.reflectance, m.roughness);\n",
+"        m.clear = (1.0 - metallic) * min(color.rgb, vec3(1));\n",
 "    }\n",
+"    if (reflectance < 0.0) m.clear = min(color.rgb, vec3(1));\n",
+"    float transmission = sbl_object_transmission(object);\n",
+"    if (transmission > 0.0) transmission *= sbl_texture(sbl_object_transmission_texture(object), at.uv).r;\n",
+"    if ((sbl_object_flags(object) & SBL_BLEND) != 0u) m.opacity = clamp(color.a, 0.0, 1.0);\n",
+"    m.clear *= m.opacity * transmission;\n",
+"    m.diffuse *= m.opacity * (1.0 - transmission);\n",
+"    m.albedo = m.diffuse;\n",
+"    if (m.roughness >= 0.0) m.albedo = sbl_albedo_mean(m.diffuse, m.reflectance, m.roughness, m.opacity);\n",
 "    return m;\n",
 "#else\n",
 "    return sbl_Material(color.rgb, cut_out);\n",
 "#endif\n",
 "}\n",
+"\n",
+"#ifdef SBL_SPECULAR\n",
+"// Share of light that passes straight through a surface. cosine: between its normal and the light\n",
+"vec3 sbl_passing(int object, sbl_Material m, float cosine) {\n",
+"    float reflectance = sbl_object_reflectance(object), x = 1.0 - clamp(abs(cosine), 0.0, 1.0);\n",
+"    float fresnel = reflectance < 0.0 ? 0.0 : reflectance + (1.0 - reflectance) * x * x * x * x * x;\n",
+"    return vec3(1.0 - m.opacity) + (1.0 - fresnel) * m.clear;\n",
+"}\n",
+"#endif\n",
 "\n",
 "// False: no point of the object lies in a hole, so sbl_material need not be called to find out.\n",
 "bool sbl_has_holes(int object) { return sbl_object_alpha_cutoff(object) > 0.0; }\n",
@@ -5508,7 +5542,8 @@ SBL__RECORD(sbl__node, SBL__NODE, "sbl_node", "sbl_nodes", SBL__SCENE_TABLE("sbl
     X(sbl__grid_node, VEC3, per_length) X(sbl__grid_node, UINT, around)
 SBL__RECORD(sbl__grid_node, SBL__GRID_NODE, "sbl_grid", "sbl_nodes", "", NULL)
 
-/* Triangles in the order of the leaves. number: the triangle's number in the scene. cutout: 1 if it may have holes */
+/* Triangles in the order of the leaves. number: the triangle's number in the scene. cutout: 1 if it may have
+   holes, or lets light pass */
 #define SBL__TRIANGLE(X) \
     X(sbl__triangle, VEC3, corner_0) X(sbl__triangle, UINT, object) \
     X(sbl__triangle, VEC3, corner_1) X(sbl__triangle, UINT, number) \
@@ -5912,7 +5947,8 @@ static sbl_result sbl__bvh_triangles(void *work, sbl__slice *slice) {
         memcpy(t->corner_2, sbl__triangle_corner(g, number, 2), 12);
         t->object = g->vertices[g->indices[3 * (size_t)number]].object;
         t->number = number;
-        t->cutout = sbl__triangle_object(g, number)->alpha_cutoff != 0.0f;
+        t->cutout = sbl__triangle_object(g, number)->alpha_cutoff != 0.0f ||
+                    sbl__lets_pass(sbl__triangle_object(g, number));
     }
     return sbl__bvh_upload(b, &h->triangle_table, b->records, sizeof *b->records, h->triangle_count);
 }
@@ -6105,16 +6141,49 @@ static const char *const sbl__glsl_traverse[] = {
 "    return hit;\n",
 "}\n",
 "\n",
+"// What a ray does at surfaces that let light pass.\n",
+"const int SBL_RAY_PATH = 0;    // the ray passes or stops, at random; sbl_tint is then the share of light, divided by the\n",
+"                               // probability\n",
+"const int SBL_RAY_SHADOW = 1;  // the ray passes; sbl_tint is the share of light\n",
+"const int SBL_RAY_SOLID = 2;   // the ray stops\n",
+"vec3 sbl_tint = vec3(1);       // factor of the light that the last ray of sbl_trace finds\n",
+"\n",
+"#if defined(SBL_CUTOUTS) && defined(SBL_SPECULAR)\n",
+"// Returns true if the ray passes the surface that it meets. Multiplies sbl_tint.\n",
+"bool sbl_passes(sbl_Hit hit, sbl_Material material, vec3 direction, int kind) {\n",
+"    vec3 p0 = sbl_triangle_corner_0(hit.triangle);\n",
+"    vec3 normal = cross(sbl_triangle_corner_1(hit.triangle) - p0, sbl_triangle_corner_2(hit.triangle) - p0);\n",
+"    float sizes = length(normal) * length(direction);\n",
+"    float cosine = sizes > 0.0 ? dot(normal, direction) / sizes : 1.0;\n",
+"    vec3 passing = sbl_passing(int(sbl_triangle_object(hit.triangle)), material, cosine);\n",
+"    float most = max(passing.r, max(passing.g, passing.b));\n",
+"    if (most <= 0.0 || kind == SBL_RAY_SOLID) return false;\n",
+"    uint hash = floatBitsToUint(hit.b1) * 2654435769u ^ floatBitsToUint(hit.b2) * 2246822519u ^ uint(hit.number);\n",
+"    hash = (hash ^ hash >> 15) * 747796405u;\n",
+"    hash = (hash ^ hash >> 13) * 2246822519u;\n",
+"    bool passes = kind == SBL_RAY_SHADOW || float(hash >> 8) < most * SBL_FRACTIONS;\n",
+"    sbl_tint *= kind == SBL_RAY_SHADOW ? passing : passes ? passing / most : vec3(1.0 / (1.0 - most));\n",
+"    return passes;\n",
+"}\n",
+"#endif\n",
+"\n",
 "// Returns the nearest hit below `limit` that is not in a hole (but see SBL_HOLES). No hit: the triangle is -1.\n",
-"sbl_Hit sbl_trace(vec3 origin, vec3 direction, float limit) {\n",
+"// kind: SBL_RAY_PATH and so on\n",
+"sbl_Hit sbl_trace(vec3 origin, vec3 direction, float limit, int kind) {\n",
 "    sbl_Hit hit = sbl_Hit(0.0, -1, 0x7fffffff, 0.0, 0.0, false);\n",
 "    bool solid = false;\n",
+"    sbl_tint = vec3(1);\n",
 "    for (int hole = 0; hole < SBL_HOLES && !solid; hole++) {\n",
 "        hit = sbl_nearest(origin, direction, hit.distance, hit.number, limit);\n",
 "        solid = true;\n",
 "#ifdef SBL_CUTOUTS\n",
-"        if (hit.triangle >= 0 && sbl_triangle_cutout(hit.triangle) != 0u)\n",
-"            solid = !sbl_material(int(sbl_triangle_object(hit.triangle)), sbl_attributes_of(hit)).cut_out;\n",
+"        if (hit.triangle >= 0 && sbl_triangle_cutout(hit.triangle) != 0u) {\n",
+"            sbl_Material material = sbl_material(int(sbl_triangle_object(hit.triangle)), sbl_attributes_of(hit));\n",
+"            solid = !material.cut_out;\n",
+"#ifdef SBL_SPECULAR\n",
+"            if (solid) solid = !sbl_passes(hit, material, direction, kind);\n",
+"#endif\n",
+"        }\n",
 "#endif\n",
 "    }\n",
 "    return hit;\n",
@@ -7156,10 +7225,10 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     const sbl_capabilities *c = &d->gl.capabilities;
     const sbl__geometry *g = &s->geometry;
     const double lamps = sbl__lamps_most(g, &s->environment, s->lights.count), limit = c->max_texture_buffer_size;
-    /* texels of the longest table: 3 per triangle, and a few for grids; 2 per vertex; 6 per mesh; or 9 per lamp, and 3
+    /* texels of the longest table: 3 per triangle, and a few for grids; 2 per vertex; 8 per mesh; or 9 per lamp, and 3
        more per light of the host */
     const double texels = SBL__MAX(SBL__MAX(3.0 * g->triangle_count + 8, 2.0 * g->vertex_count),
-                                   SBL__MAX(6.0 * g->mesh_count, 9 * lamps + 3.0 * s->lights.count));
+                                   SBL__MAX(8.0 * g->mesh_count, 9 * lamps + 3.0 * s->lights.count));
     double most = c->max_texture_size < SBL__TEXELS_ACROSS ? 0 : (c->max_texture_size - 1) * (double)SBL__TEXELS_ACROSS;
     if (!sbl__between(&s->brightest, 0, SBL__RADIANCE_MOST)) {
         sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MATERIAL, "the brightest emission (times its texture), "
@@ -7172,7 +7241,7 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
         most = SBL__MAX(most, limit);
         sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "the scene has %d vertices, %d triangles and %d "
                  "meshes; this driver's textures hold %.0f, %.0f and %.0f", g->vertex_count, g->triangle_count,
-                 g->mesh_count, most / 2, most / 3, most / 6);
+                 g->mesh_count, most / 2, most / 3, most / 8);
         return SBL_ERROR_UNSUPPORTED;
     }
     if (s->geometry.wide) s->features |= SBL__WIDE;
@@ -9063,43 +9132,73 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "#endif\n",
 "\n",
 "#if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)\n",
-"const int SBL_MIRRORS = 6;              // a pixel shows what is seen in at most this many mirrors, one in another\n",
+"const int SBL_MIRRORS = 8;              // a pixel shows what is seen in or through at most this many mirrors and panes\n",
+"const float SBL_PANE = 0.5;             // a pixel shows what is behind a surface from which at least this share passes\n",
 "const float SBL_MIRROR_DIFFUSE = 0.02;  // a mirror has at most this diffuse albedo\n",
 "const float SBL_LOBE_STEPS = 4095.0;    // the lobe's numbers are packed as integers from 0 to this\n",
 "\n",
-"// What a pixel shows in mirrors. All mirrors are metal.\n",
+"// What a pixel shows in mirrors, which are all metal, and behind panes.\n",
 "struct sbl_Mirrored {\n",
 "    vec3 direction;   // of the last ray\n",
-"    vec3 throughput;  // share of light that the mirrors reflect\n",
-"    vec3 emission;    // of the mirrors and of the sky that they show\n",
+"    vec3 throughput;  // share of light that mirrors reflect and panes let pass\n",
+"    vec3 emission;    // of mirrors and panes, of the sky that they show, and what panes reflect\n",
 "    int number;       // the triangle that the last ray meets\n",
-"    bool sky;         // true: the last ray meets none. The surface is then the last mirror\n",
+"    bool sky;         // true: the last ray meets none. The surface is then the last mirror or pane\n",
 "};\n",
+"\n",
+"// Radiance that a ray from the surface s finds, with stored light: what a pane reflects.\n",
+"vec3 sbl_radiance_along(sbl_Surface s, vec3 direction) {\n",
+"    vec3 origin = s.position + SBL_OFFSET * s.reach * s.geometric_normal;\n",
+"    sbl_Hit hit = sbl_trace(origin, direction, SBL_UNBOUNDED, SBL_RAY_SOLID);\n",
+"    if (hit.triangle < 0) return sky + sbl_sky_smooth(direction);\n",
+"    sbl_Surface found = sbl_surface(hit.number, origin, direction);\n",
+"    vec3 radiance = found.emission;\n",
+"#ifdef SBL_BOUNCED\n",
+"    radiance += found.material.albedo * sbl_stored(hit.number, found.back, found.position, SBL_UNBOUNDED);\n",
+"#endif\n",
+"    return radiance;\n",
+"}\n",
 "\n",
 "bool sbl_is_mirror(sbl_Material m) {\n",
 "    return m.roughness >= 0.0 && m.roughness < SBL_MIRROR_SEEN &&\n",
 "           max(m.diffuse.r, max(m.diffuse.g, m.diffuse.b)) <= SBL_MIRROR_DIFFUSE;\n",
 "}\n",
 "\n",
-"// Follows the ray while the surface s is a mirror. Replaces s by the surface that the last ray meets.\n",
+"// The direction in which the surface s mirrors a ray. An interpolated normal must not lead into the surface.\n",
+"vec3 sbl_mirrored(sbl_Surface s, vec3 direction) {\n",
+"    vec3 mirrored = direction - 2.0 * dot(s.normal, direction) * s.normal;\n",
+"    float below = dot(mirrored, s.geometric_normal);\n",
+"    if (below < SBL_GRAZING) mirrored += (SBL_GRAZING - below) * s.geometric_normal;\n",
+"    return normalize(mirrored);\n",
+"}\n",
+"\n",
+"// Follows the ray while the surface s is a mirror or a pane. Replaces s by the surface that the last ray meets.\n",
 "sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 direction) {\n",
 "    sbl_Mirrored m = sbl_Mirrored(normalize(direction), vec3(1), vec3(0), number, false);\n",
-"    for (int i = 0; i < SBL_MIRRORS && !m.sky && sbl_is_mirror(s.material); i++) {\n",
-"        float cosine = -dot(s.normal, m.direction);\n",
+"    bool goes_on = true;\n",
+"    for (int i = 0; i < SBL_MIRRORS && goes_on; i++) {\n",
+"        float cosine = clamp(-dot(s.normal, m.direction), 0.0, 1.0);\n",
+"        vec3 passing = sbl_passing(s.object, s.material, cosine);\n",
+"        bool pane = max(passing.r, max(passing.g, passing.b)) >= SBL_PANE, mirror = sbl_is_mirror(s.material);\n",
+"        if (!pane && !mirror) break;\n",
 "        m.emission += m.throughput * s.emission;\n",
-"        m.throughput *= s.material.reflectance + (1.0 - s.material.reflectance) * pow(1.0 - max(cosine, 0.0), 5.0);\n",
-"        m.direction += 2.0 * cosine * s.normal;\n",
-"        float below = dot(m.direction, s.geometric_normal);  // an interpolated normal must not lead into the surface\n",
-"        if (below < SBL_GRAZING) m.direction += (SBL_GRAZING - below) * s.geometric_normal;\n",
-"        m.direction = normalize(m.direction);\n",
-"        vec3 origin = s.position + SBL_OFFSET * s.reach * s.geometric_normal;\n",
-"        sbl_Hit hit = sbl_trace(origin, m.direction, SBL_UNBOUNDED);\n",
+"        vec3 mirrored = sbl_mirrored(s, m.direction);\n",
+"        float side = pane ? -1.0 : 1.0;  // the side of the surface on which the ray goes on\n",
+"        for (int k = 0; k < (pane && s.material.roughness >= 0.0 ? 1 : 0); k++)\n",
+"            m.emission += m.throughput * s.material.opacity * sbl_radiance_along(s, mirrored) *\n",
+"                          sbl_specular_albedo(s.material.reflectance, s.material.roughness, cosine);\n",
+"        if (!pane) m.direction = mirrored;\n",
+"        m.throughput *= pane ? passing : s.material.reflectance +\n",
+"                                         (1.0 - s.material.reflectance) * pow(1.0 - cosine, 5.0);\n",
+"        vec3 origin = s.position + side * SBL_OFFSET * s.reach * s.geometric_normal;\n",
+"        sbl_Hit hit = sbl_trace(origin, m.direction, SBL_UNBOUNDED, SBL_RAY_SOLID);\n",
 "        m.sky = hit.triangle < 0;\n",
 "        if (m.sky) m.emission += m.throughput * (sky + sbl_sky_smooth(m.direction));\n",
 "        else {\n",
 "            m.number = hit.number;\n",
 "            s = sbl_surface(hit.number, origin, m.direction);\n",
 "        }\n",
+"        goes_on = !m.sky;\n",
 "    }\n",
 "    return m;\n",
 "}\n",
@@ -9156,6 +9255,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "            float cosine = clamp(-dot(s.normal, seen.direction), 1e-3, 1.0);\n",
 "            vec3 reflectance = s.material.reflectance;\n",
 "            out_specular = vec4(sbl_specular_albedo(reflectance, s.material.roughness, cosine), 1);\n",
+"            out_specular.rgb *= s.material.opacity;\n",
 "            out_lobe = vec4(sbl_pack_two(reflectance.r, reflectance.g),\n",
 "                            sbl_pack_two(reflectance.b, s.material.roughness), sbl_pack_direction(-seen.direction));\n",
 "            out_albedo.rgb = s.material.diffuse * (1.0 - sbl_diffuse_lost(cosine));\n",
@@ -10622,7 +10722,9 @@ static const char *const sbl__glsl_lamps[] = {
 "    }\n",
 "    if (s.far < SBL_UNBOUNDED) to = s.far * s.direction + (position - stand);\n",
 "    float away = s.far < SBL_UNBOUNDED ? length(to) : 1.0;\n",
-"    sbl_Hit hit = sbl_trace(stand, to / away, s.far < SBL_UNBOUNDED ? away * SBL_BEFORE_LAMP : SBL_UNBOUNDED);\n",
+"    sbl_Hit hit = sbl_trace(stand, to / away, s.far < SBL_UNBOUNDED ? away * SBL_BEFORE_LAMP : SBL_UNBOUNDED,\n",
+"                            SBL_RAY_SHADOW);\n",
+"    light *= sbl_tint;\n",
 "    bool hidden = hit.triangle >= 0 && hit.number != l.number;\n",
 "#ifdef SBL_VIEWS\n",
 "    hidden = hidden || sbl_hidden(slot, l, s);\n",
@@ -11611,10 +11713,11 @@ static const char *const sbl__glsl_trace[] = {
 "#endif\n",
 "        // Even turns trace the ray's segments; odd turns trace the rays from near hits to lamps.\n",
 "        for (int turn = 0; turn < 2 * SBL_LEGS - 1; turn++) {\n",
-"            sbl_Hit hit = sbl_trace(from, direction, limit);\n",
+"            sbl_Hit hit = sbl_trace(from, direction, limit, (turn & 1) == 1 ? SBL_RAY_SHADOW : SBL_RAY_PATH);\n",
+"            share *= (turn & 1) == 1 ? vec3(1) : sbl_tint;\n",
 "#ifdef SBL_BOUNCED\n",
 "            if ((turn & 1) == 1) {\n",
-"                if (hit.triangle < 0 || hit.number == next.number) sum.rgb += share * next.light;\n",
+"                if (hit.triangle < 0 || hit.number == next.number) sum.rgb += share * sbl_tint * next.light;\n",
 "                share *= next.share;\n",
 "                direction = next.direction;\n",
 "                limit = SBL_UNBOUNDED;\n",
@@ -12723,11 +12826,11 @@ static const char *const sbl__glsl_cast[] = {
 "    uint fractions = sbl_cast_fractions(ray);\n",
 "    vec2 u = (vec2(fractions & 65535u, fractions >> 16) + 0.5) / 65536.0;\n",
 "    if (limit < 0.0) direction = sbl_by_cosine(sbl_frame(direction), u);\n",
-"    sbl_Hit hit = sbl_trace(origin, direction, abs(limit));\n",
+"    sbl_Hit hit = sbl_trace(origin, direction, abs(limit), SBL_RAY_PATH);\n",
 "    float low = 0.0, high = 0.0;\n",
 "    if (hit.triangle >= 0) {\n",
 "        int object = int(sbl_triangle_object(hit.triangle));\n",
-"        albedo = sbl_bounced(sbl_material(object, sbl_attributes_of(hit)));\n",
+"        albedo = min(sbl_tint * sbl_bounced(sbl_material(object, sbl_attributes_of(hit))), vec3(1));\n",
 "        low = (float(hit.number % SBL_CAST_NUMBERS) + 1.0) * (hit.back ? -1.0 : 1.0);\n",
 "        high = float(hit.number / SBL_CAST_NUMBERS);\n",
 "    }\n",
@@ -14433,7 +14536,7 @@ static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PART
     for (i = 0; i < g->mesh_count; i++)
         *materials = sbl__hash_bytes(*materials, &g->objects[i], offsetof(sbl__object, id));
     for (i = 0; i < g->mesh_count; i++)
-        if (sbl__is_specular(&g->objects[i]))
+        if (sbl__is_specular(&g->objects[i]) || sbl__lets_pass(&g->objects[i]))
             *materials = sbl__hash_bytes(*materials, &g->objects[i].reflectance,
                                          sizeof *g->objects - offsetof(sbl__object, reflectance));
     parts[SBL__SAVED_LIGHTS] = sbl__hash_bytes(seed, s->lights.list,

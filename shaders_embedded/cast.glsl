@@ -15,11 +15,11 @@ void main() {
     uint fractions = sbl_cast_fractions(ray);
     vec2 u = (vec2(fractions & 65535u, fractions >> 16) + 0.5) / 65536.0;
     if (limit < 0.0) direction = sbl_by_cosine(sbl_frame(direction), u);
-    sbl_Hit hit = sbl_trace(origin, direction, abs(limit));
+    sbl_Hit hit = sbl_trace(origin, direction, abs(limit), SBL_RAY_PATH);
     float low = 0.0, high = 0.0;
     if (hit.triangle >= 0) {
         int object = int(sbl_triangle_object(hit.triangle));
-        albedo = sbl_bounced(sbl_material(object, sbl_attributes_of(hit)));
+        albedo = min(sbl_tint * sbl_bounced(sbl_material(object, sbl_attributes_of(hit))), vec3(1));
         low = (float(hit.number % SBL_CAST_NUMBERS) + 1.0) * (hit.back ? -1.0 : 1.0);
         high = float(hit.number / SBL_CAST_NUMBERS);
     }

@@ -33,43 +33,73 @@ vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
 #endif
 
 #if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)
-const int SBL_MIRRORS = 6;              // a pixel shows what is seen in at most this many mirrors, one in another
+const int SBL_MIRRORS = 8;              // a pixel shows what is seen in or through at most this many mirrors and panes
+const float SBL_PANE = 0.5;             // a pixel shows what is behind a surface from which at least this share passes
 const float SBL_MIRROR_DIFFUSE = 0.02;  // a mirror has at most this diffuse albedo
 const float SBL_LOBE_STEPS = 4095.0;    // the lobe's numbers are packed as integers from 0 to this
 
-// What a pixel shows in mirrors. All mirrors are metal.
+// What a pixel shows in mirrors, which are all metal, and behind panes.
 struct sbl_Mirrored {
     vec3 direction;   // of the last ray
-    vec3 throughput;  // share of light that the mirrors reflect
-    vec3 emission;    // of the mirrors and of the sky that they show
+    vec3 throughput;  // share of light that mirrors reflect and panes let pass
+    vec3 emission;    // of mirrors and panes, of the sky that they show, and what panes reflect
     int number;       // the triangle that the last ray meets
-    bool sky;         // true: the last ray meets none. The surface is then the last mirror
+    bool sky;         // true: the last ray meets none. The surface is then the last mirror or pane
 };
+
+// Radiance that a ray from the surface s finds, with stored light: what a pane reflects.
+vec3 sbl_radiance_along(sbl_Surface s, vec3 direction) {
+    vec3 origin = s.position + SBL_OFFSET * s.reach * s.geometric_normal;
+    sbl_Hit hit = sbl_trace(origin, direction, SBL_UNBOUNDED, SBL_RAY_SOLID);
+    if (hit.triangle < 0) return sky + sbl_sky_smooth(direction);
+    sbl_Surface found = sbl_surface(hit.number, origin, direction);
+    vec3 radiance = found.emission;
+#ifdef SBL_BOUNCED
+    radiance += found.material.albedo * sbl_stored(hit.number, found.back, found.position, SBL_UNBOUNDED);
+#endif
+    return radiance;
+}
 
 bool sbl_is_mirror(sbl_Material m) {
     return m.roughness >= 0.0 && m.roughness < SBL_MIRROR_SEEN &&
            max(m.diffuse.r, max(m.diffuse.g, m.diffuse.b)) <= SBL_MIRROR_DIFFUSE;
 }
 
-// Follows the ray while the surface s is a mirror. Replaces s by the surface that the last ray meets.
+// The direction in which the surface s mirrors a ray. An interpolated normal must not lead into the surface.
+vec3 sbl_mirrored(sbl_Surface s, vec3 direction) {
+    vec3 mirrored = direction - 2.0 * dot(s.normal, direction) * s.normal;
+    float below = dot(mirrored, s.geometric_normal);
+    if (below < SBL_GRAZING) mirrored += (SBL_GRAZING - below) * s.geometric_normal;
+    return normalize(mirrored);
+}
+
+// Follows the ray while the surface s is a mirror or a pane. Replaces s by the surface that the last ray meets.
 sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 direction) {
     sbl_Mirrored m = sbl_Mirrored(normalize(direction), vec3(1), vec3(0), number, false);
-    for (int i = 0; i < SBL_MIRRORS && !m.sky && sbl_is_mirror(s.material); i++) {
-        float cosine = -dot(s.normal, m.direction);
+    bool goes_on = true;
+    for (int i = 0; i < SBL_MIRRORS && goes_on; i++) {
+        float cosine = clamp(-dot(s.normal, m.direction), 0.0, 1.0);
+        vec3 passing = sbl_passing(s.object, s.material, cosine);
+        bool pane = max(passing.r, max(passing.g, passing.b)) >= SBL_PANE, mirror = sbl_is_mirror(s.material);
+        if (!pane && !mirror) break;
         m.emission += m.throughput * s.emission;
-        m.throughput *= s.material.reflectance + (1.0 - s.material.reflectance) * pow(1.0 - max(cosine, 0.0), 5.0);
-        m.direction += 2.0 * cosine * s.normal;
-        float below = dot(m.direction, s.geometric_normal);  // an interpolated normal must not lead into the surface
-        if (below < SBL_GRAZING) m.direction += (SBL_GRAZING - below) * s.geometric_normal;
-        m.direction = normalize(m.direction);
-        vec3 origin = s.position + SBL_OFFSET * s.reach * s.geometric_normal;
-        sbl_Hit hit = sbl_trace(origin, m.direction, SBL_UNBOUNDED);
+        vec3 mirrored = sbl_mirrored(s, m.direction);
+        float side = pane ? -1.0 : 1.0;  // the side of the surface on which the ray goes on
+        for (int k = 0; k < (pane && s.material.roughness >= 0.0 ? 1 : 0); k++)
+            m.emission += m.throughput * s.material.opacity * sbl_radiance_along(s, mirrored) *
+                          sbl_specular_albedo(s.material.reflectance, s.material.roughness, cosine);
+        if (!pane) m.direction = mirrored;
+        m.throughput *= pane ? passing : s.material.reflectance +
+                                         (1.0 - s.material.reflectance) * pow(1.0 - cosine, 5.0);
+        vec3 origin = s.position + side * SBL_OFFSET * s.reach * s.geometric_normal;
+        sbl_Hit hit = sbl_trace(origin, m.direction, SBL_UNBOUNDED, SBL_RAY_SOLID);
         m.sky = hit.triangle < 0;
         if (m.sky) m.emission += m.throughput * (sky + sbl_sky_smooth(m.direction));
         else {
             m.number = hit.number;
             s = sbl_surface(hit.number, origin, m.direction);
         }
+        goes_on = !m.sky;
     }
     return m;
 }
@@ -126,6 +156,7 @@ void main() {
             float cosine = clamp(-dot(s.normal, seen.direction), 1e-3, 1.0);
             vec3 reflectance = s.material.reflectance;
             out_specular = vec4(sbl_specular_albedo(reflectance, s.material.roughness, cosine), 1);
+            out_specular.rgb *= s.material.opacity;
             out_lobe = vec4(sbl_pack_two(reflectance.r, reflectance.g),
                             sbl_pack_two(reflectance.b, s.material.roughness), sbl_pack_direction(-seen.direction));
             out_albedo.rgb = s.material.diffuse * (1.0 - sbl_diffuse_lost(cosine));

@@ -255,7 +255,9 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
     }
     if (s.far < SBL_UNBOUNDED) to = s.far * s.direction + (position - stand);
     float away = s.far < SBL_UNBOUNDED ? length(to) : 1.0;
-    sbl_Hit hit = sbl_trace(stand, to / away, s.far < SBL_UNBOUNDED ? away * SBL_BEFORE_LAMP : SBL_UNBOUNDED);
+    sbl_Hit hit = sbl_trace(stand, to / away, s.far < SBL_UNBOUNDED ? away * SBL_BEFORE_LAMP : SBL_UNBOUNDED,
+                            SBL_RAY_SHADOW);
+    light *= sbl_tint;
     bool hidden = hit.triangle >= 0 && hit.number != l.number;
 #ifdef SBL_VIEWS
     hidden = hidden || sbl_hidden(slot, l, s);

@@ -16,9 +16,10 @@ vec3 sbl_specular_albedo(vec3 reflectance, float roughness, float cosine) {
 }
 
 // Albedo of a surface for light from all directions, mean over all directions in which it is reflected.
-vec3 sbl_albedo_mean(vec3 diffuse, vec3 reflectance, float roughness) {
+// opacity: share of the surface that exists
+vec3 sbl_albedo_mean(vec3 diffuse, vec3 reflectance, float roughness, float opacity) {
     vec2 lobe = vec2(0.9, 0.05);
-    return 0.95 * diffuse + reflectance * lobe.x + lobe.y;
+    return 0.95 * diffuse + opacity * (reflectance * lobe.x + lobe.y);
 }
 #endif
 

@@ -23,6 +23,8 @@ struct sbl_Material {
     vec3 diffuse;      // albedo of the diffuse part seen along the normal
     vec3 reflectance;  // of the specular lobe, seen along the normal
     float roughness;   // negative: the surface is matte
+    float opacity;     // share of the surface that exists
+    vec3 clear;        // share of light that passes straight through what exists, except what Fresnel's term takes
 #endif
 };
 
@@ -31,7 +33,7 @@ sbl_Material sbl_material(int object, sbl_Attributes at) {
     vec4 color = at.color * texel * vec4(sbl_object_albedo(object), 1);
     bool cut_out = color.a < sbl_object_alpha_cutoff(object);
 #ifdef SBL_SPECULAR
-    sbl_Material m = sbl_Material(color.rgb, cut_out, color.rgb, vec3(0), -1.0);
+    sbl_Material m = sbl_Material(color.rgb, cut_out, color.rgb, vec3(0), -1.0, 1.0, vec3(0));
     float reflectance = sbl_object_reflectance(object);
     for (int i = 0; i < (reflectance < 0.0 ? 0 : 1); i++) {
         vec2 share = sbl_texture(sbl_object_specular_texture(object), at.uv).gb;
@@ -39,13 +41,30 @@ sbl_Material sbl_material(int object, sbl_Attributes at) {
         m.roughness = clamp(share.x * sbl_object_roughness(object), 0.0, 1.0);
         m.diffuse = (1.0 - metallic) * (1.0 - reflectance) * color.rgb;
         m.reflectance = mix(vec3(reflectance), min(color.rgb, vec3(1)), metallic);
-        m.albedo = sbl_albedo_mean(m.diffuse, m.reflectance, m.roughness);
+        m.clear = (1.0 - metallic) * min(color.rgb, vec3(1));
     }
+    if (reflectance < 0.0) m.clear = min(color.rgb, vec3(1));
+    float transmission = sbl_object_transmission(object);
+    if (transmission > 0.0) transmission *= sbl_texture(sbl_object_transmission_texture(object), at.uv).r;
+    if ((sbl_object_flags(object) & SBL_BLEND) != 0u) m.opacity = clamp(color.a, 0.0, 1.0);
+    m.clear *= m.opacity * transmission;
+    m.diffuse *= m.opacity * (1.0 - transmission);
+    m.albedo = m.diffuse;
+    if (m.roughness >= 0.0) m.albedo = sbl_albedo_mean(m.diffuse, m.reflectance, m.roughness, m.opacity);
     return m;
 #else
     return sbl_Material(color.rgb, cut_out);
 #endif
 }
+
+#ifdef SBL_SPECULAR
+// Share of light that passes straight through a surface. cosine: between its normal and the light
+vec3 sbl_passing(int object, sbl_Material m, float cosine) {
+    float reflectance = sbl_object_reflectance(object), x = 1.0 - clamp(abs(cosine), 0.0, 1.0);
+    float fresnel = reflectance < 0.0 ? 0.0 : reflectance + (1.0 - reflectance) * x * x * x * x * x;
+    return vec3(1.0 - m.opacity) + (1.0 - fresnel) * m.clear;
+}
+#endif
 
 // False: no point of the object lies in a hole, so sbl_material need not be called to find out.
 bool sbl_has_holes(int object) { return sbl_object_alpha_cutoff(object) > 0.0; }

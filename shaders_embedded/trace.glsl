@@ -175,10 +175,11 @@ void main() {
 #endif
         // Even turns trace the ray's segments; odd turns trace the rays from near hits to lamps.
         for (int turn = 0; turn < 2 * SBL_LEGS - 1; turn++) {
-            sbl_Hit hit = sbl_trace(from, direction, limit);
+            sbl_Hit hit = sbl_trace(from, direction, limit, (turn & 1) == 1 ? SBL_RAY_SHADOW : SBL_RAY_PATH);
+            share *= (turn & 1) == 1 ? vec3(1) : sbl_tint;
 #ifdef SBL_BOUNCED
             if ((turn & 1) == 1) {
-                if (hit.triangle < 0 || hit.number == next.number) sum.rgb += share * next.light;
+                if (hit.triangle < 0 || hit.number == next.number) sum.rgb += share * sbl_tint * next.light;
                 share *= next.share;
                 direction = next.direction;
                 limit = SBL_UNBOUNDED;

@@ -142,16 +142,49 @@ sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float li
     return hit;
 }
 
+// What a ray does at surfaces that let light pass.
+const int SBL_RAY_PATH = 0;    // the ray passes or stops, at random; sbl_tint is then the share of light, divided by the
+                               // probability
+const int SBL_RAY_SHADOW = 1;  // the ray passes; sbl_tint is the share of light
+const int SBL_RAY_SOLID = 2;   // the ray stops
+vec3 sbl_tint = vec3(1);       // factor of the light that the last ray of sbl_trace finds
+
+#if defined(SBL_CUTOUTS) && defined(SBL_SPECULAR)
+// Returns true if the ray passes the surface that it meets. Multiplies sbl_tint.
+bool sbl_passes(sbl_Hit hit, sbl_Material material, vec3 direction, int kind) {
+    vec3 p0 = sbl_triangle_corner_0(hit.triangle);
+    vec3 normal = cross(sbl_triangle_corner_1(hit.triangle) - p0, sbl_triangle_corner_2(hit.triangle) - p0);
+    float sizes = length(normal) * length(direction);
+    float cosine = sizes > 0.0 ? dot(normal, direction) / sizes : 1.0;
+    vec3 passing = sbl_passing(int(sbl_triangle_object(hit.triangle)), material, cosine);
+    float most = max(passing.r, max(passing.g, passing.b));
+    if (most <= 0.0 || kind == SBL_RAY_SOLID) return false;
+    uint hash = floatBitsToUint(hit.b1) * 2654435769u ^ floatBitsToUint(hit.b2) * 2246822519u ^ uint(hit.number);
+    hash = (hash ^ hash >> 15) * 747796405u;
+    hash = (hash ^ hash >> 13) * 2246822519u;
+    bool passes = kind == SBL_RAY_SHADOW || float(hash >> 8) < most * SBL_FRACTIONS;
+    sbl_tint *= kind == SBL_RAY_SHADOW ? passing : passes ? passing / most : vec3(1.0 / (1.0 - most));
+    return passes;
+}
+#endif
+
 // Returns the nearest hit below `limit` that is not in a hole (but see SBL_HOLES). No hit: the triangle is -1.
-sbl_Hit sbl_trace(vec3 origin, vec3 direction, float limit) {
+// kind: SBL_RAY_PATH and so on
+sbl_Hit sbl_trace(vec3 origin, vec3 direction, float limit, int kind) {
     sbl_Hit hit = sbl_Hit(0.0, -1, 0x7fffffff, 0.0, 0.0, false);
     bool solid = false;
+    sbl_tint = vec3(1);
     for (int hole = 0; hole < SBL_HOLES && !solid; hole++) {
         hit = sbl_nearest(origin, direction, hit.distance, hit.number, limit);
         solid = true;
 #ifdef SBL_CUTOUTS
-        if (hit.triangle >= 0 && sbl_triangle_cutout(hit.triangle) != 0u)
-            solid = !sbl_material(int(sbl_triangle_object(hit.triangle)), sbl_attributes_of(hit)).cut_out;
+        if (hit.triangle >= 0 && sbl_triangle_cutout(hit.triangle) != 0u) {
+            sbl_Material material = sbl_material(int(sbl_triangle_object(hit.triangle)), sbl_attributes_of(hit));
+            solid = !material.cut_out;
+#ifdef SBL_SPECULAR
+            if (solid) solid = !sbl_passes(hit, material, direction, kind);
+#endif
+        }
 #endif
     }
     return hit;
