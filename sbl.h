@@ -2775,7 +2775,7 @@ typedef struct sbl__record {
     X(GLOW_ALBEDO) X(MIRROR_SEEN)
 #define SBL__SHARED_FLAGS(X) X(BLEND) X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
 
-#define SBL__PRELUDE_MOST 16384    /* room for the text before a shader's files, in characters, with the final 0 */
+#define SBL__PRELUDE_MOST 24576    /* room for the text before a shader's files, in characters, with the final 0 */
 
 /* Appends to a string of `length` characters in an array of SBL__PRELUDE_MOST, and drops what does not fit.
    Returns the new length. */
@@ -2786,6 +2786,127 @@ static size_t sbl__write(char *text, size_t length, const char *format, ...) {
     more = vsnprintf(text + length, SBL__PRELUDE_MOST - length, format, arguments);
     va_end(arguments);
     return SBL__MIN(length + (size_t)SBL__MAX(more, 0), SBL__PRELUDE_MOST - 1);
+}
+
+/* Tables of specular lobes, which tests/tools/fit_lobe.py has computed. Rows: the roughness from 0.05 to 1. Columns of
+   the albedos: mu (1 + alpha) / (mu + alpha), from 0 to 1, where mu is the cosine of the view and alpha the squared
+   roughness; E and b / (1 - mu)^5 in 1 / 65535. The albedo of a lobe is reflectance * (E - b) + b. */
+#define SBL__LOBE_ROWS 16
+static const uint16_t sbl__lobe_albedos[16][32] = {
+    { 65535, 61399, 64405, 60951, 63272, 60385, 62141, 59633, 61042, 58760, 60028, 58094, 59184, 57600, 58618, 57170,
+      58455, 56900, 58825, 57077, 59891, 58858, 61402, 60638, 63235, 62708, 64632, 64221, 65379, 65145, 65535, 65535 },
+    { 65535, 52258, 64460, 52159, 63374, 51917, 62280, 51643, 61201, 51431, 60179, 51165, 59286, 51143, 58642, 51501,
+      58410, 52182, 58652, 53270, 59666, 55086, 61198, 57534, 62991, 60199, 64462, 62609, 65306, 64410, 65535, 65535 },
+    { 65535, 43235, 64506, 43360, 63461, 43403, 62400, 43441, 61338, 43647, 60309, 43891, 59373, 44374, 58659, 45099,
+      58325, 46226, 58560, 47948, 59407, 50330, 60831, 53340, 62578, 56892, 64145, 60033, 65131, 63840, 65511, 65535 },
+    { 65535, 34669, 64530, 34938, 63509, 35209, 62468, 35444, 61408, 36049, 60354, 36639, 59389, 37450, 58640, 38518,
+      58236, 40044, 58312, 42120, 58999, 44920, 60248, 48453, 61914, 53034, 63577, 57573, 64768, 65535, 65349, 65535 },
+    { 65535, 27214, 64514, 27554, 63486, 27890, 62436, 28576, 61355, 29183, 60291, 29982, 59308, 30960, 58522, 32269,
+      58013, 33974, 57946, 36258, 58408, 39300, 59462, 43407, 60975, 48500, 62685, 56892, 64101, 65535, 64963, 65535 },
+    { 65494, 21159, 64428, 21496, 63356, 22092, 62265, 22645, 61161, 23349, 60080, 24206, 59077, 25271, 58215, 26636,
+      57623, 28379, 57366, 30807, 57617, 33789, 58402, 39143, 59708, 44044, 61346, 58126, 62975, 65535, 64169, 65535 },
+    { 65428, 16447, 64257, 16856, 63091, 17313, 61932, 17878, 60782, 18552, 59659, 19374, 58613, 20419, 57680, 21724,
+      56959, 23480, 56545, 25847, 56544, 28787, 57016, 34798, 58049, 40211, 59512, 60792, 61232, 65535, 62747, 65535 },
+    { 65363, 12853, 63989, 13202, 62669, 13625, 61398, 14118, 60160, 14725, 58963, 15483, 57832, 16421, 56817, 17650,
+      55966, 19273, 55359, 21519, 55104, 24632, 55266, 30696, 55941, 36454, 57112, 64878, 58694, 65535, 60419, 65535 },
+    { 65327, 10146, 63612, 10424, 62079, 10761, 60632, 11176, 59261, 11697, 57945, 12353, 56705, 13195, 55560, 14298,
+      54570, 15789, 53766, 17892, 53248, 21001, 53071, 25683, 53339, 34696, 54100, 65535, 55360, 65535, 57028, 65535 },
+    { 65327, 8114, 63136, 8309, 61281, 8559, 59622, 8896, 58054, 9325, 56577, 9876, 55183, 10597, 53889, 11557,
+      52718, 12893, 51709, 14821, 50920, 17530, 50403, 22601, 50240, 35922, 50517, 65535, 51269, 65535, 52552, 65535 },
+    { 65284, 6602, 62500, 6680, 60329, 6855, 58356, 7111, 56558, 7451, 54870, 7907, 53286, 8513, 51803, 9344,
+      50437, 10508, 49200, 12039, 48130, 14522, 47279, 21070, 46689, 38373, 46439, 65535, 46592, 65535, 47251, 65535 },
+    { 65078, 5421, 61833, 5449, 59114, 5553, 56860, 5736, 54753, 5998, 52821, 6358, 51003, 6862, 49301, 7570,
+      47714, 8477, 46235, 9680, 44899, 12358, 43705, 19840, 42722, 36239, 41953, 56571, 41490, 65535, 41385, 65535 },
+    { 65060, 4545, 60904, 4508, 57825, 4548, 55081, 4668, 52688, 4859, 50448, 5142, 48384, 5554, 46438, 6115,
+      44610, 6779, 42894, 7869, 41287, 10833, 39805, 18372, 38430, 32723, 37226, 50745, 36201, 65535, 35413, 65535 },
+    { 64797, 3893, 59994, 3782, 56238, 3766, 53155, 3832, 50348, 3964, 47828, 4180, 45470, 4511, 43282, 4928,
+      41217, 5436, 39266, 6544, 37418, 9667, 35669, 16773, 34026, 28940, 32477, 43930, 31024, 57362, 29717, 65535 },
+    { 64710, 3395, 58861, 3212, 54632, 3151, 50993, 3171, 47848, 3255, 44995, 3418, 42372, 3667, 39936, 3958,
+      37652, 4387, 35498, 5542, 33452, 8610, 31505, 14884, 29647, 24832, 27873, 37165, 26174, 50009, 24555, 62552 },
+    { 64471, 2999, 57729, 2763, 52811, 2658, 48729, 2635, 45198, 2677, 42032, 2781, 39158, 2925, 36496, 3092,
+      34025, 3486, 31708, 4684, 29520, 7540, 27451, 12757, 25482, 20597, 23602, 30937, 21796, 43611, 20073, 57926 },
+};
+
+/* Columns: sqrt(mu), from 0 to 1. m0 to m3 in 1 / 32768. In the frame of the normal (z) and the view (in the plane of x
+   and z), the matrix with the rows (m0, 0, m1 s), (0, 1, 0), (-m2 s, 0, m3) transforms the lobe to a cosine lobe; s is
+   the sine of the view. */
+static const uint16_t sbl__lobe_cosines[16][64] = {
+    { 1, 110, 0, 155, 1, 175, 0, 150, 11, 608, 1, 99, 53, 1326, 3, 85,
+      167, 2341, 6, 87, 406, 3648, 9, 85, 840, 5249, 13, 87, 1555, 7140, 19, 82,
+      2652, 9324, 25, 82, 4248, 11799, 33, 83, 6474, 14565, 44, 85, 9478, 17623, 57, 88,
+      13422, 20972, 74, 95, 18487, 24613, 96, 108, 24866, 28545, 126, 129, 32761, 32765, 164, 164 },
+    { 18, 413, 0, 733, 19, 450, 0, 738, 28, 798, 1, 736, 72, 1517, 8, 637,
+      186, 2494, 32, 401, 424, 3756, 68, 245, 860, 5333, 96, 264, 1577, 7211, 125, 298,
+      2676, 9382, 160, 327, 4272, 11849, 199, 363, 6497, 14604, 249, 394, 9499, 17653, 305, 440,
+      13440, 20993, 374, 497, 18500, 24625, 455, 578, 24870, 28546, 592, 678, 32761, 32764, 749, 842 },
+    { 99, 925, 0, 1705, 99, 970, 0, 1685, 111, 1288, 0, 1639, 161, 1978, 14, 1580,
+      286, 3085, 85, 985, 520, 4215, 166, 675, 959, 5695, 224, 730, 1678, 7500, 296, 783,
+      2778, 9617, 372, 862, 4374, 12037, 469, 924, 6595, 14753, 585, 999, 9586, 17762, 722, 1098,
+      13509, 21063, 898, 1221, 18544, 24659, 1121, 1397, 24896, 28562, 1367, 1668, 32761, 32761, 1808, 2046 },
+    { 346, 2087, 0, 2835, 353, 2182, 0, 2801, 379, 2566, 13, 2695, 471, 3635, 185, 1717,
+      584, 4310, 238, 1618, 819, 5267, 315, 1546, 1255, 6576, 416, 1534, 1969, 8214, 538, 1587,
+      3065, 10199, 677, 1691, 4650, 12499, 839, 1816, 6854, 15111, 1021, 1977, 9820, 18029, 1238, 2169,
+      13701, 21240, 1503, 2408, 18676, 24749, 1822, 2728, 24953, 28573, 2197, 3171, 32761, 32737, 2831, 3778 },
+    { 1537, 6212, 491, 3507, 1500, 6163, 496, 3447, 1269, 5792, 608, 2669, 1250, 5873, 507, 2855,
+      1275, 6173, 569, 2613, 1481, 6898, 663, 2485, 1907, 8009, 759, 2600, 2676, 9567, 717, 3354,
+      3750, 11344, 893, 3441, 5306, 13440, 1091, 3583, 7459, 15840, 1315, 3782, 10355, 18561, 1562, 4047,
+      14154, 21601, 1825, 4393, 18945, 24920, 2946, 4347, 25089, 28617, 3609, 5038, 32762, 32709, 4950, 6026 },
+    { 3631, 9363, 635, 6975, 3482, 9224, 791, 6443, 3159, 8880, 825, 5932, 2947, 8757, 821, 5574,
+      2824, 8824, 855, 5246, 2932, 9310, 939, 5036, 3264, 10122, 1073, 4899, 3892, 11289, 1259, 4868,
+      4908, 12824, 1493, 4951, 6397, 14679, 1755, 5143, 8452, 16825, 2081, 5402, 11214, 19281, 2471, 5749,
+      14834, 22047, 2900, 6234, 19468, 25127, 3430, 6855, 25379, 28593, 3915, 7723, 32762, 32360, 3403, 8804 },
+    { 6784, 12215, 666, 11269, 6725, 12183, 657, 11210, 6324, 11984, 844, 10433, 5931, 11803, 836, 9978,
+      5483, 11688, 1134, 8894, 5397, 11929, 1163, 8611, 5464, 12435, 1576, 7687, 5985, 13361, 1732, 7614,
+      7010, 14685, 1515, 8523, 8196, 16145, 2305, 7711, 10085, 17987, 2653, 7980, 12622, 20115, 3126, 8331,
+      15976, 22553, 3621, 8902, 20282, 25307, 4250, 9644, 25797, 28438, 4811, 10702, 32763, 31797, 3274, 12039 },
+    { 10447, 13984, 440, 15996, 10400, 13973, 419, 15959, 10080, 13927, 533, 15425, 9501, 13869, 991, 14197,
+      8995, 13864, 1287, 13211, 8747, 14025, 1303, 12805, 8645, 14448, 1758, 11855, 8995, 15164, 1879, 11694,
+      9699, 16141, 2040, 11674, 10833, 17390, 2241, 11797, 12493, 18921, 2468, 12073, 14741, 20693, 2726, 12490,
+      17600, 22811, 4025, 12252, 21480, 25197, 4550, 13087, 26449, 27918, 4992, 14235, 32763, 31274, 7068, 15628 },
+    { 13988, 14602, 413, 20274, 13957, 14601, 382, 20239, 13724, 14635, 453, 19797, 13323, 14737, 772, 18909,
+      12890, 14855, 1010, 18084, 12574, 15111, 1286, 17291, 12396, 15514, 1682, 16463, 12590, 16070, 1710, 16295,
+      12998, 16902, 2318, 15567, 13897, 17915, 2524, 15584, 15265, 19151, 2711, 15817, 17187, 20618, 2875, 16239,
+      19641, 22437, 4000, 16163, 22974, 24441, 4474, 16943, 27286, 26695, 4514, 18131, 32764, 29272, 4218, 19422 },
+    { 17347, 14296, 399, 24597, 17329, 14290, 347, 24562, 17175, 14349, 367, 24143, 16887, 14503, 618, 23353,
+      16609, 14674, 711, 22692, 16366, 14931, 839, 22047, 16154, 15396, 1473, 20986, 16294, 15855, 1401, 20820,
+      16591, 16576, 1927, 20204, 17243, 17476, 2479, 19758, 18315, 18469, 2685, 19864, 19888, 19631, 2715, 20274,
+      21898, 21156, 3741, 20222, 24652, 22753, 3932, 20998, 28236, 24481, 3365, 22146, 32765, 26952, 5098, 23169 },
+    { 20489, 13242, 385, 29067, 20476, 13232, 334, 29002, 20380, 13269, 278, 28552, 20193, 13419, 441, 27776,
+      19964, 13645, 712, 26874, 19795, 13876, 790, 26179, 19731, 14194, 876, 25595, 19750, 14752, 1522, 24710,
+      20013, 15331, 1861, 24236, 20571, 15930, 1817, 24226, 21374, 16809, 2407, 23917, 22627, 17669, 2266, 24293,
+      24211, 18896, 3152, 24260, 26421, 20048, 2847, 25032, 29194, 21635, 3667, 25626, 32765, 23536, 4830, 26668 },
+    { 23407, 11561, 363, 33749, 23398, 11545, 307, 33650, 23323, 11610, 362, 32995, 23211, 11664, 296, 32211,
+      23062, 11834, 445, 31252, 22944, 12085, 687, 30308, 22926, 12315, 690, 29640, 22971, 12748, 1162, 28825,
+      23196, 13167, 1357, 28348, 23609, 13692, 1638, 27994, 24264, 14318, 1956, 27785, 25233, 14861, 1594, 28080,
+      26435, 15762, 2238, 28078, 28049, 16768, 2818, 28334, 30134, 17877, 3267, 28901, 32766, 19235, 4107, 29769 },
+    { 26096, 9340, 326, 38681, 26089, 9317, 267, 38538, 26040, 9355, 288, 37732, 25961, 9420, 316, 36670,
+      25870, 9538, 407, 35534, 25806, 9701, 536, 34460, 25805, 9840, 495, 33608, 25866, 10133, 795, 32756,
+      26069, 10367, 769, 32233, 26378, 10804, 1250, 31648, 26854, 11212, 1483, 31348, 27521, 11677, 1715, 31208,
+      28403, 12228, 2032, 31210, 29558, 12566, 1319, 31619, 30986, 13195, 1357, 31934, 32767, 14401, 3253, 32387 },
+    { 28554, 6643, 267, 43892, 28548, 6619, 214, 43693, 28518, 6596, 134, 42692, 28467, 6645, 171, 41365,
+      28417, 6700, 185, 39987, 28386, 6780, 214, 38695, 28391, 6900, 299, 37548, 28451, 7062, 451, 36563,
+      28579, 7270, 688, 35733, 28817, 7376, 546, 35186, 29130, 7685, 968, 34644, 29567, 7894, 990, 34369,
+      30133, 8127, 994, 34227, 30839, 8390, 989, 34209, 31708, 8645, 830, 34312, 32767, 8590, 0, 34505 },
+    { 30779, 3488, 109, 49411, 30775, 3509, 148, 49135, 30758, 3476, 73, 47861, 30734, 3475, 44, 46210,
+      30707, 3534, 129, 44494, 30696, 3559, 123, 42908, 30705, 3591, 117, 41498, 30743, 3635, 126, 40286,
+      30816, 3705, 189, 39263, 30933, 3791, 289, 38413, 31095, 3904, 456, 37710, 31311, 3919, 303, 37192,
+      31583, 4067, 548, 36753, 31908, 4127, 493, 36465, 32306, 4131, 211, 36272, 32768, 4288, 423, 36155 },
+    { 32768, 0, 0, 55221, 32768, 0, 0, 54878, 32768, 0, 0, 53279, 32768, 0, 0, 51247,
+      32768, 0, 0, 49157, 32768, 0, 0, 47229, 32768, 0, 0, 45493, 32768, 0, 0, 43984,
+      32768, 0, 0, 42683, 32768, 0, 0, 41558, 32768, 0, 0, 40588, 32768, 0, 0, 39748,
+      32768, 0, 0, 39019, 32768, 0, 0, 38402, 32768, 0, 0, 37849, 32768, 0, 0, 37380 },
+};
+
+/* Writes sbl__lobe_albedos as an array of GLSL, two numbers in one. */
+static size_t sbl__write_lobes(char *text, size_t length) {
+    const int count = SBL__LOBE_ROWS * SBL__LOBE_ROWS;
+    int i;
+    length = sbl__write(text, length, "const uint sbl_lobe_albedos[%d] = uint[%d](", count, count);
+    for (i = 0; i < count; i++) {
+        const uint16_t *at = sbl__lobe_albedos[0] + 2 * i;
+        length = sbl__write(text, length, "%s%uu", i ? "," : "", (unsigned)at[0] | (unsigned)at[1] << 16);
+    }
+    return sbl__write(text, length, ");\n");
 }
 
 static size_t sbl__write_constants(char *text, size_t length) {
@@ -3196,6 +3317,7 @@ static sbl_result sbl__program_make(const sbl__device *d, sbl__program *program)
         if (program->features >> i & 1) length = sbl__write(prelude, length, "#define SBL_%s\n", names[i]);
     length = sbl__write(prelude, length, "#define SBL_WORKGROUP %d\n", d->workgroup);
     length = sbl__write_constants(prelude, length);
+    if (program->features & SBL__SPECULAR) length = sbl__write_lobes(prelude, length);
     for (i = 0; sbl__glsl_tables[i]; i++) length = sbl__write(prelude, length, "%s", sbl__glsl_tables[i]);
     for (i = 0; i < SBL__SHADERS_MOST && recipe->records[i]; i++)
         length = sbl__write_record(prelude, length, recipe->records[i]);
@@ -5047,24 +5169,45 @@ static const char *const sbl__glsl_lobe[] = {
 "// Schlick's Fresnel term (1994). reflectance: that along the normal, per colour. The square of the roughness is alpha.\n",
 "#ifdef SBL_SPECULAR\n",
 "const float SBL_MIRROR = 0.05;       // surfaces of lower roughness are perfect mirrors\n",
-"const float SBL_DIFFUSE_KEPT = 0.9;\n",
+"const float SBL_DIFFUSE_LOST = 0.003685;  // mean of sbl_diffuse_lost over all directions\n",
+"// Means over all directions for a roughness of 0.05 to 1, see sbl__lobe_albedos in sbl.h\n",
+"const float SBL_LOBE_MEANS_E[16] = float[16](1.0, 0.9992, 0.9961, 0.9889, 0.9756, 0.9548, 0.9254, 0.8869, 0.8397, 0.7849,\n",
+"                                             0.7241, 0.6597, 0.5938, 0.5289, 0.4669, 0.4091);\n",
+"const float SBL_LOBE_MEANS_B[16] = float[16](0.0476, 0.0468, 0.0444, 0.0404, 0.0351, 0.0294, 0.024, 0.0191, 0.0151, 0.0118,\n",
+"                                             0.0092, 0.0071, 0.0056, 0.0044, 0.0035, 0.0028);\n",
 "\n",
-"// Part of diffuse light that the Fresnel term takes, seen at a cosine: the mean of (1 - V.H)^5 over a Lambertian lobe.\n",
+"// Part of diffuse light that the Fresnel term takes, seen at a cosine: the mean of (1 - V.H)^5 over a Lambertian lobe,\n",
+"// as a polynomial (error 7e-5).\n",
 "float sbl_diffuse_lost(float cosine) {\n",
-"    float x = 1.0 - cosine;\n",
-"    return 0.02 + 0.1 * x * x * x;\n",
+"    float u = 1.0 - cosine;\n",
+"    return 0.00001 + u * (0.00424 + u * (-0.0018 + u * 0.02563));\n",
 "}\n",
 "\n",
-"// Share of uniform light that the lobe reflects to a viewer at this cosine.\n",
+"vec2 sbl_lobe_entry(int row, int column) {\n",
+"    uint entry = sbl_lobe_albedos[16 * row + column];\n",
+"    return vec2(entry & 65535u, entry >> 16) / 65535.0;\n",
+"}\n",
+"\n",
+"// Share of uniform light that the lobe reflects to a viewer at this cosine; interpolates sbl__lobe_albedos in sbl.h.\n",
 "vec3 sbl_specular_albedo(vec3 reflectance, float roughness, float cosine) {\n",
-"    return reflectance * 0.9 + 0.05;\n",
+"    float alpha = roughness * roughness, u = 1.0 - cosine;\n",
+"    float x = 15.0 * clamp(cosine * (1.0 + alpha) / (cosine + alpha), 0.0, 1.0);\n",
+"    float y = 15.0 * clamp((roughness - 0.05) / 0.95, 0.0, 1.0);\n",
+"    int column = min(int(x), 14), row = min(int(y), 14);\n",
+"    vec2 upper = mix(sbl_lobe_entry(row, column), sbl_lobe_entry(row, column + 1), x - float(column));\n",
+"    vec2 lower = mix(sbl_lobe_entry(row + 1, column), sbl_lobe_entry(row + 1, column + 1), x - float(column));\n",
+"    vec2 share = mix(upper, lower, y - float(row)) * vec2(1, u * u * u * u * u);\n",
+"    return reflectance * (share.x - share.y) + share.y;\n",
 "}\n",
 "\n",
 "// Albedo of a surface for light from all directions, mean over all directions in which it is reflected.\n",
 "// opacity: share of the surface that exists\n",
 "vec3 sbl_albedo_mean(vec3 diffuse, vec3 reflectance, float roughness, float opacity) {\n",
-"    vec2 lobe = vec2(0.9, 0.05);\n",
-"    return 0.95 * diffuse + opacity * (reflectance * lobe.x + lobe.y);\n",
+"    float y = 15.0 * clamp((roughness - 0.05) / 0.95, 0.0, 1.0);\n",
+"    int row = min(int(y), 14);\n",
+"    float e = mix(SBL_LOBE_MEANS_E[row], SBL_LOBE_MEANS_E[row + 1], y - float(row));\n",
+"    float b = mix(SBL_LOBE_MEANS_B[row], SBL_LOBE_MEANS_B[row + 1], y - float(row));\n",
+"    return (1.0 - SBL_DIFFUSE_LOST) * diffuse + opacity * (reflectance * (e - b) + b);\n",
 "}\n",
 "#endif\n",
 "\n",
@@ -5154,7 +5297,7 @@ static const char *const sbl__glsl_lobe[] = {
 "// Matrix from world space to the space where the lobe is a cosine lobe: a linearly transformed cosine (Heitz, Dupuy,\n",
 "// Hill and Neubelt 2016, \"Real-Time Polygonal-Light Shading with Linearly Transformed Cosines\").\n",
 "mat3 sbl_lobe_to_cosine(int look) {\n",
-"    mat3 inverse = mat3(sbl_lobe_xx(look), 0, sbl_lobe_zx(look), 0, sbl_lobe_yy(look), 0, sbl_lobe_xz(look), 0, 1);\n",
+"    mat3 inverse = mat3(sbl_lobe_xx(look), 0, sbl_lobe_zx(look), 0, 1, 0, sbl_lobe_xz(look), 0, sbl_lobe_zz(look));\n",
 "    return inverse * transpose(lobe_frame);\n",
 "}\n",
 "#endif\n",
@@ -9516,29 +9659,57 @@ static void sbl__look_make(const sbl__spec *spec, const sbl__site *site, int loo
 /* >>sensors: specular lobes */
 
 /* The specular lobe of a look, in a table beside that of looks. reflectance: see lobe.glsl. albedo: the share of uniform
-   light that the lobe reflects to the viewer. xx, xz, yy, zx: elements of the matrix that transforms the lobe to a cosine
-   lobe, whose zz is 1, and whose others are 0 */
+   light that the lobe reflects to the viewer. xx, xz, zx, zz: elements of the matrix that transforms the lobe to a cosine
+   lobe, whose yy is 1, and whose others are 0 */
 #define SBL__LOBE_RECORD(X) \
     X(sbl__lobe, VEC3, view) X(sbl__lobe, FLOAT, roughness) X(sbl__lobe, VEC3, reflectance) X(sbl__lobe, FLOAT, xx) \
-    X(sbl__lobe, VEC3, albedo) X(sbl__lobe, FLOAT, xz) X(sbl__lobe, FLOAT, yy) X(sbl__lobe, FLOAT, zx) \
+    X(sbl__lobe, VEC3, albedo) X(sbl__lobe, FLOAT, xz) X(sbl__lobe, FLOAT, zx) X(sbl__lobe, FLOAT, zz) \
     X(sbl__lobe, UVEC2, unused)
 SBL__RECORD(sbl__lobe, SBL__LOBE_RECORD, "sbl_lobe", "sbl_lobes", SBL__BUFFER_TABLE("sbl_lobes"), NULL)
 
+/* Interpolates `count` numbers of a table of lobes bilinearly. table: SBL__LOBE_ROWS rows of as many columns; across: place
+   of the column, 0 to 1; roughness: below 0.05, the first row is used */
+static void sbl__lobe_look_up(const uint16_t *table, int count, double across, double roughness, double *out) {
+    const int last = SBL__LOBE_ROWS - 1;
+    const double x = SBL__MIN(SBL__MAX(across, 0), 1) * last;
+    const double y = SBL__MIN(SBL__MAX((roughness - 0.05) / 0.95, 0), 1) * last;
+    const int column = SBL__MIN((int)x, last - 1), row = SBL__MIN((int)y, last - 1);
+    int i, k;
+    for (k = 0; k < count; k++) out[k] = 0;
+    for (i = 0; i < 4; i++) {
+        const double weight = (i & 1 ? x - column : 1 - x + column) * (i & 2 ? y - row : 1 - y + row);
+        const uint16_t *at = table + count * (SBL__LOBE_ROWS * (row + (i >> 1)) + column + (i & 1));
+        for (k = 0; k < count; k++) out[k] += weight * at[k];
+    }
+}
+
 /* Gets the albedo of a specular lobe, as sbl_specular_albedo does. */
-static void sbl__specular_albedo(const float reflectance[3], float roughness, float cosine, float out[3]) {
+static void sbl__specular_albedo(const float reflectance[3], double roughness, double cosine, float out[3]) {
+    const double alpha = roughness * roughness, u = 1 - cosine;
+    double share[2];
     int k;
-    (void)roughness; (void)cosine;
-    for (k = 0; k < 3; k++) out[k] = 0.9f * reflectance[k] + 0.05f;
+    sbl__lobe_look_up(sbl__lobe_albedos[0], 2, cosine * (1 + alpha) / (cosine + alpha), roughness, share);
+    share[0] /= 65535;
+    share[1] *= u * u * u * u * u / 65535;
+    for (k = 0; k < 3; k++) out[k] = (float)((double)reflectance[k] * (share[0] - share[1]) + share[1]);
 }
 
 static void sbl__lobe_make(const sbl__site *site, sbl__lobe *out) {
-    const float cosine = SBL__MAX(sbl__dot(site->view, site->normal), 1e-3f);
+    const double cosine = SBL__MIN(SBL__MAX((double)sbl__dot(site->view, site->normal), 1e-3), 1);
+    const double sine = sqrt(1 - cosine * cosine);
+    double m[4];
+    int k;
     memset(out, 0, sizeof *out);
     memcpy(out->view, site->view, sizeof out->view);
     memcpy(out->reflectance, site->reflectance, sizeof out->reflectance);
     out->roughness = site->roughness;
-    sbl__specular_albedo(site->reflectance, site->roughness, cosine, out->albedo);
-    out->xx = out->yy = 1;
+    sbl__specular_albedo(site->reflectance, (double)site->roughness, cosine, out->albedo);
+    for (k = 0; k < 3; k++) out->albedo[k] = SBL__MAX(out->albedo[k], SBL__DIVISOR_LEAST);
+    sbl__lobe_look_up(sbl__lobe_cosines[0], 4, sqrt(cosine), (double)site->roughness, m);
+    out->xx = (float)(m[0] / 32768);
+    out->xz = (float)(m[1] * sine / 32768);
+    out->zx = (float)(-m[2] * sine / 32768);
+    out->zz = (float)(m[3] / 32768);
 }
 
 /* >>sensors: views */

@@ -2,24 +2,45 @@
 // Schlick's Fresnel term (1994). reflectance: that along the normal, per colour. The square of the roughness is alpha.
 #ifdef SBL_SPECULAR
 const float SBL_MIRROR = 0.05;       // surfaces of lower roughness are perfect mirrors
-const float SBL_DIFFUSE_KEPT = 0.9;
+const float SBL_DIFFUSE_LOST = 0.003685;  // mean of sbl_diffuse_lost over all directions
+// Means over all directions for a roughness of 0.05 to 1, see sbl__lobe_albedos in sbl.h
+const float SBL_LOBE_MEANS_E[16] = float[16](1.0, 0.9992, 0.9961, 0.9889, 0.9756, 0.9548, 0.9254, 0.8869, 0.8397, 0.7849,
+                                             0.7241, 0.6597, 0.5938, 0.5289, 0.4669, 0.4091);
+const float SBL_LOBE_MEANS_B[16] = float[16](0.0476, 0.0468, 0.0444, 0.0404, 0.0351, 0.0294, 0.024, 0.0191, 0.0151, 0.0118,
+                                             0.0092, 0.0071, 0.0056, 0.0044, 0.0035, 0.0028);
 
-// Part of diffuse light that the Fresnel term takes, seen at a cosine: the mean of (1 - V.H)^5 over a Lambertian lobe.
+// Part of diffuse light that the Fresnel term takes, seen at a cosine: the mean of (1 - V.H)^5 over a Lambertian lobe,
+// as a polynomial (error 7e-5).
 float sbl_diffuse_lost(float cosine) {
-    float x = 1.0 - cosine;
-    return 0.02 + 0.1 * x * x * x;
+    float u = 1.0 - cosine;
+    return 0.00001 + u * (0.00424 + u * (-0.0018 + u * 0.02563));
 }
 
-// Share of uniform light that the lobe reflects to a viewer at this cosine.
+vec2 sbl_lobe_entry(int row, int column) {
+    uint entry = sbl_lobe_albedos[16 * row + column];
+    return vec2(entry & 65535u, entry >> 16) / 65535.0;
+}
+
+// Share of uniform light that the lobe reflects to a viewer at this cosine; interpolates sbl__lobe_albedos in sbl.h.
 vec3 sbl_specular_albedo(vec3 reflectance, float roughness, float cosine) {
-    return reflectance * 0.9 + 0.05;
+    float alpha = roughness * roughness, u = 1.0 - cosine;
+    float x = 15.0 * clamp(cosine * (1.0 + alpha) / (cosine + alpha), 0.0, 1.0);
+    float y = 15.0 * clamp((roughness - 0.05) / 0.95, 0.0, 1.0);
+    int column = min(int(x), 14), row = min(int(y), 14);
+    vec2 upper = mix(sbl_lobe_entry(row, column), sbl_lobe_entry(row, column + 1), x - float(column));
+    vec2 lower = mix(sbl_lobe_entry(row + 1, column), sbl_lobe_entry(row + 1, column + 1), x - float(column));
+    vec2 share = mix(upper, lower, y - float(row)) * vec2(1, u * u * u * u * u);
+    return reflectance * (share.x - share.y) + share.y;
 }
 
 // Albedo of a surface for light from all directions, mean over all directions in which it is reflected.
 // opacity: share of the surface that exists
 vec3 sbl_albedo_mean(vec3 diffuse, vec3 reflectance, float roughness, float opacity) {
-    vec2 lobe = vec2(0.9, 0.05);
-    return 0.95 * diffuse + opacity * (reflectance * lobe.x + lobe.y);
+    float y = 15.0 * clamp((roughness - 0.05) / 0.95, 0.0, 1.0);
+    int row = min(int(y), 14);
+    float e = mix(SBL_LOBE_MEANS_E[row], SBL_LOBE_MEANS_E[row + 1], y - float(row));
+    float b = mix(SBL_LOBE_MEANS_B[row], SBL_LOBE_MEANS_B[row + 1], y - float(row));
+    return (1.0 - SBL_DIFFUSE_LOST) * diffuse + opacity * (reflectance * (e - b) + b);
 }
 #endif
 
@@ -109,7 +130,7 @@ float sbl_lobe_met(float lobe_density, float lamp_density) { return lobe_density
 // Matrix from world space to the space where the lobe is a cosine lobe: a linearly transformed cosine (Heitz, Dupuy,
 // Hill and Neubelt 2016, "Real-Time Polygonal-Light Shading with Linearly Transformed Cosines").
 mat3 sbl_lobe_to_cosine(int look) {
-    mat3 inverse = mat3(sbl_lobe_xx(look), 0, sbl_lobe_zx(look), 0, sbl_lobe_yy(look), 0, sbl_lobe_xz(look), 0, 1);
+    mat3 inverse = mat3(sbl_lobe_xx(look), 0, sbl_lobe_zx(look), 0, 1, 0, sbl_lobe_xz(look), 0, sbl_lobe_zz(look));
     return inverse * transpose(lobe_frame);
 }
 #endif
