@@ -9,7 +9,7 @@
                                                  origin sees: the radiance toward v if its sides emit 1.
                                                  A triangle repeats a corner. The part below z = 0 has no effect
    The errors of lobe_albedo and lobe_sphere are at most 2e-4 for mu >= 0.02 and roughness >= 0.05. lobe_highlight
-   takes 512 x 512 points at equal steps. The quadrilateral must be at most 256 roughness^2 times as wide as its distance. */
+   takes 512 x 512 points at equal steps. Its width must be at most 256 roughness^2 times its distance. */
 #ifndef LOBE_H
 #define LOBE_H
 
