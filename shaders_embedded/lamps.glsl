@@ -124,8 +124,8 @@ mat3x4 whole_harmonics[2];   // by group, as `whole`: the harmonics of that ligh
 vec3 sbl_expected(sbl_Lamp l) {
     vec3 light = sbl_unhindered(l);
 #ifdef SBL_LOBE
-    if (l.kind != SBL_LAMP_TRIANGLE) light *= sbl_lobe_factor(l.corner) + SBL_LOBE_STRENGTH;
-    if (lobe_alpha == 0.0) light = vec3(0);
+    if (l.kind != SBL_LAMP_TRIANGLE) light *= lobe_scale * sbl_lobe_factor(lobe, l.corner) + SBL_LOBE_STRENGTH;
+    if (lobe.alpha == 0.0) light = vec3(0);
 #endif
     return light;
 }
@@ -240,8 +240,8 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
     float met = 0.0, lamp_density = SBL_LAMP_DENSITY;
     if (l.kind == SBL_LAMP_TRIANGLE && !l.glow)
         lamp_density = sbl_area_density(l.side_1, l.side_2, s.far * s.direction);
-    if (!lobe_rough && !sbl_is_light(l)) met = sbl_lobe_met(sbl_lobe_density(s.direction), lamp_density);
-    if (!at_rim) light *= (1.0 - met) * sbl_lobe_factor(s.direction);
+    if (!lobe_rough && !sbl_is_light(l)) met = sbl_lobe_met(sbl_lobe_density(lobe, s.direction), lamp_density);
+    if (!at_rim) light *= (1.0 - met) * lobe_scale * sbl_lobe_factor(lobe, s.direction);
     s.light = light * p.share;
 #endif
     vec4 counts = vec4(0);

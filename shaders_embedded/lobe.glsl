@@ -45,76 +45,86 @@ vec3 sbl_albedo_mean(vec3 diffuse, vec3 reflectance, float roughness, float opac
 #endif
 
 #ifdef SBL_LOBE
-// The lobe of the look that is measured. x of the frame is the direction to the viewer, projected onto the surface
-mat3 lobe_frame;
-vec3 lobe_view;          // to the viewer, in the frame
-vec3 lobe_reflectance;
-vec3 lobe_scale;         // 1 / albedo of the lobe: the lobe measures the mean radiance that it reflects
-float lobe_alpha;
-bool lobe_rough;         // true: closed forms and rays towards lamps measure lamps; false: see sbl_lobe_met
+// A specular lobe. Vectors without "direction" in their name are in its frame.
+struct sbl_Lobe {
+    mat3 frame;        // columns: x: the direction to the viewer, projected onto the surface; z: the normal
+    vec3 view;         // to the viewer
+    vec3 reflectance;
+    float alpha;       // 0: a perfect mirror
+};
+
+sbl_Lobe lobe;         // the lobe of the look that is measured
+vec3 lobe_scale;       // 1 / its albedo: the look measures the mean radiance that the lobe reflects
+bool lobe_rough;       // true: closed forms and rays towards lamps measure lamps; false: see sbl_lobe_met
 const float SBL_LAMP_DENSITY = 10.0;  // see sbl_lobe_met; of lamps that are not triangles
 
-// Smith's Lambda for a unit direction in the frame.
-float sbl_lobe_lambda(vec3 w) {
-    vec2 slope = lobe_alpha * w.xy / max(abs(w.z), 1e-6);
-    return 0.5 * sqrt(1.0 + dot(slope, slope)) - 0.5;
-}
-
-vec3 sbl_lobe_fresnel(float cosine) {
-    float x = 1.0 - clamp(cosine, 0.0, 1.0), x2 = x * x;
-    return lobe_reflectance + (1.0 - lobe_reflectance) * (x2 * x2 * x);
+// view_direction: to the viewer
+sbl_Lobe sbl_lobe_of(vec3 normal, vec3 view_direction, vec3 reflectance, float roughness) {
+    vec3 across = view_direction - dot(view_direction, normal) * normal;
+    float size = length(across);
+    sbl_Lobe l = sbl_Lobe(sbl_frame(normal), vec3(0), reflectance, roughness < SBL_MIRROR ? 0.0 : roughness * roughness);
+    if (size > 1e-4) l.frame = mat3(across / size, cross(normal, across / size), normal);
+    l.view = view_direction * l.frame;
+    l.view = normalize(vec3(l.view.xy, max(l.view.z, 1e-3)));
+    return l;
 }
 
 void sbl_lobe_begin(int look, vec3 normal) {
-    vec3 view = sbl_lobe_view(look), across = view - dot(view, normal) * normal;
-    float size = length(across), roughness = sbl_lobe_roughness(look);
-    lobe_frame = sbl_frame(normal);
-    if (size > 1e-4) lobe_frame = mat3(across / size, cross(normal, across / size), normal);
-    lobe_view = view * lobe_frame;
-    lobe_view = normalize(vec3(lobe_view.xy, max(lobe_view.z, 1e-3)));
-    lobe_reflectance = sbl_lobe_reflectance(look);
+    float roughness = sbl_lobe_roughness(look);
+    lobe = sbl_lobe_of(normal, sbl_lobe_view(look), sbl_lobe_reflectance(look), roughness);
     lobe_scale = 1.0 / sbl_lobe_albedo(look);
-    lobe_alpha = roughness < SBL_MIRROR ? 0.0 : roughness * roughness;
     lobe_rough = roughness >= SBL_LOBE_ROUGH;
 }
 
-// Draws a direction of the lobe from u, a uniform point of the unit square: a visible normal (Dupuy and Benyoub 2023,
-// "Sampling Visible GGX Normals with Spherical Caps"), which mirrors the view. weight: factor of the radiance found
-vec3 sbl_lobe_sample(vec2 u, out vec3 weight) {
-    vec3 v = normalize(vec3(lobe_alpha * lobe_view.xy, lobe_view.z));
+// Smith's Lambda for a unit vector.
+float sbl_lambda(float alpha, vec3 w) {
+    vec2 slope = alpha * w.xy / max(abs(w.z), 1e-6);
+    return 0.5 * sqrt(1.0 + dot(slope, slope)) - 0.5;
+}
+
+vec3 sbl_fresnel(vec3 reflectance, float cosine) {
+    float x = 1.0 - clamp(cosine, 0.0, 1.0), x2 = x * x;
+    return reflectance + (1.0 - reflectance) * (x2 * x2 * x);
+}
+
+// Draws a direction from u, a uniform point of the unit square: a visible normal (Dupuy and Benyoub 2023, "Sampling
+// Visible GGX Normals with Spherical Caps") mirrors the view. weight: share of the radiance found that is reflected
+vec3 sbl_lobe_sample(sbl_Lobe l, vec2 u, out vec3 weight) {
+    vec3 v = normalize(vec3(l.alpha * l.view.xy, l.view.z));
     float angle = 2.0 * SBL_PI * u.y, z = (1.0 - u.x) * (1.0 + v.z) - v.z, r = sqrt(clamp(1.0 - z * z, 0.0, 1.0));
     vec3 h = vec3(r * cos(angle), r * sin(angle), z) + v;
-    h = normalize(vec3(lobe_alpha * h.xy, max(h.z, 1e-6)));
-    float cosine = dot(lobe_view, h);
-    vec3 w = 2.0 * cosine * h - lobe_view;
-    float from_view = sbl_lobe_lambda(lobe_view);
-    weight = lobe_scale * sbl_lobe_fresnel(cosine) * ((1.0 + from_view) / (1.0 + from_view + sbl_lobe_lambda(w)));
+    h = normalize(vec3(l.alpha * h.xy, max(h.z, 1e-6)));
+    float cosine = dot(l.view, h);
+    vec3 w = 2.0 * cosine * h - l.view;
+    float from_view = sbl_lambda(l.alpha, l.view);
+    weight = sbl_fresnel(l.reflectance, cosine) * ((1.0 + from_view) / (1.0 + from_view + sbl_lambda(l.alpha, w)));
     if (w.z <= 0.0) weight = vec3(0);
-    return lobe_frame * w;
+    return l.frame * w;
 }
 
-// Factor of the lobe for light from a direction of world space, compared with R, whose factor is the cosine / pi.
-vec3 sbl_lobe_factor(vec3 direction) {
-    vec3 w = direction * lobe_frame, h = w + lobe_view;
-    float size = length(h);
-    if (w.z <= 0.0 || size <= 0.0 || lobe_alpha <= 0.0) return vec3(0);
-    h /= size;
-    float a2 = lobe_alpha * lobe_alpha;
-    // 1 + (a2 - 1) z^2 without cancellation near z = 1
-    float d = dot(h.xy, h.xy) + a2 * h.z * h.z;
-    float spread = a2 / max(d * d, 1e-37);
-    float shadowing = 1.0 / (1.0 + sbl_lobe_lambda(lobe_view) + sbl_lobe_lambda(w));
-    return lobe_scale * sbl_lobe_fresnel(dot(lobe_view, h)) * (spread * shadowing / (4.0 * lobe_view.z * w.z));
+// Returns the distribution of normals for the normal that mirrors the view to w. h: that normal
+float sbl_lobe_spread(sbl_Lobe l, vec3 w, out vec3 h) {
+    float a2 = l.alpha * l.alpha;
+    h = (w + l.view) / max(length(w + l.view), 1e-30);
+    float d = dot(h.xy, h.xy) + a2 * h.z * h.z;  // 1 + (a2 - 1) h.z^2 without cancellation near h.z = 1
+    return a2 / max(SBL_PI * d * d, 1e-37);
 }
 
-// Density by solid angle with which sbl_lobe_sample draws a direction of world space.
-float sbl_lobe_density(vec3 direction) {
-    vec3 w = direction * lobe_frame, h = w + lobe_view;
-    float size = length(h), a2 = lobe_alpha * lobe_alpha;
-    if (size <= 0.0 || lobe_alpha <= 0.0) return SBL_UNBOUNDED;
-    h /= size;
-    float d = dot(h.xy, h.xy) + a2 * h.z * h.z;
-    return a2 / max(SBL_PI * d * d, 1e-37) / ((1.0 + sbl_lobe_lambda(lobe_view)) * 4.0 * lobe_view.z);
+// Factor of the lobe for light from a direction, compared with R, whose factor is the cosine / pi.
+vec3 sbl_lobe_factor(sbl_Lobe l, vec3 direction) {
+    vec3 w = direction * l.frame, h;
+    if (w.z <= 0.0 || l.alpha <= 0.0) return vec3(0);
+    float spread = sbl_lobe_spread(l, w, h);
+    float shadowing = 1.0 / (1.0 + sbl_lambda(l.alpha, l.view) + sbl_lambda(l.alpha, w));
+    return sbl_fresnel(l.reflectance, dot(l.view, h)) * (SBL_PI * spread * shadowing / (4.0 * l.view.z * w.z));
+}
+
+// Density by solid angle with which sbl_lobe_sample draws a direction.
+float sbl_lobe_density(sbl_Lobe l, vec3 direction) {
+    vec3 h;
+    if (l.alpha <= 0.0) return SBL_UNBOUNDED;
+    float spread = sbl_lobe_spread(l, direction * l.frame, h);
+    return spread / ((1.0 + sbl_lambda(l.alpha, l.view)) * 4.0 * l.view.z);
 }
 
 // Density by solid angle of points drawn by area on a triangle, seen at a point `way`. side_1, side_2: two of its sides
@@ -127,10 +137,10 @@ float sbl_area_density(vec3 side_1, vec3 side_2, vec3 way) {
 // balance heuristic (Veach 1997) with the densities of the lobe and of points on the lamp, drawn by area.
 float sbl_lobe_met(float lobe_density, float lamp_density) { return lobe_density / (lobe_density + lamp_density); }
 
-// Matrix from world space to the space where the lobe is a cosine lobe: a linearly transformed cosine (Heitz, Dupuy,
-// Hill and Neubelt 2016, "Real-Time Polygonal-Light Shading with Linearly Transformed Cosines").
+// Matrix from world space to the space where the look's lobe is a cosine lobe: a linearly transformed cosine (Heitz,
+// Dupuy, Hill and Neubelt 2016, "Real-Time Polygonal-Light Shading with Linearly Transformed Cosines").
 mat3 sbl_lobe_to_cosine(int look) {
     mat3 inverse = mat3(sbl_lobe_xx(look), 0, sbl_lobe_zx(look), 0, 1, 0, sbl_lobe_xz(look), 0, sbl_lobe_zz(look));
-    return inverse * transpose(lobe_frame);
+    return inverse * transpose(lobe.frame);
 }
 #endif

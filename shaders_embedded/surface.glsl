@@ -15,19 +15,6 @@ struct sbl_Surface {
 const float SBL_INSET = 6e-6;  // least distance of points from the sides of their triangle, divided by reach.
                                // Views need four times SBL_OFFSET, the distance of sensors from their surface
 
-// Returns the interpolated normal or, if that is too short, `face`, on the side of geometric_normal. A normal that
-// turns away from the viewer would aim the sensor at its own surface, so the cosine is kept above SBL_GRAZING.
-vec3 sbl_shading_normal(ivec3 v, vec3 b, vec3 face, vec3 geometric_normal, vec3 direction) {
-    vec3 normal = b.x * sbl_attributes_normal(v.x) + b.y * sbl_attributes_normal(v.y) +
-                  b.z * sbl_attributes_normal(v.z);
-    float length2 = dot(normal, normal);
-    normal = length2 > SBL_NORMAL_LEAST ? normal * inversesqrt(length2) : face;
-    normal = dot(normal, geometric_normal) < 0.0 ? -normal : normal;
-    float grazing = dot(normal, normalize(direction));
-    if (grazing > -SBL_GRAZING) normal = normalize(normal - (grazing + SBL_GRAZING) * normalize(direction));
-    return normal;
-}
-
 sbl_Attributes sbl_mix_attributes(ivec3 v, vec3 b) {
     sbl_Attributes at = sbl_Attributes(vec2(0), vec4(0));
     for (int k = 0; k < 3; k++) {
@@ -76,7 +63,9 @@ sbl_Surface sbl_surface_at(sbl_Facet f, float b1, float b2, vec3 direction) {
     }
     s.back = dot(face, direction) > 0.0;
     s.geometric_normal = s.back ? -face : face;
-    s.normal = sbl_shading_normal(f.v, b, face, s.geometric_normal, direction);
+    vec3 normal = b.x * sbl_attributes_normal(f.v.x) + b.y * sbl_attributes_normal(f.v.y) +
+                  b.z * sbl_attributes_normal(f.v.z);
+    s.normal = sbl_shading_normal(normal, face, s.geometric_normal, direction);
 
     sbl_Attributes at = sbl_mix_attributes(f.v, b);
     s.material = sbl_material(object, at);

@@ -25,6 +25,11 @@ const float SBL_FIRST_SCALE = 0.7;
 // The same for rays of a lobe is this times the lobe's alpha: a lobe must be wide enough to average over cells.
 const float SBL_LOBE_SCALE = 0.5;
 
+#ifdef SBL_LOBE
+// Rays of lobes that meet surfaces with at least this reflectance and at most this roughness go on by the lobes there.
+const float SBL_SHINY = 0.2, SBL_SHINY_ROUGHNESS = 0.5;
+bool hit_shines = false;               // true: the last hit is such a surface
+#endif
 float sky_met = 0.0, glow_met = 0.0;  // as lamp_met, for bright texels of the sky and for glows
 
 #ifdef SBL_LOBE
@@ -49,11 +54,19 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool first, bool last, out bool goes_
 #ifdef SBL_BOUNCED
     material = sbl_material(object, at);
 #ifdef SBL_LOBE
-    float first_scale = min(SBL_FIRST_SCALE, SBL_LOBE_SCALE * lobe_alpha);
+    float first_scale = min(SBL_FIRST_SCALE, SBL_LOBE_SCALE * lobe.alpha);
 #else
     const float first_scale = SBL_FIRST_SCALE;
 #endif
     goes_on = !last && sbl_is_near(first ? first_scale * hit.distance : hit.distance);
+#ifdef SBL_LOBE
+    hit_shines = !last && material.roughness >= 0.0 && material.roughness < SBL_SHINY_ROUGHNESS &&
+                 max(material.reflectance.r, max(material.reflectance.g, material.reflectance.b)) > SBL_SHINY;
+    if (hit_shines) {  // the lobe of the hit continues the ray; the diffuse part reflects stored light
+        goes_on = true;
+        return radiance + material.diffuse * sbl_stored(hit.number, hit.back, place, hit.distance);
+    }
+#endif
     if (!goes_on || bright_cells > 0) {
         int leaf = sbl_leaf_at(hit.number, hit.back, place, hit.distance);
         vec3 light = goes_on ? vec3(0) : sbl_light_of(leaf);
@@ -107,6 +120,19 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
     position = p0 + hit.b1 * e1 + hit.b2 * e2;
     stand = position + above * n;
     sbl_Reflection r = sbl_Reflection(stand, n, 0.0, -1, vec3(0), bounce.direction, bounce.weight);
+#ifdef SBL_LOBE
+    if (hit_shines) {
+        ivec3 v = sbl_corners(hit.number);
+        vec3 b = vec3(1.0 - hit.b1 - hit.b2, hit.b1, hit.b2);
+        vec3 normal = b.x * sbl_attributes_normal(v.x) + b.y * sbl_attributes_normal(v.y) +
+                      b.z * sbl_attributes_normal(v.z);
+        normal = sbl_shading_normal(normal, n, n, direction);
+        r.direction = sbl_lobe_sample(sbl_lobe_of(normal, -direction, material.reflectance, material.roughness),
+                                      sbl_unit_square(random.xy), r.share);
+        if (dot(r.direction, n) <= 0.0) r.share = vec3(0);
+        return r;
+    }
+#endif
     if (lamp_leaves == 0) return r;
     sbl_Pick p = sbl_Pick(0, 1.0, sbl_unit_square(random.zw), false);
     sbl_descend(p, sbl_cluster(0).beyond < lamp_nodes ? -1 : 0, random.z);
@@ -140,7 +166,7 @@ void main() {
     float every = 1.0;  // factor of each ray's light
 #ifdef SBL_LOBE
     sbl_lobe_begin(sensor, frame[2]);
-    if (lobe_alpha == 0.0 && spread > 0.0 && rays > SBL_MIRROR_RAYS) {  // all rays of a mirror are alike
+    if (lobe.alpha == 0.0 && spread > 0.0 && rays > SBL_MIRROR_RAYS) {  // all rays of a mirror are alike
         end = SBL_MIRROR_RAYS;
         every = float(rays) / float(SBL_MIRROR_RAYS);
     }
@@ -163,9 +189,9 @@ void main() {
 #endif
         vec3 direction = sbl_by_cosine(frame, u * vec2(spread, 1.0)), from = origin, share = vec3(weight);
 #ifdef SBL_LOBE
-        for (int once = 0; once < (spread > 0.0 ? 1 : 0); once++) direction = sbl_lobe_sample(u, share);
-        share *= every;
-        float density = sbl_lobe_density(direction);
+        for (int once = 0; once < (spread > 0.0 ? 1 : 0); once++) direction = sbl_lobe_sample(lobe, u, share);
+        share *= spread > 0.0 ? every * lobe_scale : vec3(1);
+        float density = sbl_lobe_density(lobe, direction);
         glow_met = sky_met = lobe_rough ? 0.0 : sbl_lobe_met(density, SBL_LAMP_DENSITY);
 #endif
         vec3 way = direction;
@@ -194,7 +220,7 @@ void main() {
             bool goes_on;
             sbl_Material material;
 #ifdef SBL_LOBE
-            lamp_met = lobe_rough || turn > 0 ? 0.0 : sbl_lobe_met(density, sbl_hit_density(hit, direction));
+            lamp_met = turn > 0 ? sky_met : lobe_rough ? 0.0 : sbl_lobe_met(density, sbl_hit_density(hit, direction));
 #endif
             vec3 place = from + direction * hit.distance;
             sum.rgb += share * sbl_radiance(hit, place, turn == 0, turn == 2 * SBL_LEGS - 2, goes_on, material);
@@ -207,7 +233,9 @@ void main() {
 #ifdef SBL_BOUNCED
             uint hash = sbl_hash_step(sbl_hash_step(scramble.x, uint(skip + i)), scramble.y);
             next = sbl_reflect(hit, material, direction, sbl_hash_step(hash, uint(turn)));
-            sky_met = 0.0;  // rays to lamps find their light from here on
+#ifdef SBL_LOBE
+            sky_met = hit_shines ? 1.0 : 0.0;  // otherwise rays to lamps find their light
+#endif
             from = next.from;
             direction = next.to_lamp;
             limit = next.away;
