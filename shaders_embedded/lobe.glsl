@@ -42,9 +42,7 @@ vec3 sbl_albedo_mean(vec3 diffuse, vec3 reflectance, float roughness, float opac
     float b = mix(SBL_LOBE_MEANS_B[row], SBL_LOBE_MEANS_B[row + 1], y - float(row));
     return (1.0 - SBL_DIFFUSE_LOST) * diffuse + opacity * (reflectance * (e - b) + b);
 }
-#endif
 
-#ifdef SBL_LOBE
 // A specular lobe. Vectors without "direction" in their name are in its frame.
 struct sbl_Lobe {
     mat3 frame;        // columns: x: the direction to the viewer, projected onto the surface; z: the normal
@@ -52,11 +50,6 @@ struct sbl_Lobe {
     vec3 reflectance;
     float alpha;       // 0: a perfect mirror
 };
-
-sbl_Lobe lobe;         // the lobe of the look that is measured
-vec3 lobe_scale;       // 1 / its albedo: the look measures the mean radiance that the lobe reflects
-bool lobe_rough;       // true: closed forms and rays towards lamps measure lamps; false: see sbl_lobe_met
-const float SBL_LAMP_DENSITY = 10.0;  // see sbl_lobe_met; of lamps that are not triangles
 
 // view_direction: to the viewer
 sbl_Lobe sbl_lobe_of(vec3 normal, vec3 view_direction, vec3 reflectance, float roughness) {
@@ -67,13 +60,6 @@ sbl_Lobe sbl_lobe_of(vec3 normal, vec3 view_direction, vec3 reflectance, float r
     l.view = view_direction * l.frame;
     l.view = normalize(vec3(l.view.xy, max(l.view.z, 1e-3)));
     return l;
-}
-
-void sbl_lobe_begin(int look, vec3 normal) {
-    float roughness = sbl_lobe_roughness(look);
-    lobe = sbl_lobe_of(normal, sbl_lobe_view(look), sbl_lobe_reflectance(look), roughness);
-    lobe_scale = 1.0 / sbl_lobe_albedo(look);
-    lobe_rough = roughness >= SBL_LOBE_ROUGH;
 }
 
 // Smith's Lambda for a unit vector.
@@ -133,9 +119,25 @@ float sbl_area_density(vec3 side_1, vec3 side_2, vec3 way) {
     return 2.0 * distance2 * sqrt(distance2) / max(abs(dot(cross(side_1, side_2), way)), 1e-30);
 }
 
-// Share of the light of lamps that rays of the lobe measure in a direction; lamps.glsl measures the rest. It is the
+const float SBL_LAMP_DENSITY = 10.0;  // density of points on lamps that are not triangles, for sbl_lobe_met
+
+// Share of the light of lamps that rays of the lobe measure in a direction; rays to lamps measure the rest. It is the
 // balance heuristic (Veach 1997) with the densities of the lobe and of points on the lamp, drawn by area.
 float sbl_lobe_met(float lobe_density, float lamp_density) { return lobe_density / (lobe_density + lamp_density); }
+
+#endif
+
+#ifdef SBL_LOBE
+sbl_Lobe lobe;         // the lobe of the look that is measured
+vec3 lobe_scale;       // 1 / its albedo: the look measures the mean radiance that the lobe reflects
+bool lobe_rough;       // true: closed forms and rays towards lamps measure lamps; false: see sbl_lobe_met
+
+void sbl_lobe_begin(int look, vec3 normal) {
+    float roughness = sbl_lobe_roughness(look);
+    lobe = sbl_lobe_of(normal, sbl_lobe_view(look), sbl_lobe_reflectance(look), roughness);
+    lobe_scale = 1.0 / sbl_lobe_albedo(look);
+    lobe_rough = roughness >= SBL_LOBE_ROUGH;
+}
 
 // Matrix from world space to the space where the look's lobe is a cosine lobe: a linearly transformed cosine (Heitz,
 // Dupuy, Hill and Neubelt 2016, "Real-Time Polygonal-Light Shading with Linearly Transformed Cosines").

@@ -1,15 +1,14 @@
 // This file computes what surfaces emit and reflect, and where they have holes. Other shaders read only the
 // flags of a material. >>material in sbl.h does the same on the CPU.
 uniform float epsilon;     // ambient factor: a surface that does not emit has the radiance epsilon * albedo
-#ifdef SBL_LOBE
-float lamp_met = 0.0;      // share of the light of lamps that a ray measures; lamps.glsl measures the rest
-#else
 uniform bool lamps_apart;  // true: lamps.glsl adds the light of emitters, so sbl_outgoing leaves it out
+#ifdef SBL_SPECULAR
+float lamp_met = 0.0;      // share of the light of emitters that sbl_outgoing does not leave out, see sbl_lobe_met
 #endif
 
 float sbl_lamp_met() {
-#ifdef SBL_LOBE
-    return lamp_met;
+#ifdef SBL_SPECULAR
+    return lamps_apart ? lamp_met : 1.0;
 #else
     return lamps_apart ? 0.0 : 1.0;
 #endif

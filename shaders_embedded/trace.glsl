@@ -25,21 +25,24 @@ const float SBL_FIRST_SCALE = 0.7;
 // The same for rays of a lobe is this times the lobe's alpha: a lobe must be wide enough to average over cells.
 const float SBL_LOBE_SCALE = 0.5;
 
-#ifdef SBL_LOBE
-// Rays of lobes that meet surfaces with at least this reflectance and at most this roughness go on by the lobes there.
+#ifdef SBL_SPECULAR
+// Rays that meet surfaces with at least this reflectance and at most this roughness go on by the lobes there.
 const float SBL_SHINY = 0.2, SBL_SHINY_ROUGHNESS = 0.5;
-bool hit_shines = false;               // true: the last hit is such a surface
-#endif
-float sky_met = 0.0, glow_met = 0.0;  // as lamp_met, for bright texels of the sky and for glows
+// Such a surface then counts as if it had at least this roughness, or this share of the roughness of the look's lobe:
+// light that comes from lamps by way of mirrors is blurred, because single rays would find it as specks (Kaplanyan and
+// Dachsbacher 2013, "Path Space Regularization for Holistic and Robust Light Transport").
+const float SBL_BLURRED = 0.25, SBL_BLURRED_LOBE = 0.5;
+bool hit_shines = false;     // true: the last hit is such a surface
+float ray_density = 0.0;     // see sbl_lobe_met; 0: the ray leaves out the light of lamps
 
-#ifdef SBL_LOBE
-// Density by solid angle with which points of a triangle would be drawn by area, at the distance of the hit.
+// Density by solid angle with which points of the triangle that a ray hits would be drawn by area.
 float sbl_hit_density(sbl_Hit hit, vec3 direction) {
     vec3 p0 = sbl_triangle_corner_0(hit.triangle);
     return sbl_area_density(sbl_triangle_corner_1(hit.triangle) - p0, sbl_triangle_corner_2(hit.triangle) - p0,
                             hit.distance * direction);
 }
 #endif
+float sky_met = 0.0, glow_met = 0.0;  // as lamp_met, for bright texels of the sky and for glows
 
 // Radiance that leaves a hit towards the ray's origin. first, last: true for the first and the last segment of a
 // ray. goes_on: set to true if the hit is near. The radiance then lacks all reflected light, which further rays
@@ -59,7 +62,7 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool first, bool last, out bool goes_
     const float first_scale = SBL_FIRST_SCALE;
 #endif
     goes_on = !last && sbl_is_near(first ? first_scale * hit.distance : hit.distance);
-#ifdef SBL_LOBE
+#ifdef SBL_SPECULAR
     hit_shines = !last && material.roughness >= 0.0 && material.roughness < SBL_SHINY_ROUGHNESS &&
                  max(material.reflectance.r, max(material.reflectance.g, material.reflectance.b)) > SBL_SHINY;
     if (hit_shines) {  // the lobe of the hit continues the ray; the diffuse part reflects stored light
@@ -70,11 +73,7 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool first, bool last, out bool goes_
     if (!goes_on || bright_cells > 0) {
         int leaf = sbl_leaf_at(hit.number, hit.back, place, hit.distance);
         vec3 light = goes_on ? vec3(0) : sbl_light_of(leaf);
-#ifdef SBL_LOBE
         if (first) light -= (1.0 - glow_met) * sbl_glowing(leaf, hit.number, hit.back, place, hit.distance);
-#else
-        if (first) light -= sbl_glowing(leaf, hit.number, hit.back, place, hit.distance);
-#endif
         radiance += sbl_reflected(material, light);
     }
 #endif
@@ -103,6 +102,7 @@ struct sbl_Reflection {
     int number;             // number of the lamp's triangle in the scene, or -1
     vec3 light;             // light that the ray to the lamp finds if nothing is in its way
     vec3 direction, share;  // of the next segment: direction, and factor of the light that it finds
+    float density;          // ray_density of the next segment
 };
 
 // Chooses at random the two rays that start at a near hit (see SBL_LEGS): the ray to a lamp and the next segment.
@@ -119,18 +119,25 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
     above = SBL_OFFSET * (length(p0) + 2.0 * longest);
     position = p0 + hit.b1 * e1 + hit.b2 * e2;
     stand = position + above * n;
-    sbl_Reflection r = sbl_Reflection(stand, n, 0.0, -1, vec3(0), bounce.direction, bounce.weight);
-#ifdef SBL_LOBE
-    if (hit_shines) {
+    sbl_Reflection r = sbl_Reflection(stand, n, 0.0, -1, vec3(0), bounce.direction, bounce.weight,
+                                      0.0);
+#ifdef SBL_SPECULAR
+    sbl_Lobe shine;
+    for (int once = 0; once < (hit_shines ? 1 : 0); once++) {
         ivec3 v = sbl_corners(hit.number);
         vec3 b = vec3(1.0 - hit.b1 - hit.b2, hit.b1, hit.b2);
         vec3 normal = b.x * sbl_attributes_normal(v.x) + b.y * sbl_attributes_normal(v.y) +
                       b.z * sbl_attributes_normal(v.z);
         normal = sbl_shading_normal(normal, n, n, direction);
-        r.direction = sbl_lobe_sample(sbl_lobe_of(normal, -direction, material.reflectance, material.roughness),
-                                      sbl_unit_square(random.xy), r.share);
+#ifdef SBL_LOBE
+        float least = SBL_BLURRED_LOBE * sqrt(lobe.alpha);
+#else
+        const float least = SBL_BLURRED;
+#endif
+        shine = sbl_lobe_of(normal, -direction, material.reflectance, max(material.roughness, least));
+        r.direction = sbl_lobe_sample(shine, sbl_unit_square(random.xy), r.share);
+        r.density = sbl_lobe_density(shine, r.direction);
         if (dot(r.direction, n) <= 0.0) r.share = vec3(0);
-        return r;
     }
 #endif
     if (lamp_leaves == 0) return r;
@@ -140,6 +147,14 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
     sbl_Sample s = sbl_sample(l, p.u);
     r.number = l.number;
     r.light = sbl_reflected(material, s.light) * (unit / p.share);
+#ifdef SBL_SPECULAR
+    for (int once = 0; once < (hit_shines ? 1 : 0); once++) {
+        bool triangle = l.kind == SBL_LAMP_TRIANGLE;
+        float lamp_density = triangle ? sbl_area_density(l.side_1, l.side_2, s.far * s.direction) : SBL_LAMP_DENSITY;
+        float met = sbl_is_light(l) ? 0.0 : sbl_lobe_met(sbl_lobe_density(shine, s.direction), lamp_density);
+        r.light = sbl_lobe_factor(shine, s.direction) * s.light * ((1.0 - met) * unit / p.share);
+    }
+#endif
 #ifdef SBL_TEXTURED
     if (l.kind == SBL_LAMP_TRIANGLE) r.light *= sbl_lamp_pattern(l, s.b);
 #endif
@@ -184,6 +199,9 @@ void main() {
         uvec2 fraction = texelFetch(sbl_sequence, skip + i).xy ^ scramble;
         vec2 u = sbl_unit_square(fraction);
         float weight = every;
+#ifdef SBL_SPECULAR
+        ray_density = 0.0;
+#endif
 #ifdef SBL_GUIDED
         weight = sbl_guide(int(which >> SBL_LOOK_GUIDE_SHIFT), u);
 #endif
@@ -191,8 +209,8 @@ void main() {
 #ifdef SBL_LOBE
         for (int once = 0; once < (spread > 0.0 ? 1 : 0); once++) direction = sbl_lobe_sample(lobe, u, share);
         share *= spread > 0.0 ? every * lobe_scale : vec3(1);
-        float density = sbl_lobe_density(lobe, direction);
-        glow_met = sky_met = lobe_rough ? 0.0 : sbl_lobe_met(density, SBL_LAMP_DENSITY);
+        ray_density = lobe_rough ? 0.0 : sbl_lobe_density(lobe, direction);
+        glow_met = sbl_lobe_met(ray_density, SBL_LAMP_DENSITY);
 #endif
         vec3 way = direction;
         float limit = SBL_UNBOUNDED;
@@ -208,19 +226,26 @@ void main() {
                 if (hit.triangle < 0 || hit.number == next.number) sum.rgb += share * sbl_tint * next.light;
                 share *= next.share;
                 direction = next.direction;
+#ifdef SBL_SPECULAR
+                ray_density = next.density;
+#endif
                 limit = SBL_UNBOUNDED;
                 if (max(share.r, max(share.g, share.b)) <= 0.0) break;
                 continue;
             }
 #endif
             if (hit.triangle < 0) {
+#ifdef SBL_SPECULAR
+                sky_met = sbl_lobe_met(ray_density, SBL_LAMP_DENSITY);
+#endif
                 sum.rgb += share * sbl_sky(direction, sky_met);
                 break;
             }
             bool goes_on;
             sbl_Material material;
-#ifdef SBL_LOBE
-            lamp_met = turn > 0 ? sky_met : lobe_rough ? 0.0 : sbl_lobe_met(density, sbl_hit_density(hit, direction));
+#ifdef SBL_SPECULAR
+            lamp_met = 0.0;
+            if (ray_density > 0.0) lamp_met = sbl_lobe_met(ray_density, sbl_hit_density(hit, direction));
 #endif
             vec3 place = from + direction * hit.distance;
             sum.rgb += share * sbl_radiance(hit, place, turn == 0, turn == 2 * SBL_LEGS - 2, goes_on, material);
@@ -233,9 +258,6 @@ void main() {
 #ifdef SBL_BOUNCED
             uint hash = sbl_hash_step(sbl_hash_step(scramble.x, uint(skip + i)), scramble.y);
             next = sbl_reflect(hit, material, direction, sbl_hash_step(hash, uint(turn)));
-#ifdef SBL_LOBE
-            sky_met = hit_shines ? 1.0 : 0.0;  // otherwise rays to lamps find their light
-#endif
             from = next.from;
             direction = next.to_lamp;
             limit = next.away;
