@@ -9,6 +9,7 @@ layout(location = 3) out vec4 out_albedo;
 layout(location = 4) out vec4 out_emission;
 layout(location = 5) out uint out_id;
 #ifdef SBL_SPECULAR
+const float SBL_SMOOTH_ROUGHNESS = 0.6;      // smoother surfaces are shown with their shading normal, see facet_limit
 layout(location = 6) out vec4 out_specular;  // albedo of the specular lobe for this view; 0: none
 layout(location = 7) out vec4 out_lobe;      // see sbl__reflections_unpack; y is negative if there is no lobe
 #endif
@@ -137,7 +138,11 @@ void main() {
         sbl_Surface s = sbl_surface(int(triangle) - 1, origin, direction);
         // Width of a pixel at the surface, world units. Facets too small to be seen get their geometric normal.
         float pixel = length(origin_y + distance(s.position, origin) / length(direction) * direction_y);
-        if (facet_limit > 0.0)
+        bool smooth_normal = false;  // reflections need the shading normal
+#ifdef SBL_SPECULAR
+        smooth_normal = s.material.roughness >= 0.0 && s.material.roughness < SBL_SMOOTH_ROUGHNESS;
+#endif
+        if (facet_limit > 0.0 && !smooth_normal)
             s.normal = normalize(mix(s.geometric_normal, s.normal,
                                      clamp(s.facet / (facet_limit * pixel) - 1.0, 0.0, 1.0)));
 #endif
