@@ -362,8 +362,8 @@ static void scene__material(scene__reader *r, unsigned index) {
     first = has_albedo ? &albedo : has_emission ? &emission : has_gloss ? &gloss : has_mask ? &mask : NULL;
     r->uv_set[index] = first ? first->set : 0;
     if ((has_emission && emission.set != first->set) || (has_gloss && gloss.set != first->set))
-        scene__warn(r->file, "material %s: its textures use different texture coordinates; those of its %s are used for "
-                    "all", scene__told_by(r, m).name, has_albedo ? "colour" : "emission");
+        scene__warn(r->file, "material %s: its textures use different texture coordinates; those of its %s are used "
+                    "for all", scene__told_by(r, m).name, has_albedo ? "colour" : "emission");
 }
 
 /* ---- what is read as something simpler: see SCENE_FILE_KINDS ---- */

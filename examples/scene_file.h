@@ -24,11 +24,11 @@
              KHR_lights_punctual without ranges; several nodes can share a light only with cJSON
        else  the colour of a light is its intensity; attenuation other than by distance is ignored
 
-   Metal and gloss follow one rule for the whole file. If no material in use has metal, a roughness below 1, a texture of
-   these, or transmission, all materials are matte: exporters write roughness 1 for surfaces that are meant to be matte.
-   Otherwise all materials of a .gltf are read by the model of glTF. A material without metallicFactor, roughnessFactor
-   and metallicRoughnessTexture counts as matte for the rule, although glTF reads it as metal of roughness 1. Surfaces
-   that emit and have a black colour, and unlit ones, are always matte.
+   Metal and gloss follow one rule for the whole file. If no material in use has metal, a roughness below 1, a texture
+   of these, or transmission, all materials are matte: exporters write roughness 1 for surfaces that are meant to be
+   matte. Otherwise all materials of a .gltf are read by the model of glTF. A material without metallicFactor,
+   roughnessFactor and metallicRoughnessTexture counts as matte for the rule, although glTF reads it as metal of
+   roughness 1. Surfaces that emit and have a black colour, and unlit ones, are always matte.
 
    A file from a stranger can crash its reader, take control of it, make it hang, use up all memory, or refer to files
    that it must not access. For this reason:
@@ -94,8 +94,8 @@ typedef struct scene_file_options {
     X(BLEND, "material", "materials", "partial transparency is read as a cutout: opaque from 0.5 on") \
     X(NORMAL_MAP, "material", "materials", "normal maps and bump maps are ignored") \
     X(TEXTURE, "material", "materials", "textures of metal, roughness, gloss or displacement are not read") \
-    X(MAP, "material", "materials", "textures of specular colour, gloss or displacement are not read; those of metal and " \
-        "roughness are read only from glTF") \
+    X(MAP, "material", "materials", "textures of specular colour, gloss or displacement are not read; those of metal " \
+        "and roughness are read only from glTF") \
     X(UNLIT, "material", "materials", "unlit materials are lit like all others") \
     X(EXTENSION, "material", "materials", "further material extensions, such as iridescence, are ignored") \
     X(RANGE, "light", "lights", "the range of lights is ignored: they reach everywhere") \

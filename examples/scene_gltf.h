@@ -133,8 +133,8 @@ static int scene__bits_of(const cJSON *material) {
         { "sheen", 0 }, { "specular", SCENE__TOLD_SPECULAR }, { "transmission", 0 }, { "unlit", 0 }, { "variants", 0 },
         { "volume", 0 } };
     const size_t most = sizeof known / sizeof *known;
-    const cJSON *model = scene__item(material, "pbrMetallicRoughness"), *extensions = scene__item(material, "extensions");
-    const cJSON *extension;
+    const cJSON *model = scene__item(material, "pbrMetallicRoughness");
+    const cJSON *extensions = scene__item(material, "extensions"), *extension;
     int bits = 0;
     if (scene__item(model, "metallicFactor") || scene__item(model, "roughnessFactor") ||
         scene__item(model, "metallicRoughnessTexture")) bits = SCENE__TOLD_GLOSS;

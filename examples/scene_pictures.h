@@ -249,8 +249,8 @@ static int scene__merge_mask(scene_file *file, scene__pixels *albedo, const scen
 }
 
 /* Returns the number of a texture, counted from 1, which is read unless it is known already; 0 if it cannot be read.
-   albedo, mask: names of pictures, or NULL. linear: 1: its bytes are no colours. A picture that is used as colours, too,
-   becomes two textures. */
+   albedo, mask: names of pictures, or NULL. linear: 1: its bytes are no colours. A picture that is used in both
+   ways becomes two textures. */
 static int scene__texture(scene__pictures *p, const char *albedo, const char *mask, sbl_wrap wrap, int linear) {
     scene__pixels pixels, mask_pixels;
     struct scene__texture_key *key = &p->keys[p->count];

@@ -1600,8 +1600,9 @@ TEST(substitutions_are_named) {
         MATTE ",\"baseColorFactor\":[1,1,1,0.7]},\"alphaMode\":\"BLEND\"|"
         MATTE ",\"baseColorTexture\":" TEXTURE "},\"alphaMode\":\"BLEND\"|" MATTE "},\"alphaMode\":\"BLEND\"|"
         "\"extensions\":{\"KHR_materials_unlit\":{}}|" MATTE "},\"extensions\":{\"KHR_materials_anisotropy\":{},"
-        "\"KHR_materials_specular\":{\"specularFactor\":0.5}}|" MATTE "},\"extensions\":{\"KHR_materials_iridescence\":{}"
-        ",\"KHR_materials_dispersion\":{},\"KHR_materials_specular\":{\"specularColorFactor\":[1,0,0]}}|"
+        "\"KHR_materials_specular\":{\"specularFactor\":0.5}}|" MATTE "},\"extensions\":{"
+        "\"KHR_materials_iridescence\":{},\"KHR_materials_dispersion\":{},"
+        "\"KHR_materials_specular\":{\"specularColorFactor\":[1,0,0]}}|"
         MATTE "},\"extensions\":{\"KHR_materials_dispersion\":{},\"KHR_materials_specular\":{}}",
         "\"nodes\":[{\"mesh\":0},{\"mesh\":1},{\"mesh\":2},{" LIGHT(0) "}],\"scenes\":[{\"nodes\":[0,1,2,3]}],"
         "\"extensions\":{\"KHR_lights_punctual\":{\"lights\":[{\"type\":\"point\",\"range\":5}]}},"

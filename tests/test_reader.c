@@ -1,6 +1,6 @@
 /* Tests of the process that reads scenes (examples/scene_file.h): what it may access, its limits of time and memory,
-   and that it has ended afterwards. The readers are functions of this program, each of which does one thing wrong. Tests
-   of the materials that it returns, and of examples/gltf_file.h, which writes them. */
+   and that it has ended afterwards. The readers are functions of this program, each of which does one thing wrong.
+   Tests of the materials that it returns, and of examples/gltf_file.h, which writes them. */
 #define _DEFAULT_SOURCE
 #include "../sbl.h"
 #include "../examples/scene_file.h"
@@ -317,8 +317,8 @@ typedef struct gloss { double ior, metallic, roughness; } gloss;
 enum { GLOSSES = 12 };
 static const gloss matte = { 0, 0, 0 };
 
-/* Writes a scene with a triangle for each of the materials, which are separated by bars. The first triangle has the last
-   material, because assimp returns materials in the order in which they are used. */
+/* Writes a scene with a triangle for each of the materials, which are separated by bars. The first triangle has the
+   last material, because assimp returns materials in the order in which they are used. */
 static void write_materials(const char *name, const char *materials) {
     static const char corners[] = "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA";  /* 0 0 0, 1 0 0, 0 1 0 */
     static char json[8192];
@@ -327,8 +327,8 @@ static void write_materials(const char *name, const char *materials) {
                 "\"KHR_materials_transmission\",\"KHR_materials_ior\",\"KHR_materials_specular\","
                 "\"KHR_materials_pbrSpecularGlossiness\"],"
                 "\"images\":[{\"uri\":\"two.png\"},{\"uri\":\"absent.png\"}],"
-                "\"samplers\":[{\"wrapS\":33071,\"wrapT\":33071}],\"textures\":[{\"source\":0},{\"source\":0,\"sampler\":0},"
-                "{\"source\":1}],\"materials\":[{");
+                "\"samplers\":[{\"wrapS\":33071,\"wrapT\":33071}],\"textures\":[{\"source\":0},"
+                "{\"source\":0,\"sampler\":0},{\"source\":1}],\"materials\":[{");
     for (; *materials; materials++) {
         count += *materials == '|';
         n += sprintf(json + n, *materials == '|' ? "},{" : "%c", *materials);
@@ -389,7 +389,8 @@ static scene_file *check_gloss(const char *name, const char *what, const gloss *
    transmission, all are matte. */
 TEST(gloss_of_gltf) {
     static const struct { const char *materials; gloss all[GLOSSES]; } files[] = {
-        { FACTORS("0", "1") "||" MODEL("\"baseColorFactor\":[1,0,0,1]") "|\"emissiveFactor\":[1,1,1]", { { 0, 0, 0 } } },
+        { FACTORS("0", "1") "||" MODEL("\"baseColorFactor\":[1,0,0,1]") "|\"emissiveFactor\":[1,1,1]",
+          { { 0, 0, 0 } } },
         { FACTORS("0", "1") "|" BLACK_LAMP, { { 0, 0, 0 } } },
         { FACTORS("0", "1") "|" FACTORS("0", "0.2") "," EXTENSION("unlit", ""), { { 0, 0, 0 } } },
         { FACTORS("0", "1") "|" EXTENSION("ior", "\"ior\":1.3"), { { 0, 0, 0 } } },
@@ -482,7 +483,8 @@ TEST(coordinates_of_metal) {
     scene_file_free(file);
 }
 
-static const char phong_dae[] = "<?xml version=\"1.0\"?><COLLADA xmlns=\"http://www.collada.org/2005/11/COLLADASchema\" "
+static const char phong_dae[] =
+    "<?xml version=\"1.0\"?><COLLADA xmlns=\"http://www.collada.org/2005/11/COLLADASchema\" "
     "version=\"1.4.1\"><library_effects><effect id=\"e\"><profile_COMMON><technique sid=\"t\"><phong><diffuse><color>"
     ".5 .5 .5 1</color></diffuse><specular><color>1 1 1 1</color></specular><shininess><float>98</float></shininess>"
     "<index_of_refraction><float>1.7</float></index_of_refraction></phong></technique></profile_COMMON></effect>"
