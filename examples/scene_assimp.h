@@ -448,7 +448,7 @@ static void scene__count_material(const scene__reader *r, unsigned index) {
         (sheen.r > 0 || sheen.g > 0 || sheen.b > 0))
         scene__count(r->file, SCENE_FILE_SHEEN);
     if (told.bits & SCENE__TOLD_ANISOTROPY) scene__count(r->file, SCENE_FILE_ANISOTROPY);
-    if (told.bits & SCENE__TOLD_SPECULAR) scene__count(r->file, SCENE_FILE_SPECULAR);
+    if ((told.bits & SCENE__TOLD_SPECULAR) && r->materials[index].ior > 0) scene__count(r->file, SCENE_FILE_SPECULAR);
 }
 
 /* Counts the features of the scene that sbl.h does not have. Called after the meshes are placed. */

@@ -20,7 +20,7 @@
              become gloss or metal, see scene__phong_gloss
        glTF  baseColor; emissive times KHR_materials_emissive_strength (needs cJSON: define SBL_RENDER_CJSON, link with
              -lcjson); alphaMode MASK with its cutoff, BLEND as MASK with the cutoff 0.5; metallicFactor,
-             roughnessFactor, metallicRoughnessTexture, KHR_materials_ior, and KHR_materials_specular with the factor 0.
+             roughnessFactor, metallicRoughnessTexture, KHR_materials_ior, and KHR_materials_specular where it is 0.
              KHR_lights_punctual without ranges; several nodes can share a light only with cJSON
        else  the colour of a light is its intensity; attenuation other than by distance is ignored
 
@@ -81,7 +81,7 @@ typedef struct scene_file_options {
 } scene_file_options;
 
 /* What is replaced by something simpler or left out: kind, what is counted (one, several), text of the warning. METAL,
-   GLOSS, ILLUM and TEXTURE are counted only with options.matte, MAP only without. */
+   GLOSS, ILLUM and TEXTURE are counted only with options.matte, MAP and SPECULAR only without. */
 #define SCENE_FILE_KINDS(X) \
     X(METAL, "material", "materials", "metal is read as a matte surface of its base colour") \
     X(GLOSS, "material", "materials", "gloss is ignored (roughness below 0.5, or Ns above 30): the surface is matte") \

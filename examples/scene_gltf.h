@@ -116,12 +116,17 @@ static void scene__name_animated(scene_file *file, cJSON *root) {
 }
 
 /* Returns the index of refraction that a material of the file has in sbl.h. 0 in the file means infinite. A factor of 0
-   in KHR_materials_specular removes the reflections of what is not metal. */
+   in KHR_materials_specular removes the reflections of what is not metal. A black colour there is read like that, too,
+   because Blender writes it for matte surfaces, although glTF still has reflections at grazing angles then. */
 static double scene__ior_of(const cJSON *extensions) {
     const cJSON *ior = scene__item(scene__item(extensions, "KHR_materials_ior"), "ior");
-    const cJSON *factor = scene__item(scene__item(extensions, "KHR_materials_specular"), "specularFactor");
+    const cJSON *specular = scene__item(extensions, "KHR_materials_specular"), *number;
+    const cJSON *factor = scene__item(specular, "specularFactor");
+    const cJSON *color = scene__item(specular, "specularColorFactor");
     const double value = cJSON_IsNumber(ior) ? ior->valuedouble : SCENE__IOR;
-    if (cJSON_IsNumber(factor) && factor->valuedouble <= 0) return 0;
+    int is_black = cJSON_GetArraySize(color) == 3;
+    cJSON_ArrayForEach(number, color) is_black &= cJSON_IsNumber(number) && number->valuedouble <= 0;
+    if (is_black || (cJSON_IsNumber(factor) && factor->valuedouble <= 0)) return 0;
     return value == 0.0 || value > SCENE__MOST_IOR ? SCENE__MOST_IOR : value > 1 ? value : 1;
 }
 
@@ -144,7 +149,7 @@ static int scene__bits_of(const cJSON *material) {
         if (strncmp(name, start, sizeof start - 1) != 0) continue;
         while (i < most && strcmp(name + sizeof start - 1, known[i].name) != 0) i++;
         bits |= i < most ? known[i].bits : SCENE__TOLD_OTHER;
-        /* without members, it changes nothing; with the factor 0, it is read */
+        /* without members, it changes nothing; if it removes reflections, it is read */
         if (i < most && known[i].bits == SCENE__TOLD_SPECULAR && (!extension->child || scene__ior_of(extensions) <= 0))
             bits &= ~SCENE__TOLD_SPECULAR;
     }

@@ -407,9 +407,11 @@ TEST(gloss_of_gltf) {
         { FACTORS("0", "0.5") "|" EXTENSION("ior", "\"ior\":1.33") "|" EXTENSION("ior", "\"ior\":0") "|"
           EXTENSION("ior", "\"ior\":0.5") "|" EXTENSION("ior", "\"ior\":2e7") "|" EXTENSION("ior", "") "|"
           FACTORS("0", "0.5") ",\"name\":\"x (ior 7, 0)\"," EXTENSION("ior", "\"ior\":1") "|" FACTORS("0.5", "0.5") ","
-          EXTENSION("specular", "\"specularFactor\":0") "|" FACTORS("0", "0.5") "," EXTENSION("specular", ""),
+          EXTENSION("specular", "\"specularFactor\":0") "|" FACTORS("0", "0.5") "," EXTENSION("specular", "") "|"
+          FACTORS("0", "0.5") "," EXTENSION("specular", "\"specularColorFactor\":[0,0,0]") "|"
+          FACTORS("0", "0.5") "," EXTENSION("specular", "\"specularColorFactor\":[0,0,0.1]"),
           { { 1.5, 0, 0.5 }, { 1.33, 1, 1 }, { 1e6, 1, 1 }, { 1, 1, 1 }, { 1e6, 1, 1 }, { 1.5, 1, 1 }, { 1, 0, 0.5 },
-            { 0, 0.5, 0.5 }, { 1.5, 0, 0.5 } } },
+            { 0, 0.5, 0.5 }, { 1.5, 0, 0.5 }, { 0, 0, 0 }, { 1.5, 0, 0.5 } } },
         { "\"name\":\"a\"," EXTENSION("pbrSpecularGlossiness", "\"glossinessFactor\":0.75") "|" FACTORS("2", "-1"),
           { { 1.5, 0, 0.25 }, { 1.5, 1, 0 } } } };
     size_t i;
