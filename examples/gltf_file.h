@@ -1,8 +1,10 @@
 /* Writes a scene as glTF 2.0: a .gltf, a .bin with the arrays, and a .png for each texture. The arrays of the scene
-   must lie in client memory, with 32-bit floats and indices, as scene_file.h makes them. Lights are left out, because
-   the scene is meant to be drawn with baked light. The extension MOZ_lightmap refers to the lightmap (index of the
-   texture, texCoord 1, intensity); viewers compute irradiance = intensity * texture, decoded from sRGB. Include after
-   sbl.h and picture_file.h. This file includes stb_image_write.h.
+   must lie in client memory, with 32-bit floats and indices, and pixels of colours must be sRGB or floats, as
+   scene_file.h makes them. Lights are left out, because the scene is meant to be drawn with baked light. If some
+   materials are not matte, the others get KHR_materials_specular with the factor 0, which removes reflections. The
+   extension MOZ_lightmap refers to the lightmap (index of the texture, texCoord 1, intensity); viewers compute
+   irradiance = intensity * texture, decoded from sRGB. Include after sbl.h and picture_file.h. This file includes
+   stb_image_write.h.
 
        gltf_file out = { &file->scene, file->names, "scene.bin", "atlas.png", 3.5, NULL };
        ok = gltf_write_json(stream, &out);
@@ -99,21 +101,30 @@ static int gltf_write_bin(FILE *out, const gltf_file *f) {
 
 static void gltf__put_bytes(void *user, void *data, int size) { fwrite(data, 1, (size_t)size, (FILE *)user); }
 
-/* Writes a texture as .png in 8-bit sRGB. number: counted from 0. */
+/* Returns whether a texture holds metal and roughness. number: counted from 0. */
+static int gltf__is_linear(const sbl_scene_desc *scene, int number) {
+    int i;
+    for (i = 0; i < scene->material_count; i++) if (scene->materials[i].specular_texture == number + 1) return 1;
+    return 0;
+}
+
+/* Writes a texture as .png: colours in 8-bit sRGB, metal and roughness in linear bytes. number: counted from 0. */
 static int gltf_write_texture(FILE *out, const gltf_file *f, int number) {
     const sbl_texture *t = &f->scene->textures[number];
     const size_t count = (size_t)t->width * (size_t)t->height * (size_t)t->channels;
     const float *linear = (const float *)t->pixels;
+    const int is_linear = gltf__is_linear(f->scene, number);
     unsigned char *bytes;
     size_t i;
     int ok;
-    if (t->format == SBL_PIXELS_SRGB8)
+    if (t->format != SBL_PIXELS_FLOAT)
         return stbi_write_png_to_func(gltf__put_bytes, out, t->width, t->height, t->channels, t->pixels, 0);
     bytes = (unsigned char *)malloc(count);
     if (!bytes) return 0;
     sbl_encode_srgb8(bytes, linear, count, 1);
-    for (i = 0; i < count && t->channels % 2 == 0; i++)
-        if ((int)(i % (size_t)t->channels) == t->channels - 1) bytes[i] = to_byte((double)linear[i]);
+    for (i = 0; i < count; i++)
+        if (is_linear || (t->channels % 2 == 0 && (int)(i % (size_t)t->channels) == t->channels - 1))
+            bytes[i] = to_byte((double)linear[i]);
     ok = stbi_write_png_to_func(gltf__put_bytes, out, t->width, t->height, t->channels, bytes, 0);
     free(bytes);
     return ok;
@@ -133,28 +144,59 @@ static void gltf__put_name(FILE *out, const char *name) {
     fputc('"', out);
 }
 
-static void gltf__put_material(FILE *out, const gltf_file *f, int number) {
-    const sbl_material *m = &f->scene->materials[number];
+static int gltf__is_matte(const sbl_material *m) { return !(m->ior > 0 || m->metallic > 0); }
+
+static double gltf__strength(const sbl_material *m) {
     double most = 1;
     int k;
     for (k = 0; k < 3; k++) if ((double)m->emission[k] > most) most = (double)m->emission[k];
-    fprintf(out, "%s\n    {\"doubleSided\": true, \"pbrMetallicRoughness\": {\"metallicFactor\": 0, "
-            "\"roughnessFactor\": 1, "
-            "\"baseColorFactor\": [%.7g, %.7g, %.7g, 1]", number ? "," : "", (double)m->albedo[0], (double)m->albedo[1],
-                (double)m->albedo[2]);
+    return most;
+}
+
+enum { GLTF__STRENGTH = 1, GLTF__IOR = 2, GLTF__SPECULAR = 4 };
+
+/* Returns which extensions a material uses. */
+static int gltf__extensions(const gltf_file *f, const sbl_material *m) {
+    int i = 0, bits = gltf__strength(m) > 1 ? GLTF__STRENGTH : 0;
+    if (m->ior > 0) return m->ior < 1.5f || m->ior > 1.5f ? bits | GLTF__IOR : bits;
+    while (i < f->scene->material_count && gltf__is_matte(&f->scene->materials[i])) i++;
+    return i < f->scene->material_count ? bits | GLTF__SPECULAR : bits;
+}
+
+static void gltf__put_extensions(FILE *out, const gltf_file *f, const sbl_material *m) {
+    const int bits = gltf__extensions(f, m);
+    const char *before = ", \"extensions\": {";
+    if (!bits && !f->lightmap) return;
+    if (bits & GLTF__STRENGTH) {
+        fprintf(out, "%s\"KHR_materials_emissive_strength\": {\"emissiveStrength\": %.7g}", before, gltf__strength(m));
+        before = ", ";
+    }
+    if (bits & GLTF__IOR) fprintf(out, "%s\"KHR_materials_ior\": {\"ior\": %.7g}", before, (double)m->ior);
+    else if (bits & GLTF__SPECULAR) fprintf(out, "%s\"KHR_materials_specular\": {\"specularFactor\": 0}", before);
+    if (bits & (GLTF__IOR | GLTF__SPECULAR)) before = ", ";
+    if (f->lightmap)
+        fprintf(out, "%s\"MOZ_lightmap\": {\"index\": %d, \"texCoord\": 1, \"intensity\": %.7g}", before,
+                f->scene->texture_count, f->intensity);
+    fputc('}', out);
+}
+
+static void gltf__put_material(FILE *out, const gltf_file *f, int number) {
+    const sbl_material *m = &f->scene->materials[number];
+    const double most = gltf__strength(m);
+    fprintf(out, "%s\n    {\"doubleSided\": true, \"pbrMetallicRoughness\": {\"metallicFactor\": %.7g, "
+            "\"roughnessFactor\": %.7g, "
+            "\"baseColorFactor\": [%.7g, %.7g, %.7g, 1]", number ? "," : "", (double)m->metallic,
+            gltf__is_matte(m) ? 1 : (double)m->roughness, (double)m->albedo[0], (double)m->albedo[1],
+            (double)m->albedo[2]);
     if (m->albedo_texture) fprintf(out, ", \"baseColorTexture\": {\"index\": %d}", m->albedo_texture - 1);
+    if (m->specular_texture && !gltf__is_matte(m))
+        fprintf(out, ", \"metallicRoughnessTexture\": {\"index\": %d}", m->specular_texture - 1);
     fprintf(out, "}, \"emissiveFactor\": [%.7g, %.7g, %.7g]", (double)m->emission[0] / most,
             (double)m->emission[1] / most, (double)m->emission[2] / most);
     if (m->emission_texture) fprintf(out, ", \"emissiveTexture\": {\"index\": %d}", m->emission_texture - 1);
     if (m->alpha_cutoff > 0) fprintf(out, ", \"alphaMode\": \"MASK\", \"alphaCutoff\": %.7g", (double)m->alpha_cutoff);
-    if (most > 1 || f->lightmap) fprintf(out, ", \"extensions\": {");
-    if (most > 1)
-        fprintf(out, "\"KHR_materials_emissive_strength\": {\"emissiveStrength\": %.7g}%s", most,
-                f->lightmap ? ", " : "");
-    if (f->lightmap)
-        fprintf(out, "\"MOZ_lightmap\": {\"index\": %d, \"texCoord\": 1, \"intensity\": %.7g}", f->scene->texture_count,
-                f->intensity);
-    fprintf(out, "%s}", most > 1 || f->lightmap ? "}" : "");
+    gltf__put_extensions(out, f, m);
+    fputc('}', out);
 }
 
 /* glTF requires the bounds of positions. */
@@ -254,15 +296,21 @@ static void gltf__put_textures(FILE *out, const gltf_file *f) {
     fprintf(out, "\n  ]");
 }
 
+static void gltf__put_extensions_used(FILE *out, const gltf_file *f) {
+    static const char *const names[] = { "KHR_materials_emissive_strength", "KHR_materials_ior",
+        "KHR_materials_specular", "MOZ_lightmap" };
+    int i, bits = f->lightmap ? 8 : 0, count = 0;
+    for (i = 0; i < f->scene->material_count; i++) bits |= gltf__extensions(f, &f->scene->materials[i]);
+    for (i = 0; i < 4; i++)
+        if (bits >> i & 1) fprintf(out, "%s\"%s\"", count++ ? ", " : ",\n  \"extensionsUsed\": [", names[i]);
+    if (count) fputc(']', out);
+}
+
 static int gltf_write_json(FILE *out, const gltf_file *f) {
     double bytes;
-    int i, strong = 0, k;
-    for (i = 0; i < f->scene->material_count; i++)
-        for (k = 0; k < 3; k++) strong |= f->scene->materials[i].emission[k] > 1;
+    int i;
     fprintf(out, "{\n  \"asset\": {\"version\": \"2.0\", \"generator\": \"sbl.h %s\"}", sbl_version());
-    if (strong || f->lightmap)
-        fprintf(out, ",\n  \"extensionsUsed\": [%s%s%s]", strong ? "\"KHR_materials_emissive_strength\"" : "",
-                strong && f->lightmap ? ", " : "", f->lightmap ? "\"MOZ_lightmap\"" : "");
+    gltf__put_extensions_used(out, f);
     fprintf(out, ",\n  \"materials\": [");
     for (i = 0; i < f->scene->material_count; i++) gltf__put_material(out, f, i);
     fprintf(out, "\n  ]");

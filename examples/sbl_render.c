@@ -161,8 +161,11 @@ static void print_help(void) {
     if (!common.help_all) return;
     printf(
         "\nMaterials: OBJ Kd map_Kd Ke map_Ke d map_d (opacity below 0.5 is cut out); glTF base colour, emission with\n"
-        "KHR_materials_emissive_strength, alphaMode MASK (BLEND is treated as MASK with cutoff 0.5). Metal and glossy\n"
-        "surfaces are treated as diffuse surfaces of their base colour. Surfaces emit on both sides.\n"
+        "KHR_materials_emissive_strength, alphaMode MASK (BLEND is treated as MASK with cutoff 0.5). Metal and gloss: "
+        "glTF\n"
+        "metallicFactor, roughnessFactor, metallicRoughnessTexture, KHR_materials_ior; OBJ Ns, Ks, Ni, illum; see "
+        "--materials.\n"
+        "Surfaces emit on both sides.\n"
         "Lights: glTF KHR_lights_punctual (candela are radiance times area, lux are irradiance; ranges are ignored), "
         "and\n"
         "the point, spot and directional lights of other formats. Lights that Blender exported as glTF are divided by "

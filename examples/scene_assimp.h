@@ -116,6 +116,7 @@ typedef struct scene__reader {
     int is_gltf;
     sbl_material *materials;
     scene__pictures pictures;
+    int not_matte;       /* 1: a material says so; see scene__gloss */
     int *left_out;       /* one per material; 1: it is cut out everywhere, so its meshes are left out */
     unsigned *uv_set;    /* one per material: its set of texture coordinates */
     char *shown, *posed; /* one per material, and one per mesh of the file; 1: it is used, or used with a rest pose */
@@ -176,10 +177,26 @@ static float scene__number(const struct aiMaterial *m, const char *key, unsigned
     return aiGetMaterialFloatArray(m, key, type, index, &value, NULL) == aiReturn_SUCCESS ? value : otherwise;
 }
 
+/* The name of a material, and what scene_gltf.h has added to it. */
+typedef struct scene__told { char name[256]; int is_told, bits; float ior; } scene__told;
+
+/* Removes from the name what scene__name_materials has added. */
+static scene__told scene__told_by(const scene__reader *r, const struct aiMaterial *m) {
+    struct aiString name;
+    scene__told out;
+    char *added, end = 0;
+    memset(&out, 0, sizeof out);
+    if (aiGetMaterialString(m, AI_MATKEY_NAME, &name) == aiReturn_SUCCESS)
+        scene__print(out.name, sizeof out.name, "%s", name.data);
+    added = r->is_gltf ? strrchr(out.name, '(') : NULL;
+    out.is_told = added && sscanf(added, "(ior %f, %d%c", &out.ior, &out.bits, &end) == 3 && end == ')';
+    if (out.is_told) added[added > out.name ? -1 : 0] = 0;
+    return out;
+}
+
 static void scene__colors(scene__reader *r, const struct aiMaterial *m, int has_albedo, sbl_material *out) {
     const float strength = scene__number(m, AI_MATKEY_EMISSIVE_INTENSITY, 1);
     struct aiColor4D color;
-    struct aiString name;
     float rgb[3];
     int clamped = 0, k;
     if (aiGetMaterialColor(m, AI_MATKEY_COLOR_DIFFUSE, &color) != aiReturn_SUCCESS &&
@@ -190,8 +207,8 @@ static void scene__colors(scene__reader *r, const struct aiMaterial *m, int has_
         if (rgb[k] < 0.0f || rgb[k] > 1.0f) { rgb[k] = rgb[k] < 0.0f ? 0.0f : 1.0f; clamped = 1; }
         out->albedo[k] = rgb[k];
     }
-    if (aiGetMaterialString(m, AI_MATKEY_NAME, &name) != aiReturn_SUCCESS) name.data[0] = 0;
-    if (clamped) scene__warn(r->file, "material %s: its colour is outside of 0 to 1 and was clamped", name.data);
+    if (clamped)
+        scene__warn(r->file, "material %s: its colour is outside of 0 to 1 and was clamped", scene__told_by(r, m).name);
     if (aiGetMaterialColor(m, AI_MATKEY_COLOR_EMISSIVE, &color) != aiReturn_SUCCESS) color.r = color.g = color.b = 0;
     out->emission[0] = strength * color.r;
     out->emission[1] = strength * color.g;
@@ -214,14 +231,116 @@ static float scene__cutoff(const struct aiMaterial *m, int *has_mask, scene__use
     return *has_mask || *opacity < 0.5f ? 0.5f : 0;
 }
 
+/* ---- metal and gloss: the rule for a whole file is on top of scene_file.h ---- */
+
+static int scene__shading(const struct aiMaterial *m) {
+    int shading = 0;
+    aiGetMaterialIntegerArray(m, AI_MATKEY_SHADING_MODEL, &shading, NULL);
+    return shading;
+}
+
+static void scene__make_matte(sbl_material *m) {
+    m->ior = m->metallic = m->roughness = 0;
+    m->specular_texture = 0;
+}
+
+/* Limits a value, and returns whether it was outside. */
+static int scene__clamp(float *value, float low, float high) {
+    const float before = *value;
+    if (!(*value >= low)) *value = low;
+    if (*value > high) *value = high;
+    return !(*value >= before && *value <= before);
+}
+
+/* Converts the highlight of a format other than glTF. A material with a roughness (Pr and Pm in OBJ) is read by that.
+   Otherwise it is:
+
+       matte   if it has no highlight: illum below 2 in OBJ, in other formats a shading model other than Phong, Blinn or
+               Cook-Torrance; or if Ks is black
+       metal   if illum is 3 or more, Ks above 0.5 in a component, and Kd below 0.05 in all; its colour is Ks
+       glossy  in all other cases; its index of refraction is Ni if that is above 1, otherwise 1.5
+
+   roughness = (2 / (Ns + 2))^(1/4): roughness^2 is the width of a lobe of microfacets, which resembles a Phong lobe if
+   Ns = 2 / width^2 - 2 (Walter et al., Microfacet Models for Refraction, 2007). */
+static void scene__phong_gloss(const struct aiMaterial *m, sbl_material *out) {
+    const int shading = scene__shading(m);
+    const int has_highlight = shading == aiShadingMode_Phong || shading == aiShadingMode_Blinn ||
+                              shading == aiShadingMode_CookTorrance;
+    const float illum = scene__number(m, AI_MATKEY_OBJ_ILLUM, has_highlight ? 2 : 1);
+    const float roughness = scene__number(m, AI_MATKEY_ROUGHNESS_FACTOR, -1);
+    const float exponent = scene__number(m, AI_MATKEY_SHININESS, 0), ior = scene__number(m, AI_MATKEY_REFRACTI, 0);
+    struct aiColor4D color;
+    float most = 0, *a = out->albedo;
+    if (aiGetMaterialColor(m, AI_MATKEY_COLOR_SPECULAR, &color) == aiReturn_SUCCESS)
+        most = fmaxf(color.r, fmaxf(color.g, color.b));
+    if (roughness < 0 && (illum < 2 || !(most > 0))) return;
+    out->ior = ior > 1 ? ior : (float)SCENE__IOR;
+    out->roughness = roughness < 0 ? (float)pow(2 / (fmax((double)exponent, 0) + 2), 0.25) : roughness;
+    if (roughness >= 0) out->metallic = scene__number(m, AI_MATKEY_METALLIC_FACTOR, 0);
+    else if (illum > 2.5f && most > 0.5f && a[0] < 0.05f && a[1] < 0.05f && a[2] < 0.05f) {
+        const float ks[3] = { color.r, color.g, color.b };
+        int k;
+        out->metallic = 1;
+        for (k = 0; k < 3; k++) a[k] = fminf(fmaxf(ks[k], 0), 1);
+    }
+}
+
+/* Reads metal and gloss of a .gltf, without their texture. */
+static void scene__gltf_gloss(const struct aiMaterial *m, const scene__told *told, sbl_material *out) {
+    const float glossiness = scene__number(m, AI_MATKEY_GLOSSINESS_FACTOR, -1);
+    out->ior = told->ior;
+    out->metallic = scene__number(m, AI_MATKEY_METALLIC_FACTOR, 1);
+    out->roughness = scene__number(m, AI_MATKEY_ROUGHNESS_FACTOR, 1);
+    if (glossiness < 0) return;
+    /* KHR_materials_pbrSpecularGlossiness; the texture of its gloss is not read */
+    out->metallic = 0;
+    out->roughness = 1 - glossiness;
+    if (aiGetMaterialTextureCount(m, aiTextureType_SPECULAR)) scene__make_matte(out);
+}
+
+/* Reads metal and gloss of a material whose colours are known. Returns whether it has a texture of these, `picture`. */
+static int scene__gloss(scene__reader *r, const struct aiMaterial *m, sbl_material *out,
+                        scene__use_of_picture *picture) {
+    const float *a = out->albedo, *e = out->emission;
+    scene__told told = scene__told_by(r, m);
+    int has_picture = 0, states = 1, is_outside;
+    if (r->file->matte || scene__shading(m) == aiShadingMode_NoShading) return 0;
+    if (!(a[0] > 0 || a[1] > 0 || a[2] > 0) && (e[0] > 0 || e[1] > 0 || e[2] > 0)) return 0;
+    if (!told.is_told) told.ior = scene__number(m, AI_MATKEY_REFRACTI, (float)SCENE__IOR);
+    if (r->is_gltf) {
+        scene__gltf_gloss(m, &told, out);
+        has_picture = scene__number(m, AI_MATKEY_GLOSSINESS_FACTOR, -1) < 0 &&
+                      (scene__picture_of(m, aiTextureType_DIFFUSE_ROUGHNESS, picture) ||
+                       scene__picture_of(m, aiTextureType_UNKNOWN, picture));
+        /* without cJSON, the values that a material without any gets count as not stated */
+        states = told.is_told ? (told.bits & SCENE__TOLD_GLOSS) != 0
+                              : has_picture || out->metallic < 1 || out->roughness < 1;
+    } else scene__phong_gloss(m, out);
+    is_outside = scene__clamp(&out->metallic, 0, 1) | scene__clamp(&out->roughness, 0, 1);
+    if (out->ior > 0 || out->ior < 0) is_outside |= scene__clamp(&out->ior, 1, (float)SCENE__MOST_IOR);
+    if (is_outside)
+        scene__warn(r->file, "material %s: its metal, roughness or index of refraction is out of range and was clamped",
+                    told.name);
+    r->not_matte |= scene__number(m, AI_MATKEY_TRANSMISSION_FACTOR, 0) > 0 ||
+                    (states && (has_picture || out->metallic > 0 || (out->ior > 0 && out->roughness < 1)));
+    if (!(out->ior > 0 || out->metallic > 0)) {
+        scene__make_matte(out);
+        return 0;
+    }
+    if (!has_picture) return 0;
+    out->specular_texture = scene__texture(&r->pictures, picture->name.data, NULL, scene__wrap_of(picture), 1);
+    if (!out->specular_texture) scene__make_matte(out);  /* without its texture the whole surface would be metal */
+    return 1;
+}
+
 static void scene__material(scene__reader *r, unsigned index) {
     const struct aiMaterial *m = r->in->mMaterials[index];
     sbl_material *out = &r->materials[index];
-    struct aiString alpha_mode, name;
-    scene__use_of_picture albedo, emission, mask;
+    struct aiString alpha_mode;
+    scene__use_of_picture albedo, emission, mask, gloss, *first;
     int has_albedo = scene__picture_of(m, aiTextureType_DIFFUSE, &albedo) ||
                      scene__picture_of(m, aiTextureType_BASE_COLOR, &albedo);
-    int has_emission = scene__picture_of(m, aiTextureType_EMISSIVE, &emission), has_mask;
+    int has_emission = scene__picture_of(m, aiTextureType_EMISSIVE, &emission), has_mask, has_gloss;
     float opacity, cutoff = scene__cutoff(m, &has_mask, &mask, &opacity);
     scene__colors(r, m, has_albedo, out);
     if (has_emission && aiGetMaterialString(m, AI_MATKEY_GLTF_ALPHAMODE, &alpha_mode) != aiReturn_SUCCESS &&
@@ -233,17 +352,18 @@ static void scene__material(scene__reader *r, unsigned index) {
     if (has_albedo || has_mask)
         out->albedo_texture = scene__texture(&r->pictures, has_albedo ? albedo.name.data : NULL,
                                              has_mask ? mask.name.data : NULL,
-                                             scene__wrap_of(has_albedo ? &albedo : &mask));
+                                             scene__wrap_of(has_albedo ? &albedo : &mask), 0);
     if (has_emission) {
-        out->emission_texture = scene__texture(&r->pictures, emission.name.data, NULL, scene__wrap_of(&emission));
+        out->emission_texture = scene__texture(&r->pictures, emission.name.data, NULL, scene__wrap_of(&emission), 0);
         if (!out->emission_texture)  /* without its texture the whole surface would emit */
             out->emission[0] = out->emission[1] = out->emission[2] = 0;
-        if (aiGetMaterialString(m, AI_MATKEY_NAME, &name) != aiReturn_SUCCESS) name.data[0] = 0;
-        if (has_albedo && emission.set != albedo.set)
-            scene__warn(r->file, "material %s: colour and emission use different texture coordinates; those of the "
-                        "colour are used for both", name.data);
     }
-    r->uv_set[index] = has_albedo ? albedo.set : has_emission ? emission.set : has_mask ? mask.set : 0;
+    has_gloss = scene__gloss(r, m, out, &gloss);
+    first = has_albedo ? &albedo : has_emission ? &emission : has_gloss ? &gloss : has_mask ? &mask : NULL;
+    r->uv_set[index] = first ? first->set : 0;
+    if ((has_emission && emission.set != first->set) || (has_gloss && gloss.set != first->set))
+        scene__warn(r->file, "material %s: its textures use different texture coordinates; those of its %s are used "
+                    "for all", scene__told_by(r, m).name, has_albedo ? "colour" : "emission");
 }
 
 /* ---- what is read as something simpler: see SCENE_FILE_KINDS ---- */
@@ -279,38 +399,56 @@ static int scene__is_blended(const scene__reader *r, unsigned index) {
            (opacity < 1 || (texture && r->pictures.textures[texture - 1].channels % 2 == 0));
 }
 
-/* Counts the features of a used material that sbl.h does not have. */
-static void scene__count_material(const scene__reader *r, unsigned index) {
+/* Counts what --materials matte replaces. */
+static void scene__count_matte(const scene__reader *r, const struct aiMaterial *m) {
     static const enum aiTextureType maps[] = { aiTextureType_SPECULAR, aiTextureType_SHININESS, aiTextureType_METALNESS,
         aiTextureType_DIFFUSE_ROUGHNESS, aiTextureType_UNKNOWN /* metal and roughness in glTF */,
         aiTextureType_DISPLACEMENT, aiTextureType_REFLECTION };
-    static const enum aiTextureType bumps[] = { aiTextureType_NORMALS, aiTextureType_HEIGHT,
-        aiTextureType_NORMAL_CAMERA };
-    const struct aiMaterial *m = r->in->mMaterials[index];
     const int mapped = scene__has_picture(m, maps, sizeof maps / sizeof *maps);
     const int is_metal = scene__number(m, AI_MATKEY_METALLIC_FACTOR, 0) > 0 &&
                          scene__number(m, AI_MATKEY_GLOSSINESS_FACTOR, -1) < 0;
-    struct aiColor4D sheen;
-    struct aiString name;
-    int shading = 0;
-    if (r->is_gltf && index + 1 == r->in->mNumMaterials &&  /* assimp's material for meshes that have none */
-        aiGetMaterialString(m, AI_MATKEY_NAME, &name) != aiReturn_SUCCESS) return;
-    if (scene__is_blended(r, index)) scene__count(r->file, SCENE_FILE_BLEND);
-    aiGetMaterialIntegerArray(m, AI_MATKEY_SHADING_MODEL, &shading, NULL);
-    if (shading == aiShadingMode_NoShading) {
-        scene__count(r->file, SCENE_FILE_UNLIT);
-        return;
-    }
     if (mapped) scene__count(r->file, SCENE_FILE_TEXTURE);
-    if (scene__has_picture(m, bumps, sizeof bumps / sizeof *bumps)) scene__count(r->file, SCENE_FILE_NORMAL_MAP);
     if (is_metal && !mapped) scene__count(r->file, SCENE_FILE_METAL);
     else if (scene__number(m, AI_MATKEY_OBJ_ILLUM, 0) > 2.5f) scene__count(r->file, SCENE_FILE_ILLUM);
     else if (scene__is_glossy(m)) scene__count(r->file, SCENE_FILE_GLOSS);
+}
+
+/* Counts the textures of metal and gloss that are not read, and glass of OBJ. */
+static void scene__count_gloss(const scene__reader *r, const struct aiMaterial *m) {
+    static const enum aiTextureType maps[] = { aiTextureType_SPECULAR, aiTextureType_SHININESS,
+        aiTextureType_DISPLACEMENT, aiTextureType_REFLECTION, aiTextureType_METALNESS, aiTextureType_DIFFUSE_ROUGHNESS,
+        aiTextureType_UNKNOWN };
+    const int illum = (int)scene__number(m, AI_MATKEY_OBJ_ILLUM, 0);
+    if (scene__has_picture(m, maps, r->is_gltf ? 4 : 7)) scene__count(r->file, SCENE_FILE_MAP);
+    if (illum == 4 || illum == 6 || illum == 7 || illum == 9) scene__count(r->file, SCENE_FILE_GLASS);
+}
+
+/* Counts the features of a used material that sbl.h does not have. */
+static void scene__count_material(const scene__reader *r, unsigned index) {
+    static const enum aiTextureType bumps[] = { aiTextureType_NORMALS, aiTextureType_HEIGHT,
+        aiTextureType_NORMAL_CAMERA };
+    const struct aiMaterial *m = r->in->mMaterials[index];
+    const scene__told told = scene__told_by(r, m);
+    struct aiColor4D sheen;
+    struct aiString name;
+    if (r->is_gltf && index + 1 == r->in->mNumMaterials &&  /* assimp's material for meshes that have none */
+        aiGetMaterialString(m, AI_MATKEY_NAME, &name) != aiReturn_SUCCESS) return;
+    if (scene__is_blended(r, index)) scene__count(r->file, SCENE_FILE_BLEND);
+    if (told.bits & SCENE__TOLD_OTHER) scene__count(r->file, SCENE_FILE_EXTENSION);
+    if (scene__shading(m) == aiShadingMode_NoShading) {
+        scene__count(r->file, SCENE_FILE_UNLIT);
+        return;
+    }
+    if (r->file->matte) scene__count_matte(r, m);
+    else scene__count_gloss(r, m);
+    if (scene__has_picture(m, bumps, sizeof bumps / sizeof *bumps)) scene__count(r->file, SCENE_FILE_NORMAL_MAP);
     if (scene__number(m, AI_MATKEY_TRANSMISSION_FACTOR, 0) > 0) scene__count(r->file, SCENE_FILE_GLASS);
-    if (scene__number(m, AI_MATKEY_CLEARCOAT_FACTOR, 0) > 0 ||
-        (aiGetMaterialColor(m, AI_MATKEY_SHEEN_COLOR_FACTOR, &sheen) == aiReturn_SUCCESS &&
-         (sheen.r > 0 || sheen.g > 0 || sheen.b > 0)))
-        scene__count(r->file, SCENE_FILE_COAT);
+    if (scene__number(m, AI_MATKEY_CLEARCOAT_FACTOR, 0) > 0) scene__count(r->file, SCENE_FILE_COAT);
+    if (aiGetMaterialColor(m, AI_MATKEY_SHEEN_COLOR_FACTOR, &sheen) == aiReturn_SUCCESS &&
+        (sheen.r > 0 || sheen.g > 0 || sheen.b > 0))
+        scene__count(r->file, SCENE_FILE_SHEEN);
+    if (told.bits & SCENE__TOLD_ANISOTROPY) scene__count(r->file, SCENE_FILE_ANISOTROPY);
+    if ((told.bits & SCENE__TOLD_SPECULAR) && r->materials[index].ior > 0) scene__count(r->file, SCENE_FILE_SPECULAR);
 }
 
 /* Counts the features of the scene that sbl.h does not have. Called after the meshes are placed. */
@@ -645,9 +783,9 @@ static void scene__nodes(scene__reader *r) {
 static int scene__make_room(scene__reader *r) {
     const size_t materials = r->in->mNumMaterials ? r->in->mNumMaterials : 1;
     scene__pictures *p = &r->pictures;
-    p->room = (int)(2 * materials);
-    p->textures = (sbl_texture *)scene__alloc(r->file, 2 * materials, sizeof *p->textures);
-    p->keys = (struct scene__texture_key *)calloc(2 * materials, sizeof *p->keys);
+    p->room = (int)(3 * materials);
+    p->textures = (sbl_texture *)scene__alloc(r->file, 3 * materials, sizeof *p->textures);
+    p->keys = (struct scene__texture_key *)calloc(3 * materials, sizeof *p->keys);
     r->materials = (sbl_material *)scene__alloc(r->file, materials, sizeof *r->materials);
     r->lights = (sbl_light *)scene__alloc(r->file, r->in->mNumLights, sizeof *r->lights);
     r->left_out = (int *)calloc(materials, sizeof *r->left_out);
@@ -677,6 +815,7 @@ static void scene__convert(scene__reader *r) {
     if (scene__make_room(r)) {
         for (i = 0; i < 3; i++) r->materials[0].albedo[i] = 0.6f;  /* default material, if the file has none */
         for (i = 0; i < r->in->mNumMaterials && !file->error[0]; i++) scene__material(r, i);
+        for (i = 0; i < r->in->mNumMaterials && !r->not_matte; i++) scene__make_matte(&r->materials[i]);
         for (i = 0; i < r->in->mNumMeshes && !file->error[0]; i++) scene__mesh(r, r->in->mMeshes[i], &r->shared[i]);
         for (i = 0; i < r->in->mNumLights; i++) r->lamps[i].light = r->in->mLights[i];
         qsort(r->lamps, r->in->mNumLights, sizeof *r->lamps, scene__by_name);

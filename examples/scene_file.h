@@ -16,11 +16,19 @@
    directional lights, and these materials and lights:
 
        OBJ   Kd map_Kd Ke map_Ke d map_d. A mesh with a constant d below 0.5 is left out. map_d becomes the alpha of the
-             albedo texture, with the cutoff 0.5. map_Ke without Ke is used with Ke 1 1 1
+             albedo texture, with the cutoff 0.5. map_Ke without Ke is used with Ke 1 1 1. Ns Ks Ni illum (or Pr Pm)
+             become gloss or metal, see scene__phong_gloss
        glTF  baseColor; emissive times KHR_materials_emissive_strength (needs cJSON: define SBL_RENDER_CJSON, link with
-             -lcjson); alphaMode MASK with its cutoff, BLEND as MASK with the cutoff 0.5; no metal, no gloss.
+             -lcjson); alphaMode MASK with its cutoff, BLEND as MASK with the cutoff 0.5; metallicFactor,
+             roughnessFactor, metallicRoughnessTexture, KHR_materials_ior, and KHR_materials_specular where it is 0.
              KHR_lights_punctual without ranges; several nodes can share a light only with cJSON
        else  the colour of a light is its intensity; attenuation other than by distance is ignored
+
+   Metal and gloss follow one rule for the whole file. If no material in use has metal, a roughness below 1, a texture
+   of these, or transmission, all materials are matte: exporters write roughness 1 for surfaces that are meant to be
+   matte. Otherwise all materials of a .gltf are read by the model of glTF. A material without metallicFactor,
+   roughnessFactor and metallicRoughnessTexture counts as matte for the rule, although glTF reads it as metal of
+   roughness 1. Surfaces that emit and have a black colour, and unlit ones, are always matte.
 
    A file from a stranger can crash its reader, take control of it, make it hang, use up all memory, or refer to files
    that it must not access. For this reason:
@@ -66,23 +74,30 @@ typedef struct scene_file_options {
     int frames;      /* if not 0, the file must have an animated camera, which is read at this many times; see
                         scene_file.frames */
     double frame_rate;  /* frames per second; default 24 */
+    int matte;       /* 1: all materials are read as matte, metal as a matte surface of its base colour */
     const volatile sig_atomic_t *cancel;            /* reading stops when this becomes nonzero; may be NULL */
     void (*log)(const char *path, const char *message, void *user);  /* receives how the reader was confined */
     void *log_user;
 } scene_file_options;
 
-/* What is replaced by something simpler or left out: kind, what is counted (one, several), text of the warning. */
+/* What is replaced by something simpler or left out: kind, what is counted (one, several), text of the warning. METAL,
+   GLOSS, ILLUM and TEXTURE are counted only with options.matte, MAP and SPECULAR only without. */
 #define SCENE_FILE_KINDS(X) \
     X(METAL, "material", "materials", "metal is read as a matte surface of its base colour") \
     X(GLOSS, "material", "materials", "gloss is ignored (roughness below 0.5, or Ns above 30): the surface is matte") \
-    X(COAT, "material", "materials", "clear coat and sheen are ignored") \
-    X(GLASS, "material", "materials", "transmission and refraction are ignored: the surface is opaque") \
+    X(COAT, "material", "materials", "clear coat is ignored") \
+    X(SHEEN, "material", "materials", "sheen is ignored") \
+    X(ANISOTROPY, "material", "materials", "anisotropy is ignored") \
+    X(SPECULAR, "material", "materials", "strength and colour of reflections (KHR_materials_specular) are ignored") \
+    X(GLASS, "material", "materials", "transmission, refraction and volume are ignored: the surface is opaque") \
     X(ILLUM, "material", "materials", "mirrors and glass (illum 3 to 9) are read as matte, opaque surfaces") \
     X(BLEND, "material", "materials", "partial transparency is read as a cutout: opaque from 0.5 on") \
     X(NORMAL_MAP, "material", "materials", "normal maps and bump maps are ignored") \
     X(TEXTURE, "material", "materials", "textures of metal, roughness, gloss or displacement are not read") \
+    X(MAP, "material", "materials", "textures of specular colour, gloss or displacement are not read; those of metal " \
+        "and roughness are read only from glTF") \
     X(UNLIT, "material", "materials", "unlit materials are lit like all others") \
-    X(EXTENSION, "material", "materials", "further material extensions, such as anisotropy, are ignored") \
+    X(EXTENSION, "material", "materials", "further material extensions, such as iridescence, are ignored") \
     X(RANGE, "light", "lights", "the range of lights is ignored: they reach everywhere") \
     X(AREA, "light", "lights", "area lights and ambient lights are left out") \
     X(LINES, "mesh", "meshes", "lines and points are left out") \
@@ -124,6 +139,7 @@ typedef struct scene_file {
     size_t memory, own_at_start;               /* limit in bytes; the child's own memory at its start */
     int frames_asked;                          /* number of frames that the options ask for */
     double frame_rate;
+    int matte;                                 /* as in the options */
     double rendering;                          /* bytes that sbl.h will need for what was read so far */
     int own_handle;                            /* /proc/self/statm of the child, which tells its memory */
 } scene_file;

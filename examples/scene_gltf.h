@@ -4,8 +4,9 @@
    Therefore the strength is multiplied into emissiveFactor. Without aspectRatio in a camera, every version of assimp
    returns yfov itself; therefore aspectRatio is removed. assimp gives the place of a light as the name of one node.
    Therefore each node gets its own copy of its light, and a unique name. assimp drops how animations interpolate.
-   Therefore, if frames are asked for, the names of animated nodes tell it. Invalid content is left unchanged, for
-   assimp to report. */
+   Therefore, if frames are asked for, the names of animated nodes tell it. assimp replaces a metallicFactor and a
+   roughnessFactor that are missing by 1; version 5.2 drops KHR_materials_specular, older ones also KHR_materials_ior.
+   Therefore the names of materials tell these. Invalid content is left unchanged, for assimp to report. */
 #ifndef SCENE_GLTF_H
 #define SCENE_GLTF_H
 
@@ -15,6 +16,18 @@
 #endif
 
 static const char scene__strength_name[] = "KHR_materials_emissive_strength";
+
+#define SCENE__IOR      1.5  /* index of refraction of a material that states none */
+#define SCENE__MOST_IOR 1e6
+
+/* What the name of a material tells about it. */
+enum {
+    SCENE__TOLD_GLOSS = 1,       /* the file states metal, roughness or gloss */
+    SCENE__TOLD_SPECULAR = 2,    /* it has KHR_materials_specular, which is ignored */
+    SCENE__TOLD_ANISOTROPY = 4,
+    SCENE__TOLD_OTHER = 8        /* it has other extensions, which are neither read nor returned by assimp */
+};
+
 #ifdef SBL_RENDER_CJSON
 static const char scene__lights_name[] = "KHR_lights_punctual";
 
@@ -102,8 +115,64 @@ static void scene__name_animated(scene_file *file, cJSON *root) {
     free(all);
 }
 
+/* Returns the index of refraction that a material of the file has in sbl.h. 0 in the file means infinite. A factor of 0
+   in KHR_materials_specular removes the reflections of what is not metal. A black colour there is read like that, too,
+   because Blender writes it for matte surfaces, although glTF still has reflections at grazing angles then. */
+static double scene__ior_of(const cJSON *extensions) {
+    const cJSON *ior = scene__item(scene__item(extensions, "KHR_materials_ior"), "ior");
+    const cJSON *specular = scene__item(extensions, "KHR_materials_specular"), *number;
+    const cJSON *factor = scene__item(specular, "specularFactor");
+    const cJSON *color = scene__item(specular, "specularColorFactor");
+    const double value = cJSON_IsNumber(ior) ? ior->valuedouble : SCENE__IOR;
+    int is_black = cJSON_GetArraySize(color) == 3;
+    cJSON_ArrayForEach(number, color) is_black &= cJSON_IsNumber(number) && number->valuedouble <= 0;
+    if (is_black || (cJSON_IsNumber(factor) && factor->valuedouble <= 0)) return 0;
+    return value == 0.0 || value > SCENE__MOST_IOR ? SCENE__MOST_IOR : value > 1 ? value : 1;
+}
+
+/* Returns the SCENE__TOLD_... bits of a material of the file. */
+static int scene__bits_of(const cJSON *material) {
+    static const char start[] = "KHR_materials_";
+    static const struct { const char *name; int bits; } known[] = { { "anisotropy", SCENE__TOLD_ANISOTROPY },
+        { "clearcoat", 0 }, { "emissive_strength", 0 }, { "ior", 0 }, { "pbrSpecularGlossiness", SCENE__TOLD_GLOSS },
+        { "sheen", 0 }, { "specular", SCENE__TOLD_SPECULAR }, { "transmission", 0 }, { "unlit", 0 }, { "variants", 0 },
+        { "volume", 0 } };
+    const size_t most = sizeof known / sizeof *known;
+    const cJSON *model = scene__item(material, "pbrMetallicRoughness");
+    const cJSON *extensions = scene__item(material, "extensions"), *extension;
+    int bits = 0;
+    if (scene__item(model, "metallicFactor") || scene__item(model, "roughnessFactor") ||
+        scene__item(model, "metallicRoughnessTexture")) bits = SCENE__TOLD_GLOSS;
+    cJSON_ArrayForEach(extension, extensions) {
+        const char *name = extension->string ? extension->string : "";
+        size_t i = 0;
+        if (strncmp(name, start, sizeof start - 1) != 0) continue;
+        while (i < most && strcmp(name + sizeof start - 1, known[i].name) != 0) i++;
+        bits |= i < most ? known[i].bits : SCENE__TOLD_OTHER;
+        /* without members, it changes nothing; if it removes reflections, it is read */
+        if (i < most && known[i].bits == SCENE__TOLD_SPECULAR && (!extension->child || scene__ior_of(extensions) <= 0))
+            bits &= ~SCENE__TOLD_SPECULAR;
+    }
+    return bits;
+}
+
+/* Adds to the name of each material what scene__told_by expects. */
+static void scene__name_materials(cJSON *root) {
+    cJSON *material;
+    cJSON_ArrayForEach(material, scene__item(root, "materials")) {
+        const char *name = cJSON_GetStringValue(scene__item(material, "name"));
+        char unique[256];
+        if (!cJSON_IsObject(material)) continue;
+        scene__print(unique, sizeof unique, "%.200s (ior %.9g, %d)", name ? name : "",
+                     scene__ior_of(scene__item(material, "extensions")), scene__bits_of(material));
+        cJSON_DeleteItemFromObjectCaseSensitive(material, "name");
+        cJSON_AddStringToObject(material, "name", unique);
+    }
+}
+
 static void scene__mend_json(scene_file *file, cJSON *root) {
     cJSON *item, *number;
+    scene__name_materials(root);
     cJSON_ArrayForEach(item, scene__item(root, "materials")) {
         cJSON *extensions = scene__item(item, "extensions");
         const cJSON *strength = scene__item(scene__item(extensions, scene__strength_name), "emissiveStrength");
@@ -116,26 +185,6 @@ static void scene__mend_json(scene_file *file, cJSON *root) {
         cJSON_DeleteItemFromObjectCaseSensitive(scene__item(item, "perspective"), "aspectRatio");
     scene__part_lights(file, root);
     if (file->frames_asked) scene__name_animated(file, root);
-}
-
-/* Counts the materials with extensions that are neither read nor returned by assimp. */
-static void scene__count_extensions(scene_file *file, const cJSON *root) {
-    static const char start[] = "KHR_materials_";
-    static const char *const known[] = { "clearcoat", "emissive_strength", "ior", "pbrSpecularGlossiness", "sheen",
-        "specular", "transmission", "unlit", "variants", "volume" };
-    const size_t most = sizeof known / sizeof *known;
-    const cJSON *item, *extension;
-    cJSON_ArrayForEach(item, scene__item(root, "materials")) {
-        int unknown = 0;
-        cJSON_ArrayForEach(extension, scene__item(item, "extensions")) {
-            const char *name = extension->string ? extension->string : "";
-            size_t i = 0;
-            if (strncmp(name, start, sizeof start - 1) != 0) continue;
-            while (i < most && strcmp(name + sizeof start - 1, known[i]) != 0) i++;
-            unknown |= i == most;
-        }
-        if (unknown) scene__count(file, SCENE_FILE_EXTENSION);
-    }
 }
 
 /* Replaces `length` bytes of JSON from `start` on by text. In a .glb, also updates the sizes. Returns 0 if memory runs
@@ -178,22 +227,21 @@ static void scene__mend_gltf(scene_file *file, scene__bytes *bytes) {
     const int binary = bytes->size >= 20 && memcmp(head, "glTF", 4) == 0;
     const size_t start = binary ? 20 : 0;
     size_t length = bytes->size - start;
-    const int edited = scene__mentions(bytes, scene__strength_name) || scene__mentions(bytes, scene__lights_name) ||
-                       scene__mentions(bytes, "aspectRatio") || file->frames_asked;
+    static const char *const reasons[] = { "KHR_materials_", "metallicFactor", "roughnessFactor",
+        "metallicRoughnessTexture", "KHR_lights_punctual", "aspectRatio" };
+    int edited = file->frames_asked, i;
     cJSON *root;
     char *text;
+    for (i = 0; i < 6 && !edited; i++) edited = scene__mentions(bytes, reasons[i]);
     if (binary) length = head[12] | (size_t)head[13] << 8 | (size_t)head[14] << 16 | (size_t)head[15] << 24;
     if (length > bytes->size - start) return;
-    if (!edited && !scene__mentions(bytes, "KHR_materials_")) return;
+    if (!edited) return;
     root = cJSON_ParseWithLength(bytes->data + start, length);
     if (!root) return;
-    scene__count_extensions(file, root);
-    if (edited) {
-        scene__mend_json(file, root);
-        text = cJSON_PrintUnformatted(root);
-        if (!text || !scene__replace_json(bytes, start, length, text)) scene__fail_for_memory(file, "it");
-        cJSON_free(text);
-    }
+    scene__mend_json(file, root);
+    text = cJSON_PrintUnformatted(root);
+    if (!text || !scene__replace_json(bytes, start, length, text)) scene__fail_for_memory(file, "it");
+    cJSON_free(text);
     cJSON_Delete(root);
 #else
     if (scene__mentions(bytes, scene__strength_name))

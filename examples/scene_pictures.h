@@ -100,7 +100,8 @@ typedef struct scene__pictures {
     const void *scene;
     sbl_texture *textures;
     int count, room;
-    struct scene__texture_key { char *albedo, *mask; sbl_wrap wrap; } *keys;  /* one per texture; names by malloc */
+    struct scene__texture_key { char *albedo, *mask; sbl_wrap wrap; int linear; } *keys;  /* one per texture; names by
+                                                                                             malloc */
     char **failed;       /* names of pictures that cannot be read, so that each is tried only once */
     int failed_count, failed_room;
 } scene__pictures;
@@ -248,16 +249,17 @@ static int scene__merge_mask(scene_file *file, scene__pixels *albedo, const scen
 }
 
 /* Returns the number of a texture, counted from 1, which is read unless it is known already; 0 if it cannot be read.
-   albedo, mask: names of pictures, or NULL. */
-static int scene__texture(scene__pictures *p, const char *albedo, const char *mask, sbl_wrap wrap) {
+   albedo, mask: names of pictures, or NULL. linear: 1: its bytes are no colours. A picture that is used in both
+   ways becomes two textures. */
+static int scene__texture(scene__pictures *p, const char *albedo, const char *mask, sbl_wrap wrap, int linear) {
     scene__pixels pixels, mask_pixels;
     struct scene__texture_key *key = &p->keys[p->count];
     int i;
     for (i = 0; i < p->count; i++)
         if (strcmp(p->keys[i].albedo, albedo ? albedo : "") == 0 && strcmp(p->keys[i].mask, mask ? mask : "") == 0 &&
-            p->keys[i].wrap == wrap)
+            p->keys[i].wrap == wrap && p->keys[i].linear == linear)
             return i + 1;
-    if (p->count == p->room) return 0;  /* cannot happen: there are at most two per material */
+    if (p->count == p->room) return 0;  /* cannot happen: there are at most three per material */
     memset(&pixels, 0, sizeof pixels);
     if (albedo) scene__picture(p, albedo, &pixels);
     if (mask && scene__picture(p, mask, &mask_pixels)) {
@@ -270,9 +272,12 @@ static int scene__texture(scene__pictures *p, const char *albedo, const char *ma
     key->albedo = scene__copy_name(albedo);
     key->mask = scene__copy_name(mask);
     key->wrap = wrap;
+    key->linear = linear;
     if (!key->albedo || !key->mask) scene__fail_for_memory(p->file, "it");
     p->count++;
-    return scene__keep(p->file, &pixels, &p->textures[p->count - 1]) ? p->count : 0;
+    if (!scene__keep(p->file, &pixels, &p->textures[p->count - 1])) return 0;
+    if (linear && !pixels.is_float) p->textures[p->count - 1].format = SBL_PIXELS_LINEAR8;
+    return p->count;
 }
 
 static void scene__free_pictures(scene__pictures *p) {

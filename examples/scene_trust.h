@@ -36,7 +36,7 @@ static int scene__trust_texture(const scene_file *file, sbl_texture *t) {
     const int is_float = t->format == SBL_PIXELS_FLOAT;
     t->gl_texture = 0;
     t->stride = 0;
-    t->format = is_float ? SBL_PIXELS_FLOAT : SBL_PIXELS_SRGB8;
+    if (!is_float && t->format != SBL_PIXELS_LINEAR8) t->format = SBL_PIXELS_SRGB8;
     return t->width > 0 && t->height > 0 && t->channels > 0 && t->channels <= 4 &&
            scene__holds(file, t->pixels, (double)t->width * t->height, (size_t)t->channels * (is_float ? 4 : 1));
 }

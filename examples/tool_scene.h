@@ -118,15 +118,16 @@ static const char *const mode_words[] = { "gi", "ambient", "direct", "paper", NU
 static const char *const mode_words[] = { "gi", "ambient", "direct", NULL };
 #endif
 static const char *const preset_words[] = { "draft", "default", "high", NULL };
+static const char *const materials_words[] = { "file", "matte", NULL };
 static const char *const backend_words[] = { "auto", "raster", "trace", NULL };
 static const sbl_mode modes[] = { SBL_MODE_GI, SBL_MODE_AMBIENT, SBL_MODE_DIRECT, SBL_MODE_PAPER };
 static const sbl_backend backends[] = { SBL_BACKEND_AUTO, SBL_BACKEND_RASTER, SBL_BACKEND_TRACE };
 static const sbl_preset presets[] = { SBL_PRESET_DRAFT, SBL_PRESET_DEFAULT, SBL_PRESET_HIGH };
 
 enum {
-    SKY, SKY_ROTATION, SKY_SCALE, SKY_UP, LIGHT_SCALE, MODE, PRESET, BACKEND, RAYS, MAX_BOUNCE_CELLS, EPSILON,
-    SENSOR_SIZE, TILE, THRESHOLD, FILTER_RADIUS, SEED, STATS, ALLOW_PATH, MEMORY, READ_TIME, STORE, STORE_REPLACE,
-    QUIET, VERBOSE, HELP, VERSION, COMMON_OPTIONS
+    SKY, SKY_ROTATION, SKY_SCALE, SKY_UP, LIGHT_SCALE, MATERIALS, MODE, PRESET, BACKEND, RAYS, MAX_BOUNCE_CELLS,
+    EPSILON, SENSOR_SIZE, TILE, THRESHOLD, FILTER_RADIUS, SEED, STATS, ALLOW_PATH, MEMORY, READ_TIME, STORE,
+    STORE_REPLACE, QUIET, VERBOSE, HELP, VERSION, COMMON_OPTIONS
 };
 
 #define COMMON_ROWS \
@@ -150,6 +151,10 @@ enum {
                         "multiplies the lights of the file (not emission, not the sky); default 1; in glTF from " \
                             "Blender 1/683,\n" \
                         "which makes them fit emission (see Units in examples/README.md)", NULL, NULL }, \
+    [MATERIALS]     = { "--materials", "NAME", CHOICE, &common.reading.matte, 0, 0, 0, \
+                        "file      the default: metal and gloss as in the file (see Metal and gloss in " \
+                            "examples/README.md)\n" \
+                        "matte     all surfaces are matte; metal has its base colour", materials_words, NULL }, \
     [MODE]          = { "--mode", "NAME", CHOICE, &common.mode, 0, 0, 0, \
                         "gi        the default: emitters, lights, sky, and the light that surfaces reflect, with " \
                             "all bounces\n" \
@@ -239,7 +244,7 @@ enum {
     { SKY, "colour of the sky, or a picture such as noon.hdr" }, \
     { SKY_ROTATION, "rotates the picture of the sky" }, \
     { SKY_SCALE, "multiplies the light of the picture of the sky" }, \
-    { SKY_UP, NULL }, { LIGHT_SCALE, "multiplies the lights of the file" }
+    { SKY_UP, NULL }, { LIGHT_SCALE, "multiplies the lights of the file" }, { MATERIALS, NULL }
 #define QUALITY_LINES \
     { PRESET, "draft, default or high" }, \
     { BACKEND, NULL }, { RAYS, NULL }, { MAX_BOUNCE_CELLS, NULL }, { EPSILON, NULL }, { SENSOR_SIZE, NULL }, \

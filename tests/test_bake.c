@@ -386,6 +386,7 @@ TEST(help_is_short_or_complete) {
         "--sky", "--sky-rotation", "--sky-scale", "--sky-up", "--mode", "--preset", "--backend", "--rays",
         "--max-bounce-cells", "--bounce-samples", "--epsilon", "--sensor-size", "--tile", "--threshold",
         "--filter-radius", "--seed", "--stats", "--allow-path", "--memory", "--read-time", "--store", "--quiet",
+        "--materials",
         "--verbose", "--help", "--version",
         "MOZ_lightmap", "Ctrl-C" };
     size_t i;
