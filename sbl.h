@@ -11756,7 +11756,7 @@ static const char *const sbl__glsl_trace[] = {
 "// Such a surface then counts as if it had at least this roughness, or this share of the roughness of the look's lobe:\n",
 "// light that comes from lamps by way of mirrors is blurred, because single rays would find it as specks (Kaplanyan and\n",
 "// Dachsbacher 2013, \"Path Space Regularization for Holistic and Robust Light Transport\").\n",
-"const float SBL_BLURRED = 0.25, SBL_BLURRED_LOBE = 0.5;\n",
+"const float SBL_BLURRED = 0.3, SBL_BLURRED_LOBE = 0.5;\n",
 "bool hit_shines = false;     // true: the last hit is such a surface\n",
 "float ray_density = 0.0;     // see sbl_lobe_met; 0: the ray leaves out the light of lamps\n",
 "\n",

@@ -31,7 +31,7 @@ const float SBL_SHINY = 0.2, SBL_SHINY_ROUGHNESS = 0.5;
 // Such a surface then counts as if it had at least this roughness, or this share of the roughness of the look's lobe:
 // light that comes from lamps by way of mirrors is blurred, because single rays would find it as specks (Kaplanyan and
 // Dachsbacher 2013, "Path Space Regularization for Holistic and Robust Light Transport").
-const float SBL_BLURRED = 0.25, SBL_BLURRED_LOBE = 0.5;
+const float SBL_BLURRED = 0.3, SBL_BLURRED_LOBE = 0.5;
 bool hit_shines = false;     // true: the last hit is such a surface
 float ray_density = 0.0;     // see sbl_lobe_met; 0: the ray leaves out the light of lamps
 
