@@ -895,9 +895,9 @@ typedef struct sbl_material {
                               vertex colour) is below this value; 0: no holes. A ray passes at most 63 holes; the next
                               surface that it meets is solid */
     uint32_t flags;        /* sbl_material_flag bits */
-    float ior;             /* index of refraction of what is not metal: 1 to 1e6; 1.5 for most plastics, paints and woods.
-                              0: it has no reflections, so it is matte; 1.5 if metallic is above 0 */
-    float metallic;        /* share of the surface that is bare metal, 0 to 1. Metal reflects with the colour `albedo` */
+    float ior;             /* index of refraction of what is not metal, 1 to 1e6: 1.5 for most plastics, paints and
+                              woods. 0: it has no reflections, so it is matte; 1.5 if metallic is above 0 */
+    float metallic;        /* share of the surface that is metal, 0 to 1. Metal reflects with the colour `albedo` */
     float roughness;       /* 0 to 1. Below 0.05 the surface is a perfect mirror. No effect on matte surfaces */
     int specular_texture;  /* number of the texture whose green multiplies roughness and whose blue multiplies metallic,
                               counted from 1; 0: none. Its format should be SBL_PIXELS_LINEAR8 */
@@ -1188,7 +1188,7 @@ typedef enum sbl_channel {
                                tone-mapped, and replaced by a brighter backdrop where there is no surface, before the
                                samples are averaged; 0 without a tone, and in lightmaps */
     SBL_CHANNEL_LOOKS,      /* 1: number of looks that the pixel's sensor took; 0 if the pixel has no sensor */
-    SBL_CHANNEL_SPECULAR,   /* 3: mean radiance that the specular lobe reflects to the camera, at pixel centres, filtered */
+    SBL_CHANNEL_SPECULAR,   /* 3: mean radiance in the specular lobe, at pixel centres, filtered; see ON REFLECTIONS */
     SBL_CHANNEL_SPECULAR_ALBEDO,  /* 3: albedo of the specular lobe for this view; 0 if the surface is matte */
     SBL_CHANNEL_COUNT
 } sbl_channel;
@@ -2748,9 +2748,8 @@ typedef struct sbl__record {
 #define SBL__FILTER_VISIBLE 0.0025f    /* the filter adds this share of a pixel's light to its noise, because nobody
                                           sees differences that small */
 #define SBL__FILTER_FALL 0.25          /* factor of the filter's weights: exp(-this * (difference / noise)^2) */
-#define SBL__LOBE_ROUGH 0.25f          /* from this roughness on, lamps in a specular lobe are computed in closed form; rays
-                                          of smoother lobes meet them */
-#define SBL__MIRROR_SEEN 0.08f         /* a pixel that shows metal of lower roughness shows what is seen in this mirror */
+#define SBL__LOBE_ROUGH 0.25f          /* from this roughness on, lamps in a lobe are computed in closed form */
+#define SBL__MIRROR_SEEN 0.08f         /* a pixel that shows metal of lower roughness shows what is seen in it */
 #define SBL__GLOW_ALBEDO 0.05f         /* least albedo by which the radiance of a glow is divided if its surface is not
                                           matte, and so reflects more than its albedo */
 #define SBL__DIVISOR_LEAST 1e-30f      /* lower limit of divisors that may be 0 */
@@ -2952,7 +2951,7 @@ typedef struct sbl__target { unsigned id; int width, height, count; unsigned tex
 
 typedef struct sbl__program { const struct sbl__recipe *recipe; unsigned features, id; } sbl__program;
 
-#define SBL__PROGRAMS_MOST 256  /* at least the number of all variants of all recipes; test_steps.c counts them */
+#define SBL__PROGRAMS_MOST 1024  /* at least the number of all variants of all recipes; test_steps.c counts them */
 
 typedef struct sbl__device {
     sbl__base *base;
@@ -3211,7 +3210,7 @@ typedef struct sbl__recipe {
     unsigned features;                               /* bits of the features that a variant may have */
 } sbl__recipe;
 
-#define SBL__LINES_MOST 1500  /* room for the lines of a shader; further lines are dropped */
+#define SBL__LINES_MOST 2500  /* room for the lines of a shader; further lines are dropped */
 
 /* >>glsl tables: shaders_embedded/tables.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_tables[] = {
@@ -5166,18 +5165,18 @@ static void sbl__add_reflected(const uint16_t share[3], const float light[3], fl
 /* >>glsl lobe: shaders_embedded/lobe.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_lobe[] = {
 "// The specular lobe of glTF 2.0's material model: GGX with height-correlated Smith shadowing (Heitz 2014) and\n",
-"// Schlick's Fresnel term (1994). reflectance: that along the normal, per colour. The square of the roughness is alpha.\n",
+"// Schlick's Fresnel term (1994). reflectance: that along the normal, per colour. alpha: the squared roughness\n",
 "#ifdef SBL_SPECULAR\n",
 "const float SBL_MIRROR = 0.05;       // surfaces of lower roughness are perfect mirrors\n",
 "const float SBL_DIFFUSE_LOST = 0.003685;  // mean of sbl_diffuse_lost over all directions\n",
 "// Means over all directions for a roughness of 0.05 to 1, see sbl__lobe_albedos in sbl.h\n",
-"const float SBL_LOBE_MEANS_E[16] = float[16](1.0, 0.9992, 0.9961, 0.9889, 0.9756, 0.9548, 0.9254, 0.8869, 0.8397, 0.7849,\n",
-"                                             0.7241, 0.6597, 0.5938, 0.5289, 0.4669, 0.4091);\n",
-"const float SBL_LOBE_MEANS_B[16] = float[16](0.0476, 0.0468, 0.0444, 0.0404, 0.0351, 0.0294, 0.024, 0.0191, 0.0151, 0.0118,\n",
-"                                             0.0092, 0.0071, 0.0056, 0.0044, 0.0035, 0.0028);\n",
+"const float SBL_LOBE_MEANS_E[16] = float[16](1.0, 0.9992, 0.9961, 0.9889, 0.9756, 0.9548, 0.9254, 0.8869, 0.8397,\n",
+"                                             0.7849, 0.7241, 0.6597, 0.5938, 0.5289, 0.4669, 0.4091);\n",
+"const float SBL_LOBE_MEANS_B[16] = float[16](0.0476, 0.0468, 0.0444, 0.0404, 0.0351, 0.0294, 0.024, 0.0191, 0.0151,\n",
+"                                             0.0118, 0.0092, 0.0071, 0.0056, 0.0044, 0.0035, 0.0028);\n",
 "\n",
-"// Part of diffuse light that the Fresnel term takes, seen at a cosine: the mean of (1 - V.H)^5 over a Lambertian lobe,\n",
-"// as a polynomial (error 7e-5).\n",
+"// Part of diffuse light that the Fresnel term takes, seen at a cosine: the mean of (1 - V.H)^5 over a Lambertian\n",
+"// lobe, as a polynomial (error 7e-5).\n",
 "float sbl_diffuse_lost(float cosine) {\n",
 "    float u = 1.0 - cosine;\n",
 "    return 0.00001 + u * (0.00424 + u * (-0.0018 + u * 0.02563));\n",
@@ -5188,7 +5187,7 @@ static const char *const sbl__glsl_lobe[] = {
 "    return vec2(entry & 65535u, entry >> 16) / 65535.0;\n",
 "}\n",
 "\n",
-"// Share of uniform light that the lobe reflects to a viewer at this cosine; interpolates sbl__lobe_albedos in sbl.h.\n",
+"// Share of uniform light that the lobe reflects to a viewer at this cosine. Interpolates sbl__lobe_albedos.\n",
 "vec3 sbl_specular_albedo(vec3 reflectance, float roughness, float cosine) {\n",
 "    float alpha = roughness * roughness, u = 1.0 - cosine;\n",
 "    float x = 15.0 * clamp(cosine * (1.0 + alpha) / (cosine + alpha), 0.0, 1.0);\n",
@@ -5222,7 +5221,8 @@ static const char *const sbl__glsl_lobe[] = {
 "sbl_Lobe sbl_lobe_of(vec3 normal, vec3 view_direction, vec3 reflectance, float roughness) {\n",
 "    vec3 across = view_direction - dot(view_direction, normal) * normal;\n",
 "    float size = length(across);\n",
-"    sbl_Lobe l = sbl_Lobe(sbl_frame(normal), vec3(0), reflectance, roughness < SBL_MIRROR ? 0.0 : roughness * roughness);\n",
+"    float alpha = roughness < SBL_MIRROR ? 0.0 : roughness * roughness;\n",
+"    sbl_Lobe l = sbl_Lobe(sbl_frame(normal), vec3(0), reflectance, alpha);\n",
 "    if (size > 1e-4) l.frame = mat3(across / size, cross(normal, across / size), normal);\n",
 "    l.view = view_direction * l.frame;\n",
 "    l.view = normalize(vec3(l.view.xy, max(l.view.z, 1e-3)));\n",
@@ -5240,8 +5240,8 @@ static const char *const sbl__glsl_lobe[] = {
 "    return reflectance + (1.0 - reflectance) * (x2 * x2 * x);\n",
 "}\n",
 "\n",
-"// Draws a direction from u, a uniform point of the unit square: a visible normal (Dupuy and Benyoub 2023, \"Sampling\n",
-"// Visible GGX Normals with Spherical Caps\") mirrors the view. weight: share of the radiance found that is reflected\n",
+"// Draws a direction from u, a uniform point of the unit square: a visible normal mirrors the view (Dupuy and\n",
+"// Benyoub 2023, \"Sampling Visible GGX Normals with Spherical Caps\"). weight: share of light that is reflected\n",
 "vec3 sbl_lobe_sample(sbl_Lobe l, vec2 u, out vec3 weight) {\n",
 "    vec3 v = normalize(vec3(l.alpha * l.view.xy, l.view.z));\n",
 "    float angle = 2.0 * SBL_PI * u.y, z = (1.0 - u.x) * (1.0 + v.z) - v.z, r = sqrt(clamp(1.0 - z * z, 0.0, 1.0));\n",
@@ -5280,7 +5280,7 @@ static const char *const sbl__glsl_lobe[] = {
 "    return spread / ((1.0 + sbl_lambda(l.alpha, l.view)) * 4.0 * l.view.z);\n",
 "}\n",
 "\n",
-"// Density by solid angle of points drawn by area on a triangle, seen at a point `way`. side_1, side_2: two of its sides\n",
+"// Density by solid angle of points drawn by area on a triangle, at the point `way`. side_1, side_2: two sides\n",
 "float sbl_area_density(vec3 side_1, vec3 side_2, vec3 way) {\n",
 "    float distance2 = dot(way, way);\n",
 "    return 2.0 * distance2 * sqrt(distance2) / max(abs(dot(cross(side_1, side_2), way)), 1e-30);\n",
@@ -5288,8 +5288,8 @@ static const char *const sbl__glsl_lobe[] = {
 "\n",
 "const float SBL_LAMP_DENSITY = 10.0;  // density of points on lamps that are not triangles, for sbl_lobe_met\n",
 "\n",
-"// Share of the light of lamps that rays of the lobe measure in a direction; rays to lamps measure the rest. It is the\n",
-"// balance heuristic (Veach 1997) with the densities of the lobe and of points on the lamp, drawn by area.\n",
+"// Share of the light of lamps that rays of the lobe measure in a direction; rays to lamps measure the rest. It is\n",
+"// the balance heuristic (Veach 1997) with the densities of the lobe and of points on the lamp, drawn by area.\n",
 "float sbl_lobe_met(float lobe_density, float lamp_density) { return lobe_density / (lobe_density + lamp_density); }\n",
 "\n",
 "#endif\n",
@@ -5306,8 +5306,8 @@ static const char *const sbl__glsl_lobe[] = {
 "    lobe_rough = roughness >= SBL_LOBE_ROUGH;\n",
 "}\n",
 "\n",
-"// Matrix from world space to the space where the look's lobe is a cosine lobe: a linearly transformed cosine (Heitz,\n",
-"// Dupuy, Hill and Neubelt 2016, \"Real-Time Polygonal-Light Shading with Linearly Transformed Cosines\").\n",
+"// Matrix from world space to the space where the look's lobe is a cosine lobe: a linearly transformed cosine\n",
+"// (Heitz, Dupuy, Hill and Neubelt 2016, \"Real-Time Polygonal-Light Shading with Linearly Transformed Cosines\").\n",
 "mat3 sbl_lobe_to_cosine(int look) {\n",
 "    mat3 inverse = mat3(sbl_lobe_xx(look), 0, sbl_lobe_zx(look), 0, 1, 0, sbl_lobe_xz(look), 0, sbl_lobe_zz(look));\n",
 "    return inverse * transpose(lobe.frame);\n",
@@ -5347,6 +5347,12 @@ static const char *const sbl__glsl_material[] = {
 "#endif\n",
 "};\n",
 "\n",
+"// Share of a surface that exists at a point.\n",
+"float sbl_opacity(int object, sbl_Attributes at) {\n",
+"    if ((sbl_object_flags(object) & SBL_BLEND) == 0u) return 1.0;\n",
+"    return clamp(at.color.a * sbl_texture(sbl_object_albedo_texture(object), at.uv).a, 0.0, 1.0);\n",
+"}\n",
+"\n",
 "sbl_Material sbl_material(int object, sbl_Attributes at) {\n",
 "    vec4 texel = sbl_texture(sbl_object_albedo_texture(object), at.uv);\n",
 "    vec4 color = at.color * texel * vec4(sbl_object_albedo(object), 1);\n",
@@ -5365,7 +5371,7 @@ static const char *const sbl__glsl_material[] = {
 "    if (reflectance < 0.0) m.clear = min(color.rgb, vec3(1));\n",
 "    float transmission = sbl_object_transmission(object);\n",
 "    if (transmission > 0.0) transmission *= sbl_texture(sbl_object_transmission_texture(object), at.uv).r;\n",
-"    if ((sbl_object_flags(object) & SBL_BLEND) != 0u) m.opacity = clamp(color.a, 0.0, 1.0);\n",
+"    m.opacity = sbl_opacity(object, at);\n",
 "    m.clear *= m.opacity * transmission;\n",
 "    m.diffuse *= m.opacity * (1.0 - transmission);\n",
 "    m.albedo = m.diffuse;\n",
@@ -5404,9 +5410,9 @@ static const char *const sbl__glsl_material[] = {
 "    return max(max(emission.r, emission.g), emission.b) > 0.0 && !sbl_dark_side(object, back);\n",
 "}\n",
 "\n",
-"// The emission texture at a point, by which sbl_emission must be multiplied.\n",
+"// The factor of sbl_emission at a point: the emission texture and the opacity.\n",
 "vec3 sbl_emission_pattern(int object, sbl_Attributes at) {\n",
-"    return sbl_texture(sbl_object_emission_texture(object), at.uv).rgb;\n",
+"    return sbl_opacity(object, at) * sbl_texture(sbl_object_emission_texture(object), at.uv).rgb;\n",
 "}\n",
 "\n",
 "// True if sbl_outgoing does not read `at`.\n",
@@ -5429,6 +5435,7 @@ static const char *const sbl__glsl_material[] = {
 "    if (!sbl_outgoing_is_plain(object, back)) {\n",
 "        uvec4 place = emits ? sbl_object_emission_texture(object) : sbl_object_albedo_texture(object);\n",
 "        radiance *= ((emits ? vec4(1) : at.color) * sbl_texture(place, at.uv)).rgb;\n",
+"        if (emits) radiance *= sbl_opacity(object, at);\n",
 "    }\n",
 "    return radiance;\n",
 "}\n",
@@ -6296,8 +6303,8 @@ static const char *const sbl__glsl_traverse[] = {
 "}\n",
 "\n",
 "// What a ray does at surfaces that let light pass.\n",
-"const int SBL_RAY_PATH = 0;    // the ray passes or stops, at random; sbl_tint is then the share of light, divided by the\n",
-"                               // probability\n",
+"const int SBL_RAY_PATH = 0;    // the ray passes or stops, at random; sbl_tint is then the share of light, divided\n",
+"                               // by the probability\n",
 "const int SBL_RAY_SHADOW = 1;  // the ray passes; sbl_tint is the share of light\n",
 "const int SBL_RAY_SOLID = 2;   // the ray stops\n",
 "vec3 sbl_tint = vec3(1);       // factor of the light that the last ray of sbl_trace finds\n",
@@ -7233,8 +7240,9 @@ static const char *const sbl__glsl_frame[] = {
 "    return frame * vec3(radius * cos(angle), radius * sin(angle), sqrt(1.0 - u.x));\n",
 "}\n",
 "\n",
-"// Returns the unit vector of the interpolated normal or, if that is too short, `face`, on the side of geometric_normal. A normal that\n",
-"// turns away from the viewer would aim the sensor at its own surface, so the cosine is kept above SBL_GRAZING.\n",
+"// Returns the unit vector of the interpolated normal or, if that is too short, `face`, on the side of\n",
+"// geometric_normal. A normal that turns away from the viewer would aim the sensor at its own surface, so the\n",
+"// cosine is kept above SBL_GRAZING.\n",
 "vec3 sbl_shading_normal(vec3 normal, vec3 face, vec3 geometric_normal, vec3 direction) {\n",
 "    float length2 = dot(normal, normal);\n",
 "    normal = length2 > SBL_NORMAL_LEAST ? normal * inversesqrt(length2) : face;\n",
@@ -9262,7 +9270,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "layout(location = 4) out vec4 out_emission;\n",
 "layout(location = 5) out uint out_id;\n",
 "#ifdef SBL_SPECULAR\n",
-"const float SBL_SMOOTH_ROUGHNESS = 0.6;      // smoother surfaces are shown with their shading normal, see facet_limit\n",
+"const float SBL_SMOOTH_ROUGHNESS = 0.6;      // facet_limit does not affect smoother surfaces\n",
 "layout(location = 6) out vec4 out_specular;  // albedo of the specular lobe for this view; 0: none\n",
 "layout(location = 7) out vec4 out_lobe;      // see sbl__reflections_unpack; y is negative if there is no lobe\n",
 "#endif\n",
@@ -9287,8 +9295,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "#endif\n",
 "\n",
 "#if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)\n",
-"const int SBL_MIRRORS = 8;              // a pixel shows what is seen in or through at most this many mirrors and panes\n",
-"const float SBL_PANE = 0.5;             // a pixel shows what is behind a surface from which at least this share passes\n",
+"const int SBL_MIRRORS = 8;              // a pixel shows what is seen by way of at most this many mirrors and panes\n",
+"const float SBL_PANE = 0.499;             // a pixel shows what is behind a surface if this share of light passes it\n",
 "const float SBL_MIRROR_DIFFUSE = 0.02;  // a mirror has at most this diffuse albedo\n",
 "const float SBL_LOBE_STEPS = 4095.0;    // the lobe's numbers are packed as integers from 0 to this\n",
 "\n",
@@ -9301,17 +9309,23 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    bool sky;         // true: the last ray meets none. The surface is then the last mirror or pane\n",
 "};\n",
 "\n",
-"// Radiance that a ray from the surface s finds, with stored light: what a pane reflects.\n",
-"vec3 sbl_radiance_along(sbl_Surface s, vec3 direction) {\n",
-"    vec3 origin = s.position + SBL_OFFSET * s.reach * s.geometric_normal;\n",
+"// Radiance of a surface, with stored light. number: of its triangle\n",
+"vec3 sbl_stored_radiance(sbl_Surface s, int number, vec3 albedo) {\n",
+"    vec3 radiance = s.emission;\n",
+"#ifdef SBL_BOUNCED\n",
+"    radiance += albedo * sbl_stored(number, s.back, s.position, SBL_UNBOUNDED);\n",
+"#endif\n",
+"    return radiance;\n",
+"}\n",
+"\n",
+"// Radiance that a ray from the surface s finds, with stored light: what a pane reflects, or what is behind it. side: 1:\n",
+"// the ray starts on the side of the viewer, -1: on the other side\n",
+"vec3 sbl_radiance_along(sbl_Surface s, float side, vec3 direction) {\n",
+"    vec3 origin = s.position + side * SBL_OFFSET * s.reach * s.geometric_normal;\n",
 "    sbl_Hit hit = sbl_trace(origin, direction, SBL_UNBOUNDED, SBL_RAY_SOLID);\n",
 "    if (hit.triangle < 0) return sky + sbl_sky_smooth(direction);\n",
 "    sbl_Surface found = sbl_surface(hit.number, origin, direction);\n",
-"    vec3 radiance = found.emission;\n",
-"#ifdef SBL_BOUNCED\n",
-"    radiance += found.material.albedo * sbl_stored(hit.number, found.back, found.position, SBL_UNBOUNDED);\n",
-"#endif\n",
-"    return radiance;\n",
+"    return sbl_stored_radiance(found, hit.number, found.material.albedo);\n",
 "}\n",
 "\n",
 "bool sbl_is_mirror(sbl_Material m) {\n",
@@ -9335,12 +9349,16 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "        float cosine = clamp(-dot(s.normal, m.direction), 0.0, 1.0);\n",
 "        vec3 passing = sbl_passing(s.object, s.material, cosine);\n",
 "        bool pane = max(passing.r, max(passing.g, passing.b)) >= SBL_PANE, mirror = sbl_is_mirror(s.material);\n",
-"        if (!pane && !mirror) break;\n",
-"        m.emission += m.throughput * s.emission;\n",
+"        if (!pane && !mirror) {\n",
+"            if (max(passing.r, max(passing.g, passing.b)) > 0.0)\n",
+"                m.emission += m.throughput * passing * sbl_radiance_along(s, -1.0, m.direction);\n",
+"            break;\n",
+"        }\n",
+"        m.emission += m.throughput * sbl_stored_radiance(s, m.number, pane ? s.material.diffuse : vec3(0));\n",
 "        vec3 mirrored = sbl_mirrored(s, m.direction);\n",
 "        float side = pane ? -1.0 : 1.0;  // the side of the surface on which the ray goes on\n",
 "        for (int k = 0; k < (pane && s.material.roughness >= 0.0 ? 1 : 0); k++)\n",
-"            m.emission += m.throughput * s.material.opacity * sbl_radiance_along(s, mirrored) *\n",
+"            m.emission += m.throughput * s.material.opacity * sbl_radiance_along(s, 1.0, mirrored) *\n",
 "                          sbl_specular_albedo(s.material.reflectance, s.material.roughness, cosine);\n",
 "        if (!pane) m.direction = mirrored;\n",
 "        m.throughput *= pane ? passing : s.material.reflectance +\n",
@@ -9364,8 +9382,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    return steps.x + (SBL_LOBE_STEPS + 1.0) * steps.y;\n",
 "}\n",
 "\n",
-"// A unit vector in the square -1 .. 1 (Cigolle et al. 2014, \"A Survey of Efficient Representations for Independent\n",
-"// Unit Vectors\": octahedral).\n",
+"// A unit vector as a point of the square -1 .. 1: octahedral (Cigolle et al. 2014, \"A Survey of Efficient\n",
+"// Representations for Independent Unit Vectors\").\n",
 "vec2 sbl_pack_direction(vec3 v) {\n",
 "    vec2 p = v.xy / (abs(v.x) + abs(v.y) + abs(v.z));\n",
 "    vec2 turned = (1.0 - abs(p.yx)) * vec2(p.x < 0.0 ? -1 : 1, p.y < 0.0 ? -1 : 1);\n",
@@ -9416,7 +9434,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "            out_specular = vec4(sbl_specular_albedo(reflectance, s.material.roughness, cosine), 1);\n",
 "            out_specular.rgb *= s.material.opacity;\n",
 "            out_lobe = vec4(sbl_pack_two(reflectance.r, reflectance.g),\n",
-"                            sbl_pack_two(reflectance.b, s.material.roughness), sbl_pack_direction(-seen.direction));\n",
+"                            sbl_pack_two(reflectance.b, s.material.roughness),\n",
+"                            sbl_pack_direction(-seen.direction));\n",
 "            out_albedo.rgb = s.material.diffuse * (1.0 - sbl_diffuse_lost(cosine));\n",
 "        }\n",
 "        if (seen.sky) {\n",
@@ -9586,7 +9605,7 @@ typedef struct sbl__site {
     int pixel;                  /* for >>refine: index of the pixel to which the site belongs */
     int guide;                  /* number of the guide for the site's rays, see >>guide; 0: no guide */
     int first, looks;           /* the job takes `looks` looks, beginning with look number `first` */
-    float view[3];              /* this and the following fields: only if the spec is `lobe`. Unit vector to the viewer */
+    float view[3];              /* this and the next fields: only if the spec is `lobe`. Unit vector to the viewer */
     float reflectance[3], roughness;  /* of the specular lobe, see lobe.glsl */
 } sbl__site;
 
@@ -9674,17 +9693,17 @@ static void sbl__look_make(const sbl__spec *spec, const sbl__site *site, int loo
 
 /* >>sensors: specular lobes */
 
-/* The specular lobe of a look, in a table beside that of looks. reflectance: see lobe.glsl. albedo: the share of uniform
-   light that the lobe reflects to the viewer. xx, xz, zx, zz: elements of the matrix that transforms the lobe to a cosine
-   lobe, whose yy is 1, and whose others are 0 */
+/* The specular lobe of a look, in a table beside that of looks. reflectance: see lobe.glsl. albedo: the share of
+   uniform light that the lobe reflects to the viewer. xx, xz, zx, zz: elements of the matrix that transforms the lobe
+   to a cosine lobe; its yy is 1, its others are 0 */
 #define SBL__LOBE_RECORD(X) \
     X(sbl__lobe, VEC3, view) X(sbl__lobe, FLOAT, roughness) X(sbl__lobe, VEC3, reflectance) X(sbl__lobe, FLOAT, xx) \
     X(sbl__lobe, VEC3, albedo) X(sbl__lobe, FLOAT, xz) X(sbl__lobe, FLOAT, zx) X(sbl__lobe, FLOAT, zz) \
     X(sbl__lobe, UVEC2, unused)
 SBL__RECORD(sbl__lobe, SBL__LOBE_RECORD, "sbl_lobe", "sbl_lobes", SBL__BUFFER_TABLE("sbl_lobes"), NULL)
 
-/* Interpolates `count` numbers of a table of lobes bilinearly. table: SBL__LOBE_ROWS rows of as many columns; across: place
-   of the column, 0 to 1; roughness: below 0.05, the first row is used */
+/* Interpolates `count` numbers of a table of lobes bilinearly. table: SBL__LOBE_ROWS rows of as many columns; across:
+   place of the column, 0 to 1; roughness: below 0.05, the first row is used */
 static void sbl__lobe_look_up(const uint16_t *table, int count, double across, double roughness, double *out) {
     const int last = SBL__LOBE_ROWS - 1;
     const double x = SBL__MIN(SBL__MAX(across, 0), 1) * last;
@@ -10098,7 +10117,7 @@ static void sbl__blocks_free(const sbl__device *d, sbl__blocks *b) {
     sbl__target_delete(d, &b->target);
 }
 
-/* Sends structs to a table that ray-tracing shaders read. bytes: size of a struct; room: capacity of the table, structs */
+/* Sends structs to a table that ray-tracing shaders read. bytes: size of a struct; room: capacity of the table */
 static sbl_result sbl__looks_send(const sbl__device *d, sbl__table *table, const void *looks, size_t bytes, int count,
                                   int room) {
     const sbl_result result = sbl__buffer_stream(d, &table->buffer, bytes * (size_t)room, looks, bytes * (size_t)count);
@@ -10784,7 +10803,17 @@ static const char *const sbl__glsl_lamps[] = {
 "    return light;\n",
 "}\n",
 "\n",
-"// True if sbl_expected is exact.\n",
+"#ifdef SBL_LOBE\n",
+"// Like sbl_lobe_factor, divided by the lobe's albedo, of the linearly transformed cosine in place of the lobe. The\n",
+"// ratio of both corrects the closed form, which is that of the cosine, while rays measure the obstruction.\n",
+"float sbl_cosine_factor(vec3 direction) {\n",
+"    vec3 w = to_frame * direction;\n",
+"    float length2 = dot(w, w), cosine = dot(direction, n);\n",
+"    return cosine > 0.0 ? max(w.z, 0.0) * abs(determinant(to_frame)) / (length2 * length2 * cosine) : 0.0;\n",
+"}\n",
+"#endif\n",
+"\n",
+"// True if sbl_unhindered is a closed form.\n",
 "bool sbl_has_closed_form(sbl_Lamp l) {\n",
 "#ifdef SBL_LOBE\n",
 "    return l.kind == SBL_LAMP_TRIANGLE && lobe_rough;\n",
@@ -10879,6 +10908,10 @@ static const char *const sbl__glsl_lamps[] = {
 "vec2 samples = vec2(0), lit = vec2(0);        // by group: number of rays in `open`; how many of them reached lamps\n",
 "float taken = 0.0;                            // number of rays, without rim samples and rays to point lights\n",
 "float squares = 0.0;                          // sum of the squared luminances of the rays in `sampled`\n",
+"#ifdef SBL_LOBE\n",
+"vec2 lobe_open = vec2(0), lobe_squares = vec2(0);  // by group: sums of the luminance of the rays' light without\n",
+"                                                   // obstruction, and of its square\n",
+"#endif\n",
 "vec2 sparse;                                  // by group: 1: too few rays for a ratio; 0: enough\n",
 "vec2 bright = vec2(0), dark = vec2(0);        // by group: number of unblocked and of blocked rays and rim samples\n",
 "mat3x4 sure_harmonics = mat3x4(0), sampled_harmonics = mat3x4(0);  // harmonics of `sure` and of `sampled`\n",
@@ -10889,8 +10922,9 @@ static const char *const sbl__glsl_lamps[] = {
 "// Traces the ray of a sample. at_rim: the sample only tests for obstruction; point: it is on a point light\n",
 "void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool point) {\n",
 "    bool cluster = p.cluster || !sbl_has_closed_form(l) || dot(sparse, l.group) > 0.0;\n",
-"    vec3 light = s.light / p.share, to = s.direction;\n",
+"    vec3 light = s.light / p.share, to = s.direction, unhindered = light;\n",
 "#ifdef SBL_LOBE\n",
+"    unhindered *= sbl_cosine_factor(s.direction);\n",
 "    float met = 0.0, lamp_density = SBL_LAMP_DENSITY;\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE && !l.glow)\n",
 "        lamp_density = sbl_area_density(l.side_1, l.side_2, s.far * s.direction);\n",
@@ -10904,8 +10938,13 @@ static const char *const sbl__glsl_lamps[] = {
 "    if (directional) counts = sbl_harmonics(s.direction, n, 1.0 / max(dot(s.direction, n), SBL_COSINE_LEAST));\n",
 "    if (!cluster && !point && !at_rim) {\n",
 "        if (directional) open_harmonics[l.group.y > 0.0 ? 1 : 0] += outerProduct(counts, light);\n",
-"        open += outerProduct(light, l.group);\n",
+"        open += outerProduct(unhindered, l.group);\n",
 "        samples += l.group;\n",
+"#ifdef SBL_LOBE\n",
+"        float weight = dot(light, SBL_LUMINANCE);\n",
+"        lobe_open += weight * l.group;\n",
+"        lobe_squares += weight * weight * l.group;\n",
+"#endif\n",
 "    }\n",
 "    if (s.far < SBL_UNBOUNDED) to = s.far * s.direction + (position - stand);\n",
 "    float away = s.far < SBL_UNBOUNDED ? length(to) : 1.0;\n",
@@ -10957,8 +10996,11 @@ static const char *const sbl__glsl_lamps[] = {
 "bool sbl_undecided() {\n",
 "    float mean = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);\n",
 "    float error = squares / max(taken, 1.0) - mean * mean;\n",
-"    bool disagree = dot(bright, dark) > 0.0 || (seen[0] != vec3(0) && seen[0] != open[0]) ||\n",
-"                    (seen[1] != vec3(0) && seen[1] != open[1]);\n",
+"    bool disagree = dot(bright, dark) > 0.0;\n",
+"#ifndef SBL_LOBE\n",
+"    disagree = disagree || (seen[0] != vec3(0) && seen[0] != open[0]) ||\n",
+"               (seen[1] != vec3(0) && seen[1] != open[1]);\n",
+"#endif\n",
 "    return disagree || sbl_strata(taken) * error > SBL_KNOWN * mean * mean;\n",
 "}\n",
 "\n",
@@ -10975,6 +11017,11 @@ static const char *const sbl__glsl_lamps[] = {
 "        vec3 share = mix(vec3(0), seen[g] / open[g], greaterThan(open[g], vec3(0)));\n",
 "        // min: n / n exceeds 1 on NVIDIA; the variance would then be negative, which would be read as SBL_LOST\n",
 "        float mean = dot(whole[g], SBL_LUMINANCE), lit_share = min(lit[g] / max(samples[g], 1.0), 1.0);\n",
+"        float rays_counted = samples[g];\n",
+"#ifdef SBL_LOBE\n",
+"        lit_share = min(dot(seen[g], SBL_LUMINANCE) / max(lobe_open[g], 1e-30), 1.0);\n",
+"        rays_counted = lobe_open[g] * lobe_open[g] / max(lobe_squares[g], 1e-30);\n",
+"#endif\n",
 "        if (sparse[g] > 0.0) continue;\n",
 "        r.light.rgb += whole[g] * share;\n",
 "        // Harmonics: the closed form times `share`, plus the deviation from it that the rays measured.\n",
@@ -10982,7 +11029,7 @@ static const char *const sbl__glsl_lamps[] = {
 "            if (open[g][k] > 0.0)\n",
 "                r.harmonics[k] += share[k] * whole_harmonics[g][k] + whole[g][k] / open[g][k] *\n",
 "                                  (seen_harmonics[g][k] - share[k] * open_harmonics[g][k]);\n",
-"        r.light.a += mean * mean * lit_share * (1.0 - lit_share) * sbl_strata(samples[g]);\n",
+"        r.light.a += mean * mean * lit_share * (1.0 - lit_share) * sbl_strata(rays_counted);\n",
 "    }\n",
 "    return r;\n",
 "}\n",
@@ -11119,8 +11166,8 @@ static const char *const sbl__glsl_lamps[] = {
 
 static const sbl__recipe sbl__recipe_lamps = {
     "lamps", { sbl__glsl_fullscreen_vertex },
-    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_carrier, sbl__glsl_traverse, sbl__glsl_sky,
-      sbl__glsl_lamp, sbl__glsl_lamps },
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_carrier, sbl__glsl_traverse,
+      sbl__glsl_sky, sbl__glsl_lamp, sbl__glsl_lamps },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
       &sbl__look_record, &sbl__lobe_record, &sbl__lamp_node_record, &sbl__lamp_leaf_record, &sbl__light_record_record,
       &sbl__glow_record },
@@ -11390,7 +11437,8 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 
 static const sbl__recipe sbl__recipe_sensor = {
     "sensor", { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_sensor_vertex },
-    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_store, sbl__glsl_sensor_fragment },
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_store,
+      sbl__glsl_sensor_fragment },
     { &sbl__object_record, &sbl__cut_record, &sbl__leaf_record },
     SBL__TEXTURED | SBL__WIDE | SBL__WRITE_DEPTH | SBL__BOUNCED | SBL__SPECULAR
 };
@@ -11753,9 +11801,9 @@ static const char *const sbl__glsl_trace[] = {
 "#ifdef SBL_SPECULAR\n",
 "// Rays that meet surfaces with at least this reflectance and at most this roughness go on by the lobes there.\n",
 "const float SBL_SHINY = 0.2, SBL_SHINY_ROUGHNESS = 0.5;\n",
-"// Such a surface then counts as if it had at least this roughness, or this share of the roughness of the look's lobe:\n",
-"// light that comes from lamps by way of mirrors is blurred, because single rays would find it as specks (Kaplanyan and\n",
-"// Dachsbacher 2013, \"Path Space Regularization for Holistic and Robust Light Transport\").\n",
+"// Such a surface then counts as if it had at least this roughness, or this share of the roughness of the look's\n",
+"// lobe: light that comes from lamps by way of mirrors is blurred, because single rays would find it as specks\n",
+"// (Kaplanyan and Dachsbacher 2013, \"Path Space Regularization for Holistic and Robust Light Transport\").\n",
 "const float SBL_BLURRED = 0.3, SBL_BLURRED_LOBE = 0.5;\n",
 "bool hit_shines = false;     // true: the last hit is such a surface\n",
 "float ray_density = 0.0;     // see sbl_lobe_met; 0: the ray leaves out the light of lamps\n",
@@ -11875,7 +11923,8 @@ static const char *const sbl__glsl_trace[] = {
 "#ifdef SBL_SPECULAR\n",
 "    for (int once = 0; once < (hit_shines ? 1 : 0); once++) {\n",
 "        bool triangle = l.kind == SBL_LAMP_TRIANGLE;\n",
-"        float lamp_density = triangle ? sbl_area_density(l.side_1, l.side_2, s.far * s.direction) : SBL_LAMP_DENSITY;\n",
+"        float lamp_density = SBL_LAMP_DENSITY;\n",
+"        if (triangle) lamp_density = sbl_area_density(l.side_1, l.side_2, s.far * s.direction);\n",
 "        float met = sbl_is_light(l) ? 0.0 : sbl_lobe_met(sbl_lobe_density(shine, s.direction), lamp_density);\n",
 "        r.light = sbl_lobe_factor(shine, s.direction) * s.light * ((1.0 - met) * unit / p.share);\n",
 "    }\n",
@@ -12009,11 +12058,11 @@ static const char *const sbl__glsl_trace[] = {
 
 static const sbl__recipe sbl__recipe_trace = {
     "trace", { sbl__glsl_fullscreen_vertex },
-    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_store, sbl__glsl_carrier, sbl__glsl_traverse,
-      sbl__glsl_sky, sbl__glsl_guide, sbl__glsl_lamp, sbl__glsl_trace },
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_store, sbl__glsl_carrier,
+      sbl__glsl_traverse, sbl__glsl_sky, sbl__glsl_guide, sbl__glsl_lamp, sbl__glsl_trace },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
-      &sbl__look_record, &sbl__lobe_record, &sbl__cut_record, &sbl__leaf_record, &sbl__lamp_node_record, &sbl__lamp_leaf_record,
-      &sbl__light_record_record, &sbl__glow_record },
+      &sbl__look_record, &sbl__lobe_record, &sbl__cut_record, &sbl__leaf_record, &sbl__lamp_node_record,
+      &sbl__lamp_leaf_record, &sbl__light_record_record, &sbl__glow_record },
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE | SBL__BOUNCED | SBL__GUIDED | SBL__DIRECTIONAL |
     SBL__SPECULAR | SBL__LOBE
 };
@@ -12406,7 +12455,8 @@ static sbl_result sbl__job_compile(void *work, sbl__slice *slice) {
     return sbl__job_start_round(j, SBL__LENS_SITE);
 }
 
-/* Makes the next look of the round, for a slot. A stuck test has the position of the site's first look and faces the surface. */
+/* Makes the next look of the round, for a slot. A stuck test has the position of the site's first look and faces the
+   surface. */
 static void sbl__job_next_look(sbl__job *j, int slot) {
     sbl__look *out = &j->looks[slot];
     const int stuck = j->lens == SBL__LENS_STUCK;
@@ -13080,7 +13130,8 @@ static const char *const sbl__glsl_cast[] = {
 
 static const sbl__recipe sbl__recipe_cast = {
     "cast", { sbl__glsl_fullscreen_vertex },
-    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_carrier, sbl__glsl_traverse, sbl__glsl_cast },
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_carrier, sbl__glsl_traverse,
+      sbl__glsl_cast },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
       &sbl__cast_record },
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE | SBL__SPECULAR
@@ -15164,7 +15215,7 @@ typedef struct sbl__refine {
     sbl__sensor **sensors;    /* blocks of SBL__SENSOR_BLOCK sensors, which never move. Number 0, all zeroes, stands for
                                  the sensor of each pixel without a sensor, and is only read */
     uint32_t sensor_count;    /* number of sensors, number 0 included */
-    sbl__shine *shine;        /* per pixel: the lobe; NULL: light is R. Errors are then those of FINAL, relative to `mean` */
+    sbl__shine *shine;        /* per pixel: the lobe, so errors are those of FINAL; NULL: light is R */
     float *stored_light;      /* per pixel: R according to the store, 3 floats; NULL in modes other than SBL_MODE_GI */
     size_t harmonics;         /* floats of one pixel in layers 1 and up of light, 3 per layer */
     float *layers;            /* light of layers 1 and up (harmonics, see SBL__LAYERS): all layers of a pixel, then
@@ -15218,8 +15269,8 @@ static size_t sbl__sensor_blocks(const sbl__refine *r) {
 }
 
 static void sbl__refine_free(const sbl__device *d, sbl__refine *r) {
-    void *const blocks[] = { r->pixels, r->shine, r->stored_light, r->layers, r->tiles, r->sites, r->readings, r->reading_layers,
-                             r->searched, r->places };
+    void *const blocks[] = { r->pixels, r->shine, r->stored_light, r->layers, r->tiles, r->sites, r->readings,
+                             r->reading_layers, r->searched, r->places };
     size_t i;
     for (i = 0; r->sensors && i < sbl__sensor_blocks(r); i++) sbl__free(d->base, r->sensors[i]);
     sbl__free(d->base, r->sensors);
@@ -17125,8 +17176,8 @@ static const char *const sbl__glsl_resolve[] = {
 "const float SBL_SAME_ID = 1e-3;         // weight of a pixel with the same id that does not belong to the surface\n",
 "const float SBL_OTHER_ID = 0.01;        // weight of pixels if none has the sample's id: this + cosine of normals\n",
 "\n",
-"// Returns light at the sample: from those of the four nearest pixels that belong to its surface; if their weight is\n",
-"// too small, from pixels with its id within SBL_REACH; if there are none, from all surfaces there, or else 0.\n",
+"// Returns light at the sample: from those of the four nearest pixels that belong to its surface; if their weight\n",
+"// is too small, from pixels with its id within SBL_REACH; if there are none, from all surfaces there, or else 0.\n",
 "// light: R or another light at pixel centres\n",
 "vec3 sbl_light_at(sampler2D light, ivec2 at, uint id) {\n",
 "    ivec2 size = textureSize(light, 0), least = at + ivec2(floor(offset));\n",
@@ -17183,8 +17234,8 @@ static const char *const sbl__glsl_resolve[] = {
 
 static const sbl__recipe sbl__recipe_resolve = {
     "resolve", { sbl__glsl_fullscreen_vertex },
-    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_belongs, sbl__glsl_camera, sbl__glsl_sky,
-      sbl__glsl_tone, sbl__glsl_resolve }, { &sbl__object_record }, SBL__DISPLAY | SBL__SPECULAR
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_belongs, sbl__glsl_camera,
+      sbl__glsl_sky, sbl__glsl_tone, sbl__glsl_resolve }, { &sbl__object_record }, SBL__DISPLAY | SBL__SPECULAR
 };
 
 /* Gets the position of sample i of `count` relative to the pixel's centre, in pixels: the R2 sequence (Roberts 2018,
@@ -17825,7 +17876,7 @@ typedef struct sbl__map {
     int developed;              /* 1: R is final, because stage DEVELOP has finished layer 0 */
     sbl__stages developing;
     sbl__fill fill;
-    sbl__refine *source;        /* the refinement whose light DEVELOP interpolates: `refine`, or that of >>reflections */
+    sbl__refine *source;        /* the refinement whose light DEVELOP develops: `refine`, or that of >>reflections */
     float reflected;            /* share of >>reflections that is done, 0 to 1 */
     sbl__map_layer layers[SBL__LAYERS];
     sbl__pace filter_pace;
@@ -18445,8 +18496,8 @@ static uint32_t sbl__map_channel_texture(sbl__map *m, sbl_channel channel) {
 
 /* ==================================================================================================== >>reflections
    Light that specular lobes reflect to the camera, after R is known. A second refinement, with sensors that measure the
-   mean radiance in the lobe, makes it a layer of light. FINAL is the sum of emission, albedo * R, and the lobe's albedo *
-   this layer. The target error is that of FINAL.
+   mean radiance in the lobe, makes it a layer of light. FINAL is the sum of emission, albedo * R, and the lobe's albedo
+   times this layer. The target error is that of FINAL.
 
        lobes --> refine (sensors of lobes) --> fill --> filter --> resolve                                        */
 
@@ -18457,8 +18508,8 @@ typedef struct sbl__reflections {
     sbl__measurement measurement;
     sbl__spec spec;
     sbl__refine refine;
-    double sum[3], pixels;      /* sum of reflected light in FINAL, with R in place of the light in lobes; number of its
-                                   pixels */
+    double sum[3], light[3];    /* sums over pixels: of reflected light, with R in place of the light in lobes; of R */
+    double pixels;              /* number of pixels in these sums */
     int shiny;                  /* 1: a pixel has a lobe */
 } sbl__reflections;
 
@@ -18466,8 +18517,8 @@ static int sbl__reflections_needed(const sbl__core *c, const sbl_picture_desc *d
     return c->scene.features & SBL__SPECULAR && d->options.mode != SBL_MODE_PAPER;
 }
 
-/* Returns the bytes per pixel that reflections need after R is known: the refinement, the layer, and a sample's albedo of
-   lobes. */
+/* Returns the bytes per pixel that reflections need after R is known: the refinement, the layer, and a sample's albedo
+   of lobes. */
 static double sbl__reflections_bytes(void) {
     return (double)(sizeof(sbl__pixel) + sizeof(sbl__shine)) + SBL__MAP_TILES * (double)sizeof(sbl__tile) +
            SBL__MAP_SENSORS * (double)sizeof(sbl__sensor) + 32 + 8;
@@ -18483,7 +18534,8 @@ static sbl_result sbl__reflections_begin(sbl__reflections *f, sbl__map *m) {
     desc.price = 0;
     desc.threshold = 0;
     memset(desc.mean_radiance, 0, sizeof desc.mean_radiance);
-    sbl__refine_begin(&f->refine, m->work.core, &f->measurement, &f->spec, &desc, sbl__filter_pixels(desc.filter_radius));
+    sbl__refine_begin(&f->refine, m->work.core, &f->measurement, &f->spec, &desc,
+                      sbl__filter_pixels(desc.filter_radius));
     sbl__refine_use_window(&f->refine, &m->window);
     sbl__refine_update_spec(&f->refine);
     return sbl__refine_make(&f->refine);
@@ -18537,20 +18589,36 @@ static sbl_result sbl__reflections_read(sbl__reflections *f, sbl__map *m) {
     for (k = 0; k < 4; k++) from[k] = data ? data + 4 * (size_t)count * (size_t)k : NULL;
     for (k = 0; k < 3 && result == SBL_SUCCESS; k++)
         result = sbl__target_read(&c->device, &m->gbuffer.target, attachments[k], first, rows, from[k]);
-    if (result == SBL_SUCCESS) result = sbl__target_read(&c->device, &m->layers[0].smooth.target, 0, first, rows, from[3]);
+    if (result == SBL_SUCCESS)
+        result = sbl__target_read(&c->device, &m->layers[0].smooth.target, 0, first, rows, from[3]);
     c->stats.sensors.readbacks += 4;
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
         const size_t index = (size_t)first * (size_t)width + (size_t)i, at = 4 * (size_t)i;
         result = sbl__reflections_put(f, m, index, from[0] + at, from[1] + at);
         if (!sbl__refine_pixel(&m->refine, index)->id || !sbl__window_shows(&m->window, i % width, first + i / width))
             continue;
-        for (k = 0; k < 3; k++)
-            f->sum[k] += (double)(from[1][at + (size_t)k] + from[2][at + (size_t)k]) * (double)from[3][at + (size_t)k];
+        for (k = 0; k < 3; k++) {
+            const double light = (double)from[3][at + (size_t)k];
+            f->sum[k] += (double)(from[1][at + (size_t)k] + from[2][at + (size_t)k]) * light;
+            f->light[k] += light;
+        }
         f->pixels++;
     }
     sbl__free(&c->base, data);
     m->work.stages.at += rows;
     return result == SBL_SUCCESS && m->work.stages.at < m->desc.height ? SBL_UNFINISHED : result;
+}
+
+/* Sets the mean of FINAL without emission. If the host has set the mean of R, because the picture is a window, this is
+   the mean of the window times the ratio of both means of R. */
+static void sbl__reflections_set_mean(sbl__reflections *f, const sbl__map *m) {
+    const double pixels = SBL__MAX(f->pixels, 1.0);
+    int k;
+    for (k = 0; k < 3; k++) {
+        const double own = f->light[k] / pixels, given = (double)m->desc.mean_radiance[k];
+        f->refine.mean[k] = (float)(f->sum[k] / pixels * (given > 0 && own > 0 ? given / own : 1));
+    }
+    f->refine.mean_is_given = 1;
 }
 
 /* Returns how much of the refinement is done, by looks taken and expected, 0 to 1. */
@@ -18561,7 +18629,8 @@ static float sbl__reflections_progress(const sbl__reflections *f) {
 /* ======================================================================================================== >>picture
    The front end that makes pictures: a radiance map of what a camera sees, then composition and anti-aliasing. */
 
-enum { SBL__PICTURE_LOBES = SBL__MAP_END, SBL__PICTURE_REFLECT, SBL__PICTURE_DEVELOP, SBL__PICTURE_FINISH, SBL__PICTURE_SAMPLE, SBL__PICTURE_RESOLVE, SBL__PICTURE_DONE };
+enum { SBL__PICTURE_LOBES = SBL__MAP_END, SBL__PICTURE_REFLECT, SBL__PICTURE_DEVELOP, SBL__PICTURE_FINISH,
+       SBL__PICTURE_SAMPLE, SBL__PICTURE_RESOLVE, SBL__PICTURE_DONE };
 
 /* A composition. textures[0]: radiance; textures[1]: what a screen shows, made only if there is a tone. */
 typedef struct sbl__composition { sbl__texture textures[2]; sbl__target target; } sbl__composition;
@@ -18640,7 +18709,8 @@ static void sbl__picture_show(sbl__picture *p, const sbl__composition *s) {
     p->map.channels[SBL_CHANNEL_DISPLAY] = p->map.desc.tone != SBL_TONE_NONE ? &s->target : NULL;
 }
 
-/* Adds what a picture has besides a map and reflections: the triangles and the depth of surfaces; late, the surfaces at pixel centres,
+/* Adds what a picture has besides a map and reflections: the triangles and the depth of surfaces; late, the surfaces at
+   pixel centres,
    R, and the preview that hosts may read, with the larger of what DEVELOP needs and of what samples need: sums and,
    except for the emission, the surfaces of a sample. */
 static sbl__need sbl__picture_need(const sbl__core *c, const void *desc) {
@@ -18821,10 +18891,7 @@ static sbl_result sbl__picture_lobes(void *work, sbl__slice *slice) {
 static int sbl__picture_after_lobes(void *work) {
     sbl__picture *p = (sbl__picture *)work;
     sbl__reflections *f = &p->reflections;
-    const double pixels = SBL__MAX(f->pixels, 1.0);
-    int k;
-    for (k = 0; k < 3; k++) f->refine.mean[k] = (float)(f->sum[k] / pixels);
-    f->refine.mean_is_given = 1;
+    sbl__reflections_set_mean(f, &p->map);
     if (f->shiny) return SBL__PICTURE_REFLECT;
     p->map.reflected = 1;
     return SBL__PICTURE_FINISH;
@@ -21129,7 +21196,8 @@ static void sbl__context_free(sbl_context *c) {
     sbl__free(&base, c);
 }
 
-/* Compiles all programs that this driver can need, except variants with SBL__INSPECT, SBL__DIRECTIONAL or SBL__WIDE. */
+/* Compiles all programs that this driver can need, except variants with SBL__INSPECT, SBL__DIRECTIONAL, SBL__WIDE,
+   SBL__SPECULAR or SBL__LOBE. */
 static sbl_result sbl__compile_all(sbl__device *d) {
     static const sbl__recipe *const recipes[] = {
         &sbl__recipe_visibility, &sbl__recipe_gbuffer, &sbl__recipe_trace, &sbl__recipe_cast, &sbl__recipe_lamps,

@@ -35,10 +35,12 @@ static struct options {
 } options = { .tone = NEUTRAL, .exposure = NAN };
 
 static const char *const channel_words[] = { "final", "radiance", "albedo", "normal", "position", "id", "depth",
-    "sensors", "store", "error", "display", "looks", NULL };
+    "sensors", "store", "error", "display", "looks", "specular",
+    "specular_albedo", NULL };
 static const sbl_channel channels[] = { SBL_CHANNEL_FINAL, SBL_CHANNEL_RADIANCE, SBL_CHANNEL_ALBEDO,
     SBL_CHANNEL_NORMAL, SBL_CHANNEL_POSITION, SBL_CHANNEL_ID, SBL_CHANNEL_DEPTH, SBL_CHANNEL_SENSORS,
-    SBL_CHANNEL_STORE, SBL_CHANNEL_ERROR, SBL_CHANNEL_DISPLAY, SBL_CHANNEL_LOOKS };
+    SBL_CHANNEL_STORE, SBL_CHANNEL_ERROR, SBL_CHANNEL_DISPLAY, SBL_CHANNEL_LOOKS, SBL_CHANNEL_SPECULAR,
+    SBL_CHANNEL_SPECULAR_ALBEDO };
 
 static const char *const tone_words[] = { "none", "neutral", "agx", NULL };
 static const char *const exposure_words[] = { "auto", NULL };

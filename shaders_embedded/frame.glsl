@@ -12,8 +12,9 @@ vec3 sbl_by_cosine(mat3 frame, vec2 u) {
     return frame * vec3(radius * cos(angle), radius * sin(angle), sqrt(1.0 - u.x));
 }
 
-// Returns the unit vector of the interpolated normal or, if that is too short, `face`, on the side of geometric_normal. A normal that
-// turns away from the viewer would aim the sensor at its own surface, so the cosine is kept above SBL_GRAZING.
+// Returns the unit vector of the interpolated normal or, if that is too short, `face`, on the side of
+// geometric_normal. A normal that turns away from the viewer would aim the sensor at its own surface, so the
+// cosine is kept above SBL_GRAZING.
 vec3 sbl_shading_normal(vec3 normal, vec3 face, vec3 geometric_normal, vec3 direction) {
     float length2 = dot(normal, normal);
     normal = length2 > SBL_NORMAL_LEAST ? normal * inversesqrt(length2) : face;

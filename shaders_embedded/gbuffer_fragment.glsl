@@ -9,7 +9,7 @@ layout(location = 3) out vec4 out_albedo;
 layout(location = 4) out vec4 out_emission;
 layout(location = 5) out uint out_id;
 #ifdef SBL_SPECULAR
-const float SBL_SMOOTH_ROUGHNESS = 0.6;      // smoother surfaces are shown with their shading normal, see facet_limit
+const float SBL_SMOOTH_ROUGHNESS = 0.6;      // facet_limit does not affect smoother surfaces
 layout(location = 6) out vec4 out_specular;  // albedo of the specular lobe for this view; 0: none
 layout(location = 7) out vec4 out_lobe;      // see sbl__reflections_unpack; y is negative if there is no lobe
 #endif
@@ -34,8 +34,8 @@ vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
 #endif
 
 #if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)
-const int SBL_MIRRORS = 8;              // a pixel shows what is seen in or through at most this many mirrors and panes
-const float SBL_PANE = 0.5;             // a pixel shows what is behind a surface from which at least this share passes
+const int SBL_MIRRORS = 8;              // a pixel shows what is seen by way of at most this many mirrors and panes
+const float SBL_PANE = 0.499;             // a pixel shows what is behind a surface if this share of light passes it
 const float SBL_MIRROR_DIFFUSE = 0.02;  // a mirror has at most this diffuse albedo
 const float SBL_LOBE_STEPS = 4095.0;    // the lobe's numbers are packed as integers from 0 to this
 
@@ -48,17 +48,23 @@ struct sbl_Mirrored {
     bool sky;         // true: the last ray meets none. The surface is then the last mirror or pane
 };
 
-// Radiance that a ray from the surface s finds, with stored light: what a pane reflects.
-vec3 sbl_radiance_along(sbl_Surface s, vec3 direction) {
-    vec3 origin = s.position + SBL_OFFSET * s.reach * s.geometric_normal;
+// Radiance of a surface, with stored light. number: of its triangle
+vec3 sbl_stored_radiance(sbl_Surface s, int number, vec3 albedo) {
+    vec3 radiance = s.emission;
+#ifdef SBL_BOUNCED
+    radiance += albedo * sbl_stored(number, s.back, s.position, SBL_UNBOUNDED);
+#endif
+    return radiance;
+}
+
+// Radiance that a ray from the surface s finds, with stored light: what a pane reflects, or what is behind it. side: 1:
+// the ray starts on the side of the viewer, -1: on the other side
+vec3 sbl_radiance_along(sbl_Surface s, float side, vec3 direction) {
+    vec3 origin = s.position + side * SBL_OFFSET * s.reach * s.geometric_normal;
     sbl_Hit hit = sbl_trace(origin, direction, SBL_UNBOUNDED, SBL_RAY_SOLID);
     if (hit.triangle < 0) return sky + sbl_sky_smooth(direction);
     sbl_Surface found = sbl_surface(hit.number, origin, direction);
-    vec3 radiance = found.emission;
-#ifdef SBL_BOUNCED
-    radiance += found.material.albedo * sbl_stored(hit.number, found.back, found.position, SBL_UNBOUNDED);
-#endif
-    return radiance;
+    return sbl_stored_radiance(found, hit.number, found.material.albedo);
 }
 
 bool sbl_is_mirror(sbl_Material m) {
@@ -82,12 +88,16 @@ sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 direction) {
         float cosine = clamp(-dot(s.normal, m.direction), 0.0, 1.0);
         vec3 passing = sbl_passing(s.object, s.material, cosine);
         bool pane = max(passing.r, max(passing.g, passing.b)) >= SBL_PANE, mirror = sbl_is_mirror(s.material);
-        if (!pane && !mirror) break;
-        m.emission += m.throughput * s.emission;
+        if (!pane && !mirror) {
+            if (max(passing.r, max(passing.g, passing.b)) > 0.0)
+                m.emission += m.throughput * passing * sbl_radiance_along(s, -1.0, m.direction);
+            break;
+        }
+        m.emission += m.throughput * sbl_stored_radiance(s, m.number, pane ? s.material.diffuse : vec3(0));
         vec3 mirrored = sbl_mirrored(s, m.direction);
         float side = pane ? -1.0 : 1.0;  // the side of the surface on which the ray goes on
         for (int k = 0; k < (pane && s.material.roughness >= 0.0 ? 1 : 0); k++)
-            m.emission += m.throughput * s.material.opacity * sbl_radiance_along(s, mirrored) *
+            m.emission += m.throughput * s.material.opacity * sbl_radiance_along(s, 1.0, mirrored) *
                           sbl_specular_albedo(s.material.reflectance, s.material.roughness, cosine);
         if (!pane) m.direction = mirrored;
         m.throughput *= pane ? passing : s.material.reflectance +
@@ -111,8 +121,8 @@ float sbl_pack_two(float a, float b) {
     return steps.x + (SBL_LOBE_STEPS + 1.0) * steps.y;
 }
 
-// A unit vector in the square -1 .. 1 (Cigolle et al. 2014, "A Survey of Efficient Representations for Independent
-// Unit Vectors": octahedral).
+// A unit vector as a point of the square -1 .. 1: octahedral (Cigolle et al. 2014, "A Survey of Efficient
+// Representations for Independent Unit Vectors").
 vec2 sbl_pack_direction(vec3 v) {
     vec2 p = v.xy / (abs(v.x) + abs(v.y) + abs(v.z));
     vec2 turned = (1.0 - abs(p.yx)) * vec2(p.x < 0.0 ? -1 : 1, p.y < 0.0 ? -1 : 1);
@@ -163,7 +173,8 @@ void main() {
             out_specular = vec4(sbl_specular_albedo(reflectance, s.material.roughness, cosine), 1);
             out_specular.rgb *= s.material.opacity;
             out_lobe = vec4(sbl_pack_two(reflectance.r, reflectance.g),
-                            sbl_pack_two(reflectance.b, s.material.roughness), sbl_pack_direction(-seen.direction));
+                            sbl_pack_two(reflectance.b, s.material.roughness),
+                            sbl_pack_direction(-seen.direction));
             out_albedo.rgb = s.material.diffuse * (1.0 - sbl_diffuse_lost(cosine));
         }
         if (seen.sky) {

@@ -130,7 +130,17 @@ vec3 sbl_expected(sbl_Lamp l) {
     return light;
 }
 
-// True if sbl_expected is exact.
+#ifdef SBL_LOBE
+// Like sbl_lobe_factor, divided by the lobe's albedo, of the linearly transformed cosine in place of the lobe. The
+// ratio of both corrects the closed form, which is that of the cosine, while rays measure the obstruction.
+float sbl_cosine_factor(vec3 direction) {
+    vec3 w = to_frame * direction;
+    float length2 = dot(w, w), cosine = dot(direction, n);
+    return cosine > 0.0 ? max(w.z, 0.0) * abs(determinant(to_frame)) / (length2 * length2 * cosine) : 0.0;
+}
+#endif
+
+// True if sbl_unhindered is a closed form.
 bool sbl_has_closed_form(sbl_Lamp l) {
 #ifdef SBL_LOBE
     return l.kind == SBL_LAMP_TRIANGLE && lobe_rough;
@@ -225,6 +235,10 @@ vec3 sure = vec3(0), sampled = vec3(0);       // sum of light of point lights; o
 vec2 samples = vec2(0), lit = vec2(0);        // by group: number of rays in `open`; how many of them reached lamps
 float taken = 0.0;                            // number of rays, without rim samples and rays to point lights
 float squares = 0.0;                          // sum of the squared luminances of the rays in `sampled`
+#ifdef SBL_LOBE
+vec2 lobe_open = vec2(0), lobe_squares = vec2(0);  // by group: sums of the luminance of the rays' light without
+                                                   // obstruction, and of its square
+#endif
 vec2 sparse;                                  // by group: 1: too few rays for a ratio; 0: enough
 vec2 bright = vec2(0), dark = vec2(0);        // by group: number of unblocked and of blocked rays and rim samples
 mat3x4 sure_harmonics = mat3x4(0), sampled_harmonics = mat3x4(0);  // harmonics of `sure` and of `sampled`
@@ -235,8 +249,9 @@ bool reporting;                               // true: sbl_shoot reports its ray
 // Traces the ray of a sample. at_rim: the sample only tests for obstruction; point: it is on a point light
 void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool point) {
     bool cluster = p.cluster || !sbl_has_closed_form(l) || dot(sparse, l.group) > 0.0;
-    vec3 light = s.light / p.share, to = s.direction;
+    vec3 light = s.light / p.share, to = s.direction, unhindered = light;
 #ifdef SBL_LOBE
+    unhindered *= sbl_cosine_factor(s.direction);
     float met = 0.0, lamp_density = SBL_LAMP_DENSITY;
     if (l.kind == SBL_LAMP_TRIANGLE && !l.glow)
         lamp_density = sbl_area_density(l.side_1, l.side_2, s.far * s.direction);
@@ -250,8 +265,13 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
     if (directional) counts = sbl_harmonics(s.direction, n, 1.0 / max(dot(s.direction, n), SBL_COSINE_LEAST));
     if (!cluster && !point && !at_rim) {
         if (directional) open_harmonics[l.group.y > 0.0 ? 1 : 0] += outerProduct(counts, light);
-        open += outerProduct(light, l.group);
+        open += outerProduct(unhindered, l.group);
         samples += l.group;
+#ifdef SBL_LOBE
+        float weight = dot(light, SBL_LUMINANCE);
+        lobe_open += weight * l.group;
+        lobe_squares += weight * weight * l.group;
+#endif
     }
     if (s.far < SBL_UNBOUNDED) to = s.far * s.direction + (position - stand);
     float away = s.far < SBL_UNBOUNDED ? length(to) : 1.0;
@@ -303,8 +323,11 @@ float sbl_strata(float n) {
 bool sbl_undecided() {
     float mean = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);
     float error = squares / max(taken, 1.0) - mean * mean;
-    bool disagree = dot(bright, dark) > 0.0 || (seen[0] != vec3(0) && seen[0] != open[0]) ||
-                    (seen[1] != vec3(0) && seen[1] != open[1]);
+    bool disagree = dot(bright, dark) > 0.0;
+#ifndef SBL_LOBE
+    disagree = disagree || (seen[0] != vec3(0) && seen[0] != open[0]) ||
+               (seen[1] != vec3(0) && seen[1] != open[1]);
+#endif
     return disagree || sbl_strata(taken) * error > SBL_KNOWN * mean * mean;
 }
 
@@ -321,6 +344,11 @@ sbl_Result sbl_combine() {
         vec3 share = mix(vec3(0), seen[g] / open[g], greaterThan(open[g], vec3(0)));
         // min: n / n exceeds 1 on NVIDIA; the variance would then be negative, which would be read as SBL_LOST
         float mean = dot(whole[g], SBL_LUMINANCE), lit_share = min(lit[g] / max(samples[g], 1.0), 1.0);
+        float rays_counted = samples[g];
+#ifdef SBL_LOBE
+        lit_share = min(dot(seen[g], SBL_LUMINANCE) / max(lobe_open[g], 1e-30), 1.0);
+        rays_counted = lobe_open[g] * lobe_open[g] / max(lobe_squares[g], 1e-30);
+#endif
         if (sparse[g] > 0.0) continue;
         r.light.rgb += whole[g] * share;
         // Harmonics: the closed form times `share`, plus the deviation from it that the rays measured.
@@ -328,7 +356,7 @@ sbl_Result sbl_combine() {
             if (open[g][k] > 0.0)
                 r.harmonics[k] += share[k] * whole_harmonics[g][k] + whole[g][k] / open[g][k] *
                                   (seen_harmonics[g][k] - share[k] * open_harmonics[g][k]);
-        r.light.a += mean * mean * lit_share * (1.0 - lit_share) * sbl_strata(samples[g]);
+        r.light.a += mean * mean * lit_share * (1.0 - lit_share) * sbl_strata(rays_counted);
     }
     return r;
 }

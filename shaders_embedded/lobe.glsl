@@ -1,16 +1,16 @@
 // The specular lobe of glTF 2.0's material model: GGX with height-correlated Smith shadowing (Heitz 2014) and
-// Schlick's Fresnel term (1994). reflectance: that along the normal, per colour. The square of the roughness is alpha.
+// Schlick's Fresnel term (1994). reflectance: that along the normal, per colour. alpha: the squared roughness
 #ifdef SBL_SPECULAR
 const float SBL_MIRROR = 0.05;       // surfaces of lower roughness are perfect mirrors
 const float SBL_DIFFUSE_LOST = 0.003685;  // mean of sbl_diffuse_lost over all directions
 // Means over all directions for a roughness of 0.05 to 1, see sbl__lobe_albedos in sbl.h
-const float SBL_LOBE_MEANS_E[16] = float[16](1.0, 0.9992, 0.9961, 0.9889, 0.9756, 0.9548, 0.9254, 0.8869, 0.8397, 0.7849,
-                                             0.7241, 0.6597, 0.5938, 0.5289, 0.4669, 0.4091);
-const float SBL_LOBE_MEANS_B[16] = float[16](0.0476, 0.0468, 0.0444, 0.0404, 0.0351, 0.0294, 0.024, 0.0191, 0.0151, 0.0118,
-                                             0.0092, 0.0071, 0.0056, 0.0044, 0.0035, 0.0028);
+const float SBL_LOBE_MEANS_E[16] = float[16](1.0, 0.9992, 0.9961, 0.9889, 0.9756, 0.9548, 0.9254, 0.8869, 0.8397,
+                                             0.7849, 0.7241, 0.6597, 0.5938, 0.5289, 0.4669, 0.4091);
+const float SBL_LOBE_MEANS_B[16] = float[16](0.0476, 0.0468, 0.0444, 0.0404, 0.0351, 0.0294, 0.024, 0.0191, 0.0151,
+                                             0.0118, 0.0092, 0.0071, 0.0056, 0.0044, 0.0035, 0.0028);
 
-// Part of diffuse light that the Fresnel term takes, seen at a cosine: the mean of (1 - V.H)^5 over a Lambertian lobe,
-// as a polynomial (error 7e-5).
+// Part of diffuse light that the Fresnel term takes, seen at a cosine: the mean of (1 - V.H)^5 over a Lambertian
+// lobe, as a polynomial (error 7e-5).
 float sbl_diffuse_lost(float cosine) {
     float u = 1.0 - cosine;
     return 0.00001 + u * (0.00424 + u * (-0.0018 + u * 0.02563));
@@ -21,7 +21,7 @@ vec2 sbl_lobe_entry(int row, int column) {
     return vec2(entry & 65535u, entry >> 16) / 65535.0;
 }
 
-// Share of uniform light that the lobe reflects to a viewer at this cosine; interpolates sbl__lobe_albedos in sbl.h.
+// Share of uniform light that the lobe reflects to a viewer at this cosine. Interpolates sbl__lobe_albedos.
 vec3 sbl_specular_albedo(vec3 reflectance, float roughness, float cosine) {
     float alpha = roughness * roughness, u = 1.0 - cosine;
     float x = 15.0 * clamp(cosine * (1.0 + alpha) / (cosine + alpha), 0.0, 1.0);
@@ -55,7 +55,8 @@ struct sbl_Lobe {
 sbl_Lobe sbl_lobe_of(vec3 normal, vec3 view_direction, vec3 reflectance, float roughness) {
     vec3 across = view_direction - dot(view_direction, normal) * normal;
     float size = length(across);
-    sbl_Lobe l = sbl_Lobe(sbl_frame(normal), vec3(0), reflectance, roughness < SBL_MIRROR ? 0.0 : roughness * roughness);
+    float alpha = roughness < SBL_MIRROR ? 0.0 : roughness * roughness;
+    sbl_Lobe l = sbl_Lobe(sbl_frame(normal), vec3(0), reflectance, alpha);
     if (size > 1e-4) l.frame = mat3(across / size, cross(normal, across / size), normal);
     l.view = view_direction * l.frame;
     l.view = normalize(vec3(l.view.xy, max(l.view.z, 1e-3)));
@@ -73,8 +74,8 @@ vec3 sbl_fresnel(vec3 reflectance, float cosine) {
     return reflectance + (1.0 - reflectance) * (x2 * x2 * x);
 }
 
-// Draws a direction from u, a uniform point of the unit square: a visible normal (Dupuy and Benyoub 2023, "Sampling
-// Visible GGX Normals with Spherical Caps") mirrors the view. weight: share of the radiance found that is reflected
+// Draws a direction from u, a uniform point of the unit square: a visible normal mirrors the view (Dupuy and
+// Benyoub 2023, "Sampling Visible GGX Normals with Spherical Caps"). weight: share of light that is reflected
 vec3 sbl_lobe_sample(sbl_Lobe l, vec2 u, out vec3 weight) {
     vec3 v = normalize(vec3(l.alpha * l.view.xy, l.view.z));
     float angle = 2.0 * SBL_PI * u.y, z = (1.0 - u.x) * (1.0 + v.z) - v.z, r = sqrt(clamp(1.0 - z * z, 0.0, 1.0));
@@ -113,7 +114,7 @@ float sbl_lobe_density(sbl_Lobe l, vec3 direction) {
     return spread / ((1.0 + sbl_lambda(l.alpha, l.view)) * 4.0 * l.view.z);
 }
 
-// Density by solid angle of points drawn by area on a triangle, seen at a point `way`. side_1, side_2: two of its sides
+// Density by solid angle of points drawn by area on a triangle, at the point `way`. side_1, side_2: two sides
 float sbl_area_density(vec3 side_1, vec3 side_2, vec3 way) {
     float distance2 = dot(way, way);
     return 2.0 * distance2 * sqrt(distance2) / max(abs(dot(cross(side_1, side_2), way)), 1e-30);
@@ -121,8 +122,8 @@ float sbl_area_density(vec3 side_1, vec3 side_2, vec3 way) {
 
 const float SBL_LAMP_DENSITY = 10.0;  // density of points on lamps that are not triangles, for sbl_lobe_met
 
-// Share of the light of lamps that rays of the lobe measure in a direction; rays to lamps measure the rest. It is the
-// balance heuristic (Veach 1997) with the densities of the lobe and of points on the lamp, drawn by area.
+// Share of the light of lamps that rays of the lobe measure in a direction; rays to lamps measure the rest. It is
+// the balance heuristic (Veach 1997) with the densities of the lobe and of points on the lamp, drawn by area.
 float sbl_lobe_met(float lobe_density, float lamp_density) { return lobe_density / (lobe_density + lamp_density); }
 
 #endif
@@ -139,8 +140,8 @@ void sbl_lobe_begin(int look, vec3 normal) {
     lobe_rough = roughness >= SBL_LOBE_ROUGH;
 }
 
-// Matrix from world space to the space where the look's lobe is a cosine lobe: a linearly transformed cosine (Heitz,
-// Dupuy, Hill and Neubelt 2016, "Real-Time Polygonal-Light Shading with Linearly Transformed Cosines").
+// Matrix from world space to the space where the look's lobe is a cosine lobe: a linearly transformed cosine
+// (Heitz, Dupuy, Hill and Neubelt 2016, "Real-Time Polygonal-Light Shading with Linearly Transformed Cosines").
 mat3 sbl_lobe_to_cosine(int look) {
     mat3 inverse = mat3(sbl_lobe_xx(look), 0, sbl_lobe_zx(look), 0, 1, 0, sbl_lobe_xz(look), 0, sbl_lobe_zz(look));
     return inverse * transpose(lobe.frame);

@@ -27,6 +27,12 @@ struct sbl_Material {
 #endif
 };
 
+// Share of a surface that exists at a point.
+float sbl_opacity(int object, sbl_Attributes at) {
+    if ((sbl_object_flags(object) & SBL_BLEND) == 0u) return 1.0;
+    return clamp(at.color.a * sbl_texture(sbl_object_albedo_texture(object), at.uv).a, 0.0, 1.0);
+}
+
 sbl_Material sbl_material(int object, sbl_Attributes at) {
     vec4 texel = sbl_texture(sbl_object_albedo_texture(object), at.uv);
     vec4 color = at.color * texel * vec4(sbl_object_albedo(object), 1);
@@ -45,7 +51,7 @@ sbl_Material sbl_material(int object, sbl_Attributes at) {
     if (reflectance < 0.0) m.clear = min(color.rgb, vec3(1));
     float transmission = sbl_object_transmission(object);
     if (transmission > 0.0) transmission *= sbl_texture(sbl_object_transmission_texture(object), at.uv).r;
-    if ((sbl_object_flags(object) & SBL_BLEND) != 0u) m.opacity = clamp(color.a, 0.0, 1.0);
+    m.opacity = sbl_opacity(object, at);
     m.clear *= m.opacity * transmission;
     m.diffuse *= m.opacity * (1.0 - transmission);
     m.albedo = m.diffuse;
@@ -84,9 +90,9 @@ bool sbl_emits(int object, bool back) {
     return max(max(emission.r, emission.g), emission.b) > 0.0 && !sbl_dark_side(object, back);
 }
 
-// The emission texture at a point, by which sbl_emission must be multiplied.
+// The factor of sbl_emission at a point: the emission texture and the opacity.
 vec3 sbl_emission_pattern(int object, sbl_Attributes at) {
-    return sbl_texture(sbl_object_emission_texture(object), at.uv).rgb;
+    return sbl_opacity(object, at) * sbl_texture(sbl_object_emission_texture(object), at.uv).rgb;
 }
 
 // True if sbl_outgoing does not read `at`.
@@ -109,6 +115,7 @@ vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {
     if (!sbl_outgoing_is_plain(object, back)) {
         uvec4 place = emits ? sbl_object_emission_texture(object) : sbl_object_albedo_texture(object);
         radiance *= ((emits ? vec4(1) : at.color) * sbl_texture(place, at.uv)).rgb;
+        if (emits) radiance *= sbl_opacity(object, at);
     }
     return radiance;
 }

@@ -29,8 +29,8 @@ const float SBL_NEAR_ENOUGH = 0.05;     // least sum of weights at which the fou
 const float SBL_SAME_ID = 1e-3;         // weight of a pixel with the same id that does not belong to the surface
 const float SBL_OTHER_ID = 0.01;        // weight of pixels if none has the sample's id: this + cosine of normals
 
-// Returns light at the sample: from those of the four nearest pixels that belong to its surface; if their weight is
-// too small, from pixels with its id within SBL_REACH; if there are none, from all surfaces there, or else 0.
+// Returns light at the sample: from those of the four nearest pixels that belong to its surface; if their weight
+// is too small, from pixels with its id within SBL_REACH; if there are none, from all surfaces there, or else 0.
 // light: R or another light at pixel centres
 vec3 sbl_light_at(sampler2D light, ivec2 at, uint id) {
     ivec2 size = textureSize(light, 0), least = at + ivec2(floor(offset));

@@ -28,9 +28,9 @@ const float SBL_LOBE_SCALE = 0.5;
 #ifdef SBL_SPECULAR
 // Rays that meet surfaces with at least this reflectance and at most this roughness go on by the lobes there.
 const float SBL_SHINY = 0.2, SBL_SHINY_ROUGHNESS = 0.5;
-// Such a surface then counts as if it had at least this roughness, or this share of the roughness of the look's lobe:
-// light that comes from lamps by way of mirrors is blurred, because single rays would find it as specks (Kaplanyan and
-// Dachsbacher 2013, "Path Space Regularization for Holistic and Robust Light Transport").
+// Such a surface then counts as if it had at least this roughness, or this share of the roughness of the look's
+// lobe: light that comes from lamps by way of mirrors is blurred, because single rays would find it as specks
+// (Kaplanyan and Dachsbacher 2013, "Path Space Regularization for Holistic and Robust Light Transport").
 const float SBL_BLURRED = 0.3, SBL_BLURRED_LOBE = 0.5;
 bool hit_shines = false;     // true: the last hit is such a surface
 float ray_density = 0.0;     // see sbl_lobe_met; 0: the ray leaves out the light of lamps
@@ -150,7 +150,8 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
 #ifdef SBL_SPECULAR
     for (int once = 0; once < (hit_shines ? 1 : 0); once++) {
         bool triangle = l.kind == SBL_LAMP_TRIANGLE;
-        float lamp_density = triangle ? sbl_area_density(l.side_1, l.side_2, s.far * s.direction) : SBL_LAMP_DENSITY;
+        float lamp_density = SBL_LAMP_DENSITY;
+        if (triangle) lamp_density = sbl_area_density(l.side_1, l.side_2, s.far * s.direction);
         float met = sbl_is_light(l) ? 0.0 : sbl_lobe_met(sbl_lobe_density(shine, s.direction), lamp_density);
         r.light = sbl_lobe_factor(shine, s.direction) * s.light * ((1.0 - met) * unit / p.share);
     }

@@ -143,8 +143,8 @@ sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float li
 }
 
 // What a ray does at surfaces that let light pass.
-const int SBL_RAY_PATH = 0;    // the ray passes or stops, at random; sbl_tint is then the share of light, divided by the
-                               // probability
+const int SBL_RAY_PATH = 0;    // the ray passes or stops, at random; sbl_tint is then the share of light, divided
+                               // by the probability
 const int SBL_RAY_SHADOW = 1;  // the ray passes; sbl_tint is the share of light
 const int SBL_RAY_SOLID = 2;   // the ray stops
 vec3 sbl_tint = vec3(1);       // factor of the light that the last ray of sbl_trace finds
