@@ -35,7 +35,7 @@ vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
 
 #if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)
 const int SBL_MIRRORS = 8;              // a pixel shows what is seen by way of at most this many mirrors and panes
-const float SBL_PANE = 0.499;             // a pixel shows what is behind a surface if this share of light passes it
+const float SBL_PANE = 0.499;           // a pixel shows what is behind a surface if this share of light passes
 const float SBL_MIRROR_DIFFUSE = 0.02;  // a mirror has at most this diffuse albedo
 const float SBL_LOBE_STEPS = 4095.0;    // the lobe's numbers are packed as integers from 0 to this
 
@@ -57,8 +57,8 @@ vec3 sbl_stored_radiance(sbl_Surface s, int number, vec3 albedo) {
     return radiance;
 }
 
-// Radiance that a ray from the surface s finds, with stored light: what a pane reflects, or what is behind it. side: 1:
-// the ray starts on the side of the viewer, -1: on the other side
+// Radiance that a ray from the surface s finds, with stored light: what a pane reflects, or what is behind it.
+// side: 1: the ray starts on the side of the viewer; -1: on the other side
 vec3 sbl_radiance_along(sbl_Surface s, float side, vec3 direction) {
     vec3 origin = s.position + side * SBL_OFFSET * s.reach * s.geometric_normal;
     sbl_Hit hit = sbl_trace(origin, direction, SBL_UNBOUNDED, SBL_RAY_SOLID);

@@ -38,7 +38,11 @@ const float SBL_STRATA = 1.5;       // the variance from n stratified points is 
 const float SBL_STRATA_LOST = 0.6;  // upper limit of SBL_STRATA / sqrt(n), for few points per lamp
 const float SBL_OPENING = 0.3;      // a cluster is one entry if its radius is below this share of its distance
 const int SBL_OPENINGS = 12;        // maximum number of attempts to fit all entries; each doubles the opening
-const float SBL_SPARSE = 16.0;      // a group with fewer rays per part than this on average is `sparse`: no ratio
+#ifdef SBL_LOBE
+const float SBL_SPARSE = 4.0;       // a group with fewer rays per part than this on average is `sparse`: no ratio
+#else
+const float SBL_SPARSE = 16.0;
+#endif
 const int SBL_PASS_RAYS = 32;       // minimum number of rays per pass
 const float SBL_PASS_CHANCE = 0.25; // probability that all passes are made although rays agree after fewer
 const float SBL_PASS_CROWD = 16.0;  // maximum of (number of passes) * (effective number of entries)
