@@ -136,7 +136,7 @@ vec3 sbl_expected(sbl_Lamp l) {
 
 #ifdef SBL_LOBE
 // Like sbl_lobe_factor, divided by the lobe's albedo, of the linearly transformed cosine in place of the lobe. The
-// ratio of both corrects the closed form, which is that of the cosine, while rays measure the obstruction.
+// closed form is that of the cosine, and rays measure its obstruction; `sampled` adds the rest of the lobe's light.
 float sbl_cosine_factor(vec3 direction) {
     vec3 w = to_frame * direction;
     float length2 = dot(w, w), cosine = dot(direction, n);
@@ -240,8 +240,7 @@ vec2 samples = vec2(0), lit = vec2(0);        // by group: number of rays in `op
 float taken = 0.0;                            // number of rays, without rim samples and rays to point lights
 float squares = 0.0;                          // sum of the squared luminances of the rays in `sampled`
 #ifdef SBL_LOBE
-vec2 lobe_open = vec2(0), lobe_squares = vec2(0);  // by group: sums of the luminance of the rays' light without
-                                                   // obstruction, and of its square
+vec2 lobe_squares = vec2(0);                  // by group: sum of the squared luminances of the rays' light in `open`
 #endif
 vec2 sparse;                                  // by group: 1: too few rays for a ratio; 0: enough
 vec2 bright = vec2(0), dark = vec2(0);        // by group: number of unblocked and of blocked rays and rim samples
@@ -265,15 +264,15 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
 #endif
     vec4 counts = vec4(0);
     taken += point || at_rim ? 0.0 : 1.0;
-    if (!(light.r + light.g + light.b > 0.0)) return;
+    vec3 either = light + unhindered;
+    if (!(either.r + either.g + either.b > 0.0)) return;
     if (directional) counts = sbl_harmonics(s.direction, n, 1.0 / max(dot(s.direction, n), SBL_COSINE_LEAST));
     if (!cluster && !point && !at_rim) {
         if (directional) open_harmonics[l.group.y > 0.0 ? 1 : 0] += outerProduct(counts, light);
         open += outerProduct(unhindered, l.group);
         samples += l.group;
 #ifdef SBL_LOBE
-        float weight = dot(light, SBL_LUMINANCE);
-        lobe_open += weight * l.group;
+        float weight = dot(unhindered, SBL_LUMINANCE);
         lobe_squares += weight * weight * l.group;
 #endif
     }
@@ -281,7 +280,7 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
     float away = s.far < SBL_UNBOUNDED ? length(to) : 1.0;
     sbl_Hit hit = sbl_trace(stand, to / away, s.far < SBL_UNBOUNDED ? away * SBL_BEFORE_LAMP : SBL_UNBOUNDED,
                             SBL_RAY_SHADOW);
-    light *= sbl_tint;
+    vec3 filtered = sbl_tint;
     bool hidden = hit.triangle >= 0 && hit.number != l.number;
 #ifdef SBL_VIEWS
     hidden = hidden || sbl_hidden(slot, l, s);
@@ -296,8 +295,10 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
     }
     if (hidden || at_rim) return;
 #ifdef SBL_TEXTURED
-    if (l.kind == SBL_LAMP_TRIANGLE) light *= sbl_lamp_pattern(l, s.b);
+    if (l.kind == SBL_LAMP_TRIANGLE) filtered *= sbl_lamp_pattern(l, s.b);
 #endif
+    light *= filtered;
+    unhindered *= filtered;
     if (reporting && !point) report.rgb = light;
     mat3x4 harmonics = outerProduct(counts, light);
     if (directional && point) sure_harmonics += harmonics;
@@ -309,8 +310,14 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
         float mean = dot(light, SBL_LUMINANCE);
         squares += mean * mean;
     } else {
-        seen += outerProduct(light, l.group);
+        seen += outerProduct(unhindered, l.group);
         lit += l.group;
+#ifdef SBL_LOBE
+        vec3 rest = light - unhindered;
+        float mean = dot(rest, SBL_LUMINANCE);
+        sampled += rest;
+        squares += mean * mean;
+#endif
     }
 }
 
@@ -327,10 +334,10 @@ float sbl_strata(float n) {
 bool sbl_undecided() {
     float mean = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);
     float error = squares / max(taken, 1.0) - mean * mean;
-    bool disagree = dot(bright, dark) > 0.0;
-#ifndef SBL_LOBE
-    disagree = disagree || (seen[0] != vec3(0) && seen[0] != open[0]) ||
-               (seen[1] != vec3(0) && seen[1] != open[1]);
+    bool disagree = dot(bright, dark) > 0.0 || (seen[0] != vec3(0) && seen[0] != open[0]) ||
+                    (seen[1] != vec3(0) && seen[1] != open[1]);
+#ifdef SBL_LOBE
+    mean += dot(whole[0] + whole[1], SBL_LUMINANCE);  // what is sampled corrects the closed forms
 #endif
     return disagree || sbl_strata(taken) * error > SBL_KNOWN * mean * mean;
 }
@@ -350,8 +357,9 @@ sbl_Result sbl_combine() {
         float mean = dot(whole[g], SBL_LUMINANCE), lit_share = min(lit[g] / max(samples[g], 1.0), 1.0);
         float rays_counted = samples[g];
 #ifdef SBL_LOBE
-        lit_share = min(dot(seen[g], SBL_LUMINANCE) / max(lobe_open[g], 1e-30), 1.0);
-        rays_counted = lobe_open[g] * lobe_open[g] / max(lobe_squares[g], 1e-30);
+        float all = max(dot(open[g], SBL_LUMINANCE), 1e-30);
+        lit_share = min(dot(seen[g], SBL_LUMINANCE) / all, 1.0);
+        rays_counted = all * all / max(lobe_squares[g], 1e-30);
 #endif
         if (sparse[g] > 0.0) continue;
         r.light.rgb += whole[g] * share;
