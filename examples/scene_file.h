@@ -81,7 +81,8 @@ typedef struct scene_file_options {
 } scene_file_options;
 
 /* What is replaced by something simpler or left out: kind, what is counted (one, several), text of the warning. METAL,
-   GLOSS, ILLUM and TEXTURE are counted only with options.matte, MAP and SPECULAR only without. */
+   GLOSS, GLASS, ILLUM and TEXTURE are counted only with options.matte, MAP, SPECULAR and REFRACTION only without. BLEND
+   is counted in matte files, by the rule or by the options. */
 #define SCENE_FILE_KINDS(X) \
     X(METAL, "material", "materials", "metal is read as a matte surface of its base colour") \
     X(GLOSS, "material", "materials", "gloss is ignored (roughness below 0.5, or Ns above 30): the surface is matte") \
@@ -90,6 +91,7 @@ typedef struct scene_file_options {
     X(ANISOTROPY, "material", "materials", "anisotropy is ignored") \
     X(SPECULAR, "material", "materials", "strength and colour of reflections (KHR_materials_specular) are ignored") \
     X(GLASS, "material", "materials", "transmission, refraction and volume are ignored: the surface is opaque") \
+    X(REFRACTION, "material", "materials", "refraction and volume are ignored: light passes as through a thin pane") \
     X(ILLUM, "material", "materials", "mirrors and glass (illum 3 to 9) are read as matte, opaque surfaces") \
     X(BLEND, "material", "materials", "partial transparency is read as a cutout: opaque from 0.5 on") \
     X(NORMAL_MAP, "material", "materials", "normal maps and bump maps are ignored") \
