@@ -763,6 +763,7 @@ TEST(written_panes_are_read_again) {
                     EXTENSION("unlit", ""));
     file = read_back("panes.gltf", 0);
     REQUIRE(file, "%s", error);
+    file->scene.material_count = 2;  /* without assimp's own material, which is unused and metal */
     write_scene(file, "again.gltf");
     scene_file_free(file);
     again = read_back("again.gltf", 0);
