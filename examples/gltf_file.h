@@ -1,10 +1,10 @@
 /* Writes a scene as glTF 2.0: a .gltf, a .bin with the arrays, and a .png for each texture. The arrays of the scene
    must lie in client memory, with 32-bit floats and indices, and pixels of colours must be sRGB or floats, as
    scene_file.h makes them. Lights are left out, because the scene is meant to be drawn with baked light. If some
-   materials are not matte, the others get KHR_materials_specular with the factor 0, which removes reflections. The
-   extension MOZ_lightmap refers to the lightmap (index of the texture, texCoord 1, intensity); viewers compute
-   irradiance = intensity * texture, decoded from sRGB. Include after sbl.h and picture_file.h. This file includes
-   stb_image_write.h.
+   materials are not matte or let light pass, matte ones get KHR_materials_specular with the factor 0, which removes
+   reflections. SBL_MATERIAL_BLEND becomes alphaMode BLEND, which has no cutoff. The extension MOZ_lightmap refers to
+   the lightmap (index of the texture, texCoord 1, intensity); viewers compute irradiance = intensity * texture, decoded
+   from sRGB. Include after sbl.h and picture_file.h. This file includes stb_image_write.h.
 
        gltf_file out = { &file->scene, file->names, "scene.bin", "atlas.png", 3.5, NULL };
        ok = gltf_write_json(stream, &out);
@@ -101,14 +101,16 @@ static int gltf_write_bin(FILE *out, const gltf_file *f) {
 
 static void gltf__put_bytes(void *user, void *data, int size) { fwrite(data, 1, (size_t)size, (FILE *)user); }
 
-/* Returns whether a texture holds metal and roughness. number: counted from 0. */
+/* Returns whether a texture holds metal and roughness, or transmission. number: counted from 0. */
 static int gltf__is_linear(const sbl_scene_desc *scene, int number) {
     int i;
-    for (i = 0; i < scene->material_count; i++) if (scene->materials[i].specular_texture == number + 1) return 1;
+    for (i = 0; i < scene->material_count; i++)
+        if (scene->materials[i].specular_texture == number + 1 ||
+            scene->materials[i].transmission_texture == number + 1) return 1;
     return 0;
 }
 
-/* Writes a texture as .png: colours in 8-bit sRGB, metal and roughness in linear bytes. number: counted from 0. */
+/* Writes a texture as .png: colours in 8-bit sRGB, others in linear bytes. number: counted from 0. */
 static int gltf_write_texture(FILE *out, const gltf_file *f, int number) {
     const sbl_texture *t = &f->scene->textures[number];
     const size_t count = (size_t)t->width * (size_t)t->height * (size_t)t->channels;
@@ -153,14 +155,23 @@ static double gltf__strength(const sbl_material *m) {
     return most;
 }
 
-enum { GLTF__STRENGTH = 1, GLTF__IOR = 2, GLTF__SPECULAR = 4 };
+enum { GLTF__STRENGTH = 1, GLTF__IOR = 2, GLTF__SPECULAR = 4, GLTF__TRANSMISSION = 8 };
 
 /* Returns which extensions a material uses. */
 static int gltf__extensions(const gltf_file *f, const sbl_material *m) {
-    int i = 0, bits = gltf__strength(m) > 1 ? GLTF__STRENGTH : 0;
+    int i, bits = (gltf__strength(m) > 1 ? GLTF__STRENGTH : 0) | (m->transmission > 0 ? GLTF__TRANSMISSION : 0);
     if (m->ior > 0) return m->ior < 1.5f || m->ior > 1.5f ? bits | GLTF__IOR : bits;
-    while (i < f->scene->material_count && gltf__is_matte(&f->scene->materials[i])) i++;
-    return i < f->scene->material_count ? bits | GLTF__SPECULAR : bits;
+    for (i = 0; i < f->scene->material_count; i++)
+        if (!gltf__is_matte(&f->scene->materials[i]) || f->scene->materials[i].transmission > 0)
+            return bits | GLTF__SPECULAR;
+    return bits;
+}
+
+static void gltf__put_transmission(FILE *out, const sbl_material *m) {
+    fprintf(out, "\"KHR_materials_transmission\": {\"transmissionFactor\": %.7g", (double)m->transmission);
+    if (m->transmission_texture)
+        fprintf(out, ", \"transmissionTexture\": {\"index\": %d}", m->transmission_texture - 1);
+    fputc('}', out);
 }
 
 static void gltf__put_extensions(FILE *out, const gltf_file *f, const sbl_material *m) {
@@ -174,6 +185,11 @@ static void gltf__put_extensions(FILE *out, const gltf_file *f, const sbl_materi
     if (bits & GLTF__IOR) fprintf(out, "%s\"KHR_materials_ior\": {\"ior\": %.7g}", before, (double)m->ior);
     else if (bits & GLTF__SPECULAR) fprintf(out, "%s\"KHR_materials_specular\": {\"specularFactor\": 0}", before);
     if (bits & (GLTF__IOR | GLTF__SPECULAR)) before = ", ";
+    if (bits & GLTF__TRANSMISSION) {
+        fputs(before, out);
+        gltf__put_transmission(out, m);
+        before = ", ";
+    }
     if (f->lightmap)
         fprintf(out, "%s\"MOZ_lightmap\": {\"index\": %d, \"texCoord\": 1, \"intensity\": %.7g}", before,
                 f->scene->texture_count, f->intensity);
@@ -194,7 +210,9 @@ static void gltf__put_material(FILE *out, const gltf_file *f, int number) {
     fprintf(out, "}, \"emissiveFactor\": [%.7g, %.7g, %.7g]", (double)m->emission[0] / most,
             (double)m->emission[1] / most, (double)m->emission[2] / most);
     if (m->emission_texture) fprintf(out, ", \"emissiveTexture\": {\"index\": %d}", m->emission_texture - 1);
-    if (m->alpha_cutoff > 0) fprintf(out, ", \"alphaMode\": \"MASK\", \"alphaCutoff\": %.7g", (double)m->alpha_cutoff);
+    if (m->flags & SBL_MATERIAL_BLEND) fprintf(out, ", \"alphaMode\": \"BLEND\"");
+    else if (m->alpha_cutoff > 0)
+        fprintf(out, ", \"alphaMode\": \"MASK\", \"alphaCutoff\": %.7g", (double)m->alpha_cutoff);
     gltf__put_extensions(out, f, m);
     fputc('}', out);
 }
@@ -298,10 +316,10 @@ static void gltf__put_textures(FILE *out, const gltf_file *f) {
 
 static void gltf__put_extensions_used(FILE *out, const gltf_file *f) {
     static const char *const names[] = { "KHR_materials_emissive_strength", "KHR_materials_ior",
-        "KHR_materials_specular", "MOZ_lightmap" };
-    int i, bits = f->lightmap ? 8 : 0, count = 0;
+        "KHR_materials_specular", "KHR_materials_transmission", "MOZ_lightmap" };
+    int i, bits = f->lightmap ? 16 : 0, count = 0;
     for (i = 0; i < f->scene->material_count; i++) bits |= gltf__extensions(f, &f->scene->materials[i]);
-    for (i = 0; i < 4; i++)
+    for (i = 0; i < 5; i++)
         if (bits >> i & 1) fprintf(out, "%s\"%s\"", count++ ? ", " : ",\n  \"extensionsUsed\": [", names[i]);
     if (count) fputc(']', out);
 }

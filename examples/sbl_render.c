@@ -162,11 +162,12 @@ static void print_help(void) {
     tool_print_help(table, OPTION_COUNT, lines, (int)(sizeof lines / sizeof *lines), common.help_all);
     if (!common.help_all) return;
     printf(
-        "\nMaterials: OBJ Kd map_Kd Ke map_Ke d map_d (opacity below 0.5 is cut out); glTF base colour, emission with\n"
-        "KHR_materials_emissive_strength, alphaMode MASK (BLEND is treated as MASK with cutoff 0.5). Metal and gloss: "
-        "glTF\n"
-        "metallicFactor, roughnessFactor, metallicRoughnessTexture, KHR_materials_ior; OBJ Ns, Ks, Ni, illum; see "
-        "--materials.\n"
+        "\nMaterials: OBJ Kd map_Kd Ke map_Ke d map_d; glTF base colour, emission with "
+        "KHR_materials_emissive_strength,\n"
+        "alphaMode MASK and BLEND (if all materials are matte, opacity below 0.5 is cut out, also in OBJ). Metal, "
+        "gloss\n"
+        "and panes: glTF metallicFactor, roughnessFactor, metallicRoughnessTexture, KHR_materials_ior,\n"
+        "KHR_materials_transmission; OBJ Ns, Ks, Ni, illum, d, Tf; see --materials.\n"
         "Surfaces emit on both sides.\n"
         "Lights: glTF KHR_lights_punctual (candela are radiance times area, lux are irradiance; ranges are ignored), "
         "and\n"

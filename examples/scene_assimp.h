@@ -119,6 +119,7 @@ typedef struct scene__reader {
     int not_matte;       /* 1: a material says so; see scene__gloss */
     int *left_out;       /* one per material; 1: it is cut out everywhere, so its meshes are left out */
     unsigned *uv_set;    /* one per material: its set of texture coordinates */
+    float *opacity;      /* one per material: multiplies the alpha of vertex colours */
     char *shown, *posed; /* one per material, and one per mesh of the file; 1: it is used, or used with a rest pose */
     sbl_mesh *shared;    /* one per mesh of the file: its arrays, shared by all uses */
     sbl_mesh *meshes;    /* one per use of a mesh */
@@ -215,20 +216,52 @@ static void scene__colors(scene__reader *r, const struct aiMaterial *m, int has_
     out->emission[2] = strength * color.b;
 }
 
-/* Returns the alpha cutoff from the alphaMode of a glTF file, or from the opacity in other formats; 0 if there is
-   none. */
-static float scene__cutoff(const struct aiMaterial *m, int *has_mask, scene__use_of_picture *mask, float *opacity) {
+static int scene__illum(const struct aiMaterial *m) { return (int)scene__number(m, AI_MATKEY_OBJ_ILLUM, 0); }
+
+/* Returns the share of light that glass of an OBJ file lets pass, or 0 if the material is no glass: 1 - d if d is below
+   1, otherwise 0.9 if Ni is above 1. Without that condition, everything that Maya exports would be glass: it has illum
+   4, and Ni 1. */
+static float scene__glass(const struct aiMaterial *m) {
+    const float opacity = scene__number(m, AI_MATKEY_OPACITY, 1);
+    const int illum = scene__illum(m);
+    if (illum != 4 && illum != 6 && illum != 7 && illum != 9) return 0;
+    if (opacity < 1) return opacity > 0 ? 1 - opacity : 1;
+    return scene__number(m, AI_MATKEY_REFRACTI, 0) > 1 ? 0.9f : 0;
+}
+
+/* How much of a surface exists. */
+typedef struct scene__alpha {
+    float cutoff, opacity;  /* cutoff: 0: there is no cutoff */
+    int is_blended;         /* 1: the alpha is a share of the surface, if the file is not matte */
+    int has_mask;
+    scene__use_of_picture mask;
+} scene__alpha;
+
+/* Reads alphaMode and the alpha of a glTF file, or the opacity in other formats. In matte files, a partly transparent
+   surface is cut out where its alpha is below 0.5, and glass is like any other surface. */
+static scene__alpha scene__alpha_of(const struct aiMaterial *m, int is_matte) {
     struct aiString mode;
-    *has_mask = 0;
-    *opacity = scene__number(m, AI_MATKEY_OPACITY, 1);
+    scene__alpha out;
+    memset(&out, 0, sizeof out);
+    out.opacity = scene__number(m, AI_MATKEY_OPACITY, 1);
     if (aiGetMaterialString(m, AI_MATKEY_GLTF_ALPHAMODE, &mode) == aiReturn_SUCCESS) {
-        if (strcmp(mode.data, "MASK") == 0) return scene__number(m, AI_MATKEY_GLTF_ALPHACUTOFF, 0.5f);
-        if (strcmp(mode.data, "BLEND") == 0) return 0.5f;
-        *opacity = 1;
-        return 0;
+        out.is_blended = strcmp(mode.data, "BLEND") == 0;
+        if (strcmp(mode.data, "MASK") == 0) out.cutoff = scene__number(m, AI_MATKEY_GLTF_ALPHACUTOFF, 0.5f);
+        else if (out.is_blended) out.cutoff = 0.5f;
+        else out.opacity = 1;
+    } else {
+        if (!is_matte && scene__glass(m) > 0) out.opacity = 1;
+        out.has_mask = scene__picture_of(m, aiTextureType_OPACITY, &out.mask);
+        out.is_blended = out.opacity < 1;
+        out.cutoff = out.has_mask || out.opacity < 0.5f ? 0.5f : 0;
     }
-    *has_mask = scene__picture_of(m, aiTextureType_OPACITY, mask);
-    return *has_mask || *opacity < 0.5f ? 0.5f : 0;
+    if (out.is_blended && !is_matte) out.cutoff = 0;
+    return out;
+}
+
+/* Returns whether nothing of a surface exists. Textures and vertex colours can only reduce the opacity. */
+static int scene__is_gone(const scene__alpha *a, int is_matte) {
+    return a->cutoff > a->opacity || (a->is_blended && !is_matte && a->opacity <= 0);
 }
 
 /* ---- metal and gloss: the rule for a whole file is on top of scene_file.h ---- */
@@ -261,7 +294,7 @@ static int scene__clamp(float *value, float low, float high) {
        glossy  in all other cases; its index of refraction is Ni if that is above 1, otherwise 1.5
 
    roughness = (2 / (Ns + 2))^(1/4): roughness^2 is the width of a lobe of microfacets, which resembles a Phong lobe if
-   Ns = 2 / width^2 - 2 (Walter et al., Microfacet Models for Refraction, 2007). */
+   Ns = 2 / width^2 - 2 (Walter et al., Microfacet Models for Refraction, 2007). Glass is never metal. */
 static void scene__phong_gloss(const struct aiMaterial *m, sbl_material *out) {
     const int shading = scene__shading(m);
     const int has_highlight = shading == aiShadingMode_Phong || shading == aiShadingMode_Blinn ||
@@ -277,12 +310,33 @@ static void scene__phong_gloss(const struct aiMaterial *m, sbl_material *out) {
     out->ior = ior > 1 ? ior : (float)SCENE__IOR;
     out->roughness = roughness < 0 ? (float)pow(2 / (fmax((double)exponent, 0) + 2), 0.25) : roughness;
     if (roughness >= 0) out->metallic = scene__number(m, AI_MATKEY_METALLIC_FACTOR, 0);
-    else if (illum > 2.5f && most > 0.5f && a[0] < 0.05f && a[1] < 0.05f && a[2] < 0.05f) {
+    else if (illum > 2.5f && !(scene__glass(m) > 0) && most > 0.5f && fmaxf(a[0], fmaxf(a[1], a[2])) < 0.05f) {
         const float ks[3] = { color.r, color.g, color.b };
         int k;
         out->metallic = 1;
         for (k = 0; k < 3; k++) a[k] = fminf(fmaxf(ks[k], 0), 1);
     }
+}
+
+/* Makes glass of OBJ a thin pane. `share` of the light passes and is tinted by Tf, the rest meets the diffuse colour
+   Kd. sbl.h has one colour for both: the sum of the two, of which `transmission` is the part that passes. Only the hue
+   of Tf is used, because programs disagree about its brightness: it is divided by its largest component. Black means
+   white. */
+static void scene__glaze(const struct aiMaterial *m, float share, sbl_material *out) {
+    struct aiColor4D color;
+    float filter[3] = { 1, 1, 1 }, most = 0, clear = 0, whole = 0;
+    int k;
+    if (aiGetMaterialColor(m, AI_MATKEY_COLOR_TRANSPARENT, &color) == aiReturn_SUCCESS) {
+        filter[0] = color.r; filter[1] = color.g; filter[2] = color.b;
+    }
+    for (k = 0; k < 3; k++) if (filter[k] > most) most = filter[k];
+    for (k = 0; k < 3; k++) {
+        const float tint = share * (most > 0 && most < 1e30f ? fmaxf(filter[k] / most, 0) : 1);
+        out->albedo[k] = (1 - share) * out->albedo[k] + tint;
+        clear += tint;
+        whole += out->albedo[k];
+    }
+    out->transmission = clear / whole;
 }
 
 /* Reads metal and gloss of a .gltf, without their texture. */
@@ -298,72 +352,116 @@ static void scene__gltf_gloss(const struct aiMaterial *m, const scene__told *tol
     if (aiGetMaterialTextureCount(m, aiTextureType_SPECULAR)) scene__make_matte(out);
 }
 
-/* Reads metal and gloss of a material whose colours are known. Returns whether it has a texture of these, `picture`. */
-static int scene__gloss(scene__reader *r, const struct aiMaterial *m, sbl_material *out,
-                        scene__use_of_picture *picture) {
+/* Returns whether a material of glTF has a texture of metal and roughness. */
+static int scene__specular_picture(const scene__reader *r, const struct aiMaterial *m, scene__use_of_picture *out) {
+    return r->is_gltf && scene__number(m, AI_MATKEY_GLOSSINESS_FACTOR, -1) < 0 &&
+           (scene__picture_of(m, aiTextureType_DIFFUSE_ROUGHNESS, out) ||
+            scene__picture_of(m, aiTextureType_UNKNOWN, out));
+}
+
+/* Reads metal, gloss and transmission of a material whose colours are known, without their textures, and finds out
+   whether it makes the file one that is not matte. */
+static void scene__gloss(scene__reader *r, const struct aiMaterial *m, sbl_material *out) {
     const float *a = out->albedo, *e = out->emission;
     scene__told told = scene__told_by(r, m);
-    int has_picture = 0, states = 1, is_outside;
-    if (r->file->matte || scene__shading(m) == aiShadingMode_NoShading) return 0;
-    if (!(a[0] > 0 || a[1] > 0 || a[2] > 0) && (e[0] > 0 || e[1] > 0 || e[2] > 0)) return 0;
+    scene__use_of_picture picture;
+    int has_picture = scene__specular_picture(r, m, &picture), states = 1, is_outside;
+    if (r->file->matte || scene__shading(m) == aiShadingMode_NoShading) return;
+    if (!(a[0] > 0 || a[1] > 0 || a[2] > 0) && (e[0] > 0 || e[1] > 0 || e[2] > 0)) return;
     if (!told.is_told) told.ior = scene__number(m, AI_MATKEY_REFRACTI, (float)SCENE__IOR);
+    out->transmission = scene__number(m, AI_MATKEY_TRANSMISSION_FACTOR, 0);
     if (r->is_gltf) {
         scene__gltf_gloss(m, &told, out);
-        has_picture = scene__number(m, AI_MATKEY_GLOSSINESS_FACTOR, -1) < 0 &&
-                      (scene__picture_of(m, aiTextureType_DIFFUSE_ROUGHNESS, picture) ||
-                       scene__picture_of(m, aiTextureType_UNKNOWN, picture));
         /* without cJSON, the values that a material without any gets count as not stated */
         states = told.is_told ? (told.bits & SCENE__TOLD_GLOSS) != 0
                               : has_picture || out->metallic < 1 || out->roughness < 1;
-    } else scene__phong_gloss(m, out);
-    is_outside = scene__clamp(&out->metallic, 0, 1) | scene__clamp(&out->roughness, 0, 1);
+    } else {
+        scene__phong_gloss(m, out);
+        if (scene__glass(m) > 0) scene__glaze(m, scene__glass(m), out);
+    }
+    is_outside = scene__clamp(&out->metallic, 0, 1) | scene__clamp(&out->roughness, 0, 1) |
+                 scene__clamp(&out->transmission, 0, 1);
     if (out->ior > 0 || out->ior < 0) is_outside |= scene__clamp(&out->ior, 1, (float)SCENE__MOST_IOR);
     if (is_outside)
-        scene__warn(r->file, "material %s: its metal, roughness or index of refraction is out of range and was clamped",
-                    told.name);
-    r->not_matte |= scene__number(m, AI_MATKEY_TRANSMISSION_FACTOR, 0) > 0 ||
+        scene__warn(r->file, "material %s: its metal, roughness, transmission or index of refraction is out of range "
+                    "and was clamped", told.name);
+    r->not_matte |= out->transmission > 0 ||
                     (states && (has_picture || out->metallic > 0 || (out->ior > 0 && out->roughness < 1)));
-    if (!(out->ior > 0 || out->metallic > 0)) {
-        scene__make_matte(out);
-        return 0;
-    }
-    if (!has_picture) return 0;
-    out->specular_texture = scene__texture(&r->pictures, picture->name.data, NULL, scene__wrap_of(picture), 1);
-    if (!out->specular_texture) scene__make_matte(out);  /* without its texture the whole surface would be metal */
-    return 1;
+    if (!(out->ior > 0 || out->metallic > 0)) scene__make_matte(out);
 }
 
+/* Reads the factors of a material. When those of all materials are known, so is whether the file is matte. */
+static void scene__factors(scene__reader *r, unsigned index) {
+    const struct aiMaterial *m = r->in->mMaterials[index];
+    sbl_material *out = &r->materials[index];
+    scene__use_of_picture picture;
+    const int has_albedo = scene__picture_of(m, aiTextureType_DIFFUSE, &picture) ||
+                           scene__picture_of(m, aiTextureType_BASE_COLOR, &picture);
+    const scene__alpha alpha = scene__alpha_of(m, r->file->matte);
+    struct aiString mode;
+    scene__colors(r, m, has_albedo, out);
+    if (scene__picture_of(m, aiTextureType_EMISSIVE, &picture) &&
+        aiGetMaterialString(m, AI_MATKEY_GLTF_ALPHAMODE, &mode) != aiReturn_SUCCESS &&
+        !(out->emission[0] != 0.0f || out->emission[1] != 0.0f || out->emission[2] != 0.0f))
+        out->emission[0] = out->emission[1] = out->emission[2] = 1;
+    if (!scene__is_gone(&alpha, r->file->matte)) scene__gloss(r, m, out);
+}
+
+enum { SCENE__ALBEDO, SCENE__EMISSION, SCENE__SPECULAR, SCENE__TRANSMISSION, SCENE__MASK, SCENE__PICTURES };
+
+/* Reads the textures that have no alpha. A surface whose texture is missing does not emit, is matte, is opaque. */
+static void scene__plain_textures(scene__reader *r, const scene__use_of_picture *all, const int *has,
+                                  sbl_material *out) {
+    int *numbers[SCENE__PICTURES], i;
+    numbers[SCENE__EMISSION] = &out->emission_texture;
+    numbers[SCENE__SPECULAR] = &out->specular_texture;
+    numbers[SCENE__TRANSMISSION] = &out->transmission_texture;
+    for (i = SCENE__EMISSION; i <= SCENE__TRANSMISSION; i++)
+        if (has[i])
+            *numbers[i] = scene__texture(&r->pictures, all[i].name.data, NULL, scene__wrap_of(&all[i]),
+                                         i != SCENE__EMISSION);
+    if (has[SCENE__EMISSION] && !out->emission_texture)
+        out->emission[0] = out->emission[1] = out->emission[2] = 0;
+    if (has[SCENE__SPECULAR] && !out->specular_texture) scene__make_matte(out);
+    if (has[SCENE__TRANSMISSION] && !out->transmission_texture) out->transmission = 0;
+}
+
+/* Reads the rest of a material. */
 static void scene__material(scene__reader *r, unsigned index) {
     const struct aiMaterial *m = r->in->mMaterials[index];
     sbl_material *out = &r->materials[index];
-    struct aiString alpha_mode;
-    scene__use_of_picture albedo, emission, mask, gloss, *first;
-    int has_albedo = scene__picture_of(m, aiTextureType_DIFFUSE, &albedo) ||
-                     scene__picture_of(m, aiTextureType_BASE_COLOR, &albedo);
-    int has_emission = scene__picture_of(m, aiTextureType_EMISSIVE, &emission), has_mask, has_gloss;
-    float opacity, cutoff = scene__cutoff(m, &has_mask, &mask, &opacity);
-    scene__colors(r, m, has_albedo, out);
-    if (has_emission && aiGetMaterialString(m, AI_MATKEY_GLTF_ALPHAMODE, &alpha_mode) != aiReturn_SUCCESS &&
-        !(out->emission[0] != 0.0f || out->emission[1] != 0.0f || out->emission[2] != 0.0f))
-        out->emission[0] = out->emission[1] = out->emission[2] = 1;
-    if (cutoff > opacity) { r->left_out[index] = 1; return; }  /* textures and vertex colours can only reduce the
-                                                                  opacity */
-    out->alpha_cutoff = cutoff > 0.0f ? cutoff / opacity : 0.0f;
-    if (has_albedo || has_mask)
-        out->albedo_texture = scene__texture(&r->pictures, has_albedo ? albedo.name.data : NULL,
-                                             has_mask ? mask.name.data : NULL,
-                                             scene__wrap_of(has_albedo ? &albedo : &mask), 0);
-    if (has_emission) {
-        out->emission_texture = scene__texture(&r->pictures, emission.name.data, NULL, scene__wrap_of(&emission), 0);
-        if (!out->emission_texture)  /* without its texture the whole surface would emit */
-            out->emission[0] = out->emission[1] = out->emission[2] = 0;
+    scene__alpha alpha = scene__alpha_of(m, !r->not_matte);
+    scene__use_of_picture all[SCENE__PICTURES];
+    int has[SCENE__PICTURES], i, first = 0, differs = 0;
+    r->opacity[index] = 1;
+    r->left_out[index] = scene__is_gone(&alpha, !r->not_matte);
+    if (r->left_out[index]) return;
+    if (alpha.is_blended && r->not_matte) {
+        out->flags |= SBL_MATERIAL_BLEND;
+        r->opacity[index] = alpha.opacity;
     }
-    has_gloss = scene__gloss(r, m, out, &gloss);
-    first = has_albedo ? &albedo : has_emission ? &emission : has_gloss ? &gloss : has_mask ? &mask : NULL;
-    r->uv_set[index] = first ? first->set : 0;
-    if ((has_emission && emission.set != first->set) || (has_gloss && gloss.set != first->set))
+    has[SCENE__ALBEDO] = scene__picture_of(m, aiTextureType_DIFFUSE, &all[SCENE__ALBEDO]) ||
+                         scene__picture_of(m, aiTextureType_BASE_COLOR, &all[SCENE__ALBEDO]);
+    has[SCENE__EMISSION] = scene__picture_of(m, aiTextureType_EMISSIVE, &all[SCENE__EMISSION]);
+    has[SCENE__SPECULAR] = (out->ior > 0 || out->metallic > 0) &&
+                           scene__specular_picture(r, m, &all[SCENE__SPECULAR]);
+    has[SCENE__TRANSMISSION] = out->transmission > 0 &&
+                               scene__picture_of(m, aiTextureType_TRANSMISSION, &all[SCENE__TRANSMISSION]);
+    has[SCENE__MASK] = alpha.has_mask;
+    all[SCENE__MASK] = alpha.mask;
+    out->alpha_cutoff = alpha.cutoff > 0.0f ? alpha.cutoff / alpha.opacity : 0.0f;
+    while (first < SCENE__PICTURES && !has[first]) first++;
+    r->uv_set[index] = first < SCENE__PICTURES ? all[first].set : 0;
+    if (has[SCENE__ALBEDO] || alpha.has_mask)
+        out->albedo_texture = scene__texture(&r->pictures, has[SCENE__ALBEDO] ? all[SCENE__ALBEDO].name.data : NULL,
+                                             alpha.has_mask ? alpha.mask.name.data : NULL,
+                                             scene__wrap_of(has[SCENE__ALBEDO] ? &all[SCENE__ALBEDO] : &alpha.mask), 0);
+    scene__plain_textures(r, all, has, out);
+    for (i = first; i <= SCENE__TRANSMISSION; i++) differs |= has[i] && all[i].set != all[first].set;
+    if (differs)
         scene__warn(r->file, "material %s: its textures use different texture coordinates; those of its %s are used "
-                    "for all", scene__told_by(r, m).name, has_albedo ? "colour" : "emission");
+                    "for all", scene__told_by(r, m).name, has[SCENE__ALBEDO] ? "colour" : has[SCENE__EMISSION] ?
+                    "emission" : "metal");
 }
 
 /* ---- what is read as something simpler: see SCENE_FILE_KINDS ---- */
@@ -389,11 +487,13 @@ static int scene__has_picture(const struct aiMaterial *m, const enum aiTextureTy
     return 0;
 }
 
-static int scene__is_blended(const scene__reader *r, unsigned index) {
+/* Returns whether a cutout replaces partial transparency. */
+static int scene__is_cut(const scene__reader *r, unsigned index) {
     const struct aiMaterial *m = r->in->mMaterials[index];
     const int texture = r->materials[index].albedo_texture;
     const float opacity = scene__number(m, AI_MATKEY_OPACITY, 1);
     struct aiString mode;
+    if (r->not_matte) return 0;
     if (aiGetMaterialString(m, AI_MATKEY_GLTF_ALPHAMODE, &mode) != aiReturn_SUCCESS) return opacity < 1;
     return strcmp(mode.data, "BLEND") == 0 &&
            (opacity < 1 || (texture && r->pictures.textures[texture - 1].channels % 2 == 0));
@@ -411,16 +511,19 @@ static void scene__count_matte(const scene__reader *r, const struct aiMaterial *
     if (is_metal && !mapped) scene__count(r->file, SCENE_FILE_METAL);
     else if (scene__number(m, AI_MATKEY_OBJ_ILLUM, 0) > 2.5f) scene__count(r->file, SCENE_FILE_ILLUM);
     else if (scene__is_glossy(m)) scene__count(r->file, SCENE_FILE_GLOSS);
+    if (scene__number(m, AI_MATKEY_TRANSMISSION_FACTOR, 0) > 0) scene__count(r->file, SCENE_FILE_GLASS);
 }
 
-/* Counts the textures of metal and gloss that are not read, and glass of OBJ. */
-static void scene__count_gloss(const scene__reader *r, const struct aiMaterial *m) {
+/* Counts the textures of metal and gloss that are not read, and what is thick in the file, but shown as a thin pane. */
+static void scene__count_gloss(const scene__reader *r, unsigned index) {
     static const enum aiTextureType maps[] = { aiTextureType_SPECULAR, aiTextureType_SHININESS,
         aiTextureType_DISPLACEMENT, aiTextureType_REFLECTION, aiTextureType_METALNESS, aiTextureType_DIFFUSE_ROUGHNESS,
         aiTextureType_UNKNOWN };
-    const int illum = (int)scene__number(m, AI_MATKEY_OBJ_ILLUM, 0);
+    const struct aiMaterial *m = r->in->mMaterials[index];
+    const int refracts = scene__number(m, AI_MATKEY_VOLUME_THICKNESS_FACTOR, 0) > 0 || scene__illum(m) == 6 ||
+                         scene__illum(m) == 7;
     if (scene__has_picture(m, maps, r->is_gltf ? 4 : 7)) scene__count(r->file, SCENE_FILE_MAP);
-    if (illum == 4 || illum == 6 || illum == 7 || illum == 9) scene__count(r->file, SCENE_FILE_GLASS);
+    if (r->materials[index].transmission > 0 && refracts) scene__count(r->file, SCENE_FILE_REFRACTION);
 }
 
 /* Counts the features of a used material that sbl.h does not have. */
@@ -433,16 +536,15 @@ static void scene__count_material(const scene__reader *r, unsigned index) {
     struct aiString name;
     if (r->is_gltf && index + 1 == r->in->mNumMaterials &&  /* assimp's material for meshes that have none */
         aiGetMaterialString(m, AI_MATKEY_NAME, &name) != aiReturn_SUCCESS) return;
-    if (scene__is_blended(r, index)) scene__count(r->file, SCENE_FILE_BLEND);
+    if (scene__is_cut(r, index)) scene__count(r->file, SCENE_FILE_BLEND);
     if (told.bits & SCENE__TOLD_OTHER) scene__count(r->file, SCENE_FILE_EXTENSION);
     if (scene__shading(m) == aiShadingMode_NoShading) {
         scene__count(r->file, SCENE_FILE_UNLIT);
         return;
     }
     if (r->file->matte) scene__count_matte(r, m);
-    else scene__count_gloss(r, m);
+    else scene__count_gloss(r, index);
     if (scene__has_picture(m, bumps, sizeof bumps / sizeof *bumps)) scene__count(r->file, SCENE_FILE_NORMAL_MAP);
-    if (scene__number(m, AI_MATKEY_TRANSMISSION_FACTOR, 0) > 0) scene__count(r->file, SCENE_FILE_GLASS);
     if (scene__number(m, AI_MATKEY_CLEARCOAT_FACTOR, 0) > 0) scene__count(r->file, SCENE_FILE_COAT);
     if (aiGetMaterialColor(m, AI_MATKEY_SHEEN_COLOR_FACTOR, &sheen) == aiReturn_SUCCESS &&
         (sheen.r > 0 || sheen.g > 0 || sheen.b > 0))
@@ -498,22 +600,33 @@ static float *scene__texcoords(scene__reader *r, const struct aiMesh *in, unsign
     return v;
 }
 
-static void scene__attributes(scene__reader *r, const struct aiMesh *in, sbl_mesh *out) {
-    const unsigned set_of = in->mMaterialIndex < r->in->mNumMaterials ? r->uv_set[in->mMaterialIndex] : 0;
-    const unsigned set = set_of < AI_MAX_NUMBER_OF_TEXTURECOORDS ? set_of : 0, count = in->mNumVertices;
+/* Returns the vertex colours of a mesh, or NULL. They hold the opacity of its material, because an sbl_material has no
+   factor for alpha: this is exact with and without a texture, and needs no copy of a picture. */
+static float *scene__vertex_colors(scene__reader *r, const struct aiMesh *in, float opacity) {
+    const size_t count = in->mNumVertices;
+    float *v;
     size_t i;
+    if (!in->mColors[0] && !(opacity < 1)) return NULL;
+    v = in->mColors[0] ? scene__vectors(r->file, &in->mColors[0]->r, in->mNumVertices, 4, 4)
+                       : (float *)scene__alloc(r->file, count, 4 * sizeof *v);
+    for (i = 0; v && i < 4 * count; i++) {
+        if (!in->mColors[0]) v[i] = 1;
+        if (i % 4 == 3) v[i] *= opacity;
+        if (v[i] < 0.0f) v[i] = 0;
+        if (v[i] > 1.0f) v[i] = 1;
+    }
+    return v;
+}
+
+static void scene__attributes(scene__reader *r, const struct aiMesh *in, sbl_mesh *out) {
+    const int has_material = in->mMaterialIndex < r->in->mNumMaterials;
+    const unsigned set_of = has_material ? r->uv_set[in->mMaterialIndex] : 0;
+    const unsigned set = set_of < AI_MAX_NUMBER_OF_TEXTURECOORDS ? set_of : 0, count = in->mNumVertices;
     out->positions.data = scene__vectors(r->file, &in->mVertices->x, count, 3, 3);
     if (in->mNormals) out->normals.data = scene__vectors(r->file, &in->mNormals->x, count, 3, 3);
     out->texcoords.data = scene__texcoords(r, in, set);
     out->lightmap_texcoords.data = set == 1 ? out->texcoords.data : scene__texcoords(r, in, 1);
-    if (in->mColors[0]) {
-        float *v = scene__vectors(r->file, &in->mColors[0]->r, count, 4, 4);
-        out->colors.data = v;
-        for (i = 0; v && i < 4 * (size_t)count; i++) {
-            if (v[i] < 0.0f) v[i] = 0;
-            if (v[i] > 1.0f) v[i] = 1;
-        }
-    }
+    out->colors.data = scene__vertex_colors(r, in, has_material ? r->opacity[in->mMaterialIndex] : 1);
 }
 
 /* Converts the arrays of one mesh. vertex_count stays 0 if the mesh has no triangles. */
@@ -783,18 +896,19 @@ static void scene__nodes(scene__reader *r) {
 static int scene__make_room(scene__reader *r) {
     const size_t materials = r->in->mNumMaterials ? r->in->mNumMaterials : 1;
     scene__pictures *p = &r->pictures;
-    p->room = (int)(3 * materials);
-    p->textures = (sbl_texture *)scene__alloc(r->file, 3 * materials, sizeof *p->textures);
-    p->keys = (struct scene__texture_key *)calloc(3 * materials, sizeof *p->keys);
+    p->room = (int)(4 * materials);
+    p->textures = (sbl_texture *)scene__alloc(r->file, 4 * materials, sizeof *p->textures);
+    p->keys = (struct scene__texture_key *)calloc(4 * materials, sizeof *p->keys);
     r->materials = (sbl_material *)scene__alloc(r->file, materials, sizeof *r->materials);
     r->lights = (sbl_light *)scene__alloc(r->file, r->in->mNumLights, sizeof *r->lights);
     r->left_out = (int *)calloc(materials, sizeof *r->left_out);
     r->uv_set = (unsigned *)calloc(materials, sizeof *r->uv_set);
+    r->opacity = (float *)calloc(materials, sizeof *r->opacity);
     r->shown = (char *)calloc(materials, 1);
     r->posed = (char *)calloc((size_t)r->in->mNumMeshes + 1, 1);
     r->shared = (sbl_mesh *)calloc((size_t)r->in->mNumMeshes + 1, sizeof *r->shared);
     r->lamps = (struct scene__lamp *)calloc((size_t)r->in->mNumLights + 1, sizeof *r->lamps);
-    if (!p->keys || !r->left_out || !r->uv_set || !r->shown || !r->posed || !r->shared || !r->lamps)
+    if (!p->keys || !r->left_out || !r->uv_set || !r->opacity || !r->shown || !r->posed || !r->shared || !r->lamps)
         scene__fail_for_memory(r->file, "it");
     return !r->file->error[0];
 }
@@ -814,8 +928,9 @@ static void scene__convert(scene__reader *r) {
     unsigned i;
     if (scene__make_room(r)) {
         for (i = 0; i < 3; i++) r->materials[0].albedo[i] = 0.6f;  /* default material, if the file has none */
-        for (i = 0; i < r->in->mNumMaterials && !file->error[0]; i++) scene__material(r, i);
+        for (i = 0; i < r->in->mNumMaterials && !file->error[0]; i++) scene__factors(r, i);
         for (i = 0; i < r->in->mNumMaterials && !r->not_matte; i++) scene__make_matte(&r->materials[i]);
+        for (i = 0; i < r->in->mNumMaterials && !file->error[0]; i++) scene__material(r, i);
         for (i = 0; i < r->in->mNumMeshes && !file->error[0]; i++) scene__mesh(r, r->in->mMeshes[i], &r->shared[i]);
         for (i = 0; i < r->in->mNumLights; i++) r->lamps[i].light = r->in->mLights[i];
         qsort(r->lamps, r->in->mNumLights, sizeof *r->lamps, scene__by_name);
@@ -832,6 +947,7 @@ static void scene__convert(scene__reader *r) {
     scene__free_pictures(&r->pictures);
     free(r->left_out);
     free(r->uv_set);
+    free(r->opacity);
     free(r->shown);
     free(r->posed);
     free(r->shared);

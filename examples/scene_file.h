@@ -15,13 +15,13 @@
    becomes an sbl_mesh with its own id; all uses share the arrays), the first perspective camera, point, spot and
    directional lights, and these materials and lights:
 
-       OBJ   Kd map_Kd Ke map_Ke d map_d. A mesh with a constant d below 0.5 is left out. map_d becomes the alpha of the
-             albedo texture, with the cutoff 0.5. map_Ke without Ke is used with Ke 1 1 1. Ns Ks Ni illum (or Pr Pm)
-             become gloss or metal, see scene__phong_gloss
+       OBJ   Kd map_Kd Ke map_Ke d map_d. map_d becomes the alpha of the albedo texture, with the cutoff 0.5. map_Ke
+             without Ke is used with Ke 1 1 1. Ns Ks Ni illum (or Pr Pm) become gloss or metal, see scene__phong_gloss;
+             illum 4, 6, 7 and 9 with d, Ni and Tf become panes, see scene__glass and scene__glaze
        glTF  baseColor; emissive times KHR_materials_emissive_strength (needs cJSON: define SBL_RENDER_CJSON, link with
-             -lcjson); alphaMode MASK with its cutoff, BLEND as MASK with the cutoff 0.5; metallicFactor,
-             roughnessFactor, metallicRoughnessTexture, KHR_materials_ior, and KHR_materials_specular where it is 0.
-             KHR_lights_punctual without ranges; several nodes can share a light only with cJSON
+             -lcjson); alphaMode MASK with its cutoff, and BLEND; metallicFactor, roughnessFactor,
+             metallicRoughnessTexture, KHR_materials_transmission, KHR_materials_ior, and KHR_materials_specular where
+             it is 0. KHR_lights_punctual without ranges; several nodes can share a light only with cJSON
        else  the colour of a light is its intensity; attenuation other than by distance is ignored
 
    Metal and gloss follow one rule for the whole file. If no material in use has metal, a roughness below 1, a texture
@@ -29,6 +29,10 @@
    matte. Otherwise all materials of a .gltf are read by the model of glTF. A material without metallicFactor,
    roughnessFactor and metallicRoughnessTexture counts as matte for the rule, although glTF reads it as metal of
    roughness 1. Surfaces that emit and have a black colour, and unlit ones, are always matte.
+
+   BLEND, and a constant opacity below 1 in other formats, become SBL_MATERIAL_BLEND if the file is not matte. In matte
+   files they are cut out where their alpha is below 0.5; meshes with a constant alpha below 0.5 are left out. These
+   materials alone do not make a file one that is not matte.
 
    A file from a stranger can crash its reader, take control of it, make it hang, use up all memory, or refer to files
    that it must not access. For this reason:
@@ -81,7 +85,8 @@ typedef struct scene_file_options {
 } scene_file_options;
 
 /* What is replaced by something simpler or left out: kind, what is counted (one, several), text of the warning. METAL,
-   GLOSS, ILLUM and TEXTURE are counted only with options.matte, MAP and SPECULAR only without. */
+   GLOSS, GLASS, ILLUM and TEXTURE are counted only with options.matte, MAP, SPECULAR and REFRACTION only without. BLEND
+   is counted in matte files, by the rule or by the options. */
 #define SCENE_FILE_KINDS(X) \
     X(METAL, "material", "materials", "metal is read as a matte surface of its base colour") \
     X(GLOSS, "material", "materials", "gloss is ignored (roughness below 0.5, or Ns above 30): the surface is matte") \
@@ -90,6 +95,7 @@ typedef struct scene_file_options {
     X(ANISOTROPY, "material", "materials", "anisotropy is ignored") \
     X(SPECULAR, "material", "materials", "strength and colour of reflections (KHR_materials_specular) are ignored") \
     X(GLASS, "material", "materials", "transmission, refraction and volume are ignored: the surface is opaque") \
+    X(REFRACTION, "material", "materials", "refraction and volume are ignored: light passes as through a thin pane") \
     X(ILLUM, "material", "materials", "mirrors and glass (illum 3 to 9) are read as matte, opaque surfaces") \
     X(BLEND, "material", "materials", "partial transparency is read as a cutout: opaque from 0.5 on") \
     X(NORMAL_MAP, "material", "materials", "normal maps and bump maps are ignored") \

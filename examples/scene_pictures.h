@@ -259,7 +259,7 @@ static int scene__texture(scene__pictures *p, const char *albedo, const char *ma
         if (strcmp(p->keys[i].albedo, albedo ? albedo : "") == 0 && strcmp(p->keys[i].mask, mask ? mask : "") == 0 &&
             p->keys[i].wrap == wrap && p->keys[i].linear == linear)
             return i + 1;
-    if (p->count == p->room) return 0;  /* cannot happen: there are at most three per material */
+    if (p->count == p->room) return 0;  /* cannot happen: there are at most four per material */
     memset(&pixels, 0, sizeof pixels);
     if (albedo) scene__picture(p, albedo, &pixels);
     if (mask && scene__picture(p, mask, &mask_pixels)) {

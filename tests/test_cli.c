@@ -1509,6 +1509,7 @@ static void materials_gltf(const char *materials, const char *more) {
     stbi_write_png(in_folder("grey.png"), 1, 1, 4, grey, 4);
     n = sprintf(json, "{\"asset\":{\"version\":\"2.0\"},\"extensionsUsed\":[\"KHR_materials_unlit\","
                 "\"KHR_materials_clearcoat\",\"KHR_materials_sheen\",\"KHR_materials_transmission\","
+                "\"KHR_materials_volume\","
                 "\"KHR_lights_punctual\"],\"images\":[{\"uri\":\"grey.png\"}],\"textures\":[{\"source\":0}],"
                 "\"materials\":[{");
     for (; *c; c++) {
@@ -1556,7 +1557,7 @@ TEST(substitutions_are_named) {
         "metal is read as a matte surface of its base colour (2 materials)",
         "gloss is ignored (roughness below 0.5, or Ns above 30): the surface is matte (1 material)",
         "clear coat is ignored (1 material)", "sheen is ignored (1 material)", "anisotropy is ignored (1 material)",
-        "transmission, refraction and volume are ignored: the surface is opaque (1 material)",
+        "transmission, refraction and volume are ignored: the surface is opaque (2 materials)",
         "partial transparency is read as a cutout: opaque from 0.5 on (2 materials)",
         "normal maps and bump maps are ignored (1 material)",
         "textures of metal, roughness, gloss or displacement are not read (1 material)",
@@ -1573,8 +1574,7 @@ TEST(substitutions_are_named) {
         "textures of metal, roughness, gloss or displacement are not read (1 material)",
         "lines and points are left out (1 mesh)" };
     static const char *const gloss_lines[] = {
-        "transmission, refraction and volume are ignored: the surface is opaque (1 material)",
-        "partial transparency is read as a cutout: opaque from 0.5 on (1 material)",
+        "refraction and volume are ignored: light passes as through a thin pane (1 material)",
         "normal maps and bump maps are ignored (1 material)",
         "textures of specular colour, gloss or displacement are not read; those of metal and roughness are read only "
             "from glTF (1 material)",
@@ -1596,6 +1596,8 @@ TEST(substitutions_are_named) {
         MATTE "},\"extensions\":{\"KHR_materials_clearcoat\":{\"clearcoatFactor\":1}}|"
         MATTE "},\"extensions\":{\"KHR_materials_sheen\":{\"sheenColorFactor\":[1,1,1]}}|"
         MATTE "},\"extensions\":{\"KHR_materials_transmission\":{\"transmissionFactor\":1}}|"
+        MATTE "},\"extensions\":{\"KHR_materials_transmission\":{\"transmissionFactor\":1},"
+        "\"KHR_materials_volume\":{\"thicknessFactor\":0.1}}|"
         MATTE ",\"baseColorFactor\":[1,1,1,0.7]},\"alphaMode\":\"BLEND\"|"
         MATTE ",\"baseColorTexture\":" TEXTURE "},\"alphaMode\":\"BLEND\"|" MATTE "},\"alphaMode\":\"BLEND\"|"
         "\"extensions\":{\"KHR_materials_unlit\":{}}|" MATTE "},\"extensions\":{\"KHR_materials_anisotropy\":{},"
@@ -1611,10 +1613,11 @@ TEST(substitutions_are_named) {
     check_warnings("squares.gltf", gltf_lines, 15);
     for (i = 0; i < 3; i++) lines[i] = gltf_lines[i + 2];  /* without metal and gloss */
     lines[i++] = "strength and colour of reflections (KHR_materials_specular) are ignored (2 materials)";
-    for (; i < 7; i++) lines[i] = gltf_lines[i + 1];
-    for (; i < 13; i++) lines[i] = gltf_lines[i + 2];      /* without textures of metal */
+    lines[i++] = gloss_lines[0];                           /* of two panes, one is thick */
+    lines[i++] = gltf_lines[7];                            /* without transmission and partial transparency */
+    for (; i < 12; i++) lines[i] = gltf_lines[i + 3];      /* without textures of metal */
     TOOL("squares.gltf", SQUARES);
-    check_warnings("squares.gltf", lines, 13);
+    check_warnings("squares.gltf", lines, 12);
     CHECK(TOOL("squares.gltf", "--quiet", SQUARES) == 0 && !ran.err[0], "--quiet says: %s", ran.err);
 
     mtl = fopen(in_folder("kinds.mtl"), "w");
@@ -1631,7 +1634,7 @@ TEST(substitutions_are_named) {
     TOOL("kinds.obj", "--materials", "matte", SQUARES);
     check_warnings("kinds.obj", obj_lines, 6);
     TOOL("kinds.obj", SQUARES);
-    check_warnings("kinds.obj", gloss_lines, 5);
+    check_warnings("kinds.obj", gloss_lines, 4);
     TOOL("lamps.dae", SQUARES);
     check_warnings("lamps.dae", area_line, 1);
 }
