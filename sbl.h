@@ -2326,7 +2326,7 @@ static unsigned char sbl__to_byte(float x) {
 
 /* Numbers of texture units, draw buffers, viewports (at most; see sbl__gl.viewports) and image units whose state the
    guard saves and restores. Programs may use only the first GUARD_UNITS texture units and GUARD_IMAGES image units. */
-#define SBL__GUARD_UNITS 13
+#define SBL__GUARD_UNITS 14
 #define SBL__GUARD_DRAW_BUFFERS 8
 #define SBL__GUARD_VIEWPORTS 16
 #define SBL__GUARD_IMAGES 6

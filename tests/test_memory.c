@@ -107,7 +107,7 @@ TEST(lightmaps_need_what_is_foretold) {
         scene = scene_desc(&room);
         REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene) == SBL_SUCCESS, "%s",
                 watch_last(&seen));
-        bake.width = bake.height = directional ? 256 : 512;
+        bake.width = bake.height = directional ? 288 : 512;
         bake.options.mode = SBL_MODE_DIRECT;
         bake.options.preset = SBL_PRESET_DRAFT;
         bake.directional = directional;
