@@ -2796,6 +2796,7 @@ typedef struct sbl__record {
 #define SBL__FILTER_VISIBLE 0.0025f    /* the filter adds this share of a pixel's light to its noise, because nobody
                                           sees differences that small */
 #define SBL__FILTER_FALL 0.25          /* factor of the filter's weights: exp(-this * (difference / noise)^2) */
+#define SBL__LOBE_UNIT 65535.0f        /* what stands for 1 in sbl__lobe_albedos */
 #define SBL__LOBE_ROUGH 0.25f          /* from this roughness on, lamps in a lobe are computed in closed form */
 #define SBL__MIRROR_SEEN 0.08f         /* a pixel that shows metal of lower roughness shows what is seen in it */
 #define SBL__GLOW_ALBEDO 0.05f         /* least albedo by which the radiance of a glow is divided if its surface is not
@@ -2819,7 +2820,7 @@ typedef struct sbl__record {
     X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
     X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_TURN) \
     X(BELONGS_OFF) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST) X(LOBE_ROUGH) \
-    X(GLOW_ALBEDO) X(MIRROR_SEEN)
+    X(LOBE_UNIT) X(GLOW_ALBEDO) X(MIRROR_SEEN)
 #define SBL__SHARED_FLAGS(X) X(BLEND) X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
 
 #define SBL__PRELUDE_MOST 24576    /* room for the text before a shader's files, in characters, with the final 0 */
@@ -2948,7 +2949,7 @@ static const uint16_t sbl__lobe_cosines[16][64] = {
 static size_t sbl__write_lobes(char *text, size_t length) {
     const int count = SBL__LOBE_ROWS * SBL__LOBE_ROWS;
     int i;
-    length = sbl__write(text, length, "const uint sbl_lobe_albedos[%d] = uint[%d](", count, count);
+    length = sbl__write(text, length, "const uint sbl_lobe_table[%d] = uint[%d](", count, count);
     for (i = 0; i < count; i++) {
         const uint16_t *at = sbl__lobe_albedos[0] + 2 * i;
         length = sbl__write(text, length, "%s%uu", i ? "," : "", (unsigned)at[0] | (unsigned)at[1] << 16);
@@ -5231,8 +5232,8 @@ static const char *const sbl__glsl_lobe[] = {
 "}\n",
 "\n",
 "vec2 sbl_lobe_entry(int row, int column) {\n",
-"    uint entry = sbl_lobe_albedos[16 * row + column];\n",
-"    return vec2(entry & 65535u, entry >> 16) / 65535.0;\n",
+"    uint entry = sbl_lobe_table[16 * row + column];\n",
+"    return vec2(entry & 65535u, entry >> 16) / SBL_LOBE_UNIT;\n",
 "}\n",
 "\n",
 "// Share of uniform light that the lobe reflects to a viewer at this cosine. Interpolates sbl__lobe_albedos.\n",
@@ -5502,8 +5503,24 @@ static const char *const sbl__glsl_material[] = {
 "#endif\n",
 "}\n",
 "\n",
+"#ifdef SBL_SPECULAR\n",
+"// Radiance that the diffuse part of a surface reflects. light: R at the surface\n",
+"vec3 sbl_reflected_diffuse(sbl_Material m, vec3 light) { return m.diffuse * light; }\n",
+"\n",
+"// Radiance that the lobe of a surface reflects to a viewer at this cosine. light: mean radiance in the lobe\n",
+"vec3 sbl_lobe_reflected(sbl_Material m, float cosine, vec3 light) {\n",
+"    return m.opacity * sbl_specular_albedo(m.reflectance, m.roughness, cosine) * light;\n",
+"}\n",
+"\n",
+"// Albedo of the diffuse part of a surface that a viewer sees at this cosine.\n",
+"vec3 sbl_diffuse_albedo(sbl_Material m, float cosine) { return m.diffuse * (1.0 - sbl_diffuse_lost(cosine)); }\n",
+"#endif\n",
+"\n",
 "// Albedo, as bounces in the store use it: limited below 1, so that light fades even in closed white rooms.\n",
-"vec3 sbl_bounced(sbl_Material m) { return clamp(m.albedo, 0.0, SBL_BOUNCE_ALBEDO); }\n",
+"// tint: factor of the light, see sbl_trace\n",
+"vec3 sbl_bounced(sbl_Material m, vec3 tint) {\n",
+"    return min(tint * clamp(m.albedo, 0.0, SBL_BOUNCE_ALBEDO), vec3(1));\n",
+"}\n",
 "\n",
 "// A reflected ray.\n",
 "struct sbl_Bounce {\n",
@@ -9357,13 +9374,15 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    bool sky;         // true: the last ray meets none. The surface is then the last mirror or pane\n",
 "};\n",
 "\n",
-"// Radiance of a surface, with stored light. number: of its triangle\n",
-"vec3 sbl_stored_radiance(sbl_Surface s, int number, vec3 albedo) {\n",
-"    vec3 radiance = s.emission;\n",
+"// Radiance of a surface, with stored light. number: of its triangle; only_diffuse: true: without its specular lobe\n",
+"vec3 sbl_stored_radiance(sbl_Surface s, int number, bool only_diffuse) {\n",
 "#ifdef SBL_BOUNCED\n",
-"    radiance += albedo * sbl_stored(number, s.back, s.position, SBL_UNBOUNDED);\n",
+"    vec3 light = sbl_stored(number, s.back, s.position, SBL_UNBOUNDED);\n",
+"    if (only_diffuse) return s.emission + sbl_reflected_diffuse(s.material, light);\n",
+"    return s.emission + sbl_reflected(s.material, light);\n",
+"#else\n",
+"    return s.emission;\n",
 "#endif\n",
-"    return radiance;\n",
 "}\n",
 "\n",
 "// Radiance that a ray from the surface s finds, with stored light: what a pane reflects, or what is behind it.\n",
@@ -9373,7 +9392,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    sbl_Hit hit = sbl_trace(origin, direction, SBL_UNBOUNDED, SBL_RAY_SOLID);\n",
 "    if (hit.triangle < 0) return sky + sbl_sky_smooth(direction);\n",
 "    sbl_Surface found = sbl_surface(hit.number, origin, direction);\n",
-"    return sbl_stored_radiance(found, hit.number, found.material.albedo);\n",
+"    return sbl_stored_radiance(found, hit.number, false);\n",
 "}\n",
 "\n",
 "bool sbl_is_mirror(sbl_Material m) {\n",
@@ -9402,12 +9421,12 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "                m.emission += m.throughput * passing * sbl_radiance_along(s, -1.0, m.direction);\n",
 "            break;\n",
 "        }\n",
-"        m.emission += m.throughput * sbl_stored_radiance(s, m.number, pane ? s.material.diffuse : vec3(0));\n",
+"        m.emission += m.throughput * (pane ? sbl_stored_radiance(s, m.number, true) : s.emission);\n",
 "        vec3 mirrored = sbl_mirrored(s, m.direction);\n",
 "        float side = pane ? -1.0 : 1.0;  // the side of the surface on which the ray goes on\n",
 "        for (int k = 0; k < (pane && s.material.roughness >= 0.0 ? 1 : 0); k++)\n",
-"            m.emission += m.throughput * s.material.opacity * sbl_radiance_along(s, 1.0, mirrored) *\n",
-"                          sbl_specular_albedo(s.material.reflectance, s.material.roughness, cosine);\n",
+"            m.emission += m.throughput *\n",
+"                          sbl_lobe_reflected(s.material, cosine, sbl_radiance_along(s, 1.0, mirrored));\n",
 "        if (!pane) m.direction = mirrored;\n",
 "        m.throughput *= pane ? passing : s.material.reflectance +\n",
 "                                         (1.0 - s.material.reflectance) * pow(1.0 - cosine, 5.0);\n",
@@ -9476,23 +9495,24 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "        out_emission = vec4(s.emission, 0);\n",
 "        out_id = s.id;\n",
 "#if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)\n",
+"        vec3 shown = s.material.albedo;\n",
 "        if (s.material.roughness >= 0.0) {\n",
 "            float cosine = clamp(-dot(s.normal, seen.direction), 1e-3, 1.0);\n",
 "            vec3 reflectance = s.material.reflectance;\n",
-"            out_specular = vec4(sbl_specular_albedo(reflectance, s.material.roughness, cosine), 1);\n",
-"            out_specular.rgb *= s.material.opacity;\n",
+"            out_specular = vec4(sbl_lobe_reflected(s.material, cosine, vec3(1)), 1);\n",
 "            out_lobe = vec4(sbl_pack_two(reflectance.r, reflectance.g),\n",
 "                            sbl_pack_two(reflectance.b, s.material.roughness),\n",
 "                            sbl_pack_direction(-seen.direction));\n",
-"            out_albedo.rgb = s.material.diffuse * (1.0 - sbl_diffuse_lost(cosine));\n",
+"            shown = sbl_diffuse_albedo(s.material, cosine);\n",
 "        }\n",
 "        if (seen.sky) {\n",
 "            out_specular = vec4(0);\n",
 "            out_lobe.y = -1.0;\n",
-"            out_albedo.rgb = out_emission.rgb = vec3(0);\n",
+"            shown = out_emission.rgb = vec3(0);\n",
 "        }\n",
 "        out_specular.rgb *= seen.throughput;\n",
-"        out_albedo.rgb *= seen.throughput;\n",
+"        shown *= seen.throughput;\n",
+"        out_albedo = vec4(shown, 1);\n",
 "        out_emission.rgb = seen.emission + seen.throughput * out_emission.rgb;\n",
 "#endif\n",
 "#ifdef SBL_BOUNCED\n",
@@ -9772,8 +9792,8 @@ static void sbl__specular_albedo(const float reflectance[3], double roughness, d
     double share[2];
     int k;
     sbl__lobe_look_up(sbl__lobe_albedos[0], 2, cosine * (1 + alpha) / (cosine + alpha), roughness, share);
-    share[0] /= 65535;
-    share[1] *= u * u * u * u * u / 65535;
+    share[0] /= (double)SBL__LOBE_UNIT;
+    share[1] *= u * u * u * u * u / (double)SBL__LOBE_UNIT;
     for (k = 0; k < 3; k++) out[k] = (float)((double)reflectance[k] * (share[0] - share[1]) + share[1]);
 }
 
@@ -10857,7 +10877,7 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "#ifdef SBL_LOBE\n",
 "// Like sbl_lobe_factor, divided by the lobe's albedo, of the linearly transformed cosine in place of the lobe. The\n",
-"// closed form is that of the cosine, and rays measure its obstruction; `sampled` adds the rest of the lobe's light.\n",
+"// closed form is that of the cosine. Rays measure its obstruction; `sampled` adds the rest of the lobe's light.\n",
 "float sbl_cosine_factor(vec3 direction) {\n",
 "    vec3 w = to_frame * direction;\n",
 "    float length2 = dot(w, w), cosine = dot(direction, n);\n",
@@ -10961,7 +10981,7 @@ static const char *const sbl__glsl_lamps[] = {
 "float taken = 0.0;                            // number of rays, without rim samples and rays to point lights\n",
 "float squares = 0.0;                          // sum of the squared luminances of the rays in `sampled`\n",
 "#ifdef SBL_LOBE\n",
-"vec2 lobe_squares = vec2(0);                  // by group: sum of the squared luminances of the rays' light in `open`\n",
+"vec2 lobe_squares = vec2(0);                  // by group: sum of squared luminances of the rays' light in `open`\n",
 "#endif\n",
 "vec2 sparse;                                  // by group: 1: too few rays for a ratio; 0: enough\n",
 "vec2 bright = vec2(0), dark = vec2(0);        // by group: number of unblocked and of blocked rays and rim samples\n",
@@ -13177,7 +13197,7 @@ static const char *const sbl__glsl_cast[] = {
 "    float low = 0.0, high = 0.0;\n",
 "    if (hit.triangle >= 0) {\n",
 "        int object = int(sbl_triangle_object(hit.triangle));\n",
-"        albedo = min(sbl_tint * sbl_bounced(sbl_material(object, sbl_attributes_of(hit))), vec3(1));\n",
+"        albedo = sbl_bounced(sbl_material(object, sbl_attributes_of(hit)), sbl_tint);\n",
 "        low = (float(hit.number % SBL_CAST_NUMBERS) + 1.0) * (hit.back ? -1.0 : 1.0);\n",
 "        high = float(hit.number / SBL_CAST_NUMBERS);\n",
 "    }\n",
@@ -17275,7 +17295,9 @@ static const char *const sbl__glsl_resolve[] = {
 "    if (id == 0u) color = sky + sbl_sky_smooth(sbl_camera_direction());\n",
 "    else {\n",
 "        vec3 light = offset == vec2(0) ? texelFetch(radiance, at, 0).rgb : sbl_light_at(radiance, at, id);\n",
-"        color = texelFetch(sample_emission, at, 0).rgb + texelFetch(sample_albedo, at, 0).rgb * light;\n",
+"        sbl_Material material;\n",
+"        material.albedo = texelFetch(sample_albedo, at, 0).rgb;\n",
+"        color = texelFetch(sample_emission, at, 0).rgb + sbl_reflected(material, light);\n",
 "#ifdef SBL_SPECULAR\n",
 "        light = offset == vec2(0) ? texelFetch(reflected, at, 0).rgb : sbl_light_at(reflected, at, id);\n",
 "        color += texelFetch(sample_specular, at, 0).rgb * light;\n",

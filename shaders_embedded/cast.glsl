@@ -19,7 +19,7 @@ void main() {
     float low = 0.0, high = 0.0;
     if (hit.triangle >= 0) {
         int object = int(sbl_triangle_object(hit.triangle));
-        albedo = min(sbl_tint * sbl_bounced(sbl_material(object, sbl_attributes_of(hit))), vec3(1));
+        albedo = sbl_bounced(sbl_material(object, sbl_attributes_of(hit)), sbl_tint);
         low = (float(hit.number % SBL_CAST_NUMBERS) + 1.0) * (hit.back ? -1.0 : 1.0);
         high = float(hit.number / SBL_CAST_NUMBERS);
     }

@@ -48,13 +48,15 @@ struct sbl_Mirrored {
     bool sky;         // true: the last ray meets none. The surface is then the last mirror or pane
 };
 
-// Radiance of a surface, with stored light. number: of its triangle
-vec3 sbl_stored_radiance(sbl_Surface s, int number, vec3 albedo) {
-    vec3 radiance = s.emission;
+// Radiance of a surface, with stored light. number: of its triangle; only_diffuse: true: without its specular lobe
+vec3 sbl_stored_radiance(sbl_Surface s, int number, bool only_diffuse) {
 #ifdef SBL_BOUNCED
-    radiance += albedo * sbl_stored(number, s.back, s.position, SBL_UNBOUNDED);
+    vec3 light = sbl_stored(number, s.back, s.position, SBL_UNBOUNDED);
+    if (only_diffuse) return s.emission + sbl_reflected_diffuse(s.material, light);
+    return s.emission + sbl_reflected(s.material, light);
+#else
+    return s.emission;
 #endif
-    return radiance;
 }
 
 // Radiance that a ray from the surface s finds, with stored light: what a pane reflects, or what is behind it.
@@ -64,7 +66,7 @@ vec3 sbl_radiance_along(sbl_Surface s, float side, vec3 direction) {
     sbl_Hit hit = sbl_trace(origin, direction, SBL_UNBOUNDED, SBL_RAY_SOLID);
     if (hit.triangle < 0) return sky + sbl_sky_smooth(direction);
     sbl_Surface found = sbl_surface(hit.number, origin, direction);
-    return sbl_stored_radiance(found, hit.number, found.material.albedo);
+    return sbl_stored_radiance(found, hit.number, false);
 }
 
 bool sbl_is_mirror(sbl_Material m) {
@@ -93,12 +95,12 @@ sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 direction) {
                 m.emission += m.throughput * passing * sbl_radiance_along(s, -1.0, m.direction);
             break;
         }
-        m.emission += m.throughput * sbl_stored_radiance(s, m.number, pane ? s.material.diffuse : vec3(0));
+        m.emission += m.throughput * (pane ? sbl_stored_radiance(s, m.number, true) : s.emission);
         vec3 mirrored = sbl_mirrored(s, m.direction);
         float side = pane ? -1.0 : 1.0;  // the side of the surface on which the ray goes on
         for (int k = 0; k < (pane && s.material.roughness >= 0.0 ? 1 : 0); k++)
-            m.emission += m.throughput * s.material.opacity * sbl_radiance_along(s, 1.0, mirrored) *
-                          sbl_specular_albedo(s.material.reflectance, s.material.roughness, cosine);
+            m.emission += m.throughput *
+                          sbl_lobe_reflected(s.material, cosine, sbl_radiance_along(s, 1.0, mirrored));
         if (!pane) m.direction = mirrored;
         m.throughput *= pane ? passing : s.material.reflectance +
                                          (1.0 - s.material.reflectance) * pow(1.0 - cosine, 5.0);
@@ -167,23 +169,24 @@ void main() {
         out_emission = vec4(s.emission, 0);
         out_id = s.id;
 #if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)
+        vec3 shown = s.material.albedo;
         if (s.material.roughness >= 0.0) {
             float cosine = clamp(-dot(s.normal, seen.direction), 1e-3, 1.0);
             vec3 reflectance = s.material.reflectance;
-            out_specular = vec4(sbl_specular_albedo(reflectance, s.material.roughness, cosine), 1);
-            out_specular.rgb *= s.material.opacity;
+            out_specular = vec4(sbl_lobe_reflected(s.material, cosine, vec3(1)), 1);
             out_lobe = vec4(sbl_pack_two(reflectance.r, reflectance.g),
                             sbl_pack_two(reflectance.b, s.material.roughness),
                             sbl_pack_direction(-seen.direction));
-            out_albedo.rgb = s.material.diffuse * (1.0 - sbl_diffuse_lost(cosine));
+            shown = sbl_diffuse_albedo(s.material, cosine);
         }
         if (seen.sky) {
             out_specular = vec4(0);
             out_lobe.y = -1.0;
-            out_albedo.rgb = out_emission.rgb = vec3(0);
+            shown = out_emission.rgb = vec3(0);
         }
         out_specular.rgb *= seen.throughput;
-        out_albedo.rgb *= seen.throughput;
+        shown *= seen.throughput;
+        out_albedo = vec4(shown, 1);
         out_emission.rgb = seen.emission + seen.throughput * out_emission.rgb;
 #endif
 #ifdef SBL_BOUNCED

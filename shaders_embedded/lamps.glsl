@@ -136,7 +136,7 @@ vec3 sbl_expected(sbl_Lamp l) {
 
 #ifdef SBL_LOBE
 // Like sbl_lobe_factor, divided by the lobe's albedo, of the linearly transformed cosine in place of the lobe. The
-// closed form is that of the cosine, and rays measure its obstruction; `sampled` adds the rest of the lobe's light.
+// closed form is that of the cosine. Rays measure its obstruction; `sampled` adds the rest of the lobe's light.
 float sbl_cosine_factor(vec3 direction) {
     vec3 w = to_frame * direction;
     float length2 = dot(w, w), cosine = dot(direction, n);
@@ -240,7 +240,7 @@ vec2 samples = vec2(0), lit = vec2(0);        // by group: number of rays in `op
 float taken = 0.0;                            // number of rays, without rim samples and rays to point lights
 float squares = 0.0;                          // sum of the squared luminances of the rays in `sampled`
 #ifdef SBL_LOBE
-vec2 lobe_squares = vec2(0);                  // by group: sum of the squared luminances of the rays' light in `open`
+vec2 lobe_squares = vec2(0);                  // by group: sum of squared luminances of the rays' light in `open`
 #endif
 vec2 sparse;                                  // by group: 1: too few rays for a ratio; 0: enough
 vec2 bright = vec2(0), dark = vec2(0);        // by group: number of unblocked and of blocked rays and rim samples

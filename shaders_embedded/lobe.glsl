@@ -17,8 +17,8 @@ float sbl_diffuse_lost(float cosine) {
 }
 
 vec2 sbl_lobe_entry(int row, int column) {
-    uint entry = sbl_lobe_albedos[16 * row + column];
-    return vec2(entry & 65535u, entry >> 16) / 65535.0;
+    uint entry = sbl_lobe_table[16 * row + column];
+    return vec2(entry & 65535u, entry >> 16) / SBL_LOBE_UNIT;
 }
 
 // Share of uniform light that the lobe reflects to a viewer at this cosine. Interpolates sbl__lobe_albedos.

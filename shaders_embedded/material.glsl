@@ -134,8 +134,24 @@ vec3 sbl_glow_pattern(int object, sbl_Attributes at) {
 #endif
 }
 
+#ifdef SBL_SPECULAR
+// Radiance that the diffuse part of a surface reflects. light: R at the surface
+vec3 sbl_reflected_diffuse(sbl_Material m, vec3 light) { return m.diffuse * light; }
+
+// Radiance that the lobe of a surface reflects to a viewer at this cosine. light: mean radiance in the lobe
+vec3 sbl_lobe_reflected(sbl_Material m, float cosine, vec3 light) {
+    return m.opacity * sbl_specular_albedo(m.reflectance, m.roughness, cosine) * light;
+}
+
+// Albedo of the diffuse part of a surface that a viewer sees at this cosine.
+vec3 sbl_diffuse_albedo(sbl_Material m, float cosine) { return m.diffuse * (1.0 - sbl_diffuse_lost(cosine)); }
+#endif
+
 // Albedo, as bounces in the store use it: limited below 1, so that light fades even in closed white rooms.
-vec3 sbl_bounced(sbl_Material m) { return clamp(m.albedo, 0.0, SBL_BOUNCE_ALBEDO); }
+// tint: factor of the light, see sbl_trace
+vec3 sbl_bounced(sbl_Material m, vec3 tint) {
+    return min(tint * clamp(m.albedo, 0.0, SBL_BOUNCE_ALBEDO), vec3(1));
+}
 
 // A reflected ray.
 struct sbl_Bounce {

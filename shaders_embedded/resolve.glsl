@@ -68,7 +68,9 @@ void main() {
     if (id == 0u) color = sky + sbl_sky_smooth(sbl_camera_direction());
     else {
         vec3 light = offset == vec2(0) ? texelFetch(radiance, at, 0).rgb : sbl_light_at(radiance, at, id);
-        color = texelFetch(sample_emission, at, 0).rgb + texelFetch(sample_albedo, at, 0).rgb * light;
+        sbl_Material material;
+        material.albedo = texelFetch(sample_albedo, at, 0).rgb;
+        color = texelFetch(sample_emission, at, 0).rgb + sbl_reflected(material, light);
 #ifdef SBL_SPECULAR
         light = offset == vec2(0) ? texelFetch(reflected, at, 0).rgb : sbl_light_at(reflected, at, id);
         color += texelFetch(sample_specular, at, 0).rgb * light;
