@@ -102,6 +102,15 @@ plain_check lights_run
 plain_check lights_differ
 plain_check lights_penumbra
 
+# >>reflections: a draft, since the test is about the program
+
+reflections_run() {
+    run reflections reflections draft && look varied reflections/reflections.png 360 240 &&
+        awk '/predicted error/ { ok = $4 > 0.5 && $4 < 6 && $7 > 0.1 && $7 < 20 } END { exit !ok }' \
+            "$folder/reflections/said"
+}
+plain_check reflections_run
+
 # >>vertex_light: light that pictures show, baked to the vertices of a mesh
 
 vertex_light_run() {
@@ -269,10 +278,10 @@ fails_in_words() {
     [ "$status" -gt 0 ] && [ "$status" -lt 126 ] && [ "$(wc -l < "$folder/errors")" = 1 ]
 }
 without_gl() { (export __EGL_VENDOR_LIBRARY_FILENAMES=/dev/null; fails_in_words "$1" "$folder"); }
-for example in minimal host_context host_draw lights vertex_light bake_lightmap bake_vertices paper_metrics; do
+for example in minimal host_context host_draw lights reflections vertex_light bake_lightmap bake_vertices paper_metrics; do
     without_folder() { fails_in_words "$example" "$folder/no such folder"; }
     case $example in
-        bake_lightmap) ;;  # fails after the work, with the same lines as minimal
+        bake_lightmap | reflections) ;;  # fail after the work, with the same lines as minimal
         *) plain_check "${example}_without_folder" without_folder ;;
     esac
     check "${example}_without_gl" without_gl "$example"
