@@ -278,7 +278,8 @@ fails_in_words() {
     [ "$status" -gt 0 ] && [ "$status" -lt 126 ] && [ "$(wc -l < "$folder/errors")" = 1 ]
 }
 without_gl() { (export __EGL_VENDOR_LIBRARY_FILENAMES=/dev/null; fails_in_words "$1" "$folder"); }
-for example in minimal host_context host_draw lights reflections vertex_light bake_lightmap bake_vertices paper_metrics; do
+for example in minimal host_context host_draw lights reflections vertex_light bake_lightmap bake_vertices \
+    paper_metrics; do
     without_folder() { fails_in_words "$example" "$folder/no such folder"; }
     case $example in
         bake_lightmap | reflections) ;;  # fail after the work, with the same lines as minimal
