@@ -643,13 +643,14 @@ TEST(floors_behind_panes) {
     for (i = 0; i < 3 * PANES; i++) floor_behind(i / 3, i % 3 == 1, i % 3 == 2);
 }
 
-/* A blended surface that emits and reflects shows what is behind it plus its own share of both. */
+/* A blended surface shows what is behind it, and its own share of emission and of reflected light. The latter is that of
+   the store where most light passes. */
 TEST(blended_surfaces_show_themselves) {
     static const float alphas[3] = { 0.25f, 0.5f, 0.75f };
     int kind, i;
     for (kind = 0; kind < 6; kind++) {
         const float alpha = alphas[kind % 3];
-        const sbl_picture_desc view = view_of_plate(4, 4, 8, 50, 16);
+        sbl_picture_desc view = view_of_plate(4, 4, 8, 50, 16);
         test_scene s = { 0 };
         shot p;
         double wanted, worst = 0;
@@ -659,6 +660,7 @@ TEST(blended_surfaces_show_themselves) {
         scene_floor(&s, scene_lamp(&s, 3, 2, 1), -1, 40);
         s.materials[number + 1].flags = SBL_MATERIAL_ONE_SIDED_EMISSION;
         if (kind >= 3) {
+            view.options.mode = SBL_MODE_GI;
             scene_light(&s, SBL_LIGHT_DIRECTIONAL, 5, 5, 5)->direction[1] = -1;
             wanted = 0.8 * 5 / TEST_PI;
         } else wanted = 2;
@@ -668,7 +670,7 @@ TEST(blended_surfaces_show_themselves) {
         for (i = 0; i < 16; i++)
             worst = test_max(worst, fabs((double)at(&p, SBL_CHANNEL_FINAL, i % 4, i / 4)[0] / wanted - 1));
         printf("    %s, alpha %.2f: %.4f %%\n", kind < 3 ? "emits" : "reflects", (double)alpha, 100 * worst);
-        CHECK(worst < 0.002, "%s, alpha %g: %.4f, not %.4f", kind < 3 ? "emits" : "reflects", (double)alpha,
+        CHECK(worst < (kind < 3 ? 0.002 : 0.01), "%s, alpha %g: %.4f, not %.4f", kind < 3 ? "emits" : "reflects", (double)alpha,
               (double)at(&p, SBL_CHANNEL_FINAL, 0, 0)[0], wanted);
         forget(&p);
         scene_free(&s);
