@@ -205,7 +205,7 @@ TEST(albedo_of_lobes) {
             : scene_gloss(&s, 0.9, 0.5, 0.1, i % 3 == 1 ? 0 : 0.5, roughness[i / 3]);
         sbl_mesh *plate = scene_quad(&s, number, -1, 0, x - 0.05f, -1, 0, x + 0.05f, 1, 0, x + 0.05f, 1, 0, x - 0.05f);
         plate->id = (uint32_t)i + 1;
-        if (i % 3 == 2) s.materials[number].ior = 2;
+        if (i % 3 != 1) s.materials[number].ior = i % 3 ? 2 : 0;  /* 0 is 1.5 for metal */
     }
     for (j = 0; j < 5; j++) {
         sbl_picture_desc view = view_of_plate(45, 1, 0.476, angles[j], 1);
@@ -424,23 +424,27 @@ TEST(highlights_of_lamps) {
     }
 }
 
-/* Highlights of a point light, a spot light and a directional light, at every pixel */
+/* Highlights of a point light, a spot light and a directional light, at every pixel, seen from three sides */
 TEST(highlights_of_lights) {
     enum { SIDE = 16 };
     int kind, light, i, k;
     for (kind = 0; kind < 4; kind++)
         for (light = 0; light < 3; light++) {
-            const sbl_picture_desc view = view_of_plate(SIDE, SIDE, 12, 50, 16);
+            const double turn = light * 2.1, across = 4 * sin(50 * TEST_PI / 180), up = 4 * cos(50 * TEST_PI / 180);
+            sbl_picture_desc view = scene_plain(scene_view(SIDE, SIDE, 12, (float)(across * cos(turn)), (float)up,
+                                                           (float)(across * sin(turn)), 0, 0, 0), SBL_MODE_DIRECT, 0);
             test_scene s = { 0 };
             sbl_light *l = scene_light(&s, light == 0 ? SBL_LIGHT_POINT : light == 1 ? SBL_LIGHT_SPOT
                                        : SBL_LIGHT_DIRECTIONAL, 3, 2, 1);
             double worst = 0, largest = 0;
             shot p;
-            l->position[0] = -1.2f;
+            view.options.rays = 16;
+            l->position[0] = (float)(-1.2 * cos(turn));
             l->position[1] = 1.1f;
-            l->position[2] = 0.1f;
-            l->direction[0] = 1.2f;
+            l->position[2] = (float)(-1.2 * sin(turn) + 0.1);
+            l->direction[0] = (float)(1.2 * cos(turn));
             l->direction[1] = -1;
+            l->direction[2] = (float)(1.2 * sin(turn));
             l->cone = 120;
             l->inner_cone = 119;
             scene_floor(&s, highlight_material(&s, kind), 0, 1.5f);
