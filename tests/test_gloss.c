@@ -730,6 +730,50 @@ TEST(furnace_of_a_room) {
     }
 }
 
+/* A wall of white metal doubles what a floor beside it sees: the sky, or a lamp. kind: 0: no wall, 1: black, 2: metal */
+static double beside_a_wall(int kind, int lamp, double roughness) {
+    sbl_site site = { 0 };
+    sbl_reading reading = { 0 };
+    sbl_readings_desc desc = { 0 };
+    sbl_scene_desc scene;
+    test_scene s = { 0 };
+    site.normal[1] = site.geometric_normal[1] = 1;
+    if (kind == 1) scene_quad(&s, scene_material(&s, 0, 0, 0), -0.2f, 0, -60, -0.2f, 0, 60, -0.2f, 60, 60, -0.2f, 60, -60);
+    if (kind == 2)
+        scene_quad(&s, scene_gloss(&s, 1, 1, 1, 1, roughness), -0.2f, 0, -60, -0.2f, 0, 60, -0.2f, 60, 60, -0.2f, 60, -60);
+    if (lamp) scene_quad(&s, scene_lamp(&s, 1, 1, 1), 0.5f, 1.5f, -1, 0.5f, 1.5f, 1, 2.5f, 1.5f, 1, 2.5f, 1.5f, -1);
+    else scene_sky(&s, 1, 1, 1);
+    scene = scene_desc(&s);
+    desc.sites = &site;
+    desc.readings = &reading;
+    desc.site_count = 1;
+    desc.options.mode = SBL_MODE_GI;
+    desc.options.rays = 4096;
+    CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
+          "no reading: %s", watch_last(&seen));
+    scene_free(&s);
+    return (double)reading.radiance[1];
+}
+
+TEST(metal_lights_floors) {
+    static const double roughness[3] = { 0, 0.3, 0.6 }, least[3] = { 0.96, 0.95, 0.8 };
+    const double half = beside_a_wall(1, 0, 0), lamp = beside_a_wall(1, 1, 0);
+    /* the image of the lamp in the wall, as a lamp */
+    double image = 0, x, z;
+    int i;
+    for (x = -2.9 + 0.005; x < -0.9; x += 0.01)
+        for (z = -0.995; z < 1; z += 0.01) image += 1.5 * 1.5 * 1e-4 / TEST_PI / pow(x * x + z * z + 2.25, 2);
+    CHECK(fabs(half - 0.5) < 0.01, "a black wall leaves %.4f of the sky", half);
+    for (i = 0; i < 3; i++) {
+        const double sky = beside_a_wall(2, 0, roughness[i]), light = beside_a_wall(2, 1, roughness[i]);
+        printf("    roughness %.1f: sky %.4f, lamp %.4f + %.4f, expected of a mirror %.4f\n", roughness[i], sky, lamp,
+               light - lamp, image);
+        CHECK(sky > least[i] && sky < 1.01, "roughness %g: %.4f of the sky", roughness[i], sky);
+        CHECK(i == 2 || fabs((light - lamp) / image - 1) < 0.1, "roughness %g: the wall adds %.4f, not %.4f", roughness[i],
+              light - lamp, image);
+    }
+}
+
 /* >>work */
 
 enum { WIDTH = 40, HEIGHT = 30, FLOATS = 3 * WIDTH * HEIGHT };
@@ -1040,6 +1084,56 @@ TEST(old_gl_makes_the_same_picture) {
     scene_free(&s);
 }
 
+/* The error of reflections is about as predicted. */
+TEST(errors_are_foretold) {
+    sbl_picture_desc view = glossy_view(SBL_MODE_DIRECT), exact = scene_plain(view, SBL_MODE_DIRECT, 0);
+    test_scene s = { 0 };
+    double off2 = 0, sum = 0, error, predicted;
+    shot p, q;
+    int i;
+    glossy_scene(&s, 0);
+    exact.options.rays = 256;
+    if (!shoot(&q, &s, &exact)) return;
+    at(&q, SBL_CHANNEL_SPECULAR, 0, 0);
+    at(&q, SBL_CHANNEL_SPECULAR_ALBEDO, 0, 0);
+    at(&q, SBL_CHANNEL_FINAL, 0, 0);
+    if (!shoot(&p, &s, &view)) return;
+    predicted = (double)sbl_query_stats(context).picture.specular_error;
+    for (i = 0; i < WIDTH * HEIGHT; i++) {
+        const double a = reflected(&p, i % WIDTH, i / WIDTH, 1), b = reflected(&q, i % WIDTH, i / WIDTH, 1);
+        off2 += (a - b) * (a - b) / (WIDTH * HEIGHT);
+        sum += (double)at(&q, SBL_CHANNEL_FINAL, i % WIDTH, i / WIDTH)[1] / (WIDTH * HEIGHT);
+    }
+    error = sqrt(off2) / sum;
+    printf("    error %.4f, %.4f predicted\n", error, predicted);
+    CHECK(error > 0.2 * predicted && error < 1.6 * predicted && predicted < 0.06, "the error is %.4f, %.4f was predicted",
+          error, predicted);
+    forget(&p);
+    forget(&q);
+    scene_free(&s);
+}
+
+/* Views that are drawn measure R; rays still measure the reflections. */
+TEST(views_and_lobes) {
+    sbl_picture_desc view = scene_plain(glossy_view(SBL_MODE_DIRECT), SBL_MODE_DIRECT, 0);
+    double sums[2] = { 0, 0 };
+    test_scene s = { 0 };
+    int raster, i;
+    glossy_scene(&s, 0);
+    view.options.rays = 64;
+    view.options.sensor_size = 16;
+    for (raster = 0; raster < 2; raster++) {
+        shot p;
+        view.options.backend = raster ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
+        if (!shoot(&p, &s, &view)) return;
+        for (i = 0; i < WIDTH * HEIGHT; i++) sums[raster] += reflected(&p, i % WIDTH, i / WIDTH, 1);
+        forget(&p);
+    }
+    printf("    reflections with views %.3f, without %.3f\n", sums[1], sums[0]);
+    CHECK(sums[0] > 1 && fabs(sums[1] / sums[0] - 1) < 0.01, "reflections are %.4f times as bright", sums[1] / sums[0]);
+    scene_free(&s);
+}
+
 int main(void) {
     const sbl_context_desc desc = watch_desc(&seen);
     if (sbl_create(&desc, &context) != SBL_SUCCESS) { printf("no context\n0 passed, 1 failed, 0 skipped\n"); return 1; }
@@ -1056,11 +1150,14 @@ int main(void) {
     RUN_UNSANITIZED(floors_behind_panes);
     RUN_UNSANITIZED(blended_surfaces_show_themselves);
     RUN_UNSANITIZED(furnace_of_a_room);
+    RUN_UNSANITIZED(metal_lights_floors);
     RUN(matte_scenes_stay_the_same);
     RUN(materials_change);
     RUN(paper_is_matte);
     RUN(steps_make_the_same_picture);
     RUN(windows_show_the_same);
+    RUN_UNSANITIZED(errors_are_foretold);
+    RUN_UNSANITIZED(views_and_lobes);
     RUN(ends_leave_nothing);
     RUN(memory_runs_out);
     RUN(old_gl_makes_the_same_picture);
