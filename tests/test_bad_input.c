@@ -411,10 +411,22 @@ TEST(materials) {
     BAD_SCENE(f.materials[1].albedo_texture = INT_MAX, MATERIAL, "material 1", "albedo_texture", "2147483647");
     BAD_SCENE(f.materials[1].emission_texture = -1, MATERIAL, "material 1", "emission_texture", "-1");
     BAD_SCENE(f.materials[1].emission_texture = 3, MATERIAL, "material 1", "emission_texture", "3");
-    BAD_SCENE(f.materials[1].alpha_cutoff = NOT, MATERIAL, "material 1", "alpha_cutoff", "nan");
-    BAD_SCENE(f.materials[1].alpha_cutoff = -1, MATERIAL, "material 1", "alpha_cutoff", "-1");
-    BAD_SCENE(f.materials[1].alpha_cutoff = 1.5f, MATERIAL, "material 1", "alpha_cutoff", "1.5");
-    BAD_SCENE(f.materials[1].flags = SBL_MATERIAL_FLAGS_ALL + 1, MATERIAL, "material 1", "flags", "0x10");
+    BAD_SCENE(f.materials[1].flags = SBL_MATERIAL_FLAGS_ALL + 1, MATERIAL, "material 1", "flags", "0x20");
+    for (i = 0; i < 5; i++) {
+        static const char *const names[5] = { "ior", "metallic", "roughness", "transmission", "alpha_cutoff" };
+        float *field = i == 0 ? &f.materials[1].ior : i == 1 ? &f.materials[1].metallic
+            : i == 2 ? &f.materials[1].roughness : i == 3 ? &f.materials[1].transmission : &f.materials[1].alpha_cutoff;
+        BAD_SCENE(*field = NOT, MATERIAL, "material 1", names[i], "nan");
+        BAD_SCENE(*field = INF, MATERIAL, "material 1", names[i], "inf");
+        BAD_SCENE(*field = -1, MATERIAL, "material 1", names[i], "-1");
+        BAD_SCENE(*field = i ? 1.5f : 0.5f, MATERIAL, "material 1", names[i], i ? "1.5" : "0.5");
+    }
+    BAD_SCENE(f.materials[1].ior = 2e6f, MATERIAL, "material 1", "ior", "2e+06");
+    BAD_SCENE(f.materials[1].metallic = 2, MATERIAL, "material 1", "metallic", "2");
+    BAD_SCENE(f.materials[1].specular_texture = -1, MATERIAL, "material 1", "specular_texture", "-1");
+    BAD_SCENE(f.materials[1].specular_texture = 3, MATERIAL, "material 1", "specular_texture", "3");
+    BAD_SCENE(f.materials[1].transmission_texture = -1, MATERIAL, "material 1", "transmission_texture", "-1");
+    BAD_SCENE(f.materials[1].transmission_texture = 3, MATERIAL, "material 1", "transmission_texture", "3");
     BAD_SCENE(f.materials[1].flags = 0xffffffffu, MATERIAL, "material 1", "flags", "0xffffffff");
     usable("bad materials");
 }
@@ -1047,7 +1059,7 @@ TEST(values_that_do_not_exist) {
          "sbl_read_channel", "channel is -1");
     SAID(sbl_read_channel(context, SBL_CHANNEL_COUNT, picture.values, SMALL_FLOATS), SBL_ERROR_INVALID_ARGUMENT,
          INVALID_ARGUMENT,
-        "sbl_read_channel", "channel is 17");
+        "sbl_read_channel", "channel is 19");
     CHECK(sbl_channel_texture(context, (sbl_channel)-1) == 0 && sbl_channel_texture(context, SBL_CHANNEL_COUNT) == 0,
           "textures of channels that do not exist");
     CHECK(sbl_channel_components((sbl_channel)-1) == 0 && sbl_channel_components(SBL_CHANNEL_COUNT) == 0,

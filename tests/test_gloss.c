@@ -1,0 +1,1173 @@
+/* Surfaces that are not matte: metal, gloss, panes and blended surfaces. The expected values come from lobe.h, which is
+   a quadrature of glTF's material model in double precision, and from Fresnel's term. */
+#include "../sbl.h"
+#include "support/test.h"
+#include "support/scenes.h"
+#include "support/gl_watch.h"
+#include "support/lobe.h"
+
+static watch seen;
+static sbl_context *context;
+
+/* >>helpers */
+
+static void set3(double *out, double x, double y, double z) { out[0] = x; out[1] = y; out[2] = z; }
+static double unit(double v[3]) {
+    const double length = sqrt(lobe__dot(v, v));
+    int k;
+    for (k = 0; k < 3; k++) v[k] /= length;
+    return length;
+}
+
+/* A vector in the frame of a surface whose normal is y, as lobe.h wants it */
+static void stand_up(const float *v, double out[3]) { set3(out, (double)v[0], (double)v[2], (double)v[1]); }
+
+/* Adds a material with reflections. ior is 1.5. */
+static int scene_gloss(test_scene *s, double red, double green, double blue, double metallic, double roughness) {
+    const int number = scene_material(s, (float)red, (float)green, (float)blue);
+    s->materials[number].ior = 1.5f;
+    s->materials[number].metallic = (float)metallic;
+    s->materials[number].roughness = (float)roughness;
+    return number;
+}
+
+/* Adds a thin pane of glass without roughness. */
+static int scene_pane(test_scene *s, double red, double green, double blue, double transmission) {
+    const int number = scene_gloss(s, red, green, blue, 0, 0);
+    s->materials[number].transmission = (float)transmission;
+    return number;
+}
+
+/* Lets a mesh exist only by a share: sets alpha of its vertices, and the flag of its material. */
+static void scene_blend(test_scene *s, sbl_mesh *mesh, float alpha) {
+    float *colors = (float *)scene_alloc(s, 16 * sizeof(float) * (size_t)mesh->vertex_count);
+    int i;
+    for (i = 0; i < 4 * mesh->vertex_count; i++) colors[i] = i % 4 < 3 ? 1 : alpha;
+    mesh->colors.data = colors;
+    s->materials[mesh->material].flags |= SBL_MATERIAL_BLEND;
+}
+
+/* A picture and its channels, which are read when first used */
+typedef struct shot { sbl_picture_desc view; sbl_context *context; float *channels[SBL_CHANNEL_COUNT]; } shot;
+
+static int shoot(shot *p, const test_scene *s, const sbl_picture_desc *view) {
+    memset(p, 0, sizeof *p);
+    p->view = *view;
+    p->context = context;
+    return scene_render(context, s, view);
+}
+
+static void forget(shot *p) {
+    int i;
+    for (i = 0; i < SBL_CHANNEL_COUNT; i++) free(p->channels[i]);
+    memset(p, 0, sizeof *p);
+}
+
+static const float *at(shot *p, sbl_channel channel, int x, int y) {
+    const int n = sbl_channel_components(channel) > 1 ? 3 : 1;
+    if (!p->channels[channel]) p->channels[channel] = scene_channel(p->context, &p->view, channel);
+    return p->channels[channel] + n * (y * p->view.width + x);
+}
+
+/* The unit vector along which the camera looks through the centre of a pixel */
+static void look(const sbl_picture_desc *view, int x, int y, double out[3]) {
+    const float *m = view->world_to_view, *c = view->view_to_clip;
+    double way[3] = { 0, 0, -1 };
+    int k;
+    if (c[11] < 0) {
+        way[0] = ((2 * x + 1.0) / view->width - 1) / (double)c[0];
+        way[1] = (1 - (2 * y + 1.0) / view->height) / (double)c[5];
+    }
+    for (k = 0; k < 3; k++)
+        out[k] = (double)m[4 * k] * way[0] + (double)m[4 * k + 1] * way[1] + (double)m[4 * k + 2] * way[2];
+    unit(out);
+}
+
+static double cosine_at(shot *p, int x, int y) {
+    const float *normal = at(p, SBL_CHANNEL_NORMAL, x, y);
+    double way[3];
+    look(&p->view, x, y, way);
+    return -((double)normal[0] * way[0] + (double)normal[1] * way[1] + (double)normal[2] * way[2]);
+}
+
+/* What the lobe of a pixel reflects, of one colour */
+static double reflected(shot *p, int x, int y, int k) {
+    return (double)at(p, SBL_CHANNEL_SPECULAR_ALBEDO, x, y)[k] * (double)at(p, SBL_CHANNEL_SPECULAR, x, y)[k];
+}
+
+static double mean_reflected(shot *p, int k) {
+    const int count = p->view.width * p->view.height;
+    double sum = 0;
+    int i;
+    for (i = 0; i < count; i++) sum += reflected(p, i % p->view.width, i / p->view.width, k) / count;
+    return sum;
+}
+
+/* A sensor at each pixel, without a filter. The camera sees the origin from a distance of 4, at an angle to y. */
+static sbl_picture_desc view_of_plate(int width, int height, double fov, double degrees, int rays) {
+    const double angle = degrees * TEST_PI / 180;
+    sbl_picture_desc view = scene_plain(scene_view(width, height, (float)fov, (float)(4 * sin(angle)),
+                                                   (float)(4 * cos(angle)), 0, 0, 0, 0), SBL_MODE_DIRECT, 0);
+    view.options.rays = rays;
+    return view;
+}
+
+/* An orthographic camera in front of a ball of radius 1 about the origin */
+static sbl_picture_desc view_of_ball(int side, int rays) {
+    sbl_picture_desc view = scene_plain(scene_view(side, side, 40, 0, 0, 4, 0, 0, 0), SBL_MODE_DIRECT, 0);
+    memset(view.view_to_clip, 0, sizeof view.view_to_clip);
+    view.view_to_clip[0] = view.view_to_clip[5] = 1;
+    view.view_to_clip[10] = -0.2f;
+    view.view_to_clip[14] = -1;
+    view.view_to_clip[15] = 1;
+    view.options.rays = rays;
+    return view;
+}
+
+/* >>furnace */
+
+enum { ANGLES = 48 };
+
+/* The share of light that a white surface of index 1.5, or of metal, reflects: tables over the cosine */
+static void furnace_table(double roughness, int metal, double table[ANGLES + 1]) {
+    int i;
+    for (i = 0; i <= ANGLES; i++) {
+        const double mu = test_max(0.01, (double)i / ANGLES);
+        table[i] = lobe__albedo(mu, roughness < 0.05 ? 1e-3 : roughness, metal ? 1 : 0.04, 160);
+        if (roughness < 0.05 && !metal) table[i] = lobe__fresnel(mu, 0.04);
+        if (!metal) table[i] += 0.96 * lobe_matte(mu);
+    }
+}
+
+static double look_up(const double table[ANGLES + 1], double mu) {
+    const int i = mu * ANGLES < ANGLES - 1 ? (int)(mu * ANGLES) : ANGLES - 1;
+    return table[i] + (mu * ANGLES - i) * (table[i + 1] - table[i]);
+}
+
+/* Balls in a uniform sky of radiance 1 show their albedo: on the whole, and at each angle. */
+static void furnace(double roughness, int metal, double whole) {
+    enum { BINS = 8, SIDE = 96 };
+    double table[ANGLES + 1], sums[BINS] = { 0 }, expected[BINS] = { 0 }, mean = 0, count = 0;
+    test_scene s = { 0 };
+    const sbl_picture_desc view = view_of_ball(SIDE, 96);
+    shot p;
+    int i;
+    furnace_table(roughness, metal, table);
+    scene_sky(&s, 1, 1, 1);
+    scene_sphere(&s, scene_gloss(&s, 1, 1, 1, metal, roughness), 0, 0, 0, 1, 128, 64, 1);
+    if (!shoot(&p, &s, &view)) return;
+    for (i = 0; i < SIDE * SIDE; i++) {
+        const int x = i % SIDE, y = i / SIDE;
+        const double shown = (double)at(&p, SBL_CHANNEL_FINAL, x, y)[1], mu = cosine_at(&p, x, y);
+        if (at(&p, SBL_CHANNEL_ID, x, y)[0] <= 0) continue;
+        mean += shown;
+        count++;
+        if (mu < 1.0 / BINS) continue;
+        sums[(int)test_min(BINS * mu, BINS - 1)] += shown;
+        expected[(int)test_min(BINS * mu, BINS - 1)] += look_up(table, mu);
+    }
+    mean /= count;
+    printf("    roughness %.1f, %s: mean %.4f of %.4f;", roughness, metal ? "metal" : "plastic", mean, whole);
+    for (i = 1; i < BINS; i++) printf(" %+.2f", 100 * (sums[i] / expected[i] - 1));
+    printf(" %% by angle\n");
+    CHECK(whole <= 0 || fabs(mean / whole - 1) < 0.005, "roughness %g: mean %.4f, not %.4f", roughness, mean, whole);
+    for (i = 1; i < BINS; i++)
+        CHECK(fabs(sums[i] / expected[i] - 1) < 0.005, "roughness %g, metal %d, cosine %.2f: %.4f times as bright",
+              roughness, metal, (i + 0.5) / BINS, sums[i] / expected[i]);
+    forget(&p);
+    scene_free(&s);
+}
+
+TEST(furnace_of_metal) {
+    furnace(0.3, 1, 0.976);
+    furnace(0.6, 1, 0.803);
+    furnace(1, 1, 0.409);
+}
+
+TEST(furnace_of_plastic) {
+    furnace(0, 0, 0);
+    furnace(0.3, 0, 0);
+    furnace(1, 0, 0);
+}
+
+/* >>albedo */
+
+/* SBL_CHANNEL_SPECULAR_ALBEDO and ALBEDO for metals and plastics of five roughnesses, seen at five angles */
+TEST(albedo_of_lobes) {
+    static const double angles[5] = { 2, 30, 55, 75, 84 }, roughness[5] = { 0.09, 0.2, 0.4, 0.7, 1 };
+    enum { PLATES = 15 };
+    double worst = 0, worst_matte = 0;
+    test_scene s = { 0 };
+    int i, j, k;
+    for (i = 0; i < PLATES; i++) {
+        const float x = 0.1f * (float)(i - 7);
+        const int number = i % 3 == 0 ? scene_gloss(&s, 1, 0.7, 0.3, 1, roughness[i / 3])
+            : scene_gloss(&s, 0.9, 0.5, 0.1, i % 3 == 1 ? 0 : 0.5, roughness[i / 3]);
+        sbl_mesh *plate = scene_quad(&s, number, -1, 0, x - 0.05f, -1, 0, x + 0.05f, 1, 0, x + 0.05f, 1, 0, x - 0.05f);
+        plate->id = (uint32_t)i + 1;
+        if (i % 3 != 1) s.materials[number].ior = i % 3 ? 2 : 0;  /* 0 is 1.5 for metal */
+    }
+    for (j = 0; j < 5; j++) {
+        sbl_picture_desc view = view_of_plate(45, 1, 0.476, angles[j], 1);
+        shot p;
+        if (!shoot(&p, &s, &view)) continue;
+        for (i = 0; i < PLATES; i++) {
+            const int x = 3 * i + 1, id = (int)at(&p, SBL_CHANNEL_ID, x, 0)[0] - 1;
+            const float *got = at(&p, SBL_CHANNEL_SPECULAR_ALBEDO, x, 0), *matte = at(&p, SBL_CHANNEL_ALBEDO, x, 0);
+            const double mu = cosine_at(&p, x, 0), ior = id % 3 == 2 ? 2 : 1.5;
+            const double f0 = (ior - 1) * (ior - 1) / ((ior + 1) * (ior + 1)), rest = lobe_matte(mu);
+            double black, white;
+            REQUIRE(id >= 0 && id < PLATES, "no plate at pixel %d", x);
+            black = lobe__albedo(mu, roughness[id / 3], 0, 256);
+            white = lobe__albedo(mu, roughness[id / 3], 1, 256);
+            for (k = 0; k < 3; k++) {
+                const sbl_material *m = &s.materials[id];
+                const double metal = (double)m->metallic, base = (double)m->albedo[k];
+                const double front = metal * base + (1 - metal) * f0, wanted = black + front * (white - black);
+                worst = test_max(worst, fabs((double)got[k] - wanted));
+                CHECK(fabs((double)got[k] - wanted) < 0.003, "plate %d at %g degrees: colour %d of the lobe has the "
+                      "albedo %.4f, not %.4f", id, angles[j], k, (double)got[k], wanted);
+                worst_matte = test_max(worst_matte, fabs((double)matte[k] - base * (1 - metal) * (1 - f0) * rest));
+            }
+        }
+        forget(&p);
+    }
+    printf("    largest error %.5f of lobes, %.5f of diffuse parts\n", worst, worst_matte);
+    CHECK(worst_matte < 0.0005, "the diffuse part is off by %.5f", worst_matte);
+    scene_free(&s);
+}
+
+/* Green of the texture multiplies the roughness, blue multiplies metallic; red has no effect. */
+TEST(specular_textures) {
+    static const unsigned char texels[8] = { 255, 128, 255, 255, 10, 255, 51, 255 };
+    test_scene s = { 0 };
+    sbl_picture_desc view = view_of_plate(2, 1, 1, 60, 1);
+    shot p;
+    int i, k, number = scene_gloss(&s, 0.8, 0.5, 0.2, 1, 0.8);
+    const int texture = scene_texture(&s, texels, sizeof texels, SBL_PIXELS_LINEAR8, 2, 1, 4);
+    scene_quad(&s, number, -1, 0, 1, 1, 0, 1, 1, 0, -1, -1, 0, -1);
+    s.materials[number].specular_texture = texture;
+    s.textures[texture - 1].wrap = SBL_WRAP_CLAMP;
+    for (i = 0; i < 8; i++) ((float *)(uintptr_t)s.meshes[0].texcoords.data)[i] = i % 2 ? 0.5f : i < 4 ? 0.25f : 0.75f;
+    for (i = 0; i < 2; i++) {
+        double black, white, f;
+        for (k = 0; k < 8; k += 2) ((float *)(uintptr_t)s.meshes[0].texcoords.data)[k] = i ? 0.75f : 0.25f;
+        if (!shoot(&p, &s, &view)) break;
+        f = cosine_at(&p, 0, 0);
+        black = lobe_albedo(f, i ? 0.8 : 0.8 * 128 / 255, 0);
+        white = lobe_albedo(f, i ? 0.8 : 0.8 * 128 / 255, 1);
+        for (k = 0; k < 3; k++) {
+            const double base = (double)s.materials[number].albedo[k], front = i ? 0.2 * base + 0.8 * 0.04 : base;
+            const double got = (double)at(&p, SBL_CHANNEL_SPECULAR_ALBEDO, 0, 0)[k];
+            CHECK(fabs(got - black - front * (white - black)) < 0.003, "texel %d: the lobe's albedo is %.4f, not %.4f",
+                  i, got, black + front * (white - black));
+        }
+        forget(&p);
+    }
+    scene_free(&s);
+}
+
+/* >>mirrors */
+
+/* A mirror of metal shows a lamp, as dark as Fresnel's term wants it; so do two mirrors, and a smooth black plastic. */
+TEST(mirrors_show_lamps) {
+    static const double base[3] = { 0.9, 0.6, 0.3 };
+    static const char *const names[4] = { "a mirror", "roughness 0.07", "two mirrors", "plastic" };
+    int kind, k, i;
+    for (kind = 0; kind < 4; kind++) {
+        test_scene s = { 0 };
+        const sbl_picture_desc view = view_of_plate(4, 4, 4, 60, 64);
+        const int mirror = kind == 3 ? scene_gloss(&s, 0, 0, 0, 0, 0)
+            : scene_gloss(&s, base[0], base[1], base[2], 1, kind == 1 ? 0.07 : 0.02);
+        const int lamp = scene_lamp(&s, 3, 2, 1);
+        double worst = 0;
+        shot p;
+        scene_floor(&s, mirror, 0, 0.8f);
+        if (kind == 2) scene_quad(&s, mirror, -1, 0.2f, -1, -1, 0.2f, 1, -1, 2, 1, -1, 2, -1);
+        if (kind == 2) scene_quad(&s, lamp, 1, 0.9f, -2, 1, 0.9f, 2, 1, 4, 2, 1, 4, -2);  /* the camera sees below it */
+        else scene_quad(&s, lamp, -2, 0.2f, -2, -2, 0.2f, 2, -2, 3, 2, -2, 3, -2);
+        s.meshes[s.mesh_count - 1].id = 99;
+        if (!shoot(&p, &s, &view)) return;
+        for (i = 0; i < 16; i++) {
+            const float *final = at(&p, SBL_CHANNEL_FINAL, i % 4, i / 4);
+            double way[3];
+            look(&view, i % 4, i / 4, way);
+            CHECK(kind == 3 || (int)at(&p, SBL_CHANNEL_ID, i % 4, i / 4)[0] == 99, "%s: no lamp is shown", names[kind]);
+            for (k = 0; k < 3; k++) {
+                double wanted = (3 - k) * lobe__fresnel(fabs(way[1]), kind == 3 ? 0.04 : base[k]);
+                if (kind == 2) wanted *= lobe__fresnel(fabs(way[0]), base[k]);
+                worst = test_max(worst, fabs((double)final[k] / wanted - 1));
+            }
+        }
+        printf("    %s: %.3f %%\n", names[kind], 100 * worst);
+        CHECK(worst < 0.005, "%s: the lamp in the mirror is off by %.3f %%", names[kind], 100 * worst);
+        forget(&p);
+        scene_free(&s);
+    }
+}
+
+/* In a mirror stand the same points with the same light as a camera behind the mirror would see. */
+TEST(mirrors_show_surfaces) {
+    enum { SIDE = 24 };
+    static const sbl_channel same[4] = { SBL_CHANNEL_RADIANCE, SBL_CHANNEL_POSITION, SBL_CHANNEL_NORMAL,
+        SBL_CHANNEL_ID };
+    test_scene s = { 0 };
+    sbl_picture_desc view = scene_plain(scene_view(SIDE, SIDE, 12, 2, 2, 0.2f, 0, 0, 0), SBL_MODE_DIRECT, 0), behind;
+    shot p, q;
+    double worst[4] = { 0 };
+    int i, j, k, seen_points = 0;
+    scene_box(&s, scene_material(&s, 0.6f, 0.5f, 0.4f), -1.6f, 0.4f, -0.5f, -0.8f, 1.4f, 0.5f);
+    for (i = 0; i < s.mesh_count; i++) s.meshes[i].id = (uint32_t)i + 1;
+    s.lights[0].kind = SBL_LIGHT_POINT;
+    scene_light(&s, SBL_LIGHT_POINT, 3, 4, 5)->position[0] = 1;
+    s.lights[0].position[1] = 0.6f;
+    s.lights[0].position[2] = 0.8f;
+    behind = view;  /* the camera is at y = -2, and what it shows is upside down */
+    sbl_look_at(behind.world_to_view, 2, -2, 0.2f, 0, 0, 0, 0, 1, 0);
+    if (!shoot(&q, &s, &behind)) return;
+    for (i = 0; i < 4; i++) at(&q, same[i], 0, 0);
+    scene_floor(&s, scene_gloss(&s, 1, 1, 1, 1, 0), 0, 1);
+    if (!shoot(&p, &s, &view)) return;
+    for (i = 0; i < SIDE * SIDE; i++)
+        for (j = 0; j < 4; j++)
+            for (k = 0; k < (j == 3 ? 1 : 3); k++) {
+                const int x = i % SIDE, y = i / SIDE;
+                const double a = (double)at(&p, same[j], x, y)[k], b = (double)at(&q, same[j], x, SIDE - 1 - y)[k];
+                const float id = at(&p, SBL_CHANNEL_ID, x, y)[0], other = at(&q, SBL_CHANNEL_ID, x, SIDE - 1 - y)[0];
+                if (other <= 0 || (j < 3 && id != other)) continue;
+                seen_points += j == 3;
+                if (j < 3) worst[j] = test_max(worst[j], fabs(a - b) / (j ? 1 : fabs(b) + 0.01));
+                else worst[j] += a != b;
+            }
+    printf("    R %.4f %%, position %.5f, normal %.5f, %g other ids of %d\n", 100 * worst[0], worst[1], worst[2],
+           worst[3], seen_points);
+    CHECK(seen_points > 100, "only %d points are seen", seen_points);
+    CHECK(worst[0] < 0.002 && worst[1] < 1e-3 && worst[2] < 1e-3 && worst[3] <= 3, "the mirror shows something else");
+    forget(&p);
+    forget(&q);
+    scene_free(&s);
+}
+
+/* >>lamps in lobes */
+
+/* The four surfaces of the tests of highlights */
+static int highlight_material(test_scene *s, int kind) {
+    return kind & 1 ? scene_gloss(s, 0.9, 0.5, 0.2, 0, kind & 2 ? 0.5 : 0.2)
+        : scene_gloss(s, 0.9, 0.5, 0.2, 1, kind & 2 ? 0.5 : 0.2);
+}
+static double highlight_roughness(int kind) { return kind & 2 ? 0.5 : 0.2; }
+static double highlight_reflectance(int kind, int k) {
+    static const double base[3] = { 0.9, 0.5, 0.2 };
+    return kind & 1 ? 0.04 : base[k];
+}
+
+/* As lobe_highlight, but of the part of the lamp that is not behind the plane y = 1 at x > edge */
+static double half_highlight(const double v[3], double corners[4][3], double roughness, double f0, double edge) {
+    enum { STEPS = 300 };
+    double sum = 0;
+    int i, k;
+    for (i = 0; i < STEPS * STEPS; i++) {
+        double l[3], area[3], distance, facing;
+        lobe__place(corners, (i % STEPS + 0.5) / STEPS, (i / STEPS + 0.5) / STEPS, l, area);
+        if (l[2] > 1 && l[0] / l[2] > edge) continue;
+        distance = unit(l);
+        for (k = 0, facing = 0; k < 3; k++) facing += l[k] * area[k];
+        sum += lobe_brdf(v, l, roughness, f0) * l[2] * fabs(facing) / (distance * distance);
+    }
+    return sum / STEPS / STEPS;
+}
+
+/* Highlights of a square lamp: at their middle and beside it, with the whole lamp, and with half of it hidden */
+TEST(highlights_of_lamps) {
+    enum { SIDE = 8 };
+    int kind, place, k;
+    for (kind = 0; kind < 4; kind++) {
+        double peak[3] = { 0, 0, 0 };
+        for (place = 0; place < 3; place++) {
+            const double tilt = (place == 1 ? 33 : 45) * TEST_PI / 180, far_away = 2, half = 0.15;
+            const double middle[3] = { -far_away * sin(tilt), 0, far_away * cos(tilt) };
+            const double side[3] = { half * cos(tilt), 0, half * sin(tilt) };
+            const double edge = -sin(tilt) / cos(tilt);
+            const double v[3] = { sin(TEST_PI / 4), 0, cos(TEST_PI / 4) };
+            const sbl_picture_desc view = view_of_plate(SIDE, SIDE, 0.1, 45, 1024);
+            test_scene s = { 0 };
+            double corners[4][3], off = 0;
+            int i;
+            shot p;
+            for (i = 0; i < 4; i++)
+                set3(corners[i], middle[0] + (i == 0 || i == 3 ? 1 : -1) * side[0], i < 2 ? half : -half,
+                     middle[2] + (i == 0 || i == 3 ? 1 : -1) * side[2]);
+            scene_floor(&s, highlight_material(&s, kind), 0, 0.5f);
+            scene_quad(&s, scene_lamp(&s, 3, 2, 1), (float)corners[0][0], (float)corners[0][2], (float)corners[0][1],
+                       (float)corners[1][0], (float)corners[1][2], (float)corners[1][1], (float)corners[2][0],
+                       (float)corners[2][2], (float)corners[2][1], (float)corners[3][0], (float)corners[3][2],
+                       (float)corners[3][1]);
+            if (place == 2)
+                scene_quad(&s, scene_material(&s, 0, 0, 0), (float)edge, 1, -0.6f, -0.5f, 1, -0.6f, -0.5f, 1, 0.6f,
+                           (float)edge, 1, 0.6f);
+            if (!shoot(&p, &s, &view)) return;
+            for (k = 0; k < 3; k++) {
+                const double f0 = highlight_reflectance(kind, k), roughness = highlight_roughness(kind);
+                const double wanted = place == 2 ? half_highlight(v, corners, roughness, f0, edge)
+                    : lobe_highlight(v, corners, roughness, f0);
+                const double got = mean_reflected(&p, k) / (3 - k);
+                if (place == 0) peak[k] = wanted;
+                off = test_max(off, fabs(got - wanted) / peak[k]);
+                CHECK(fabs(got - wanted) < 0.01 * peak[k],
+                      "surface %d, place %d: colour %d shines %.4f, not %.4f; the peak is %.4f", kind, place, k, got,
+                      wanted, peak[k]);
+            }
+            printf("    surface %d, place %d: error %.2f %% of the peak %.3f\n", kind, place, 100 * off, peak[0]);
+            forget(&p);
+            scene_free(&s);
+        }
+    }
+}
+
+/* Highlights of a point light, a spot light and a directional light, at every pixel, seen from three sides */
+TEST(highlights_of_lights) {
+    enum { SIDE = 16 };
+    int kind, light, i, k;
+    for (kind = 0; kind < 4; kind++)
+        for (light = 0; light < 3; light++) {
+            const double turn = light * 2.1, angle = (kind & 2 ? 70 : 50) * TEST_PI / 180;
+            const double across = 4 * sin(angle), up = 4 * cos(angle);
+            sbl_picture_desc view = scene_plain(scene_view(SIDE, SIDE, 12, (float)(across * cos(turn)), (float)up,
+                                                           (float)(across * sin(turn)), 0, 0, 0), SBL_MODE_DIRECT, 0);
+            test_scene s = { 0 };
+            sbl_light *l = scene_light(&s, light == 0 ? SBL_LIGHT_POINT : light == 1 ? SBL_LIGHT_SPOT
+                                       : SBL_LIGHT_DIRECTIONAL, 3, 2, 1);
+            double worst = 0, largest = 0;
+            shot p;
+            view.options.rays = 16;
+            l->position[0] = (float)(-1.2 * cos(turn));
+            l->position[1] = 1.1f;
+            l->position[2] = (float)(-1.2 * sin(turn) + 0.1);
+            l->direction[0] = (float)(1.2 * cos(turn));
+            l->direction[1] = -1;
+            l->direction[2] = (float)(1.2 * sin(turn));
+            l->cone = 179;
+            l->inner_cone = 178;
+            scene_floor(&s, highlight_material(&s, kind), 0, 5);
+            if (!shoot(&p, &s, &view)) return;
+            for (i = 0; i < SIDE * SIDE; i++) {
+                const int x = i % SIDE, y = i / SIDE;
+                const float *position = at(&p, SBL_CHANNEL_POSITION, x, y);
+                float to[3], from[3];
+                double v[3], w[3], way[3], strength = 1;
+                look(&view, x, y, way);
+                for (k = 0; k < 3; k++) {
+                    from[k] = (float)-way[k];
+                    to[k] = light == 2 ? -l->direction[k] : l->position[k] - position[k];
+                }
+                stand_up(from, v);
+                stand_up(to, w);
+                strength = unit(w);
+                strength = light == 2 ? 1 : 1 / (strength * strength);
+                for (k = 0; k < 3; k++) {
+                    const double f0 = highlight_reflectance(kind, k);
+                    const double wanted = (3 - k) * strength * w[2] * lobe_brdf(v, w, highlight_roughness(kind), f0);
+                    largest = test_max(largest, wanted);
+                    worst = test_max(worst, fabs(reflected(&p, x, y, k) / wanted - 1));
+                }
+            }
+            printf("    surface %d, light %d: error %.3f %%, largest %.3f\n", kind, light, 100 * worst, largest);
+            CHECK(worst < 0.01, "surface %d, light %d: a highlight is off by %.2f %%", kind, light, 100 * worst);
+            forget(&p);
+            scene_free(&s);
+        }
+}
+
+/* Highlights of a sky picture: a bright texel and a wide spot in front of a gradient */
+TEST(highlights_of_the_sky) {
+    enum { SIDE = 8, ACROSS = 64, DOWN = 32, CUT = 8 };
+    static float pixels[3 * ACROSS * DOWN];
+    int kind, i, j;
+    for (i = 0; i < ACROSS * DOWN; i++) {
+        const int x = i % ACROSS, y = i / ACROSS;
+        const double bright = x == 2 && y == 10 ? 60 : x < 6 && y > 3 && y < 7 ? 3 : 0.3 + 0.01 * y;
+        pixels[3 * i] = pixels[3 * i + 1] = pixels[3 * i + 2] = (float)bright;
+    }
+    for (kind = 0; kind < 4; kind += 2) {
+        const sbl_picture_desc view = view_of_plate(SIDE, SIDE, 0.1, 45, 1024);
+        const double v[3] = { sin(TEST_PI / 4), 0, cos(TEST_PI / 4) };
+        double wanted = 0;
+        test_scene s = { 0 };
+        shot p;
+        s.environment.picture.pixels = pixels;
+        s.environment.picture.format = SBL_PIXELS_FLOAT;
+        s.environment.picture.width = ACROSS;
+        s.environment.picture.height = DOWN;
+        s.environment.picture.channels = 3;
+        scene_floor(&s, highlight_material(&s, kind), 0, 0.5f);
+        if (!shoot(&p, &s, &view)) return;
+        for (i = 0; i < ACROSS * DOWN; i++)
+            for (j = 0; j < CUT * CUT; j++) {
+                const double across = (i % ACROSS + (j % CUT + 0.5) / CUT) / ACROSS;
+                const double theta = TEST_PI * (i / ACROSS + (j / CUT + 0.5) / CUT) / DOWN;
+                const double phi = 2 * TEST_PI * (across - 0.5);
+                const double size = 2 * TEST_PI * TEST_PI / (ACROSS * DOWN) / CUT / CUT;
+                double w[3];
+                set3(w, sin(theta) * cos(phi), sin(theta) * sin(phi), cos(theta));
+                if (w[2] <= 0) continue;
+                wanted += (double)pixels[3 * i] * size * sin(theta) * w[2] * lobe_brdf(v, w, highlight_roughness(kind),
+                                                                                      highlight_reflectance(kind, 0));
+            }
+        printf("    surface %d: %.4f of %.4f\n", kind, mean_reflected(&p, 0), wanted);
+        CHECK(fabs(mean_reflected(&p, 0) / wanted - 1) < 0.01, "surface %d shows %.4f of the sky, not %.4f", kind,
+              mean_reflected(&p, 0), wanted);
+        forget(&p);
+        scene_free(&s);
+    }
+}
+
+/* >>panes */
+
+/* Adds what makes all scenes of these tests use the same programs: a light that is off, and a pane far away */
+static void scene_company(test_scene *s) {
+    scene_light(s, SBL_LIGHT_POINT, 0, 0, 0)->position[1] = 50;
+    scene_floor(s, scene_pane(s, 1, 1, 1, 1), -60, 0.1f);
+}
+
+/* Emission through panes: what a viewer at 50 degrees sees of a lamp of radiance 3 2 1 behind panes and blended
+   surfaces. The last pane also mirrors a sky of radiance 0.5. */
+TEST(lamps_behind_panes) {
+    static const double tint[3] = { 0.9, 0.7, 0.8 };
+    static const char *const names[7] = { "a pane", "two panes", "without reflections", "blended", "a blended pane",
+        "a half transparent pane", "a pane under the sky" };
+    int kind, i, k;
+    for (kind = 0; kind < 7; kind++) {
+        const sbl_picture_desc view = view_of_plate(4, 4, 8, 50, 16);
+        test_scene s = { 0 };
+        sbl_mesh *pane;
+        double worst = 0;
+        shot p;
+        int number = kind == 3 ? scene_material(&s, 0, 0, 0)
+            : scene_pane(&s, tint[0], tint[1], tint[2], kind == 5 ? 0.8 : 1);
+        if (kind == 2) s.materials[number].ior = 0;
+        pane = scene_floor(&s, number, 0, 1);
+        if (kind == 3 || kind == 4) scene_blend(&s, pane, 0.25f);
+        if (kind == 1) scene_floor(&s, number, 0.3f, 1);
+        if (kind == 6) scene_sky(&s, 0.5f, 0.5f, 0.5f);
+        scene_company(&s);
+        scene_floor(&s, scene_lamp(&s, 3, 2, 1), -1, 4);
+        if (!shoot(&p, &s, &view)) return;
+        for (i = 0; i < 16; i++) {
+            double way[3];
+            look(&view, i % 4, i / 4, way);
+            for (k = 0; k < 3; k++) {
+                const double fresnel = lobe__fresnel(-way[1], 0.04);
+                const double got = (double)at(&p, SBL_CHANNEL_FINAL, i % 4, i / 4)[k];
+                double through = tint[k] * (1 - fresnel);
+                if (kind == 1) through *= through;
+                if (kind == 2) through = tint[k];
+                if (kind == 3) through = 0.75;
+                if (kind == 4) through = 0.75 + 0.25 * through;
+                if (kind == 5) through *= 0.8;
+                if (kind == 6) through += fresnel * 0.5 / (3 - k);
+                worst = test_max(worst, fabs(got / (3 - k) / through - 1));
+            }
+        }
+        printf("    %s: %.4f %%\n", names[kind], 100 * worst);
+        CHECK(worst < 0.002, "%s: transmittance is off by %.3f %%", names[kind], 100 * worst);
+        forget(&p);
+        scene_free(&s);
+    }
+}
+
+/* Light that reaches a floor through panes: the camera is below them. R is that without panes times their
+   transmittance. The camera then looks at the same floor through panes. */
+enum { PANES = 5 };
+static const double pane_tint[3] = { 0.9, 0.7, 0.8 };
+
+/* Puts one of the cases of panes at a height above a floor. */
+static void scene_panes(test_scene *s, int kind, float height) {
+    const int number = kind == 2 ? scene_material(s, 0, 0, 0)
+        : scene_pane(s, pane_tint[0], pane_tint[1], pane_tint[2], kind == 3 ? 0.7 : 1);
+    sbl_mesh *pane = scene_floor(s, number, height, 3);
+    if (kind == 2 || kind == 4) scene_blend(s, pane, 0.25f);
+    if (kind == 1) scene_floor(s, number, height + 0.1f, 3);
+    if (kind == 4) {  /* a mask, which is cut out everywhere */
+        s->materials[number].flags = 0;
+        s->materials[number].alpha_cutoff = 0.5f;
+    }
+}
+
+/* The share of light that passes */
+static double passing(int kind, double cosine, int k) {
+    const double one = pane_tint[k] * (1 - lobe__fresnel(cosine, 0.04));
+    return kind == 0 ? one : kind == 1 ? one * one : kind == 2 ? 0.75 : kind == 3 ? 0.7 * one : 1;
+}
+
+/* Compares a floor with panes and without. lamp: 1: a lamp, 0: a light; through: 1: the camera is above the panes, and
+   the light below */
+static void floor_behind(int kind, int lamp, int through) {
+    static const char *const names[PANES] = { "a pane", "two panes", "blended", "a half transparent pane", "a mask" };
+    enum { SIDE = 6 };
+    const sbl_picture_desc view = scene_plain(scene_view(SIDE, SIDE, 12, 1, 0.6f, 0.5f, 0, 0, 0), SBL_MODE_DIRECT, 0);
+    double expected[SIDE * SIDE][3], worst = 0;
+    int panes, i, k;
+    for (panes = 0; panes < 2; panes++) {
+        test_scene s = { 0 };
+        shot p;
+        scene_floor(&s, scene_material(&s, 0.8f, 0.8f, 0.8f), 0, 1);
+        if (lamp) {
+            const int bright = scene_lamp(&s, 300, 200, 100);
+            scene_quad(&s, bright, -4, 5, -0.1f, -4, 5, 0.1f, -3.8f, 5, 0.1f, -3.8f, 5, -0.1f);
+        } else {
+            sbl_light *l = scene_light(&s, SBL_LIGHT_POINT, 30, 20, 10);
+            l->position[0] = through ? -0.4f : -3.9f;
+            l->position[1] = through ? 0.25f : 5;
+        }
+        if (panes) scene_panes(&s, kind, through ? 0.3f : 1);
+        scene_company(&s);
+        if (!shoot(&p, &s, &view)) return;
+        for (i = 0; i < SIDE * SIDE; i++)
+            for (k = 0; k < 3; k++) {
+                const int x = i % SIDE, y = i / SIDE;
+                const float *position = at(&p, SBL_CHANNEL_POSITION, x, y);
+                const double got = (double)at(&p, through ? SBL_CHANNEL_FINAL : SBL_CHANNEL_RADIANCE, x, y)[k];
+                double to[3], way[3];
+                if (!panes) { expected[i][k] = got; continue; }
+                set3(to, -3.9 - (double)position[0], 5, -(double)position[2]);
+                unit(to);
+                look(&view, x, y, way);
+                worst = test_max(worst, fabs(got / expected[i][k] / passing(kind, through ? -way[1] : to[1], k) - 1));
+            }
+        forget(&p);
+        scene_free(&s);
+    }
+    printf("    %s, %s%s: %.4f %%\n", names[kind], lamp ? "a lamp" : "a light", through ? ", seen through" : "",
+           100 * worst);
+    CHECK(worst < 0.002, "%s, lamp %d, seen through %d: light is off by %.3f %%", names[kind], lamp, through,
+          100 * worst);
+}
+
+TEST(floors_behind_panes) {
+    int i;
+    for (i = 0; i < 3 * PANES; i++) floor_behind(i / 3, i % 3 == 1, i % 3 == 2);
+}
+
+/* A blended surface shows what is behind it, and its own share of emission and of reflected light. Where most light
+   passes, the latter is that of the store. */
+TEST(blended_surfaces_show_themselves) {
+    static const float alphas[3] = { 0.25f, 0.5f, 0.75f };
+    int kind, i;
+    for (kind = 0; kind < 6; kind++) {
+        const float alpha = alphas[kind % 3];
+        sbl_picture_desc view = view_of_plate(4, 4, 8, 50, 16);
+        test_scene s = { 0 };
+        shot p;
+        double wanted, worst = 0;
+        const int number = scene_material(&s, 0.8f, 0.8f, 0.8f);
+        if (kind < 3) s.materials[number].emission[0] = 2;
+        scene_blend(&s, scene_floor(&s, number, 0, 1), alpha);
+        scene_floor(&s, scene_lamp(&s, 3, 2, 1), -1, 40);
+        s.materials[number + 1].flags = SBL_MATERIAL_ONE_SIDED_EMISSION;
+        if (kind >= 3) {
+            view.options.mode = SBL_MODE_GI;
+            scene_light(&s, SBL_LIGHT_DIRECTIONAL, 5, 5, 5)->direction[1] = -1;
+            wanted = 0.8 * 5 / TEST_PI;
+        } else wanted = 2;
+        scene_company(&s);
+        if (!shoot(&p, &s, &view)) return;
+        wanted = (1 - (double)alpha) * 3 + (double)alpha * wanted;
+        for (i = 0; i < 16; i++)
+            worst = test_max(worst, fabs((double)at(&p, SBL_CHANNEL_FINAL, i % 4, i / 4)[0] / wanted - 1));
+        printf("    %s, alpha %.2f: %.4f %%\n", kind < 3 ? "emits" : "reflects", (double)alpha, 100 * worst);
+        CHECK(worst < (kind < 3 ? 0.002 : 0.01), "%s, alpha %g: %.4f, not %.4f",
+              kind < 3 ? "emits" : "reflects", (double)alpha, (double)at(&p, SBL_CHANNEL_FINAL, 0, 0)[0], wanted);
+        forget(&p);
+        scene_free(&s);
+    }
+}
+
+/* >>rooms */
+
+/* In a closed room whose walls have the radiance 1, by emission alone or by as much emission as albedo, white metal of
+   roughness 0.1 loses no light; the walls see it as if it were not there. Plastic and rough metal show their albedo. */
+TEST(furnace_of_a_room) {
+    enum { SIDE = 32 };
+    int kind, i;
+    for (kind = 0; kind < 5; kind++) {
+        test_scene s = { 0 };
+        const int metal = kind < 2 || kind == 3, lit = kind == 1;  /* the walls reflect half of their light */
+        const double roughness = kind == 3 ? 0.6 : kind == 4 ? 0.3 : 0.1;
+        const int walls = lit ? scene_material(&s, 0.5f, 0.5f, 0.5f) : scene_lamp(&s, 1, 1, 1);
+        const int body = scene_gloss(&s, 1, 1, 1, metal, roughness);
+        sbl_picture_desc view = scene_view(SIDE, SIDE, 60, 0, 0, 2.9f, 0, 0, 0);
+        double table[ANGLES + 1], mean = 0, wanted = 0, mean_wall = 0, walls_seen = 0, most = 0, count = 0, off2 = 0;
+        double predicted;
+        shot p;
+        for (i = 0; i < 3; i++) s.materials[walls].emission[i] = lit ? 0.5f : 1;
+        scene_box(&s, walls, -3, -3, -3, 3, 3, 3);
+        scene_sphere(&s, body, 0, 0, 0, 1, 64, 32, 1)->id = 50;
+        view.options.mode = SBL_MODE_GI;
+        view.samples = 1;
+        furnace_table(roughness, metal, table);
+        if (!shoot(&p, &s, &view)) return;
+        for (i = 0; i < SIDE * SIDE; i++) {
+            const int x = i % SIDE, y = i / SIDE;
+            const double shown = (double)at(&p, SBL_CHANNEL_FINAL, x, y)[1];
+            double here;
+            if (at(&p, SBL_CHANNEL_ID, x, y)[0] != 50) { mean_wall += shown; walls_seen++; continue; }
+            here = look_up(table, cosine_at(&p, x, y));
+            most = test_max(most, shown / here);
+            off2 += (shown - here) * (shown - here);
+            mean += shown;
+            wanted += here;
+            count++;
+        }
+        predicted = (double)sbl_query_stats(context).picture.specular_error;
+        printf("    roughness %.1f, %s, %s: %.4f times as bright, at most %.3f times, error %.4f, %.4f predicted, "
+               "walls %.4f\n", roughness, metal ? "metal" : "plastic", lit ? "walls reflect" : "lamps", mean / wanted,
+               most, sqrt(off2 / (SIDE * SIDE)), predicted, mean_wall / walls_seen);
+        CHECK(count > 200 && fabs(mean / wanted - 1) < 0.02, "kind %d: %.4f times as bright", kind, mean / wanted);
+        CHECK(!lit || fabs(mean_wall / walls_seen - 1) < 0.02, "kind %d: walls %.4f", kind, mean_wall / walls_seen);
+        CHECK(sqrt(off2 / (SIDE * SIDE)) < 0.02 && most < 1.5, "kind %d: error %.4f, at most %.3f times", kind,
+              sqrt(off2 / (SIDE * SIDE)), most);
+        forget(&p);
+        scene_free(&s);
+    }
+}
+
+/* Returns R of a floor beside a black wall or, if `metal` is 1, beside one of white metal, under the sky or a lamp. */
+static double beside_a_wall(int metal, int lamp, double roughness) {
+    enum { SITES = 16 };
+    sbl_site sites[SITES];
+    sbl_reading readings[SITES];
+    sbl_readings_desc desc = { 0 };
+    sbl_scene_desc scene;
+    test_scene s = { 0 };
+    const int wall = metal ? scene_gloss(&s, 1, 1, 1, 1, roughness) : scene_material(&s, 0, 0, 0);
+    double mean = 0;
+    int i;
+    memset(sites, 0, sizeof sites);
+    memset(readings, 0, sizeof readings);
+    for (i = 0; i < SITES; i++) sites[i].normal[1] = sites[i].geometric_normal[1] = 1;
+    scene_quad(&s, wall, -0.2f, 0, -60, -0.2f, 0, 60, -0.2f, 60, 60, -0.2f, 60, -60);
+    if (lamp) scene_quad(&s, scene_lamp(&s, 1, 1, 1), 0.5f, 1.5f, -1, 0.5f, 1.5f, 1, 2.5f, 1.5f, 1, 2.5f, 1.5f, -1);
+    else scene_sky(&s, 1, 1, 1);
+    scene = scene_desc(&s);
+    desc.sites = sites;
+    desc.readings = readings;
+    desc.site_count = SITES;
+    desc.options.mode = SBL_MODE_GI;
+    desc.options.rays = 2048;
+    CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
+          "no reading: %s", watch_last(&seen));
+    scene_free(&s);
+    for (i = 0; i < SITES; i++) mean += (double)readings[i].radiance[1] / SITES;
+    return mean;
+}
+
+/* Walls of metal reflect the sky and a lamp to the floor beside them. The mirror counts as if its roughness were 0.3,
+   because light that rays find by way of mirrors is blurred. What the lamp adds is a sum of lobe_brdf over 400 x 400
+   directions and 60 x 60 points of the lamp. */
+TEST(metal_lights_floors) {
+    static const struct { double roughness, sky, lamp; } cases[3] = {
+        { 0, 0.976, 0.0944 }, { 0.3, 0.976, 0.0944 }, { 0.45, 0.948, 0.0858 } };
+    const double half = beside_a_wall(0, 0, 0), lamp = beside_a_wall(0, 1, 0);
+    int i;
+    CHECK(fabs(half - 0.5) < 0.005, "a black wall leaves %.4f of the sky", half);
+    for (i = 0; i < 3; i++) {
+        const double sky = beside_a_wall(1, 0, cases[i].roughness);
+        const double added = beside_a_wall(1, 1, cases[i].roughness) - lamp;
+        printf("    roughness %.2f: sky %.4f of %.4f, lamp %.4f of %.4f\n", cases[i].roughness, sky,
+               cases[i].sky, added, cases[i].lamp);
+        CHECK(fabs(sky / cases[i].sky - 1) < 0.01, "roughness %g: %.4f of the sky", cases[i].roughness, sky);
+        CHECK(fabs(added / cases[i].lamp - 1) < 0.03, "roughness %g: the wall adds %.4f, not %.4f", cases[i].roughness,
+              added, cases[i].lamp);
+    }
+}
+
+/* >>work */
+
+enum { WIDTH = 40, HEIGHT = 30, FLOATS = 3 * WIDTH * HEIGHT };
+
+/* A scene with a rough plastic floor, a ball of metal, a mirror, a pane, a blended surface, a lamp and a light */
+static void glossy_scene(test_scene *s, int matte) {
+    const int floor = scene_gloss(s, 0.5, 0.4, 0.3, 0, 0.3), metal = scene_gloss(s, 0.9, 0.8, 0.4, 1, 0.25);
+    const int mirror = scene_gloss(s, 0.8, 0.8, 0.8, 1, 0), pane = scene_pane(s, 0.8, 0.9, 0.8, 1);
+    const int veil = scene_material(s, 0.5f, 0.5f, 0.5f);
+    sbl_mesh *mesh;
+    int i;
+    scene_floor(s, floor, 0, 2);
+    scene_sphere(s, metal, -0.6f, 0.5f, 0, 0.5f, 24, 12, 1);
+    scene_quad(s, mirror, -1.5f, 0, -1, 1.5f, 0, -1, 1.5f, 1.5f, -1.2f, -1.5f, 1.5f, -1.2f);
+    scene_quad(s, pane, 0.3f, 0, 0.5f, 1.2f, 0, 0.3f, 1.2f, 0.9f, 0.3f, 0.3f, 0.9f, 0.5f);
+    mesh = scene_quad(s, veil, -0.2f, 1.2f, 0.5f, 0.6f, 1.2f, 0.5f, 0.6f, 1.2f, -0.3f, -0.2f, 1.2f, -0.3f);
+    scene_blend(s, mesh, 0.6f);
+    scene_quad(s, scene_lamp(s, 9, 8, 7), -0.3f, 2, 0.3f, 0.3f, 2, 0.3f, 0.3f, 2, -0.3f, -0.3f, 2, -0.3f);
+    scene_light(s, SBL_LIGHT_POINT, 1, 1, 2)->position[0] = 1;
+    s->lights[0].position[1] = 1.5f;
+    scene_sky(s, 0.1f, 0.1f, 0.2f);
+    for (i = 0; i < s->mesh_count; i++) s->meshes[i].id = (uint32_t)i + 1;
+    for (i = 0; matte && i < s->material_count; i++) {
+        s->materials[i].ior = s->materials[i].metallic = s->materials[i].transmission = 0;
+        s->materials[i].flags = 0;
+    }
+}
+
+static sbl_picture_desc glossy_view(sbl_mode mode) {
+    sbl_picture_desc view = scene_view(WIDTH, HEIGHT, 40, 0.3f, 1.2f, 4, 0, 0.5f, 0);
+    view.options.mode = mode;
+    view.options.preset = SBL_PRESET_DRAFT;
+    view.samples = 2;
+    return view;
+}
+
+static void read_all(sbl_context *c, float *all[SBL_CHANNEL_COUNT], const sbl_picture_desc *view) {
+    int i;
+    for (i = 0; i < SBL_CHANNEL_COUNT; i++) all[i] = scene_channel(c, view, (sbl_channel)i);
+}
+
+static int same_channels(float *a[SBL_CHANNEL_COUNT], float *b[SBL_CHANNEL_COUNT], size_t pixels) {
+    int i;
+    for (i = 0; i < SBL_CHANNEL_COUNT; i++)
+        if (memcmp(a[i], b[i], pixels * sizeof(float) * (sbl_channel_components((sbl_channel)i) > 1 ? 3 : 1)) != 0) {
+            printf("    channel %d differs\n", i);
+            return 0;
+        }
+    return 1;
+}
+
+static void free_all(float *all[SBL_CHANNEL_COUNT]) {
+    int i;
+    for (i = 0; i < SBL_CHANNEL_COUNT; i++) free(all[i]);
+}
+
+static double largest(const float *values, int count) {
+    double most = 0;
+    int i;
+    for (i = 0; i < count; i++) most = test_max(most, fabs((double)values[i]));
+    return most;
+}
+
+/* A scene of matte surfaces has no reflections, and materials that no mesh uses change no bit. */
+TEST(matte_scenes_stay_the_same) {
+    const sbl_picture_desc view = glossy_view(SBL_MODE_DIRECT);
+    float *before[SBL_CHANNEL_COUNT], *after[SBL_CHANNEL_COUNT];
+    test_scene s = { 0 };
+    glossy_scene(&s, 1);
+    if (!scene_render(context, &s, &view)) return;
+    read_all(context, before, &view);
+    CHECK(largest(before[SBL_CHANNEL_SPECULAR], FLOATS) <= 0, "matte surfaces have reflections");
+    CHECK(largest(before[SBL_CHANNEL_SPECULAR_ALBEDO], FLOATS) <= 0, "matte surfaces have lobes");
+    CHECK(sbl_query_stats(context).picture.specular_error <= 0, "there is an error of reflections");
+    scene_pane(&s, 1, 1, 1, 1);
+    scene_gloss(&s, 1, 1, 1, 1, 0.1);
+    if (!scene_render(context, &s, &view)) return;
+    read_all(context, after, &view);
+    CHECK(same_channels(before, after, WIDTH * HEIGHT), "materials that no mesh uses change the picture");
+    free_all(before);
+    free_all(after);
+    scene_free(&s);
+}
+
+/* Other materials make the picture that a new scene with them makes: from matte to glossy, and back. */
+TEST(materials_change) {
+    const sbl_picture_desc view = glossy_view(SBL_MODE_DIRECT);
+    float *fresh[2][SBL_CHANNEL_COUNT], *changed[SBL_CHANNEL_COUNT];
+    test_scene s[2];
+    int matte;
+    memset(s, 0, sizeof s);
+    for (matte = 0; matte < 2; matte++) {
+        glossy_scene(&s[matte], matte);
+        if (!scene_render(context, &s[matte], &view)) return;
+        read_all(context, fresh[matte], &view);
+    }
+    for (matte = 0; matte < 2; matte++) {
+        const sbl_scene_desc desc = scene_desc(&s[matte]);
+        CHECK(sbl_set_materials(context, desc.materials, desc.material_count) == SBL_SUCCESS &&
+              sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+        read_all(context, changed, &view);
+        CHECK(same_channels(fresh[matte], changed, WIDTH * HEIGHT), "materials that become %s make another picture",
+              matte ? "matte" : "glossy");
+        free_all(changed);
+    }
+    for (matte = 0; matte < 2; matte++) {
+        free_all(fresh[matte]);
+        scene_free(&s[matte]);
+    }
+}
+
+/* In SBL_MODE_PAPER all surfaces are matte. */
+TEST(paper_is_matte) {
+    sbl_picture_desc view = glossy_view(SBL_MODE_PAPER);
+    float *all[2][SBL_CHANNEL_COUNT];
+    test_scene s = { 0 };
+    int i, k;
+    glossy_scene(&s, 0);
+    for (i = 0; i < s.material_count; i++) {
+        s.materials[i].transmission = 0;
+        s.materials[i].flags = 0;
+    }
+    for (k = 0; k < 2; k++) {
+        for (i = 0; k && i < s.material_count; i++) s.materials[i].ior = s.materials[i].metallic = 0;
+        if (!scene_render(context, &s, &view)) return;
+        read_all(context, all[k], &view);
+    }
+    CHECK(same_channels(all[0], all[1], WIDTH * HEIGHT), "metal and gloss change a picture of SBL_MODE_PAPER");
+    CHECK(largest(all[0][SBL_CHANNEL_SPECULAR], FLOATS) <= 0, "there are reflections");
+    CHECK(largest(all[0][SBL_CHANNEL_FINAL], FLOATS) > 0.1, "the picture is black");
+    free_all(all[0]);
+    free_all(all[1]);
+    scene_free(&s);
+}
+
+/* A glossy picture in very short steps is the same to the bit, with and without reading it meanwhile. */
+TEST(steps_make_the_same_picture) {
+    const sbl_picture_desc view = glossy_view(SBL_MODE_DIRECT);
+    float *whole[SBL_CHANNEL_COUNT], *stepped[SBL_CHANNEL_COUNT];
+    test_scene s = { 0 };
+    int watching;
+    glossy_scene(&s, 0);
+    if (!scene_render(context, &s, &view)) return;
+    read_all(context, whole, &view);
+    CHECK(largest(whole[SBL_CHANNEL_SPECULAR], FLOATS) > 0.1, "there are no reflections");
+    for (watching = 0; watching < 2; watching++) {
+        sbl_result result = sbl_begin_picture(context, &view);
+        int steps = 0, bad = 0, early = 0, i;
+        float before = 0;
+        if (result == SBL_SUCCESS) result = SBL_UNFINISHED;
+        while (result == SBL_UNFINISHED && steps++ < 1000000) {
+            const float done = sbl_progress(context);
+            bad += !(done >= before && done <= 1);
+            before = done;
+            result = sbl_step(context, 1e-9);
+            if (watching && steps % 16 == 0 && result == SBL_UNFINISHED) {
+                static float now[FLOATS];
+                const sbl_result reads = sbl_read_channel(context, SBL_CHANNEL_FINAL, now, FLOATS);
+                bad += reads != SBL_SUCCESS && reads != SBL_UNFINISHED;
+                early += reads == SBL_SUCCESS;
+                for (i = 0; i < FLOATS; i++) bad += !(now[i] >= 0 && now[i] < 1e3f);
+            }
+        }
+        CHECK(result == SBL_SUCCESS && steps > 50, "%s after %d steps", sbl_result_string(result), steps);
+        CHECK(!watching || early > 5, "the picture was read %d times meanwhile", early);
+        CHECK(!bad, "%d pixels or progresses are wrong meanwhile", bad);
+        read_all(context, stepped, &view);
+        CHECK(same_channels(whole, stepped, WIDTH * HEIGHT), "the picture in %d steps, watched %d, is different", steps,
+              watching);
+        printf("    %d steps\n", steps);
+        free_all(stepped);
+    }
+    free_all(whole);
+    scene_free(&s);
+}
+
+/* A window of a glossy picture shows the surfaces of the whole, and about the same light. */
+TEST(windows_show_the_same) {
+    static const int window[4] = { 10, 6, 20, 16 };
+    static const sbl_channel channels[4] = { SBL_CHANNEL_FINAL, SBL_CHANNEL_ALBEDO, SBL_CHANNEL_SPECULAR_ALBEDO,
+        SBL_CHANNEL_SPECULAR };
+    test_scene s = { 0 };
+    int plain, i, j, k;
+    glossy_scene(&s, 0);
+    for (plain = 0; plain < 2; plain++) {
+        sbl_picture_desc view = plain ? scene_plain(glossy_view(SBL_MODE_DIRECT), SBL_MODE_DIRECT, 0)
+            : glossy_view(SBL_MODE_DIRECT), part;
+        double off2[4] = { 0 }, all2[4] = { 0 }, sums[2] = { 0, 0 };
+        shot p, q;
+        if (plain) view.options.rays = 64;
+        part = view;
+        if (!shoot(&p, &s, &view)) return;
+        for (j = 0; j < 4; j++) at(&p, channels[j], 0, 0);
+        for (i = 0; i < 4; i++) part.window[i] = window[i];
+        if (!shoot(&q, &s, &part)) return;
+        q.view.width = window[2];
+        q.view.height = window[3];
+        for (i = 0; i < window[2] * window[3]; i++)
+            for (j = 0; j < 4; j++)
+                for (k = 0; k < 3; k++) {
+                    const int x = i % window[2], y = i / window[2];
+                    const double a = (double)at(&p, channels[j], window[0] + x, window[1] + y)[k];
+                    const double b = (double)at(&q, channels[j], x, y)[k];
+                    off2[j] += (a - b) * (a - b);
+                    all2[j] += a * a;
+                    sums[0] += a;
+                    sums[1] += b;
+                }
+        for (j = 0; j < 4; j++) {
+            const double off = sqrt(off2[j] / all2[j]);
+            printf("    channel %d, %s: %.5f\n", (int)channels[j], plain ? "all pixels sense" : "default", off);
+            CHECK(off < (j == 1 || j == 2 ? 1e-5 : 0.1), "channel %d, plain %d: off by %.4f", (int)channels[j], plain,
+                  off);
+        }
+        CHECK(fabs(sums[1] / sums[0] - 1) < 0.01, "plain %d: %.4f times as bright", plain, sums[1] / sums[0]);
+        forget(&p);
+        forget(&q);
+    }
+    scene_free(&s);
+}
+
+/* A glossy picture that ends early, wherever it stops, leaves no memory. */
+TEST(ends_leave_nothing) {
+    const sbl_picture_desc view = glossy_view(SBL_MODE_DIRECT);
+    test_scene s = { 0 };
+    sbl_memory memory;
+    int stop, blocks, finished = 0;
+    glossy_scene(&s, 0);
+    if (!scene_render(context, &s, &view)) return;
+    sbl_end(context);
+    memory = sbl_query_memory(context);
+    blocks = seen.blocks;
+    for (stop = 1; !finished; stop += 1 + stop / 6) {
+        sbl_memory now;
+        int i;
+        CHECK(sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
+        for (i = 0; i < stop && !finished; i++) finished = sbl_step(context, 1e-9) != SBL_UNFINISHED;
+        sbl_end(context);
+        now = sbl_query_memory(context);
+        CHECK(now.host_bytes == memory.host_bytes && now.gpu_bytes == memory.gpu_bytes && seen.blocks == blocks,
+              "after %d steps: %.0f host and %.0f GPU bytes in use, before %.0f and %.0f", stop, (double)now.host_bytes,
+              (double)now.gpu_bytes, (double)memory.host_bytes, (double)memory.gpu_bytes);
+    }
+    scene_free(&s);
+}
+
+/* When memory runs out anywhere in a glossy picture, it fails, leaves nothing, and the next picture is as always. */
+TEST(memory_runs_out) {
+    sbl_picture_desc view = glossy_view(SBL_MODE_DIRECT);
+    float *expected, *final;
+    test_scene s = { 0 };
+    int place, blocks, tried = 0;
+    view.width = 12;
+    view.height = 9;
+    glossy_scene(&s, 0);
+    if (!scene_render(context, &s, &view)) return;
+    expected = scene_channel(context, &view, SBL_CHANNEL_FINAL);
+    sbl_end(context);
+    blocks = seen.blocks;
+    for (place = 1;; place += 1 + place / 10) {
+        sbl_result result;
+        watch_refuse(&seen, place);
+        result = sbl_render_picture(context, &view);
+        if (!watch_refused(&seen, place, result)) break;
+        CHECK(seen.errors > 0, "allocation %d: no message", place);
+        sbl_end(context);
+        CHECK(seen.blocks == blocks, "allocation %d: %d blocks are left", place, seen.blocks - blocks);
+        tried++;
+    }
+    printf("    %d allocations of %d\n", tried, place);
+    final = scene_channel(context, &view, SBL_CHANNEL_FINAL);
+    CHECK(tried > 20, "only %d allocations were refused", tried);
+    CHECK(memcmp(final, expected, 12 * 9 * 3 * sizeof *final) == 0, "the picture after lack of memory is different");
+    free(final);
+    free(expected);
+    scene_free(&s);
+}
+
+/* Without the functions that GL 3.3 lacks, the picture is about the same. */
+TEST(old_gl_makes_the_same_picture) {
+    sbl_picture_desc view = scene_plain(glossy_view(SBL_MODE_DIRECT), SBL_MODE_DIRECT, 0);
+    sbl_context_desc desc = watch_desc(&seen);
+    float *new_picture, *old_picture;
+    test_scene s = { 0 };
+    sbl_context *old;
+    double off = 0, all = 0;
+    int i, different = 0;
+    glossy_scene(&s, 0);
+    view.options.rays = 32;
+    if (!scene_render(context, &s, &view)) return;
+    new_picture = scene_channel(context, &view, SBL_CHANNEL_FINAL);
+    desc.disabled = SBL_CAPABILITY_ALL;
+    old = watch_context(&seen, &desc, &s);
+    REQUIRE(old, "no context");
+    CHECK(sbl_query_capabilities(old).used == 0, "there are capabilities");
+    CHECK(sbl_render_picture(old, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+    old_picture = scene_channel(old, &view, SBL_CHANNEL_FINAL);
+    for (i = 0; i < FLOATS; i++) {
+        off += fabs((double)old_picture[i] - (double)new_picture[i]);
+        all += (double)new_picture[i];
+        different += fabs((double)old_picture[i] - (double)new_picture[i]) > 1e-3 * (double)new_picture[i];
+    }
+    printf("    mean difference %.6f, %d of %d values\n", off / all, different, FLOATS);
+    CHECK(off < 0.002 * all && different < FLOATS / 50, "the picture is different by %.5f", off / all);
+    sbl_destroy(old);
+    free(new_picture);
+    free(old_picture);
+    scene_free(&s);
+}
+
+/* The error of reflections is about as predicted. */
+TEST(errors_are_foretold) {
+    sbl_picture_desc view = glossy_view(SBL_MODE_DIRECT), exact = scene_plain(view, SBL_MODE_DIRECT, 0);
+    test_scene s = { 0 };
+    double off2 = 0, sum = 0, error, predicted;
+    shot p, q;
+    int i;
+    glossy_scene(&s, 0);
+    exact.options.rays = 256;
+    if (!shoot(&q, &s, &exact)) return;
+    at(&q, SBL_CHANNEL_SPECULAR, 0, 0);
+    at(&q, SBL_CHANNEL_SPECULAR_ALBEDO, 0, 0);
+    at(&q, SBL_CHANNEL_FINAL, 0, 0);
+    if (!shoot(&p, &s, &view)) return;
+    predicted = (double)sbl_query_stats(context).picture.specular_error;
+    for (i = 0; i < WIDTH * HEIGHT; i++) {
+        const double a = reflected(&p, i % WIDTH, i / WIDTH, 1), b = reflected(&q, i % WIDTH, i / WIDTH, 1);
+        off2 += (a - b) * (a - b) / (WIDTH * HEIGHT);
+        sum += (double)at(&q, SBL_CHANNEL_FINAL, i % WIDTH, i / WIDTH)[1] / (WIDTH * HEIGHT);
+    }
+    error = sqrt(off2) / sum;
+    printf("    error %.4f, %.4f predicted\n", error, predicted);
+    CHECK(error > 0.2 * predicted && error < 1.6 * predicted && predicted < 0.06, "the error is %.4f, %.4f predicted",
+          error, predicted);
+    forget(&p);
+    forget(&q);
+    scene_free(&s);
+}
+
+/* Views that are drawn measure R; rays still measure the reflections. */
+TEST(views_and_lobes) {
+    sbl_picture_desc view = scene_plain(glossy_view(SBL_MODE_DIRECT), SBL_MODE_DIRECT, 0);
+    double sums[2] = { 0, 0 };
+    test_scene s = { 0 };
+    int raster, i;
+    glossy_scene(&s, 0);
+    view.options.rays = 64;
+    view.options.sensor_size = 16;
+    for (raster = 0; raster < 2; raster++) {
+        shot p;
+        view.options.backend = raster ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
+        if (!shoot(&p, &s, &view)) return;
+        for (i = 0; i < WIDTH * HEIGHT; i++) sums[raster] += reflected(&p, i % WIDTH, i / WIDTH, 1);
+        forget(&p);
+    }
+    printf("    reflections with views %.3f, without %.3f\n", sums[1], sums[0]);
+    CHECK(sums[0] > 1 && fabs(sums[1] / sums[0] - 1) < 0.01, "reflections are %.4f times as bright", sums[1] / sums[0]);
+    scene_free(&s);
+}
+
+int main(void) {
+    const sbl_context_desc desc = watch_desc(&seen);
+    if (sbl_create(&desc, &context) != SBL_SUCCESS) { printf("no context\n0 passed, 1 failed, 0 skipped\n"); return 1; }
+    RUN_UNSANITIZED(furnace_of_metal);
+    RUN_UNSANITIZED(furnace_of_plastic);
+    RUN_UNSANITIZED(albedo_of_lobes);
+    RUN_UNSANITIZED(specular_textures);
+    RUN_UNSANITIZED(mirrors_show_lamps);
+    RUN_UNSANITIZED(mirrors_show_surfaces);
+    RUN_UNSANITIZED(highlights_of_lamps);
+    RUN_UNSANITIZED(highlights_of_lights);
+    RUN_UNSANITIZED(highlights_of_the_sky);
+    RUN_UNSANITIZED(lamps_behind_panes);
+    RUN_UNSANITIZED(floors_behind_panes);
+    RUN_UNSANITIZED(blended_surfaces_show_themselves);
+    RUN_UNSANITIZED(furnace_of_a_room);
+    RUN_UNSANITIZED(metal_lights_floors);
+    RUN(matte_scenes_stay_the_same);
+    RUN(materials_change);
+    RUN(paper_is_matte);
+    RUN(steps_make_the_same_picture);
+    RUN(windows_show_the_same);
+    RUN_UNSANITIZED(errors_are_foretold);
+    RUN_UNSANITIZED(views_and_lobes);
+    RUN(ends_leave_nothing);
+    RUN(memory_runs_out);
+    RUN(old_gl_makes_the_same_picture);
+    sbl_destroy(context);
+    return test_report();
+}
