@@ -1,6 +1,6 @@
 /* Demonstrates materials that reflect and let light pass: a room with a large mirror, a glass table, balls of metal and
-   plastic of several roughness, and a polished floor. The first argument is the folder for the picture; with a second one, of
-   any kind, the picture is a draft. */
+   plastic of several roughness, and a polished floor. The first argument is the folder for the picture. With a second
+   argument, the picture is a draft. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"
 #define STB_IMAGE_WRITE_IMPLEMENTATION
