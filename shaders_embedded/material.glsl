@@ -29,8 +29,12 @@ struct sbl_Material {
 
 // Share of a surface that exists at a point.
 float sbl_opacity(int object, sbl_Attributes at) {
-    if ((sbl_object_flags(object) & SBL_BLEND) == 0u) return 1.0;
-    return clamp(at.color.a * sbl_texture(sbl_object_albedo_texture(object), at.uv).a, 0.0, 1.0);
+    float opacity = 1.0;
+#ifdef SBL_SPECULAR
+    for (int i = 0; i < ((sbl_object_flags(object) & SBL_BLEND) == 0u ? 0 : 1); i++)
+        opacity = clamp(at.color.a * sbl_texture(sbl_object_albedo_texture(object), at.uv).a, 0.0, 1.0);
+#endif
+    return opacity;
 }
 
 sbl_Material sbl_material(int object, sbl_Attributes at) {

@@ -23,8 +23,8 @@ static const char *const material_shader[] = {
     "    bool back = gl_FragCoord.y > 1.0;\n"
     "    sbl_Material material = sbl_material(object, SBL_PLAIN);\n"
     "    out_emission = vec4(sbl_emission(object, back), sbl_emits(object, back));\n"
-    "    out_bounced = vec4(sbl_bounced(material), material.cut_out);\n"
-    "    out_reflected = vec4(sbl_reflected(sbl_Material(sbl_bounced(material), false), light), 0);\n"
+    "    out_bounced = vec4(sbl_bounced(material, vec3(1)), material.cut_out);\n"
+    "    out_reflected = vec4(sbl_reflected(sbl_Material(sbl_bounced(material, vec3(1)), false), light), 0);\n"
     "}\n", 0 };
 
 static const sbl__recipe material_recipe = { "material",

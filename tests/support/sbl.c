@@ -77,6 +77,7 @@ inside_weight inside_weigh_corners(int strips, float light) {
     c.looks = 1;
     c.pixels = SIDE * SIDE;
     c.uncovered = strips ? 0.25f : 0;
+    c.weight2 = 1;
     for (i = 0; i < SIDE * SIDE; i++) {
         sbl__pixel *p = &pixels[i];
         const int x = i % SIDE, y = i / SIDE;
@@ -131,7 +132,8 @@ static const char *const cast_main[] = {
     "void main() {\n"
     "    int i = int(gl_FragCoord.y) * width + int(gl_FragCoord.x);\n"
     "    if (i >= ray_count) discard;\n"
-    "    sbl_Hit hit = sbl_trace(texelFetch(rays, 2 * i).xyz, texelFetch(rays, 2 * i + 1).xyz, 1e30);\n"
+    "    sbl_Hit hit = sbl_trace(texelFetch(rays, 2 * i).xyz, texelFetch(rays, 2 * i + 1).xyz, 1e30,\n"
+    "                            SBL_RAY_SOLID);\n"
     "    out_hit = vec4(hit.triangle < 0 ? -1 : hit.number, hit.distance, hit.b1, hit.b2);\n"
     "}\n", NULL };
 
