@@ -2797,6 +2797,8 @@ typedef struct sbl__record {
                                           sees differences that small */
 #define SBL__FILTER_FALL 0.25          /* factor of the filter's weights: exp(-this * (difference / noise)^2) */
 #define SBL__LOBE_UNIT 65535.0f        /* what stands for 1 in sbl__lobe_albedos */
+#define SBL__LOBE_LEAST 1e-3f          /* lower limit of the albedo by which light in a lobe is divided: that of a metal
+                                          may be 0 in some colours */
 #define SBL__LOBE_ROUGH 0.25f          /* from this roughness on, lamps in a lobe are computed in closed form */
 #define SBL__MIRROR_SEEN 0.08f         /* a pixel that shows metal of lower roughness shows what is seen in it */
 #define SBL__GLOW_ALBEDO 0.05f         /* least albedo by which the radiance of a glow is divided if its surface is not
@@ -2819,8 +2821,8 @@ typedef struct sbl__record {
     X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_CUT) X(LOOK_NUMBER) X(HASH_FACTOR) \
     X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
     X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_TURN) \
-    X(BELONGS_OFF) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST) X(LOBE_ROUGH) \
-    X(LOBE_UNIT) X(GLOW_ALBEDO) X(MIRROR_SEEN)
+    X(BELONGS_OFF) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST) X(LOBE_LEAST) \
+    X(LOBE_ROUGH) X(LOBE_UNIT) X(GLOW_ALBEDO) X(MIRROR_SEEN)
 #define SBL__SHARED_FLAGS(X) X(BLEND) X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
 
 #define SBL__PRELUDE_MOST 24576    /* room for the text before a shader's files, in characters, with the final 0 */
@@ -5137,6 +5139,14 @@ static int sbl__is_specular(const sbl__object *o) { return o->reflectance >= 0; 
 /* Returns 1 if light may pass straight through the object. */
 static int sbl__lets_pass(const sbl__object *o) { return o->transmission > 0 || o->flags & SBL_MATERIAL_BLEND; }
 
+/* Returns a material without reflections through which no light passes. */
+static sbl_material sbl__material_matte(const sbl_material *material) {
+    sbl_material m = *material;
+    m.ior = m.metallic = m.transmission = 0;
+    m.flags &= ~(uint32_t)SBL_MATERIAL_BLEND;
+    return m;
+}
+
 /* Copies a material into its mesh's object. Raises *brightest, if it is less, to an upper limit of the radiance that
    the material emits: largest component of emission * that of the texture. Returns the features that programs need. */
 static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *m, sbl__object *o, float *brightest) {
@@ -5331,8 +5341,8 @@ static const char *const sbl__glsl_lobe[] = {
 "\n",
 "// Density by solid angle of points drawn by area on a triangle, at the point `way`. side_1, side_2: two sides\n",
 "float sbl_area_density(vec3 side_1, vec3 side_2, vec3 way) {\n",
-"    float distance2 = dot(way, way);\n",
-"    return 2.0 * distance2 * sqrt(distance2) / max(abs(dot(cross(side_1, side_2), way)), 1e-30);\n",
+"    float away = max(length(way), SBL_DIVISOR_LEAST);  // divides lengths: products would underflow\n",
+"    return 2.0 / max(abs(dot(cross(side_1 / away, side_2 / away), way / away)), 1e-30);\n",
 "}\n",
 "\n",
 "const float SBL_LAMP_DENSITY = 10.0;  // density of points on lamps that are not triangles, for sbl_lobe_met\n",
@@ -5496,11 +5506,12 @@ static const char *const sbl__glsl_material[] = {
 "// Radiance that a surface reflects. light: R at the surface\n",
 "vec3 sbl_reflected(sbl_Material m, vec3 light) { return m.albedo * light; }\n",
 "\n",
-"// Factor of a glow's radiance (see >>glow in sbl.h) at a point: what textures and vertex colours do to the albedo.\n",
+"// Factor of a glow's radiance (see >>glow in sbl.h) at a point: the albedo there / the albedo in sbl__reflect.\n",
 "vec3 sbl_glow_pattern(int object, sbl_Attributes at) {\n",
 "#ifdef SBL_SPECULAR\n",
 "    sbl_Material m = sbl_material(object, at);\n",
-"    return m.cut_out ? vec3(0) : m.albedo / max(sbl_object_albedo(object), vec3(SBL_GLOW_ALBEDO));\n",
+"    float least = sbl_object_reflectance(object) < 0.0 ? SBL_DIVISOR_LEAST : SBL_GLOW_ALBEDO;\n",
+"    return m.cut_out ? vec3(0) : m.albedo / max(sbl_object_albedo(object), vec3(least));\n",
 "#else\n",
 "    vec4 pattern = at.color * sbl_texture(sbl_object_albedo_texture(object), at.uv);\n",
 "    return pattern.a < sbl_object_alpha_cutoff(object) ? vec3(0) : pattern.rgb;\n",
@@ -5515,6 +5526,14 @@ static const char *const sbl__glsl_material[] = {
 "vec3 sbl_lobe_reflected(sbl_Material m, float cosine, vec3 light) {\n",
 "    return m.opacity * sbl_specular_albedo(m.reflectance, m.roughness, cosine) * light;\n",
 "}\n",
+"\n",
+"// Albedo of the lobe for a viewer at this cosine, not below the limit of the albedo by which sensors divide.\n",
+"vec3 sbl_lobe_shown(sbl_Material m, float cosine) {\n",
+"    return m.opacity * max(sbl_specular_albedo(m.reflectance, m.roughness, cosine), vec3(SBL_LOBE_LEAST));\n",
+"}\n",
+"\n",
+"// Share of light that a perfect mirror reflects at this cosine.\n",
+"vec3 sbl_mirror_share(sbl_Material m, float cosine) { return m.opacity * sbl_fresnel(m.reflectance, cosine); }\n",
 "\n",
 "// Albedo of the diffuse part of a surface that a viewer sees at this cosine.\n",
 "vec3 sbl_diffuse_albedo(sbl_Material m, float cosine) { return m.diffuse * (1.0 - sbl_diffuse_lost(cosine)); }\n",
@@ -7447,10 +7466,11 @@ static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
     s->brightest = SBL__MAX(s->environment.brightest, s->draw ? s->draw_brightest : 0);
     s->features &= ~(unsigned)(SBL__TEXTURED | SBL__CUTOUTS | SBL__SPECULAR);
     if (s->geometry.colored) s->features |= SBL__TEXTURED;
-    for (i = 0; i < s->geometry.mesh_count; i++)
-        s->features |= sbl__material_write(&s->textures, &materials[s->geometry.meshes[i].material],
-                                           &s->geometry.objects[i], &s->brightest);
-    if (s->draw) s->features &= ~(unsigned)SBL__SPECULAR;  /* what the host draws has no lobes */
+    for (i = 0; i < s->geometry.mesh_count; i++) {
+        sbl_material m = materials[s->geometry.meshes[i].material];
+        if (s->draw) m = sbl__material_matte(&m);  /* G-buffers that the host draws to have no lobes */
+        s->features |= sbl__material_write(&s->textures, &m, &s->geometry.objects[i], &s->brightest);
+    }
 }
 
 /* Default limit of the store's leaves (the interface's cells): PER_TRIANGLE for each triangle, since fine geometry
@@ -9419,12 +9439,11 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    for (int i = 0; i < SBL_MIRRORS && goes_on; i++) {\n",
 "        float cosine = clamp(-dot(s.normal, m.direction), 0.0, 1.0);\n",
 "        vec3 passing = sbl_passing(s.object, s.material, cosine);\n",
-"        bool pane = max(passing.r, max(passing.g, passing.b)) >= SBL_PANE, mirror = sbl_is_mirror(s.material);\n",
-"        if (!pane && !mirror) {\n",
-"            if (max(passing.r, max(passing.g, passing.b)) > 0.0)\n",
-"                m.emission += m.throughput * passing * sbl_radiance_along(s, -1.0, m.direction);\n",
-"            break;\n",
-"        }\n",
+"        float most = max(passing.r, max(passing.g, passing.b));\n",
+"        bool pane = most >= SBL_PANE;\n",
+"        for (int k = 0; k < (most > 0.0 && !pane ? 1 : 0); k++)\n",
+"            m.emission += m.throughput * passing * sbl_radiance_along(s, -1.0, m.direction);\n",
+"        if (!pane && !sbl_is_mirror(s.material)) break;\n",
 "        m.emission += m.throughput * (pane ? sbl_stored_radiance(s, m.number, true) : s.emission);\n",
 "        vec3 mirrored = sbl_mirrored(s, m.direction);\n",
 "        float side = pane ? -1.0 : 1.0;  // the side of the surface on which the ray goes on\n",
@@ -9432,8 +9451,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "            m.emission += m.throughput *\n",
 "                          sbl_lobe_reflected(s.material, cosine, sbl_radiance_along(s, 1.0, mirrored));\n",
 "        if (!pane) m.direction = mirrored;\n",
-"        m.throughput *= pane ? passing : s.material.reflectance +\n",
-"                                         (1.0 - s.material.reflectance) * pow(1.0 - cosine, 5.0);\n",
+"        m.throughput *= pane ? passing : sbl_mirror_share(s.material, cosine);\n",
 "        vec3 origin = s.position + side * SBL_OFFSET * s.reach * s.geometric_normal;\n",
 "        sbl_Hit hit = sbl_trace(origin, m.direction, SBL_UNBOUNDED, SBL_RAY_SOLID);\n",
 "        m.sky = hit.triangle < 0;\n",
@@ -9503,7 +9521,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "        if (s.material.roughness >= 0.0) {\n",
 "            float cosine = clamp(-dot(s.normal, seen.direction), 1e-3, 1.0);\n",
 "            vec3 reflectance = s.material.reflectance;\n",
-"            out_specular = vec4(sbl_lobe_reflected(s.material, cosine, vec3(1)), 1);\n",
+"            out_specular = vec4(sbl_lobe_shown(s.material, cosine), 1);\n",
 "            out_lobe = vec4(sbl_pack_two(reflectance.r, reflectance.g),\n",
 "                            sbl_pack_two(reflectance.b, s.material.roughness),\n",
 "                            sbl_pack_direction(-seen.direction));\n",
@@ -9578,7 +9596,8 @@ static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
     sbl__device *d = s->device;
     const sbl__target *target = &job->gbuffer->target;
     const unsigned bounced = job->bounced ? SBL__BOUNCED : 0, lightmap = job->atlas ? SBL__LIGHTMAP : 0;
-    const unsigned features = job->scene->features & ~(job->has_lobes || job->atlas ? 0u : (unsigned)SBL__SPECULAR);
+    const unsigned matte = ~(unsigned)(job->atlas ? SBL__CUTOUTS : SBL__CUTOUTS | SBL__SPECULAR);
+    const unsigned features = job->scene->features & (job->has_lobes ? ~0u : matte);  /* only lobes need rays */
     const int rows = sbl__pace_rows(&s->point_pace, slice, target, s->stages.at);
     sbl_result result = sbl__use(d, &sbl__recipe_gbuffer, features | bounced | lightmap);
     if (result != SBL_SUCCESS) return result;
@@ -9811,7 +9830,7 @@ static void sbl__lobe_make(const sbl__site *site, sbl__lobe *out) {
     memcpy(out->reflectance, site->reflectance, sizeof out->reflectance);
     out->roughness = site->roughness;
     sbl__specular_albedo(site->reflectance, (double)site->roughness, cosine, out->albedo);
-    for (k = 0; k < 3; k++) out->albedo[k] = SBL__MAX(out->albedo[k], SBL__DIVISOR_LEAST);
+    for (k = 0; k < 3; k++) out->albedo[k] = SBL__MAX(out->albedo[k], SBL__LOBE_LEAST);
     sbl__lobe_look_up(sbl__lobe_cosines[0], 4, sqrt(cosine), (double)site->roughness, m);
     out->xx = (float)(m[0] / 32768);
     out->xz = (float)(m[1] * sine / 32768);
@@ -10720,9 +10739,9 @@ static const char *const sbl__glsl_lamp[] = {
 "    p.leaf = int(sbl_lamp_node_first_leaf(node));\n",
 "}\n",
 "\n",
-"#ifdef SBL_TEXTURED\n",
-"// What textures and vertex colours do to the light of a triangle at a point. b: weights of its second and third\n",
-"// corner\n",
+"#if defined(SBL_TEXTURED) || defined(SBL_SPECULAR)\n",
+"// Factor of a triangle's light at a point: what textures, vertex colours and reflections do to it. b: weights of\n",
+"// its second and third corner\n",
 "vec3 sbl_lamp_pattern(sbl_Lamp l, vec2 b) {\n",
 "    int object = int(sbl_triangle_object(l.triangle));\n",
 "    // A glow is a part of a triangle. b becomes the weights of the same point in the whole triangle.\n",
@@ -11039,7 +11058,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        else bright += l.group;\n",
 "    }\n",
 "    if (hidden || at_rim) return;\n",
-"#ifdef SBL_TEXTURED\n",
+"#if defined(SBL_TEXTURED) || defined(SBL_SPECULAR)\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) filtered *= sbl_lamp_pattern(l, s.b);\n",
 "#endif\n",
 "    light *= filtered;\n",
@@ -11922,14 +11941,18 @@ static const char *const sbl__glsl_trace[] = {
 "#ifdef SBL_SPECULAR\n",
 "    hit_shines = !last && material.roughness >= 0.0 && material.roughness < SBL_SHINY_ROUGHNESS &&\n",
 "                 max(material.reflectance.r, max(material.reflectance.g, material.reflectance.b)) > SBL_SHINY;\n",
-"    if (hit_shines) {  // the lobe of the hit continues the ray; the diffuse part reflects stored light\n",
-"        goes_on = true;\n",
-"        return radiance + material.diffuse * sbl_stored(hit.number, hit.back, place, hit.distance);\n",
-"    }\n",
+"    goes_on = goes_on || hit_shines;\n",
+"    bool reads_store = !goes_on || hit_shines || bright_cells > 0;\n",
+"#else\n",
+"    bool reads_store = !goes_on || bright_cells > 0;\n",
 "#endif\n",
-"    if (!goes_on || bright_cells > 0) {\n",
+"    if (reads_store) {\n",
 "        int leaf = sbl_leaf_at(hit.number, hit.back, place, hit.distance);\n",
 "        vec3 light = goes_on ? vec3(0) : sbl_light_of(leaf);\n",
+"#ifdef SBL_SPECULAR\n",
+"        // The lobe of the hit continues the ray; the diffuse part reflects stored light.\n",
+"        if (hit_shines) radiance += sbl_reflected_diffuse(material, sbl_light_of(leaf));\n",
+"#endif\n",
 "        if (first) light -= (1.0 - glow_met) * sbl_glowing(leaf, hit.number, hit.back, place, hit.distance);\n",
 "        radiance += sbl_reflected(material, light);\n",
 "    }\n",
@@ -11993,6 +12016,7 @@ static const char *const sbl__glsl_trace[] = {
 "#endif\n",
 "        shine = sbl_lobe_of(normal, -direction, material.reflectance, max(material.roughness, least));\n",
 "        r.direction = sbl_lobe_sample(shine, sbl_unit_square(random.xy), r.share);\n",
+"        r.share *= material.opacity;\n",
 "        r.density = sbl_lobe_density(shine, r.direction);\n",
 "        if (dot(r.direction, n) <= 0.0) r.share = vec3(0);\n",
 "    }\n",
@@ -12010,7 +12034,8 @@ static const char *const sbl__glsl_trace[] = {
 "        float lamp_density = SBL_LAMP_DENSITY;\n",
 "        if (triangle) lamp_density = sbl_area_density(l.side_1, l.side_2, s.far * s.direction);\n",
 "        float met = sbl_is_light(l) ? 0.0 : sbl_lobe_met(sbl_lobe_density(shine, s.direction), lamp_density);\n",
-"        r.light = sbl_lobe_factor(shine, s.direction) * s.light * ((1.0 - met) * unit / p.share);\n",
+"        r.light = sbl_lobe_factor(shine, s.direction) * s.light;\n",
+"        r.light *= material.opacity * (1.0 - met) * unit / p.share;\n",
 "    }\n",
 "#endif\n",
 "#ifdef SBL_TEXTURED\n",
@@ -12076,7 +12101,11 @@ static const char *const sbl__glsl_trace[] = {
 "        sbl_Reflection next;\n",
 "#endif\n",
 "        // Even turns trace the ray's segments; odd turns trace the rays from near hits to lamps.\n",
-"        for (int turn = 0; turn < 2 * SBL_LEGS - 1; turn++) {\n",
+"        int turns = 2 * SBL_LEGS - 1;\n",
+"#ifdef SBL_LOBE\n",
+"        if (max(share.r, max(share.g, share.b)) <= 0.0) turns = 0;  // the direction is below the horizon\n",
+"#endif\n",
+"        for (int turn = 0; turn < turns; turn++) {\n",
 "            sbl_Hit hit = sbl_trace(from, direction, limit, (turn & 1) == 1 ? SBL_RAY_SHADOW : SBL_RAY_PATH);\n",
 "            share *= (turn & 1) == 1 ? vec3(1) : sbl_tint;\n",
 "#ifdef SBL_BOUNCED\n",
@@ -14907,10 +14936,12 @@ static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PART
     *materials = sbl__hash_bytes(seed, &s->textures.hash, sizeof s->textures.hash);
     for (i = 0; i < g->mesh_count; i++)
         *materials = sbl__hash_bytes(*materials, &g->objects[i], offsetof(sbl__object, id));
-    for (i = 0; i < g->mesh_count; i++)
-        if (sbl__is_specular(&g->objects[i]) || sbl__lets_pass(&g->objects[i]))
-            *materials = sbl__hash_bytes(*materials, &g->objects[i].reflectance,
-                                         sizeof *g->objects - offsetof(sbl__object, reflectance));
+    for (i = 0; i < g->mesh_count; i++) {  /* matte materials add nothing, so that stores of older versions fit */
+        const sbl__object *o = &g->objects[i];
+        if (!sbl__is_specular(o) && !sbl__lets_pass(o)) continue;
+        *materials = sbl__hash_bytes(*materials, &i, sizeof i);
+        *materials = sbl__hash_bytes(*materials, &o->reflectance, sizeof *o - offsetof(sbl__object, reflectance));
+    }
     parts[SBL__SAVED_LIGHTS] = sbl__hash_bytes(seed, s->lights.list,
                                                (size_t)s->lights.count * sizeof *s->lights.list);
     *sky = sbl__hash_bytes(seed, e->sky, sizeof e->sky);
@@ -16064,12 +16095,16 @@ static int sbl__refine_occlusion(sbl__refine *r, const sbl_reading *reading) {
     return reading->hit_min < SBL__HIDDEN_TOUCH * r->distance_limit ? SBL__TOUCHED : 0;
 }
 
+/* Returns 1 if a pixel has no sensor, because it shows the stored light (see SBL_MATERIAL_NO_SENSORS). */
+static int sbl__shows_stored(const sbl__refine *r, const sbl__pixel *p) {
+    const sbl__sensor *s = sbl__sensor_of(r, p);
+    return s->sensed && !s->level;
+}
+
 /* Returns the standard error of a pixel's luminance that errors of the store cause, even if the texel is hidden. */
 static float sbl__stored_uncertainty(const sbl__refine *r, const sbl__pixel *p) {
-    const sbl__sensor *s = sbl__sensor_of(r, p);
     const float *stored = sbl__pixel_stored(r, p);
-    const int shows_stored = s->sensed && !s->level;
-    if (!r->spec->bounced || !p->id || shows_stored) return 0;
+    if (!r->spec->bounced || !p->id || sbl__shows_stored(r, p)) return 0;
     return SBL__MIN(sbl__leaf_uncertainty(stored) * sbl__luminance(stored), 1e30f);
 }
 
@@ -16213,10 +16248,9 @@ static sbl_result sbl__refine_take(void *work, int at) {
 static void sbl__refine_update_spec(sbl__refine *r) {
     const int directional = r->spec->directional, guided = r->spec->guided, lobe = r->spec->lobe;
     sbl__spec_make(r->spec, r->measurement, &r->core->scene, &r->core->desc);
-    if (lobe) r->spec->lobe = 1;
-    if (lobe) r->spec->no_light = 0;
     r->spec->directional = directional;
     r->spec->guided = guided;
+    r->spec->lobe = lobe;
 }
 
 /* Makes all sensors of the first round, which are at the corners of first-level tiles, take their looks again. */
@@ -17304,7 +17338,7 @@ static const char *const sbl__glsl_resolve[] = {
 "        color = texelFetch(sample_emission, at, 0).rgb + sbl_reflected(material, light);\n",
 "#ifdef SBL_SPECULAR\n",
 "        light = offset == vec2(0) ? texelFetch(reflected, at, 0).rgb : sbl_light_at(reflected, at, id);\n",
-"        color += texelFetch(sample_specular, at, 0).rgb * light;\n",
+"        color += texelFetch(sample_specular, at, 0).rgb * max(light, 0.0);  // what corrects closed forms is noisy\n",
 "#endif\n",
 "    }\n",
 "    out_color = before + share * vec4(color, 1);\n",
@@ -18615,7 +18649,9 @@ static sbl_result sbl__reflections_begin(sbl__reflections *f, sbl__map *m) {
     sbl_picture_desc desc = m->desc;
     f->measurement = m->work.measurement;
     f->measurement.options.backend = SBL_BACKEND_TRACE;
+    f->measurement.looks *= f->measurement.look_rays / sbl__look_rays(desc.target_error);  /* as before a restart */
     f->measurement.look_rays = SBL__REFLECTIONS_RAYS;
+    f->measurement.every_ray = 1;
     f->spec.lobe = 1;
     desc.price = 0;
     desc.threshold = 0;
@@ -18650,8 +18686,9 @@ static void sbl__reflections_unpack(const float lobe[4], sbl__pixel_lobe *out) {
 /* Gives a pixel to the refinement. lobe, albedo: what the G-buffer holds of the lobe */
 static sbl_result sbl__reflections_put(sbl__reflections *f, const sbl__map *m, size_t index, const float lobe[4],
                                        const float albedo[3]) {
-    static const float none[3] = { 0, 0, 0 };
     sbl__pixel pixel = *sbl__refine_pixel(&m->refine, index);
+    const float *stored = sbl__pixel_stored(&m->refine, sbl__refine_pixel(&m->refine, index));
+    const int shows_stored = sbl__shows_stored(&m->refine, &pixel);
     sbl__pixel_lobe *own = &f->refine.lobes[index];
     pixel.sensor = 0;
     pixel.error = 0;
@@ -18659,7 +18696,7 @@ static sbl_result sbl__reflections_put(sbl__reflections *f, const sbl__map *m, s
     else sbl__reflections_unpack(lobe, own);
     own->weight = sbl__luminance(albedo);
     f->found |= pixel.id != 0;
-    return sbl__refine_put(&f->refine, index, &pixel, none, 0);
+    return sbl__refine_put(&f->refine, index, &pixel, stored, shows_stored && pixel.id);
 }
 
 /* Reads rows of the G-buffer and of R, from row m->work.stages.at on. SBL_SUCCESS: all are read. */
@@ -18805,7 +18842,10 @@ static sbl__need sbl__picture_need(const sbl__core *c, const void *desc) {
     const double samples = d.samples > 1 ? 2 * composition + SBL__SAMPLE_BYTES - 16 : composition;
     const int lobes = sbl__reflections_needed(c, &d);
     const double late = SBL__SAMPLE_BYTES + 16 + composition + SBL__MAX(SBL__DEVELOP_BYTES, samples);
-    return sbl__map_need(c, &d, 8 + (lobes ? SBL__LOBES_BYTES : 0), late + (lobes ? sbl__reflections_bytes() : 0));
+    sbl__need need = sbl__map_need(c, &d, 8 + (lobes ? SBL__LOBES_BYTES : 0),
+                                   late + (lobes ? sbl__reflections_bytes() : 0));
+    if (lobes) need.once[1] = need.once[0];  /* reflections have jobs, too */
+    return need;
 }
 
 static sbl_result sbl__picture_begin(void *work, const void *desc) {
@@ -18979,6 +19019,7 @@ static int sbl__picture_after_lobes(void *work) {
     sbl__reflections *f = &p->reflections;
     sbl__reflections_set_mean(f, &p->map);
     if (f->found) return SBL__PICTURE_REFLECT;
+    sbl__refine_free(&p->map.work.core->device, &f->refine);
     p->map.reflected = 1;
     return SBL__PICTURE_FINISH;
 }

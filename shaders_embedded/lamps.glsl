@@ -294,7 +294,7 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
         else bright += l.group;
     }
     if (hidden || at_rim) return;
-#ifdef SBL_TEXTURED
+#if defined(SBL_TEXTURED) || defined(SBL_SPECULAR)
     if (l.kind == SBL_LAMP_TRIANGLE) filtered *= sbl_lamp_pattern(l, s.b);
 #endif
     light *= filtered;

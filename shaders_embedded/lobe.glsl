@@ -116,8 +116,8 @@ float sbl_lobe_density(sbl_Lobe l, vec3 direction) {
 
 // Density by solid angle of points drawn by area on a triangle, at the point `way`. side_1, side_2: two sides
 float sbl_area_density(vec3 side_1, vec3 side_2, vec3 way) {
-    float distance2 = dot(way, way);
-    return 2.0 * distance2 * sqrt(distance2) / max(abs(dot(cross(side_1, side_2), way)), 1e-30);
+    float away = max(length(way), SBL_DIVISOR_LEAST);  // divides lengths: products would underflow
+    return 2.0 / max(abs(dot(cross(side_1 / away, side_2 / away), way / away)), 1e-30);
 }
 
 const float SBL_LAMP_DENSITY = 10.0;  // density of points on lamps that are not triangles, for sbl_lobe_met

@@ -65,14 +65,18 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool first, bool last, out bool goes_
 #ifdef SBL_SPECULAR
     hit_shines = !last && material.roughness >= 0.0 && material.roughness < SBL_SHINY_ROUGHNESS &&
                  max(material.reflectance.r, max(material.reflectance.g, material.reflectance.b)) > SBL_SHINY;
-    if (hit_shines) {  // the lobe of the hit continues the ray; the diffuse part reflects stored light
-        goes_on = true;
-        return radiance + material.diffuse * sbl_stored(hit.number, hit.back, place, hit.distance);
-    }
+    goes_on = goes_on || hit_shines;
+    bool reads_store = !goes_on || hit_shines || bright_cells > 0;
+#else
+    bool reads_store = !goes_on || bright_cells > 0;
 #endif
-    if (!goes_on || bright_cells > 0) {
+    if (reads_store) {
         int leaf = sbl_leaf_at(hit.number, hit.back, place, hit.distance);
         vec3 light = goes_on ? vec3(0) : sbl_light_of(leaf);
+#ifdef SBL_SPECULAR
+        // The lobe of the hit continues the ray; the diffuse part reflects stored light.
+        if (hit_shines) radiance += sbl_reflected_diffuse(material, sbl_light_of(leaf));
+#endif
         if (first) light -= (1.0 - glow_met) * sbl_glowing(leaf, hit.number, hit.back, place, hit.distance);
         radiance += sbl_reflected(material, light);
     }
@@ -136,6 +140,7 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
 #endif
         shine = sbl_lobe_of(normal, -direction, material.reflectance, max(material.roughness, least));
         r.direction = sbl_lobe_sample(shine, sbl_unit_square(random.xy), r.share);
+        r.share *= material.opacity;
         r.density = sbl_lobe_density(shine, r.direction);
         if (dot(r.direction, n) <= 0.0) r.share = vec3(0);
     }
@@ -153,7 +158,8 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
         float lamp_density = SBL_LAMP_DENSITY;
         if (triangle) lamp_density = sbl_area_density(l.side_1, l.side_2, s.far * s.direction);
         float met = sbl_is_light(l) ? 0.0 : sbl_lobe_met(sbl_lobe_density(shine, s.direction), lamp_density);
-        r.light = sbl_lobe_factor(shine, s.direction) * s.light * ((1.0 - met) * unit / p.share);
+        r.light = sbl_lobe_factor(shine, s.direction) * s.light;
+        r.light *= material.opacity * (1.0 - met) * unit / p.share;
     }
 #endif
 #ifdef SBL_TEXTURED
@@ -219,7 +225,11 @@ void main() {
         sbl_Reflection next;
 #endif
         // Even turns trace the ray's segments; odd turns trace the rays from near hits to lamps.
-        for (int turn = 0; turn < 2 * SBL_LEGS - 1; turn++) {
+        int turns = 2 * SBL_LEGS - 1;
+#ifdef SBL_LOBE
+        if (max(share.r, max(share.g, share.b)) <= 0.0) turns = 0;  // the direction is below the horizon
+#endif
+        for (int turn = 0; turn < turns; turn++) {
             sbl_Hit hit = sbl_trace(from, direction, limit, (turn & 1) == 1 ? SBL_RAY_SHADOW : SBL_RAY_PATH);
             share *= (turn & 1) == 1 ? vec3(1) : sbl_tint;
 #ifdef SBL_BOUNCED
