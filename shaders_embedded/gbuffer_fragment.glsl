@@ -35,15 +35,15 @@ vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
 
 #if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)
 const int SBL_MIRRORS = 8;              // a pixel shows what is seen by way of at most this many mirrors and panes
-const float SBL_PANE = 0.499;           // a pixel shows what is behind a surface if this share of light passes
-const float SBL_MIRROR_DIFFUSE = 0.02;  // a mirror has at most this diffuse albedo
+const float SBL_PANE = 0.499;           // a surface is a pane if at least this share of light passes
+const float SBL_MIRROR_DIFFUSE = 0.02;  // a mirror has at most this diffuse albedo, which is not shown
 const float SBL_LOBE_STEPS = 4095.0;    // the lobe's numbers are packed as integers from 0 to this
 
-// What a pixel shows in mirrors, which are all metal, and behind panes.
+// What a pixel shows in mirrors and behind panes.
 struct sbl_Mirrored {
     vec3 direction;   // of the last ray
     vec3 throughput;  // share of light that mirrors reflect and panes let pass
-    vec3 emission;    // of mirrors and panes, of the sky that they show, and what panes reflect
+    vec3 emission;    // light of the mirrors and panes, of the sky that they show, and light that panes reflect
     int number;       // the triangle that the last ray meets
     bool sky;         // true: the last ray meets none. The surface is then the last mirror or pane
 };

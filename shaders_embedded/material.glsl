@@ -3,9 +3,10 @@
 uniform float epsilon;     // ambient factor: a surface that does not emit has the radiance epsilon * albedo
 uniform bool lamps_apart;  // true: lamps.glsl adds the light of emitters, so sbl_outgoing leaves it out
 #ifdef SBL_SPECULAR
-float lamp_met = 0.0;      // share of the light of emitters that sbl_outgoing does not leave out, see sbl_lobe_met
+float lamp_met = 0.0;      // share of emitters' light that sbl_outgoing adds if lamps_apart, see sbl_lobe_met
 #endif
 
+// Share of the light of emitters that sbl_outgoing adds.
 float sbl_lamp_met() {
 #ifdef SBL_SPECULAR
     return lamps_apart ? lamp_met : 1.0;
@@ -23,7 +24,7 @@ struct sbl_Material {
     vec3 reflectance;  // of the specular lobe, seen along the normal
     float roughness;   // negative: the surface is matte
     float opacity;     // share of the surface that exists
-    vec3 clear;        // share of light that passes straight through what exists, except what Fresnel's term takes
+    vec3 clear;        // share of light that would pass straight through what exists if nothing were reflected
 #endif
 };
 

@@ -22,18 +22,20 @@ const float SBL_NEIGHBOURS = 0.62;  // measured variance / its estimate from pai
 // 0.5 / 0.7 lengths of a cell. A smaller factor reduces errors at window frames, but adds noise and time.
 const float SBL_FIRST_SCALE = 0.7;
 
-// The same for rays of a lobe is this times the lobe's alpha: a lobe must be wide enough to average over cells.
+// For rays of a lobe, that factor is at most this times the lobe's alpha, because a narrow lobe does not average
+// over cells.
 const float SBL_LOBE_SCALE = 0.5;
 
 #ifdef SBL_SPECULAR
-// Rays that meet surfaces with at least this reflectance and at most this roughness go on by the lobes there.
+// A ray that meets a surface of a larger reflectance and a lower roughness than these continues in a direction of
+// the surface's lobe.
 const float SBL_SHINY = 0.2, SBL_SHINY_ROUGHNESS = 0.5;
-// Such a surface then counts as if it had at least this roughness, or this share of the roughness of the look's
-// lobe: light that comes from lamps by way of mirrors is blurred, because single rays would find it as specks
-// (Kaplanyan and Dachsbacher 2013, "Path Space Regularization for Holistic and Robust Light Transport").
+// There, the surface has at least the roughness SBL_BLURRED or, with SBL_LOBE, SBL_BLURRED_LOBE times that of the
+// look's lobe. This blurs light that comes from lamps by way of mirrors, which single rays would find as
+// specks (Kaplanyan and Dachsbacher 2013, "Path Space Regularization for Holistic and Robust Light Transport").
 const float SBL_BLURRED = 0.3, SBL_BLURRED_LOBE = 0.5;
 bool hit_shines = false;     // true: the last hit is such a surface
-float ray_density = 0.0;     // see sbl_lobe_met; 0: the ray leaves out the light of lamps
+float ray_density = 0.0;     // density of the ray's direction, see sbl_lobe_met; 0: the ray adds no light of lamps
 
 // Density by solid angle with which points of the triangle that a ray hits would be drawn by area.
 float sbl_hit_density(sbl_Hit hit, vec3 direction) {
