@@ -339,34 +339,41 @@
        Fm = base + (1 - base) (1 - V.H)^5
        f  = (1 - m) (1 - t) (1 - Fd) base / pi  +  ((1 - m) Fd + m Fm) D Vis
 
-   D is the GGX distribution, Vis the height-correlated term of Smith. Below a roughness of 0.05 the surface is a
-   perfect mirror. A pane passes (1 - m) t base (1 - Fd) of the light straight through. A surface with
-   SBL_MATERIAL_BLEND also passes 1 - alpha. Pictures show all of this, except in SBL_MODE_PAPER and in scenes with a
-   draw callback, where all materials are matte:
+   D is the GGX distribution, Vis the height-correlated term of Smith. The second term of f is the specular lobe. A
+   surface of a roughness below 0.05 is a perfect mirror. A pane passes (1 - m) t base (1 - Fd) of the light straight
+   through. A surface with SBL_MATERIAL_BLEND also passes 1 - its alpha of the light. Pictures show all of this, except
+   in SBL_MODE_PAPER and in scenes with a draw callback, where all materials are matte and solid:
 
        FINAL = emission + ALBEDO * RADIANCE + SPECULAR_ALBEDO * SPECULAR        (the names are those of channels)
 
-   ALBEDO is then the diffuse part for this view. SPECULAR_ALBEDO is the share of uniform light that the specular lobe,
-   the second term of f, reflects to the camera. SPECULAR is the mean radiance in the lobe. Sensors of its own measure
-   it, after R is known, until the error of FINAL that they cause is within target_error of the mean of FINAL;
-   sbl_stats.picture.specular_error is that error, and SBL_CHANNEL_ERROR remains that of R. Near the images of lamps in
-   smooth surfaces, a picture with the default target may miss it, because a sensor takes at most 32 looks there.
+   ALBEDO is then the albedo of the diffuse part for this view. SPECULAR_ALBEDO is the share of uniform light that the
+   lobe reflects to the camera, but at least 0.001. SPECULAR is the light that the lobe reflects, divided by
+   SPECULAR_ALBEDO: the mean radiance in the lobe. After R is known, further sensors measure SPECULAR until its part of
+   the error of FINAL is within target_error of the mean of FINAL without emission. This error is
+   sbl_stats.picture.specular_error. The channels ERROR, SENSORS and LOOKS, and sbl_inspect_sensor, tell about R only.
+   Near the images of lamps in smooth surfaces, a picture with the default target may miss it, because a sensor takes at
+   most 32 looks there. Where SBL_MATERIAL_NO_SENSORS forbids sensors, the lobe reflects the stored light.
 
        lamps      from a roughness of 0.25 on, the light of an emitting triangle in a lobe is a closed form (linearly
                   transformed cosines), which rays correct. In smoother lobes, rays of the lobe and rays to lamps share
-                  the lamps. Point, spot and directional lights use f itself
-       mirrors    a pixel that shows metal of a roughness below 0.08 shows what is seen in it, as sharp and as exact as
-                  what is seen directly, by way of at most 8 mirrors and panes. Channels such as NORMAL, POSITION and ID
-                  then belong to the surface that is seen. The lobes of other smooth surfaces are measured by rays
-       panes      a pixel that shows a surface through which half of the light or more passes shows what is behind it.
-                  The light that the pane itself reflects is taken from the store, so in SBL_MODE_DIRECT it comes from
-                  lamps only. Panes tint the light that rays towards lamps find
+                  the lamps. Point, spot and directional lights use f itself; perfect mirrors do not show them
+       mirrors    a pixel shows what is seen in a mirror, as sharp and as exact as what is seen directly, by way of at
+                  most 8 mirrors and panes. Mirrors are here surfaces of a roughness below 0.08 with a diffuse albedo of
+                  at most 0.02, which most metals have. Channels such as NORMAL, POSITION and ID then belong to the
+                  surface that is seen; DEPTH is negative if that surface lies behind the camera. The lobes of other
+                  smooth surfaces are measured by rays
+       panes      a pixel shows what is behind a surface if half of the light or more passes the surface. The pane's own
+                  diffuse part shows the stored light, and so does what it mirrors: in SBL_MODE_DIRECT, the diffuse part
+                  is black, and only lamps and the sky are mirrored. Panes tint the light that rays towards lamps find
 
-   Light that bounces: a ray of a sensor that meets metal of a roughness below 0.5 goes on by the lobe there, as if the
-   roughness were at least 0.3: light that lamps send by way of mirrors (caustics) arrives blurred, but without specks.
-   Every other surface, and all surfaces in the store, reflect as diffuse surfaces of the same mean albedo. So do all
-   surfaces in views (SBL_BACKEND_RASTER), where panes are also opaque. Lightmaps, vertices, probes and readings hold R,
-   with what surfaces around them reflect. The light that panes reflect is left out of bounced light.
+   Mirrors show, and panes have behind them, what sensors see: surfaces with SBL_MATERIAL_HIDDEN_FROM_CAMERA, but none
+   with SBL_MATERIAL_HIDDEN_FROM_SENSORS.
+
+   Bounced light: a ray of a sensor that meets metal of a roughness below 0.5 continues in a direction of the lobe
+   there, as if the roughness were at least 0.3. Light that lamps send by way of mirrors (caustics) is therefore
+   blurred, but without specks. Every other surface, and all surfaces in the store, reflect as diffuse surfaces of the
+   same mean albedo. So do all surfaces in views (SBL_BACKEND_RASTER), where panes are also opaque. Lightmaps, vertices,
+   probes and readings hold R, with what surfaces around them reflect.
 
    Accuracy, against a path tracer in blocks of 4 x 4 pixels, at default settings: a box with gold, steel, plastic and a
    pane 3.1 %, a row of metal and plastic spheres 1.4 %, a hall with a polished floor and glazed pictures 2.8 % of the
@@ -1217,7 +1224,7 @@ typedef enum sbl_channel {
     SBL_CHANNEL_FINAL = 0,  /* 3: emission + ALBEDO * R + SPECULAR_ALBEDO * SPECULAR, anti-aliased; in lightmaps R,
                                continued into the gutter */
     SBL_CHANNEL_RADIANCE,   /* 3: R at pixel centres, filtered */
-    SBL_CHANNEL_ALBEDO,     /* 3: linear albedo */
+    SBL_CHANNEL_ALBEDO,     /* 3: linear albedo; in pictures of surfaces with reflections, that of the diffuse part */
     SBL_CHANNEL_NORMAL,     /* 3: unit normal in world space, towards the camera; in lightmaps on the front */
     SBL_CHANNEL_POSITION,   /* 3: world position */
     SBL_CHANNEL_ID,         /* 1: sbl_mesh.id, exact up to 2^24; in lightmaps 1 + the number of the chart */
@@ -1280,8 +1287,8 @@ typedef struct sbl_stats {
                                      error; 0: the first sensors sufficed */
         float mean_radiance[3];   /* the mean R (red, green, blue) to which errors are relative: the one that the
                                      descriptor sets, otherwise the measured one; 0 before the first level is done */
-        float specular_error;     /* the error of the reflections in FINAL that was predicted, as a share of the mean of
-                                     FINAL; 0 if no surface in view has reflections */
+        float specular_error;     /* the predicted error of the reflections in FINAL, as a share of the mean of FINAL
+                                     without emission; 0 if no surface in view has reflections */
         float stored_error;       /* the part of expected_error that sensors cannot reduce: the root mean square error
                                      of stored light, as a share of the mean R */
         int level_count;          /* number of entries in levels */
@@ -1299,7 +1306,7 @@ typedef struct sbl_stats {
         double gather;            /* time spent on sensors */
         double refine;            /* time spent on tiles, errors and interpolation, and on fitting light at vertices */
         double filter;            /* time spent on the filter */
-        double resolve;           /* time spent on previews, anti-aliasing, gutters and seams */
+        double resolve;           /* time spent on reflections, previews, anti-aliasing, gutters and seams */
         double total;             /* time since the work was begun, as far as it was spent in sbl.h */
     } seconds;
 } sbl_stats;
@@ -2797,10 +2804,12 @@ typedef struct sbl__record {
                                           sees differences that small */
 #define SBL__FILTER_FALL 0.25          /* factor of the filter's weights: exp(-this * (difference / noise)^2) */
 #define SBL__LOBE_UNIT 65535.0f        /* what stands for 1 in sbl__lobe_albedos */
+#define SBL__LOBE_LEAST 1e-3f          /* lower limit of the albedo by which light in a lobe is divided: that of a metal
+                                          may be 0 in some colours */
 #define SBL__LOBE_ROUGH 0.25f          /* from this roughness on, lamps in a lobe are computed in closed form */
-#define SBL__MIRROR_SEEN 0.08f         /* a pixel that shows metal of lower roughness shows what is seen in it */
-#define SBL__GLOW_ALBEDO 0.05f         /* least albedo by which the radiance of a glow is divided if its surface is not
-                                          matte, and so reflects more than its albedo */
+#define SBL__MIRROR_SEEN 0.08f         /* a mirror of lower roughness shows its pixels what is seen in it */
+#define SBL__GLOW_ALBEDO 0.05f         /* lower limit of the albedo of a glow if its surface is not matte, because the
+                                          lobe also reflects where the albedo is 0 */
 #define SBL__DIVISOR_LEAST 1e-30f      /* lower limit of divisors that may be 0 */
 #define SBL__VIEW_DEPTH 1e-6f          /* depth in sensors' views is this / view-space depth in scene extents: reversed,
                                           without a far plane */
@@ -2819,8 +2828,8 @@ typedef struct sbl__record {
     X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_CUT) X(LOOK_NUMBER) X(HASH_FACTOR) \
     X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
     X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_TURN) \
-    X(BELONGS_OFF) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST) X(LOBE_ROUGH) \
-    X(LOBE_UNIT) X(GLOW_ALBEDO) X(MIRROR_SEEN)
+    X(BELONGS_OFF) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST) X(LOBE_LEAST) \
+    X(LOBE_ROUGH) X(LOBE_UNIT) X(GLOW_ALBEDO) X(MIRROR_SEEN)
 #define SBL__SHARED_FLAGS(X) X(BLEND) X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
 
 #define SBL__PRELUDE_MOST 24576    /* room for the text before a shader's files, in characters, with the final 0 */
@@ -5137,6 +5146,14 @@ static int sbl__is_specular(const sbl__object *o) { return o->reflectance >= 0; 
 /* Returns 1 if light may pass straight through the object. */
 static int sbl__lets_pass(const sbl__object *o) { return o->transmission > 0 || o->flags & SBL_MATERIAL_BLEND; }
 
+/* Returns a material without reflections through which no light passes. */
+static sbl_material sbl__material_matte(const sbl_material *material) {
+    sbl_material m = *material;
+    m.ior = m.metallic = m.transmission = 0;
+    m.flags &= ~(uint32_t)SBL_MATERIAL_BLEND;
+    return m;
+}
+
 /* Copies a material into its mesh's object. Raises *brightest, if it is less, to an upper limit of the radiance that
    the material emits: largest component of emission * that of the texture. Returns the features that programs need. */
 static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *m, sbl__object *o, float *brightest) {
@@ -5189,7 +5206,8 @@ static int sbl__holds_light(const sbl__object *o) {
 
 #define SBL__SHARE_ONE 65535.0f    /* a share of 1, packed into 16 bits */
 
-/* Computes the radiance that a surface reflects without albedo texture and vertex colours. light: R; ignores signs */
+/* Computes the radiance that a glow reflects without albedo texture and vertex colours. light: R; ignores signs. If the
+   surface is not matte, the result is approximate, and sbl_glow_pattern in material.glsl corrects it. */
 static void sbl__reflect(const sbl__object *o, const float light[3], float radiance[3]) {
     int k;
     for (k = 0; k < 3; k++) {
@@ -5214,11 +5232,12 @@ static void sbl__add_reflected(const uint16_t share[3], const float light[3], fl
 /* >>glsl lobe: shaders_embedded/lobe.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_lobe[] = {
 "// The specular lobe of glTF 2.0's material model: GGX with height-correlated Smith shadowing (Heitz 2014) and\n",
-"// Schlick's Fresnel term (1994). reflectance: that along the normal, per colour. alpha: the squared roughness\n",
+"// Schlick's Fresnel term (1994). reflectance: share of light that is reflected along the normal, per colour.\n",
+"// alpha: the squared roughness\n",
 "#ifdef SBL_SPECULAR\n",
 "const float SBL_MIRROR = 0.05;       // surfaces of lower roughness are perfect mirrors\n",
 "const float SBL_DIFFUSE_LOST = 0.003685;  // mean of sbl_diffuse_lost over all directions\n",
-"// Means over all directions for a roughness of 0.05 to 1, see sbl__lobe_albedos in sbl.h\n",
+"// Means of E and b (see sbl__lobe_albedos in sbl.h) over all directions, for 16 values of roughness from 0.05 to 1\n",
 "const float SBL_LOBE_MEANS_E[16] = float[16](1.0, 0.9992, 0.9961, 0.9889, 0.9756, 0.9548, 0.9254, 0.8869, 0.8397,\n",
 "                                             0.7849, 0.7241, 0.6597, 0.5938, 0.5289, 0.4669, 0.4091);\n",
 "const float SBL_LOBE_MEANS_B[16] = float[16](0.0476, 0.0468, 0.0444, 0.0404, 0.0351, 0.0294, 0.024, 0.0191, 0.0151,\n",
@@ -5312,7 +5331,8 @@ static const char *const sbl__glsl_lobe[] = {
 "    return a2 / max(SBL_PI * d * d, 1e-37);\n",
 "}\n",
 "\n",
-"// Factor of the lobe for light from a direction, compared with R, whose factor is the cosine / pi.\n",
+"// Factor of the lobe for light from a direction, divided by that of R: pi times the lobe's part of f (see ON\n",
+"// REFLECTIONS in sbl.h).\n",
 "vec3 sbl_lobe_factor(sbl_Lobe l, vec3 direction) {\n",
 "    vec3 w = direction * l.frame, h;\n",
 "    if (w.z <= 0.0 || l.alpha <= 0.0) return vec3(0);\n",
@@ -5331,11 +5351,11 @@ static const char *const sbl__glsl_lobe[] = {
 "\n",
 "// Density by solid angle of points drawn by area on a triangle, at the point `way`. side_1, side_2: two sides\n",
 "float sbl_area_density(vec3 side_1, vec3 side_2, vec3 way) {\n",
-"    float distance2 = dot(way, way);\n",
-"    return 2.0 * distance2 * sqrt(distance2) / max(abs(dot(cross(side_1, side_2), way)), 1e-30);\n",
+"    float away = max(length(way), SBL_DIVISOR_LEAST);  // divides lengths: products would underflow\n",
+"    return 2.0 / max(abs(dot(cross(side_1 / away, side_2 / away), way / away)), 1e-30);\n",
 "}\n",
 "\n",
-"const float SBL_LAMP_DENSITY = 10.0;  // density of points on lamps that are not triangles, for sbl_lobe_met\n",
+"const float SBL_LAMP_DENSITY = 10.0;  // density for sbl_lobe_met on lamps that are not emitting triangles\n",
 "\n",
 "// Share of the light of lamps that rays of the lobe measure in a direction; rays to lamps measure the rest. It is\n",
 "// the balance heuristic (Veach 1997) with the densities of the lobe and of points on the lamp, drawn by area.\n",
@@ -5372,9 +5392,10 @@ static const char *const sbl__glsl_material[] = {
 "uniform float epsilon;     // ambient factor: a surface that does not emit has the radiance epsilon * albedo\n",
 "uniform bool lamps_apart;  // true: lamps.glsl adds the light of emitters, so sbl_outgoing leaves it out\n",
 "#ifdef SBL_SPECULAR\n",
-"float lamp_met = 0.0;      // share of the light of emitters that sbl_outgoing does not leave out, see sbl_lobe_met\n",
+"float lamp_met = 0.0;      // share of emitters' light that sbl_outgoing adds if lamps_apart, see sbl_lobe_met\n",
 "#endif\n",
 "\n",
+"// Share of the light of emitters that sbl_outgoing adds.\n",
 "float sbl_lamp_met() {\n",
 "#ifdef SBL_SPECULAR\n",
 "    return lamps_apart ? lamp_met : 1.0;\n",
@@ -5392,7 +5413,7 @@ static const char *const sbl__glsl_material[] = {
 "    vec3 reflectance;  // of the specular lobe, seen along the normal\n",
 "    float roughness;   // negative: the surface is matte\n",
 "    float opacity;     // share of the surface that exists\n",
-"    vec3 clear;        // share of light that passes straight through what exists, except what Fresnel's term takes\n",
+"    vec3 clear;        // share of light that would pass straight through what exists if nothing were reflected\n",
 "#endif\n",
 "};\n",
 "\n",
@@ -5496,11 +5517,12 @@ static const char *const sbl__glsl_material[] = {
 "// Radiance that a surface reflects. light: R at the surface\n",
 "vec3 sbl_reflected(sbl_Material m, vec3 light) { return m.albedo * light; }\n",
 "\n",
-"// Factor of a glow's radiance (see >>glow in sbl.h) at a point: what textures and vertex colours do to the albedo.\n",
+"// Factor of a glow's radiance (see >>glow in sbl.h) at a point: the albedo there / the albedo in sbl__reflect.\n",
 "vec3 sbl_glow_pattern(int object, sbl_Attributes at) {\n",
 "#ifdef SBL_SPECULAR\n",
 "    sbl_Material m = sbl_material(object, at);\n",
-"    return m.cut_out ? vec3(0) : m.albedo / max(sbl_object_albedo(object), vec3(SBL_GLOW_ALBEDO));\n",
+"    float least = sbl_object_reflectance(object) < 0.0 ? SBL_DIVISOR_LEAST : SBL_GLOW_ALBEDO;\n",
+"    return m.cut_out ? vec3(0) : m.albedo / max(sbl_object_albedo(object), vec3(least));\n",
 "#else\n",
 "    vec4 pattern = at.color * sbl_texture(sbl_object_albedo_texture(object), at.uv);\n",
 "    return pattern.a < sbl_object_alpha_cutoff(object) ? vec3(0) : pattern.rgb;\n",
@@ -5515,6 +5537,14 @@ static const char *const sbl__glsl_material[] = {
 "vec3 sbl_lobe_reflected(sbl_Material m, float cosine, vec3 light) {\n",
 "    return m.opacity * sbl_specular_albedo(m.reflectance, m.roughness, cosine) * light;\n",
 "}\n",
+"\n",
+"// Albedo of the lobe for a viewer at this cosine, not below the limit of the albedo by which sensors divide.\n",
+"vec3 sbl_lobe_shown(sbl_Material m, float cosine) {\n",
+"    return m.opacity * max(sbl_specular_albedo(m.reflectance, m.roughness, cosine), vec3(SBL_LOBE_LEAST));\n",
+"}\n",
+"\n",
+"// Share of light that a perfect mirror reflects at this cosine.\n",
+"vec3 sbl_mirror_share(sbl_Material m, float cosine) { return m.opacity * sbl_fresnel(m.reflectance, cosine); }\n",
 "\n",
 "// Albedo of the diffuse part of a surface that a viewer sees at this cosine.\n",
 "vec3 sbl_diffuse_albedo(sbl_Material m, float cosine) { return m.diffuse * (1.0 - sbl_diffuse_lost(cosine)); }\n",
@@ -7447,10 +7477,11 @@ static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
     s->brightest = SBL__MAX(s->environment.brightest, s->draw ? s->draw_brightest : 0);
     s->features &= ~(unsigned)(SBL__TEXTURED | SBL__CUTOUTS | SBL__SPECULAR);
     if (s->geometry.colored) s->features |= SBL__TEXTURED;
-    for (i = 0; i < s->geometry.mesh_count; i++)
-        s->features |= sbl__material_write(&s->textures, &materials[s->geometry.meshes[i].material],
-                                           &s->geometry.objects[i], &s->brightest);
-    if (s->draw) s->features &= ~(unsigned)SBL__SPECULAR;  /* what the host draws has no lobes */
+    for (i = 0; i < s->geometry.mesh_count; i++) {
+        sbl_material m = materials[s->geometry.meshes[i].material];
+        if (s->draw) m = sbl__material_matte(&m);  /* G-buffers that the host draws to have no lobes */
+        s->features |= sbl__material_write(&s->textures, &m, &s->geometry.objects[i], &s->brightest);
+    }
 }
 
 /* Default limit of the store's leaves (the interface's cells): PER_TRIANGLE for each triangle, since fine geometry
@@ -9365,15 +9396,15 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "\n",
 "#if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)\n",
 "const int SBL_MIRRORS = 8;              // a pixel shows what is seen by way of at most this many mirrors and panes\n",
-"const float SBL_PANE = 0.499;           // a pixel shows what is behind a surface if this share of light passes\n",
-"const float SBL_MIRROR_DIFFUSE = 0.02;  // a mirror has at most this diffuse albedo\n",
+"const float SBL_PANE = 0.499;           // a surface is a pane if at least this share of light passes\n",
+"const float SBL_MIRROR_DIFFUSE = 0.02;  // a mirror has at most this diffuse albedo, which is not shown\n",
 "const float SBL_LOBE_STEPS = 4095.0;    // the lobe's numbers are packed as integers from 0 to this\n",
 "\n",
-"// What a pixel shows in mirrors, which are all metal, and behind panes.\n",
+"// What a pixel shows in mirrors and behind panes.\n",
 "struct sbl_Mirrored {\n",
 "    vec3 direction;   // of the last ray\n",
 "    vec3 throughput;  // share of light that mirrors reflect and panes let pass\n",
-"    vec3 emission;    // of mirrors and panes, of the sky that they show, and what panes reflect\n",
+"    vec3 emission;    // light of the mirrors and panes, of the sky that they show, and light that panes reflect\n",
 "    int number;       // the triangle that the last ray meets\n",
 "    bool sky;         // true: the last ray meets none. The surface is then the last mirror or pane\n",
 "};\n",
@@ -9419,12 +9450,11 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    for (int i = 0; i < SBL_MIRRORS && goes_on; i++) {\n",
 "        float cosine = clamp(-dot(s.normal, m.direction), 0.0, 1.0);\n",
 "        vec3 passing = sbl_passing(s.object, s.material, cosine);\n",
-"        bool pane = max(passing.r, max(passing.g, passing.b)) >= SBL_PANE, mirror = sbl_is_mirror(s.material);\n",
-"        if (!pane && !mirror) {\n",
-"            if (max(passing.r, max(passing.g, passing.b)) > 0.0)\n",
-"                m.emission += m.throughput * passing * sbl_radiance_along(s, -1.0, m.direction);\n",
-"            break;\n",
-"        }\n",
+"        float most = max(passing.r, max(passing.g, passing.b));\n",
+"        bool pane = most >= SBL_PANE;\n",
+"        for (int k = 0; k < (most > 0.0 && !pane ? 1 : 0); k++)\n",
+"            m.emission += m.throughput * passing * sbl_radiance_along(s, -1.0, m.direction);\n",
+"        if (!pane && !sbl_is_mirror(s.material)) break;\n",
 "        m.emission += m.throughput * (pane ? sbl_stored_radiance(s, m.number, true) : s.emission);\n",
 "        vec3 mirrored = sbl_mirrored(s, m.direction);\n",
 "        float side = pane ? -1.0 : 1.0;  // the side of the surface on which the ray goes on\n",
@@ -9432,8 +9462,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "            m.emission += m.throughput *\n",
 "                          sbl_lobe_reflected(s.material, cosine, sbl_radiance_along(s, 1.0, mirrored));\n",
 "        if (!pane) m.direction = mirrored;\n",
-"        m.throughput *= pane ? passing : s.material.reflectance +\n",
-"                                         (1.0 - s.material.reflectance) * pow(1.0 - cosine, 5.0);\n",
+"        m.throughput *= pane ? passing : sbl_mirror_share(s.material, cosine);\n",
 "        vec3 origin = s.position + side * SBL_OFFSET * s.reach * s.geometric_normal;\n",
 "        sbl_Hit hit = sbl_trace(origin, m.direction, SBL_UNBOUNDED, SBL_RAY_SOLID);\n",
 "        m.sky = hit.triangle < 0;\n",
@@ -9503,7 +9532,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "        if (s.material.roughness >= 0.0) {\n",
 "            float cosine = clamp(-dot(s.normal, seen.direction), 1e-3, 1.0);\n",
 "            vec3 reflectance = s.material.reflectance;\n",
-"            out_specular = vec4(sbl_lobe_reflected(s.material, cosine, vec3(1)), 1);\n",
+"            out_specular = vec4(sbl_lobe_shown(s.material, cosine), 1);\n",
 "            out_lobe = vec4(sbl_pack_two(reflectance.r, reflectance.g),\n",
 "                            sbl_pack_two(reflectance.b, s.material.roughness),\n",
 "                            sbl_pack_direction(-seen.direction));\n",
@@ -9578,7 +9607,8 @@ static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
     sbl__device *d = s->device;
     const sbl__target *target = &job->gbuffer->target;
     const unsigned bounced = job->bounced ? SBL__BOUNCED : 0, lightmap = job->atlas ? SBL__LIGHTMAP : 0;
-    const unsigned features = job->scene->features & ~(job->has_lobes || job->atlas ? 0u : (unsigned)SBL__SPECULAR);
+    const unsigned matte = ~(unsigned)(job->atlas ? SBL__CUTOUTS : SBL__CUTOUTS | SBL__SPECULAR);
+    const unsigned features = job->scene->features & (job->has_lobes ? ~0u : matte);  /* only lobes need rays */
     const int rows = sbl__pace_rows(&s->point_pace, slice, target, s->stages.at);
     sbl_result result = sbl__use(d, &sbl__recipe_gbuffer, features | bounced | lightmap);
     if (result != SBL_SUCCESS) return result;
@@ -9811,7 +9841,7 @@ static void sbl__lobe_make(const sbl__site *site, sbl__lobe *out) {
     memcpy(out->reflectance, site->reflectance, sizeof out->reflectance);
     out->roughness = site->roughness;
     sbl__specular_albedo(site->reflectance, (double)site->roughness, cosine, out->albedo);
-    for (k = 0; k < 3; k++) out->albedo[k] = SBL__MAX(out->albedo[k], SBL__DIVISOR_LEAST);
+    for (k = 0; k < 3; k++) out->albedo[k] = SBL__MAX(out->albedo[k], SBL__LOBE_LEAST);
     sbl__lobe_look_up(sbl__lobe_cosines[0], 4, sqrt(cosine), (double)site->roughness, m);
     out->xx = (float)(m[0] / 32768);
     out->xz = (float)(m[1] * sine / 32768);
@@ -10720,9 +10750,9 @@ static const char *const sbl__glsl_lamp[] = {
 "    p.leaf = int(sbl_lamp_node_first_leaf(node));\n",
 "}\n",
 "\n",
-"#ifdef SBL_TEXTURED\n",
-"// What textures and vertex colours do to the light of a triangle at a point. b: weights of its second and third\n",
-"// corner\n",
+"#if defined(SBL_TEXTURED) || defined(SBL_SPECULAR)\n",
+"// Factor of a triangle's light at a point: what textures, vertex colours and reflections do to it. b: weights of\n",
+"// its second and third corner\n",
 "vec3 sbl_lamp_pattern(sbl_Lamp l, vec2 b) {\n",
 "    int object = int(sbl_triangle_object(l.triangle));\n",
 "    // A glow is a part of a triangle. b becomes the weights of the same point in the whole triangle.\n",
@@ -10797,7 +10827,7 @@ static const char *const sbl__glsl_lamps[] = {
 "const int SBL_RIM = 12;             // number of rim samples of a round lamp\n",
 "const float SBL_RIM_AT = 0.99;      // share of a round lamp's area inside the circle on which its rim samples lie\n",
 "#ifdef SBL_LOBE\n",
-"const float SBL_LOBE_STRENGTH = 0.05;  // lamps without a closed form are picked as if the lobe were at least this\n",
+"const float SBL_LOBE_STRENGTH = 0.05;  // added to the lobe's factor where lamps without a closed form are picked\n",
 "#endif\n",
 "const float SBL_KNOWN = 1e-6;       // clusters need no more rays if variance / square of their light is below this\n",
 "\n",
@@ -10869,7 +10899,9 @@ static const char *const sbl__glsl_lamps[] = {
 "bool rounded = false;        // true: some of the lamps considered are not triangles\n",
 "mat3x4 whole_harmonics[2];   // by group, as `whole`: the harmonics of that light\n",
 "\n",
-"// R / unit from an unobstructed lamp, or, with SBL_LOBE, the part of the lobe's mean radiance.\n",
+"// R / unit from an unobstructed lamp. With SBL_LOBE, it is the mean radiance in the lobe / unit that comes from\n",
+"// the lamp: for a triangle, the closed form of the cosine (see sbl_cosine_factor); otherwise an estimate above 0.\n",
+"// A perfect mirror has no light from lamps here, because its rays find it.\n",
 "vec3 sbl_expected(sbl_Lamp l) {\n",
 "    vec3 light = sbl_unhindered(l);\n",
 "#ifdef SBL_LOBE\n",
@@ -10880,8 +10912,9 @@ static const char *const sbl__glsl_lamps[] = {
 "}\n",
 "\n",
 "#ifdef SBL_LOBE\n",
-"// Like sbl_lobe_factor, divided by the lobe's albedo, of the linearly transformed cosine in place of the lobe. The\n",
-"// closed form is that of the cosine. Rays measure its obstruction; `sampled` adds the rest of the lobe's light.\n",
+"// Factor of the linearly transformed cosine for light from a direction: what sbl_lobe_factor would return, divided\n",
+"// by the lobe's albedo, if the lobe were that cosine. The closed form of a lamp is its light in the cosine. Rays\n",
+"// measure which share of it arrives; `sampled` adds the difference between the lobe and the cosine.\n",
 "float sbl_cosine_factor(vec3 direction) {\n",
 "    vec3 w = to_frame * direction;\n",
 "    float length2 = dot(w, w), cosine = dot(direction, n);\n",
@@ -11039,7 +11072,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        else bright += l.group;\n",
 "    }\n",
 "    if (hidden || at_rim) return;\n",
-"#ifdef SBL_TEXTURED\n",
+"#if defined(SBL_TEXTURED) || defined(SBL_SPECULAR)\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) filtered *= sbl_lamp_pattern(l, s.b);\n",
 "#endif\n",
 "    light *= filtered;\n",
@@ -11879,18 +11912,20 @@ static const char *const sbl__glsl_trace[] = {
 "// 0.5 / 0.7 lengths of a cell. A smaller factor reduces errors at window frames, but adds noise and time.\n",
 "const float SBL_FIRST_SCALE = 0.7;\n",
 "\n",
-"// The same for rays of a lobe is this times the lobe's alpha: a lobe must be wide enough to average over cells.\n",
+"// For rays of a lobe, that factor is at most this times the lobe's alpha, because a narrow lobe does not average\n",
+"// over cells.\n",
 "const float SBL_LOBE_SCALE = 0.5;\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
-"// Rays that meet surfaces with at least this reflectance and at most this roughness go on by the lobes there.\n",
+"// A ray that meets a surface of a larger reflectance and a lower roughness than these continues in a direction of\n",
+"// the surface's lobe.\n",
 "const float SBL_SHINY = 0.2, SBL_SHINY_ROUGHNESS = 0.5;\n",
-"// Such a surface then counts as if it had at least this roughness, or this share of the roughness of the look's\n",
-"// lobe: light that comes from lamps by way of mirrors is blurred, because single rays would find it as specks\n",
-"// (Kaplanyan and Dachsbacher 2013, \"Path Space Regularization for Holistic and Robust Light Transport\").\n",
+"// There, the surface has at least the roughness SBL_BLURRED or, with SBL_LOBE, SBL_BLURRED_LOBE times that of the\n",
+"// look's lobe. This blurs light that comes from lamps by way of mirrors, which single rays would find as\n",
+"// specks (Kaplanyan and Dachsbacher 2013, \"Path Space Regularization for Holistic and Robust Light Transport\").\n",
 "const float SBL_BLURRED = 0.3, SBL_BLURRED_LOBE = 0.5;\n",
 "bool hit_shines = false;     // true: the last hit is such a surface\n",
-"float ray_density = 0.0;     // see sbl_lobe_met; 0: the ray leaves out the light of lamps\n",
+"float ray_density = 0.0;     // density of the ray's direction, see sbl_lobe_met; 0: the ray adds no light of lamps\n",
 "\n",
 "// Density by solid angle with which points of the triangle that a ray hits would be drawn by area.\n",
 "float sbl_hit_density(sbl_Hit hit, vec3 direction) {\n",
@@ -11922,14 +11957,18 @@ static const char *const sbl__glsl_trace[] = {
 "#ifdef SBL_SPECULAR\n",
 "    hit_shines = !last && material.roughness >= 0.0 && material.roughness < SBL_SHINY_ROUGHNESS &&\n",
 "                 max(material.reflectance.r, max(material.reflectance.g, material.reflectance.b)) > SBL_SHINY;\n",
-"    if (hit_shines) {  // the lobe of the hit continues the ray; the diffuse part reflects stored light\n",
-"        goes_on = true;\n",
-"        return radiance + material.diffuse * sbl_stored(hit.number, hit.back, place, hit.distance);\n",
-"    }\n",
+"    goes_on = goes_on || hit_shines;\n",
+"    bool reads_store = !goes_on || hit_shines || bright_cells > 0;\n",
+"#else\n",
+"    bool reads_store = !goes_on || bright_cells > 0;\n",
 "#endif\n",
-"    if (!goes_on || bright_cells > 0) {\n",
+"    if (reads_store) {\n",
 "        int leaf = sbl_leaf_at(hit.number, hit.back, place, hit.distance);\n",
 "        vec3 light = goes_on ? vec3(0) : sbl_light_of(leaf);\n",
+"#ifdef SBL_SPECULAR\n",
+"        // The lobe of the hit continues the ray; the diffuse part reflects stored light.\n",
+"        if (hit_shines) radiance += sbl_reflected_diffuse(material, sbl_light_of(leaf));\n",
+"#endif\n",
 "        if (first) light -= (1.0 - glow_met) * sbl_glowing(leaf, hit.number, hit.back, place, hit.distance);\n",
 "        radiance += sbl_reflected(material, light);\n",
 "    }\n",
@@ -11993,6 +12032,7 @@ static const char *const sbl__glsl_trace[] = {
 "#endif\n",
 "        shine = sbl_lobe_of(normal, -direction, material.reflectance, max(material.roughness, least));\n",
 "        r.direction = sbl_lobe_sample(shine, sbl_unit_square(random.xy), r.share);\n",
+"        r.share *= material.opacity;\n",
 "        r.density = sbl_lobe_density(shine, r.direction);\n",
 "        if (dot(r.direction, n) <= 0.0) r.share = vec3(0);\n",
 "    }\n",
@@ -12010,7 +12050,8 @@ static const char *const sbl__glsl_trace[] = {
 "        float lamp_density = SBL_LAMP_DENSITY;\n",
 "        if (triangle) lamp_density = sbl_area_density(l.side_1, l.side_2, s.far * s.direction);\n",
 "        float met = sbl_is_light(l) ? 0.0 : sbl_lobe_met(sbl_lobe_density(shine, s.direction), lamp_density);\n",
-"        r.light = sbl_lobe_factor(shine, s.direction) * s.light * ((1.0 - met) * unit / p.share);\n",
+"        r.light = sbl_lobe_factor(shine, s.direction) * s.light;\n",
+"        r.light *= material.opacity * (1.0 - met) * unit / p.share;\n",
 "    }\n",
 "#endif\n",
 "#ifdef SBL_TEXTURED\n",
@@ -12076,7 +12117,11 @@ static const char *const sbl__glsl_trace[] = {
 "        sbl_Reflection next;\n",
 "#endif\n",
 "        // Even turns trace the ray's segments; odd turns trace the rays from near hits to lamps.\n",
-"        for (int turn = 0; turn < 2 * SBL_LEGS - 1; turn++) {\n",
+"        int turns = 2 * SBL_LEGS - 1;\n",
+"#ifdef SBL_LOBE\n",
+"        if (max(share.r, max(share.g, share.b)) <= 0.0) turns = 0;  // the direction is below the horizon\n",
+"#endif\n",
+"        for (int turn = 0; turn < turns; turn++) {\n",
 "            sbl_Hit hit = sbl_trace(from, direction, limit, (turn & 1) == 1 ? SBL_RAY_SHADOW : SBL_RAY_PATH);\n",
 "            share *= (turn & 1) == 1 ? vec3(1) : sbl_tint;\n",
 "#ifdef SBL_BOUNCED\n",
@@ -14907,10 +14952,12 @@ static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PART
     *materials = sbl__hash_bytes(seed, &s->textures.hash, sizeof s->textures.hash);
     for (i = 0; i < g->mesh_count; i++)
         *materials = sbl__hash_bytes(*materials, &g->objects[i], offsetof(sbl__object, id));
-    for (i = 0; i < g->mesh_count; i++)
-        if (sbl__is_specular(&g->objects[i]) || sbl__lets_pass(&g->objects[i]))
-            *materials = sbl__hash_bytes(*materials, &g->objects[i].reflectance,
-                                         sizeof *g->objects - offsetof(sbl__object, reflectance));
+    for (i = 0; i < g->mesh_count; i++) {  /* matte materials add nothing, so that stores of older versions fit */
+        const sbl__object *o = &g->objects[i];
+        if (!sbl__is_specular(o) && !sbl__lets_pass(o)) continue;
+        *materials = sbl__hash_bytes(*materials, &i, sizeof i);
+        *materials = sbl__hash_bytes(*materials, &o->reflectance, sizeof *o - offsetof(sbl__object, reflectance));
+    }
     parts[SBL__SAVED_LIGHTS] = sbl__hash_bytes(seed, s->lights.list,
                                                (size_t)s->lights.count * sizeof *s->lights.list);
     *sky = sbl__hash_bytes(seed, e->sky, sizeof e->sky);
@@ -15299,7 +15346,8 @@ typedef struct sbl__refine {
     sbl__sensor **sensors;    /* blocks of SBL__SENSOR_BLOCK sensors, which never move. Number 0, all zeroes, stands for
                                  the sensor of each pixel without a sensor, and is only read */
     uint32_t sensor_count;    /* number of sensors, number 0 included */
-    sbl__pixel_lobe *lobes;      /* per pixel: the lobe, so errors are those of FINAL; NULL: light is R */
+    sbl__pixel_lobe *lobes;   /* per pixel: the lobe whose light is refined; errors are those of FINAL. NULL: the light
+                                 is R */
     float *stored_light;      /* per pixel: R according to the store, 3 floats; NULL in modes other than SBL_MODE_GI */
     size_t harmonics;         /* floats of one pixel in layers 1 and up of light, 3 per layer */
     float *layers;            /* light of layers 1 and up (harmonics, see SBL__LAYERS): all layers of a pixel, then
@@ -16064,12 +16112,16 @@ static int sbl__refine_occlusion(sbl__refine *r, const sbl_reading *reading) {
     return reading->hit_min < SBL__HIDDEN_TOUCH * r->distance_limit ? SBL__TOUCHED : 0;
 }
 
+/* Returns 1 if a pixel has no sensor, because it shows the stored light (see SBL_MATERIAL_NO_SENSORS). */
+static int sbl__shows_stored(const sbl__refine *r, const sbl__pixel *p) {
+    const sbl__sensor *s = sbl__sensor_of(r, p);
+    return s->sensed && !s->level;
+}
+
 /* Returns the standard error of a pixel's luminance that errors of the store cause, even if the texel is hidden. */
 static float sbl__stored_uncertainty(const sbl__refine *r, const sbl__pixel *p) {
-    const sbl__sensor *s = sbl__sensor_of(r, p);
     const float *stored = sbl__pixel_stored(r, p);
-    const int shows_stored = s->sensed && !s->level;
-    if (!r->spec->bounced || !p->id || shows_stored) return 0;
+    if (!r->spec->bounced || !p->id || sbl__shows_stored(r, p)) return 0;
     return SBL__MIN(sbl__leaf_uncertainty(stored) * sbl__luminance(stored), 1e30f);
 }
 
@@ -16213,10 +16265,9 @@ static sbl_result sbl__refine_take(void *work, int at) {
 static void sbl__refine_update_spec(sbl__refine *r) {
     const int directional = r->spec->directional, guided = r->spec->guided, lobe = r->spec->lobe;
     sbl__spec_make(r->spec, r->measurement, &r->core->scene, &r->core->desc);
-    if (lobe) r->spec->lobe = 1;
-    if (lobe) r->spec->no_light = 0;
     r->spec->directional = directional;
     r->spec->guided = guided;
+    r->spec->lobe = lobe;
 }
 
 /* Makes all sensors of the first round, which are at the corners of first-level tiles, take their looks again. */
@@ -17304,7 +17355,7 @@ static const char *const sbl__glsl_resolve[] = {
 "        color = texelFetch(sample_emission, at, 0).rgb + sbl_reflected(material, light);\n",
 "#ifdef SBL_SPECULAR\n",
 "        light = offset == vec2(0) ? texelFetch(reflected, at, 0).rgb : sbl_light_at(reflected, at, id);\n",
-"        color += texelFetch(sample_specular, at, 0).rgb * light;\n",
+"        color += texelFetch(sample_specular, at, 0).rgb * max(light, 0.0);  // what corrects closed forms is noisy\n",
 "#endif\n",
 "    }\n",
 "    out_color = before + share * vec4(color, 1);\n",
@@ -18615,7 +18666,9 @@ static sbl_result sbl__reflections_begin(sbl__reflections *f, sbl__map *m) {
     sbl_picture_desc desc = m->desc;
     f->measurement = m->work.measurement;
     f->measurement.options.backend = SBL_BACKEND_TRACE;
+    f->measurement.looks *= f->measurement.look_rays / sbl__look_rays(desc.target_error);  /* as before a restart */
     f->measurement.look_rays = SBL__REFLECTIONS_RAYS;
+    f->measurement.every_ray = 1;
     f->spec.lobe = 1;
     desc.price = 0;
     desc.threshold = 0;
@@ -18650,8 +18703,9 @@ static void sbl__reflections_unpack(const float lobe[4], sbl__pixel_lobe *out) {
 /* Gives a pixel to the refinement. lobe, albedo: what the G-buffer holds of the lobe */
 static sbl_result sbl__reflections_put(sbl__reflections *f, const sbl__map *m, size_t index, const float lobe[4],
                                        const float albedo[3]) {
-    static const float none[3] = { 0, 0, 0 };
     sbl__pixel pixel = *sbl__refine_pixel(&m->refine, index);
+    const float *stored = sbl__pixel_stored(&m->refine, sbl__refine_pixel(&m->refine, index));
+    const int shows_stored = sbl__shows_stored(&m->refine, &pixel);
     sbl__pixel_lobe *own = &f->refine.lobes[index];
     pixel.sensor = 0;
     pixel.error = 0;
@@ -18659,7 +18713,7 @@ static sbl_result sbl__reflections_put(sbl__reflections *f, const sbl__map *m, s
     else sbl__reflections_unpack(lobe, own);
     own->weight = sbl__luminance(albedo);
     f->found |= pixel.id != 0;
-    return sbl__refine_put(&f->refine, index, &pixel, none, 0);
+    return sbl__refine_put(&f->refine, index, &pixel, stored, shows_stored && pixel.id);
 }
 
 /* Reads rows of the G-buffer and of R, from row m->work.stages.at on. SBL_SUCCESS: all are read. */
@@ -18795,17 +18849,19 @@ static void sbl__picture_show(sbl__picture *p, const sbl__composition *s) {
     p->map.channels[SBL_CHANNEL_DISPLAY] = p->map.desc.tone != SBL_TONE_NONE ? &s->target : NULL;
 }
 
-/* Adds what a picture has besides a map and reflections: the triangles and the depth of surfaces; late, the surfaces at
-   pixel centres,
-   R, and the preview that hosts may read, with the larger of what DEVELOP needs and of what samples need: sums and,
-   except for the emission, the surfaces of a sample. */
+/* Adds what a picture has besides a map: the triangles and the depth of surfaces, and their lobes. What it needs late:
+   the surfaces at pixel centres, R, the preview that hosts may read, reflections, and the larger of what DEVELOP needs
+   and of what samples need: sums and, except for the emission, the surfaces of a sample. */
 static sbl__need sbl__picture_need(const sbl__core *c, const void *desc) {
     const sbl_picture_desc d = sbl__picture_desc_of(c, (const sbl_picture_desc *)desc);
     const double composition = d.tone != SBL_TONE_NONE ? 32 : 16;
     const double samples = d.samples > 1 ? 2 * composition + SBL__SAMPLE_BYTES - 16 : composition;
     const int lobes = sbl__reflections_needed(c, &d);
     const double late = SBL__SAMPLE_BYTES + 16 + composition + SBL__MAX(SBL__DEVELOP_BYTES, samples);
-    return sbl__map_need(c, &d, 8 + (lobes ? SBL__LOBES_BYTES : 0), late + (lobes ? sbl__reflections_bytes() : 0));
+    sbl__need need = sbl__map_need(c, &d, 8 + (lobes ? SBL__LOBES_BYTES : 0),
+                                   late + (lobes ? sbl__reflections_bytes() : 0));
+    if (lobes) need.once[1] = need.once[0];  /* reflections have jobs, too */
+    return need;
 }
 
 static sbl_result sbl__picture_begin(void *work, const void *desc) {
@@ -18979,6 +19035,7 @@ static int sbl__picture_after_lobes(void *work) {
     sbl__reflections *f = &p->reflections;
     sbl__reflections_set_mean(f, &p->map);
     if (f->found) return SBL__PICTURE_REFLECT;
+    sbl__refine_free(&p->map.work.core->device, &f->refine);
     p->map.reflected = 1;
     return SBL__PICTURE_FINISH;
 }

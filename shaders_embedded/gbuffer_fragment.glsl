@@ -35,15 +35,15 @@ vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
 
 #if defined(SBL_SPECULAR) && !defined(SBL_LIGHTMAP)
 const int SBL_MIRRORS = 8;              // a pixel shows what is seen by way of at most this many mirrors and panes
-const float SBL_PANE = 0.499;           // a pixel shows what is behind a surface if this share of light passes
-const float SBL_MIRROR_DIFFUSE = 0.02;  // a mirror has at most this diffuse albedo
+const float SBL_PANE = 0.499;           // a surface is a pane if at least this share of light passes
+const float SBL_MIRROR_DIFFUSE = 0.02;  // a mirror has at most this diffuse albedo, which is not shown
 const float SBL_LOBE_STEPS = 4095.0;    // the lobe's numbers are packed as integers from 0 to this
 
-// What a pixel shows in mirrors, which are all metal, and behind panes.
+// What a pixel shows in mirrors and behind panes.
 struct sbl_Mirrored {
     vec3 direction;   // of the last ray
     vec3 throughput;  // share of light that mirrors reflect and panes let pass
-    vec3 emission;    // of mirrors and panes, of the sky that they show, and what panes reflect
+    vec3 emission;    // light of the mirrors and panes, of the sky that they show, and light that panes reflect
     int number;       // the triangle that the last ray meets
     bool sky;         // true: the last ray meets none. The surface is then the last mirror or pane
 };
@@ -89,12 +89,11 @@ sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 direction) {
     for (int i = 0; i < SBL_MIRRORS && goes_on; i++) {
         float cosine = clamp(-dot(s.normal, m.direction), 0.0, 1.0);
         vec3 passing = sbl_passing(s.object, s.material, cosine);
-        bool pane = max(passing.r, max(passing.g, passing.b)) >= SBL_PANE, mirror = sbl_is_mirror(s.material);
-        if (!pane && !mirror) {
-            if (max(passing.r, max(passing.g, passing.b)) > 0.0)
-                m.emission += m.throughput * passing * sbl_radiance_along(s, -1.0, m.direction);
-            break;
-        }
+        float most = max(passing.r, max(passing.g, passing.b));
+        bool pane = most >= SBL_PANE;
+        for (int k = 0; k < (most > 0.0 && !pane ? 1 : 0); k++)
+            m.emission += m.throughput * passing * sbl_radiance_along(s, -1.0, m.direction);
+        if (!pane && !sbl_is_mirror(s.material)) break;
         m.emission += m.throughput * (pane ? sbl_stored_radiance(s, m.number, true) : s.emission);
         vec3 mirrored = sbl_mirrored(s, m.direction);
         float side = pane ? -1.0 : 1.0;  // the side of the surface on which the ray goes on
@@ -102,8 +101,7 @@ sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 direction) {
             m.emission += m.throughput *
                           sbl_lobe_reflected(s.material, cosine, sbl_radiance_along(s, 1.0, mirrored));
         if (!pane) m.direction = mirrored;
-        m.throughput *= pane ? passing : s.material.reflectance +
-                                         (1.0 - s.material.reflectance) * pow(1.0 - cosine, 5.0);
+        m.throughput *= pane ? passing : sbl_mirror_share(s.material, cosine);
         vec3 origin = s.position + side * SBL_OFFSET * s.reach * s.geometric_normal;
         sbl_Hit hit = sbl_trace(origin, m.direction, SBL_UNBOUNDED, SBL_RAY_SOLID);
         m.sky = hit.triangle < 0;
@@ -173,7 +171,7 @@ void main() {
         if (s.material.roughness >= 0.0) {
             float cosine = clamp(-dot(s.normal, seen.direction), 1e-3, 1.0);
             vec3 reflectance = s.material.reflectance;
-            out_specular = vec4(sbl_lobe_reflected(s.material, cosine, vec3(1)), 1);
+            out_specular = vec4(sbl_lobe_shown(s.material, cosine), 1);
             out_lobe = vec4(sbl_pack_two(reflectance.r, reflectance.g),
                             sbl_pack_two(reflectance.b, s.material.roughness),
                             sbl_pack_direction(-seen.direction));

@@ -315,9 +315,9 @@ void sbl_descend(inout sbl_Pick p, int node, uint fraction) {
     p.leaf = int(sbl_lamp_node_first_leaf(node));
 }
 
-#ifdef SBL_TEXTURED
-// What textures and vertex colours do to the light of a triangle at a point. b: weights of its second and third
-// corner
+#if defined(SBL_TEXTURED) || defined(SBL_SPECULAR)
+// Factor of a triangle's light at a point: what textures, vertex colours and reflections do to it. b: weights of
+// its second and third corner
 vec3 sbl_lamp_pattern(sbl_Lamp l, vec2 b) {
     int object = int(sbl_triangle_object(l.triangle));
     // A glow is a part of a triangle. b becomes the weights of the same point in the whole triangle.

@@ -52,7 +52,7 @@ const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;  // a rim sample's bar
 const int SBL_RIM = 12;             // number of rim samples of a round lamp
 const float SBL_RIM_AT = 0.99;      // share of a round lamp's area inside the circle on which its rim samples lie
 #ifdef SBL_LOBE
-const float SBL_LOBE_STRENGTH = 0.05;  // lamps without a closed form are picked as if the lobe were at least this
+const float SBL_LOBE_STRENGTH = 0.05;  // added to the lobe's factor where lamps without a closed form are picked
 #endif
 const float SBL_KNOWN = 1e-6;       // clusters need no more rays if variance / square of their light is below this
 
@@ -124,7 +124,9 @@ mat2x3 whole;                // by group (see sbl_Lamp): unobstructed light of l
 bool rounded = false;        // true: some of the lamps considered are not triangles
 mat3x4 whole_harmonics[2];   // by group, as `whole`: the harmonics of that light
 
-// R / unit from an unobstructed lamp, or, with SBL_LOBE, the part of the lobe's mean radiance.
+// R / unit from an unobstructed lamp. With SBL_LOBE, it is the mean radiance in the lobe / unit that comes from
+// the lamp: for a triangle, the closed form of the cosine (see sbl_cosine_factor); otherwise an estimate above 0.
+// A perfect mirror has no light from lamps here, because its rays find it.
 vec3 sbl_expected(sbl_Lamp l) {
     vec3 light = sbl_unhindered(l);
 #ifdef SBL_LOBE
@@ -135,8 +137,9 @@ vec3 sbl_expected(sbl_Lamp l) {
 }
 
 #ifdef SBL_LOBE
-// Like sbl_lobe_factor, divided by the lobe's albedo, of the linearly transformed cosine in place of the lobe. The
-// closed form is that of the cosine. Rays measure its obstruction; `sampled` adds the rest of the lobe's light.
+// Factor of the linearly transformed cosine for light from a direction: what sbl_lobe_factor would return, divided
+// by the lobe's albedo, if the lobe were that cosine. The closed form of a lamp is its light in the cosine. Rays
+// measure which share of it arrives; `sampled` adds the difference between the lobe and the cosine.
 float sbl_cosine_factor(vec3 direction) {
     vec3 w = to_frame * direction;
     float length2 = dot(w, w), cosine = dot(direction, n);
@@ -294,7 +297,7 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
         else bright += l.group;
     }
     if (hidden || at_rim) return;
-#ifdef SBL_TEXTURED
+#if defined(SBL_TEXTURED) || defined(SBL_SPECULAR)
     if (l.kind == SBL_LAMP_TRIANGLE) filtered *= sbl_lamp_pattern(l, s.b);
 #endif
     light *= filtered;

@@ -1,9 +1,10 @@
 // The specular lobe of glTF 2.0's material model: GGX with height-correlated Smith shadowing (Heitz 2014) and
-// Schlick's Fresnel term (1994). reflectance: that along the normal, per colour. alpha: the squared roughness
+// Schlick's Fresnel term (1994). reflectance: share of light that is reflected along the normal, per colour.
+// alpha: the squared roughness
 #ifdef SBL_SPECULAR
 const float SBL_MIRROR = 0.05;       // surfaces of lower roughness are perfect mirrors
 const float SBL_DIFFUSE_LOST = 0.003685;  // mean of sbl_diffuse_lost over all directions
-// Means over all directions for a roughness of 0.05 to 1, see sbl__lobe_albedos in sbl.h
+// Means of E and b (see sbl__lobe_albedos in sbl.h) over all directions, for 16 values of roughness from 0.05 to 1
 const float SBL_LOBE_MEANS_E[16] = float[16](1.0, 0.9992, 0.9961, 0.9889, 0.9756, 0.9548, 0.9254, 0.8869, 0.8397,
                                              0.7849, 0.7241, 0.6597, 0.5938, 0.5289, 0.4669, 0.4091);
 const float SBL_LOBE_MEANS_B[16] = float[16](0.0476, 0.0468, 0.0444, 0.0404, 0.0351, 0.0294, 0.024, 0.0191, 0.0151,
@@ -97,7 +98,8 @@ float sbl_lobe_spread(sbl_Lobe l, vec3 w, out vec3 h) {
     return a2 / max(SBL_PI * d * d, 1e-37);
 }
 
-// Factor of the lobe for light from a direction, compared with R, whose factor is the cosine / pi.
+// Factor of the lobe for light from a direction, divided by that of R: pi times the lobe's part of f (see ON
+// REFLECTIONS in sbl.h).
 vec3 sbl_lobe_factor(sbl_Lobe l, vec3 direction) {
     vec3 w = direction * l.frame, h;
     if (w.z <= 0.0 || l.alpha <= 0.0) return vec3(0);
@@ -116,11 +118,11 @@ float sbl_lobe_density(sbl_Lobe l, vec3 direction) {
 
 // Density by solid angle of points drawn by area on a triangle, at the point `way`. side_1, side_2: two sides
 float sbl_area_density(vec3 side_1, vec3 side_2, vec3 way) {
-    float distance2 = dot(way, way);
-    return 2.0 * distance2 * sqrt(distance2) / max(abs(dot(cross(side_1, side_2), way)), 1e-30);
+    float away = max(length(way), SBL_DIVISOR_LEAST);  // divides lengths: products would underflow
+    return 2.0 / max(abs(dot(cross(side_1 / away, side_2 / away), way / away)), 1e-30);
 }
 
-const float SBL_LAMP_DENSITY = 10.0;  // density of points on lamps that are not triangles, for sbl_lobe_met
+const float SBL_LAMP_DENSITY = 10.0;  // density for sbl_lobe_met on lamps that are not emitting triangles
 
 // Share of the light of lamps that rays of the lobe measure in a direction; rays to lamps measure the rest. It is
 // the balance heuristic (Veach 1997) with the densities of the lobe and of points on the lamp, drawn by area.

@@ -3,9 +3,10 @@
 uniform float epsilon;     // ambient factor: a surface that does not emit has the radiance epsilon * albedo
 uniform bool lamps_apart;  // true: lamps.glsl adds the light of emitters, so sbl_outgoing leaves it out
 #ifdef SBL_SPECULAR
-float lamp_met = 0.0;      // share of the light of emitters that sbl_outgoing does not leave out, see sbl_lobe_met
+float lamp_met = 0.0;      // share of emitters' light that sbl_outgoing adds if lamps_apart, see sbl_lobe_met
 #endif
 
+// Share of the light of emitters that sbl_outgoing adds.
 float sbl_lamp_met() {
 #ifdef SBL_SPECULAR
     return lamps_apart ? lamp_met : 1.0;
@@ -23,7 +24,7 @@ struct sbl_Material {
     vec3 reflectance;  // of the specular lobe, seen along the normal
     float roughness;   // negative: the surface is matte
     float opacity;     // share of the surface that exists
-    vec3 clear;        // share of light that passes straight through what exists, except what Fresnel's term takes
+    vec3 clear;        // share of light that would pass straight through what exists if nothing were reflected
 #endif
 };
 
@@ -127,11 +128,12 @@ vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {
 // Radiance that a surface reflects. light: R at the surface
 vec3 sbl_reflected(sbl_Material m, vec3 light) { return m.albedo * light; }
 
-// Factor of a glow's radiance (see >>glow in sbl.h) at a point: what textures and vertex colours do to the albedo.
+// Factor of a glow's radiance (see >>glow in sbl.h) at a point: the albedo there / the albedo in sbl__reflect.
 vec3 sbl_glow_pattern(int object, sbl_Attributes at) {
 #ifdef SBL_SPECULAR
     sbl_Material m = sbl_material(object, at);
-    return m.cut_out ? vec3(0) : m.albedo / max(sbl_object_albedo(object), vec3(SBL_GLOW_ALBEDO));
+    float least = sbl_object_reflectance(object) < 0.0 ? SBL_DIVISOR_LEAST : SBL_GLOW_ALBEDO;
+    return m.cut_out ? vec3(0) : m.albedo / max(sbl_object_albedo(object), vec3(least));
 #else
     vec4 pattern = at.color * sbl_texture(sbl_object_albedo_texture(object), at.uv);
     return pattern.a < sbl_object_alpha_cutoff(object) ? vec3(0) : pattern.rgb;
@@ -146,6 +148,14 @@ vec3 sbl_reflected_diffuse(sbl_Material m, vec3 light) { return m.diffuse * ligh
 vec3 sbl_lobe_reflected(sbl_Material m, float cosine, vec3 light) {
     return m.opacity * sbl_specular_albedo(m.reflectance, m.roughness, cosine) * light;
 }
+
+// Albedo of the lobe for a viewer at this cosine, not below the limit of the albedo by which sensors divide.
+vec3 sbl_lobe_shown(sbl_Material m, float cosine) {
+    return m.opacity * max(sbl_specular_albedo(m.reflectance, m.roughness, cosine), vec3(SBL_LOBE_LEAST));
+}
+
+// Share of light that a perfect mirror reflects at this cosine.
+vec3 sbl_mirror_share(sbl_Material m, float cosine) { return m.opacity * sbl_fresnel(m.reflectance, cosine); }
 
 // Albedo of the diffuse part of a surface that a viewer sees at this cosine.
 vec3 sbl_diffuse_albedo(sbl_Material m, float cosine) { return m.diffuse * (1.0 - sbl_diffuse_lost(cosine)); }

@@ -73,7 +73,7 @@ void main() {
         color = texelFetch(sample_emission, at, 0).rgb + sbl_reflected(material, light);
 #ifdef SBL_SPECULAR
         light = offset == vec2(0) ? texelFetch(reflected, at, 0).rgb : sbl_light_at(reflected, at, id);
-        color += texelFetch(sample_specular, at, 0).rgb * light;
+        color += texelFetch(sample_specular, at, 0).rgb * max(light, 0.0);  // what corrects closed forms is noisy
 #endif
     }
     out_color = before + share * vec4(color, 1);

@@ -22,18 +22,20 @@ const float SBL_NEIGHBOURS = 0.62;  // measured variance / its estimate from pai
 // 0.5 / 0.7 lengths of a cell. A smaller factor reduces errors at window frames, but adds noise and time.
 const float SBL_FIRST_SCALE = 0.7;
 
-// The same for rays of a lobe is this times the lobe's alpha: a lobe must be wide enough to average over cells.
+// For rays of a lobe, that factor is at most this times the lobe's alpha, because a narrow lobe does not average
+// over cells.
 const float SBL_LOBE_SCALE = 0.5;
 
 #ifdef SBL_SPECULAR
-// Rays that meet surfaces with at least this reflectance and at most this roughness go on by the lobes there.
+// A ray that meets a surface of a larger reflectance and a lower roughness than these continues in a direction of
+// the surface's lobe.
 const float SBL_SHINY = 0.2, SBL_SHINY_ROUGHNESS = 0.5;
-// Such a surface then counts as if it had at least this roughness, or this share of the roughness of the look's
-// lobe: light that comes from lamps by way of mirrors is blurred, because single rays would find it as specks
-// (Kaplanyan and Dachsbacher 2013, "Path Space Regularization for Holistic and Robust Light Transport").
+// There, the surface has at least the roughness SBL_BLURRED or, with SBL_LOBE, SBL_BLURRED_LOBE times that of the
+// look's lobe. This blurs light that comes from lamps by way of mirrors, which single rays would find as
+// specks (Kaplanyan and Dachsbacher 2013, "Path Space Regularization for Holistic and Robust Light Transport").
 const float SBL_BLURRED = 0.3, SBL_BLURRED_LOBE = 0.5;
 bool hit_shines = false;     // true: the last hit is such a surface
-float ray_density = 0.0;     // see sbl_lobe_met; 0: the ray leaves out the light of lamps
+float ray_density = 0.0;     // density of the ray's direction, see sbl_lobe_met; 0: the ray adds no light of lamps
 
 // Density by solid angle with which points of the triangle that a ray hits would be drawn by area.
 float sbl_hit_density(sbl_Hit hit, vec3 direction) {
@@ -65,14 +67,18 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool first, bool last, out bool goes_
 #ifdef SBL_SPECULAR
     hit_shines = !last && material.roughness >= 0.0 && material.roughness < SBL_SHINY_ROUGHNESS &&
                  max(material.reflectance.r, max(material.reflectance.g, material.reflectance.b)) > SBL_SHINY;
-    if (hit_shines) {  // the lobe of the hit continues the ray; the diffuse part reflects stored light
-        goes_on = true;
-        return radiance + material.diffuse * sbl_stored(hit.number, hit.back, place, hit.distance);
-    }
+    goes_on = goes_on || hit_shines;
+    bool reads_store = !goes_on || hit_shines || bright_cells > 0;
+#else
+    bool reads_store = !goes_on || bright_cells > 0;
 #endif
-    if (!goes_on || bright_cells > 0) {
+    if (reads_store) {
         int leaf = sbl_leaf_at(hit.number, hit.back, place, hit.distance);
         vec3 light = goes_on ? vec3(0) : sbl_light_of(leaf);
+#ifdef SBL_SPECULAR
+        // The lobe of the hit continues the ray; the diffuse part reflects stored light.
+        if (hit_shines) radiance += sbl_reflected_diffuse(material, sbl_light_of(leaf));
+#endif
         if (first) light -= (1.0 - glow_met) * sbl_glowing(leaf, hit.number, hit.back, place, hit.distance);
         radiance += sbl_reflected(material, light);
     }
@@ -136,6 +142,7 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
 #endif
         shine = sbl_lobe_of(normal, -direction, material.reflectance, max(material.roughness, least));
         r.direction = sbl_lobe_sample(shine, sbl_unit_square(random.xy), r.share);
+        r.share *= material.opacity;
         r.density = sbl_lobe_density(shine, r.direction);
         if (dot(r.direction, n) <= 0.0) r.share = vec3(0);
     }
@@ -153,7 +160,8 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
         float lamp_density = SBL_LAMP_DENSITY;
         if (triangle) lamp_density = sbl_area_density(l.side_1, l.side_2, s.far * s.direction);
         float met = sbl_is_light(l) ? 0.0 : sbl_lobe_met(sbl_lobe_density(shine, s.direction), lamp_density);
-        r.light = sbl_lobe_factor(shine, s.direction) * s.light * ((1.0 - met) * unit / p.share);
+        r.light = sbl_lobe_factor(shine, s.direction) * s.light;
+        r.light *= material.opacity * (1.0 - met) * unit / p.share;
     }
 #endif
 #ifdef SBL_TEXTURED
@@ -219,7 +227,11 @@ void main() {
         sbl_Reflection next;
 #endif
         // Even turns trace the ray's segments; odd turns trace the rays from near hits to lamps.
-        for (int turn = 0; turn < 2 * SBL_LEGS - 1; turn++) {
+        int turns = 2 * SBL_LEGS - 1;
+#ifdef SBL_LOBE
+        if (max(share.r, max(share.g, share.b)) <= 0.0) turns = 0;  // the direction is below the horizon
+#endif
+        for (int turn = 0; turn < turns; turn++) {
             sbl_Hit hit = sbl_trace(from, direction, limit, (turn & 1) == 1 ? SBL_RAY_SHADOW : SBL_RAY_PATH);
             share *= (turn & 1) == 1 ? vec3(1) : sbl_tint;
 #ifdef SBL_BOUNCED

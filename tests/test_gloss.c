@@ -780,6 +780,69 @@ TEST(metal_lights_floors) {
     }
 }
 
+/* Mean R on the floor of a wide room that is lit by a spot of light on its ceiling, which is metal. */
+static double below_a_spot(double roughness) {
+    enum { SIDE = 24 };
+    sbl_picture_desc view = scene_view(SIDE, SIDE, 80, 0, 2.5f, 0.01f, 0, 0, 0);
+    static float light[3 * SIDE * SIDE];
+    test_scene s = { 0 };
+    sbl_scene_desc desc;
+    double sum = 0;
+    const int ceiling = scene_gloss(&s, 0.9, 0.9, 0.9, 1, roughness), walls = scene_material(&s, 0.5f, 0.5f, 0.5f);
+    const int lamp = scene_lamp(&s, 1000, 1000, 1000);
+    int i;
+    view.options.mode = SBL_MODE_GI;
+    s.materials[lamp].flags = SBL_MATERIAL_ONE_SIDED_EMISSION;
+    scene_quad(&s, ceiling, -5, 3, -5, 5, 3, -5, 5, 3, 5, -5, 3, 5);
+    scene_floor(&s, walls, 0, 5);
+    scene_quad(&s, walls, -5, 0, -5, 5, 0, -5, 5, 3, -5, -5, 3, -5);
+    scene_quad(&s, walls, -5, 0, 5, -5, 3, 5, 5, 3, 5, 5, 0, 5);
+    scene_quad(&s, walls, -5, 0, -5, -5, 3, -5, -5, 3, 5, -5, 0, 5);
+    scene_quad(&s, walls, 5, 0, -5, 5, 0, 5, 5, 3, 5, 5, 3, -5);
+    scene_quad(&s, lamp, -0.15f, 2.8f, -0.15f, -0.15f, 2.8f, 0.15f, 0.15f, 2.8f, 0.15f, 0.15f, 2.8f, -0.15f);
+    desc = scene_desc(&s);
+    desc.max_bounce_cells = 0;  /* the default; there are no glows in a coarse store */
+    CHECK(sbl_set_scene(context, &desc) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS &&
+          sbl_read_channel(context, SBL_CHANNEL_RADIANCE, light, 3 * SIDE * SIDE) == SBL_SUCCESS, "no picture");
+    for (i = 0; i < 3 * SIDE * SIDE; i++) sum += (double)light[i];
+    scene_free(&s);
+    return sum / (3 * SIDE * SIDE);
+}
+
+/* Metal that shines continues rays, and rougher metal does not; both are also glows, whose light counts once. The
+   albedo of rough metal is that of the lobe, also in a scene without textures. */
+TEST(glows_of_metal_count_once) {
+    const double shiny = below_a_spot(0.45), rough = below_a_spot(0.52), roughest = below_a_spot(1);
+    printf("    R below a ceiling of roughness 0.45: %.3f, 0.52: %.3f, 1: %.3f\n", shiny, rough, roughest);
+    CHECK(fabs(shiny / rough - 1) < 0.15, "light of shiny metal: %.3f, of rougher metal: %.3f", shiny, rough);
+    CHECK(roughest < 0.55 * rough, "the roughest metal reflects %.3f, rough metal %.3f", roughest, rough);
+}
+
+/* Metal reflects almost nothing of the colours that its albedo lacks. The light in its lobe stays finite there. */
+TEST(lobes_may_be_black) {
+    enum { SIDE = 32 };
+    sbl_picture_desc view = scene_view(SIDE, SIDE, 40, 0.01f, 3, 0.013f, 0, 0, 0);
+    static float light[3 * SIDE * SIDE], final[3 * SIDE * SIDE];
+    double most = 0, green = 0;
+    test_scene s = { 0 };
+    int i;
+    scene_floor(&s, scene_gloss(&s, 1, 0, 0, 1, 0.5), 0, 2);
+    scene_quad(&s, scene_lamp(&s, 30, 30, 30), 2, 0.5f, -1, 2, 1.5f, -1, 2, 1.5f, 1, 2, 0.5f, 1);
+    if (!scene_render(context, &s, &view)) return;
+    CHECK(sbl_read_channel(context, SBL_CHANNEL_SPECULAR, light, 3 * SIDE * SIDE) == SBL_SUCCESS, "no channel");
+    CHECK(sbl_read_channel(context, SBL_CHANNEL_FINAL, final, 3 * SIDE * SIDE) == SBL_SUCCESS, "no channel");
+    for (i = 0; i < 3 * SIDE * SIDE; i++) {
+        most = fmax(most, (double)light[i]);
+        if (i % 3 == 1) green = fmax(green, (double)final[i]);
+        CHECK(final[i] >= 0, "FINAL is %g", (double)final[i]);
+    }
+    CHECK(most < 30, "light in the lobe: %g", most);
+    CHECK(green > 0 && green < 0.01, "red metal reflects %g of green light", green);
+    CHECK(sbl_query_stats(context).picture.specular_error < 0.03f, "predicted error %g",
+          (double)sbl_query_stats(context).picture.specular_error);
+    scene_free(&s);
+}
+
 /* >>work */
 
 enum { WIDTH = 40, HEIGHT = 30, FLOATS = 3 * WIDTH * HEIGHT };
@@ -1157,6 +1220,8 @@ int main(void) {
     RUN_UNSANITIZED(blended_surfaces_show_themselves);
     RUN_UNSANITIZED(furnace_of_a_room);
     RUN_UNSANITIZED(metal_lights_floors);
+    RUN_UNSANITIZED(glows_of_metal_count_once);
+    RUN_UNSANITIZED(lobes_may_be_black);
     RUN(matte_scenes_stay_the_same);
     RUN(materials_change);
     RUN(paper_is_matte);
