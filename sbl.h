@@ -369,16 +369,16 @@
    Mirrors show, and panes have behind them, what sensors see: surfaces with SBL_MATERIAL_HIDDEN_FROM_CAMERA, but none
    with SBL_MATERIAL_HIDDEN_FROM_SENSORS.
 
-   Bounced light: a ray of a sensor that meets metal of a roughness below 0.5 continues in a direction of the lobe
-   there, as if the roughness were at least 0.3. Light that lamps send by way of mirrors (caustics) is therefore
+   Bounced light: a ray of a sensor that meets metal continues in a direction of the lobe there, as if the roughness
+   were at least 0.3. Light that lamps send by way of mirrors (caustics) is therefore
    blurred, but without specks. Every other surface, and all surfaces in the store, reflect as diffuse surfaces of the
    same mean albedo. So do all surfaces in views (SBL_BACKEND_RASTER), where panes are also opaque. Lightmaps, vertices,
    probes and readings hold R, with what surfaces around them reflect.
 
    Accuracy, against a path tracer in blocks of 4 x 4 pixels, at default settings: a box with gold, steel, plastic and a
-   pane 3.1 %, a row of metal and plastic spheres 1.4 %, a hall with a polished floor and glazed pictures 2.8 % of the
-   mean. The box takes about five times as long as with matte materials, mostly because R is harder to measure where
-   metal lights the walls.
+   pane 3.1 %, a row of metal and plastic spheres 1.0 %, a hall with a polished floor and glazed pictures 2.8 % of the
+   mean. The box takes about four times as long as with matte materials, mostly because R is harder to measure where
+   metal lights the walls; the hall takes 1.3 times as long.
 
 
    ON LIGHTMAPS
@@ -11917,9 +11917,8 @@ static const char *const sbl__glsl_trace[] = {
 "const float SBL_LOBE_SCALE = 0.5;\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
-"// A ray that meets a surface of a larger reflectance and a lower roughness than these continues in a direction of\n",
-"// the surface's lobe.\n",
-"const float SBL_SHINY = 0.2, SBL_SHINY_ROUGHNESS = 0.5;\n",
+"// A ray that meets a surface of a larger reflectance than this continues in a direction of the surface's lobe.\n",
+"const float SBL_SHINY = 0.2;\n",
 "// There, the surface has at least the roughness SBL_BLURRED or, with SBL_LOBE, SBL_BLURRED_LOBE times that of the\n",
 "// look's lobe. This blurs light that comes from lamps by way of mirrors, which single rays would find as\n",
 "// specks (Kaplanyan and Dachsbacher 2013, \"Path Space Regularization for Holistic and Robust Light Transport\").\n",
@@ -11955,7 +11954,7 @@ static const char *const sbl__glsl_trace[] = {
 "#endif\n",
 "    goes_on = !last && sbl_is_near(first ? first_scale * hit.distance : hit.distance);\n",
 "#ifdef SBL_SPECULAR\n",
-"    hit_shines = !last && material.roughness >= 0.0 && material.roughness < SBL_SHINY_ROUGHNESS &&\n",
+"    hit_shines = !last && material.roughness >= 0.0 &&\n",
 "                 max(material.reflectance.r, max(material.reflectance.g, material.reflectance.b)) > SBL_SHINY;\n",
 "    goes_on = goes_on || hit_shines;\n",
 "    bool reads_store = !goes_on || hit_shines || bright_cells > 0;\n",

@@ -27,9 +27,8 @@ const float SBL_FIRST_SCALE = 0.7;
 const float SBL_LOBE_SCALE = 0.5;
 
 #ifdef SBL_SPECULAR
-// A ray that meets a surface of a larger reflectance and a lower roughness than these continues in a direction of
-// the surface's lobe.
-const float SBL_SHINY = 0.2, SBL_SHINY_ROUGHNESS = 0.5;
+// A ray that meets a surface of a larger reflectance than this continues in a direction of the surface's lobe.
+const float SBL_SHINY = 0.2;
 // There, the surface has at least the roughness SBL_BLURRED or, with SBL_LOBE, SBL_BLURRED_LOBE times that of the
 // look's lobe. This blurs light that comes from lamps by way of mirrors, which single rays would find as
 // specks (Kaplanyan and Dachsbacher 2013, "Path Space Regularization for Holistic and Robust Light Transport").
@@ -65,7 +64,7 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool first, bool last, out bool goes_
 #endif
     goes_on = !last && sbl_is_near(first ? first_scale * hit.distance : hit.distance);
 #ifdef SBL_SPECULAR
-    hit_shines = !last && material.roughness >= 0.0 && material.roughness < SBL_SHINY_ROUGHNESS &&
+    hit_shines = !last && material.roughness >= 0.0 &&
                  max(material.reflectance.r, max(material.reflectance.g, material.reflectance.b)) > SBL_SHINY;
     goes_on = goes_on || hit_shines;
     bool reads_store = !goes_on || hit_shines || bright_cells > 0;
