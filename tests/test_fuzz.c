@@ -27,10 +27,12 @@ TEST(corpus) {
         fclose(file);
         CHECK(run_file(path), "%s: see above", path);
     }
-    CHECK(number >= 48, "%d inputs", number);
-    CHECK(fuzz_counts.pictures > 0 && fuzz_counts.gathers > 0 && fuzz_counts.inspections > 0 &&
-          fuzz_counts.out_of_memory > 0, "%d pictures, %d gathers, %d inspections, %d times out of memory",
-          fuzz_counts.pictures, fuzz_counts.gathers, fuzz_counts.inspections, fuzz_counts.out_of_memory);
+    CHECK(number >= 76, "%d inputs", number);
+    CHECK(fuzz_counts.pictures > 0 && fuzz_counts.glossy > 2, "%d pictures, %d of them glossy", fuzz_counts.pictures,
+          fuzz_counts.glossy);
+    CHECK(fuzz_counts.gathers > 0 && fuzz_counts.inspections > 0 && fuzz_counts.out_of_memory > 0,
+          "%d gathers, %d inspections, %d times out of memory", fuzz_counts.gathers, fuzz_counts.inspections,
+          fuzz_counts.out_of_memory);
 }
 
 /* Calls with random parameters, some of them truncated. In between, a valid scene is set. */

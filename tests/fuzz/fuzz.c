@@ -27,6 +27,7 @@ typedef struct fuzz_context {
     /* refuse_in: which allocation fails, from 1; refuse_on: all later ones fail, too */
     int blocks, refuse_in, refuse_on, refused;
     int errors, cancel_in, cancelled;
+    int glossy;                                 /* 1: the scene is a glossy fuzz_known_scene */
     int refused_before, errors_before;
     int width, height;                          /* of the picture that was begun last */
     sbl_site *sites;                            /* of the gather in progress */
@@ -51,7 +52,7 @@ static struct {
     float known[3 * 16];
     GLuint buffer, texture;    /* GL objects of the host */
 } fuzz;
-static struct { int accepted, refused, pictures, gathers, bakes, inspections, out_of_memory; } fuzz_counts;
+static struct { int accepted, refused, pictures, glossy, gathers, bakes, inspections, out_of_memory; } fuzz_counts;
 static int fuzz_failures;
 
 #define FUZZ_CHECK(condition, ...) do { if (!(condition)) FUZZ__FAIL(__VA_ARGS__); } while (0)
@@ -171,6 +172,14 @@ static void fuzz_material(fuzz_bytes *b, sbl_material *m, int textures) {
     if (shape & 4) m->emission_texture = fuzz_int(b, 0, textures);
     if (shape & 8) m->alpha_cutoff = fuzz_float(b, 0, 1);
     if (shape & 16) m->flags = fuzz_byte(b) % 9;
+    if ((shape & 96) != 96) return;
+    m->ior = fuzz_byte(b) % 2 ? 0 : fuzz_float(b, 1, 2);
+    m->metallic = fuzz_float(b, 0, 1);
+    m->roughness = fuzz_float(b, 0, 1);
+    m->specular_texture = fuzz_int(b, 0, textures);
+    m->transmission = fuzz_byte(b) % 2 ? 0 : fuzz_float(b, 0, 1);
+    m->transmission_texture = fuzz_int(b, 0, textures);
+    if (shape & 128) m->flags |= SBL_MATERIAL_BLEND;
 }
 
 static void fuzz_transform(fuzz_bytes *b, float m[16]) {
@@ -264,8 +273,9 @@ static sbl_result fuzz_set_scene(fuzz_bytes *b, sbl_context *context) {
     return result;
 }
 
-/* A wall and a lamp in front of it: a valid scene that does not depend on the input. */
-static sbl_result fuzz_known_scene(sbl_context *context) {
+/* A wall and a lamp in front of it: a valid scene. glossy: 0: the wall is matte; 1: plastic that lets light pass; 2:
+   rough metal; 3: a mirror */
+static sbl_result fuzz_known_scene(sbl_context *context, int glossy) {
     static const float corners[18] = { -3, -3, -1, 3, -3, -1, 0, 4, -2, -1, -1, 1, 1, -1, 1, 0, 1, 2 };
     static const float places[6] = { 0.1f, 0.1f, 0.9f, 0.1f, 0.5f, 0.9f };
     sbl_material materials[2];
@@ -276,6 +286,10 @@ static sbl_result fuzz_known_scene(sbl_context *context) {
     memset(meshes, 0, sizeof meshes);
     memset(&scene, 0, sizeof scene);
     for (i = 0; i < 3; i++) materials[0].albedo[i] = materials[1].emission[i] = 0.5f;
+    materials[0].ior = glossy == 1 ? 1.5f : 0.0f;
+    materials[0].transmission = glossy == 1 ? 0.25f : 0.0f;
+    materials[0].metallic = glossy > 1 ? 1.0f : 0.0f;
+    materials[0].roughness = glossy == 3 ? 0.0f : 0.3f;
     for (i = 0; i < 2; i++) {
         meshes[i].positions.data = corners + 9 * i;
         meshes[i].vertex_count = 3;
@@ -627,7 +641,7 @@ static void fuzz_queries(fuzz_bytes *b, fuzz_context *c) {
     FUZZ_CHECK(memory.host_bytes <= memory.host_peak_bytes && memory.gpu_bytes <= memory.gpu_peak_bytes, "peaks");
     FUZZ_CHECK(picture.width && gather.options.rays && stats.sensors.count >= 0, "defaults");
     FUZZ_CHECK(!desc.sensor_texture_size == !c->sbl, "sbl_query_desc does not fit the context");
-    FUZZ_CHECK(!c->sbl || programs.count <= 64, "%d programs", programs.count);
+    FUZZ_CHECK(!c->sbl || programs.count <= 128, "%d programs", programs.count);
 }
 
 static double fuzz_seconds(fuzz_bytes *b) {
@@ -653,6 +667,7 @@ static void fuzz_render(fuzz_bytes *b, fuzz_context *c, int whole) {
     c->height = view.window[2] ? view.window[3] : view.height;
     if (!whole || result != SBL_SUCCESS) return;
     fuzz_counts.pictures++;
+    fuzz_counts.glossy += c->glossy;
     for (channel = 0; channel < SBL_CHANNEL_COUNT; channel++) {
         fuzz_read(c, channel, SIZE_MAX);
         if (view.window[2]) sbl_channel_texture(c->sbl, (sbl_channel)channel);
@@ -770,8 +785,17 @@ static void fuzz_one_call(fuzz_bytes *b) {
         return;
     }
     switch (what % 16) {
-        case 0: if (FUZZ_CALL(c, fuzz_set_scene(b, c->sbl)) == SBL_SUCCESS) fuzz_gather_gone(c, 0); break;
-        case 1: if (FUZZ_CALL(c, fuzz_known_scene(c->sbl)) == SBL_SUCCESS) fuzz_gather_gone(c, 0); break;
+        case 0:
+            if (FUZZ_CALL(c, fuzz_set_scene(b, c->sbl)) != SBL_SUCCESS) break;
+            c->glossy = 0;
+            fuzz_gather_gone(c, 0);
+            break;
+        case 1:
+            i = (what >> 5 & 3) == 3 ? (int)(what >> 4 & 1) + 2 : (what >> 4 & 7) == 2;
+            if (FUZZ_CALL(c, fuzz_known_scene(c->sbl, i)) != SBL_SUCCESS) break;
+            c->glossy = i > 0;
+            fuzz_gather_gone(c, 0);
+            break;
         case 2:
             fuzz_transform(b, m);
             i = fuzz_int(b, 0, 2);
@@ -806,7 +830,7 @@ static void fuzz_one_call(fuzz_bytes *b) {
 static sbl_result fuzz_known(fuzz_context *c, float picture[3 * 16]) {
     sbl_scene_desc empty;
     sbl_picture_desc view;
-    sbl_result result = fuzz_known_scene(c->sbl);
+    sbl_result result = fuzz_known_scene(c->sbl, 0);
     memset(&empty, 0, sizeof empty);
     memset(&view, 0, sizeof view);
     view.width = view.height = view.options.rays = 4;
@@ -862,6 +886,7 @@ static void fuzz_one(const unsigned char *data, size_t size) {
     fuzz_destroy(&fuzz.contexts[1]);
     c->refuse_in = c->refuse_on = 0;
     result = fuzz_known(c, picture);
+    c->glossy = 0;
     fuzz_gather_gone(c, 0);
     memory = sbl_query_memory(c->sbl);
     FUZZ_CHECK(result == SBL_SUCCESS, "the known picture: %s", sbl_result_string(result));
