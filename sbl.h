@@ -364,7 +364,8 @@
                   smooth surfaces are measured by rays
        panes      a pixel shows what is behind a surface if half of the light or more passes the surface. The pane's own
                   diffuse part shows the stored light, and so does what it mirrors: in SBL_MODE_DIRECT, the diffuse part
-                  is black, and only lamps and the sky are mirrored. Panes tint the light that rays towards lamps find
+                  is black, and only lamps and the sky are mirrored. Roughness does not blur what a pane shows. Panes
+                  tint the light that rays towards lamps find
 
    Mirrors show, and panes have behind them, what sensors see: surfaces with SBL_MATERIAL_HIDDEN_FROM_CAMERA, but none
    with SBL_MATERIAL_HIDDEN_FROM_SENSORS.

@@ -1,6 +1,6 @@
 /* Demonstrates materials that reflect and let light pass: a room with a large mirror, a glass table, balls of metal and
    plastic of several roughness, and a polished floor. The first argument is the folder for the picture. With a second
-   argument, the picture is a draft. */
+   argument, the picture is a small draft. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"
 #define STB_IMAGE_WRITE_IMPLEMENTATION
@@ -87,7 +87,9 @@ int main(int argc, char **argv) {
     static float picture[WIDTH * HEIGHT * 3];
     static unsigned char pixels[WIDTH * HEIGHT * 3];
     sbl_scene_desc scene = { .meshes = meshes, .materials = materials, .material_count = MATERIALS };
-    sbl_picture_desc view = { .width = WIDTH, .height = HEIGHT, .tone = SBL_TONE_NEUTRAL, .auto_exposure = 1 };
+    const int width = argc > 2 ? WIDTH / 2 : WIDTH, height = argc > 2 ? HEIGHT / 2 : HEIGHT;
+    const size_t count = (size_t)(3 * width * height);
+    sbl_picture_desc view = { .width = width, .height = height, .tone = SBL_TONE_NEUTRAL, .auto_exposure = 1 };
     sbl_context *context;
     sbl_stats stats;
     char path[1024];
@@ -100,14 +102,14 @@ int main(int argc, char **argv) {
     sbl_look_at(view.world_to_view, 1.5f, 1.7f, 2.8f, -0.1f, 0.8f, -1, 0, 1, 0);
     sbl_perspective(view.view_to_clip, 50, (float)WIDTH / HEIGHT);
     ok = sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS &&
-         sbl_read_channel(context, SBL_CHANNEL_DISPLAY, picture, WIDTH * HEIGHT * 3) == SBL_SUCCESS;
+         sbl_read_channel(context, SBL_CHANNEL_DISPLAY, picture, count) == SBL_SUCCESS;
     stats = sbl_query_stats(context);
     sbl_destroy(context);
     if (!ok) return 1;
     printf("predicted error: light %.2f %%, reflections %.2f %%; %.1f s\n", 100 * (double)stats.picture.expected_error,
            100 * (double)stats.picture.specular_error, stats.seconds.total);
-    sbl_encode_srgb8(pixels, picture, WIDTH * HEIGHT * 3, 1);
+    sbl_encode_srgb8(pixels, picture, count, 1);
     snprintf(path, sizeof path, "%s/reflections.png", argc > 1 ? argv[1] : ".");
-    if (stbi_write_png(path, WIDTH, HEIGHT, 3, pixels, 0)) return 0;
+    if (stbi_write_png(path, width, height, 3, pixels, 0)) return 0;
     return fprintf(stderr, "reflections: cannot write %s\n", path), 1;
 }

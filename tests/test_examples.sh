@@ -105,7 +105,7 @@ plain_check lights_penumbra
 # >>reflections: a draft, since the test is about the program
 
 reflections_run() {
-    run reflections reflections draft && look varied reflections/reflections.png 360 240 &&
+    run reflections reflections draft && look varied reflections/reflections.png 180 120 &&
         awk '/predicted error/ { ok = $4 > 0.5 && $4 < 6 && $7 > 0.1 && $7 < 20 } END { exit !ok }' \
             "$folder/reflections/said"
 }
