@@ -351,8 +351,8 @@
    SPECULAR_ALBEDO: the mean radiance in the lobe. After R is known, further sensors measure SPECULAR until its part of
    the error of FINAL is within target_error of the mean of FINAL without emission. This error is
    sbl_stats.picture.specular_error. The channels ERROR, SENSORS and LOOKS, and sbl_inspect_sensor, tell about R only.
-   Near the images of lamps in smooth surfaces, a picture with the default target may miss it, because a sensor takes at
-   most 32 looks there. Where SBL_MATERIAL_NO_SENSORS forbids sensors, the lobe reflects the stored light.
+   Near the images of lamps in smooth surfaces, a picture may miss the default target, because a sensor takes at most
+   32 looks there. Where SBL_MATERIAL_NO_SENSORS forbids sensors, the lobe reflects the stored light.
 
        lamps      from a roughness of 0.25 on, the light of an emitting triangle in a lobe is a closed form (linearly
                   transformed cosines), which rays correct. In smoother lobes, rays of the lobe and rays to lamps share
@@ -371,10 +371,10 @@
    with SBL_MATERIAL_HIDDEN_FROM_SENSORS.
 
    Bounced light: a ray of a sensor that meets metal continues in a direction of the lobe there, as if the roughness
-   were at least 0.3. Light that lamps send by way of mirrors (caustics) is therefore
-   blurred, but without specks. Every other surface, and all surfaces in the store, reflect as diffuse surfaces of the
-   same mean albedo. So do all surfaces in views (SBL_BACKEND_RASTER), where panes are also opaque. Lightmaps, vertices,
-   probes and readings hold R, with what surfaces around them reflect.
+   were at least 0.3. Light that lamps send by way of mirrors (caustics) is therefore blurred, but has no specks. Every
+   other surface, and all surfaces in the store, reflect as diffuse surfaces of the same mean albedo. So do all surfaces
+   in views (SBL_BACKEND_RASTER), where panes are also opaque. Lightmaps, vertices, probes and readings hold R, with the
+   light that surfaces around them reflect.
 
    Accuracy, against a path tracer in blocks of 4 x 4 pixels, at default settings: a box with gold, steel, plastic and a
    pane 3.1 %, a row of metal and plastic spheres 1.0 %, a hall with a polished floor and glazed pictures 2.8 % of the
@@ -2804,6 +2804,9 @@ typedef struct sbl__record {
 #define SBL__FILTER_VISIBLE 0.0025f    /* the filter adds this share of a pixel's light to its noise, because nobody
                                           sees differences that small */
 #define SBL__FILTER_FALL 0.25          /* factor of the filter's weights: exp(-this * (difference / noise)^2) */
+#define SBL__LOBE_STEPS 4095.0         /* gbuffer_fragment.glsl packs numbers of a lobe as integers from 0 to this */
+#define SBL__LOBE_ROWS 16              /* number of rows and of columns of the tables of lobes */
+#define SBL__LOBE_FIRST 0.05           /* roughness of the first row; that of the last row is 1 */
 #define SBL__LOBE_UNIT 65535.0f        /* what stands for 1 in sbl__lobe_albedos */
 #define SBL__LOBE_LEAST 1e-3f          /* lower limit of the albedo by which light in a lobe is divided: that of a metal
                                           may be 0 in some colours */
@@ -2830,7 +2833,7 @@ typedef struct sbl__record {
     X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
     X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_TURN) \
     X(BELONGS_OFF) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST) X(VIEW_DEPTH) X(OFFSET) X(LOST) X(LOBE_LEAST) \
-    X(LOBE_ROUGH) X(LOBE_UNIT) X(GLOW_ALBEDO) X(MIRROR_SEEN)
+    X(LOBE_ROUGH) X(LOBE_UNIT) X(LOBE_STEPS) X(LOBE_ROWS) X(LOBE_FIRST) X(GLOW_ALBEDO) X(MIRROR_SEEN)
 #define SBL__SHARED_FLAGS(X) X(BLEND) X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
 
 #define SBL__PRELUDE_MOST 24576    /* room for the text before a shader's files, in characters, with the final 0 */
@@ -2849,8 +2852,7 @@ static size_t sbl__write(char *text, size_t length, const char *format, ...) {
 /* Tables of specular lobes, which tests/tools/fit_lobe.py has computed. Rows: the roughness from 0.05 to 1. Columns of
    the albedos: mu (1 + alpha) / (mu + alpha), from 0 to 1, where mu is the cosine of the view and alpha the squared
    roughness; E and b / (1 - mu)^5 in 1 / 65535. The albedo of a lobe is reflectance * (E - b) + b. */
-#define SBL__LOBE_ROWS 16
-static const uint16_t sbl__lobe_albedos[16][32] = {
+static const uint16_t sbl__lobe_albedos[SBL__LOBE_ROWS][2 * SBL__LOBE_ROWS] = {
     { 65535, 61399, 64405, 60951, 63272, 60385, 62141, 59633, 61042, 58760, 60028, 58094, 59184, 57600, 58618, 57170,
       58455, 56900, 58825, 57077, 59891, 58858, 61402, 60638, 63235, 62708, 64632, 64221, 65379, 65145, 65535, 65535 },
     { 65535, 52258, 64460, 52159, 63374, 51917, 62280, 51643, 61201, 51431, 60179, 51165, 59286, 51143, 58642, 51501,
@@ -2888,7 +2890,7 @@ static const uint16_t sbl__lobe_albedos[16][32] = {
 /* Columns: sqrt(mu), from 0 to 1. m0 to m3 in 1 / 32768. In the frame of the normal (z) and the view (in the plane of x
    and z), the matrix with the rows (m0, 0, m1 s), (0, 1, 0), (-m2 s, 0, m3) transforms the lobe to a cosine lobe; s is
    the sine of the view. */
-static const uint16_t sbl__lobe_cosines[16][64] = {
+static const uint16_t sbl__lobe_cosines[SBL__LOBE_ROWS][4 * SBL__LOBE_ROWS] = {
     { 1, 110, 0, 155, 1, 175, 0, 150, 11, 608, 1, 99, 53, 1326, 3, 85,
       167, 2341, 6, 87, 406, 3648, 9, 85, 840, 5249, 13, 87, 1555, 7140, 19, 82,
       2652, 9324, 25, 82, 4248, 11799, 33, 83, 6474, 14565, 44, 85, 9478, 17623, 57, 88,
@@ -5238,7 +5240,7 @@ static const char *const sbl__glsl_lobe[] = {
 "#ifdef SBL_SPECULAR\n",
 "const float SBL_MIRROR = 0.05;       // surfaces of lower roughness are perfect mirrors\n",
 "const float SBL_DIFFUSE_LOST = 0.003685;  // mean of sbl_diffuse_lost over all directions\n",
-"// Means of E and b (see sbl__lobe_albedos in sbl.h) over all directions, for 16 values of roughness from 0.05 to 1\n",
+"// Means of E and b (see sbl__lobe_albedos in sbl.h) over all directions, one for each row of the table\n",
 "const float SBL_LOBE_MEANS_E[16] = float[16](1.0, 0.9992, 0.9961, 0.9889, 0.9756, 0.9548, 0.9254, 0.8869, 0.8397,\n",
 "                                             0.7849, 0.7241, 0.6597, 0.5938, 0.5289, 0.4669, 0.4091);\n",
 "const float SBL_LOBE_MEANS_B[16] = float[16](0.0476, 0.0468, 0.0444, 0.0404, 0.0351, 0.0294, 0.024, 0.0191, 0.0151,\n",
@@ -5251,17 +5253,23 @@ static const char *const sbl__glsl_lobe[] = {
 "    return 0.00001 + u * (0.00424 + u * (-0.0018 + u * 0.02563));\n",
 "}\n",
 "\n",
+"// Place of a row or a column in the tables of lobes. share: 0 to 1 from the first to the last\n",
+"float sbl_lobe_place(float share) { return float(SBL_LOBE_ROWS - 1) * clamp(share, 0.0, 1.0); }\n",
+"\n",
+"float sbl_lobe_row(float roughness) {\n",
+"    return sbl_lobe_place((roughness - SBL_LOBE_FIRST) / (1.0 - SBL_LOBE_FIRST));\n",
+"}\n",
+"\n",
 "vec2 sbl_lobe_entry(int row, int column) {\n",
-"    uint entry = sbl_lobe_table[16 * row + column];\n",
+"    uint entry = sbl_lobe_table[SBL_LOBE_ROWS * row + column];\n",
 "    return vec2(entry & 65535u, entry >> 16) / SBL_LOBE_UNIT;\n",
 "}\n",
 "\n",
 "// Share of uniform light that the lobe reflects to a viewer at this cosine. Interpolates sbl__lobe_albedos.\n",
 "vec3 sbl_specular_albedo(vec3 reflectance, float roughness, float cosine) {\n",
 "    float alpha = roughness * roughness, u = 1.0 - cosine;\n",
-"    float x = 15.0 * clamp(cosine * (1.0 + alpha) / (cosine + alpha), 0.0, 1.0);\n",
-"    float y = 15.0 * clamp((roughness - 0.05) / 0.95, 0.0, 1.0);\n",
-"    int column = min(int(x), 14), row = min(int(y), 14);\n",
+"    float x = sbl_lobe_place(cosine * (1.0 + alpha) / (cosine + alpha)), y = sbl_lobe_row(roughness);\n",
+"    int column = min(int(x), SBL_LOBE_ROWS - 2), row = min(int(y), SBL_LOBE_ROWS - 2);\n",
 "    vec2 upper = mix(sbl_lobe_entry(row, column), sbl_lobe_entry(row, column + 1), x - float(column));\n",
 "    vec2 lower = mix(sbl_lobe_entry(row + 1, column), sbl_lobe_entry(row + 1, column + 1), x - float(column));\n",
 "    vec2 share = mix(upper, lower, y - float(row)) * vec2(1, u * u * u * u * u);\n",
@@ -5271,8 +5279,8 @@ static const char *const sbl__glsl_lobe[] = {
 "// Albedo of a surface for light from all directions, mean over all directions in which it is reflected.\n",
 "// opacity: share of the surface that exists\n",
 "vec3 sbl_albedo_mean(vec3 diffuse, vec3 reflectance, float roughness, float opacity) {\n",
-"    float y = 15.0 * clamp((roughness - 0.05) / 0.95, 0.0, 1.0);\n",
-"    int row = min(int(y), 14);\n",
+"    float y = sbl_lobe_row(roughness);\n",
+"    int row = min(int(y), SBL_LOBE_ROWS - 2);\n",
 "    float e = mix(SBL_LOBE_MEANS_E[row], SBL_LOBE_MEANS_E[row + 1], y - float(row));\n",
 "    float b = mix(SBL_LOBE_MEANS_B[row], SBL_LOBE_MEANS_B[row + 1], y - float(row));\n",
 "    return (1.0 - SBL_DIFFUSE_LOST) * diffuse + opacity * (reflectance * (e - b) + b);\n",
@@ -5412,7 +5420,7 @@ static const char *const sbl__glsl_material[] = {
 "#ifdef SBL_SPECULAR\n",
 "    vec3 diffuse;      // albedo of the diffuse part seen along the normal\n",
 "    vec3 reflectance;  // of the specular lobe, seen along the normal\n",
-"    float roughness;   // negative: the surface is matte\n",
+"    float roughness;   // 0 to 1; a negative value means that the surface is matte\n",
 "    float opacity;     // share of the surface that exists\n",
 "    vec3 clear;        // share of light that would pass straight through what exists if nothing were reflected\n",
 "#endif\n",
@@ -5460,8 +5468,8 @@ static const char *const sbl__glsl_material[] = {
 "#ifdef SBL_SPECULAR\n",
 "// Share of light that passes straight through a surface. cosine: between its normal and the light\n",
 "vec3 sbl_passing(int object, sbl_Material m, float cosine) {\n",
-"    float reflectance = sbl_object_reflectance(object), x = 1.0 - clamp(abs(cosine), 0.0, 1.0);\n",
-"    float fresnel = reflectance < 0.0 ? 0.0 : reflectance + (1.0 - reflectance) * x * x * x * x * x;\n",
+"    float reflectance = sbl_object_reflectance(object);\n",
+"    vec3 fresnel = reflectance < 0.0 ? vec3(0) : sbl_fresnel(vec3(reflectance), abs(cosine));\n",
 "    return vec3(1.0 - m.opacity) + (1.0 - fresnel) * m.clear;\n",
 "}\n",
 "#endif\n",
@@ -9399,7 +9407,6 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "const int SBL_MIRRORS = 8;              // a pixel shows what is seen by way of at most this many mirrors and panes\n",
 "const float SBL_PANE = 0.499;           // a surface is a pane if at least this share of light passes\n",
 "const float SBL_MIRROR_DIFFUSE = 0.02;  // a mirror has at most this diffuse albedo, which is not shown\n",
-"const float SBL_LOBE_STEPS = 4095.0;    // the lobe's numbers are packed as integers from 0 to this\n",
 "\n",
 "// What a pixel shows in mirrors and behind panes.\n",
 "struct sbl_Mirrored {\n",
@@ -9806,11 +9813,11 @@ static void sbl__look_make(const sbl__spec *spec, const sbl__site *site, int loo
 SBL__RECORD(sbl__lobe, SBL__LOBE_RECORD, "sbl_lobe", "sbl_lobes", SBL__BUFFER_TABLE("sbl_lobes"), NULL)
 
 /* Interpolates `count` numbers of a table of lobes bilinearly. table: SBL__LOBE_ROWS rows of as many columns; across:
-   place of the column, 0 to 1; roughness: below 0.05, the first row is used */
+   place of the column, 0 to 1; roughness: below LOBE_FIRST, the first row is used */
 static void sbl__lobe_look_up(const uint16_t *table, int count, double across, double roughness, double *out) {
     const int last = SBL__LOBE_ROWS - 1;
     const double x = SBL__MIN(SBL__MAX(across, 0), 1) * last;
-    const double y = SBL__MIN(SBL__MAX((roughness - 0.05) / 0.95, 0), 1) * last;
+    const double y = SBL__MIN(SBL__MAX((roughness - SBL__LOBE_FIRST) / (1 - SBL__LOBE_FIRST), 0), 1) * last;
     const int column = SBL__MIN((int)x, last - 1), row = SBL__MIN((int)y, last - 1);
     int i, k;
     for (k = 0; k < count; k++) out[k] = 0;
@@ -10196,7 +10203,7 @@ typedef struct sbl__batch {
     const sbl__look *looks;
     const sbl__lobe *lobes;     /* the looks' lobes; NULL unless the spec is `lobe` */
     const sbl__table *table;    /* table of sbl__look, which shaders that trace rays read */
-    const sbl__table *lobe_table;  /* table of sbl__lobe */
+    const sbl__table *lobe_table;  /* the lobes of these looks, as shaders read them */
     const sbl__guides *guides;  /* used only if the spec is guided; may be NULL otherwise */
     int first;                  /* number of the first look among all looks of the job */
     int slot, count;
@@ -11920,9 +11927,10 @@ static const char *const sbl__glsl_trace[] = {
 "#ifdef SBL_SPECULAR\n",
 "// A ray that meets a surface of a larger reflectance than this continues in a direction of the surface's lobe.\n",
 "const float SBL_SHINY = 0.2;\n",
-"// There, the surface has at least the roughness SBL_BLURRED or, with SBL_LOBE, SBL_BLURRED_LOBE times that of the\n",
-"// look's lobe. This blurs light that comes from lamps by way of mirrors, which single rays would find as\n",
-"// specks (Kaplanyan and Dachsbacher 2013, \"Path Space Regularization for Holistic and Robust Light Transport\").\n",
+"// The ray treats a smoother surface as if its roughness were SBL_BLURRED. A ray of a look's lobe (SBL_LOBE) uses\n",
+"// SBL_BLURRED_LOBE times the roughness of that lobe instead. This blurs light that lamps send by way of mirrors;\n",
+"// otherwise, single rays would find it as specks (Kaplanyan and Dachsbacher 2013, \"Path Space Regularization for\n",
+"// Holistic and Robust Light Transport\").\n",
 "const float SBL_BLURRED = 0.3, SBL_BLURRED_LOBE = 0.5;\n",
 "bool hit_shines = false;     // true: the last hit is such a surface\n",
 "float ray_density = 0.0;     // density of the ray's direction, see sbl_lobe_met; 0: the ray adds no light of lamps\n",
@@ -17355,7 +17363,7 @@ static const char *const sbl__glsl_resolve[] = {
 "        color = texelFetch(sample_emission, at, 0).rgb + sbl_reflected(material, light);\n",
 "#ifdef SBL_SPECULAR\n",
 "        light = offset == vec2(0) ? texelFetch(reflected, at, 0).rgb : sbl_light_at(reflected, at, id);\n",
-"        color += texelFetch(sample_specular, at, 0).rgb * max(light, 0.0);  // what corrects closed forms is noisy\n",
+"        color += texelFetch(sample_specular, at, 0).rgb * max(light, 0.0);  // noise can make it negative\n",
 "#endif\n",
 "    }\n",
 "    out_color = before + share * vec4(color, 1);\n",
@@ -18042,9 +18050,9 @@ typedef struct sbl__map {
 #define SBL__MAP_TILES 0.15       /* estimated number of tiles per pixel, and room for more of them */
 #define SBL__MAP_SENSORS 0.2      /* estimated number of sensors per pixel */
 #define SBL__GBUFFER_BYTES 76.0   /* bytes per pixel of a G-buffer that refinement reads: SBL__GBUFFER_ALL */
-#define SBL__LOBES_BYTES 24.0     /* the same, SBL__GBUFFER_LOBES */
-#define SBL__SAMPLE_BYTES 60.0    /* the same, SBL__GBUFFER_SAMPLE */
-#define SBL__TEXEL_BYTES 44.0     /* the same, SBL__GBUFFER_TEXEL */
+#define SBL__LOBES_BYTES 24.0     /* bytes per pixel of the textures SBL__GBUFFER_LOBES */
+#define SBL__SAMPLE_BYTES 60.0    /* bytes per pixel of a G-buffer with the textures SBL__GBUFFER_SAMPLE */
+#define SBL__TEXEL_BYTES 44.0     /* bytes per pixel of a G-buffer with the textures SBL__GBUFFER_TEXEL */
 #define SBL__DEVELOP_BYTES 40.0   /* bytes per pixel of a layer's sbl__fill and of its unfiltered light */
 #define SBL__VIEW_BYTES 12.0      /* bytes per texel of the texture of views, with its depth */
 #define SBL__MAP_JOBS 4e7         /* estimated bytes of the largest jobs: sites, readings, textures of sensors */
@@ -18679,8 +18687,6 @@ static sbl_result sbl__reflections_begin(sbl__reflections *f, sbl__map *m) {
     sbl__refine_update_spec(&f->refine);
     return sbl__refine_make(&f->refine);
 }
-
-#define SBL__LOBE_STEPS 4095.0    /* as in gbuffer_fragment.glsl */
 
 /* Unpacks what gbuffer_fragment.glsl has packed: x: red and green of the reflectance, y: blue and the roughness, as
    integers; z, w: the direction to the viewer, in octahedral form. */

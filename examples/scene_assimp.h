@@ -514,7 +514,8 @@ static void scene__count_matte(const scene__reader *r, const struct aiMaterial *
     if (scene__number(m, AI_MATKEY_TRANSMISSION_FACTOR, 0) > 0) scene__count(r->file, SCENE_FILE_GLASS);
 }
 
-/* Counts the textures of metal and gloss that are not read, and what is thick in the file, but shown as a thin pane. */
+/* Counts a material for the warnings MAP and REFRACTION: if it has textures of metal or gloss that are not read, and if
+   the file describes a thick body, which is shown as a thin pane. */
 static void scene__count_gloss(const scene__reader *r, unsigned index) {
     static const enum aiTextureType maps[] = { aiTextureType_SPECULAR, aiTextureType_SHININESS,
         aiTextureType_DISPLACEMENT, aiTextureType_REFLECTION, aiTextureType_METALNESS, aiTextureType_DIFFUSE_ROUGHNESS,

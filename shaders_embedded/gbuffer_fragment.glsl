@@ -37,7 +37,6 @@ vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
 const int SBL_MIRRORS = 8;              // a pixel shows what is seen by way of at most this many mirrors and panes
 const float SBL_PANE = 0.499;           // a surface is a pane if at least this share of light passes
 const float SBL_MIRROR_DIFFUSE = 0.02;  // a mirror has at most this diffuse albedo, which is not shown
-const float SBL_LOBE_STEPS = 4095.0;    // the lobe's numbers are packed as integers from 0 to this
 
 // What a pixel shows in mirrors and behind panes.
 struct sbl_Mirrored {

@@ -4,7 +4,7 @@
 #ifdef SBL_SPECULAR
 const float SBL_MIRROR = 0.05;       // surfaces of lower roughness are perfect mirrors
 const float SBL_DIFFUSE_LOST = 0.003685;  // mean of sbl_diffuse_lost over all directions
-// Means of E and b (see sbl__lobe_albedos in sbl.h) over all directions, for 16 values of roughness from 0.05 to 1
+// Means of E and b (see sbl__lobe_albedos in sbl.h) over all directions, one for each row of the table
 const float SBL_LOBE_MEANS_E[16] = float[16](1.0, 0.9992, 0.9961, 0.9889, 0.9756, 0.9548, 0.9254, 0.8869, 0.8397,
                                              0.7849, 0.7241, 0.6597, 0.5938, 0.5289, 0.4669, 0.4091);
 const float SBL_LOBE_MEANS_B[16] = float[16](0.0476, 0.0468, 0.0444, 0.0404, 0.0351, 0.0294, 0.024, 0.0191, 0.0151,
@@ -17,17 +17,23 @@ float sbl_diffuse_lost(float cosine) {
     return 0.00001 + u * (0.00424 + u * (-0.0018 + u * 0.02563));
 }
 
+// Place of a row or a column in the tables of lobes. share: 0 to 1 from the first to the last
+float sbl_lobe_place(float share) { return float(SBL_LOBE_ROWS - 1) * clamp(share, 0.0, 1.0); }
+
+float sbl_lobe_row(float roughness) {
+    return sbl_lobe_place((roughness - SBL_LOBE_FIRST) / (1.0 - SBL_LOBE_FIRST));
+}
+
 vec2 sbl_lobe_entry(int row, int column) {
-    uint entry = sbl_lobe_table[16 * row + column];
+    uint entry = sbl_lobe_table[SBL_LOBE_ROWS * row + column];
     return vec2(entry & 65535u, entry >> 16) / SBL_LOBE_UNIT;
 }
 
 // Share of uniform light that the lobe reflects to a viewer at this cosine. Interpolates sbl__lobe_albedos.
 vec3 sbl_specular_albedo(vec3 reflectance, float roughness, float cosine) {
     float alpha = roughness * roughness, u = 1.0 - cosine;
-    float x = 15.0 * clamp(cosine * (1.0 + alpha) / (cosine + alpha), 0.0, 1.0);
-    float y = 15.0 * clamp((roughness - 0.05) / 0.95, 0.0, 1.0);
-    int column = min(int(x), 14), row = min(int(y), 14);
+    float x = sbl_lobe_place(cosine * (1.0 + alpha) / (cosine + alpha)), y = sbl_lobe_row(roughness);
+    int column = min(int(x), SBL_LOBE_ROWS - 2), row = min(int(y), SBL_LOBE_ROWS - 2);
     vec2 upper = mix(sbl_lobe_entry(row, column), sbl_lobe_entry(row, column + 1), x - float(column));
     vec2 lower = mix(sbl_lobe_entry(row + 1, column), sbl_lobe_entry(row + 1, column + 1), x - float(column));
     vec2 share = mix(upper, lower, y - float(row)) * vec2(1, u * u * u * u * u);
@@ -37,8 +43,8 @@ vec3 sbl_specular_albedo(vec3 reflectance, float roughness, float cosine) {
 // Albedo of a surface for light from all directions, mean over all directions in which it is reflected.
 // opacity: share of the surface that exists
 vec3 sbl_albedo_mean(vec3 diffuse, vec3 reflectance, float roughness, float opacity) {
-    float y = 15.0 * clamp((roughness - 0.05) / 0.95, 0.0, 1.0);
-    int row = min(int(y), 14);
+    float y = sbl_lobe_row(roughness);
+    int row = min(int(y), SBL_LOBE_ROWS - 2);
     float e = mix(SBL_LOBE_MEANS_E[row], SBL_LOBE_MEANS_E[row + 1], y - float(row));
     float b = mix(SBL_LOBE_MEANS_B[row], SBL_LOBE_MEANS_B[row + 1], y - float(row));
     return (1.0 - SBL_DIFFUSE_LOST) * diffuse + opacity * (reflectance * (e - b) + b);

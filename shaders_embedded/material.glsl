@@ -22,7 +22,7 @@ struct sbl_Material {
 #ifdef SBL_SPECULAR
     vec3 diffuse;      // albedo of the diffuse part seen along the normal
     vec3 reflectance;  // of the specular lobe, seen along the normal
-    float roughness;   // negative: the surface is matte
+    float roughness;   // 0 to 1; a negative value means that the surface is matte
     float opacity;     // share of the surface that exists
     vec3 clear;        // share of light that would pass straight through what exists if nothing were reflected
 #endif
@@ -70,8 +70,8 @@ sbl_Material sbl_material(int object, sbl_Attributes at) {
 #ifdef SBL_SPECULAR
 // Share of light that passes straight through a surface. cosine: between its normal and the light
 vec3 sbl_passing(int object, sbl_Material m, float cosine) {
-    float reflectance = sbl_object_reflectance(object), x = 1.0 - clamp(abs(cosine), 0.0, 1.0);
-    float fresnel = reflectance < 0.0 ? 0.0 : reflectance + (1.0 - reflectance) * x * x * x * x * x;
+    float reflectance = sbl_object_reflectance(object);
+    vec3 fresnel = reflectance < 0.0 ? vec3(0) : sbl_fresnel(vec3(reflectance), abs(cosine));
     return vec3(1.0 - m.opacity) + (1.0 - fresnel) * m.clear;
 }
 #endif

@@ -73,7 +73,7 @@ void main() {
         color = texelFetch(sample_emission, at, 0).rgb + sbl_reflected(material, light);
 #ifdef SBL_SPECULAR
         light = offset == vec2(0) ? texelFetch(reflected, at, 0).rgb : sbl_light_at(reflected, at, id);
-        color += texelFetch(sample_specular, at, 0).rgb * max(light, 0.0);  // what corrects closed forms is noisy
+        color += texelFetch(sample_specular, at, 0).rgb * max(light, 0.0);  // noise can make it negative
 #endif
     }
     out_color = before + share * vec4(color, 1);

@@ -29,9 +29,10 @@ const float SBL_LOBE_SCALE = 0.5;
 #ifdef SBL_SPECULAR
 // A ray that meets a surface of a larger reflectance than this continues in a direction of the surface's lobe.
 const float SBL_SHINY = 0.2;
-// There, the surface has at least the roughness SBL_BLURRED or, with SBL_LOBE, SBL_BLURRED_LOBE times that of the
-// look's lobe. This blurs light that comes from lamps by way of mirrors, which single rays would find as
-// specks (Kaplanyan and Dachsbacher 2013, "Path Space Regularization for Holistic and Robust Light Transport").
+// The ray treats a smoother surface as if its roughness were SBL_BLURRED. A ray of a look's lobe (SBL_LOBE) uses
+// SBL_BLURRED_LOBE times the roughness of that lobe instead. This blurs light that lamps send by way of mirrors;
+// otherwise, single rays would find it as specks (Kaplanyan and Dachsbacher 2013, "Path Space Regularization for
+// Holistic and Robust Light Transport").
 const float SBL_BLURRED = 0.3, SBL_BLURRED_LOBE = 0.5;
 bool hit_shines = false;     // true: the last hit is such a surface
 float ray_density = 0.0;     // density of the ray's direction, see sbl_lobe_met; 0: the ray adds no light of lamps

@@ -780,7 +780,7 @@ TEST(metal_lights_floors) {
     }
 }
 
-/* Mean R on the floor of a wide room that is lit by a spot of light on its ceiling, which is metal. */
+/* Returns the mean R on the floor of a wide room. All light comes from a bright spot on the ceiling, which is metal. */
 static double below_a_spot(double roughness) {
     enum { SIDE = 24 };
     sbl_picture_desc view = scene_view(SIDE, SIDE, 80, 0, 2.5f, 0.01f, 0, 0, 0);
