@@ -289,6 +289,16 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
     return s;
 }
 
+#ifdef SBL_SPECULAR
+// Share of a lamp's light in a direction that rays of a lobe measure, see sbl_lobe_met. They do not meet lights.
+float sbl_met_by_lobe(sbl_Lamp l, sbl_Sample s, float lobe_density) {
+    float lamp_density = SBL_LAMP_DENSITY;
+    if (l.kind == SBL_LAMP_TRIANGLE && !l.glow)
+        lamp_density = sbl_area_density(l.side_1, l.side_2, s.far * s.direction);
+    return sbl_is_light(l) ? 0.0 : sbl_lobe_met(lobe_density, lamp_density);
+}
+#endif
+
 struct sbl_Pick {
     int leaf;      // the lamp that is picked
     float share;   // probability of picking this lamp

@@ -258,10 +258,7 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
     vec3 light = s.light / p.share, to = s.direction, unhindered = light;
 #ifdef SBL_LOBE
     unhindered *= sbl_cosine_factor(s.direction);
-    float met = 0.0, lamp_density = SBL_LAMP_DENSITY;
-    if (l.kind == SBL_LAMP_TRIANGLE && !l.glow)
-        lamp_density = sbl_area_density(l.side_1, l.side_2, s.far * s.direction);
-    if (!lobe_rough && !sbl_is_light(l)) met = sbl_lobe_met(sbl_lobe_density(lobe, s.direction), lamp_density);
+    float met = lobe_rough ? 0.0 : sbl_met_by_lobe(l, s, sbl_lobe_density(lobe, s.direction));
     if (!at_rim) light *= (1.0 - met) * lobe_scale * sbl_lobe_factor(lobe, s.direction);
     s.light = light * p.share;
 #endif

@@ -156,10 +156,7 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
     r.light = sbl_reflected(material, s.light) * (unit / p.share);
 #ifdef SBL_SPECULAR
     for (int once = 0; once < (hit_shines ? 1 : 0); once++) {
-        bool triangle = l.kind == SBL_LAMP_TRIANGLE;
-        float lamp_density = SBL_LAMP_DENSITY;
-        if (triangle) lamp_density = sbl_area_density(l.side_1, l.side_2, s.far * s.direction);
-        float met = sbl_is_light(l) ? 0.0 : sbl_lobe_met(sbl_lobe_density(shine, s.direction), lamp_density);
+        float met = sbl_met_by_lobe(l, s, sbl_lobe_density(shine, s.direction));
         r.light = sbl_lobe_factor(shine, s.direction) * s.light;
         r.light *= material.opacity * (1.0 - met) * unit / p.share;
     }
