@@ -958,6 +958,9 @@ typedef struct sbl_material {
     float transmission;    /* share of light, 0 to 1, that passes straight through what is not metal and is tinted by
                               `albedo`: the surface is a thin pane */
     int transmission_texture;  /* number of the texture whose red multiplies transmission, counted from 1; 0: none */
+    int normal_texture;    /* number of the texture of normals, counted from 1; 0: none; see ON REFLECTIONS. Its format
+                              should be SBL_PIXELS_LINEAR8 */
+    float normal_scale;    /* factor of x and y of these normals, -1000 to 1000. 0: 1 */
 } sbl_material;
 
 typedef enum sbl_pixel_format {
@@ -3258,7 +3261,8 @@ enum {
     SBL__DISPLAY = 1 << 12,     /* also output what a screen shows, for SBL_CHANNEL_DISPLAY */
     SBL__SPECULAR = 1 << 13,    /* some materials are not matte, see sbl_material.ior and metallic */
     SBL__LOBE = 1 << 14,        /* sensors measure the light in specular lobes instead of R */
-    SBL__FEATURES = 15
+    SBL__NORMAL_MAPS = 1 << 15, /* some materials have a texture of normals */
+    SBL__FEATURES = 16
 };
 
 #define SBL__SHADERS_MOST 14
@@ -3366,7 +3370,7 @@ static sbl_result sbl__program_check_textures(const sbl__device *d, unsigned pro
 static sbl_result sbl__program_make(const sbl__device *d, sbl__program *program) {
     static const char *const names[SBL__FEATURES] = {
         "TEXTURED", "WIDE", "VIEWS", "INSPECT", "WRITE_DEPTH", "COMPUTE", "BOUNCED", "MIXED", "CUTOUTS",
-        "GUIDED", "LIGHTMAP", "DIRECTIONAL", "DISPLAY", "SPECULAR", "LOBE"
+        "GUIDED", "LIGHTMAP", "DIRECTIONAL", "DISPLAY", "SPECULAR", "LOBE", "NORMAL_MAPS"
     };
     const sbl__recipe *recipe = program->recipe;
     char prelude[SBL__PRELUDE_MOST];
@@ -3874,6 +3878,7 @@ static int sbl__check_canaries(sbl__check *check, uint32_t start, uint32_t end) 
 
 static const float sbl__any_range[2] = { -FLT_MAX, FLT_MAX }, sbl__not_negative_range[2] = { 0, FLT_MAX };
 static const float sbl__unit_range[2] = { 0, 1 }, sbl__ior_range[2] = { 1, 1e6f };
+static const float sbl__normal_scale_range[2] = { -1000, 1000 };
 
 /* Reports each of `count` numbers that is not finite or is outside range[0] .. range[1]. name: field in messages */
 static void sbl__check_range(sbl__check *check, const char *name, const float *v, int count, const float range[2]) {
@@ -4031,6 +4036,8 @@ static void sbl__check_material(sbl__check *check, const sbl_scene_desc *desc, i
     sbl__check_int(check, "specular_texture (0: none)", m->specular_texture, 0, desc->texture_count);
     sbl__check_range(check, "transmission", &m->transmission, 1, sbl__unit_range);
     sbl__check_int(check, "transmission_texture (0: none)", m->transmission_texture, 0, desc->texture_count);
+    sbl__check_int(check, "normal_texture (0: none)", m->normal_texture, 0, desc->texture_count);
+    sbl__check_range(check, "normal_scale", &m->normal_scale, 1, sbl__normal_scale_range);
     if (m->flags & ~(uint32_t)SBL_MATERIAL_FLAGS_ALL)
         sbl__mistake(check, "flags is 0x%x; only the bits 0x%x exist", m->flags, (unsigned)SBL_MATERIAL_FLAGS_ALL);
 }
@@ -4212,7 +4219,8 @@ SBL__RECORD(sbl__attributes, SBL__ATTRIBUTES, "sbl_attributes", "sbl_attributes"
     X(sbl__object, UVEC4, albedo_texture) X(sbl__object, UVEC4, emission_texture) \
     X(sbl__object, UINT, id) X(sbl__object, FLOAT, reflectance) X(sbl__object, FLOAT, metallic) \
     X(sbl__object, FLOAT, roughness) X(sbl__object, UVEC4, specular_texture) \
-    X(sbl__object, UVEC4, transmission_texture) X(sbl__object, FLOAT, transmission) X(sbl__object, UVEC3, unused)
+    X(sbl__object, UVEC4, transmission_texture) X(sbl__object, FLOAT, transmission) \
+    X(sbl__object, FLOAT, normal_scale) X(sbl__object, UVEC2, unused) X(sbl__object, UVEC4, normal_texture)
 SBL__RECORD(sbl__object, SBL__OBJECT, "sbl_object", "sbl_objects", SBL__SCENE_TABLE("sbl_objects"), NULL)
 
 typedef struct sbl__mesh {
@@ -5168,6 +5176,8 @@ static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *
     memcpy(o->emission_texture, t->places[m->emission_texture], sizeof o->emission_texture);
     memcpy(o->specular_texture, t->places[m->specular_texture], sizeof o->specular_texture);
     memcpy(o->transmission_texture, t->places[m->transmission_texture], sizeof o->transmission_texture);
+    memcpy(o->normal_texture, t->places[m->normal_texture], sizeof o->normal_texture);
+    o->normal_scale = m->normal_scale == 0 ? 1 : m->normal_scale;
     o->transmission = m->transmission;
     o->alpha_cutoff = m->alpha_cutoff;
     o->flags = m->flags;
@@ -5181,16 +5191,18 @@ static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *
     }
     if (sbl__lets_pass(o)) features |= SBL__SPECULAR | SBL__TEXTURED | SBL__CUTOUTS;
     if (m->alpha_cutoff > 0) features |= SBL__TEXTURED | SBL__CUTOUTS;
+    if (m->normal_texture) features |= SBL__NORMAL_MAPS | SBL__TEXTURED;
     return m->albedo_texture || m->emission_texture ? features | SBL__TEXTURED : features;
 }
 
-/* True if two objects differ in more than emission, its texture and its sides. */
+/* True if two objects differ in more than emission, its texture and its sides, and the texture of normals. */
 static int sbl__reflection_differs(const sbl__object *a, const sbl__object *b) {
     const uint32_t flags = ~(uint32_t)SBL_MATERIAL_ONE_SIDED_EMISSION;
     return memcmp(a->albedo, b->albedo, sizeof a->albedo) || (a->flags & flags) != (b->flags & flags) ||
            memcmp(&a->alpha_cutoff, &b->alpha_cutoff, sizeof a->alpha_cutoff) ||
            memcmp(a->albedo_texture, b->albedo_texture, sizeof a->albedo_texture) ||
-           memcmp(&a->reflectance, &b->reflectance, sizeof *a - offsetof(sbl__object, reflectance));
+           memcmp(&a->reflectance, &b->reflectance,
+                  offsetof(sbl__object, normal_scale) - offsetof(sbl__object, reflectance));
 }
 
 /* Returns the sum of the emitted radiance's three channels, before the texture is applied. */
@@ -5462,6 +5474,17 @@ static const char *const sbl__glsl_material[] = {
 "    return m;\n",
 "#else\n",
 "    return sbl_Material(color.rgb, cut_out);\n",
+"#endif\n",
+"}\n",
+"\n",
+"// Widens the lobe of a surface if a pixel shows many normals. mean: length of the mean of these unit vectors. For the\n",
+"// distribution of von Mises and Fisher, it tells their variance (Banerjee et al. 2005, \"Clustering on the Unit\n",
+"// Hypersphere\"). alpha^2 is twice the variance of the slopes (Olano and Baker 2010, \"LEAN Mapping\").\n",
+"void sbl_blur_by_normals(inout sbl_Material m, float mean) {\n",
+"#ifdef SBL_SPECULAR\n",
+"    float alpha = m.roughness * m.roughness, m2 = mean * mean;\n",
+"    float variance = (1.0 - m2) / max(mean * (3.0 - m2), SBL_DIVISOR_LEAST);\n",
+"    if (m.roughness >= 0.0 && m2 < 1.0) m.roughness = min(sqrt(sqrt(alpha * alpha + 2.0 * variance)), 1.0);\n",
 "#endif\n",
 "}\n",
 "\n",
@@ -7484,7 +7507,7 @@ static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
 static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
     int i;
     s->brightest = SBL__MAX(s->environment.brightest, s->draw ? s->draw_brightest : 0);
-    s->features &= ~(unsigned)(SBL__TEXTURED | SBL__CUTOUTS | SBL__SPECULAR);
+    s->features &= ~(unsigned)(SBL__TEXTURED | SBL__CUTOUTS | SBL__SPECULAR | SBL__NORMAL_MAPS);
     if (s->geometry.colored) s->features |= SBL__TEXTURED;
     for (i = 0; i < s->geometry.mesh_count; i++) {
         sbl_material m = materials[s->geometry.meshes[i].material];
@@ -7787,6 +7810,60 @@ static const char *const sbl__glsl_surface[] = {
 "    return sbl_Facet(v, p0, e1, e2, e1 / size, e2 / size, size);\n",
 "}\n",
 "\n",
+"#if defined(SBL_NORMAL_MAPS) && !defined(SBL_LIGHTMAP)\n",
+"const float SBL_TANGENT_LEAST = 1e-6;  // texture coordinates whose x has a shorter part along the surface have no\n",
+"                                       // direction\n",
+"const int SBL_NORMAL_POINTS = 8;  // a texture of normals is read at up to this many points along each side of a pixel\n",
+"vec2 pixel_x = vec2(0), pixel_y = vec2(0);  // difference of texture coordinates from one pixel to the next, in x and\n",
+"                                            // in y; 0: unknown, so that normals are read at one point\n",
+"\n",
+"// Mean of the unit vectors that a texture of normals shows in the pixel about uv. It is shorter than 1 if they differ.\n",
+"vec3 sbl_normal_texel(int object, vec2 uv) {\n",
+"    uvec4 place = sbl_object_normal_texture(object);\n",
+"    vec2 size = vec2(place.yz);\n",
+"    ivec2 points = ivec2(clamp(ceil(vec2(length(pixel_x * size), length(pixel_y * size))), vec2(1),\n",
+"                               vec2(SBL_NORMAL_POINTS)));\n",
+"    vec3 sum = vec3(0);\n",
+"    for (int i = 0; i < points.x * points.y; i++) {\n",
+"        vec2 at = (vec2(i % points.x, i / points.x) + 0.5) / vec2(points) - 0.5;\n",
+"        vec3 texel = 2.0 * sbl_texture(place, uv + at.x * pixel_x + at.y * pixel_y).rgb - 1.0;\n",
+"        texel.xy *= sbl_object_normal_scale(object);\n",
+"        sum += texel / max(length(texel), SBL_DIVISOR_LEAST);\n",
+"    }\n",
+"    return sum / float(points.x * points.y);\n",
+"}\n",
+"\n",
+"// A vector from tangent space to world space. normal: unit vector z of tangent space. x and y follow the texture\n",
+"// coordinates: x to larger u, y to smaller v. If the coordinates have no direction, the result is the normal.\n",
+"vec3 sbl_from_tangent_space(sbl_Facet f, vec3 normal, vec3 v) {\n",
+"    vec2 uv[3];\n",
+"    for (int k = 0; k < 3; k++) uv[k] = vec2(sbl_attributes_u(f.v[k]), sbl_attributes_v(f.v[k]));\n",
+"    vec2 a = uv[1] - uv[0], b = uv[2] - uv[0];\n",
+"    float size = max(max(abs(a.x), abs(a.y)), max(abs(b.x), abs(b.y)));\n",
+"    a /= max(size, SBL_DIVISOR_LEAST);\n",
+"    b /= max(size, SBL_DIVISOR_LEAST);\n",
+"    float turn = a.x * b.y - a.y * b.x < 0.0 ? -1.0 : 1.0;\n",
+"    vec3 x = turn * (b.y * f.s1 - a.y * f.s2), y = turn * (b.x * f.s1 - a.x * f.s2);\n",
+"    x -= dot(x, normal) * normal;\n",
+"    float along = length(x);\n",
+"    if (along < SBL_TANGENT_LEAST) return normal;\n",
+"    x /= along;\n",
+"    vec3 across = cross(normal, x);\n",
+"    return v.x * x + v.y * (dot(across, y) < 0.0 ? -across : across) + v.z * normal;\n",
+"}\n",
+"\n",
+"// The normal of a surface with a texture of normals, on the same side as `normal`. normal: interpolated normal. mean:\n",
+"// see sbl_normal_texel\n",
+"vec3 sbl_tilted_normal(sbl_Facet f, vec3 normal, vec3 face, vec3 mean) {\n",
+"    float length2 = dot(normal, normal);\n",
+"    normal = length2 > SBL_NORMAL_LEAST ? normal * inversesqrt(length2) : face;\n",
+"    vec3 tilted = normalize(sbl_from_tangent_space(f, normal, mean));\n",
+"    vec3 side = dot(normal, face) < 0.0 ? -face : face;\n",
+"    float below = SBL_GRAZING - dot(tilted, side);  // above 0: the normal would look below the surface\n",
+"    return tilted + max(below, 0.0) * side;\n",
+"}\n",
+"#endif\n",
+"\n",
 "// The surface point at barycentrics b1, b2 (of the second and third corner), seen along `direction`.\n",
 "sbl_Surface sbl_surface_at(sbl_Facet f, float b1, float b2, vec3 direction) {\n",
 "    int object = int(sbl_vertex_object(f.v.x));\n",
@@ -7813,27 +7890,46 @@ static const char *const sbl__glsl_surface[] = {
 "    s.geometric_normal = s.back ? -face : face;\n",
 "    vec3 normal = b.x * sbl_attributes_normal(f.v.x) + b.y * sbl_attributes_normal(f.v.y) +\n",
 "                  b.z * sbl_attributes_normal(f.v.z);\n",
-"    s.normal = sbl_shading_normal(normal, face, s.geometric_normal, direction);\n",
-"\n",
 "    sbl_Attributes at = sbl_mix_attributes(f.v, b);\n",
 "    s.material = sbl_material(object, at);\n",
+"#if defined(SBL_NORMAL_MAPS) && !defined(SBL_LIGHTMAP)\n",
+"    for (int once = 0; once < (sbl_object_normal_texture(object).w == 0u ? 0 : 1); once++) {\n",
+"        vec3 mean = sbl_normal_texel(object, at.uv);\n",
+"        normal = sbl_tilted_normal(f, normal, face, mean);\n",
+"        sbl_blur_by_normals(s.material, length(mean));\n",
+"    }\n",
+"#endif\n",
+"    s.normal = sbl_shading_normal(normal, face, s.geometric_normal, direction);\n",
 "    s.emission = sbl_emission(object, s.back) * sbl_emission_pattern(object, at);\n",
 "    s.id = sbl_object_id(object);\n",
 "    s.object = object;\n",
 "    return s;\n",
 "}\n",
 "\n",
+"// Barycentrics of the second and third corner where a ray meets a triangle's plane, by Cramer's rule (Moeller and\n",
+"// Trumbore 1997). z: 0 if the ray does not meet the plane.\n",
+"vec3 sbl_on_plane(sbl_Facet f, vec3 origin, vec3 direction) {\n",
+"    vec3 t = (origin - f.p0) / f.size, q = cross(t, f.s1), h = cross(direction, f.s2);\n",
+"    float determinant = dot(f.s1, h);\n",
+"    return vec3(dot(t, h) / determinant, dot(direction, q) / determinant, abs(determinant) > 0.0 ? 1 : 0);\n",
+"}\n",
+"\n",
 "// The surface point where a ray meets a triangle.\n",
 "sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {\n",
 "    sbl_Facet f = sbl_facet(triangle);\n",
-"    // Barycentrics by Cramer's rule (Moeller and Trumbore 1997), clamped to the triangle.\n",
-"    vec3 t = (origin - f.p0) / f.size, q = cross(t, f.s1), h = cross(direction, f.s2);\n",
-"    float determinant = dot(f.s1, h);\n",
-"    float b1 = clamp(dot(t, h) / determinant, 0.0, 1.0);\n",
-"    float b2 = clamp(dot(direction, q) / determinant, 0.0, 1.0 - b1);\n",
-"    if (!(abs(determinant) > 0.0)) { b1 = 1.0 / 3.0; b2 = 1.0 / 3.0; }\n",
+"    vec3 on_plane = sbl_on_plane(f, origin, direction);\n",
+"    float b1 = clamp(on_plane.x, 0.0, 1.0), b2 = clamp(on_plane.y, 0.0, 1.0 - b1);\n",
+"    if (on_plane.z == 0.0) { b1 = 1.0 / 3.0; b2 = 1.0 / 3.0; }\n",
 "    return sbl_surface_at(f, b1, b2, direction);\n",
 "}\n",
+"\n",
+"#if defined(SBL_NORMAL_MAPS) && !defined(SBL_LIGHTMAP)\n",
+"// Texture coordinates where a ray meets a triangle's plane.\n",
+"vec2 sbl_uv_on_plane(sbl_Facet f, vec3 origin, vec3 direction) {\n",
+"    vec3 b = sbl_on_plane(f, origin, direction);\n",
+"    return b.z == 0.0 ? vec2(0) : sbl_mix_attributes(f.v, vec3(1.0 - b.x - b.y, b.xy)).uv;\n",
+"}\n",
+"#endif\n",
 "\n",
 "#ifdef SBL_LIGHTMAP\n",
 "// The surface point seen from the front, which is the side of the vertex normals (see sbl_lightmap_desc).\n",
@@ -9514,12 +9610,26 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "        s.id = texel.w;\n",
 "#else\n",
 "        vec3 origin = sbl_camera_origin(), direction = sbl_camera_direction();\n",
+"#ifdef SBL_NORMAL_MAPS\n",
+"        sbl_Facet f = sbl_facet(int(triangle) - 1);\n",
+"        bool bumpy = sbl_object_normal_texture(int(sbl_vertex_object(f.v.x))).w != 0u;\n",
+"        for (int once = 0; once < (bumpy ? 1 : 0); once++) {\n",
+"            vec2 uv = sbl_uv_on_plane(f, origin, direction);\n",
+"            pixel_x = sbl_uv_on_plane(f, origin + origin_x, direction + direction_x) - uv;\n",
+"            pixel_y = sbl_uv_on_plane(f, origin + origin_y, direction + direction_y) - uv;\n",
+"        }\n",
+"#else\n",
+"        const bool bumpy = false;\n",
+"#endif\n",
 "        sbl_Surface s = sbl_surface(int(triangle) - 1, origin, direction);\n",
+"#ifdef SBL_NORMAL_MAPS\n",
+"        pixel_x = pixel_y = vec2(0);  // not known for surfaces that mirrors show\n",
+"#endif\n",
 "        // Width of a pixel at the surface, world units. Facets too small to be seen get their geometric normal.\n",
 "        float pixel = length(origin_y + distance(s.position, origin) / length(direction) * direction_y);\n",
-"        bool smooth_normal = false;  // reflections need the shading normal\n",
+"        bool smooth_normal = bumpy;  // reflections and textures of normals need the shading normal\n",
 "#ifdef SBL_SPECULAR\n",
-"        smooth_normal = s.material.roughness >= 0.0 && s.material.roughness < SBL_SMOOTH_ROUGHNESS;\n",
+"        smooth_normal = bumpy || s.material.roughness >= 0.0 && s.material.roughness < SBL_SMOOTH_ROUGHNESS;\n",
 "#endif\n",
 "        if (facet_limit > 0.0 && !smooth_normal)\n",
 "            s.normal = normalize(mix(s.geometric_normal, s.normal,\n",
@@ -9576,7 +9686,7 @@ static const sbl__recipe sbl__recipe_gbuffer = {
       sbl__glsl_store, sbl__glsl_traverse, sbl__glsl_sky, sbl__glsl_gbuffer_fragment },
     { &sbl__vertex_record, &sbl__attributes_record, &sbl__object_record, &sbl__cut_record, &sbl__leaf_record,
       &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record },
-    SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__BOUNCED | SBL__LIGHTMAP | SBL__SPECULAR
+    SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__BOUNCED | SBL__LIGHTMAP | SBL__SPECULAR | SBL__NORMAL_MAPS
 };
 
 /* Makes the site at the point with barycentric `weights` on triangle `number` of the scene. As in surface.glsl, it is
@@ -21350,7 +21460,7 @@ static void sbl__context_free(sbl_context *c) {
 }
 
 /* Compiles all programs that this driver can need, except variants with SBL__INSPECT, SBL__DIRECTIONAL, SBL__WIDE,
-   SBL__SPECULAR or SBL__LOBE. */
+   SBL__SPECULAR, SBL__LOBE or SBL__NORMAL_MAPS. */
 static sbl_result sbl__compile_all(sbl__device *d) {
     static const sbl__recipe *const recipes[] = {
         &sbl__recipe_visibility, &sbl__recipe_gbuffer, &sbl__recipe_trace, &sbl__recipe_cast, &sbl__recipe_lamps,

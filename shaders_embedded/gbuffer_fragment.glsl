@@ -144,12 +144,26 @@ void main() {
         s.id = texel.w;
 #else
         vec3 origin = sbl_camera_origin(), direction = sbl_camera_direction();
+#ifdef SBL_NORMAL_MAPS
+        sbl_Facet f = sbl_facet(int(triangle) - 1);
+        bool bumpy = sbl_object_normal_texture(int(sbl_vertex_object(f.v.x))).w != 0u;
+        for (int once = 0; once < (bumpy ? 1 : 0); once++) {
+            vec2 uv = sbl_uv_on_plane(f, origin, direction);
+            pixel_x = sbl_uv_on_plane(f, origin + origin_x, direction + direction_x) - uv;
+            pixel_y = sbl_uv_on_plane(f, origin + origin_y, direction + direction_y) - uv;
+        }
+#else
+        const bool bumpy = false;
+#endif
         sbl_Surface s = sbl_surface(int(triangle) - 1, origin, direction);
+#ifdef SBL_NORMAL_MAPS
+        pixel_x = pixel_y = vec2(0);  // not known for surfaces that mirrors show
+#endif
         // Width of a pixel at the surface, world units. Facets too small to be seen get their geometric normal.
         float pixel = length(origin_y + distance(s.position, origin) / length(direction) * direction_y);
-        bool smooth_normal = false;  // reflections need the shading normal
+        bool smooth_normal = bumpy;  // reflections and textures of normals need the shading normal
 #ifdef SBL_SPECULAR
-        smooth_normal = s.material.roughness >= 0.0 && s.material.roughness < SBL_SMOOTH_ROUGHNESS;
+        smooth_normal = bumpy || s.material.roughness >= 0.0 && s.material.roughness < SBL_SMOOTH_ROUGHNESS;
 #endif
         if (facet_limit > 0.0 && !smooth_normal)
             s.normal = normalize(mix(s.geometric_normal, s.normal,

@@ -67,6 +67,17 @@ sbl_Material sbl_material(int object, sbl_Attributes at) {
 #endif
 }
 
+// Widens the lobe of a surface if a pixel shows many normals. mean: length of the mean of these unit vectors. For the
+// distribution of von Mises and Fisher, it tells their variance (Banerjee et al. 2005, "Clustering on the Unit
+// Hypersphere"). alpha^2 is twice the variance of the slopes (Olano and Baker 2010, "LEAN Mapping").
+void sbl_blur_by_normals(inout sbl_Material m, float mean) {
+#ifdef SBL_SPECULAR
+    float alpha = m.roughness * m.roughness, m2 = mean * mean;
+    float variance = (1.0 - m2) / max(mean * (3.0 - m2), SBL_DIVISOR_LEAST);
+    if (m.roughness >= 0.0 && m2 < 1.0) m.roughness = min(sqrt(sqrt(alpha * alpha + 2.0 * variance)), 1.0);
+#endif
+}
+
 #ifdef SBL_SPECULAR
 // Share of light that passes straight through a surface. cosine: between its normal and the light
 vec3 sbl_passing(int object, sbl_Material m, float cosine) {

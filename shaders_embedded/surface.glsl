@@ -39,6 +39,60 @@ sbl_Facet sbl_facet(int triangle) {
     return sbl_Facet(v, p0, e1, e2, e1 / size, e2 / size, size);
 }
 
+#if defined(SBL_NORMAL_MAPS) && !defined(SBL_LIGHTMAP)
+const float SBL_TANGENT_LEAST = 1e-6;  // texture coordinates whose x has a shorter part along the surface have no
+                                       // direction
+const int SBL_NORMAL_POINTS = 8;  // a texture of normals is read at up to this many points along each side of a pixel
+vec2 pixel_x = vec2(0), pixel_y = vec2(0);  // difference of texture coordinates from one pixel to the next, in x and
+                                            // in y; 0: unknown, so that normals are read at one point
+
+// Mean of the unit vectors that a texture of normals shows in the pixel about uv. It is shorter than 1 if they differ.
+vec3 sbl_normal_texel(int object, vec2 uv) {
+    uvec4 place = sbl_object_normal_texture(object);
+    vec2 size = vec2(place.yz);
+    ivec2 points = ivec2(clamp(ceil(vec2(length(pixel_x * size), length(pixel_y * size))), vec2(1),
+                               vec2(SBL_NORMAL_POINTS)));
+    vec3 sum = vec3(0);
+    for (int i = 0; i < points.x * points.y; i++) {
+        vec2 at = (vec2(i % points.x, i / points.x) + 0.5) / vec2(points) - 0.5;
+        vec3 texel = 2.0 * sbl_texture(place, uv + at.x * pixel_x + at.y * pixel_y).rgb - 1.0;
+        texel.xy *= sbl_object_normal_scale(object);
+        sum += texel / max(length(texel), SBL_DIVISOR_LEAST);
+    }
+    return sum / float(points.x * points.y);
+}
+
+// A vector from tangent space to world space. normal: unit vector z of tangent space. x and y follow the texture
+// coordinates: x to larger u, y to smaller v. If the coordinates have no direction, the result is the normal.
+vec3 sbl_from_tangent_space(sbl_Facet f, vec3 normal, vec3 v) {
+    vec2 uv[3];
+    for (int k = 0; k < 3; k++) uv[k] = vec2(sbl_attributes_u(f.v[k]), sbl_attributes_v(f.v[k]));
+    vec2 a = uv[1] - uv[0], b = uv[2] - uv[0];
+    float size = max(max(abs(a.x), abs(a.y)), max(abs(b.x), abs(b.y)));
+    a /= max(size, SBL_DIVISOR_LEAST);
+    b /= max(size, SBL_DIVISOR_LEAST);
+    float turn = a.x * b.y - a.y * b.x < 0.0 ? -1.0 : 1.0;
+    vec3 x = turn * (b.y * f.s1 - a.y * f.s2), y = turn * (b.x * f.s1 - a.x * f.s2);
+    x -= dot(x, normal) * normal;
+    float along = length(x);
+    if (along < SBL_TANGENT_LEAST) return normal;
+    x /= along;
+    vec3 across = cross(normal, x);
+    return v.x * x + v.y * (dot(across, y) < 0.0 ? -across : across) + v.z * normal;
+}
+
+// The normal of a surface with a texture of normals, on the same side as `normal`. normal: interpolated normal. mean:
+// see sbl_normal_texel
+vec3 sbl_tilted_normal(sbl_Facet f, vec3 normal, vec3 face, vec3 mean) {
+    float length2 = dot(normal, normal);
+    normal = length2 > SBL_NORMAL_LEAST ? normal * inversesqrt(length2) : face;
+    vec3 tilted = normalize(sbl_from_tangent_space(f, normal, mean));
+    vec3 side = dot(normal, face) < 0.0 ? -face : face;
+    float below = SBL_GRAZING - dot(tilted, side);  // above 0: the normal would look below the surface
+    return tilted + max(below, 0.0) * side;
+}
+#endif
+
 // The surface point at barycentrics b1, b2 (of the second and third corner), seen along `direction`.
 sbl_Surface sbl_surface_at(sbl_Facet f, float b1, float b2, vec3 direction) {
     int object = int(sbl_vertex_object(f.v.x));
@@ -65,27 +119,46 @@ sbl_Surface sbl_surface_at(sbl_Facet f, float b1, float b2, vec3 direction) {
     s.geometric_normal = s.back ? -face : face;
     vec3 normal = b.x * sbl_attributes_normal(f.v.x) + b.y * sbl_attributes_normal(f.v.y) +
                   b.z * sbl_attributes_normal(f.v.z);
-    s.normal = sbl_shading_normal(normal, face, s.geometric_normal, direction);
-
     sbl_Attributes at = sbl_mix_attributes(f.v, b);
     s.material = sbl_material(object, at);
+#if defined(SBL_NORMAL_MAPS) && !defined(SBL_LIGHTMAP)
+    for (int once = 0; once < (sbl_object_normal_texture(object).w == 0u ? 0 : 1); once++) {
+        vec3 mean = sbl_normal_texel(object, at.uv);
+        normal = sbl_tilted_normal(f, normal, face, mean);
+        sbl_blur_by_normals(s.material, length(mean));
+    }
+#endif
+    s.normal = sbl_shading_normal(normal, face, s.geometric_normal, direction);
     s.emission = sbl_emission(object, s.back) * sbl_emission_pattern(object, at);
     s.id = sbl_object_id(object);
     s.object = object;
     return s;
 }
 
+// Barycentrics of the second and third corner where a ray meets a triangle's plane, by Cramer's rule (Moeller and
+// Trumbore 1997). z: 0 if the ray does not meet the plane.
+vec3 sbl_on_plane(sbl_Facet f, vec3 origin, vec3 direction) {
+    vec3 t = (origin - f.p0) / f.size, q = cross(t, f.s1), h = cross(direction, f.s2);
+    float determinant = dot(f.s1, h);
+    return vec3(dot(t, h) / determinant, dot(direction, q) / determinant, abs(determinant) > 0.0 ? 1 : 0);
+}
+
 // The surface point where a ray meets a triangle.
 sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {
     sbl_Facet f = sbl_facet(triangle);
-    // Barycentrics by Cramer's rule (Moeller and Trumbore 1997), clamped to the triangle.
-    vec3 t = (origin - f.p0) / f.size, q = cross(t, f.s1), h = cross(direction, f.s2);
-    float determinant = dot(f.s1, h);
-    float b1 = clamp(dot(t, h) / determinant, 0.0, 1.0);
-    float b2 = clamp(dot(direction, q) / determinant, 0.0, 1.0 - b1);
-    if (!(abs(determinant) > 0.0)) { b1 = 1.0 / 3.0; b2 = 1.0 / 3.0; }
+    vec3 on_plane = sbl_on_plane(f, origin, direction);
+    float b1 = clamp(on_plane.x, 0.0, 1.0), b2 = clamp(on_plane.y, 0.0, 1.0 - b1);
+    if (on_plane.z == 0.0) { b1 = 1.0 / 3.0; b2 = 1.0 / 3.0; }
     return sbl_surface_at(f, b1, b2, direction);
 }
+
+#if defined(SBL_NORMAL_MAPS) && !defined(SBL_LIGHTMAP)
+// Texture coordinates where a ray meets a triangle's plane.
+vec2 sbl_uv_on_plane(sbl_Facet f, vec3 origin, vec3 direction) {
+    vec3 b = sbl_on_plane(f, origin, direction);
+    return b.z == 0.0 ? vec2(0) : sbl_mix_attributes(f.v, vec3(1.0 - b.x - b.y, b.xy)).uv;
+}
+#endif
 
 #ifdef SBL_LIGHTMAP
 // The surface point seen from the front, which is the side of the vertex normals (see sbl_lightmap_desc).
