@@ -267,6 +267,148 @@ TEST(specular_textures) {
     scene_free(&s);
 }
 
+/* >>normals */
+
+/* Adds a texture with one texel that shows a vector of tangent space, and lets a material use it. */
+static void scene_normal(test_scene *s, int number, const double v[3]) {
+    float texel[3];
+    int k;
+    for (k = 0; k < 3; k++) texel[k] = (float)(v[k] / 2 + 0.5);
+    s->materials[number].normal_texture = scene_texture(s, texel, sizeof texel, SBL_PIXELS_FLOAT, 1, 1, 3);
+}
+
+/* Where u and v of a floor's texture coordinates point, the side from which the camera looks, and normal_scale */
+typedef struct tilting { double u[3], v[3]; int below; float scale; } tilting;
+
+static const tilting tilts[6] = {
+    { { 1, 0, 0 }, { 0, 0, 1 }, 0, 0 }, { { -1, 0, 0 }, { 0, 0, 1 }, 0, 0 }, { { 0, 0, 1 }, { 1, 0, 0 }, 0, 0.5f },
+    { { 0.8, 0, 0.6 }, { -0.6, 0, 0.8 }, 0, -1 }, { { 1, 0, 0 }, { 0, 0, 1 }, 1, 0 }, { { 0, 0, -1 }, { 1, 0, 0 }, 1, 2 }
+};
+
+/* The expected normal, towards the camera. The floor's is y; the second component of tangent space points against v. */
+static void tilted(const tilting *t, const double texel[3], double out[3]) {
+    const double scale = t->scale == 0 ? 1 : (double)t->scale, side = t->below ? -1 : 1;
+    int k;
+    for (k = 0; k < 3; k++)
+        out[k] = side * (scale * texel[0] * t->u[k] - scale * texel[1] * t->v[k] + (k == 1 ? texel[2] : 0));
+    unit(out);
+}
+
+/* A floor with one tilted normal: NORMAL, and R below a directional light and a sky. The light that would come from
+   below the floor, where a lamp shines, is missing. Vertex normals do not change any of it. */
+TEST(normals_are_tilted) {
+    static const double texel[3] = { 0.48, 0.6, 0.64 };
+    double worst = 0, worst_light = 0;
+    int i, j, k, sky;
+    for (i = 0; i < 12; i++) {
+        const tilting *t = &tilts[i / 2];
+        const double side = t->below ? -1 : 1;
+        double expected[3], wanted;
+        sky = i % 2;
+        {
+            test_scene s = { 0 };
+            const int number = scene_material(&s, 0.5f, 0.5f, 0.5f);
+            const float normals[12] = { 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0 };
+            sbl_picture_desc view = scene_plain(scene_view(3, 3, 4, 1, 4 * (float)side, 0.5f, 0, 0, 0), SBL_MODE_DIRECT, 0);
+            sbl_mesh *floor = scene_floor(&s, number, 0, 5);
+            float uv[8];
+            shot p;
+            view.options.rays = sky ? 4096 : 16;
+            if (sky) floor->normals.data = scene_copy(&s, normals, 12);
+            for (j = 0; j < 8; j++) {
+                const float *corner = (const float *)floor->positions.data + 3 * (j / 2);
+                const double *way = j % 2 ? t->v : t->u;
+                uv[j] = (float)((double)corner[0] * way[0] + (double)corner[2] * way[2]);
+            }
+            floor->texcoords.data = scene_copy(&s, uv, 8);
+            scene_normal(&s, number, texel);
+            s.materials[number].normal_scale = t->scale;
+            tilted(t, texel, expected);
+            scene_quad(&s, scene_lamp(&s, 50, 50, 50), -5, -(float)side, -5, -5, -(float)side, 5, 5, -(float)side, 5,
+                       5, -(float)side, -5);
+            if (sky) scene_sky(&s, 1, 1, 1);
+            else {
+                sbl_light *sun = scene_light(&s, SBL_LIGHT_DIRECTIONAL, 3, 3, 3);
+                sun->direction[0] = 0.3f;
+                sun->direction[1] = -0.8f * (float)side;
+                sun->direction[2] = 0.4f;
+            }
+            if (!shoot(&p, &s, &view)) return;
+            wanted = -(0.3 * expected[0] - 0.8 * side * expected[1] + 0.4 * expected[2]) / sqrt(0.89);
+            wanted = sky ? (1 + side * expected[1]) / 2 : 3 / TEST_PI * test_max(wanted, 0);
+            for (k = 0; k < 3; k++)
+                worst = test_max(worst, fabs((double)at(&p, SBL_CHANNEL_NORMAL, 1, 1)[k] - expected[k]));
+            worst_light = test_max(worst_light, fabs((double)at(&p, SBL_CHANNEL_RADIANCE, 1, 1)[0] - wanted));
+            CHECK(worst < 0.002, "case %d: a component of the normal is off by %g", i, worst);
+            CHECK(worst_light < 0.005, "case %d: R is %g, not %g", i, (double)at(&p, SBL_CHANNEL_RADIANCE, 1, 1)[0],
+                  wanted);
+            forget(&p);
+            scene_free(&s);
+        }
+    }
+    printf("    largest error %.5f of a component, %.5f of R\n", worst, worst_light);
+}
+
+/* The light of intensity 3 that metal with this normal reflects from a direction. way: from the camera */
+static double reflect_at(const double n[3], const double way[3], const double to[3], double square) {
+    double x[3], y[3], v[3], w[3];
+    set3(x, n[1], -n[0], 0);
+    unit(x);
+    set3(y, x[1] * n[2] - x[2] * n[1], x[2] * n[0] - x[0] * n[2], x[0] * n[1] - x[1] * n[0]);
+    set3(v, -lobe__dot(way, x), -lobe__dot(way, y), -lobe__dot(way, n));
+    set3(w, lobe__dot(to, x), lobe__dot(to, y), lobe__dot(to, n));
+    return 3 / square * w[2] * lobe_brdf(v, w, 0.3, 1);
+}
+
+/* A pixel that shows many normals has their mean, and the lobe there is as wide as they make it. The highlight of a
+   lamp is compared with the mean of the highlights that the normals have one by one, whose shape is not quite GGX. */
+TEST(pixels_average_normals) {
+    enum { SIZE = 32, SIDE = 8 };
+    static float texels[3 * SIZE * SIZE];
+    static double normals[SIZE * SIZE][3];
+    double worst = 0, sum = 0, wanted = 0, narrow = 0;
+    test_scene s = { 0 };
+    const int number = scene_gloss(&s, 1, 1, 1, 1, 0.3);
+    sbl_picture_desc view = view_of_plate(SIDE, SIDE, 16, 40, 16);
+    sbl_light *l = scene_light(&s, SBL_LIGHT_POINT, 3, 3, 3);
+    shot p;
+    int i, j, k;
+    l->position[0] = -3;
+    l->position[1] = 3.6f;
+    for (i = 0; i < SIZE * SIZE; i++) {  /* slopes with a normal distribution, of standard deviation 0.1 */
+        const double turn = (double)(test_hash((uint32_t)i) >> 8) / (1 << 24) * 2 * TEST_PI;
+        const double slope = 0.1 * sqrt(-2 * log((test_hash((uint32_t)i + 7777u) + 0.5) / 4294967296.0));
+        set3(normals[i], slope * cos(turn), 1, -slope * sin(turn));
+        unit(normals[i]);
+        for (k = 0; k < 3; k++)
+            texels[3 * i + k] = (float)(0.5 + 0.5 * (k == 1 ? -1 : 1) * normals[i][k == 0 ? 0 : 3 - k]);
+    }
+    scene_quad(&s, number, -5, 0, -5, 5, 0, -5, 5, 0, 5, -5, 0, 5);
+    for (i = 0; i < 8; i++) ((float *)(uintptr_t)s.meshes[0].texcoords.data)[i] *= 40;
+    s.materials[number].normal_texture = scene_texture(&s, texels, sizeof texels, SBL_PIXELS_FLOAT, SIZE, SIZE, 3);
+    if (!shoot(&p, &s, &view)) return;
+    for (i = 0; i < SIDE * SIDE; i++) {
+        static const double up[3] = { 0, 1, 0 };
+        const float *position = at(&p, SBL_CHANNEL_POSITION, i % SIDE, i / SIDE);
+        double way[3], to[3], length;
+        look(&view, i % SIDE, i / SIDE, way);
+        for (k = 0; k < 3; k++) to[k] = (double)(l->position[k] - position[k]);
+        length = unit(to);
+        sum += reflected(&p, i % SIDE, i / SIDE, 1);
+        worst = test_max(worst, 1 - (double)at(&p, SBL_CHANNEL_NORMAL, i % SIDE, i / SIDE)[1]);
+        narrow += reflect_at(up, way, to, length * length);
+        for (j = 0; j < SIZE * SIZE; j++)
+            wanted += reflect_at(normals[j], way, to, length * length) / (SIZE * SIZE);
+    }
+    printf("    highlights of %.3f times the expected light (%.3f with the mean normal alone); normals are off by %.5f\n",
+           sum / wanted, narrow / wanted, worst);
+    CHECK(worst < 0.002, "the mean normal is off by %g", worst);
+    CHECK(fabs(sum / wanted - 1) < 0.2 && fabs(narrow / wanted - 1) > 0.3, "highlights are %.3f times as bright",
+          sum / wanted);
+    forget(&p);
+    scene_free(&s);
+}
+
 /* >>mirrors */
 
 /* A mirror of metal shows a lamp, as dark as Fresnel's term wants it; so do two mirrors, and a smooth black plastic. */
@@ -1210,6 +1352,8 @@ int main(void) {
     RUN_UNSANITIZED(furnace_of_plastic);
     RUN_UNSANITIZED(albedo_of_lobes);
     RUN_UNSANITIZED(specular_textures);
+    RUN(normals_are_tilted);
+    RUN_UNSANITIZED(pixels_average_normals);
     RUN_UNSANITIZED(mirrors_show_lamps);
     RUN_UNSANITIZED(mirrors_show_surfaces);
     RUN_UNSANITIZED(highlights_of_lamps);
