@@ -370,6 +370,14 @@
    Mirrors show, and panes have behind them, what sensors see: surfaces with SBL_MATERIAL_HIDDEN_FROM_CAMERA, but none
    with SBL_MATERIAL_HIDDEN_FROM_SENSORS.
 
+   Normals: a texel of sbl_material.normal_texture holds a unit vector of tangent space; 0 to 1 means -1 to 1. As in
+   glTF 2.0, x points where u increases, y where v decreases, and z along the interpolated normal, all multiplied by -1
+   if the camera sees the back. RADIANCE and SPECULAR are measured for this normal. The surface itself stays flat, so
+   light arrives only from above it; a ray that starts below it meets the surface itself, and finds the light that it
+   reflects. A pixel shows the mean of the normals in it, at up to 8 x 8 points, and their spread widens the lobe. In
+   mirrors, normals are read at one point. Sensors stand close together where normals differ, down to one per pixel. The
+   stored light, lightmaps, vertices, probes and surfaces that rays meet do not know the texture.
+
    Bounced light: a ray of a sensor that meets metal continues in a direction of the lobe there, as if the roughness
    were at least 0.3. Light that lamps send by way of mirrors (caustics) is therefore blurred, but has no specks. Every
    other surface, and all surfaces in the store, reflect as diffuse surfaces of the same mean albedo. So do all surfaces
@@ -4223,6 +4231,9 @@ SBL__RECORD(sbl__attributes, SBL__ATTRIBUTES, "sbl_attributes", "sbl_attributes"
     X(sbl__object, FLOAT, normal_scale) X(sbl__object, UVEC2, unused) X(sbl__object, UVEC4, normal_texture)
 SBL__RECORD(sbl__object, SBL__OBJECT, "sbl_object", "sbl_objects", SBL__SCENE_TABLE("sbl_objects"), NULL)
 
+/* bytes of the fields from reflectance on, without those about normals, on which stored light does not depend */
+#define SBL__OBJECT_GLOSS (offsetof(sbl__object, normal_scale) - offsetof(sbl__object, reflectance))
+
 typedef struct sbl__mesh {
     int first_vertex, vertex_count, first_triangle, triangle_count;
     int material;
@@ -5201,8 +5212,7 @@ static int sbl__reflection_differs(const sbl__object *a, const sbl__object *b) {
     return memcmp(a->albedo, b->albedo, sizeof a->albedo) || (a->flags & flags) != (b->flags & flags) ||
            memcmp(&a->alpha_cutoff, &b->alpha_cutoff, sizeof a->alpha_cutoff) ||
            memcmp(a->albedo_texture, b->albedo_texture, sizeof a->albedo_texture) ||
-           memcmp(&a->reflectance, &b->reflectance,
-                  offsetof(sbl__object, normal_scale) - offsetof(sbl__object, reflectance));
+           memcmp(&a->reflectance, &b->reflectance, SBL__OBJECT_GLOSS);
 }
 
 /* Returns the sum of the emitted radiance's three channels, before the texture is applied. */
@@ -15078,7 +15088,7 @@ static void sbl__saved_scene(const sbl__scene *s, uint64_t parts[SBL__SAVED_PART
         const sbl__object *o = &g->objects[i];
         if (!sbl__is_specular(o) && !sbl__lets_pass(o)) continue;
         *materials = sbl__hash_bytes(*materials, &i, sizeof i);
-        *materials = sbl__hash_bytes(*materials, &o->reflectance, sizeof *o - offsetof(sbl__object, reflectance));
+        *materials = sbl__hash_bytes(*materials, &o->reflectance, SBL__OBJECT_GLOSS);
     }
     parts[SBL__SAVED_LIGHTS] = sbl__hash_bytes(seed, s->lights.list,
                                                (size_t)s->lights.count * sizeof *s->lights.list);
