@@ -40,13 +40,13 @@ sbl_Facet sbl_facet(int triangle) {
 }
 
 #if defined(SBL_NORMAL_MAPS) && !defined(SBL_LIGHTMAP)
-const float SBL_TANGENT_LEAST = 1e-6;  // texture coordinates whose x has a shorter part along the surface have no
-                                       // direction
-const int SBL_NORMAL_POINTS = 8;  // a texture of normals is read at up to this many points along each side of a pixel
-vec2 pixel_x = vec2(0), pixel_y = vec2(0);  // difference of texture coordinates from one pixel to the next, in x and
-                                            // in y; 0: unknown, so that normals are read at one point
+const float SBL_TANGENT_LEAST = 1e-6;  // least length of the x axis of tangent space before it is normalised
+const int SBL_NORMAL_POINTS = 8;  // largest number of points per side of a pixel at which normals are read
+vec2 pixel_x = vec2(0), pixel_y = vec2(0);  // differences of texture coordinates from one pixel to the next
+                                            // along x and y; 0: normals are read at one point
 
-// Mean of the unit vectors that a texture of normals shows in the pixel about uv. It is shorter than 1 if they differ.
+// Mean of the unit vectors that a texture of normals shows in the pixel around uv. If they differ, it is shorter
+// than 1.
 vec3 sbl_normal_texel(int object, vec2 uv) {
     uvec4 place = sbl_object_normal_texture(object);
     vec2 size = vec2(place.yz);
@@ -62,8 +62,8 @@ vec3 sbl_normal_texel(int object, vec2 uv) {
     return sum / float(points.x * points.y);
 }
 
-// A vector from tangent space to world space. normal: unit vector z of tangent space. x and y follow the texture
-// coordinates: x to larger u, y to smaller v. If the coordinates have no direction, the result is the normal.
+// Returns a vector of tangent space in world space. normal: axis z of tangent space. Axis x points where u increases,
+// y where v decreases. If texture coordinates do not tell x, the result is the normal.
 vec3 sbl_from_tangent_space(sbl_Facet f, vec3 normal, vec3 v) {
     vec2 uv[3];
     for (int k = 0; k < 3; k++) uv[k] = vec2(sbl_attributes_u(f.v[k]), sbl_attributes_v(f.v[k]));
@@ -81,8 +81,8 @@ vec3 sbl_from_tangent_space(sbl_Facet f, vec3 normal, vec3 v) {
     return v.x * x + v.y * (dot(across, y) < 0.0 ? -across : across) + v.z * normal;
 }
 
-// The normal of a surface with a texture of normals, on the same side as `normal`. normal: interpolated normal. mean:
-// see sbl_normal_texel
+// Normal of a surface that has a texture of normals, on the side of `normal`, the interpolated normal. mean: see
+// sbl_normal_texel
 vec3 sbl_tilted_normal(sbl_Facet f, vec3 normal, vec3 face, vec3 mean) {
     float length2 = dot(normal, normal);
     normal = length2 > SBL_NORMAL_LEAST ? normal * inversesqrt(length2) : face;

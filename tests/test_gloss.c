@@ -282,7 +282,8 @@ typedef struct tilting { double u[3], v[3]; int below; float scale; } tilting;
 
 static const tilting tilts[6] = {
     { { 1, 0, 0 }, { 0, 0, 1 }, 0, 0 }, { { -1, 0, 0 }, { 0, 0, 1 }, 0, 0 }, { { 0, 0, 1 }, { 1, 0, 0 }, 0, 0.5f },
-    { { 0.8, 0, 0.6 }, { -0.6, 0, 0.8 }, 0, -1 }, { { 1, 0, 0 }, { 0, 0, 1 }, 1, 0 }, { { 0, 0, -1 }, { 1, 0, 0 }, 1, 2 }
+    { { 0.8, 0, 0.6 }, { -0.6, 0, 0.8 }, 0, -1 }, { { 1, 0, 0 }, { 0, 0, 1 }, 1, 0 },
+    { { 0, 0, -1 }, { 1, 0, 0 }, 1, 2 }
 };
 
 /* The expected normal, towards the camera. The floor's is y; the second component of tangent space points against v. */
@@ -309,7 +310,8 @@ TEST(normals_are_tilted) {
             test_scene s = { 0 };
             const int number = scene_material(&s, 0.5f, 0.5f, 0.5f);
             const float normals[12] = { 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0 };
-            sbl_picture_desc view = scene_plain(scene_view(3, 3, 4, 1, 4 * (float)side, 0.5f, 0, 0, 0), SBL_MODE_DIRECT, 0);
+            sbl_picture_desc view = scene_plain(scene_view(3, 3, 4, 1, 4 * (float)side, 0.5f, 0, 0, 0),
+                                                SBL_MODE_DIRECT, 0);
             sbl_mesh *floor = scene_floor(&s, number, 0, 5);
             float uv[8];
             shot p;
@@ -400,7 +402,7 @@ TEST(pixels_average_normals) {
         for (j = 0; j < SIZE * SIZE; j++)
             wanted += reflect_at(normals[j], way, to, length * length) / (SIZE * SIZE);
     }
-    printf("    highlights of %.3f times the expected light (%.3f with the mean normal alone); normals are off by %.5f\n",
+    printf("    highlights of %.3f times the expected light (%.3f with one normal); normals are off by %.5f\n",
            sum / wanted, narrow / wanted, worst);
     CHECK(worst < 0.002, "the mean normal is off by %g", worst);
     CHECK(fabs(sum / wanted - 1) < 0.2 && fabs(narrow / wanted - 1) > 0.3, "highlights are %.3f times as bright",
