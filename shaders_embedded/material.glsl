@@ -67,9 +67,10 @@ sbl_Material sbl_material(int object, sbl_Attributes at) {
 #endif
 }
 
-// Widens the lobe of a surface if a pixel shows many normals. mean: length of the mean of these unit vectors, which
-// tells their variance if their distribution is that of von Mises and Fisher (Banerjee et al. 2005, "Clustering on
-// the Unit Hypersphere"). alpha^2 is twice the variance of slopes (Olano and Baker 2010, "LEAN Mapping").
+// Widens the lobe of a surface if a pixel shows many normals. mean: length of the mean of these unit vectors,
+// which tells their variance if they have the distribution of von Mises and Fisher (Banerjee et al. 2005,
+// "Clustering on the Unit Hypersphere"). alpha^2 is twice the variance of slopes (Olano and Baker 2010, "LEAN
+// Mapping").
 void sbl_blur_by_normals(inout sbl_Material m, float mean) {
 #ifdef SBL_SPECULAR
     float alpha = m.roughness * m.roughness, m2 = mean * mean;

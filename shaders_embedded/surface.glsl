@@ -62,8 +62,8 @@ vec3 sbl_normal_texel(int object, vec2 uv) {
     return sum / float(points.x * points.y);
 }
 
-// Returns a vector of tangent space in world space. normal: axis z of tangent space. Axis x points where u increases,
-// y where v decreases. If texture coordinates do not tell x, the result is the normal.
+// Returns a vector of tangent space in world space. normal: axis z of tangent space. Axis x points where u
+// increases, y where v decreases. If texture coordinates do not tell x, the result is the normal.
 vec3 sbl_from_tangent_space(sbl_Facet f, vec3 normal, vec3 v) {
     vec2 uv[3];
     for (int k = 0; k < 3; k++) uv[k] = vec2(sbl_attributes_u(f.v[k]), sbl_attributes_v(f.v[k]));
