@@ -58,16 +58,6 @@ vec3 sbl_stored_radiance(sbl_Surface s, int number, bool only_diffuse) {
 #endif
 }
 
-// Radiance that a ray from the surface s finds, with stored light: what a pane reflects, or what is behind it.
-// side: 1: the ray starts on the side of the viewer; -1: on the other side
-vec3 sbl_radiance_along(sbl_Surface s, float side, vec3 direction) {
-    vec3 origin = s.position + side * SBL_OFFSET * s.reach * s.geometric_normal;
-    sbl_Hit hit = sbl_trace(origin, direction, SBL_UNBOUNDED, SBL_RAY_SOLID);
-    if (hit.triangle < 0) return sky + sbl_sky_smooth(direction);
-    sbl_Surface found = sbl_surface(hit.number, origin, direction);
-    return sbl_stored_radiance(found, hit.number, false);
-}
-
 bool sbl_is_mirror(sbl_Material m) {
     return m.roughness >= 0.0 && m.roughness < SBL_MIRROR_SEEN &&
            max(m.diffuse.r, max(m.diffuse.g, m.diffuse.b)) <= SBL_MIRROR_DIFFUSE;
@@ -81,35 +71,67 @@ vec3 sbl_mirrored(sbl_Surface s, vec3 direction) {
     return normalize(mirrored);
 }
 
+// A ray that leaves a mirror or a pane.
+struct sbl_Leaving {
+    vec3 origin, direction;
+    vec3 weight;             // factor of the light that it finds; 0: there is no such ray
+};
+
+sbl_Leaving sbl_leaving(sbl_Surface s, bool through, vec3 direction, vec3 weight) {
+    float side = through ? -1.0 : 1.0;
+    return sbl_Leaving(s.position + side * SBL_OFFSET * s.reach * s.geometric_normal, direction, weight);
+}
+
+// Chooses the rays that leave the surface s. Returns the ray that sbl_follow goes on with; its weight is 0 if
+// the surface is neither a mirror nor a pane. aside: a ray that finds the stored light of the surface that it meets
+// (what a pane mirrors, or what is behind a surface through which little light passes)
+sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, out sbl_Leaving aside, out bool pane) {
+    float cosine = clamp(-dot(s.normal, direction), 0.0, 1.0);
+    vec3 passing = sbl_passing(s.object, s.material, cosine), share = vec3(0);
+    pane = max(passing.r, max(passing.g, passing.b)) >= SBL_PANE;
+    if (pane && s.material.roughness >= 0.0) share = sbl_lobe_reflected(s.material, cosine, vec3(1));
+    if (!pane && sbl_is_mirror(s.material)) share = sbl_mirror_share(s.material, cosine);
+    sbl_Leaving through = sbl_leaving(s, true, direction, passing);
+    sbl_Leaving mirrored = sbl_leaving(s, false, sbl_mirrored(s, direction), share);
+    aside = mirrored;
+    if (pane) return through;
+    aside = through;
+    return mirrored;
+}
+
 // Follows the ray while the surface s is a mirror or a pane. Replaces s by the surface that the last ray meets.
 sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 direction) {
     sbl_Mirrored m = sbl_Mirrored(normalize(direction), vec3(1), vec3(0), number, false);
+    sbl_Leaving next, aside;
     bool goes_on = true;
-    for (int i = 0; i < SBL_MIRRORS && goes_on; i++) {
-        float cosine = clamp(-dot(s.normal, m.direction), 0.0, 1.0);
-        vec3 passing = sbl_passing(s.object, s.material, cosine);
-        float most = max(passing.r, max(passing.g, passing.b));
-        bool pane = most >= SBL_PANE;
-        for (int k = 0; k < (most > 0.0 && !pane ? 1 : 0); k++)
-            m.emission += m.throughput * passing * sbl_radiance_along(s, -1.0, m.direction);
-        if (!pane && !sbl_is_mirror(s.material)) break;
-        m.emission += m.throughput * (pane ? sbl_stored_radiance(s, m.number, true) : s.emission);
-        vec3 mirrored = sbl_mirrored(s, m.direction);
-        float side = pane ? -1.0 : 1.0;  // the side of the surface on which the ray goes on
-        for (int k = 0; k < (pane && s.material.roughness >= 0.0 ? 1 : 0); k++)
-            m.emission += m.throughput *
-                          sbl_lobe_reflected(s.material, cosine, sbl_radiance_along(s, 1.0, mirrored));
-        if (!pane) m.direction = mirrored;
-        m.throughput *= pane ? passing : sbl_mirror_share(s.material, cosine);
-        vec3 origin = s.position + side * SBL_OFFSET * s.reach * s.geometric_normal;
-        sbl_Hit hit = sbl_trace(origin, m.direction, SBL_UNBOUNDED, SBL_RAY_SOLID);
-        m.sky = hit.triangle < 0;
-        if (m.sky) m.emission += m.throughput * (sky + sbl_sky_smooth(m.direction));
-        else {
-            m.number = hit.number;
-            s = sbl_surface(hit.number, origin, m.direction);
+    // Even turns trace the ray aside, odd turns the next one. Only one place calls sbl_trace, because drivers
+    // compile a copy of it for each.
+    for (int turn = 0; turn < 2 * SBL_MIRRORS && goes_on; turn++) {
+        bool is_aside = (turn & 1) == 0;
+        if (is_aside) {
+            bool pane;
+            next = sbl_leave_surface(s, m.direction, aside, pane);
+            goes_on = next.weight != vec3(0);
+            if (goes_on) m.emission += m.throughput * (pane ? sbl_stored_radiance(s, m.number, true) : s.emission);
         }
-        goes_on = !m.sky;
+        sbl_Leaving ray = next;
+        if (is_aside) ray = aside;
+        if (ray.weight == vec3(0)) continue;
+        sbl_Hit hit = sbl_trace(ray.origin, ray.direction, SBL_UNBOUNDED, SBL_RAY_SOLID);
+        bool is_sky = hit.triangle < 0;
+        sbl_Surface found = s;
+        if (!is_sky) found = sbl_surface(hit.number, ray.origin, ray.direction);
+        vec3 light = is_sky ? sky + sbl_sky_smooth(ray.direction) : vec3(0);
+        if (is_aside && !is_sky) light = sbl_stored_radiance(found, hit.number, false);
+        m.emission += m.throughput * ray.weight * light;
+        if (is_aside) continue;
+        m.direction = ray.direction;
+        m.throughput *= ray.weight;
+        m.sky = is_sky;
+        goes_on = !is_sky;
+        if (is_sky) continue;
+        m.number = hit.number;
+        s = found;
     }
     return m;
 }
