@@ -9560,7 +9560,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "}\n",
 "\n",
 "// Chooses the rays that leave the surface s. Returns the ray that sbl_follow goes on with; its weight is 0 if\n",
-"// the surface is neither a mirror nor a pane. aside: a ray that finds the stored light of the surface that it meets\n",
+"// the surface is neither a mirror nor a pane. aside: a ray that ends at the first surface, with stored light\n",
 "// (what a pane mirrors, or what is behind a surface through which little light passes)\n",
 "sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, out sbl_Leaving aside, out bool pane) {\n",
 "    float cosine = clamp(-dot(s.normal, direction), 0.0, 1.0);\n",

@@ -83,7 +83,7 @@ sbl_Leaving sbl_leaving(sbl_Surface s, bool through, vec3 direction, vec3 weight
 }
 
 // Chooses the rays that leave the surface s. Returns the ray that sbl_follow goes on with; its weight is 0 if
-// the surface is neither a mirror nor a pane. aside: a ray that finds the stored light of the surface that it meets
+// the surface is neither a mirror nor a pane. aside: a ray that ends at the first surface, with stored light
 // (what a pane mirrors, or what is behind a surface through which little light passes)
 sbl_Leaving sbl_leave_surface(sbl_Surface s, vec3 direction, out sbl_Leaving aside, out bool pane) {
     float cosine = clamp(-dot(s.normal, direction), 0.0, 1.0);
