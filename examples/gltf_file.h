@@ -101,11 +101,11 @@ static int gltf_write_bin(FILE *out, const gltf_file *f) {
 
 static void gltf__put_bytes(void *user, void *data, int size) { fwrite(data, 1, (size_t)size, (FILE *)user); }
 
-/* Returns whether a texture holds metal and roughness, or transmission. number: counted from 0. */
+/* Returns whether a texture holds metal and roughness, transmission or normals. number: counted from 0. */
 static int gltf__is_linear(const sbl_scene_desc *scene, int number) {
     int i;
     for (i = 0; i < scene->material_count; i++)
-        if (scene->materials[i].specular_texture == number + 1 ||
+        if (scene->materials[i].specular_texture == number + 1 || scene->materials[i].normal_texture == number + 1 ||
             scene->materials[i].transmission_texture == number + 1) return 1;
     return 0;
 }
@@ -196,6 +196,14 @@ static void gltf__put_extensions(FILE *out, const gltf_file *f, const sbl_materi
     fputc('}', out);
 }
 
+static void gltf__put_normal_texture(FILE *out, const sbl_material *m) {
+    const float scale = m->normal_scale < 0 || m->normal_scale > 0 ? m->normal_scale : 1;
+    if (!m->normal_texture) return;
+    fprintf(out, ", \"normalTexture\": {\"index\": %d", m->normal_texture - 1);
+    if (scale < 1 || scale > 1) fprintf(out, ", \"scale\": %.9g", (double)scale);
+    fputc('}', out);
+}
+
 static void gltf__put_material(FILE *out, const gltf_file *f, int number) {
     const sbl_material *m = &f->scene->materials[number];
     const double most = gltf__strength(m);
@@ -207,7 +215,9 @@ static void gltf__put_material(FILE *out, const gltf_file *f, int number) {
     if (m->albedo_texture) fprintf(out, ", \"baseColorTexture\": {\"index\": %d}", m->albedo_texture - 1);
     if (m->specular_texture && !gltf__is_matte(m))
         fprintf(out, ", \"metallicRoughnessTexture\": {\"index\": %d}", m->specular_texture - 1);
-    fprintf(out, "}, \"emissiveFactor\": [%.7g, %.7g, %.7g]", (double)m->emission[0] / most,
+    fputc('}', out);
+    gltf__put_normal_texture(out, m);
+    fprintf(out, ", \"emissiveFactor\": [%.7g, %.7g, %.7g]", (double)m->emission[0] / most,
             (double)m->emission[1] / most, (double)m->emission[2] / most);
     if (m->emission_texture) fprintf(out, ", \"emissiveTexture\": {\"index\": %d}", m->emission_texture - 1);
     if (m->flags & SBL_MATERIAL_BLEND) fprintf(out, ", \"alphaMode\": \"BLEND\"");

@@ -407,16 +407,36 @@ static void scene__factors(scene__reader *r, unsigned index) {
     if (!scene__is_gone(&alpha, r->file->matte)) scene__gloss(r, m, out);
 }
 
-enum { SCENE__ALBEDO, SCENE__EMISSION, SCENE__SPECULAR, SCENE__TRANSMISSION, SCENE__MASK, SCENE__PICTURES };
+/* Finds the normal map of a material, and reads its factor. Returns 0 if the material is shown without: with
+   options.matte, if it is unlit, or if the factor is 0, which means 1 in sbl.h. */
+static int scene__normal_map(const scene__reader *r, const struct aiMaterial *m, scene__use_of_picture *picture,
+                             sbl_material *out) {
+    float scale;
+    if (r->file->matte || scene__shading(m) == aiShadingMode_NoShading) return 0;
+    if (!scene__picture_of(m, aiTextureType_NORMALS, picture) &&
+        !scene__picture_of(m, aiTextureType_NORMAL_CAMERA, picture)) return 0;
+    scale = scene__number(m, AI_MATKEY_GLTF_TEXTURE_SCALE(aiTextureType_NORMALS, 0), 1);
+    if (scene__clamp(&scale, -SCENE__MOST_SCALE, SCENE__MOST_SCALE))
+        scene__warn(r->file, "material %s: the factor of its normal map is outside of -%g to %g and was clamped",
+                    scene__told_by(r, m).name, (double)SCENE__MOST_SCALE, (double)SCENE__MOST_SCALE);
+    if (!(scale > 0 || scale < 0)) return 0;
+    out->normal_scale = scale;
+    return 1;
+}
 
-/* Reads the textures that have no alpha. A surface whose texture is missing does not emit, is matte, is opaque. */
+enum { SCENE__ALBEDO, SCENE__EMISSION, SCENE__SPECULAR, SCENE__TRANSMISSION, SCENE__NORMAL, SCENE__MASK,
+    SCENE__PICTURES };
+
+/* Reads the textures that have no alpha. A surface whose texture is missing does not emit, is matte, is opaque, is
+   smooth. A grey picture has no normals: it holds heights, which Blender's reader of OBJ takes for normals. */
 static void scene__plain_textures(scene__reader *r, const scene__use_of_picture *all, const int *has,
                                   sbl_material *out) {
     int *numbers[SCENE__PICTURES], i;
     numbers[SCENE__EMISSION] = &out->emission_texture;
     numbers[SCENE__SPECULAR] = &out->specular_texture;
     numbers[SCENE__TRANSMISSION] = &out->transmission_texture;
-    for (i = SCENE__EMISSION; i <= SCENE__TRANSMISSION; i++)
+    numbers[SCENE__NORMAL] = &out->normal_texture;
+    for (i = SCENE__EMISSION; i <= SCENE__NORMAL; i++)
         if (has[i])
             *numbers[i] = scene__texture(&r->pictures, all[i].name.data, NULL, scene__wrap_of(&all[i]),
                                          i != SCENE__EMISSION);
@@ -424,10 +444,18 @@ static void scene__plain_textures(scene__reader *r, const scene__use_of_picture 
         out->emission[0] = out->emission[1] = out->emission[2] = 0;
     if (has[SCENE__SPECULAR] && !out->specular_texture) scene__make_matte(out);
     if (has[SCENE__TRANSMISSION] && !out->transmission_texture) out->transmission = 0;
+    if (out->normal_texture && scene__is_grey(&r->pictures.textures[out->normal_texture - 1])) {
+        scene__warn(r->file, "texture %s is grey, so it is no normal map; its material is shown without it",
+                    all[SCENE__NORMAL].name.data);
+        out->normal_texture = 0;
+    }
+    if (!out->normal_texture) out->normal_scale = 0;
 }
 
 /* Reads the rest of a material. */
 static void scene__material(scene__reader *r, unsigned index) {
+    static const char *const words[SCENE__PICTURES] = { "colour", "emission", "metal", "transmission", "normals",
+        "mask" };
     const struct aiMaterial *m = r->in->mMaterials[index];
     sbl_material *out = &r->materials[index];
     scene__alpha alpha = scene__alpha_of(m, !r->not_matte);
@@ -447,6 +475,7 @@ static void scene__material(scene__reader *r, unsigned index) {
                            scene__specular_picture(r, m, &all[SCENE__SPECULAR]);
     has[SCENE__TRANSMISSION] = out->transmission > 0 &&
                                scene__picture_of(m, aiTextureType_TRANSMISSION, &all[SCENE__TRANSMISSION]);
+    has[SCENE__NORMAL] = scene__normal_map(r, m, &all[SCENE__NORMAL], out);
     has[SCENE__MASK] = alpha.has_mask;
     all[SCENE__MASK] = alpha.mask;
     out->alpha_cutoff = alpha.cutoff > 0.0f ? alpha.cutoff / alpha.opacity : 0.0f;
@@ -457,11 +486,10 @@ static void scene__material(scene__reader *r, unsigned index) {
                                              alpha.has_mask ? alpha.mask.name.data : NULL,
                                              scene__wrap_of(has[SCENE__ALBEDO] ? &all[SCENE__ALBEDO] : &alpha.mask), 0);
     scene__plain_textures(r, all, has, out);
-    for (i = first; i <= SCENE__TRANSMISSION; i++) differs |= has[i] && all[i].set != all[first].set;
+    for (i = first; i <= SCENE__NORMAL; i++) differs |= has[i] && all[i].set != all[first].set;
     if (differs)
         scene__warn(r->file, "material %s: its textures use different texture coordinates; those of its %s are used "
-                    "for all", scene__told_by(r, m).name, has[SCENE__ALBEDO] ? "colour" : has[SCENE__EMISSION] ?
-                    "emission" : "metal");
+                    "for all", scene__told_by(r, m).name, words[first]);
 }
 
 /* ---- what is read as something simpler: see SCENE_FILE_KINDS ---- */
@@ -503,7 +531,8 @@ static int scene__is_cut(const scene__reader *r, unsigned index) {
 static void scene__count_matte(const scene__reader *r, const struct aiMaterial *m) {
     static const enum aiTextureType maps[] = { aiTextureType_SPECULAR, aiTextureType_SHININESS, aiTextureType_METALNESS,
         aiTextureType_DIFFUSE_ROUGHNESS, aiTextureType_UNKNOWN /* metal and roughness in glTF */,
-        aiTextureType_DISPLACEMENT, aiTextureType_REFLECTION };
+        aiTextureType_REFLECTION };
+    static const enum aiTextureType normals[] = { aiTextureType_NORMALS, aiTextureType_NORMAL_CAMERA };
     const int mapped = scene__has_picture(m, maps, sizeof maps / sizeof *maps);
     const int is_metal = scene__number(m, AI_MATKEY_METALLIC_FACTOR, 0) > 0 &&
                          scene__number(m, AI_MATKEY_GLOSSINESS_FACTOR, -1) < 0;
@@ -512,25 +541,24 @@ static void scene__count_matte(const scene__reader *r, const struct aiMaterial *
     else if (scene__number(m, AI_MATKEY_OBJ_ILLUM, 0) > 2.5f) scene__count(r->file, SCENE_FILE_ILLUM);
     else if (scene__is_glossy(m)) scene__count(r->file, SCENE_FILE_GLOSS);
     if (scene__number(m, AI_MATKEY_TRANSMISSION_FACTOR, 0) > 0) scene__count(r->file, SCENE_FILE_GLASS);
+    if (scene__has_picture(m, normals, sizeof normals / sizeof *normals)) scene__count(r->file, SCENE_FILE_NORMAL_MAP);
 }
 
 /* Counts a material for the warnings MAP and REFRACTION: if it has textures of metal or gloss that are not read, and if
    the file describes a thick body, which is shown as a thin pane. */
 static void scene__count_gloss(const scene__reader *r, unsigned index) {
     static const enum aiTextureType maps[] = { aiTextureType_SPECULAR, aiTextureType_SHININESS,
-        aiTextureType_DISPLACEMENT, aiTextureType_REFLECTION, aiTextureType_METALNESS, aiTextureType_DIFFUSE_ROUGHNESS,
-        aiTextureType_UNKNOWN };
+        aiTextureType_REFLECTION, aiTextureType_METALNESS, aiTextureType_DIFFUSE_ROUGHNESS, aiTextureType_UNKNOWN };
     const struct aiMaterial *m = r->in->mMaterials[index];
     const int refracts = scene__number(m, AI_MATKEY_VOLUME_THICKNESS_FACTOR, 0) > 0 || scene__illum(m) == 6 ||
                          scene__illum(m) == 7;
-    if (scene__has_picture(m, maps, r->is_gltf ? 4 : 7)) scene__count(r->file, SCENE_FILE_MAP);
+    if (scene__has_picture(m, maps, r->is_gltf ? 3 : 6)) scene__count(r->file, SCENE_FILE_MAP);
     if (r->materials[index].transmission > 0 && refracts) scene__count(r->file, SCENE_FILE_REFRACTION);
 }
 
 /* Counts the features of a used material that sbl.h does not have. */
 static void scene__count_material(const scene__reader *r, unsigned index) {
-    static const enum aiTextureType bumps[] = { aiTextureType_NORMALS, aiTextureType_HEIGHT,
-        aiTextureType_NORMAL_CAMERA };
+    static const enum aiTextureType heights[] = { aiTextureType_HEIGHT, aiTextureType_DISPLACEMENT };
     const struct aiMaterial *m = r->in->mMaterials[index];
     const scene__told told = scene__told_by(r, m);
     struct aiColor4D sheen;
@@ -545,7 +573,7 @@ static void scene__count_material(const scene__reader *r, unsigned index) {
     }
     if (r->file->matte) scene__count_matte(r, m);
     else scene__count_gloss(r, index);
-    if (scene__has_picture(m, bumps, sizeof bumps / sizeof *bumps)) scene__count(r->file, SCENE_FILE_NORMAL_MAP);
+    if (scene__has_picture(m, heights, sizeof heights / sizeof *heights)) scene__count(r->file, SCENE_FILE_HEIGHT);
     if (scene__number(m, AI_MATKEY_CLEARCOAT_FACTOR, 0) > 0) scene__count(r->file, SCENE_FILE_COAT);
     if (aiGetMaterialColor(m, AI_MATKEY_SHEEN_COLOR_FACTOR, &sheen) == aiReturn_SUCCESS &&
         (sheen.r > 0 || sheen.g > 0 || sheen.b > 0))
@@ -897,9 +925,9 @@ static void scene__nodes(scene__reader *r) {
 static int scene__make_room(scene__reader *r) {
     const size_t materials = r->in->mNumMaterials ? r->in->mNumMaterials : 1;
     scene__pictures *p = &r->pictures;
-    p->room = (int)(4 * materials);
-    p->textures = (sbl_texture *)scene__alloc(r->file, 4 * materials, sizeof *p->textures);
-    p->keys = (struct scene__texture_key *)calloc(4 * materials, sizeof *p->keys);
+    p->room = (int)(5 * materials);
+    p->textures = (sbl_texture *)scene__alloc(r->file, 5 * materials, sizeof *p->textures);
+    p->keys = (struct scene__texture_key *)calloc(5 * materials, sizeof *p->keys);
     r->materials = (sbl_material *)scene__alloc(r->file, materials, sizeof *r->materials);
     r->lights = (sbl_light *)scene__alloc(r->file, r->in->mNumLights, sizeof *r->lights);
     r->left_out = (int *)calloc(materials, sizeof *r->left_out);

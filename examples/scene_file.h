@@ -17,12 +17,13 @@
 
        OBJ   Kd map_Kd Ke map_Ke d map_d. map_d becomes the alpha of the albedo texture, with the cutoff 0.5. map_Ke
              without Ke is used with Ke 1 1 1. Ns Ks Ni illum (or Pr Pm) become gloss or metal, see scene__phong_gloss;
-             illum 4, 6, 7 and 9 with d, Ni and Tf become panes, see scene__glass and scene__glaze
+             illum 4, 6, 7 and 9 with d, Ni and Tf become panes, see scene__glass and scene__glaze. norm is a normal
+             map
        glTF  baseColor; emissive times KHR_materials_emissive_strength (needs cJSON: define SBL_RENDER_CJSON, link with
              -lcjson); alphaMode MASK with its cutoff, and BLEND; metallicFactor, roughnessFactor,
              metallicRoughnessTexture, KHR_materials_transmission, KHR_materials_ior, and KHR_materials_specular where
-             it is 0. KHR_lights_punctual without ranges; several nodes can share a light only with cJSON
-       else  the colour of a light is its intensity; attenuation other than by distance is ignored
+             it is 0; normalTexture with its scale. KHR_lights_punctual without ranges; several nodes can share a light only with cJSON
+       else  the normal map that assimp returns; the colour of a light is its intensity; attenuation other than by distance is ignored
 
    Metal and gloss follow one rule for the whole file. If no material in use has metal, a roughness below 1, a texture
    of these, or transmission, all materials are matte: exporters write roughness 1 for surfaces that are meant to be
@@ -32,7 +33,8 @@
 
    BLEND, and a constant opacity below 1 in other formats, become SBL_MATERIAL_BLEND if the file is not matte. In matte
    files they are cut out where their alpha is below 0.5; meshes with a constant alpha below 0.5 are left out. These
-   materials alone do not make a file one that is not matte.
+   materials alone do not make a file one that is not matte. Normal maps do not either, and matte files show them. A grey
+   picture is no normal map.
 
    A file from a stranger can crash its reader, take control of it, make it hang, use up all memory, or refer to files
    that it must not access. For this reason:
@@ -78,15 +80,16 @@ typedef struct scene_file_options {
     int frames;      /* if not 0, the file must have an animated camera, which is read at this many times; see
                         scene_file.frames */
     double frame_rate;  /* frames per second; default 24 */
-    int matte;       /* 1: all materials are read as matte, metal as a matte surface of its base colour */
+    int matte;       /* 1: all materials are read as matte, metal as a matte surface of its base colour, and without
+                        normal maps */
     const volatile sig_atomic_t *cancel;            /* reading stops when this becomes nonzero; may be NULL */
     void (*log)(const char *path, const char *message, void *user);  /* receives how the reader was confined */
     void *log_user;
 } scene_file_options;
 
 /* What is replaced by something simpler or left out: kind, what is counted (one, several), text of the warning. METAL,
-   GLOSS, GLASS, ILLUM and TEXTURE are counted only with options.matte, MAP, SPECULAR and REFRACTION only without. BLEND
-   is counted in matte files, by the rule or by the options. */
+   GLOSS, GLASS, ILLUM, NORMAL_MAP and TEXTURE are counted only with options.matte, MAP, SPECULAR and REFRACTION only
+   without. BLEND is counted in matte files, by the rule or by the options. */
 #define SCENE_FILE_KINDS(X) \
     X(METAL, "material", "materials", "metal is read as a matte surface of its base colour") \
     X(GLOSS, "material", "materials", "gloss is ignored (roughness below 0.5, or Ns above 30): the surface is matte") \
@@ -98,10 +101,11 @@ typedef struct scene_file_options {
     X(REFRACTION, "material", "materials", "refraction and volume are ignored: light passes as through a thin pane") \
     X(ILLUM, "material", "materials", "mirrors and glass (illum 3 to 9) are read as matte, opaque surfaces") \
     X(BLEND, "material", "materials", "partial transparency is read as a cutout: opaque from 0.5 on") \
-    X(NORMAL_MAP, "material", "materials", "normal maps and bump maps are ignored") \
-    X(TEXTURE, "material", "materials", "textures of metal, roughness, gloss or displacement are not read") \
-    X(MAP, "material", "materials", "textures of specular colour, gloss or displacement are not read; those of metal " \
-        "and roughness are read only from glTF") \
+    X(NORMAL_MAP, "material", "materials", "normal maps are ignored") \
+    X(HEIGHT, "material", "materials", "bump maps and displacement (textures of heights) are ignored") \
+    X(TEXTURE, "material", "materials", "textures of metal, roughness or gloss are not read") \
+    X(MAP, "material", "materials", "textures of specular colour or gloss are not read; those of metal and roughness " \
+        "are read only from glTF") \
     X(UNLIT, "material", "materials", "unlit materials are lit like all others") \
     X(EXTENSION, "material", "materials", "further material extensions, such as iridescence, are ignored") \
     X(RANGE, "light", "lights", "the range of lights is ignored: they reach everywhere") \

@@ -19,6 +19,7 @@ static const char scene__strength_name[] = "KHR_materials_emissive_strength";
 
 #define SCENE__IOR      1.5  /* index of refraction of a material that states none */
 #define SCENE__MOST_IOR 1e6
+#define SCENE__MOST_SCALE 1000.0f  /* of a normal map */
 
 /* What the name of a material tells about it. */
 enum {

@@ -259,7 +259,7 @@ static int scene__texture(scene__pictures *p, const char *albedo, const char *ma
         if (strcmp(p->keys[i].albedo, albedo ? albedo : "") == 0 && strcmp(p->keys[i].mask, mask ? mask : "") == 0 &&
             p->keys[i].wrap == wrap && p->keys[i].linear == linear)
             return i + 1;
-    if (p->count == p->room) return 0;  /* cannot happen: there are at most four per material */
+    if (p->count == p->room) return 0;  /* cannot happen: there are at most five per material */
     memset(&pixels, 0, sizeof pixels);
     if (albedo) scene__picture(p, albedo, &pixels);
     if (mask && scene__picture(p, mask, &mask_pixels)) {
@@ -278,6 +278,16 @@ static int scene__texture(scene__pictures *p, const char *albedo, const char *ma
     if (!scene__keep(p->file, &pixels, &p->textures[p->count - 1])) return 0;
     if (linear && !pixels.is_float) p->textures[p->count - 1].format = SBL_PIXELS_LINEAR8;
     return p->count;
+}
+
+/* Returns whether red, green and blue are equal in all texels. */
+static int scene__is_grey(const sbl_texture *t) {
+    const size_t count = (size_t)t->width * (size_t)t->height, size = t->format == SBL_PIXELS_FLOAT ? sizeof(float) : 1;
+    const char *at = (const char *)t->pixels;
+    size_t i;
+    for (i = 0; i < count && t->channels >= 3; i++, at += size * (size_t)t->channels)
+        if (memcmp(at, at + size, 2 * size) != 0) return 0;
+    return 1;
 }
 
 static void scene__free_pictures(scene__pictures *p) {

@@ -427,6 +427,12 @@ TEST(materials) {
     BAD_SCENE(f.materials[1].specular_texture = 3, MATERIAL, "material 1", "specular_texture", "3");
     BAD_SCENE(f.materials[1].transmission_texture = -1, MATERIAL, "material 1", "transmission_texture", "-1");
     BAD_SCENE(f.materials[1].transmission_texture = 3, MATERIAL, "material 1", "transmission_texture", "3");
+    BAD_SCENE(f.materials[1].normal_texture = -1, MATERIAL, "material 1", "normal_texture", "-1");
+    BAD_SCENE(f.materials[1].normal_texture = 3, MATERIAL, "material 1", "normal_texture", "3");
+    BAD_SCENE(f.materials[1].normal_scale = NOT, MATERIAL, "material 1", "normal_scale", "nan");
+    BAD_SCENE(f.materials[1].normal_scale = INF, MATERIAL, "material 1", "normal_scale", "inf");
+    BAD_SCENE(f.materials[1].normal_scale = 2000, MATERIAL, "material 1", "normal_scale", "2000");
+    BAD_SCENE(f.materials[1].normal_scale = -1001, MATERIAL, "material 1", "normal_scale", "-1001");
     BAD_SCENE(f.materials[1].flags = 0xffffffffu, MATERIAL, "material 1", "flags", "0xffffffff");
     usable("bad materials");
 }

@@ -1559,8 +1559,7 @@ TEST(substitutions_are_named) {
         "clear coat is ignored (1 material)", "sheen is ignored (1 material)", "anisotropy is ignored (1 material)",
         "transmission, refraction and volume are ignored: the surface is opaque (2 materials)",
         "partial transparency is read as a cutout: opaque from 0.5 on (2 materials)",
-        "normal maps and bump maps are ignored (1 material)",
-        "textures of metal, roughness, gloss or displacement are not read (1 material)",
+        "normal maps are ignored (1 material)", "textures of metal, roughness or gloss are not read (1 material)",
         "unlit materials are lit like all others (1 material)",
         "further material extensions, such as iridescence, are ignored (2 materials)",
         "the range of lights is ignored: they reach everywhere (1 light)",
@@ -1570,19 +1569,20 @@ TEST(substitutions_are_named) {
         "gloss is ignored (roughness below 0.5, or Ns above 30): the surface is matte (1 material)",
         "mirrors and glass (illum 3 to 9) are read as matte, opaque surfaces (2 materials)",
         "partial transparency is read as a cutout: opaque from 0.5 on (1 material)",
-        "normal maps and bump maps are ignored (1 material)",
-        "textures of metal, roughness, gloss or displacement are not read (1 material)",
+        "bump maps and displacement (textures of heights) are ignored (2 materials)",
+        "textures of metal, roughness or gloss are not read (1 material)",
         "lines and points are left out (1 mesh)" };
     static const char *const gloss_lines[] = {
         "refraction and volume are ignored: light passes as through a thin pane (1 material)",
-        "normal maps and bump maps are ignored (1 material)",
-        "textures of specular colour, gloss or displacement are not read; those of metal and roughness are read only "
-            "from glTF (1 material)",
+        "bump maps and displacement (textures of heights) are ignored (2 materials)",
+        "textures of specular colour or gloss are not read; those of metal and roughness are read only from glTF "
+            "(1 material)",
         "lines and points are left out (1 mesh)" };
     const char *lines[16];
     static const char *const area_line[] = { "area lights and ambient lights are left out (1 light)" };
     static const char *const materials[] = { "Ns 40\nKs 1 1 1", "Ns 20\nKs 1 1 1", "Ns 400\nKs 0 0 0", "illum 5",
-        "illum 6\nNi 1.5", "d 0.8", "map_bump grey.png", "map_Ks grey.png", "Kd 1 1 1\nillum 2\nmap_Kd grey.png" };
+        "illum 6\nNi 1.5", "d 0.8", "map_bump grey.png", "disp grey.png", "map_Ks grey.png",
+        "Kd 1 1 1\nillum 2\nmap_Kd grey.png" };
     FILE *mtl, *obj;
     int i;
     materials_gltf(MATTE "}|" MATTE ",\"baseColorTexture\":" TEXTURE "},\"alphaMode\":\"MASK\"|"
@@ -1611,11 +1611,11 @@ TEST(substitutions_are_named) {
             "\"target\":{\"node\":0,\"path\":\"translation\"}}]}]");
     TOOL("squares.gltf", "--materials", "matte", SQUARES);
     check_warnings("squares.gltf", gltf_lines, 15);
-    for (i = 0; i < 3; i++) lines[i] = gltf_lines[i + 2];  /* without metal and gloss */
+    lines[0] = "texture grey.png is grey, so it is no normal map; its material is shown without it";
+    for (i = 1; i < 4; i++) lines[i] = gltf_lines[i + 1];  /* without metal and gloss */
     lines[i++] = "strength and colour of reflections (KHR_materials_specular) are ignored (2 materials)";
     lines[i++] = gloss_lines[0];                           /* of two panes, one is thick */
-    lines[i++] = gltf_lines[7];                            /* without transmission and partial transparency */
-    for (; i < 12; i++) lines[i] = gltf_lines[i + 3];      /* without textures of metal */
+    for (; i < 12; i++) lines[i] = gltf_lines[i + 3];      /* without transmission, blending and textures of metal */
     TOOL("squares.gltf", SQUARES);
     check_warnings("squares.gltf", lines, 12);
     CHECK(TOOL("squares.gltf", "--quiet", SQUARES) == 0 && !ran.err[0], "--quiet says: %s", ran.err);

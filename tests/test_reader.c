@@ -318,17 +318,21 @@ enum { GLOSSES = 12 };
 static const gloss matte = { 0, 0, 0 };
 
 /* Writes a scene with a triangle for each of the materials, which are separated by bars. The first triangle has the
-   last material, because assimp returns materials in the order in which they are used. */
+   last material, because assimp returns materials in the order in which they are used. Texture 0 is two.png, 1 the same
+   but clamped, 2 absent; 3 to 9 are two.png by other names, 10 to 16 the same but clamped. */
 static void write_materials(const char *name, const char *materials) {
     static const char corners[] = "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA";  /* 0 0 0, 1 0 0, 0 1 0 */
     static char json[8192];
     int n, i, count = 1;
     n = sprintf(json, "{\"asset\":{\"version\":\"2.0\"},\"extensionsUsed\":[\"KHR_materials_unlit\","
                 "\"KHR_materials_transmission\",\"KHR_materials_ior\",\"KHR_materials_specular\","
-                "\"KHR_materials_pbrSpecularGlossiness\"],"
-                "\"images\":[{\"uri\":\"two.png\"},{\"uri\":\"absent.png\"}],"
-                "\"samplers\":[{\"wrapS\":33071,\"wrapT\":33071}],\"textures\":[{\"source\":0},"
-                "{\"source\":0,\"sampler\":0},{\"source\":1}],\"materials\":[{");
+                "\"KHR_materials_pbrSpecularGlossiness\",\"KHR_texture_transform\"],"
+                "\"images\":[{\"uri\":\"two.png\"},{\"uri\":\"absent.png\"}");
+    for (i = 1; i <= 7; i++) n += sprintf(json + n, ",{\"uri\":\"%.*stwo.png\"}", 2 * i, "./././././././");
+    n += sprintf(json + n, "],\"samplers\":[{\"wrapS\":33071,\"wrapT\":33071}],\"textures\":[{\"source\":0},"
+                 "{\"source\":0,\"sampler\":0},{\"source\":1}");
+    for (i = 0; i < 14; i++) n += sprintf(json + n, ",{\"source\":%d%s}", 2 + i % 7, i < 7 ? "" : ",\"sampler\":0");
+    n += sprintf(json + n, "],\"materials\":[{");
     for (; *materials; materials++) {
         count += *materials == '|';
         n += sprintf(json + n, *materials == '|' ? "},{" : "%c", *materials);
@@ -344,6 +348,16 @@ static void write_materials(const char *name, const char *materials) {
             "\"bufferViews\":[{\"buffer\":0,\"byteLength\":36}],\"buffers\":[{\"byteLength\":36,"
             "\"uri\":\"data:application/octet-stream;base64,%s\"}]}", corners);
     write_text(name, json);
+}
+
+/* Returns whether a text file contains a text. */
+static int has_text(const char *name, const char *text) {
+    static char all[16384];
+    FILE *in = fopen(in_folder(name), "rb");
+    const size_t size = in ? fread(all, 1, sizeof all - 1, in) : 0;
+    if (in) fclose(in);
+    all[size] = 0;
+    return strstr(all, text) != NULL;
 }
 
 static scene_file *read_back(const char *name, int all_matte) {
@@ -776,6 +790,203 @@ TEST(written_panes_are_read_again) {
     scene_file_free(again);
 }
 
+/* >>normal maps */
+
+#define NORMAL(values) "\"normalTexture\":{" values "}"
+#define BASE(index) MODEL("\"baseColorTexture\":{\"index\":" index "}")
+
+/* Checks the texture of normals of a triangle: whether there is one, and its factor (0: none). */
+static void check_normals(const scene_file *file, int number, const char *what, double scale) {
+    const sbl_material *m = material_of(file, number);
+    CHECK((m->normal_texture != 0) == (fabs(scale) > 0) && fabs((double)m->normal_scale - scale) < 1e-6,
+          "%s: triangle %d: texture of normals %d, factor %g; expected the factor %g", what, number, m->normal_texture,
+          (double)m->normal_scale, scale);
+}
+
+/* A .gltf has the normal maps and factors of the file, in matte files, too, which stay matte. Materials whose picture is
+   missing or grey, whose factor is 0, or which are unlit have none, and nor do any with options.matte. */
+TEST(normals_of_gltf) {
+    static const unsigned char texels[6] = { 10, 128, 250, 200, 64, 3 }, grey[3] = { 7, 7, 7 };
+    static const char materials[] = NORMAL("\"index\":0") "," BASE("0") "|" NORMAL("\"index\":0,\"scale\":0.25") "|"
+        NORMAL("\"index\":1,\"scale\":-2") "|" NORMAL("\"index\":2") ",\"name\":\"torn\"|"
+        NORMAL("\"index\":0,\"scale\":0") "|" NORMAL("\"index\":0") "," EXTENSION("unlit", "") "|"
+        NORMAL("\"index\":0,\"scale\":1e9") ",\"name\":\"steep\"|" BASE("0");
+    static const double scales[8] = { 1, 0.25, -2, 0, 0, 0, 1000, 0 };
+    scene_file *file, *plain;
+    const sbl_material *m[8];
+    int i;
+    stbi_write_png(in_folder("two.png"), 2, 1, 3, texels, 6);
+    write_materials("normals.gltf", materials);
+    file = read_back("normals.gltf", 0);
+    plain = read_back("normals.gltf", 1);
+    REQUIRE(file && plain && file->scene.mesh_count == 8 && plain->scene.mesh_count == 8, "%s", error);
+    for (i = 0; i < 8; i++) {
+        m[i] = material_of(file, 7 - i);
+        check_normals(file, 7 - i, "as in the file", scales[i]);
+        check_normals(plain, 7 - i, "matte", 0);
+        CHECK(is_gloss(m[i], &matte), "triangle %d: normal maps made a file glossy", 7 - i);
+    }
+    CHECK(file->warning_count == 2 && strstr(file->warnings[1], "absent.png") && strstr(file->warnings[0],
+          "material steep: the factor of its normal map is outside"), "%d: %s; %s", file->warning_count,
+          file->warnings[0], file->warnings[1]);
+    CHECK(!file->simplified[SCENE_FILE_NORMAL_MAP] && plain->simplified[SCENE_FILE_NORMAL_MAP] == 6, "%d and %d ignored",
+          file->simplified[SCENE_FILE_NORMAL_MAP], plain->simplified[SCENE_FILE_NORMAL_MAP]);
+    CHECK(file->scene.texture_count == 3 && m[0]->normal_texture == m[1]->normal_texture && m[0]->albedo_texture &&
+          m[0]->normal_texture != m[0]->albedo_texture && m[0]->normal_texture != m[2]->normal_texture,
+          "%d textures: expected colour, normals, and normals that are clamped", file->scene.texture_count);
+    for (i = 0; i < 3; i++) {
+        const sbl_texture *t = &file->scene.textures[i];
+        CHECK(t->format == (i + 1 == m[0]->albedo_texture ? SBL_PIXELS_SRGB8 : SBL_PIXELS_LINEAR8) &&
+              t->wrap == (i + 1 == m[2]->normal_texture ? SBL_WRAP_CLAMP : SBL_WRAP_REPEAT) &&
+              memcmp(t->pixels, texels, 6) == 0, "texture %d: format %d, wrap %d", i, (int)t->format, (int)t->wrap);
+    }
+    scene_file_free(plain);
+    scene_file_free(file);
+    stbi_write_png(in_folder("two.png"), 1, 1, 3, grey, 3);
+    file = read_back("normals.gltf", 0);
+    REQUIRE(file, "%s", error);
+    for (i = 0; i < 8; i++) check_normals(file, i, "grey", 0);
+    CHECK(file->warning_count == 3 && strstr(file->warnings[1], "texture two.png is grey, so it is no normal map"),
+          "%d: %s", file->warning_count, file->warnings[1]);
+    scene_file_free(file);
+}
+
+/* Five different textures fit in each material. A picture of both metal and normals is one texture. */
+TEST(five_textures_per_material) {
+    static const unsigned char texels[6] = { 10, 128, 250, 200, 64, 3 };
+    enum { COUNT = 5 };  /* with fewer, there is room for more, because assimp adds a material */
+    char text[COUNT * 512] = "";
+    scene_file *file;
+    int i, at[5], k;
+    stbi_write_png(in_folder("two.png"), 2, 1, 3, texels, 6);
+    for (i = 0; i < COUNT; i++) {
+        for (k = 0; k < 5; k++) at[k] = k < 2 ? 2 * i + k : 3 * i + k - 2;
+        for (k = 0; k < 5; k++) at[k] += at[k] >= 2;  /* number 2 is absent */
+        sprintf(text + strlen(text), "%s" MODEL("\"baseColorTexture\":{\"index\":%d},\"metallicRoughnessTexture\":"
+                "{\"index\":%d}") ",\"emissiveFactor\":[1,1,1],\"emissiveTexture\":{\"index\":%d}," NORMAL("\"index\":%d")
+                "," EXTENSION("transmission", "\"transmissionFactor\":1,\"transmissionTexture\":{\"index\":%d}"),
+                i ? "|" : "", at[0], at[2], at[1], at[3], at[4]);
+    }
+    write_materials("five.gltf", text);
+    file = read_back("five.gltf", 0);
+    REQUIRE(file && file->scene.mesh_count == COUNT, "%s", error);
+    CHECK(file->scene.texture_count == 5 * COUNT, "%d textures of %d", file->scene.texture_count, 5 * COUNT);
+    for (i = 0; i < COUNT; i++) {
+        const sbl_material *m = material_of(file, i);
+        CHECK(m->albedo_texture && m->emission_texture && m->specular_texture && m->transmission_texture &&
+              m->normal_texture, "triangle %d lacks a texture", i);
+    }
+    scene_file_free(file);
+    write_materials("five.gltf", TEXTURED("\"metallicFactor\":1", "0") "," NORMAL("\"index\":0"));
+    file = read_back("five.gltf", 0);
+    CHECK(file && file->scene.texture_count == 1 && material_of(file, 0)->specular_texture == 1 &&
+          material_of(file, 0)->normal_texture == 1, "%d textures", file ? file->scene.texture_count : 0);
+    scene_file_free(file);
+}
+
+#define TRANSFORM "\"extensions\":{\"KHR_texture_transform\":{\"offset\":[0.25,0.5]}}"
+
+/* Reads a material, and compares the texture coordinates of corner 1 of its triangle, whose TEXCOORD_0 is 0 1 and whose
+   TEXCOORD_1 is 0 0. warning: part of the only warning; NULL: there must be none. */
+static void check_coordinates(const char *material, double u, double v, const char *warning) {
+    scene_file *file;
+    const float *at;
+    write_materials("uv.gltf", material);
+    file = read_back("uv.gltf", 0);
+    REQUIRE(file, "%s: %s", material, error);
+    at = (const float *)file->scene.meshes[0].texcoords.data;
+    CHECK(at && fabs((double)at[2] - u) < 1e-6 && fabs((double)at[3] - v) < 1e-6, "%s: coordinates %g %g", material,
+          (double)at[2], (double)at[3]);
+    check_normals(file, 0, material, 1);
+    CHECK(warning ? file->warning_count == 1 && strstr(file->warnings[0], warning) : !file->warning_count, "%s: %s",
+          material, file->warnings[0]);
+    scene_file_free(file);
+}
+
+/* A normal map alone is shown with its own set of texture coordinates and its KHR_texture_transform; beside another
+   texture, with the coordinates of that one. */
+TEST(coordinates_of_normals) {
+    static const unsigned char texels[6] = { 10, 128, 250, 200, 64, 3 };
+    stbi_write_png(in_folder("two.png"), 2, 1, 3, texels, 6);
+    check_coordinates(NORMAL("\"index\":0"), 0, 1, NULL);
+    check_coordinates(NORMAL("\"index\":0,\"texCoord\":1"), 0, 0, NULL);
+    check_coordinates(NORMAL("\"index\":0," TRANSFORM), 0.25, 1.5, NULL);
+    check_coordinates(MODEL("\"baseColorTexture\":{\"index\":0," TRANSFORM "}") "," NORMAL("\"index\":0," TRANSFORM),
+                      0.25, 1.5, NULL);
+    check_coordinates(BASE("0") "," NORMAL("\"index\":0,\"texCoord\":1") ",\"name\":\"shoe\"", 0, 1,
+                      "material shoe: its textures use different texture coordinates; those of its colour are used");
+    check_coordinates(BASE("0") "," NORMAL("\"index\":0," TRANSFORM), 0, 1, "different texture coordinates");
+    check_coordinates(TEXTURED("\"metallicFactor\":1", "0,\"texCoord\":1") "," NORMAL("\"index\":0"), 0, 0,
+                      "those of its metal are used");
+}
+
+/* In OBJ, `norm` is a normal map, and its texture coordinates begin at the top. Textures of heights are counted. */
+TEST(normals_of_obj) {
+    static const unsigned char texels[6] = { 10, 128, 250, 200, 64, 3 };
+    static const char *const materials[] = { "norm two.png", "map_Bump two.png", "bump two.png\nnorm two.png",
+        "disp two.png", "Kd 1 1 1" };
+    static const double scales[5] = { 1, 0, 1, 0, 0 };
+    FILE *mtl = fopen(in_folder("normals.mtl"), "w"), *obj = fopen(in_folder("normals.obj"), "w");
+    scene_file *file;
+    const float *v;
+    int i;
+    stbi_write_png(in_folder("two.png"), 2, 1, 3, texels, 6);
+    fprintf(obj, "mtllib normals.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0.25\nvt 1 0.25\nvt 0 1\n");
+    for (i = 0; i < 5; i++) {
+        fprintf(mtl, "newmtl m%d\n%s\n", i, materials[i]);
+        fprintf(obj, "usemtl m%d\nf 1/1 2/2 3/3\n", i);
+    }
+    fclose(mtl);
+    fclose(obj);
+    file = read_back("normals.obj", 0);
+    REQUIRE(file && file->scene.mesh_count == 5, "%s", error);
+    for (i = 0; i < 5; i++) check_normals(file, i, materials[i], scales[i]);
+    v = (const float *)file->scene.meshes[0].texcoords.data;
+    CHECK(v && fabs((double)v[1] - 0.75) < 1e-6 && fabs((double)v[5]) < 1e-6, "v is not turned upside down");
+    CHECK(file->simplified[SCENE_FILE_HEIGHT] == 3 && !file->simplified[SCENE_FILE_NORMAL_MAP] &&
+          !file->simplified[SCENE_FILE_MAP] && !file->warning_count, "%d with heights, %d with maps",
+          file->simplified[SCENE_FILE_HEIGHT], file->simplified[SCENE_FILE_MAP]);
+    CHECK(file->scene.texture_count == 1 && file->scene.textures[0].format == SBL_PIXELS_LINEAR8, "%d textures",
+          file->scene.texture_count);
+    scene_file_free(file);
+}
+
+/* Normal maps and their factors that gltf_file.h writes are the same when they are read again. Pictures that are given
+   as numbers become the same bytes. */
+TEST(written_normals_are_read_again) {
+    static const unsigned char texels[6] = { 10, 128, 250, 200, 64, 3 };
+    static const float numbers[6] = { 10 / 255.0f, 128 / 255.0f, 250 / 255.0f, 200 / 255.0f, 64 / 255.0f, 3 / 255.0f };
+    static const double scales[5] = { 1, 0.25, -2, 0, 1 };
+    sbl_texture *t;
+    scene_file *file, *again;
+    int i, k;
+    stbi_write_png(in_folder("two.png"), 2, 1, 3, texels, 6);
+    write_materials("normals.gltf", NORMAL("\"index\":0") "," BASE("0") "|" NORMAL("\"index\":0,\"scale\":0.25") "|"
+                    NORMAL("\"index\":1,\"scale\":-2") "|" BASE("0") "|" NORMAL("\"index\":0"));
+    file = read_back("normals.gltf", 0);
+    REQUIRE(file, "%s", error);
+    t = (sbl_texture *)(uintptr_t)&file->scene.textures[material_of(file, 2)->normal_texture - 1];
+    t->format = SBL_PIXELS_FLOAT;
+    t->pixels = numbers;
+    ((sbl_material *)(uintptr_t)material_of(file, 0))->normal_scale = 0;
+    write_scene(file, "again.gltf");
+    again = read_back("again.gltf", 0);
+    REQUIRE(again && again->scene.mesh_count == 5 && !again->warning_count, "%s", again ? again->warnings[0] : error);
+    for (i = 0; i < 5; i++) {
+        const sbl_material *m = material_of(again, 4 - i);
+        check_normals(again, 4 - i, "written", scales[i]);
+        CHECK(is_gloss(m, &matte), "triangle %d is glossy", 4 - i);
+        for (k = 0; k < 6 && m->normal_texture; k++) {
+            const int byte = ((const unsigned char *)again->scene.textures[m->normal_texture - 1].pixels)[k];
+            CHECK(byte == texels[k], "triangle %d: byte %d is %d, not %d", 4 - i, k, byte, texels[k]);
+        }
+    }
+    CHECK(!has_text("again.gltf", "\"scale\": 1}") && has_text("again.gltf", "\"scale\": 0.25}"), "a factor of 1 needs "
+          "no words");
+    scene_file_free(again);
+    scene_file_free(file);
+}
+
 /* >>limit of time */
 
 static void read_on(scene_file *file, const char *path,
@@ -1037,6 +1248,11 @@ int main(void) {
     RUN(glass_of_obj);
     RUN(written_gloss_is_read_again);
     RUN(written_panes_are_read_again);
+    RUN(normals_of_gltf);
+    RUN(five_textures_per_material);
+    RUN(coordinates_of_normals);
+    RUN(normals_of_obj);
+    RUN(written_normals_are_read_again);
     RUN(the_deadline_stands);
     RUN(a_cancelled_reader_is_gone);
     RUN(its_processor_time_is_limited);

@@ -172,6 +172,10 @@ static void fuzz_material(fuzz_bytes *b, sbl_material *m, int textures) {
     if (shape & 4) m->emission_texture = fuzz_int(b, 0, textures);
     if (shape & 8) m->alpha_cutoff = fuzz_float(b, 0, 1);
     if (shape & 16) m->flags = fuzz_byte(b) % 9;
+    if (shape & 128) {
+        m->normal_texture = fuzz_int(b, 0, textures);
+        m->normal_scale = fuzz_float(b, -2, 2);
+    }
     if ((shape & 96) != 96) return;
     m->ior = fuzz_byte(b) % 2 ? 0 : fuzz_float(b, 1, 2);
     m->metallic = fuzz_float(b, 0, 1);
@@ -179,7 +183,7 @@ static void fuzz_material(fuzz_bytes *b, sbl_material *m, int textures) {
     m->specular_texture = fuzz_int(b, 0, textures);
     m->transmission = fuzz_byte(b) % 2 ? 0 : fuzz_float(b, 0, 1);
     m->transmission_texture = fuzz_int(b, 0, textures);
-    if (shape & 128) m->flags |= SBL_MATERIAL_BLEND;
+    if (fuzz_byte(b) % 2) m->flags |= SBL_MATERIAL_BLEND;
 }
 
 static void fuzz_transform(fuzz_bytes *b, float m[16]) {
