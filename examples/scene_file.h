@@ -22,8 +22,10 @@
        glTF  baseColor; emissive times KHR_materials_emissive_strength (needs cJSON: define SBL_RENDER_CJSON, link with
              -lcjson); alphaMode MASK with its cutoff, and BLEND; metallicFactor, roughnessFactor,
              metallicRoughnessTexture, KHR_materials_transmission, KHR_materials_ior, and KHR_materials_specular where
-             it is 0; normalTexture with its scale. KHR_lights_punctual without ranges; several nodes can share a light only with cJSON
-       else  the normal map that assimp returns; the colour of a light is its intensity; attenuation other than by distance is ignored
+             it is 0; normalTexture with its scale. KHR_lights_punctual without ranges; several nodes can share a light
+             only with cJSON
+       else  what assimp returns of these; the colour of a light is its intensity; attenuation other than by distance is
+             ignored
 
    Metal and gloss follow one rule for the whole file. If no material in use has metal, a roughness below 1, a texture
    of these, or transmission, all materials are matte: exporters write roughness 1 for surfaces that are meant to be
@@ -33,8 +35,10 @@
 
    BLEND, and a constant opacity below 1 in other formats, become SBL_MATERIAL_BLEND if the file is not matte. In matte
    files they are cut out where their alpha is below 0.5; meshes with a constant alpha below 0.5 are left out. These
-   materials alone do not make a file one that is not matte. Normal maps do not either, and matte files show them. A grey
-   picture is no normal map.
+   materials alone do not make a file one that is not matte.
+
+   Normal maps are shown in matte files, too, and do not make a file one that is not matte. A material whose normal map
+   is missing or grey is shown without it: grey pictures hold heights.
 
    A file from a stranger can crash its reader, take control of it, make it hang, use up all memory, or refer to files
    that it must not access. For this reason:

@@ -152,9 +152,10 @@ enum {
                             "Blender 1/683,\n" \
                         "which makes them fit emission (see Units in examples/README.md)", NULL, NULL }, \
     [MATERIALS]     = { "--materials", "NAME", CHOICE, &common.reading.matte, 0, 0, 0, \
-                        "file      the default: metal, gloss and panes as in the file (see Metal and gloss in\n" \
+                        "file      the default: metal, gloss, panes and normal maps as in the file (see Metal and " \
+                            "gloss in\n" \
                         "          examples/README.md)\n" \
-                        "matte     all surfaces are matte and opaque; metal has its base colour", \
+                        "matte     all surfaces are matte, opaque and without normal maps; metal has its base colour", \
                         materials_words, NULL }, \
     [MODE]          = { "--mode", "NAME", CHOICE, &common.mode, 0, 0, 0, \
                         "gi        the default: emitters, lights, sky, and the light that surfaces reflect, with " \

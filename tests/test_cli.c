@@ -1666,6 +1666,56 @@ TEST(materials_can_be_matte) {
     }
 }
 
+/* A wall shows the normals of its texture, in which red points to the right and green to the top of the picture, in OBJ,
+   whose texture coordinates begin at the bottom, and in glTF. With --materials matte it has the bits of a wall without
+   a texture, and stored light and pictures tell the two apart. */
+TEST(normal_maps_are_shown) {
+    static const char obj[] = "mtllib n.mtl\nusemtl n\nv -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\n"
+        "vt 0 1\nf 1/1 2/2 3/3 4/4\n";
+    static const unsigned char blue[3] = { 189, 209, 204 };  /* 0.48, 0.64, 0.6 */
+    static const float corners[20] = { -1, -1, 0, 1, -1, 0, 1, 1, 0, -1, 1, 0, 0, 1, 1, 1, 1, 0, 0, 0 };
+    static const char gltf[] = "{\"asset\":{\"version\":\"2.0\"},\"images\":[{\"uri\":\"blue.png\"}],\"textures\":["
+        "{\"source\":0}],\"materials\":[{%s}],\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0,"
+        "\"TEXCOORD_0\":1},\"indices\":2,\"material\":0}]}],\"nodes\":[{\"mesh\":0}],\"scenes\":[{\"nodes\":[0]}],"
+        "\"scene\":0,\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\",\"min\":"
+        "[-1,-1,0],\"max\":[1,1,0]},{\"bufferView\":1,\"componentType\":5126,\"count\":4,\"type\":\"VEC2\"},"
+        "{\"bufferView\":2,\"componentType\":5121,\"count\":6,\"type\":\"SCALAR\"}],\"bufferViews\":[{\"buffer\":0,"
+        "\"byteLength\":48},{\"buffer\":0,\"byteOffset\":48,\"byteLength\":32},{\"buffer\":0,\"byteOffset\":80,"
+        "\"byteLength\":6}],\"buffers\":[{\"byteLength\":86,\"uri\":\"n.bin\"}]}";
+    static const char *const mtl[2] = { "newmtl n\nnorm blue.png\n", "newmtl n\n" };
+    static const char *const maps[2] = { "\"normalTexture\":{\"index\":0}", "" };
+    static const double tilted[3] = { 0.48, 0.64, 0.6 };
+    char text[2048];
+    unsigned char bytes[86] = { 0 };
+    int kind, i, k;
+    picture p;
+    memcpy(bytes, corners, 80);
+    memcpy(bytes + 80, "\0\1\2\0\2\3", 6);
+    write_file("n.bin", bytes, sizeof bytes);
+    write_file("n.obj", obj, sizeof obj - 1);
+    stbi_write_png(in_folder("blue.png"), 1, 1, 3, blue, 3);
+#define WALL_OF(kind) kind ? "n.obj" : "n.gltf", "--eye", "0,0,3", "--look-at", "0,0,0", "--fov", "30", "--size", \
+             "4x4", "--quiet"
+    for (kind = 0; kind < 2; kind++) {
+        for (i = 1; i >= 0; i--) {
+            snprintf(text, sizeof text, gltf, maps[i]);
+            write_text("n.gltf", text);
+            write_text("n.mtl", mtl[i]);
+            CHECK(TOOL(WALL_OF(kind), "--materials", "matte", "--mode", "direct", "--sky", "1,1,1", "-o", i ? "plain.pfm"
+                       : "matte.pfm") == 0, "%s", ran.err);
+        }
+        CHECK(same_bytes("matte.pfm", "plain.pfm"), "kind %d: --materials matte shows normal maps", kind);
+        CHECK(TOOL(WALL_OF(kind), "--channel", "normal", "-o", "normal.pfm") == 0, "%s", ran.err);
+        p = read_pfm("normal.pfm");
+        REQUIRE(p.values, "kind %d: no picture", kind);
+        for (i = 0; i < 16; i++)
+            for (k = 0; k < 3; k++)
+                CHECK(fabs((double)p.values[3 * i + k] - tilted[k]) < 0.01, "kind %d, pixel %d: component %d of the "
+                      "normal is %g, expected %g", kind, i, k, (double)p.values[3 * i + k], tilted[k]);
+        free(p.values);
+    }
+}
+
 /* >>a target error that was not reached */
 
 #define RASTER "--mode", "direct", "--backend", "raster", "--sensor-size", "8"
@@ -2468,6 +2518,7 @@ int main(int argc, char **argv) {
     RUN_PLAIN(units_of_blender);
     RUN(substitutions_are_named);
     RUN(materials_can_be_matte);
+    RUN(normal_maps_are_shown);
     RUN_PLAIN(a_missed_target_is_said);
     RUN_PLAIN(advice_on_a_missed_target_helps);
     RUN(sky_pictures);

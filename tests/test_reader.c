@@ -803,8 +803,8 @@ static void check_normals(const scene_file *file, int number, const char *what, 
           (double)m->normal_scale, scale);
 }
 
-/* A .gltf has the normal maps and factors of the file, in matte files, too, which stay matte. Materials whose picture is
-   missing or grey, whose factor is 0, or which are unlit have none, and nor do any with options.matte. */
+/* A .gltf has the normal maps and factors of the file, in matte files, too, which stay matte. Materials whose picture
+   is missing or grey, whose factor is 0, or which are unlit have none. With options.matte, none has one. */
 TEST(normals_of_gltf) {
     static const unsigned char texels[6] = { 10, 128, 250, 200, 64, 3 }, grey[3] = { 7, 7, 7 };
     static const char materials[] = NORMAL("\"index\":0") "," BASE("0") "|" NORMAL("\"index\":0,\"scale\":0.25") "|"
@@ -829,7 +829,7 @@ TEST(normals_of_gltf) {
     CHECK(file->warning_count == 2 && strstr(file->warnings[1], "absent.png") && strstr(file->warnings[0],
           "material steep: the factor of its normal map is outside"), "%d: %s; %s", file->warning_count,
           file->warnings[0], file->warnings[1]);
-    CHECK(!file->simplified[SCENE_FILE_NORMAL_MAP] && plain->simplified[SCENE_FILE_NORMAL_MAP] == 6, "%d and %d ignored",
+    CHECK(!file->simplified[SCENE_FILE_NORMAL_MAP] && plain->simplified[SCENE_FILE_NORMAL_MAP] == 6, "%d, %d ignored",
           file->simplified[SCENE_FILE_NORMAL_MAP], plain->simplified[SCENE_FILE_NORMAL_MAP]);
     CHECK(file->scene.texture_count == 3 && m[0]->normal_texture == m[1]->normal_texture && m[0]->albedo_texture &&
           m[0]->normal_texture != m[0]->albedo_texture && m[0]->normal_texture != m[2]->normal_texture,
@@ -863,8 +863,8 @@ TEST(five_textures_per_material) {
         for (k = 0; k < 5; k++) at[k] = k < 2 ? 2 * i + k : 3 * i + k - 2;
         for (k = 0; k < 5; k++) at[k] += at[k] >= 2;  /* number 2 is absent */
         sprintf(text + strlen(text), "%s" MODEL("\"baseColorTexture\":{\"index\":%d},\"metallicRoughnessTexture\":"
-                "{\"index\":%d}") ",\"emissiveFactor\":[1,1,1],\"emissiveTexture\":{\"index\":%d}," NORMAL("\"index\":%d")
-                "," EXTENSION("transmission", "\"transmissionFactor\":1,\"transmissionTexture\":{\"index\":%d}"),
+                "{\"index\":%d}") ",\"emissiveFactor\":[1,1,1],\"emissiveTexture\":{\"index\":%d},"
+                NORMAL("\"index\":%d") "," EXTENSION("transmission", "\"transmissionFactor\":1,\"transmissionTexture\":{\"index\":%d}"),
                 i ? "|" : "", at[0], at[2], at[1], at[3], at[4]);
     }
     write_materials("five.gltf", text);
