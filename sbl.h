@@ -1723,8 +1723,9 @@ SBL_API sbl_bounds sbl_query_bounds(const sbl_context *context);
 SBL_API size_t sbl_picture_bytes(const sbl_context *context, const sbl_picture_desc *desc);
 SBL_API size_t sbl_lightmap_bytes(const sbl_context *context, const sbl_lightmap_desc *desc);
 
-/* Returns a hash of the scene: of its meshes, materials, textures, lights and sky, as sbl_load_store compares them. It
-   is the same on all machines of the same byte order. Returns 0 if there is no scene. */
+/* Returns a hash of the scene: of its meshes, materials, textures, lights and sky, as sbl_load_store compares them, and
+   of sbl_material.normal_texture and normal_scale. It is the same on all machines of the same byte order. Returns 0 if
+   there is no scene. */
 SBL_API uint64_t sbl_scene_fingerprint(const sbl_context *context);
 
 /* Return words: the version, such as "0.2.0", a description of a result, and a description of a log item. */
@@ -21733,10 +21734,21 @@ SBL_API size_t sbl_lightmap_bytes(const sbl_context *c, const sbl_lightmap_desc 
 }
 
 SBL_API uint64_t sbl_scene_fingerprint(const sbl_context *c) {
-    uint64_t parts[SBL__SAVED_PARTS];
+    const sbl__geometry *g;
+    uint64_t parts[SBL__SAVED_PARTS], hash;
+    int i;
     if (!c || !c->core.has_scene) return 0;
     sbl__saved_scene(&c->core.scene, parts);
-    return sbl__hash_bytes(SBL__SAVED_SEED, parts, sizeof parts);
+    hash = sbl__hash_bytes(SBL__SAVED_SEED, parts, sizeof parts);
+    g = &c->core.scene.geometry;
+    for (i = 0; i < g->mesh_count; i++) {  /* without textures of normals, the hash is that of older versions */
+        const sbl__object *o = &g->objects[i];
+        if (!o->normal_texture[3]) continue;
+        hash = sbl__hash_bytes(hash, &i, sizeof i);
+        hash = sbl__hash_bytes(hash, &o->normal_scale, sizeof o->normal_scale);
+        hash = sbl__hash_bytes(hash, o->normal_texture, sizeof o->normal_texture);
+    }
+    return hash;
 }
 
 /* Does one piece of work and, if it succeeds, calls the progress callback. SBL_CANCELLED: the callback cancels. */

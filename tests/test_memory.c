@@ -192,14 +192,16 @@ TEST(a_used_up_budget_is_an_error) {
     scene_free(&room);
 }
 
-/* Equal scenes have equal fingerprints, in different contexts, too; every change of what light depends on changes it.
-   */
+/* Equal scenes have equal fingerprints, in different contexts, too; every change of what light depends on changes it,
+   and every change of textures of normals. */
 TEST(fingerprints_tell_scenes_apart) {
     test_scene room = { 0 };
     sbl_context *context = make_context(0, 1024), *other = make_context(0, 2048);
     sbl_scene_desc scene;
     sbl_light lamp;
-    uint64_t prints[6];
+    static const unsigned char texels[2][3] = { { 189, 209, 204 }, { 128, 128, 255 } };
+    sbl_texture textures[2];
+    uint64_t prints[10];
     float *position;
     int i, k;
     REQUIRE(context && other, "%s", watch_last(&seen));
@@ -210,7 +212,14 @@ TEST(fingerprints_tell_scenes_apart) {
     lamp.intensity[0] = 1;
     prints[0] = sbl_scene_fingerprint(context);
     CHECK(prints[0] && prints[0] == sbl_scene_fingerprint(other), "equal scenes differ");
-    for (i = 1; i < 6; i++) {
+    memset(textures, 0, sizeof textures);
+    for (i = 0; i < 2; i++) {
+        textures[i].pixels = texels[i];
+        textures[i].width = textures[i].height = 1;
+        textures[i].channels = 3;
+        textures[i].format = SBL_PIXELS_LINEAR8;
+    }
+    for (i = 1; i < 10; i++) {
         sbl_material *m = (sbl_material *)(uintptr_t)scene.materials;
         if (i == 1) scene.sky[2] = 0.5f;
         if (i == 2) { scene.lights = &lamp; scene.light_count = 1; }
@@ -220,6 +229,10 @@ TEST(fingerprints_tell_scenes_apart) {
             position = (float *)(uintptr_t)scene.meshes[0].positions.data;
             position[0] += 1;
         }
+        if (i == 6) { scene.textures = textures; scene.texture_count = 2; }
+        if (i == 7) m[0].normal_texture = 1;
+        if (i == 8) m[0].normal_scale = 0.5f;
+        if (i == 9) m[0].normal_texture = 2;
         CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
         prints[i] = sbl_scene_fingerprint(context);
         for (k = 0; k < i; k++) CHECK(prints[i] != prints[k], "scenes %d and %d have equal fingerprints", k, i);

@@ -806,7 +806,7 @@ static void check_normals(const scene_file *file, int number, const char *what, 
 /* A .gltf has the normal maps and factors of the file, in matte files, too, which stay matte. Materials whose picture
    is missing or grey, whose factor is 0, or which are unlit have none. With options.matte, none has one. */
 TEST(normals_of_gltf) {
-    static const unsigned char texels[6] = { 10, 128, 250, 200, 64, 3 }, grey[3] = { 7, 7, 7 };
+    static const unsigned char texels[6] = { 10, 128, 250, 200, 64, 3 }, grey[6] = { 7, 7, 7, 7, 8, 7 };
     static const char materials[] = NORMAL("\"index\":0") "," BASE("0") "|" NORMAL("\"index\":0,\"scale\":0.25") "|"
         NORMAL("\"index\":1,\"scale\":-2") "|" NORMAL("\"index\":2") ",\"name\":\"torn\"|"
         NORMAL("\"index\":0,\"scale\":0") "|" NORMAL("\"index\":0") "," EXTENSION("unlit", "") "|"
@@ -848,6 +848,11 @@ TEST(normals_of_gltf) {
     for (i = 0; i < 8; i++) check_normals(file, i, "grey", 0);
     CHECK(file->warning_count == 3 && strstr(file->warnings[1], "texture two.png is grey, so it is no normal map"),
           "%d: %s", file->warning_count, file->warnings[1]);
+    scene_file_free(file);
+    stbi_write_png(in_folder("two.png"), 2, 1, 3, grey, 6);
+    file = read_back("normals.gltf", 0);
+    REQUIRE(file, "%s", error);
+    check_normals(file, 7, "one texel is grey", 1);
     scene_file_free(file);
 }
 
