@@ -1666,9 +1666,9 @@ TEST(materials_can_be_matte) {
     }
 }
 
-/* A wall shows the normals of its texture, in which red points to the right and green to the top of the picture, in OBJ,
-   whose texture coordinates begin at the bottom, and in glTF. With --materials matte it has the bits of a wall without
-   a texture, and stored light and pictures tell the two apart. */
+/* A wall shows the normals of its texture, in which red points to the right and green to the top of the picture: in
+   OBJ, whose texture coordinates begin at the bottom, and in glTF. With --materials matte, it has the bits of a wall
+   without a texture. */
 TEST(normal_maps_are_shown) {
     static const char obj[] = "mtllib n.mtl\nusemtl n\nv -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\n"
         "vt 0 1\nf 1/1 2/2 3/3 4/4\n";
@@ -1701,8 +1701,8 @@ TEST(normal_maps_are_shown) {
             snprintf(text, sizeof text, gltf, maps[i]);
             write_text("n.gltf", text);
             write_text("n.mtl", mtl[i]);
-            CHECK(TOOL(WALL_OF(kind), "--materials", "matte", "--mode", "direct", "--sky", "1,1,1", "-o", i ? "plain.pfm"
-                       : "matte.pfm") == 0, "%s", ran.err);
+            CHECK(TOOL(WALL_OF(kind), "--materials", "matte", "--mode", "direct", "--sky", "1,1,1", "-o",
+                       i ? "plain.pfm" : "matte.pfm") == 0, "%s", ran.err);
         }
         CHECK(same_bytes("matte.pfm", "plain.pfm"), "kind %d: --materials matte shows normal maps", kind);
         CHECK(TOOL(WALL_OF(kind), "--channel", "normal", "-o", "normal.pfm") == 0, "%s", ran.err);

@@ -869,7 +869,8 @@ TEST(five_textures_per_material) {
         for (k = 0; k < 5; k++) at[k] += at[k] >= 2;  /* number 2 is absent */
         sprintf(text + strlen(text), "%s" MODEL("\"baseColorTexture\":{\"index\":%d},\"metallicRoughnessTexture\":"
                 "{\"index\":%d}") ",\"emissiveFactor\":[1,1,1],\"emissiveTexture\":{\"index\":%d},"
-                NORMAL("\"index\":%d") "," EXTENSION("transmission", "\"transmissionFactor\":1,\"transmissionTexture\":{\"index\":%d}"),
+                NORMAL("\"index\":%d") "," EXTENSION("transmission",
+                "\"transmissionFactor\":1,\"transmissionTexture\":{\"index\":%d}"),
                 i ? "|" : "", at[0], at[2], at[1], at[3], at[4]);
     }
     write_materials("five.gltf", text);
