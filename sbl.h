@@ -51,8 +51,8 @@
 
    WHAT IT DOES NOT DO
 
-   There is no refraction: light passes a pane in a straight line. There are no normal maps, no clear coat, no sheen and
-   no volumes. Textures are filtered bilinearly without mip maps, so a texture whose texels are smaller than a pixel
+   There is no refraction: light passes a pane in a straight line. There is no clear coat, no sheen and no volume, and
+   textures of heights are not read. Textures are filtered bilinearly without mip maps, so a texture whose texels are smaller than a pixel
    shows aliasing. sbl.h opens no files and creates no windows.
 
 
