@@ -52,8 +52,8 @@
    WHAT IT DOES NOT DO
 
    There is no refraction: light passes a pane in a straight line. There is no clear coat, no sheen and no volume, and
-   textures of heights are not read. Textures are filtered bilinearly without mip maps, so a texture whose texels are smaller than a pixel
-   shows aliasing. sbl.h opens no files and creates no windows.
+   textures of heights are not read. Textures are filtered bilinearly without mip maps, so a texture whose texels are
+   smaller than a pixel shows aliasing. sbl.h opens no files and creates no windows.
 
 
    QUICK START
@@ -13274,9 +13274,10 @@ SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sb
 #define SBL__UNSEEN FLT_MAX        /* sbl__hit.distance of a surface sample whose rays hit nothing */
 
 /* The hit of a ray, or a surface sample. distance: length of the ray, world units; for a surface sample, length of the
-   shortest of its rays that hit a surface, or SBL__UNSEEN. place: triangle << 1 | back; SBL__NOWHERE: the ray
-   hit nothing. leaf: set by sbl__bounce_link: index of the leaf that the ray hits, or SBL__NOWHERE. albedo: share of
-   light that the surface reflects, see sbl__share_pack. */
+   shortest of its rays that hit a surface, or SBL__UNSEEN. place: triangle << 1 | back; SBL__NOWHERE: the ray hit
+   nothing. leaf: index of the leaf that the ray hits, or SBL__NOWHERE: set by sbl__bounce_link, and before that by
+   sbl__bounce_place, which leaves out cells of wider levels. albedo: share of light that the surface reflects, see
+   sbl__share_pack. */
 typedef struct sbl__hit { float position[3], distance; uint32_t place, leaf; uint16_t albedo[4]; } sbl__hit;
 
 typedef struct sbl__hits { sbl__hit *list; int count, room; } sbl__hits;
@@ -13294,8 +13295,9 @@ enum { SBL__BRIGHT_NEAR = 1, SBL__BRIGHT };
 /* A leaf while the store is filled. points: number of points; most: largest number of points, see >>bounce: division;
    first: index of the first point, which the others follow once points are sorted; valid: number of points with valid
    readings; bright: SBL__BRIGHT: the leaf is bright; SBL__BRIGHT_NEAR: it is not, but rays from afar read a bright leaf
-   at its first point; otherwise 0; share: approximate share of its cell that it has after divisions */
-typedef struct sbl__bounce_leaf { int points, most, first, valid, bright; float share; } sbl__bounce_leaf;
+   at its first point; otherwise 0; share: approximate share of its cell that it has after divisions; cut: 1: since all
+   hits were last queued, a cut has taken a part of the leaf */
+typedef struct sbl__bounce_leaf { int points, most, first, valid, bright; float share; int cut; } sbl__bounce_leaf;
 
 enum {
     SBL__BOUNCE_PATCHES, SBL__BOUNCE_GRID, SBL__BOUNCE_SAMPLE, SBL__BOUNCE_CAST_SAMPLES, SBL__BOUNCE_PLACE,
@@ -13323,7 +13325,9 @@ typedef struct sbl__bounce {
                                         a change of only `scene`, only light is computed again */
     sbl__bounce_point *points;
     sbl__bounce_leaf *states;        /* one state per leaf */
-    int point_count, point_room, state_room;
+    uint8_t *settled;                /* one per leaf, used while rechecking: 1: the leaf has all its points and was not
+                                        cut since its hits were placed, so that placing them again would do nothing */
+    int point_count, point_room, state_room, settled_room;
     int divisions;                   /* rounds of division begun so far; SBL__DIVISIONS: no further ones follow */
     int glows;                       /* 1: a job measures the light of glows at all points, so the points' rays do not
                                         count bright leaves, and the light of bright leaves is fixed */
@@ -13351,6 +13355,7 @@ typedef struct sbl__bounce {
                                                    surface) that have cut their cells; a slot keeps the latest */
     int recheck;                     /* 1: a line has cut leaves whose numbers are less than cut_leaves, for which no
                                         place waits any more, so all of `hits` must be queued again */
+    int rechecking;                  /* 1: all hits are queued again, see sbl__bounce_queue_again */
     float *direct;                   /* 3 floats per leaf: direct light; in the stages SHINE and CHOOSE, sums over rays
                                         (see sbl__bounce_shine); from the stage NOISE on, the leaf's noise */
     float *solved;                   /* light of each leaf, saved while the leaves hold noise */
@@ -13452,6 +13457,7 @@ static void sbl__cast_take(const sbl__cast *ray, const float place[4], const flo
     memcpy(out->position, place, sizeof out->position);
     for (k = 0; k < 3; k++) length2 += ((double)place[k] - ray->origin[k]) * ((double)place[k] - ray->origin[k]);
     out->distance = (float)sqrt(length2);
+    out->leaf = SBL__NOWHERE;
     out->place = low < 0 ? SBL__NOWHERE : (uint32_t)number << 1 | (place[3] < 0);
     sbl__share_pack(albedo, out->albedo);
 }
@@ -13503,6 +13509,12 @@ static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
     return patch | (sbl__is_near(s, at->distance) ? SBL__PATCH_NEAR : 0);
 }
 
+/* Returns the patch word of a place with the level of the first cell that it may belong to. */
+static uint32_t sbl__place_word(const sbl__store *s, const sbl__hit *at) {
+    const int level = at->distance < SBL__UNSEEN ? 0 : s->unseen_level;
+    return sbl__place_patch(s, at) + SBL__PATCH_LEVEL * (uint32_t)level;
+}
+
 /* Returns a pointer to the reference to the leaf of a place; the reference is 0 if there is no leaf yet; NULL: no slot
    is left. If the cell has no leaf and leaves are becoming scarce, a wider cell is used; once a round of division
    has begun, only if the cell has no cuts. Places with the distance SBL__UNSEEN begin with cells of level unseen_level.
@@ -13510,10 +13522,9 @@ static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
 static uint32_t *sbl__place_find(const sbl__bounce *b, const sbl__hit *at, uint32_t *patch) {
     static const double fills[SBL__LEVELS] = { SBL__FILL_WIDER, SBL__FILL_WIDEST, SBL__FILL_FULL, 1 };
     const sbl__store *s = b->store;
-    uint32_t *reference = NULL, word = sbl__place_patch(s, at);
+    uint32_t *reference = NULL, word = sbl__place_word(s, at);
     int level = at->distance < SBL__UNSEEN ? 0 : s->unseen_level, depth;
     double fill;
-    word += SBL__PATCH_LEVEL * (uint32_t)level;
     for (; level < SBL__LEVELS; level++, word += SBL__PATCH_LEVEL) {
         reference = sbl__store_find(s, word, at->position, &depth);
         fill = depth && b->divisions ? 1 : fills[level];
@@ -13655,7 +13666,9 @@ static int sbl__bounce_add_leaf(sbl__bounce *b, uint32_t *reference) {
     sbl__store *s = b->store;
     const int leaf = s->leaf_count;
     if (!sbl__grow(base, &s->leaves, &s->leaf_room, leaf + 1, sizeof *s->leaves) ||
-        !sbl__grow(base, &b->states, &b->state_room, leaf + 1, sizeof *b->states)) return 0;
+        !sbl__grow(base, &b->states, &b->state_room, leaf + 1, sizeof *b->states) ||
+        !sbl__grow(base, &b->settled, &b->settled_room, leaf + 1, sizeof *b->settled)) return 0;
+    b->settled[leaf] = 0;
     memset(&s->leaves[leaf], 0, sizeof *s->leaves);
     memset(&b->states[leaf], 0, sizeof *b->states);
     b->states[leaf].first = b->point_count;
@@ -13681,15 +13694,16 @@ static int sbl__bounce_black_most(const sbl__bounce *b) {
    there is no room for a new leaf, sets needed_growth or, if cells can grow no more, drops the place. */
 static sbl_result sbl__bounce_place(void *work, int number) {
     sbl__bounce *b = (sbl__bounce *)work;
-    const sbl__hit *at = &b->queue.list[number];
+    sbl__hit *at = &b->queue.list[number];
     const sbl__store *s = b->store;
     const int afar = at->distance > SBL__BOUNCE_AFAR * s->length;
-    uint32_t *reference;
+    uint32_t *reference, word;
     int leaf, added, black, most, ok = 1;
     if (at->place == SBL__NOWHERE) return SBL_SUCCESS;
+    if (b->rechecking && at->leaf != SBL__NOWHERE && b->settled[at->leaf]) return SBL_SUCCESS;
     black = sbl__triangle_is_black(b->geometry, at->place >> 1);
     if (black && b->black_leaves >= sbl__bounce_black_most(b)) return SBL_SUCCESS;
-    reference = sbl__place_find(b, at, NULL);
+    reference = sbl__place_find(b, at, &word);
     if (!reference || (!*reference && s->leaf_count >= s->max_leaves)) {
         if (b->patching.pool < SBL__BOUNCE_POOL && !b->divisions)
             b->needed_growth = SBL__MIN(1.3 * b->queue.count / (number + 1), SBL__BOUNCE_GROWTH_MOST);
@@ -13699,6 +13713,7 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     if (added && !sbl__bounce_add_leaf(b, reference)) return SBL_ERROR_OUT_OF_MEMORY;
     b->black_leaves += added && black;
     leaf = (int)*reference - 1;
+    at->leaf = word == sbl__place_word(s, at) ? (uint32_t)leaf : SBL__NOWHERE;
     most = afar ? b->states[leaf].most : SBL__BOUNCE_POINTS;
     if (!added && leaf >= b->cut_leaves) ok = sbl__hits_add(b, &b->waiting, at);
     else if (b->states[leaf].points < most) ok = sbl__bounce_add_point(b, at, leaf);
@@ -13712,6 +13727,18 @@ static int sbl__bounce_queue(sbl__bounce *b, sbl__hit *list, int count) {
     return SBL__BOUNCE_PLACE;
 }
 
+/* Queues all hits again, of which sbl__bounce_place skips those in settled leaves. Returns the stage PLACE. */
+static int sbl__bounce_queue_again(sbl__bounce *b) {
+    int i;
+    for (i = 0; i < b->store->leaf_count; i++) {
+        sbl__bounce_leaf *leaf = &b->states[i];
+        b->settled[i] = !leaf->cut && leaf->points >= leaf->most;
+        leaf->cut = 0;
+    }
+    b->rechecking = 1;
+    return sbl__bounce_queue(b, b->hits.list, b->point_count * SBL__BOUNCE_RAYS);
+}
+
 /* Starts again with the cells' area multiplied by `growth`. Returns the stage GRID. Larger cells do not help where
    patches outnumber leaves, so `pool` is multiplied, too, unless growth is below 1 and pool is above 1. */
 static int sbl__bounce_restart(sbl__bounce *b, double growth) {
@@ -13720,7 +13747,7 @@ static int sbl__bounce_restart(sbl__bounce *b, double growth) {
     if (growth > 1 || p->pool <= 1) p->pool *= growth;
     b->samples_due = b->needed_growth = 0;
     b->samples.count = b->waiting.count = b->point_count = b->cut_leaves = b->points_cast = 0;
-    b->recheck = b->samples_placed = b->black_leaves = 0;
+    b->recheck = b->rechecking = b->samples_placed = b->black_leaves = 0;
     memset(b->recent_lines, 0, sizeof b->recent_lines);
     return SBL__BOUNCE_GRID;
 }
@@ -13773,6 +13800,7 @@ static int sbl__bounce_after_place(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const int joined = b->black == SBL__BLACK_JOINED ? b->black_leaves : 0;
     const double fill = (double)(b->store->leaf_count - joined) / b->store->max_leaves;
+    b->rechecking = 0;
     if (b->needed_growth > 0) return sbl__bounce_restart(b, SBL__MAX(b->needed_growth, SBL__BOUNCE_GROWTH));
     if (!b->cut_leaves && fill > SBL__FILL_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
         /* The first leaves are too many already: their rays would hit places that need still more leaves. */
@@ -13781,7 +13809,7 @@ static int sbl__bounce_after_place(void *work) {
     if (b->points_cast < b->point_count) return SBL__BOUNCE_CAST_POINTS;
     if (b->recheck) {  /* A cut through a leaf with points can leave one side without any. */
         b->recheck = 0;
-        return sbl__bounce_queue(b, b->hits.list, b->point_count * SBL__BOUNCE_RAYS);
+        return sbl__bounce_queue_again(b);
     }
     if (b->divisions) return SBL__BOUNCE_RELOCATE;
     if (b->samples_placed) return sbl__bounce_after_attempt(b, fill);
@@ -13880,6 +13908,13 @@ static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl
     return 1;
 }
 
+/* Cuts a leaf, or a part of a cell without one. See sbl__store_cut. */
+static sbl_result sbl__bounce_store_cut(sbl__bounce *b, uint32_t *reference, const float normal[3], float distance,
+                                        int side) {
+    if (*reference) b->states[*reference - 1].cut = 1;
+    return sbl__store_cut(&b->core->base, b->store, reference, normal, distance, side);
+}
+
 /* Cuts the part of a cell to which the reference leads, with or without a leaf; if the reference leads to a cut, cuts
    the parts on its sides that the line crosses. Makes no cut below CELL_DEPTH cuts, or twice along a line. depth:
    number of cuts above the reference. range: where the line enters and leaves that part of the cell, 0 to 1 along it */
@@ -13894,8 +13929,8 @@ static sbl_result sbl__contact_part(sbl__bounce *b, const sbl__contact *line, ui
         const float *first = *reference ? b->points[b->states[*reference - 1].first].at.position : NULL;
         if (depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
         if (first && (int)*reference <= b->cut_leaves) b->recheck = 1;
-        return sbl__store_cut(&b->core->base, s, reference, line->normal, line->distance,
-                              first && sbl__dot(line->normal, first) > line->distance);
+        return sbl__bounce_store_cut(b, reference, line->normal, line->distance,
+                                     first && sbl__dot(line->normal, first) > line->distance);
     }
     cut = (int)(*reference & ~SBL__CELL_CUT);
     for (i = 0; i < 2; i++) {
@@ -13981,7 +14016,7 @@ static sbl_result sbl__bounce_cut(sbl__bounce *b, int leaf, const sbl__hit *hit)
     reference = sbl__store_find(s, patch, beyond, &depth);
     if (!reference || *reference != (uint32_t)leaf + 1 || depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
     reference = sbl__store_find(s, patch, at->position, &depth);
-    return sbl__store_cut(&b->core->base, s, reference, normal, distance, sbl__dot(normal, at->position) > distance);
+    return sbl__bounce_store_cut(b, reference, normal, distance, sbl__dot(normal, at->position) > distance);
 }
 
 static int sbl__bounce_uncut_leaves(void *work) {
@@ -14958,6 +14993,7 @@ static void sbl__bounce_end(sbl__core *c) {
     sbl__bounce_free_temporary(&c->device, b);
     sbl__free(&c->base, b->points);
     sbl__free(&c->base, b->states);
+    sbl__free(&c->base, b->settled);
     sbl__free(&c->base, b->hits.list);
     sbl__free(&c->base, b);
     c->bounce = NULL;
