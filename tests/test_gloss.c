@@ -801,7 +801,7 @@ static double below_a_spot(double roughness) {
     scene_quad(&s, walls, 5, 0, -5, 5, 0, 5, 5, 3, 5, 5, 3, -5);
     scene_quad(&s, lamp, -0.15f, 2.8f, -0.15f, -0.15f, 2.8f, 0.15f, 0.15f, 2.8f, 0.15f, 0.15f, 2.8f, -0.15f);
     desc = scene_desc(&s);
-    desc.max_bounce_cells = 0;  /* the default; there are no glows in a coarse store */
+    desc.max_bounce_cells = 4096;  /* more than scene_desc sets, since there are no glows in a coarse store */
     CHECK(sbl_set_scene(context, &desc) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS &&
           sbl_read_channel(context, SBL_CHANNEL_RADIANCE, light, 3 * SIDE * SIDE) == SBL_SUCCESS, "no picture");
     for (i = 0; i < 3 * SIDE * SIDE; i++) sum += (double)light[i];
@@ -1019,7 +1019,8 @@ TEST(steps_make_the_same_picture) {
     scene_free(&s);
 }
 
-/* A window of a glossy picture shows the surfaces of the whole, and about the same light. */
+/* A window of a glossy picture shows the surfaces of the whole, and about the same light. Its error is a share of the
+   whole picture's mean, if the host gives that. */
 TEST(windows_show_the_same) {
     static const int window[4] = { 10, 6, 20, 16 };
     static const sbl_channel channels[4] = { SBL_CHANNEL_FINAL, SBL_CHANNEL_ALBEDO, SBL_CHANNEL_SPECULAR_ALBEDO,
@@ -1030,7 +1031,7 @@ TEST(windows_show_the_same) {
     for (plain = 0; plain < 2; plain++) {
         sbl_picture_desc view = plain ? scene_plain(glossy_view(SBL_MODE_DIRECT), SBL_MODE_DIRECT, 0)
             : glossy_view(SBL_MODE_DIRECT), part;
-        double off2[4] = { 0 }, all2[4] = { 0 }, sums[2] = { 0, 0 };
+        double off2[4] = { 0 }, all2[4] = { 0 }, sums[2] = { 0, 0 }, error, given;
         shot p, q;
         if (plain) view.options.rays = 64;
         part = view;
@@ -1058,6 +1059,13 @@ TEST(windows_show_the_same) {
                   off);
         }
         CHECK(fabs(sums[1] / sums[0] - 1) < 0.01, "plain %d: %.4f times as bright", plain, sums[1] / sums[0]);
+        error = (double)sbl_query_stats(context).picture.specular_error;
+        for (k = 0; k < 3; k++) part.mean_radiance[k] = 50;  /* a window in a dark part of a bright picture */
+        if (!scene_render(context, &s, &part)) return;
+        given = (double)sbl_query_stats(context).picture.specular_error;
+        printf("    predicted error %.5f, of a bright picture %.5f\n", error, given);
+        CHECK(given > 0 && given < 0.2 * error, "plain %d: the predicted error is %.4f, in a bright picture %.4f", plain,
+              error, given);
         forget(&p);
         forget(&q);
     }
