@@ -801,7 +801,7 @@ static double below_a_spot(double roughness) {
     scene_quad(&s, walls, 5, 0, -5, 5, 0, 5, 5, 3, 5, 5, 3, -5);
     scene_quad(&s, lamp, -0.15f, 2.8f, -0.15f, -0.15f, 2.8f, 0.15f, 0.15f, 2.8f, 0.15f, 0.15f, 2.8f, -0.15f);
     desc = scene_desc(&s);
-    desc.max_bounce_cells = 4096;  /* more than scene_desc sets, since there are no glows in a coarse store */
+    desc.max_bounce_cells = 12288;  /* there are no glows in a coarser store */
     CHECK(sbl_set_scene(context, &desc) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS &&
           sbl_read_channel(context, SBL_CHANNEL_RADIANCE, light, 3 * SIDE * SIDE) == SBL_SUCCESS, "no picture");
     for (i = 0; i < 3 * SIDE * SIDE; i++) sum += (double)light[i];
@@ -1064,8 +1064,8 @@ TEST(windows_show_the_same) {
         if (!scene_render(context, &s, &part)) return;
         given = (double)sbl_query_stats(context).picture.specular_error;
         printf("    predicted error %.5f, of a bright picture %.5f\n", error, given);
-        CHECK(given > 0 && given < 0.2 * error, "plain %d: the predicted error is %.4f, in a bright picture %.4f", plain,
-              error, given);
+        CHECK(given > 0 && given < 0.2 * error, "plain %d: the predicted error is %.4f, in a bright picture %.4f",
+              plain, error, given);
         forget(&p);
         forget(&q);
     }
