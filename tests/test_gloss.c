@@ -924,8 +924,9 @@ TEST(metal_lights_floors) {
     }
 }
 
-/* Returns the mean R on the floor of a wide room. All light comes from a bright spot on the ceiling, which is metal. */
-static double below_a_spot(double roughness) {
+/* Returns the mean R on the floor of a wide room. All light comes from a bright spot on the ceiling, which is metal.
+   cells: limit of the store's cells */
+static double below_a_spot(double roughness, int cells) {
     enum { SIDE = 24 };
     sbl_picture_desc view = scene_view(SIDE, SIDE, 80, 0, 2.5f, 0.01f, 0, 0, 0);
     static float light[3 * SIDE * SIDE];
@@ -945,7 +946,7 @@ static double below_a_spot(double roughness) {
     scene_quad(&s, walls, 5, 0, -5, 5, 0, 5, 5, 3, 5, 5, 3, -5);
     scene_quad(&s, lamp, -0.15f, 2.8f, -0.15f, -0.15f, 2.8f, 0.15f, 0.15f, 2.8f, 0.15f, 0.15f, 2.8f, -0.15f);
     desc = scene_desc(&s);
-    desc.max_bounce_cells = 0;  /* the default; there are no glows in a coarse store */
+    desc.max_bounce_cells = cells;
     CHECK(sbl_set_scene(context, &desc) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS &&
           sbl_read_channel(context, SBL_CHANNEL_RADIANCE, light, 3 * SIDE * SIDE) == SBL_SUCCESS, "no picture");
     for (i = 0; i < 3 * SIDE * SIDE; i++) sum += (double)light[i];
@@ -953,13 +954,21 @@ static double below_a_spot(double roughness) {
     return sum / (3 * SIDE * SIDE);
 }
 
-/* Metal that shines continues rays, and rougher metal does not; both are also glows, whose light counts once. The
-   albedo of rough metal is that of the lobe, also in a scene without textures. */
+/* Metal that continues rays is also a glow, whose light counts once: R is about the same with a coarse store, which has
+   no glows. The albedo of rough metal is that of the lobe, also in a scene without textures. */
 TEST(glows_of_metal_count_once) {
-    const double shiny = below_a_spot(0.45), rough = below_a_spot(0.52), roughest = below_a_spot(1);
-    printf("    R below a ceiling of roughness 0.45: %.3f, 0.52: %.3f, 1: %.3f\n", shiny, rough, roughest);
-    CHECK(fabs(shiny / rough - 1) < 0.15, "light of shiny metal: %.3f, of rougher metal: %.3f", shiny, rough);
-    CHECK(roughest < 0.55 * rough, "the roughest metal reflects %.3f, rough metal %.3f", roughest, rough);
+    static const double roughnesses[3] = { 0.45, 0.52, 1 };
+    double with[3], without;
+    int i;
+    for (i = 0; i < 3; i++) {
+        with[i] = below_a_spot(roughnesses[i], 12288);
+        without = below_a_spot(roughnesses[i], 4096);
+        printf("    R below a ceiling of roughness %.2f: %.3f, without glows %.3f\n", roughnesses[i], with[i], without);
+        CHECK(fabs(with[i] / without - 1) < 0.15, "roughness %.2f: R is %.3f with glows, %.3f without", roughnesses[i],
+              with[i], without);
+    }
+    CHECK(fabs(with[0] / with[1] - 1) < 0.15, "light of shiny metal: %.3f, of rougher metal: %.3f", with[0], with[1]);
+    CHECK(with[2] < 0.55 * with[1], "the roughest metal reflects %.3f, rough metal %.3f", with[2], with[1]);
 }
 
 /* Metal reflects almost nothing of the colours that its albedo lacks. The light in its lobe stays finite there. */
@@ -1163,7 +1172,8 @@ TEST(steps_make_the_same_picture) {
     scene_free(&s);
 }
 
-/* A window of a glossy picture shows the surfaces of the whole, and about the same light. */
+/* A window of a glossy picture shows the surfaces of the whole, and about the same light. Its error is a share of the
+   whole picture's mean, if the host gives that. */
 TEST(windows_show_the_same) {
     static const int window[4] = { 10, 6, 20, 16 };
     static const sbl_channel channels[4] = { SBL_CHANNEL_FINAL, SBL_CHANNEL_ALBEDO, SBL_CHANNEL_SPECULAR_ALBEDO,
@@ -1174,7 +1184,7 @@ TEST(windows_show_the_same) {
     for (plain = 0; plain < 2; plain++) {
         sbl_picture_desc view = plain ? scene_plain(glossy_view(SBL_MODE_DIRECT), SBL_MODE_DIRECT, 0)
             : glossy_view(SBL_MODE_DIRECT), part;
-        double off2[4] = { 0 }, all2[4] = { 0 }, sums[2] = { 0, 0 };
+        double off2[4] = { 0 }, all2[4] = { 0 }, sums[2] = { 0, 0 }, error, given;
         shot p, q;
         if (plain) view.options.rays = 64;
         part = view;
@@ -1202,6 +1212,13 @@ TEST(windows_show_the_same) {
                   off);
         }
         CHECK(fabs(sums[1] / sums[0] - 1) < 0.01, "plain %d: %.4f times as bright", plain, sums[1] / sums[0]);
+        error = (double)sbl_query_stats(context).picture.specular_error;
+        for (k = 0; k < 3; k++) part.mean_radiance[k] = 50;  /* a window in a dark part of a bright picture */
+        if (!scene_render(context, &s, &part)) return;
+        given = (double)sbl_query_stats(context).picture.specular_error;
+        printf("    predicted error %.5f, of a bright picture %.5f\n", error, given);
+        CHECK(given > 0 && given < 0.2 * error, "plain %d: the predicted error is %.4f, in a bright picture %.4f",
+              plain, error, given);
         forget(&p);
         forget(&q);
     }

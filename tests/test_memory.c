@@ -167,7 +167,7 @@ TEST(a_used_up_budget_is_an_error) {
     readings.site_count = 1;
     readings.options.backend = SBL_BACKEND_RASTER;
     readings.options.mode = SBL_MODE_DIRECT;
-    for (step = 3e5; step < 2e8 && !context; step *= 1.04) {
+    for (step = 3e5; step < 2e8 && !context; step *= 1.1) {
         sbl_result result;
         sbl_memory m;
         int what = 0;

@@ -20,6 +20,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 #define STB_IMAGE_IMPLEMENTATION
+#define STBI_ONLY_PNG
 #include <stb/stb_image.h>
 #if defined(__SANITIZE_ADDRESS__)
   #define SANITIZED 1

@@ -14,6 +14,7 @@
        picture plot FILE SERIES             lines of SERIES colours inside the axes
        picture halves FILE                  two pictures side by side, varied and similar, but not the same */
 #define STB_IMAGE_IMPLEMENTATION
+#define STBI_ONLY_PNG
 #include <stb/stb_image.h>
 #include <math.h>
 #include <stdio.h>
