@@ -11903,8 +11903,8 @@ static const char *const sbl__glsl_guide[] = {
 
 /* >>glsl reflect: shaders_embedded/reflect.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_reflect[] = {
-"// The rays that go on where a ray meets a surface: a ray to a lamp, and the next segment. trace.glsl follows them at\n",
-"// near hits and at metal, cast.glsl at metal.\n",
+"// The rays that go on where a ray meets a surface: a ray to a lamp, and the next segment. trace.glsl follows them\n",
+"// at near hits and at metal, cast.glsl at metal.\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
 "// A ray that meets a surface of a larger reflectance than this continues in a direction of the surface's lobe.\n",
@@ -15423,7 +15423,8 @@ typedef struct sbl__tile {
     int looks;                /* number of looks that new sensors at the tile's corners begin with */
     int pixels;               /* number of pixels that the tile fills in (sbl__tile_pixels), that show a surface, and
                                  whose errors count (sbl__window_counts) */
-    float weight2;            /* mean over all `pixels` of sbl__pixel_lobe.weight squared; 1 if light is R */
+    float weight2;            /* mean over all `pixels` of (error of FINAL / error of light)^2, both relative; 1 if
+                                 errors are those of R */
     float uncovered;          /* mean over all `pixels` of the bilinear weight of corners whose light they cannot use */
     float raw_bias2;          /* bias2 as estimated from light on the edges, before noise is subtracted */
     float unseen_bias2;       /* part of raw_bias2 for changes of light between the last sensors and silhouettes */
@@ -15457,6 +15458,9 @@ typedef struct sbl__refine {
     uint32_t sensor_count;    /* number of sensors, number 0 included */
     sbl__pixel_lobe *lobes;   /* per pixel: the lobe whose light is refined; errors are those of FINAL. NULL: the light
                                  is R */
+    float *shares;            /* per pixel: luminance of the albedo with which FINAL shows R; NULL: errors are those of
+                                 R. Otherwise they are those of FINAL */
+    double shown, shown_pixels;  /* sum over pixels: luminance of all albedo, with that of lobes; number of them */
     float *stored_light;      /* per pixel: R according to the store, 3 floats; NULL in modes other than SBL_MODE_GI */
     size_t harmonics;         /* floats of one pixel in layers 1 and up of light, 3 per layer */
     float *layers;            /* light of layers 1 and up (harmonics, see SBL__LAYERS): all layers of a pixel, then
@@ -15510,8 +15514,8 @@ static size_t sbl__sensor_blocks(const sbl__refine *r) {
 }
 
 static void sbl__refine_free(const sbl__device *d, sbl__refine *r) {
-    void *const blocks[] = { r->pixels, r->lobes, r->stored_light, r->layers, r->tiles, r->sites, r->readings,
-                             r->reading_layers, r->searched, r->places };
+    void *const blocks[] = { r->pixels, r->lobes, r->shares, r->stored_light, r->layers, r->tiles, r->sites,
+                             r->readings, r->reading_layers, r->searched, r->places };
     size_t i;
     for (i = 0; r->sensors && i < sbl__sensor_blocks(r); i++) sbl__free(d->base, r->sensors[i]);
     sbl__free(d->base, r->sensors);
@@ -16007,6 +16011,13 @@ static int sbl__tile_differs(const sbl__refine *r, const sbl__tile *c) {
     return 0;
 }
 
+/* Returns the square of the picture's mean albedo: relative errors of light, times the albedo with which a pixel shows
+   the light, divided by this mean are relative errors of FINAL. 1 if the light's mean includes its albedo. */
+static float sbl__shown2(const sbl__refine *r) {
+    const double mean = r->shares ? r->shown / SBL__MAX(r->shown_pixels, 1.0) : 1;
+    return (float)SBL__MAX(mean * mean, 1e-12);
+}
+
 /* Adds row y of pixels to c->pixels and c->uncovered. Sets c->must_split if corners give one too little weight. */
 static void sbl__tile_count(const sbl__refine *r, sbl__tile *c, const sbl__range *pixels, int y) {
     const int extrapolated = r->geometry_aware && sbl__tile_span(c) <= SBL__EXTRAPOLATED_SPAN && !(r->threshold > 0);
@@ -16017,6 +16028,7 @@ static void sbl__tile_count(const sbl__refine *r, sbl__tile *c, const sbl__range
         if (!p->id || !sbl__window_counts(&r->window, x, y)) continue;
         c->pixels++;
         if (r->lobes) c->weight2 += r->lobes[p - r->pixels].weight * r->lobes[p - r->pixels].weight;
+        if (r->shares) c->weight2 += r->shares[p - r->pixels] * r->shares[p - r->pixels];
         if (sbl__sensor_of(r, p)->sensed) continue;
         sbl__interpolate(r, c, x, y, 0, &m);
         c->uncovered += 1 - m.own;
@@ -16740,7 +16752,8 @@ static float sbl__weigh_price(const sbl__refine *r, double left, double target) 
    bought, if bias and noise are within their share of the target error or SBL__MAX_ROUNDS is exceeded. */
 static void sbl__weigh_end(sbl__refine *r) {
     const double pixels = SBL__MAX(r->pixels_summed, 1.0), all2 = (double)r->target_error * r->target_error;
-    const double uncertainty2 = r->uncertainty2 / ((double)r->luminance * r->luminance * pixels);
+    const double uncertainty2 = r->uncertainty2 / ((double)r->luminance * r->luminance * pixels *
+                                                   (double)sbl__shown2(r));
     const double excused2 = SBL__MIN(SBL__AIM_STORED * uncertainty2, SBL__AIM_MOST * all2);
     const double least2 = SBL__MAX(SBL__AIM_LEAST * all2, excused2);
     const double target2 = SBL__MAX(all2 - uncertainty2, least2), left = r->bias2 + r->noise2;
@@ -16764,13 +16777,13 @@ static sbl_result sbl__refine_count(void *work, sbl__slice *slice) {
         const sbl__range pixels = sbl__tile_pixels(r, c);
         if (r->row == 0) c->pixels = c->must_split = 0;
         if (r->row == 0) c->uncovered = 0;
-        if (r->row == 0) c->weight2 = r->lobes ? 0.0f : 1.0f;
+        if (r->row == 0) c->weight2 = r->lobes || r->shares ? 0.0f : 1.0f;
         for (; pixels.y[0] + r->row <= pixels.y[1]; r->row++) {
             if (sbl__late(slice)) return SBL_UNFINISHED;
             sbl__tile_count(r, c, &pixels, pixels.y[0] + r->row);
         }
         if (c->pixels) c->uncovered /= (float)c->pixels;
-        if (c->pixels && r->lobes) c->weight2 /= (float)c->pixels;
+        if (c->pixels && (r->lobes || r->shares)) c->weight2 /= (float)c->pixels * sbl__shown2(r);
         if (c->pixels && r->lobes && sbl__tile_is_wide(r, c)) c->must_split = 1;
     }
     return SBL_SUCCESS;
@@ -17025,9 +17038,22 @@ static sbl_result sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel
         s->variance *= s->variance;
         sbl__refine_even(r, p, light);
     }
-    uncertainty = (double)sbl__stored_uncertainty(r, p);
+    uncertainty = (double)(sbl__stored_uncertainty(r, p) * (r->shares ? r->shares[index] : 1));
     if (sbl__window_counts(&r->window, (int)(index % (size_t)r->width), (int)(index / (size_t)r->width)))
         r->uncertainty2 += uncertainty * uncertainty;
+    return SBL_SUCCESS;
+}
+
+/* Makes errors those of FINAL. Called for each pixel before sbl__refine_put. albedo, specular: the albedos with which
+   the pixel shows R and the light in its lobe; albedo is NULL if it shows no surface */
+static sbl_result sbl__refine_show(sbl__refine *r, size_t index, const float *albedo, const float *specular) {
+    const size_t pixels = (size_t)r->width * (size_t)r->height;
+    if (!r->shares) r->shares = (float *)sbl__alloc(&r->core->base, pixels, sizeof *r->weights);
+    if (!r->shares) return SBL_ERROR_OUT_OF_MEMORY;
+    r->shares[index] = albedo ? sbl__luminance(albedo) : 0;
+    if (!albedo) return SBL_SUCCESS;
+    r->shown += (double)(sbl__luminance(albedo) + sbl__luminance(specular));
+    r->shown_pixels++;
     return SBL_SUCCESS;
 }
 
@@ -17110,16 +17136,17 @@ static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, floa
     float *to = f->rgba + 4 * (p - r->pixels);
     sbl__mix m;
     const sbl__sensor *s = sbl__sensor_of(r, p);
+    const float weight2 = r->shares ? SBL__MAX(c->weight2, 1e-6f) : 1;
     int k, lit = sbl__usable(r, p);
     memset(to, 0, 4 * sizeof *to);
     if (!p->id) return;
-    p->error = sbl__pixel_error(r, p, c->bias2 + c->noise2);
+    p->error = sbl__pixel_error(r, p, (c->bias2 + c->noise2) / weight2);
     memcpy(to, sbl__pixel_light(r, p, f->layer), 3 * sizeof *to);
     if (lit) {
         const float least = r->luminance * (float)sqrt((double)c->variance * (double)sbl__variance_share(r, s->looks));
         to[3] = SBL__MAX(least, sbl__noise(r, p));  /* not below the mean noise of the tile's sensors, because the
                                                        few rays of this one may agree by chance */
-        p->error = sbl__pixel_error(r, p, c->noise2);
+        p->error = sbl__pixel_error(r, p, c->noise2 / weight2);
     } else if (s->occlusion != SBL__HIDDEN) {  /* sbl__fill_orphans gives a hidden texel the light of its neighbours */
         sbl__interpolate(r, c, x, y, f->layer, &m);
         lit = m.covered > 0;
@@ -18400,16 +18427,18 @@ static sbl_result sbl__map_trim(sbl__map *m) {
 
 /* Reads rows of the G-buffer into m->refine, from row stages.at on. Advances stages.at. SBL_SUCCESS: all are read. */
 static sbl_result sbl__map_read(void *work, sbl__slice *slice) {
-    static const int attachments[4] = { SBL__GBUFFER_POSITION, SBL__GBUFFER_NORMAL, SBL__GBUFFER_GEOMETRIC_NORMAL,
-                                        SBL__GBUFFER_EMISSION };
+    static const int attachments[6] = { SBL__GBUFFER_POSITION, SBL__GBUFFER_NORMAL, SBL__GBUFFER_GEOMETRIC_NORMAL,
+                                        SBL__GBUFFER_EMISSION, SBL__GBUFFER_ALBEDO, SBL__GBUFFER_SPECULAR };
     sbl__map *m = (sbl__map *)work;
     sbl__core *c = m->work.core;
-    const int parts = m->spec.bounced ? 4 : 3;  /* 4: also emission, whose alpha is the blue component of stored R */
+    /* 4: also emission, whose alpha is the blue component of stored R; 6: also albedos */
+    const int parts = m->has_lobes ? 6 : m->spec.bounced ? 4 : 3;
     const int width = m->desc.width, most = SBL__MAX(1, SBL__READ_PIXELS / width);
     const int first = m->work.stages.at, rows = SBL__MIN(most, m->desc.height - first), count = rows * width;
     const sbl__target *t = &m->gbuffer.target;
-    float *data = (float *)sbl__alloc_raw(&c->base, (size_t)count, 4 * 16 + 4);
-    float *ids = data ? data + 16 * (size_t)count : NULL;
+    const size_t at = (size_t)first * (size_t)width;
+    float *data = (float *)sbl__alloc_raw(&c->base, (size_t)count, 6 * 16 + 4);
+    float *ids = data ? data + 24 * (size_t)count : NULL;
     sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
     int i, k;
     (void)slice;
@@ -18419,11 +18448,12 @@ static sbl_result sbl__map_read(void *work, sbl__slice *slice) {
     if (result == SBL_SUCCESS) result = sbl__target_read(&c->device, t, SBL__GBUFFER_ID, first, rows, ids);
     c->stats.sensors.readbacks += parts + 1;
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
-        const float *from[4];
+        const float *from[6];
         uint32_t id;
         memcpy(&id, ids + i, sizeof id);
-        for (k = 0; k < 4; k++) from[k] = data + 4 * ((size_t)count * (size_t)k + (size_t)i);
-        result = sbl__map_put(m, (size_t)first * (size_t)width + (size_t)i, from, id);
+        for (k = 0; k < 6; k++) from[k] = data + 4 * ((size_t)count * (size_t)k + (size_t)i);
+        if (m->has_lobes) result = sbl__refine_show(&m->refine, at + (size_t)i, id ? from[4] : NULL, from[5]);
+        if (result == SBL_SUCCESS) result = sbl__map_put(m, at + (size_t)i, from, id);
         c->stats.picture.visible_pixels += id != 0 && sbl__window_shows(&m->window, i % width, first + i / width);
     }
     sbl__free(&c->base, data);

@@ -1,5 +1,5 @@
-// The rays that go on where a ray meets a surface: a ray to a lamp, and the next segment. trace.glsl follows them at
-// near hits and at metal, cast.glsl at metal.
+// The rays that go on where a ray meets a surface: a ray to a lamp, and the next segment. trace.glsl follows them
+// at near hits and at metal, cast.glsl at metal.
 
 #ifdef SBL_SPECULAR
 // A ray that meets a surface of a larger reflectance than this continues in a direction of the surface's lobe.
