@@ -14565,7 +14565,8 @@ static int sbl__brighter(const void *first, const void *second) {
 
 /* Adds the luminance of the radiance that a valid point's rays find to b->found and to b->direct, whose direct light is
    not needed any more. In b->direct, float 0 of each leaf is the weighted sum over the rays that hit it, float 1 is the
-   weighted number of these rays, and sbl__bright_uncrowded sets float 2 to the slot of the leaf's cell. */
+   weighted number of these rays, and sbl__bright_uncrowded sets float 2 to the slot of the leaf's cell. Rays that have
+   met metal do not count there. Metal is thus no glow: its light depends on the direction, and `shine` holds it. */
 static sbl_result sbl__bounce_shine(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *hits = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS];
@@ -14588,7 +14589,7 @@ static sbl_result sbl__bounce_shine(void *work, int at) {
         }
         b->found.light += weight * light;
         b->found.squares += weight * light * light;
-        if (hits[j].leaf == SBL__NOWHERE) continue;
+        if (hits[j].leaf == SBL__NOWHERE || hits[j].by_metal) continue;
         b->direct[3 * hits[j].leaf] += (float)(weight * light);
         b->direct[3 * hits[j].leaf + 1] += (float)weight;
     }
