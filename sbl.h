@@ -371,13 +371,14 @@
    with SBL_MATERIAL_HIDDEN_FROM_SENSORS.
 
    Bounced light: a ray of a sensor that meets metal continues in a direction of the lobe there, as if the roughness
-   were at least 0.3. Light that lamps send by way of mirrors (caustics) is therefore blurred, but has no specks. Every
-   other surface, and all surfaces in the store, reflect as diffuse surfaces of the same mean albedo. So do all surfaces
-   in views (SBL_BACKEND_RASTER), where panes are also opaque. Lightmaps, vertices, probes and readings hold R, with the
+   were at least 0.3, and so does a ray that fills the store, once. Light that lamps send by way of mirrors (caustics)
+   is therefore blurred, but has no specks. Every other surface reflects as a diffuse surface of the same mean albedo.
+   So do all surfaces in views (SBL_BACKEND_RASTER), where panes are also opaque. In pictures, errors of R count as far
+   as FINAL shows R. Lightmaps, vertices, probes and readings hold R, with the
    light that surfaces around them reflect.
 
    Accuracy, against a path tracer in blocks of 4 x 4 pixels, at default settings: a box with gold, steel, plastic and a
-   pane 3.1 %, a row of metal and plastic spheres 1.0 %, a hall with a polished floor and glazed pictures 2.8 % of the
+   pane 2.5 %, a row of metal and plastic spheres 1.1 %, a hall with a polished floor and glazed pictures 2.8 % of the
    mean. The box takes about four times as long as with matte materials, mostly because R is harder to measure where
    metal lights the walls; the hall takes 1.3 times as long.
 
@@ -1281,8 +1282,8 @@ typedef struct sbl_stats {
         int visible_pixels;       /* number of pixels that show a surface */
         float target_error;       /* target_error of the descriptor or its default, which is 0 in SBL_MODE_PAPER; that
                                      mode never uses it */
-        float expected_error;     /* the error predicted so far, as a share of the mean R; 0 before the first level is
-                                     done */
+        float expected_error;     /* the error predicted so far, as a share of the mean R; with reflections, the error of
+                                     FINAL that R causes, as a share of FINAL; 0 before the first level is done */
         float exposure;           /* stops applied to SBL_CHANNEL_DISPLAY, including those that auto_exposure chose */
         float price;              /* the price in the sense of sbl_picture_desc at which this picture reached its target
                                      error; 0: the first sensors sufficed */
