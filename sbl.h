@@ -1282,8 +1282,8 @@ typedef struct sbl_stats {
         int visible_pixels;       /* number of pixels that show a surface */
         float target_error;       /* target_error of the descriptor or its default, which is 0 in SBL_MODE_PAPER; that
                                      mode never uses it */
-        float expected_error;     /* the error predicted so far, as a share of the mean R; with reflections, the error of
-                                     FINAL that R causes, as a share of FINAL; 0 before the first level is done */
+        float expected_error;     /* the error predicted so far, as a share of the mean R; with reflections, the error
+                                     of FINAL that R causes, as a share of FINAL; 0 before the first level is done */
         float exposure;           /* stops applied to SBL_CHANNEL_DISPLAY, including those that auto_exposure chose */
         float price;              /* the price in the sense of sbl_picture_desc at which this picture reached its target
                                      error; 0: the first sensors sufficed */
