@@ -379,13 +379,13 @@
    stored light, lightmaps, vertices, probes and surfaces that rays meet do not know the texture.
 
    Bounced light: a ray of a sensor that meets metal continues in a direction of the lobe there, as if the roughness
-   were at least 0.3. Light that lamps send by way of mirrors (caustics) is therefore blurred, but has no specks. Every
-   other surface, and all surfaces in the store, reflect as diffuse surfaces of the same mean albedo. So do all surfaces
-   in views (SBL_BACKEND_RASTER), where panes are also opaque. Lightmaps, vertices, probes and readings hold R, with the
-   light that surfaces around them reflect.
+   were at least 0.3, and so does a ray that fills the store, once. Light that lamps send by way of mirrors (caustics)
+   is therefore blurred, but has no specks. Every other surface reflects as a diffuse surface of the same mean albedo.
+   So do all surfaces in views (SBL_BACKEND_RASTER), where panes are also opaque. Lightmaps, vertices, probes and
+   readings hold R, with the light that surfaces around them reflect.
 
    Accuracy, against a path tracer in blocks of 4 x 4 pixels, at default settings: a box with gold, steel, plastic and a
-   pane 3.1 %, a row of metal and plastic spheres 1.0 %, a hall with a polished floor and glazed pictures 2.8 % of the
+   pane 2.5 %, a row of metal and plastic spheres 1.1 %, a hall with a polished floor and glazed pictures 2.8 % of the
    mean. The box takes about four times as long as with matte materials, mostly because R is harder to measure where
    metal lights the walls; the hall takes 1.3 times as long.
 
@@ -1292,8 +1292,8 @@ typedef struct sbl_stats {
         int visible_pixels;       /* number of pixels that show a surface */
         float target_error;       /* target_error of the descriptor or its default, which is 0 in SBL_MODE_PAPER; that
                                      mode never uses it */
-        float expected_error;     /* the error predicted so far, as a share of the mean R; 0 before the first level is
-                                     done */
+        float expected_error;     /* the error predicted so far, as a share of the mean R; with reflections, the error
+                                     of FINAL that R causes, as a share of FINAL; 0 before the first level is done */
         float exposure;           /* stops applied to SBL_CHANNEL_DISPLAY, including those that auto_exposure chose */
         float price;              /* the price in the sense of sbl_picture_desc at which this picture reached its target
                                      error; 0: the first sensors sufficed */
@@ -12045,35 +12045,10 @@ static const char *const sbl__glsl_guide[] = {
 0 };
 /* <<glsl */
 
-/* >>glsl trace: shaders_embedded/trace.glsl, copied by scripts/embed_shaders */
-static const char *const sbl__glsl_trace[] = {
-"// Traces a part of a look's rays over the hemisphere, whose directions have a cosine distribution, and sums them.\n",
-"// The outputs are those of reduce_blocks.glsl, but out_hits.w is the variance of the luminance of this part, and\n",
-"// out_hits.z is SBL_LOST if rays were lost.\n",
-"uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each\n",
-"uniform int rays;                     // number of rays per look\n",
-"uniform int paired;                   // log2 of the rays per group: 1: an invocation traces pairs; 0: single rays\n",
-"uniform bool no_light;                // true: rays cannot find light; only a site's first look traces them\n",
-"uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal\n",
-"uniform float distance_limit;         // larger distances of hits count as this distance in the mean\n",
-"SBL_OUT(0, out_sum);\n",
-"SBL_OUT(1, out_hits);\n",
-"SBL_OUT_HARMONICS(2, 3, 4)\n",
-"#ifdef SBL_DIRECTIONAL\n",
-"SBL_OUT(5, out_even);                 // control variate for radiance 1 from everywhere: the exact harmonics minus\n",
-"                                      // those that these rays measure; reduce_sum.glsl adds it, times the mean\n",
-"                                      // radiance, to the measured harmonics\n",
-"#endif\n",
-"\n",
-"const int SBL_MIRROR_RAYS = 8;      // number of rays of a look at a perfect mirror\n",
-"const float SBL_NEIGHBOURS = 0.62;  // measured variance / its estimate from pairs, at 16 to 256 rays\n",
-"// In sbl_is_near, the length of the first segment counts times this factor, so that its hits are near up to\n",
-"// 0.5 / 0.7 lengths of a cell. A smaller factor reduces errors at window frames, but adds noise and time.\n",
-"const float SBL_FIRST_SCALE = 0.7;\n",
-"\n",
-"// For rays of a lobe, that factor is at most this times the lobe's alpha, because a narrow lobe does not average\n",
-"// over cells.\n",
-"const float SBL_LOBE_SCALE = 0.5;\n",
+/* >>glsl reflect: shaders_embedded/reflect.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_reflect[] = {
+"// The rays that go on where a ray meets a surface: a ray to a lamp, and the next segment. trace.glsl follows them\n",
+"// at near hits and at metal, cast.glsl at metal.\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
 "// A ray that meets a surface of a larger reflectance than this continues in a direction of the surface's lobe.\n",
@@ -12086,6 +12061,10 @@ static const char *const sbl__glsl_trace[] = {
 "bool hit_shines = false;     // true: the last hit is such a surface\n",
 "float ray_density = 0.0;     // density of the ray's direction, see sbl_lobe_met; 0: the ray adds no light of lamps\n",
 "\n",
+"bool sbl_shines(sbl_Material m) {\n",
+"    return m.roughness >= 0.0 && max(m.reflectance.r, max(m.reflectance.g, m.reflectance.b)) > SBL_SHINY;\n",
+"}\n",
+"\n",
 "// Density by solid angle with which points of the triangle that a ray hits would be drawn by area.\n",
 "float sbl_hit_density(sbl_Hit hit, vec3 direction) {\n",
 "    vec3 p0 = sbl_triangle_corner_0(hit.triangle);\n",
@@ -12093,62 +12072,8 @@ static const char *const sbl__glsl_trace[] = {
 "                            hit.distance * direction);\n",
 "}\n",
 "#endif\n",
-"float sky_met = 0.0, glow_met = 0.0;  // as lamp_met, for bright texels of the sky and for glows\n",
-"\n",
-"// Radiance that leaves a hit towards the ray's origin. first, last: true for the first and the last segment of a\n",
-"// ray. goes_on: set to true if the hit is near. The radiance then lacks all reflected light, which further rays\n",
-"// find. material: set only with SBL_BOUNCED. The first segment leaves out the light of glows, which lamps.glsl\n",
-"// measures for the sensor; later segments find it.\n",
-"vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool first, bool last, out bool goes_on, out sbl_Material material) {\n",
-"    int object = int(sbl_triangle_object(hit.triangle));\n",
-"    sbl_Attributes at = SBL_PLAIN;\n",
-"    if (!sbl_outgoing_is_plain(object, hit.back)) at = sbl_attributes_of(hit);\n",
-"    vec3 radiance = sbl_outgoing(object, hit.back, at);\n",
-"    goes_on = false;\n",
-"#ifdef SBL_BOUNCED\n",
-"    material = sbl_material(object, at);\n",
-"#ifdef SBL_LOBE\n",
-"    float first_scale = min(SBL_FIRST_SCALE, SBL_LOBE_SCALE * lobe.alpha);\n",
-"#else\n",
-"    const float first_scale = SBL_FIRST_SCALE;\n",
-"#endif\n",
-"    goes_on = !last && sbl_is_near(first ? first_scale * hit.distance : hit.distance);\n",
-"#ifdef SBL_SPECULAR\n",
-"    hit_shines = !last && material.roughness >= 0.0 &&\n",
-"                 max(material.reflectance.r, max(material.reflectance.g, material.reflectance.b)) > SBL_SHINY;\n",
-"    goes_on = goes_on || hit_shines;\n",
-"    bool reads_store = !goes_on || hit_shines || bright_cells > 0;\n",
-"#else\n",
-"    bool reads_store = !goes_on || bright_cells > 0;\n",
-"#endif\n",
-"    if (reads_store) {\n",
-"        int leaf = sbl_leaf_at(hit.number, hit.back, place, hit.distance);\n",
-"        vec3 light = goes_on ? vec3(0) : sbl_light_of(leaf);\n",
-"#ifdef SBL_SPECULAR\n",
-"        // The lobe of the hit continues the ray; the diffuse part reflects stored light.\n",
-"        if (hit_shines) radiance += sbl_reflected_diffuse(material, sbl_light_of(leaf));\n",
-"#endif\n",
-"        if (first) light -= (1.0 - glow_met) * sbl_glowing(leaf, hit.number, hit.back, place, hit.distance);\n",
-"        radiance += sbl_reflected(material, light);\n",
-"    }\n",
-"#endif\n",
-"    return radiance;\n",
-"}\n",
-"\n",
-"// Mean of 1 / cosine (to the normal) over the rays in u's stratum; each of the look's rays has its own stratum.\n",
-"// The value of a single ray near the horizon is far too noisy.\n",
-"float sbl_stratum_reciprocal(float u) {\n",
-"    float n = float(rays), k = n - floor(u * n);\n",
-"    return 2.0 * sqrt(n) / (sqrt(k) + sqrt(k - 1.0));\n",
-"}\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
-"// Maximum number of segments of a ray. A hit is near if sbl_is_near says so (see SBL_FIRST_SCALE); the mean light\n",
-"// of its cell may differ much from the light there. Reflected light is therefore not read from the store at near\n",
-"// hits, except to subtract that of glows: a ray to a lamp finds the light of lamps, and the next segment finds the\n",
-"// bounced light. The last segment reads the store at any distance.\n",
-"const int SBL_LEGS = 3;\n",
-"\n",
 "// The rays that leave a near hit. All start at `from`.\n",
 "struct sbl_Reflection {\n",
 "    vec3 from;\n",
@@ -12220,6 +12145,94 @@ static const char *const sbl__glsl_trace[] = {
 "    r.away = max(r.light.r, max(r.light.g, r.light.b)) > 0.0 ? away : 0.0;\n",
 "    return r;\n",
 "}\n",
+"#endif\n",
+0 };
+/* <<glsl */
+
+/* >>glsl trace: shaders_embedded/trace.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_trace[] = {
+"// Traces a part of a look's rays over the hemisphere, whose directions have a cosine distribution, and sums them.\n",
+"// The outputs are those of reduce_blocks.glsl, but out_hits.w is the variance of the luminance of this part, and\n",
+"// out_hits.z is SBL_LOST if rays were lost.\n",
+"uniform usamplerBuffer sbl_sequence;  // Sobol points along a Morton curve, two 32-bit fractions each\n",
+"uniform int rays;                     // number of rays per look\n",
+"uniform int paired;                   // log2 of the rays per group: 1: an invocation traces pairs; 0: single rays\n",
+"uniform bool no_light;                // true: rays cannot find light; only a site's first look traces them\n",
+"uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal\n",
+"uniform float distance_limit;         // larger distances of hits count as this distance in the mean\n",
+"SBL_OUT(0, out_sum);\n",
+"SBL_OUT(1, out_hits);\n",
+"SBL_OUT_HARMONICS(2, 3, 4)\n",
+"#ifdef SBL_DIRECTIONAL\n",
+"SBL_OUT(5, out_even);                 // control variate for radiance 1 from everywhere: the exact harmonics minus\n",
+"                                      // those that these rays measure; reduce_sum.glsl adds it, times the mean\n",
+"                                      // radiance, to the measured harmonics\n",
+"#endif\n",
+"\n",
+"const int SBL_MIRROR_RAYS = 8;      // number of rays of a look at a perfect mirror\n",
+"const float SBL_NEIGHBOURS = 0.62;  // measured variance / its estimate from pairs, at 16 to 256 rays\n",
+"// In sbl_is_near, the length of the first segment counts times this factor, so that its hits are near up to\n",
+"// 0.5 / 0.7 lengths of a cell. A smaller factor reduces errors at window frames, but adds noise and time.\n",
+"const float SBL_FIRST_SCALE = 0.7;\n",
+"\n",
+"// For rays of a lobe, that factor is at most this times the lobe's alpha, because a narrow lobe does not average\n",
+"// over cells.\n",
+"const float SBL_LOBE_SCALE = 0.5;\n",
+"\n",
+"float sky_met = 0.0, glow_met = 0.0;  // as lamp_met, for bright texels of the sky and for glows\n",
+"\n",
+"// Radiance that leaves a hit towards the ray's origin. first, last: true for the first and the last segment of a\n",
+"// ray. goes_on: set to true if the hit is near. The radiance then lacks all reflected light, which further rays\n",
+"// find. material: set only with SBL_BOUNCED. The first segment leaves out the light of glows, which lamps.glsl\n",
+"// measures for the sensor; later segments find it.\n",
+"vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool first, bool last, out bool goes_on, out sbl_Material material) {\n",
+"    int object = int(sbl_triangle_object(hit.triangle));\n",
+"    sbl_Attributes at = SBL_PLAIN;\n",
+"    if (!sbl_outgoing_is_plain(object, hit.back)) at = sbl_attributes_of(hit);\n",
+"    vec3 radiance = sbl_outgoing(object, hit.back, at);\n",
+"    goes_on = false;\n",
+"#ifdef SBL_BOUNCED\n",
+"    material = sbl_material(object, at);\n",
+"#ifdef SBL_LOBE\n",
+"    float first_scale = min(SBL_FIRST_SCALE, SBL_LOBE_SCALE * lobe.alpha);\n",
+"#else\n",
+"    const float first_scale = SBL_FIRST_SCALE;\n",
+"#endif\n",
+"    goes_on = !last && sbl_is_near(first ? first_scale * hit.distance : hit.distance);\n",
+"#ifdef SBL_SPECULAR\n",
+"    hit_shines = !last && sbl_shines(material);\n",
+"    goes_on = goes_on || hit_shines;\n",
+"    bool reads_store = !goes_on || hit_shines || bright_cells > 0;\n",
+"#else\n",
+"    bool reads_store = !goes_on || bright_cells > 0;\n",
+"#endif\n",
+"    if (reads_store) {\n",
+"        int leaf = sbl_leaf_at(hit.number, hit.back, place, hit.distance);\n",
+"        vec3 light = goes_on ? vec3(0) : sbl_light_of(leaf);\n",
+"#ifdef SBL_SPECULAR\n",
+"        // The lobe of the hit continues the ray; the diffuse part reflects stored light.\n",
+"        if (hit_shines) radiance += sbl_reflected_diffuse(material, sbl_light_of(leaf));\n",
+"#endif\n",
+"        if (first) light -= (1.0 - glow_met) * sbl_glowing(leaf, hit.number, hit.back, place, hit.distance);\n",
+"        radiance += sbl_reflected(material, light);\n",
+"    }\n",
+"#endif\n",
+"    return radiance;\n",
+"}\n",
+"\n",
+"// Mean of 1 / cosine (to the normal) over the rays in u's stratum; each of the look's rays has its own stratum.\n",
+"// The value of a single ray near the horizon is far too noisy.\n",
+"float sbl_stratum_reciprocal(float u) {\n",
+"    float n = float(rays), k = n - floor(u * n);\n",
+"    return 2.0 * sqrt(n) / (sqrt(k) + sqrt(k - 1.0));\n",
+"}\n",
+"\n",
+"#ifdef SBL_BOUNCED\n",
+"// Maximum number of segments of a ray. A hit is near if sbl_is_near says so (see SBL_FIRST_SCALE); the mean light\n",
+"// of its cell may differ much from the light there. Reflected light is therefore not read from the store at near\n",
+"// hits, except to subtract that of glows: a ray to a lamp finds the light of lamps, and the next segment finds the\n",
+"// bounced light. The last segment reads the store at any distance.\n",
+"const int SBL_LEGS = 3;\n",
 "#else\n",
 "const int SBL_LEGS = 1;\n",
 "#endif\n",
@@ -12344,7 +12357,7 @@ static const char *const sbl__glsl_trace[] = {
 static const sbl__recipe sbl__recipe_trace = {
     "trace", { sbl__glsl_fullscreen_vertex },
     { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_store, sbl__glsl_carrier,
-      sbl__glsl_traverse, sbl__glsl_sky, sbl__glsl_guide, sbl__glsl_lamp, sbl__glsl_trace },
+      sbl__glsl_traverse, sbl__glsl_sky, sbl__glsl_guide, sbl__glsl_lamp, sbl__glsl_reflect, sbl__glsl_trace },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
       &sbl__look_record, &sbl__lobe_record, &sbl__cut_record, &sbl__leaf_record, &sbl__lamp_node_record,
       &sbl__lamp_leaf_record, &sbl__light_record_record, &sbl__glow_record },
@@ -13277,17 +13290,18 @@ SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sb
    shortest of its rays that hit a surface, or SBL__UNSEEN. place: triangle << 1 | back; SBL__NOWHERE: the ray hit
    nothing. leaf: index of the leaf that the ray hits, or SBL__NOWHERE: set by sbl__bounce_link, and before that by
    sbl__bounce_place, which leaves out cells of wider levels. albedo: share of light that the surface reflects, see
-   sbl__share_pack. */
-typedef struct sbl__hit { float position[3], distance; uint32_t place, leaf; uint16_t albedo[4]; } sbl__hit;
+   sbl__share_pack. by_metal: 1: the ray has met metal before */
+typedef struct sbl__hit { float position[3], distance; uint32_t place, leaf; uint16_t albedo[3], by_metal; } sbl__hit;
 
 typedef struct sbl__hits { sbl__hit *list; int count, room; } sbl__hits;
 
 /* A point of a leaf. leaf: index of the leaf; number: index among the leaf's points; measured: 1: `light` and `valid`
-   are set; valid: 1: the reading at the point is valid; light: R from lamps, later also from glows */
+   are set; valid: 1: the reading at the point is valid; light: R from lamps, later also from glows; shine: R that
+   metal reflects from lamps and the sky, see cast.glsl */
 typedef struct sbl__bounce_point {
     sbl__hit at;
     int leaf, number, measured, valid;
-    float light[3];
+    float light[3], shine[3];
 } sbl__bounce_point;
 
 enum { SBL__BRIGHT_NEAR = 1, SBL__BRIGHT };
@@ -13393,6 +13407,28 @@ static const char *const sbl__glsl_cast[] = {
 "SBL_OUT(0, out_place);\n",
 "// rgb: albedo for bounced light; a: triangle's number / SBL_CAST_NUMBERS; SBL_LOST: loop ended early\n",
 "SBL_OUT(1, out_albedo);\n",
+"#ifdef SBL_BOUNCED  // the scene has metal\n",
+"// rgb: light of lamps and of the sky that a ray finds by way of metal; a: 1: the ray has met metal\n",
+"SBL_OUT(2, out_shine);\n",
+"\n",
+"// Follows a ray that has met metal by one segment, as sensors do. hit: becomes the hit of that segment; origin,\n",
+"// direction: become those of that segment. share: becomes the share of the light there that the ray carries.\n",
+"// Returns the light of lamps and of the sky.\n",
+"vec3 sbl_go_on(inout sbl_Hit hit, sbl_Material material, inout vec3 origin, inout vec3 direction, inout vec3 share,\n",
+"               uint hash) {\n",
+"    sbl_Reflection next = sbl_reflect(hit, material, direction, hash);\n",
+"    sbl_Hit between = sbl_trace(next.from, next.to_lamp, next.away, SBL_RAY_SHADOW);\n",
+"    bool open = next.away > 0.0 && (between.triangle < 0 || between.number == next.number);\n",
+"    vec3 light = open ? share * sbl_tint * next.light : vec3(0);\n",
+"    origin = next.from;\n",
+"    direction = next.direction;\n",
+"    hit = sbl_trace(origin, direction, SBL_UNBOUNDED, SBL_RAY_PATH);\n",
+"    share *= next.share * sbl_tint;\n",
+"    if (hit.triangle < 0) return light + share * sbl_sky(direction, sbl_lobe_met(next.density, SBL_LAMP_DENSITY));\n",
+"    lamp_met = sbl_lobe_met(next.density, sbl_hit_density(hit, direction));\n",
+"    return light + share * sbl_outgoing(int(sbl_triangle_object(hit.triangle)), hit.back, sbl_attributes_of(hit));\n",
+"}\n",
+"#endif\n",
 "\n",
 "void main() {\n",
 "    ivec2 texel = sbl_texel_of_invocation();\n",
@@ -13404,15 +13440,30 @@ static const char *const sbl__glsl_cast[] = {
 "    vec2 u = (vec2(fractions & 65535u, fractions >> 16) + 0.5) / 65536.0;\n",
 "    if (limit < 0.0) direction = sbl_by_cosine(sbl_frame(direction), u);\n",
 "    sbl_Hit hit = sbl_trace(origin, direction, abs(limit), SBL_RAY_PATH);\n",
+"    vec3 share = sbl_tint, place = origin + direction * hit.distance;\n",
 "    float low = 0.0, high = 0.0;\n",
+"#ifdef SBL_BOUNCED\n",
+"    vec4 shine = vec4(0);\n",
+"    sbl_Material material;\n",
+"    if (limit < 0.0 && hit.triangle >= 0) {\n",
+"        material = sbl_material(int(sbl_triangle_object(hit.triangle)), sbl_attributes_of(hit));\n",
+"        hit_shines = sbl_shines(material);\n",
+"    }\n",
+"    for (int once = 0; once < (hit_shines ? 1 : 0); once++) {\n",
+"        shine = vec4(sbl_go_on(hit, material, origin, direction, share, fractions * SBL_HASH_FACTOR), 1);\n",
+"        // A ray that hits nothing has found its sky: out_place is not far away, so that none is added.\n",
+"        place = origin + direction * (hit.triangle < 0 ? 0.0 : hit.distance);\n",
+"    }\n",
+"    sbl_write(out_shine, shine);\n",
+"#endif\n",
 "    if (hit.triangle >= 0) {\n",
 "        int object = int(sbl_triangle_object(hit.triangle));\n",
-"        albedo = sbl_bounced(sbl_material(object, sbl_attributes_of(hit)), sbl_tint);\n",
+"        albedo = sbl_bounced(sbl_material(object, sbl_attributes_of(hit)), share);\n",
 "        low = (float(hit.number % SBL_CAST_NUMBERS) + 1.0) * (hit.back ? -1.0 : 1.0);\n",
 "        high = float(hit.number / SBL_CAST_NUMBERS);\n",
 "    }\n",
 "    if (sbl_cut_short()) { low = 0.0; high = SBL_LOST; }\n",
-"    sbl_write(out_place, vec4(origin + direction * hit.distance, low));\n",
+"    sbl_write(out_place, vec4(place, low));\n",
 "    sbl_write(out_albedo, vec4(albedo, high));\n",
 "}\n",
 0 };
@@ -13427,15 +13478,42 @@ static const sbl__recipe sbl__recipe_cast = {
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE | SBL__SPECULAR
 };
 
+/* The same for scenes with metal: rays that meet it go on. */
+static const sbl__recipe sbl__recipe_cast_metal = {
+    "cast", { sbl__glsl_fullscreen_vertex },
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_store, sbl__glsl_carrier,
+      sbl__glsl_traverse, sbl__glsl_sky, sbl__glsl_lamp, sbl__glsl_reflect, sbl__glsl_cast },
+    { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
+      &sbl__cut_record, &sbl__leaf_record, &sbl__lamp_node_record, &sbl__lamp_leaf_record, &sbl__light_record_record,
+      &sbl__glow_record, &sbl__cast_record },
+    SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE | SBL__SPECULAR | SBL__BOUNCED
+};
+
+static int sbl__cast_has_metal(const sbl__scene *scene) { return (scene->features & SBL__SPECULAR) != 0; }
+
+/* Uses the program that casts rays. */
+static sbl_result sbl__cast_use(sbl__device *d, const sbl__scene *scene) {
+    const int metal = sbl__cast_has_metal(scene);
+    const sbl_result result = metal ? sbl__use(d, &sbl__recipe_cast_metal, scene->features | SBL__BOUNCED)
+                                    : sbl__use(d, &sbl__recipe_cast, scene->features);
+    if (result != SBL_SUCCESS || !metal) return result;
+    sbl__environment_bind(d, &scene->environment);
+    sbl__lights_bind(d, &scene->lights);
+    sbl__set_int(d, "lamps_apart", 1);
+    sbl__set_float(d, "epsilon", 0);
+    return SBL_SUCCESS;
+}
+
 static sbl_result sbl__cast_send(sbl__bounce *b, const sbl__cast *rays, int count) {
     const sbl__scene *scene = &b->core->scene;
     sbl__device *d = &b->core->device;
-    sbl_result result = sbl__blocks_make(d, &b->blocks, 2, SBL__CAST_COLUMNS, SBL__CAST_ROWS);
+    const int outputs = sbl__cast_has_metal(scene) ? 3 : 2;
+    sbl_result result = sbl__blocks_make(d, &b->blocks, outputs, SBL__CAST_COLUMNS, SBL__CAST_ROWS);
     if (result == SBL_SUCCESS)
         result = sbl__buffer_stream(d, &b->casts.buffer, SBL__CAST_MOST * sizeof *rays, rays,
                                     (size_t)count * sizeof *rays);
     if (result == SBL_SUCCESS) result = sbl__table_attach(d, &b->casts, SBL__GL_RGBA32UI, 0);
-    if (result == SBL_SUCCESS) result = sbl__use(d, &sbl__recipe_cast, scene->features);
+    if (result == SBL_SUCCESS) result = sbl__cast_use(d, scene);
     if (result != SBL_SUCCESS) return result;
     sbl__scene_bind(d, scene);
     sbl__hierarchy_bind(d, &scene->hierarchy);
@@ -13448,8 +13526,9 @@ static sbl_result sbl__cast_send(sbl__bounce *b, const sbl__cast *rays, int coun
     return sbl__gl_check(&d->gl);
 }
 
-/* Decodes the output of cast.glsl. */
-static void sbl__cast_take(const sbl__cast *ray, const float place[4], const float albedo[4], sbl__hit *out) {
+/* Decodes the output of cast.glsl. shine: NULL in scenes without metal */
+static void sbl__cast_take(const sbl__cast *ray, const float place[4], const float albedo[4], const float *shine,
+                           sbl__hit *out) {
     const double low = fabs((double)place[3]) - 1, number = low + SBL__CAST_NUMBERS * (double)albedo[3];
     double length2 = 0;
     int k;
@@ -13460,6 +13539,14 @@ static void sbl__cast_take(const sbl__cast *ray, const float place[4], const flo
     out->leaf = SBL__NOWHERE;
     out->place = low < 0 ? SBL__NOWHERE : (uint32_t)number << 1 | (place[3] < 0);
     sbl__share_pack(albedo, out->albedo);
+    out->by_metal = shine && shine[3] > 0;
+}
+
+/* Adds the light that a point's ray finds by way of metal to the point's light. */
+static void sbl__bounce_add_shine(sbl__bounce *b, int ray, const float light[3]) {
+    sbl__bounce_point *point = &b->points[ray / SBL__BOUNCE_RAYS];
+    int k;
+    for (k = 0; k < 3; k++) point->shine[k] += light[k] / SBL__BOUNCE_RAYS;
 }
 
 /* Casts some of the rays stages.at to count - 1. Returns SBL_UNFINISHED until all are cast, then SBL_SUCCESS. make:
@@ -13472,29 +13559,34 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, 
     const int rows = (some + SBL__CAST_COLUMNS - 1) / SBL__CAST_COLUMNS;
     const size_t texels = (size_t)rows * SBL__CAST_COLUMNS;
     sbl__cast *rays;
-    float *places, *albedos;
+    float *places, *albedos, *shine;
     sbl_result result;
     int i, lost = 0;
     d->gl.doing = "casting rays between surfaces";
     if (!sbl__grow(d->base, &hits->list, &hits->room, count, sizeof *hits->list)) return SBL_ERROR_OUT_OF_MEMORY;
     if (some <= 0) return SBL_SUCCESS;
-    rays = (sbl__cast *)sbl__alloc_raw(d->base, texels, sizeof *rays + 32);
+    rays = (sbl__cast *)sbl__alloc_raw(d->base, texels, sizeof *rays + 48);
     if (!rays) return SBL_ERROR_OUT_OF_MEMORY;
     places = (float *)(rays + texels);
     albedos = places + 4 * texels;
+    shine = b->core->scene.features & SBL__SPECULAR ? albedos + 4 * texels : NULL;
     for (i = 0; i < some; i++) make(b, at + i, &rays[i]);
     result = sbl__cast_send(b, rays, some);
     if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 0, 0, rows, places);
     if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 1, 0, rows, albedos);
+    if (result == SBL_SUCCESS && shine) result = sbl__target_read(d, &b->blocks.target, 2, 0, rows, shine);
     for (i = 0; i < some && result == SBL_SUCCESS; i++) {
-        sbl__cast_take(&rays[i], places + 4 * (size_t)i, albedos + 4 * (size_t)i, &hits->list[at + i]);
+        sbl__cast_take(&rays[i], places + 4 * (size_t)i, albedos + 4 * (size_t)i, shine ? shine + 4 * (size_t)i : NULL,
+                       &hits->list[at + i]);
+        if (shine && b->stages.stage == SBL__BOUNCE_CAST_POINTS)
+            sbl__bounce_add_shine(b, at + i, shine + 4 * (size_t)i);
         lost += albedos[4 * (size_t)i + 3] < 0;
     }
     sbl__free(d->base, rays);
     if (lost) sbl__rays_warn(d, &b->core->job.told_scene, b->core->scene.version, lost, "rays of bounced light miss");
     if (result == SBL_SUCCESS) result = sbl__pace_end(d, &b->pace, some);
     if (result != SBL_SUCCESS) return result;
-    b->core->stats.sensors.readbacks += 2;
+    b->core->stats.sensors.readbacks += shine ? 3 : 2;
     b->core->stats.store.rays += some;
     b->stages.at += some;
     return b->stages.at < count ? SBL_UNFINISHED : SBL_SUCCESS;
@@ -13654,6 +13746,7 @@ static int sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
     point->leaf = leaf;
     point->number = b->states[leaf].points++;
     point->measured = point->valid = 0;
+    memset(point->shine, 0, sizeof point->shine);
     sbl__scene_normal(b->geometry, at->place >> 1, normal);
     for (k = 0; k < 3; k++) off += normal[k] * ((double)at->position[k] - corner[k]);
     for (k = 0; k < 3; k++) point->at.position[k] = (float)(at->position[k] - off * normal[k]);
@@ -14326,7 +14419,7 @@ static sbl_result sbl__bounce_direct(void *work, int at) {
         if (!b->points[i].valid) continue;
         sbl__bounce_sky(b, i, sky);
         for (k = 0; k < 3; k++) all_sky[k] += sky[k] / (float)state->valid;
-        for (k = 0; k < 3; k++) light[k] += b->points[i].light[k] / (float)state->valid;
+        for (k = 0; k < 3; k++) light[k] += (b->points[i].light[k] + b->points[i].shine[k]) / (float)state->valid;
     }
     for (k = 0; k < 3; k++) light[k] += all_sky[k];
     if (state->bright != SBL__BRIGHT) memcpy(leaf->light, light, sizeof leaf->light);
@@ -14340,7 +14433,7 @@ static void sbl__bounce_add_received(const sbl__bounce *b, int point, float sum[
     const sbl__hit *hits = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS];
     int j;
     for (j = 0; j < SBL__BOUNCE_RAYS; j++)
-        if (hits[j].leaf != SBL__NOWHERE && !b->states[hits[j].leaf].bright)
+        if (hits[j].leaf != SBL__NOWHERE && (!b->states[hits[j].leaf].bright || hits[j].by_metal))
             sbl__add_reflected(hits[j].albedo, b->store->leaves[hits[j].leaf].light, sum);
 }
 
@@ -14350,7 +14443,9 @@ static void sbl__point_light(const sbl__bounce *b, int point, double light[3]) {
     int k;
     sbl__bounce_add_received(b, point, received);
     sbl__bounce_sky(b, point, sky);
-    for (k = 0; k < 3; k++) light[k] = (double)received[k] / SBL__BOUNCE_UNIT + sky[k] + b->points[point].light[k];
+    for (k = 0; k < 3; k++)
+        light[k] = (double)received[k] / SBL__BOUNCE_UNIT + sky[k] + b->points[point].light[k] +
+                   b->points[point].shine[k];
 }
 
 /* Unless a leaf is SBL__BRIGHT, sets its light to b->direct plus the mean light that its valid points receive. Leaves
@@ -14649,7 +14744,8 @@ static int sbl__brighter(const void *first, const void *second) {
 
 /* Adds the luminance of the radiance that a valid point's rays find to b->found and to b->direct, whose direct light is
    not needed any more. In b->direct, float 0 of each leaf is the weighted sum over the rays that hit it, float 1 is the
-   weighted number of these rays, and sbl__bright_uncrowded sets float 2 to the slot of the leaf's cell. */
+   weighted number of these rays, and sbl__bright_uncrowded sets float 2 to the slot of the leaf's cell. Rays that have
+   met metal do not count there. Metal is thus no glow: its light depends on the direction, and `shine` holds it. */
 static sbl_result sbl__bounce_shine(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *hits = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS];
@@ -14672,7 +14768,7 @@ static sbl_result sbl__bounce_shine(void *work, int at) {
         }
         b->found.light += weight * light;
         b->found.squares += weight * light * light;
-        if (hits[j].leaf == SBL__NOWHERE) continue;
+        if (hits[j].leaf == SBL__NOWHERE || hits[j].by_metal) continue;
         b->direct[3 * hits[j].leaf] += (float)(weight * light);
         b->direct[3 * hits[j].leaf + 1] += (float)weight;
     }
@@ -15004,7 +15100,9 @@ static void sbl__bounce_end(sbl__core *c) {
 static sbl__bounce *sbl__bounce_resume(sbl__core *c) {
     sbl__bounce *b;
     int i;
-    if (c->bounce && c->bounce->surfaces != c->scene.surfaces) sbl__bounce_end(c);
+    if (c->bounce && (c->bounce->surfaces != c->scene.surfaces ||
+                      (c->scene.features & SBL__SPECULAR && c->bounce->scene != c->scene.version)))
+        sbl__bounce_end(c);
     if (!c->bounce) c->bounce = (sbl__bounce *)sbl__alloc(&c->base, 1, sizeof *c->bounce);
     b = c->bounce;
     if (!b) return NULL;
@@ -15506,7 +15604,8 @@ typedef struct sbl__tile {
     int looks;                /* number of looks that new sensors at the tile's corners begin with */
     int pixels;               /* number of pixels that the tile fills in (sbl__tile_pixels), that show a surface, and
                                  whose errors count (sbl__window_counts) */
-    float weight2;            /* mean over all `pixels` of sbl__pixel_lobe.weight squared; 1 if light is R */
+    float weight2;            /* mean over all `pixels` of (error of FINAL / error of light)^2, both relative; 1 if
+                                 errors are those of R */
     float uncovered;          /* mean over all `pixels` of the bilinear weight of corners whose light they cannot use */
     float raw_bias2;          /* bias2 as estimated from light on the edges, before noise is subtracted */
     float unseen_bias2;       /* part of raw_bias2 for changes of light between the last sensors and silhouettes */
@@ -15540,6 +15639,9 @@ typedef struct sbl__refine {
     uint32_t sensor_count;    /* number of sensors, number 0 included */
     sbl__pixel_lobe *lobes;   /* per pixel: the lobe whose light is refined; errors are those of FINAL. NULL: the light
                                  is R */
+    float *shares;            /* per pixel: luminance of the albedo with which FINAL shows R; NULL: errors are those of
+                                 R. Otherwise they are those of FINAL */
+    double shown, shown_pixels;  /* sum over pixels: luminance of all albedo, with that of lobes; number of them */
     float *stored_light;      /* per pixel: R according to the store, 3 floats; NULL in modes other than SBL_MODE_GI */
     size_t harmonics;         /* floats of one pixel in layers 1 and up of light, 3 per layer */
     float *layers;            /* light of layers 1 and up (harmonics, see SBL__LAYERS): all layers of a pixel, then
@@ -15593,8 +15695,8 @@ static size_t sbl__sensor_blocks(const sbl__refine *r) {
 }
 
 static void sbl__refine_free(const sbl__device *d, sbl__refine *r) {
-    void *const blocks[] = { r->pixels, r->lobes, r->stored_light, r->layers, r->tiles, r->sites, r->readings,
-                             r->reading_layers, r->searched, r->places };
+    void *const blocks[] = { r->pixels, r->lobes, r->shares, r->stored_light, r->layers, r->tiles, r->sites,
+                             r->readings, r->reading_layers, r->searched, r->places };
     size_t i;
     for (i = 0; r->sensors && i < sbl__sensor_blocks(r); i++) sbl__free(d->base, r->sensors[i]);
     sbl__free(d->base, r->sensors);
@@ -16090,6 +16192,13 @@ static int sbl__tile_differs(const sbl__refine *r, const sbl__tile *c) {
     return 0;
 }
 
+/* Returns the square of the picture's mean albedo: relative errors of light, times the albedo with which a pixel shows
+   the light, divided by this mean are relative errors of FINAL. 1 if the light's mean includes its albedo. */
+static float sbl__shown2(const sbl__refine *r) {
+    const double mean = r->shares ? r->shown / SBL__MAX(r->shown_pixels, 1.0) : 1;
+    return (float)SBL__MAX(mean * mean, 1e-12);
+}
+
 /* Adds row y of pixels to c->pixels and c->uncovered. Sets c->must_split if corners give one too little weight. */
 static void sbl__tile_count(const sbl__refine *r, sbl__tile *c, const sbl__range *pixels, int y) {
     const int extrapolated = r->geometry_aware && sbl__tile_span(c) <= SBL__EXTRAPOLATED_SPAN && !(r->threshold > 0);
@@ -16100,6 +16209,7 @@ static void sbl__tile_count(const sbl__refine *r, sbl__tile *c, const sbl__range
         if (!p->id || !sbl__window_counts(&r->window, x, y)) continue;
         c->pixels++;
         if (r->lobes) c->weight2 += r->lobes[p - r->pixels].weight * r->lobes[p - r->pixels].weight;
+        if (r->shares) c->weight2 += r->shares[p - r->pixels] * r->shares[p - r->pixels];
         if (sbl__sensor_of(r, p)->sensed) continue;
         sbl__interpolate(r, c, x, y, 0, &m);
         c->uncovered += 1 - m.own;
@@ -16823,7 +16933,8 @@ static float sbl__weigh_price(const sbl__refine *r, double left, double target) 
    bought, if bias and noise are within their share of the target error or SBL__MAX_ROUNDS is exceeded. */
 static void sbl__weigh_end(sbl__refine *r) {
     const double pixels = SBL__MAX(r->pixels_summed, 1.0), all2 = (double)r->target_error * r->target_error;
-    const double uncertainty2 = r->uncertainty2 / ((double)r->luminance * r->luminance * pixels);
+    const double uncertainty2 = r->uncertainty2 / ((double)r->luminance * r->luminance * pixels *
+                                                   (double)sbl__shown2(r));
     const double excused2 = SBL__MIN(SBL__AIM_STORED * uncertainty2, SBL__AIM_MOST * all2);
     const double least2 = SBL__MAX(SBL__AIM_LEAST * all2, excused2);
     const double target2 = SBL__MAX(all2 - uncertainty2, least2), left = r->bias2 + r->noise2;
@@ -16847,13 +16958,13 @@ static sbl_result sbl__refine_count(void *work, sbl__slice *slice) {
         const sbl__range pixels = sbl__tile_pixels(r, c);
         if (r->row == 0) c->pixels = c->must_split = 0;
         if (r->row == 0) c->uncovered = 0;
-        if (r->row == 0) c->weight2 = r->lobes ? 0.0f : 1.0f;
+        if (r->row == 0) c->weight2 = r->lobes || r->shares ? 0.0f : 1.0f;
         for (; pixels.y[0] + r->row <= pixels.y[1]; r->row++) {
             if (sbl__late(slice)) return SBL_UNFINISHED;
             sbl__tile_count(r, c, &pixels, pixels.y[0] + r->row);
         }
         if (c->pixels) c->uncovered /= (float)c->pixels;
-        if (c->pixels && r->lobes) c->weight2 /= (float)c->pixels;
+        if (c->pixels && (r->lobes || r->shares)) c->weight2 /= (float)c->pixels * sbl__shown2(r);
         if (c->pixels && r->lobes && sbl__tile_is_wide(r, c)) c->must_split = 1;
     }
     return SBL_SUCCESS;
@@ -17108,9 +17219,22 @@ static sbl_result sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel
         s->variance *= s->variance;
         sbl__refine_even(r, p, light);
     }
-    uncertainty = (double)sbl__stored_uncertainty(r, p);
+    uncertainty = (double)(sbl__stored_uncertainty(r, p) * (r->shares ? r->shares[index] : 1));
     if (sbl__window_counts(&r->window, (int)(index % (size_t)r->width), (int)(index / (size_t)r->width)))
         r->uncertainty2 += uncertainty * uncertainty;
+    return SBL_SUCCESS;
+}
+
+/* Makes errors those of FINAL. Called for each pixel before sbl__refine_put. albedo, specular: the albedos with which
+   the pixel shows R and the light in its lobe; albedo is NULL if it shows no surface */
+static sbl_result sbl__refine_show(sbl__refine *r, size_t index, const float *albedo, const float *specular) {
+    const size_t pixels = (size_t)r->width * (size_t)r->height;
+    if (!r->shares) r->shares = (float *)sbl__alloc(&r->core->base, pixels, sizeof *r->weights);
+    if (!r->shares) return SBL_ERROR_OUT_OF_MEMORY;
+    r->shares[index] = albedo ? sbl__luminance(albedo) : 0;
+    if (!albedo) return SBL_SUCCESS;
+    r->shown += (double)(sbl__luminance(albedo) + sbl__luminance(specular));
+    r->shown_pixels++;
     return SBL_SUCCESS;
 }
 
@@ -17193,16 +17317,17 @@ static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, floa
     float *to = f->rgba + 4 * (p - r->pixels);
     sbl__mix m;
     const sbl__sensor *s = sbl__sensor_of(r, p);
+    const float weight2 = r->shares ? SBL__MAX(c->weight2, 1e-6f) : 1;
     int k, lit = sbl__usable(r, p);
     memset(to, 0, 4 * sizeof *to);
     if (!p->id) return;
-    p->error = sbl__pixel_error(r, p, c->bias2 + c->noise2);
+    p->error = sbl__pixel_error(r, p, (c->bias2 + c->noise2) / weight2);
     memcpy(to, sbl__pixel_light(r, p, f->layer), 3 * sizeof *to);
     if (lit) {
         const float least = r->luminance * (float)sqrt((double)c->variance * (double)sbl__variance_share(r, s->looks));
         to[3] = SBL__MAX(least, sbl__noise(r, p));  /* not below the mean noise of the tile's sensors, because the
                                                        few rays of this one may agree by chance */
-        p->error = sbl__pixel_error(r, p, c->noise2);
+        p->error = sbl__pixel_error(r, p, c->noise2 / weight2);
     } else if (s->occlusion != SBL__HIDDEN) {  /* sbl__fill_orphans gives a hidden texel the light of its neighbours */
         sbl__interpolate(r, c, x, y, f->layer, &m);
         lit = m.covered > 0;
@@ -18483,16 +18608,18 @@ static sbl_result sbl__map_trim(sbl__map *m) {
 
 /* Reads rows of the G-buffer into m->refine, from row stages.at on. Advances stages.at. SBL_SUCCESS: all are read. */
 static sbl_result sbl__map_read(void *work, sbl__slice *slice) {
-    static const int attachments[4] = { SBL__GBUFFER_POSITION, SBL__GBUFFER_NORMAL, SBL__GBUFFER_GEOMETRIC_NORMAL,
-                                        SBL__GBUFFER_EMISSION };
+    static const int attachments[6] = { SBL__GBUFFER_POSITION, SBL__GBUFFER_NORMAL, SBL__GBUFFER_GEOMETRIC_NORMAL,
+                                        SBL__GBUFFER_EMISSION, SBL__GBUFFER_ALBEDO, SBL__GBUFFER_SPECULAR };
     sbl__map *m = (sbl__map *)work;
     sbl__core *c = m->work.core;
-    const int parts = m->spec.bounced ? 4 : 3;  /* 4: also emission, whose alpha is the blue component of stored R */
+    /* 4: also emission, whose alpha is the blue component of stored R; 6: also albedos */
+    const int parts = m->has_lobes ? 6 : m->spec.bounced ? 4 : 3;
     const int width = m->desc.width, most = SBL__MAX(1, SBL__READ_PIXELS / width);
     const int first = m->work.stages.at, rows = SBL__MIN(most, m->desc.height - first), count = rows * width;
     const sbl__target *t = &m->gbuffer.target;
-    float *data = (float *)sbl__alloc_raw(&c->base, (size_t)count, 4 * 16 + 4);
-    float *ids = data ? data + 16 * (size_t)count : NULL;
+    const size_t at = (size_t)first * (size_t)width;
+    float *data = (float *)sbl__alloc_raw(&c->base, (size_t)count, 6 * 16 + 4);
+    float *ids = data ? data + 24 * (size_t)count : NULL;
     sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
     int i, k;
     (void)slice;
@@ -18502,11 +18629,12 @@ static sbl_result sbl__map_read(void *work, sbl__slice *slice) {
     if (result == SBL_SUCCESS) result = sbl__target_read(&c->device, t, SBL__GBUFFER_ID, first, rows, ids);
     c->stats.sensors.readbacks += parts + 1;
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
-        const float *from[4];
+        const float *from[6];
         uint32_t id;
         memcpy(&id, ids + i, sizeof id);
-        for (k = 0; k < 4; k++) from[k] = data + 4 * ((size_t)count * (size_t)k + (size_t)i);
-        result = sbl__map_put(m, (size_t)first * (size_t)width + (size_t)i, from, id);
+        for (k = 0; k < 6; k++) from[k] = data + 4 * ((size_t)count * (size_t)k + (size_t)i);
+        if (m->has_lobes) result = sbl__refine_show(&m->refine, at + (size_t)i, id ? from[4] : NULL, from[5]);
+        if (result == SBL_SUCCESS) result = sbl__map_put(m, at + (size_t)i, from, id);
         c->stats.picture.visible_pixels += id != 0 && sbl__window_shows(&m->window, i % width, first + i / width);
     }
     sbl__free(&c->base, data);

@@ -5,6 +5,28 @@
 SBL_OUT(0, out_place);
 // rgb: albedo for bounced light; a: triangle's number / SBL_CAST_NUMBERS; SBL_LOST: loop ended early
 SBL_OUT(1, out_albedo);
+#ifdef SBL_BOUNCED  // the scene has metal
+// rgb: light of lamps and of the sky that a ray finds by way of metal; a: 1: the ray has met metal
+SBL_OUT(2, out_shine);
+
+// Follows a ray that has met metal by one segment, as sensors do. hit: becomes the hit of that segment; origin,
+// direction: become those of that segment. share: becomes the share of the light there that the ray carries.
+// Returns the light of lamps and of the sky.
+vec3 sbl_go_on(inout sbl_Hit hit, sbl_Material material, inout vec3 origin, inout vec3 direction, inout vec3 share,
+               uint hash) {
+    sbl_Reflection next = sbl_reflect(hit, material, direction, hash);
+    sbl_Hit between = sbl_trace(next.from, next.to_lamp, next.away, SBL_RAY_SHADOW);
+    bool open = next.away > 0.0 && (between.triangle < 0 || between.number == next.number);
+    vec3 light = open ? share * sbl_tint * next.light : vec3(0);
+    origin = next.from;
+    direction = next.direction;
+    hit = sbl_trace(origin, direction, SBL_UNBOUNDED, SBL_RAY_PATH);
+    share *= next.share * sbl_tint;
+    if (hit.triangle < 0) return light + share * sbl_sky(direction, sbl_lobe_met(next.density, SBL_LAMP_DENSITY));
+    lamp_met = sbl_lobe_met(next.density, sbl_hit_density(hit, direction));
+    return light + share * sbl_outgoing(int(sbl_triangle_object(hit.triangle)), hit.back, sbl_attributes_of(hit));
+}
+#endif
 
 void main() {
     ivec2 texel = sbl_texel_of_invocation();
@@ -16,14 +38,29 @@ void main() {
     vec2 u = (vec2(fractions & 65535u, fractions >> 16) + 0.5) / 65536.0;
     if (limit < 0.0) direction = sbl_by_cosine(sbl_frame(direction), u);
     sbl_Hit hit = sbl_trace(origin, direction, abs(limit), SBL_RAY_PATH);
+    vec3 share = sbl_tint, place = origin + direction * hit.distance;
     float low = 0.0, high = 0.0;
+#ifdef SBL_BOUNCED
+    vec4 shine = vec4(0);
+    sbl_Material material;
+    if (limit < 0.0 && hit.triangle >= 0) {
+        material = sbl_material(int(sbl_triangle_object(hit.triangle)), sbl_attributes_of(hit));
+        hit_shines = sbl_shines(material);
+    }
+    for (int once = 0; once < (hit_shines ? 1 : 0); once++) {
+        shine = vec4(sbl_go_on(hit, material, origin, direction, share, fractions * SBL_HASH_FACTOR), 1);
+        // A ray that hits nothing has found its sky: out_place is not far away, so that none is added.
+        place = origin + direction * (hit.triangle < 0 ? 0.0 : hit.distance);
+    }
+    sbl_write(out_shine, shine);
+#endif
     if (hit.triangle >= 0) {
         int object = int(sbl_triangle_object(hit.triangle));
-        albedo = sbl_bounced(sbl_material(object, sbl_attributes_of(hit)), sbl_tint);
+        albedo = sbl_bounced(sbl_material(object, sbl_attributes_of(hit)), share);
         low = (float(hit.number % SBL_CAST_NUMBERS) + 1.0) * (hit.back ? -1.0 : 1.0);
         high = float(hit.number / SBL_CAST_NUMBERS);
     }
     if (sbl_cut_short()) { low = 0.0; high = SBL_LOST; }
-    sbl_write(out_place, vec4(origin + direction * hit.distance, low));
+    sbl_write(out_place, vec4(place, low));
     sbl_write(out_albedo, vec4(albedo, high));
 }

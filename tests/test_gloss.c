@@ -954,21 +954,19 @@ static double below_a_spot(double roughness, int cells) {
     return sum / (3 * SIDE * SIDE);
 }
 
-/* Metal that continues rays is also a glow, whose light counts once: R is about the same with a coarse store, which has
-   no glows. The albedo of rough metal is that of the lobe, also in a scene without textures. */
+/* Light that bright metal sends counts once, whether glows or rays find it. The values are those of a path tracer of a
+   few lines, written for this room, whose noise is 0.7 %. */
 TEST(glows_of_metal_count_once) {
-    static const double roughnesses[3] = { 0.45, 0.52, 1 };
-    double with[3], without;
+    static const double roughnesses[3] = { 0.45, 0.52, 1 }, traced[3] = { 1.252, 1.192, 0.467 };
+    double light[3];
     int i;
     for (i = 0; i < 3; i++) {
-        with[i] = below_a_spot(roughnesses[i], 12288);
-        without = below_a_spot(roughnesses[i], 4096);
-        printf("    R below a ceiling of roughness %.2f: %.3f, without glows %.3f\n", roughnesses[i], with[i], without);
-        CHECK(fabs(with[i] / without - 1) < 0.15, "roughness %.2f: R is %.3f with glows, %.3f without", roughnesses[i],
-              with[i], without);
+        light[i] = below_a_spot(roughnesses[i], 12288);
+        printf("    R below a ceiling of roughness %.2f: %.3f of %.3f\n", roughnesses[i], light[i], traced[i]);
+        CHECK(fabs(light[i] / traced[i] - 1) < 0.15, "roughness %.2f: R is %.3f, not %.3f", roughnesses[i], light[i],
+              traced[i]);
     }
-    CHECK(fabs(with[0] / with[1] - 1) < 0.15, "light of shiny metal: %.3f, of rougher metal: %.3f", with[0], with[1]);
-    CHECK(with[2] < 0.55 * with[1], "the roughest metal reflects %.3f, rough metal %.3f", with[2], with[1]);
+    CHECK(light[2] < 0.55 * light[1], "the roughest metal reflects %.3f, rough metal %.3f", light[2], light[1]);
 }
 
 /* Metal reflects almost nothing of the colours that its albedo lacks. The light in its lobe stays finite there. */

@@ -1,0 +1,99 @@
+// The rays that go on where a ray meets a surface: a ray to a lamp, and the next segment. trace.glsl follows them
+// at near hits and at metal, cast.glsl at metal.
+
+#ifdef SBL_SPECULAR
+// A ray that meets a surface of a larger reflectance than this continues in a direction of the surface's lobe.
+const float SBL_SHINY = 0.2;
+// The ray treats a smoother surface as if its roughness were SBL_BLURRED. A ray of a look's lobe (SBL_LOBE) uses
+// SBL_BLURRED_LOBE times the roughness of that lobe instead. This blurs light that lamps send by way of mirrors;
+// otherwise, single rays would find it as specks (Kaplanyan and Dachsbacher 2013, "Path Space Regularization for
+// Holistic and Robust Light Transport").
+const float SBL_BLURRED = 0.3, SBL_BLURRED_LOBE = 0.5;
+bool hit_shines = false;     // true: the last hit is such a surface
+float ray_density = 0.0;     // density of the ray's direction, see sbl_lobe_met; 0: the ray adds no light of lamps
+
+bool sbl_shines(sbl_Material m) {
+    return m.roughness >= 0.0 && max(m.reflectance.r, max(m.reflectance.g, m.reflectance.b)) > SBL_SHINY;
+}
+
+// Density by solid angle with which points of the triangle that a ray hits would be drawn by area.
+float sbl_hit_density(sbl_Hit hit, vec3 direction) {
+    vec3 p0 = sbl_triangle_corner_0(hit.triangle);
+    return sbl_area_density(sbl_triangle_corner_1(hit.triangle) - p0, sbl_triangle_corner_2(hit.triangle) - p0,
+                            hit.distance * direction);
+}
+#endif
+
+#ifdef SBL_BOUNCED
+// The rays that leave a near hit. All start at `from`.
+struct sbl_Reflection {
+    vec3 from;
+    vec3 to_lamp;           // unit direction of the ray to a lamp
+    float away;             // length of that ray; 0: no lamp gives light
+    int number;             // number of the lamp's triangle in the scene, or -1
+    vec3 light;             // light that the ray to the lamp finds if nothing is in its way
+    vec3 direction, share;  // of the next segment: direction, and factor of the light that it finds
+    float density;          // ray_density of the next segment
+};
+
+// Chooses at random the two rays that start at a near hit (see SBL_LEGS): the ray to a lamp and the next segment.
+// direction: the direction of the ray that arrives at the hit. hash: the source of the random numbers
+sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, uint hash) {
+    vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,
+         e2 = sbl_triangle_corner_2(hit.triangle) - p0, e3 = e2 - e1;
+    float longest = sqrt(max(dot(e1, e1), max(dot(e2, e2), dot(e3, e3))));
+    vec3 across = cross(e1 / longest, e2 / longest) * (hit.back ? -1.0 : 1.0);
+    uvec4 random = uvec4(hash, 0, 0, 0);
+    for (int k = 1; k < 4; k++) random[k] = sbl_hash_step(random[k - 1], uint(k));
+    sbl_Bounce bounce = sbl_bounce(material, across, -direction, sbl_unit_square(random.xy));
+    n = bounce.off;
+    above = SBL_OFFSET * (length(p0) + 2.0 * longest);
+    position = p0 + hit.b1 * e1 + hit.b2 * e2;
+    stand = position + above * n;
+    sbl_Reflection r = sbl_Reflection(stand, n, 0.0, -1, vec3(0), bounce.direction, bounce.weight,
+                                      0.0);
+#ifdef SBL_SPECULAR
+    sbl_Lobe shine;
+    for (int once = 0; once < (hit_shines ? 1 : 0); once++) {
+        ivec3 v = sbl_corners(hit.number);
+        vec3 b = vec3(1.0 - hit.b1 - hit.b2, hit.b1, hit.b2);
+        vec3 normal = b.x * sbl_attributes_normal(v.x) + b.y * sbl_attributes_normal(v.y) +
+                      b.z * sbl_attributes_normal(v.z);
+        normal = sbl_shading_normal(normal, n, n, direction);
+#ifdef SBL_LOBE
+        float least = SBL_BLURRED_LOBE * sqrt(lobe.alpha);
+#else
+        const float least = SBL_BLURRED;
+#endif
+        shine = sbl_lobe_of(normal, -direction, material.reflectance, max(material.roughness, least));
+        r.direction = sbl_lobe_sample(shine, sbl_unit_square(random.xy), r.share);
+        r.share *= material.opacity;
+        r.density = sbl_lobe_density(shine, r.direction);
+        if (dot(r.direction, n) <= 0.0) r.share = vec3(0);
+    }
+#endif
+    if (lamp_leaves == 0) return r;
+    sbl_Pick p = sbl_Pick(0, 1.0, sbl_unit_square(random.zw), false);
+    sbl_descend(p, sbl_cluster(0).beyond < lamp_nodes ? -1 : 0, random.z);
+    sbl_Lamp l = sbl_lamp(p.leaf);
+    sbl_Sample s = sbl_sample(l, p.u);
+    r.number = l.number;
+    r.light = sbl_reflected(material, s.light) * (unit / p.share);
+#ifdef SBL_SPECULAR
+    for (int once = 0; once < (hit_shines ? 1 : 0); once++) {
+        float met = sbl_met_by_lobe(l, s, sbl_lobe_density(shine, s.direction));
+        r.light = sbl_lobe_factor(shine, s.direction) * s.light;
+        r.light *= material.opacity * (1.0 - met) * unit / p.share;
+    }
+#endif
+#ifdef SBL_TEXTURED
+    if (l.kind == SBL_LAMP_TRIANGLE) r.light *= sbl_lamp_pattern(l, s.b);
+#endif
+    bool bounded = s.far < SBL_UNBOUNDED;
+    vec3 to = bounded ? s.far * s.direction - above * n : s.direction;
+    r.to_lamp = normalize(to);
+    float away = bounded ? SBL_BEFORE_LAMP * length(to) : SBL_UNBOUNDED;
+    r.away = max(r.light.r, max(r.light.g, r.light.b)) > 0.0 ? away : 0.0;
+    return r;
+}
+#endif
