@@ -11151,7 +11151,12 @@ static const char *const sbl__glsl_lamps[] = {
 "sbl_Result sbl_combine() {\n",
 "    sbl_Result r = sbl_Result(vec4(sure + sampled / max(taken, 1.0), 0), sure_harmonics);\n",
 "    float clusters = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);\n",
-"    r.light.a = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) * sbl_strata(taken);\n",
+"    r.light.a = max(squares / max(taken, 1.0) - clusters * clusters, 0.0);\n",
+"#ifdef SBL_LOBE\n",
+"    r.light.a /= max(taken, 1.0);  // strata do not help where the lobe differs from the cosine in a small part of a lamp\n",
+"#else\n",
+"    r.light.a *= sbl_strata(taken);\n",
+"#endif\n",
 "    if (directional) r.harmonics += sampled_harmonics / max(taken, 1.0);\n",
 "    for (int g = 0; g < 2; g++) {\n",
 "        vec3 share = mix(vec3(0), seen[g] / open[g], greaterThan(open[g], vec3(0)));\n",
@@ -12323,6 +12328,7 @@ typedef struct sbl__job {
     int look_end;               /* 1 + number of the round's last look. The round's first look has the number
                                    task.first_look, or 0 in the round of stuck tests */
     int site, look;             /* look to draw or read next: index of its site (or suspect), and index at the site */
+    double squares;             /* sum of the squared luminances of the site's looks read so far */
     int drawn, aimed, reduced;  /* numbers of three looks: the next to draw, to trace rays to lamps for, to reduce */
     int batch;                  /* number of looks in the batch that is partly drawn; 0: no batch is partly drawn */
     int triangle;               /* index of the next triangle to draw for this batch */
@@ -12804,10 +12810,20 @@ static sbl_result sbl__job_reduce(void *work, sbl__slice *slice) {
 
 /* >>job: reading */
 
+#define SBL__SCATTER_TRUST 2.0  /* weight of the variance that rays tell against one difference between looks */
+
 /* Returns 1 if a reading's numbers are finite. In scenes of extreme sizes they may not be (see sbl__scene_warn). */
 static int sbl__reading_is_finite(const sbl_reading *r) {
     return sbl__all_finite(r->radiance, 3) && sbl__finite(&r->noise) && sbl__finite(&r->hit_share) &&
            sbl__finite(&r->back_share) && sbl__finite(&r->hit_mean) && sbl__finite(&r->hit_min);
+}
+
+/* Returns the sum of the variances of a reading's looks, which are lobes: the sum that their rays have told, corrected
+   by how much the looks differ. In highlights, the rays of one look do not tell it, since few of them meet most of the
+   light. squares: sum of the squared luminances of the looks */
+static float sbl__job_scatter(const sbl_reading *r, int looks, double squares) {
+    const double mean = (double)sbl__luminance(r->radiance), scatter = SBL__MAX(squares - looks * mean * mean, 0.0);
+    return (float)((SBL__SCATTER_TRUST * (double)r->noise + looks * scatter) / (SBL__SCATTER_TRUST + looks - 1));
 }
 
 /* Adds a look's light and variance to its site's reading; the first look sets hits and distances. After the last look,
@@ -12840,8 +12856,10 @@ static void sbl__job_take(sbl__job *j, const float *const found[5]) {
         variance += texels * texels;
     }
     r->noise += variance;
+    j->squares = (j->look ? j->squares : 0) + pow((double)sbl__luminance(sum) / (double)scale, 2);
     if (++j->look < looks) return;
     for (k = 0; k < 3; k++) r->radiance[k] /= (float)looks;
+    if (spec->lobe) r->noise = sbl__job_scatter(r, looks, j->squares);
     for (k = 0; k < harmonics; k++) h[k] /= (float)looks;
     r->noise = (float)sqrt((double)r->noise) / (float)looks;
     if (!r->valid || !sbl__reading_is_finite(r) || !sbl__all_finite(h, harmonics)) {
@@ -15251,7 +15269,8 @@ typedef struct sbl__pixel_lobe {
     float view[3];            /* unit vector to the viewer */
     float reflectance[3], roughness;  /* see lobe.glsl */
     float weight;             /* luminance of the lobe's albedo: error of FINAL / error of the light in the lobe */
-    float rest;               /* standard error of the luminance of the rest of FINAL, which is albedo * R */
+    float rest;               /* standard error of the luminance of FINAL that this refinement cannot reduce, because
+                                 albedo * R and stored light in the lobe cause it */
     float light;              /* luminance of R, or 0 if the lobe is too narrow for light in it to change as R does */
 } sbl__pixel_lobe;
 
@@ -15396,7 +15415,8 @@ typedef struct sbl__refine {
     int64_t looks_taken;
     float mean[3], luminance; /* mean of R over the picture, and its luminance */
     int mean_is_given;        /* 1: the host has set the mean; 0: it is measured */
-    double sum[3], pixels_summed;  /* for the next mean: sum of R over pixels (round 0: sensors); their number */
+    double sum[3], pixels_summed;  /* for the next mean: sum of R over pixels (round 0: sensors), or of the light that
+                                      lobes add to FINAL; their number */
     float weights[3];         /* factors that turn a difference in each channel into a relative error */
     float variance_shares[SBL__DOUBLINGS];  /* [k]: variance of a mean of 2^k looks / variance of one look */
     double measured2[SBL__DOUBLINGS];  /* [k]: sum over sensors that got more looks when they had 2^k to 2^(k+1) - 1:
@@ -15407,7 +15427,8 @@ typedef struct sbl__refine {
                                  noise2 of the tile * pixels of the tile */
     double uncertainty2;      /* sum over pixels of the squared uncertainty of stored light; absolute, not relative. If
                                  there are lobes, the sum over all surfaces of sbl__pixel_lobe.rest squared */
-    double reflected;         /* if there are lobes: sum over pixels of the luminance that they add to FINAL */
+    double rest[3];           /* if there are lobes: sum over pixels of the rest of FINAL; else 0 */
+    float mean_scale;         /* if there are lobes: `mean` / mean of the pixels; not 1 if the host has set the mean */
     double matte_pixels;      /* number of pixels whose surface has no lobe, if there are lobes; else 0 */
     double look_variance;     /* relative variance of one look, averaged over the picture */
     double predicted;         /* predicted relative error of the picture; valid if weighed is 1 */
@@ -16540,12 +16561,18 @@ static void sbl__weigh_add(sbl__refine *r, float worth, float gain, int cost) {
     r->costs[bin] += cost;
 }
 
-/* Prepares for weighing all tiles. Errors are relative to the mean R of round 0's sensors or of the last weighing. */
+/* Returns the number of pixels over which the picture's error is a mean. */
+static double sbl__weigh_pixels(const sbl__refine *r) { return SBL__MAX(r->pixels_summed + r->matte_pixels, 1.0); }
+
+/* Prepares for weighing all tiles. Errors are relative to the mean R of round 0's sensors or of the last weighing. If
+   there are lobes, they are relative to the mean that the caller has set, later to that of the last weighing. */
 static void sbl__weigh_begin(sbl__refine *r) {
     int k;
     sbl__looks_calibrate(r);
     for (k = 0; k < 3 && r->pixels_summed > 0 && !r->mean_is_given; k++)
         r->mean[k] = (float)(r->sum[k] / r->pixels_summed);
+    for (k = 0; k < 3 && r->lobes && r->weighed; k++)
+        r->mean[k] = r->mean_scale * (float)((r->rest[k] + r->sum[k]) / sbl__weigh_pixels(r));
     r->luminance = SBL__MAX(sbl__luminance(r->mean), 1e-30f);
     for (k = 0; k < 3; k++)
         r->weights[k] = (float)sqrt((double)sbl__luminance_weights[k] / r->luminance /
@@ -16599,7 +16626,8 @@ static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
     variance = c->variance * share / (float)count;
     c->noise2 = span > 1 ? variance * sbl__noise_left(r, span)
                          : variance / sbl__tile_smoothing(r, c, r->luminance * (float)sqrt((double)variance));
-    for (k = 0; k < 3; k++) r->sum[k] += (double)light[k] * c->pixels / count;
+    for (k = 0; k < 3; k++)
+        r->sum[k] += (double)light[k] * c->pixels / count * (r->lobes ? sqrt((double)c->weight2) : 1.0);
     r->pixels_summed += c->pixels;
     r->look_variance += (double)c->variance * (double)c->weight2 * c->pixels;
     c->light = sbl__luminance(light) / (float)count;
@@ -16654,9 +16682,6 @@ static sbl_result sbl__refine_weigh(void *work, int at) {
     }
     return SBL_SUCCESS;
 }
-
-/* Returns the number of pixels over which the picture's error is a mean. */
-static double sbl__weigh_pixels(const sbl__refine *r) { return SBL__MAX(r->pixels_summed + r->matte_pixels, 1.0); }
 
 /* Sets r->expected_looks: looks taken, plus looks that bring the sum of squared errors, now `left`, to target2 per
    pixel or as near to it as possible, most worthwhile first; too low until most tiles that need sensors have been
@@ -17089,8 +17114,6 @@ static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, floa
         to[3] = (float)sqrt(m.variance);
     }
     to[3] = SBL__MAX(to[3], SBL__LEAST_NOISE);
-    if (r->lobes && sbl__window_counts(&r->window, x, y))
-        r->reflected += (double)(r->lobes[p - r->pixels].weight * sbl__luminance(to));
     if (lit) return;
     to[3] = -to[3];
     f->orphans++;
@@ -18713,6 +18736,8 @@ static uint32_t sbl__map_channel_texture(sbl__map *m, sbl_channel channel) {
 
 #define SBL__REFLECTIONS_RAYS 16  /* number of rays of a look, unless the host has set it */
 #define SBL__LOBE_FORESEEN 0.3f   /* light in lobes of a greater roughness changes about where R does */
+#define SBL__LOBE_CELLS_LEAST 0.1f  /* the share of cells that a lobe sees counts as at least this, because errors of
+                                       neighbouring cells are alike */
 #define SBL__REFLECTIONS_LAYER 1  /* index of the layer in sbl__map.layers */
 
 typedef struct sbl__reflections {
@@ -18721,8 +18746,6 @@ typedef struct sbl__reflections {
     sbl__refine refine;
     double sum[3], light[3];    /* sums over pixels: of reflected light, with R in place of the light in lobes; of R */
     double pixels;              /* number of pixels in these sums */
-    double known, guessed;      /* sums over the pixels whose errors count, as luminances: of albedo * R; of reflected
-                                   light, with R in place of the light in lobes */
     int found;                  /* 1: a pixel has a lobe */
     float *errors;              /* becomes sbl__map.errors */
 } sbl__reflections;
@@ -18780,31 +18803,40 @@ static void sbl__reflections_unpack(const float lobe[4], sbl__pixel_lobe *out) {
 /* What sbl__reflections_read reads of a pixel, 4 floats each: the lobe, its albedo, the diffuse albedo, and R */
 enum { SBL__READ_LOBE, SBL__READ_SPECULAR, SBL__READ_ALBEDO, SBL__READ_RADIANCE, SBL__READS };
 
+/* Returns the standard error that stored light causes in the light of a lobe. That of R is a mean over the cells that
+   the pixel sees. A lobe sees 8 alpha^2 times as many: this is the ratio of 1 / integral of density^2, which is
+   12 pi alpha^2 for a narrow lobe of GGX and 3 pi / 2 for the cosine. */
+static float sbl__reflections_uncertainty(const sbl__map *m, size_t index, float roughness) {
+    const float alpha2 = roughness * roughness * roughness * roughness;
+    const float share = SBL__MIN(SBL__MAX(8 * alpha2, SBL__LOBE_CELLS_LEAST), 1.0f);
+    return sbl__stored_uncertainty(&m->refine, sbl__refine_pixel(&m->refine, index)) / (float)sqrt((double)share);
+}
+
 /* Gives a pixel to the refinement. */
 static sbl_result sbl__reflections_put(sbl__reflections *f, const sbl__map *m, size_t index,
                                        const float *const from[SBL__READS]) {
     sbl__pixel pixel = *sbl__refine_pixel(&m->refine, index);
-    const float *stored = sbl__pixel_stored(&m->refine, sbl__refine_pixel(&m->refine, index));
+    const float *light = sbl__pixel_stored(&m->refine, sbl__refine_pixel(&m->refine, index));
     const int shows_stored = sbl__shows_stored(&m->refine, &pixel);
     sbl__pixel_lobe *own = &f->refine.lobes[index];
+    float matte, stored;
     int k;
     pixel.sensor = 0;
-    pixel.error = own->rest = sbl__luminance(from[SBL__READ_ALBEDO]) * pixel.error;
     if (from[SBL__READ_LOBE][1] < 0) pixel.id = 0;
     else sbl__reflections_unpack(from[SBL__READ_LOBE], own);
     own->weight = sbl__luminance(from[SBL__READ_SPECULAR]);
+    matte = sbl__luminance(from[SBL__READ_ALBEDO]) * pixel.error;
+    stored = own->weight * sbl__reflections_uncertainty(m, index, own->roughness);
+    pixel.error = own->rest = (float)sqrt((double)matte * matte + (double)stored * stored);
     own->light = own->roughness > SBL__LOBE_FORESEEN ? sbl__luminance(from[SBL__READ_RADIANCE]) : 0;
     f->found |= pixel.id != 0;
     if (sbl__refine_counts(&m->refine, index)) {
         f->refine.uncertainty2 += (double)own->rest * own->rest;
         f->refine.matte_pixels += pixel.id == 0;
-        for (k = 0; k < 3; k++) {
-            const double light = (double)(sbl__luminance_weights[k] * from[SBL__READ_RADIANCE][k]);
-            f->known += (double)from[SBL__READ_ALBEDO][k] * light;
-            f->guessed += (double)from[SBL__READ_SPECULAR][k] * light;
-        }
+        for (k = 0; k < 3; k++)
+            f->refine.rest[k] += (double)from[SBL__READ_ALBEDO][k] * (double)from[SBL__READ_RADIANCE][k];
     }
-    return sbl__refine_put(&f->refine, index, &pixel, stored, shows_stored && pixel.id);
+    return sbl__refine_put(&f->refine, index, &pixel, light, shows_stored && pixel.id);
 }
 
 /* Reads rows of the G-buffer and of R, from row m->work.stages.at on. SBL_SUCCESS: all are read. */
@@ -18842,29 +18874,23 @@ static sbl_result sbl__reflections_read(sbl__reflections *f, sbl__map *m) {
     return result == SBL_SUCCESS && m->work.stages.at < m->desc.height ? SBL_UNFINISHED : result;
 }
 
-/* Sets the mean of FINAL without emission. If the host has set the mean of R, because the picture is a window, this is
-   the mean of the window times the ratio of both means of R. */
+/* Sets the mean of FINAL without emission, for now with R in place of the light in lobes. If the host has set the mean
+   of R, because the picture is a window, this is the mean of the window times the ratio of both means of R. */
 static void sbl__reflections_set_mean(sbl__reflections *f, const sbl__map *m) {
     const double pixels = SBL__MAX(f->pixels, 1.0);
+    const float given = sbl__luminance(m->desc.mean_radiance);
+    double own = 0;
     int k;
-    for (k = 0; k < 3; k++) {
-        const double own = f->light[k] / pixels, given = (double)m->desc.mean_radiance[k];
-        f->refine.mean[k] = (float)(f->sum[k] / pixels * (given > 0 && own > 0 ? given / own : 1));
-    }
+    for (k = 0; k < 3; k++) own += (double)sbl__luminance_weights[k] * f->light[k] / pixels;
+    f->refine.mean_scale = given > 0 && own > 0 ? (float)((double)given / own) : 1.0f;
+    for (k = 0; k < 3; k++) f->refine.mean[k] = f->refine.mean_scale * (float)(f->sum[k] / pixels);
     f->refine.mean_is_given = 1;
 }
 
-/* Gives the errors of FINAL to the map and frees the refinement. Errors become shares of the mean of FINAL as measured;
-   before, they are shares of a mean with R in place of the light in lobes. */
+/* Gives the errors of FINAL to the map and frees the refinement. */
 static void sbl__reflections_end(sbl__reflections *f, sbl__map *m) {
     const size_t pixels = (size_t)m->desc.width * (size_t)m->desc.height;
-    const double all = f->known + f->refine.reflected;
-    sbl_stats *stats = &m->work.core->stats;
     size_t i;
-    if (all > 0) {
-        stats->picture.expected_error *= (float)((f->known + f->guessed) / all);
-        stats->picture.specular_error *= (float)((f->known + f->guessed) / all);
-    }
     for (i = 0; i < pixels; i++) f->errors[i] = sbl__refine_pixel(&f->refine, i)->error;
     m->errors = f->errors;
     f->errors = NULL;
