@@ -11151,12 +11151,7 @@ static const char *const sbl__glsl_lamps[] = {
 "sbl_Result sbl_combine() {\n",
 "    sbl_Result r = sbl_Result(vec4(sure + sampled / max(taken, 1.0), 0), sure_harmonics);\n",
 "    float clusters = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);\n",
-"    r.light.a = max(squares / max(taken, 1.0) - clusters * clusters, 0.0);\n",
-"#ifdef SBL_LOBE\n",
-"    r.light.a /= max(taken, 1.0);  // strata do not help where the lobe differs from the cosine in a small part of a lamp\n",
-"#else\n",
-"    r.light.a *= sbl_strata(taken);\n",
-"#endif\n",
+"    r.light.a = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) * sbl_strata(taken);\n",
 "    if (directional) r.harmonics += sampled_harmonics / max(taken, 1.0);\n",
 "    for (int g = 0; g < 2; g++) {\n",
 "        vec3 share = mix(vec3(0), seen[g] / open[g], greaterThan(open[g], vec3(0)));\n",
@@ -12328,7 +12323,6 @@ typedef struct sbl__job {
     int look_end;               /* 1 + number of the round's last look. The round's first look has the number
                                    task.first_look, or 0 in the round of stuck tests */
     int site, look;             /* look to draw or read next: index of its site (or suspect), and index at the site */
-    double squares;             /* sum of the squared luminances of the site's looks read so far */
     int drawn, aimed, reduced;  /* numbers of three looks: the next to draw, to trace rays to lamps for, to reduce */
     int batch;                  /* number of looks in the batch that is partly drawn; 0: no batch is partly drawn */
     int triangle;               /* index of the next triangle to draw for this batch */
@@ -12810,20 +12804,10 @@ static sbl_result sbl__job_reduce(void *work, sbl__slice *slice) {
 
 /* >>job: reading */
 
-#define SBL__SCATTER_TRUST 2.0  /* weight of the variance that rays tell against one difference between looks */
-
 /* Returns 1 if a reading's numbers are finite. In scenes of extreme sizes they may not be (see sbl__scene_warn). */
 static int sbl__reading_is_finite(const sbl_reading *r) {
     return sbl__all_finite(r->radiance, 3) && sbl__finite(&r->noise) && sbl__finite(&r->hit_share) &&
            sbl__finite(&r->back_share) && sbl__finite(&r->hit_mean) && sbl__finite(&r->hit_min);
-}
-
-/* Returns the sum of the variances of a reading's looks, which are lobes: the sum that their rays have told, corrected
-   by how much the looks differ. In highlights, the rays of one look do not tell it, since few of them meet most of the
-   light. squares: sum of the squared luminances of the looks */
-static float sbl__job_scatter(const sbl_reading *r, int looks, double squares) {
-    const double mean = (double)sbl__luminance(r->radiance), scatter = SBL__MAX(squares - looks * mean * mean, 0.0);
-    return (float)((SBL__SCATTER_TRUST * (double)r->noise + looks * scatter) / (SBL__SCATTER_TRUST + looks - 1));
 }
 
 /* Adds a look's light and variance to its site's reading; the first look sets hits and distances. After the last look,
@@ -12856,10 +12840,8 @@ static void sbl__job_take(sbl__job *j, const float *const found[5]) {
         variance += texels * texels;
     }
     r->noise += variance;
-    j->squares = (j->look ? j->squares : 0) + pow((double)sbl__luminance(sum) / (double)scale, 2);
     if (++j->look < looks) return;
     for (k = 0; k < 3; k++) r->radiance[k] /= (float)looks;
-    if (spec->lobe) r->noise = sbl__job_scatter(r, looks, j->squares);
     for (k = 0; k < harmonics; k++) h[k] /= (float)looks;
     r->noise = (float)sqrt((double)r->noise) / (float)looks;
     if (!r->valid || !sbl__reading_is_finite(r) || !sbl__all_finite(h, harmonics)) {

@@ -5,9 +5,8 @@ across instead, with the second texture coordinates of the meshes.
 Every surface is a two-sided Lambertian surface of the file's base colour, unless the job is "glossy": then it has the
 metal, gloss and panes of the file. Every emitter emits to both sides. The job sets the number of bounces. Nothing is
 clamped, denoised or adaptive, and pixels are sampled at their centres. Geometry and hierarchy stay in memory between
-pictures. After each picture the script prints a line "BENCH SECONDS": the time of
-Blender's render call, without writing the file. The file is OpenEXR, or for a lightmap raw floats (red, green, blue,
-the lowest row first).
+pictures. After each picture the script prints a line "BENCH SECONDS": the time of Blender's render call, without
+writing the file. The file is OpenEXR, or for a lightmap raw floats (red, green, blue, the lowest row first).
 """
 import json, math, sys, time
 import bpy
@@ -88,6 +87,8 @@ for material in bpy.data.materials:
     if material.use_nodes:
         shader = Shader(material)
         shader.replace(shader.glossy() if job.get('glossy') else shader.lambertian())
+for mesh in bpy.data.meshes if job.get('glossy') else ():
+    mesh.use_auto_smooth = False  # ignores the file's normals; surfaces are black where these point to the back
 for thing in list(bpy.data.objects):
     if thing.type in ('CAMERA', 'LIGHT'):
         bpy.data.objects.remove(thing)

@@ -349,12 +349,7 @@ struct sbl_Result { vec4 light; mat3x4 harmonics; };
 sbl_Result sbl_combine() {
     sbl_Result r = sbl_Result(vec4(sure + sampled / max(taken, 1.0), 0), sure_harmonics);
     float clusters = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);
-    r.light.a = max(squares / max(taken, 1.0) - clusters * clusters, 0.0);
-#ifdef SBL_LOBE
-    r.light.a /= max(taken, 1.0);  // strata do not help where the lobe differs from the cosine in a small part of a lamp
-#else
-    r.light.a *= sbl_strata(taken);
-#endif
+    r.light.a = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) * sbl_strata(taken);
     if (directional) r.harmonics += sampled_harmonics / max(taken, 1.0);
     for (int g = 0; g < 2; g++) {
         vec3 share = mix(vec3(0), seen[g] / open[g], greaterThan(open[g], vec3(0)));

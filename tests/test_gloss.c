@@ -1162,7 +1162,7 @@ enum { ROOM_WIDTH = 80, ROOM_HEIGHT = 60, ROOM_PIXELS = ROOM_WIDTH * ROOM_HEIGHT
 static void glossy_room(test_scene *s, int kind) {
     const int walls = kind == 0 ? scene_gloss(s, 0.6, 0.6, 0.5, 0, 0.6)
                     : kind == 1 ? scene_gloss(s, 0.8, 0.7, 0.6, 1, 0.4) : scene_material(s, 0.6f, 0.6f, 0.5f);
-    const int metal = scene_gloss(s, 0.9, 0.8, 0.4, 1, 0.25), plastic = scene_gloss(s, 0.1, 0.2, 0.6, 0, 0.15);
+    const int metal = scene_gloss(s, 0.9, 0.8, 0.4, 1, 0.45), plastic = scene_gloss(s, 0.1, 0.2, 0.6, 0, 0.15);
     const int lamp = scene_lamp(s, 12, 11, 9);
     int i;
     scene_box(s, walls, -2, 0, -2, 2, 2, 2);
