@@ -251,7 +251,9 @@
 
    SBL_CHANNEL_ERROR is the prediction for each pixel: the standard error of the luminance of R, in the unit of R.
    sbl_stats.picture.expected_error is the prediction for the whole picture, as a share of the mean. A host may read
-   both early, and stop.
+   both early, and stop. In pictures of scenes with reflections, target_error is the error of FINAL that you accept (see
+   ON REFLECTIONS), and once reflections are measured, both predictions are those of FINAL. The channel RADIANCE_ERROR
+   is the prediction for R in all pictures.
 
    SBL_MODE_GI adds a third part: the error of the stored light. It is estimated from the differences between the points
    of a cell, and from the size of the cells that are near, because a cell holds one light for all its parts. Sensors
@@ -348,11 +350,15 @@
 
    ALBEDO is then the albedo of the diffuse part for this view. SPECULAR_ALBEDO is the share of uniform light that the
    lobe reflects to the camera, but at least 0.001. SPECULAR is the light that the lobe reflects, divided by
-   SPECULAR_ALBEDO: the mean radiance in the lobe. After R is known, further sensors measure SPECULAR until its part of
-   the error of FINAL is within target_error of the mean of FINAL without emission. This error is
-   sbl_stats.picture.specular_error. The channels ERROR, SENSORS and LOOKS, and sbl_inspect_sensor, tell about R only.
-   Near the images of lamps in smooth surfaces, a picture may miss the default target, because a sensor takes at most
-   32 looks there. Where SBL_MATERIAL_NO_SENSORS forbids sensors, the lobe reflects the stored light.
+   SPECULAR_ALBEDO: the mean radiance in the lobe. Errors are those that the eye sees: the root mean square over the
+   visible pixels, at their centres, of the error of the luminance of FINAL, as a share of the mean luminance of FINAL
+   without emission. Sensors measure R until the error of ALBEDO * RADIANCE, sbl_stats.picture.radiance_error, is within
+   target_error. Then further sensors measure SPECULAR until the error of FINAL is. The squares of both parts add up;
+   that of SPECULAR_ALBEDO * SPECULAR is sbl_stats.picture.specular_error. Sensors do not reduce this part below 0.84 of
+   the target, so the sum can be 1.3 times the target. Near the images of lamps in smooth surfaces, a
+   picture may miss the default target, because a sensor takes at most 32 looks there. SBL_CHANNEL_ERROR is the
+   predicted error of FINAL; the channels RADIANCE_ERROR, SENSORS and LOOKS, and sbl_inspect_sensor, tell about R. Where
+   SBL_MATERIAL_NO_SENSORS forbids sensors, the lobe reflects the stored light.
 
        lamps      from a roughness of 0.25 on, the light of an emitting triangle in a lobe is a closed form (linearly
                   transformed cosines), which rays correct. In smoother lobes, rays of the lobe and rays to lamps share
@@ -1198,9 +1204,9 @@ typedef struct sbl_picture_desc {
                                   SBL_MODE_PAPER: SBL_SENSOR_SINGLE */
     float sensor_fov;          /* field of view of SBL_SENSOR_SINGLE, 1 to 179 degrees. Default: 135 */
     float target_error;        /* accepted root mean square error of R over the visible pixels, as a share of the mean R
-                                  (see mean_radiance), 0 to 1; see ON THE TARGET ERROR. If not set, a sensor takes at
-                                  most 1024 / 1024 / 2048 rays. Default: 0.05 / 0.015 / 0.0075. Default in
-                                  SBL_MODE_PAPER: threshold decides */
+                                  (see mean_radiance), 0 to 1; where there are reflections, also that of FINAL. See ON
+                                  THE TARGET ERROR. If not set, a sensor takes at most 1024 / 1024 / 2048 rays.
+                                  Default: 0.05 / 0.015 / 0.0075. Default in SBL_MODE_PAPER: threshold decides */
     float mean_radiance[3];    /* the mean R (red, green, blue) to which target_error is relative; set it for windows,
                                   see ON PARTS. Default: all 0, the mean over the visible pixels */
     float price;               /* least benefit for which a sensor takes another look: the expected decrease of the sum
@@ -1243,7 +1249,8 @@ typedef enum sbl_channel {
     SBL_CHANNEL_DEPTH,      /* 1: world distance from the camera along the view axis; 0 in lightmaps */
     SBL_CHANNEL_SENSORS,    /* 1: 0 if the pixel was interpolated, else 1 + the level at which its sensor was placed */
     SBL_CHANNEL_STORE,      /* 3: R as stored for each cell in SBL_MODE_GI; 0 in other modes */
-    SBL_CHANNEL_ERROR,      /* 1: predicted standard error of the luminance of R, see ON THE TARGET ERROR */
+    SBL_CHANNEL_ERROR,      /* 1: predicted standard error of luminance: of FINAL at pixel centres in pictures of scenes
+                               with reflections, otherwise of R; see ON THE TARGET ERROR */
     SBL_CHANNEL_OVERLAP,    /* 1: lightmaps: number of other triangles at the texel's centre; 0 in pictures */
     SBL_CHANNEL_SH_0,       /* 3: directional lightmaps: harmonic Y_0 */
     SBL_CHANNEL_SH_1,       /* 3: directional lightmaps: harmonic Y_1 */
@@ -1255,6 +1262,7 @@ typedef enum sbl_channel {
     SBL_CHANNEL_LOOKS,      /* 1: number of looks that the pixel's sensor took; 0 if the pixel has no sensor */
     SBL_CHANNEL_SPECULAR,   /* 3: mean radiance in the specular lobe, at pixel centres, filtered; see ON REFLECTIONS */
     SBL_CHANNEL_SPECULAR_ALBEDO,  /* 3: albedo of the specular lobe for this view; 0 if the surface is matte */
+    SBL_CHANNEL_RADIANCE_ERROR,  /* 1: predicted standard error of the luminance of R in all pictures and lightmaps */
     SBL_CHANNEL_COUNT
 } sbl_channel;
 
@@ -1292,16 +1300,18 @@ typedef struct sbl_stats {
         int visible_pixels;       /* number of pixels that show a surface */
         float target_error;       /* target_error of the descriptor or its default, which is 0 in SBL_MODE_PAPER; that
                                      mode never uses it */
-        float expected_error;     /* the error predicted so far, as a share of the mean R; with reflections, the error
-                                     of FINAL that R causes, as a share of FINAL; 0 before the first level is done */
+        float expected_error;     /* the error predicted so far, as a share of the mean; 0 before the first level is
+                                     done. Without reflections, it is that of R. With them, it is that of FINAL without
+                                     emission, and only its part radiance_error until reflections are measured */
+        float radiance_error;     /* the part of expected_error that R causes; all of it without reflections */
         float exposure;           /* stops applied to SBL_CHANNEL_DISPLAY, including those that auto_exposure chose */
         float price;              /* the price in the sense of sbl_picture_desc at which this picture reached its target
                                      error; 0: the first sensors sufficed */
         float mean_radiance[3];   /* the mean R (red, green, blue) to which errors are relative: the one that the
                                      descriptor sets, otherwise the measured one; 0 before the first level is done */
-        float specular_error;     /* the predicted error of the reflections in FINAL, as a share of the mean of FINAL
+        float specular_error;     /* the part of expected_error that reflections cause, as a share of the mean of FINAL
                                      without emission; 0 if no surface in view has reflections */
-        float stored_error;       /* the part of expected_error that sensors cannot reduce: the root mean square error
+        float stored_error;       /* the part of radiance_error that sensors cannot reduce: the root mean square error
                                      of stored light, as a share of the mean R */
         int level_count;          /* number of entries in levels */
         struct { int tile; int64_t sensors; } levels[SBL_MAX_LEVELS];  /* tile size, pixels; number of sensors added */
@@ -15520,6 +15530,9 @@ typedef struct sbl__pixel_lobe {
     float view[3];            /* unit vector to the viewer */
     float reflectance[3], roughness;  /* see lobe.glsl */
     float weight;             /* luminance of the lobe's albedo: error of FINAL / error of the light in the lobe */
+    float rest;               /* standard error of the luminance of FINAL that this refinement cannot reduce, because
+                                 albedo * R and stored light in the lobe cause it */
+    float light;              /* luminance of R, or 0 if the lobe is too narrow for light in it to change as R does */
 } sbl__pixel_lobe;
 
 #define SBL__SENSOR_BLOCK 1024u  /* number of sensors in a block of memory; a power of 2 */
@@ -15609,6 +15622,7 @@ typedef struct sbl__tile {
     float uncovered;          /* mean over all `pixels` of the bilinear weight of corners whose light they cannot use */
     float raw_bias2;          /* bias2 as estimated from light on the edges, before noise is subtracted */
     float unseen_bias2;       /* part of raw_bias2 for changes of light between the last sensors and silhouettes */
+    float foreseen_bias2;     /* if there are lobes: least bias2, because R shows where their light changes */
     float bias2, noise2;      /* bias2: mean relative squared error of interpolation, over all pixels but the upper
                                  left, which has a sensor; 0 if must_split or a threshold decides. noise2: mean
                                  relative squared error by noise, over all pixels */
@@ -15666,7 +15680,8 @@ typedef struct sbl__refine {
     int64_t looks_taken;
     float mean[3], luminance; /* mean of R over the picture, and its luminance */
     int mean_is_given;        /* 1: the host has set the mean; 0: it is measured */
-    double sum[3], pixels_summed;  /* for the next mean: sum of R over pixels (round 0: sensors); their number */
+    double sum[3], pixels_summed;  /* for the next mean: sum of R over pixels (round 0: sensors), or of the light that
+                                      lobes add to FINAL; their number */
     float weights[3];         /* factors that turn a difference in each channel into a relative error */
     float variance_shares[SBL__DOUBLINGS];  /* [k]: variance of a mean of 2^k looks / variance of one look */
     double measured2[SBL__DOUBLINGS];  /* [k]: sum over sensors that got more looks when they had 2^k to 2^(k+1) - 1:
@@ -15675,10 +15690,14 @@ typedef struct sbl__refine {
     int compared[SBL__DOUBLINGS];      /* [k]: number of differences in measured2[k] */
     double bias2, noise2;     /* sums over all tiles that are not split: bias2 of the tile * (pixels of the tile - 1);
                                  noise2 of the tile * pixels of the tile */
-    double uncertainty2;      /* sum over pixels of the squared uncertainty of stored light; absolute, not relative */
+    double uncertainty2;      /* sum over pixels of the squared uncertainty of stored light; absolute, not relative. If
+                                 there are lobes, the sum over all surfaces of sbl__pixel_lobe.rest squared */
+    double rest[3];           /* if there are lobes: sum over pixels of the rest of FINAL; else 0 */
+    float mean_scale;         /* if there are lobes: `mean` / mean of the pixels; not 1 if the host has set the mean */
+    double matte_pixels;      /* number of pixels whose surface has no lobe, if there are lobes; else 0 */
     double look_variance;     /* relative variance of one look, averaged over the picture */
     double predicted;         /* predicted relative error of the picture; valid if weighed is 1 */
-    double stored;            /* the part of `predicted` that stored light causes */
+    double stored, own;       /* the parts of `predicted` by uncertainty2, and by sensors and interpolation */
     double gains[SBL__GAIN_BINS];  /* histogram by worth: sums of gain * cost of all possible splits and looks */
     double costs[SBL__GAIN_BINS];  /* histogram by worth: sums of the costs of these splits and looks, in looks */
     double expected_looks;    /* predicted number of looks when refinement ends, see sbl__weigh_expect */
@@ -16199,6 +16218,29 @@ static float sbl__shown2(const sbl__refine *r) {
     return (float)SBL__MAX(mean * mean, 1e-12);
 }
 
+/* Returns the squared difference between R at a pixel and R as interpolated from a tile's corners, as luminances, not
+   relative; 0 if lobes are narrow or no corner fits. Light in wide lobes changes about where R does. */
+static float sbl__tile_foresee(const sbl__refine *r, const sbl__tile *c, int x, int y) {
+    const sbl__pixel *pixel = sbl__pixel_at(r, x, y);
+    const sbl__range *a = &c->area;
+    const float across = (float)(x - a->x[0]) / (float)SBL__MAX(a->x[1] - a->x[0], 1);
+    const float down = (float)(y - a->y[0]) / (float)SBL__MAX(a->y[1] - a->y[0], 1);
+    const float own = r->lobes[pixel - r->pixels].light;
+    float light = 0, weights = 0;
+    int corner;
+    for (corner = 0; corner < 4; corner++) {
+        const sbl__pixel *p = sbl__tile_corner(r, c, corner);
+        const float at = r->lobes[p - r->pixels].light;
+        const float weight = (corner & 1 ? across : 1 - across) * (corner & 2 ? down : 1 - down) *
+                             (at > 0 ? sbl__belongs(pixel, p, 1) : 0);
+        light += weight * at;
+        weights += weight;
+    }
+    if (!(weights > 0) || !(own > 0)) return 0;
+    light = own - light / weights;
+    return light * light;
+}
+
 /* Adds row y of pixels to c->pixels and c->uncovered. Sets c->must_split if corners give one too little weight. */
 static void sbl__tile_count(const sbl__refine *r, sbl__tile *c, const sbl__range *pixels, int y) {
     const int extrapolated = r->geometry_aware && sbl__tile_span(c) <= SBL__EXTRAPOLATED_SPAN && !(r->threshold > 0);
@@ -16210,6 +16252,7 @@ static void sbl__tile_count(const sbl__refine *r, sbl__tile *c, const sbl__range
         c->pixels++;
         if (r->lobes) c->weight2 += r->lobes[p - r->pixels].weight * r->lobes[p - r->pixels].weight;
         if (r->shares) c->weight2 += r->shares[p - r->pixels] * r->shares[p - r->pixels];
+        if (r->lobes) c->foreseen_bias2 += sbl__tile_foresee(r, c, x, y);
         if (sbl__sensor_of(r, p)->sensed) continue;
         sbl__interpolate(r, c, x, y, 0, &m);
         c->uncovered += 1 - m.own;
@@ -16791,12 +16834,18 @@ static void sbl__weigh_add(sbl__refine *r, float worth, float gain, int cost) {
     r->costs[bin] += cost;
 }
 
-/* Prepares for weighing all tiles. Errors are relative to the mean R of round 0's sensors or of the last weighing. */
+/* Returns the number of pixels over which the picture's error is a mean. */
+static double sbl__weigh_pixels(const sbl__refine *r) { return SBL__MAX(r->pixels_summed + r->matte_pixels, 1.0); }
+
+/* Prepares for weighing all tiles. Errors are relative to the mean R of round 0's sensors or of the last weighing. If
+   there are lobes, they are relative to the mean that the caller has set, later to that of the last weighing. */
 static void sbl__weigh_begin(sbl__refine *r) {
     int k;
     sbl__looks_calibrate(r);
     for (k = 0; k < 3 && r->pixels_summed > 0 && !r->mean_is_given; k++)
         r->mean[k] = (float)(r->sum[k] / r->pixels_summed);
+    for (k = 0; k < 3 && r->lobes && r->weighed; k++)
+        r->mean[k] = r->mean_scale * (float)((r->rest[k] + r->sum[k]) / sbl__weigh_pixels(r));
     r->luminance = SBL__MAX(sbl__luminance(r->mean), 1e-30f);
     for (k = 0; k < 3; k++)
         r->weights[k] = (float)sqrt((double)sbl__luminance_weights[k] / r->luminance /
@@ -16850,7 +16899,8 @@ static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
     variance = c->variance * share / (float)count;
     c->noise2 = span > 1 ? variance * sbl__noise_left(r, span)
                          : variance / sbl__tile_smoothing(r, c, r->luminance * (float)sqrt((double)variance));
-    for (k = 0; k < 3; k++) r->sum[k] += (double)light[k] * c->pixels / count;
+    for (k = 0; k < 3; k++)
+        r->sum[k] += (double)light[k] * c->pixels / count * (r->lobes ? sqrt((double)c->weight2) : 1.0);
     r->pixels_summed += c->pixels;
     r->look_variance += (double)c->variance * (double)c->weight2 * c->pixels;
     c->light = sbl__luminance(light) / (float)count;
@@ -16871,7 +16921,7 @@ static void sbl__tile_weigh_split(const sbl__refine *r, sbl__tile *c) {
 static sbl_result sbl__refine_weigh(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     sbl__tile *c = &r->tiles[at];
-    float bias2, gain, variance, weight;
+    float bias2, gain, variance, weight, least;
     int looks = sbl__tile_corners(r, c).looks, most, interpolated;
     if (c->split) return SBL_SUCCESS;
     sbl__tile_weigh_split(r, c);
@@ -16879,10 +16929,11 @@ static sbl_result sbl__refine_weigh(void *work, int at) {
     interpolated = SBL__MAX(c->pixels - 1, 0);  /* all but the upper left pixel, which has a sensor */
     variance = c->noise2 / sbl__noise_left(r, sbl__tile_span(c));
     c->noise2 *= c->weight2;
-    c->bias2 = c->weight2 * SBL__MAX(c->raw_bias2 - SBL__NOISE_IN_BIAS * variance, c->unseen_bias2);
+    least = SBL__MAX(c->unseen_bias2, c->foreseen_bias2);
+    c->bias2 = c->weight2 * SBL__MAX(c->raw_bias2 - SBL__NOISE_IN_BIAS * variance, least);
     r->bias2 += (double)c->bias2 * interpolated;
     r->noise2 += (double)c->noise2 * c->pixels;
-    bias2 = c->weight2 * SBL__MAX(c->raw_bias2 - SBL__NOISE_IN_SPLITS * variance, c->unseen_bias2);
+    bias2 = c->weight2 * SBL__MAX(c->raw_bias2 - SBL__NOISE_IN_SPLITS * variance, least);
     weight = 1 / (c->light / r->luminance + SBL__GAIN_FLOOR);
     if (sbl__tile_span(c) > 1 && !(r->threshold > 0)) {
         const float error_max = SBL__TILE_ERROR_MAX * r->target_error *
@@ -16909,7 +16960,7 @@ static sbl_result sbl__refine_weigh(void *work, int at) {
    pixel or as near to it as possible, most worthwhile first; too low until most tiles that need sensors have been
    found. Sets r->expected_sure, which rises to 1 as the error falls to what can be bought. */
 static void sbl__weigh_expect(sbl__refine *r, double left, double target2) {
-    const double target = target2 * SBL__MAX(r->pixels_summed, 1.0), now = SBL__MAX(left, 1e-30);
+    const double target = target2 * sbl__weigh_pixels(r), now = SBL__MAX(left, 1e-30);
     int bin = SBL__GAIN_BINS;
     r->expected_looks = (double)r->looks_taken;
     for (left -= target; bin > 0 && left > 0; left -= r->gains[bin]) r->expected_looks += r->costs[--bin];
@@ -16932,7 +16983,7 @@ static float sbl__weigh_price(const sbl__refine *r, double left, double target) 
    noise to the error at which the round aims, if they suffice. Sets it to FLT_MAX, so that only necessary splits are
    bought, if bias and noise are within their share of the target error or SBL__MAX_ROUNDS is exceeded. */
 static void sbl__weigh_end(sbl__refine *r) {
-    const double pixels = SBL__MAX(r->pixels_summed, 1.0), all2 = (double)r->target_error * r->target_error;
+    const double pixels = sbl__weigh_pixels(r), all2 = (double)r->target_error * r->target_error;
     const double uncertainty2 = r->uncertainty2 / ((double)r->luminance * r->luminance * pixels *
                                                    (double)sbl__shown2(r));
     const double excused2 = SBL__MIN(SBL__AIM_STORED * uncertainty2, SBL__AIM_MOST * all2);
@@ -16941,6 +16992,7 @@ static void sbl__weigh_end(sbl__refine *r) {
     r->look_variance /= pixels;
     r->predicted = sqrt(left / pixels + uncertainty2);
     r->stored = sqrt(uncertainty2);
+    r->own = sqrt(left / pixels);
     r->weighed = 1;
     sbl__weigh_expect(r, left, target2);
     r->least_worth = FLT_MAX;
@@ -16959,12 +17011,14 @@ static sbl_result sbl__refine_count(void *work, sbl__slice *slice) {
         if (r->row == 0) c->pixels = c->must_split = 0;
         if (r->row == 0) c->uncovered = 0;
         if (r->row == 0) c->weight2 = r->lobes || r->shares ? 0.0f : 1.0f;
+        if (r->row == 0) c->foreseen_bias2 = 0;
         for (; pixels.y[0] + r->row <= pixels.y[1]; r->row++) {
             if (sbl__late(slice)) return SBL_UNFINISHED;
             sbl__tile_count(r, c, &pixels, pixels.y[0] + r->row);
         }
         if (c->pixels) c->uncovered /= (float)c->pixels;
         if (c->pixels && (r->lobes || r->shares)) c->weight2 /= (float)c->pixels * sbl__shown2(r);
+        if (c->pixels) c->foreseen_bias2 = sbl__relative2(r, (double)c->foreseen_bias2 / c->pixels);
         if (c->pixels && r->lobes && sbl__tile_is_wide(r, c)) c->must_split = 1;
     }
     return SBL_SUCCESS;
@@ -17074,11 +17128,12 @@ static int sbl__refine_after_weigh(void *work) {
     sbl__weigh_end(r);
     if (sbl__refine_needs_guides(r) || sbl__refine_growth(r) > 1) return SBL__REFINE_RESTART;
     r->first_new = r->tile_count;
+    r->core->stats.picture.expected_error = (float)r->predicted;
     if (r->lobes) {
-        r->core->stats.picture.specular_error = (float)r->predicted;
+        r->core->stats.picture.specular_error = (float)r->own;
         return SBL__REFINE_SPEND;
     }
-    r->core->stats.picture.expected_error = (float)r->predicted;
+    r->core->stats.picture.radiance_error = (float)r->predicted;
     r->core->stats.picture.stored_error = (float)r->stored;
     r->core->stats.picture.price = r->price_paid;
     memcpy(r->core->stats.picture.mean_radiance, r->mean, sizeof r->mean);
@@ -17246,6 +17301,12 @@ static void sbl__refine_use_atlas(sbl__refine *r, const sbl__atlas *a) {
 
 static const sbl__pixel *sbl__refine_pixel(const sbl__refine *r, size_t index) { return &r->pixels[index]; }
 
+/* Returns 1 if a pixel shows a surface and its error counts. */
+static int sbl__refine_counts(const sbl__refine *r, size_t index) {
+    const int width = r->width;
+    return r->pixels[index].id && sbl__window_counts(&r->window, (int)index % width, (int)index / width);
+}
+
 /* Returns the picture's predicted relative error; below 0: not known yet. */
 static double sbl__refine_error(const sbl__refine *r) { return r->weighed ? r->predicted : -1; }
 
@@ -17304,7 +17365,8 @@ static void sbl__fill_free(sbl__base *base, sbl__fill *f) {
 static float sbl__pixel_error(const sbl__refine *r, const sbl__pixel *p, float predicted2) {
     const double unexplained = (double)SBL__PIXEL_ERROR * r->predicted;
     const int hidden = sbl__sensor_of(r, p)->occlusion == SBL__HIDDEN;  /* it shows its neighbours' light */
-    const double uncertainty = hidden ? 0 : (double)sbl__stored_uncertainty(r, p) / r->luminance;
+    const float known = r->lobes ? r->lobes[p - r->pixels].rest : sbl__stored_uncertainty(r, p);
+    const double uncertainty = hidden ? 0 : (double)known / r->luminance;
     return r->luminance * (float)sqrt((double)predicted2 + unexplained * unexplained + uncertainty * uncertainty);
 }
 
@@ -18336,6 +18398,8 @@ typedef struct sbl__map {
     sbl__pace filter_pace;
     const sbl__target *channels[SBL_CHANNEL_COUNT];  /* target with the channel; NULL: see sbl__map_channel_pixel */
     sbl__texture copies[SBL_CHANNEL_COUNT];  /* textures of channels, made by sbl__map_send_channel */
+    float *errors;              /* per working pixel: predicted standard error of the luminance of FINAL; NULL: there
+                                   are no reflections, or they are not measured yet */
     int watched;                /* 1: the host has asked for a channel of the unfinished map, so previews are made */
     int64_t previewed;          /* number of looks in the last preview; 0: there is none except that of a glimpse */
     int glimpse;                /* state of the glimpse: SBL__GLIMPSE_NONE and so on */
@@ -18390,6 +18454,7 @@ static void sbl__map_free(sbl__map *m) {
     sbl__refine_free(d, &m->refine);
     sbl__fill_free(d->base, &m->fill);
     sbl__free(d->base, m->shown);
+    sbl__free(d->base, m->errors);
 }
 
 /* The last part of a front end's check: sets *measurement. Returns SBL_ERROR_UNSUPPORTED, and logs it, if the working
@@ -18850,7 +18915,7 @@ static const struct { int components, attachment, gbuffer; } sbl__channels[SBL_C
     { 3, 0, -1 }, { 3, 0, -1 }, { 3, SBL__GBUFFER_ALBEDO, -1 }, { 3, 0, SBL__GBUFFER_NORMAL },
     { 3, 0, SBL__GBUFFER_POSITION }, { 1, 0, SBL__GBUFFER_ID }, { 1, 0, -1 }, { 1, 0, -1 }, { 3, 0, -1 }, { 1, 0, -1 },
     { 1, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 1, -1 }, { 1, 0, -1 },
-    { 3, 0, -1 }, { 3, SBL__GBUFFER_SPECULAR, -1 }
+    { 3, 0, -1 }, { 3, SBL__GBUFFER_SPECULAR, -1 }, { 1, 0, -1 }
 };
 
 /* Gets a pixel of a channel that no target holds. place: number of the pixel of the host */
@@ -18864,6 +18929,7 @@ static void sbl__map_channel_pixel(const sbl__map *m, sbl_channel channel, size_
         depth -= m->camera.back[k] * ((double)pixel->position[k] - m->camera.eye[k]);
     if (channel == SBL_CHANNEL_OVERLAP) out[0] = m->atlas ? sbl__atlas_others(m->atlas, i) : 0;
     else if (channel == SBL_CHANNEL_LOOKS) out[0] = sensor->level ? (float)sensor->looks : 0;
+    else if (channel == SBL_CHANNEL_RADIANCE_ERROR) out[0] = pixel->error;
     else if (!pixel->id || channel >= SBL_CHANNEL_SH_0)
         memset(out, 0, (size_t)sbl__channels[channel].components * sizeof *out);
     else if (channel == SBL_CHANNEL_NORMAL) memcpy(out, pixel->normal, sizeof pixel->normal);
@@ -18871,7 +18937,7 @@ static void sbl__map_channel_pixel(const sbl__map *m, sbl_channel channel, size_
     else if (channel == SBL_CHANNEL_STORE) memcpy(out, sbl__pixel_stored(&m->refine, pixel), 3 * sizeof *out);
     else out[0] = channel == SBL_CHANNEL_ID ? (float)pixel->id
                 : channel == SBL_CHANNEL_DEPTH ? (float)depth
-                : channel == SBL_CHANNEL_ERROR ? pixel->error : (float)sensor->level;
+                : channel == SBL_CHANNEL_ERROR ? (m->errors ? m->errors[i] : pixel->error) : (float)sensor->level;
 }
 
 /* Returns 1 if a target has a texel for each pixel of the host; otherwise it has one for each working pixel. */
@@ -18954,11 +19020,15 @@ static uint32_t sbl__map_channel_texture(sbl__map *m, sbl_channel channel) {
 /* ==================================================================================================== >>reflections
    Light that specular lobes reflect to the camera, after R is known. A second refinement, with sensors that measure the
    mean radiance in the lobe, makes it a layer of light. FINAL is the sum of emission, albedo * R, and the lobe's albedo
-   times this layer. The target error is that of FINAL.
+   times this layer. The target error is that of FINAL: the predicted error of albedo * R counts like the uncertainty of
+   stored light, as a part that this refinement cannot reduce.
 
        lobes --> refine (sensors of lobes) --> fill --> filter --> resolve                                        */
 
 #define SBL__REFLECTIONS_RAYS 16  /* number of rays of a look, unless the host has set it */
+#define SBL__LOBE_FORESEEN 0.3f   /* light in lobes of a greater roughness changes about where R does */
+#define SBL__LOBE_CELLS_LEAST 0.1f  /* the share of cells that a lobe sees counts as at least this, because errors of
+                                       neighbouring cells are alike */
 #define SBL__REFLECTIONS_LAYER 1  /* index of the layer in sbl__map.layers */
 
 typedef struct sbl__reflections {
@@ -18968,17 +19038,18 @@ typedef struct sbl__reflections {
     double sum[3], light[3];    /* sums over pixels: of reflected light, with R in place of the light in lobes; of R */
     double pixels;              /* number of pixels in these sums */
     int found;                  /* 1: a pixel has a lobe */
+    float *errors;              /* becomes sbl__map.errors */
 } sbl__reflections;
 
 static int sbl__reflections_needed(const sbl__core *c, const sbl_picture_desc *d) {
     return c->scene.features & SBL__SPECULAR && d->options.mode != SBL_MODE_PAPER;
 }
 
-/* Returns the bytes per pixel that reflections need after R is known: the refinement, the layer, and a sample's albedo
-   of lobes. */
+/* Returns the bytes per pixel that reflections need after R is known: the refinement, the layer, a sample's albedo of
+   lobes, and the errors of FINAL. */
 static double sbl__reflections_bytes(void) {
     return (double)(sizeof(sbl__pixel) + sizeof(sbl__pixel_lobe)) + SBL__MAP_TILES * (double)sizeof(sbl__tile) +
-           SBL__MAP_SENSORS * (double)sizeof(sbl__sensor) + 32 + 8;
+           SBL__MAP_SENSORS * (double)sizeof(sbl__sensor) + 32 + 8 + 4;
 }
 
 /* Begins the refinement, whose errors are relative to the mean of FINAL without emission. */
@@ -18997,7 +19068,9 @@ static sbl_result sbl__reflections_begin(sbl__reflections *f, sbl__map *m) {
                       sbl__filter_pixels(desc.filter_radius));
     sbl__refine_use_window(&f->refine, &m->window);
     sbl__refine_update_spec(&f->refine);
-    return sbl__refine_make(&f->refine);
+    f->errors = (float *)sbl__alloc_raw(&m->work.core->base, (size_t)desc.width * (size_t)desc.height,
+                                        sizeof *f->errors);
+    return f->errors ? sbl__refine_make(&f->refine) : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 /* Unpacks what gbuffer_fragment.glsl has packed: x: red and green of the reflectance, y: blue and the roughness, as
@@ -19018,46 +19091,71 @@ static void sbl__reflections_unpack(const float lobe[4], sbl__pixel_lobe *out) {
     for (k = 0; k < 3; k++) out->view[k] = (float)view[k];
 }
 
-/* Gives a pixel to the refinement. lobe, albedo: what the G-buffer holds of the lobe */
-static sbl_result sbl__reflections_put(sbl__reflections *f, const sbl__map *m, size_t index, const float lobe[4],
-                                       const float albedo[3]) {
+/* What sbl__reflections_read reads of a pixel, 4 floats each: the lobe, its albedo, the diffuse albedo, and R */
+enum { SBL__READ_LOBE, SBL__READ_SPECULAR, SBL__READ_ALBEDO, SBL__READ_RADIANCE, SBL__READS };
+
+/* Returns the standard error that stored light causes in the light of a lobe. That of R is a mean over the cells that
+   the pixel sees. A lobe sees 8 alpha^2 times as many: this is the ratio of 1 / integral of density^2, which is
+   12 pi alpha^2 for a narrow lobe of GGX and 3 pi / 2 for the cosine. */
+static float sbl__reflections_uncertainty(const sbl__map *m, size_t index, float roughness) {
+    const float alpha2 = roughness * roughness * roughness * roughness;
+    const float share = SBL__MIN(SBL__MAX(8 * alpha2, SBL__LOBE_CELLS_LEAST), 1.0f);
+    return sbl__stored_uncertainty(&m->refine, sbl__refine_pixel(&m->refine, index)) / (float)sqrt((double)share);
+}
+
+/* Gives a pixel to the refinement. */
+static sbl_result sbl__reflections_put(sbl__reflections *f, const sbl__map *m, size_t index,
+                                       const float *const from[SBL__READS]) {
     sbl__pixel pixel = *sbl__refine_pixel(&m->refine, index);
-    const float *stored = sbl__pixel_stored(&m->refine, sbl__refine_pixel(&m->refine, index));
+    const float *light = sbl__pixel_stored(&m->refine, sbl__refine_pixel(&m->refine, index));
     const int shows_stored = sbl__shows_stored(&m->refine, &pixel);
     sbl__pixel_lobe *own = &f->refine.lobes[index];
+    float matte, stored;
+    int k;
     pixel.sensor = 0;
-    pixel.error = 0;
-    if (lobe[1] < 0) pixel.id = 0;
-    else sbl__reflections_unpack(lobe, own);
-    own->weight = sbl__luminance(albedo);
+    if (from[SBL__READ_LOBE][1] < 0) pixel.id = 0;
+    else sbl__reflections_unpack(from[SBL__READ_LOBE], own);
+    own->weight = sbl__luminance(from[SBL__READ_SPECULAR]);
+    matte = sbl__luminance(from[SBL__READ_ALBEDO]) * pixel.error;
+    stored = own->weight * sbl__reflections_uncertainty(m, index, own->roughness);
+    pixel.error = own->rest = (float)sqrt((double)matte * matte + (double)stored * stored);
+    own->light = own->roughness > SBL__LOBE_FORESEEN ? sbl__luminance(from[SBL__READ_RADIANCE]) : 0;
     f->found |= pixel.id != 0;
-    return sbl__refine_put(&f->refine, index, &pixel, stored, shows_stored && pixel.id);
+    if (sbl__refine_counts(&m->refine, index)) {
+        f->refine.uncertainty2 += (double)own->rest * own->rest;
+        f->refine.matte_pixels += pixel.id == 0;
+        for (k = 0; k < 3; k++)
+            f->refine.rest[k] += (double)from[SBL__READ_ALBEDO][k] * (double)from[SBL__READ_RADIANCE][k];
+    }
+    return sbl__refine_put(&f->refine, index, &pixel, light, shows_stored && pixel.id);
 }
 
 /* Reads rows of the G-buffer and of R, from row m->work.stages.at on. SBL_SUCCESS: all are read. */
 static sbl_result sbl__reflections_read(sbl__reflections *f, sbl__map *m) {
-    static const int attachments[3] = { SBL__GBUFFER_LOBE, SBL__GBUFFER_SPECULAR, SBL__GBUFFER_ALBEDO };
+    static const int attachments[SBL__READS - 1] = { SBL__GBUFFER_LOBE, SBL__GBUFFER_SPECULAR, SBL__GBUFFER_ALBEDO };
     sbl__core *c = m->work.core;
     const int width = m->desc.width, first = m->work.stages.at;
     const int rows = SBL__MIN(SBL__MAX(1, SBL__READ_PIXELS / width), m->desc.height - first), count = rows * width;
-    float *data = (float *)sbl__alloc_raw(&c->base, (size_t)count, 4 * 16), *from[4];
+    float *data = (float *)sbl__alloc_raw(&c->base, (size_t)count, SBL__READS * 16);
+    const float *from[SBL__READS];
     sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
     int i, k;
     c->device.gl.doing = "reading specular lobes";
-    for (k = 0; k < 4; k++) from[k] = data ? data + 4 * (size_t)count * (size_t)k : NULL;
-    for (k = 0; k < 3 && result == SBL_SUCCESS; k++)
-        result = sbl__target_read(&c->device, &m->gbuffer.target, attachments[k], first, rows, from[k]);
-    if (result == SBL_SUCCESS)
-        result = sbl__target_read(&c->device, &m->layers[0].smooth.target, 0, first, rows, from[3]);
-    c->stats.sensors.readbacks += 4;
+    for (k = 0; k < SBL__READS && result == SBL_SUCCESS; k++) {
+        const int is_light = k == SBL__READ_RADIANCE;
+        result = sbl__target_read(&c->device, is_light ? &m->layers[0].smooth.target : &m->gbuffer.target,
+                                  is_light ? 0 : attachments[k], first, rows, data + 4 * (size_t)count * (size_t)k);
+    }
+    c->stats.sensors.readbacks += SBL__READS;
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
-        const size_t index = (size_t)first * (size_t)width + (size_t)i, at = 4 * (size_t)i;
-        result = sbl__reflections_put(f, m, index, from[0] + at, from[1] + at);
+        const size_t index = (size_t)first * (size_t)width + (size_t)i;
+        for (k = 0; k < SBL__READS; k++) from[k] = data + 4 * ((size_t)count * (size_t)k + (size_t)i);
+        result = sbl__reflections_put(f, m, index, from);
         if (!sbl__refine_pixel(&m->refine, index)->id || !sbl__window_shows(&m->window, i % width, first + i / width))
             continue;
         for (k = 0; k < 3; k++) {
-            const double light = (double)from[3][at + (size_t)k];
-            f->sum[k] += (double)(from[1][at + (size_t)k] + from[2][at + (size_t)k]) * light;
+            const double light = (double)from[SBL__READ_RADIANCE][k];
+            f->sum[k] += (double)(from[SBL__READ_SPECULAR][k] + from[SBL__READ_ALBEDO][k]) * light;
             f->light[k] += light;
         }
         f->pixels++;
@@ -19067,16 +19165,36 @@ static sbl_result sbl__reflections_read(sbl__reflections *f, sbl__map *m) {
     return result == SBL_SUCCESS && m->work.stages.at < m->desc.height ? SBL_UNFINISHED : result;
 }
 
-/* Sets the mean of FINAL without emission. If the host has set the mean of R, because the picture is a window, this is
-   the mean of the window times the ratio of both means of R. */
+/* Sets the mean of FINAL without emission, for now with R in place of the light in lobes. If the host has set the mean
+   of R, because the picture is a window, this is the mean of the window times the ratio of both means of R. */
 static void sbl__reflections_set_mean(sbl__reflections *f, const sbl__map *m) {
     const double pixels = SBL__MAX(f->pixels, 1.0);
+    const float given = sbl__luminance(m->desc.mean_radiance);
+    double own = 0;
     int k;
-    for (k = 0; k < 3; k++) {
-        const double own = f->light[k] / pixels, given = (double)m->desc.mean_radiance[k];
-        f->refine.mean[k] = (float)(f->sum[k] / pixels * (given > 0 && own > 0 ? given / own : 1));
-    }
+    for (k = 0; k < 3; k++) own += (double)sbl__luminance_weights[k] * f->light[k] / pixels;
+    f->refine.mean_scale = given > 0 && own > 0 ? (float)((double)given / own) : 1.0f;
+    for (k = 0; k < 3; k++) f->refine.mean[k] = f->refine.mean_scale * (float)(f->sum[k] / pixels);
     f->refine.mean_is_given = 1;
+}
+
+/* Gives the errors of FINAL to the map and frees the refinement. */
+static void sbl__reflections_end(sbl__reflections *f, sbl__map *m) {
+    const size_t pixels = (size_t)m->desc.width * (size_t)m->desc.height;
+    size_t i;
+    for (i = 0; i < pixels; i++) f->errors[i] = sbl__refine_pixel(&f->refine, i)->error;
+    m->errors = f->errors;
+    f->errors = NULL;
+    sbl__refine_free(&m->work.core->device, &f->refine);
+    m->reflected = 1;
+}
+
+/* Ends the work if no surface in view has a lobe: the error of FINAL is that of albedo * R. */
+static void sbl__reflections_skip(sbl__reflections *f, sbl__map *m) {
+    sbl__weigh_begin(&f->refine);
+    sbl__weigh_end(&f->refine);
+    m->work.core->stats.picture.expected_error = (float)f->refine.predicted;
+    sbl__reflections_end(f, m);
 }
 
 /* Returns how much of the refinement is done, by looks taken and expected, 0 to 1. */
@@ -19143,6 +19261,7 @@ static void sbl__picture_free(void *work) {
     sbl__composition_free(d, &p->preview);
     sbl__gbuffer_free(d, &p->sample);
     sbl__refine_free(d, &p->reflections.refine);
+    sbl__free(d->base, p->reflections.errors);
     sbl__map_free(&p->map);
     memset(p, 0, sizeof *p);
 }
@@ -19351,10 +19470,10 @@ static sbl_result sbl__picture_lobes(void *work, sbl__slice *slice) {
 static int sbl__picture_after_lobes(void *work) {
     sbl__picture *p = (sbl__picture *)work;
     sbl__reflections *f = &p->reflections;
+    if (!p->map.has_lobes) return SBL__PICTURE_FINISH;
     sbl__reflections_set_mean(f, &p->map);
     if (f->found) return SBL__PICTURE_REFLECT;
-    sbl__refine_free(&p->map.work.core->device, &f->refine);
-    p->map.reflected = 1;
+    sbl__reflections_skip(f, &p->map);
     return SBL__PICTURE_FINISH;
 }
 
@@ -19376,9 +19495,8 @@ static int sbl__picture_after_develop(void *work) {
     sbl__picture *p = (sbl__picture *)work;
     const sbl__device *d = &p->map.work.core->device;
     sbl__texture_delete(d, &p->map.layers[SBL__REFLECTIONS_LAYER].light);
-    sbl__refine_free(d, &p->reflections.refine);
+    sbl__reflections_end(&p->reflections, &p->map);
     p->map.source = &p->map.refine;
-    p->map.reflected = 1;
     p->map.channels[SBL_CHANNEL_SPECULAR] = &p->map.layers[SBL__REFLECTIONS_LAYER].smooth.target;
     return SBL__PICTURE_FINISH;
 }

@@ -47,6 +47,10 @@ static void hue(double h, unsigned char *out) {
     for (k = 0; k < 3; k++) out[k] = to_byte(fabs(fmod(h * 6 + 4 * ((k * 2) % 3) / 2.0, 6) - 3) - 1);
 }
 
+static int picture_is_error(sbl_channel channel) {
+    return channel == SBL_CHANNEL_ERROR || channel == SBL_CHANNEL_RADIANCE_ERROR;
+}
+
 /* The lowest and the highest value of each component, where there is a surface. */
 typedef struct picture_range { double low[3], high[3]; } picture_range;
 
@@ -86,6 +90,7 @@ static void picture__make_visible(unsigned char *out, const float *values, size_
             int c = n == 3 ? k : 0;
             switch (channel) {
                 case SBL_CHANNEL_FINAL: case SBL_CHANNEL_RADIANCE: case SBL_CHANNEL_STORE: case SBL_CHANNEL_ERROR:
+                case SBL_CHANNEL_RADIANCE_ERROR:
                     sbl_encode_srgb8(to + k, v + c, 1, scale);
                     break;
                 case SBL_CHANNEL_ALBEDO: sbl_encode_srgb8(to + k, v + c, 1, 1); break;

@@ -106,7 +106,7 @@ int main(int argc, char **argv) {
     stats = sbl_query_stats(context);
     sbl_destroy(context);
     if (!ok) return 1;
-    printf("predicted error: light %.2f %%, reflections %.2f %%; %.1f s\n", 100 * (double)stats.picture.expected_error,
+    printf("predicted error: light %.2f %%, reflections %.2f %%; %.1f s\n", 100 * (double)stats.picture.radiance_error,
            100 * (double)stats.picture.specular_error, stats.seconds.total);
     sbl_encode_srgb8(pixels, picture, count, 1);
     snprintf(path, sizeof path, "%s/reflections.png", argc > 1 ? argv[1] : ".");

@@ -100,7 +100,8 @@ static sbl_channel channel_of(const char *name) {
     static const struct { const char *name; sbl_channel channel; } words[] = {
         { "albedo", SBL_CHANNEL_ALBEDO }, { "normal", SBL_CHANNEL_NORMAL }, { "position", SBL_CHANNEL_POSITION },
         { "id", SBL_CHANNEL_ID }, { "depth", SBL_CHANNEL_DEPTH }, { "sensors", SBL_CHANNEL_SENSORS },
-        { "error", SBL_CHANNEL_ERROR }, { "looks", SBL_CHANNEL_LOOKS }
+        { "error", SBL_CHANNEL_ERROR }, { "looks", SBL_CHANNEL_LOOKS },
+        { "radiance_error", SBL_CHANNEL_RADIANCE_ERROR }
     };
     size_t i;
     for (i = 0; i < sizeof words / sizeof *words; i++)
@@ -114,7 +115,7 @@ static void show_picture(parts_job *job) {
     job->channel = channel_of(channel);
     job->stops = !isnan(options.exposure) ? options.exposure
                : strcmp(channel, "display") == 0 ? 0 : strtod(pictures.list.facts[FACT_EXPOSURE].text, NULL);
-    if (job->channel == SBL_CHANNEL_ERROR && isnan(options.exposure)) job->stops += PICTURE_ERROR_STOPS;
+    if (picture_is_error(job->channel) && isnan(options.exposure)) job->stops += PICTURE_ERROR_STOPS;
     if (strcmp(channel, "final") == 0 && ends_with(options.output, ".png") && !given[QUIET])
         warn("highlights above 1 are cut off, because these parts have no tone; make them again with --channel "
              "display");

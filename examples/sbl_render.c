@@ -35,12 +35,11 @@ static struct options {
 } options = { .tone = NEUTRAL, .exposure = NAN };
 
 static const char *const channel_words[] = { "final", "radiance", "albedo", "normal", "position", "id", "depth",
-    "sensors", "store", "error", "display", "looks", "specular",
-    "specular_albedo", NULL };
+    "sensors", "store", "error", "display", "looks", "specular", "specular_albedo", "radiance_error", NULL };
 static const sbl_channel channels[] = { SBL_CHANNEL_FINAL, SBL_CHANNEL_RADIANCE, SBL_CHANNEL_ALBEDO,
     SBL_CHANNEL_NORMAL, SBL_CHANNEL_POSITION, SBL_CHANNEL_ID, SBL_CHANNEL_DEPTH, SBL_CHANNEL_SENSORS,
     SBL_CHANNEL_STORE, SBL_CHANNEL_ERROR, SBL_CHANNEL_DISPLAY, SBL_CHANNEL_LOOKS, SBL_CHANNEL_SPECULAR,
-    SBL_CHANNEL_SPECULAR_ALBEDO };
+    SBL_CHANNEL_SPECULAR_ALBEDO, SBL_CHANNEL_RADIANCE_ERROR };
 
 static const char *const tone_words[] = { "none", "neutral", "agx", NULL };
 static const char *const exposure_words[] = { "auto", NULL };
@@ -61,18 +60,23 @@ static const tool_option table[OPTION_COUNT] = {
                   "final (default) | radiance (R: irradiance / pi, light without surface colour) | albedo | normal |\n"
                   "position | id | depth | sensors (which pixels had a sensor, and at which level) | store (bounced "
                   "light in\n"
-                  "the cells of the store) | error (predicted standard error of the luminance of R, in the unit of "
-                  "R; in a\n"
-                  ".png 5 stops brighter than radiance) | display (what a screen shows: final, exposed and with "
-                  "--tone; a .png\n"
-                  "of final shows it by itself) | looks (how often each sensor measured)",
+                  "the cells of the store) | error (predicted standard error of the luminance of final where there "
+                  "are\n"
+                  "reflections, otherwise of R; in a .png 5 stops brighter than radiance) | radiance_error (the same "
+                  "of R\n"
+                  "always) | display (what a screen shows: final, exposed and with --tone; a .png of final shows it "
+                  "by itself) |\n"
+                  "looks (how often each sensor measured) | specular (mean radiance in the lobe of a reflection) |\n"
+                  "specular_albedo (the share of it that final shows)",
                   channel_words },
     [TARGET_ERROR] = { "--target-error", "E", SHARES, &options.target_error, 1, 0.0001, 1,
                        "target error, such as 2% or 0.02: the root mean square error of R over the picture, divided by "
                        "the\n"
-                       "mean of R; default by preset: 5%, 1.5%, 0.75%, with at most 1024, 1024, 2048 rays per sensor. "
-                       "If E is\n"
-                       "given, a sensor may use up to 16 times as many rays, and a small E takes long",
+                       "mean of R, and where there are reflections also that of final without emission; default by "
+                       "preset:\n"
+                       "5%, 1.5%, 0.75%, with at most 1024, 1024, 2048 rays per sensor. If E is given, a sensor may "
+                       "use up to\n"
+                       "16 times as many rays, and a small E takes long",
                        .synonym = "--error" },
     [SENSOR_FOV] = { "--sensor-fov", "DEGREES", NUMBERS, &options.sensor_fov, 1, 1, 179,
                      "field of view of a sensor, mode paper only; default 135" },
@@ -206,7 +210,7 @@ static int needs_no_light(sbl_channel channel) {
 static void note_effects(void) {
     const sbl_channel channel = channels[options.channel];
     const int is_light = channel == SBL_CHANNEL_FINAL || channel == SBL_CHANNEL_DISPLAY ||
-        channel == SBL_CHANNEL_RADIANCE || channel == SBL_CHANNEL_STORE || channel == SBL_CHANNEL_ERROR;
+        channel == SBL_CHANNEL_RADIANCE || channel == SBL_CHANNEL_STORE || picture_is_error(channel);
     const int paper = common_mode(given) == SBL_MODE_PAPER;
     common_note(given, table);
     note_if(paper, given, table, TARGET_ERROR, "in --mode paper, --threshold decides");
@@ -533,14 +537,17 @@ static int arrange(tool_task *task, sbl_scene_desc *scene) {
 
 /* Writes why the target was missed, and what would help. Stored light causes a part of the error that sensors cannot
    reduce. They reduce their own part only to 0.84 of the target, or to half of the part of stored light if that is
-   more. A smaller target can make up for stored light. */
+   more. A smaller target can make up for stored light. With reflections, the error is that of light and reflections. */
 static void advise(const sbl_stats *s, char *out, size_t size) {
     enum { CELLS_MOST = 1 << 20 };
-    const double target = (double)s->picture.target_error, expected = (double)s->picture.expected_error;
+    const double target = (double)s->picture.target_error, expected = (double)s->picture.radiance_error;
+    const double specular = (double)s->picture.specular_error;
     const double stored = (double)s->picture.stored_error, left2 = target * target - stored * stored;
     const int cells = s->store.max_cells;
     char smaller[64] = "", more[64] = "";
-    if (expected * expected - stored * stored <= fmax(target * target, stored * stored)) {
+    if (expected <= 1.1 * target && specular > 0 && specular <= target)
+        snprintf(out, size, "light and reflections add to it; --target-error %.2g%% would help", 80 * target);
+    else if (expected * expected - stored * stored <= fmax(target * target, stored * stored) && specular <= target) {
         if (left2 > 0.04 * target * target)
             snprintf(smaller, sizeof smaller, "; --target-error %.2g%% would help", 100 * sqrt(left2) / 0.84);
         if (cells < CELLS_MOST)  /* more cells are smaller, but the light of each is measured with fewer rays */
@@ -640,7 +647,7 @@ static sbl_result make_picture(shot *s, int late) {
 /* Returns the exposure of a .png in stops that the values of the channel do not contain. */
 static double stops_of(const shot *s) {
     double stops = is_display(s->channel) ? 0 : (double)sbl_query_stats(s->task->context).picture.exposure;
-    return s->channel == SBL_CHANNEL_ERROR && isnan(options.exposure) ? stops + PICTURE_ERROR_STOPS : stops;
+    return picture_is_error(s->channel) && isnan(options.exposure) ? stops + PICTURE_ERROR_STOPS : stops;
 }
 
 /* Makes the output in one piece. Returns the exit status. */
@@ -745,7 +752,7 @@ static int write_window(FILE *out, const void *what) {
 /* Joins the finished windows. Returns the exit status. */
 static int join_windows(const shot *s) {
     double stops = is_display(s->channel) ? 0 : (double)s->desc.exposure;
-    if (s->channel == SBL_CHANNEL_ERROR && isnan(options.exposure)) stops += PICTURE_ERROR_STOPS;
+    if (picture_is_error(s->channel) && isnan(options.exposure)) stops += PICTURE_ERROR_STOPS;
     return windows_join(&s->windows, given[PART] || given[WINDOW] ? s->windows.work.facts : NULL, s->channel, stops);
 }
 

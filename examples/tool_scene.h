@@ -490,8 +490,9 @@ static int write_stats(FILE *out, const void *what) {
         fprintf(out, "  \"mean\": [%.9g, %.9g, %.9g],\n", (double)s.picture.mean_radiance[0],
                 (double)s.picture.mean_radiance[1], (double)s.picture.mean_radiance[2]);
     fprintf(out, "  \"backend\": \"%s\",\n", s.backend == SBL_BACKEND_TRACE ? "trace" : "raster");
-    fprintf(out, "  \"error\": {\"asked\": %.6g, \"expected\": %.6g, \"stored\": %.6g},\n",
-        (double)s.picture.target_error, (double)s.picture.expected_error, (double)s.picture.stored_error);
+    fprintf(out, "  \"error\": {\"asked\": %.6g, \"expected\": %.6g, \"radiance\": %.6g, \"specular\": %.6g, "
+        "\"stored\": %.6g},\n", (double)s.picture.target_error, (double)s.picture.expected_error,
+            (double)s.picture.radiance_error, (double)s.picture.specular_error, (double)s.picture.stored_error);
     if (s.lightmap.seams)
         fprintf(out, "  \"seams\": {\"edges\": %d, \"largest_before\": %.6g, \"largest_after\": %.6g},\n",
             s.lightmap.seams, (double)s.lightmap.seam_before,

@@ -230,6 +230,8 @@ static void add_stats(sbl_stats *sum, const sbl_stats *s) {
     sum->store.rays += old.store.rays;
     sum->picture.visible_pixels += old.picture.visible_pixels;
     sum->picture.expected_error = joint_error(old.picture.expected_error, s->picture.expected_error, share);
+    sum->picture.radiance_error = joint_error(old.picture.radiance_error, s->picture.radiance_error, share);
+    sum->picture.specular_error = joint_error(old.picture.specular_error, s->picture.specular_error, share);
     sum->picture.stored_error = joint_error(old.picture.stored_error, s->picture.stored_error, share);
     if (old.picture.level_count > s->picture.level_count) sum->picture.level_count = old.picture.level_count;
     for (i = 0; i < sum->picture.level_count; i++) sum->picture.levels[i].sensors += old.picture.levels[i].sensors;

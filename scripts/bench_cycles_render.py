@@ -2,11 +2,11 @@
 scene for each line "SAMPLES SEED FILE" on stdin. If the job has a "lightmap", it bakes a lightmap of that many texels
 across instead, with the second texture coordinates of the meshes.
 
-Every surface is a two-sided Lambertian surface of the file's base colour. Every emitter emits to both sides. The job
-sets the number of bounces. Nothing is clamped, denoised or adaptive, and pixels are sampled at their centres. Geometry
-and hierarchy stay in memory between pictures. After each picture the script prints a line "BENCH SECONDS": the time of
-Blender's render call, without writing the file. The file is OpenEXR, or for a lightmap raw floats (red, green, blue,
-the lowest row first).
+Every surface is a two-sided Lambertian surface of the file's base colour, unless the job is "glossy": then it has the
+metal, gloss and panes of the file. Every emitter emits to both sides. The job sets the number of bounces. Nothing is
+clamped, denoised or adaptive, and pixels are sampled at their centres. Geometry and hierarchy stay in memory between
+pictures. After each picture the script prints a line "BENCH SECONDS": the time of Blender's render call, without
+writing the file. The file is OpenEXR, or for a lightmap raw floats (red, green, blue, the lowest row first).
 """
 import json, math, sys, time
 import bpy
@@ -25,31 +25,70 @@ else:
     to_blender = Matrix.Rotation(math.pi / 2, 4, 'X')  # the glTF importer turns y up into z up
 
 
-def lambertian(material):
-    """Replaces the shader that the importer made by diffuse plus emission."""
-    tree = material.node_tree
-    made = next(n for n in tree.nodes if n.type == 'BSDF_PRINCIPLED')
-    output = next(n for n in tree.nodes if n.type == 'OUTPUT_MATERIAL')
-    diffuse, glow, both = (tree.nodes.new('ShaderNode' + kind) for kind in ('BsdfDiffuse', 'Emission', 'AddShader'))
-    for source, target in (('Base Color', diffuse.inputs['Color']), ('Emission', glow.inputs['Color']),
-                           ('Emission Strength', glow.inputs['Strength'])):
-        value = made.inputs[source]
-        if value.is_linked:
-            tree.links.new(value.links[0].from_socket, target)
-        else:
-            target.default_value = value.default_value
-    if made.inputs['Alpha'].is_linked:
-        sys.exit('%s: cut-outs are not supported' % material.name)
-    if not made.inputs['Emission'].is_linked and max(made.inputs['Emission'].default_value[:3]) == 0:
-        glow.inputs['Strength'].default_value = 0
-    tree.links.new(diffuse.outputs[0], both.inputs[0])
-    tree.links.new(glow.outputs[0], both.inputs[1])
-    tree.links.new(both.outputs[0], output.inputs['Surface'])
+class Shader:
+    """Replaces the shader that the importer made for a material. Each function adds a node and returns its output."""
+
+    def __init__(self, material):
+        self.tree, self.name = material.node_tree, material.name
+        self.made = next(n for n in self.tree.nodes if n.type == 'BSDF_PRINCIPLED')
+
+    def node(self, kind, *inputs, **settings):
+        """inputs: in the order of the node; each is an output, a value, or None for the node's own default"""
+        made = self.tree.nodes.new('ShaderNode' + kind)
+        for key, value in settings.items():
+            setattr(made, key, value)
+        for target, value in zip(made.inputs, inputs):
+            if isinstance(value, bpy.types.NodeSocket):
+                self.tree.links.new(value, target)
+            elif value is not None:
+                target.default_value = value
+        return made.outputs[0]
+
+    def read(self, name):
+        """Returns what feeds an input of the importer's shader: an output or a value."""
+        source = self.made.inputs[name]
+        return source.links[0].from_socket if source.is_linked else source.default_value
+
+    def math(self, operation, *inputs):
+        return self.node('Math', *inputs, operation=operation)
+
+    def emission(self):
+        color = self.read('Emission')
+        dark = not isinstance(color, bpy.types.NodeSocket) and max(color[:3]) == 0
+        return self.node('Emission', color, 0 if dark else self.read('Emission Strength'))
+
+    def lambertian(self):
+        if self.made.inputs['Alpha'].is_linked:
+            sys.exit('%s: cut-outs are not supported' % self.name)
+        return self.node('BsdfDiffuse', self.read('Base Color'))
+
+    def glossy(self):
+        """The lobes of glTF 2.0. Fresnel's term is that of the viewer's angle; IORs are those of the front, because
+        panes are thin."""
+        base, roughness, metallic = (self.read(name) for name in ('Base Color', 'Roughness', 'Metallic'))
+        back = self.tree.nodes.new('ShaderNodeNewGeometry').outputs['Backfacing']
+        fresnel = self.node('Fresnel', self.math('MULTIPLY_ADD', back, 1 / 1.5 - 1.5, 1.5))
+        facing = self.tree.nodes.new('ShaderNodeLayerWeight').outputs['Facing']
+        tint = self.node('MixRGB', self.math('POWER', facing, 5), base, (1, 1, 1, 1))
+        body = self.node('MixShader', self.read('Transmission'), self.node('BsdfDiffuse', base),
+                         self.node('BsdfTransparent', base))
+        coated = self.node('MixShader', fresnel, body, self.node('BsdfGlossy', (1, 1, 1, 1), roughness,
+                                                                 distribution='GGX'))
+        metal = self.node('BsdfGlossy', tint, roughness, distribution='GGX')
+        whole = self.node('MixShader', metallic, coated, metal)
+        return self.node('MixShader', self.read('Alpha'), self.node('BsdfTransparent', (1, 1, 1, 1)), whole)
+
+    def replace(self, surface):
+        output = next(n for n in self.tree.nodes if n.type == 'OUTPUT_MATERIAL')
+        self.tree.links.new(self.node('AddShader', surface, self.emission()), output.inputs['Surface'])
 
 
 for material in bpy.data.materials:
     if material.use_nodes:
-        lambertian(material)
+        shader = Shader(material)
+        shader.replace(shader.glossy() if job.get('glossy') else shader.lambertian())
+for mesh in bpy.data.meshes if job.get('glossy') else ():
+    mesh.use_auto_smooth = False  # ignores the file's normals; surfaces are black where these point to the back
 for thing in list(bpy.data.objects):
     if thing.type in ('CAMERA', 'LIGHT'):
         bpy.data.objects.remove(thing)
@@ -57,15 +96,17 @@ for thing in list(bpy.data.objects):
 scene = bpy.context.scene
 scene.world = bpy.data.worlds.new('sky')
 scene.world.use_nodes = True
-scene.world.node_tree.nodes['Background'].inputs['Color'].default_value = (0, 0, 0, 1)
+scene.world.node_tree.nodes['Background'].inputs['Color'].default_value = (*job.get('sky', (0, 0, 0)), 1)
 render, cycles = scene.render, scene.cycles
 render.engine, cycles.device = 'CYCLES', 'CPU'
 render.threads_mode, render.threads = 'FIXED', job['threads']
 render.use_persistent_data = True
 cycles.use_adaptive_sampling = cycles.use_denoising = False
 cycles.max_bounces = cycles.diffuse_bounces = job['bounces']
+cycles.glossy_bounces = cycles.transparent_max_bounces = job['bounces']
+cycles.blur_glossy = 0
 cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0
-cycles.caustics_reflective = cycles.caustics_refractive = False
+cycles.caustics_reflective = cycles.caustics_refractive = bool(job.get('glossy'))
 
 
 def camera():

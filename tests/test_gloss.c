@@ -1312,6 +1312,90 @@ TEST(old_gl_makes_the_same_picture) {
     scene_free(&s);
 }
 
+/* >>errors */
+
+enum { ROOM_WIDTH = 80, ROOM_HEIGHT = 60, ROOM_PIXELS = ROOM_WIDTH * ROOM_HEIGHT, SEEDS = 3 };
+
+/* A room with two balls, of metal and of smooth plastic, and with a lamp just below the ceiling. Walls of kind 0 are of
+   rough plastic, of kind 1 of metal, of kind 2 matte. */
+static void glossy_room(test_scene *s, int kind) {
+    const int walls = kind == 0 ? scene_gloss(s, 0.6, 0.6, 0.5, 0, 0.6)
+                    : kind == 1 ? scene_gloss(s, 0.8, 0.7, 0.6, 1, 0.4) : scene_material(s, 0.6f, 0.6f, 0.5f);
+    const int metal = scene_gloss(s, 0.9, 0.8, 0.4, 1, 0.45), plastic = scene_gloss(s, 0.1, 0.2, 0.6, 0, 0.15);
+    const int lamp = scene_lamp(s, 12, 11, 9);
+    int i;
+    scene_box(s, walls, -2, 0, -2, 2, 2, 2);
+    scene_sphere(s, metal, -0.7f, 0.5f, -0.5f, 0.5f, 48, 24, 1);
+    scene_sphere(s, plastic, 0.7f, 0.4f, 0.2f, 0.4f, 48, 24, 1);
+    scene_quad(s, lamp, -0.6f, 1.99f, -0.6f, 0.6f, 1.99f, -0.6f, 0.6f, 1.99f, 0.6f, -0.6f, 1.99f, 0.6f);
+    for (i = 0; i < s->mesh_count; i++) s->meshes[i].id = (uint32_t)i + 1;
+}
+
+static double luminance_of(const float *c) {
+    return 0.2126 * (double)c[0] + 0.7152 * (double)c[1] + 0.0722 * (double)c[2];
+}
+
+/* Sums over pixels, or over pictures; *2: of squares */
+typedef struct foretold { double off2, predicted2, of_r2, stated2, stated_r2, final, light; } foretold;
+
+/* Adds a picture to the sums. exact: the same picture without errors */
+static void foretell(foretold *f, shot *p, shot *exact) {
+    const sbl_stats stats = sbl_query_stats(context);
+    int i, k;
+    f->stated2 += pow((double)stats.picture.expected_error, 2) / SEEDS;
+    f->stated_r2 += pow((double)stats.picture.radiance_error, 2) / SEEDS;
+    for (i = 0; i < ROOM_PIXELS; i++) {
+        const int x = i % ROOM_WIDTH, y = i / ROOM_WIDTH;
+        const float *matte = at(p, SBL_CHANNEL_ALBEDO, x, y), *light = at(p, SBL_CHANNEL_RADIANCE, x, y);
+        float final[3];  /* without emission */
+        for (k = 0; k < 3; k++) final[k] = matte[k] * light[k] + (float)reflected(p, x, y, k);
+        f->off2 += pow(luminance_of(at(p, SBL_CHANNEL_FINAL, x, y)) -
+                       luminance_of(at(exact, SBL_CHANNEL_FINAL, x, y)), 2);
+        f->predicted2 += pow((double)at(p, SBL_CHANNEL_ERROR, x, y)[0], 2);
+        f->of_r2 += pow((double)at(p, SBL_CHANNEL_RADIANCE_ERROR, x, y)[0], 2);
+        f->final += luminance_of(final);
+        f->light += luminance_of(light);
+    }
+}
+
+/* The predicted error of FINAL, by pixels and for the picture, is about the true one, and that of R is kept. The exact
+   picture has many rays at each pixel. */
+TEST(errors_of_final_are_foretold) {
+    int kind, seed, i;
+    for (kind = 0; kind < 3; kind++) {
+        sbl_picture_desc view = scene_view(ROOM_WIDTH, ROOM_HEIGHT, 65, 0.2f, 1, 1.9f, 0, 0.9f, 0), exact;
+        const double pixels = SEEDS * ROOM_PIXELS;
+        double error, predicted, of_r;
+        foretold f = { 0, 0, 0, 0, 0, 0, 0 };
+        test_scene s = { 0 };
+        shot p, q;
+        glossy_room(&s, kind);
+        view.options.mode = SBL_MODE_DIRECT;
+        view.samples = 1;
+        exact = scene_plain(view, SBL_MODE_DIRECT, 0);
+        exact.options.rays = 512;
+        if (!shoot(&q, &s, &exact)) return;
+        for (i = 0; i < ROOM_PIXELS; i++) at(&q, SBL_CHANNEL_FINAL, i % ROOM_WIDTH, i / ROOM_WIDTH);
+        for (seed = 0; seed < SEEDS; seed++) {
+            view.options.seed = (uint32_t)seed;
+            if (!shoot(&p, &s, &view)) return;
+            foretell(&f, &p, &q);
+            forget(&p);
+        }
+        error = sqrt(f.off2 * pixels) / f.final;
+        predicted = sqrt(f.predicted2 * pixels) / f.final;
+        of_r = sqrt(f.of_r2 * pixels) / f.light;
+        printf("    kind %d: error %.4f, %.4f predicted, %.4f stated; R: %.4f predicted, %.4f stated\n", kind, error,
+               predicted, sqrt(f.stated2), of_r, sqrt(f.stated_r2));
+        CHECK(predicted < 1.4 * error && error < 1.4 * predicted, "kind %d: the error is %.4f, %.4f predicted", kind,
+              error, predicted);
+        CHECK(fabs(sqrt(f.stated2) / predicted - 1) < 0.15, "kind %d: stated error %.4f", kind, sqrt(f.stated2));
+        CHECK(fabs(sqrt(f.stated_r2) / of_r - 1) < 0.15, "kind %d: stated error of R %.4f", kind, sqrt(f.stated_r2));
+        forget(&q);
+        scene_free(&s);
+    }
+}
+
 /* The error of reflections is about as predicted. */
 TEST(errors_are_foretold) {
     sbl_picture_desc view = glossy_view(SBL_MODE_DIRECT), exact = scene_plain(view, SBL_MODE_DIRECT, 0);
@@ -1388,6 +1472,7 @@ int main(void) {
     RUN(paper_is_matte);
     RUN(steps_make_the_same_picture);
     RUN(windows_show_the_same);
+    RUN_UNSANITIZED(errors_of_final_are_foretold);
     RUN_UNSANITIZED(errors_are_foretold);
     RUN_UNSANITIZED(views_and_lobes);
     RUN(ends_leave_nothing);
