@@ -1396,6 +1396,63 @@ TEST(errors_of_final_are_foretold) {
     }
 }
 
+/* Beside a lamp that almost touches a rough surface, one column of pixels reflects far more light than its neighbours.
+   Sensors of lobes stand there, because R tells of it. The view without `tile` has a sensor at each pixel. */
+TEST(lamps_show_in_lobes_beside_them) {
+    enum { SIDE = 64, COLUMN = 43 };
+    static const float edge = (COLUMN + 0.5f) / (SIDE / 2) - 1 - 0.0005f;
+    sbl_picture_desc exact = view_of_ball(SIDE, 512), view = exact;
+    test_scene s = { 0 };
+    double sums[2] = { 0, 0 };
+    shot p;
+    int i, k;
+    view.tile = view.filter_radius = view.options.rays = 0;
+    scene_quad(&s, scene_gloss(&s, 0.7, 0.7, 0.7, 0, 1), -1, -1, 0, 1, -1, 0, 1, 1, 0, -1, 1, 0);
+    scene_quad(&s, scene_lamp(&s, 8, 8, 8), -edge, -0.5f, 0.005f, edge, -0.5f, 0.005f, edge, 0.5f, 0.005f, -edge,
+               0.5f, 0.005f);
+    for (k = 0; k < 2; k++) {
+        if (!shoot(&p, &s, k ? &exact : &view)) return;
+        for (i = SIDE / 4 + 2; i < 3 * SIDE / 4 - 2; i++) sums[k] += reflected(&p, COLUMN, i, 1);
+        forget(&p);
+    }
+    printf("    %.4f of the light\n", sums[0] / sums[1]);
+    CHECK(sums[1] > 1 && fabs(sums[0] / sums[1] - 1) < 0.25, "%.4f instead of %.4f", sums[0], sums[1]);
+    scene_free(&s);
+}
+
+/* The squares of three parts add up to that of the error of FINAL: albedo * R, what sensors of lobes cause, and stored
+   light in lobes, which only SBL_MODE_GI has. */
+TEST(parts_of_the_error_add_up) {
+    int gi, i;
+    for (gi = 0; gi < 2; gi++) {
+        sbl_picture_desc view = scene_view(ROOM_WIDTH, ROOM_HEIGHT, 65, 0.2f, 1, 1.9f, 0, 0.9f, 0);
+        double matte2 = 0, all2 = 0, share;
+        foretold f = { 0, 0, 0, 0, 0, 0, 0 };
+        test_scene s = { 0 };
+        sbl_stats stats;
+        shot p;
+        glossy_room(&s, 1);
+        view.options.mode = gi ? SBL_MODE_GI : SBL_MODE_DIRECT;
+        view.options.preset = SBL_PRESET_DRAFT;
+        view.samples = 1;
+        if (!shoot(&p, &s, &view)) return;
+        stats = sbl_query_stats(context);
+        foretell(&f, &p, &p);
+        for (i = 0; i < ROOM_PIXELS; i++) {
+            const int x = i % ROOM_WIDTH, y = i / ROOM_WIDTH;
+            matte2 += pow((double)at(&p, SBL_CHANNEL_RADIANCE_ERROR, x, y)[0] *
+                          luminance_of(at(&p, SBL_CHANNEL_ALBEDO, x, y)) / f.final, 2) * ROOM_PIXELS;
+        }
+        all2 = pow((double)stats.picture.expected_error, 2);
+        share = (all2 - pow((double)stats.picture.specular_error, 2) - matte2) / all2;
+        printf("    %s: %.4f of the square are of stored light, %.4f of albedo * R\n", gi ? "all bounces" : "direct",
+               share, matte2 / all2);
+        CHECK(gi ? share > 0.02 && share < 0.9 : fabs(share) < 0.02, "share of stored light: %.4f", share);
+        forget(&p);
+        scene_free(&s);
+    }
+}
+
 /* The error of reflections is about as predicted. */
 TEST(errors_are_foretold) {
     sbl_picture_desc view = glossy_view(SBL_MODE_DIRECT), exact = scene_plain(view, SBL_MODE_DIRECT, 0);
@@ -1472,7 +1529,9 @@ int main(void) {
     RUN(paper_is_matte);
     RUN(steps_make_the_same_picture);
     RUN(windows_show_the_same);
+    RUN_UNSANITIZED(lamps_show_in_lobes_beside_them);
     RUN_UNSANITIZED(errors_of_final_are_foretold);
+    RUN_UNSANITIZED(parts_of_the_error_add_up);
     RUN_UNSANITIZED(errors_are_foretold);
     RUN_UNSANITIZED(views_and_lobes);
     RUN(ends_leave_nothing);
