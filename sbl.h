@@ -19178,10 +19178,14 @@ static void sbl__reflections_set_mean(sbl__reflections *f, const sbl__map *m) {
     f->refine.mean_is_given = 1;
 }
 
-/* Gives the errors of FINAL to the map and frees the refinement. */
+/* Gives the errors of FINAL to the map and frees the refinement. Corrects the error that R causes, which was relative to
+   an estimate of the mean of FINAL. */
 static void sbl__reflections_end(sbl__reflections *f, sbl__map *m) {
     const size_t pixels = (size_t)m->desc.width * (size_t)m->desc.height;
+    const double estimate = (double)m->refine.luminance * sqrt((double)sbl__shown2(&m->refine));
     size_t i;
+    if (f->refine.luminance > 0)
+        m->work.core->stats.picture.radiance_error = (float)(m->refine.predicted * estimate / f->refine.luminance);
     for (i = 0; i < pixels; i++) f->errors[i] = sbl__refine_pixel(&f->refine, i)->error;
     m->errors = f->errors;
     f->errors = NULL;
