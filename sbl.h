@@ -19185,7 +19185,8 @@ static void sbl__reflections_end(sbl__reflections *f, sbl__map *m) {
     const double estimate = (double)m->refine.luminance * sqrt((double)sbl__shown2(&m->refine));
     size_t i;
     if (f->refine.luminance > 0)
-        m->work.core->stats.picture.radiance_error = (float)(m->refine.predicted * estimate / f->refine.luminance);
+        m->work.core->stats.picture.radiance_error =
+            (float)(m->refine.predicted * estimate / f->refine.luminance);
     for (i = 0; i < pixels; i++) f->errors[i] = sbl__refine_pixel(&f->refine, i)->error;
     m->errors = f->errors;
     f->errors = NULL;

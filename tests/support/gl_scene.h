@@ -3,9 +3,9 @@
 #ifndef GL_SCENE_H
 #define GL_SCENE_H
 
-/* 13 channels of 3 floats and 6 of 1 */
+/* 13 channels of 3 floats and 7 of 1 */
 enum { SMALL_WIDTH = 11, SMALL_HEIGHT = 9, SMALL_PIXELS = SMALL_WIDTH * SMALL_HEIGHT,
-    SMALL_FLOATS = 45 * SMALL_PIXELS };
+    SMALL_FLOATS = 46 * SMALL_PIXELS };
 
 typedef struct small_picture { float values[SMALL_FLOATS]; } small_picture;
 
