@@ -47,7 +47,7 @@ static void hue(double h, unsigned char *out) {
     for (k = 0; k < 3; k++) out[k] = to_byte(fabs(fmod(h * 6 + 4 * ((k * 2) % 3) / 2.0, 6) - 3) - 1);
 }
 
-static int picture_is_error(sbl_channel channel) {
+static inline int picture_is_error(sbl_channel channel) {
     return channel == SBL_CHANNEL_ERROR || channel == SBL_CHANNEL_RADIANCE_ERROR;
 }
 
