@@ -355,7 +355,7 @@
    without emission. Sensors measure R until the error of ALBEDO * RADIANCE, sbl_stats.picture.radiance_error, is within
    target_error. Then further sensors measure SPECULAR until the error of FINAL is. The squares of both parts add up;
    that of SPECULAR_ALBEDO * SPECULAR is sbl_stats.picture.specular_error. Sensors do not reduce this part below 0.84 of
-   the target, so the sum can be 1.3 times the target. Near the images of lamps in smooth surfaces, a
+   the target, so the sum can be 1.4 times the target. Near the images of lamps in smooth surfaces, a
    picture may miss the default target, because a sensor takes at most 32 looks there. SBL_CHANNEL_ERROR is the
    predicted error of FINAL; the channels RADIANCE_ERROR, SENSORS and LOOKS, and sbl_inspect_sensor, tell about R. Where
    SBL_MATERIAL_NO_SENSORS forbids sensors, the lobe reflects the stored light.
@@ -19184,8 +19184,8 @@ static void sbl__reflections_set_mean(sbl__reflections *f, const sbl__map *m) {
     f->refine.mean_is_given = 1;
 }
 
-/* Gives the errors of FINAL to the map and frees the refinement. Corrects the error that R causes, which was relative to
-   an estimate of the mean of FINAL. */
+/* Gives the errors of FINAL to the map and frees the refinement. Corrects the error that R causes, because it was
+   relative to an estimate of the mean of FINAL. */
 static void sbl__reflections_end(sbl__reflections *f, sbl__map *m) {
     const size_t pixels = (size_t)m->desc.width * (size_t)m->desc.height;
     const double estimate = (double)m->refine.luminance * sqrt((double)sbl__shown2(&m->refine));

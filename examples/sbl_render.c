@@ -537,7 +537,7 @@ static int arrange(tool_task *task, sbl_scene_desc *scene) {
 
 /* Writes why the target was missed, and what would help. Stored light causes a part of the error that sensors cannot
    reduce. They reduce their own part only to 0.84 of the target, or to half of the part of stored light if that is
-   more. A smaller target can make up for stored light. With reflections, the error is that of light and reflections. */
+   more. A smaller target can make up for stored light. */
 static void advise(const sbl_stats *s, char *out, size_t size) {
     enum { CELLS_MOST = 1 << 20 };
     const double target = (double)s->picture.target_error, expected = (double)s->picture.radiance_error;
@@ -545,9 +545,7 @@ static void advise(const sbl_stats *s, char *out, size_t size) {
     const double stored = (double)s->picture.stored_error, left2 = target * target - stored * stored;
     const int cells = s->store.max_cells;
     char smaller[64] = "", more[64] = "";
-    if (expected <= 1.1 * target && specular > 0 && specular <= target)
-        snprintf(out, size, "light and reflections add to it; --target-error %.2g%% would help", 80 * target);
-    else if (expected * expected - stored * stored <= fmax(target * target, stored * stored) && specular <= target) {
+    if (expected * expected - stored * stored <= fmax(target * target, stored * stored) && specular <= target) {
         if (left2 > 0.04 * target * target)
             snprintf(smaller, sizeof smaller, "; --target-error %.2g%% would help", 100 * sqrt(left2) / 0.84);
         if (cells < CELLS_MOST)  /* more cells are smaller, but the light of each is measured with fewer rays */
@@ -560,11 +558,13 @@ static void advise(const sbl_stats *s, char *out, size_t size) {
     else snprintf(out, size, "sensors measured as often as they may; a larger --filter-radius would help");
 }
 
+/* Each part of the error, by light and by reflections, is held to the target; both together may exceed it. */
 static void warn_of_missed_target(messages *said, const sbl_stats *s) {
     const double target = (double)s->picture.target_error, expected = (double)s->picture.expected_error;
+    const double larger = fmax((double)s->picture.radiance_error, (double)s->picture.specular_error);
     char help[256];
     if (frames.now) return;  /* render_frames warns once, of all frames */
-    if (!(target > 0) || !(expected > 1.1 * target) || given[RAYS] || given[THRESHOLD]) return;
+    if (!(target > 0) || !(larger > 1.1 * target) || given[RAYS] || given[THRESHOLD]) return;
     if (expected > 1) return;  /* errors are relative to the mean, which is almost 0: the picture is black */
     advise(s, help, sizeof help);
     warn_later(said, "the predicted error is %.2g %%, %.2g %% was asked: %s", 100 * expected, 100 * target, help);
