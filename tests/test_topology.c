@@ -412,7 +412,7 @@ TEST(stuck_points_do_not_count) {
     static sbl__bounce b;
     static sbl__hit hits[3 * SBL__BOUNCE_RAYS];
     static const float half[3] = { 0.5f, 0.5f, 0.5f };
-    sbl__bounce_leaf states[2] = { { 3, 4, 0, 2, 0, 1 }, { 0, 4, 0, 0, 0, 1 } };
+    sbl__bounce_leaf states[2] = { { 3, 4, 0, 2, 0, 1, 0 }, { 0, 4, 0, 0, 0, 1, 0 } };
     sbl__bounce_point points[3];
     sbl__leaf leaves[2];
     sbl__store store;
@@ -450,6 +450,27 @@ TEST(stuck_points_do_not_count) {
               (double)direct[k]);
 }
 
+/* When all hits are queued again, those in a leaf that has all its points and no new cut are skipped: there is no scene
+   here in which they could be placed. Cuts made later count again. */
+TEST(settled_leaves_are_skipped) {
+    static sbl__bounce b;
+    static sbl__hit hits[3 * SBL__BOUNCE_RAYS];
+    sbl__bounce_leaf states[3] = { { 4, 4, 0, 4, 0, 1, 0 }, { 4, 4, 4, 4, 0, 1, 1 }, { 3, 4, 8, 3, 0, 1, 0 } };
+    uint8_t settled[3];
+    sbl__leaf leaves[3];
+    sbl__store store;
+    set_leaves(&b, &store, leaves, states);
+    store.leaf_count = 3;
+    b.hits.list = hits;
+    b.point_count = 3;
+    b.settled = settled;
+    CHECK(sbl__bounce_queue_again(&b) == SBL__BOUNCE_PLACE && b.queue.count == 3 * SBL__BOUNCE_RAYS,
+          "%d hits are queued", b.queue.count);
+    CHECK(settled[0] && !settled[1] && !settled[2], "settled: %d %d %d", settled[0], settled[1], settled[2]);
+    CHECK(sbl__bounce_place(&b, 0) == SBL_SUCCESS && b.point_count == 3, "%d points", b.point_count);
+    CHECK(sbl__bounce_queue_again(&b) == SBL__BOUNCE_PLACE && settled[1], "a cut counts twice");
+}
+
 /* All rays of a leaf's points hit another leaf, which reflects half of 8. A leaf with 16 points counts as much as one
    with four, both when leaves are divided and when bright leaves are chosen. */
 TEST(further_points_do_not_count_more) {
@@ -458,7 +479,7 @@ TEST(further_points_do_not_count_more) {
     static sbl__hit hits[MOST * SBL__BOUNCE_RAYS];
     static sbl__bounce_point points[MOST];
     static const float half[3] = { 0.5f, 0.5f, 0.5f };
-    sbl__bounce_leaf states[2] = { { 4, 32, 0, 4, 0, 1 }, { 0, 4, 0, 0, 0, 1 } };
+    sbl__bounce_leaf states[2] = { { 4, 32, 0, 4, 0, 1, 0 }, { 0, 4, 0, 0, 0, 1, 0 } };
     sbl__division division;
     sbl__spread spreads[2];
     sbl__leaf leaves[2];
@@ -512,6 +533,7 @@ int main(void) {
     RUN(seams_keep_light_positive);
     RUN(light_is_linear_beside_silhouettes);
     RUN(stuck_points_do_not_count);
+    RUN(settled_leaves_are_skipped);
     RUN(further_points_do_not_count_more);
     RUN(no_memory_is_left);
     return test_report();
