@@ -395,7 +395,7 @@
    mean. On a software renderer, the box takes about four times as long as with matte materials, mostly because R is
    harder to measure where metal lights the walls, and the hall 1.4 times as long; on a GPU 1.3 times and 0.9 times.
 
-   Accuracy of the prediction: in eight random rooms with metal and gloss, the predicted error of FINAL is 0.86 to 1.4
+   Accuracy of the prediction: in eight random rooms with metal and gloss, the predicted error of FINAL is 0.8 to 1.1
    times the true one, which is measured against pictures with a smaller target and more cells. Against a path tracer,
    errors of the methods above add to the true error and are not predicted: caustics that are too dark or blurred, and
    images of lamps that are sharp in metal of a roughness of 0.05 to 0.08. In highlights of metal of a roughness of
