@@ -353,12 +353,13 @@
    SPECULAR_ALBEDO: the mean radiance in the lobe. Errors are those that the eye sees: the root mean square over the
    visible pixels, at their centres, of the error of the luminance of FINAL, as a share of the mean luminance of FINAL
    without emission. Sensors measure R until the error of ALBEDO * RADIANCE, sbl_stats.picture.radiance_error, is within
-   target_error. Then further sensors measure SPECULAR until the error of FINAL is. The squares of both parts add up;
-   that of SPECULAR_ALBEDO * SPECULAR is sbl_stats.picture.specular_error. Sensors do not reduce this part below 0.84 of
-   the target, so the sum can be 1.4 times the target. Near the images of lamps in smooth surfaces, a
-   picture may miss the default target, because a sensor takes at most 32 looks there. SBL_CHANNEL_ERROR is the
-   predicted error of FINAL; the channels RADIANCE_ERROR, SENSORS and LOOKS, and sbl_inspect_sensor, tell about R. Where
-   SBL_MATERIAL_NO_SENSORS forbids sensors, the lobe reflects the stored light.
+   target_error. Then further sensors measure SPECULAR until the error of FINAL is. The error of FINAL has three parts,
+   whose squares add up: radiance_error, sbl_stats.picture.specular_error, which sensors of lobes and interpolation
+   cause, and the error of stored light in lobes. Sensors do not reduce specular_error below 0.84 of the target, so the
+   whole error can be 1.4 times the target. Near the images of lamps in smooth surfaces, a picture may miss the default
+   target, because a sensor takes at most 32 looks there. SBL_CHANNEL_ERROR is the predicted error of FINAL; the
+   channels RADIANCE_ERROR, SENSORS and LOOKS, and sbl_inspect_sensor, tell about R. Where SBL_MATERIAL_NO_SENSORS
+   forbids sensors, the lobe reflects the stored light.
 
        lamps      from a roughness of 0.25 on, the light of an emitting triangle in a lobe is a closed form (linearly
                   transformed cosines), which rays correct. In smoother lobes, rays of the lobe and rays to lamps share
@@ -1210,9 +1211,10 @@ typedef struct sbl_picture_desc {
                                   SBL_MODE_PAPER: SBL_SENSOR_SINGLE */
     float sensor_fov;          /* field of view of SBL_SENSOR_SINGLE, 1 to 179 degrees. Default: 135 */
     float target_error;        /* accepted root mean square error of R over the visible pixels, as a share of the mean R
-                                  (see mean_radiance), 0 to 1; where there are reflections, also that of FINAL. See ON
-                                  THE TARGET ERROR. If not set, a sensor takes at most 1024 / 1024 / 2048 rays.
-                                  Default: 0.05 / 0.015 / 0.0075. Default in SBL_MODE_PAPER: threshold decides */
+                                  (see mean_radiance), 0 to 1. In scenes with reflections, FINAL takes the place of R,
+                                  see ON REFLECTIONS. See also ON THE TARGET ERROR. If not set, a sensor takes at most
+                                  1024 / 1024 / 2048 rays. Default: 0.05 / 0.015 / 0.0075. Default in SBL_MODE_PAPER:
+                                  threshold decides */
     float mean_radiance[3];    /* the mean R (red, green, blue) to which target_error is relative; set it for windows,
                                   see ON PARTS. Default: all 0, the mean over the visible pixels */
     float price;               /* least benefit for which a sensor takes another look: the expected decrease of the sum
@@ -1309,7 +1311,8 @@ typedef struct sbl_stats {
         float expected_error;     /* the error predicted so far, as a share of the mean; 0 before the first level is
                                      done. Without reflections, it is that of R. With them, it is that of FINAL without
                                      emission, and only its part radiance_error until reflections are measured */
-        float radiance_error;     /* the part of expected_error that R causes; all of it without reflections */
+        float radiance_error;     /* the part of expected_error that errors of R cause. Without reflections, it equals
+                                     expected_error */
         float exposure;           /* stops applied to SBL_CHANNEL_DISPLAY, including those that auto_exposure chose */
         float price;              /* the price in the sense of sbl_picture_desc at which this picture reached its target
                                      error; 0: the first sensors sufficed */
@@ -4248,7 +4251,8 @@ SBL__RECORD(sbl__attributes, SBL__ATTRIBUTES, "sbl_attributes", "sbl_attributes"
     X(sbl__object, FLOAT, normal_scale) X(sbl__object, UVEC2, unused) X(sbl__object, UVEC4, normal_texture)
 SBL__RECORD(sbl__object, SBL__OBJECT, "sbl_object", "sbl_objects", SBL__SCENE_TABLE("sbl_objects"), NULL)
 
-/* bytes of the fields from reflectance on, without those about normals, on which stored light does not depend */
+/* Number of bytes of the fields from reflectance to transmission. The fields after these tell only about normals, on
+   which stored light does not depend. */
 #define SBL__OBJECT_GLOSS (offsetof(sbl__object, normal_scale) - offsetof(sbl__object, reflectance))
 
 typedef struct sbl__mesh {
@@ -7399,12 +7403,16 @@ static const char *const sbl__glsl_frame[] = {
 "    return frame * vec3(radius * cos(angle), radius * sin(angle), sqrt(1.0 - u.x));\n",
 "}\n",
 "\n",
-"// Returns the unit vector of the interpolated normal or, if that is too short, `face`, on the side of\n",
-"// geometric_normal. A normal that turns away from the viewer would aim the sensor at its own surface, so the\n",
-"// cosine is kept above SBL_GRAZING.\n",
-"vec3 sbl_shading_normal(vec3 normal, vec3 face, vec3 geometric_normal, vec3 direction) {\n",
+"// Returns the unit vector of the interpolated normal or, if that is too short, `face`.\n",
+"vec3 sbl_unit_normal(vec3 normal, vec3 face) {\n",
 "    float length2 = dot(normal, normal);\n",
-"    normal = length2 > SBL_NORMAL_LEAST ? normal * inversesqrt(length2) : face;\n",
+"    return length2 > SBL_NORMAL_LEAST ? normal * inversesqrt(length2) : face;\n",
+"}\n",
+"\n",
+"// Returns the result of sbl_unit_normal, on the side of geometric_normal. A normal that turns away from the viewer\n",
+"// would aim the sensor at its own surface, so the cosine is kept above SBL_GRAZING.\n",
+"vec3 sbl_shading_normal(vec3 normal, vec3 face, vec3 geometric_normal, vec3 direction) {\n",
+"    normal = sbl_unit_normal(normal, face);\n",
 "    normal = dot(normal, geometric_normal) < 0.0 ? -normal : normal;\n",
 "    float grazing = dot(normal, normalize(direction));\n",
 "    if (grazing > -SBL_GRAZING) normal = normalize(normal - (grazing + SBL_GRAZING) * normalize(direction));\n",
@@ -7844,8 +7852,8 @@ static const char *const sbl__glsl_surface[] = {
 "vec2 pixel_x = vec2(0), pixel_y = vec2(0);  // differences of texture coordinates from one pixel to the next\n",
 "                                            // along x and y; 0: normals are read at one point\n",
 "\n",
-"// Mean of the unit vectors that a texture of normals shows in the pixel around uv. If they differ, it is shorter\n",
-"// than 1.\n",
+"// Returns the mean of the unit vectors that a texture of normals shows in the pixel around uv. The mean is shorter\n",
+"// than 1 if these vectors differ.\n",
 "vec3 sbl_normal_texel(int object, vec2 uv) {\n",
 "    uvec4 place = sbl_object_normal_texture(object);\n",
 "    vec2 size = vec2(place.yz);\n",
@@ -7880,11 +7888,10 @@ static const char *const sbl__glsl_surface[] = {
 "    return v.x * x + v.y * (dot(across, y) < 0.0 ? -across : across) + v.z * normal;\n",
 "}\n",
 "\n",
-"// Normal of a surface that has a texture of normals, on the side of `normal`, the interpolated normal. mean: see\n",
-"// sbl_normal_texel\n",
+"// Returns the normal of a surface that has a texture of normals. It points to the same side as the interpolated\n",
+"// normal. normal: interpolated normal, of any length; mean: result of sbl_normal_texel\n",
 "vec3 sbl_tilted_normal(sbl_Facet f, vec3 normal, vec3 face, vec3 mean) {\n",
-"    float length2 = dot(normal, normal);\n",
-"    normal = length2 > SBL_NORMAL_LEAST ? normal * inversesqrt(length2) : face;\n",
+"    normal = sbl_unit_normal(normal, face);\n",
 "    vec3 tilted = normalize(sbl_from_tangent_space(f, normal, mean));\n",
 "    vec3 side = dot(normal, face) < 0.0 ? -face : face;\n",
 "    float below = SBL_GRAZING - dot(tilted, side);  // above 0: the normal would look below the surface\n",
@@ -9598,8 +9605,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    sbl_Mirrored m = sbl_Mirrored(normalize(direction), vec3(1), vec3(0), number, false);\n",
 "    sbl_Leaving next, aside;\n",
 "    bool goes_on = true;\n",
-"    // Even turns trace the ray aside, odd turns the next one. Only one place calls sbl_trace, because drivers\n",
-"    // compile a copy of it for each.\n",
+"    // Even turns trace the ray `aside`, odd turns trace the ray `next`. Drivers compile a copy of sbl_trace for\n",
+"    // each place that calls it, so one place calls it for both rays.\n",
 "    for (int turn = 0; turn < 2 * SBL_MIRRORS && goes_on; turn++) {\n",
 "        bool is_aside = (turn & 1) == 0;\n",
 "        if (is_aside) {\n",
@@ -9673,11 +9680,12 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "#endif\n",
 "        sbl_Surface s = sbl_surface(int(triangle) - 1, origin, direction);\n",
 "#ifdef SBL_NORMAL_MAPS\n",
-"        pixel_x = pixel_y = vec2(0);  // not known for surfaces that mirrors show\n",
+"        pixel_x = pixel_y = vec2(0);  // sbl_follow does not know them for surfaces in mirrors\n",
 "#endif\n",
 "        // Width of a pixel at the surface, world units. Facets too small to be seen get their geometric normal.\n",
 "        float pixel = length(origin_y + distance(s.position, origin) / length(direction) * direction_y);\n",
-"        bool smooth_normal = bumpy;  // reflections and textures of normals need the shading normal\n",
+"        // True: small facets keep the shading normal, because reflections and textures of normals need it.\n",
+"        bool smooth_normal = bumpy;\n",
 "#ifdef SBL_SPECULAR\n",
 "        smooth_normal = bumpy || s.material.roughness >= 0.0 && s.material.roughness < SBL_SMOOTH_ROUGHNESS;\n",
 "#endif\n",
@@ -13385,7 +13393,8 @@ typedef struct sbl__bounce {
                                                    surface) that have cut their cells; a slot keeps the latest */
     int recheck;                     /* 1: a line has cut leaves whose numbers are less than cut_leaves, for which no
                                         place waits any more, so all of `hits` must be queued again */
-    int rechecking;                  /* 1: all hits are queued again, see sbl__bounce_queue_again */
+    int rechecking;                  /* 1: the queue holds all hits, which are being placed again; see
+                                        sbl__bounce_queue_again */
     float *direct;                   /* 3 floats per leaf: direct light; in the stages SHINE and CHOOSE, sums over rays
                                         (see sbl__bounce_shine); from the stage NOISE on, the leaf's noise */
     float *solved;                   /* light of each leaf, saved while the leaves hold noise */
@@ -13505,6 +13514,7 @@ static const sbl__recipe sbl__recipe_cast_metal = {
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE | SBL__SPECULAR | SBL__BOUNCED
 };
 
+/* Returns 1 if rays that fill the store may meet metal. */
 static int sbl__cast_has_metal(const sbl__scene *scene) { return (scene->features & SBL__SPECULAR) != 0; }
 
 /* Uses the program that casts rays. */
@@ -13585,7 +13595,7 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, 
     if (!rays) return SBL_ERROR_OUT_OF_MEMORY;
     places = (float *)(rays + texels);
     albedos = places + 4 * texels;
-    shine = b->core->scene.features & SBL__SPECULAR ? albedos + 4 * texels : NULL;
+    shine = sbl__cast_has_metal(&b->core->scene) ? albedos + 4 * texels : NULL;
     for (i = 0; i < some; i++) make(b, at + i, &rays[i]);
     result = sbl__cast_send(b, rays, some);
     if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 0, 0, rows, places);
@@ -15117,7 +15127,7 @@ static sbl__bounce *sbl__bounce_resume(sbl__core *c) {
     sbl__bounce *b;
     int i;
     if (c->bounce && (c->bounce->surfaces != c->scene.surfaces ||
-                      (c->scene.features & SBL__SPECULAR && c->bounce->scene != c->scene.version)))
+                      (sbl__cast_has_metal(&c->scene) && c->bounce->scene != c->scene.version)))
         sbl__bounce_end(c);
     if (!c->bounce) c->bounce = (sbl__bounce *)sbl__alloc(&c->base, 1, sizeof *c->bounce);
     b = c->bounce;
@@ -15628,7 +15638,7 @@ typedef struct sbl__tile {
     float uncovered;          /* mean over all `pixels` of the bilinear weight of corners whose light they cannot use */
     float raw_bias2;          /* bias2 as estimated from light on the edges, before noise is subtracted */
     float unseen_bias2;       /* part of raw_bias2 for changes of light between the last sensors and silhouettes */
-    float foreseen_bias2;     /* if there are lobes: least bias2, because R shows where their light changes */
+    float foreseen_bias2;     /* lower limit of bias2 in a refinement of lobes, see sbl__tile_foresee; otherwise 0 */
     float bias2, noise2;      /* bias2: mean relative squared error of interpolation, over all pixels but the upper
                                  left, which has a sensor; 0 if must_split or a threshold decides. noise2: mean
                                  relative squared error by noise, over all pixels */
@@ -15661,7 +15671,8 @@ typedef struct sbl__refine {
                                  is R */
     float *shares;            /* per pixel: luminance of the albedo with which FINAL shows R; NULL: errors are those of
                                  R. Otherwise they are those of FINAL */
-    double shown, shown_pixels;  /* sum over pixels: luminance of all albedo, with that of lobes; number of them */
+    double shown, shown_pixels;  /* sum over pixels of the luminance of their albedo, which includes that of lobes; and
+                                    the number of these pixels */
     float *stored_light;      /* per pixel: R according to the store, 3 floats; NULL in modes other than SBL_MODE_GI */
     size_t harmonics;         /* floats of one pixel in layers 1 and up of light, 3 per layer */
     float *layers;            /* light of layers 1 and up (harmonics, see SBL__LAYERS): all layers of a pixel, then
@@ -15698,12 +15709,14 @@ typedef struct sbl__refine {
                                  noise2 of the tile * pixels of the tile */
     double uncertainty2;      /* sum over pixels of the squared uncertainty of stored light; absolute, not relative. If
                                  there are lobes, the sum over all surfaces of sbl__pixel_lobe.rest squared */
-    double rest[3];           /* if there are lobes: sum over pixels of the rest of FINAL; else 0 */
-    float mean_scale;         /* if there are lobes: `mean` / mean of the pixels; not 1 if the host has set the mean */
-    double matte_pixels;      /* number of pixels whose surface has no lobe, if there are lobes; else 0 */
+    double rest[3];           /* in a refinement of lobes: sum over pixels of albedo * R; otherwise 0 */
+    float mean_scale;         /* in a refinement of lobes: `mean` divided by the mean of the pixels. It differs from 1
+                                 if the host has set the mean */
+    double matte_pixels;      /* in a refinement of lobes: number of pixels whose surface has no lobe; otherwise 0 */
     double look_variance;     /* relative variance of one look, averaged over the picture */
     double predicted;         /* predicted relative error of the picture; valid if weighed is 1 */
-    double stored, own;       /* the parts of `predicted` by uncertainty2, and by sensors and interpolation */
+    double stored, own;       /* two parts of `predicted`: stored is caused by uncertainty2; own is caused by the noise
+                                 of sensors and by interpolation */
     double gains[SBL__GAIN_BINS];  /* histogram by worth: sums of gain * cost of all possible splits and looks */
     double costs[SBL__GAIN_BINS];  /* histogram by worth: sums of the costs of these splits and looks, in looks */
     double expected_looks;    /* predicted number of looks when refinement ends, see sbl__weigh_expect */
@@ -15941,19 +15954,28 @@ static void sbl__mix_extrapolate(const sbl__refine *r, const sbl__tile *c, int c
 /* Clamps R, which extrapolation may make negative, to 0 or more. Returns light of other layers unchanged. */
 static float sbl__clamp_light(int layer, float light) { return layer ? light : SBL__MAX(light, 0.0f); }
 
+/* Computes how far pixel (x, y) is from a tile's left and upper edge, as shares of its width and height. */
+static void sbl__tile_place(const sbl__tile *c, int x, int y, float share[2]) {
+    const sbl__range *a = &c->area;
+    share[0] = a->x[1] > a->x[0] ? (float)(x - a->x[0]) / (float)(a->x[1] - a->x[0]) : 0;
+    share[1] = a->y[1] > a->y[0] ? (float)(y - a->y[0]) / (float)(a->y[1] - a->y[0]) : 0;
+}
+
+/* Returns the bilinear weight of a tile's corner at that place. */
+static float sbl__tile_weight(const float share[2], int corner) {
+    return (corner & 1 ? share[0] : 1 - share[0]) * (corner & 2 ? share[1] : 1 - share[1]);
+}
+
 /* Interpolates a layer of light at pixel (x, y) from a tile's corners. If no light can be used, m->covered is 0. */
 static void sbl__interpolate(const sbl__refine *r, const sbl__tile *c, int x, int y, int layer, sbl__mix *m) {
     const sbl__pixel *pixel = sbl__pixel_at(r, x, y);
-    const sbl__range *a = &c->area;
-    const float *f = m->share;
     int corner, k;
     memset(m, 0, sizeof *m);
     m->layer = layer;
-    if (a->x[1] > a->x[0]) m->share[0] = (float)(x - a->x[0]) / (float)(a->x[1] - a->x[0]);
-    if (a->y[1] > a->y[0]) m->share[1] = (float)(y - a->y[0]) / (float)(a->y[1] - a->y[0]);
+    sbl__tile_place(c, x, y, m->share);
     for (corner = 0; corner < 4; corner++) {
         const sbl__pixel *p = sbl__tile_corner(r, c, corner);
-        float weight = (corner & 1 ? f[0] : 1 - f[0]) * (corner & 2 ? f[1] : 1 - f[1]), belongs;
+        float weight = sbl__tile_weight(m->share, corner), belongs;
         if (weight <= 0) continue;
         belongs = sbl__usable(r, p) ? sbl__belongs(pixel, p, r->geometry_aware) : 0;
         if (belongs > 0) {
@@ -16225,20 +16247,17 @@ static float sbl__shown2(const sbl__refine *r) {
 }
 
 /* Returns the squared difference between R at a pixel and R as interpolated from a tile's corners, as luminances, not
-   relative; 0 if lobes are narrow or no corner fits. Light in wide lobes changes about where R does. */
+   relative; 0 if lobes are narrow or no corner fits. Light in wide lobes changes at about the same places as R. */
 static float sbl__tile_foresee(const sbl__refine *r, const sbl__tile *c, int x, int y) {
     const sbl__pixel *pixel = sbl__pixel_at(r, x, y);
-    const sbl__range *a = &c->area;
-    const float across = (float)(x - a->x[0]) / (float)SBL__MAX(a->x[1] - a->x[0], 1);
-    const float down = (float)(y - a->y[0]) / (float)SBL__MAX(a->y[1] - a->y[0], 1);
     const float own = r->lobes[pixel - r->pixels].light;
-    float light = 0, weights = 0;
+    float light = 0, weights = 0, share[2];
     int corner;
+    sbl__tile_place(c, x, y, share);
     for (corner = 0; corner < 4; corner++) {
         const sbl__pixel *p = sbl__tile_corner(r, c, corner);
         const float at = r->lobes[p - r->pixels].light;
-        const float weight = (corner & 1 ? across : 1 - across) * (corner & 2 ? down : 1 - down) *
-                             (at > 0 ? sbl__belongs(pixel, p, 1) : 0);
+        const float weight = sbl__tile_weight(share, corner) * (at > 0 ? sbl__belongs(pixel, p, 1) : 0);
         light += weight * at;
         weights += weight;
     }
@@ -17261,6 +17280,12 @@ static void sbl__refine_forget(sbl__refine *r) {
     r->layers = kept.layers;
 }
 
+/* Returns 1 if a pixel shows a surface and its error counts. */
+static int sbl__refine_counts(const sbl__refine *r, size_t index) {
+    const size_t width = (size_t)r->width;
+    return r->pixels[index].id && sbl__window_counts(&r->window, (int)(index % width), (int)(index / width));
+}
+
 /* Sets a pixel before refinement begins. stored: R according to the store. shows_stored: 1: the pixel shows that light
    and needs no sensor */
 static sbl_result sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel *shown, const float stored[3],
@@ -17281,8 +17306,7 @@ static sbl_result sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel
         sbl__refine_even(r, p, light);
     }
     uncertainty = (double)(sbl__stored_uncertainty(r, p) * (r->shares ? r->shares[index] : 1));
-    if (sbl__window_counts(&r->window, (int)(index % (size_t)r->width), (int)(index / (size_t)r->width)))
-        r->uncertainty2 += uncertainty * uncertainty;
+    if (sbl__refine_counts(r, index)) r->uncertainty2 += uncertainty * uncertainty;
     return SBL_SUCCESS;
 }
 
@@ -17290,7 +17314,7 @@ static sbl_result sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel
    the pixel shows R and the light in its lobe; albedo is NULL if it shows no surface */
 static sbl_result sbl__refine_show(sbl__refine *r, size_t index, const float *albedo, const float *specular) {
     const size_t pixels = (size_t)r->width * (size_t)r->height;
-    if (!r->shares) r->shares = (float *)sbl__alloc(&r->core->base, pixels, sizeof *r->weights);
+    if (!r->shares) r->shares = (float *)sbl__alloc(&r->core->base, pixels, sizeof *r->shares);
     if (!r->shares) return SBL_ERROR_OUT_OF_MEMORY;
     r->shares[index] = albedo ? sbl__luminance(albedo) : 0;
     if (!albedo) return SBL_SUCCESS;
@@ -17306,12 +17330,6 @@ static void sbl__refine_use_atlas(sbl__refine *r, const sbl__atlas *a) {
 }
 
 static const sbl__pixel *sbl__refine_pixel(const sbl__refine *r, size_t index) { return &r->pixels[index]; }
-
-/* Returns 1 if a pixel shows a surface and its error counts. */
-static int sbl__refine_counts(const sbl__refine *r, size_t index) {
-    const int width = r->width;
-    return r->pixels[index].id && sbl__window_counts(&r->window, (int)index % width, (int)index / width);
-}
 
 /* Returns the picture's predicted relative error; below 0: not known yet. */
 static double sbl__refine_error(const sbl__refine *r) { return r->weighed ? r->predicted : -1; }
@@ -19032,7 +19050,7 @@ static uint32_t sbl__map_channel_texture(sbl__map *m, sbl_channel channel) {
        lobes --> refine (sensors of lobes) --> fill --> filter --> resolve                                        */
 
 #define SBL__REFLECTIONS_RAYS 16  /* number of rays of a look, unless the host has set it */
-#define SBL__LOBE_FORESEEN 0.3f   /* light in lobes of a greater roughness changes about where R does */
+#define SBL__LOBE_FORESEEN 0.3f   /* light in lobes of a greater roughness changes where R changes */
 #define SBL__LOBE_CELLS_LEAST 0.1f  /* the share of cells that a lobe sees counts as at least this, because errors of
                                        neighbouring cells are alike */
 #define SBL__REFLECTIONS_LAYER 1  /* index of the layer in sbl__map.layers */

@@ -72,7 +72,7 @@ static const tool_option table[OPTION_COUNT] = {
     [TARGET_ERROR] = { "--target-error", "E", SHARES, &options.target_error, 1, 0.0001, 1,
                        "target error, such as 2% or 0.02: the root mean square error of R over the picture, divided by "
                        "the\n"
-                       "mean of R, and where there are reflections also that of final without emission; default by "
+                       "mean of R; where there are reflections, of final without emission instead of R; default by "
                        "preset:\n"
                        "5%, 1.5%, 0.75%, with at most 1024, 1024, 2048 rays per sensor. If E is given, a sensor may "
                        "use up to\n"

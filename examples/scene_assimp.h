@@ -925,9 +925,9 @@ static void scene__nodes(scene__reader *r) {
 static int scene__make_room(scene__reader *r) {
     const size_t materials = r->in->mNumMaterials ? r->in->mNumMaterials : 1;
     scene__pictures *p = &r->pictures;
-    p->room = (int)(5 * materials);
-    p->textures = (sbl_texture *)scene__alloc(r->file, 5 * materials, sizeof *p->textures);
-    p->keys = (struct scene__texture_key *)calloc(5 * materials, sizeof *p->keys);
+    p->room = (int)(SCENE__MASK * materials);  /* the mask becomes a part of the albedo's texture */
+    p->textures = (sbl_texture *)scene__alloc(r->file, SCENE__MASK * materials, sizeof *p->textures);
+    p->keys = (struct scene__texture_key *)calloc(SCENE__MASK * materials, sizeof *p->keys);
     r->materials = (sbl_material *)scene__alloc(r->file, materials, sizeof *r->materials);
     r->lights = (sbl_light *)scene__alloc(r->file, r->in->mNumLights, sizeof *r->lights);
     r->left_out = (int *)calloc(materials, sizeof *r->left_out);

@@ -12,12 +12,16 @@ vec3 sbl_by_cosine(mat3 frame, vec2 u) {
     return frame * vec3(radius * cos(angle), radius * sin(angle), sqrt(1.0 - u.x));
 }
 
-// Returns the unit vector of the interpolated normal or, if that is too short, `face`, on the side of
-// geometric_normal. A normal that turns away from the viewer would aim the sensor at its own surface, so the
-// cosine is kept above SBL_GRAZING.
-vec3 sbl_shading_normal(vec3 normal, vec3 face, vec3 geometric_normal, vec3 direction) {
+// Returns the unit vector of the interpolated normal or, if that is too short, `face`.
+vec3 sbl_unit_normal(vec3 normal, vec3 face) {
     float length2 = dot(normal, normal);
-    normal = length2 > SBL_NORMAL_LEAST ? normal * inversesqrt(length2) : face;
+    return length2 > SBL_NORMAL_LEAST ? normal * inversesqrt(length2) : face;
+}
+
+// Returns the result of sbl_unit_normal, on the side of geometric_normal. A normal that turns away from the viewer
+// would aim the sensor at its own surface, so the cosine is kept above SBL_GRAZING.
+vec3 sbl_shading_normal(vec3 normal, vec3 face, vec3 geometric_normal, vec3 direction) {
+    normal = sbl_unit_normal(normal, face);
     normal = dot(normal, geometric_normal) < 0.0 ? -normal : normal;
     float grazing = dot(normal, normalize(direction));
     if (grazing > -SBL_GRAZING) normal = normalize(normal - (grazing + SBL_GRAZING) * normalize(direction));

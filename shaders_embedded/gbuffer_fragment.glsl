@@ -104,8 +104,8 @@ sbl_Mirrored sbl_follow(inout sbl_Surface s, int number, vec3 direction) {
     sbl_Mirrored m = sbl_Mirrored(normalize(direction), vec3(1), vec3(0), number, false);
     sbl_Leaving next, aside;
     bool goes_on = true;
-    // Even turns trace the ray aside, odd turns the next one. Only one place calls sbl_trace, because drivers
-    // compile a copy of it for each.
+    // Even turns trace the ray `aside`, odd turns trace the ray `next`. Drivers compile a copy of sbl_trace for
+    // each place that calls it, so one place calls it for both rays.
     for (int turn = 0; turn < 2 * SBL_MIRRORS && goes_on; turn++) {
         bool is_aside = (turn & 1) == 0;
         if (is_aside) {
@@ -179,11 +179,12 @@ void main() {
 #endif
         sbl_Surface s = sbl_surface(int(triangle) - 1, origin, direction);
 #ifdef SBL_NORMAL_MAPS
-        pixel_x = pixel_y = vec2(0);  // not known for surfaces that mirrors show
+        pixel_x = pixel_y = vec2(0);  // sbl_follow does not know them for surfaces in mirrors
 #endif
         // Width of a pixel at the surface, world units. Facets too small to be seen get their geometric normal.
         float pixel = length(origin_y + distance(s.position, origin) / length(direction) * direction_y);
-        bool smooth_normal = bumpy;  // reflections and textures of normals need the shading normal
+        // True: small facets keep the shading normal, because reflections and textures of normals need it.
+        bool smooth_normal = bumpy;
 #ifdef SBL_SPECULAR
         smooth_normal = bumpy || s.material.roughness >= 0.0 && s.material.roughness < SBL_SMOOTH_ROUGHNESS;
 #endif

@@ -45,8 +45,8 @@ const int SBL_NORMAL_POINTS = 8;  // largest number of points per side of a pixe
 vec2 pixel_x = vec2(0), pixel_y = vec2(0);  // differences of texture coordinates from one pixel to the next
                                             // along x and y; 0: normals are read at one point
 
-// Mean of the unit vectors that a texture of normals shows in the pixel around uv. If they differ, it is shorter
-// than 1.
+// Returns the mean of the unit vectors that a texture of normals shows in the pixel around uv. The mean is shorter
+// than 1 if these vectors differ.
 vec3 sbl_normal_texel(int object, vec2 uv) {
     uvec4 place = sbl_object_normal_texture(object);
     vec2 size = vec2(place.yz);
@@ -81,11 +81,10 @@ vec3 sbl_from_tangent_space(sbl_Facet f, vec3 normal, vec3 v) {
     return v.x * x + v.y * (dot(across, y) < 0.0 ? -across : across) + v.z * normal;
 }
 
-// Normal of a surface that has a texture of normals, on the side of `normal`, the interpolated normal. mean: see
-// sbl_normal_texel
+// Returns the normal of a surface that has a texture of normals. It points to the same side as the interpolated
+// normal. normal: interpolated normal, of any length; mean: result of sbl_normal_texel
 vec3 sbl_tilted_normal(sbl_Facet f, vec3 normal, vec3 face, vec3 mean) {
-    float length2 = dot(normal, normal);
-    normal = length2 > SBL_NORMAL_LEAST ? normal * inversesqrt(length2) : face;
+    normal = sbl_unit_normal(normal, face);
     vec3 tilted = normalize(sbl_from_tangent_space(f, normal, mean));
     vec3 side = dot(normal, face) < 0.0 ? -face : face;
     float below = SBL_GRAZING - dot(tilted, side);  // above 0: the normal would look below the surface
