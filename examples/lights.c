@@ -1,6 +1,6 @@
 /* Demonstrates every kind of light, in one picture for each, and the penumbra of a large lamp at each preset. Below the
    penumbra, the rays of four sensors in it are drawn; blocked rays towards the lamp are red. The first argument is the
-   folder for the pictures. */
+   folder for the pictures. With a second argument, the pictures of the kinds are drafts. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"
 #include "sensor_disc.h"
@@ -132,11 +132,11 @@ static int write_picture(const char *folder, const char *name, int height) {
     return fprintf(stderr, "lights: cannot write %s\n", path), 0;
 }
 
-static int show_kind(sbl_context *context, const struct kind *k, const char *folder) {
+static int show_kind(sbl_context *context, const struct kind *k, sbl_preset preset, const char *folder) {
     static world w;
     sbl_scene_desc scene = { .meshes = w.meshes, .materials = materials, .material_count = MATERIALS,
         .textures = &window_picture, .texture_count = 1 };
-    sbl_picture_desc view = { .width = WIDTH, .height = HEIGHT };  /* all else: defaults */
+    sbl_picture_desc view = { .width = WIDTH, .height = HEIGHT, .options.preset = preset };  /* all else: defaults */
     furnish(&w, k);
     scene.mesh_count = w.count;
     scene.lights = &k->light;
@@ -196,12 +196,13 @@ static int show_penumbra(sbl_context *context, sbl_preset preset, const char *fo
 
 int main(int argc, char **argv) {
     const char *folder = argc > 1 ? argv[1] : ".";
+    const sbl_preset preset = argc > 2 ? SBL_PRESET_DRAFT : SBL_PRESET_DEFAULT;
     sbl_context *context;
     size_t i;
     int ok = 1;
     if (sbl_create(headless("lights"), &context) != SBL_SUCCESS) return 1;  /* sbl.h prints errors to stderr */
     make_ball();
-    for (i = 0; i < sizeof kinds / sizeof *kinds && ok; i++) ok = show_kind(context, &kinds[i], folder);
+    for (i = 0; i < sizeof kinds / sizeof *kinds && ok; i++) ok = show_kind(context, &kinds[i], preset, folder);
     ok = ok && show_penumbra(context, SBL_PRESET_DRAFT, folder) && show_penumbra(context, SBL_PRESET_DEFAULT, folder) &&
          show_penumbra(context, SBL_PRESET_HIGH, folder);
     sbl_destroy(context);

@@ -497,7 +497,7 @@ static void half_covered(sbl_backend backend, int plain, int steps, double rms_a
 TEST(half_covered_single_looks) { half_covered(SBL_BACKEND_AUTO, 1, 200, 0.012, 0.04); }
 /* With default settings, half covered lamps are within 0.16 % rms and jumps of 1.45 %. */
 TEST(half_covered_default_settings) {
-    half_covered(SBL_BACKEND_AUTO, 0, test_kind_is("plain") ? 40 : 10, 0.0016, 0.0145);
+    half_covered(SBL_BACKEND_AUTO, 0, test_kind_is("plain") ? 20 : 10, 0.0016, 0.0145);
 }
 
 /* At an edge across a lamp, rays err less if the lamp has more strata; a thousand triangles share their strata. The
