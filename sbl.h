@@ -527,6 +527,44 @@
    for a point light is 1.4 %. Rays still find sky, the distances, back_share and valid, without that geometry.
 
 
+   ON LIGHT GROUPS
+
+   A light group is a set of light sources whose light is kept apart, such as the lamps of one switch, or the sun. A
+   host that multiplies each group by a factor of its own, and adds them, gets the light for any setting of the switches
+   without another bake. Give the scene a number of groups, and each source the number of its group:
+
+       scene.light_groups = 2;
+       scene.sky_group = 0;               // sky and environment; 0 is the default
+       lights[0].light_group = 1;         // a light
+       materials[3].light_group = 1;      // the emission of all surfaces with this material
+
+   Each bake decides whether it measures them. One bake makes all groups, with all bounces, from the same rays:
+
+       lightmaps  sbl_lightmap_desc.grouped = 1 makes the channels SBL_CHANNEL_GROUP_0 and so on, with gutters and sewn
+                  seams. They are the parts of FINAL
+       vertices   sbl_vertices_desc.groups
+       probes     sbl_probes_desc.groups
+       readings   sbl_readings_desc.groups
+
+   Pictures have no groups. The whole light is, to the bit, that of a bake without groups, except that another scene
+   limit may apply: the store's table also holds the groups. In lightmaps and at vertices, groups are never negative,
+   and they add up to the whole up to rounding of floats. Groups of readings and probes add up likewise, but a group
+   that is dark beside others can be slightly negative, because noise of the others shows in it.
+
+   Accuracy: target_error is the error of the whole. Rays go where the whole light comes from, so the error of a group
+   is a share of the whole light, not of the group's own. In the light of all groups together, it cannot be seen. A
+   group that is made ten times as bright beside the others shows ten times its error.
+
+   Cost: four groups take 1.05 to 1.2 times the time of a lightmap without groups, on llvmpipe. For each group, a
+   lightmap takes 44 more bytes per texel, and the store 12 bytes per cell on the host, 24 per point while it is filled,
+   and 16 per cell on the GPU.
+
+   Limits: at most SBL_MAX_LIGHT_GROUPS groups. A lightmap cannot be directional and have groups. Sensors must trace
+   rays, so neither SBL_BACKEND_RASTER, SBL_MODE_PAPER nor a draw callback have groups. In SBL_MODE_AMBIENT, the ambient
+   light of a surface belongs to the group of its material. Windows of a lightmap add up after sbl_join_windows. Saved
+   stores contain the groups, and fit only scenes whose sources have the same groups.
+
+
    ON MEMORY
 
    All host memory comes from the allocator of sbl_context_desc, by default malloc and free. sbl_set_scene copies its
@@ -1496,9 +1534,9 @@ typedef struct sbl_probes_desc {
                                   then y. They are at the centres of equal boxes that fill lowest to highest */
     float lowest[3], highest[3];  /* world corners of the grid. Default (all zero): the bounds of the scene */
     float move;                /* greatest world distance to move a probe out of something, see ON PROBES. Default: 0 */
-    sbl_probe *groups;         /* NULL, or receives the light of the light groups of the scene: a probe for each group of
-                                  the first position, then those of the second, and so on. Their sh and cube add up to
-                                  those of the whole probe; all other fields are equal to its fields. See ON LIGHT
+    sbl_probe *groups;         /* NULL, or receives the light of the light groups of the scene: a probe for each group
+                                  of the first position, then those of the second, and so on. Their sh and cube add up
+                                  to those of the whole probe; all other fields are equal to its fields. See ON LIGHT
                                   GROUPS. Must stay valid likewise. Default: NULL */
     sbl_options options;       /* see sbl_options; the seed selects the rays */
     uint32_t end_canary;       /* must stay 0 */
@@ -1921,7 +1959,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    view texture sbl__raster       >>raster              the texture that holds the views of a batch of looks
    batch        sbl__batch        >>guide               looks that are measured together
    slot                                                 the place of a look of a batch in the textures of its results
-   layer                                                one kind of light per pixel: layer 0 is R, 1 to 4 are harmonics
+   layer                                                layer 0 of light is R, others are harmonics or light groups
    guide        sbl__guide        >>guide >>refine      a histogram of the directions that light comes from
    stuck test                                           rays or a view that tell whether a sensor is inside geometry
    job          sbl__job          >>job                 the measurement of a list of sites
@@ -2889,7 +2927,8 @@ typedef struct sbl__record {
 /* Shaders get these as #define SBL_name: constants with the text of SBL__name, flags with SBL_MATERIAL_name's value */
 #define SBL__SHARED_CONSTANTS(X) \
     X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) \
-    X(PATCH_AXIS_SHIFT) X(NEAR_PART) X(SLOT_TRIES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) X(CAST_LAYERS) \
+    X(PATCH_AXIS_SHIFT) X(NEAR_PART) X(SLOT_TRIES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) \
+    X(CAST_LAYERS) \
     X(GUIDE_RINGS) X(GUIDE_SECTORS) X(GUIDE_TEXELS) X(GUIDES_ACROSS) X(LOOK_GUIDE_SHIFT) X(HASH_SHIFT) \
     X(TEXTURE_SRGB) X(TEXTURE_KIND) X(TEXTURE_CLAMPS) X(LEAF) X(ENTER) X(LEAVE) X(END) X(CHILD_NUMBER) \
     X(LAMP_TRIANGLE) X(LAMP_NEAR_LIGHT) X(LAMP_FAR_LIGHT) X(LAMP_SKY_TEXEL) X(LAMP_GLOW) X(FAR_NODE) X(RESULTS_WIDTH) \
@@ -3324,7 +3363,7 @@ enum {
     SBL__LOBE = 1 << 14,        /* sensors measure the light in specular lobes instead of R */
     SBL__NORMAL_MAPS = 1 << 15, /* some materials have a texture of normals */
     SBL__FEATURES = 16,
-    SBL__GROUPS_SHIFT = 16,     /* the number of light groups that shaders measure, 0 to 8, is stored from this bit on */
+    SBL__GROUPS_SHIFT = 16,     /* from this bit on: the number of light groups that shaders measure, 0 to 8 */
     SBL__GROUPS = 15 << 16      /* mask of that number */
 };
 
@@ -3443,7 +3482,8 @@ static sbl_result sbl__program_make(const sbl__device *d, sbl__program *program)
     for (i = 0; i < SBL__FEATURES; i++)
         if (program->features >> i & 1) length = sbl__write(prelude, length, "#define SBL_%s\n", names[i]);
     if (program->features & SBL__GROUPS)
-        length = sbl__write(prelude, length, "#define SBL_GROUPS %u\n", program->features >> SBL__GROUPS_SHIFT & 15u);
+        length = sbl__write(prelude, length, "#define SBL_GROUPS %u\n",
+                            (program->features & SBL__GROUPS) >> SBL__GROUPS_SHIFT);
     length = sbl__write(prelude, length, "#define SBL_WORKGROUP %d\n", d->workgroup);
     length = sbl__write_constants(prelude, length);
     if (program->features & SBL__SPECULAR) length = sbl__write_lobes(prelude, length);
@@ -7599,7 +7639,7 @@ static const char *const sbl__glsl_store[] = {
 "}\n",
 "\n",
 "#ifdef SBL_GROUPS\n",
-"uniform int first_layer;   // texel of sbl_store at which the layers of leaves begin; each leaf has one texel per layer\n",
+"uniform int first_layer;   // texel of sbl_store at which the layers of leaves begin, one texel per leaf and layer\n",
 "\n",
 "// Returns the part of a leaf's R that a light group causes; 0 if there is no leaf. leaf: what sbl_leaf_at returns\n",
 "vec3 sbl_layer_of(int leaf, int layer) {\n",
@@ -8341,7 +8381,8 @@ static sbl_result sbl__glow_limit(void *work, sbl__slice *slice) {
             else light[0] = (float)fabs((double)light[0]);
         }
     }
-    return l->glow_count < before && s->store.ready ? sbl__store_send(w->device, &s->store, &s->geometry, s->light_groups) : SBL_SUCCESS;
+    if (l->glow_count == before || !s->store.ready) return SBL_SUCCESS;
+    return sbl__store_send(w->device, &s->store, &s->geometry, s->light_groups);
 }
 
 static sbl_result sbl__glow_find(sbl__device *d, sbl__scene *s, sbl__slice *slice) {
@@ -10563,9 +10604,10 @@ static sbl_result sbl__looks_send(const sbl__device *d, sbl__table *table, const
 
 /* >>glsl layers: shaders_embedded/layers.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_layers[] = {
-"// SBL_GROUPS is the number of light groups; it is not defined if they are not measured. A program then sums the light\n",
-"// of each group in a layer. SBL_OUT_LAYERS declares as many outputs as the layers need, four floats each; a to f: the\n",
+"// SBL_GROUPS is the number of light groups; it is not defined if they are not measured. Programs sum the light of\n",
+"// each group in a layer. SBL_OUT_LAYERS declares as many outputs as the layers need, four floats each; a to f: the\n",
 "// numbers that SBL_OUT gives them. sbl_write_layers writes the layers into them, one after the other.\n",
+"// SBL_PART_n(x) is x if output n is needed.\n",
 "#ifdef SBL_GROUPS\n",
 "#define SBL_PART_0(x) x\n",
 "#if SBL_GROUPS >= 2\n",
@@ -12716,7 +12758,8 @@ static const char *const sbl__glsl_trace[] = {
 static const sbl__recipe sbl__recipe_trace = {
     "trace", { sbl__glsl_fullscreen_vertex },
     { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_lobe, sbl__glsl_material, sbl__glsl_store, sbl__glsl_carrier,
-      sbl__glsl_layers, sbl__glsl_traverse, sbl__glsl_sky, sbl__glsl_guide, sbl__glsl_lamp, sbl__glsl_reflect, sbl__glsl_trace },
+      sbl__glsl_layers, sbl__glsl_traverse, sbl__glsl_sky, sbl__glsl_guide, sbl__glsl_lamp, sbl__glsl_reflect,
+      sbl__glsl_trace },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
       &sbl__look_record, &sbl__lobe_record, &sbl__cut_record, &sbl__leaf_record, &sbl__lamp_node_record,
       &sbl__lamp_leaf_record, &sbl__light_record_record, &sbl__glow_record },
@@ -12782,8 +12825,8 @@ typedef struct sbl__task {
     sbl__spec spec;
     const sbl__site *sites;
     sbl_reading *readings;      /* output: one reading per site */
-    float *layers;              /* output of jobs with several layers: per site, 3 floats for each layer of light from layer 1
-                                   on, see sbl__spec_layers */
+    float *layers;              /* output of jobs with several layers: per site, 3 floats for each layer of light from
+                                   layer 1 on, see sbl__spec_layers */
     int site_count;
     int first_look;             /* number of the job's first look; look n has slot n % sbl__slots.count. 0, except in
                                    >>inspect, which repeats a look with the number that it had in an earlier job */
@@ -13015,12 +13058,12 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "layout(location = 4) out vec4 out_blue;\n",
 "#endif\n",
 "#ifdef SBL_GROUPS\n",
-"SBL_PART_0(uniform sampler2D block_layers_0; uniform sampler2D lights_layers_0; layout(location = 2) out vec4 out_0;)\n",
-"SBL_PART_1(uniform sampler2D block_layers_1; uniform sampler2D lights_layers_1; layout(location = 3) out vec4 out_1;)\n",
-"SBL_PART_2(uniform sampler2D block_layers_2; uniform sampler2D lights_layers_2; layout(location = 4) out vec4 out_2;)\n",
-"SBL_PART_3(uniform sampler2D block_layers_3; uniform sampler2D lights_layers_3; layout(location = 5) out vec4 out_3;)\n",
-"SBL_PART_4(uniform sampler2D block_layers_4; uniform sampler2D lights_layers_4; layout(location = 6) out vec4 out_4;)\n",
-"SBL_PART_5(uniform sampler2D block_layers_5; uniform sampler2D lights_layers_5; layout(location = 7) out vec4 out_5;)\n",
+"SBL_PART_0(uniform sampler2D blocks_0; uniform sampler2D lights_0; layout(location = 2) out vec4 out_0;)\n",
+"SBL_PART_1(uniform sampler2D blocks_1; uniform sampler2D lights_1; layout(location = 3) out vec4 out_1;)\n",
+"SBL_PART_2(uniform sampler2D blocks_2; uniform sampler2D lights_2; layout(location = 4) out vec4 out_2;)\n",
+"SBL_PART_3(uniform sampler2D blocks_3; uniform sampler2D lights_3; layout(location = 5) out vec4 out_3;)\n",
+"SBL_PART_4(uniform sampler2D blocks_4; uniform sampler2D lights_4; layout(location = 6) out vec4 out_4;)\n",
+"SBL_PART_5(uniform sampler2D blocks_5; uniform sampler2D lights_5; layout(location = 7) out vec4 out_5;)\n",
 "#endif\n",
 "\n",
 "// Sum of a look's harmonics of one colour, or of some of its layers, from partial sums and from lamps.\n",
@@ -13061,12 +13104,12 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "    out_sum = sum;\n",
 "    out_hits = hits;\n",
 "#ifdef SBL_GROUPS\n",
-"    SBL_PART_0(out_0 = sbl_sum(block_layers_0, corner, lights_layers_0, light_corner);)\n",
-"    SBL_PART_1(out_1 = sbl_sum(block_layers_1, corner, lights_layers_1, light_corner);)\n",
-"    SBL_PART_2(out_2 = sbl_sum(block_layers_2, corner, lights_layers_2, light_corner);)\n",
-"    SBL_PART_3(out_3 = sbl_sum(block_layers_3, corner, lights_layers_3, light_corner);)\n",
-"    SBL_PART_4(out_4 = sbl_sum(block_layers_4, corner, lights_layers_4, light_corner);)\n",
-"    SBL_PART_5(out_5 = sbl_sum(block_layers_5, corner, lights_layers_5, light_corner);)\n",
+"    SBL_PART_0(out_0 = sbl_sum(blocks_0, corner, lights_0, light_corner);)\n",
+"    SBL_PART_1(out_1 = sbl_sum(blocks_1, corner, lights_1, light_corner);)\n",
+"    SBL_PART_2(out_2 = sbl_sum(blocks_2, corner, lights_2, light_corner);)\n",
+"    SBL_PART_3(out_3 = sbl_sum(blocks_3, corner, lights_3, light_corner);)\n",
+"    SBL_PART_4(out_4 = sbl_sum(blocks_4, corner, lights_4, light_corner);)\n",
+"    SBL_PART_5(out_5 = sbl_sum(blocks_5, corner, lights_5, light_corner);)\n",
 "#endif\n",
 "#ifdef SBL_DIRECTIONAL\n",
 "    out_red = sbl_sum(block_red, corner, lights_red, light_corner) + rays_light.r * missed;\n",
@@ -13246,7 +13289,8 @@ static sbl_result sbl__aim_use(const sbl__job *j, const sbl__batch *b, unsigned 
     sbl__device *d = j->device;
     const sbl__lights *l = sbl__scene_lamps(b->scene, b->spec->glows);
     const unsigned features = sbl__aim_features(b->scene, b->spec);
-    const sbl_result result = sbl__use(d, &sbl__recipe_lamps, (features & ~(extra ? (unsigned)SBL__GROUPS : 0)) | extra);
+    const unsigned dropped = extra ? (unsigned)SBL__GROUPS : 0;
+    const sbl_result result = sbl__use(d, &sbl__recipe_lamps, (features & ~dropped) | extra);
     if (result != SBL_SUCCESS) return result;
     sbl__rays_bind(d, b, &j->aim.sequence, blocks);
     sbl__lights_bind(d, l);
@@ -13297,9 +13341,9 @@ static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
     for (k = 0; k < 4; k++) sbl__bind(d, light_names[k], aimed ? &j->aim.light.textures[k] : &blocks[0]);
     for (k = 0; k < SBL__LAYER_TEXTURES(spec->groups); k++) {
         char name[32];
-        snprintf(name, sizeof name, "block_layers_%d", k);
+        snprintf(name, sizeof name, "blocks_%d", k);
         sbl__bind(d, name, &blocks[2 + k]);
-        snprintf(name, sizeof name, "lights_layers_%d", k);
+        snprintf(name, sizeof name, "lights_%d", k);
         sbl__bind(d, name, aimed ? &j->aim.light.textures[1 + k] : &blocks[0]);
     }
     sbl__set_int(d, "parts", aimed ? j->aim.parts : 0);
@@ -13476,7 +13520,8 @@ static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
         const int look = row * SBL__RESULTS_WIDTH + i;
         const float *found[SBL__BLOCKS];
-        for (k = 0; k < SBL__BLOCKS; k++) found[k] = data + 4 * ((size_t)count * (size_t)SBL__MIN(k, parts - 1) + (size_t)i);
+        for (k = 0; k < SBL__BLOCKS; k++)
+            found[k] = data + 4 * ((size_t)count * (size_t)SBL__MIN(k, parts - 1) + (size_t)i);
         if (look >= first && look < j->look_end) result = sbl__job_judge(j, found);
     }
     sbl__free(d->base, data);
@@ -13807,8 +13852,8 @@ static const char *const sbl__glsl_cast[] = {
 "// rgb: light of lamps and of the sky that a ray finds by way of metal; a: 1: the ray has met metal\n",
 "SBL_OUT(2, out_shine);\n",
 "#ifdef SBL_GROUPS\n",
-"// rgb: the part of that light that the ray's last segment finds; a: layer of this part + SBL_CAST_LAYERS * layer of the\n",
-"// other part, which a lamp sends\n",
+"// rgb: the part of that light that the ray's last segment finds; a: layer of this part + SBL_CAST_LAYERS * layer\n",
+"// of the other part, which a lamp sends\n",
 "SBL_OUT(3, out_parts);\n",
 "#endif\n",
 "vec4 parts;\n",
@@ -14934,6 +14979,12 @@ static void sbl__bounce_warn(const sbl__bounce *b, double direct, double all) {
     b->store->warned = 1;
 }
 
+/* Returns the stage after all light is known, or, if `layers` is 0, after the layers are known, too. */
+static int sbl__bounce_next(const sbl__bounce *b, int layers) {
+    if (layers && b->core->scene.light_groups) return SBL__BOUNCE_LAYERS;
+    return b->glows ? SBL__BOUNCE_NOISE : SBL__BOUNCE_SHINE;
+}
+
 /* Returns GATHER for another round, or the stage after the last one. In the first rounds, scales gathered light so that
    emitted and lost light balance, channel by channel; otherwise a room's overall brightness would converge last. */
 static int sbl__bounce_after_gather(void *work) {
@@ -14962,8 +15013,7 @@ static int sbl__bounce_after_gather(void *work) {
         return SBL__BOUNCE_GATHER;
     if (!b->glows) sbl__bounce_warn(b, all_direct, sum);
     if (!b->glows && b->divisions < SBL__DIVISIONS) return SBL__BOUNCE_SPREAD;
-    return s->layers || b->core->scene.light_groups ? SBL__BOUNCE_LAYERS
-         : b->glows ? SBL__BOUNCE_NOISE : SBL__BOUNCE_SHINE;
+    return sbl__bounce_next(b, 1);
 }
 
 /* >>bounce: light groups. Once the light of all leaves is known, the same equations are solved for the part that each
@@ -15053,7 +15103,7 @@ static int sbl__bounce_after_layers_gather(void *work) {
         }
     }
     if (++b->layer_round < b->rounds) return SBL__BOUNCE_LAYERS_GATHER;
-    return b->glows ? SBL__BOUNCE_NOISE : SBL__BOUNCE_SHINE;
+    return sbl__bounce_next(b, 0);
 }
 
 /* Scales the layers of a leaf so that they add up to its light; what the iteration left is then shared out. */
@@ -15265,7 +15315,7 @@ static int sbl__bounce_after_divide(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__division_free(&b->core->base, b);
     if (!b->changed) b->divisions = SBL__DIVISIONS;  /* no further round, even if lamps change later */
-    return b->changed ? SBL__BOUNCE_RELOCATE : SBL__BOUNCE_SHINE;
+    return b->changed ? SBL__BOUNCE_RELOCATE : sbl__bounce_next(b, 1);
 }
 
 /* Returns the stage LINK or, if leaves have been divided or lack points, queues all hits and returns PLACE. */
@@ -15685,46 +15735,48 @@ static sbl__bounce *sbl__bounce_resume(sbl__core *c) {
     return b;
 }
 
+static const sbl__stage_row sbl__bounce_stages[] = {
+    { sbl__bounce_patches, NULL, NULL, NULL },
+    { sbl__bounce_grid, NULL, NULL, NULL },
+    { NULL, NULL, sbl__bounce_sample, sbl__bounce_triangles },
+    { sbl__bounce_cast_samples, NULL, NULL, NULL },
+    { NULL, sbl__bounce_after_place, sbl__bounce_place, sbl__bounce_queued },
+    { sbl__bounce_cast_contacts, NULL, NULL, NULL },
+    { NULL, sbl__bounce_after_cuts, sbl__bounce_cuts, sbl__bounce_uncut_leaves },
+    { sbl__bounce_cast_points, sbl__bounce_after_rays, NULL, NULL },
+    { NULL, sbl__bounce_after_relocate, sbl__bounce_relocate, sbl__bounce_points },
+    { NULL, sbl__bounce_after_sort, sbl__bounce_sort, sbl__bounce_points },
+    { NULL, NULL, sbl__bounce_link, sbl__bounce_points },
+    { sbl__bounce_allocate, sbl__bounce_after_sites, sbl__bounce_site, sbl__bounce_points },
+    { sbl__bounce_run_job, sbl__bounce_after_light, NULL, NULL },
+    { NULL, NULL, sbl__bounce_direct, sbl__bounce_leaves },
+    { NULL, sbl__bounce_after_gather, sbl__bounce_gather, sbl__bounce_leaves },
+    { sbl__bounce_spread_make, NULL, sbl__bounce_spread, sbl__bounce_points },
+    { NULL, NULL, sbl__bounce_regions, sbl__bounce_leaves },
+    { NULL, sbl__bounce_after_score, sbl__bounce_score, sbl__bounce_leaves },
+    { NULL, sbl__bounce_after_divide, sbl__bounce_divide, sbl__bounce_leaves },
+    { sbl__bounce_layers_make, NULL, sbl__bounce_layers_direct, sbl__bounce_leaves },
+    { NULL, sbl__bounce_after_layers_gather, sbl__bounce_layers_gather, sbl__bounce_leaves },
+    { NULL, NULL, sbl__bounce_shine, sbl__bounce_points },
+    { sbl__bounce_choose, NULL, NULL, NULL },
+    { sbl__bounce_glow, sbl__bounce_after_glow, NULL, NULL },
+    { NULL, sbl__bounce_after_noise, sbl__bounce_noise, sbl__bounce_leaves },
+    { NULL, sbl__bounce_after_propagate, sbl__bounce_gather, sbl__bounce_leaves },
+    { NULL, sbl__bounce_after_uncertainty, sbl__bounce_uncertainty, sbl__bounce_leaves },
+    { NULL, NULL, sbl__bounce_shares, sbl__bounce_grouped_leaves },
+    { sbl__bounce_lamps, NULL, NULL, NULL },
+    { sbl__bounce_send, sbl__bounce_after_send, NULL, NULL },
+    { sbl__bounce_run_job, sbl__bounce_after_air, NULL, NULL }
+};
+
 /* Fills the store by a piece. Returns SBL_UNFINISHED until it is ready, then SBL_SUCCESS. Errors end the filling. */
 static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
-    static const sbl__stage_row table[] = {
-        { sbl__bounce_patches, NULL, NULL, NULL },
-        { sbl__bounce_grid, NULL, NULL, NULL },
-        { NULL, NULL, sbl__bounce_sample, sbl__bounce_triangles },
-        { sbl__bounce_cast_samples, NULL, NULL, NULL },
-        { NULL, sbl__bounce_after_place, sbl__bounce_place, sbl__bounce_queued },
-        { sbl__bounce_cast_contacts, NULL, NULL, NULL },
-        { NULL, sbl__bounce_after_cuts, sbl__bounce_cuts, sbl__bounce_uncut_leaves },
-        { sbl__bounce_cast_points, sbl__bounce_after_rays, NULL, NULL },
-        { NULL, sbl__bounce_after_relocate, sbl__bounce_relocate, sbl__bounce_points },
-        { NULL, sbl__bounce_after_sort, sbl__bounce_sort, sbl__bounce_points },
-        { NULL, NULL, sbl__bounce_link, sbl__bounce_points },
-        { sbl__bounce_allocate, sbl__bounce_after_sites, sbl__bounce_site, sbl__bounce_points },
-        { sbl__bounce_run_job, sbl__bounce_after_light, NULL, NULL },
-        { NULL, NULL, sbl__bounce_direct, sbl__bounce_leaves },
-        { NULL, sbl__bounce_after_gather, sbl__bounce_gather, sbl__bounce_leaves },
-        { sbl__bounce_spread_make, NULL, sbl__bounce_spread, sbl__bounce_points },
-        { NULL, NULL, sbl__bounce_regions, sbl__bounce_leaves },
-        { NULL, sbl__bounce_after_score, sbl__bounce_score, sbl__bounce_leaves },
-        { NULL, sbl__bounce_after_divide, sbl__bounce_divide, sbl__bounce_leaves },
-        { sbl__bounce_layers_make, NULL, sbl__bounce_layers_direct, sbl__bounce_leaves },
-        { NULL, sbl__bounce_after_layers_gather, sbl__bounce_layers_gather, sbl__bounce_leaves },
-        { NULL, NULL, sbl__bounce_shine, sbl__bounce_points },
-        { sbl__bounce_choose, NULL, NULL, NULL },
-        { sbl__bounce_glow, sbl__bounce_after_glow, NULL, NULL },
-        { NULL, sbl__bounce_after_noise, sbl__bounce_noise, sbl__bounce_leaves },
-        { NULL, sbl__bounce_after_propagate, sbl__bounce_gather, sbl__bounce_leaves },
-        { NULL, sbl__bounce_after_uncertainty, sbl__bounce_uncertainty, sbl__bounce_leaves },
-        { NULL, NULL, sbl__bounce_shares, sbl__bounce_grouped_leaves },
-        { sbl__bounce_lamps, NULL, NULL, NULL },
-        { sbl__bounce_send, sbl__bounce_after_send, NULL, NULL },
-        { sbl__bounce_run_job, sbl__bounce_after_air, NULL, NULL }
-    };
     const double start = sbl__now();
     sbl__store *s = &c->scene.store;
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
     if (!s->ready && sbl__bounce_resume(c))
-        result = sbl__stages_step(&c->bounce->stages, table, SBL__COUNT(table), c->bounce, slice);
+        result = sbl__stages_step(&c->bounce->stages, sbl__bounce_stages, SBL__COUNT(sbl__bounce_stages), c->bounce,
+                                  slice);
     if (s->ready) result = SBL_SUCCESS;
     else if (result == SBL_SUCCESS) {
         sbl__bounce_free_temporary(&c->device, c->bounce);
@@ -16036,7 +16088,7 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
     s.max_leaves = scene->store.max_leaves;
     result = sbl__saved_read(&c->device, scene, &s, get, user, &fault);
     if (result == SBL_SUCCESS && !g->wide && g->triangle_count / 4 + 1 + s.cell_room / 2 + 2 * s.cut_count +
-                                             s.leaf_count * (1 + scene->light_groups) > c->device.gl.capabilities.max_texture_buffer_size) {
+        s.leaf_count * (1 + scene->light_groups) > c->device.gl.capabilities.max_texture_buffer_size) {
         sbl__saved_refuse(&fault, SBL_LOG_ITEM_OTHER_STORE, "it is larger than this driver's tables");
         result = SBL_ERROR_UNSUPPORTED;
     }
@@ -17106,24 +17158,42 @@ static sbl_result sbl__refine_validate(sbl__refine *r, int index, const sbl_read
     return result;
 }
 
-/* Divides the light of a texel that shows stored light among the light groups, as they share the light of its leaf. */
+/* Adds the layers of the leaf at a position of a triangle, seen from afar, to sum. Returns 1 if the leaf has light. */
+static int sbl__stored_layers_add(const sbl__store *s, uint32_t triangle, int back, const float position[3],
+                                  size_t floats, float *sum) {
+    const uint32_t leaf = sbl__store_from_afar(s, s->patches[triangle] ^ (back ? SBL__PATCH_BACK : 0), position);
+    size_t i;
+    int lit = 0;
+    for (i = 0; i < floats && leaf; i++) {
+        const float light = s->layers[floats * (leaf - 1) + i];
+        sum[i] += light;
+        lit |= light > 0;
+    }
+    return lit;
+}
+
+/* Computes the light groups of a texel that shows stored light, as sbl_stored_smooth in gbuffer_fragment.glsl computes
+   its R. */
 static void sbl__refine_stored_layers(const sbl__refine *r, const sbl__pixel *p, float *out) {
     const sbl__store *s = &r->core->scene.store;
     const uint32_t triangle = r->atlas->texels[SBL__ATLAS_WORDS * (size_t)(p - r->pixels)] - 1;
+    const float *n = p->geometric_normal, sign = n[2] < 0 ? -1.0f : 1.0f, f = -1 / (sign + n[2]), g = n[0] * n[1] * f;
+    const float axes[2][3] = { { 1 + sign * n[0] * n[0] * f, sign * g, -sign * n[0] },
+                               { g, sign + n[1] * n[1] * f, -n[1] } };  /* sbl_frame in frame.glsl */
     double normal[3], facing = 0;
-    uint32_t leaf;
-    size_t i, at;
-    int k;
+    size_t i;
+    int k, point, lit = 0;
     sbl__scene_normal(r->atlas->geometry, triangle, normal);
-    for (k = 0; k < 3; k++) facing += normal[k] * (double)p->geometric_normal[k];
-    leaf = sbl__store_from_afar(s, s->patches[triangle] ^ (facing < 0 ? SBL__PATCH_BACK : 0), p->position);
-    for (i = 0; i < r->harmonics; i++) {
-        const float light = sbl__pixel_light(r, p, 0)[i % 3];
-        double sum = 0;
-        if (leaf) for (at = i % 3; at < r->harmonics; at += 3) sum += (double)s->layers[r->harmonics * (leaf - 1) + at];
-        out[i] = sum > 0 ? (float)((double)light * (double)s->layers[r->harmonics * (leaf - 1) + i] / sum)
-               : i < 3 ? light : 0;
+    for (k = 0; k < 3; k++) facing += normal[k] * (double)n[k];
+    for (i = 0; i < r->harmonics; i++) out[i] = 0;
+    for (point = 0; point < 25; point++) {
+        float place[3];
+        for (k = 0; k < 3; k++)
+            place[k] = p->position[k] + 0.25f * s->length * ((float)(point % 5 - 2) * axes[0][k] +
+                                                             (float)(point / 5 - 2) * axes[1][k]);
+        lit += sbl__stored_layers_add(s, triangle, facing < 0, place, r->harmonics, out);
     }
+    for (i = 0; i < r->harmonics; i++) out[i] /= (float)SBL__MAX(lit, 1);
 }
 
 /* Computes layers 1 and up for a pixel that shows stored light: harmonics for light that comes evenly from its whole
@@ -18121,9 +18191,10 @@ static const char *const sbl__glsl_belongs[] = {
 static const char *const sbl__glsl_filter[] = {
 "// The Gaussian of section III-H over pixels with the same id, normalised. If geometry_aware is set,\n",
 "// weights are also reduced for pixels whose normal, plane or R differs by more than noise explains. Harmonics that\n",
-"// differ by more than their noise always reduce weights. Light groups have the weights of R, so that they add up to R.\n",
+"// differ by more than their noise always reduce weights. Light groups have the weights of R, so that they add up\n",
+"// to R.\n",
 "uniform sampler2D radiance;  // R; a: its noise, above 0 where there is a surface\n",
-"uniform sampler2D layer;     // SBL_DIRECTIONAL: a layer of harmonics or a light group, which is smoothed instead of R\n",
+"uniform sampler2D layer;     // SBL_DIRECTIONAL: harmonics or a light group, which are smoothed instead of R\n",
 "uniform bool is_group;       // true: it is a light group\n",
 "uniform sampler2D positions, normals;\n",
 "uniform usampler2D ids;\n",
@@ -20808,7 +20879,9 @@ enum {
     SBL__VERTICES_SITES, SBL__VERTICES_SENSE, SBL__VERTICES_TAKE,  /* repeated for each job */
     SBL__VERTICES_MASS, SBL__VERTICES_BEND, SBL__VERTICES_SOLVE,
     SBL__VERTICES_SPREAD, SBL__VERTICES_MEAN,                      /* repeated for each ring around lit unknowns */
-    SBL__VERTICES_WRITE, SBL__VERTICES_DONE
+    SBL__VERTICES_WRITE,
+    SBL__VERTICES_NEXT,  /* goes back to SOLVE for each light group */
+    SBL__VERTICES_SHARES, SBL__VERTICES_DONE
 };
 
 /* A mesh that is baked. Numbers of vertices and triangles are consecutive over all parts, unless a comment says "number
@@ -20850,6 +20923,10 @@ typedef struct sbl__vertices {
                                    points' weights; rgb of the right-hand side for each corner */
     float *back_sums;           /* sums over the points that see mostly back faces, laid out like sums; NULL if there
                                    are no such points */
+    int groups, layer;          /* number of light groups that are asked for; layer that is being solved, 0: R */
+    float *found_layers;        /* the layers of the readings */
+    float *layer_sums;          /* per triangle: rgb of the right-hand side for each corner, for each light group; then
+                                   the same over the points that see mostly back faces; NULL without light groups */
     sbl__hinge *hinges;
     int hinge_count, hinge_room;
     sbl__solver solver;         /* with desc.average nothing is solved: diagonal holds sums of weights, and residual
@@ -20863,7 +20940,7 @@ typedef struct sbl__vertices {
 static void sbl__vertices_free(void *work) {
     sbl__vertices *s = (sbl__vertices *)work;
     void *const blocks[] = { s->parts, s->normals, s->unknowns, s->corners, s->areas, s->sums, s->back_sums, s->hinges,
-                             s->neighbours };
+                             s->neighbours, s->found_layers, s->layer_sums };
     sbl__base *base = &s->work.core->base;
     int i;
     for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(base, blocks[i]);
@@ -20888,6 +20965,7 @@ static sbl_result sbl__vertices_begin(void *work, const void *desc) {
     size_t vertices, triangles;
     int i;
     s->desc = sbl_vertices_desc_defaults((const sbl_vertices_desc *)desc);
+    s->groups = s->desc.groups ? c->scene.light_groups : 0;
     s->part_count = s->desc.mesh_count ? s->desc.mesh_count : g->mesh_count;
     s->parts = (sbl__vertices_part *)sbl__alloc(&c->base, (size_t)s->part_count, sizeof *s->parts);
     if (!s->parts) return SBL_ERROR_OUT_OF_MEMORY;
@@ -21109,6 +21187,12 @@ static sbl_result sbl__vertices_ask(void *work, int site) {
     return SBL_SUCCESS;
 }
 
+/* Returns the right-hand sides of a triangle for all light groups: 9 floats each. back: 1: of points that see mostly
+   back faces */
+static float *sbl__vertices_layers(const sbl__vertices *s, int triangle, int back) {
+    return s->groups ? s->layer_sums + 9 * (size_t)s->groups * (2 * (size_t)triangle + (size_t)back) : NULL;
+}
+
 /* Adds a reading, unless it is invalid, to its triangle's sums or, if it is mostly of back faces, to its back_sums. */
 static sbl_result sbl__vertices_take(void *work, int site) {
     sbl__vertices *s = (sbl__vertices *)work;
@@ -21117,8 +21201,9 @@ static sbl_result sbl__vertices_take(void *work, int site) {
     double h[3];
     const int triangle = sbl__vertices_pass(s, &s->next_reading, h);
     const double weight = (double)s->areas[triangle] / sbl__vertices_samples(s, triangle);
-    float *sums;
-    int a, b, k;
+    const float *found = s->groups ? s->found_layers + 3 * (size_t)s->groups * (size_t)site : NULL;
+    float *sums, *layers = sbl__vertices_layers(s, triangle, sees_back);
+    int a, b, k, layer;
     s->work.core->stats.sensors.count++;
     s->work.core->stats.sensors.invalid += !r->valid;
     if (!r->valid) return SBL_SUCCESS;
@@ -21135,6 +21220,9 @@ static sbl_result sbl__vertices_take(void *work, int site) {
     *sums++ += (float)weight;
     for (a = 0; a < 3; a++)
         for (k = 0; k < 3; k++) *sums++ += (float)(weight * h[a] * r->radiance[k]);
+    for (layer = 0; layer < s->groups; layer++)
+        for (a = 0; a < 3; a++)
+            for (k = 0; k < 3; k++) *layers++ += (float)(weight * h[a] * found[3 * layer + k]);
     return SBL_SUCCESS;
 }
 
@@ -21270,11 +21358,63 @@ static sbl_result sbl__vertices_write(void *work, int vertex) {
     sbl__vertices *s = (sbl__vertices *)work;
     const uint32_t unknown = s->unknowns[vertex];
     int k;
+    float *out = s->layer ? s->desc.groups + 3 * (size_t)s->vertex_count * (size_t)(s->layer - 1) : s->desc.radiance;
     for (k = 0; k < 3; k++) {
         const double x = unknown == SBL__NONE ? 0 : s->solver.solution[3 * (size_t)unknown + (size_t)k];
-        s->desc.radiance[3 * (size_t)vertex + (size_t)k] = x > 0 ? (float)SBL__MIN(x, (double)FLT_MAX) : 0;
+        out[3 * (size_t)vertex + (size_t)k] = x > 0 ? (float)SBL__MIN(x, (double)FLT_MAX) : 0;
     }
     return SBL_SUCCESS;
+}
+
+/* >>vertices: light groups, each solved with the equations of R and a right-hand side of its own */
+
+static int sbl__vertices_after_write(void *work) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    const size_t unknowns = (size_t)s->vertex_count;
+    if (s->layer++ == s->groups) return SBL__VERTICES_SHARES;
+    memset(s->solver.solution, 0, 3 * unknowns * sizeof *s->solver.solution);
+    memset(s->solver.residual, 0, 3 * unknowns * sizeof *s->solver.residual);
+    memset(s->neighbours, 0, unknowns * sizeof *s->neighbours);
+    s->solved = s->ring = s->reached = 0;
+    return SBL__VERTICES_NEXT;
+}
+
+/* Adds a triangle's sums for the next light group to the right-hand side, as sbl__vertices_mass does for R. */
+static sbl_result sbl__vertices_next(void *work, int triangle) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    const sbl__vertices_part *part = sbl__vertices_part_of(s, triangle, 0);
+    const int inside_out = part->back_points > SBL__VERTICES_INSIDE_OUT * part->points;
+    const uint32_t *corners = s->corners + 3 * (size_t)triangle;
+    const float *layer = sbl__vertices_layers(s, triangle, 0) + 9 * (s->layer - 1);
+    const float *back = sbl__vertices_layers(s, triangle, 1) + 9 * (s->layer - 1);
+    int a, k;
+    if (!(s->sums[SBL__VERTICES_SUMS * (size_t)triangle + 6] > 0)) return SBL_SUCCESS;
+    for (a = 0; a < 3; a++) {
+        s->neighbours[corners[a]] = SBL__VERTICES_LIT;
+        for (k = 0; k < 3; k++)
+            s->solver.residual[3 * (size_t)corners[a] + (size_t)k] += layer[3 * a + k] +
+                                                                      (inside_out ? back[3 * a + k] : 0);
+    }
+    return SBL_SUCCESS;
+}
+
+static int sbl__vertices_after_next(void *work) {
+    (void)work;
+    return SBL__VERTICES_SOLVE;
+}
+
+/* Makes the light groups of a vertex add up. */
+static sbl_result sbl__vertices_share(void *work, int vertex) {
+    const sbl__vertices *s = (const sbl__vertices *)work;
+    float *parts[SBL_MAX_LIGHT_GROUPS];
+    int i;
+    for (i = 0; i < s->groups; i++) parts[i] = s->desc.groups + 3 * (size_t)s->vertex_count * (size_t)i;
+    sbl__layers_share(s->desc.radiance + 3 * (size_t)vertex, parts, s->groups, 3 * (size_t)vertex);
+    return SBL_SUCCESS;
+}
+
+static int sbl__vertices_shared(void *work) {
+    return ((sbl__vertices *)work)->groups ? ((sbl__vertices *)work)->vertex_count : 0;
 }
 
 /* >>vertices: stages */
@@ -21283,6 +21423,8 @@ static sbl_result sbl__vertices_write(void *work, int vertex) {
 static sbl_result sbl__vertices_setup(void *work, sbl__slice *slice) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl__base *base = &s->work.core->base;
+    const size_t room = (size_t)SBL__MIN((double)s->points, SBL__WORK_SITES), row = (size_t)s->groups;
+    sbl_result result;
     (void)slice;
     s->solver.user = s;
     s->solver.term = sbl__vertices_term;
@@ -21292,7 +21434,13 @@ static sbl_result sbl__vertices_setup(void *work, sbl__slice *slice) {
     s->neighbours = (int *)sbl__alloc(base, (size_t)s->vertex_count, sizeof *s->neighbours);
     if (!s->sums || !s->neighbours || sbl__solver_make(base, &s->solver, s->vertex_count) != SBL_SUCCESS)
         return SBL_ERROR_OUT_OF_MEMORY;
-    return sbl__work_make_task(&s->work, (double)s->points, 1);
+    result = sbl__work_make_task(&s->work, (double)s->points, 1);
+    if (!s->groups || result != SBL_SUCCESS) return result;
+    s->found_layers = (float *)sbl__alloc_raw(base, room, 12 * row);
+    s->layer_sums = (float *)sbl__alloc(base, (size_t)s->triangle_count, 18 * sizeof(float) * row);
+    s->work.task.layers = s->found_layers;
+    s->work.task.spec.groups = s->groups;
+    return s->found_layers && s->layer_sums ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 /* Solves the equations of one part after the other, so that the light of a mesh does not depend on other meshes. */
@@ -21325,7 +21473,7 @@ static int sbl__vertices_triangles(void *work) { return ((sbl__vertices *)work)-
 static int sbl__vertices_hinges(void *work) { return ((sbl__vertices *)work)->hinge_count; }
 
 /* Frees the memory, because only the sbl__work is needed when the work is done. */
-static int sbl__vertices_after_write(void *work) {
+static int sbl__vertices_after_shares(void *work) {
     sbl__work w;
     sbl__work_free_task((sbl__work *)work);
     w = *(const sbl__work *)work;
@@ -21363,7 +21511,9 @@ static const sbl__stage_row sbl__vertices_stages[] = {
     { sbl__vertices_solve, NULL, sbl__vertices_average, sbl__vertices_averages },
     { NULL, NULL, sbl__vertices_spread, sbl__vertices_triangles },
     { NULL, sbl__vertices_after_mean, sbl__vertices_mean, sbl__vertices_count },
-    { NULL, sbl__vertices_after_write, sbl__vertices_write, sbl__vertices_count }
+    { NULL, sbl__vertices_after_write, sbl__vertices_write, sbl__vertices_count },
+    { NULL, sbl__vertices_after_next, sbl__vertices_next, sbl__vertices_triangles },
+    { NULL, sbl__vertices_after_shares, sbl__vertices_share, sbl__vertices_shared }
 };
 static const sbl__front_end sbl__vertices_front_end = {
     "sbl_begin_vertices", 0, sbl__vertices_check, NULL, sbl__vertices_begin, sbl__vertices_stages, SBL__VERTICES_DONE,
@@ -21402,11 +21552,14 @@ enum { SBL__PROBE_HEMISPHERES, SBL__PROBE_RAYS, SBL__PROBE_KINDS };  /* kinds of
 enum { SBL__PROBES_PREPARE, SBL__PROBES_SETUP, SBL__PROBES_SITES, SBL__PROBES_SENSE, SBL__PROBES_TAKE,
        SBL__PROBES_DONE };
 
+/* Weighted sums that become the fields of sbl_probe with the same name. */
+typedef struct sbl__probe_light { double sh[9][3], cube[6][3]; } sbl__probe_light;
+
 /* A probe of the batch, and sums over the readings of its sites in the current round. */
 typedef struct sbl__probe_sum {
     int number, invalid;           /* index of the probe in desc.probes; 1 if any reading of the round is not valid */
     float position[3];             /* world position in this round */
-    double sh[9][3], cube[6][3];   /* weighted sums that become the fields of sbl_probe */
+    sbl__probe_light light[SBL__LAYERS_MOST];  /* by layer of light: of all light, then of each light group */
     double hits, back;             /* number of rays that hit a surface; number of these that hit a back face */
     double weight[8], distance[8], squared[8];  /* sums of w, w * distance, w * distance^2; w: see sbl_probe.distance */
     float exits[8][4];             /* per octant: direction and distance of the nearest back face, seen from the
@@ -21421,6 +21574,8 @@ typedef struct sbl__probes {
     int lamps_apart;               /* 1: sensors trace rays, so HEMISPHERES measure only the light from lamps */
     int rings, around;             /* number of rings of normals, each of one |z|; number of normals on a ring */
     double ring[SBL__PROBE_RINGS], ring_weight[SBL__PROBE_RINGS];  /* |z| of each ring, 0 to 1; weights, with sum 1 */
+    int groups;                    /* number of light groups that are asked for */
+    float *layers;                 /* the layers of the readings; NULL without light groups */
     uint32_t *sequence;            /* sbl__sequence_at makes the directions of a probe's rays from it */
     sbl__probe_sum *sums;          /* one entry for each probe of the batch that is measured in this round */
     int first, taken;              /* first probe of the batch; number of probes in the batch */
@@ -21432,6 +21587,7 @@ typedef struct sbl__probes {
 static void sbl__probes_free(void *work) {
     sbl__probes *g = (sbl__probes *)work;
     sbl__base *base = &g->work.core->base;
+    sbl__free(base, g->layers);
     sbl__free(base, g->sequence);
     sbl__free(base, g->sums);
     sbl__work_free_task(&g->work);
@@ -21571,9 +21727,17 @@ static sbl_result sbl__probes_setup(void *work, sbl__slice *slice) {
     sbl__spec_make(rays, &measurement, &c->scene, &c->desc);
     rays->lamp_rays = 0;
     rays->one_ray = 1;
+    hemispheres->groups = rays->groups = g->groups = g->desc.groups ? c->scene.light_groups : 0;
     g->sequence = sbl__sequence_make(&c->base, 1, g->desc.options.rays, 1);
     g->sums = (sbl__probe_sum *)sbl__alloc(&c->base, (size_t)batch, sizeof *g->sums);
-    return g->sequence && g->sums ? sbl__work_make_task(&g->work, (double)most * batch, 1) : SBL_ERROR_OUT_OF_MEMORY;
+    if (!g->sequence || !g->sums) return SBL_ERROR_OUT_OF_MEMORY;
+    if (g->groups) {
+        const size_t room = (size_t)SBL__MIN((double)most * batch, SBL__WORK_SITES);
+        g->layers = (float *)sbl__alloc_raw(&c->base, room, 12 * (size_t)g->groups);
+        if (!g->layers) return SBL_ERROR_OUT_OF_MEMORY;
+        g->work.task.layers = g->layers;
+    }
+    return sbl__work_make_task(&g->work, (double)most * batch, 1);
 }
 
 /* Begins a job with the sites of kind g->kind from g->from on. */
@@ -21620,10 +21784,15 @@ static sbl_result sbl__probes_site(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Adds the reading of a site to the harmonics: the radiance along a ray, or R at a normal. A ray's radiance is also
-   added to the sides of the cube. site: number of the site among the sites of its probe. d: its direction */
-static void sbl__probe_add(const sbl__probes *g, sbl__probe_sum *sum, int site, const double d[3],
-                           const sbl_reading *r) {
+/* Returns layer `layer` of reading number `at` of the current job. */
+static const float *sbl__probe_found(const sbl__probes *g, int at, int layer) {
+    return layer ? g->layers + 3 * ((size_t)g->groups * (size_t)at + (size_t)layer - 1) : g->work.readings[at].radiance;
+}
+
+/* Adds a layer of the reading of a site to the harmonics: the radiance along a ray, or R at a normal. A ray's radiance
+   is also added to the sides of the cube. site: number of the site among the sites of its probe. d: its direction */
+static void sbl__probe_add(const sbl__probes *g, sbl__probe_light *sum, int site, const double d[3],
+                           const float radiance[3]) {
     /* the factors A_i of the formula for R in the comment of sbl_probe */
     static const double factors[9] = { 1, 2 / 3.0, 2 / 3.0, 2 / 3.0, 0.25, 0.25, 0.25, 0.25, 0.25 };
     const int rays = g->kind == SBL__PROBE_RAYS;
@@ -21634,11 +21803,11 @@ static void sbl__probe_add(const sbl__probes *g, sbl__probe_sum *sum, int site, 
     sbl__harmonics_of(d, y);
     for (i = 0; i < 9; i++) {
         const double weight = area * y[i] / (rays ? 1 : factors[i]);
-        for (k = 0; k < 3; k++) sum->sh[i][k] += weight * (double)r->radiance[k];
+        for (k = 0; k < 3; k++) sum->sh[i][k] += weight * (double)radiance[k];
     }
     for (i = 0; i < 6 && rays; i++) {
         const double cosine = i & 1 ? -d[i / 2] : d[i / 2], weight = area / SBL__PI * SBL__MAX(cosine, 0.0);
-        for (k = 0; k < 3; k++) sum->cube[i][k] += weight * (double)r->radiance[k];
+        for (k = 0; k < 3; k++) sum->cube[i][k] += weight * (double)radiance[k];
     }
 }
 
@@ -21670,24 +21839,29 @@ static sbl_result sbl__probes_take(void *work, int at) {
     const sbl_reading *r = &g->work.readings[at];
     sbl__probe_sum *sum = &g->sums[(g->from + at) / each];
     double d[3];
-    int k;
+    int k, layer;
     sum->invalid |= !r->valid;
     if (g->kind == SBL__PROBE_HEMISPHERES && side >= 0) {
-        for (k = 0; k < 3; k++) sum->cube[side][k] += (double)r->radiance[k];
+        for (layer = 0; layer <= g->groups; layer++)
+            for (k = 0; k < 3; k++)
+                sum->light[layer].cube[side][k] += (double)sbl__probe_found(g, at, layer)[k];
         return SBL_SUCCESS;
     }
     sbl__probe_direction(g, sum->number, i, d);
-    if (g->lamps_apart || g->kind == SBL__PROBE_HEMISPHERES) sbl__probe_add(g, sum, i, d, r);
+    for (layer = 0; layer <= (g->lamps_apart || g->kind == SBL__PROBE_HEMISPHERES ? g->groups : -1); layer++)
+        sbl__probe_add(g, &sum->light[layer], i, d, sbl__probe_found(g, at, layer));
     if (g->kind == SBL__PROBE_RAYS) sbl__probe_meet(sum, d, r, g->round == 0 && g->desc.move > 0);
     return SBL_SUCCESS;
 }
 
-/* Makes the probe that the host gets. If a sum is not finite, the probe is invalid and all else but position is 0. */
-static void sbl__probe_make(const sbl__probes *g, const sbl__probe_sum *sum, sbl_probe *out) {
+/* Makes the probe that the host gets, with a layer of its light. If a sum is not finite, the probe is invalid and all
+   else but position is 0. */
+static void sbl__probe_make(const sbl__probes *g, const sbl__probe_sum *sum, int layer, sbl_probe *out) {
     int i, k, finite;
     memset(out, 0, sizeof *out);
-    for (i = 0; i < 9; i++) for (k = 0; k < 3; k++) out->sh[i][k] = (float)sum->sh[i][k];
-    for (i = 0; i < 6; i++) for (k = 0; k < 3; k++) out->cube[i][k] = (float)sum->cube[i][k];
+    for (i = 0; i < 9; i++) for (k = 0; k < 3; k++) out->sh[i][k] = (float)sum->light[layer].sh[i][k];
+    for (i = 0; i < 6; i++)
+        for (k = 0; k < 3; k++) out->cube[i][k] = (float)sum->light[layer].cube[i][k];
     for (i = 0; i < 8; i++) {
         out->distance[i] = sum->weight[i] > 0 ? (float)(sum->distance[i] / sum->weight[i]) : 0;
         out->distance_squared[i] = sum->weight[i] > 0 ? (float)(sum->squared[i] / sum->weight[i]) : 0;
@@ -21722,14 +21896,18 @@ static int sbl__probe_move(const sbl__probes *g, sbl__probe_sum *sum) {
    or, if there are none, the next batch. A probe that is invalid in every round keeps the result of the first round. */
 static int sbl__probes_close(sbl__probes *g) {
     sbl_stats *stats = &g->work.core->stats;
-    int i, left = 0;
+    int i, k, left = 0;
     stats->sensors.count += g->count;
     for (i = 0; i < g->count; i++) {
         const sbl__probe_sum *sum = &g->sums[i];
         sbl__probe_sum next;
         sbl_probe probe;
-        sbl__probe_make(g, sum, &probe);
-        if (probe.valid || g->round == 0) g->desc.probes[sum->number] = probe;
+        sbl__probe_make(g, sum, 0, &probe);
+        if (probe.valid || g->round == 0) {
+            g->desc.probes[sum->number] = probe;
+            for (k = 0; k < g->groups; k++)
+                sbl__probe_make(g, sum, k + 1, &g->desc.groups[(size_t)g->groups * (size_t)sum->number + (size_t)k]);
+        }
         if (g->round == 0) stats->sensors.invalid += !probe.valid;
         else stats->sensors.invalid -= probe.valid;
         memset(&next, 0, sizeof next);

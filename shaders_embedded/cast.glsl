@@ -9,8 +9,8 @@ SBL_OUT(1, out_albedo);
 // rgb: light of lamps and of the sky that a ray finds by way of metal; a: 1: the ray has met metal
 SBL_OUT(2, out_shine);
 #ifdef SBL_GROUPS
-// rgb: the part of that light that the ray's last segment finds; a: layer of this part + SBL_CAST_LAYERS * layer of the
-// other part, which a lamp sends
+// rgb: the part of that light that the ray's last segment finds; a: layer of this part + SBL_CAST_LAYERS * layer
+// of the other part, which a lamp sends
 SBL_OUT(3, out_parts);
 #endif
 vec4 parts;

@@ -1,6 +1,7 @@
-// SBL_GROUPS is the number of light groups; it is not defined if they are not measured. A program then sums the light
-// of each group in a layer. SBL_OUT_LAYERS declares as many outputs as the layers need, four floats each; a to f: the
+// SBL_GROUPS is the number of light groups; it is not defined if they are not measured. Programs sum the light of
+// each group in a layer. SBL_OUT_LAYERS declares as many outputs as the layers need, four floats each; a to f: the
 // numbers that SBL_OUT gives them. sbl_write_layers writes the layers into them, one after the other.
+// SBL_PART_n(x) is x if output n is needed.
 #ifdef SBL_GROUPS
 #define SBL_PART_0(x) x
 #if SBL_GROUPS >= 2

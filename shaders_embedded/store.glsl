@@ -67,7 +67,7 @@ vec3 sbl_glowing(inout int leaf, int number, bool back, vec3 position, float dis
 }
 
 #ifdef SBL_GROUPS
-uniform int first_layer;   // texel of sbl_store at which the layers of leaves begin; each leaf has one texel per layer
+uniform int first_layer;   // texel of sbl_store at which the layers of leaves begin, one texel per leaf and layer
 
 // Returns the part of a leaf's R that a light group causes; 0 if there is no leaf. leaf: what sbl_leaf_at returns
 vec3 sbl_layer_of(int leaf, int layer) {
