@@ -11,6 +11,7 @@
 #include "bake_parts.h"
 #include "scene_file.h"
 #include "gltf_file.h"
+#include "light_groups.h"
 #define TOOL_NAME "sbl_bake"
 #define TOOL_MAKES "bake"
 #include "tool.h"
@@ -27,6 +28,7 @@ static struct options {
     part_choice part;
     const char *join;
     const char *positions;  /* file with the positions of probes, or NULL for a grid */
+    const char *light_groups;
     double target_error, move, smoothing;
 } options;
 
@@ -36,6 +38,7 @@ enum {
     GUTTER,
     DIRECTIONAL,
     SUPERSAMPLE,
+    LIGHT_GROUPS,
     TARGET_ERROR,
     VERTICES,
     AVERAGE,
@@ -79,6 +82,16 @@ static const tool_option table[OPTION_COUNT] = {
                       "with --lightmap: averages measurements at N x N places in each texel, for shadows finer than "
                       "texels;\n"
                       "default 1" },
+    [LIGHT_GROUPS] = { "--light-groups", "NAME=PATTERN,...", TEXT, &options.light_groups, 0, 0, 0,
+                       "with --lightmap: also writes the light of each group of sources, from the same rays: "
+                       "lightmap_NAME.pfm and\n"
+                       ".exr, continued into the gutters. The sum of all groups is atlas. A source is a light or an "
+                       "emitting\n"
+                       "mesh, both with the name of their node, or the sky, named sky. It belongs to the first group\n"
+                       "whose pattern matches its name (with * ? and [], as in a shell); NAME alone is its own pattern; "
+                       "what no\n"
+                       "pattern matches belongs to the group rest. At most 8 groups. Not with --directional, --part, "
+                       "--join" },
     [TARGET_ERROR] = { "--target-error", "E", SHARES, &options.target_error, 1, 0.0001, 1,
                        "with --lightmap: target error of R, such as 2% or 0.02: the root mean square error of the map, "
                        "divided\n"
@@ -145,11 +158,14 @@ static const tool_option table[OPTION_COUNT] = {
                  "at the end; while it exists, a run without --resume is refused" },
 };
 static int given[OPTION_COUNT];
+static light_groups groups;
+static sbl_material *grouped_materials;  /* see groups_assign */
 
 static const tool_line lines[] = {
     { TOOL_HEADING, "What:" },
     { LIGHTMAP, "a map of N x N texels, into a folder" },
     { DIRECTIONAL, "also how the light of the map depends on direction" },
+    { LIGHT_GROUPS, NULL },
     { VERTICES, "light at the vertices, into a .ply or .gltf file" },
     { AVERAGE, NULL },
     { PROBES, "light in the air, into a .json file" },
@@ -218,7 +234,7 @@ static int parse_part(void) {
 
 static int parse(int argc, char **argv) {
     static const int of_lightmaps[] = {
-        GUTTER, DIRECTIONAL, SUPERSAMPLE, TARGET_ERROR, TILE, THRESHOLD, FILTER_RADIUS, PLAN, JOIN, RESUME
+        GUTTER, DIRECTIONAL, SUPERSAMPLE, LIGHT_GROUPS, TARGET_ERROR, TILE, THRESHOLD, FILTER_RADIUS, PLAN, JOIN, RESUME
     };
     static const int of_vertices[] = { AVERAGE, SAMPLES, SMOOTHING };
     int i;
@@ -237,6 +253,10 @@ static int parse(int argc, char **argv) {
     for (i = 0; i < (int)(sizeof of_vertices / sizeof *of_vertices); i++)
         if (given[of_vertices[i]] && !given[VERTICES]) return misuse("%s needs --vertices", table[of_vertices[i]].name);
     if (given[MOVE] && !given[PROBES]) return misuse("--move needs --probes");
+    if (given[LIGHT_GROUPS] && (given[DIRECTIONAL] || given[PART] || given[JOIN]))
+        return misuse("--light-groups works neither with --directional nor with --part and --join");
+    if (given[LIGHT_GROUPS] && !groups_read(&groups, options.light_groups))
+        return misuse("--light-groups %s: %s", options.light_groups, groups.error);
     if (given[PLAN] && !given[PART]) return misuse("--plan needs --part K/N: it says which parts there are");
     if (given[JOIN] && given[PART]) return misuse("--join joins the parts that --part has made; give only one of them");
     if (given[JOIN] && given[RESUME]) return misuse("--resume goes on baking, and --join bakes nothing; give only one");
@@ -657,6 +677,7 @@ int main(int argc, char **argv) {
                                    : tool_run(start, given, bake_probes, NULL, NULL);
     targets_free();
     free(listed.positions);
+    free(grouped_materials);
     if (folder_is_new && status != DONE) rmdir(common.output);  /* leaves a folder that contains files */
     for (i = 0; i < TARGETS_MOST; i++) free(paths[i]);
     return status;

@@ -67,13 +67,38 @@ static int find_textures(const scene_file *file, int first, size_t folder) {
     return status;
 }
 
+#ifdef SBL_RENDER_OPENEXR
+enum { GROUP_FILES = 2 };
+#else
+enum { GROUP_FILES = 1 };
+#endif
+static const char *const group_endings[2] = { ".pfm", ".exr" };
+
+/* Gives sources their light groups, and lists the files of each group, after those of textures. Returns the exit
+   status. */
+static int find_groups(scene_file *file) {
+    const int first = TEXTURES + file->scene.texture_count;
+    int i, status = DONE;
+    if (!groups_assign(&groups, file, &grouped_materials))
+        return misuse("--light-groups %s: %s", options.light_groups, groups.error);
+    if (first + GROUP_FILES * groups.count > TARGETS_MOST) return fail("%s: too many textures for light groups", common.scene);
+    for (i = 0; i < GROUP_FILES * groups.count && status == DONE; i++) {
+        char name[GROUP_NAME + 16];
+        snprintf(name, sizeof name, "lightmap_%s%s", groups.items[i / GROUP_FILES].name,
+                 group_endings[i % GROUP_FILES]);
+        status = target_add(first + i, strlen(common.output), name);
+    }
+    return status;
+}
+
 /* Lists the files that depend on the scene, after it was read. Returns the exit status. */
 static int find_more_files(const scene_file *file) {
-    int i, mapped = 0;
+    int i, mapped = 0, status;
     for (i = 0; i < file->scene.mesh_count; i++) mapped += file->scene.meshes[i].lightmap_texcoords.data != NULL;
     if (!mapped)
         return fail("%s: no mesh has second texture coordinates (TEXCOORD_1); scripts/unwrap makes them", common.scene);
-    return given[PART] ? DONE : find_textures(file, TEXTURES, strlen(common.output));
+    status = given[PART] ? DONE : find_textures(file, TEXTURES, strlen(common.output));
+    return status == DONE && given[LIGHT_GROUPS] ? find_groups((scene_file *)file) : status;
 }
 
 typedef struct lightmap {
@@ -82,6 +107,8 @@ typedef struct lightmap {
     image overlap;           /* has no values if charts do not overlap */
     image harmonics[4];      /* have no values without --directional */
     int harmonic;            /* number of the harmonic that is written next */
+    image groups[SBL_MAX_LIGHT_GROUPS];  /* have no values without --light-groups */
+    int group;               /* number of the file of a light group that is written next */
     double intensity;        /* irradiance divided by the linear value of atlas.png */
     gltf_file gltf;
     int texture;             /* number of the texture that is written next */
@@ -112,6 +139,10 @@ static int write_atlas_exr(FILE *out, const void *what) {
     return write_linear(out, ".exr", &((const lightmap *)what)->atlas);
 }
 #endif
+static int write_group(FILE *out, const void *what) {
+    const lightmap *l = (const lightmap *)what;
+    return write_linear(out, group_endings[l->group % GROUP_FILES], &l->groups[l->group / GROUP_FILES]);
+}
 static int write_atlas_png(FILE *out, const void *what) {
     const lightmap *l = (const lightmap *)what;
     return picture_write(out, ".png", &l->atlas, SBL_CHANNEL_FINAL, log(atan(1.0) * 4 / l->intensity) / log(2.0));
@@ -224,6 +255,18 @@ static int keep_files(lightmap *l, int group) {
     return DONE;
 }
 
+/* Writes the files of the light groups, if there are any. Returns the exit status. */
+static int keep_groups(lightmap *l) {
+    const int first = TEXTURES + l->gltf.scene->texture_count;
+    for (l->group = 0; l->group < GROUP_FILES * groups.count; l->group++) {
+        output_file *target = &targets[first + l->group];
+        if (interrupted) return stop("%s was not written", target->name);
+        if (!target_write(target, write_group, l, 0))
+            return interrupted ? stop("%s was not written", target->name) : fail_to_write(target->name);
+    }
+    return DONE;
+}
+
 /* ---- baking ---- */
 
 /* A lightmap that is being baked: what is baked, and in which windows. */
@@ -243,6 +286,7 @@ static void describe_lightmap(sbl_lightmap_desc *desc, progress *bar) {
     desc->options = common_options(given, bar);
     desc->target_error = (float)options.target_error;
     desc->directional = given[DIRECTIONAL];
+    desc->grouped = given[LIGHT_GROUPS];
     desc->supersample = options.supersample;
     desc->tile = common.tile;
     if (given[THRESHOLD]) desc->threshold = zero_or(common.threshold);
@@ -286,10 +330,13 @@ static int bake_whole(map_bake *b, double *seconds) {
     if (result == SBL_SUCCESS) result = picture_read(context, size, size, SBL_CHANNEL_FINAL, &l->atlas);
     for (i = 0; i < 4 && given[DIRECTIONAL] && result == SBL_SUCCESS; i++)
         result = picture_read(context, size, size, (sbl_channel)(SBL_CHANNEL_SH_0 + i), &l->harmonics[i]);
+    for (i = 0; i < groups.count && result == SBL_SUCCESS; i++)
+        result = picture_read(context, size, size, (sbl_channel)(SBL_CHANNEL_GROUP_0 + i), &l->groups[i]);
     if (result == SBL_SUCCESS) result = read_overlap(context, l, size);
     if (result == SBL_SUCCESS && !describe_scene(b)) result = SBL_ERROR_OUT_OF_MEMORY;
     if (result != SBL_SUCCESS) return fail_with(b->task->said, common.scene, result);
     status = keep_files(l, 0);
+    if (status == DONE) status = keep_groups(l);
     return status == DONE ? keep_files(l, 1) : status;
 }
 
@@ -640,7 +687,11 @@ static int divide_map(map_bake *b) {
     w->make = bake_window;
     w->write = write_window;
     find_map_facts(b);
-    return status != DONE || given[JOIN] ? status : windows_choose(w);
+    if (status != DONE || given[JOIN]) return status;
+    if (given[LIGHT_GROUPS] && (windows__divide(w) != DONE || w->work.count > 1))
+        return fail("--light-groups: this map would be baked in windows, which have no light groups; make it smaller, "
+                    "or give more --memory");
+    return windows_choose(w);
 }
 
 static int bake_lightmap(tool_task *task, double *seconds) {
@@ -660,6 +711,7 @@ static int bake_lightmap(tool_task *task, double *seconds) {
     if (b.map.atlas.values != b.map.light.values) free(b.map.atlas.values);
     free(b.map.overlap.values);
     for (i = 0; i < 4; i++) free(b.map.harmonics[i].values);
+    for (i = 0; i < SBL_MAX_LIGHT_GROUPS; i++) free(b.map.groups[i].values);
     if (status == DONE && b.bar.shown)
         fprintf(stderr, "%s: %d x %d texels, %.0f sensors, %.1f s\n", common.output, options.lightmap,
                 options.lightmap, (double)sbl_query_stats(task->context).sensors.count, *seconds);

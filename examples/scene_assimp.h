@@ -123,7 +123,7 @@ typedef struct scene__reader {
     char *shown, *posed; /* one per material, and one per mesh of the file; 1: it is used, or used with a rest pose */
     sbl_mesh *shared;    /* one per mesh of the file: its arrays, shared by all uses */
     sbl_mesh *meshes;    /* one per use of a mesh */
-    const char **names;
+    const char **names, **light_names;
     size_t use_count;
     double triangles, vertices;  /* numbers in all uses */
     unsigned best_camera;
@@ -792,6 +792,12 @@ static int scene__has_range(const struct aiNode *node) {
     return 0;
 }
 
+/* Returns a copy of a text in the shared pages. */
+static const char *scene__copy_text(scene_file *file, const char *text) {
+    char *copy = (char *)scene__alloc(file, strlen(text) + 1, 1);
+    return copy ? strcpy(copy, text) : "";
+}
+
 /* Adds the lights of a node: those with its name that no earlier node has taken. */
 static void scene__lights(scene__reader *r, const struct aiNode *node, const double m[16]) {
     sbl_scene_desc *scene = &r->file->scene;
@@ -806,7 +812,8 @@ static void scene__lights(scene__reader *r, const struct aiNode *node, const dou
         if (lamp->placed || strcmp(lamp->light->mName.data, node->mName.data) != 0) break;
         lamp->placed = 1;
         if (scene__has_range(node)) scene__count(r->file, SCENE_FILE_RANGE);
-        scene->light_count += scene__light(r->file, lamp->light, m, r->is_gltf, &r->lights[scene->light_count]);
+        if (!scene__light(r->file, lamp->light, m, r->is_gltf, &r->lights[scene->light_count])) continue;
+        r->light_names[scene->light_count++] = scene__copy_text(r->file, node->mName.data);
     }
 }
 
@@ -930,6 +937,7 @@ static int scene__make_room(scene__reader *r) {
     p->keys = (struct scene__texture_key *)calloc(SCENE__MASK * materials, sizeof *p->keys);
     r->materials = (sbl_material *)scene__alloc(r->file, materials, sizeof *r->materials);
     r->lights = (sbl_light *)scene__alloc(r->file, r->in->mNumLights, sizeof *r->lights);
+    r->light_names = (const char **)scene__alloc(r->file, r->in->mNumLights, sizeof *r->light_names);
     r->left_out = (int *)calloc(materials, sizeof *r->left_out);
     r->uv_set = (unsigned *)calloc(materials, sizeof *r->uv_set);
     r->opacity = (float *)calloc(materials, sizeof *r->opacity);
@@ -968,6 +976,7 @@ static void scene__convert(scene__reader *r) {
         if (!file->error[0]) scene__count_all(r);
     }
     file->scene.lights = r->lights;
+    file->light_names = r->light_names;
     file->scene.materials = r->materials;
     file->scene.material_count = r->in->mNumMaterials ? (int)r->in->mNumMaterials : 1;
     file->scene.textures = r->pictures.textures;

@@ -132,6 +132,7 @@ typedef struct scene_file_camera {
 typedef struct scene_file {
     sbl_scene_desc scene;         /* without a sky; after scene_file_load_sky, only a picture of the sky */
     const char *const *names;     /* one per mesh */
+    const char *const *light_names;  /* one per light: the name of its node */
     int has_camera;
     scene_file_camera camera;
     int frame_count;

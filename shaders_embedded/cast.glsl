@@ -8,6 +8,13 @@ SBL_OUT(1, out_albedo);
 #ifdef SBL_BOUNCED  // the scene has metal
 // rgb: light of lamps and of the sky that a ray finds by way of metal; a: 1: the ray has met metal
 SBL_OUT(2, out_shine);
+#ifdef SBL_GROUPS
+// rgb: the part of that light that the ray's last segment finds; a: layer of this part + SBL_CAST_LAYERS * layer
+// of the other part, which a lamp sends
+SBL_OUT(3, out_parts);
+#endif
+vec4 parts;
+uniform int sky_layer;
 
 // Follows a ray that has met metal by one segment, as sensors do. hit: becomes the hit of that segment; origin,
 // direction: become those of that segment. share: becomes the share of the light there that the ray carries.
@@ -22,9 +29,16 @@ vec3 sbl_go_on(inout sbl_Hit hit, sbl_Material material, inout vec3 origin, inou
     direction = next.direction;
     hit = sbl_trace(origin, direction, SBL_UNBOUNDED, SBL_RAY_PATH);
     share *= next.share * sbl_tint;
-    if (hit.triangle < 0) return light + share * sbl_sky(direction, sbl_lobe_met(next.density, SBL_LAMP_DENSITY));
+    parts.a = float(sky_layer + SBL_CAST_LAYERS * next.layer);
+    if (hit.triangle < 0) {
+        parts.rgb = share * sbl_sky(direction, sbl_lobe_met(next.density, SBL_LAMP_DENSITY));
+        return light + parts.rgb;
+    }
     lamp_met = sbl_lobe_met(next.density, sbl_hit_density(hit, direction));
-    return light + share * sbl_outgoing(int(sbl_triangle_object(hit.triangle)), hit.back, sbl_attributes_of(hit));
+    int object = int(sbl_triangle_object(hit.triangle));
+    parts.rgb = share * sbl_outgoing(object, hit.back, sbl_attributes_of(hit));
+    parts.a = float(int(sbl_object_layer(object)) + SBL_CAST_LAYERS * next.layer);
+    return light + parts.rgb;
 }
 #endif
 
@@ -42,6 +56,7 @@ void main() {
     float low = 0.0, high = 0.0;
 #ifdef SBL_BOUNCED
     vec4 shine = vec4(0);
+    parts = vec4(0);
     sbl_Material material;
     if (limit < 0.0 && hit.triangle >= 0) {
         material = sbl_material(int(sbl_triangle_object(hit.triangle)), sbl_attributes_of(hit));
@@ -53,6 +68,9 @@ void main() {
         place = origin + direction * (hit.triangle < 0 ? 0.0 : hit.distance);
     }
     sbl_write(out_shine, shine);
+#ifdef SBL_GROUPS
+    sbl_write(out_parts, parts);
+#endif
 #endif
     if (hit.triangle >= 0) {
         int object = int(sbl_triangle_object(hit.triangle));

@@ -1,8 +1,10 @@
 // The Gaussian of section III-H over pixels with the same id, normalised. If geometry_aware is set,
 // weights are also reduced for pixels whose normal, plane or R differs by more than noise explains. Harmonics that
-// differ by more than their noise always reduce weights.
+// differ by more than their noise always reduce weights. Light groups have the weights of R, so that they add up
+// to R.
 uniform sampler2D radiance;  // R; a: its noise, above 0 where there is a surface
-uniform sampler2D layer;     // SBL_DIRECTIONAL: a layer of harmonics, which is smoothed instead of R
+uniform sampler2D layer;     // SBL_DIRECTIONAL: harmonics or a light group, which are smoothed instead of R
+uniform bool is_group;       // true: it is a light group
 uniform sampler2D positions, normals;
 uniform usampler2D ids;
 uniform int radius;
@@ -46,7 +48,7 @@ void main() {
                           sbl_alike(own, light);
 #ifdef SBL_DIRECTIONAL
             light = vec4(texelFetch(layer, there, 0).rgb, sbl_harmonic_noise(light));
-            weight *= sbl_alike(own_layer, light);
+            weight *= is_group ? 1.0 : sbl_alike(own_layer, light);
 #endif
             sum += weight * vec4(light.rgb, 1);
         }

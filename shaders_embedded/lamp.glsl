@@ -25,6 +25,7 @@ struct sbl_Lamp {
     int triangle, number;      // triangle: its number in the hierarchy's order and in the scene; else number is -1
     vec2 group;                // (0, 1) if it is a triangle that shows the sensor its back; else (1, 0)
     bool glow;                 // true: a glow; its kind is SBL_LAMP_TRIANGLE, and it is a part of `triangle`
+    int layer;                 // number of its light group; glow: number of its record, see sbl_lamp_share
 };
 
 bool sbl_is_light(sbl_Lamp l) { return mixed && (l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT); }
@@ -37,11 +38,12 @@ mat3 to_frame;               // the sensor's frame, for closed forms
 sbl_Lamp sbl_lamp(int leaf) {
     uint code = sbl_lamp_leaf_code(leaf), at = code & ((1u << SBL_LAMP_KIND_SHIFT) - 1u);
     sbl_Lamp l = sbl_Lamp(code >> SBL_LAMP_KIND_SHIFT, vec3(0), vec3(0), vec3(0), vec3(0), SBL_UNBOUNDED, 0.0, 0.0,
-                          ivec2(0), int(at), -1, vec2(1, 0), false);
+                          ivec2(0), int(at), -1, vec2(1, 0), false, int(sbl_lamp_leaf_layer(leaf)));
     l.glow = mixed && l.kind == SBL_LAMP_GLOW;
     if (l.glow) {
         l.kind = SBL_LAMP_TRIANGLE;
         l.triangle = int(sbl_glow_triangle(int(at)));
+        l.layer = int(at);
     }
     if (l.kind == SBL_LAMP_TRIANGLE) {
         int object = int(sbl_triangle_object(l.triangle));
@@ -91,6 +93,16 @@ sbl_Lamp sbl_lamp(int leaf) {
     }
     return l;
 }
+
+#ifdef SBL_GROUPS
+uniform int first_glow_layer;  // texel of sbl_lamps at which the layers of glows begin, one texel per layer
+
+// Returns the share of a lamp's light that belongs to a layer.
+vec3 sbl_lamp_share(sbl_Lamp l, int layer) {
+    if (l.glow) return uintBitsToFloat(sbl_fetch(sbl_lamps, first_glow_layer + l.layer * SBL_GROUPS + layer).xyz);
+    return vec3(l.layer == layer ? 1.0 : 0.0);
+}
+#endif
 
 // >>closed forms
 

@@ -26,6 +26,7 @@ SBL_OUT(1, out_way);                  // xyz: a ray's direction, or 0 for an ent
 const bool inspected = false;
 SBL_OUT(0, out_light);                // R of the part * scale, and the variance of its luminance
 SBL_OUT_HARMONICS(1, 2, 3)            // spherical harmonics of the part's light * scale
+SBL_OUT_LAYERS(1, 2, 3, 4, 5, 6)      // layers of the part's light * scale
 #ifdef SBL_DIRECTIONAL
 const bool directional = true;
 #else
@@ -123,6 +124,20 @@ mat2x3 whole;                // by group (see sbl_Lamp): unobstructed light of l
                              // open, because one side of a closed mesh hides the other
 bool rounded = false;        // true: some of the lamps considered are not triangles
 mat3x4 whole_harmonics[2];   // by group, as `whole`: the harmonics of that light
+#ifdef SBL_GROUPS
+vec3 whole_layers[2 * SBL_GROUPS];  // by group, as `whole`: first the layers of group 0, then those of group 1
+
+// Adds the light of a lamp to sums that are ordered as whole_layers.
+void sbl_add_layers(inout vec3 sums[2 * SBL_GROUPS], sbl_Lamp l, vec3 light) {
+    for (int g = 0; g < SBL_GROUPS; g++) {
+        vec3 part = light * sbl_lamp_share(l, g);
+        sums[g] += l.group.x * part;
+        sums[SBL_GROUPS + g] += l.group.y * part;
+    }
+}
+#else
+#define sbl_add_layers(sums, l, light)
+#endif
 
 // R / unit from an unobstructed lamp. With SBL_LOBE, it is the mean radiance in the lobe / unit that comes from
 // the lamp: for a triangle, the closed form of the cosine (see sbl_cosine_factor); otherwise an estimate above 0.
@@ -184,6 +199,7 @@ int sbl_consider(int i, int limit, float opening, bool last, out bool full) {
         point = l.sine2 == 0.0 && sbl_is_light(l) && certain < SBL_CERTAIN;
         if (!point && sbl_has_closed_form(l)) {
             whole += outerProduct(light, l.group);
+            sbl_add_layers(whole_layers, l, light);
             if (directional) whole_harmonics[l.group.y > 0.0 ? 1 : 0] += sbl_unhindered_harmonics(l);
         }
     }
@@ -211,6 +227,9 @@ void sbl_choose() {
         total = crowd = crowd_within = 0.0;
         whole = mat2x3(0);
         if (directional) whole_harmonics[0] = whole_harmonics[1] = mat3x4(0);
+#ifdef SBL_GROUPS
+        for (int g = 0; g < 2 * SBL_GROUPS; g++) whole_layers[g] = vec3(0);
+#endif
         full = false;
         for (int i = 0; i < limit; ) i = sbl_consider(i, limit, opening, attempt == SBL_OPENINGS - 1, full);
     }
@@ -249,6 +268,10 @@ vec2 sparse;                                  // by group: 1: too few rays for a
 vec2 bright = vec2(0), dark = vec2(0);        // by group: number of unblocked and of blocked rays and rim samples
 mat3x4 sure_harmonics = mat3x4(0), sampled_harmonics = mat3x4(0);  // harmonics of `sure` and of `sampled`
 mat3x4 open_harmonics[2], seen_harmonics[2];  // harmonics of `open` and of `seen`
+#ifdef SBL_GROUPS
+vec3 open_layers[2 * SBL_GROUPS], seen_layers[2 * SBL_GROUPS];  // layers of `open` and of `seen`, see whole_layers
+vec3 sure_layers[2 * SBL_GROUPS], sampled_layers[2 * SBL_GROUPS];  // layers of `sure` and of `sampled`
+#endif
 vec4 report = vec4(0), report_way = vec4(0);  // inspections: out_light / unit, and out_way
 bool reporting;                               // true: sbl_shoot reports its ray
 
@@ -270,6 +293,7 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
     if (!cluster && !point && !at_rim) {
         if (directional) open_harmonics[l.group.y > 0.0 ? 1 : 0] += outerProduct(counts, light);
         open += outerProduct(unhindered, l.group);
+        sbl_add_layers(open_layers, l, unhindered);
         samples += l.group;
 #ifdef SBL_LOBE
         float weight = dot(unhindered, SBL_LUMINANCE);
@@ -304,13 +328,17 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, bool at_rim, bool
     if (directional && point) sure_harmonics += harmonics;
     else if (directional && cluster) sampled_harmonics += harmonics;
     else if (directional) seen_harmonics[l.group.y > 0.0 ? 1 : 0] += harmonics;
-    if (point) sure += light;
-    else if (cluster) {
+    if (point) {
+        sure += light;
+        sbl_add_layers(sure_layers, l, light);
+    } else if (cluster) {
         sampled += light;
+        sbl_add_layers(sampled_layers, l, light);
         float mean = dot(light, SBL_LUMINANCE);
         squares += mean * mean;
     } else {
         seen += outerProduct(unhindered, l.group);
+        sbl_add_layers(seen_layers, l, unhindered);
         lit += l.group;
 #ifdef SBL_LOBE
         vec3 rest = light - unhindered;
@@ -343,11 +371,24 @@ bool sbl_undecided() {
 }
 
 // The result of the rays traced so far. light: R / unit, and the variance of its luminance; harmonics: spherical
-// harmonics of that light
-struct sbl_Result { vec4 light; mat3x4 harmonics; };
+// harmonics of that light; layers: its layers
+struct sbl_Result {
+    vec4 light;
+    mat3x4 harmonics;
+#ifdef SBL_GROUPS
+    vec3 layers[SBL_GROUPS];
+#endif
+};
 
 sbl_Result sbl_combine() {
-    sbl_Result r = sbl_Result(vec4(sure + sampled / max(taken, 1.0), 0), sure_harmonics);
+    sbl_Result r;
+    r.light = vec4(sure + sampled / max(taken, 1.0), 0);
+    r.harmonics = sure_harmonics;
+#ifdef SBL_GROUPS
+    for (int i = 0; i < SBL_GROUPS; i++)
+        r.layers[i] = sure_layers[i] + sure_layers[SBL_GROUPS + i] +
+                      (sampled_layers[i] + sampled_layers[SBL_GROUPS + i]) / max(taken, 1.0);
+#endif
     float clusters = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);
     r.light.a = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) * sbl_strata(taken);
     if (directional) r.harmonics += sampled_harmonics / max(taken, 1.0);
@@ -368,6 +409,13 @@ sbl_Result sbl_combine() {
             if (open[g][k] > 0.0)
                 r.harmonics[k] += share[k] * whole_harmonics[g][k] + whole[g][k] / open[g][k] *
                                   (seen_harmonics[g][k] - share[k] * open_harmonics[g][k]);
+#ifdef SBL_GROUPS
+        // Layers: as harmonics. The deviations of all layers add up to 0, because `share` is seen / open.
+        vec3 per_ray = mix(vec3(0), whole[g] / open[g], greaterThan(open[g], vec3(0)));
+        for (int i = 0; i < SBL_GROUPS; i++)
+            r.layers[i] += share * whole_layers[g * SBL_GROUPS + i] + per_ray *
+                           (seen_layers[g * SBL_GROUPS + i] - share * open_layers[g * SBL_GROUPS + i]);
+#endif
         r.light.a += mean * mean * lit_share * (1.0 - lit_share) * sbl_strata(rays_counted);
     }
     return r;
@@ -382,6 +430,9 @@ sbl_Result sbl_combine_after(sbl_Result early) {
     r.light.rgb = early.light.rgb + boost * (r.light.rgb - early.light.rgb);
     r.light.a = boost * boost * (r.light.a + (1.0 - SBL_PASS_CHANCE) * change * change);
     r.harmonics = early.harmonics + boost * (r.harmonics - early.harmonics);
+#ifdef SBL_GROUPS
+    for (int i = 0; i < SBL_GROUPS; i++) r.layers[i] = early.layers[i] + boost * (r.layers[i] - early.layers[i]);
+#endif
     return r;
 }
 
@@ -433,6 +484,10 @@ void main() {
         report = vec4(sbl_expected(sbl_lamp(entries[wanted - rays])), 1);
         report_way.w = float(entries[wanted - rays]);
     }
+#ifdef SBL_GROUPS
+    for (int g = 0; g < 2 * SBL_GROUPS; g++)
+        open_layers[g] = seen_layers[g] = sure_layers[g] = sampled_layers[g] = vec3(0);
+#endif
     if (directional) open_harmonics[0] = open_harmonics[1] = seen_harmonics[0] = seen_harmonics[1] = mat3x4(0);
     float enough = SBL_SPARSE * float(parts) / float(rays) * total;
     sparse = vec2(lessThan(vec3(1) * whole, vec2(enough)));
@@ -441,7 +496,7 @@ void main() {
     int rim_samples = passes > 1 && used <= SBL_RIM_LAMPS ? rims * used : 0;
     int skip = int(sbl_look_which(look) & SBL_LOOK_NUMBER) * rays;
     bool undecided = total > 0.0, stopped = false, goes_on = sbl_goes_on(part);
-    sbl_Result early = sbl_Result(vec4(0), mat3x4(0));
+    sbl_Result early;
     for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // pass -1: rays to point lights
         // Each part has SBL_LAMP_PASSES sections of the sequence, each of which covers the unit square evenly.
         int section = SBL_LAMP_PASSES * part, sections = SBL_LAMP_PASSES * parts;
@@ -498,5 +553,9 @@ void main() {
     sbl_write(out_light, light);
     r.harmonics *= unit * scale;
     sbl_write_harmonics(r.harmonics);
+#ifdef SBL_GROUPS
+    for (int i = 0; i < SBL_GROUPS; i++) r.layers[i] *= unit * scale;
+    sbl_write_layers(r.layers);
+#endif
 #endif
 }

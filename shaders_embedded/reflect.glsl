@@ -32,6 +32,7 @@ struct sbl_Reflection {
     float away;             // length of that ray; 0: no lamp gives light
     int number;             // number of the lamp's triangle in the scene, or -1
     vec3 light;             // light that the ray to the lamp finds if nothing is in its way
+    int layer;              // layer of that light, see SBL_GROUPS
     vec3 direction, share;  // of the next segment: direction, and factor of the light that it finds
     float density;          // ray_density of the next segment
 };
@@ -50,8 +51,8 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
     above = SBL_OFFSET * (length(p0) + 2.0 * longest);
     position = p0 + hit.b1 * e1 + hit.b2 * e2;
     stand = position + above * n;
-    sbl_Reflection r = sbl_Reflection(stand, n, 0.0, -1, vec3(0), bounce.direction, bounce.weight,
-                                      0.0);
+    sbl_Reflection r = sbl_Reflection(stand, n, 0.0, -1, vec3(0), 0, bounce.direction,
+                                      bounce.weight, 0.0);
 #ifdef SBL_SPECULAR
     sbl_Lobe shine;
     for (int once = 0; once < (hit_shines ? 1 : 0); once++) {
@@ -78,6 +79,7 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
     sbl_Lamp l = sbl_lamp(p.leaf);
     sbl_Sample s = sbl_sample(l, p.u);
     r.number = l.number;
+    r.layer = l.layer;
     r.light = sbl_reflected(material, s.light) * (unit / p.share);
 #ifdef SBL_SPECULAR
     for (int once = 0; once < (hit_shines ? 1 : 0); once++) {

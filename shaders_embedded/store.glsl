@@ -55,13 +55,26 @@ int sbl_leaf_at(int number, bool back, vec3 position, float distance) {
 vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : abs(sbl_leaf_light(leaf - 1)); }
 
 // Returns the R that lamps.glsl measures at a position: R of the leaf that rays from afar read there, if it is
-// bright, otherwise 0. leaf: what sbl_leaf_at returns for the other parameters
-vec3 sbl_glowing(int leaf, int number, bool back, vec3 position, float distance) {
+// bright, otherwise 0. leaf: what sbl_leaf_at returns for the other parameters; becomes that leaf, 0 if it is not
+// bright
+vec3 sbl_glowing(inout int leaf, int number, bool back, vec3 position, float distance) {
     for (int i = 0; i < (bright_cells > 0 && sbl_is_near(distance) ? 1 : 0); i++)
         leaf = sbl_leaf_at(number, back, position, SBL_UNBOUNDED);
     vec3 light = leaf == 0 || bright_cells == 0 ? vec3(0) : sbl_leaf_light(leaf - 1);
-    return floatBitsToInt(light.r) < 0 ? abs(light) : vec3(0);
+    bool bright = floatBitsToInt(light.r) < 0;
+    if (!bright) leaf = 0;
+    return bright ? abs(light) : vec3(0);
 }
+
+#ifdef SBL_GROUPS
+uniform int first_layer;   // texel of sbl_store at which the layers of leaves begin, one texel per leaf and layer
+
+// Returns the part of a leaf's R that a light group causes; 0 if there is no leaf. leaf: what sbl_leaf_at returns
+vec3 sbl_layer_of(int leaf, int layer) {
+    int texel = first_layer + (leaf - 1) * SBL_GROUPS + layer;
+    return leaf == 0 ? vec3(0) : uintBitsToFloat(sbl_fetch(sbl_store, texel).xyz);
+}
+#endif
 
 // Returns R at a position. The parameters are those of sbl_leaf_at.
 vec3 sbl_stored(int number, bool back, vec3 position, float distance) {

@@ -10,6 +10,7 @@ uniform float distance_limit;         // larger distances of hits count as this 
 SBL_OUT(0, out_sum);
 SBL_OUT(1, out_hits);
 SBL_OUT_HARMONICS(2, 3, 4)
+SBL_OUT_LAYERS(2, 3, 4, 5, 6, 7)
 #ifdef SBL_DIRECTIONAL
 SBL_OUT(5, out_even);                 // control variate for radiance 1 from everywhere: the exact harmonics minus
                                       // those that these rays measure; reduce_sum.glsl adds it, times the mean
@@ -28,7 +29,29 @@ const float SBL_LOBE_SCALE = 0.5;
 
 float sky_met = 0.0, glow_met = 0.0;  // as lamp_met, for bright texels of the sky and for glows
 
-// Radiance that leaves a hit towards the ray's origin. first, last: true for the first and the last segment of a
+#ifdef SBL_GROUPS
+uniform int sky_layer;          // layer of the sky
+vec3 layers[SBL_GROUPS];        // sum of the rays' light, by layer
+vec3 carried;                   // share of the light at the current hit that the ray carries to the sensor
+
+void sbl_add_layer(int layer, vec3 light) {
+    for (int g = 0; g < SBL_GROUPS; g++) layers[g] += g == layer ? light : vec3(0);
+}
+
+#ifdef SBL_BOUNCED
+// Adds `factor` times the layers of a leaf. leaf: what sbl_leaf_at returns
+void sbl_add_stored(int leaf, vec3 factor) {
+    for (int g = 0; g < SBL_GROUPS; g++) layers[g] += factor * sbl_layer_of(leaf, g);
+}
+#endif
+#else
+const int sky_layer = 0;
+#define sbl_add_layer(layer, light)
+#define sbl_add_stored(leaf, factor)
+#endif
+
+// Radiance that leaves a hit towards the ray's origin. With SBL_GROUPS, also adds `carried` times this radiance to
+// `layers`. first, last: true for the first and the last segment of a
 // ray. goes_on: set to true if the hit is near. The radiance then lacks all reflected light, which further rays
 // find. material: set only with SBL_BOUNCED. The first segment leaves out the light of glows, which lamps.glsl
 // measures for the sensor; later segments find it.
@@ -37,6 +60,7 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool first, bool last, out bool goes_
     sbl_Attributes at = SBL_PLAIN;
     if (!sbl_outgoing_is_plain(object, hit.back)) at = sbl_attributes_of(hit);
     vec3 radiance = sbl_outgoing(object, hit.back, at);
+    sbl_add_layer(int(sbl_object_layer(object)), carried * radiance);
     goes_on = false;
 #ifdef SBL_BOUNCED
     material = sbl_material(object, at);
@@ -56,11 +80,15 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool first, bool last, out bool goes_
     if (reads_store) {
         int leaf = sbl_leaf_at(hit.number, hit.back, place, hit.distance);
         vec3 light = goes_on ? vec3(0) : sbl_light_of(leaf);
+        sbl_add_stored(leaf, goes_on ? vec3(0) : carried * sbl_reflected(material, vec3(1)));
 #ifdef SBL_SPECULAR
         // The lobe of the hit continues the ray; the diffuse part reflects stored light.
         if (hit_shines) radiance += sbl_reflected_diffuse(material, sbl_light_of(leaf));
+        sbl_add_stored(leaf, hit_shines ? carried * sbl_reflected_diffuse(material, vec3(1)) : vec3(0));
 #endif
         if (first) light -= (1.0 - glow_met) * sbl_glowing(leaf, hit.number, hit.back, place, hit.distance);
+        sbl_add_stored(first && bright_cells > 0 ? leaf : 0,
+                       (glow_met - 1.0) * carried * sbl_reflected(material, vec3(1)));
         radiance += sbl_reflected(material, light);
     }
 #endif
@@ -104,6 +132,9 @@ void main() {
 
     vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);
     float squares = 0.0, other = 0.0;
+#ifdef SBL_GROUPS
+    for (int g = 0; g < SBL_GROUPS; g++) layers[g] = vec3(0);
+#endif
     mat3x4 harmonics = mat3x4(0);  // stays 0 without SBL_DIRECTIONAL; so does the variable `even`
     vec4 even = vec4(0);
     int part = within.y * blocks.x + within.x, parts = blocks.x * blocks.y;
@@ -142,7 +173,10 @@ void main() {
             share *= (turn & 1) == 1 ? vec3(1) : sbl_tint;
 #ifdef SBL_BOUNCED
             if ((turn & 1) == 1) {
-                if (hit.triangle < 0 || hit.number == next.number) sum.rgb += share * sbl_tint * next.light;
+                if (hit.triangle < 0 || hit.number == next.number) {
+                    sum.rgb += share * sbl_tint * next.light;
+                    sbl_add_layer(next.layer, share * sbl_tint * next.light);
+                }
                 share *= next.share;
                 direction = next.direction;
 #ifdef SBL_SPECULAR
@@ -157,7 +191,9 @@ void main() {
 #ifdef SBL_SPECULAR
                 sky_met = sbl_lobe_met(ray_density, SBL_LAMP_DENSITY);
 #endif
-                sum.rgb += share * sbl_sky(direction, sky_met);
+                vec3 seen_sky = share * sbl_sky(direction, sky_met);
+                sum.rgb += seen_sky;
+                sbl_add_layer(sky_layer, seen_sky);
                 break;
             }
             bool goes_on;
@@ -167,6 +203,9 @@ void main() {
             if (ray_density > 0.0) lamp_met = sbl_lobe_met(ray_density, sbl_hit_density(hit, direction));
 #endif
             vec3 place = from + direction * hit.distance;
+#ifdef SBL_GROUPS
+            carried = share;
+#endif
             sum.rgb += share * sbl_radiance(hit, place, turn == 0, turn == 2 * SBL_LEGS - 2, goes_on, material);
             if (turn == 0) {
                 sum.a += hit.back ? weight : 0.0;
@@ -194,6 +233,10 @@ void main() {
     sbl_write(out_hits, vec4(hits.xy / float(rays), hits.z, SBL_NEIGHBOURS * squares / float(rays * rays)));
     harmonics /= float(rays);
     sbl_write_harmonics(harmonics);
+#ifdef SBL_GROUPS
+    for (int g = 0; g < SBL_GROUPS; g++) layers[g] /= float(rays);
+    sbl_write_layers(layers);
+#endif
 #ifdef SBL_DIRECTIONAL
     sbl_write(out_even, sbl_harmonics(frame[2], frame[2], 2.0) / float(parts) + even / float(rays));
 #endif

@@ -379,10 +379,48 @@ TEST(what_is_wrong_is_said) {
     CHECK(TOOL("--version") == 0 && strstr(ran.out, "sbl_bake 0."), "%s", ran.out);
 }
 
+/* --light-groups writes a map for each group: of the lamp, and of the sky. They add up to the atlas, and a group is what
+   its sources alone give. */
+TEST(groups_have_maps) {
+    picture atlas, lamp, sky, rest, alone;
+    double off = 0, mean = 0, sky_off = 0;
+    int i;
+    write_scene("room.gltf", apart, 1);
+    CHECK(TOOL("room.gltf", DIRECT, "--sky", "0.3,0.2,0.1", "--light-groups", "above=sky,nothing=floor*,lamp=*", "-o",
+               "bad") == 2 && said("no light, emitting mesh or sky has a name like \"floor*\""), "%s", ran.err);
+    CHECK(TOOL("room.gltf", DIRECT, "--sky", "0.3,0.2,0.1", "--light-groups", "above=s?y", "-o", "groups") == 0, "%s",
+          ran.err);
+    CHECK(TOOL("room.gltf", DIRECT, "--sky", "0.3,0.2,0.1", "--light-groups", "above=sky,lamp=*", "-o", "groups") == 0,
+          "%s", ran.err);
+    CHECK(TOOL("room.gltf", DIRECT, "-o", "alone") == 0, "%s", ran.err);
+    atlas = read_pfm("groups/atlas.pfm");
+    lamp = read_pfm("groups/lightmap_lamp.pfm");
+    sky = read_pfm("groups/lightmap_above.pfm");
+    rest = read_pfm("groups/lightmap_rest.pfm");
+    alone = read_pfm("alone/atlas.pfm");
+    REQUIRE(atlas.values && lamp.values && sky.values && rest.values && alone.values, "a map is missing");
+    for (i = 0; i < 3 * atlas.width * atlas.height; i++) {
+        mean += (double)atlas.values[i];
+        off = test_max(off, fabs((double)lamp.values[i] + (double)sky.values[i] - (double)atlas.values[i]));
+        sky_off += fabs((double)lamp.values[i] - (double)alone.values[i]);
+        CHECK(lamp.values[i] == rest.values[i], "the group rest differs from a group of the same sources");
+    }
+    mean /= 3 * atlas.width * atlas.height;
+    sky_off /= 3 * atlas.width * atlas.height;
+    CHECK(off < 1e-5 * mean, "the sum is off by %g, mean %g", off, mean);
+    CHECK(sky_off < 0.02 * mean, "the lamp alone is off by %g, mean %g", sky_off, mean);
+    free(atlas.values); free(lamp.values); free(sky.values); free(rest.values); free(alone.values);
+    REFUSED(2, "letters, digits", "room.gltf", DIRECT, "--light-groups", "a b=*", "-o", "new");
+    REFUSED(2, "two groups a", "room.gltf", DIRECT, "--light-groups", "a=x,a=y", "-o", "new");
+    REFUSED(2, "more than 8", "room.gltf", DIRECT, "--light-groups", "a,b,c,d,e,f,g,h,i", "-o", "new");
+    REFUSED(2, "neither with --directional", "room.gltf", DIRECT, "--light-groups", "sky", "--directional", "-o", "new");
+    REFUSED(2, "needs --lightmap", "room.gltf", "--vertices", "--light-groups", "sky", "-o", "new.ply");
+}
+
 /* --help has at most 40 short lines; --help all names every option, and nothing that sbl_bake does not have. */
 TEST(help_is_short_or_complete) {
     static const char *const names[] = { "--output", "--lightmap", "--gutter", "--directional", "--supersample",
-        "--target-error", "--error", "--vertices", "--average", "--samples", "--smoothing", "--probes", "--move",
+        "--light-groups", "--target-error", "--error", "--vertices", "--average", "--samples", "--smoothing", "--probes", "--move",
         "--sky", "--sky-rotation", "--sky-scale", "--sky-up", "--mode", "--preset", "--backend", "--rays",
         "--max-bounce-cells", "--bounce-samples", "--epsilon", "--sensor-size", "--tile", "--threshold",
         "--filter-radius", "--seed", "--stats", "--allow-path", "--memory", "--read-time", "--store", "--quiet",
@@ -566,6 +604,7 @@ int main(int argc, char **argv) {
     RUN(vertices_fit_lamberts_light);
     RUN(probes_hold_the_lamps_light);
     RUN(what_is_wrong_is_said);
+    RUN(groups_have_maps);
     RUN(help_is_short_or_complete);
     RUN(options_without_effect_are_named);
     RUN(a_full_disk_is_said);

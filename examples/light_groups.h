@@ -1,0 +1,120 @@
+/* The light groups of sbl_bake: reads the list of --light-groups, and gives each light, each emitting mesh and the sky of
+   a scene file the number of its group. Include after sbl.h, tool.h and scene_file.h. */
+#ifndef LIGHT_GROUPS_H
+#define LIGHT_GROUPS_H
+
+#include <fnmatch.h>
+
+enum { GROUP_NAME = 48 };
+
+/* The items of the list, in their order. Without the item "rest", sources that match no pattern belong to one more
+   group, "rest", if there are such sources. */
+typedef struct light_groups {
+    struct { char name[GROUP_NAME], pattern[128]; int used; } items[SBL_MAX_LIGHT_GROUPS + 1];
+    int count;
+    char error[256];
+} light_groups;
+
+/* Adds an item. Returns 0, with an error, if the name is not usable or there are too many. */
+static int groups__add(light_groups *g, const char *name, size_t length, const char *pattern, size_t pattern_length) {
+    int i;
+    const int fits = length > 0 && length < GROUP_NAME && strspn(name, "abcdefghijklmnopqrstuvwxyz"
+                     "ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-") >= length;
+    if (!fits || pattern_length < 1 || pattern_length >= sizeof g->items[0].pattern) {
+        snprintf(g->error, sizeof g->error, "\"%.*s\": a name has 1 to %d letters, digits, - and _, and a pattern has 1 "
+                 "to %d characters", (int)(length + 1 + pattern_length), name, GROUP_NAME - 1,
+                 (int)sizeof g->items[0].pattern - 1);
+        return 0;
+    }
+    for (i = 0; i < g->count; i++)
+        if (strlen(g->items[i].name) == length && strncmp(g->items[i].name, name, length) == 0) {
+            snprintf(g->error, sizeof g->error, "there are two groups %s", g->items[i].name);
+            return 0;
+        }
+    if (g->count >= SBL_MAX_LIGHT_GROUPS) {
+        snprintf(g->error, sizeof g->error, "there are more than %d groups", SBL_MAX_LIGHT_GROUPS);
+        return 0;
+    }
+    memcpy(g->items[g->count].name, name, length);
+    memcpy(g->items[g->count].pattern, pattern, pattern_length);
+    g->count++;
+    return 1;
+}
+
+/* Reads NAME=PATTERN,NAME,...; NAME alone is its own pattern. Returns 0, with an error, if the list is wrong. */
+static int groups_read(light_groups *g, const char *list) {
+    memset(g, 0, sizeof *g);
+    for (;;) {
+        const size_t item = strcspn(list, ","), length = strcspn(list, ",=");
+        const char *pattern = length < item ? list + length + 1 : list;
+        if (!groups__add(g, list, length, pattern, length < item ? item - length - 1 : length)) return 0;
+        if (!list[item]) return 1;
+        list += item + 1;
+    }
+}
+
+/* Returns the number of the group of a source: of the first pattern that matches its name, or of "rest". */
+static int groups__find(light_groups *g, const char *name) {
+    int i;
+    for (i = 0; i < g->count; i++)
+        if (fnmatch(g->items[i].pattern, name, 0) == 0) break;
+    if (i == g->count)
+        for (i = 0; i < g->count && strcmp(g->items[i].name, "rest") != 0; i++) {}
+    if (i == g->count && g->count <= SBL_MAX_LIGHT_GROUPS) {  /* more than allowed: groups_assign tells it */
+        snprintf(g->items[i].name, sizeof g->items[i].name, "rest");
+        snprintf(g->items[i].pattern, sizeof g->items[i].pattern, "rest");
+        g->count++;
+    }
+    g->items[i].used++;
+    return i;
+}
+
+/* Gives the sources of the scene their groups. A material that emits on meshes of several groups becomes one material
+   for each; *materials receives the new list, which the caller frees. Returns 0, with an error, on failure. */
+static int groups_assign(light_groups *g, scene_file *file, sbl_material **materials) {
+    sbl_scene_desc *scene = &file->scene;
+    sbl_mesh *meshes = (sbl_mesh *)scene->meshes;
+    sbl_light *lights = (sbl_light *)scene->lights;
+    const int most = scene->material_count * (SBL_MAX_LIGHT_GROUPS + 1);
+    int *place = (int *)calloc((size_t)most, sizeof *place), i, k, count = scene->material_count;
+    *materials = (sbl_material *)malloc((size_t)most * sizeof **materials);
+    if (!place || !*materials) {
+        free(place);
+        snprintf(g->error, sizeof g->error, "out of memory");
+        return 0;
+    }
+    memcpy(*materials, scene->materials, (size_t)count * sizeof **materials);
+    for (i = 0; i < scene->mesh_count; i++) {
+        const sbl_material *m = &scene->materials[meshes[i].material];
+        int *at;
+        if (!(m->emission[0] > 0) && !(m->emission[1] > 0) && !(m->emission[2] > 0)) continue;
+        k = groups__find(g, file->names[i]);
+        at = &place[meshes[i].material * (SBL_MAX_LIGHT_GROUPS + 1) + k];
+        if (!*at) {
+            (*materials)[count] = *m;
+            (*materials)[count].light_group = k;
+            *at = count++;
+        }
+        meshes[i].material = *at;
+    }
+    for (i = 0; i < scene->light_count; i++) lights[i].light_group = groups__find(g, file->light_names[i]);
+    scene->sky_group = groups__find(g, "sky");
+    free(place);
+    if (g->count > SBL_MAX_LIGHT_GROUPS) {
+        snprintf(g->error, sizeof g->error, "with the group \"rest\" there are more than %d groups",
+                 SBL_MAX_LIGHT_GROUPS);
+        return 0;
+    }
+    for (i = 0; i < g->count; i++)
+        if (!g->items[i].used && strcmp(g->items[i].name, "rest") != 0) {
+            snprintf(g->error, sizeof g->error, "no light, emitting mesh or sky has a name like \"%s\"",
+                     g->items[i].pattern);
+            return 0;
+        }
+    scene->materials = *materials;
+    scene->material_count = count;
+    scene->light_groups = g->count;
+    return 1;
+}
+
+#endif
