@@ -335,9 +335,9 @@ TEST(what_is_wrong_is_said) {
     write_text("bad.json", "1 2 3\n");
     mkdir(in_folder("folder.txt"), 0777);
     REFUSED(2, "usage: sbl_bake", "--lightmap", "64");
-    REFUSED(2, "give one of --lightmap, --vertices and --probes", "room.gltf", "-o", "out");
-    REFUSED(2, "give one of --lightmap, --vertices and --probes", "room.gltf", "-o", "out", "--lightmap", "64",
-            "--vertices");
+    REFUSED(2, "give one of --lightmap, --vertices, --probes and --cubemaps", "room.gltf", "-o", "out");
+    REFUSED(2, "give one of --lightmap, --vertices, --probes and --cubemaps", "room.gltf", "-o", "out", "--lightmap",
+            "64", "--vertices");
     REFUSED(2, "--gutter needs --lightmap", "room.gltf", "--vertices", "-o", "no.ply", "--gutter", "3");
     REFUSED(2, "--move needs --probes", "room.gltf", "--vertices", "-o", "no.ply", "--move", "3");
     REFUSED(2, "must end in .ply or .gltf", "room.gltf", "--vertices", "-o", "out.obj");
