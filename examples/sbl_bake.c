@@ -117,7 +117,11 @@ static const tool_option table[OPTION_COUNT] = {
                  "face +x -x\n"
                  "+y -y +z -z; sky: the fraction of directions that see the sky; distance, distance_squared: means for "
                  "each\n"
-                 "octant; back_share: the fraction of visible surfaces that are back faces (see sbl_probe in sbl.h)",
+                 "octant; back_share: the fraction of visible surfaces that are back faces (see sbl_probe in sbl.h). "
+                 "FILE.json also\n"
+                 "tells the origin and the spacing of the grid, and the constants and weights that make irradiance of "
+                 "sh;\n"
+                 "examples/engines/probes.glsl does this in a shader",
                  NULL, &options.positions, .file_words = "a text file such as LIST.txt" },
     [MOVE] = { "--move", "DISTANCE", NUMBERS, &options.move, 1, 0, 1e18,
                "greatest distance by which a probe or a cube map may be moved to get out of geometry; default 0" },
@@ -566,7 +570,7 @@ static int bake_vertices(tool_task *task, double *seconds) {
 
 /* ---- probes ---- */
 
-typedef struct probes { sbl_probe *all; float *positions; int count; } probes;
+typedef struct probes { sbl_probe *all; float *positions; int count; bake_grid grid; } probes;
 
 static probes listed;  /* the positions of the file of --probes */
 
@@ -615,7 +619,7 @@ static int read_positions(void) {
 static int write_probes(FILE *out, const void *what) {
     const probes *p = (const probes *)what;
     int i;
-    bake_put_probes_head(out, given[PART] ? &facts : NULL, options.grid);
+    bake_put_probes_head(out, given[PART] ? &facts : NULL, &p->grid);
     for (i = 0; i < p->count; i++) bake_put_probe(out, &p->all[i], i == 0);
     fprintf(out, "\n%s", bake_probes_end);
     return 1;
@@ -647,6 +651,7 @@ static void describe_probes(char *out, size_t size) {
 static int bake_probes(tool_task *task, double *seconds) {
     progress bar = { !given[QUIET] && isatty(STDERR_FILENO), now(), 0, 0, 0 };
     sbl_probes_desc desc;
+    const sbl_bounds bounds = sbl_query_bounds(task->context);
     probes p = listed;
     sbl_result result = SBL_SUCCESS;
     int status = DONE, k, valid = 0;
@@ -655,6 +660,8 @@ static int bake_probes(tool_task *task, double *seconds) {
     find_facts(task->context, what);
     memset(&desc, 0, sizeof desc);
     memcpy(desc.grid, options.grid, sizeof desc.grid);
+    memcpy(p.grid.count, options.grid, sizeof p.grid.count);
+    bake_grid_place(&p.grid, bounds.lowest, bounds.highest);
     p.count = facts.range[BAKE_COUNT];
     desc.first_probe = facts.range[BAKE_FIRST];
     p.all = (sbl_probe *)calloc((size_t)p.count + 1, sizeof *p.all);

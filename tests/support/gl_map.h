@@ -9,7 +9,7 @@
 
 /* Returns 0 and prints a message if the function does not compile. */
 static inline GLuint gl_map_program(const char *function) {
-    static char fragment[16384];
+    static char fragment[32768];
     snprintf(fragment, sizeof fragment, "%s\nuniform sampler2D map_questions;\nout vec4 map_answer;\n"
              "void main() {\n    int i = int(gl_FragCoord.x);\n"
              "    map_answer = answer(texelFetch(map_questions, ivec2(0, i), 0), "
