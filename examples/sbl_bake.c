@@ -29,7 +29,7 @@ static struct options {
     part_choice part;
     const char *join;
     const char *positions;  /* file with the positions of probes, or NULL for a grid */
-    double target_error, move, smoothing;
+    double target_error, move, smoothing, ao;
 } options;
 
 enum {
@@ -37,6 +37,7 @@ enum {
     LIGHTMAP,
     GUTTER,
     DIRECTIONAL,
+    AO,
     SUPERSAMPLE,
     TARGET_ERROR,
     VERTICES,
@@ -79,6 +80,14 @@ static const tool_option table[OPTION_COUNT] = {
                       ".exr) are the coefficients of the radiance over the hemisphere of each texel, in the real "
                       "orthonormal\n"
                       "spherical harmonics 1, y, z, x, continued into the gutters" },
+    [AO] = { "--ao", "DISTANCE", NUMBERS, &options.ao, 1, 1e-18, 1e18,
+             "with --lightmap: also writes ao.exr and ao.png, the ambient occlusion: the cosine-weighted share of the "
+             "directions\n"
+             "in which no surface is within DISTANCE; and sky.exr and sky.png, the share in which there is none at "
+             "all. They are\n"
+             "continued into the gutters; .png holds linear bytes. Takes about as long as --mode direct twice. The map "
+             "must be\n"
+             "baked at once: without --part and --join, and not in windows" },
     [SUPERSAMPLE] = { "--supersample", "N", INTEGERS, &options.supersample, 1, 1, 8,
                       "with --lightmap: averages measurements at N x N places in each texel, for shadows finer than "
                       "texels;\n"
@@ -177,6 +186,7 @@ static const tool_line lines[] = {
     { TOOL_HEADING, "What:" },
     { LIGHTMAP, "a map of N x N texels, into a folder" },
     { DIRECTIONAL, "also how the light of the map depends on direction" },
+    { AO, "also ambient occlusion and sky visibility" },
     { VERTICES, "light at the vertices, into a .ply or .gltf file" },
     { AVERAGE, NULL },
     { PROBES, "light in the air, into a .json file" },
@@ -192,7 +202,7 @@ static const tool_line lines[] = {
     { TOOL_HEADING, "Quality:" },
     { TARGET_ERROR, "accepted error of a map, such as 2%" },
     { SUPERSAMPLE, "finer shadows in a map: N x N places in a texel" },
-    { SAMPLES, "for vertices: points on a triangle" },
+    { SAMPLES, NULL },
     { SMOOTHING, NULL },
     QUALITY_LINES,
     { TOOL_HEADING, "Output:" },
@@ -247,9 +257,9 @@ static int parse_part(void) {
 
 static int parse(int argc, char **argv) {
     static const int of_lightmaps[] = {
-        GUTTER, DIRECTIONAL, SUPERSAMPLE, PLAN, JOIN, RESUME, TARGET_ERROR, TILE, THRESHOLD, FILTER_RADIUS
+        GUTTER, DIRECTIONAL, AO, SUPERSAMPLE, PLAN, JOIN, RESUME, TARGET_ERROR, TILE, THRESHOLD, FILTER_RADIUS
     };
-    enum { ALSO_OF_CUBEMAPS = 6 };  /* number of the first option of these that --cubemaps has, too */
+    enum { ALSO_OF_CUBEMAPS = 7 };  /* number of the first option of these that --cubemaps has, too */
     static const int of_vertices[] = { AVERAGE, SAMPLES, SMOOTHING };
     int i;
     const tool_command command = { argc, argv, table, OPTION_COUNT, given, &common.scene, 1 };
@@ -273,6 +283,10 @@ static int parse(int argc, char **argv) {
     if (given[CUBEMAP] && !given[CUBEMAPS]) return misuse("--cubemap-size needs --cubemaps");
     if (options.cubemap_size & (options.cubemap_size - 1))
         return misuse("--cubemap-size %d: it must be a power of two, such as 64 or 256", options.cubemap_size);
+    if (given[AO] && (given[PART] || given[JOIN]))
+        return misuse("--ao needs a map that is baked at once; leave out %s", given[PART] ? "--part" : "--join");
+    if (given[AO] && backends[common.backend] == SBL_BACKEND_RASTER)
+        return misuse("--ao needs rays, which end at its distance; leave out --backend raster");
     if (given[CUBEMAPS] && given[PART])
         return misuse("--part joins no cube maps; give each machine a LIST of its own with --cubemaps");
     if (given[PLAN] && !given[PART]) return misuse("--plan needs --part K/N: it says which parts there are");
