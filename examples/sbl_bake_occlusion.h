@@ -3,9 +3,9 @@
 #ifndef SBL_BAKE_OCCLUSION_H
 #define SBL_BAKE_OCCLUSION_H
 
-/* Shares are mostly near 1, so that weak shadows are a small part of them; their target error is this part of that of
-   light. */
-#define OCCLUSION_FINER 0.25f
+/* The value to which errors are relative. Most shares are near 1, so that weak shadows would be a small part of their
+   mean. */
+#define OCCLUSION_MEAN 0.25f
 
 /* The two maps, and the files of each: .png, which host programs multiply with ambient light, and .exr. */
 enum { OCCLUSION_MAPS = 2, OCCLUSION_FILES = 4 };
@@ -95,14 +95,14 @@ static sbl_result bake_occlusion_map(tool_task *task, const sbl_lightmap_desc *d
 /* Bakes and writes both maps, with the quality of the map that desc describes. It comes last, because the scene loses
    its light. Returns the exit status. */
 static int bake_occlusion(tool_task *task, const sbl_lightmap_desc *desc, progress *bar) {
-    sbl_lightmap_desc black = sbl_lightmap_desc_defaults(desc);
+    sbl_lightmap_desc black = *desc;
     sbl_result result;
     int i, map, status;
     task->stats = sbl_query_stats(task->context);  /* the statistics are those of the light */
     task->has_stats = 1;
     status = keep_store(task, given);
     if (status != DONE) return status;
-    black.target_error *= OCCLUSION_FINER;
+    for (i = 0; i < 3; i++) black.mean_radiance[i] = OCCLUSION_MEAN;
     black.directional = 0;
     black.options.mode = SBL_MODE_DIRECT;
     result = set_black_scene(task);
