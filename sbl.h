@@ -465,6 +465,16 @@
    8 % more time and 144 more bytes per texel.
 
 
+   ON OCCLUSION
+
+   Sky visibility is the cosine-weighted share of the hemisphere in which no surface is met; ambient occlusion is this
+   share if only surfaces within a distance count. Both are R in a scene that is black except for its sky: give the
+   scene a constant sky of 1, no lights and no emission, and bake it in SBL_MODE_DIRECT. options.ray_length is the
+   distance for ambient occlusion; with 0, R is the sky visibility. Lightmaps, light at vertices, readings and pictures
+   thus hold them as they hold light, with the target error, filter, gutters and seams. Panes let part of the sky
+   through. A texel that is hidden (see ON LIGHTMAPS) gets the values of its neighbours.
+
+
    ON VERTEX LIGHT
 
    Light can be stored at vertices where lightmaps need too much memory, or where there is no second UV set. A renderer
@@ -1235,6 +1245,9 @@ typedef struct sbl_options {
                                   Default in SBL_MODE_AMBIENT and SBL_MODE_PAPER: 0.02. Negative: no ambient light.
                                   SBL_MODE_DIRECT and SBL_MODE_GI ignore the field */
     uint32_t seed;             /* selects the rotations of the sensors, and so the noise. Default: 0 */
+    float ray_length;          /* world length of rays over the hemisphere, at whose ends they see the sky; rays towards
+                                  lamps do not end. Only in SBL_MODE_DIRECT with traced sensors, not for probes; see ON
+                                  OCCLUSION. Default: 0, rays do not end */
     int (*progress)(float done, void *user);  /* called between two pieces of work; done goes from 0 to 1. A nonzero
                                   result cancels the work. Default: NULL, no call */
     void *progress_user;       /* passed to progress */
@@ -8459,6 +8472,10 @@ static void sbl__check_options(sbl__check *check, const sbl_options *o, int pape
     if (o->rays) sbl__check_int(check, "options.rays", o->rays, rays[0], rays[1]);
     sbl__check_int(check, "options.sensor_size", o->sensor_size, 4, 512);
     sbl__check_finite(check, "options.epsilon", &o->epsilon, 1);
+    if (!sbl__between(&o->ray_length, 0, SBL__UNBOUNDED))
+        sbl__mistake(check, "options.ray_length is %g; it must be 0 or more", (double)o->ray_length);
+    if (o->ray_length > 0 && (o->mode != SBL_MODE_DIRECT || o->backend == SBL_BACKEND_RASTER || host_draws))
+        sbl__mistake(check, "options.ray_length needs SBL_MODE_DIRECT, and sensors that trace rays");
 }
 
 static const int sbl__sensor_rays[2] = { 1, 4096 };  /* range of options.rays, except for probes */
@@ -8922,6 +8939,7 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
     int i, wrong = 0;
     if (!sbl__check_canaries(&check, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     sbl__check_options(&check, &d->options, 0, rays, scene->draw != NULL);
+    if (d->options.ray_length > 0) sbl__mistake(&check, "options.ray_length is not for probes; leave it at 0");
     if (d->groups) sbl__check_groups(&check, "groups", &d->options, scene);
     sbl__check_range(&check, "move", &d->move, 1, sbl__not_negative_range);
     if (d->probe_count < 0) sbl__mistake(&check, "probe_count is %d; it cannot be negative", d->probe_count);
@@ -10122,6 +10140,7 @@ typedef struct sbl__spec {
     uint32_t seed;              /* seed for the rotation of all sensors, see sbl_options */
     int guided;                 /* 1: guides direct rays, see >>guide */
     float distance_limit;       /* traced: upper limit for each distance in a reading's mean distance; 0: no limit */
+    float ray_length;           /* traced: length of rays over the hemisphere; 0: they do not end */
 } sbl__spec;
 
 #define SBL__MAX_LOOKS 512         /* maximum number of looks per site if the host sets target_error */
@@ -12517,6 +12536,7 @@ static const char *const sbl__glsl_trace[] = {
 "uniform int paired;                   // log2 of the rays per group: 1: an invocation traces pairs; 0: single rays\n",
 "uniform bool no_light;                // true: rays cannot find light; only a site's first look traces them\n",
 "uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal\n",
+"uniform float ray_length;             // rays end here and see the sky\n",
 "uniform float distance_limit;         // larger distances of hits count as this distance in the mean\n",
 "SBL_OUT(0, out_sum);\n",
 "SBL_OUT(1, out_hits);\n",
@@ -12670,7 +12690,7 @@ static const char *const sbl__glsl_trace[] = {
 "        glow_met = sbl_lobe_met(ray_density, SBL_LAMP_DENSITY);\n",
 "#endif\n",
 "        vec3 way = direction;\n",
-"        float limit = SBL_UNBOUNDED;\n",
+"        float limit = ray_length;\n",
 "#ifdef SBL_BOUNCED\n",
 "        sbl_Reflection next;\n",
 "#endif\n",
@@ -12783,6 +12803,7 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
     sbl__set_int(d, "sky_layer", b->scene->environment.layer);
     sbl__set_float(d, "spread", stuck ? 0.0f : 1.0f);
     sbl__set_float(d, "distance_limit", b->spec->distance_limit > 0 ? b->spec->distance_limit : SBL__UNBOUNDED);
+    sbl__set_float(d, "ray_length", b->spec->ray_length > 0 && !stuck ? b->spec->ray_length : SBL__UNBOUNDED);
     if (b->spec->guided) sbl__bind(d, "sbl_guides", &b->guides->texture);
     if (b->spec->without_sky) {
         const float black[3] = { 0, 0, 0 };
@@ -12924,6 +12945,7 @@ static void sbl__spec_make(sbl__spec *spec, const sbl__measurement *s, const sbl
     spec->lamp_rays = !spec->paper && sbl__scene_lamps(scene, spec->glows)->leaves ? rays : 0;
     spec->epsilon = s->options.epsilon;
     spec->seed = s->options.seed;
+    spec->ray_length = s->options.ray_length;
     spec->batch = c->batch > 0 ? c->batch : INT_MAX;
     if (spec->traced) {
         spec->no_light = no_light;
@@ -12981,7 +13003,7 @@ static int sbl__look_growth(const sbl__measurement *s, float error, double varia
 }
 
 /* Fails to compile if sbl__spec has padding, which memcmp would compare. Add the size of each new field here. */
-typedef char sbl__spec_has_no_padding[sizeof(sbl__spec) == 19 * sizeof(int) + 3 * sizeof(float) + sizeof(uint32_t)
+typedef char sbl__spec_has_no_padding[sizeof(sbl__spec) == 19 * sizeof(int) + 4 * sizeof(float) + sizeof(uint32_t)
                                       ? 1 : -1];
 
 /* >>job: setting up */
@@ -17764,6 +17786,7 @@ static int sbl__refine_after_list(void *work) {
         task.spec.rays = 1;
         task.spec.looks = scouts ? SBL__SCOUTS : SBL__PLACE_RAYS;
         task.spec.lamp_rays = task.spec.directional = task.spec.groups = 0;
+        task.spec.ray_length = 0;
         task.spec.seed = sbl__scouts_seed(r);
     }
     if (searches) task.spec.bounced = task.spec.no_light = task.spec.guided = 0;  /* only hits are wanted */

@@ -62,16 +62,54 @@ static inline int bake_fact(bake_facts *f, int fact, const char *text) {
 
 /* ---- writing ---- */
 
-/* Writes what precedes the probes. facts: NULL: the file is the whole. grid: all 0: the positions were listed */
-static inline void bake_put_probes_head(FILE *out, const bake_facts *facts, const int grid[3]) {
+/* The grid of probes. All 0: the positions were listed. place: where it is, as a line of the file */
+typedef struct bake_grid { int count[3]; char place[256]; } bake_grid;
+
+/* Sets where the grid is. The probe number i + count[0] * (j + count[1] * k) is at origin + (i, j, k) * spacing, unless
+   it was moved. lowest, highest: the corners of its boxes */
+static inline void bake_grid_place(bake_grid *g, const float lowest[3], const float highest[3]) {
+    double origin[3], spacing[3];
+    int k;
+    for (k = 0; k < 3 && g->count[0]; k++) {
+        const double share = 0.5 / g->count[k];  /* as in sbl.h, so that the origin is the position of the first */
+        origin[k] = (double)(float)((1 - share) * (double)lowest[k] + share * (double)highest[k]);
+        spacing[k] = ((double)highest[k] - (double)lowest[k]) / g->count[k];
+    }
+    if (g->count[0])
+        snprintf(g->place, sizeof g->place, "\"origin\": [%.9g, %.9g, %.9g], \"spacing\": [%.9g, %.9g, %.9g],\n",
+                 origin[0], origin[1], origin[2], spacing[0], spacing[1], spacing[2]);
+}
+
+/* What an engine must know about probes, as lines of the file. */
+static const char *const bake_probes_about[] = {
+    " \"units\": \"sh: radiance, cube: irradiance / pi; linear, primaries of BT.709; lengths as in the scene\",\n",
+    " \"basis\": \"real orthonormal spherical harmonics of the degrees 0 to 2: Y_i(w) = constants[i] * functions[i], "
+        "where w = (x, y, z) is the unit vector to where the light comes from; radiance(w) = sum of sh[i] * Y_i(w); "
+        "irradiance(n) = sum of irradiance_weights[i] * sh[i] * Y_i(n); a matte surface with the normal n sends out "
+        "albedo * irradiance(n) / pi\",\n",
+    " \"functions\": [\"1\", \"y\", \"z\", \"x\", \"x*y\", \"y*z\", \"3*z*z - 1\", \"x*z\", \"x*x - y*y\"],\n",
+    " \"constants\": [0.282094792, 0.488602512, 0.488602512, 0.488602512, 1.092548431, 1.092548431, 0.315391565, "
+        "1.092548431, 0.546274215],\n",
+    " \"irradiance_weights\": [3.141592654, 2.094395102, 2.094395102, 2.094395102, 0.785398163, 0.785398163, "
+        "0.785398163, 0.785398163, 0.785398163],\n",
+    " \"irradiance_over_pi_weights\": [1, 0.666666667, 0.666666667, 0.666666667, 0.25, 0.25, 0.25, 0.25, 0.25],\n",
+    NULL
+};
+
+/* Writes what precedes the probes. facts: NULL: the file is the whole */
+static inline void bake_put_probes_head(FILE *out, const bake_facts *facts, const bake_grid *grid) {
     int i;
     fprintf(out, "{");
     for (i = 0; i < BAKE_TEXTS && facts; i++)
         fprintf(out, "%s\"%s\": \"%s\"", i ? ", " : "\"sbl\": {", bake_names[i], facts->texts[i].text);
     for (i = 0; i < BAKE_RANGE && facts; i++) fprintf(out, ", \"%s\": %d", bake_range_names[i], facts->range[i]);
-    if (facts) fprintf(out, "},\n ");
-    if (grid[0]) fprintf(out, "\"grid\": [%d, %d, %d],\n ", grid[0], grid[1], grid[2]);
-    fprintf(out, "\"probes\": [");
+    if (facts) fprintf(out, "},\n");
+    if (grid->count[0])
+        fprintf(out, "%s\"grid\": [%d, %d, %d], %s", facts ? " " : "", grid->count[0], grid->count[1],
+                grid->count[2], grid->place);
+    for (i = 0; bake_probes_about[i]; i++)
+        fprintf(out, "%s", bake_probes_about[i] + (i == 0 && !facts && !grid->count[0]));
+    fprintf(out, " \"probes\": [");
 }
 
 static inline void bake__put_numbers(FILE *out, const char *name, const float *numbers, int count) {
@@ -135,7 +173,8 @@ typedef struct bake_parts {
     int is_ply;
     bake_part *parts;     /* one for each file of the list */
     int *order;           /* the index of part K is order[K - 1]; NULL before bake_check */
-    int room, total, grid[3];
+    int room, total;
+    bake_grid grid;
     double vertices, faces;
     const volatile sig_atomic_t *cancel;  /* joining ends if it is not 0 */
 } bake_parts;
@@ -242,13 +281,28 @@ static inline int bake__is_probe(const char **at) {
 
 /* ---- heads ---- */
 
-/* Reads what precedes the probes. begun: receives 1 if the file begins like a part. */
-static inline int bake__read_probes_head(bake_parts *b, FILE *in, bake_facts *facts, int *begun) {
-    char line[BAKE_LINE], words[64];
-    const char *at = line;
+/* Reads the line of a grid, without its end. Returns whether it is one of `total` probes. */
+static inline int bake__read_grid(const char *at, int total, bake_grid *grid) {
     double points = 1;
-    int i, grid[3] = { 0, 0, 0 }, ok;
-    *begun = bake__line(in, line) && bake__skip(&at, "{\"sbl\": {\"version\": \"");
+    const char *place;
+    int i, ok = 1;
+    for (i = 0; i < 3 && ok; i++) {
+        ok = bake__count(&at, &grid->count[i]) && bake__skip(&at, i < 2 ? ", " : "], ");
+        points *= grid->count[i];
+    }
+    place = at;
+    ok = ok && points == (double)total && bake__numbers(&at, "\"origin\": ", 3) &&
+         bake__numbers(&at, ", \"spacing\": ", 3) && strcmp(at, ",\n") == 0 && strlen(place) < sizeof grid->place;
+    if (ok) strcpy(grid->place, place);
+    return ok;
+}
+
+/* Reads the facts of a part of probes. begun: receives 1 if the line begins like that of a part. */
+static inline int bake__read_facts(const char *line, bake_facts *facts, int *begun) {
+    const char *at = line;
+    char words[64];
+    int i, ok;
+    *begun = bake__skip(&at, "{\"sbl\": {\"version\": \"");
     for (i = 0, ok = *begun; i < BAKE_TEXTS && ok; i++) {
         snprintf(words, sizeof words, ", \"%s\": \"", bake_names[i]);
         ok = (i == 0 || bake__skip(&at, words)) && bake__text(&at, '"', facts->texts[i].text);
@@ -257,18 +311,23 @@ static inline int bake__read_probes_head(bake_parts *b, FILE *in, bake_facts *fa
         snprintf(words, sizeof words, ", \"%s\": ", bake_range_names[i]);
         ok = bake__skip(&at, words) && bake__count(&at, &facts->range[i]);
     }
-    ok = ok && strcmp(at, "},\n") == 0 && bake__line(in, line);
-    at = line;
-    if (ok && bake__skip(&at, " \"grid\": [")) {
-        for (i = 0; i < 3 && ok; i++) {
-            ok = bake__count(&at, &grid[i]) && bake__skip(&at, i < 2 ? ", " : "],\n");
-            points *= grid[i];
-        }
-        ok = ok && !*at && points == (double)facts->range[BAKE_TOTAL] && bake__line(in, line);
-        at = line;
-    }
-    if (b->list.count == 1) memcpy(b->grid, grid, sizeof grid);
-    return ok && memcmp(b->grid, grid, sizeof grid) == 0 && strcmp(at, " \"probes\": [\n") == 0;
+    return ok && strcmp(at, "},\n") == 0;
+}
+
+/* Reads what precedes the probes. begun: receives 1 if the file begins like a part. */
+static inline int bake__read_probes_head(bake_parts *b, FILE *in, bake_facts *facts, int *begun) {
+    char line[BAKE_LINE];
+    const char *at = line;
+    bake_grid grid;
+    int i, ok;
+    memset(&grid, 0, sizeof grid);
+    *begun = 0;
+    ok = bake__line(in, line) && bake__read_facts(line, facts, begun) && bake__line(in, line);
+    if (ok && bake__skip(&at, " \"grid\": ["))
+        ok = bake__read_grid(at, facts->range[BAKE_TOTAL], &grid) && bake__line(in, line);
+    for (i = 0; bake_probes_about[i] && ok; i++) ok = strcmp(line, bake_probes_about[i]) == 0 && bake__line(in, line);
+    if (b->list.count == 1) b->grid = grid;
+    return ok && memcmp(&b->grid, &grid, sizeof grid) == 0 && strcmp(line, " \"probes\": [\n") == 0;
 }
 
 /* Reads a line that consists of words and a number. */
@@ -469,7 +528,7 @@ static inline int bake_write(FILE *out, const void *what) {
         bake_put_vertices_head(out, NULL, b->vertices, b->faces);
         return bake__copy(b, BAKE_VERTICES, out) && bake__copy(b, BAKE_FACES, out);
     }
-    bake_put_probes_head(out, NULL, b->grid);
+    bake_put_probes_head(out, NULL, &b->grid);
     if (!bake__copy(b, BAKE_LINES, out)) return 0;
     fprintf(out, "\n%s", bake_probes_end);
     return 1;

@@ -12,6 +12,8 @@
 #include "scene_file.h"
 #include "gltf_file.h"
 #include "light_groups.h"
+#include "cube_filter.h"
+#include "ktx2_file.h"
 #define TOOL_NAME "sbl_bake"
 #define TOOL_MAKES "bake"
 #include "tool.h"
@@ -24,12 +26,12 @@
 /* ---- the command line ---- */
 
 static struct options {
-    int lightmap, gutter, supersample, samples, grid[3];
+    int lightmap, gutter, supersample, samples, grid[3], cubemap_size;
     part_choice part;
     const char *join;
     const char *positions;  /* file with the positions of probes, or NULL for a grid */
     const char *light_groups;
-    double target_error, move, smoothing;
+    double target_error, move, smoothing, ao;
 } options;
 
 enum {
@@ -37,6 +39,7 @@ enum {
     LIGHTMAP,
     GUTTER,
     DIRECTIONAL,
+    AO,
     SUPERSAMPLE,
     LIGHT_GROUPS,
     TARGET_ERROR,
@@ -46,6 +49,8 @@ enum {
     SMOOTHING,
     PROBES,
     MOVE,
+    CUBEMAPS,
+    CUBEMAP,
     PART,
     PLAN,
     JOIN,
@@ -56,7 +61,7 @@ enum {
 static const tool_option table[OPTION_COUNT] = {
     COMMON_ROWS,
     [OUTPUT] = { "--output", "FILE", TEXT, &common.output, 0, 0, 0,
-                 "also -o; with --lightmap FILE is a folder, which is created if it does not exist" },
+                 "also -o; with --lightmap or --cubemaps, FILE is a folder, which is created if it does not exist" },
     [LIGHTMAP] = { "--lightmap", "N", INTEGERS, &options.lightmap, 1, 1, 16384,
                    "bakes all meshes that have second texture coordinates (TEXCOORD_1; scripts/unwrap makes them) into "
                    "one map\n"
@@ -78,6 +83,14 @@ static const tool_option table[OPTION_COUNT] = {
                       ".exr) are the coefficients of the radiance over the hemisphere of each texel, in the real "
                       "orthonormal\n"
                       "spherical harmonics 1, y, z, x, continued into the gutters" },
+    [AO] = { "--ao", "DISTANCE", NUMBERS, &options.ao, 1, 1e-18, 1e18,
+             "with --lightmap: also writes ao.exr and ao.png, the ambient occlusion: the cosine-weighted share of the "
+             "directions\n"
+             "in which no surface is within DISTANCE; and sky.exr and sky.png, the share in which there is none at "
+             "all. They are\n"
+             "continued into the gutters; .png holds linear bytes. Takes about as long as --mode direct twice. The map "
+             "must be\n"
+             "baked at once: without --part and --join, and not in windows" },
     [SUPERSAMPLE] = { "--supersample", "N", INTEGERS, &options.supersample, 1, 1, 8,
                       "with --lightmap: averages measurements at N x N places in each texel, for shadows finer than "
                       "texels;\n"
@@ -97,7 +110,7 @@ static const tool_option table[OPTION_COUNT] = {
                        "divided\n"
                        "by the mean of R; default 2%, 0.5%, 0.25% by preset; with the default, a sensor uses at most "
                        "1024, 2048,\n"
-                       "4096 rays",
+                       "4096 rays. With --cubemaps: that of each face; default as for a picture of sbl_render",
                        .synonym = "--error" },
     [VERTICES] = { "--vertices", NULL, FLAG, NULL, 0, 0, 0,
                    "bakes R at the vertices of all meshes, fitted by least squares to the light on their triangles, "
@@ -126,10 +139,33 @@ static const tool_option table[OPTION_COUNT] = {
                  "face +x -x\n"
                  "+y -y +z -z; sky: the fraction of directions that see the sky; distance, distance_squared: means for "
                  "each\n"
-                 "octant; back_share: the fraction of visible surfaces that are back faces (see sbl_probe in sbl.h)",
+                 "octant; back_share: the fraction of visible surfaces that are back faces (see sbl_probe in sbl.h). "
+                 "FILE.json also\n"
+                 "tells the origin and the spacing of the grid, and the constants and weights that make irradiance of "
+                 "sh;\n"
+                 "examples/engines/probes.glsl does this in a shader",
                  NULL, &options.positions, .file_words = "a text file such as LIST.txt" },
     [MOVE] = { "--move", "DISTANCE", NUMBERS, &options.move, 1, 0, 1e18,
-               "greatest distance by which a probe may be moved to get out of geometry; default 0" },
+               "greatest distance by which a probe or a cube map may be moved to get out of geometry; default 0" },
+    [CUBEMAPS] = { "--cubemaps", "AxBxC|LIST", SIZES, options.grid, 3, 1, 4096,
+                   "bakes what is seen from points in the air, for reflections: a grid of points or a list, as for "
+                   "--probes. Writes\n"
+                   "these files into the folder of --output, with NNNN from 0000 on, at most 9999:\n"
+                   "cubemap_NNNN.ktx2      all levels, half floats; faces +x -x +y -y +z -z as in OpenGL, so that "
+                   "sampling in a\n"
+                   "                       direction of the world gives the radiance from there\n"
+                   "cubemap_NNNN_K.exr     level K as a column of six faces, from the top, in 32-bit floats\n"
+                   "cubemaps.json          position, valid (false inside geometry: no files), and for parallax the "
+                   "box of the room,\n"
+                   "                       whose sides are the surfaces that face the point squarely and fill most of "
+                   "the view, or\n"
+                   "                       the bounds of the scene; size and roughness of each level\n"
+                   "Level K of M has the roughness K / (M - 1); the last one has faces of 4 x 4. Levels are filtered "
+                   "by GGX lobes\n"
+                   "with alpha = roughness^2 and normal = view = reflection, for the split sum (Karis 2013)",
+                   NULL, &options.positions, .file_words = "a text file such as LIST.txt" },
+    [CUBEMAP] = { "--cubemap-size", "N", INTEGERS, &options.cubemap_size, 1, 8, CUBE_SIZE_MOST,
+                  "with --cubemaps: texels across a face of level 0, a power of two from 8 to 1024; default 128" },
     [PART] = { "--part", "K/N", TEXT, &options.part.text, 0, 0, 0,
                "bakes only the K-th of N parts; N is at most 10000. A part is a range of probes, a range of meshes (in "
                "a .ply),\n"
@@ -166,10 +202,13 @@ static const tool_line lines[] = {
     { LIGHTMAP, "a map of N x N texels, into a folder" },
     { DIRECTIONAL, "also how the light of the map depends on direction" },
     { LIGHT_GROUPS, NULL },
+    { AO, "also ambient occlusion and sky visibility" },
     { VERTICES, "light at the vertices, into a .ply or .gltf file" },
     { AVERAGE, NULL },
     { PROBES, "light in the air, into a .json file" },
-    { MOVE, "moves probes out of geometry" },
+    { MOVE, NULL },
+    { CUBEMAPS, "what reflections see, into a folder: .ktx2 and .exr" },
+    { CUBEMAP, NULL },
     { PART, "bakes only the K-th of N parts" },
     { PLAN, NULL },
     { JOIN, "joins the parts of a map" },
@@ -179,7 +218,7 @@ static const tool_line lines[] = {
     { TOOL_HEADING, "Quality:" },
     { TARGET_ERROR, "accepted error of a map, such as 2%" },
     { SUPERSAMPLE, "finer shadows in a map: N x N places in a texel" },
-    { SAMPLES, "for vertices: points on a triangle" },
+    { SAMPLES, NULL },
     { SMOOTHING, NULL },
     QUALITY_LINES,
     { TOOL_HEADING, "Output:" },
@@ -195,7 +234,7 @@ static void print_help(void) {
     printf(
         "usage: sbl_bake SCENE --lightmap N -o FOLDER [options]\n"
         "       sbl_bake SCENE --vertices -o FILE.ply|FILE.gltf [options]\n"
-        "       sbl_bake SCENE --probes NXxNYxNZ|LIST -o FILE.json [options]\n\n"
+        "       sbl_bake SCENE --probes|--cubemaps AxBxC|LIST -o FILE|FOLDER [options]\n\n"
         "Bakes the light of a scene file: .obj .gltf .glb, and others that assimp reads.\n"
         "A lightmap needs second texture coordinates, which scripts/unwrap makes.\n");
     tool_print_help(table, OPTION_COUNT, lines, (int)(sizeof lines / sizeof *lines), common.help_all);
@@ -205,11 +244,11 @@ static void print_help(void) {
            "\nEach file is written completely or not at all.\n"
            "\nIf you press Ctrl-C, the unfinished lightmap is saved as lightmap.partial.pfm in the folder, and the "
            "program ends.\n"
-           "If there is no light yet, or with --vertices or --probes, nothing is saved. A second Ctrl-C ends the "
-           "program at once, and\n"
-           "so does the first one after 6 seconds in which the graphics driver does not return. The signals SIGTERM "
-           "and\n"
-           "SIGHUP do the same.\n"
+           "If there is no light yet, or with --vertices or --probes, nothing is saved. Complete cube maps stay. A "
+           "second Ctrl-C\n"
+           "ends the program at once, and so does the first one after 6 seconds in which the graphics driver does not "
+           "return. The\n"
+           "signals SIGTERM and SIGHUP do the same.\n"
            "\nExit status: 0 success; 1 failure, with one line on stderr; 2 wrong usage; after a signal: 130 (Ctrl-C), "
            "143\n"
            "(SIGTERM), 129 (SIGHUP).\n");
@@ -234,8 +273,10 @@ static int parse_part(void) {
 
 static int parse(int argc, char **argv) {
     static const int of_lightmaps[] = {
-        GUTTER, DIRECTIONAL, SUPERSAMPLE, LIGHT_GROUPS, TARGET_ERROR, TILE, THRESHOLD, FILTER_RADIUS, PLAN, JOIN, RESUME
+        GUTTER, DIRECTIONAL, AO, SUPERSAMPLE, LIGHT_GROUPS, PLAN, JOIN, RESUME, TARGET_ERROR, TILE, THRESHOLD,
+        FILTER_RADIUS
     };
+    enum { ALSO_OF_CUBEMAPS = 8 };  /* number of the first option of these that --cubemaps has, too */
     static const int of_vertices[] = { AVERAGE, SAMPLES, SMOOTHING };
     int i;
     const tool_command command = { argc, argv, table, OPTION_COUNT, given, &common.scene, 1 };
@@ -243,16 +284,28 @@ static int parse(int argc, char **argv) {
     if (status != DONE || given[HELP] || given[VERSION]) return status;
     status = common_check(given);
     if (status != DONE) return status;
-    if (given[LIGHTMAP] + given[VERTICES] + given[PROBES] != 1)
-        return misuse("give one of --lightmap, --vertices and --probes, to choose what is baked; see --help");
+    if (given[LIGHTMAP] + given[VERTICES] + given[PROBES] + given[CUBEMAPS] != 1)
+        return misuse("give one of --lightmap, --vertices, --probes and --cubemaps, to choose what is baked; see "
+                      "--help");
     if (!common.output)
-        return misuse("--output is missing: %s", given[LIGHTMAP] ? "the folder to write to" : "the file to write");
+        return misuse("--output is missing: %s",
+                      given[LIGHTMAP] || given[CUBEMAPS] ? "the folder to write to" : "the file to write");
     for (i = 0; i < (int)(sizeof of_lightmaps / sizeof *of_lightmaps); i++)
-        if (given[of_lightmaps[i]] && !given[LIGHTMAP])
-            return misuse("%s needs --lightmap", table[of_lightmaps[i]].name);
+        if (given[of_lightmaps[i]] && !given[LIGHTMAP] && !(given[CUBEMAPS] && i >= ALSO_OF_CUBEMAPS))
+            return misuse("%s needs --lightmap%s", table[of_lightmaps[i]].name,
+                          i < ALSO_OF_CUBEMAPS ? "" : " or --cubemaps");
     for (i = 0; i < (int)(sizeof of_vertices / sizeof *of_vertices); i++)
         if (given[of_vertices[i]] && !given[VERTICES]) return misuse("%s needs --vertices", table[of_vertices[i]].name);
-    if (given[MOVE] && !given[PROBES]) return misuse("--move needs --probes");
+    if (given[MOVE] && !given[PROBES] && !given[CUBEMAPS]) return misuse("--move needs --probes or --cubemaps");
+    if (given[CUBEMAP] && !given[CUBEMAPS]) return misuse("--cubemap-size needs --cubemaps");
+    if (options.cubemap_size & (options.cubemap_size - 1))
+        return misuse("--cubemap-size %d: it must be a power of two, such as 64 or 256", options.cubemap_size);
+    if (given[AO] && (given[PART] || given[JOIN]))
+        return misuse("--ao needs a map that is baked at once; leave out %s", given[PART] ? "--part" : "--join");
+    if (given[AO] && backends[common.backend] == SBL_BACKEND_RASTER)
+        return misuse("--ao needs rays, which end at its distance; leave out --backend raster");
+    if (given[CUBEMAPS] && given[PART])
+        return misuse("--part joins no cube maps; give each machine a LIST of its own with --cubemaps");
     if (given[LIGHT_GROUPS] && (given[DIRECTIONAL] || given[PART] || given[JOIN]))
         return misuse("--light-groups works neither with --directional nor with --part and --join");
     if (given[LIGHT_GROUPS] && !groups_read(&groups, options.light_groups))
@@ -267,7 +320,7 @@ static int parse(int argc, char **argv) {
     status = parse_part();
     if (status != DONE) return status;
     common_note(given, table);
-    if (given[LIGHTMAP]) common_note_refinement(given, table, TARGET_ERROR);
+    if (given[LIGHTMAP] || given[CUBEMAPS]) common_note_refinement(given, table, TARGET_ERROR);
     note_if(given[AVERAGE], given, table, SMOOTHING, "--average has no slopes");
     note_if(given[PART], given, table, GUTTER, "--join makes the gutters");
     note_if(given[JOIN], given, table, STORE, "--join measures no light");
@@ -288,6 +341,8 @@ static int find_file(void) {
     target_count = ONE_FILE + 1;
     return targets_check(target_count, given);
 }
+
+enum { CUBEMAPS_MOST = 10000 };  /* greatest number of cube maps */
 
 #include "sbl_bake_lightmap.h"
 
@@ -550,7 +605,7 @@ static int bake_vertices(tool_task *task, double *seconds) {
 
 /* ---- probes ---- */
 
-typedef struct probes { sbl_probe *all; float *positions; int count; } probes;
+typedef struct probes { sbl_probe *all; float *positions; int count; bake_grid grid; } probes;
 
 static probes listed;  /* the positions of the file of --probes */
 
@@ -599,7 +654,7 @@ static int read_positions(void) {
 static int write_probes(FILE *out, const void *what) {
     const probes *p = (const probes *)what;
     int i;
-    bake_put_probes_head(out, given[PART] ? &facts : NULL, options.grid);
+    bake_put_probes_head(out, given[PART] ? &facts : NULL, &p->grid);
     for (i = 0; i < p->count; i++) bake_put_probe(out, &p->all[i], i == 0);
     fprintf(out, "\n%s", bake_probes_end);
     return 1;
@@ -613,6 +668,9 @@ static int prepare_probes(void) {
     if (points >= INT_MAX)
         return misuse("--probes %dx%dx%d: the grid has %.0f points; at most %d are possible", grid[0], grid[1],
                       grid[2], points, INT_MAX - 1);
+    if (status == DONE && given[CUBEMAPS] && (points > CUBEMAPS_MOST || listed.count > CUBEMAPS_MOST))
+        return misuse("--cubemaps: %.0f points are too many; at most %d are possible", points + listed.count,
+                      CUBEMAPS_MOST);
     return status == DONE ? find_probes(options.positions ? listed.count : (int)points) : status;
 }
 
@@ -628,6 +686,7 @@ static void describe_probes(char *out, size_t size) {
 static int bake_probes(tool_task *task, double *seconds) {
     progress bar = { !given[QUIET] && isatty(STDERR_FILENO), now(), 0, 0, 0 };
     sbl_probes_desc desc;
+    const sbl_bounds bounds = sbl_query_bounds(task->context);
     probes p = listed;
     sbl_result result = SBL_SUCCESS;
     int status = DONE, k, valid = 0;
@@ -636,6 +695,8 @@ static int bake_probes(tool_task *task, double *seconds) {
     find_facts(task->context, what);
     memset(&desc, 0, sizeof desc);
     memcpy(desc.grid, options.grid, sizeof desc.grid);
+    memcpy(p.grid.count, options.grid, sizeof p.grid.count);
+    bake_grid_place(&p.grid, bounds.lowest, bounds.highest);
     p.count = facts.range[BAKE_COUNT];
     desc.first_probe = facts.range[BAKE_FIRST];
     p.all = (sbl_probe *)calloc((size_t)p.count + 1, sizeof *p.all);
@@ -660,6 +721,8 @@ static int bake_probes(tool_task *task, double *seconds) {
     return status;
 }
 
+#include "sbl_bake_cubemaps.h"
+
 /* ---- the whole tool ---- */
 
 int main(int argc, char **argv) {
@@ -669,11 +732,12 @@ int main(int argc, char **argv) {
     if (given[HELP]) { print_help(); return fflush(stdout) == 0 ? DONE : FAILED; }
     if (given[VERSION]) { printf("sbl_bake %s\n", sbl_version()); return fflush(stdout) == 0 ? DONE : FAILED; }
     catch_signals();
-    status = given[LIGHTMAP] && !given[PART] ? find_files() : find_file();
-    if (status == DONE && given[PROBES]) status = prepare_probes();
+    status = given[CUBEMAPS] ? find_cubemaps() : given[LIGHTMAP] && !given[PART] ? find_files() : find_file();
+    if (status == DONE && (given[PROBES] || given[CUBEMAPS])) status = prepare_probes();
     if (status == DONE)
         status = given[LIGHTMAP]   ? tool_run(start, given, bake_lightmap, find_more_files, NULL)
                : given[VERTICES]   ? tool_run(start, given, bake_vertices, find_vertex_files, NULL)
+               : given[CUBEMAPS]   ? tool_run(start, given, bake_cubemaps, NULL, NULL)
                                    : tool_run(start, given, bake_probes, NULL, NULL);
     targets_free();
     free(listed.positions);

@@ -6,6 +6,7 @@ uniform int rays;                     // number of rays per look
 uniform int paired;                   // log2 of the rays per group: 1: an invocation traces pairs; 0: single rays
 uniform bool no_light;                // true: rays cannot find light; only a site's first look traces them
 uniform float spread;                 // 1: over the whole hemisphere; 0: all rays along the normal
+uniform float ray_length;             // rays end here and see the sky
 uniform float distance_limit;         // larger distances of hits count as this distance in the mean
 SBL_OUT(0, out_sum);
 SBL_OUT(1, out_hits);
@@ -159,7 +160,7 @@ void main() {
         glow_met = sbl_lobe_met(ray_density, SBL_LAMP_DENSITY);
 #endif
         vec3 way = direction;
-        float limit = SBL_UNBOUNDED;
+        float limit = ray_length;
 #ifdef SBL_BOUNCED
         sbl_Reflection next;
 #endif

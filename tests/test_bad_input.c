@@ -877,6 +877,8 @@ TEST(picture_desc) {
     BAD_PICTURE(d.threshold = INF, "threshold", "inf");
     BAD_PICTURE(d.options.epsilon = NOT, "options.epsilon", "nan");
     BAD_PICTURE(d.options.epsilon = INF, "options.epsilon", "inf");
+    BAD_PICTURE(d.options.ray_length = NOT, "options.ray_length", "nan");
+    BAD_PICTURE(d.options.ray_length = -2, "options.ray_length", "-2");
     BAD_PICTURE(d.facet_limit = NOT, "facet_limit", "nan");
     BAD_PICTURE(d.facet_limit = INF, "facet_limit", "inf");
     BAD_PICTURE(d.filter_radius = 33, "filter_radius", "33");

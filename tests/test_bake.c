@@ -322,6 +322,35 @@ TEST(probes_hold_the_lamps_light) {
 
 /* ---- mistakes and failures ---- */
 
+/* Each texel of the floor shows the share of the sky that the lamp leaves; no surface is within 1. The light and the
+   stored light are those of a bake without --ao. */
+TEST(occlusion_beside_the_light) {
+    static const char *const names[2] = { "occluded/sky.png", "occluded/ao.png" };
+    int file, x, y, wide, high, parts;
+    write_scene("room.gltf", apart, 1);
+    REQUIRE(TOOL("room.gltf", "--lightmap", "64", "--preset", "draft", "-o", "lit", "--store", "a.light") == 0 &&
+            TOOL("room.gltf", "--lightmap", "64", "--preset", "draft", "-o", "occluded", "--store", "b.light", "--ao",
+                 "1") == 0, "%s", ran.err);
+    CHECK(same_files("lit/lightmap.pfm", "occluded/lightmap.pfm") && same_files("a.light", "b.light"),
+          "--ao changes the light");
+    for (file = 0; file < 2; file++) {
+        const float *c = apart[FLOOR];
+        double worst = 0;
+        unsigned char *bytes = stbi_load(in_folder(names[file]), &wide, &high, &parts, 1);
+        REQUIRE(bytes && wide == 64 && high == 64, "%s is missing", names[file]);
+        for (y = (int)ceilf(64 * c[1]); y < (int)(64 * c[3]); y++)
+            for (x = (int)ceilf(64 * c[0]); x < (int)(64 * c[2]); x++) {
+                const double lamp = truth_at((x + 0.5) / 64, (y + 0.5) / 64) / strength;
+                worst = test_max(worst, fabs(bytes[64 * y + x] / 255.0 - (file ? 1 : 1 - lamp)));
+            }
+        CHECK(worst < (file ? 0.003 : 0.03), "%s differs by %g", names[file], worst);
+        free(bytes);
+    }
+#ifdef SBL_RENDER_OPENEXR
+    CHECK(exists("occluded/ao.exr") && exists("occluded/sky.exr"), "no .exr");
+#endif
+}
+
 #define REFUSED(code, words, ...) do {                                                         \
         CHECK(TOOL(__VA_ARGS__) == code && said(words) && ran.err_lines == 1,                  \
               "exit status %d, expected %d and \"%s\": %s", ran.status, code, words, ran.err); \
@@ -335,11 +364,16 @@ TEST(what_is_wrong_is_said) {
     write_text("bad.json", "1 2 3\n");
     mkdir(in_folder("folder.txt"), 0777);
     REFUSED(2, "usage: sbl_bake", "--lightmap", "64");
-    REFUSED(2, "give one of --lightmap, --vertices and --probes", "room.gltf", "-o", "out");
-    REFUSED(2, "give one of --lightmap, --vertices and --probes", "room.gltf", "-o", "out", "--lightmap", "64",
-            "--vertices");
+    REFUSED(2, "give one of --lightmap, --vertices, --probes and --cubemaps", "room.gltf", "-o", "out");
+    REFUSED(2, "give one of --lightmap, --vertices, --probes and --cubemaps", "room.gltf", "-o", "out", "--lightmap",
+            "64", "--vertices");
     REFUSED(2, "--gutter needs --lightmap", "room.gltf", "--vertices", "-o", "no.ply", "--gutter", "3");
     REFUSED(2, "--move needs --probes", "room.gltf", "--vertices", "-o", "no.ply", "--move", "3");
+    REFUSED(2, "--ao needs --lightmap", "room.gltf", "--vertices", "-o", "no.ply", "--ao", "1");
+    REFUSED(2, "--ao needs a map that is baked at once; leave out --part", "room.gltf", "--lightmap", "8", "-o",
+            "no.exr", "--ao", "1", "--part", "1/2");
+    REFUSED(2, "--ao needs rays", "room.gltf", "--lightmap", "8", "-o", "no", "--ao", "1", "--backend", "raster");
+    REFUSED(2, "--ao 0: the value must be a number", "room.gltf", "--lightmap", "8", "-o", "no", "--ao", "0");
     REFUSED(2, "must end in .ply or .gltf", "room.gltf", "--vertices", "-o", "out.obj");
     REFUSED(2, "must end in .json", "room.gltf", "--probes", "2x2x2", "-o", "out.txt");
     REFUSED(2, "NXxNYxNZ with whole numbers from 1 to 4096, or a text file", "room.gltf", "--probes", "2", "-o",
@@ -603,6 +637,7 @@ int main(int argc, char **argv) {
     RUN(overlaps_are_shown);
     RUN(vertices_fit_lamberts_light);
     RUN(probes_hold_the_lamps_light);
+    RUN(occlusion_beside_the_light);
     RUN(what_is_wrong_is_said);
     RUN(groups_have_maps);
     RUN(help_is_short_or_complete);

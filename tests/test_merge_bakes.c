@@ -266,6 +266,8 @@ TEST(the_form_of_probes_is_checked) {
         { "\"grid\": [3, 2, 3]", "\"grid\": [3, 3, 2]" }, { "\"grid\": [3, 2, 3]", "\"grid\": [03, 2, 3]" },
         { "\"count\": 9", "\"count\": 0" }, { "\"count\": 9", "\"count\": 10" },
         { "\"count\": 9", "\"count\": 99999999999" },
+        { "\"origin\": [", "\"origin\": [1, " }, { "\"spacing\": [", "\"spacing\": [1" },
+        { "\"constants\": [0.28", "\"constants\": [0.29" },
         { "\"probes\": [", "\"probes\": [ " }, { "\"options\": \"", "\"options\": \"\t" },
     };
     static char longest[16384];

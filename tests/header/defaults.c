@@ -20,7 +20,8 @@ static const sbl_preset presets[3] = { SBL_PRESET_DRAFT, SBL_PRESET_DEFAULT, SBL
         d[i] = sbl_##front_end##_desc_defaults(&zero);                   \
     }                                                                    \
     PRINT(options.mode); PRINT(options.backend); PRINT(options.rays);    \
-    PRINT(options.sensor_size); PRINT(options.epsilon); PRINT(options.seed)
+    PRINT(options.sensor_size); PRINT(options.epsilon);                  \
+    PRINT(options.seed); PRINT(options.ray_length)
 
 #define PRINT(field) \
     printf("%s %s %d %g %g %g\n", name, #field, (int)mode, (double)d[0].field, (double)d[1].field, (double)d[2].field)

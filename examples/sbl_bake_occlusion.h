@@ -1,0 +1,128 @@
+/* The maps of ambient occlusion and sky visibility of sbl_bake --ao. sbl_bake_lightmap.h includes this file before its
+   bakes. */
+#ifndef SBL_BAKE_OCCLUSION_H
+#define SBL_BAKE_OCCLUSION_H
+
+/* The value to which errors are relative. Most shares are near 1, so that weak shadows would be a small part of their
+   mean. */
+#define OCCLUSION_MEAN 0.25f
+
+/* The two maps, and the files of each: .png, which host programs multiply with ambient light, and .exr. */
+enum { OCCLUSION_MAPS = 2, OCCLUSION_FILES = 4 };
+static const char *const occlusion_names[OCCLUSION_FILES] = { "ao.png", "sky.png", "ao.exr", "sky.exr" };
+static int occlusion_first;  /* number of the first target */
+
+static int occlusion_file_count(void) {
+#ifdef SBL_RENDER_OPENEXR
+    return OCCLUSION_FILES;
+#else
+    return OCCLUSION_MAPS;
+#endif
+}
+
+/* Lists the files after all others. Returns the exit status. */
+static int find_occlusion_files(void) {
+    int i, status = DONE;
+    occlusion_first = target_count;
+    if (target_count + OCCLUSION_FILES > TARGETS_MOST) return fail("--ao: the scene has too many textures");
+    for (i = 0; i < occlusion_file_count() && status == DONE; i++)
+        status = target_add(occlusion_first + i, strlen(common.output), occlusion_names[i]);
+    for (i = 0; i < occlusion_file_count() && status == DONE; i++)
+        if (!output_check(&targets[occlusion_first + i]))
+            status = fail("%s: cannot be written: %s; give another folder", targets[occlusion_first + i].name,
+                          strerror(errno));
+    return status;
+}
+
+static int write_occlusion_exr(FILE *out, const void *what) {
+    return picture_write(out, ".exr", (const image *)what, SBL_CHANNEL_FINAL, 0);
+}
+
+/* Writes the shares as linear bytes, as glTF and engines expect of occlusion. */
+static int write_occlusion_png(FILE *out, const void *what) {
+    const image *map = (const image *)what;
+    const size_t count = (size_t)map->width * (size_t)map->height;
+    image shown = *map;
+    size_t i;
+    int ok;
+    shown.values = (float *)malloc(count * sizeof(float));
+    if (!shown.values) return 0;
+    for (i = 0; i < count; i++) {  /* a channel of directions becomes bytes from -1 to 1; 0 stands for no surface */
+        const float x = 2 * map->values[i] - 1;
+        shown.values[i] = x == 0.0f ? 1e-9f : x;
+    }
+    ok = picture_write(out, ".png", &shown, SBL_CHANNEL_NORMAL, 0);
+    free(shown.values);
+    return ok;
+}
+
+/* Sets the scene without its light, below a sky of 1. */
+static sbl_result set_black_scene(const tool_task *task) {
+    sbl_scene_desc scene = *task->scene;
+    sbl_material *black = (sbl_material *)malloc(sizeof *black * ((size_t)scene.material_count + 1));
+    sbl_result result;
+    int i, k;
+    if (!black) return SBL_ERROR_OUT_OF_MEMORY;
+    for (i = 0; i < scene.material_count; i++) {
+        black[i] = scene.materials[i];
+        for (k = 0; k < 3; k++) black[i].emission[k] = 0;
+    }
+    scene.materials = black;
+    scene.lights = NULL;
+    scene.light_count = 0;
+    memset(&scene.environment, 0, sizeof scene.environment);
+    for (k = 0; k < 3; k++) scene.sky[k] = 1;
+    result = sbl_set_scene(task->context, &scene);
+    free(black);
+    return result;
+}
+
+/* Bakes a map of the black scene, and keeps its red values. */
+static sbl_result bake_occlusion_map(tool_task *task, const sbl_lightmap_desc *desc, image *map) {
+    const size_t texels = (size_t)desc->width * (size_t)desc->height;
+    sbl_result result = sbl_begin_lightmap(task->context, desc);
+    size_t i;
+    if (result == SBL_SUCCESS) result = work(task->context);
+    if (result == SBL_SUCCESS) result = picture_read(task->context, desc->width, desc->height, SBL_CHANNEL_FINAL, map);
+    for (i = 0; i < texels && result == SBL_SUCCESS; i++) {
+        const float share = map->values[3 * i];
+        map->values[i] = share < 1 ? share : 1;
+    }
+    map->components = 1;
+    return result;
+}
+
+/* Bakes and writes both maps, with the quality of the map that desc describes. It comes last, because the scene loses
+   its light. Returns the exit status. */
+static int bake_occlusion(tool_task *task, const sbl_lightmap_desc *desc, progress *bar) {
+    sbl_lightmap_desc black = *desc;
+    sbl_result result;
+    int i, map, status;
+    task->stats = sbl_query_stats(task->context);  /* the statistics are those of the light */
+    task->has_stats = 1;
+    status = keep_store(task, given);
+    if (status != DONE) return status;
+    for (i = 0; i < 3; i++) black.mean_radiance[i] = OCCLUSION_MEAN;
+    black.directional = 0;
+    black.options.mode = SBL_MODE_DIRECT;
+    result = set_black_scene(task);
+    for (map = 0; map < OCCLUSION_MAPS && status == DONE; map++) {
+        image values = { 0 };
+        black.options.ray_length = map == 0 ? (float)options.ao : 0;
+        bar->from = 0.6 + 0.2 * map;
+        bar->to = bar->from + 0.2;
+        if (result == SBL_SUCCESS) result = bake_occlusion_map(task, &black, &values);
+        if (result == SBL_UNFINISHED) status = stop("%s was not written", occlusion_names[map]);
+        else if (result != SBL_SUCCESS) status = fail_with(task->said, common.scene, result);
+        for (i = map; i < occlusion_file_count() && status == DONE; i += OCCLUSION_MAPS)
+            if (!target_write(&targets[occlusion_first + i], i < OCCLUSION_MAPS ? write_occlusion_png
+                                                                                 : write_occlusion_exr, &values, 0))
+                status = interrupted ? stop("%s was not written", occlusion_names[i])
+                                     : fail_to_write(targets[occlusion_first + i].name);
+        free(values.values);
+    }
+    clear_progress(bar);
+    return status;
+}
+
+#endif
