@@ -6,7 +6,7 @@
    the lightmap (index of the texture, texCoord 1, intensity); viewers compute irradiance = intensity * texture, decoded
    from sRGB. Include after sbl.h and picture_file.h. This file includes stb_image_write.h.
 
-       gltf_file out = { &file->scene, file->names, "scene.bin", "atlas.png", 3.5, NULL };
+       gltf_file out = { &file->scene, file->names, "scene.bin", "atlas.png", 3.5, NULL, NULL };
        ok = gltf_write_json(stream, &out);
 
    gltf_write_bin and gltf_write_texture write the other files in the same way. */
@@ -23,6 +23,7 @@ typedef struct gltf_file {
     const char *lightmap;       /* file name of the lightmap, or NULL */
     double intensity;           /* irradiance divided by the linear value of the lightmap */
     const float *radiance;      /* NULL, or three floats per vertex, mesh after mesh: the attribute _RADIANCE */
+    const char *extras;         /* NULL, or an object of JSON, which becomes the extras of the asset */
 } gltf_file;
 
 enum { GLTF_NAME = 32 };  /* size of a texture's file name */
@@ -337,7 +338,8 @@ static void gltf__put_extensions_used(FILE *out, const gltf_file *f) {
 static int gltf_write_json(FILE *out, const gltf_file *f) {
     double bytes;
     int i;
-    fprintf(out, "{\n  \"asset\": {\"version\": \"2.0\", \"generator\": \"sbl.h %s\"}", sbl_version());
+    fprintf(out, "{\n  \"asset\": {\"version\": \"2.0\", \"generator\": \"sbl.h %s\"%s%s}", sbl_version(),
+            f->extras ? ", \"extras\": " : "", f->extras ? f->extras : "");
     gltf__put_extensions_used(out, f);
     fprintf(out, ",\n  \"materials\": [");
     for (i = 0; i < f->scene->material_count; i++) gltf__put_material(out, f, i);

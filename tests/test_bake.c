@@ -25,7 +25,12 @@ static double truth_at(double u, double v) {
 }
 
 #define MAP 64
-#define DIRECT "--mode", "direct", "--lightmap", "64", "--quiet"
+#define DIRECT "--mode", "direct", "--lightmap", "64", "--quiet", "--formats", MAP_FORMATS
+#ifdef SBL_RENDER_OPENEXR
+  #define MAP_FORMATS "exr,pfm"
+#else
+  #define MAP_FORMATS "pfm"
+#endif
 
 static int inside(const float *chart, int x, int y) {  /* whether the texel's centre is in the chart */
     const double u = (x + 0.5) / MAP, v = (y + 0.5) / MAP;
@@ -382,7 +387,7 @@ TEST(what_is_wrong_is_said) {
 /* --help has at most 40 short lines; --help all names every option, and nothing that sbl_bake does not have. */
 TEST(help_is_short_or_complete) {
     static const char *const names[] = { "--output", "--lightmap", "--gutter", "--directional", "--supersample",
-        "--target-error", "--error", "--vertices", "--average", "--samples", "--smoothing", "--probes", "--move",
+        "--target-error", "--error", "--vertices", "--average", "--formats", "--lit", "--exposure", "--samples", "--smoothing", "--probes", "--move",
         "--sky", "--sky-rotation", "--sky-scale", "--sky-up", "--mode", "--preset", "--backend", "--rays",
         "--max-bounce-cells", "--bounce-samples", "--epsilon", "--sensor-size", "--tile", "--threshold",
         "--filter-radius", "--seed", "--stats", "--allow-path", "--memory", "--read-time", "--store", "--quiet",
@@ -492,7 +497,7 @@ TEST(a_host_draws_it) {
     CHECK(TOOL("room.gltf", "out", "--size", "8x8", "--tile", "8", "--preset", "draft") == 0 && ran.err_lines == 1 &&
           !said("--preset") && said("--tile (sbl_bake made"), "%s", ran.err);
     REFUSED(2, "no probes are baked", "room.gltf", "out", "--store", "light.sbl", "-o", "x.pfm");
-    REFUSED(1, "atlas.pfm", "room.gltf", "nowhere", "-o", "x.png");
+    REFUSED(1, "atlas.exr", "room.gltf", "nowhere", "-o", "x.png");
     REFUSED(2, "usage", "room.gltf");
     REFUSED(2, "must end in", "room.gltf", "out", "-o", "x.jpg");
     tool_use("sbl_bake");
