@@ -72,9 +72,9 @@ static int lit__compare(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-/* Finds the mean of R, and returns the exposure that brings the mean logarithm of the luminance of R, without the darkest and the brightest 5 %
-   of the texels, to that of 0.71: the first rule of sbl_picture_desc.auto_exposure. light: R; 0 where there is no
-   surface */
+/* Finds the mean of R, and returns the exposure that brings the mean logarithm of the luminance of R, without the
+   darkest and the brightest 5 % of the texels, to that of 0.71: the first rule of sbl_picture_desc.auto_exposure.
+   light: R; 0 where there is no surface */
 static inline double lit_meter(lit_scene *l, const image *light) {
     const size_t all = (size_t)light->width * (size_t)light->height, step = all / LIT_METERED + 1;
     double *logs = (double *)malloc((all / step + 1) * sizeof *logs), sum = 0, stops = 0;

@@ -89,7 +89,7 @@ static double map__rgbm_range(FILE *in) {
     double range = 0;
     if (fseek(in, 8, SEEK_SET) != 0) return 0;
     while (range <= 0 && fread(head, 1, 8, in) == 8 && memcmp(head + 4, "IDAT", 4) != 0) {
-        const long length = (long)((uint32_t)head[0] << 24 | (uint32_t)head[1] << 16 | (uint32_t)head[2] << 8 | head[3]);
+        const long length = (long)head[0] << 24 | (long)head[1] << 16 | (long)head[2] << 8 | (long)head[3];
         const long used = memcmp(head + 4, "tEXt", 4) == 0 && length > 10 && length < 64 ? length : 0;
         if (length < 0 || fread(text, 1, (size_t)used, in) != (size_t)used) return 0;
         text[used] = 0;

@@ -1,6 +1,6 @@
 /* Writes pictures of floats, whole or band by band, as .png (8-bit sRGB; every channel is made visible), .pfm or .exr
-   (linear; 32-bit floats, or 16-bit floats in an .exr). .png needs libpng, .exr needs OpenEXR: define SBL_RENDER_OPENEXR. Include after sbl.h, with
-   _DEFAULT_SOURCE defined before the first header.
+   (linear; 32-bit floats, in an .exr also 16-bit ones). .png needs libpng, .exr needs OpenEXR: define
+   SBL_RENDER_OPENEXR. Include after sbl.h, with _DEFAULT_SOURCE defined before the first header.
 
        picture_writer writer;
        ok = picture_begin(&writer, stream, "room.png", &frame, channel, stops);  // frame: an image without values

@@ -6,9 +6,12 @@
 //
 // Materials then have the lightmap of the extension MOZ_lightmap, in the second set of texture coordinates. Lights are
 // not needed. `map` replaces the 8-bit map of the file by one without limit of brightness, in the format of three.js'
-// EXRLoader, KTX2Loader or HDRLoader; sbl_bake writes R = irradiance / pi, therefore its intensity is pi:
+// KTX2Loader, EXRLoader or HDRLoader; sbl_bake writes R = irradiance / pi, therefore its intensity is pi. Textures of
+// glTF have v = 0 at the top, so flipY must be true for an .exr, whose rows EXRLoader reverses, false for a .hdr, and
+// stays as it is for a .ktx2:
 //
 //     const map = await new EXRLoader().loadAsync('baked/atlas.exr');
+//     map.flipY = true;
 //     loader.register((parser) => new MOZLightmap(parser, map));
 //
 // Matte materials become MeshLambertMaterial. Without this, three.js would give them a faint reflection at the cost of
@@ -19,8 +22,9 @@ export class MOZLightmap {
     constructor(parser, map = null) {
         this.name = 'MOZ_lightmap';
         this.parser = parser;
-        this.map = map && Object.assign(map, { channel: 1, generateMipmaps: false, minFilter: LinearFilter });
-        if (map) map.needsUpdate = true;
+        this.map = map && Object.assign(map, {
+            channel: 1, generateMipmaps: false, minFilter: LinearFilter, magFilter: LinearFilter, needsUpdate: true
+        });
     }
 
     // Returns the extension of a material, or undefined.
