@@ -78,7 +78,7 @@ static void gltf__put_normals(FILE *out, const float *v, int count) {
     }
 }
 
-static int gltf_write_bin(FILE *out, const gltf_file *f) {
+static inline int gltf_write_bin(FILE *out, const gltf_file *f) {
     const sbl_mesh *m = f->scene->meshes;
     gltf__array arrays[GLTF_ARRAYS];
     size_t first = 0, i;
@@ -112,7 +112,7 @@ static int gltf__is_linear(const sbl_scene_desc *scene, int number) {
 }
 
 /* Writes a texture as .png: colours in 8-bit sRGB, others in linear bytes. number: counted from 0. */
-static int gltf_write_texture(FILE *out, const gltf_file *f, int number) {
+static inline int gltf_write_texture(FILE *out, const gltf_file *f, int number) {
     const sbl_texture *t = &f->scene->textures[number];
     const size_t count = (size_t)t->width * (size_t)t->height * (size_t)t->channels;
     const float *linear = (const float *)t->pixels;
@@ -335,7 +335,7 @@ static void gltf__put_extensions_used(FILE *out, const gltf_file *f) {
     if (count) fputc(']', out);
 }
 
-static int gltf_write_json(FILE *out, const gltf_file *f) {
+static inline int gltf_write_json(FILE *out, const gltf_file *f) {
     double bytes;
     int i;
     fprintf(out, "{\n  \"asset\": {\"version\": \"2.0\", \"generator\": \"sbl.h %s\"%s%s}", sbl_version(),

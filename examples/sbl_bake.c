@@ -99,8 +99,8 @@ static const tool_option table[OPTION_COUNT] = {
     [LIT] = { "--lit", "N", INTEGERS, &options.lit, 1, 0, 16384,
               "with --lightmap: the texture of scene_lit.glb has N x N texels; 0: it is not written. Its materials are "
               "unlit\n"
-              "(KHR_materials_unlit), and show colour times light, exposed and tone-mapped (PBR Neutral), in the charts "
-              "of the\n"
+              "(KHR_materials_unlit), and show colour times light, exposed and tone-mapped (PBR Neutral), in the "
+              "charts of the\n"
               "map; it has no reflections and normal maps. Default: 4 times the size of the map, from 512 to 4096, "
               "which keeps\n"
               "textures sharp; without textures, the size of the map, up to 4096" },
@@ -110,8 +110,8 @@ static const tool_option table[OPTION_COUNT] = {
     [DIRECTIONAL] = { "--directional", NULL, FLAG, NULL, 0, 0, 0,
                       "with --lightmap: also writes how the light depends on direction, for normal maps: sh_0 to sh_3 "
                       "are the\n"
-                      "coefficients of the radiance over the hemisphere of each texel, in the real orthonormal spherical "
-                      "harmonics\n"
+                      "coefficients of the radiance over the hemisphere of each texel, in the real orthonormal "
+                      "spherical harmonics\n"
                       "1, y, z, x, continued into the gutters" },
     [SUPERSAMPLE] = { "--supersample", "N", INTEGERS, &options.supersample, 1, 1, 8,
                       "with --lightmap: averages measurements at N x N places in each texel, for shadows finer than "
@@ -279,7 +279,8 @@ static int writes_lit(void) { return !given[LIT] || options.lit > 0; }
 
 static int parse(int argc, char **argv) {
     static const int of_lightmaps[] = {
-        GUTTER, FORMATS, LIT, LIT_EXPOSURE, DIRECTIONAL, SUPERSAMPLE, TARGET_ERROR, TILE, THRESHOLD, FILTER_RADIUS, PLAN, JOIN, RESUME
+        GUTTER, FORMATS, LIT, LIT_EXPOSURE, DIRECTIONAL, SUPERSAMPLE, TARGET_ERROR, TILE, THRESHOLD, FILTER_RADIUS,
+        PLAN, JOIN, RESUME
     };
     static const int of_vertices[] = { AVERAGE, SAMPLES, SMOOTHING };
     int i;
