@@ -12,7 +12,7 @@
 
        lit_scene lit = { &file->scene, file->names, &atlas, 2048 };
        lit.stops = lit_meter(&lit, &light);
-       ok = lit_make(&lit) && output_write(&target, lit_write, &lit, &interrupted);
+       ok = lit_spare(&lit) && lit_make(&lit) && output_write(&target, lit_write, &lit, &interrupted);
        lit_free(&lit); */
 #ifndef LIT_FILE_H
 #define LIT_FILE_H
@@ -29,11 +29,12 @@ typedef struct lit_scene {
     char *png;                  /* the compressed texture */
     size_t png_size;
     double gain;                /* 2 to the power of stops */
+    float *metered;             /* receives luminances instead of texels; NULL: texels are made */
     int *slots;                 /* number of each material in the .glb, first as in the map, then as outside of it; -1:
                                    it is not used */
 } lit_scene;
 
-enum { LIT_MOST = 4096, LIT_LEAST = 512, LIT_SCALE = 4, LIT_SAMPLES = 4, LIT_METERED = 65536 };
+enum { LIT_MOST = 4096, LIT_LEAST = 512, LIT_SCALE = 4, LIT_SAMPLES = 4, LIT_METERED = 65536, LIT_SPARED = 256 };
 
 /* Returns the size of the texture for a map of this size: that of the map if no surface has a texture, otherwise four
    times that. */
@@ -74,11 +75,11 @@ static int lit__compare(const void *a, const void *b) {
 
 /* Finds the mean of R, and returns the exposure that brings the mean logarithm of the luminance of R, without the
    darkest and the brightest 5 % of the texels, to that of 0.71: the first rule of sbl_picture_desc.auto_exposure.
-   light: R; 0 where there is no surface */
+   Texels below a twentieth of the mean do not count: many are hidden. light: R; 0 where there is no surface */
 static inline double lit_meter(lit_scene *l, const image *light) {
     const size_t all = (size_t)light->width * (size_t)light->height, step = all / LIT_METERED + 1;
-    double *logs = (double *)malloc((all / step + 1) * sizeof *logs), sum = 0, stops = 0;
-    size_t i, count = 0, cut;
+    double *logs = (double *)malloc((all / step + 1) * sizeof *logs), sum = 0, stops = 0, mean;
+    size_t i, count = 0, dark = 0, cut;
     int k;
     for (i = 0; logs && i < all; i += step) {
         const float *v = light->values + 3 * i;
@@ -89,8 +90,11 @@ static inline double lit_meter(lit_scene *l, const image *light) {
     }
     for (k = 0; k < 3 && count; k++) l->mean[k] /= (double)count;
     if (count) qsort(logs, count, sizeof *logs, lit__compare);
+    mean = 0.2126 * l->mean[0] + 0.7152 * l->mean[1] + 0.0722 * l->mean[2];
+    while (dark < count && logs[dark] < log(mean / 20)) dark++;
+    count -= dark;
     cut = count / 20;
-    for (i = cut; i < count - cut; i++) sum += logs[i];
+    for (i = cut; i < count - cut; i++) sum += logs[dark + i];
     if (count) stops = (log(0.71) - sum / (double)(count - 2 * cut)) / log(2.0);
     free(logs);
     return stops;
@@ -243,6 +247,10 @@ static void lit__texel(const lit_scene *l, const lit_triangle *t, int x, int y, 
     int i, k;
     for (i = 0; i < n * n; i++) lit__add(l, t, x + (i % n + 0.5) / n, y + (i / n + 0.5) / n, sum);
     for (k = 0; k < 3; k++) sum[k] *= l->gain / (n * n);
+    if (l->metered) {
+        l->metered[y * l->size + x] = (float)(0.2126 * sum[0] + 0.7152 * sum[1] + 0.0722 * sum[2]);
+        return;
+    }
     lit_tone(sum);
     for (k = 0; k < 3; k++) shown[k] = (float)sum[k];
     sbl_encode_srgb8(out, shown, 3, 1);
@@ -291,7 +299,7 @@ static void lit__draw(lit_scene *l, lit_triangle *t) {
             const int rank = distance > 1.5 ? 0 : distance > 0 ? 254 - (int)(distance * 160) : 255;
             if (rank <= l->rank[at]) continue;
             l->rank[at] = (unsigned char)rank;
-            lit__texel(l, t, x, y, l->texels + 4 * at);
+            lit__texel(l, t, x, y, l->texels ? l->texels + 4 * at : NULL);
         }
 }
 
@@ -310,6 +318,51 @@ static void lit__draw_mesh(lit_scene *l, const sbl_mesh *m) {
         }
         lit__draw(l, &t);
     }
+}
+
+/* ---- exposure of highlights ---- */
+
+/* Returns by how many stops the exposure is too high: by the second rule of sbl_picture_desc.auto_exposure, the mean
+   logarithm of the brightest 5 % of what is shown must not be above that of 2.8, but the rule takes at most 1.5 stops.
+   shown: luminances of all texels, 0 where nothing is */
+static double lit__excess(const float *shown, size_t count, double stops) {
+    size_t i, known = 0, top;
+    double *logs = (double *)malloc((count + 1) * sizeof *logs), sum = 0, excess;
+    for (i = 0; i < count && logs; i++) if (shown[i] > 0) logs[known++] = log((double)shown[i]);
+    if (known) qsort(logs, known, sizeof *logs, lit__compare);
+    top = (known + 19) / 20;
+    for (i = known - top; i < known; i++) sum += logs[i];
+    free(logs);
+    if (!top) return 0;
+    excess = (sum / (double)top - log(2.8)) / log(2.0) + stops;
+    return excess < 0 ? 0 : excess > 1.5 ? 1.5 : excess;
+}
+
+static void lit__draw_all(lit_scene *l) {
+    int i;
+    for (i = 0; i < l->scene->mesh_count; i++)
+        if (l->scene->meshes[i].lightmap_texcoords.data) lit__draw_mesh(l, &l->scene->meshes[i]);
+}
+
+/* Lowers the exposure where much would be too bright, by a small texture. Returns 0 if memory runs out. */
+static inline int lit_spare(lit_scene *l) {
+    lit_scene small = *l;
+    size_t count;
+    small.size = l->size < LIT_SPARED ? l->size : LIT_SPARED;
+    count = (size_t)small.size * (size_t)small.size;
+    small.gain = 1;
+    small.metered = (float *)calloc(count, sizeof *small.metered);
+    small.rank = (unsigned char *)calloc(count, 1);
+    small.texels = NULL;
+    if (small.metered && small.rank) {
+        lit__fill_table();
+        lit__draw_all(&small);
+        l->stops -= lit__excess(small.metered, count, l->stops);
+    }
+    count = small.metered && small.rank;
+    free(small.metered);
+    free(small.rank);
+    return count > 0;
 }
 
 /* ---- texels that no triangle covers ---- */
@@ -589,15 +642,14 @@ static double lit__put_json(FILE *out, const lit_scene *l) {
 static inline int lit_make(lit_scene *l) {
     const size_t count = (size_t)l->size * (size_t)l->size, levels = count + count / 3 + 4 * (size_t)l->size + 64;
     FILE *out;
-    int i, ok;
+    int ok;
     l->gain = pow(2, l->stops);
     lit__fill_table();
     if (!lit__find_slots(l)) return 0;
     l->texels = (unsigned char *)calloc(levels, 4);
     l->rank = (unsigned char *)calloc(levels, 1);
     if (!l->texels || !l->rank) return 0;
-    for (i = 0; i < l->scene->mesh_count; i++)
-        if (l->scene->meshes[i].lightmap_texcoords.data) lit__draw_mesh(l, &l->scene->meshes[i]);
+    lit__draw_all(l);
     lit__fill(l->texels, l->rank, l->size);
     out = open_memstream(&l->png, &l->png_size);
     if (!out) return 0;

@@ -214,9 +214,10 @@ static int keep_lit(lightmap *l) {
     l->lit.names = l->gltf.names;
     l->lit.atlas = &l->atlas;
     l->lit.size = given[LIT] ? options.lit : lit_size(l->gltf.scene, l->atlas.width);
-    status = lit_make(&l->lit) ? keep_file(l, LIT_GLB, write_lit)
-                               : fail("out of memory: %s needs %.0f MB; --lit 0 leaves it out", names[LIT_GLB],
-                                      7e-6 * l->lit.size * l->lit.size);
+    if ((isnan(options.stops) && !lit_spare(&l->lit)) || !lit_make(&l->lit))
+        status = fail("out of memory: %s needs %.0f MB; --lit 0 leaves it out", names[LIT_GLB],
+                      7e-6 * l->lit.size * l->lit.size);
+    else status = keep_file(l, LIT_GLB, write_lit);
     lit_free(&l->lit);
     return status;
 }

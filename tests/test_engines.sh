@@ -27,8 +27,8 @@ check() {
 }
 
 node tests/engines/room.mjs "$folder" &&
-    build/sbl_bake "$folder/room.gltf" --lightmap 256 --mode direct --preset draft --formats exr,hdr,ktx2 \
-        -o "$folder/baked" --quiet &&
+    build/sbl_bake "$folder/room.gltf" --lightmap 256 --mode direct --preset draft --sky .2,.2,.2 \
+        --formats exr,hdr,ktx2 --lit 256 -o "$folder/baked" --quiet &&
     build/host_lightmap "$folder/room.gltf" "$folder/baked" --eye 0.13,1.43,4.9 --look-at 0.04,1.27,0 --fov 45 \
         --size 240x180 -o "$folder/drawn.pfm" || { echo "0 passed, 1 failed, 0 skipped"; exit 1; }
 check node tests/engines/validate.cjs "$modules" "$folder/baked/scene_lit.glb" "$folder/baked/scene.gltf"
