@@ -48,7 +48,8 @@ static void gltf__arrays(const gltf_file *f, const sbl_mesh *m, size_t first, gl
     };
     int i;
     for (i = 0; i < GLTF_ARRAYS; i++) {
-        out[i] = all[i];
+        /* glTF forbids a second set of texture coordinates without a first one */
+        out[i] = all[i == GLTF_TEXCOORD_0 && !all[i].data ? GLTF_TEXCOORD_1 : i];
         if (!out[i].data || out[i].count <= 0) out[i].count = 0;
     }
     for (i = 0; i < GLTF_ARRAYS && (!out[GLTF_POSITION].count || !out[GLTF_INDICES].count); i++) out[i].count = 0;

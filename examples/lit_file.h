@@ -35,16 +35,19 @@ typedef struct lit_scene {
 } lit_scene;
 
 enum { LIT_MOST = 4096, LIT_LEAST = 512, LIT_SCALE = 4, LIT_SAMPLES = 4, LIT_METERED = 65536, LIT_SPARED = 256 };
+#define LIT_BYTES 7.0  /* memory for a texel of the texture, with the levels of its pyramid */
 
 /* Returns the size of the texture for a map of this size: that of the map if no surface has a texture, otherwise four
-   times that. */
-static inline int lit_size(const sbl_scene_desc *scene, int map) {
+   times that. It is halved until it fits into the bytes. */
+static inline int lit_size(const sbl_scene_desc *scene, int map, double bytes) {
     int i, textured = 0, size;
     for (i = 0; i < scene->material_count; i++)
         textured |= scene->materials[i].albedo_texture || scene->materials[i].emission_texture;
     size = map > LIT_MOST / LIT_SCALE ? LIT_MOST : map * LIT_SCALE;
     if (!textured) size = map < LIT_MOST ? map : LIT_MOST;
-    return textured && size < LIT_LEAST ? LIT_LEAST : size;
+    if (textured && size < LIT_LEAST) size = LIT_LEAST;
+    while (size > 64 && LIT_BYTES * size * size > bytes) size /= 2;
+    return size;
 }
 
 /* ---- what a screen shows ---- */

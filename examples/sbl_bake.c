@@ -103,7 +103,8 @@ static const tool_option table[OPTION_COUNT] = {
               "charts of the\n"
               "map; it has no reflections and normal maps. Default: 4 times the size of the map, from 512 to 4096, "
               "which keeps\n"
-              "textures sharp; without textures, the size of the map, up to 4096" },
+              "textures sharp; without textures, the size of the map, up to 4096; half of it while --memory allows "
+              "less" },
     [LIT_EXPOSURE] = { "--exposure", "STOPS|auto", NUMBERS, &options.stops, 1, -50, 50,
                        "exposure of scene_lit.glb in stops; auto (default): that which suits the light on the surfaces",
                        exposure_words },

@@ -102,6 +102,7 @@ typedef struct lightmap {
     double intensity;        /* irradiance divided by the linear value of atlas.png */
     gltf_file gltf;
     char extras[64];         /* of gltf */
+    double memory;           /* bytes that --memory allows */
     int texture;             /* number of the texture that is written next */
 } lightmap;
 
@@ -213,10 +214,10 @@ static int keep_lit(lightmap *l) {
     l->lit.scene = l->gltf.scene;
     l->lit.names = l->gltf.names;
     l->lit.atlas = &l->atlas;
-    l->lit.size = given[LIT] ? options.lit : lit_size(l->gltf.scene, l->atlas.width);
+    l->lit.size = given[LIT] ? options.lit : lit_size(l->gltf.scene, l->atlas.width, l->memory / 4);
     if ((isnan(options.stops) && !lit_spare(&l->lit)) || !lit_make(&l->lit))
         status = fail("out of memory: %s needs %.0f MB; --lit 0 leaves it out", names[LIT_GLB],
-                      7e-6 * l->lit.size * l->lit.size);
+                      1e-6 * LIT_BYTES * l->lit.size * l->lit.size);
     else status = keep_file(l, LIT_GLB, write_lit);
     lit_free(&l->lit);
     return status;
@@ -304,6 +305,7 @@ static void describe_lightmap(sbl_lightmap_desc *desc, progress *bar) {
 static int describe_scene(map_bake *b) {
     lightmap *l = &b->map;
     l->intensity = atan(1.0) * 4 * bright(&l->light);
+    l->memory = (double)b->task->file->memory;
     l->gltf.scene = &b->task->file->scene;
     l->gltf.names = b->task->file->names;
     l->gltf.bin = names[BIN];
