@@ -6,7 +6,7 @@
    the lightmap (index of the texture, texCoord 1, intensity); viewers compute irradiance = intensity * texture, decoded
    from sRGB. Include after sbl.h and picture_file.h. This file includes stb_image_write.h.
 
-       gltf_file out = { &file->scene, file->names, "scene.bin", "atlas.png", 3.5, NULL };
+       gltf_file out = { &file->scene, file->names, "scene.bin", "atlas.png", 3.5, NULL, NULL };
        ok = gltf_write_json(stream, &out);
 
    gltf_write_bin and gltf_write_texture write the other files in the same way. */
@@ -23,6 +23,7 @@ typedef struct gltf_file {
     const char *lightmap;       /* file name of the lightmap, or NULL */
     double intensity;           /* irradiance divided by the linear value of the lightmap */
     const float *radiance;      /* NULL, or three floats per vertex, mesh after mesh: the attribute _RADIANCE */
+    const char *extras;         /* NULL, or an object of JSON, which becomes the extras of the asset */
 } gltf_file;
 
 enum { GLTF_NAME = 32 };  /* size of a texture's file name */
@@ -47,7 +48,8 @@ static void gltf__arrays(const gltf_file *f, const sbl_mesh *m, size_t first, gl
     };
     int i;
     for (i = 0; i < GLTF_ARRAYS; i++) {
-        out[i] = all[i];
+        /* glTF forbids a second set of texture coordinates without a first one */
+        out[i] = all[i == GLTF_TEXCOORD_0 && !all[i].data ? GLTF_TEXCOORD_1 : i];
         if (!out[i].data || out[i].count <= 0) out[i].count = 0;
     }
     for (i = 0; i < GLTF_ARRAYS && (!out[GLTF_POSITION].count || !out[GLTF_INDICES].count); i++) out[i].count = 0;
@@ -77,7 +79,7 @@ static void gltf__put_normals(FILE *out, const float *v, int count) {
     }
 }
 
-static int gltf_write_bin(FILE *out, const gltf_file *f) {
+static inline int gltf_write_bin(FILE *out, const gltf_file *f) {
     const sbl_mesh *m = f->scene->meshes;
     gltf__array arrays[GLTF_ARRAYS];
     size_t first = 0, i;
@@ -111,7 +113,7 @@ static int gltf__is_linear(const sbl_scene_desc *scene, int number) {
 }
 
 /* Writes a texture as .png: colours in 8-bit sRGB, others in linear bytes. number: counted from 0. */
-static int gltf_write_texture(FILE *out, const gltf_file *f, int number) {
+static inline int gltf_write_texture(FILE *out, const gltf_file *f, int number) {
     const sbl_texture *t = &f->scene->textures[number];
     const size_t count = (size_t)t->width * (size_t)t->height * (size_t)t->channels;
     const float *linear = (const float *)t->pixels;
@@ -334,10 +336,11 @@ static void gltf__put_extensions_used(FILE *out, const gltf_file *f) {
     if (count) fputc(']', out);
 }
 
-static int gltf_write_json(FILE *out, const gltf_file *f) {
+static inline int gltf_write_json(FILE *out, const gltf_file *f) {
     double bytes;
     int i;
-    fprintf(out, "{\n  \"asset\": {\"version\": \"2.0\", \"generator\": \"sbl.h %s\"}", sbl_version());
+    fprintf(out, "{\n  \"asset\": {\"version\": \"2.0\", \"generator\": \"sbl.h %s\"%s%s}", sbl_version(),
+            f->extras ? ", \"extras\": " : "", f->extras ? f->extras : "");
     gltf__put_extensions_used(out, f);
     fprintf(out, ",\n  \"materials\": [");
     for (i = 0; i < f->scene->material_count; i++) gltf__put_material(out, f, i);

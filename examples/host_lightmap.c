@@ -12,6 +12,7 @@
 #include "tool.h"
 #include "tool_options.h"
 #include "tool_scene.h"
+#include "map_reader.h"
 #include "tool_survey.h"
 #include "tool_camera.h"
 #include "host_gl.h"
@@ -61,30 +62,6 @@ static int parse(int argc, char **argv) {
         return misuse("--store keeps the light of probes, and with -o no probes are baked; give only one of them");
     note_effects();
     return DONE;
-}
-
-/* ---- the lightmap ---- */
-
-/* Reads a .pfm of picture_file.h, whose first row is the lowest. In the result the first row is the highest. */
-static int read_pfm(const char *path, image *picture) {
-    FILE *in = input_open(path);
-    char line[4] = "";
-    double scale = 0;
-    size_t i;
-    int y, ok = in && fgets(line, 4, in) && strcmp(line, "PF\n") == 0 &&
-                fscanf(in, "%d %d %lf", &picture->width, &picture->height, &scale) == 3 && fgetc(in) == '\n' && scale <
-                    0 &&
-                picture->width > 0 && picture->width <= 16384 && picture->height > 0 && picture->height <= 16384;
-    picture->components = 3;
-    if (ok) picture->values = (float *)malloc((size_t)picture->width * (size_t)picture->height * 3 * sizeof(float));
-    for (y = picture->height - 1; y >= 0 && ok && picture->values; y--) {
-        const size_t row = 3 * (size_t)picture->width;
-        ok = fread(picture->values + (size_t)y * row, sizeof(float), row, in) == row;
-    }
-    for (i = 0; ok && picture->values && i < 3 * (size_t)picture->width * (size_t)picture->height; i++)
-        ok = isfinite(picture->values[i]);
-    if (in) fclose(in);
-    return ok && picture->values;
 }
 
 /* ---- the scene in GL ---- */
@@ -379,10 +356,10 @@ static void print_help(void) {
     printf("usage: host_lightmap SCENE FOLDER -o FILE [options]\n"
            "       host_lightmap SCENE FOLDER [options]\n\n"
            "Draws SCENE, which has second texture coordinates, in plain OpenGL 3.3, with the light that\n"
-           "sbl_bake SCENE --lightmap N -o FOLDER wrote to FOLDER/atlas.pfm. Without -o, the camera moves a little, "
-               "while a ball\n"
-           "passes through the light of probes, and %d frames are written: FOLDER/frame_00.png and so on. Options for\n"
-           "light apply to the probes.\n", (int)FRAMES);
+           "sbl_bake SCENE --lightmap N -o FOLDER wrote to FOLDER: the newest of atlas.exr, .pfm, .ktx2, .hdr and\n"
+           ".rgbm.png. Without -o, the camera moves a little, while a ball passes through the light of probes, and\n"
+           "%d frames are written: FOLDER/frame_00.png and so on. Options for light apply to the probes.\n",
+           (int)FRAMES);
     tool_print_help(table, OPTION_COUNT, lines, (int)(sizeof lines / sizeof *lines), common.help_all);
 }
 
@@ -463,18 +440,19 @@ static int show(const scene_file *file, const image *lightmap, const room *r) {
 }
 
 static int draw_all(tool_task *task, double *seconds) {
-    char path[PATH_MAX];
+    char path[PATH_MAX], name[PATH_MAX - 16];
     image lightmap = { 0 };
     room *r = (room *)calloc(1, sizeof *r);
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
     int status, misplaced = 0;
-    snprintf(path, sizeof path, "%s/atlas.pfm", files[1]);
+    snprintf(name, sizeof name, "%s/atlas", files[1]);
+    map_find(path, sizeof path, name);
     if (r) result = room_make(r, task->file, task->context, &misplaced);
     if (misplaced) status = camera_misuse();
     else if (result == SBL_UNFINISHED) status = stop("nothing was written");
     else if (result != SBL_SUCCESS) status = fail_with(task->said, files[0], result);
-    else if (!read_pfm(path, &lightmap))
-        status = fail("%s: missing, or not a .pfm of finite numbers; sbl_bake %s --lightmap 512 -o %s makes it", path,
+    else if (!map_read(path, &lightmap))
+        status = fail("%s: missing, or not a map of finite numbers; sbl_bake %s --lightmap 512 -o %s makes it", path,
                       files[0], files[1]);
     else status = show(task->file, &lightmap, r);
     free(lightmap.values);

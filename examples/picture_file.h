@@ -1,6 +1,6 @@
 /* Writes pictures of floats, whole or band by band, as .png (8-bit sRGB; every channel is made visible), .pfm or .exr
-   (32-bit float, linear). .png needs libpng, .exr needs OpenEXR: define SBL_RENDER_OPENEXR. Include after sbl.h, with
-   _DEFAULT_SOURCE defined before the first header.
+   (linear; 32-bit floats, in an .exr also 16-bit ones). .png needs libpng, .exr needs OpenEXR: define
+   SBL_RENDER_OPENEXR. Include after sbl.h, with _DEFAULT_SOURCE defined before the first header.
 
        picture_writer writer;
        ok = picture_begin(&writer, stream, "room.png", &frame, channel, stops);  // frame: an image without values
@@ -36,6 +36,7 @@ typedef struct image {
     const char *const *channels;  /* names of the components in an .exr file; NULL: Y, or R, G and B */
     int at[2], whole[2];
     const picture_fact *facts;
+    int is_half;                  /* 1: an .exr holds 16-bit floats; values above 65504 would become infinite */
 } image;
 
 /* maps 0..1 to a byte; NaN becomes 0 */
@@ -257,8 +258,8 @@ static int picture__begin_exr(picture_writer *w) {
         result = exr_initialize_required_attr(w->exr, part, &display, &data, 1, &centre, 1, EXR_LINEORDER_INCREASING_Y,
                                               EXR_COMPRESSION_ZIP);
     for (k = 0; k < frame->components && result == EXR_ERR_SUCCESS; k++)
-        result = exr_add_channel(w->exr, part, picture__channel(frame, k), EXR_PIXEL_FLOAT,
-                                 EXR_PERCEPTUALLY_LINEAR, 1, 1);
+        result = exr_add_channel(w->exr, part, picture__channel(frame, k),
+                                 frame->is_half ? EXR_PIXEL_HALF : EXR_PIXEL_FLOAT, EXR_PERCEPTUALLY_LINEAR, 1, 1);
     for (k = 0; k < PICTURE_FACTS && frame->facts && result == EXR_ERR_SUCCESS; k++)
         if (frame->facts[k].name)
             result = exr_attr_set_string(w->exr, part, frame->facts[k].name, frame->facts[k].text);

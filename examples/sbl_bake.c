@@ -14,6 +14,8 @@
 #include "light_groups.h"
 #include "cube_filter.h"
 #include "ktx2_file.h"
+#include "map_file.h"
+#include "lit_file.h"
 #define TOOL_NAME "sbl_bake"
 #define TOOL_MAKES "bake"
 #include "tool.h"
@@ -32,12 +34,19 @@ static struct options {
     const char *positions;  /* file with the positions of probes, or NULL for a grid */
     const char *light_groups;
     double target_error, move, smoothing, ao;
-} options;
+    const char *format_list;
+    map_formats formats;
+    int lit;
+    double stops;  /* exposure of scene_lit.glb; NAN: it is chosen */
+} options = { .stops = NAN };
 
 enum {
     OUTPUT = COMMON_OPTIONS,
     LIGHTMAP,
     GUTTER,
+    FORMATS,
+    LIT,
+    LIT_EXPOSURE,
     DIRECTIONAL,
     AO,
     SUPERSAMPLE,
@@ -58,6 +67,13 @@ enum {
     OPTION_COUNT
 };
 
+#ifdef SBL_RENDER_OPENEXR
+  #define MAP_DEFAULT "exr"
+#else
+  #define MAP_DEFAULT "pfm"
+#endif
+static const char *const exposure_words[] = { "auto", NULL };
+
 static const tool_option table[OPTION_COUNT] = {
     COMMON_ROWS,
     [OUTPUT] = { "--output", "FILE", TEXT, &common.output, 0, 0, 0,
@@ -66,23 +82,46 @@ static const tool_option table[OPTION_COUNT] = {
                    "bakes all meshes that have second texture coordinates (TEXCOORD_1; scripts/unwrap makes them) into "
                    "one map\n"
                    "of N x N texels, and writes these files into the folder of --output:\n"
-                   "lightmap.pfm, lightmap.exr    R (irradiance / pi) of each texel, linear; 0 where there is no "
-                   "surface\n"
-                   "atlas.pfm, atlas.exr          the same, continued into the gutters, for bilinear sampling and mip "
-                   "maps\n"
-                   "atlas.png                     atlas in 8-bit sRGB; scene.gltf contains its scale\n"
+                   "lightmap.exr     R (irradiance / pi) of each texel, linear; 0 where there is no surface; see "
+                   "--formats\n"
+                   "atlas.exr        the same, continued into the gutters, for bilinear sampling and mip maps: for "
+                   "engines\n"
+                   "atlas.png        atlas in 8-bit sRGB; scene.gltf contains its scale\n"
                    "scene.gltf, scene.bin, texture_*.png   the scene; the extension MOZ_lightmap of each material "
                    "refers to\n"
-                   "                              atlas.png: irradiance = intensity * texture, R = irradiance / pi\n"
-                   "overlap.png                   only if charts overlap; shared texels are red" },
+                   "                 atlas.png: irradiance = intensity * texture, R = irradiance / pi\n"
+                   "scene_lit.glb    the scene with its light, for any viewer of glTF, see --lit\n"
+                   "overlap.png      only if charts overlap; shared texels are red" },
     [GUTTER] = { "--gutter", "TEXELS", INTEGERS, &options.gutter, 1, 0, 16384,
                  "width of the gutters: atlas continues the light this far beyond the charts; default 16" },
+    [FORMATS] = { "--formats", "LIST", TEXT, &options.format_list, 0, 0, 0,
+                  "with --lightmap: formats of lightmap, atlas and sh_*, such as exr,ktx2; default " MAP_DEFAULT ":\n"
+                  "exr    16-bit floats, at most 65504. exr32: 32-bit floats, in the same files\n"
+                  "hdr    RGBE (.hdr); no sh_*, because it holds nothing negative\n"
+                  "rgbm   8 bits (.rgbm.png): R = (range * alpha * rgb)^2 with linear bytes; the range is printed, and "
+                  "is in the\n"
+                  "       text sbl.range of the file and in the extras of scene.gltf; no sh_*\n"
+                  "ktx2   16-bit floats for GPUs (.ktx2, RGBA, not compressed)\n"
+                  "pfm    32-bit floats (.pfm)\n"
+                  "Values beyond the range of a format become its largest value, with a warning" },
+    [LIT] = { "--lit", "N", INTEGERS, &options.lit, 1, 0, 16384,
+              "with --lightmap: the texture of scene_lit.glb has N x N texels; 0: it is not written. Its materials are "
+              "unlit\n"
+              "(KHR_materials_unlit), and show colour times light, exposed and tone-mapped (PBR Neutral), in the "
+              "charts of the\n"
+              "map; it has no reflections and normal maps. Default: 4 times the size of the map, from 512 to 4096, "
+              "which keeps\n"
+              "textures sharp; without textures, the size of the map, up to 4096; half of it while --memory allows "
+              "less" },
+    [LIT_EXPOSURE] = { "--exposure", "STOPS|auto", NUMBERS, &options.stops, 1, -50, 50,
+                       "exposure of scene_lit.glb in stops; auto (default): that which suits the light on the surfaces",
+                       exposure_words },
     [DIRECTIONAL] = { "--directional", NULL, FLAG, NULL, 0, 0, 0,
                       "with --lightmap: also writes how the light depends on direction, for normal maps: sh_0 to sh_3 "
-                      "(.pfm,\n"
-                      ".exr) are the coefficients of the radiance over the hemisphere of each texel, in the real "
-                      "orthonormal\n"
-                      "spherical harmonics 1, y, z, x, continued into the gutters" },
+                      "are the\n"
+                      "coefficients of the radiance over the hemisphere of each texel, in the real orthonormal "
+                      "spherical harmonics\n"
+                      "1, y, z, x, continued into the gutters" },
     [AO] = { "--ao", "DISTANCE", NUMBERS, &options.ao, 1, 1e-18, 1e18,
              "with --lightmap: also writes ao.exr and ao.png, the ambient occlusion: the cosine-weighted share of the "
              "directions\n"
@@ -97,9 +136,8 @@ static const tool_option table[OPTION_COUNT] = {
                       "default 1" },
     [LIGHT_GROUPS] = { "--light-groups", "NAME=PATTERN,...", TEXT, &options.light_groups, 0, 0, 0,
                        "with --lightmap: also writes the light of each group of sources, from the same rays: "
-                       "lightmap_NAME.pfm and\n"
-                       ".exr, continued into the gutters. The sum of all groups is atlas. A source is a light or an "
-                       "emitting\n"
+                       "atlas_NAME,\n"
+                       "in the formats of atlas. The sum of all groups is atlas. A source is a light or an emitting\n"
                        "mesh, both with the name of their node, or the sky, named sky. It belongs to the first group\n"
                        "whose pattern matches its name (with * ? and [], as in a shell); NAME alone is its own pattern; "
                        "what no\n"
@@ -223,7 +261,10 @@ static const tool_line lines[] = {
     QUALITY_LINES,
     { TOOL_HEADING, "Output:" },
     { OUTPUT, "also -o; for a map it is a folder" },
-    { GUTTER, "continues the light beyond the charts; default 16" },
+    { FORMATS, "of a map: exr, exr32, hdr, rgbm, ktx2, pfm" },
+    { GUTTER, NULL },
+    { LIT, NULL },
+    { LIT_EXPOSURE, NULL },
     OUTPUT_LINES,
     { RESUME, NULL },
     { TOOL_HEADING, "Safety:" },
@@ -271,12 +312,32 @@ static int parse_part(void) {
     return plan_part_and_output(&options.part);
 }
 
+/* Reads the list of formats. Returns the exit status. */
+static int parse_formats(void) {
+    const char *list = given[FORMATS] ? options.format_list : MAP_DEFAULT;
+    const char *const wrong = map_formats_read(&options.formats, list);
+    int i, signs = 0;
+    if (wrong) return misuse("--formats %s: %s", list, wrong);
+#ifndef SBL_RENDER_OPENEXR
+    if (options.formats.wanted[MAP_EXR])
+        return fail("--formats %s: exr needs OpenEXR, and this program was built without it", list);
+#endif
+    for (i = 0; i < MAP_FORMATS; i++) signs |= options.formats.wanted[i] && map_holds_negative((map_format)i);
+    if (given[DIRECTIONAL] && !signs)
+        return misuse("--directional: hdr and rgbm hold no negative numbers, which sh_* has; add exr, ktx2 or pfm to "
+                      "--formats");
+    return DONE;
+}
+
+/* Returns whether scene_lit.glb is written. */
+static int writes_lit(void) { return !given[LIT] || options.lit > 0; }
+
 static int parse(int argc, char **argv) {
     static const int of_lightmaps[] = {
-        GUTTER, DIRECTIONAL, AO, SUPERSAMPLE, LIGHT_GROUPS, PLAN, JOIN, RESUME, TARGET_ERROR, TILE, THRESHOLD,
-        FILTER_RADIUS
+        GUTTER, FORMATS, LIT, LIT_EXPOSURE, DIRECTIONAL, AO, SUPERSAMPLE, LIGHT_GROUPS, PLAN, JOIN, RESUME,
+        TARGET_ERROR, TILE, THRESHOLD, FILTER_RADIUS
     };
-    enum { ALSO_OF_CUBEMAPS = 8 };  /* number of the first option of these that --cubemaps has, too */
+    enum { ALSO_OF_CUBEMAPS = 11 };  /* number of the first option of these that --cubemaps has, too */
     static const int of_vertices[] = { AVERAGE, SAMPLES, SMOOTHING };
     int i;
     const tool_command command = { argc, argv, table, OPTION_COUNT, given, &common.scene, 1 };
@@ -318,11 +379,15 @@ static int parse(int argc, char **argv) {
     if (given[PROBES] && !ends_with(common.output, ".json"))
         return misuse("--output %s: the name must end in .json", common.output);
     status = parse_part();
+    if (status == DONE) status = parse_formats();
     if (status != DONE) return status;
     common_note(given, table);
     if (given[LIGHTMAP] || given[CUBEMAPS]) common_note_refinement(given, table, TARGET_ERROR);
     note_if(given[AVERAGE], given, table, SMOOTHING, "--average has no slopes");
     note_if(given[PART], given, table, GUTTER, "--join makes the gutters");
+    note_if(given[PART], given, table, FORMATS, "a part is an .exr of 32-bit floats; --join writes the formats");
+    note_if(given[PART], given, table, LIT, "--join makes it");
+    note_if(given[PART] || !writes_lit(), given, table, LIT_EXPOSURE, "scene_lit.glb is not written");
     note_if(given[JOIN], given, table, STORE, "--join measures no light");
     if (given[JOIN]) common.store = NULL;
     common.input = given[PLAN] ? options.part.plan : options.positions;

@@ -5,21 +5,19 @@
 
 /* ---- the files of a folder ---- */
 
+/* The pictures of a map: two, the harmonics, and those of light groups. */
 enum {
-    R_PFM = OWN_TARGETS, ATLAS_PFM, ATLAS_PNG, GLTF, BIN, SH_PFM, SH_PFM_LAST = SH_PFM + 3,
-#ifdef SBL_RENDER_OPENEXR
-    R_EXR, ATLAS_EXR, SH_EXR, SH_EXR_LAST = SH_EXR + 3,
-#endif
-    OVERLAP, PARTIAL, TEXTURES
+    MAP_LIGHT, MAP_ATLAS, MAP_SH, MAP_GROUPS = MAP_SH + 4, MAP_PICTURES = MAP_GROUPS + SBL_MAX_LIGHT_GROUPS
 };
 
+/* The picture p in format f is target MAPS + f * MAP_PICTURES + p. */
+enum {
+    MAPS = OWN_TARGETS, ATLAS_PNG = MAPS + MAP_FORMATS * MAP_PICTURES, GLTF, BIN, LIT_GLB, OVERLAP, PARTIAL, TEXTURES
+};
+
+static const char *const picture_names[MAP_GROUPS] = { "lightmap", "atlas", "sh_0", "sh_1", "sh_2", "sh_3" };
 static const char *const names[TEXTURES] = {
-    [R_PFM] = "lightmap.pfm", [ATLAS_PFM] = "atlas.pfm", [ATLAS_PNG] = "atlas.png", [GLTF] = "scene.gltf",
-    [BIN] = "scene.bin",
-    [SH_PFM] = "sh_0.pfm", "sh_1.pfm", "sh_2.pfm", "sh_3.pfm",
-#ifdef SBL_RENDER_OPENEXR
-    [R_EXR] = "lightmap.exr", [ATLAS_EXR] = "atlas.exr", [SH_EXR] = "sh_0.exr", "sh_1.exr", "sh_2.exr", "sh_3.exr",
-#endif
+    [ATLAS_PNG] = "atlas.png", [GLTF] = "scene.gltf", [BIN] = "scene.bin", [LIT_GLB] = "scene_lit.glb",
     [OVERLAP] = "overlap.png", [PARTIAL] = "lightmap.partial.pfm"
 };
 static char *paths[TARGETS_MOST];
@@ -36,10 +34,32 @@ static int target_add(int number, size_t folder, const char *name) {
 
 static int folder_is_new;  /* 1: this run has created the folder */
 
-/* Creates the folder and lists the files that do not depend on the scene. Returns the exit status. */
+/* Returns whether a picture of the map is written in a format. */
+static int map_is_written(int format, int picture) {
+    if (!options.formats.wanted[format]) return 0;
+    if (picture >= MAP_GROUPS) return picture - MAP_GROUPS < groups.count;
+    return picture < MAP_SH || (given[DIRECTIONAL] && map_holds_negative((map_format)format));
+}
+
+/* Lists the files that do not depend on the scene. Returns the exit status. */
+static int list_files(void) {
+    const size_t folder = strlen(common.output);
+    char name[64];
+    int i, status = DONE;
+    for (i = 0; i < MAP_FORMATS * MAP_PICTURES && status == DONE; i++) {
+        if (i % MAP_PICTURES >= MAP_GROUPS || !map_is_written(i / MAP_PICTURES, i % MAP_PICTURES)) continue;
+        snprintf(name, sizeof name, "%s%s", picture_names[i % MAP_PICTURES], map_endings[i / MAP_PICTURES]);
+        status = target_add(MAPS + i, folder, name);
+    }
+    for (i = ATLAS_PNG; i < TEXTURES && status == DONE; i++)
+        if (i != LIT_GLB || writes_lit()) status = target_add(i, folder, names[i]);
+    return status;
+}
+
+/* Creates the folder and lists the files in it. Returns the exit status. */
 static int find_files(void) {
     struct stat info, parts;
-    int i, status = DONE;
+    int status;
     if (stat(common.output, &info) == 0 && !S_ISDIR(info.st_mode))
         return misuse("--output %s: this is not a folder; give another name", common.output);
     folder_is_new = stat(common.output, &info) != 0;
@@ -49,7 +69,7 @@ static int find_files(void) {
     if (folder_is_new && mkdir(common.output, 0777) != 0)
         return fail("%s: the folder cannot be created: %s; give another one", common.output, strerror(errno));
     targets_begin();
-    for (i = OWN_TARGETS; i < TEXTURES && status == DONE; i++) status = target_add(i, strlen(common.output), names[i]);
+    status = list_files();
     return status == DONE ? targets_check(OVERLAP, given) : status;
 }
 
@@ -67,27 +87,21 @@ static int find_textures(const scene_file *file, int first, size_t folder) {
     return status;
 }
 
-#ifdef SBL_RENDER_OPENEXR
-enum { GROUP_FILES = 2 };
-#else
-enum { GROUP_FILES = 1 };
-#endif
-static const char *const group_endings[2] = { ".pfm", ".exr" };
-
-/* Gives sources their light groups, and lists the files of each group, after those of textures. Returns the exit
-   status. */
+/* Gives sources their light groups, and lists the files of each group. Returns the exit status. */
 static int find_groups(scene_file *file) {
-    const int first = TEXTURES + file->scene.texture_count;
-    int i, status = DONE;
+    char name[GROUP_NAME + 32];
+    int format, i, status = DONE;
     if (!groups_assign(&groups, file, &grouped_materials))
         return misuse("--light-groups %s: %s", options.light_groups, groups.error);
-    if (first + GROUP_FILES * groups.count > TARGETS_MOST) return fail("%s: too many textures for light groups", common.scene);
-    for (i = 0; i < GROUP_FILES * groups.count && status == DONE; i++) {
-        char name[GROUP_NAME + 16];
-        snprintf(name, sizeof name, "lightmap_%s%s", groups.items[i / GROUP_FILES].name,
-                 group_endings[i % GROUP_FILES]);
-        status = target_add(first + i, strlen(common.output), name);
-    }
+    for (format = 0; format < MAP_FORMATS; format++)
+        for (i = 0; i < groups.count && status == DONE; i++) {
+            const int target = MAPS + format * MAP_PICTURES + MAP_GROUPS + i;
+            if (!map_is_written(format, MAP_GROUPS + i)) continue;
+            snprintf(name, sizeof name, "atlas_%s%s", groups.items[i].name, map_endings[format]);
+            status = target_add(target, strlen(common.output), name);
+            if (status == DONE && !output_check(&targets[target]))
+                status = fail("%s: cannot be written: %s; give another folder", targets[target].name, strerror(errno));
+        }
     return status;
 }
 #include "sbl_bake_occlusion.h"
@@ -108,43 +122,22 @@ typedef struct lightmap {
                                 be the same array, which is light before the windows are joined, and then atlas */
     image overlap;           /* has no values if charts do not overlap */
     image harmonics[4];      /* have no values without --directional */
-    int harmonic;            /* number of the harmonic that is written next */
     image groups[SBL_MAX_LIGHT_GROUPS];  /* have no values without --light-groups */
-    int group;               /* number of the file of a light group that is written next */
+    map_source source;       /* the picture that is written next */
+    lit_scene lit;
     double intensity;        /* irradiance divided by the linear value of atlas.png */
     gltf_file gltf;
+    char extras[64];         /* of gltf */
+    double memory;           /* bytes that --memory allows */
     int texture;             /* number of the texture that is written next */
 } lightmap;
 
-static int write_linear(FILE *out, const char *ending, const image *picture) {
-    return picture_write(out, ending, picture, SBL_CHANNEL_FINAL, 0);
+static int write_map(FILE *out, const void *what) { return map_write(out, &((const lightmap *)what)->source); }
+static int write_partial(FILE *out, const void *what) {
+    const map_source s = { &((const lightmap *)what)->light, MAP_PFM, 0, 0 };
+    return map_write(out, &s);
 }
-static int write_light_pfm(FILE *out, const void *what) {
-    return write_linear(out, ".pfm", &((const lightmap *)what)->light);
-}
-static int write_harmonic_pfm(FILE *out, const void *what) {
-    const lightmap *l = (const lightmap *)what;
-    return write_linear(out, ".pfm", &l->harmonics[l->harmonic]);
-}
-static int write_atlas_pfm(FILE *out, const void *what) {
-    return write_linear(out, ".pfm", &((const lightmap *)what)->atlas);
-}
-#ifdef SBL_RENDER_OPENEXR
-static int write_light_exr(FILE *out, const void *what) {
-    return write_linear(out, ".exr", &((const lightmap *)what)->light);
-}
-static int write_harmonic_exr(FILE *out, const void *what) {
-    const lightmap *l = (const lightmap *)what;
-    return write_linear(out, ".exr", &l->harmonics[l->harmonic]);
-}
-static int write_atlas_exr(FILE *out, const void *what) {
-    return write_linear(out, ".exr", &((const lightmap *)what)->atlas);
-}
-#endif
-static int write_group(FILE *out, const void *what) {
-    const lightmap *l = (const lightmap *)what;
-    return write_linear(out, group_endings[l->group % GROUP_FILES], &l->groups[l->group / GROUP_FILES]);
-}
+static int write_lit(FILE *out, const void *what) { return lit_write(out, &((const lightmap *)what)->lit); }
 static int write_atlas_png(FILE *out, const void *what) {
     const lightmap *l = (const lightmap *)what;
     return picture_write(out, ".png", &l->atlas, SBL_CHANNEL_FINAL, log(atan(1.0) * 4 / l->intensity) / log(2.0));
@@ -219,54 +212,96 @@ static sbl_result read_overlap(sbl_context *context, lightmap *l, int size) {
     return result;
 }
 
-/* Returns the number of the harmonic that a target contains, or -1 if it contains none. */
-static int harmonic_of(int target) {
-    if (target >= SH_PFM && target <= SH_PFM_LAST) return target - SH_PFM;
-#ifdef SBL_RENDER_OPENEXR
-    if (target >= SH_EXR && target <= SH_EXR_LAST) return target - SH_EXR;
-#endif
-    return -1;
+/* Writes a file. Returns the exit status. */
+static int keep_file(lightmap *l, int target, output_writer write) {
+    if (interrupted) return stop("%s was not written", targets[target].name);
+    if (target_write(&targets[target], write, l, 0)) return DONE;
+    return interrupted ? stop("%s was not written", targets[target].name) : fail_to_write(targets[target].name);
+}
+
+/* Writes the pictures of a map from number `first` to number `last`, in all formats. Returns the exit status. */
+static int keep_maps(lightmap *l, int first, int last) {
+    int format, k, status = DONE;
+    for (format = 0; format < MAP_FORMATS; format++)
+        for (k = first; k <= last && status == DONE; k++) {
+            if (!map_is_written(format, k)) continue;
+            l->source.map = k == MAP_LIGHT  ? &l->light :
+                            k == MAP_ATLAS  ? &l->atlas :
+                            k >= MAP_GROUPS ? &l->groups[k - MAP_GROUPS] : &l->harmonics[k - MAP_SH];
+            l->source.format = (map_format)format;
+            l->source.exact = options.formats.exact;
+            status = keep_file(l, MAPS + format * MAP_PICTURES + k, write_map);
+        }
+    return status;
+}
+
+/* Makes and writes the scene that any viewer shows. Returns the exit status. */
+static int keep_lit(lightmap *l) {
+    int status;
+    if (!writes_lit()) return DONE;
+    l->lit.scene = l->gltf.scene;
+    l->lit.names = l->gltf.names;
+    l->lit.atlas = &l->atlas;
+    l->lit.size = given[LIT] ? options.lit : lit_size(l->gltf.scene, l->atlas.width, l->memory / 4);
+    if ((isnan(options.stops) && !lit_spare(&l->lit)) || !lit_make(&l->lit))
+        status = fail("out of memory: %s needs %.0f MB; --lit 0 leaves it out", names[LIT_GLB],
+                      1e-6 * LIT_BYTES * l->lit.size * l->lit.size);
+    else status = keep_file(l, LIT_GLB, write_lit);
+    lit_free(&l->lit);
+    return status;
+}
+
+/* Finds what the formats need to know of R. */
+static void survey_light(lightmap *l) {
+    map_survey s = { 0, 0, 0 };
+    map_survey_of(&s, &l->light);
+    l->source.range = map_rgbm_range(s.most);
+    snprintf(l->extras, sizeof l->extras, "{\"rgbm_range\": %.9g}", l->source.range);
+    if (options.formats.wanted[MAP_RGBM]) l->gltf.extras = l->extras;
+    l->lit.stops = lit_meter(&l->lit, &l->light);
+    if (!isnan(options.stops)) l->lit.stops = options.stops;
+}
+
+/* Says what the formats do not hold, and how to read rgbm. */
+static void tell_formats(const lightmap *l) {
+    const int halves = (options.formats.wanted[MAP_EXR] && !options.formats.exact) || options.formats.wanted[MAP_KTX2];
+    map_survey s = { 0, 0, 0 };
+    int k;
+    if (given[QUIET]) return;
+    map_survey_of(&s, &l->atlas);
+    for (k = 0; k < 4 && l->harmonics[k].values; k++) map_survey_of(&s, &l->harmonics[k]);
+    if (s.strange)
+        warn("%.0f values of the map are not finite; the files hold 0 or the largest value of their format instead",
+             (double)s.strange);
+    if (halves && s.above_half)
+        warn("%.0f values of the map are above 65504, the largest 16-bit float, up to %.3g, and are lowered to it; "
+             "--formats exr32 keeps them", (double)s.above_half, (double)s.most);
+    if (halves && s.most > 0 && s.most < 64 * MAP_HALF_LEAST)
+        warn("the map is too dark for 16-bit floats: its largest value is %.3g; --formats exr32 keeps all digits",
+             (double)s.most);
+    if (options.formats.wanted[MAP_RGBM])
+        fprintf(stderr, TOOL_NAME ": range of rgbm: %.9g; R = (%.9g * alpha * rgb)^2 with linear bytes\n",
+                l->source.range, l->source.range);
 }
 
 /* Writes the files that show l->light (group 0) or all others (group 1). Returns the exit status. */
 static int keep_files(lightmap *l, int group) {
-    static const struct { int group, target; output_writer write; } files[] = {
-        { 0, R_PFM, write_light_pfm }, { 1, ATLAS_PFM, write_atlas_pfm }, { 1, ATLAS_PNG, write_atlas_png },
-        { 1, SH_PFM, write_harmonic_pfm }, { 1, SH_PFM + 1, write_harmonic_pfm }, { 1, SH_PFM + 2, write_harmonic_pfm },
-        { 1, SH_PFM + 3, write_harmonic_pfm },
-#ifdef SBL_RENDER_OPENEXR
-        { 0, R_EXR, write_light_exr }, { 1, ATLAS_EXR, write_atlas_exr },
-        { 1, SH_EXR, write_harmonic_exr }, { 1, SH_EXR + 1, write_harmonic_exr }, { 1, SH_EXR + 2, write_harmonic_exr },
-        { 1, SH_EXR + 3, write_harmonic_exr },
-#endif
-        { 1, OVERLAP, write_overlap }, { 1, BIN, write_scene_bin }, { 1, GLTF, write_scene }
-    };
-    const int textures = group ? l->gltf.scene->texture_count : 0, count = (int)(sizeof files / sizeof *files);
-    int i;
-    for (i = 0; i < textures + count; i++) {
-        const int texture = i < textures, file = i - textures, target = texture ? TEXTURES + i : files[file].target;
-        if (!texture && files[file].group != group) continue;
+    int i, status;
+    if (!group) {
+        survey_light(l);
+        return keep_maps(l, MAP_LIGHT, MAP_LIGHT);
+    }
+    tell_formats(l);
+    status = keep_maps(l, MAP_ATLAS, MAP_PICTURES - 1);
+    for (i = 0; i < l->gltf.scene->texture_count && status == DONE; i++) {
         l->texture = i;
-        if (target == OVERLAP && !l->overlap.values) continue;
-        l->harmonic = texture ? -1 : harmonic_of(target);
-        if (l->harmonic >= 0 && !l->harmonics[l->harmonic].values) continue;
-        if (interrupted) return stop("%s was not written", targets[target].name);
-        if (!target_write(&targets[target], texture ? write_texture : files[file].write, l, 0))
-            return interrupted ? stop("%s was not written", targets[target].name) : fail_to_write(targets[target].name);
+        status = keep_file(l, TEXTURES + i, write_texture);
     }
-    return DONE;
-}
-
-/* Writes the files of the light groups, if there are any. Returns the exit status. */
-static int keep_groups(lightmap *l) {
-    const int first = TEXTURES + l->gltf.scene->texture_count;
-    for (l->group = 0; l->group < GROUP_FILES * groups.count; l->group++) {
-        output_file *target = &targets[first + l->group];
-        if (interrupted) return stop("%s was not written", target->name);
-        if (!target_write(target, write_group, l, 0))
-            return interrupted ? stop("%s was not written", target->name) : fail_to_write(target->name);
-    }
-    return DONE;
+    if (status == DONE) status = keep_file(l, ATLAS_PNG, write_atlas_png);
+    if (status == DONE && l->overlap.values) status = keep_file(l, OVERLAP, write_overlap);
+    if (status == DONE) status = keep_lit(l);
+    if (status == DONE) status = keep_file(l, BIN, write_scene_bin);
+    return status == DONE ? keep_file(l, GLTF, write_scene) : status;
 }
 
 /* ---- baking ---- */
@@ -299,6 +334,7 @@ static void describe_lightmap(sbl_lightmap_desc *desc, progress *bar) {
 static int describe_scene(map_bake *b) {
     lightmap *l = &b->map;
     l->intensity = atan(1.0) * 4 * bright(&l->light);
+    l->memory = (double)b->task->file->memory;
     l->gltf.scene = &b->task->file->scene;
     l->gltf.names = b->task->file->names;
     l->gltf.bin = names[BIN];
@@ -311,7 +347,7 @@ static int describe_scene(map_bake *b) {
 static int save_partial(map_bake *b) {
     const sbl_result result = read_light(b->task->context, &b->map, b->desc.width);
     if (result == SBL_UNFINISHED) return stop("there is no light yet");
-    if (result == SBL_SUCCESS && target_write(&targets[PARTIAL], write_light_pfm, &b->map, 1))
+    if (result == SBL_SUCCESS && target_write(&targets[PARTIAL], write_partial, &b->map, 1))
         return stop("the unfinished lightmap (%.0f %%) is in %s",
                     floor(100 * (double)sbl_progress(b->task->context)), targets[PARTIAL].name);
     return stop("the unfinished lightmap cannot be written to %s: %s", targets[PARTIAL].name, why_not_written());
@@ -338,7 +374,6 @@ static int bake_whole(map_bake *b, double *seconds) {
     if (result == SBL_SUCCESS && !describe_scene(b)) result = SBL_ERROR_OUT_OF_MEMORY;
     if (result != SBL_SUCCESS) return fail_with(b->task->said, common.scene, result);
     status = keep_files(l, 0);
-    if (status == DONE) status = keep_groups(l);
     return status == DONE ? keep_files(l, 1) : status;
 }
 
@@ -371,7 +406,8 @@ static unsigned long long hash_map(const map_bake *b) {
 /* Sets the facts that windows of this map have in common, except mean and price. */
 static void find_map_facts(map_bake *b) {
     static const int without[] = { OUTPUT, STATS, STORE, STORE_REPLACE, QUIET, VERBOSE, ALLOW_PATH, MEMORY, READ_TIME,
-                                   LIGHTMAP, GUTTER, PART, PLAN, JOIN, RESUME, -1 };
+                                   LIGHTMAP, GUTTER, PART, PLAN, JOIN, RESUME, FORMATS, LIT,
+                                   LIT_EXPOSURE, -1 };
     const sbl_context *context = b->task->context;
     plan *p = &b->windows.work;
     plan_fact(p, FACT_VERSION, "%s", sbl_version());
@@ -719,8 +755,9 @@ static int bake_lightmap(tool_task *task, double *seconds) {
     for (i = 0; i < 4; i++) free(b.map.harmonics[i].values);
     for (i = 0; i < SBL_MAX_LIGHT_GROUPS; i++) free(b.map.groups[i].values);
     if (status == DONE && b.bar.shown)
-        fprintf(stderr, "%s: %d x %d texels, %.0f sensors, %.1f s\n", common.output, options.lightmap,
-                options.lightmap, (double)sbl_query_stats(task->context).sensors.count, *seconds);
+        fprintf(stderr, "%s: %d x %d texels, %.0f sensors, %.1f s%s\n", common.output, options.lightmap,
+                options.lightmap, (double)sbl_query_stats(task->context).sensors.count, *seconds,
+                given[PART] || !writes_lit() ? "" : "; any viewer of glTF shows scene_lit.glb in it");
     return status;
 }
 

@@ -25,7 +25,12 @@ static double truth_at(double u, double v) {
 }
 
 #define MAP 64
-#define DIRECT "--mode", "direct", "--lightmap", "64", "--quiet"
+#define DIRECT "--mode", "direct", "--lightmap", "64", "--quiet", "--formats", MAP_FORMATS
+#ifdef SBL_RENDER_OPENEXR
+  #define MAP_FORMATS "exr,pfm"
+#else
+  #define MAP_FORMATS "pfm"
+#endif
 
 static int inside(const float *chart, int x, int y) {  /* whether the texel's centre is in the chart */
     const double u = (x + 0.5) / MAP, v = (y + 0.5) / MAP;
@@ -428,9 +433,9 @@ TEST(groups_have_maps) {
           "%s", ran.err);
     CHECK(TOOL("room.gltf", DIRECT, "-o", "alone") == 0, "%s", ran.err);
     atlas = read_pfm("groups/atlas.pfm");
-    lamp = read_pfm("groups/lightmap_lamp.pfm");
-    sky = read_pfm("groups/lightmap_above.pfm");
-    rest = read_pfm("groups/lightmap_rest.pfm");
+    lamp = read_pfm("groups/atlas_lamp.pfm");
+    sky = read_pfm("groups/atlas_above.pfm");
+    rest = read_pfm("groups/atlas_rest.pfm");
     alone = read_pfm("alone/atlas.pfm");
     REQUIRE(atlas.values && lamp.values && sky.values && rest.values && alone.values, "a map is missing");
     for (i = 0; i < 3 * atlas.width * atlas.height; i++) {
@@ -454,7 +459,8 @@ TEST(groups_have_maps) {
 /* --help has at most 40 short lines; --help all names every option, and nothing that sbl_bake does not have. */
 TEST(help_is_short_or_complete) {
     static const char *const names[] = { "--output", "--lightmap", "--gutter", "--directional", "--supersample",
-        "--light-groups", "--target-error", "--error", "--vertices", "--average", "--samples", "--smoothing", "--probes", "--move",
+        "--light-groups", "--target-error", "--error", "--vertices", "--average", "--formats", "--lit", "--exposure",
+        "--samples", "--smoothing", "--probes", "--move",
         "--sky", "--sky-rotation", "--sky-scale", "--sky-up", "--mode", "--preset", "--backend", "--rays",
         "--max-bounce-cells", "--bounce-samples", "--epsilon", "--sensor-size", "--tile", "--threshold",
         "--filter-radius", "--seed", "--stats", "--allow-path", "--memory", "--read-time", "--store", "--quiet",
@@ -564,7 +570,7 @@ TEST(a_host_draws_it) {
     CHECK(TOOL("room.gltf", "out", "--size", "8x8", "--tile", "8", "--preset", "draft") == 0 && ran.err_lines == 1 &&
           !said("--preset") && said("--tile (sbl_bake made"), "%s", ran.err);
     REFUSED(2, "no probes are baked", "room.gltf", "out", "--store", "light.sbl", "-o", "x.pfm");
-    REFUSED(1, "atlas.pfm", "room.gltf", "nowhere", "-o", "x.png");
+    REFUSED(1, "atlas.exr", "room.gltf", "nowhere", "-o", "x.png");
     REFUSED(2, "usage", "room.gltf");
     REFUSED(2, "must end in", "room.gltf", "out", "-o", "x.jpg");
     tool_use("sbl_bake");

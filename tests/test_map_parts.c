@@ -7,8 +7,10 @@
 #include "support/mapped_room.h"
 #include <math.h>
 
-#define MAP "room.gltf", "--lightmap", "96", "--mode", "direct", "--quiet"
-#define LARGE "room.gltf", "--lightmap", "640", "--mode", "direct", "--quiet", "--preset", "draft", "--memory", "64M"
+#define FILES "--formats", "exr,pfm"
+#define MAP "room.gltf", "--lightmap", "96", "--mode", "direct", "--quiet", FILES
+#define LARGE "room.gltf", "--lightmap", "640", "--mode", "direct", "--quiet", "--preset", "draft", "--memory", "64M", \
+    FILES
 #define BAKE(...) (tool_use("sbl_bake"), run((const char *const[]){ __VA_ARGS__, NULL }))
 #define MERGE(...) (tool_use("sbl_merge"), run((const char *const[]){ __VA_ARGS__, NULL }))
 

@@ -707,7 +707,7 @@ TEST(glass_of_obj) {
 
 /* Writes a scene as glTF. */
 static void write_scene(const scene_file *from, const char *name) {
-    const gltf_file out = { &from->scene, from->names, "again.bin", NULL, 0, NULL };
+    const gltf_file out = { &from->scene, from->names, "again.bin", NULL, 0, NULL, NULL };
     char texture[GLTF_NAME];
     FILE *json = fopen(in_folder(name), "wb"), *bin = fopen(in_folder("again.bin"), "wb"), *png;
     int i;

@@ -200,7 +200,7 @@ unwrap_box() {
     build/sbl_bake "$folder/u.glb" --lightmap 128 --mode direct --preset draft -o "$folder/baked" > "$folder/said" \
         2>&1 || { cat "$folder/said"; return 1; }
     cat "$folder/said"
-    [ ! -s "$folder/said" ] && [ ! -e "$folder/baked/overlap.png" ] && [ -s "$folder/baked/lightmap.pfm" ]
+    [ ! -s "$folder/said" ] && [ ! -e "$folder/baked/overlap.png" ] && [ -s "$folder/baked/lightmap.exr" ]
 }
 check unwrap_without_blender unwrap_without_blender
 check unwrap_usage unwrap_usage

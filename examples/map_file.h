@@ -1,0 +1,283 @@
+/* Writes maps of light in formats that engines load. In all of them the top row comes first, except in a .pfm.
+
+       format      file         a texel
+       exr         .exr         three 16-bit floats
+       exr32       .exr         three 32-bit floats
+       hdr         .hdr         RGBE: three bytes and a common exponent; nothing negative
+       rgbm        .rgbm.png    four bytes: R = (range * alpha * rgb)^2, bytes are linear; nothing negative
+       ktx2        .ktx2        four 16-bit floats (VK_FORMAT_R16G16B16A16_SFLOAT), alpha 1, not compressed
+       pfm         .pfm         three 32-bit floats
+
+   A file contains finite numbers only: values beyond the range of a format become the nearest that it holds, and what
+   is not a number becomes 0. map_survey counts such values before. Include after picture_file.h and gltf_file.h.
+
+       map_survey_of(&survey, &picture);
+       ok = map_write(stream, &(map_source){ &picture, MAP_HDR, 0, 0 }); */
+#ifndef MAP_FILE_H
+#define MAP_FILE_H
+
+typedef enum map_format { MAP_RGBM, MAP_HDR, MAP_KTX2, MAP_EXR, MAP_PFM, MAP_FORMATS } map_format;
+
+static const char *const map_endings[MAP_FORMATS] = { ".rgbm.png", ".hdr", ".ktx2", ".exr", ".pfm" };
+
+/* Which formats are written. exact: 1: those of .exr are 32-bit floats */
+typedef struct map_formats { int wanted[MAP_FORMATS], exact; } map_formats;
+
+/* Reads a list such as "exr,ktx2". Returns NULL, or a message for the user, which is valid until the next call. */
+static inline const char *map_formats_read(map_formats *out, const char *list) {
+    static const struct { const char *name; map_format format; int exact; } known[] = {
+        { "exr", MAP_EXR, 0 }, { "exr32", MAP_EXR, 1 }, { "hdr", MAP_HDR, 0 }, { "rgbm", MAP_RGBM, 0 },
+        { "ktx2", MAP_KTX2, 0 }, { "pfm", MAP_PFM, 0 }
+    };
+    static char message[160];
+    size_t i, length;
+    memset(out, 0, sizeof *out);
+    for (;; list += length + 1) {
+        length = strcspn(list, ",");
+        for (i = 0; i < 6; i++)
+            if (strlen(known[i].name) == length && strncmp(known[i].name, list, length) == 0) break;
+        snprintf(message, sizeof message, "'%.*s' is not one of exr, exr32, hdr, rgbm, ktx2, pfm", (int)(length < 40 ?
+                 length : 40), list);
+        if (i == 6) return message;
+        if (out->wanted[known[i].format] && known[i].format == MAP_EXR && out->exact != known[i].exact)
+            return "exr and exr32 would write the same file; give one of them";
+        out->wanted[known[i].format] = 1;
+        out->exact |= known[i].exact;
+        if (!list[length]) return NULL;
+    }
+}
+
+static inline int map_holds_negative(map_format format) { return format != MAP_HDR && format != MAP_RGBM; }
+
+/* ---- ranges ---- */
+
+#define MAP_HALF_MOST 65504.0f    /* largest 16-bit float */
+#define MAP_HALF_LEAST 6.1035e-5f /* smallest one with full precision */
+#define MAP_RGBE_MOST 1e38f
+#define MAP_FLOAT_MOST 3.4e38f
+
+/* What the values of a map need. */
+typedef struct map_survey {
+    size_t strange, above_half;   /* number of values that are not finite; of finite ones above MAP_HALF_MOST */
+    float most;                   /* largest finite value */
+} map_survey;
+
+static inline void map_survey_of(map_survey *s, const image *map) {
+    const size_t count = (size_t)map->width * (size_t)map->height * (size_t)map->components;
+    size_t i;
+    for (i = 0; i < count; i++) {
+        const float v = map->values[i];
+        if (!isfinite(v)) { s->strange++; continue; }
+        s->above_half += v > MAP_HALF_MOST || v < -MAP_HALF_MOST;
+        if (v > s->most) s->most = v;
+    }
+}
+
+/* Returns the range of rgbm for a map: the smallest power of two whose square is at least the largest value. */
+static inline double map_rgbm_range(float most) {
+    double range = 1.0 / (1 << 20);
+    while (range * range < (double)most) range *= 2;
+    return range;
+}
+
+/* Returns the value that a format stores: finite, and within most. */
+static inline float map__fit(float v, float least, float most) {
+    return v >= most ? most : v <= least ? least : isnan(v) ? 0.0f : v;
+}
+
+/* ---- writing ---- */
+
+/* A map and how it is written. exact: see map_formats; range: of rgbm */
+typedef struct map_source { const image *map; map_format format; int exact; double range; } map_source;
+
+enum { MAP_BAND = 64 };  /* rows that are converted at a time */
+
+/* Copies rows of a map, fitted to a range. */
+static void map__copy(float *to, const image *map, int first, int rows, float least, float most) {
+    const size_t row = (size_t)map->width * (size_t)map->components;
+    const float *from = map->values + (size_t)first * row;
+    size_t i;
+    for (i = 0; i < row * (size_t)rows; i++) to[i] = map__fit(from[i], least, most);
+}
+
+/* Writes a .exr or .pfm, band by band; a .pfm begins with the last band. */
+static int map__write_floats(FILE *out, const map_source *s) {
+    const image *map = s->map;
+    const int bands = (map->height + MAP_BAND - 1) / MAP_BAND, is_half = s->format == MAP_EXR && !s->exact;
+    const float most = is_half ? MAP_HALF_MOST : MAP_FLOAT_MOST;
+    float *band = (float *)malloc((size_t)map->width * MAP_BAND * (size_t)map->components * sizeof *band);
+    image frame = *map;
+    picture_writer w;
+    int i, ok;
+    if (!band) return 0;
+    frame.is_half = is_half;
+    ok = picture_begin(&w, out, map_endings[s->format], &frame, SBL_CHANNEL_FINAL, 0);
+    for (i = 0; i < bands && ok; i++) {
+        const int first = MAP_BAND * (s->format == MAP_PFM ? bands - 1 - i : i);
+        const int rows = map->height - first < MAP_BAND ? map->height - first : MAP_BAND;
+        map__copy(band, map, first, rows, -most, most);
+        ok = picture_put(&w, first, rows, band);
+    }
+    free(band);
+    return picture_end(&w, ok);
+}
+
+/* stb_image_write cuts off what the eight bits of a mantissa do not hold; half a step more makes it round. */
+static void map__round_rgbe(float *v) {
+    const float most = v[0] > v[1] ? v[0] > v[2] ? v[0] : v[2] : v[1] > v[2] ? v[1] : v[2];
+    int exponent, k;
+    float step;
+    frexp((double)most, &exponent);
+    step = (float)ldexp(1, exponent - 9);
+    if (frexp((double)(most + step), &k) >= 0.5 && k > exponent) step *= 2;
+    for (k = 0; k < 3 && most > 1e-30f; k++) v[k] += step;
+}
+
+static int map__write_hdr(FILE *out, const map_source *s) {
+    const image *map = s->map;
+    const size_t texels = (size_t)map->width * (size_t)map->height;
+    float *values = (float *)malloc(3 * texels * sizeof *values);
+    size_t i;
+    int ok;
+    if (!values) return 0;
+    map__copy(values, map, 0, map->height, 0, MAP_RGBE_MOST);
+    for (i = 0; i < texels; i++) map__round_rgbe(values + 3 * i);
+    ok = stbi_write_hdr_to_func(gltf__put_bytes, out, map->width, map->height, 3, values);
+    free(values);
+    return ok;
+}
+
+/* Converts a texel to rgbm. */
+static void map__to_rgbm(unsigned char out[4], const float *v, double range) {
+    double root[3], most = 0, m;
+    int k;
+    for (k = 0; k < 3; k++) {
+        root[k] = sqrt((double)map__fit(v[k], 0, MAP_FLOAT_MOST)) / range;
+        if (root[k] > most) most = root[k];
+    }
+    m = ceil(most * 255);
+    if (m < 1) m = 1;
+    if (m > 255) m = 255;
+    for (k = 0; k < 3; k++) out[k] = to_byte(root[k] * 255 / m);
+    out[3] = (unsigned char)m;
+}
+
+static int map__write_rgbm(FILE *out, const map_source *s) {
+    const image *map = s->map;
+    char range[32];
+    png_text texts[2];
+    png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, NULL, on_png_error, on_png_warning);
+    png_infop info = png ? png_create_info_struct(png) : NULL;
+    unsigned char *volatile row = (unsigned char *)malloc(4 * (size_t)map->width);
+    volatile int ok = 0, y;
+    if (info && row && !setjmp(png_jmpbuf(png))) {
+        png_init_io(png, out);
+        png_set_IHDR(png, info, (png_uint_32)map->width, (png_uint_32)map->height, 8, PNG_COLOR_TYPE_RGB_ALPHA,
+                     PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
+        snprintf(range, sizeof range, "%.9g", s->range);
+        memset(texts, 0, sizeof texts);
+        texts[0].compression = texts[1].compression = PNG_TEXT_COMPRESSION_NONE;
+        texts[0].key = (char *)(uintptr_t)"sbl.range";
+        texts[0].text = range;
+        texts[1].key = (char *)(uintptr_t)"sbl.light";
+        texts[1].text = (char *)(uintptr_t)"R = (range * alpha * rgb)^2, bytes are linear; irradiance = pi * R";
+        png_set_text(png, info, texts, 2);
+        png_write_info(png, info);
+        for (y = 0; y < map->height; y++) {
+            int x;
+            for (x = 0; x < map->width; x++)
+                map__to_rgbm(row + 4 * (size_t)x, map->values + 3 * ((size_t)y * (size_t)map->width + (size_t)x),
+                             s->range);
+            png_write_row(png, row);
+        }
+        png_write_end(png, info);
+        ok = 1;
+    }
+    free(row);
+    if (png) png_destroy_write_struct(&png, &info);
+    return ok;
+}
+
+/* ---- KTX 2 ---- */
+
+/* Returns the 16-bit float next to a number of at most MAP_HALF_MOST; ties go to the even one. */
+static inline uint16_t map_half(float number) {
+    const double v = fabs((double)number);
+    const unsigned sign = number < 0 ? 0x8000u : 0;
+    int exponent;
+    double step, digits;
+    if (v < 1.0 / (1 << 14)) exponent = -14;  /* smallest exponent: below it, numbers lose digits */
+    else { frexp(v, &exponent); exponent--; }
+    step = ldexp(1, exponent - 10);
+    digits = nearbyint(v / step);             /* 1024 to 2048, or less below the smallest exponent */
+    return (uint16_t)(sign | (unsigned)((exponent + 14) * 1024 + (int)digits));
+}
+
+static void map__put_short(FILE *out, unsigned v) {
+    const unsigned char bytes[2] = { (unsigned char)(v & 255), (unsigned char)(v >> 8) };
+    fwrite(bytes, 1, 2, out);
+}
+
+static void map__put_long(FILE *out, uint64_t v) {
+    gltf__put_word(out, (uint32_t)(v & 0xffffffff));
+    gltf__put_word(out, (uint32_t)(v >> 32));
+}
+
+/* Writes what precedes the texels: the header, the list of one level, the description of the format, and two facts. */
+static void map__put_ktx2_head(FILE *out, const image *map) {
+    static const unsigned char identifier[12] = { 0xab, 'K', 'T', 'X', ' ', '2', '0', 0xbb, '\r', '\n', 0x1a, '\n' };
+    static const uint32_t format = 97, channels[4] = { 0, 1, 2, 15 };
+    static const char facts[] = "\x12\0\0\0KTXorientation\0rd\0\0\0\x10\0\0\0KTXwriter\0sbl.h";
+    enum { LEVELS = 80, DESCRIPTION = 104, DESCRIBED = 92, FACTS = 196, TOLD = sizeof facts, TEXELS = 240 };
+    const uint64_t bytes = 8 * (uint64_t)map->width * (uint64_t)map->height;
+    const uint32_t head[9] = { format, 2, (uint32_t)map->width, (uint32_t)map->height, 0, 0, 1, 1, 0 };
+    const uint32_t places[8] = { DESCRIPTION, DESCRIBED, FACTS, TOLD, 0, 0, 0, 0 };
+    int i, at;
+    fwrite(identifier, 1, sizeof identifier, out);
+    for (i = 0; i < 9; i++) gltf__put_word(out, head[i]);
+    for (i = 0; i < 8; i++) gltf__put_word(out, places[i]);
+    map__put_long(out, TEXELS);
+    map__put_long(out, bytes);
+    map__put_long(out, bytes);
+    gltf__put_word(out, DESCRIBED);
+    gltf__put_word(out, 0);                          /* Khronos' basic block */
+    gltf__put_word(out, 2 | (DESCRIBED - 4) << 16);  /* its version and size */
+    gltf__put_word(out, 1 | 1 << 8 | 1 << 16);       /* RGB, primaries of BT.709, linear */
+    gltf__put_word(out, 0);                          /* blocks of one texel */
+    gltf__put_word(out, 8);                          /* bytes of a texel */
+    gltf__put_word(out, 0);
+    for (i = 0; i < 4; i++) {                        /* signed floats of 16 bits */
+        gltf__put_word(out, (uint32_t)(16 * i) | 15 << 16 | (channels[i] | 0xc0u) << 24);
+        gltf__put_word(out, 0);
+        gltf__put_word(out, 0xbf800000u);
+        gltf__put_word(out, 0x3f800000u);
+    }
+    fwrite(facts, 1, sizeof facts, out);
+    for (at = FACTS + TOLD; at < TEXELS; at++) fputc(0, out);
+}
+
+static int map__write_ktx2(FILE *out, const map_source *s) {
+    const image *map = s->map;
+    const size_t texels = (size_t)map->width * (size_t)map->height;
+    size_t i;
+    int k;
+    map__put_ktx2_head(out, map);
+    for (i = 0; i < texels && !ferror(out); i++) {
+        for (k = 0; k < 3; k++)
+            map__put_short(out, map_half(map__fit(map->values[3 * i + (size_t)k], -MAP_HALF_MOST, MAP_HALF_MOST)));
+        map__put_short(out, 0x3c00);
+    }
+    return 1;
+}
+
+/* Writes a map of three components. Returns 0 on failures other than those of the stream. */
+static inline int map_write(FILE *out, const map_source *s) {
+    switch (s->format) {
+        case MAP_HDR: return map__write_hdr(out, s);
+        case MAP_RGBM: return map__write_rgbm(out, s);
+        case MAP_KTX2: return map__write_ktx2(out, s);
+        default: return map__write_floats(out, s);
+    }
+}
+
+#endif

@@ -1,0 +1,347 @@
+/* Tests of the formats of lightmaps (sbl_bake --formats) and of scene_lit.glb: what they hold, what they do with values
+   beyond their range, and what is left after a failure. test_engines.sh loads them into three.js. */
+#define _GNU_SOURCE
+#include "../sbl.h"
+#include "../examples/picture_file.h"
+#include "../examples/gltf_file.h"
+#include "../examples/map_file.h"
+#include "support/test.h"
+#include "support/tool.h"
+#include "support/mapped_room.h"
+
+static float apart[QUADS][4] = { { 0.1f, 0.1f, 0.6f, 0.6f }, { 0.7f, 0.7f, 0.9f, 0.9f } };
+
+#define DIRECT "room.gltf", "--mode", "direct", "--preset", "draft", "--lightmap", "64"
+#define FROM_ABOVE "--eye", "0.25,1.5,0", "--look-at", "0.25,-0.5,0", "--up", "0,0,-1", "--fov", "80", "--size", \
+                   "40x40", "--channel", "radiance"
+#ifdef SBL_RENDER_OPENEXR
+  #define EXACT "exr32"
+  #define IF_EXR(list) "exr," list
+#else
+  #define EXACT "pfm"
+  #define IF_EXR(list) list
+#endif
+
+/* ---- what formats hold ---- */
+
+/* Draws the room by host_lightmap with a map in a folder of its own. Returns the picture. */
+static picture draw_with(const char *baked) {
+    picture none = { 0, 0, NULL };
+    char name[64];
+    int status;
+    snprintf(name, sizeof name, "%s.pfm", baked);
+    tool_use("host_lightmap");
+    status = TOOL("room.gltf", baked, FROM_ABOVE, "-o", name);
+    tool_use("sbl_bake");
+    if (status == 0) return read_pfm(name);
+    CHECK(0, "%s: %s", baked, ran.err);
+    return none;
+}
+
+/* Returns the largest difference of two pictures, as a share of the first, where that is not dark. */
+static double worst_share(const picture *a, const picture *b) {
+    double worst = a->values && b->values ? 0 : 1e30;
+    int i;
+    for (i = 0; worst < 1 && i < 3 * a->width * a->height; i++)
+        if (a->values[i] > 0.01f)
+            worst = test_max(worst, fabs((double)b->values[i] / (double)a->values[i] - 1));
+    return worst;
+}
+
+/* host_lightmap draws the same light from each format, within the precision of the format. */
+TEST(all_formats_hold_the_light) {
+    static const struct { const char *format, *file; double most; } formats[] = {
+#ifdef SBL_RENDER_OPENEXR
+        { "exr", "atlas.exr", 0.0011 }, { "exr32", "atlas.exr", 0.0011 },
+#endif
+        { "ktx2", "atlas.ktx2", 0.0011 }, { "hdr", "atlas.hdr", 0.009 }, { "rgbm", "atlas.rgbm.png", 0.02 }
+    };
+    picture truth, seen;
+    char file[64];
+    size_t i;
+    write_scene("room.gltf", apart, 1);
+    REQUIRE(TOOL(DIRECT, "--formats", "pfm", "--lit", "0", "-o", "pfm") == 0 && ran.err_lines == 0, "%s", ran.err);
+    CHECK(exists("pfm/lightmap.pfm") && !exists("pfm/lightmap.exr") && !exists("pfm/scene_lit.glb"), "other files");
+    truth = draw_with("pfm");
+    for (i = 0; i < sizeof formats / sizeof *formats; i++) {
+        CHECK(TOOL(DIRECT, "--formats", formats[i].format, "--lit", "0", "-o", formats[i].format) == 0, "%s", ran.err);
+        CHECK(strcmp(formats[i].format, "rgbm") == 0 ? said("range of rgbm: 0.5; R = (0.5 * alpha * rgb)^2")
+              : ran.err_lines == 0, "%s: %s", formats[i].format, ran.err);
+        snprintf(file, sizeof file, "%s/%s", formats[i].format, formats[i].file);
+        CHECK(exists(file), "%s is missing", file);
+        snprintf(file, sizeof file, "%s/lightmap.pfm", formats[i].format);
+        CHECK(!exists(file), "%s was written", file);
+        seen = draw_with(formats[i].format);
+        CHECK(worst_share(&truth, &seen) < formats[i].most, "%s: off by %g", formats[i].format,
+              worst_share(&truth, &seen));
+        free(seen.values);
+    }
+    free(truth.values);
+}
+
+/* Harmonics are written where there is room for their signs. */
+TEST(harmonics_have_signs) {
+    write_scene("room.gltf", apart, 1);
+    CHECK(TOOL(DIRECT, "--directional", "--formats", "hdr,rgbm", "-o", "no") == 2 && said("hold no negative numbers") &&
+          !exists("no"), "%s", ran.err);
+    CHECK(TOOL(DIRECT, "--directional", "--formats", "hdr,ktx2,pfm", "--lit", "0", "--quiet", "-o", "signs") == 0,
+          "%s", ran.err);
+    CHECK(exists("signs/sh_3.ktx2") && exists("signs/sh_0.pfm") && !exists("signs/sh_0.hdr") &&
+          exists("signs/atlas.hdr"), "other files");
+}
+
+TEST(wrong_formats_are_refused) {
+    static const struct { const char *list, *words; } wrong[] = {
+        { "", "'' is not one of exr, exr32" }, { "exr,", "'' is not one of" }, { "bc6h", "'bc6h' is not one of" },
+        { "exrs", "'exrs' is not" }, { "hdr,exr,exr32", "the same file" }, { "EXR", "'EXR'" }
+    };
+    size_t i;
+    write_scene("room.gltf", apart, 1);
+    for (i = 0; i < sizeof wrong / sizeof *wrong; i++)
+        CHECK(TOOL(DIRECT, "-o", "no", "--formats", wrong[i].list) == 2 && said(wrong[i].words) && ran.err_lines == 1 &&
+              !exists("no"), "%s: status %d: %s", wrong[i].list, ran.status, ran.err);
+    CHECK(TOOL("room.gltf", "--vertices", "-o", "no.ply", "--formats", "hdr") == 2 &&
+          said("--formats needs --lightmap"), "%s", ran.err);
+    CHECK(TOOL("room.gltf", "--vertices", "-o", "no.ply", "--lit", "64") == 2 && said("--lit needs"), "%s", ran.err);
+    CHECK(TOOL(DIRECT, "--lit", "0", "--exposure", "1", "-o", "idle") == 0 && said("--exposure (scene_lit.glb is not"),
+          "%s", ran.err);
+}
+
+/* ---- values beyond the range ---- */
+
+enum { WIDTH = 4, STRANGE = 12 };
+static const float strange[STRANGE] = { NAN, INFINITY, -INFINITY, 1e30f, -3, 65519, 0, 1, 0.5f, 0, 0, 0 };
+
+/* Writes a map of four texels in a format to a file, and reads the file. Returns its size. */
+static size_t written(map_format format, int exact, unsigned char *bytes, size_t room) {
+    float values[STRANGE];
+    image map = { WIDTH, 1, 3, values, NULL, { 0, 0 }, { 0, 0 }, NULL, 0 };
+    const map_source s = { &map, format, exact, map_rgbm_range(1e30f) };
+    FILE *file = fopen(in_folder("strange"), "w+b");
+    size_t size = 0;
+    memcpy(values, strange, sizeof values);
+    if (file && map_write(file, &s) && fflush(file) == 0 && fseek(file, 0, SEEK_SET) == 0)
+        size = fread(bytes, 1, room, file);
+    if (file) fclose(file);
+    return size;
+}
+
+/* No file holds infinities or anything that is not a number; signs and what fits stay. */
+TEST(strange_values_become_finite) {
+    static const unsigned halves[STRANGE] = { 0, 0x7bff, 0xfbff, 0x7bff, 0xc200, 0x7bff, 0, 0x3c00, 0x3800, 0, 0, 0 };
+    unsigned char bytes[4096], *pixels;
+    map_survey survey = { 0, 0, 0 };
+    const size_t pfm = written(MAP_PFM, 0, bytes, sizeof bytes);
+    image map = { WIDTH, 1, 3, NULL, NULL, { 0, 0 }, { 0, 0 }, NULL, 0 };
+    float v[STRANGE];
+    int i, width, height, channels, wrong = 0;
+    size_t size;
+    REQUIRE(pfm > sizeof v, "no .pfm");
+    memcpy(v, bytes + pfm - sizeof v, sizeof v);
+    CHECK(v[0] <= 0 && v[0] >= 0 && v[1] > 3e38f && v[2] < -3e38f && isfinite(v[1]) && isfinite(v[2]) && v[3] > 9e29f &&
+          v[4] < -2.9f && v[8] > 0.4f, "%g %g %g %g", (double)v[0], (double)v[1], (double)v[2], (double)v[3]);
+    size = written(MAP_KTX2, 0, bytes, sizeof bytes);
+    REQUIRE(size == 240 + 8 * WIDTH, "%d bytes of .ktx2", (int)size);
+    for (i = 0; i < STRANGE; i++) {
+        const unsigned char *at = bytes + 240 + 8 * (i / 3) + 2 * (i % 3);
+        wrong += (at[0] | (unsigned)at[1] << 8) != halves[i];
+    }
+    CHECK(wrong == 0, "%d halves are wrong", wrong);
+    size = written(MAP_HDR, 0, bytes, sizeof bytes);
+    REQUIRE(size > 4 * WIDTH, "no .hdr");
+    pixels = bytes + size - 4 * WIDTH;
+    CHECK(pixels[0] == 0 && pixels[1] > 100 && pixels[2] == 0 && pixels[3] > 250 && pixels[5] == 0 &&
+          pixels[8] == 0 && pixels[9] == 128 && pixels[10] == 64 && pixels[11] == 129 && pixels[15] == 0,
+          "RGBE %d %d %d %d", pixels[8], pixels[9], pixels[10], pixels[11]);
+    size = written(MAP_RGBM, 0, bytes, sizeof bytes);
+    pixels = stbi_load_from_memory(bytes, (int)size, &width, &height, &channels, 4);
+    REQUIRE(pixels && width == WIDTH && height == 1 && channels == 4, "no .png");
+    CHECK(pixels[0] == 0 && pixels[1] == 255 && pixels[2] == 0 && pixels[3] == 255 && pixels[5] == 0, "RGBM");
+    stbi_image_free(pixels);
+    memcpy(v, strange, sizeof v);
+    map.values = v;
+    map_survey_of(&survey, &map);
+    CHECK(survey.strange == 3 && survey.above_half == 2 && survey.most > 9e29f && survey.most < 2e30f,
+          "%d strange, %d above", (int)survey.strange, (int)survey.above_half);
+}
+
+/* 16-bit floats are the nearest ones, as the driver and OpenEXR round. */
+TEST(halves_are_nearest) {
+    static const struct { float v; unsigned half; } known[] = {
+        { 1, 0x3c00 }, { 1 + 1.0f / 2048, 0x3c00 }, { 1 + 3.0f / 2048, 0x3c02 }, { 2047.0f / 2048, 0x3bff },
+        { 4095.0f / 4096, 0x3c00 }, { 65504, 0x7bff }, { 6.1035156e-5f, 0x0400 }, { 5.9604645e-8f, 1 },
+        { 2.9802322e-8f, 0 }, { 6.0975552e-5f, 0x03ff }, { -2, 0xc000 }, { 0, 0 }
+    };
+    size_t i;
+    for (i = 0; i < sizeof known / sizeof *known; i++)
+        CHECK(map_half(known[i].v) == known[i].half, "%.9g is %04x", (double)known[i].v, map_half(known[i].v));
+}
+
+/* A map that is too bright for 16-bit floats is lowered and finite, and the message says how to keep it. */
+TEST(too_bright_is_said) {
+    picture light;
+    write_scene("room.gltf", apart, 1);
+    CHECK(TOOL(DIRECT, "--sky", "1e6,1e6,1e6", "--formats", IF_EXR("ktx2,rgbm,hdr"), "-o", "bright") == 0 &&
+          ran.err_lines == 2 && said("above 65504") && said("--formats exr32 keeps them"), "%s", ran.err);
+    CHECK(TOOL(DIRECT, "--sky", "1e6,1e6,1e6", "--formats", EXACT, "-o", "exact") == 0 && ran.err_lines == 0, "%s",
+          ran.err);
+    light = draw_with("bright");  /* fails if there are infinities */
+    CHECK(light.values && light.values[3 * (20 * 40 + 5)] > 6e4f && light.values[3 * (20 * 40 + 5)] < 65505, "R is %g",
+          light.values ? (double)light.values[3 * (20 * 40 + 5)] : 0.0);
+    free(light.values);
+}
+
+/* ---- failures ---- */
+
+/* A disk that is too full for a file leaves no part of it, in any format. */
+TEST(a_full_disk_leaves_nothing) {
+    static const char *const formats[] = { "hdr", "rgbm", "ktx2", EXACT };
+    char files[2][64];
+    size_t i;
+    write_scene("room.gltf", apart, 1);
+    for (i = 0; i < sizeof formats / sizeof *formats; i++) {
+        char full[32];
+        const char *const arguments[] = { DIRECT, "-o", full, "--formats", formats[i], "--quiet", NULL };
+        snprintf(full, sizeof full, "full_%s", formats[i]);
+        finish(start(arguments, -1, 1024));
+        CHECK(ran.status == 1 && said("cannot be written") && ran.err_lines == 1 && !parts_left(), "%s: status %d: %s",
+              formats[i], ran.status, ran.err);
+        snprintf(files[0], sizeof files[0], "%s/scene.gltf", full);
+        snprintf(files[1], sizeof files[1], "%s/scene_lit.glb", full);
+        CHECK(!exists(files[0]) && !exists(files[1]), "%s: an incomplete scene is left", formats[i]);
+    }
+    {
+        const char *const arguments[] = { DIRECT, "-o", "lit", "--formats", "rgbm", "--lit", "1024", "--quiet", NULL };
+        finish(start(arguments, -1, 20000));
+        CHECK(ran.status == 1 && said("scene_lit.glb: cannot be written") && !exists("lit/scene_lit.glb") &&
+              !parts_left(), "status %d: %s", ran.status, ran.err);
+    }
+}
+
+/* Files that cannot be written are known before the work. */
+TEST(what_is_in_the_way_is_known_before) {
+    write_scene("room.gltf", apart, 1);
+    mkdir(in_folder("way"), 0777);
+    mkdir(in_folder("way/atlas.ktx2"), 0777);
+    CHECK(TOOL(DIRECT, "-o", "way", "--formats", "hdr,ktx2") == 1 && said("atlas.ktx2: cannot be written") &&
+          !exists("way/lightmap.hdr"), "%s", ran.err);
+    CHECK(TOOL(DIRECT, "-o", "way", "--formats", "hdr", "--lit", "0") == 0, "%s", ran.err);
+    mkdir(in_folder("way/scene_lit.glb"), 0777);
+    CHECK(TOOL(DIRECT, "-o", "way", "--formats", "hdr") == 1 && said("scene_lit.glb: cannot be written"), "%s",
+          ran.err);
+}
+
+/* ---- parts ---- */
+
+/* Parts are .exr files; --join writes the formats. sbl_merge refuses parts of a map. */
+TEST(joined_maps_have_formats) {
+#ifdef SBL_RENDER_OPENEXR
+    write_scene("room.gltf", apart, 1);
+    mkdir(in_folder("parts"), 0777);
+    CHECK(TOOL(DIRECT, "--part", "1/2", "-o", "parts/1.exr", "--formats", "hdr") == 0 && ran.err_lines == 1 &&
+          said("--formats (a part is an .exr"), "%s", ran.err);
+    CHECK(TOOL(DIRECT, "--part", "2/2", "-o", "parts/2.exr") == 0 && ran.err_lines == 0, "%s", ran.err);
+    CHECK(TOOL(DIRECT, "--join", "parts", "-o", "joined", "--formats", "rgbm,ktx2") == 0, "%s", ran.err);
+    CHECK(exists("joined/atlas.rgbm.png") && exists("joined/lightmap.ktx2") && exists("joined/scene_lit.glb") &&
+          !exists("joined/atlas.exr"), "other files");
+    tool_use("sbl_merge");
+    CHECK(TOOL("parts/1.exr", "parts/2.exr", "-o", "map.exr") == 1 && said("sbl_bake --lightmap with --join"), "%s",
+          ran.err);
+    tool_use("sbl_bake");
+#else
+    SKIP("built without OpenEXR");
+#endif
+}
+
+/* ---- scene_lit.glb ---- */
+
+/* Reads a file of the folder. The caller frees the bytes. */
+static unsigned char *bytes_of(const char *name, size_t *size) {
+    FILE *in = fopen(in_folder(name), "rb");
+    unsigned char *bytes = NULL;
+    *size = 0;
+    if (!in) return NULL;
+    fseek(in, 0, SEEK_END);
+    *size = (size_t)ftell(in);
+    bytes = (unsigned char *)calloc(1, *size + 1);
+    fseek(in, 0, SEEK_SET);
+    if (fread(bytes, 1, *size, in) != *size) *size = 0;
+    fclose(in);
+    return bytes;
+}
+
+static double linear_of(double byte) {
+    const double c = byte / 255;
+    return c <= 0.04045 ? c / 12.92 : pow((c + 0.055) / 1.055, 2.4);
+}
+
+/* Returns the largest difference of the floor in a picture of the map's size from albedo times light, one stop darker
+   and tone-mapped; 1 if too little of it is seen. */
+static double worst_of_floor(const unsigned char *rgb, const picture *light) {
+    double worst = 0;
+    int x, y, k, seen = 0;
+    for (y = 8; y < 37; y++)
+        for (x = 8; x < 29; x++) {  /* up to the middle of the second texel of floor.ppm */
+            const double along = 2 * fabs(((x + 0.5) / 64 - 0.1) / 0.5 - 0.25);
+            const double albedo[3] = { 0.5 * (1 - along + along * linear_of(0x80)),
+                                       0.5 * (1 - along + along * linear_of(0x40)), 1 };
+            double shown[3], least = 1;
+            for (k = 0; k < 3; k++) {
+                shown[k] = 0.5 * albedo[k] * (double)light->values[3 * (64 * y + x) + k];
+                if (shown[k] < least) least = shown[k];
+            }
+            for (k = 0; k < 3; k++) {
+                const double toe = least < 0.08 ? least - 6.25 * least * least : 0.04;
+                if (shown[k] - toe > 0.7) continue;
+                worst = test_max(worst, fabs(linear_of(rgb[3 * (64 * y + x) + k]) - (shown[k] - toe)));
+                seen++;
+            }
+        }
+    return seen > 1000 ? worst : 1;
+}
+
+/* The texture shows albedo times light, exposed, tone-mapped and encoded; the lamp is white; both sets of texture
+   coordinates are those of the map. */
+TEST(a_lit_scene_shows_the_light) {
+    size_t size, at = 0;
+    unsigned char *bytes, *png;
+    const char *json;
+    int width = 0, height = 0, channels;
+    picture light;
+    write_scene("room.gltf", apart, 1);
+    REQUIRE(TOOL(DIRECT, "--formats", "pfm", "--lit", "64", "--exposure", "-1", "-o", "out") == 0, "%s", ran.err);
+    light = read_pfm("out/atlas.pfm");
+    bytes = bytes_of("out/scene_lit.glb", &size);
+    REQUIRE(bytes && size > 1000 && memcmp(bytes, "glTF\2\0\0\0", 8) == 0 && light.values, "no .glb");
+    json = (const char *)bytes + 20;
+    CHECK(strstr(json, "\"KHR_materials_unlit\": {}") && strstr(json, "\"texCoord\": 1") &&
+          strstr(json, "\"exposure_stops\": -1}") && strstr(json, "\"TEXCOORD_0\": 1, \"TEXCOORD_1\": 1}"), "%.2000s",
+          json);
+    while (at + 8 < size && memcmp(bytes + at, "\x89PNG\r\n", 6) != 0) at++;
+    png = stbi_load_from_memory(bytes + at, (int)(size - at), &width, &height, &channels, 3);
+    REQUIRE(png && width == 64 && height == 64, "no texture of 64 x 64");
+    CHECK(worst_of_floor(png, &light) < 0.006, "off by %g", worst_of_floor(png, &light));
+    CHECK(png[3 * (51 * 64 + 51)] > 200, "the lamp is %d", png[3 * (51 * 64 + 51)]);
+    CHECK(png[0] > 0, "texels between the charts are not filled");
+    stbi_image_free(png);
+    free(bytes);
+    free(light.values);
+}
+
+int main(int argc, char **argv) {
+    (void)argc;
+    if (!tool_begin(argv[0])) return 1;
+    tool_use("sbl_bake");
+    RUN(all_formats_hold_the_light);
+    RUN(harmonics_have_signs);
+    RUN(wrong_formats_are_refused);
+    RUN(strange_values_become_finite);
+    RUN(halves_are_nearest);
+    RUN(too_bright_is_said);
+    RUN(a_full_disk_leaves_nothing);
+    RUN(what_is_in_the_way_is_known_before);
+    RUN(joined_maps_have_formats);
+    RUN(a_lit_scene_shows_the_light);
+    tool_end();
+    return test_report();
+}
