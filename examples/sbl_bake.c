@@ -33,6 +33,7 @@ static struct options {
 enum {
     OUTPUT = COMMON_OPTIONS,
     LIGHTMAP,
+    MAP,
     GUTTER,
     DIRECTIONAL,
     SUPERSAMPLE,
@@ -55,7 +56,7 @@ static const tool_option table[OPTION_COUNT] = {
     [OUTPUT] = { "--output", "FILE", TEXT, &common.output, 0, 0, 0,
                  "also -o; with --lightmap FILE is a folder, which is created if it does not exist" },
     [LIGHTMAP] = { "--lightmap", "N", INTEGERS, &options.lightmap, 1, 1, 16384,
-                   "bakes all meshes that have second texture coordinates (TEXCOORD_1; scripts/unwrap makes them) into "
+                   "bakes all meshes that have second texture coordinates (TEXCOORD_1; sbl_unwrap makes them) into "
                    "one map\n"
                    "of N x N texels, and writes these files into the folder of --output:\n"
                    "lightmap.pfm, lightmap.exr    R (irradiance / pi) of each texel, linear; 0 where there is no "
@@ -67,6 +68,10 @@ static const tool_option table[OPTION_COUNT] = {
                    "refers to\n"
                    "                              atlas.png: irradiance = intensity * texture, R = irradiance / pi\n"
                    "overlap.png                   only if charts overlap; shared texels are red" },
+    [MAP] = { "--map", "K", INTEGERS, &common.reading.map, 1, 0, 9999,
+              "with --lightmap: bakes the meshes of map K alone, if sbl_unwrap has made several maps for the scene; "
+              "the first\n"
+              "is 0. Use one --store for all" },
     [GUTTER] = { "--gutter", "TEXELS", INTEGERS, &options.gutter, 1, 0, 16384,
                  "width of the gutters: atlas continues the light this far beyond the charts; default 16" },
     [DIRECTIONAL] = { "--directional", NULL, FLAG, NULL, 0, 0, 0,
@@ -149,6 +154,7 @@ static int given[OPTION_COUNT];
 static const tool_line lines[] = {
     { TOOL_HEADING, "What:" },
     { LIGHTMAP, "a map of N x N texels, into a folder" },
+    { MAP, NULL },
     { DIRECTIONAL, "also how the light of the map depends on direction" },
     { VERTICES, "light at the vertices, into a .ply or .gltf file" },
     { AVERAGE, NULL },
@@ -181,11 +187,12 @@ static void print_help(void) {
         "       sbl_bake SCENE --vertices -o FILE.ply|FILE.gltf [options]\n"
         "       sbl_bake SCENE --probes NXxNYxNZ|LIST -o FILE.json [options]\n\n"
         "Bakes the light of a scene file: .obj .gltf .glb, and others that assimp reads.\n"
-        "A lightmap needs second texture coordinates, which scripts/unwrap makes.\n");
+        "A lightmap needs second texture coordinates, which sbl_unwrap makes.\n");
     tool_print_help(table, OPTION_COUNT, lines, (int)(sizeof lines / sizeof *lines), common.help_all);
     if (!common.help_all) return;
-    printf("\nMaterials and lights are read as by sbl_render. If a mesh is used several times, all uses have the same\n"
-           "coordinates and overlap in a lightmap; scripts/unwrap makes each use a mesh of its own.\n"
+    printf("\nMaterials and lights are read as by sbl_render. If a mesh is used several times, each use needs its own "
+           "place in\n"
+           "a lightmap, or all overlap: lightmapScaleOffset in the extras of its node in glTF; sbl_unwrap writes it.\n"
            "\nEach file is written completely or not at all.\n"
            "\nIf you press Ctrl-C, the unfinished lightmap is saved as lightmap.partial.pfm in the folder, and the "
            "program ends.\n"
@@ -218,7 +225,7 @@ static int parse_part(void) {
 
 static int parse(int argc, char **argv) {
     static const int of_lightmaps[] = {
-        GUTTER, DIRECTIONAL, SUPERSAMPLE, TARGET_ERROR, TILE, THRESHOLD, FILTER_RADIUS, PLAN, JOIN, RESUME
+        MAP, GUTTER, DIRECTIONAL, SUPERSAMPLE, TARGET_ERROR, TILE, THRESHOLD, FILTER_RADIUS, PLAN, JOIN, RESUME
     };
     static const int of_vertices[] = { AVERAGE, SAMPLES, SMOOTHING };
     int i;
