@@ -28,29 +28,33 @@ function read(file) {
     return { json: JSON.parse(bytes.subarray(20, 20 + length)), buffers: [bytes.subarray(28 + length)] };
 }
 
-function values({ json, buffers }, i) {
-    const a = json.accessors[i],
-        v = json.bufferViews[a.bufferView],
-        Kind = KINDS[a.componentType],
-        n = SIZES[a.type];
-    const out = [],
-        step = v.byteStride || n * Kind.BYTES_PER_ELEMENT;
-    for (let k = 0; k < a.count; k++) {
-        const from = (v.byteOffset || 0) + (a.byteOffset || 0) + k * step;
-        assert(
-            k * step + n * Kind.BYTES_PER_ELEMENT + (a.byteOffset || 0) <= v.byteLength,
-            `accessor ${i} is too long`
-        );
-        out.push([
-            ...new Kind(new Uint8Array(buffers[v.buffer].subarray(from, from + n * Kind.BYTES_PER_ELEMENT)).buffer)
-        ]);
+function list(scene, source, type, count, Kind) {
+    const v = scene.json.bufferViews[source.bufferView], n = SIZES[type], out = [], bytes = n * Kind.BYTES_PER_ELEMENT;
+    for (let k = 0; k < count; k++) {
+        const at = (source.byteOffset || 0) + k * (v.byteStride || bytes), from = (v.byteOffset || 0) + at;
+        assert(at + bytes <= v.byteLength, 'an accessor is longer than its view');
+        out.push([...new Kind(new Uint8Array(scene.buffers[v.buffer].subarray(from, from + bytes)).buffer)]);
     }
     return out;
 }
 
+function values(scene, i) {
+    const a = scene.json.accessors[i], Kind = KINDS[a.componentType];
+    const out = a.bufferView === undefined ? Array.from({ length: a.count }, () => new Array(SIZES[a.type]).fill(0))
+                                           : list(scene, a, a.type, a.count, Kind);
+    if (!a.sparse) return out;
+    const at = list(scene, a.sparse.indices, 'SCALAR', a.sparse.count, KINDS[a.sparse.indices.componentType]);
+    list(scene, a.sparse.values, a.type, a.sparse.count, Kind).forEach((v, k) => { out[at[k][0]] = v; });
+    return out;
+}
+
 function corners(scene, primitive) {
-    if (primitive.indices !== undefined) return values(scene, primitive.indices).map(([i]) => i);
-    return values(scene, primitive.attributes.POSITION).map((_, i) => i);
+    const all = primitive.indices !== undefined ? values(scene, primitive.indices).map(([i]) => i)
+                                                : values(scene, primitive.attributes.POSITION).map((_, i) => i);
+    const faces = all.slice(2).map((_, i) => i);
+    if (primitive.mode === 5) return faces.flatMap((i) => [all[i], all[i + 1 + i % 2], all[i + 2 - i % 2]]);
+    if (primitive.mode === 6) return faces.flatMap((i) => [all[i + 1], all[i + 2], all[0]]);
+    return all;
 }
 
 // Returns all triangles of all uses: { node, chart, p: three places in the world, t: three places in the map, 0 to 1 }.
@@ -64,7 +68,8 @@ function triangles(scene) {
         for (const primitive of scene.json.meshes[n.mesh].primitives) {
             if (primitive.mode < 4) continue;
             const p = values(scene, primitive.attributes.POSITION),
-                uv = values(scene, primitive.attributes.TEXCOORD_1);
+                set = primitive.attributes.TEXCOORD_1,
+                uv = set === undefined ? p : values(scene, set);
             const list = corners(scene, primitive);
             for (let i = 0; i < list.length; i += 3)
                 out.push({
@@ -97,6 +102,31 @@ function texels({ t }, size, visit) {
             if (Math.min(sign * turn(a, b, q), sign * turn(b, c, q), sign * turn(c, a, q)) > 1e-3) visit(x, y);
         }
     }
+}
+
+// Returns all that a scene says, with the elements of accessors in their places, without second coordinates. has:
+// returns whether a primitive had a first set in the beginning.
+function plain(scene, has) {
+    const json = JSON.parse(JSON.stringify(scene.json));
+    for (const key of ['accessors', 'bufferViews', 'buffers']) delete json[key];
+    for (const n of json.nodes) {
+        for (const key of ['lightmapScaleOffset', 'lightmapIndex']) if (n.extras) delete n.extras[key];
+        if (n.extras && !Object.keys(n.extras).length) delete n.extras;
+    }
+    const shown = (i, all) => [{ ...scene.json.accessors[i], bufferView: 0, byteOffset: 0, sparse: 0, count: 0 },
+                               all ? all.map((v) => values(scene, i)[v]) : values(scene, i)];
+    for (const [m, mesh] of json.meshes.entries())
+        for (const [k, primitive] of mesh.primitives.entries()) {
+            const own = scene.json.meshes[m].primitives[k], all = own.mode < 4 ? null : corners(scene, own);
+            const isKept = (key) => key !== 'TEXCOORD_1' && (key !== 'TEXCOORD_0' || has(m, k));
+            for (const key of ['indices', 'attributes', 'targets']) delete primitive[key];
+            primitive.sets = [own.attributes, ...(own.targets || [])].map((set) => Object.fromEntries(
+                Object.entries(set).filter(([key]) => isKept(key)).map(([key, i]) => [key, shown(i, all)])));
+        }
+    for (const animation of json.animations || [])
+        for (const sampler of animation.samplers)
+            for (const key of ['input', 'output']) sampler[key] = values(scene, sampler[key]);
+    return json;
 }
 
 // ---- checks ----
@@ -153,53 +183,15 @@ const checks = {
 
     // same BEFORE AFTER: all that a scene says is unchanged, except for the second coordinates
     same(before, after) {
-        const scenes = [read(before), read(after)],
-            shown = scenes.map((scene) => {
-                const json = JSON.parse(JSON.stringify(scene.json));
-                for (const key of ['accessors', 'bufferViews', 'buffers']) delete json[key];
-                for (const n of json.nodes) {
-                    for (const key of ['lightmapScaleOffset', 'lightmapIndex']) if (n.extras) delete n.extras[key];
-                    if (n.extras && !Object.keys(n.extras).length) delete n.extras;
-                }
-                for (const [m, mesh] of json.meshes.entries())
-                    for (const [k, primitive] of mesh.primitives.entries()) {
-                        const own = scene.json.meshes[m].primitives[k],
-                            list = corners(scene, own);
-                        const sets = [own.attributes, ...(own.targets || [])].map((set) =>
-                            Object.fromEntries(
-                                Object.entries(set)
-                                    .filter(
-                                        ([key]) =>
-                                            key !== 'TEXCOORD_1' &&
-                                            (key !== 'TEXCOORD_0' ||
-                                                read(before).json.meshes[m].primitives[k].attributes.TEXCOORD_0 !==
-                                                    undefined)
-                                    )
-                                    .map(([key, i]) => [
-                                        key,
-                                        {
-                                            ...scene.json.accessors[i],
-                                            bufferView: 0,
-                                            byteOffset: 0,
-                                            sparse: 0,
-                                            count: 0
-                                        },
-                                        own.mode < 4 ? values(scene, i) : list.map((v) => values(scene, i)[v])
-                                    ])
-                                    .map(([key, ...rest]) => [key, rest])
-                            )
-                        );
-                        delete primitive.indices;
-                        delete primitive.attributes;
-                        delete primitive.targets;
-                        primitive.sets = sets;
-                    }
-                for (const animation of json.animations || [])
-                    for (const s of animation.samplers)
-                        [s.input, s.output] = [values(scene, s.input), values(scene, s.output)];
-                return json;
-            });
-        assert.deepStrictEqual(shown[1], shown[0]);
+        const old = read(before), has = (m, k) => old.json.meshes[m].primitives[k].attributes.TEXCOORD_0 !== undefined;
+        assert.deepStrictEqual(plain(read(after), has), plain(old, has));
+    },
+
+    // surface BEFORE AFTER: the same triangles, in the same order
+    surface(before, after) {
+        const [a, b] = [before, after].map((name) => triangles(read(name)).map((t) => t.p));
+        assert(a.length > 0);
+        assert.deepStrictEqual(b, a);
     },
 
     // places FILE NAME...: these nodes share a mesh, and each has a place; others have none
@@ -286,226 +278,169 @@ class Maker {
     }
 }
 
+const VIEW = { target: 34962 }, BOUNDS = { min: [0, 0, 0], max: [1, 1, 1] };
+
 // A box from 0 to 1: its faces have corners of their own. shared: corners are shared, without normals.
 function box(maker, shared) {
-    const places = [],
-        normals = [],
-        list = [];
+    const places = [], normals = [], all = [];
     for (let axis = 0; axis < 3; axis++)
         for (const side of [0, 1]) {
-            const first = places.length / 3,
-                [u, v] = [(axis + 1) % 3, (axis + 2) % 3];
-            for (const [a, b] of [
-                [0, 0],
-                [1, 0],
-                [1, 1],
-                [0, 1]
-            ]) {
-                const p = [0, 0, 0],
-                    n = [0, 0, 0];
-                [p[axis], p[u], p[v], n[axis]] = [side, a, b, 2 * side - 1];
+            const first = places.length / 3, u = (axis + 1) % 3, v = (axis + 2) % 3;
+            for (let corner = 0; corner < 4; corner++) {
+                const p = [0, 0, 0], n = [0, 0, 0];
+                [p[axis], p[u], p[v], n[axis]] = [side, +(corner % 3 > 0), +(corner > 1), 2 * side - 1];
                 places.push(...p);
                 normals.push(...n);
             }
-            list.push(...(side ? [0, 1, 2, 0, 2, 3] : [0, 2, 1, 0, 3, 2]).map((i) => first + i));
+            all.push(...(side ? [0, 1, 2, 0, 2, 3] : [0, 2, 1, 0, 3, 2]).map((i) => first + i));
         }
     if (shared) {
         const corner = [0, 1, 2, 3, 4, 5, 6, 7].flatMap((i) => [i & 1, (i >> 1) & 1, i >> 2]);
         const number = (i) => places[3 * i] + 2 * places[3 * i + 1] + 4 * places[3 * i + 2];
-        return {
-            attributes: {
-                POSITION: maker.add(
-                    Float32Array.from(corner),
-                    'VEC3',
-                    { min: [0, 0, 0], max: [1, 1, 1] },
-                    { target: 34962 }
-                ),
-                _HEAT: maker.add(
-                    Float32Array.from({ length: 8 }, (_, i) => i),
-                    'SCALAR'
-                )
-            },
-            indices: maker.add(Uint8Array.from(list.map(number)), 'SCALAR', { max: [7] }, { target: 34963 })
-        };
+        const heat = Float32Array.from({ length: 8 }, (_, i) => i);
+        return { attributes: { POSITION: maker.add(Float32Array.from(corner), 'VEC3', BOUNDS, VIEW),
+                               _HEAT: maker.add(heat, 'SCALAR'),
+                               COLOR_0: maker.add(Uint8Array.from({ length: 24 }, (_, i) => 10 * i), 'VEC3',
+                                                  { normalized: true }) },
+                 indices: maker.add(Uint8Array.from(all.map(number)), 'SCALAR', { max: [7] }, { target: 34963 }) };
     }
-    return {
-        attributes: {
-            POSITION: maker.add(Float32Array.from(places), 'VEC3', { min: [0, 0, 0], max: [1, 1, 1] }),
-            NORMAL: maker.add(Float32Array.from(normals), 'VEC3')
-        },
-        indices: maker.add(Uint16Array.from(list), 'SCALAR')
-    };
+    return { attributes: { POSITION: maker.add(Float32Array.from(places), 'VEC3', BOUNDS),
+                           NORMAL: maker.add(Float32Array.from(normals), 'VEC3') },
+             indices: maker.add(Uint16Array.from(all), 'SCALAR') };
+}
+
+// Returns an accessor of 8 vectors, of which number 5 is (0, 0.25, 0), and the others are 0.
+function sparse(maker) {
+    const [indices, values] = [maker.add(Uint16Array.of(5), 'SCALAR'), maker.add(Float32Array.of(0, 0.25, 0), 'VEC3')]
+        .map((i) => ({ bufferView: maker.json.accessors[i].bufferView }));
+    maker.json.accessors.push({ componentType: 5126, type: 'VEC3', count: 8, name: 'a target', min: [0, 0, 0],
+                                max: [0, 0.25, 0],
+                                sparse: { count: 1, indices: { ...indices, componentType: 5123 }, values } });
+    return maker.json.accessors.length - 1;
+}
+
+// What a scene may have besides meshes.
+function things(maker, json) {
+    const lights = [{ type: 'directional', intensity: 10, name: 'sun' }];
+    const wood = { baseColorFactor: [0.5, 0.5, 0.5, 1], metallicFactor: 0, roughnessFactor: 1 };
+    json.materials = [{ name: 'wood', pbrMetallicRoughness: wood },
+                      { name: 'lacquer', pbrMetallicRoughness: { roughnessFactor: 0.2503 }, extras: { n: 1e-7 } }];
+    json.cameras = [{ type: 'perspective', perspective: { yfov: 0.7, znear: 0.01 }, name: 'eye' }];
+    json.extensionsUsed = ['KHR_lights_punctual', 'EXT_unknown'];
+    json.extensions = { KHR_lights_punctual: { lights }, EXT_unknown: { a: [] } };
+    json.animations = [{ name: 'sway', samplers: [{ input: maker.add(Float32Array.of(0, 1), 'SCALAR'),
+                                                    output: maker.add(Float32Array.of(0, 3, 12, 1, 3, 12), 'VEC3') }],
+                         channels: [{ sampler: 0, target: { node: 5, path: 'translation' } }] }];
 }
 
 // Two boxes of one mesh, the second twice as large and below a roof; a sun shines from above. A mesh with shared
 // corners, a morph target, an animation, a line, and unknown things.
 function rich(folder) {
-    const maker = new Maker(),
-        { json } = maker,
-        target = new Float32Array(24).fill(0.25);
-    const soft = box(maker, true),
-        line = maker.add(Float32Array.of(0, 0, 0, 1, 1, 1), 'VEC3', { min: [0, 0, 0], max: [1, 1, 1] });
-    soft.targets = [
-        { POSITION: maker.add(target, 'VEC3', { min: [0.25, 0.25, 0.25], max: [0.25, 0.25, 0.25], name: 'a target' }) }
-    ];
+    const maker = new Maker(), { json } = maker, soft = { ...box(maker, true), targets: [{ POSITION: sparse(maker) }] };
+    const line = maker.add(Float32Array.of(0, 0, 0, 1, 1, 1), 'VEC3', BOUNDS);
     soft.material = 1;
     soft.extensions = { EXT_unknown: { mappings: [1, 2] } };
-    json.meshes = [
-        { name: 'crate', primitives: [{ ...box(maker), material: 0 }], extras: { price: 3 } },
-        { name: 'soft', primitives: [soft, { attributes: { POSITION: line }, mode: 1 }], weights: [0] },
-        { name: 'roof', primitives: [{ ...box(maker), material: 0 }] }
-    ];
-    json.materials = [
-        {
-            name: 'wood',
-            pbrMetallicRoughness: { baseColorFactor: [0.5, 0.5, 0.5, 1], metallicFactor: 0, roughnessFactor: 1 }
-        },
-        { name: 'lack', pbrMetallicRoughness: { metallicFactor: 0, roughnessFactor: 0.2503 }, extras: { n: 1e-7 } }
-    ];
-    json.cameras = [{ type: 'perspective', perspective: { yfov: 0.7, znear: 0.01 }, name: 'eye' }];
-    json.extensionsUsed = ['KHR_lights_punctual', 'EXT_unknown'];
-    json.extensions = {
-        KHR_lights_punctual: { lights: [{ type: 'directional', intensity: 10, name: 'sun' }] },
-        EXT_unknown: { a: [] }
-    };
-    json.nodes = [
-        { name: 'one', mesh: 0, translation: [-3, 0, 0], extras: { keep: 'me' } },
-        { name: 'two', mesh: 0, translation: [2, 0, 0], scale: [2, 2, 2] },
-        { name: 'soft', mesh: 1, translation: [-3, 0, 6] },
-        { name: 'roof', mesh: 2, translation: [1, 4, -1], scale: [4, 0.1, 4] },
-        {
-            name: 'sun',
-            rotation: [-Math.SQRT1_2, 0, 0, Math.SQRT1_2],
-            extensions: { KHR_lights_punctual: { light: 0 } }
-        },
-        { name: 'eye', camera: 0, translation: [0, 3, 12] }
-    ];
+    json.meshes = [{ name: 'crate', primitives: [{ ...box(maker), material: 0 }], extras: { price: 3 } },
+                   { name: 'soft', primitives: [soft, { attributes: { POSITION: line }, mode: 1 }], weights: [0] },
+                   { name: 'roof', primitives: [{ ...box(maker), material: 0 }] }];
+    things(maker, json);
+    json.nodes = [{ name: 'one', mesh: 0, translation: [-3, 0, 0], extras: { keep: 'me' } },
+                  { name: 'two', mesh: 0, translation: [2, 0, 0], scale: [2, 2, 2] },
+                  { name: 'soft', mesh: 1, translation: [-3, 0, 6] },
+                  { name: 'roof', mesh: 2, translation: [1, 4, -1], scale: [4, 0.1, 4] },
+                  { name: 'sun', rotation: [-Math.SQRT1_2, 0, 0, Math.SQRT1_2],
+                    extensions: { KHR_lights_punctual: { light: 0 } } },
+                  { name: 'eye', camera: 0, translation: [0, 3, 12] }];
     json.scenes = [{ nodes: [0, 1, 2, 3, 4, 5], name: 'all' }];
     json.scene = 0;
-    json.animations = [
-        {
-            name: 'sway',
-            samplers: [
-                {
-                    input: maker.add(Float32Array.of(0, 1), 'SCALAR', { min: [0], max: [1] }),
-                    output: maker.add(Float32Array.of(0, 3, 12, 1, 3, 12), 'VEC3')
-                }
-            ],
-            channels: [{ sampler: 0, target: { node: 5, path: 'translation' } }]
-        }
-    ];
     maker.write(path.join(folder, 'rich.gltf'));
 }
 
-// Broken variants of a triangle; each is one change.
+// A strip, a fan and a list, without and with indices, that share vertices, one of which only the sparse part of their
+// accessor places; and a triangle without area.
+function odd(folder) {
+    const maker = new Maker(), { json } = maker, places = [0, 0, 0, 1, 0, 0, 0, 1, 0, 9, 9, 9, 0, 2, 0, 1, 2, 1];
+    const POSITION = maker.add(Float32Array.from(places), 'VEC3', { min: [0, 0, 0], max: [1, 2, 1] });
+    const at = maker.add(Uint8Array.of(3), 'SCALAR'), to = maker.add(Float32Array.of(1, 1, 0), 'VEC3');
+    const view = (i) => ({ bufferView: json.accessors[i].bufferView });
+    json.accessors[POSITION].sparse = { count: 1, indices: { ...view(at), componentType: 5121 }, values: view(to) };
+    const of = (mode, ...i) => ({ attributes: { POSITION }, mode, indices: maker.add(Uint8Array.from(i), 'SCALAR') });
+    json.meshes = [{ primitives: [{ attributes: { POSITION }, mode: 5 }, of(6, 0, 2, 3, 1), of(4, 0, 1, 5, 0, 1, 1)] }];
+    json.nodes = [{ mesh: 0 }];
+    maker.write(path.join(folder, 'odd.gltf'));
+}
+
+// One change each of a good scene, which makes it a bad one.
+const unknown = { indices: { bufferView: 1, componentType: 5123, byteOffset: 4 }, values: { bufferView: 5 } };
+const CHANGES = {
+    index: (m) => { m.pieces[2] = Buffer.from([0, 0, 1, 0, 9, 0]); },
+    nan: (m) => { m.pieces[0].writeFloatLE(NaN, 4); },
+    accessor: (m) => { m.json.meshes[0].primitives[0].attributes.POSITION = 7; },
+    count: (m) => { m.json.accessors[0].count = 4e9; },
+    long: (m) => { m.json.accessors[0].count = 300; },
+    view: (m) => { m.json.bufferViews[0].byteOffset = 1e6; },
+    stride: (m) => { m.json.bufferViews[0].byteStride = 1e9; },
+    sparse: (m) => { m.json.accessors[0].sparse = { count: 1, ...unknown }; },
+    loop: (m) => {
+        m.json.nodes = [{ children: [1] }, { mesh: 0, children: [0] }];
+        m.json.scenes = [{ nodes: [0] }];
+    },
+    draco: (m) => { m.json.meshes[0].primitives[0].extensions = { KHR_draco_mesh_compression: {} }; },
+    meshopt: (m) => { m.json.bufferViews[0].extensions = { EXT_meshopt_compression: { buffer: 0 } }; },
+    flat: (m) => { m.pieces[0] = Buffer.alloc(36); },
+    type: (m) => { m.json.accessors[0].type = 'VEC2'; },
+    nodes: (m) => { m.json.nodes = 5; },
+    primitives: (m) => { m.json.meshes[0].primitives = { length: 3 }; },
+    attributes: (m) => { m.json.meshes[0].primitives[0].attributes = 'POSITION'; },
+    child: (m) => { m.json.nodes[0].children = [1e9]; },
+    huge: (m) => { m.json.nodes[0].scale = [1e300, 1e300, 1e300]; },
+    pair: (m) => { m.json.accessors[1].count = 2; }
+};
+
 function broken(folder) {
     const base = () => {
-        const maker = new Maker();
-        maker.json.meshes = [
-            {
-                primitives: [
-                    {
-                        attributes: { POSITION: maker.add(Float32Array.of(0, 0, 0, 1, 0, 0, 0, 1, 0), 'VEC3') },
-                        indices: maker.add(Uint16Array.of(0, 1, 2), 'SCALAR')
-                    }
-                ]
-            }
-        ];
+        const maker = new Maker(), POSITION = maker.add(Float32Array.of(0, 0, 0, 1, 0, 0, 0, 1, 0), 'VEC3');
+        const indices = maker.add(Uint16Array.of(0, 1, 2), 'SCALAR');
+        maker.json.meshes = [{ primitives: [{ attributes: { POSITION }, indices }] }];
         maker.json.nodes = [{ mesh: 0 }];
         return maker;
     };
-    const changes = {
-        index: (m) => {
-            m.pieces[2] = Buffer.from([0, 0, 1, 0, 9, 0]);
-        },
-        nan: (m) => {
-            m.pieces[0].writeFloatLE(NaN, 4);
-        },
-        accessor: (m) => {
-            m.json.meshes[0].primitives[0].attributes.POSITION = 7;
-        },
-        count: (m) => {
-            m.json.accessors[0].count = 4e9;
-        },
-        long: (m) => {
-            m.json.accessors[0].count = 300;
-        },
-        view: (m) => {
-            m.json.bufferViews[0].byteOffset = 1e6;
-        },
-        stride: (m) => {
-            m.json.bufferViews[0].byteStride = 1e9;
-        },
-        sparse: (m) => {
-            m.json.accessors[0].sparse = {
-                count: 1,
-                indices: { bufferView: 1, componentType: 5123, byteOffset: 4 },
-                values: { bufferView: 5 }
-            };
-        },
-        loop: (m) => {
-            m.json.nodes = [{ children: [1] }, { mesh: 0, children: [0] }];
-            m.json.scenes = [{ nodes: [0] }];
-        },
-        draco: (m) => {
-            m.json.meshes[0].primitives[0].extensions = {
-                KHR_draco_mesh_compression: { bufferView: 0, attributes: {} }
-            };
-        },
-        meshopt: (m) => {
-            m.json.bufferViews[0].extensions = { EXT_meshopt_compression: { buffer: 0 } };
-        },
-        flat: (m) => {
-            m.pieces[0] = Buffer.alloc(36);
-        },
-        type: (m) => {
-            m.json.accessors[0].type = 'VEC2';
-        },
-        nodes: (m) => {
-            m.json.nodes = 5;
-        },
-        pair: (m) => {
-            m.json.accessors[1].count = 2;
-        }
-    };
-    for (const [name, change] of Object.entries(changes)) {
+    for (const [name, change] of Object.entries(CHANGES)) {
         const maker = base();
         change(maker);
         maker.write(path.join(folder, `${name}.gltf`));
     }
-    const whole = base();
-    whole.write(path.join(folder, 'short.gltf'));
+    const write = (name, text) => fs.writeFileSync(path.join(folder, name), text);
+    base().write(path.join(folder, 'short.gltf'));
+    const text = fs.readFileSync(path.join(folder, 'short.gltf'), 'utf8');
     fs.truncateSync(path.join(folder, 'short.bin'), 20);
-    whole.write(path.join(folder, 'outside.gltf'));
-    const text = fs.readFileSync(path.join(folder, 'outside.gltf'), 'utf8');
-    fs.writeFileSync(path.join(folder, 'outside.gltf'), text.replace('outside.bin', '%2e%2e/secret.bin'));
-    fs.writeFileSync(path.join(folder, 'cut.gltf'), text.slice(0, 99));
-    fs.writeFileSync(path.join(folder, 'cut.glb'), Buffer.from('glTF\x02\0\0\0\xff\0\0\0\xff\0\0\0JSON{}', 'latin1'));
-    fs.writeFileSync(path.join(folder, 'empty.gltf'), '');
+    write('outside.gltf', text.replace('short.bin', '%2e%2e/rich.bin'));
+    write('absolute.gltf', text.replace('short.bin', path.resolve(folder, '../rich.bin')));
+    fs.symlinkSync('../rich.bin', path.join(folder, 'link.bin'));
+    write('linked.gltf', text.replace('short.bin', 'link.bin'));
+    write('folder.gltf', text.replace('short.bin', '.'));
+    write('remote.gltf', text.replace('short.bin', 'http://localhost/a.bin'));
+    write('cut.gltf', text.slice(0, 99));
+    write('cut.glb', Buffer.from('glTF\x02\0\0\0\xff\0\0\0\xff\0\0\0JSON{}', 'latin1'));
+    write('empty.gltf', '');
+    write('null.gltf', 'null');
+    write('bad.obj', 'f 1 2 3\n');
 }
 
-// A square with a second UV set, whose triangles overlap if `overlaps`; it is bare of a first set.
+// A square with a second UV set and without a first one.
 function square(folder, name, uv) {
-    const maker = new Maker();
-    maker.json.meshes = [
-        {
-            name: 'square',
-            primitives: [
-                {
-                    attributes: {
-                        POSITION: maker.add(Float32Array.of(0, 0, 0, 1, 0, 0, 1, 0, -1, 0, 0, -1), 'VEC3', {
-                            min: [0, 0, -1],
-                            max: [1, 0, 0]
-                        }),
-                        TEXCOORD_1: maker.add(Float32Array.from(uv), 'VEC2')
-                    },
-                    indices: maker.add(Uint16Array.of(0, 1, 2, 0, 2, 3), 'SCALAR')
-                }
-            ]
-        }
-    ];
-    maker.json.nodes = [{ mesh: 0, name: 'square' }];
+    const maker = new Maker(), { json } = maker, places = [0, 0, 0, 1, 0, 0, 1, 0, -1, 0, 0, -1];
+    const POSITION = maker.add(Float32Array.from(places), 'VEC3', { min: [0, 0, -1], max: [1, 0, 0] });
+    const attributes = { POSITION, TEXCOORD_1: maker.add(Float32Array.from(uv), 'VEC2') };
+    const indices = maker.add(Uint16Array.of(0, 1, 2, 0, 2, 3), 'SCALAR');
+    json.meshes = [{ name: 'square', primitives: [{ attributes, indices }] }];
+    json.nodes = [{ mesh: 0, name: 'square' }];
+    json.scenes = [{ nodes: [0] }];
     maker.write(path.join(folder, name));
+    if (name !== 'usable.gltf') return;
+    json.nodes.push({ mesh: 0, name: 'other', translation: [2, 0, 0], scale: [0.5, 0.5, 0.5] });
+    json.scenes[0].nodes.push(1);
+    maker.write(path.join(folder, 'usable_twice.gltf'));
 }
 
 const [what, ...words] = process.argv.slice(2),
@@ -513,6 +448,7 @@ const [what, ...words] = process.argv.slice(2),
 if (what === 'make') {
     const folder = words[0];
     rich(folder);
+    odd(folder);
     square(folder, 'usable.gltf', [0, 0, 1, 0, 1, 1, 0, 1]);
     square(folder, 'overlaps.gltf', [0, 0, 1, 0, 1, 1, 1, 0]);
     square(folder, 'beyond.gltf', [0, 0, 2, 0, 2, 1, 0, 1]);
