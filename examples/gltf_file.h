@@ -6,7 +6,7 @@
    the lightmap (index of the texture, texCoord 1, intensity); viewers compute irradiance = intensity * texture, decoded
    from sRGB. Include after sbl.h and picture_file.h. This file includes stb_image_write.h.
 
-       gltf_file out = { &file->scene, file->names, "scene.bin", "atlas.png", 3.5, NULL };
+       gltf_file out = { &file->scene, file->names, "scene.bin", "atlas.png", 3.5, NULL, 0, NULL };
        ok = gltf_write_json(stream, &out);
 
    gltf_write_bin and gltf_write_texture write the other files in the same way. */
@@ -22,9 +22,9 @@ typedef struct gltf_file {
     const char *bin;            /* file name of the .bin */
     const char *lightmap;       /* file name of the lightmap, or NULL */
     double intensity;           /* irradiance divided by the linear value of the lightmap */
+    const float *radiance;      /* NULL, or three floats per vertex, mesh after mesh: the attribute _RADIANCE */
     int has_lights;             /* 1: the lights of the scene are written as well */
     const float *camera;        /* NULL, or a camera: eye, forward and up, three floats each, and fov_y in degrees */
-    const float *radiance;      /* NULL, or three floats per vertex, mesh after mesh: the attribute _RADIANCE */
 } gltf_file;
 
 enum { GLTF_NAME = 32 };  /* size of a texture's file name */

@@ -113,8 +113,10 @@ function plain(scene, has) {
         for (const key of ['lightmapScaleOffset', 'lightmapIndex']) if (n.extras) delete n.extras[key];
         if (n.extras && !Object.keys(n.extras).length) delete n.extras;
     }
-    const shown = (i, all) => [{ ...scene.json.accessors[i], bufferView: 0, byteOffset: 0, sparse: 0, count: 0 },
-                               all ? all.map((v) => values(scene, i)[v]) : values(scene, i)];
+    const shown = (i, all) => {
+        const list = values(scene, i), a = scene.json.accessors[i];
+        return [{ ...a, bufferView: 0, byteOffset: 0, sparse: 0, count: 0 }, all ? all.map((v) => list[v]) : list];
+    };
     for (const [m, mesh] of json.meshes.entries())
         for (const [k, primitive] of mesh.primitives.entries()) {
             const own = scene.json.meshes[m].primitives[k], all = own.mode < 4 ? null : corners(scene, own);
