@@ -1,12 +1,12 @@
 /* Writes a scene as glTF 2.0: a .gltf, a .bin with the arrays, and a .png for each texture. The arrays of the scene
    must lie in client memory, with 32-bit floats and indices, and pixels of colours must be sRGB or floats, as
-   scene_file.h makes them. Lights are left out, because the scene is meant to be drawn with baked light. If some
+   scene_file.h makes them. Lights are left out unless has_lights is set, because baked light replaces them. If some
    materials are not matte or let light pass, matte ones get KHR_materials_specular with the factor 0, which removes
    reflections. SBL_MATERIAL_BLEND becomes alphaMode BLEND, which has no cutoff. The extension MOZ_lightmap refers to
    the lightmap (index of the texture, texCoord 1, intensity); viewers compute irradiance = intensity * texture, decoded
    from sRGB. Include after sbl.h and picture_file.h. This file includes stb_image_write.h.
 
-       gltf_file out = { &file->scene, file->names, "scene.bin", "atlas.png", 3.5, NULL, NULL };
+       gltf_file out = { &file->scene, file->names, "scene.bin", "atlas.png", 3.5, NULL, NULL, 0, NULL };
        ok = gltf_write_json(stream, &out);
 
    gltf_write_bin and gltf_write_texture write the other files in the same way. */
@@ -24,6 +24,8 @@ typedef struct gltf_file {
     double intensity;           /* irradiance divided by the linear value of the lightmap */
     const float *radiance;      /* NULL, or three floats per vertex, mesh after mesh: the attribute _RADIANCE */
     const char *extras;         /* NULL, or an object of JSON, which becomes the extras of the asset */
+    int has_lights;             /* 1: the lights of the scene are written as well */
+    const float *camera;        /* NULL, or a camera: eye, forward and up, three floats each, and fov_y in degrees */
 } gltf_file;
 
 enum { GLTF_NAME = 32 };  /* size of a texture's file name */
@@ -287,10 +289,76 @@ static double gltf__put_arrays(FILE *out, const gltf_file *f, int what) {
     return at;
 }
 
+/* ---- lights and camera ---- */
+
+static int gltf__light_count(const gltf_file *f) { return f->has_lights ? f->scene->light_count : 0; }
+
+/* Writes the matrix of a node at a place whose -z points forward. up: any vector. */
+static void gltf__put_frame(FILE *out, const float *eye, const float *forward, const float *up) {
+    double z[3], x[3] = { 0, 0, 0 }, y[3], m[16] = { 0 }, length = 0;
+    int k, pass;
+    for (k = 0; k < 3; k++) length += (double)forward[k] * (double)forward[k];
+    for (k = 0; k < 3; k++) z[k] = length > 0 ? -(double)forward[k] / sqrt(length) : k == 2;
+    for (pass = 0, length = 0; pass < 2 && !(length > 1e-12); pass++) {  /* second pass: up is parallel to forward */
+        const double a[3] = { (double)up[pass], (double)up[(1 + pass) % 3], (double)up[(2 + pass) % 3] };
+        for (k = 0; k < 3; k++) x[k] = a[(k + 1) % 3] * z[(k + 2) % 3] - a[(k + 2) % 3] * z[(k + 1) % 3];
+        length = x[0] * x[0] + x[1] * x[1] + x[2] * x[2];
+    }
+    for (k = 0; k < 3; k++) x[k] /= sqrt(length);
+    for (k = 0; k < 3; k++) y[k] = z[(k + 1) % 3] * x[(k + 2) % 3] - z[(k + 2) % 3] * x[(k + 1) % 3];
+    for (k = 0; k < 3; k++) { m[k] = x[k]; m[4 + k] = y[k]; m[8 + k] = z[k]; m[12 + k] = (double)eye[k]; }
+    m[15] = 1;
+    for (k = 0; k < 16; k++) fprintf(out, "%s%.9g", k ? ", " : "\"matrix\": [", m[k]);
+    fputc(']', out);
+}
+
+/* Writes the nodes of lights and camera. nodes: number of nodes before them. Returns the number of all nodes. */
+static int gltf__put_light_nodes(FILE *out, const gltf_file *f, int nodes) {
+    static const float origin[3] = { 0, 0, 0 }, down[3] = { 0, 0, -1 }, up[3] = { 0, 1, 0 };
+    int i;
+    for (i = 0; i < gltf__light_count(f); i++, nodes++) {
+        const sbl_light *l = &f->scene->lights[i];
+        fprintf(out, "%s\n    {\"name\": \"light %d\", ", nodes ? "," : "", i);
+        gltf__put_frame(out, l->kind == SBL_LIGHT_DIRECTIONAL ? origin : l->position,
+                        l->kind == SBL_LIGHT_POINT ? down : l->direction, up);
+        fprintf(out, ", \"extensions\": {\"KHR_lights_punctual\": {\"light\": %d}}}", i);
+    }
+    if (!f->camera) return nodes;
+    fprintf(out, "%s\n    {\"name\": \"camera\", \"camera\": 0, ", nodes ? "," : "");
+    gltf__put_frame(out, f->camera, f->camera + 3, f->camera + 6);
+    fputc('}', out);
+    return nodes + 1;
+}
+
+static void gltf__put_lights(FILE *out, const gltf_file *f) {
+    static const char *const kinds[] = { "point", "spot", "directional" };
+    const double radians = atan(1.0) / 45;
+    int i, k;
+    if (f->camera)
+        fprintf(out, ",\n  \"cameras\": [{\"type\": \"perspective\", \"perspective\": {\"yfov\": %.9g, "
+                "\"znear\": 0.01}}]", (double)f->camera[9] * radians);
+    for (i = 0; i < gltf__light_count(f); i++) {
+        const sbl_light *l = &f->scene->lights[i];
+        double most = 0;
+        for (k = 0; k < 3; k++) if ((double)l->intensity[k] > most) most = (double)l->intensity[k];
+        fprintf(out, "%s\n    {\"type\": \"%s\", \"intensity\": %.9g, \"color\": [",
+                i ? "," : ",\n  \"extensions\": {\"KHR_lights_punctual\": {\"lights\": [",
+                kinds[l->kind == SBL_LIGHT_POINT ? 0 : l->kind == SBL_LIGHT_SPOT ? 1 : 2], most);
+        for (k = 0; k < 3; k++)
+            fprintf(out, "%s%.9g", k ? ", " : "", most > 0 ? (double)l->intensity[k] / most : 0);
+        fputc(']', out);
+        if (l->kind == SBL_LIGHT_SPOT)
+            fprintf(out, ", \"spot\": {\"innerConeAngle\": %.9g, \"outerConeAngle\": %.9g}",
+                    (double)l->inner_cone * radians / 2, (double)l->cone * radians / 2);
+        fputc('}', out);
+    }
+    if (i) fprintf(out, "\n  ]}}");
+}
+
 static void gltf__put_nodes(FILE *out, const gltf_file *f) {
     const sbl_mesh *m = f->scene->meshes;
     gltf__array arrays[GLTF_ARRAYS];
-    int number, k, moved, nodes = 0;
+    int number, k, moved, all, nodes = 0;
     for (number = 0; number < f->scene->mesh_count; number++, m++) {
         gltf__arrays(f, m, 0, arrays);
         if (!arrays[GLTF_POSITION].count) continue;
@@ -302,8 +370,9 @@ static void gltf__put_nodes(FILE *out, const gltf_file *f) {
             fprintf(out, "%s%.9g%s", k ? ", " : ", \"matrix\": [", (double)m->transform[k], k == 15 ? "]" : "");
         fputc('}', out);
     }
+    all = gltf__put_light_nodes(out, f, nodes);
     fprintf(out, "\n  ],\n  \"scene\": 0, \"scenes\": [{\"nodes\": [");
-    for (k = 0; k < nodes; k++) fprintf(out, "%s%d", k ? ", " : "", k);
+    for (k = 0; k < all; k++) fprintf(out, "%s%d", k ? ", " : "", k);
     fprintf(out, "]}]");
 }
 
@@ -328,10 +397,11 @@ static void gltf__put_textures(FILE *out, const gltf_file *f) {
 
 static void gltf__put_extensions_used(FILE *out, const gltf_file *f) {
     static const char *const names[] = { "KHR_materials_emissive_strength", "KHR_materials_ior",
-        "KHR_materials_specular", "KHR_materials_transmission", "MOZ_lightmap" };
-    int i, bits = f->lightmap ? 16 : 0, count = 0;
+        "KHR_materials_specular", "KHR_materials_transmission", "MOZ_lightmap",
+        "KHR_lights_punctual" };
+    int i, bits = (f->lightmap ? 16 : 0) | (gltf__light_count(f) ? 32 : 0), count = 0;
     for (i = 0; i < f->scene->material_count; i++) bits |= gltf__extensions(f, &f->scene->materials[i]);
-    for (i = 0; i < 5; i++)
+    for (i = 0; i < 6; i++)
         if (bits >> i & 1) fprintf(out, "%s\"%s\"", count++ ? ", " : ",\n  \"extensionsUsed\": [", names[i]);
     if (count) fputc(']', out);
 }
@@ -354,6 +424,7 @@ static inline int gltf_write_json(FILE *out, const gltf_file *f) {
     gltf__put_arrays(out, f, GLTF__MESHES);
     fprintf(out, "\n  ],\n  \"nodes\": [");
     gltf__put_nodes(out, f);
+    gltf__put_lights(out, f);
     fprintf(out, "\n}\n");
     return 1;
 }

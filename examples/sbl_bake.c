@@ -43,6 +43,7 @@ static struct options {
 enum {
     OUTPUT = COMMON_OPTIONS,
     LIGHTMAP,
+    MAP,
     GUTTER,
     FORMATS,
     LIT,
@@ -79,7 +80,7 @@ static const tool_option table[OPTION_COUNT] = {
     [OUTPUT] = { "--output", "FILE", TEXT, &common.output, 0, 0, 0,
                  "also -o; with --lightmap or --cubemaps, FILE is a folder, which is created if it does not exist" },
     [LIGHTMAP] = { "--lightmap", "N", INTEGERS, &options.lightmap, 1, 1, 16384,
-                   "bakes all meshes that have second texture coordinates (TEXCOORD_1; scripts/unwrap makes them) into "
+                   "bakes all meshes that have second texture coordinates (TEXCOORD_1; sbl_unwrap makes them) into "
                    "one map\n"
                    "of N x N texels, and writes these files into the folder of --output:\n"
                    "lightmap.exr     R (irradiance / pi) of each texel, linear; 0 where there is no surface; see "
@@ -92,6 +93,10 @@ static const tool_option table[OPTION_COUNT] = {
                    "                 atlas.png: irradiance = intensity * texture, R = irradiance / pi\n"
                    "scene_lit.glb    the scene with its light, for any viewer of glTF, see --lit\n"
                    "overlap.png      only if charts overlap; shared texels are red" },
+    [MAP] = { "--map", "K", INTEGERS, &common.reading.map, 1, 0, 9999,
+              "with --lightmap: bakes the meshes of map K alone, if sbl_unwrap has made several maps for the scene; "
+              "the first\n"
+              "is 0. Use one --store for all" },
     [GUTTER] = { "--gutter", "TEXELS", INTEGERS, &options.gutter, 1, 0, 16384,
                  "width of the gutters: atlas continues the light this far beyond the charts; default 16" },
     [FORMATS] = { "--formats", "LIST", TEXT, &options.format_list, 0, 0, 0,
@@ -238,6 +243,7 @@ static sbl_material *grouped_materials;  /* see groups_assign */
 static const tool_line lines[] = {
     { TOOL_HEADING, "What:" },
     { LIGHTMAP, "a map of N x N texels, into a folder" },
+    { MAP, NULL },
     { DIRECTIONAL, "also how the light of the map depends on direction" },
     { LIGHT_GROUPS, NULL },
     { AO, "also ambient occlusion and sky visibility" },
@@ -277,11 +283,12 @@ static void print_help(void) {
         "       sbl_bake SCENE --vertices -o FILE.ply|FILE.gltf [options]\n"
         "       sbl_bake SCENE --probes|--cubemaps AxBxC|LIST -o FILE|FOLDER [options]\n\n"
         "Bakes the light of a scene file: .obj .gltf .glb, and others that assimp reads.\n"
-        "A lightmap needs second texture coordinates, which scripts/unwrap makes.\n");
+        "A lightmap needs second texture coordinates, which sbl_unwrap makes.\n");
     tool_print_help(table, OPTION_COUNT, lines, (int)(sizeof lines / sizeof *lines), common.help_all);
     if (!common.help_all) return;
-    printf("\nMaterials and lights are read as by sbl_render. If a mesh is used several times, all uses have the same\n"
-           "coordinates and overlap in a lightmap; scripts/unwrap makes each use a mesh of its own.\n"
+    printf("\nMaterials and lights are read as by sbl_render. If a mesh is used several times, each use needs its own "
+           "place in\n"
+           "a lightmap, or all overlap: lightmapScaleOffset in the extras of its node in glTF; sbl_unwrap writes it.\n"
            "\nEach file is written completely or not at all.\n"
            "\nIf you press Ctrl-C, the unfinished lightmap is saved as lightmap.partial.pfm in the folder, and the "
            "program ends.\n"
@@ -334,10 +341,10 @@ static int writes_lit(void) { return !given[LIT] || options.lit > 0; }
 
 static int parse(int argc, char **argv) {
     static const int of_lightmaps[] = {
-        GUTTER, FORMATS, LIT, LIT_EXPOSURE, DIRECTIONAL, AO, SUPERSAMPLE, LIGHT_GROUPS, PLAN, JOIN, RESUME,
+        MAP, GUTTER, FORMATS, LIT, LIT_EXPOSURE, DIRECTIONAL, AO, SUPERSAMPLE, LIGHT_GROUPS, PLAN, JOIN, RESUME,
         TARGET_ERROR, TILE, THRESHOLD, FILTER_RADIUS
     };
-    enum { ALSO_OF_CUBEMAPS = 11 };  /* number of the first option of these that --cubemaps has, too */
+    enum { ALSO_OF_CUBEMAPS = 12 };  /* number of the first option of these that --cubemaps has, too */
     static const int of_vertices[] = { AVERAGE, SAMPLES, SMOOTHING };
     int i;
     const tool_command command = { argc, argv, table, OPTION_COUNT, given, &common.scene, 1 };

@@ -110,8 +110,13 @@ static int find_groups(scene_file *file) {
 static int find_more_files(const scene_file *file) {
     int i, mapped = 0, status;
     for (i = 0; i < file->scene.mesh_count; i++) mapped += file->scene.meshes[i].lightmap_texcoords.data != NULL;
+    if (file->map_count > 1 && !given[MAP])
+        return fail("%s: it has %d lightmaps; choose one of them: --map 0 to --map %d", common.scene, file->map_count,
+                    file->map_count - 1);
+    if (!mapped && file->map_count)
+        return fail("%s: no mesh is in --map %d; the scene has %d", common.scene, common.reading.map, file->map_count);
     if (!mapped)
-        return fail("%s: no mesh has second texture coordinates (TEXCOORD_1); scripts/unwrap makes them", common.scene);
+        return fail("%s: no mesh has second texture coordinates (TEXCOORD_1); sbl_unwrap makes them", common.scene);
     status = given[PART] ? DONE : find_textures(file, TEXTURES, strlen(common.output));
     if (status == DONE && given[LIGHT_GROUPS]) status = find_groups((scene_file *)file);
     return status == DONE && given[AO] ? find_occlusion_files() : status;

@@ -873,8 +873,41 @@ static void scene__count_uses(scene__reader *r, const scene__node *at) {
     }
 }
 
+/* The place of a node in a lightmap: its coordinates are scale * texcoord + offset, in map number `map`. */
+typedef struct scene__place { int map; float scale[2], offset[2]; } scene__place;
+
+/* Reads what scene__name_places has put before the name of a node. Returns the rest of the name. */
+static const char *scene__place_of(const scene__reader *r, const char *name, scene__place *out) {
+    int length = 0;
+    memset(out, 0, sizeof *out);
+    out->scale[0] = out->scale[1] = 1;
+    if (r->is_gltf && sscanf(name, "(map %d, %f %f %f %f) %n", &out->map, &out->scale[0], &out->scale[1],
+                             &out->offset[0], &out->offset[1], &length) == 5 && length)
+        return name + length;
+    return name;
+}
+
+/* Gives a use of a mesh its own lightmap coordinates, or none if its place is not in the map of the options. */
+static void scene__put_place(scene__reader *r, const scene__place *place, sbl_mesh *use) {
+    const float *from = (const float *)use->lightmap_texcoords.data;
+    const int moves = place->scale[0] < 1 || place->scale[0] > 1 || place->scale[1] < 1 || place->scale[1] > 1 ||
+                      place->offset[0] != 0.0f || place->offset[1] != 0.0f;
+    float *out;
+    int i, k;
+    if (!from) return;
+    if (r->file->map_count <= place->map) r->file->map_count = place->map + 1;
+    if (place->map != r->file->map) { use->lightmap_texcoords.data = NULL; return; }
+    if (!moves) return;
+    out = (float *)scene__alloc(r->file, (size_t)use->vertex_count, 2 * sizeof *out);
+    for (i = 0; out && i < use->vertex_count; i++)
+        for (k = 0; k < 2; k++) out[2 * i + k] = place->scale[k] * from[2 * i + k] + place->offset[k];
+    use->lightmap_texcoords.data = out;
+}
+
 static void scene__add_uses(scene__reader *r, const scene__node *at) {
-    const struct aiString *name = &(at->node->mName.length ? at->node : r->in->mRootNode)->mName;
+    const struct aiString *full_name = &(at->node->mName.length ? at->node : r->in->mRootNode)->mName;
+    scene__place place;
+    const char *name = scene__place_of(r, full_name->data, &place);
     unsigned i, material;
     int k;
     for (i = 0; i < at->node->mNumMeshes; i++) {
@@ -885,10 +918,11 @@ static void scene__add_uses(scene__reader *r, const scene__node *at) {
         *use = *mesh;
         use->material = (int)material;
         use->id = (uint32_t)r->use_count + 1;
+        scene__put_place(r, &place, use);
         for (k = 0; k < 16; k++) use->transform[k] = (float)at->transform[k % 4 * 4 + k / 4];
-        copy = (char *)scene__alloc(r->file, strlen(name->data) + 1, 1);
+        copy = (char *)scene__alloc(r->file, strlen(name) + 1, 1);
         if (!copy) return;
-        strcpy(copy, name->data);
+        strcpy(copy, name);
         r->names[r->use_count++] = copy;
     }
     for (i = 0; i < r->best_camera; i++) {

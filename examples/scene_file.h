@@ -11,9 +11,10 @@
    scene_file_load_sky reads a picture of the sky in the same way, into scene.environment.picture.
 
    The reader converts: triangles and polygons (no points and lines), normals if the file has them, one set of texture
-   coordinates, a second one for lightmaps (TEXCOORD_1), vertex colours, nodes with their transforms (each use of a mesh
-   becomes an sbl_mesh with its own id; all uses share the arrays), the first perspective camera, point, spot and
-   directional lights, and these materials and lights:
+   coordinates, a second one for lightmaps (TEXCOORD_1; moved to the place that scripts/sbl_unwrap gives a node of glTF:
+   scale * texcoord + offset, from extras.lightmapScaleOffset, which needs cJSON), vertex colours, nodes with their
+   transforms (each use of a mesh becomes an sbl_mesh with its own id; all uses share the arrays), the first perspective
+   camera, point, spot and directional lights, and these materials and lights:
 
        OBJ   Kd map_Kd Ke map_Ke d map_d. map_d becomes the alpha of the albedo texture, with the cutoff 0.5. map_Ke
              without Ke is used with Ke 1 1 1. Ns Ks Ni illum (or Pr Pm) become gloss or metal, see scene__phong_gloss;
@@ -84,6 +85,7 @@ typedef struct scene_file_options {
     int frames;      /* if not 0, the file must have an animated camera, which is read at this many times; see
                         scene_file.frames */
     double frame_rate;  /* frames per second; default 24 */
+    int map;         /* only meshes of this lightmap keep second texture coordinates (extras.lightmapIndex, or 0) */
     int matte;       /* 1: all materials are read as matte, metal as a matte surface of its base colour, and without
                         normal maps */
     const volatile sig_atomic_t *cancel;            /* reading stops when this becomes nonzero; may be NULL */
@@ -141,6 +143,7 @@ typedef struct scene_file {
     int warning_count;            /* number of warnings; only the first SCENE_FILE_WARNINGS are kept */
     char warnings[SCENE_FILE_WARNINGS][256];
     int simplified[SCENE_FILE_KIND_COUNT];  /* number of materials, lights, ... of each kind */
+    int map_count;                /* number of lightmaps that the file has coordinates for */
     int units;                    /* unit of the lights, one of SCENE_UNITS_*; see scene_file_scale_lights */
     int exporter_version[2];      /* major and minor version of Blender's exporter */
     int read_count;               /* number of files in read: the first that were read */
@@ -154,7 +157,7 @@ typedef struct scene_file {
     size_t memory, own_at_start;               /* limit in bytes; the child's own memory at its start */
     int frames_asked;                          /* number of frames that the options ask for */
     double frame_rate;
-    int matte;                                 /* as in the options */
+    int matte, map;                            /* as in the options */
     double rendering;                          /* bytes that sbl.h will need for what was read so far */
     int own_handle;                            /* /proc/self/statm of the child, which tells its memory */
 } scene_file;

@@ -6,10 +6,13 @@
    Therefore each node gets its own copy of its light, and a unique name. assimp drops how animations interpolate.
    Therefore, if frames are asked for, the names of animated nodes tell it. assimp replaces a metallicFactor and a
    roughnessFactor that are missing by 1; version 5.2 drops KHR_materials_specular, older ones also KHR_materials_ior.
-   Therefore the names of materials tell these. Invalid content is left unchanged, for assimp to report. */
+   Therefore the names of materials tell these. assimp refuses a second set of texture coordinates that has no first one
+   before it. Therefore such a set is also made the first. It drops lists in extras. Therefore the names of nodes tell
+   their places in a lightmap. Invalid content is left unchanged, for assimp to report. */
 #ifndef SCENE_GLTF_H
 #define SCENE_GLTF_H
 
+#include <math.h>
 #include <stdlib.h>
 #ifdef SBL_RENDER_CJSON
   #include <cjson/cJSON.h>
@@ -171,8 +174,63 @@ static void scene__name_materials(cJSON *root) {
     }
 }
 
+/* Puts the sets of texture coordinates of each primitive in order. A second set without a first one becomes both. Sets
+   after one that is missing are dropped. */
+static void scene__order_texcoords(cJSON *root) {
+    cJSON *mesh, *primitive;
+    cJSON_ArrayForEach(mesh, scene__item(root, "meshes"))
+        cJSON_ArrayForEach(primitive, scene__item(mesh, "primitives")) {
+            cJSON *attributes = scene__item(primitive, "attributes"), *sets[8] = { NULL };
+            char name[16];
+            int i, ended = 0;
+            for (i = 0; i < 8; i++) {
+                scene__print(name, sizeof name, "TEXCOORD_%d", i);
+                sets[i] = cJSON_DetachItemFromObjectCaseSensitive(attributes, name);
+            }
+            if (!sets[0]) sets[0] = cJSON_Duplicate(sets[1], 1);
+            for (i = 0; i < 8; i++) {
+                scene__print(name, sizeof name, "TEXCOORD_%d", i);
+                ended |= !sets[i];
+                if (ended) cJSON_Delete(sets[i]);
+                else cJSON_AddItemToObject(attributes, name, sets[i]);
+            }
+        }
+}
+
+/* Adds to the name of each node that has a place in a lightmap what scene__place_of expects. */
+static void scene__name_places(scene_file *file, cJSON *root) {
+    cJSON *node;
+    int number = -1;
+    cJSON_ArrayForEach(node, scene__item(root, "nodes")) {
+        const cJSON *extras = scene__item(node, "extras"), *list = scene__item(extras, "lightmapScaleOffset"), *part;
+        const cJSON *map = scene__item(extras, "lightmapIndex");
+        const char *name = cJSON_GetStringValue(scene__item(node, "name"));
+        double v[4] = { 1, 1, 0, 0 };
+        char own[16], unique[320];
+        int count = 0, valid = !map || (cJSON_IsNumber(map) && map->valuedouble >= 0 && map->valuedouble < 10000);
+        number++;
+        if ((!list && !map) || !cJSON_IsObject(node) || !scene__item(node, "mesh")) continue;
+        cJSON_ArrayForEach(part, list) {
+            valid &= cJSON_IsNumber(part) && fabs(part->valuedouble) < 1e6 && count < 4;
+            if (valid) v[count++] = part->valuedouble;
+        }
+        scene__print(own, sizeof own, "node %d", number);
+        if (!valid || (list && count != 4)) {
+            scene__warn(file, "%.100s: its place in the lightmap (extras) is not valid and is ignored",
+                        name ? name : own);
+            continue;
+        }
+        scene__print(unique, sizeof unique, "(map %d, %.9g %.9g %.9g %.9g) %.200s", map ? map->valueint : 0, v[0], v[1],
+                     v[2], v[3], name ? name : own);
+        cJSON_DeleteItemFromObjectCaseSensitive(node, "name");
+        cJSON_AddStringToObject(node, "name", unique);
+    }
+}
+
 static void scene__mend_json(scene_file *file, cJSON *root) {
     cJSON *item, *number;
+    scene__order_texcoords(root);
+    scene__name_places(file, root);
     scene__name_materials(root);
     cJSON_ArrayForEach(item, scene__item(root, "materials")) {
         cJSON *extensions = scene__item(item, "extensions");
@@ -229,11 +287,13 @@ static void scene__mend_gltf(scene_file *file, scene__bytes *bytes) {
     const size_t start = binary ? 20 : 0;
     size_t length = bytes->size - start;
     static const char *const reasons[] = { "KHR_materials_", "metallicFactor", "roughnessFactor",
-        "metallicRoughnessTexture", "KHR_lights_punctual", "aspectRatio" };
+        "metallicRoughnessTexture", "KHR_lights_punctual", "aspectRatio", "TEXCOORD_1", "lightmapScaleOffset",
+        "lightmapIndex" };
+    const int count = (int)(sizeof reasons / sizeof *reasons);
     int edited = file->frames_asked, i;
     cJSON *root;
     char *text;
-    for (i = 0; i < 6 && !edited; i++) edited = scene__mentions(bytes, reasons[i]);
+    for (i = 0; i < count && !edited; i++) edited = scene__mentions(bytes, reasons[i]);
     if (binary) length = head[12] | (size_t)head[13] << 8 | (size_t)head[14] << 16 | (size_t)head[15] << 24;
     if (length > bytes->size - start) return;
     if (!edited) return;
@@ -248,6 +308,8 @@ static void scene__mend_gltf(scene_file *file, scene__bytes *bytes) {
     if (scene__mentions(bytes, scene__strength_name))
         scene__warn(file, "this program was built without cJSON: %s is ignored, lamps may be too dark",
                     scene__strength_name);
+    if (scene__mentions(bytes, "lightmapScaleOffset") || scene__mentions(bytes, "lightmapIndex"))
+        scene__warn(file, "this program was built without cJSON: places in a lightmap (extras) are ignored");
     if (file->frames_asked)
         scene__fail(file, "this program was built without cJSON, which reading an animated camera needs");
 #endif

@@ -705,9 +705,20 @@ TEST(glass_of_obj) {
     scene_file_free(file);
 }
 
+/* Returns the camera of a scene as gltf_file.h takes it, or NULL. */
+static const float *camera_of(const scene_file *file) {
+    static float v[10];
+    if (!file->has_camera) return NULL;
+    memcpy(v, file->camera.eye, 12);
+    memcpy(v + 3, file->camera.forward, 12);
+    memcpy(v + 6, file->camera.up, 12);
+    v[9] = file->camera.fov_y;
+    return v;
+}
+
 /* Writes a scene as glTF. */
 static void write_scene(const scene_file *from, const char *name) {
-    const gltf_file out = { &from->scene, from->names, "again.bin", NULL, 0, NULL, NULL };
+    const gltf_file out = { &from->scene, from->names, "again.bin", NULL, 0, NULL, NULL, 1, camera_of(from) };
     char texture[GLTF_NAME];
     FILE *json = fopen(in_folder(name), "wb"), *bin = fopen(in_folder("again.bin"), "wb"), *png;
     int i;
@@ -763,6 +774,123 @@ TEST(written_gloss_is_read_again) {
     CHECK(again->simplified[SCENE_FILE_SPECULAR] == 0, "KHR_materials_specular with the factor 0 is read");
     scene_file_free(again);
     scene_file_free(file);
+}
+
+static int is_near(const float *a, const float *b, int count) {
+    int i;
+    for (i = 0; i < count; i++) if (!(fabsf(a[i] - b[i]) < 1e-4f)) return 0;
+    return 1;
+}
+
+/* Lights and camera that gltf_file.h writes are the same when they are read again. */
+TEST(written_lights_are_read_again) {
+    scene_file *file = scene_file_load("examples/scenes/lights.gltf", NULL, error, sizeof error), *again;
+    int i;
+    REQUIRE(file && file->scene.light_count == 3 && file->has_camera, "%s", error);
+    write_scene(file, "again.gltf");
+    again = read_back("again.gltf", 0);
+    REQUIRE(again && again->scene.light_count == 3 && again->has_camera && !again->warning_count, "%s",
+            again ? again->warnings[0] : error);
+    for (i = 0; i < 3; i++) {
+        const sbl_light *a = &file->scene.lights[i], *b = &again->scene.lights[i];
+        CHECK(a->kind == b->kind && is_near(a->intensity, b->intensity, 3), "light %d: intensity %g %g %g", i,
+              (double)b->intensity[0], (double)b->intensity[1], (double)b->intensity[2]);
+        CHECK(a->kind == SBL_LIGHT_DIRECTIONAL || is_near(a->position, b->position, 3), "light %d: position", i);
+        CHECK(a->kind == SBL_LIGHT_POINT || is_near(a->direction, b->direction, 3), "light %d: direction", i);
+        CHECK(a->kind != SBL_LIGHT_SPOT || (fabsf(a->cone - b->cone) < 0.01f && a->cone > 1 &&
+              fabsf(a->inner_cone - b->inner_cone) < 0.01f), "light %d: cones of %g and %g degrees", i,
+              (double)b->inner_cone, (double)b->cone);
+    }
+    CHECK(is_near(file->camera.eye, again->camera.eye, 3) && is_near(file->camera.up, again->camera.up, 3) &&
+          is_near(file->camera.forward, again->camera.forward, 3) &&
+          is_near(&file->camera.fov_y, &again->camera.fov_y, 1), "another camera");
+    scene_file_free(again);
+    scene_file_free(file);
+}
+
+/* Writes a triangle that several nodes use. texcoords: its attributes after POSITION; nodes: the members of the nodes
+   after the mesh, separated by bars. */
+static void write_places(const char *name, const char *texcoords, const char *nodes) {
+    static char json[4096];
+    int n, i, count = 1;
+    n = sprintf(json, "{\"asset\":{\"version\":\"2.0\"},"
+                "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0%s}}]}],"
+                "\"nodes\":[{\"mesh\":0", texcoords);
+    for (; *nodes; nodes++) {
+        count += *nodes == '|';
+        n += sprintf(json + n, *nodes == '|' ? "},{\"mesh\":0" : "%c", *nodes);
+    }
+    n += sprintf(json + n, "}],\"scenes\":[{\"nodes\":[0");
+    for (i = 1; i < count; i++) n += sprintf(json + n, ",%d", i);
+    sprintf(json + n, "]}],\"scene\":0,\"accessors\":["
+            "{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\",\"min\":[0,0,0],\"max\":[1,1,0]},"
+            "{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC2\"},"
+            "{\"bufferView\":0,\"byteOffset\":12,\"componentType\":5126,\"count\":3,\"type\":\"VEC2\"}],"
+            "\"bufferViews\":[{\"buffer\":0,\"byteLength\":36}],\"buffers\":[{\"byteLength\":36,"
+            "\"uri\":\"data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA\"}]}");
+    write_text(name, json);
+}
+
+/* Returns the lightmap coordinate u of the first corner of a mesh; -1: it has none. */
+static double map_u(const scene_file *file, int number) {
+    const float *v = (const float *)file->scene.meshes[number].lightmap_texcoords.data;
+    return v ? (double)v[0] : -1;
+}
+
+#define PLACE(v) ",\"extras\":{\"lightmapScaleOffset\":" v "}"
+#define IN_MAP(v) ",\"extras\":{\"lightmapIndex\":" v "}"
+
+/* Each node moves the lightmap coordinates of its mesh, u = 1 0 1 and v = 0 0 0, to its place, and nothing else. Places
+   that are not valid are ignored. */
+TEST(places_in_lightmaps) {
+    static const float moved[6] = { 0.75f, 0.5f, 0.25f, 0.5f, 0.75f, 0.5f };
+    scene_file *file;
+    int i;
+#ifndef SBL_RENDER_CJSON
+    SKIP("places need cJSON");
+#endif
+    write_places("places.gltf", ",\"TEXCOORD_0\":1,\"TEXCOORD_1\":2", ",\"name\":\"a (b)\"" PLACE("[0.5,2,0.25,0.5]")
+                 "|,\"name\":\"c\"|" PLACE("[1,1,0.125,0]") "|" PLACE("[0.5,2,0.25]") "|" PLACE("[1e30,1,0,0]") "|"
+                 PLACE("[1,1,0,0,0]") "|" PLACE("7"));
+    file = read_back("places.gltf", 0);
+    REQUIRE(file && file->scene.mesh_count == 7, "%s", error);
+    CHECK(is_near((const float *)file->scene.meshes[0].lightmap_texcoords.data, moved, 6), "u = %g", map_u(file, 0));
+    for (i = 1; i < 7; i++)
+        CHECK(fabs(map_u(file, i) - (i == 2 ? 1.125 : 1)) < 1e-6, "node %d: u = %g", i, map_u(file, i));
+    for (i = 0; i < 7; i++)
+        CHECK(file->scene.meshes[i].texcoords.data == file->scene.meshes[0].texcoords.data &&
+              !strstr(file->names[i], "map"), "node %d is %s", i, file->names[i]);
+    CHECK(strcmp(file->names[0], "a (b)") == 0 && strcmp(file->names[1], "c") == 0, "%s, %s", file->names[0],
+          file->names[1]);
+    CHECK(file->warning_count == 4 && strstr(file->warnings[3], "node 6: its place in the lightmap"), "%d: %s",
+          file->warning_count, file->warnings[0]);
+    CHECK(file->map_count == 1, "%d maps", file->map_count);
+    scene_file_free(file);
+}
+
+/* Only the meshes of one map have lightmap coordinates. A second set needs no first one, in any order; others than the
+   first need all before them. */
+TEST(sets_and_maps) {
+    static const char *const sets[] = { ",\"TEXCOORD_1\":2", ",\"TEXCOORD_1\":2,\"TEXCOORD_0\":1",
+        ",\"TEXCOORD_0\":1,\"TEXCOORD_2\":2", ",\"TEXCOORD_0\":1,\"TEXCOORD_1\":2,\"TEXCOORD_3\":1" };
+    scene_file_options options;
+    scene_file *file;
+    int i;
+#ifndef SBL_RENDER_CJSON
+    SKIP("maps need cJSON");
+#endif
+    for (i = 0; i < 4; i++) {
+        write_places("sets.gltf", sets[i], IN_MAP("0") "|" IN_MAP("2") "|" IN_MAP("-1"));
+        memset(&options, 0, sizeof options);
+        options.map = 2;
+        file = scene_file_load(in_folder("sets.gltf"), &options, error, sizeof error);
+        REQUIRE(file && file->scene.mesh_count == 3, "%s", error);
+        CHECK(map_u(file, 0) < 0 && map_u(file, 2) < 0 && (map_u(file, 1) > 0.5) == (i != 2) &&
+              file->map_count == (i == 2 ? 0 : 3) && file->scene.meshes[0].texcoords.data && file->warning_count == 1,
+              "%s: u = %g %g %g, %d maps, %d warnings", sets[i], map_u(file, 0), map_u(file, 1), map_u(file, 2),
+              file->map_count, file->warning_count);
+        scene_file_free(file);
+    }
 }
 
 /* Matte materials that gltf_file.h writes stay matte if the only special thing beside them is a pane. */
@@ -1254,6 +1382,9 @@ int main(void) {
     RUN(glass_of_obj);
     RUN(written_gloss_is_read_again);
     RUN(written_panes_are_read_again);
+    RUN(written_lights_are_read_again);
+    RUN(places_in_lightmaps);
+    RUN(sets_and_maps);
     RUN(normals_of_gltf);
     RUN(five_textures_per_material);
     RUN_UNSANITIZED(coordinates_of_normals);  /* assimp 5.2 leaks memory with such files */

@@ -1,0 +1,459 @@
+// For tests/test_unwrap.sh: makes scenes, and checks what sbl_unwrap has made of them. It shares no code with
+// sbl_unwrap. usage: node unwrap.js make FOLDER | same|dense|apart|light|places|kept ARGUMENTS...
+'use strict';
+const fs = require('fs');
+const path = require('path');
+const assert = require('assert');
+
+// ---- reading ----
+
+const KINDS = { 5121: Uint8Array, 5123: Uint16Array, 5125: Uint32Array, 5126: Float32Array };
+const SIZES = { SCALAR: 1, VEC2: 2, VEC3: 3, VEC4: 4, MAT4: 16 };
+
+function read(file) {
+    const bytes = fs.readFileSync(file);
+    if (bytes.toString('latin1', 0, 4) !== 'glTF') {
+        const json = JSON.parse(bytes);
+        return {
+            json,
+            buffers: (json.buffers || []).map((b) =>
+                b.uri.startsWith('data:')
+                    ? Buffer.from(b.uri.split(',')[1], 'base64')
+                    : fs.readFileSync(path.join(path.dirname(file), b.uri))
+            )
+        };
+    }
+    const length = bytes.readUInt32LE(12);
+    assert.strictEqual(bytes.readUInt32LE(8), bytes.length, 'the length of the .glb');
+    return { json: JSON.parse(bytes.subarray(20, 20 + length)), buffers: [bytes.subarray(28 + length)] };
+}
+
+function list(scene, source, type, count, Kind) {
+    const v = scene.json.bufferViews[source.bufferView], n = SIZES[type], out = [], bytes = n * Kind.BYTES_PER_ELEMENT;
+    for (let k = 0; k < count; k++) {
+        const at = (source.byteOffset || 0) + k * (v.byteStride || bytes), from = (v.byteOffset || 0) + at;
+        assert(at + bytes <= v.byteLength, 'an accessor is longer than its view');
+        out.push([...new Kind(new Uint8Array(scene.buffers[v.buffer].subarray(from, from + bytes)).buffer)]);
+    }
+    return out;
+}
+
+function values(scene, i) {
+    const a = scene.json.accessors[i], Kind = KINDS[a.componentType];
+    const out = a.bufferView === undefined ? Array.from({ length: a.count }, () => new Array(SIZES[a.type]).fill(0))
+                                           : list(scene, a, a.type, a.count, Kind);
+    if (!a.sparse) return out;
+    const at = list(scene, a.sparse.indices, 'SCALAR', a.sparse.count, KINDS[a.sparse.indices.componentType]);
+    list(scene, a.sparse.values, a.type, a.sparse.count, Kind).forEach((v, k) => { out[at[k][0]] = v; });
+    return out;
+}
+
+function corners(scene, primitive) {
+    const all = primitive.indices !== undefined ? values(scene, primitive.indices).map(([i]) => i)
+                                                : values(scene, primitive.attributes.POSITION).map((_, i) => i);
+    const faces = all.slice(2).map((_, i) => i);
+    if (primitive.mode === 5) return faces.flatMap((i) => [all[i], all[i + 1 + i % 2], all[i + 2 - i % 2]]);
+    if (primitive.mode === 6) return faces.flatMap((i) => [all[i + 1], all[i + 2], all[0]]);
+    return all;
+}
+
+// Returns all triangles of all uses: { node, chart, p: three places in the world, t: three places in the map, 0 to 1 }.
+function triangles(scene) {
+    const out = [];
+    for (const [node, n] of scene.json.nodes.entries()) {
+        if (n.mesh === undefined) continue;
+        const s = n.scale || [1, 1, 1],
+            t = n.translation || [0, 0, 0];
+        const [su, sv, ou, ov] = (n.extras && n.extras.lightmapScaleOffset) || [1, 1, 0, 0];
+        for (const primitive of scene.json.meshes[n.mesh].primitives) {
+            if (primitive.mode < 4) continue;
+            const p = values(scene, primitive.attributes.POSITION),
+                set = primitive.attributes.TEXCOORD_1,
+                uv = set === undefined ? p : values(scene, set);
+            const list = corners(scene, primitive);
+            for (let i = 0; i < list.length; i += 3)
+                out.push({
+                    node,
+                    map: (n.extras || {}).lightmapIndex || 0,
+                    vertices: list.slice(i, i + 3).map((v) => `${node} ${uv[v]}`),
+                    p: list.slice(i, i + 3).map((v) => p[v].map((x, k) => x * s[k] + t[k])),
+                    t: list.slice(i, i + 3).map((v) => [uv[v][0] * su + ou, uv[v][1] * sv + ov])
+                });
+        }
+    }
+    return out;
+}
+
+const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+const minus = (a, b) => a.map((x, k) => x - b[k]);
+const normal = ({ p }) => cross(minus(p[1], p[0]), minus(p[2], p[0]));
+const area3 = (t) => Math.hypot(...normal(t)) / 2;
+const turn = (a, b, c) => (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+const area2 = ({ t: [a, b, c] }) => Math.abs(turn(a, b, c)) / 2;
+
+// Calls visit(x, y) for each texel whose centre is in a triangle, edges excluded.
+function texels({ t }, size, visit) {
+    const [a, b, c] = t.map(([u, v]) => [u * size, v * size]),
+        sign = Math.sign(turn(a, b, c));
+    for (let y = 0; y < size; y++) {
+        if (y + 0.5 < Math.min(a[1], b[1], c[1]) || y + 0.5 > Math.max(a[1], b[1], c[1])) continue;
+        for (let x = 0; x < size; x++) {
+            const q = [x + 0.5, y + 0.5];
+            if (Math.min(sign * turn(a, b, q), sign * turn(b, c, q), sign * turn(c, a, q)) > 1e-3) visit(x, y);
+        }
+    }
+}
+
+// Returns all that a scene says, with the elements of accessors in their places, without second coordinates. has:
+// returns whether a primitive had a first set in the beginning.
+function plain(scene, has) {
+    const json = JSON.parse(JSON.stringify(scene.json));
+    for (const key of ['accessors', 'bufferViews', 'buffers']) delete json[key];
+    for (const n of json.nodes) {
+        for (const key of ['lightmapScaleOffset', 'lightmapIndex']) if (n.extras) delete n.extras[key];
+        if (n.extras && !Object.keys(n.extras).length) delete n.extras;
+    }
+    const shown = (i, all) => {
+        const list = values(scene, i), a = scene.json.accessors[i];
+        return [{ ...a, bufferView: 0, byteOffset: 0, sparse: 0, count: 0 }, all ? all.map((v) => list[v]) : list];
+    };
+    for (const [m, mesh] of json.meshes.entries())
+        for (const [k, primitive] of mesh.primitives.entries()) {
+            const own = scene.json.meshes[m].primitives[k], all = own.mode < 4 ? null : corners(scene, own);
+            const isKept = (key) => key !== 'TEXCOORD_1' && (key !== 'TEXCOORD_0' || has(m, k));
+            for (const key of ['indices', 'attributes', 'targets']) delete primitive[key];
+            primitive.sets = [own.attributes, ...(own.targets || [])].map((set) => Object.fromEntries(
+                Object.entries(set).filter(([key]) => isKept(key)).map(([key, i]) => [key, shown(i, all)])));
+        }
+    for (const animation of json.animations || [])
+        for (const sampler of animation.samplers)
+            for (const key of ['input', 'output']) sampler[key] = values(scene, sampler[key]);
+    return json;
+}
+
+// ---- checks ----
+
+const checks = {
+    // apart FILE SIZE GAP LEAST: no texel shows two triangles, other charts are farther than GAP texels, and at least
+    // LEAST percent of the map are filled
+    apart(file, size, gap, least) {
+        const all = triangles(read(file)),
+            maps = 1 + Math.max(...all.map((t) => t.map)),
+            chart = new Map();
+        const root = (k) => {
+            while (chart.has(k) && chart.get(k) !== k) k = chart.get(k);
+            return k;
+        };
+        for (const { vertices, t } of all) {
+            for (const [u, v] of t) assert(u >= 0 && u <= 1 && v >= 0 && v <= 1, `outside of the map: ${u} ${v}`);
+            for (const k of vertices) if (!chart.has(k)) chart.set(k, k);
+            for (const k of vertices) chart.set(root(k), root(vertices[0]));
+        }
+        let filled = 0;
+        for (let map = 0; map < maps; map++) {
+            const owner = new Array(size * size).fill(null);
+            for (const t of all.filter((t) => t.map === map))
+                texels(t, size, (x, y) => {
+                    assert(!owner[y * size + x], `texel ${x} ${y} shows two triangles`);
+                    owner[y * size + x] = root(t.vertices[0]);
+                    filled++;
+                });
+            for (let y = 0; y < size; y++)
+                for (let x = 0; x < size; x++)
+                    for (let dy = -gap; dy <= gap && owner[y * size + x]; dy++)
+                        for (let dx = -gap; dx <= gap; dx++) {
+                            const other = x + dx >= 0 && x + dx < size && (owner[(y + dy) * size + x + dx] || null);
+                            assert(!other || other === owner[y * size + x], `charts are near at ${x} ${y}`);
+                        }
+        }
+        console.log(`filled: ${((100 * filled) / maps / size / size).toFixed(1)} %, ${maps} maps`);
+        assert(filled >= (least / 100) * maps * size * size, 'too little is filled');
+    },
+
+    // dense FILE SIZE DENSITY: large triangles have this many texels for a unit of length, within 5 %
+    dense(file, size, density) {
+        let count = 0;
+        for (const t of triangles(read(file))) {
+            const own = area2(t) * size * size;
+            if (own < 50) continue;
+            const found = Math.sqrt(own / area3(t));
+            assert(Math.abs(found / density - 1) < 0.05, `${found} texels for a unit of length, not ${density}`);
+            count++;
+        }
+        assert(count > 4, `only ${count} triangles are large`);
+    },
+
+    // same BEFORE AFTER: all that a scene says is unchanged, except for the second coordinates
+    same(before, after) {
+        const old = read(before), has = (m, k) => old.json.meshes[m].primitives[k].attributes.TEXCOORD_0 !== undefined;
+        assert.deepStrictEqual(plain(read(after), has), plain(old, has));
+    },
+
+    // surface BEFORE AFTER: the same triangles, in the same order
+    surface(before, after) {
+        const [a, b] = [before, after].map((name) => triangles(read(name)).map((t) => t.p));
+        assert(a.length > 0);
+        assert.deepStrictEqual(b, a);
+    },
+
+    // places FILE NAME...: these nodes share a mesh, and each has a place; others have none
+    places(file, ...names) {
+        const { json } = read(file),
+            placed = json.nodes.filter((n) => n.extras && n.extras.lightmapScaleOffset);
+        assert.deepStrictEqual(placed.map((n) => n.name).sort(), names.sort());
+        assert(
+            placed.every((n) => n.mesh === placed[0].mesh) &&
+                new Set(placed.map((n) => `${n.extras.lightmapScaleOffset}`)).size === names.length,
+            'the places are equal'
+        );
+    },
+
+    // maps FILE LEAST: there are at least so many maps, each named by a node
+    maps(file, least) {
+        const used = new Set(triangles(read(file)).map((t) => t.map));
+        for (let map = 0; map < Math.max(...used); map++) assert(used.has(map), `no mesh is in map ${map}`);
+        assert(used.size >= least, `${used.size} maps`);
+    },
+
+    // kept BEFORE AFTER: no mesh has other coordinates than before
+    kept(before, after) {
+        const [a, b] = [triangles(read(before)), triangles(read(after))];
+        assert.deepStrictEqual(
+            b.map((t) => t.vertices),
+            a.map((t) => t.vertices)
+        );
+    },
+
+    // light FILE FOLDER SIZE NAME R ...: R in the map on the faces of a node that point up
+    light(file, folder, size, ...expected) {
+        const bytes = fs.readFileSync(path.join(folder, 'lightmap.pfm')),
+            at = bytes.length - 12 * size * size;
+        const scene = read(file),
+            all = triangles(scene);
+        for (let k = 0; k < expected.length; k += 2) {
+            const node = scene.json.nodes.findIndex((n) => n.name === expected[k]);
+            let sum = 0,
+                count = 0;
+            for (const t of all.filter((t) => t.node === node && normal(t)[1] > 0.9 * Math.hypot(...normal(t))))
+                texels(t, size, (x, y) => {
+                    sum += bytes.readFloatLE(at + 12 * ((size - 1 - y) * size + x));
+                    count++;
+                });
+            const mean = sum / count;
+            console.log(`${expected[k]}: R = ${mean} in ${count} texels`);
+            assert(
+                count > 20 && Math.abs(mean - expected[k + 1]) < 0.02 * 3.2,
+                `${expected[k]} has R = ${mean}, not ${expected[k + 1]}`
+            );
+        }
+    }
+};
+
+// ---- scenes ----
+
+class Maker {
+    constructor() {
+        this.pieces = [];
+        this.at = 0;
+        this.json = { asset: { version: '2.0', generator: 'test' }, accessors: [], bufferViews: [] };
+    }
+    add(array, type, more, view) {
+        const bytes = Buffer.from(array.buffer);
+        this.json.bufferViews.push({ buffer: 0, byteOffset: this.at, byteLength: bytes.length, ...view });
+        const componentType = Number(Object.keys(KINDS).find((k) => array instanceof KINDS[k]));
+        this.json.accessors.push({
+            bufferView: this.json.bufferViews.length - 1,
+            componentType,
+            type,
+            count: array.length / SIZES[type],
+            ...more
+        });
+        this.pieces.push(bytes, Buffer.alloc((4 - (bytes.length % 4)) % 4));
+        this.at += Math.ceil(bytes.length / 4) * 4;
+        return this.json.accessors.length - 1;
+    }
+    write(file) {
+        const name = path.basename(file).replace('.gltf', '.bin');
+        fs.writeFileSync(path.join(path.dirname(file), name), Buffer.concat(this.pieces));
+        this.json.buffers = [{ uri: name, byteLength: this.at, name: 'the buffer' }];
+        fs.writeFileSync(file, JSON.stringify(this.json));
+    }
+}
+
+const VIEW = { target: 34962 }, BOUNDS = { min: [0, 0, 0], max: [1, 1, 1] };
+
+// A box from 0 to 1: its faces have corners of their own. shared: corners are shared, without normals.
+function box(maker, shared) {
+    const places = [], normals = [], all = [];
+    for (let axis = 0; axis < 3; axis++)
+        for (const side of [0, 1]) {
+            const first = places.length / 3, u = (axis + 1) % 3, v = (axis + 2) % 3;
+            for (let corner = 0; corner < 4; corner++) {
+                const p = [0, 0, 0], n = [0, 0, 0];
+                [p[axis], p[u], p[v], n[axis]] = [side, +(corner % 3 > 0), +(corner > 1), 2 * side - 1];
+                places.push(...p);
+                normals.push(...n);
+            }
+            all.push(...(side ? [0, 1, 2, 0, 2, 3] : [0, 2, 1, 0, 3, 2]).map((i) => first + i));
+        }
+    if (shared) {
+        const corner = [0, 1, 2, 3, 4, 5, 6, 7].flatMap((i) => [i & 1, (i >> 1) & 1, i >> 2]);
+        const number = (i) => places[3 * i] + 2 * places[3 * i + 1] + 4 * places[3 * i + 2];
+        const heat = Float32Array.from({ length: 8 }, (_, i) => i);
+        return { attributes: { POSITION: maker.add(Float32Array.from(corner), 'VEC3', BOUNDS, VIEW),
+                               _HEAT: maker.add(heat, 'SCALAR'),
+                               COLOR_0: maker.add(Uint8Array.from({ length: 24 }, (_, i) => 10 * i), 'VEC3',
+                                                  { normalized: true }) },
+                 indices: maker.add(Uint8Array.from(all.map(number)), 'SCALAR', { max: [7] }, { target: 34963 }) };
+    }
+    return { attributes: { POSITION: maker.add(Float32Array.from(places), 'VEC3', BOUNDS),
+                           NORMAL: maker.add(Float32Array.from(normals), 'VEC3') },
+             indices: maker.add(Uint16Array.from(all), 'SCALAR') };
+}
+
+// Returns an accessor of 8 vectors, of which number 5 is (0, 0.25, 0), and the others are 0.
+function sparse(maker) {
+    const [indices, values] = [maker.add(Uint16Array.of(5), 'SCALAR'), maker.add(Float32Array.of(0, 0.25, 0), 'VEC3')]
+        .map((i) => ({ bufferView: maker.json.accessors[i].bufferView }));
+    maker.json.accessors.push({ componentType: 5126, type: 'VEC3', count: 8, name: 'a target', min: [0, 0, 0],
+                                max: [0, 0.25, 0],
+                                sparse: { count: 1, indices: { ...indices, componentType: 5123 }, values } });
+    return maker.json.accessors.length - 1;
+}
+
+// What a scene may have besides meshes.
+function things(maker, json) {
+    const lights = [{ type: 'directional', intensity: 10, name: 'sun' }];
+    const wood = { baseColorFactor: [0.5, 0.5, 0.5, 1], metallicFactor: 0, roughnessFactor: 1 };
+    json.materials = [{ name: 'wood', pbrMetallicRoughness: wood },
+                      { name: 'lacquer', pbrMetallicRoughness: { roughnessFactor: 0.2503 }, extras: { n: 1e-7 } }];
+    json.cameras = [{ type: 'perspective', perspective: { yfov: 0.7, znear: 0.01 }, name: 'eye' }];
+    json.extensionsUsed = ['KHR_lights_punctual', 'EXT_unknown'];
+    json.extensions = { KHR_lights_punctual: { lights }, EXT_unknown: { a: [] } };
+    json.animations = [{ name: 'sway', samplers: [{ input: maker.add(Float32Array.of(0, 1), 'SCALAR'),
+                                                    output: maker.add(Float32Array.of(0, 3, 12, 1, 3, 12), 'VEC3') }],
+                         channels: [{ sampler: 0, target: { node: 5, path: 'translation' } }] }];
+}
+
+// Two boxes of one mesh, the second twice as large and below a roof; a sun shines from above. A mesh with shared
+// corners, a morph target, an animation, a line, and unknown things.
+function rich(folder) {
+    const maker = new Maker(), { json } = maker, soft = { ...box(maker, true), targets: [{ POSITION: sparse(maker) }] };
+    const line = maker.add(Float32Array.of(0, 0, 0, 1, 1, 1), 'VEC3', BOUNDS);
+    soft.material = 1;
+    soft.extensions = { EXT_unknown: { mappings: [1, 2] } };
+    json.meshes = [{ name: 'crate', primitives: [{ ...box(maker), material: 0 }], extras: { price: 3 } },
+                   { name: 'soft', primitives: [soft, { attributes: { POSITION: line }, mode: 1 }], weights: [0] },
+                   { name: 'roof', primitives: [{ ...box(maker), material: 0 }] }];
+    things(maker, json);
+    json.nodes = [{ name: 'one', mesh: 0, translation: [-3, 0, 0], extras: { keep: 'me' } },
+                  { name: 'two', mesh: 0, translation: [2, 0, 0], scale: [2, 2, 2] },
+                  { name: 'soft', mesh: 1, translation: [-3, 0, 6] },
+                  { name: 'roof', mesh: 2, translation: [1, 4, -1], scale: [4, 0.1, 4] },
+                  { name: 'sun', rotation: [-Math.SQRT1_2, 0, 0, Math.SQRT1_2],
+                    extensions: { KHR_lights_punctual: { light: 0 } } },
+                  { name: 'eye', camera: 0, translation: [0, 3, 12] }];
+    json.scenes = [{ nodes: [0, 1, 2, 3, 4, 5], name: 'all' }];
+    json.scene = 0;
+    maker.write(path.join(folder, 'rich.gltf'));
+}
+
+// A strip, a fan and a list, without and with indices, that share vertices, one of which only the sparse part of their
+// accessor places; and a triangle without area.
+function odd(folder) {
+    const maker = new Maker(), { json } = maker, places = [0, 0, 0, 1, 0, 0, 0, 1, 0, 9, 9, 9, 0, 2, 0, 1, 2, 1];
+    const POSITION = maker.add(Float32Array.from(places), 'VEC3', { min: [0, 0, 0], max: [1, 2, 1] });
+    const at = maker.add(Uint8Array.of(3), 'SCALAR'), to = maker.add(Float32Array.of(1, 1, 0), 'VEC3');
+    const view = (i) => ({ bufferView: json.accessors[i].bufferView });
+    json.accessors[POSITION].sparse = { count: 1, indices: { ...view(at), componentType: 5121 }, values: view(to) };
+    const of = (mode, ...i) => ({ attributes: { POSITION }, mode, indices: maker.add(Uint8Array.from(i), 'SCALAR') });
+    json.meshes = [{ primitives: [{ attributes: { POSITION }, mode: 5 }, of(6, 0, 2, 3, 1), of(4, 0, 1, 5, 0, 1, 1)] }];
+    json.nodes = [{ mesh: 0 }];
+    maker.write(path.join(folder, 'odd.gltf'));
+}
+
+// One change each of a good scene, which makes it a bad one.
+const unknown = { indices: { bufferView: 1, componentType: 5123, byteOffset: 4 }, values: { bufferView: 5 } };
+const CHANGES = {
+    index: (m) => { m.pieces[2] = Buffer.from([0, 0, 1, 0, 9, 0]); },
+    nan: (m) => { m.pieces[0].writeFloatLE(NaN, 4); },
+    accessor: (m) => { m.json.meshes[0].primitives[0].attributes.POSITION = 7; },
+    count: (m) => { m.json.accessors[0].count = 4e9; },
+    long: (m) => { m.json.accessors[0].count = 300; },
+    view: (m) => { m.json.bufferViews[0].byteOffset = 1e6; },
+    stride: (m) => { m.json.bufferViews[0].byteStride = 1e9; },
+    sparse: (m) => { m.json.accessors[0].sparse = { count: 1, ...unknown }; },
+    loop: (m) => {
+        m.json.nodes = [{ children: [1] }, { mesh: 0, children: [0] }];
+        m.json.scenes = [{ nodes: [0] }];
+    },
+    draco: (m) => { m.json.meshes[0].primitives[0].extensions = { KHR_draco_mesh_compression: {} }; },
+    meshopt: (m) => { m.json.bufferViews[0].extensions = { EXT_meshopt_compression: { buffer: 0 } }; },
+    flat: (m) => { m.pieces[0] = Buffer.alloc(36); },
+    type: (m) => { m.json.accessors[0].type = 'VEC2'; },
+    nodes: (m) => { m.json.nodes = 5; },
+    primitives: (m) => { m.json.meshes[0].primitives = { length: 3 }; },
+    attributes: (m) => { m.json.meshes[0].primitives[0].attributes = 'POSITION'; },
+    child: (m) => { m.json.nodes[0].children = [1e9]; },
+    huge: (m) => { m.json.nodes[0].scale = [1e300, 1e300, 1e300]; },
+    pair: (m) => { m.json.accessors[1].count = 2; }
+};
+
+function broken(folder) {
+    const base = () => {
+        const maker = new Maker(), POSITION = maker.add(Float32Array.of(0, 0, 0, 1, 0, 0, 0, 1, 0), 'VEC3');
+        const indices = maker.add(Uint16Array.of(0, 1, 2), 'SCALAR');
+        maker.json.meshes = [{ primitives: [{ attributes: { POSITION }, indices }] }];
+        maker.json.nodes = [{ mesh: 0 }];
+        return maker;
+    };
+    for (const [name, change] of Object.entries(CHANGES)) {
+        const maker = base();
+        change(maker);
+        maker.write(path.join(folder, `${name}.gltf`));
+    }
+    const write = (name, text) => fs.writeFileSync(path.join(folder, name), text);
+    base().write(path.join(folder, 'short.gltf'));
+    const text = fs.readFileSync(path.join(folder, 'short.gltf'), 'utf8');
+    fs.truncateSync(path.join(folder, 'short.bin'), 20);
+    write('outside.gltf', text.replace('short.bin', '%2e%2e/rich.bin'));
+    write('absolute.gltf', text.replace('short.bin', path.resolve(folder, '../rich.bin')));
+    fs.symlinkSync('../rich.bin', path.join(folder, 'link.bin'));
+    write('linked.gltf', text.replace('short.bin', 'link.bin'));
+    write('folder.gltf', text.replace('short.bin', '.'));
+    write('remote.gltf', text.replace('short.bin', 'http://localhost/a.bin'));
+    write('cut.gltf', text.slice(0, 99));
+    write('cut.glb', Buffer.from('glTF\x02\0\0\0\xff\0\0\0\xff\0\0\0JSON{}', 'latin1'));
+    write('empty.gltf', '');
+    write('null.gltf', 'null');
+    write('bad.obj', 'f 1 2 3\n');
+}
+
+// A square with a second UV set and without a first one.
+function square(folder, name, uv) {
+    const maker = new Maker(), { json } = maker, places = [0, 0, 0, 1, 0, 0, 1, 0, -1, 0, 0, -1];
+    const POSITION = maker.add(Float32Array.from(places), 'VEC3', { min: [0, 0, -1], max: [1, 0, 0] });
+    const attributes = { POSITION, TEXCOORD_1: maker.add(Float32Array.from(uv), 'VEC2') };
+    const indices = maker.add(Uint16Array.of(0, 1, 2, 0, 2, 3), 'SCALAR');
+    json.meshes = [{ name: 'square', primitives: [{ attributes, indices }] }];
+    json.nodes = [{ mesh: 0, name: 'square' }];
+    json.scenes = [{ nodes: [0] }];
+    maker.write(path.join(folder, name));
+    if (name !== 'usable.gltf') return;
+    json.nodes.push({ mesh: 0, name: 'other', translation: [2, 0, 0], scale: [0.5, 0.5, 0.5] });
+    json.scenes[0].nodes.push(1);
+    maker.write(path.join(folder, 'usable_twice.gltf'));
+}
+
+const [what, ...words] = process.argv.slice(2),
+    numbers = words.map((w) => (w === '' || isNaN(w) ? w : Number(w)));
+if (what === 'make') {
+    const folder = words[0];
+    rich(folder);
+    odd(folder);
+    square(folder, 'usable.gltf', [0, 0, 1, 0, 1, 1, 0, 1]);
+    square(folder, 'overlaps.gltf', [0, 0, 1, 0, 1, 1, 1, 0]);
+    square(folder, 'beyond.gltf', [0, 0, 2, 0, 2, 1, 0, 1]);
+    fs.mkdirSync(path.join(folder, 'broken'));
+    broken(path.join(folder, 'broken'));
+} else checks[what](...numbers);

@@ -1,0 +1,174 @@
+#!/bin/sh
+# Tests of scripts/sbl_unwrap: charts do not overlap, all else passes through, instances have places that sbl_bake reads,
+# and broken scenes are refused. tests/support/unwrap.js makes the scenes and checks the results.
+set -u
+export LC_ALL=C
+cd "$(dirname "$0")/.." || exit 1
+. tests/support/check.sh
+
+if ! command -v node > /dev/null; then skip unwrap "node is missing (scripts/setup --unwrap)"; report; fi
+
+said="$folder/said" out="$folder/out.glb"
+unwrap() { scripts/sbl_unwrap "$@" > "$said" 2>&1 || { cat "$said"; return 1; }; }
+holds() { node tests/support/unwrap.js "$@"; }
+says() { grep -q -- "$1" "$said" || { cat "$said"; return 1; }; }
+size_of() { sed -n 's/.* \([0-9]*\) x [0-9]* texels.*/\1/p' "$said"; }
+
+usage() {
+    scripts/sbl_unwrap --help | grep -q '^usage: sbl_unwrap' && scripts/sbl_unwrap --version | grep -q '^sbl_unwrap 0' &&
+    for words in '' a 'a b.obj' 'a b.glb --size 0' 'a b.glb --size' 'a b.glb 3.5' 'a b.glb --gap=x' 'a b.glb --no'; do
+        scripts/sbl_unwrap $words > "$said" 2>&1
+        [ $? = 2 ] && [ "$(wc -l < "$said")" = 1 ] || { echo "$words"; cat "$said"; return 1; }
+    done
+}
+check usage usage
+lacks_xatlas() {
+    mkdir -p "$folder/alone/bin" && cp scripts/sbl_unwrap "$folder/alone/bin" &&
+    ! "$folder/alone/bin/sbl_unwrap" examples/scenes/lights.gltf "$out" > "$said" 2>&1 && says 'setup --unwrap' &&
+    [ "$(wc -l < "$said")" = 1 ] && [ ! -e "$out" ]
+}
+check says_that_xatlas_is_missing lacks_xatlas
+if [ ! -f build/node_modules/watlas/dist/watlas.wasm ]; then
+    skip unwrap "npm's watlas is missing (scripts/setup --unwrap)"
+    report
+fi
+node tests/support/unwrap.js make "$folder" || exit 1
+rich="$folder/rich.gltf"
+
+# >>the charts
+
+fills() { unwrap "$rich" "$out" --size 256 && holds apart "$out" 256 2 58; }
+wide_gap() { unwrap "$rich" "$folder/wide.glb" 256 --gap 6 && holds apart "$folder/wide.glb" 256 6 40; }
+is_dense() {
+    unwrap "$rich" "$folder/dense.glb" --texel-density 20 && holds dense "$folder/dense.glb" "$(size_of)" 20 &&
+    holds apart "$folder/dense.glb" "$(size_of)" 2 45
+}
+makes_maps() {
+    unwrap "$rich" "$folder/maps.glb" --texel-density 12 --size 112 && holds maps "$folder/maps.glb" 2 &&
+    holds apart "$folder/maps.glb" 112 2 20 && holds dense "$folder/maps.glb" 112 12 &&
+    holds same "$rich" "$folder/maps.glb"
+}
+too_small() { ! unwrap "$rich" "$folder/no.glb" "$@" && says larger && [ ! -e "$folder/no.glb" ]; }
+check charts_are_apart fills
+check gap_is_kept wide_gap
+check density_is_right is_dense
+check several_maps makes_maps
+check a_map_is_too_small too_small 4
+check a_mesh_is_too_large too_small --texel-density 100 --size 64
+
+# >>all else
+
+same_gltf() {
+    unwrap "$rich" "$folder/beside.gltf" 64 && holds same "$rich" "$folder/beside.gltf" && [ -s "$folder/beside.bin" ]
+}
+odd_ones() {
+    unwrap "$folder/odd.gltf" "$folder/odd.glb" 64 && holds surface "$folder/odd.gltf" "$folder/odd.glb" &&
+    holds apart "$folder/odd.glb" 64 2 30
+}
+is_kept() { unwrap "$1" "$folder/kept.gltf" 64 && says 'kept' && holds kept "$1" "$folder/kept.gltf"; }
+is_placed() {
+    unwrap "$folder/usable_twice.gltf" "$folder/kept.gltf" 64 && says '1 meshes kept' &&
+    holds places "$folder/kept.gltf" square other && holds apart "$folder/kept.gltf" 64 2 40
+}
+is_replaced() {
+    unwrap "$folder/$1.gltf" "$folder/new.gltf" 64 && says "square: .* not kept: .*$2" &&
+    holds apart "$folder/new.gltf" 64 2 50
+}
+again() {
+    unwrap "$out" "$folder/again.glb" 256 && cmp "$out" "$folder/again.glb" &&
+    unwrap "$out" "$folder/new.glb" 256 --again && holds apart "$folder/new.glb" 256 2 58 &&
+        holds same "$rich" "$folder/new.glb"
+}
+check all_else_is_the_same holds same "$rich" "$out"
+check all_else_is_the_same_in_gltf same_gltf
+check strips_fans_and_sparse_ones odd_ones
+check usable_coordinates_are_kept is_kept "$folder/usable.gltf"
+check usable_coordinates_are_placed is_placed
+check overlapping_ones_are_replaced is_replaced overlaps overlap
+check ones_outside_are_replaced is_replaced beyond 'not inside'
+check a_result_is_kept again
+
+# >>instances, in sbl_bake
+
+check instances_have_places holds places "$out" one two
+bakes() {
+    build/sbl_bake "$1" --lightmap "$2" --mode direct --preset draft --quiet -o "$folder/baked" "$3" &&
+        [ ! -e "$folder/baked/overlap.png" ] && shift 3 && holds light "$@"
+}
+# a sun of 10 lux: R = 10 / pi
+lit() { bakes "$out" 256 --quiet "$out" "$folder/baked" 256 one 3.183 two 0 roof 3.183; }
+written_again() { bakes "$folder/baked/scene.gltf" 256 --sky=1,1,1 "$folder/baked/scene.gltf" "$folder/baked" 256 one 1; }
+one_map() {
+    ! build/sbl_bake "$folder/maps.glb" --lightmap 112 -o "$folder/baked" > "$said" 2>&1 &&
+    says 'choose one.*--map' &&
+    ! build/sbl_bake "$folder/maps.glb" --lightmap 112 --map 9 -o "$folder/baked" > "$said" 2>&1 &&
+    says 'no mesh is in' || return 1
+    for map in 0 1; do
+        build/sbl_bake "$folder/maps.glb" --lightmap 112 --map $map --mode direct --preset draft --quiet \
+            -o "$folder/map$map" && [ ! -e "$folder/map$map/overlap.png" ] || return 1
+    done
+    ! cmp -s "$folder/map0/lightmap.pfm" "$folder/map1/lightmap.pfm"
+}
+without_first() { build/sbl_bake "$folder/usable.gltf" --lightmap 16 --mode direct --quiet -o "$folder/first"; }
+if [ -x build/sbl_bake ]; then
+    check light_is_right_on_all_instances lit
+    check maps_are_baked_one_by_one one_map
+    check a_second_set_needs_no_first without_first
+fi
+
+# >>files that cannot be unwrapped
+
+refuses() {
+    echo old > "$folder/kept.glb"
+    ! scripts/sbl_unwrap "$1" "$folder/kept.glb" --time 60 > "$said" 2>&1 && cat "$said" &&
+        [ "$(wc -l < "$said")" = 1 ] && says "^sbl_unwrap: $1: [ -~]*$2" && [ "$(cat "$folder/kept.glb")" = old ] &&
+        ! ls "$folder" | grep -q part
+}
+check refuses_a_pipe eval 'mkfifo "$folder/pipe.gltf"; refuses "$folder/pipe.gltf" regular'
+while read -r name words; do check "refuses_$name" refuses "$folder/broken/$name" "$words"; done << 'END'
+index.gltf index .* out of range
+nan.gltf not a number
+accessor.gltf do not exist
+count.gltf no valid count
+long.gltf not inside
+view.gltf not inside
+stride.gltf not inside
+sparse.gltf do not exist
+loop.gltf two parents
+draco.gltf compressed
+meshopt.gltf compressed
+flat.gltf no surface
+type.gltf type
+nodes.gltf no list
+primitives.gltf no surface
+attributes.gltf not valid
+child.gltf do not exist
+huge.gltf too large
+pair.gltf no triangles
+short.gltf truncated
+outside.gltf outside
+absolute.gltf outside
+linked.gltf outside
+folder.gltf
+remote.gltf only files
+cut.gltf JSON is broken
+cut.glb truncated
+empty.gltf JSON is broken
+null.gltf no glTF
+missing.gltf no such file
+END
+late() { ! scripts/sbl_unwrap "$rich" "$folder/late.glb" --time 1e-3 > "$said" 2>&1; says 'give a number'; }
+check time_has_a_least late
+unwritable() { ! unwrap "$rich" "$folder/none/out.glb" 64 && says 'cannot be written' && [ "$(wc -l < "$said")" = 1 ]; }
+check says_what_cannot_be_written unwritable
+
+# >>other formats
+
+reads_obj() { unwrap examples/scenes/two_rooms.obj "$folder/rooms.glb" 128 && holds apart "$folder/rooms.glb" 128 2 40; }
+if [ -x build/scene_to_gltf ]; then
+    check reads_obj reads_obj
+    check refuses_a_bad_obj refuses "$folder/broken/bad.obj" ''
+    check obj_becomes_a_glb eval '! unwrap examples/scenes/two_rooms.obj "$folder/rooms.gltf" 64 && says glb'
+fi
+
+report
