@@ -214,6 +214,9 @@ static double shown_exposure(void) {
 
 /* ---- work of sbl.h ---- */
 
+/* Returns whether black behind the scene is shown as a grey backdrop, as sbl_render does in a .png. */
+static int wants_backdrop(void) { return !given[SKY] && !given[STUDIO] && is_lit(&view.task->file->scene); }
+
 static void fill_desc(sbl_picture_desc *desc, int stage) {
     const int preview = stage == PREVIEW;
     int k;
@@ -239,7 +242,7 @@ static void fill_desc(sbl_picture_desc *desc, int stage) {
     view.work_tone = view.tone;
     desc->auto_exposure = view.work_metered;
     desc->exposure = (float)view.work_exposure;
-    if (!given[SKY] && !given[STUDIO] && is_lit(&view.task->file->scene))
+    if (wants_backdrop())
         memcpy(desc->backdrop, studio_backdrop, sizeof desc->backdrop);
     if (!preview) return;
     desc->options.preset = SBL_PRESET_DRAFT;
@@ -314,15 +317,19 @@ static void show_colors(sbl_channel channel) {
 /* Takes what the work has so far into the frame. */
 static void take_picture(void) {
     const sbl_channel channel = channel_to_show();
-    const sbl_stats stats = sbl_query_stats(view.context);
-    GLuint texture;
+    view_source source = { 0, 0, 0, 0, { 0, 0, 0 } };
     if (view.stage == NOTHING) return;
     if (view.channel) { show_colors(channel); return; }
-    texture = sbl_channel_texture(view.context, channel);
-    if (!texture) return;
-    if (view.work_metered) view.metered = (double)stats.picture.exposure;
-    view_make_frame(texture, view.work_size[0], view.work_size[1],
-                    channel == SBL_CHANNEL_FINAL ? (int)tones[view.tone] : 0, (float)pow(2, shown_exposure()));
+    source.picture = sbl_channel_texture(view.context, channel);
+    if (!source.picture) return;
+    if (view.work_metered) view.metered = (double)sbl_query_stats(view.context).picture.exposure;
+    if (channel == SBL_CHANNEL_FINAL) {
+        source.tone = (int)tones[view.tone];
+        source.factor = (float)pow(2, shown_exposure());
+        source.depths = sbl_channel_texture(view.context, SBL_CHANNEL_DEPTH);
+        if (wants_backdrop()) memcpy(source.backdrop, studio_backdrop, sizeof source.backdrop);
+    }
+    view_make_frame(&source, view.work_size);
     view.has_picture = 1;
 }
 
@@ -336,6 +343,7 @@ static int work_on(void) {
         view.stored = view.result == SBL_SUCCESS || sbl_query_stats(view.context).picture.level_count > 0;
     if (view.result == SBL_SUCCESS) {
         view.redraw = 1;
+        view.titled = 0;
         if (view.stage == PICTURE) detail("the picture is finished");
     }
     if (finished() && view.mode == SBL_MODE_GI && !view.lights_ever) {
@@ -349,7 +357,6 @@ static int work_on(void) {
 static int advance(void) {
     const int seen = view.has_picture || !unfinished();
     if (view.dirty && (view.stage != PREVIEW || seen) && !begin(PREVIEW)) return 0;
-    if (!view.dirty && view.stage == NOTHING) return begin(PICTURE);
     if (!view.dirty && view.stage == PREVIEW && seen && now() - view.moved > VIEW_REST && !begin(PICTURE)) return 0;
     return !unfinished() || work_on();
 }
@@ -424,11 +431,12 @@ static void draw(void) {
         int k;
         for (k = 0; k < 3; k++) at[k] = (double)overlay.sensor.position[k];
         overlay_rays(&scene, far_away, (float)pow(2, shown_exposure()));
+        overlay_lights(&scene, far_away);
         overlay_mark(at, 8 * fabs(view_pixel(&view.camera, view_depth(&view.camera, at))), white);
     }
     add_lights();
     if (overlay.count) view_draw_lines(overlay.corners, overlay.count, view.size);
-    if (overlay.has_sensor) overlay_draw_sums();
+    if (overlay.has_sensor) overlay_draw_sums(view.size[1]);
     draw_bars();
     glfwSwapBuffers(view.window);
     view.drawn = now();
@@ -484,11 +492,11 @@ static int read_to_save(saved *s, image *picture) {
     take_picture();
     s->channel = SBL_CHANNEL_FINAL;  /* exposed and tone-mapped already */
     s->stops = 0;
-    picture->width = view_gl.width;
-    picture->height = view_gl.height;
+    picture->width = view_gl.size[0];
+    picture->height = view_gl.size[1];
     picture->components = 3;
-    picture->values = (float *)malloc((size_t)view_gl.width * (size_t)view_gl.height * 3 * sizeof(float));
-    if (!picture->values || !view_gl.width) return 0;
+    picture->values = (float *)malloc((size_t)view_gl.size[0] * (size_t)view_gl.size[1] * 3 * sizeof(float));
+    if (!picture->values || !view_gl.size[0]) return 0;
     view_read_frame(picture->values);
     return 1;
 }
@@ -551,6 +559,7 @@ static int open_window(const scene_file *file) {
     glfwSetScrollCallback(view.window, on_wheel);
     glfwSetFramebufferSizeCallback(view.window, on_size);
     glfwSetWindowRefreshCallback(view.window, on_refresh);
+    glfwGetCursorPos(view.window, &view.mouse[0], &view.mouse[1]);
     view_draw_picture(view.size);
     glfwSwapBuffers(view.window);
     return DONE;
@@ -569,6 +578,8 @@ static int arrange(tool_task *task, sbl_scene_desc *scene) {
     sbl_result result = SBL_SUCCESS;
     float world_to_view[16], view_to_clip[16];
     char words[256];
+    view.task = task;
+    view.mode = common_mode(given);
     survey_begin(s, task->context);
     if (relight || (!given[EYE] && !camera_of_file(task->file, &view.camera, s))) result = survey_take(s, task->context);
     if (result == SBL_UNFINISHED) return stop("no picture was started");
@@ -617,7 +628,7 @@ static int show(tool_task *task, double *seconds) {
     first_camera = view.camera;
     if (!given[QUIET]) tool__warn(task->file, task, given);
     given[QUIET] = 1;  /* warnings are told once */
-    view.redraw = 1;
+    view.redraw = view.dirty = 1;
     while (!glfwWindowShouldClose(view.window) && !interrupted && view.status == DONE && turn()) continue;
     alarm(0);
     if (view.lights_ever || !view.stored) task->makes_store = 0;

@@ -13,11 +13,14 @@ static const char view_vertex[] =
     "}\n";
 
 /* Copies a picture into the frame, row by row. tone 0: as it is; 1 to 3: sbl_tone. The curves are those of
-   shaders_embedded/tone.glsl: PBR Neutral (Khronos Group 2024) and AgX (Sobotka 2022). */
+   shaders_embedded/tone.glsl: PBR Neutral (Khronos Group 2024) and AgX (Sobotka 2022). backdrop: that of
+   sbl_picture_desc, which shows where depths are 0. */
 static const char view_tone_fragment[] =
     "uniform sampler2D picture;\n"
+    "uniform sampler2D depths;\n"
     "uniform int tone;\n"
     "uniform float factor;\n"
+    "uniform vec3 backdrop;\n"
     "out vec4 color;\n"
     "vec3 neutral(vec3 c) {\n"
     "    float least = min(c.r, min(c.g, c.b)), peak, shown;\n"
@@ -44,7 +47,10 @@ static const char view_tone_fragment[] =
     "void main() {\n"
     "    vec3 c = texelFetch(picture, ivec2(gl_FragCoord.xy), 0).rgb;\n"
     "    if (tone > 0) c = min(max(c * factor, 0.0), 1e8);\n"
-    "    color = vec4(clamp(tone == 2 ? neutral(c) : tone == 3 ? agx(c) : c, 0.0, 1.0), 1.0);\n"
+    "    vec3 least = backdrop * mix(0.3, 1.0, gl_FragCoord.y / float(textureSize(picture, 0).y));\n"
+    "    c = clamp(tone == 2 ? neutral(c) : tone == 3 ? agx(c) : c, 0.0, 1.0);\n"
+    "    if (tone > 0 && texelFetch(depths, ivec2(gl_FragCoord.xy), 0).r == 0.0) c = max(c, least);\n"
+    "    color = vec4(c, 1.0);\n"
     "}\n";
 
 /* The first row of the texture is the top of the picture. encode: 1: the values are linear. */
@@ -76,7 +82,7 @@ static struct view_gl {
     GLuint tone, show, line;                           /* programs */
     GLuint array, lines, framebuffer;
     GLuint frame, colors, disc;                        /* textures */
-    int width, height;                                 /* of the frame; 0: there is none yet */
+    int size[2];                                       /* of the frame; 0: there is none yet */
     int shows_colors;                                  /* 1: the window shows colors, not the frame */
     GLint place, ink;
 } view_gl;
@@ -122,29 +128,39 @@ static void view_gl_stop(void) {
     gl.DeleteTextures(3, textures);
 }
 
-/* Makes the frame of the picture in a texture. tone: 0, or an sbl_tone that is applied to the radiance times factor. */
-static void view_make_frame(GLuint texture, int width, int height, int tone, float factor) {
+/* What becomes the frame. */
+typedef struct view_source {
+    GLuint picture, depths;  /* textures; depths: only with a tone */
+    int tone;                /* 0, or an sbl_tone that is applied to the radiance times factor */
+    float factor, backdrop[3];
+} view_source;
+
+static void view_make_frame(const view_source *source, const int size[2]) {
     gl.BindTexture(GL_TEXTURE_2D, view_gl.frame);
-    if (view_gl.width != width || view_gl.height != height)
-        gl.TexImage2D(GL_TEXTURE_2D, 0, GL_RGBA32F, width, height, 0, GL_RGBA, GL_FLOAT, NULL);
-    view_gl.width = width;
-    view_gl.height = height;
+    if (view_gl.size[0] != size[0] || view_gl.size[1] != size[1])
+        gl.TexImage2D(GL_TEXTURE_2D, 0, GL_RGBA32F, size[0], size[1], 0, GL_RGBA, GL_FLOAT, NULL);
+    memcpy(view_gl.size, size, sizeof view_gl.size);
     view_gl.shows_colors = 0;
     gl.BindFramebuffer(GL_FRAMEBUFFER, view_gl.framebuffer);
     gl.FramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, view_gl.frame, 0);
-    gl.Viewport(0, 0, width, height);
+    gl.Viewport(0, 0, size[0], size[1]);
     gl.UseProgram(view_gl.tone);
-    gl.Uniform1i(host_gl_uniform(view_gl.tone, "tone"), tone);
-    gl.Uniform1f(host_gl_uniform(view_gl.tone, "factor"), factor);
-    gl.BindTexture(GL_TEXTURE_2D, texture);
+    gl.Uniform1i(host_gl_uniform(view_gl.tone, "tone"), source->tone);
+    gl.Uniform1i(host_gl_uniform(view_gl.tone, "depths"), 1);
+    gl.Uniform1f(host_gl_uniform(view_gl.tone, "factor"), source->factor);
+    gl.Uniform3fv(host_gl_uniform(view_gl.tone, "backdrop"), 1, source->backdrop);
+    gl.ActiveTexture(GL_TEXTURE1);
+    gl.BindTexture(GL_TEXTURE_2D, source->depths ? source->depths : source->picture);
+    gl.ActiveTexture(GL_TEXTURE0);
+    gl.BindTexture(GL_TEXTURE_2D, source->picture);
     gl.DrawArrays(GL_TRIANGLES, 0, 3);
     gl.BindFramebuffer(GL_FRAMEBUFFER, 0);
 }
 
-/* Copies the frame: its width * height * 3 floats, linear, top row first. */
+/* Copies the frame: its size[0] * size[1] * 3 floats, linear, top row first. */
 static void view_read_frame(float *out) {
     gl.BindFramebuffer(GL_FRAMEBUFFER, view_gl.framebuffer);
-    gl.ReadPixels(0, 0, view_gl.width, view_gl.height, GL_RGB, GL_FLOAT, out);
+    gl.ReadPixels(0, 0, view_gl.size[0], view_gl.size[1], GL_RGB, GL_FLOAT, out);
     gl.BindFramebuffer(GL_FRAMEBUFFER, 0);
 }
 
@@ -168,7 +184,7 @@ static void view_draw_picture(const int size[2]) {
     static const float dark[4] = { 0.1f, 0.12f, 0.15f, 1 };
     const int all[4] = { 0, 0, size[0], size[1] };
     gl.BindFramebuffer(GL_FRAMEBUFFER, 0);
-    if (!view_gl.width && !view_gl.shows_colors) gl.ClearBufferfv(GL_COLOR, 0, dark);
+    if (!view_gl.size[0] && !view_gl.shows_colors) gl.ClearBufferfv(GL_COLOR, 0, dark);
     else view_draw_texture(view_gl.shows_colors ? view_gl.colors : view_gl.frame, all, !view_gl.shows_colors);
 }
 

@@ -90,9 +90,10 @@ static void find_pivot(const double mouse[2]) {
     free(places);
 }
 
+/* The place of the mouse is that of the last movement: the mouse may have moved on since the button was pressed. */
 static void on_button(GLFWwindow *window, int button, int action, int modifiers) {
+    (void)window;
     (void)modifiers;
-    glfwGetCursorPos(window, &view.mouse[0], &view.mouse[1]);
     if (action == GLFW_PRESS && view.button < 0) {
         view.button = button;
         view.dragged = 0;

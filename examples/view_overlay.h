@@ -57,10 +57,11 @@ static double overlay__length(const sbl_scene_desc *scene, const sbl_sensor_ray 
     return length > 0 && length < far_away ? length : far_away;
 }
 
+static const float overlay_open[4] = { 1, 0.85f, 0.2f, 0.8f }, overlay_blocked[4] = { 1, 0.1f, 0.1f, 0.8f };
+
 /* Adds the lines of the sensor's rays. factor: the exposure. Rays over the hemisphere have the colour of what they
    find. Rays towards lamps are yellow if they arrive and red if they are blocked. */
 static void overlay_rays(const sbl_scene_desc *scene, double far_away, float factor) {
-    static const float open[4] = { 1, 0.85f, 0.2f, 0.8f }, blocked[4] = { 1, 0.1f, 0.1f, 0.8f };
     const sbl_sensor *s = &overlay.sensor;
     double from[3], way[3], to[3];
     int i, k;
@@ -78,8 +79,28 @@ static void overlay_rays(const sbl_scene_desc *scene, double far_away, float fac
             color[k] = 0.15f + 0.85f * (x < 1 ? x : 1);
         }
         color[3] = 0.55f;
-        if (r->lamp >= 0) memcpy(color, light[0] > 0 || light[1] > 0 || light[2] > 0 ? open : blocked, sizeof color);
+        if (r->lamp >= 0)
+            memcpy(color, light[0] > 0 || light[1] > 0 || light[2] > 0 ? overlay_open : overlay_blocked, sizeof color);
         overlay__line(from, to, color);
+    }
+}
+
+/* Adds lines to the lights of the scene that are among the lamps of the sensor: lights without size have no rays in the
+   list. */
+static void overlay_lights(const sbl_scene_desc *scene, double far_away) {
+    double from[3], to[3];
+    int i, k;
+    for (k = 0; k < 3; k++) from[k] = (double)overlay.sensor.position[k];
+    for (i = 0; i < overlay.sensor.lamp_count; i++) {
+        const sbl_sensor_lamp *lamp = &overlay.sensor.lamps[i];
+        const sbl_light *light = &scene->lights[lamp->number];
+        if (lamp->kind != SBL_LAMP_LIGHT || lamp->number >= scene->light_count) continue;
+        if (light->kind == SBL_LIGHT_DIRECTIONAL) {
+            for (k = 0; k < 3; k++) to[k] = (double)light->direction[k];
+            view_unit(to);
+            for (k = 0; k < 3; k++) to[k] = from[k] - far_away * to[k];
+        } else for (k = 0; k < 3; k++) to[k] = (double)light->position[k];
+        overlay__line(from, to, lamp->open ? overlay_open : overlay_blocked);
     }
 }
 
@@ -127,23 +148,24 @@ static int overlay_take(sbl_context *context, const int pixel[2], float factor) 
 }
 
 /* Draws the disc of what the sensor sees, and beside it its sums as bars of red, green and blue: from lamps, from
-   surroundings, and both. */
-static void overlay_draw_sums(void) {
+   surroundings, and both. height: of the window */
+static void overlay_draw_sums(int height) {
     static const float colors[3][4] = { { 0.9f, 0.25f, 0.2f, 1 }, { 0.3f, 0.8f, 0.3f, 1 }, { 0.3f, 0.45f, 1, 1 } };
     static const float black[4] = { 0, 0, 0, 1 };
-    const int rect[4] = { 12, 16, OVERLAY_DISC, OVERLAY_DISC }, left = rect[0] + OVERLAY_DISC + 8;
+    const int size = height / 4 < OVERLAY_DISC ? height / 4 : OVERLAY_DISC, rect[4] = { 8, 12, size, size };
+    const int left = rect[0] + size + 6, thick = size > 60 ? size / 32 : 1, most_bars = 15 * thick;
     double most = 0;
     int i, k;
     gl.BindTexture(GL_TEXTURE_2D, view_gl.disc);
     gl.TexImage2D(GL_TEXTURE_2D, 0, GL_RGB8, OVERLAY_DISC, OVERLAY_DISC, 0, GL_RGB, GL_UNSIGNED_BYTE, overlay.disc);
     view_draw_texture(view_gl.disc, rect, 0);
     for (k = 0; k < 3; k++) most = fmax(most, overlay.from_lamps[k] + overlay.from_surroundings[k]);
-    view_draw_rect(left - 4, rect[1], OVERLAY_DISC + 8, 64, black);
+    view_draw_rect(left - 2, rect[1], size + 4, most_bars, black);
     for (i = 0; i < 3; i++)
         for (k = 0; k < 3; k++) {
             const double value = (i != 1 ? overlay.from_lamps[k] : 0) + (i != 0 ? overlay.from_surroundings[k] : 0);
-            view_draw_rect(left, rect[1] + 46 - 20 * i + 5 * (2 - k), most > 0 ? (int)(OVERLAY_DISC * value / most) : 0,
-                           4, colors[k]);
+            view_draw_rect(left, rect[1] + thick * (13 - 5 * i - k), most > 0 ? (int)(size * value / most) : 0, thick,
+                           colors[k]);
         }
 }
 
