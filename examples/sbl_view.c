@@ -1,5 +1,5 @@
-/* Demonstrates a viewer on top of sbl.h, in the GL context of a window: the picture gets better while the camera and the
-   lights can be moved. `sbl_view --help` explains its options, and the key H those of the window. */
+/* Demonstrates a viewer on top of sbl.h, in the GL context of a window: the picture gets better while the camera and
+   the lights can be moved. `sbl_view --help` explains its options, and the key H those of the window. */
 #define _GNU_SOURCE
 #define SBL_IMPLEMENTATION
 #include "../sbl.h"
@@ -107,7 +107,8 @@ static const char keys[] =
     "  drag middle, wheel        moves the camera sideways, forward and back\n"
     "  arrows, Page Up, Down     fly, too; Home returns to the first camera\n"
     "  click                     shows the rays, lamps and sums of the sensor of a pixel; Backspace removes them\n"
-    "  1 to 9, 0, [ and ]        channels: final, radiance, albedo, normal, position, depth, id, sensors, store, error\n"
+    "  1 to 9, 0, [ and ]        channels: final, radiance, albedo, normal, position, depth, id, sensors, store, "
+    "error\n"
     "  + and -, X                exposure: brighter, darker, auto\n"
     "  T                         tone: none, neutral, agx\n"
     "  M                         mode: all light, or direct light only\n"
@@ -127,7 +128,7 @@ static void print_help(void) {
     printf("\nWhile the camera or a light moves, the window shows small pictures of direct light, or of all light once "
            "the\nbounced light is known. When it rests, the picture is made with the options above. Two bars at the "
            "lower edge\nshow the progress (yellow) and the target error divided by the predicted error (blue).\n"
-           "\nKeys and mouse:\n\n%s\n"
+           "\nKeys and mouse:\n%s\n"
            "Scenes, materials, lights and units: see sbl_render --help all. A saved .png is what the window shows, "
            "without\nlines and bars. With the first exposure and tone it is the picture that sbl_render makes.\n"
            "\nExit status: 0 success; 1 failure (also: no display), with one line on stderr; 2 wrong usage; after a "
@@ -581,7 +582,8 @@ static int arrange(tool_task *task, sbl_scene_desc *scene) {
     view.task = task;
     view.mode = common_mode(given);
     survey_begin(s, task->context);
-    if (relight || (!given[EYE] && !camera_of_file(task->file, &view.camera, s))) result = survey_take(s, task->context);
+    if (relight || (!given[EYE] && !camera_of_file(task->file, &view.camera, s)))
+        result = survey_take(s, task->context);
     if (result == SBL_UNFINISHED) return stop("no picture was started");
     if (result != SBL_SUCCESS) return fail_with(task->said, common.scene, result);
     camera_choose(&view.chosen, task->file, given, s);

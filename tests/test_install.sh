@@ -20,6 +20,12 @@ cat > "$folder/expected" << 'END'
 ./share/man/man1/sbl_render.1
 ./share/pkgconfig/sbl.pc
 END
+view=
+if pkg-config --exists glfw3; then  # otherwise sbl_view is not built
+    view=sbl_view
+    printf './bin/sbl_view\n./share/man/man1/sbl_view.1\n' >> "$folder/expected"
+    sort -o "$folder/expected" "$folder/expected"
+fi
 
 installs() {
     PREFIX=$prefix scripts/install && list "$prefix" > "$folder/list" && same "$folder/expected" "$folder/list"
@@ -35,7 +41,8 @@ stages_relatively() {
 is_readable() {
     [ "$(find "$prefix" -type d ! -perm 755 | grep -vcx "$prefix")" = 0 ] &&
     [ "$(find "$prefix" -type f ! -perm -444 | wc -l)" = 0 ] &&
-    [ "$(find "$prefix" -type f -perm 755 | sort | sed 's:.*/::' | tr '\n' ' ')" = 'sbl_bake sbl_merge sbl_render ' ] &&
+    [ "$(find "$prefix" -type f -perm 755 | sort | sed 's:.*/::' | tr '\n' ' ')" = \
+        "sbl_bake sbl_merge sbl_render ${view:+$view }" ] &&
         same sbl.h "$prefix/include/sbl.h"
 }
 refuses() { ! "$@" > "$folder/said" 2>&1 && cat "$folder/said" && [ "$(wc -l < "$folder/said")" = 1 ]; }
@@ -50,7 +57,7 @@ check refuses_an_unknown_option refuses env PREFIX="$folder/no" scripts/install 
 
 tool_runs() { (cd / && "$prefix/bin/$1" --version) | grep -qx "$1 $version"; }
 version=$(sed -n 's/^ *sbl_version *"\([0-9.]*\)"$/\1/p' sbl.h | head -n 1)
-for tool in sbl_render sbl_bake sbl_merge; do check ${tool}_runs tool_runs $tool; done
+for tool in sbl_render sbl_bake sbl_merge $view; do check ${tool}_runs tool_runs $tool; done
 
 # >>a program that also checks that it was compiled with the installed header
 
@@ -139,7 +146,7 @@ page_says_what_help_says() {
 }
 page_for_groff() { page_of "$1" && groff -man -ww -z "$page" > "$folder/said" 2>&1; nothing "$folder/said"; }
 page_is_clean() { page_of "$1" && mandoc -T lint -W warning "$page"; }
-for tool in sbl_render sbl_bake sbl_merge; do
+for tool in sbl_render sbl_bake sbl_merge $view; do
     [ $tool = sbl_merge ] || check "page_has_all ($tool)" page_has_all $tool  # sbl_merge has one group of options
     check "page_says_what_help_says ($tool)" page_says_what_help_says $tool
     if command -v mandoc > /dev/null; then check "page_is_clean ($tool)" page_is_clean $tool
