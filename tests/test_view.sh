@@ -89,8 +89,8 @@ light_moves() {
 light_is_dragged() {
     xdo key l && sleep 0.3 && shot marked && at=$(marked_at "$folder/moved.ppm" "$folder/marked.ppm") && [ -n "$at" ] &&
         xdo mousemove $at mousedown 1 mousemove_relative 20 0 mousemove_relative 20 0 mouseup 1 && finished 3 &&
-        xdo key l key l key l && sleep 0.3 && shot dragged && screen differ "$folder/moved.ppm" "$folder/dragged.ppm" 1 &&
-        ends
+        xdo key l key l key l && sleep 0.3 && shot dragged &&
+        screen differ "$folder/moved.ppm" "$folder/dragged.ppm" 1 && ends
 }
 # marked_at BEFORE AFTER: the middle of the yellow pixels that are new
 marked_at() {
