@@ -11,7 +11,7 @@ import bpy
 import numpy
 
 TOOLS, OUT = sys.argv[sys.argv.index("--") + 1:]
-SIZE, BLOCK = 128, 4
+SIZE, BLOCK = 96, 4
 counts = {"passed": 0, "failed": 0}
 
 
@@ -122,7 +122,7 @@ def bake_by_cycles(objects):
         tree = thing.material_slots[0].material.node_tree
         tree.nodes.active = tree.nodes.new("ShaderNodeTexImage")
         tree.nodes.active.image = image
-    cycles(64)
+    cycles(32)
     bpy.ops.object.bake(type="DIFFUSE", pass_filter={"DIRECT", "INDIRECT"}, margin=0, use_clear=False)
     return pixels(image)
 
@@ -210,11 +210,11 @@ def test_bake(objects):
     truth = bake_by_cycles(objects)
     brightness = truth[..., :3].max(2)  # sbl_bake fills hidden texels; beside the lamp, Cycles sees its own light
     seen = inner((truth[..., 3] > 0) & (brightness > 0.02)) & (brightness < 1.5) & (ours[..., :3].max(2) < 1.5)
-    compare("agrees_with_cycles", ours, truth, seen, 0.03)
+    compare("agrees_with_cycles", ours, truth, seen, 0.05)
     picture = pixels(bpy.data.images["sbl.h render"])
-    path_traced = render_by_cycles(os.path.join(OUT, "traced.exr"), 128)
+    path_traced = render_by_cycles(os.path.join(OUT, "traced.exr"), 64)
     dim = (path_traced[..., :3].max(2) < 1.5) & (picture[..., :3].max(2) < 1.5)  # not the lamp
-    compare("picture_agrees_with_cycles", picture, path_traced, dim, 0.06)
+    compare("picture_agrees_with_cycles", picture, path_traced, dim, 0.08)
     compare("baked_materials_agree", shown, picture, dim, 0.08)
     for name, values in ("render", picture), ("baked", shown), ("traced", path_traced), ("map", ours), ("truth", truth):
         image = bpy.data.images.new(name, values.shape[1], values.shape[0])
@@ -230,8 +230,8 @@ import addon_utils
 addon_utils.enable("blender_addon", default_set=True)
 things = make_scene()
 render = bpy.context.scene.render
-render.resolution_x, render.resolution_y, render.resolution_percentage = 96, 72, 100
-bpy.context.scene.sbl.size = SIZE
+render.resolution_x, render.resolution_y, render.resolution_percentage = 64, 48, 100
+bpy.context.scene.sbl.size, bpy.context.scene.sbl.preset = SIZE, "draft"
 test_tools_are_missing(things)
 test_bake(things)
 print("%(passed)d passed, %(failed)d failed" % counts)
