@@ -36,6 +36,7 @@
     X(FINISH, Finish) X(FRAMEBUFFERTEXTURE2D, FramebufferTexture2D) X(FRONTFACE, FrontFace) X(GENBUFFERS, GenBuffers) \
     X(GENFRAMEBUFFERS, GenFramebuffers) X(GENSAMPLERS, GenSamplers) X(GENTEXTURES, GenTextures)                       \
     X(GENVERTEXARRAYS, GenVertexArrays)                                                                               \
+    X(GETATTRIBLOCATION, GetAttribLocation)                                                                           \
     X(GETERROR, GetError) X(GETFLOATV, GetFloatv) X(GETINTEGERV, GetIntegerv) X(GETPROGRAMINFOLOG, GetProgramInfoLog) \
     X(GETPROGRAMIV, GetProgramiv) X(GETSTRING, GetString) X(GETUNIFORMLOCATION, GetUniformLocation)                   \
     X(ISENABLED, IsEnabled)                                                                                           \
@@ -118,18 +119,22 @@ static inline void (*host_gl_function(const char *name))(void) { return eglGetPr
 
 #endif
 
-/* Creates the context and loads all functions. Returns 0 and prints a message if there is no GL. */
-static inline int host_gl_open(const char *program) {
-    if (!host_gl__open_context(program)) return 0;
+/* Loads all functions of the current context. Returns 0 and prints a message if one is missing. */
+static inline int host_gl_load(const char *program, void (*(*find)(const char *name))(void)) {
 #define X(TYPE, name)                                                                          \
-    if (!(gl.name = (PFNGL##TYPE##PROC)host_gl_function("gl" #name))) {                        \
-        fprintf(stderr, "%s: the GL driver has no gl" #name "\n", program);                    \
-        host_gl_close();                                                                       \
-        return 0;                                                                              \
-    }
+    if (!(gl.name = (PFNGL##TYPE##PROC)find("gl" #name)))                                      \
+        return fprintf(stderr, "%s: the GL driver has no gl" #name "\n", program), 0;
     HOST_GL_FUNCTIONS(X)
 #undef X
     return 1;
+}
+
+/* Creates the context and loads all functions. Returns 0 and prints a message if there is no GL. */
+static inline int host_gl_open(const char *program) {
+    if (!host_gl__open_context(program)) return 0;
+    if (host_gl_load(program, host_gl_function)) return 1;
+    host_gl_close();
+    return 0;
 }
 
 /* Compiles a program. vertex, fragment: GLSL without #version. defines: "" or lines of #define. Returns 0 and prints a

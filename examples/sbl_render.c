@@ -10,6 +10,7 @@
 #include "picture_parts.h"
 #include "scene_file.h"
 #include "sensor_disc.h"
+#include "sensor_words.h"
 #define TOOL_NAME "sbl_render"
 #define TOOL_MAKES "picture"
 #define TOOL_DRAWS
@@ -369,63 +370,7 @@ static int keep_picture(const view *s, float done) {
 
 /* ---- --inspect: one sensor ---- */
 
-enum { DISC = 512, LAMPS_SHOWN = 20 };
-
-static double sum_of(const float v[3]) { return (double)v[0] + (double)v[1] + (double)v[2]; }
-
-static void describe_lamp(const sbl_sensor *s, int number) {
-    const sbl_sensor_lamp *l = &s->lamps[number];
-    if (l->kind == SBL_LAMP_TRIANGLE) printf("  triangle %d of mesh %d:", l->number, l->mesh);
-    else printf("  %s %d:", l->kind == SBL_LAMP_LIGHT ? "light" : "texel of the sky", l->number);
-    if (sum_of(l->unhindered) > 0)
-        printf(" unhindered %g %g %g,", (double)l->unhindered[0], (double)l->unhindered[1], (double)l->unhindered[2]);
-    printf(" %d of %d rays arrive\n", l->open, l->rays);
-}
-
-/* Prints the lamps that contribute most, or would contribute most if nothing blocked them. */
-static void describe_lamps(const sbl_sensor *s) {
-    double *worth = (double *)calloc((size_t)s->lamp_count + 1, sizeof *worth);
-    int i, k, best;
-    if (!worth) return;
-    for (i = 0; i < s->lamp_count; i++) worth[i] = sum_of(s->lamps[i].unhindered);
-    for (i = 0; i < s->ray_count; i++)
-        if (s->rays[i].lamp >= 0) worth[s->rays[i].lamp] += sum_of(s->rays[i].radiance);
-    for (i = 0; i < s->lamp_count && i < LAMPS_SHOWN; i++) {
-        for (k = best = 0; k < s->lamp_count; k++)
-            if (worth[k] > worth[best]) best = k;
-        describe_lamp(s, best);
-        worth[best] = -1;
-    }
-    if (s->lamp_count > LAMPS_SHOWN) printf("  and %d more lamps\n", s->lamp_count - LAMPS_SHOWN);
-    free(worth);
-}
-
-/* Prints what the sensor measured. sheet_sum: sum of weight times radiance over the sheet. */
-static void describe(const sbl_sensor *s, const double sheet_sum[3]) {
-    int i, aimed = 0;
-    for (i = 0; i < s->ray_count; i++) aimed += s->rays[i].lamp >= 0;
-    printf("pixel %d,%d: %s, level %d%s\n", options.inspect[0], options.inspect[1],
-           s->sensed ? "had a sensor" : "was interpolated; this is what a sensor measures there", s->level,
-           s->valid ? "" : ", stuck inside geometry");
-    printf("position %g %g %g\nnormal %g %g %g\n", (double)s->position[0], (double)s->position[1],
-           (double)s->position[2],
-           (double)s->normal[0], (double)s->normal[1], (double)s->normal[2]);
-    printf("R %g %g %g\n", (double)s->radiance[0], (double)s->radiance[1], (double)s->radiance[2]);
-    if (s->noise > 0) printf("standard error %g\n", (double)s->noise);
-    if (s->looks > 1) printf("mean of %d looks; the values below are those of the first look\n", s->looks);
-    printf("sum of weight * radiance over the sheet %g %g %g\nsum of weights %.6f, ", sheet_sum[0], sheet_sum[1],
-           sheet_sum[2],
-           (double)s->weight_sum);
-    if (s->view_count) printf("%d views, %d x %d texels\n", s->view_count, s->sheet_width, s->sheet_height);
-    else printf("%d rays\n", s->ray_count - aimed);
-    if (s->hit_mean > 0)
-        printf("back faces %.2f %%, nearest surface %g, mean distance %g\n", 100 * (double)s->back_share,
-               (double)s->hit_min, (double)s->hit_mean);
-    else printf("no surface was met\n");
-    printf("from lamps %g %g %g: %d lamps, %d rays towards them\n", (double)s->from_lamps[0], (double)s->from_lamps[1],
-           (double)s->from_lamps[2], s->lamp_count, aimed);
-    describe_lamps(s);
-}
+enum { DISC = 512 };
 
 /* Draws the sensor's views or rays into shown, and prints its sums. */
 static sbl_result inspect(sbl_context *context, image *shown) {
@@ -451,7 +396,7 @@ static sbl_result inspect(sbl_context *context, image *shown) {
     }
     if (result == SBL_SUCCESS) {
         if (!s.view_count) sensor_disc(&s, DISC, shown->values);
-        describe(&s, sum);
+        sensor_print(&s, options.inspect, sum);
     }
     free(radiance);
     free(weights);
@@ -463,39 +408,15 @@ static sbl_result inspect(sbl_context *context, image *shown) {
 static struct { float world_to_view[16], view_to_clip[16]; survey seen; } placed;  /* the camera */
 
 static void describe_camera(const camera_view *c, const survey *s) {
-    double at[3], length = 0, distance = 0;
-    int k;
-    for (k = 0; k < 3; k++) length += c->forward[k] * c->forward[k];
-    for (k = 0; k < 3; k++) distance += (survey__center(s, k) - c->eye[k]) * c->forward[k] / length;
-    for (k = 0; k < 3; k++) at[k] = c->eye[k] + c->forward[k] * (distance > 0 ? distance : 1);
-    detail("camera: %s: --eye %.6g,%.6g,%.6g --look-at %.6g,%.6g,%.6g --up %.6g,%.6g,%.6g --fov %.4g", c->where,
-           c->eye[0], c->eye[1], c->eye[2], at[0], at[1], at[2], c->up[0], c->up[1], c->up[2], c->fov);
+    char words[256];
+    camera_words(words, sizeof words, c, s);
+    detail("camera: %s: %s", c->where, words);
 }
 
 /* Returns whether black behind the scene is shown as a grey backdrop: for screens, if the file has light of its own and
    no option chooses a sky. */
 static int wants_backdrop(const scene_file *file) {
     return is_display(channels[options.channel]) && !given[SKY] && !given[STUDIO] && is_lit(&file->scene);
-}
-
-static studio light_of_studio;  /* the scene refers to it until the end */
-
-/* Sets the scene again, with the light of a studio. chosen: the camera without the options. Returns the exit status. */
-static int light_studio(tool_task *task, sbl_scene_desc *scene, const survey *s, const camera_view *chosen,
-                        const double eye[3]) {
-    const char *words = NULL;
-    double enclosed = 0;
-    sbl_result result = SBL_SUCCESS;
-    if (s->kind == SURVEY_OBJECT) result = survey_enclosed(task->context, eye, &enclosed);
-    if (result == SBL_SUCCESS) {
-        words = studio_light(&light_of_studio, scene, s, chosen, eye, enclosed);
-        task->said->warnings_kept = 0;  /* they are repeated when the scene is set again */
-        result = words ? sbl_set_scene(task->context, scene) : SBL_ERROR_OUT_OF_MEMORY;
-    }
-    if (words) detail("light: %s", words);
-    if (!given[STUDIO]) task->light = words;
-    return result == SBL_SUCCESS ? DONE
-         : result == SBL_UNFINISHED ? stop("no picture was started") : fail_with(task->said, common.scene, result);
 }
 
 /* Places the camera of the picture or frame. chosen, shot: receive it without and with the options. Returns the exit
@@ -530,7 +451,7 @@ static int arrange(tool_task *task, sbl_scene_desc *scene) {
     if (status != DONE) return status;
     describe_camera(&shot, s);
     task->unplaced = chooses && camera_is_unplaced(task->file, s);
-    return relight ? light_studio(task, scene, s, &chosen, shot.eye) : DONE;
+    return relight ? studio_set(task, scene, s, &chosen, shot.eye, given[STUDIO]) : DONE;
 }
 
 /* ---- a target error that was not reached ---- */
@@ -921,7 +842,7 @@ int main(int argc, char **argv) {
     catch_signals();
     status = frames.now ? check_frames(NULL) : find_targets(PARTIAL);
     if (status == DONE) status = tool_run(start, given, render, frames.now ? check_frames : NULL, arrange);
-    studio_free(&light_of_studio);
+    studio_free(&studio_of_tool);
     frames_free();
     targets_free();
     return status;

@@ -192,13 +192,11 @@ static void camera__options(camera_view *view, const int *given, const survey *s
     if (given[EYE] || given[LOOK_AT]) view->where = "of the options";
 }
 
-/* Computes the matrices of the camera that was chosen, with the options. Returns 0 if the directions are degenerate. */
-static int camera_place(float world_to_view[16], float view_to_clip[16], camera_view *view, const int *given,
-                        const survey *s) {
+/* Computes the matrices of a camera. Returns 0 if its directions are degenerate. */
+static int camera_matrices(float world_to_view[16], float view_to_clip[16], const camera_view *view) {
     const double *eye = view->eye, *forward = view->forward, *up = view->up;
     double to[3], distance;
     int i;
-    camera__options(view, given, s);
     /* The direction is made as long as the eye is far from the origin. Otherwise rounding to float would turn the
        camera. */
     distance = sqrt(forward[0] * forward[0] + forward[1] * forward[1] + forward[2] * forward[2]);
@@ -207,6 +205,24 @@ static int camera_place(float world_to_view[16], float view_to_clip[16], camera_
     return sbl_perspective(view_to_clip, (float)view->fov, (float)((double)camera.size[0] / camera.size[1])) &&
            sbl_look_at(world_to_view, (float)eye[0], (float)eye[1], (float)eye[2], (float)to[0], (float)to[1],
                        (float)to[2], (float)up[0], (float)up[1], (float)up[2]);
+}
+
+/* Computes the matrices of the camera that was chosen, with the options. Returns 0 if the directions are degenerate. */
+static int camera_place(float world_to_view[16], float view_to_clip[16], camera_view *view, const int *given,
+                        const survey *s) {
+    camera__options(view, given, s);
+    return camera_matrices(world_to_view, view_to_clip, view);
+}
+
+/* Writes a camera as the options that place it. */
+static void camera_words(char *out, size_t size, const camera_view *c, const survey *s) {
+    double at[3], length = 0, distance = 0;
+    int k;
+    for (k = 0; k < 3; k++) length += c->forward[k] * c->forward[k];
+    for (k = 0; k < 3; k++) distance += (survey__center(s, k) - c->eye[k]) * c->forward[k] / length;
+    for (k = 0; k < 3; k++) at[k] = c->eye[k] + c->forward[k] * (distance > 0 ? distance : 1);
+    snprintf(out, size, "--eye %.6g,%.6g,%.6g --look-at %.6g,%.6g,%.6g --up %.6g,%.6g,%.6g --fov %.4g", c->eye[0],
+             c->eye[1], c->eye[2], at[0], at[1], at[2], c->up[0], c->up[1], c->up[2], c->fov);
 }
 
 static int camera_misuse(void) {

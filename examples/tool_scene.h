@@ -682,12 +682,13 @@ static void tool__warn(const scene_file *file, const tool_task *task, const int 
     for (i = 0; i < said->warnings_kept; i++) warn("%s: %s", common.scene, said->warnings[i]);
 }
 
+static sbl_context_desc tool_context_desc;  /* a tool with a GL context of its own fills it in before the work */
+
 /* Reads the scene, calls the worker, writes statistics and stored light, and prints warnings. Returns the exit status.
    prepare: NULL, or a function that is called after the scene is read and before the work begins; it returns an exit
    status. arrange: NULL, or see tool_arranger. */
 static int tool_run(double start, const int *given, tool_worker worker, int (*prepare)(const scene_file *file),
     tool_arranger arrange) {
-    sbl_context_desc context_desc;
     scene_file *file, *sky = NULL;
     messages said;
     tool_task task;
@@ -713,10 +714,9 @@ static int tool_run(double start, const int *given, tool_worker worker, int (*pr
     if (status == DONE && prepare) status = prepare(file);
     if (status == DONE) status = targets_check_read(file);
     if (status == DONE) {
-        memset(&context_desc, 0, sizeof context_desc);
-        context_desc.logger.log = on_log;
-        context_desc.logger.user = &said;
-        result = sbl_create(&context_desc, &task.context);
+        tool_context_desc.logger.log = on_log;
+        tool_context_desc.logger.user = &said;
+        result = sbl_create(&tool_context_desc, &task.context);
         status = result == SBL_SUCCESS ? tool__work(file, sky, &task, given, worker, arrange)
                                        : fail_with(&said, "OpenGL", result);
         sbl_destroy(task.context);

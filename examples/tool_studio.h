@@ -1,5 +1,5 @@
 /* Light for scenes that have none: a studio; and a backdrop for scenes that have light but no sky. Include after
-   tool_survey.h and tool_camera.h.
+   tool_scene.h, tool_survey.h and tool_camera.h.
 
    An object stands on a large grey ground, below a sky that is bright above and fades towards the horizon, and a wide
    sun shines from the upper left behind the camera. The sky has the radiance of the ground from the horizon down, so
@@ -184,6 +184,28 @@ static const char *studio_light(studio *s, sbl_scene_desc *scene, const survey *
     if (!(survey__radius(v) > 0) || studio__has_ground(scene, v) || eye[1] <= (double)v->bounds.lowest[1])
         return "a studio sky and a sun";
     return studio__add_ground(s, scene, v) ? "a studio sky, a sun and a ground" : NULL;
+}
+
+static studio studio_of_tool;  /* the scene refers to it until the end */
+
+/* Sets the scene again, with the light of a studio. chosen: the camera without the options. eye: the position of the
+   camera. by_option: 1: an option asks for it, so that no note tells it. Returns the exit status. */
+static int studio_set(tool_task *task, sbl_scene_desc *scene, const survey *s, const camera_view *chosen,
+                      const double eye[3], int by_option) {
+    const char *words = NULL;
+    double enclosed = 0;
+    sbl_result result = SBL_SUCCESS;
+    if (s->kind == SURVEY_OBJECT) result = survey_enclosed(task->context, eye, &enclosed);
+    if (result == SBL_SUCCESS) {
+        words = studio_light(&studio_of_tool, scene, s, chosen, eye, enclosed);
+        task->said->warnings_kept = 0;  /* they are repeated when the scene is set again */
+        result = words ? sbl_set_scene(task->context, scene) : SBL_ERROR_OUT_OF_MEMORY;
+    }
+    if (words) detail("light: %s", words);
+    if (!by_option) task->light = words;
+    return result == SBL_SUCCESS ? DONE
+         : result == SBL_UNFINISHED ? stop("no " TOOL_MAKES " was started")
+                                    : fail_with(task->said, common.scene, result);
 }
 
 #endif

@@ -30,6 +30,12 @@ END
 # what is left out without npm's watlas in build/, and without node
 [ -f build/node_modules/watlas/dist/watlas.wasm ] || sed -i /watlas/d "$folder/expected"
 command -v node > /dev/null || sed -i /sbl_unwrap.1/d "$folder/expected"
+view=
+if pkg-config --exists glfw3; then  # otherwise sbl_view is not built
+    view=sbl_view
+    printf './bin/sbl_view\n./share/man/man1/sbl_view.1\n' >> "$folder/expected"
+    sort -o "$folder/expected" "$folder/expected"
+fi
 
 installs() {
     PREFIX=$prefix scripts/install && list "$prefix" > "$folder/list" && same "$folder/expected" "$folder/list"
@@ -46,7 +52,7 @@ is_readable() {
     [ "$(find "$prefix" -type d ! -perm 755 | grep -vcx "$prefix")" = 0 ] &&
     [ "$(find "$prefix" -type f ! -perm -444 | wc -l)" = 0 ] &&
     [ "$(find "$prefix" -type f -perm 755 | sort | sed 's:.*/::' | tr '\n' ' ')" = \
-        'sbl_bake sbl_merge sbl_render sbl_unwrap scene_to_gltf ' ] &&
+        "sbl_bake sbl_merge sbl_render sbl_unwrap ${view:+$view }scene_to_gltf " ] &&
         same sbl.h "$prefix/include/sbl.h"
 }
 refuses() { ! "$@" > "$folder/said" 2>&1 && cat "$folder/said" && [ "$(wc -l < "$folder/said")" = 1 ]; }
@@ -61,12 +67,12 @@ check refuses_an_unknown_option refuses env PREFIX="$folder/no" scripts/install 
 
 tool_runs() { (cd / && "$prefix/bin/$1" --version) | grep -qx "$1 $version"; }
 version=$(sed -n 's/^ *sbl_version *"\([0-9.]*\)"$/\1/p' sbl.h | head -n 1)
-for tool in sbl_render sbl_bake sbl_merge; do check ${tool}_runs tool_runs $tool; done
+for tool in sbl_render sbl_bake sbl_merge $view; do check ${tool}_runs tool_runs $tool; done
 unwraps() {
     (cd / && "$prefix/bin/sbl_unwrap" "$OLDPWD/examples/scenes/two_rooms.obj" "$folder/rooms.glb" 64) &&
     [ "$(head -c 4 "$folder/rooms.glb")" = glTF ]
 }
-tools='sbl_render sbl_bake sbl_merge'
+tools="sbl_render sbl_bake sbl_merge $view"
 if command -v node > /dev/null; then
     tools="$tools sbl_unwrap"
     check sbl_unwrap_runs tool_runs sbl_unwrap

@@ -1,0 +1,149 @@
+/* Measures the steps of sbl_view: how long each call of sbl_step keeps the window waiting, and why. Include after
+   tool_scene.h.
+
+   A step has three times. The wall time is what a user feels. The processor time of the thread that draws is what sbl.h
+   and the driver need in this thread. If the machine takes the processor away meanwhile, for another program, the wall
+   time is longer: the kernel counts these interruptions, and such a step is called disturbed. With LP_NUM_THREADS=0,
+   Mesa's software renderer works in this thread alone, so that the two times of a step that is not disturbed agree. */
+#ifndef VIEW_STEPS_H
+#define VIEW_STEPS_H
+
+#include <time.h>
+
+enum { STEPS_MOST = 1 << 20, STEPS_SLOWEST = 16, STEPS_EDGES = 9 };
+
+static const char *const steps_rooms[] = { "surface", "bounce", "gather", "refine", "filter", "resolve" };
+
+/* What is known at one time. */
+typedef struct steps_state {
+    double wall, own, all;      /* seconds: clock, processor time of the thread and of the process */
+    long interruptions;
+    int programs;
+    double rooms[6];            /* of sbl_stats.seconds */
+} steps_state;
+
+typedef struct steps_step {
+    float wall, own, all;       /* seconds */
+    short disturbed, programs;  /* number of interruptions, and of programs that were compiled */
+    short room, preview;        /* the room that took most of the time; 1: it was a preview's step */
+} steps_step;
+
+static struct steps {
+    steps_step *list;
+    int count;
+    steps_state before;
+    double longest_begin, longest_lights, longest_draw;  /* seconds of other calls */
+} steps;
+
+static double steps__clock(clockid_t clock) {
+    struct timespec t;
+    clock_gettime(clock, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static void steps__look(const sbl_context *context, steps_state *s) {
+    const sbl_stats stats = sbl_query_stats(context);
+    const double rooms[6] = { stats.seconds.surface, stats.seconds.bounce, stats.seconds.gather, stats.seconds.refine,
+                              stats.seconds.filter, stats.seconds.resolve };
+    struct rusage use;
+    getrusage(RUSAGE_THREAD, &use);
+    memcpy(s->rooms, rooms, sizeof rooms);
+    s->interruptions = use.ru_nivcsw;
+    s->programs = sbl_query_programs(context).count;
+    s->wall = steps__clock(CLOCK_MONOTONIC);
+    s->own = steps__clock(CLOCK_THREAD_CPUTIME_ID);
+    s->all = steps__clock(CLOCK_PROCESS_CPUTIME_ID);
+}
+
+/* Call these two around a call of sbl_step. */
+static void steps_enter(const sbl_context *context) {
+    if (!steps.list) steps.list = (steps_step *)malloc(STEPS_MOST * sizeof *steps.list);
+    steps__look(context, &steps.before);
+}
+
+static void steps_leave(const sbl_context *context, int preview) {
+    const steps_state *b = &steps.before;
+    steps_state after;
+    steps_step *s = steps.list && steps.count < STEPS_MOST ? &steps.list[steps.count] : NULL;
+    int i;
+    steps__look(context, &after);
+    if (!s) return;
+    s->wall = (float)(after.wall - b->wall);
+    s->own = (float)(after.own - b->own);
+    s->all = (float)(after.all - b->all);
+    s->disturbed = (short)(after.interruptions - b->interruptions);
+    s->programs = (short)(after.programs - b->programs);
+    s->preview = (short)preview;
+    s->room = 0;
+    for (i = 1; i < 6; i++)
+        if (after.rooms[i] - b->rooms[i] > after.rooms[s->room] - b->rooms[s->room]) s->room = (short)i;
+    steps.count++;
+}
+
+/* Keeps the longest time of another call, which began at `start`. */
+static void steps_note(double *longest, double start) {
+    const double seconds = steps__clock(CLOCK_MONOTONIC) - start;
+    if (seconds > *longest) *longest = seconds;
+}
+
+static int steps__ascending(const void *a, const void *b) {
+    const float x = *(const float *)a, y = *(const float *)b;
+    return x < y ? -1 : x > y;
+}
+
+static int steps__slower(const void *a, const void *b) {
+    const float x = ((const steps_step *)a)->wall, y = ((const steps_step *)b)->wall;
+    return x < y ? 1 : x > y ? -1 : 0;
+}
+
+/* Writes percentiles and a histogram of n times, which are sorted. */
+static void steps__write_times(FILE *out, const char *name, float *times, int n) {
+    static const double edges[STEPS_EDGES] = { 1, 2, 5, 10, 15, 20, 50, 100, 1e30 };
+    int i, k, below = 0;
+    qsort(times, (size_t)n, sizeof *times, steps__ascending);
+    fprintf(out, "  \"%s\": {\"steps\": %d", name, n);
+    if (n)
+        fprintf(out, ", \"median_ms\": %.3f, \"p99_ms\": %.3f, \"longest_ms\": %.3f", 1e3 * (double)times[n / 2],
+                1e3 * (double)times[(int)(0.99 * (n - 1) + 0.5)], 1e3 * (double)times[n - 1]);
+    fprintf(out, ",\n    \"histogram\": [");
+    for (k = 0; k < STEPS_EDGES; k++) {
+        const int from = below;
+        for (i = from; i < n && 1e3 * (double)times[i] < edges[k]; i++) below++;
+        if (k < STEPS_EDGES - 1) fprintf(out, "{\"below_ms\": %g, \"steps\": %d}, ", edges[k], below - from);
+        else fprintf(out, "{\"steps\": %d}]},\n", below - from);
+    }
+}
+
+/* Writes the file of --step-histogram. It sorts the steps. */
+static int steps_write(FILE *out, const void *what) {
+    float *times = (float *)malloc(((size_t)steps.count + 1) * sizeof *times);
+    int i, n;
+    (void)what;
+    if (!times) return 0;
+    fprintf(out, "{\n");
+    for (i = 0; i < steps.count; i++) times[i] = steps.list[i].wall;
+    steps__write_times(out, "wall", times, steps.count);
+    for (i = n = 0; i < steps.count; i++) if (!steps.list[i].disturbed) times[n++] = steps.list[i].wall;
+    steps__write_times(out, "wall_undisturbed", times, n);
+    for (i = 0; i < steps.count; i++) times[i] = steps.list[i].own;
+    steps__write_times(out, "processor_thread", times, steps.count);
+    for (i = 0; i < steps.count; i++) times[i] = steps.list[i].all;
+    steps__write_times(out, "processor_process", times, steps.count);
+    free(times);
+    fprintf(out, "  \"longest_ms\": {\"begin\": %.3f, \"lights\": %.3f, \"draw\": %.3f},\n  \"slowest\": [",
+            1e3 * steps.longest_begin, 1e3 * steps.longest_lights, 1e3 * steps.longest_draw);
+    if (steps.list) qsort(steps.list, (size_t)steps.count, sizeof *steps.list, steps__slower);
+    for (i = 0; i < steps.count && i < STEPS_SLOWEST; i++) {
+        const steps_step *s = &steps.list[i];
+        fprintf(out, "%s\n    {\"wall_ms\": %.3f, \"thread_ms\": %.3f, \"process_ms\": %.3f, \"interruptions\": %d, "
+                "\"programs\": %d, \"room\": \"%s\", \"preview\": %s}", i ? "," : "", 1e3 * (double)s->wall,
+                1e3 * (double)s->own, 1e3 * (double)s->all, s->disturbed, s->programs, steps_rooms[s->room],
+                s->preview ? "true" : "false");
+    }
+    fprintf(out, "\n  ]\n}\n");
+    return 1;
+}
+
+static void steps_free(void) { free(steps.list); }
+
+#endif

@@ -1,0 +1,155 @@
+#!/bin/sh
+# Tests of sbl_view in a virtual X server: what the window shows, what keys and mouse do, what is saved, and what is
+# said without a display. tests/support/screen.py compares pictures.
+set -u
+export LC_ALL=C LIBGL_ALWAYS_SOFTWARE=1
+cd "$(dirname "$0")/.." || exit 1
+. tests/support/check.sh
+
+box=examples/scenes/cornell_box.obj lamps=examples/scenes/lights.gltf
+width=128 height=96
+
+screen() { python3 tests/support/screen.py "$@"; }
+shot() { screen shot "$folder/screen/Xvfb_screen0" $width $height "$folder/$1.ppm"; }
+xdo() { timeout 20 xdotool "$@"; }
+# said FILE TEXT COUNT: waits until the viewer has said TEXT so many times, for at most 100 s
+said() {
+    tries=0
+    until [ "$(grep -c -- "$2" "$1")" -ge "$3" ]; do
+        tries=$((tries + 1))
+        [ $tries -lt 1000 ] && kill -0 "$viewer" 2> /dev/null || { cat "$1"; return 1; }
+        sleep 0.1
+    done
+}
+# finished COUNT: waits for the end of a picture, and until the window shows it
+finished() { said "$folder/err" 'picture is finished' "$1" && sleep 0.3; }
+# opens SCENE OPTIONS...: starts the viewer
+opens() {
+    build/sbl_view "$@" --size ${width}x$height --preset draft --verbose > "$folder/out" 2> "$folder/err" &
+    viewer=$!
+    window= tries=0
+    until [ -n "$window" ]; do
+        tries=$((tries + 1))
+        [ $tries -lt 300 ] && kill -0 "$viewer" 2> /dev/null || { cat "$folder/err"; return 1; }
+        sleep 0.1
+        window=$(xdo search --name "$(basename "$1")")
+    done
+    xdo windowfocus "$window"
+}
+ends() { xdo key Escape && wait "$viewer"; }
+
+gets_better() {
+    opens $box -o "$folder/saved.png" && said "$folder/err" 'light: ' 1 && sleep 0.3 && shot early && finished 1 &&
+        shot first && screen differ "$folder/early.ppm" "$folder/first.ppm" 1
+}
+saves_the_window() { xdo key s && said "$folder/out" saved 1 && screen same "$folder/first.ppm" "$folder/saved.png"; }
+agrees_with_the_tool() {
+    build/sbl_render $box --size ${width}x$height --preset draft -o "$folder/tool.png" &&
+        screen same "$folder/tool.png" "$folder/saved.png"
+}
+title_tells_the_error() {
+    xdo getwindowname "$window" | tee "$folder/title" | grep -q '100 %, error [0-9.]* % (target 5 %)'
+}
+click_draws_rays() {
+    xdo mousemove 64 80 click 1 && said "$folder/out" '^from lamps .* rays towards them' 1 && sleep 0.3 && shot rays &&
+        screen differ "$folder/first.ppm" "$folder/rays.ppm" 2 && screen count "$folder/rays.ppm" 229,64,51 2 4 &&
+        xdo key BackSpace && sleep 0.3 && shot clean && screen same "$folder/first.ppm" "$folder/clean.ppm"
+}
+exposure_changes_by_key() {
+    xdo key minus && sleep 0.3 && shot darker && screen brighter "$folder/darker.ppm" "$folder/first.ppm" &&
+        xdo key plus && sleep 0.3 && shot again && screen same "$folder/first.ppm" "$folder/again.ppm" 30 &&
+        ! screen differ "$folder/first.ppm" "$folder/again.ppm" 0.3
+}
+channel_changes_by_key() {
+    xdo key 4 && sleep 0.3 && shot normals && screen count "$folder/normals.ppm" 128,255,128 1 100 && xdo key 1 x &&
+        sleep 0.3 && shot back && screen same "$folder/first.ppm" "$folder/back.ppm"
+}
+orbit_changes_it() {
+    xdo mousemove 64 48 mousedown 1 mousemove_relative 20 4 mousemove_relative 10 0 mouseup 1 && finished 2 &&
+        shot orbit && screen differ "$folder/first.ppm" "$folder/orbit.ppm" 8 && xdo key c &&
+        said "$folder/out" '^--eye .* --size' 1
+}
+resizes() {
+    width=96 height=64
+    xdo windowsize "$window" 96 64 && finished 3 && xdo key s && said "$folder/out" saved 2 && shot resized &&
+        screen same "$folder/resized.ppm" "$folder/saved.png"
+}
+light_moves() {
+    width=128 height=96
+    opens $lamps && finished 1 && shot lamps && xdo key l && sleep 0.3 && xdo key Right key Right key Right &&
+        finished 2 && xdo key l key l key l && sleep 0.3 && shot moved &&
+        screen differ "$folder/lamps.ppm" "$folder/moved.ppm" 1
+}
+light_is_dragged() {
+    xdo key l && sleep 0.3 && shot marked && at=$(marked_at "$folder/moved.ppm" "$folder/marked.ppm") && [ -n "$at" ] &&
+        xdo mousemove $at mousedown 1 mousemove_relative 20 0 mousemove_relative 20 0 mouseup 1 && finished 3 &&
+        xdo key l key l key l && sleep 0.3 && shot dragged &&
+        screen differ "$folder/moved.ppm" "$folder/dragged.ppm" 1 && ends
+}
+# marked_at BEFORE AFTER: the middle of the yellow pixels that are new
+marked_at() {
+    python3 - "$1" "$2" << 'END'
+import sys
+def read(path):
+    data = open(path, "rb").read().split(b"\n", 3)
+    return int(data[1].split()[0]), data[3]
+(width, a), (_, b) = read(sys.argv[1]), read(sys.argv[2])
+new = [i // 3 for i in range(0, len(b), 3) if a[i:i + 3] != b[i:i + 3] and b[i] > 230 and b[i + 2] < 80]
+if new:
+    print(sum(i % width for i in new) // len(new), sum(i // width for i in new) // len(new))
+END
+}
+histogram_is_complete() {
+    build/sbl_view $box --size 32x32 --preset draft --mode direct --once -o "$folder/tiny.png" \
+        --step-histogram "$folder/steps.json" && python3 - "$folder/steps.json" << 'END'
+import json, sys
+steps = json.load(open(sys.argv[1]))
+for name in "wall", "wall_undisturbed", "processor_thread", "processor_process":
+    part = steps[name]
+    if sum(bin["steps"] for bin in part["histogram"]) != part["steps"]:
+        sys.exit("%s: the histogram has %s" % (name, part))
+if not 1 <= steps["wall"]["steps"] == steps["processor_thread"]["steps"] or not steps["slowest"]:
+    sys.exit("%d steps" % steps["wall"]["steps"])
+END
+}
+# refuses STATUS TEXT COMMAND...: the command ends with this status and one line that contains TEXT
+refuses() {
+    wanted=$1 text=$2 status=0
+    shift 2
+    "$@" > "$folder/said" 2>&1 || status=$?
+    cat "$folder/said"
+    [ $status = "$wanted" ] && grep -q -- "$text" "$folder/said" && [ "$(wc -l < "$folder/said")" = 1 ]
+}
+
+if ! pkg-config --exists glfw3; then skip view "no GLFW (libglfw3-dev)"
+elif ! command -v Xvfb > /dev/null || ! command -v xdotool > /dev/null; then
+    skip view "no Xvfb and xdotool (xvfb, xdotool)"
+else
+    mkdir "$folder/screen"
+    : > "$folder/number"
+    # the server chooses a free number, which it writes to descriptor 3
+    Xvfb -displayfd 3 -screen 0 640x480x24 -fbdir "$folder/screen" 3> "$folder/number" > /dev/null 2>&1 &
+    server=$! viewer=$!
+    trap 'kill "$viewer" "$server" 2> /dev/null; rm -rf "$folder"' EXIT
+    said "$folder/number" '[0-9]' 1
+    check no_display refuses 1 'no window can be opened' env -u DISPLAY build/sbl_view $box
+    DISPLAY=:$(cat "$folder/number")
+    export DISPLAY
+    check old_gl refuses 1 'OpenGL 3.3' env MESA_GL_VERSION_OVERRIDE=2.1 build/sbl_view $box
+    check no_scene refuses 2 usage build/sbl_view
+    check no_overwriting refuses 2 'the name must end in' build/sbl_view $box -o $box
+    check histogram_is_complete histogram_is_complete
+    check gets_better gets_better
+    check saves_the_window saves_the_window
+    check agrees_with_the_tool agrees_with_the_tool
+    check title_tells_the_error title_tells_the_error
+    check click_draws_rays click_draws_rays
+    check exposure_changes_by_key exposure_changes_by_key
+    check channel_changes_by_key channel_changes_by_key
+    check orbit_changes_it orbit_changes_it
+    check resizes resizes
+    check escape_ends ends
+    check light_moves light_moves
+    check light_is_dragged light_is_dragged
+fi
+report
