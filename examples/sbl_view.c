@@ -299,7 +299,7 @@ static sbl_channel channel_to_show(void) {
 
 /* Lets the window show a channel in false colours. */
 static void show_colors(sbl_channel channel) {
-    image picture = { 0, 0, 0, NULL, NULL, { 0, 0 }, { 0, 0 }, NULL };
+    image picture = { 0, 0, 0, NULL, NULL, { 0, 0 }, { 0, 0 }, NULL, 0 };
     picture_range range = picture_no_range;
     const size_t pixels = (size_t)view.work_size[0] * (size_t)view.work_size[1];
     const double stops = shown_exposure() + (picture_is_error(channel) ? PICTURE_ERROR_STOPS : 0);
@@ -503,7 +503,7 @@ static int read_to_save(saved *s, image *picture) {
 }
 
 static void save(void) {
-    image picture = { 0, 0, 0, NULL, NULL, { 0, 0 }, { 0, 0 }, NULL };
+    image picture = { 0, 0, 0, NULL, NULL, { 0, 0 }, { 0, 0 }, NULL, 0 };
     saved s = { name_to_save(), &picture, SBL_CHANNEL_FINAL, 0 };
     output_file target, *checked = &targets[OWN_TARGETS];
     view.saves = 0;

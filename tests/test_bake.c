@@ -336,7 +336,7 @@ TEST(occlusion_beside_the_light) {
     REQUIRE(TOOL("room.gltf", "--lightmap", "64", "--preset", "draft", "-o", "lit", "--store", "a.light") == 0 &&
             TOOL("room.gltf", "--lightmap", "64", "--preset", "draft", "-o", "occluded", "--store", "b.light", "--ao",
                  "1") == 0, "%s", ran.err);
-    CHECK(same_files("lit/lightmap.pfm", "occluded/lightmap.pfm") && same_files("a.light", "b.light"),
+    CHECK(same_files("lit/lightmap.exr", "occluded/lightmap.exr") && same_files("a.light", "b.light"),
           "--ao changes the light");
     for (file = 0; file < 2; file++) {
         const float *c = apart[FLOOR];
@@ -408,10 +408,10 @@ TEST(what_is_wrong_is_said) {
     REFUSED(2, "--lightmap 16385", "room.gltf", "--lightmap", "16385", "-o", "new");
     REFUSED(2, "--gutter -1", "room.gltf", "--lightmap", "64", "--gutter", "-1", "-o", "new");
     REFUSED(2, "there is no option --eye", "room.gltf", "--lightmap", "64", "-o", "new", "--eye", "0,0,0");
-    REFUSED(1, "scripts/unwrap", "plain.gltf", "--lightmap", "64", "-o", "new", "--quiet");
+    REFUSED(1, "sbl_unwrap", "plain.gltf", "--lightmap", "64", "-o", "new", "--quiet");
     CHECK(!exists("new"), "an empty folder is left");
     mkdir(in_folder("old"), 0777);
-    REFUSED(1, "scripts/unwrap", "plain.gltf", "--lightmap", "64", "-o", "old", "--quiet");
+    REFUSED(1, "sbl_unwrap", "plain.gltf", "--lightmap", "64", "-o", "old", "--quiet");
     CHECK(exists("old"), "a folder that was there is removed");
     CHECK(TOOL("room.gltf", DIRECT, "-o", "here") == 0, "%s", ran.err);
     REFUSED(2, "would overwrite the input file", "here/scene.gltf", DIRECT, "-o", "here");
