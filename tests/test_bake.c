@@ -408,10 +408,10 @@ TEST(what_is_wrong_is_said) {
     REFUSED(2, "--lightmap 16385", "room.gltf", "--lightmap", "16385", "-o", "new");
     REFUSED(2, "--gutter -1", "room.gltf", "--lightmap", "64", "--gutter", "-1", "-o", "new");
     REFUSED(2, "there is no option --eye", "room.gltf", "--lightmap", "64", "-o", "new", "--eye", "0,0,0");
-    REFUSED(1, "sbl_unwrap", "plain.gltf", "--lightmap", "64", "-o", "new", "--quiet");
+    REFUSED(1, "sbl_unwrap makes them", "plain.gltf", "--lightmap", "64", "-o", "new", "--quiet");
     CHECK(!exists("new"), "an empty folder is left");
     mkdir(in_folder("old"), 0777);
-    REFUSED(1, "sbl_unwrap", "plain.gltf", "--lightmap", "64", "-o", "old", "--quiet");
+    REFUSED(1, "sbl_unwrap makes them", "plain.gltf", "--lightmap", "64", "-o", "old", "--quiet");
     CHECK(exists("old"), "a folder that was there is removed");
     CHECK(TOOL("room.gltf", DIRECT, "-o", "here") == 0, "%s", ran.err);
     REFUSED(2, "would overwrite the input file", "here/scene.gltf", DIRECT, "-o", "here");

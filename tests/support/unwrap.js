@@ -170,14 +170,14 @@ const checks = {
         assert(filled >= (least / 100) * maps * size * size, 'too little is filled');
     },
 
-    // dense FILE SIZE DENSITY: large triangles have this many texels for a unit of length, within 5 %
+    // dense FILE SIZE DENSITY: large triangles have this many texels for a unit of length, within 3 %
     dense(file, size, density) {
         let count = 0;
         for (const t of triangles(read(file))) {
             const own = area2(t) * size * size;
             if (own < 50) continue;
             const found = Math.sqrt(own / area3(t));
-            assert(Math.abs(found / density - 1) < 0.05, `${found} texels for a unit of length, not ${density}`);
+            assert(Math.abs(found / density - 1) < 0.03, `${found} texels for a unit of length, not ${density}`);
             count++;
         }
         assert(count > 4, `only ${count} triangles are large`);
