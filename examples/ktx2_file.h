@@ -43,9 +43,9 @@ static inline uint16_t ktx2_half(float value) {
     return (uint16_t)(sign | magnitude >> shift);
 }
 
+/* Writes a number of any width, the lowest byte first. */
 static inline void ktx2__put(FILE *out, uint64_t value, int bytes) {
-    int i;
-    for (i = 0; i < bytes; i++) fputc((int)(value >> 8 * i & 255), out);
+    for (; bytes > 0; bytes--, value >>= 8) fputc((int)(value & 255), out);
 }
 
 static inline int ktx2__side(int side, int level) { return side >> level > 1 ? side >> level : 1; }

@@ -132,7 +132,7 @@ static const tool_option table[OPTION_COUNT] = {
              "directions\n"
              "in which no surface is within DISTANCE; and sky.exr and sky.png, the share in which there is none at "
              "all. They are\n"
-             "continued into the gutters; .png holds linear bytes. Takes about as long as --mode direct twice. The map "
+             "continued into the gutters; .png holds linear bytes. Takes about as long as a map in mode gi. The map "
              "must be\n"
              "baked at once: without --part and --join, and not in windows" },
     [SUPERSAMPLE] = { "--supersample", "N", INTEGERS, &options.supersample, 1, 1, 8,
