@@ -17,6 +17,8 @@
 #ifndef LIT_FILE_H
 #define LIT_FILE_H
 
+#include <signal.h>
+
 typedef struct lit_scene {
     const sbl_scene_desc *scene;
     const char *const *names;   /* one per mesh */
@@ -29,6 +31,7 @@ typedef struct lit_scene {
     char *png;                  /* the compressed texture */
     size_t png_size;
     double gain;                /* 2 to the power of stops */
+    const volatile sig_atomic_t *cancel;  /* NULL, or no more triangles are drawn if it is not 0 */
     float *metered;             /* receives luminances instead of texels; NULL: texels are made */
     int *slots;                 /* number of each material in the .glb, first as in the map, then as outside of it; -1:
                                    it is not used */
@@ -314,7 +317,7 @@ static void lit__draw_mesh(lit_scene *l, const sbl_mesh *m) {
     memset(&t, 0, sizeof t);
     t.mesh = m;
     t.material = &l->scene->materials[m->material];
-    for (i = 0; i + 2 < m->index_count; i += 3) {
+    for (i = 0; i + 2 < m->index_count && !(l->cancel && *l->cancel); i += 3) {
         for (corner = 0; corner < 3; corner++) {
             t.corners[corner] = indices[i + corner];
             for (k = 0; k < 2; k++) t.at[corner][k] = (double)at[2 * (size_t)t.corners[corner] + (size_t)k] * l->size;
@@ -370,9 +373,9 @@ static inline int lit_spare(lit_scene *l) {
 
 /* ---- texels that no triangle covers ---- */
 
-/* Computes a texel of a smaller level from the four of the larger one that are known. */
-static void lit__shrink(const unsigned char *texels, const unsigned char *rank, int size, int x, int y,
-                        unsigned char *out, unsigned char *out_rank) {
+/* Computes a texel of a smaller level from those of four of the larger one that are known. Returns whether any is. */
+static unsigned char lit__shrink(const unsigned char *texels, const unsigned char *rank, int size, int x, int y,
+                                 unsigned char *out) {
     int sum[4] = { 0, 0, 0, 0 }, known = 0, i, k;
     for (i = 0; i < 4; i++) {
         const int column = 2 * x + (i & 1), row = 2 * y + (i >> 1);
@@ -382,7 +385,7 @@ static void lit__shrink(const unsigned char *texels, const unsigned char *rank, 
         known++;
     }
     for (k = 0; k < 4 && known; k++) out[k] = (unsigned char)(sum[k] / known);
-    *out_rank = known > 0;
+    return known > 0;
 }
 
 /* Fills unknown texels from the smaller levels of a pyramid, so that mip maps of viewers mix charts with colours like
@@ -396,7 +399,7 @@ static void lit__fill(unsigned char *texels, unsigned char *rank, int size) {
     for (y = 0; y < half; y++)
         for (x = 0; x < half; x++) {
             const size_t at = (size_t)y * (size_t)half + (size_t)x;
-            lit__shrink(texels, rank, size, x, y, next + 4 * at, next_rank + at);
+            next_rank[at] = lit__shrink(texels, rank, size, x, y, next + 4 * at);
         }
     lit__fill(next, next_rank, half);
     for (y = 0; y < size; y++)

@@ -49,8 +49,8 @@ static int map__read_ktx2(FILE *in, image *picture) {
     size_t i, texels;
     int k, ok = fread(head, 1, sizeof head, in) == sizeof head && memcmp(head, "\xabKTX 20\xbb\r\n\x1a\n", 12) == 0 &&
                 map__word(head + 12) == 97 && map__word(head + 40) == 1 && map__word(head + 44) == 0;
-    picture->width = (int)(map__word(head + 20) & 0xffff);
-    picture->height = (int)(map__word(head + 24) & 0xffff);
+    picture->width = (int)map__word(head + 20);
+    picture->height = (int)map__word(head + 24);
     ok = ok && map__room(picture) && fseek(in, (long)(map__word(head + 80) & 0x7fffffff), SEEK_SET) == 0;
     texels = (size_t)picture->width * (size_t)picture->height;
     for (i = 0; i < texels && ok; i++) {

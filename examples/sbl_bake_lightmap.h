@@ -247,6 +247,7 @@ static int keep_lit(lightmap *l) {
     l->lit.scene = l->gltf.scene;
     l->lit.names = l->gltf.names;
     l->lit.atlas = &l->atlas;
+    l->lit.cancel = &interrupted;
     l->lit.size = given[LIT] ? options.lit : lit_size(l->gltf.scene, l->atlas.width, l->memory / 4);
     if ((isnan(options.stops) && !lit_spare(&l->lit)) || !lit_make(&l->lit))
         status = fail("out of memory: %s needs %.0f MB; --lit 0 leaves it out", names[LIT_GLB],
