@@ -9,7 +9,8 @@
        pfm         .pfm         three 32-bit floats
 
    A file contains finite numbers only: values beyond the range of a format become the nearest that it holds, and what
-   is not a number becomes 0. map_survey counts such values before. Include after picture_file.h and gltf_file.h.
+   is not a number becomes 0. map_survey counts such values before. Include after picture_file.h, gltf_file.h and
+   ktx2_file.h.
 
        map_survey_of(&survey, &picture);
        ok = map_write(stream, &(map_source){ &picture, MAP_HDR, 0, 0 }); */
@@ -198,76 +199,10 @@ static int map__write_rgbm(FILE *out, const map_source *s) {
     return ok;
 }
 
-/* ---- KTX 2 ---- */
-
-/* Returns the 16-bit float next to a number of at most MAP_HALF_MOST; ties go to the even one. */
-static inline uint16_t map_half(float number) {
-    const double v = fabs((double)number);
-    const unsigned sign = number < 0 ? 0x8000u : 0;
-    int exponent;
-    double step, digits;
-    if (v < 1.0 / (1 << 14)) exponent = -14;  /* smallest exponent: below it, numbers lose digits */
-    else { frexp(v, &exponent); exponent--; }
-    step = ldexp(1, exponent - 10);
-    digits = nearbyint(v / step);             /* 1024 to 2048, or less below the smallest exponent */
-    return (uint16_t)(sign | (unsigned)((exponent + 14) * 1024 + (int)digits));
-}
-
-static void map__put_short(FILE *out, unsigned v) {
-    const unsigned char bytes[2] = { (unsigned char)(v & 255), (unsigned char)(v >> 8) };
-    fwrite(bytes, 1, 2, out);
-}
-
-static void map__put_long(FILE *out, uint64_t v) {
-    gltf__put_word(out, (uint32_t)(v & 0xffffffff));
-    gltf__put_word(out, (uint32_t)(v >> 32));
-}
-
-/* Writes what precedes the texels: the header, the list of one level, the description of the format, and two facts. */
-static void map__put_ktx2_head(FILE *out, const image *map) {
-    static const unsigned char identifier[12] = { 0xab, 'K', 'T', 'X', ' ', '2', '0', 0xbb, '\r', '\n', 0x1a, '\n' };
-    static const uint32_t format = 97, channels[4] = { 0, 1, 2, 15 };
-    static const char facts[] = "\x12\0\0\0KTXorientation\0rd\0\0\0\x10\0\0\0KTXwriter\0sbl.h";
-    enum { LEVELS = 80, DESCRIPTION = 104, DESCRIBED = 92, FACTS = 196, TOLD = sizeof facts, TEXELS = 240 };
-    const uint64_t bytes = 8 * (uint64_t)map->width * (uint64_t)map->height;
-    const uint32_t head[9] = { format, 2, (uint32_t)map->width, (uint32_t)map->height, 0, 0, 1, 1, 0 };
-    const uint32_t places[8] = { DESCRIPTION, DESCRIBED, FACTS, TOLD, 0, 0, 0, 0 };
-    int i, at;
-    fwrite(identifier, 1, sizeof identifier, out);
-    for (i = 0; i < 9; i++) gltf__put_word(out, head[i]);
-    for (i = 0; i < 8; i++) gltf__put_word(out, places[i]);
-    map__put_long(out, TEXELS);
-    map__put_long(out, bytes);
-    map__put_long(out, bytes);
-    gltf__put_word(out, DESCRIBED);
-    gltf__put_word(out, 0);                          /* Khronos' basic block */
-    gltf__put_word(out, 2 | (DESCRIBED - 4) << 16);  /* its version and size */
-    gltf__put_word(out, 1 | 1 << 8 | 1 << 16);       /* RGB, primaries of BT.709, linear */
-    gltf__put_word(out, 0);                          /* blocks of one texel */
-    gltf__put_word(out, 8);                          /* bytes of a texel */
-    gltf__put_word(out, 0);
-    for (i = 0; i < 4; i++) {                        /* signed floats of 16 bits */
-        gltf__put_word(out, (uint32_t)(16 * i) | 15 << 16 | (channels[i] | 0xc0u) << 24);
-        gltf__put_word(out, 0);
-        gltf__put_word(out, 0xbf800000u);
-        gltf__put_word(out, 0x3f800000u);
-    }
-    fwrite(facts, 1, sizeof facts, out);
-    for (at = FACTS + TOLD; at < TEXELS; at++) fputc(0, out);
-}
-
 static int map__write_ktx2(FILE *out, const map_source *s) {
-    const image *map = s->map;
-    const size_t texels = (size_t)map->width * (size_t)map->height;
-    size_t i;
-    int k;
-    map__put_ktx2_head(out, map);
-    for (i = 0; i < texels && !ferror(out); i++) {
-        for (k = 0; k < 3; k++)
-            map__put_short(out, map_half(map__fit(map->values[3 * i + (size_t)k], -MAP_HALF_MOST, MAP_HALF_MOST)));
-        map__put_short(out, 0x3c00);
-    }
-    return 1;
+    const float *const levels[1] = { s->map->values };
+    const ktx2_picture picture = { s->map->width, s->map->height, 1, 1, 3, KTX2_HALF, levels, "sbl.h" };
+    return ktx2_write(out, &picture);
 }
 
 /* Writes a map of three components. Returns 0 on failures other than those of the stream. */

