@@ -215,7 +215,7 @@ static int camera_place(float world_to_view[16], float view_to_clip[16], camera_
 }
 
 /* Writes a camera as the options that place it. */
-static void camera_words(char *out, size_t size, const camera_view *c, const survey *s) {
+static inline void camera_words(char *out, size_t size, const camera_view *c, const survey *s) {
     double at[3], length = 0, distance = 0;
     int k;
     for (k = 0; k < 3; k++) length += c->forward[k] * c->forward[k];
