@@ -644,7 +644,7 @@ static double lit__put_json(FILE *out, const lit_scene *l) {
     return bytes;
 }
 
-/* Makes the texture. Returns 0 if memory runs out. */
+/* Makes the texture, unless *l->cancel is not 0. Returns 0 if memory runs out. */
 static inline int lit_make(lit_scene *l) {
     const size_t count = (size_t)l->size * (size_t)l->size, levels = count + count / 3 + 4 * (size_t)l->size + 64;
     FILE *out;
@@ -656,6 +656,7 @@ static inline int lit_make(lit_scene *l) {
     l->rank = (unsigned char *)calloc(levels, 1);
     if (!l->texels || !l->rank) return 0;
     lit__draw_all(l);
+    if (l->cancel && *l->cancel) return 1;
     lit__fill(l->texels, l->rank, l->size);
     out = open_memstream(&l->png, &l->png_size);
     if (!out) return 0;

@@ -80,6 +80,19 @@ TEST(all_formats_hold_the_light) {
     free(truth.values);
 }
 
+/* A folder may hold maps of several bakes: host_lightmap draws the newest. */
+TEST(the_newest_map_is_drawn) {
+    picture before, after;
+    write_scene("room.gltf", apart, 1);
+    CHECK(TOOL(DIRECT, "--formats", "pfm", "--lit", "0", "-o", "twice") == 0, "%s", ran.err);
+    before = draw_with("twice");
+    CHECK(TOOL(DIRECT, "--sky", "1,1,1", "--formats", "hdr", "--lit", "0", "-o", "twice") == 0, "%s", ran.err);
+    after = draw_with("twice");
+    CHECK(worst_share(&before, &after) > 0.5, "the old map is drawn");
+    free(before.values);
+    free(after.values);
+}
+
 /* Harmonics are written where there is room for their signs. */
 TEST(harmonics_have_signs) {
     write_scene("room.gltf", apart, 1);
@@ -322,6 +335,7 @@ int main(int argc, char **argv) {
     if (!tool_begin(argv[0])) return 1;
     tool_use("sbl_bake");
     RUN(all_formats_hold_the_light);
+    RUN(the_newest_map_is_drawn);
     RUN(harmonics_have_signs);
     RUN(wrong_formats_are_refused);
     RUN(strange_values_become_finite);
