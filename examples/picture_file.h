@@ -129,6 +129,7 @@ typedef struct picture_writer {
     exr_context_t exr;
     exr_encode_pipeline_t encoder;
     int encodes;             /* 1: the encoder is initialized */
+    exr_result_t (*compress)(exr_encode_pipeline_t *encoder);  /* that of OpenEXR, see picture__compress */
 #endif
 } picture_writer;
 
@@ -267,6 +268,16 @@ static int picture__begin_exr(picture_writer *w) {
     return result == EXR_ERR_SUCCESS;
 }
 
+/* Compresses a chunk. Readers take a chunk for uncompressed if it is as long as the uncompressed one, but OpenEXR 3.1
+   writes compressed data of exactly this length, too: such a chunk is written uncompressed. */
+static exr_result_t picture__compress(exr_encode_pipeline_t *encoder) {
+    const picture_writer *w = (const picture_writer *)encoder->encoding_user_data;
+    const exr_result_t result = w->compress(encoder);
+    if (result == EXR_ERR_SUCCESS && encoder->compressed_bytes == encoder->packed_bytes)
+        memcpy(encoder->compressed_buffer, encoder->packed_buffer, (size_t)encoder->packed_bytes);
+    return result;
+}
+
 /* Writes rows, in chunks of as many rows as the compression joins. The first row of a band is that of a chunk. */
 static int picture__put_exr(picture_writer *w, int first, int rows, const float *values) {
     const int n = w->frame.components, width = w->frame.width;
@@ -291,8 +302,12 @@ static int picture__put_exr(picture_writer *w, int first, int rows, const float 
             channel->user_pixel_stride = 4 * n;
             channel->user_line_stride = 4 * n * width;
         }
-        if (result == EXR_ERR_SUCCESS && !begun)
+        if (result == EXR_ERR_SUCCESS && !begun) {
             result = exr_encoding_choose_default_routines(w->exr, 0, &w->encoder);
+            w->compress = w->encoder.compress_fn;
+            w->encoder.encoding_user_data = w;
+            w->encoder.compress_fn = w->compress ? picture__compress : NULL;
+        }
         if (result == EXR_ERR_SUCCESS) result = exr_encoding_run(w->exr, 0, &w->encoder);
     }
     return result == EXR_ERR_SUCCESS;

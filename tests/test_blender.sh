@@ -9,7 +9,8 @@ cd "$(dirname "$0")/.." || exit 1
 # The Python of Debian's Blender finds NumPy only beside the system's own python3.
 in_blender() {
     PATH=/usr/bin:/bin TMPDIR="$folder" blender --background --factory-startup -noaudio -t 1 --python-exit-code 1 \
-        --python tests/support/blender_addon.py -- build "$folder" > "$folder/log.txt" 2>&1 || tail -n 20 "$folder/log.txt"
+        --python tests/support/blender_addon.py -- build "$folder" > "$folder/log.txt" 2>&1 ||
+        tail -n 20 "$folder/log.txt"
     grep -E '^(ok  |FAIL) ' "$folder/log.txt"
     for picture in render baked traced map truth; do
         [ -s "$folder/$picture.png" ] || { echo "FAIL there is no $picture.png"; tail -n 20 "$folder/log.txt"; }

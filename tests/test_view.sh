@@ -81,10 +81,12 @@ light_moves() {
         screen differ "$folder/lamps.ppm" "$folder/moved.ppm" 1
 }
 light_is_dragged() {
-    xdo key l && sleep 0.3 && shot marked && at=$(marked_at "$folder/moved.ppm" "$folder/marked.ppm") && [ -n "$at" ] &&
+    xdo key c && said "$folder/out" '^--eye' 1 && xdo key l && sleep 0.3 && shot marked &&
+        at=$(marked_at "$folder/moved.ppm" "$folder/marked.ppm") && [ -n "$at" ] &&
         xdo mousemove $at mousedown 1 mousemove_relative 20 0 mousemove_relative 20 0 mouseup 1 && finished 3 &&
         xdo key l key l key l && sleep 0.3 && shot dragged &&
-        screen differ "$folder/moved.ppm" "$folder/dragged.ppm" 1 && ends
+        screen differ "$folder/moved.ppm" "$folder/dragged.ppm" 1 && xdo key c && said "$folder/out" '^--eye' 2 &&
+        [ "$(grep '^--eye' "$folder/out" | sort -u | wc -l)" = 1 ] && ends  # the camera has not moved
 }
 # marked_at BEFORE AFTER: the middle of the yellow pixels that are new
 marked_at() {
