@@ -908,7 +908,7 @@ typedef struct sbl_context_desc {
                                  texture. It never changes a picture. Default: as many as the time allows */
     float longest_submission; /* seconds that GL may work at a time, roughly. Default: 0.1 */
     int compile_ahead;        /* 1: sbl_create compiles all programs except those of inspections, of directional
-                                 lightmaps, and of scenes too large for one buffer texture per table. Default: 0, each
+                                 lightmaps, of light groups, and of scenes too large for one buffer texture per table. Default: 0, each
                                  program is compiled when it is first used */
     size_t memory_budget;     /* bytes that the context may hold, GPU and host together. Work that would need more fails
                                  with SBL_ERROR_OUT_OF_MEMORY; a picture or lightmap fails before it starts, and the
@@ -13664,6 +13664,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__BOUNCE_RAYS 16        /* rays of a point */
 #define SBL__BOUNCE_SEQUENCES 4    /* sequences of ray directions, which the points of a leaf use in turn */
 #define SBL__BOUNCE_BYTES 2600.0   /* estimated bytes per cell of sbl__store.max_leaves that filling the store needs */
+#define SBL__BOUNCE_GROUP_BYTES 136.0  /* the same for each light group in addition */
 #define SBL__DIVISIONS 2           /* largest number of rounds of division, see >>bounce: division */
 #define SBL__DIVIDE_SHARE 0.15     /* largest number of leaves that a round divides, relative to all */
 #define SBL__DIVIDE_FILL 0.85      /* fill up to which leaves are divided */
@@ -19177,7 +19178,8 @@ static sbl__need sbl__map_need(const sbl__core *c, const sbl_picture_desc *d, do
     sbl__need need;
     if (d->options.mode == SBL_MODE_PAPER || d->options.backend == SBL_BACKEND_RASTER)
         once += (double)c->desc.sensor_texture_size * c->desc.sensor_texture_size * SBL__VIEW_BYTES;
-    if (bounced && !s->ready) once += (double)s->max_leaves * SBL__BOUNCE_BYTES;
+    if (bounced && !s->ready)
+        once += (double)s->max_leaves * (SBL__BOUNCE_BYTES + SBL__BOUNCE_GROUP_BYTES * c->scene.light_groups);
     pixel += tiles * (double)sizeof(sbl__tile) + sensors * (double)sizeof(sbl__sensor);
     need.pixels = (double)w.size[0] * (double)w.size[1];
     need.once[0] = once + SBL__MAP_JOBS;
