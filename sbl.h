@@ -555,9 +555,9 @@
    is a share of the whole light, not of the group's own. In the light of all groups together, it cannot be seen. A
    group that is made ten times as bright beside the others shows ten times its error.
 
-   Cost: four groups take 1.05 to 1.2 times the time of a lightmap without groups, on llvmpipe. For each group, a
-   lightmap takes 44 more bytes per texel, and the store 12 bytes per cell on the host, 24 per point while it is filled,
-   and 16 per cell on the GPU.
+   Cost: four groups take 1.1 to 1.2 times the time of a lightmap without groups, eight 1.3 times (llvmpipe). For each
+   group, a lightmap takes 44 more bytes per texel, and the store 12 bytes per cell on the host, 24 per point while it
+   is filled, and 16 per cell on the GPU.
 
    Limits: at most SBL_MAX_LIGHT_GROUPS groups. A lightmap cannot be directional and have groups. Sensors must trace
    rays, so neither SBL_BACKEND_RASTER, SBL_MODE_PAPER nor a draw callback have groups. In SBL_MODE_AMBIENT, the ambient
@@ -908,8 +908,8 @@ typedef struct sbl_context_desc {
                                  texture. It never changes a picture. Default: as many as the time allows */
     float longest_submission; /* seconds that GL may work at a time, roughly. Default: 0.1 */
     int compile_ahead;        /* 1: sbl_create compiles all programs except those of inspections, of directional
-                                 lightmaps, of light groups, and of scenes too large for one buffer texture per table. Default: 0, each
-                                 program is compiled when it is first used */
+                                 lightmaps, of light groups, and of scenes too large for one buffer texture per table.
+                                 Default: 0, each program is compiled when it is first used */
     size_t memory_budget;     /* bytes that the context may hold, GPU and host together. Work that would need more fails
                                  with SBL_ERROR_OUT_OF_MEMORY; a picture or lightmap fails before it starts, and the
                                  message says which size would fit. Drivers need more memory of their own. Default: 0,

@@ -81,7 +81,8 @@ static int find_groups(scene_file *file) {
     int i, status = DONE;
     if (!groups_assign(&groups, file, &grouped_materials))
         return misuse("--light-groups %s: %s", options.light_groups, groups.error);
-    if (first + GROUP_FILES * groups.count > TARGETS_MOST) return fail("%s: too many textures for light groups", common.scene);
+    if (first + GROUP_FILES * groups.count > TARGETS_MOST)
+        return fail("%s: too many textures for light groups", common.scene);
     for (i = 0; i < GROUP_FILES * groups.count && status == DONE; i++) {
         char name[GROUP_NAME + 16];
         snprintf(name, sizeof name, "lightmap_%s%s", groups.items[i / GROUP_FILES].name,

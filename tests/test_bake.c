@@ -379,8 +379,8 @@ TEST(what_is_wrong_is_said) {
     CHECK(TOOL("--version") == 0 && strstr(ran.out, "sbl_bake 0."), "%s", ran.out);
 }
 
-/* --light-groups writes a map for each group: of the lamp, and of the sky. They add up to the atlas, and a group is what
-   its sources alone give. */
+/* --light-groups writes a map for each group: of the lamp, and of the sky. They add up to the atlas, and a group is
+   what its sources alone give. */
 TEST(groups_have_maps) {
     picture atlas, lamp, sky, rest, alone;
     double off = 0, mean = 0, sky_off = 0;
@@ -413,14 +413,16 @@ TEST(groups_have_maps) {
     REFUSED(2, "letters, digits", "room.gltf", DIRECT, "--light-groups", "a b=*", "-o", "new");
     REFUSED(2, "two groups a", "room.gltf", DIRECT, "--light-groups", "a=x,a=y", "-o", "new");
     REFUSED(2, "more than 8", "room.gltf", DIRECT, "--light-groups", "a,b,c,d,e,f,g,h,i", "-o", "new");
-    REFUSED(2, "neither with --directional", "room.gltf", DIRECT, "--light-groups", "sky", "--directional", "-o", "new");
+    REFUSED(2, "neither with --directional", "room.gltf", DIRECT, "--light-groups", "sky", "--directional", "-o",
+            "new");
     REFUSED(2, "needs --lightmap", "room.gltf", "--vertices", "--light-groups", "sky", "-o", "new.ply");
 }
 
 /* --help has at most 40 short lines; --help all names every option, and nothing that sbl_bake does not have. */
 TEST(help_is_short_or_complete) {
     static const char *const names[] = { "--output", "--lightmap", "--gutter", "--directional", "--supersample",
-        "--light-groups", "--target-error", "--error", "--vertices", "--average", "--samples", "--smoothing", "--probes", "--move",
+        "--light-groups", "--target-error", "--error", "--vertices", "--average", "--samples", "--smoothing",
+        "--probes", "--move",
         "--sky", "--sky-rotation", "--sky-scale", "--sky-up", "--mode", "--preset", "--backend", "--rays",
         "--max-bounce-cells", "--bounce-samples", "--epsilon", "--sensor-size", "--tile", "--threshold",
         "--filter-radius", "--seed", "--stats", "--allow-path", "--memory", "--read-time", "--store", "--quiet",
