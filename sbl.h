@@ -565,9 +565,9 @@
    is a share of the whole light, not of the group's own. In the light of all groups together, it cannot be seen. A
    group that is made ten times as bright beside the others shows ten times its error.
 
-   Cost: four groups take 1.05 to 1.2 times the time of a lightmap without groups, on llvmpipe. For each group, a
-   lightmap takes 44 more bytes per texel, and the store 12 bytes per cell on the host, 24 per point while it is filled,
-   and 16 per cell on the GPU.
+   Cost: four groups take 1.1 to 1.2 times the time of a lightmap without groups, eight 1.3 times (llvmpipe). For each
+   group, a lightmap takes 44 more bytes per texel, and the store 12 bytes per cell on the host, 24 per point while it
+   is filled, and 16 per cell on the GPU.
 
    Limits: at most SBL_MAX_LIGHT_GROUPS groups. A lightmap cannot be directional and have groups. Sensors must trace
    rays, so neither SBL_BACKEND_RASTER, SBL_MODE_PAPER nor a draw callback have groups. In SBL_MODE_AMBIENT, the ambient
@@ -918,8 +918,8 @@ typedef struct sbl_context_desc {
                                  texture. It never changes a picture. Default: as many as the time allows */
     float longest_submission; /* seconds that GL may work at a time, roughly. Default: 0.1 */
     int compile_ahead;        /* 1: sbl_create compiles all programs except those of inspections, of directional
-                                 lightmaps, and of scenes too large for one buffer texture per table. Default: 0, each
-                                 program is compiled when it is first used */
+                                 lightmaps, of light groups, and of scenes too large for one buffer texture per table.
+                                 Default: 0, each program is compiled when it is first used */
     size_t memory_budget;     /* bytes that the context may hold, GPU and host together. Work that would need more fails
                                  with SBL_ERROR_OUT_OF_MEMORY; a picture or lightmap fails before it starts, and the
                                  message says which size would fit. Drivers need more memory of their own. Default: 0,
@@ -13686,6 +13686,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__BOUNCE_RAYS 16        /* rays of a point */
 #define SBL__BOUNCE_SEQUENCES 4    /* sequences of ray directions, which the points of a leaf use in turn */
 #define SBL__BOUNCE_BYTES 2600.0   /* estimated bytes per cell of sbl__store.max_leaves that filling the store needs */
+#define SBL__BOUNCE_GROUP_BYTES 136.0  /* the same for each light group in addition */
 #define SBL__DIVISIONS 2           /* largest number of rounds of division, see >>bounce: division */
 #define SBL__DIVIDE_SHARE 0.15     /* largest number of leaves that a round divides, relative to all */
 #define SBL__DIVIDE_FILL 0.85      /* fill up to which leaves are divided */
@@ -19200,7 +19201,8 @@ static sbl__need sbl__map_need(const sbl__core *c, const sbl_picture_desc *d, do
     sbl__need need;
     if (d->options.mode == SBL_MODE_PAPER || d->options.backend == SBL_BACKEND_RASTER)
         once += (double)c->desc.sensor_texture_size * c->desc.sensor_texture_size * SBL__VIEW_BYTES;
-    if (bounced && !s->ready) once += (double)s->max_leaves * SBL__BOUNCE_BYTES;
+    if (bounced && !s->ready)
+        once += (double)s->max_leaves * (SBL__BOUNCE_BYTES + SBL__BOUNCE_GROUP_BYTES * c->scene.light_groups);
     pixel += tiles * (double)sizeof(sbl__tile) + sensors * (double)sizeof(sbl__sensor);
     need.pixels = (double)w.size[0] * (double)w.size[1];
     need.once[0] = once + SBL__MAP_JOBS;

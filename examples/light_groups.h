@@ -1,5 +1,5 @@
-/* The light groups of sbl_bake: reads the list of --light-groups, and gives each light, each emitting mesh and the sky of
-   a scene file the number of its group. Include after sbl.h, tool.h and scene_file.h. */
+/* The light groups of sbl_bake: reads the list of --light-groups, and gives each light, each emitting mesh and the sky
+   of a scene file the number of its group. Include after sbl.h, tool.h and scene_file.h. */
 #ifndef LIGHT_GROUPS_H
 #define LIGHT_GROUPS_H
 
@@ -21,8 +21,8 @@ static int groups__add(light_groups *g, const char *name, size_t length, const c
     const int fits = length > 0 && length < GROUP_NAME && strspn(name, "abcdefghijklmnopqrstuvwxyz"
                      "ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-") >= length;
     if (!fits || pattern_length < 1 || pattern_length >= sizeof g->items[0].pattern) {
-        snprintf(g->error, sizeof g->error, "\"%.*s\": a name has 1 to %d letters, digits, - and _, and a pattern has 1 "
-                 "to %d characters", (int)(length + 1 + pattern_length), name, GROUP_NAME - 1,
+        snprintf(g->error, sizeof g->error, "\"%.*s\": a name has 1 to %d letters, digits, - and _, and a pattern has "
+                 "1 to %d characters", (int)(length + 1 + pattern_length), name, GROUP_NAME - 1,
                  (int)sizeof g->items[0].pattern - 1);
         return 0;
     }

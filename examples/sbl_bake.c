@@ -144,8 +144,8 @@ static const tool_option table[OPTION_COUNT] = {
                        "atlas_NAME,\n"
                        "in the formats of atlas. The sum of all groups is atlas. A source is a light or an emitting\n"
                        "mesh, both with the name of their node, or the sky, named sky. It belongs to the first group\n"
-                       "whose pattern matches its name (with * ? and [], as in a shell); NAME alone is its own pattern; "
-                       "what no\n"
+                       "whose pattern matches its name (with * ? and [], as in a shell); NAME alone is its own "
+                       "pattern; what no\n"
                        "pattern matches belongs to the group rest. At most 8 groups. Not with --directional, --part, "
                        "--join" },
     [TARGET_ERROR] = { "--target-error", "E", SHARES, &options.target_error, 1, 0.0001, 1,

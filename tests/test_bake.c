@@ -418,8 +418,8 @@ TEST(what_is_wrong_is_said) {
     CHECK(TOOL("--version") == 0 && strstr(ran.out, "sbl_bake 0."), "%s", ran.out);
 }
 
-/* --light-groups writes a map for each group: of the lamp, and of the sky. They add up to the atlas, and a group is what
-   its sources alone give. */
+/* --light-groups writes a map for each group: of the lamp, and of the sky. They add up to the atlas, and a group is
+   what its sources alone give. */
 TEST(groups_have_maps) {
     picture atlas, lamp, sky, rest, alone;
     double off = 0, mean = 0, sky_off = 0;
@@ -452,7 +452,8 @@ TEST(groups_have_maps) {
     REFUSED(2, "letters, digits", "room.gltf", DIRECT, "--light-groups", "a b=*", "-o", "new");
     REFUSED(2, "two groups a", "room.gltf", DIRECT, "--light-groups", "a=x,a=y", "-o", "new");
     REFUSED(2, "more than 8", "room.gltf", DIRECT, "--light-groups", "a,b,c,d,e,f,g,h,i", "-o", "new");
-    REFUSED(2, "neither with --directional", "room.gltf", DIRECT, "--light-groups", "sky", "--directional", "-o", "new");
+    REFUSED(2, "neither with --directional", "room.gltf", DIRECT, "--light-groups", "sky", "--directional", "-o",
+            "new");
     REFUSED(2, "needs --lightmap", "room.gltf", "--vertices", "--light-groups", "sky", "-o", "new.ply");
 }
 
