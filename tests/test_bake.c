@@ -381,7 +381,8 @@ TEST(what_is_wrong_is_said) {
 
 /* --help has at most 40 short lines; --help all names every option, and nothing that sbl_bake does not have. */
 TEST(help_is_short_or_complete) {
-    static const char *const names[] = { "--output", "--lightmap", "--gutter", "--directional", "--supersample",
+    static const char *const names[] = { "--output", "--lightmap", "--map", "--gutter", "--directional",
+        "--supersample",
         "--target-error", "--error", "--vertices", "--average", "--samples", "--smoothing", "--probes", "--move",
         "--sky", "--sky-rotation", "--sky-scale", "--sky-up", "--mode", "--preset", "--backend", "--rays",
         "--max-bounce-cells", "--bounce-samples", "--epsilon", "--sensor-size", "--tile", "--threshold",
