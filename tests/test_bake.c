@@ -459,9 +459,9 @@ TEST(groups_have_maps) {
 
 /* --help has at most 40 short lines; --help all names every option, and nothing that sbl_bake does not have. */
 TEST(help_is_short_or_complete) {
-    static const char *const names[] = { "--output", "--lightmap", "--gutter", "--directional", "--supersample",
-        "--light-groups", "--target-error", "--error", "--vertices", "--average", "--formats", "--lit", "--exposure",
-        "--samples", "--smoothing", "--probes", "--move",
+    static const char *const names[] = { "--output", "--lightmap", "--map", "--gutter", "--directional",
+        "--supersample", "--light-groups", "--target-error", "--error", "--vertices", "--average", "--formats", "--lit",
+        "--exposure", "--ao", "--cubemaps", "--cubemap-size", "--samples", "--smoothing", "--probes", "--move",
         "--sky", "--sky-rotation", "--sky-scale", "--sky-up", "--mode", "--preset", "--backend", "--rays",
         "--max-bounce-cells", "--bounce-samples", "--epsilon", "--sensor-size", "--tile", "--threshold",
         "--filter-radius", "--seed", "--stats", "--allow-path", "--memory", "--read-time", "--store", "--quiet",
