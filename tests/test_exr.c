@@ -39,7 +39,7 @@ TEST(noise) {
     static float written[FLOATS], got[FLOATS];
     char path[] = "/tmp/sbl_exr_XXXXXX";
     const int handle = mkstemp(path);
-    image picture = { ACROSS, ACROSS, 3, written, NULL, { 0, 0 }, { 0, 0 }, NULL };
+    image picture = { ACROSS, ACROSS, 3, written, NULL, { 0, 0 }, { 0, 0 }, NULL, 0 };
     int constant, round, i;
     REQUIRE(handle >= 0, "no temporary file");
     close(handle);
