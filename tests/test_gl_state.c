@@ -492,7 +492,7 @@ static void make_mess(const sbl_draw_view *v, void *user) {
     gl.BindSampler(0, m->objects[3]);
     gl.ActiveTexture(GL_TEXTURE0 + 3);
     gl.BindTexture(GL_TEXTURE_2D, m->objects[0]);
-    gl.ActiveTexture(GL_TEXTURE0 + 14);  /* a unit that sbl.h does not use; the binding must stay */
+    gl.ActiveTexture(GL_TEXTURE0 + 15);  /* a unit that sbl.h does not use; the binding must stay */
     if (first) gl.BindTexture(GL_TEXTURE_2D, m->objects[0]);
     gl.Enable(GL_BLEND);
     gl.Enable(GL_CULL_FACE);
@@ -529,7 +529,7 @@ TEST(draw_callback_that_puts_nothing_back) {
     static small_picture polite, rude;
     static mess m;
     const char *difference;
-    GLint unit_14 = 0, unit_14_buffer = 0;
+    GLint unit_15 = 0, unit_15_buffer = 0;
     sbl_result result = SBL_RESULT_COUNT;
     int i;
     desc.get_gl_function = gl_host_proc;
@@ -545,14 +545,14 @@ TEST(draw_callback_that_puts_nothing_back) {
     CHECK(small_render(context, &view, &rude) == SBL_SUCCESS, "%s", watch_last(&seen));
     CHECK(gl.GetError() == GL_NO_ERROR, "the GL error of the callback remains");
     gl_state_take(&after);
-    gl.ActiveTexture(GL_TEXTURE0 + 14);
-    gl.GetIntegerv(GL_TEXTURE_BINDING_2D, &unit_14);
-    gl.GetIntegerv(GL_TEXTURE_BINDING_BUFFER, &unit_14_buffer);
-    CHECK((GLuint)unit_14 == m.objects[0] && unit_14_buffer == 0,
-          "texture unit 14 has bindings %d and %d, the callback bound %u", unit_14, unit_14_buffer,
+    gl.ActiveTexture(GL_TEXTURE0 + 15);
+    gl.GetIntegerv(GL_TEXTURE_BINDING_2D, &unit_15);
+    gl.GetIntegerv(GL_TEXTURE_BINDING_BUFFER, &unit_15_buffer);
+    CHECK((GLuint)unit_15 == m.objects[0] && unit_15_buffer == 0,
+          "texture unit 15 has bindings %d and %d, the callback bound %u", unit_15, unit_15_buffer,
           m.objects[0]);
     for (i = 0; i < after.count; i++)
-        if (strcmp(after.entries[i].name, "TEXTURE_2D 14") == 0)
+        if (strcmp(after.entries[i].name, "TEXTURE_2D 15") == 0)
             memcpy(after.entries[i].value, before.entries[i].value, sizeof after.entries[i].value);
     difference = gl_state_difference(&before, &after);
     CHECK(!difference, "state changed by the callback is not restored: %s", difference ? difference : "");

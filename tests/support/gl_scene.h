@@ -5,7 +5,7 @@
 
 /* 13 channels of 3 floats and 7 of 1 */
 enum { SMALL_WIDTH = 11, SMALL_HEIGHT = 9, SMALL_PIXELS = SMALL_WIDTH * SMALL_HEIGHT,
-    SMALL_FLOATS = 46 * SMALL_PIXELS };
+    SMALL_FLOATS = 70 * SMALL_PIXELS };
 
 typedef struct small_picture { float values[SMALL_FLOATS]; } small_picture;
 
