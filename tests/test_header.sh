@@ -251,9 +251,11 @@ manual_snippets() {
         printf '#define SBL_IMPLEMENTATION\n#include "sbl.h"\n'
         for code in "$folder"/manual_*.txt; do
             snippet=$(basename "$code" .txt)
-            echo "int $snippet(sbl_context *context, float *light, size_t vertex_count);"
-            echo "int $snippet(sbl_context *context, float *light, size_t vertex_count) {"
-            echo '(void)context; (void)light; (void)vertex_count;'
+            arguments='sbl_context *context, sbl_scene_desc scene, sbl_material *materials, sbl_light *lights,'
+            arguments="$arguments float *light, size_t vertex_count"
+            echo "int $snippet($arguments);"
+            echo "int $snippet($arguments) {"
+            echo '(void)context; (void)scene; (void)materials; (void)lights; (void)light; (void)vertex_count;'
             cat "$code"
             echo 'return 1; }'
         done
