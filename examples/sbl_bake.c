@@ -50,6 +50,7 @@ enum {
     LIT_EXPOSURE,
     DIRECTIONAL,
     AO,
+    SHADOW_MASK,
     SUPERSAMPLE,
     LIGHT_GROUPS,
     TARGET_ERROR,
@@ -135,6 +136,18 @@ static const tool_option table[OPTION_COUNT] = {
              "continued into the gutters; .png holds linear bytes. Takes about as long as a map in mode gi. The map "
              "must be\n"
              "baked at once: without --part and --join, and not in windows" },
+    [SHADOW_MASK] = { "--shadow-mask", NULL, FLAG, NULL, 0, 0, 0,
+                      "with --lightmap: also writes shadow.png (linear bytes) and shadow.exr (16-bit floats): their "
+                      "channels R, G,\n"
+                      "B, A are the visibility of the first four lights of the file, whose names are printed; 1 where "
+                      "there is no\n"
+                      "such light. Visibility is the direct light of one light, divided by that without shadows; it is "
+                      "0 behind the\n"
+                      "surface and outside the cone; panes let their share pass. It is continued into the gutters. "
+                      "Lights of files\n"
+                      "have no size, so that edges are hard; --supersample smooths them. The map must be baked at "
+                      "once: without\n"
+                      "--part and --join, and not in windows" },
     [SUPERSAMPLE] = { "--supersample", "N", INTEGERS, &options.supersample, 1, 1, 8,
                       "with --lightmap: averages measurements at N x N places in each texel, for shadows finer than "
                       "texels;\n"
@@ -247,6 +260,7 @@ static const tool_line lines[] = {
     { DIRECTIONAL, "also how the light of the map depends on direction" },
     { LIGHT_GROUPS, NULL },
     { AO, "also ambient occlusion and sky visibility" },
+    { SHADOW_MASK, NULL },
     { VERTICES, "light at the vertices, into a .ply or .gltf file" },
     { AVERAGE, NULL },
     { PROBES, "light in the air, into a .json file" },
@@ -341,10 +355,10 @@ static int writes_lit(void) { return !given[LIT] || options.lit > 0; }
 
 static int parse(int argc, char **argv) {
     static const int of_lightmaps[] = {
-        MAP, GUTTER, FORMATS, LIT, LIT_EXPOSURE, DIRECTIONAL, AO, SUPERSAMPLE, LIGHT_GROUPS, PLAN, JOIN, RESUME,
-        TARGET_ERROR, TILE, THRESHOLD, FILTER_RADIUS
+        MAP, GUTTER, FORMATS, LIT, LIT_EXPOSURE, DIRECTIONAL, AO, SHADOW_MASK, SUPERSAMPLE, LIGHT_GROUPS, PLAN, JOIN,
+        RESUME, TARGET_ERROR, TILE, THRESHOLD, FILTER_RADIUS
     };
-    enum { ALSO_OF_CUBEMAPS = 12 };  /* number of the first option of these that --cubemaps has, too */
+    enum { ALSO_OF_CUBEMAPS = 13 };  /* number of the first option of these that --cubemaps has, too */
     static const int of_vertices[] = { AVERAGE, SAMPLES, SMOOTHING };
     int i;
     const tool_command command = { argc, argv, table, OPTION_COUNT, given, &common.scene, 1 };
@@ -372,6 +386,11 @@ static int parse(int argc, char **argv) {
         return misuse("--ao needs a map that is baked at once; leave out %s", given[PART] ? "--part" : "--join");
     if (given[AO] && backends[common.backend] == SBL_BACKEND_RASTER)
         return misuse("--ao needs rays, which end at its distance; leave out --backend raster");
+    if (given[SHADOW_MASK] && (given[PART] || given[JOIN]))
+        return misuse("--shadow-mask needs a map that is baked at once; leave out %s",
+                      given[PART] ? "--part" : "--join");
+    if (given[SHADOW_MASK] && backends[common.backend] == SBL_BACKEND_RASTER)
+        return misuse("--shadow-mask needs rays; leave out --backend raster");
     if (given[CUBEMAPS] && given[PART])
         return misuse("--part joins no cube maps; give each machine a LIST of its own with --cubemaps");
     if (given[LIGHT_GROUPS] && (given[DIRECTIONAL] || given[PART] || given[JOIN]))

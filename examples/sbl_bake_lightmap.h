@@ -105,6 +105,7 @@ static int find_groups(scene_file *file) {
     return status;
 }
 #include "sbl_bake_occlusion.h"
+#include "sbl_bake_shadows.h"
 
 /* Lists the files that depend on the scene, after it was read. Returns the exit status. */
 static int find_more_files(const scene_file *file) {
@@ -119,7 +120,8 @@ static int find_more_files(const scene_file *file) {
         return fail("%s: no mesh has second texture coordinates (TEXCOORD_1); sbl_unwrap makes them", common.scene);
     status = given[PART] ? DONE : find_textures(file, TEXTURES, strlen(common.output));
     if (status == DONE && given[LIGHT_GROUPS]) status = find_groups((scene_file *)file);
-    return status == DONE && given[AO] ? find_occlusion_files() : status;
+    if (status == DONE && given[AO]) status = find_occlusion_files();
+    return status == DONE && given[SHADOW_MASK] ? find_shadow_files(file) : status;
 }
 
 typedef struct lightmap {
@@ -746,13 +748,15 @@ static int bake_lightmap(tool_task *task, double *seconds) {
     b.bar.start = now();
     describe_lightmap(&b.desc, &b.bar);
     status = divide_map(&b);
-    if (given[AO]) b.bar.to = 0.6;
-    if (status == DONE && given[AO] && b.windows.work.count > 1)
-        status = fail("--ao: the map is baked in windows, which have no occlusion; raise --memory, or leave out --ao");
+    if (given[AO] || given[SHADOW_MASK]) b.bar.to = 0.6;
+    if (status == DONE && (given[AO] || given[SHADOW_MASK]) && b.windows.work.count > 1)
+        status = fail("%s: the map is baked in windows, which have no occlusion; raise --memory, or leave out %s",
+                      table[given[AO] ? AO : SHADOW_MASK].name, table[given[AO] ? AO : SHADOW_MASK].name);
     if (status == DONE)
         status = given[JOIN] ? join_folder(&b, seconds) : b.windows.work.count > 1 ? bake_windows(&b, seconds)
                : given[PART] ? bake_map_part(&b, seconds) : bake_whole(&b, seconds);
     if (status == DONE && given[AO]) status = bake_occlusion(task, &b.desc, &b.bar);
+    if (status == DONE && given[SHADOW_MASK]) status = bake_shadows(task, &b.desc, &b.bar);
     plan_free(&b.windows.work);
     free(b.window.values);
     free(b.map.light.values);

@@ -92,15 +92,20 @@ static sbl_result bake_occlusion_map(tool_task *task, const sbl_lightmap_desc *d
     return result;
 }
 
+/* Keeps the statistics and the stored light of the map, before the scene loses its light. Returns the exit status. */
+static int keep_light(tool_task *task) {
+    if (task->has_stats) return DONE;
+    task->stats = sbl_query_stats(task->context);
+    task->has_stats = 1;
+    return keep_store(task, given);
+}
+
 /* Bakes and writes both maps, with the quality of the map that desc describes. It comes last, because the scene loses
    its light. Returns the exit status. */
 static int bake_occlusion(tool_task *task, const sbl_lightmap_desc *desc, progress *bar) {
     sbl_lightmap_desc black = *desc;
     sbl_result result;
-    int i, map, status;
-    task->stats = sbl_query_stats(task->context);  /* the statistics are those of the light */
-    task->has_stats = 1;
-    status = keep_store(task, given);
+    int i, map, status = keep_light(task);
     if (status != DONE) return status;
     for (i = 0; i < 3; i++) black.mean_radiance[i] = OCCLUSION_MEAN;
     black.directional = 0;
@@ -109,8 +114,8 @@ static int bake_occlusion(tool_task *task, const sbl_lightmap_desc *desc, progre
     for (map = 0; map < OCCLUSION_MAPS && status == DONE; map++) {
         image values = { 0 };
         black.options.ray_length = map == 0 ? (float)options.ao : 0;
-        bar->from = 0.6 + 0.2 * map;
-        bar->to = bar->from + 0.2;
+        bar->from = 0.6 + 0.1 * map;
+        bar->to = bar->from + 0.1;
         if (result == SBL_SUCCESS) result = bake_occlusion_map(task, &black, &values);
         if (result == SBL_UNFINISHED) status = stop("%s was not written", occlusion_names[map]);
         else if (result != SBL_SUCCESS) status = fail_with(task->said, common.scene, result);

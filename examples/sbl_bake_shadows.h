@@ -1,0 +1,249 @@
+/* The shadow mask of sbl_bake --shadow-mask: the visibility of lights in the layout of the map. sbl_bake_lightmap.h
+   includes this file after sbl_bake_occlusion.h.
+
+   The visibility of a light is R from this light alone, divided by R without shadows. Two bakes measure both at the
+   same places of each texel, so that the quotient is right for cones, horizons and supersampling. The quotient is
+   formed before gutters and seams exist. They are then made of the quotient: if they were made of R, a gutter would
+   weight the visibility of its neighbours by their brightness, and seams would be changed in R alone. */
+#ifndef SBL_BAKE_SHADOWS_H
+#define SBL_BAKE_SHADOWS_H
+
+enum { SHADOW_LIGHTS = 4, SHADOW_FILES = 2 };
+static const char *const shadow_names[SHADOW_FILES] = { "shadow.png", "shadow.exr" };
+static const char *const shadow_channels[SHADOW_LIGHTS] = { "R", "G", "B", "A" };
+static int shadow_first;  /* number of the first target */
+
+/* The mask that is being made. */
+typedef struct shadow_mask {
+    tool_task *task;
+    const sbl_lightmap_desc *map;  /* the lightmap */
+    progress *bar;
+    sbl_lightmap_desc desc;        /* of the bakes */
+    sbl_light lights[SHADOW_LIGHTS];
+    int count, bakes;              /* numbers of lights, and of bakes that were begun */
+    image mask;                    /* four components; those without a light are 1 */
+    float *light, *ids;            /* of one light: R, 3 floats per texel; ids: of charts, 0: no surface */
+    size_t texels;
+} shadow_mask;
+
+static int shadow_file_count(void) {
+#ifdef SBL_RENDER_OPENEXR
+    return SHADOW_FILES;
+#else
+    return 1;
+#endif
+}
+
+/* Lists the files after all others. Returns the exit status. */
+static int find_shadow_files(const scene_file *file) {
+    int i, status = DONE;
+    shadow_first = target_count;
+    if (file->scene.light_count < 1)
+        return fail("%s: --shadow-mask: the file has no lights; emitting surfaces and the sky have no channel",
+                    common.scene);
+    if (target_count + SHADOW_FILES > TARGETS_MOST) return fail("--shadow-mask: the scene has too many textures");
+    for (i = 0; i < shadow_file_count() && status == DONE; i++) {
+        status = target_add(shadow_first + i, strlen(common.output), shadow_names[i]);
+        if (status == DONE && !output_check(&targets[shadow_first + i]))
+            status = fail("%s: cannot be written: %s; give another folder", targets[shadow_first + i].name,
+                          strerror(errno));
+    }
+    return status;
+}
+
+static int write_shadow_exr(FILE *out, const void *what) {
+    image mask = ((const shadow_mask *)what)->mask;
+    mask.channels = shadow_channels;
+    mask.is_half = 1;
+    return picture_write(out, ".exr", &mask, SBL_CHANNEL_FINAL, 0);
+}
+
+static int write_shadow_png(FILE *out, const void *what) {
+    const image *mask = &((const shadow_mask *)what)->mask;
+    png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, NULL, on_png_error, on_png_warning);
+    png_infop info = png ? png_create_info_struct(png) : NULL;
+    unsigned char *volatile row = (unsigned char *)malloc(SHADOW_LIGHTS * (size_t)mask->width);
+    volatile int ok = 0, y;
+    if (info && row && !setjmp(png_jmpbuf(png))) {
+        png_init_io(png, out);
+        png_set_IHDR(png, info, (png_uint_32)mask->width, (png_uint_32)mask->height, 8, PNG_COLOR_TYPE_RGB_ALPHA,
+                     PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
+        png_write_info(png, info);
+        for (y = 0; y < mask->height; y++) {
+            const size_t values = SHADOW_LIGHTS * (size_t)mask->width;
+            size_t i;
+            for (i = 0; i < values; i++) row[i] = to_byte((double)mask->values[values * (size_t)y + i]);
+            png_write_row(png, row);
+        }
+        png_write_end(png, info);
+        ok = 1;
+    }
+    free(row);
+    if (png) png_destroy_write_struct(&png, &info);
+    return ok;
+}
+
+/* Makes light number i white, and turns all others off. */
+static sbl_result choose_light(shadow_mask *m, int i) {
+    const sbl_light *lights = m->task->scene->lights;
+    int at, k;
+    for (at = 0; at < m->count; at++) {
+        const float *rgb = lights[at].intensity, mean = (rgb[0] + rgb[1] + rgb[2]) / 3;
+        m->lights[at] = lights[at];
+        m->lights[at].light_group = 0;
+        for (k = 0; k < 3; k++) m->lights[at].intensity[k] = at != i ? 0 : mean > 0 ? mean : 1;
+    }
+    return sbl_set_lights(m->task->context, m->lights, m->count);
+}
+
+/* Sets the scene with the lights of the mask alone. is_open: 1: no surface casts a shadow */
+static sbl_result set_shadow_scene(shadow_mask *m, int is_open) {
+    sbl_scene_desc scene = *m->task->scene;
+    sbl_material *dark = (sbl_material *)malloc(sizeof *dark * ((size_t)scene.material_count + 1));
+    sbl_result result;
+    int i, k;
+    if (!dark) return SBL_ERROR_OUT_OF_MEMORY;
+    for (i = 0; i < scene.material_count; i++) {
+        dark[i] = scene.materials[i];
+        dark[i].light_group = 0;
+        for (k = 0; k < 3; k++) dark[i].emission[k] = 0;
+        if (is_open) dark[i].flags |= SBL_MATERIAL_HIDDEN_FROM_SENSORS;
+    }
+    memset(&scene.environment, 0, sizeof scene.environment);
+    for (k = 0; k < 3; k++) scene.sky[k] = 0;
+    scene.materials = dark;
+    scene.light_count = m->count;
+    scene.light_groups = scene.sky_group = 0;
+    for (i = 0; i < m->count; i++) m->lights[i] = m->task->scene->lights[i];
+    for (i = 0; i < m->count; i++) m->lights[i].light_group = 0;
+    scene.lights = m->lights;
+    result = sbl_set_scene(m->task->context, &scene);
+    free(dark);
+    return result;
+}
+
+/* Bakes R of light number i. */
+static sbl_result bake_light(shadow_mask *m, int i) {
+    sbl_context *context = m->task->context;
+    sbl_result result = choose_light(m, i);
+    m->bar->from = 0.8 + 0.2 * m->bakes / (2 * m->count);
+    m->bar->to = 0.8 + 0.2 * ++m->bakes / (2 * m->count);
+    if (result == SBL_SUCCESS) result = sbl_begin_lightmap(context, &m->desc);
+    if (result == SBL_SUCCESS) result = work(context);
+    if (result == SBL_SUCCESS) result = sbl_read_channel(context, SBL_CHANNEL_RADIANCE, m->light, 3 * m->texels);
+    return result == SBL_SUCCESS ? sbl_read_channel(context, SBL_CHANNEL_ID, m->ids, m->texels) : result;
+}
+
+/* Bakes all lights with shadows (is_open: 0), and then without (1), whose R divides that with shadows. */
+static sbl_result bake_lights(shadow_mask *m, int is_open) {
+    sbl_result result = set_shadow_scene(m, is_open);
+    size_t t;
+    int i;
+    for (i = 0; i < m->count && result == SBL_SUCCESS; i++) {
+        result = bake_light(m, i);
+        for (t = 0; t < m->texels && result == SBL_SUCCESS; t++) {
+            const float *rgb = m->light + 3 * t, sum = rgb[0] + rgb[1] + rgb[2];
+            float *share = m->mask.values + SHADOW_LIGHTS * t + i;
+            if (!is_open) *share = sum;
+            else *share = sum > 0 ? *share < sum ? *share / sum : 1 : 0;
+        }
+    }
+    return result;
+}
+
+/* Makes the gutters and seams of the visibility of light number i. */
+static sbl_result continue_light(shadow_mask *m, int i) {
+    sbl_windows_desc desc;
+    sbl_result result;
+    size_t t;
+    int k;
+    for (t = 0; t < m->texels; t++)
+        for (k = 0; k < 3; k++) m->light[3 * t + (size_t)k] = m->mask.values[SHADOW_LIGHTS * t + (size_t)i];
+    memset(&desc, 0, sizeof desc);
+    desc.lightmap = m->desc;
+    desc.lightmap.gutter = m->map->gutter;
+    desc.lightmap.seams = m->map->seams;
+    desc.ids = m->ids;
+    desc.light[0] = m->light;
+    desc.texel_count = m->texels;
+    result = sbl_begin_windows(m->task->context, &desc);
+    if (result == SBL_SUCCESS) result = work(m->task->context);
+    for (t = 0; t < m->texels && result == SBL_SUCCESS; t++) {
+        const float share = m->light[3 * t];
+        m->mask.values[SHADOW_LIGHTS * t + (size_t)i] = share > 0 ? share < 1 ? share : 1 : 0;
+    }
+    return result;
+}
+
+/* Describes the bakes: a sensor at each place, with so many rays that soft shadows are smooth in 8 bits. Without
+   interpolation, the visibility of a light that is dim at a texel is as exact as elsewhere. */
+static void describe_shadows(shadow_mask *m) {
+    static const int rays[3] = { 64, 256, 1024 };
+    m->desc = *m->map;
+    m->desc.options.mode = SBL_MODE_DIRECT;
+    m->desc.options.backend = SBL_BACKEND_TRACE;
+    m->desc.directional = m->desc.grouped = 0;
+    m->desc.gutter = -1;
+    m->desc.target_error = 0;
+    m->desc.tile = 1;
+    if (!given[RAYS]) m->desc.options.rays = rays[given[PRESET] ? common.preset : 1];
+}
+
+/* Tells which channel shows which light. */
+static void tell_lights(const shadow_mask *m) {
+    const scene_file *file = m->task->file;
+    int i;
+    for (i = 0; i < m->count && !given[QUIET]; i++)
+        tell("%s, channel %s: the light \"%s\"", shadow_names[0], shadow_channels[i], file->light_names[i]);
+    if (file->scene.light_count > m->count && !given[QUIET])
+        tell("%s: %d more light%s no channel", shadow_names[0], file->scene.light_count - m->count,
+             file->scene.light_count - m->count > 1 ? "s have" : " has");
+}
+
+/* Bakes the mask. */
+static sbl_result make_shadows(shadow_mask *m) {
+    sbl_result result;
+    size_t i;
+    m->mask.width = m->mask.height = m->map->width;
+    m->mask.components = SHADOW_LIGHTS;
+    m->texels = (size_t)m->map->width * (size_t)m->map->height;
+    m->mask.values = (float *)malloc(SHADOW_LIGHTS * m->texels * sizeof(float));
+    m->light = (float *)malloc(3 * m->texels * sizeof(float));
+    m->ids = (float *)malloc(m->texels * sizeof(float));
+    if (!m->mask.values || !m->light || !m->ids) return SBL_ERROR_OUT_OF_MEMORY;
+    for (i = 0; i < SHADOW_LIGHTS * m->texels; i++) m->mask.values[i] = 1;
+    result = bake_lights(m, 0);
+    if (result == SBL_SUCCESS) result = bake_lights(m, 1);
+    for (i = 0; i < (size_t)m->count && result == SBL_SUCCESS; i++) result = continue_light(m, (int)i);
+    return result;
+}
+
+/* Bakes and writes the mask, in the layout of the map. It comes last, because the scene loses its light. Returns the
+   exit status. */
+static int bake_shadows(tool_task *task, const sbl_lightmap_desc *map, progress *bar) {
+    shadow_mask m;
+    int i, status = keep_light(task);
+    sbl_result result;
+    if (status != DONE) return status;
+    memset(&m, 0, sizeof m);
+    m.task = task;
+    m.map = map;
+    m.bar = bar;
+    m.count = task->file->scene.light_count < SHADOW_LIGHTS ? task->file->scene.light_count : SHADOW_LIGHTS;
+    describe_shadows(&m);
+    result = make_shadows(&m);
+    clear_progress(bar);
+    if (result == SBL_UNFINISHED) status = stop("%s was not written", shadow_names[0]);
+    else if (result != SBL_SUCCESS) status = fail_with(task->said, common.scene, result);
+    for (i = 0; i < shadow_file_count() && status == DONE; i++)
+        if (!target_write(&targets[shadow_first + i], i ? write_shadow_exr : write_shadow_png, &m, 0))
+            status = interrupted ? stop("%s was not written", shadow_names[i])
+                                 : fail_to_write(targets[shadow_first + i].name);
+    if (status == DONE) tell_lights(&m);
+    free(m.mask.values);
+    free(m.light);
+    free(m.ids);
+    return status;
+}
+
+#endif
