@@ -194,6 +194,27 @@ TEST(groups_of_a_furnace) {
     for (g = 0; g < 3; g++) CHECK(fabs(3 * thirds[g] - 1) < 0.03, "group %d has %g of a third", g, 3 * thirds[g]);
 }
 
+/* The same box, whose walls emit by a texture. Sensors close to the edges have rays that meet walls nearby and choose
+   the same wall as the lamp that shines there. They are valid. */
+TEST(groups_of_textured_walls) {
+    static const unsigned char white[4] = { 255, 255, 255, 255 };
+    static float R[3 * SITES], groups[3 * SITES * 3];
+    double off, mean;
+    int i;
+    scene_free(&s);
+    scene_lamp(&s, 0.5f, 0.5f, 0.5f);
+    s.materials[0].albedo[0] = s.materials[0].albedo[1] = s.materials[0].albedo[2] = 0.5f;
+    s.materials[0].emission_texture = scene_texture(&s, white, sizeof white, SBL_PIXELS_LINEAR8, 1, 1, 4);
+    s.materials[0].light_group = 2;
+    scene_box(&s, 0, -1, 0, -1, 1, 2, 1);
+    scene_box(&s, 0, -0.2f, 0, -0.3f, 0.1f, 0.7f, 0.3f);
+    REQUIRE(set(3, 0) && measure(SBL_MODE_GI, R, groups, 3) == SBL_SUCCESS, "%s", watch_last(&seen));
+    off = sum_off(R, groups, 3, 3 * SITES, 3 * SITES, &mean);
+    CHECK(off < 3e-6, "the sum is off by %g of the mean", off);
+    for (i = 0; i < SITES; i++)
+        CHECK(fabs((double)R[3 * i] - 1) < 0.1 || i % 2, "R of site %d is %g", i, (double)R[3 * i]);
+}
+
 /* A small patch above black ground, which two spot lights shine at, becomes glows. Their light belongs to the groups of
    the spot lights, in other shares in the middle of the patch than at its edge. */
 TEST(groups_of_glows) {
@@ -587,6 +608,7 @@ TEST(memory_runs_out) {
 int main(void) {
     RUN(readings_have_groups);
     RUN(groups_of_a_furnace);
+    RUN(groups_of_textured_walls);
     RUN(groups_of_glows);
     RUN(groups_of_two_lamps);
     RUN(lightmaps_have_groups);
