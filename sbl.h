@@ -8493,6 +8493,9 @@ static void sbl__check_sensor_kind(sbl__check *check, const sbl_options *o, sbl_
     if (o->backend == SBL_BACKEND_TRACE && kind == SBL_SENSOR_SINGLE && o->mode != SBL_MODE_PAPER)
         sbl__mistake(check, "options.backend is SBL_BACKEND_TRACE with SBL_SENSOR_SINGLE; use SBL_BACKEND_AUTO or "
                      "SBL_BACKEND_RASTER");
+    if (o->ray_length > 0 && kind == SBL_SENSOR_SINGLE)
+        sbl__mistake(check, "options.ray_length is set, but sensor_kind is SBL_SENSOR_SINGLE, whose sensors do not "
+                     "trace rays");
     if (!sbl__between(&fov, 1, 179)) sbl__mistake(check, "sensor_fov is %g; it must be 1 to 179 degrees", (double)fov);
 }
 
@@ -19780,6 +19783,7 @@ static sbl_result sbl__reflections_begin(sbl__reflections *f, sbl__map *m) {
     f->measurement.looks *= f->measurement.look_rays / sbl__look_rays(desc.target_error);  /* as before a restart */
     f->measurement.look_rays = SBL__REFLECTIONS_RAYS;
     f->measurement.every_ray = 1;
+    f->measurement.options.ray_length = 0;  /* it is for rays over the hemisphere */
     f->spec.lobe = 1;
     desc.price = 0;
     desc.threshold = 0;
