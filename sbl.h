@@ -12380,6 +12380,12 @@ static sbl_result sbl__trace_setup(const sbl__device *d, sbl__trace *t, const sb
                             s->columns * s->blocks[0], rows * s->blocks[1]);
 }
 
+/* Estimates the bytes that a further layer texture needs in the partial sums of rays and of light from lamps, if a look
+   has more rays than by default. rays: sbl_options.rays */
+static double sbl__trace_layer_bytes(int rays) {
+    return 20 * SBL__MIN((double)SBL__SLOTS_MOST * rays / 8, (double)SBL__TRACE_TEXELS * SBL__TRACE_TEXELS);
+}
+
 /* >>glsl guide: shaders_embedded/guide.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_guide[] = {
 "// Distributes a sensor's rays by a guide (see >>guide in sbl.h). A guide divides 0 .. 65536 into SBL_GUIDE_RINGS\n",
@@ -20332,17 +20338,19 @@ static sbl_result sbl__lightmap_check(const sbl__core *c, const void *desc, sbl_
 
 /* Adds what a lightmap has besides a map: the atlas in host and GPU memory, and the light of further layers; late, the
    surfaces of texels, the filtered light of R and of the current layer, the unfiltered light of R, and what DEVELOP
-   needs; the gutters; for each layer, the result, with light groups also in host memory; and the mean of supersampled
-   texels. */
+   needs; the gutters; for each layer, the result, with light groups also in host memory; the mean of supersampled
+   texels; and, early, further textures of sensors. */
 static sbl__need sbl__lightmap_need(const sbl__core *c, const void *desc) {
     const sbl_lightmap_desc d = sbl_lightmap_desc_defaults((const sbl_lightmap_desc *)desc);
     const sbl_picture_desc picture = sbl__lightmap_picture(&d);
     const int groups = d.grouped ? c->scene.light_groups : 0;
     const double layers = d.directional ? SBL__LAYERS : 1 + groups;
     const double texel = (groups ? 32 : 16) * layers + 24 + 20;
-    return sbl__map_need(c, &picture, 8.0 * SBL__ATLAS_WORDS + 4 + 12 * (layers - 1),
-                         SBL__TEXEL_BYTES + (layers > 1 ? 48 : 16) + SBL__DEVELOP_BYTES +
-                         texel / ((double)d.supersample * d.supersample));
+    sbl__need need = sbl__map_need(c, &picture, 8.0 * SBL__ATLAS_WORDS + 4 + 12 * (layers - 1),
+                                   SBL__TEXEL_BYTES + (layers > 1 ? 48 : 16) + SBL__DEVELOP_BYTES +
+                                   texel / ((double)d.supersample * d.supersample));
+    need.once[0] += (d.directional ? 4 : SBL__LAYER_TEXTURES(groups)) * sbl__trace_layer_bytes(d.options.rays);
+    return need;
 }
 
 static sbl_result sbl__lightmap_begin(void *work, const void *desc) {

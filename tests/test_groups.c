@@ -566,6 +566,29 @@ TEST(mistakes_with_groups) {
             "the scene has no light groups");
 }
 
+/* The estimate of a lightmap's memory is large enough if textures of sensors with many rays are the largest part. */
+TEST(memory_is_foretold) {
+    sbl_lightmap_desc desc = map_of(4, 4, SBL_MODE_DIRECT);
+    double need, before, most = 0;
+    sbl_result result = SBL_UNFINISHED;
+    scene_free(&s);
+    scene_light(&s, SBL_LIGHT_POINT, 1, 2, 3)->position[1] = 1;
+    uv_rectangle(&s, scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 2), 0.1f, 0.05f, 0.9f, 0.95f);
+    scene_sky(&s, 1, 1, 1);
+    desc.grouped = 1;
+    desc.options.rays = 4096;
+    REQUIRE(set(8, 1), "%s", watch_last(&seen));
+    sbl_end(context);
+    before = (double)sbl_query_memory(context).gpu_bytes;
+    need = (double)sbl_lightmap_bytes(context, &desc);
+    REQUIRE(sbl_begin_lightmap(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));
+    while (result == SBL_UNFINISHED) {
+        result = sbl_step(context, 1e-3);
+        most = test_max(most, (double)sbl_query_memory(context).gpu_bytes - before);
+    }
+    CHECK(result == SBL_SUCCESS && most < need && most > 0.5 * need, "%.0f bytes, %.0f foretold", most, need);
+}
+
 static float kept[3 * 16 * 8 * 2];
 
 static sbl_result bake_two(const void *desc) {
@@ -617,6 +640,7 @@ int main(void) {
     RUN(saved_stores_have_groups);
     RUN(lights_change_groups);
     RUN(mistakes_with_groups);
+    RUN(memory_is_foretold);
     RUN(memory_runs_out);
     scene_free(&s);
     sbl_destroy(context);
