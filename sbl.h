@@ -12593,11 +12593,11 @@ static const char *const sbl__glsl_trace[] = {
 "#define sbl_add_stored(leaf, factor)\n",
 "#endif\n",
 "\n",
-"// Radiance that leaves a hit towards the ray's origin. With SBL_GROUPS, also adds `carried` times this radiance to\n",
-"// `layers`. first, last: true for the first and the last segment of a\n",
-"// ray. goes_on: set to true if the hit is near. The radiance then lacks all reflected light, which further rays\n",
-"// find. material: set only with SBL_BOUNCED. The first segment leaves out the light of glows, which lamps.glsl\n",
-"// measures for the sensor; later segments find it.\n",
+"// Radiance that leaves a hit towards the ray's origin. With SBL_GROUPS, the function also adds `carried` times\n",
+"// that radiance to `layers`. first, last: true for the first and the last segment of a ray. goes_on: set to true\n",
+"// if the hit is near. The radiance then lacks all reflected light, which further rays find. material: set only\n",
+"// with SBL_BOUNCED. The first segment leaves out the light of glows, which lamps.glsl measures for the sensor;\n",
+"// later segments find it.\n",
 "vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool first, bool last, out bool goes_on, out sbl_Material material) {\n",
 "    int object = int(sbl_triangle_object(hit.triangle));\n",
 "    sbl_Attributes at = SBL_PLAIN;\n",
@@ -13323,8 +13323,7 @@ static sbl_result sbl__aim_use(const sbl__job *j, const sbl__batch *b, unsigned 
     sbl__device *d = j->device;
     const sbl__lights *l = sbl__scene_lamps(b->scene, b->spec->glows);
     const unsigned features = sbl__aim_features(b->scene, b->spec);
-    const unsigned dropped = extra ? (unsigned)SBL__GROUPS : 0;
-    const sbl_result result = sbl__use(d, &sbl__recipe_lamps, (features & ~dropped) | extra);
+    const sbl_result result = sbl__use(d, &sbl__recipe_lamps, features | extra);
     if (result != SBL_SUCCESS) return result;
     sbl__rays_bind(d, b, &j->aim.sequence, blocks);
     sbl__lights_bind(d, l);
@@ -22014,7 +22013,7 @@ typedef struct sbl__inspect_request {
     sbl__site site;
     sbl__look look;             /* the sensor's first look, which is repeated */
     sbl_reading reading;        /* of the first look alone */
-    float layers[3 * (SBL__LAYERS_MOST - 1)];  /* further layers of light of the first look, see sbl__task */
+    float layers[3 * (SBL__LAYERS - 1)];  /* harmonics of the first look, see sbl__task */
     sbl_sensor out;             /* the result */
 } sbl__inspect_request;
 
@@ -22312,7 +22311,7 @@ static sbl_result sbl__inspect(sbl__inspect_request *k) {
     task.sites = &k->site;
     task.readings = &k->reading;
     task.layers = k->layers;
-    task.spec.groups = 0;
+    task.spec.groups = 0;  /* inspections tell nothing about light groups */
     task.site_count = 1;
     task.first_look = sbl__sensor_of(r, sbl__refine_pixel(r, (size_t)k->pixel))->look;
     sbl__refine_look_site(r, k->pixel, 0, 1, &k->site);
