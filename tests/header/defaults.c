@@ -50,13 +50,13 @@ static void readings(sbl_mode mode) {
 static void lightmap(sbl_mode mode) {
     FILL(lightmap);
     PRINT(width); PRINT(height); PRINT(window[2]);
-    PRINT(mesh_count); PRINT(gutter); PRINT(seams); PRINT(directional); PRINT(supersample);
+    PRINT(mesh_count); PRINT(gutter); PRINT(seams); PRINT(directional); PRINT(grouped); PRINT(supersample);
     PRINT(target_error); PRINT(mean_radiance[0]); PRINT(price); PRINT(tile); PRINT(threshold); PRINT(filter_radius);
 }
 
 static void vertices(sbl_mode mode) {
     FILL(vertices);
-    PRINT(mesh_count); PRINT(float_count); PRINT(samples); PRINT(average); PRINT(smoothing);
+    PRINT(mesh_count); PRINT(float_count); PRINT(group_float_count); PRINT(samples); PRINT(average); PRINT(smoothing);
 }
 
 static void probes(sbl_mode mode) {
