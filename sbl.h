@@ -8493,6 +8493,9 @@ static void sbl__check_sensor_kind(sbl__check *check, const sbl_options *o, sbl_
     if (o->backend == SBL_BACKEND_TRACE && kind == SBL_SENSOR_SINGLE && o->mode != SBL_MODE_PAPER)
         sbl__mistake(check, "options.backend is SBL_BACKEND_TRACE with SBL_SENSOR_SINGLE; use SBL_BACKEND_AUTO or "
                      "SBL_BACKEND_RASTER");
+    if (o->ray_length > 0 && kind == SBL_SENSOR_SINGLE)
+        sbl__mistake(check, "options.ray_length is set, but sensor_kind is SBL_SENSOR_SINGLE, whose sensors do not "
+                     "trace rays");
     if (!sbl__between(&fov, 1, 179)) sbl__mistake(check, "sensor_fov is %g; it must be 1 to 179 degrees", (double)fov);
 }
 
@@ -12377,6 +12380,12 @@ static sbl_result sbl__trace_setup(const sbl__device *d, sbl__trace *t, const sb
                             s->columns * s->blocks[0], rows * s->blocks[1]);
 }
 
+/* Estimates the bytes that a further layer texture needs in the partial sums of rays and of light from lamps, if a look
+   has more rays than by default. rays: sbl_options.rays */
+static double sbl__trace_layer_bytes(int rays) {
+    return 20 * SBL__MIN((double)SBL__SLOTS_MOST * rays / 8, (double)SBL__TRACE_TEXELS * SBL__TRACE_TEXELS);
+}
+
 /* >>glsl guide: shaders_embedded/guide.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_guide[] = {
 "// Distributes a sensor's rays by a guide (see >>guide in sbl.h). A guide divides 0 .. 65536 into SBL_GUIDE_RINGS\n",
@@ -12519,7 +12528,10 @@ static const char *const sbl__glsl_reflect[] = {
 "    vec3 to = bounded ? s.far * s.direction - above * n : s.direction;\n",
 "    r.to_lamp = normalize(to);\n",
 "    float away = bounded ? SBL_BEFORE_LAMP * length(to) : SBL_UNBOUNDED;\n",
-"    r.away = max(r.light.r, max(r.light.g, r.light.b)) > 0.0 ? away : 0.0;\n",
+"    bool lit = max(r.light.r, max(r.light.g, r.light.b)) > 0.0;  // false if the light is not a number, because the\n",
+"                                                                 // hit is on the lamp itself\n",
+"    r.away = lit ? away : 0.0;\n",
+"    r.light = lit ? r.light : vec3(0);\n",
 "    return r;\n",
 "}\n",
 "#endif\n",
@@ -12581,11 +12593,11 @@ static const char *const sbl__glsl_trace[] = {
 "#define sbl_add_stored(leaf, factor)\n",
 "#endif\n",
 "\n",
-"// Radiance that leaves a hit towards the ray's origin. With SBL_GROUPS, also adds `carried` times this radiance to\n",
-"// `layers`. first, last: true for the first and the last segment of a\n",
-"// ray. goes_on: set to true if the hit is near. The radiance then lacks all reflected light, which further rays\n",
-"// find. material: set only with SBL_BOUNCED. The first segment leaves out the light of glows, which lamps.glsl\n",
-"// measures for the sensor; later segments find it.\n",
+"// Radiance that leaves a hit towards the ray's origin. With SBL_GROUPS, the function also adds `carried` times\n",
+"// that radiance to `layers`. first, last: true for the first and the last segment of a ray. goes_on: set to true\n",
+"// if the hit is near. The radiance then lacks all reflected light, which further rays find. material: set only\n",
+"// with SBL_BOUNCED. The first segment leaves out the light of glows, which lamps.glsl measures for the sensor;\n",
+"// later segments find it.\n",
 "vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool first, bool last, out bool goes_on, out sbl_Material material) {\n",
 "    int object = int(sbl_triangle_object(hit.triangle));\n",
 "    sbl_Attributes at = SBL_PLAIN;\n",
@@ -13311,8 +13323,7 @@ static sbl_result sbl__aim_use(const sbl__job *j, const sbl__batch *b, unsigned 
     sbl__device *d = j->device;
     const sbl__lights *l = sbl__scene_lamps(b->scene, b->spec->glows);
     const unsigned features = sbl__aim_features(b->scene, b->spec);
-    const unsigned dropped = extra ? (unsigned)SBL__GROUPS : 0;
-    const sbl_result result = sbl__use(d, &sbl__recipe_lamps, (features & ~dropped) | extra);
+    const sbl_result result = sbl__use(d, &sbl__recipe_lamps, features | extra);
     if (result != SBL_SUCCESS) return result;
     sbl__rays_bind(d, b, &j->aim.sequence, blocks);
     sbl__lights_bind(d, l);
@@ -19777,6 +19788,7 @@ static sbl_result sbl__reflections_begin(sbl__reflections *f, sbl__map *m) {
     f->measurement.looks *= f->measurement.look_rays / sbl__look_rays(desc.target_error);  /* as before a restart */
     f->measurement.look_rays = SBL__REFLECTIONS_RAYS;
     f->measurement.every_ray = 1;
+    f->measurement.options.ray_length = 0;  /* it is for rays over the hemisphere */
     f->spec.lobe = 1;
     desc.price = 0;
     desc.threshold = 0;
@@ -20325,17 +20337,19 @@ static sbl_result sbl__lightmap_check(const sbl__core *c, const void *desc, sbl_
 
 /* Adds what a lightmap has besides a map: the atlas in host and GPU memory, and the light of further layers; late, the
    surfaces of texels, the filtered light of R and of the current layer, the unfiltered light of R, and what DEVELOP
-   needs; the gutters; for each layer, the result, with light groups also in host memory; and the mean of supersampled
-   texels. */
+   needs; the gutters; for each layer, the result, with light groups also in host memory; the mean of supersampled
+   texels; and, early, further textures of sensors. */
 static sbl__need sbl__lightmap_need(const sbl__core *c, const void *desc) {
     const sbl_lightmap_desc d = sbl_lightmap_desc_defaults((const sbl_lightmap_desc *)desc);
     const sbl_picture_desc picture = sbl__lightmap_picture(&d);
     const int groups = d.grouped ? c->scene.light_groups : 0;
     const double layers = d.directional ? SBL__LAYERS : 1 + groups;
     const double texel = (groups ? 32 : 16) * layers + 24 + 20;
-    return sbl__map_need(c, &picture, 8.0 * SBL__ATLAS_WORDS + 4 + 12 * (layers - 1),
-                         SBL__TEXEL_BYTES + (layers > 1 ? 48 : 16) + SBL__DEVELOP_BYTES +
-                         texel / ((double)d.supersample * d.supersample));
+    sbl__need need = sbl__map_need(c, &picture, 8.0 * SBL__ATLAS_WORDS + 4 + 12 * (layers - 1),
+                                   SBL__TEXEL_BYTES + (layers > 1 ? 48 : 16) + SBL__DEVELOP_BYTES +
+                                   texel / ((double)d.supersample * d.supersample));
+    need.once[0] += (d.directional ? 4 : SBL__LAYER_TEXTURES(groups)) * sbl__trace_layer_bytes(d.options.rays);
+    return need;
 }
 
 static sbl_result sbl__lightmap_begin(void *work, const void *desc) {
@@ -21999,7 +22013,7 @@ typedef struct sbl__inspect_request {
     sbl__site site;
     sbl__look look;             /* the sensor's first look, which is repeated */
     sbl_reading reading;        /* of the first look alone */
-    float layers[3 * (SBL__LAYERS_MOST - 1)];  /* further layers of light of the first look, see sbl__task */
+    float layers[3 * (SBL__LAYERS - 1)];  /* harmonics of the first look, see sbl__task */
     sbl_sensor out;             /* the result */
 } sbl__inspect_request;
 
@@ -22297,7 +22311,7 @@ static sbl_result sbl__inspect(sbl__inspect_request *k) {
     task.sites = &k->site;
     task.readings = &k->reading;
     task.layers = k->layers;
-    task.spec.groups = 0;
+    task.spec.groups = 0;  /* inspections tell nothing about light groups */
     task.site_count = 1;
     task.first_look = sbl__sensor_of(r, sbl__refine_pixel(r, (size_t)k->pixel))->look;
     sbl__refine_look_site(r, k->pixel, 0, 1, &k->site);

@@ -95,7 +95,10 @@ sbl_Reflection sbl_reflect(sbl_Hit hit, sbl_Material material, vec3 direction, u
     vec3 to = bounded ? s.far * s.direction - above * n : s.direction;
     r.to_lamp = normalize(to);
     float away = bounded ? SBL_BEFORE_LAMP * length(to) : SBL_UNBOUNDED;
-    r.away = max(r.light.r, max(r.light.g, r.light.b)) > 0.0 ? away : 0.0;
+    bool lit = max(r.light.r, max(r.light.g, r.light.b)) > 0.0;  // false if the light is not a number, because the
+                                                                 // hit is on the lamp itself
+    r.away = lit ? away : 0.0;
+    r.light = lit ? r.light : vec3(0);
     return r;
 }
 #endif

@@ -51,11 +51,11 @@ const int sky_layer = 0;
 #define sbl_add_stored(leaf, factor)
 #endif
 
-// Radiance that leaves a hit towards the ray's origin. With SBL_GROUPS, also adds `carried` times this radiance to
-// `layers`. first, last: true for the first and the last segment of a
-// ray. goes_on: set to true if the hit is near. The radiance then lacks all reflected light, which further rays
-// find. material: set only with SBL_BOUNCED. The first segment leaves out the light of glows, which lamps.glsl
-// measures for the sensor; later segments find it.
+// Radiance that leaves a hit towards the ray's origin. With SBL_GROUPS, the function also adds `carried` times
+// that radiance to `layers`. first, last: true for the first and the last segment of a ray. goes_on: set to true
+// if the hit is near. The radiance then lacks all reflected light, which further rays find. material: set only
+// with SBL_BOUNCED. The first segment leaves out the light of glows, which lamps.glsl measures for the sensor;
+// later segments find it.
 vec3 sbl_radiance(sbl_Hit hit, vec3 place, bool first, bool last, out bool goes_on, out sbl_Material material) {
     int object = int(sbl_triangle_object(hit.triangle));
     sbl_Attributes at = SBL_PLAIN;

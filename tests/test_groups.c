@@ -194,6 +194,27 @@ TEST(groups_of_a_furnace) {
     for (g = 0; g < 3; g++) CHECK(fabs(3 * thirds[g] - 1) < 0.03, "group %d has %g of a third", g, 3 * thirds[g]);
 }
 
+/* The same box, whose walls emit by a texture. Sensors close to the edges have rays that meet walls nearby and choose
+   the same wall as the lamp that shines there. They are valid. */
+TEST(groups_of_textured_walls) {
+    static const unsigned char white[4] = { 255, 255, 255, 255 };
+    static float R[3 * SITES], groups[3 * SITES * 3];
+    double off, mean;
+    int i;
+    scene_free(&s);
+    scene_lamp(&s, 0.5f, 0.5f, 0.5f);
+    s.materials[0].albedo[0] = s.materials[0].albedo[1] = s.materials[0].albedo[2] = 0.5f;
+    s.materials[0].emission_texture = scene_texture(&s, white, sizeof white, SBL_PIXELS_LINEAR8, 1, 1, 4);
+    s.materials[0].light_group = 2;
+    scene_box(&s, 0, -1, 0, -1, 1, 2, 1);
+    scene_box(&s, 0, -0.2f, 0, -0.3f, 0.1f, 0.7f, 0.3f);
+    REQUIRE(set(3, 0) && measure(SBL_MODE_GI, R, groups, 3) == SBL_SUCCESS, "%s", watch_last(&seen));
+    off = sum_off(R, groups, 3, 3 * SITES, 3 * SITES, &mean);
+    CHECK(off < 3e-6, "the sum is off by %g of the mean", off);
+    for (i = 0; i < SITES; i++)
+        CHECK(fabs((double)R[3 * i] - 1) < 0.1 || i % 2, "R of site %d is %g", i, (double)R[3 * i]);
+}
+
 /* A small patch above black ground, which two spot lights shine at, becomes glows. Their light belongs to the groups of
    the spot lights, in other shares in the middle of the patch than at its edge. */
 TEST(groups_of_glows) {
@@ -545,6 +566,29 @@ TEST(mistakes_with_groups) {
             "the scene has no light groups");
 }
 
+/* The estimate of a lightmap's memory is large enough if textures of sensors with many rays are the largest part. */
+TEST(memory_is_foretold) {
+    sbl_lightmap_desc desc = map_of(4, 4, SBL_MODE_DIRECT);
+    double need, before, most = 0;
+    sbl_result result = SBL_UNFINISHED;
+    scene_free(&s);
+    scene_light(&s, SBL_LIGHT_POINT, 1, 2, 3)->position[1] = 1;
+    uv_rectangle(&s, scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 2), 0.1f, 0.05f, 0.9f, 0.95f);
+    scene_sky(&s, 1, 1, 1);
+    desc.grouped = 1;
+    desc.options.rays = 4096;
+    REQUIRE(set(8, 1), "%s", watch_last(&seen));
+    sbl_end(context);
+    before = (double)sbl_query_memory(context).gpu_bytes;
+    need = (double)sbl_lightmap_bytes(context, &desc);
+    REQUIRE(sbl_begin_lightmap(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));
+    while (result == SBL_UNFINISHED) {
+        result = sbl_step(context, 1e-3);
+        most = test_max(most, (double)sbl_query_memory(context).gpu_bytes - before);
+    }
+    CHECK(result == SBL_SUCCESS && most < need && most > 0.5 * need, "%.0f bytes, %.0f foretold", most, need);
+}
+
 static float kept[3 * 16 * 8 * 2];
 
 static sbl_result bake_two(const void *desc) {
@@ -587,6 +631,7 @@ TEST(memory_runs_out) {
 int main(void) {
     RUN(readings_have_groups);
     RUN(groups_of_a_furnace);
+    RUN(groups_of_textured_walls);
     RUN(groups_of_glows);
     RUN(groups_of_two_lamps);
     RUN(lightmaps_have_groups);
@@ -595,6 +640,7 @@ int main(void) {
     RUN(saved_stores_have_groups);
     RUN(lights_change_groups);
     RUN(mistakes_with_groups);
+    RUN(memory_is_foretold);
     RUN(memory_runs_out);
     scene_free(&s);
     sbl_destroy(context);

@@ -237,9 +237,9 @@ quick_start_runs() {
 }
 check quick_start_compiles_and_draws quick_start_runs
 
-# The other snippets of the manual are compiled as statements, with a context, an array of floats and a number of
-# vertices as variables. Text without semicolons is a formula. test_windows.sh compiles the programs of the chapters on
-# embedding.
+# The other snippets of the manual are compiled as statements, with a context, a scene, its lights and materials, an
+# array of floats and a number of vertices as variables. Text without semicolons is a formula. test_windows.sh compiles
+# the programs of the chapters on embedding.
 manual_snippets() {
     awk -v folder="$folder" '
         function end() { if (text ~ /;\n/) printf "%s", text > sprintf("%s/manual_%02d.txt", folder, ++n); text = "" }
@@ -251,11 +251,10 @@ manual_snippets() {
         printf '#define SBL_IMPLEMENTATION\n#include "sbl.h"\n'
         for code in "$folder"/manual_*.txt; do
             snippet=$(basename "$code" .txt)
-            arguments='sbl_context *context, sbl_scene_desc scene, sbl_material *materials, sbl_light *lights,'
-            arguments="$arguments float *light, size_t vertex_count"
-            echo "int $snippet($arguments);"
-            echo "int $snippet($arguments) {"
-            echo '(void)context; (void)scene; (void)materials; (void)lights; (void)light; (void)vertex_count;'
+            echo "int $snippet(sbl_context *context, float *light, size_t vertex_count);"
+            echo "int $snippet(sbl_context *context, float *light, size_t vertex_count) {"
+            echo 'static sbl_scene_desc scene; static sbl_light lights[4]; static sbl_material materials[4];'
+            echo '(void)context; (void)light; (void)vertex_count; (void)scene; (void)lights; (void)materials;'
             cat "$code"
             echo 'return 1; }'
         done

@@ -103,10 +103,38 @@ TEST(a_map_beside_a_wall) {
     }
 }
 
+/* Rays of specular lobes are not rays over the hemisphere: they do not end below a black ceiling, which hides the
+   sky. */
+TEST(reflections_do_not_end) {
+    test_scene s = { 0 };
+    sbl_scene_desc scene;
+    sbl_picture_desc view = scene_view(12, 12, 40, 0, 1, 0.1f, 0, 0, 0);
+    float *lobe, *light;
+    scene_sky(&s, 1, 1, 1);
+    scene_floor(&s, scene_material(&s, 0, 0, 0), 0, 100);
+    scene_floor(&s, scene_material(&s, 0, 0, 0), 2, 100);
+    s.materials[0].ior = 1.5f;
+    s.materials[0].roughness = 0.5f;
+    scene = scene_desc(&s);
+    view.options.mode = SBL_MODE_DIRECT;
+    view.options.ray_length = 1;
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS, "%s",
+            watch_last(&seen));
+    lobe = scene_channel(context, &view, SBL_CHANNEL_SPECULAR);
+    light = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
+    REQUIRE(lobe && light, "no picture");
+    CHECK(fabs((double)light[3 * 78] - 1) < 0.01, "R is %g", (double)light[3 * 78]);
+    CHECK((double)lobe[3 * 78] < 0.1, "the light in the lobe is %g", (double)lobe[3 * 78]);
+    free(lobe);
+    free(light);
+    scene_free(&s);
+}
+
 TEST(what_cannot_be_is_refused) {
     static const sbl_mode modes[] = { SBL_MODE_GI, SBL_MODE_AMBIENT };
     const float at[3] = { 1, 1, 0 };
     sbl_lightmap_desc map;
+    sbl_readings_desc readings;
     sbl_probes_desc probes;
     sbl_probe probe;
     int i;
@@ -127,6 +155,12 @@ TEST(what_cannot_be_is_refused) {
     map.options.ray_length = -1;
     CHECK(sbl_bake_lightmap(context, &map) != SBL_SUCCESS && strstr(watch_last(&seen), "ray_length is -1"), "-1: %s",
           watch_last(&seen));
+    memset(&readings, 0, sizeof readings);
+    readings.options.mode = SBL_MODE_DIRECT;
+    readings.options.ray_length = 1;
+    readings.sensor_kind = SBL_SENSOR_SINGLE;
+    CHECK(sbl_gather_readings(context, &readings) != SBL_SUCCESS && strstr(watch_last(&seen), "SBL_SENSOR_SINGLE"),
+          "single views: %s", watch_last(&seen));
     memset(&probes, 0, sizeof probes);
     probes.positions = at;
     probes.probes = &probe;
@@ -145,6 +179,7 @@ int main(void) {
     }
     RUN(readings_beside_a_wall);
     RUN(a_map_beside_a_wall);
+    RUN(reflections_do_not_end);
     RUN(what_cannot_be_is_refused);
     sbl_destroy(context);
     return test_report();

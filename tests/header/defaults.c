@@ -50,8 +50,7 @@ static void readings(sbl_mode mode) {
 static void lightmap(sbl_mode mode) {
     FILL(lightmap);
     PRINT(width); PRINT(height); PRINT(window[2]);
-    PRINT(mesh_count); PRINT(gutter); PRINT(seams); PRINT(directional); PRINT(grouped);
-    PRINT(supersample);
+    PRINT(mesh_count); PRINT(gutter); PRINT(seams); PRINT(directional); PRINT(grouped); PRINT(supersample);
     PRINT(target_error); PRINT(mean_radiance[0]); PRINT(price); PRINT(tile); PRINT(threshold); PRINT(filter_radius);
 }
 
