@@ -219,7 +219,7 @@ const checks = {
     },
 
     // lit BEFORE AFTER FOLDER MAP MESHES MATERIALS: AFTER is BEFORE with the map in FOLDER on all surfaces of the map,
-    // and only there; so many meshes and materials are new
+    // and only there; so many meshes and materials are new. Other nodes keep their meshes
     lit(before, after, folder, map, meshes, materials) {
         const old = read(before), scene = read(after), { json } = scene, isBinary = after.endsWith('.glb');
         const isNew = (name) => +!(old.json.extensionsUsed || []).includes(name);
@@ -240,6 +240,8 @@ const checks = {
         for (const [i, node] of json.nodes.entries()) {
             const { lightmapScaleOffset: place, lightmapIndex = 0 } = node.extras || {};
             const move = place && { scale: place.slice(0, 2), offset: place.slice(2) };
+            if (!shown.has(i) || lightmapIndex !== map)
+                assert.strictEqual(node.mesh, old.json.nodes[i].mesh, node.name);
             const expected = { ...info, ...(move ? { extensions: { KHR_texture_transform: move } } : {}) };
             for (const p of node.mesh === undefined ? [] : json.meshes[node.mesh].primitives)
                 for (const { material } of [p, ...((p.extensions || {}).KHR_materials_variants || none).mappings]) {
