@@ -17,7 +17,9 @@ size_of() { sed -n 's/.* \([0-9]*\) x [0-9]* texels.*/\1/p' "$said"; }
 usage() {
     scripts/sbl_unwrap --help | grep -q '^usage: sbl_unwrap' &&
     scripts/sbl_unwrap --version | grep -q '^sbl_unwrap 0' &&
-    for words in '' a 'a b.obj' 'a b.glb --size 0' 'a b.glb --size' 'a b.glb 3.5' 'a b.glb --gap=x' 'a b.glb --no'; do
+    for words in '' a 'a b.obj' 'a b.glb --size 0' 'a b.glb --size' 'a b.glb 3.5' 'a b.glb --gap=x' 'a b.glb --no' \
+        '--light' '--light d a' '--light d a b.glb --size 9' '--light d a b.glb --again' 'a b.glb --map 1' \
+        '--light d a b.glb --map -1' '--light d a b.glb 64'; do
         scripts/sbl_unwrap $words > "$said" 2>&1
         [ $? = 2 ] && [ "$(wc -l < "$said")" = 1 ] || { echo "$words"; cat "$said"; return 1; }
     done
@@ -93,7 +95,7 @@ check a_result_is_kept again
 
 check instances_have_places holds places "$out" one two
 bakes() {
-    build/sbl_bake "$1" --lightmap "$2" --mode direct --preset draft --quiet -o "$folder/baked" "$3" &&
+    build/sbl_bake "$1" --lightmap "$2" --mode direct --preset draft --formats pfm -o "$folder/baked" "$3" &&
         [ ! -e "$folder/baked/overlap.png" ] && shift 3 && holds light "$@"
 }
 # a sun of 10 lux: R = 10 / pi; the scene that sbl_bake writes has the places as coordinates
@@ -108,15 +110,76 @@ one_map() {
     says 'no mesh is in' || return 1
     for map in 0 1; do
         build/sbl_bake "$folder/maps.glb" --lightmap 112 --map $map --mode direct --preset draft --quiet \
-            -o "$folder/map$map" && [ ! -e "$folder/map$map/overlap.png" ] || return 1
+            --formats pfm -o "$folder/map$map" && [ ! -e "$folder/map$map/overlap.png" ] || return 1
     done
-    ! cmp -s "$folder/map0/lightmap.pfm" "$folder/map1/lightmap.pfm"
+    [ -s "$folder/map0/lightmap.pfm" ] && ! cmp -s "$folder/map0/lightmap.pfm" "$folder/map1/lightmap.pfm"
 }
 without_first() { build/sbl_bake "$folder/usable.gltf" --lightmap 16 --mode direct --quiet -o "$folder/first"; }
 if [ -x build/sbl_bake ]; then
     check light_is_right_on_all_instances lit
     check maps_are_baked_one_by_one one_map
     check a_second_set_needs_no_first without_first
+fi
+
+# >>the map of sbl_bake in the scene that was baked
+
+# adds_light BEFORE AFTER FOLDER MAP MESHES MATERIALS [OPTION...]
+adds_light() {
+    baked=$3 dark=$1 bright=$2 counts="$4 $5 $6"
+    shift 6
+    unwrap --light "$baked" "$dark" "$bright" "$@" && says 'the map lights' &&
+        holds lit "$dark" "$bright" "$baked" $counts
+}
+adds_maps() {
+    for map in 0 1; do
+        build/sbl_bake "$folder/mixed.gltf" --lightmap 64 --map $map --mode direct --preset draft --quiet --lit 0 \
+            -o "$folder/mixed$map" || return 1
+    done
+    # new: meshes for both tiles, as others use theirs; two materials for each of them, and one where there was none
+    adds_light "$folder/mixed.gltf" "$folder/lit.gltf" "$folder/mixed0" 0 2 5 --map 0 &&
+        [ -s "$folder/lit.lightmap.png" ] &&
+        adds_light "$folder/lit.gltf" "$folder/both.gltf" "$folder/mixed1" 1 1 2 --map 1
+}
+refuses_light() {
+    echo old > "$folder/old.glb"
+    ! scripts/sbl_unwrap --light "$1" "$2" "$folder/old.glb" > "$said" 2>&1 && cat "$said" &&
+        [ "$(wc -l < "$said")" = 1 ] && says "^sbl_unwrap: $2: [ -~]*$3" && [ "$(cat "$folder/old.glb")" = old ]
+}
+if [ -x build/sbl_bake ] && [ -f "$folder/baked/scene.gltf" ]; then
+    build/sbl_bake "$folder/beside.gltf" --lightmap 64 --mode direct --preset draft --quiet --lit 0 -o "$folder/beside"
+    check light_is_added adds_light "$out" "$folder/lit.glb" "$folder/baked" 0 1 2
+    check light_is_added_to_a_gltf adds_light "$folder/beside.gltf" "$folder/lit.gltf" "$folder/beside" 0 1 2
+    check light_of_maps adds_maps
+    check one_map_is_chosen refuses_light "$folder/mixed0" "$folder/mixed.gltf" 'choose one with --map'
+    node tests/support/unwrap.js bakes "$folder/bad" "$folder/baked" "$folder/mixed.gltf"
+    while read -r name words; do
+        check "refuses_light_$name" refuses_light "$folder/bad/$name" "$out" "$words"
+    done << 'END'
+nowhere no such file
+none no material has MOZ_lightmap
+zero intensity .* not valid
+minus intensity .* not valid
+text no glTF
+picture no PNG
+index do not exist
+END
+    while read -r name words; do
+        check "refuses_light_in_$name" refuses_light "$folder/mixed0" "$folder/bad/$name" "$words"
+    done << 'END'
+place.gltf its place .* not valid
+four.gltf its place .* not valid
+map.gltf its place .* not valid
+material.gltf do not exist
+variant.gltf do not exist
+mesh.gltf do not exist
+extension.gltf no object
+textures.gltf no list
+used.gltf no list
+loop.gltf two parents
+END
+    check refuses_light_of_another_scene refuses_light "$folder/mixed0" "$out" 'of another scene'
+    check refuses_light_of_a_scene_without_coordinates refuses_light "$folder/baked" "$rich" 'no second texture'
+    check refuses_light_of_an_obj refuses_light "$folder/baked" examples/scenes/two_rooms.obj 'no .gltf or .glb'
 fi
 
 # >>files that cannot be unwrapped

@@ -14,6 +14,9 @@
 //     map.flipY = true;
 //     loader.register((parser) => new MOZLightmap(parser, map));
 //
+// sbl_unwrap --light writes the same extension into the scene that was baked. Uses of a mesh that share its coordinates
+// have KHR_texture_transform in it, which moves them to their places in the map.
+//
 // Matte materials become MeshLambertMaterial. Without this, three.js would give them a faint reflection at the cost of
 // their diffuse light, and they would be 2 to 3 % darker than in the bake.
 import { LinearFilter, MeshLambertMaterial, SRGBColorSpace } from 'three';
@@ -25,6 +28,7 @@ export class MOZLightmap {
         this.map = map && Object.assign(map, {
             channel: 1, generateMipmaps: false, minFilter: LinearFilter, magFilter: LinearFilter, needsUpdate: true
         });
+        this.moved = new Map();  // copies of `map`, by their places
     }
 
     // Returns the extension of a material, or undefined.
@@ -35,6 +39,19 @@ export class MOZLightmap {
         return pbr.metallicFactor === 0 && (pbr.roughnessFactor ?? 1) === 1 && !pbr.metallicRoughnessTexture;
     }
 
+    // Returns `map`, or a copy of it that is moved as the extension tells. Copies share the pixels.
+    mapOf(light) {
+        const move = light.extensions?.KHR_texture_transform, key = JSON.stringify(move);
+        if (!move) return this.map;
+        if (!this.moved.has(key)) {
+            const copy = Object.assign(this.map.clone(), { needsUpdate: true });
+            if (move.offset) copy.offset.fromArray(move.offset);
+            if (move.scale) copy.repeat.fromArray(move.scale);
+            this.moved.set(key, copy);
+        }
+        return this.moved.get(key);
+    }
+
     getMaterialType(index) { return this.of(index) && this.isMatte(index) ? MeshLambertMaterial : null; }
 
     async extendMaterialParams(index, params) {
@@ -43,9 +60,7 @@ export class MOZLightmap {
         if (this.isMatte(index))  // what a Lambert material does not have
             for (const name of ['metalness', 'roughness', 'metalnessMap', 'roughnessMap']) delete params[name];
         params.lightMapIntensity = this.map ? Math.PI : light.intensity ?? 1;
-        if (this.map) params.lightMap = this.map;
-        else
-            await this.parser.assignTexture(params, 'lightMap',
-                                            { index: light.index, texCoord: light.texCoord ?? 1 }, SRGBColorSpace);
+        if (this.map) params.lightMap = this.mapOf(light);
+        else await this.parser.assignTexture(params, 'lightMap', { texCoord: 1, ...light }, SRGBColorSpace);
     }
 }

@@ -1,12 +1,13 @@
 // compare.mjs SCREENSHOT DRAWN LIT [WORST]: compares each picture of a screenshot of page.html with DRAWN, a .pfm of
-// host_lightmap: the first four as a screen shows it, the last one exposed and tone-mapped as in LIT, scene_lit.glb.
+// host_lightmap: as a screen shows it, and the last one exposed and tone-mapped as in LIT, scene_lit.glb.
 // Prints the root mean square difference over blocks of 4 x 4 pixels, as a share of the mean. Exit status 1 if one
 // exceeds WORST, by default 0.01.
 import fs from 'node:fs';
 import { decode } from './png.mjs';
 
 const [screenshot, drawn, lit, worst = 0.01] = process.argv.slice(2);
-const names = ['scene.gltf', 'with atlas.exr', 'with atlas.ktx2', 'with atlas.hdr', 'scene_lit.glb'];
+const names = ['scene.gltf', 'with atlas.exr', 'with atlas.ktx2', 'with atlas.hdr', 'user.glb',
+               'user.gltf with atlas.exr', 'scene_lit.glb'];
 
 function read_pfm(file) {
     const [, width, height] = file.toString('latin1', 0, 64).split(/\s+/).map(Number);
@@ -30,9 +31,10 @@ const truth = read_pfm(fs.readFileSync(drawn)), seen = decode(fs.readFileSync(sc
 const { width, height } = truth, exposed = 2 ** extras.exposure_stops;
 if (seen.width !== width || seen.height !== names.length * height) throw new Error('the screenshot has another size');
 
+const LAST = names.length - 1;
 let failed = extras.tone !== 'PBR Neutral';
 names.forEach((name, number) => {
-    const shown = (x, y) => (number < 4 ? truth.at(x, y) : neutral(truth.at(x, y).map((v) => v * exposed)))
+    const shown = (x, y) => (number < LAST ? truth.at(x, y) : neutral(truth.at(x, y).map((v) => v * exposed)))
         .map((v) => Math.min(Math.max(v, 0), 1));
     let squares = 0, sum = 0, count = 0;
     for (let y = 0; y < height; y += 4)

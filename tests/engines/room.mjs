@@ -1,5 +1,6 @@
 // room.mjs FOLDER: writes room.gltf, a room of matte surfaces with second texture coordinates: a textured floor, walls
-// of different colours, a lamp, a box, and a fence with holes. Each quad is a chart of its own.
+// of different colours, a lamp, a box, and a fence with holes. Each quad is a chart of its own. Two nodes use the last
+// quad and have places in the map.
 import fs from 'node:fs';
 import { encode } from './png.mjs';
 
@@ -28,14 +29,21 @@ const quads = [
     [[-1.2, 0, -0.2], [0.9, 0, 0], [0, 0.9, 0], 5],  // box: front, top, right
     [[-1.2, 0.9, -0.2], [0.9, 0, 0], [0, 0, -0.9], 5],
     [[-0.3, 0, -0.2], [0, 0, -0.9], [0, 0.9, 0], 5],
-    [[0.3, 0, -1.2], [1.3, 0, 0], [0, 1.2, 0], 6]
+    [[0.3, 0, -1.2], [1.3, 0, 0], [0, 1.2, 0], 6],
+    [[0, 0, 0], [0.6, 0, -0.3], [0, 0.8, 0], 5]     // shares the material of the box
 ];
+// the nodes of the last quad: its charts are in these columns of the third row
+const uses = [[-1.6, 1.5, -1, 2], [0.8, 1.4, -0.6, 3]].map(([x, y, z, column], i) => ({
+    name: `use ${i}`, mesh: quads.length - 1, translation: [x, y, z],
+    extras: { lightmapScaleOffset: [0.8 / ACROSS, 0.8 / ACROSS, (column + 0.1) / ACROSS, 2.1 / ACROSS] }
+}));
 
 const floats = [], indices = [0, 1, 2, 0, 2, 3], quad_bytes = 4 * (12 + 8 + 8);
 const add = (a, b, c = [0, 0, 0]) => a.map((v, k) => v + b[k] + c[k]);
 quads.forEach(([at, u, v], n) => {
     const corners = [at, add(at, u), add(at, u, v), add(at, v)], left = n % ACROSS, top = Math.floor(n / ACROSS);
-    const place = (x, y) => [(left + 0.1 + 0.8 * x) / ACROSS, (top + 0.9 - 0.8 * y) / ACROSS];
+    const place = (x, y) => n === quads.length - 1 ? [x, 1 - y]
+                                                   : [(left + 0.1 + 0.8 * x) / ACROSS, (top + 0.9 - 0.8 * y) / ACROSS];
     const unit = [[0, 0], [1, 0], [1, 1], [0, 1]];
     floats.push(...corners.flat(), ...unit.flatMap(([x, y]) => [2 * x, 2 * (1 - y)]));
     floats.push(...unit.flatMap((c) => place(...c)));
@@ -60,7 +68,8 @@ view(4 * floats.length, 24, { componentType: 5125, count: 6, type: 'SCALAR' });
 
 const gltf = {
     asset: { version: '2.0' }, extensionsUsed: ['KHR_materials_emissive_strength'], scene: 0,
-    scenes: [{ nodes: quads.map((_, n) => n) }], nodes: quads.map((_, n) => ({ name: `quad ${n}`, mesh: n })),
+    scenes: [{ nodes: [...quads, 0].map((_, n) => n) }],
+    nodes: [...quads.slice(1).map((_, n) => ({ name: `quad ${n}`, mesh: n })), ...uses],
     meshes: quads.map(([, , , material], n) => ({ primitives: [{
         attributes: { POSITION: 3 * n, TEXCOORD_0: 3 * n + 1, TEXCOORD_1: 3 * n + 2 }, indices: 3 * quads.length,
         material

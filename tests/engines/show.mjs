@@ -29,7 +29,7 @@ const server = http.createServer((request, response) => {
 function show() {
     const browser = spawn(chromium, [
         '--headless', '--no-sandbox', '--use-angle=swiftshader', '--enable-unsafe-swiftshader', '--hide-scrollbars',
-        '--force-color-profile=srgb', '--window-size=240,900', '--remote-debugging-pipe',
+        '--force-color-profile=srgb', '--window-size=240,1260', '--remote-debugging-pipe',
         `--user-data-dir=${picture}.profile`, 'about:blank'
     ], { stdio: ['ignore', 'ignore', 'ignore', 'pipe', 'pipe'], detached: true });
     const waiting = new Map(), end = (code) => {

@@ -1,5 +1,6 @@
 // For tests/test_unwrap.sh: makes scenes, and checks what sbl_unwrap has made of them. It shares no code with
-// sbl_unwrap. usage: node unwrap.js make FOLDER | same|dense|apart|light|places|kept ARGUMENTS...
+// sbl_unwrap. usage: node unwrap.js make FOLDER | bakes FOLDER FROM MIXED |
+// same|dense|apart|light|lit|places|kept ARGUMENTS...
 'use strict';
 const fs = require('fs');
 const path = require('path');
@@ -131,6 +132,34 @@ function plain(scene, has) {
     return json;
 }
 
+// Returns all that a scene says, with the bytes of buffer views in their places, without what --light adds: the last
+// image, texture and sampler, the last `added` extensions, and copies of meshes and materials. count: meshes and
+// materials of the scene before it.
+function unlit(scene, count, added) {
+    const json = JSON.parse(JSON.stringify(scene.json)), extensions = (m) => ({ ...m, extensions: m.extensions || {} });
+    delete json.buffers;
+    json.bufferViews = json.bufferViews.map(({ buffer, byteOffset = 0, ...view }) =>
+        ({ ...view, bytes: scene.buffers[buffer].subarray(byteOffset, byteOffset + view.byteLength).toString('hex') }));
+    json.materials = json.materials.map(extensions);
+    for (const { extensions } of json.materials) delete extensions.MOZ_lightmap;
+    const shown = (owner) => ({ ...owner, material: json.materials[owner.material] || { extensions: {} } });
+    for (const mesh of json.meshes)
+        for (const primitive of mesh.primitives) {
+            const { mappings } = (primitive.extensions || {}).KHR_materials_variants || {};
+            if (mappings) primitive.extensions.KHR_materials_variants.mappings = mappings.map(shown);
+            Object.assign(primitive, shown(primitive));
+        }
+    for (const node of json.nodes) if (node.mesh !== undefined) node.mesh = json.meshes[node.mesh];
+    json.meshes.length = count.meshes;
+    json.materials.length = count.materials;
+    json.extensionsUsed.length -= added.extensions || 0;
+    for (const key of ['images', 'samplers', 'textures'])
+        if ((json[key] || []).length > (added.pictures || 0)) json[key].length -= added.pictures || 0;
+        else delete json[key];
+    json.bufferViews.length -= added.views || 0;
+    return json;
+}
+
 // ---- checks ----
 
 const checks = {
@@ -187,6 +216,41 @@ const checks = {
     same(before, after) {
         const old = read(before), has = (m, k) => old.json.meshes[m].primitives[k].attributes.TEXCOORD_0 !== undefined;
         assert.deepStrictEqual(plain(read(after), has), plain(old, has));
+    },
+
+    // lit BEFORE AFTER FOLDER MAP MESHES MATERIALS: AFTER is BEFORE with the map in FOLDER on all surfaces of the map,
+    // and only there; so many meshes and materials are new. Other nodes keep their meshes
+    lit(before, after, folder, map, meshes, materials) {
+        const old = read(before), scene = read(after), { json } = scene, isBinary = after.endsWith('.glb');
+        const isNew = (name) => +!(old.json.extensionsUsed || []).includes(name);
+        const added = { extensions: isNew('MOZ_lightmap') + isNew('KHR_texture_transform'), pictures: 1,
+                        views: +isBinary };
+        const count = { meshes: old.json.meshes.length, materials: old.json.materials.length };
+        assert.deepStrictEqual(unlit(scene, count, added), unlit(old, count, {}));
+        assert.strictEqual(json.meshes.length, count.meshes + meshes, 'meshes');
+        assert.strictEqual(json.materials.length, count.materials + materials, 'materials');
+        const baked = read(path.join(folder, 'scene.gltf')).json.materials[0].extensions.MOZ_lightmap;
+        const image = json.images[json.images.length - 1], view = json.bufferViews[image.bufferView];
+        const bytes = isBinary ? scene.buffers[0].subarray(view.byteOffset, view.byteOffset + view.byteLength)
+                               : fs.readFileSync(path.join(path.dirname(after), image.uri));
+        assert(bytes.equals(fs.readFileSync(path.join(folder, 'atlas.png'))), 'the picture');
+        const info = { index: json.textures.length - 1, texCoord: 1, intensity: baked.intensity };
+        assert.strictEqual(json.textures[info.index].source, json.images.length - 1);
+        const none = { mappings: [] }, shown = new Set(json.scenes[json.scene || 0].nodes);
+        for (const [i, node] of json.nodes.entries()) {
+            const { lightmapScaleOffset: place, lightmapIndex = 0 } = node.extras || {};
+            const move = place && { scale: place.slice(0, 2), offset: place.slice(2) };
+            if (!shown.has(i) || lightmapIndex !== map)
+                assert.strictEqual(node.mesh, old.json.nodes[i].mesh, node.name);
+            const expected = { ...info, ...(move ? { extensions: { KHR_texture_transform: move } } : {}) };
+            for (const p of node.mesh === undefined ? [] : json.meshes[node.mesh].primitives)
+                for (const { material } of [p, ...((p.extensions || {}).KHR_materials_variants || none).mappings]) {
+                    const has = ((json.materials[material] || {}).extensions || {}).MOZ_lightmap;
+                    const isLit = shown.has(i) && p.attributes.TEXCOORD_1 !== undefined && !(p.mode < 4);
+                    if (isLit && lightmapIndex === map) assert.deepStrictEqual(has, expected, node.name);
+                    else assert(!has || (lightmapIndex !== map && has.index < info.index), `${node.name} has light`);
+                }
+        }
     },
 
     // surface BEFORE AFTER: the same triangles, in the same order
@@ -445,15 +509,81 @@ function square(folder, name, uv) {
     maker.write(path.join(folder, 'usable_twice.gltf'));
 }
 
+// Two squares of one mesh, with and without a place, another one in a second map and one in a second scene; a square
+// without a material, and one without second coordinates. A sun shines from above.
+function mixed(folder) {
+    const maker = new Maker(), { json } = maker, uv = Float32Array.of(0, 0, 0.5, 0, 0.5, 1, 0, 1);
+    const places = Float32Array.of(0, 0, 0, 1, 0, 0, 1, 0, -1, 0, 0, -1), set = maker.add(uv, 'VEC2');
+    const POSITION = maker.add(places, 'VEC3', { min: [0, 0, -1], max: [1, 0, 0] });
+    const flat = { attributes: { POSITION, TEXCOORD_0: set } }, both = { ...flat.attributes, TEXCOORD_1: set };
+    const half = (...i) => ({ attributes: both, indices: maker.add(Uint16Array.from(i), 'SCALAR'), material: 0 });
+    const whole = maker.add(Uint16Array.of(0, 1, 2, 0, 2, 3), 'SCALAR');
+    things(maker, json);
+    json.extensionsUsed.push('KHR_materials_variants');
+    json.extensions.KHR_materials_variants = { variants: [{ name: 'new' }] };
+    const other = { extensions: { KHR_materials_variants: { mappings: [{ material: 1, variants: [0], name: 'm' }] } } };
+    json.meshes = [{ name: 'tile', primitives: [{ ...half(0, 1, 2), ...other }, half(0, 2, 3)], extras: { a: 1 } },
+                   { name: 'bare', primitives: [{ ...flat, indices: whole, material: 0 }] },
+                   { name: 'raw', primitives: [{ attributes: both, indices: whole }] }];
+    const place = (v) => [1, 0.4, 0.5, v], sun = { extensions: { KHR_lights_punctual: { light: 0 } } };
+    json.nodes = [{ name: 'plain', mesh: 0 },
+                  { name: 'placed', mesh: 0, extras: { lightmapScaleOffset: place(0), more: [1] } },
+                  { name: 'raw', mesh: 2, extras: { lightmapScaleOffset: place(0.5) } },
+                  { name: 'next map', mesh: 0, extras: { lightmapScaleOffset: [2, 1, 0, 0], lightmapIndex: 1 } },
+                  { name: 'bare', mesh: 1 }, { name: 'eye', camera: 0 },
+                  { name: 'sun', rotation: [-Math.SQRT1_2, 0, 0, Math.SQRT1_2], ...sun },
+                  { name: 'elsewhere', mesh: 0 }].map((n, i) => ({ ...n, translation: [2 * i, 0, 0] }));
+    json.scenes = [{ nodes: [0, 1, 2, 3, 4, 5, 6] }, { nodes: [7], name: 'second' }];
+    json.scene = 0;
+    maker.write(path.join(folder, 'mixed.gltf'));
+}
+
+// One change each of mixed.gltf, which makes it a bad one.
+const MIXED = {
+    place: (j) => { j.nodes[1].extras.lightmapScaleOffset = [1, 1, '0', 0]; },
+    four: (j) => { j.nodes[1].extras.lightmapScaleOffset = { length: 4 }; },
+    map: (j) => { j.nodes[1].extras.lightmapIndex = 0.5; },
+    material: (j) => { j.meshes[0].primitives[1].material = 99; },
+    variant: (j) => { j.meshes[0].primitives[0].extensions.KHR_materials_variants.mappings[0].material = -1; },
+    mesh: (j) => { j.nodes[7].mesh = 12; },
+    extension: (j) => { j.materials[0].extensions = 'none'; },
+    textures: (j) => { j.textures = {}; },
+    used: (j) => { j.extensionsUsed = 7; },
+    loop: (j) => { j.nodes[4].children = [4]; }
+};
+
+// Folders as sbl_bake writes them, each with one mistake, and bad scenes. from: a good folder; mixed: a good scene
+function bakes(folder, from, mixed) {
+    const text = fs.readFileSync(path.join(from, 'scene.gltf'), 'latin1');
+    const changes = { none: (t) => t.replace(/MOZ_/g, 'MIZ_'),
+                      zero: (t) => t.replace(/"intensity": [^}]+/g, '"intensity": 0'),
+                      minus: (t) => t.replace(/("intensity": )/g, '$1-'), text: () => '{}', picture: (t) => t,
+                      index: (t) => t.replace(/"TEXCOORD_1": \d+/, '"TEXCOORD_1": 99999') };
+    for (const [name, change] of Object.entries(changes)) {
+        fs.cpSync(from, path.join(folder, name), { recursive: true });
+        fs.writeFileSync(path.join(folder, name, 'scene.gltf'), change(text), 'latin1');
+    }
+    fs.writeFileSync(path.join(folder, 'picture/atlas.png'), 'GIF89a');
+    fs.cpSync(mixed.replace('.gltf', '.bin'), path.join(folder, 'mixed.bin'));
+    for (const [name, change] of Object.entries(MIXED)) {
+        const json = JSON.parse(fs.readFileSync(mixed));
+        delete json.nodes[3].extras.lightmapIndex;
+        change(json);
+        fs.writeFileSync(path.join(folder, `${name}.gltf`), JSON.stringify(json));
+    }
+}
+
 const [what, ...words] = process.argv.slice(2),
     numbers = words.map((w) => (w === '' || isNaN(w) ? w : Number(w)));
 if (what === 'make') {
     const folder = words[0];
     rich(folder);
     odd(folder);
+    mixed(folder);
     square(folder, 'usable.gltf', [0, 0, 1, 0, 1, 1, 0, 1]);
     square(folder, 'overlaps.gltf', [0, 0, 1, 0, 1, 1, 1, 0]);
     square(folder, 'beyond.gltf', [0, 0, 2, 0, 2, 1, 0, 1]);
     fs.mkdirSync(path.join(folder, 'broken'));
     broken(path.join(folder, 'broken'));
-} else checks[what](...numbers);
+} else if (what === 'bakes') bakes(...words);
+else checks[what](...numbers);
