@@ -58,8 +58,8 @@ host_context_run() {
 host_context_picture() {
     look varied host_context/host_context.png 480 320 && look cornell host_context/host_context.png
 }
-check host_context_run host_context_run
-check host_context_picture host_context_picture
+plain_check host_context_run
+plain_check host_context_picture
 
 # >>host_draw
 
