@@ -750,7 +750,8 @@ static int bake_lightmap(tool_task *task, double *seconds) {
     status = divide_map(&b);
     if (given[AO] || given[SHADOW_MASK]) b.bar.to = 0.6;
     if (status == DONE && (given[AO] || given[SHADOW_MASK]) && b.windows.work.count > 1)
-        status = fail("%s: the map is baked in windows, which have no occlusion; raise --memory, or leave out %s",
+        status = fail("%s: the map is baked in windows, which have neither occlusion nor shadows; raise --memory, or "
+                      "leave out %s",
                       table[given[AO] ? AO : SHADOW_MASK].name, table[given[AO] ? AO : SHADOW_MASK].name);
     if (status == DONE)
         status = given[JOIN] ? join_folder(&b, seconds) : b.windows.work.count > 1 ? bake_windows(&b, seconds)

@@ -176,7 +176,8 @@ static sbl_result continue_light(shadow_mask *m, int i) {
 }
 
 /* Describes the bakes: a sensor at each place, with so many rays that soft shadows are smooth in 8 bits. Without
-   interpolation, the visibility of a light that is dim at a texel is as exact as elsewhere. */
+   interpolation and filter, which mix the light of bright and dim places, the visibility of a light that is dim at a
+   texel is as exact as elsewhere. */
 static void describe_shadows(shadow_mask *m) {
     static const int rays[3] = { 64, 256, 1024 };
     m->desc = *m->map;
@@ -186,6 +187,7 @@ static void describe_shadows(shadow_mask *m) {
     m->desc.gutter = -1;
     m->desc.target_error = 0;
     m->desc.tile = 1;
+    m->desc.filter_radius = -1;
     if (!given[RAYS]) m->desc.options.rays = rays[given[PRESET] ? common.preset : 1];
 }
 
