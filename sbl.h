@@ -556,10 +556,10 @@
        probes     sbl_probes_desc.groups
        readings   sbl_readings_desc.groups
 
-   Pictures have no groups. The whole light is, to the bit, that of a bake without groups, except that another scene
-   limit may apply: the store's table also holds the groups. In lightmaps and at vertices, groups are never negative,
-   and they add up to the whole up to rounding of floats. Groups of readings and probes add up likewise, but a group
-   that is dark beside others can be slightly negative, because noise of the others shows in it.
+   Pictures have no groups. The whole light is, to the bit, that of a bake without groups, unless the driver's limit on
+   buffer textures limits the store: with groups it then has fewer cells. In lightmaps and at vertices, groups are never
+   negative, and they add up to the whole up to rounding of floats. Groups of readings and probes add up likewise, but a
+   group that is dark beside others can be slightly negative, because noise of the others shows in it.
 
    Accuracy: target_error is the error of the whole. Rays go where the whole light comes from, so the error of a group
    is a share of the whole light, not of the group's own. In the light of all groups together, it cannot be seen. A
