@@ -138,13 +138,13 @@ TEST(readings_have_groups) {
         double off, mean;
         for (g = NONE; g < GROUPS; g += run == 2 && g == SUNS ? 2 : run == 2 && g == NONE ? 1 + SUNS : 1) {
             room(g);
-            if (run == 2) s.materials[1].metallic = 1;
+            if (run == 2) s.materials[1].metallic = 0.5f;
             if (run == 2) s.materials[1].roughness = 0.3f;
             REQUIRE(set(0, 0) && measure(modes[run], g == NONE ? plain : alone, NULL, 0) == SBL_SUCCESS, "%s",
                     watch_last(&seen));
             if (g == NONE) {
                 room(NONE);
-                if (run == 2) s.materials[1].metallic = 1;
+                if (run == 2) s.materials[1].metallic = 0.5f;
                 if (run == 2) s.materials[1].roughness = 0.3f;
                 REQUIRE(set(GROUPS, SKIES) && measure(modes[run], whole, groups, GROUPS) == SBL_SUCCESS, "%s",
                         watch_last(&seen));
