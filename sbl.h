@@ -15863,9 +15863,9 @@ static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__sli
    Writes a header, the store and a checksum to a stream, and reads them if they are valid and belong to the scene. */
 
 #define SBL__SAVED_NAME "sblstore"
-#define SBL__SAVED_VERSION 6u          /* of a store without light groups */
-#define SBL__SAVED_GROUPED 7u          /* of a store with light groups: their number follows the header, and the layers
-                                          of the leaves follow the bright cells */
+#define SBL__SAVED_VERSION 6u          /* version of the format for a store without light groups */
+#define SBL__SAVED_GROUPED 7u          /* version for a store with light groups: their number follows the header, and
+                                          the layers of the leaves follow the bright cells */
 #define SBL__SAVED_ORDER 0x01020304u   /* tells the byte order */
 #define SBL__SAVED_SEED 0xcbf29ce484222325u
 #define SBL__SAVED_CELLS (1 << 22)     /* maximum number of slots and of cuts in a stream; leaves: half of it */

@@ -163,32 +163,26 @@ static void map__to_rgbm(unsigned char out[4], const float *v, double range) {
     out[3] = (unsigned char)m;
 }
 
-static int map__write_rgbm(FILE *out, const map_source *s) {
-    const image *map = s->map;
-    char range[32];
-    png_text texts[2];
+/* Converts row y of a picture to bytes, channel by channel. what: the value given to map_write_bytes */
+typedef void (*map_row)(unsigned char *to, const void *what, int y);
+
+/* Writes bytes as they are, without an encoding of colours, as a .png. channels: 1 or 4. texts: NULL, or facts for the
+   file. Returns whether that succeeded. */
+static int map_write_bytes(FILE *out, const image *size, int channels, map_row row_of, const void *what,
+                           const png_text *texts, int text_count) {
     png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, NULL, on_png_error, on_png_warning);
     png_infop info = png ? png_create_info_struct(png) : NULL;
-    unsigned char *volatile row = (unsigned char *)malloc(4 * (size_t)map->width);
+    unsigned char *volatile row = (unsigned char *)malloc((size_t)channels * (size_t)size->width);
     volatile int ok = 0, y;
     if (info && row && !setjmp(png_jmpbuf(png))) {
         png_init_io(png, out);
-        png_set_IHDR(png, info, (png_uint_32)map->width, (png_uint_32)map->height, 8, PNG_COLOR_TYPE_RGB_ALPHA,
-                     PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
-        snprintf(range, sizeof range, "%.9g", s->range);
-        memset(texts, 0, sizeof texts);
-        texts[0].compression = texts[1].compression = PNG_TEXT_COMPRESSION_NONE;
-        texts[0].key = (char *)(uintptr_t)"sbl.range";
-        texts[0].text = range;
-        texts[1].key = (char *)(uintptr_t)"sbl.light";
-        texts[1].text = (char *)(uintptr_t)"R = (range * alpha * rgb)^2, bytes are linear; irradiance = pi * R";
-        png_set_text(png, info, texts, 2);
+        png_set_IHDR(png, info, (png_uint_32)size->width, (png_uint_32)size->height, 8,
+                     channels == 1 ? PNG_COLOR_TYPE_GRAY : PNG_COLOR_TYPE_RGB_ALPHA, PNG_INTERLACE_NONE,
+                     PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
+        if (text_count) png_set_text(png, info, texts, text_count);
         png_write_info(png, info);
-        for (y = 0; y < map->height; y++) {
-            int x;
-            for (x = 0; x < map->width; x++)
-                map__to_rgbm(row + 4 * (size_t)x, map->values + 3 * ((size_t)y * (size_t)map->width + (size_t)x),
-                             s->range);
+        for (y = 0; y < size->height; y++) {
+            row_of(row, what, y);
             png_write_row(png, row);
         }
         png_write_end(png, info);
@@ -197,6 +191,34 @@ static int map__write_rgbm(FILE *out, const map_source *s) {
     free(row);
     if (png) png_destroy_write_struct(&png, &info);
     return ok;
+}
+
+/* Converts shares from 0 to 1 to bytes. what: an image */
+static inline void map_row_of_shares(unsigned char *to, const void *what, int y) {
+    const image *map = (const image *)what;
+    const size_t count = (size_t)map->width * (size_t)map->components;
+    size_t i;
+    for (i = 0; i < count; i++) to[i] = to_byte((double)map->values[count * (size_t)y + i]);
+}
+
+static void map__row_of_rgbm(unsigned char *to, const void *what, int y) {
+    const map_source *s = (const map_source *)what;
+    const float *from = s->map->values + 3 * (size_t)y * (size_t)s->map->width;
+    int x;
+    for (x = 0; x < s->map->width; x++) map__to_rgbm(to + 4 * (size_t)x, from + 3 * (size_t)x, s->range);
+}
+
+static int map__write_rgbm(FILE *out, const map_source *s) {
+    char range[32];
+    png_text texts[2];
+    snprintf(range, sizeof range, "%.9g", s->range);
+    memset(texts, 0, sizeof texts);
+    texts[0].compression = texts[1].compression = PNG_TEXT_COMPRESSION_NONE;
+    texts[0].key = (char *)(uintptr_t)"sbl.range";
+    texts[0].text = range;
+    texts[1].key = (char *)(uintptr_t)"sbl.light";
+    texts[1].text = (char *)(uintptr_t)"R = (range * alpha * rgb)^2, bytes are linear; irradiance = pi * R";
+    return map_write_bytes(out, s->map, 4, map__row_of_rgbm, s, texts, 2);
 }
 
 static int map__write_ktx2(FILE *out, const map_source *s) {

@@ -74,7 +74,6 @@ enum {
 #else
   #define MAP_DEFAULT "pfm"
 #endif
-static const char *const exposure_words[] = { "auto", NULL };
 
 static const tool_option table[OPTION_COUNT] = {
     COMMON_ROWS,

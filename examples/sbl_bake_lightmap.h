@@ -87,6 +87,15 @@ static int find_textures(const scene_file *file, int first, size_t folder) {
     return status;
 }
 
+/* Adds a target that depends on the scene, and checks it. Returns the exit status. */
+static int target_add_more(int number, const char *name) {
+    int status;
+    if (number >= TARGETS_MOST) return fail("%s: it has too many textures for %s", common.scene, name);
+    status = target_add(number, strlen(common.output), name);
+    if (status != DONE || output_check(&targets[number])) return status;
+    return fail("%s: cannot be written: %s; give another folder", targets[number].name, strerror(errno));
+}
+
 /* Gives sources their light groups, and lists the files of each group. Returns the exit status. */
 static int find_groups(scene_file *file) {
     char name[GROUP_NAME + 32];
@@ -95,12 +104,9 @@ static int find_groups(scene_file *file) {
         return misuse("--light-groups %s: %s", options.light_groups, groups.error);
     for (format = 0; format < MAP_FORMATS; format++)
         for (i = 0; i < groups.count && status == DONE; i++) {
-            const int target = MAPS + format * MAP_PICTURES + MAP_GROUPS + i;
             if (!map_is_written(format, MAP_GROUPS + i)) continue;
             snprintf(name, sizeof name, "atlas_%s%s", groups.items[i].name, map_endings[format]);
-            status = target_add(target, strlen(common.output), name);
-            if (status == DONE && !output_check(&targets[target]))
-                status = fail("%s: cannot be written: %s; give another folder", targets[target].name, strerror(errno));
+            status = target_add_more(MAPS + format * MAP_PICTURES + MAP_GROUPS + i, name);
         }
     return status;
 }

@@ -24,13 +24,8 @@ static int occlusion_file_count(void) {
 static int find_occlusion_files(void) {
     int i, status = DONE;
     occlusion_first = target_count;
-    if (target_count + OCCLUSION_FILES > TARGETS_MOST) return fail("--ao: the scene has too many textures");
     for (i = 0; i < occlusion_file_count() && status == DONE; i++)
-        status = target_add(occlusion_first + i, strlen(common.output), occlusion_names[i]);
-    for (i = 0; i < occlusion_file_count() && status == DONE; i++)
-        if (!output_check(&targets[occlusion_first + i]))
-            status = fail("%s: cannot be written: %s; give another folder", targets[occlusion_first + i].name,
-                          strerror(errno));
+        status = target_add_more(occlusion_first + i, occlusion_names[i]);
     return status;
 }
 
@@ -40,44 +35,40 @@ static int write_occlusion_exr(FILE *out, const void *what) {
 
 /* Writes the shares as linear bytes, as glTF and engines expect of occlusion. */
 static int write_occlusion_png(FILE *out, const void *what) {
-    const image *map = (const image *)what;
-    const size_t count = (size_t)map->width * (size_t)map->height;
-    image shown = *map;
-    size_t i;
-    int ok;
-    shown.values = (float *)malloc(count * sizeof(float));
-    if (!shown.values) return 0;
-    for (i = 0; i < count; i++) {  /* a channel of directions becomes bytes from -1 to 1; 0 stands for no surface */
-        const float x = 2 * map->values[i] - 1;
-        shown.values[i] = x == 0.0f ? 1e-9f : x;
-    }
-    ok = picture_write(out, ".png", &shown, SBL_CHANNEL_NORMAL, 0);
-    free(shown.values);
-    return ok;
+    return map_write_bytes(out, (const image *)what, 1, map_row_of_shares, what, NULL, 0);
 }
 
-/* Sets the scene without its light, below a sky of 1. */
-static sbl_result set_black_scene(const tool_task *task) {
+/* Sets the scene without emission, environment and light groups, below a constant sky. lights: which lights it has;
+   flags: SBL_MATERIAL_... that all materials get, too */
+static sbl_result set_dark_scene(const tool_task *task, float sky, const sbl_light *lights, int count, uint32_t flags) {
     sbl_scene_desc scene = *task->scene;
-    sbl_material *black = (sbl_material *)malloc(sizeof *black * ((size_t)scene.material_count + 1));
-    sbl_result result;
+    sbl_material *dark = (sbl_material *)malloc(sizeof *dark * ((size_t)scene.material_count + 1));
+    sbl_light *own = (sbl_light *)malloc(sizeof *own * ((size_t)count + 1));
+    sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
     int i, k;
-    if (!black) return SBL_ERROR_OUT_OF_MEMORY;
-    for (i = 0; i < scene.material_count; i++) {
-        black[i] = scene.materials[i];
-        for (k = 0; k < 3; k++) black[i].emission[k] = 0;
+    for (i = 0; dark && i < scene.material_count; i++) {
+        dark[i] = scene.materials[i];
+        dark[i].light_group = 0;
+        dark[i].flags |= flags;
+        for (k = 0; k < 3; k++) dark[i].emission[k] = 0;
     }
-    scene.materials = black;
-    scene.lights = NULL;
-    scene.light_count = 0;
+    for (i = 0; own && i < count; i++) {
+        own[i] = lights[i];
+        own[i].light_group = 0;
+    }
+    scene.materials = dark;
+    scene.lights = own;
+    scene.light_count = count;
+    scene.light_groups = scene.sky_group = 0;
     memset(&scene.environment, 0, sizeof scene.environment);
-    for (k = 0; k < 3; k++) scene.sky[k] = 1;
-    result = sbl_set_scene(task->context, &scene);
-    free(black);
+    for (k = 0; k < 3; k++) scene.sky[k] = sky;
+    if (dark && own) result = sbl_set_scene(task->context, &scene);
+    free(dark);
+    free(own);
     return result;
 }
 
-/* Bakes a map of the black scene, and keeps its red values. */
+/* Bakes a map of the dark scene, and keeps its red values. */
 static sbl_result bake_occlusion_map(tool_task *task, const sbl_lightmap_desc *desc, image *map) {
     const size_t texels = (size_t)desc->width * (size_t)desc->height;
     sbl_result result = sbl_begin_lightmap(task->context, desc);
@@ -110,7 +101,7 @@ static int bake_occlusion(tool_task *task, const sbl_lightmap_desc *desc, progre
     for (i = 0; i < 3; i++) black.mean_radiance[i] = OCCLUSION_MEAN;
     black.directional = 0;
     black.options.mode = SBL_MODE_DIRECT;
-    result = set_black_scene(task);
+    result = set_dark_scene(task, 1, NULL, 0, 0);
     for (map = 0; map < OCCLUSION_MAPS && status == DONE; map++) {
         image values = { 0 };
         black.options.ray_length = map == 0 ? (float)options.ao : 0;

@@ -16,7 +16,7 @@ static int shadow_first;  /* number of the first target */
 /* The mask that is being made. */
 typedef struct shadow_mask {
     tool_task *task;
-    const sbl_lightmap_desc *map;  /* the lightmap */
+    const sbl_lightmap_desc *map;  /* describes the lightmap, in whose layout the mask is made */
     progress *bar;
     sbl_lightmap_desc desc;        /* of the bakes */
     sbl_light lights[SHADOW_LIGHTS];
@@ -41,13 +41,8 @@ static int find_shadow_files(const scene_file *file) {
     if (file->scene.light_count < 1)
         return fail("%s: --shadow-mask: the file has no lights; emitting surfaces and the sky have no channel",
                     common.scene);
-    if (target_count + SHADOW_FILES > TARGETS_MOST) return fail("--shadow-mask: the scene has too many textures");
-    for (i = 0; i < shadow_file_count() && status == DONE; i++) {
-        status = target_add(shadow_first + i, strlen(common.output), shadow_names[i]);
-        if (status == DONE && !output_check(&targets[shadow_first + i]))
-            status = fail("%s: cannot be written: %s; give another folder", targets[shadow_first + i].name,
-                          strerror(errno));
-    }
+    for (i = 0; i < shadow_file_count() && status == DONE; i++)
+        status = target_add_more(shadow_first + i, shadow_names[i]);
     return status;
 }
 
@@ -60,27 +55,7 @@ static int write_shadow_exr(FILE *out, const void *what) {
 
 static int write_shadow_png(FILE *out, const void *what) {
     const image *mask = &((const shadow_mask *)what)->mask;
-    png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, NULL, on_png_error, on_png_warning);
-    png_infop info = png ? png_create_info_struct(png) : NULL;
-    unsigned char *volatile row = (unsigned char *)malloc(SHADOW_LIGHTS * (size_t)mask->width);
-    volatile int ok = 0, y;
-    if (info && row && !setjmp(png_jmpbuf(png))) {
-        png_init_io(png, out);
-        png_set_IHDR(png, info, (png_uint_32)mask->width, (png_uint_32)mask->height, 8, PNG_COLOR_TYPE_RGB_ALPHA,
-                     PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
-        png_write_info(png, info);
-        for (y = 0; y < mask->height; y++) {
-            const size_t values = SHADOW_LIGHTS * (size_t)mask->width;
-            size_t i;
-            for (i = 0; i < values; i++) row[i] = to_byte((double)mask->values[values * (size_t)y + i]);
-            png_write_row(png, row);
-        }
-        png_write_end(png, info);
-        ok = 1;
-    }
-    free(row);
-    if (png) png_destroy_write_struct(&png, &info);
-    return ok;
+    return map_write_bytes(out, mask, SHADOW_LIGHTS, map_row_of_shares, mask, NULL, 0);
 }
 
 /* Makes light number i white, and turns all others off. */
@@ -96,32 +71,6 @@ static sbl_result choose_light(shadow_mask *m, int i) {
     return sbl_set_lights(m->task->context, m->lights, m->count);
 }
 
-/* Sets the scene with the lights of the mask alone. is_open: 1: no surface casts a shadow */
-static sbl_result set_shadow_scene(shadow_mask *m, int is_open) {
-    sbl_scene_desc scene = *m->task->scene;
-    sbl_material *dark = (sbl_material *)malloc(sizeof *dark * ((size_t)scene.material_count + 1));
-    sbl_result result;
-    int i, k;
-    if (!dark) return SBL_ERROR_OUT_OF_MEMORY;
-    for (i = 0; i < scene.material_count; i++) {
-        dark[i] = scene.materials[i];
-        dark[i].light_group = 0;
-        for (k = 0; k < 3; k++) dark[i].emission[k] = 0;
-        if (is_open) dark[i].flags |= SBL_MATERIAL_HIDDEN_FROM_SENSORS;
-    }
-    memset(&scene.environment, 0, sizeof scene.environment);
-    for (k = 0; k < 3; k++) scene.sky[k] = 0;
-    scene.materials = dark;
-    scene.light_count = m->count;
-    scene.light_groups = scene.sky_group = 0;
-    for (i = 0; i < m->count; i++) m->lights[i] = m->task->scene->lights[i];
-    for (i = 0; i < m->count; i++) m->lights[i].light_group = 0;
-    scene.lights = m->lights;
-    result = sbl_set_scene(m->task->context, &scene);
-    free(dark);
-    return result;
-}
-
 /* Bakes R of light number i. */
 static sbl_result bake_light(shadow_mask *m, int i) {
     sbl_context *context = m->task->context;
@@ -134,9 +83,11 @@ static sbl_result bake_light(shadow_mask *m, int i) {
     return result == SBL_SUCCESS ? sbl_read_channel(context, SBL_CHANNEL_ID, m->ids, m->texels) : result;
 }
 
-/* Bakes all lights with shadows (is_open: 0), and then without (1), whose R divides that with shadows. */
+/* Bakes all lights: with shadows (is_open: 0), or in a scene where no surface casts a shadow (1). The second R divides
+   the first. */
 static sbl_result bake_lights(shadow_mask *m, int is_open) {
-    sbl_result result = set_shadow_scene(m, is_open);
+    const uint32_t flags = is_open ? SBL_MATERIAL_HIDDEN_FROM_SENSORS : 0;
+    sbl_result result = set_dark_scene(m->task, 0, m->task->scene->lights, m->count, flags);
     size_t t;
     int i;
     for (i = 0; i < m->count && result == SBL_SUCCESS; i++) {

@@ -19,7 +19,6 @@ static struct options {
     int help_all;
 } options = { .exposure = NAN };
 
-static const char *const exposure_words[] = { "auto", NULL };
 static const char *const help_words[] = { "all", NULL };
 
 enum { OUTPUT, EXPOSURE, QUIET, HELP, VERSION, OPTION_COUNT };

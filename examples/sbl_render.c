@@ -43,7 +43,6 @@ static const sbl_channel channels[] = { SBL_CHANNEL_FINAL, SBL_CHANNEL_RADIANCE,
     SBL_CHANNEL_SPECULAR_ALBEDO, SBL_CHANNEL_RADIANCE_ERROR };
 
 static const char *const tone_words[] = { "none", "neutral", "agx", NULL };
-static const char *const exposure_words[] = { "auto", NULL };
 
 enum {
     OUTPUT = FRAMES_END, CHANNEL, TARGET_ERROR, SENSOR_FOV, FACET_LIMIT, SAMPLES, EXPOSURE, TONE, INSPECT, STUDIO,

@@ -40,7 +40,6 @@ static const sbl_channel channels[] = { SBL_CHANNEL_FINAL, SBL_CHANNEL_RADIANCE,
 enum { CHANNELS = sizeof channels / sizeof *channels, TONES = 3 };
 static const char *const tone_words[] = { "none", "neutral", "agx", NULL };
 static const sbl_tone tones[TONES] = { SBL_TONE_CLIP, SBL_TONE_NEUTRAL, SBL_TONE_AGX };
-static const char *const exposure_words[] = { "auto", NULL };
 
 enum { OUTPUT = CAMERA_END, CHANNEL, TARGET_ERROR, SAMPLES, EXPOSURE, TONE, STUDIO, ONCE, HISTOGRAM, OPTION_COUNT };
 

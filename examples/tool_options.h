@@ -136,6 +136,8 @@ static int tool__names_a_file(const char *text) {
         !(strchr("eE", point[1]) && !isalpha((unsigned char)point[2]));
 }
 
+static const char *const exposure_words[] = { "auto", NULL };  /* the words of --exposure */
+
 /* Returns the index of the text in the words of an option, or -1. */
 static int tool__word(const tool_option *o, const char *text) {
     int k;
