@@ -186,7 +186,8 @@ typedef struct lit_triangle {
     int samples;            /* across a texel */
 } lit_triangle;
 
-/* Computes the shares of the corners at a point; with `inside`, of the nearest point of the triangle, about. */
+/* Computes the barycentric coordinates of a point. inside: 1: negative ones become 0, so that a point outside gets
+   those of a point on the edge near it */
 static void lit__shares(const lit_triangle *t, double x, double y, int inside, double out[3]) {
     double sum = 0;
     int i;

@@ -136,7 +136,9 @@ static int tool__names_a_file(const char *text) {
         !(strchr("eE", point[1]) && !isalpha((unsigned char)point[2]));
 }
 
-static const char *const exposure_words[] = { "auto", NULL };  /* the words of --exposure */
+/* The words of options that several tools have. */
+static const char *const exposure_words[] = { "auto", NULL };
+static const char *const tone_words[] = { "none", "neutral", "agx", NULL };
 
 /* Returns the index of the text in the words of an option, or -1. */
 static int tool__word(const tool_option *o, const char *text) {
